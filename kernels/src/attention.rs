@@ -1,0 +1,86 @@
+//! Fused attention of one head: scores, relative-position bias, mask, softmax and values in one pass.
+
+mod scalar;
+
+use crate::error::{ShapeError, expect_len};
+use crate::isa::{Backend, Isa};
+use crate::mat::{Mat, MatMut};
+
+/// A bias that depends on `key - query` alone: query `i` adds `values[origin + j - i]` to its score of key `j`.
+///
+/// All of one query's biases stand side by side, so that no `[m, n]` matrix of them is ever made.
+#[derive(Clone, Copy, Debug)]
+pub struct RelativeBias<'a> {
+    /// One value per distance, ascending.
+    pub values: &'a [f32],
+    /// Index of query 0's bias for key 0.
+    pub origin: usize,
+}
+
+/// Which keys a query sees.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Visible {
+    /// Every query sees every key.
+    All,
+    /// Query `i` sees the keys `0..=first + i`.
+    Causal {
+        /// The last key that query 0 sees.
+        first: usize,
+    },
+}
+
+/// Attention of one head: `y[i] = sum_j softmax_j(scale * q[i] . k[j] + bias) * v[j]`.
+///
+/// Shapes: `q [m, head_dim]`, `k [n, head_dim]`, `v [n, head_dim]`, `y [m, head_dim]` (overwritten); all strided, so that
+/// a head is a column range of the projections.
+/// Numerics: f32; a row's bits do not depend on the other rows. Scores are never stored beyond a tile of keys.
+/// Cost: `2 * m * n * head_dim` multiply-adds; no allocation.
+/// Paper: section 3.1; SPEC 2.4.
+///
+/// # Errors
+/// [`ShapeError`] naming the argument whose length disagrees; `k` where there is no key for some query.
+#[expect(clippy::too_many_arguments, reason = "the operands of one fused operation, each named")]
+pub fn attention_f32(
+    isa: Isa,
+    q: Mat<f32>,
+    k: Mat<f32>,
+    v: Mat<f32>,
+    scale: f32,
+    bias: Option<RelativeBias>,
+    visible: Visible,
+    y: MatMut<f32>,
+) -> Result<(), ShapeError> {
+    expect_len("k", q.cols(), k.cols())?;
+    expect_len("v", k.rows(), v.rows())?;
+    expect_len("v", q.cols(), v.cols())?;
+    expect_len("y", q.rows(), y.rows())?;
+    expect_len("y", q.cols(), y.cols())?;
+    if q.rows() == 0 {
+        return Ok(());
+    }
+    if k.rows() == 0 {
+        return Err(ShapeError { arg: "k", want: 1, got: 0 });
+    }
+    if let Visible::Causal { first } = visible {
+        let want = first.saturating_add(q.rows());
+        if k.rows() < want {
+            return Err(ShapeError { arg: "k", want, got: k.rows() });
+        }
+    }
+    if let Some(bias) = bias {
+        let want = bias.origin.saturating_add(k.rows());
+        if bias.origin + 1 < q.rows() {
+            return Err(ShapeError { arg: "bias.origin", want: q.rows() - 1, got: bias.origin });
+        }
+        if bias.values.len() < want {
+            return Err(ShapeError { arg: "bias.values", want, got: bias.values.len() });
+        }
+    }
+    match isa.0 {
+        Backend::Scalar => scalar::attention(q, k, v, scale, bias, visible, y),
+        // No version of their own yet.
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx2 | Backend::Avx512Vnni => scalar::attention(q, k, v, scale, bias, visible, y),
+    }
+    Ok(())
+}

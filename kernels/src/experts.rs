@@ -1,0 +1,56 @@
+//! Grouped expert dispatch: which rows go to which expert, in an order that lets each expert's weights be read once.
+//!
+//! The products themselves are [`crate::matmul_f32`] and its siblings: an expert's gated product *gathers* its rows from
+//! `x` ([`crate::matmul_f32::Input::gather`]) and its down product *scatters* them, weighted, into `y`
+//! ([`crate::matmul_f32::Scatter`]). No row is copied, and an expert without rows is not touched.
+
+mod scalar;
+
+use crate::error::{ShapeError, expect_len};
+use crate::isa::{Backend, Isa};
+use crate::mat::MatMut;
+
+/// Most experts of one layer.
+pub const MAX_EXPERTS: usize = 64;
+
+/// Rows sorted by expert: expert `e` has the slots `starts[e]..starts[e + 1]`; slot `s` is row `rows[s]` with factor
+/// `weights[s]`. Within an expert, rows ascend.
+#[derive(Debug)]
+pub struct Routing<'a> {
+    /// `[experts + 1]`.
+    pub starts: &'a mut [u32],
+    /// `[rows * k]`.
+    pub rows: &'a mut [u32],
+    /// `[rows * k]`.
+    pub weights: &'a mut [f32],
+}
+
+/// Softmax over the router's logits, the `top_k` likeliest experts of each row (ties to the lower index), their
+/// probabilities divided by their sum, and the stable counting sort of all chosen pairs by expert.
+///
+/// Shapes: `logits [rows, experts]` (overwritten with probabilities), `routing` for `rows * top_k` slots.
+/// Numerics: the weight is exactly 1 at `top_k = 1`.
+/// Cost: `rows * experts * top_k`; no allocation.
+/// Paper: section 3.2; SPEC 2.4.
+///
+/// # Errors
+/// [`ShapeError`] naming the argument whose length disagrees; `top_k` outside `1..=experts`; more than [`MAX_EXPERTS`].
+pub fn route(isa: Isa, logits: MatMut<f32>, top_k: usize, routing: &mut Routing) -> Result<(), ShapeError> {
+    let (rows, experts) = (logits.rows(), logits.cols());
+    if experts > MAX_EXPERTS {
+        return Err(ShapeError { arg: "logits", want: MAX_EXPERTS, got: experts });
+    }
+    if top_k == 0 || top_k > experts {
+        return Err(ShapeError { arg: "top_k", want: experts, got: top_k });
+    }
+    expect_len("routing.starts", experts + 1, routing.starts.len())?;
+    expect_len("routing.rows", rows * top_k, routing.rows.len())?;
+    expect_len("routing.weights", rows * top_k, routing.weights.len())?;
+    match isa.0 {
+        Backend::Scalar => scalar::route(logits, top_k, routing),
+        // No version of their own yet.
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx2 | Backend::Avx512Vnni => scalar::route(logits, top_k, routing),
+    }
+    Ok(())
+}

@@ -1,0 +1,37 @@
+//! Compute kernels of umo: slices in, slices out, nothing allocated.
+//!
+//! Every operation is one module: its contract, its shape checks and the dispatch over [`Isa`] stand in
+//! `<op>.rs`, its back-ends in `<op>/<isa>.rs`. `scalar.rs` is the specification that every other back-end is
+//! held to, and the back-end of every processor that has no vector version.
+//!
+//! | module | what it computes | SPEC |
+//! |---|---|---|
+//! | [`matmul_f32`], [`matmul_bf16`], [`matmul_i8`] | `x . w^T` with packed weights, plain, gated, gathered and scattered | 2.4 |
+//! | [`attention`] | softmax(q . k^T + bias) . v for one head | 2.4, 2.1, 2.6 |
+//! | [`experts`] | top-k routing and the counting sort of rows by expert | 2.4 |
+//! | [`norm`] | RMS norm, layer norm, per-channel statistics over time | 2.1, 2.4 |
+//! | [`activation`] | GELU (erf and tanh forms), softmax, argmax | 2.4, 2.5 |
+//! | [`mat`], [`pack`], [`isa`], [`error`] | views, weight layouts, processor detection, the one error | |
+//!
+//! A convolution over time is a matrix product: rows of a [`Mat`] may overlap, so that a window of `kernel`
+//! frames with `channels` values each *is* a row of `kernel * channels` values at stride `step * channels`.
+#![no_std]
+
+pub mod activation;
+pub mod attention;
+pub mod bf16;
+pub mod error;
+pub mod experts;
+pub mod isa;
+pub mod mat;
+pub mod matmul_bf16;
+pub mod matmul_f32;
+pub mod matmul_i8;
+pub mod norm;
+pub mod pack;
+
+pub use bf16::Bf16;
+pub use error::ShapeError;
+pub use isa::Isa;
+pub use mat::{Mat, MatMut};
+pub use pack::{PANEL, PackedBf16, PackedF32, PackedI8};

@@ -1,0 +1,52 @@
+//! Matrix product with bf16 weights and f32 activations and sums.
+
+mod scalar;
+
+use crate::error::{ShapeError, expect_len};
+use crate::isa::{Backend, Isa};
+use crate::mat::MatMut;
+use crate::matmul_f32::{Epilogue, Input, check_product};
+use crate::pack::PackedBf16;
+
+/// Matrix product with bf16 weights, `y[t, o] = sum_i x[t, i] * w[o, i]` in f32, then the epilogue.
+///
+/// Shapes: `x [m, k]`, `w [n, k]` packed, `y [m, n]`; with a scatter, `y [any, n]`.
+/// Numerics: weights are widened exactly, so the result has the bits of [`crate::matmul_f32::matmul_f32`] on the same
+/// back-end with the widened weights.
+/// Cost: `m * n * k` multiply-adds; no allocation.
+///
+/// # Errors
+/// [`ShapeError`] naming the argument whose length disagrees.
+pub fn matmul_bf16(isa: Isa, x: Input<f32>, w: PackedBf16, end: Epilogue, y: MatMut<f32>) -> Result<(), ShapeError> {
+    check_product((x.rows(), x.cols()), (w.n(), w.k()), &y, &end)?;
+    match isa.0 {
+        Backend::Scalar => scalar::matmul(x, w, end, y),
+        // No version of their own yet.
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx2 | Backend::Avx512Vnni => scalar::matmul(x, w, end, y),
+    }
+    Ok(())
+}
+
+/// Gated product with bf16 weights; as [`crate::matmul_f32::matmul_gated_f32`].
+///
+/// # Errors
+/// [`ShapeError`] naming the argument whose length disagrees.
+pub fn matmul_gated_bf16(
+    isa: Isa,
+    x: Input<f32>,
+    gate: PackedBf16,
+    up: PackedBf16,
+    y: MatMut<f32>,
+) -> Result<(), ShapeError> {
+    check_product((x.rows(), x.cols()), (gate.n(), gate.k()), &y, &Epilogue::STORE)?;
+    expect_len("up", gate.n(), up.n())?;
+    expect_len("up", gate.k(), up.k())?;
+    match isa.0 {
+        Backend::Scalar => scalar::matmul_gated(x, gate, up, y),
+        // No version of their own yet.
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx2 | Backend::Avx512Vnni => scalar::matmul_gated(x, gate, up, y),
+    }
+    Ok(())
+}

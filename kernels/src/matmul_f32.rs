@@ -1,0 +1,192 @@
+//! Single-precision matrix product with packed weights.
+
+mod scalar;
+
+use crate::error::{ShapeError, expect_len};
+use crate::isa::{Backend, Isa};
+use crate::mat::{Mat, MatMut};
+use crate::pack::PackedF32;
+
+/// The rows that a product reads: all rows of a matrix in order, or those that an index names.
+#[derive(Clone, Copy, Debug)]
+pub struct Input<'a, T> {
+    pub(crate) mat: Mat<'a, T>,
+    pub(crate) index: Option<&'a [u32]>,
+}
+
+impl<'a, T> Input<'a, T> {
+    /// Every row of `mat`.
+    #[inline]
+    pub fn all(mat: Mat<'a, T>) -> Self {
+        Self { mat, index: None }
+    }
+
+    /// Row `index[i]` of `mat` as input row `i`, without a copy.
+    ///
+    /// # Errors
+    /// [`ShapeError`] where an index lies beyond the rows of `mat`.
+    pub fn gather(mat: Mat<'a, T>, index: &'a [u32]) -> Result<Self, ShapeError> {
+        match index.iter().find(|&&i| i as usize >= mat.rows()) {
+            Some(&i) => Err(ShapeError { arg: "index", want: mat.rows(), got: i as usize }),
+            None => Ok(Self { mat, index: Some(index) }),
+        }
+    }
+
+    /// Number of input rows.
+    #[inline]
+    pub fn rows(&self) -> usize {
+        self.index.map_or(self.mat.rows(), <[u32]>::len)
+    }
+
+    /// Inputs per row.
+    #[inline]
+    pub fn cols(&self) -> usize {
+        self.mat.cols()
+    }
+
+    /// Input row `i`.
+    #[inline]
+    pub fn row(&self, i: usize) -> &'a [T] {
+        self.mat.row(self.index.map_or(i, |index| index[i] as usize))
+    }
+}
+
+/// What happens to a product before it is stored.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Activation {
+    /// The product itself.
+    #[default]
+    None,
+    /// `max(v, 0)`.
+    Relu,
+    /// `v` where positive, else `slope * v`.
+    LeakyRelu(f32),
+    /// `v * (1 + erf(v / sqrt(2))) / 2`.
+    Gelu,
+    /// The tanh approximation of GELU.
+    GeluTanh,
+}
+
+/// Where the rows of a product go: output row `i` is added to row `rows[i]` of `y`, times `weight[i]`.
+#[derive(Clone, Copy, Debug)]
+pub struct Scatter<'a> {
+    /// Row of `y` for each output row.
+    pub rows: &'a [u32],
+    /// Factor for each output row.
+    pub weight: &'a [f32],
+}
+
+/// The end of a product: `v = activation(sum + bias)`, then stored, added, or scattered.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Epilogue<'a> {
+    /// `[n]`, added to every row's sums.
+    pub bias: Option<&'a [f32]>,
+    /// Applied after the bias.
+    pub activation: Activation,
+    /// `y += v` instead of `y = v`.
+    pub add: bool,
+    /// Output rows are weighted and added to other rows (implies `add`).
+    pub scatter: Option<Scatter<'a>>,
+}
+
+impl<'a> Epilogue<'a> {
+    /// Stores the sums as they are.
+    pub const STORE: Epilogue<'static> =
+        Epilogue { bias: None, activation: Activation::None, add: false, scatter: None };
+    /// Adds the sums to `y`: a residual connection.
+    pub const ADD: Epilogue<'static> = Epilogue { add: true, ..Epilogue::STORE };
+
+    /// Stores `sum + bias`.
+    pub const fn bias(bias: &'a [f32]) -> Self {
+        Self { bias: Some(bias), ..Epilogue::STORE }
+    }
+
+    /// The same with an activation.
+    #[must_use]
+    pub const fn then(self, activation: Activation) -> Self {
+        Self { activation, ..self }
+    }
+
+    /// The same, added to `y`.
+    #[must_use]
+    pub const fn added(self) -> Self {
+        Self { add: true, ..self }
+    }
+
+    /// The outputs `range` of a product whose epilogue this is.
+    #[must_use]
+    pub fn outputs(self, range: core::ops::Range<usize>) -> Self {
+        Self { bias: self.bias.map(|bias| &bias[range]), ..self }
+    }
+}
+
+/// Checks one product: `x [m, k]`, `w [n, k]`, `y [m, n]` (or scattered), `bias [n]`.
+pub(crate) fn check_product(
+    x: (usize, usize),
+    w: (usize, usize),
+    y: &MatMut<f32>,
+    end: &Epilogue,
+) -> Result<(), ShapeError> {
+    let ((m, k), (n, w_k)) = (x, w);
+    expect_len("w", k, w_k)?;
+    expect_len("y", n, y.cols())?;
+    if let Some(bias) = end.bias {
+        expect_len("bias", n, bias.len())?;
+    }
+    let Some(scatter) = end.scatter else { return expect_len("y", m, y.rows()) };
+    expect_len("scatter.rows", m, scatter.rows.len())?;
+    expect_len("scatter.weight", m, scatter.weight.len())?;
+    match scatter.rows.iter().find(|&&row| row as usize >= y.rows()) {
+        Some(&row) => Err(ShapeError { arg: "scatter.rows", want: y.rows(), got: row as usize }),
+        None => Ok(()),
+    }
+}
+
+/// Matrix product `y[t, o] = sum_i x[t, i] * w[o, i]`, then the epilogue.
+///
+/// Shapes: `x [m, k]`, `w [n, k]` packed, `y [m, n]`; with a scatter, `y [any, n]`.
+/// Numerics: each output is summed on its own over ascending `i`; a row's bits do not depend on the other rows, nor on
+/// how outputs are cut into panels. Error at most `k * 2^-23 * sum(abs(x * w))`.
+/// Cost: `m * n * k` multiply-adds; no allocation.
+///
+/// # Errors
+/// [`ShapeError`] naming the argument whose length disagrees.
+pub fn matmul_f32(isa: Isa, x: Input<f32>, w: PackedF32, end: Epilogue, y: MatMut<f32>) -> Result<(), ShapeError> {
+    check_product((x.rows(), x.cols()), (w.n(), w.k()), &y, &end)?;
+    match isa.0 {
+        Backend::Scalar => scalar::matmul(x, w, end, y),
+        // No version of their own yet.
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx2 | Backend::Avx512Vnni => scalar::matmul(x, w, end, y),
+    }
+    Ok(())
+}
+
+/// Gated product `y[t, o] = gelu_tanh(sum_i x[t, i] * gate[o, i]) * sum_i x[t, i] * up[o, i]`.
+///
+/// Shapes: `x [m, k]`, `gate`, `up` `[n, k]` packed, `y [m, n]` (overwritten).
+/// Numerics, cost: as [`matmul_f32`], twice.
+/// Paper: section 3.2; SPEC 2.4.
+///
+/// # Errors
+/// [`ShapeError`] naming the argument whose length disagrees.
+pub fn matmul_gated_f32(
+    isa: Isa,
+    x: Input<f32>,
+    gate: PackedF32,
+    up: PackedF32,
+    y: MatMut<f32>,
+) -> Result<(), ShapeError> {
+    check_product((x.rows(), x.cols()), (gate.n(), gate.k()), &y, &Epilogue::STORE)?;
+    expect_len("up", gate.n(), up.n())?;
+    expect_len("up", gate.k(), up.k())?;
+    match isa.0 {
+        Backend::Scalar => scalar::matmul_gated(x, gate, up, y),
+        // No version of their own yet.
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx2 | Backend::Avx512Vnni => scalar::matmul_gated(x, gate, up, y),
+    }
+    Ok(())
+}
+
+pub(crate) use scalar::{finish_panel, gated};

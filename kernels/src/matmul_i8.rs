@@ -1,0 +1,133 @@
+//! Int8 matrix product: int8 weights per output row, activations quantised per row on the fly, int32 sums.
+
+mod scalar;
+
+use crate::error::{ShapeError, expect_len};
+use crate::isa::{Backend, Isa};
+use crate::mat::{Mat, MatMut};
+use crate::matmul_f32::{Epilogue, Input, check_product};
+use crate::pack::PackedI8;
+
+/// Longest row whose sum cannot overflow: `k * 128 * 128 <= i32::MAX`.
+pub const MAX_K: usize = 131_071;
+
+/// Quantised rows: `value = step * scale[row]`.
+#[derive(Clone, Copy, Debug)]
+pub struct QuantRows<'a> {
+    steps: Mat<'a, i8>,
+    scale: &'a [f32],
+}
+
+impl<'a> QuantRows<'a> {
+    /// `steps [m, k]` with the real value of one step per row, `scale [m]`.
+    ///
+    /// # Errors
+    /// [`ShapeError`] where `scale` has another length than `steps` has rows.
+    pub fn new(steps: Mat<'a, i8>, scale: &'a [f32]) -> Result<Self, ShapeError> {
+        expect_len("scale", steps.rows(), scale.len())?;
+        Ok(Self { steps, scale })
+    }
+}
+
+/// Quantises every row symmetrically: `scale[t] = max(abs(x[t])) / 127`, `steps = round(x / scale)`, halves to even.
+///
+/// Shapes: `x [m, k]`, `steps [m, k]`, `scale [m]` (both overwritten).
+/// Numerics: steps lie in -127..=127; an all-zero row has scale 1. `x / scale` is computed as `x * (127 / max)`; the
+/// same bits on every back-end. `x` must be finite.
+///
+/// # Errors
+/// [`ShapeError`] naming the argument whose length disagrees.
+pub fn quantize_rows(isa: Isa, x: Mat<f32>, steps: MatMut<i8>, scale: &mut [f32]) -> Result<(), ShapeError> {
+    expect_len("steps", x.rows(), steps.rows())?;
+    expect_len("steps", x.cols(), steps.cols())?;
+    expect_len("scale", x.rows(), scale.len())?;
+    match isa.0 {
+        Backend::Scalar => scalar::quantize_rows(x, steps, scale),
+        // No version of their own yet.
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx2 | Backend::Avx512Vnni => scalar::quantize_rows(x, steps, scale),
+    }
+    Ok(())
+}
+
+/// Int8 product with int32 sums: `y[t, o] = x_scale[t] * w_scale[o] * sum_i x[t, i] * w[o, i]`, then the epilogue.
+///
+/// Shapes: `x [m, k]`, `w [n, k]` packed, `y [m, n]`; with an `index`, row `t` is `x[index[t]]`; with a scatter, `y [any, n]`.
+/// Numerics: sums are exact for `k <= MAX_K` over all int8 values; `v = sum as f32 * (x_scale * w_scale)`; all
+/// back-ends agree bit for bit.
+/// Cost: `m * n * k` multiply-adds; no allocation.
+///
+/// # Errors
+/// [`ShapeError`] naming the argument whose length disagrees, or `k` above [`MAX_K`].
+pub fn matmul_i8(
+    isa: Isa,
+    x: QuantRows,
+    index: Option<&[u32]>,
+    w: PackedI8,
+    end: Epilogue,
+    y: MatMut<f32>,
+) -> Result<(), ShapeError> {
+    let x = input(x, index)?;
+    check_k(w.k())?;
+    check_product((x.rows.rows(), x.rows.cols()), (w.n(), w.k()), &y, &end)?;
+    match isa.0 {
+        Backend::Scalar => scalar::matmul(x, w, end, y),
+        // No version of their own yet.
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx2 | Backend::Avx512Vnni => scalar::matmul(x, w, end, y),
+    }
+    Ok(())
+}
+
+/// Gated int8 product: `gelu_tanh(x . gate) * (x . up)`, shapes and numerics as [`matmul_i8`].
+///
+/// # Errors
+/// [`ShapeError`] naming the argument whose length disagrees, or `k` above [`MAX_K`].
+pub fn matmul_gated_i8(
+    isa: Isa,
+    x: QuantRows,
+    index: Option<&[u32]>,
+    gate: PackedI8,
+    up: PackedI8,
+    y: MatMut<f32>,
+) -> Result<(), ShapeError> {
+    let x = input(x, index)?;
+    check_k(gate.k())?;
+    check_product((x.rows.rows(), x.rows.cols()), (gate.n(), gate.k()), &y, &Epilogue::STORE)?;
+    expect_len("up", gate.n(), up.n())?;
+    expect_len("up", gate.k(), up.k())?;
+    match isa.0 {
+        Backend::Scalar => scalar::matmul_gated(x, gate, up, y),
+        // No version of their own yet.
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx2 | Backend::Avx512Vnni => scalar::matmul_gated(x, gate, up, y),
+    }
+    Ok(())
+}
+
+/// Checked input rows with their scales.
+#[derive(Clone, Copy)]
+pub(crate) struct QuantInput<'a> {
+    rows: Input<'a, i8>,
+    scale: &'a [f32],
+}
+
+impl QuantInput<'_> {
+    fn scale(&self, t: usize) -> f32 {
+        self.scale[self.rows.index.map_or(t, |index| index[t] as usize)]
+    }
+}
+
+fn input<'a>(x: QuantRows<'a>, index: Option<&'a [u32]>) -> Result<QuantInput<'a>, ShapeError> {
+    let rows = match index {
+        Some(index) => Input::gather(x.steps, index)?,
+        None => Input::all(x.steps),
+    };
+    Ok(QuantInput { rows, scale: x.scale })
+}
+
+fn check_k(k: usize) -> Result<(), ShapeError> {
+    if k <= MAX_K { Ok(()) } else { Err(ShapeError { arg: "k", want: MAX_K, got: k }) }
+}
+
+pub(crate) use scalar::quantize as scalar_quantize;

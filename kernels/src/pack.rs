@@ -1,0 +1,221 @@
+//! Weights re-laid for the products: panels of [`PANEL`] output rows, so that one load feeds that many outputs.
+//!
+//! ```text
+//! w [n, k] row-major            packed f32, bf16                     packed i8
+//! ┌─ k ─┐                       panel 0: k=0: w[0..16][0]            panel 0: k=0..4: w[0][0..4], w[1][0..4] …
+//! n     │        ──▶                     k=1: w[0..16][1]                     k=4..8: w[0][4..8], w[1][4..8] …
+//! └─────┘                       panel 1: …                           panel 1: …
+//! ```
+//! Outputs beyond `n` and (int8) inputs beyond `k` are zeros. All back-ends read the same layout.
+
+use crate::bf16::Bf16;
+use crate::error::{ShapeError, expect_len};
+use crate::mat::Mat;
+use core::ops::Range;
+
+/// Outputs in one panel: one AVX-512 register of sums, two of AVX2, four of SSE2 or NEON.
+pub const PANEL: usize = 16;
+
+/// Inputs that an int8 dot-product instruction takes at once.
+pub const QUAD: usize = 4;
+
+/// Number of panels that hold `n` outputs.
+pub const fn panels(n: usize) -> usize {
+    n.div_ceil(PANEL)
+}
+
+/// Elements of a packed f32 or bf16 weight `[n, k]`.
+pub const fn packed_len(n: usize, k: usize) -> usize {
+    panels(n) * PANEL * k
+}
+
+/// Elements of a packed int8 weight `[n, k]`.
+pub const fn packed_len_i8(n: usize, k: usize) -> usize {
+    panels(n) * PANEL * k.div_ceil(QUAD) * QUAD
+}
+
+macro_rules! packed {
+    ($(#[$doc:meta])* $name:ident, $item:ty) => {
+        $(#[$doc])*
+        #[derive(Clone, Copy, Debug)]
+        pub struct $name<'a> {
+            data: &'a [$item],
+            n: usize,
+            k: usize,
+        }
+
+        impl<'a> $name<'a> {
+            /// A view of packed data: `[panels(n), k, PANEL]`.
+            ///
+            /// # Errors
+            /// [`ShapeError`] where `data` has another length than [`packed_len`].
+            pub fn new(data: &'a [$item], n: usize, k: usize) -> Result<Self, ShapeError> {
+                expect_len("data", packed_len(n, k), data.len())?;
+                Ok(Self { data, n, k })
+            }
+
+            /// Outputs.
+            #[inline]
+            pub fn n(&self) -> usize {
+                self.n
+            }
+
+            /// Inputs.
+            #[inline]
+            pub fn k(&self) -> usize {
+                self.k
+            }
+
+            /// Panel `p`: `[k, PANEL]`.
+            #[inline]
+            pub fn panel(&self, p: usize) -> &'a [[$item; PANEL]] {
+                self.data[p * PANEL * self.k..(p + 1) * PANEL * self.k].as_chunks().0
+            }
+
+            /// The outputs `range`, which starts at a panel. Panics where it does not, or ends beyond `n`.
+            #[inline]
+            pub fn outputs(&self, range: Range<usize>) -> Self {
+                assert!(range.start.is_multiple_of(PANEL) && range.start <= range.end && range.end <= self.n);
+                let n = range.end - range.start;
+                let first = range.start * self.k;
+                Self { data: &self.data[first..first + packed_len(n, self.k)], n, k: self.k }
+            }
+        }
+    };
+}
+
+packed!(
+    /// An f32 weight `[n, k]` in panels.
+    PackedF32,
+    f32
+);
+packed!(
+    /// A bf16 weight `[n, k]` in panels.
+    PackedBf16,
+    Bf16
+);
+
+/// An int8 weight `[n, k]` in panels of quads, with the real size of one step and the sum of each output row.
+#[derive(Clone, Copy, Debug)]
+pub struct PackedI8<'a> {
+    data: &'a [i8],
+    scale: &'a [f32],
+    sum: &'a [i32],
+    n: usize,
+    k: usize,
+}
+
+impl<'a> PackedI8<'a> {
+    /// A view of packed data `[panels(n), ceil(k / QUAD), PANEL, QUAD]`, `scale [n]` (real value of one step of
+    /// output row `o`) and `sum [n]` (sum of row `o`'s steps: what an unsigned-by-signed instruction must correct for).
+    ///
+    /// # Errors
+    /// [`ShapeError`] where a length disagrees with `n` and `k`.
+    pub fn new(data: &'a [i8], scale: &'a [f32], sum: &'a [i32], n: usize, k: usize) -> Result<Self, ShapeError> {
+        expect_len("data", packed_len_i8(n, k), data.len())?;
+        expect_len("scale", n, scale.len())?;
+        expect_len("sum", n, sum.len())?;
+        Ok(Self { data, scale, sum, n, k })
+    }
+
+    /// Outputs.
+    #[inline]
+    pub fn n(&self) -> usize {
+        self.n
+    }
+
+    /// Inputs.
+    #[inline]
+    pub fn k(&self) -> usize {
+        self.k
+    }
+
+    /// Real value of one step, per output.
+    #[inline]
+    pub fn scale(&self) -> &'a [f32] {
+        self.scale
+    }
+
+    /// Sum of the steps of each output row.
+    #[inline]
+    pub fn sum(&self) -> &'a [i32] {
+        self.sum
+    }
+
+    /// Panel `p`: `[ceil(k / QUAD), PANEL, QUAD]`, a quad of all panel outputs at a time.
+    #[inline]
+    pub fn panel(&self, p: usize) -> &'a [[i8; PANEL * QUAD]] {
+        let len = PANEL * self.k.div_ceil(QUAD) * QUAD;
+        self.data[p * len..(p + 1) * len].as_chunks().0
+    }
+
+    /// The outputs `range`, which starts at a panel. Panics where it does not, or ends beyond `n`.
+    #[inline]
+    pub fn outputs(&self, range: Range<usize>) -> Self {
+        assert!(range.start.is_multiple_of(PANEL) && range.start <= range.end && range.end <= self.n);
+        let n = range.end - range.start;
+        let first = range.start * self.k.div_ceil(QUAD) * QUAD;
+        Self {
+            data: &self.data[first..first + packed_len_i8(n, self.k)],
+            scale: &self.scale[range.clone()],
+            sum: &self.sum[range],
+            n,
+            k: self.k,
+        }
+    }
+}
+
+/// Packs `w [n, k]` into panels; every element of `packed` is written.
+///
+/// # Errors
+/// [`ShapeError`] where `packed` has another length than [`packed_len`].
+pub fn pack<T: Copy, P: Copy + Default>(
+    w: Mat<T>,
+    convert: impl Fn(T) -> P,
+    packed: &mut [P],
+) -> Result<(), ShapeError> {
+    expect_len("packed", packed_len(w.rows(), w.cols()), packed.len())?;
+    if w.cols() == 0 {
+        return Ok(());
+    }
+    for (p, panel) in packed.chunks_exact_mut(PANEL * w.cols()).enumerate() {
+        for lane in 0..PANEL {
+            let output = p * PANEL + lane;
+            for i in 0..w.cols() {
+                panel[i * PANEL + lane] = if output < w.rows() { convert(w.row(output)[i]) } else { P::default() };
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Packs `w [n, k]` into panels of quads and sums every row; every element of `packed` and `sum` is written.
+///
+/// # Errors
+/// [`ShapeError`] where `packed` has another length than [`packed_len_i8`], or `sum` than `n`.
+pub fn pack_i8(w: Mat<i8>, packed: &mut [i8], sum: &mut [i32]) -> Result<(), ShapeError> {
+    let (n, k) = (w.rows(), w.cols());
+    expect_len("packed", packed_len_i8(n, k), packed.len())?;
+    expect_len("sum", n, sum.len())?;
+    packed.fill(0);
+    let panel_len = PANEL * k.div_ceil(QUAD) * QUAD;
+    for (o, sum) in sum.iter_mut().enumerate() {
+        let (panel, lane) = (o / PANEL, o % PANEL);
+        let mut total = 0;
+        for (i, &step) in w.row(o).iter().enumerate() {
+            packed[panel * panel_len + (i / QUAD) * PANEL * QUAD + lane * QUAD + i % QUAD] = step;
+            total += i32::from(step);
+        }
+        *sum = total;
+    }
+    Ok(())
+}
+
+/// Quantises one weight row symmetrically: the step is `max(abs(row)) / 127`, returned; an all-zero row has step 1.
+///
+/// # Errors
+/// [`ShapeError`] where `steps` has another length than `row`.
+pub fn quantize_weight_row(row: &[f32], steps: &mut [i8]) -> Result<f32, ShapeError> {
+    expect_len("steps", row.len(), steps.len())?;
+    Ok(crate::matmul_i8::scalar_quantize(row, steps))
+}
