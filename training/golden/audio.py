@@ -1,0 +1,82 @@
+"""The two audio tokenizers: Hugging Face's HuBERT, a log-mel front end on torch's FFT, and nearest centroids."""
+
+import torch
+from layout import Config
+from margin import Margin
+from torch import Tensor, nn
+from transformers import HubertConfig, HubertModel, Wav2Vec2FeatureExtractor
+
+# Layers after the stored ones, with weights of their own: `hidden_states[L]` must not depend on them.
+UNSTORED_LAYERS = 2
+
+
+class Hubert(nn.Module):
+    """`HubertModel`, of which layer L's output is the feature."""
+
+    def __init__(self, config: Config, tensors: dict[str, Tensor]) -> None:
+        super().__init__()
+        sizes = dict(config["audio"]["hubert"])
+        self.layers: int = sizes.pop("num_hidden_layers")
+        self.extractor = Wav2Vec2FeatureExtractor(do_normalize=sizes.pop("do_normalize"))
+        self.model = HubertModel(
+            HubertConfig(
+                **sizes,
+                num_hidden_layers=self.layers + UNSTORED_LAYERS,
+                feat_extract_norm="group",
+                do_stable_layer_norm=False,
+                conv_bias=False,
+                num_feat_extract_layers=len(sizes["conv_dim"]),
+                apply_spec_augment=False,
+                mask_time_prob=0.0,
+                attn_implementation="eager",
+            )
+        ).eval()
+        state = {name.removeprefix("audio.hubert."): t for name, t in tensors.items() if "hubert" in name}
+        # Hugging Face keeps direction and length apart; a folded weight is a direction with its own length.
+        folded = state.pop("encoder.pos_conv_embed.conv.weight")
+        weight_norm = "encoder.pos_conv_embed.conv.parametrizations.weight"
+        state[f"{weight_norm}.original0"] = folded.norm(dim=(0, 1), keepdim=True)
+        state[f"{weight_norm}.original1"] = folded
+        missing, unexpected = self.model.load_state_dict(state, strict=False)
+        unstored = tuple(f"encoder.layers.{self.layers + i}." for i in range(UNSTORED_LAYERS))
+        assert not unexpected and all(name.startswith(unstored) for name in missing), (missing, unexpected)
+
+    def forward(self, audio: Tensor) -> Tensor:
+        samples = self.extractor(audio.numpy(), sampling_rate=16000, return_tensors="pt").input_values
+        dtype = next(self.parameters()).dtype
+        states = self.model(samples.to(dtype), output_hidden_states=True).hidden_states
+        return states[self.layers][0]
+
+
+class Mel(nn.Module):
+    """Log-mel bands with causal deltas, normalised."""
+
+    def __init__(self, config: Config, tensors: dict[str, Tensor]) -> None:
+        super().__init__()
+        self.sizes: Config = config["audio"]["mel"]
+        self.hop: int = config["audio"]["sample_rate"] // config["audio"]["token_rate"]
+        for name in ("window.weight", "filters.weight", "mean", "scale"):
+            self.register_buffer(name.split(".")[0], tensors[f"audio.mel.{name}"])
+
+    def forward(self, audio: Tensor) -> Tensor:
+        frames = audio.to(self.window.dtype).unfold(0, self.sizes["window"], self.hop) * self.window
+        power = torch.fft.rfft(frames, n=self.sizes["fft"]).abs() ** 2
+        bands = power @ self.filters.T
+        features = [torch.log(bands.clamp(min=self.sizes["floor"]))]
+        silence = torch.log(torch.full_like(features[0][:2], self.sizes["floor"])[:1]).repeat(2, 1)
+        for _ in range(self.sizes["deltas"]):
+            extended = torch.cat([silence, features[-1]])
+            features.append((extended[2:] - extended[:-2]) / 2.0)
+            silence = torch.zeros_like(silence)
+        return (torch.cat(features, -1) - self.mean) * self.scale
+
+
+def front_end(config: Config, tensors: dict[str, Tensor]) -> Hubert | Mel:
+    return Hubert(config, tensors) if config["audio"]["kind"] == "hubert" else Mel(config, tensors)
+
+
+def nearest(rows: Tensor, table: Tensor, margin: Margin) -> Tensor:
+    """The index of each row's nearest table row."""
+    squared = torch.cdist(rows, table, compute_mode="donot_use_mm_for_euclid_dist") ** 2
+    margin.nearest(squared)
+    return squared.argmin(-1)

@@ -1,0 +1,196 @@
+"""Inputs and expected outputs of every stage of one model."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import torch
+import weights
+from audio import nearest
+from layout import MASK, PARTS, Config
+from margin import LEAST, Margin
+from reference import Reference
+from torch import Tensor
+
+Tensors = dict[str, Tensor]
+Propose = Callable[[torch.Generator], Tensors]
+Run = Callable[[Reference, Tensors, Margin], Tensors]
+
+ATTEMPTS = 400
+# A case is kept only if f32 and f64 runs of the reference agree this well, a tenth of what the tests demand.
+CONDITION = 2e-5
+
+
+@dataclass
+class Cases:
+    """What goes into `cases.safetensors`."""
+
+    seed: int
+    single: Reference
+    double: Reference
+    tensors: Tensors = field(default_factory=dict)
+    notes: dict[str, dict[str, object]] = field(default_factory=dict)
+
+    def add(self, name: str, stage: str, propose: Propose, run: Run, **note: object) -> None:
+        """Draws inputs until every choice on the way is clear, then keeps them with the f32 outputs."""
+        for attempt in range(ATTEMPTS):
+            inputs = propose(weights.seeded(self.seed, name, attempt))
+            margin = Margin()
+            outputs = run(self.single, inputs, margin)
+            if margin.smallest < LEAST:
+                continue
+            condition = agreement(outputs, run(self.double, inputs, Margin()))
+            if condition > CONDITION:
+                continue
+            self.tensors |= {f"{name}.in.{key}": value for key, value in inputs.items()}
+            self.tensors |= {f"{name}.out.{key}": value for key, value in outputs.items()}
+            clear = margin.smallest if margin.smallest < float("inf") else None
+            self.notes[name] = {"stage": stage, **note, "margin": clear, "condition": condition, "attempt": attempt}
+            return
+        raise RuntimeError(f"{name}: no clear inputs in {ATTEMPTS} attempts")
+
+
+def agreement(single: Tensors, double: Tensors) -> float:
+    """The largest difference of f32 and f64 outputs, relative to each output's largest value; integers must be equal."""
+    worst = 0.0
+    for name, value in single.items():
+        assert value.isfinite().all(), f"{name} is not finite"
+        if not value.is_floating_point():
+            if not torch.equal(value, double[name]):
+                return float("inf")
+            continue
+        largest = double[name].abs().max()
+        assert largest > 0.05 or len(value) == 1, f"{name} is trivially small"
+        worst = max(worst, ((value - double[name]).abs().max() / largest.clamp(min=1e-30)).item())
+    return worst
+
+
+def _split(group: str, values: Tensors) -> Tensors:
+    return {f"{group}.{part}": values[part] for part in PARTS}
+
+
+def _joined(group: str, tensors: Tensors) -> Tensors:
+    return {part: tensors[f"{group}.{part}"] for part in PARTS}
+
+
+def add_audio(cases: Cases, kind: str, lengths: tuple[int, ...]) -> None:
+    def run(reference: Reference, inputs: Tensors, margin: Margin) -> Tensors:
+        features = reference.audio(inputs["audio"])
+        return {"features": features, "units": nearest(features, reference.centroids, margin)}
+
+    for i, samples in enumerate(lengths):
+        cases.add(f"{kind}{i}", kind, lambda g, n=samples: {"audio": weights.audio(n, g)}, run)
+
+
+def prompt(config: Config, length: int | None, generator: torch.Generator) -> Tensor:
+    """Random ids of the whole vocabulary, or (no length given) a whole audio-to-motion prompt."""
+    vocab = config["vocab"]
+    if length is not None:
+        return torch.randint(0, vocab["size"], (length,), generator=generator)
+    ids: list[int] = []
+    keyframes = config["prefix"] + config["target"]
+    for item in config["templates"]["audio_to_motion"]:
+        if isinstance(item, int):
+            ids.append(item)
+        elif item == "text":
+            ids += torch.randint(3, vocab["face"]["first"] - 3, (5,), generator=generator).tolist()
+        else:
+            count = 10 * keyframes if item == "audio" else config["prefix"]
+            codes = torch.randint(0, vocab[item]["codes"], (count,), generator=generator) + vocab[item]["first"]
+            ids += [vocab[item]["start"], *codes.tolist(), vocab[item]["end"]]
+    return torch.tensor(ids)
+
+
+def add_language_model(cases: Cases, config: Config, targets: tuple[int, ...]) -> None:
+    def encode(reference: Reference, inputs: Tensors, margin: Margin) -> Tensors:
+        routers = reference.lm.begin()
+        hidden = reference.lm.encode(inputs["input_ids"])
+        margin.smallest = routers.smallest
+        return {"hidden": hidden}
+
+    def decode(reference: Reference, inputs: Tensors, margin: Margin) -> Tensors:
+        routers = reference.lm.begin()
+        logits = reference.lm.decode(inputs["input_ids"], inputs["decoder_input_ids"])
+        margin.smallest = routers.smallest
+        return {"logits": logits}
+
+    def generate(reference: Reference, inputs: Tensors, margin: Margin) -> Tensors:
+        routers = reference.lm.begin()
+        codes = reference.lm.generate(inputs["input_ids"], int(inputs["target"]), margin)
+        margin.smallest = min(margin.smallest, routers.smallest)
+        return _split("codes", codes)
+
+    start = torch.tensor([config["vocab"]["decoder_start"]])
+    for i, length in enumerate((1, 37, None)):
+        cases.add(f"encoder{i}", "encoder", lambda g, n=length: {"input_ids": prompt(config, n, g)}, encode)
+    for i, (length, rows) in enumerate(((1, 1), (43, 11))):
+        cases.add(
+            f"decoder{i}",
+            "decoder",
+            lambda g, n=length, m=rows: {
+                "input_ids": prompt(config, n, g),
+                "decoder_input_ids": torch.cat([start, prompt(config, m - 1, g)]),
+            },
+            decode,
+        )
+    for i, target in enumerate(targets):
+        cases.add(
+            f"generate{i}",
+            "generate",
+            lambda g, n=target: {"input_ids": prompt(config, None, g), "target": torch.tensor([n])},
+            generate,
+            target=target,
+        )
+
+
+def add_interpolation(cases: Cases, config: Config, lengths: tuple[int, ...]) -> None:
+    def propose(generator: torch.Generator, frames: int) -> Tensors:
+        at = torch.arange(frames)
+        anchor = (at % config["keyframe_stride"] == 0) | (at == frames - 1)
+        return {f"codes.{part}": torch.where(anchor, weights.codes(frames, generator), MASK) for part in PARTS}
+
+    def run(reference: Reference, inputs: Tensors, margin: Margin) -> Tensors:
+        logits, codes = reference.interp(_joined("codes", inputs), margin)
+        return _split("logits", logits) | _split("codes", codes)
+
+    for i, frames in enumerate(lengths):
+        cases.add(f"interp{i}", "interp", lambda g, n=frames: propose(g, n), run)
+
+
+def add_motion(cases: Cases, lengths: tuple[int, ...]) -> None:
+    def run(reference: Reference, inputs: Tensors, margin: Margin) -> Tensors:
+        channels = reference.motion.decode(_joined("codes", inputs))
+        rotations, translation = reference.motion.pose(channels, margin)
+        return _split("channels", channels) | {"rotations": rotations, "translation": translation}
+
+    for i, frames in enumerate(lengths):
+        cases.add(f"motion{i}", "motion", lambda g, n=frames: {f"codes.{p}": weights.codes(n, g) for p in PARTS}, run)
+
+
+def add_encoders(cases: Cases, config: Config, lengths: tuple[int, ...]) -> None:
+    def propose(generator: torch.Generator, frames: int) -> Tensors:
+        return {
+            f"channels.{part}": weights.motion(frames, config["vq"][part]["channels"], joints, generator)
+            for part, joints in weights.PART_JOINTS.items()
+        }
+
+    def run(reference: Reference, inputs: Tensors, margin: Margin) -> Tensors:
+        channels = {part: value.to(reference.dtype) for part, value in _joined("channels", inputs).items()}
+        return _split("codes", {part: reference.motion.encode(part, channels[part], margin) for part in PARTS})
+
+    for i, frames in enumerate(lengths):
+        cases.add(f"vqenc{i}", "vqenc", lambda g, n=frames: propose(g, n), run)
+
+
+def describe(cases: Cases) -> str:
+    """One line for each output that a person should look at: spread of floats, variety of choices."""
+    lines = []
+    for name, value in cases.tensors.items():
+        if ".out." not in name:
+            continue
+        if value.is_floating_point():
+            spread = value.std().item() if value.numel() > 1 else 0.0
+            text = f"largest {value.abs().max():.3f} deviation {spread:.3f}"
+        else:
+            text = f"{len(value.unique())} different of {value.numel()}"
+        lines.append(f"  {name} {list(value.shape)}: {text}")
+    return "\n".join(lines)

@@ -1,0 +1,194 @@
+"""What a model file says of itself: `config`, and the shape of every tensor that follows from it."""
+
+from typing import Any
+
+import skeleton
+
+Config = dict[str, Any]
+Shapes = dict[str, tuple[int, ...]]
+
+PARTS = ("face", "hands", "upper", "lower")
+CODES = 256
+MASK = 256
+
+# Apple's order, as ARFaceAnchor.BlendShapeLocation lists the 52 coefficients from eyes to tongue.
+ARKIT = (
+    "eyeBlinkLeft eyeLookDownLeft eyeLookInLeft eyeLookOutLeft eyeLookUpLeft eyeSquintLeft eyeWideLeft "
+    "eyeBlinkRight eyeLookDownRight eyeLookInRight eyeLookOutRight eyeLookUpRight eyeSquintRight eyeWideRight "
+    "jawForward jawLeft jawRight jawOpen mouthClose mouthFunnel mouthPucker mouthLeft mouthRight "
+    "mouthSmileLeft mouthSmileRight mouthFrownLeft mouthFrownRight mouthDimpleLeft mouthDimpleRight "
+    "mouthStretchLeft mouthStretchRight mouthRollLower mouthRollUpper mouthShrugLower mouthShrugUpper "
+    "mouthPressLeft mouthPressRight mouthLowerDownLeft mouthLowerDownRight mouthUpperUpLeft mouthUpperUpRight "
+    "browDownLeft browDownRight browInnerUp browOuterUpLeft browOuterUpRight cheekPuff "
+    "cheekSquintLeft cheekSquintRight noseSneerLeft noseSneerRight tongueOut"
+).split()
+assert len(ARKIT) == 52
+
+
+def vocabulary(text: int, units: int) -> Config:
+    """Text ids, 3 motion ids, 259 for each part, then the audio units, 2 unused ids and 3 markers."""
+    vocab: Config = {"size": 0, "pad": 0, "eos": 1, "decoder_start": 0}
+    first = text + 3
+    for name, codes, unused in (*((part, CODES, 0) for part in PARTS), ("audio", units, 2)):
+        start = first + codes + unused
+        vocab[name] = {"first": first, "codes": codes, "start": start, "end": start + 1, "mask": start + 2}
+        first = start + 3
+    vocab["size"] = first
+    return vocab
+
+
+def face(expressions: int | None) -> Config:
+    """SMPL-X expression coefficients, or ARKit's 52 where no number is given."""
+    if expressions is None:
+        return {"kind": "arkit", "names": list(ARKIT)}
+    return {"kind": "smplx_expression", "names": [f"expression_{i}" for i in range(expressions)]}
+
+
+def motion(width: int, names: int, layers: tuple[int, int, int, int, int]) -> Config:
+    """`config.vq`; `layers` in the order of the parts, then the root network."""
+    channels = (6 + names, skeleton.HANDS_CHANNELS, skeleton.UPPER_CHANNELS, *[skeleton.LOWER_CHANNELS] * 2)
+    vq: Config = {"codes": CODES, "width": width}
+    for name, channel, layer in zip((*PARTS, "root"), channels, layers, strict=True):
+        vq[name] = {"channels": channel, "layers": layer}
+    return vq
+
+
+def feature_width(config: Config) -> int:
+    """Width of the audio features that k-means sees."""
+    audio = config["audio"]
+    if audio["kind"] == "hubert":
+        return int(audio["hubert"]["hidden_size"])
+    return int(audio["mel"]["bands"] * (1 + audio["mel"]["deltas"]))
+
+
+def shapes(config: Config, *, encoders: bool) -> Shapes:
+    """Every float tensor of a model file, by name."""
+    audio = hubert_shapes(config) if config["audio"]["kind"] == "hubert" else mel_shapes(config)
+    units = (config["audio"]["units"], feature_width(config))
+    return {
+        **audio,
+        "audio.kmeans.centroids": units,
+        **lm_shapes(config),
+        **interp_shapes(config),
+        **motion_shapes(config, encoders=encoders),
+    }
+
+
+def _affine(name: str, *shape: int) -> Shapes:
+    return {f"{name}.weight": shape, f"{name}.bias": shape[:1]}
+
+
+def hubert_shapes(config: Config) -> Shapes:
+    h = config["audio"]["hubert"]
+    hidden, ffn = h["hidden_size"], h["intermediate_size"]
+    out: Shapes = {}
+    before = 1
+    for i, (dim, kernel) in enumerate(zip(h["conv_dim"], h["conv_kernel"], strict=True)):
+        out[f"feature_extractor.conv_layers.{i}.conv.weight"] = (dim, before, kernel)
+        before = dim
+    out |= _affine("feature_extractor.conv_layers.0.layer_norm", h["conv_dim"][0])
+    out |= _affine("feature_projection.layer_norm", before)
+    out |= _affine("feature_projection.projection", hidden, before)
+    per_group = hidden // h["num_conv_pos_embedding_groups"]
+    out |= _affine("encoder.pos_conv_embed.conv", hidden, per_group, h["num_conv_pos_embeddings"])
+    out |= _affine("encoder.layer_norm", hidden)
+    for i in range(h["num_hidden_layers"]):
+        layer = f"encoder.layers.{i}"
+        for projection in ("k_proj", "v_proj", "q_proj", "out_proj"):
+            out |= _affine(f"{layer}.attention.{projection}", hidden, hidden)
+        out |= _affine(f"{layer}.layer_norm", hidden)
+        out |= _affine(f"{layer}.feed_forward.intermediate_dense", ffn, hidden)
+        out |= _affine(f"{layer}.feed_forward.output_dense", hidden, ffn)
+        out |= _affine(f"{layer}.final_layer_norm", hidden)
+    return {f"audio.hubert.{name}": shape for name, shape in out.items()}
+
+
+def mel_shapes(config: Config) -> Shapes:
+    mel = config["audio"]["mel"]
+    width = feature_width(config)
+    return {
+        "audio.mel.window.weight": (mel["window"],),
+        "audio.mel.filters.weight": (mel["bands"], mel["fft"] // 2 + 1),
+        "audio.mel.mean": (width,),
+        "audio.mel.scale": (width,),
+    }
+
+
+def lm_shapes(config: Config) -> Shapes:
+    lm, vocab = config["lm"], config["vocab"]["size"]
+    d, ffn, inner = lm["d_model"], lm["d_ff"], lm["num_heads"] * lm["d_kv"]
+    out: Shapes = {"shared.weight": (vocab, d)}
+    if not lm["tie_word_embeddings"]:
+        out["lm_head.weight"] = (vocab, d)
+    for stack, layers in (("encoder", lm["num_layers"]), ("decoder", lm["num_decoder_layers"])):
+        attentions = ["SelfAttention"] + (["EncDecAttention"] if stack == "decoder" else [])
+        for i in range(layers):
+            block = f"{stack}.block.{i}.layer"
+            for j, attention in enumerate(attentions):
+                for projection in "qkv":
+                    out[f"{block}.{j}.{attention}.{projection}.weight"] = (inner, d)
+                out[f"{block}.{j}.{attention}.o.weight"] = (d, inner)
+                out[f"{block}.{j}.layer_norm.weight"] = (d,)
+            last = len(attentions)
+            out[f"{block}.{last}.layer_norm.weight"] = (d,)
+            out[f"{block}.{last}.moe.router.weight"] = (lm["experts"], d)
+            for e in range(lm["experts"]):
+                expert = f"{block}.{last}.moe.experts.{e}"
+                out[f"{expert}.wi_0.weight"] = out[f"{expert}.wi_1.weight"] = (ffn, d)
+                out[f"{expert}.wo.weight"] = (d, ffn)
+        bias = f"{stack}.block.0.layer.0.SelfAttention.relative_attention_bias.weight"
+        out[bias] = (lm["relative_attention_num_buckets"], lm["num_heads"])
+        out[f"{stack}.final_layer_norm.weight"] = (d,)
+    return {f"lm.{name}": shape for name, shape in out.items()}
+
+
+def interp_shapes(config: Config) -> Shapes:
+    interp = config["interp"]
+    d, ffn = interp["d_model"], interp["d_ff"]
+    out: Shapes = {"frame_type.weight": (3, d), "position.weight": (interp["max_frames"], d)}
+    for part in PARTS:
+        out[f"embed.{part}.weight"] = (CODES + 1, d)
+        out |= _affine(f"head.{part}", CODES, d)
+    out |= _affine("norm", d)
+    for group in ("temporal", "part"):
+        for i in range(interp[f"{group}_layers"]):
+            layer = f"{group}.{i}"
+            out[f"{layer}.self_attn.in_proj_weight"] = (3 * d, d)
+            out[f"{layer}.self_attn.in_proj_bias"] = (3 * d,)
+            out |= _affine(f"{layer}.self_attn.out_proj", d, d)
+            out |= _affine(f"{layer}.linear1", ffn, d)
+            out |= _affine(f"{layer}.linear2", d, ffn)
+            out |= _affine(f"{layer}.norm1", d) | _affine(f"{layer}.norm2", d)
+    return {f"interp.{name}": shape for name, shape in out.items()}
+
+
+def _residual(name: str, width: int) -> Shapes:
+    return _affine(f"{name}.model.0", width, width, 3) | _affine(f"{name}.model.2", width, width, 3)
+
+
+def _motion_encoder(name: str, width: int, channels: int, layers: int) -> Shapes:
+    out: Shapes = {}
+    for i in range(layers):
+        out |= _affine(f"{name}.{3 * i}", width, channels if i == 0 else width, 3)
+        out |= _residual(f"{name}.{3 * i + 2}", width)
+    return out
+
+
+def _motion_decoder(name: str, width: int, channels: int, layers: int) -> Shapes:
+    out = _residual(f"{name}.0", width) | _residual(f"{name}.1", width)
+    for i in range(layers):
+        out |= _affine(f"{name}.{2 + 2 * i}", channels if i == layers - 1 else width, width, 3)
+    return out | _affine(f"{name}.{2 + 2 * layers}", channels, channels, 3)
+
+
+def motion_shapes(config: Config, *, encoders: bool) -> Shapes:
+    vq = config["vq"]
+    out: Shapes = {}
+    for name in (*PARTS, "root"):
+        sizes = (vq["width"], vq[name]["channels"], vq[name]["layers"])
+        out |= _motion_decoder(f"vq.{name}.decoder.main", *sizes)
+        if encoders or name == "root":
+            out |= _motion_encoder(f"vq.{name}.encoder.main", *sizes)
+        if name != "root":
+            out[f"vq.{name}.quantizer.embedding.weight"] = (CODES, vq["width"])
+    return out

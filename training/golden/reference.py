@@ -1,0 +1,25 @@
+"""One model file, loaded into all the implementations that its outputs are compared with."""
+
+import torch
+from audio import front_end
+from interp import Interpolation
+from layout import Config
+from lm import LanguageModel
+from motion import Motion
+from torch import Tensor, nn
+
+
+class Reference(nn.Module):
+    """Every stage of a model, from the values that its file holds."""
+
+    def __init__(self, config: Config, tensors: dict[str, Tensor], *, dense: bool) -> None:
+        super().__init__()
+        self.audio = front_end(config, tensors)
+        self.register_buffer("centroids", tensors["audio.kmeans.centroids"])
+        self.lm = LanguageModel(config, tensors, dense=dense)
+        self.interp = Interpolation(config, tensors)
+        self.motion = Motion(config, tensors)
+
+    @property
+    def dtype(self) -> torch.dtype:
+        return self.centroids.dtype

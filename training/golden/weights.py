@@ -1,0 +1,135 @@
+"""Random weights whose activations stay near 1 through every layer, so that relative errors mean something."""
+
+import math
+import zlib
+
+import torch
+from layout import CODES, PARTS, Config, Shapes, feature_width
+from torch import Tensor
+
+# Factors on the usual 1/sqrt(fan in). Routers are sharp so that choices are clear; query weights of T5,
+# which has no attention scaling, are divided by sqrt(d_kv) below.
+GAINS = {
+    ".router.weight": 3.0,
+    ".SelfAttention.q.weight": 1.5,
+    ".EncDecAttention.q.weight": 1.5,
+    ".wi_0.weight": 1.3,
+    ".wo.weight": 1.6,
+    ".conv.weight": 1.6,
+    ".in_proj_weight": 1.4,
+    "lm_head.weight": 1.5,
+}
+PART_JOINTS = {"face": 1, "hands": 30, "upper": 13, "lower": 9}
+EMBEDDINGS = {
+    "lm.shared.weight": 1.0,
+    "relative_attention_bias.weight": 1.0,
+    "interp.embed": 0.5,
+    "interp.frame_type": 0.6,
+    "interp.position": 0.8,
+    "quantizer.embedding": 1.0,
+}
+
+
+def seeded(*key: object) -> torch.Generator:
+    """A generator that depends on its key alone, so that no draw moves another."""
+    return torch.Generator().manual_seed(zlib.crc32("/".join(map(str, key)).encode()))
+
+
+def draw(config: Config, shapes: Shapes, seed: int) -> dict[str, Tensor]:
+    """All float tensors but those that need data (centroids, mel normalisation), which start at zero."""
+    tensors = {name: _draw(config, name, shape, seed) for name, shape in shapes.items()}
+    if config["audio"]["kind"] == "mel":
+        tensors |= mel_constants(config)
+    for part in (*PARTS, "root"):
+        _centre_on_rest(config, part, tensors)
+    return tensors
+
+
+def _draw(config: Config, name: str, shape: tuple[int, ...], seed: int) -> Tensor:
+    noise = torch.randn(shape, generator=seeded(seed, name))
+    for key, scale in EMBEDDINGS.items():
+        if key in name:
+            return noise * scale
+    if name.endswith("bias"):
+        return noise * 0.2
+    if len(shape) == 1:
+        return 1.0 + noise * 0.2
+    gain = next((gain for suffix, gain in GAINS.items() if name.endswith(suffix)), 1.0)
+    if name.startswith("interp.head."):
+        gain = 2.0
+    if name.endswith("Attention.q.weight"):
+        gain /= math.sqrt(config["lm"]["d_kv"])
+    return noise * gain / math.sqrt(math.prod(shape[1:]))
+
+
+def _centre_on_rest(config: Config, part: str, tensors: dict[str, Tensor]) -> None:
+    """Lets a decoder's last layer play around the rest pose: rotations far from half a turn, a standing height."""
+    vq = config["vq"][part]
+    last = f"vq.{part}.decoder.main.{2 + 2 * vq['layers']}"
+    tensors[f"{last}.weight"] *= 0.25
+    joints = PART_JOINTS["lower" if part == "root" else part]
+    bias = tensors[f"{last}.bias"]
+    bias[: 6 * joints] += torch.tensor([1.0, 0.0, 0.0, 0.0, 1.0, 0.0]).repeat(joints)
+    if part == "root":
+        bias[55] += 0.9
+
+
+def mel_constants(config: Config) -> dict[str, Tensor]:
+    """A Hann window and triangles that are even on the mel scale, from 50 Hz to 7,600 Hz."""
+    mel = config["audio"]["mel"]
+    low, high = (2595.0 * math.log10(1.0 + hz / 700.0) for hz in (50.0, 7600.0))
+    edges = 700.0 * (10.0 ** (torch.linspace(low, high, mel["bands"] + 2, dtype=torch.float64) / 2595.0) - 1.0)
+    bins = torch.arange(mel["fft"] // 2 + 1, dtype=torch.float64) * config["audio"]["sample_rate"] / mel["fft"]
+    rising = (bins[None] - edges[:-2, None]) / (edges[1:-1] - edges[:-2])[:, None]
+    falling = (edges[2:, None] - bins[None]) / (edges[2:] - edges[1:-1])[:, None]
+    width = feature_width(config)
+    return {
+        "audio.mel.window.weight": torch.hann_window(mel["window"]),
+        "audio.mel.filters.weight": torch.minimum(rising, falling).clamp(min=0.0).float(),
+        "audio.mel.mean": torch.zeros(width),
+        "audio.mel.scale": torch.ones(width),
+    }
+
+
+def upcycle(tensors: dict[str, Tensor]) -> None:
+    """Makes every expert a copy of the first one of its layer."""
+    for name in tensors:
+        if ".moe.experts." in name:
+            head, tail = name.split(".moe.experts.")
+            tensors[name] = tensors[f"{head}.moe.experts.0.{tail.split('.', 1)[1]}"].clone()
+
+
+def pick_rows(rows: Tensor, count: int, generator: torch.Generator) -> Tensor:
+    """`count` rows of real data, each moved a little: centroids that real data then falls between."""
+    assert len(rows) >= count, f"{len(rows)} rows for {count} centroids"
+    chosen = rows[torch.randperm(len(rows), generator=generator)[:count]]
+    return chosen + 0.2 * rows.std() * torch.randn(chosen.shape, generator=generator)
+
+
+def audio(samples: int, generator: torch.Generator) -> Tensor:
+    """Sliding harmonics that swell and fade over noise, a small offset, and (if long) a stretch of exact zeros."""
+    seconds = torch.arange(samples, dtype=torch.float64) / 16000.0
+    picks = torch.rand(8, generator=generator, dtype=torch.float64)
+    pitch = 90.0 + 200.0 * picks[0]
+    phase = 2.0 * math.pi * (pitch * seconds + 25.0 * torch.sin(2.0 * math.pi * (0.5 + picks[1]) * seconds))
+    voice = sum(torch.sin(h * phase + 6.0 * picks[h]) / h for h in range(1, 8))
+    swell = 0.5 + 0.5 * torch.sin(2.0 * math.pi * ((2.0 + 3.0 * picks[2]) * seconds + picks[3]))
+    noise = torch.randn(samples, generator=generator, dtype=torch.float64)
+    wave = 0.2 * swell * voice + (0.005 + 0.05 * (1.0 - swell)) * noise + 0.02
+    if samples > 12000:
+        wave[4000:5500] = 0.0
+    return wave.float()
+
+
+def motion(frames: int, channels: int, joints: int, generator: torch.Generator) -> Tensor:
+    """Smooth channels around the rest pose, `[frames, channels]`."""
+    noise = torch.randn((channels, 1, frames + 6), generator=generator)
+    smooth = torch.nn.functional.conv1d(noise, torch.full((1, 1, 7), 0.25))[:, 0].T.contiguous()
+    rest = torch.zeros(channels)
+    rest[: 6 * joints] = torch.tensor([1.0, 0.0, 0.0, 0.0, 1.0, 0.0]).repeat(joints)
+    return rest + 0.5 * smooth
+
+
+def codes(count: int, generator: torch.Generator) -> Tensor:
+    """Codes of one part, I64."""
+    return torch.randint(0, CODES, (count,), generator=generator)
