@@ -1,10 +1,11 @@
 """The two audio tokenizers: Hugging Face's HuBERT, a log-mel front end on torch's FFT, and nearest centroids."""
 
 import torch
-from layout import Config
-from margin import Margin
 from torch import Tensor, nn
 from transformers import HubertConfig, HubertModel, Wav2Vec2FeatureExtractor
+
+from layout import Config
+from margin import Margin
 
 # Layers after the stored ones, with weights of their own: `hidden_states[L]` must not depend on them.
 UNSTORED_LAYERS = 2
@@ -25,7 +26,6 @@ class Hubert(nn.Module):
                 feat_extract_norm="group",
                 do_stable_layer_norm=False,
                 conv_bias=False,
-                num_feat_extract_layers=len(sizes["conv_dim"]),
                 apply_spec_augment=False,
                 mask_time_prob=0.0,
                 attn_implementation="eager",
@@ -43,13 +43,21 @@ class Hubert(nn.Module):
 
     def forward(self, audio: Tensor) -> Tensor:
         samples = self.extractor(audio.numpy(), sampling_rate=16000, return_tensors="pt").input_values
-        dtype = next(self.parameters()).dtype
-        states = self.model(samples.to(dtype), output_hidden_states=True).hidden_states
-        return states[self.layers][0]
+        dtype = next(self.model.parameters()).dtype
+        output = self.model(samples.to(dtype), output_hidden_states=True)
+        # One state before the first layer and one after each: number L is what L layers make.
+        assert len(output.hidden_states) == self.layers + UNSTORED_LAYERS + 1
+        assert torch.equal(output.hidden_states[-1], output.last_hidden_state)
+        return output.hidden_states[self.layers][0]
 
 
 class Mel(nn.Module):
     """Log-mel bands with causal deltas, normalised."""
+
+    window: Tensor
+    filters: Tensor
+    mean: Tensor
+    scale: Tensor
 
     def __init__(self, config: Config, tensors: dict[str, Tensor]) -> None:
         super().__init__()

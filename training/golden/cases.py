@@ -2,14 +2,16 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 
 import torch
+from torch import Tensor
+
 import weights
 from audio import nearest
 from layout import MASK, PARTS, Config
 from margin import LEAST, Margin
 from reference import Reference
-from torch import Tensor
 
 Tensors = dict[str, Tensor]
 Propose = Callable[[torch.Generator], Tensors]
@@ -50,7 +52,7 @@ class Cases:
 
 
 def agreement(single: Tensors, double: Tensors) -> float:
-    """The largest difference of f32 and f64 outputs, relative to each output's largest value; integers must be equal."""
+    """The largest difference of two runs, relative to each output's largest value; integers must be equal."""
     worst = 0.0
     for name, value in single.items():
         assert value.isfinite().all(), f"{name} is not finite"
@@ -77,8 +79,11 @@ def add_audio(cases: Cases, kind: str, lengths: tuple[int, ...]) -> None:
         features = reference.audio(inputs["audio"])
         return {"features": features, "units": nearest(features, reference.centroids, margin)}
 
+    def propose(samples: int, generator: torch.Generator) -> Tensors:
+        return {"audio": weights.audio(samples, generator)}
+
     for i, samples in enumerate(lengths):
-        cases.add(f"{kind}{i}", kind, lambda g, n=samples: {"audio": weights.audio(n, g)}, run)
+        cases.add(f"{kind}{i}", kind, partial(propose, samples), run)
 
 
 def prompt(config: Config, length: int | None, generator: torch.Generator) -> Tensor:
@@ -119,31 +124,27 @@ def add_language_model(cases: Cases, config: Config, targets: tuple[int, ...]) -
         margin.smallest = min(margin.smallest, routers.smallest)
         return _split("codes", codes)
 
-    start = torch.tensor([config["vocab"]["decoder_start"]])
+    def propose(length: int | None, more: Callable[[torch.Generator], Tensors], generator: torch.Generator) -> Tensors:
+        return {"input_ids": prompt(config, length, generator)} | more(generator)
+
+    def decoder_ids(rows: int, generator: torch.Generator) -> Tensors:
+        start = torch.tensor([config["vocab"]["decoder_start"]])
+        return {"decoder_input_ids": torch.cat([start, prompt(config, rows - 1, generator)])}
+
+    def wanted(target: int, _: torch.Generator) -> Tensors:
+        return {"target": torch.tensor([target])}
+
     for i, length in enumerate((1, 37, None)):
-        cases.add(f"encoder{i}", "encoder", lambda g, n=length: {"input_ids": prompt(config, n, g)}, encode)
-    for i, (length, rows) in enumerate(((1, 1), (43, 11))):
-        cases.add(
-            f"decoder{i}",
-            "decoder",
-            lambda g, n=length, m=rows: {
-                "input_ids": prompt(config, n, g),
-                "decoder_input_ids": torch.cat([start, prompt(config, m - 1, g)]),
-            },
-            decode,
-        )
+        cases.add(f"encoder{i}", "encoder", partial(propose, length, lambda _: {}), encode)
+    for i, (count, rows) in enumerate(((1, 1), (43, 11))):
+        cases.add(f"decoder{i}", "decoder", partial(propose, count, partial(decoder_ids, rows)), decode)
     for i, target in enumerate(targets):
-        cases.add(
-            f"generate{i}",
-            "generate",
-            lambda g, n=target: {"input_ids": prompt(config, None, g), "target": torch.tensor([n])},
-            generate,
-            target=target,
-        )
+        more = partial(wanted, target)
+        cases.add(f"generate{i}", "generate", partial(propose, None, more), generate, target=target)
 
 
 def add_interpolation(cases: Cases, config: Config, lengths: tuple[int, ...]) -> None:
-    def propose(generator: torch.Generator, frames: int) -> Tensors:
+    def propose(frames: int, generator: torch.Generator) -> Tensors:
         at = torch.arange(frames)
         anchor = (at % config["keyframe_stride"] == 0) | (at == frames - 1)
         return {f"codes.{part}": torch.where(anchor, weights.codes(frames, generator), MASK) for part in PARTS}
@@ -153,7 +154,7 @@ def add_interpolation(cases: Cases, config: Config, lengths: tuple[int, ...]) ->
         return _split("logits", logits) | _split("codes", codes)
 
     for i, frames in enumerate(lengths):
-        cases.add(f"interp{i}", "interp", lambda g, n=frames: propose(g, n), run)
+        cases.add(f"interp{i}", "interp", partial(propose, frames), run)
 
 
 def add_motion(cases: Cases, lengths: tuple[int, ...]) -> None:
@@ -162,12 +163,15 @@ def add_motion(cases: Cases, lengths: tuple[int, ...]) -> None:
         rotations, translation = reference.motion.pose(channels, margin)
         return _split("channels", channels) | {"rotations": rotations, "translation": translation}
 
+    def propose(frames: int, generator: torch.Generator) -> Tensors:
+        return {f"codes.{part}": weights.codes(frames, generator) for part in PARTS}
+
     for i, frames in enumerate(lengths):
-        cases.add(f"motion{i}", "motion", lambda g, n=frames: {f"codes.{p}": weights.codes(n, g) for p in PARTS}, run)
+        cases.add(f"motion{i}", "motion", partial(propose, frames), run)
 
 
 def add_encoders(cases: Cases, config: Config, lengths: tuple[int, ...]) -> None:
-    def propose(generator: torch.Generator, frames: int) -> Tensors:
+    def propose(frames: int, generator: torch.Generator) -> Tensors:
         return {
             f"channels.{part}": weights.motion(frames, config["vq"][part]["channels"], joints, generator)
             for part, joints in weights.PART_JOINTS.items()
@@ -178,7 +182,7 @@ def add_encoders(cases: Cases, config: Config, lengths: tuple[int, ...]) -> None
         return _split("codes", {part: reference.motion.encode(part, channels[part], margin) for part in PARTS})
 
     for i, frames in enumerate(lengths):
-        cases.add(f"vqenc{i}", "vqenc", lambda g, n=frames: propose(g, n), run)
+        cases.add(f"vqenc{i}", "vqenc", partial(propose, frames), run)
 
 
 def describe(cases: Cases) -> str:

@@ -1,9 +1,10 @@
 """The interpolation network on `torch.nn.TransformerEncoderLayer`."""
 
 import torch
+from torch import Tensor, nn
+
 from layout import MASK, PARTS, Config
 from margin import Margin
-from torch import Tensor, nn
 
 KEYFRAME, MASKED, LAST_VALID = range(3)
 

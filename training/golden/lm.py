@@ -1,11 +1,12 @@
 """Hugging Face's T5 with its feed-forwards replaced by a mixture of Hugging Face's own feed-forwards."""
 
 import torch
-from layout import PARTS, Config
-from margin import Margin
 from torch import Tensor, nn
 from transformers import T5Config, T5ForConditionalGeneration
 from transformers.models.t5.modeling_t5 import T5DenseGatedActDense
+
+from layout import PARTS, Config
+from margin import Margin
 
 
 class MixtureOfExperts(nn.Module):
@@ -71,7 +72,8 @@ class LanguageModel(nn.Module):
         return self.model.encoder(input_ids=input_ids[None]).last_hidden_state[0]
 
     def decode(self, input_ids: Tensor, decoder_input_ids: Tensor) -> Tensor:
-        return self.model(input_ids=input_ids[None], decoder_input_ids=decoder_input_ids[None], use_cache=False).logits[0]
+        output = self.model(input_ids=input_ids[None], decoder_input_ids=decoder_input_ids[None], use_cache=False)
+        return output.logits[0]
 
     def structure(self, target: int) -> list[range]:
         """The ids that each position after the decoder's start may take."""

@@ -7,17 +7,18 @@ import platform
 from importlib.metadata import version
 from pathlib import Path
 
+import torch
+from torch import Tensor
+
 import cases
 import layout
 import store
 import text
-import torch
 import weights
 from audio import front_end
 from models import MODELS, Model
 from motion import Motion
 from reference import Reference
-from torch import Tensor
 
 SEED = 20
 PACKAGES = ("torch", "transformers", "numpy", "scipy", "safetensors", "sentencepiece")

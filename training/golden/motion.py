@@ -1,13 +1,14 @@
 """VQ and root networks as `nn.Sequential`s numbered like EMAGE's, and their channels as a moving skeleton."""
 
 import numpy as np
-import skeleton
 import torch
+from scipy.spatial.transform import Rotation
+from torch import Tensor, nn
+
+import skeleton
 from audio import nearest
 from layout import PARTS, Config
 from margin import Margin
-from scipy.spatial.transform import Rotation
-from torch import Tensor, nn
 
 JOINTS_OF = {"face": (skeleton.JAW,), "hands": skeleton.HANDS, "upper": skeleton.UPPER, "lower": skeleton.LOWER}
 VELOCITY = slice(54, 57)
@@ -69,7 +70,8 @@ class Motion(nn.Module):
 
     def encode(self, part: str, channels: Tensor, margin: Margin) -> Tensor:
         """Motion `[T, C]` to codes `[T]`."""
-        return nearest(self.latents(part, channels), self.codebooks[part].weight, margin)
+        book = self.codebooks[part].get_parameter("weight")
+        return nearest(self.latents(part, channels), book, margin)
 
     def decode(self, codes: dict[str, Tensor]) -> dict[str, Tensor]:
         """Codes to the channels of each VQ decoder, untouched by the root network."""

@@ -1,16 +1,19 @@
 """One model file, loaded into all the implementations that its outputs are compared with."""
 
 import torch
+from torch import Tensor, nn
+
 from audio import front_end
 from interp import Interpolation
 from layout import Config
 from lm import LanguageModel
 from motion import Motion
-from torch import Tensor, nn
 
 
 class Reference(nn.Module):
     """Every stage of a model, from the values that its file holds."""
+
+    centroids: Tensor
 
     def __init__(self, config: Config, tensors: dict[str, Tensor], *, dense: bool) -> None:
         super().__init__()

@@ -5,9 +5,10 @@ import struct
 from pathlib import Path
 
 import torch
-from layout import Config, Shapes
 from safetensors import safe_open
 from torch import Tensor
+
+from layout import Config, Shapes
 
 STORAGE = {"F32": torch.float32, "F16": torch.float16, "BF16": torch.bfloat16}
 # A file may mix its types; this storage names one for each prefix.

@@ -63,7 +63,8 @@ def make(folder: Path) -> bytes:
     model = written.getvalue()
     (folder / "text.model").write_bytes(model)
     processor = sentencepiece.SentencePieceProcessor(model_proto=model)
-    assert processor.vocab_size() == PIECES and (processor.pad_id(), processor.eos_id(), processor.unk_id()) == (0, 1, 2)
+    assert processor.vocab_size() == PIECES
+    assert (processor.pad_id(), processor.eos_id(), processor.unk_id()) == (0, 1, 2)
     rows = [{"text": prompt, "ids": processor.encode(prompt, add_bos=False, add_eos=False)} for prompt in PROMPTS]
     assert any(2 in row["ids"] for row in rows) and len({i for row in rows for i in row["ids"]}) > 60
     head = json.dumps({"sentencepiece": version("sentencepiece"), "pieces": PIECES})[:-1]

@@ -4,8 +4,9 @@ import math
 import zlib
 
 import torch
-from layout import CODES, PARTS, Config, Shapes, feature_width
 from torch import Tensor
+
+from layout import CODES, PARTS, Config, Shapes, feature_width
 
 # Factors on the usual 1/sqrt(fan in). Routers are sharp so that choices are clear; query weights of T5,
 # which has no attention scaling, are divided by sqrt(d_kv) below.
