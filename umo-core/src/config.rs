@@ -1,0 +1,398 @@
+//! Every dimension of a model, read from its file and checked once.
+
+mod check;
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::LoadError;
+use crate::part::PerPart;
+
+/// The `config` text of a model file (SPEC 3). [`Config::parse`] is the only way to one that code may rely on.
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// Name of the model.
+    pub name: String,
+    /// Licence of the weights.
+    pub license: String,
+    /// One line that the program prints on every run, as for a model that was never trained.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub notice: Option<String>,
+    /// Poses per second.
+    pub frame_rate: usize,
+    /// Frames from one keyframe to the next.
+    pub keyframe_stride: usize,
+    /// Keyframes of history, `P`.
+    pub prefix: usize,
+    /// Keyframes predicted per chunk by default, `N`.
+    pub target: usize,
+    /// The largest `N` that a session may choose.
+    pub max_target: usize,
+    /// Frames held back by default until the next chunk (SPEC 2.8).
+    pub lookahead: usize,
+    /// Audio tokenizer.
+    pub audio: Audio,
+    /// Ids of the language model.
+    pub vocab: Vocab,
+    /// Language model.
+    pub lm: Lm,
+    /// Interpolation network.
+    pub interp: Interp,
+    /// Motion codecs.
+    pub vq: Vq,
+    /// Face channels.
+    pub face: Face,
+    /// Encoder inputs by name: `audio_to_motion`, `text_to_motion`.
+    pub templates: BTreeMap<String, Vec<TemplateItem>>,
+    /// Codes that stand for the time before the first frame.
+    pub rest: PerPart<usize>,
+    /// Default sampling.
+    pub sampling: Sampling,
+    /// Bones.
+    pub skeleton: Skeleton,
+}
+
+/// Audio tokenizer (SPEC 2.1).
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Audio {
+    /// Which tokenizer.
+    pub kind: AudioKind,
+    /// Samples per second that the tokenizer takes.
+    pub sample_rate: usize,
+    /// Audio tokens per second.
+    pub token_rate: usize,
+    /// Number of different audio tokens.
+    pub units: usize,
+    /// Dimensions of the HuBERT tokenizer, where that is the kind.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub hubert: Option<Hubert>,
+    /// Dimensions of the mel tokenizer, where that is the kind.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mel: Option<Mel>,
+}
+
+/// The kinds of audio tokenizer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum AudioKind {
+    /// HuBERT features and k-means.
+    Hubert,
+    /// Log-mel features and k-means.
+    Mel,
+}
+
+/// HuBERT, with Hugging Face's names.
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Hubert {
+    /// Channels of each convolution.
+    pub conv_dim: Vec<usize>,
+    /// Window of each convolution.
+    pub conv_kernel: Vec<usize>,
+    /// Step of each convolution.
+    pub conv_stride: Vec<usize>,
+    /// Width of the transformer.
+    pub hidden_size: usize,
+    /// Width inside a feed-forward.
+    pub intermediate_size: usize,
+    /// Heads of each layer.
+    pub num_attention_heads: usize,
+    /// Layers that are stored and run.
+    pub num_hidden_layers: usize,
+    /// Window of the position convolution.
+    pub num_conv_pos_embeddings: usize,
+    /// Groups of the position convolution.
+    pub num_conv_pos_embedding_groups: usize,
+    /// Added to variances.
+    pub layer_norm_eps: f32,
+    /// Whether samples are normalised to mean 0 and variance 1.
+    pub do_normalize: bool,
+}
+
+/// Log-mel features with deltas.
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Mel {
+    /// Samples per window.
+    pub window: usize,
+    /// Length of the Fourier transform; the window is padded with zeros.
+    pub fft: usize,
+    /// Mel bands.
+    pub bands: usize,
+    /// Least energy of a band before the logarithm.
+    pub floor: f32,
+    /// Orders of differences that follow the logarithms.
+    pub deltas: usize,
+}
+
+impl Mel {
+    /// Values per feature: the bands and each order of their differences.
+    pub fn width(&self) -> usize {
+        self.bands * (1 + self.deltas)
+    }
+}
+
+/// Ids of the language model (SPEC 2.2).
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Vocab {
+    /// Rows of the embedding table.
+    pub size: usize,
+    /// Padding id.
+    pub pad: usize,
+    /// End of sequence.
+    pub eos: usize,
+    /// First id that the decoder is given.
+    pub decoder_start: usize,
+    /// Codes of the face.
+    pub face: Modality,
+    /// Codes of the hands.
+    pub hands: Modality,
+    /// Codes of the upper body.
+    pub upper: Modality,
+    /// Codes of the lower body.
+    pub lower: Modality,
+    /// Audio units.
+    pub audio: Modality,
+}
+
+impl std::ops::Index<crate::part::Part> for Vocab {
+    type Output = Modality;
+
+    fn index(&self, part: crate::part::Part) -> &Modality {
+        match part {
+            crate::part::Part::Face => &self.face,
+            crate::part::Part::Hands => &self.hands,
+            crate::part::Part::Upper => &self.upper,
+            crate::part::Part::Lower => &self.lower,
+        }
+    }
+}
+
+/// The ids of one kind of token.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Modality {
+    /// Id of code 0.
+    pub first: usize,
+    /// Number of codes.
+    pub codes: usize,
+    /// Marker before a block.
+    pub start: usize,
+    /// Marker after a block.
+    pub end: usize,
+    /// Marker of a masked code.
+    pub mask: usize,
+}
+
+/// T5 with expert feed-forwards (SPEC 2.4), with Hugging Face's names.
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Lm {
+    /// Width.
+    pub d_model: usize,
+    /// Width of a head.
+    pub d_kv: usize,
+    /// Width inside an expert.
+    pub d_ff: usize,
+    /// Heads of each attention.
+    pub num_heads: usize,
+    /// Encoder layers.
+    pub num_layers: usize,
+    /// Decoder layers.
+    pub num_decoder_layers: usize,
+    /// Buckets of the relative position bias.
+    pub relative_attention_num_buckets: usize,
+    /// Distance from which all positions share the last bucket.
+    pub relative_attention_max_distance: usize,
+    /// Added to mean squares.
+    pub layer_norm_epsilon: f32,
+    /// Feed-forward form: `gated-gelu`.
+    pub feed_forward_proj: String,
+    /// Whether the output head is the embedding table, scaled by `d_model^-0.5`.
+    pub tie_word_embeddings: bool,
+    /// Experts of each feed-forward.
+    pub experts: usize,
+    /// Experts that a row is sent to.
+    pub top_k: usize,
+}
+
+/// Interpolation network (SPEC 2.6).
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Interp {
+    /// Width.
+    pub d_model: usize,
+    /// Heads of each attention.
+    pub num_heads: usize,
+    /// Width inside a feed-forward.
+    pub d_ff: usize,
+    /// Layers over time.
+    pub temporal_layers: usize,
+    /// Layers over the four parts of a frame.
+    pub part_layers: usize,
+    /// Rows of the position table.
+    pub max_frames: usize,
+}
+
+/// Motion codecs (SPEC 2.7).
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Vq {
+    /// Codes of each part.
+    pub codes: usize,
+    /// Width of a code's vector and of the hidden convolutions.
+    pub width: usize,
+    /// Jaw and expression.
+    pub face: Codec,
+    /// Finger joints.
+    pub hands: Codec,
+    /// Upper body joints.
+    pub upper: Codec,
+    /// Lower body joints, root velocity and foot contact.
+    pub lower: Codec,
+    /// Root network.
+    pub root: Codec,
+}
+
+impl std::ops::Index<crate::part::Part> for Vq {
+    type Output = Codec;
+
+    fn index(&self, part: crate::part::Part) -> &Codec {
+        match part {
+            crate::part::Part::Face => &self.face,
+            crate::part::Part::Hands => &self.hands,
+            crate::part::Part::Upper => &self.upper,
+            crate::part::Part::Lower => &self.lower,
+        }
+    }
+}
+
+/// One motion codec.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Codec {
+    /// Values per frame.
+    pub channels: usize,
+    /// Convolutions between the residual blocks and the last one.
+    pub layers: usize,
+}
+
+impl Codec {
+    /// Frames on each side that a decoded frame depends on: two residual blocks of two convolutions, `layers`, and one.
+    pub fn decoder_reach(&self) -> usize {
+        4 + self.layers + 1
+    }
+
+    /// Frames on each side that an encoded frame depends on: per layer one convolution and a residual block of two.
+    pub fn encoder_reach(&self) -> usize {
+        3 * self.layers
+    }
+}
+
+/// Face channels (SPEC 2.7, 3).
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Face {
+    /// What the channels after the jaw's six are.
+    pub kind: FaceKind,
+    /// Their names.
+    pub names: Vec<String>,
+}
+
+/// The kinds of face channels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FaceKind {
+    /// SMPL-X expression coefficients, unbounded.
+    SmplxExpression,
+    /// The 52 ARKit blendshapes, 0 to 1.
+    Arkit,
+}
+
+/// One item of a template: a token id, or the name of what goes there.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(untagged)]
+pub enum TemplateItem {
+    /// A token id.
+    Id(usize),
+    /// `audio`, `text`, or a part.
+    Name(String),
+}
+
+/// Default sampling (SPEC 2.5).
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Sampling {
+    /// Logits are divided by it; 0 is greedy.
+    pub temperature: f32,
+    /// Only this many of the likeliest codes; 0 is all.
+    pub top_k: usize,
+    /// Only the likeliest codes that together reach this probability.
+    pub top_p: f32,
+}
+
+/// Bones: 55 SMPL-X joints.
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Skeleton {
+    /// Parent of each joint; -1 for the first.
+    pub parents: Vec<i32>,
+    /// Each joint's place in its parent's frame at rest, metres, Y up.
+    pub offsets_m: Vec<[f32; 3]>,
+}
+
+impl Config {
+    /// Reads and checks a config.
+    ///
+    /// # Errors
+    /// [`LoadError::Config`] naming the key, what was found and what was wanted.
+    pub fn parse(text: &str) -> Result<Self, LoadError> {
+        let mut json = serde_json::Deserializer::from_str(text);
+        let config: Self = serde_path_to_error::deserialize(&mut json)
+            .map_err(|error| LoadError::config(error.path().to_string(), error.inner().to_string()))?;
+        json.end().map_err(|error| LoadError::config(".", error.to_string()))?;
+        check::check(&config)?;
+        Ok(config)
+    }
+
+    /// Samples between two audio tokens.
+    pub fn hop(&self) -> usize {
+        self.audio.sample_rate / self.audio.token_rate
+    }
+
+    /// Audio tokens between two keyframes.
+    pub fn tokens_per_keyframe(&self) -> usize {
+        self.keyframe_stride * self.audio.token_rate / self.frame_rate
+    }
+
+    /// Samples between two keyframes.
+    pub fn samples_per_keyframe(&self) -> usize {
+        self.tokens_per_keyframe() * self.hop()
+    }
+
+    /// Samples before `hop * j` that feature `j` of a stream covers.
+    pub fn feature_reach_back(&self) -> usize {
+        let window = match (&self.audio.hubert, &self.audio.mel) {
+            (Some(hubert), _) if self.audio.kind == AudioKind::Hubert => hubert.receptive_field(),
+            (_, Some(mel)) => mel.window,
+            _ => self.hop(),
+        };
+        window.saturating_sub(self.hop())
+    }
+}
+
+impl Hubert {
+    /// Samples that one feature covers.
+    pub fn receptive_field(&self) -> usize {
+        let (mut field, mut step) = (1, 1);
+        for (kernel, stride) in self.conv_kernel.iter().zip(&self.conv_stride) {
+            field += (kernel - 1) * step;
+            step *= stride;
+        }
+        field
+    }
+}

@@ -1,0 +1,109 @@
+//! What can go wrong: [`LoadError`] while a model is read, [`StepError`] while it runs.
+
+use std::fmt;
+use std::path::PathBuf;
+
+use umo_kernels::ShapeError;
+
+/// A model file that cannot be used, and what in it is wrong.
+#[derive(Debug)]
+pub enum LoadError {
+    /// The file cannot be opened or mapped.
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        cause: std::io::Error,
+    },
+    /// The file is not a safetensors file, is cut short, or is not a umo model of a known version.
+    File(String),
+    /// A number or name of the config is missing, out of range, or disagrees with another.
+    Config {
+        /// Where in the config, as `lm.d_model`.
+        key: String,
+        /// What was found and what was wanted.
+        problem: String,
+    },
+    /// A tensor is missing, has another shape or type, or holds a value that is no number.
+    Tensor {
+        /// The tensor's name in the file.
+        name: String,
+        /// What was found and what was wanted.
+        problem: String,
+    },
+}
+
+impl LoadError {
+    pub(crate) fn config(key: impl Into<String>, problem: impl Into<String>) -> Self {
+        Self::Config { key: key.into(), problem: problem.into() }
+    }
+
+    pub(crate) fn tensor(name: impl Into<String>, problem: impl Into<String>) -> Self {
+        Self::Tensor { name: name.into(), problem: problem.into() }
+    }
+}
+
+impl fmt::Display for LoadError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Io { path, cause } => write!(f, "cannot read model {}: {cause}", path.display()),
+            Self::File(problem) => write!(f, "not a usable model file: {problem}"),
+            Self::Config { key, problem } => write!(f, "config `{key}`: {problem}"),
+            Self::Tensor { name, problem } => write!(f, "tensor `{name}`: {problem}"),
+        }
+    }
+}
+
+impl std::error::Error for LoadError {}
+
+/// A step that could not be taken. `Copy`: reporting one allocates nothing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum StepError {
+    /// A kernel was called with lengths that disagree: a defect of this library.
+    Shape(ShapeError),
+    /// More input than the model or session was made for.
+    TooLong {
+        /// What is too long.
+        what: &'static str,
+        /// How many were given.
+        got: usize,
+        /// How many there may be.
+        limit: usize,
+    },
+    /// Nothing was given where at least one is needed.
+    Empty(&'static str),
+    /// An id, code or unit outside its range.
+    OutOfRange {
+        /// What is out of range.
+        what: &'static str,
+        /// The value.
+        got: usize,
+        /// One more than the largest that is allowed.
+        limit: usize,
+    },
+    /// The model file does not hold what the call needs.
+    Missing(&'static str),
+    /// A call in the wrong order, as audio after the end.
+    Order(&'static str),
+}
+
+impl From<ShapeError> for StepError {
+    fn from(error: ShapeError) -> Self {
+        Self::Shape(error)
+    }
+}
+
+impl fmt::Display for StepError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Shape(error) => write!(f, "internal: {error}"),
+            Self::TooLong { what, got, limit } => write!(f, "{what}: {got} given, at most {limit} allowed"),
+            Self::Empty(what) => write!(f, "{what}: at least one is needed"),
+            Self::OutOfRange { what, got, limit } => write!(f, "{what} {got} is outside 0..{limit}"),
+            Self::Missing(what) => write!(f, "this model has no {what}"),
+            Self::Order(problem) => write!(f, "{problem}"),
+        }
+    }
+}
+
+impl std::error::Error for StepError {}

@@ -1,0 +1,286 @@
+//! A product with packed weights at the precision that the model was loaded at.
+
+use std::ops::Range;
+
+use umo_kernels::matmul_bf16::{matmul_bf16, matmul_gated_bf16};
+use umo_kernels::matmul_f32::{Epilogue, Input, matmul_f32, matmul_gated_f32};
+use umo_kernels::matmul_i8::{QuantRows, matmul_gated_i8, matmul_i8, quantize_rows};
+use umo_kernels::{Bf16, Isa, Mat, MatMut, PANEL, PackedBf16, PackedF32, PackedI8, ShapeError};
+
+use crate::error::StepError;
+use crate::team::Team;
+
+/// How products are computed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Precision {
+    /// Weights as the file has them, f32 activations and sums.
+    F32,
+    /// Weights rounded to bfloat16, f32 activations and sums.
+    Bf16,
+    /// Int8 weights per output row, activations quantised per row, int32 sums.
+    Int8,
+}
+
+impl Precision {
+    /// The name used by `--precision`.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::F32 => "f32",
+            Self::Bf16 => "bf16",
+            Self::Int8 => "int8",
+        }
+    }
+}
+
+/// What every network computes with: the processor and the threads.
+#[derive(Clone, Copy, Debug)]
+pub struct Compute<'a> {
+    /// Back-end of every kernel.
+    pub isa: Isa,
+    /// Threads that share each product.
+    pub team: &'a Team,
+}
+
+/// Packed weights.
+#[derive(Debug)]
+pub enum Weight {
+    /// f32 panels.
+    F32(Box<[f32]>),
+    /// bf16 panels.
+    Bf16(Box<[Bf16]>),
+    /// int8 panels of quads.
+    I8 {
+        /// Packed steps.
+        steps: Box<[i8]>,
+        /// Real value of one step, per output.
+        scale: Box<[f32]>,
+        /// Sum of the steps, per output.
+        sum: Box<[i32]>,
+    },
+}
+
+/// `y = x . w^T + bias`, with `w [outputs, inputs]` packed.
+#[derive(Debug)]
+pub struct Linear {
+    weight: Weight,
+    bias: Option<Box<[f32]>>,
+    outputs: usize,
+    inputs: usize,
+}
+
+/// Room for quantised activations, `[rows, inputs]` at most.
+#[derive(Debug)]
+pub struct QuantScratch {
+    steps: Box<[i8]>,
+    scale: Box<[f32]>,
+}
+
+impl QuantScratch {
+    /// Room for `rows` rows of at most `width` values, or for more rows of fewer values.
+    pub fn new(rows: usize, width: usize) -> Self {
+        Self { steps: vec![0; rows * width].into(), scale: vec![0.0; rows].into() }
+    }
+}
+
+impl Linear {
+    /// Wraps packed weights of `[outputs, inputs]`.
+    pub fn new(weight: Weight, outputs: usize, inputs: usize) -> Self {
+        Self { weight, bias: None, outputs, inputs }
+    }
+
+    /// The same with a bias `[outputs]`.
+    #[must_use]
+    pub fn with_bias(self, bias: Box<[f32]>) -> Self {
+        Self { bias: Some(bias), ..self }
+    }
+
+    /// Outputs.
+    pub fn outputs(&self) -> usize {
+        self.outputs
+    }
+
+    /// Inputs.
+    pub fn inputs(&self) -> usize {
+        self.inputs
+    }
+
+    /// Bytes that one product reads.
+    pub fn bytes(&self) -> usize {
+        match &self.weight {
+            Weight::F32(data) => size_of_val(&**data),
+            Weight::Bf16(data) => size_of_val(&**data),
+            Weight::I8 { steps, scale, sum } => steps.len() + size_of_val(&**scale) + size_of_val(&**sum),
+        }
+    }
+
+    /// `y = end(x . w^T + bias)`; `end.bias` is set by this call.
+    ///
+    /// Shapes: `x [rows, inputs]`, `y [rows, outputs]`.
+    ///
+    /// # Errors
+    /// [`StepError`] where a length disagrees.
+    pub fn forward(
+        &self,
+        cx: Compute,
+        quant: &mut QuantScratch,
+        x: Mat<f32>,
+        end: Epilogue,
+        y: MatMut<f32>,
+    ) -> Result<(), StepError> {
+        self.forward_outputs(cx, quant, x, 0..self.outputs, end, y)
+    }
+
+    /// The outputs `range` alone, which starts at a multiple of [`PANEL`]: as the rows of one part in the output head.
+    ///
+    /// # Errors
+    /// [`StepError`] where a length disagrees.
+    pub fn forward_outputs(
+        &self,
+        cx: Compute,
+        quant: &mut QuantScratch,
+        x: Mat<f32>,
+        range: Range<usize>,
+        end: Epilogue,
+        y: MatMut<f32>,
+    ) -> Result<(), StepError> {
+        let input = self.input(cx, quant, x)?;
+        self.apply(cx, input, None, range, end, y)
+    }
+
+    /// The product of input that is ready, over the rows that `index` names (or all).
+    ///
+    /// # Errors
+    /// [`StepError`] where a length disagrees.
+    pub fn apply(
+        &self,
+        cx: Compute,
+        x: Ready,
+        index: Option<&[u32]>,
+        range: Range<usize>,
+        end: Epilogue,
+        y: MatMut<f32>,
+    ) -> Result<(), StepError> {
+        let end = Epilogue { bias: self.bias.as_deref().map(|bias| &bias[range.clone()]), ..end };
+        let work = x.rows(index) * self.inputs * range.len();
+        cx.team.columns(y, PANEL, work, |columns, y| {
+            let end = end.outputs(columns.clone());
+            let outputs = range.start + columns.start..range.start + columns.end;
+            match (&self.weight, x) {
+                (Weight::F32(_), Ready::Float(x)) => matmul_f32(cx.isa, gather(x, index)?, self.f32(outputs)?, end, y)?,
+                (Weight::Bf16(_), Ready::Float(x)) => {
+                    matmul_bf16(cx.isa, gather(x, index)?, self.bf16(outputs)?, end, y)?
+                }
+                (Weight::I8 { .. }, Ready::Quant(x)) => matmul_i8(cx.isa, x.view()?, index, self.i8(outputs)?, end, y)?,
+                _ => return Err(MISMATCH),
+            }
+            Ok(())
+        })
+    }
+
+    /// `y = gelu_tanh(x . self^T) * (x . up^T)` over the rows that `index` names (or all).
+    ///
+    /// # Errors
+    /// [`StepError`] where a length disagrees.
+    pub fn apply_gated(
+        &self,
+        up: &Self,
+        cx: Compute,
+        x: Ready,
+        index: Option<&[u32]>,
+        y: MatMut<f32>,
+    ) -> Result<(), StepError> {
+        let work = 2 * x.rows(index) * self.inputs * self.outputs;
+        cx.team.columns(y, PANEL, work, |r, y| {
+            match (&self.weight, &up.weight, x) {
+                (Weight::F32(_), Weight::F32(_), Ready::Float(x)) => {
+                    matmul_gated_f32(cx.isa, gather(x, index)?, self.f32(r.clone())?, up.f32(r)?, y)?;
+                }
+                (Weight::Bf16(_), Weight::Bf16(_), Ready::Float(x)) => {
+                    matmul_gated_bf16(cx.isa, gather(x, index)?, self.bf16(r.clone())?, up.bf16(r)?, y)?;
+                }
+                (Weight::I8 { .. }, Weight::I8 { .. }, Ready::Quant(x)) => {
+                    matmul_gated_i8(cx.isa, x.view()?, index, self.i8(r.clone())?, up.i8(r)?, y)?;
+                }
+                _ => return Err(MISMATCH),
+            }
+            Ok(())
+        })
+    }
+
+    /// Makes `x` ready for this product and all others of the same precision: quantises it where they are int8.
+    ///
+    /// # Errors
+    /// [`StepError`] where `quant` is too small.
+    pub fn input<'a>(&self, cx: Compute, quant: &'a mut QuantScratch, x: Mat<'a, f32>) -> Result<Ready<'a>, StepError> {
+        if !matches!(self.weight, Weight::I8 { .. }) {
+            return Ok(Ready::Float(x));
+        }
+        let (rows, width) = (x.rows(), x.cols());
+        if quant.scale.len() < rows || quant.steps.len() < rows * width {
+            return Err(ShapeError { arg: "quant", want: rows * width, got: quant.steps.len() }.into());
+        }
+        let steps = MatMut::new(&mut quant.steps, rows, width)?;
+        quantize_rows(cx.isa, x, steps, &mut quant.scale[..rows])?;
+        Ok(Ready::Quant(Quantised { steps: &quant.steps, scale: &quant.scale[..rows], width }))
+    }
+
+    fn f32(&self, range: Range<usize>) -> Result<PackedF32<'_>, StepError> {
+        let Weight::F32(data) = &self.weight else { return Err(MISMATCH) };
+        Ok(PackedF32::new(data, self.outputs, self.inputs)?.outputs(range))
+    }
+
+    fn bf16(&self, range: Range<usize>) -> Result<PackedBf16<'_>, StepError> {
+        let Weight::Bf16(data) = &self.weight else { return Err(MISMATCH) };
+        Ok(PackedBf16::new(data, self.outputs, self.inputs)?.outputs(range))
+    }
+
+    fn i8(&self, range: Range<usize>) -> Result<PackedI8<'_>, StepError> {
+        let Weight::I8 { steps, scale, sum } = &self.weight else { return Err(MISMATCH) };
+        Ok(PackedI8::new(steps, scale, sum, self.outputs, self.inputs)?.outputs(range))
+    }
+}
+
+/// Weights of one precision met input of another: a defect of this library.
+const MISMATCH: StepError = StepError::Shape(ShapeError { arg: "precision", want: 0, got: 1 });
+
+fn gather<'a>(x: Mat<'a, f32>, index: Option<&'a [u32]>) -> Result<Input<'a, f32>, ShapeError> {
+    match index {
+        Some(index) => Input::gather(x, index),
+        None => Ok(Input::all(x)),
+    }
+}
+
+/// Activations in the form that a product takes.
+#[derive(Clone, Copy, Debug)]
+pub enum Ready<'a> {
+    /// As they are.
+    Float(Mat<'a, f32>),
+    /// Quantised.
+    Quant(Quantised<'a>),
+}
+
+impl Ready<'_> {
+    fn rows(&self, index: Option<&[u32]>) -> usize {
+        index.map_or_else(
+            || match self {
+                Self::Float(x) => x.rows(),
+                Self::Quant(x) => x.scale.len(),
+            },
+            <[u32]>::len,
+        )
+    }
+}
+
+/// Quantised rows in a scratch.
+#[derive(Clone, Copy, Debug)]
+pub struct Quantised<'a> {
+    steps: &'a [i8],
+    scale: &'a [f32],
+    width: usize,
+}
+
+impl<'a> Quantised<'a> {
+    fn view(&self) -> Result<QuantRows<'a>, ShapeError> {
+        QuantRows::new(Mat::new(self.steps, self.scale.len(), self.width)?, self.scale)
+    }
+}

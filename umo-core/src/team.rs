@@ -1,0 +1,339 @@
+//! Fork-join over a few threads: the work of one product is cut by columns or rows, each piece by the same arithmetic,
+//! so that the number of threads never changes a bit.
+//!
+//! A token costs 80 to 100 joins, so waking a sleeping thread for each (15 to 35 us) is out of the question: workers spin
+//! for a bounded time and only then park. Nothing here allocates or locks once the team is made.
+#![expect(unsafe_code, reason = "a job borrows the caller's stack while the caller waits for it")]
+
+use std::cell::UnsafeCell;
+use std::ops::Range;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicU32, AtomicUsize, Ordering};
+use std::thread::{JoinHandle, Thread};
+
+use umo_kernels::MatMut;
+
+use crate::error::StepError;
+
+/// Most threads of a team.
+pub const MAX_THREADS: usize = 64;
+
+/// Multiply-adds below which a job is not worth sharing: about a microsecond of one core.
+const WORTH_SHARING: usize = 1 << 15;
+
+/// Times that a worker looks for a job before it parks: some 50 us.
+const SPINS: u32 = 20_000;
+
+/// A job: called once per thread with the thread's index.
+type Job<'a> = dyn Fn(usize) + Sync + 'a;
+
+/// A few threads that share each piece of work. `threads` of them, the caller included.
+#[derive(Debug)]
+pub struct Team {
+    shared: Arc<Shared>,
+    workers: Vec<JoinHandle<()>>,
+    threads: usize,
+}
+
+#[derive(Debug)]
+struct Shared {
+    /// Counts jobs; a change is the signal to start.
+    epoch: AtomicU32,
+    /// The job of this epoch: a pointer to a `&Job` on the caller's stack.
+    job: AtomicPtr<()>,
+    /// Workers that have not finished the job.
+    pending: AtomicUsize,
+    /// A worker panicked in the job.
+    panicked: AtomicBool,
+    /// The team is being dropped.
+    stop: AtomicBool,
+    /// A job is under way.
+    busy: AtomicBool,
+    /// Which workers may be parked.
+    parked: Vec<AtomicBool>,
+}
+
+impl Team {
+    /// A team of `threads` threads (1 to [`MAX_THREADS`]), of which the caller is one; with 1 everything runs inline.
+    ///
+    /// # Errors
+    /// What the system says when it cannot start a thread.
+    pub fn new(threads: usize) -> std::io::Result<Self> {
+        let threads = threads.clamp(1, MAX_THREADS);
+        let shared = Arc::new(Shared {
+            epoch: AtomicU32::new(0),
+            job: AtomicPtr::new(std::ptr::null_mut()),
+            pending: AtomicUsize::new(0),
+            panicked: AtomicBool::new(false),
+            stop: AtomicBool::new(false),
+            busy: AtomicBool::new(false),
+            parked: (1..threads).map(|_| AtomicBool::new(false)).collect(),
+        });
+        let mut team = Self { shared, workers: Vec::with_capacity(threads - 1), threads };
+        for index in 1..threads {
+            let shared = Arc::clone(&team.shared);
+            let name = format!("umo-{index}");
+            team.workers.push(std::thread::Builder::new().name(name).spawn(move || work(&shared, index))?);
+        }
+        Ok(team)
+    }
+
+    /// Number of threads, the caller included.
+    pub fn threads(&self) -> usize {
+        self.threads
+    }
+
+    /// Runs `job(i)` for every `i` below the number of threads, each on its own thread, and waits for all.
+    ///
+    /// A call while another is under way runs all of them on the calling thread. Panics where `job` did.
+    pub fn run(&self, job: &Job) {
+        let alone = self.threads == 1 || self.shared.busy.swap(true, Ordering::Acquire);
+        if alone {
+            (0..self.threads).for_each(job);
+            return;
+        }
+        let shared = &*self.shared;
+        shared.job.store((&raw const job).cast_mut().cast(), Ordering::Relaxed);
+        shared.pending.store(self.threads - 1, Ordering::Relaxed);
+        // SeqCst pairs with the worker's: either it sees the new epoch before it parks, or we see that it is parked.
+        shared.epoch.fetch_add(1, Ordering::SeqCst);
+        for (parked, worker) in shared.parked.iter().zip(&self.workers) {
+            if parked.load(Ordering::SeqCst) {
+                wake(worker.thread());
+            }
+        }
+        let own = catch_unwind(AssertUnwindSafe(|| job(0)));
+        let mut spins = 0_u32;
+        while shared.pending.load(Ordering::Acquire) != 0 {
+            spins = spins.wrapping_add(1);
+            if spins.is_multiple_of(SPINS) { std::thread::yield_now() } else { std::hint::spin_loop() }
+        }
+        let panicked = shared.panicked.swap(false, Ordering::Relaxed);
+        shared.busy.store(false, Ordering::Release);
+        if let Err(payload) = own {
+            std::panic::resume_unwind(payload);
+        }
+        assert!(!panicked, "a worker thread panicked");
+    }
+
+    /// Cuts the columns of `y` into one piece per thread, each a multiple of `granule` wide (but the last), and calls
+    /// `f(columns, piece)` for each. `work` is the job's multiply-adds: little work is not shared.
+    ///
+    /// # Errors
+    /// One of the errors that `f` returned.
+    pub fn columns<'a, T: Send>(
+        &self,
+        y: MatMut<'a, T>,
+        granule: usize,
+        work: usize,
+        f: impl Fn(Range<usize>, MatMut<'a, T>) -> Result<(), StepError> + Sync,
+    ) -> Result<(), StepError> {
+        let total = y.cols();
+        self.split(y, total, granule, work, |y, at| y.split_columns(at), f)
+    }
+
+    /// The same for rows.
+    ///
+    /// # Errors
+    /// One of the errors that `f` returned.
+    pub fn rows<'a, T: Send>(
+        &self,
+        y: MatMut<'a, T>,
+        work: usize,
+        f: impl Fn(Range<usize>, MatMut<'a, T>) -> Result<(), StepError> + Sync,
+    ) -> Result<(), StepError> {
+        let total = y.rows();
+        self.split(y, total, 1, work, |y, at| y.split_rows(at), f)
+    }
+
+    fn split<'a, T: Send>(
+        &self,
+        y: MatMut<'a, T>,
+        total: usize,
+        granule: usize,
+        work: usize,
+        cut: impl Fn(MatMut<'a, T>, usize) -> (MatMut<'a, T>, MatMut<'a, T>),
+        f: impl Fn(Range<usize>, MatMut<'a, T>) -> Result<(), StepError> + Sync,
+    ) -> Result<(), StepError> {
+        let share = total.div_ceil(granule).div_ceil(self.threads) * granule;
+        if self.threads == 1 || work < WORTH_SHARING || share >= total {
+            return f(0..total, y);
+        }
+        let pieces: [Piece<MatMut<'a, T>>; MAX_THREADS] = std::array::from_fn(|_| Piece::empty());
+        let (mut rest, mut start) = (y, 0);
+        for piece in &pieces[..self.threads] {
+            let end = (start + share).min(total);
+            let (head, tail) = cut(rest, end - start);
+            piece.put(head);
+            (rest, start) = (tail, end);
+        }
+        self.run(&|thread| {
+            let piece = &pieces[thread];
+            let range = (thread * share).min(total)..((thread + 1) * share).min(total);
+            if let (Some(y), false) = (piece.take(), range.is_empty()) {
+                piece.finish(f(range, y));
+            }
+        });
+        pieces.iter().find_map(Piece::error).map_or(Ok(()), Err)
+    }
+}
+
+impl Drop for Team {
+    fn drop(&mut self) {
+        self.shared.stop.store(true, Ordering::Relaxed);
+        self.shared.epoch.fetch_add(1, Ordering::SeqCst);
+        for worker in self.workers.drain(..) {
+            worker.thread().unpark();
+            // A worker catches panics of its jobs, so it cannot have panicked itself.
+            drop(worker.join());
+        }
+    }
+}
+
+#[cold]
+fn wake(thread: &Thread) {
+    thread.unpark();
+}
+
+/// A worker's life: wait for the epoch to change, run the job, report.
+fn work(shared: &Shared, index: usize) {
+    let mut seen = 0;
+    loop {
+        seen = next_epoch(shared, index, seen);
+        if shared.stop.load(Ordering::Relaxed) {
+            return;
+        }
+        let job = shared.job.load(Ordering::Relaxed).cast::<&Job>();
+        // SAFETY: `run` stored a pointer to its own `job` argument before it raised the epoch that we have seen
+        // (release and acquire through `epoch`), and it does not return before `pending` reaches 0 below.
+        let job: &Job = unsafe { *job };
+        if catch_unwind(AssertUnwindSafe(|| job(index))).is_err() {
+            shared.panicked.store(true, Ordering::Relaxed);
+        }
+        shared.pending.fetch_sub(1, Ordering::Release);
+    }
+}
+
+/// Spins, then parks, until the epoch differs from `seen`.
+fn next_epoch(shared: &Shared, index: usize, seen: u32) -> u32 {
+    for _ in 0..SPINS {
+        let epoch = shared.epoch.load(Ordering::Acquire);
+        if epoch != seen {
+            return epoch;
+        }
+        std::hint::spin_loop();
+    }
+    let parked = &shared.parked[index - 1];
+    parked.store(true, Ordering::SeqCst);
+    loop {
+        let epoch = shared.epoch.load(Ordering::SeqCst);
+        if epoch != seen {
+            parked.store(false, Ordering::Relaxed);
+            return epoch;
+        }
+        std::thread::park();
+    }
+}
+
+/// One thread's piece of the output, and what became of it.
+struct Piece<T> {
+    input: UnsafeCell<Option<T>>,
+    error: UnsafeCell<Option<StepError>>,
+}
+
+// SAFETY: during `run` the cells of piece `i` are touched by thread `i` alone; before and after it by the caller alone,
+// and `run` orders the two.
+unsafe impl<T: Send> Sync for Piece<T> {}
+
+impl<T> Piece<T> {
+    fn empty() -> Self {
+        Self { input: UnsafeCell::new(None), error: UnsafeCell::new(None) }
+    }
+
+    fn put(&self, value: T) {
+        // SAFETY: called by the caller before `run`, when no other thread has the piece.
+        let input = unsafe { &mut *self.input.get() };
+        *input = Some(value);
+    }
+
+    fn take(&self) -> Option<T> {
+        // SAFETY: called by thread `i` for piece `i` alone.
+        let input = unsafe { &mut *self.input.get() };
+        input.take()
+    }
+
+    fn finish(&self, result: Result<(), StepError>) {
+        // SAFETY: called by thread `i` for piece `i` alone.
+        let error = unsafe { &mut *self.error.get() };
+        *error = result.err();
+    }
+
+    fn error(&self) -> Option<StepError> {
+        // SAFETY: called by the caller after `run`, when every thread is done.
+        let error = unsafe { &*self.error.get() };
+        *error
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_piece_is_visited_once_on_any_thread_count() {
+        for threads in [1, 2, 3, 8] {
+            let team = Team::new(threads).unwrap();
+            for cols in [0, 1, 15, 16, 17, 100, 333] {
+                let mut data = vec![0_u32; 3 * cols];
+                for round in 0..50 {
+                    let y = MatMut::new(&mut data, 3, cols).unwrap();
+                    team.columns(y, 16, usize::MAX, |range, mut y| {
+                        assert_eq!(range.len(), y.cols());
+                        for row in 0..3 {
+                            y.row_mut(row).iter_mut().for_each(|v| *v += 1);
+                        }
+                        Ok(())
+                    })
+                    .unwrap();
+                    assert!(data.iter().all(|&v| v == round + 1));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn an_error_of_any_piece_comes_back() {
+        let team = Team::new(4).unwrap();
+        let mut data = vec![0.0_f32; 4];
+        let y = MatMut::new(&mut data, 4, 1).unwrap();
+        let result =
+            team.rows(y, usize::MAX, |range, _| if range.contains(&2) { Err(StepError::Empty("two")) } else { Ok(()) });
+        assert_eq!(result, Err(StepError::Empty("two")));
+    }
+
+    #[test]
+    fn a_parked_team_wakes_up() {
+        let team = Team::new(2).unwrap();
+        let count = AtomicUsize::new(0);
+        for _ in 0..20 {
+            std::thread::sleep(std::time::Duration::from_millis(5));
+            team.run(&|_| {
+                count.fetch_add(1, Ordering::Relaxed);
+            });
+        }
+        assert_eq!(count.load(Ordering::Relaxed), 40);
+    }
+
+    #[test]
+    fn a_panic_in_a_worker_reaches_the_caller_and_the_team_lives_on() {
+        let team = Team::new(2).unwrap();
+        let result = catch_unwind(AssertUnwindSafe(|| team.run(&|i| assert!(i == 0, "planned"))));
+        assert!(result.is_err());
+        let count = AtomicUsize::new(0);
+        team.run(&|_| {
+            count.fetch_add(1, Ordering::Relaxed);
+        });
+        assert_eq!(count.load(Ordering::Relaxed), 2);
+    }
+}

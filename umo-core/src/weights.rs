@@ -1,0 +1,280 @@
+//! The only reader of model files: bytes to checked tensors, each error naming what is wrong.
+
+mod loader;
+mod source;
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use half::{bf16, f16};
+use safetensors::SafeTensors;
+use safetensors::tensor::{Dtype, Metadata, TensorInfo};
+
+pub use loader::{Loader, Table};
+
+use crate::config::Config;
+use crate::error::LoadError;
+use source::Source;
+
+/// The version of the format that this library reads and writes.
+pub const FORMAT_VERSION: &str = "1";
+
+/// A model file: its bytes (mapped, owned or static), its config, and where each tensor lies.
+#[derive(Debug)]
+pub struct ModelFile {
+    source: Source,
+    config: Config,
+    tensors: HashMap<String, TensorInfo>,
+    data_start: usize,
+}
+
+impl ModelFile {
+    /// Maps a file and checks its structure and config; tensors are checked as they are loaded.
+    ///
+    /// # Errors
+    /// [`LoadError`] naming the file, key or tensor.
+    pub fn open(path: &Path) -> Result<Self, LoadError> {
+        Self::from_source(Source::open(path)?)
+    }
+
+    /// The same for bytes in memory.
+    ///
+    /// # Errors
+    /// [`LoadError`] naming the key or tensor.
+    pub fn from_bytes(bytes: Vec<u8>) -> Result<Self, LoadError> {
+        Self::from_source(Source::Owned(bytes))
+    }
+
+    /// The same for bytes that live as long as the program, which are not copied.
+    ///
+    /// # Errors
+    /// [`LoadError`] naming the key or tensor.
+    pub fn from_static(bytes: &'static [u8]) -> Result<Self, LoadError> {
+        Self::from_source(Source::Static(bytes))
+    }
+
+    fn from_source(source: Source) -> Result<Self, LoadError> {
+        let bytes = source.bytes();
+        let (header_len, metadata) = SafeTensors::read_metadata(bytes).map_err(|e| LoadError::File(e.to_string()))?;
+        let data_start = header_len + 8;
+        let want = data_start + data_len(&metadata);
+        if bytes.len() != want {
+            return Err(LoadError::File(format!("expected {want} bytes, got {}", bytes.len())));
+        }
+        let config = Config::parse(config_text(&metadata)?)?;
+        let tensors = metadata.tensors().into_iter().map(|(name, info)| (name, info.clone())).collect();
+        Ok(Self { source, config, tensors, data_start })
+    }
+
+    /// Every dimension of the model.
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
+
+    /// Bytes of the whole file.
+    pub fn len(&self) -> usize {
+        self.source.bytes().len()
+    }
+
+    /// Whether the file has no bytes; never so for a file that was opened.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Name, type name, shape and bytes of every tensor, by name.
+    pub fn tensors(&self) -> Vec<(&str, String, &[usize], usize)> {
+        let mut list: Vec<_> = self
+            .tensors
+            .iter()
+            .map(|(name, info)| {
+                let bytes = info.data_offsets.1 - info.data_offsets.0;
+                (name.as_str(), format!("{:?}", info.dtype), info.shape.as_slice(), bytes)
+            })
+            .collect();
+        list.sort_unstable_by_key(|(name, ..)| *name);
+        list
+    }
+
+    /// Whether the file has a tensor of this name.
+    pub fn has(&self, name: &str) -> bool {
+        self.tensors.contains_key(name)
+    }
+
+    /// The raw bytes of a U8 tensor of one dimension, as `text.tokenizer`.
+    ///
+    /// # Errors
+    /// [`LoadError::Tensor`] where it is missing or of another type.
+    pub fn raw(&self, name: &str) -> Result<&[u8], LoadError> {
+        let info = self.info(name)?;
+        if info.dtype != Dtype::U8 || info.shape.len() != 1 {
+            return Err(LoadError::tensor(
+                name,
+                format!("expected U8 of one dimension, got {:?} {:?}", info.dtype, info.shape),
+            ));
+        }
+        Ok(self.slice(info))
+    }
+
+    /// The tensor `name`, which must be `shape`: F32, F16, BF16, or I8 with `name.scale`.
+    ///
+    /// # Errors
+    /// [`LoadError::Tensor`] where it is missing or of another shape or type.
+    pub fn tensor(&self, name: &str, shape: &[usize]) -> Result<Tensor<'_>, LoadError> {
+        let info = self.info(name)?;
+        if info.shape != shape {
+            return Err(LoadError::tensor(name, format!("expected {shape:?}, got {:?}", info.shape)));
+        }
+        let bytes = self.slice(info);
+        let data = match info.dtype {
+            Dtype::F32 => Data::F32(bytes.as_chunks().0),
+            Dtype::F16 => Data::F16(bytes.as_chunks().0),
+            Dtype::BF16 => Data::Bf16(bytes.as_chunks().0),
+            Dtype::I8 => Data::I8(bytes, self.scales(name, shape.first().copied().unwrap_or(1))?),
+            other => {
+                return Err(LoadError::tensor(name, format!("expected F32, F16, BF16 or I8, got {other:?}")));
+            }
+        };
+        let rows = shape.first().copied().unwrap_or(1);
+        Ok(Tensor { name: name.to_owned(), data, rows, cols: shape.iter().skip(1).product() })
+    }
+
+    fn scales(&self, name: &str, rows: usize) -> Result<Vec<f32>, LoadError> {
+        let scale = self.tensor(&format!("{name}.scale"), &[rows])?;
+        let mut values = vec![0.0; rows];
+        if matches!(scale.data, Data::I8(..)) {
+            return Err(LoadError::tensor(scale.name, "expected F32, got I8"));
+        }
+        scale.read(&mut values)?;
+        Ok(values)
+    }
+
+    fn info(&self, name: &str) -> Result<&TensorInfo, LoadError> {
+        self.tensors.get(name).ok_or_else(|| LoadError::tensor(name, "missing"))
+    }
+
+    fn slice(&self, info: &TensorInfo) -> &[u8] {
+        &self.source.bytes()[self.data_start + info.data_offsets.0..self.data_start + info.data_offsets.1]
+    }
+
+    /// Tells the system that the pages of `tensor` were read and need not stay in memory.
+    fn release(&self, tensor: &Tensor) {
+        let (start, len) = tensor.extent();
+        self.source.release(start as usize - self.source.bytes().as_ptr() as usize, len);
+    }
+}
+
+fn data_len(metadata: &Metadata) -> usize {
+    metadata.tensors().values().map(|info| info.data_offsets.1).max().unwrap_or(0)
+}
+
+fn config_text(metadata: &Metadata) -> Result<&str, LoadError> {
+    let entries = metadata.metadata().as_ref();
+    let entry = |key: &str| entries.and_then(|entries| entries.get(key)).map(String::as_str);
+    match entry("format") {
+        Some("umo") => {}
+        Some(other) => return Err(LoadError::File(format!("metadata `format`: expected \"umo\", got {other:?}"))),
+        None => return Err(LoadError::File("metadata `format` is missing: this is no umo model".to_owned())),
+    }
+    match entry("version") {
+        Some(FORMAT_VERSION) => {}
+        other => {
+            let got = other.unwrap_or("nothing");
+            return Err(LoadError::File(format!("metadata `version`: expected \"{FORMAT_VERSION}\", got {got:?}")));
+        }
+    }
+    entry("config").ok_or_else(|| LoadError::File("metadata `config` is missing".to_owned()))
+}
+
+/// A tensor of the file as rows of its first dimension.
+#[derive(Debug)]
+pub struct Tensor<'a> {
+    name: String,
+    data: Data<'a>,
+    rows: usize,
+    cols: usize,
+}
+
+/// A tensor's values as the file has them (little-endian, not aligned).
+#[derive(Debug)]
+enum Data<'a> {
+    F32(&'a [[u8; 4]]),
+    F16(&'a [[u8; 2]]),
+    Bf16(&'a [[u8; 2]]),
+    I8(&'a [u8], Vec<f32>),
+}
+
+impl Tensor<'_> {
+    /// Rows: the first dimension.
+    pub fn rows(&self) -> usize {
+        self.rows
+    }
+
+    /// Values per row.
+    pub fn cols(&self) -> usize {
+        self.cols
+    }
+
+    /// Whether the values are stored as bfloat16.
+    pub fn is_bf16(&self) -> bool {
+        matches!(self.data, Data::Bf16(_))
+    }
+
+    /// Whether the values are stored as int8 steps.
+    pub fn is_i8(&self) -> bool {
+        matches!(self.data, Data::I8(..))
+    }
+
+    /// Reads row `row` into `out [cols]`.
+    ///
+    /// # Errors
+    /// [`LoadError::Tensor`] where a value is not finite.
+    pub fn read_row(&self, row: usize, out: &mut [f32]) -> Result<(), LoadError> {
+        let range = row * self.cols..(row + 1) * self.cols;
+        match &self.data {
+            Data::F32(data) => convert(&data[range], out, |v| f32::from_le_bytes(*v)),
+            Data::F16(data) => convert(&data[range], out, |v| f16::from_le_bytes(*v).to_f32()),
+            Data::Bf16(data) => convert(&data[range], out, |v| bf16::from_le_bytes(*v).to_f32()),
+            Data::I8(data, scale) => convert(&data[range], out, |v| f32::from(v.cast_signed()) * scale[row]),
+        }
+        match out.iter().position(|v| !v.is_finite()) {
+            None => Ok(()),
+            Some(i) => {
+                Err(LoadError::tensor(&*self.name, format!("value [{row}, {i}] is {}, not a finite number", out[i])))
+            }
+        }
+    }
+
+    /// The int8 steps of row `row` and the real value of one step, where the tensor is stored so.
+    pub fn steps(&self, row: usize) -> Option<(&[u8], f32)> {
+        match &self.data {
+            Data::I8(data, scale) => Some((&data[row * self.cols..(row + 1) * self.cols], scale[row])),
+            _ => None,
+        }
+    }
+
+    /// Reads every value.
+    ///
+    /// # Errors
+    /// [`LoadError::Tensor`] where a value is not finite.
+    pub fn read(&self, out: &mut [f32]) -> Result<(), LoadError> {
+        if self.cols == 0 {
+            return Ok(());
+        }
+        out.chunks_exact_mut(self.cols).enumerate().try_for_each(|(row, out)| self.read_row(row, out))
+    }
+
+    /// Where the bytes lie in memory, and how many there are.
+    fn extent(&self) -> (*const u8, usize) {
+        match &self.data {
+            Data::F32(data) => (data.as_ptr().cast(), size_of_val(*data)),
+            Data::F16(data) | Data::Bf16(data) => (data.as_ptr().cast(), size_of_val(*data)),
+            Data::I8(data, _) => (data.as_ptr(), data.len()),
+        }
+    }
+}
+
+fn convert<T>(data: &[T], out: &mut [f32], f: impl Fn(&T) -> f32) {
+    for (out, value) in out.iter_mut().zip(data) {
+        *out = f(value);
+    }
+}

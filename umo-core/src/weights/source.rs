@@ -1,0 +1,58 @@
+//! Where a model's bytes live. The memory map is one of the two places outside the kernels that hold `unsafe`.
+#![expect(unsafe_code, reason = "a memory map is shared with whoever may change the file")]
+
+use std::fs::File;
+use std::path::Path;
+
+use memmap2::{Mmap, UncheckedAdvice};
+
+use crate::error::LoadError;
+
+/// A model's bytes.
+#[derive(Debug)]
+pub(super) enum Source {
+    Mapped(Mmap),
+    Owned(Vec<u8>),
+    Static(&'static [u8]),
+}
+
+impl Source {
+    pub(super) fn open(path: &Path) -> Result<Self, LoadError> {
+        let io = |cause| LoadError::Io { path: path.to_owned(), cause };
+        let file = File::open(path).map_err(io)?;
+        let metadata = file.metadata().map_err(io)?;
+        if metadata.is_dir() {
+            return Err(io(std::io::Error::other("it is a directory")));
+        }
+        if metadata.len() == 0 {
+            return Err(LoadError::File("the file is empty".to_owned()));
+        }
+        // SAFETY: the map is read-only and private to this process. Another process that rewrites the file in place
+        // could change what we read; every value is checked as it is read, indices are never taken from it later, and
+        // the documentation of the model file says to replace model files by renaming.
+        let map = unsafe { Mmap::map(&file) }.map_err(io)?;
+        Ok(Self::Mapped(map))
+    }
+
+    pub(super) fn bytes(&self) -> &[u8] {
+        match self {
+            Self::Mapped(map) => map,
+            Self::Owned(bytes) => bytes,
+            Self::Static(bytes) => bytes,
+        }
+    }
+
+    /// Lets the system drop the pages inside `offset..offset + len` from this process; they are read again when needed.
+    pub(super) fn release(&self, offset: usize, len: usize) {
+        const PAGE: usize = 4096;
+        let Self::Mapped(map) = self else { return };
+        let start = offset.next_multiple_of(PAGE);
+        let end = (offset + len) / PAGE * PAGE;
+        if start < end {
+            // SAFETY: the map is read-only and backed by the file, so dropped pages come back with the same bytes.
+            let dropped = unsafe { map.unchecked_advise_range(UncheckedAdvice::DontNeed, start, end - start) };
+            // Advice is only advice: a system that does not take it keeps the pages.
+            drop(dropped);
+        }
+    }
+}
