@@ -11,6 +11,7 @@
 pub mod config;
 pub mod error;
 pub mod linear;
+pub mod lm;
 pub mod motion;
 pub mod part;
 pub mod team;

@@ -259,7 +259,20 @@ pub enum Ready<'a> {
     Quant(Quantised<'a>),
 }
 
-impl Ready<'_> {
+impl<'a> Ready<'a> {
+    /// The rows `range`. Panics where `range` ends beyond them.
+    #[must_use]
+    pub fn row_range(self, range: Range<usize>) -> Ready<'a> {
+        match self {
+            Self::Float(x) => Self::Float(x.row_range(range)),
+            Self::Quant(x) => Self::Quant(Quantised {
+                steps: &x.steps[range.start * x.width..range.end * x.width],
+                scale: &x.scale[range],
+                width: x.width,
+            }),
+        }
+    }
+
     fn rows(&self, index: Option<&[u32]>) -> usize {
         index.map_or_else(
             || match self {

@@ -1,5 +1,7 @@
 //! Tensors to the forms that the networks compute with: packed products, vectors and tables.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 use umo_kernels::pack::{PANEL, pack, pack_i8, packed_len, packed_len_i8, panels, quantize_weight_row};
 use umo_kernels::{Bf16, Isa, Mat};
@@ -83,6 +85,22 @@ impl<'a> Loader<'a> {
     pub fn linear(&self, names: &[String], outputs: &[usize], inputs: usize) -> Result<Linear, LoadError> {
         let tensors = names.iter().zip(outputs).map(|(name, &n)| self.file.tensor(name, &[n, inputs]));
         self.product(&tensors.collect::<Result<Vec<_>, _>>()?, Order::Same)
+    }
+
+    /// The rows `range` of a product without bias, `[total, inputs]` in the file.
+    ///
+    /// # Errors
+    /// [`LoadError`] naming the tensor.
+    pub fn linear_rows(
+        &self,
+        name: &str,
+        total: usize,
+        range: Range<usize>,
+        inputs: usize,
+    ) -> Result<Linear, LoadError> {
+        let tensor = self.file.tensor(name, &[total, inputs])?;
+        let tensors = std::slice::from_ref(&tensor);
+        self.pack(&Rows { tensors, first: range.start, n: range.len(), order: Order::Same })
     }
 
     /// A product with bias: `{name}.weight` `[outputs, inputs]` and `{name}.bias`.

@@ -1,0 +1,227 @@
+//! The language model: T5 with expert feed-forwards, its inputs, and the codes that it writes (paper sections 3.1, 3.2;
+//! SPEC 2.2 to 2.5).
+
+pub mod attention;
+pub mod decoder;
+pub mod encoder;
+pub mod experts;
+pub mod generate;
+pub mod layout;
+pub mod sampler;
+pub mod text;
+
+use umo_kernels::matmul_f32::Epilogue;
+use umo_kernels::{Mat, MatMut};
+
+use crate::config::Config;
+use crate::error::{LoadError, StepError};
+use crate::linear::{Compute, Linear, QuantScratch};
+use crate::part::{Part, PerPart};
+use crate::weights::{Loader, Table};
+use decoder::{Decoder, DecoderCache, Sequence};
+use encoder::Encoder;
+
+/// T5-MoE: embeddings, encoder, decoder and the rows of the output head that are ever sampled.
+#[derive(Debug)]
+pub struct Lm {
+    embedding: Table,
+    encoder: Encoder,
+    decoder: Decoder,
+    heads: PerPart<Linear>,
+    /// What hidden states are multiplied by before the head: `d_model^-0.5` where it is tied to the embedding.
+    head_scale: f32,
+    d_model: usize,
+    vocab: usize,
+}
+
+impl Lm {
+    /// Loads `lm.*`.
+    ///
+    /// # Errors
+    /// [`LoadError`] naming the tensor.
+    #[expect(clippy::cast_precision_loss, reason = "widths are far below 2^24")]
+    pub fn load(loader: &Loader) -> Result<Self, LoadError> {
+        let config = loader.file().config();
+        let (d_model, vocab) = (config.lm.d_model, config.vocab.size);
+        let head = |part| {
+            let m = &config.vocab[part];
+            loader.exact().linear_rows(head_name(config), vocab, m.first..m.first + m.codes, d_model)
+        };
+        Ok(Self {
+            embedding: loader.table("lm.shared.weight", vocab, d_model)?,
+            encoder: Encoder::load(loader)?,
+            decoder: Decoder::load(loader)?,
+            heads: PerPart::try_from_fn(head)?,
+            head_scale: if config.lm.tie_word_embeddings { (d_model as f32).sqrt().recip() } else { 1.0 },
+            d_model,
+            vocab,
+        })
+    }
+
+    /// Width of the hidden states.
+    pub fn d_model(&self) -> usize {
+        self.d_model
+    }
+
+    /// Runs the encoder over sequences that stand one below the other.
+    ///
+    /// Shapes: `ids [rows]`, `lengths` sum to `rows`, `hidden [rows, d_model]` (overwritten).
+    ///
+    /// # Errors
+    /// [`StepError`] where an id is outside the vocabulary, or there are more rows than `scratch` was made for.
+    pub fn encode(
+        &self,
+        cx: Compute,
+        scratch: &mut LmScratch,
+        ids: &[u32],
+        lengths: &[usize],
+        hidden: &mut [f32],
+    ) -> Result<(), StepError> {
+        scratch.check_rows(ids.len())?;
+        self.embed(ids, &mut scratch.hidden)?;
+        self.encoder.forward(cx, scratch, lengths, hidden)
+    }
+
+    /// Runs the decoder over the new rows of each sequence; the states after the final norm stay in `scratch`, one row
+    /// per new id in order.
+    ///
+    /// # Errors
+    /// [`StepError`] where an id is outside the vocabulary, a cache is full, or there are too many rows.
+    pub fn decode(&self, cx: Compute, scratch: &mut LmScratch, sequences: &mut [Sequence]) -> Result<(), StepError> {
+        let rows = sequences.iter().map(|s| s.ids.len()).sum();
+        scratch.check_rows(rows)?;
+        let mut first = 0;
+        for sequence in sequences.iter() {
+            let count = sequence.ids.len();
+            self.embed(sequence.ids, &mut scratch.hidden[first * self.d_model..(first + count) * self.d_model])?;
+            first += count;
+        }
+        self.decoder.forward(cx, scratch, sequences)
+    }
+
+    /// Fills the cross-attention keys and values of `cache` from encoder states `[rows, d_model]`.
+    ///
+    /// # Errors
+    /// [`StepError`] where the cache is too small.
+    pub fn attend_to(
+        &self,
+        cx: Compute,
+        scratch: &mut LmScratch,
+        hidden: Mat<f32>,
+        cache: &mut DecoderCache,
+    ) -> Result<(), StepError> {
+        self.decoder.attend_to(cx, &mut scratch.quant, hidden, cache)
+    }
+
+    /// Logits of `part`'s codes for row `row` of the last [`Self::decode`], into `logits [codes]`.
+    ///
+    /// # Errors
+    /// [`StepError`] where a length disagrees.
+    pub fn code_logits(
+        &self,
+        cx: Compute,
+        scratch: &mut LmScratch,
+        row: usize,
+        part: Part,
+        logits: &mut [f32],
+    ) -> Result<(), StepError> {
+        let head = &self.heads[part];
+        let state = Mat::new(&scratch.normed[row * self.d_model..], 1, self.d_model)?;
+        let y = MatMut::new(logits, 1, head.outputs())?;
+        head.forward(cx, &mut scratch.quant, state, Epilogue::STORE, y)?;
+        if self.head_scale != 1.0 {
+            logits.iter_mut().for_each(|v| *v *= self.head_scale);
+        }
+        Ok(())
+    }
+
+    /// Logits of the whole vocabulary for the first `rows` rows of the last [`Self::decode`]; `head` is from
+    /// [`full_head`]. For checking a model, not for the stream.
+    ///
+    /// # Errors
+    /// [`StepError`] where a length disagrees.
+    pub fn all_logits(
+        &self,
+        cx: Compute,
+        scratch: &mut LmScratch,
+        head: &Linear,
+        rows: usize,
+    ) -> Result<Vec<f32>, StepError> {
+        let mut logits = vec![0.0; rows * self.vocab];
+        let states = Mat::new(&scratch.normed, rows, self.d_model)?;
+        let y = MatMut::new(&mut logits, rows, self.vocab)?;
+        head.forward(cx, &mut scratch.quant, states, Epilogue::STORE, y)?;
+        logits.iter_mut().for_each(|v| *v *= self.head_scale);
+        Ok(logits)
+    }
+
+    fn embed(&self, ids: &[u32], hidden: &mut [f32]) -> Result<(), StepError> {
+        for (&id, hidden) in ids.iter().zip(hidden.chunks_exact_mut(self.d_model)) {
+            let id = id as usize;
+            if id >= self.vocab {
+                return Err(StepError::OutOfRange { what: "token id", got: id, limit: self.vocab });
+            }
+            self.embedding.gather(id, hidden);
+        }
+        Ok(())
+    }
+}
+
+/// Name of the tensor that holds the output head.
+fn head_name(config: &Config) -> &'static str {
+    if config.lm.tie_word_embeddings { "lm.shared.weight" } else { "lm.lm_head.weight" }
+}
+
+/// The whole output head, for [`Lm::all_logits`].
+///
+/// # Errors
+/// [`LoadError`] naming the tensor.
+pub fn full_head(loader: &Loader) -> Result<Linear, LoadError> {
+    let config = loader.file().config();
+    loader.exact().linear(&[head_name(config).to_owned()], &[config.vocab.size], config.lm.d_model)
+}
+
+/// Everything that a pass over at most `rows` rows needs and forgets.
+#[derive(Debug)]
+pub struct LmScratch {
+    /// Residual stream, `[rows, d_model]`.
+    pub(crate) hidden: Box<[f32]>,
+    /// Normed rows, `[rows, d_model]`; after a pass, the final states.
+    pub(crate) normed: Box<[f32]>,
+    /// Queries, keys and values, `[rows, 3 * heads * d_kv]`.
+    pub(crate) qkv: Box<[f32]>,
+    /// Attention output, `[rows, heads * d_kv]`.
+    pub(crate) context: Box<[f32]>,
+    /// Routing and the experts' hidden rows.
+    pub(crate) experts: experts::ExpertScratch,
+    /// Quantised activations.
+    pub(crate) quant: QuantScratch,
+    rows: usize,
+}
+
+impl LmScratch {
+    /// Room for passes over at most `rows` rows in all.
+    pub fn new(config: &Config, rows: usize) -> Self {
+        let lm = &config.lm;
+        let inner = lm.num_heads * lm.d_kv;
+        let widest = (lm.d_model.max(inner)).max(lm.d_ff * lm.top_k);
+        let zeros = |len| vec![0.0; len].into_boxed_slice();
+        Self {
+            hidden: zeros(rows * lm.d_model),
+            normed: zeros(rows * lm.d_model),
+            qkv: zeros(rows * 3 * inner),
+            context: zeros(rows * inner),
+            experts: experts::ExpertScratch::new(lm, rows),
+            quant: QuantScratch::new(rows * lm.top_k, widest.div_ceil(lm.top_k)),
+            rows,
+        }
+    }
+
+    fn check_rows(&self, rows: usize) -> Result<(), StepError> {
+        match rows {
+            0 => Err(StepError::Empty("tokens")),
+            _ if rows > self.rows => Err(StepError::TooLong { what: "tokens", got: rows, limit: self.rows }),
+            _ => Ok(()),
+        }
+    }
+}

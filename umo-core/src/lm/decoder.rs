@@ -1,0 +1,264 @@
+//! The decoder: new rows against cached keys and values (paper section 3.1; SPEC 2.4, 2.5).
+
+use umo_kernels::attention::{Visible, attention_f32};
+use umo_kernels::matmul_f32::Epilogue;
+use umo_kernels::norm::rms_norm;
+use umo_kernels::{Mat, MatMut, ShapeError};
+
+use super::LmScratch;
+use super::attention::{PositionBias, Projections, projection};
+use super::experts::Experts;
+use super::layout::{max_decoder_tokens, max_encoder_tokens};
+use crate::config::Config;
+use crate::error::{LoadError, StepError};
+use crate::linear::{Compute, Linear, QuantScratch};
+use crate::weights::Loader;
+
+/// The decoder stack.
+#[derive(Debug)]
+pub(super) struct Decoder {
+    layers: Box<[Layer]>,
+    bias: PositionBias,
+    norm: Box<[f32]>,
+    eps: f32,
+    heads: usize,
+    d_kv: usize,
+}
+
+#[derive(Debug)]
+struct Layer {
+    self_norm: Box<[f32]>,
+    self_attention: Projections,
+    cross_norm: Box<[f32]>,
+    cross_attention: Projections,
+    /// `[2 * inner, d]`: keys and values of the encoder's states.
+    cross_kv: Linear,
+    experts: Experts,
+}
+
+/// Keys and values of one sequence: those of the encoder's states, and those of the ids decoded so far.
+#[derive(Debug)]
+pub struct DecoderCache {
+    /// `[layers, own_max, 2 * inner]`: keys, then values.
+    own: Box<[f32]>,
+    /// `[layers, cross_max, 2 * inner]`.
+    cross: Box<[f32]>,
+    own_len: usize,
+    cross_len: usize,
+    own_max: usize,
+    cross_max: usize,
+    width: usize,
+}
+
+impl DecoderCache {
+    /// Room for the longest sequences that the model's templates and chunks make.
+    pub fn new(config: &Config) -> Self {
+        let (layers, width) = (config.lm.num_decoder_layers, 2 * config.lm.num_heads * config.lm.d_kv);
+        let (own_max, cross_max) = (max_decoder_tokens(config), max_encoder_tokens(config));
+        Self {
+            own: vec![0.0; layers * own_max * width].into(),
+            cross: vec![0.0; layers * cross_max * width].into(),
+            own_len: 0,
+            cross_len: 0,
+            own_max,
+            cross_max,
+            width,
+        }
+    }
+
+    fn own_layer(&self, layer: usize, rows: usize) -> Result<Mat<'_, f32>, ShapeError> {
+        Mat::new(&self.own[layer * self.own_max * self.width..], rows, self.width)
+    }
+
+    fn cross_layer(&self, layer: usize) -> Result<Mat<'_, f32>, ShapeError> {
+        Mat::new(&self.cross[layer * self.cross_max * self.width..], self.cross_len, self.width)
+    }
+}
+
+/// New ids of one sequence, whose earlier ids are in its cache.
+#[derive(Debug)]
+pub struct Sequence<'a> {
+    /// The ids to decode.
+    pub ids: &'a [u32],
+    /// Keys and values.
+    pub cache: &'a mut DecoderCache,
+}
+
+impl Decoder {
+    pub(super) fn load(loader: &Loader) -> Result<Self, LoadError> {
+        let config = loader.file().config();
+        let lm = &config.lm;
+        let layer = |i: usize| {
+            let block = format!("lm.decoder.block.{i}.layer");
+            let norm = |j: usize| loader.vector(&format!("{block}.{j}.layer_norm.weight"), lm.d_model);
+            let cross = format!("{block}.1.EncDecAttention");
+            Ok(Layer {
+                self_norm: norm(0)?,
+                self_attention: Projections::load(loader, &format!("{block}.0.SelfAttention"), lm, &["q", "k", "v"])?,
+                cross_norm: norm(1)?,
+                cross_attention: Projections::load(loader, &cross, lm, &["q"])?,
+                cross_kv: projection(loader, &cross, lm, &["k", "v"])?,
+                experts: Experts::load(loader, &format!("{block}.2"), lm)?,
+            })
+        };
+        let bias = "lm.decoder.block.0.layer.0.SelfAttention.relative_attention_bias.weight";
+        Ok(Self {
+            layers: (0..lm.num_decoder_layers).map(layer).collect::<Result<_, LoadError>>()?,
+            bias: PositionBias::load(loader, bias, lm, false, max_decoder_tokens(config))?,
+            norm: loader.vector("lm.decoder.final_layer_norm.weight", lm.d_model)?,
+            eps: lm.layer_norm_epsilon,
+            heads: lm.num_heads,
+            d_kv: lm.d_kv,
+        })
+    }
+
+    /// Fills `cache` with the keys and values of encoder states and forgets the ids decoded so far.
+    pub(super) fn attend_to(
+        &self,
+        cx: Compute,
+        quant: &mut QuantScratch,
+        states: Mat<f32>,
+        cache: &mut DecoderCache,
+    ) -> Result<(), StepError> {
+        let rows = states.rows();
+        if rows > cache.cross_max {
+            return Err(StepError::TooLong { what: "encoder tokens", got: rows, limit: cache.cross_max });
+        }
+        (cache.cross_len, cache.own_len) = (rows, 0);
+        for (layer, kv) in self.layers.iter().zip(cache.cross.chunks_exact_mut(cache.cross_max * cache.width)) {
+            let y = MatMut::new(kv, rows, cache.width)?;
+            layer.cross_kv.forward(cx, quant, states, Epilogue::STORE, y)?;
+        }
+        Ok(())
+    }
+
+    /// Runs all layers over `scratch.hidden`, whose rows are the new ids of `sequences` in order; the final states are
+    /// left in `scratch.normed`.
+    pub(super) fn forward(
+        &self,
+        cx: Compute,
+        scratch: &mut LmScratch,
+        sequences: &mut [Sequence],
+    ) -> Result<(), StepError> {
+        let d = self.norm.len();
+        let rows = sequences.iter().map(|s| s.ids.len()).sum::<usize>();
+        for sequence in sequences.iter() {
+            let got = sequence.cache.own_len + sequence.ids.len();
+            let limit = sequence.cache.own_max;
+            if got > limit {
+                return Err(StepError::TooLong { what: "decoder tokens", got, limit });
+            }
+            if sequence.cache.cross_len == 0 {
+                return Err(StepError::Order("the decoder was run before the encoder"));
+            }
+        }
+        for (i, layer) in self.layers.iter().enumerate() {
+            self.attend_own(cx, scratch, (i, layer), sequences, rows)?;
+            self.attend_cross(cx, scratch, (i, layer), sequences, rows)?;
+            let LmScratch { hidden, normed, experts, quant, .. } = scratch;
+            layer.experts.forward(cx, quant, experts, &mut hidden[..rows * d], &mut normed[..rows * d])?;
+        }
+        for sequence in sequences {
+            sequence.cache.own_len += sequence.ids.len();
+        }
+        let LmScratch { hidden, normed, .. } = scratch;
+        rms_norm(cx.isa, Mat::new(hidden, rows, d)?, &self.norm, self.eps, MatMut::new(normed, rows, d)?)?;
+        Ok(())
+    }
+
+    /// Causal attention of the new rows over everything decoded so far.
+    fn attend_own(
+        &self,
+        cx: Compute,
+        scratch: &mut LmScratch,
+        (index, layer): (usize, &Layer),
+        sequences: &mut [Sequence],
+        rows: usize,
+    ) -> Result<(), StepError> {
+        let (d, inner) = (self.norm.len(), self.heads * self.d_kv);
+        let LmScratch { hidden, normed, qkv, context, quant, .. } = scratch;
+        rms_norm(cx.isa, Mat::new(hidden, rows, d)?, &layer.self_norm, self.eps, MatMut::new(normed, rows, d)?)?;
+        let x = Mat::new(normed, rows, d)?;
+        layer.self_attention.input.forward(cx, quant, x, Epilogue::STORE, MatMut::new(qkv, rows, 3 * inner)?)?;
+        let qkv = Mat::new(qkv, rows, 3 * inner)?;
+        append(sequences, index, qkv.columns(inner..3 * inner));
+
+        let context = &mut context[..rows * inner];
+        self.heads(cx, sequences, qkv.columns(0..inner), context, |sequence, head, q, y| {
+            let first = sequence.cache.own_len;
+            let kv = sequence.cache.own_layer(index, first + sequence.ids.len())?;
+            let at = head * self.d_kv;
+            let (k, v) = (kv.columns(at..at + self.d_kv), kv.columns(inner + at..inner + at + self.d_kv));
+            attention_f32(cx.isa, q, k, v, 1.0, Some(self.bias.of(head, first)), Visible::Causal { first }, y)
+        })?;
+        let context = Mat::new(context, rows, inner)?;
+        layer.self_attention.output.forward(cx, quant, context, Epilogue::ADD, MatMut::new(hidden, rows, d)?)
+    }
+
+    /// Attention of the new rows over the encoder's states.
+    fn attend_cross(
+        &self,
+        cx: Compute,
+        scratch: &mut LmScratch,
+        (index, layer): (usize, &Layer),
+        sequences: &[Sequence],
+        rows: usize,
+    ) -> Result<(), StepError> {
+        let (d, inner) = (self.norm.len(), self.heads * self.d_kv);
+        let LmScratch { hidden, normed, qkv, context, quant, .. } = scratch;
+        rms_norm(cx.isa, Mat::new(hidden, rows, d)?, &layer.cross_norm, self.eps, MatMut::new(normed, rows, d)?)?;
+        let x = Mat::new(normed, rows, d)?;
+        layer.cross_attention.input.forward(cx, quant, x, Epilogue::STORE, MatMut::new(qkv, rows, inner)?)?;
+
+        let (q, context) = (Mat::new(qkv, rows, inner)?, &mut context[..rows * inner]);
+        self.heads(cx, sequences, q, context, |sequence, head, q, y| {
+            let kv = sequence.cache.cross_layer(index)?;
+            let at = head * self.d_kv;
+            let (k, v) = (kv.columns(at..at + self.d_kv), kv.columns(inner + at..inner + at + self.d_kv));
+            attention_f32(cx.isa, q, k, v, 1.0, None, Visible::All, y)
+        })?;
+        let context = Mat::new(context, rows, inner)?;
+        layer.cross_attention.output.forward(cx, quant, context, Epilogue::ADD, MatMut::new(hidden, rows, d)?)
+    }
+
+    /// Calls `f(sequence, head, queries, output)` for every sequence and head, heads shared by the threads.
+    fn heads(
+        &self,
+        cx: Compute,
+        sequences: &[Sequence],
+        q: Mat<f32>,
+        context: &mut [f32],
+        f: impl Fn(&Sequence, usize, Mat<f32>, MatMut<f32>) -> Result<(), ShapeError> + Sync,
+    ) -> Result<(), StepError> {
+        let keys = sequences.iter().map(|s| s.cache.cross_len.max(s.cache.own_len)).max().unwrap_or(0);
+        let y = MatMut::new(context, q.rows(), q.cols())?;
+        cx.team.columns(y, self.d_kv, 2 * q.rows() * keys * q.cols(), |columns, y| {
+            let (mut rest, mut first) = (y, 0);
+            for sequence in sequences {
+                let count = sequence.ids.len();
+                let (mut y, below) = rest.split_rows(count);
+                for at in columns.clone().step_by(self.d_kv) {
+                    let (head, tail) = y.split_columns(self.d_kv);
+                    let q = q.row_range(first..first + count).columns(at..at + self.d_kv);
+                    f(sequence, at / self.d_kv, q, head)?;
+                    y = tail;
+                }
+                (rest, first) = (below, first + count);
+            }
+            Ok(())
+        })
+    }
+}
+
+/// Appends each sequence's new keys and values, rows of `kv`, to its cache of one layer.
+fn append(sequences: &mut [Sequence], layer: usize, kv: Mat<f32>) {
+    let mut row = 0;
+    for sequence in sequences {
+        let cache = &mut *sequence.cache;
+        let start = (layer * cache.own_max + cache.own_len) * cache.width;
+        for (i, out) in cache.own[start..].chunks_exact_mut(cache.width).take(sequence.ids.len()).enumerate() {
+            out.copy_from_slice(kv.row(row + i));
+        }
+        row += sequence.ids.len();
+    }
+}

@@ -1,0 +1,110 @@
+//! The encoder: every token sees the whole input (paper section 3.1; SPEC 2.4).
+
+use umo_kernels::attention::{Visible, attention_f32};
+use umo_kernels::matmul_f32::Epilogue;
+use umo_kernels::norm::rms_norm;
+use umo_kernels::{Mat, MatMut};
+
+use super::LmScratch;
+use super::attention::{PositionBias, Projections};
+use super::experts::Experts;
+use super::layout::max_encoder_tokens;
+use crate::error::{LoadError, StepError};
+use crate::linear::Compute;
+use crate::weights::Loader;
+
+/// The encoder stack.
+#[derive(Debug)]
+pub(super) struct Encoder {
+    layers: Box<[Layer]>,
+    bias: PositionBias,
+    norm: Box<[f32]>,
+    eps: f32,
+    heads: usize,
+    d_kv: usize,
+}
+
+#[derive(Debug)]
+struct Layer {
+    norm: Box<[f32]>,
+    attention: Projections,
+    experts: Experts,
+}
+
+impl Encoder {
+    pub(super) fn load(loader: &Loader) -> Result<Self, LoadError> {
+        let config = loader.file().config();
+        let lm = &config.lm;
+        let layer = |i: usize| {
+            let block = format!("lm.encoder.block.{i}.layer");
+            Ok(Layer {
+                norm: loader.vector(&format!("{block}.0.layer_norm.weight"), lm.d_model)?,
+                attention: Projections::load(loader, &format!("{block}.0.SelfAttention"), lm, &["q", "k", "v"])?,
+                experts: Experts::load(loader, &format!("{block}.1"), lm)?,
+            })
+        };
+        let bias = "lm.encoder.block.0.layer.0.SelfAttention.relative_attention_bias.weight";
+        Ok(Self {
+            layers: (0..lm.num_layers).map(layer).collect::<Result<_, LoadError>>()?,
+            bias: PositionBias::load(loader, bias, lm, true, max_encoder_tokens(config))?,
+            norm: loader.vector("lm.encoder.final_layer_norm.weight", lm.d_model)?,
+            eps: lm.layer_norm_epsilon,
+            heads: lm.num_heads,
+            d_kv: lm.d_kv,
+        })
+    }
+
+    /// Runs all layers over `scratch.hidden`, whose rows are sequences of `lengths`; writes `out [rows, d_model]`.
+    pub(super) fn forward(
+        &self,
+        cx: Compute,
+        scratch: &mut LmScratch,
+        lengths: &[usize],
+        out: &mut [f32],
+    ) -> Result<(), StepError> {
+        let (d, rows) = (self.norm.len(), lengths.iter().sum::<usize>());
+        if let Some(&got) = lengths.iter().find(|&&len| len > self.bias.positions()) {
+            return Err(StepError::TooLong { what: "encoder tokens", got, limit: self.bias.positions() });
+        }
+        for layer in &self.layers {
+            self.attend(cx, scratch, layer, lengths)?;
+            let LmScratch { hidden, normed, experts, quant, .. } = scratch;
+            layer.experts.forward(cx, quant, experts, &mut hidden[..rows * d], &mut normed[..rows * d])?;
+        }
+        let hidden = Mat::new(&scratch.hidden, rows, d)?;
+        rms_norm(cx.isa, hidden, &self.norm, self.eps, MatMut::new(out, rows, d)?)?;
+        Ok(())
+    }
+
+    /// `hidden += o(attention(qkv(norm(hidden))))`, each sequence by itself.
+    fn attend(&self, cx: Compute, scratch: &mut LmScratch, layer: &Layer, lengths: &[usize]) -> Result<(), StepError> {
+        let (d, rows, inner) = (self.norm.len(), lengths.iter().sum::<usize>(), self.heads * self.d_kv);
+        let LmScratch { hidden, normed, qkv, context, quant, .. } = scratch;
+        rms_norm(cx.isa, Mat::new(hidden, rows, d)?, &layer.norm, self.eps, MatMut::new(normed, rows, d)?)?;
+        let x = Mat::new(normed, rows, d)?;
+        layer.attention.input.forward(cx, quant, x, Epilogue::STORE, MatMut::new(qkv, rows, 3 * inner)?)?;
+
+        let qkv = Mat::new(qkv, rows, 3 * inner)?;
+        let longest = lengths.iter().copied().max().unwrap_or(0);
+        let y = MatMut::new(context, rows, inner)?;
+        cx.team.columns(y, self.d_kv, 2 * rows * longest * inner, |columns, y| {
+            let (mut rest, mut first) = (y, 0);
+            for &len in lengths {
+                let (mut y, below) = rest.split_rows(len);
+                let block = qkv.row_range(first..first + len);
+                for at in columns.clone().step_by(self.d_kv) {
+                    let (head, tail) = y.split_columns(self.d_kv);
+                    let of = |kind: usize| block.columns(kind * inner + at..kind * inner + at + self.d_kv);
+                    let bias = Some(self.bias.of(at / self.d_kv, 0));
+                    attention_f32(cx.isa, of(0), of(1), of(2), 1.0, bias, Visible::All, head)?;
+                    y = tail;
+                }
+                (rest, first) = (below, first + len);
+            }
+            Ok(())
+        })?;
+
+        let context = Mat::new(context, rows, inner)?;
+        layer.attention.output.forward(cx, quant, context, Epilogue::ADD, MatMut::new(hidden, rows, d)?)
+    }
+}
