@@ -49,6 +49,9 @@ class LanguageModel(nn.Module):
         )
         self.model = T5ForConditionalGeneration(t5).eval()
         assert t5.scale_decoder_outputs == sizes["tie_word_embeddings"]
+        if not sizes["tie_word_embeddings"]:
+            # transformers 5 ties the head to the embedding whatever the config says; Flan-T5's is its own.
+            self.model.lm_head = nn.Linear(t5.d_model, t5.vocab_size, bias=False)
         if not dense:
             for stack in (self.model.encoder, self.model.decoder):
                 for block in stack.block:

@@ -14,6 +14,7 @@ pub mod linear;
 pub mod lm;
 pub mod motion;
 pub mod part;
+pub mod stage;
 pub mod team;
 pub mod weights;
 

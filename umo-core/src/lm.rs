@@ -21,6 +21,22 @@ use crate::weights::{Loader, Table};
 use decoder::{Decoder, DecoderCache, Sequence};
 use encoder::Encoder;
 
+/// The longest sequences that a model is loaded for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Lengths {
+    /// Encoder tokens.
+    pub encoder: usize,
+    /// Decoder tokens.
+    pub decoder: usize,
+}
+
+impl Lengths {
+    /// What the model's own templates and chunks need.
+    pub fn of(config: &Config) -> Self {
+        Self { encoder: layout::max_encoder_tokens(config), decoder: layout::max_decoder_tokens(config) }
+    }
+}
+
 /// T5-MoE: embeddings, encoder, decoder and the rows of the output head that are ever sampled.
 #[derive(Debug)]
 pub struct Lm {
@@ -35,12 +51,12 @@ pub struct Lm {
 }
 
 impl Lm {
-    /// Loads `lm.*`.
+    /// Loads `lm.*` for sequences of at most `lengths`.
     ///
     /// # Errors
     /// [`LoadError`] naming the tensor.
     #[expect(clippy::cast_precision_loss, reason = "widths are far below 2^24")]
-    pub fn load(loader: &Loader) -> Result<Self, LoadError> {
+    pub fn load(loader: &Loader, lengths: Lengths) -> Result<Self, LoadError> {
         let config = loader.file().config();
         let (d_model, vocab) = (config.lm.d_model, config.vocab.size);
         let head = |part| {
@@ -49,8 +65,8 @@ impl Lm {
         };
         Ok(Self {
             embedding: loader.table("lm.shared.weight", vocab, d_model)?,
-            encoder: Encoder::load(loader)?,
-            decoder: Decoder::load(loader)?,
+            encoder: Encoder::load(loader, lengths.encoder)?,
+            decoder: Decoder::load(loader, lengths.decoder)?,
             heads: PerPart::try_from_fn(head)?,
             head_scale: if config.lm.tie_word_embeddings { (d_model as f32).sqrt().recip() } else { 1.0 },
             d_model,

@@ -5,10 +5,9 @@ use umo_kernels::matmul_f32::Epilogue;
 use umo_kernels::norm::rms_norm;
 use umo_kernels::{Mat, MatMut, ShapeError};
 
-use super::LmScratch;
+use super::{Lengths, LmScratch};
 use super::attention::{PositionBias, Projections, projection};
 use super::experts::Experts;
-use super::layout::{max_decoder_tokens, max_encoder_tokens};
 use crate::config::Config;
 use crate::error::{LoadError, StepError};
 use crate::linear::{Compute, Linear, QuantScratch};
@@ -51,10 +50,10 @@ pub struct DecoderCache {
 }
 
 impl DecoderCache {
-    /// Room for the longest sequences that the model's templates and chunks make.
-    pub fn new(config: &Config) -> Self {
+    /// Room for sequences of at most `lengths`.
+    pub fn new(config: &Config, lengths: Lengths) -> Self {
         let (layers, width) = (config.lm.num_decoder_layers, 2 * config.lm.num_heads * config.lm.d_kv);
-        let (own_max, cross_max) = (max_decoder_tokens(config), max_encoder_tokens(config));
+        let (own_max, cross_max) = (lengths.decoder, lengths.encoder);
         Self {
             own: vec![0.0; layers * own_max * width].into(),
             cross: vec![0.0; layers * cross_max * width].into(),
@@ -85,7 +84,7 @@ pub struct Sequence<'a> {
 }
 
 impl Decoder {
-    pub(super) fn load(loader: &Loader) -> Result<Self, LoadError> {
+    pub(super) fn load(loader: &Loader, positions: usize) -> Result<Self, LoadError> {
         let config = loader.file().config();
         let lm = &config.lm;
         let layer = |i: usize| {
@@ -104,7 +103,7 @@ impl Decoder {
         let bias = "lm.decoder.block.0.layer.0.SelfAttention.relative_attention_bias.weight";
         Ok(Self {
             layers: (0..lm.num_decoder_layers).map(layer).collect::<Result<_, LoadError>>()?,
-            bias: PositionBias::load(loader, bias, lm, false, max_decoder_tokens(config))?,
+            bias: PositionBias::load(loader, bias, lm, false, positions)?,
             norm: loader.vector("lm.decoder.final_layer_norm.weight", lm.d_model)?,
             eps: lm.layer_norm_epsilon,
             heads: lm.num_heads,
@@ -144,7 +143,7 @@ impl Decoder {
         let rows = sequences.iter().map(|s| s.ids.len()).sum::<usize>();
         for sequence in sequences.iter() {
             let got = sequence.cache.own_len + sequence.ids.len();
-            let limit = sequence.cache.own_max;
+            let limit = sequence.cache.own_max.min(self.bias.positions());
             if got > limit {
                 return Err(StepError::TooLong { what: "decoder tokens", got, limit });
             }

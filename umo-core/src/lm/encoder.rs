@@ -8,7 +8,6 @@ use umo_kernels::{Mat, MatMut};
 use super::LmScratch;
 use super::attention::{PositionBias, Projections};
 use super::experts::Experts;
-use super::layout::max_encoder_tokens;
 use crate::error::{LoadError, StepError};
 use crate::linear::Compute;
 use crate::weights::Loader;
@@ -32,7 +31,7 @@ struct Layer {
 }
 
 impl Encoder {
-    pub(super) fn load(loader: &Loader) -> Result<Self, LoadError> {
+    pub(super) fn load(loader: &Loader, positions: usize) -> Result<Self, LoadError> {
         let config = loader.file().config();
         let lm = &config.lm;
         let layer = |i: usize| {
@@ -46,7 +45,7 @@ impl Encoder {
         let bias = "lm.encoder.block.0.layer.0.SelfAttention.relative_attention_bias.weight";
         Ok(Self {
             layers: (0..lm.num_layers).map(layer).collect::<Result<_, LoadError>>()?,
-            bias: PositionBias::load(loader, bias, lm, true, max_encoder_tokens(config))?,
+            bias: PositionBias::load(loader, bias, lm, true, positions)?,
             norm: loader.vector("lm.encoder.final_layer_norm.weight", lm.d_model)?,
             eps: lm.layer_norm_epsilon,
             heads: lm.num_heads,

@@ -1,0 +1,194 @@
+//! One stage alone, tensors in and tensors out: what whoever ports a checkpoint compares with the framework that it came
+//! from (SPEC 3.1).
+
+mod tensors;
+
+use std::fmt;
+
+use umo_kernels::Mat;
+
+use crate::error::{LoadError, StepError};
+use crate::linear::Compute;
+use crate::lm::decoder::{DecoderCache, Sequence};
+use crate::lm::generate::Generator;
+use crate::lm::sampler::Sampler;
+use crate::lm::{Lengths, Lm, LmScratch, full_head};
+use crate::part::{Part, PerPart};
+use crate::team::Team;
+use crate::weights::Loader;
+pub use tensors::{Inputs, Output, Values, serialize};
+
+/// The stages, by the names of SPEC 3.1.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stage {
+    /// HuBERT: samples to features and units.
+    Hubert,
+    /// Mel features: samples to features and units.
+    Mel,
+    /// Encoder: ids to hidden states.
+    Encoder,
+    /// Decoder under teacher forcing: ids to logits.
+    Decoder,
+    /// Encoder and decoder: ids to codes.
+    Generate,
+    /// Interpolation network: codes with masks to codes.
+    Interp,
+    /// Motion decoders: codes to poses.
+    Motion,
+}
+
+impl Stage {
+    /// All stages.
+    pub const ALL: [Self; 7] =
+        [Self::Hubert, Self::Mel, Self::Encoder, Self::Decoder, Self::Generate, Self::Interp, Self::Motion];
+
+    /// The name used on the command line.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Hubert => "hubert",
+            Self::Mel => "mel",
+            Self::Encoder => "encoder",
+            Self::Decoder => "decoder",
+            Self::Generate => "generate",
+            Self::Interp => "interp",
+            Self::Motion => "motion",
+        }
+    }
+
+    /// The stage of this name.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|stage| stage.name() == name)
+    }
+}
+
+/// What `generate` is told beside its input.
+#[derive(Clone, Copy, Debug)]
+pub struct Options {
+    /// Codes per part; the model's default where not given.
+    pub target: Option<usize>,
+    /// How codes are drawn.
+    pub sampler: Sampler,
+}
+
+/// A stage that could not be run.
+#[derive(Debug)]
+pub enum StageError {
+    /// The model cannot be used.
+    Load(LoadError),
+    /// The stage failed on its input.
+    Step(StepError),
+    /// An input tensor is missing or of another type or shape.
+    Input {
+        /// Its name.
+        name: String,
+        /// What was found and what was wanted.
+        problem: String,
+    },
+}
+
+impl fmt::Display for StageError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Load(error) => error.fmt(f),
+            Self::Step(error) => error.fmt(f),
+            Self::Input { name, problem } => write!(f, "input tensor `{name}`: {problem}"),
+        }
+    }
+}
+
+impl std::error::Error for StageError {}
+
+impl From<LoadError> for StageError {
+    fn from(error: LoadError) -> Self {
+        Self::Load(error)
+    }
+}
+
+impl From<StepError> for StageError {
+    fn from(error: StepError) -> Self {
+        Self::Step(error)
+    }
+}
+
+impl From<umo_kernels::ShapeError> for StageError {
+    fn from(error: umo_kernels::ShapeError) -> Self {
+        Self::Step(error.into())
+    }
+}
+
+/// Runs `stage` on `inputs` and returns its outputs.
+///
+/// # Errors
+/// [`StageError`] naming the tensor, key or input that is wrong.
+pub fn run(
+    stage: Stage,
+    loader: &Loader,
+    team: &Team,
+    inputs: &Inputs,
+    options: Options,
+) -> Result<Vec<Output>, StageError> {
+    let cx = Compute { isa: loader.isa(), team };
+    match stage {
+        Stage::Encoder => encoder(cx, loader, inputs),
+        Stage::Decoder => decoder(cx, loader, inputs),
+        Stage::Generate => generate(cx, loader, inputs, options),
+        _ => Err(StepError::Missing("stage").into()),
+    }
+}
+
+/// Encoder states of `input_ids`, with the model loaded for them and for `decoder` decoder tokens.
+fn encode(
+    cx: Compute,
+    loader: &Loader,
+    inputs: &Inputs,
+    decoder: usize,
+) -> Result<(Lm, LmScratch, Vec<f32>, Lengths), StageError> {
+    let config = loader.file().config();
+    let ids = inputs.ids("input_ids")?;
+    let lengths = Lengths { encoder: ids.len().max(1), decoder };
+    let lm = Lm::load(loader, lengths)?;
+    let mut scratch = LmScratch::new(config, ids.len().max(decoder));
+    let mut hidden = vec![0.0; ids.len() * lm.d_model()];
+    lm.encode(cx, &mut scratch, &ids, &[ids.len()], &mut hidden)?;
+    Ok((lm, scratch, hidden, lengths))
+}
+
+fn encoder(cx: Compute, loader: &Loader, inputs: &Inputs) -> Result<Vec<Output>, StageError> {
+    let (lm, _, hidden, lengths) = encode(cx, loader, inputs, 1)?;
+    Ok(vec![Output::floats("hidden", &[lengths.encoder, lm.d_model()], hidden)])
+}
+
+fn decoder(cx: Compute, loader: &Loader, inputs: &Inputs) -> Result<Vec<Output>, StageError> {
+    let config = loader.file().config();
+    let decoder_ids = inputs.ids("decoder_input_ids")?;
+    let rows = decoder_ids.len();
+    let (lm, mut scratch, hidden, lengths) = encode(cx, loader, inputs, rows.max(1))?;
+    let mut cache = DecoderCache::new(config, lengths);
+    let states = Mat::new(&hidden, lengths.encoder, lm.d_model())?;
+    lm.attend_to(cx, &mut scratch, states, &mut cache)?;
+    lm.decode(cx, &mut scratch, &mut [Sequence { ids: &decoder_ids, cache: &mut cache }])?;
+    let logits = lm.all_logits(cx, &mut scratch, &full_head(loader)?, rows)?;
+    Ok(vec![Output::floats("logits", &[rows, config.vocab.size], logits)])
+}
+
+fn generate(cx: Compute, loader: &Loader, inputs: &Inputs, options: Options) -> Result<Vec<Output>, StageError> {
+    let config = loader.file().config();
+    let target = options.target.unwrap_or(config.target);
+    if !(1..=config.max_target).contains(&target) {
+        let limit = config.max_target + 1;
+        return Err(StepError::OutOfRange { what: "target", got: target, limit }.into());
+    }
+    let (lm, mut scratch, hidden, lengths) = encode(cx, loader, inputs, Lengths::of(config).decoder)?;
+    let mut cache = DecoderCache::new(config, lengths);
+    let states = Mat::new(&hidden, lengths.encoder, lm.d_model())?;
+    let mut codes = PerPart::from_fn(|_| vec![0; target]);
+    let slots = PerPart {
+        face: &mut *codes.face,
+        hands: &mut *codes.hands,
+        upper: &mut *codes.upper,
+        lower: &mut *codes.lower,
+    };
+    let draw = (options.sampler, 0);
+    Generator::new(config).generate(cx, &lm, &mut scratch, states, &mut cache, draw, slots)?;
+    Ok(Part::ALL.into_iter().map(|part| Output::codes(part, &codes[part])).collect())
+}
