@@ -1,7 +1,9 @@
 //! The only reader of model files: bytes to checked tensors, each error naming what is wrong.
 
+pub mod layout;
 mod loader;
 mod source;
+pub mod writer;
 
 use std::collections::HashMap;
 use std::path::Path;

@@ -1,0 +1,145 @@
+//! `umo animate` and what it shares with `umo text`: a session run to its end into a clip.
+
+use std::time::Instant;
+
+use umo_core::audio::resample;
+use umo_core::lm::sampler::Sampler;
+use umo_core::model::Model;
+use umo_core::motion::clip::Clip;
+use umo_core::session::{Scratch, Session, SessionConfig};
+use umo_core::{Compute, Config, ModelFile, StepError, Team};
+
+use crate::args::{Animate, Output};
+use crate::export::{self, Format};
+use crate::failure::Failure;
+use crate::{model, progress, start_pose, wav};
+
+/// Animates a recording.
+pub(crate) fn run(args: &Animate) -> Result<(), Failure> {
+    let wav = wav::read(&args.speech).map_err(|error| match error {
+        wav::ReadError::Io(..) | wav::ReadError::Wav(..) => Failure::input(error),
+    })?;
+    for note in &wav.notes {
+        eprintln!("warning: {}: {note}", args.speech.display());
+    }
+    let job = Job::new(&args.output)?;
+    let config = job.model.config();
+    let frames = (wav.seconds() * config.frame_rate as f64 + 1e-9).floor();
+    if frames < 1.0 {
+        let problem = format!("{}: {:.1} ms of audio is less than one frame", args.speech.display(), 1e3 * wav.seconds());
+        return Err(Failure::Input(problem));
+    }
+    let samples = resample::to_rate(&wav.mono(), wav.sample_rate, config.audio.sample_rate)?;
+    let mut session = job.session("audio_to_motion", args.prompt.as_deref())?;
+    if args.whole_file_units {
+        let cx = Compute { isa: job.model.isa(), team: &job.team };
+        let (units, silence) = job.model.tokenizer().whole_file(cx, config, &samples)?;
+        session.use_whole_file_units(units, silence);
+    }
+    session.push_audio(&samples)?;
+    session.finish(frames as usize);
+    let done = job.finish(&mut session, frames as usize);
+    if let Some((compared, differed)) = session.unit_disagreement() {
+        let share = 100.0 * differed as f64 / compared.max(1) as f64;
+        eprintln!("note: {differed} of {compared} audio units ({share:.1} %) differ between the whole file and its stream");
+    }
+    done
+}
+
+/// A loaded model, open outputs, and threads.
+pub(crate) struct Job<'a> {
+    args: &'a Output,
+    pub(crate) model: Model,
+    team: Team,
+    outputs: Vec<export::Output>,
+}
+
+impl<'a> Job<'a> {
+    /// Checks everything that can be checked before the work starts.
+    pub(crate) fn new(args: &'a Output) -> Result<Self, Failure> {
+        let format = args.format.as_deref().map(Format::parse).transpose()?;
+        let formats = args.output.iter().map(|path| format.map_or_else(|| Format::from_extension(path), Ok));
+        let formats = formats.collect::<Result<Vec<_>, _>>()?;
+        let file: ModelFile = model::open(args.model.as_deref())?;
+        for format in &formats {
+            format.check_face(&file.config().face)?;
+        }
+        let outputs = args.output.iter().zip(formats).map(|(path, format)| export::Output::create(path, format));
+        let outputs = outputs.collect::<Result<_, _>>()?;
+        let isa = model::isa(&args.compute)?;
+        Ok(Self {
+            args,
+            team: model::team(&args.compute)?,
+            model: Model::load(&file, args.compute.precision.into(), isa)?,
+            outputs,
+        })
+    }
+
+    /// A session as the arguments want it.
+    pub(crate) fn session(&self, template: &str, text: Option<&str>) -> Result<Session, Failure> {
+        let config = self.model.config();
+        let ids = text.map(|text| prompt(&self.model, text)).transpose()?.unwrap_or_default();
+        let template = named(config, template, text.is_some())?;
+        let defaults = SessionConfig::new(config);
+        let sampler =
+            if self.args.greedy { Sampler::GREEDY } else { Sampler { seed: self.args.seed, ..defaults.sampler } };
+        let mut session = Session::new(
+            &self.model,
+            SessionConfig {
+                target: self.args.target.unwrap_or(defaults.target),
+                lookahead: self.args.lookahead.unwrap_or(defaults.lookahead),
+                sampler,
+                template,
+                text: ids,
+            },
+        )?;
+        if let Some(path) = &self.args.start_pose {
+            let cx = Compute { isa: self.model.isa(), team: &self.team };
+            let codes = start_pose::codes(cx, &self.model, path)?;
+            session.set_history(codes.as_slices())?;
+        }
+        Ok(session)
+    }
+
+    /// Runs the session to its end and writes every output.
+    pub(crate) fn finish(self, session: &mut Session, frames: usize) -> Result<(), Failure> {
+        let config = self.model.config();
+        let cx = Compute { isa: self.model.isa(), team: &self.team };
+        let mut scratch = Scratch::new(&self.model);
+        let mut clip = Clip::new(config);
+        let (bar, start) = (progress::frames(frames), Instant::now());
+        while session.step(&self.model, cx, &mut scratch, &mut |frame| clip.push(frame))? {
+            bar.set_position(clip.len() as u64);
+        }
+        bar.finish_and_clear();
+        if clip.len() != frames {
+            return Err(StepError::Order("internal: the session ended early").into());
+        }
+        let (seconds, took) = (frames as f64 / config.frame_rate as f64, start.elapsed().as_secs_f64());
+        for output in self.outputs {
+            output.write(&clip).map_err(Failure::machine)?;
+        }
+        let names: Vec<_> = self.args.output.iter().map(|path| path.display().to_string()).collect();
+        println!("{}: {frames} frames, {seconds:.2} s, made in {took:.2} s", names.join(", "));
+        Ok(())
+    }
+}
+
+/// The ids of a prompt.
+fn prompt(model: &Model, text: &str) -> Result<Vec<u32>, Failure> {
+    let tokenizer = model.text().ok_or_else(|| Failure::input("this model takes no text: it has no `text.tokenizer`"))?;
+    Ok(tokenizer.encode(text)?)
+}
+
+/// The template `name`, or with a text the variant of it that has room for one.
+fn named(config: &Config, name: &str, text: bool) -> Result<String, Failure> {
+    if !text {
+        return Ok(name.to_owned());
+    }
+    let has_text = |name: &str| umo_core::lm::layout::Template::new(config, name).is_ok_and(|t| t.has_text());
+    let candidates = [name.to_owned(), format!("{name}_with_text")];
+    candidates
+        .into_iter()
+        .find(|name| has_text(name))
+        .ok_or_else(|| Failure::input(format!("this model takes no text: its template `{name}` has no place for one")))
+}

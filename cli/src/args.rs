@@ -1,0 +1,205 @@
+//! The command line.
+
+use std::path::PathBuf;
+
+use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
+use umo_core::Precision;
+
+/// Speech in, a moving body out: face, hands, upper and lower body at 30 frames a second.
+#[derive(Debug, Parser)]
+#[command(name = "umo", version, about, max_term_width = 100)]
+pub struct Args {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// What the program can do.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Animate a speech recording
+    Animate(Animate),
+    /// Animate a description, with models that can
+    Text(Text),
+    /// Run one stage of a model alone, tensors in and tensors out
+    Stage(Stage),
+    /// Say what a model holds
+    Inspect(Inspect),
+    /// Write a model of random weights, for tests and benchmarks
+    MakeRandom(MakeRandom),
+}
+
+/// Where the animation goes, and how it is made: what `animate` and `text` share.
+#[derive(Debug, ClapArgs)]
+pub struct Output {
+    /// File to write; may be given several times
+    #[arg(short, long = "output", value_name = "FILE", required = true)]
+    pub output: Vec<PathBuf>,
+    /// Format of all outputs: npz, bvh, glb, csv or jsonl; the extension's where not given
+    #[arg(long, value_name = "FORMAT")]
+    pub format: Option<String>,
+    /// Model file; the one in the program where not given
+    #[arg(long, value_name = "FILE")]
+    pub model: Option<PathBuf>,
+    /// Keyframes predicted at a time: fewer answer sooner, more cost less
+    #[arg(long, value_name = "N")]
+    pub target: Option<usize>,
+    /// Frames held back for smooth seams between chunks
+    #[arg(long, value_name = "FRAMES")]
+    pub lookahead: Option<usize>,
+    /// Seed of the draws; the same seed gives the same motion
+    #[arg(long, value_name = "NUMBER", default_value_t = 0)]
+    pub seed: u64,
+    /// Always the likeliest code instead of a draw
+    #[arg(long, conflicts_with = "seed")]
+    pub greedy: bool,
+    /// Begin in this pose: SMPL-X motion whose last keyframes become the history
+    #[arg(long, value_name = "FILE.npz")]
+    pub start_pose: Option<PathBuf>,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "clap would print a doc comment as help")]
+    pub compute: Compute,
+}
+
+/// How products are computed.
+#[derive(Debug, ClapArgs)]
+pub struct Compute {
+    /// Precision of the products
+    #[arg(long, value_enum, default_value_t = PrecisionArg::F32)]
+    pub precision: PrecisionArg,
+    /// Instruction set: scalar, avx2, avx512vnni …; the best of this processor where not given
+    #[arg(long, value_name = "NAME")]
+    pub isa: Option<String>,
+    /// Threads; as many as there are cores where not given
+    #[arg(long, value_name = "T")]
+    pub threads: Option<usize>,
+}
+
+/// Precision of the products.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum PrecisionArg {
+    /// Weights as the file has them
+    F32,
+    /// Weights rounded to bfloat16
+    Bf16,
+    /// Weights and activations in int8
+    Int8,
+}
+
+impl From<PrecisionArg> for Precision {
+    fn from(arg: PrecisionArg) -> Self {
+        match arg {
+            PrecisionArg::F32 => Self::F32,
+            PrecisionArg::Bf16 => Self::Bf16,
+            PrecisionArg::Int8 => Self::Int8,
+        }
+    }
+}
+
+/// Animate a speech recording.
+#[derive(Debug, ClapArgs)]
+pub struct Animate {
+    /// WAV file: 8 to 32 bit or float, any rate, 1 to 8 channels
+    pub speech: PathBuf,
+    /// Free text for models that take one: a style, an emotion, an action
+    #[arg(long, value_name = "TEXT")]
+    pub prompt: Option<String>,
+    /// Tokenise the whole recording at once, as the paper does offline, and say how far that differs from the stream
+    #[arg(long)]
+    pub whole_file_units: bool,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "clap would print a doc comment as help")]
+    pub output: Output,
+}
+
+/// Animate a description.
+#[derive(Debug, ClapArgs)]
+pub struct Text {
+    /// What to do, in words
+    pub text: String,
+    /// Length of the animation
+    #[arg(long, value_name = "S", default_value_t = 4.0)]
+    pub seconds: f64,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "clap would print a doc comment as help")]
+    pub output: Output,
+}
+
+/// Run one stage alone.
+#[derive(Debug, ClapArgs)]
+pub struct Stage {
+    /// Which: hubert, mel, encoder, decoder, generate, interp or motion
+    #[arg(value_name = "STAGE")]
+    pub stage: String,
+    /// Model file; the one in the program where not given
+    #[arg(long, value_name = "FILE")]
+    pub model: Option<PathBuf>,
+    /// Input tensors, a safetensors file
+    #[arg(long = "in", value_name = "FILE")]
+    pub input: PathBuf,
+    /// Output tensors, a safetensors file
+    #[arg(long = "out", value_name = "FILE")]
+    pub output: PathBuf,
+    /// Keyframes to generate
+    #[arg(long, value_name = "N")]
+    pub target: Option<usize>,
+    /// Seed of the draws
+    #[arg(long, value_name = "NUMBER", default_value_t = 0)]
+    pub seed: u64,
+    /// Always the likeliest code instead of a draw
+    #[arg(long, conflicts_with = "seed")]
+    pub greedy: bool,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "clap would print a doc comment as help")]
+    pub compute: Compute,
+}
+
+/// Say what a model holds.
+#[derive(Debug, ClapArgs)]
+pub struct Inspect {
+    /// Model file; the one in the program where not given
+    pub model: Option<PathBuf>,
+    /// Every tensor with its type, shape and size
+    #[arg(long)]
+    pub tensors: bool,
+    /// The config as the file has it
+    #[arg(long)]
+    pub config: bool,
+}
+
+/// Write a model of random weights.
+#[derive(Debug, ClapArgs)]
+pub struct MakeRandom {
+    /// Dimensions: `base` is the paper's, `small` the default model's
+    #[arg(long, value_enum, default_value_t = Size::Small)]
+    pub size: Size,
+    /// File to write
+    #[arg(short, long, value_name = "FILE")]
+    pub output: PathBuf,
+    /// How weights are stored
+    #[arg(long, value_enum, default_value_t = StorageArg::Bf16)]
+    pub store: StorageArg,
+    /// Seed of the weights
+    #[arg(long, value_name = "NUMBER", default_value_t = 0)]
+    pub seed: u64,
+}
+
+/// Dimensions of a random model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Size {
+    /// Flan-T5-Base with four experts, HuBERT-base, SMPL-X expression
+    Base,
+    /// A few million parameters, mel features, ARKit face
+    Small,
+}
+
+/// How weights are stored.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum StorageArg {
+    /// 32-bit floats
+    F32,
+    /// Brain floats
+    Bf16,
+    /// Int8 steps with a scale per row, for the products
+    Int8,
+}

@@ -1,0 +1,94 @@
+//! `.bvh`: the skeleton's motion, in centimetres and degrees.
+
+use super::{children, root_position, rotation, tip};
+use umo_core::motion::clip::Clip;
+use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS};
+use std::io::{self, Write};
+
+const CM: f64 = 100.0;
+
+/// Writes hierarchy and motion. Rotation channels are Z, X, Y: a joint's matrix is `Z * X * Y`. The root's
+/// position channels hold its whole position, so its own offset is 0.
+///
+/// # Errors
+/// Those of `out`.
+pub fn write<W: Write>(clip: &Clip, mut out: W) -> io::Result<()> {
+    writeln!(out, "HIERARCHY")?;
+    let mut order = Vec::with_capacity(JOINTS);
+    write_joint(clip, 0, 0, &mut order, &mut out)?;
+    writeln!(out, "MOTION")?;
+    writeln!(out, "Frames: {}", clip.rotations.len())?;
+    writeln!(out, "Frame Time: {:.9}", 1.0 / f64::from(clip.frame_rate))?;
+    let mut before = [[0.0; 3]; JOINTS];
+    for (frame, rotations) in clip.rotations.iter().enumerate() {
+        let [x, y, z] = root_position(clip, frame).map(|x| f64::from(x) * CM);
+        write!(out, "{x:.6} {y:.6} {z:.6}")?;
+        for &joint in &order {
+            let angles = rotation::euler_zxy(&rotation::matrix(rotations[joint]));
+            let angles = continued(angles.map(f64::to_degrees), before[joint]);
+            before[joint] = angles;
+            let [z, x, y] = angles;
+            write!(out, " {z:.6} {x:.6} {y:.6}")?;
+        }
+        writeln!(out)?;
+    }
+    Ok(())
+}
+
+/// Writes a joint and all below it, and appends them to `order`: motion comes in the hierarchy's order.
+fn write_joint<W: Write>(
+    clip: &Clip,
+    joint: usize,
+    depth: usize,
+    order: &mut Vec<usize>,
+    out: &mut W,
+) -> io::Result<()> {
+    order.push(joint);
+    let indent = "\t".repeat(depth);
+    let (kind, offset, position) = if depth == 0 {
+        let position = "6 Xposition Yposition Zposition";
+        ("ROOT", [0.0; 3], position)
+    } else {
+        ("JOINT", clip.skeleton.offsets_m[joint], "3")
+    };
+    writeln!(out, "{indent}{kind} {}\n{indent}{{", JOINT_NAMES[joint])?;
+    write_offset(&indent, offset, out)?;
+    writeln!(
+        out,
+        "{indent}\tCHANNELS {position} Zrotation Xrotation Yrotation"
+    )?;
+    let mut leaf = true;
+    for child in children(clip, joint) {
+        leaf = false;
+        write_joint(clip, child, depth + 1, order, out)?;
+    }
+    if leaf {
+        writeln!(out, "{indent}\tEnd Site\n{indent}\t{{")?;
+        write_offset(&format!("{indent}\t"), tip(clip, joint), out)?;
+        writeln!(out, "{indent}\t}}")?;
+    }
+    writeln!(out, "{indent}}}")
+}
+
+fn write_offset<W: Write>(indent: &str, offset: [f32; 3], out: &mut W) -> io::Result<()> {
+    let [x, y, z] = offset.map(|x| f64::from(x) * CM);
+    writeln!(out, "{indent}\tOFFSET {x:.6} {y:.6} {z:.6}")
+}
+
+/// Of the angles that mean the same rotation, those nearest to the frame before: programs blend the
+/// numbers between frames, and a jump of a whole turn would spin the joint.
+fn continued(angles: [f64; 3], before: [f64; 3]) -> [f64; 3] {
+    let [z, x, y] = angles;
+    let candidates = [angles, [z + 180.0, 180.0 - x, y + 180.0]].map(|candidate| {
+        let turns = |i: usize| ((before[i] - candidate[i]) / 360.0).round();
+        std::array::from_fn(|i| candidate[i] + 360.0 * turns(i))
+    });
+    let distance = |c: &[f64; 3]| -> f64 { c.iter().zip(before).map(|(c, b)| (c - b).abs()).sum() };
+    let [first, second] = candidates;
+    // Only a clear gain changes the branch, so that rounding never does.
+    if distance(&second) + 1e-6 < distance(&first) {
+        second
+    } else {
+        first
+    }
+}

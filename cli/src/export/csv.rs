@@ -1,0 +1,136 @@
+//! `.csv`: the face as the Live Link Face app records it.
+
+use super::{FaceError, face_of, rotation};
+use umo_core::motion::clip::Clip;
+use umo_core::config::{Face, FaceKind};
+use umo_core::motion::skeleton::{JOINT_NAMES};
+use std::io::{self, Write};
+
+/// The blendshape columns, in the app's order (which swaps some of Apple's left and right).
+const COLUMNS: [&str; 52] = [
+    "EyeBlinkLeft",
+    "EyeLookDownLeft",
+    "EyeLookInLeft",
+    "EyeLookOutLeft",
+    "EyeLookUpLeft",
+    "EyeSquintLeft",
+    "EyeWideLeft",
+    "EyeBlinkRight",
+    "EyeLookDownRight",
+    "EyeLookInRight",
+    "EyeLookOutRight",
+    "EyeLookUpRight",
+    "EyeSquintRight",
+    "EyeWideRight",
+    "JawForward",
+    "JawRight",
+    "JawLeft",
+    "JawOpen",
+    "MouthClose",
+    "MouthFunnel",
+    "MouthPucker",
+    "MouthRight",
+    "MouthLeft",
+    "MouthSmileLeft",
+    "MouthSmileRight",
+    "MouthFrownLeft",
+    "MouthFrownRight",
+    "MouthDimpleLeft",
+    "MouthDimpleRight",
+    "MouthStretchLeft",
+    "MouthStretchRight",
+    "MouthRollLower",
+    "MouthRollUpper",
+    "MouthShrugLower",
+    "MouthShrugUpper",
+    "MouthPressLeft",
+    "MouthPressRight",
+    "MouthLowerDownLeft",
+    "MouthLowerDownRight",
+    "MouthUpperUpLeft",
+    "MouthUpperUpRight",
+    "BrowDownLeft",
+    "BrowDownRight",
+    "BrowInnerUp",
+    "BrowOuterUpLeft",
+    "BrowOuterUpRight",
+    "CheekPuff",
+    "CheekSquintLeft",
+    "CheekSquintRight",
+    "NoseSneerLeft",
+    "NoseSneerRight",
+    "TongueOut",
+];
+
+/// The columns after the blendshapes: angles in radians.
+const ANGLES: [&str; 9] = [
+    "HeadYaw",
+    "HeadPitch",
+    "HeadRoll",
+    "LeftEyeYaw",
+    "LeftEyePitch",
+    "LeftEyeRoll",
+    "RightEyeYaw",
+    "RightEyePitch",
+    "RightEyeRoll",
+];
+
+/// For each blendshape column, its place among the face's channels.
+///
+/// # Errors
+/// [`FaceError`] where the face is not ARKit's or lacks a blendshape.
+pub(super) fn columns(face: &Face) -> Result<Vec<usize>, FaceError> {
+    if face.kind != FaceKind::Arkit {
+        return Err(FaceError::NotArkit);
+    }
+    let place = |column: &'static str| {
+        let mut names = face.names.iter();
+        names
+            .position(|name| name.eq_ignore_ascii_case(column))
+            .ok_or(FaceError::Missing(column))
+    };
+    COLUMNS.into_iter().map(place).collect()
+}
+
+/// Writes one row per frame. Head angles are those of neck and head together, relative to the chest: yaw
+/// about Y, pitch about X, roll about Z, the rotation being `yaw * pitch * roll`.
+///
+/// # Errors
+/// Those of `out`; [`FaceError`] within one where the face does not suit.
+pub fn write<W: Write>(clip: &Clip, out: W) -> io::Result<()> {
+    let places = columns(&clip.face)?;
+    let mut rows = ::csv::Writer::from_writer(out);
+    let start = ["Timecode", "BlendShapeCount"];
+    rows.write_record(start.iter().chain(&COLUMNS).chain(&ANGLES))?;
+    let count = (COLUMNS.len() + ANGLES.len()).to_string();
+    let joint = |name| JOINT_NAMES.iter().position(|&joint| joint == name);
+    let [neck, head, left, right] = ["neck", "head", "left_eye", "right_eye"]
+        .map(|name| joint(name).expect("these are names of SMPL-X joints"));
+    for (frame, rotations) in clip.rotations.iter().enumerate() {
+        rows.write_field(timecode(frame, clip.frame_rate))?;
+        rows.write_field(&count)?;
+        let values = face_of(clip, frame);
+        for &place in &places {
+            rows.write_field(format!("{:.6}", values[place]))?;
+        }
+        let turned = |joint: usize| rotation::matrix(rotations[joint]);
+        let face = rotation::product(&turned(neck), &turned(head));
+        for part in [face, turned(left), turned(right)] {
+            for angle in rotation::euler_yxz(&part) {
+                rows.write_field(format!("{angle:.6}"))?;
+            }
+        }
+        rows.write_record(None::<&[u8]>)?;
+    }
+    rows.flush()
+}
+
+/// `HH:MM:SS:FF.mmm`: frames within the second, then thousandths of a frame.
+fn timecode(frame: usize, frame_rate: f32) -> String {
+    let rate = f64::from(frame_rate);
+    let seconds = (frame as f64 / rate + 1e-9).floor();
+    let within = (frame as f64 - seconds * rate).max(0.0);
+    let (hours, minutes) = ((seconds / 3600.0).floor(), (seconds / 60.0).floor() % 60.0);
+    let seconds = seconds % 60.0;
+    format!("{hours:02}:{minutes:02}:{seconds:02}:{within:06.3}")
+}

@@ -1,0 +1,203 @@
+//! `.glb`: glTF 2.0 with the skeleton, a body of bones, a face with one shape per channel, and the
+//! animation of all three.
+//!
+//! | module | part |
+//! | --- | --- |
+//! | `body` | one octahedron per bone |
+//! | `builder` | the binary buffer and what refers into it |
+//! | `face` | the head's surface |
+//! | `shapes` | how each face channel moves it |
+
+use super::{children, face_of, parent, root_position};
+use umo_core::motion::clip::Clip;
+use umo_core::config::{FaceKind};
+use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS};
+use builder::Builder;
+use gltf_json as json;
+use json::animation::{Animation, Channel, Interpolation, Property, Sampler, Target};
+use json::validation::Checked::Valid;
+use json::{Index, Node, mesh};
+use std::io::{self, Write};
+
+mod body;
+mod builder;
+mod face;
+mod shapes;
+
+const HEAD: usize = 15;
+const JAW: usize = 22;
+
+/// A surface whose vertices follow joints.
+#[derive(Default)]
+struct Surface {
+    /// `[vertices]`, metres in the rest pose, as are the next three.
+    positions: Vec<[f32; 3]>,
+    /// Unit length.
+    normals: Vec<[f32; 3]>,
+    /// Up to four joints; 0 where the weight is 0.
+    joints: Vec<[u8; 4]>,
+    /// Weights of those joints; their sum is 1.
+    weights: Vec<[f32; 4]>,
+    /// Triangles, counter-clockwise from outside.
+    indices: Vec<u16>,
+}
+
+/// Writes the animation as binary glTF.
+///
+/// # Errors
+/// Those of `out`; an animation beyond glTF's 4 GiB.
+pub fn write<W: Write>(clip: &Clip, out: W) -> io::Result<()> {
+    let mut builder = Builder::default();
+    let joints = add_skeleton(&mut builder, clip);
+    let rest = rest_positions(clip);
+    let skin = add_skin(&mut builder, &joints, &rest);
+
+    let bones = builder.surface(&body::bones(clip, &rest));
+    let grey = builder.material("bones", [0.45, 0.52, 0.6]);
+    let mesh = builder.mesh("body", primitive(bones, grey), &[]);
+    let body = builder.skinned("body", mesh, skin);
+
+    let jaw = match clip.face.kind {
+        // Expression coefficients leave the jaw to its joint; among ARKit's shapes is the open jaw.
+        FaceKind::SmplxExpression => Some(JAW),
+        FaceKind::Arkit => None,
+    };
+    let head = face::head(rest[HEAD], jaw);
+    let skin_tone = builder.material("face", [0.8, 0.62, 0.52]);
+    let mut front = primitive(builder.surface(&head.surface), skin_tone);
+    let names = &clip.face.names;
+    if !names.is_empty() {
+        let targets = names.iter().map(|name| {
+            let moved = shapes::displacements(name, &head);
+            builder.morph_target(&moved)
+        });
+        front.targets = Some(targets.collect());
+    }
+    let mesh = builder.mesh("face", front, names);
+    let face = builder.skinned("face", mesh, skin);
+
+    add_animation(&mut builder, clip, &joints, face);
+    builder.scene(vec![joints[0], body, face]);
+    builder.write(out)
+}
+
+fn primitive(surface: builder::Attributes, material: Index<json::Material>) -> mesh::Primitive {
+    mesh::Primitive {
+        attributes: surface.attributes,
+        indices: Some(surface.indices),
+        material: Some(material),
+        mode: Valid(mesh::Mode::Triangles),
+        targets: None,
+        extensions: None,
+        extras: None,
+    }
+}
+
+/// One node per joint. `[55]`
+fn add_skeleton(builder: &mut Builder, clip: &Clip) -> Vec<Index<Node>> {
+    (0..JOINTS)
+        .map(|joint| {
+            let below: Vec<_> = children(clip, joint).map(builder::index).collect();
+            builder.root.push(Node {
+                name: Some(JOINT_NAMES[joint].to_owned()),
+                translation: Some(clip.skeleton.offsets_m[joint]),
+                children: (!below.is_empty()).then_some(below),
+                ..Node::default()
+            })
+        })
+        .collect()
+}
+
+/// Where the joints are in the rest pose. `[55]`, metres.
+fn rest_positions(clip: &Clip) -> Vec<[f32; 3]> {
+    let mut rest: Vec<[f32; 3]> = Vec::with_capacity(JOINTS);
+    for (joint, offset) in clip.skeleton.offsets_m.iter().enumerate() {
+        let from = parent(clip, joint).map_or([0.0; 3], |parent| rest[parent]);
+        rest.push(body::add(from, *offset));
+    }
+    rest
+}
+
+fn add_skin(builder: &mut Builder, joints: &[Index<Node>], rest: &[[f32; 3]]) -> Index<json::Skin> {
+    // The rest pose has no rotations, so a joint's inverse is to subtract its place. Column-major.
+    let inverse = rest.iter().flat_map(|&[x, y, z]| {
+        [
+            [1.0, 0.0, 0.0, 0.0],
+            [0.0, 1.0, 0.0, 0.0],
+            [0.0, 0.0, 1.0, 0.0],
+            [-x, -y, -z, 1.0],
+        ]
+    });
+    let matrices = builder.matrices(&inverse.collect::<Vec<_>>());
+    builder.root.push(json::Skin {
+        inverse_bind_matrices: Some(matrices),
+        joints: joints.to_vec(),
+        skeleton: Some(joints[0]),
+        name: Some("skeleton".to_owned()),
+        extensions: None,
+        extras: None,
+    })
+}
+
+/// One channel per joint's rotation, one for the root's place, one for all face weights.
+fn add_animation(builder: &mut Builder, clip: &Clip, joints: &[Index<Node>], face: Index<Node>) {
+    let frames = clip.rotations.len();
+    let times: Vec<f32> = (0..frames).map(|f| f as f32 / clip.frame_rate).collect();
+    let times = builder.times(&times);
+    let mut tracks = Vec::new();
+    for (joint, &node) in joints.iter().enumerate() {
+        let values = builder.vectors(&track(clip, joint));
+        tracks.push((node, Property::Rotation, values));
+    }
+    let places: Vec<_> = (0..frames).map(|f| root_position(clip, f)).collect();
+    let places = builder.vectors(&places);
+    tracks.push((joints[0], Property::Translation, places));
+    if !clip.face.names.is_empty() {
+        let weights: Vec<_> = (0..frames).flat_map(|f| face_of(clip, f)).collect();
+        let weights = builder.scalars(weights.into_iter().copied());
+        tracks.push((face, Property::MorphTargetWeights, weights));
+    }
+    let mut animation = Animation {
+        channels: Vec::new(),
+        samplers: Vec::new(),
+        name: Some("speech".to_owned()),
+        extensions: None,
+        extras: None,
+    };
+    for (sampler, (node, property, output)) in tracks.into_iter().enumerate() {
+        animation.samplers.push(Sampler {
+            input: times,
+            output,
+            interpolation: Valid(Interpolation::Linear),
+            extensions: None,
+            extras: None,
+        });
+        animation.channels.push(Channel {
+            sampler: builder::index(sampler),
+            target: Target {
+                node,
+                path: Valid(property),
+                extensions: None,
+                extras: None,
+            },
+            extensions: None,
+            extras: None,
+        });
+    }
+    builder.root.push(animation);
+}
+
+/// A joint's rotations, each of exact length and on the same side as the one before: not every program
+/// takes the shorter way between two quaternions.
+fn track(clip: &Clip, joint: usize) -> Vec<[f32; 4]> {
+    let mut before = [0.0, 0.0, 0.0, 1.0];
+    let rotations = clip.rotations.iter().map(|frame| {
+        let q = frame[joint];
+        let length = q.iter().map(|x| x * x).sum::<f32>().sqrt();
+        let dot: f32 = q.iter().zip(before).map(|(a, b)| a * b).sum();
+        let sign = if dot < 0.0 { -1.0 } else { 1.0 };
+        before = q.map(|x| x * sign / length);
+        before
+    });
+    rotations.collect()
+}

@@ -1,0 +1,270 @@
+//! Writing an animation to a file: one module per format.
+//!
+//! | module | file |
+//! | --- | --- |
+//! | `npz` | NumPy arrays as SMPL-X and BEAT2 tools read them |
+//! | `bvh` | skeleton motion for Blender, MotionBuilder and others |
+//! | `glb` | glTF 2.0: skeleton, skin, face shapes and their animation |
+//! | `csv` | the face as the Live Link Face app records it |
+//! | `jsonl` | everything, one frame a line |
+//! | `output` | a file that appears whole or not at all |
+//! | `rotation` | quaternions to what the formats want |
+
+use umo_core::motion::clip::Clip;
+use umo_core::config::{Face};
+use umo_core::motion::skeleton::{JOINTS};
+use std::fmt;
+use std::io;
+use std::path::{Path, PathBuf};
+
+pub mod bvh;
+pub mod csv;
+pub mod glb;
+pub mod jsonl;
+pub mod npz;
+mod output;
+mod rotation;
+
+pub use output::Output;
+
+/// A file format for animations.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Format {
+    /// NumPy arrays, SMPL-X.
+    Npz,
+    /// Biovision hierarchy.
+    Bvh,
+    /// glTF 2.0, binary.
+    Glb,
+    /// Live Link Face.
+    Csv,
+    /// JSON lines.
+    Jsonl,
+}
+
+impl Format {
+    /// Every format.
+    pub const ALL: [Self; 5] = [Self::Npz, Self::Bvh, Self::Glb, Self::Csv, Self::Jsonl];
+
+    /// Its name, which is also its extension.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Npz => "npz",
+            Self::Bvh => "bvh",
+            Self::Glb => "glb",
+            Self::Csv => "csv",
+            Self::Jsonl => "jsonl",
+        }
+    }
+
+    /// The format of that name, in any case.
+    ///
+    /// # Errors
+    /// [`ExportError::UnknownFormat`].
+    pub fn parse(name: &str) -> Result<Self, ExportError> {
+        Self::ALL
+            .into_iter()
+            .find(|format| format.name().eq_ignore_ascii_case(name))
+            .ok_or_else(|| ExportError::UnknownFormat(name.to_owned()))
+    }
+
+    /// The format that a path's extension names.
+    ///
+    /// # Errors
+    /// [`ExportError::NoExtension`] or [`ExportError::UnknownFormat`].
+    pub fn from_extension(path: &Path) -> Result<Self, ExportError> {
+        let extension = path
+            .extension()
+            .ok_or_else(|| ExportError::NoExtension(path.to_owned()))?;
+        Self::parse(&extension.to_string_lossy())
+    }
+
+    /// Whether a face can be written in this format; worth asking before the animation is made.
+    ///
+    /// # Errors
+    /// [`ExportError::Face`] saying what is missing.
+    pub fn check_face(self, face: &Face) -> Result<(), ExportError> {
+        match self {
+            Self::Csv => csv::columns(face).map(drop).map_err(ExportError::Face),
+            Self::Npz | Self::Bvh | Self::Glb | Self::Jsonl => Ok(()),
+        }
+    }
+}
+
+/// Writes an animation; the format is the extension's where none is given.
+///
+/// The file appears whole or not at all.
+///
+/// # Errors
+/// [`ExportError`] naming the path where there is one.
+pub fn write(path: &Path, format: Option<Format>, clip: &Clip) -> Result<(), ExportError> {
+    let format = format.map_or_else(|| Format::from_extension(path), Ok)?;
+    format.check_face(&clip.face)?;
+    Output::create(path, format)?.write(clip)
+}
+
+/// Why an animation could not be written.
+#[derive(Debug)]
+pub enum ExportError {
+    /// A format's name that is not known.
+    UnknownFormat(String),
+    /// A path without an extension, where the extension should name the format.
+    NoExtension(PathBuf),
+    /// The face has not the channels that the format needs.
+    Face(FaceError),
+    /// The animation contradicts itself; the field and what is wrong with it.
+    Clip(&'static str),
+    /// The file system's answer.
+    Io(PathBuf, io::Error),
+}
+
+impl fmt::Display for ExportError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let names = Format::ALL.map(Format::name).join(", ");
+        match self {
+            Self::UnknownFormat(name) => write!(f, "unknown format `{name}`: expected {names}"),
+            Self::NoExtension(path) => write!(
+                f,
+                "cannot tell the format of `{}`: expected an extension or --format, one of {names}",
+                path.display()
+            ),
+            Self::Face(cause) => cause.fmt(f),
+            Self::Clip(what) => write!(f, "cannot write the animation: {what}"),
+            Self::Io(path, cause) => write!(f, "cannot write `{}`: {cause}", path.display()),
+        }
+    }
+}
+
+impl std::error::Error for ExportError {}
+
+/// What keeps a face out of a Live Link Face file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum FaceError {
+    /// The face is not ARKit's.
+    NotArkit,
+    /// A blendshape that is missing.
+    Missing(&'static str),
+}
+
+impl fmt::Display for FaceError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NotArkit => f.write_str(
+                "csv needs an ARKit face: this model's face is SMPL-X expression coefficients",
+            ),
+            Self::Missing(name) => {
+                write!(
+                    f,
+                    "csv needs the 52 ARKit blendshapes: this model's face lacks `{name}`"
+                )
+            }
+        }
+    }
+}
+
+impl std::error::Error for FaceError {}
+
+impl From<FaceError> for io::Error {
+    fn from(cause: FaceError) -> Self {
+        Self::new(io::ErrorKind::InvalidInput, cause)
+    }
+}
+
+/// Refuses an animation that no format could hold: the writers index and divide without asking again.
+fn check(clip: &Clip) -> Result<(), &'static str> {
+    let frames = clip.rotations.len();
+    let tree = &clip.skeleton;
+    let rules = [
+        (frames > 0, "it has no frames"),
+        (
+            clip.frame_rate.is_finite() && clip.frame_rate > 0.0,
+            "its frame rate is not a positive number",
+        ),
+        (
+            clip.translation.len() == frames,
+            "translation and rotations differ in length",
+        ),
+        (
+            clip.face_values.len() == frames * clip.face.names.len(),
+            "face values are not frames times channels",
+        ),
+        (
+            tree.parents.len() == JOINTS && tree.offsets_m.len() == JOINTS,
+            "its skeleton has not 55 joints",
+        ),
+        (
+            is_tree(&tree.parents),
+            "a joint's parent does not come before it",
+        ),
+        (is_finite(clip), "it holds a number that is not finite"),
+        (
+            clip.rotations.iter().flatten().all(is_unit),
+            "a rotation is not a unit quaternion",
+        ),
+    ];
+    rules
+        .into_iter()
+        .find(|(holds, _)| !holds)
+        .map_or(Ok(()), |(_, what)| Err(what))
+}
+
+fn is_tree(parents: &[i32]) -> bool {
+    parents.iter().enumerate().all(|(joint, &parent)| {
+        if joint == 0 {
+            parent == -1
+        } else {
+            usize::try_from(parent).is_ok_and(|parent| parent < joint)
+        }
+    })
+}
+
+fn is_finite(clip: &Clip) -> bool {
+    let rotations = clip.rotations.as_flattened().as_flattened();
+    let positions = clip.translation.as_flattened();
+    let offsets = clip.skeleton.offsets_m.as_flattened();
+    [rotations, positions, offsets, &clip.face_values]
+        .into_iter()
+        .flatten()
+        .all(|x| x.is_finite())
+}
+
+fn is_unit(q: &[f32; 4]) -> bool {
+    let square: f32 = q.iter().map(|x| x * x).sum();
+    (square - 1.0).abs() < 1e-3
+}
+
+/// A joint's parent; none for the root.
+fn parent(clip: &Clip, joint: usize) -> Option<usize> {
+    usize::try_from(clip.skeleton.parents[joint]).ok()
+}
+
+/// The joints whose parent is `joint`.
+fn children(clip: &Clip, joint: usize) -> impl Iterator<Item = usize> {
+    (joint + 1..JOINTS).filter(move |&child| parent(clip, child) == Some(joint))
+}
+
+/// Where a bone without children ends, from its joint: half as long again as the bone that leads there.
+fn tip(clip: &Clip, joint: usize) -> [f32; 3] {
+    let half = clip.skeleton.offsets_m[joint].map(|x| x * 0.5);
+    let length = half.iter().map(|x| x * x).sum::<f32>().sqrt();
+    if length < 1e-3 {
+        [0.0, 0.0, 0.02]
+    } else {
+        half
+    }
+}
+
+/// The root joint's position in a frame.
+fn root_position(clip: &Clip, frame: usize) -> [f32; 3] {
+    let (rest, moved) = (clip.skeleton.offsets_m[0], clip.translation[frame]);
+    [rest[0] + moved[0], rest[1] + moved[1], rest[2] + moved[2]]
+}
+
+/// One frame's face values.
+fn face_of(clip: &Clip, frame: usize) -> &[f32] {
+    let channels = clip.face.names.len();
+    &clip.face_values[frame * channels..][..channels]
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,121 @@
+//! `.npz`: NumPy arrays as SMPL-X and BEAT2 tools read them.
+
+use super::{face_of, rotation};
+use umo_core::motion::clip::Clip;
+use umo_core::config::{FaceKind};
+use umo_core::motion::skeleton::{JOINTS};
+use std::io::{self, Cursor, Write};
+use zip::write::SimpleFileOptions;
+use zip::{CompressionMethod, ZipWriter};
+
+/// Shape coefficients, all 0: the neutral body.
+const BETAS: usize = 300;
+/// Expression coefficients per frame; a face with fewer is padded with 0, one with more is cut.
+const EXPRESSIONS: usize = 100;
+
+/// Writes `betas [300]`, `poses [T, 165]` (axis-angle), `expressions [T, 100]`, `trans [T, 3]`, `model`,
+/// `gender` and `mocap_frame_rate`; of an ARKit face also `arkit [T, 52]` and `arkit_names [52]`.
+///
+/// # Errors
+/// Those of `out`.
+pub fn write<W: Write>(clip: &Clip, mut out: W) -> io::Result<()> {
+    let frames = clip.rotations.len();
+    let mut archive = Archive(ZipWriter::new(Cursor::default()));
+    archive.floats("betas", &[BETAS], [0.0; BETAS])?;
+    archive.floats("poses", &[frames, JOINTS * 3], poses(clip))?;
+    let arkit = clip.face.kind == FaceKind::Arkit;
+    let coefficients = |frame| {
+        let values = if arkit { &[] } else { face_of(clip, frame) };
+        let padding = std::iter::repeat(&0.0);
+        values.iter().chain(padding).take(EXPRESSIONS).copied()
+    };
+    let expressions = (0..frames).flat_map(coefficients);
+    archive.floats("expressions", &[frames, EXPRESSIONS], expressions)?;
+    let translation = clip.translation.as_flattened().iter().copied();
+    archive.floats("trans", &[frames, 3], translation)?;
+    archive.strings("model", &[], &["smplx2020"])?;
+    archive.strings("gender", &[], &["neutral"])?;
+    archive.frame_rate(clip.frame_rate)?;
+    if arkit {
+        let names: Vec<&str> = clip.face.names.iter().map(String::as_str).collect();
+        let values = clip.face_values.iter().copied();
+        archive.floats("arkit", &[frames, names.len()], values)?;
+        archive.strings("arkit_names", &[names.len()], &names)?;
+    }
+    out.write_all(archive.0.finish()?.get_ref())
+}
+
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "angles are computed in f64 and stored as f32"
+)]
+fn poses(clip: &Clip) -> impl Iterator<Item = f32> {
+    let rotations = clip.rotations.as_flattened().iter();
+    rotations.flat_map(|&q| rotation::axis_angle(q).map(|x| x as f32))
+}
+
+/// A zip file of `.npy` files, uncompressed as NumPy's `savez` leaves them. It is made in memory: on a
+/// failing file, `ZipWriter` would print a message of its own.
+struct Archive(ZipWriter<Cursor<Vec<u8>>>);
+
+impl Archive {
+    fn floats(
+        &mut self,
+        name: &str,
+        shape: &[usize],
+        values: impl IntoIterator<Item = f32>,
+    ) -> io::Result<()> {
+        let data: Vec<u8> = values.into_iter().flat_map(f32::to_le_bytes).collect();
+        self.array(name, "<f4", shape, &data)
+    }
+
+    /// NumPy's fixed-width strings: UTF-32, padded with zeros to the longest.
+    fn strings(&mut self, name: &str, shape: &[usize], values: &[&str]) -> io::Result<()> {
+        let width = values.iter().map(|s| s.chars().count()).max().unwrap_or(0);
+        let padded = |s: &str| -> Vec<u8> {
+            let codes = s.chars().map(u32::from).chain(std::iter::repeat(0));
+            codes.take(width).flat_map(u32::to_le_bytes).collect()
+        };
+        let data: Vec<u8> = values.iter().flat_map(|s| padded(s)).collect();
+        self.array(name, &format!("<U{width}"), shape, &data)
+    }
+
+    /// A whole number, as tools expect it; a fraction where the rate is none.
+    fn frame_rate(&mut self, rate: f32) -> io::Result<()> {
+        let name = "mocap_frame_rate";
+        if rate.fract() == 0.0 && rate < 1e9 {
+            #[expect(
+                clippy::cast_possible_truncation,
+                reason = "a whole number far below the limits of i64"
+            )]
+            let whole = rate as i64;
+            self.array(name, "<i8", &[], &whole.to_le_bytes())
+        } else {
+            self.array(name, "<f8", &[], &f64::from(rate).to_le_bytes())
+        }
+    }
+
+    fn array(&mut self, name: &str, dtype: &str, shape: &[usize], data: &[u8]) -> io::Result<()> {
+        let options = SimpleFileOptions::default()
+            .compression_method(CompressionMethod::Stored)
+            .large_file(u32::try_from(data.len() + 1024).is_err());
+        self.0.start_file(format!("{name}.npy"), options)?;
+        self.0.write_all(&npy_header(dtype, shape))?;
+        self.0.write_all(data)
+    }
+}
+
+/// The start of a `.npy` file, version 1.0: magic, length, and a Python literal padded so that the data
+/// after it is aligned to 64 bytes.
+fn npy_header(dtype: &str, shape: &[usize]) -> Vec<u8> {
+    let sizes: String = shape.iter().map(|size| format!("{size},")).collect();
+    let mut text = format!("{{'descr': '{dtype}', 'fortran_order': False, 'shape': ({sizes}), }}");
+    let padded = (10 + text.len() + 1).next_multiple_of(64);
+    text.extend(std::iter::repeat_n(' ', padded - 11 - text.len()));
+    text.push('\n');
+    let length = u16::try_from(text.len()).expect("a header has one short type and two sizes");
+    let mut header = b"\x93NUMPY\x01\x00".to_vec();
+    header.extend(length.to_le_bytes());
+    header.extend(text.as_bytes());
+    header
+}

@@ -1,0 +1,44 @@
+//! An animation file that is to be written in one of the formats.
+
+use super::{ExportError, Format, bvh, check, csv, glb, jsonl, npz};
+use crate::whole::Whole;
+use std::path::Path;
+use umo_core::motion::clip::Clip;
+
+/// A file to be written. Made before a long run, it tells at once that the path cannot be written;
+/// dropped without [`Output::write`], it leaves nothing behind.
+#[derive(Debug)]
+pub struct Output {
+    format: Format,
+    file: Whole,
+}
+
+impl Output {
+    /// Makes an empty temporary file beside `path`.
+    ///
+    /// # Errors
+    /// [`ExportError::Io`] where `path` is no place for a file.
+    pub fn create(path: &Path, format: Format) -> Result<Self, ExportError> {
+        let file = Whole::create(path).map_err(|cause| ExportError::Io(path.to_owned(), cause))?;
+        Ok(Self { format, file })
+    }
+
+    /// Writes the animation and puts the file in its place.
+    ///
+    /// # Errors
+    /// [`ExportError`] where the animation contradicts itself or does not suit the format, or the
+    /// file system fails; then an earlier file of that name is as it was.
+    pub fn write(self, clip: &Clip) -> Result<(), ExportError> {
+        check(clip).map_err(ExportError::Clip)?;
+        self.format.check_face(&clip.face)?;
+        let path = self.file.path().to_owned();
+        let written = self.file.commit(|out| match self.format {
+            Format::Npz => npz::write(clip, out),
+            Format::Bvh => bvh::write(clip, out),
+            Format::Glb => glb::write(clip, out),
+            Format::Csv => csv::write(clip, out),
+            Format::Jsonl => jsonl::write(clip, out),
+        });
+        written.map_err(|cause| ExportError::Io(path, cause))
+    }
+}

@@ -1,0 +1,261 @@
+use super::*;
+use umo_core::motion::skeleton::JOINT_NAMES;
+use gltf::animation::util::ReadOutputs;
+use gltf::{Gltf, Node};
+use std::collections::HashMap;
+
+/// A file as the `gltf` crate understands it.
+struct File {
+    gltf: Gltf,
+    bin: Vec<u8>,
+}
+
+impl File {
+    fn of(clip: &Clip) -> Self {
+        let bytes = bytes_of(|clip, out| super::super::glb::write(clip, out), clip);
+        let mut gltf = Gltf::from_slice(&bytes).unwrap();
+        let bin = gltf.blob.take().unwrap();
+        Self { gltf, bin }
+    }
+
+    fn node(&self, name: &str) -> Node<'_> {
+        self.gltf
+            .nodes()
+            .find(|node| node.name() == Some(name))
+            .unwrap()
+    }
+
+    /// For each node: its rotations, translations and shape weights over time.
+    fn tracks(&self) -> HashMap<usize, Track> {
+        let animation = self.gltf.animations().next().unwrap();
+        let mut tracks: HashMap<usize, Track> = HashMap::new();
+        for channel in animation.channels() {
+            let reader = channel.reader(|_| Some(&self.bin));
+            let track = tracks.entry(channel.target().node().index()).or_default();
+            track.times = reader.read_inputs().unwrap().collect();
+            match reader.read_outputs().unwrap() {
+                ReadOutputs::Rotations(q) => track.rotations = q.into_f32().collect(),
+                ReadOutputs::Translations(t) => track.translations = t.collect(),
+                ReadOutputs::MorphTargetWeights(w) => track.weights = w.into_f32().collect(),
+                ReadOutputs::Scales(_) => panic!("nothing is scaled"),
+            }
+        }
+        tracks
+    }
+
+    /// Where every named node is in a frame.
+    fn positions(&self, frame: usize) -> HashMap<String, Point> {
+        let mut found = HashMap::new();
+        let tracks = self.tracks();
+        for root in self.gltf.default_scene().unwrap().nodes() {
+            let start = ([0.0; 3], [0.0, 0.0, 0.0, 1.0]);
+            place(&root, start, frame, &tracks, &mut found);
+        }
+        found
+    }
+
+    fn morph_targets(&self) -> Vec<Vec<[f32; 3]>> {
+        let mesh = self.node("face").mesh().unwrap();
+        let primitive = mesh.primitives().next().unwrap();
+        let reader = primitive.reader(|_| Some(&self.bin));
+        let targets = reader.read_morph_targets();
+        targets
+            .map(|(moved, ..)| moved.unwrap().collect())
+            .collect()
+    }
+}
+
+#[derive(Default)]
+struct Track {
+    times: Vec<f32>,
+    rotations: Vec<[f32; 4]>,
+    translations: Vec<[f32; 3]>,
+    weights: Vec<f32>,
+}
+
+fn place(
+    node: &Node<'_>,
+    (from, turned): (Point, [f64; 4]),
+    frame: usize,
+    tracks: &HashMap<usize, Track>,
+    found: &mut HashMap<String, Point>,
+) {
+    let (mut offset, mut q, _) = node.transform().decomposed();
+    if let Some(track) = tracks.get(&node.index()) {
+        offset = track.translations.get(frame).copied().unwrap_or(offset);
+        q = track.rotations.get(frame).copied().unwrap_or(q);
+    }
+    let step = rotate(turned, offset.map(f64::from));
+    let here = std::array::from_fn(|i| from[i] + step[i]);
+    let turned = multiply(turned, q.map(f64::from));
+    found.insert(node.name().unwrap().to_owned(), here);
+    for child in node.children() {
+        place(&child, (here, turned), frame, tracks, found);
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(16))]
+    #[test]
+    fn glb_puts_every_joint_where_the_quaternions_do(clip in any_clip(FaceKind::Arkit, 2)) {
+        let file = File::of(&clip);
+        for frame in 0..2 {
+            let found = file.positions(frame);
+            for (name, want) in JOINT_NAMES.iter().zip(positions(&clip, frame)) {
+                prop_assert!(distance(found[*name], want) < 1e-5, "{}", name);
+            }
+        }
+    }
+}
+
+#[test]
+fn glb_animates_joints_and_face_at_the_frame_times() {
+    for kind in KINDS {
+        let clip = sample::clip(kind, 9, 1);
+        let file = File::of(&clip);
+        let tracks = file.tracks();
+        assert_eq!(tracks.len(), JOINTS + 1);
+        let times: Vec<f32> = (0..9).map(|f| f as f32 / 30.0).collect();
+        assert!(tracks.values().all(|track| track.times == times));
+        let face = &tracks[&file.node("face").index()];
+        assert_eq!(face.weights, clip.face_values);
+    }
+}
+
+#[test]
+fn glb_keeps_quaternions_on_one_side_and_of_unit_length() {
+    let mut clip = sample::clip(FaceKind::Arkit, 8, 1);
+    for rotations in clip.rotations.iter_mut().step_by(2) {
+        rotations[3] = rotations[3].map(|x| x * -0.9999);
+    }
+    let file = File::of(&clip);
+    let joint = &file.tracks()[&file.node("spine1").index()].rotations;
+    let dot = |a: &[f32; 4], b: &[f32; 4]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f32>();
+    assert!(joint.iter().all(|q| (dot(q, q) - 1.0).abs() < 1e-6));
+    assert!(joint.windows(2).all(|pair| dot(&pair[0], &pair[1]) > 0.5));
+}
+
+#[test]
+fn glb_names_a_shape_for_every_face_channel() {
+    for kind in KINDS {
+        let clip = sample::clip(kind, 1, 1);
+        let file = File::of(&clip);
+        let mesh = file.node("face").mesh().unwrap();
+        let extras = mesh.extras().as_ref().unwrap().get().to_owned();
+        let extras: serde_json::Value = serde_json::from_str(&extras).unwrap();
+        let names: Vec<String> = serde_json::from_value(extras["targetNames"].clone()).unwrap();
+        assert_eq!(names, clip.face.names);
+        let targets = file.morph_targets();
+        assert_eq!(targets.len(), names.len());
+        for (name, moved) in names.iter().zip(&targets) {
+            let furthest = moved.iter().map(|&d| distance(d.map(f64::from), [0.0; 3]));
+            let furthest = furthest.fold(0.0, f64::max);
+            assert!(
+                (0.003..0.03).contains(&furthest),
+                "{name} moves {furthest} m"
+            );
+        }
+        if kind == FaceKind::Arkit {
+            let alike = |a: usize| targets[..a].contains(&targets[a]);
+            assert!(!(0..names.len()).any(alike), "no two shapes are the same");
+        }
+    }
+}
+
+#[test]
+fn glb_shapes_move_what_their_names_say() {
+    let clip = sample::clip(FaceKind::Arkit, 1, 1);
+    let file = File::of(&clip);
+    let mesh = file.node("face").mesh().unwrap();
+    let primitive = mesh.primitives().next().unwrap();
+    let rest: Vec<[f32; 3]> = primitive
+        .reader(|_| Some(&file.bin))
+        .read_positions()
+        .unwrap()
+        .collect();
+    let targets = file.morph_targets();
+    let target = |name: &str| &targets[clip.face.names.iter().position(|n| n == name).unwrap()];
+    let mean = |name: &str, of: fn(&[f32; 3], &[f32; 3]) -> f32| -> f32 {
+        rest.iter()
+            .zip(target(name))
+            .map(|(at, moved)| of(at, moved))
+            .sum()
+    };
+    assert!(mean("jawOpen", |_, moved| moved[1]) < -0.1);
+    assert!(mean("browInnerUp", |_, moved| moved[1]) > 0.01);
+    assert!(mean("jawLeft", |_, moved| moved[0]) > 0.01);
+    assert!(mean("jawRight", |_, moved| moved[0]) < -0.01);
+    // Pairs stay on their own sides: the body's left is +X.
+    let wrong = |at: &[f32; 3], moved: &[f32; 3]| if at[0] < -0.02 { moved[1].abs() } else { 0.0 };
+    let right = |at: &[f32; 3], moved: &[f32; 3]| if at[0] > 0.02 { moved[1].abs() } else { 0.0 };
+    for name in ["eyeBlinkLeft", "mouthSmileLeft", "browDownLeft"] {
+        assert!(mean(name, wrong) < 0.05 * mean(name, right), "{name}");
+    }
+    for name in ["eyeBlinkRight", "mouthSmileRight", "browDownRight"] {
+        assert!(mean(name, right) < 0.05 * mean(name, wrong), "{name}");
+    }
+    // The open jaw parts the lips: two vertices at one place, of which one goes down.
+    let parted = |a: usize, b: usize| {
+        rest[a] == rest[b] && (target("jawOpen")[a][1] - target("jawOpen")[b][1]).abs() > 0.01
+    };
+    assert!((0..rest.len()).any(|a| (0..a).any(|b| parted(a, b))));
+}
+
+#[test]
+fn glb_skin_leaves_the_rest_pose_as_it_is() {
+    let clip = sample::clip(FaceKind::SmplxExpression, 1, 1);
+    let file = File::of(&clip);
+    let skin = file.node("body").skin().unwrap();
+    let joints: Vec<_> = skin
+        .joints()
+        .map(|j| j.name().unwrap().to_owned())
+        .collect();
+    assert_eq!(joints, JOINT_NAMES);
+    let inverse = skin
+        .reader(|_| Some(&file.bin))
+        .read_inverse_bind_matrices();
+    let mut rest: Vec<[f32; 3]> = Vec::new();
+    for (joint, matrix) in inverse.unwrap().enumerate() {
+        let from = parent(&clip, joint).map_or([0.0; 3], |parent| rest[parent]);
+        let offset = clip.skeleton.offsets_m[joint];
+        rest.push(std::array::from_fn(|i| from[i] + offset[i]));
+        assert!((0..3).all(|i| (matrix[3][i] + rest[joint][i]).abs() < 1e-6));
+    }
+    for name in ["body", "face"] {
+        let mesh = file.node(name).mesh().unwrap();
+        let primitive = mesh.primitives().next().unwrap();
+        let reader = primitive.reader(|_| Some(&file.bin));
+        let weights = reader.read_weights(0).unwrap().into_f32();
+        let joints = reader.read_joints(0).unwrap().into_u16();
+        for (weights, joints) in weights.zip(joints) {
+            assert!((weights.iter().sum::<f32>() - 1.0).abs() < 1e-6);
+            assert!(joints.iter().all(|&joint| usize::from(joint) < JOINTS));
+        }
+    }
+}
+
+#[test]
+fn glb_bends_the_jaw_where_no_shape_opens_it() {
+    for (kind, bends) in [(FaceKind::SmplxExpression, true), (FaceKind::Arkit, false)] {
+        let file = File::of(&sample::clip(kind, 1, 1));
+        let mesh = file.node("face").mesh().unwrap();
+        let primitive = mesh.primitives().next().unwrap();
+        let reader = primitive.reader(|_| Some(&file.bin));
+        let mut joints = reader.read_joints(0).unwrap().into_u16();
+        assert_eq!(
+            joints.any(|joint| JOINT_NAMES[usize::from(joint[0])] == "jaw"),
+            bends
+        );
+    }
+}
+
+#[test]
+fn glb_holds_a_face_without_channels_and_bones_without_length() {
+    let mut clip = sample::clip(FaceKind::SmplxExpression, 1, 1);
+    clip.face.names.clear();
+    clip.face_values.clear();
+    clip.skeleton.offsets_m.fill([0.0; 3]);
+    let file = File::of(&clip);
+    assert_eq!(file.tracks().len(), JOINTS);
+    assert!(file.morph_targets().is_empty());
+}

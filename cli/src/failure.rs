@@ -1,0 +1,79 @@
+//! What is said when something fails: one line, and whose fault it is.
+
+use std::fmt;
+
+use umo_core::stage::StageError;
+use umo_core::{LoadError, StepError};
+
+use crate::export::ExportError;
+
+/// Why the program stops.
+#[derive(Debug, PartialEq, Eq)]
+pub enum Failure {
+    /// The input is at fault: exit code 2.
+    Input(String),
+    /// The machine is at fault: exit code 1.
+    Machine(String),
+}
+
+impl Failure {
+    /// The exit code.
+    pub const fn code(&self) -> u8 {
+        match self {
+            Self::Input(_) => 2,
+            Self::Machine(_) => 1,
+        }
+    }
+
+    /// The input is at fault.
+    pub fn input(problem: impl fmt::Display) -> Self {
+        Self::Input(problem.to_string())
+    }
+
+    /// The machine is at fault.
+    pub fn machine(problem: impl fmt::Display) -> Self {
+        Self::Machine(problem.to_string())
+    }
+}
+
+impl fmt::Display for Failure {
+    /// One line, whatever the cause had in it.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (Self::Input(text) | Self::Machine(text)) = self;
+        let mut lines = text.lines().map(str::trim).filter(|line| !line.is_empty());
+        f.write_str(lines.next().unwrap_or("unknown"))?;
+        lines.try_for_each(|line| write!(f, "; {line}"))
+    }
+}
+
+impl std::error::Error for Failure {}
+
+impl From<LoadError> for Failure {
+    fn from(error: LoadError) -> Self {
+        Self::input(error)
+    }
+}
+
+impl From<StepError> for Failure {
+    fn from(error: StepError) -> Self {
+        match error {
+            StepError::Shape(_) => Self::machine(error),
+            _ => Self::input(error),
+        }
+    }
+}
+
+impl From<StageError> for Failure {
+    fn from(error: StageError) -> Self {
+        match error {
+            StageError::Step(error) => error.into(),
+            error => Self::input(error),
+        }
+    }
+}
+
+impl From<ExportError> for Failure {
+    fn from(error: ExportError) -> Self {
+        Self::input(error)
+    }
+}

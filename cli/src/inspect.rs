@@ -1,0 +1,82 @@
+//! `umo inspect`: what a model holds.
+
+use std::collections::BTreeMap;
+
+use umo_core::config::{AudioKind, FaceKind};
+use umo_core::weights::layout;
+use umo_core::{Config, ModelFile};
+
+use crate::args::Inspect;
+use crate::failure::Failure;
+use crate::model;
+
+/// Prints a summary.
+pub(crate) fn run(args: &Inspect) -> Result<(), Failure> {
+    let file = model::open(args.model.as_deref())?;
+    if args.config {
+        println!("{}", serde_json::to_string_pretty(file.config()).map_err(Failure::machine)?);
+        return Ok(());
+    }
+    summary(file.config());
+    sizes(&file);
+    if args.tensors {
+        println!();
+        for (name, dtype, shape, bytes) in file.tensors() {
+            println!("{name:<76} {dtype:>5} {bytes:>12} {shape:?}");
+        }
+    }
+    Ok(())
+}
+
+fn summary(c: &Config) {
+    let audio = match (c.audio.kind, &c.audio.hubert, &c.audio.mel) {
+        (AudioKind::Hubert, Some(h), _) => {
+            format!("hubert, {} layers of {}, {} heads", h.num_hidden_layers, h.hidden_size, h.num_attention_heads)
+        }
+        (_, _, Some(m)) => format!("mel, {} bands, {} orders of differences", m.bands, m.deltas),
+        _ => "none".to_owned(),
+    };
+    let face = match c.face.kind {
+        FaceKind::Arkit => "ARKit blendshapes",
+        FaceKind::SmplxExpression => "SMPL-X expression coefficients",
+    };
+    let (lm, i) = (&c.lm, &c.interp);
+    println!("name       {}", c.name);
+    println!("licence    {}", c.license);
+    println!("audio      {audio}, {} units, {} a second", c.audio.units, c.audio.token_rate);
+    println!(
+        "language   {} + {} layers of {}, {} heads of {}, {} experts of {}, top {}, vocabulary {}",
+        lm.num_layers, lm.num_decoder_layers, lm.d_model, lm.num_heads, lm.d_kv, lm.experts, lm.d_ff, lm.top_k, c.vocab.size
+    );
+    println!("between    {} + {} layers of {}, {} heads", i.temporal_layers, i.part_layers, i.d_model, i.num_heads);
+    println!("motion     codes of {}, {} {face}", c.vq.width, c.face.names.len());
+    println!(
+        "chunk      {} keyframes from {}, one every {} frames at {} a second, {} frames of lookahead",
+        c.target, c.prefix, c.keyframe_stride, c.frame_rate, c.lookahead
+    );
+    let templates: Vec<_> = c.templates.keys().map(String::as_str).collect();
+    println!("templates  {}", templates.join(", "));
+}
+
+/// Parameters and bytes per stage; of the experts, only `top_k` are active for a token.
+fn sizes(file: &ModelFile) {
+    let config = file.config();
+    let bytes: BTreeMap<&str, usize> = file.tensors().into_iter().map(|(name, .., bytes)| (name, bytes)).collect();
+    let mut stages: BTreeMap<String, [usize; 3]> = BTreeMap::new();
+    for spec in layout::specs(config, true).iter().filter(|spec| file.has(&spec.name)) {
+        let scale = bytes.get(format!("{}.scale", spec.name).as_str()).copied().unwrap_or(0);
+        let [parameters, active, size] = stages.entry(spec.stage().to_owned()).or_default();
+        *parameters += spec.len();
+        *active += if spec.is_expert() { spec.len() * config.lm.top_k / config.lm.experts } else { spec.len() };
+        *size += scale + bytes.get(spec.name.as_str()).copied().unwrap_or(0);
+    }
+    println!();
+    println!("{:<10} {:>14} {:>14} {:>14}", "stage", "parameters", "active", "bytes");
+    let mut total = [0; 3];
+    for (stage, row) in &stages {
+        println!("{stage:<10} {:>14} {:>14} {:>14}", row[0], row[1], row[2]);
+        total.iter_mut().zip(row).for_each(|(total, value)| *total += value);
+    }
+    println!("{:<10} {:>14} {:>14} {:>14}", "all", total[0], total[1], total[2]);
+    println!("{:<10} {:>44}", "file", file.len());
+}

@@ -1,0 +1,63 @@
+//! Speech to a full-body animation, on the command line.
+//!
+//! | module | what it does |
+//! |---|---|
+//! | [`args`] | the command line |
+//! | `animate`, `text` | speech, or a text, to an animation |
+//! | `stage`, `inspect`, `random` | one stage alone; what a model holds; a model of random weights |
+//! | [`wav`], [`export`], `start_pose` | files in and out |
+//! | `model`, `failure`, `progress` | which model; what is said when something fails; how far the work is |
+#![deny(unsafe_code)]
+
+mod animate;
+pub mod args;
+pub mod export;
+mod failure;
+mod inspect;
+mod model;
+mod progress;
+mod random;
+#[cfg(test)]
+mod sample;
+mod stage;
+mod start_pose;
+mod text;
+pub mod wav;
+pub mod whole;
+
+use std::ffi::OsString;
+use std::process::ExitCode;
+
+use clap::Parser;
+
+use args::{Args, Command};
+pub use failure::Failure;
+
+/// Runs the program and says how it ended: 0, 2 where the input is at fault, 1 where the machine is.
+pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
+    let args = match Args::try_parse_from(args) {
+        Ok(args) => args,
+        Err(error) => {
+            // Help and version go to standard output and are no failure; clap knows which is which.
+            let code = if error.use_stderr() { 2 } else { 0 };
+            return if error.print().is_ok() { ExitCode::from(code) } else { ExitCode::FAILURE };
+        }
+    };
+    match run(args.command) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("error: {failure}");
+            ExitCode::from(failure.code())
+        }
+    }
+}
+
+fn run(command: Command) -> Result<(), Failure> {
+    match command {
+        Command::Animate(args) => animate::run(&args),
+        Command::Text(args) => text::run(&args),
+        Command::Stage(args) => stage::run(&args),
+        Command::Inspect(args) => inspect::run(&args),
+        Command::MakeRandom(args) => random::run(&args),
+    }
+}

@@ -1,0 +1,102 @@
+//! `umo make-random`: a model of the right shape whose weights mean nothing.
+
+mod sizes;
+
+use std::cell::RefCell;
+
+use umo_core::Config;
+use umo_core::weights::layout::{self, Kind, Spec};
+use umo_core::weights::writer::{self, NewTensor, Storage, Values};
+
+use crate::args::{MakeRandom, StorageArg};
+use crate::failure::Failure;
+use crate::whole;
+
+/// The small text vocabulary of random models.
+static TEXT_MODEL: &[u8] = include_bytes!("../../models/umo-small/text.model");
+
+/// Writes a random model; the same bytes for the same arguments.
+pub(crate) fn run(args: &MakeRandom) -> Result<(), Failure> {
+    let config = sizes::config(args.size);
+    let output = whole::create(&args.output)?;
+    let specs = layout::specs(&config, true);
+    let mut tensors: Vec<NewTensor> =
+        specs.iter().enumerate().map(|(i, spec)| tensor(&config, spec, args, i as u64)).collect();
+    tensors.push(NewTensor {
+        name: umo_core::lm::text::TOKENIZER.to_owned(),
+        shape: vec![TEXT_MODEL.len()],
+        storage: Storage::Bytes,
+        values: Values::Bytes(TEXT_MODEL),
+    });
+    whole::commit(output, |out| writer::write(out, &config, &tensors))?;
+    let parameters: usize = specs.iter().map(Spec::len).sum();
+    println!("{}: {parameters} parameters", args.output.display());
+    Ok(())
+}
+
+fn tensor<'a>(config: &'a Config, spec: &'a Spec, args: &MakeRandom, index: u64) -> NewTensor<'a> {
+    let storage = match (args.store, spec.kind) {
+        (StorageArg::F32, _) | (_, Kind::Mel | Kind::Centroids) => Storage::F32,
+        (StorageArg::Int8, Kind::Product) => Storage::Int8,
+        (StorageArg::Bf16 | StorageArg::Int8, _) => Storage::Bf16,
+    };
+    let seed = args.seed;
+    let values = Values::Floats(Box::new(move || values(config, spec, seed, index)));
+    NewTensor { name: spec.name.clone(), shape: spec.shape.clone(), storage, values }
+}
+
+/// Values of about the size that trained ones have, so that activations stay of order 1 through all layers.
+#[expect(clippy::cast_precision_loss, reason = "widths are far below 2^24")]
+fn values(config: &Config, spec: &Spec, seed: u64, index: u64) -> Vec<f32> {
+    let random = RefCell::new(Random::new(seed, index));
+    let draw = |center: f32, size: f32| {
+        let mut random = random.borrow_mut();
+        (0..spec.len()).map(|_| center + size * random.next()).collect()
+    };
+    match spec.kind {
+        Kind::Product => draw(0.0, gain(&spec.name) / (spec.inputs() as f32).sqrt()),
+        Kind::Router => draw(0.0, 2.0 / (spec.inputs() as f32).sqrt()),
+        Kind::Table | Kind::Centroids => draw(0.0, 1.0),
+        Kind::Bias => draw(0.0, 0.02),
+        Kind::Norm => draw(1.0, 0.05),
+        Kind::PositionBias => draw(0.0, 0.5),
+        Kind::Mel => sizes::mel_values(config, &spec.name),
+    }
+}
+
+/// T5 does not scale its attention scores, so its queries are small; what is added to a residual stream is damped.
+fn gain(name: &str) -> f32 {
+    match name {
+        _ if name.starts_with("lm.") && name.ends_with(".q.weight") => 0.2,
+        _ if name.ends_with(".o.weight") || name.ends_with(".wo.weight") => 0.5,
+        _ if name.starts_with("vq.") => 0.7,
+        _ => 1.0,
+    }
+}
+
+/// Uniform numbers of variance 1: SplitMix64 (Steele, Lea, Flood 2014), a stream per tensor.
+struct Random(u64);
+
+impl Random {
+    fn new(seed: u64, stream: u64) -> Self {
+        let mut random = Self(seed ^ stream.wrapping_mul(0xA076_1D64_78BD_642F));
+        random.bits();
+        random
+    }
+
+    fn bits(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        z ^ (z >> 31)
+    }
+
+    /// Between `-sqrt(3)` and `sqrt(3)`.
+    #[expect(clippy::cast_precision_loss, reason = "24 bits fit an f32")]
+    fn next(&mut self) -> f32 {
+        const SQRT_3: f32 = 1.732_050_8;
+        let unit = (self.bits() >> 40) as f32 / (1_u32 << 24) as f32;
+        (2.0 * unit - 1.0) * SQRT_3
+    }
+}

@@ -1,0 +1,222 @@
+//! The dimensions of random models, a mel filter bank, and a plausible skeleton.
+
+use std::collections::BTreeMap;
+use std::f32::consts::PI;
+
+use umo_core::config::{
+    Audio, AudioKind, Codec, Face, FaceKind, Hubert, Interp, Lm, Mel, Modality, Sampling, Skeleton, TemplateItem, Vocab,
+    Vq,
+};
+use umo_core::motion::skeleton::ARKIT_NAMES;
+use umo_core::{Config, PerPart};
+
+use crate::args::Size;
+
+/// What every run with such a model says.
+const NOTICE: &str = "untrained model: structure only";
+
+/// Pieces of the small text vocabulary; see `models/umo-small/README.md`.
+const PIECES: usize = 400;
+
+/// Codes of each part.
+const CODES: usize = 256;
+
+/// The config of a random model.
+pub(super) fn config(size: Size) -> Config {
+    let (name, audio, text_ids) = match size {
+        Size::Base => ("umo-base-random", hubert(), 32_100),
+        Size::Small => ("umo-small-random", mel(), PIECES),
+    };
+    let vocab = vocab(text_ids, audio.units, if size == Size::Base { 505 } else { audio.units + 3 });
+    Config {
+        name: name.to_owned(),
+        license: "MIT OR Apache-2.0".to_owned(),
+        notice: Some(NOTICE.to_owned()),
+        frame_rate: 30,
+        keyframe_stride: 6,
+        prefix: 10,
+        target: 5,
+        max_target: 10,
+        lookahead: 9,
+        audio,
+        vocab,
+        lm: lm(size),
+        interp: interp(size),
+        vq: vq(size),
+        face: face(size),
+        templates: templates(),
+        rest: PerPart::default(),
+        sampling: Sampling { temperature: 1.0, top_k: 50, top_p: 1.0 },
+        skeleton: skeleton(),
+    }
+}
+
+fn hubert() -> Audio {
+    let hubert = Hubert {
+        conv_dim: vec![512; 7],
+        conv_kernel: vec![10, 3, 3, 3, 3, 2, 2],
+        conv_stride: vec![5, 2, 2, 2, 2, 2, 2],
+        hidden_size: 768,
+        intermediate_size: 3072,
+        num_attention_heads: 12,
+        num_hidden_layers: 9,
+        num_conv_pos_embeddings: 128,
+        num_conv_pos_embedding_groups: 16,
+        layer_norm_eps: 1e-5,
+        do_normalize: false,
+    };
+    Audio { kind: AudioKind::Hubert, sample_rate: 16_000, token_rate: 50, units: 500, hubert: Some(hubert), mel: None }
+}
+
+fn mel() -> Audio {
+    let mel = Mel { window: 400, fft: 512, bands: 40, floor: 1e-5, deltas: 1 };
+    Audio { kind: AudioKind::Mel, sample_rate: 16_000, token_rate: 50, units: 100, hubert: None, mel: Some(mel) }
+}
+
+/// Text ids, three ids of `motion`, the parts' codes with three markers each, then `audio_ids` of audio.
+fn vocab(text_ids: usize, units: usize, audio_ids: usize) -> Vocab {
+    let block = |first: usize, codes: usize, ids: usize| {
+        let marker = first + ids - 3;
+        Modality { first, codes, start: marker, end: marker + 1, mask: marker + 2 }
+    };
+    let part = |i: usize| block(text_ids + 3 + i * (CODES + 3), CODES, CODES + 3);
+    let audio = text_ids + 3 + 4 * (CODES + 3);
+    Vocab {
+        size: audio + audio_ids,
+        pad: 0,
+        eos: 1,
+        decoder_start: 0,
+        face: part(0),
+        hands: part(1),
+        upper: part(2),
+        lower: part(3),
+        audio: block(audio, units, audio_ids),
+    }
+}
+
+fn lm(size: Size) -> Lm {
+    let small = size == Size::Small;
+    Lm {
+        d_model: if small { 96 } else { 768 },
+        d_kv: if small { 24 } else { 64 },
+        d_ff: if small { 192 } else { 2048 },
+        num_heads: if small { 4 } else { 12 },
+        num_layers: if small { 2 } else { 12 },
+        num_decoder_layers: if small { 2 } else { 12 },
+        relative_attention_num_buckets: 32,
+        relative_attention_max_distance: 128,
+        layer_norm_epsilon: 1e-6,
+        feed_forward_proj: "gated-gelu".to_owned(),
+        tie_word_embeddings: false,
+        experts: 4,
+        top_k: 1,
+    }
+}
+
+fn interp(size: Size) -> Interp {
+    let (d_model, d_ff, temporal_layers) = if size == Size::Small { (96, 192, 2) } else { (256, 1024, 4) };
+    Interp { d_model, num_heads: 4, d_ff, temporal_layers, part_layers: 1, max_frames: 128 }
+}
+
+fn vq(size: Size) -> Vq {
+    let codec = |channels, layers| Codec { channels, layers };
+    Vq {
+        codes: CODES,
+        width: if size == Size::Small { 48 } else { 256 },
+        face: codec(if size == Size::Small { 58 } else { 106 }, 2),
+        hands: codec(180, 2),
+        upper: codec(78, 2),
+        lower: codec(61, 4),
+        root: codec(61, 4),
+    }
+}
+
+fn face(size: Size) -> Face {
+    match size {
+        Size::Small => Face { kind: FaceKind::Arkit, names: ARKIT_NAMES.map(str::to_owned).to_vec() },
+        Size::Base => Face {
+            kind: FaceKind::SmplxExpression,
+            names: (0..100).map(|i| format!("expression_{i}")).collect(),
+        },
+    }
+}
+
+/// Random weights do not care about the words, so a few ids stand for them.
+fn templates() -> BTreeMap<String, Vec<TemplateItem>> {
+    let id = TemplateItem::Id;
+    let name = |name: &str| TemplateItem::Name(name.to_owned());
+    let parts = ["face", "hands", "upper", "lower"].map(name);
+    let with_audio = [id(8), name("audio"), id(9)];
+    let with_text = [id(10), name("text"), id(11)];
+    let template = |groups: &[&[TemplateItem]]| groups.concat();
+    BTreeMap::from([
+        ("audio_to_motion".to_owned(), template(&[&with_audio, &parts, &[id(1)]])),
+        ("audio_to_motion_with_text".to_owned(), template(&[&with_audio, &with_text, &parts, &[id(1)]])),
+        ("text_to_motion".to_owned(), template(&[&with_text, &parts, &[id(1)]])),
+    ])
+}
+
+/// Window, triangular filters, mean and scale of a mel tokenizer.
+#[expect(clippy::cast_precision_loss, reason = "window lengths are far below 2^24")]
+pub(super) fn mel_values(config: &Config, name: &str) -> Vec<f32> {
+    let Some(mel) = &config.audio.mel else { return Vec::new() };
+    match name {
+        "audio.mel.window.weight" => {
+            (0..mel.window).map(|i| 0.5 - 0.5 * (2.0 * PI * i as f32 / mel.window as f32).cos()).collect()
+        }
+        "audio.mel.filters.weight" => filters(mel, config.audio.sample_rate as f32),
+        "audio.mel.mean" => [vec![-4.0; mel.bands], vec![0.0; mel.bands * mel.deltas]].concat(),
+        _ => [vec![0.4; mel.bands], vec![1.5; mel.bands * mel.deltas]].concat(),
+    }
+}
+
+/// Triangles whose corners are equally far apart on the mel scale `2595 log10(1 + hz / 700)`.
+#[expect(clippy::cast_precision_loss, reason = "band and bin numbers are far below 2^24")]
+fn filters(mel: &Mel, sample_rate: f32) -> Vec<f32> {
+    let to_mel = |hz: f32| 2595.0 * (1.0 + hz / 700.0).log10();
+    let to_hz = |mel: f32| 700.0 * (10.0_f32.powf(mel / 2595.0) - 1.0);
+    let (low, high) = (to_mel(60.0), to_mel(sample_rate / 2.0));
+    let corner = |i: usize| to_hz(low + (high - low) * i as f32 / (mel.bands + 1) as f32);
+    let bins = mel.fft / 2 + 1;
+    let mut weights = Vec::with_capacity(mel.bands * bins);
+    for band in 0..mel.bands {
+        let (left, center, right) = (corner(band), corner(band + 1), corner(band + 2));
+        for bin in 0..bins {
+            let hz = bin as f32 * sample_rate / mel.fft as f32;
+            let rising = (hz - left) / (center - left);
+            let falling = (right - hz) / (right - center);
+            weights.push(rising.min(falling).max(0.0));
+        }
+    }
+    weights
+}
+
+/// A person of 1.7 m by eye: parents as SMPL-X has them, round offsets.
+#[rustfmt::skip]
+fn skeleton() -> Skeleton {
+    let parents = vec![
+        -1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19, 15, 15, 15,
+        20, 25, 26, 20, 28, 29, 20, 31, 32, 20, 34, 35, 20, 37, 38,
+        21, 40, 41, 21, 43, 44, 21, 46, 47, 21, 49, 50, 21, 52, 53,
+    ];
+    let mut offsets_m = vec![
+        [0.0, 0.0, 0.0], [0.08, -0.08, 0.0], [-0.08, -0.08, 0.0], [0.0, 0.11, -0.01], [0.03, -0.38, 0.0],
+        [-0.03, -0.38, 0.0], [0.0, 0.13, 0.0], [-0.01, -0.40, -0.03], [0.01, -0.40, -0.03], [0.0, 0.05, 0.02],
+        [0.03, -0.05, 0.12], [-0.03, -0.05, 0.12], [0.0, 0.21, -0.04], [0.07, 0.11, -0.02], [-0.07, 0.11, -0.02],
+        [0.0, 0.09, 0.03], [0.10, 0.04, -0.01], [-0.10, 0.04, -0.01], [0.26, -0.01, -0.02], [-0.26, -0.01, -0.02],
+        [0.25, 0.01, 0.0], [-0.25, 0.01, 0.0], [0.0, 0.0, 0.02], [0.03, 0.06, 0.06], [-0.03, 0.06, 0.06],
+    ];
+    // Index, middle, pinky, ring, thumb: the first joint from the wrist, then two bones along the finger.
+    let fingers: [([f32; 3], f32); 5] = [
+        ([0.10, -0.01, 0.02], 0.033), ([0.11, 0.0, 0.0], 0.034), ([0.09, -0.02, -0.04], 0.022),
+        ([0.10, -0.01, -0.02], 0.030), ([0.04, -0.02, 0.03], 0.031),
+    ];
+    for side in [1.0, -1.0] {
+        for (base, bone) in fingers {
+            offsets_m.push([side * base[0], base[1], base[2]]);
+            offsets_m.push([side * bone, 0.0, 0.0]);
+            offsets_m.push([side * bone * 0.8, 0.0, 0.0]);
+        }
+    }
+    Skeleton { parents, offsets_m }
+}

@@ -1,0 +1,39 @@
+//! `umo stage`: one stage alone on tensors from a file (SPEC 3.1).
+
+use std::io::Write;
+use std::path::Path;
+
+use umo_core::lm::sampler::Sampler;
+use umo_core::stage::{self, Inputs, Options};
+use umo_core::weights::Loader;
+
+use crate::args::Stage;
+use crate::failure::Failure;
+use crate::{model, whole};
+
+/// Runs a stage.
+pub(crate) fn run(args: &Stage) -> Result<(), Failure> {
+    let stage = stage::Stage::from_name(&args.stage).ok_or_else(|| {
+        let names: Vec<_> = stage::Stage::ALL.into_iter().map(stage::Stage::name).collect();
+        Failure::input(format!("unknown stage `{}`: expected {}", args.stage, names.join(", ")))
+    })?;
+    let bytes = read(&args.input)?;
+    let inputs = Inputs::new(&bytes, "").map_err(|e| Failure::input(format!("{}: {e}", args.input.display())))?;
+    let file = model::open(args.model.as_deref())?;
+    let sampling = file.config().sampling;
+    let sampler = if args.greedy { Sampler::GREEDY } else { Sampler { sampling, seed: args.seed } };
+    let output = whole::create(&args.output)?;
+    let loader = Loader::new(&file, args.compute.precision.into(), model::isa(&args.compute)?);
+    let team = model::team(&args.compute)?;
+    let tensors = stage::run(stage, &loader, &team, &inputs, Options { target: args.target, sampler })?;
+    let bytes = stage::serialize(&tensors)?;
+    whole::commit(output, |out| out.write_all(&bytes))?;
+    for tensor in &tensors {
+        println!("{} {:?}", tensor.name, tensor.shape);
+    }
+    Ok(())
+}
+
+fn read(path: &Path) -> Result<Vec<u8>, Failure> {
+    std::fs::read(path).map_err(|error| Failure::input(format!("cannot read {}: {error}", path.display())))
+}

@@ -1,0 +1,442 @@
+//! Reading WAV files: any common encoding in, `f32` samples out.
+//!
+//! A header is never trusted about lengths: what the file holds decides what is read, and nothing is
+//! allocated from a number in the header. [`parse`] is a pure function of the bytes.
+
+use std::fmt;
+use std::fs::File;
+use std::io::{self, Read};
+use std::ops::RangeInclusive;
+use std::path::{Path, PathBuf};
+
+/// Sample rates that are read, in Hz.
+pub const SAMPLE_RATES: RangeInclusive<u32> = 1_000..=768_000;
+/// Most channels that are read.
+pub const MAX_CHANNELS: u16 = 8;
+
+const TAG_PCM: u16 = 1;
+const TAG_FLOAT: u16 = 3;
+const TAG_EXTENSIBLE: u16 = 0xFFFE;
+/// The last 14 bytes of a `WAVE_FORMAT_EXTENSIBLE` sub-format whose first two bytes are a plain tag.
+const SUBFORMAT_SUFFIX: [u8; 14] = [0, 0, 0, 0, 0x10, 0, 0x80, 0, 0, 0xAA, 0, 0x38, 0x9B, 0x71];
+
+/// The audio of a WAV file. Full scale is -1..=1; every sample is finite.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Wav {
+    /// Samples per second of one channel.
+    pub sample_rate: u32,
+    /// Number of channels, 1..=8.
+    pub channels: u16,
+    /// `[frames, channels]`, interleaved.
+    pub samples: Vec<f32>,
+    /// What was not as it should be; each is worth one line of warning.
+    pub notes: Vec<Note>,
+}
+
+impl Wav {
+    /// Averages the channels. `[frames]`.
+    pub fn mono(&self) -> Vec<f32> {
+        let channels = usize::from(self.channels);
+        self.samples
+            .chunks_exact(channels)
+            // f64, so that eight samples near the largest f32 still have a finite sum.
+            .map(|frame| narrow(frame.iter().map(|&x| f64::from(x)).sum::<f64>() / channels as f64))
+            .collect()
+    }
+
+    /// Length in seconds.
+    pub fn seconds(&self) -> f64 {
+        let frames = self.samples.len() / usize::from(self.channels);
+        frames as f64 / f64::from(self.sample_rate)
+    }
+}
+
+/// Something wrong with a WAV file that does not stop it from being read.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Note {
+    /// Samples that were not a finite number, now silence.
+    NonFinite {
+        /// How many.
+        samples: usize,
+    },
+    /// The header's length of the audio is not what the file holds.
+    Length {
+        /// Bytes that the header claims.
+        claimed: u64,
+        /// Bytes that are there, which were read.
+        found: u64,
+    },
+}
+
+impl fmt::Display for Note {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NonFinite { samples } => {
+                write!(
+                    f,
+                    "{samples} samples are not finite numbers; read as silence"
+                )
+            }
+            Self::Length { claimed, found } => write!(
+                f,
+                "the header claims {claimed} bytes of audio, the file holds {found}; read what is there"
+            ),
+        }
+    }
+}
+
+/// Why bytes are not a usable WAV file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum WavError {
+    /// No `RIFF….WAVE` at the start.
+    NotWav,
+    /// The audio comes before its format, or there is no format.
+    NoFormat,
+    /// The format chunk contradicts itself or is cut.
+    BadFormat(&'static str),
+    /// An encoding that is not read.
+    Encoding {
+        /// The format tag.
+        tag: u16,
+        /// Bits per sample.
+        bits: u16,
+    },
+    /// A sample rate outside [`SAMPLE_RATES`].
+    SampleRate(u32),
+    /// A channel count outside 1..=[`MAX_CHANNELS`].
+    Channels(u16),
+    /// No data chunk.
+    NoData,
+    /// A data chunk without one whole frame.
+    Empty,
+}
+
+impl fmt::Display for WavError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NotWav => f.write_str("not a WAV file: it does not start with RIFF and WAVE"),
+            Self::NoFormat => f.write_str("no format chunk before the audio"),
+            Self::BadFormat(what) => write!(f, "bad format chunk: {what}"),
+            Self::Encoding { tag, bits } => write!(
+                f,
+                "encoding {tag:#06x} with {bits} bits: expected 8 to 32-bit integers, or 32 or 64-bit floats"
+            ),
+            Self::SampleRate(rate) => write!(
+                f,
+                "sample rate {rate} Hz: expected {} to {}",
+                SAMPLE_RATES.start(),
+                SAMPLE_RATES.end()
+            ),
+            Self::Channels(count) => {
+                write!(f, "{count} channels: expected 1 to {MAX_CHANNELS}")
+            }
+            Self::NoData => f.write_str("no data chunk: the file ends before its audio"),
+            Self::Empty => f.write_str("the recording is empty: it holds no samples"),
+        }
+    }
+}
+
+impl std::error::Error for WavError {}
+
+/// Why a WAV file could not be read.
+#[derive(Debug)]
+pub enum ReadError {
+    /// The file system's answer.
+    Io(PathBuf, io::Error),
+    /// A directory where a file was wanted.
+    Directory(PathBuf),
+    /// The file's contents.
+    Wav(PathBuf, WavError),
+}
+
+impl fmt::Display for ReadError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Io(path, cause) if cause.kind() == io::ErrorKind::NotFound => {
+                write!(f, "cannot read `{}`: no such file", path.display())
+            }
+            Self::Io(path, cause) => write!(f, "cannot read `{}`: {cause}", path.display()),
+            Self::Directory(path) => {
+                write!(f, "cannot read `{}`: it is a directory", path.display())
+            }
+            Self::Wav(path, cause) => write!(f, "cannot read `{}`: {cause}", path.display()),
+        }
+    }
+}
+
+impl std::error::Error for ReadError {}
+
+/// Reads a WAV file.
+///
+/// # Errors
+/// [`ReadError`] naming the path and the cause.
+pub fn read(path: &Path) -> Result<Wav, ReadError> {
+    let io = |cause| ReadError::Io(path.to_owned(), cause);
+    let wav = |cause| ReadError::Wav(path.to_owned(), cause);
+    let mut file = File::open(path).map_err(io)?;
+    if file.metadata().map_err(io)?.is_dir() {
+        return Err(ReadError::Directory(path.to_owned()));
+    }
+    // The start alone first: an endless or huge file that is no WAV must not fill the memory.
+    let mut bytes = Vec::new();
+    file.by_ref().take(12).read_to_end(&mut bytes).map_err(io)?;
+    check_start(&bytes).map_err(wav)?;
+    file.read_to_end(&mut bytes).map_err(io)?;
+    parse(&bytes).map_err(wav)
+}
+
+/// Reads a WAV file's bytes.
+///
+/// A data chunk that claims more than is there, or leaves its length open (0 or all ones, as programs
+/// do that write to a pipe), is read to the end of the bytes and noted. A last frame that is cut is
+/// dropped.
+///
+/// # Errors
+/// [`WavError`] where nothing can be read.
+pub fn parse(bytes: &[u8]) -> Result<Wav, WavError> {
+    check_start(bytes)?;
+    let (format, data, length) = find_audio(bytes)?;
+    let frame = format.encoding.bytes() * usize::from(format.channels);
+    let data = &data[..data.len() / frame * frame];
+    if data.is_empty() {
+        return Err(WavError::Empty);
+    }
+    let mut samples = format.encoding.decode(data);
+    let mut notes: Vec<Note> = length.into_iter().collect();
+    let silenced = silence_non_finite(&mut samples);
+    if silenced > 0 {
+        notes.push(Note::NonFinite { samples: silenced });
+    }
+    Ok(Wav {
+        sample_rate: format.sample_rate,
+        channels: format.channels,
+        samples,
+        notes,
+    })
+}
+
+fn check_start(bytes: &[u8]) -> Result<(), WavError> {
+    let form = bytes.get(..4).ok_or(WavError::NotWav)?;
+    let kind = bytes.get(8..12).ok_or(WavError::NotWav)?;
+    if matches!(form, b"RIFF" | b"RF64" | b"BW64") && kind == b"WAVE" {
+        Ok(())
+    } else {
+        Err(WavError::NotWav)
+    }
+}
+
+/// Walks the chunks to the format and the audio's bytes, with a note where their length is not as claimed.
+fn find_audio(bytes: &[u8]) -> Result<(Format, &[u8], Option<Note>), WavError> {
+    let mut format = None;
+    let mut long_size = None;
+    let mut empty = false;
+    let mut rest = &bytes[12..];
+    while let Some((id, size, body)) = split_chunk(rest) {
+        let whole = usize::try_from(size).map_or(body, |size| &body[..size.min(body.len())]);
+        match &id {
+            b"fmt " => format = Some(Format::parse(whole)?),
+            // RF64 keeps the sizes that do not fit 32 bits here: the file's, then the data chunk's.
+            b"ds64" => long_size = whole.get(8..16).map(|at| u64::from_le_bytes(array(at))),
+            b"data" => {
+                let format = format.ok_or(WavError::NoFormat)?;
+                let claimed = match long_size {
+                    Some(long) if size == u32::MAX => long,
+                    _ => u64::from(size),
+                };
+                if claimed == 0 && is_chunk_list(body) {
+                    empty = true;
+                } else {
+                    let (data, note) = audio_bytes(body, claimed);
+                    return Ok((format, data, note));
+                }
+            }
+            _ => {}
+        }
+        rest = after(body, size);
+    }
+    Err(match (format, empty) {
+        (Some(_), true) => WavError::Empty,
+        (Some(_), false) => WavError::NoData,
+        (None, _) => WavError::NoFormat,
+    })
+}
+
+/// The claimed part of what follows a data chunk's header, or all of it where the claim cannot be true.
+fn audio_bytes(body: &[u8], claimed: u64) -> (&[u8], Option<Note>) {
+    match usize::try_from(claimed) {
+        Ok(size) if size > 0 && size <= body.len() => (&body[..size], None),
+        _ => {
+            let found = body.len() as u64;
+            (body, Some(Note::Length { claimed, found }))
+        }
+    }
+}
+
+/// Splits a chunk's header off: its name, its claimed size and everything after the header.
+fn split_chunk(bytes: &[u8]) -> Option<([u8; 4], u32, &[u8])> {
+    let (header, body) = bytes.split_first_chunk::<8>()?;
+    let [a, b, c, d, size @ ..] = *header;
+    Some(([a, b, c, d], u32::from_le_bytes(size), body))
+}
+
+/// What follows a chunk of `size` bytes and its padding to an even length.
+fn after(body: &[u8], size: u32) -> &[u8] {
+    let next = u64::from(size) + u64::from(size & 1);
+    usize::try_from(next)
+        .ok()
+        .and_then(|next| body.get(next..))
+        .unwrap_or_default()
+}
+
+/// Whether the bytes are nothing but whole, plainly named chunks: what follows an honestly empty data
+/// chunk, where audio of unknown length would not look so.
+fn is_chunk_list(mut bytes: &[u8]) -> bool {
+    while let Some((id, size, body)) = split_chunk(bytes) {
+        let named = id.iter().all(|c| c.is_ascii_graphic() || *c == b' ');
+        if !named || u64::from(size) > body.len() as u64 {
+            return false;
+        }
+        bytes = after(body, size);
+    }
+    bytes.is_empty()
+}
+
+/// What the format chunk says.
+#[derive(Clone, Copy)]
+struct Format {
+    channels: u16,
+    sample_rate: u32,
+    encoding: Encoding,
+}
+
+impl Format {
+    fn parse(chunk: &[u8]) -> Result<Self, WavError> {
+        let short = WavError::BadFormat("it is shorter than 16 bytes");
+        let fixed = chunk.first_chunk::<16>().ok_or(short)?;
+        let word = |at: usize| u16::from_le_bytes([fixed[at], fixed[at + 1]]);
+        let (channels, block, bits) = (word(2), word(12), word(14));
+        let sample_rate = u32::from_le_bytes(array(&fixed[4..8]));
+        let tag = match word(0) {
+            TAG_EXTENSIBLE => extensible_tag(chunk)?,
+            tag => tag,
+        };
+        if !(1..=MAX_CHANNELS).contains(&channels) {
+            return Err(WavError::Channels(channels));
+        }
+        if !SAMPLE_RATES.contains(&sample_rate) {
+            return Err(WavError::SampleRate(sample_rate));
+        }
+        if block == 0 || block % channels != 0 {
+            return Err(WavError::BadFormat(
+                "its frame size is not a multiple of its channels",
+            ));
+        }
+        let encoding = Encoding::choose(tag, bits, block / channels)?;
+        Ok(Self {
+            channels,
+            sample_rate,
+            encoding,
+        })
+    }
+}
+
+fn extensible_tag(chunk: &[u8]) -> Result<u16, WavError> {
+    let short = WavError::BadFormat("its extension is cut");
+    let guid = chunk.get(24..40).ok_or(short)?;
+    let tag = u16::from_le_bytes([guid[0], guid[1]]);
+    if guid[2..] == SUBFORMAT_SUFFIX {
+        Ok(tag)
+    } else {
+        Err(WavError::BadFormat("its sub-format is not known"))
+    }
+}
+
+/// How one sample is stored, little-endian.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Encoding {
+    U8,
+    I16,
+    I24,
+    /// 24 bits in the low three of four bytes.
+    I24In4,
+    I32,
+    F32,
+    F64,
+}
+
+impl Encoding {
+    /// Integers of odd widths sit at the top of their container, so the container sets the scale.
+    fn choose(tag: u16, bits: u16, container: u16) -> Result<Self, WavError> {
+        match (tag, bits, container) {
+            (TAG_PCM, 1..=8, 1) => Ok(Self::U8),
+            (TAG_PCM, 9..=16, 2) => Ok(Self::I16),
+            (TAG_PCM, 17..=24, 3) => Ok(Self::I24),
+            (TAG_PCM, 24, 4) => Ok(Self::I24In4),
+            (TAG_PCM, 25..=32, 4) => Ok(Self::I32),
+            (TAG_FLOAT, 32, 4) => Ok(Self::F32),
+            (TAG_FLOAT, 64, 8) => Ok(Self::F64),
+            (TAG_PCM, 1..=32, _) | (TAG_FLOAT, 32 | 64, _) => Err(WavError::BadFormat(
+                "its frame size does not fit its bits per sample",
+            )),
+            _ => Err(WavError::Encoding { tag, bits }),
+        }
+    }
+
+    const fn bytes(self) -> usize {
+        match self {
+            Self::U8 => 1,
+            Self::I16 => 2,
+            Self::I24 => 3,
+            Self::I24In4 | Self::I32 | Self::F32 => 4,
+            Self::F64 => 8,
+        }
+    }
+
+    fn decode(self, data: &[u8]) -> Vec<f32> {
+        match self {
+            Self::U8 => map(data, |[b]| (f32::from(b) - 128.0) / 128.0),
+            Self::I16 => map(data, |b| f32::from(i16::from_le_bytes(b)) / 32_768.0),
+            Self::I24 => map(data, |[a, b, c]| top_24_bits(a, b, c)),
+            Self::I24In4 => map(data, |[a, b, c, _]| top_24_bits(a, b, c)),
+            Self::I32 => map(data, |b| i32::from_le_bytes(b) as f32 / 2_147_483_648.0),
+            Self::F32 => map(data, f32::from_le_bytes),
+            Self::F64 => map(data, |b| narrow(f64::from_le_bytes(b))),
+        }
+    }
+}
+
+fn map<const N: usize>(data: &[u8], convert: impl Fn([u8; N]) -> f32) -> Vec<f32> {
+    data.as_chunks::<N>()
+        .0
+        .iter()
+        .map(|&b| convert(b))
+        .collect()
+}
+
+fn top_24_bits(low: u8, middle: u8, high: u8) -> f32 {
+    i32::from_le_bytes([0, low, middle, high]) as f32 / 2_147_483_648.0
+}
+
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "samples are f32; a value outside its range becomes infinite and is then silenced"
+)]
+fn narrow(x: f64) -> f32 {
+    x as f32
+}
+
+fn silence_non_finite(samples: &mut [f32]) -> usize {
+    let mut count = 0;
+    for x in samples.iter_mut().filter(|x| !x.is_finite()) {
+        *x = 0.0;
+        count += 1;
+    }
+    count
+}
+
+fn array<const N: usize>(bytes: &[u8]) -> [u8; N] {
+    bytes.try_into().expect("the caller slices exactly N bytes")
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,151 @@
+//! Writing model files: the same bytes for the same model, every time.
+
+use std::collections::BTreeMap;
+use std::io::{self, Write};
+
+use half::{bf16, f16};
+use serde::Serialize;
+use umo_kernels::pack::quantize_weight_row;
+
+use super::FORMAT_VERSION;
+use crate::config::Config;
+
+/// How a tensor's values are stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Storage {
+    /// 32-bit floats.
+    F32,
+    /// 16-bit floats.
+    F16,
+    /// Brain floats.
+    Bf16,
+    /// Int8 steps per row of the first dimension, with an F32 tensor `NAME.scale`.
+    Int8,
+    /// Bytes as they are.
+    Bytes,
+}
+
+impl Storage {
+    const fn dtype(self) -> &'static str {
+        match self {
+            Self::F32 => "F32",
+            Self::F16 => "F16",
+            Self::Bf16 => "BF16",
+            Self::Int8 => "I8",
+            Self::Bytes => "U8",
+        }
+    }
+
+    const fn bytes(self) -> usize {
+        match self {
+            Self::F32 => 4,
+            Self::F16 | Self::Bf16 => 2,
+            Self::Int8 | Self::Bytes => 1,
+        }
+    }
+}
+
+/// Where a tensor's values come from, asked for when they are written, one tensor at a time.
+pub enum Values<'a> {
+    /// Numbers, in the file's order.
+    Floats(Box<dyn Fn() -> Vec<f32> + 'a>),
+    /// Bytes, for [`Storage::Bytes`].
+    Bytes(&'a [u8]),
+}
+
+impl std::fmt::Debug for Values<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Floats(_) => "Floats",
+            Self::Bytes(_) => "Bytes",
+        })
+    }
+}
+
+/// One tensor to be written.
+#[derive(Debug)]
+pub struct NewTensor<'a> {
+    /// Name in the file.
+    pub name: String,
+    /// Shape; its product is the number of values.
+    pub shape: Vec<usize>,
+    /// How to store it.
+    pub storage: Storage,
+    /// Its values.
+    pub values: Values<'a>,
+}
+
+/// One entry of the header; field order is the file's.
+#[derive(Serialize)]
+struct Entry {
+    dtype: &'static str,
+    shape: Vec<usize>,
+    data_offsets: [usize; 2],
+}
+
+/// Writes a model file.
+///
+/// # Errors
+/// What the system says.
+pub fn write(out: &mut impl Write, config: &Config, tensors: &[NewTensor]) -> io::Result<()> {
+    let header = header(config, tensors)?;
+    out.write_all(&(header.len() as u64).to_le_bytes())?;
+    out.write_all(header.as_bytes())?;
+    tensors.iter().try_for_each(|tensor| write_values(out, tensor))
+}
+
+fn header(config: &Config, tensors: &[NewTensor]) -> io::Result<String> {
+    let mut entries = BTreeMap::new();
+    let metadata = BTreeMap::from([
+        ("config", serde_json::to_string(config)?),
+        ("format", "umo".to_owned()),
+        ("version", FORMAT_VERSION.to_owned()),
+    ]);
+    entries.insert("__metadata__".to_owned(), serde_json::to_value(metadata)?);
+    let mut end = 0;
+    let mut add = |name: String, dtype, shape: Vec<usize>, len: usize| -> io::Result<()> {
+        let entry = Entry { dtype, shape, data_offsets: [end, end + len] };
+        end += len;
+        entries.insert(name, serde_json::to_value(entry)?);
+        Ok(())
+    };
+    for tensor in tensors {
+        let len = tensor.shape.iter().product::<usize>() * tensor.storage.bytes();
+        if tensor.storage == Storage::Int8 {
+            let rows = tensor.shape[0];
+            add(format!("{}.scale", tensor.name), "F32", vec![rows], 4 * rows)?;
+        }
+        add(tensor.name.clone(), tensor.storage.dtype(), tensor.shape.clone(), len)?;
+    }
+    let mut text = serde_json::to_string(&entries)?;
+    // Data starts at a multiple of 64, so that a map of the file is aligned for any type.
+    while !(text.len() + 8).is_multiple_of(64) {
+        text.push(' ');
+    }
+    Ok(text)
+}
+
+fn write_values(out: &mut impl Write, tensor: &NewTensor) -> io::Result<()> {
+    let values = match &tensor.values {
+        Values::Bytes(bytes) => return out.write_all(bytes),
+        Values::Floats(values) => values(),
+    };
+    match tensor.storage {
+        Storage::F32 => values.iter().try_for_each(|v| out.write_all(&v.to_le_bytes())),
+        Storage::F16 => values.iter().try_for_each(|&v| out.write_all(&f16::from_f32(v).to_le_bytes())),
+        Storage::Bf16 => values.iter().try_for_each(|&v| out.write_all(&bf16::from_f32(v).to_le_bytes())),
+        Storage::Int8 => write_int8(out, &values, tensor.shape[0]),
+        Storage::Bytes => Err(io::Error::other(format!("tensor `{}`: bytes expected, numbers given", tensor.name))),
+    }
+}
+
+/// The scales of all rows, then their steps.
+fn write_int8(out: &mut impl Write, values: &[f32], rows: usize) -> io::Result<()> {
+    let mut steps = vec![0_i8; values.len()];
+    let width = values.len() / rows.max(1);
+    for (row, steps) in values.chunks_exact(width.max(1)).zip(steps.chunks_exact_mut(width.max(1))) {
+        let scale = quantize_weight_row(row, steps).map_err(io::Error::other)?;
+        out.write_all(&scale.to_le_bytes())?;
+    }
+    steps.iter().try_for_each(|step| out.write_all(&step.to_le_bytes()))
+}
