@@ -4,10 +4,12 @@
 //! |---|---|---|
 //! | [`config`], [`weights`] | the model file: every dimension, every tensor | 3 |
 //! | [`linear`], [`team`] | products at the model's precision, shared by a few threads | 2.9 |
+//! | [`audio`] | samples to audio units | 2.1 |
 //! | [`motion`] | codes to poses | 2.7 |
 //! | [`part`], [`error`] | the four parts; what can go wrong | 1 |
 #![deny(unsafe_code)]
 
+pub mod audio;
 pub mod config;
 pub mod error;
 pub mod linear;

@@ -1,0 +1,293 @@
+//! Samples to audio units (SPEC 2.1): HuBERT or log-mel features, then the nearest of a set of centroids.
+
+mod hubert;
+mod kmeans;
+mod mel;
+pub mod resample;
+
+use umo_kernels::matmul_f32::Epilogue;
+use umo_kernels::{Mat, MatMut, ShapeError};
+
+use crate::config::AudioKind;
+use crate::error::{LoadError, StepError};
+use crate::linear::{Compute, Linear, Ready};
+use crate::weights::Loader;
+use hubert::Hubert;
+use kmeans::Kmeans;
+use mel::Mel;
+
+/// Features whose units are looked up at a time where a whole file is tokenised.
+const BLOCK: usize = 128;
+
+/// The audio tokenizer of one model. Its products are exact at every precision: a unit is a choice, and what follows
+/// sees nothing else of the audio.
+#[derive(Debug)]
+pub struct Tokenizer {
+    network: Network,
+    kmeans: Kmeans,
+    /// Samples from one feature to the next.
+    hop: usize,
+    /// Samples that a feature covers before its own hop.
+    reach: usize,
+    width: usize,
+}
+
+#[derive(Debug)]
+enum Network {
+    Hubert(Box<Hubert>),
+    Mel(Box<Mel>),
+}
+
+/// One stream's audio as the tokenizer remembers it.
+#[derive(Debug)]
+pub struct AudioStream {
+    /// Features before any layer that looks around, oldest first: `[window, width]`.
+    features: Box<[f32]>,
+    /// The last samples, which the next feature reaches back to: `[reach]`.
+    recent: Box<[f32]>,
+    window: usize,
+    max_new: usize,
+    started: bool,
+    state: State,
+}
+
+#[derive(Debug)]
+enum State {
+    Hubert(hubert::Statistics),
+    Mel(mel::Past),
+}
+
+/// Room for one call of [`Tokenizer::advance`], for any stream of at most the same window and call.
+#[derive(Debug)]
+pub struct AudioScratch {
+    /// What the new features cover: `[reach + max_new * hop]`.
+    samples: Box<[f32]>,
+    /// `[window, units]`.
+    scores: Box<[f32]>,
+    window: usize,
+    max_new: usize,
+    network: Room,
+}
+
+#[derive(Debug)]
+enum Room {
+    Hubert(hubert::Scratch),
+    Mel(mel::Scratch),
+}
+
+impl AudioStream {
+    /// Forgets all audio: the next call starts a new stream.
+    pub fn reset(&mut self) {
+        self.started = false;
+    }
+
+    /// What the units of the last call came from: HuBERT's projected convolution features, or the mel features.
+    ///
+    /// Shape: `[window, width]`, oldest first.
+    pub fn features(&self) -> &[f32] {
+        &self.features
+    }
+
+    /// Tokens in the window.
+    pub fn window(&self) -> usize {
+        self.window
+    }
+}
+
+impl Tokenizer {
+    /// Loads the tokenizer that the config names.
+    ///
+    /// # Errors
+    /// [`LoadError`] naming the tensor or key.
+    pub fn load(loader: &Loader) -> Result<Self, LoadError> {
+        let loader = loader.exact();
+        let config = loader.file().config();
+        let missing = |key: &str| LoadError::config(key, "missing");
+        let (network, width) = match config.audio.kind {
+            AudioKind::Hubert => {
+                let sizes = config.audio.hubert.as_ref().ok_or_else(|| missing("audio.hubert"))?;
+                (Network::Hubert(Box::new(Hubert::load(&loader, sizes)?)), sizes.hidden_size)
+            }
+            AudioKind::Mel => {
+                let sizes = config.audio.mel.as_ref().ok_or_else(|| missing("audio.mel"))?;
+                (Network::Mel(Box::new(Mel::load(&loader, sizes, config.hop())?)), sizes.width())
+            }
+        };
+        let kmeans = Kmeans::load(&loader, config.audio.units, width)?;
+        Ok(Self { network, kmeans, hop: config.hop(), reach: config.feature_reach_back(), width })
+    }
+
+    /// Values per feature.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Samples from one feature to the next.
+    pub fn hop(&self) -> usize {
+        self.hop
+    }
+
+    /// Samples that one feature covers: the least that [`Tokenizer::features`] takes.
+    pub fn field(&self) -> usize {
+        self.reach + self.hop
+    }
+
+    /// The plain network on a whole clip: features `[T, width]` and their units `[T]`. Allocates.
+    ///
+    /// Feature `j` covers the samples `hop * j .. hop * j + field`; all statistics are those of the clip.
+    ///
+    /// # Errors
+    /// [`StepError::Empty`] where the clip is too short for one feature.
+    pub fn features(&self, cx: Compute, audio: &[f32]) -> Result<(Vec<f32>, Vec<u32>), StepError> {
+        if audio.len() < self.field() {
+            return Err(StepError::Empty("audio feature"));
+        }
+        let count = (audio.len() - self.field()) / self.hop + 1;
+        let mut features = vec![0.0; count * self.width];
+        match &self.network {
+            Network::Hubert(hubert) => hubert.features(cx, audio, self.hop, &mut features)?,
+            Network::Mel(mel) => {
+                let (mut past, mut scratch) = (mel.past(), mel.scratch(count));
+                mel.begin(&mut past);
+                mel.extract(cx, &mut past, &mut scratch, audio, &mut features)?;
+            }
+        }
+        let mut units = vec![0; count];
+        let mut scores = vec![0.0; count.min(BLOCK) * self.kmeans.units()];
+        for (features, units) in features.chunks(BLOCK * self.width).zip(units.chunks_mut(BLOCK)) {
+            self.kmeans.nearest(cx, features, &mut scores, units)?;
+        }
+        Ok((features, units))
+    }
+
+    /// A new stream whose window is `window` tokens and which takes at most `max_new` tokens per call, `1..=window`.
+    ///
+    /// # Panics
+    /// Where `max_new` is outside that range.
+    pub fn stream(&self, window: usize, max_new: usize) -> AudioStream {
+        assert!((1..=window).contains(&max_new), "{max_new} new tokens per call in a window of {window}");
+        AudioStream {
+            features: vec![0.0; window * self.width].into(),
+            recent: vec![0.0; self.reach].into(),
+            window,
+            max_new,
+            started: false,
+            state: match &self.network {
+                Network::Hubert(hubert) => State::Hubert(hubert.statistics()),
+                Network::Mel(mel) => State::Mel(mel.past()),
+            },
+        }
+    }
+
+    /// Room for streams of at most `window` tokens and `max_new` tokens per call.
+    pub fn scratch(&self, window: usize, max_new: usize) -> AudioScratch {
+        AudioScratch {
+            samples: vec![0.0; self.reach + max_new.max(1) * self.hop].into(),
+            scores: vec![0.0; window * self.kmeans.units()].into(),
+            window,
+            max_new,
+            network: match &self.network {
+                Network::Hubert(hubert) => Room::Hubert(hubert.scratch(self.reach + max_new.max(1) * self.hop, window)),
+                Network::Mel(mel) => Room::Mel(mel.scratch(max_new)),
+            },
+        }
+    }
+
+    /// Appends one chunk of audio and writes the units of the whole window that it ends. Never allocates.
+    ///
+    /// Shapes: `samples` a multiple of the hop, at most `max_new` hops; `units [window]`.
+    /// Feature `j` covers the samples `hop * j - reach .. hop * j + hop` of the stream. Its convolutions are computed in
+    /// the call that brings its samples, under the statistics of all audio up to that call's end; layers that look
+    /// around are computed over the window in every call. Time before the stream is silence.
+    ///
+    /// # Errors
+    /// [`StepError`] where a length disagrees, or `stream` or `scratch` were made for less or by another tokenizer.
+    pub fn advance(
+        &self,
+        cx: Compute,
+        stream: &mut AudioStream,
+        scratch: &mut AudioScratch,
+        samples: &[f32],
+        units: &mut [u32],
+    ) -> Result<(), StepError> {
+        let new = self.check(stream, scratch, samples, units)?;
+        let (reach, width, first) = (self.reach, self.width, !stream.started);
+        if first {
+            stream.recent.fill(0.0);
+        }
+        let heard = &mut scratch.samples[..reach + samples.len()];
+        heard[..reach].copy_from_slice(&stream.recent);
+        heard[reach..].copy_from_slice(samples);
+        // A call brings at least one hop, which is no shorter than the reach.
+        stream.recent.copy_from_slice(&samples[samples.len() - reach..]);
+        stream.features.copy_within(new * width.., 0);
+        let (old, fresh) = stream.features.split_at_mut((stream.window - new) * width);
+        let scores = &mut scratch.scores[..stream.window * self.kmeans.units()];
+        match (&self.network, &mut stream.state, &mut scratch.network) {
+            (Network::Hubert(hubert), State::Hubert(statistics), Room::Hubert(room)) => {
+                if first {
+                    statistics.clear();
+                }
+                statistics.listen(samples);
+                if first {
+                    heard[..reach].fill(statistics.silence());
+                }
+                hubert.extract(cx, statistics, room, heard, reach, fresh)?;
+                if first {
+                    let silence = &mut heard[..reach + self.hop];
+                    silence.fill(statistics.silence());
+                    hubert.fill(cx, statistics, room, silence, old)?;
+                }
+                let hidden = hubert.encode(cx, room, &stream.features)?;
+                self.kmeans.nearest(cx, hidden, scores, units)?;
+            }
+            (Network::Mel(mel), State::Mel(past), Room::Mel(room)) => {
+                if first {
+                    mel.begin(past);
+                    mel.fill(old);
+                }
+                mel.extract(cx, past, room, heard, fresh)?;
+                self.kmeans.nearest(cx, &stream.features, scores, units)?;
+            }
+            _ => return Err(StepError::Order("an audio stream or scratch of another tokenizer")),
+        }
+        stream.started = true;
+        Ok(())
+    }
+
+    /// New tokens of a call, where its lengths agree.
+    fn check(
+        &self,
+        stream: &AudioStream,
+        scratch: &AudioScratch,
+        samples: &[f32],
+        units: &[u32],
+    ) -> Result<usize, StepError> {
+        let new = samples.len() / self.hop;
+        if samples.is_empty() {
+            return Err(StepError::Empty("audio sample"));
+        }
+        if !samples.len().is_multiple_of(self.hop) {
+            return Err(ShapeError { arg: "samples", want: new * self.hop, got: samples.len() }.into());
+        }
+        let limit = stream.max_new.min(scratch.max_new);
+        if new > limit {
+            return Err(StepError::TooLong { what: "audio tokens of one call", got: new, limit });
+        }
+        if stream.window > scratch.window {
+            return Err(StepError::TooLong { what: "audio window", got: stream.window, limit: scratch.window });
+        }
+        if units.len() != stream.window {
+            return Err(ShapeError { arg: "units", want: stream.window, got: units.len() }.into());
+        }
+        if stream.features.len() != stream.window * self.width || stream.recent.len() != self.reach {
+            return Err(StepError::Order("an audio stream or scratch of another tokenizer"));
+        }
+        Ok(new)
+    }
+}
+
+/// A product of the tokenizer, whose weights are never quantised.
+fn product(cx: Compute, linear: &Linear, x: Mat<f32>, end: Epilogue, y: MatMut<f32>) -> Result<(), StepError> {
+    linear.apply(cx, Ready::Float(x), None, 0..linear.outputs(), end, y)
+}

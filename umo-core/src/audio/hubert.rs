@@ -1,0 +1,474 @@
+//! HuBERT as Hugging Face's `HubertModel` computes it, up to the layer that the file ends with.
+//!
+//! Convolutions run once per feature, the layers that look around once per window. The group norm of the first
+//! convolution and the waveform's normalisation need statistics over time; both are kept of the samples as they came:
+//! with a bias-free convolution, normalising the waveform to variance 1 only changes what the group norm's epsilon is
+//! measured against.
+
+use umo_kernels::activation;
+use umo_kernels::attention::{Visible, attention_f32};
+use umo_kernels::matmul_f32::{Activation, Epilogue};
+use umo_kernels::norm::{channel_affine, channel_sums, layer_norm};
+use umo_kernels::{Mat, MatMut, PANEL};
+
+use super::product;
+use crate::config;
+use crate::error::{LoadError, StepError};
+use crate::linear::{Compute, Linear, Ready};
+use crate::weights::Loader;
+
+/// Added to a channel's variance in the group norm: PyTorch's default, which Hugging Face does not change.
+const GROUP_NORM_EPS: f64 = 1e-5;
+/// Added to the waveform's variance where it is normalised, as Hugging Face's feature extractor does.
+const WAVE_EPS: f64 = 1e-7;
+/// Features per pass of the convolutions where a whole file is tokenised.
+const BLOCK: usize = 64;
+/// Multiply-adds that an element of a norm or an activation costs, roughly.
+const ELEMENT_WORK: usize = 8;
+
+const GELU: Epilogue<'static> = Epilogue::STORE.then(Activation::Gelu);
+
+/// The network.
+#[derive(Debug)]
+pub(super) struct Hubert {
+    sizes: config::Hubert,
+    convolutions: Box<[Linear]>,
+    /// Affine part of the group norm, `[conv_dim[0]]`.
+    group_norm: Norm,
+    projection_norm: Norm,
+    projection: Linear,
+    /// One product per group.
+    position: Vec<Linear>,
+    norm: Norm,
+    layers: Box<[Layer]>,
+}
+
+#[derive(Debug)]
+struct Norm {
+    weight: Box<[f32]>,
+    bias: Box<[f32]>,
+    eps: f32,
+}
+
+#[derive(Debug)]
+struct Layer {
+    /// Queries, keys and values, `[3 * hidden, hidden]`.
+    qkv: Linear,
+    out: Linear,
+    norm: Norm,
+    up: Linear,
+    down: Linear,
+    final_norm: Norm,
+}
+
+/// Running statistics of a stream, in f64 and in the order of time: no cut of the stream changes a bit of them.
+#[derive(Debug)]
+pub(super) struct Statistics {
+    normalise: bool,
+    /// Samples so far.
+    samples: usize,
+    /// Their sum and the sum of their squares.
+    wave: [f64; 2],
+    /// Outputs of the first convolution so far.
+    outputs: usize,
+    /// Their sums and sums of squares, `[2, conv_dim[0]]`.
+    channels: Box<[f64]>,
+}
+
+/// Room for the convolutions of one call and the layers of one window.
+#[derive(Debug)]
+pub(super) struct Scratch {
+    /// Outputs of convolutions 0, 2, 4 ...
+    even: Box<[f32]>,
+    /// Outputs of convolutions 1, 3, 5 ...
+    odd: Box<[f32]>,
+    /// The group norm as one factor per channel, `[conv_dim[0]]`.
+    scale: Box<[f32]>,
+    /// And one summand.
+    shift: Box<[f32]>,
+    /// Input of the position convolution, `[groups, window + 2 * (kernel / 2), hidden / groups]`.
+    padded: Box<[f32]>,
+    /// `[window, hidden]`.
+    sum: Box<[f32]>,
+    /// `[window, hidden]`.
+    hidden: Box<[f32]>,
+    /// `[window, 3 * hidden]`.
+    qkv: Box<[f32]>,
+    /// `[window, intermediate]`.
+    inside: Box<[f32]>,
+}
+
+impl Statistics {
+    /// Forgets all audio.
+    pub(super) fn clear(&mut self) {
+        (self.samples, self.wave, self.outputs) = (0, [0.0; 2], 0);
+        self.channels.fill(0.0);
+    }
+
+    /// Adds samples to the waveform's statistics.
+    pub(super) fn listen(&mut self, samples: &[f32]) {
+        self.samples += samples.len();
+        if self.normalise {
+            for &sample in samples {
+                self.wave[0] += f64::from(sample);
+                self.wave[1] += f64::from(sample) * f64::from(sample);
+            }
+        }
+    }
+
+    /// The sample that normalisation makes zero: what stands for the time before the stream.
+    pub(super) fn silence(&self) -> f32 {
+        if self.normalise { single(mean(self.wave[0], self.samples)) } else { 0.0 }
+    }
+
+    /// What the group norm's epsilon is multiplied by, because it is meant for the normalised waveform.
+    fn wave_variance(&self) -> f64 {
+        if self.normalise { variance(self.wave[0], self.wave[1], self.samples) + WAVE_EPS } else { 1.0 }
+    }
+}
+
+#[expect(clippy::cast_precision_loss, reason = "2^53 samples are 17,000 years")]
+fn mean(sum: f64, count: usize) -> f64 {
+    sum / count.max(1) as f64
+}
+
+fn variance(sum: f64, squares: f64, count: usize) -> f64 {
+    let average = mean(sum, count);
+    (mean(squares, count) - average * average).max(0.0)
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "rounded to the precision of activations")]
+fn single(value: f64) -> f32 {
+    value as f32
+}
+
+/// Outputs of a convolution without padding.
+fn outputs(inputs: usize, kernel: usize, stride: usize) -> usize {
+    if inputs < kernel { 0 } else { (inputs - kernel) / stride + 1 }
+}
+
+impl Norm {
+    fn load(loader: &Loader, name: &str, width: usize, eps: f32) -> Result<Self, LoadError> {
+        let weight = loader.vector(&format!("{name}.weight"), width)?;
+        Ok(Self { weight, bias: loader.vector(&format!("{name}.bias"), width)?, eps })
+    }
+
+    /// Layer norm of every row of `x [rows, width]`.
+    fn apply(&self, cx: Compute, x: &[f32], rows: usize, y: &mut [f32]) -> Result<(), StepError> {
+        let width = self.weight.len();
+        let (x, y) = (Mat::new(x, rows, width)?, MatMut::new(y, rows, width)?);
+        cx.team.rows(y, rows * width * ELEMENT_WORK, |range, y| {
+            Ok(layer_norm(cx.isa, x.row_range(range), &self.weight, &self.bias, self.eps, y)?)
+        })
+    }
+}
+
+impl Layer {
+    fn load(loader: &Loader, name: &str, sizes: &config::Hubert) -> Result<Self, LoadError> {
+        let (hidden, eps) = (sizes.hidden_size, sizes.layer_norm_eps);
+        let projections = ["q_proj", "k_proj", "v_proj"].map(|p| format!("{name}.attention.{p}"));
+        let mut bias = Vec::with_capacity(3 * hidden);
+        for projection in &projections {
+            bias.extend_from_slice(&loader.vector(&format!("{projection}.bias"), hidden)?);
+        }
+        let weights = projections.map(|projection| format!("{projection}.weight"));
+        let (up, down) =
+            (format!("{name}.feed_forward.intermediate_dense"), format!("{name}.feed_forward.output_dense"));
+        Ok(Self {
+            qkv: loader.linear(&weights, &[hidden; 3], hidden)?.with_bias(bias.into()),
+            out: loader.linear_with_bias(&format!("{name}.attention.out_proj"), hidden, hidden)?,
+            norm: Norm::load(loader, &format!("{name}.layer_norm"), hidden, eps)?,
+            up: loader.linear_with_bias(&up, sizes.intermediate_size, hidden)?,
+            down: loader.linear_with_bias(&down, hidden, sizes.intermediate_size)?,
+            final_norm: Norm::load(loader, &format!("{name}.final_layer_norm"), hidden, eps)?,
+        })
+    }
+}
+
+impl Hubert {
+    pub(super) fn load(loader: &Loader, sizes: &config::Hubert) -> Result<Self, LoadError> {
+        let (root, hidden, eps) = ("audio.hubert", sizes.hidden_size, sizes.layer_norm_eps);
+        let extractor = format!("{root}.feature_extractor.conv_layers");
+        let mut channels = 1;
+        let mut convolutions = Vec::with_capacity(sizes.conv_dim.len());
+        for (i, (&dim, &kernel)) in sizes.conv_dim.iter().zip(&sizes.conv_kernel).enumerate() {
+            convolutions.push(loader.conv(&format!("{extractor}.{i}.conv"), dim, channels, kernel, false)?);
+            channels = dim;
+        }
+        let (kernel, groups) = (sizes.num_conv_pos_embeddings, sizes.num_conv_pos_embedding_groups);
+        let layers = (0..sizes.num_hidden_layers)
+            .map(|i| Layer::load(loader, &format!("{root}.encoder.layers.{i}"), sizes))
+            .collect::<Result<_, _>>()?;
+        Ok(Self {
+            sizes: sizes.clone(),
+            convolutions: convolutions.into(),
+            // Its epsilon is applied in f64, with the statistics.
+            group_norm: Norm::load(loader, &format!("{extractor}.0.layer_norm"), sizes.conv_dim[0], 0.0)?,
+            projection_norm: Norm::load(loader, &format!("{root}.feature_projection.layer_norm"), channels, eps)?,
+            projection: loader.linear_with_bias(&format!("{root}.feature_projection.projection"), hidden, channels)?,
+            position: loader.grouped_conv(&format!("{root}.encoder.pos_conv_embed.conv"), hidden, kernel, groups)?,
+            norm: Norm::load(loader, &format!("{root}.encoder.layer_norm"), hidden, eps)?,
+            layers,
+        })
+    }
+
+    /// Statistics of no audio.
+    pub(super) fn statistics(&self) -> Statistics {
+        let channels = vec![0.0; 2 * self.sizes.conv_dim[0]].into();
+        Statistics { normalise: self.sizes.do_normalize, samples: 0, wave: [0.0; 2], outputs: 0, channels }
+    }
+
+    /// Room for the convolutions of `samples` samples and a window of `window` features.
+    pub(super) fn scratch(&self, samples: usize, window: usize) -> Scratch {
+        let sizes = &self.sizes;
+        let mut len = [0_usize; 2];
+        let (mut rows, mut dim) = (samples, 1);
+        for (i, (conv, &stride)) in self.convolutions.iter().zip(&sizes.conv_stride).enumerate() {
+            rows = outputs(rows, sizes.conv_kernel[i], stride);
+            dim = conv.outputs();
+            len[i % 2] = len[i % 2].max(rows * dim);
+        }
+        // The projection's layer norm writes where the last convolution does not.
+        let last = self.convolutions.len() % 2;
+        len[last] = len[last].max(rows * dim);
+        let padded = window + 2 * (sizes.num_conv_pos_embeddings / 2);
+        let zeros = |len: usize| vec![0.0; len].into_boxed_slice();
+        Scratch {
+            even: zeros(len[0]),
+            odd: zeros(len[1]),
+            scale: zeros(sizes.conv_dim[0]),
+            shift: zeros(sizes.conv_dim[0]),
+            padded: zeros(padded * sizes.hidden_size),
+            sum: zeros(window * sizes.hidden_size),
+            hidden: zeros(window * sizes.hidden_size),
+            qkv: zeros(window * 3 * sizes.hidden_size),
+            inside: zeros(window * sizes.intermediate_size),
+        }
+    }
+
+    /// The features of a stream's new samples, whose waveform statistics are up to date.
+    ///
+    /// Shapes: `heard` is `reach` samples from before and the new ones, `features [n, hidden]` (overwritten).
+    pub(super) fn extract(
+        &self,
+        cx: Compute,
+        statistics: &mut Statistics,
+        scratch: &mut Scratch,
+        heard: &[f32],
+        reach: usize,
+        features: &mut [f32],
+    ) -> Result<(), StepError> {
+        let rows = self.first(cx, heard, &mut scratch.even)?;
+        let (kernel, stride) = (self.sizes.conv_kernel[0], self.sizes.conv_stride[0]);
+        let new = if statistics.samples + reach == heard.len() {
+            // The stream's first samples: windows that begin in the silence before them do not count.
+            reach.div_ceil(stride)
+        } else {
+            // Windows that ended before the new samples were counted when they came.
+            (reach + 1).saturating_sub(kernel).div_ceil(stride)
+        };
+        let all = Mat::new(&scratch.even, rows, self.sizes.conv_dim[0])?;
+        count(cx, statistics, all.row_range(new.min(rows)..rows))?;
+        self.rest(cx, statistics, scratch, rows, features)
+    }
+
+    /// Writes the feature of silence, whose samples are given, to every row of `features`.
+    pub(super) fn fill(
+        &self,
+        cx: Compute,
+        statistics: &Statistics,
+        scratch: &mut Scratch,
+        silence: &[f32],
+        features: &mut [f32],
+    ) -> Result<(), StepError> {
+        let hidden = self.sizes.hidden_size;
+        if features.is_empty() {
+            return Ok(());
+        }
+        let rows = self.first(cx, silence, &mut scratch.even)?;
+        self.rest(cx, statistics, scratch, rows, &mut features[..hidden])?;
+        let (silent, others) = features.split_at_mut(hidden);
+        others.chunks_exact_mut(hidden).for_each(|row| row.copy_from_slice(silent));
+        Ok(())
+    }
+
+    /// The whole network on a clip: statistics first, then features in blocks, then the layers. Allocates.
+    pub(super) fn features(
+        &self,
+        cx: Compute,
+        audio: &[f32],
+        hop: usize,
+        features: &mut [f32],
+    ) -> Result<(), StepError> {
+        let (hidden, field) = (self.sizes.hidden_size, self.sizes.receptive_field());
+        let window = features.len() / hidden;
+        let most = (BLOCK - 1) * hop + field;
+        let mut scratch = self.scratch(most, window);
+        let mut statistics = self.statistics();
+        statistics.listen(audio);
+        let (kernel, stride) = (self.sizes.conv_kernel[0], self.sizes.conv_stride[0]);
+        let (total, block) = (outputs(audio.len(), kernel, stride), outputs(most, kernel, stride));
+        for start in (0..total).step_by(block) {
+            let end = (start + block).min(total);
+            let rows = self.first(cx, &audio[start * stride..(end - 1) * stride + kernel], &mut scratch.even)?;
+            count(cx, &mut statistics, Mat::new(&scratch.even, rows, self.sizes.conv_dim[0])?)?;
+        }
+        for (block, features) in features.chunks_mut(BLOCK * hidden).enumerate() {
+            let start = block * BLOCK * hop;
+            let samples = &audio[start..start + (features.len() / hidden - 1) * hop + field];
+            let rows = self.first(cx, samples, &mut scratch.even)?;
+            self.rest(cx, &statistics, &mut scratch, rows, features)?;
+        }
+        let output = self.encode(cx, &mut scratch, features)?;
+        features.copy_from_slice(output);
+        Ok(())
+    }
+
+    /// The first convolution of raw samples; its number of rows.
+    fn first(&self, cx: Compute, samples: &[f32], y: &mut [f32]) -> Result<usize, StepError> {
+        let (kernel, stride) = (self.sizes.conv_kernel[0], self.sizes.conv_stride[0]);
+        let rows = outputs(samples.len(), kernel, stride);
+        let x = Mat::with_stride(samples, rows, kernel, stride)?;
+        product(cx, &self.convolutions[0], x, Epilogue::STORE, MatMut::new(y, rows, self.sizes.conv_dim[0])?)?;
+        Ok(rows)
+    }
+
+    /// From the first convolution's `rows` in `scratch.even` to projected features.
+    fn rest(
+        &self,
+        cx: Compute,
+        statistics: &Statistics,
+        scratch: &mut Scratch,
+        rows: usize,
+        features: &mut [f32],
+    ) -> Result<(), StepError> {
+        let (sizes, mut rows, mut dim) = (&self.sizes, rows, self.sizes.conv_dim[0]);
+        self.group_norm(statistics, &mut scratch.scale, &mut scratch.shift);
+        let (scale, shift) = (&scratch.scale, &scratch.shift);
+        let normed = MatMut::new(&mut scratch.even, rows, dim)?;
+        cx.team.rows(normed, rows * dim * ELEMENT_WORK, |_, mut x| {
+            channel_affine(cx.isa, x.reborrow(), scale, shift)?;
+            for t in 0..x.rows() {
+                activation::apply(cx.isa, Activation::Gelu, x.row_mut(t));
+            }
+            Ok(())
+        })?;
+        let (mut x, mut y) = (&mut scratch.even, &mut scratch.odd);
+        for (i, conv) in self.convolutions.iter().enumerate().skip(1) {
+            let (kernel, stride) = (sizes.conv_kernel[i], sizes.conv_stride[i]);
+            let count = outputs(rows, kernel, stride);
+            let windows = Mat::with_stride(x, count, kernel * dim, stride * dim)?;
+            (rows, dim) = (count, conv.outputs());
+            product(cx, conv, windows, GELU, MatMut::new(y, rows, dim)?)?;
+            (x, y) = (y, x);
+        }
+        let count = features.len() / sizes.hidden_size;
+        self.projection_norm.apply(cx, x, count, y)?;
+        let features = MatMut::new(features, count, sizes.hidden_size)?;
+        product(cx, &self.projection, Mat::new(y, count, dim)?, Epilogue::STORE, features)
+    }
+
+    /// The group norm under the statistics so far, as one factor and one summand per channel.
+    fn group_norm(&self, statistics: &Statistics, scale: &mut [f32], shift: &mut [f32]) {
+        let (sums, squares) = statistics.channels.split_at(scale.len());
+        let eps = GROUP_NORM_EPS * statistics.wave_variance();
+        for (c, (scale, shift)) in scale.iter_mut().zip(shift).enumerate() {
+            let spread = variance(sums[c], squares[c], statistics.outputs) + eps;
+            let factor = f64::from(self.group_norm.weight[c]) / spread.sqrt();
+            *scale = single(factor);
+            *shift = single(f64::from(self.group_norm.bias[c]) - mean(sums[c], statistics.outputs) * factor);
+        }
+    }
+
+    /// The layers that look around: `features [window, hidden]` to the last layer's output.
+    pub(super) fn encode<'a>(
+        &self,
+        cx: Compute,
+        scratch: &'a mut Scratch,
+        features: &[f32],
+    ) -> Result<&'a [f32], StepError> {
+        let hidden = self.sizes.hidden_size;
+        let window = features.len() / hidden;
+        self.add_positions(cx, scratch, features, window)?;
+        self.norm.apply(cx, &scratch.sum, window, &mut scratch.hidden)?;
+        for layer in &self.layers {
+            self.layer(cx, layer, scratch, window)?;
+        }
+        Ok(&scratch.hidden[..features.len()])
+    }
+
+    /// `sum = features + gelu(convolution of features)`, `kernel / 2` zeros on each side, and as many rows as before.
+    fn add_positions(
+        &self,
+        cx: Compute,
+        scratch: &mut Scratch,
+        features: &[f32],
+        window: usize,
+    ) -> Result<(), StepError> {
+        let (hidden, kernel) = (self.sizes.hidden_size, self.sizes.num_conv_pos_embeddings);
+        let width = hidden / self.position.len();
+        let group_len = (window + 2 * (kernel / 2)) * width;
+        let padded = &mut scratch.padded[..group_len * self.position.len()];
+        padded.fill(0.0);
+        for (t, row) in features.chunks_exact(hidden).enumerate() {
+            for (group, values) in padded.chunks_exact_mut(group_len).zip(row.chunks_exact(width)) {
+                group[(kernel / 2 + t) * width..][..width].copy_from_slice(values);
+            }
+        }
+        let padded = &*padded;
+        scratch.sum[..features.len()].copy_from_slice(features);
+        let sum = MatMut::new(&mut scratch.sum, window, hidden)?;
+        cx.team.columns(sum, width, window * kernel * hidden * width, |columns, mut rest| {
+            for group in columns.start / width..columns.end / width {
+                let (y, tail) = rest.split_columns(width);
+                let windows = Mat::with_stride(&padded[group * group_len..], window, kernel * width, width)?;
+                let end = Epilogue::ADD.then(Activation::Gelu);
+                self.position[group].apply(cx, Ready::Float(windows), None, 0..width, end, y)?;
+                rest = tail;
+            }
+            Ok(())
+        })
+    }
+
+    /// One layer over `hidden`, in place.
+    fn layer(&self, cx: Compute, layer: &Layer, scratch: &mut Scratch, window: usize) -> Result<(), StepError> {
+        let (dim, ffn) = (self.sizes.hidden_size, self.sizes.intermediate_size);
+        let Scratch { sum, hidden, qkv, inside, .. } = scratch;
+        let x = Mat::new(hidden, window, dim)?;
+        product(cx, &layer.qkv, x, Epilogue::STORE, MatMut::new(qkv, window, 3 * dim)?)?;
+        self.attend(cx, Mat::new(qkv, window, 3 * dim)?, MatMut::new(sum, window, dim)?)?;
+        product(cx, &layer.out, Mat::new(sum, window, dim)?, Epilogue::ADD, MatMut::new(hidden, window, dim)?)?;
+        layer.norm.apply(cx, hidden, window, sum)?;
+        product(cx, &layer.up, Mat::new(sum, window, dim)?, GELU, MatMut::new(inside, window, ffn)?)?;
+        product(cx, &layer.down, Mat::new(inside, window, ffn)?, Epilogue::ADD, MatMut::new(sum, window, dim)?)?;
+        layer.final_norm.apply(cx, sum, window, hidden)
+    }
+
+    /// Attention of every head: `qkv [window, 3 * hidden]` to `y [window, hidden]`.
+    #[expect(clippy::cast_precision_loss, reason = "a head is at most 2^16 wide")]
+    fn attend(&self, cx: Compute, qkv: Mat<f32>, y: MatMut<f32>) -> Result<(), StepError> {
+        let (window, dim) = (y.rows(), self.sizes.hidden_size);
+        let head_dim = dim / self.sizes.num_attention_heads;
+        let scale = 1.0 / (head_dim as f32).sqrt();
+        cx.team.columns(y, head_dim, 2 * window * window * dim, |columns, mut rest| {
+            for start in columns.step_by(head_dim) {
+                let (y, tail) = rest.split_columns(head_dim);
+                let [q, k, v] = [0, dim, 2 * dim].map(|part| qkv.columns(part + start..part + start + head_dim));
+                attention_f32(cx.isa, q, k, v, scale, None, Visible::All, y)?;
+                rest = tail;
+            }
+            Ok(())
+        })
+    }
+}
+
+/// Adds outputs of the first convolution to the statistics, each thread its own channels.
+fn count(cx: Compute, statistics: &mut Statistics, rows: Mat<f32>) -> Result<(), StepError> {
+    statistics.outputs += rows.rows();
+    let channels = rows.cols();
+    let sums = MatMut::new(&mut statistics.channels, 2, channels)?;
+    cx.team.columns(sums, PANEL, rows.rows() * channels * ELEMENT_WORK, |columns, sums| {
+        let (mut sum, mut squares) = sums.split_rows(1);
+        Ok(channel_sums(cx.isa, rows.columns(columns), sum.row_mut(0), squares.row_mut(0))?)
+    })
+}

@@ -1,0 +1,156 @@
+//! Any sample rate to the model's, any number of channels to one.
+
+use rubato::audioadapter_buffers::direct::SequentialSlice;
+use rubato::{Fft, FixedSync, Indexing, Resampler as _, WindowFunction};
+
+use crate::error::StepError;
+
+/// Lowest sample rate that is taken, per second.
+pub const MIN_RATE: usize = 1_000;
+/// Highest sample rate that is taken, per second.
+pub const MAX_RATE: usize = 768_000;
+
+/// Least length of the filter, in samples of the lower of the two rates. At 480 the band up to 0.95 of that rate's half
+/// is kept within 1e-3, all above the half is below -60 dB, and the filter waits for 240 samples: 15 ms at 16 kHz.
+const FILTER: usize = 480;
+
+/// A stream of samples at one rate to another, mono.
+///
+/// The filter's delay is taken off, so that output sample `i` is at the time of input sample `i * rate_in / rate_out`.
+/// Blocks of the Fourier filter are counted from the stream's start: how samples are cut into pushes changes nothing.
+#[derive(Debug)]
+pub struct Resampler {
+    rate_in: usize,
+    rate_out: usize,
+    /// None where the rates are equal.
+    filter: Option<Filter>,
+    /// Samples taken so far.
+    taken: usize,
+    /// Samples given out so far.
+    given: usize,
+}
+
+#[derive(Debug)]
+struct Filter {
+    fft: Fft<f64>,
+    /// Samples that fill no block yet, `[block in]` at most.
+    waiting: Vec<f64>,
+    /// One block of output.
+    block: Box<[f64]>,
+    /// Samples of the filter's delay that are still to be dropped.
+    delay: usize,
+}
+
+impl Resampler {
+    /// From `rate_in` to `rate_out` samples per second, each [`MIN_RATE`] to [`MAX_RATE`].
+    ///
+    /// # Errors
+    /// [`StepError::OutOfRange`] for any other rate.
+    pub fn new(rate_in: usize, rate_out: usize) -> Result<Self, StepError> {
+        for got in [rate_in, rate_out] {
+            if !(MIN_RATE..=MAX_RATE).contains(&got) {
+                return Err(StepError::OutOfRange { what: "sample rate", got, limit: MAX_RATE + 1 });
+            }
+        }
+        let filter = (rate_in != rate_out).then(|| Filter::new(rate_in, rate_out));
+        Ok(Self { rate_in, rate_out, filter, taken: 0, given: 0 })
+    }
+
+    /// Takes samples and appends to `out` what can be computed of them.
+    pub fn push(&mut self, samples: &[f32], out: &mut Vec<f32>) {
+        self.taken += samples.len();
+        let start = out.len();
+        match &mut self.filter {
+            None => out.extend_from_slice(samples),
+            Some(filter) => filter.push(samples, out),
+        }
+        self.given += out.len() - start;
+    }
+
+    /// Appends the rest, as if silence followed, and starts anew.
+    ///
+    /// Of `n` samples taken since the start, `round(n * rate_out / rate_in)` are then given in all.
+    pub fn finish(&mut self, out: &mut Vec<f32>) {
+        if let Some(filter) = &mut self.filter {
+            let total = rounded(self.taken, self.rate_out, self.rate_in);
+            let start = out.len();
+            // The delay keeps what is given behind what was taken, so the last block is the only one to run ahead.
+            filter.finish(total - self.given, out);
+            out.truncate(start + total - self.given);
+        }
+        (self.taken, self.given) = (0, 0);
+    }
+}
+
+impl Filter {
+    fn new(rate_in: usize, rate_out: usize) -> Self {
+        let divisor = greatest_common_divisor(rate_in, rate_out);
+        let (unit_in, unit_out) = (rate_in / divisor, rate_out / divisor);
+        // An even number of units: half a block, the delay, is then a whole number of samples at both rates.
+        let blocks = FILTER.div_ceil(unit_in.min(unit_out)).next_multiple_of(2);
+        let window = WindowFunction::BlackmanHarris2;
+        let fft = Fft::new_custom(rate_in, rate_out, blocks * unit_in, 1, 1, window, FixedSync::Both)
+            .expect("rates and block are above zero");
+        let (waiting, block) = (Vec::with_capacity(fft.fft_size_in()), vec![0.0; fft.fft_size_out()].into());
+        Self { delay: fft.output_delay(), fft, waiting, block }
+    }
+
+    fn push(&mut self, mut samples: &[f32], out: &mut Vec<f32>) {
+        let size = self.fft.fft_size_in();
+        while !samples.is_empty() {
+            let (head, tail) = samples.split_at(samples.len().min(size - self.waiting.len()));
+            self.waiting.extend(head.iter().map(|&v| f64::from(v)));
+            samples = tail;
+            if self.waiting.len() == size {
+                self.block(out);
+            }
+        }
+    }
+
+    /// Gives at least `missing` more samples, of silence after what waits, and forgets the stream.
+    fn finish(&mut self, missing: usize, out: &mut Vec<f32>) {
+        let wanted = out.len() + missing;
+        while out.len() < wanted {
+            self.block(out);
+        }
+        self.fft.reset();
+        self.waiting.clear();
+        self.delay = self.fft.output_delay();
+    }
+
+    /// Filters what waits, padded with zeros to a block.
+    #[expect(clippy::cast_possible_truncation, reason = "rounded to the precision of samples")]
+    fn block(&mut self, out: &mut Vec<f32>) {
+        let (taken, size) = (self.waiting.len(), self.block.len());
+        self.waiting.resize(self.fft.fft_size_in(), 0.0);
+        let input = SequentialSlice::new(&self.waiting[..], 1, self.waiting.len()).expect("one channel");
+        let mut output = SequentialSlice::new_mut(&mut self.block[..], 1, size).expect("one channel");
+        let indexing = Indexing::new().partial_len(taken);
+        self.fft.process_into_buffer(&input, &mut output, Some(&indexing)).expect("both buffers are one block");
+        self.waiting.clear();
+        let late = self.delay.min(size);
+        self.delay -= late;
+        out.extend(self.block[late..].iter().map(|&v| v as f32));
+    }
+}
+
+fn greatest_common_divisor(a: usize, b: usize) -> usize {
+    if b == 0 { a } else { greatest_common_divisor(b, a % b) }
+}
+
+/// `round(n * up / down)`, halves up, with no overflow for any clip that fits in memory.
+fn rounded(n: usize, up: usize, down: usize) -> usize {
+    let (n, up, down) = (n as u128, up as u128, down as u128);
+    usize::try_from((2 * n * up + down) / (2 * down)).expect("at most 768 times what memory holds")
+}
+
+/// Appends the mean of each frame's channels; an incomplete last frame is left out.
+///
+/// # Panics
+/// Where `channels` is 0.
+pub fn mix(interleaved: &[f32], channels: usize, out: &mut Vec<f32>) {
+    assert!(channels > 0, "a frame has at least one channel");
+    #[expect(clippy::cast_precision_loss, reason = "files have far fewer than 2^24 channels")]
+    let share = 1.0 / channels as f32;
+    out.extend(interleaved.chunks_exact(channels).map(|frame| frame.iter().sum::<f32>() * share));
+}
