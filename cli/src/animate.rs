@@ -7,6 +7,7 @@ use umo_core::lm::sampler::Sampler;
 use umo_core::model::Model;
 use umo_core::motion::clip::Clip;
 use umo_core::session::{Scratch, Session, SessionConfig};
+use umo_core::weights::Loader;
 use umo_core::{Compute, Config, ModelFile, StepError, Team};
 
 use crate::args::{Animate, Output};
@@ -16,32 +17,33 @@ use crate::{model, progress, start_pose, wav};
 
 /// Animates a recording.
 pub(crate) fn run(args: &Animate) -> Result<(), Failure> {
-    let wav = wav::read(&args.speech).map_err(|error| match error {
-        wav::ReadError::Io(..) | wav::ReadError::Wav(..) => Failure::input(error),
-    })?;
+    let wav = wav::read(&args.speech).map_err(Failure::input)?;
     for note in &wav.notes {
         eprintln!("warning: {}: {note}", args.speech.display());
     }
     let job = Job::new(&args.output)?;
     let config = job.model.config();
-    let frames = (wav.seconds() * config.frame_rate as f64 + 1e-9).floor();
-    if frames < 1.0 {
-        let problem = format!("{}: {:.1} ms of audio is less than one frame", args.speech.display(), 1e3 * wav.seconds());
+    let frames = wav.frames() * config.frame_rate / wav.sample_rate as usize;
+    if frames == 0 {
+        let problem =
+            format!("{}: {:.1} ms of audio is less than one frame", args.speech.display(), 1e3 * wav.seconds());
         return Err(Failure::Input(problem));
     }
-    let samples = resample::to_rate(&wav.mono(), wav.sample_rate, config.audio.sample_rate)?;
+    let samples = resample::to_rate(&wav.mono(), wav.sample_rate as usize, config.audio.sample_rate)?;
     let mut session = job.session("audio_to_motion", args.prompt.as_deref())?;
     if args.whole_file_units {
         let cx = Compute { isa: job.model.isa(), team: &job.team };
-        let (units, silence) = job.model.tokenizer().whole_file(cx, config, &samples)?;
+        let (units, silence) = job.model.tokenizer().whole_file(cx, &samples)?;
         session.use_whole_file_units(units, silence);
     }
     session.push_audio(&samples)?;
-    session.finish(frames as usize);
-    let done = job.finish(&mut session, frames as usize);
+    session.finish(frames);
+    let done = job.finish(&mut session, frames);
     if let Some((compared, differed)) = session.unit_disagreement() {
         let share = 100.0 * differed as f64 / compared.max(1) as f64;
-        eprintln!("note: {differed} of {compared} audio units ({share:.1} %) differ between the whole file and its stream");
+        eprintln!(
+            "note: {differed} of {compared} audio units ({share:.1} %) differ between the whole file and its stream"
+        );
     }
     done
 }
@@ -49,6 +51,7 @@ pub(crate) fn run(args: &Animate) -> Result<(), Failure> {
 /// A loaded model, open outputs, and threads.
 pub(crate) struct Job<'a> {
     args: &'a Output,
+    file: ModelFile,
     pub(crate) model: Model,
     team: Team,
     outputs: Vec<export::Output>,
@@ -69,8 +72,9 @@ impl<'a> Job<'a> {
         let isa = model::isa(&args.compute)?;
         Ok(Self {
             args,
-            team: model::team(&args.compute)?,
             model: Model::load(&file, args.compute.precision.into(), isa)?,
+            file,
+            team: model::team(&args.compute)?,
             outputs,
         })
     }
@@ -95,8 +99,9 @@ impl<'a> Job<'a> {
         )?;
         if let Some(path) = &self.args.start_pose {
             let cx = Compute { isa: self.model.isa(), team: &self.team };
-            let codes = start_pose::codes(cx, &self.model, path)?;
-            session.set_history(codes.as_slices())?;
+            let loader = Loader::new(&self.file, self.args.compute.precision.into(), self.model.isa());
+            let codes = start_pose::codes(cx, &loader, path)?;
+            session.set_history(start_pose::as_slices(&codes))?;
         }
         Ok(session)
     }
@@ -108,7 +113,7 @@ impl<'a> Job<'a> {
         let mut scratch = Scratch::new(&self.model);
         let mut clip = Clip::new(config);
         let (bar, start) = (progress::frames(frames), Instant::now());
-        while session.step(&self.model, cx, &mut scratch, &mut |frame| clip.push(frame))? {
+        while session.step(&self.model, cx, &mut scratch, &mut |frame| clip.push(frame.pose, frame.face))? {
             bar.set_position(clip.len() as u64);
         }
         bar.finish_and_clear();
@@ -127,7 +132,8 @@ impl<'a> Job<'a> {
 
 /// The ids of a prompt.
 fn prompt(model: &Model, text: &str) -> Result<Vec<u32>, Failure> {
-    let tokenizer = model.text().ok_or_else(|| Failure::input("this model takes no text: it has no `text.tokenizer`"))?;
+    let tokenizer =
+        model.text().ok_or_else(|| Failure::input("this model takes no text: it has no `text.tokenizer`"))?;
     Ok(tokenizer.encode(text)?)
 }
 

@@ -46,7 +46,15 @@ fn summary(c: &Config) {
     println!("audio      {audio}, {} units, {} a second", c.audio.units, c.audio.token_rate);
     println!(
         "language   {} + {} layers of {}, {} heads of {}, {} experts of {}, top {}, vocabulary {}",
-        lm.num_layers, lm.num_decoder_layers, lm.d_model, lm.num_heads, lm.d_kv, lm.experts, lm.d_ff, lm.top_k, c.vocab.size
+        lm.num_layers,
+        lm.num_decoder_layers,
+        lm.d_model,
+        lm.num_heads,
+        lm.d_kv,
+        lm.experts,
+        lm.d_ff,
+        lm.top_k,
+        c.vocab.size
     );
     println!("between    {} + {} layers of {}, {} heads", i.temporal_layers, i.part_layers, i.d_model, i.num_heads);
     println!("motion     codes of {}, {} {face}", c.vq.width, c.face.names.len());

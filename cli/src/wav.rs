@@ -72,15 +72,11 @@ impl fmt::Display for Note {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::NonFinite { samples } => {
-                write!(
-                    f,
-                    "{samples} samples are not finite numbers; read as silence"
-                )
+                write!(f, "{samples} samples are not finite numbers; read as silence")
             }
-            Self::Length { claimed, found } => write!(
-                f,
-                "the header claims {claimed} bytes of audio, the file holds {found}; read what is there"
-            ),
+            Self::Length { claimed, found } => {
+                write!(f, "the header claims {claimed} bytes of audio, the file holds {found}; read what is there")
+            }
         }
     }
 }
@@ -117,16 +113,12 @@ impl fmt::Display for WavError {
             Self::NotWav => f.write_str("not a WAV file: it does not start with RIFF and WAVE"),
             Self::NoFormat => f.write_str("no format chunk before the audio"),
             Self::BadFormat(what) => write!(f, "bad format chunk: {what}"),
-            Self::Encoding { tag, bits } => write!(
-                f,
-                "encoding {tag:#06x} with {bits} bits: expected 8 to 32-bit integers, or 32 or 64-bit floats"
-            ),
-            Self::SampleRate(rate) => write!(
-                f,
-                "sample rate {rate} Hz: expected {} to {}",
-                SAMPLE_RATES.start(),
-                SAMPLE_RATES.end()
-            ),
+            Self::Encoding { tag, bits } => {
+                write!(f, "encoding {tag:#06x} with {bits} bits: expected 8 to 32-bit integers, or 32 or 64-bit floats")
+            }
+            Self::SampleRate(rate) => {
+                write!(f, "sample rate {rate} Hz: expected {} to {}", SAMPLE_RATES.start(), SAMPLE_RATES.end())
+            }
             Self::Channels(count) => {
                 write!(f, "{count} channels: expected 1 to {MAX_CHANNELS}")
             }
@@ -207,22 +199,13 @@ pub fn parse(bytes: &[u8]) -> Result<Wav, WavError> {
     if silenced > 0 {
         notes.push(Note::NonFinite { samples: silenced });
     }
-    Ok(Wav {
-        sample_rate: format.sample_rate,
-        channels: format.channels,
-        samples,
-        notes,
-    })
+    Ok(Wav { sample_rate: format.sample_rate, channels: format.channels, samples, notes })
 }
 
 fn check_start(bytes: &[u8]) -> Result<(), WavError> {
     let form = bytes.get(..4).ok_or(WavError::NotWav)?;
     let kind = bytes.get(8..12).ok_or(WavError::NotWav)?;
-    if matches!(form, b"RIFF" | b"RF64" | b"BW64") && kind == b"WAVE" {
-        Ok(())
-    } else {
-        Err(WavError::NotWav)
-    }
+    if matches!(form, b"RIFF" | b"RF64" | b"BW64") && kind == b"WAVE" { Ok(()) } else { Err(WavError::NotWav) }
 }
 
 /// Walks the chunks to the format and the audio's bytes, with a note where their length is not as claimed.
@@ -282,10 +265,7 @@ fn split_chunk(bytes: &[u8]) -> Option<([u8; 4], u32, &[u8])> {
 /// What follows a chunk of `size` bytes and its padding to an even length.
 fn after(body: &[u8], size: u32) -> &[u8] {
     let next = u64::from(size) + u64::from(size & 1);
-    usize::try_from(next)
-        .ok()
-        .and_then(|next| body.get(next..))
-        .unwrap_or_default()
+    usize::try_from(next).ok().and_then(|next| body.get(next..)).unwrap_or_default()
 }
 
 /// Whether the bytes are nothing but whole, plainly named chunks: what follows an honestly empty data
@@ -327,16 +307,10 @@ impl Format {
             return Err(WavError::SampleRate(sample_rate));
         }
         if block == 0 || block % channels != 0 {
-            return Err(WavError::BadFormat(
-                "its frame size is not a multiple of its channels",
-            ));
+            return Err(WavError::BadFormat("its frame size is not a multiple of its channels"));
         }
         let encoding = Encoding::choose(tag, bits, block / channels)?;
-        Ok(Self {
-            channels,
-            sample_rate,
-            encoding,
-        })
+        Ok(Self { channels, sample_rate, encoding })
     }
 }
 
@@ -344,11 +318,7 @@ fn extensible_tag(chunk: &[u8]) -> Result<u16, WavError> {
     let short = WavError::BadFormat("its extension is cut");
     let guid = chunk.get(24..40).ok_or(short)?;
     let tag = u16::from_le_bytes([guid[0], guid[1]]);
-    if guid[2..] == SUBFORMAT_SUFFIX {
-        Ok(tag)
-    } else {
-        Err(WavError::BadFormat("its sub-format is not known"))
-    }
+    if guid[2..] == SUBFORMAT_SUFFIX { Ok(tag) } else { Err(WavError::BadFormat("its sub-format is not known")) }
 }
 
 /// How one sample is stored, little-endian.
@@ -375,9 +345,9 @@ impl Encoding {
             (TAG_PCM, 25..=32, 4) => Ok(Self::I32),
             (TAG_FLOAT, 32, 4) => Ok(Self::F32),
             (TAG_FLOAT, 64, 8) => Ok(Self::F64),
-            (TAG_PCM, 1..=32, _) | (TAG_FLOAT, 32 | 64, _) => Err(WavError::BadFormat(
-                "its frame size does not fit its bits per sample",
-            )),
+            (TAG_PCM, 1..=32, _) | (TAG_FLOAT, 32 | 64, _) => {
+                Err(WavError::BadFormat("its frame size does not fit its bits per sample"))
+            }
             _ => Err(WavError::Encoding { tag, bits }),
         }
     }
@@ -406,11 +376,7 @@ impl Encoding {
 }
 
 fn map<const N: usize>(data: &[u8], convert: impl Fn([u8; N]) -> f32) -> Vec<f32> {
-    data.as_chunks::<N>()
-        .0
-        .iter()
-        .map(|&b| convert(b))
-        .collect()
+    data.as_chunks::<N>().0.iter().map(|&b| convert(b)).collect()
 }
 
 fn top_24_bits(low: u8, middle: u8, high: u8) -> f32 {

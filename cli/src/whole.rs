@@ -54,10 +54,7 @@ pub(crate) fn create(path: &Path) -> Result<Whole, Failure> {
 }
 
 /// [`Whole::commit`] with the program's message.
-pub(crate) fn commit(
-    whole: Whole,
-    write: impl FnOnce(&mut BufWriter<&File>) -> io::Result<()>,
-) -> Result<(), Failure> {
+pub(crate) fn commit(whole: Whole, write: impl FnOnce(&mut BufWriter<&File>) -> io::Result<()>) -> Result<(), Failure> {
     let path = whole.path.clone();
     whole.commit(write).map_err(|cause| Failure::machine(format!("cannot write `{}`: {cause}", path.display())))
 }
@@ -67,16 +64,10 @@ fn resolve(path: &Path) -> io::Result<PathBuf> {
     let refuse = |kind, what| Err(io::Error::new(kind, what));
     match fs::metadata(path) {
         Ok(found) if found.is_dir() => refuse(io::ErrorKind::IsADirectory, "it is a directory"),
-        Ok(found) if !found.is_file() => {
-            refuse(io::ErrorKind::InvalidInput, "it is not a regular file")
-        }
-        Ok(found) if found.permissions().readonly() => {
-            refuse(io::ErrorKind::PermissionDenied, "it is read-only")
-        }
+        Ok(found) if !found.is_file() => refuse(io::ErrorKind::InvalidInput, "it is not a regular file"),
+        Ok(found) if found.permissions().readonly() => refuse(io::ErrorKind::PermissionDenied, "it is read-only"),
         Ok(_) => fs::canonicalize(path),
-        Err(cause) if cause.kind() == io::ErrorKind::NotFound && path.file_name().is_some() => {
-            Ok(path.to_owned())
-        }
+        Err(cause) if cause.kind() == io::ErrorKind::NotFound && path.file_name().is_some() => Ok(path.to_owned()),
         Err(cause) => Err(cause),
     }
 }

@@ -160,6 +160,22 @@ impl Tokenizer {
         Ok((features, units))
     }
 
+    /// Units of a whole recording at once, one per hop, and the unit of silence. Allocates.
+    ///
+    /// Unit `j` is that of the stream's feature `j`, but for statistics and layers that see the whole recording.
+    ///
+    /// # Errors
+    /// [`StepError`] where the network fails.
+    pub fn whole_file(&self, cx: Compute, samples: &[f32]) -> Result<(Vec<u32>, u32), StepError> {
+        let count = samples.len().div_ceil(self.hop);
+        let mut padded = vec![0.0; self.reach + count.max(1) * self.hop];
+        padded[self.reach..self.reach + samples.len()].copy_from_slice(samples);
+        let (_, mut units) = self.features(cx, &padded)?;
+        units.truncate(count);
+        let (_, silence) = self.features(cx, &vec![0.0; self.field()])?;
+        Ok((units, silence[0]))
+    }
+
     /// A new stream whose window is `window` tokens and which takes at most `max_new` tokens per call, `1..=window`.
     ///
     /// # Panics

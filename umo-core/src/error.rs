@@ -81,6 +81,8 @@ pub enum StepError {
         /// One more than the largest that is allowed.
         limit: usize,
     },
+    /// Inputs that must agree with each other do not.
+    Disagree(&'static str),
     /// The model file does not hold what the call needs.
     Missing(&'static str),
     /// A call in the wrong order, as audio after the end.
@@ -100,6 +102,7 @@ impl fmt::Display for StepError {
             Self::TooLong { what, got, limit } => write!(f, "{what}: {got} given, at most {limit} allowed"),
             Self::Empty(what) => write!(f, "{what}: at least one is needed"),
             Self::OutOfRange { what, got, limit } => write!(f, "{what} {got} is outside 0..{limit}"),
+            Self::Disagree(problem) => write!(f, "{problem}"),
             Self::Missing(what) => write!(f, "this model has no {what}"),
             Self::Order(problem) => write!(f, "{problem}"),
         }

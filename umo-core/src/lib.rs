@@ -3,19 +3,26 @@
 //! | module | what it holds | SPEC |
 //! |---|---|---|
 //! | [`config`], [`weights`] | the model file: every dimension, every tensor | 3 |
-//! | [`linear`], [`team`] | products at the model's precision, shared by a few threads | 2.9 |
+//! | [`model`], [`session`] | a loaded model; one avatar's stream | 2, 2.8 |
 //! | [`audio`] | samples to audio units | 2.1 |
-//! | [`motion`] | codes to poses | 2.7 |
+//! | [`lm`] | units, text and history to the codes of new keyframes | 2.2 to 2.5 |
+//! | [`interp`] | keyframes to a code for every frame | 2.6 |
+//! | [`motion`] | codes to poses, as a whole or as they become known; poses to codes | 2.7, 2.8 |
+//! | [`linear`], [`team`] | products at the model's precision, shared by a few threads | 2.9 |
+//! | [`stage`] | one stage alone, for checking a model | 3.1 |
 //! | [`part`], [`error`] | the four parts; what can go wrong | 1 |
 #![deny(unsafe_code)]
 
 pub mod audio;
 pub mod config;
 pub mod error;
+pub mod interp;
 pub mod linear;
 pub mod lm;
+pub mod model;
 pub mod motion;
 pub mod part;
+pub mod session;
 pub mod stage;
 pub mod team;
 pub mod weights;

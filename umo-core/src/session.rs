@@ -76,7 +76,11 @@ impl Scratch {
             cache: DecoderCache::new(config, lengths),
             generator: Generator::new(config),
             interp: model.interp.scratch(frames),
-            motion: model.motion.scratch(config.max_target * config.keyframe_stride),
+            motion: model.motion.scratch(
+                model
+                    .motion
+                    .stream_rows(config.max_target * config.keyframe_stride, config.prefix * config.keyframe_stride),
+            ),
             ids: vec![0; max_encoder_tokens(config)].into(),
             states: vec![0.0; lengths.encoder * config.lm.d_model].into(),
         }
@@ -142,7 +146,7 @@ impl Session {
             units: vec![0; window].into(),
             whole: None,
             history: History::new(c, config.target),
-            motion: model.motion.stream(config.target * c.keyframe_stride, config.lookahead),
+            motion: MotionStream::new(&model.motion, config.target * c.keyframe_stride, config.lookahead),
             config,
         })
     }
@@ -234,11 +238,13 @@ impl Session {
         self.history.lay_out();
         model.interp.fill(cx, interp, self.history.frames())?;
         let fresh = self.history.fresh(self.chunk == 0);
-        self.motion.push(cx, &model.motion, motion, fresh, frame_limit(self.total, frame))?;
+        let mut within = frame_limit(self.total, &mut *frame);
+        self.motion.push(cx, &model.motion, motion, fresh, self.config.lookahead, &mut within)?;
+        drop(within);
         self.history.advance();
         self.chunk += 1;
-        if Some(self.chunk) == self.chunks(config) {
-            self.motion.finish(cx, &model.motion, &mut scratch.motion, frame_limit(self.total, frame))?;
+        if let (Some(total), true) = (self.total, Some(self.chunk) == self.chunks(config)) {
+            self.motion.finish(cx, &model.motion, &mut scratch.motion, total, frame)?;
         }
         Ok(true)
     }

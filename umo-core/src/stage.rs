@@ -7,12 +7,17 @@ use std::fmt;
 
 use umo_kernels::Mat;
 
+use crate::audio::Tokenizer;
+use crate::config::AudioKind;
 use crate::error::{LoadError, StepError};
+use crate::interp::Interp;
 use crate::linear::Compute;
 use crate::lm::decoder::{DecoderCache, Sequence};
 use crate::lm::generate::Generator;
 use crate::lm::sampler::Sampler;
 use crate::lm::{Lengths, Lm, LmScratch, full_head};
+use crate::motion::MotionDecoder;
+use crate::motion::skeleton::JOINTS;
 use crate::part::{Part, PerPart};
 use crate::team::Team;
 use crate::weights::Loader;
@@ -129,11 +134,25 @@ pub fn run(
 ) -> Result<Vec<Output>, StageError> {
     let cx = Compute { isa: loader.isa(), team };
     match stage {
+        Stage::Hubert => audio(cx, loader, inputs, AudioKind::Hubert),
+        Stage::Mel => audio(cx, loader, inputs, AudioKind::Mel),
         Stage::Encoder => encoder(cx, loader, inputs),
         Stage::Decoder => decoder(cx, loader, inputs),
         Stage::Generate => generate(cx, loader, inputs, options),
-        _ => Err(StepError::Missing("stage").into()),
+        Stage::Interp => interp(cx, loader, inputs),
+        Stage::Motion => motion(cx, loader, inputs),
     }
+}
+
+fn audio(cx: Compute, loader: &Loader, inputs: &Inputs, kind: AudioKind) -> Result<Vec<Output>, StageError> {
+    if loader.file().config().audio.kind != kind {
+        return Err(LoadError::config("audio.kind", "this model has the other kind of audio tokenizer").into());
+    }
+    let samples = inputs.floats("audio")?;
+    let (features, units) = Tokenizer::load(loader)?.features(cx, &samples)?;
+    let width = features.len() / units.len();
+    let units: Vec<i64> = units.into_iter().map(i64::from).collect();
+    Ok(vec![Output::floats("features", &[units.len(), width], features), Output::integers("units", units)])
 }
 
 /// Encoder states of `input_ids`, with the model loaded for them and for `decoder` decoder tokens.
@@ -191,4 +210,40 @@ fn generate(cx: Compute, loader: &Loader, inputs: &Inputs, options: Options) -> 
     let draw = (options.sampler, 0);
     Generator::new(config).generate(cx, &lm, &mut scratch, states, &mut cache, draw, slots)?;
     Ok(Part::ALL.into_iter().map(|part| Output::codes(part, &codes[part])).collect())
+}
+
+/// Codes of every part, each of its own length.
+fn codes(inputs: &Inputs) -> Result<PerPart<Vec<u16>>, StageError> {
+    PerPart::try_from_fn(|part| inputs.codes(part))
+}
+
+fn interp(cx: Compute, loader: &Loader, inputs: &Inputs) -> Result<Vec<Output>, StageError> {
+    let interp = Interp::load(loader)?;
+    let mut codes = codes(inputs)?;
+    let frames = codes.face.len();
+    let mut scratch = interp.scratch(frames);
+    let PerPart { face, hands, upper, lower } = &mut codes;
+    interp.fill(cx, &mut scratch, PerPart { face, hands, upper, lower })?;
+    let logits = |part: Part| {
+        let values = scratch.logits(part)[..frames * interp.mask()].to_vec();
+        Output::floats(&format!("logits.{}", part.name()), &[frames, interp.mask()], values)
+    };
+    let outputs = Part::ALL.into_iter().flat_map(|part| [logits(part), Output::codes(part, &codes[part])]);
+    Ok(outputs.collect())
+}
+
+fn motion(cx: Compute, loader: &Loader, inputs: &Inputs) -> Result<Vec<Output>, StageError> {
+    let decoder = MotionDecoder::load(loader)?;
+    let codes = codes(inputs)?;
+    let decoded = decoder.decode(cx, PerPart::from_fn(|part| codes[part].as_slice()))?;
+    let frames = codes.face.len();
+    let channels = |part: Part| {
+        let values = decoded.channels[part].clone();
+        Output::floats(&format!("channels.{}", part.name()), &[frames, decoder.channels(part)], values)
+    };
+    let mut outputs: Vec<Output> = Part::ALL.into_iter().map(channels).collect();
+    let rotations = decoded.rotations.iter().flatten().flatten().copied().collect();
+    outputs.push(Output::floats("rotations", &[frames, JOINTS, 3], rotations));
+    outputs.push(Output::floats("translation", &[frames, 3], decoded.translation.as_flattened().to_vec()));
+    Ok(outputs)
 }

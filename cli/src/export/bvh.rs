@@ -1,9 +1,9 @@
 //! `.bvh`: the skeleton's motion, in centimetres and degrees.
 
 use super::{children, root_position, rotation, tip};
+use std::io::{self, Write};
 use umo_core::motion::clip::Clip;
 use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS};
-use std::io::{self, Write};
 
 const CM: f64 = 100.0;
 
@@ -53,10 +53,7 @@ fn write_joint<W: Write>(
     };
     writeln!(out, "{indent}{kind} {}\n{indent}{{", JOINT_NAMES[joint])?;
     write_offset(&indent, offset, out)?;
-    writeln!(
-        out,
-        "{indent}\tCHANNELS {position} Zrotation Xrotation Yrotation"
-    )?;
+    writeln!(out, "{indent}\tCHANNELS {position} Zrotation Xrotation Yrotation")?;
     let mut leaf = true;
     for child in children(clip, joint) {
         leaf = false;
@@ -86,9 +83,5 @@ fn continued(angles: [f64; 3], before: [f64; 3]) -> [f64; 3] {
     let distance = |c: &[f64; 3]| -> f64 { c.iter().zip(before).map(|(c, b)| (c - b).abs()).sum() };
     let [first, second] = candidates;
     // Only a clear gain changes the branch, so that rounding never does.
-    if distance(&second) + 1e-6 < distance(&first) {
-        second
-    } else {
-        first
-    }
+    if distance(&second) + 1e-6 < distance(&first) { second } else { first }
 }

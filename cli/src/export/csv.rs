@@ -1,10 +1,10 @@
 //! `.csv`: the face as the Live Link Face app records it.
 
 use super::{FaceError, face_of, rotation};
-use umo_core::motion::clip::Clip;
-use umo_core::config::{Face, FaceKind};
-use umo_core::motion::skeleton::{JOINT_NAMES};
 use std::io::{self, Write};
+use umo_core::config::{Face, FaceKind};
+use umo_core::motion::clip::Clip;
+use umo_core::motion::skeleton::JOINT_NAMES;
 
 /// The blendshape columns, in the app's order (which swaps some of Apple's left and right).
 const COLUMNS: [&str; 52] = [
@@ -85,9 +85,7 @@ pub(super) fn columns(face: &Face) -> Result<Vec<usize>, FaceError> {
     }
     let place = |column: &'static str| {
         let mut names = face.names.iter();
-        names
-            .position(|name| name.eq_ignore_ascii_case(column))
-            .ok_or(FaceError::Missing(column))
+        names.position(|name| name.eq_ignore_ascii_case(column)).ok_or(FaceError::Missing(column))
     };
     COLUMNS.into_iter().map(place).collect()
 }
@@ -104,8 +102,8 @@ pub fn write<W: Write>(clip: &Clip, out: W) -> io::Result<()> {
     rows.write_record(start.iter().chain(&COLUMNS).chain(&ANGLES))?;
     let count = (COLUMNS.len() + ANGLES.len()).to_string();
     let joint = |name| JOINT_NAMES.iter().position(|&joint| joint == name);
-    let [neck, head, left, right] = ["neck", "head", "left_eye", "right_eye"]
-        .map(|name| joint(name).expect("these are names of SMPL-X joints"));
+    let [neck, head, left, right] =
+        ["neck", "head", "left_eye", "right_eye"].map(|name| joint(name).expect("these are names of SMPL-X joints"));
     for (frame, rotations) in clip.rotations.iter().enumerate() {
         rows.write_field(timecode(frame, clip.frame_rate))?;
         rows.write_field(&count)?;

@@ -9,15 +9,15 @@
 //! | `shapes` | how each face channel moves it |
 
 use super::{children, face_of, parent, root_position};
-use umo_core::motion::clip::Clip;
-use umo_core::config::{FaceKind};
-use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS};
 use builder::Builder;
 use gltf_json as json;
 use json::animation::{Animation, Channel, Interpolation, Property, Sampler, Target};
 use json::validation::Checked::Valid;
 use json::{Index, Node, mesh};
 use std::io::{self, Write};
+use umo_core::config::FaceKind;
+use umo_core::motion::clip::Clip;
+use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS};
 
 mod body;
 mod builder;
@@ -120,14 +120,9 @@ fn rest_positions(clip: &Clip) -> Vec<[f32; 3]> {
 
 fn add_skin(builder: &mut Builder, joints: &[Index<Node>], rest: &[[f32; 3]]) -> Index<json::Skin> {
     // The rest pose has no rotations, so a joint's inverse is to subtract its place. Column-major.
-    let inverse = rest.iter().flat_map(|&[x, y, z]| {
-        [
-            [1.0, 0.0, 0.0, 0.0],
-            [0.0, 1.0, 0.0, 0.0],
-            [0.0, 0.0, 1.0, 0.0],
-            [-x, -y, -z, 1.0],
-        ]
-    });
+    let inverse = rest
+        .iter()
+        .flat_map(|&[x, y, z]| [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [-x, -y, -z, 1.0]]);
     let matrices = builder.matrices(&inverse.collect::<Vec<_>>());
     builder.root.push(json::Skin {
         inverse_bind_matrices: Some(matrices),
@@ -174,12 +169,7 @@ fn add_animation(builder: &mut Builder, clip: &Clip, joints: &[Index<Node>], fac
         });
         animation.channels.push(Channel {
             sampler: builder::index(sampler),
-            target: Target {
-                node,
-                path: Valid(property),
-                extensions: None,
-                extras: None,
-            },
+            target: Target { node, path: Valid(property), extensions: None, extras: None },
             extensions: None,
             extras: None,
         });

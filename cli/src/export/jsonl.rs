@@ -1,11 +1,11 @@
 //! `.jsonl`: everything, one JSON object a line; the first describes the others.
 
 use super::face_of;
-use umo_core::motion::clip::Clip;
-use umo_core::config::{FaceKind};
-use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS};
 use serde::Serialize;
 use std::io::{self, Write};
+use umo_core::config::FaceKind;
+use umo_core::motion::clip::Clip;
+use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS};
 
 #[derive(Serialize)]
 struct Header<'a> {
@@ -93,12 +93,7 @@ fn header(clip: &Clip) -> Header<'_> {
             translation: "metres, added to the root's offset",
             rotations: "unit quaternions x y z w, relative to the parent",
         },
-        axes: Axes {
-            x: "left of the body",
-            y: "up",
-            z: "forward",
-            handedness: "right",
-        },
+        axes: Axes { x: "left of the body", y: "up", z: "forward", handedness: "right" },
     }
 }
 

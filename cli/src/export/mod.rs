@@ -10,12 +10,12 @@
 //! | `output` | a file that appears whole or not at all |
 //! | `rotation` | quaternions to what the formats want |
 
-use umo_core::motion::clip::Clip;
-use umo_core::config::{Face};
-use umo_core::motion::skeleton::{JOINTS};
 use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
+use umo_core::config::Face;
+use umo_core::motion::clip::Clip;
+use umo_core::motion::skeleton::JOINTS;
 
 pub mod bvh;
 pub mod csv;
@@ -73,9 +73,7 @@ impl Format {
     /// # Errors
     /// [`ExportError::NoExtension`] or [`ExportError::UnknownFormat`].
     pub fn from_extension(path: &Path) -> Result<Self, ExportError> {
-        let extension = path
-            .extension()
-            .ok_or_else(|| ExportError::NoExtension(path.to_owned()))?;
+        let extension = path.extension().ok_or_else(|| ExportError::NoExtension(path.to_owned()))?;
         Self::parse(&extension.to_string_lossy())
     }
 
@@ -149,14 +147,11 @@ pub enum FaceError {
 impl fmt::Display for FaceError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::NotArkit => f.write_str(
-                "csv needs an ARKit face: this model's face is SMPL-X expression coefficients",
-            ),
+            Self::NotArkit => {
+                f.write_str("csv needs an ARKit face: this model's face is SMPL-X expression coefficients")
+            }
             Self::Missing(name) => {
-                write!(
-                    f,
-                    "csv needs the 52 ARKit blendshapes: this model's face lacks `{name}`"
-                )
+                write!(f, "csv needs the 52 ARKit blendshapes: this model's face lacks `{name}`")
             }
         }
     }
@@ -176,45 +171,20 @@ fn check(clip: &Clip) -> Result<(), &'static str> {
     let tree = &clip.skeleton;
     let rules = [
         (frames > 0, "it has no frames"),
-        (
-            clip.frame_rate.is_finite() && clip.frame_rate > 0.0,
-            "its frame rate is not a positive number",
-        ),
-        (
-            clip.translation.len() == frames,
-            "translation and rotations differ in length",
-        ),
-        (
-            clip.face_values.len() == frames * clip.face.names.len(),
-            "face values are not frames times channels",
-        ),
-        (
-            tree.parents.len() == JOINTS && tree.offsets_m.len() == JOINTS,
-            "its skeleton has not 55 joints",
-        ),
-        (
-            is_tree(&tree.parents),
-            "a joint's parent does not come before it",
-        ),
+        (clip.frame_rate.is_finite() && clip.frame_rate > 0.0, "its frame rate is not a positive number"),
+        (clip.translation.len() == frames, "translation and rotations differ in length"),
+        (clip.face_values.len() == frames * clip.face.names.len(), "face values are not frames times channels"),
+        (tree.parents.len() == JOINTS && tree.offsets_m.len() == JOINTS, "its skeleton has not 55 joints"),
+        (is_tree(&tree.parents), "a joint's parent does not come before it"),
         (is_finite(clip), "it holds a number that is not finite"),
-        (
-            clip.rotations.iter().flatten().all(is_unit),
-            "a rotation is not a unit quaternion",
-        ),
+        (clip.rotations.iter().flatten().all(is_unit), "a rotation is not a unit quaternion"),
     ];
-    rules
-        .into_iter()
-        .find(|(holds, _)| !holds)
-        .map_or(Ok(()), |(_, what)| Err(what))
+    rules.into_iter().find(|(holds, _)| !holds).map_or(Ok(()), |(_, what)| Err(what))
 }
 
 fn is_tree(parents: &[i32]) -> bool {
     parents.iter().enumerate().all(|(joint, &parent)| {
-        if joint == 0 {
-            parent == -1
-        } else {
-            usize::try_from(parent).is_ok_and(|parent| parent < joint)
-        }
+        if joint == 0 { parent == -1 } else { usize::try_from(parent).is_ok_and(|parent| parent < joint) }
     })
 }
 
@@ -222,10 +192,7 @@ fn is_finite(clip: &Clip) -> bool {
     let rotations = clip.rotations.as_flattened().as_flattened();
     let positions = clip.translation.as_flattened();
     let offsets = clip.skeleton.offsets_m.as_flattened();
-    [rotations, positions, offsets, &clip.face_values]
-        .into_iter()
-        .flatten()
-        .all(|x| x.is_finite())
+    [rotations, positions, offsets, &clip.face_values].into_iter().flatten().all(|x| x.is_finite())
 }
 
 fn is_unit(q: &[f32; 4]) -> bool {
@@ -247,11 +214,7 @@ fn children(clip: &Clip, joint: usize) -> impl Iterator<Item = usize> {
 fn tip(clip: &Clip, joint: usize) -> [f32; 3] {
     let half = clip.skeleton.offsets_m[joint].map(|x| x * 0.5);
     let length = half.iter().map(|x| x * x).sum::<f32>().sqrt();
-    if length < 1e-3 {
-        [0.0, 0.0, 0.02]
-    } else {
-        half
-    }
+    if length < 1e-3 { [0.0, 0.0, 0.02] } else { half }
 }
 
 /// The root joint's position in a frame.

@@ -1,10 +1,10 @@
 //! `.npz`: NumPy arrays as SMPL-X and BEAT2 tools read them.
 
 use super::{face_of, rotation};
-use umo_core::motion::clip::Clip;
-use umo_core::config::{FaceKind};
-use umo_core::motion::skeleton::{JOINTS};
 use std::io::{self, Cursor, Write};
+use umo_core::config::FaceKind;
+use umo_core::motion::clip::Clip;
+use umo_core::motion::skeleton::JOINTS;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 
@@ -45,10 +45,7 @@ pub fn write<W: Write>(clip: &Clip, mut out: W) -> io::Result<()> {
     out.write_all(archive.0.finish()?.get_ref())
 }
 
-#[expect(
-    clippy::cast_possible_truncation,
-    reason = "angles are computed in f64 and stored as f32"
-)]
+#[expect(clippy::cast_possible_truncation, reason = "angles are computed in f64 and stored as f32")]
 fn poses(clip: &Clip) -> impl Iterator<Item = f32> {
     let rotations = clip.rotations.as_flattened().iter();
     rotations.flat_map(|&q| rotation::axis_angle(q).map(|x| x as f32))
@@ -59,12 +56,7 @@ fn poses(clip: &Clip) -> impl Iterator<Item = f32> {
 struct Archive(ZipWriter<Cursor<Vec<u8>>>);
 
 impl Archive {
-    fn floats(
-        &mut self,
-        name: &str,
-        shape: &[usize],
-        values: impl IntoIterator<Item = f32>,
-    ) -> io::Result<()> {
+    fn floats(&mut self, name: &str, shape: &[usize], values: impl IntoIterator<Item = f32>) -> io::Result<()> {
         let data: Vec<u8> = values.into_iter().flat_map(f32::to_le_bytes).collect();
         self.array(name, "<f4", shape, &data)
     }
@@ -84,10 +76,7 @@ impl Archive {
     fn frame_rate(&mut self, rate: f32) -> io::Result<()> {
         let name = "mocap_frame_rate";
         if rate.fract() == 0.0 && rate < 1e9 {
-            #[expect(
-                clippy::cast_possible_truncation,
-                reason = "a whole number far below the limits of i64"
-            )]
+            #[expect(clippy::cast_possible_truncation, reason = "a whole number far below the limits of i64")]
             let whole = rate as i64;
             self.array(name, "<i8", &[], &whole.to_le_bytes())
         } else {

@@ -16,11 +16,7 @@ pub(super) fn axis_angle(q: [f32; 4]) -> [f64; 3] {
     let [x, y, z, w] = normalized(q);
     let sine = (x * x + y * y + z * z).sqrt();
     // Near no rotation the angle is twice the vector part; the quotient would be 0 / 0.
-    let scale = if sine < 1e-12 {
-        2.0 * w.signum()
-    } else {
-        2.0 * sine.atan2(w.abs()) * w.signum() / sine
-    };
+    let scale = if sine < 1e-12 { 2.0 * w.signum() } else { 2.0 * sine.atan2(w.abs()) * w.signum() / sine };
     [x * scale, y * scale, z * scale]
 }
 
@@ -28,21 +24,9 @@ pub(super) fn axis_angle(q: [f32; 4]) -> [f64; 3] {
 pub(super) fn matrix(q: [f32; 4]) -> Matrix {
     let [x, y, z, w] = normalized(q);
     [
-        [
-            1.0 - 2.0 * (y * y + z * z),
-            2.0 * (x * y - w * z),
-            2.0 * (x * z + w * y),
-        ],
-        [
-            2.0 * (x * y + w * z),
-            1.0 - 2.0 * (x * x + z * z),
-            2.0 * (y * z - w * x),
-        ],
-        [
-            2.0 * (x * z - w * y),
-            2.0 * (y * z + w * x),
-            1.0 - 2.0 * (x * x + y * y),
-        ],
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
     ]
 }
 

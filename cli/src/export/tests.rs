@@ -1,9 +1,9 @@
 //! Each format is read back by something that did not write it.
 
 use super::*;
-use umo_core::config::FaceKind;
 use crate::sample;
 use proptest::prelude::*;
+use umo_core::config::FaceKind;
 
 mod bvh;
 mod csv;
@@ -44,16 +44,8 @@ fn any_clip(kind: FaceKind, frames: usize) -> impl Strategy<Value = Clip> {
 }
 
 fn rotate([x, y, z, w]: [f64; 4], [a, b, c]: Point) -> Point {
-    let t = [
-        2.0 * (y * c - z * b),
-        2.0 * (z * a - x * c),
-        2.0 * (x * b - y * a),
-    ];
-    [
-        a + w * t[0] + y * t[2] - z * t[1],
-        b + w * t[1] + z * t[0] - x * t[2],
-        c + w * t[2] + x * t[1] - y * t[0],
-    ]
+    let t = [2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)];
+    [a + w * t[0] + y * t[2] - z * t[1], b + w * t[1] + z * t[0] - x * t[2], c + w * t[2] + x * t[1] - y * t[0]]
 }
 
 fn multiply([x, y, z, w]: [f64; 4], [a, b, c, d]: [f64; 4]) -> [f64; 4] {
@@ -89,11 +81,7 @@ fn positions(clip: &Clip, frame: usize) -> Vec<Point> {
 }
 
 fn distance(a: Point, b: Point) -> f64 {
-    a.iter()
-        .zip(b)
-        .map(|(a, b)| (a - b).powi(2))
-        .sum::<f64>()
-        .sqrt()
+    a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
 }
 
 #[test]
@@ -104,15 +92,9 @@ fn format_comes_from_a_name_or_an_extension() {
         assert_eq!(Format::from_extension(path.as_ref()).unwrap(), format);
     }
     let message = Format::parse("fbx").unwrap_err().to_string();
-    assert_eq!(
-        message,
-        "unknown format `fbx`: expected npz, bvh, glb, csv, jsonl"
-    );
+    assert_eq!(message, "unknown format `fbx`: expected npz, bvh, glb, csv, jsonl");
     let message = Format::from_extension("folder.glb/out".as_ref()).unwrap_err();
-    assert!(
-        message.to_string().contains("`folder.glb/out`"),
-        "{message}"
-    );
+    assert!(message.to_string().contains("`folder.glb/out`"), "{message}");
 }
 
 #[test]
@@ -149,11 +131,7 @@ fn a_writer_passes_on_a_failure_at_any_byte() {
             let size = written(format, &clip, usize::MAX).unwrap();
             for room in (0..size).step_by(size / 50).chain([size - 1]) {
                 let cause = written(format, &clip, room).unwrap_err();
-                assert_eq!(
-                    cause.kind(),
-                    io::ErrorKind::StorageFull,
-                    "{format:?} at {room}"
-                );
+                assert_eq!(cause.kind(), io::ErrorKind::StorageFull, "{format:?} at {room}");
             }
         }
     }

@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 use std::f32::consts::PI;
 
 use umo_core::config::{
-    Audio, AudioKind, Codec, Face, FaceKind, Hubert, Interp, Lm, Mel, Modality, Sampling, Skeleton, TemplateItem, Vocab,
-    Vq,
+    Audio, AudioKind, Codec, Face, FaceKind, Hubert, Interp, Lm, Mel, Modality, Sampling, Skeleton, TemplateItem,
+    Vocab, Vq,
 };
 use umo_core::motion::skeleton::ARKIT_NAMES;
 use umo_core::{Config, PerPart};
@@ -16,7 +16,7 @@ use crate::args::Size;
 const NOTICE: &str = "untrained model: structure only";
 
 /// Pieces of the small text vocabulary; see `models/umo-small/README.md`.
-const PIECES: usize = 400;
+const PIECES: usize = 180;
 
 /// Codes of each part.
 const CODES: usize = 256;
@@ -134,10 +134,9 @@ fn vq(size: Size) -> Vq {
 fn face(size: Size) -> Face {
     match size {
         Size::Small => Face { kind: FaceKind::Arkit, names: ARKIT_NAMES.map(str::to_owned).to_vec() },
-        Size::Base => Face {
-            kind: FaceKind::SmplxExpression,
-            names: (0..100).map(|i| format!("expression_{i}")).collect(),
-        },
+        Size::Base => {
+            Face { kind: FaceKind::SmplxExpression, names: (0..100).map(|i| format!("expression_{i}")).collect() }
+        }
     }
 }
 

@@ -86,12 +86,7 @@ proptest! {
 
 #[test]
 fn parse_survives_truncation_at_every_byte() {
-    let spec = WavSpec {
-        channels: 3,
-        sample_rate: 44_100,
-        bits_per_sample: 24,
-        sample_format: SampleFormat::Int,
-    };
+    let spec = WavSpec { channels: 3, sample_rate: 44_100, bits_per_sample: 24, sample_format: SampleFormat::Int };
     let whole = by_hound(spec, &(0..30).map(|x| x * 1000).collect::<Vec<_>>());
     let want = parse(&whole).unwrap().samples;
     let data_at = whole.len() - 90;
@@ -199,18 +194,9 @@ fn parse_refuses_what_it_cannot_read() {
 
 #[test]
 fn parse_refuses_an_unknown_extensible_sub_format() {
-    let spec = WavSpec {
-        channels: 1,
-        sample_rate: 16_000,
-        bits_per_sample: 32,
-        sample_format: SampleFormat::Float,
-    };
+    let spec = WavSpec { channels: 1, sample_rate: 16_000, bits_per_sample: 32, sample_format: SampleFormat::Float };
     let mut bytes = by_hound(spec, &[1, 2]);
-    assert_eq!(
-        bytes[20..22],
-        [0xFE, 0xFF],
-        "hound writes the extensible form"
-    );
+    assert_eq!(bytes[20..22], [0xFE, 0xFF], "hound writes the extensible form");
     bytes[50] ^= 1;
     let want = WavError::BadFormat("its sub-format is not known");
     assert_eq!(parse(&bytes), Err(want));
@@ -218,9 +204,7 @@ fn parse_refuses_an_unknown_extensible_sub_format() {
 
 #[test]
 fn mono_averages_and_stays_finite() {
-    let data = [1.0_f32, 0.5, f32::MAX, f32::MAX]
-        .map(f32::to_le_bytes)
-        .concat();
+    let data = [1.0_f32, 0.5, f32::MAX, f32::MAX].map(f32::to_le_bytes).concat();
     let wav = parse(&plain(3, 2, 48_000, 32, 16, &data)).unwrap();
     assert_eq!(wav.mono(), [0.75, f32::MAX]);
     assert_eq!(wav.seconds(), 2.0 / 48_000.0);
@@ -231,19 +215,13 @@ fn read_names_the_path_and_the_cause() {
     let folder = tempfile::tempdir().unwrap();
     let missing = folder.path().join("no.wav");
     let message = read(&missing).unwrap_err().to_string();
-    assert_eq!(
-        message,
-        format!("cannot read `{}`: no such file", missing.display())
-    );
+    assert_eq!(message, format!("cannot read `{}`: no such file", missing.display()));
     let message = read(folder.path()).unwrap_err().to_string();
     assert!(message.ends_with("it is a directory"), "{message}");
     let text = folder.path().join("text.wav");
     std::fs::write(&text, "hello").unwrap();
     let message = read(&text).unwrap_err().to_string();
-    assert!(
-        message.contains("text.wav") && message.contains("not a WAV file"),
-        "{message}"
-    );
+    assert!(message.contains("text.wav") && message.contains("not a WAV file"), "{message}");
     let good = folder.path().join("good.wav");
     std::fs::write(&good, mono_16(2, &[0, 64])).unwrap();
     assert_eq!(read(&good).unwrap().samples, [0.5]);

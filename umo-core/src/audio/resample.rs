@@ -82,6 +82,18 @@ impl Resampler {
     }
 }
 
+/// A whole recording at another rate, `round(n * rate_out / rate_in)` samples.
+///
+/// # Errors
+/// [`StepError::OutOfRange`] for rates outside [`MIN_RATE`] to [`MAX_RATE`].
+pub fn to_rate(samples: &[f32], rate_in: usize, rate_out: usize) -> Result<Vec<f32>, StepError> {
+    let mut resampler = Resampler::new(rate_in, rate_out)?;
+    let mut out = Vec::with_capacity(rounded(samples.len(), rate_out, rate_in));
+    resampler.push(samples, &mut out);
+    resampler.finish(&mut out);
+    Ok(out)
+}
+
 impl Filter {
     fn new(rate_in: usize, rate_out: usize) -> Self {
         let divisor = greatest_common_divisor(rate_in, rate_out);

@@ -5,9 +5,9 @@ use umo_kernels::matmul_f32::Epilogue;
 use umo_kernels::norm::rms_norm;
 use umo_kernels::{Mat, MatMut, ShapeError};
 
-use super::{Lengths, LmScratch};
 use super::attention::{PositionBias, Projections, projection};
 use super::experts::Experts;
+use super::{Lengths, LmScratch};
 use crate::config::Config;
 use crate::error::{LoadError, StepError};
 use crate::linear::{Compute, Linear, QuantScratch};

@@ -1,5 +1,8 @@
 //! The 55 joints of SMPL-X and which part moves each (SPEC 2.7).
 
+use super::pose::Pose;
+use super::rotation::{IDENTITY, product, rotate};
+use crate::config::Skeleton;
 use crate::part::Part;
 
 /// Number of joints.
@@ -39,6 +42,24 @@ pub fn joints_of(part: Part) -> impl Iterator<Item = usize> {
         Part::Lower => (&LOWER_JOINTS, 0..0),
     };
     list.iter().copied().chain(range)
+}
+
+/// Where each joint is in the world, metres, Y up: forward kinematics of `pose` on the bones of `skeleton`.
+pub fn joint_places(skeleton: &Skeleton, pose: &Pose) -> [[f32; 3]; JOINTS] {
+    let mut places = [[0.0; 3]; JOINTS];
+    let mut turned = [IDENTITY; JOINTS];
+    for (joint, (&parent, &offset)) in skeleton.parents.iter().zip(&skeleton.offsets_m).enumerate() {
+        // Only the root has a parent below 0: the config is checked for that, and for parents that come first.
+        let (from, offset, rotation) = match usize::try_from(parent) {
+            Ok(parent) => {
+                (places[parent], rotate(turned[parent], offset), product(turned[parent], pose.rotations[joint]))
+            }
+            Err(_) => (pose.translation, offset, pose.rotations[joint]),
+        };
+        places[joint] = std::array::from_fn(|axis| from[axis] + offset[axis]);
+        turned[joint] = rotation;
+    }
+    places
 }
 
 /// The 52 ARKit blendshapes in Apple's order.

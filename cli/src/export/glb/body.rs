@@ -1,9 +1,9 @@
 //! The body: one octahedron per bone, which follows the joint that the bone starts at.
 
 use super::Surface;
-use umo_core::motion::clip::Clip;
-use umo_core::motion::skeleton::{JOINTS};
 use crate::export::{children, tip};
+use umo_core::motion::clip::Clip;
+use umo_core::motion::skeleton::JOINTS;
 
 /// Where the octahedron is widest, as a part of the bone's length, and how wide.
 const WAIST_AT: f32 = 0.2;
@@ -26,11 +26,7 @@ pub(super) fn scale(a: [f32; 3], by: f32) -> [f32; 3] {
 }
 
 pub(super) fn cross(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
 pub(super) fn length(a: [f32; 3]) -> f32 {
@@ -64,22 +60,13 @@ fn add_bone(surface: &mut Surface, joint: usize, from: [f32; 3], to: [f32; 3]) {
         return;
     }
     // Any direction that is not the bone's own gives two more across it.
-    let other = if along[0].abs() < 0.7 * size {
-        [1.0, 0.0, 0.0]
-    } else {
-        [0.0, 1.0, 0.0]
-    };
+    let other = if along[0].abs() < 0.7 * size { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
     let right = unit(cross(along, other));
     let front = unit(cross(along, right));
     let width = (size * WAIST).clamp(WIDTHS.0, WIDTHS.1);
     let middle = add(from, scale(along, WAIST_AT));
     let corner = |axis, by| add(middle, scale(axis, by));
-    let ring = [
-        corner(right, width),
-        corner(front, width),
-        corner(right, -width),
-        corner(front, -width),
-    ];
+    let ring = [corner(right, width), corner(front, width), corner(right, -width), corner(front, -width)];
     for i in 0..4 {
         let (a, b) = (ring[i], ring[(i + 1) % 4]);
         add_facet(surface, joint, [to, a, b]);

@@ -36,11 +36,7 @@ struct Layout {
 }
 
 impl Builder {
-    pub(super) fn material(
-        &mut self,
-        name: &str,
-        [r, g, b]: [f32; 3],
-    ) -> Index<material::Material> {
+    pub(super) fn material(&mut self, name: &str, [r, g, b]: [f32; 3]) -> Index<material::Material> {
         self.root.push(material::Material {
             name: Some(name.to_owned()),
             double_sided: true,
@@ -55,12 +51,7 @@ impl Builder {
     }
 
     /// A mesh; its shapes' names go where programs look for them.
-    pub(super) fn mesh(
-        &mut self,
-        name: &str,
-        primitive: Primitive,
-        shapes: &[String],
-    ) -> Index<Mesh> {
+    pub(super) fn mesh(&mut self, name: &str, primitive: Primitive, shapes: &[String]) -> Index<Mesh> {
         let extras = (!shapes.is_empty()).then(|| {
             let names = serde_json::json!({ "targetNames": shapes });
             serde_json::value::to_raw_value(&names).expect("a list of strings is valid JSON")
@@ -74,27 +65,12 @@ impl Builder {
         })
     }
 
-    pub(super) fn skinned(
-        &mut self,
-        name: &str,
-        mesh: Index<Mesh>,
-        skin: Index<json::Skin>,
-    ) -> Index<Node> {
-        self.root.push(Node {
-            name: Some(name.to_owned()),
-            mesh: Some(mesh),
-            skin: Some(skin),
-            ..Node::default()
-        })
+    pub(super) fn skinned(&mut self, name: &str, mesh: Index<Mesh>, skin: Index<json::Skin>) -> Index<Node> {
+        self.root.push(Node { name: Some(name.to_owned()), mesh: Some(mesh), skin: Some(skin), ..Node::default() })
     }
 
     pub(super) fn scene(&mut self, nodes: Vec<Index<Node>>) {
-        let scene = self.root.push(json::Scene {
-            nodes,
-            name: None,
-            extensions: None,
-            extras: None,
-        });
+        let scene = self.root.push(json::Scene { nodes, name: None, extensions: None, extras: None });
         self.root.scene = Some(scene);
     }
 
@@ -103,12 +79,7 @@ impl Builder {
         let positions = self.positions(&surface.positions);
         let normals = self.floats(&surface.normals, Type::Vec3, target);
         let weights = self.floats(&surface.weights, Type::Vec4, target);
-        let layout = |component, kind, count, target| Layout {
-            component,
-            kind,
-            count,
-            target: Some(target),
-        };
+        let layout = |component, kind, count, target| Layout { component, kind, count, target: Some(target) };
         let count = surface.joints.len();
         let vertices = buffer::Target::ArrayBuffer;
         let joints = layout(ComponentType::U8, Type::Vec4, count, vertices);
@@ -116,11 +87,7 @@ impl Builder {
         let count = surface.indices.len();
         let elements = buffer::Target::ElementArrayBuffer;
         let indices = layout(ComponentType::U16, Type::Scalar, count, elements);
-        let bytes: Vec<u8> = surface
-            .indices
-            .iter()
-            .flat_map(|i| i.to_le_bytes())
-            .collect();
+        let bytes: Vec<u8> = surface.indices.iter().flat_map(|i| i.to_le_bytes()).collect();
         let indices = self.accessor(&bytes, indices);
         let attributes = BTreeMap::from([
             (Valid(Semantic::Positions), positions),
@@ -128,18 +95,11 @@ impl Builder {
             (Valid(Semantic::Joints(0)), joints),
             (Valid(Semantic::Weights(0)), weights),
         ]);
-        Attributes {
-            attributes,
-            indices,
-        }
+        Attributes { attributes, indices }
     }
 
     pub(super) fn morph_target(&mut self, moved: &[[f32; 3]]) -> MorphTarget {
-        MorphTarget {
-            positions: Some(self.positions(moved)),
-            normals: None,
-            tangents: None,
-        }
+        MorphTarget { positions: Some(self.positions(moved)), normals: None, tangents: None }
     }
 
     pub(super) fn matrices(&mut self, columns: &[[f32; 4]]) -> Index<Accessor> {
@@ -187,12 +147,7 @@ impl Builder {
     ) -> Index<Accessor> {
         let values = rows.as_flattened().iter();
         let bytes: Vec<u8> = values.flat_map(|x| x.to_le_bytes()).collect();
-        let layout = Layout {
-            component: ComponentType::F32,
-            kind,
-            count: rows.len(),
-            target,
-        };
+        let layout = Layout { component: ComponentType::F32, kind, count: rows.len(), target };
         self.accessor(&bytes, layout)
     }
 

@@ -43,10 +43,7 @@ pub(super) struct Point {
 
 /// The head over the head joint at `joint`; the part below the lips follows `jaw`, where there is one.
 pub(super) fn head(joint: [f32; 3], jaw: Option<usize>) -> Head {
-    let mut head = Head {
-        surface: Surface::default(),
-        points: Vec::new(),
-    };
+    let mut head = Head { surface: Surface::default(), points: Vec::new() };
     let centre = add(joint, CENTRE);
     add_sheet(&mut head, centre, (LIPS, TOP, UPPER_ROWS), false);
     add_sheet(&mut head, centre, (CHIN, LIPS, LOWER_ROWS), true);
@@ -68,12 +65,7 @@ fn add_sheet(head: &mut Head, centre: [f32; 3], (low, high, rows): (f32, f32, u1
             let left = SIDE * (2.0 * f32::from(column) / f32::from(COLUMNS - 1) - 1.0);
             let on_line = row == if lower { rows } else { 0 };
             let free = if on_line { open(left) } else { 1.0 };
-            head.points.push(Point {
-                left,
-                up,
-                lower,
-                free,
-            });
+            head.points.push(Point { left, up, lower, free });
             head.surface.positions.push(add(centre, place(left, up)));
         }
     }
@@ -97,11 +89,7 @@ fn place(left: f32, up: f32) -> [f32; 3] {
     let nose = 0.022 * bump(0.0, -6.0, 8.0, 9.0);
     let sockets = -0.008 * (bump(24.0, 13.0, 9.0, 6.0) + bump(-24.0, 13.0, 9.0, 6.0));
     let lips = 0.007 * bump(0.0, LIPS, 12.0, 6.0);
-    [
-        RADII[0] * sin * level,
-        RADII[1] * rise,
-        RADII[2] * cos * level + nose + sockets + lips,
-    ]
+    [RADII[0] * sin * level, RADII[1] * rise, RADII[2] * cos * level + nose + sockets + lips]
 }
 
 /// 1 in the middle of the mouth, 0 beyond its corners.
@@ -122,12 +110,7 @@ fn follow(point: &Point, jaw: Option<usize>) -> ([u8; 4], [f32; 4]) {
     if weight == 0.0 {
         return alone;
     }
-    let joints = [
-        number(jaw),
-        if weight < 1.0 { number(HEAD) } else { 0 },
-        0,
-        0,
-    ];
+    let joints = [number(jaw), if weight < 1.0 { number(HEAD) } else { 0 }, 0, 0];
     (joints, [weight, 1.0 - weight, 0.0, 0.0])
 }
 

@@ -25,20 +25,8 @@ struct Shape {
     by: [f32; 3],
 }
 
-const fn shape(
-    stem: &'static str,
-    part: Part,
-    centre: [f32; 2],
-    radius: f32,
-    by: [f32; 3],
-) -> Shape {
-    Shape {
-        stem,
-        part,
-        centre,
-        radius,
-        by,
-    }
+const fn shape(stem: &'static str, part: Part, centre: [f32; 2], radius: f32, by: [f32; 3]) -> Shape {
+    Shape { stem, part, centre, radius, by }
 }
 
 use Part::{Above, Below, Both};
@@ -64,35 +52,11 @@ const SHAPES: [Shape; 33] = [
     shape("mouthDimple", Both, [21.0, LIPS], 8.0, [0.3, 0.0, -0.6]),
     shape("mouthStretch", Both, [20.0, -33.0], 11.0, [0.9, -0.3, 0.0]),
     shape("mouthRollLower", Below, [0.0, -34.0], 9.0, [0.0, 0.3, -0.7]),
-    shape(
-        "mouthRollUpper",
-        Above,
-        [0.0, -26.0],
-        9.0,
-        [0.0, -0.3, -0.7],
-    ),
-    shape(
-        "mouthShrugLower",
-        Below,
-        [0.0, -38.0],
-        10.0,
-        [0.0, 0.6, 0.4],
-    ),
-    shape(
-        "mouthShrugUpper",
-        Above,
-        [0.0, -25.0],
-        10.0,
-        [0.0, 0.5, 0.4],
-    ),
+    shape("mouthRollUpper", Above, [0.0, -26.0], 9.0, [0.0, -0.3, -0.7]),
+    shape("mouthShrugLower", Below, [0.0, -38.0], 10.0, [0.0, 0.6, 0.4]),
+    shape("mouthShrugUpper", Above, [0.0, -25.0], 10.0, [0.0, 0.5, 0.4]),
     shape("mouthPress", Both, [11.0, LIPS], 9.0, [0.0, 0.0, -0.5]),
-    shape(
-        "mouthLowerDown",
-        Below,
-        [8.0, -33.0],
-        10.0,
-        [0.0, -0.9, 0.0],
-    ),
+    shape("mouthLowerDown", Below, [8.0, -33.0], 10.0, [0.0, -0.9, 0.0]),
     shape("mouthUpperUp", Above, [8.0, -27.0], 10.0, [0.0, 0.9, 0.1]),
     shape("browDown", Both, [22.0, 27.0], 10.0, [-0.1, -0.9, 0.1]),
     shape("browInnerUp", Both, [0.0, 27.0], 12.0, [0.0, 1.0, 0.1]),
@@ -126,9 +90,7 @@ fn find(name: &str) -> (&'static Shape, Sides) {
         }
     }
     // The FNV-1a hash: the same on every machine and in every version.
-    let hash = name.bytes().fold(0x811c_9dc5_u32, |hash, byte| {
-        (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193)
-    });
+    let hash = name.bytes().fold(0x811c_9dc5_u32, |hash, byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193));
     let count = SHAPES.len();
     (&SHAPES[hash as usize % count], Sides::Both)
 }

@@ -20,9 +20,7 @@ struct Bvh {
 
 fn next<T: FromStr>(words: &mut SplitWhitespace<'_>) -> T {
     let word = words.next().expect("a word");
-    word.parse()
-        .ok()
-        .unwrap_or_else(|| panic!("unexpected `{word}`"))
+    word.parse().ok().unwrap_or_else(|| panic!("unexpected `{word}`"))
 }
 
 fn expect(words: &mut SplitWhitespace<'_>, want: &str) {
@@ -51,11 +49,7 @@ impl Bvh {
         let row = |words: &mut SplitWhitespace<'_>| (0..width).map(|_| next(words)).collect();
         let motion = (0..frames).map(|_| row(words)).collect();
         assert_eq!(words.next(), None, "nothing follows the last frame");
-        Self {
-            joints,
-            seconds,
-            motion,
-        }
+        Self { joints, seconds, motion }
     }
 
     fn joint(words: &mut SplitWhitespace<'_>, parent: Option<usize>, joints: &mut Vec<Joint>) {
@@ -66,12 +60,7 @@ impl Bvh {
         let count: usize = next(words);
         let channels = (0..count).map(|_| next(words)).collect();
         let at = joints.len();
-        joints.push(Joint {
-            name,
-            parent,
-            offset,
-            channels,
-        });
+        joints.push(Joint { name, parent, offset, channels });
         let mut below = 0;
         loop {
             match words.next().expect("a joint, an end or a brace") {
@@ -166,11 +155,7 @@ fn bvh_angles_do_not_jump_between_frames() {
             rotations[0][axis] = sin;
         }
         let bvh = read(&clip);
-        let jump = |pair: &[Vec<f64>]| -> f64 {
-            (3..6)
-                .map(|i| (pair[0][i] - pair[1][i]).abs())
-                .fold(0.0, f64::max)
-        };
+        let jump = |pair: &[Vec<f64>]| -> f64 { (3..6).map(|i| (pair[0][i] - pair[1][i]).abs()).fold(0.0, f64::max) };
         let largest = bvh.motion.windows(2).map(jump).fold(0.0, f64::max);
         assert!((largest - 20.0).abs() < 1e-2, "axis {axis}: {largest}");
     }

@@ -1,6 +1,6 @@
 use super::*;
-use umo_core::motion::skeleton::ARKIT_NAMES;
 use std::collections::HashMap;
+use umo_core::motion::skeleton::ARKIT_NAMES;
 
 fn rows(clip: &Clip) -> Vec<HashMap<String, String>> {
     let bytes = bytes_of(|clip, out| super::super::csv::write(clip, out), clip);
@@ -26,10 +26,7 @@ fn csv_has_the_columns_of_live_link_face() {
     let header = header(&sample::clip(FaceKind::Arkit, 1, 1));
     assert_eq!(header.len(), 63);
     assert_eq!(header[..3], ["Timecode", "BlendShapeCount", "EyeBlinkLeft"]);
-    assert_eq!(
-        header[16..20],
-        ["JawForward", "JawRight", "JawLeft", "JawOpen"]
-    );
+    assert_eq!(header[16..20], ["JawForward", "JawRight", "JawLeft", "JawOpen"]);
     assert_eq!(header[53..55], ["TongueOut", "HeadYaw"]);
     assert_eq!(header[62], "RightEyeRoll");
 }
@@ -49,11 +46,7 @@ fn csv_puts_each_blendshape_under_its_name() {
         for (i, name) in clip.face.names.iter().enumerate() {
             let column = format!("{}{}", name[..1].to_uppercase(), &name[1..]);
             let value: f32 = row[&column].parse().unwrap();
-            assert_eq!(
-                value,
-                clip.face_values[frame * ARKIT_NAMES.len() + i],
-                "{column}"
-            );
+            assert_eq!(value, clip.face_values[frame * ARKIT_NAMES.len() + i], "{column}");
         }
     }
 }

@@ -1,8 +1,8 @@
 use super::*;
-use umo_core::motion::skeleton::JOINT_NAMES;
 use gltf::animation::util::ReadOutputs;
 use gltf::{Gltf, Node};
 use std::collections::HashMap;
+use umo_core::motion::skeleton::JOINT_NAMES;
 
 /// A file as the `gltf` crate understands it.
 struct File {
@@ -19,10 +19,7 @@ impl File {
     }
 
     fn node(&self, name: &str) -> Node<'_> {
-        self.gltf
-            .nodes()
-            .find(|node| node.name() == Some(name))
-            .unwrap()
+        self.gltf.nodes().find(|node| node.name() == Some(name)).unwrap()
     }
 
     /// For each node: its rotations, translations and shape weights over time.
@@ -59,9 +56,7 @@ impl File {
         let primitive = mesh.primitives().next().unwrap();
         let reader = primitive.reader(|_| Some(&self.bin));
         let targets = reader.read_morph_targets();
-        targets
-            .map(|(moved, ..)| moved.unwrap().collect())
-            .collect()
+        targets.map(|(moved, ..)| moved.unwrap().collect()).collect()
     }
 }
 
@@ -150,10 +145,7 @@ fn glb_names_a_shape_for_every_face_channel() {
         for (name, moved) in names.iter().zip(&targets) {
             let furthest = moved.iter().map(|&d| distance(d.map(f64::from), [0.0; 3]));
             let furthest = furthest.fold(0.0, f64::max);
-            assert!(
-                (0.003..0.03).contains(&furthest),
-                "{name} moves {furthest} m"
-            );
+            assert!((0.003..0.03).contains(&furthest), "{name} moves {furthest} m");
         }
         if kind == FaceKind::Arkit {
             let alike = |a: usize| targets[..a].contains(&targets[a]);
@@ -168,18 +160,11 @@ fn glb_shapes_move_what_their_names_say() {
     let file = File::of(&clip);
     let mesh = file.node("face").mesh().unwrap();
     let primitive = mesh.primitives().next().unwrap();
-    let rest: Vec<[f32; 3]> = primitive
-        .reader(|_| Some(&file.bin))
-        .read_positions()
-        .unwrap()
-        .collect();
+    let rest: Vec<[f32; 3]> = primitive.reader(|_| Some(&file.bin)).read_positions().unwrap().collect();
     let targets = file.morph_targets();
     let target = |name: &str| &targets[clip.face.names.iter().position(|n| n == name).unwrap()];
     let mean = |name: &str, of: fn(&[f32; 3], &[f32; 3]) -> f32| -> f32 {
-        rest.iter()
-            .zip(target(name))
-            .map(|(at, moved)| of(at, moved))
-            .sum()
+        rest.iter().zip(target(name)).map(|(at, moved)| of(at, moved)).sum()
     };
     assert!(mean("jawOpen", |_, moved| moved[1]) < -0.1);
     assert!(mean("browInnerUp", |_, moved| moved[1]) > 0.01);
@@ -195,9 +180,8 @@ fn glb_shapes_move_what_their_names_say() {
         assert!(mean(name, right) < 0.05 * mean(name, wrong), "{name}");
     }
     // The open jaw parts the lips: two vertices at one place, of which one goes down.
-    let parted = |a: usize, b: usize| {
-        rest[a] == rest[b] && (target("jawOpen")[a][1] - target("jawOpen")[b][1]).abs() > 0.01
-    };
+    let parted =
+        |a: usize, b: usize| rest[a] == rest[b] && (target("jawOpen")[a][1] - target("jawOpen")[b][1]).abs() > 0.01;
     assert!((0..rest.len()).any(|a| (0..a).any(|b| parted(a, b))));
 }
 
@@ -206,14 +190,9 @@ fn glb_skin_leaves_the_rest_pose_as_it_is() {
     let clip = sample::clip(FaceKind::SmplxExpression, 1, 1);
     let file = File::of(&clip);
     let skin = file.node("body").skin().unwrap();
-    let joints: Vec<_> = skin
-        .joints()
-        .map(|j| j.name().unwrap().to_owned())
-        .collect();
+    let joints: Vec<_> = skin.joints().map(|j| j.name().unwrap().to_owned()).collect();
     assert_eq!(joints, JOINT_NAMES);
-    let inverse = skin
-        .reader(|_| Some(&file.bin))
-        .read_inverse_bind_matrices();
+    let inverse = skin.reader(|_| Some(&file.bin)).read_inverse_bind_matrices();
     let mut rest: Vec<[f32; 3]> = Vec::new();
     for (joint, matrix) in inverse.unwrap().enumerate() {
         let from = parent(&clip, joint).map_or([0.0; 3], |parent| rest[parent]);
@@ -242,10 +221,7 @@ fn glb_bends_the_jaw_where_no_shape_opens_it() {
         let primitive = mesh.primitives().next().unwrap();
         let reader = primitive.reader(|_| Some(&file.bin));
         let mut joints = reader.read_joints(0).unwrap().into_u16();
-        assert_eq!(
-            joints.any(|joint| JOINT_NAMES[usize::from(joint[0])] == "jaw"),
-            bends
-        );
+        assert_eq!(joints.any(|joint| JOINT_NAMES[usize::from(joint[0])] == "jaw"), bends);
     }
 }
 

@@ -5,15 +5,11 @@ fn lines(clip: &Clip) -> Vec<Value> {
     let bytes = bytes_of(|clip, out| super::super::jsonl::write(clip, out), clip);
     let text = String::from_utf8(bytes).unwrap();
     assert!(text.ends_with('\n'));
-    text.lines()
-        .map(|line| serde_json::from_str(line).unwrap())
-        .collect()
+    text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
 }
 
 fn get<T: serde::de::DeserializeOwned>(value: &Value, pointer: &str) -> T {
-    let found = value
-        .pointer(pointer)
-        .unwrap_or_else(|| panic!("no {pointer}"));
+    let found = value.pointer(pointer).unwrap_or_else(|| panic!("no {pointer}"));
     serde_json::from_value(found.clone()).unwrap()
 }
 
@@ -25,15 +21,9 @@ fn jsonl_describes_itself_in_its_first_line() {
     assert_eq!(get::<u32>(header, "/version"), 1);
     assert_eq!(get::<f32>(header, "/frame_rate"), 30.0);
     assert_eq!(get::<usize>(header, "/frames"), 4);
-    assert_eq!(
-        get::<Vec<String>>(header, "/joints"),
-        umo_core::motion::clip::JOINT_NAMES
-    );
+    assert_eq!(get::<Vec<String>>(header, "/joints"), umo_core::motion::clip::JOINT_NAMES);
     assert_eq!(get::<Vec<i32>>(header, "/parents"), clip.skeleton.parents);
-    assert_eq!(
-        get::<Vec<[f32; 3]>>(header, "/offsets"),
-        clip.skeleton.offsets_m
-    );
+    assert_eq!(get::<Vec<[f32; 3]>>(header, "/offsets"), clip.skeleton.offsets_m);
     assert_eq!(get::<String>(header, "/face/kind"), "arkit");
     assert_eq!(get::<Vec<String>>(header, "/face/names"), clip.face.names);
     assert_eq!(get::<String>(header, "/axes/y"), "up");

@@ -1,7 +1,7 @@
 use super::*;
-use umo_core::motion::skeleton::ARKIT_NAMES;
 use npyz::{Deserialize, NpyFile, NpyHeader};
 use std::io::{Cursor, Read};
+use umo_core::motion::skeleton::ARKIT_NAMES;
 use zip::ZipArchive;
 
 struct Npz(ZipArchive<Cursor<Vec<u8>>>);
@@ -28,11 +28,7 @@ impl Npz {
 
     fn floats(&mut self, name: &str, shape: &[u64]) -> Vec<f32> {
         let (kind, found, values) = self.array(name);
-        assert_eq!(
-            (kind.as_str(), found.as_slice()),
-            ("'<f4'", shape),
-            "{name}"
-        );
+        assert_eq!((kind.as_str(), found.as_slice()), ("'<f4'", shape), "{name}");
         values
     }
 
@@ -42,17 +38,10 @@ impl Npz {
         let header = NpyHeader::from_reader(&mut rest).unwrap();
         let kind = header.dtype().descr();
         let width: usize = kind.trim_matches('\'')[2..].parse().unwrap();
-        let codes: Vec<char> = rest
-            .as_chunks::<4>()
-            .0
-            .iter()
-            .map(|&code| char::from_u32(u32::from_le_bytes(code)).unwrap())
-            .collect();
+        let codes: Vec<char> =
+            rest.as_chunks::<4>().0.iter().map(|&code| char::from_u32(u32::from_le_bytes(code)).unwrap()).collect();
         let text = |row: &[char]| row.iter().filter(|&&c| c != '\0').collect();
-        (
-            header.shape().to_vec(),
-            codes.chunks(width).map(text).collect(),
-        )
+        (header.shape().to_vec(), codes.chunks(width).map(text).collect())
     }
 }
 
@@ -62,10 +51,7 @@ fn npz_has_the_arrays_of_beat2() {
         let clip = sample::clip(kind, 5, 1);
         let mut npz = Npz::of(&clip);
         assert_eq!(npz.floats("betas", &[300]), [0.0; 300]);
-        assert_eq!(
-            npz.floats("trans", &[5, 3]),
-            clip.translation.as_flattened()
-        );
+        assert_eq!(npz.floats("trans", &[5, 3]), clip.translation.as_flattened());
         npz.floats("poses", &[5, 165]);
         assert_eq!(npz.strings("model"), (vec![], vec!["smplx2020".to_owned()]));
         assert_eq!(npz.strings("gender"), (vec![], vec!["neutral".to_owned()]));
@@ -94,11 +80,7 @@ fn npz_pads_and_cuts_expressions_to_100() {
         let found = Npz::of(&clip).floats("expressions", &[2, 100]);
         for (i, &x) in found.iter().enumerate() {
             let (frame, column) = (i / 100, i % 100);
-            let want = if column < count {
-                frame * count + column
-            } else {
-                0
-            };
+            let want = if column < count { frame * count + column } else { 0 };
             assert_eq!(x, want as f32);
         }
     }

@@ -44,15 +44,9 @@ fn a_failed_write_leaves_the_earlier_file() {
     fs::write(&path, "earlier").unwrap();
     let mut clip = sample::clip(FaceKind::SmplxExpression, 1, 1);
     clip.face_values[0] = f32::NAN;
-    assert!(matches!(
-        write(&path, None, &clip),
-        Err(ExportError::Clip(_))
-    ));
+    assert!(matches!(write(&path, None, &clip), Err(ExportError::Clip(_))));
     let csv = folder.path().join("out.csv");
-    assert!(matches!(
-        write(&csv, None, &clip),
-        Err(ExportError::Face(_))
-    ));
+    assert!(matches!(write(&csv, None, &clip), Err(ExportError::Face(_))));
     assert_eq!(fs::read_to_string(path).unwrap(), "earlier");
     assert_eq!(names(&folder), ["out.npz"]);
 }
@@ -88,13 +82,8 @@ fn an_unwritable_output_is_named() {
     let folder = folder();
     let clip = sample::clip(FaceKind::Arkit, 1, 1);
     let message = |path: &Path| {
-        let message = write(path, Some(Format::Bvh), &clip)
-            .unwrap_err()
-            .to_string();
-        assert!(
-            message.contains(&format!("`{}`", path.display())),
-            "{message}"
-        );
+        let message = write(path, Some(Format::Bvh), &clip).unwrap_err().to_string();
+        assert!(message.contains(&format!("`{}`", path.display())), "{message}");
         message
     };
     message(&folder.path().join("no/such/folder/out.bvh"));
@@ -116,10 +105,7 @@ fn an_unwritable_output_is_named() {
 fn a_link_is_followed_and_a_device_is_left_alone() {
     let folder = folder();
     let clip = sample::clip(FaceKind::Arkit, 1, 1);
-    let (file, link) = (
-        folder.path().join("file.bvh"),
-        folder.path().join("link.bvh"),
-    );
+    let (file, link) = (folder.path().join("file.bvh"), folder.path().join("link.bvh"));
     fs::write(&file, "").unwrap();
     std::os::unix::fs::symlink(&file, &link).unwrap();
     write(&link, None, &clip).unwrap();
@@ -127,8 +113,5 @@ fn a_link_is_followed_and_a_device_is_left_alone() {
     assert!(fs::read_to_string(&file).unwrap().starts_with("HIERARCHY"));
     let device = write(Path::new("/dev/null"), Some(Format::Bvh), &clip);
     let message = device.unwrap_err().to_string();
-    assert_eq!(
-        message,
-        "cannot write `/dev/null`: it is not a regular file"
-    );
+    assert_eq!(message, "cannot write `/dev/null`: it is not a regular file");
 }

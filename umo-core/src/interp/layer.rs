@@ -1,0 +1,150 @@
+//! A pre-norm transformer layer as PyTorch's `nn.TransformerEncoderLayer(norm_first=True, activation="gelu")` has it.
+
+use std::ops::Range;
+
+use umo_kernels::attention::{Visible, attention_f32};
+use umo_kernels::matmul_f32::{Activation, Epilogue};
+use umo_kernels::norm::layer_norm;
+use umo_kernels::{Isa, Mat, MatMut};
+
+use crate::config;
+use crate::error::{LoadError, StepError};
+use crate::linear::{Compute, Linear, QuantScratch};
+use crate::weights::Loader;
+
+/// Added to variances: PyTorch's default.
+pub(super) const EPS: f32 = 1e-5;
+
+/// A layer norm's tensors.
+#[derive(Debug)]
+pub(super) struct Norm {
+    pub(super) weight: Box<[f32]>,
+    pub(super) bias: Box<[f32]>,
+}
+
+impl Norm {
+    pub(super) fn load(loader: &Loader, name: &str, dim: usize) -> Result<Self, LoadError> {
+        let vector = |what: &str| loader.vector(&format!("{name}.{what}"), dim);
+        Ok(Self { weight: vector("weight")?, bias: vector("bias")? })
+    }
+}
+
+/// Attention and feed-forward, each after a norm and added.
+#[derive(Debug)]
+pub(super) struct Layer {
+    norm1: Norm,
+    /// Queries, keys and values side by side, `[3 dim, dim]`.
+    projection: Linear,
+    output: Linear,
+    norm2: Norm,
+    expand: Linear,
+    contract: Linear,
+    heads: usize,
+}
+
+/// Room for a layer over so many rows.
+#[derive(Debug)]
+pub(super) struct LayerScratch {
+    /// `[rows, dim]`
+    normed: Box<[f32]>,
+    /// `[rows, 3 dim]`
+    qkv: Box<[f32]>,
+    /// `[rows, dim]`
+    attended: Box<[f32]>,
+    /// `[rows, ffn_dim]`
+    ffn: Box<[f32]>,
+    quant: QuantScratch,
+}
+
+impl LayerScratch {
+    pub(super) fn new(rows: usize, dim: usize, ffn_dim: usize) -> Self {
+        let room = |cols: usize| vec![0.0; rows * cols].into_boxed_slice();
+        Self {
+            normed: room(dim),
+            qkv: room(3 * dim),
+            attended: room(dim),
+            ffn: room(ffn_dim),
+            quant: QuantScratch::new(rows, dim.max(ffn_dim)),
+        }
+    }
+
+    pub(super) fn quant(&mut self) -> &mut QuantScratch {
+        &mut self.quant
+    }
+}
+
+impl Layer {
+    pub(super) fn load(loader: &Loader, name: &str, sizes: &config::Interp) -> Result<Self, LoadError> {
+        let (dim, ffn_dim) = (sizes.d_model, sizes.d_ff);
+        let attention = format!("{name}.self_attn");
+        let projection = loader.linear(&[format!("{attention}.in_proj_weight")], &[3 * dim], dim)?;
+        Ok(Self {
+            norm1: Norm::load(loader, &format!("{name}.norm1"), dim)?,
+            projection: projection.with_bias(loader.vector(&format!("{attention}.in_proj_bias"), 3 * dim)?),
+            output: loader.linear_with_bias(&format!("{attention}.out_proj"), dim, dim)?,
+            norm2: Norm::load(loader, &format!("{name}.norm2"), dim)?,
+            expand: loader.linear_with_bias(&format!("{name}.linear1"), ffn_dim, dim)?,
+            contract: loader.linear_with_bias(&format!("{name}.linear2"), dim, ffn_dim)?,
+            heads: sizes.num_heads,
+        })
+    }
+
+    pub(super) fn ffn_dim(&self) -> usize {
+        self.expand.outputs()
+    }
+
+    /// Runs over `x [rows, dim]` in place, each `group` rows on their own: a row attends to those of its group.
+    pub(super) fn run(&self, cx: Compute, s: &mut LayerScratch, group: usize, x: &mut [f32]) -> Result<(), StepError> {
+        let (dim, ffn_dim) = (self.projection.inputs(), self.ffn_dim());
+        let rows = x.len() / dim;
+        let norm = |x: &[f32], norm: &Norm, y: &mut [f32]| {
+            layer_norm(cx.isa, Mat::new(x, rows, dim)?, &norm.weight, &norm.bias, EPS, MatMut::new(y, rows, dim)?)
+        };
+        norm(x, &self.norm1, &mut s.normed)?;
+        let y = MatMut::new(&mut s.qkv, rows, 3 * dim)?;
+        self.projection.forward(cx, &mut s.quant, Mat::new(&s.normed, rows, dim)?, Epilogue::STORE, y)?;
+        self.attend(cx, Mat::new(&s.qkv, rows, 3 * dim)?, group, &mut s.attended)?;
+        let attended = Mat::new(&s.attended, rows, dim)?;
+        self.output.forward(cx, &mut s.quant, attended, Epilogue::ADD, MatMut::new(x, rows, dim)?)?;
+        norm(x, &self.norm2, &mut s.normed)?;
+        let y = MatMut::new(&mut s.ffn, rows, ffn_dim)?;
+        let gelu = Epilogue::STORE.then(Activation::Gelu);
+        self.expand.forward(cx, &mut s.quant, Mat::new(&s.normed, rows, dim)?, gelu, y)?;
+        let ffn = Mat::new(&s.ffn, rows, ffn_dim)?;
+        self.contract.forward(cx, &mut s.quant, ffn, Epilogue::ADD, MatMut::new(x, rows, dim)?)
+    }
+
+    /// Attention of every head within each group of rows: one long group is shared by heads, many by groups.
+    fn attend(&self, cx: Compute, qkv: Mat<f32>, group: usize, y: &mut [f32]) -> Result<(), StepError> {
+        let (rows, dim) = (qkv.rows(), qkv.cols() / 3);
+        let work = 2 * rows * group * dim;
+        let head_dim = dim / self.heads;
+        if group == rows {
+            let y = MatMut::new(y, rows, dim)?;
+            return cx.team.columns(y, head_dim, work, |columns, y| self.heads_of(cx.isa, qkv, columns, y));
+        }
+        let groups = MatMut::new(y, rows / group, group * dim)?;
+        cx.team.rows(groups, work, |range, mut groups| {
+            for (i, index) in range.enumerate() {
+                let qkv = qkv.row_range(index * group..(index + 1) * group);
+                self.heads_of(cx.isa, qkv, 0..dim, MatMut::new(groups.row_mut(i), group, dim)?)?;
+            }
+            Ok(())
+        })
+    }
+
+    /// The heads whose outputs are `columns`, over all rows of `qkv`.
+    fn heads_of(&self, isa: Isa, qkv: Mat<f32>, columns: Range<usize>, y: MatMut<f32>) -> Result<(), StepError> {
+        let dim = qkv.cols() / 3;
+        let head_dim = dim / self.heads;
+        let scale = 1.0 / (head_dim as f32).sqrt();
+        let mut rest = y;
+        for first in columns.step_by(head_dim) {
+            let part = |i: usize| qkv.columns(i * dim + first..i * dim + first + head_dim);
+            let (y, right) = rest.split_columns(head_dim);
+            rest = right;
+            attention_f32(isa, part(0), part(1), part(2), scale, None, Visible::All, y)?;
+        }
+        Ok(())
+    }
+}

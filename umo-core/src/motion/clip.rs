@@ -1,0 +1,221 @@
+//! A whole motion in memory, and its way back to channels and codes (SPEC 2.7, EMAGE's lower-body channels).
+
+use super::conv::ConvScratch;
+use super::pose::{Assembly, FIRST_FACE_VALUE, Pose};
+use super::root::{FIRST_CONTACT, HEIGHT, VELOCITY_X, VELOCITY_Z};
+use super::rotation::{Quat, slerp};
+use super::skeleton::{JOINTS, joint_places};
+use super::vq::{MotionScratch, VqEncoder};
+use super::widest;
+use crate::config::{Config, Face, Skeleton};
+use crate::error::{LoadError, StepError};
+use crate::linear::Compute;
+use crate::part::{Part, PerPart};
+use crate::weights::Loader;
+
+/// Ankles and feet, left before right, in the order of the contact channels.
+const CONTACT_JOINTS: [usize; 4] = [7, 8, 10, 11];
+
+/// A foot joint that moves less than this from one frame to the next stands, metres.
+const STANDING: f32 = 0.01;
+
+/// A motion: what the writers of every format read.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Clip {
+    /// Frames per second.
+    pub frame_rate: f32,
+    /// Bones.
+    pub skeleton: Skeleton,
+    /// What the face values are.
+    pub face: Face,
+    /// Unit quaternions of 55 joints, relative to their parents, for each frame.
+    pub rotations: Vec<[Quat; JOINTS]>,
+    /// Place of the root for each frame, metres.
+    pub translation: Vec<[f32; 3]>,
+    /// `[frames, face.names]`
+    pub face_values: Vec<f32>,
+}
+
+impl Clip {
+    /// A motion of no frames, of a model's bones and face.
+    pub fn new(config: &Config) -> Self {
+        Self {
+            frame_rate: rate(config),
+            skeleton: config.skeleton.clone(),
+            face: config.face.clone(),
+            rotations: Vec::new(),
+            translation: Vec::new(),
+            face_values: Vec::new(),
+        }
+    }
+
+    /// Adds a frame. Panics where `face` has another number of values than the clip's face has names.
+    pub fn push(&mut self, pose: &Pose, face: &[f32]) {
+        assert_eq!(face.len(), self.face.names.len(), "one value per name of the face");
+        self.rotations.push(pose.rotations);
+        self.translation.push(pose.translation);
+        self.face_values.extend_from_slice(face);
+    }
+
+    /// Number of frames.
+    pub fn len(&self) -> usize {
+        self.rotations.len()
+    }
+
+    /// Whether there is no frame.
+    pub fn is_empty(&self) -> bool {
+        self.rotations.is_empty()
+    }
+
+    /// Frame `index`. Panics where there is none.
+    pub fn pose(&self, index: usize) -> Pose {
+        Pose { rotations: self.rotations[index], translation: self.translation[index] }
+    }
+
+    /// The face values of frame `index`. Panics where there is none.
+    pub fn face(&self, index: usize) -> &[f32] {
+        let values = self.face.names.len();
+        &self.face_values[index * values..(index + 1) * values]
+    }
+
+    /// The same motion at another number of frames per second, from its first frame to its last.
+    #[must_use]
+    #[expect(clippy::cast_possible_truncation, reason = "frame numbers, rounded down on purpose")]
+    #[expect(clippy::cast_sign_loss, reason = "frame numbers are not negative")]
+    pub fn at_rate(&self, frame_rate: f32) -> Self {
+        let step = f64::from(self.frame_rate) / f64::from(frame_rate);
+        let mut clip = Self { frame_rate, ..self.clone() };
+        if self.is_empty() || step == 1.0 {
+            return clip;
+        }
+        (clip.rotations, clip.translation, clip.face_values) = Default::default();
+        let last = self.len() - 1;
+        // The small part is for a last frame that rounding would lose.
+        let frames = (last as f64 / step + 1e-6) as usize + 1;
+        let mut face = vec![0.0; self.face.names.len()];
+        for index in 0..frames {
+            let time = (index as f64 * step).min(last as f64);
+            let (a, share) = (time as usize, time.fract() as f32);
+            let b = (a + 1).min(last);
+            let mix = |a: f32, b: f32| a + share * (b - a);
+            let (from, to) = (self.pose(a), self.pose(b));
+            let pose = Pose {
+                rotations: std::array::from_fn(|j| slerp(from.rotations[j], to.rotations[j], share)),
+                translation: std::array::from_fn(|i| mix(from.translation[i], to.translation[i])),
+            };
+            for ((value, &a), &b) in face.iter_mut().zip(self.face(a)).zip(self.face(b)) {
+                *value = mix(a, b);
+            }
+            clip.push(&pose, &face);
+        }
+        clip
+    }
+
+    /// The channels `[frames, channels]` of each part, as its encoder wants them.
+    ///
+    /// Lower body after its rotations: velocity along x, height, velocity along z, then 1 for each ankle and foot that
+    /// moves less than 1 cm to the next frame. The velocity is the one that decoding sums: from a frame to its next, m/s;
+    /// the last frame repeats that of the one before.
+    pub fn channels(&self) -> PerPart<Vec<f32>> {
+        let mut channels = PerPart::from_fn(|part| vec![0.0; self.len() * self.channels_of(part)]);
+        for (part, index) in Part::ALL.into_iter().flat_map(|part| (0..self.len()).map(move |index| (part, index))) {
+            let width = self.channels_of(part);
+            let row = &mut channels[part][index * width..(index + 1) * width];
+            Assembly::write_rotations(part, &self.rotations[index], row);
+            if part == Part::Face {
+                row[FIRST_FACE_VALUE..].copy_from_slice(self.face(index));
+            }
+        }
+        self.write_root(&mut channels.lower);
+        channels
+    }
+
+    fn channels_of(&self, part: Part) -> usize {
+        match part {
+            Part::Face => FIRST_FACE_VALUE + self.face.names.len(),
+            Part::Hands | Part::Upper => 6 * super::skeleton::joints_of(part).count(),
+            Part::Lower => FIRST_CONTACT + CONTACT_JOINTS.len(),
+        }
+    }
+
+    /// Root velocity, height and foot contact.
+    fn write_root(&self, lower: &mut [f32]) {
+        let feet: Vec<[[f32; 3]; 4]> = (0..self.len())
+            .map(|index| {
+                let places = joint_places(&self.skeleton, &self.pose(index));
+                CONTACT_JOINTS.map(|joint| places[joint])
+            })
+            .collect();
+        for (index, row) in lower.chunks_exact_mut(self.channels_of(Part::Lower)).enumerate() {
+            let to = (index + 1).min(self.len() - 1);
+            let from = to.saturating_sub(1);
+            let velocity = |axis: usize| (self.translation[to][axis] - self.translation[from][axis]) * self.frame_rate;
+            row[VELOCITY_X] = velocity(0);
+            row[HEIGHT] = self.translation[index][1];
+            row[VELOCITY_Z] = velocity(2);
+            for (contact, (a, b)) in row[FIRST_CONTACT..].iter_mut().zip(feet[from].iter().zip(&feet[to])) {
+                let moved: f32 = a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum();
+                *contact = if moved.sqrt() < STANDING { 1.0 } else { 0.0 };
+            }
+        }
+    }
+}
+
+fn rate(config: &Config) -> f32 {
+    config.frame_rate as f32
+}
+
+/// The VQ encoders of the four parts, where a model has them.
+#[derive(Debug)]
+pub struct MotionEncoder {
+    parts: PerPart<VqEncoder>,
+    width: usize,
+    frame_rate: f32,
+}
+
+impl MotionEncoder {
+    /// Loads `vq.{part}.encoder`; `None` where the file does not have all of them.
+    ///
+    /// # Errors
+    /// [`LoadError`] naming the tensor.
+    pub fn load(loader: &Loader) -> Result<Option<Self>, LoadError> {
+        let config = loader.file().config();
+        let parts = PerPart {
+            face: VqEncoder::load(loader, Part::Face)?,
+            hands: VqEncoder::load(loader, Part::Hands)?,
+            upper: VqEncoder::load(loader, Part::Upper)?,
+            lower: VqEncoder::load(loader, Part::Lower)?,
+        };
+        let PerPart { face: Some(face), hands: Some(hands), upper: Some(upper), lower: Some(lower) } = parts else {
+            return Ok(None);
+        };
+        let parts = PerPart { face, hands, upper, lower };
+        Ok(Some(Self { parts, width: widest(config), frame_rate: rate(config) }))
+    }
+
+    /// The codes of a whole motion's `channels [T, channels]`; allocates as it needs.
+    ///
+    /// # Errors
+    /// [`StepError`] where there is no frame, or the parts have different numbers of them.
+    pub fn encode(&self, cx: Compute, channels: PerPart<&[f32]>) -> Result<PerPart<Vec<u16>>, StepError> {
+        let frames = channels.face.len() / self.parts.face.channels();
+        if frames == 0 {
+            return Err(StepError::Empty("motion frames"));
+        }
+        let mut scratch = MotionScratch(ConvScratch::new(frames, self.width));
+        PerPart::try_from_fn(|part| {
+            let mut codes = vec![0; frames];
+            self.parts[part].encode(cx, &mut scratch, channels[part], &mut codes)?;
+            Ok(codes)
+        })
+    }
+
+    /// The codes of a motion, brought to the model's frame rate first.
+    ///
+    /// # Errors
+    /// [`StepError`] where there is no frame, or the clip's face has another number of values than the model's.
+    pub fn encode_clip(&self, cx: Compute, clip: &Clip) -> Result<PerPart<Vec<u16>>, StepError> {
+        let channels = clip.at_rate(self.frame_rate).channels();
+        self.encode(cx, PerPart::from_fn(|part| &*channels[part]))
+    }
+}

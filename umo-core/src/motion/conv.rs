@@ -1,0 +1,186 @@
+//! The convolutional stacks that the codecs and the root network are made of (SPEC 2.7).
+//!
+//! Activations lie in padded buffers, `[1 + rows + 1, channels]` with a row of zeros before the first and after the
+//! last: the window of a convolution over three frames is then three rows that follow each other, a row of an
+//! overlapping [`Mat`], and every layer pads with zeros as its training did.
+
+use umo_kernels::matmul_f32::{Activation, Epilogue};
+use umo_kernels::{Mat, MatMut};
+
+use crate::config::Codec;
+use crate::error::{LoadError, StepError};
+use crate::linear::{Compute, Linear, QuantScratch};
+use crate::weights::Loader;
+
+/// Frames that a convolution sees.
+const KERNEL: usize = 3;
+
+const LEAKY: Activation = Activation::LeakyRelu(0.2);
+
+/// Two padded buffers, between which a stack goes back and forth, and room for quantised windows.
+#[derive(Debug)]
+pub(super) struct ConvScratch {
+    /// `[1 + rows + 1, channels]`, the stack's input and, when it is done, its output.
+    front: Box<[f32]>,
+    /// `[1 + rows + 1, channels]`
+    back: Box<[f32]>,
+    quant: QuantScratch,
+    rows: usize,
+}
+
+impl ConvScratch {
+    /// Room for `rows` frames of stacks that are at most `width` wide.
+    pub(super) fn new(rows: usize, width: usize) -> Self {
+        let buffer = || vec![0.0; (rows + 2) * width].into_boxed_slice();
+        Self { front: buffer(), back: buffer(), quant: QuantScratch::new(rows, KERNEL * width), rows }
+    }
+
+    /// Frames that there is room for.
+    pub(super) fn rows(&self) -> usize {
+        self.rows
+    }
+
+    /// The rows `[rows, channels]` to write a stack's input to.
+    ///
+    /// # Errors
+    /// [`StepError::TooLong`] where there is no room for so many.
+    pub(super) fn input(&mut self, rows: usize, channels: usize) -> Result<&mut [f32], StepError> {
+        if rows > self.rows {
+            return Err(StepError::TooLong { what: "frames of motion", got: rows, limit: self.rows });
+        }
+        Ok(padded(&mut self.front, rows, channels))
+    }
+
+    /// The rows `[rows, channels]` that the stack wrote last.
+    pub(super) fn output(&self, rows: usize, channels: usize) -> &[f32] {
+        &self.front[channels..][..rows * channels]
+    }
+}
+
+/// The rows of a padded buffer, after its two rows of padding were set to zero.
+fn padded(buffer: &mut [f32], rows: usize, channels: usize) -> &mut [f32] {
+    let (before, rest) = buffer.split_at_mut(channels);
+    let (inside, after) = rest.split_at_mut(rows * channels);
+    before.fill(0.0);
+    after[..channels].fill(0.0);
+    inside
+}
+
+/// A convolution over three frames.
+#[derive(Debug)]
+struct Conv(Linear);
+
+impl Conv {
+    fn load(loader: &Loader, name: &str, outputs: usize, channels: usize) -> Result<Self, LoadError> {
+        Ok(Self(loader.conv(name, outputs, channels, KERNEL, true)?))
+    }
+
+    fn channels(&self) -> usize {
+        self.0.inputs() / KERNEL
+    }
+
+    /// From the padded `x` to the padded `y`.
+    fn run(
+        &self,
+        cx: Compute,
+        quant: &mut QuantScratch,
+        x: &[f32],
+        rows: usize,
+        end: Epilogue,
+        y: &mut [f32],
+    ) -> Result<(), StepError> {
+        let x = Mat::with_stride(x, rows, self.0.inputs(), self.channels())?;
+        let y = MatMut::new(padded(y, rows, self.0.outputs()), rows, self.0.outputs())?;
+        self.0.forward(cx, quant, x, end, y)
+    }
+
+    /// Front to front, through the back, with LeakyReLU.
+    fn activate(&self, cx: Compute, s: &mut ConvScratch, rows: usize) -> Result<(), StepError> {
+        self.run(cx, &mut s.quant, &s.front, rows, Epilogue::STORE.then(LEAKY), &mut s.back)?;
+        std::mem::swap(&mut s.front, &mut s.back);
+        Ok(())
+    }
+
+    /// Front to front, through the back.
+    fn finish(&self, cx: Compute, s: &mut ConvScratch, rows: usize) -> Result<(), StepError> {
+        self.run(cx, &mut s.quant, &s.front, rows, Epilogue::STORE, &mut s.back)?;
+        std::mem::swap(&mut s.front, &mut s.back);
+        Ok(())
+    }
+}
+
+/// `x + conv(leaky_relu(conv(x)))`.
+#[derive(Debug)]
+struct Residual {
+    first: Conv,
+    second: Conv,
+}
+
+impl Residual {
+    fn load(loader: &Loader, name: &str, width: usize) -> Result<Self, LoadError> {
+        let conv = |i| Conv::load(loader, &format!("{name}.model.{i}"), width, width);
+        Ok(Self { first: conv(0)?, second: conv(2)? })
+    }
+
+    fn run(&self, cx: Compute, s: &mut ConvScratch, rows: usize) -> Result<(), StepError> {
+        self.first.run(cx, &mut s.quant, &s.front, rows, Epilogue::STORE.then(LEAKY), &mut s.back)?;
+        self.second.run(cx, &mut s.quant, &s.back, rows, Epilogue::ADD, &mut s.front)
+    }
+}
+
+/// `channels` to `width`: per layer a convolution, LeakyReLU and a residual block.
+#[derive(Debug)]
+pub(super) struct EncoderStack {
+    layers: Vec<(Conv, Residual)>,
+}
+
+impl EncoderStack {
+    /// Loads `{name}.0` and so on.
+    pub(super) fn load(loader: &Loader, name: &str, codec: Codec, width: usize) -> Result<Self, LoadError> {
+        let layer = |i: usize| {
+            let channels = if i == 0 { codec.channels } else { width };
+            let conv = Conv::load(loader, &format!("{name}.{}", 3 * i), width, channels)?;
+            Ok((conv, Residual::load(loader, &format!("{name}.{}", 3 * i + 2), width)?))
+        };
+        Ok(Self { layers: (0..codec.layers).map(layer).collect::<Result<_, LoadError>>()? })
+    }
+
+    /// Runs on the input of `scratch`, whose output it becomes.
+    pub(super) fn run(&self, cx: Compute, scratch: &mut ConvScratch, rows: usize) -> Result<(), StepError> {
+        self.layers.iter().try_for_each(|(conv, residual)| {
+            conv.activate(cx, scratch, rows)?;
+            residual.run(cx, scratch, rows)
+        })
+    }
+}
+
+/// `width` to `channels`: two residual blocks, convolutions with LeakyReLU of which the last widens, and one more.
+#[derive(Debug)]
+pub(super) struct DecoderStack {
+    residuals: [Residual; 2],
+    layers: Vec<Conv>,
+    last: Conv,
+}
+
+impl DecoderStack {
+    /// Loads `{name}.0` and so on.
+    pub(super) fn load(loader: &Loader, name: &str, codec: Codec, width: usize) -> Result<Self, LoadError> {
+        let residual = |i: usize| Residual::load(loader, &format!("{name}.{i}"), width);
+        let layer = |i: usize| {
+            let outputs = if i + 1 == codec.layers { codec.channels } else { width };
+            Conv::load(loader, &format!("{name}.{}", 2 + 2 * i), outputs, width)
+        };
+        Ok(Self {
+            residuals: [residual(0)?, residual(1)?],
+            layers: (0..codec.layers).map(layer).collect::<Result<_, _>>()?,
+            last: Conv::load(loader, &format!("{name}.{}", 2 + 2 * codec.layers), codec.channels, codec.channels)?,
+        })
+    }
+
+    /// Runs on the input of `scratch`, whose output it becomes.
+    pub(super) fn run(&self, cx: Compute, scratch: &mut ConvScratch, rows: usize) -> Result<(), StepError> {
+        self.residuals.iter().try_for_each(|residual| residual.run(cx, scratch, rows))?;
+        self.layers.iter().try_for_each(|conv| conv.activate(cx, scratch, rows))?;
+        self.last.finish(cx, scratch, rows)
+    }
+}

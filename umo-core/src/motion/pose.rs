@@ -1,0 +1,178 @@
+//! One frame of a body: the channels of its four parts as rotations of 55 joints and face values, and back.
+
+use super::root::finite;
+use super::rotation::{IDENTITY, Quat, axis_angle_to_quat, product, quat_to_six, six_to_quat};
+use super::skeleton::{JAW, JOINTS, joints_of};
+use crate::config::{Face, FaceKind};
+use crate::part::{Part, PerPart};
+
+/// First of the face's channels after the jaw's 6D rotation.
+pub const FIRST_FACE_VALUE: usize = 6;
+
+/// The left eye; the right one follows.
+const LEFT_EYE: usize = JAW + 1;
+
+/// How far an ARKit eye turns sideways at 1.0, radians: 30 degrees.
+const GAZE_SIDEWAYS: f32 = 30.0 / 180.0 * std::f32::consts::PI;
+
+/// How far an ARKit eye turns up or down at 1.0, radians: 25 degrees.
+const GAZE_UPWARDS: f32 = 25.0 / 180.0 * std::f32::consts::PI;
+
+/// The body at one frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pose {
+    /// Unit quaternion of each joint, relative to its parent, in SMPL-X order.
+    pub rotations: [Quat; JOINTS],
+    /// Place of the root, metres, Y up.
+    pub translation: [f32; 3],
+}
+
+impl Pose {
+    /// Every joint at rest, at the origin.
+    pub const REST: Self = Self { rotations: [IDENTITY; JOINTS], translation: [0.0; 3] };
+}
+
+/// Turns channels into poses and face values, as the model's face wants it.
+#[derive(Clone, Debug)]
+pub struct Assembly {
+    kind: FaceKind,
+    values: usize,
+    eyes: Option<[EyeChannels; 2]>,
+}
+
+/// Which face values turn one eye.
+#[derive(Clone, Copy, Debug)]
+struct EyeChannels {
+    down: usize,
+    inwards: usize,
+    outwards: usize,
+    up: usize,
+    /// 1 where outwards is towards +X (the left eye), -1 where it is towards -X.
+    side: f32,
+}
+
+impl EyeChannels {
+    fn find(names: &[String], eye: &str, side: f32) -> Option<Self> {
+        let channel = |way: &str| names.iter().position(|name| *name == format!("eyeLook{way}{eye}"));
+        Some(Self {
+            down: channel("Down")?,
+            inwards: channel("In")?,
+            outwards: channel("Out")?,
+            up: channel("Up")?,
+            side,
+        })
+    }
+
+    /// Sideways about Y, after up or down about X; the rest gaze is along +Z.
+    fn rotation(&self, values: &[f32]) -> Quat {
+        let yaw = self.side * GAZE_SIDEWAYS * (values[self.outwards] - values[self.inwards]);
+        let pitch = GAZE_UPWARDS * (values[self.down] - values[self.up]);
+        product(axis_angle_to_quat([0.0, yaw, 0.0]), axis_angle_to_quat([pitch, 0.0, 0.0]))
+    }
+}
+
+impl Assembly {
+    /// For a model's face: with ARKit channels the eyes follow `eyeLook…`, otherwise they stay at rest.
+    pub fn new(face: &Face) -> Self {
+        let eyes = match face.kind {
+            FaceKind::SmplxExpression => None,
+            FaceKind::Arkit => EyeChannels::find(&face.names, "Left", 1.0)
+                .zip(EyeChannels::find(&face.names, "Right", -1.0))
+                .map(|(left, right)| [left, right]),
+        };
+        Self { kind: face.kind, values: face.names.len(), eyes }
+    }
+
+    /// Face values per frame.
+    pub fn face_values(&self) -> usize {
+        self.values
+    }
+
+    /// The rotations of one frame's channels; joints of no part, the eyes among them, are at rest.
+    pub fn rotations(&self, channels: PerPart<&[f32]>) -> [Quat; JOINTS] {
+        let mut rotations = [IDENTITY; JOINTS];
+        for part in Part::ALL {
+            for (joint, &six) in joints_of(part).zip(channels[part].as_chunks().0) {
+                rotations[joint] = six_to_quat(six);
+            }
+        }
+        rotations
+    }
+
+    /// The face values of one frame's face channels: ARKit's between 0 and 1, others as they are.
+    pub fn face(&self, channels: &[f32], values: &mut [f32]) {
+        for (value, &channel) in values.iter_mut().zip(&channels[FIRST_FACE_VALUE..]) {
+            *value = match self.kind {
+                FaceKind::Arkit => finite(channel).clamp(0.0, 1.0),
+                FaceKind::SmplxExpression => finite(channel),
+            };
+        }
+    }
+
+    /// Turns the eyes of `rotations` to where `values` look, where they do.
+    pub fn turn_eyes(&self, values: &[f32], rotations: &mut [Quat; JOINTS]) {
+        if let Some(eyes) = &self.eyes {
+            for (eye, joint) in eyes.iter().zip(LEFT_EYE..) {
+                rotations[joint] = eye.rotation(values);
+            }
+        }
+    }
+
+    /// Writes the 6D rotations of one part's joints to the first of its channels.
+    pub fn write_rotations(part: Part, rotations: &[Quat; JOINTS], channels: &mut [f32]) {
+        for (joint, six) in joints_of(part).zip(channels.as_chunks_mut().0) {
+            *six = quat_to_six(rotations[joint]);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::rotation::rotate;
+    use crate::motion::skeleton::ARKIT_NAMES;
+
+    fn arkit() -> Assembly {
+        // Not in Apple's order: the model's list decides.
+        let names = ARKIT_NAMES.iter().rev().map(|&name| name.to_owned()).collect();
+        Assembly::new(&Face { kind: FaceKind::Arkit, names })
+    }
+
+    fn gaze(of: &[(&str, f32)]) -> [[f32; 3]; 2] {
+        let assembly = arkit();
+        let mut channels = vec![0.0; FIRST_FACE_VALUE + 52];
+        for (name, value) in of {
+            let place = ARKIT_NAMES.iter().rev().position(|known| known == name).unwrap();
+            channels[FIRST_FACE_VALUE + place] = *value;
+        }
+        let mut values = vec![0.0; 52];
+        assembly.face(&channels, &mut values);
+        let mut rotations = [IDENTITY; JOINTS];
+        assembly.turn_eyes(&values, &mut rotations);
+        [rotate(rotations[LEFT_EYE], [0.0, 0.0, 1.0]), rotate(rotations[LEFT_EYE + 1], [0.0, 0.0, 1.0])]
+    }
+
+    #[test]
+    fn eyes_look_where_the_channels_say() {
+        assert_eq!(gaze(&[]), [[0.0, 0.0, 1.0]; 2]);
+        // The character's left is +X.
+        let [left, right] = gaze(&[("eyeLookOutLeft", 1.0), ("eyeLookInRight", 1.0)]);
+        assert!((left[0] - 0.5).abs() < 1e-6 && (right[0] - 0.5).abs() < 1e-6, "{left:?} {right:?}");
+        let [left, right] = gaze(&[("eyeLookInLeft", 1.0), ("eyeLookOutRight", 1.0)]);
+        assert!((left[0] + 0.5).abs() < 1e-6 && (right[0] + 0.5).abs() < 1e-6, "{left:?} {right:?}");
+        let sine = 25.0_f32.to_radians().sin();
+        let [left, right] = gaze(&[("eyeLookUpLeft", 1.0), ("eyeLookDownRight", 1.0)]);
+        assert!((left[1] - sine).abs() < 1e-6 && (right[1] + sine).abs() < 1e-6, "{left:?} {right:?}");
+    }
+
+    #[test]
+    fn arkit_values_are_kept_between_0_and_1() {
+        let mut values = vec![0.0; 52];
+        let mut channels = vec![0.5; 58];
+        channels[6] = -3.0;
+        channels[7] = 1.5;
+        channels[8] = f32::NAN;
+        arkit().face(&channels, &mut values);
+        assert_eq!(values[..4], [0.0, 1.0, 0.0, 0.5]);
+    }
+}

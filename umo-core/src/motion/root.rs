@@ -1,0 +1,106 @@
+//! The root network: how the pelvis moves through the world, from what the legs do (SPEC 2.7).
+
+use super::conv::{DecoderStack, EncoderStack};
+use super::rotation::orthonormal_six;
+use super::skeleton::LOWER_JOINTS;
+use super::vq::MotionScratch;
+use crate::config::Codec;
+use crate::error::{LoadError, StepError};
+use crate::linear::Compute;
+use crate::weights::Loader;
+
+/// Channels of the lower body's 6D rotations.
+pub const ROTATION_CHANNELS: usize = 6 * LOWER_JOINTS.len();
+
+/// Channel of the velocity along x, m/s; in what is encoded as in what the network gives.
+pub const VELOCITY_X: usize = ROTATION_CHANNELS;
+
+/// Channel of the height of the pelvis, metres.
+pub const HEIGHT: usize = ROTATION_CHANNELS + 1;
+
+/// Channel of the velocity along z, m/s.
+pub const VELOCITY_Z: usize = ROTATION_CHANNELS + 2;
+
+/// First of the channels that say which foot joints stand still.
+pub const FIRST_CONTACT: usize = ROTATION_CHANNELS + 3;
+
+/// A convolutional auto-encoder over the lower body's channels.
+#[derive(Debug)]
+pub struct RootNet {
+    encoder: EncoderStack,
+    decoder: DecoderStack,
+    codec: Codec,
+}
+
+impl RootNet {
+    /// Loads `vq.root`.
+    ///
+    /// # Errors
+    /// [`LoadError`] naming the tensor.
+    pub fn load(loader: &Loader) -> Result<Self, LoadError> {
+        let vq = &loader.file().config().vq;
+        Ok(Self {
+            encoder: EncoderStack::load(loader, "vq.root.encoder.main", vq.root, vq.width)?,
+            decoder: DecoderStack::load(loader, "vq.root.decoder.main", vq.root, vq.width)?,
+            codec: vq.root,
+        })
+    }
+
+    /// Values per frame, in and out.
+    pub fn channels(&self) -> usize {
+        self.codec.channels
+    }
+
+    /// Frames on each side that a frame depends on.
+    pub fn reach(&self) -> usize {
+        self.codec.encoder_reach() + self.codec.decoder_reach()
+    }
+
+    /// From the lower body's channels `lower [T, channels]`, whose rotations need not be orthonormal and whose velocity
+    /// is not read, to `[T, channels]`, in `scratch`; of it [`VELOCITY_X`], [`HEIGHT`] and [`VELOCITY_Z`] are used.
+    ///
+    /// # Errors
+    /// [`StepError`] where `lower` is no whole number of frames or `scratch` has no room for so many.
+    pub fn run<'a>(&self, cx: Compute, scratch: &'a mut MotionScratch, lower: &[f32]) -> Result<&'a [f32], StepError> {
+        let channels = self.codec.channels;
+        let rows = lower.len() / channels;
+        if rows * channels != lower.len() {
+            return Err(StepError::Disagree("the lower body's channels are no whole number of frames"));
+        }
+        let input = scratch.0.input(rows, channels)?;
+        for (row, out) in lower.chunks_exact(channels).zip(input.chunks_exact_mut(channels)) {
+            out.copy_from_slice(row);
+            out[..ROTATION_CHANNELS].as_chunks_mut().0.iter_mut().for_each(|six| *six = orthonormal_six(*six));
+            out[VELOCITY_X..FIRST_CONTACT].fill(0.0);
+        }
+        self.encoder.run(cx, &mut scratch.0, rows)?;
+        self.decoder.run(cx, &mut scratch.0, rows)?;
+        Ok(scratch.0.output(rows, channels))
+    }
+}
+
+/// Where the root is: velocity summed over the frames, in f64, so that hours of it stay smooth.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Travel {
+    x: f64,
+    z: f64,
+}
+
+impl Travel {
+    /// Moves by one frame at the velocity that the network gave for the frame before, `seconds` long.
+    pub(super) fn advance(&mut self, row: &[f32], seconds: f64) {
+        self.x += f64::from(finite(row[VELOCITY_X])) * seconds;
+        self.z += f64::from(finite(row[VELOCITY_Z])) * seconds;
+    }
+
+    /// The root's place at `height`.
+    #[expect(clippy::cast_possible_truncation, reason = "a place in metres is given as f32")]
+    pub(super) fn place(&self, height: f32) -> [f32; 3] {
+        [self.x as f32, finite(height), self.z as f32]
+    }
+}
+
+/// `v`, or 0 where it is no number: one bad value must not stay in a sum for ever.
+pub(super) fn finite(v: f32) -> f32 {
+    if v.is_finite() { v } else { 0.0 }
+}

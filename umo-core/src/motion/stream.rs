@@ -1,0 +1,342 @@
+//! Codes as they become known to frames, each once and in order (SPEC 2.8).
+
+use std::ops::Range;
+
+use super::MotionDecoder;
+use super::pose::Pose;
+use super::root::{HEIGHT, Travel, finite};
+use super::vq::MotionScratch;
+use crate::error::StepError;
+use crate::linear::Compute;
+use crate::part::{Part, PerPart};
+
+/// Frames by which a seam's fade is longer than the stretch of frames that were decoded without their future.
+const FADE_BEYOND: usize = 2;
+
+/// A frame that comes out of a stream.
+#[derive(Clone, Copy, Debug)]
+pub struct FrameRef<'a> {
+    /// Its number, from 0.
+    pub index: usize,
+    /// The body; with an ARKit face the eyes look where its channels say.
+    pub pose: &'a Pose,
+    /// Face values, as the model names them.
+    pub face: &'a [f32],
+    /// What the pose was made from: each part's channels, smoothed over a seam.
+    pub channels: PerPart<&'a [f32]>,
+}
+
+/// One stream's state: what of its past the decoders still need, and where its root is.
+///
+/// A part's row is *settled* once the codes of its decoder's whole reach behind it are known; its bits are then those of
+/// decoding the whole stream at once. Rows after the last settled one are decoded as if the stream ended at the newest
+/// code, and again when more is known. Where one of these was put out, the next row begins a seam: the difference between
+/// the row that was put out last and the same row decoded anew is added to the rows that follow, fading linearly to zero
+/// over `reach - lookahead + 2` frames. The root's velocity is summed and cannot jump; its height is smoothed likewise.
+#[derive(Debug)]
+pub struct MotionStream {
+    parts: PerPart<PartState>,
+    /// Frames whose codes are known.
+    known: usize,
+    /// Frames that were put out.
+    emitted: usize,
+    travel: Travel,
+    /// Height of the last frame that was put out.
+    height: f32,
+    pose: Pose,
+    face: Box<[f32]>,
+    max_push: usize,
+    max_lookahead: usize,
+}
+
+#[derive(Debug)]
+struct PartState {
+    reach: usize,
+    /// `[frames, 1]`
+    codes: Tail<u16>,
+    /// `[frames, channels]`, decoded
+    rows: Tail<f32>,
+    /// `[channels]`, of the frame that was put out last
+    last: Box<[f32]>,
+    /// `[channels]`, what the seam adds at its start
+    seam: Box<[f32]>,
+}
+
+impl MotionStream {
+    /// A stream at its start, which takes at most `max_push` frames at a time and holds back at most `max_lookahead`.
+    pub fn new(decoder: &MotionDecoder, max_push: usize, max_lookahead: usize) -> Self {
+        let parts = PerPart::from_fn(|part| {
+            let (reach, channels) = (decoder.parts[part].reach(), decoder.parts[part].channels());
+            // The root network looks back from the frame before the first that is not put out yet.
+            let past = if part == Part::Lower { decoder.root.reach() } else { 0 };
+            PartState {
+                reach,
+                codes: Tail::new(2 * reach + max_push, 1),
+                rows: Tail::new(reach.max(max_lookahead + 1 + past) + max_push, channels),
+                last: vec![0.0; channels].into(),
+                seam: vec![0.0; channels].into(),
+            }
+        });
+        let face = vec![0.0; decoder.assembly.face_values()].into();
+        let (travel, height) = (Travel::default(), 0.0);
+        Self { parts, known: 0, emitted: 0, travel, height, pose: Pose::REST, face, max_push, max_lookahead }
+    }
+
+    /// Back to the start.
+    pub fn reset(&mut self) {
+        for part in Part::ALL {
+            self.parts[part].codes.clear();
+            self.parts[part].rows.clear();
+        }
+        (self.known, self.emitted) = (0, 0);
+        self.travel = Travel::default();
+    }
+
+    /// Frames whose codes are known.
+    pub fn known(&self) -> usize {
+        self.known
+    }
+
+    /// Frames that were put out.
+    pub fn emitted(&self) -> usize {
+        self.emitted
+    }
+
+    /// Takes the codes of the next frames and puts out all frames but the last `lookahead` of those now known.
+    /// Never allocates.
+    ///
+    /// `scratch` must have room for [`MotionDecoder::stream_rows`] frames.
+    ///
+    /// # Errors
+    /// [`StepError`] where the parts have different numbers of codes, a code is no code, or there are more frames than
+    /// the stream was made for; it is then as it was before the call.
+    pub fn push(
+        &mut self,
+        cx: Compute,
+        decoder: &MotionDecoder,
+        scratch: &mut MotionScratch,
+        codes: PerPart<&[u16]>,
+        lookahead: usize,
+        out: &mut dyn FnMut(FrameRef),
+    ) -> Result<(), StepError> {
+        let frames = decoder.check_codes(codes)?;
+        if frames > self.max_push {
+            return Err(StepError::TooLong { what: "frames at once", got: frames, limit: self.max_push });
+        }
+        if lookahead > self.max_lookahead {
+            return Err(StepError::TooLong { what: "lookahead", got: lookahead, limit: self.max_lookahead });
+        }
+        let rows = decoder.stream_rows(self.max_push, self.max_lookahead);
+        if scratch.rows() < rows {
+            return Err(StepError::TooLong { what: "frames of motion", got: rows, limit: scratch.rows() });
+        }
+        if frames > 0 {
+            for part in Part::ALL {
+                self.extend(cx, decoder, scratch, part, codes[part])?;
+            }
+            self.known += frames;
+        }
+        self.emit(cx, decoder, scratch, self.known.saturating_sub(lookahead), lookahead, out)
+    }
+
+    /// Puts out the frames up to `total`; the stream then wants [`reset`](Self::reset). Never allocates.
+    ///
+    /// # Errors
+    /// [`StepError`] where the codes of some of them are not known.
+    pub fn finish(
+        &mut self,
+        cx: Compute,
+        decoder: &MotionDecoder,
+        scratch: &mut MotionScratch,
+        total: usize,
+        out: &mut dyn FnMut(FrameRef),
+    ) -> Result<(), StepError> {
+        if total > self.known {
+            return Err(StepError::TooLong { what: "frames of a stream", got: total, limit: self.known });
+        }
+        self.emit(cx, decoder, scratch, total, 0, out)
+    }
+
+    /// Decodes everything of `part` that new `codes` change: the rows that were not settled, and the new ones.
+    fn extend(
+        &mut self,
+        cx: Compute,
+        decoder: &MotionDecoder,
+        scratch: &mut MotionScratch,
+        part: Part,
+        codes: &[u16],
+    ) -> Result<(), StepError> {
+        let keep = self.oldest(decoder, part);
+        let state = &mut self.parts[part];
+        let settled = self.known.saturating_sub(state.reach);
+        // Rows nearer than `reach` to a cut in the past would see zeros where codes were.
+        let first = settled.saturating_sub(state.reach);
+        state.codes.forget(first);
+        state.codes.append(codes);
+        let decoded = decoder.parts[part].decode(cx, scratch, state.codes.all())?;
+        state.rows.forget(keep.min(settled));
+        state.rows.truncate(settled);
+        state.rows.append(&decoded[(settled - first) * decoder.parts[part].channels()..]);
+        Ok(())
+    }
+
+    /// The first row of `part` that the next frame needs: the one before it, or where the root network looks back to.
+    fn oldest(&self, decoder: &MotionDecoder, part: Part) -> usize {
+        let past = if part == Part::Lower { decoder.root.reach() } else { 0 };
+        self.emitted.saturating_sub(1 + past)
+    }
+
+    /// Puts out the frames from the last one on up to `until`.
+    fn emit(
+        &mut self,
+        cx: Compute,
+        decoder: &MotionDecoder,
+        scratch: &mut MotionScratch,
+        until: usize,
+        lookahead: usize,
+        out: &mut dyn FnMut(FrameRef),
+    ) -> Result<(), StepError> {
+        if until <= self.emitted {
+            return Ok(());
+        }
+        let first = self.oldest(decoder, Part::Lower);
+        let lower = self.parts.lower.rows.range(first..self.known);
+        let root = Root { rows: decoder.root.run(cx, scratch, lower)?, first, channels: decoder.root.channels() };
+        let start = self.emitted;
+        let height_seam = if start == 0 { 0.0 } else { self.height - finite(root.row(start - 1)[HEIGHT]) };
+        let height_fade = Fade::new(decoder.root.reach(), lookahead);
+        if start > 0 {
+            for part in Part::ALL {
+                self.parts[part].begin_seam(start - 1);
+            }
+        }
+        for index in start..until {
+            if index > 0 {
+                self.travel.advance(root.row(index - 1), decoder.frame_seconds);
+            }
+            for part in Part::ALL {
+                let fade = Fade::new(self.parts[part].reach, lookahead);
+                self.parts[part].blend(index, fade.weight(index - start));
+            }
+            let height = finite(root.row(index)[HEIGHT]);
+            self.height = added(height, height_seam, height_fade.weight(index - start));
+            self.assemble(decoder);
+            self.emitted = index + 1;
+            let channels = PerPart::from_fn(|part| &*self.parts[part].last);
+            out(FrameRef { index, pose: &self.pose, face: &self.face, channels });
+        }
+        Ok(())
+    }
+
+    /// The pose of the rows that were blended last.
+    fn assemble(&mut self, decoder: &MotionDecoder) {
+        let channels = PerPart::from_fn(|part| &*self.parts[part].last);
+        decoder.assembly.face(channels.face, &mut self.face);
+        self.pose.rotations = decoder.assembly.rotations(channels);
+        decoder.assembly.turn_eyes(&self.face, &mut self.pose.rotations);
+        self.pose.translation = self.travel.place(self.height);
+    }
+}
+
+impl PartState {
+    /// The difference between frame `index` as it was put out and as it is decoded now.
+    fn begin_seam(&mut self, index: usize) {
+        let row = self.rows.range(index..index + 1);
+        for ((seam, last), row) in self.seam.iter_mut().zip(&self.last).zip(row) {
+            *seam = finite(last - row);
+        }
+    }
+
+    /// Makes `last` the row of frame `index`, with `weight` of the seam.
+    fn blend(&mut self, index: usize, weight: f32) {
+        let row = self.rows.range(index..index + 1);
+        for ((last, seam), row) in self.last.iter_mut().zip(&self.seam).zip(row) {
+            *last = added(*row, *seam, weight);
+        }
+    }
+}
+
+/// `value + seam * weight`; `value` to the last bit where there is no seam.
+fn added(value: f32, seam: f32, weight: f32) -> f32 {
+    if seam == 0.0 || weight == 0.0 { value } else { value + seam * weight }
+}
+
+/// A seam's weight over the frames that follow it.
+#[derive(Clone, Copy, Debug)]
+struct Fade {
+    frames: usize,
+}
+
+impl Fade {
+    fn new(reach: usize, lookahead: usize) -> Self {
+        Self { frames: reach.saturating_sub(lookahead) + FADE_BEYOND }
+    }
+
+    /// Below 1 at the first frame after the seam, 0 from the `frames`-th on.
+    fn weight(self, after: usize) -> f32 {
+        let share = (after + 1).min(self.frames) as f32 / self.frames as f32;
+        1.0 - share
+    }
+}
+
+/// What the root network gave for the frames from `first` on.
+struct Root<'a> {
+    rows: &'a [f32],
+    first: usize,
+    channels: usize,
+}
+
+impl Root<'_> {
+    fn row(&self, index: usize) -> &[f32] {
+        &self.rows[(index - self.first) * self.channels..][..self.channels]
+    }
+}
+
+/// The newest rows of a growing sequence, as many as there is room for.
+#[derive(Debug)]
+struct Tail<T> {
+    /// `[capacity, width]`
+    data: Box<[T]>,
+    width: usize,
+    /// Number of the row at the start of `data`.
+    start: usize,
+    /// One more than the number of the last row.
+    end: usize,
+}
+
+impl<T: Copy + Default> Tail<T> {
+    fn new(capacity: usize, width: usize) -> Self {
+        Self { data: vec![T::default(); capacity * width].into(), width, start: 0, end: 0 }
+    }
+
+    fn clear(&mut self) {
+        (self.start, self.end) = (0, 0);
+    }
+
+    /// Drops the rows before `row`.
+    fn forget(&mut self, row: usize) {
+        let drop = row.clamp(self.start, self.end) - self.start;
+        let len = (self.end - self.start) * self.width;
+        self.data.copy_within(drop * self.width..len, 0);
+        self.start += drop;
+    }
+
+    /// Drops the rows from `row` on.
+    fn truncate(&mut self, row: usize) {
+        self.end = row.clamp(self.start, self.end);
+    }
+
+    fn append(&mut self, rows: &[T]) {
+        let len = (self.end - self.start) * self.width;
+        self.data[len..len + rows.len()].copy_from_slice(rows);
+        self.end += rows.len() / self.width;
+    }
+
+    fn range(&self, rows: Range<usize>) -> &[T] {
+        &self.data[(rows.start - self.start) * self.width..(rows.end - self.start) * self.width]
+    }
+
+    fn all(&self) -> &[T] {
+        self.range(self.start..self.end)
+    }
+}

@@ -1,0 +1,489 @@
+//! The interpolation network and the motion codecs against what PyTorch computed (`training/golden/README.md`), and what
+//! must hold of them whatever their weights.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
+
+use proptest::prelude::*;
+use safetensors::SafeTensors;
+use umo_core::config::FaceKind;
+use umo_core::interp::Interp;
+use umo_core::motion::rotation::quat_to_axis_angle;
+use umo_core::motion::{Clip, MotionDecoder, MotionEncoder, MotionStream, Pose};
+use umo_core::weights::Loader;
+use umo_core::{Compute, ModelFile, Part, PerPart, Precision, StepError, Team};
+use umo_kernels::Isa;
+
+/// Largest difference to the reference, relative to the reference's largest value.
+const TOLERANCE: f64 = 2e-4;
+
+const MODELS: [&str; 4] = ["hubert_k1_smplx", "mel_k2_arkit", "mel_k1_upcycled", "hubert_k3_i8"];
+
+type Codes = PerPart<Vec<u16>>;
+
+struct Model {
+    name: &'static str,
+    file: ModelFile,
+    interp: Interp,
+    decoder: MotionDecoder,
+    encoder: Option<MotionEncoder>,
+}
+
+impl Model {
+    fn load(name: &'static str, precision: Precision) -> Self {
+        let file = ModelFile::open(&folder(name).join("model.safetensors")).unwrap();
+        let loader = Loader::new(&file, precision, Isa::detect());
+        let interp = Interp::load(&loader).unwrap();
+        let decoder = MotionDecoder::load(&loader).unwrap();
+        let encoder = MotionEncoder::load(&loader).unwrap();
+        Self { name, interp, decoder, encoder, file }
+    }
+}
+
+static ALL: LazyLock<Vec<Model>> = LazyLock::new(|| MODELS.map(|name| Model::load(name, Precision::F32)).into());
+
+fn folder(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/golden").join(name)
+}
+
+fn with_compute<R>(threads: usize, f: impl FnOnce(Compute) -> R) -> R {
+    let team = Team::new(threads).unwrap();
+    f(Compute { isa: Isa::detect(), team: &team })
+}
+
+/// The tensors of one model's cases, by case and name within it.
+struct Cases {
+    floats: BTreeMap<String, Vec<f32>>,
+    integers: BTreeMap<String, Vec<i64>>,
+}
+
+impl Cases {
+    fn open(name: &str) -> Self {
+        let bytes = std::fs::read(folder(name).join("cases.safetensors")).unwrap();
+        let file = SafeTensors::deserialize(&bytes).unwrap();
+        let (mut floats, mut integers) = (BTreeMap::new(), BTreeMap::new());
+        for (name, tensor) in file.tensors() {
+            match tensor.dtype() {
+                safetensors::Dtype::F32 => {
+                    let values = tensor.data().as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect();
+                    floats.insert(name, values);
+                }
+                safetensors::Dtype::I64 => {
+                    let values = tensor.data().as_chunks().0.iter().map(|b| i64::from_le_bytes(*b)).collect();
+                    integers.insert(name, values);
+                }
+                other => panic!("{name}: {other:?}"),
+            }
+        }
+        Self { floats, integers }
+    }
+
+    /// The numbered cases of a stage.
+    fn of(&self, stage: &str) -> Vec<String> {
+        let names = self.floats.keys().chain(self.integers.keys());
+        let mut cases: Vec<String> = names.map(|name| name.split('.').next().unwrap().to_owned()).collect();
+        cases.sort();
+        cases.dedup();
+        cases.retain(|case| case.trim_end_matches(|c: char| c.is_ascii_digit()) == stage);
+        cases
+    }
+
+    fn codes(&self, prefix: &str) -> Codes {
+        PerPart::from_fn(|part| {
+            let values = &self.integers[&format!("{prefix}.codes.{}", part.name())];
+            values.iter().map(|&code| u16::try_from(code).unwrap()).collect()
+        })
+    }
+
+    fn floats(&self, name: &str) -> &[f32] {
+        &self.floats[name]
+    }
+}
+
+/// The largest difference relative to the largest wanted value; infinite where one is no number.
+fn error(got: &[f32], want: &[f32]) -> f64 {
+    assert_eq!(got.len(), want.len());
+    let largest = want.iter().fold(1e-30_f64, |m, &v| m.max(f64::from(v.abs())));
+    let difference = got.iter().zip(want).map(|(a, b)| (f64::from(*a) - f64::from(*b)).abs());
+    difference.fold(0.0, |worst, d| if d.is_nan() { f64::INFINITY } else { d.max(worst) }) / largest
+}
+
+fn slices(codes: &Codes) -> PerPart<&[u16]> {
+    PerPart::from_fn(|part| &*codes[part])
+}
+
+fn fill(model: &Model, cx: Compute, codes: &Codes) -> Result<(Codes, PerPart<Vec<f32>>), StepError> {
+    let mut filled = codes.clone();
+    let mut scratch = model.interp.scratch(model.interp.max_frames());
+    let Codes { face, hands, upper, lower } = &mut filled;
+    model.interp.fill(cx, &mut scratch, PerPart { face, hands, upper, lower })?;
+    Ok((filled, PerPart::from_fn(|part| scratch.logits(part).to_vec())))
+}
+
+#[test]
+fn interpolation_is_the_reference() {
+    for model in &*ALL {
+        let cases = Cases::open(model.name);
+        let (mut worst, mut count) = (0.0_f64, 0);
+        for case in cases.of("interp") {
+            let codes = cases.codes(&format!("{case}.in"));
+            let (filled, logits) = with_compute(1, |cx| fill(model, cx, &codes)).unwrap();
+            assert_eq!(filled, cases.codes(&format!("{case}.out")), "{} {case}", model.name);
+            for part in Part::ALL {
+                let want = cases.floats(&format!("{case}.out.logits.{}", part.name()));
+                worst = worst.max(error(&logits[part], want));
+            }
+            count += 1;
+        }
+        println!("golden {} interp: {count} cases, largest error {worst:.2e}", model.name);
+        assert!(count > 0 && worst <= TOLERANCE);
+    }
+}
+
+#[test]
+fn motion_is_the_reference() {
+    for model in &*ALL {
+        let cases = Cases::open(model.name);
+        let (mut worst, mut count) = ([0.0_f64; 3], 0);
+        for case in cases.of("motion") {
+            let codes = cases.codes(&format!("{case}.in"));
+            let decoded = with_compute(1, |cx| model.decoder.decode(cx, slices(&codes))).unwrap();
+            for part in Part::ALL {
+                let want = cases.floats(&format!("{case}.out.channels.{}", part.name()));
+                worst[0] = worst[0].max(error(&decoded.channels[part], want));
+            }
+            let rotations = decoded.rotations.as_flattened().as_flattened();
+            worst[1] = worst[1].max(error(rotations, cases.floats(&format!("{case}.out.rotations"))));
+            let translation = decoded.translation.as_flattened();
+            worst[2] = worst[2].max(error(translation, cases.floats(&format!("{case}.out.translation"))));
+            count += 1;
+        }
+        let [channels, rotations, translation] = worst;
+        println!(
+            "golden {} motion: {count} cases, largest error: channels {channels:.2e} rotations {rotations:.2e} \
+             translation {translation:.2e}",
+            model.name
+        );
+        assert!(count > 0 && worst.into_iter().all(|worst| worst <= TOLERANCE));
+    }
+}
+
+#[test]
+fn motion_codes_are_the_reference() {
+    let mut count = 0;
+    for model in &*ALL {
+        let cases = Cases::open(model.name);
+        for case in cases.of("vqenc") {
+            let encoder = model.encoder.as_ref().expect("a model with encoder cases has encoders");
+            let channels = PerPart::from_fn(|part| cases.floats(&format!("{case}.in.channels.{}", part.name())));
+            let codes = with_compute(1, |cx| encoder.encode(cx, channels)).unwrap();
+            assert_eq!(codes, cases.codes(&format!("{case}.out")), "{} {case}", model.name);
+            count += 1;
+        }
+    }
+    println!("golden vqenc: {count} cases, codes identical");
+    assert!(count > 0);
+}
+
+/// Random codes of `frames` frames, from a small generator of its own.
+fn random_codes(frames: usize, seed: u64) -> Codes {
+    let mut state = seed;
+    PerPart::from_fn(|_| {
+        let next = |_| {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            u16::from((state >> 56) as u8)
+        };
+        (0..frames).map(next).collect()
+    })
+}
+
+/// What a stream put out.
+#[derive(Default, PartialEq, Debug)]
+struct Streamed {
+    channels: PerPart<Vec<f32>>,
+    poses: Vec<Pose>,
+    face: Vec<f32>,
+}
+
+/// Pushes `codes` in pieces of `sizes` (over and over), then ends after `total` frames.
+fn stream(model: &Model, cx: Compute, codes: &Codes, sizes: &[usize], lookahead: usize, total: usize) -> Streamed {
+    let decoder = &model.decoder;
+    let max_push = *sizes.iter().max().unwrap();
+    let mut state = MotionStream::new(decoder, max_push, lookahead);
+    let mut scratch = decoder.scratch(decoder.stream_rows(max_push, lookahead));
+    let mut out = Streamed::default();
+    let (mut at, mut size) = (0, sizes.iter().cycle());
+    let mut take = |frame: umo_core::motion::FrameRef| {
+        assert_eq!(frame.index, out.poses.len(), "every frame once and in order");
+        for part in Part::ALL {
+            out.channels[part].extend_from_slice(frame.channels[part]);
+        }
+        out.poses.push(*frame.pose);
+        out.face.extend_from_slice(frame.face);
+    };
+    while at < codes.face.len() {
+        let end = (at + size.next().unwrap()).min(codes.face.len());
+        let piece = PerPart::from_fn(|part| &codes[part][at..end]);
+        state.push(cx, decoder, &mut scratch, piece, lookahead, &mut take).unwrap();
+        assert_eq!(state.emitted(), end.saturating_sub(lookahead));
+        at = end;
+    }
+    state.finish(cx, decoder, &mut scratch, total, &mut take).unwrap();
+    out
+}
+
+fn bits(values: &[f32]) -> Vec<u32> {
+    values.iter().map(|v| v.to_bits()).collect()
+}
+
+fn pushes() -> impl Strategy<Value = Vec<usize>> {
+    prop_oneof![
+        proptest::collection::vec(1_usize..40, 1..6),
+        Just(vec![6]),
+        Just(vec![1]),
+        Just(vec![30]),
+        (0_usize..8, 1_usize..20).prop_map(|(a, b)| vec![a, b]),
+    ]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(60))]
+
+    #[test]
+    fn a_stream_that_looks_ahead_gives_the_bits_of_a_whole_decode(
+        which in 0_usize..4, frames in 1_usize..110, seed in any::<u64>(), sizes in pushes(), more in 0_usize..4,
+        trim in 0_usize..3,
+    ) {
+        let model = &ALL[which];
+        let codes = random_codes(frames, seed);
+        let lookahead = model.decoder.reach() + more;
+        let total = frames - trim.min(frames - 1);
+        with_compute(1, |cx| {
+            let whole = model.decoder.decode(cx, slices(&codes)).unwrap();
+            // No pushed frame may be put out that the end then cuts off: that needs as much lookahead as is trimmed.
+            let got = stream(model, cx, &codes, &sizes, lookahead, total);
+            assert_eq!(got.poses.len(), total);
+            for part in Part::ALL {
+                let want = &whole.channels[part][..total * model.decoder.channels(part)];
+                assert_eq!(bits(&got.channels[part]), bits(want), "{} {}", model.name, part.name());
+            }
+            for (pose, want) in got.poses.iter().zip(&whole.rotations) {
+                let mut rotations = pose.rotations.map(quat_to_axis_angle);
+                (rotations[23], rotations[24]) = ([0.0; 3], [0.0; 3]);
+                assert_eq!(bits(rotations.as_flattened()), bits(want.as_flattened()));
+            }
+        });
+    }
+
+    #[test]
+    fn a_stream_that_sees_all_of_the_root_gives_the_bits_of_its_path(
+        which in 0_usize..4, frames in 1_usize..120, seed in any::<u64>(), sizes in pushes(),
+    ) {
+        let model = &ALL[which];
+        let codes = random_codes(frames, seed);
+        with_compute(1, |cx| {
+            let whole = model.decoder.decode(cx, slices(&codes)).unwrap();
+            let got = stream(model, cx, &codes, &sizes, model.decoder.root_reach(), frames);
+            for (pose, want) in got.poses.iter().zip(&whole.translation) {
+                assert_eq!(bits(&pose.translation), bits(want));
+            }
+        });
+    }
+
+    #[test]
+    fn any_lookahead_gives_every_frame_once_and_sound(
+        which in 0_usize..4, frames in 1_usize..100, seed in any::<u64>(), sizes in pushes(), lookahead in 0_usize..14,
+    ) {
+        let model = &ALL[which];
+        let codes = random_codes(frames, seed);
+        let got = with_compute(1, |cx| stream(model, cx, &codes, &sizes, lookahead, frames));
+        prop_assert_eq!(got.poses.len(), frames);
+        prop_assert_eq!(got.face.len(), frames * model.decoder.assembly().face_values());
+        prop_assert!(got.face.iter().all(|v| v.is_finite()));
+        let arkit = model.file.config().face.kind == FaceKind::Arkit;
+        prop_assert!(!arkit || got.face.iter().all(|v| (0.0..=1.0).contains(v)));
+        for pose in &got.poses {
+            prop_assert!(pose.translation.iter().all(|v| v.is_finite()));
+            for q in &pose.rotations {
+                let length: f64 = q.iter().map(|&v| f64::from(v).powi(2)).sum();
+                prop_assert!((length - 1.0).abs() < 1e-6 && q[3] >= 0.0, "{q:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn anchors_survive_and_nothing_else_is_masked(
+        which in 0_usize..4, frames in 1_usize..50, seed in any::<u64>(), anchors in any::<u64>(),
+    ) {
+        let model = &ALL[which];
+        let mask = u16::try_from(model.interp.mask()).unwrap();
+        let known = random_codes(frames, seed);
+        let is_anchor = |frame: usize| anchors >> (frame % 64) & 1 == 1;
+        let masked: Codes = PerPart::from_fn(|part| {
+            known[part].iter().enumerate().map(|(f, &code)| if is_anchor(f) { code } else { mask }).collect()
+        });
+        let (filled, logits) = with_compute(1, |cx| fill(model, cx, &masked)).unwrap();
+        for part in Part::ALL {
+            prop_assert!(logits[part].iter().all(|v| v.is_finite()));
+            for frame in 0..frames {
+                prop_assert!(filled[part][frame] < mask);
+                prop_assert!(!is_anchor(frame) || filled[part][frame] == known[part][frame]);
+            }
+        }
+    }
+}
+
+#[test]
+fn the_number_of_threads_changes_no_bit() {
+    for name in MODELS {
+        for precision in [Precision::F32, Precision::Bf16, Precision::Int8] {
+            let model = Model::load(name, precision);
+            let codes = random_codes(40, 7);
+            let mut masked = codes.clone();
+            for part in Part::ALL {
+                let mask = u16::try_from(model.interp.mask()).unwrap();
+                masked[part].iter_mut().enumerate().filter(|(f, _)| f % 6 != 0).for_each(|(_, code)| *code = mask);
+            }
+            let run = |threads| {
+                with_compute(threads, |cx| {
+                    let (filled, logits) = fill(&model, cx, &masked).unwrap();
+                    (filled, logits, stream(&model, cx, &codes, &[13, 6], 5, 40))
+                })
+            };
+            let one = run(1);
+            assert_eq!(one, run(2), "{name} {precision:?}");
+            assert_eq!(one, run(3), "{name} {precision:?}");
+        }
+    }
+}
+
+#[test]
+fn a_stream_starts_anew_after_a_reset() {
+    let model = &ALL[0];
+    let (first, codes) = (random_codes(50, 1), random_codes(30, 2));
+    with_compute(1, |cx| {
+        let want = stream(model, cx, &codes, &[30], 3, 30);
+        let decoder = &model.decoder;
+        let mut scratch = decoder.scratch(decoder.stream_rows(50, 9));
+        let mut state = MotionStream::new(decoder, 50, 9);
+        state.push(cx, decoder, &mut scratch, slices(&first), 0, &mut |_| ()).unwrap();
+        state.reset();
+        let mut poses = Vec::new();
+        let mut take = |frame: umo_core::motion::FrameRef| poses.push(*frame.pose);
+        state.push(cx, decoder, &mut scratch, slices(&codes), 3, &mut take).unwrap();
+        state.finish(cx, decoder, &mut scratch, 30, &mut take).unwrap();
+        assert_eq!(poses, want.poses);
+    });
+}
+
+/// The largest step of the root from one frame to the next, along the ground, and the largest of its height.
+fn largest_steps(poses: &[Pose]) -> (f32, f32) {
+    poses.windows(2).fold((0.0, 0.0), |(ground, height), pair| {
+        let [a, b] = [pair[0].translation, pair[1].translation];
+        let step = ((a[0] - b[0]).powi(2) + (a[2] - b[2]).powi(2)).sqrt();
+        (step.max(ground), (a[1] - b[1]).abs().max(height))
+    })
+}
+
+#[test]
+fn a_seam_is_no_jump() {
+    for model in &*ALL {
+        let codes = random_codes(90, 3);
+        with_compute(1, |cx| {
+            let whole = model.decoder.decode(cx, slices(&codes)).unwrap();
+            let whole: Vec<Pose> =
+                whole.translation.iter().map(|&translation| Pose { translation, ..Pose::REST }).collect();
+            let cut = stream(model, cx, &codes, &[30], 0, 90);
+            let (whole, cut) = (largest_steps(&whole), largest_steps(&cut.poses));
+            println!("steps {}: whole {whole:?}, in pieces {cut:?}", model.name);
+            assert!(cut.0 <= 2.0 * whole.0 && cut.1 <= 2.0 * whole.1);
+        });
+    }
+}
+
+#[test]
+fn bad_codes_are_refused_and_change_nothing() {
+    let model = &ALL[0];
+    let decoder = &model.decoder;
+    let good = random_codes(10, 5);
+    with_compute(1, |cx| {
+        let mut short = good.clone();
+        short.lower.pop();
+        let mut outside = good.clone();
+        outside.hands[3] = 256;
+        assert!(matches!(decoder.decode(cx, slices(&short)), Err(StepError::Disagree(_))));
+        assert!(matches!(decoder.decode(cx, slices(&outside)), Err(StepError::OutOfRange { got: 256, .. })));
+        assert!(matches!(decoder.decode(cx, slices(&random_codes(0, 0))), Err(StepError::Empty(_))));
+        let mut state = MotionStream::new(decoder, 10, 9);
+        let mut scratch = decoder.scratch(decoder.stream_rows(10, 9));
+        for bad in [&short, &outside, &random_codes(11, 0)] {
+            assert!(state.push(cx, decoder, &mut scratch, slices(bad), 0, &mut |_| ()).is_err());
+            assert_eq!(state.known(), 0);
+        }
+        assert!(state.push(cx, decoder, &mut scratch, slices(&good), 10, &mut |_| ()).is_err());
+        assert!(state.push(cx, decoder, &mut decoder.scratch(3), slices(&good), 0, &mut |_| ()).is_err());
+        state.push(cx, decoder, &mut scratch, slices(&good), 9, &mut |_| ()).unwrap();
+        assert!(state.finish(cx, decoder, &mut scratch, 11, &mut |_| ()).is_err());
+        assert_eq!((state.known(), state.emitted()), (10, 1));
+    });
+}
+
+#[test]
+fn bad_windows_are_not_interpolated() {
+    let model = &ALL[0];
+    with_compute(1, |cx| {
+        let refused = |change: &dyn Fn(&mut Codes)| {
+            let mut codes = random_codes(12, 6);
+            change(&mut codes);
+            fill(model, cx, &codes).unwrap_err()
+        };
+        assert!(matches!(refused(&|codes| codes.lower[4] = 256), StepError::Disagree(_)));
+        assert!(matches!(refused(&|codes| codes.upper.truncate(3)), StepError::Disagree(_)));
+        assert!(matches!(refused(&|codes| codes.hands[2] = 257), StepError::OutOfRange { got: 257, limit: 257, .. }));
+        assert!(matches!(refused(&|codes| *codes = random_codes(0, 0)), StepError::Empty(_)));
+        let limit = model.interp.max_frames();
+        let long = refused(&|codes| *codes = random_codes(limit + 1, 0));
+        assert_eq!(long, StepError::TooLong { what: "frames to interpolate", got: limit + 1, limit });
+    });
+}
+
+#[test]
+fn a_clip_gives_the_channels_that_it_was_made_from() {
+    let model = ALL.iter().find(|model| model.encoder.is_some()).unwrap();
+    let config = model.file.config();
+    let mut clip = Clip::new(config);
+    let face = vec![0.25; config.face.names.len()];
+    let mut pose = Pose::REST;
+    for frame in 0..9 {
+        pose.translation = [0.002 * frame as f32, 1.0, -0.02 * frame as f32];
+        pose.rotations[4] = umo_core::motion::rotation::axis_angle_to_quat([0.1 * frame as f32, 0.0, 0.0]);
+        clip.push(&pose, &face);
+    }
+    let channels = clip.channels();
+    let width = model.decoder.channels(Part::Lower);
+    for (frame, row) in channels.lower.chunks_exact(width).enumerate() {
+        let six = [18, 19, 20, 21, 22, 23].map(|i| row[i]);
+        let turned = quat_to_axis_angle(umo_core::motion::rotation::six_to_quat(six));
+        assert!((turned[0] - 0.1 * frame as f32).abs() < 1e-5, "the knee is the fourth of the lower joints");
+        assert!((row[54] - 0.06).abs() < 1e-4 && (row[55] - 1.0).abs() < 1e-6 && (row[56] + 0.6).abs() < 1e-4);
+        assert_eq!(row[57..], [0.0; 4], "2 cm a frame is no standing foot");
+    }
+    assert_eq!(channels.face.len(), 9 * model.decoder.channels(Part::Face));
+    assert!(channels.face.chunks_exact(58).all(|row| row[6..] == face));
+
+    // At rest, every foot stands.
+    let mut still = Clip::new(config);
+    still.push(&Pose::REST, &face);
+    assert_eq!(still.channels().lower[54..], [0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0]);
+
+    // Half the rate drops every second frame, and the codes of either have the model's rate.
+    let half = clip.at_rate(15.0);
+    assert_eq!(half.len(), 5);
+    assert_eq!(half.translation[2], clip.translation[4]);
+    with_compute(1, |cx| {
+        let encoder = model.encoder.as_ref().unwrap();
+        assert_eq!(encoder.encode_clip(cx, &half).unwrap().face.len(), 9);
+        assert_eq!(encoder.encode_clip(cx, &Clip::new(config)), Err(StepError::Empty("motion frames")));
+    });
+}
