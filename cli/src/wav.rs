@@ -44,10 +44,14 @@ impl Wav {
             .collect()
     }
 
+    /// Samples of each channel.
+    pub fn frames(&self) -> usize {
+        self.samples.len() / usize::from(self.channels)
+    }
+
     /// Length in seconds.
     pub fn seconds(&self) -> f64 {
-        let frames = self.samples.len() / usize::from(self.channels);
-        frames as f64 / f64::from(self.sample_rate)
+        self.frames() as f64 / f64::from(self.sample_rate)
     }
 }
 

@@ -1,0 +1,105 @@
+//! Resampling against exact sine waves.
+
+use std::f64::consts::TAU;
+
+use umo_core::StepError;
+use umo_core::audio::resample::{Resampler, mix};
+
+const OUT: usize = 16_000;
+const RATES: [usize; 12] =
+    [1_000, 8_000, 11_025, 12_000, 15_999, 22_050, 24_000, 44_100, 48_000, 96_000, 192_000, 384_000];
+
+#[expect(clippy::cast_possible_truncation, reason = "rounded to the precision of samples")]
+fn sine(rate: usize, samples: usize, frequency: f64) -> Vec<f32> {
+    (0..samples).map(|i| (TAU * frequency * i as f64 / rate as f64 + 0.3).sin() as f32).collect()
+}
+
+fn resample(rate_in: usize, rate_out: usize, samples: &[f32]) -> Vec<f32> {
+    let mut resampler = Resampler::new(rate_in, rate_out).unwrap();
+    let mut out = Vec::new();
+    resampler.push(samples, &mut out);
+    resampler.finish(&mut out);
+    out
+}
+
+/// The middle half, which the clip's ends do not reach.
+fn middle(x: &[f32]) -> &[f32] {
+    &x[x.len() / 4..x.len() * 3 / 4]
+}
+
+/// Where the output should be the same sine, at the same times.
+#[test]
+fn pass_band_is_kept_and_stays_in_time() {
+    for rate in RATES {
+        let mut worst = 0.0_f64;
+        for share in [0.001, 0.33, 0.7, 0.9, 0.93] {
+            let frequency = share * rate.min(OUT) as f64 / 2.0;
+            // The block of a rate that shares no divisor is two seconds long, others are short.
+            let seconds = if rate == 15_999 { 6 } else { 1 };
+            let out = resample(rate, OUT, &sine(rate, seconds * rate, frequency));
+            let wanted = sine(OUT, seconds * OUT, frequency);
+            let pairs = middle(&out).iter().zip(middle(&wanted));
+            let error = pairs.fold(0.0_f64, |a, (x, y)| a.max(f64::from((x - y).abs())));
+            assert!(error < 1e-3, "{rate} Hz, {frequency} Hz: error {error}");
+            worst = worst.max(error);
+        }
+        println!("{rate} Hz to {OUT} Hz: largest error {worst:.2e} up to 0.93 of the band");
+    }
+}
+
+#[test]
+fn what_the_lower_rate_cannot_hold_is_removed() {
+    for rate in RATES.into_iter().filter(|&rate| rate > OUT) {
+        let mut worst = 0.0_f64;
+        for share in [1.001, 1.01, 1.03, 1.1, 1.33] {
+            let frequency = share * OUT as f64 / 2.0;
+            if frequency < 0.999 * rate as f64 / 2.0 {
+                let out = resample(rate, OUT, &sine(rate, rate, frequency));
+                worst = middle(&out).iter().fold(worst, |a, &v| a.max(f64::from(v.abs())));
+            }
+        }
+        println!("{rate} Hz to {OUT} Hz: largest alias {:.1} dB", 20.0 * worst.log10());
+        assert!(worst < 1e-3, "{rate} Hz: alias {worst}");
+    }
+}
+
+#[test]
+fn cuts_change_no_bit_and_the_length_is_exact() {
+    for rate in [8_000, 15_999, OUT, 44_100] {
+        let samples = sine(rate, 20_011, 440.0);
+        let mut resampler = Resampler::new(rate, OUT).unwrap();
+        for length in [0, 1, 7, 480, 20_011] {
+            let whole = resample(rate, OUT, &samples[..length]);
+            assert_eq!(whole.len(), (2 * length * OUT + rate) / (2 * rate), "{rate} Hz, {length} samples");
+            for step in [1, 13, 479, 4_096] {
+                let mut cut = Vec::new();
+                samples[..length].chunks(step).for_each(|piece| resampler.push(piece, &mut cut));
+                resampler.finish(&mut cut);
+                assert!(cut == whole, "{rate} Hz, {length} samples in pieces of {step}");
+            }
+        }
+    }
+}
+
+#[test]
+fn equal_rates_change_nothing() {
+    let samples = sine(OUT, 1_234, 3_000.0);
+    assert_eq!(resample(OUT, OUT, &samples), samples);
+}
+
+#[test]
+fn rates_out_of_range_are_refused() {
+    for rate in [0, 999, 768_001, usize::MAX] {
+        let wanted = StepError::OutOfRange { what: "sample rate", got: rate, limit: 768_001 };
+        assert_eq!(Resampler::new(rate, OUT).err(), Some(wanted));
+    }
+}
+
+#[test]
+fn channels_are_averaged() {
+    let mut out = vec![9.0];
+    mix(&[1.0, 3.0, -1.0, 0.5, 7.0], 2, &mut out);
+    assert_eq!(out, [9.0, 2.0, -0.25]);
+    mix(&[0.25], 1, &mut out);
+    assert_eq!(out[3], 0.25);
+}
