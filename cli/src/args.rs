@@ -191,6 +191,8 @@ pub enum Size {
     Base,
     /// A few million parameters, mel features, ARKit face
     Small,
+    /// The least that is a model, for tests
+    Tiny,
 }
 
 /// How weights are stored.

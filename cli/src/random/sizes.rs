@@ -18,16 +18,15 @@ const NOTICE: &str = "untrained model: structure only";
 /// Pieces of the small text vocabulary; see `models/umo-small/README.md`.
 const PIECES: usize = 180;
 
-/// Codes of each part.
-const CODES: usize = 256;
-
 /// The config of a random model.
 pub(super) fn config(size: Size) -> Config {
     let (name, audio, text_ids) = match size {
         Size::Base => ("umo-base-random", hubert(), 32_100),
-        Size::Small => ("umo-small-random", mel(), PIECES),
+        Size::Small => ("umo-small-random", mel(40, 100), PIECES),
+        Size::Tiny => ("umo-tiny-random", mel(3, 5), PIECES),
     };
-    let vocab = vocab(text_ids, audio.units, if size == Size::Base { 505 } else { audio.units + 3 });
+    let codes = vq(size).codes;
+    let vocab = vocab(text_ids, codes, audio.units, if size == Size::Base { 505 } else { audio.units + 3 });
     Config {
         name: name.to_owned(),
         license: "MIT OR Apache-2.0".to_owned(),
@@ -68,19 +67,19 @@ fn hubert() -> Audio {
     Audio { kind: AudioKind::Hubert, sample_rate: 16_000, token_rate: 50, units: 500, hubert: Some(hubert), mel: None }
 }
 
-fn mel() -> Audio {
-    let mel = Mel { window: 400, fft: 512, bands: 40, floor: 1e-5, deltas: 1 };
-    Audio { kind: AudioKind::Mel, sample_rate: 16_000, token_rate: 50, units: 100, hubert: None, mel: Some(mel) }
+fn mel(bands: usize, units: usize) -> Audio {
+    let mel = Mel { window: 400, fft: 512, bands, floor: 1e-5, deltas: 1 };
+    Audio { kind: AudioKind::Mel, sample_rate: 16_000, token_rate: 50, units, hubert: None, mel: Some(mel) }
 }
 
 /// Text ids, three ids of `motion`, the parts' codes with three markers each, then `audio_ids` of audio.
-fn vocab(text_ids: usize, units: usize, audio_ids: usize) -> Vocab {
+fn vocab(text_ids: usize, codes: usize, units: usize, audio_ids: usize) -> Vocab {
     let block = |first: usize, codes: usize, ids: usize| {
         let marker = first + ids - 3;
         Modality { first, codes, start: marker, end: marker + 1, mask: marker + 2 }
     };
-    let part = |i: usize| block(text_ids + 3 + i * (CODES + 3), CODES, CODES + 3);
-    let audio = text_ids + 3 + 4 * (CODES + 3);
+    let part = |i: usize| block(text_ids + 3 + i * (codes + 3), codes, codes + 3);
+    let audio = text_ids + 3 + 4 * (codes + 3);
     Vocab {
         size: audio + audio_ids,
         pad: 0,
@@ -95,14 +94,18 @@ fn vocab(text_ids: usize, units: usize, audio_ids: usize) -> Vocab {
 }
 
 fn lm(size: Size) -> Lm {
-    let small = size == Size::Small;
+    let (d_model, d_kv, d_ff, num_heads, layers) = match size {
+        Size::Base => (768, 64, 2048, 12, 12),
+        Size::Small => (96, 24, 192, 4, 2),
+        Size::Tiny => (4, 3, 5, 2, 1),
+    };
     Lm {
-        d_model: if small { 96 } else { 768 },
-        d_kv: if small { 24 } else { 64 },
-        d_ff: if small { 192 } else { 2048 },
-        num_heads: if small { 4 } else { 12 },
-        num_layers: if small { 2 } else { 12 },
-        num_decoder_layers: if small { 2 } else { 12 },
+        d_model,
+        d_kv,
+        d_ff,
+        num_heads,
+        num_layers: layers,
+        num_decoder_layers: layers,
         relative_attention_num_buckets: 32,
         relative_attention_max_distance: 128,
         layer_norm_epsilon: 1e-6,
@@ -114,29 +117,38 @@ fn lm(size: Size) -> Lm {
 }
 
 fn interp(size: Size) -> Interp {
-    let (d_model, d_ff, temporal_layers) = if size == Size::Small { (96, 192, 2) } else { (256, 1024, 4) };
+    let (d_model, d_ff, temporal_layers) = match size {
+        Size::Base => (256, 1024, 4),
+        Size::Small => (96, 192, 2),
+        Size::Tiny => (4, 5, 1),
+    };
     Interp { d_model, num_heads: 4, d_ff, temporal_layers, part_layers: 1, max_frames: 128 }
 }
 
 fn vq(size: Size) -> Vq {
+    let (codes, width, layers) = match size {
+        Size::Base => (256, 256, 2),
+        Size::Small => (256, 48, 2),
+        Size::Tiny => (7, 3, 1),
+    };
     let codec = |channels, layers| Codec { channels, layers };
     Vq {
-        codes: CODES,
-        width: if size == Size::Small { 48 } else { 256 },
-        face: codec(if size == Size::Small { 58 } else { 106 }, 2),
-        hands: codec(180, 2),
-        upper: codec(78, 2),
-        lower: codec(61, 4),
-        root: codec(61, 4),
+        codes,
+        width,
+        face: codec(6 + face(size).names.len(), layers),
+        hands: codec(180, layers),
+        upper: codec(78, layers),
+        lower: codec(61, 2 * layers),
+        root: codec(61, 2 * layers),
     }
 }
 
 fn face(size: Size) -> Face {
+    let coefficients = |count| (0..count).map(|i| format!("expression_{i}")).collect();
     match size {
+        Size::Base => Face { kind: FaceKind::SmplxExpression, names: coefficients(100) },
         Size::Small => Face { kind: FaceKind::Arkit, names: ARKIT_NAMES.map(str::to_owned).to_vec() },
-        Size::Base => {
-            Face { kind: FaceKind::SmplxExpression, names: (0..100).map(|i| format!("expression_{i}")).collect() }
-        }
+        Size::Tiny => Face { kind: FaceKind::SmplxExpression, names: coefficients(2) },
     }
 }
 

@@ -213,8 +213,15 @@ impl MotionEncoder {
     /// The codes of a motion, brought to the model's frame rate first.
     ///
     /// # Errors
-    /// [`StepError`] where there is no frame, or the clip's face has another number of values than the model's.
+    /// [`StepError`] where there is no frame, the clip's face has another number of values than the model's, or its rate is
+    /// not between 1 and 1000 frames a second.
     pub fn encode_clip(&self, cx: Compute, clip: &Clip) -> Result<PerPart<Vec<u16>>, StepError> {
+        if !(1.0..=1000.0).contains(&clip.frame_rate) {
+            return Err(StepError::Disagree("the motion's frame rate is not between 1 and 1000"));
+        }
+        if clip.channels_of(Part::Face) != self.parts.face.channels() {
+            return Err(StepError::Disagree("the motion's face has another number of values than the model's"));
+        }
         let channels = clip.at_rate(self.frame_rate).channels();
         self.encode(cx, PerPart::from_fn(|part| &*channels[part]))
     }
