@@ -26,7 +26,7 @@ fn backends() -> impl Iterator<Item = (Backend, bool)> {
         (Backend::Scalar, true),
         #[cfg(target_arch = "x86_64")]
         (Backend::Avx2, std::is_x86_feature_detected!("avx2") && std::is_x86_feature_detected!("fma")),
-        // avx512.rs files enable "avx512f,avx512bw,avx512dq,avx512vl,avx512vnni" (and what the AVX2 back-end enables).
+        // `avx512vnni.rs` files enable "avx512f,avx512bw,avx512dq,avx512vl,avx512vnni" (and what the AVX2 back-end enables).
         #[cfg(target_arch = "x86_64")]
         (
             Backend::Avx512Vnni,

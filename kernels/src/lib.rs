@@ -24,6 +24,7 @@ pub mod error;
 pub mod experts;
 pub mod isa;
 pub mod mat;
+mod math;
 pub mod matmul_bf16;
 pub mod matmul_f32;
 pub mod matmul_i8;
