@@ -1,5 +1,7 @@
 //! Single-precision matrix product with packed weights.
 
+#[cfg(target_arch = "x86_64")]
+pub(crate) mod avx512vnni;
 mod scalar;
 
 use crate::error::{ShapeError, expect_len};

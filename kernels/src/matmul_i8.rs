@@ -1,5 +1,7 @@
 //! Int8 matrix product: int8 weights per output row, activations quantised per row on the fly, int32 sums.
 
+#[cfg(target_arch = "x86_64")]
+mod avx512vnni;
 mod scalar;
 
 use crate::error::{ShapeError, expect_len};
@@ -72,9 +74,12 @@ pub fn matmul_i8(
     check_product((x.rows.rows(), x.rows.cols()), (w.n(), w.k()), &y, &end)?;
     match isa.0 {
         Backend::Scalar => scalar::matmul(x, w, end, y),
-        // No version of their own yet.
+        // No version of its own yet.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::Avx512Vnni => scalar::matmul(x, w, end, y),
+        Backend::Avx2 => scalar::matmul(x, w, end, y),
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that `avx512vnni` enables.
+        Backend::Avx512Vnni => unsafe { avx512vnni::matmul(x, w, end, y) },
     }
     Ok(())
 }
@@ -98,9 +103,12 @@ pub fn matmul_gated_i8(
     expect_len("up", gate.k(), up.k())?;
     match isa.0 {
         Backend::Scalar => scalar::matmul_gated(x, gate, up, y),
-        // No version of their own yet.
+        // No version of its own yet.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::Avx512Vnni => scalar::matmul_gated(x, gate, up, y),
+        Backend::Avx2 => scalar::matmul_gated(x, gate, up, y),
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that `avx512vnni` enables.
+        Backend::Avx512Vnni => unsafe { avx512vnni::matmul_gated(x, gate, up, y) },
     }
     Ok(())
 }
