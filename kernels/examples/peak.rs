@@ -3,7 +3,7 @@
 //!
 //! Each line is one operation, back-end and shape: median and best microseconds, GMAC/s, GB/s of weights read, and the
 //! share of the floor, the greater of arithmetic from registers and reading the same bytes from the same place.
-//! `hot` uses one weight matrix over and over; `cold` goes round 96 MiB of them, far beyond L2.
+//! `hot` uses one weight matrix over and over; `cold` goes round 32 MiB of them, far beyond L2.
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -14,7 +14,7 @@ use umo_kernels::pack::{pack, pack_i8, packed_len, packed_len_i8};
 use umo_kernels::{Bf16, Isa, Mat, MatMut, PackedBf16, PackedF32, PackedI8};
 
 /// Weights gone round in the cold figures.
-const COLD_BYTES: usize = 96 << 20;
+const COLD_BYTES: usize = 32 << 20;
 
 /// Memory on huge pages where the system gives them.
 struct Huge<T> {
@@ -65,18 +65,33 @@ struct Mkl {
     pack: unsafe extern "C" fn(i32, i32, i32, i32, i32, i32, *const i8, i32, *mut u8),
     #[expect(clippy::type_complexity, reason = "the C signature")]
     compute: unsafe extern "C" fn(
-        i32, i32, i32, i32, i32, i32, i32, f32, *const u8, i32, i8, *const u8, i32, i8, f32, *mut i32, i32, *const i32,
+        i32,
+        i32,
+        i32,
+        i32,
+        i32,
+        i32,
+        i32,
+        f32,
+        *const u8,
+        i32,
+        i8,
+        *const u8,
+        i32,
+        i8,
+        f32,
+        *mut i32,
+        i32,
+        *const i32,
     ),
     #[expect(clippy::type_complexity, reason = "the C signature")]
-    sgemm: unsafe extern "C" fn(
-        i32, i32, i32, i32, i32, i32, f32, *const f32, i32, *const f32, i32, f32, *mut f32, i32,
-    ),
+    sgemm:
+        unsafe extern "C" fn(i32, i32, i32, i32, i32, i32, f32, *const f32, i32, *const f32, i32, f32, *mut f32, i32),
     sgemm_size: unsafe extern "C" fn(i32, i32, i32, i32) -> usize,
     sgemm_pack: unsafe extern "C" fn(i32, i32, i32, i32, i32, i32, f32, *const f32, i32, *mut f32),
     #[expect(clippy::type_complexity, reason = "the C signature")]
-    sgemm_compute: unsafe extern "C" fn(
-        i32, i32, i32, i32, i32, i32, *const f32, i32, *const f32, i32, f32, *mut f32, i32,
-    ),
+    sgemm_compute:
+        unsafe extern "C" fn(i32, i32, i32, i32, i32, i32, *const f32, i32, *const f32, i32, f32, *mut f32, i32),
 }
 
 const COL: i32 = 102;
@@ -202,12 +217,13 @@ struct Floors {
 #[cfg(target_arch = "x86_64")]
 fn floors(memory: &mut Huge<u8>) -> Floors {
     let best = |f: &mut dyn FnMut() -> usize| {
-        (0..50).map(|_| {
-            let start = Instant::now();
-            let work = f();
-            work as f64 / start.elapsed().as_secs_f64() / 1e9
-        })
-        .fold(0.0, f64::max)
+        (0..50)
+            .map(|_| {
+                let start = Instant::now();
+                let work = f();
+                work as f64 / start.elapsed().as_secs_f64() / 1e9
+            })
+            .fold(0.0, f64::max)
     };
     assert!(Isa::from_name("avx512vnni").is_some(), "the floors are measured with AVX-512");
     let bytes = memory.get();
@@ -363,7 +379,8 @@ fn int8(
         let (n32, m32, k32) = (n as i32, m as i32, k as i32);
         // SAFETY: a pure query.
         let size = unsafe { (mkl.size)(A_MATRIX, n32, m32, k32) }.next_multiple_of(64);
-        let copies = if cold { (COLD_BYTES / size).max(1) } else { 1 };
+        // What the library asks for is far more than it fills.
+        let copies = if cold { COLD_BYTES / len } else { 1 };
         let memory = mkl_memory.insert(Huge::<u8>::new(size * copies));
         for copy in memory.get().chunks_exact_mut(size) {
             // SAFETY: `copy` has the size that the library asked for; `w` is `[n, k]`.
@@ -376,8 +393,24 @@ fn int8(
             // SAFETY: all operands have the sizes named by `n`, `m` and `k`.
             unsafe {
                 (mkl.compute)(
-                    COL, PACKED, NO_TRANS, FIX_OFFSET, n32, m32, k32, 1.0, at.add(copy * size), k32, 0, x.as_ptr(), k32,
-                    0, 0.0, y.as_mut_ptr(), n32, &zero,
+                    COL,
+                    PACKED,
+                    NO_TRANS,
+                    FIX_OFFSET,
+                    n32,
+                    m32,
+                    k32,
+                    1.0,
+                    at.add(copy * size),
+                    k32,
+                    0,
+                    x.as_ptr(),
+                    k32,
+                    0,
+                    0.0,
+                    y.as_mut_ptr(),
+                    n32,
+                    &zero,
                 );
             }
         };
@@ -397,7 +430,8 @@ fn int8(
     let times = race(seconds, &mut runs);
     drop(runs);
     for ((op, isa), time) in names.into_iter().zip(times) {
-        let line = Line { op, isa, shape: (n, k, m), cold, bytes: (n * k) as f64, peak: floors.int8, read: floors.cold };
+        let line =
+            Line { op, isa, shape: (n, k, m), cold, bytes: (n * k) as f64, peak: floors.int8, read: floors.cold };
         line.print(time);
     }
 }
@@ -475,8 +509,20 @@ fn float(n: usize, k: usize, m: usize, cold: bool, seconds: f64, floors: &Floors
             // SAFETY: all operands have the sizes named by `n`, `m` and `k`.
             unsafe {
                 (mkl.sgemm)(
-                    COL, TRANS, NO_TRANS, n32, m32, k32, 1.0, at.add(copy * n * k), k32, x.as_ptr(), k32, 0.0,
-                    y.as_mut_ptr(), n32,
+                    COL,
+                    TRANS,
+                    NO_TRANS,
+                    n32,
+                    m32,
+                    k32,
+                    1.0,
+                    at.add(copy * n * k),
+                    k32,
+                    x.as_ptr(),
+                    k32,
+                    0.0,
+                    y.as_mut_ptr(),
+                    n32,
                 );
             }
         };
@@ -490,7 +536,7 @@ fn float(n: usize, k: usize, m: usize, cold: bool, seconds: f64, floors: &Floors
         }));
         // SAFETY: a pure query.
         let size = (unsafe { (mkl.sgemm_size)(A_MATRIX, n32, m32, k32) } / 4).next_multiple_of(16);
-        let copies = if cold { (COLD_BYTES / 4 / size).max(1) } else { 1 };
+        let copies = if cold { COLD_BYTES / 4 / len } else { 1 };
         let memory = packed.insert(Huge::<f32>::new(size * copies));
         for copy in memory.get().chunks_exact_mut(size) {
             // SAFETY: `copy` has the size that the library asked for; `w` is `[n, k]`.
@@ -504,8 +550,19 @@ fn float(n: usize, k: usize, m: usize, cold: bool, seconds: f64, floors: &Floors
             // SAFETY: all operands have the sizes named by `n`, `m` and `k`.
             unsafe {
                 (mkl.sgemm_compute)(
-                    COL, PACKED, NO_TRANS, n32, m32, k32, at.add(copy * size), k32, x.as_ptr(), k32, 0.0,
-                    y.as_mut_ptr(), n32,
+                    COL,
+                    PACKED,
+                    NO_TRANS,
+                    n32,
+                    m32,
+                    k32,
+                    at.add(copy * size),
+                    k32,
+                    x.as_ptr(),
+                    k32,
+                    0.0,
+                    y.as_mut_ptr(),
+                    n32,
                 );
             }
             black_box(&mut y);

@@ -3,14 +3,18 @@
 use super::Epilogue;
 use crate::mat::MatMut;
 use crate::math::avx512vnni::{activate, gelu_tanh};
+use crate::matmul_f32::Activation;
 use crate::pack::PANEL;
 use core::arch::x86_64::*;
 
-/// Ends the outputs `first..` of row `t`, of which `value(i)` gives the panels.
+/// Most panels that a tile ends at once.
+pub(crate) const MOST: usize = 4;
+
+/// Ends `values [rows, panels]`: the outputs from `first` on of the rows from `t` on.
 #[inline]
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-pub(crate) fn finish_row(
-    value: impl Fn(usize) -> __m512,
+pub(crate) fn finish(
+    values: &mut [[f32; PANEL]],
     panels: usize,
     t: usize,
     first: usize,
@@ -18,47 +22,90 @@ pub(crate) fn finish_row(
     y: &mut MatMut<f32>,
 ) {
     let outputs = first..(first + panels * PANEL).min(y.cols());
-    let row = end.scatter.map_or(t, |scatter| scatter.rows[t] as usize);
-    let factor = end.scatter.map(|scatter| _mm512_set1_ps(scatter.weight[t]));
-    let bias = end.bias.map_or(&[][..], |bias| &bias[outputs.clone()]);
-    let (y, y_tail) = y.row_mut(row)[outputs].as_chunks_mut::<PANEL>();
-    let (bias, bias_tail) = bias.as_chunks::<PANEL>();
-    let ended = |v, old| match factor {
-        Some(factor) => _mm512_add_ps(old, _mm512_mul_ps(factor, v)),
-        None if end.add => _mm512_add_ps(old, v),
-        None => v,
-    };
-    for (i, y) in y.iter_mut().enumerate() {
-        let v = bias.get(i).map_or(value(i), |bias| _mm512_add_ps(value(i), load(bias)));
-        let v = ended(activate(end.activation, v), load(y));
-        store(y, v);
+    if let Some(bias) = end.bias {
+        add_bias(values, panels, &bias[outputs.clone()]);
     }
-    if !y_tail.is_empty() {
-        let v = value(y.len());
-        let v = if bias_tail.is_empty() { v } else { _mm512_add_ps(v, load_part(bias_tail)) };
-        let v = ended(activate(end.activation, v), load_part(y_tail));
-        store_part(y_tail, v);
+    if end.activation != Activation::None {
+        activate_all(end.activation, values);
+    }
+    for (t, values) in (t..).zip(values.chunks_exact(panels)) {
+        if let Some(scatter) = end.scatter {
+            let factor = _mm512_set1_ps(scatter.weight[t]);
+            let y = &mut y.row_mut(scatter.rows[t] as usize)[outputs.clone()];
+            combine(values, y, |old, v| _mm512_add_ps(old, _mm512_mul_ps(factor, v)));
+        } else if end.add {
+            combine(values, &mut y.row_mut(t)[outputs.clone()], |old, v| _mm512_add_ps(old, v));
+        } else {
+            write(values, &mut y.row_mut(t)[outputs.clone()]);
+        }
     }
 }
 
-/// Ends the gated outputs `first..` of row `t`, of which `gate(i)` and `up(i)` give the panels.
+/// Ends gated `values [rows, 2 * panels]`, in which gate and up panels take turns.
+#[inline(never)]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+pub(crate) fn finish_gated(values: &mut [[f32; PANEL]], panels: usize, t: usize, first: usize, y: &mut MatMut<f32>) {
+    let outputs = first..(first + panels * PANEL).min(y.cols());
+    for (t, values) in (t..).zip(values.chunks_exact_mut(2 * panels)) {
+        for i in 0..panels {
+            let v = _mm512_mul_ps(gelu_tanh(load(&values[2 * i])), load(&values[2 * i + 1]));
+            store(&mut values[i], v);
+        }
+        write(values, &mut y.row_mut(t)[outputs.clone()]);
+    }
+}
+
+/// Kept out of line, as are the activations: most products have neither, and their constants fill registers.
+#[inline(never)]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn add_bias(values: &mut [[f32; PANEL]], panels: usize, bias: &[f32]) {
+    let (bias, tail) = bias.as_chunks::<PANEL>();
+    for values in values.chunks_exact_mut(panels) {
+        for (v, bias) in values.iter_mut().zip(bias) {
+            let sum = _mm512_add_ps(load(v), load(bias));
+            store(v, sum);
+        }
+        if let Some(v) = values.get_mut(bias.len()) {
+            let sum = _mm512_add_ps(load(v), load_part(tail));
+            store(v, sum);
+        }
+    }
+}
+
+#[inline(never)]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn activate_all(activation: Activation, values: &mut [[f32; PANEL]]) {
+    for v in values {
+        let active = activate(activation, load(v));
+        store(v, active);
+    }
+}
+
+/// `y = values`; there may be more values than outputs.
 #[inline]
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-pub(crate) fn gated_row(
-    gate: impl Fn(usize) -> __m512,
-    up: impl Fn(usize) -> __m512,
-    panels: usize,
-    t: usize,
-    first: usize,
-    y: &mut MatMut<f32>,
-) {
-    let outputs = first..(first + panels * PANEL).min(y.cols());
-    let (y, y_tail) = y.row_mut(t)[outputs].as_chunks_mut::<PANEL>();
-    for (i, y) in y.iter_mut().enumerate() {
-        store(y, _mm512_mul_ps(gelu_tanh(gate(i)), up(i)));
+fn write(values: &[[f32; PANEL]], y: &mut [f32]) {
+    let (y, y_tail) = y.as_chunks_mut::<PANEL>();
+    for (y, v) in y.iter_mut().zip(values) {
+        store(y, load(v));
     }
     if !y_tail.is_empty() {
-        store_part(y_tail, _mm512_mul_ps(gelu_tanh(gate(y.len())), up(y.len())));
+        store_part(y_tail, load(&values[y.len()]));
+    }
+}
+
+/// `y = f(y, values)`; there may be more values than outputs.
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn combine(values: &[[f32; PANEL]], y: &mut [f32], f: impl Fn(__m512, __m512) -> __m512) {
+    let (y, y_tail) = y.as_chunks_mut::<PANEL>();
+    for (y, v) in y.iter_mut().zip(values) {
+        let new = f(load(y), load(v));
+        store(y, new);
+    }
+    if !y_tail.is_empty() {
+        let new = f(load_part(y_tail), load(&values[y.len()]));
+        store_part(y_tail, new);
     }
 }
 
@@ -80,7 +127,7 @@ pub(crate) fn store(dst: &mut [f32; PANEL], v: __m512) {
 
 /// The first `len` lanes, at most 16.
 #[inline]
-fn lanes(len: usize) -> __mmask16 {
+pub(crate) fn lanes(len: usize) -> __mmask16 {
     assert!(len <= PANEL);
     ((1_u32 << len) - 1) as __mmask16
 }

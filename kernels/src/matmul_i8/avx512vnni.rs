@@ -6,115 +6,104 @@
 use super::QuantInput;
 use crate::mat::MatMut;
 use crate::matmul_f32::Epilogue;
-use crate::matmul_f32::avx512vnni::{finish_row, gated_row, load};
+use crate::matmul_f32::avx512vnni::{self as float, MOST, lanes, load_part, store};
 use crate::pack::{PANEL, PackedI8, QUAD, panels};
 use core::arch::x86_64::*;
+use core::ops::Range;
 
-/// Rows of the largest tile: 14 rows x 2 panels are 28 sums, which leaves two registers of weights and two to spare.
-const ROWS: usize = 14;
-/// Rows of a tile that is bound by memory, where clearing the large buffers would show.
+/// Rows of the largest tile: 9 rows x 3 panels are 27 sums, which leaves three registers of weights and two to spare.
+const ROWS: usize = 9;
+/// Rows of the largest tile of an even number of panels, as gated products need: 6 rows x 4 panels.
+const EVEN_ROWS: usize = 6;
+/// Rows of a tile that is bound by memory, where clearing the large buffer would show.
 const FEW_ROWS: usize = 4;
-/// Panels in work at once: their weights stay in L2 while tiles of rows go by.
-const CHUNK: usize = 16;
-/// Bytes of weights that may stay in L2: half of the smallest L2 among processors with VNNI on servers.
+/// Bytes of weights in work at once, which stay in L2 while tiles of rows go by: half of a small server's L2.
 const CHUNK_BYTES: usize = 768 << 10;
-/// Quads of inputs converted at once: 14 rows are 28 KiB, in L1 beside the weights that stream through.
-const QUADS: usize = 512;
+/// Quads of inputs converted at once: 9 rows are 37 KiB.
+const QUADS: usize = 1024;
+/// Quads between a multiplication and the prefetch of its weights from L2: 8 steps of 13 cycles are longer than L2 takes.
+const AHEAD: usize = 8;
 /// Bytes in a register.
 const BYTES: usize = 64;
 
-/// Unsigned steps of one row, with room for a whole register behind the last.
+/// Unsigned steps of one row, with room for a whole register behind the last; the extra line keeps rows off each
+/// other's cache sets.
 type Steps = [[u8; QUAD]; QUADS + BYTES / QUAD];
-/// Sums of one row with the panels in work.
-type Sums = [[i32; PANEL]; CHUNK];
 
-/// The panels in work, with what their sums start from and the real size of their steps.
-struct Chunk<'a> {
-    panels: [&'a [[i8; BYTES]]; CHUNK],
-    start: [[i32; PANEL]; CHUNK],
-    scale: [[f32; PANEL]; CHUNK],
-    len: usize,
+/// What is multiplied, and how it ends. A *slot* is one panel in the order of work.
+enum Job<'a> {
+    Plain(PackedI8<'a>, Epilogue<'a>),
+    /// Gate and up panels take turns.
+    Gated(PackedI8<'a>, PackedI8<'a>),
 }
 
-impl<'a> Chunk<'a> {
-    const EMPTY: Self = Self { panels: [&[]; CHUNK], start: [[0; PANEL]; CHUNK], scale: [[0.0; PANEL]; CHUNK], len: 0 };
+impl<'a> Job<'a> {
+    fn k(&self) -> usize {
+        match self {
+            Job::Plain(w, _) | Job::Gated(w, _) => w.k(),
+        }
+    }
 
-    fn push(&mut self, w: PackedI8<'a>, p: usize) {
-        let outputs = p * PANEL..((p + 1) * PANEL).min(w.n());
-        self.panels[self.len] = w.panel(p);
-        for (start, sum) in self.start[self.len].iter_mut().zip(&w.sum()[outputs.clone()]) {
-            *start = sum.wrapping_mul(-128);
+    fn slots(&self) -> usize {
+        match self {
+            Job::Plain(w, _) => panels(w.n()),
+            Job::Gated(gate, _) => 2 * panels(gate.n()),
         }
-        for (scale, w_scale) in self.scale[self.len].iter_mut().zip(&w.scale()[outputs]) {
-            *scale = *w_scale;
+    }
+
+    /// The weight and the panel of a slot.
+    #[inline]
+    fn slot(&self, slot: usize) -> (&PackedI8<'a>, usize) {
+        match self {
+            Job::Plain(w, _) => (w, slot),
+            Job::Gated(gate, up) => (if slot.is_multiple_of(2) { gate } else { up }, slot / 2),
         }
-        self.len += 1;
     }
 }
 
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
 pub(super) fn matmul(x: QuantInput, w: PackedI8, end: Epilogue, y: MatMut<f32>) {
-    if x.rows.rows() <= FEW_ROWS {
-        product::<FEW_ROWS>(x, w, end, y);
-    } else {
-        product::<ROWS>(x, w, end, y);
-    }
+    run(x, &Job::Plain(w, end), y);
 }
 
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
 pub(super) fn matmul_gated(x: QuantInput, gate: PackedI8, up: PackedI8, y: MatMut<f32>) {
-    if x.rows.rows() <= FEW_ROWS {
-        product_gated::<FEW_ROWS>(x, gate, up, y);
-    } else {
-        product_gated::<ROWS>(x, gate, up, y);
+    run(x, &Job::Gated(gate, up), y);
+}
+
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn run(x: QuantInput, job: &Job, y: MatMut<f32>) {
+    match job {
+        _ if x.rows.rows() <= FEW_ROWS => product::<FEW_ROWS>(x, job, y),
+        Job::Plain(..) => product::<ROWS>(x, job, y),
+        Job::Gated(..) => product::<EVEN_ROWS>(x, job, y),
     }
 }
 
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn product<const TILE: usize>(x: QuantInput, w: PackedI8, end: Epilogue, mut y: MatMut<f32>) {
+fn product<const TILE: usize>(x: QuantInput, job: &Job, mut y: MatMut<f32>) {
     let mut steps = [[[0; QUAD]; QUADS + BYTES / QUAD]; TILE];
-    let mut sums = [[[0; PANEL]; CHUNK]; TILE];
-    let width = chunk_panels(w.k());
-    for first in (0..panels(w.n())).step_by(width) {
-        let mut chunk = Chunk::EMPTY;
-        (first..(first + width).min(panels(w.n()))).for_each(|p| chunk.push(w, p));
+    // A multiple of the panels that any tile takes at once, and of gated pairs of them.
+    let width = (CHUNK_BYTES / (PANEL * job.k().max(1)) / 12).max(1) * 12;
+    for first in (0..job.slots()).step_by(width) {
+        let slots = first..(first + width).min(job.slots());
         for (t, rows) in tiles(x.rows.rows(), TILE) {
-            tile(&x, t, &chunk, w.k(), &mut steps[..rows], &mut sums[..rows]);
-            for (t, sums) in (t..).zip(&sums[..rows]) {
-                let x_scale = _mm512_set1_ps(x.scale(t));
-                let value = |i: usize| scaled(&sums[i], x_scale, &chunk.scale[i]);
-                finish_row(value, chunk.len, t, first * PANEL, &end, &mut y);
+            let steps = &mut steps[..rows];
+            convert(&x, t, 0, steps);
+            match rows {
+                1 => tile::<1, 4>(&x, t, steps, job, slots.clone(), &mut y),
+                2 => tile::<2, 4>(&x, t, steps, job, slots.clone(), &mut y),
+                3 => tile::<3, 4>(&x, t, steps, job, slots.clone(), &mut y),
+                4 => tile::<4, 4>(&x, t, steps, job, slots.clone(), &mut y),
+                5 => tile::<5, 4>(&x, t, steps, job, slots.clone(), &mut y),
+                6 => tile::<6, 4>(&x, t, steps, job, slots.clone(), &mut y),
+                7 => tile::<7, 3>(&x, t, steps, job, slots.clone(), &mut y),
+                8 => tile::<8, 3>(&x, t, steps, job, slots.clone(), &mut y),
+                ROWS => tile::<ROWS, 3>(&x, t, steps, job, slots.clone(), &mut y),
+                rows => unreachable!("a tile of {rows} rows"),
             }
         }
     }
-}
-
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn product_gated<const TILE: usize>(x: QuantInput, gate: PackedI8, up: PackedI8, mut y: MatMut<f32>) {
-    let mut steps = [[[0; QUAD]; QUADS + BYTES / QUAD]; TILE];
-    let mut sums = [[[0; PANEL]; CHUNK]; TILE];
-    let width = chunk_panels(gate.k()) / 2;
-    for first in (0..panels(gate.n())).step_by(width) {
-        let mut chunk = Chunk::EMPTY;
-        for p in first..(first + width).min(panels(gate.n())) {
-            chunk.push(gate, p);
-            chunk.push(up, p);
-        }
-        for (t, rows) in tiles(x.rows.rows(), TILE) {
-            tile(&x, t, &chunk, gate.k(), &mut steps[..rows], &mut sums[..rows]);
-            for (t, sums) in (t..).zip(&sums[..rows]) {
-                let x_scale = _mm512_set1_ps(x.scale(t));
-                let gate = |i: usize| scaled(&sums[2 * i], x_scale, &chunk.scale[2 * i]);
-                let up = |i: usize| scaled(&sums[2 * i + 1], x_scale, &chunk.scale[2 * i + 1]);
-                gated_row(gate, up, chunk.len / 2, t, first * PANEL, &mut y);
-            }
-        }
-    }
-}
-
-/// Panels whose weights fit [`CHUNK_BYTES`], an even number.
-fn chunk_panels(k: usize) -> usize {
-    (CHUNK_BYTES / (PANEL * k.max(1))).clamp(2, CHUNK) & !1
 }
 
 /// First row and number of rows of each tile: as few tiles as possible, as equal as possible.
@@ -123,40 +112,12 @@ fn tiles(rows: usize, most: usize) -> impl Iterator<Item = (usize, usize)> {
     (0..count).map(move |i| (i * rows / count, (i + 1) * rows / count - i * rows / count))
 }
 
-/// The real values of 16 sums, in scalar's order of roundings.
-#[inline]
+/// The inputs from `first` on of the rows from `t` on, made unsigned, as many of both as `steps` holds.
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn scaled(sums: &[i32; PANEL], x_scale: __m512, w_scale: &[f32; PANEL]) -> __m512 {
-    _mm512_mul_ps(_mm512_cvtepi32_ps(load_sums(sums)), _mm512_mul_ps(x_scale, load(w_scale)))
-}
-
-/// Exact sums of the rows from `t` on, as many as `sums` has, with every panel of the chunk.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn tile(x: &QuantInput, t: usize, chunk: &Chunk, k: usize, steps: &mut [Steps], sums: &mut [Sums]) {
-    sums.fill(chunk.start);
-    for first in (0..k).step_by(QUADS * QUAD) {
-        let inputs = first..(first + QUADS * QUAD).min(k);
-        for (t, steps) in (t..).zip(steps.iter_mut()) {
-            unsigned(&x.rows.row(t)[inputs.clone()], steps);
-        }
-        let quads = first / QUAD..inputs.end.div_ceil(QUAD);
-        match steps.len() {
-            1 => block::<1, 4>(steps, chunk, quads, sums),
-            2 => block::<2, 4>(steps, chunk, quads, sums),
-            3 => block::<3, 4>(steps, chunk, quads, sums),
-            4 => block::<4, 4>(steps, chunk, quads, sums),
-            5 => block::<5, 4>(steps, chunk, quads, sums),
-            6 => block::<6, 4>(steps, chunk, quads, sums),
-            7 => block::<7, 2>(steps, chunk, quads, sums),
-            8 => block::<8, 2>(steps, chunk, quads, sums),
-            9 => block::<9, 2>(steps, chunk, quads, sums),
-            10 => block::<10, 2>(steps, chunk, quads, sums),
-            11 => block::<11, 2>(steps, chunk, quads, sums),
-            12 => block::<12, 2>(steps, chunk, quads, sums),
-            13 => block::<13, 2>(steps, chunk, quads, sums),
-            ROWS => block::<ROWS, 2>(steps, chunk, quads, sums),
-            rows => unreachable!("a tile of {rows} rows"),
-        }
+fn convert(x: &QuantInput, t: usize, first: usize, steps: &mut [Steps]) {
+    let inputs = first..(first + QUADS * QUAD).min(x.rows.cols());
+    for (t, steps) in (t..).zip(steps.iter_mut()) {
+        unsigned(&x.rows.row(t)[inputs.clone()], steps);
     }
 }
 
@@ -171,42 +132,86 @@ fn unsigned(x: &[i8], steps: &mut Steps) {
         store_bytes(steps, _mm512_xor_si512(load_bytes(x), flip));
     }
     // Whatever stands behind the last input meets weights that are zero.
-    store_bytes(&mut steps[x.len()], _mm512_xor_si512(load_part(x_tail), flip));
+    store_bytes(&mut steps[x.len()], _mm512_xor_si512(load_bytes_part(x_tail), flip));
 }
 
-/// Adds the products of `R` rows over `quads` to the sums of every panel, `P` panels at a time.
+/// The rows from `t` on, `R` of them, with all `slots`, `P` at a time.
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn block<const R: usize, const P: usize>(
-    steps: &[Steps],
-    chunk: &Chunk,
-    quads: core::ops::Range<usize>,
-    sums: &mut [Sums],
+fn tile<const R: usize, const P: usize>(
+    x: &QuantInput,
+    t: usize,
+    steps: &mut [Steps],
+    job: &Job,
+    slots: Range<usize>,
+    y: &mut MatMut<f32>,
 ) {
-    let steps: &[Steps; R] = steps.first_chunk().expect("`tile` chose R by the number of rows");
-    let sums: &mut [Sums; R] = sums.first_chunk_mut().expect("one row of sums for each row of steps");
-    let (groups, rest) = chunk.panels[..chunk.len].as_chunks::<P>();
-    for (i, panels) in groups.iter().enumerate() {
-        multiply::<R, P>(steps, panels.map(|panel| &panel[quads.clone()]), sums, i * P);
+    let steps: &mut [Steps; R] = steps.first_chunk_mut().expect("R was chosen by the number of rows");
+    let mut slot = slots.start;
+    while slot + P <= slots.end {
+        group::<R, P>(x, t, steps, job, slot, y);
+        slot += P;
     }
-    for (i, panel) in rest.iter().enumerate() {
-        multiply::<R, 1>(steps, [&panel[quads.clone()]], sums, groups.len() * P + i);
+    while slot + 2 <= slots.end {
+        group::<R, 2>(x, t, steps, job, slot, y);
+        slot += 2;
+    }
+    if slot < slots.end {
+        group::<R, 1>(x, t, steps, job, slot, y);
     }
 }
 
-/// The innermost tile: `R x P` sums in registers.
+/// `R` rows with `P` slots from `slot` on, from the first input to the end of the product.
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn group<const R: usize, const P: usize>(
+    x: &QuantInput,
+    t: usize,
+    steps: &mut [Steps; R],
+    job: &Job,
+    slot: usize,
+    y: &mut MatMut<f32>,
+) {
+    let panels: [&[[i8; BYTES]]; P] = core::array::from_fn(|p| {
+        let (w, p) = job.slot(slot + p);
+        w.panel(p)
+    });
+    let mut sums = [[[0; PANEL]; P]; R];
+    let k = job.k();
+    if k <= QUADS * QUAD {
+        multiply(steps, panels, &mut sums);
+    } else {
+        for first in (0..k).step_by(QUADS * QUAD) {
+            convert(x, t, first, steps);
+            let quads = first / QUAD..(first / QUAD + QUADS).min(k.div_ceil(QUAD));
+            multiply(steps, panels.map(|panel| &panel[quads.clone()]), &mut sums);
+        }
+    }
+    finish(x, t, sums.as_flattened(), P, job, slot, y);
+}
+
+/// The innermost tile: adds the products over the panels' quads to `R x P` sums in registers.
+#[inline]
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
 fn multiply<const R: usize, const P: usize>(
     steps: &[Steps; R],
     panels: [&[[i8; BYTES]]; P],
-    sums: &mut [Sums; R],
-    slot: usize,
+    sums: &mut [[[i32; PANEL]; P]; R],
 ) {
     let quads = panels[0].len();
-    assert!(quads <= QUADS && slot + P <= CHUNK);
-    let panels = panels.map(|panel| &panel[..quads]);
+    assert!(quads <= QUADS);
+    for panel in panels {
+        assert!(panel.len() == quads);
+    }
     let mut acc = [[_mm512_setzero_si512(); P]; R];
+    for r in 0..R {
+        for p in 0..P {
+            acc[r][p] = load_sums(&sums[r][p]);
+        }
+    }
     for q in 0..quads {
         let w: [__m512i; P] = core::array::from_fn(|p| load_bytes(&panels[p][q]));
+        for panel in &panels {
+            prefetch(panel.as_ptr().wrapping_add(q + AHEAD).cast());
+        }
         for r in 0..R {
             let x = _mm512_set1_epi32(i32::from_ne_bytes(steps[r][q]));
             for p in 0..P {
@@ -216,10 +221,44 @@ fn multiply<const R: usize, const P: usize>(
     }
     for r in 0..R {
         for p in 0..P {
-            let sum = &mut sums[r][slot + p];
-            store_sums(sum, _mm512_add_epi32(load_sums(sum), acc[r][p]));
+            store_sums(&mut sums[r][p], acc[r][p]);
         }
     }
+}
+
+/// Ends the sums `[rows, width]` of the rows from `t` on with the slots from `slot` on.
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn finish(x: &QuantInput, t: usize, sums: &[[i32; PANEL]], width: usize, job: &Job, slot: usize, y: &mut MatMut<f32>) {
+    let mut correction = [_mm512_setzero_si512(); MOST];
+    let mut w_scale = [_mm512_setzero_ps(); MOST];
+    for i in 0..width {
+        let (w, p) = job.slot(slot + i);
+        let outputs = p * PANEL..((p + 1) * PANEL).min(w.n());
+        correction[i] = _mm512_slli_epi32::<7>(load_sums_part(&w.sum()[outputs.clone()]));
+        w_scale[i] = load_part(&w.scale()[outputs]);
+    }
+    let mut values = [[0.0; PANEL]; ROWS * MOST];
+    let values = &mut values[..sums.len()];
+    for (t, (values, sums)) in (t..).zip(values.chunks_exact_mut(width).zip(sums.chunks_exact(width))) {
+        let x_scale = _mm512_set1_ps(x.scale(t));
+        for i in 0..width {
+            // The exact sum rounded to f32 once, then scalar's order of roundings.
+            let sum = _mm512_sub_epi32(load_sums(&sums[i]), correction[i]);
+            let v = _mm512_mul_ps(_mm512_cvtepi32_ps(sum), _mm512_mul_ps(x_scale, w_scale[i]));
+            store(&mut values[i], v);
+        }
+    }
+    match job {
+        Job::Plain(_, end) => float::finish(values, width, t, slot * PANEL, end, y),
+        Job::Gated(..) => float::finish_gated(values, width / 2, t, slot / 2 * PANEL, y),
+    }
+}
+
+/// Fetches the line at `line`, wherever that is.
+#[inline]
+fn prefetch(line: *const i8) {
+    // SAFETY: a prefetch is a hint: it reads nothing that the program can see and never faults.
+    unsafe { _mm_prefetch::<_MM_HINT_T0>(line) }
 }
 
 #[inline]
@@ -231,7 +270,7 @@ fn load_bytes(src: &[i8; BYTES]) -> __m512i {
 
 #[inline]
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn load_part(src: &[i8]) -> __m512i {
+fn load_bytes_part(src: &[i8]) -> __m512i {
     assert!(src.len() < BYTES);
     // SAFETY: the mask names the bytes of `src` alone; others are not read.
     unsafe { _mm512_maskz_loadu_epi8((1 << src.len()) - 1, src.as_ptr()) }
@@ -256,4 +295,11 @@ fn load_sums(src: &[i32; PANEL]) -> __m512i {
 fn store_sums(dst: &mut [i32; PANEL], v: __m512i) {
     // SAFETY: `dst` is 64 writable bytes; the store needs no alignment.
     unsafe { _mm512_storeu_si512(dst.as_mut_ptr().cast(), v) }
+}
+
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn load_sums_part(src: &[i32]) -> __m512i {
+    // SAFETY: the mask names the elements of `src` alone; others are not read.
+    unsafe { _mm512_maskz_loadu_epi32(lanes(src.len()), src.as_ptr()) }
 }
