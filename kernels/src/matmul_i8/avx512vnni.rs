@@ -5,8 +5,8 @@
 
 use super::QuantInput;
 use crate::mat::MatMut;
-use crate::matmul_f32::Epilogue;
-use crate::matmul_f32::avx512vnni::{self as float, MOST, lanes, load_part, store};
+use crate::matmul_f32::avx512vnni::{self as float, MOST, lanes, load_part, prefetch, store};
+use crate::matmul_f32::{Epilogue, tiles};
 use crate::pack::{PANEL, PackedI8, QUAD, panels};
 use core::arch::x86_64::*;
 use core::ops::Range;
@@ -104,12 +104,6 @@ fn product<const TILE: usize>(x: QuantInput, job: &Job, mut y: MatMut<f32>) {
             }
         }
     }
-}
-
-/// First row and number of rows of each tile: as few tiles as possible, as equal as possible.
-fn tiles(rows: usize, most: usize) -> impl Iterator<Item = (usize, usize)> {
-    let count = rows.div_ceil(most);
-    (0..count).map(move |i| (i * rows / count, (i + 1) * rows / count - i * rows / count))
 }
 
 /// The inputs from `first` on of the rows from `t` on, made unsigned, as many of both as `steps` holds.
@@ -252,13 +246,6 @@ fn finish(x: &QuantInput, t: usize, sums: &[[i32; PANEL]], width: usize, job: &J
         Job::Plain(_, end) => float::finish(values, width, t, slot * PANEL, end, y),
         Job::Gated(..) => float::finish_gated(values, width / 2, t, slot / 2 * PANEL, y),
     }
-}
-
-/// Fetches the line at `line`, wherever that is.
-#[inline]
-fn prefetch(line: *const i8) {
-    // SAFETY: a prefetch is a hint: it reads nothing that the program can see and never faults.
-    unsafe { _mm_prefetch::<_MM_HINT_T0>(line) }
 }
 
 #[inline]
