@@ -169,7 +169,7 @@ mod peak {
 
     /// `vpdpbusd` and `vfmadd231ps` on 24 independent sums; returns multiply-adds done.
     #[target_feature(enable = "avx512f,avx512vnni")]
-    pub fn int8(rounds: usize) -> usize {
+    pub(crate) fn int8(rounds: usize) -> usize {
         let (x, w) = (_mm512_set1_epi32(black_box(1)), _mm512_set1_epi32(black_box(2)));
         let mut sums = [_mm512_setzero_si512(); 24];
         for _ in 0..rounds {
@@ -182,7 +182,7 @@ mod peak {
     }
 
     #[target_feature(enable = "avx512f")]
-    pub fn f32(rounds: usize) -> usize {
+    pub(crate) fn f32(rounds: usize) -> usize {
         let (x, w) = (_mm512_set1_ps(black_box(1.0)), _mm512_set1_ps(black_box(2.0)));
         let mut sums = [_mm512_setzero_ps(); 24];
         for _ in 0..rounds {
@@ -196,7 +196,7 @@ mod peak {
 
     /// Reads every byte once.
     #[target_feature(enable = "avx512f")]
-    pub fn read(bytes: &[[u8; 512]]) {
+    pub(crate) fn read(bytes: &[[u8; 512]]) {
         let mut sums = [_mm512_setzero_si512(); 8];
         for chunk in bytes {
             for (sum, line) in sums.iter_mut().zip(chunk.as_chunks::<64>().0) {

@@ -1,6 +1,8 @@
 //! Matrix product with bf16 weights and f32 activations and sums.
 
 #[cfg(target_arch = "x86_64")]
+mod avx2;
+#[cfg(target_arch = "x86_64")]
 mod avx512vnni;
 mod scalar;
 
@@ -24,9 +26,9 @@ pub fn matmul_bf16(isa: Isa, x: Input<f32>, w: PackedBf16, end: Epilogue, y: Mat
     check_product((x.rows(), x.cols()), (w.n(), w.k()), &y, &end)?;
     match isa.0 {
         Backend::Scalar => scalar::matmul(x, w, end, y),
-        // No version of its own yet.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 => scalar::matmul(x, w, end, y),
+        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that `avx2` enables.
+        Backend::Avx2 => unsafe { avx2::matmul(x, w, end, y) },
         #[cfg(target_arch = "x86_64")]
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that `avx512vnni` enables.
         Backend::Avx512Vnni => unsafe { avx512vnni::matmul(x, w, end, y) },
@@ -50,9 +52,9 @@ pub fn matmul_gated_bf16(
     expect_len("up", gate.k(), up.k())?;
     match isa.0 {
         Backend::Scalar => scalar::matmul_gated(x, gate, up, y),
-        // No version of its own yet.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 => scalar::matmul_gated(x, gate, up, y),
+        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that `avx2` enables.
+        Backend::Avx2 => unsafe { avx2::matmul_gated(x, gate, up, y) },
         #[cfg(target_arch = "x86_64")]
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that `avx512vnni` enables.
         Backend::Avx512Vnni => unsafe { avx512vnni::matmul_gated(x, gate, up, y) },
