@@ -18,6 +18,8 @@ use core::arch::x86_64::*;
 const ROWS: usize = 6;
 /// Quads of inputs converted at once: 6 rows are 24 KiB, in L1 beside the weights that stream through.
 const QUADS: usize = 512;
+/// Quads between a multiplication and the prefetch of its weights from L2.
+const AHEAD: usize = 16;
 /// Outputs whose quads fill a register once widened.
 const OUTPUTS: usize = 4;
 /// Registers of a panel.
@@ -127,6 +129,7 @@ fn multiply<const R: usize, const H: usize>(
         let mut acc = [[_mm256_setzero_si256(); H]; R];
         for (q, quad) in quads.iter().enumerate() {
             let (outputs, _) = quad.as_chunks::<16>();
+            float::prefetch(quads.as_ptr().wrapping_add(q + AHEAD).cast());
             let w: [__m256i; H] = core::array::from_fn(|h| widen(&outputs[first + h]));
             for r in 0..R {
                 let x = _mm256_set1_epi64x(quad_bits(steps[r][q]));
