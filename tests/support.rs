@@ -258,6 +258,9 @@ pub fn bits(rows: &[Vec<f32>]) -> Vec<Vec<u32>> {
 /// One unit in the last place of 1 in f32: twice the largest relative error of one operation.
 pub const EPSILON: f64 = f32::EPSILON as f64;
 
+/// Powers of e below this are 0 in the kernels.
+pub const SMALLEST_POWER: f64 = 1.2e-38;
+
 /// One unit in the last place of an f32 result of this exact value.
 pub fn ulp(exact: f64) -> f64 {
     let size = exact.abs().max(f64::from(f32::MIN_POSITIVE));

@@ -23,6 +23,7 @@ pub mod bf16;
 pub mod error;
 pub mod experts;
 pub mod isa;
+mod lanes;
 pub mod mat;
 mod math;
 pub mod matmul_bf16;

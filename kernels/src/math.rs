@@ -18,18 +18,18 @@ pub(crate) mod avx512vnni;
 /// Above this, `exp` is infinite.
 const EXP_MAX: f32 = 88.722_84;
 /// Below this, `exp` is 0: a little above the logarithm of the smallest normal number, so that no result is denormal.
-const EXP_MIN: f32 = -87.33;
+pub(crate) const EXP_MIN: f32 = -87.33;
 
 /// `log2(e)`.
-const LOG2_E: f32 = core::f32::consts::LOG2_E;
+pub(crate) const LOG2_E: f32 = core::f32::consts::LOG2_E;
 /// Added and subtracted again, rounds to an integer (ties to even), which then stands in the lowest bits of the sum.
 const ROUND: f32 = 12_582_912.0;
 /// `ln(2)` to 9 bits: its product with an exponent is exact.
-const LN_2_HIGH: f32 = 0.693_359_4;
+pub(crate) const LN_2_HIGH: f32 = 0.693_359_4;
 /// What is left of `ln(2)`.
-const LN_2_LOW: f32 = -2.121_944_4e-4;
+pub(crate) const LN_2_LOW: f32 = -2.121_944_4e-4;
 /// Minimax `(exp(r) - 1 - r) / r^2` for `abs(r) <= ln(2) / 2`, highest power first: off by 3.1e-9 in `exp(r)`.
-const EXP: [f32; 5] = [0.001_395_049_2, 0.008_368_89, 0.041_666_206, 0.166_665_18, 0.5];
+pub(crate) const EXP: [f32; 5] = [0.001_395_049_2, 0.008_368_89, 0.041_666_206, 0.166_665_18, 0.5];
 
 /// `-2 * sqrt(2 / pi)`.
 const TANH_SCALE: f32 = -1.595_769_1;

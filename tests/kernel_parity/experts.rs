@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 use umo_kernels::experts::{MAX_EXPERTS, Routing, route};
 use umo_kernels::{Isa, Mat};
-use umo_tests::{EPSILON, Fill, Guarded, Noise, Placed, cases, for_each_isa, near, offset};
+use umo_tests::{EPSILON, Fill, Guarded, Noise, Placed, SMALLEST_POWER, cases, for_each_isa, near, offset};
 
 #[derive(Debug, PartialEq)]
 struct Routed {
@@ -94,7 +94,7 @@ fn route_has_the_right_probabilities(isa: Isa) {
             for (&got, &x) in row.iter().zip(logits) {
                 let below = max - f64::from(x);
                 let want = (-below).exp() / total;
-                let tolerance = (below + 5.0 + row.len() as f64) * EPSILON * want + f64::from(f32::MIN_POSITIVE);
+                let tolerance = (below + 5.0 + row.len() as f64) * EPSILON * want + SMALLEST_POWER;
                 prop_assert!((f64::from(got) - want).abs() <= tolerance, "row {t}: {got}, not {want}");
             }
         }

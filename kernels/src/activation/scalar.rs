@@ -1,6 +1,7 @@
 //! The specification of the element-wise functions.
 
-use crate::math::scalar::{gelu_erf, gelu_tanh};
+use crate::lanes::sum_of;
+use crate::math::scalar::{exp, gelu_erf, gelu_tanh};
 use crate::matmul_f32::Activation;
 
 pub(super) fn apply(activation: Activation, x: &mut [f32]) {
@@ -35,24 +36,29 @@ pub(crate) fn activate(activation: Activation, x: f32) -> f32 {
     }
 }
 
+/// The largest value, not a NaN unless all are.
+fn largest(x: &[f32]) -> f32 {
+    x.iter().fold(f32::NEG_INFINITY, |max, &x| if x > max { x } else { max })
+}
+
 pub(super) fn softmax(x: &mut [f32]) {
-    let max = x.iter().fold(f32::NEG_INFINITY, |max, &x| max.max(x));
-    let mut sum = 0.0;
+    let max = largest(x);
     for x in x.iter_mut() {
-        *x = (*x - max).exp();
-        sum += *x;
+        *x = exp(*x - max);
     }
+    divide(x);
+}
+
+/// Divides every element by the sum of all.
+#[inline(always)]
+pub(super) fn divide(x: &mut [f32]) {
+    let sum = sum_of(x, |x| x);
     for x in x {
         *x /= sum;
     }
 }
 
 pub(super) fn argmax(x: &[f32]) -> Option<usize> {
-    let mut best: Option<usize> = None;
-    for (i, &value) in x.iter().enumerate() {
-        if !value.is_nan() && best.is_none_or(|b| value > x[b]) {
-            best = Some(i);
-        }
-    }
-    best
+    let max = largest(x);
+    x.iter().position(|&x| x == max)
 }
