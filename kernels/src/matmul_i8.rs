@@ -4,6 +4,7 @@
 mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512vnni;
+mod quantize;
 mod scalar;
 
 use crate::error::{ShapeError, expect_len};
@@ -47,9 +48,12 @@ pub fn quantize_rows(isa: Isa, x: Mat<f32>, steps: MatMut<i8>, scale: &mut [f32]
     expect_len("scale", x.rows(), scale.len())?;
     match isa.0 {
         Backend::Scalar => scalar::quantize_rows(x, steps, scale),
-        // No version of their own yet.
+        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::Avx512Vnni => scalar::quantize_rows(x, steps, scale),
+        Backend::Avx2 => unsafe { quantize::avx2::quantize_rows(x, steps, scale) },
+        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx512Vnni => unsafe { quantize::avx512vnni::quantize_rows(x, steps, scale) },
     }
     Ok(())
 }

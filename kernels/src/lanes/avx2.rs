@@ -25,8 +25,9 @@ pub(crate) fn load(src: &[f32; HALF]) -> __m256 {
 #[inline]
 #[target_feature(enable = "avx2")]
 pub(crate) fn load_part(src: &[f32]) -> __m256 {
-    // SAFETY: the mask selects no more lanes than `src` has elements; the others are not read.
-    unsafe { _mm256_maskload_ps(src.as_ptr(), first_lanes(src.len())) }
+    let mask = first_lanes(src.len());
+    // SAFETY: `mask` selects no more lanes than `src` has elements; the others are not read.
+    unsafe { _mm256_maskload_ps(src.as_ptr(), mask) }
 }
 
 /// 8 values.
@@ -41,8 +42,9 @@ pub(crate) fn store(dst: &mut [f32; HALF], value: __m256) {
 #[inline]
 #[target_feature(enable = "avx2")]
 pub(crate) fn store_part(dst: &mut [f32], value: __m256) {
-    // SAFETY: the mask selects no more lanes than `dst` has elements; the others are not written.
-    unsafe { _mm256_maskstore_ps(dst.as_mut_ptr(), first_lanes(dst.len()), value) }
+    let mask = first_lanes(dst.len());
+    // SAFETY: `mask` selects no more lanes than `dst` has elements; the others are not written.
+    unsafe { _mm256_maskstore_ps(dst.as_mut_ptr(), mask, value) }
 }
 
 /// The 8 values as an array.
