@@ -61,6 +61,7 @@ fn block(x: Operands, i: usize, count: usize, y: &mut MatMut<f32>) {
     let dim = x.q.cols();
     let mut packed = Packed { k: [[0.0; TILE]; PACKED_DIM], v: [0.0; TILE * PACKED_DIM] };
     let mut weights = Weights([[0.0; TILE]; 4]);
+    let mut pairs = [[[_mm256_setzero_ps(); 2]; 4]; 4];
     let mut softmaxes = [[Softmax::START; 4]; BLOCK / 4];
     let keys = x.keys(i + count - 1);
     for first in (0..keys).step_by(TILE) {
@@ -76,7 +77,7 @@ fn block(x: Operands, i: usize, count: usize, y: &mut MatMut<f32>) {
         for (group, softmaxes) in softmaxes[..count / 4].iter_mut().enumerate() {
             let i = i + 4 * group;
             if x.keys(i + 3) > first {
-                packed_scores(x.q.row_range(i..i + 4), &packed.k, &mut weights);
+                packed_scores(x.q.row_range(i..i + 4), &packed.k, &mut pairs, &mut weights);
                 weighted::<4, 2>(x, i, first, v, softmaxes, &mut weights, y);
             }
         }
@@ -131,10 +132,13 @@ fn transpose(rows: [__m256; HALF]) -> [__m256; HALF] {
 /// Sums for 4 queries x 2 registers of keys.
 type Sums = [[__m256; 2]; 4];
 
+/// The pairs of partial sums, each named by its first, so that neighbours are what [`pairwise`] adds next.
+const ORDER: [usize; 4] = [0, 2, 1, 3];
+
 /// The dot products of 4 queries with a packed tile, lanes along the keys. Each partial sum of [`scores`] is here one
-/// chain of multiply-adds, and the chains are added in the same tree, so that the bits are the same.
+/// chain of multiply-adds, and the chains are added in the same tree, so that the bits are the same. `pairs` is scratch.
 #[target_feature(enable = "avx2,fma")]
-fn packed_scores(q: Mat<f32>, k: &[[f32; TILE]; PACKED_DIM], weights: &mut Weights<4>) {
+fn packed_scores(q: Mat<f32>, k: &[[f32; TILE]; PACKED_DIM], pairs: &mut [Sums; 4], weights: &mut Weights<4>) {
     let mut padded = [[0.0; PACKED_DIM]; 4];
     if q.cols() < PACKED_DIM {
         for r in 0..4 {
@@ -145,60 +149,38 @@ fn packed_scores(q: Mat<f32>, k: &[[f32; TILE]; PACKED_DIM], weights: &mut Weigh
     for r in 0..4 {
         rows[r] = q.row(r).first_chunk().unwrap_or(&padded[r]);
     }
-    for pair in 0..TILE / (2 * HALF) {
-        let sums = all(rows, k, pair, 0);
+    for tile in 0..TILE / (2 * HALF) {
+        for (pair, &lane) in pairs.iter_mut().zip(&ORDER) {
+            // 4 queries x 2 registers of keys: 8 sums at a time, and 8 that wait for them.
+            let mut chains = [[[_mm256_setzero_ps(); 2]; 4]; 2];
+            for side in 0..2 {
+                for c in 0..PACKED_DIM / HALF {
+                    let d = lane + 4 * side + c * HALF;
+                    let keys = k[d].as_chunks().0;
+                    let (a, b) = (load(&keys[2 * tile]), load(&keys[2 * tile + 1]));
+                    for r in 0..4 {
+                        let q = _mm256_set1_ps(rows[r][d]);
+                        chains[side][r][0] = _mm256_fmadd_ps(q, a, chains[side][r][0]);
+                        chains[side][r][1] = _mm256_fmadd_ps(q, b, chains[side][r][1]);
+                    }
+                }
+            }
+            for r in 0..4 {
+                pair[r][0] = _mm256_add_ps(chains[0][r][0], chains[1][r][0]);
+                pair[r][1] = _mm256_add_ps(chains[0][r][1], chains[1][r][1]);
+            }
+        }
         for r in 0..4 {
             let to = weights.0[r].as_chunks_mut().0;
-            store(&mut to[2 * pair], sums[r][0]);
-            store(&mut to[2 * pair + 1], sums[r][1]);
-        }
-    }
-}
-
-/// Declares a function that adds the subtrees at `lane` and at `lane + $step`.
-macro_rules! subtree {
-    ($(#[$attribute:meta])* $name:ident = $half:ident + $step:literal) => {
-        $(#[$attribute])*
-        #[target_feature(enable = "avx2,fma")]
-        fn $name(q: [&[f32; PACKED_DIM]; 4], k: &[[f32; TILE]; PACKED_DIM], pair: usize, lane: usize) -> Sums {
-            let (mut a, b) = ($half(q, k, pair, lane), $half(q, k, pair, lane + $step));
-            for r in 0..4 {
-                a[r] = [_mm256_add_ps(a[r][0], b[r][0]), _mm256_add_ps(a[r][1], b[r][1])];
+            for side in 0..2 {
+                let mut p = [_mm256_setzero_ps(); 4];
+                for i in 0..4 {
+                    p[i] = pairs[i][r][side];
+                }
+                store(&mut to[2 * tile + side], _mm256_add_ps(_mm256_add_ps(p[0], p[1]), _mm256_add_ps(p[2], p[3])));
             }
-            a
-        }
-    };
-}
-
-subtree!(
-    // Inlined, the tree of 8 chains would spill its registers.
-    #[inline(never)]
-    two = chain + 4
-);
-subtree!(
-    #[inline]
-    four = two + 2
-);
-subtree!(
-    #[inline]
-    all = four + 1
-);
-
-/// One partial sum: the products at `lane` and every 8 after it.
-#[inline]
-#[target_feature(enable = "avx2,fma")]
-fn chain(q: [&[f32; PACKED_DIM]; 4], k: &[[f32; TILE]; PACKED_DIM], pair: usize, lane: usize) -> Sums {
-    let mut sums = [[_mm256_setzero_ps(); 2]; 4];
-    for c in 0..PACKED_DIM / HALF {
-        let d = lane + c * HALF;
-        let keys = k[d].as_chunks().0;
-        let (a, b) = (load(&keys[2 * pair]), load(&keys[2 * pair + 1]));
-        for r in 0..4 {
-            let q = _mm256_set1_ps(q[r][d]);
-            sums[r] = [_mm256_fmadd_ps(q, a, sums[r][0]), _mm256_fmadd_ps(q, b, sums[r][1])];
         }
     }
-    sums
 }
 
 /// The `Q` queries from `i` on, over all their keys; returns `Q`. `y` holds the sums of values times `exp(score - max)`
