@@ -16,6 +16,8 @@ pub fn apply(isa: Isa, activation: Activation, x: &mut [f32]) {
         // No version of their own yet.
         #[cfg(target_arch = "x86_64")]
         Backend::Avx2 | Backend::Avx512Vnni => scalar::apply(activation, x),
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        Backend::Amx => scalar::apply(activation, x),
     }
 }
 
@@ -28,6 +30,8 @@ pub fn softmax(isa: Isa, x: &mut [f32]) {
         // No version of their own yet.
         #[cfg(target_arch = "x86_64")]
         Backend::Avx2 | Backend::Avx512Vnni => scalar::softmax(x),
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        Backend::Amx => scalar::softmax(x),
     }
 }
 
@@ -38,5 +42,7 @@ pub fn argmax(isa: Isa, x: &[f32]) -> Option<usize> {
         // No version of their own yet.
         #[cfg(target_arch = "x86_64")]
         Backend::Avx2 | Backend::Avx512Vnni => scalar::argmax(x),
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        Backend::Amx => scalar::argmax(x),
     }
 }

@@ -81,6 +81,8 @@ pub fn attention_f32(
         // No version of their own yet.
         #[cfg(target_arch = "x86_64")]
         Backend::Avx2 | Backend::Avx512Vnni => scalar::attention(q, k, v, scale, bias, visible, y),
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        Backend::Amx => scalar::attention(q, k, v, scale, bias, visible, y),
     }
     Ok(())
 }

@@ -129,6 +129,9 @@ mod tests {
             #[cfg(target_arch = "x86_64")]
             // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that `fill` enables.
             Backend::Avx512Vnni => unsafe { avx512vnni::fill(&mut y, activations) },
+            #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+            // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
+            Backend::Amx => unsafe { avx512vnni::fill(&mut y, activations) },
         }
         y.map(|y| y.map(|y| if y.is_nan() { f32::NAN.to_bits() } else { y.to_bits() }))
     }

@@ -22,6 +22,8 @@ pub fn rms_norm(isa: Isa, x: Mat<f32>, weight: &[f32], eps: f32, y: MatMut<f32>)
         // No version of their own yet.
         #[cfg(target_arch = "x86_64")]
         Backend::Avx2 | Backend::Avx512Vnni => scalar::rms_norm(x, weight, eps, y),
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        Backend::Amx => scalar::rms_norm(x, weight, eps, y),
     }
     Ok(())
 }
@@ -50,6 +52,8 @@ pub fn layer_norm(
         // No version of their own yet.
         #[cfg(target_arch = "x86_64")]
         Backend::Avx2 | Backend::Avx512Vnni => scalar::layer_norm(x, weight, bias, eps, y),
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        Backend::Amx => scalar::layer_norm(x, weight, bias, eps, y),
     }
     Ok(())
 }
@@ -69,6 +73,8 @@ pub fn channel_sums(isa: Isa, x: Mat<f32>, sum: &mut [f64], squares: &mut [f64])
         // No version of their own yet.
         #[cfg(target_arch = "x86_64")]
         Backend::Avx2 | Backend::Avx512Vnni => scalar::channel_sums(x, sum, squares),
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        Backend::Amx => scalar::channel_sums(x, sum, squares),
     }
     Ok(())
 }
@@ -87,6 +93,8 @@ pub fn channel_affine(isa: Isa, x: MatMut<f32>, scale: &[f32], shift: &[f32]) ->
         // No version of their own yet.
         #[cfg(target_arch = "x86_64")]
         Backend::Avx2 | Backend::Avx512Vnni => scalar::channel_affine(x, scale, shift),
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        Backend::Amx => scalar::channel_affine(x, scale, shift),
     }
     Ok(())
 }
