@@ -158,7 +158,7 @@ fn multiply<const R: usize, const P: usize>(
     let whole: [(&[Tile], &[[i8; BYTES]]); 4] = quads.map(|quads| quads.as_chunks::<TILE>());
     let (steps, rest) = (whole[0].0.len(), whole[0].1.len());
     for (i, x) in inputs.iter().enumerate().take(steps) {
-        tiles.step::<R, P>(x, core::array::from_fn(|p| &whole[p].0[i]));
+        tiles.step::<R, P>(x, [&whole[0].0[i], &whole[1].0[i], &whole[2].0[i], &whole[3].0[i]]);
     }
     if rest > 0 {
         let mut last = [[[0; BYTES]; TILE]; 4];
