@@ -5,6 +5,9 @@
 //! share of the floor, the greater of arithmetic from registers and reading the same bytes from the same place.
 //! `hot` uses one weight matrix over and over; `cold` goes round 32 MiB of them, far beyond L2.
 
+#![expect(clippy::cast_possible_truncation, reason = "sizes are small, and random bytes are cut from wider numbers")]
+#![expect(clippy::missing_transmute_annotations, reason = "the fields that the symbols go to carry the signatures")]
+
 use std::hint::black_box;
 use std::time::Instant;
 use umo_kernels::matmul_bf16::matmul_bf16;
@@ -63,7 +66,6 @@ fn numbers(seed: u64) -> impl FnMut() -> u64 {
 struct Mkl {
     size: unsafe extern "C" fn(i32, i32, i32, i32) -> usize,
     pack: unsafe extern "C" fn(i32, i32, i32, i32, i32, i32, *const i8, i32, *mut u8),
-    #[expect(clippy::type_complexity, reason = "the C signature")]
     compute: unsafe extern "C" fn(
         i32,
         i32,
@@ -84,12 +86,10 @@ struct Mkl {
         i32,
         *const i32,
     ),
-    #[expect(clippy::type_complexity, reason = "the C signature")]
     sgemm:
         unsafe extern "C" fn(i32, i32, i32, i32, i32, i32, f32, *const f32, i32, *const f32, i32, f32, *mut f32, i32),
     sgemm_size: unsafe extern "C" fn(i32, i32, i32, i32) -> usize,
     sgemm_pack: unsafe extern "C" fn(i32, i32, i32, i32, i32, i32, f32, *const f32, i32, *mut f32),
-    #[expect(clippy::type_complexity, reason = "the C signature")]
     sgemm_compute:
         unsafe extern "C" fn(i32, i32, i32, i32, i32, i32, *const f32, i32, *const f32, i32, f32, *mut f32, i32),
 }
@@ -117,17 +117,20 @@ impl Mkl {
         let set: unsafe extern "C" fn(i32) = unsafe { std::mem::transmute(symbol(c"MKL_Set_Num_Threads")) };
         // SAFETY: any number of threads may be asked for.
         unsafe { set(threads) };
-        // SAFETY: the signatures are those of mkl_cblas.h with 32-bit integers.
-        Some(unsafe {
-            Self {
-                size: std::mem::transmute(symbol(c"cblas_gemm_s8u8s32_pack_get_size")),
-                pack: std::mem::transmute(symbol(c"cblas_gemm_s8u8s32_pack")),
-                compute: std::mem::transmute(symbol(c"cblas_gemm_s8u8s32_compute")),
-                sgemm: std::mem::transmute(symbol(c"cblas_sgemm")),
-                sgemm_size: std::mem::transmute(symbol(c"cblas_sgemm_pack_get_size")),
-                sgemm_pack: std::mem::transmute(symbol(c"cblas_sgemm_pack")),
-                sgemm_compute: std::mem::transmute(symbol(c"cblas_sgemm_compute")),
-            }
+        macro_rules! function {
+            ($name:literal) => {
+                // SAFETY: the field's signature is that of mkl_cblas.h with 32-bit integers.
+                unsafe { std::mem::transmute(symbol($name)) }
+            };
+        }
+        Some(Self {
+            size: function!(c"cblas_gemm_s8u8s32_pack_get_size"),
+            pack: function!(c"cblas_gemm_s8u8s32_pack"),
+            compute: function!(c"cblas_gemm_s8u8s32_compute"),
+            sgemm: function!(c"cblas_sgemm"),
+            sgemm_size: function!(c"cblas_sgemm_pack_get_size"),
+            sgemm_pack: function!(c"cblas_sgemm_pack"),
+            sgemm_compute: function!(c"cblas_sgemm_compute"),
         })
     }
 }
@@ -401,7 +404,7 @@ fn int8(
                     m32,
                     k32,
                     1.0,
-                    at.add(copy * size),
+                    at.wrapping_add(copy * size),
                     k32,
                     0,
                     x.as_ptr(),
@@ -516,7 +519,7 @@ fn float(n: usize, k: usize, m: usize, cold: bool, seconds: f64, floors: &Floors
                     m32,
                     k32,
                     1.0,
-                    at.add(copy * n * k),
+                    at.wrapping_add(copy * n * k),
                     k32,
                     x.as_ptr(),
                     k32,
@@ -556,7 +559,7 @@ fn float(n: usize, k: usize, m: usize, cold: bool, seconds: f64, floors: &Floors
                     n32,
                     m32,
                     k32,
-                    at.add(copy * size),
+                    at.wrapping_add(copy * size),
                     k32,
                     x.as_ptr(),
                     k32,

@@ -23,6 +23,9 @@ pub fn apply(isa: Isa, activation: Activation, x: &mut [f32]) {
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
         Backend::Avx512Vnni => unsafe { avx512vnni::apply(activation, x) },
+        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        Backend::Amx => unsafe { avx512vnni::apply(activation, x) },
     }
 }
 
@@ -39,6 +42,9 @@ pub fn softmax(isa: Isa, x: &mut [f32]) {
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
         Backend::Avx512Vnni => unsafe { avx512vnni::softmax(x) },
+        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        Backend::Amx => unsafe { avx512vnni::softmax(x) },
     }
 }
 
@@ -52,5 +58,8 @@ pub fn argmax(isa: Isa, x: &[f32]) -> Option<usize> {
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
         Backend::Avx512Vnni => unsafe { avx512vnni::argmax(x) },
+        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        Backend::Amx => unsafe { avx512vnni::argmax(x) },
     }
 }

@@ -90,6 +90,9 @@ pub fn attention_f32(
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
         Backend::Avx512Vnni => unsafe { avx512vnni::attention(operands, y) },
+        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        Backend::Amx => unsafe { avx512vnni::attention(operands, y) },
     }
     Ok(())
 }

@@ -32,6 +32,10 @@ pub fn matmul_bf16(isa: Isa, x: Input<f32>, w: PackedBf16, end: Epilogue, y: Mat
         #[cfg(target_arch = "x86_64")]
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that `avx512vnni` enables.
         Backend::Avx512Vnni => unsafe { avx512vnni::matmul(x, w, end, y) },
+        // Its tiles hold no f32.
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
+        Backend::Amx => unsafe { avx512vnni::matmul(x, w, end, y) },
     }
     Ok(())
 }
@@ -58,6 +62,10 @@ pub fn matmul_gated_bf16(
         #[cfg(target_arch = "x86_64")]
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that `avx512vnni` enables.
         Backend::Avx512Vnni => unsafe { avx512vnni::matmul_gated(x, gate, up, y) },
+        // Its tiles hold no f32.
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
+        Backend::Amx => unsafe { avx512vnni::matmul_gated(x, gate, up, y) },
     }
     Ok(())
 }

@@ -165,6 +165,10 @@ pub fn matmul_f32(isa: Isa, x: Input<f32>, w: PackedF32, end: Epilogue, y: MatMu
         #[cfg(target_arch = "x86_64")]
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that `avx512vnni` enables.
         Backend::Avx512Vnni => unsafe { avx512vnni::matmul(x, w, end, y) },
+        // Its tiles hold no f32.
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
+        Backend::Amx => unsafe { avx512vnni::matmul(x, w, end, y) },
     }
     Ok(())
 }
@@ -195,6 +199,10 @@ pub fn matmul_gated_f32(
         #[cfg(target_arch = "x86_64")]
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that `avx512vnni` enables.
         Backend::Avx512Vnni => unsafe { avx512vnni::matmul_gated(x, gate, up, y) },
+        // Its tiles hold no f32.
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
+        Backend::Amx => unsafe { avx512vnni::matmul_gated(x, gate, up, y) },
     }
     Ok(())
 }

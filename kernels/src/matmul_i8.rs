@@ -1,5 +1,7 @@
 //! Int8 matrix product: int8 weights per output row, activations quantised per row on the fly, int32 sums.
 
+#[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+mod amx;
 #[cfg(target_arch = "x86_64")]
 mod avx2;
 #[cfg(target_arch = "x86_64")]
@@ -54,6 +56,9 @@ pub fn quantize_rows(isa: Isa, x: Mat<f32>, steps: MatMut<i8>, scale: &mut [f32]
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
         Backend::Avx512Vnni => unsafe { quantize::avx512vnni::quantize_rows(x, steps, scale) },
+        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        Backend::Amx => unsafe { quantize::avx512vnni::quantize_rows(x, steps, scale) },
     }
     Ok(())
 }
@@ -86,6 +91,9 @@ pub fn matmul_i8(
         #[cfg(target_arch = "x86_64")]
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that `avx512vnni` enables.
         Backend::Avx512Vnni => unsafe { avx512vnni::matmul(x, w, end, y) },
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        // SAFETY: `Isa` holds `Amx` only after detection of tiles, and where it could hold `Avx512Vnni`.
+        Backend::Amx => unsafe { amx::matmul(x, w, end, y) },
     }
     Ok(())
 }
@@ -115,6 +123,9 @@ pub fn matmul_gated_i8(
         #[cfg(target_arch = "x86_64")]
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that `avx512vnni` enables.
         Backend::Avx512Vnni => unsafe { avx512vnni::matmul_gated(x, gate, up, y) },
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        // SAFETY: `Isa` holds `Amx` only after detection of tiles, and where it could hold `Avx512Vnni`.
+        Backend::Amx => unsafe { amx::matmul_gated(x, gate, up, y) },
     }
     Ok(())
 }

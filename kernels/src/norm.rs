@@ -30,6 +30,9 @@ pub fn rms_norm(isa: Isa, x: Mat<f32>, weight: &[f32], eps: f32, y: MatMut<f32>)
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
         Backend::Avx512Vnni => unsafe { avx512vnni::rms_norm(x, weight, eps, y) },
+        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        Backend::Amx => unsafe { avx512vnni::rms_norm(x, weight, eps, y) },
     }
     Ok(())
 }
@@ -61,6 +64,9 @@ pub fn layer_norm(
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
         Backend::Avx512Vnni => unsafe { avx512vnni::layer_norm(x, weight, bias, eps, y) },
+        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        Backend::Amx => unsafe { avx512vnni::layer_norm(x, weight, bias, eps, y) },
     }
     Ok(())
 }
@@ -83,6 +89,9 @@ pub fn channel_sums(isa: Isa, x: Mat<f32>, sum: &mut [f64], squares: &mut [f64])
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
         Backend::Avx512Vnni => unsafe { avx512vnni::channel_sums(x, sum, squares) },
+        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        Backend::Amx => unsafe { avx512vnni::channel_sums(x, sum, squares) },
     }
     Ok(())
 }
@@ -104,6 +113,9 @@ pub fn channel_affine(isa: Isa, x: MatMut<f32>, scale: &[f32], shift: &[f32]) ->
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
         Backend::Avx512Vnni => unsafe { avx512vnni::channel_affine(x, scale, shift) },
+        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        Backend::Amx => unsafe { avx512vnni::channel_affine(x, scale, shift) },
     }
     Ok(())
 }

@@ -1,6 +1,7 @@
 //! Every product on every back-end against its scalar twin: sizes around all tile edges, any alignment, gathered and
 //! scattered rows, all ends, extremes; and the two promises that callers build on, that a row's bits depend neither on
 //! the rows beside it nor on how the outputs are cut.
+#![expect(clippy::cast_possible_truncation, reason = "sizes of cases are far below 2^32")]
 
 use proptest::prelude::*;
 use umo_kernels::matmul_bf16::{matmul_bf16, matmul_gated_bf16};
@@ -352,17 +353,42 @@ fn int8_sums_are_exact(isa: Isa) {
     });
 }
 
-/// The longest sum of the greatest products, which is one below the limit of 32 bits.
+/// The longest sum of the greatest products, which is one below the limit of 32 bits, in tiles of one and of many rows.
 fn int8_sums_reach_the_limit(isa: Isa) {
     for (x_step, w_step) in [(i8::MIN, i8::MIN), (i8::MIN, i8::MAX), (i8::MAX, i8::MIN), (i8::MAX, i8::MAX)] {
-        let (x, w) = (vec![x_step; MAX_K], vec![w_step; MAX_K]);
-        let (mut packed, mut sum) = (vec![0; packed_len_i8(1, MAX_K)], [0]);
-        pack_i8(Mat::new(&w, 1, MAX_K).unwrap(), &mut packed, &mut sum).unwrap();
-        let rows = QuantRows::new(Mat::new(&x, 1, MAX_K).unwrap(), &[1.0]).unwrap();
-        let w = PackedI8::new(&packed, &[1.0], &sum, 1, MAX_K).unwrap();
-        let mut y = [0.0];
-        matmul_i8(isa, rows, None, w, Epilogue::STORE, MatMut::new(&mut y, 1, 1).unwrap()).unwrap();
-        assert_eq!(y[0], (MAX_K as i64 * i64::from(x_step) * i64::from(w_step)) as f32);
+        for m in [1, if isa == Isa::SCALAR { 2 } else { 19 }] {
+            let (x, w) = (vec![x_step; m * MAX_K], vec![w_step; MAX_K]);
+            let (mut packed, mut sum) = (vec![0; packed_len_i8(1, MAX_K)], [0]);
+            pack_i8(Mat::new(&w, 1, MAX_K).unwrap(), &mut packed, &mut sum).unwrap();
+            let scale = vec![1.0; m];
+            let rows = QuantRows::new(Mat::new(&x, m, MAX_K).unwrap(), &scale).unwrap();
+            let w = PackedI8::new(&packed, &[1.0], &sum, 1, MAX_K).unwrap();
+            let mut y = vec![0.0; m];
+            matmul_i8(isa, rows, None, w, Epilogue::STORE, MatMut::new(&mut y, m, 1).unwrap()).unwrap();
+            assert_eq!(y, vec![(MAX_K as i64 * i64::from(x_step) * i64::from(w_step)) as f32; m]);
+        }
+    }
+}
+
+/// Rows longer than what any back-end converts at once, in tiles of every height.
+fn long_rows_match_scalar(isa: Isa) {
+    for (m, k) in [(1, 2049), (3, 4097), (9, 4160), (20, 4100), (33, 8193)] {
+        let case = Case {
+            m,
+            n: 37,
+            k,
+            seed: k as u64,
+            offset: 3,
+            gap: 1,
+            gather: m > 3,
+            scatter: m == 9,
+            bias: true,
+            add: false,
+            activation: Activation::None,
+            fill: Fill::Random,
+        };
+        let operands = Operands::new(&case);
+        assert_eq!(operands.run(isa), operands.run(Isa::SCALAR), "{m} rows of {k}");
     }
 }
 
@@ -443,8 +469,9 @@ fn rows_and_outputs_stand_alone(isa: Isa) {
     });
 }
 
-for_each_isa!(products_match_scalar => avx2, avx512vnni);
-for_each_isa!(int8_sums_are_exact => scalar, avx2, avx512vnni);
-for_each_isa!(int8_sums_reach_the_limit => scalar, avx2, avx512vnni);
-for_each_isa!(float_sums_keep_their_bound => scalar, avx2, avx512vnni);
-for_each_isa!(rows_and_outputs_stand_alone => scalar, avx2, avx512vnni);
+for_each_isa!(products_match_scalar => avx2, avx512vnni, amx);
+for_each_isa!(int8_sums_are_exact => scalar, avx2, avx512vnni, amx);
+for_each_isa!(int8_sums_reach_the_limit => scalar, avx2, avx512vnni, amx);
+for_each_isa!(long_rows_match_scalar => avx2, avx512vnni, amx);
+for_each_isa!(float_sums_keep_their_bound => scalar, avx2, avx512vnni, amx);
+for_each_isa!(rows_and_outputs_stand_alone => scalar, avx2, avx512vnni, amx);

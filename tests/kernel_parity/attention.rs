@@ -207,7 +207,7 @@ for_each_isa!(
     attention_rows_are_independent,
     attention_row_is_the_same_among_500,
     attention_ignores_hidden_keys
-    => (scalar, avx2, avx512vnni)
+    => (scalar, avx2, avx512vnni, amx)
 );
 
 #[test]

@@ -58,10 +58,10 @@ fn quantize_rows_of_a_row_are_the_same_among_500(isa: Isa) {
     assert_eq!(run(isa, x.mat(), 0, 0), alone);
 }
 
-for_each_isa!(quantize_rows_has_the_scalar_bits => (avx2, avx512vnni));
+for_each_isa!(quantize_rows_has_the_scalar_bits => (avx2, avx512vnni, amx));
 for_each_isa!(
     quantize_rows_is_within_half_a_step,
     quantize_rows_rounds_halves_to_even,
     quantize_rows_of_a_row_are_the_same_among_500
-    => (scalar, avx2, avx512vnni)
+    => (scalar, avx2, avx512vnni, amx)
 );

@@ -294,6 +294,7 @@ pub(crate) fn store(dst: &mut [f32; PANEL], v: __m512) {
 
 /// The first `len` lanes, at most 16.
 #[inline]
+#[expect(clippy::cast_possible_truncation, reason = "16 bits by the assertion")]
 pub(crate) fn lanes(len: usize) -> __mmask16 {
     assert!(len <= PANEL);
     ((1_u32 << len) - 1) as __mmask16

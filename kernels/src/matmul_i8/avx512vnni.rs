@@ -23,6 +23,8 @@ const CHUNK_BYTES: usize = 768 << 10;
 const QUADS: usize = 1024;
 /// Quads between a multiplication and the prefetch of its weights from L2: 8 steps of 13 cycles are longer than L2 takes.
 const AHEAD: usize = 8;
+/// Panels of sums that a tile ends with at most, here and on AMX.
+const MOST_SUMS: usize = 64;
 /// Bytes in a register.
 const BYTES: usize = 64;
 
@@ -31,20 +33,20 @@ const BYTES: usize = 64;
 type Steps = [[u8; QUAD]; QUADS + BYTES / QUAD];
 
 /// What is multiplied, and how it ends. A *slot* is one panel in the order of work.
-enum Job<'a> {
+pub(super) enum Job<'a> {
     Plain(PackedI8<'a>, Epilogue<'a>),
     /// Gate and up panels take turns.
     Gated(PackedI8<'a>, PackedI8<'a>),
 }
 
 impl<'a> Job<'a> {
-    fn k(&self) -> usize {
+    pub(super) fn k(&self) -> usize {
         match self {
             Job::Plain(w, _) | Job::Gated(w, _) => w.k(),
         }
     }
 
-    fn slots(&self) -> usize {
+    pub(super) fn slots(&self) -> usize {
         match self {
             Job::Plain(w, _) => panels(w.n()),
             Job::Gated(gate, _) => 2 * panels(gate.n()),
@@ -53,7 +55,7 @@ impl<'a> Job<'a> {
 
     /// The weight and the panel of a slot.
     #[inline]
-    fn slot(&self, slot: usize) -> (&PackedI8<'a>, usize) {
+    pub(super) fn slot(&self, slot: usize) -> (&PackedI8<'a>, usize) {
         match self {
             Job::Plain(w, _) => (w, slot),
             Job::Gated(gate, up) => (if slot.is_multiple_of(2) { gate } else { up }, slot / 2),
@@ -179,7 +181,7 @@ fn group<const R: usize, const P: usize>(
             multiply(steps, panels.map(|panel| &panel[quads.clone()]), &mut sums);
         }
     }
-    finish(x, t, sums.as_flattened(), P, job, slot, y);
+    finish::<128>(x, t, sums.as_flattened(), P, job, slot, y);
 }
 
 /// The innermost tile: adds the products over the panels' quads to `R x P` sums in registers.
@@ -220,18 +222,27 @@ fn multiply<const R: usize, const P: usize>(
     }
 }
 
-/// Ends the sums `[rows, width]` of the rows from `t` on with the slots from `slot` on.
+/// Ends the sums `[rows, width]` of the rows from `t` on with the slots from `slot` on, whose inputs were raised by `OFFSET`.
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn finish(x: &QuantInput, t: usize, sums: &[[i32; PANEL]], width: usize, job: &Job, slot: usize, y: &mut MatMut<f32>) {
+pub(super) fn finish<const OFFSET: i32>(
+    x: &QuantInput,
+    t: usize,
+    sums: &[[i32; PANEL]],
+    width: usize,
+    job: &Job,
+    slot: usize,
+    y: &mut MatMut<f32>,
+) {
     let mut correction = [_mm512_setzero_si512(); MOST];
     let mut w_scale = [_mm512_setzero_ps(); MOST];
     for i in 0..width {
         let (w, p) = job.slot(slot + i);
         let outputs = p * PANEL..((p + 1) * PANEL).min(w.n());
-        correction[i] = _mm512_slli_epi32::<7>(load_sums_part(&w.sum()[outputs.clone()]));
+        let sum = load_sums_part(&w.sum()[outputs.clone()]);
+        correction[i] = _mm512_mullo_epi32(sum, _mm512_set1_epi32(OFFSET));
         w_scale[i] = load_part(&w.scale()[outputs]);
     }
-    let mut values = [[0.0; PANEL]; ROWS * MOST];
+    let mut values = [[0.0; PANEL]; MOST_SUMS];
     let values = &mut values[..sums.len()];
     for (t, (values, sums)) in (t..).zip(values.chunks_exact_mut(width).zip(sums.chunks_exact(width))) {
         let x_scale = _mm512_set1_ps(x.scale(t));
