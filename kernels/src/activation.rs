@@ -1,33 +1,50 @@
 //! Element-wise functions: GELU, softmax, argmax.
 
+#[cfg(target_arch = "x86_64")]
+mod avx2;
+#[cfg(target_arch = "x86_64")]
+mod avx512vnni;
 mod scalar;
 
 use crate::isa::{Backend, Isa};
 use crate::matmul_f32::Activation;
 
-pub(crate) use scalar::{activate, gelu_tanh};
+pub(crate) use scalar::activate;
 
 /// Applies `activation` to every element in place.
 ///
-/// Numerics: GELU's erf form within 2 ULP of the exact value plus `1e-7 * abs(x)`; its tanh form likewise.
+/// Numerics: both forms of GELU within 4 ULP of the exact value plus `1e-7 * abs(x)`; all back-ends agree bit for bit.
 pub fn apply(isa: Isa, activation: Activation, x: &mut [f32]) {
     match isa.0 {
         Backend::Scalar => scalar::apply(activation, x),
-        // No version of their own yet.
+        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::Avx512Vnni => scalar::apply(activation, x),
+        Backend::Avx2 => unsafe { avx2::apply(activation, x) },
+        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx512Vnni => unsafe { avx512vnni::apply(activation, x) },
+        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        Backend::Amx => unsafe { avx512vnni::apply(activation, x) },
     }
 }
 
 /// Softmax in place: `x[i] = exp(x[i] - max) / sum_j exp(x[j] - max)`. An empty slice stays empty.
 ///
-/// Numerics: within 4 ULP of the exact value for inputs within 80 of the maximum; sums to 1 within `len * 2^-23`.
+/// Numerics: relative error at most `(5 + abs(x[i] - max) + len) * 2^-23`, powers below 1.2e-38 are 0; all back-ends agree
+/// bit for bit.
 pub fn softmax(isa: Isa, x: &mut [f32]) {
     match isa.0 {
         Backend::Scalar => scalar::softmax(x),
-        // No version of their own yet.
+        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::Avx512Vnni => scalar::softmax(x),
+        Backend::Avx2 => unsafe { avx2::softmax(x) },
+        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx512Vnni => unsafe { avx512vnni::softmax(x) },
+        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        Backend::Amx => unsafe { avx512vnni::softmax(x) },
     }
 }
 
@@ -35,8 +52,14 @@ pub fn softmax(isa: Isa, x: &mut [f32]) {
 pub fn argmax(isa: Isa, x: &[f32]) -> Option<usize> {
     match isa.0 {
         Backend::Scalar => scalar::argmax(x),
-        // No version of their own yet.
+        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::Avx512Vnni => scalar::argmax(x),
+        Backend::Avx2 => unsafe { avx2::argmax(x) },
+        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx512Vnni => unsafe { avx512vnni::argmax(x) },
+        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        Backend::Amx => unsafe { avx512vnni::argmax(x) },
     }
 }

@@ -1,5 +1,9 @@
 //! Fused attention of one head: scores, relative-position bias, mask, softmax and values in one pass.
 
+#[cfg(target_arch = "x86_64")]
+mod avx2;
+#[cfg(target_arch = "x86_64")]
+mod avx512vnni;
 mod scalar;
 
 use crate::error::{ShapeError, expect_len};
@@ -33,7 +37,8 @@ pub enum Visible {
 ///
 /// Shapes: `q [m, head_dim]`, `k [n, head_dim]`, `v [n, head_dim]`, `y [m, head_dim]` (overwritten); all strided, so that
 /// a head is a column range of the projections.
-/// Numerics: f32; a row's bits do not depend on the other rows. Scores are never stored beyond a tile of keys.
+/// Numerics: f32, with error terms of `head_dim` and `n` sums; on one back-end a row's bits do not depend on the other
+/// rows, nor on keys that it does not see. Scores are never stored beyond a tile of keys.
 /// Cost: `2 * m * n * head_dim` multiply-adds; no allocation.
 /// Paper: section 3.1; SPEC 2.4.
 ///
@@ -76,11 +81,44 @@ pub fn attention_f32(
             return Err(ShapeError { arg: "bias.values", want, got: bias.values.len() });
         }
     }
+    let operands = Operands { q, k, v, scale, bias, visible };
     match isa.0 {
-        Backend::Scalar => scalar::attention(q, k, v, scale, bias, visible, y),
-        // No version of their own yet.
+        Backend::Scalar => scalar::attention(operands, y),
+        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::Avx512Vnni => scalar::attention(q, k, v, scale, bias, visible, y),
+        Backend::Avx2 => unsafe { avx2::attention(operands, y) },
+        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx512Vnni => unsafe { avx512vnni::attention(operands, y) },
+        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        Backend::Amx => unsafe { avx512vnni::attention(operands, y) },
     }
     Ok(())
+}
+
+/// The checked inputs of one call.
+#[derive(Clone, Copy)]
+struct Operands<'a> {
+    q: Mat<'a, f32>,
+    k: Mat<'a, f32>,
+    v: Mat<'a, f32>,
+    scale: f32,
+    bias: Option<RelativeBias<'a>>,
+    visible: Visible,
+}
+
+impl<'a> Operands<'a> {
+    /// How many keys, from the first on, query `i` sees.
+    fn keys(&self, i: usize) -> usize {
+        match self.visible {
+            Visible::All => self.k.rows(),
+            Visible::Causal { first } => first + i + 1,
+        }
+    }
+
+    /// Query `i`'s biases from key `first` on, at least for all keys; none at all where there is no bias.
+    fn bias(&self, i: usize, first: usize) -> &'a [f32] {
+        self.bias.map_or(&[], |bias| &bias.values[bias.origin - i + first..])
+    }
 }

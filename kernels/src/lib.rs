@@ -9,6 +9,7 @@
 //! | [`matmul_f32`], [`matmul_bf16`], [`matmul_i8`] | `x . w^T` with packed weights, plain, gated, gathered and scattered | 2.4 |
 //! | [`attention`] | softmax(q . k^T + bias) . v for one head | 2.4, 2.1, 2.6 |
 //! | [`experts`] | top-k routing and the counting sort of rows by expert | 2.4 |
+//! | [`conv1d`] | windows over time as the rows of a product, grouped convolution | 2.1, 2.7 |
 //! | [`norm`] | RMS norm, layer norm, per-channel statistics over time | 2.1, 2.4 |
 //! | [`activation`] | GELU (erf and tanh forms), softmax, argmax | 2.4, 2.5 |
 //! | [`mat`], [`pack`], [`isa`], [`error`] | views, weight layouts, processor detection, the one error | |
@@ -20,10 +21,13 @@
 pub mod activation;
 pub mod attention;
 pub mod bf16;
+pub mod conv1d;
 pub mod error;
 pub mod experts;
 pub mod isa;
+mod lanes;
 pub mod mat;
+mod math;
 pub mod matmul_bf16;
 pub mod matmul_f32;
 pub mod matmul_i8;

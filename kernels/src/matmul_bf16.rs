@@ -1,12 +1,17 @@
 //! Matrix product with bf16 weights and f32 activations and sums.
 
+#[cfg(target_arch = "x86_64")]
+mod avx2;
+#[cfg(target_arch = "x86_64")]
+mod avx512vnni;
 mod scalar;
 
+use crate::bf16::Bf16;
 use crate::error::{ShapeError, expect_len};
 use crate::isa::{Backend, Isa};
 use crate::mat::MatMut;
-use crate::matmul_f32::{Epilogue, Input, check_product};
-use crate::pack::PackedBf16;
+use crate::matmul_f32::{Epilogue, Input, Panels, check_product};
+use crate::pack::{PANEL, PackedBf16};
 
 /// Matrix product with bf16 weights, `y[t, o] = sum_i x[t, i] * w[o, i]` in f32, then the epilogue.
 ///
@@ -21,9 +26,16 @@ pub fn matmul_bf16(isa: Isa, x: Input<f32>, w: PackedBf16, end: Epilogue, y: Mat
     check_product((x.rows(), x.cols()), (w.n(), w.k()), &y, &end)?;
     match isa.0 {
         Backend::Scalar => scalar::matmul(x, w, end, y),
-        // No version of their own yet.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::Avx512Vnni => scalar::matmul(x, w, end, y),
+        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that `avx2` enables.
+        Backend::Avx2 => unsafe { avx2::matmul(x, w, end, y) },
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that `avx512vnni` enables.
+        Backend::Avx512Vnni => unsafe { avx512vnni::matmul(x, w, end, y) },
+        // Its tiles hold no f32.
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
+        Backend::Amx => unsafe { avx512vnni::matmul(x, w, end, y) },
     }
     Ok(())
 }
@@ -44,9 +56,29 @@ pub fn matmul_gated_bf16(
     expect_len("up", gate.k(), up.k())?;
     match isa.0 {
         Backend::Scalar => scalar::matmul_gated(x, gate, up, y),
-        // No version of their own yet.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::Avx512Vnni => scalar::matmul_gated(x, gate, up, y),
+        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that `avx2` enables.
+        Backend::Avx2 => unsafe { avx2::matmul_gated(x, gate, up, y) },
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that `avx512vnni` enables.
+        Backend::Avx512Vnni => unsafe { avx512vnni::matmul_gated(x, gate, up, y) },
+        // Its tiles hold no f32.
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
+        Backend::Amx => unsafe { avx512vnni::matmul_gated(x, gate, up, y) },
     }
     Ok(())
+}
+
+impl<'a> Panels<'a> for PackedBf16<'a> {
+    type Item = Bf16;
+    fn n(&self) -> usize {
+        PackedBf16::n(self)
+    }
+    fn k(&self) -> usize {
+        PackedBf16::k(self)
+    }
+    fn panel(&self, p: usize) -> &'a [[Bf16; PANEL]] {
+        PackedBf16::panel(self, p)
+    }
 }

@@ -1,11 +1,15 @@
 //! Single-precision matrix product with packed weights.
 
+#[cfg(target_arch = "x86_64")]
+pub(crate) mod avx2;
+#[cfg(target_arch = "x86_64")]
+pub(crate) mod avx512vnni;
 mod scalar;
 
 use crate::error::{ShapeError, expect_len};
 use crate::isa::{Backend, Isa};
 use crate::mat::{Mat, MatMut};
-use crate::pack::PackedF32;
+use crate::pack::{PANEL, PackedF32};
 
 /// The rows that a product reads: all rows of a matrix in order, or those that an index names.
 #[derive(Clone, Copy, Debug)]
@@ -155,9 +159,16 @@ pub fn matmul_f32(isa: Isa, x: Input<f32>, w: PackedF32, end: Epilogue, y: MatMu
     check_product((x.rows(), x.cols()), (w.n(), w.k()), &y, &end)?;
     match isa.0 {
         Backend::Scalar => scalar::matmul(x, w, end, y),
-        // No version of their own yet.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::Avx512Vnni => scalar::matmul(x, w, end, y),
+        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that `avx2` enables.
+        Backend::Avx2 => unsafe { avx2::matmul(x, w, end, y) },
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that `avx512vnni` enables.
+        Backend::Avx512Vnni => unsafe { avx512vnni::matmul(x, w, end, y) },
+        // Its tiles hold no f32.
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
+        Backend::Amx => unsafe { avx512vnni::matmul(x, w, end, y) },
     }
     Ok(())
 }
@@ -182,11 +193,81 @@ pub fn matmul_gated_f32(
     expect_len("up", gate.k(), up.k())?;
     match isa.0 {
         Backend::Scalar => scalar::matmul_gated(x, gate, up, y),
-        // No version of their own yet.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::Avx512Vnni => scalar::matmul_gated(x, gate, up, y),
+        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that `avx2` enables.
+        Backend::Avx2 => unsafe { avx2::matmul_gated(x, gate, up, y) },
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that `avx512vnni` enables.
+        Backend::Avx512Vnni => unsafe { avx512vnni::matmul_gated(x, gate, up, y) },
+        // Its tiles hold no f32.
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
+        Backend::Amx => unsafe { avx512vnni::matmul_gated(x, gate, up, y) },
     }
     Ok(())
 }
 
 pub(crate) use scalar::{finish_panel, gated};
+
+/// Packed weights of either float type, for the back-ends whose loops differ in nothing but the load.
+pub(crate) trait Panels<'a>: Copy {
+    /// One weight.
+    type Item: Copy + 'a;
+    /// Outputs.
+    fn n(&self) -> usize;
+    /// Inputs.
+    fn k(&self) -> usize;
+    /// Panel `p`: `[k, PANEL]`.
+    fn panel(&self, p: usize) -> &'a [[Self::Item; PANEL]];
+}
+
+impl<'a> Panels<'a> for PackedF32<'a> {
+    type Item = f32;
+    fn n(&self) -> usize {
+        PackedF32::n(self)
+    }
+    fn k(&self) -> usize {
+        PackedF32::k(self)
+    }
+    fn panel(&self, p: usize) -> &'a [[f32; PANEL]] {
+        PackedF32::panel(self, p)
+    }
+}
+
+/// What a float product multiplies, and how it ends. A *slot* is one panel in the order of work.
+pub(crate) enum Job<'a, W> {
+    /// A product with its end.
+    Plain(W, Epilogue<'a>),
+    /// Gate and up panels take turns.
+    Gated(W, W),
+}
+
+impl<'a, W: Panels<'a>> Job<'_, W> {
+    pub(crate) fn k(&self) -> usize {
+        match self {
+            Job::Plain(w, _) | Job::Gated(w, _) => w.k(),
+        }
+    }
+
+    pub(crate) fn slots(&self) -> usize {
+        match self {
+            Job::Plain(w, _) => crate::pack::panels(w.n()),
+            Job::Gated(gate, _) => 2 * crate::pack::panels(gate.n()),
+        }
+    }
+
+    /// The panel of a slot.
+    #[inline]
+    pub(crate) fn panel(&self, slot: usize) -> &'a [[W::Item; PANEL]] {
+        match self {
+            Job::Plain(w, _) => w.panel(slot),
+            Job::Gated(gate, up) => (if slot.is_multiple_of(2) { gate } else { up }).panel(slot / 2),
+        }
+    }
+}
+
+/// First row and number of rows of each tile: as few tiles as possible, as equal as possible.
+pub(crate) fn tiles(rows: usize, most: usize) -> impl Iterator<Item = (usize, usize)> {
+    let count = rows.div_ceil(most);
+    (0..count).map(move |i| (i * rows / count, (i + 1) * rows / count - i * rows / count))
+}

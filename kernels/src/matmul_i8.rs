@@ -1,5 +1,12 @@
 //! Int8 matrix product: int8 weights per output row, activations quantised per row on the fly, int32 sums.
 
+#[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+mod amx;
+#[cfg(target_arch = "x86_64")]
+mod avx2;
+#[cfg(target_arch = "x86_64")]
+mod avx512vnni;
+mod quantize;
 mod scalar;
 
 use crate::error::{ShapeError, expect_len};
@@ -43,9 +50,15 @@ pub fn quantize_rows(isa: Isa, x: Mat<f32>, steps: MatMut<i8>, scale: &mut [f32]
     expect_len("scale", x.rows(), scale.len())?;
     match isa.0 {
         Backend::Scalar => scalar::quantize_rows(x, steps, scale),
-        // No version of their own yet.
+        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::Avx512Vnni => scalar::quantize_rows(x, steps, scale),
+        Backend::Avx2 => unsafe { quantize::avx2::quantize_rows(x, steps, scale) },
+        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx512Vnni => unsafe { quantize::avx512vnni::quantize_rows(x, steps, scale) },
+        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        Backend::Amx => unsafe { quantize::avx512vnni::quantize_rows(x, steps, scale) },
     }
     Ok(())
 }
@@ -72,9 +85,15 @@ pub fn matmul_i8(
     check_product((x.rows.rows(), x.rows.cols()), (w.n(), w.k()), &y, &end)?;
     match isa.0 {
         Backend::Scalar => scalar::matmul(x, w, end, y),
-        // No version of their own yet.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::Avx512Vnni => scalar::matmul(x, w, end, y),
+        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that `avx2` enables.
+        Backend::Avx2 => unsafe { avx2::matmul(x, w, end, y) },
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that `avx512vnni` enables.
+        Backend::Avx512Vnni => unsafe { avx512vnni::matmul(x, w, end, y) },
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        // SAFETY: `Isa` holds `Amx` only after detection of tiles, and where it could hold `Avx512Vnni`.
+        Backend::Amx => unsafe { amx::matmul(x, w, end, y) },
     }
     Ok(())
 }
@@ -98,9 +117,15 @@ pub fn matmul_gated_i8(
     expect_len("up", gate.k(), up.k())?;
     match isa.0 {
         Backend::Scalar => scalar::matmul_gated(x, gate, up, y),
-        // No version of their own yet.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::Avx512Vnni => scalar::matmul_gated(x, gate, up, y),
+        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that `avx2` enables.
+        Backend::Avx2 => unsafe { avx2::matmul_gated(x, gate, up, y) },
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that `avx512vnni` enables.
+        Backend::Avx512Vnni => unsafe { avx512vnni::matmul_gated(x, gate, up, y) },
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        // SAFETY: `Isa` holds `Amx` only after detection of tiles, and where it could hold `Avx512Vnni`.
+        Backend::Amx => unsafe { amx::matmul_gated(x, gate, up, y) },
     }
     Ok(())
 }

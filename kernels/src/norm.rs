@@ -1,5 +1,9 @@
 //! Norms: RMS and layer norm over a row, statistics of a channel over time.
 
+#[cfg(target_arch = "x86_64")]
+mod avx2;
+#[cfg(target_arch = "x86_64")]
+mod avx512vnni;
 mod scalar;
 
 use crate::error::{ShapeError, expect_len};
@@ -9,7 +13,8 @@ use crate::mat::{Mat, MatMut};
 /// RMS norm as T5 has it, without mean and bias: `y = x / sqrt(mean(x^2) + eps) * weight`.
 ///
 /// Shapes: `x [rows, dim]`, `weight [dim]`, `y [rows, dim]` (overwritten).
-/// Numerics: the mean in f32 over 16 partial sums; relative error at most `dim * 2^-23`.
+/// Numerics: the mean in f32 over 16 partial sums; relative error at most `(dim / 2 + 5) * 2^-23`; all back-ends agree bit
+/// for bit.
 /// Paper: section 3.2 (backbone); SPEC 2.4.
 ///
 /// # Errors
@@ -19,9 +24,15 @@ pub fn rms_norm(isa: Isa, x: Mat<f32>, weight: &[f32], eps: f32, y: MatMut<f32>)
     check_same(&x, &y)?;
     match isa.0 {
         Backend::Scalar => scalar::rms_norm(x, weight, eps, y),
-        // No version of their own yet.
+        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::Avx512Vnni => scalar::rms_norm(x, weight, eps, y),
+        Backend::Avx2 => unsafe { avx2::rms_norm(x, weight, eps, y) },
+        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx512Vnni => unsafe { avx512vnni::rms_norm(x, weight, eps, y) },
+        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        Backend::Amx => unsafe { avx512vnni::rms_norm(x, weight, eps, y) },
     }
     Ok(())
 }
@@ -29,7 +40,7 @@ pub fn rms_norm(isa: Isa, x: Mat<f32>, weight: &[f32], eps: f32, y: MatMut<f32>)
 /// Layer norm: `y = (x - mean(x)) / sqrt(var(x) + eps) * weight + bias`, variance over the row, biased.
 ///
 /// Shapes: `x [rows, dim]`, `weight`, `bias` `[dim]`, `y [rows, dim]` (overwritten).
-/// Numerics: mean, then the mean of squared differences, each in f32 over 16 partial sums.
+/// Numerics: mean, then the mean of squared differences, each in f32 over 16 partial sums; all back-ends agree bit for bit.
 /// Paper: section 3 (audio tokenizer); SPEC 2.1.
 ///
 /// # Errors
@@ -47,9 +58,15 @@ pub fn layer_norm(
     check_same(&x, &y)?;
     match isa.0 {
         Backend::Scalar => scalar::layer_norm(x, weight, bias, eps, y),
-        // No version of their own yet.
+        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::Avx512Vnni => scalar::layer_norm(x, weight, bias, eps, y),
+        Backend::Avx2 => unsafe { avx2::layer_norm(x, weight, bias, eps, y) },
+        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx512Vnni => unsafe { avx512vnni::layer_norm(x, weight, bias, eps, y) },
+        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        Backend::Amx => unsafe { avx512vnni::layer_norm(x, weight, bias, eps, y) },
     }
     Ok(())
 }
@@ -66,9 +83,15 @@ pub fn channel_sums(isa: Isa, x: Mat<f32>, sum: &mut [f64], squares: &mut [f64])
     expect_len("squares", x.cols(), squares.len())?;
     match isa.0 {
         Backend::Scalar => scalar::channel_sums(x, sum, squares),
-        // No version of their own yet.
+        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::Avx512Vnni => scalar::channel_sums(x, sum, squares),
+        Backend::Avx2 => unsafe { avx2::channel_sums(x, sum, squares) },
+        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx512Vnni => unsafe { avx512vnni::channel_sums(x, sum, squares) },
+        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        Backend::Amx => unsafe { avx512vnni::channel_sums(x, sum, squares) },
     }
     Ok(())
 }
@@ -84,9 +107,15 @@ pub fn channel_affine(isa: Isa, x: MatMut<f32>, scale: &[f32], shift: &[f32]) ->
     expect_len("shift", x.cols(), shift.len())?;
     match isa.0 {
         Backend::Scalar => scalar::channel_affine(x, scale, shift),
-        // No version of their own yet.
+        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::Avx512Vnni => scalar::channel_affine(x, scale, shift),
+        Backend::Avx2 => unsafe { avx2::channel_affine(x, scale, shift) },
+        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx512Vnni => unsafe { avx512vnni::channel_affine(x, scale, shift) },
+        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        Backend::Amx => unsafe { avx512vnni::channel_affine(x, scale, shift) },
     }
     Ok(())
 }

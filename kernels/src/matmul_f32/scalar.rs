@@ -1,8 +1,9 @@
 //! The specification: one panel of outputs at a time, inputs in ascending order.
 
 use super::{Epilogue, Input};
-use crate::activation::{activate, gelu_tanh};
+use crate::activation::activate;
 use crate::mat::MatMut;
+use crate::math::scalar::gelu_tanh;
 use crate::pack::{PANEL, PackedF32, panels};
 
 pub(super) fn matmul(x: Input<f32>, w: PackedF32, end: Epilogue, mut y: MatMut<f32>) {

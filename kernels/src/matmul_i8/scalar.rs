@@ -15,20 +15,22 @@ pub(super) fn quantize_rows(x: Mat<f32>, mut steps: MatMut<i8>, scale: &mut [f32
 #[expect(clippy::cast_possible_truncation, reason = "rounded values lie in -127..=127")]
 pub(crate) fn quantize(row: &[f32], steps: &mut [i8]) -> f32 {
     let max = row.iter().fold(0.0_f32, |max, x| max.max(x.abs()));
-    if max == 0.0 {
+    let Some((per_unit, scale)) = per_unit(max) else {
         steps.fill(0);
         return 1.0;
-    }
-    let per_unit = 127.0 / max;
-    // A denormal maximum makes the quotient infinite: such a row is zero to any precision that matters.
-    if !per_unit.is_finite() {
-        steps.fill(0);
-        return 1.0;
-    }
+    };
     for (step, x) in steps.iter_mut().zip(row) {
         *step = (x * per_unit).round_ties_even() as i8;
     }
-    max / 127.0
+    scale
+}
+
+/// Steps per unit and the size of a step, for a row whose largest value is `max`; none for a row of zeros.
+#[inline]
+pub(super) fn per_unit(max: f32) -> Option<(f32, f32)> {
+    let per_unit = 127.0 / max;
+    // Nor where a denormal maximum makes the quotient infinite: such a row is zero to any precision that matters.
+    per_unit.is_finite().then_some((per_unit, max / 127.0))
 }
 
 pub(super) fn matmul(x: QuantInput, w: PackedI8, end: Epilogue, mut y: MatMut<f32>) {

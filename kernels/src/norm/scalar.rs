@@ -1,11 +1,11 @@
-//! The specification of the norms.
+//! The specification of the norms. Their loops run over independent elements or in 16 lanes, so that the vector
+//! back-ends are these same functions, compiled for their instruction set.
 
+use crate::lanes::sum_of;
 use crate::mat::{Mat, MatMut};
 
-/// Partial sums of a row: one AVX-512 register, so that every back-end can add in the same order.
-const LANES: usize = 16;
-
 #[expect(clippy::cast_precision_loss, reason = "row lengths are far below 2^24")]
+#[inline(always)]
 pub(super) fn rms_norm(x: Mat<f32>, weight: &[f32], eps: f32, mut y: MatMut<f32>) {
     for t in 0..x.rows() {
         let row = x.row(t);
@@ -18,6 +18,7 @@ pub(super) fn rms_norm(x: Mat<f32>, weight: &[f32], eps: f32, mut y: MatMut<f32>
 }
 
 #[expect(clippy::cast_precision_loss, reason = "row lengths are far below 2^24")]
+#[inline(always)]
 pub(super) fn layer_norm(x: Mat<f32>, weight: &[f32], bias: &[f32], eps: f32, mut y: MatMut<f32>) {
     for t in 0..x.rows() {
         let row = x.row(t);
@@ -30,28 +31,7 @@ pub(super) fn layer_norm(x: Mat<f32>, weight: &[f32], bias: &[f32], eps: f32, mu
     }
 }
 
-/// `sum_i f(x[i])` in `LANES` partial sums, added pairwise at the end.
-fn sum_of(x: &[f32], f: impl Fn(f32) -> f32) -> f32 {
-    let mut sums = [0.0; LANES];
-    let (chunks, tail) = x.as_chunks::<LANES>();
-    for chunk in chunks {
-        for (sum, &x) in sums.iter_mut().zip(chunk) {
-            *sum += f(x);
-        }
-    }
-    for (sum, &x) in sums.iter_mut().zip(tail) {
-        *sum += f(x);
-    }
-    let mut width = LANES / 2;
-    while width > 0 {
-        for lane in 0..width {
-            sums[lane] += sums[lane + width];
-        }
-        width /= 2;
-    }
-    sums[0]
-}
-
+#[inline(always)]
 pub(super) fn channel_sums(x: Mat<f32>, sum: &mut [f64], squares: &mut [f64]) {
     for t in 0..x.rows() {
         for ((&x, sum), squares) in x.row(t).iter().zip(sum.iter_mut()).zip(squares.iter_mut()) {
@@ -62,6 +42,7 @@ pub(super) fn channel_sums(x: Mat<f32>, sum: &mut [f64], squares: &mut [f64]) {
     }
 }
 
+#[inline(always)]
 pub(super) fn channel_affine(mut x: MatMut<f32>, scale: &[f32], shift: &[f32]) {
     for t in 0..x.rows() {
         for ((x, scale), shift) in x.row_mut(t).iter_mut().zip(scale).zip(shift) {

@@ -1,0 +1,83 @@
+//! 8 lanes, operation by operation as in `scalar.rs`.
+
+use super::{
+    EXP, EXP_MAX, EXP_MIN, LN_2_HIGH, LN_2_LOW, LOG2_E, ROUND, TAIL, TAIL_MAX, TANH_CUBE, TANH_MAX, TANH_SCALE,
+};
+use crate::matmul_f32::Activation;
+use core::arch::x86_64::*;
+
+/// `e^x`.
+#[inline]
+#[target_feature(enable = "avx2,fma")]
+pub(crate) fn exp(x: __m256) -> __m256 {
+    let small = _mm256_cmp_ps::<_CMP_LT_OQ>(x, _mm256_set1_ps(EXP_MIN));
+    let large = _mm256_cmp_ps::<_CMP_GT_OQ>(x, _mm256_set1_ps(EXP_MAX));
+    let unordered = _mm256_cmp_ps::<_CMP_UNORD_Q>(x, x);
+    let power = _mm256_blendv_ps(exp_in_range(x), _mm256_set1_ps(f32::INFINITY), large);
+    _mm256_blendv_ps(_mm256_blendv_ps(power, _mm256_setzero_ps(), small), x, unordered)
+}
+
+#[inline]
+#[target_feature(enable = "avx2,fma")]
+fn exp_in_range(x: __m256) -> __m256 {
+    let round = _mm256_set1_ps(ROUND);
+    let shifted = _mm256_add_ps(_mm256_mul_ps(x, _mm256_set1_ps(LOG2_E)), round);
+    let n = _mm256_sub_ps(shifted, round);
+    let r = _mm256_sub_ps(x, _mm256_mul_ps(n, _mm256_set1_ps(LN_2_HIGH)));
+    let r = _mm256_sub_ps(r, _mm256_mul_ps(n, _mm256_set1_ps(LN_2_LOW)));
+    let tail = polynomial(&EXP, r);
+    let power = _mm256_add_ps(_mm256_mul_ps(tail, _mm256_mul_ps(r, r)), r);
+    let power = _mm256_castps_si256(_mm256_add_ps(power, _mm256_set1_ps(1.0)));
+    let exponent = _mm256_slli_epi32::<23>(_mm256_castps_si256(shifted));
+    _mm256_castsi256_ps(_mm256_add_epi32(power, exponent))
+}
+
+/// The tanh form of GELU.
+#[inline]
+#[target_feature(enable = "avx2,fma")]
+pub(crate) fn gelu_tanh(x: __m256) -> __m256 {
+    let cube = _mm256_mul_ps(_mm256_mul_ps(_mm256_mul_ps(_mm256_set1_ps(TANH_CUBE), x), x), x);
+    let u = _mm256_mul_ps(_mm256_set1_ps(TANH_SCALE), _mm256_add_ps(x, cube));
+    // The second operand is the one that min and max return for NaN, as scalar's comparisons do.
+    let u = _mm256_min_ps(_mm256_set1_ps(TANH_MAX), u);
+    let u = _mm256_max_ps(_mm256_set1_ps(EXP_MIN), u);
+    _mm256_div_ps(x, _mm256_add_ps(exp_in_range(u), _mm256_set1_ps(1.0)))
+}
+
+/// The erf form of GELU.
+#[inline]
+#[target_feature(enable = "avx2,fma")]
+pub(crate) fn gelu_erf(x: __m256) -> __m256 {
+    let size = _mm256_andnot_ps(_mm256_set1_ps(-0.0), x);
+    let size = _mm256_min_ps(_mm256_set1_ps(TAIL_MAX), size);
+    let tail = exp_in_range(polynomial(&TAIL, size));
+    _mm256_sub_ps(_mm256_max_ps(x, _mm256_setzero_ps()), _mm256_mul_ps(size, tail))
+}
+
+/// [`Activation`] of 8 values, with the bits of [`crate::activation::activate`].
+#[inline]
+#[target_feature(enable = "avx2,fma")]
+pub(crate) fn activate(activation: Activation, x: __m256) -> __m256 {
+    let zero = _mm256_setzero_ps();
+    match activation {
+        Activation::None => x,
+        Activation::Relu => _mm256_max_ps(x, zero),
+        Activation::LeakyRelu(slope) => {
+            let keep = _mm256_cmp_ps::<_CMP_GE_OQ>(x, zero);
+            _mm256_blendv_ps(_mm256_mul_ps(_mm256_set1_ps(slope), x), x, keep)
+        }
+        Activation::Gelu => gelu_erf(x),
+        Activation::GeluTanh => gelu_tanh(x),
+    }
+}
+
+/// Horner's rule, highest power first.
+#[inline]
+#[target_feature(enable = "avx2,fma")]
+fn polynomial<const N: usize>(coefficients: &[f32; N], x: __m256) -> __m256 {
+    let mut value = _mm256_set1_ps(coefficients[0]);
+    for &c in &coefficients[1..] {
+        value = _mm256_add_ps(_mm256_mul_ps(value, x), _mm256_set1_ps(c));
+    }
+    value
+}

@@ -1,0 +1,80 @@
+//! 16 lanes, operation by operation as in `scalar.rs`.
+
+use super::{
+    EXP, EXP_MAX, EXP_MIN, LN_2_HIGH, LN_2_LOW, LOG2_E, ROUND, TAIL, TAIL_MAX, TANH_CUBE, TANH_MAX, TANH_SCALE,
+};
+use crate::matmul_f32::Activation;
+use core::arch::x86_64::*;
+
+/// `e^x`.
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+pub(crate) fn exp(x: __m512) -> __m512 {
+    let small = _mm512_cmp_ps_mask::<_CMP_LT_OQ>(x, _mm512_set1_ps(EXP_MIN));
+    let large = _mm512_cmp_ps_mask::<_CMP_GT_OQ>(x, _mm512_set1_ps(EXP_MAX));
+    // NaN lanes stay NaN by themselves: every step of theirs is arithmetic.
+    let power = _mm512_mask_blend_ps(large, exp_in_range(x), _mm512_set1_ps(f32::INFINITY));
+    _mm512_mask_blend_ps(small, power, _mm512_setzero_ps())
+}
+
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn exp_in_range(x: __m512) -> __m512 {
+    let round = _mm512_set1_ps(ROUND);
+    let n = _mm512_sub_ps(_mm512_add_ps(_mm512_mul_ps(x, _mm512_set1_ps(LOG2_E)), round), round);
+    let r = _mm512_sub_ps(x, _mm512_mul_ps(n, _mm512_set1_ps(LN_2_HIGH)));
+    let r = _mm512_sub_ps(r, _mm512_mul_ps(n, _mm512_set1_ps(LN_2_LOW)));
+    let tail = polynomial(&EXP, r);
+    let power = _mm512_add_ps(_mm512_mul_ps(tail, _mm512_mul_ps(r, r)), r);
+    // The result is normal, so this scaling is exact, as is scalar's addition to the exponent's bits.
+    _mm512_scalef_ps(_mm512_add_ps(power, _mm512_set1_ps(1.0)), n)
+}
+
+/// The tanh form of GELU.
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+pub(crate) fn gelu_tanh(x: __m512) -> __m512 {
+    let cube = _mm512_mul_ps(_mm512_mul_ps(_mm512_mul_ps(_mm512_set1_ps(TANH_CUBE), x), x), x);
+    let u = _mm512_mul_ps(_mm512_set1_ps(TANH_SCALE), _mm512_add_ps(x, cube));
+    // The second operand is the one that min and max return for NaN, as scalar's comparisons do.
+    let u = _mm512_min_ps(_mm512_set1_ps(TANH_MAX), u);
+    let u = _mm512_max_ps(_mm512_set1_ps(EXP_MIN), u);
+    _mm512_div_ps(x, _mm512_add_ps(exp_in_range(u), _mm512_set1_ps(1.0)))
+}
+
+/// The erf form of GELU.
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+pub(crate) fn gelu_erf(x: __m512) -> __m512 {
+    let size = _mm512_min_ps(_mm512_set1_ps(TAIL_MAX), _mm512_abs_ps(x));
+    let tail = exp_in_range(polynomial(&TAIL, size));
+    _mm512_sub_ps(_mm512_max_ps(x, _mm512_setzero_ps()), _mm512_mul_ps(size, tail))
+}
+
+/// [`Activation`] of 16 values, with the bits of [`crate::activation::activate`].
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+pub(crate) fn activate(activation: Activation, x: __m512) -> __m512 {
+    let zero = _mm512_setzero_ps();
+    match activation {
+        Activation::None => x,
+        Activation::Relu => _mm512_max_ps(x, zero),
+        Activation::LeakyRelu(slope) => {
+            let keep = _mm512_cmp_ps_mask::<_CMP_GE_OQ>(x, zero);
+            _mm512_mask_blend_ps(keep, _mm512_mul_ps(_mm512_set1_ps(slope), x), x)
+        }
+        Activation::Gelu => gelu_erf(x),
+        Activation::GeluTanh => gelu_tanh(x),
+    }
+}
+
+/// Horner's rule, highest power first.
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn polynomial<const N: usize>(coefficients: &[f32; N], x: __m512) -> __m512 {
+    let mut value = _mm512_set1_ps(coefficients[0]);
+    for &c in &coefficients[1..] {
+        value = _mm512_add_ps(_mm512_mul_ps(value, x), _mm512_set1_ps(c));
+    }
+    value
+}

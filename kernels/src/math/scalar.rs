@@ -1,0 +1,55 @@
+//! The specification: the order of operations that every back-end keeps.
+
+use super::{
+    EXP, EXP_MAX, EXP_MIN, LN_2_HIGH, LN_2_LOW, LOG2_E, ROUND, TAIL, TAIL_MAX, TANH_CUBE, TANH_MAX, TANH_SCALE,
+};
+
+/// `e^x`.
+#[inline]
+pub(crate) fn exp(x: f32) -> f32 {
+    if x > EXP_MAX {
+        f32::INFINITY
+    } else if x < EXP_MIN {
+        0.0
+    } else if x.is_nan() {
+        x
+    } else {
+        exp_in_range(x)
+    }
+}
+
+/// `e^x` for `EXP_MIN..=EXP_MAX`: `2^n * e^r` with `abs(r) <= ln(2) / 2`.
+#[inline]
+fn exp_in_range(x: f32) -> f32 {
+    let shifted = x * LOG2_E + ROUND;
+    let n = shifted - ROUND;
+    let r = (x - n * LN_2_HIGH) - n * LN_2_LOW;
+    let mut tail = EXP[0];
+    for c in &EXP[1..] {
+        tail = tail * r + c;
+    }
+    let power = (tail * (r * r) + r) + 1.0;
+    f32::from_bits(power.to_bits().wrapping_add(shifted.to_bits() << 23))
+}
+
+/// `x * (1 + tanh(sqrt(2 / pi) * (x + 0.044715 x^3))) / 2`, written as `x / (1 + exp(-2 u))`.
+#[inline]
+pub(crate) fn gelu_tanh(x: f32) -> f32 {
+    let u = TANH_SCALE * (x + ((TANH_CUBE * x) * x) * x);
+    let u = if TANH_MAX < u { TANH_MAX } else { u };
+    let u = if EXP_MIN > u { EXP_MIN } else { u };
+    x / (exp_in_range(u) + 1.0)
+}
+
+/// `x * (1 + erf(x / sqrt(2))) / 2`, written as `max(x, 0) - abs(x) * tail(abs(x))`.
+#[inline]
+pub(crate) fn gelu_erf(x: f32) -> f32 {
+    let size = x.abs();
+    let size = if TAIL_MAX < size { TAIL_MAX } else { size };
+    let mut tail = TAIL[0];
+    for c in &TAIL[1..] {
+        tail = tail * size + c;
+    }
+    let positive = if x > 0.0 { x } else { 0.0 };
+    positive - size * exp_in_range(tail)
+}

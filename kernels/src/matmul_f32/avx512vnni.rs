@@ -1,0 +1,324 @@
+//! 16 outputs per fused multiply-add, one sum per output in ascending order of inputs.
+
+use super::{Activation, Epilogue, Input, Job, Panels, tiles};
+use crate::mat::MatMut;
+use crate::math::avx512vnni::{activate, gelu_tanh};
+use crate::pack::{PANEL, PackedF32};
+use core::arch::x86_64::*;
+use core::ops::Range;
+
+/// Rows of the largest tile: 9 rows x 3 panels are 27 sums, which leaves three registers of weights and two to spare.
+/// Nine rows, three panels and a counter still have their addresses in registers.
+const ROWS: usize = 9;
+/// Rows of the largest tile of an even number of panels, as gated products need: 6 rows x 4 panels.
+const EVEN_ROWS: usize = 6;
+/// Bytes of weights in work at once, which stay in L2 while tiles of rows go by.
+const CHUNK_BYTES: usize = 768 << 10;
+/// Inputs between a multiplication and the prefetch of its weights from L2: 8 steps of 13 cycles.
+const AHEAD: usize = 8;
+
+/// Weights that widen to f32 as they are loaded.
+pub(crate) trait Load: Copy {
+    /// # Safety
+    /// The processor has the features of this back-end.
+    unsafe fn load(src: &[Self; PANEL]) -> __m512;
+    /// # Safety
+    /// The processor has the features of this back-end.
+    unsafe fn load_two(src: &[[Self; PANEL]; 2]) -> [__m512; 2];
+}
+
+impl Load for f32 {
+    #[inline]
+    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+    unsafe fn load(src: &[Self; PANEL]) -> __m512 {
+        load(src)
+    }
+
+    #[inline]
+    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+    unsafe fn load_two(src: &[[Self; PANEL]; 2]) -> [__m512; 2] {
+        [load(&src[0]), load(&src[1])]
+    }
+}
+
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+pub(super) fn matmul(x: Input<f32>, w: PackedF32, end: Epilogue, y: MatMut<f32>) {
+    run(x, &Job::Plain(w, end), y);
+}
+
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+pub(super) fn matmul_gated(x: Input<f32>, gate: PackedF32, up: PackedF32, y: MatMut<f32>) {
+    run(x, &Job::Gated(gate, up), y);
+}
+
+/// The whole product.
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+pub(crate) fn run<'a, W: Panels<'a, Item: Load>>(x: Input<f32>, job: &Job<'_, W>, mut y: MatMut<f32>) {
+    let most = if matches!(job, Job::Plain(..)) { ROWS } else { EVEN_ROWS };
+    // A multiple of the panels that any tile takes at once, and of gated pairs of them.
+    let panel_bytes = PANEL * size_of::<W::Item>() * job.k().max(1);
+    let width = (CHUNK_BYTES / panel_bytes / 12).max(1) * 12;
+    for first in (0..job.slots()).step_by(width) {
+        let slots = first..(first + width).min(job.slots());
+        for (t, rows) in tiles(x.rows(), most) {
+            match rows {
+                1 => tile::<W, 1, 4>(&x, t, job, slots.clone(), &mut y),
+                2 => tile::<W, 2, 4>(&x, t, job, slots.clone(), &mut y),
+                3 => tile::<W, 3, 4>(&x, t, job, slots.clone(), &mut y),
+                4 => tile::<W, 4, 4>(&x, t, job, slots.clone(), &mut y),
+                5 => tile::<W, 5, 4>(&x, t, job, slots.clone(), &mut y),
+                6 => tile::<W, 6, 4>(&x, t, job, slots.clone(), &mut y),
+                7 => tile::<W, 7, 3>(&x, t, job, slots.clone(), &mut y),
+                8 => tile::<W, 8, 3>(&x, t, job, slots.clone(), &mut y),
+                ROWS => tile::<W, ROWS, 3>(&x, t, job, slots.clone(), &mut y),
+                rows => unreachable!("a tile of {rows} rows"),
+            }
+        }
+    }
+}
+
+/// The rows from `t` on, `R` of them, with all `slots`, `P` at a time.
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn tile<'a, W: Panels<'a, Item: Load>, const R: usize, const P: usize>(
+    x: &Input<f32>,
+    t: usize,
+    job: &Job<'_, W>,
+    slots: Range<usize>,
+    y: &mut MatMut<f32>,
+) {
+    let rows: [&[f32]; R] = core::array::from_fn(|r| x.row(t + r));
+    let mut slot = slots.start;
+    while slot + P <= slots.end {
+        group::<W, R, P>(&rows, t, job, slot, y);
+        slot += P;
+    }
+    while slot + 2 <= slots.end {
+        group::<W, R, 2>(&rows, t, job, slot, y);
+        slot += 2;
+    }
+    if slot < slots.end {
+        group::<W, R, 1>(&rows, t, job, slot, y);
+    }
+}
+
+/// `R` rows with `P` slots from `slot` on, from the first input to the end of the product.
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn group<'a, W: Panels<'a, Item: Load>, const R: usize, const P: usize>(
+    rows: &[&[f32]; R],
+    t: usize,
+    job: &Job<'_, W>,
+    slot: usize,
+    y: &mut MatMut<f32>,
+) {
+    let mut sums = [[[0.0; PANEL]; P]; R];
+    multiply(rows, core::array::from_fn(|p| job.panel(slot + p)), &mut sums);
+    let sums = sums.as_flattened_mut();
+    match job {
+        Job::Plain(_, end) => finish(sums, P, t, slot * PANEL, end, y),
+        Job::Gated(..) => finish_gated(sums, P / 2, t, slot / 2 * PANEL, y),
+    }
+}
+
+/// The innermost tile: `R x P` sums in registers.
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn multiply<W: Load, const R: usize, const P: usize>(
+    rows: &[&[f32]; R],
+    panels: [&[[W; PANEL]]; P],
+    sums: &mut [[[f32; PANEL]; P]; R],
+) {
+    let k = rows[0].len();
+    // Lengths that are known to be equal need no check in the loop.
+    for row in rows {
+        assert!(row.len() == k);
+    }
+    for panel in panels {
+        assert!(panel.len() == k);
+    }
+    let mut acc = [[_mm512_setzero_ps(); P]; R];
+    let mut i = 0;
+    while i + 2 <= k {
+        let mut w = [[_mm512_setzero_ps(); 2]; P];
+        for p in 0..P {
+            let two: &[[W; PANEL]; 2] = panels[p][i..i + 2].first_chunk().expect("two of them");
+            // SAFETY: this function enables the features that `load_two` needs.
+            w[p] = unsafe { W::load_two(two) };
+            prefetch(panels[p].as_ptr().wrapping_add(i + AHEAD).cast());
+            if size_of::<W>() == 4 {
+                prefetch(panels[p].as_ptr().wrapping_add(i + AHEAD + 1).cast());
+            }
+        }
+        for step in 0..2 {
+            for r in 0..R {
+                let x = _mm512_set1_ps(rows[r][i + step]);
+                for p in 0..P {
+                    acc[r][p] = _mm512_fmadd_ps(x, w[p][step], acc[r][p]);
+                }
+            }
+        }
+        i += 2;
+    }
+    if i < k {
+        for p in 0..P {
+            // SAFETY: this function enables the features that `load` needs.
+            let w = unsafe { W::load(&panels[p][i]) };
+            for r in 0..R {
+                acc[r][p] = _mm512_fmadd_ps(_mm512_set1_ps(rows[r][i]), w, acc[r][p]);
+            }
+        }
+    }
+    for r in 0..R {
+        for p in 0..P {
+            store(&mut sums[r][p], acc[r][p]);
+        }
+    }
+}
+
+/// Most panels that a tile ends at once.
+pub(crate) const MOST: usize = 4;
+
+/// Ends `values [rows, panels]`: the outputs from `first` on of the rows from `t` on.
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+pub(crate) fn finish(
+    values: &mut [[f32; PANEL]],
+    panels: usize,
+    t: usize,
+    first: usize,
+    end: &Epilogue,
+    y: &mut MatMut<f32>,
+) {
+    let outputs = first..(first + panels * PANEL).min(y.cols());
+    if let Some(bias) = end.bias {
+        add_bias(values, panels, &bias[outputs.clone()]);
+    }
+    if end.activation != Activation::None {
+        activate_all(end.activation, values);
+    }
+    for (t, values) in (t..).zip(values.chunks_exact(panels)) {
+        if let Some(scatter) = end.scatter {
+            let factor = _mm512_set1_ps(scatter.weight[t]);
+            let y = &mut y.row_mut(scatter.rows[t] as usize)[outputs.clone()];
+            combine(values, y, |old, v| _mm512_add_ps(old, _mm512_mul_ps(factor, v)));
+        } else if end.add {
+            combine(values, &mut y.row_mut(t)[outputs.clone()], |old, v| _mm512_add_ps(old, v));
+        } else {
+            write(values, &mut y.row_mut(t)[outputs.clone()]);
+        }
+    }
+}
+
+/// Ends gated `values [rows, 2 * panels]`, in which gate and up panels take turns.
+#[inline(never)]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+pub(crate) fn finish_gated(values: &mut [[f32; PANEL]], panels: usize, t: usize, first: usize, y: &mut MatMut<f32>) {
+    let outputs = first..(first + panels * PANEL).min(y.cols());
+    for (t, values) in (t..).zip(values.chunks_exact_mut(2 * panels)) {
+        for i in 0..panels {
+            let v = _mm512_mul_ps(gelu_tanh(load(&values[2 * i])), load(&values[2 * i + 1]));
+            store(&mut values[i], v);
+        }
+        write(values, &mut y.row_mut(t)[outputs.clone()]);
+    }
+}
+
+/// Kept out of line, as are the activations: most products have neither, and their constants fill registers.
+#[inline(never)]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn add_bias(values: &mut [[f32; PANEL]], panels: usize, bias: &[f32]) {
+    let (bias, tail) = bias.as_chunks::<PANEL>();
+    for values in values.chunks_exact_mut(panels) {
+        for (v, bias) in values.iter_mut().zip(bias) {
+            let sum = _mm512_add_ps(load(v), load(bias));
+            store(v, sum);
+        }
+        if let Some(v) = values.get_mut(bias.len()) {
+            let sum = _mm512_add_ps(load(v), load_part(tail));
+            store(v, sum);
+        }
+    }
+}
+
+#[inline(never)]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn activate_all(activation: Activation, values: &mut [[f32; PANEL]]) {
+    for v in values {
+        let active = activate(activation, load(v));
+        store(v, active);
+    }
+}
+
+/// `y = values`; there may be more values than outputs.
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn write(values: &[[f32; PANEL]], y: &mut [f32]) {
+    let (y, y_tail) = y.as_chunks_mut::<PANEL>();
+    for (y, v) in y.iter_mut().zip(values) {
+        store(y, load(v));
+    }
+    if !y_tail.is_empty() {
+        store_part(y_tail, load(&values[y.len()]));
+    }
+}
+
+/// `y = f(y, values)`; there may be more values than outputs.
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn combine(values: &[[f32; PANEL]], y: &mut [f32], f: impl Fn(__m512, __m512) -> __m512) {
+    let (y, y_tail) = y.as_chunks_mut::<PANEL>();
+    for (y, v) in y.iter_mut().zip(values) {
+        let new = f(load(y), load(v));
+        store(y, new);
+    }
+    if !y_tail.is_empty() {
+        let new = f(load_part(y_tail), load(&values[y.len()]));
+        store_part(y_tail, new);
+    }
+}
+
+/// One panel's worth of floats.
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+pub(crate) fn load(src: &[f32; PANEL]) -> __m512 {
+    // SAFETY: `src` is 16 readable floats; the load needs no alignment.
+    unsafe { _mm512_loadu_ps(src.as_ptr()) }
+}
+
+/// Stores one panel's worth of floats.
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+pub(crate) fn store(dst: &mut [f32; PANEL], v: __m512) {
+    // SAFETY: `dst` is 16 writable floats; the store needs no alignment.
+    unsafe { _mm512_storeu_ps(dst.as_mut_ptr(), v) }
+}
+
+/// The first `len` lanes, at most 16.
+#[inline]
+#[expect(clippy::cast_possible_truncation, reason = "16 bits by the assertion")]
+pub(crate) fn lanes(len: usize) -> __mmask16 {
+    assert!(len <= PANEL);
+    ((1_u32 << len) - 1) as __mmask16
+}
+
+/// A part of a panel, then zeros.
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+pub(crate) fn load_part(src: &[f32]) -> __m512 {
+    // SAFETY: the mask names the lanes of `src` alone; others are not read.
+    unsafe { _mm512_maskz_loadu_ps(lanes(src.len()), src.as_ptr()) }
+}
+
+/// Stores the first lanes, as many as `dst` has.
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+pub(crate) fn store_part(dst: &mut [f32], v: __m512) {
+    // SAFETY: the mask names the lanes of `dst` alone; others are not written.
+    unsafe { _mm512_mask_storeu_ps(dst.as_mut_ptr(), lanes(dst.len()), v) }
+}
+
+/// Fetches the line at `line`, wherever that is.
+#[inline]
+pub(crate) fn prefetch(line: *const i8) {
+    // SAFETY: a prefetch is a hint: it reads nothing that the program can see and never faults.
+    unsafe { _mm_prefetch::<_MM_HINT_T0>(line) }
+}

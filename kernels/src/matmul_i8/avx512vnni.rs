@@ -1,0 +1,303 @@
+//! Four inputs of 16 outputs per instruction: `vpdpbusd`, which multiplies unsigned by signed bytes.
+//!
+//! Input rows are made unsigned (`x + 128`) in a small buffer on the stack, a tile of rows at a time; what that adds,
+//! `128 * sum(w)`, is taken from the sums before they start. All of it wraps in 32 bits, so the sums are exact.
+
+use super::QuantInput;
+use crate::mat::MatMut;
+use crate::matmul_f32::avx512vnni::{self as float, MOST, lanes, load_part, prefetch, store};
+use crate::matmul_f32::{Epilogue, tiles};
+use crate::pack::{PANEL, PackedI8, QUAD, panels};
+use core::arch::x86_64::*;
+use core::ops::Range;
+
+/// Rows of the largest tile: 9 rows x 3 panels are 27 sums, which leaves three registers of weights and two to spare.
+const ROWS: usize = 9;
+/// Rows of the largest tile of an even number of panels, as gated products need: 6 rows x 4 panels.
+const EVEN_ROWS: usize = 6;
+/// Rows of a tile that is bound by memory, where clearing the large buffer would show.
+const FEW_ROWS: usize = 4;
+/// Bytes of weights in work at once, which stay in L2 while tiles of rows go by: half of a small server's L2.
+const CHUNK_BYTES: usize = 768 << 10;
+/// Quads of inputs converted at once: 9 rows are 37 KiB.
+const QUADS: usize = 1024;
+/// Quads between a multiplication and the prefetch of its weights from L2: 8 steps of 13 cycles are longer than L2 takes.
+const AHEAD: usize = 8;
+/// Panels of sums that a tile ends with at most, here and on AMX.
+const MOST_SUMS: usize = 64;
+/// Bytes in a register.
+const BYTES: usize = 64;
+
+/// Unsigned steps of one row, with room for a whole register behind the last; the extra line keeps rows off each
+/// other's cache sets.
+type Steps = [[u8; QUAD]; QUADS + BYTES / QUAD];
+
+/// What is multiplied, and how it ends. A *slot* is one panel in the order of work.
+pub(super) enum Job<'a> {
+    Plain(PackedI8<'a>, Epilogue<'a>),
+    /// Gate and up panels take turns.
+    Gated(PackedI8<'a>, PackedI8<'a>),
+}
+
+impl<'a> Job<'a> {
+    pub(super) fn k(&self) -> usize {
+        match self {
+            Job::Plain(w, _) | Job::Gated(w, _) => w.k(),
+        }
+    }
+
+    pub(super) fn slots(&self) -> usize {
+        match self {
+            Job::Plain(w, _) => panels(w.n()),
+            Job::Gated(gate, _) => 2 * panels(gate.n()),
+        }
+    }
+
+    /// The weight and the panel of a slot.
+    #[inline]
+    pub(super) fn slot(&self, slot: usize) -> (&PackedI8<'a>, usize) {
+        match self {
+            Job::Plain(w, _) => (w, slot),
+            Job::Gated(gate, up) => (if slot.is_multiple_of(2) { gate } else { up }, slot / 2),
+        }
+    }
+}
+
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+pub(super) fn matmul(x: QuantInput, w: PackedI8, end: Epilogue, y: MatMut<f32>) {
+    run(x, &Job::Plain(w, end), y);
+}
+
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+pub(super) fn matmul_gated(x: QuantInput, gate: PackedI8, up: PackedI8, y: MatMut<f32>) {
+    run(x, &Job::Gated(gate, up), y);
+}
+
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn run(x: QuantInput, job: &Job, y: MatMut<f32>) {
+    match job {
+        _ if x.rows.rows() <= FEW_ROWS => product::<FEW_ROWS>(x, job, y),
+        Job::Plain(..) => product::<ROWS>(x, job, y),
+        Job::Gated(..) => product::<EVEN_ROWS>(x, job, y),
+    }
+}
+
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn product<const TILE: usize>(x: QuantInput, job: &Job, mut y: MatMut<f32>) {
+    let mut steps = [[[0; QUAD]; QUADS + BYTES / QUAD]; TILE];
+    // A multiple of the panels that any tile takes at once, and of gated pairs of them.
+    let width = (CHUNK_BYTES / (PANEL * job.k().max(1)) / 12).max(1) * 12;
+    for first in (0..job.slots()).step_by(width) {
+        let slots = first..(first + width).min(job.slots());
+        for (t, rows) in tiles(x.rows.rows(), TILE) {
+            let steps = &mut steps[..rows];
+            convert(&x, t, 0, steps);
+            match rows {
+                1 => tile::<1, 4>(&x, t, steps, job, slots.clone(), &mut y),
+                2 => tile::<2, 4>(&x, t, steps, job, slots.clone(), &mut y),
+                3 => tile::<3, 4>(&x, t, steps, job, slots.clone(), &mut y),
+                4 => tile::<4, 4>(&x, t, steps, job, slots.clone(), &mut y),
+                5 => tile::<5, 4>(&x, t, steps, job, slots.clone(), &mut y),
+                6 => tile::<6, 4>(&x, t, steps, job, slots.clone(), &mut y),
+                7 => tile::<7, 3>(&x, t, steps, job, slots.clone(), &mut y),
+                8 => tile::<8, 3>(&x, t, steps, job, slots.clone(), &mut y),
+                ROWS => tile::<ROWS, 3>(&x, t, steps, job, slots.clone(), &mut y),
+                rows => unreachable!("a tile of {rows} rows"),
+            }
+        }
+    }
+}
+
+/// The inputs from `first` on of the rows from `t` on, made unsigned, as many of both as `steps` holds.
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn convert(x: &QuantInput, t: usize, first: usize, steps: &mut [Steps]) {
+    let inputs = first..(first + QUADS * QUAD).min(x.rows.cols());
+    for (t, steps) in (t..).zip(steps.iter_mut()) {
+        unsigned(&x.rows.row(t)[inputs.clone()], steps);
+    }
+}
+
+/// `x + 128` of one row.
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn unsigned(x: &[i8], steps: &mut Steps) {
+    let flip = _mm512_set1_epi8(i8::MIN);
+    let steps = steps.as_flattened_mut().as_chunks_mut::<BYTES>().0;
+    let (x, x_tail) = x.as_chunks::<BYTES>();
+    for (x, steps) in x.iter().zip(steps.iter_mut()) {
+        store_bytes(steps, _mm512_xor_si512(load_bytes(x), flip));
+    }
+    // Whatever stands behind the last input meets weights that are zero.
+    store_bytes(&mut steps[x.len()], _mm512_xor_si512(load_bytes_part(x_tail), flip));
+}
+
+/// The rows from `t` on, `R` of them, with all `slots`, `P` at a time.
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn tile<const R: usize, const P: usize>(
+    x: &QuantInput,
+    t: usize,
+    steps: &mut [Steps],
+    job: &Job,
+    slots: Range<usize>,
+    y: &mut MatMut<f32>,
+) {
+    let steps: &mut [Steps; R] = steps.first_chunk_mut().expect("R was chosen by the number of rows");
+    let mut slot = slots.start;
+    while slot + P <= slots.end {
+        group::<R, P>(x, t, steps, job, slot, y);
+        slot += P;
+    }
+    while slot + 2 <= slots.end {
+        group::<R, 2>(x, t, steps, job, slot, y);
+        slot += 2;
+    }
+    if slot < slots.end {
+        group::<R, 1>(x, t, steps, job, slot, y);
+    }
+}
+
+/// `R` rows with `P` slots from `slot` on, from the first input to the end of the product.
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn group<const R: usize, const P: usize>(
+    x: &QuantInput,
+    t: usize,
+    steps: &mut [Steps; R],
+    job: &Job,
+    slot: usize,
+    y: &mut MatMut<f32>,
+) {
+    let panels: [&[[i8; BYTES]]; P] = core::array::from_fn(|p| {
+        let (w, p) = job.slot(slot + p);
+        w.panel(p)
+    });
+    let mut sums = [[[0; PANEL]; P]; R];
+    let k = job.k();
+    if k <= QUADS * QUAD {
+        multiply(steps, panels, &mut sums);
+    } else {
+        for first in (0..k).step_by(QUADS * QUAD) {
+            convert(x, t, first, steps);
+            let quads = first / QUAD..(first / QUAD + QUADS).min(k.div_ceil(QUAD));
+            multiply(steps, panels.map(|panel| &panel[quads.clone()]), &mut sums);
+        }
+    }
+    finish::<128>(x, t, sums.as_flattened(), P, job, slot, y);
+}
+
+/// The innermost tile: adds the products over the panels' quads to `R x P` sums in registers.
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn multiply<const R: usize, const P: usize>(
+    steps: &[Steps; R],
+    panels: [&[[i8; BYTES]]; P],
+    sums: &mut [[[i32; PANEL]; P]; R],
+) {
+    let quads = panels[0].len();
+    assert!(quads <= QUADS);
+    for panel in panels {
+        assert!(panel.len() == quads);
+    }
+    let mut acc = [[_mm512_setzero_si512(); P]; R];
+    for r in 0..R {
+        for p in 0..P {
+            acc[r][p] = load_sums(&sums[r][p]);
+        }
+    }
+    for q in 0..quads {
+        let w: [__m512i; P] = core::array::from_fn(|p| load_bytes(&panels[p][q]));
+        for panel in &panels {
+            prefetch(panel.as_ptr().wrapping_add(q + AHEAD).cast());
+        }
+        for r in 0..R {
+            let x = _mm512_set1_epi32(i32::from_ne_bytes(steps[r][q]));
+            for p in 0..P {
+                acc[r][p] = _mm512_dpbusd_epi32(acc[r][p], x, w[p]);
+            }
+        }
+    }
+    for r in 0..R {
+        for p in 0..P {
+            store_sums(&mut sums[r][p], acc[r][p]);
+        }
+    }
+}
+
+/// Ends the sums `[rows, width]` of the rows from `t` on with the slots from `slot` on, whose inputs were raised by `OFFSET`.
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+pub(super) fn finish<const OFFSET: i32>(
+    x: &QuantInput,
+    t: usize,
+    sums: &[[i32; PANEL]],
+    width: usize,
+    job: &Job,
+    slot: usize,
+    y: &mut MatMut<f32>,
+) {
+    let mut correction = [_mm512_setzero_si512(); MOST];
+    let mut w_scale = [_mm512_setzero_ps(); MOST];
+    for i in 0..width {
+        let (w, p) = job.slot(slot + i);
+        let outputs = p * PANEL..((p + 1) * PANEL).min(w.n());
+        let sum = load_sums_part(&w.sum()[outputs.clone()]);
+        correction[i] = _mm512_mullo_epi32(sum, _mm512_set1_epi32(OFFSET));
+        w_scale[i] = load_part(&w.scale()[outputs]);
+    }
+    let mut values = [[0.0; PANEL]; MOST_SUMS];
+    let values = &mut values[..sums.len()];
+    for (t, (values, sums)) in (t..).zip(values.chunks_exact_mut(width).zip(sums.chunks_exact(width))) {
+        let x_scale = _mm512_set1_ps(x.scale(t));
+        for i in 0..width {
+            // The exact sum rounded to f32 once, then scalar's order of roundings.
+            let sum = _mm512_sub_epi32(load_sums(&sums[i]), correction[i]);
+            let v = _mm512_mul_ps(_mm512_cvtepi32_ps(sum), _mm512_mul_ps(x_scale, w_scale[i]));
+            store(&mut values[i], v);
+        }
+    }
+    match job {
+        Job::Plain(_, end) => float::finish(values, width, t, slot * PANEL, end, y),
+        Job::Gated(..) => float::finish_gated(values, width / 2, t, slot / 2 * PANEL, y),
+    }
+}
+
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn load_bytes(src: &[i8; BYTES]) -> __m512i {
+    // SAFETY: `src` is 64 readable bytes; the load needs no alignment.
+    unsafe { _mm512_loadu_si512(src.as_ptr().cast()) }
+}
+
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn load_bytes_part(src: &[i8]) -> __m512i {
+    assert!(src.len() < BYTES);
+    // SAFETY: the mask names the bytes of `src` alone; others are not read.
+    unsafe { _mm512_maskz_loadu_epi8((1 << src.len()) - 1, src.as_ptr()) }
+}
+
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn store_bytes(dst: &mut [u8; BYTES], v: __m512i) {
+    // SAFETY: `dst` is 64 writable bytes; the store needs no alignment.
+    unsafe { _mm512_storeu_si512(dst.as_mut_ptr().cast(), v) }
+}
+
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn load_sums(src: &[i32; PANEL]) -> __m512i {
+    // SAFETY: `src` is 64 readable bytes; the load needs no alignment.
+    unsafe { _mm512_loadu_si512(src.as_ptr().cast()) }
+}
+
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn store_sums(dst: &mut [i32; PANEL], v: __m512i) {
+    // SAFETY: `dst` is 64 writable bytes; the store needs no alignment.
+    unsafe { _mm512_storeu_si512(dst.as_mut_ptr().cast(), v) }
+}
+
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn load_sums_part(src: &[i32]) -> __m512i {
+    // SAFETY: the mask names the elements of `src` alone; others are not read.
+    unsafe { _mm512_maskz_loadu_epi32(lanes(src.len()), src.as_ptr()) }
+}

@@ -1,0 +1,233 @@
+//! Attention: against f64, exactly where the result can be known exactly, and the same bits alone and among others.
+
+use proptest::prelude::*;
+use umo_kernels::attention::{RelativeBias, Visible, attention_f32};
+use umo_kernels::{Isa, ShapeError};
+use umo_tests::{EPSILON, Fill, Guarded, Noise, Placed, bits, cases, fill, for_each_isa, near, offset};
+
+/// The operands of one call.
+#[derive(Clone, Debug)]
+struct Case {
+    q: Placed<f32>,
+    k: Placed<f32>,
+    v: Placed<f32>,
+    scale: f32,
+    bias: Option<(Vec<f32>, usize)>,
+    visible: Visible,
+}
+
+/// Sizes, masks and places; the values come from `seed`.
+#[derive(Clone, Debug)]
+struct Shape {
+    m: usize,
+    n: usize,
+    dim: usize,
+    causal: bool,
+    biased: bool,
+    gap: usize,
+    offset: usize,
+    seed: u64,
+}
+
+fn shape() -> impl Strategy<Value = Shape> {
+    let rows = prop_oneof![near(4, 4), near(8, 3), near(16, 2)];
+    let keys = prop_oneof![near(16, 6), near(64, 4), near(128, 2)];
+    let dim = prop_oneof![2 => Just(64), 1 => near(16, 9), 1 => near(8, 5)];
+    let place = (prop_oneof![Just(0), 0..40_usize], offset());
+    (rows, keys, dim, any::<bool>(), any::<bool>(), place, any::<u64>()).prop_map(
+        |(m, n, dim, causal, biased, (gap, offset), seed)| {
+            let n = if causal { n.max(m) } else { n }.max(1);
+            Shape { m, n, dim, causal, biased, gap, offset, seed }
+        },
+    )
+}
+
+impl Shape {
+    fn case(&self, scores: Fill, values: Fill, scale: f32, bias: impl Fn(&mut Noise) -> f32) -> Case {
+        let mut noise = Noise::new(self.seed);
+        let place = |rows, fill: Fill, noise: &mut Noise| {
+            Placed::new(rows, self.dim, self.gap, self.offset, || fill.next(noise))
+        };
+        let q = place(self.m, scores, &mut noise);
+        let k = place(self.n, scores, &mut noise);
+        let v = place(self.n, values, &mut noise);
+        let origin = self.m + noise.below(5);
+        let bias = self.biased.then(|| ((0..origin + self.n).map(|_| bias(&mut noise)).collect(), origin));
+        let slack = if self.causal { self.n - self.m } else { 0 };
+        let first = noise.below(slack + 1);
+        // Half of the time, the last visible key crosses a multiple of 16 among the first queries.
+        let first = if noise.below(2) == 0 { first } else { (first / 16 * 16 + 14).min(slack) };
+        let visible = if self.causal { Visible::Causal { first } } else { Visible::All };
+        Case { q, k, v, scale, bias, visible }
+    }
+}
+
+impl Case {
+    fn run(&self, isa: Isa, gap: usize, offset: usize) -> Vec<Vec<f32>> {
+        let (q, k, v) = (self.q.mat(), self.k.mat(), self.v.mat());
+        let mut y = Guarded::new(q.rows(), q.cols(), gap, offset);
+        let bias = self.bias.as_ref().map(|(values, origin)| RelativeBias { values, origin: *origin });
+        attention_f32(isa, q, k, v, self.scale, bias, self.visible, y.mat()).expect("shapes agree");
+        y.checked()
+    }
+
+    /// Query `i` by itself.
+    fn run_alone(&self, isa: Isa, i: usize) -> Vec<f32> {
+        let (q, k, v) = (self.q.mat().row_range(i..i + 1), self.k.mat(), self.v.mat());
+        let mut y = Guarded::new(1, q.cols(), 0, 0);
+        let bias = self.bias.as_ref().map(|(values, origin)| RelativeBias { values, origin: origin - i });
+        let visible = match self.visible {
+            Visible::All => Visible::All,
+            Visible::Causal { first } => Visible::Causal { first: first + i },
+        };
+        attention_f32(isa, q, k, v, self.scale, bias, visible, y.mat()).expect("shapes agree");
+        y.checked().remove(0)
+    }
+
+    /// What query `i` scores each key that it sees, in f64, with `scale * sum(abs(q * k)) + abs(bias)`.
+    fn scores(&self, i: usize) -> Vec<(f64, f64)> {
+        let keys = match self.visible {
+            Visible::All => self.k.mat().rows(),
+            Visible::Causal { first } => first + i + 1,
+        };
+        let score = |j: usize| {
+            let products = self.q.mat().row(i).iter().zip(self.k.mat().row(j));
+            let products = products.map(|(&q, &k)| f64::from(q) * f64::from(k) * f64::from(self.scale));
+            let bias = self.bias.as_ref().map_or(0.0, |(values, origin)| f64::from(values[origin + j - i]));
+            products.fold((bias, bias.abs()), |(sum, size), product| (sum + product, size + product.abs()))
+        };
+        (0..keys).map(score).collect()
+    }
+
+    /// Row `i` in f64, each value with the error that f32 may make of it.
+    ///
+    /// A score is a sum of `dim + 2` terms; its error `d` changes its weight by the factor `exp(d)`, and so does the
+    /// rounding of the difference from the maximum. Each tile of at least 16 keys may rescale once more: two roundings
+    /// and one `exp`, whose error is below 3 units. Weights and weighted values are then sums of `keys` terms.
+    fn exact(&self, i: usize) -> Vec<(f64, f64)> {
+        let (scores, dim) = (self.scores(i), self.q.mat().cols());
+        let keys = scores.len() as f64;
+        let tiles = 1.0 + keys / 16.0;
+        let max = scores.iter().fold(f64::NEG_INFINITY, |max, score| max.max(score.0));
+        let size = scores.iter().fold(0.0_f64, |size, score| size.max(score.1));
+        let weights: Vec<f64> = scores.iter().map(|score| (score.0 - max).exp()).collect();
+        let total: f64 = weights.iter().sum();
+        let score_error = (dim as f64 + 4.0) * EPSILON * size + 5.0 * tiles * EPSILON;
+        let relative = (2.0 * score_error).exp_m1() + (2.0 * keys + 4.0) * EPSILON;
+        (0..dim)
+            .map(|c| {
+                let terms = weights.iter().enumerate().map(|(j, w)| w / total * f64::from(self.v.mat().row(j)[c]));
+                let (sum, sizes) = terms.fold((0.0, 0.0), |(sum, sizes), term| (sum + term, sizes + term.abs()));
+                let largest = (0..scores.len()).map(|j| f64::from(self.v.mat().row(j)[c]).abs()).fold(0.0, f64::max);
+                (sum, relative * sizes + 4.0 * keys * f64::from(f32::MIN_POSITIVE) * (1.0 + largest))
+            })
+            .collect()
+    }
+}
+
+fn attention_is_near_f64(isa: Isa) {
+    let scores =
+        prop_oneof![Just(Fill::Uniform(1.0)), Just(Fill::Uniform(0.2)), Just(Fill::Integer(2)), Just(Fill::Tiny)];
+    let scale = prop_oneof![Just(1.0_f32), Just(0.125)];
+    proptest!(cases(48), |(shape in shape(), scores in scores, values in fill(), scale in scale)| {
+        let case = shape.case(scores, values, scale, |noise| noise.float(4.0));
+        for (i, row) in case.run(isa, shape.gap, shape.offset).iter().enumerate() {
+            for (c, (&got, (want, tolerance))) in row.iter().zip(case.exact(i)).enumerate() {
+                let error = (f64::from(got) - want).abs();
+                prop_assert!(error <= tolerance, "y[{i}][{c}] = {got}, not {want}: off by {error:e} > {tolerance:e}");
+            }
+        }
+    });
+}
+
+/// Scores are multiples of 128, so that every weight is exactly 0 or 1, and the result is the mean of the values of the
+/// best keys: a sum of integers, exact in any order, divided once.
+fn attention_is_exact_where_weights_are_0_or_1(isa: Isa) {
+    proptest!(cases(48), |(shape in shape())| {
+        let case = shape.case(Fill::Integer(2), Fill::Integer(16), 128.0, |noise| 128.0 * noise.integer(9));
+        for (i, row) in case.run(isa, shape.gap, shape.offset).iter().enumerate() {
+            let scores = case.scores(i);
+            let max = scores.iter().fold(f64::NEG_INFINITY, |max, score| max.max(score.0));
+            let best: Vec<usize> = (0..scores.len()).filter(|&j| scores[j].0 == max).collect();
+            for (c, &got) in row.iter().enumerate() {
+                let sum: f32 = best.iter().map(|&j| case.v.mat().row(j)[c]).sum();
+                prop_assert_eq!(got, sum / best.len() as f32, "y[{}][{}], best keys {:?}", i, c, best);
+            }
+        }
+    });
+}
+
+fn attention_rows_are_independent(isa: Isa) {
+    proptest!(cases(32), |(shape in shape())| {
+        let case = shape.case(Fill::Uniform(1.0), Fill::Uniform(1.0), 1.0, |noise| noise.float(4.0));
+        let together = case.run(isa, 0, 0);
+        let alone: Vec<_> = (0..shape.m).map(|i| case.run_alone(isa, i)).collect();
+        prop_assert_eq!(bits(&together), bits(&alone));
+    });
+}
+
+fn attention_row_is_the_same_among_500(isa: Isa) {
+    for causal in [false, true] {
+        let shape = Shape { m: 500, n: 500, dim: 64, causal, biased: true, gap: 3, offset: 1, seed: 7 };
+        let case = shape.case(Fill::Uniform(1.0), Fill::Uniform(1.0), 1.0, |noise| noise.float(4.0));
+        let together = case.run(isa, 0, 0);
+        let some = (0..shape.m).step_by(7);
+        let alone: Vec<_> = some.clone().map(|i| case.run_alone(isa, i)).collect();
+        let together: Vec<_> = some.map(|i| together[i].clone()).collect();
+        assert_eq!(bits(&together), bits(&alone));
+    }
+}
+
+/// A key that no query sees may hold anything.
+fn attention_ignores_hidden_keys(isa: Isa) {
+    proptest!(cases(24), |(shape in shape(), junk in prop_oneof![Just(f32::NAN), Just(f32::INFINITY), Just(-1e38)])| {
+        let shape = Shape { causal: true, n: shape.n.max(shape.m) + 70, ..shape };
+        let mut case = shape.case(Fill::Uniform(1.0), Fill::Uniform(1.0), 1.0, |noise| noise.float(4.0));
+        let first = Noise::new(shape.seed).below(60);
+        case.visible = Visible::Causal { first };
+        let clean = case.run(isa, 0, 0);
+        let seen = first + shape.m;
+        let spoil = |from: &Placed<f32>| {
+            let mut at = 0;
+            let stride = shape.dim + shape.gap;
+            Placed::new(shape.n, shape.dim, shape.gap, 0, || {
+                let (row, column) = (at / stride.max(1), at % stride.max(1));
+                at += 1;
+                if row >= seen || column >= shape.dim { junk } else { from.mat().row(row)[column] }
+            })
+        };
+        (case.k, case.v) = (spoil(&case.k), spoil(&case.v));
+        prop_assert_eq!(bits(&clean), bits(&case.run(isa, 0, 0)));
+    });
+}
+
+for_each_isa!(
+    attention_is_near_f64,
+    attention_is_exact_where_weights_are_0_or_1,
+    attention_rows_are_independent,
+    attention_row_is_the_same_among_500,
+    attention_ignores_hidden_keys
+    => (scalar, avx2, avx512vnni, amx)
+);
+
+#[test]
+fn attention_rejects_shapes_that_disagree() {
+    let input = Placed::new(3, 4, 0, 0, || 1.0_f32);
+    let (three, two, narrow) = (input.mat(), input.mat().row_range(0..2), input.mat().columns(0..3));
+    let none = input.mat().row_range(0..0);
+    let call = |q, k, v, bias, visible| {
+        let mut y = Guarded::new(3, 4, 0, 0);
+        attention_f32(Isa::SCALAR, q, k, v, 1.0, bias, visible, y.mat()).map_err(|error: ShapeError| error.arg)
+    };
+    let short = Some(RelativeBias { values: &[0.0; 4], origin: 2 });
+    let late = Some(RelativeBias { values: &[0.0; 9], origin: 1 });
+    assert_eq!(call(three, three, three, None, Visible::All), Ok(()));
+    assert_eq!(call(three, narrow, three, None, Visible::All), Err("k"));
+    assert_eq!(call(three, three, two, None, Visible::All), Err("v"));
+    assert_eq!(call(three, three, narrow, None, Visible::All), Err("v"));
+    assert_eq!(call(two, three, three, None, Visible::All), Err("y"));
+    assert_eq!(call(three, none, none, None, Visible::All), Err("k"));
+    assert_eq!(call(three, three, three, None, Visible::Causal { first: 1 }), Err("k"));
+    assert_eq!(call(three, three, three, short, Visible::All), Err("bias.values"));
+    assert_eq!(call(three, three, three, late, Visible::All), Err("bias.origin"));
+}
