@@ -126,7 +126,27 @@ impl<'a> Job<'a> {
         }
         let names: Vec<_> = self.args.output.iter().map(|path| path.display().to_string()).collect();
         println!("{}: {frames} frames, {seconds:.2} s, made in {took:.2} s", names.join(", "));
+        if self.args.timings {
+            print_times(session, config);
+        }
         Ok(())
+    }
+}
+
+/// Milliseconds of each stage, in all and per chunk.
+fn print_times(session: &Session, config: &Config) {
+    let times = session.stage_times();
+    let chunks = session.chunks(config).unwrap_or(0).max(1);
+    println!("{:<10} {:>12} {:>12}", "stage", "ms in all", "ms a chunk");
+    for (stage, time) in [
+        ("tokenizer", times.tokenizer),
+        ("encoder", times.encoder),
+        ("decoder", times.decoder),
+        ("interp", times.interp),
+        ("motion", times.motion),
+    ] {
+        let ms = 1e3 * time.as_secs_f64();
+        println!("{stage:<10} {ms:>12.1} {:>12.2}", ms / chunks as f64);
     }
 }
 

@@ -56,6 +56,9 @@ pub struct Output {
     /// Begin in this pose: SMPL-X motion whose last keyframes become the history
     #[arg(long, value_name = "FILE.npz")]
     pub start_pose: Option<PathBuf>,
+    /// Say how long each stage took
+    #[arg(long)]
+    pub timings: bool,
     #[command(flatten)]
     #[expect(missing_docs, reason = "clap would print a doc comment as help")]
     pub compute: Compute,
