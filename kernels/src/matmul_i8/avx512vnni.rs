@@ -5,8 +5,8 @@
 
 use super::QuantInput;
 use crate::mat::MatMut;
-use crate::matmul_f32::avx512vnni::{self as float, MOST, lanes, load, load_part, prefetch, store};
-use crate::matmul_f32::{Epilogue, tiles};
+use crate::matmul_f32::avx512vnni::{self as float, MOST, lanes, load, load_part, prefetch, store, store_part};
+use crate::matmul_f32::{Activation, Epilogue, tiles};
 use crate::pack::{PANEL, PackedI8, QUAD, panels};
 use core::arch::x86_64::*;
 use core::ops::Range;
@@ -266,13 +266,37 @@ pub(super) fn finish<const OFFSET: i32>(
         correction[i] = _mm512_mullo_epi32(sum, _mm512_set1_epi32(OFFSET));
         w_scale[i] = load_part(&w.scale()[outputs]);
     }
-    for (t, sums) in (t..).zip(sums.chunks_exact_mut(width)) {
-        let x_scale = _mm512_set1_ps(x.scale(t));
-        for i in 0..width {
-            // The exact sum rounded to f32 once, then scalar's order of roundings.
-            let sum = _mm512_sub_epi32(load_sums(&sums[i]), correction[i]);
-            let v = _mm512_mul_ps(_mm512_cvtepi32_ps(sum), _mm512_mul_ps(x_scale, w_scale[i]));
-            store(&mut sums[i], v);
+    // The exact sum rounded to f32 once, then scalar's order of roundings.
+    let value = |sum: &[f32; PANEL], x_scale: __m512, i: usize| {
+        let sum = _mm512_sub_epi32(load_sums(sum), correction[i]);
+        _mm512_mul_ps(_mm512_cvtepi32_ps(sum), _mm512_mul_ps(x_scale, w_scale[i]))
+    };
+    match job {
+        // The usual end, in one pass.
+        Job::Plain(_, Epilogue { bias: None, activation: Activation::None, add, scatter: None }) => {
+            let outputs = slot * PANEL..((slot + width) * PANEL).min(y.cols());
+            for (t, sums) in (t..).zip(sums.chunks_exact(width)) {
+                let x_scale = _mm512_set1_ps(x.scale(t));
+                let (y, y_tail) = y.row_mut(t)[outputs.clone()].as_chunks_mut::<PANEL>();
+                for (i, (y, sum)) in y.iter_mut().zip(sums).enumerate() {
+                    let v = value(sum, x_scale, i);
+                    store(y, if *add { _mm512_add_ps(load(y), v) } else { v });
+                }
+                if !y_tail.is_empty() {
+                    let v = value(&sums[y.len()], x_scale, y.len());
+                    store_part(y_tail, if *add { _mm512_add_ps(load_part(y_tail), v) } else { v });
+                }
+            }
+            return;
+        }
+        _ => {
+            for (t, sums) in (t..).zip(sums.chunks_exact_mut(width)) {
+                let x_scale = _mm512_set1_ps(x.scale(t));
+                for (i, sum) in sums.iter_mut().enumerate() {
+                    let v = value(sum, x_scale, i);
+                    store(sum, v);
+                }
+            }
         }
     }
     match job {
