@@ -199,6 +199,10 @@ fn group<const R: usize, const P: usize>(
             multiply(steps, part, first == 0, sums);
         }
     }
+    // The next tile's first weights arrive while this one ends.
+    for slot in slot + P..(slot + 2 * P).min(job.slots()) {
+        job.panel(slot).iter().take(AHEAD).for_each(|line| prefetch(line.as_ptr()));
+    }
     finish::<128>(x, t, &mut sums[..R * P], P, job, slot, y);
 }
 
