@@ -40,6 +40,8 @@ impl Load for Bf16 {
         let lane = _mm512_set_epi32(15, 14, 13, 12, 11, 10, 9, 8, 7, 6, 5, 4, 3, 2, 1, 0);
         let first = _mm512_slli_epi32::<16>(lane);
         let second = _mm512_slli_epi32::<16>(_mm512_add_epi32(lane, _mm512_set1_epi32(16)));
-        [first, second].map(|from| _mm512_castsi512_ps(_mm512_maskz_permutexvar_epi16(UPPER_HALVES, from, words)))
+        let first = _mm512_maskz_permutexvar_epi16(UPPER_HALVES, first, words);
+        let second = _mm512_maskz_permutexvar_epi16(UPPER_HALVES, second, words);
+        [_mm512_castsi512_ps(first), _mm512_castsi512_ps(second)]
     }
 }

@@ -58,19 +58,21 @@ pub(crate) fn run<'a, W: Panels<'a, Item: Load>>(x: Input<f32>, job: &Job<'_, W>
     // A multiple of the panels that any tile takes at once, and of gated pairs of them.
     let panel_bytes = PANEL * size_of::<W::Item>() * job.k().max(1);
     let width = (CHUNK_BYTES / panel_bytes / 12).max(1) * 12;
+    // Cleared once: clearing them per tile would wait for the stores of the tile before.
+    let mut sums = [[0.0; PANEL]; SUMS];
     for first in (0..job.slots()).step_by(width) {
         let slots = first..(first + width).min(job.slots());
         for (t, rows) in tiles(x.rows(), most) {
             match rows {
-                1 => tile::<W, 1, 4>(&x, t, job, slots.clone(), &mut y),
-                2 => tile::<W, 2, 4>(&x, t, job, slots.clone(), &mut y),
-                3 => tile::<W, 3, 4>(&x, t, job, slots.clone(), &mut y),
-                4 => tile::<W, 4, 4>(&x, t, job, slots.clone(), &mut y),
-                5 => tile::<W, 5, 4>(&x, t, job, slots.clone(), &mut y),
-                6 => tile::<W, 6, 4>(&x, t, job, slots.clone(), &mut y),
-                7 => tile::<W, 7, 3>(&x, t, job, slots.clone(), &mut y),
-                8 => tile::<W, 8, 3>(&x, t, job, slots.clone(), &mut y),
-                ROWS => tile::<W, ROWS, 3>(&x, t, job, slots.clone(), &mut y),
+                1 => tile::<W, 1, 4>(&x, t, job, slots.clone(), &mut sums, &mut y),
+                2 => tile::<W, 2, 4>(&x, t, job, slots.clone(), &mut sums, &mut y),
+                3 => tile::<W, 3, 4>(&x, t, job, slots.clone(), &mut sums, &mut y),
+                4 => tile::<W, 4, 4>(&x, t, job, slots.clone(), &mut sums, &mut y),
+                5 => tile::<W, 5, 4>(&x, t, job, slots.clone(), &mut sums, &mut y),
+                6 => tile::<W, 6, 4>(&x, t, job, slots.clone(), &mut sums, &mut y),
+                7 => tile::<W, 7, 3>(&x, t, job, slots.clone(), &mut sums, &mut y),
+                8 => tile::<W, 8, 3>(&x, t, job, slots.clone(), &mut sums, &mut y),
+                ROWS => tile::<W, ROWS, 3>(&x, t, job, slots.clone(), &mut sums, &mut y),
                 rows => unreachable!("a tile of {rows} rows"),
             }
         }
@@ -84,20 +86,24 @@ fn tile<'a, W: Panels<'a, Item: Load>, const R: usize, const P: usize>(
     t: usize,
     job: &Job<'_, W>,
     slots: Range<usize>,
+    sums: &mut [[f32; PANEL]; SUMS],
     y: &mut MatMut<f32>,
 ) {
-    let rows: [&[f32]; R] = core::array::from_fn(|r| x.row(t + r));
+    let mut rows = [&[][..]; R];
+    for r in 0..R {
+        rows[r] = x.row(t + r);
+    }
     let mut slot = slots.start;
     while slot + P <= slots.end {
-        group::<W, R, P>(&rows, t, job, slot, y);
+        group::<W, R, P>(&rows, t, job, slot, sums, y);
         slot += P;
     }
     while slot + 2 <= slots.end {
-        group::<W, R, 2>(&rows, t, job, slot, y);
+        group::<W, R, 2>(&rows, t, job, slot, sums, y);
         slot += 2;
     }
     if slot < slots.end {
-        group::<W, R, 1>(&rows, t, job, slot, y);
+        group::<W, R, 1>(&rows, t, job, slot, sums, y);
     }
 }
 
@@ -108,11 +114,16 @@ fn group<'a, W: Panels<'a, Item: Load>, const R: usize, const P: usize>(
     t: usize,
     job: &Job<'_, W>,
     slot: usize,
+    sums: &mut [[f32; PANEL]; SUMS],
     y: &mut MatMut<f32>,
 ) {
-    let mut sums = [[[0.0; PANEL]; P]; R];
-    multiply(rows, core::array::from_fn(|p| job.panel(slot + p)), &mut sums);
-    let sums = sums.as_flattened_mut();
+    // Not by `from_fn`: a closure has this function's features and cannot be inlined into one that has not.
+    let mut panels = [&[][..]; P];
+    for p in 0..P {
+        panels[p] = job.panel(slot + p);
+    }
+    multiply(rows, panels, sums);
+    let sums = &mut sums[..R * P];
     match job {
         Job::Plain(_, end) => finish(sums, P, t, slot * PANEL, end, y),
         Job::Gated(..) => finish_gated(sums, P / 2, t, slot / 2 * PANEL, y),
@@ -125,7 +136,7 @@ fn group<'a, W: Panels<'a, Item: Load>, const R: usize, const P: usize>(
 fn multiply<W: Load, const R: usize, const P: usize>(
     rows: &[&[f32]; R],
     panels: [&[[W; PANEL]]; P],
-    sums: &mut [[[f32; PANEL]; P]; R],
+    sums: &mut [[f32; PANEL]; SUMS],
 ) {
     let k = rows[0].len();
     // Lengths that are known to be equal need no check in the loop.
@@ -169,11 +180,13 @@ fn multiply<W: Load, const R: usize, const P: usize>(
     }
     for r in 0..R {
         for p in 0..P {
-            store(&mut sums[r][p], acc[r][p]);
+            store(&mut sums[r * P + p], acc[r][p]);
         }
     }
 }
 
+/// Panels of sums in one tile at most.
+const SUMS: usize = ROWS * 3;
 /// Most panels that a tile ends at once.
 pub(crate) const MOST: usize = 4;
 
