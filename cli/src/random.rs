@@ -42,7 +42,7 @@ fn tensor<'a>(config: &'a Config, spec: &'a Spec, args: &MakeRandom, index: u64)
         (StorageArg::Bf16 | StorageArg::Int8, _) => Storage::Bf16,
     };
     let seed = args.seed;
-    let values = Values::Floats(Box::new(move || values(config, spec, seed, index)));
+    let values = Values::Floats(Box::new(move || Ok(values(config, spec, seed, index))));
     NewTensor { name: spec.name.clone(), shape: spec.shape.clone(), storage, values }
 }
 

@@ -9,6 +9,7 @@ use umo_kernels::{Bf16, Isa, Mat, MatMut, PANEL, PackedBf16, PackedF32, PackedI8
 
 use crate::error::StepError;
 use crate::team::Team;
+use crate::weights::AlignedBox;
 
 /// How products are computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -19,6 +20,8 @@ pub enum Precision {
     Bf16,
     /// Int8 weights per output row, activations quantised per row, int32 sums.
     Int8,
+    /// Each product as the file has its weights: int8 where they are I8, otherwise as [`Precision::F32`].
+    Stored,
 }
 
 impl Precision {
@@ -28,6 +31,7 @@ impl Precision {
             Self::F32 => "f32",
             Self::Bf16 => "bf16",
             Self::Int8 => "int8",
+            Self::Stored => "stored",
         }
     }
 }
@@ -45,13 +49,13 @@ pub struct Compute<'a> {
 #[derive(Debug)]
 pub enum Weight {
     /// f32 panels.
-    F32(Box<[f32]>),
+    F32(AlignedBox<f32>),
     /// bf16 panels.
-    Bf16(Box<[Bf16]>),
+    Bf16(AlignedBox<Bf16>),
     /// int8 panels of quads.
     I8 {
         /// Packed steps.
-        steps: Box<[i8]>,
+        steps: AlignedBox<i8>,
         /// Real value of one step, per output.
         scale: Box<[f32]>,
         /// Sum of the steps, per output.
@@ -71,14 +75,14 @@ pub struct Linear {
 /// Room for quantised activations, `[rows, inputs]` at most.
 #[derive(Debug)]
 pub struct QuantScratch {
-    steps: Box<[i8]>,
+    steps: AlignedBox<i8>,
     scale: Box<[f32]>,
 }
 
 impl QuantScratch {
     /// Room for `rows` rows of at most `width` values, or for more rows of fewer values.
     pub fn new(rows: usize, width: usize) -> Self {
-        Self { steps: vec![0; rows * width].into(), scale: vec![0.0; rows].into() }
+        Self { steps: AlignedBox::zeroed(rows * width), scale: vec![0.0; rows].into() }
     }
 }
 

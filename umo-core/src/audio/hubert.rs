@@ -5,6 +5,7 @@
 //! with a bias-free convolution, normalising the waveform to variance 1 only changes what the group norm's epsilon is
 //! measured against.
 
+use rayon::prelude::*;
 use umo_kernels::activation;
 use umo_kernels::attention::{Visible, attention_f32};
 use umo_kernels::matmul_f32::{Activation, Epilogue};
@@ -197,8 +198,9 @@ impl Hubert {
         }
         let (kernel, groups) = (sizes.num_conv_pos_embeddings, sizes.num_conv_pos_embedding_groups);
         let layers = (0..sizes.num_hidden_layers)
+            .into_par_iter()
             .map(|i| Layer::load(loader, &format!("{root}.encoder.layers.{i}"), sizes))
-            .collect::<Result<_, _>>()?;
+            .collect::<Result<Vec<_>, _>>()?;
         Ok(Self {
             sizes: sizes.clone(),
             convolutions: convolutions.into(),
@@ -208,7 +210,7 @@ impl Hubert {
             projection: loader.linear_with_bias(&format!("{root}.feature_projection.projection"), hidden, channels)?,
             position: loader.grouped_conv(&format!("{root}.encoder.pos_conv_embed.conv"), hidden, kernel, groups)?,
             norm: Norm::load(loader, &format!("{root}.encoder.layer_norm"), hidden, eps)?,
-            layers,
+            layers: layers.into(),
         })
     }
 
