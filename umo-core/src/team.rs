@@ -147,20 +147,40 @@ impl Team {
         self.split(y, total, 1, work, |y, at| y.split_rows(at), f)
     }
 
-    fn split<'a, T: Send>(
+    /// The same for the rows of two outputs, of which there are as many.
+    ///
+    /// # Errors
+    /// One of the errors that `f` returned.
+    pub fn rows_of_two<'a, T: Send, U: Send>(
         &self,
         y: MatMut<'a, T>,
+        z: MatMut<'a, U>,
+        work: usize,
+        f: impl Fn(Range<usize>, MatMut<'a, T>, MatMut<'a, U>) -> Result<(), StepError> + Sync,
+    ) -> Result<(), StepError> {
+        assert_eq!(y.rows(), z.rows(), "outputs of different heights");
+        let total = y.rows();
+        let cut = |(y, z): (MatMut<'a, T>, MatMut<'a, U>), at| {
+            let ((y, y_rest), (z, z_rest)) = (y.split_rows(at), z.split_rows(at));
+            ((y, z), (y_rest, z_rest))
+        };
+        self.split((y, z), total, 1, work, cut, |range, (y, z)| f(range, y, z))
+    }
+
+    fn split<Y: Send>(
+        &self,
+        y: Y,
         total: usize,
         granule: usize,
         work: usize,
-        cut: impl Fn(MatMut<'a, T>, usize) -> (MatMut<'a, T>, MatMut<'a, T>),
-        f: impl Fn(Range<usize>, MatMut<'a, T>) -> Result<(), StepError> + Sync,
+        cut: impl Fn(Y, usize) -> (Y, Y),
+        f: impl Fn(Range<usize>, Y) -> Result<(), StepError> + Sync,
     ) -> Result<(), StepError> {
         let share = total.div_ceil(granule).div_ceil(self.threads) * granule;
         if self.threads == 1 || work < WORTH_SHARING || share >= total {
             return f(0..total, y);
         }
-        let pieces: [Piece<MatMut<'a, T>>; MAX_THREADS] = std::array::from_fn(|_| Piece::empty());
+        let pieces: [Piece<Y>; MAX_THREADS] = std::array::from_fn(|_| Piece::empty());
         let (mut rest, mut start) = (y, 0);
         for piece in &pieces[..self.threads] {
             let end = (start + share).min(total);

@@ -11,10 +11,9 @@ use umo_kernels::matmul_f32::{Activation, Epilogue};
 use umo_kernels::norm::{channel_affine, channel_sums, layer_norm};
 use umo_kernels::{Mat, MatMut, PANEL};
 
-use super::product;
 use crate::config;
 use crate::error::{LoadError, StepError};
-use crate::linear::{Compute, Linear, Ready};
+use crate::linear::{Compute, Linear, QuantScratch, Ready};
 use crate::weights::Loader;
 
 /// Added to a channel's variance in the group norm: PyTorch's default, which Hugging Face does not change.
@@ -96,6 +95,8 @@ pub(super) struct Scratch {
     qkv: Box<[f32]>,
     /// `[window, intermediate]`.
     inside: Box<[f32]>,
+    /// Quantised input of any product.
+    quant: QuantScratch,
 }
 
 impl Statistics {
@@ -192,6 +193,8 @@ impl Hubert {
         let mut channels = 1;
         let mut convolutions = Vec::with_capacity(sizes.conv_dim.len());
         for (i, (&dim, &kernel)) in sizes.conv_dim.iter().zip(&sizes.conv_kernel).enumerate() {
+            // Ten samples to a channel: nothing to gain, and the statistics of the group norm come from it.
+            let loader = if i == 0 { loader.exact() } else { *loader };
             convolutions.push(loader.conv(&format!("{extractor}.{i}.conv"), dim, channels, kernel, false)?);
             channels = dim;
         }
@@ -206,7 +209,12 @@ impl Hubert {
             group_norm: Norm::load(loader, &format!("{extractor}.0.layer_norm"), sizes.conv_dim[0], 0.0)?,
             projection_norm: Norm::load(loader, &format!("{root}.feature_projection.layer_norm"), channels, eps)?,
             projection: loader.linear_with_bias(&format!("{root}.feature_projection.projection"), hidden, channels)?,
-            position: loader.grouped_conv(&format!("{root}.encoder.pos_conv_embed.conv"), hidden, kernel, groups)?,
+            position: loader.exact().grouped_conv(
+                &format!("{root}.encoder.pos_conv_embed.conv"),
+                hidden,
+                kernel,
+                groups,
+            )?,
             norm: Norm::load(loader, &format!("{root}.encoder.layer_norm"), hidden, eps)?,
             layers,
         })
@@ -223,14 +231,19 @@ impl Hubert {
         let sizes = &self.sizes;
         let mut len = [0_usize; 2];
         let (mut rows, mut dim) = (samples, 1);
+        let (mut most_rows, mut most_values) = (window, window * sizes.hidden_size.max(sizes.intermediate_size));
         for (i, (conv, &stride)) in self.convolutions.iter().zip(&sizes.conv_stride).enumerate() {
             rows = outputs(rows, sizes.conv_kernel[i], stride);
+            if conv.is_int8() {
+                (most_rows, most_values) = (most_rows.max(rows), most_values.max(rows * conv.inputs()));
+            }
             dim = conv.outputs();
             len[i % 2] = len[i % 2].max(rows * dim);
         }
         // The projection's layer norm writes where the last convolution does not.
         let last = self.convolutions.len() % 2;
         len[last] = len[last].max(rows * dim);
+        let quantised = if self.projection.is_int8() { most_values.max(rows * dim) } else { 0 };
         let padded = window + 2 * (sizes.num_conv_pos_embeddings / 2);
         let zeros = |len: usize| vec![0.0; len].into_boxed_slice();
         Scratch {
@@ -243,6 +256,7 @@ impl Hubert {
             hidden: zeros(window * sizes.hidden_size),
             qkv: zeros(window * 3 * sizes.hidden_size),
             inside: zeros(window * sizes.intermediate_size),
+            quant: QuantScratch::with_values(most_rows.max(rows), quantised),
         }
     }
 
@@ -329,7 +343,8 @@ impl Hubert {
         let (kernel, stride) = (self.sizes.conv_kernel[0], self.sizes.conv_stride[0]);
         let rows = outputs(samples.len(), kernel, stride);
         let x = Mat::with_stride(samples, rows, kernel, stride)?;
-        product(cx, &self.convolutions[0], x, Epilogue::STORE, MatMut::new(y, rows, self.sizes.conv_dim[0])?)?;
+        let (first, dim) = (&self.convolutions[0], self.sizes.conv_dim[0]);
+        first.apply(cx, Ready::Float(x), None, 0..dim, Epilogue::STORE, MatMut::new(y, rows, dim)?)?;
         Ok(rows)
     }
 
@@ -359,13 +374,13 @@ impl Hubert {
             let count = outputs(rows, kernel, stride);
             let windows = Mat::with_stride(x, count, kernel * dim, stride * dim)?;
             (rows, dim) = (count, conv.outputs());
-            product(cx, conv, windows, GELU, MatMut::new(y, rows, dim)?)?;
+            conv.forward(cx, &mut scratch.quant, windows, GELU, MatMut::new(y, rows, dim)?)?;
             (x, y) = (y, x);
         }
         let count = features.len() / sizes.hidden_size;
         self.projection_norm.apply(cx, x, count, y)?;
         let features = MatMut::new(features, count, sizes.hidden_size)?;
-        product(cx, &self.projection, Mat::new(y, count, dim)?, Epilogue::STORE, features)
+        self.projection.forward(cx, &mut scratch.quant, Mat::new(y, count, dim)?, Epilogue::STORE, features)
     }
 
     /// The group norm under the statistics so far, as one factor and one summand per channel.
@@ -433,14 +448,14 @@ impl Hubert {
     /// One layer over `hidden`, in place.
     fn layer(&self, cx: Compute, layer: &Layer, scratch: &mut Scratch, window: usize) -> Result<(), StepError> {
         let (dim, ffn) = (self.sizes.hidden_size, self.sizes.intermediate_size);
-        let Scratch { sum, hidden, qkv, inside, .. } = scratch;
+        let Scratch { sum, hidden, qkv, inside, quant, .. } = scratch;
         let x = Mat::new(hidden, window, dim)?;
-        product(cx, &layer.qkv, x, Epilogue::STORE, MatMut::new(qkv, window, 3 * dim)?)?;
+        layer.qkv.forward(cx, quant, x, Epilogue::STORE, MatMut::new(qkv, window, 3 * dim)?)?;
         self.attend(cx, Mat::new(qkv, window, 3 * dim)?, MatMut::new(sum, window, dim)?)?;
-        product(cx, &layer.out, Mat::new(sum, window, dim)?, Epilogue::ADD, MatMut::new(hidden, window, dim)?)?;
+        layer.out.forward(cx, quant, Mat::new(sum, window, dim)?, Epilogue::ADD, MatMut::new(hidden, window, dim)?)?;
         layer.norm.apply(cx, hidden, window, sum)?;
-        product(cx, &layer.up, Mat::new(sum, window, dim)?, GELU, MatMut::new(inside, window, ffn)?)?;
-        product(cx, &layer.down, Mat::new(inside, window, ffn)?, Epilogue::ADD, MatMut::new(sum, window, dim)?)?;
+        layer.up.forward(cx, quant, Mat::new(sum, window, dim)?, GELU, MatMut::new(inside, window, ffn)?)?;
+        layer.down.forward(cx, quant, Mat::new(inside, window, ffn)?, Epilogue::ADD, MatMut::new(sum, window, dim)?)?;
         layer.final_norm.apply(cx, sum, window, hidden)
     }
 
