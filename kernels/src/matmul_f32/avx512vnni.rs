@@ -90,8 +90,8 @@ fn tile<'a, W: Panels<'a, Item: Load>, const R: usize, const P: usize>(
     y: &mut MatMut<f32>,
 ) {
     let mut rows = [&[][..]; R];
-    for r in 0..R {
-        rows[r] = x.row(t + r);
+    for (r, row) in rows.iter_mut().enumerate() {
+        *row = x.row(t + r);
     }
     let mut slot = slots.start;
     while slot + P <= slots.end {
@@ -119,8 +119,8 @@ fn group<'a, W: Panels<'a, Item: Load>, const R: usize, const P: usize>(
 ) {
     // Not by `from_fn`: a closure has this function's features and cannot be inlined into one that has not.
     let mut panels = [&[][..]; P];
-    for p in 0..P {
-        panels[p] = job.panel(slot + p);
+    for (p, panel) in panels.iter_mut().enumerate() {
+        *panel = job.panel(slot + p);
     }
     multiply(rows, panels, sums);
     let sums = &mut sums[..R * P];
