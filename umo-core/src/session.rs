@@ -240,7 +240,7 @@ impl Session {
     }
 
     /// Computes the next chunk if its audio is there, and gives every frame that became final to `frame`, in order.
-    /// Returns whether there was one.
+    /// Returns whether there was one, or frames that were held back at the end.
     ///
     /// # Errors
     /// [`StepError`], after which the session is where it was before the call in all but its audio.
@@ -254,7 +254,9 @@ impl Session {
         let config = &model.config;
         let needed = self.config.target * config.samples_per_keyframe();
         match self.total {
-            Some(_) if self.chunk >= self.chunks(config).unwrap_or(0) => return Ok(false),
+            Some(total) if self.chunk >= self.chunks(config).unwrap_or(0) => {
+                return self.give_rest(model, cx, &mut scratch.motion, total, frame);
+            }
             None if self.pending.len() < needed || !self.template.has_audio() => return Ok(false),
             _ => {}
         }
@@ -289,6 +291,22 @@ impl Session {
         }
         self.times.motion += clock.lap();
         Ok(true)
+    }
+
+    /// Gives the frames that are still held back where the last chunk came before its audio was known to be the last.
+    fn give_rest(
+        &mut self,
+        model: &Model,
+        cx: Compute,
+        scratch: &mut MotionScratch,
+        total: usize,
+        frame: &mut dyn FnMut(FrameRef),
+    ) -> Result<bool, StepError> {
+        let left = self.chunk > 0 && self.motion.emitted() < total;
+        if left {
+            self.motion.finish(cx, &model.motion, scratch, total, frame)?;
+        }
+        Ok(left)
     }
 
     /// Turns the next `needed` samples (silence where the audio has ended) into the window's units.
