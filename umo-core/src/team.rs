@@ -22,8 +22,12 @@ pub const MAX_THREADS: usize = 64;
 /// Multiply-adds below which a job is not worth sharing: about a microsecond of one core.
 const WORTH_SHARING: usize = 1 << 15;
 
-/// Times that a worker looks for a job before it parks: some 50 us.
-const SPINS: u32 = 20_000;
+/// Times that a worker looks for a job before it parks: 20 to 100 us, as long as the processor's pause is.
+const SPINS_BEFORE_PARK: u32 = 2_000;
+
+/// Times that the caller looks for the end of a job before it gives its core away: with more threads than cores, the
+/// worker that it waits for may need just that core.
+const SPINS_BEFORE_YIELD: u32 = 500;
 
 /// A job: called once per thread with the thread's index.
 type Job<'a> = dyn Fn(usize) + Sync + 'a;
@@ -107,7 +111,7 @@ impl Team {
         let mut spins = 0_u32;
         while shared.pending.load(Ordering::Acquire) != 0 {
             spins = spins.wrapping_add(1);
-            if spins.is_multiple_of(SPINS) { std::thread::yield_now() } else { std::hint::spin_loop() }
+            if spins.is_multiple_of(SPINS_BEFORE_YIELD) { std::thread::yield_now() } else { std::hint::spin_loop() }
         }
         let panicked = shared.panicked.swap(false, Ordering::Relaxed);
         shared.busy.store(false, Ordering::Release);
@@ -237,7 +241,7 @@ fn work(shared: &Shared, index: usize) {
 
 /// Spins, then parks, until the epoch differs from `seen`.
 fn next_epoch(shared: &Shared, index: usize, seen: u32) -> u32 {
-    for _ in 0..SPINS {
+    for _ in 0..SPINS_BEFORE_PARK {
         let epoch = shared.epoch.load(Ordering::Acquire);
         if epoch != seen {
             return epoch;
