@@ -18,6 +18,20 @@ use mel::Mel;
 /// Features whose units are looked up at a time where a whole file is tokenised.
 const BLOCK: usize = 128;
 
+/// Largest sample that is taken for one; full scale is 1. Sums over louder ones would overflow.
+pub const LOUDEST: f32 = 1e6;
+
+/// Makes every sample that is no number, or louder than [`LOUDEST`], silence, and says how many there were.
+pub fn silence_unusable(samples: &mut [f32]) -> usize {
+    let mut count = 0;
+    // NaN is within no range.
+    for sample in samples.iter_mut().filter(|sample| !(-LOUDEST..=LOUDEST).contains(*sample)) {
+        *sample = 0.0;
+        count += 1;
+    }
+    count
+}
+
 /// The audio tokenizer of one model. HuBERT's products follow the model's precision, but for the first and the position
 /// convolution; which centroid is nearest, and mel features, are computed in full precision always.
 #[derive(Debug)]

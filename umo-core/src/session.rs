@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use umo_kernels::Mat;
 
-use crate::audio::{AudioScratch, AudioStream};
+use crate::audio::{AudioScratch, AudioStream, silence_unusable};
 use crate::config::Config;
 use crate::error::{LoadError, StepError};
 use crate::interp::InterpScratch;
@@ -205,17 +205,19 @@ impl Session {
         self.whole.as_ref().map(|whole| (whole.compared, whole.differed))
     }
 
-    /// Takes samples at the model's rate, mono.
+    /// Takes samples at the model's rate, mono, and says how many were no usable number and became silence
+    /// ([`silence_unusable`]).
     ///
     /// # Errors
     /// [`StepError::Order`] after [`Self::finish`].
-    pub fn push_audio(&mut self, samples: &[f32]) -> Result<(), StepError> {
+    pub fn push_audio(&mut self, samples: &[f32]) -> Result<usize, StepError> {
         if self.total.is_some() {
             return Err(StepError::Order("audio was pushed after the end"));
         }
+        let start = self.pending.len();
         self.pending.extend_from_slice(samples);
         self.samples += samples.len();
-        Ok(())
+        Ok(silence_unusable(&mut self.pending[start..]))
     }
 
     /// No more audio: the stream ends after `frames` frames.
