@@ -79,10 +79,18 @@ pub struct QuantScratch {
     scale: Box<[f32]>,
 }
 
+/// Multiply-adds that quantising one value costs, roughly.
+const QUANTIZE_WORK: usize = 4;
+
 impl QuantScratch {
+    /// Room for at most `rows` rows and `values` values in all.
+    pub fn with_values(rows: usize, values: usize) -> Self {
+        Self { steps: AlignedBox::zeroed(values), scale: vec![0.0; rows].into() }
+    }
+
     /// Room for `rows` rows of at most `width` values, or for more rows of fewer values.
     pub fn new(rows: usize, width: usize) -> Self {
-        Self { steps: AlignedBox::zeroed(rows * width), scale: vec![0.0; rows].into() }
+        Self::with_values(rows, rows * width)
     }
 }
 
@@ -106,6 +114,11 @@ impl Linear {
     /// Inputs.
     pub fn inputs(&self) -> usize {
         self.inputs
+    }
+
+    /// Whether activations are quantised for it.
+    pub fn is_int8(&self) -> bool {
+        matches!(self.weight, Weight::I8 { .. })
     }
 
     /// Bytes that one product reads.
@@ -216,7 +229,7 @@ impl Linear {
     /// # Errors
     /// [`StepError`] where `quant` is too small.
     pub fn input<'a>(&self, cx: Compute, quant: &'a mut QuantScratch, x: Mat<'a, f32>) -> Result<Ready<'a>, StepError> {
-        if !matches!(self.weight, Weight::I8 { .. }) {
+        if !self.is_int8() {
             return Ok(Ready::Float(x));
         }
         let (rows, width) = (x.rows(), x.cols());
@@ -224,7 +237,10 @@ impl Linear {
             return Err(ShapeError { arg: "quant", want: rows * width, got: quant.steps.len() }.into());
         }
         let steps = MatMut::new(&mut quant.steps, rows, width)?;
-        quantize_rows(cx.isa, x, steps, &mut quant.scale[..rows])?;
+        let scale = MatMut::new(&mut quant.scale, rows, 1)?;
+        cx.team.rows_of_two(steps, scale, rows * width * QUANTIZE_WORK, |range, steps, mut scale| {
+            Ok(quantize_rows(cx.isa, x.row_range(range), steps, scale.column_mut())?)
+        })?;
         Ok(Ready::Quant(Quantised { steps: &quant.steps, scale: &quant.scale[..rows], width }))
     }
 

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use umo_kernels::Mat;
 
-use crate::audio::{AudioScratch, AudioStream};
+use crate::audio::{AudioScratch, AudioStream, silence_unusable};
 use crate::config::Config;
 use crate::error::{LoadError, StepError};
 use crate::interp::InterpScratch;
@@ -205,17 +205,19 @@ impl Session {
         self.whole.as_ref().map(|whole| (whole.compared, whole.differed))
     }
 
-    /// Takes samples at the model's rate, mono.
+    /// Takes samples at the model's rate, mono, and says how many were no usable number and became silence
+    /// ([`silence_unusable`]).
     ///
     /// # Errors
     /// [`StepError::Order`] after [`Self::finish`].
-    pub fn push_audio(&mut self, samples: &[f32]) -> Result<(), StepError> {
+    pub fn push_audio(&mut self, samples: &[f32]) -> Result<usize, StepError> {
         if self.total.is_some() {
             return Err(StepError::Order("audio was pushed after the end"));
         }
+        let start = self.pending.len();
         self.pending.extend_from_slice(samples);
         self.samples += samples.len();
-        Ok(())
+        Ok(silence_unusable(&mut self.pending[start..]))
     }
 
     /// No more audio: the stream ends after `frames` frames.
@@ -240,7 +242,7 @@ impl Session {
     }
 
     /// Computes the next chunk if its audio is there, and gives every frame that became final to `frame`, in order.
-    /// Returns whether there was one.
+    /// Returns whether there was one, or frames that were held back at the end.
     ///
     /// # Errors
     /// [`StepError`], after which the session is where it was before the call in all but its audio.
@@ -254,7 +256,9 @@ impl Session {
         let config = &model.config;
         let needed = self.config.target * config.samples_per_keyframe();
         match self.total {
-            Some(_) if self.chunk >= self.chunks(config).unwrap_or(0) => return Ok(false),
+            Some(total) if self.chunk >= self.chunks(config).unwrap_or(0) => {
+                return self.give_rest(model, cx, &mut scratch.motion, total, frame);
+            }
             None if self.pending.len() < needed || !self.template.has_audio() => return Ok(false),
             _ => {}
         }
@@ -289,6 +293,22 @@ impl Session {
         }
         self.times.motion += clock.lap();
         Ok(true)
+    }
+
+    /// Gives the frames that are still held back where the last chunk came before its audio was known to be the last.
+    fn give_rest(
+        &mut self,
+        model: &Model,
+        cx: Compute,
+        scratch: &mut MotionScratch,
+        total: usize,
+        frame: &mut dyn FnMut(FrameRef),
+    ) -> Result<bool, StepError> {
+        let left = self.chunk > 0 && self.motion.emitted() < total;
+        if left {
+            self.motion.finish(cx, &model.motion, scratch, total, frame)?;
+        }
+        Ok(left)
     }
 
     /// Turns the next `needed` samples (silence where the audio has ended) into the window's units.

@@ -299,3 +299,15 @@ fn advance_refuses_lengths_that_disagree() {
     let result = other.advance(cx, &mut stream, &mut scratch, &[0.0; HOP], &mut units);
     assert!(matches!(result, Err(StepError::Order(_))), "{result:?}");
 }
+
+#[test]
+fn features_refuse_less_audio_than_one_feature() {
+    let team = Team::new(1).unwrap();
+    let cx = Compute { isa: Isa::SCALAR, team: &team };
+    for model in ["hubert_k1_smplx", "mel_k1_upcycled"] {
+        let tokenizer = Tokenizer::load(&Loader::new(&open(model), Precision::F32, Isa::SCALAR)).unwrap();
+        assert_eq!(tokenizer.field(), 400);
+        assert_eq!(tokenizer.features(cx, &[0.1; 399]), Err(StepError::Empty("audio feature")));
+        assert_eq!(tokenizer.features(cx, &[0.1; 400]).unwrap().1.len(), 1);
+    }
+}

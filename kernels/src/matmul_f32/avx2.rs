@@ -75,8 +75,8 @@ fn tile<'a, W: Panels<'a, Item: Load>, const R: usize, const P: usize>(
     y: &mut MatMut<f32>,
 ) {
     let mut rows = [&[][..]; R];
-    for r in 0..R {
-        rows[r] = x.row(t + r);
+    for (r, row) in rows.iter_mut().enumerate() {
+        *row = x.row(t + r);
     }
     let end = slot + width;
     let mut slot = slot;
@@ -105,8 +105,8 @@ fn group<'a, W: Panels<'a, Item: Load>, const R: usize, const P: usize>(
     let mut sums = [[[0.0; PANEL]; P]; R];
     // Not by `from_fn`: a closure has this function's features and cannot be inlined into one that has not.
     let mut panels = [&[][..]; P];
-    for p in 0..P {
-        panels[p] = job.panel(slot + p);
+    for (p, panel) in panels.iter_mut().enumerate() {
+        *panel = job.panel(slot + p);
     }
     multiply(rows, panels, &mut sums);
     let sums = sums.as_flattened_mut();

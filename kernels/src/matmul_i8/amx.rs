@@ -90,8 +90,8 @@ fn product<const MOST: usize>(tiles: &Configured, x: &QuantInput, job: &Job, mut
     }
 }
 
-/// The inputs from `first` on of the rows from `t` on, in tiles, as many steps as `inputs` holds. What stands behind the
-/// last input is zeros; behind the last row, anything.
+/// The inputs from `first` on of the rows from `t` on, in tiles, as many steps as `inputs` holds. Whatever stands behind the
+/// last input meets weights that are zero, and behind the last row, sums that nobody reads.
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
 fn gather(x: &QuantInput, t: usize, rows: usize, first: usize, inputs: &mut [[Tile; 2]]) {
     let last = (first + inputs.len() * BYTES).min(x.rows.cols());
@@ -101,9 +101,7 @@ fn gather(x: &QuantInput, t: usize, rows: usize, first: usize, inputs: &mut [[Ti
             step[r / TILE][r % TILE] = *whole;
         }
         if let Some(step) = inputs.get_mut(whole.len()).filter(|_| !part.is_empty()) {
-            let row = &mut step[r / TILE][r % TILE];
-            row[..part.len()].copy_from_slice(part);
-            row[part.len()..].fill(0);
+            step[r / TILE][r % TILE][..part.len()].copy_from_slice(part);
         }
     }
 }

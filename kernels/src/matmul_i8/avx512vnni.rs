@@ -168,7 +168,6 @@ fn tile<const R: usize, const P: usize>(
     }
 }
 
-#[expect(clippy::too_many_arguments, reason = "one tile of a product, each operand named")]
 /// `R` rows with `P` slots from `slot` on, from the first input to the end of the product.
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
 fn group<const R: usize, const P: usize>(
@@ -182,8 +181,8 @@ fn group<const R: usize, const P: usize>(
 ) {
     // Not by `from_fn`: a closure has this function's features and cannot be inlined into one that has not.
     let mut panels = [&[][..]; P];
-    for p in 0..P {
-        panels[p] = job.panel(slot + p);
+    for (p, panel) in panels.iter_mut().enumerate() {
+        *panel = job.panel(slot + p);
     }
     let k = job.k();
     if k <= QUADS * QUAD {

@@ -1,6 +1,16 @@
 //! Free text to ids, by the SentencePiece model in the file (SPEC 2.2, 2.3).
+//!
+//! Only what a T5 vocabulary needs of SentencePiece is here: unigram models with their own table of characters. The
+//! libraries at hand put a Unicode normalisation of their own in the table's place, and take words such as `</s>` in a
+//! text for markers; the ids must be those that the language model was trained with, so the table is read instead.
 
-use kitoken::Kitoken;
+mod normalizer;
+mod proto;
+mod unigram;
+
+use normalizer::Normalizer;
+use proto::Proto;
+use unigram::Unigram;
 
 use super::layout::MAX_PROMPT_TOKENS;
 use crate::error::{LoadError, StepError};
@@ -10,16 +20,12 @@ use crate::weights::ModelFile;
 pub const TOKENIZER: &str = "text.tokenizer";
 
 /// A text tokenizer.
+#[derive(Debug)]
 pub struct TextTokenizer {
-    pieces: Kitoken,
+    normalizer: Normalizer,
+    unigram: Unigram,
     /// Ids from here on are not in the vocabulary.
     limit: usize,
-}
-
-impl std::fmt::Debug for TextTokenizer {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("TextTokenizer").field("limit", &self.limit).finish_non_exhaustive()
-    }
 }
 
 impl TextTokenizer {
@@ -34,22 +40,29 @@ impl TextTokenizer {
         Self::from_bytes(file.raw(TOKENIZER)?, file.config().vocab.size).map(Some)
     }
 
-    /// A tokenizer from the bytes of a SentencePiece model, for a vocabulary of `limit` ids.
+    /// A tokenizer from the bytes of a SentencePiece unigram model, for a vocabulary of `limit` ids.
     ///
     /// # Errors
-    /// [`LoadError`] where the bytes are no SentencePiece model.
+    /// [`LoadError`] where the bytes are no such model.
     pub fn from_bytes(bytes: &[u8], limit: usize) -> Result<Self, LoadError> {
-        let pieces = Kitoken::from_sentencepiece_slice(bytes)
-            .map_err(|error| LoadError::tensor(TOKENIZER, format!("expected a SentencePiece model: {error}")))?;
-        Ok(Self { pieces, limit })
+        let wrong =
+            |problem: String| LoadError::tensor(TOKENIZER, format!("expected a SentencePiece model: {problem}"));
+        let proto = Proto::parse(bytes).map_err(|problem| wrong(problem.to_owned()))?;
+        let normalizer = Normalizer::new(&proto).map_err(|problem| wrong(problem.to_owned()))?;
+        Ok(Self { normalizer, unigram: Unigram::new(&proto).map_err(wrong)?, limit })
     }
 
-    /// The ids of a text, without an end marker.
+    /// The ids of a text of any length, without an end marker.
+    pub fn split(&self, text: &str) -> Vec<u32> {
+        self.unigram.split(&self.normalizer.normalize(text))
+    }
+
+    /// The ids of a text that becomes a prompt, without an end marker.
     ///
     /// # Errors
     /// [`StepError`] where the text has more than [`MAX_PROMPT_TOKENS`] tokens, or one outside the vocabulary.
     pub fn encode(&self, text: &str) -> Result<Vec<u32>, StepError> {
-        let ids = self.pieces.encode(text, true).map_err(|_| StepError::Missing("pieces for this text"))?;
+        let ids = self.split(text);
         if ids.len() > MAX_PROMPT_TOKENS {
             return Err(StepError::TooLong { what: "prompt tokens", got: ids.len(), limit: MAX_PROMPT_TOKENS });
         }

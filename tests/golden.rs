@@ -1,0 +1,181 @@
+//! Every golden case (`training/golden/README.md`) through the stage that it names, on every instruction set: floats
+//! within [`TOLERANCE`] of what PyTorch computed, codes, units and ids identical.
+//!
+//! Each test prints a report: stage, output, model, cases, largest relative error.
+
+#[path = "golden_report.rs"]
+mod golden_report;
+
+use std::path::{Path, PathBuf};
+
+use golden_report::{Cases, Report};
+use serde::Deserialize;
+use umo_core::lm::sampler::Sampler;
+use umo_core::lm::text::TextTokenizer;
+use umo_core::motion::MotionEncoder;
+use umo_core::stage::{self, Inputs, Options, Output, Stage, Values};
+use umo_core::weights::Loader;
+use umo_core::{Compute, LoadError, ModelFile, Part, PerPart, Precision, StepError, Team};
+use umo_kernels::Isa;
+use umo_tests::for_each_isa;
+
+/// Largest difference to the reference, relative to the reference's largest value.
+const TOLERANCE: f64 = 2e-4;
+
+/// The folders of `tests/golden` that hold a model and its cases.
+const MODELS: [&str; 4] = ["hubert_k1_smplx", "hubert_k3_i8", "mel_k1_upcycled", "mel_k2_arkit"];
+
+fn folder() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("golden")
+}
+
+fn open(model: &str) -> (ModelFile, Vec<u8>) {
+    let folder = folder().join(model);
+    let file = ModelFile::open(&folder.join("model.safetensors")).unwrap();
+    (file, std::fs::read(folder.join("cases.safetensors")).unwrap())
+}
+
+/// The outputs of one case, computed by this project.
+fn run(case: &str, bytes: &[u8], loader: &Loader, team: &Team) -> Vec<Output> {
+    let prefix = format!("{case}.in.");
+    let inputs = Inputs::new(bytes, &prefix).unwrap();
+    let name = stage_name(case);
+    if name == "vqenc" {
+        return encode_motion(bytes, case, loader, team);
+    }
+    let stage = Stage::from_name(name).unwrap_or_else(|| panic!("{case} names no stage"));
+    let target = (stage == Stage::Generate).then(|| inputs.integers("target").unwrap()[0]);
+    let target = target.map(|target| usize::try_from(target).unwrap());
+    stage::run(stage, loader, team, &inputs, Options { target, sampler: Sampler::GREEDY })
+        .unwrap_or_else(|error| panic!("{case}: {error}"))
+}
+
+/// Tokenising motion is no stage of its own on the command line.
+fn encode_motion(bytes: &[u8], case: &str, loader: &Loader, team: &Team) -> Vec<Output> {
+    let encoder = MotionEncoder::load(loader).unwrap().expect("a model with encoder cases has encoders");
+    let cases = Cases::new(bytes);
+    let channels = PerPart::from_fn(|part| cases.floats(&format!("{case}.in.channels.{}", part.name())));
+    let cx = Compute { isa: loader.isa(), team };
+    let codes = encoder.encode(cx, PerPart::from_fn(|part| &*channels[part])).unwrap();
+    let output = |part: Part| {
+        let codes: Vec<i64> = codes[part].iter().map(|&code| code.into()).collect();
+        Output { name: format!("codes.{}", part.name()), shape: vec![codes.len()], values: Values::Integers(codes) }
+    };
+    Part::ALL.map(output).into()
+}
+
+fn stage_name(case: &str) -> &str {
+    case.trim_end_matches(|c: char| c.is_ascii_digit())
+}
+
+/// Compares one model's cases that `wanted` takes, and returns how many there were.
+fn compare(report: &mut Report, model: &str, isa: Isa, precision: Precision, wanted: fn(&str) -> bool) -> usize {
+    let (file, bytes) = open(model);
+    let cases = Cases::new(&bytes);
+    let loader = Loader::new(&file, precision, isa);
+    let team = Team::new(2).unwrap();
+    let names: Vec<_> = cases.names().into_iter().filter(|case| wanted(stage_name(case))).collect();
+    for case in &names {
+        let mut outputs = run(case, &bytes, &loader, &team);
+        outputs.sort_by(|a, b| a.name.cmp(&b.name));
+        let computed: Vec<_> = outputs.iter().map(|output| output.name.clone()).collect();
+        assert_eq!(computed, cases.outputs(case), "{model} {case}: every output has its reference");
+        for output in &outputs {
+            let name = format!("{case}.out.{}", output.name);
+            assert_eq!(output.shape, cases.shape(&name), "{model} {name}");
+            let error = match &output.values {
+                Values::Integers(got) => {
+                    assert_eq!(got, &cases.integers(&name), "{model} {name}");
+                    None
+                }
+                Values::Floats(got) => Some(golden_report::error(got, &cases.floats(&name))),
+            };
+            report.add(stage_name(case), &output.name, model, error);
+            assert!(error.is_none_or(|error| error <= TOLERANCE), "{model} {name}: {error:?}");
+        }
+    }
+    names.len()
+}
+
+fn every_case_is_the_reference(isa: Isa) {
+    let mut report = Report::default();
+    for model in MODELS {
+        let listed = Cases::new(&open(model).1).listed();
+        let ran = compare(&mut report, model, isa, Precision::F32, |_| true);
+        assert_eq!(ran, listed, "{model}: cases that ran, of those that its metadata lists");
+    }
+    for stage in Stage::ALL.map(Stage::name).into_iter().chain(["vqenc"]) {
+        assert!(report.has(stage), "no model has a case of {stage}");
+    }
+    report.print(isa.name());
+}
+
+/// Units decide what is said to the language model, so the tokenizers stay in full precision.
+fn audio_is_the_reference_at_every_precision(isa: Isa) {
+    let mut report = Report::default();
+    for precision in [Precision::Bf16, Precision::Int8] {
+        let audio = |stage: &str| stage == "hubert" || stage == "mel";
+        let ran: usize = MODELS.map(|model| compare(&mut report, model, isa, precision, audio)).iter().sum();
+        assert!(ran >= MODELS.len(), "every model has a case of its tokenizer");
+    }
+    report.print(isa.name());
+}
+
+for_each_isa!(every_case_is_the_reference, audio_is_the_reference_at_every_precision =>
+    (scalar, avx2, avx512vnni, amx));
+
+#[test]
+fn every_golden_model_is_tested() {
+    let mut found: Vec<_> = std::fs::read_dir(folder()).unwrap().map(|entry| entry.unwrap().path()).collect();
+    found.retain(|path| path.join("cases.safetensors").exists());
+    found.sort();
+    assert_eq!(found, MODELS.map(|model| folder().join(model)));
+}
+
+#[derive(Deserialize)]
+struct Texts {
+    pieces: usize,
+    cases: Vec<Text>,
+}
+
+#[derive(Deserialize)]
+struct Text {
+    text: String,
+    ids: Vec<u32>,
+}
+
+#[test]
+fn text_is_split_as_sentencepiece_splits_it() {
+    let texts: Texts =
+        serde_json::from_slice(&std::fs::read(folder().join("text").join("cases.json")).unwrap()).unwrap();
+    let bytes = std::fs::read(folder().join("text").join("text.model")).unwrap();
+    let tokenizer = TextTokenizer::from_bytes(&bytes, texts.pieces).unwrap();
+    let mut wrong = 0;
+    for Text { text, ids } in &texts.cases {
+        let got = tokenizer.split(text);
+        if got != *ids {
+            eprintln!("{text:?}: expected {ids:?}, got {got:?}");
+            wrong += 1;
+        }
+        match tokenizer.encode(text) {
+            Ok(got) => assert_eq!(got, tokenizer.split(text)),
+            Err(StepError::TooLong { got, limit, .. }) => assert!(got == ids.len() && got > limit),
+            Err(error) => panic!("{text:?}: {error}"),
+        }
+    }
+    println!("golden text: {} texts, {wrong} split otherwise", texts.cases.len());
+    assert!(texts.cases.len() > 20 && wrong == 0);
+}
+
+#[test]
+fn a_model_carries_its_text_tokenizer() {
+    let (file, _) = open("mel_k2_arkit");
+    let carried = TextTokenizer::load(&file).unwrap().expect("this model has one");
+    assert_eq!(carried.encode("a person waves").unwrap(), [9, 101, 4, 79, 36, 145]);
+    assert!(TextTokenizer::load(&open("mel_k1_upcycled").0).unwrap().is_none());
+    let small = TextTokenizer::from_bytes(&std::fs::read(folder().join("text").join("text.model")).unwrap(), 100);
+    let outside = small.unwrap().encode("a person waves");
+    assert_eq!(outside, Err(StepError::OutOfRange { what: "token id", got: 101, limit: 100 }));
+    let refused = TextTokenizer::from_bytes(b"\xff\xff no model", 100).unwrap_err();
+    assert!(matches!(refused, LoadError::Tensor { name, .. } if name == "text.tokenizer"));
+}
