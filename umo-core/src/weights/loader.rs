@@ -243,11 +243,7 @@ impl<'a> Loader<'a> {
     }
 
     /// Packs all panels in parallel.
-    fn pack_float<P: Plain>(
-        &self,
-        rows: &Rows,
-        convert: impl Fn(f32) -> P + Sync,
-    ) -> Result<AlignedBox<P>, LoadError> {
+    fn pack_float<P: Plain>(&self, rows: &Rows, convert: impl Fn(f32) -> P + Sync) -> Result<AlignedBox<P>, LoadError> {
         let k = rows.cols();
         let mut packed = self.pool.zeroed(packed_len(rows.n, k));
         packed.par_chunks_mut((PANEL * k).max(1)).enumerate().try_for_each_init(

@@ -1,0 +1,89 @@
+//! Evening out the channels between two products, so that one loud channel does not take the int8 steps of all others.
+//!
+//! Where a channel passes from the rows of one weight to the columns of the next through nothing but products and sums
+//! (T5's `wi_1` to `wo`, and values to the attention's output), its rows may be divided and its columns multiplied by
+//! any factor: the function stays. The factor that makes both ranges equal costs both the same (Nagel et al. 2019,
+//! "Data-Free Quantization Through Weight Equalization and Bias Correction", section 4.1); powers of two change no bit
+//! of a float weight's mantissa.
+
+use umo_core::{LoadError, ModelFile};
+
+/// Factors lie within `2^-LIMIT..=2^LIMIT`: a channel that is never loud is not made so.
+const LIMIT: i32 = 12;
+
+/// The weight that makes the channels, and the one that takes them.
+const PAIRS: [(&str, &str); 2] = [(".wi_1.weight", ".wo.weight"), (".v.weight", ".o.weight")];
+
+/// Evens out `values`, the tensor `name`, where it is one of a pair whose second will be int8.
+pub(super) fn apply(
+    file: &ModelFile,
+    name: &str,
+    shape: &[usize],
+    int8: &dyn Fn(&str) -> bool,
+    values: &mut [f32],
+) -> Result<(), LoadError> {
+    if !name.starts_with("lm.") || shape.len() != 2 {
+        return Ok(());
+    }
+    let other = |from: &str, to: &str| name.strip_suffix(from).map(|stem| format!("{stem}{to}"));
+    for (maker, taker) in PAIRS {
+        if let Some(taker) = other(maker, taker).filter(|taker| int8(taker)) {
+            let taken = read(file, &taker, [shape[1], shape[0]])?;
+            let factors = factors(values, &taken, shape[0]);
+            for (row, factor) in values.chunks_exact_mut(shape[1]).zip(factors) {
+                row.iter_mut().for_each(|v| *v *= factor);
+            }
+        } else if let Some(maker) = other(taker, maker).filter(|_| int8(name)) {
+            let made = read(file, &maker, [shape[1], shape[0]])?;
+            let factors = factors(&made, values, shape[1]);
+            for row in values.chunks_exact_mut(shape[1]) {
+                row.iter_mut().zip(&factors).for_each(|(v, factor)| *v /= factor);
+            }
+        }
+    }
+    Ok(())
+}
+
+fn read(file: &ModelFile, name: &str, shape: [usize; 2]) -> Result<Vec<f32>, LoadError> {
+    let tensor = file.tensor(name, &shape)?;
+    let mut values = vec![0.0; shape[0] * shape[1]];
+    tensor.read(&mut values)?;
+    Ok(values)
+}
+
+/// What the rows of `made [channels, _]` are multiplied by, and the columns of `taken [_, channels]` divided by.
+fn factors(made: &[f32], taken: &[f32], channels: usize) -> Vec<f32> {
+    let mut ranges = vec![0.0_f32; channels];
+    for row in taken.chunks_exact(channels) {
+        ranges.iter_mut().zip(row).for_each(|(range, v)| *range = range.max(v.abs()));
+    }
+    let rows = made.chunks_exact((made.len() / channels.max(1)).max(1));
+    let range = |row: &[f32]| row.iter().fold(0.0_f32, |a, v| a.max(v.abs()));
+    rows.zip(ranges).map(|(row, taken)| factor(range(row), taken)).collect()
+}
+
+/// The power of two nearest to `sqrt(taken / made)`.
+#[expect(clippy::cast_possible_truncation, reason = "an exponent of a float")]
+fn factor(made: f32, taken: f32) -> f32 {
+    if made == 0.0 || taken == 0.0 {
+        return 1.0;
+    }
+    let exponent = 0.5 * (f64::from(taken).log2() - f64::from(made).log2());
+    2.0_f32.powi((exponent.round() as i32).clamp(-LIMIT, LIMIT))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn factors_make_ranges_equal() {
+        assert_eq!(factor(8.0, 2.0), 0.5);
+        assert_eq!(factor(0.25, 64.0), 16.0);
+        assert_eq!(factor(1.0, 1.3), 1.0);
+        assert_eq!(factor(0.0, 3.0), 1.0);
+        assert_eq!(factor(1e-30, 1e30), 4096.0);
+        // Three channels: made by rows of two, taken by columns of two.
+        assert_eq!(factors(&[1.0, -4.0, 0.5, 0.0, 0.0, 2.0], &[1.0, 8.0, 0.0, -0.5, 4.0, 0.0], 3), [0.5, 4.0, 1.0]);
+    }
+}
