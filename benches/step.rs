@@ -171,7 +171,8 @@ fn language_model(c: &mut Criterion, file: &ModelFile) {
     }
 }
 
-/// Multiply-adds of HuBERT on `samples`; its weights are small beside them. At the precision that decides units.
+/// Multiply-adds of HuBERT on `samples`, as if all were int8 (convolutions that are not cannot reach it); its weights are
+/// small beside them.
 fn hubert_floor(config: &Config, samples: usize) -> Floor {
     let Some(h) = &config.audio.hubert else { return Floor { bytes: 0, macs: 0 } };
     let (mut rows, mut channels, mut macs) = (samples, 1, 0);
