@@ -1,5 +1,6 @@
 //! The only reader of model files: bytes to checked tensors, each error naming what is wrong.
 
+mod header;
 pub mod layout;
 mod loader;
 mod source;
@@ -57,6 +58,7 @@ impl ModelFile {
 
     fn from_source(source: Source) -> Result<Self, LoadError> {
         let bytes = source.bytes();
+        header::check(bytes)?;
         let (header_len, metadata) = SafeTensors::read_metadata(bytes).map_err(|e| LoadError::File(e.to_string()))?;
         let data_start = header_len + 8;
         let want = data_start + data_len(&metadata);
@@ -100,6 +102,11 @@ impl ModelFile {
     /// Whether the file has a tensor of this name.
     pub fn has(&self, name: &str) -> bool {
         self.tensors.contains_key(name)
+    }
+
+    /// Whether the file has a tensor whose name starts so.
+    pub fn has_any(&self, prefix: &str) -> bool {
+        self.tensors.keys().any(|name| name.starts_with(prefix))
     }
 
     /// The raw bytes of a U8 tensor of one dimension, as `text.tokenizer`.
