@@ -25,7 +25,7 @@ fn recordings_without_sound_are_refused() {
         (folder.wav("empty.wav", &[]), "empty"),
         (folder.wav("short.wav", &voice(80)), "less than one frame"),
         (folder.wav("one.wav", &voice(533)), "less than one frame"),
-        (folder.at("missing.wav"), "No such file"),
+        (folder.at("missing.wav"), "no such file"),
         (folder.at(""), "directory"),
     ];
     for (recording, wanted) in &recordings {
