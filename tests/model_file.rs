@@ -305,7 +305,7 @@ fn names_and_ids_of_the_config_are_checked() {
         assert!(refused(id, json!(size)).contains(&size.to_string()));
     }
     let hubert = set(&model.config, "audio.kind", json!("hubert"));
-    let error = load(with_config(&model, &header, &data, &hubert)).err().expect("there is no audio.hubert");
+    let error = load(with_config(&model, &header, &data, &hubert)).expect_err("there is no audio.hubert");
     assert_eq!(named(&error), Some("audio.hubert"));
     for (path, value) in [
         ("audio.kind", json!("wav2vec")),

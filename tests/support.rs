@@ -5,6 +5,7 @@
 //! with commas between) demands it: then the test fails.
 
 use std::fmt::Debug;
+use std::io::Write;
 
 use proptest::prelude::*;
 use umo_kernels::{Isa, Mat, MatMut};
@@ -38,7 +39,11 @@ pub fn on_isa(name: &str, property: impl FnOnce(Isa)) {
         None if required().iter().any(|required| required == name) => {
             panic!("UMO_TEST_REQUIRE names {name}, which this processor does not have")
         }
-        None => eprintln!("SKIPPED: this processor does not have {name}"),
+        None => {
+            // Not `eprintln!`, whose text libtest keeps to itself when a test passes.
+            writeln!(std::io::stderr(), "SKIPPED: this processor does not have {name}")
+                .expect("standard error is open");
+        }
     }
 }
 

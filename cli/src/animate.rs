@@ -1,6 +1,6 @@
 //! `umo animate` and what it shares with `umo text`: a session run to its end into a clip.
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use umo_core::audio::resample;
 use umo_core::lm::sampler::Sampler;
@@ -8,7 +8,7 @@ use umo_core::model::Model;
 use umo_core::motion::clip::Clip;
 use umo_core::session::{Scratch, Session, SessionConfig};
 use umo_core::weights::Loader;
-use umo_core::{Compute, Config, ModelFile, StepError, Team};
+use umo_core::{Compute, Config, ModelFile, Precision, StepError, Team};
 
 use crate::args::{Animate, Output};
 use crate::export::{self, Format};
@@ -53,6 +53,7 @@ pub(crate) struct Job<'a> {
     args: &'a Output,
     file: ModelFile,
     pub(crate) model: Model,
+    load_time: Duration,
     team: Team,
     outputs: Vec<export::Output>,
 }
@@ -70,9 +71,11 @@ impl<'a> Job<'a> {
         let outputs = args.output.iter().zip(formats).map(|(path, format)| export::Output::create(path, format));
         let outputs = outputs.collect::<Result<_, _>>()?;
         let isa = model::isa(&args.compute)?;
+        let start = Instant::now();
         Ok(Self {
             args,
-            model: Model::load(&file, args.compute.precision.into(), isa)?,
+            model: Model::load(&file, args.compute.precision(Precision::Stored), isa)?,
+            load_time: start.elapsed(),
             file,
             team: model::team(&args.compute)?,
             outputs,
@@ -99,7 +102,8 @@ impl<'a> Job<'a> {
         )?;
         if let Some(path) = &self.args.start_pose {
             let cx = Compute { isa: self.model.isa(), team: &self.team };
-            let loader = Loader::new(&self.file, self.args.compute.precision.into(), self.model.isa());
+            let precision = self.args.compute.precision(Precision::Stored);
+            let loader = Loader::new(&self.file, precision, self.model.isa());
             let codes = start_pose::codes(cx, &loader, path)?;
             session.set_history(start_pose::as_slices(&codes))?;
         }
@@ -126,7 +130,28 @@ impl<'a> Job<'a> {
         }
         let names: Vec<_> = self.args.output.iter().map(|path| path.display().to_string()).collect();
         println!("{}: {frames} frames, {seconds:.2} s, made in {took:.2} s", names.join(", "));
+        if self.args.timings {
+            print_times(self.load_time, session, config);
+        }
         Ok(())
+    }
+}
+
+/// Milliseconds that the model took to load, and each stage, in all and per chunk.
+fn print_times(load: Duration, session: &Session, config: &Config) {
+    let times = session.stage_times();
+    let chunks = session.chunks(config).unwrap_or(0).max(1);
+    println!("{:<10} {:>12} {:>12}", "stage", "ms in all", "ms a chunk");
+    println!("{:<10} {:>12.1} {:>12}", "load", 1e3 * load.as_secs_f64(), "-");
+    for (stage, time) in [
+        ("tokenizer", times.tokenizer),
+        ("encoder", times.encoder),
+        ("decoder", times.decoder),
+        ("interp", times.interp),
+        ("motion", times.motion),
+    ] {
+        let ms = 1e3 * time.as_secs_f64();
+        println!("{stage:<10} {ms:>12.1} {:>12.2}", ms / chunks as f64);
     }
 }
 

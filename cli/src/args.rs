@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
 use umo_core::Precision;
+use umo_core::weights::writer::Storage;
 
 /// Speech in, a moving body out: face, hands, upper and lower body at 30 frames a second.
 #[derive(Debug, Parser)]
@@ -25,6 +26,8 @@ pub enum Command {
     Stage(Stage),
     /// Say what a model holds
     Inspect(Inspect),
+    /// Write a model with smaller weights
+    Quantize(Quantize),
     /// Write a model of random weights, for tests and benchmarks
     MakeRandom(MakeRandom),
 }
@@ -56,6 +59,9 @@ pub struct Output {
     /// Begin in this pose: SMPL-X motion whose last keyframes become the history
     #[arg(long, value_name = "FILE.npz")]
     pub start_pose: Option<PathBuf>,
+    /// Say how long each stage took
+    #[arg(long)]
+    pub timings: bool,
     #[command(flatten)]
     #[expect(missing_docs, reason = "clap would print a doc comment as help")]
     pub compute: Compute,
@@ -64,9 +70,9 @@ pub struct Output {
 /// How products are computed.
 #[derive(Debug, ClapArgs)]
 pub struct Compute {
-    /// Precision of the products
-    #[arg(long, value_enum, default_value_t = PrecisionArg::F32)]
-    pub precision: PrecisionArg,
+    /// Precision of the products; where not given, each as the model stores its weights (`stage`: f32)
+    #[arg(long, value_enum)]
+    pub precision: Option<PrecisionArg>,
     /// Instruction set: scalar, avx2, avx512vnni …; the best of this processor where not given
     #[arg(long, value_name = "NAME")]
     pub isa: Option<String>,
@@ -78,12 +84,19 @@ pub struct Compute {
 /// Precision of the products.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum PrecisionArg {
-    /// Weights as the file has them
+    /// Weights as the file has them, computed in f32
     F32,
     /// Weights rounded to bfloat16
     Bf16,
     /// Weights and activations in int8
     Int8,
+}
+
+impl Compute {
+    /// The precision that was asked for, or `default`.
+    pub fn precision(&self, default: Precision) -> Precision {
+        self.precision.map_or(default, Precision::from)
+    }
 }
 
 impl From<PrecisionArg> for Precision {
@@ -167,6 +180,34 @@ pub struct Inspect {
     pub config: bool,
 }
 
+/// Write a model with smaller weights.
+#[derive(Debug, ClapArgs)]
+pub struct Quantize {
+    /// Model file with float weights
+    pub input: PathBuf,
+    /// File to write
+    #[arg(short, long, value_name = "FILE")]
+    pub output: PathBuf,
+    /// How the weights of products are stored; tables, norms, the router and what decides codes stay as they are
+    #[arg(long, value_enum)]
+    pub weights: WeightsArg,
+    /// Tensors that stay as they are, as `*.moe.experts.*.wo.*`; may be given several times
+    #[arg(long, value_name = "GLOB")]
+    pub keep: Vec<String>,
+    /// Type of certain tensors: f32, bf16 or int8; the last that matches counts, before any --keep
+    #[arg(long, value_name = "GLOB=TYPE")]
+    pub set: Vec<String>,
+}
+
+/// How the weights of products are stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum WeightsArg {
+    /// Int8 steps with a scale per row
+    Int8,
+    /// Brain floats
+    Bf16,
+}
+
 /// Write a model of random weights.
 #[derive(Debug, ClapArgs)]
 pub struct MakeRandom {
@@ -204,4 +245,14 @@ pub enum StorageArg {
     Bf16,
     /// Int8 steps with a scale per row, for the products
     Int8,
+}
+
+impl From<StorageArg> for Storage {
+    fn from(arg: StorageArg) -> Self {
+        match arg {
+            StorageArg::F32 => Self::F32,
+            StorageArg::Bf16 => Self::Bf16,
+            StorageArg::Int8 => Self::Int8,
+        }
+    }
 }

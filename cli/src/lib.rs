@@ -16,6 +16,7 @@ mod failure;
 mod inspect;
 mod model;
 mod progress;
+mod quantize;
 mod random;
 #[cfg(test)]
 mod sample;
@@ -58,6 +59,7 @@ fn run(command: Command) -> Result<(), Failure> {
         Command::Text(args) => text::run(&args),
         Command::Stage(args) => stage::run(&args),
         Command::Inspect(args) => inspect::run(&args),
+        Command::Quantize(args) => quantize::run(&args),
         Command::MakeRandom(args) => random::run(&args),
     }
 }

@@ -4,9 +4,10 @@ mod sizes;
 
 use std::cell::RefCell;
 
-use umo_core::Config;
+use umo_core::motion::skeleton::joints_of;
 use umo_core::weights::layout::{self, Kind, Spec};
 use umo_core::weights::writer::{self, NewTensor, Storage, Values};
+use umo_core::{Config, Part};
 
 use crate::args::{MakeRandom, StorageArg};
 use crate::failure::Failure;
@@ -41,7 +42,7 @@ fn tensor<'a>(config: &'a Config, spec: &'a Spec, args: &MakeRandom, index: u64)
         (StorageArg::Bf16 | StorageArg::Int8, _) => Storage::Bf16,
     };
     let seed = args.seed;
-    let values = Values::Floats(Box::new(move || values(config, spec, seed, index)));
+    let values = Values::Floats(Box::new(move || Ok(values(config, spec, seed, index))));
     NewTensor { name: spec.name.clone(), shape: spec.shape.clone(), storage, values }
 }
 
@@ -53,8 +54,11 @@ fn values(config: &Config, spec: &Spec, seed: u64, index: u64) -> Vec<f32> {
         let mut random = random.borrow_mut();
         (0..spec.len()).map(|_| center + size * random.next()).collect()
     };
+    if let Some(rest) = rest(config, &spec.name) {
+        return rest;
+    }
     match spec.kind {
-        Kind::Product => draw(0.0, gain(&spec.name) / (spec.inputs() as f32).sqrt()),
+        Kind::Product => draw(0.0, gain(config, &spec.name) / (spec.inputs() as f32).sqrt()),
         Kind::Router => draw(0.0, 2.0 / (spec.inputs() as f32).sqrt()),
         Kind::Table | Kind::Centroids => draw(0.0, 1.0),
         Kind::Bias => draw(0.0, 0.02),
@@ -64,14 +68,42 @@ fn values(config: &Config, spec: &Spec, seed: u64, index: u64) -> Vec<f32> {
     }
 }
 
-/// T5 does not scale its attention scores, so its queries are small; what is added to a residual stream is damped.
-fn gain(name: &str) -> f32 {
+/// T5 does not scale its attention scores, so its queries are small; what is added to a residual stream is damped; poses
+/// stay near rest.
+fn gain(config: &Config, name: &str) -> f32 {
     match name {
         _ if name.starts_with("lm.") && name.ends_with(".q.weight") => 0.2,
         _ if name.ends_with(".o.weight") || name.ends_with(".wo.weight") => 0.5,
+        _ if last_convolution(config, name).is_some() => 0.2,
         _ if name.starts_with("vq.") => 0.7,
         _ => 1.0,
     }
+}
+
+/// The last convolution of a motion decoder, by its part's name.
+fn last_convolution<'a>(config: &Config, name: &'a str) -> Option<&'a str> {
+    let (part, rest) = name.strip_prefix("vq.")?.split_once(".decoder.main.")?;
+    let layers = match Part::ALL.into_iter().find(|p| p.name() == part) {
+        Some(part) => config.vq[part].layers,
+        None => config.vq.root.layers,
+    };
+    let index: usize = rest.split('.').next()?.parse().ok()?;
+    (index == 2 + 2 * layers).then_some(part)
+}
+
+/// The bias of a decoder's last convolution: no rotation, a face at rest, and a root that stands on the ground.
+fn rest(config: &Config, name: &str) -> Option<Vec<f32>> {
+    const NO_ROTATION: [f32; 6] = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
+    const PELVIS_HEIGHT_M: f32 = 0.93;
+    let part = last_convolution(config, name).filter(|_| name.ends_with(".bias"))?;
+    let part = Part::ALL.into_iter().find(|p| p.name() == part);
+    let mut bias = vec![0.0; part.map_or(config.vq.root.channels, |part| config.vq[part].channels)];
+    let rotations = 6 * joints_of(part.unwrap_or(Part::Lower)).count();
+    bias[..rotations].as_chunks_mut().0.fill(NO_ROTATION);
+    if part.is_none() {
+        bias[rotations + 1] = PELVIS_HEIGHT_M;
+    }
+    Some(bias)
 }
 
 /// Uniform numbers of variance 1: SplitMix64 (Steele, Lea, Flood 2014), a stream per tensor.

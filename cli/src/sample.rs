@@ -49,7 +49,7 @@ fn offsets() -> Vec<[f32; 3]> {
 }
 
 /// Every joint swings by up to `amount` radians about a wandering axis; every face channel comes and goes.
-pub fn clip(kind: FaceKind, frames: usize, amount: u8) -> Clip {
+pub(crate) fn clip(kind: FaceKind, frames: usize, amount: u8) -> Clip {
     let names: Vec<String> = match kind {
         FaceKind::Arkit => ARKIT_NAMES.map(str::to_owned).to_vec(),
         FaceKind::SmplxExpression => (0..100).map(|i| format!("expression_{i}")).collect(),

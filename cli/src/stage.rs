@@ -3,6 +3,7 @@
 use std::io::Write;
 use std::path::Path;
 
+use umo_core::Precision;
 use umo_core::lm::sampler::Sampler;
 use umo_core::stage::{self, Inputs, Options};
 use umo_core::weights::Loader;
@@ -23,7 +24,7 @@ pub(crate) fn run(args: &Stage) -> Result<(), Failure> {
     let sampling = file.config().sampling;
     let sampler = if args.greedy { Sampler::GREEDY } else { Sampler { sampling, seed: args.seed } };
     let output = whole::create(&args.output)?;
-    let loader = Loader::new(&file, args.compute.precision.into(), model::isa(&args.compute)?);
+    let loader = Loader::new(&file, args.compute.precision(Precision::F32), model::isa(&args.compute)?);
     let team = model::team(&args.compute)?;
     let tensors = stage::run(stage, &loader, &team, &inputs, Options { target: args.target, sampler })?;
     let bytes = stage::serialize(&tensors)?;

@@ -9,6 +9,8 @@ use std::io::{self, Read};
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
+use umo_core::audio;
+
 /// Sample rates that are read, in Hz.
 pub const SAMPLE_RATES: RangeInclusive<u32> = 1_000..=768_000;
 /// Most channels that are read.
@@ -58,8 +60,8 @@ impl Wav {
 /// Something wrong with a WAV file that does not stop it from being read.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Note {
-    /// Samples that were not a finite number, now silence.
-    NonFinite {
+    /// Samples that were no number, or louder than any sound ([`audio::LOUDEST`]), now silence.
+    Unusable {
         /// How many.
         samples: usize,
     },
@@ -75,8 +77,8 @@ pub enum Note {
 impl fmt::Display for Note {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::NonFinite { samples } => {
-                write!(f, "{samples} samples are not finite numbers; read as silence")
+            Self::Unusable { samples } => {
+                write!(f, "{samples} samples are not usable numbers; read as silence")
             }
             Self::Length { claimed, found } => {
                 write!(f, "the header claims {claimed} bytes of audio, the file holds {found}; read what is there")
@@ -199,9 +201,9 @@ pub fn parse(bytes: &[u8]) -> Result<Wav, WavError> {
     }
     let mut samples = format.encoding.decode(data);
     let mut notes: Vec<Note> = length.into_iter().collect();
-    let silenced = silence_non_finite(&mut samples);
+    let silenced = audio::silence_unusable(&mut samples);
     if silenced > 0 {
-        notes.push(Note::NonFinite { samples: silenced });
+        notes.push(Note::Unusable { samples: silenced });
     }
     Ok(Wav { sample_rate: format.sample_rate, channels: format.channels, samples, notes })
 }
@@ -393,15 +395,6 @@ fn top_24_bits(low: u8, middle: u8, high: u8) -> f32 {
 )]
 fn narrow(x: f64) -> f32 {
     x as f32
-}
-
-fn silence_non_finite(samples: &mut [f32]) -> usize {
-    let mut count = 0;
-    for x in samples.iter_mut().filter(|x| !x.is_finite()) {
-        *x = 0.0;
-        count += 1;
-    }
-    count
 }
 
 fn array<const N: usize>(bytes: &[u8]) -> [u8; N] {

@@ -160,6 +160,15 @@ impl<'a, T> MatMut<'a, T> {
         unsafe { core::slice::from_raw_parts_mut(start.as_ptr(), self.cols) }
     }
 
+    /// All elements of a matrix of one column without gaps. Panics where it has several columns or a stride.
+    #[inline]
+    pub fn column_mut(&mut self) -> &mut [T] {
+        assert!(self.cols == 1 && self.stride == 1, "{} columns at stride {}", self.cols, self.stride);
+        // SAFETY: the constructor checked that `rows` elements lie inside the slice, one after the other, and `self` is
+        // borrowed exclusively.
+        unsafe { core::slice::from_raw_parts_mut(self.start.as_ptr(), self.rows) }
+    }
+
     /// The same view for a shorter time.
     #[inline]
     pub fn reborrow(&mut self) -> MatMut<'_, T> {

@@ -175,16 +175,28 @@ pub fn pack<T: Copy, P: Copy + Default>(
     packed: &mut [P],
 ) -> Result<(), ShapeError> {
     expect_len("packed", packed_len(w.rows(), w.cols()), packed.len())?;
-    if w.cols() == 0 {
-        return Ok(());
+    packed.fill(P::default());
+    for o in 0..w.rows() {
+        let panel = &mut packed[o / PANEL * PANEL * w.cols()..][..PANEL * w.cols()];
+        pack_row(w.row(o), &convert, o % PANEL, panel)?;
     }
-    for (p, panel) in packed.chunks_exact_mut(PANEL * w.cols()).enumerate() {
-        for lane in 0..PANEL {
-            let output = p * PANEL + lane;
-            for i in 0..w.cols() {
-                panel[i * PANEL + lane] = if output < w.rows() { convert(w.row(output)[i]) } else { P::default() };
-            }
-        }
+    Ok(())
+}
+
+/// Packs one row as output `lane` of its panel `[k, PANEL]`; the other outputs are left as they are.
+///
+/// # Errors
+/// [`ShapeError`] where `panel` is no panel of the row's length, or `lane` none of its outputs.
+pub fn pack_row<T: Copy, P>(
+    row: &[T],
+    convert: impl Fn(T) -> P,
+    lane: usize,
+    panel: &mut [P],
+) -> Result<(), ShapeError> {
+    expect_len("panel", packed_len(1, row.len()), panel.len())?;
+    check_lane(lane)?;
+    for (outputs, &v) in panel.as_chunks_mut::<PANEL>().0.iter_mut().zip(row) {
+        outputs[lane] = convert(v);
     }
     Ok(())
 }
@@ -198,17 +210,35 @@ pub fn pack_i8(w: Mat<i8>, packed: &mut [i8], sum: &mut [i32]) -> Result<(), Sha
     expect_len("packed", packed_len_i8(n, k), packed.len())?;
     expect_len("sum", n, sum.len())?;
     packed.fill(0);
-    let panel_len = PANEL * k.div_ceil(QUAD) * QUAD;
+    let panel_len = packed_len_i8(1, k);
     for (o, sum) in sum.iter_mut().enumerate() {
-        let (panel, lane) = (o / PANEL, o % PANEL);
-        let mut total = 0;
-        for (i, &step) in w.row(o).iter().enumerate() {
-            packed[panel * panel_len + (i / QUAD) * PANEL * QUAD + lane * QUAD + i % QUAD] = step;
-            total += i32::from(step);
-        }
-        *sum = total;
+        *sum = pack_row_i8(w.row(o), o % PANEL, &mut packed[o / PANEL * panel_len..][..panel_len])?;
     }
     Ok(())
+}
+
+/// Packs one row as output `lane` of its panel `[ceil(k / QUAD), PANEL, QUAD]` and returns the sum of its steps. The
+/// other outputs, and inputs beyond `k`, are left as they are: zeros in new memory.
+///
+/// # Errors
+/// [`ShapeError`] where `panel` is no panel of the row's length, or `lane` none of its outputs.
+pub fn pack_row_i8(row: &[i8], lane: usize, panel: &mut [i8]) -> Result<i32, ShapeError> {
+    expect_len("panel", packed_len_i8(1, row.len()), panel.len())?;
+    check_lane(lane)?;
+    let (quads, _) = panel.as_chunks_mut::<{ PANEL * QUAD }>();
+    let (full, tail) = row.as_chunks::<QUAD>();
+    // A quad is four bytes in both places: one move.
+    for (outputs, quad) in quads.iter_mut().zip(full) {
+        outputs.as_chunks_mut::<QUAD>().0[lane] = *quad;
+    }
+    if let Some(outputs) = quads.get_mut(full.len()) {
+        outputs[lane * QUAD..][..tail.len()].copy_from_slice(tail);
+    }
+    Ok(row.iter().map(|&step| i32::from(step)).sum())
+}
+
+fn check_lane(lane: usize) -> Result<(), ShapeError> {
+    if lane < PANEL { Ok(()) } else { Err(ShapeError { arg: "lane", want: PANEL, got: lane }) }
 }
 
 /// Quantises one weight row symmetrically: the step is `max(abs(row)) / 127`, returned; an all-zero row has step 1.

@@ -5,12 +5,11 @@ mod kmeans;
 mod mel;
 pub mod resample;
 
-use umo_kernels::matmul_f32::Epilogue;
-use umo_kernels::{Mat, MatMut, ShapeError};
+use umo_kernels::ShapeError;
 
 use crate::config::AudioKind;
 use crate::error::{LoadError, StepError};
-use crate::linear::{Compute, Linear, Ready};
+use crate::linear::Compute;
 use crate::weights::Loader;
 use hubert::Hubert;
 use kmeans::Kmeans;
@@ -19,8 +18,22 @@ use mel::Mel;
 /// Features whose units are looked up at a time where a whole file is tokenised.
 const BLOCK: usize = 128;
 
-/// The audio tokenizer of one model. Its products are exact at every precision: a unit is a choice, and what follows
-/// sees nothing else of the audio.
+/// Largest sample that is taken for one; full scale is 1. Sums over louder ones would overflow.
+pub const LOUDEST: f32 = 1e6;
+
+/// Makes every sample that is no number, or louder than [`LOUDEST`], silence, and says how many there were.
+pub fn silence_unusable(samples: &mut [f32]) -> usize {
+    let mut count = 0;
+    // NaN is within no range.
+    for sample in samples.iter_mut().filter(|sample| !(-LOUDEST..=LOUDEST).contains(*sample)) {
+        *sample = 0.0;
+        count += 1;
+    }
+    count
+}
+
+/// The audio tokenizer of one model. HuBERT's products follow the model's precision, but for the first and the position
+/// convolution; which centroid is nearest, and mel features, are computed in full precision always.
 #[derive(Debug)]
 pub struct Tokenizer {
     network: Network,
@@ -100,20 +113,19 @@ impl Tokenizer {
     /// # Errors
     /// [`LoadError`] naming the tensor or key.
     pub fn load(loader: &Loader) -> Result<Self, LoadError> {
-        let loader = loader.exact();
         let config = loader.file().config();
         let missing = |key: &str| LoadError::config(key, "missing");
         let (network, width) = match config.audio.kind {
             AudioKind::Hubert => {
                 let sizes = config.audio.hubert.as_ref().ok_or_else(|| missing("audio.hubert"))?;
-                (Network::Hubert(Box::new(Hubert::load(&loader, sizes)?)), sizes.hidden_size)
+                (Network::Hubert(Box::new(Hubert::load(loader, sizes)?)), sizes.hidden_size)
             }
             AudioKind::Mel => {
                 let sizes = config.audio.mel.as_ref().ok_or_else(|| missing("audio.mel"))?;
-                (Network::Mel(Box::new(Mel::load(&loader, sizes, config.hop())?)), sizes.width())
+                (Network::Mel(Box::new(Mel::load(&loader.exact(), sizes, config.hop())?)), sizes.width())
             }
         };
-        let kmeans = Kmeans::load(&loader, config.audio.units, width)?;
+        let kmeans = Kmeans::load(&loader.exact(), config.audio.units, width)?;
         Ok(Self { network, kmeans, hop: config.hop(), reach: config.feature_reach_back(), width })
     }
 
@@ -301,9 +313,4 @@ impl Tokenizer {
         }
         Ok(new)
     }
-}
-
-/// A product of the tokenizer, whose weights are never quantised.
-fn product(cx: Compute, linear: &Linear, x: Mat<f32>, end: Epilogue, y: MatMut<f32>) -> Result<(), StepError> {
-    linear.apply(cx, Ready::Float(x), None, 0..linear.outputs(), end, y)
 }

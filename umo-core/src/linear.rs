@@ -9,6 +9,7 @@ use umo_kernels::{Bf16, Isa, Mat, MatMut, PANEL, PackedBf16, PackedF32, PackedI8
 
 use crate::error::StepError;
 use crate::team::Team;
+use crate::weights::AlignedBox;
 
 /// How products are computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -19,6 +20,8 @@ pub enum Precision {
     Bf16,
     /// Int8 weights per output row, activations quantised per row, int32 sums.
     Int8,
+    /// Each product as the file has its weights: int8 where they are I8, otherwise as [`Precision::F32`].
+    Stored,
 }
 
 impl Precision {
@@ -28,6 +31,7 @@ impl Precision {
             Self::F32 => "f32",
             Self::Bf16 => "bf16",
             Self::Int8 => "int8",
+            Self::Stored => "stored",
         }
     }
 }
@@ -45,13 +49,13 @@ pub struct Compute<'a> {
 #[derive(Debug)]
 pub enum Weight {
     /// f32 panels.
-    F32(Box<[f32]>),
+    F32(AlignedBox<f32>),
     /// bf16 panels.
-    Bf16(Box<[Bf16]>),
+    Bf16(AlignedBox<Bf16>),
     /// int8 panels of quads.
     I8 {
         /// Packed steps.
-        steps: Box<[i8]>,
+        steps: AlignedBox<i8>,
         /// Real value of one step, per output.
         scale: Box<[f32]>,
         /// Sum of the steps, per output.
@@ -71,14 +75,22 @@ pub struct Linear {
 /// Room for quantised activations, `[rows, inputs]` at most.
 #[derive(Debug)]
 pub struct QuantScratch {
-    steps: Box<[i8]>,
+    steps: AlignedBox<i8>,
     scale: Box<[f32]>,
 }
 
+/// Multiply-adds that quantising one value costs, roughly.
+const QUANTIZE_WORK: usize = 4;
+
 impl QuantScratch {
+    /// Room for at most `rows` rows and `values` values in all.
+    pub fn with_values(rows: usize, values: usize) -> Self {
+        Self { steps: AlignedBox::zeroed(values), scale: vec![0.0; rows].into() }
+    }
+
     /// Room for `rows` rows of at most `width` values, or for more rows of fewer values.
     pub fn new(rows: usize, width: usize) -> Self {
-        Self { steps: vec![0; rows * width].into(), scale: vec![0.0; rows].into() }
+        Self::with_values(rows, rows * width)
     }
 }
 
@@ -102,6 +114,11 @@ impl Linear {
     /// Inputs.
     pub fn inputs(&self) -> usize {
         self.inputs
+    }
+
+    /// Whether activations are quantised for it.
+    pub fn is_int8(&self) -> bool {
+        matches!(self.weight, Weight::I8 { .. })
     }
 
     /// Bytes that one product reads.
@@ -212,7 +229,7 @@ impl Linear {
     /// # Errors
     /// [`StepError`] where `quant` is too small.
     pub fn input<'a>(&self, cx: Compute, quant: &'a mut QuantScratch, x: Mat<'a, f32>) -> Result<Ready<'a>, StepError> {
-        if !matches!(self.weight, Weight::I8 { .. }) {
+        if !self.is_int8() {
             return Ok(Ready::Float(x));
         }
         let (rows, width) = (x.rows(), x.cols());
@@ -220,7 +237,10 @@ impl Linear {
             return Err(ShapeError { arg: "quant", want: rows * width, got: quant.steps.len() }.into());
         }
         let steps = MatMut::new(&mut quant.steps, rows, width)?;
-        quantize_rows(cx.isa, x, steps, &mut quant.scale[..rows])?;
+        let scale = MatMut::new(&mut quant.scale, rows, 1)?;
+        cx.team.rows_of_two(steps, scale, rows * width * QUANTIZE_WORK, |range, steps, mut scale| {
+            Ok(quantize_rows(cx.isa, x.row_range(range), steps, scale.column_mut())?)
+        })?;
         Ok(Ready::Quant(Quantised { steps: &quant.steps, scale: &quant.scale[..rows], width }))
     }
 

@@ -17,7 +17,7 @@ use crate::config::Config;
 use crate::error::{LoadError, StepError};
 use crate::linear::{Compute, Linear, QuantScratch};
 use crate::part::{Part, PerPart};
-use crate::weights::{Loader, Table};
+use crate::weights::{AlignedBox, Loader, Table};
 use decoder::{Decoder, DecoderCache, Sequence};
 use encoder::Encoder;
 
@@ -204,13 +204,13 @@ pub fn full_head(loader: &Loader) -> Result<Linear, LoadError> {
 #[derive(Debug)]
 pub struct LmScratch {
     /// Residual stream, `[rows, d_model]`.
-    pub(crate) hidden: Box<[f32]>,
+    pub(crate) hidden: AlignedBox<f32>,
     /// Normed rows, `[rows, d_model]`; after a pass, the final states.
-    pub(crate) normed: Box<[f32]>,
+    pub(crate) normed: AlignedBox<f32>,
     /// Queries, keys and values, `[rows, 3 * heads * d_kv]`.
-    pub(crate) qkv: Box<[f32]>,
+    pub(crate) qkv: AlignedBox<f32>,
     /// Attention output, `[rows, heads * d_kv]`.
-    pub(crate) context: Box<[f32]>,
+    pub(crate) context: AlignedBox<f32>,
     /// Routing and the experts' hidden rows.
     pub(crate) experts: experts::ExpertScratch,
     /// Quantised activations.
@@ -224,7 +224,7 @@ impl LmScratch {
         let lm = &config.lm;
         let inner = lm.num_heads * lm.d_kv;
         let widest = (lm.d_model.max(inner)).max(lm.d_ff * lm.top_k);
-        let zeros = |len| vec![0.0; len].into_boxed_slice();
+        let zeros = AlignedBox::zeroed;
         Self {
             hidden: zeros(rows * lm.d_model),
             normed: zeros(rows * lm.d_model),

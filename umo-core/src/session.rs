@@ -2,9 +2,11 @@
 
 mod history;
 
+use std::time::{Duration, Instant};
+
 use umo_kernels::Mat;
 
-use crate::audio::{AudioScratch, AudioStream};
+use crate::audio::{AudioScratch, AudioStream, silence_unusable};
 use crate::config::Config;
 use crate::error::{LoadError, StepError};
 use crate::interp::InterpScratch;
@@ -87,6 +89,33 @@ impl Scratch {
     }
 }
 
+/// Time spent in each stage since the session was made (the rows of the paper's runtime table).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct StageTimes {
+    /// Audio tokenizer.
+    pub tokenizer: Duration,
+    /// T5 encoder.
+    pub encoder: Duration,
+    /// T5 decoder, with the cross-attention's keys and values.
+    pub decoder: Duration,
+    /// Interpolation network.
+    pub interp: Duration,
+    /// VQ decoders and root network.
+    pub motion: Duration,
+}
+
+/// Gives the time since it was last asked.
+struct Lap(Instant);
+
+impl Lap {
+    fn lap(&mut self) -> Duration {
+        let now = Instant::now();
+        let lap = now - self.0;
+        self.0 = now;
+        lap
+    }
+}
+
 /// One avatar.
 #[derive(Debug)]
 pub struct Session {
@@ -106,6 +135,7 @@ pub struct Session {
     whole: Option<WholeFile>,
     history: History,
     motion: MotionStream,
+    times: StageTimes,
 }
 
 /// Units of a whole recording, used in place of the stream's.
@@ -146,6 +176,7 @@ impl Session {
             units: vec![0; window].into(),
             whole: None,
             history: History::new(c, config.target),
+            times: StageTimes::default(),
             motion: MotionStream::new(&model.motion, config.target * c.keyframe_stride, config.lookahead),
             config,
         })
@@ -174,22 +205,29 @@ impl Session {
         self.whole.as_ref().map(|whole| (whole.compared, whole.differed))
     }
 
-    /// Takes samples at the model's rate, mono.
+    /// Takes samples at the model's rate, mono, and says how many were no usable number and became silence
+    /// ([`silence_unusable`]).
     ///
     /// # Errors
     /// [`StepError::Order`] after [`Self::finish`].
-    pub fn push_audio(&mut self, samples: &[f32]) -> Result<(), StepError> {
+    pub fn push_audio(&mut self, samples: &[f32]) -> Result<usize, StepError> {
         if self.total.is_some() {
             return Err(StepError::Order("audio was pushed after the end"));
         }
+        let start = self.pending.len();
         self.pending.extend_from_slice(samples);
         self.samples += samples.len();
-        Ok(())
+        Ok(silence_unusable(&mut self.pending[start..]))
     }
 
     /// No more audio: the stream ends after `frames` frames.
     pub fn finish(&mut self, frames: usize) {
         self.total = Some(frames);
+    }
+
+    /// Time spent in each stage so far.
+    pub fn stage_times(&self) -> StageTimes {
+        self.times
     }
 
     /// Frames of the audio pushed so far.
@@ -224,21 +262,26 @@ impl Session {
             None if self.pending.len() < needed || !self.template.has_audio() => return Ok(false),
             _ => {}
         }
+        let mut clock = Lap(Instant::now());
         if self.audio.is_some() {
             self.listen(model, cx, scratch, needed)?;
         }
+        self.times.tokenizer += clock.lap();
         let prompt = Prompt { units: &self.units, history: self.history.prefix(), text: &self.config.text };
         let count = self.template.write(prompt, &mut scratch.ids)?;
         let width = model.lm.d_model();
         let states = &mut scratch.states[..count * width];
         model.lm.encode(cx, &mut scratch.lm, &scratch.ids[..count], &[count], states)?;
+        self.times.encoder += clock.lap();
         let draw = (self.config.sampler, self.chunk);
         let states = Mat::new(states, count, width)?;
         let Scratch { lm, cache, generator, interp, motion, .. } = scratch;
         generator.generate(cx, &model.lm, lm, states, cache, draw, self.history.target())?;
+        self.times.decoder += clock.lap();
 
         self.history.lay_out();
         model.interp.fill(cx, interp, self.history.frames())?;
+        self.times.interp += clock.lap();
         let fresh = self.history.fresh(self.chunk == 0);
         let mut within = frame_limit(self.total, &mut *frame);
         self.motion.push(cx, &model.motion, motion, fresh, self.config.lookahead, &mut within)?;
@@ -248,6 +291,7 @@ impl Session {
         if let (Some(total), true) = (self.total, Some(self.chunk) == self.chunks(config)) {
             self.motion.finish(cx, &model.motion, &mut scratch.motion, total, frame)?;
         }
+        self.times.motion += clock.lap();
         Ok(true)
     }
 

@@ -22,8 +22,12 @@ pub const MAX_THREADS: usize = 64;
 /// Multiply-adds below which a job is not worth sharing: about a microsecond of one core.
 const WORTH_SHARING: usize = 1 << 15;
 
-/// Times that a worker looks for a job before it parks: some 50 us.
-const SPINS: u32 = 20_000;
+/// Times that a worker looks for a job before it parks: 20 to 100 us, as long as the processor's pause is.
+const SPINS_BEFORE_PARK: u32 = 2_000;
+
+/// Times that the caller looks for the end of a job before it gives its core away: with more threads than cores, the
+/// worker that it waits for may need just that core.
+const SPINS_BEFORE_YIELD: u32 = 500;
 
 /// A job: called once per thread with the thread's index.
 type Job<'a> = dyn Fn(usize) + Sync + 'a;
@@ -107,7 +111,7 @@ impl Team {
         let mut spins = 0_u32;
         while shared.pending.load(Ordering::Acquire) != 0 {
             spins = spins.wrapping_add(1);
-            if spins.is_multiple_of(SPINS) { std::thread::yield_now() } else { std::hint::spin_loop() }
+            if spins.is_multiple_of(SPINS_BEFORE_YIELD) { std::thread::yield_now() } else { std::hint::spin_loop() }
         }
         let panicked = shared.panicked.swap(false, Ordering::Relaxed);
         shared.busy.store(false, Ordering::Release);
@@ -147,20 +151,40 @@ impl Team {
         self.split(y, total, 1, work, |y, at| y.split_rows(at), f)
     }
 
-    fn split<'a, T: Send>(
+    /// The same for the rows of two outputs, of which there are as many.
+    ///
+    /// # Errors
+    /// One of the errors that `f` returned.
+    pub fn rows_of_two<'a, T: Send, U: Send>(
         &self,
         y: MatMut<'a, T>,
+        z: MatMut<'a, U>,
+        work: usize,
+        f: impl Fn(Range<usize>, MatMut<'a, T>, MatMut<'a, U>) -> Result<(), StepError> + Sync,
+    ) -> Result<(), StepError> {
+        assert_eq!(y.rows(), z.rows(), "outputs of different heights");
+        let total = y.rows();
+        let cut = |(y, z): (MatMut<'a, T>, MatMut<'a, U>), at| {
+            let ((y, y_rest), (z, z_rest)) = (y.split_rows(at), z.split_rows(at));
+            ((y, z), (y_rest, z_rest))
+        };
+        self.split((y, z), total, 1, work, cut, |range, (y, z)| f(range, y, z))
+    }
+
+    fn split<Y: Send>(
+        &self,
+        y: Y,
         total: usize,
         granule: usize,
         work: usize,
-        cut: impl Fn(MatMut<'a, T>, usize) -> (MatMut<'a, T>, MatMut<'a, T>),
-        f: impl Fn(Range<usize>, MatMut<'a, T>) -> Result<(), StepError> + Sync,
+        cut: impl Fn(Y, usize) -> (Y, Y),
+        f: impl Fn(Range<usize>, Y) -> Result<(), StepError> + Sync,
     ) -> Result<(), StepError> {
         let share = total.div_ceil(granule).div_ceil(self.threads) * granule;
         if self.threads == 1 || work < WORTH_SHARING || share >= total {
             return f(0..total, y);
         }
-        let pieces: [Piece<MatMut<'a, T>>; MAX_THREADS] = std::array::from_fn(|_| Piece::empty());
+        let pieces: [Piece<Y>; MAX_THREADS] = std::array::from_fn(|_| Piece::empty());
         let (mut rest, mut start) = (y, 0);
         for piece in &pieces[..self.threads] {
             let end = (start + share).min(total);
@@ -217,7 +241,7 @@ fn work(shared: &Shared, index: usize) {
 
 /// Spins, then parks, until the epoch differs from `seen`.
 fn next_epoch(shared: &Shared, index: usize, seen: u32) -> u32 {
-    for _ in 0..SPINS {
+    for _ in 0..SPINS_BEFORE_PARK {
         let epoch = shared.epoch.load(Ordering::Acquire);
         if epoch != seen {
             return epoch;

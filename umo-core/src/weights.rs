@@ -1,5 +1,6 @@
 //! The only reader of model files: bytes to checked tensors, each error naming what is wrong.
 
+mod aligned;
 mod header;
 pub mod layout;
 mod loader;
@@ -13,11 +14,13 @@ use half::{bf16, f16};
 use safetensors::SafeTensors;
 use safetensors::tensor::{Dtype, Metadata, TensorInfo};
 
+pub use aligned::{AlignedBox, Plain};
 pub use loader::{Loader, Table};
 
 use crate::config::Config;
 use crate::error::LoadError;
 use source::Source;
+use writer::Storage;
 
 /// The version of the format that this library reads and writes.
 pub const FORMAT_VERSION: &str = "1";
@@ -109,6 +112,21 @@ impl ModelFile {
         self.tensors.keys().any(|name| name.starts_with(prefix))
     }
 
+    /// How a tensor is stored, where this library can write it so.
+    ///
+    /// # Errors
+    /// [`LoadError::Tensor`] where it is missing or of a type that no umo model has.
+    pub fn storage(&self, name: &str) -> Result<Storage, LoadError> {
+        match self.info(name)?.dtype {
+            Dtype::F32 => Ok(Storage::F32),
+            Dtype::F16 => Ok(Storage::F16),
+            Dtype::BF16 => Ok(Storage::Bf16),
+            Dtype::I8 => Ok(Storage::Int8),
+            Dtype::U8 => Ok(Storage::Bytes),
+            other => Err(LoadError::tensor(name, format!("expected F32, F16, BF16, I8 or U8, got {other:?}"))),
+        }
+    }
+
     /// The raw bytes of a U8 tensor of one dimension, as `text.tokenizer`.
     ///
     /// # Errors
@@ -138,7 +156,7 @@ impl ModelFile {
             Dtype::F32 => Data::F32(bytes.as_chunks().0),
             Dtype::F16 => Data::F16(bytes.as_chunks().0),
             Dtype::BF16 => Data::Bf16(bytes.as_chunks().0),
-            Dtype::I8 => Data::I8(bytes, self.scales(name, shape.first().copied().unwrap_or(1))?),
+            Dtype::I8 => Data::I8(source::signed(bytes), self.scales(name, shape.first().copied().unwrap_or(1))?),
             other => {
                 return Err(LoadError::tensor(name, format!("expected F32, F16, BF16 or I8, got {other:?}")));
             }
@@ -166,7 +184,7 @@ impl ModelFile {
     }
 
     /// Tells the system that the pages of `tensor` were read and need not stay in memory.
-    fn release(&self, tensor: &Tensor) {
+    pub fn release(&self, tensor: &Tensor) {
         let (start, len) = tensor.extent();
         self.source.release(start as usize - self.source.bytes().as_ptr() as usize, len);
     }
@@ -209,7 +227,7 @@ enum Data<'a> {
     F32(&'a [[u8; 4]]),
     F16(&'a [[u8; 2]]),
     Bf16(&'a [[u8; 2]]),
-    I8(&'a [u8], Vec<f32>),
+    I8(&'a [i8], Vec<f32>),
 }
 
 impl Tensor<'_> {
@@ -223,14 +241,14 @@ impl Tensor<'_> {
         self.cols
     }
 
-    /// Whether the values are stored as bfloat16.
-    pub fn is_bf16(&self) -> bool {
-        matches!(self.data, Data::Bf16(_))
-    }
-
-    /// Whether the values are stored as int8 steps.
-    pub fn is_i8(&self) -> bool {
-        matches!(self.data, Data::I8(..))
+    /// How the values are stored.
+    pub fn storage(&self) -> Storage {
+        match self.data {
+            Data::F32(_) => Storage::F32,
+            Data::F16(_) => Storage::F16,
+            Data::Bf16(_) => Storage::Bf16,
+            Data::I8(..) => Storage::Int8,
+        }
     }
 
     /// Reads row `row` into `out [cols]`.
@@ -243,18 +261,18 @@ impl Tensor<'_> {
             Data::F32(data) => convert(&data[range], out, |v| f32::from_le_bytes(*v)),
             Data::F16(data) => convert(&data[range], out, |v| f16::from_le_bytes(*v).to_f32()),
             Data::Bf16(data) => convert(&data[range], out, |v| bf16::from_le_bytes(*v).to_f32()),
-            Data::I8(data, scale) => convert(&data[range], out, |v| f32::from(v.cast_signed()) * scale[row]),
+            Data::I8(data, scale) => convert(&data[range], out, |&v| f32::from(v) * scale[row]),
         }
-        match out.iter().position(|v| !v.is_finite()) {
-            None => Ok(()),
-            Some(i) => {
-                Err(LoadError::tensor(&*self.name, format!("value [{row}, {i}] is {}, not a finite number", out[i])))
-            }
+        // Without an early end, so that many values are looked at together.
+        if out.iter().fold(true, |finite, v| finite & v.is_finite()) {
+            return Ok(());
         }
+        let at = out.iter().position(|v| !v.is_finite()).unwrap_or_default();
+        Err(LoadError::tensor(&*self.name, format!("value [{row}, {at}] is {}, not a finite number", out[at])))
     }
 
     /// The int8 steps of row `row` and the real value of one step, where the tensor is stored so.
-    pub fn steps(&self, row: usize) -> Option<(&[u8], f32)> {
+    pub fn steps(&self, row: usize) -> Option<(&[i8], f32)> {
         match &self.data {
             Data::I8(data, scale) => Some((&data[row * self.cols..(row + 1) * self.cols], scale[row])),
             _ => None,
@@ -277,7 +295,7 @@ impl Tensor<'_> {
         match &self.data {
             Data::F32(data) => (data.as_ptr().cast(), size_of_val(*data)),
             Data::F16(data) | Data::Bf16(data) => (data.as_ptr().cast(), size_of_val(*data)),
-            Data::I8(data, _) => (data.as_ptr(), data.len()),
+            Data::I8(data, _) => (data.as_ptr().cast(), data.len()),
         }
     }
 }

@@ -29,17 +29,16 @@ impl Load for Bf16 {
         _mm512_castsi512_ps(_mm512_slli_epi32::<16>(_mm512_cvtepu16_epi32(words)))
     }
 
-    /// One permutation per register: every word goes to the upper half of its lane, over zeros.
+    /// One permutation: every word goes to the upper half of its lane, over zeros.
     #[inline]
     #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-    unsafe fn load_two(src: &[[Self; PANEL]; 2]) -> [__m512; 2] {
+    unsafe fn load_of_two(src: &[[Self; PANEL]; 2], which: usize) -> __m512 {
         const UPPER_HALVES: __mmask32 = 0xaaaa_aaaa;
         // SAFETY: `src` is 64 readable bytes; the load needs no alignment.
         let words = unsafe { _mm512_loadu_si512(src.as_ptr().cast()) };
         // Word `2 i + 1` of the first register is word `i`, of the second word `16 + i`.
         let lane = _mm512_set_epi32(15, 14, 13, 12, 11, 10, 9, 8, 7, 6, 5, 4, 3, 2, 1, 0);
-        let first = _mm512_slli_epi32::<16>(lane);
-        let second = _mm512_slli_epi32::<16>(_mm512_add_epi32(lane, _mm512_set1_epi32(16)));
-        [first, second].map(|from| _mm512_castsi512_ps(_mm512_maskz_permutexvar_epi16(UPPER_HALVES, from, words)))
+        let word = if which == 0 { lane } else { _mm512_add_epi32(lane, _mm512_set1_epi32(16)) };
+        _mm512_castsi512_ps(_mm512_maskz_permutexvar_epi16(UPPER_HALVES, _mm512_slli_epi32::<16>(word), words))
     }
 }

@@ -74,7 +74,10 @@ fn tile<'a, W: Panels<'a, Item: Load>, const R: usize, const P: usize>(
     width: usize,
     y: &mut MatMut<f32>,
 ) {
-    let rows: [&[f32]; R] = core::array::from_fn(|r| x.row(t + r));
+    let mut rows = [&[][..]; R];
+    for (r, row) in rows.iter_mut().enumerate() {
+        *row = x.row(t + r);
+    }
     let end = slot + width;
     let mut slot = slot;
     while slot + P <= end {
@@ -100,7 +103,12 @@ fn group<'a, W: Panels<'a, Item: Load>, const R: usize, const P: usize>(
     y: &mut MatMut<f32>,
 ) {
     let mut sums = [[[0.0; PANEL]; P]; R];
-    multiply(rows, core::array::from_fn(|p| job.panel(slot + p)), &mut sums);
+    // Not by `from_fn`: a closure has this function's features and cannot be inlined into one that has not.
+    let mut panels = [&[][..]; P];
+    for (p, panel) in panels.iter_mut().enumerate() {
+        *panel = job.panel(slot + p);
+    }
+    multiply(rows, panels, &mut sums);
     let sums = sums.as_flattened_mut();
     match job {
         Job::Plain(_, end) => finish(sums, P, t, slot * PANEL, end, y),

@@ -7,9 +7,9 @@ use crate::pack::{PANEL, PackedF32};
 use core::arch::x86_64::*;
 use core::ops::Range;
 
-/// Rows of the largest tile: 9 rows x 3 panels are 27 sums, which leaves three registers of weights and two to spare.
-/// Nine rows, three panels and a counter still have their addresses in registers.
-const ROWS: usize = 9;
+/// Rows of the largest tile: 8 rows x 3 panels are 24 sums. A ninth row would fit the vector registers, but its address no
+/// longer a scalar one.
+const ROWS: usize = 8;
 /// Rows of the largest tile of an even number of panels, as gated products need: 6 rows x 4 panels.
 const EVEN_ROWS: usize = 6;
 /// Bytes of weights in work at once, which stay in L2 while tiles of rows go by.
@@ -22,9 +22,10 @@ pub(crate) trait Load: Copy {
     /// # Safety
     /// The processor has the features of this back-end.
     unsafe fn load(src: &[Self; PANEL]) -> __m512;
+    /// Row `which` of two.
     /// # Safety
     /// The processor has the features of this back-end.
-    unsafe fn load_two(src: &[[Self; PANEL]; 2]) -> [__m512; 2];
+    unsafe fn load_of_two(src: &[[Self; PANEL]; 2], which: usize) -> __m512;
 }
 
 impl Load for f32 {
@@ -36,8 +37,8 @@ impl Load for f32 {
 
     #[inline]
     #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-    unsafe fn load_two(src: &[[Self; PANEL]; 2]) -> [__m512; 2] {
-        [load(&src[0]), load(&src[1])]
+    unsafe fn load_of_two(src: &[[Self; PANEL]; 2], which: usize) -> __m512 {
+        load(&src[which])
     }
 }
 
@@ -58,19 +59,20 @@ pub(crate) fn run<'a, W: Panels<'a, Item: Load>>(x: Input<f32>, job: &Job<'_, W>
     // A multiple of the panels that any tile takes at once, and of gated pairs of them.
     let panel_bytes = PANEL * size_of::<W::Item>() * job.k().max(1);
     let width = (CHUNK_BYTES / panel_bytes / 12).max(1) * 12;
+    // Cleared once: clearing them per tile would wait for the stores of the tile before.
+    let mut sums = [[0.0; PANEL]; SUMS];
     for first in (0..job.slots()).step_by(width) {
         let slots = first..(first + width).min(job.slots());
         for (t, rows) in tiles(x.rows(), most) {
             match rows {
-                1 => tile::<W, 1, 4>(&x, t, job, slots.clone(), &mut y),
-                2 => tile::<W, 2, 4>(&x, t, job, slots.clone(), &mut y),
-                3 => tile::<W, 3, 4>(&x, t, job, slots.clone(), &mut y),
-                4 => tile::<W, 4, 4>(&x, t, job, slots.clone(), &mut y),
-                5 => tile::<W, 5, 4>(&x, t, job, slots.clone(), &mut y),
-                6 => tile::<W, 6, 4>(&x, t, job, slots.clone(), &mut y),
-                7 => tile::<W, 7, 3>(&x, t, job, slots.clone(), &mut y),
-                8 => tile::<W, 8, 3>(&x, t, job, slots.clone(), &mut y),
-                ROWS => tile::<W, ROWS, 3>(&x, t, job, slots.clone(), &mut y),
+                1 => tile::<W, 1, 4>(&x, t, job, slots.clone(), &mut sums, &mut y),
+                2 => tile::<W, 2, 4>(&x, t, job, slots.clone(), &mut sums, &mut y),
+                3 => tile::<W, 3, 4>(&x, t, job, slots.clone(), &mut sums, &mut y),
+                4 => tile::<W, 4, 4>(&x, t, job, slots.clone(), &mut sums, &mut y),
+                5 => tile::<W, 5, 4>(&x, t, job, slots.clone(), &mut sums, &mut y),
+                6 => tile::<W, 6, 4>(&x, t, job, slots.clone(), &mut sums, &mut y),
+                7 => tile::<W, 7, 3>(&x, t, job, slots.clone(), &mut sums, &mut y),
+                ROWS => tile::<W, ROWS, 3>(&x, t, job, slots.clone(), &mut sums, &mut y),
                 rows => unreachable!("a tile of {rows} rows"),
             }
         }
@@ -84,20 +86,24 @@ fn tile<'a, W: Panels<'a, Item: Load>, const R: usize, const P: usize>(
     t: usize,
     job: &Job<'_, W>,
     slots: Range<usize>,
+    sums: &mut [[f32; PANEL]; SUMS],
     y: &mut MatMut<f32>,
 ) {
-    let rows: [&[f32]; R] = core::array::from_fn(|r| x.row(t + r));
+    let mut rows = [&[][..]; R];
+    for (r, row) in rows.iter_mut().enumerate() {
+        *row = x.row(t + r);
+    }
     let mut slot = slots.start;
     while slot + P <= slots.end {
-        group::<W, R, P>(&rows, t, job, slot, y);
+        group::<W, R, P>(&rows, t, job, slot, sums, y);
         slot += P;
     }
     while slot + 2 <= slots.end {
-        group::<W, R, 2>(&rows, t, job, slot, y);
+        group::<W, R, 2>(&rows, t, job, slot, sums, y);
         slot += 2;
     }
     if slot < slots.end {
-        group::<W, R, 1>(&rows, t, job, slot, y);
+        group::<W, R, 1>(&rows, t, job, slot, sums, y);
     }
 }
 
@@ -108,11 +114,16 @@ fn group<'a, W: Panels<'a, Item: Load>, const R: usize, const P: usize>(
     t: usize,
     job: &Job<'_, W>,
     slot: usize,
+    sums: &mut [[f32; PANEL]; SUMS],
     y: &mut MatMut<f32>,
 ) {
-    let mut sums = [[[0.0; PANEL]; P]; R];
-    multiply(rows, core::array::from_fn(|p| job.panel(slot + p)), &mut sums);
-    let sums = sums.as_flattened_mut();
+    // Not by `from_fn`: a closure has this function's features and cannot be inlined into one that has not.
+    let mut panels = [&[][..]; P];
+    for (p, panel) in panels.iter_mut().enumerate() {
+        *panel = job.panel(slot + p);
+    }
+    multiply(rows, panels, sums);
+    let sums = &mut sums[..R * P];
     match job {
         Job::Plain(_, end) => finish(sums, P, t, slot * PANEL, end, y),
         Job::Gated(..) => finish_gated(sums, P / 2, t, slot / 2 * PANEL, y),
@@ -125,7 +136,7 @@ fn group<'a, W: Panels<'a, Item: Load>, const R: usize, const P: usize>(
 fn multiply<W: Load, const R: usize, const P: usize>(
     rows: &[&[f32]; R],
     panels: [&[[W; PANEL]]; P],
-    sums: &mut [[[f32; PANEL]; P]; R],
+    sums: &mut [[f32; PANEL]; SUMS],
 ) {
     let k = rows[0].len();
     // Lengths that are known to be equal need no check in the loop.
@@ -138,21 +149,21 @@ fn multiply<W: Load, const R: usize, const P: usize>(
     let mut acc = [[_mm512_setzero_ps(); P]; R];
     let mut i = 0;
     while i + 2 <= k {
-        let mut w = [[_mm512_setzero_ps(); 2]; P];
-        for p in 0..P {
-            let two: &[[W; PANEL]; 2] = panels[p][i..i + 2].first_chunk().expect("two of them");
-            // SAFETY: this function enables the features that `load_two` needs.
-            w[p] = unsafe { W::load_two(two) };
-            prefetch(panels[p].as_ptr().wrapping_add(i + AHEAD).cast());
-            if size_of::<W>() == 4 {
-                prefetch(panels[p].as_ptr().wrapping_add(i + AHEAD + 1).cast());
+        for which in 0..2 {
+            let mut w = [_mm512_setzero_ps(); P];
+            for p in 0..P {
+                let two: &[[W; PANEL]; 2] = panels[p][i..i + 2].first_chunk().expect("two of them");
+                // SAFETY: this function enables the features that `load_of_two` needs.
+                w[p] = unsafe { W::load_of_two(two, which) };
+                // One prefetch per line: two inputs of bf16 share one.
+                if which == 0 || size_of::<W>() == 4 {
+                    prefetch(panels[p].as_ptr().wrapping_add(i + which + AHEAD).cast());
+                }
             }
-        }
-        for step in 0..2 {
             for r in 0..R {
-                let x = _mm512_set1_ps(rows[r][i + step]);
+                let x = _mm512_set1_ps(rows[r][i + which]);
                 for p in 0..P {
-                    acc[r][p] = _mm512_fmadd_ps(x, w[p][step], acc[r][p]);
+                    acc[r][p] = _mm512_fmadd_ps(x, w[p], acc[r][p]);
                 }
             }
         }
@@ -169,11 +180,13 @@ fn multiply<W: Load, const R: usize, const P: usize>(
     }
     for r in 0..R {
         for p in 0..P {
-            store(&mut sums[r][p], acc[r][p]);
+            store(&mut sums[r * P + p], acc[r][p]);
         }
     }
 }
 
+/// Panels of sums in one tile at most.
+const SUMS: usize = ROWS * 3;
 /// Most panels that a tile ends at once.
 pub(crate) const MOST: usize = 4;
 

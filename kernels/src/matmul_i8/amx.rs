@@ -31,6 +31,9 @@ const STEPS: [usize; 2] = [16, 64];
 /// Bytes of weights in work at once, which stay in L2 while blocks of rows go by.
 const CHUNK_BYTES: usize = 768 << 10;
 
+/// Panels of sums in one block: integers as bits in the place of the floats that they become.
+const SUMS: usize = ROWS * 2;
+
 /// 16 rows of 64 bytes.
 type Tile = [[i8; BYTES]; TILE];
 
@@ -65,6 +68,7 @@ fn run(x: &QuantInput, job: &Job, y: MatMut<f32>) {
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
 fn product<const MOST: usize>(tiles: &Configured, x: &QuantInput, job: &Job, mut y: MatMut<f32>) {
     let mut inputs = [[[[0; BYTES]; TILE]; 2]; MOST];
+    let mut sums = [[0.0; PANEL]; SUMS];
     // A multiple of the panels that any block takes at once.
     let width = (CHUNK_BYTES / (PANEL * job.k().max(1)) / 4).max(1) * 4;
     for first in (0..job.slots()).step_by(width) {
@@ -79,15 +83,15 @@ fn product<const MOST: usize>(tiles: &Configured, x: &QuantInput, job: &Job, mut
                     1 => 1,
                     _ => 2,
                 };
-                block(tiles, x, t, rows, &mut inputs, job, slot, panels, &mut y);
+                block(tiles, x, t, rows, &mut inputs, job, slot, panels, &mut sums, &mut y);
                 slot += panels;
             }
         }
     }
 }
 
-/// The inputs from `first` on of the rows from `t` on, in tiles, as many steps as `inputs` holds. What stands behind the
-/// last input is zeros; behind the last row, anything.
+/// The inputs from `first` on of the rows from `t` on, in tiles, as many steps as `inputs` holds. Whatever stands behind the
+/// last input meets weights that are zero, and behind the last row, sums that nobody reads.
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
 fn gather(x: &QuantInput, t: usize, rows: usize, first: usize, inputs: &mut [[Tile; 2]]) {
     let last = (first + inputs.len() * BYTES).min(x.rows.cols());
@@ -97,9 +101,7 @@ fn gather(x: &QuantInput, t: usize, rows: usize, first: usize, inputs: &mut [[Ti
             step[r / TILE][r % TILE] = *whole;
         }
         if let Some(step) = inputs.get_mut(whole.len()).filter(|_| !part.is_empty()) {
-            let row = &mut step[r / TILE][r % TILE];
-            row[..part.len()].copy_from_slice(part);
-            row[part.len()..].fill(0);
+            step[r / TILE][r % TILE][..part.len()].copy_from_slice(part);
         }
     }
 }
@@ -116,29 +118,33 @@ fn block(
     job: &Job,
     slot: usize,
     panels: usize,
+    sums: &mut [[f32; PANEL]; SUMS],
     y: &mut MatMut<f32>,
 ) {
-    let quads: [&[[i8; BYTES]]; 4] = core::array::from_fn(|p| {
-        let (w, p) = job.slot(slot + p.min(panels - 1));
-        w.panel(p)
-    });
-    let mut sums = [[0; PANEL]; ROWS * 2];
+    // Not by `from_fn`: a closure has this function's features and cannot be inlined into one that has not.
+    let mut quads = [&[][..]; 4];
+    for (p, quads) in quads.iter_mut().enumerate() {
+        *quads = job.panel(slot + p.min(panels - 1));
+    }
     let blocks = quads[0].len().div_ceil(inputs.len() * TILE).max(1);
     for i in 0..blocks {
         if blocks > 1 {
             gather(x, t, rows, i * inputs.len() * BYTES, inputs);
         }
         let part = i * inputs.len() * TILE..((i + 1) * inputs.len() * TILE).min(quads[0].len());
-        let quads = quads.map(|quads| &quads[part.clone()]);
+        let mut quads = quads;
+        for quads in &mut quads {
+            *quads = &quads[part.clone()];
+        }
         match (rows <= TILE, panels) {
-            (true, 4) => multiply::<1, 4>(tiles, inputs, &quads, i == 0, &mut sums),
-            (true, 2) => multiply::<1, 2>(tiles, inputs, &quads, i == 0, &mut sums),
-            (true, _) => multiply::<1, 1>(tiles, inputs, &quads, i == 0, &mut sums),
-            (false, 2) => multiply::<2, 2>(tiles, inputs, &quads, i == 0, &mut sums),
-            (false, _) => multiply::<2, 1>(tiles, inputs, &quads, i == 0, &mut sums),
+            (true, 4) => multiply::<1, 4>(tiles, inputs, &quads, i == 0, sums),
+            (true, 2) => multiply::<1, 2>(tiles, inputs, &quads, i == 0, sums),
+            (true, _) => multiply::<1, 1>(tiles, inputs, &quads, i == 0, sums),
+            (false, 2) => multiply::<2, 2>(tiles, inputs, &quads, i == 0, sums),
+            (false, _) => multiply::<2, 1>(tiles, inputs, &quads, i == 0, sums),
         }
     }
-    finish::<0>(x, t, &sums[..rows * panels], panels, job, slot, y);
+    finish::<0>(x, t, &mut sums[..rows * panels], panels, job, slot, y);
 }
 
 /// Adds the products of `R` tiles of rows with the quads of `P` panels to `sums [rows, P]`, or starts them.
@@ -148,22 +154,24 @@ fn multiply<const R: usize, const P: usize>(
     inputs: &[[Tile; 2]],
     quads: &[&[[i8; BYTES]]; 4],
     start: bool,
-    sums: &mut [[i32; PANEL]; ROWS * 2],
+    sums: &mut [[f32; PANEL]; SUMS],
 ) {
     if !start {
         tiles.load_sums::<R, P>(sums);
     } else {
         tiles.zero();
     }
-    let whole: [(&[Tile], &[[i8; BYTES]]); 4] = quads.map(|quads| quads.as_chunks::<TILE>());
-    let (steps, rest) = (whole[0].0.len(), whole[0].1.len());
+    let [first, second, third, fourth] = *quads;
+    let ((first, rest), (second, _)) = (first.as_chunks::<TILE>(), second.as_chunks::<TILE>());
+    let ((third, _), (fourth, _)) = (third.as_chunks::<TILE>(), fourth.as_chunks::<TILE>());
+    let (steps, rest) = (first.len(), rest.len());
     for (i, x) in inputs.iter().enumerate().take(steps) {
-        tiles.step::<R, P>(x, [&whole[0].0[i], &whole[1].0[i], &whole[2].0[i], &whole[3].0[i]]);
+        tiles.step::<R, P>(x, [&first[i], &second[i], &third[i], &fourth[i]]);
     }
     if rest > 0 {
         let mut last = [[[0; BYTES]; TILE]; 4];
-        for (last, (_, part)) in last.iter_mut().zip(&whole).take(P) {
-            last[..rest].copy_from_slice(part);
+        for (last, quads) in last.iter_mut().zip(quads).take(P) {
+            last[..rest].copy_from_slice(&quads[steps * TILE..]);
         }
         tiles.step::<R, P>(&inputs[steps], last.each_ref());
     }
@@ -263,27 +271,27 @@ impl Configured {
     }
 
     #[inline]
-    fn load_sum<const C: u8>(&self, sums: &[[i32; PANEL]], stride: usize) {
+    fn load_sum<const C: u8>(&self, sums: &[[f32; PANEL]], stride: usize) {
         assert!(sums.len() > (TILE - 1) * stride);
         // SAFETY: tile `C` is configured as 16 rows of 64 bytes; row `r` is `sums[r * stride]`, inside by the assertion.
         unsafe {
             asm!("tileloadd tmm{c}, [{sums} + {stride}]", c = const C, sums = in(reg) sums.as_ptr(),
-                stride = in(reg) stride * size_of::<[i32; PANEL]>(), options(nostack, preserves_flags, readonly));
+                stride = in(reg) stride * size_of::<[f32; PANEL]>(), options(nostack, preserves_flags, readonly));
         }
     }
 
     #[inline]
-    fn store_sum<const C: u8>(&self, sums: &mut [[i32; PANEL]], stride: usize) {
+    fn store_sum<const C: u8>(&self, sums: &mut [[f32; PANEL]], stride: usize) {
         assert!(sums.len() > (TILE - 1) * stride);
         // SAFETY: tile `C` is configured as 16 rows of 64 bytes; row `r` is `sums[r * stride]`, inside by the assertion.
         unsafe {
             asm!("tilestored [{sums} + {stride}], tmm{c}", c = const C, sums = in(reg) sums.as_mut_ptr(),
-                stride = in(reg) stride * size_of::<[i32; PANEL]>(), options(nostack, preserves_flags));
+                stride = in(reg) stride * size_of::<[f32; PANEL]>(), options(nostack, preserves_flags));
         }
     }
 
     #[inline]
-    fn load_sums<const R: usize, const P: usize>(&self, sums: &[[i32; PANEL]]) {
+    fn load_sums<const R: usize, const P: usize>(&self, sums: &[[f32; PANEL]]) {
         self.load_sum::<0>(sums, P);
         if P > 1 {
             self.load_sum::<1>(&sums[1..], P);
@@ -301,7 +309,7 @@ impl Configured {
     }
 
     #[inline]
-    fn store_sums<const R: usize, const P: usize>(&self, sums: &mut [[i32; PANEL]]) {
+    fn store_sums<const R: usize, const P: usize>(&self, sums: &mut [[f32; PANEL]]) {
         self.store_sum::<0>(sums, P);
         if P > 1 {
             self.store_sum::<1>(&mut sums[1..], P);

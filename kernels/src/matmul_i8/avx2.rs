@@ -130,7 +130,10 @@ fn multiply<const R: usize, const H: usize>(
         for (q, quad) in quads.iter().enumerate() {
             let (outputs, _) = quad.as_chunks::<16>();
             float::prefetch(quads.as_ptr().wrapping_add(q + AHEAD).cast());
-            let w: [__m256i; H] = core::array::from_fn(|h| widen(&outputs[first + h]));
+            let mut w = [_mm256_setzero_si256(); H];
+            for h in 0..H {
+                w[h] = widen(&outputs[first + h]);
+            }
             for r in 0..R {
                 let x = _mm256_set1_epi64x(quad_bits(steps[r][q]));
                 for h in 0..H {

@@ -5,8 +5,8 @@
 
 use super::QuantInput;
 use crate::mat::MatMut;
-use crate::matmul_f32::avx512vnni::{self as float, MOST, lanes, load_part, prefetch, store};
-use crate::matmul_f32::{Epilogue, tiles};
+use crate::matmul_f32::avx512vnni::{self as float, MOST, lanes, load, load_part, prefetch, store, store_part};
+use crate::matmul_f32::{Activation, Epilogue, tiles};
 use crate::pack::{PANEL, PackedI8, QUAD, panels};
 use core::arch::x86_64::*;
 use core::ops::Range;
@@ -23,8 +23,9 @@ const CHUNK_BYTES: usize = 768 << 10;
 const QUADS: usize = 1024;
 /// Quads between a multiplication and the prefetch of its weights from L2: 8 steps of 13 cycles are longer than L2 takes.
 const AHEAD: usize = 8;
-/// Panels of sums that a tile ends with at most, here and on AMX.
-const MOST_SUMS: usize = 64;
+/// Panels of sums in one tile at most. They are cleared once per product: clearing them per tile would wait for the
+/// stores of the tile before.
+const SUMS: usize = ROWS * 3;
 /// Bytes in a register.
 const BYTES: usize = 64;
 
@@ -53,9 +54,18 @@ impl<'a> Job<'a> {
         }
     }
 
-    /// The weight and the panel of a slot.
+    /// The panel of a slot.
     #[inline]
-    pub(super) fn slot(&self, slot: usize) -> (&PackedI8<'a>, usize) {
+    pub(super) fn panel(&self, slot: usize) -> &'a [[i8; BYTES]] {
+        match self {
+            Job::Plain(w, _) => w.panel(slot),
+            Job::Gated(gate, up) => (if slot.is_multiple_of(2) { gate } else { up }).panel(slot / 2),
+        }
+    }
+
+    /// The weight of a slot, and the panel's place in it.
+    #[inline]
+    fn slot(&self, slot: usize) -> (&PackedI8<'a>, usize) {
         match self {
             Job::Plain(w, _) => (w, slot),
             Job::Gated(gate, up) => (if slot.is_multiple_of(2) { gate } else { up }, slot / 2),
@@ -85,6 +95,7 @@ fn run(x: QuantInput, job: &Job, y: MatMut<f32>) {
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
 fn product<const TILE: usize>(x: QuantInput, job: &Job, mut y: MatMut<f32>) {
     let mut steps = [[[0; QUAD]; QUADS + BYTES / QUAD]; TILE];
+    let mut sums = [[0.0; PANEL]; SUMS];
     // A multiple of the panels that any tile takes at once, and of gated pairs of them.
     let width = (CHUNK_BYTES / (PANEL * job.k().max(1)) / 12).max(1) * 12;
     for first in (0..job.slots()).step_by(width) {
@@ -93,15 +104,15 @@ fn product<const TILE: usize>(x: QuantInput, job: &Job, mut y: MatMut<f32>) {
             let steps = &mut steps[..rows];
             convert(&x, t, 0, steps);
             match rows {
-                1 => tile::<1, 4>(&x, t, steps, job, slots.clone(), &mut y),
-                2 => tile::<2, 4>(&x, t, steps, job, slots.clone(), &mut y),
-                3 => tile::<3, 4>(&x, t, steps, job, slots.clone(), &mut y),
-                4 => tile::<4, 4>(&x, t, steps, job, slots.clone(), &mut y),
-                5 => tile::<5, 4>(&x, t, steps, job, slots.clone(), &mut y),
-                6 => tile::<6, 4>(&x, t, steps, job, slots.clone(), &mut y),
-                7 => tile::<7, 3>(&x, t, steps, job, slots.clone(), &mut y),
-                8 => tile::<8, 3>(&x, t, steps, job, slots.clone(), &mut y),
-                ROWS => tile::<ROWS, 3>(&x, t, steps, job, slots.clone(), &mut y),
+                1 => tile::<1, 4>(&x, t, steps, job, slots.clone(), &mut sums, &mut y),
+                2 => tile::<2, 4>(&x, t, steps, job, slots.clone(), &mut sums, &mut y),
+                3 => tile::<3, 4>(&x, t, steps, job, slots.clone(), &mut sums, &mut y),
+                4 => tile::<4, 4>(&x, t, steps, job, slots.clone(), &mut sums, &mut y),
+                5 => tile::<5, 4>(&x, t, steps, job, slots.clone(), &mut sums, &mut y),
+                6 => tile::<6, 4>(&x, t, steps, job, slots.clone(), &mut sums, &mut y),
+                7 => tile::<7, 3>(&x, t, steps, job, slots.clone(), &mut sums, &mut y),
+                8 => tile::<8, 3>(&x, t, steps, job, slots.clone(), &mut sums, &mut y),
+                ROWS => tile::<ROWS, 3>(&x, t, steps, job, slots.clone(), &mut sums, &mut y),
                 rows => unreachable!("a tile of {rows} rows"),
             }
         }
@@ -139,20 +150,21 @@ fn tile<const R: usize, const P: usize>(
     steps: &mut [Steps],
     job: &Job,
     slots: Range<usize>,
+    sums: &mut [[f32; PANEL]; SUMS],
     y: &mut MatMut<f32>,
 ) {
     let steps: &mut [Steps; R] = steps.first_chunk_mut().expect("R was chosen by the number of rows");
     let mut slot = slots.start;
     while slot + P <= slots.end {
-        group::<R, P>(x, t, steps, job, slot, y);
+        group::<R, P>(x, t, steps, job, slot, sums, y);
         slot += P;
     }
     while slot + 2 <= slots.end {
-        group::<R, 2>(x, t, steps, job, slot, y);
+        group::<R, 2>(x, t, steps, job, slot, sums, y);
         slot += 2;
     }
     if slot < slots.end {
-        group::<R, 1>(x, t, steps, job, slot, y);
+        group::<R, 1>(x, t, steps, job, slot, sums, y);
     }
 }
 
@@ -164,24 +176,33 @@ fn group<const R: usize, const P: usize>(
     steps: &mut [Steps; R],
     job: &Job,
     slot: usize,
+    sums: &mut [[f32; PANEL]; SUMS],
     y: &mut MatMut<f32>,
 ) {
-    let panels: [&[[i8; BYTES]]; P] = core::array::from_fn(|p| {
-        let (w, p) = job.slot(slot + p);
-        w.panel(p)
-    });
-    let mut sums = [[[0; PANEL]; P]; R];
+    // Not by `from_fn`: a closure has this function's features and cannot be inlined into one that has not.
+    let mut panels = [&[][..]; P];
+    for (p, panel) in panels.iter_mut().enumerate() {
+        *panel = job.panel(slot + p);
+    }
     let k = job.k();
     if k <= QUADS * QUAD {
-        multiply(steps, panels, &mut sums);
+        multiply(steps, panels, true, sums);
     } else {
         for first in (0..k).step_by(QUADS * QUAD) {
             convert(x, t, first, steps);
             let quads = first / QUAD..(first / QUAD + QUADS).min(k.div_ceil(QUAD));
-            multiply(steps, panels.map(|panel| &panel[quads.clone()]), &mut sums);
+            let mut part = panels;
+            for part in &mut part {
+                *part = &part[quads.clone()];
+            }
+            multiply(steps, part, first == 0, sums);
         }
     }
-    finish::<128>(x, t, sums.as_flattened(), P, job, slot, y);
+    // The next tile's first weights arrive while this one ends.
+    for slot in slot + P..(slot + 2 * P).min(job.slots()) {
+        job.panel(slot).iter().take(AHEAD).for_each(|line| prefetch(line.as_ptr()));
+    }
+    finish::<128>(x, t, &mut sums[..R * P], P, job, slot, y);
 }
 
 /// The innermost tile: adds the products over the panels' quads to `R x P` sums in registers.
@@ -190,7 +211,8 @@ fn group<const R: usize, const P: usize>(
 fn multiply<const R: usize, const P: usize>(
     steps: &[Steps; R],
     panels: [&[[i8; BYTES]]; P],
-    sums: &mut [[[i32; PANEL]; P]; R],
+    start: bool,
+    sums: &mut [[f32; PANEL]; SUMS],
 ) {
     let quads = panels[0].len();
     assert!(quads <= QUADS);
@@ -198,13 +220,18 @@ fn multiply<const R: usize, const P: usize>(
         assert!(panel.len() == quads);
     }
     let mut acc = [[_mm512_setzero_si512(); P]; R];
-    for r in 0..R {
-        for p in 0..P {
-            acc[r][p] = load_sums(&sums[r][p]);
+    if !start {
+        for r in 0..R {
+            for p in 0..P {
+                acc[r][p] = load_sums(&sums[r * P + p]);
+            }
         }
     }
     for q in 0..quads {
-        let w: [__m512i; P] = core::array::from_fn(|p| load_bytes(&panels[p][q]));
+        let mut w = [_mm512_setzero_si512(); P];
+        for p in 0..P {
+            w[p] = load_bytes(&panels[p][q]);
+        }
         for panel in &panels {
             prefetch(panel.as_ptr().wrapping_add(q + AHEAD).cast());
         }
@@ -217,17 +244,17 @@ fn multiply<const R: usize, const P: usize>(
     }
     for r in 0..R {
         for p in 0..P {
-            store_sums(&mut sums[r][p], acc[r][p]);
+            store(&mut sums[r * P + p], _mm512_castsi512_ps(acc[r][p]));
         }
     }
 }
 
-/// Ends the sums `[rows, width]` of the rows from `t` on with the slots from `slot` on, whose inputs were raised by `OFFSET`.
+/// Ends the integer sums `[rows, width]` of the rows from `t` on with the slots from `slot` on, whose inputs were raised by `OFFSET`.
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
 pub(super) fn finish<const OFFSET: i32>(
     x: &QuantInput,
     t: usize,
-    sums: &[[i32; PANEL]],
+    sums: &mut [[f32; PANEL]],
     width: usize,
     job: &Job,
     slot: usize,
@@ -242,20 +269,42 @@ pub(super) fn finish<const OFFSET: i32>(
         correction[i] = _mm512_mullo_epi32(sum, _mm512_set1_epi32(OFFSET));
         w_scale[i] = load_part(&w.scale()[outputs]);
     }
-    let mut values = [[0.0; PANEL]; MOST_SUMS];
-    let values = &mut values[..sums.len()];
-    for (t, (values, sums)) in (t..).zip(values.chunks_exact_mut(width).zip(sums.chunks_exact(width))) {
-        let x_scale = _mm512_set1_ps(x.scale(t));
-        for i in 0..width {
-            // The exact sum rounded to f32 once, then scalar's order of roundings.
-            let sum = _mm512_sub_epi32(load_sums(&sums[i]), correction[i]);
-            let v = _mm512_mul_ps(_mm512_cvtepi32_ps(sum), _mm512_mul_ps(x_scale, w_scale[i]));
-            store(&mut values[i], v);
+    // The exact sum rounded to f32 once, then scalar's order of roundings.
+    let value = |sum: &[f32; PANEL], x_scale: __m512, i: usize| {
+        let sum = _mm512_sub_epi32(load_sums(sum), correction[i]);
+        _mm512_mul_ps(_mm512_cvtepi32_ps(sum), _mm512_mul_ps(x_scale, w_scale[i]))
+    };
+    match job {
+        // The usual end, in one pass.
+        Job::Plain(_, Epilogue { bias: None, activation: Activation::None, add, scatter: None }) => {
+            let outputs = slot * PANEL..((slot + width) * PANEL).min(y.cols());
+            for (t, sums) in (t..).zip(sums.chunks_exact(width)) {
+                let x_scale = _mm512_set1_ps(x.scale(t));
+                let (y, y_tail) = y.row_mut(t)[outputs.clone()].as_chunks_mut::<PANEL>();
+                for (i, (y, sum)) in y.iter_mut().zip(sums).enumerate() {
+                    let v = value(sum, x_scale, i);
+                    store(y, if *add { _mm512_add_ps(load(y), v) } else { v });
+                }
+                if !y_tail.is_empty() {
+                    let v = value(&sums[y.len()], x_scale, y.len());
+                    store_part(y_tail, if *add { _mm512_add_ps(load_part(y_tail), v) } else { v });
+                }
+            }
+            return;
+        }
+        _ => {
+            for (t, sums) in (t..).zip(sums.chunks_exact_mut(width)) {
+                let x_scale = _mm512_set1_ps(x.scale(t));
+                for (i, sum) in sums.iter_mut().enumerate() {
+                    let v = value(sum, x_scale, i);
+                    store(sum, v);
+                }
+            }
         }
     }
     match job {
-        Job::Plain(_, end) => float::finish(values, width, t, slot * PANEL, end, y),
-        Job::Gated(..) => float::finish_gated(values, width / 2, t, slot / 2 * PANEL, y),
+        Job::Plain(_, end) => float::finish(sums, width, t, slot * PANEL, end, y),
+        Job::Gated(..) => float::finish_gated(sums, width / 2, t, slot / 2 * PANEL, y),
     }
 }
 
@@ -281,18 +330,11 @@ fn store_bytes(dst: &mut [u8; BYTES], v: __m512i) {
     unsafe { _mm512_storeu_si512(dst.as_mut_ptr().cast(), v) }
 }
 
+/// Integer sums, which lie as bits in the place of the floats that they become.
 #[inline]
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn load_sums(src: &[i32; PANEL]) -> __m512i {
-    // SAFETY: `src` is 64 readable bytes; the load needs no alignment.
-    unsafe { _mm512_loadu_si512(src.as_ptr().cast()) }
-}
-
-#[inline]
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn store_sums(dst: &mut [i32; PANEL], v: __m512i) {
-    // SAFETY: `dst` is 64 writable bytes; the store needs no alignment.
-    unsafe { _mm512_storeu_si512(dst.as_mut_ptr().cast(), v) }
+fn load_sums(src: &[f32; PANEL]) -> __m512i {
+    _mm512_castps_si512(load(src))
 }
 
 #[inline]

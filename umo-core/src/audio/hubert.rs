@@ -5,17 +5,17 @@
 //! with a bias-free convolution, normalising the waveform to variance 1 only changes what the group norm's epsilon is
 //! measured against.
 
+use rayon::prelude::*;
 use umo_kernels::activation;
 use umo_kernels::attention::{Visible, attention_f32};
 use umo_kernels::matmul_f32::{Activation, Epilogue};
 use umo_kernels::norm::{channel_affine, channel_sums, layer_norm};
 use umo_kernels::{Mat, MatMut, PANEL};
 
-use super::product;
 use crate::config;
 use crate::error::{LoadError, StepError};
-use crate::linear::{Compute, Linear, Ready};
-use crate::weights::Loader;
+use crate::linear::{Compute, Linear, QuantScratch, Ready};
+use crate::weights::{AlignedBox, Loader};
 
 /// Added to a channel's variance in the group norm: PyTorch's default, which Hugging Face does not change.
 const GROUP_NORM_EPS: f64 = 1e-5;
@@ -79,23 +79,25 @@ pub(super) struct Statistics {
 #[derive(Debug)]
 pub(super) struct Scratch {
     /// Outputs of convolutions 0, 2, 4 ...
-    even: Box<[f32]>,
+    even: AlignedBox<f32>,
     /// Outputs of convolutions 1, 3, 5 ...
-    odd: Box<[f32]>,
+    odd: AlignedBox<f32>,
     /// The group norm as one factor per channel, `[conv_dim[0]]`.
     scale: Box<[f32]>,
     /// And one summand.
     shift: Box<[f32]>,
     /// Input of the position convolution, `[groups, window + 2 * (kernel / 2), hidden / groups]`.
-    padded: Box<[f32]>,
+    padded: AlignedBox<f32>,
     /// `[window, hidden]`.
-    sum: Box<[f32]>,
+    sum: AlignedBox<f32>,
     /// `[window, hidden]`.
-    hidden: Box<[f32]>,
+    hidden: AlignedBox<f32>,
     /// `[window, 3 * hidden]`.
-    qkv: Box<[f32]>,
+    qkv: AlignedBox<f32>,
     /// `[window, intermediate]`.
-    inside: Box<[f32]>,
+    inside: AlignedBox<f32>,
+    /// Quantised input of any product.
+    quant: QuantScratch,
 }
 
 impl Statistics {
@@ -192,13 +194,16 @@ impl Hubert {
         let mut channels = 1;
         let mut convolutions = Vec::with_capacity(sizes.conv_dim.len());
         for (i, (&dim, &kernel)) in sizes.conv_dim.iter().zip(&sizes.conv_kernel).enumerate() {
+            // Ten samples to a channel: nothing to gain, and the statistics of the group norm come from it.
+            let loader = if i == 0 { loader.exact() } else { loader.clone() };
             convolutions.push(loader.conv(&format!("{extractor}.{i}.conv"), dim, channels, kernel, false)?);
             channels = dim;
         }
         let (kernel, groups) = (sizes.num_conv_pos_embeddings, sizes.num_conv_pos_embedding_groups);
         let layers = (0..sizes.num_hidden_layers)
+            .into_par_iter()
             .map(|i| Layer::load(loader, &format!("{root}.encoder.layers.{i}"), sizes))
-            .collect::<Result<_, _>>()?;
+            .collect::<Result<Vec<_>, _>>()?;
         Ok(Self {
             sizes: sizes.clone(),
             convolutions: convolutions.into(),
@@ -206,9 +211,14 @@ impl Hubert {
             group_norm: Norm::load(loader, &format!("{extractor}.0.layer_norm"), sizes.conv_dim[0], 0.0)?,
             projection_norm: Norm::load(loader, &format!("{root}.feature_projection.layer_norm"), channels, eps)?,
             projection: loader.linear_with_bias(&format!("{root}.feature_projection.projection"), hidden, channels)?,
-            position: loader.grouped_conv(&format!("{root}.encoder.pos_conv_embed.conv"), hidden, kernel, groups)?,
+            position: loader.exact().grouped_conv(
+                &format!("{root}.encoder.pos_conv_embed.conv"),
+                hidden,
+                kernel,
+                groups,
+            )?,
             norm: Norm::load(loader, &format!("{root}.encoder.layer_norm"), hidden, eps)?,
-            layers,
+            layers: layers.into(),
         })
     }
 
@@ -218,31 +228,43 @@ impl Hubert {
         Statistics { normalise: self.sizes.do_normalize, samples: 0, wave: [0.0; 2], outputs: 0, channels }
     }
 
+    /// Every product whose input may be quantised.
+    fn products(&self) -> impl Iterator<Item = &Linear> {
+        let layers = self.layers.iter().flat_map(|layer| [&layer.qkv, &layer.out, &layer.up, &layer.down]);
+        self.convolutions.iter().chain([&self.projection]).chain(layers)
+    }
+
     /// Room for the convolutions of `samples` samples and a window of `window` features.
     pub(super) fn scratch(&self, samples: usize, window: usize) -> Scratch {
         let sizes = &self.sizes;
         let mut len = [0_usize; 2];
         let (mut rows, mut dim) = (samples, 1);
+        let (mut most_rows, mut most_values) = (window, window * sizes.hidden_size.max(sizes.intermediate_size));
         for (i, (conv, &stride)) in self.convolutions.iter().zip(&sizes.conv_stride).enumerate() {
             rows = outputs(rows, sizes.conv_kernel[i], stride);
+            if conv.is_int8() {
+                (most_rows, most_values) = (most_rows.max(rows), most_values.max(rows * conv.inputs()));
+            }
             dim = conv.outputs();
             len[i % 2] = len[i % 2].max(rows * dim);
         }
         // The projection's layer norm writes where the last convolution does not.
         let last = self.convolutions.len() % 2;
         len[last] = len[last].max(rows * dim);
+        let quantised = if self.products().any(Linear::is_int8) { most_values.max(rows * dim) } else { 0 };
         let padded = window + 2 * (sizes.num_conv_pos_embeddings / 2);
-        let zeros = |len: usize| vec![0.0; len].into_boxed_slice();
+        let zeros = AlignedBox::zeroed;
         Scratch {
             even: zeros(len[0]),
             odd: zeros(len[1]),
-            scale: zeros(sizes.conv_dim[0]),
-            shift: zeros(sizes.conv_dim[0]),
+            scale: vec![0.0; sizes.conv_dim[0]].into(),
+            shift: vec![0.0; sizes.conv_dim[0]].into(),
             padded: zeros(padded * sizes.hidden_size),
             sum: zeros(window * sizes.hidden_size),
             hidden: zeros(window * sizes.hidden_size),
             qkv: zeros(window * 3 * sizes.hidden_size),
             inside: zeros(window * sizes.intermediate_size),
+            quant: QuantScratch::with_values(most_rows.max(rows), quantised),
         }
     }
 
@@ -329,7 +351,8 @@ impl Hubert {
         let (kernel, stride) = (self.sizes.conv_kernel[0], self.sizes.conv_stride[0]);
         let rows = outputs(samples.len(), kernel, stride);
         let x = Mat::with_stride(samples, rows, kernel, stride)?;
-        product(cx, &self.convolutions[0], x, Epilogue::STORE, MatMut::new(y, rows, self.sizes.conv_dim[0])?)?;
+        let (first, dim) = (&self.convolutions[0], self.sizes.conv_dim[0]);
+        first.apply(cx, Ready::Float(x), None, 0..dim, Epilogue::STORE, MatMut::new(y, rows, dim)?)?;
         Ok(rows)
     }
 
@@ -359,13 +382,13 @@ impl Hubert {
             let count = outputs(rows, kernel, stride);
             let windows = Mat::with_stride(x, count, kernel * dim, stride * dim)?;
             (rows, dim) = (count, conv.outputs());
-            product(cx, conv, windows, GELU, MatMut::new(y, rows, dim)?)?;
+            conv.forward(cx, &mut scratch.quant, windows, GELU, MatMut::new(y, rows, dim)?)?;
             (x, y) = (y, x);
         }
         let count = features.len() / sizes.hidden_size;
         self.projection_norm.apply(cx, x, count, y)?;
         let features = MatMut::new(features, count, sizes.hidden_size)?;
-        product(cx, &self.projection, Mat::new(y, count, dim)?, Epilogue::STORE, features)
+        self.projection.forward(cx, &mut scratch.quant, Mat::new(y, count, dim)?, Epilogue::STORE, features)
     }
 
     /// The group norm under the statistics so far, as one factor and one summand per channel.
@@ -433,14 +456,14 @@ impl Hubert {
     /// One layer over `hidden`, in place.
     fn layer(&self, cx: Compute, layer: &Layer, scratch: &mut Scratch, window: usize) -> Result<(), StepError> {
         let (dim, ffn) = (self.sizes.hidden_size, self.sizes.intermediate_size);
-        let Scratch { sum, hidden, qkv, inside, .. } = scratch;
+        let Scratch { sum, hidden, qkv, inside, quant, .. } = scratch;
         let x = Mat::new(hidden, window, dim)?;
-        product(cx, &layer.qkv, x, Epilogue::STORE, MatMut::new(qkv, window, 3 * dim)?)?;
+        layer.qkv.forward(cx, quant, x, Epilogue::STORE, MatMut::new(qkv, window, 3 * dim)?)?;
         self.attend(cx, Mat::new(qkv, window, 3 * dim)?, MatMut::new(sum, window, dim)?)?;
-        product(cx, &layer.out, Mat::new(sum, window, dim)?, Epilogue::ADD, MatMut::new(hidden, window, dim)?)?;
+        layer.out.forward(cx, quant, Mat::new(sum, window, dim)?, Epilogue::ADD, MatMut::new(hidden, window, dim)?)?;
         layer.norm.apply(cx, hidden, window, sum)?;
-        product(cx, &layer.up, Mat::new(sum, window, dim)?, GELU, MatMut::new(inside, window, ffn)?)?;
-        product(cx, &layer.down, Mat::new(inside, window, ffn)?, Epilogue::ADD, MatMut::new(sum, window, dim)?)?;
+        layer.up.forward(cx, quant, Mat::new(sum, window, dim)?, GELU, MatMut::new(inside, window, ffn)?)?;
+        layer.down.forward(cx, quant, Mat::new(inside, window, ffn)?, Epilogue::ADD, MatMut::new(sum, window, dim)?)?;
         layer.final_norm.apply(cx, sum, window, hidden)
     }
 

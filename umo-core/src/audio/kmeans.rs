@@ -4,9 +4,8 @@ use umo_kernels::activation::argmax;
 use umo_kernels::matmul_f32::Epilogue;
 use umo_kernels::{Mat, MatMut};
 
-use super::product;
 use crate::error::{LoadError, StepError};
-use crate::linear::{Compute, Linear};
+use crate::linear::{Compute, Linear, Ready};
 use crate::weights::Loader;
 
 /// Centroids as a product: `|x - c|^2` is least where `x . c - |c|^2 / 2` is largest.
@@ -40,7 +39,8 @@ impl Kmeans {
         units: &mut [u32],
     ) -> Result<(), StepError> {
         let x = Mat::new(features, units.len(), self.product.inputs())?;
-        product(cx, &self.product, x, Epilogue::STORE, MatMut::new(scores, units.len(), self.units())?)?;
+        let y = MatMut::new(scores, units.len(), self.units())?;
+        self.product.apply(cx, Ready::Float(x), None, 0..self.units(), Epilogue::STORE, y)?;
         for (unit, scores) in units.iter_mut().zip(scores.chunks_exact(self.units())) {
             let best = argmax(cx.isa, scores).unwrap_or(0);
             *unit = u32::try_from(best).expect("a config has at most 2^16 units");

@@ -8,10 +8,9 @@ use realfft::{RealFftPlanner, RealToComplex};
 use umo_kernels::matmul_f32::Epilogue;
 use umo_kernels::{Mat, MatMut};
 
-use super::product;
 use crate::config;
 use crate::error::{LoadError, StepError};
-use crate::linear::{Compute, Linear};
+use crate::linear::{Compute, Linear, Ready};
 use crate::weights::Loader;
 
 /// Log-mel features.
@@ -119,7 +118,8 @@ impl Mel {
             self.power(frames.row(t), &mut scratch.frame, &mut scratch.spectrum, &mut scratch.work, power);
         }
         let power = Mat::new(&scratch.power, count, bins)?;
-        product(cx, &self.filters, power, Epilogue::STORE, MatMut::new(&mut scratch.energy, count, bands)?)?;
+        let energy = MatMut::new(&mut scratch.energy, count, bands)?;
+        self.filters.apply(cx, Ready::Float(power), None, 0..bands, Epilogue::STORE, energy)?;
         for (row, energy) in features.chunks_exact_mut(width).zip(scratch.energy.chunks_exact(bands)) {
             for (log, energy) in row.iter_mut().zip(energy) {
                 *log = energy.max(self.sizes.floor).ln();

@@ -1,5 +1,6 @@
 //! The decoder: new rows against cached keys and values (paper section 3.1; SPEC 2.4, 2.5).
 
+use rayon::prelude::*;
 use umo_kernels::attention::{Visible, attention_f32};
 use umo_kernels::matmul_f32::Epilogue;
 use umo_kernels::norm::rms_norm;
@@ -11,7 +12,7 @@ use super::{Lengths, LmScratch};
 use crate::config::Config;
 use crate::error::{LoadError, StepError};
 use crate::linear::{Compute, Linear, QuantScratch};
-use crate::weights::Loader;
+use crate::weights::{AlignedBox, Loader};
 
 /// The decoder stack.
 #[derive(Debug)]
@@ -39,9 +40,9 @@ struct Layer {
 #[derive(Debug)]
 pub struct DecoderCache {
     /// `[layers, own_max, 2 * inner]`: keys, then values.
-    own: Box<[f32]>,
+    own: AlignedBox<f32>,
     /// `[layers, cross_max, 2 * inner]`.
-    cross: Box<[f32]>,
+    cross: AlignedBox<f32>,
     own_len: usize,
     cross_len: usize,
     own_max: usize,
@@ -55,8 +56,8 @@ impl DecoderCache {
         let (layers, width) = (config.lm.num_decoder_layers, 2 * config.lm.num_heads * config.lm.d_kv);
         let (own_max, cross_max) = (lengths.decoder, lengths.encoder);
         Self {
-            own: vec![0.0; layers * own_max * width].into(),
-            cross: vec![0.0; layers * cross_max * width].into(),
+            own: AlignedBox::zeroed(layers * own_max * width),
+            cross: AlignedBox::zeroed(layers * cross_max * width),
             own_len: 0,
             cross_len: 0,
             own_max,
@@ -102,7 +103,11 @@ impl Decoder {
         };
         let bias = "lm.decoder.block.0.layer.0.SelfAttention.relative_attention_bias.weight";
         Ok(Self {
-            layers: (0..lm.num_decoder_layers).map(layer).collect::<Result<_, LoadError>>()?,
+            layers: (0..lm.num_decoder_layers)
+                .into_par_iter()
+                .map(layer)
+                .collect::<Result<Vec<_>, LoadError>>()?
+                .into(),
             bias: PositionBias::load(loader, bias, lm, false, positions)?,
             norm: loader.vector("lm.decoder.final_layer_norm.weight", lm.d_model)?,
             eps: lm.layer_norm_epsilon,

@@ -1,5 +1,6 @@
 //! The encoder: every token sees the whole input (paper section 3.1; SPEC 2.4).
 
+use rayon::prelude::*;
 use umo_kernels::attention::{Visible, attention_f32};
 use umo_kernels::matmul_f32::Epilogue;
 use umo_kernels::norm::rms_norm;
@@ -44,7 +45,7 @@ impl Encoder {
         };
         let bias = "lm.encoder.block.0.layer.0.SelfAttention.relative_attention_bias.weight";
         Ok(Self {
-            layers: (0..lm.num_layers).map(layer).collect::<Result<_, LoadError>>()?,
+            layers: (0..lm.num_layers).into_par_iter().map(layer).collect::<Result<Vec<_>, LoadError>>()?.into(),
             bias: PositionBias::load(loader, bias, lm, true, positions)?,
             norm: loader.vector("lm.encoder.final_layer_norm.weight", lm.d_model)?,
             eps: lm.layer_norm_epsilon,

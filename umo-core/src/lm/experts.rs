@@ -10,7 +10,7 @@ use umo_kernels::{Mat, MatMut};
 use crate::config::Lm;
 use crate::error::{LoadError, StepError};
 use crate::linear::{Compute, Linear, QuantScratch};
-use crate::weights::Loader;
+use crate::weights::{AlignedBox, Loader};
 
 /// One layer's norm, router and experts.
 #[derive(Debug)]
@@ -43,7 +43,7 @@ pub(crate) struct ExpertScratch {
     /// `[rows * top_k]`.
     weights: Box<[f32]>,
     /// `[rows * top_k, d_ff]`.
-    hidden: Box<[f32]>,
+    hidden: AlignedBox<f32>,
 }
 
 impl ExpertScratch {
@@ -54,7 +54,7 @@ impl ExpertScratch {
             starts: vec![0; lm.experts + 1].into(),
             rows: vec![0; slots].into(),
             weights: vec![0.0; slots].into(),
-            hidden: vec![0.0; slots * lm.d_ff].into(),
+            hidden: AlignedBox::zeroed(slots * lm.d_ff),
         }
     }
 }
@@ -63,12 +63,17 @@ impl Experts {
     /// Loads `{name}.layer_norm` and `{name}.moe`.
     pub(super) fn load(loader: &Loader, name: &str, lm: &Lm) -> Result<Self, LoadError> {
         let router = format!("{name}.moe.router.weight");
+        let tensor = |e: usize, which: &str| format!("{name}.moe.experts.{e}.{which}.weight");
+        let all = |which: &[&str]| -> Vec<String> {
+            (0..lm.experts).flat_map(|e| which.iter().map(move |which| tensor(e, which))).collect()
+        };
+        // All experts share the quantised input, and the products of its two halves are multiplied.
+        let (inside, down) = (loader.alike(&all(&["wi_0", "wi_1"]))?, loader.alike(&all(&["wo"]))?);
         let expert = |e: usize| {
-            let tensor = |which: &str| format!("{name}.moe.experts.{e}.{which}.weight");
             Ok(Expert {
-                gate: loader.linear(&[tensor("wi_0")], &[lm.d_ff], lm.d_model)?,
-                up: loader.linear(&[tensor("wi_1")], &[lm.d_ff], lm.d_model)?,
-                down: loader.linear(&[tensor("wo")], &[lm.d_model], lm.d_ff)?,
+                gate: inside.linear(&[tensor(e, "wi_0")], &[lm.d_ff], lm.d_model)?,
+                up: inside.linear(&[tensor(e, "wi_1")], &[lm.d_ff], lm.d_model)?,
+                down: down.linear(&[tensor(e, "wo")], &[lm.d_model], lm.d_ff)?,
             })
         };
         Ok(Self {

@@ -1,21 +1,50 @@
 //! Tensors to the forms that the networks compute with: packed products, vectors and tables.
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use rayon::prelude::*;
-use umo_kernels::pack::{PANEL, pack, pack_i8, packed_len, packed_len_i8, panels, quantize_weight_row};
-use umo_kernels::{Bf16, Isa, Mat};
+use umo_kernels::pack::{PANEL, pack_row, pack_row_i8, packed_len, packed_len_i8, quantize_weight_row};
+use umo_kernels::{Bf16, Isa};
 
+use super::aligned::{AlignedBox, Plain, Pool};
+use super::writer::Storage;
 use super::{ModelFile, Tensor};
 use crate::error::LoadError;
 use crate::linear::{Linear, Precision, Weight};
 
 /// Loads the parts of one model at one precision for one processor.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Loader<'a> {
     file: &'a ModelFile,
     precision: Precision,
+    /// How every product's weights are kept, where the precision does not say it tensor by tensor.
+    form: Option<Form>,
     isa: Isa,
+    /// Where packed weights lie.
+    pool: Arc<Pool>,
+}
+
+/// How packed weights are kept.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Form {
+    F32,
+    Bf16,
+    Int8,
+}
+
+impl Form {
+    /// The form of products over tensors that are stored so: nothing is lost beside what the precision asks to lose.
+    fn of(precision: Precision, stored: impl Iterator<Item = Storage> + Clone) -> Self {
+        let all = |storage| stored.clone().all(|s| s == storage);
+        match precision {
+            Precision::Int8 => Self::Int8,
+            Precision::Bf16 => Self::Bf16,
+            Precision::Stored if all(Storage::Int8) => Self::Int8,
+            Precision::Stored | Precision::F32 if all(Storage::Bf16) => Self::Bf16,
+            Precision::Stored | Precision::F32 => Self::F32,
+        }
+    }
 }
 
 /// How the values of one output row are ordered in the file.
@@ -28,19 +57,20 @@ enum Order {
 }
 
 impl Order {
-    /// Index in the file's row of value `i` of the needed row.
-    fn source(self, i: usize) -> usize {
-        match self {
-            Self::Same => i,
-            Self::Convolution { channels, kernel } => (i % channels) * kernel + i / channels,
+    /// The values of a row in the needed order: `stored` itself, or sorted into `sorted`.
+    fn sort<'a, T: Copy>(self, stored: &'a [T], sorted: &'a mut [T]) -> &'a [T] {
+        let Self::Convolution { channels, kernel } = self else { return stored };
+        for (tap, sorted) in sorted.chunks_exact_mut(channels).enumerate() {
+            sorted.iter_mut().zip(stored[tap..].iter().step_by(kernel)).for_each(|(out, &v)| *out = v);
         }
+        sorted
     }
 }
 
 impl<'a> Loader<'a> {
     /// A loader of `file` for `isa`; `precision` says how products are computed.
     pub fn new(file: &'a ModelFile, precision: Precision, isa: Isa) -> Self {
-        Self { file, precision, isa }
+        Self { file, precision, form: None, isa, pool: Arc::default() }
     }
 
     /// The file.
@@ -55,8 +85,18 @@ impl<'a> Loader<'a> {
 
     /// The same file and processor with products in full precision, for the tensors that lose by rounding.
     #[must_use]
-    pub fn exact(self) -> Self {
-        Self { precision: Precision::F32, ..self }
+    pub fn exact(&self) -> Self {
+        Self { precision: Precision::F32, form: None, ..self.clone() }
+    }
+
+    /// The same with one form of weights for all of the tensors `names`: products that share their input, or are
+    /// multiplied with each other, must not differ where the file does.
+    ///
+    /// # Errors
+    /// [`LoadError`] naming the tensor.
+    pub fn alike(&self, names: &[String]) -> Result<Self, LoadError> {
+        let stored = names.iter().map(|name| self.file.storage(name)).collect::<Result<Vec<_>, _>>()?;
+        Ok(Self { form: Some(Form::of(self.precision, stored.into_iter())), ..self.clone() })
     }
 
     /// A vector of `len` values.
@@ -169,20 +209,31 @@ impl<'a> Loader<'a> {
     /// [`LoadError`] naming the tensor.
     pub fn table(&self, name: &str, rows: usize, cols: usize) -> Result<Table, LoadError> {
         let tensor = self.file.tensor(name, &[rows, cols])?;
-        let store = |bytes: Vec<u16>| bytes.into_boxed_slice();
-        let values = if tensor.is_bf16() {
-            let mut values = vec![0_u16; rows * cols];
-            let mut row = vec![0.0; cols];
-            for (r, out) in values.chunks_exact_mut(cols).enumerate() {
-                tensor.read_row(r, &mut row)?;
-                out.iter_mut().zip(&row).for_each(|(out, &v)| *out = Bf16::from_f32(v).0);
-            }
-            TableValues::Bf16(store(values))
+        let values = if tensor.storage() == Storage::Bf16 {
+            TableValues::Bf16(self.table_rows(&tensor, Bf16::from_f32)?)
         } else {
-            TableValues::F32(self.values(name, &[rows, cols])?)
+            TableValues::F32(self.table_rows(&tensor, |v| v)?)
         };
         self.file.release(&tensor);
         Ok(Table { values, rows, cols })
+    }
+
+    fn table_rows<P: Plain>(
+        &self,
+        tensor: &Tensor,
+        convert: impl Fn(f32) -> P + Sync,
+    ) -> Result<AlignedBox<P>, LoadError> {
+        let cols = tensor.cols();
+        let mut values = self.pool.zeroed::<P>(tensor.rows() * cols);
+        values.par_chunks_mut(cols.max(1)).enumerate().with_min_len(64).try_for_each_init(
+            || vec![0.0; cols],
+            |row, (r, out)| {
+                tensor.read_row(r, row)?;
+                out.iter_mut().zip(row).for_each(|(out, v)| *out = convert(*v));
+                Ok(())
+            },
+        )?;
+        Ok(values)
     }
 
     fn product(&self, tensors: &[Tensor], order: Order) -> Result<Linear, LoadError> {
@@ -192,17 +243,51 @@ impl<'a> Loader<'a> {
         Ok(linear)
     }
 
-    /// Packs rows at this loader's precision: bf16 where the file has bf16 (nothing is lost) or where asked.
     fn pack(&self, rows: &Rows) -> Result<Linear, LoadError> {
-        let (n, k) = (rows.n, rows.tensors[0].cols());
-        let all = |f: fn(&Tensor) -> bool| rows.tensors.iter().all(f);
-        let weight = match self.precision {
-            Precision::Int8 => pack_int8(rows, n, k)?,
-            Precision::F32 if all(|t| t.is_bf16()) => Weight::Bf16(pack_float(rows, n, k, Bf16::from_f32)?),
-            Precision::F32 => Weight::F32(pack_float(rows, n, k, |v| v)?),
-            Precision::Bf16 => Weight::Bf16(pack_float(rows, n, k, Bf16::from_f32)?),
+        let stored = rows.tensors.iter().map(Tensor::storage);
+        let weight = match self.form.unwrap_or_else(|| Form::of(self.precision, stored)) {
+            Form::Int8 => self.pack_int8(rows)?,
+            Form::Bf16 => Weight::Bf16(self.pack_float(rows, Bf16::from_f32)?),
+            Form::F32 => Weight::F32(self.pack_float(rows, |v| v)?),
         };
-        Ok(Linear::new(weight, n, k))
+        Ok(Linear::new(weight, rows.n, rows.cols()))
+    }
+
+    /// Packs all panels in parallel.
+    fn pack_float<P: Plain>(&self, rows: &Rows, convert: impl Fn(f32) -> P + Sync) -> Result<AlignedBox<P>, LoadError> {
+        let k = rows.cols();
+        let mut packed = self.pool.zeroed(packed_len(rows.n, k));
+        packed.par_chunks_mut((PANEL * k).max(1)).enumerate().try_for_each_init(
+            || RowBuffer::new(k),
+            |buffer, (p, panel)| {
+                for lane in 0..PANEL.min(rows.n - p * PANEL) {
+                    let row = rows.floats(p * PANEL + lane, buffer)?;
+                    pack_row(row, &convert, lane, panel).expect("one panel per chunk");
+                }
+                Ok(())
+            },
+        )?;
+        Ok(packed)
+    }
+
+    /// Quantises and packs all panels in parallel; steps that the file already has are kept.
+    fn pack_int8(&self, rows: &Rows) -> Result<Weight, LoadError> {
+        let (n, k) = (rows.n, rows.cols());
+        let mut steps = self.pool.zeroed(packed_len_i8(n, k));
+        let (mut scale, mut sum) = (vec![0.0; n].into_boxed_slice(), vec![0; n].into_boxed_slice());
+        let outputs = scale.par_chunks_mut(PANEL).zip(sum.par_chunks_mut(PANEL));
+        let panels = steps.par_chunks_mut(packed_len_i8(1, k).max(1)).zip(outputs).enumerate();
+        panels.try_for_each_init(
+            || RowBuffer::new(k),
+            |buffer, (p, (panel, (scale, sum)))| {
+                for (lane, (scale, sum)) in scale.iter_mut().zip(sum).enumerate() {
+                    let row = rows.steps(p * PANEL + lane, buffer, scale)?;
+                    *sum = pack_row_i8(row, lane, panel).expect("one panel per chunk");
+                }
+                Ok(())
+            },
+        )?;
+        Ok(Weight::I8 { steps, scale, sum })
     }
 }
 
@@ -214,7 +299,24 @@ struct Rows<'a> {
     order: Order,
 }
 
+/// Room for one row on its way from the file to a panel.
+struct RowBuffer {
+    stored: Vec<f32>,
+    sorted: Vec<f32>,
+    steps: Vec<i8>,
+}
+
+impl RowBuffer {
+    fn new(k: usize) -> Self {
+        Self { stored: vec![0.0; k], sorted: vec![0.0; k], steps: vec![0; k] }
+    }
+}
+
 impl Rows<'_> {
+    fn cols(&self) -> usize {
+        self.tensors.first().map_or(0, Tensor::cols)
+    }
+
     /// The tensor and its row that hold output `row`.
     fn locate(&self, row: usize) -> (&Tensor<'_>, usize) {
         let mut row = self.first + row;
@@ -227,63 +329,25 @@ impl Rows<'_> {
         unreachable!("rows are counted from the same tensors")
     }
 
-    /// Reads output `row` in the needed order; `scratch` holds the file's.
-    fn read(&self, row: usize, scratch: &mut [f32], out: &mut [f32]) -> Result<(), LoadError> {
+    /// Output `row` in the needed order.
+    fn floats<'a>(&self, row: usize, buffer: &'a mut RowBuffer) -> Result<&'a [f32], LoadError> {
         let (tensor, row) = self.locate(row);
-        tensor.read_row(row, scratch)?;
-        for (i, out) in out.iter_mut().enumerate() {
-            *out = scratch[self.order.source(i)];
-        }
-        Ok(())
+        tensor.read_row(row, &mut buffer.stored)?;
+        Ok(self.order.sort(&buffer.stored, &mut buffer.sorted))
     }
-}
 
-/// Packs all panels in parallel.
-fn pack_float<P: Copy + Default + Send>(
-    rows: &Rows,
-    n: usize,
-    k: usize,
-    convert: impl Fn(f32) -> P + Sync,
-) -> Result<Box<[P]>, LoadError> {
-    let mut packed = vec![P::default(); packed_len(n, k)].into_boxed_slice();
-    packed.par_chunks_mut(PANEL * k).enumerate().try_for_each(|(p, panel)| {
-        let count = PANEL.min(n - p * PANEL);
-        let (mut scratch, mut values) = (vec![0.0; k], vec![0.0; count * k]);
-        for (lane, row) in values.chunks_exact_mut(k).enumerate() {
-            rows.read(p * PANEL + lane, &mut scratch, row)?;
+    /// Output `row` in steps of `scale`, in the needed order.
+    fn steps<'a>(&'a self, row: usize, buffer: &'a mut RowBuffer, scale: &mut f32) -> Result<&'a [i8], LoadError> {
+        let (tensor, source) = self.locate(row);
+        if let Some((stored, step)) = tensor.steps(source) {
+            *scale = step;
+            return Ok(self.order.sort(stored, &mut buffer.steps));
         }
-        let view = Mat::new(&values, count, k).expect("sized for the view");
-        pack(view, &convert, panel).expect("one panel per chunk");
-        Ok(())
-    })?;
-    Ok(packed)
-}
-
-/// Quantises and packs all panels in parallel; steps that the file already has are kept.
-fn pack_int8(rows: &Rows, n: usize, k: usize) -> Result<Weight, LoadError> {
-    let mut packed = vec![0_i8; packed_len_i8(n, k)].into_boxed_slice();
-    let panel_len = packed.len() / panels(n).max(1);
-    let (mut scale, mut sum) = (vec![0.0; n].into_boxed_slice(), vec![0; n].into_boxed_slice());
-    let outputs = scale.par_chunks_mut(PANEL).zip(sum.par_chunks_mut(PANEL));
-    packed.par_chunks_mut(panel_len.max(1)).zip(outputs).enumerate().try_for_each(|(p, (panel, (scale, sum)))| {
-        let (mut scratch, mut values) = (vec![0.0; k], vec![0.0; k]);
-        let mut steps = vec![0_i8; scale.len() * k];
-        for (lane, row) in steps.chunks_exact_mut(k).enumerate() {
-            let output = p * PANEL + lane;
-            let (tensor, source_row) = rows.locate(output);
-            if let Some((stored, step)) = tensor.steps(source_row) {
-                scale[lane] = step;
-                row.iter_mut().enumerate().for_each(|(i, v)| *v = stored[rows.order.source(i)].cast_signed());
-            } else {
-                rows.read(output, &mut scratch, &mut values)?;
-                scale[lane] = quantize_weight_row(&values, row).expect("both `k` long");
-            }
-        }
-        let view = Mat::new(&steps, scale.len(), k).expect("sized for the view");
-        pack_i8(view, panel, sum).expect("one panel per chunk");
-        Ok(())
-    })?;
-    Ok(Weight::I8 { steps: packed, scale, sum })
+        tensor.read_row(source, &mut buffer.stored)?;
+        let values = self.order.sort(&buffer.stored, &mut buffer.sorted);
+        *scale = quantize_weight_row(values, &mut buffer.steps).expect("both `k` long");
+        Ok(&buffer.steps)
+    }
 }
 
 /// A table whose rows are looked up, `[rows, cols]`.
@@ -296,8 +360,8 @@ pub struct Table {
 
 #[derive(Debug)]
 enum TableValues {
-    F32(Box<[f32]>),
-    Bf16(Box<[u16]>),
+    F32(AlignedBox<f32>),
+    Bf16(AlignedBox<Bf16>),
 }
 
 impl Table {
@@ -321,7 +385,7 @@ impl Table {
         match &self.values {
             TableValues::F32(values) => out.iter_mut().zip(&values[range]).for_each(|(out, &v)| f(out, v)),
             TableValues::Bf16(values) => {
-                out.iter_mut().zip(&values[range]).for_each(|(out, &v)| f(out, Bf16(v).to_f32()));
+                out.iter_mut().zip(&values[range]).for_each(|(out, &v)| f(out, v.to_f32()));
             }
         }
     }

@@ -56,3 +56,9 @@ impl Source {
         }
     }
 }
+
+/// Bytes as signed numbers.
+pub(super) fn signed(bytes: &[u8]) -> &[i8] {
+    // SAFETY: both types have one byte and take every value of it; the length and the lifetime stay.
+    unsafe { std::slice::from_raw_parts(bytes.as_ptr().cast(), bytes.len()) }
+}

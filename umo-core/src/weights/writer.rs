@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::io::{self, Write};
 
 use half::{bf16, f16};
+use rayon::prelude::*;
 use serde::Serialize;
 use umo_kernels::pack::quantize_weight_row;
 
@@ -48,7 +49,7 @@ impl Storage {
 /// Where a tensor's values come from, asked for when they are written, one tensor at a time.
 pub enum Values<'a> {
     /// Numbers, in the file's order.
-    Floats(Box<dyn Fn() -> Vec<f32> + 'a>),
+    Floats(Box<dyn Fn() -> io::Result<Vec<f32>> + 'a>),
     /// Bytes, for [`Storage::Bytes`].
     Bytes(&'a [u8]),
 }
@@ -128,24 +129,42 @@ fn header(config: &Config, tensors: &[NewTensor]) -> io::Result<String> {
 fn write_values(out: &mut impl Write, tensor: &NewTensor) -> io::Result<()> {
     let values = match &tensor.values {
         Values::Bytes(bytes) => return out.write_all(bytes),
-        Values::Floats(values) => values(),
+        Values::Floats(values) => values()?,
     };
     match tensor.storage {
-        Storage::F32 => values.iter().try_for_each(|v| out.write_all(&v.to_le_bytes())),
-        Storage::F16 => values.iter().try_for_each(|&v| out.write_all(&f16::from_f32(v).to_le_bytes())),
-        Storage::Bf16 => values.iter().try_for_each(|&v| out.write_all(&bf16::from_f32(v).to_le_bytes())),
+        Storage::F32 => write_all(out, &values, |v| v.to_le_bytes()),
+        Storage::F16 => write_all(out, &values, |v| f16::from_f32(v).to_le_bytes()),
+        Storage::Bf16 => write_all(out, &values, |v| bf16::from_f32(v).to_le_bytes()),
         Storage::Int8 => write_int8(out, &values, tensor.shape[0]),
         Storage::Bytes => Err(io::Error::other(format!("tensor `{}`: bytes expected, numbers given", tensor.name))),
     }
 }
 
+/// Values in pieces that the processor's cache holds.
+fn write_all<T: Copy, const N: usize>(
+    out: &mut impl Write,
+    values: &[T],
+    bytes: impl Fn(T) -> [u8; N],
+) -> io::Result<()> {
+    const PIECE: usize = 4096;
+    let mut piece = Vec::with_capacity(PIECE * N);
+    for values in values.chunks(PIECE) {
+        piece.clear();
+        values.iter().for_each(|&v| piece.extend_from_slice(&bytes(v)));
+        out.write_all(&piece)?;
+    }
+    Ok(())
+}
+
 /// The scales of all rows, then their steps.
 fn write_int8(out: &mut impl Write, values: &[f32], rows: usize) -> io::Result<()> {
-    let mut steps = vec![0_i8; values.len()];
-    let width = values.len() / rows.max(1);
-    for (row, steps) in values.chunks_exact(width.max(1)).zip(steps.chunks_exact_mut(width.max(1))) {
-        let scale = quantize_weight_row(row, steps).map_err(io::Error::other)?;
-        out.write_all(&scale.to_le_bytes())?;
-    }
-    steps.iter().try_for_each(|step| out.write_all(&step.to_le_bytes()))
+    let width = (values.len() / rows.max(1)).max(1);
+    let (mut steps, mut scales) = (vec![0_i8; values.len()], vec![0.0; rows]);
+    let all = values.par_chunks_exact(width).zip(steps.par_chunks_exact_mut(width)).zip(&mut scales);
+    all.try_for_each(|((row, steps), scale)| {
+        *scale = quantize_weight_row(row, steps).map_err(io::Error::other)?;
+        io::Result::Ok(())
+    })?;
+    write_all(out, &scales, f32::to_le_bytes)?;
+    write_all(out, &steps, i8::to_le_bytes)
 }

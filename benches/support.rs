@@ -1,0 +1,87 @@
+//! What the benches and measurements share: random numbers, models, and what the processor can do at most.
+
+pub mod peak;
+
+use std::path::{Path, PathBuf};
+
+use umo_core::ModelFile;
+
+/// Numbers from a counter: SplitMix64 (Steele, Lea, Flood 2014).
+#[derive(Debug)]
+pub struct Random(u64);
+
+impl Random {
+    /// A stream of numbers of its own for every seed.
+    pub fn new(seed: u64) -> Self {
+        Self(seed.wrapping_mul(0xA076_1D64_78BD_642F))
+    }
+
+    /// 64 random bits.
+    pub fn bits(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        z ^ (z >> 31)
+    }
+
+    /// Below `limit`, which is far below 2^64.
+    #[expect(clippy::cast_possible_truncation, reason = "below a `usize`")]
+    pub fn below(&mut self, limit: usize) -> usize {
+        (self.bits() % limit as u64) as usize
+    }
+
+    /// In -1..1.
+    #[expect(clippy::cast_precision_loss, reason = "24 bits fit an f32")]
+    pub fn unit(&mut self) -> f32 {
+        (self.bits() >> 40) as f32 / (1_u32 << 23) as f32 - 1.0
+    }
+
+    /// Normally distributed with variance 1 (Box and Muller 1958).
+    pub fn normal(&mut self) -> f32 {
+        let (radius, angle) = (self.unit().abs().max(f32::MIN_POSITIVE), self.unit());
+        (-2.0 * radius.ln()).sqrt() * (std::f32::consts::PI * angle).cos()
+    }
+
+    /// Any int8.
+    pub fn int8(&mut self) -> i8 {
+        self.bits().to_le_bytes()[0].cast_signed()
+    }
+}
+
+/// Whether the benches run once as tests: `cargo bench -- --test`.
+pub fn is_test() -> bool {
+    std::env::args().any(|arg| arg == "--test")
+}
+
+/// The model at `UMO_BENCH_MODEL`, or a random one of int8 weights: of base size, or small where benches run as tests.
+pub fn model() -> ModelFile {
+    if let Some(path) = std::env::var_os("UMO_BENCH_MODEL") {
+        return ModelFile::open(Path::new(&path)).unwrap_or_else(|error| panic!("UMO_BENCH_MODEL: {error}"));
+    }
+    if is_test() {
+        let folder = tempfile::tempdir().expect("a folder for temporary files");
+        let path = folder.path().join("small.safetensors");
+        make("small", &path);
+        let bytes = std::fs::read(path).expect("it was just written");
+        return ModelFile::from_bytes(bytes).expect("it was just written");
+    }
+    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../target/bench-base-int8.safetensors");
+    if !path.exists() {
+        make("base", &path);
+    }
+    ModelFile::open(&path).unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// Writes a random model: bf16, then its products in int8 as `umo quantize` chooses.
+fn make(size: &str, path: &Path) {
+    let float = path.with_extension("float");
+    let run = |args: &[&std::ffi::OsStr]| {
+        let args = std::iter::once("umo".as_ref()).chain(args.iter().copied()).map(Into::into);
+        let code = umo_cli::main(args);
+        assert_eq!(format!("{code:?}"), format!("{:?}", std::process::ExitCode::SUCCESS), "no model was made");
+    };
+    run(&["make-random".as_ref(), "--size".as_ref(), size.as_ref(), "-o".as_ref(), float.as_ref()]);
+    run(&["quantize".as_ref(), float.as_ref(), "--weights".as_ref(), "int8".as_ref(), "-o".as_ref(), path.as_ref()]);
+    std::fs::remove_file(float).expect("it was just written");
+}

@@ -1,0 +1,176 @@
+//! `umo quantize`: the same model with smaller weights, one tensor at a time.
+
+use std::cell::RefCell;
+use std::collections::HashMap;
+use std::io;
+
+use clap::ValueEnum;
+use glob::Pattern;
+use umo_core::weights::layout::{self, Kind, Spec};
+use umo_core::weights::writer::{self, NewTensor, Storage, Values};
+use umo_core::{LoadError, ModelFile};
+
+use crate::args::{Quantize, StorageArg, WeightsArg};
+use crate::failure::Failure;
+use crate::whole;
+
+/// Products that lose more by int8 than they gain; `docs/quantization.md` has the measurements.
+const DEFAULT_KEPT: [&str; 3] = [
+    // Decides which unit was heard.
+    "audio.*",
+    // Decides which code is written, with little margin between the best two.
+    "lm.lm_head.weight",
+    // Decides which code a pose is; only used for start poses.
+    "vq.[fhul]*.encoder.*",
+];
+
+/// Writes the quantised model.
+pub(crate) fn run(args: &Quantize) -> Result<(), Failure> {
+    let file =
+        ModelFile::open(&args.input).map_err(|error| Failure::input(format!("{}: {error}", args.input.display())))?;
+    let rules = Rules::new(args)?;
+    let plans = plan(&file, &rules)?;
+    let output = whole::create(&args.output)?;
+
+    let failed = RefCell::new(None);
+    let tensors: Vec<NewTensor> = plans.iter().map(|plan| tensor(&file, plan, &failed)).collect::<Result<_, _>>()?;
+    whole::commit(output, |out| writer::write(out, file.config(), &tensors))
+        .map_err(|failure| failed.take().map_or(failure, |error: LoadError| named(args, error)))?;
+
+    let int8 = plans.iter().filter(|plan| plan.storage == Storage::Int8).map(Plan::len).sum::<usize>();
+    let all = plans.iter().map(Plan::len).sum::<usize>();
+    let bytes = std::fs::metadata(&args.output).map_err(Failure::machine)?.len();
+    println!(
+        "{}: {bytes} bytes of {}, {:.1} % of the values in int8",
+        args.output.display(),
+        file.len(),
+        100.0 * int8 as f64 / all.max(1) as f64
+    );
+    Ok(())
+}
+
+fn named(args: &Quantize, error: LoadError) -> Failure {
+    Failure::input(format!("{}: {error}", args.input.display()))
+}
+
+/// One tensor of the new file.
+struct Plan {
+    name: String,
+    shape: Vec<usize>,
+    storage: Storage,
+}
+
+impl Plan {
+    fn len(&self) -> usize {
+        self.shape.iter().product()
+    }
+}
+
+/// Which tensors become what.
+struct Rules {
+    weights: Storage,
+    /// In the order of precedence, the last first; `None` keeps a tensor as it is.
+    globs: Vec<(Pattern, Option<Storage>)>,
+}
+
+impl Rules {
+    fn new(args: &Quantize) -> Result<Self, Failure> {
+        let mut globs = Vec::new();
+        for set in args.set.iter().rev() {
+            let (glob, storage) =
+                set.rsplit_once('=').ok_or_else(|| Failure::input(format!("--set {set}: expected GLOB=TYPE")))?;
+            let storage = StorageArg::from_str(storage, false)
+                .map_err(|_| Failure::input(format!("--set {set}: expected f32, bf16 or int8, got `{storage}`")))?;
+            globs.push((pattern("--set", glob)?, Some(storage.into())));
+        }
+        for glob in &args.keep {
+            globs.push((pattern("--keep", glob)?, None));
+        }
+        let weights = match args.weights {
+            WeightsArg::Bf16 => Storage::Bf16,
+            WeightsArg::Int8 => Storage::Int8,
+        };
+        Ok(Self { weights, globs })
+    }
+
+    /// What `name` is stored as, `was` what it is now.
+    fn storage(&self, name: &str, was: Storage, product: bool) -> Storage {
+        if let Some((_, asked)) = self.globs.iter().find(|(glob, _)| glob.matches(name)) {
+            return asked.unwrap_or(was);
+        }
+        let kept = self.weights == Storage::Int8 && DEFAULT_KEPT.iter().any(|glob| default(glob).matches(name));
+        if product && !kept { self.weights } else { was }
+    }
+
+    /// A glob that names nothing is a slip of the pen.
+    fn check(&self, names: &[&str]) -> Result<(), Failure> {
+        match self.globs.iter().find(|(glob, _)| !names.iter().any(|name| glob.matches(name))) {
+            Some((glob, _)) => Err(Failure::input(format!("`{glob}` matches no tensor of the model"))),
+            None => Ok(()),
+        }
+    }
+}
+
+fn pattern(option: &str, glob: &str) -> Result<Pattern, Failure> {
+    Pattern::new(glob).map_err(|error| Failure::input(format!("{option} {glob}: {error}")))
+}
+
+fn default(glob: &str) -> Pattern {
+    Pattern::new(glob).expect("the patterns above are well formed")
+}
+
+/// Every tensor of the file and what becomes of it, in the file's order of names.
+fn plan(file: &ModelFile, rules: &Rules) -> Result<Vec<Plan>, Failure> {
+    let specs = layout::specs(file.config(), true);
+    let specs: HashMap<&str, &Spec> = specs.iter().map(|spec| (spec.name.as_str(), spec)).collect();
+    let list = file.tensors();
+    let names: Vec<&str> = list.iter().map(|(name, ..)| *name).collect();
+    rules.check(&names)?;
+    let plan = |(name, _, shape, _): &(&str, String, &[usize], usize)| {
+        let (was, spec) = (file.storage(name)?, specs.get(name));
+        if was == Storage::Int8 {
+            return Err(Failure::input(format!(
+                "tensor `{name}` is int8 already: quantise the float model that it was made from"
+            )));
+        }
+        if let Some(spec) = spec {
+            file.tensor(name, &spec.shape)?;
+        }
+        let storage = match was {
+            Storage::Bytes => was,
+            _ => rules.storage(name, was, spec.is_some_and(|spec| spec.kind == Kind::Product)),
+        };
+        let rows = spec.is_some_and(|spec| matches!(spec.kind, Kind::Product | Kind::Table));
+        if storage == Storage::Int8 && !rows {
+            return Err(Failure::input(format!("tensor `{name}` is no product or table: it cannot be int8")));
+        }
+        Ok(Plan { name: (*name).to_owned(), shape: shape.to_vec(), storage })
+    };
+    list.iter().map(plan).collect()
+}
+
+/// The new tensor; its values are read when they are written, and what is wrong with them is left in `failed`.
+fn tensor<'a>(
+    file: &'a ModelFile,
+    plan: &'a Plan,
+    failed: &'a RefCell<Option<LoadError>>,
+) -> Result<NewTensor<'a>, Failure> {
+    let values = match plan.storage {
+        Storage::Bytes => Values::Bytes(file.raw(&plan.name)?),
+        _ => Values::Floats(Box::new(move || {
+            let read = || {
+                let tensor = file.tensor(&plan.name, &plan.shape)?;
+                let mut values = vec![0.0; plan.len()];
+                tensor.read(&mut values)?;
+                file.release(&tensor);
+                Ok(values)
+            };
+            read().map_err(|error: LoadError| {
+                let message = error.to_string();
+                failed.replace(Some(error));
+                io::Error::other(message)
+            })
+        })),
+    };
+    Ok(NewTensor { name: plan.name.clone(), shape: plan.shape.clone(), storage: plan.storage, values })
+}

@@ -1,0 +1,191 @@
+//! `umo quantize` as a user runs it.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use tempfile::TempDir;
+use umo_core::ModelFile;
+use umo_core::weights::layout::{self, Kind};
+use umo_core::weights::writer::Storage;
+
+struct Place(TempDir);
+
+impl Place {
+    /// A folder with a tiny random model of f32 weights, `model`.
+    fn new() -> Self {
+        let place = Self(TempDir::new().unwrap());
+        place.run(&["make-random", "--size", "tiny", "--store", "f32", "-o", "model"], 0);
+        place
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    fn open(&self, name: &str) -> ModelFile {
+        ModelFile::open(&self.path(name)).unwrap()
+    }
+
+    /// Runs the program in the folder, and returns what it said on standard error.
+    fn run(&self, args: &[&str], code: i32) -> String {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_umo"));
+        let Output { status, stderr, .. } = command.args(args).current_dir(self.0.path()).output().unwrap();
+        let stderr = String::from_utf8(stderr).unwrap();
+        assert_eq!(status.code(), Some(code), "umo {args:?}: {stderr}");
+        stderr
+    }
+
+    /// Quantises `model` to `name` with more arguments.
+    fn quantize(&self, name: &str, args: &[&str]) -> ModelFile {
+        self.run(&[&["quantize", "model", "-o", name], args].concat(), 0);
+        self.open(name)
+    }
+
+    /// Files in the folder.
+    fn files(&self) -> Vec<String> {
+        let entries = std::fs::read_dir(self.0.path()).unwrap();
+        let mut names: Vec<_> = entries.map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+        names.sort();
+        names
+    }
+}
+
+/// All values of a tensor.
+fn values(file: &ModelFile, name: &str, shape: &[usize]) -> Vec<f32> {
+    let mut values = vec![0.0; shape.iter().product()];
+    file.tensor(name, shape).unwrap().read(&mut values).unwrap();
+    values
+}
+
+fn speech() -> String {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/hello.wav").display().to_string()
+}
+
+#[test]
+fn int8_takes_products_to_half_a_step_and_nothing_else() {
+    let place = Place::new();
+    let (before, after) = (place.open("model"), place.quantize("small", &["--weights", "int8"]));
+    assert!(after.len() < before.len());
+    let mut quantised = 0;
+    for spec in layout::specs(before.config(), true) {
+        let (was, is) = (values(&before, &spec.name, &spec.shape), values(&after, &spec.name, &spec.shape));
+        if after.storage(&spec.name).unwrap() != Storage::Int8 {
+            assert_eq!(was, is, "{}", spec.name);
+            continue;
+        }
+        quantised += 1;
+        assert_eq!(spec.kind, Kind::Product, "{}", spec.name);
+        for (was, is) in was.chunks_exact(spec.inputs()).zip(is.chunks_exact(spec.inputs())) {
+            let step = was.iter().fold(0.0_f32, |a, v| a.max(v.abs())) / 127.0;
+            for (was, is) in was.iter().zip(is) {
+                assert!((was - is).abs() <= 0.501 * step, "{}: {was} became {is}", spec.name);
+            }
+        }
+    }
+    assert!(quantised > 20, "only {quantised} tensors");
+    for kept in ["lm.lm_head.weight", "lm.shared.weight", "lm.encoder.block.0.layer.1.moe.router.weight"] {
+        assert_eq!(after.storage(kept).unwrap(), Storage::F32, "{kept}");
+    }
+    assert_eq!(before.raw("text.tokenizer").unwrap(), after.raw("text.tokenizer").unwrap());
+}
+
+#[test]
+fn bf16_rounds_products_alone() {
+    let place = Place::new();
+    let file = place.quantize("small", &["--weights", "bf16"]);
+    for spec in layout::specs(file.config(), true) {
+        let wanted = if spec.kind == Kind::Product { Storage::Bf16 } else { Storage::F32 };
+        assert_eq!(file.storage(&spec.name).unwrap(), wanted, "{}", spec.name);
+    }
+}
+
+#[test]
+fn the_last_set_counts_then_keep_then_the_default() {
+    let place = Place::new();
+    let globs = ["--keep", "*.q.weight", "--set", "*.[qk].weight=bf16", "--set", "lm.decoder.*.k.weight=f32"];
+    let file = place.quantize("small", &[&["--weights", "int8"], &globs[..]].concat());
+    let storage =
+        |stack: &str, which: &str| file.storage(&format!("lm.{stack}.block.0.layer.0.SelfAttention.{which}.weight"));
+    for (stack, which, wanted) in [
+        ("encoder", "q", Storage::Bf16),
+        ("encoder", "k", Storage::Bf16),
+        ("decoder", "k", Storage::F32),
+        ("decoder", "v", Storage::Int8),
+    ] {
+        assert_eq!(storage(stack, which).unwrap(), wanted, "{stack} {which}");
+    }
+    let kept = place.quantize("kept", &["--weights", "int8", "--keep", "lm.*"]);
+    assert_eq!(kept.storage("lm.encoder.block.0.layer.0.SelfAttention.v.weight").unwrap(), Storage::F32);
+    let head = place.quantize("head", &["--weights", "int8", "--set", "lm.lm_head.weight=int8"]);
+    assert_eq!(head.storage("lm.lm_head.weight").unwrap(), Storage::Int8);
+}
+
+/// Weights that are quantised beforehand give the same animation as those that are quantised when loaded.
+#[test]
+fn a_quantised_model_moves_as_its_original_in_int8() {
+    let place = Place::new();
+    place.quantize("small", &["--weights", "int8"]);
+    let speech = speech();
+    for (model, precision, output) in [("model", "int8", "a.jsonl"), ("small", "int8", "b.jsonl")] {
+        place.run(&["animate", &speech, "--model", model, "--precision", precision, "-o", output], 0);
+    }
+    let read = |name| std::fs::read_to_string(place.path(name)).unwrap();
+    assert!(read("a.jsonl").lines().count() > 30);
+    assert_eq!(read("a.jsonl"), read("b.jsonl"));
+}
+
+/// Experts share their input, and each is the product of two: those that differ are still computed.
+#[test]
+fn uneven_types_are_computed() {
+    let place = Place::new();
+    for (i, glob) in ["*experts.0.wo*=bf16", "*.wi_0.*=bf16", "*experts.1.wi_1.*=f32", "*.k.weight=bf16", "*.wo.*=f32"]
+        .into_iter()
+        .enumerate()
+    {
+        let (name, output) = (format!("model{i}"), format!("out{i}.jsonl"));
+        place.quantize(&name, &["--weights", "int8", "--set", glob]);
+        place.run(&["animate", &speech(), "--model", &name, "-o", &output], 0);
+    }
+}
+
+#[test]
+fn what_is_int8_already_is_refused() {
+    let place = Place::new();
+    place.quantize("small", &["--weights", "int8"]);
+    let before = place.files();
+    let said = place.run(&["quantize", "small", "-o", "smaller", "--weights", "int8"], 2);
+    assert!(said.contains("is int8 already"), "{said}");
+    assert_eq!(place.files(), before);
+}
+
+#[test]
+fn a_slip_in_a_glob_is_told() {
+    let place = Place::new();
+    for (args, wanted) in [
+        (["--keep", "lm.nothing.*"], "`lm.nothing.*` matches no tensor"),
+        (["--keep", "lm.[*"], "--keep lm.[*"),
+        (["--set", "lm.*"], "expected GLOB=TYPE"),
+        (["--set", "lm.*=int4"], "expected f32, bf16 or int8, got `int4`"),
+        (["--set", "*.layer_norm.weight=int8"], "it cannot be int8"),
+    ] {
+        let said = place.run(&[&["quantize", "model", "-o", "small", "--weights", "int8"], &args[..]].concat(), 2);
+        assert!(said.contains(wanted), "{args:?}: {said}");
+        assert_eq!(place.files(), ["model"], "{args:?}");
+    }
+}
+
+#[test]
+fn a_weight_that_is_no_number_is_named_and_nothing_is_written() {
+    let place = Place::new();
+    // Tensors are written in the order of their names, so the last bytes are the last value of the last name.
+    place.quantize("sorted", &["--weights", "bf16"]);
+    let mut bytes = std::fs::read(place.path("sorted")).unwrap();
+    let end = bytes.len() - 4;
+    bytes[end..].copy_from_slice(&f32::NAN.to_le_bytes());
+    std::fs::write(place.path("broken"), bytes).unwrap();
+    std::fs::write(place.path("small"), "what was here before").unwrap();
+    let said = place.run(&["quantize", "broken", "-o", "small", "--weights", "int8"], 2);
+    assert!(said.contains("vq.upper.quantizer.embedding.weight") && said.contains("not a finite number"), "{said}");
+    assert_eq!(std::fs::read_to_string(place.path("small")).unwrap(), "what was here before");
+    assert_eq!(place.files(), ["broken", "model", "small", "sorted"]);
+}
