@@ -116,7 +116,9 @@ fn errors(file: &ModelFile) -> Done {
         entry.tensors += 1;
         entry.errors.iter_mut().zip(found).for_each(|(sum, v)| *sum += v * v);
     }
-    println!("| tensors | of them | weights bf16 | weights int8 | product, weights bf16 | … int8 | … and input int8 | … with outliers |");
+    println!(
+        "| tensors | of them | weights bf16 | weights int8 | product, weights bf16 | … int8 | … and input int8 | … with outliers |"
+    );
     println!("| --- | --- | --- | --- | --- | --- | --- | --- |");
     for (name, Kinds { tensors, errors }) in table {
         let cells: Vec<String> =
@@ -209,7 +211,9 @@ const PROMPTS: u64 = 12;
 /// Prints how far models differ from the first.
 fn agreement(models: &[&str]) -> Done {
     let team = Team::new(2)?;
-    println!("| model | bytes | encoder states | logits | likeliest code, forced | codes, free | until the first other |");
+    println!(
+        "| model | bytes | encoder states | logits | likeliest code, forced | codes, free | until the first other |"
+    );
     println!("| --- | --- | --- | --- | --- | --- | --- |");
     let mut reference: Option<Answers> = None;
     for (i, model) in models.iter().enumerate() {

@@ -166,9 +166,7 @@ fn language_model(c: &mut Criterion, file: &ModelFile) {
             let states = Mat::new(&hidden, TOKENS, lm.d_model()).expect(OK);
             let PerPart { face, hands, upper, lower } = &mut out;
             let slices = PerPart { face: &mut **face, hands: &mut **hands, upper: &mut **upper, lower: &mut **lower };
-            generator
-                .generate(cx, &lm, &mut scratch, states, &mut cache, (Sampler::GREEDY, 0), slices)
-                .expect(OK);
+            generator.generate(cx, &lm, &mut scratch, states, &mut cache, (Sampler::GREEDY, 0), slices).expect(OK);
         });
     }
 }

@@ -26,8 +26,8 @@ const DEFAULT_KEPT: [&str; 3] = [
 
 /// Writes the quantised model.
 pub(crate) fn run(args: &Quantize) -> Result<(), Failure> {
-    let file = ModelFile::open(&args.input)
-        .map_err(|error| Failure::input(format!("{}: {error}", args.input.display())))?;
+    let file =
+        ModelFile::open(&args.input).map_err(|error| Failure::input(format!("{}: {error}", args.input.display())))?;
     let rules = Rules::new(args)?;
     let plans = plan(&file, &rules)?;
     let output = whole::create(&args.output)?;

@@ -103,7 +103,11 @@ impl Decoder {
         };
         let bias = "lm.decoder.block.0.layer.0.SelfAttention.relative_attention_bias.weight";
         Ok(Self {
-            layers: (0..lm.num_decoder_layers).into_par_iter().map(layer).collect::<Result<Vec<_>, LoadError>>()?.into(),
+            layers: (0..lm.num_decoder_layers)
+                .into_par_iter()
+                .map(layer)
+                .collect::<Result<Vec<_>, LoadError>>()?
+                .into(),
             bias: PositionBias::load(loader, bias, lm, false, positions)?,
             norm: loader.vector("lm.decoder.final_layer_norm.weight", lm.d_model)?,
             eps: lm.layer_norm_epsilon,

@@ -143,6 +143,17 @@ impl<'a> Loader<'a> {
         self.pack(&Rows { tensors, first: range.start, n: range.len(), order: Order::Same })
     }
 
+    /// Checks the values of a tensor of which only some rows are loaded.
+    ///
+    /// # Errors
+    /// [`LoadError`] naming the tensor.
+    pub fn check_values(&self, name: &str, rows: usize, cols: usize) -> Result<(), LoadError> {
+        let tensor = self.file.tensor(name, &[rows, cols])?;
+        (0..rows).into_par_iter().try_for_each_init(|| vec![0.0; cols], |values, row| tensor.read_row(row, values))?;
+        self.file.release(&tensor);
+        Ok(())
+    }
+
     /// A product with bias: `{name}.weight` `[outputs, inputs]` and `{name}.bias`.
     ///
     /// # Errors
@@ -243,11 +254,7 @@ impl<'a> Loader<'a> {
     }
 
     /// Packs all panels in parallel.
-    fn pack_float<P: Plain>(
-        &self,
-        rows: &Rows,
-        convert: impl Fn(f32) -> P + Sync,
-    ) -> Result<AlignedBox<P>, LoadError> {
+    fn pack_float<P: Plain>(&self, rows: &Rows, convert: impl Fn(f32) -> P + Sync) -> Result<AlignedBox<P>, LoadError> {
         let k = rows.cols();
         let mut packed = self.pool.zeroed(packed_len(rows.n, k));
         packed.par_chunks_mut((PANEL * k).max(1)).enumerate().try_for_each_init(
