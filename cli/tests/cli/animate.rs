@@ -121,26 +121,33 @@ fn whole_file_units_are_compared_with_the_streams() {
 }
 
 #[test]
-fn samples_that_are_no_numbers_are_a_warning() {
+fn samples_that_are_no_numbers_are_refused_or_repaired() {
     let folder = Folder::new();
     let mut samples = voice(9000);
     (samples[100], samples[200], samples[300]) = (f32::NAN, f32::INFINITY, f32::NEG_INFINITY);
     let (speech, out) = (folder.wav("nan.wav", &samples), folder.at("motion.csv"));
-    let ended = umo(&["animate", &speech, "--model", &golden("mel_k2_arkit"), "-o", &out]).success();
-    assert!(ended.err.starts_with("warning: ") && ended.err.contains("3 samples"), "{}", ended.err);
+    let model = golden("mel_k2_arkit");
+    damaged(&folder, &["animate", &speech, "--model", &model, "-o", &out], "3 samples");
     assert_eq!(lines(&folder.read("motion.csv")), FRAMES + 1);
 }
 
 #[test]
-fn a_recording_that_was_cut_is_a_warning() {
+fn a_recording_that_was_cut_is_refused_or_repaired() {
     let folder = Folder::new();
     let speech = folder.speech();
     let bytes = folder.read("speech.wav");
     std::fs::write(&speech, &bytes[..bytes.len() - 4 * 4500]).unwrap();
-    let out = folder.at("motion.csv");
-    let ended = umo(&["animate", &speech, "--model", &golden("mel_k2_arkit"), "-o", &out]).success();
-    assert!(ended.err.starts_with("warning: ") && ended.err.contains("claims"), "{}", ended.err);
+    let (out, model) = (folder.at("motion.csv"), golden("mel_k2_arkit"));
+    damaged(&folder, &["animate", &speech, "--model", &model, "-o", &out], "claims");
     assert_eq!(lines(&folder.read("motion.csv")), FRAMES / 2 + 1);
+}
+
+/// Refused with `problem`, and with `--repair` done with a warning of it.
+fn damaged(folder: &Folder, args: &[&str], problem: &str) {
+    let refused = folder.refused(args);
+    assert!(refused.contains(problem) && refused.contains("--repair"), "{refused}");
+    let repaired = umo(&[args, &["--repair"]].concat()).success();
+    assert!(repaired.err.starts_with("warning: ") && repaired.err.contains(problem), "{}", repaired.err);
 }
 
 #[test]
