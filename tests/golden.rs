@@ -110,18 +110,17 @@ fn every_case_is_the_reference(isa: Isa) {
     report.print(isa.name());
 }
 
-/// Units decide what is said to the language model, so the tokenizers stay in full precision.
-fn audio_is_the_reference_at_every_precision(isa: Isa) {
+/// Mel features are cheap and decide what is said to the language model: they stay in full precision.
+fn mel_is_the_reference_at_every_precision(isa: Isa) {
     let mut report = Report::default();
     for precision in [Precision::Bf16, Precision::Int8] {
-        let audio = |stage: &str| stage == "hubert" || stage == "mel";
-        let ran: usize = MODELS.map(|model| compare(&mut report, model, isa, precision, audio)).iter().sum();
-        assert!(ran >= MODELS.len(), "every model has a case of its tokenizer");
+        let ran = MODELS.map(|model| compare(&mut report, model, isa, precision, |stage| stage == "mel"));
+        assert!(ran.iter().filter(|&&cases| cases > 0).count() == 2, "two models have mel features");
     }
     report.print(isa.name());
 }
 
-for_each_isa!(every_case_is_the_reference, audio_is_the_reference_at_every_precision =>
+for_each_isa!(every_case_is_the_reference, mel_is_the_reference_at_every_precision =>
     (scalar, avx2, avx512vnni, amx));
 
 #[test]

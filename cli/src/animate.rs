@@ -19,7 +19,11 @@ use crate::{model, progress, start_pose, wav};
 pub(crate) fn run(args: &Animate) -> Result<(), Failure> {
     let wav = wav::read(&args.speech).map_err(Failure::input)?;
     for note in &wav.notes {
-        eprintln!("warning: {}: {note}", args.speech.display());
+        let damage = format!("{}: {note}", args.speech.display());
+        if !args.repair {
+            return Err(Failure::Input(format!("{damage} (--repair takes what can be used)")));
+        }
+        eprintln!("warning: {damage}");
     }
     let job = Job::new(&args.output)?;
     let config = job.model.config();

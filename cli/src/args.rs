@@ -117,6 +117,10 @@ pub struct Animate {
     /// Free text for models that take one: a style, an emotion, an action
     #[arg(long, value_name = "TEXT")]
     pub prompt: Option<String>,
+    /// Take what can be used of a damaged recording: what is there of one that was cut, silence for samples that are no
+    /// numbers
+    #[arg(long)]
+    pub repair: bool,
     /// Tokenise the whole recording at once, as the paper does offline, and say how far that differs from the stream
     #[arg(long)]
     pub whole_file_units: bool,

@@ -78,10 +78,10 @@ impl fmt::Display for Note {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Unusable { samples } => {
-                write!(f, "{samples} samples are not usable numbers; read as silence")
+                write!(f, "{samples} samples are not usable numbers")
             }
             Self::Length { claimed, found } => {
-                write!(f, "the header claims {claimed} bytes of audio, the file holds {found}; read what is there")
+                write!(f, "the header claims {claimed} bytes of audio, the file holds {found}")
             }
         }
     }
@@ -250,10 +250,15 @@ fn find_audio(bytes: &[u8]) -> Result<(Format, &[u8], Option<Note>), WavError> {
     })
 }
 
-/// The claimed part of what follows a data chunk's header, or all of it where the claim cannot be true.
+/// Lengths from here on are those of programs that write to a pipe and cannot know: some of them write 2^31 - 1 rounded
+/// down, others 2^32 - 1.
+const OPEN_LENGTH: u64 = 0x7FFF_0000;
+
+/// The claimed part of what follows a data chunk's header, or all of it where the length was left open or is a lie.
 fn audio_bytes(body: &[u8], claimed: u64) -> (&[u8], Option<Note>) {
     match usize::try_from(claimed) {
         Ok(size) if size > 0 && size <= body.len() => (&body[..size], None),
+        _ if claimed == 0 || claimed >= OPEN_LENGTH => (body, None),
         _ => {
             let found = body.len() as u64;
             (body, Some(Note::Length { claimed, found }))

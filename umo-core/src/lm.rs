@@ -63,6 +63,9 @@ impl Lm {
             let m = &config.vocab[part];
             loader.exact().linear_rows(head_name(config), vocab, m.first..m.first + m.codes, d_model)
         };
+        if !config.lm.tie_word_embeddings {
+            loader.check_values(head_name(config), vocab, d_model)?;
+        }
         Ok(Self {
             embedding: loader.table("lm.shared.weight", vocab, d_model)?,
             encoder: Encoder::load(loader, lengths.encoder)?,

@@ -80,6 +80,8 @@ impl Team {
             let name = format!("umo-{index}");
             team.workers.push(std::thread::Builder::new().name(name).spawn(move || work(&shared, index))?);
         }
+        // A thread allocates while it starts: it has done so when it has finished a job.
+        team.run(&|_| {});
         Ok(team)
     }
 

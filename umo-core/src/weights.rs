@@ -1,6 +1,7 @@
 //! The only reader of model files: bytes to checked tensors, each error naming what is wrong.
 
 mod aligned;
+mod header;
 pub mod layout;
 mod loader;
 mod source;
@@ -60,6 +61,7 @@ impl ModelFile {
 
     fn from_source(source: Source) -> Result<Self, LoadError> {
         let bytes = source.bytes();
+        header::check(bytes)?;
         let (header_len, metadata) = SafeTensors::read_metadata(bytes).map_err(|e| LoadError::File(e.to_string()))?;
         let data_start = header_len + 8;
         let want = data_start + data_len(&metadata);
@@ -103,6 +105,11 @@ impl ModelFile {
     /// Whether the file has a tensor of this name.
     pub fn has(&self, name: &str) -> bool {
         self.tensors.contains_key(name)
+    }
+
+    /// Whether the file has a tensor whose name starts so.
+    pub fn has_any(&self, prefix: &str) -> bool {
+        self.tensors.keys().any(|name| name.starts_with(prefix))
     }
 
     /// How a tensor is stored, where this library can write it so.

@@ -6,7 +6,12 @@ use umo_cli::wav;
 use umo_core::audio::resample;
 
 /// Longest recording that is resampled here, so that one input does not take seconds.
-const MOST: usize = 20_000;
+const MOST: usize = 2_000;
+
+/// The model's rate. Filters between rates with a small common divisor are as long as the rate itself and take seconds
+/// to plan under a sanitizer; they are tested elsewhere.
+const RATE: usize = 16_000;
+const LEAST_DIVISOR: usize = 50;
 
 fuzz_target!(|data: &[u8]| {
     let Ok(wav) = wav::parse(data) else { return };
@@ -16,6 +21,10 @@ fuzz_target!(|data: &[u8]| {
     let mono = wav.mono();
     assert_eq!(mono.len(), wav.samples.len() / usize::from(wav.channels));
     let mono = &mono[..mono.len().min(MOST)];
-    let Ok(out) = resample::to_rate(mono, wav.sample_rate as usize, 16_000) else { return };
+    let rate = wav.sample_rate as usize;
+    if !rate.is_multiple_of(LEAST_DIVISOR) {
+        return;
+    }
+    let Ok(out) = resample::to_rate(mono, rate, RATE) else { return };
     assert!(out.iter().all(|v| v.is_finite()));
 });

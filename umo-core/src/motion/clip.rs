@@ -174,22 +174,16 @@ pub struct MotionEncoder {
 }
 
 impl MotionEncoder {
-    /// Loads `vq.{part}.encoder`; `None` where the file does not have all of them.
+    /// Loads `vq.{part}.encoder`; `None` where the file has none of them.
     ///
     /// # Errors
-    /// [`LoadError`] naming the tensor.
+    /// [`LoadError`] naming the tensor, also where only some of them are there.
     pub fn load(loader: &Loader) -> Result<Option<Self>, LoadError> {
         let config = loader.file().config();
-        let parts = PerPart {
-            face: VqEncoder::load(loader, Part::Face)?,
-            hands: VqEncoder::load(loader, Part::Hands)?,
-            upper: VqEncoder::load(loader, Part::Upper)?,
-            lower: VqEncoder::load(loader, Part::Lower)?,
-        };
-        let PerPart { face: Some(face), hands: Some(hands), upper: Some(upper), lower: Some(lower) } = parts else {
+        if !Part::ALL.iter().any(|part| loader.file().has_any(&format!("vq.{}.encoder.", part.name()))) {
             return Ok(None);
-        };
-        let parts = PerPart { face, hands, upper, lower };
+        }
+        let parts = PerPart::try_from_fn(|part| VqEncoder::load(loader, part))?;
         Ok(Some(Self { parts, width: widest(config), frame_rate: rate(config) }))
     }
 

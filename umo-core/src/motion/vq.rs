@@ -119,21 +119,18 @@ pub struct VqEncoder {
 }
 
 impl VqEncoder {
-    /// Loads `vq.{part}.quantizer` and `vq.{part}.encoder`; `None` where the file has no encoder of this part.
+    /// Loads `vq.{part}.quantizer` and `vq.{part}.encoder`.
     ///
     /// # Errors
     /// [`LoadError`] naming the tensor.
-    pub fn load(loader: &Loader, part: Part) -> Result<Option<Self>, LoadError> {
+    pub fn load(loader: &Loader, part: Part) -> Result<Self, LoadError> {
         let vq = &loader.file().config().vq;
         let name = format!("vq.{}.encoder.main", part.name());
-        if !loader.file().has(&format!("{name}.0.weight")) {
-            return Ok(None);
-        }
-        Ok(Some(Self {
+        Ok(Self {
             codebook: Codebook::load(loader, part)?,
             stack: EncoderStack::load(loader, &name, vq[part], vq.width)?,
             codec: vq[part],
-        }))
+        })
     }
 
     /// Values per frame.

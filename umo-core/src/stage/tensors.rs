@@ -27,10 +27,15 @@ impl<'a> Inputs<'a> {
     /// A vector of F32.
     ///
     /// # Errors
-    /// [`StageError::Input`] where it is missing, of another type, or has more than one dimension.
+    /// [`StageError::Input`] where it is missing, of another type, has more than one dimension, or holds a value that is
+    /// no finite number.
     pub fn floats(&self, name: &str) -> Result<Vec<f32>, StageError> {
         let view = self.vector(name, Dtype::F32)?;
-        Ok(view.data().as_chunks().0.iter().map(|v| f32::from_le_bytes(*v)).collect())
+        let values: Vec<f32> = view.data().as_chunks().0.iter().map(|v| f32::from_le_bytes(*v)).collect();
+        match values.iter().position(|v| !v.is_finite()) {
+            Some(i) => Err(self.error(name, format!("value [{i}] is {}, not a finite number", values[i]))),
+            None => Ok(values),
+        }
     }
 
     /// A vector of I64.

@@ -143,6 +143,17 @@ impl<'a> Loader<'a> {
         self.pack(&Rows { tensors, first: range.start, n: range.len(), order: Order::Same })
     }
 
+    /// Checks the values of a tensor of which only some rows are loaded.
+    ///
+    /// # Errors
+    /// [`LoadError`] naming the tensor.
+    pub fn check_values(&self, name: &str, rows: usize, cols: usize) -> Result<(), LoadError> {
+        let tensor = self.file.tensor(name, &[rows, cols])?;
+        (0..rows).into_par_iter().try_for_each_init(|| vec![0.0; cols], |values, row| tensor.read_row(row, values))?;
+        self.file.release(&tensor);
+        Ok(())
+    }
+
     /// A product with bias: `{name}.weight` `[outputs, inputs]` and `{name}.bias`.
     ///
     /// # Errors

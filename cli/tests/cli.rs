@@ -1,0 +1,67 @@
+//! The program as a user runs it: files in, files out, exit codes, and what it says on standard error.
+
+#[path = "cli/program.rs"]
+mod program;
+
+#[path = "cli/animate.rs"]
+mod animate;
+#[path = "cli/refusals.rs"]
+mod refusals;
+#[path = "cli/stage.rs"]
+mod stage;
+
+use program::{Folder, umo};
+
+#[test]
+fn help_and_version_are_no_failure() {
+    for args in [&["--help"][..], &["--version"], &["animate", "--help"], &["stage", "-h"]] {
+        let ended = umo(args).success();
+        assert!(!ended.out.is_empty() && ended.err.is_empty(), "{args:?}");
+    }
+    assert!(umo(&["--version"]).out.starts_with("umo "));
+    assert!(umo(&["stage", "--help"]).out.contains("interp"));
+    // No command at all is a question: the help answers it, on standard error.
+    assert_eq!(umo(&[]).code, 2);
+}
+
+#[test]
+fn inspect_tells_sizes_tensors_and_config() {
+    let folder = Folder::new();
+    let tiny = folder.tiny("tiny.safetensors", &[]);
+    let summary = umo(&["inspect", &tiny]).success();
+    for word in ["umo-tiny-random", "MIT OR Apache-2.0", "mel, 3 bands", "text_to_motion", "active", "lm ", "vq "] {
+        assert!(summary.out.contains(word), "no `{word}` in {}", summary.out);
+    }
+    let row = |name: &str| -> Vec<usize> {
+        let line = summary.out.lines().find(|line| line.starts_with(name)).expect("a row of the table");
+        line.split_whitespace().skip(1).map(|n| n.parse().unwrap()).collect()
+    };
+    let (lm, all, file) = (row("lm "), row("all "), row("file "));
+    assert!(lm[1] < lm[0], "one expert of four is active");
+    assert!(lm[0] < all[0] && all[2] < file[0]);
+    assert_eq!(file[0] as u64, std::fs::metadata(&tiny).unwrap().len());
+
+    let tensors = umo(&["inspect", &tiny, "--tensors"]).success();
+    assert!(tensors.out.starts_with(&summary.out));
+    assert!(tensors.out.lines().any(|line| line.starts_with("lm.shared.weight ") && line.contains("BF16")));
+
+    let config = umo(&["inspect", &tiny, "--config"]).success();
+    let config: serde_json::Value = serde_json::from_str(&config.out).unwrap();
+    assert_eq!(config["keyframe_stride"], 6);
+
+    let built_in = umo(&["inspect"]).success();
+    assert!(built_in.out.contains("ARKit"));
+}
+
+#[test]
+fn random_models_are_the_same_every_time() {
+    let folder = Folder::new();
+    let bytes = |name: &str, more: &[&str]| std::fs::read(folder.tiny(name, more)).unwrap();
+    let first = bytes("a", &[]);
+    assert_eq!(first, bytes("b", &["--seed", "0"]));
+    assert_ne!(first, bytes("c", &["--seed", "1"]));
+    let stored = ["f32", "bf16", "int8"].map(|store| bytes(store, &["--store", store]));
+    assert_eq!(first, stored[1]);
+    assert!(stored[0].len() > stored[1].len() && stored[1].len() > stored[2].len());
+    assert!(folder.names().iter().all(|name| !name.contains("part")), "{:?}", folder.names());
+}

@@ -1,0 +1,230 @@
+//! What bad input gets: exit code 2, one line, and no file.
+
+use std::os::unix::fs::PermissionsExt;
+
+use safetensors::tensor::{Dtype, TensorView};
+
+use super::program::{Folder, golden, golden_file, voice};
+
+#[test]
+fn recordings_without_sound_are_refused() {
+    let folder = Folder::new();
+    let out = folder.at("motion.npz");
+    let whole = std::fs::read(folder.speech()).unwrap();
+    let data = whole.windows(4).position(|bytes| bytes == b"data").unwrap();
+    let mut lying = whole.clone();
+    // The format chunk claims to go on beyond the end of the file.
+    lying[16..20].copy_from_slice(&u32::MAX.to_le_bytes());
+    let recordings = [
+        (folder.file("nothing.wav", b""), "WAV"),
+        (folder.file("text.wav", b"this is no recording at all, it is text"), "WAV"),
+        (folder.file("heading.wav", &whole[..12]), "format"),
+        (folder.file("no_data.wav", &whole[..data]), "data"),
+        (folder.file("cut_data.wav", &whole[..data + 8]), "empty"),
+        (folder.file("lying.wav", &lying), "data"),
+        (folder.wav("empty.wav", &[]), "empty"),
+        (folder.wav("short.wav", &voice(80)), "less than one frame"),
+        (folder.wav("one.wav", &voice(533)), "less than one frame"),
+        (folder.at("missing.wav"), "no such file"),
+        (folder.at(""), "directory"),
+    ];
+    for (recording, wanted) in &recordings {
+        let line = folder.refused(&["animate", recording, "-o", &out]);
+        assert!(line.contains(wanted) && line.contains(recording.trim_end_matches('/')), "{line}");
+    }
+}
+
+#[test]
+fn outputs_that_cannot_be_written_are_refused_before_the_work() {
+    let folder = Folder::new();
+    let (speech, model) = (folder.speech(), golden("mel_k2_arkit"));
+    let refused = |out: &str, more: &[&str]| {
+        folder.refused(&[&["animate", &speech, "--model", &model, "-o", out], more].concat())
+    };
+    std::fs::create_dir(folder.at("folder.npz")).unwrap();
+    assert!(refused(&folder.at("folder.npz"), &[]).contains("directory"));
+    assert!(refused(&folder.at("missing/motion.npz"), &[]).contains("missing/motion.npz"));
+    assert!(refused(&folder.at("speech.wav/motion.npz"), &[]).contains("speech.wav/motion.npz"));
+    let kept = folder.file("kept.bvh", b"an earlier motion");
+    std::fs::set_permissions(&kept, std::fs::Permissions::from_mode(0o444)).unwrap();
+    assert!(refused(&kept, &[]).contains("read-only"));
+    assert!(refused("/dev/null", &["--format", "npz"]).contains("regular"));
+    assert!(refused(&folder.at("motion"), &[]).contains("--format"));
+    assert!(refused(&folder.at("motion.fbx"), &[]).contains("fbx"));
+    assert!(refused(&folder.at("motion.npz"), &["--format", "fbx"]).contains("fbx"));
+    // One good output beside a bad one is not left half done.
+    refused(&folder.at("good.npz"), &["-o", &folder.at("missing/bad.npz")]);
+    let (tiny, input) = (folder.tiny("tiny.safetensors", &[]), golden_file("mel_k2_arkit", "cases.safetensors"));
+    let input = input.to_str().unwrap();
+    for out in [folder.at("missing/out"), folder.at("folder.npz")] {
+        folder.refused(&["stage", "encoder", "--model", &model, "--in", input, "--out", &out]);
+        folder.refused(&["make-random", "--size", "tiny", "-o", &out]);
+    }
+    folder.refused(&["text", "a wave", "--model", &tiny, "-o", &folder.at("missing/out.npz")]);
+    assert_eq!(folder.read("kept.bvh"), b"an earlier motion");
+}
+
+#[test]
+fn models_that_are_no_models_are_refused() {
+    let folder = Folder::new();
+    let (speech, out) = (folder.speech(), folder.at("motion.npz"));
+    let model = folder.tiny("tiny.safetensors", &[]);
+    let bytes = folder.read("tiny.safetensors");
+    for cut in [0, 1, 7, 8, 9, 100, bytes.len() / 2, bytes.len() - 1] {
+        std::fs::write(&model, &bytes[..cut]).unwrap();
+        let line = folder.refused(&["animate", &speech, "--model", &model, "-o", &out]);
+        assert!(line.contains("tiny.safetensors"), "cut at {cut}: {line}");
+        folder.refused(&["inspect", &model]);
+    }
+    let others = [folder.at("missing"), folder.at(""), speech.clone(), "/dev/null".to_owned()];
+    let cases = golden_file("mel_k2_arkit", "cases.safetensors");
+    for other in others.iter().map(String::as_str).chain([cases.to_str().unwrap()]) {
+        folder.refused(&["animate", &speech, "--model", other, "-o", &out]);
+        folder.refused(&["inspect", other]);
+        folder.refused(&["text", "a wave", "--model", other, "-o", &out]);
+    }
+}
+
+#[test]
+fn numbers_and_names_that_cannot_be_are_refused() {
+    let folder = Folder::new();
+    let (speech, out, model) = (folder.speech(), folder.at("motion.npz"), folder.tiny("tiny.safetensors", &[]));
+    let options: [(&[&str], &str); 10] = [
+        (&["--threads", "0"], "--threads 0"),
+        (&["--threads", "100000"], "--threads 100000"),
+        (&["--isa", "mmx"], "mmx"),
+        (&["--isa", ""], "--isa"),
+        (&["--target", "0"], "target"),
+        (&["--target", "11"], "target"),
+        (&["--target", "18446744073709551615"], "target"),
+        (&["--lookahead", "61"], "lookahead"),
+        (&["--format", ""], "format"),
+        (&["--prompt", "\u{1f600} x".repeat(500).leak()], "prompt"),
+    ];
+    for (option, wanted) in options {
+        let line = folder.refused(&[&["animate", &speech, "--model", &model, "-o", &out], option].concat());
+        assert!(line.contains(wanted), "{option:?}: {line}");
+    }
+    for seconds in ["0", "nan", "inf", "1e9", "3600.001"] {
+        let line = folder.refused(&["text", "a wave", "--model", &model, "--seconds", seconds, "-o", &out]);
+        assert!(line.contains("--seconds"), "{line}");
+    }
+    folder.refused(&["text", "a wave", "--model", &model, "--seconds=-1", "-o", &out]);
+}
+
+#[test]
+fn arguments_that_make_no_sense_are_refused() {
+    let folder = Folder::new();
+    let (speech, out) = (folder.speech(), folder.at("motion.npz"));
+    for args in [
+        &["animate", &speech, "-o", &out, "--threads", "many"][..],
+        &["animate", &speech, "-o", &out, "--seed", "-1"],
+        &["animate", &speech, "-o", &out, "--greedy", "--seed", "1"],
+        &["animate", &speech, "-o", &out, "--precision", "f8"],
+        &["animate", &speech],
+        &["animate", "-o", &out],
+        &["dance"],
+    ] {
+        // Usage follows the error, on lines of its own.
+        let ended = super::umo(args);
+        assert_eq!(ended.code, 2, "{args:?}");
+        assert_eq!(ended.err.lines().filter(|line| line.starts_with("error:")).count(), 1, "{}", ended.err);
+    }
+    assert_eq!(folder.names(), ["speech.wav"]);
+}
+
+#[test]
+fn what_a_model_cannot_do_is_refused() {
+    let folder = Folder::new();
+    let (speech, csv, npz) = (folder.speech(), folder.at("motion.csv"), folder.at("motion.npz"));
+    let (smplx, tiny) = (golden("hubert_k1_smplx"), folder.tiny("tiny.safetensors", &[]));
+    assert!(folder.refused(&["animate", &speech, "--model", &smplx, "-o", &csv]).contains("ARKit"));
+    assert!(folder.refused(&["animate", &speech, "--model", &tiny, "-o", &npz, "-o", &csv]).contains("ARKit"));
+    let line = folder.refused(&["animate", &speech, "--model", &smplx, "--prompt", "happily", "-o", &npz]);
+    assert!(line.contains("text"), "{line}");
+    assert!(folder.refused(&["text", "a wave", "--model", &smplx, "-o", &npz]).contains("text"));
+}
+
+#[test]
+fn start_poses_that_are_none_are_refused() {
+    let folder = Folder::new();
+    let (speech, out, start) = (folder.speech(), folder.at("motion.bvh"), folder.at("start.npz"));
+    let model = golden("mel_k2_arkit");
+    super::umo(&["animate", &speech, "--model", &model, "-o", &start]).success();
+    let bytes = folder.read("start.npz");
+    let refused = |model: &str, start: &str| {
+        folder.refused(&["animate", &speech, "--model", model, "--start-pose", start, "-o", &out])
+    };
+    // A model without encoders cannot read motion.
+    let line = refused(&golden("mel_k1_upcycled"), &start);
+    assert!(line.contains("encoder"), "{line}");
+    for cut in [0, 1, 100, bytes.len() / 2, bytes.len() - 1] {
+        refused(&model, &folder.file("cut.npz", &bytes[..cut]));
+    }
+    refused(&model, &speech);
+    refused(&model, &folder.at("missing.npz"));
+    refused(&model, &folder.at(""));
+}
+
+#[test]
+fn stages_refuse_what_they_cannot_read() {
+    let folder = Folder::new();
+    let (model, out) = (folder.tiny("tiny.safetensors", &[]), folder.at("out.safetensors"));
+    let run = |stage: &str, input: &str, more: &[&str]| {
+        folder.refused(&[&["stage", stage, "--model", &model, "--in", input, "--out", &out], more].concat())
+    };
+    let write = |name: &str, tensors: &[(&str, Dtype, Vec<usize>, Vec<u8>)]| {
+        let path = folder.at(name);
+        let views: Vec<_> = tensors
+            .iter()
+            .map(|(name, dtype, shape, bytes)| (*name, TensorView::new(*dtype, shape.clone(), bytes).unwrap()))
+            .collect();
+        safetensors::serialize_to_file(views, None, path.as_ref()).unwrap();
+        path
+    };
+    let ids = |name: &str, ids: &[i64]| {
+        let bytes = ids.iter().flat_map(|id| id.to_le_bytes()).collect();
+        write(name, &[("input_ids", Dtype::I64, vec![ids.len()], bytes)])
+    };
+    let good = ids("good", &[3, 4, 5]);
+    assert!(run("dance", &good, &[]).contains("dance"));
+    assert!(run("encoder", &folder.file("text", b"not tensors"), &[]).contains("text"));
+    run("encoder", &folder.at("missing"), &[]);
+    run("encoder", &folder.at(""), &[]);
+    assert!(run("decoder", &good, &[]).contains("decoder_input_ids"));
+    assert!(run("motion", &good, &[]).contains("codes.face"));
+    assert!(run("mel", &good, &[]).contains("audio"));
+    assert!(run("hubert", &good, &[]).contains("audio.kind"));
+    assert!(run("generate", &good, &["--target", "0"]).contains("target"));
+    assert!(run("generate", &good, &["--target", "11"]).contains("target"));
+    assert!(run("encoder", &ids("large", &[3, 1 << 40]), &[]).contains("input_ids"));
+    assert!(run("encoder", &ids("negative", &[-1]), &[]).contains("input_ids"));
+    assert!(run("encoder", &ids("outside", &[100_000]), &[]).contains("100000"));
+    run("encoder", &ids("none", &[]), &[]);
+    run("generate", &ids("none", &[]), &[]);
+    let square = write("square", &[("input_ids", Dtype::I64, vec![1, 1], vec![0; 8])]);
+    assert!(run("encoder", &square, &[]).contains("input_ids"));
+    let short = write("short", &[("input_ids", Dtype::I32, vec![2], vec![0; 8])]);
+    assert!(run("encoder", &short, &[]).contains("input_ids"));
+    let audio = |name, samples: &[f32]| {
+        let bytes = samples.iter().flat_map(|v| v.to_le_bytes()).collect();
+        write(name, &[("audio", Dtype::F32, vec![samples.len()], bytes)])
+    };
+    run("mel", &audio("brief", &[0.5; 399]), &[]);
+    run("mel", &audio("silent", &[]), &[]);
+    assert!(run("mel", &audio("nan", &[f32::NAN; 800]), &[]).contains("[0] is NaN"));
+    let codes = |name, code: i64, count: usize| {
+        let tensors = ["codes.face", "codes.hands", "codes.upper", "codes.lower"].map(|name| {
+            (name, Dtype::I64, vec![count], vec![code; count].iter().flat_map(|c| c.to_le_bytes()).collect())
+        });
+        write(name, &tensors)
+    };
+    for stage in ["motion", "interp"] {
+        run(stage, &codes("beyond", 8, 3), &[]);
+        run(stage, &codes("far", 70_000, 3), &[]);
+        run(stage, &codes("below", -1, 3), &[]);
+        run(stage, &codes("no_frames", 0, 0), &[]);
+    }
+    run("motion", &codes("mask", 7, 3), &[]);
+    run("interp", &codes("too_long", 1, 129), &[]);
+}

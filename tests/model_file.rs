@@ -1,0 +1,448 @@
+//! Model files that are cut, wrong or hostile: each is refused with an error that names what is wrong, and nothing
+//! panics or takes memory for numbers that the file only claims.
+
+mod model_bytes;
+
+use model_bytes::{ModelBytes, file};
+use proptest::prelude::*;
+use serde_json::{Value, json};
+use umo_core::lm::text::TOKENIZER;
+use umo_core::model::Model;
+use umo_core::motion::MotionEncoder;
+use umo_core::session::{Scratch, Session, SessionConfig};
+use umo_core::weights::Loader;
+use umo_core::{LoadError, ModelFile, Precision};
+use umo_kernels::Isa;
+use umo_tests::{Noise, cases};
+
+/// One model of each kind of tokenizer, storage and face; the last has encoders and text.
+const NAMES: [&str; 4] = ["mel_k1_upcycled", "hubert_k1_smplx", "hubert_k3_i8", "mel_k2_arkit"];
+
+/// Two of them that have every tensor there is, for tests that load a model for each.
+const MOST: [&str; 2] = ["hubert_k3_i8", "mel_k2_arkit"];
+
+/// Reads everything that any command would.
+fn load(bytes: Vec<u8>) -> Result<Model, LoadError> {
+    let file = ModelFile::from_bytes(bytes)?;
+    let model = Model::load(&file, Precision::F32, Isa::detect())?;
+    MotionEncoder::load(&Loader::new(&file, Precision::F32, Isa::detect()))?;
+    Ok(model)
+}
+
+/// The error's text, which must have `wanted` in it.
+fn refused(bytes: Vec<u8>, wanted: &str) -> String {
+    let text = match load(bytes) {
+        Ok(_) => panic!("a model that is wrong in `{wanted}` was taken"),
+        Err(error) => error.to_string(),
+    };
+    assert!(text.contains(wanted), "`{wanted}` is not named: {text}");
+    assert!(!text.contains('\n') && text.len() < 1000, "one line: {text}");
+    text
+}
+
+#[test]
+fn the_models_are_good_before_they_are_spoilt() {
+    for name in NAMES {
+        let model = ModelBytes::open(name);
+        load(model.bytes()).unwrap_or_else(|error| panic!("{name}: {error}"));
+    }
+}
+
+#[test]
+fn a_file_cut_anywhere_is_refused() {
+    let model = ModelBytes::open("mel_k1_upcycled");
+    let bytes = model.bytes();
+    let header = bytes.len() - model.data().len();
+    let cuts = (0..header + 64).chain((header..bytes.len()).step_by(4999)).chain([bytes.len() - 1]);
+    for cut in cuts {
+        let error = ModelFile::from_bytes(bytes[..cut].to_vec()).unwrap_err().to_string();
+        assert!(!error.is_empty() && !error.contains('\n'), "cut at {cut}: {error}");
+        assert!(cut < header || error.contains("tensor `"), "cut at {cut}: {error}");
+    }
+    let longer = [&bytes[..], b"x"].concat();
+    assert!(ModelFile::from_bytes(longer).is_err());
+}
+
+/// Whether a model can do without the tensor.
+fn optional(name: &str) -> bool {
+    name == TOKENIZER
+}
+
+#[test]
+fn every_tensor_must_be_there() {
+    for name in MOST {
+        let model = ModelBytes::open(name);
+        for tensor in model.tensors.keys().filter(|tensor| !optional(tensor)) {
+            let mut spoilt = model.clone();
+            spoilt.tensors.remove(tensor);
+            match load(spoilt.bytes()) {
+                Err(error) => assert!(error.to_string().contains(&format!("`{tensor}`")), "{tensor}: {error}"),
+                Ok(_) => panic!("{name} was taken without {tensor}"),
+            }
+        }
+    }
+}
+
+#[test]
+fn every_shape_must_be_the_configs() {
+    for name in MOST {
+        let model = ModelBytes::open(name);
+        for (tensor, stored) in model.tensors.iter().filter(|(tensor, _)| !optional(tensor)) {
+            let row = stored.bytes.len() / stored.shape[0];
+            let mut longer = stored.clone();
+            longer.bytes.extend(stored.bytes[..row].to_vec());
+            longer.shape[0] += 1;
+            let mut deeper = stored.clone();
+            deeper.shape.push(1);
+            let mut flat = stored.clone();
+            flat.shape = vec![stored.shape.iter().product()];
+            let mut empty = stored.clone();
+            (empty.shape[0], empty.bytes) = (0, Vec::new());
+            for changed in [longer, deeper, flat, empty].into_iter().filter(|changed| changed.shape != stored.shape) {
+                let mut spoilt = model.clone();
+                spoilt.tensors.insert(tensor.clone(), changed);
+                refused(spoilt.bytes(), &format!("`{tensor}`"));
+            }
+        }
+    }
+}
+
+#[test]
+fn every_type_must_be_one_of_weights() {
+    for name in MOST {
+        let model = ModelBytes::open(name);
+        for (tensor, stored) in &model.tensors {
+            let count: usize = stored.shape.iter().product();
+            let floats = if tensor == TOKENIZER { vec![("F32", 4), ("I8", 1)] } else { Vec::new() };
+            for (dtype, size) in [("I64", 8), ("F64", 8), ("BOOL", 1)].into_iter().chain(floats) {
+                let mut spoilt = model.clone();
+                let changed = spoilt.tensors.get_mut(tensor).unwrap();
+                (changed.dtype, changed.bytes) = (dtype.to_owned(), vec![0; count * size]);
+                refused(spoilt.bytes(), &format!("`{tensor}`"));
+            }
+        }
+    }
+}
+
+/// The bytes of a value that is no finite number, in a type that has one.
+fn not_finite(dtype: &str, negative: bool) -> Option<(Vec<u8>, Vec<u8>)> {
+    let sign = if negative { f32::NEG_INFINITY } else { f32::INFINITY };
+    let of = |value: f32| match dtype {
+        "F32" => Some(value.to_le_bytes().to_vec()),
+        // The upper half of an f32; an f16 has fewer bits of exponent.
+        "BF16" => Some(value.to_le_bytes()[2..].to_vec()),
+        "F16" if value.is_nan() => Some(vec![0x01, 0x7e]),
+        "F16" => Some(vec![0x00, if value > 0.0 { 0x7c } else { 0xfc }]),
+        _ => None,
+    };
+    of(f32::NAN).zip(of(sign))
+}
+
+#[test]
+fn every_weight_must_be_finite() {
+    let mut noise = Noise::new(11);
+    for name in NAMES {
+        let model = ModelBytes::open(name);
+        let mut count = 0;
+        for (tensor, stored) in &model.tensors {
+            let Some((nan, infinite)) = not_finite(&stored.dtype, noise.below(2) == 0) else { continue };
+            let values = stored.bytes.len() / nan.len();
+            for (bad, at) in [(&nan, noise.below(values)), (&infinite, values - 1)] {
+                let mut spoilt = model.clone();
+                let changed = spoilt.tensors.get_mut(tensor).unwrap();
+                changed.bytes[at * bad.len()..(at + 1) * bad.len()].copy_from_slice(bad);
+                let text = refused(spoilt.bytes(), &format!("`{tensor}`"));
+                assert!(text.contains("not a finite number"), "{text}");
+            }
+            count += 1;
+        }
+        assert!(count > 50, "{name}: {count} tensors of floats");
+    }
+}
+
+/// The path of every leaf that `wanted` takes: `lm.d_model`, `templates.audio_to_motion[0]`.
+fn leaves(value: &Value, path: &str, wanted: fn(&Value) -> bool, found: &mut Vec<String>) {
+    match value {
+        Value::Object(fields) => {
+            for (key, value) in fields {
+                let dot = if path.is_empty() { "" } else { "." };
+                leaves(value, &format!("{path}{dot}{key}"), wanted, found);
+            }
+        }
+        Value::Array(items) => {
+            for (i, item) in items.iter().enumerate() {
+                leaves(item, &format!("{path}[{i}]"), wanted, found);
+            }
+        }
+        leaf if wanted(leaf) => found.push(path.to_owned()),
+        _ => {}
+    }
+}
+
+fn set(config: &Value, path: &str, value: Value) -> Value {
+    let pointer = format!("/{}", path.replace(['.', '['], "/").replace(']', ""));
+    let mut config = config.clone();
+    *config.pointer_mut(&pointer).expect("a path that was found") = value;
+    config
+}
+
+/// The bytes of the model with another config.
+fn with_config(model: &ModelBytes, header: &serde_json::Map<String, Value>, data: &[u8], config: &Value) -> Vec<u8> {
+    let mut header = header.clone();
+    let mut metadata = json!(model.metadata);
+    metadata["config"] = json!(config.to_string());
+    header.insert("__metadata__".to_owned(), metadata);
+    file(&Value::Object(header).to_string(), data)
+}
+
+/// The key that an error names, without the place in a list.
+fn named(error: &LoadError) -> Option<&str> {
+    match error {
+        LoadError::Config { key, .. } => Some(key.split('[').next().unwrap_or(key)),
+        LoadError::Tensor { name, .. } => Some(name),
+        _ => None,
+    }
+}
+
+/// Whether a number that no other number could stand for was named.
+fn names(error: &LoadError, path: &str) -> bool {
+    matches!(error, LoadError::Config { .. }) && named(error).is_some_and(|key| path.starts_with(key))
+}
+
+#[test]
+fn every_number_of_the_config_is_checked() {
+    for name in MOST {
+        let model = ModelBytes::open(name);
+        let (header, data) = (model.header(), model.data());
+        let mut paths = Vec::new();
+        leaves(&model.config, "", Value::is_number, &mut paths);
+        // One bone stands for all 55.
+        paths.retain(|path| !path.starts_with("skeleton.") || path.contains("[7]"));
+        assert!(paths.len() > 60, "{name}: {} numbers", paths.len());
+        for path in &paths {
+            let load = |value: Value| load(with_config(&model, &header, &data, &set(&model.config, path, value)));
+            for wrong in [json!("x"), json!(null), json!([1]), json!({}), json!(true), json!(1e300), json!(-1.5e300)] {
+                let error = load(wrong.clone()).err().unwrap_or_else(|| panic!("{name}: {path} = {wrong} was taken"));
+                assert!(names(&error, path), "{name}: {path} = {wrong}: {error}");
+            }
+            let number = path.starts_with("skeleton.") || path == "sampling.temperature";
+            for wrong in [json!(-1), json!(1_u64 << 60), json!(u64::MAX)] {
+                match load(wrong.clone()) {
+                    Err(error) => assert!(names(&error, path), "{name}: {path} = {wrong}: {error}"),
+                    // A bone may point down; keeping more codes than there are is keeping all.
+                    Ok(_) => assert!(number || path == "sampling.top_k", "{name}: {path} = {wrong} was taken"),
+                }
+            }
+            for other in [0_u64, 1, 2, 255, 256, 65_535, 1 << 16, 1 << 20, 1 << 22, 1 << 31, 1 << 32] {
+                match load(json!(other)) {
+                    // A size that another disagrees with may be named by the other, or by a tensor of that shape.
+                    Err(error) => assert!(named(&error).is_some(), "{name}: {path} = {other}: {error}"),
+                    Ok(model) => {
+                        Session::new(&model, SessionConfig::new(model.config())).unwrap();
+                        drop(Scratch::new(&model));
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn every_key_of_the_config_is_needed_and_known() {
+    let model = ModelBytes::open("mel_k2_arkit");
+    let (header, data) = (model.header(), model.data());
+    let load = |config: &Value| load(with_config(&model, &header, &data, config));
+    let objects = [
+        "",
+        "/audio",
+        "/audio/mel",
+        "/vocab",
+        "/vocab/face",
+        "/lm",
+        "/interp",
+        "/vq",
+        "/vq/root",
+        "/face",
+        "/rest",
+        "/sampling",
+        "/skeleton",
+    ];
+    for pointer in objects {
+        let keys: Vec<String> = model.config.pointer(pointer).unwrap().as_object().unwrap().keys().cloned().collect();
+        for key in keys {
+            let mut config = model.config.clone();
+            config.pointer_mut(pointer).unwrap().as_object_mut().unwrap().remove(&key);
+            let error = load(&config).err().unwrap_or_else(|| panic!("{pointer}/{key} is not needed")).to_string();
+            assert!(error.contains(&key), "{pointer}/{key}: {error}");
+        }
+        let mut config = model.config.clone();
+        config.pointer_mut(pointer).unwrap()["speling"] = json!(1);
+        let error = load(&config).err().unwrap_or_else(|| panic!("{pointer}: any key is taken")).to_string();
+        assert!(error.contains("speling"), "{error}");
+    }
+}
+
+#[test]
+fn names_and_ids_of_the_config_are_checked() {
+    let model = ModelBytes::open("mel_k2_arkit");
+    let (header, data) = (model.header(), model.data());
+    let refused = |path: &str, value: Value| {
+        let config = set(&model.config, path, value);
+        let error = load(with_config(&model, &header, &data, &config)).err().unwrap_or_else(|| panic!("{path}"));
+        assert!(names(&error, path), "{path}: {error}");
+        error.to_string()
+    };
+    let size = model.config["vocab"]["size"].as_u64().unwrap();
+    assert!(refused("templates.audio_to_motion[1]", json!("dance")).contains("dance"));
+    assert!(refused("templates.audio_to_motion[1]", json!("face")).contains("face"));
+    assert!(refused("templates.text_to_motion[0]", json!(size)).contains(&size.to_string()));
+    refused("templates.audio_to_motion", json!([]));
+    refused("templates.audio_to_motion", json!(7));
+    refused("templates", json!({}));
+    for id in
+        ["vocab.pad", "vocab.eos", "vocab.decoder_start", "vocab.lower.start", "vocab.audio.end", "vocab.face.mask"]
+    {
+        assert!(refused(id, json!(size)).contains(&size.to_string()));
+    }
+    let hubert = set(&model.config, "audio.kind", json!("hubert"));
+    let error = load(with_config(&model, &header, &data, &hubert)).expect_err("there is no audio.hubert");
+    assert_eq!(named(&error), Some("audio.hubert"));
+    for (path, value) in [
+        ("audio.kind", json!("wav2vec")),
+        ("face.kind", json!("flame")),
+        ("face.names", json!(["jawOpen"])),
+        ("lm.feed_forward_proj", json!("relu")),
+        ("lm.tie_word_embeddings", json!(1)),
+        ("rest.hands", json!(256)),
+        ("skeleton.parents[3]", json!(3)),
+        ("skeleton.parents", json!([-1])),
+        ("audio.token_rate", json!(37)),
+    ] {
+        refused(path, value);
+    }
+}
+
+#[test]
+fn another_format_or_version_is_refused() {
+    let model = ModelBytes::open("mel_k1_upcycled");
+    for (key, value) in [("format", Some("gguf")), ("format", None), ("version", Some("2")), ("version", None)] {
+        let mut spoilt = model.clone();
+        spoilt.metadata.remove(key);
+        spoilt.metadata.extend(value.map(|value| (key.to_owned(), value.to_owned())));
+        let text = refused(spoilt.bytes(), key);
+        assert!(value.is_none_or(|value| text.contains(value)), "{text}");
+    }
+    for config in [json!("text"), json!([]), json!(null)] {
+        let mut spoilt = model.clone();
+        spoilt.config = config;
+        refused(spoilt.bytes(), "config");
+    }
+    let mut header = model.header();
+    header["__metadata__"] = json!({ "format": "umo", "version": "1" });
+    refused(file(&Value::Object(header.clone()).to_string(), &model.data()), "config");
+    header["__metadata__"] = json!({ "format": "umo", "version": "1", "config": "{\"name\": " });
+    refused(file(&Value::Object(header.clone()).to_string(), &model.data()), "config");
+    header.remove("__metadata__");
+    refused(file(&Value::Object(header).to_string(), &model.data()), "format");
+}
+
+#[test]
+fn a_header_that_lies_is_refused() {
+    let model = ModelBytes::open("mel_k1_upcycled");
+    let (header, data) = (model.header(), model.data());
+    let bytes = model.bytes();
+    for len in [0, 1, 7, bytes.len() as u64, bytes.len() as u64 - 8, 100_000_001, 1 << 60, u64::MAX - 8, u64::MAX] {
+        let mut lying = bytes.clone();
+        lying[..8].copy_from_slice(&len.to_le_bytes());
+        assert!(matches!(load(lying), Err(LoadError::File(_))), "a header of {len} bytes");
+    }
+    for text in ["", "{", "[]", "null", "{}", "\u{0}", "{\"a\":1}", "{\"__metadata__\":1}"] {
+        assert!(load(file(text, &data)).is_err(), "{text:?}");
+    }
+    assert!(load([&8_u64.to_le_bytes()[..], &[0xff; 8]].concat()).is_err());
+    let tensor = "lm.shared.weight";
+    let [start, end] = [0, 1].map(|i| header[tensor]["data_offsets"][i].as_u64().unwrap());
+    let spoil = |key: &str, value: Value| {
+        let mut header = header.clone();
+        header[tensor][key] = value;
+        file(&Value::Object(header).to_string(), &data)
+    };
+    // Overlapping, with a gap, beyond the end, backwards, of another size.
+    for offsets in [
+        json!([start - 2, end - 2]),
+        json!([start + 2, end + 2]),
+        json!([start, end + 2]),
+        json!([end, start]),
+        json!([start, 1_u64 << 60]),
+        json!([1_u64 << 60, (1_u64 << 60) + end - start]),
+        json!([0, u64::MAX]),
+        json!([0, 0]),
+        json!([-1, end]),
+        json!([start]),
+        json!("all"),
+        json!(null),
+        json!([start, 1e300]),
+    ] {
+        let text =
+            load(spoil("data_offsets", offsets.clone())).err().unwrap_or_else(|| panic!("{offsets}")).to_string();
+        assert!(text.contains("tensor `"), "{offsets}: {text}");
+    }
+    for shape in [
+        json!([]),
+        json!([1]),
+        json!([1_u64 << 60, 1_u64 << 60]),
+        json!([1_u64 << 63, 2, 0]),
+        json!([u64::MAX]),
+        json!([-1, 22]),
+        json!("all"),
+        json!([0, 22]),
+        json!([1.5]),
+        json!([1e300]),
+    ] {
+        refused(spoil("shape", shape), &format!("`{tensor}`"));
+    }
+    for dtype in [json!("F128"), json!(""), json!(4), json!("F32")] {
+        refused(spoil("dtype", dtype), &format!("`{tensor}`"));
+    }
+}
+
+#[test]
+fn sums_of_sizes_that_overflow_are_refused() {
+    let eighth = 1_u64 << 60;
+    let mut header = ModelBytes::open("mel_k1_upcycled").header();
+    header.retain(|name, _| name == "__metadata__");
+    for i in 0..16 {
+        let end = if i == 15 { u64::MAX } else { (i + 1) * eighth };
+        let entry = json!({ "dtype": "U8", "shape": [end - i * eighth], "data_offsets": [i * eighth, end] });
+        header.insert(format!("t{i:02}"), entry);
+    }
+    refused(file(&Value::Object(header).to_string(), &[]), "tensor `t00`");
+}
+
+proptest! {
+    #![proptest_config(cases(200))]
+
+    #[test]
+    fn a_header_with_wrong_bytes_breaks_nothing(at in any::<prop::sample::Index>(), bytes in prop::collection::vec(any::<u8>(), 1..6)) {
+        let model = ModelBytes::open("mel_k1_upcycled");
+        let mut file = model.bytes();
+        let at = at.index(file.len() - model.data().len());
+        file[at..at + bytes.len()].copy_from_slice(&bytes);
+        if let Err(error) = load(file) {
+            prop_assert!(!error.to_string().is_empty());
+        }
+    }
+
+    #[test]
+    fn a_text_tokenizer_with_wrong_bytes_breaks_nothing(
+        at in any::<prop::sample::Index>(), bytes in prop::collection::vec(any::<u8>(), 1..6), text in ".{0,40}",
+    ) {
+        let model = ModelBytes::open("mel_k2_arkit");
+        let mut pieces = model.tensors[TOKENIZER].bytes.clone();
+        let at = at.index(pieces.len() - bytes.len());
+        pieces[at..at + bytes.len()].copy_from_slice(&bytes);
+        if let Ok(tokenizer) = umo_core::lm::text::TextTokenizer::from_bytes(&pieces, 400) {
+            tokenizer.split(&text);
+        }
+    }
+}
