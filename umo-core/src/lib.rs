@@ -33,3 +33,8 @@ pub use linear::{Compute, Linear, Precision, QuantScratch};
 pub use part::{Part, PerPart};
 pub use team::Team;
 pub use weights::ModelFile;
+
+/// The README's example, compiled as a test.
+#[cfg(doctest)]
+#[doc = include_str!("../../README.md")]
+struct Readme;
