@@ -1,0 +1,382 @@
+"""The peers' models: random weights of the base shape, as PyTorch, ONNX and CTranslate2 have them.
+
+`build(folder)` makes every file once. Each ONNX graph is compared with the PyTorch model that it was made from before it is
+quantised, so that what is timed is the network and not something near it.
+"""
+
+import copy
+import functools
+import pathlib
+
+import numpy as np
+import onnx
+import onnxruntime
+import torch
+import transformers
+from onnx import TensorProto, helper, numpy_helper
+from onnxruntime.quantization import QuantType, quantize_dynamic
+
+TOKENS, STEPS, SECONDS = 256, 20, 3
+# The codes of four parts: a head for text and audio as well would only cost the peers.
+HEAD = 1024
+LAYERS, HEADS, HEAD_DIM = 12, 12, 64
+
+
+def t5_config():
+    return transformers.T5Config(
+        vocab_size=HEAD, d_model=768, d_kv=HEAD_DIM, d_ff=2048, num_layers=LAYERS, num_decoder_layers=LAYERS,
+        num_heads=HEADS, feed_forward_proj="gated-gelu", tie_word_embeddings=False, decoder_start_token_id=0,
+    )  # fmt: skip
+
+
+@functools.cache
+def t5():
+    torch.manual_seed(1)
+    model = transformers.T5ForConditionalGeneration(t5_config()).eval()
+    # The library ties the head to the embeddings and only leaves out the scaling; such a model would repeat its input.
+    model.lm_head.weight = torch.nn.Parameter(torch.randn(HEAD, 768) / 768**0.5)
+    model.config.tie_word_embeddings = False
+    return model
+
+
+@functools.cache
+def hubert():
+    torch.manual_seed(2)
+    return transformers.HubertModel(transformers.HubertConfig(num_hidden_layers=9, apply_spec_augment=False)).eval()
+
+
+def token_ids():
+    return np.random.default_rng(3).integers(3, HEAD, (1, TOKENS))
+
+
+def audio():
+    return 0.1 * np.random.default_rng(4).standard_normal((1, SECONDS * 16_000)).astype(np.float32)
+
+
+def encoder_bias():
+    """The relative bias of 256 positions, the same in every call: [1, heads, 256, 256]."""
+    attention = t5().encoder.block[0].layer[0].SelfAttention
+    with torch.inference_mode():
+        return attention.compute_bias(TOKENS, TOKENS).numpy()
+
+
+def decoder_biases():
+    """For every step, the relative bias of the one new position: [1, heads, 1, step + 1]."""
+    attention = t5().decoder.block[0].layer[0].SelfAttention
+    with torch.inference_mode():
+        return [attention.compute_bias(n, n)[:, :, -1:, :].numpy() for n in range(1, STEPS + 1)]
+
+
+class Graph:
+    """Nodes and weights of an ONNX graph, as they are added."""
+
+    def __init__(self):
+        self.nodes, self.weights, self.inputs, self.outputs, self.count = [], [], [], [], 0
+
+    def weight(self, value):
+        array = value.detach().numpy() if isinstance(value, torch.Tensor) else value
+        name = f"w{len(self.weights)}"
+        self.weights.append(numpy_helper.from_array(np.ascontiguousarray(array), name))
+        return name
+
+    def input(self, name, shape, kind=TensorProto.FLOAT):
+        self.inputs.append(helper.make_tensor_value_info(name, kind, shape))
+        return name
+
+    def output(self, value, name, kind=TensorProto.FLOAT):
+        self.nodes.append(helper.make_node("Identity", [value], [name]))
+        self.outputs.append(helper.make_tensor_value_info(name, kind, None))
+
+    def add(self, op, inputs, outputs=1, domain="", **attributes):
+        self.count += 1
+        names = [f"v{self.count}_{i}" for i in range(outputs)]
+        self.nodes.append(helper.make_node(op, inputs, names, f"{op}_{self.count}", domain=domain, **attributes))
+        return names[0] if outputs == 1 else names
+
+    def linear(self, x, *layers):
+        """`layers` of the same input as one product, cut afterwards; with their biases where they have any."""
+        y = self.add("MatMul", [x, self.weight(torch.cat([layer.weight for layer in layers]).T)])
+        if layers[0].bias is not None:
+            y = self.add("Add", [y, self.weight(torch.cat([layer.bias for layer in layers]))])
+        if len(layers) == 1:
+            return y
+        sizes = np.array([layer.out_features for layer in layers])
+        return self.add("Split", [y, self.weight(sizes)], len(layers), axis=-1)
+
+    def attention(self, q, k, v, scale, outputs=1, **optional):
+        """ONNX Runtime's own fused operation; `optional` are its bias, past key and past value."""
+        names = ["attention_bias", "past_key", "past_value"]
+        inputs = [q, k, v, "", ""] + [optional.get(name, "") for name in names]
+        while not inputs[-1]:
+            inputs.pop()
+        domain = "com.microsoft"
+        return self.add("MultiHeadAttention", inputs, outputs, domain, num_heads=HEADS, scale=scale)
+
+    def rms_norm(self, x, norm):
+        return self.add("SimplifiedLayerNormalization", [x, self.weight(norm.weight)], axis=-1, epsilon=1e-6)
+
+    def skip_rms_norm(self, x, skip, norm):
+        """The norm of `x + skip`, and the sum."""
+        inputs = [x, skip, self.weight(norm.weight)]
+        domain = "com.microsoft"
+        self.count += 1
+        names = [f"v{self.count}_0", "", "", f"v{self.count}_3"]
+        self.nodes.append(
+            helper.make_node("SkipSimplifiedLayerNormalization", inputs, names, domain=domain, epsilon=1e-6)
+        )
+        return names[0], names[3]
+
+    def layer_norm(self, x, norm):
+        weights = [self.weight(norm.weight), self.weight(norm.bias)]
+        return self.add("LayerNormalization", [x, *weights], axis=-1, epsilon=norm.eps)
+
+    def save(self, path):
+        graph = helper.make_graph(self.nodes, path.stem, self.inputs, self.outputs, self.weights)
+        opsets = [helper.make_opsetid("", 20), helper.make_opsetid("com.microsoft", 1)]
+        onnx.save(helper.make_model(graph, opset_imports=opsets, ir_version=10), path)
+
+
+def t5_feed_forward(g, x, layer):
+    gate, up = g.linear(x, layer.wi_0, layer.wi_1)
+    gate = g.add("Gelu", [gate], approximate="tanh")
+    return g.linear(g.add("Mul", [gate, up]), layer.wo)
+
+
+def t5_encoder(g):
+    """Hidden states [1, tokens, 768] of `ids`."""
+    model = t5()
+    x = g.add("Gather", [g.weight(model.shared.weight), g.input("ids", [1, TOKENS], TensorProto.INT64)])
+    bias = g.input("bias", [1, HEADS, TOKENS, TOKENS])
+    update = None
+    for block in model.encoder.block:
+        attention, feed_forward = block.layer[0], block.layer[-1]
+        if update is None:
+            h = g.rms_norm(x, attention.layer_norm)
+        else:
+            h, x = g.skip_rms_norm(x, update, attention.layer_norm)
+        heads = attention.SelfAttention
+        q, k, v = g.linear(h, heads.q, heads.k, heads.v)
+        update = g.linear(g.attention(q, k, v, 1.0, attention_bias=bias), heads.o)
+        h, x = g.skip_rms_norm(x, update, feed_forward.layer_norm)
+        update = t5_feed_forward(g, h, feed_forward.DenseReluDense)
+    return g.skip_rms_norm(x, update, model.encoder.final_layer_norm)[0]
+
+
+def encoder_graph(path):
+    g = Graph()
+    g.output(t5_encoder(g), "states")
+    g.save(path)
+
+
+def split_heads(g, x):
+    x = g.add("Reshape", [x, g.weight(np.array([1, -1, HEADS, HEAD_DIM]))])
+    return g.add("Transpose", [x], perm=[0, 2, 1, 3])
+
+
+def prefill_graph(path):
+    """The encoder and the keys and values that the decoder takes from its states, computed once."""
+    g = Graph()
+    states = t5_encoder(g)
+    for i, block in enumerate(t5().decoder.block):
+        attention = block.layer[1].EncDecAttention
+        for name, value in zip("kv", g.linear(states, attention.k, attention.v)):
+            g.output(split_heads(g, value), f"cross_{name}{i}")
+    g.save(path)
+
+
+def decoder_graph(path):
+    """One greedy step: the code of one id, and the grown keys and values of every layer."""
+    model, g = t5(), Graph()
+    x = g.add("Gather", [g.weight(model.shared.weight), g.input("id", [1, 1], TensorProto.INT64)])
+    bias = g.input("bias", [1, HEADS, 1, "time"])
+    update = None
+    for i, block in enumerate(model.decoder.block):
+        past = [g.input(f"past_{name}{i}", [1, HEADS, "past", HEAD_DIM]) for name in "kv"]
+        cross = [g.input(f"cross_{name}{i}", [1, HEADS, TOKENS, HEAD_DIM]) for name in "kv"]
+        attention, cross_attention, feed_forward = block.layer
+        if update is None:
+            h = g.rms_norm(x, attention.layer_norm)
+        else:
+            h, x = g.skip_rms_norm(x, update, attention.layer_norm)
+        heads = attention.SelfAttention
+        q, k, v = g.linear(h, heads.q, heads.k, heads.v)
+        y, *present = g.attention(q, k, v, 1.0, 3, attention_bias=bias, past_key=past[0], past_value=past[1])
+        for name, value in zip("kv", present):
+            g.output(value, f"present_{name}{i}")
+        h, x = g.skip_rms_norm(x, g.linear(y, heads.o), cross_attention.layer_norm)
+        heads = cross_attention.EncDecAttention
+        y = g.attention(g.linear(h, heads.q), *cross, 1.0)
+        h, x = g.skip_rms_norm(x, g.linear(y, heads.o), feed_forward.layer_norm)
+        update = t5_feed_forward(g, h, feed_forward.DenseReluDense)
+    h, _ = g.skip_rms_norm(x, update, model.decoder.final_layer_norm)
+    g.output(g.add("ArgMax", [g.linear(h, model.lm_head)], axis=-1, keepdims=0), "code", TensorProto.INT64)
+    g.save(path)
+
+
+def hubert_graph(path):
+    model, g = hubert(), Graph()
+    x = g.add("Unsqueeze", [g.input("audio", [1, SECONDS * 16_000]), g.weight(np.array([1]))])
+    for i, layer in enumerate(model.feature_extractor.conv_layers):
+        x = g.add("Conv", [x, g.weight(layer.conv.weight)], strides=list(layer.conv.stride))
+        if i == 0:
+            norm = layer.layer_norm
+            x = g.add("InstanceNormalization", [x, g.weight(norm.weight), g.weight(norm.bias)], epsilon=norm.eps)
+        x = g.add("Gelu", [x])
+    x = g.layer_norm(g.add("Transpose", [x], perm=[0, 2, 1]), model.feature_projection.layer_norm)
+    x = g.linear(x, model.feature_projection.projection)
+    conv = model.encoder.pos_conv_embed.conv
+    y = g.add("Transpose", [x], perm=[0, 2, 1])
+    # The kernel is even: of the padding of 64 on both sides, the last output is dropped.
+    y = g.add("Conv", [y, g.weight(conv.weight), g.weight(conv.bias)], group=conv.groups, pads=[64, 63])
+    y = g.add("Transpose", [g.add("Gelu", [y])], perm=[0, 2, 1])
+    x = g.layer_norm(g.add("Add", [x, y]), model.encoder.layer_norm)
+    for layer in model.encoder.layers:
+        heads, feed_forward = layer.attention, layer.feed_forward
+        q, k, v = g.linear(x, heads.q_proj, heads.k_proj, heads.v_proj)
+        y = g.linear(g.attention(q, k, v, HEAD_DIM**-0.5), heads.out_proj)
+        x = g.layer_norm(g.add("Add", [x, y]), layer.layer_norm)
+        y = g.add("Gelu", [g.linear(x, feed_forward.intermediate_dense)])
+        y = g.linear(y, feed_forward.output_dense)
+        x = g.layer_norm(g.add("Add", [x, y]), layer.final_layer_norm)
+    g.output(x, "features")
+    g.save(path)
+
+
+def session(path, threads):
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = threads
+    options.log_severity_level = 3
+    return onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
+
+
+class OnnxT5:
+    """Encoder and greedy decoder in ONNX Runtime, with keys and values that stay in its own memory."""
+
+    def __init__(self, folder, kind, threads):
+        self.prefill = session(folder / f"prefill.{kind}.onnx", threads)
+        self.decoder = session(folder / f"decoder.{kind}.onnx", threads)
+        values = [[onnxruntime.OrtValue.ortvalue_from_numpy(bias)] for bias in [encoder_bias(), *decoder_biases()]]
+        (self.encoder_bias,), self.biases = values[0], [bias for (bias,) in values[1:]]
+        self.empty = onnxruntime.OrtValue.ortvalue_from_numpy(np.zeros((1, HEADS, 0, HEAD_DIM), np.float32))
+        self.names = [f"{name}{i}" for i in range(LAYERS) for name in "kv"]
+
+    def run(self, session, inputs):
+        binding = session.io_binding()
+        for name, value in inputs.items():
+            binding.bind_ortvalue_input(name, value)
+        for output in session.get_outputs():
+            binding.bind_output(output.name)
+        session.run_with_iobinding(binding)
+        return dict(zip([output.name for output in session.get_outputs()], binding.get_outputs()))
+
+    def chunk(self, ids):
+        ids = onnxruntime.OrtValue.ortvalue_from_numpy(ids)
+        cross = self.run(self.prefill, {"ids": ids, "bias": self.encoder_bias})
+        past = {f"past_{name}": self.empty for name in self.names}
+        code, codes = onnxruntime.OrtValue.ortvalue_from_numpy(np.zeros((1, 1), np.int64)), []
+        for bias in self.biases:
+            found = self.run(self.decoder, {"id": code, "bias": bias, **cross, **past})
+            code = found["code"]
+            codes.append(int(code.numpy()[0, 0]))
+            past = {f"past_{name}": found[f"present_{name}"] for name in self.names}
+        return codes
+
+
+def check_onnx(folder):
+    """The graphs do what the PyTorch models do."""
+    with torch.inference_mode():
+        want = t5().encoder(torch.from_numpy(token_ids())).last_hidden_state.numpy()
+        got = session(folder / "encoder.f32.onnx", 2).run(None, {"ids": token_ids(), "bias": encoder_bias()})[0]
+        assert np.abs(got - want).max() < 1e-3 * np.abs(want).max(), "the encoder's graph is another network"
+        forced = torch.zeros((1, 1), dtype=torch.int64)
+        states = transformers.modeling_outputs.BaseModelOutput(torch.from_numpy(want))
+        for _ in range(STEPS):
+            logits = t5()(encoder_outputs=states, decoder_input_ids=forced).logits
+            forced = torch.cat([forced, logits[:, -1:].argmax(-1)], 1)
+        got = OnnxT5(folder, "f32", 2).chunk(token_ids())
+        assert len(set(got)) > 1 and got == forced[0, 1:].tolist(), "the decoder's graph is another network"
+        want = hubert()(torch.from_numpy(audio())).last_hidden_state.numpy()
+        got = session(folder / "hubert.f32.onnx", 2).run(None, {"audio": audio()})[0]
+        assert np.abs(got - want).max() < 1e-3 * np.abs(want).max(), "HuBERT's graph is another network"
+
+
+GRAPHS = {"encoder": encoder_graph, "prefill": prefill_graph, "decoder": decoder_graph, "hubert": hubert_graph}
+
+
+def build_onnx(folder):
+    for name, graph in GRAPHS.items():
+        graph(folder / f"{name}.f32.onnx")
+    check_onnx(folder)
+    for name in GRAPHS:
+        source, target = folder / f"{name}.f32.onnx", folder / f"{name}.int8.onnx"
+        # Types are not inferred through ONNX Runtime's own operations: all that is multiplied is f32.
+        options = {"DefaultTensorType": TensorProto.FLOAT}
+        quantize_dynamic(
+            source, target, op_types_to_quantize=["MatMul"], weight_type=QuantType.QInt8, extra_options=options
+        )
+
+
+class Tokens:
+    """As much of a tokenizer as the converter asks for: pieces are their own numbers."""
+
+    pad_token, eos_token, unk_token = "0", "1", "2"
+
+    def get_vocab(self):
+        return {str(i): i for i in range(HEAD)}
+
+    def convert_ids_to_tokens(self, token):
+        return str(token)
+
+
+def build_ctranslate2(folder):
+    import ctranslate2
+    from ctranslate2.converters.transformers import T5Loader
+    from ctranslate2.specs import TransformerEncoderModelSpec, transformer_spec
+
+    def save(spec, name):
+        spec.validate()
+        spec.optimize(quantization="int8")
+        (folder / name).mkdir(exist_ok=True)
+        spec.save(folder / name)
+
+    loader = T5Loader()
+    with torch.no_grad():
+        # Quantising changes the arrays that a specification was made from.
+        save(loader(copy.deepcopy(t5()), Tokens()), "ctranslate2")
+        stack = transformer_spec.TransformerEncoderSpec(
+            LAYERS, HEADS, activation=transformer_spec.common_spec.Activation.GELUTanh,
+            ffn_glu=True, relative_attention_bias=True, rms_norm=True,
+        )  # fmt: skip
+        spec = TransformerEncoderModelSpec(stack)
+        loader.set_stack(spec.encoder, copy.deepcopy(t5()).encoder)
+        spec.config.bos_token, spec.config.eos_token, spec.config.unk_token = "0", "1", "2"
+        spec.register_vocabulary(list(Tokens().get_vocab()))
+        save(spec, "ctranslate2-encoder")
+
+    ids, codes = token_ids(), np.random.default_rng(5).integers(3, HEAD, STEPS)
+    encoder = ctranslate2.Encoder(str(folder / "ctranslate2-encoder"))
+    states = np.array(encoder.forward_batch(ids.tolist()).last_hidden_state)
+    translator = ctranslate2.Translator(str(folder / "ctranslate2"))
+    score = translator.score_batch([pieces(ids[0])], [pieces(codes)])[0].log_probs[:STEPS]
+    with torch.inference_mode():
+        want = t5().encoder(torch.from_numpy(ids)).last_hidden_state.numpy()
+        forced = torch.from_numpy(np.concatenate([[0], codes[:-1]]))[None]
+        logits = t5()(input_ids=torch.from_numpy(ids), decoder_input_ids=forced).logits[0].log_softmax(-1)
+    want_score = logits[torch.arange(STEPS), torch.from_numpy(codes)].numpy()
+    assert np.corrcoef(states.ravel(), want.ravel())[0, 1] > 0.99, "CTranslate2's encoder is another network"
+    assert np.corrcoef(score, want_score)[0, 1] > 0.99, "CTranslate2's decoder is another network"
+
+
+def pieces(ids):
+    return [str(i) for i in ids]
+
+
+def build(folder):
+    """Makes what is missing under `folder`."""
+    folder = pathlib.Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, make in {"onnx": build_onnx, "ctranslate2": build_ctranslate2}.items():
+        done = folder / f"{name}.done"
+        if not done.exists():
+            make(folder)
+            done.touch()
