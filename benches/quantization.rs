@@ -18,8 +18,8 @@ use std::path::Path;
 
 use umo_benches::Random;
 use umo_core::audio::{Tokenizer, resample};
-use umo_core::lm::decoder::{DecoderCache, Sequence};
-use umo_core::lm::generate::Generator;
+use umo_core::lm::decoder::Sequence;
+use umo_core::lm::generate::{Draw, Generator};
 use umo_core::lm::layout::{Prompt, Template, window_tokens};
 use umo_core::lm::sampler::Sampler;
 use umo_core::lm::{Lengths, Lm, LmScratch};
@@ -262,7 +262,7 @@ fn answer(loader: &Loader, team: &Team) -> Result<Answers, Box<dyn Error>> {
     let lengths = Lengths::of(config);
     let lm = Lm::load(loader, lengths)?;
     let mut scratch = LmScratch::new(config, lengths.encoder.max(lengths.decoder));
-    let mut cache = DecoderCache::new(config, lengths);
+    let mut sequence = Sequence::new(config, lengths);
     let mut generator = Generator::new(config);
     let mut answers = Answers { hidden: Vec::new(), logits: Vec::new(), codes: Vec::new() };
     for prompt in 0..PROMPTS {
@@ -272,9 +272,10 @@ fn answer(loader: &Loader, team: &Team) -> Result<Answers, Box<dyn Error>> {
         lm.encode(cx, &mut scratch, &ids, &[ids.len()], &mut hidden)?;
         let states = Mat::new(&hidden, ids.len(), lm.d_model())?;
 
-        lm.attend_to(cx, &mut scratch, states, &mut cache)?;
+        lm.attend_to(cx, &mut scratch, states, &mut sequence)?;
         let (forced, rows) = forced_ids(config, &mut random);
-        lm.decode(cx, &mut scratch, &mut [Sequence { ids: &forced, cache: &mut cache }])?;
+        sequence.set_ids(&forced)?;
+        lm.decode(cx, &mut scratch, std::slice::from_mut(&mut sequence))?;
         let mut logits = vec![0.0; config.vq.codes];
         for (part, row) in rows {
             lm.code_logits(cx, &mut scratch, row, part, &mut logits)?;
@@ -284,7 +285,8 @@ fn answer(loader: &Loader, team: &Team) -> Result<Answers, Box<dyn Error>> {
         let mut codes = PerPart::from_fn(|_| vec![0; config.target]);
         let PerPart { face, hands, upper, lower } = &mut codes;
         let slices = PerPart { face: &mut **face, hands: &mut **hands, upper: &mut **upper, lower: &mut **lower };
-        generator.generate(cx, &lm, &mut scratch, states, &mut cache, (Sampler::GREEDY, prompt), slices)?;
+        let draw = Draw { sampler: Sampler::GREEDY, chunk: prompt, target: config.target };
+        generator.generate(cx, &lm, &mut scratch, states, &mut sequence, draw, slices)?;
         Part::ALL.into_iter().for_each(|part| answers.codes.extend_from_slice(&codes[part]));
         answers.hidden.append(&mut hidden);
     }

@@ -11,8 +11,8 @@ use criterion::{Criterion, criterion_group, criterion_main};
 use umo_benches::floor::{self, Floor, Machine};
 use umo_benches::{Random, model};
 use umo_core::audio::Tokenizer;
-use umo_core::lm::decoder::{DecoderCache, Sequence};
-use umo_core::lm::generate::Generator;
+use umo_core::lm::decoder::Sequence;
+use umo_core::lm::generate::{Draw, Generator};
 use umo_core::lm::sampler::Sampler;
 use umo_core::lm::{Lengths, Lm, LmScratch};
 use umo_core::weights::Loader;
@@ -62,7 +62,7 @@ fn language_model(c: &mut Criterion, file: &ModelFile) {
         (0..TOKENS).map(|_| u32::try_from(random.below(config.vocab.size)).expect("an id is small")).collect();
     let mut hidden = vec![0.0; TOKENS * lm.d_model()];
     let mut scratch = LmScratch::new(config, TOKENS);
-    let mut cache = DecoderCache::new(config, lengths);
+    let mut sequence = Sequence::new(config, lengths);
     let mut generator = Generator::new(config);
     for threads in [1, 2] {
         let machine = Machine::measure(threads);
@@ -75,14 +75,15 @@ fn language_model(c: &mut Criterion, file: &ModelFile) {
             lm.encode(cx, &mut scratch, &ids, &[TOKENS], &mut hidden).expect(OK);
         });
         let states = Mat::new(&hidden, TOKENS, lm.d_model()).expect(OK);
-        lm.attend_to(cx, &mut scratch, states, &mut cache).expect(OK);
+        lm.attend_to(cx, &mut scratch, states, &mut sequence).expect(OK);
         let (mut at, mut logits) = (0, vec![0.0; config.vq.codes]);
         time(c, &format!("decoder_step/T{threads}"), machine.as_ref(), &floor::step(config, TOKENS), || {
             if at == lengths.decoder {
-                lm.attend_to(cx, &mut scratch, states, &mut cache).expect(OK);
+                lm.attend_to(cx, &mut scratch, states, &mut sequence).expect(OK);
                 at = 0;
             }
-            lm.decode(cx, &mut scratch, &mut [Sequence { ids: &ids[at..=at], cache: &mut cache }]).expect(OK);
+            sequence.set_ids(&ids[at..=at]).expect(OK);
+            lm.decode(cx, &mut scratch, std::slice::from_mut(&mut sequence)).expect(OK);
             lm.code_logits(cx, &mut scratch, 0, umo_core::Part::Face, &mut logits).expect(OK);
             at += 1;
         });
@@ -94,7 +95,8 @@ fn language_model(c: &mut Criterion, file: &ModelFile) {
             let states = Mat::new(&hidden, TOKENS, lm.d_model()).expect(OK);
             let PerPart { face, hands, upper, lower } = &mut out;
             let slices = PerPart { face: &mut **face, hands: &mut **hands, upper: &mut **upper, lower: &mut **lower };
-            generator.generate(cx, &lm, &mut scratch, states, &mut cache, (Sampler::GREEDY, 0), slices).expect(OK);
+            let draw = Draw { sampler: Sampler::GREEDY, chunk: 0, target: config.target };
+            generator.generate(cx, &lm, &mut scratch, states, &mut sequence, draw, slices).expect(OK);
         });
     }
 }

@@ -6,10 +6,11 @@ mod model_bytes;
 use model_bytes::{ModelBytes, file};
 use proptest::prelude::*;
 use serde_json::{Value, json};
+use umo_core::animation::Animation;
+use umo_core::avatar::AvatarConfig;
 use umo_core::lm::text::TOKENIZER;
 use umo_core::model::Model;
 use umo_core::motion::MotionEncoder;
-use umo_core::session::{Scratch, Session, SessionConfig};
 use umo_core::weights::Loader;
 use umo_core::{LoadError, ModelFile, Precision};
 use umo_kernels::Isa;
@@ -238,8 +239,7 @@ fn every_number_of_the_config_is_checked() {
                     // A size that another disagrees with may be named by the other, or by a tensor of that shape.
                     Err(error) => assert!(named(&error).is_some(), "{name}: {path} = {other}: {error}"),
                     Ok(model) => {
-                        Session::new(&model, SessionConfig::new(model.config())).unwrap();
-                        drop(Scratch::new(&model));
+                        drop(Animation::new(&model, &AvatarConfig::new(model.config())).unwrap());
                     }
                 }
             }

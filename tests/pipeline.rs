@@ -7,10 +7,11 @@ use std::sync::LazyLock;
 use model_bytes::ModelBytes;
 use proptest::prelude::*;
 use serde_json::json;
+use umo_core::animation::Animation;
+use umo_core::avatar::AvatarConfig;
 use umo_core::lm::sampler::Sampler;
 use umo_core::model::Model;
 use umo_core::motion::{FrameRef, Pose};
-use umo_core::session::{Scratch, Session, SessionConfig};
 use umo_core::stage::{self, Inputs, Options, Output, Stage, Values};
 use umo_core::weights::Loader;
 use umo_core::{Compute, ModelFile, Part, PerPart, Precision, StepError, Team};
@@ -75,32 +76,31 @@ impl<'a> Run<'a> {
     }
 
     /// A stream of this audio, to its end.
-    fn stream(&self, config: SessionConfig, audio: &[f32]) -> Frames {
-        let mut session = Session::new(self.model, config).unwrap();
+    fn stream(&self, config: AvatarConfig, audio: &[f32]) -> Frames {
+        let mut animation = Animation::new(self.model, &config).unwrap();
         if let Some(codes) = self.history {
-            session.set_history(PerPart::from_fn(|part| &*codes[part])).unwrap();
+            animation.avatar_mut().set_history(PerPart::from_fn(|part| &*codes[part])).unwrap();
         }
-        self.drive(&mut session, audio)
+        self.drive(&mut animation, audio)
     }
 
-    fn drive(&self, session: &mut Session, audio: &[f32]) -> Frames {
+    fn drive(&self, animation: &mut Animation, audio: &[f32]) -> Frames {
         let team = Team::new(self.threads).unwrap();
         let cx = Compute { isa: self.model.isa(), team: &team };
-        let mut scratch = Scratch::new(self.model);
         let mut frames = Frames::default();
         let mut rest = audio;
         for &size in self.pushes.iter().cycle().take(audio.len()) {
             let (piece, more) = rest.split_at(size.min(rest.len()));
-            session.push_audio(piece).unwrap();
+            animation.push_audio(piece).unwrap();
             rest = more;
-            while session.step(self.model, cx, &mut scratch, &mut |frame| frames.take(frame)).unwrap() {}
+            while animation.step(self.model, cx, &mut |frame| frames.take(frame)).unwrap() {}
             if rest.is_empty() {
                 break;
             }
         }
-        session.push_audio(rest).unwrap();
-        session.finish(session.frames_of_audio(self.model.config()));
-        while session.step(self.model, cx, &mut scratch, &mut |frame| frames.take(frame)).unwrap() {}
+        animation.push_audio(rest).unwrap();
+        animation.finish(animation.frames_of_audio(self.model.config()));
+        while animation.step(self.model, cx, &mut |frame| frames.take(frame)).unwrap() {}
         frames
     }
 }
@@ -118,8 +118,8 @@ fn audio(samples: usize, seed: u64) -> Vec<f32> {
 }
 
 /// The model's defaults, with an answer that comes soon enough for a short recording.
-fn defaults(model: &Model) -> SessionConfig {
-    SessionConfig { target: 2.min(model.config().max_target), ..SessionConfig::new(model.config()) }
+fn defaults(model: &Model) -> AvatarConfig {
+    AvatarConfig { target: 2.min(model.config().max_target), ..AvatarConfig::new(model.config()) }
 }
 
 fn frames_of(samples: usize) -> usize {
@@ -147,7 +147,7 @@ proptest! {
     ) {
         let model = &MODELS[which];
         let c = model.config();
-        let config = SessionConfig {
+        let config = AvatarConfig {
             target: 1 + target % c.max_target,
             lookahead: lookahead % (c.keyframe_stride * c.prefix + 1),
             sampler: Sampler { seed, ..defaults(model).sampler },
@@ -187,13 +187,13 @@ fn a_seed_says_which_motion() {
         let audio = audio(10_000, 2);
         let run = |seed| {
             let sampler = Sampler { seed, ..defaults(model).sampler };
-            Run::of(model).stream(SessionConfig { sampler, ..defaults(model) }, &audio)
+            Run::of(model).stream(AvatarConfig { sampler, ..defaults(model) }, &audio)
         };
         assert!(run(1) == run(1), "{name}");
         assert!(run(1) != run(2), "{name}");
         let greedy = |seed| {
             let sampler = Sampler { seed, ..Sampler::GREEDY };
-            Run::of(model).stream(SessionConfig { sampler, ..defaults(model) }, &audio)
+            Run::of(model).stream(AvatarConfig { sampler, ..defaults(model) }, &audio)
         };
         assert!(greedy(1) == greedy(2), "{name}");
         assert!(greedy(1) != run(1), "{name}");
@@ -223,7 +223,7 @@ fn history_and_text_and_audio_change_what_comes() {
     let text = model.text().unwrap().encode("wave with both hands").unwrap();
     let sound = audio(10_000, 3);
     let plain = Run::of(model).stream(defaults(model), &sound);
-    assert!(Run::of(model).stream(SessionConfig { text, ..defaults(model) }, &sound) != plain);
+    assert!(Run::of(model).stream(AvatarConfig { text, ..defaults(model) }, &sound) != plain);
 }
 
 #[test]
@@ -242,11 +242,11 @@ fn text_alone_moves_a_body() {
     let run = |words: &str| {
         let text = model.text().unwrap().encode(words).unwrap();
         let template = "text_to_motion".to_owned();
-        let mut session = Session::new(model, SessionConfig { template, text, ..defaults(model) }).unwrap();
-        session.finish(50);
-        let (team, mut scratch, mut frames) = (Team::new(1).unwrap(), Scratch::new(model), Frames::default());
+        let mut animation = Animation::new(model, &AvatarConfig { template, text, ..defaults(model) }).unwrap();
+        animation.finish(50);
+        let (team, mut frames) = (Team::new(1).unwrap(), Frames::default());
         let cx = Compute { isa: model.isa(), team: &team };
-        while session.step(model, cx, &mut scratch, &mut |frame| frames.take(frame)).unwrap() {}
+        while animation.step(model, cx, &mut |frame| frames.take(frame)).unwrap() {}
         frames
     };
     run("a person waves").check(50);
@@ -263,10 +263,10 @@ fn a_stream_of_mel_features_has_the_units_of_the_whole_file() {
             let audio = audio(samples, 6);
             let (units, silence) = model.tokenizer().whole_file(cx, &audio).unwrap();
             assert_eq!(units.len(), samples.div_ceil(320));
-            let mut session = Session::new(model, defaults(model)).unwrap();
-            session.use_whole_file_units(units, silence);
-            Run::of(model).drive(&mut session, &audio).check(frames_of(samples));
-            assert_eq!(session.unit_disagreement(), Some((samples.div_ceil(320), 0)), "{}", NAMES[which]);
+            let mut animation = Animation::new(model, &defaults(model)).unwrap();
+            animation.avatar_mut().use_whole_file_units(units, silence);
+            Run::of(model).drive(&mut animation, &audio).check(frames_of(samples));
+            assert_eq!(animation.avatar().unit_disagreement(), Some((samples.div_ceil(320), 0)), "{}", NAMES[which]);
         }
     }
 }
@@ -350,7 +350,7 @@ fn equal_experts_are_the_dense_model_to_the_bit() {
     for precision in [Precision::F32, Precision::Bf16, Precision::Int8] {
         let of = |bytes: &ModelBytes| {
             let model = load(bytes, precision, Isa::detect());
-            Run::of(&model).stream(SessionConfig { target: 2, ..defaults(&model) }, &audio(16_000, 8))
+            Run::of(&model).stream(AvatarConfig { target: 2, ..defaults(&model) }, &audio(16_000, 8))
         };
         assert!(of(&upcycled) == of(&dense(&upcycled)), "{precision:?}");
     }
@@ -388,7 +388,7 @@ fn a_keyframe_on_every_frame_gives_every_frame() {
     let model = load(&bytes, Precision::F32, Isa::detect());
     for samples in [640, 1280, 2560, 6400, 7000] {
         let run = Run { pushes: &[320], ..Run::of(&model) };
-        let config = SessionConfig { lookahead: 3, ..defaults(&model) };
+        let config = AvatarConfig { lookahead: 3, ..defaults(&model) };
         let frames = run.stream(config.clone(), &audio(samples, 10));
         frames.check(samples * 25 / 16_000);
         assert!(frames == Run::of(&model).stream(config, &audio(samples, 10)));
@@ -398,27 +398,28 @@ fn a_keyframe_on_every_frame_gives_every_frame() {
 #[test]
 fn a_session_refuses_what_it_was_not_made_for() {
     let model = &MODELS[0];
-    let refused = |change: &dyn Fn(&mut SessionConfig)| {
+    let refused = |change: &dyn Fn(&mut AvatarConfig)| {
         let mut config = defaults(model);
         change(&mut config);
-        Session::new(model, config).unwrap_err().to_string()
+        Animation::new(model, &config).unwrap_err().to_string()
     };
     assert!(refused(&|c| c.target = 0).contains("`target`"));
     assert!(refused(&|c| c.target = 7).contains("`target`"));
     assert!(refused(&|c| c.lookahead = 37).contains("`lookahead`"));
     assert!(refused(&|c| c.lookahead = usize::MAX).contains("`lookahead`"));
     assert!(refused(&|c| c.template = "dance".to_owned()).contains("dance"));
-    let mut session = Session::new(model, defaults(model)).unwrap();
+    let mut animation = Animation::new(model, &defaults(model)).unwrap();
     let codes = |code: u16| PerPart::from_fn(|_| vec![code]);
-    let set =
-        |session: &mut Session, codes: PerPart<Vec<u16>>| session.set_history(PerPart::from_fn(|part| &*codes[part]));
-    assert!(matches!(set(&mut session, codes(256)), Err(StepError::OutOfRange { got: 256, .. })));
-    assert!(matches!(set(&mut session, PerPart::default()), Err(StepError::Empty(_))));
-    assert_eq!(set(&mut session, codes(255)), Ok(()));
-    session.finish(1);
-    assert!(matches!(session.push_audio(&[0.0]), Err(StepError::Order(_))));
-    let (team, mut scratch) = (Team::new(1).unwrap(), Scratch::new(model));
+    let set = |animation: &mut Animation, codes: PerPart<Vec<u16>>| {
+        animation.avatar_mut().set_history(PerPart::from_fn(|part| &*codes[part]))
+    };
+    assert!(matches!(set(&mut animation, codes(256)), Err(StepError::OutOfRange { got: 256, .. })));
+    assert!(matches!(set(&mut animation, PerPart::default()), Err(StepError::Empty(_))));
+    assert_eq!(set(&mut animation, codes(255)), Ok(()));
+    animation.finish(1);
+    assert!(matches!(animation.push_audio(&[0.0]), Err(StepError::Order(_))));
+    let team = Team::new(1).unwrap();
     let cx = Compute { isa: model.isa(), team: &team };
-    while session.step(model, cx, &mut scratch, &mut |_| ()).unwrap() {}
-    assert!(matches!(set(&mut session, codes(0)), Err(StepError::Order(_))));
+    while animation.step(model, cx, &mut |_| ()).unwrap() {}
+    assert!(matches!(set(&mut animation, codes(0)), Err(StepError::Order(_))));
 }

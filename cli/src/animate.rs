@@ -1,12 +1,13 @@
-//! `umo animate` and what it shares with `umo text`: a session run to its end into a clip.
+//! `umo animate` and what it shares with `umo text`: an animation run to its end into a clip.
 
 use std::time::{Duration, Instant};
 
+use umo_core::animation::Animation;
 use umo_core::audio::resample;
+use umo_core::avatar::AvatarConfig;
 use umo_core::lm::sampler::Sampler;
 use umo_core::model::Model;
 use umo_core::motion::clip::Clip;
-use umo_core::session::{Scratch, Session, SessionConfig};
 use umo_core::weights::Loader;
 use umo_core::{Compute, Config, ModelFile, Precision, StepError, Team};
 
@@ -34,16 +35,16 @@ pub(crate) fn run(args: &Animate) -> Result<(), Failure> {
         return Err(Failure::Input(problem));
     }
     let samples = resample::to_rate(&wav.mono(), wav.sample_rate as usize, config.audio.sample_rate)?;
-    let mut session = job.session("audio_to_motion", args.prompt.as_deref())?;
+    let mut animation = job.animation("audio_to_motion", args.prompt.as_deref())?;
     if args.whole_file_units {
         let cx = Compute { isa: job.model.isa(), team: &job.team };
         let (units, silence) = job.model.tokenizer().whole_file(cx, &samples)?;
-        session.use_whole_file_units(units, silence);
+        animation.avatar_mut().use_whole_file_units(units, silence);
     }
-    session.push_audio(&samples)?;
-    session.finish(frames);
-    let done = job.finish(&mut session, frames);
-    if let Some((compared, differed)) = session.unit_disagreement() {
+    animation.push_audio(&samples)?;
+    animation.finish(frames);
+    let done = job.finish(&mut animation, frames);
+    if let Some((compared, differed)) = animation.avatar().unit_disagreement() {
         let share = 100.0 * differed as f64 / compared.max(1) as f64;
         eprintln!(
             "note: {differed} of {compared} audio units ({share:.1} %) differ between the whole file and its stream"
@@ -86,17 +87,17 @@ impl<'a> Job<'a> {
         })
     }
 
-    /// A session as the arguments want it.
-    pub(crate) fn session(&self, template: &str, text: Option<&str>) -> Result<Session, Failure> {
+    /// An animation as the arguments want it.
+    pub(crate) fn animation(&self, template: &str, text: Option<&str>) -> Result<Animation, Failure> {
         let config = self.model.config();
         let ids = text.map(|text| prompt(&self.model, text)).transpose()?.unwrap_or_default();
         let template = named(config, template, text.is_some())?;
-        let defaults = SessionConfig::new(config);
+        let defaults = AvatarConfig::new(config);
         let sampler =
             if self.args.greedy { Sampler::GREEDY } else { Sampler { seed: self.args.seed, ..defaults.sampler } };
-        let mut session = Session::new(
+        let mut animation = Animation::new(
             &self.model,
-            SessionConfig {
+            &AvatarConfig {
                 target: self.args.target.unwrap_or(defaults.target),
                 lookahead: self.args.lookahead.unwrap_or(defaults.lookahead),
                 sampler,
@@ -109,24 +110,23 @@ impl<'a> Job<'a> {
             let precision = self.args.compute.precision(Precision::Stored);
             let loader = Loader::new(&self.file, precision, self.model.isa());
             let codes = start_pose::codes(cx, &loader, path)?;
-            session.set_history(start_pose::as_slices(&codes))?;
+            animation.avatar_mut().set_history(start_pose::as_slices(&codes))?;
         }
-        Ok(session)
+        Ok(animation)
     }
 
-    /// Runs the session to its end and writes every output.
-    pub(crate) fn finish(self, session: &mut Session, frames: usize) -> Result<(), Failure> {
+    /// Runs the animation to its end and writes every output.
+    pub(crate) fn finish(self, animation: &mut Animation, frames: usize) -> Result<(), Failure> {
         let config = self.model.config();
         let cx = Compute { isa: self.model.isa(), team: &self.team };
-        let mut scratch = Scratch::new(&self.model);
         let mut clip = Clip::new(config);
         let (bar, start) = (progress::frames(frames), Instant::now());
-        while session.step(&self.model, cx, &mut scratch, &mut |frame| clip.push(frame.pose, frame.face))? {
+        while animation.step(&self.model, cx, &mut |frame| clip.push(frame.pose, frame.face))? {
             bar.set_position(clip.len() as u64);
         }
         bar.finish_and_clear();
         if clip.len() != frames {
-            return Err(StepError::Order("internal: the session ended early").into());
+            return Err(StepError::Order("internal: the animation ended early").into());
         }
         let (seconds, took) = (frames as f64 / config.frame_rate as f64, start.elapsed().as_secs_f64());
         for output in self.outputs {
@@ -135,16 +135,16 @@ impl<'a> Job<'a> {
         let names: Vec<_> = self.args.output.iter().map(|path| path.display().to_string()).collect();
         println!("{}: {frames} frames, {seconds:.2} s, made in {took:.2} s", names.join(", "));
         if self.args.timings {
-            print_times(self.load_time, session, config);
+            print_times(self.load_time, animation, config);
         }
         Ok(())
     }
 }
 
 /// Milliseconds that the model took to load, and each stage, in all and per chunk.
-fn print_times(load: Duration, session: &Session, config: &Config) {
-    let times = session.stage_times();
-    let chunks = session.chunks(config).unwrap_or(0).max(1);
+fn print_times(load: Duration, animation: &Animation, config: &Config) {
+    let times = animation.stage_times();
+    let chunks = animation.avatar().chunks(config).unwrap_or(0).max(1);
     println!("{:<10} {:>12} {:>12}", "stage", "ms in all", "ms a chunk");
     println!("{:<10} {:>12.1} {:>12}", "load", 1e3 * load.as_secs_f64(), "-");
     for (stage, time) in [

@@ -15,7 +15,7 @@ pub(crate) fn run(args: &Text) -> Result<(), Failure> {
     }
     let job = Job::new(&args.output)?;
     let frames = (args.seconds * job.model.config().frame_rate as f64).floor().max(1.0) as usize;
-    let mut session = job.session("text_to_motion", Some(&args.text))?;
-    session.finish(frames);
-    job.finish(&mut session, frames)
+    let mut animation = job.animation("text_to_motion", Some(&args.text))?;
+    animation.finish(frames);
+    job.finish(&mut animation, frames)
 }

@@ -3,7 +3,8 @@
 //! | module | what it holds | SPEC |
 //! |---|---|---|
 //! | [`config`], [`weights`] | the model file: every dimension, every tensor | 3 |
-//! | [`model`], [`session`] | a loaded model; one avatar's stream | 2, 2.8 |
+//! | [`model`], [`avatar`] | a loaded model; one avatar's stream | 2, 2.8 |
+//! | [`batch`], [`animation`] | the next chunks of many avatars; one avatar at the caller's pace | 2, 2.9 |
 //! | [`audio`] | samples to audio units | 2.1 |
 //! | [`lm`] | units, text and history to the codes of new keyframes | 2.2 to 2.5 |
 //! | [`interp`] | keyframes to a code for every frame | 2.6 |
@@ -13,7 +14,10 @@
 //! | [`part`], [`error`] | the four parts; what can go wrong | 1 |
 #![deny(unsafe_code)]
 
+pub mod animation;
 pub mod audio;
+pub mod avatar;
+pub mod batch;
 pub mod config;
 pub mod error;
 pub mod interp;
@@ -22,7 +26,6 @@ pub mod lm;
 pub mod model;
 pub mod motion;
 pub mod part;
-pub mod session;
 pub mod stage;
 pub mod team;
 pub mod weights;

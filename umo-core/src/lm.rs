@@ -18,7 +18,7 @@ use crate::error::{LoadError, StepError};
 use crate::linear::{Compute, Linear, QuantScratch};
 use crate::part::{Part, PerPart};
 use crate::weights::{AlignedBox, Loader, Table};
-use decoder::{Decoder, DecoderCache, Sequence};
+use decoder::{Decoder, Sequence};
 use encoder::Encoder;
 
 /// The longest sequences that a model is loaded for.
@@ -96,40 +96,149 @@ impl Lm {
         lengths: &[usize],
         hidden: &mut [f32],
     ) -> Result<(), StepError> {
+        self.begin_encode(scratch, ids, lengths)?;
+        (0..self.encoder_layers()).try_for_each(|layer| self.encode_layer(cx, scratch, layer, lengths))?;
+        self.end_encode(cx, scratch, lengths, hidden)
+    }
+
+    /// Layers of the encoder: [`Self::encode`] is [`Self::begin_encode`], each layer in turn, [`Self::end_encode`].
+    pub fn encoder_layers(&self) -> usize {
+        self.encoder.layers()
+    }
+
+    /// Looks the ids of an encoder pass up.
+    ///
+    /// # Errors
+    /// As [`Self::encode`].
+    pub fn begin_encode(&self, scratch: &mut LmScratch, ids: &[u32], lengths: &[usize]) -> Result<(), StepError> {
         scratch.check_rows(ids.len())?;
-        self.embed(ids, &mut scratch.hidden)?;
-        self.encoder.forward(cx, scratch, lengths, hidden)
+        self.encoder.check(lengths)?;
+        self.embed(ids, &mut scratch.hidden)
     }
 
-    /// Runs the decoder over the new rows of each sequence; the states after the final norm stay in `scratch`, one row
-    /// per new id in order.
+    /// One layer of an encoder pass.
     ///
     /// # Errors
-    /// [`StepError`] where an id is outside the vocabulary, a cache is full, or there are too many rows.
-    pub fn decode(&self, cx: Compute, scratch: &mut LmScratch, sequences: &mut [Sequence]) -> Result<(), StepError> {
-        let rows = sequences.iter().map(|s| s.ids.len()).sum();
-        scratch.check_rows(rows)?;
-        let mut first = 0;
-        for sequence in sequences.iter() {
-            let count = sequence.ids.len();
-            self.embed(sequence.ids, &mut scratch.hidden[first * self.d_model..(first + count) * self.d_model])?;
-            first += count;
-        }
-        self.decoder.forward(cx, scratch, sequences)
+    /// [`StepError`] where a length disagrees.
+    pub fn encode_layer(
+        &self,
+        cx: Compute,
+        scratch: &mut LmScratch,
+        layer: usize,
+        lengths: &[usize],
+    ) -> Result<(), StepError> {
+        self.encoder.layer(cx, scratch, layer, lengths)
     }
 
-    /// Fills the cross-attention keys and values of `cache` from encoder states `[rows, d_model]`.
+    /// Writes the states of an encoder pass to `hidden [rows, d_model]`.
     ///
     /// # Errors
-    /// [`StepError`] where the cache is too small.
+    /// [`StepError`] where a length disagrees.
+    pub fn end_encode(
+        &self,
+        cx: Compute,
+        scratch: &LmScratch,
+        lengths: &[usize],
+        hidden: &mut [f32],
+    ) -> Result<(), StepError> {
+        self.encoder.finish(cx, scratch, lengths.iter().sum(), hidden)
+    }
+
+    /// Starts a sequence over encoder states `[rows, d_model]`.
+    ///
+    /// # Errors
+    /// [`StepError`] where the sequence has too little room.
     pub fn attend_to(
         &self,
         cx: Compute,
         scratch: &mut LmScratch,
         hidden: Mat<f32>,
-        cache: &mut DecoderCache,
+        sequence: &mut Sequence,
     ) -> Result<(), StepError> {
-        self.decoder.attend_to(cx, &mut scratch.quant, hidden, cache)
+        Decoder::begin(sequence, hidden.rows())?;
+        (0..self.decoder_layers()).try_for_each(|layer| self.attend_layer(cx, scratch, layer, hidden, sequence))
+    }
+
+    /// Layers of the decoder: [`Self::attend_to`] is [`Self::begin_attend`] and each of [`Self::attend_layer`].
+    pub fn decoder_layers(&self) -> usize {
+        self.decoder.layers()
+    }
+
+    /// Forgets what `sequence` was, for one over `rows` encoder states.
+    ///
+    /// # Errors
+    /// [`StepError`] where the sequence has too little room.
+    pub fn begin_attend(&self, sequence: &mut Sequence, rows: usize) -> Result<(), StepError> {
+        Decoder::begin(sequence, rows)
+    }
+
+    /// The cross-attention's keys and values of one layer.
+    ///
+    /// # Errors
+    /// [`StepError`] where a length disagrees.
+    pub fn attend_layer(
+        &self,
+        cx: Compute,
+        scratch: &mut LmScratch,
+        layer: usize,
+        hidden: Mat<f32>,
+        sequence: &mut Sequence,
+    ) -> Result<(), StepError> {
+        self.decoder.attend_to(cx, &mut scratch.quant, layer, hidden, sequence)
+    }
+
+    /// Runs the decoder over the new ids of each sequence; the states after the final norm stay in `scratch`, one row
+    /// per new id in order.
+    ///
+    /// # Errors
+    /// [`StepError`] where an id is outside the vocabulary, a cache is full, or there are too many rows.
+    pub fn decode(&self, cx: Compute, scratch: &mut LmScratch, sequences: &mut [Sequence]) -> Result<(), StepError> {
+        self.begin_decode(scratch, sequences)?;
+        (0..self.decoder_layers()).try_for_each(|layer| self.decode_layer(cx, scratch, layer, sequences))?;
+        self.end_decode(cx, scratch, sequences)
+    }
+
+    /// Looks the new ids of a decoder pass up.
+    ///
+    /// # Errors
+    /// As [`Self::decode`].
+    pub fn begin_decode(&self, scratch: &mut LmScratch, sequences: &[Sequence]) -> Result<(), StepError> {
+        scratch.check_rows(sequences.iter().map(|s| s.ids().len()).sum())?;
+        self.decoder.check(sequences)?;
+        let mut hidden = &mut scratch.hidden[..];
+        for sequence in sequences {
+            let (rows, rest) = hidden.split_at_mut(sequence.ids().len() * self.d_model);
+            self.embed(sequence.ids(), rows)?;
+            hidden = rest;
+        }
+        Ok(())
+    }
+
+    /// One layer of a decoder pass.
+    ///
+    /// # Errors
+    /// [`StepError`] where a length disagrees.
+    pub fn decode_layer(
+        &self,
+        cx: Compute,
+        scratch: &mut LmScratch,
+        layer: usize,
+        sequences: &mut [Sequence],
+    ) -> Result<(), StepError> {
+        self.decoder.layer(cx, scratch, layer, sequences)
+    }
+
+    /// Ends a decoder pass: its ids now belong to the sequences.
+    ///
+    /// # Errors
+    /// [`StepError`] where a length disagrees.
+    pub fn end_decode(
+        &self,
+        cx: Compute,
+        scratch: &mut LmScratch,
+        sequences: &mut [Sequence],
+    ) -> Result<(), StepError> {
+        self.decoder.finish(cx, scratch, sequences)
     }
 
     /// Logits of `part`'s codes for row `row` of the last [`Self::decode`], into `logits [codes]`.

@@ -12,8 +12,8 @@ use crate::config::AudioKind;
 use crate::error::{LoadError, StepError};
 use crate::interp::Interp;
 use crate::linear::Compute;
-use crate::lm::decoder::{DecoderCache, Sequence};
-use crate::lm::generate::Generator;
+use crate::lm::decoder::Sequence;
+use crate::lm::generate::{Draw, Generator};
 use crate::lm::sampler::Sampler;
 use crate::lm::{Lengths, Lm, LmScratch, full_head};
 use crate::motion::MotionDecoder;
@@ -182,10 +182,11 @@ fn decoder(cx: Compute, loader: &Loader, inputs: &Inputs) -> Result<Vec<Output>,
     let decoder_ids = inputs.ids("decoder_input_ids")?;
     let rows = decoder_ids.len();
     let (lm, mut scratch, hidden, lengths) = encode(cx, loader, inputs, rows.max(1))?;
-    let mut cache = DecoderCache::new(config, lengths);
+    let mut sequence = Sequence::new(config, lengths);
     let states = Mat::new(&hidden, lengths.encoder, lm.d_model())?;
-    lm.attend_to(cx, &mut scratch, states, &mut cache)?;
-    lm.decode(cx, &mut scratch, &mut [Sequence { ids: &decoder_ids, cache: &mut cache }])?;
+    lm.attend_to(cx, &mut scratch, states, &mut sequence)?;
+    sequence.set_ids(&decoder_ids)?;
+    lm.decode(cx, &mut scratch, std::slice::from_mut(&mut sequence))?;
     let logits = lm.all_logits(cx, &mut scratch, &full_head(loader)?, rows)?;
     Ok(vec![Output::floats("logits", &[rows, config.vocab.size], logits)])
 }
@@ -198,7 +199,7 @@ fn generate(cx: Compute, loader: &Loader, inputs: &Inputs, options: Options) -> 
         return Err(StepError::OutOfRange { what: "target", got: target, limit }.into());
     }
     let (lm, mut scratch, hidden, lengths) = encode(cx, loader, inputs, Lengths::of(config).decoder)?;
-    let mut cache = DecoderCache::new(config, lengths);
+    let mut sequence = Sequence::new(config, lengths);
     let states = Mat::new(&hidden, lengths.encoder, lm.d_model())?;
     let mut codes = PerPart::from_fn(|_| vec![0; target]);
     let slots = PerPart {
@@ -207,8 +208,8 @@ fn generate(cx: Compute, loader: &Loader, inputs: &Inputs, options: Options) -> 
         upper: &mut *codes.upper,
         lower: &mut *codes.lower,
     };
-    let draw = (options.sampler, 0);
-    Generator::new(config).generate(cx, &lm, &mut scratch, states, &mut cache, draw, slots)?;
+    let draw = Draw { sampler: options.sampler, chunk: 0, target };
+    Generator::new(config).generate(cx, &lm, &mut scratch, states, &mut sequence, draw, slots)?;
     Ok(Part::ALL.into_iter().map(|part| Output::codes(part, &codes[part])).collect())
 }
 

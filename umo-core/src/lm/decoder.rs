@@ -38,7 +38,7 @@ struct Layer {
 
 /// Keys and values of one sequence: those of the encoder's states, and those of the ids decoded so far.
 #[derive(Debug)]
-pub struct DecoderCache {
+struct DecoderCache {
     /// `[layers, own_max, 2 * inner]`: keys, then values.
     own: AlignedBox<f32>,
     /// `[layers, cross_max, 2 * inner]`.
@@ -52,7 +52,7 @@ pub struct DecoderCache {
 
 impl DecoderCache {
     /// Room for sequences of at most `lengths`.
-    pub fn new(config: &Config, lengths: Lengths) -> Self {
+    fn new(config: &Config, lengths: Lengths) -> Self {
         let (layers, width) = (config.lm.num_decoder_layers, 2 * config.lm.num_heads * config.lm.d_kv);
         let (own_max, cross_max) = (lengths.decoder, lengths.encoder);
         Self {
@@ -75,13 +75,37 @@ impl DecoderCache {
     }
 }
 
-/// New ids of one sequence, whose earlier ids are in its cache.
+/// One sequence: the ids that the next pass decodes, and the keys and values of those before.
 #[derive(Debug)]
-pub struct Sequence<'a> {
-    /// The ids to decode.
-    pub ids: &'a [u32],
-    /// Keys and values.
-    pub cache: &'a mut DecoderCache,
+pub struct Sequence {
+    /// `[own_max]`, of which `count` are new.
+    ids: Box<[u32]>,
+    count: usize,
+    cache: DecoderCache,
+}
+
+impl Sequence {
+    /// Room for sequences of at most `lengths`; no ids yet.
+    pub fn new(config: &Config, lengths: Lengths) -> Self {
+        Self { ids: vec![0; lengths.decoder].into(), count: 0, cache: DecoderCache::new(config, lengths) }
+    }
+
+    /// The ids that the next pass decodes; with none, the pass leaves the sequence alone.
+    pub fn ids(&self) -> &[u32] {
+        &self.ids[..self.count]
+    }
+
+    /// Sets them.
+    ///
+    /// # Errors
+    /// [`StepError::TooLong`] where there are more than the sequence has room for.
+    pub fn set_ids(&mut self, ids: &[u32]) -> Result<(), StepError> {
+        let limit = self.ids.len();
+        let room = self.ids.get_mut(..ids.len());
+        room.ok_or(StepError::TooLong { what: "decoder tokens", got: ids.len(), limit })?.copy_from_slice(ids);
+        self.count = ids.len();
+        Ok(())
+    }
 }
 
 impl Decoder {
@@ -116,38 +140,41 @@ impl Decoder {
         })
     }
 
-    /// Fills `cache` with the keys and values of encoder states and forgets the ids decoded so far.
+    /// Number of layers.
+    pub(super) fn layers(&self) -> usize {
+        self.layers.len()
+    }
+
+    /// Forgets what `sequence` decoded so far and makes room for the keys and values of `rows` encoder states, which
+    /// [`Self::attend_to`] fills in layer by layer.
+    pub(super) fn begin(sequence: &mut Sequence, rows: usize) -> Result<(), StepError> {
+        let cache = &mut sequence.cache;
+        if rows > cache.cross_max {
+            return Err(StepError::TooLong { what: "encoder tokens", got: rows, limit: cache.cross_max });
+        }
+        (cache.cross_len, cache.own_len, sequence.count) = (rows, 0, 0);
+        Ok(())
+    }
+
+    /// The keys and values of encoder states `[rows, d_model]` in one layer.
     pub(super) fn attend_to(
         &self,
         cx: Compute,
         quant: &mut QuantScratch,
+        index: usize,
         states: Mat<f32>,
-        cache: &mut DecoderCache,
+        sequence: &mut Sequence,
     ) -> Result<(), StepError> {
-        let rows = states.rows();
-        if rows > cache.cross_max {
-            return Err(StepError::TooLong { what: "encoder tokens", got: rows, limit: cache.cross_max });
-        }
-        (cache.cross_len, cache.own_len) = (rows, 0);
-        for (layer, kv) in self.layers.iter().zip(cache.cross.chunks_exact_mut(cache.cross_max * cache.width)) {
-            let y = MatMut::new(kv, rows, cache.width)?;
-            layer.cross_kv.forward(cx, quant, states, Epilogue::STORE, y)?;
-        }
-        Ok(())
+        let cache = &mut sequence.cache;
+        let start = index * cache.cross_max * cache.width;
+        let y = MatMut::new(&mut cache.cross[start..], cache.cross_len, cache.width)?;
+        self.layers[index].cross_kv.forward(cx, quant, states, Epilogue::STORE, y)
     }
 
-    /// Runs all layers over `scratch.hidden`, whose rows are the new ids of `sequences` in order; the final states are
-    /// left in `scratch.normed`.
-    pub(super) fn forward(
-        &self,
-        cx: Compute,
-        scratch: &mut LmScratch,
-        sequences: &mut [Sequence],
-    ) -> Result<(), StepError> {
-        let d = self.norm.len();
-        let rows = sequences.iter().map(|s| s.ids.len()).sum::<usize>();
-        for sequence in sequences.iter() {
-            let got = sequence.cache.own_len + sequence.ids.len();
+    /// Whether the new ids of `sequences` can be decoded.
+    pub(super) fn check(&self, sequences: &[Sequence]) -> Result<(), StepError> {
+        for sequence in sequences.iter().filter(|s| s.count > 0) {
+            let got = sequence.cache.own_len + sequence.count;
             let limit = sequence.cache.own_max.min(self.bias.positions());
             if got > limit {
                 return Err(StepError::TooLong { what: "decoder tokens", got, limit });
@@ -156,18 +183,40 @@ impl Decoder {
                 return Err(StepError::Order("the decoder was run before the encoder"));
             }
         }
-        for (i, layer) in self.layers.iter().enumerate() {
-            self.attend_own(cx, scratch, (i, layer), sequences, rows)?;
-            self.attend_cross(cx, scratch, (i, layer), sequences, rows)?;
-            let LmScratch { hidden, normed, experts, quant, .. } = scratch;
-            layer.experts.forward(cx, quant, experts, &mut hidden[..rows * d], &mut normed[..rows * d])?;
-        }
+        Ok(())
+    }
+
+    /// Runs layer `index` over `scratch.hidden`, whose rows are the new ids of `sequences` in order.
+    pub(super) fn layer(
+        &self,
+        cx: Compute,
+        scratch: &mut LmScratch,
+        index: usize,
+        sequences: &mut [Sequence],
+    ) -> Result<(), StepError> {
+        let d = self.norm.len();
+        let rows = sequences.iter().map(|s| s.count).sum::<usize>();
+        let layer = &self.layers[index];
+        self.attend_own(cx, scratch, (index, layer), sequences, rows)?;
+        self.attend_cross(cx, scratch, (index, layer), sequences, rows)?;
+        let LmScratch { hidden, normed, experts, quant, .. } = scratch;
+        layer.experts.forward(cx, quant, experts, &mut hidden[..rows * d], &mut normed[..rows * d])
+    }
+
+    /// Ends a pass: the new ids become old ones, and the states after the final norm are left in `scratch.normed`.
+    pub(super) fn finish(
+        &self,
+        cx: Compute,
+        scratch: &mut LmScratch,
+        sequences: &mut [Sequence],
+    ) -> Result<(), StepError> {
+        let d = self.norm.len();
+        let rows = sequences.iter().map(|s| s.count).sum::<usize>();
         for sequence in sequences {
-            sequence.cache.own_len += sequence.ids.len();
+            sequence.cache.own_len += sequence.count;
         }
         let LmScratch { hidden, normed, .. } = scratch;
-        rms_norm(cx.isa, Mat::new(hidden, rows, d)?, &self.norm, self.eps, MatMut::new(normed, rows, d)?)?;
-        Ok(())
+        Ok(rms_norm(cx.isa, Mat::new(hidden, rows, d)?, &self.norm, self.eps, MatMut::new(normed, rows, d)?)?)
     }
 
     /// Causal attention of the new rows over everything decoded so far.
@@ -190,7 +239,7 @@ impl Decoder {
         let context = &mut context[..rows * inner];
         self.heads(cx, sequences, qkv.columns(0..inner), context, |sequence, head, q, y| {
             let first = sequence.cache.own_len;
-            let kv = sequence.cache.own_layer(index, first + sequence.ids.len())?;
+            let kv = sequence.cache.own_layer(index, first + sequence.count)?;
             let at = head * self.d_kv;
             let (k, v) = (kv.columns(at..at + self.d_kv), kv.columns(inner + at..inner + at + self.d_kv));
             attention_f32(cx.isa, q, k, v, 1.0, Some(self.bias.of(head, first)), Visible::Causal { first }, y)
@@ -239,7 +288,10 @@ impl Decoder {
         cx.team.columns(y, self.d_kv, 2 * q.rows() * keys * q.cols(), |columns, y| {
             let (mut rest, mut first) = (y, 0);
             for sequence in sequences {
-                let count = sequence.ids.len();
+                let count = sequence.count;
+                if count == 0 {
+                    continue;
+                }
                 let (mut y, below) = rest.split_rows(count);
                 for at in columns.clone().step_by(self.d_kv) {
                     let (head, tail) = y.split_columns(self.d_kv);
@@ -258,11 +310,12 @@ impl Decoder {
 fn append(sequences: &mut [Sequence], layer: usize, kv: Mat<f32>) {
     let mut row = 0;
     for sequence in sequences {
-        let cache = &mut *sequence.cache;
+        let count = sequence.count;
+        let cache = &mut sequence.cache;
         let start = (layer * cache.own_max + cache.own_len) * cache.width;
-        for (i, out) in cache.own[start..].chunks_exact_mut(cache.width).take(sequence.ids.len()).enumerate() {
+        for (i, out) in cache.own[start..].chunks_exact_mut(cache.width).take(count).enumerate() {
             out.copy_from_slice(kv.row(row + i));
         }
-        row += sequence.ids.len();
+        row += count;
     }
 }

@@ -54,26 +54,45 @@ impl Encoder {
         })
     }
 
-    /// Runs all layers over `scratch.hidden`, whose rows are sequences of `lengths`; writes `out [rows, d_model]`.
-    pub(super) fn forward(
+    /// Number of layers.
+    pub(super) fn layers(&self) -> usize {
+        self.layers.len()
+    }
+
+    /// Whether every one of `lengths` is within what the encoder was loaded for.
+    pub(super) fn check(&self, lengths: &[usize]) -> Result<(), StepError> {
+        match lengths.iter().find(|&&len| len > self.bias.positions()) {
+            Some(&got) => Err(StepError::TooLong { what: "encoder tokens", got, limit: self.bias.positions() }),
+            None => Ok(()),
+        }
+    }
+
+    /// Runs layer `index` over `scratch.hidden`, whose rows are sequences of `lengths`.
+    pub(super) fn layer(
         &self,
         cx: Compute,
         scratch: &mut LmScratch,
+        index: usize,
         lengths: &[usize],
-        out: &mut [f32],
     ) -> Result<(), StepError> {
         let (d, rows) = (self.norm.len(), lengths.iter().sum::<usize>());
-        if let Some(&got) = lengths.iter().find(|&&len| len > self.bias.positions()) {
-            return Err(StepError::TooLong { what: "encoder tokens", got, limit: self.bias.positions() });
-        }
-        for layer in &self.layers {
-            self.attend(cx, scratch, layer, lengths)?;
-            let LmScratch { hidden, normed, experts, quant, .. } = scratch;
-            layer.experts.forward(cx, quant, experts, &mut hidden[..rows * d], &mut normed[..rows * d])?;
-        }
+        let layer = &self.layers[index];
+        self.attend(cx, scratch, layer, lengths)?;
+        let LmScratch { hidden, normed, experts, quant, .. } = scratch;
+        layer.experts.forward(cx, quant, experts, &mut hidden[..rows * d], &mut normed[..rows * d])
+    }
+
+    /// The final norm: `scratch.hidden` to `out [rows, d_model]`.
+    pub(super) fn finish(
+        &self,
+        cx: Compute,
+        scratch: &LmScratch,
+        rows: usize,
+        out: &mut [f32],
+    ) -> Result<(), StepError> {
+        let d = self.norm.len();
         let hidden = Mat::new(&scratch.hidden, rows, d)?;
-        rms_norm(cx.isa, hidden, &self.norm, self.eps, MatMut::new(out, rows, d)?)?;
-        Ok(())
+        Ok(rms_norm(cx.isa, hidden, &self.norm, self.eps, MatMut::new(out, rows, d)?)?)
     }
 
     /// `hidden += o(attention(qkv(norm(hidden))))`, each sequence by itself.

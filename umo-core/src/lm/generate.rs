@@ -2,7 +2,7 @@
 
 use umo_kernels::Mat;
 
-use super::decoder::{DecoderCache, Sequence};
+use super::decoder::Sequence;
 use super::sampler::Sampler;
 use super::{Lm, LmScratch};
 use crate::config::{Config, Modality};
@@ -10,7 +10,7 @@ use crate::error::StepError;
 use crate::linear::Compute;
 use crate::part::{Part, PerPart};
 
-/// What generating a chunk needs beside the model: the ids of markers, and scratch.
+/// What generating chunks needs beside the model: the ids of markers, and scratch.
 #[derive(Debug)]
 pub struct Generator {
     start: u32,
@@ -19,6 +19,24 @@ pub struct Generator {
     logits: Box<[f32]>,
     /// `[codes]`.
     order: Box<[u16]>,
+}
+
+/// How one chunk's codes are drawn, and how many of them there are.
+#[derive(Clone, Copy, Debug)]
+pub struct Draw {
+    /// Temperature, top-k, top-p and seed.
+    pub sampler: Sampler,
+    /// Number of the chunk in its stream.
+    pub chunk: u64,
+    /// Codes of every part.
+    pub target: usize,
+}
+
+/// The next code that a sequence writes.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Place {
+    part: usize,
+    index: usize,
 }
 
 impl Generator {
@@ -39,52 +57,78 @@ impl Generator {
     /// code, so that `4N` codes take `4N` passes over the weights.
     ///
     /// # Errors
-    /// [`StepError`] where there are more codes than the cache has room for.
-    #[expect(clippy::cast_possible_truncation, reason = "codes and ids fit their types by the config's checks")]
-    #[expect(clippy::too_many_arguments, reason = "the model, its scratch, its input, its cache, the draw, the output")]
+    /// [`StepError`] where there are more codes than the sequence has room for.
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "the model, its scratch, its input, its sequence, the draw, the output"
+    )]
     pub fn generate(
         &mut self,
         cx: Compute,
         lm: &Lm,
         scratch: &mut LmScratch,
         states: Mat<f32>,
-        cache: &mut DecoderCache,
-        (sampler, chunk): (Sampler, u64),
+        sequence: &mut Sequence,
+        draw: Draw,
         mut codes: PerPart<&mut [u16]>,
     ) -> Result<(), StepError> {
-        lm.attend_to(cx, scratch, states, cache)?;
-        let mut pending = Pending { ids: [self.start, 0, 0], len: 1 };
-        let mut position = 0;
-        for part in Part::ALL {
-            let m = self.parts[part];
-            pending.push(m.start as u32);
-            for code in codes[part].iter_mut() {
-                lm.decode(cx, scratch, &mut [Sequence { ids: pending.ids(), cache: &mut *cache }])?;
-                lm.code_logits(cx, scratch, pending.len - 1, part, &mut self.logits)?;
-                let sampled = sampler.sample(&self.logits, &mut self.order, chunk, position);
-                *code = sampled as u16;
-                position += 1;
-                pending = Pending { ids: [(m.first + sampled) as u32, 0, 0], len: 1 };
+        lm.attend_to(cx, scratch, states, sequence)?;
+        let mut place = self.begin(sequence)?;
+        loop {
+            lm.decode(cx, scratch, std::slice::from_mut(sequence))?;
+            let row = sequence.ids().len() - 1;
+            if !self.write(cx, lm, scratch, row, draw, &mut place, &mut codes, sequence)? {
+                return Ok(());
             }
-            pending.push(m.end as u32);
         }
-        Ok(())
-    }
-}
-
-/// Ids that the next pass takes: a code, and the markers that are forced after it.
-struct Pending {
-    ids: [u32; 3],
-    len: usize,
-}
-
-impl Pending {
-    fn push(&mut self, id: u32) {
-        self.ids[self.len] = id;
-        self.len += 1;
     }
 
-    fn ids(&self) -> &[u32] {
-        &self.ids[..self.len]
+    /// Gives `sequence`, which attends to its encoder states, the ids of its first pass.
+    ///
+    /// # Errors
+    /// [`StepError`] where the sequence has no room for them.
+    #[expect(clippy::cast_possible_truncation, reason = "ids are below the vocabulary's size, at most 2^22")]
+    pub fn begin(&self, sequence: &mut Sequence) -> Result<Place, StepError> {
+        sequence.set_ids(&[self.start, self.parts[Part::ALL[0]].start as u32])?;
+        Ok(Place::default())
+    }
+
+    /// Writes the code that follows a pass whose last row of this sequence was `row`, and gives `sequence` the ids of its
+    /// next pass: the code, and the markers that are forced after it. Returns whether there is a next pass; after the
+    /// last, the sequence has no ids.
+    ///
+    /// # Errors
+    /// [`StepError`] where a length disagrees.
+    #[expect(clippy::cast_possible_truncation, reason = "codes and ids fit their types by the config's checks")]
+    #[expect(clippy::too_many_arguments, reason = "the model, its scratch, its row, the draw, the place, the output")]
+    pub fn write(
+        &mut self,
+        cx: Compute,
+        lm: &Lm,
+        scratch: &mut LmScratch,
+        row: usize,
+        draw: Draw,
+        place: &mut Place,
+        codes: &mut PerPart<&mut [u16]>,
+        sequence: &mut Sequence,
+    ) -> Result<bool, StepError> {
+        let part = Part::ALL[place.part];
+        lm.code_logits(cx, scratch, row, part, &mut self.logits)?;
+        let position = place.part * draw.target + place.index;
+        let code = draw.sampler.sample(&self.logits, &mut self.order, draw.chunk, position as u32);
+        codes[part][place.index] = code as u16;
+        let m = &self.parts[part];
+        let id = (m.first + code) as u32;
+        place.index += 1;
+        if place.index < draw.target {
+            sequence.set_ids(&[id])?;
+            return Ok(true);
+        }
+        *place = Place { part: place.part + 1, index: 0 };
+        match Part::ALL.get(place.part) {
+            Some(&next) => sequence.set_ids(&[id, m.end as u32, self.parts[next].start as u32])?,
+            None => sequence.set_ids(&[])?,
+        }
+        Ok(place.part < Part::ALL.len())
     }
 }

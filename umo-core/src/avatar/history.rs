@@ -6,7 +6,7 @@ use crate::part::{Part, PerPart};
 
 /// Codes of one session's window.
 #[derive(Debug)]
-pub(super) struct History {
+pub(crate) struct History {
     /// `[P + N]` keyframes of each part, oldest first.
     keyframes: PerPart<Box<[u16]>>,
     /// `[(P + N - 1) * stride + 1]` frames of each part.
@@ -15,12 +15,14 @@ pub(super) struct History {
     target: usize,
     stride: usize,
     codes: usize,
+    /// The codes of rest.
+    rest: PerPart<usize>,
 }
 
 impl History {
     /// A history of rest codes.
     #[expect(clippy::cast_possible_truncation, reason = "codes fit 16 bits by the config's checks")]
-    pub(super) fn new(config: &Config, target: usize) -> Self {
+    pub(crate) fn new(config: &Config, target: usize) -> Self {
         let (prefix, stride) = (config.prefix, config.keyframe_stride);
         let len = (prefix + target - 1) * stride + 1;
         Self {
@@ -30,11 +32,18 @@ impl History {
             target,
             stride,
             codes: config.vq.codes,
+            rest: config.rest,
         }
     }
 
+    /// Rest codes again.
+    #[expect(clippy::cast_possible_truncation, reason = "codes fit 16 bits by the config's checks")]
+    pub(crate) fn rest(&mut self) {
+        Part::ALL.into_iter().for_each(|part| self.keyframes[part].fill(self.rest[part] as u16));
+    }
+
     /// Replaces the history by the last of `codes`.
-    pub(super) fn set(&mut self, codes: PerPart<&[u16]>) -> Result<(), StepError> {
+    pub(crate) fn set(&mut self, codes: PerPart<&[u16]>) -> Result<(), StepError> {
         for part in Part::ALL {
             let Some(&first) = codes[part].first() else { return Err(StepError::Empty("codes of history")) };
             if let Some(&code) = codes[part].iter().find(|&&code| usize::from(code) >= self.codes) {
@@ -49,12 +58,12 @@ impl History {
     }
 
     /// The history.
-    pub(super) fn prefix(&self) -> PerPart<&[u16]> {
+    pub(crate) fn prefix(&self) -> PerPart<&[u16]> {
         PerPart::from_fn(|part| &self.keyframes[part][..self.prefix])
     }
 
     /// The new keyframes, to be written.
-    pub(super) fn target(&mut self) -> PerPart<&mut [u16]> {
+    pub(crate) fn target(&mut self) -> PerPart<&mut [u16]> {
         let PerPart { face, hands, upper, lower } = &mut self.keyframes;
         let prefix = self.prefix;
         PerPart {
@@ -67,7 +76,7 @@ impl History {
 
     /// Puts the keyframes on their frames and masks all others.
     #[expect(clippy::cast_possible_truncation, reason = "the mask fits 16 bits by the config's checks")]
-    pub(super) fn lay_out(&mut self) {
+    pub(crate) fn lay_out(&mut self) {
         for part in Part::ALL {
             self.frames[part].fill(self.codes as u16);
             for (frame, &code) in self.frames[part].iter_mut().step_by(self.stride).zip(&self.keyframes[part]) {
@@ -77,20 +86,20 @@ impl History {
     }
 
     /// The window's frames, to be filled.
-    pub(super) fn frames(&mut self) -> PerPart<&mut [u16]> {
+    pub(crate) fn frames(&mut self) -> PerPart<&mut [u16]> {
         let PerPart { face, hands, upper, lower } = &mut self.frames;
         PerPart { face, hands, upper, lower }
     }
 
     /// The frames that this chunk made known: those after the last keyframe of the history, or in the first chunk those
     /// from frame 0 on.
-    pub(super) fn fresh(&self, first: bool) -> PerPart<&[u16]> {
+    pub(crate) fn fresh(&self, first: bool) -> PerPart<&[u16]> {
         let start = if first { self.prefix * self.stride } else { (self.prefix - 1) * self.stride + 1 };
         PerPart::from_fn(|part| &self.frames[part][start..])
     }
 
     /// Moves the window on by one chunk.
-    pub(super) fn advance(&mut self) {
+    pub(crate) fn advance(&mut self) {
         for part in Part::ALL {
             self.keyframes[part].copy_within(self.target.., 0);
         }

@@ -1,0 +1,337 @@
+//! The next chunk of one or many avatars, computed together, a layer at a time (paper section 3.1; SPEC 2).
+//!
+//! ```text
+//! avatar 0: listen ─┐                                              ┌─ fill, move
+//! avatar 1: listen ─┼─ encode (all rows) ─ attend ─ decode (N x 4) ─┼─ fill, move
+//! avatar 2: listen ─┘                                              └─ fill, move
+//! ```
+//! Encoder and decoder read their weights once for all avatars. Every step in the picture is cut into layers, and between
+//! two layers the work can be put down and taken up again on another thread. What is computed does not depend on who is in
+//! the batch, or on where the work was cut (SPEC 2.9).
+
+use std::time::Instant;
+
+use umo_kernels::Mat;
+
+use crate::audio::AudioScratch;
+use crate::avatar::{Avatar, Due, StageTimes};
+use crate::error::StepError;
+use crate::interp::InterpScratch;
+use crate::linear::Compute;
+use crate::lm::decoder::Sequence;
+use crate::lm::generate::{Generator, Place};
+use crate::lm::layout::{max_encoder_tokens, window_tokens};
+use crate::lm::{Lengths, LmScratch};
+use crate::model::Model;
+use crate::motion::{FrameRef, MotionScratch};
+
+/// An avatar in a batch, where its audio comes from and where its frames go.
+pub trait Member {
+    /// The avatar.
+    fn avatar(&mut self) -> &mut Avatar;
+
+    /// Writes the next samples of its audio, silence where it has ended.
+    fn listen(&mut self, samples: &mut [f32]);
+
+    /// The avatar, with what takes its frames.
+    fn frames(&mut self) -> (&mut Avatar, &mut dyn FnMut(FrameRef));
+}
+
+/// Where the work stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Phase {
+    /// No batch is under way.
+    Idle,
+    /// The audio tokenizer of one member.
+    Listen { member: usize },
+    /// One layer of the encoder.
+    Encode { layer: usize },
+    /// The decoder's keys and values of one member's encoder states, in one layer.
+    Attend { member: usize, layer: usize },
+    /// One layer of a decoder pass.
+    Decode { layer: usize },
+    /// The interpolation network of one member.
+    Fill { member: usize },
+    /// The motion decoders of one member.
+    Move { member: usize },
+}
+
+/// Room for the chunks of at most `width` avatars of one model, and the state of the batch in work.
+#[derive(Debug)]
+pub struct Batch {
+    audio: AudioScratch,
+    lm: LmScratch,
+    generator: Generator,
+    interp: InterpScratch,
+    motion: MotionScratch,
+    /// One chunk of audio.
+    samples: Box<[f32]>,
+    /// Encoder ids of all members, one behind the other.
+    ids: Box<[u32]>,
+    /// Encoder states of all members, `[rows, d_model]`.
+    states: Box<[f32]>,
+    /// Encoder rows of each member; none for one that has no chunk to compute.
+    lengths: Box<[usize]>,
+    /// One per member.
+    sequences: Box<[Sequence]>,
+    places: Box<[Place]>,
+    due: Box<[Due]>,
+    members: usize,
+    phase: Phase,
+    times: StageTimes,
+}
+
+impl Batch {
+    /// Room for `width` avatars with at most the model's `max_target`; everything that is needed is allocated here.
+    ///
+    /// # Panics
+    /// Where `width` is 0.
+    pub fn new(model: &Model, width: usize) -> Self {
+        assert!(width > 0, "a batch has at least one member");
+        let config = &model.config;
+        let lengths = Lengths::of(config);
+        let window = window_tokens(config, config.max_target);
+        let frames = config.keyframe_stride * (config.prefix + config.max_target - 1) + 1;
+        let rows = model
+            .motion
+            .stream_rows(config.max_target * config.keyframe_stride, config.prefix * config.keyframe_stride);
+        Self {
+            audio: model.tokenizer.scratch(window, config.max_target * config.tokens_per_keyframe()),
+            lm: LmScratch::new(config, width * lengths.encoder.max(lengths.decoder)),
+            generator: Generator::new(config),
+            interp: model.interp.scratch(frames),
+            motion: model.motion.scratch(rows),
+            samples: vec![0.0; config.max_target * config.samples_per_keyframe()].into(),
+            ids: vec![0; width * max_encoder_tokens(config)].into(),
+            states: vec![0.0; width * lengths.encoder * config.lm.d_model].into(),
+            lengths: vec![0; width].into(),
+            sequences: (0..width).map(|_| Sequence::new(config, lengths)).collect(),
+            places: vec![Place::default(); width].into(),
+            due: vec![Due::Nothing; width].into(),
+            members: 0,
+            phase: Phase::Idle,
+            times: StageTimes::default(),
+        }
+    }
+
+    /// Most members.
+    pub fn width(&self) -> usize {
+        self.sequences.len()
+    }
+
+    /// Whether a batch is under way.
+    pub fn is_busy(&self) -> bool {
+        self.phase != Phase::Idle
+    }
+
+    /// Time spent in each stage since the batch was made.
+    pub fn stage_times(&self) -> StageTimes {
+        self.times
+    }
+
+    /// Starts a batch of `members` members, `1..=width`, all of which are due ([`Avatar::due`]): the ones with
+    /// [`Due::Rest`] only get their last frames.
+    ///
+    /// # Errors
+    /// [`StepError`] where another batch is under way, or there are too many members.
+    pub fn begin(&mut self, due: impl ExactSizeIterator<Item = Due>) -> Result<(), StepError> {
+        let (got, limit) = (due.len(), self.width());
+        if self.is_busy() {
+            return Err(StepError::Order("a batch was started before the last one had ended"));
+        }
+        if got > limit {
+            return Err(StepError::TooLong { what: "avatars in a batch", got, limit });
+        }
+        self.members = got;
+        self.due.iter_mut().zip(due).for_each(|(slot, due)| *slot = due);
+        self.phase = self.listen(0);
+        Ok(())
+    }
+
+    /// Puts the batch down for good; its members are in no defined state and want [`Avatar::reset`].
+    pub fn abandon(&mut self) {
+        self.phase = Phase::Idle;
+    }
+
+    /// Computes one more layer, and says whether there is more to do. `members` are those that the batch was started
+    /// with, in the same order. Never allocates.
+    ///
+    /// # Errors
+    /// [`StepError`], after which the batch is over and its members want [`Avatar::reset`].
+    pub fn step<M: Member>(&mut self, model: &Model, cx: Compute, members: &mut [M]) -> Result<bool, StepError> {
+        if members.len() != self.members {
+            return Err(StepError::Disagree("a batch was taken up with other members"));
+        }
+        let (start, phase) = (Instant::now(), self.phase);
+        let next = match phase {
+            Phase::Idle => return Ok(false),
+            Phase::Listen { member } => self.listen_to(model, cx, &mut members[member], member),
+            Phase::Encode { layer } => self.encode(model, cx, layer),
+            Phase::Attend { member, layer } => self.attend(model, cx, member, layer),
+            Phase::Decode { layer } => self.decode(model, cx, members, layer),
+            Phase::Fill { member } => self.fill(model, cx, &mut members[member], member),
+            Phase::Move { member } => self.move_on(model, cx, &mut members[member], member),
+        };
+        let time = match phase {
+            Phase::Listen { .. } | Phase::Idle => &mut self.times.tokenizer,
+            Phase::Encode { .. } => &mut self.times.encoder,
+            Phase::Attend { .. } | Phase::Decode { .. } => &mut self.times.decoder,
+            Phase::Fill { .. } => &mut self.times.interp,
+            Phase::Move { .. } => &mut self.times.motion,
+        };
+        *time += start.elapsed();
+        self.phase = next.as_ref().map_or(Phase::Idle, |&next| next);
+        next.map(|next| next != Phase::Idle)
+    }
+
+    /// The members from `first` on that have a chunk to compute.
+    fn next_chunk(&self, first: usize) -> Option<usize> {
+        (first..self.members).find(|&member| self.due[member] == Due::Chunk)
+    }
+
+    /// Listening to the first member from `first` on that has a chunk, or what follows when there is none.
+    fn listen(&self, first: usize) -> Phase {
+        match self.next_chunk(first) {
+            Some(member) => Phase::Listen { member },
+            None if self.next_chunk(0).is_some() => Phase::Encode { layer: 0 },
+            None => self.moving(0),
+        }
+    }
+
+    fn moving(&self, member: usize) -> Phase {
+        if member < self.members { Phase::Move { member } } else { Phase::Idle }
+    }
+
+    /// Turns a member's next samples into the units of its window.
+    fn listen_to(
+        &mut self,
+        model: &Model,
+        cx: Compute,
+        of: &mut impl Member,
+        member: usize,
+    ) -> Result<Phase, StepError> {
+        let samples = &mut self.samples[..of.avatar().chunk_samples(&model.config)];
+        if !samples.is_empty() {
+            of.listen(samples);
+            let avatar = of.avatar();
+            if let Some(audio) = &mut avatar.audio {
+                model.tokenizer.advance(cx, audio, &mut self.audio, samples, &mut avatar.units)?;
+            }
+            avatar.replace_units(&model.config);
+        }
+        let start = self.rows(member);
+        self.lengths[member] = of.avatar().prompt(&mut self.ids[start..])?;
+        Ok(self.listen(member + 1))
+    }
+
+    /// Encoder rows of the members before `member` that have a chunk.
+    fn rows(&self, member: usize) -> usize {
+        (0..member).filter(|&m| self.due[m] == Due::Chunk).map(|m| self.lengths[m]).sum()
+    }
+
+    fn encode(&mut self, model: &Model, cx: Compute, layer: usize) -> Result<Phase, StepError> {
+        let (lm, rows) = (&model.lm, self.rows(self.members));
+        if layer == 0 {
+            for member in 0..self.members {
+                if self.due[member] != Due::Chunk {
+                    self.lengths[member] = 0;
+                }
+            }
+        }
+        let lengths = &self.lengths[..self.members];
+        if layer == 0 {
+            lm.begin_encode(&mut self.lm, &self.ids[..rows], lengths)?;
+        }
+        lm.encode_layer(cx, &mut self.lm, layer, lengths)?;
+        if layer + 1 < lm.encoder_layers() {
+            return Ok(Phase::Encode { layer: layer + 1 });
+        }
+        lm.end_encode(cx, &self.lm, lengths, &mut self.states[..rows * lm.d_model()])?;
+        for member in 0..self.members {
+            self.sequences[member].set_ids(&[])?;
+        }
+        Ok(self.attending(0))
+    }
+
+    /// Attending of the first member from `first` on that has a chunk, or decoding where there is none.
+    fn attending(&self, first: usize) -> Phase {
+        self.next_chunk(first).map_or(Phase::Decode { layer: 0 }, |member| Phase::Attend { member, layer: 0 })
+    }
+
+    fn attend(&mut self, model: &Model, cx: Compute, member: usize, layer: usize) -> Result<Phase, StepError> {
+        let (lm, width) = (&model.lm, model.lm.d_model());
+        let (start, rows) = (self.rows(member), self.lengths[member]);
+        let sequence = &mut self.sequences[member];
+        if layer == 0 {
+            lm.begin_attend(sequence, rows)?;
+        }
+        let states = Mat::new(&self.states[start * width..], rows, width)?;
+        lm.attend_layer(cx, &mut self.lm, layer, states, sequence)?;
+        if layer + 1 < lm.decoder_layers() {
+            return Ok(Phase::Attend { member, layer: layer + 1 });
+        }
+        self.places[member] = self.generator.begin(sequence)?;
+        Ok(self.attending(member + 1))
+    }
+
+    fn decode<M: Member>(
+        &mut self,
+        model: &Model,
+        cx: Compute,
+        members: &mut [M],
+        layer: usize,
+    ) -> Result<Phase, StepError> {
+        let (lm, sequences) = (&model.lm, &mut self.sequences[..self.members]);
+        if layer == 0 {
+            lm.begin_decode(&mut self.lm, sequences)?;
+        }
+        lm.decode_layer(cx, &mut self.lm, layer, sequences)?;
+        if layer + 1 < lm.decoder_layers() {
+            return Ok(Phase::Decode { layer: layer + 1 });
+        }
+        lm.end_decode(cx, &mut self.lm, sequences)?;
+        let (mut row, mut more) = (0, false);
+        for ((sequence, place), member) in sequences.iter_mut().zip(&mut self.places).zip(members) {
+            let count = sequence.ids().len();
+            if count == 0 {
+                continue;
+            }
+            row += count;
+            let avatar = member.avatar();
+            let (draw, mut codes) = (avatar.draw(), avatar.history.target());
+            more |= self.generator.write(cx, lm, &mut self.lm, row - 1, draw, place, &mut codes, sequence)?;
+        }
+        Ok(if more {
+            Phase::Decode { layer: 0 }
+        } else {
+            self.next_chunk(0).map_or(Phase::Idle, |member| Phase::Fill { member })
+        })
+    }
+
+    fn fill(&mut self, model: &Model, cx: Compute, of: &mut impl Member, member: usize) -> Result<Phase, StepError> {
+        let history = &mut of.avatar().history;
+        history.lay_out();
+        model.interp.fill(cx, &mut self.interp, history.frames())?;
+        Ok(self.next_chunk(member + 1).map_or_else(|| self.moving(0), |member| Phase::Fill { member }))
+    }
+
+    fn move_on(&mut self, model: &Model, cx: Compute, of: &mut impl Member, member: usize) -> Result<Phase, StepError> {
+        let (avatar, frame) = of.frames();
+        if self.due[member] == Due::Chunk {
+            let fresh = avatar.history.fresh(avatar.chunk == 0);
+            let total = avatar.total;
+            let mut within = |f: FrameRef| {
+                if total.is_none_or(|total| f.index < total) {
+                    frame(f);
+                }
+            };
+            avatar.motion.push(cx, &model.motion, &mut self.motion, fresh, avatar.lookahead, &mut within)?;
+            avatar.history.advance();
+            avatar.chunk += 1;
+        }
+        if let (Some(total), true) = (avatar.total, Some(avatar.chunk) == avatar.chunks(&model.config)) {
+            avatar.motion.finish(cx, &model.motion, &mut self.motion, total, frame)?;
+        }
+        Ok(self.moving(member + 1))
+    }
+}
