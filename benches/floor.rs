@@ -1,6 +1,9 @@
 //! What a part of the model must do at least, and how long this processor takes for it at its measured peaks.
 
+use std::fmt;
+
 use umo_core::Config;
+use umo_kernels::Isa;
 
 use crate::{is_test, peak};
 
@@ -29,19 +32,25 @@ impl Machine {
             return None;
         }
         let bytes = 384 << 20;
-        Some(Self { threads, bytes_per_second: peak::read(threads, bytes), macs_per_second: peak::int8(threads) })
-    }
-
-    /// One line on standard output.
-    pub fn print(&self) {
-        let macs = self.macs_per_second.map_or_else(|| "unknown".to_owned(), |m| format!("{:.0} GMAC/s", m / 1e9));
-        println!("peaks of {} threads: int8 {macs}, read {:.1} GB/s", self.threads, self.bytes_per_second / 1e9);
+        Some(Self {
+            threads,
+            bytes_per_second: peak::read(threads, bytes),
+            macs_per_second: peak::int8(threads, Isa::detect()),
+        })
     }
 
     /// The greater of reading and multiplying.
     pub fn seconds(&self, floor: &Floor) -> f64 {
         let reading = floor.bytes as f64 / self.bytes_per_second;
         reading.max(self.macs_per_second.map_or(0.0, |m| floor.macs as f64 / m))
+    }
+}
+
+impl fmt::Display for Machine {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let macs = self.macs_per_second.map_or_else(|| "unknown".to_owned(), |m| format!("{:.0} GMAC/s", m / 1e9));
+        let (threads, read) = (self.threads, self.bytes_per_second / 1e9);
+        write!(f, "peaks of {threads} threads with {}: int8 {macs}, read {read:.1} GB/s", Isa::detect().name())
     }
 }
 

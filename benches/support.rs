@@ -1,6 +1,7 @@
 //! What the benches and measurements share: random numbers, models, and what the processor can do at most.
 
 pub mod floor;
+pub mod parts;
 pub mod peak;
 
 use std::path::{Path, PathBuf};

@@ -44,6 +44,32 @@ def fastest_and_median(call, repetitions):
     return min(times) * 1e6, statistics.median(times) * 1e6
 
 
+def measure(program, isa, threads, rounds):
+    """For every shape its name, queries and keys, and microseconds (fastest, median) of us, the fused and separate calls."""
+    torch.set_num_threads(threads)
+    ours = subprocess.Popen([program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+
+    def our_times(queries, keys, repetitions):
+        request = [isa, queries, keys, HEADS, HEAD_DIM, threads, repetitions]
+        ours.stdin.write(" ".join(map(str, request)) + "\n")
+        ours.stdin.flush()
+        return tuple(float(word) for word in ours.stdout.readline().split())
+
+    with torch.inference_mode():
+        for name, queries, keys in SHAPES:
+            repetitions = max(10, 2_000_000 // (queries * keys + 20_000))
+            calls = sides(queries, keys)
+            times = [[], [], []]
+            for _ in range(rounds):
+                times[0].append(our_times(queries, keys, repetitions))
+                views, dense, separate = (fastest_and_median(call, repetitions) for call in calls)
+                times[1].append(tuple(map(min, views, dense)))
+                times[2].append(separate)
+            yield name, queries, keys, *[(min(f for f, _ in t), statistics.median(m for _, m in t)) for t in times]
+    ours.stdin.close()
+    ours.wait()
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("program")
@@ -51,34 +77,15 @@ def main():
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--rounds", type=int, default=15)
     arguments = parser.parse_args()
-    torch.set_num_threads(arguments.threads)
-    ours = subprocess.Popen([arguments.program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-
-    def our_times(queries, keys, repetitions):
-        request = [arguments.isa, queries, keys, HEADS, HEAD_DIM, arguments.threads, repetitions]
-        ours.stdin.write(" ".join(map(str, request)) + "\n")
-        ours.stdin.flush()
-        return tuple(float(word) for word in ours.stdout.readline().split())
-
     print(f"{arguments.isa}, {arguments.threads} threads, PyTorch {torch.__version__}; microseconds, fastest / median")
     print("| shape | ours | fused | separate | fused / ours | separate / ours |")
     print("| --- | --- | --- | --- | --- | --- |")
-    with torch.inference_mode():
-        for name, queries, keys in SHAPES:
-            repetitions = max(10, 2_000_000 // (queries * keys + 20_000))
-            calls = sides(queries, keys)
-            rounds = [[], [], []]
-            for _ in range(arguments.rounds):
-                rounds[0].append(our_times(queries, keys, repetitions))
-                views, dense, separate = (fastest_and_median(call, repetitions) for call in calls)
-                rounds[1].append(tuple(map(min, views, dense)))
-                rounds[2].append(separate)
-            totals = [(min(f for f, _ in side), statistics.median(m for _, m in side)) for side in rounds]
-            cells = [f"{name} {queries} x {keys} x {HEADS}"]
-            cells += [f"{fastest:.0f} / {median:.0f}" for fastest, median in totals]
-            for theirs in totals[1:]:
-                cells.append(" / ".join(f"{their / our:.2f}" for their, our in zip(theirs, totals[0])))
-            print("| " + " | ".join(cells) + " |", flush=True)
+    for name, queries, keys, *totals in measure(arguments.program, arguments.isa, arguments.threads, arguments.rounds):
+        cells = [f"{name} {queries} x {keys} x {HEADS}"]
+        cells += [f"{fastest:.0f} / {median:.0f}" for fastest, median in totals]
+        for theirs in totals[1:]:
+            cells.append(" / ".join(f"{their / our:.2f}" for their, our in zip(theirs, totals[0])))
+        print("| " + " | ".join(cells) + " |", flush=True)
 
 
 if __name__ == "__main__":

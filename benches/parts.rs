@@ -1,0 +1,121 @@
+//! The parts of a chunk that are timed: encoding, one step of the decoder, both together, and HuBERT.
+
+use umo_core::audio::Tokenizer;
+use umo_core::lm::decoder::Sequence;
+use umo_core::lm::generate::{Draw, Generator};
+use umo_core::lm::sampler::Sampler;
+use umo_core::lm::{Lengths, Lm, LmScratch};
+use umo_core::weights::Loader;
+use umo_core::{Compute, Config, ModelFile, Part, PerPart, Precision};
+use umo_kernels::{Isa, Mat};
+
+use crate::Random;
+
+/// Encoder tokens.
+pub const TOKENS: usize = 256;
+const SECONDS: usize = 3;
+const OK: &str = "the model and its input are sound";
+
+/// The language model with random input, and where its results go.
+#[derive(Debug)]
+pub struct Language {
+    config: Config,
+    lengths: Lengths,
+    lm: Lm,
+    ids: Vec<u32>,
+    hidden: Vec<f32>,
+    scratch: LmScratch,
+    sequence: Sequence,
+    generator: Generator,
+    codes: PerPart<Vec<u16>>,
+    logits: Vec<f32>,
+    /// Positions of the decoder that have been taken.
+    at: usize,
+}
+
+impl Language {
+    /// Loads the model's language model as the file has it.
+    pub fn load(file: &ModelFile) -> Self {
+        let config = file.config().clone();
+        let lengths = Lengths { encoder: TOKENS, decoder: Lengths::of(&config).decoder };
+        let mut random = Random::new(4);
+        let lm = Lm::load(&Loader::new(file, Precision::Stored, Isa::detect()), lengths).expect(OK);
+        let id = |_| u32::try_from(random.below(config.vocab.size)).expect("an id is small");
+        Self {
+            lengths,
+            ids: (0..TOKENS).map(id).collect(),
+            hidden: vec![0.0; TOKENS * lm.d_model()],
+            scratch: LmScratch::new(&config, TOKENS),
+            sequence: Sequence::new(&config, lengths),
+            generator: Generator::new(&config),
+            codes: PerPart::from_fn(|_| vec![0; config.target]),
+            logits: vec![0.0; config.vq.codes],
+            at: lengths.decoder,
+            lm,
+            config,
+        }
+    }
+
+    /// Codes of one chunk.
+    pub fn codes(&self) -> usize {
+        4 * self.config.target
+    }
+
+    /// Encodes the tokens.
+    pub fn encode(&mut self, cx: Compute) {
+        self.lm.encode(cx, &mut self.scratch, &self.ids, &[TOKENS], &mut self.hidden).expect(OK);
+    }
+
+    /// One step of the decoder and the scores of one part's codes, after the tokens were encoded.
+    pub fn step(&mut self, cx: Compute) {
+        if self.at == self.lengths.decoder {
+            let states = Mat::new(&self.hidden, TOKENS, self.lm.d_model()).expect(OK);
+            self.lm.attend_to(cx, &mut self.scratch, states, &mut self.sequence).expect(OK);
+            self.at = 0;
+        }
+        self.sequence.set_ids(&self.ids[self.at..=self.at]).expect(OK);
+        self.lm.decode(cx, &mut self.scratch, std::slice::from_mut(&mut self.sequence)).expect(OK);
+        self.lm.code_logits(cx, &mut self.scratch, 0, Part::Face, &mut self.logits).expect(OK);
+        self.at += 1;
+    }
+
+    /// Encodes the tokens and generates a chunk's codes greedily.
+    pub fn chunk(&mut self, cx: Compute) {
+        self.encode(cx);
+        let states = Mat::new(&self.hidden, TOKENS, self.lm.d_model()).expect(OK);
+        let PerPart { face, hands, upper, lower } = &mut self.codes;
+        let codes = PerPart { face: &mut **face, hands: &mut **hands, upper: &mut **upper, lower: &mut **lower };
+        let draw = Draw { sampler: Sampler::GREEDY, chunk: 0, target: self.config.target };
+        let Self { lm, scratch, sequence, generator, .. } = self;
+        generator.generate(cx, lm, scratch, states, sequence, draw, codes).expect(OK);
+        self.at = self.lengths.decoder;
+    }
+}
+
+/// The audio tokenizer with three seconds of noise.
+#[derive(Debug)]
+pub struct Audio {
+    tokenizer: Tokenizer,
+    samples: Vec<f32>,
+}
+
+impl Audio {
+    /// Loads the model's tokenizer as the file has it.
+    pub fn load(file: &ModelFile) -> Self {
+        let mut random = Random::new(5);
+        Self {
+            tokenizer: Tokenizer::load(&Loader::new(file, Precision::Stored, Isa::detect())).expect(OK),
+            samples: (0..SECONDS * file.config().audio.sample_rate).map(|_| 0.1 * random.unit()).collect(),
+        }
+    }
+
+    /// How many samples there are.
+    pub fn samples(&self) -> usize {
+        self.samples.len()
+    }
+
+    /// Their features.
+    pub fn features(&self, cx: Compute) {
+        self.tokenizer.features(cx, &self.samples).expect(OK);
+    }
+}

@@ -1,0 +1,221 @@
+"""Times us beside the peers, side by side in turn, and writes a row for each pair to benches/results/<cpu>.csv.
+
+`run` calls it; `--only` runs one group of measurements, whose rows then replace those of the same name in the file, and
+`--table` measures nothing and prints the file as the documentation quotes it.
+"""
+
+import argparse
+import csv
+import datetime
+import importlib.metadata
+import os
+import pathlib
+import re
+import statistics
+import subprocess
+import sys
+import time
+
+HERE = pathlib.Path(__file__).resolve().parent
+ROOT = HERE.parent.parent
+TARGET = ROOT / "target"
+MODELS = TARGET / "peers"
+COLUMNS = ["what", "ours", "peer", "threads", "our_ms", "peer_ms", "ratio", "floor_ms", "date", "version"]
+ROUNDS, CALLS = 5, 3
+# Peers' threads spin for some milliseconds after their work; then the machine is the other side's.
+REST = 0.1
+NAMES = {"onnxruntime": "ONNX Runtime", "ctranslate2": "CTranslate2", "pytorch": "PyTorch"}
+PACKAGES = {"pytorch": "torch"}
+# What is timed: the part, threads, and the peers with the precision of their weights.
+PARTS = [
+    ("encoder", 2, ["onnxruntime int8", "ctranslate2 int8", "pytorch int8", "onnxruntime f32", "pytorch f32"]),
+    ("chunk", 2, ["onnxruntime int8", "ctranslate2 int8"]),
+    ("chunk", 1, ["onnxruntime int8", "ctranslate2 int8"]),
+    ("hubert", 2, ["onnxruntime int8", "pytorch int8", "onnxruntime f32", "pytorch f32"]),
+]
+WHAT = {
+    "encoder": "encoder; 256 tokens",
+    "chunk": "encode 256 tokens and generate 20 codes",
+    "hubert": "HuBERT to layer 9; 3 s of audio",
+}
+
+
+def cpu():
+    """The processor's name in kebab case."""
+    name = re.search(r"model name\s*:\s*(.*)", pathlib.Path("/proc/cpuinfo").read_text()).group(1)
+    name = re.sub(r"\((R|TM)\)|CPU|@.*", " ", name, flags=re.IGNORECASE)
+    return re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")
+
+
+def version():
+    """Ours, with the commit."""
+    text = (ROOT / "Cargo.toml").read_text()
+    commit = subprocess.run(["git", "describe", "--always", "--dirty"], cwd=ROOT, capture_output=True, text=True)
+    return f"{re.search(r'version = .([0-9.]+)', text).group(1)} {commit.stdout.strip()}".strip()
+
+
+def peer_name(peer):
+    package, kind = peer.split()
+    return f"{NAMES[package]} {importlib.metadata.version(PACKAGES.get(package, package))} {kind}"
+
+
+class Side:
+    """A program that answers a line with a line."""
+
+    def __init__(self, *command):
+        self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+
+    def ask(self, *words):
+        self.process.stdin.write(" ".join(map(str, words)) + "\n")
+        self.process.stdin.flush()
+        answer = self.process.stdout.readline()
+        if not answer:
+            raise RuntimeError(f"no answer to {words}")
+        return answer.strip()
+
+    def times(self, part, kind, threads):
+        """Milliseconds of some calls after one that wakes the threads."""
+        time.sleep(REST)
+        return [float(ms) for ms in self.ask(part, kind, threads, 1 + CALLS).split()][1:]
+
+    def close(self):
+        self.process.stdin.close()
+        self.process.wait()
+
+
+def parts(isa, wanted):
+    import models
+
+    models.build(MODELS)
+    entries = [entry for entry in PARTS if entry[0] == wanted]
+    names = {other.split()[0] for _, _, others in entries for other in others}
+    peers = {name: Side(sys.executable, HERE / "peer.py", name, MODELS) for name in names}
+    ours = Side(TARGET / "release" / "parts")
+    for part, threads, others in entries:
+        sides = [*[(peers[other.split()[0]], other.split()[1]) for other in others], (ours, "int8")]
+        # The first call loads the model. We come last, when all have loaded theirs.
+        for side, kind in sides:
+            side.times(part, kind, threads)
+        rounds, floors = [], []
+        for _ in range(ROUNDS):
+            rounds.append([side.times(part, kind, threads) for side, kind in sides])
+            floors.append(float(ours.ask(part, "int8", threads, "floor")))
+        print(ours.ask("peaks", "int8", threads, 0), flush=True)
+        *medians, our_median = [statistics.median(sum(times, [])) for times in zip(*rounds)]
+        for other, median in zip(others, medians):
+            # Others on the same host can only make the peaks look lower.
+            yield WHAT[part], f"int8 {isa}", peer_name(other), threads, our_median, median, min(floors)
+    for side in [ours, *peers.values()]:
+        side.close()
+
+
+def attentions(isa):
+    import attention
+    import torch
+
+    program = TARGET / "release" / "examples" / "attention_times"
+    ours = Side(TARGET / "release" / "parts")
+    for threads in [1, 2]:
+        macs_per_ms = 1e6 * float(ours.ask("f32", "int8", threads, "peak"))
+        for name, queries, keys, our_times, fused, _ in attention.measure(program, isa, threads, rounds=9):
+            floor = 2 * queries * keys * attention.HEADS * attention.HEAD_DIM / macs_per_ms
+            what = f"attention; {name}; {queries} x {keys} x {attention.HEADS} heads"
+            medians = [times[1] / 1e3 for times in (our_times, fused)]
+            yield what, f"f32 {isa}", f"PyTorch {torch.__version__} f32", threads, *medians, floor
+    ours.close()
+
+
+def products(isa, threads):
+    """Where there are tiles, int8 is timed a second time with neither side using them."""
+    mkl = next(pathlib.Path(sys.prefix, "lib").glob("libmkl_rt.so.*"))
+    runs = [(isa, "", {})]
+    if isa == "amx":
+        runs.append(("avx512vnni", "int8", {"MKL_ENABLE_INSTRUCTIONS": "AVX512_E1"}))
+    for isa, wanted, extra in runs:
+        environment = {
+            **os.environ, "UMO_MKL": str(mkl), "LD_LIBRARY_PATH": str(mkl.parent), "KMP_BLOCKTIME": "1",
+            "MATMUL_NUM_THREADS": str(threads), **extra,
+        }  # fmt: skip
+        command = [TARGET / "release" / "products", isa, str(threads), "0.05", wanted]
+        output = subprocess.run(command, env=environment, stdout=subprocess.PIPE, text=True, check=True).stdout
+        for line in output.splitlines():
+            name, peer, _, our_ms, peer_ms, floor_ms = line.split(",")
+            kind, shape, rows, isa = re.fullmatch(r"(\w+) (.+); (\d+) rows; (\w+)", name).groups()
+            if peer == "MKL":
+                peer = f"MKL {importlib.metadata.version('mkl')}"
+            what = f"product; {shape}; {rows} rows"
+            yield what, f"{kind} {isa}", f"{peer} {kind}", threads, float(our_ms), float(peer_ms), float(floor_ms)
+
+
+def row(stamp, what, ours, peer, threads, our_ms, peer_ms, floor_ms):
+    values = [what, ours, peer, threads, f"{our_ms:.4g}", f"{peer_ms:.4g}", f"{peer_ms / our_ms:.2f}", f"{floor_ms:.4g}"]
+    return dict(zip(COLUMNS, map(str, [*values, *stamp])))
+
+
+def show(row):
+    share = 100 * float(row["floor_ms"]) / float(row["our_ms"])
+    cells = [row["what"], row["ours"], row["threads"], row["our_ms"], row["peer"], row["peer_ms"], row["ratio"]]
+    return "| " + " | ".join(cells) + f" | {row['floor_ms']} | {share:.0f} % |"
+
+
+HEADER = "| what | ours | threads | ms | peer | ms | peer's / ours | floor, ms | share |\n" + "| --- " * 9 + "|"
+
+
+def tables(rows):
+    """What docs quotes: parts and attention row by row, products as ratios."""
+    print(HEADER, *[show(row) for row in rows if not row["what"].startswith("product")], sep="\n")
+    chosen = {}
+    for row in rows:
+        if row["what"].startswith("product"):
+            _, shape, count = row["what"].split("; ")
+            key = row["ours"], row["threads"], re.sub(r" [0-9.]+ ", " ", row["peer"]), shape
+            chosen.setdefault(key, {})[int(count.split()[0])] = row["ratio"]
+    counts = sorted({count for ratios in chosen.values() for count in ratios})
+    print("\n| ours | threads | peer | outputs x inputs | " + " | ".join(f"{count} rows" for count in counts) + " |")
+    print("| --- " * (4 + len(counts)) + "|")
+    for key, ratios in chosen.items():
+        print("| " + " | ".join([*key, *[ratios[count] for count in counts]]) + " |")
+
+
+def main():
+    groups = {
+        "encoder": lambda isa: parts(isa, "encoder"),
+        "chunk": lambda isa: parts(isa, "chunk"),
+        "hubert": lambda isa: parts(isa, "hubert"),
+        "attention": attentions,
+        "products-1": lambda isa: products(isa, 1),
+        "products-2": lambda isa: products(isa, 2),
+    }
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", choices=groups, action="append")
+    parser.add_argument("--table", action="store_true")
+    arguments = parser.parse_args()
+    path = HERE.parent / "results" / f"{cpu()}.csv"
+    rows = {}
+    if path.exists():
+        with path.open(newline="") as file:
+            rows = {(r["what"], r["ours"], r["peer"], r["threads"]): r for r in csv.DictReader(file)}
+    if arguments.table:
+        return tables(rows.values())
+    if not arguments.only:
+        rows = {}
+    side = Side(TARGET / "release" / "parts")
+    isa = side.ask("isa", "int8", 1, 0)
+    side.close()
+    stamp = [datetime.date.today().isoformat(), version()]
+    print(HEADER)
+    for group in arguments.only or groups:
+        for values in groups[group](isa):
+            new = row(stamp, *values)
+            rows[(new["what"], new["ours"], new["peer"], new["threads"])] = new
+            print(show(new), flush=True)
+    path.parent.mkdir(exist_ok=True)
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows.values())
+    print(f"written to {path.relative_to(ROOT)}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,69 @@
+//! Times the parts of a chunk for whoever asks on standard input, so that a peer can be timed in between.
+//!
+//! Each line `part kind threads repetitions` is answered by the milliseconds of as many calls, as `peer.py` answers; `kind`
+//! is what the model's file has, int8. `floor` instead of repetitions is answered by the milliseconds that the part must take
+//! at the peaks of this processor, which are measured anew for that. Other questions in place of a part: `peaks` for people to
+//! read, `f32` for GMAC/s in single precision, `isa` for the back-end in use.
+
+use std::collections::BTreeMap;
+use std::io::BufRead;
+use std::time::Instant;
+
+use umo_benches::floor::{self, Machine};
+use umo_benches::parts::{Audio, Language, TOKENS};
+use umo_benches::peak;
+use umo_core::{Compute, Config, Team};
+use umo_kernels::Isa;
+
+fn main() {
+    let file = umo_benches::model();
+    let (mut language, audio) = (Language::load(&file), Audio::load(&file));
+    let mut teams = BTreeMap::new();
+    for line in std::io::stdin().lock().lines() {
+        let line = line.expect("standard input is text");
+        let words: Vec<&str> = line.split_whitespace().collect();
+        let [part, "int8", count, repetitions] = words[..] else { panic!("unknown: {line}") };
+        let count: usize = count.parse().expect("a number of threads");
+        if part == "isa" {
+            println!("{}", Isa::detect().name());
+            continue;
+        }
+        if part == "f32" {
+            println!("{:.4}", peak::f32(count, Isa::detect()).unwrap_or(f64::INFINITY) / 1e9);
+            continue;
+        }
+        let measure = || Machine::measure(count).expect("this is no test");
+        if part == "peaks" {
+            println!("{}", measure());
+            continue;
+        }
+        if repetitions == "floor" {
+            let floor = floor(file.config(), part, language.codes(), audio.samples());
+            println!("{:.4}", 1e3 * measure().seconds(&floor));
+            continue;
+        }
+        let team = teams.entry(count).or_insert_with(|| Team::new(count).expect("threads can be started"));
+        let cx = Compute { isa: Isa::detect(), team };
+        let mut call = || match part {
+            "encoder" => language.encode(cx),
+            "chunk" => language.chunk(cx),
+            "hubert" => audio.features(cx),
+            _ => panic!("no part of the model: {part}"),
+        };
+        let time = |_| {
+            let start = Instant::now();
+            call();
+            format!("{:.4}", 1e3 * start.elapsed().as_secs_f64())
+        };
+        let repetitions: usize = repetitions.parse().expect("a number of repetitions");
+        println!("{}", (0..repetitions).map(time).collect::<Vec<_>>().join(" "));
+    }
+}
+
+fn floor(config: &Config, part: &str, codes: usize, samples: usize) -> floor::Floor {
+    match part {
+        "encoder" => floor::encoder(config, TOKENS),
+        "chunk" => floor::chunk(config, TOKENS, codes),
+        _ => floor::hubert(config, samples),
+    }
+}
