@@ -1,7 +1,7 @@
 """Times us beside the peers, side by side in turn, and writes a row for each pair to benches/results/<cpu>.csv.
 
 `run` calls it; `--only` runs one group of measurements, whose rows then replace those of the same name in the file, and
-`--table` measures nothing and prints the file as the documentation quotes it.
+`--table` measures nothing and puts the file into docs/performance.md.
 """
 
 import argparse
@@ -60,10 +60,15 @@ def peer_name(peer):
 
 
 class Side:
-    """A program that answers a line with a line."""
+    """A program that says `ready`, whatever it says before, and then answers a line with a line."""
 
     def __init__(self, *command):
         self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+
+    def wait(self):
+        for line in iter(self.process.stdout.readline, "ready\n"):
+            if not line:
+                raise RuntimeError(f"{self.process.args} has ended")
 
     def ask(self, *words):
         self.process.stdin.write(" ".join(map(str, words)) + "\n")
@@ -91,9 +96,11 @@ def parts(isa, wanted):
     names = {other.split()[0] for _, _, others in entries for other in others}
     peers = {name: Side(sys.executable, HERE / "peer.py", name, MODELS) for name in names}
     ours = Side(TARGET / "release" / "parts")
+    for side in [ours, *peers.values()]:
+        side.wait()
     for part, threads, others in entries:
         sides = [*[(peers[other.split()[0]], other.split()[1]) for other in others], (ours, "int8")]
-        # The first call loads the model. We come last, when all have loaded theirs.
+        # The first call of a peer loads its model.
         for side, kind in sides:
             side.times(part, kind, threads)
         rounds, floors = [], []
@@ -115,6 +122,7 @@ def attentions(isa):
 
     program = TARGET / "release" / "examples" / "attention_times"
     ours = Side(TARGET / "release" / "parts")
+    ours.wait()
     for threads in [1, 2]:
         macs_per_ms = 1e6 * float(ours.ask("f32", "int8", threads, "peak"))
         for name, queries, keys, our_times, fused, _ in attention.measure(program, isa, threads, rounds=9):
@@ -143,7 +151,7 @@ def products(isa, threads):
             kind, shape, rows, isa = re.fullmatch(r"(\w+) (.+); (\d+) rows; (\w+)", name).groups()
             if peer == "MKL":
                 peer = f"MKL {importlib.metadata.version('mkl')}"
-            what = f"product; {shape}; {rows} rows"
+            what = f"product; {shape}; {rows} row{'s' * (rows != '1')}"
             yield what, f"{kind} {isa}", f"{peer} {kind}", threads, float(our_ms), float(peer_ms), float(floor_ms)
 
 
@@ -162,19 +170,29 @@ HEADER = "| what | ours | threads | ms | peer | ms | peer's / ours | floor, ms |
 
 
 def tables(rows):
-    """What docs quotes: parts and attention row by row, products as ratios."""
-    print(HEADER, *[show(row) for row in rows if not row["what"].startswith("product")], sep="\n")
-    chosen = {}
+    """What docs/performance.md quotes: parts and attention row by row, products beside MKL as ratios."""
+    lines = [HEADER, *[show(row) for row in rows if not row["what"].startswith("product")], ""]
+    ratios = {}
     for row in rows:
-        if row["what"].startswith("product"):
+        if row["what"].startswith("product") and row["peer"].startswith("MKL"):
             _, shape, count = row["what"].split("; ")
-            key = row["ours"], row["threads"], re.sub(r" [0-9.]+ ", " ", row["peer"]), shape
-            chosen.setdefault(key, {})[int(count.split()[0])] = row["ratio"]
-    counts = sorted({count for ratios in chosen.values() for count in ratios})
-    print("\n| ours | threads | peer | outputs x inputs | " + " | ".join(f"{count} rows" for count in counts) + " |")
-    print("| --- " * (4 + len(counts)) + "|")
-    for key, ratios in chosen.items():
-        print("| " + " | ".join([*key, *[ratios[count] for count in counts]]) + " |")
+            key = row["ours"], row["threads"], shape
+            ratios.setdefault(key, {})[count] = row["ratio"]
+    counts = list(dict.fromkeys(count for found in ratios.values() for count in found))
+    lines.append("| product, MKL's time / ours | threads | outputs x inputs | " + " | ".join(counts) + " |")
+    lines.append("| --- " * (3 + len(counts)) + "|")
+    lines += ["| " + " | ".join([*key, *[found[count] for count in counts]]) + " |" for key, found in ratios.items()]
+    return "\n".join(lines)
+
+
+def document(rows, name):
+    """Puts the tables in their place in the documentation."""
+    path = ROOT / "docs" / "performance.md"
+    begin, end = "<!-- made by benches/peers/run --table -->\n", "<!-- end -->"
+    before, rest = path.read_text().split(begin)
+    after = rest.split(end)[1]
+    versions = ", ".join(sorted({f"umo {row['version']} on {row['date']}" for row in rows}))
+    path.write_text(f"{before}{begin}`{name}`: {versions}.\n\n{tables(rows)}\n{end}{after}")
 
 
 def main():
@@ -196,10 +214,11 @@ def main():
         with path.open(newline="") as file:
             rows = {(r["what"], r["ours"], r["peer"], r["threads"]): r for r in csv.DictReader(file)}
     if arguments.table:
-        return tables(rows.values())
+        return document(list(rows.values()), path.name)
     if not arguments.only:
         rows = {}
     side = Side(TARGET / "release" / "parts")
+    side.wait()
     isa = side.ask("isa", "int8", 1, 0)
     side.close()
     stamp = [datetime.date.today().isoformat(), version()]

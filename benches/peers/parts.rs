@@ -1,6 +1,6 @@
 //! Times the parts of a chunk for whoever asks on standard input, so that a peer can be timed in between.
 //!
-//! Each line `part kind threads repetitions` is answered by the milliseconds of as many calls, as `peer.py` answers; `kind`
+//! After `ready`, each line `part kind threads repetitions` is answered by the milliseconds of as many calls, as `peer.py` answers; `kind`
 //! is what the model's file has, int8. `floor` instead of repetitions is answered by the milliseconds that the part must take
 //! at the peaks of this processor, which are measured anew for that. Other questions in place of a part: `peaks` for people to
 //! read, `f32` for GMAC/s in single precision, `isa` for the back-end in use.
@@ -19,6 +19,7 @@ fn main() {
     let file = umo_benches::model();
     let (mut language, audio) = (Language::load(&file), Audio::load(&file));
     let mut teams = BTreeMap::new();
+    println!("ready");
     for line in std::io::stdin().lock().lines() {
         let line = line.expect("standard input is text");
         let words: Vec<&str> = line.split_whitespace().collect();

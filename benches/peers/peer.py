@@ -1,7 +1,7 @@
 """One peer that answers on standard input, so that another side can be timed in between.
 
 Usage: `peer.py onnxruntime|ctranslate2|pytorch FOLDER`, with the folder that `models.build` filled.
-Each line `part kind threads repetitions` is answered by the milliseconds of as many calls.
+After `ready`, each line `part kind threads repetitions` is answered by the milliseconds of as many calls.
 """
 
 import copy
@@ -64,6 +64,7 @@ def main():
         "pytorch": pytorch_call,
     }
     make = functools.cache(calls[peer])
+    print("ready", flush=True)
     for line in iter(sys.stdin.readline, ""):
         part, kind, threads, repetitions = line.split()
         call = make(part, kind, int(threads))
