@@ -195,7 +195,7 @@ impl Batch {
         if members.len() != self.members {
             return Err(StepError::Disagree("a batch was taken up with other members"));
         }
-        let (start, phase) = (Instant::now(), self.phase);
+        let (start, layers, phase) = (Instant::now(), self.lm.times, self.phase);
         let next = match phase {
             Phase::Idle => return Ok(false),
             Phase::Listen { member } => self.listen_to(model, cx, &mut members[member], member),
@@ -205,6 +205,11 @@ impl Batch {
             Phase::Fill { member } => self.fill(model, cx, &mut members[member], member),
             Phase::Move { member } => self.move_on(model, cx, &mut members[member], member),
         };
+        match phase {
+            Phase::Encode { .. } => self.times.encoder_layers += self.lm.times.since(layers),
+            Phase::Decode { .. } => self.times.decoder_layers += self.lm.times.since(layers),
+            _ => {}
+        }
         let time = match phase {
             Phase::Listen { .. } | Phase::Idle => &mut self.times.tokenizer,
             Phase::Encode { .. } => &mut self.times.encoder,

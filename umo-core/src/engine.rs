@@ -16,7 +16,7 @@ use std::time::Duration;
 
 use atomic_wait::{wait, wake_one};
 
-use crate::avatar::Avatar;
+use crate::avatar::{Avatar, StageTimes};
 use crate::clock::Clock;
 use crate::error::{LoadError, StepError};
 use crate::linear::Compute;
@@ -185,6 +185,8 @@ struct Inner {
     clock: Clock,
     /// Pose of rest.
     rest: Shown,
+    /// Time spent in each stage, as of the last batch that was done.
+    times: Mutex<StageTimes>,
 }
 
 impl Inner {
@@ -249,6 +251,7 @@ impl Engine {
             clock: config.clock.clone(),
             model,
             rest,
+            times: Mutex::default(),
         });
         if !own {
             let worker = Worker::new(&inner, config, threads).map_err(EngineError::Thread)?;
@@ -309,6 +312,11 @@ impl Engine {
         inner.signal.notify();
         let place = Arc::clone(inner);
         Ok(Session::new(shared, Release(Box::new(move || place.slots[index].sweep()))))
+    }
+
+    /// Time spent in each stage so far, as of the last batch that was done.
+    pub fn stage_times(&self) -> StageTimes {
+        *self.inner.times.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
     }
 
     /// Computes until nothing is due or `budget` is used up: it returns at most one layer's time later. A budget of zero

@@ -54,6 +54,10 @@ impl Worker {
             Ok(Ok(false)) => {
                 let now = inner.clock.nanos();
                 self.members.iter_mut().for_each(|core| core.end(now));
+                // Whoever reads them at this moment gets the last batch's.
+                if let Ok(mut times) = inner.times.try_lock() {
+                    *times = self.batch.stage_times();
+                }
                 self.put_back(inner);
                 return true;
             }
