@@ -30,6 +30,8 @@ pub enum Command {
     Quantize(Quantize),
     /// Write a model of random weights, for tests and benchmarks
     MakeRandom(MakeRandom),
+    /// Measure a model on this machine: time to the first frame, frames per second, avatars at once
+    Bench(Bench),
 }
 
 /// Where the animation goes, and how it is made: what `animate` and `text` share.
@@ -210,6 +212,38 @@ pub enum WeightsArg {
     Int8,
     /// Brain floats
     Bf16,
+}
+
+/// Measure a model on this machine.
+#[derive(Debug, ClapArgs)]
+pub struct Bench {
+    /// Model file; the one in the program where not given
+    #[arg(long, value_name = "FILE")]
+    pub model: Option<PathBuf>,
+    /// Keyframes predicted at a time
+    #[arg(long, value_name = "N")]
+    pub target: Option<usize>,
+    /// Chunks whose times are taken, one after the other
+    #[arg(long, value_name = "C", default_value_t = 100)]
+    pub chunks: usize,
+    /// First frames whose times are taken
+    #[arg(long, value_name = "R", default_value_t = 20)]
+    pub starts: usize,
+    /// Avatars that speak at once, in real time
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    pub sessions: usize,
+    /// Seconds that they speak; 0 leaves this part out
+    #[arg(long, value_name = "S", default_value_t = 10.0)]
+    pub seconds: f64,
+    /// One line of JSON in place of the tables
+    #[arg(long)]
+    pub json: bool,
+    /// Draw the chunks' times, a histogram and a timeline
+    #[arg(long, value_name = "FILE.svg")]
+    pub plot: Option<PathBuf>,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "clap would print a doc comment as help")]
+    pub compute: Compute,
 }
 
 /// Write a model of random weights.

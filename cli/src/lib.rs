@@ -5,12 +5,14 @@
 //! | [`args`] | the command line |
 //! | `animate`, `text` | speech, or a text, to an animation |
 //! | `stage`, `inspect`, `random` | one stage alone; what a model holds; a model of random weights |
+//! | `bench` | how fast a model is on this machine |
 //! | [`wav`], [`export`], `start_pose` | files in and out |
 //! | `model`, `failure`, `progress` | which model; what is said when something fails; how far the work is |
 #![deny(unsafe_code)]
 
 mod animate;
 pub mod args;
+mod bench;
 pub mod export;
 mod failure;
 mod inspect;
@@ -61,5 +63,6 @@ fn run(command: Command) -> Result<(), Failure> {
         Command::Inspect(args) => inspect::run(&args),
         Command::Quantize(args) => quantize::run(&args),
         Command::MakeRandom(args) => random::run(&args),
+        Command::Bench(args) => bench::run(&args),
     }
 }

@@ -36,13 +36,18 @@ pub(crate) fn isa(compute: &Compute) -> Result<Isa, Failure> {
     })
 }
 
+/// The number of threads that was asked for, or of cores.
+pub(crate) fn threads(compute: &Compute) -> Result<usize, Failure> {
+    let most = umo_core::team::MAX_THREADS;
+    match compute.threads {
+        Some(threads) if (1..=most).contains(&threads) => Ok(threads),
+        Some(threads) => Err(Failure::input(format!("--threads {threads}: expected 1 to {most}"))),
+        None => Ok(std::thread::available_parallelism().map_or(1, |n| n.get().min(most))),
+    }
+}
+
 /// The threads that were asked for, or one per core.
 pub(crate) fn team(compute: &Compute) -> Result<Team, Failure> {
-    let most = umo_core::team::MAX_THREADS;
-    let threads = match compute.threads {
-        Some(threads) if (1..=most).contains(&threads) => threads,
-        Some(threads) => return Err(Failure::input(format!("--threads {threads}: expected 1 to {most}"))),
-        None => std::thread::available_parallelism().map_or(1, |n| n.get().min(most)),
-    };
+    let threads = threads(compute)?;
     Team::new(threads).map_err(|error| Failure::machine(format!("cannot start {threads} threads: {error}")))
 }

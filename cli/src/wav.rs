@@ -9,7 +9,7 @@ use std::io::{self, Read};
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
-use umo_core::audio;
+use umo_core::audio::{self, resample::mix};
 
 /// Sample rates that are read, in Hz.
 pub const SAMPLE_RATES: RangeInclusive<u32> = 1_000..=768_000;
@@ -38,12 +38,9 @@ pub struct Wav {
 impl Wav {
     /// Averages the channels. `[frames]`.
     pub fn mono(&self) -> Vec<f32> {
-        let channels = usize::from(self.channels);
-        self.samples
-            .chunks_exact(channels)
-            // f64, so that eight samples near the largest f32 still have a finite sum.
-            .map(|frame| narrow(frame.iter().map(|&x| f64::from(x)).sum::<f64>() / channels as f64))
-            .collect()
+        let mut mono = vec![0.0; self.frames()];
+        mix(&self.samples, self.channels.into(), &mut mono);
+        mono
     }
 
     /// Samples of each channel.

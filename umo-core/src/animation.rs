@@ -3,7 +3,7 @@
 
 use crate::audio::silence_unusable;
 use crate::avatar::{Avatar, AvatarConfig, Due, StageTimes};
-use crate::batch::{Batch, Member};
+use crate::batch::{Batch, FrameSink, Member};
 use crate::config::Config;
 use crate::error::{LoadError, StepError};
 use crate::linear::Compute;
@@ -86,8 +86,16 @@ impl Animation {
         }
         batch.begin([due].into_iter())?;
         let mut members = [Alone { avatar, pending, frame: &mut frame }];
-        while batch.step(model, cx, &mut members)? {}
-        Ok(true)
+        loop {
+            match batch.step(model, cx, &mut members) {
+                Ok(true) => {}
+                Ok(false) => return Ok(true),
+                Err(error) => {
+                    batch.abandon();
+                    return Err(error);
+                }
+            }
+        }
     }
 }
 
@@ -110,7 +118,7 @@ impl Member for Alone<'_, '_> {
         self.pending.drain(..count);
     }
 
-    fn frames(&mut self) -> (&mut Avatar, &mut dyn FnMut(FrameRef)) {
+    fn frames(&mut self) -> (&mut Avatar, &mut dyn FrameSink) {
         (self.avatar, self.frame)
     }
 }

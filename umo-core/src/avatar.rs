@@ -8,6 +8,7 @@ use std::time::Duration;
 use crate::audio::AudioStream;
 use crate::config::Config;
 use crate::error::{LoadError, StepError};
+use crate::lm::LayerTimes;
 use crate::lm::generate::Draw;
 use crate::lm::layout::{MAX_PROMPT_TOKENS, Prompt, Template, window_tokens};
 use crate::lm::sampler::Sampler;
@@ -57,6 +58,10 @@ pub struct StageTimes {
     pub interp: Duration,
     /// VQ decoders and root network.
     pub motion: Duration,
+    /// Layers of the encoder; part of `encoder`.
+    pub encoder_layers: LayerTimes,
+    /// Layers of the decoder; part of `decoder`.
+    pub decoder_layers: LayerTimes,
 }
 
 impl StageTimes {

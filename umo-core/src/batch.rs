@@ -34,7 +34,19 @@ pub trait Member {
     fn listen(&mut self, samples: &mut [f32]);
 
     /// The avatar, with what takes its frames.
-    fn frames(&mut self) -> (&mut Avatar, &mut dyn FnMut(FrameRef));
+    fn frames(&mut self) -> (&mut Avatar, &mut dyn FrameSink);
+}
+
+/// What takes the frames of an avatar, in order.
+pub trait FrameSink {
+    /// Takes the next one.
+    fn frame(&mut self, frame: FrameRef);
+}
+
+impl<F: FnMut(FrameRef)> FrameSink for F {
+    fn frame(&mut self, frame: FrameRef) {
+        self(frame);
+    }
 }
 
 /// Where the work stands.
@@ -148,6 +160,27 @@ impl Batch {
         Ok(())
     }
 
+    /// After a step that failed: leaves out the member that it was about, and says which; the others go on. None where the
+    /// step was about all of them, which ends the batch.
+    pub fn exclude(&mut self) -> Option<usize> {
+        let (member, next) = match self.phase {
+            Phase::Listen { member } => (member, self.listen(member + 1)),
+            Phase::Fill { member } => (member, self.filling(member + 1)),
+            Phase::Move { member } => (member, self.moving(member + 1)),
+            Phase::Idle | Phase::Encode { .. } | Phase::Attend { .. } | Phase::Decode { .. } => {
+                self.phase = Phase::Idle;
+                return None;
+            }
+        };
+        self.due[member] = Due::Nothing;
+        // Where it was the last with a chunk, there is nothing to encode or to fill.
+        self.phase = match next {
+            Phase::Encode { .. } if self.next_chunk(0).is_none() => self.moving(0),
+            next => next,
+        };
+        Some(member)
+    }
+
     /// Puts the batch down for good; its members are in no defined state and want [`Avatar::reset`].
     pub fn abandon(&mut self) {
         self.phase = Phase::Idle;
@@ -157,12 +190,12 @@ impl Batch {
     /// with, in the same order. Never allocates.
     ///
     /// # Errors
-    /// [`StepError`], after which the batch is over and its members want [`Avatar::reset`].
+    /// [`StepError`], after which the batch wants [`Self::exclude`] or [`Self::abandon`].
     pub fn step<M: Member>(&mut self, model: &Model, cx: Compute, members: &mut [M]) -> Result<bool, StepError> {
         if members.len() != self.members {
             return Err(StepError::Disagree("a batch was taken up with other members"));
         }
-        let (start, phase) = (Instant::now(), self.phase);
+        let (start, layers, phase) = (Instant::now(), self.lm.times, self.phase);
         let next = match phase {
             Phase::Idle => return Ok(false),
             Phase::Listen { member } => self.listen_to(model, cx, &mut members[member], member),
@@ -172,6 +205,11 @@ impl Batch {
             Phase::Fill { member } => self.fill(model, cx, &mut members[member], member),
             Phase::Move { member } => self.move_on(model, cx, &mut members[member], member),
         };
+        match phase {
+            Phase::Encode { .. } => self.times.encoder_layers += self.lm.times.since(layers),
+            Phase::Decode { .. } => self.times.decoder_layers += self.lm.times.since(layers),
+            _ => {}
+        }
         let time = match phase {
             Phase::Listen { .. } | Phase::Idle => &mut self.times.tokenizer,
             Phase::Encode { .. } => &mut self.times.encoder,
@@ -180,8 +218,8 @@ impl Batch {
             Phase::Move { .. } => &mut self.times.motion,
         };
         *time += start.elapsed();
-        self.phase = next.as_ref().map_or(Phase::Idle, |&next| next);
-        next.map(|next| next != Phase::Idle)
+        self.phase = next?;
+        Ok(self.is_busy())
     }
 
     /// The members from `first` on that have a chunk to compute.
@@ -301,28 +339,32 @@ impl Batch {
             let (draw, mut codes) = (avatar.draw(), avatar.history.target());
             more |= self.generator.write(cx, lm, &mut self.lm, row - 1, draw, place, &mut codes, sequence)?;
         }
-        Ok(if more {
-            Phase::Decode { layer: 0 }
-        } else {
-            self.next_chunk(0).map_or(Phase::Idle, |member| Phase::Fill { member })
-        })
+        Ok(if more { Phase::Decode { layer: 0 } } else { self.filling(0) })
+    }
+
+    /// Filling of the first member from `first` on that has a chunk, or what follows when there is none.
+    fn filling(&self, first: usize) -> Phase {
+        self.next_chunk(first).map_or_else(|| self.moving(0), |member| Phase::Fill { member })
     }
 
     fn fill(&mut self, model: &Model, cx: Compute, of: &mut impl Member, member: usize) -> Result<Phase, StepError> {
         let history = &mut of.avatar().history;
         history.lay_out();
         model.interp.fill(cx, &mut self.interp, history.frames())?;
-        Ok(self.next_chunk(member + 1).map_or_else(|| self.moving(0), |member| Phase::Fill { member }))
+        Ok(self.filling(member + 1))
     }
 
     fn move_on(&mut self, model: &Model, cx: Compute, of: &mut impl Member, member: usize) -> Result<Phase, StepError> {
-        let (avatar, frame) = of.frames();
+        let (avatar, frames) = of.frames();
+        if self.due[member] == Due::Nothing {
+            return Ok(self.moving(member + 1));
+        }
         if self.due[member] == Due::Chunk {
             let fresh = avatar.history.fresh(avatar.chunk == 0);
             let total = avatar.total;
             let mut within = |f: FrameRef| {
                 if total.is_none_or(|total| f.index < total) {
-                    frame(f);
+                    frames.frame(f);
                 }
             };
             avatar.motion.push(cx, &model.motion, &mut self.motion, fresh, avatar.lookahead, &mut within)?;
@@ -330,7 +372,7 @@ impl Batch {
             avatar.chunk += 1;
         }
         if let (Some(total), true) = (avatar.total, Some(avatar.chunk) == avatar.chunks(&model.config)) {
-            avatar.motion.finish(cx, &model.motion, &mut self.motion, total, frame)?;
+            avatar.motion.finish(cx, &model.motion, &mut self.motion, total, &mut |f| frames.frame(f))?;
         }
         Ok(self.moving(member + 1))
     }

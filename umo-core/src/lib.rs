@@ -5,6 +5,7 @@
 //! | [`config`], [`weights`] | the model file: every dimension, every tensor | 3 |
 //! | [`model`], [`avatar`] | a loaded model; one avatar's stream | 2, 2.8 |
 //! | [`batch`], [`animation`] | the next chunks of many avatars; one avatar at the caller's pace | 2, 2.9 |
+//! | [`engine`], [`session`] | avatars that answer while somebody speaks: threads, scheduling; one of them as its host sees it | 2.8 |
 //! | [`audio`] | samples to audio units | 2.1 |
 //! | [`lm`] | units, text and history to the codes of new keyframes | 2.2 to 2.5 |
 //! | [`interp`] | keyframes to a code for every frame | 2.6 |
@@ -18,7 +19,9 @@ pub mod animation;
 pub mod audio;
 pub mod avatar;
 pub mod batch;
+pub mod clock;
 pub mod config;
+pub mod engine;
 pub mod error;
 pub mod interp;
 pub mod linear;
@@ -26,7 +29,10 @@ pub mod lm;
 pub mod model;
 pub mod motion;
 pub mod part;
+mod ring;
+pub mod session;
 pub mod stage;
+mod sync;
 pub mod team;
 pub mod weights;
 

@@ -10,6 +10,9 @@ pub mod layout;
 pub mod sampler;
 pub mod text;
 
+use std::ops::AddAssign;
+use std::time::{Duration, Instant};
+
 use umo_kernels::matmul_f32::Epilogue;
 use umo_kernels::{Mat, MatMut};
 
@@ -324,7 +327,38 @@ pub struct LmScratch {
     pub(crate) experts: experts::ExpertScratch,
     /// Quantised activations.
     pub(crate) quant: QuantScratch,
+    /// Time spent in layers since it was made.
+    pub(crate) times: LayerTimes,
     rows: usize,
+}
+
+/// Time spent in the two halves of layers.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LayerTimes {
+    /// Attentions, with their norms and projections.
+    pub attention: Duration,
+    /// Expert feed-forwards, with their norms and routers.
+    pub experts: Duration,
+}
+
+impl LayerTimes {
+    /// Adds a layer whose halves took from `start` to `middle`, and from there until now.
+    fn add(&mut self, start: Instant, middle: Instant) {
+        self.attention += middle - start;
+        self.experts += middle.elapsed();
+    }
+
+    /// The time since an earlier reading.
+    pub(crate) fn since(self, earlier: Self) -> Self {
+        Self { attention: self.attention - earlier.attention, experts: self.experts - earlier.experts }
+    }
+}
+
+impl AddAssign for LayerTimes {
+    fn add_assign(&mut self, other: Self) {
+        self.attention += other.attention;
+        self.experts += other.experts;
+    }
 }
 
 impl LmScratch {
@@ -341,6 +375,7 @@ impl LmScratch {
             context: zeros(rows * inner),
             experts: experts::ExpertScratch::new(lm, rows),
             quant: QuantScratch::new(rows * lm.top_k, widest.div_ceil(lm.top_k)),
+            times: LayerTimes::default(),
             rows,
         }
     }

@@ -2,16 +2,18 @@
 //! so that the number of threads never changes a bit.
 //!
 //! A token costs 80 to 100 joins, so waking a sleeping thread for each (15 to 35 us) is out of the question: workers spin
-//! for a bounded time and only then park. Nothing here allocates or locks once the team is made.
+//! for a bounded time and only then sleep, and so does the caller that waits for them. Nothing here allocates or locks once
+//! the team is made, and the only system calls are those that put a thread to sleep and wake it.
 #![expect(unsafe_code, reason = "a job borrows the caller's stack while the caller waits for it")]
 
 use std::cell::UnsafeCell;
 use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicU32, AtomicUsize, Ordering};
-use std::thread::{JoinHandle, Thread};
+use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicU32, Ordering};
+use std::thread::JoinHandle;
 
+use atomic_wait::{wait, wake_all, wake_one};
 use umo_kernels::MatMut;
 
 use crate::error::StepError;
@@ -19,15 +21,15 @@ use crate::error::StepError;
 /// Most threads of a team.
 pub const MAX_THREADS: usize = 64;
 
+/// Threads of which the pieces of a job are kept in little memory.
+const FEW_THREADS: usize = 4;
+
 /// Multiply-adds below which a job is not worth sharing: about a microsecond of one core.
 const WORTH_SHARING: usize = 1 << 15;
 
-/// Times that a worker looks for a job before it parks: 20 to 100 us, as long as the processor's pause is.
-const SPINS_BEFORE_PARK: u32 = 2_000;
-
-/// Times that the caller looks for the end of a job before it gives its core away: with more threads than cores, the
-/// worker that it waits for may need just that core.
-const SPINS_BEFORE_YIELD: u32 = 500;
+/// Times that a worker looks for a job, and the caller for a job's end, before it sleeps: 20 to 100 us, as long as the
+/// processor's pause is. With more threads than cores, the one that it waits for may need just that core.
+const SPINS_BEFORE_SLEEP: u32 = 2_000;
 
 /// A job: called once per thread with the thread's index.
 type Job<'a> = dyn Fn(usize) + Sync + 'a;
@@ -42,20 +44,24 @@ pub struct Team {
 
 #[derive(Debug)]
 struct Shared {
-    /// Counts jobs; a change is the signal to start.
+    /// Counts jobs; a change is the signal to start. Workers sleep on it.
     epoch: AtomicU32,
     /// The job of this epoch: a pointer to a `&Job` on the caller's stack.
     job: AtomicPtr<()>,
-    /// Workers that have not finished the job.
-    pending: AtomicUsize,
+    /// Workers that have not finished the job; the caller sleeps on it.
+    pending: AtomicU32,
     /// A worker panicked in the job.
     panicked: AtomicBool,
     /// The team is being dropped.
     stop: AtomicBool,
     /// A job is under way.
     busy: AtomicBool,
-    /// Which workers may be parked.
-    parked: Vec<AtomicBool>,
+    /// Workers that may be asleep.
+    asleep: AtomicU32,
+    /// Whether the caller may be asleep.
+    waiting: AtomicBool,
+    /// Whether a worker did not get its core.
+    unbound: AtomicBool,
 }
 
 impl Team {
@@ -64,24 +70,45 @@ impl Team {
     /// # Errors
     /// What the system says when it cannot start a thread.
     pub fn new(threads: usize) -> std::io::Result<Self> {
+        Self::on_cores(threads, None, &[])
+    }
+
+    /// The same, with the calling thread bound to one core, and the others to one each of `cores`, as far as they go.
+    ///
+    /// # Errors
+    /// As [`Self::new`], and where the system does not let a thread have its core.
+    pub fn on_cores(threads: usize, caller: Option<usize>, cores: &[usize]) -> std::io::Result<Self> {
         let threads = threads.clamp(1, MAX_THREADS);
         let shared = Arc::new(Shared {
             epoch: AtomicU32::new(0),
             job: AtomicPtr::new(std::ptr::null_mut()),
-            pending: AtomicUsize::new(0),
+            pending: AtomicU32::new(0),
             panicked: AtomicBool::new(false),
             stop: AtomicBool::new(false),
             busy: AtomicBool::new(false),
-            parked: (1..threads).map(|_| AtomicBool::new(false)).collect(),
+            asleep: AtomicU32::new(0),
+            waiting: AtomicBool::new(false),
+            unbound: AtomicBool::new(false),
         });
         let mut team = Self { shared, workers: Vec::with_capacity(threads - 1), threads };
         for index in 1..threads {
             let shared = Arc::clone(&team.shared);
             let name = format!("umo-{index}");
-            team.workers.push(std::thread::Builder::new().name(name).spawn(move || work(&shared, index))?);
+            let core = cores.get(index - 1).copied();
+            let life = move || {
+                if core.is_some_and(|core| !bind(core)) {
+                    shared.unbound.store(true, Ordering::Relaxed);
+                }
+                work(&shared, index);
+            };
+            team.workers.push(std::thread::Builder::new().name(name).spawn(life)?);
         }
+        let bound = caller.is_none_or(bind);
         // A thread allocates while it starts: it has done so when it has finished a job.
         team.run(&|_| {});
+        if !bound || team.shared.unbound.load(Ordering::Relaxed) {
+            return Err(std::io::Error::other(format!("a thread cannot be bound to core {caller:?} or {cores:?}")));
+        }
         Ok(team)
     }
 
@@ -101,20 +128,14 @@ impl Team {
         }
         let shared = &*self.shared;
         shared.job.store((&raw const job).cast_mut().cast(), Ordering::Relaxed);
-        shared.pending.store(self.threads - 1, Ordering::Relaxed);
-        // SeqCst pairs with the worker's: either it sees the new epoch before it parks, or we see that it is parked.
+        shared.pending.store(self.workers.len().try_into().expect("at most 64"), Ordering::Relaxed);
+        // SeqCst pairs with the worker's: either it sees the new epoch before it sleeps, or we see that it sleeps.
         shared.epoch.fetch_add(1, Ordering::SeqCst);
-        for (parked, worker) in shared.parked.iter().zip(&self.workers) {
-            if parked.load(Ordering::SeqCst) {
-                wake(worker.thread());
-            }
+        if shared.asleep.load(Ordering::SeqCst) > 0 {
+            wake_all(&raw const shared.epoch);
         }
         let own = catch_unwind(AssertUnwindSafe(|| job(0)));
-        let mut spins = 0_u32;
-        while shared.pending.load(Ordering::Acquire) != 0 {
-            spins = spins.wrapping_add(1);
-            if spins.is_multiple_of(SPINS_BEFORE_YIELD) { std::thread::yield_now() } else { std::hint::spin_loop() }
-        }
+        shared.wait_for_workers();
         let panicked = shared.panicked.swap(false, Ordering::Relaxed);
         shared.busy.store(false, Ordering::Release);
         if let Err(payload) = own {
@@ -186,7 +207,23 @@ impl Team {
         if self.threads == 1 || work < WORTH_SHARING || share >= total {
             return f(0..total, y);
         }
-        let pieces: [Piece<Y>; MAX_THREADS] = std::array::from_fn(|_| Piece::empty());
+        if self.threads <= FEW_THREADS {
+            self.share::<Y, FEW_THREADS>(y, total, share, cut, f)
+        } else {
+            self.share::<Y, MAX_THREADS>(y, total, share, cut, f)
+        }
+    }
+
+    /// Hands `total` rows or columns out, `share` to a thread, of which there are at most `MOST`.
+    fn share<Y: Send, const MOST: usize>(
+        &self,
+        y: Y,
+        total: usize,
+        share: usize,
+        cut: impl Fn(Y, usize) -> (Y, Y),
+        f: impl Fn(Range<usize>, Y) -> Result<(), StepError> + Sync,
+    ) -> Result<(), StepError> {
+        let pieces: [Piece<Y>; MOST] = std::array::from_fn(|_| Piece::empty());
         let (mut rest, mut start) = (y, 0);
         for piece in &pieces[..self.threads] {
             let end = (start + share).min(total);
@@ -209,24 +246,73 @@ impl Drop for Team {
     fn drop(&mut self) {
         self.shared.stop.store(true, Ordering::Relaxed);
         self.shared.epoch.fetch_add(1, Ordering::SeqCst);
+        wake_all(&raw const self.shared.epoch);
         for worker in self.workers.drain(..) {
-            worker.thread().unpark();
             // A worker catches panics of its jobs, so it cannot have panicked itself.
             drop(worker.join());
         }
     }
 }
 
-#[cold]
-fn wake(thread: &Thread) {
-    thread.unpark();
+impl Shared {
+    /// Spins, then sleeps, until no worker has the job any more.
+    fn wait_for_workers(&self) {
+        for _ in 0..SPINS_BEFORE_SLEEP {
+            if self.pending.load(Ordering::Acquire) == 0 {
+                return;
+            }
+            std::hint::spin_loop();
+        }
+        // SeqCst pairs with the last worker's: either it sees that we wait, or we see that it is done.
+        self.waiting.store(true, Ordering::SeqCst);
+        loop {
+            match self.pending.load(Ordering::SeqCst) {
+                0 => break,
+                pending => wait(&self.pending, pending),
+            }
+        }
+        self.waiting.store(false, Ordering::Relaxed);
+    }
+
+    /// Reports that one worker is done.
+    fn done(&self) {
+        if self.pending.fetch_sub(1, Ordering::SeqCst) == 1 && self.waiting.load(Ordering::SeqCst) {
+            wake_one(&raw const self.pending);
+        }
+    }
+
+    /// Spins, then sleeps, until the epoch differs from `seen`.
+    fn next_epoch(&self, seen: u32) -> u32 {
+        for _ in 0..SPINS_BEFORE_SLEEP {
+            let epoch = self.epoch.load(Ordering::Acquire);
+            if epoch != seen {
+                return epoch;
+            }
+            std::hint::spin_loop();
+        }
+        self.asleep.fetch_add(1, Ordering::SeqCst);
+        let epoch = loop {
+            let epoch = self.epoch.load(Ordering::SeqCst);
+            if epoch != seen {
+                break epoch;
+            }
+            wait(&self.epoch, seen);
+        };
+        self.asleep.fetch_sub(1, Ordering::Relaxed);
+        epoch
+    }
+}
+
+/// Binds the calling thread to a core; whether the system let it.
+fn bind(core: usize) -> bool {
+    core_affinity::set_for_current(core_affinity::CoreId { id: core })
 }
 
 /// A worker's life: wait for the epoch to change, run the job, report.
 fn work(shared: &Shared, index: usize) {
     let mut seen = 0;
     loop {
-        seen = next_epoch(shared, index, seen);
+        seen = shared.next_epoch(seen);
         if shared.stop.load(Ordering::Relaxed) {
             return;
         }
@@ -237,28 +323,7 @@ fn work(shared: &Shared, index: usize) {
         if catch_unwind(AssertUnwindSafe(|| job(index))).is_err() {
             shared.panicked.store(true, Ordering::Relaxed);
         }
-        shared.pending.fetch_sub(1, Ordering::Release);
-    }
-}
-
-/// Spins, then parks, until the epoch differs from `seen`.
-fn next_epoch(shared: &Shared, index: usize, seen: u32) -> u32 {
-    for _ in 0..SPINS_BEFORE_PARK {
-        let epoch = shared.epoch.load(Ordering::Acquire);
-        if epoch != seen {
-            return epoch;
-        }
-        std::hint::spin_loop();
-    }
-    let parked = &shared.parked[index - 1];
-    parked.store(true, Ordering::SeqCst);
-    loop {
-        let epoch = shared.epoch.load(Ordering::SeqCst);
-        if epoch != seen {
-            parked.store(false, Ordering::Relaxed);
-            return epoch;
-        }
-        std::thread::park();
+        shared.done();
     }
 }
 
@@ -339,9 +404,9 @@ mod tests {
     }
 
     #[test]
-    fn a_parked_team_wakes_up() {
+    fn a_sleeping_team_wakes_up() {
         let team = Team::new(2).unwrap();
-        let count = AtomicUsize::new(0);
+        let count = AtomicU32::new(0);
         for _ in 0..20 {
             std::thread::sleep(std::time::Duration::from_millis(5));
             team.run(&|_| {
@@ -356,7 +421,7 @@ mod tests {
         let team = Team::new(2).unwrap();
         let result = catch_unwind(AssertUnwindSafe(|| team.run(&|i| assert!(i == 0, "planned"))));
         assert!(result.is_err());
-        let count = AtomicUsize::new(0);
+        let count = AtomicU32::new(0);
         team.run(&|_| {
             count.fetch_add(1, Ordering::Relaxed);
         });

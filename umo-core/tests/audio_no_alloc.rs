@@ -1,46 +1,17 @@
 //! A stream's chunks allocate nothing, the first one and refused ones included.
 
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::hint::black_box;
-use std::path::PathBuf;
-use std::sync::atomic::{AtomicUsize, Ordering};
+mod counting;
 
+use std::path::PathBuf;
+
+use counting::{allocator_calls, check_counter};
 use umo_core::audio::Tokenizer;
 use umo_core::weights::Loader;
 use umo_core::{Compute, ModelFile, Precision, Team};
 use umo_kernels::Isa;
 
-/// The system's allocator, counted over the whole process.
-struct Counting;
-
-static CALLS: AtomicUsize = AtomicUsize::new(0);
-
-// SAFETY: every call goes to the system's allocator unchanged.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        CALLS.fetch_add(1, Ordering::Relaxed);
-        // SAFETY: `layout` is what our own caller vouches for, of size above zero.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, start: *mut u8, layout: Layout) {
-        CALLS.fetch_add(1, Ordering::Relaxed);
-        // SAFETY: `start` came from `alloc` above with the same `layout`, as our own caller vouches.
-        unsafe { System.dealloc(start, layout) }
-    }
-}
-
-#[global_allocator]
-static ALLOCATOR: Counting = Counting;
-
-fn allocator_calls(f: impl FnOnce()) -> usize {
-    let before = CALLS.load(Ordering::Relaxed);
-    f();
-    CALLS.load(Ordering::Relaxed) - before
-}
-
 fn main() {
-    assert!(allocator_calls(|| drop(black_box(vec![0_u8; 64]))) >= 2, "the counter does not count");
+    check_counter();
     let team = Team::new(2).expect("a second thread");
     let cx = Compute { isa: Isa::detect(), team: &team };
     let samples: Vec<f32> = (0_u16..20 * 320).map(|i| (f32::from(i) * 0.1).sin()).collect();

@@ -17,8 +17,8 @@ fn sine(rate: usize, samples: usize, frequency: f64) -> Vec<f32> {
 fn resample(rate_in: usize, rate_out: usize, samples: &[f32]) -> Vec<f32> {
     let mut resampler = Resampler::new(rate_in, rate_out).unwrap();
     let mut out = Vec::new();
-    resampler.push(samples, &mut out);
-    resampler.finish(&mut out);
+    resampler.push(samples, |piece| out.extend_from_slice(piece));
+    resampler.finish(|piece| out.extend_from_slice(piece));
     out
 }
 
@@ -73,8 +73,10 @@ fn cuts_change_no_bit_and_the_length_is_exact() {
             assert_eq!(whole.len(), (2 * length * OUT + rate) / (2 * rate), "{rate} Hz, {length} samples");
             for step in [1, 13, 479, 4_096] {
                 let mut cut = Vec::new();
-                samples[..length].chunks(step).for_each(|piece| resampler.push(piece, &mut cut));
-                resampler.finish(&mut cut);
+                samples[..length]
+                    .chunks(step)
+                    .for_each(|piece| resampler.push(piece, |out| cut.extend_from_slice(out)));
+                resampler.finish(|out| cut.extend_from_slice(out));
                 assert!(cut == whole, "{rate} Hz, {length} samples in pieces of {step}");
             }
         }
@@ -97,9 +99,11 @@ fn rates_out_of_range_are_refused() {
 
 #[test]
 fn channels_are_averaged() {
-    let mut out = vec![9.0];
+    let mut out = [9.0; 3];
     mix(&[1.0, 3.0, -1.0, 0.5, 7.0], 2, &mut out);
-    assert_eq!(out, [9.0, 2.0, -0.25]);
+    assert_eq!(out, [2.0, -0.25, 9.0]);
     mix(&[0.25], 1, &mut out);
-    assert_eq!(out[3], 0.25);
+    assert_eq!(out[0], 0.25);
+    mix(&[f32::MAX; 8], 8, &mut out);
+    assert_eq!(out[0], f32::MAX);
 }

@@ -15,6 +15,9 @@ pub const MAX_RATE: usize = 768_000;
 /// 16 kHz. Rates with a small common divisor need longer blocks: at worst (coprime) the filter waits for a second.
 const FILTER: usize = 480;
 
+/// Samples that are given at a time.
+const PIECE: usize = 256;
+
 /// A stream of samples at one rate to another, mono.
 ///
 /// The filter's delay is taken off, so that output sample `i` is at the time of input sample `i * rate_in / rate_out`.
@@ -57,29 +60,57 @@ impl Resampler {
         Ok(Self { rate_in, rate_out, filter, taken: 0, given: 0 })
     }
 
-    /// Takes samples and appends to `out` what can be computed of them.
-    pub fn push(&mut self, samples: &[f32], out: &mut Vec<f32>) {
+    /// Takes samples and gives to `out` what can be computed of them, in pieces. Never allocates.
+    pub fn push(&mut self, samples: &[f32], mut out: impl FnMut(&[f32])) {
         self.taken += samples.len();
-        let start = out.len();
+        let given = &mut self.given;
+        let mut count = |piece: &[f32]| {
+            *given += piece.len();
+            out(piece);
+        };
         match &mut self.filter {
-            None => out.extend_from_slice(samples),
-            Some(filter) => filter.push(samples, out),
+            None => count(samples),
+            Some(filter) => filter.push(samples, count),
         }
-        self.given += out.len() - start;
     }
 
-    /// Appends the rest, as if silence followed, and starts anew.
+    /// Gives the rest, as if silence followed, and starts anew. Never allocates.
     ///
     /// Of `n` samples taken since the start, `round(n * rate_out / rate_in)` are then given in all.
-    pub fn finish(&mut self, out: &mut Vec<f32>) {
+    pub fn finish(&mut self, mut out: impl FnMut(&[f32])) {
         if let Some(filter) = &mut self.filter {
-            let total = rounded(self.taken, self.rate_out, self.rate_in);
-            let start = out.len();
             // The delay keeps what is given behind what was taken, so the last block is the only one to run ahead.
-            filter.finish(total - self.given, out);
-            out.truncate(start + total - self.given);
+            let mut missing = rounded(self.taken, self.rate_out, self.rate_in) - self.given;
+            while missing > 0 {
+                filter.block(|piece| {
+                    let piece = &piece[..piece.len().min(missing)];
+                    missing -= piece.len();
+                    out(piece);
+                });
+            }
         }
+        self.reset();
+    }
+
+    /// Forgets what came so far.
+    pub fn reset(&mut self) {
         (self.taken, self.given) = (0, 0);
+        if let Some(filter) = &mut self.filter {
+            filter.reset();
+        }
+    }
+
+    /// Most samples that the next `count` samples make it give.
+    pub fn most_given(&self, count: usize) -> usize {
+        match &self.filter {
+            None => count,
+            Some(filter) => (filter.waiting.len() + count) / filter.fft.fft_size_in() * filter.fft.fft_size_out(),
+        }
+    }
+
+    /// Most samples that [`Self::finish`] gives, whatever came before.
+    pub fn most_left(&self) -> usize {
+        self.filter.as_ref().map_or(0, |filter| 2 * filter.fft.fft_size_out())
     }
 }
 
@@ -90,8 +121,8 @@ impl Resampler {
 pub fn to_rate(samples: &[f32], rate_in: usize, rate_out: usize) -> Result<Vec<f32>, StepError> {
     let mut resampler = Resampler::new(rate_in, rate_out)?;
     let mut out = Vec::with_capacity(rounded(samples.len(), rate_out, rate_in));
-    resampler.push(samples, &mut out);
-    resampler.finish(&mut out);
+    resampler.push(samples, |piece| out.extend_from_slice(piece));
+    resampler.finish(|piece| out.extend_from_slice(piece));
     Ok(out)
 }
 
@@ -108,24 +139,19 @@ impl Filter {
         Self { delay: fft.output_delay(), fft, waiting, block }
     }
 
-    fn push(&mut self, mut samples: &[f32], out: &mut Vec<f32>) {
+    fn push(&mut self, mut samples: &[f32], mut out: impl FnMut(&[f32])) {
         let size = self.fft.fft_size_in();
         while !samples.is_empty() {
             let (head, tail) = samples.split_at(samples.len().min(size - self.waiting.len()));
             self.waiting.extend(head.iter().map(|&v| f64::from(v)));
             samples = tail;
             if self.waiting.len() == size {
-                self.block(out);
+                self.block(&mut out);
             }
         }
     }
 
-    /// Gives at least `missing` more samples, of silence after what waits, and forgets the stream.
-    fn finish(&mut self, missing: usize, out: &mut Vec<f32>) {
-        let wanted = out.len() + missing;
-        while out.len() < wanted {
-            self.block(out);
-        }
+    fn reset(&mut self) {
         self.fft.reset();
         self.waiting.clear();
         self.delay = self.fft.output_delay();
@@ -133,7 +159,7 @@ impl Filter {
 
     /// Filters what waits, padded with zeros to a block.
     #[expect(clippy::cast_possible_truncation, reason = "rounded to the precision of samples")]
-    fn block(&mut self, out: &mut Vec<f32>) {
+    fn block(&mut self, mut out: impl FnMut(&[f32])) {
         let (taken, size) = (self.waiting.len(), self.block.len());
         self.waiting.resize(self.fft.fft_size_in(), 0.0);
         let input = SequentialSlice::new(&self.waiting[..], 1, self.waiting.len()).expect("one channel");
@@ -143,7 +169,11 @@ impl Filter {
         self.waiting.clear();
         let late = self.delay.min(size);
         self.delay -= late;
-        out.extend(self.block[late..].iter().map(|&v| v as f32));
+        let mut piece = [0.0; PIECE];
+        for values in self.block[late..].chunks(PIECE) {
+            piece.iter_mut().zip(values).for_each(|(slot, &v)| *slot = v as f32);
+            out(&piece[..values.len()]);
+        }
     }
 }
 
@@ -157,13 +187,17 @@ fn rounded(n: usize, up: usize, down: usize) -> usize {
     usize::try_from((2 * n * up + down) / (2 * down)).expect("at most 768 times what memory holds")
 }
 
-/// Appends the mean of each frame's channels; an incomplete last frame is left out.
+/// Writes the mean of each frame's channels, in f64, so that channels near the largest f32 still have a finite sum. An
+/// incomplete last frame is left out.
 ///
 /// # Panics
-/// Where `channels` is 0.
-pub fn mix(interleaved: &[f32], channels: usize, out: &mut Vec<f32>) {
+/// Where `channels` is 0, or `mono` is shorter than there are frames.
+#[expect(clippy::cast_possible_truncation, reason = "rounded to the precision of samples")]
+pub fn mix(interleaved: &[f32], channels: usize, mono: &mut [f32]) {
     assert!(channels > 0, "a frame has at least one channel");
-    #[expect(clippy::cast_precision_loss, reason = "files have far fewer than 2^24 channels")]
-    let share = 1.0 / channels as f32;
-    out.extend(interleaved.chunks_exact(channels).map(|frame| frame.iter().sum::<f32>() * share));
+    let frames = interleaved.chunks_exact(channels);
+    assert!(mono.len() >= frames.len(), "a sample for every frame");
+    for (slot, frame) in mono.iter_mut().zip(frames) {
+        *slot = (frame.iter().map(|&v| f64::from(v)).sum::<f64>() / channels as f64) as f32;
+    }
 }

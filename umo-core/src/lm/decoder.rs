@@ -1,5 +1,7 @@
 //! The decoder: new rows against cached keys and values (paper section 3.1; SPEC 2.4, 2.5).
 
+use std::time::Instant;
+
 use rayon::prelude::*;
 use umo_kernels::attention::{Visible, attention_f32};
 use umo_kernels::matmul_f32::Epilogue;
@@ -196,11 +198,14 @@ impl Decoder {
     ) -> Result<(), StepError> {
         let d = self.norm.len();
         let rows = sequences.iter().map(|s| s.count).sum::<usize>();
-        let layer = &self.layers[index];
+        let (layer, start) = (&self.layers[index], Instant::now());
         self.attend_own(cx, scratch, (index, layer), sequences, rows)?;
         self.attend_cross(cx, scratch, (index, layer), sequences, rows)?;
+        let middle = Instant::now();
         let LmScratch { hidden, normed, experts, quant, .. } = scratch;
-        layer.experts.forward(cx, quant, experts, &mut hidden[..rows * d], &mut normed[..rows * d])
+        layer.experts.forward(cx, quant, experts, &mut hidden[..rows * d], &mut normed[..rows * d])?;
+        scratch.times.add(start, middle);
+        Ok(())
     }
 
     /// Ends a pass: the new ids become old ones, and the states after the final norm are left in `scratch.normed`.

@@ -1,5 +1,7 @@
 //! The encoder: every token sees the whole input (paper section 3.1; SPEC 2.4).
 
+use std::time::Instant;
+
 use rayon::prelude::*;
 use umo_kernels::attention::{Visible, attention_f32};
 use umo_kernels::matmul_f32::Epilogue;
@@ -76,10 +78,13 @@ impl Encoder {
         lengths: &[usize],
     ) -> Result<(), StepError> {
         let (d, rows) = (self.norm.len(), lengths.iter().sum::<usize>());
-        let layer = &self.layers[index];
+        let (layer, start) = (&self.layers[index], Instant::now());
         self.attend(cx, scratch, layer, lengths)?;
+        let middle = Instant::now();
         let LmScratch { hidden, normed, experts, quant, .. } = scratch;
-        layer.experts.forward(cx, quant, experts, &mut hidden[..rows * d], &mut normed[..rows * d])
+        layer.experts.forward(cx, quant, experts, &mut hidden[..rows * d], &mut normed[..rows * d])?;
+        scratch.times.add(start, middle);
+        Ok(())
     }
 
     /// The final norm: `scratch.hidden` to `out [rows, d_model]`.

@@ -87,6 +87,7 @@ impl MotionStream {
         for part in Part::ALL {
             self.parts[part].codes.clear();
             self.parts[part].rows.clear();
+            self.parts[part].seam.fill(0.0);
         }
         (self.known, self.emitted) = (0, 0);
         self.travel = Travel::default();

@@ -1,0 +1,231 @@
+//! `umo bench`: a model's speed on this machine, in a real engine (the paper's runtime table, section 4).
+
+mod plot;
+mod report;
+
+use std::f32::consts::TAU;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use umo_core::avatar::StageTimes;
+use umo_core::engine::{Engine, EngineConfig, Threads};
+use umo_core::model::Model;
+use umo_core::session::{Session, SessionConfig};
+use umo_core::{Config, Precision};
+
+use crate::args::Bench;
+use crate::failure::Failure;
+use crate::model;
+use report::{Crowd, Report};
+
+/// How often a frame is looked for while it is waited for: rarely enough to leave the cores to the engine.
+const LOOK: Duration = Duration::from_micros(100);
+/// Longest wait for a chunk.
+const PATIENCE: Duration = Duration::from_secs(120);
+/// Audio of one call in real time, 10 ms.
+const CALLS_PER_SECOND: usize = 100;
+
+pub(crate) fn run(args: &Bench) -> Result<(), Failure> {
+    for (name, value) in [("--chunks", args.chunks), ("--starts", args.starts), ("--sessions", args.sessions)] {
+        if !(1..=100_000).contains(&value) {
+            return Err(Failure::input(format!("{name} {value}: expected 1 to 100000")));
+        }
+    }
+    if !(0.0..=86_400.0).contains(&args.seconds) {
+        return Err(Failure::input(format!("--seconds {}: expected 0 to 86400", args.seconds)));
+    }
+    let file = model::open(args.model.as_deref())?;
+    let (isa, threads) = (model::isa(&args.compute)?, model::threads(&args.compute)?);
+    let start = Instant::now();
+    let model = Arc::new(Model::load(&file, args.compute.precision(Precision::Stored), isa)?);
+    let load = start.elapsed();
+    let config = file.config().clone();
+    drop(file);
+    let mut session = SessionConfig::new(&config);
+    session.avatar.target = args.target.unwrap_or(config.target);
+    // Without frames held back, as the paper counts.
+    session.avatar.lookahead = 0;
+    let engine = EngineConfig {
+        threads: Threads::Own(threads),
+        max_sessions: args.sessions + 1,
+        max_batch: args.sessions.min(8),
+        ..EngineConfig::default()
+    };
+    let engine = Engine::new(Arc::clone(&model), &engine).map_err(Failure::input)?;
+    let bench = Runner { engine, session, config: &config, speech: speech(&config) };
+
+    let first = bench.first_frames(args.starts)?;
+    let before = bench.engine.stage_times();
+    let (chunks, frames) = bench.chunks(args.chunks)?;
+    let stages = Stages::between(before, bench.engine.stage_times(), args.chunks);
+    let memory = peak_memory();
+    let crowd = if args.seconds > 0.0 { Some(bench.crowd(args.sessions, args.seconds)?) } else { None };
+    let report = Report {
+        model: config.name.clone(),
+        isa: isa.name(),
+        threads,
+        target: bench.session.avatar.target,
+        load,
+        first,
+        chunks,
+        frames,
+        stages,
+        memory,
+        crowd,
+    };
+    if args.json {
+        println!("{}", report.json())
+    } else {
+        print!("{report}")
+    }
+    if let Some(path) = &args.plot {
+        plot::draw(&report, path).map_err(|error| Failure::machine(format!("{}: {error}", path.display())))?;
+    }
+    Ok(())
+}
+
+/// Time of each stage per chunk.
+#[derive(Debug)]
+struct Stages(Vec<(&'static str, Duration)>);
+
+impl Stages {
+    fn between(before: StageTimes, after: StageTimes, chunks: usize) -> Self {
+        let count = u32::try_from(chunks).unwrap_or(u32::MAX);
+        let of = |stage: fn(&StageTimes) -> Duration| (stage(&after) - stage(&before)) / count;
+        Self(vec![
+            ("audio tokenizer", of(|t| t.tokenizer)),
+            ("encoder attention", of(|t| t.encoder_layers.attention)),
+            ("encoder experts", of(|t| t.encoder_layers.experts)),
+            ("decoder attention", of(|t| t.decoder_layers.attention + cross(t))),
+            ("decoder experts", of(|t| t.decoder_layers.experts)),
+            ("interpolation", of(|t| t.interp)),
+            ("motion decoders", of(|t| t.motion)),
+        ])
+    }
+}
+
+/// What the decoder does beside its layers: the keys and values of the encoder's states, and the output heads.
+fn cross(times: &StageTimes) -> Duration {
+    times.decoder - times.decoder_layers.attention - times.decoder_layers.experts
+}
+
+struct Runner<'a> {
+    engine: Engine,
+    session: SessionConfig,
+    config: &'a Config,
+    speech: Vec<f32>,
+}
+
+impl Runner<'_> {
+    fn session(&self) -> Result<Session, Failure> {
+        self.engine.session(&self.session).map_err(Failure::input)
+    }
+
+    /// Samples of a chunk.
+    fn chunk(&self) -> usize {
+        self.session.avatar.target * self.config.samples_per_keyframe()
+    }
+
+    /// Pushes one chunk of audio, and waits until its last frame is there; the time to the first one, and how many.
+    fn one(&self, session: &Session, chunk: usize) -> Result<(Duration, usize), Failure> {
+        let at = (chunk * self.chunk()) % (self.speech.len() - self.chunk());
+        let wanted = session.stats().chunks + 1;
+        let start = Instant::now();
+        let pushed = session.push_audio(&self.speech[at..at + self.chunk()]).map_err(Failure::machine)?;
+        if pushed.taken < self.chunk() {
+            return Err(Failure::machine("the engine does not keep up with one avatar"));
+        }
+        while session.ready_frames().map_err(Failure::machine)? == 0 {
+            if start.elapsed() > PATIENCE {
+                return Err(Failure::machine(format!("no frame after {} s", PATIENCE.as_secs())));
+            }
+            std::thread::sleep(LOOK);
+        }
+        let time = start.elapsed();
+        while session.stats().chunks < wanted && start.elapsed() < PATIENCE {
+            std::thread::sleep(LOOK);
+        }
+        Ok((time, session.pull_frames(usize::MAX, |_| ()).map_err(Failure::machine)?))
+    }
+
+    /// Times to the first frame of fresh streams, their audio pushed at once.
+    fn first_frames(&self, count: usize) -> Result<Vec<Duration>, Failure> {
+        let session = self.session()?;
+        // Once to touch all memory.
+        self.one(&session, 0)?;
+        let time = |i| {
+            session.reset().map_err(Failure::machine)?;
+            Ok(self.one(&session, i)?.0)
+        };
+        (0..count).map(time).collect()
+    }
+
+    /// Times of the chunks of one stream, each pushed when the last one is done; and all their frames.
+    fn chunks(&self, count: usize) -> Result<(Vec<Duration>, usize), Failure> {
+        let session = self.session()?;
+        self.one(&session, 0)?;
+        let mut frames = 0;
+        let time = |i| {
+            let (time, more) = self.one(&session, i + 1)?;
+            frames += more;
+            Ok(time)
+        };
+        Ok(((0..count).map(time).collect::<Result<_, Failure>>()?, frames))
+    }
+
+    /// Several avatars that speak in real time, one a little later than the other.
+    fn crowd(&self, count: usize, seconds: f64) -> Result<Crowd, Failure> {
+        let sessions = (0..count).map(|_| self.session()).collect::<Result<Vec<_>, _>>()?;
+        let piece = self.config.audio.sample_rate / CALLS_PER_SECOND;
+        let calls_per_chunk = self.chunk() / piece;
+        let (start, before) = (Instant::now(), self.engine.stage_times().total());
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a day has 8.6 million")]
+        let calls = (seconds * CALLS_PER_SECOND as f64) as usize;
+        for call in 0..calls {
+            for (i, session) in sessions.iter().enumerate() {
+                // Their chunks do not fall together: the first is late by a share of a chunk.
+                if call >= i * calls_per_chunk / count {
+                    let at = (call * piece + i * self.chunk()) % (self.speech.len() - piece);
+                    session.push_audio(&self.speech[at..at + piece]).map_err(Failure::machine)?;
+                }
+                session.pull_frames(usize::MAX, |_| ()).map_err(Failure::machine)?;
+            }
+            let next = Duration::from_secs_f64((call + 1) as f64 / CALLS_PER_SECOND as f64);
+            std::thread::sleep(next.saturating_sub(start.elapsed()));
+        }
+        // The last chunks may still be in work.
+        std::thread::sleep(Duration::from_millis(200));
+        let worked = self.engine.stage_times().total() - before;
+        let (stats, latency): (Vec<_>, Vec<_>) = sessions.iter().map(|s| (s.stats(), s.latency())).unzip();
+        Ok(Crowd {
+            sessions: count,
+            seconds: start.elapsed().as_secs_f64(),
+            frames: stats.iter().map(|s| s.frames).sum(),
+            late: stats.iter().map(|s| s.late_frames).sum(),
+            overruns: stats.iter().map(|s| s.overruns).sum(),
+            p50: latency.iter().map(|l| l.compute_p50).max().unwrap_or_default(),
+            p99: latency.iter().map(|l| l.compute_p99).max().unwrap_or_default(),
+            max: latency.iter().map(|l| l.compute_max).max().unwrap_or_default(),
+            busy: worked.as_secs_f64() / start.elapsed().as_secs_f64(),
+        })
+    }
+}
+
+/// Half a minute of something between a voice and a siren; how long computing takes does not depend on it.
+fn speech(config: &Config) -> Vec<f32> {
+    let rate = config.audio.sample_rate;
+    let sample = |i: usize| {
+        let t = i as f32 / rate as f32;
+        let envelope = (0.5 - 0.5 * (TAU * 3.1 * t).cos()) * (0.5 + 0.5 * (TAU * 0.23 * t).sin());
+        let pitch = 130.0 * t + 4.0 * (TAU * 0.7 * t).sin();
+        (1..12).map(|k| (TAU * pitch * k as f32).sin() / k as f32).sum::<f32>() * envelope * 0.2
+    };
+    (0..30 * rate).map(sample).collect()
+}
+
+/// The most memory that the process ever had, bytes, where the system says it.
+fn peak_memory() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
+    line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok().map(|kib| kib * 1024)
+}

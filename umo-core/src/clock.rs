@@ -1,0 +1,34 @@
+//! What time it is, for deadlines and delays: the system's, or one that a simulation turns.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+/// A clock that never goes back.
+#[derive(Clone, Debug)]
+pub enum Clock {
+    /// The system's, counted from the moment given.
+    System(Instant),
+    /// Nanoseconds that a simulation sets.
+    Manual(Arc<AtomicU64>),
+}
+
+impl Clock {
+    /// The system's clock, from now on.
+    pub fn system() -> Self {
+        Self::System(Instant::now())
+    }
+
+    /// Time since the clock's start.
+    pub fn now(&self) -> Duration {
+        match self {
+            Self::System(start) => start.elapsed(),
+            Self::Manual(nanos) => Duration::from_nanos(nanos.load(Ordering::Relaxed)),
+        }
+    }
+
+    #[expect(clippy::cast_possible_truncation, reason = "2^64 nanoseconds are 584 years")]
+    pub(crate) fn nanos(&self) -> u64 {
+        self.now().as_nanos() as u64
+    }
+}

@@ -1,0 +1,400 @@
+//! Threads, and which avatars they compute next (SPEC 2.9).
+//!
+//! An engine has one model, one [`Batch`](crate::batch::Batch) and places for sessions. Its worker looks at every place
+//! for a chunk whose audio is there, takes the ones with the earliest deadlines into a batch, computes the batch layer by
+//! layer, and looks again. The worker is a thread of the engine's own, or whoever calls [`Engine::poll`].
+
+mod core;
+mod worker;
+
+use std::fmt;
+use std::panic::AssertUnwindSafe;
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::{Arc, Mutex, TryLockError};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use atomic_wait::{wait, wake_one};
+
+use crate::avatar::{Avatar, StageTimes};
+use crate::clock::Clock;
+use crate::error::{LoadError, StepError};
+use crate::linear::Compute;
+use crate::model::Model;
+use crate::motion::Pose;
+use crate::part::PerPart;
+use crate::session::{Making, Release, Session, SessionConfig, Shared, Shown};
+use crate::team::{MAX_THREADS, Team};
+use core::Core;
+use worker::Worker;
+
+/// Most sessions of an engine.
+pub const MAX_SESSIONS: usize = 4096;
+/// Most avatars of a batch.
+pub const MAX_BATCH: usize = 64;
+
+/// Who computes, and for how many.
+#[derive(Clone, Debug)]
+pub struct EngineConfig {
+    /// Who computes.
+    pub threads: Threads,
+    /// Cores that the threads are bound to, one each, as far as they go; with none the system chooses.
+    pub cores: Vec<usize>,
+    /// Most sessions at once, `1..=MAX_SESSIONS`.
+    pub max_sessions: usize,
+    /// Most avatars that are computed together, `1..=MAX_BATCH`: more read the weights less often, and need memory.
+    pub max_batch: usize,
+    /// What time it is.
+    pub clock: Clock,
+}
+
+/// Who computes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Threads {
+    /// As many threads of the engine's own, `1..=MAX_THREADS`.
+    Own(usize),
+    /// Whoever calls [`Engine::poll`], with the help of as many more threads, `0..MAX_THREADS`.
+    Host(usize),
+}
+
+impl Default for EngineConfig {
+    /// Two threads, 64 sessions, 8 of them together.
+    fn default() -> Self {
+        let cores = std::thread::available_parallelism().map_or(1, usize::from);
+        Self {
+            threads: Threads::Own(cores.min(2)),
+            cores: Vec::new(),
+            max_sessions: 64,
+            max_batch: 8,
+            clock: Clock::system(),
+        }
+    }
+}
+
+/// Why an engine or a session cannot be made.
+#[derive(Debug)]
+pub enum EngineError {
+    /// A number is out of its range.
+    Config(LoadError),
+    /// The system starts no thread.
+    Thread(std::io::Error),
+    /// Every place is taken.
+    Full {
+        /// Places of the engine.
+        sessions: usize,
+    },
+    /// The model gives no pose of rest.
+    Rest(StepError),
+}
+
+impl fmt::Display for EngineError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Config(error) => write!(f, "{error}"),
+            Self::Thread(error) => write!(f, "cannot start a thread: {error}"),
+            Self::Full { sessions } => write!(f, "all {sessions} sessions of the engine are taken: drop one first"),
+            Self::Rest(error) => write!(f, "the model's rest codes give no pose: {error}"),
+        }
+    }
+}
+
+impl std::error::Error for EngineError {}
+
+impl From<LoadError> for EngineError {
+    fn from(error: LoadError) -> Self {
+        Self::Config(error)
+    }
+}
+
+/// What an [`Engine::poll`] left to do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Poll {
+    /// Nothing, until more audio comes or frames are pulled.
+    Idle,
+    /// More: the budget is used up.
+    More,
+}
+
+/// A poll that could not be done.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PollError {
+    /// Another thread polls.
+    Busy,
+    /// The engine has threads of its own.
+    OwnThreads,
+}
+
+impl fmt::Display for PollError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Busy => write!(f, "another thread polls the engine"),
+            Self::OwnThreads => write!(f, "an engine with threads of its own is not polled"),
+        }
+    }
+}
+
+impl std::error::Error for PollError {}
+
+/// Wakes the engine's thread.
+#[derive(Debug, Default)]
+pub(crate) struct Signal {
+    /// Counts reasons to look; the thread sleeps on it.
+    count: AtomicU32,
+    asleep: AtomicBool,
+}
+
+impl Signal {
+    /// There is something to look at. Wait-free; a system call only where the thread sleeps.
+    pub(crate) fn notify(&self) {
+        self.count.fetch_add(1, Ordering::SeqCst);
+        if self.asleep.load(Ordering::SeqCst) {
+            wake_one(&raw const self.count);
+        }
+    }
+
+    /// Sleeps until the count differs from `seen`.
+    fn sleep(&self, seen: u32) {
+        self.asleep.store(true, Ordering::SeqCst);
+        while self.count.load(Ordering::SeqCst) == seen {
+            wait(&self.count, seen);
+        }
+        self.asleep.store(false, Ordering::SeqCst);
+    }
+
+    fn count(&self) -> u32 {
+        self.count.load(Ordering::SeqCst)
+    }
+}
+
+/// A place for a session.
+#[derive(Debug, Default)]
+struct Slot {
+    /// Whether a session has the place. It is given back only by the host's threads: memory is never freed by the worker.
+    taken: AtomicBool,
+    /// What the worker computes with; not here while it is in a batch.
+    core: Mutex<Option<Core>>,
+}
+
+/// What the engine, its worker and its sessions share.
+#[derive(Debug)]
+struct Inner {
+    model: Arc<Model>,
+    slots: Box<[Slot]>,
+    signal: Arc<Signal>,
+    stop: AtomicBool,
+    clock: Clock,
+    /// Pose of rest.
+    rest: Shown,
+    /// Time spent in each stage, as of the last batch that was done.
+    times: Mutex<StageTimes>,
+}
+
+impl Inner {
+    /// Frees the places of dropped sessions that are not in a batch.
+    fn sweep(&self) {
+        for slot in &self.slots {
+            slot.sweep();
+        }
+    }
+}
+
+impl Slot {
+    fn sweep(&self) {
+        if !self.taken.load(Ordering::Acquire) {
+            return;
+        }
+        let core = match self.core.try_lock() {
+            Ok(mut core) => core.take_if(|core| core.is_dropped()),
+            Err(TryLockError::Poisoned(poisoned)) => poisoned.into_inner().take_if(|core| core.is_dropped()),
+            Err(TryLockError::WouldBlock) => None,
+        };
+        if core.is_some() {
+            drop(core);
+            self.taken.store(false, Ordering::Release);
+        }
+    }
+}
+
+/// Avatars of one model, and who computes them.
+#[derive(Debug)]
+pub struct Engine {
+    inner: Arc<Inner>,
+    /// Where the host polls.
+    worker: Option<Mutex<Worker>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Engine {
+    /// An engine without sessions. Everything that computing needs is allocated here.
+    ///
+    /// # Errors
+    /// [`EngineError`] where a number is out of range or a thread cannot be started.
+    pub fn new(model: Arc<Model>, config: &EngineConfig) -> Result<Self, EngineError> {
+        let range = |key: &str, got: usize, to: usize| {
+            if (1..=to).contains(&got) {
+                return Ok(());
+            }
+            Err(LoadError::config(key, format!("expected 1 to {to}, got {got}")))
+        };
+        range("max_sessions", config.max_sessions, MAX_SESSIONS)?;
+        range("max_batch", config.max_batch, MAX_BATCH)?;
+        let (own, threads) = match config.threads {
+            Threads::Own(threads) => (true, threads),
+            Threads::Host(more) => (false, more + 1),
+        };
+        range("threads", threads, MAX_THREADS)?;
+        let rest = rest(&model).map_err(EngineError::Rest)?;
+        let inner = Arc::new(Inner {
+            slots: (0..config.max_sessions).map(|_| Slot::default()).collect(),
+            signal: Arc::default(),
+            stop: AtomicBool::new(false),
+            clock: config.clock.clone(),
+            model,
+            rest,
+            times: Mutex::default(),
+        });
+        if !own {
+            let worker = Worker::new(&inner, config, threads).map_err(EngineError::Thread)?;
+            return Ok(Self { inner, worker: Some(Mutex::new(worker)), thread: None });
+        }
+        // The thread makes its worker itself, so that the team's first core is its own.
+        let (sender, receiver) = std::sync::mpsc::channel();
+        let (shared, config) = (Arc::clone(&inner), config.clone());
+        let run = move || match Worker::new(&shared, &config, threads) {
+            Ok(worker) => {
+                // The receiver waits.
+                let _ = sender.send(Ok(()));
+                drop((sender, config));
+                run(worker, &shared);
+            }
+            Err(error) => {
+                let _ = sender.send(Err(error));
+            }
+        };
+        let thread = std::thread::Builder::new().name("umo-0".to_owned()).spawn(run).map_err(EngineError::Thread)?;
+        let made = receiver.recv().unwrap_or_else(|_| Err(std::io::Error::other("the engine's thread ended")));
+        made.map_err(EngineError::Thread)?;
+        Ok(Self { inner, worker: None, thread: Some(thread) })
+    }
+
+    /// The model.
+    pub fn model(&self) -> &Model {
+        &self.inner.model
+    }
+
+    /// A new session. Everything that it will need is allocated here.
+    ///
+    /// # Errors
+    /// [`EngineError`] where a number is out of range or every place is taken.
+    pub fn session(&self, config: &SessionConfig) -> Result<Session, EngineError> {
+        let inner = &self.inner;
+        inner.sweep();
+        let model = &inner.model;
+        let avatar = Avatar::new(model, &config.avatar)?;
+        let making = Making {
+            config: &model.config,
+            face_values: model.motion.assembly().face_values(),
+            rest: inner.rest.clone(),
+            chunk_frames: avatar.chunk_frames(&model.config),
+            latency_frames: avatar.latency_frames(&model.config),
+            clock: inner.clock.clone(),
+            signal: Arc::clone(&inner.signal),
+        };
+        let shared = Arc::new(Shared::new(making, config)?);
+        let core = Core::new(avatar, Arc::clone(&shared), model, config.sample_rate);
+        let free = |slot: &Slot| slot.taken.compare_exchange(false, true, Ordering::AcqRel, Ordering::Relaxed).is_ok();
+        let index = inner.slots.iter().position(free);
+        let index = index.ok_or(EngineError::Full { sessions: inner.slots.len() })?;
+        match inner.slots[index].core.lock() {
+            Ok(mut slot) => *slot = Some(core),
+            Err(poisoned) => *poisoned.into_inner() = Some(core),
+        }
+        inner.signal.notify();
+        let place = Arc::clone(inner);
+        Ok(Session::new(shared, Release(Box::new(move || place.slots[index].sweep()))))
+    }
+
+    /// Time spent in each stage so far, as of the last batch that was done.
+    pub fn stage_times(&self) -> StageTimes {
+        *self.inner.times.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+    }
+
+    /// Computes until nothing is due or `budget` is used up: it returns at most one layer's time later. A budget of zero
+    /// computes one layer.
+    ///
+    /// # Errors
+    /// [`PollError`] where the engine has threads of its own, or another thread polls.
+    pub fn poll(&self, budget: Duration) -> Result<Poll, PollError> {
+        let worker = self.worker.as_ref().ok_or(PollError::OwnThreads)?;
+        let mut worker = match worker.try_lock() {
+            Ok(worker) => worker,
+            Err(TryLockError::Poisoned(poisoned)) => poisoned.into_inner(),
+            Err(TryLockError::WouldBlock) => return Err(PollError::Busy),
+        };
+        let start = std::time::Instant::now();
+        while worker.turn(&self.inner) {
+            if start.elapsed() >= budget {
+                return Ok(Poll::More);
+            }
+        }
+        Ok(Poll::Idle)
+    }
+}
+
+impl Drop for Engine {
+    fn drop(&mut self) {
+        self.inner.stop.store(true, Ordering::SeqCst);
+        self.inner.signal.notify();
+        if let Some(thread) = self.thread.take() {
+            // It catches the panics of what it computes.
+            drop(thread.join());
+        }
+        if let Some(worker) = self.worker.take() {
+            let mut worker = worker.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
+            worker.put_back(&self.inner);
+        }
+        for slot in &self.inner.slots {
+            let core = slot.core.lock().unwrap_or_else(std::sync::PoisonError::into_inner).take();
+            if let Some(core) = core {
+                core.close();
+            }
+        }
+    }
+}
+
+/// The life of an engine's own thread.
+fn run(mut worker: Worker, inner: &Inner) {
+    while !inner.stop.load(Ordering::SeqCst) {
+        let seen = inner.signal.count();
+        // A defect outside of what `turn` itself catches ends the engine, not the process.
+        let turn = std::panic::catch_unwind(AssertUnwindSafe(|| worker.turn(inner)));
+        match turn {
+            Ok(true) => {}
+            Ok(false) => inner.signal.sleep(seen),
+            Err(_) => break,
+        }
+    }
+    worker.put_back(inner);
+}
+
+/// The pose that the model's codes of rest decode to, away from a clip's ends.
+fn rest(model: &Model) -> Result<Shown, StepError> {
+    let config = &model.config;
+    let team = Team::new(1).map_err(|_| StepError::Missing("thread"))?;
+    let frames = 2 * model.motion.reach() + 1;
+    #[expect(clippy::cast_possible_truncation, reason = "codes fit 16 bits by the config's checks")]
+    let codes = PerPart::from_fn(|part| vec![config.rest[part] as u16; frames]);
+    let decoded =
+        model.motion.decode(Compute { isa: model.isa, team: &team }, PerPart::from_fn(|part| &*codes[part]))?;
+    let (middle, assembly) = (frames / 2, model.motion.assembly());
+    let channels = PerPart::from_fn(|part| {
+        let width = model.motion.channels(part);
+        &decoded.channels[part][middle * width..(middle + 1) * width]
+    });
+    let mut face = vec![0.0; assembly.face_values()];
+    assembly.face(channels.face, &mut face);
+    let mut pose = Pose { rotations: assembly.rotations(channels), translation: decoded.translation[middle] };
+    assembly.turn_eyes(&face, &mut pose.rotations);
+    (pose.translation[0], pose.translation[2]) = (0.0, 0.0);
+    Ok(Shown::new(pose, &face))
+}

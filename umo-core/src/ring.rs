@@ -1,0 +1,216 @@
+//! Words from one thread to another, wait-free: the way of audio into an engine, and of frames out of it.
+//!
+//! ```text
+//!        read                    written
+//!          v                        v
+//!  ... free | words for the consumer | free ...      positions only grow; a word lives at `position % capacity`
+//! ```
+//! Each side moves its own position and looks at the other's. Words are atomics, so that nothing here is `unsafe`: were
+//! two threads to push at once, words would be mixed up, and no more than that. [`Session`](crate::session::Session) keeps
+//! each side to one thread at a time.
+
+use crate::sync::{AtomicU32, AtomicU64, Ordering};
+
+/// A queue of 32-bit words with one producer and one consumer.
+#[derive(Debug)]
+pub(crate) struct Ring {
+    words: Box<[AtomicU32]>,
+    /// Words ever written.
+    written: AtomicU64,
+    /// Words ever read, or skipped.
+    read: AtomicU64,
+}
+
+impl Ring {
+    /// An empty ring for `capacity` words.
+    pub(crate) fn new(capacity: usize) -> Self {
+        assert!(capacity > 0, "a ring has room for at least one word");
+        let words = (0..capacity).map(|_| AtomicU32::new(0)).collect();
+        Self { words, written: AtomicU64::new(0), read: AtomicU64::new(0) }
+    }
+
+    pub(crate) fn capacity(&self) -> usize {
+        self.words.len()
+    }
+
+    /// Words ever written: the position of the next one.
+    pub(crate) fn written(&self) -> u64 {
+        self.written.load(Ordering::SeqCst)
+    }
+
+    /// Words ever read: the position of the oldest one that is there.
+    pub(crate) fn read_position(&self) -> u64 {
+        self.read.load(Ordering::SeqCst)
+    }
+
+    /// Words that wait for the consumer.
+    #[expect(clippy::cast_possible_truncation, reason = "at most the capacity")]
+    pub(crate) fn len(&self) -> usize {
+        // The consumer may move on between the two loads, never past what was written.
+        let read = self.read.load(Ordering::SeqCst);
+        self.written.load(Ordering::SeqCst).saturating_sub(read).min(self.capacity() as u64) as usize
+    }
+
+    /// Words that the producer can write.
+    pub(crate) fn room(&self) -> usize {
+        self.capacity() - self.len()
+    }
+
+    /// Producer: appends as many of `words` as there is room for, and says how many.
+    pub(crate) fn push(&self, words: impl ExactSizeIterator<Item = u32>) -> usize {
+        let start = self.written.load(Ordering::Relaxed);
+        let count = words.len().min(self.room());
+        let mut at = self.place(start);
+        for word in words.take(count) {
+            self.words[at].store(word, Ordering::Relaxed);
+            at = if at + 1 == self.words.len() { 0 } else { at + 1 };
+        }
+        // The words become visible with their count. SeqCst, because a producer that then looks whether the consumer
+        // sleeps must not see the past.
+        self.written.store(start + count as u64, Ordering::SeqCst);
+        count
+    }
+
+    /// Consumer: takes the oldest words into `words`, as many as there are, and says how many.
+    pub(crate) fn pop(&self, words: &mut [u32]) -> usize {
+        let count = self.peek(words);
+        self.skip(count);
+        count
+    }
+
+    /// Consumer: copies the oldest words without taking them.
+    pub(crate) fn peek(&self, words: &mut [u32]) -> usize {
+        let start = self.read.load(Ordering::Relaxed);
+        let count = words.len().min(self.len());
+        let mut at = self.place(start);
+        for word in &mut words[..count] {
+            *word = self.words[at].load(Ordering::Relaxed);
+            at = if at + 1 == self.words.len() { 0 } else { at + 1 };
+        }
+        count
+    }
+
+    /// Consumer: drops the oldest `count` words, or as many as there are.
+    pub(crate) fn skip(&self, count: usize) {
+        let start = self.read.load(Ordering::Relaxed);
+        self.read.store(start + count.min(self.len()) as u64, Ordering::SeqCst);
+    }
+
+    /// Consumer: drops all words before `position`.
+    pub(crate) fn skip_to(&self, position: u64) {
+        let start = self.read.load(Ordering::Relaxed);
+        self.read.store(position.clamp(start, self.written()), Ordering::SeqCst);
+    }
+
+    #[expect(clippy::cast_possible_truncation, reason = "below the capacity")]
+    fn place(&self, position: u64) -> usize {
+        (position % self.words.len() as u64) as usize
+    }
+}
+
+#[cfg(all(test, not(loom)))]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use std::collections::VecDeque;
+
+    proptest! {
+        #[test]
+        fn a_ring_is_a_queue_with_an_end(capacity in 1_usize..20, steps in prop::collection::vec((0_u8..3, 0_usize..25), 0..60)) {
+            let (ring, mut queue, mut next) = (Ring::new(capacity), VecDeque::new(), 0_u32);
+            for (what, count) in steps {
+                match what {
+                    0 => {
+                        let words: Vec<u32> = (next..).take(count).collect();
+                        let taken = ring.push(words.iter().copied());
+                        prop_assert_eq!(taken, count.min(capacity - queue.len()));
+                        queue.extend(&words[..taken]);
+                        next += u32::try_from(taken).unwrap();
+                    }
+                    1 => {
+                        let mut words = vec![0; count];
+                        let taken = ring.pop(&mut words);
+                        prop_assert_eq!(&words[..taken], &queue.drain(..count.min(queue.len())).collect::<Vec<u32>>()[..]);
+                    }
+                    _ => {
+                        ring.skip(count);
+                        queue.drain(..count.min(queue.len()));
+                    }
+                }
+                prop_assert_eq!(ring.len(), queue.len());
+                prop_assert_eq!(ring.room(), capacity - queue.len());
+            }
+        }
+    }
+
+    #[test]
+    fn two_threads_pass_every_word_on_once_and_in_order() {
+        const WORDS: u32 = 2_000_000;
+        let ring = Ring::new(1_000);
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                let mut next = 0;
+                while next < WORDS {
+                    let count = (next % 37 + 1).min(WORDS - next);
+                    next += u32::try_from(ring.push((next..next + count).collect::<Vec<_>>().into_iter())).unwrap();
+                }
+            });
+            let (mut next, mut words) = (0, [0; 64]);
+            while next < WORDS {
+                let count = ring.pop(&mut words);
+                for &word in &words[..count] {
+                    assert_eq!(word, next);
+                    next += 1;
+                }
+            }
+        });
+    }
+}
+
+/// Every interleaving of one producer and one consumer: `RUSTFLAGS="--cfg loom" cargo test -p umo-core --release ring`.
+#[cfg(all(test, loom))]
+mod interleavings {
+    use super::*;
+    use loom::sync::Arc;
+
+    #[test]
+    fn no_interleaving_loses_or_repeats_a_word() {
+        loom::model(|| {
+            let ring = Arc::new(Ring::new(2));
+            let producer = Arc::clone(&ring);
+            let thread = loom::thread::spawn(move || {
+                let first = producer.push([1, 2].into_iter());
+                first + producer.push([3].into_iter())
+            });
+            let (mut seen, mut words) = (Vec::new(), [0; 2]);
+            for _ in 0..2 {
+                let count = ring.pop(&mut words);
+                seen.extend_from_slice(&words[..count]);
+            }
+            let pushed = thread.join().unwrap();
+            loop {
+                match ring.pop(&mut words) {
+                    0 => break,
+                    count => seen.extend_from_slice(&words[..count]),
+                }
+            }
+            assert!(pushed >= 2);
+            assert_eq!(seen, (1..=u32::try_from(pushed).unwrap()).collect::<Vec<_>>());
+        });
+    }
+
+    #[test]
+    fn a_skip_beside_a_push_drops_only_what_is_old() {
+        loom::model(|| {
+            let ring = Arc::new(Ring::new(2));
+            ring.push([1].into_iter());
+            let producer = Arc::clone(&ring);
+            let thread = loom::thread::spawn(move || producer.push([2, 3].into_iter()));
+            ring.skip_to(1);
+            let pushed = thread.join().unwrap();
+            let mut words = [0; 2];
+            let count = ring.pop(&mut words);
+            assert_eq!(&words[..count], &[2, 3][..pushed]);
+        });
+    }
+}

@@ -1,0 +1,49 @@
+//! An allocator that counts: known crates turn themselves off in release, so it is written out.
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::hint::black_box;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// The system's allocator, counted over the whole process.
+struct Counting;
+
+static CALLS: AtomicUsize = AtomicUsize::new(0);
+static BYTES: AtomicUsize = AtomicUsize::new(0);
+
+// SAFETY: every call goes to the system's allocator unchanged.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        CALLS.fetch_add(1, Ordering::Relaxed);
+        BYTES.fetch_add(layout.size(), Ordering::Relaxed);
+        // SAFETY: `layout` is what our own caller vouches for, of size above zero.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, start: *mut u8, layout: Layout) {
+        CALLS.fetch_add(1, Ordering::Relaxed);
+        BYTES.fetch_sub(layout.size(), Ordering::Relaxed);
+        // SAFETY: `start` came from `alloc` above with the same `layout`, as our own caller vouches.
+        unsafe { System.dealloc(start, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+/// Calls of the allocator, by any thread, while `f` runs.
+pub(crate) fn allocator_calls(f: impl FnOnce()) -> usize {
+    let before = CALLS.load(Ordering::Relaxed);
+    f();
+    CALLS.load(Ordering::Relaxed) - before
+}
+
+/// Bytes that are allocated now.
+#[allow(dead_code, reason = "not every test counts them")]
+pub(crate) fn allocated() -> usize {
+    BYTES.load(Ordering::Relaxed)
+}
+
+/// Fails where the counter does not count.
+pub(crate) fn check_counter() {
+    assert!(allocator_calls(|| drop(black_box(vec![0_u8; 64]))) >= 2, "the counter does not count");
+}

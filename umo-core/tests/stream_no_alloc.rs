@@ -1,0 +1,105 @@
+//! Ten simulated minutes of a stream allocate nothing, from the first sample on: speech, silence in which the host asks for
+//! frames, more audio than there is room for, interrupts, resets, refused calls; on the engine's threads and on the host's.
+
+mod counting;
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+use counting::{allocated, allocator_calls, check_counter};
+use umo_core::clock::Clock;
+use umo_core::engine::{Engine, EngineConfig, Poll, Threads};
+use umo_core::model::Model;
+use umo_core::session::{Idle, Session, SessionConfig, SessionError};
+use umo_core::{ModelFile, Precision};
+use umo_kernels::Isa;
+
+/// Simulated seconds: of each model in turn, on each kind of threads.
+const SECONDS: usize = 600 / 8;
+/// Audio of one call, 48 kHz stereo.
+const PIECE: usize = 480 * 2;
+
+fn main() {
+    check_counter();
+    let audio: Vec<f32> = (0_u32..48_000 * 2 / 3).map(|i| (i as f32 * 0.013).sin() * 0.4).collect();
+    for name in ["hubert_k1_smplx", "hubert_k3_i8", "mel_k1_upcycled", "mel_k2_arkit"] {
+        let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/golden").join(name);
+        let file = ModelFile::open(&folder.join("model.safetensors")).expect("a golden model");
+        let model = Arc::new(Model::load(&file, Precision::Stored, Isa::detect()).expect("a golden model"));
+        for threads in [Threads::Own(2), Threads::Host(1)] {
+            run(&model, threads, &audio, name);
+        }
+    }
+    println!("no allocation in ten minutes of streams");
+}
+
+fn run(model: &Arc<Model>, threads: Threads, audio: &[f32], name: &str) {
+    let nanos = Arc::new(AtomicU64::new(0));
+    let clock = Clock::Manual(Arc::clone(&nanos));
+    let config = EngineConfig { threads, max_sessions: 4, max_batch: 2, clock, ..EngineConfig::default() };
+    let engine = Engine::new(Arc::clone(model), &config).expect("two threads");
+    let mut session = SessionConfig::new(model.config());
+    (session.sample_rate, session.channels, session.idle) = (48_000, 2, Idle::Live);
+    session.avatar.target = 2;
+    let before = allocated();
+    let sessions = [0, 1, 2].map(|_| engine.session(&session).expect("a place"));
+    let state = (allocated() - before) / sessions.len();
+    let calls = allocator_calls(|| {
+        for piece in 0..SECONDS * 100 {
+            nanos.fetch_add(10_000_000, Ordering::Relaxed);
+            for (i, avatar) in sessions.iter().enumerate() {
+                play(avatar, audio, piece, i);
+            }
+            match engine.poll(Duration::from_micros(300)) {
+                Ok(Poll::Idle | Poll::More) => {}
+                // Its own threads need some time, which the clock does not show.
+                Err(_) => std::thread::sleep(Duration::from_micros(150)),
+            }
+        }
+    });
+    let stats = sessions.each_ref().map(Session::stats);
+    assert_eq!(calls, 0, "{name}, {threads:?}: allocations");
+    assert!(stats.iter().all(|s| s.chunks > 10) && stats[0].silenced > 0, "{name}, {threads:?}: {stats:?}");
+    assert!(stats[1].dropped_frames > 0 && stats[2].overruns > 0, "{name}, {threads:?}: {stats:?}");
+    println!("{name}, {threads:?}: {} KiB per session; {stats:?}", state / 1024);
+}
+
+/// What one avatar's host does in one hundredth of a second.
+fn play(avatar: &Session, audio: &[f32], piece: usize, which: usize) {
+    let at = (piece * PIECE) % (audio.len() - PIECE);
+    // The first has pauses of a second, the third gets more than it can take.
+    let speaks = which != 0 || (piece / 100) % 3 != 2;
+    for _ in 0..if which == 2 { 40 } else { usize::from(speaks) } {
+        match avatar.push_audio(&audio[at..at + PIECE]) {
+            Ok(_) | Err(SessionError::Finished) => {}
+            Err(error) => panic!("{error}"),
+        }
+    }
+    if piece % 500 == 77 {
+        avatar.push_audio(&[f32::NAN; 2]).ok();
+        assert!(avatar.push_audio(&[0.0]).is_err());
+        assert!(avatar.sample_pose(f64::NAN, |_| ()).is_err());
+        assert!(avatar.interrupt(Duration::MAX).is_err());
+        avatar.set_seed(piece as u64).expect("nobody else sets it");
+        avatar.set_prompt(&[1, 2, 3]).expect("nobody else sets it");
+    }
+    if which == 1 {
+        match piece % 1000 {
+            300 => avatar.interrupt(Duration::from_millis(250)).expect("it runs"),
+            600 => avatar.finish().expect("it runs"),
+            900 => avatar.reset().expect("it runs"),
+            _ => {}
+        }
+    }
+    match which {
+        0 => drop(avatar.sample_pose(piece as f64 / 100.0, |_| ()).expect("nobody else pulls")),
+        // So that there is something to drop.
+        1 if (200..310).contains(&(piece % 1000)) => {}
+        1 => drop(avatar.pull_frames(1, |_| ()).expect("nobody else pulls")),
+        // Pulled so seldom that its queue is full for most of the time.
+        _ if piece % 200 == 0 => drop(avatar.pull_frames(1000, |_| ()).expect("nobody else pulls")),
+        _ => {}
+    }
+}
