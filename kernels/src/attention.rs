@@ -67,16 +67,16 @@ pub fn attention_f32(
 /// Attention of one head over a whole sequence at once, as in an encoder: every query sees every key.
 ///
 /// The same as [`attention_f32`] with [`Visible::All`], but for its bits: where the processor has tiles for bfloat16, this
-/// takes them. A row's bits still do not depend on the other rows. Two calls with the same key count and `head_dim`
-/// take the same road, so rows of one sequence always agree; keep to one of the two functions per attention of a network.
+/// takes them, and what repays them is a sequence of queries. Here too a row's bits do not depend on the other rows: which
+/// road a call takes is decided by the number of keys and by `head_dim`. A decoder's rows, which come alone as well as
+/// together, are what [`attention_f32`] is for; keep to one of the two per attention of a network.
 ///
-/// Numerics: as [`attention_f32`]; on the `amx` back-end factors are rounded to 16 bits, so that every product is off by
-/// at most 2^-15 of its size, and denormals are taken as zero. Where an input is not finite, what depends on it is not
-/// finite either.
+/// Numerics: as [`attention_f32`]; on the `amx` back-end every factor is exactly the sum of three bfloat16 values, each
+/// product is off by at most 2^-21 of its size, and denormals are taken as zero. Where an input is not finite, what
+/// depends on it is NaN.
 ///
 /// # Errors
 /// As [`attention_f32`].
-#[expect(clippy::too_many_arguments, reason = "the operands of one fused operation, each named")]
 pub fn encoder_attention_f32(
     isa: Isa,
     q: Mat<f32>,

@@ -80,9 +80,9 @@ impl Shape {
 /// Queries, keys and values.
 type Qkv<'a> = (Mat<'a, f32>, Mat<'a, f32>, Mat<'a, f32>);
 
-/// What tiles may make of a product, relative to its size: `low * low` is left out, and both low parts are rounded to 8
-/// bits, each at most 2^-16 of the product.
-const SPLIT: f64 = 3.0 / 65_536.0;
+/// What tiles may leave out of a product, relative to its size: the second part of one factor is below 2^-7 of it, the
+/// third of the other below 2^-15, both ways; and the third parts of both.
+const SPLIT: f64 = 2.0 / 4_194_304.0 + 1.0 / 1_073_741_824.0;
 
 impl Case {
     fn run(&self, isa: Isa, gap: usize, offset: usize) -> Vec<Vec<f32>> {
@@ -135,9 +135,9 @@ impl Case {
     /// A score is a sum of `dim + 2` terms; its error `d` changes its weight by the factor `exp(d)`, and so does the
     /// rounding of the difference from the maximum. Each tile of at least 16 keys may rescale once more: two roundings
     /// and one `exp`, whose error is below 3 units. Weights and weighted values are then sums of `keys` terms. Tiles add
-    /// three products for one, each off by [`SPLIT`].
+    /// six products for one, which is off by [`SPLIT`].
     fn exact(&self, isa: Isa, i: usize) -> Vec<(f64, f64)> {
-        let (parts, split) = if self.encoder && isa.name() == "amx" { (3.0, SPLIT) } else { (1.0, 0.0) };
+        let (parts, split) = if self.encoder && isa.name() == "amx" { (6.0, SPLIT) } else { (1.0, 0.0) };
         let (scores, dim) = (self.scores(i), self.q.mat().cols());
         let keys = scores.len() as f64;
         let tiles = 1.0 + keys / 16.0;

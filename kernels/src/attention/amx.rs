@@ -1,7 +1,7 @@
-//! 32 queries at a time over 128 keys, on tiles of bfloat16 pairs, with the accuracy of f32.
+//! 32 queries at a time over 256 keys, on tiles of bfloat16 pairs, with the accuracy of f32.
 //!
 //! `tdpbf16ps` multiplies 16 times as much per cycle as registers of f32 do, but takes bfloat16, with 8 bits of mantissa.
-//! An f32 has 24: it is exactly the sum of three bfloat16 values, [`PARTS`], its leading bits, the next ones and the last.
+//! An f32 has 24: it is exactly the sum of three bfloat16 values, [`PARTS`]: its leading bits, the next ones and the last.
 //! A product is then six: those whose size is at least 2^-16 of the largest. What is left out is below f32's own rounding.
 //!
 //! ```text
@@ -28,8 +28,8 @@ const MOST_DIM: usize = 64;
 /// Fewest keys that repay the packing.
 const FEWEST_KEYS: usize = 65;
 
-/// Keys in work at once: packed keys and values take 48 KiB each of L2, scores 24 KiB of L1.
-const KEYS: usize = 128;
+/// Keys in work at once: packed keys and values take 96 KiB each of L2, scores 48 KiB.
+const KEYS: usize = 256;
 /// Queries whose softmaxes are kept while blocks of keys go by.
 const BLOCK: usize = 512;
 /// Bfloat16 values in a row of a tile: lane `i` of a register holds the values `i` and `16 + i`.
@@ -125,11 +125,7 @@ fn block<const G: usize>(
         finish::<G>(tiles, &mut above[pair], &mut below[pair]);
     }
 
-    let mut shrink = [0.0; GROUPS * ROWS];
-    for (r, softmax) in softmaxes.iter_mut().enumerate() {
-        let scores = &mut work.scores[r / ROWS][..pairs];
-        shrink[r] = weigh(scores, r % ROWS, keys, x.scale, x.bias(i + r, first), softmax);
-    }
+    let shrink = weights(&mut work.scores, x, i, first, keys, softmaxes);
 
     for columns in 0..steps {
         start::<G>(tiles);
@@ -295,10 +291,12 @@ fn pack_keys(k: Mat<f32>, packed: &mut [[Split; MOST_DIM / PAIRS]; KEYS / ROWS])
     for (tile, packed) in packed[..2 * k.rows().div_ceil(PAIRS)].iter_mut().enumerate() {
         for (step, to) in packed[..k.cols().div_ceil(PAIRS)].iter_mut().enumerate() {
             for j in 0..LANES {
-                let [a, b] = match tile * ROWS + j {
-                    row if row < k.rows() => load_pairs(k.row(row), step * PAIRS),
-                    _ => [_mm512_setzero_ps(); 2],
-                };
+                let row = tile * ROWS + j;
+                let mut pairs = [_mm512_setzero_ps(); 2];
+                if row < k.rows() {
+                    pairs = load_pairs(k.row(row), step * PAIRS);
+                }
+                let [a, b] = pairs;
                 for (to, part) in to.iter_mut().zip(split(a, b)) {
                     store(&mut to.0[j], part);
                 }
@@ -338,12 +336,43 @@ fn pack_values(v: Mat<f32>, packed: &mut [[Split; MOST_DIM / LANES]; KEYS / PAIR
     }
 }
 
-/// Turns row `r` of the dot products with `keys` keys into the parts of its weights `exp(score - max)`; returns the factor
-/// for what the query has summed up before.
+/// Turns dot products with the `keys` keys from `first` on into the parts of weights `exp(score - max)`; returns the factors
+/// for what the queries have summed up before.
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn weigh(tiles: &mut [Split], r: usize, keys: usize, scale: f32, bias: &[f32], softmax: &mut Softmax) -> f32 {
+fn weights(
+    scores: &mut [[Split; KEYS / PAIRS]; GROUPS],
+    x: Operands,
+    i: usize,
+    first: usize,
+    keys: usize,
+    softmaxes: &mut [Softmax],
+) -> [f32; GROUPS * ROWS] {
+    let pairs = keys.div_ceil(PAIRS);
+    let (mut before, mut after) = ([0.0; GROUPS * ROWS], [0.0; GROUPS * ROWS]);
+    for (r, softmax) in softmaxes.iter_mut().enumerate() {
+        before[r] = softmax.max;
+        softmax.max = score(&mut scores[r / ROWS][..pairs], r % ROWS, keys, x.scale, x.bias(i + r, first), softmax.max);
+        after[r] = softmax.max;
+    }
+    // All rows' factors at once: one row by itself would wait for its own.
+    let mut shrink = [0.0; GROUPS * ROWS];
+    for ((shrink, before), after) in
+        shrink.as_chunks_mut().0.iter_mut().zip(before.as_chunks().0).zip(after.as_chunks().0)
+    {
+        store(shrink, exp(_mm512_sub_ps(load(before), load(after))));
+    }
+    for (r, softmax) in softmaxes.iter_mut().enumerate() {
+        let sum = weigh(&mut scores[r / ROWS][..pairs], r % ROWS, softmax.max);
+        softmax.sum = softmax.sum * shrink[r] + sum;
+    }
+    shrink
+}
+
+/// Turns row `r` of the dot products with `keys` keys into scores, hides the rest, and returns the largest.
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn score(tiles: &mut [Split], r: usize, keys: usize, scale: f32, bias: &[f32], max: f32) -> f32 {
     let (scale, hidden) = (_mm512_set1_ps(scale), _mm512_set1_ps(f32::NEG_INFINITY));
-    let mut largest = _mm512_set1_ps(softmax.max);
+    let mut largest = _mm512_set1_ps(max);
     for (t, [left, right, _]) in tiles.iter_mut().enumerate() {
         let at = t * PAIRS;
         let [bias_a, bias_b] = load_pairs(bias, at);
@@ -357,21 +386,24 @@ fn weigh(tiles: &mut [Split], r: usize, keys: usize, scale: f32, bias: &[f32], s
         store(&mut left.0[r], a);
         store(&mut right.0[r], b);
     }
-    let before = softmax.max;
-    let max = _mm512_reduce_max_ps(largest);
-    let shift = _mm512_set1_ps(max);
+    _mm512_reduce_max_ps(largest)
+}
+
+/// Turns row `r` of the scores into the parts of weights, and returns the sum of these.
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn weigh(tiles: &mut [Split], r: usize, max: f32) -> f32 {
+    let max = _mm512_set1_ps(max);
     let mut sum = _mm512_setzero_ps();
-    for tiles in tiles {
-        let a = exp(_mm512_sub_ps(load(&tiles[0].0[r]), shift));
-        let b = exp(_mm512_sub_ps(load(&tiles[1].0[r]), shift));
+    for [first, second, third] in tiles {
+        let a = exp(_mm512_sub_ps(load(&first.0[r]), max));
+        let b = exp(_mm512_sub_ps(load(&second.0[r]), max));
         sum = _mm512_add_ps(sum, _mm512_add_ps(a, b));
-        for (tile, part) in tiles.iter_mut().zip(split(a, b)) {
-            store(&mut tile.0[r], part);
-        }
+        let parts = split(a, b);
+        store(&mut first.0[r], parts[0]);
+        store(&mut second.0[r], parts[1]);
+        store(&mut third.0[r], parts[2]);
     }
-    let shrink = _mm512_cvtss_f32(exp(_mm512_set1_ps(before - max)));
-    *softmax = Softmax { max, sum: softmax.sum * shrink + _mm512_reduce_add_ps(sum) };
-    shrink
+    _mm512_reduce_add_ps(sum)
 }
 
 /// Minimax `(2^r - 1) / r` on `0..=1`, highest power first: off by 2e-9 in `2^r`.
