@@ -190,6 +190,44 @@ fn attention_is_exact_where_weights_are_0_or_1(isa: Isa) {
     });
 }
 
+/// Factors with as many bits as f32 has, in either place and in both: biases take all but a small integer away again, so that
+/// a score which lost its last bits would give very different weights. Values have all their bits too.
+fn encoder_attention_keeps_every_bit(isa: Isa) {
+    const KEYS: usize = 100;
+    let mut noise = Noise::new(11);
+    let wide = |noise: &mut Noise, bits: u32| (noise.below(1 << bits) as f32 + 1.0) * [-1.0, 1.0][noise.below(2)];
+    for (q_bits, k_bits) in [(23, 0), (0, 23), (12, 11), (11, 12), (6, 17), (17, 6)] {
+        for dim in [1, 20, 64] {
+            let (at, scale) = (noise.below(dim), wide(&mut noise, q_bits));
+            let keys: Vec<f32> = (0..KEYS).map(|_| wide(&mut noise, k_bits)).collect();
+            let rests: Vec<f32> = (0..KEYS).map(|_| -noise.integer(4).abs()).collect();
+            let mut element = 0..;
+            let mut one = |value: &dyn Fn(usize) -> f32| {
+                let i: usize = element.next().expect("endless");
+                if i % dim == at { value(i / dim) } else { 0.0 }
+            };
+            let q = Placed::new(1, dim, 0, 0, || one(&|_| scale));
+            let k = Placed::new(KEYS, dim, 0, 0, || one(&|row| keys[row - 1]));
+            let v = Placed::new(KEYS, dim, 0, 0, || noise.float(1.0));
+            let bias: Vec<f32> = keys.iter().zip(&rests).map(|(key, rest)| rest - scale * key).collect();
+            let mut y = Guarded::new(1, dim, 0, 0);
+            let relative = Some(RelativeBias { values: &bias, origin: 0 });
+            encoder_attention_f32(isa, q.mat(), k.mat(), v.mat(), 1.0, relative, y.mat()).expect("shapes agree");
+            let weights: Vec<f64> = rests.iter().map(|&rest| f64::from(rest).exp()).collect();
+            let total: f64 = weights.iter().sum();
+            for (c, got) in y.checked()[0].iter().enumerate() {
+                let terms = weights.iter().enumerate().map(|(j, w)| w / total * f64::from(v.mat().row(j)[c]));
+                let (want, size) = terms.fold((0.0, 0.0), |(sum, size), term| (sum + term, size + term.abs()));
+                let error = (f64::from(*got) - want).abs();
+                assert!(
+                    error <= 16.0 * EPSILON * size,
+                    "{q_bits} x {k_bits} bits, {dim} wide, y[{c}]: off by {error:e}"
+                );
+            }
+        }
+    }
+}
+
 fn attention_rows_are_independent(isa: Isa) {
     proptest!(cases(32), |(shape in shape())| {
         let case = shape.case(Fill::Uniform(1.0), Fill::Uniform(1.0), 1.0, |noise| noise.float(4.0));
@@ -237,6 +275,7 @@ fn attention_ignores_hidden_keys(isa: Isa) {
 for_each_isa!(
     attention_is_near_f64,
     attention_is_exact_where_weights_are_0_or_1,
+    encoder_attention_keeps_every_bit,
     attention_rows_are_independent,
     attention_row_is_the_same_among_500,
     attention_ignores_hidden_keys
