@@ -1,5 +1,7 @@
 //! Fused attention of one head: scores, relative-position bias, mask, softmax and values in one pass.
 
+#[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+mod amx;
 #[cfg(target_arch = "x86_64")]
 mod avx2;
 #[cfg(target_arch = "x86_64")]
@@ -55,33 +57,54 @@ pub fn attention_f32(
     visible: Visible,
     y: MatMut<f32>,
 ) -> Result<(), ShapeError> {
-    expect_len("k", q.cols(), k.cols())?;
-    expect_len("v", k.rows(), v.rows())?;
-    expect_len("v", q.cols(), v.cols())?;
-    expect_len("y", q.rows(), y.rows())?;
-    expect_len("y", q.cols(), y.cols())?;
-    if q.rows() == 0 {
+    let operands = Operands { q, k, v, scale, bias, visible };
+    if operands.check(&y)? {
+        vectors(isa, operands, y);
+    }
+    Ok(())
+}
+
+/// Attention of one head over a whole sequence at once, as in an encoder: every query sees every key.
+///
+/// The same as [`attention_f32`] with [`Visible::All`], but for its bits: where the processor has tiles for bfloat16, this
+/// takes them, and what repays them is a sequence of queries. Here too a row's bits do not depend on the other rows: which
+/// road a call takes is decided by the number of keys and by `head_dim`. A decoder's rows, which come alone as well as
+/// together, are what [`attention_f32`] is for; keep to one of the two per attention of a network.
+///
+/// Numerics: as [`attention_f32`]; on the `amx` back-end every factor is exactly the sum of three bfloat16 values, each
+/// product is off by at most 2^-21 of its size, and denormals are taken as zero. Where an input is not finite, what
+/// depends on it is NaN.
+///
+/// # Errors
+/// As [`attention_f32`].
+pub fn encoder_attention_f32(
+    isa: Isa,
+    q: Mat<f32>,
+    k: Mat<f32>,
+    v: Mat<f32>,
+    scale: f32,
+    bias: Option<RelativeBias>,
+    y: MatMut<f32>,
+) -> Result<(), ShapeError> {
+    let operands = Operands { q, k, v, scale, bias, visible: Visible::All };
+    if !operands.check(&y)? {
         return Ok(());
     }
-    if k.rows() == 0 {
-        return Err(ShapeError { arg: "k", want: 1, got: 0 });
+    match isa.0 {
+        // SAFETY: `Isa` holds `Amx` only after detection of every feature that this back-end enables, tiles included.
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        Backend::Amx if amx::pays(&operands) => unsafe { amx::attention(operands, y) },
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        Backend::Amx => vectors(isa, operands, y),
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx2 | Backend::Avx512Vnni => vectors(isa, operands, y),
+        Backend::Scalar => vectors(isa, operands, y),
     }
-    if let Visible::Causal { first } = visible {
-        let want = first.saturating_add(q.rows());
-        if k.rows() < want {
-            return Err(ShapeError { arg: "k", want, got: k.rows() });
-        }
-    }
-    if let Some(bias) = bias {
-        let want = bias.origin.saturating_add(k.rows());
-        if bias.origin + 1 < q.rows() {
-            return Err(ShapeError { arg: "bias.origin", want: q.rows() - 1, got: bias.origin });
-        }
-        if bias.values.len() < want {
-            return Err(ShapeError { arg: "bias.values", want, got: bias.values.len() });
-        }
-    }
-    let operands = Operands { q, k, v, scale, bias, visible };
+    Ok(())
+}
+
+/// The back-ends that sum in registers of f32.
+fn vectors(isa: Isa, operands: Operands, y: MatMut<f32>) {
     match isa.0 {
         Backend::Scalar => scalar::attention(operands, y),
         // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
@@ -94,7 +117,6 @@ pub fn attention_f32(
         #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
         Backend::Amx => unsafe { avx512vnni::attention(operands, y) },
     }
-    Ok(())
 }
 
 /// The checked inputs of one call.
@@ -109,6 +131,38 @@ struct Operands<'a> {
 }
 
 impl<'a> Operands<'a> {
+    /// Whether the shapes agree, and whether there is anything to do.
+    fn check(&self, y: &MatMut<f32>) -> Result<bool, ShapeError> {
+        let Self { q, k, v, .. } = self;
+        expect_len("k", q.cols(), k.cols())?;
+        expect_len("v", k.rows(), v.rows())?;
+        expect_len("v", q.cols(), v.cols())?;
+        expect_len("y", q.rows(), y.rows())?;
+        expect_len("y", q.cols(), y.cols())?;
+        if q.rows() == 0 {
+            return Ok(false);
+        }
+        if k.rows() == 0 {
+            return Err(ShapeError { arg: "k", want: 1, got: 0 });
+        }
+        if let Visible::Causal { first } = self.visible {
+            let want = first.saturating_add(q.rows());
+            if k.rows() < want {
+                return Err(ShapeError { arg: "k", want, got: k.rows() });
+            }
+        }
+        if let Some(bias) = self.bias {
+            let want = bias.origin.saturating_add(k.rows());
+            if bias.origin + 1 < q.rows() {
+                return Err(ShapeError { arg: "bias.origin", want: q.rows() - 1, got: bias.origin });
+            }
+            if bias.values.len() < want {
+                return Err(ShapeError { arg: "bias.values", want, got: bias.values.len() });
+            }
+        }
+        Ok(true)
+    }
+
     /// How many keys, from the first on, query `i` sees.
     fn keys(&self, i: usize) -> usize {
         match self.visible {

@@ -33,6 +33,8 @@ pub mod matmul_f32;
 pub mod matmul_i8;
 pub mod norm;
 pub mod pack;
+#[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+mod tiles;
 
 pub use bf16::Bf16;
 pub use error::ShapeError;

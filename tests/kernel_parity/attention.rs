@@ -1,8 +1,8 @@
 //! Attention: against f64, exactly where the result can be known exactly, and the same bits alone and among others.
 
 use proptest::prelude::*;
-use umo_kernels::attention::{RelativeBias, Visible, attention_f32};
-use umo_kernels::{Isa, ShapeError};
+use umo_kernels::attention::{RelativeBias, Visible, attention_f32, encoder_attention_f32};
+use umo_kernels::{Isa, Mat, ShapeError};
 use umo_tests::{EPSILON, Fill, Guarded, Noise, Placed, bits, cases, fill, for_each_isa, near, offset};
 
 /// The operands of one call.
@@ -14,6 +14,8 @@ struct Case {
     scale: f32,
     bias: Option<(Vec<f32>, usize)>,
     visible: Visible,
+    /// By [`encoder_attention_f32`].
+    encoder: bool,
 }
 
 /// Sizes, masks and places; the values come from `seed`.
@@ -22,22 +24,34 @@ struct Shape {
     m: usize,
     n: usize,
     dim: usize,
-    causal: bool,
+    mask: Mask,
     biased: bool,
     gap: usize,
     offset: usize,
     seed: u64,
 }
 
+/// What a query sees, and by which function.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Mask {
+    Causal,
+    All,
+    Encoder,
+}
+
+fn mask() -> impl Strategy<Value = Mask> {
+    prop_oneof![Just(Mask::Causal), Just(Mask::All), Just(Mask::Encoder)]
+}
+
 fn shape() -> impl Strategy<Value = Shape> {
-    let rows = prop_oneof![near(4, 4), near(8, 3), near(16, 2)];
-    let keys = prop_oneof![near(16, 6), near(64, 4), near(128, 2)];
+    let rows = prop_oneof![near(4, 4), near(8, 3), near(16, 2), near(32, 2)];
+    let keys = prop_oneof![4 => near(16, 6), 4 => near(64, 4), 4 => near(128, 2), 1 => near(256, 2)];
     let dim = prop_oneof![2 => Just(64), 1 => near(16, 9), 1 => near(8, 5)];
     let place = (prop_oneof![Just(0), 0..40_usize], offset());
-    (rows, keys, dim, any::<bool>(), any::<bool>(), place, any::<u64>()).prop_map(
-        |(m, n, dim, causal, biased, (gap, offset), seed)| {
-            let n = if causal { n.max(m) } else { n }.max(1);
-            Shape { m, n, dim, causal, biased, gap, offset, seed }
+    (rows, keys, dim, mask(), any::<bool>(), place, any::<u64>()).prop_map(
+        |(m, n, dim, mask, biased, (gap, offset), seed)| {
+            let n = if mask == Mask::Causal { n.max(m) } else { n }.max(1);
+            Shape { m, n, dim, mask, biased, gap, offset, seed }
         },
     )
 }
@@ -53,34 +67,51 @@ impl Shape {
         let v = place(self.n, values, &mut noise);
         let origin = self.m + noise.below(5);
         let bias = self.biased.then(|| ((0..origin + self.n).map(|_| bias(&mut noise)).collect(), origin));
-        let slack = if self.causal { self.n - self.m } else { 0 };
+        let causal = self.mask == Mask::Causal;
+        let slack = if causal { self.n - self.m } else { 0 };
         let first = noise.below(slack + 1);
         // Half of the time, the last visible key crosses a multiple of 16 among the first queries.
         let first = if noise.below(2) == 0 { first } else { (first / 16 * 16 + 14).min(slack) };
-        let visible = if self.causal { Visible::Causal { first } } else { Visible::All };
-        Case { q, k, v, scale, bias, visible }
+        let visible = if causal { Visible::Causal { first } } else { Visible::All };
+        Case { q, k, v, scale, bias, visible, encoder: self.mask == Mask::Encoder }
     }
 }
+
+/// Queries, keys and values.
+type Qkv<'a> = (Mat<'a, f32>, Mat<'a, f32>, Mat<'a, f32>);
+
+/// What tiles may leave out of a product, relative to its size: the second part of one factor is below 2^-7 of it, the
+/// third of the other below 2^-15, both ways; and the third parts of both.
+const SPLIT: f64 = 2.0 / 4_194_304.0 + 1.0 / 1_073_741_824.0;
 
 impl Case {
     fn run(&self, isa: Isa, gap: usize, offset: usize) -> Vec<Vec<f32>> {
         let (q, k, v) = (self.q.mat(), self.k.mat(), self.v.mat());
         let mut y = Guarded::new(q.rows(), q.cols(), gap, offset);
-        let bias = self.bias.as_ref().map(|(values, origin)| RelativeBias { values, origin: *origin });
-        attention_f32(isa, q, k, v, self.scale, bias, self.visible, y.mat()).expect("shapes agree");
+        self.call(isa, (q, k, v), 0, self.visible, &mut y);
         y.checked()
+    }
+
+    /// The queries `q`, the first of which is query `i` of this case.
+    fn call(&self, isa: Isa, (q, k, v): Qkv, i: usize, visible: Visible, y: &mut Guarded<f32>) {
+        let bias = self.bias.as_ref().map(|(values, origin)| RelativeBias { values, origin: origin - i });
+        let result = if self.encoder {
+            encoder_attention_f32(isa, q, k, v, self.scale, bias, y.mat())
+        } else {
+            attention_f32(isa, q, k, v, self.scale, bias, visible, y.mat())
+        };
+        result.expect("shapes agree");
     }
 
     /// Query `i` by itself.
     fn run_alone(&self, isa: Isa, i: usize) -> Vec<f32> {
         let (q, k, v) = (self.q.mat().row_range(i..i + 1), self.k.mat(), self.v.mat());
         let mut y = Guarded::new(1, q.cols(), 0, 0);
-        let bias = self.bias.as_ref().map(|(values, origin)| RelativeBias { values, origin: origin - i });
         let visible = match self.visible {
             Visible::All => Visible::All,
             Visible::Causal { first } => Visible::Causal { first: first + i },
         };
-        attention_f32(isa, q, k, v, self.scale, bias, visible, y.mat()).expect("shapes agree");
+        self.call(isa, (q, k, v), i, visible, &mut y);
         y.checked().remove(0)
     }
 
@@ -103,8 +134,10 @@ impl Case {
     ///
     /// A score is a sum of `dim + 2` terms; its error `d` changes its weight by the factor `exp(d)`, and so does the
     /// rounding of the difference from the maximum. Each tile of at least 16 keys may rescale once more: two roundings
-    /// and one `exp`, whose error is below 3 units. Weights and weighted values are then sums of `keys` terms.
-    fn exact(&self, i: usize) -> Vec<(f64, f64)> {
+    /// and one `exp`, whose error is below 3 units. Weights and weighted values are then sums of `keys` terms. Tiles add
+    /// six products for one, which is off by [`SPLIT`].
+    fn exact(&self, isa: Isa, i: usize) -> Vec<(f64, f64)> {
+        let (parts, split) = if self.encoder && isa.name() == "amx" { (6.0, SPLIT) } else { (1.0, 0.0) };
         let (scores, dim) = (self.scores(i), self.q.mat().cols());
         let keys = scores.len() as f64;
         let tiles = 1.0 + keys / 16.0;
@@ -112,14 +145,14 @@ impl Case {
         let size = scores.iter().fold(0.0_f64, |size, score| size.max(score.1));
         let weights: Vec<f64> = scores.iter().map(|score| (score.0 - max).exp()).collect();
         let total: f64 = weights.iter().sum();
-        let score_error = (dim as f64 + 4.0) * EPSILON * size + 5.0 * tiles * EPSILON;
-        let relative = (2.0 * score_error).exp_m1() + (2.0 * keys + 4.0) * EPSILON;
+        let score_error = ((parts * dim as f64 + 4.0) * EPSILON + split) * size + 5.0 * tiles * EPSILON;
+        let relative = (2.0 * score_error).exp_m1() + ((1.0 + parts) * keys + 4.0) * EPSILON + split;
         (0..dim)
             .map(|c| {
                 let terms = weights.iter().enumerate().map(|(j, w)| w / total * f64::from(self.v.mat().row(j)[c]));
                 let (sum, sizes) = terms.fold((0.0, 0.0), |(sum, sizes), term| (sum + term, sizes + term.abs()));
                 let largest = (0..scores.len()).map(|j| f64::from(self.v.mat().row(j)[c]).abs()).fold(0.0, f64::max);
-                (sum, relative * sizes + 4.0 * keys * f64::from(f32::MIN_POSITIVE) * (1.0 + largest))
+                (sum, relative * sizes + 4.0 * parts * keys * f64::from(f32::MIN_POSITIVE) * (1.0 + largest))
             })
             .collect()
     }
@@ -132,7 +165,7 @@ fn attention_is_near_f64(isa: Isa) {
     proptest!(cases(48), |(shape in shape(), scores in scores, values in fill(), scale in scale)| {
         let case = shape.case(scores, values, scale, |noise| noise.float(4.0));
         for (i, row) in case.run(isa, shape.gap, shape.offset).iter().enumerate() {
-            for (c, (&got, (want, tolerance))) in row.iter().zip(case.exact(i)).enumerate() {
+            for (c, (&got, (want, tolerance))) in row.iter().zip(case.exact(isa, i)).enumerate() {
                 let error = (f64::from(got) - want).abs();
                 prop_assert!(error <= tolerance, "y[{i}][{c}] = {got}, not {want}: off by {error:e} > {tolerance:e}");
             }
@@ -157,6 +190,44 @@ fn attention_is_exact_where_weights_are_0_or_1(isa: Isa) {
     });
 }
 
+/// Factors with as many bits as f32 has, in either place and in both: biases take all but a small integer away again, so that
+/// a score which lost its last bits would give very different weights. Values have all their bits too.
+fn encoder_attention_keeps_every_bit(isa: Isa) {
+    const KEYS: usize = 100;
+    let mut noise = Noise::new(11);
+    let wide = |noise: &mut Noise, bits: u32| (noise.below(1 << bits) as f32 + 1.0) * [-1.0, 1.0][noise.below(2)];
+    for (q_bits, k_bits) in [(23, 0), (0, 23), (12, 11), (11, 12), (6, 17), (17, 6)] {
+        for dim in [1, 20, 64] {
+            let (at, scale) = (noise.below(dim), wide(&mut noise, q_bits));
+            let keys: Vec<f32> = (0..KEYS).map(|_| wide(&mut noise, k_bits)).collect();
+            let rests: Vec<f32> = (0..KEYS).map(|_| -noise.integer(4).abs()).collect();
+            let mut element = 0..;
+            let mut one = |value: &dyn Fn(usize) -> f32| {
+                let i: usize = element.next().expect("endless");
+                if i % dim == at { value(i / dim) } else { 0.0 }
+            };
+            let q = Placed::new(1, dim, 0, 0, || one(&|_| scale));
+            let k = Placed::new(KEYS, dim, 0, 0, || one(&|row| keys[row - 1]));
+            let v = Placed::new(KEYS, dim, 0, 0, || noise.float(1.0));
+            let bias: Vec<f32> = keys.iter().zip(&rests).map(|(key, rest)| rest - scale * key).collect();
+            let mut y = Guarded::new(1, dim, 0, 0);
+            let relative = Some(RelativeBias { values: &bias, origin: 0 });
+            encoder_attention_f32(isa, q.mat(), k.mat(), v.mat(), 1.0, relative, y.mat()).expect("shapes agree");
+            let weights: Vec<f64> = rests.iter().map(|&rest| f64::from(rest).exp()).collect();
+            let total: f64 = weights.iter().sum();
+            for (c, got) in y.checked()[0].iter().enumerate() {
+                let terms = weights.iter().enumerate().map(|(j, w)| w / total * f64::from(v.mat().row(j)[c]));
+                let (want, size) = terms.fold((0.0, 0.0), |(sum, size), term| (sum + term, size + term.abs()));
+                let error = (f64::from(*got) - want).abs();
+                assert!(
+                    error <= 16.0 * EPSILON * size,
+                    "{q_bits} x {k_bits} bits, {dim} wide, y[{c}]: off by {error:e}"
+                );
+            }
+        }
+    }
+}
+
 fn attention_rows_are_independent(isa: Isa) {
     proptest!(cases(32), |(shape in shape())| {
         let case = shape.case(Fill::Uniform(1.0), Fill::Uniform(1.0), 1.0, |noise| noise.float(4.0));
@@ -167,8 +238,8 @@ fn attention_rows_are_independent(isa: Isa) {
 }
 
 fn attention_row_is_the_same_among_500(isa: Isa) {
-    for causal in [false, true] {
-        let shape = Shape { m: 500, n: 500, dim: 64, causal, biased: true, gap: 3, offset: 1, seed: 7 };
+    for mask in [Mask::Causal, Mask::All, Mask::Encoder] {
+        let shape = Shape { m: 500, n: 500, dim: 64, mask, biased: true, gap: 3, offset: 1, seed: 7 };
         let case = shape.case(Fill::Uniform(1.0), Fill::Uniform(1.0), 1.0, |noise| noise.float(4.0));
         let together = case.run(isa, 0, 0);
         let some = (0..shape.m).step_by(7);
@@ -181,7 +252,7 @@ fn attention_row_is_the_same_among_500(isa: Isa) {
 /// A key that no query sees may hold anything.
 fn attention_ignores_hidden_keys(isa: Isa) {
     proptest!(cases(24), |(shape in shape(), junk in prop_oneof![Just(f32::NAN), Just(f32::INFINITY), Just(-1e38)])| {
-        let shape = Shape { causal: true, n: shape.n.max(shape.m) + 70, ..shape };
+        let shape = Shape { mask: Mask::Causal, n: shape.n.max(shape.m) + 70, ..shape };
         let mut case = shape.case(Fill::Uniform(1.0), Fill::Uniform(1.0), 1.0, |noise| noise.float(4.0));
         let first = Noise::new(shape.seed).below(60);
         case.visible = Visible::Causal { first };
@@ -204,6 +275,7 @@ fn attention_ignores_hidden_keys(isa: Isa) {
 for_each_isa!(
     attention_is_near_f64,
     attention_is_exact_where_weights_are_0_or_1,
+    encoder_attention_keeps_every_bit,
     attention_rows_are_independent,
     attention_row_is_the_same_among_500,
     attention_ignores_hidden_keys

@@ -99,7 +99,7 @@ fn play(avatar: &Session, audio: &[f32], piece: usize, which: usize) {
         1 if (200..310).contains(&(piece % 1000)) => {}
         1 => drop(avatar.pull_frames(1, |_| ()).expect("nobody else pulls")),
         // Pulled so seldom that its queue is full for most of the time.
-        _ if piece % 200 == 0 => drop(avatar.pull_frames(1000, |_| ()).expect("nobody else pulls")),
+        _ if piece.is_multiple_of(200) => drop(avatar.pull_frames(1000, |_| ()).expect("nobody else pulls")),
         _ => {}
     }
 }

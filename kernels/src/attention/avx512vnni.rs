@@ -112,8 +112,9 @@ fn pack_keys(k: Mat<f32>, packed: &mut [[f32; TILE]; PACKED_DIM]) {
 }
 
 /// Rows to columns.
+#[inline]
 #[target_feature(enable = "avx512f")]
-fn transpose(rows: [__m512; LANES]) -> [__m512; LANES] {
+pub(super) fn transpose(rows: [__m512; LANES]) -> [__m512; LANES] {
     let mut pairs = rows;
     for t in 0..8 {
         let (a, b) = (rows[2 * t], rows[2 * t + 1]);

@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use rayon::prelude::*;
-use umo_kernels::attention::{Visible, attention_f32};
+use umo_kernels::attention::encoder_attention_f32;
 use umo_kernels::matmul_f32::Epilogue;
 use umo_kernels::norm::rms_norm;
 use umo_kernels::{Mat, MatMut};
@@ -120,7 +120,7 @@ impl Encoder {
                     let (head, tail) = y.split_columns(self.d_kv);
                     let of = |kind: usize| block.columns(kind * inner + at..kind * inner + at + self.d_kv);
                     let bias = Some(self.bias.of(at / self.d_kv, 0));
-                    attention_f32(cx.isa, of(0), of(1), of(2), 1.0, bias, Visible::All, head)?;
+                    encoder_attention_f32(cx.isa, of(0), of(1), of(2), 1.0, bias, head)?;
                     y = tail;
                 }
                 (rest, first) = (below, first + len);
