@@ -11,7 +11,7 @@ use crate::error::{ShapeError, expect_len};
 use crate::isa::{Backend, Isa};
 use crate::mat::MatMut;
 use crate::matmul_f32::{Epilogue, Input, Panels, check_product};
-use crate::pack::{PANEL, PackedBf16};
+use crate::pack::{PAIR, PANEL, PackedBf16};
 
 /// Matrix product with bf16 weights, `y[t, o] = sum_i x[t, i] * w[o, i]` in f32, then the epilogue.
 ///
@@ -71,14 +71,14 @@ pub fn matmul_gated_bf16(
 }
 
 impl<'a> Panels<'a> for PackedBf16<'a> {
-    type Item = Bf16;
+    type Row = [[Bf16; PAIR]; PANEL];
     fn n(&self) -> usize {
         PackedBf16::n(self)
     }
     fn k(&self) -> usize {
         PackedBf16::k(self)
     }
-    fn panel(&self, p: usize) -> &'a [[Bf16; PANEL]] {
+    fn panel(&self, p: usize) -> &'a [Self::Row] {
         PackedBf16::panel(self, p)
     }
 }

@@ -3,7 +3,7 @@
 use crate::bf16::Bf16;
 use crate::mat::MatMut;
 use crate::matmul_f32::{Epilogue, Input, finish_panel, gated};
-use crate::pack::{PANEL, PackedBf16, panels};
+use crate::pack::{PAIR, PANEL, PackedBf16, panels};
 
 pub(super) fn matmul(x: Input<f32>, w: PackedBf16, end: Epilogue, mut y: MatMut<f32>) {
     for p in 0..panels(w.n()) {
@@ -22,11 +22,13 @@ pub(super) fn matmul_gated(x: Input<f32>, gate: PackedBf16, up: PackedBf16, mut 
     }
 }
 
-fn sums(x: &[f32], panel: &[[Bf16; PANEL]]) -> [f32; PANEL] {
+fn sums(x: &[f32], panel: &[[[Bf16; PAIR]; PANEL]]) -> [f32; PANEL] {
     let mut sums = [0.0; PANEL];
-    for (&x, w) in x.iter().zip(panel) {
-        for lane in 0..PANEL {
-            sums[lane] += x * w[lane].to_f32();
+    for (x, w) in x.chunks(PAIR).zip(panel) {
+        for (i, &x) in x.iter().enumerate() {
+            for lane in 0..PANEL {
+                sums[lane] += x * w[lane][i].to_f32();
+            }
         }
     }
     sums

@@ -4,8 +4,8 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use rayon::prelude::*;
-use umo_kernels::pack::{PANEL, pack_row, pack_row_i8, packed_len, packed_len_i8, quantize_weight_row};
-use umo_kernels::{Bf16, Isa};
+use umo_kernels::pack::{PANEL, pack_row, pack_row_bf16, pack_row_i8, packed_len, packed_len_bf16, packed_len_i8, quantize_weight_row};
+use umo_kernels::{Bf16, Isa, ShapeError};
 
 use super::aligned::{AlignedBox, Plain, Pool};
 use super::writer::Storage;
@@ -247,22 +247,27 @@ impl<'a> Loader<'a> {
         let stored = rows.tensors.iter().map(Tensor::storage);
         let weight = match self.form.unwrap_or_else(|| Form::of(self.precision, stored)) {
             Form::Int8 => self.pack_int8(rows)?,
-            Form::Bf16 => Weight::Bf16(self.pack_float(rows, Bf16::from_f32)?),
-            Form::F32 => Weight::F32(self.pack_float(rows, |v| v)?),
+            Form::Bf16 => Weight::Bf16(self.pack_float(rows, packed_len_bf16, pack_row_bf16)?),
+            Form::F32 => Weight::F32(self.pack_float(rows, packed_len, pack_row)?),
         };
         Ok(Linear::new(weight, rows.n, rows.cols()))
     }
 
-    /// Packs all panels in parallel.
-    fn pack_float<P: Plain>(&self, rows: &Rows, convert: impl Fn(f32) -> P + Sync) -> Result<AlignedBox<P>, LoadError> {
+    /// Packs all panels in parallel, of the length and in the way of one type.
+    fn pack_float<P: Plain>(
+        &self,
+        rows: &Rows,
+        packed_len: fn(usize, usize) -> usize,
+        pack_row: fn(&[f32], usize, &mut [P]) -> Result<(), ShapeError>,
+    ) -> Result<AlignedBox<P>, LoadError> {
         let k = rows.cols();
         let mut packed = self.pool.zeroed(packed_len(rows.n, k));
-        packed.par_chunks_mut((PANEL * k).max(1)).enumerate().try_for_each_init(
+        packed.par_chunks_mut(packed_len(1, k).max(1)).enumerate().try_for_each_init(
             || RowBuffer::new(k),
             |buffer, (p, panel)| {
                 for lane in 0..PANEL.min(rows.n - p * PANEL) {
                     let row = rows.floats(p * PANEL + lane, buffer)?;
-                    pack_row(row, &convert, lane, panel).expect("one panel per chunk");
+                    pack_row(row, lane, panel).expect("one panel per chunk");
                 }
                 Ok(())
             },
