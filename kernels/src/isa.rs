@@ -42,9 +42,9 @@ fn backends() -> impl Iterator<Item = (Backend, bool)> {
         // `avx512vnni.rs` files enable "avx512f,avx512bw,avx512dq,avx512vl,avx512vnni" (and what the AVX2 back-end enables).
         #[cfg(target_arch = "x86_64")]
         (Backend::Avx512Vnni, avx512vnni()),
-        // `amx.rs` enables what the AVX-512 back-end enables, and uses tile instructions by name.
+        // `amx.rs` files enable what the AVX-512 back-end enables and "avx512bf16", and use tile instructions by name.
         #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        (Backend::Amx, avx512vnni() && amx::available()),
+        (Backend::Amx, avx512vnni() && std::is_x86_feature_detected!("avx512bf16") && amx::available()),
     ]
     .into_iter()
 }
@@ -61,6 +61,16 @@ impl Isa {
     /// Every back-end that this processor supports, slowest first.
     pub fn available() -> impl Iterator<Item = Self> {
         backends().filter(|(_, supported)| *supported).map(|(backend, _)| Self(backend))
+    }
+
+    /// The same without tiles, which take no f32: for float products whose inputs may not be rounded.
+    #[must_use]
+    pub const fn without_tiles(self) -> Self {
+        match self.0 {
+            #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+            Backend::Amx => Self(Backend::Avx512Vnni),
+            _ => self,
+        }
     }
 
     /// The names of every back-end of this target, supported by this processor or not.
@@ -93,14 +103,14 @@ mod amx {
     use core::arch::asm;
     use core::arch::x86_64::{__cpuid_count, _xgetbv};
 
-    /// Tiles and int8 products on them, in leaf 7.
-    const TILE_AND_INT8: u32 = 1 << 24 | 1 << 25;
+    /// Tiles, and products of bf16 and of int8 on them, in leaf 7.
+    const TILE_BF16_INT8: u32 = 1 << 24 | 1 << 22 | 1 << 25;
     /// Configuration and data of tiles, in the register of saved state.
     const TILE_STATE: u64 = 1 << 17 | 1 << 18;
 
     pub(super) fn available() -> bool {
         super::std::is_x86_feature_detected!("xsave")
-            && __cpuid_count(7, 0).edx & TILE_AND_INT8 == TILE_AND_INT8
+            && __cpuid_count(7, 0).edx & TILE_BF16_INT8 == TILE_BF16_INT8
             // SAFETY: the processor has XSAVE, and AVX-512 was found through this register.
             && unsafe { _xgetbv(0) } & TILE_STATE == TILE_STATE
             && permitted()

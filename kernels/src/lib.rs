@@ -19,6 +19,8 @@
 #![no_std]
 
 pub mod activation;
+#[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+mod amx;
 pub mod attention;
 pub mod bf16;
 pub mod conv1d;

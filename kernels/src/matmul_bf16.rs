@@ -1,5 +1,7 @@
 //! Matrix product with bf16 weights and f32 activations and sums.
 
+#[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+mod amx;
 #[cfg(target_arch = "x86_64")]
 mod avx2;
 #[cfg(target_arch = "x86_64")]
@@ -17,7 +19,11 @@ use crate::pack::{PAIR, PANEL, PackedBf16};
 ///
 /// Shapes: `x [m, k]`, `w [n, k]` packed, `y [m, n]`; with a scatter, `y [any, n]`.
 /// Numerics: weights are widened exactly, so the result has the bits of [`crate::matmul_f32::matmul_f32`] on the same
-/// back-end with the widened weights.
+/// back-end with the widened weights. Not on `amx`, whose tiles take bf16 on both sides: there an input is the sum of two,
+/// which is off by at most `2^-16` of it, and the sum of 32 inputs is added to a sum at once. Its error is at most
+/// `(k * 2^-23 + 2^-16) * sum(abs(x * w))`, and below `2^-126` inputs, weights, low parts, products and sums count as zero.
+/// Everywhere each output is summed on its own in an order that depends on `k` alone: a row's bits depend neither on the
+/// other rows nor on how outputs are cut into panels.
 /// Cost: `m * n * k` multiply-adds; no allocation.
 ///
 /// # Errors
@@ -32,10 +38,9 @@ pub fn matmul_bf16(isa: Isa, x: Input<f32>, w: PackedBf16, end: Epilogue, y: Mat
         #[cfg(target_arch = "x86_64")]
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that `avx512vnni` enables.
         Backend::Avx512Vnni => unsafe { avx512vnni::matmul(x, w, end, y) },
-        // Its tiles hold no f32.
         #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
-        Backend::Amx => unsafe { avx512vnni::matmul(x, w, end, y) },
+        // SAFETY: `Isa` holds `Amx` only after detection of tiles and of every feature that `amx` enables.
+        Backend::Amx => unsafe { amx::matmul(x, w, end, y) },
     }
     Ok(())
 }
@@ -62,10 +67,9 @@ pub fn matmul_gated_bf16(
         #[cfg(target_arch = "x86_64")]
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that `avx512vnni` enables.
         Backend::Avx512Vnni => unsafe { avx512vnni::matmul_gated(x, gate, up, y) },
-        // Its tiles hold no f32.
         #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
-        Backend::Amx => unsafe { avx512vnni::matmul_gated(x, gate, up, y) },
+        // SAFETY: `Isa` holds `Amx` only after detection of tiles and of every feature that `amx` enables.
+        Backend::Amx => unsafe { amx::matmul_gated(x, gate, up, y) },
     }
     Ok(())
 }

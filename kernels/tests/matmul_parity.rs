@@ -469,6 +469,33 @@ fn rows_and_outputs_stand_alone(isa: Isa) {
     });
 }
 
+/// An infinity and what is no number reach the outputs of their own row alone; the largest number is no infinity.
+fn bf16_products_carry_what_is_not_finite(isa: Isa) {
+    const ROWS: usize = 5;
+    for (k, at) in [(1, 0), (33, 32), (70, 3)] {
+        let mut packed = vec![Bf16::default(); packed_len_bf16(3, k)];
+        let w: Vec<f32> = (0..3 * k).map(|i| [1.0, -2.0, 0.5][i / k]).collect();
+        pack_bf16(Mat::new(&w, 3, k).unwrap(), &mut packed).unwrap();
+        let mut x = vec![0.25; ROWS * k];
+        let smallest_nan = f32::from_bits(0x7f80_0001);
+        for (t, v) in [f32::INFINITY, f32::NEG_INFINITY, smallest_nan, f32::MAX].into_iter().enumerate() {
+            x[t * k + at] = v;
+        }
+        let (input, w) = (Input::all(Mat::new(&x, ROWS, k).unwrap()), PackedBf16::new(&packed, 3, k).unwrap());
+        let mut y = [0.0; ROWS * 3];
+        matmul_bf16(isa, input, w, Epilogue::STORE, MatMut::new(&mut y, ROWS, 3).unwrap()).unwrap();
+        let (y, _) = y.as_chunks::<3>();
+        assert_eq!(y[0], [f32::INFINITY, f32::NEG_INFINITY, f32::INFINITY], "{k}");
+        assert_eq!(y[1], [f32::NEG_INFINITY, f32::INFINITY, f32::NEG_INFINITY], "{k}");
+        assert!(y[2].iter().all(|v| v.is_nan()), "{k}: {:?}", y[2]);
+        let share = y[3][2] / f32::MAX;
+        assert!((share - 0.5).abs() <= 1.0 / 65536.0 && y[3][1] == f32::NEG_INFINITY, "{k}: {:?}", y[3]);
+        let sum = 0.25 * k as f32;
+        assert_eq!(y[4], [sum, -2.0 * sum, 0.5 * sum], "{k}");
+    }
+}
+
+for_each_isa!(bf16_products_carry_what_is_not_finite => scalar, avx2, avx512vnni, amx);
 for_each_isa!(products_match_scalar => avx2, avx512vnni, amx);
 for_each_isa!(int8_sums_are_exact => scalar, avx2, avx512vnni, amx);
 for_each_isa!(int8_sums_reach_the_limit => scalar, avx2, avx512vnni, amx);

@@ -16,11 +16,12 @@ use crate::weights::AlignedBox;
 pub enum Precision {
     /// Weights as the file has them, f32 activations and sums.
     F32,
-    /// Weights rounded to bfloat16, f32 activations and sums.
+    /// Weights rounded to bfloat16, f32 sums, and activations with at least 16 bits of f32's 24.
     Bf16,
     /// Int8 weights per output row, activations quantised per row, int32 sums.
     Int8,
-    /// Each product as the file has its weights: int8 where they are I8, otherwise as [`Precision::F32`].
+    /// Each product as the file has its weights: as [`Precision::Int8`] where they are I8, as [`Precision::Bf16`] where
+    /// they are BF16, otherwise as [`Precision::F32`].
     Stored,
 }
 
@@ -70,6 +71,8 @@ pub struct Linear {
     bias: Option<Box<[f32]>>,
     outputs: usize,
     inputs: usize,
+    /// Whether float activations keep all their bits, which tiles for bf16 do not.
+    exact: bool,
 }
 
 /// Room for quantised activations, `[rows, inputs]` at most.
@@ -97,13 +100,23 @@ impl QuantScratch {
 impl Linear {
     /// Wraps packed weights of `[outputs, inputs]`.
     pub fn new(weight: Weight, outputs: usize, inputs: usize) -> Self {
-        Self { weight, bias: None, outputs, inputs }
+        Self { weight, bias: None, outputs, inputs, exact: false }
     }
 
     /// The same with a bias `[outputs]`.
     #[must_use]
     pub fn with_bias(self, bias: Box<[f32]>) -> Self {
         Self { bias: Some(bias), ..self }
+    }
+
+    /// The same with all bits of float activations.
+    #[must_use]
+    pub fn exact(self) -> Self {
+        Self { exact: true, ..self }
+    }
+
+    fn isa(&self, cx: Compute) -> Isa {
+        if self.exact { cx.isa.without_tiles() } else { cx.isa }
     }
 
     /// Outputs.
@@ -185,7 +198,7 @@ impl Linear {
             match (&self.weight, x) {
                 (Weight::F32(_), Ready::Float(x)) => matmul_f32(cx.isa, gather(x, index)?, self.f32(outputs)?, end, y)?,
                 (Weight::Bf16(_), Ready::Float(x)) => {
-                    matmul_bf16(cx.isa, gather(x, index)?, self.bf16(outputs)?, end, y)?
+                    matmul_bf16(self.isa(cx), gather(x, index)?, self.bf16(outputs)?, end, y)?
                 }
                 (Weight::I8 { .. }, Ready::Quant(x)) => matmul_i8(cx.isa, x.view()?, index, self.i8(outputs)?, end, y)?,
                 _ => return Err(MISMATCH),
@@ -213,7 +226,7 @@ impl Linear {
                     matmul_gated_f32(cx.isa, gather(x, index)?, self.f32(r.clone())?, up.f32(r)?, y)?;
                 }
                 (Weight::Bf16(_), Weight::Bf16(_), Ready::Float(x)) => {
-                    matmul_gated_bf16(cx.isa, gather(x, index)?, self.bf16(r.clone())?, up.bf16(r)?, y)?;
+                    matmul_gated_bf16(self.isa(cx), gather(x, index)?, self.bf16(r.clone())?, up.bf16(r)?, y)?;
                 }
                 (Weight::I8 { .. }, Weight::I8 { .. }, Ready::Quant(x)) => {
                     matmul_gated_i8(cx.isa, x.view()?, index, self.i8(r.clone())?, up.i8(r)?, y)?;

@@ -4,7 +4,9 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use rayon::prelude::*;
-use umo_kernels::pack::{PANEL, pack_row, pack_row_bf16, pack_row_i8, packed_len, packed_len_bf16, packed_len_i8, quantize_weight_row};
+use umo_kernels::pack::{
+    PANEL, pack_row, pack_row_bf16, pack_row_i8, packed_len, packed_len_bf16, packed_len_i8, quantize_weight_row,
+};
 use umo_kernels::{Bf16, Isa, ShapeError};
 
 use super::aligned::{AlignedBox, Plain, Pool};
@@ -46,6 +48,9 @@ impl Form {
         }
     }
 }
+
+/// Packs one row as an output of its panel.
+type PackRow<P> = fn(&[f32], usize, &mut [P]) -> Result<(), ShapeError>;
 
 /// How the values of one output row are ordered in the file.
 #[derive(Clone, Copy, Debug)]
@@ -250,7 +255,8 @@ impl<'a> Loader<'a> {
             Form::Bf16 => Weight::Bf16(self.pack_float(rows, packed_len_bf16, pack_row_bf16)?),
             Form::F32 => Weight::F32(self.pack_float(rows, packed_len, pack_row)?),
         };
-        Ok(Linear::new(weight, rows.n, rows.cols()))
+        let linear = Linear::new(weight, rows.n, rows.cols());
+        Ok(if self.precision == Precision::F32 { linear.exact() } else { linear })
     }
 
     /// Packs all panels in parallel, of the length and in the way of one type.
@@ -258,7 +264,7 @@ impl<'a> Loader<'a> {
         &self,
         rows: &Rows,
         packed_len: fn(usize, usize) -> usize,
-        pack_row: fn(&[f32], usize, &mut [P]) -> Result<(), ShapeError>,
+        pack_row: PackRow<P>,
     ) -> Result<AlignedBox<P>, LoadError> {
         let k = rows.cols();
         let mut packed = self.pool.zeroed(packed_len(rows.n, k));

@@ -1,0 +1,257 @@
+//! 16 x 16 outputs and 32 inputs per instruction: `tdpbf16ps`, bf16 by bf16 with f32 sums.
+//!
+//! Inputs are f32: each is cut into two of bf16, `x = high + low + rest`, and both are multiplied with the weights. The high
+//! part is the upper half of `x` as it stands, the low part what that leaves, rounded; so `rest` is at most 2^-16 of `x`.
+//!
+//! ```text
+//!   x  s eeeeeeee mmmmmmm mmmmmmmmmmmmmmmm      per step of 32 inputs, for each tile of 16 rows and each panel:
+//!      '---- high ------' '- low, 8 bits'       sums += high . w;  sums += low . w
+//! ```
+//! Parts are made in tiles on the stack, 32 rows at a time, for all panels of a chunk. A row goes through the same steps
+//! whichever rows are beside it: few rows leave a tile empty, and weights arrive from memory no sooner for that.
+
+use crate::amx::{TILE, Tiles};
+use crate::bf16::Bf16;
+use crate::mat::MatMut;
+use crate::matmul_f32::avx512vnni::{finish, finish_gated, load, load_part};
+use crate::matmul_f32::{Epilogue, Input, Job};
+use crate::pack::{PAIR, PANEL, PackedBf16};
+use core::arch::x86_64::*;
+
+/// Rows of inputs in work.
+const ROWS: usize = 2 * TILE;
+/// Inputs of one step: a row of a tile.
+const STEP: usize = TILE * PAIR;
+/// Steps of inputs cut at once, where there are few inputs and where there are many.
+const STEPS: [usize; 2] = [24, 64];
+/// Steps of a row that are cut one after the other.
+const NEAR: usize = 4;
+/// Bytes of weights in work at once, which stay in L2 while blocks of rows go by.
+const CHUNK_BYTES: usize = 768 << 10;
+/// Panels of sums in one block.
+const SUMS: usize = ROWS * 2;
+
+/// 16 rows of inputs.
+type Tile = [[Bf16; STEP]; TILE];
+/// The inputs of one step: high and low parts of two tiles of rows.
+type Step = [[Tile; 2]; 2];
+/// Pairs of weights of 16 outputs: a row of a tile.
+type Pairs = [[Bf16; PAIR]; PANEL];
+
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+pub(super) fn matmul(x: Input<f32>, w: PackedBf16, end: Epilogue, y: MatMut<f32>) {
+    run(&x, &Job::Plain(w, end), y);
+}
+
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+pub(super) fn matmul_gated(x: Input<f32>, gate: PackedBf16, up: PackedBf16, y: MatMut<f32>) {
+    run(&x, &Job::Gated(gate, up), y);
+}
+
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+fn run(x: &Input<f32>, job: &Job<PackedBf16>, y: MatMut<f32>) {
+    // SAFETY: only the `Amx` arm of the products leads here.
+    let tiles = unsafe { Tiles::new() };
+    if job.k() <= STEPS[0] * STEP {
+        product::<{ STEPS[0] }>(&tiles, x, job, y);
+    } else {
+        product::<{ STEPS[1] }>(&tiles, x, job, y);
+    }
+}
+
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+fn product<const MOST: usize>(tiles: &Tiles, x: &Input<f32>, job: &Job<PackedBf16>, mut y: MatMut<f32>) {
+    let mut inputs = [[[[[Bf16(0); STEP]; TILE]; 2]; 2]; MOST];
+    let mut sums = [[0.0; PANEL]; SUMS];
+    // A multiple of the panels that any block takes at once.
+    let width = (CHUNK_BYTES / (size_of::<Pairs>() * job.k().div_ceil(PAIR).max(1)) / 4).max(1) * 4;
+    for first in (0..job.slots()).step_by(width) {
+        let end = (first + width).min(job.slots());
+        for t in (0..x.rows()).step_by(ROWS) {
+            let rows = (x.rows() - t).min(ROWS);
+            cut(x, t, rows, 0, &mut inputs);
+            let mut slot = first;
+            while slot < end {
+                let panels = match end - slot {
+                    4.. if rows <= TILE => 4,
+                    1 => 1,
+                    _ => 2,
+                };
+                block(tiles, x, t, rows, &mut inputs, job, slot, panels, &mut sums);
+                let sums = &mut sums[..rows * panels];
+                match job {
+                    Job::Plain(_, end) => finish(sums, panels, t, slot * PANEL, end, &mut y),
+                    Job::Gated(..) => finish_gated(sums, panels / 2, t, slot / 2 * PANEL, &mut y),
+                }
+                slot += panels;
+            }
+        }
+    }
+}
+
+/// The inputs from `first` on of the rows from `t` on, in two parts each, as many steps as `inputs` holds; zeros behind the
+/// last of them, because whatever stood there would meet weights of zero, and infinities have no such product.
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+fn cut(x: &Input<f32>, t: usize, rows: usize, first: usize, inputs: &mut [Step]) {
+    // Rows are stored 4 KiB apart from step to step, which is one set of L1: few steps at a time, so that they stay there.
+    for (i, inputs) in inputs.chunks_mut(NEAR).enumerate() {
+        let first = (first + i * NEAR * STEP).min(x.cols());
+        let last = (first + NEAR * STEP).min(x.cols());
+        for r in 0..rows {
+            let (whole, part) = x.row(t + r)[first..last].as_chunks::<STEP>();
+            for (step, values) in inputs.iter_mut().zip(whole) {
+                let (values, _) = values.as_chunks::<PANEL>();
+                cut_row(load(&values[0]), load(&values[1]), r, step);
+            }
+            if let Some(step) = inputs.get_mut(whole.len()).filter(|_| !part.is_empty()) {
+                let (front, back) = part.split_at(part.len().min(PANEL));
+                cut_row(load_part(front), load_part(back), r, step);
+            }
+        }
+    }
+}
+
+/// 32 inputs of row `r`. What is infinite has nothing left, and what is no number remains so in its low part.
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+fn cut_row(front: __m512, back: __m512, r: usize, step: &mut Step) {
+    const INFINITE: i32 = 0x18;
+    let upper = _mm512_set1_epi32(-1 << 16);
+    let high = |x| _mm512_castsi512_ps(_mm512_and_si512(_mm512_castps_si512(x), upper));
+    let low = |x| _mm512_maskz_sub_ps(!_mm512_fpclass_ps_mask::<INFINITE>(x), x, high(x));
+    let [high_part, low_part] = step;
+    // The upper words, of the first register and of the second.
+    let odd = _mm512_set_epi16(
+        63, 61, 59, 57, 55, 53, 51, 49, 47, 45, 43, 41, 39, 37, 35, 33, 31, 29, 27, 25, 23, 21, 19, 17, 15, 13, 11, 9,
+        7, 5, 3, 1,
+    );
+    let words = _mm512_permutex2var_epi16(_mm512_castps_si512(front), odd, _mm512_castps_si512(back));
+    store(&mut high_part[r / TILE][r % TILE], words);
+    let rounded = _mm512_cvtne2ps_pbh(low(back), low(front));
+    // SAFETY: both are 64 bytes of 32 words, and any bits are a value of either.
+    let words = unsafe { core::mem::transmute::<__m512bh, __m512i>(rounded) };
+    store(&mut low_part[r / TILE][r % TILE], words);
+}
+
+/// The sums of the rows from `t` on with the slots from `slot` on, over all inputs: `sums [rows, panels]`.
+#[expect(clippy::too_many_arguments, reason = "one block of a product, each operand named")]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+fn block(
+    tiles: &Tiles,
+    x: &Input<f32>,
+    t: usize,
+    rows: usize,
+    inputs: &mut [Step],
+    job: &Job<PackedBf16>,
+    slot: usize,
+    panels: usize,
+    sums: &mut [[f32; PANEL]; SUMS],
+) {
+    // Not by `from_fn`: a closure has this function's features and cannot be inlined into one that has not.
+    let mut pairs = [&[][..]; 4];
+    for (p, pairs) in pairs.iter_mut().enumerate() {
+        *pairs = job.panel(slot + p.min(panels - 1));
+    }
+    let blocks = pairs[0].len().div_ceil(inputs.len() * TILE).max(1);
+    for i in 0..blocks {
+        if blocks > 1 {
+            cut(x, t, rows, i * inputs.len() * STEP, inputs);
+        }
+        let part = i * inputs.len() * TILE..((i + 1) * inputs.len() * TILE).min(pairs[0].len());
+        let mut pairs = pairs;
+        for pairs in &mut pairs {
+            *pairs = &pairs[part.clone()];
+        }
+        match (rows <= TILE, panels) {
+            (true, 4) => multiply::<1, 4>(tiles, inputs, &pairs, i == 0, sums),
+            (true, 2) => multiply::<1, 2>(tiles, inputs, &pairs, i == 0, sums),
+            (true, _) => multiply::<1, 1>(tiles, inputs, &pairs, i == 0, sums),
+            (false, 2) => multiply::<2, 2>(tiles, inputs, &pairs, i == 0, sums),
+            (false, _) => multiply::<2, 1>(tiles, inputs, &pairs, i == 0, sums),
+        }
+    }
+}
+
+/// Adds the products of `R` tiles of rows with the pairs of `P` panels to `sums [rows, P]`, or starts them.
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+fn multiply<const R: usize, const P: usize>(
+    tiles: &Tiles,
+    inputs: &[Step],
+    pairs: &[&[Pairs]; 4],
+    start: bool,
+    sums: &mut [[f32; PANEL]; SUMS],
+) {
+    if start {
+        tiles.zero();
+    } else {
+        tiles.load_sums::<R, P>(sums);
+    }
+    let [first, second, third, fourth] = *pairs;
+    let ((first, rest), (second, _)) = (first.as_chunks::<TILE>(), second.as_chunks::<TILE>());
+    let ((third, _), (fourth, _)) = (third.as_chunks::<TILE>(), fourth.as_chunks::<TILE>());
+    let (steps, rest) = (first.len(), rest.len());
+    for (i, x) in inputs.iter().enumerate().take(steps) {
+        step::<R, P>(tiles, x, [&first[i], &second[i], &third[i], &fourth[i]]);
+    }
+    if rest > 0 {
+        let mut last = [[[[Bf16(0); PAIR]; PANEL]; TILE]; 4];
+        for (last, pairs) in last.iter_mut().zip(pairs).take(P) {
+            last[..rest].copy_from_slice(&pairs[steps * TILE..]);
+        }
+        step::<R, P>(tiles, &inputs[steps], last.each_ref());
+    }
+    tiles.store_sums::<R, P>(sums);
+}
+
+/// 32 inputs of `R` tiles of rows with `P` panels; in every sum the high parts come first.
+#[inline]
+fn step<const R: usize, const P: usize>(tiles: &Tiles, [high, low]: &Step, w: [&[Pairs; TILE]; 4]) {
+    if R == 1 {
+        tiles.load::<4, _>(&high[0]);
+        tiles.load::<5, _>(&low[0]);
+        tiles.load::<6, _>(w[0]);
+        tiles.multiply_bf16::<0, 4, 6>();
+        if P > 1 {
+            tiles.load::<7, _>(w[1]);
+            tiles.multiply_bf16::<1, 4, 7>();
+        }
+        tiles.multiply_bf16::<0, 5, 6>();
+        if P > 2 {
+            tiles.load::<6, _>(w[2]);
+            tiles.multiply_bf16::<2, 4, 6>();
+        }
+        if P > 1 {
+            tiles.multiply_bf16::<1, 5, 7>();
+        }
+        if P > 2 {
+            tiles.load::<7, _>(w[3]);
+            tiles.multiply_bf16::<3, 4, 7>();
+            tiles.multiply_bf16::<2, 5, 6>();
+            tiles.multiply_bf16::<3, 5, 7>();
+        }
+    } else {
+        tiles.load::<6, _>(w[0]);
+        if P > 1 {
+            tiles.load::<7, _>(w[1]);
+        }
+        for part in [high, low] {
+            tiles.load::<4, _>(&part[0]);
+            tiles.multiply_bf16::<0, 4, 6>();
+            if P > 1 {
+                tiles.multiply_bf16::<1, 4, 7>();
+            }
+            tiles.load::<5, _>(&part[1]);
+            tiles.multiply_bf16::<2, 5, 6>();
+            if P > 1 {
+                tiles.multiply_bf16::<3, 5, 7>();
+            }
+        }
+    }
+}
+
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+fn store(dst: &mut [Bf16; STEP], v: __m512i) {
+    // SAFETY: `dst` is 64 writable bytes; the store needs no alignment.
+    unsafe { _mm512_storeu_si512(dst.as_mut_ptr().cast(), v) }
+}
