@@ -76,6 +76,17 @@ impl Tiles {
         }
     }
 
+    /// `tmmT` = 64 bytes of each of 16 rows, `stride` elements apart.
+    #[inline]
+    pub(crate) fn load_rows<const T: u8, V>(&self, rows: &[V], stride: usize) {
+        assert!(size_of_val(rows) >= (TILE - 1) * stride * size_of::<V>() + BYTES);
+        // SAFETY: tile `T` is configured as 16 rows of 64 bytes, the last of which ends inside `rows` by the assertion.
+        unsafe {
+            asm!("tileloadd tmm{t}, [{rows} + {stride}]", t = const T, rows = in(reg) rows.as_ptr(),
+                stride = in(reg) stride * size_of::<V>(), options(nostack, preserves_flags, readonly));
+        }
+    }
+
     /// `tmmC += tmmX * tmmW`, signed bytes with exact sums.
     #[inline]
     pub(crate) fn multiply_i8<const C: u8, const X: u8, const W: u8>(&self) {

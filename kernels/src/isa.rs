@@ -73,6 +73,15 @@ impl Isa {
         }
     }
 
+    /// Whether float products with bf16 weights go to tiles, so that [`crate::matmul_bf16::split`] serves them.
+    pub const fn has_tiles(self) -> bool {
+        match self.0 {
+            #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+            Backend::Amx => true,
+            _ => false,
+        }
+    }
+
     /// The names of every back-end of this target, supported by this processor or not.
     pub fn names() -> impl Iterator<Item = &'static str> {
         backends().map(|(backend, _)| Self(backend).name())

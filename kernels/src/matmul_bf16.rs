@@ -11,7 +11,7 @@ mod scalar;
 use crate::bf16::Bf16;
 use crate::error::{ShapeError, expect_len};
 use crate::isa::{Backend, Isa};
-use crate::mat::MatMut;
+use crate::mat::{Mat, MatMut};
 use crate::matmul_f32::{Epilogue, Input, Panels, check_product};
 use crate::pack::{PAIR, PANEL, PackedBf16};
 
@@ -70,6 +70,75 @@ pub fn matmul_gated_bf16(
         #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
         // SAFETY: `Isa` holds `Amx` only after detection of tiles and of every feature that `amx` enables.
         Backend::Amx => unsafe { amx::matmul_gated(x, gate, up, y) },
+    }
+    Ok(())
+}
+
+/// Rows cut in two by [`split`]: `value = high + low`.
+#[derive(Clone, Copy, Debug)]
+pub struct SplitRows<'a> {
+    high: Mat<'a, Bf16>,
+    low: Mat<'a, Bf16>,
+}
+
+impl<'a> SplitRows<'a> {
+    /// Rows `[m, k]` of which both parts lie in memory in the same way; they may overlap.
+    ///
+    /// # Errors
+    /// [`ShapeError`] where the parts' shapes differ.
+    pub fn new(high: Mat<'a, Bf16>, low: Mat<'a, Bf16>) -> Result<Self, ShapeError> {
+        expect_len("low", high.rows(), low.rows())?;
+        expect_len("low", high.cols(), low.cols())?;
+        expect_len("low", high.stride(), low.stride())?;
+        Ok(Self { high, low })
+    }
+}
+
+/// Cuts every value in two: the upper half of its bits, and what they leave, rounded to bf16.
+///
+/// Shapes: `x`, `high`, `low` `[n]` (both overwritten).
+/// Numerics: `high + low` is off by at most `2^-16` of `x`; infinities have nothing left, and what is no number remains so
+/// in one part at least. The same bits on every back-end, but that `amx` takes a low part below `2^-126` for zero.
+///
+/// # Errors
+/// [`ShapeError`] naming the argument whose length disagrees.
+pub fn split(isa: Isa, x: &[f32], high: &mut [Bf16], low: &mut [Bf16]) -> Result<(), ShapeError> {
+    expect_len("high", x.len(), high.len())?;
+    expect_len("low", x.len(), low.len())?;
+    match isa.0 {
+        Backend::Scalar => scalar::split(x, high, low),
+        // Only tiles take such rows: the others have no use for a faster way to make them.
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx2 | Backend::Avx512Vnni => scalar::split(x, high, low),
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        // SAFETY: `Isa` holds `Amx` only after detection of tiles and of every feature that `amx` enables.
+        Backend::Amx => unsafe { amx::split(x, high, low) },
+    }
+    Ok(())
+}
+
+/// [`matmul_bf16`] of rows that are cut already, which on `amx` has the bits of the product of the rows as they were: for
+/// rows that overlap, or that several threads read.
+///
+/// Shapes, numerics: as [`matmul_bf16`]; back-ends without tiles put rows together again, and are slow.
+///
+/// # Errors
+/// [`ShapeError`] naming the argument whose length disagrees.
+pub fn matmul_bf16_split(
+    isa: Isa,
+    x: SplitRows,
+    w: PackedBf16,
+    end: Epilogue,
+    y: MatMut<f32>,
+) -> Result<(), ShapeError> {
+    check_product((x.high.rows(), x.high.cols()), (w.n(), w.k()), &y, &end)?;
+    match isa.0 {
+        Backend::Scalar => scalar::matmul_split(x, w, end, y),
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx2 | Backend::Avx512Vnni => scalar::matmul_split(x, w, end, y),
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        // SAFETY: `Isa` holds `Amx` only after detection of tiles and of every feature that `amx` enables.
+        Backend::Amx => unsafe { amx::matmul_split(x, w, end, y) },
     }
     Ok(())
 }

@@ -4,7 +4,7 @@
 #![expect(clippy::cast_possible_truncation, reason = "sizes of cases are far below 2^32")]
 
 use proptest::prelude::*;
-use umo_kernels::matmul_bf16::{matmul_bf16, matmul_gated_bf16};
+use umo_kernels::matmul_bf16::{SplitRows, matmul_bf16, matmul_bf16_split, matmul_gated_bf16, split};
 use umo_kernels::matmul_f32::{Activation, Epilogue, Input, Scatter, matmul_f32, matmul_gated_f32};
 use umo_kernels::matmul_i8::{MAX_K, QuantRows, matmul_gated_i8, matmul_i8};
 use umo_kernels::pack::{PANEL, pack, pack_bf16, pack_i8, packed_len, packed_len_bf16, packed_len_i8};
@@ -495,6 +495,38 @@ fn bf16_products_carry_what_is_not_finite(isa: Isa) {
     }
 }
 
+/// Rows that were cut before, overlapping or apart: where there are tiles, any values and the bits of the product of the
+/// rows as they were; elsewhere integers, whose sums are exact.
+fn rows_cut_before_give_the_same(isa: Isa) {
+    let shape = (0_usize..70, near(PANEL, 4), near(32, 4), any::<u64>(), 0_usize..64);
+    proptest!(config(128), |((m, n, k, seed, offset) in shape, gap in prop_oneof![Just(-1_i8), Just(0), Just(1)])| {
+        let mut numbers = Numbers(seed);
+        let number = if isa.has_tiles() { Numbers::real } else { Numbers::integer };
+        let stride = match gap { -1 => k.div_ceil(2), 0 => k, _ => k + 3 };
+        let len = if m * k == 0 { 0 } else { (m - 1) * stride + k };
+        let x: Vec<f32> = (0..len).map(|_| number(&mut numbers)).collect();
+        let w: Vec<f32> = (0..n * k).map(|_| numbers.integer()).collect();
+        let mut packed = vec![Bf16::default(); packed_len_bf16(n, k)];
+        pack_bf16(Mat::new(&w, n, k).unwrap(), &mut packed).unwrap();
+        let w = PackedBf16::new(&packed, n, k).unwrap();
+        let (mut high, mut low) = (vec![Bf16(0); len], vec![Bf16(0); len]);
+        split(isa, &x, &mut high, &mut low).unwrap();
+        for ((&x, high), low) in x.iter().zip(&high).zip(&low) {
+            let rest = f64::from(x) - f64::from(high.to_f32()) - f64::from(low.to_f32());
+            prop_assert!(rest.abs() <= f64::from(x.abs()) * f64::from(2.0_f32.powi(-16)) + f64::from(f32::MIN_POSITIVE));
+        }
+        let (high, low) = (Shifted::new(&high, offset), Shifted::new(&low, offset + 1));
+        let view = |part| Mat::with_stride(part, m, k, stride).unwrap();
+        let rows = SplitRows::new(view(high.get()), view(low.get())).unwrap();
+        let (mut y, mut want) = (Guarded::new(m, n, 1, offset, 3.0), Guarded::new(m, n, 1, offset, 3.0));
+        matmul_bf16_split(isa, rows, w, Epilogue::ADD, y.view()).unwrap();
+        let whole = Input::all(Mat::with_stride(&x, m, k, stride).unwrap());
+        matmul_bf16(isa, whole, w, Epilogue::ADD, want.view()).unwrap();
+        prop_assert_eq!(y.bits(), want.bits());
+    });
+}
+
+for_each_isa!(rows_cut_before_give_the_same => scalar, avx2, avx512vnni, amx);
 for_each_isa!(bf16_products_carry_what_is_not_finite => scalar, avx2, avx512vnni, amx);
 for_each_isa!(products_match_scalar => avx2, avx512vnni, amx);
 for_each_isa!(int8_sums_are_exact => scalar, avx2, avx512vnni, amx);

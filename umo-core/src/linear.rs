@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use umo_kernels::matmul_bf16::{matmul_bf16, matmul_gated_bf16};
+use umo_kernels::matmul_bf16::{SplitRows, matmul_bf16, matmul_bf16_split, matmul_gated_bf16, split};
 use umo_kernels::matmul_f32::{Epilogue, Input, matmul_f32, matmul_gated_f32};
 use umo_kernels::matmul_i8::{QuantRows, matmul_gated_i8, matmul_i8, quantize_rows};
 use umo_kernels::{Bf16, Isa, Mat, MatMut, PANEL, PackedBf16, PackedF32, PackedI8, ShapeError};
@@ -80,6 +80,8 @@ pub struct Linear {
 pub struct QuantScratch {
     steps: AlignedBox<i8>,
     scale: Box<[f32]>,
+    /// High and low parts of values, or nothing.
+    parts: [AlignedBox<Bf16>; 2],
 }
 
 /// Multiply-adds that quantising one value costs, roughly.
@@ -88,7 +90,14 @@ const QUANTIZE_WORK: usize = 4;
 impl QuantScratch {
     /// Room for at most `rows` rows and `values` values in all.
     pub fn with_values(rows: usize, values: usize) -> Self {
-        Self { steps: AlignedBox::zeroed(values), scale: vec![0.0; rows].into() }
+        let parts = [(); 2].map(|()| AlignedBox::zeroed(0));
+        Self { steps: AlignedBox::zeroed(values), scale: vec![0.0; rows].into(), parts }
+    }
+
+    /// The same with room for `values` values cut in two, for products of which [`Linear::splits`] is true.
+    #[must_use]
+    pub fn with_parts(self, values: usize) -> Self {
+        Self { parts: [(); 2].map(|()| AlignedBox::zeroed(values)), ..self }
     }
 
     /// Room for `rows` rows of at most `width` values, or for more rows of fewer values.
@@ -173,8 +182,45 @@ impl Linear {
         end: Epilogue,
         y: MatMut<f32>,
     ) -> Result<(), StepError> {
+        // Few rows would gain nothing.
+        if self.splits(cx.isa) && x.rows() >= 2 * PANEL && quant.parts[0].len() >= x.elements().len() {
+            return self.forward_split(cx, quant, x, range, end, y);
+        }
         let input = self.input(cx, quant, x)?;
         self.apply(cx, input, None, range, end, y)
+    }
+
+    /// The product of rows that are cut in two once for all threads, and for all rows that share a value.
+    fn forward_split(
+        &self,
+        cx: Compute,
+        quant: &mut QuantScratch,
+        x: Mat<f32>,
+        range: Range<usize>,
+        end: Epilogue,
+        y: MatMut<f32>,
+    ) -> Result<(), StepError> {
+        let values = x.elements();
+        let [high, low] = &mut quant.parts;
+        let (high, low) = (&mut high[..values.len()], &mut low[..values.len()]);
+        // As many lines as there are values, so that threads share them as they come.
+        let parts = (MatMut::new(high, values.len(), 1)?, MatMut::new(low, values.len(), 1)?);
+        cx.team.rows_of_two(parts.0, parts.1, values.len(), |range, mut high, mut low| {
+            Ok(split(cx.isa, &values[range], high.column_mut(), low.column_mut())?)
+        })?;
+        let [high, low] = &quant.parts;
+        let part = |part| Mat::with_stride(part, x.rows(), x.cols(), x.stride());
+        let rows = SplitRows::new(part(high)?, part(low)?)?;
+        let end = Epilogue { bias: self.bias.as_deref().map(|bias| &bias[range.clone()]), ..end };
+        cx.team.columns(y, PANEL, x.rows() * self.inputs * range.len(), |columns, y| {
+            let outputs = range.start + columns.start..range.start + columns.end;
+            Ok(matmul_bf16_split(cx.isa, rows, self.bf16(outputs)?, end.outputs(columns), y)?)
+        })
+    }
+
+    /// Whether [`Linear::forward`] cuts its input in two where the scratch has room: bf16 weights, and tiles for them.
+    pub fn splits(&self, isa: Isa) -> bool {
+        isa.has_tiles() && !self.exact && matches!(self.weight, Weight::Bf16(_))
     }
 
     /// The product of input that is ready, over the rows that `index` names (or all).

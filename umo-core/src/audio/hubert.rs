@@ -10,7 +10,7 @@ use umo_kernels::activation;
 use umo_kernels::attention::{Visible, attention_f32};
 use umo_kernels::matmul_f32::{Activation, Epilogue};
 use umo_kernels::norm::{channel_affine, channel_sums, layer_norm};
-use umo_kernels::{Mat, MatMut, PANEL};
+use umo_kernels::{Isa, Mat, MatMut, PANEL};
 
 use crate::config;
 use crate::error::{LoadError, StepError};
@@ -22,7 +22,7 @@ const GROUP_NORM_EPS: f64 = 1e-5;
 /// Added to the waveform's variance where it is normalised, as Hugging Face's feature extractor does.
 const WAVE_EPS: f64 = 1e-7;
 /// Features per pass of the convolutions where a whole file is tokenised.
-const BLOCK: usize = 64;
+const BLOCK: usize = 16;
 /// Multiply-adds that an element of a norm or an activation costs, roughly.
 const ELEMENT_WORK: usize = 8;
 
@@ -32,6 +32,7 @@ const GELU: Epilogue<'static> = Epilogue::STORE.then(Activation::Gelu);
 #[derive(Debug)]
 pub(super) struct Hubert {
     sizes: config::Hubert,
+    isa: Isa,
     convolutions: Box<[Linear]>,
     /// Affine part of the group norm, `[conv_dim[0]]`.
     group_norm: Norm,
@@ -206,6 +207,7 @@ impl Hubert {
             .collect::<Result<Vec<_>, _>>()?;
         Ok(Self {
             sizes: sizes.clone(),
+            isa: loader.isa(),
             convolutions: convolutions.into(),
             // Its epsilon is applied in f64, with the statistics.
             group_norm: Norm::load(loader, &format!("{extractor}.0.layer_norm"), sizes.conv_dim[0], 0.0)?,
@@ -239,8 +241,12 @@ impl Hubert {
         let sizes = &self.sizes;
         let mut len = [0_usize; 2];
         let (mut rows, mut dim) = (samples, 1);
+        let mut most_parts = 0;
         let (mut most_rows, mut most_values) = (window, window * sizes.hidden_size.max(sizes.intermediate_size));
         for (i, (conv, &stride)) in self.convolutions.iter().zip(&sizes.conv_stride).enumerate() {
+            if conv.splits(self.isa) {
+                most_parts = most_parts.max(rows * dim);
+            }
             rows = outputs(rows, sizes.conv_kernel[i], stride);
             if conv.is_int8() {
                 (most_rows, most_values) = (most_rows.max(rows), most_values.max(rows * conv.inputs()));
@@ -264,7 +270,7 @@ impl Hubert {
             hidden: zeros(window * sizes.hidden_size),
             qkv: zeros(window * 3 * sizes.hidden_size),
             inside: zeros(window * sizes.intermediate_size),
-            quant: QuantScratch::with_values(most_rows.max(rows), quantised),
+            quant: QuantScratch::with_values(most_rows.max(rows), quantised).with_parts(most_parts),
         }
     }
 
