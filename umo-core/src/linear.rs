@@ -100,6 +100,20 @@ impl QuantScratch {
         Self { parts: [(); 2].map(|()| AlignedBox::zeroed(values)), ..self }
     }
 
+    /// Cuts every value in two; the high and the low parts.
+    ///
+    /// # Errors
+    /// [`StepError`] where there is no room for them.
+    pub fn split(&mut self, cx: Compute, values: &[f32]) -> Result<[&[Bf16]; 2], StepError> {
+        let [high, low] = &mut self.parts;
+        // As many rows as there are values, so that threads share them as they come.
+        let parts = (MatMut::new(high, values.len(), 1)?, MatMut::new(low, values.len(), 1)?);
+        cx.team.rows_of_two(parts.0, parts.1, values.len(), |range, mut high, mut low| {
+            Ok(split(cx.isa, &values[range], high.column_mut(), low.column_mut())?)
+        })?;
+        Ok([&high[..values.len()], &low[..values.len()]])
+    }
+
     /// Room for `rows` rows of at most `width` values, or for more rows of fewer values.
     pub fn new(rows: usize, width: usize) -> Self {
         Self::with_values(rows, rows * width)
@@ -200,22 +214,28 @@ impl Linear {
         end: Epilogue,
         y: MatMut<f32>,
     ) -> Result<(), StepError> {
-        let values = x.elements();
-        let [high, low] = &mut quant.parts;
-        let (high, low) = (&mut high[..values.len()], &mut low[..values.len()]);
-        // As many lines as there are values, so that threads share them as they come.
-        let parts = (MatMut::new(high, values.len(), 1)?, MatMut::new(low, values.len(), 1)?);
-        cx.team.rows_of_two(parts.0, parts.1, values.len(), |range, mut high, mut low| {
-            Ok(split(cx.isa, &values[range], high.column_mut(), low.column_mut())?)
-        })?;
-        let [high, low] = &quant.parts;
         let part = |part| Mat::with_stride(part, x.rows(), x.cols(), x.stride());
+        let [high, low] = quant.split(cx, x.elements())?;
         let rows = SplitRows::new(part(high)?, part(low)?)?;
-        let end = Epilogue { bias: self.bias.as_deref().map(|bias| &bias[range.clone()]), ..end };
         cx.team.columns(y, PANEL, x.rows() * self.inputs * range.len(), |columns, y| {
-            let outputs = range.start + columns.start..range.start + columns.end;
-            Ok(matmul_bf16_split(cx.isa, rows, self.bf16(outputs)?, end.outputs(columns), y)?)
+            self.apply_split(cx, rows, range.start + columns.start..range.start + columns.end, end, y)
         })
+    }
+
+    /// The product of rows that were cut in two, on this thread alone.
+    ///
+    /// # Errors
+    /// [`StepError`] where a length disagrees, or the weights are no bf16.
+    pub fn apply_split(
+        &self,
+        cx: Compute,
+        x: SplitRows,
+        range: Range<usize>,
+        end: Epilogue,
+        y: MatMut<f32>,
+    ) -> Result<(), StepError> {
+        let end = Epilogue { bias: self.bias.as_deref().map(|bias| &bias[range.clone()]), ..end };
+        Ok(matmul_bf16_split(cx.isa, x, self.bf16(range)?, end, y)?)
     }
 
     /// Whether [`Linear::forward`] cuts its input in two where the scratch has room: bf16 weights, and tiles for them.

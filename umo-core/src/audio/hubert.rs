@@ -8,6 +8,7 @@
 use rayon::prelude::*;
 use umo_kernels::activation;
 use umo_kernels::attention::{Visible, attention_f32};
+use umo_kernels::matmul_bf16::SplitRows;
 use umo_kernels::matmul_f32::{Activation, Epilogue};
 use umo_kernels::norm::{channel_affine, channel_sums, layer_norm};
 use umo_kernels::{Isa, Mat, MatMut, PANEL};
@@ -213,7 +214,7 @@ impl Hubert {
             group_norm: Norm::load(loader, &format!("{extractor}.0.layer_norm"), sizes.conv_dim[0], 0.0)?,
             projection_norm: Norm::load(loader, &format!("{root}.feature_projection.layer_norm"), channels, eps)?,
             projection: loader.linear_with_bias(&format!("{root}.feature_projection.projection"), hidden, channels)?,
-            position: loader.exact().grouped_conv(
+            position: loader.float().grouped_conv(
                 &format!("{root}.encoder.pos_conv_embed.conv"),
                 hidden,
                 kernel,
@@ -259,6 +260,9 @@ impl Hubert {
         len[last] = len[last].max(rows * dim);
         let quantised = if self.products().any(Linear::is_int8) { most_values.max(rows * dim) } else { 0 };
         let padded = window + 2 * (sizes.num_conv_pos_embeddings / 2);
+        if self.position.iter().any(|group| group.splits(self.isa)) {
+            most_parts = most_parts.max(padded * sizes.hidden_size);
+        }
         let zeros = AlignedBox::zeroed;
         Scratch {
             even: zeros(len[0]),
@@ -445,14 +449,21 @@ impl Hubert {
             }
         }
         let padded = &*padded;
+        let tiles = self.position.iter().all(|group| group.splits(cx.isa));
+        let parts = if tiles { scratch.quant.split(cx, padded)? } else { [&[][..]; 2] };
         scratch.sum[..features.len()].copy_from_slice(features);
         let sum = MatMut::new(&mut scratch.sum, window, hidden)?;
         cx.team.columns(sum, width, window * kernel * hidden * width, |columns, mut rest| {
             for group in columns.start / width..columns.end / width {
                 let (y, tail) = rest.split_columns(width);
-                let windows = Mat::with_stride(&padded[group * group_len..], window, kernel * width, width)?;
-                let end = Epilogue::ADD.then(Activation::Gelu);
-                self.position[group].apply(cx, Ready::Float(windows), None, 0..width, end, y)?;
+                let (start, end) = (group * group_len, Epilogue::ADD.then(Activation::Gelu));
+                if tiles {
+                    let part = |i: usize| Mat::with_stride(&parts[i][start..], window, kernel * width, width);
+                    self.position[group].apply_split(cx, SplitRows::new(part(0)?, part(1)?)?, 0..width, end, y)?;
+                } else {
+                    let windows = Mat::with_stride(&padded[start..], window, kernel * width, width)?;
+                    self.position[group].apply(cx, Ready::Float(windows), None, 0..width, end, y)?;
+                }
                 rest = tail;
             }
             Ok(())

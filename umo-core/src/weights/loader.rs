@@ -22,6 +22,8 @@ pub struct Loader<'a> {
     precision: Precision,
     /// How every product's weights are kept, where the precision does not say it tensor by tensor.
     form: Option<Form>,
+    /// Whether float products keep all bits of their activations.
+    exact: bool,
     isa: Isa,
     /// Where packed weights lie.
     pool: Arc<Pool>,
@@ -75,7 +77,7 @@ impl Order {
 impl<'a> Loader<'a> {
     /// A loader of `file` for `isa`; `precision` says how products are computed.
     pub fn new(file: &'a ModelFile, precision: Precision, isa: Isa) -> Self {
-        Self { file, precision, form: None, isa, pool: Arc::default() }
+        Self { file, precision, form: None, exact: precision == Precision::F32, isa, pool: Arc::default() }
     }
 
     /// The file.
@@ -91,6 +93,12 @@ impl<'a> Loader<'a> {
     /// The same file and processor with products in full precision, for the tensors that lose by rounding.
     #[must_use]
     pub fn exact(&self) -> Self {
+        Self { exact: true, ..self.float() }
+    }
+
+    /// The same file and processor with weights as the file has them, for the tensors that lose by rounding to int8.
+    #[must_use]
+    pub fn float(&self) -> Self {
         Self { precision: Precision::F32, form: None, ..self.clone() }
     }
 
@@ -256,7 +264,7 @@ impl<'a> Loader<'a> {
             Form::F32 => Weight::F32(self.pack_float(rows, packed_len, pack_row)?),
         };
         let linear = Linear::new(weight, rows.n, rows.cols());
-        Ok(if self.precision == Precision::F32 { linear.exact() } else { linear })
+        Ok(if self.exact { linear.exact() } else { linear })
     }
 
     /// Packs all panels in parallel, of the length and in the way of one type.
