@@ -16,6 +16,10 @@ pub(crate) const TILE: usize = 16;
 /// Bytes of a tile's row.
 pub(crate) const BYTES: usize = 64;
 
+/// Something at the start of a line: a tile's row that crosses two takes twice as long to load.
+#[repr(C, align(64))]
+pub(crate) struct Aligned<T>(pub(crate) T);
+
 /// The proof that this thread's tiles are configured, all of them 16 rows of 64 bytes; dropping it releases them.
 pub(crate) struct Tiles {
     /// Tiles belong to a thread.

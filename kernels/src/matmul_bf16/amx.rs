@@ -11,7 +11,7 @@
 //! whichever rows are beside it: few rows leave a tile empty, and weights arrive from memory no sooner for that.
 
 use super::SplitRows;
-use crate::amx::{TILE, Tiles};
+use crate::amx::{Aligned, TILE, Tiles};
 use crate::bf16::Bf16;
 use crate::mat::{Mat, MatMut};
 use crate::matmul_f32::avx512vnni::{finish, finish_gated, load, load_part};
@@ -114,8 +114,8 @@ fn run(x: &Rows, job: &Job<PackedBf16>, y: MatMut<f32>) {
 
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
 fn product<const MOST: usize>(tiles: &Tiles, x: &Rows, job: &Job<PackedBf16>, mut y: MatMut<f32>) {
-    let mut buffer = [[[[[Bf16(0); STEP]; TILE]; 2]; 2]; MOST];
-    let mut sums = [[0.0; PANEL]; SUMS];
+    let mut buffer = Aligned([[[[[Bf16(0); STEP]; TILE]; 2]; 2]; MOST]);
+    let mut sums = Aligned([[0.0; PANEL]; SUMS]);
     // A multiple of the panels that any block takes at once.
     let width = (CHUNK_BYTES / (size_of::<Pairs>() * job.k().div_ceil(PAIR).max(1)) / 4).max(1) * 4;
     for first in (0..job.slots()).step_by(width) {
@@ -124,7 +124,7 @@ fn product<const MOST: usize>(tiles: &Tiles, x: &Rows, job: &Job<PackedBf16>, mu
             let rows = (x.count() - t).min(ROWS);
             let in_place = in_place(x, t, rows);
             if in_place.is_none() {
-                fill(x, t, rows, 0, &mut buffer);
+                fill(x, t, rows, 0, &mut buffer.0);
             }
             let mut slot = first;
             while slot < end {
@@ -133,8 +133,8 @@ fn product<const MOST: usize>(tiles: &Tiles, x: &Rows, job: &Job<PackedBf16>, mu
                     1 => 1,
                     _ => 2,
                 };
-                block(tiles, x, (t, rows), in_place, &mut buffer, job, (slot, panels), &mut sums);
-                let sums = &mut sums[..rows * panels];
+                block(tiles, x, (t, rows), in_place, &mut buffer.0, job, (slot, panels), &mut sums.0);
+                let sums = &mut sums.0[..rows * panels];
                 match job {
                     Job::Plain(_, end) => finish(sums, panels, t, slot * PANEL, end, &mut y),
                     Job::Gated(..) => finish_gated(sums, panels / 2, t, slot / 2 * PANEL, &mut y),
@@ -309,11 +309,11 @@ fn multiply<const R: usize, const P: usize>(
         step::<R, P>(tiles, &source, i, [&first[i], &second[i], &third[i], &fourth[i]]);
     }
     if rest > 0 {
-        let mut last = [[[[Bf16(0); PAIR]; PANEL]; TILE]; 4];
-        for (last, pairs) in last.iter_mut().zip(pairs).take(P) {
+        let mut last = Aligned([[[[Bf16(0); PAIR]; PANEL]; TILE]; 4]);
+        for (last, pairs) in last.0.iter_mut().zip(pairs).take(P) {
             last[..rest].copy_from_slice(&pairs[steps * TILE..]);
         }
-        step::<R, P>(tiles, &source, steps, last.each_ref());
+        step::<R, P>(tiles, &source, steps, last.0.each_ref());
     }
     tiles.store_sums::<R, P>(sums);
 }

@@ -5,7 +5,7 @@
 
 use super::QuantInput;
 use super::avx512vnni::{self, Job, finish};
-use crate::amx::{BYTES, TILE, Tiles};
+use crate::amx::{Aligned, BYTES, TILE, Tiles};
 use crate::mat::MatMut;
 use crate::matmul_f32::Epilogue;
 use crate::pack::{PANEL, PackedI8};
@@ -56,15 +56,15 @@ fn run(x: &QuantInput, job: &Job, y: MatMut<f32>) {
 
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
 fn product<const MOST: usize>(tiles: &Tiles, x: &QuantInput, job: &Job, mut y: MatMut<f32>) {
-    let mut inputs = [[[[0; BYTES]; TILE]; 2]; MOST];
-    let mut sums = [[0.0; PANEL]; SUMS];
+    let mut inputs = Aligned([[[[0; BYTES]; TILE]; 2]; MOST]);
+    let mut sums = Aligned([[0.0; PANEL]; SUMS]);
     // A multiple of the panels that any block takes at once.
     let width = (CHUNK_BYTES / (PANEL * job.k().max(1)) / 4).max(1) * 4;
     for first in (0..job.slots()).step_by(width) {
         let end = (first + width).min(job.slots());
         for t in (0..x.rows.rows()).step_by(ROWS) {
             let rows = (x.rows.rows() - t).min(ROWS);
-            gather(x, t, rows, 0, &mut inputs);
+            gather(x, t, rows, 0, &mut inputs.0);
             let mut slot = first;
             while slot < end {
                 let panels = match end - slot {
@@ -72,7 +72,7 @@ fn product<const MOST: usize>(tiles: &Tiles, x: &QuantInput, job: &Job, mut y: M
                     1 => 1,
                     _ => 2,
                 };
-                block(tiles, x, t, rows, &mut inputs, job, slot, panels, &mut sums, &mut y);
+                block(tiles, x, t, rows, &mut inputs.0, job, slot, panels, &mut sums.0, &mut y);
                 slot += panels;
             }
         }
@@ -158,11 +158,11 @@ fn multiply<const R: usize, const P: usize>(
         step::<R, P>(tiles, x, [&first[i], &second[i], &third[i], &fourth[i]]);
     }
     if rest > 0 {
-        let mut last = [[[0; BYTES]; TILE]; 4];
-        for (last, quads) in last.iter_mut().zip(quads).take(P) {
+        let mut last = Aligned([[[0; BYTES]; TILE]; 4]);
+        for (last, quads) in last.0.iter_mut().zip(quads).take(P) {
             last[..rest].copy_from_slice(&quads[steps * TILE..]);
         }
-        step::<R, P>(tiles, &inputs[steps], last.each_ref());
+        step::<R, P>(tiles, &inputs[steps], last.0.each_ref());
     }
     tiles.store_sums::<R, P>(sums);
 }
