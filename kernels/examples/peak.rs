@@ -13,7 +13,7 @@ use std::time::Instant;
 use umo_kernels::matmul_bf16::matmul_bf16;
 use umo_kernels::matmul_f32::{Epilogue, Input, matmul_f32, matmul_gated_f32};
 use umo_kernels::matmul_i8::{QuantRows, matmul_gated_i8, matmul_i8};
-use umo_kernels::pack::{pack, pack_i8, packed_len, packed_len_i8};
+use umo_kernels::pack::{pack, pack_bf16, pack_i8, packed_len, packed_len_bf16, packed_len_i8};
 use umo_kernels::{Bf16, Isa, Mat, MatMut, PackedBf16, PackedF32, PackedI8};
 
 /// Weights gone round in the cold figures.
@@ -440,24 +440,25 @@ fn int8(
 }
 
 fn float(n: usize, k: usize, m: usize, cold: bool, seconds: f64, floors: &Floors, mkl: Option<&Mkl>) {
-    let len = packed_len(n, k).next_multiple_of(16);
+    let len = packed_len(n, k);
+    let len_bf16 = packed_len_bf16(n, k);
     let copies = if cold { COLD_BYTES / 4 / len } else { 1 };
     let mut random = numbers(7);
     let mut real = || (random() >> 40) as f32 / (1 << 23) as f32 - 1.0;
     let w: Vec<f32> = (0..n * k).map(|_| Bf16::from_f32(real()).to_f32()).collect();
     let x: Vec<f32> = (0..m * k).map(|_| real()).collect();
     let mut memory = Huge::<f32>::new(len * copies);
-    let mut memory_bf16 = Huge::<Bf16>::new(len * copies);
+    let mut memory_bf16 = Huge::<Bf16>::new(len_bf16 * copies);
     for copy in memory.get().chunks_exact_mut(len) {
-        pack(Mat::new(&w, n, k).unwrap(), |w| w, &mut copy[..packed_len(n, k)]).unwrap();
+        pack(Mat::new(&w, n, k).unwrap(), copy).unwrap();
     }
-    for (to, from) in memory_bf16.get().iter_mut().zip(memory.get()) {
-        *to = Bf16::from_f32(*from);
+    for copy in memory_bf16.get().chunks_exact_mut(len_bf16) {
+        pack_bf16(Mat::new(&w, n, k).unwrap(), copy).unwrap();
     }
     let (all, all_bf16) = (&*memory.get(), &*memory_bf16.get());
     let rows = Input::all(Mat::new(&x, m, k).unwrap());
-    let view = |copy: usize| PackedF32::new(&all[copy * len..][..packed_len(n, k)], n, k).unwrap();
-    let view_bf16 = |copy: usize| PackedBf16::new(&all_bf16[copy * len..][..packed_len(n, k)], n, k).unwrap();
+    let view = |copy: usize| PackedF32::new(&all[copy * len..][..len], n, k).unwrap();
+    let view_bf16 = |copy: usize| PackedBf16::new(&all_bf16[copy * len_bf16..][..len_bf16], n, k).unwrap();
     let mut want = vec![0.0; m * n];
     matmul_f32(Isa::SCALAR, rows, view(0), Epilogue::STORE, MatMut::new(&mut want, m, n).unwrap()).unwrap();
     let close = |y: &[f32], name: &str| {

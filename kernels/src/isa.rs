@@ -63,6 +63,25 @@ impl Isa {
         backends().filter(|(_, supported)| *supported).map(|(backend, _)| Self(backend))
     }
 
+    /// The same without tiles, which take no f32: for float products whose inputs may not be rounded.
+    #[must_use]
+    pub const fn without_tiles(self) -> Self {
+        match self.0 {
+            #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+            Backend::Amx => Self(Backend::Avx512Vnni),
+            _ => self,
+        }
+    }
+
+    /// Whether float products with bf16 weights go to tiles, so that [`crate::matmul_bf16::split`] serves them.
+    pub const fn has_tiles(self) -> bool {
+        match self.0 {
+            #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+            Backend::Amx => true,
+            _ => false,
+        }
+    }
+
     /// The names of every back-end of this target, supported by this processor or not.
     pub fn names() -> impl Iterator<Item = &'static str> {
         backends().map(|(backend, _)| Self(backend).name())
@@ -93,7 +112,7 @@ mod amx {
     use core::arch::asm;
     use core::arch::x86_64::{__cpuid_count, _xgetbv};
 
-    /// Tiles, and bfloat16 and int8 products on them, in leaf 7.
+    /// Tiles, and products of bf16 and of int8 on them, in leaf 7.
     const TILE_BF16_INT8: u32 = 1 << 24 | 1 << 22 | 1 << 25;
     /// Configuration and data of tiles, in the register of saved state.
     const TILE_STATE: u64 = 1 << 17 | 1 << 18;

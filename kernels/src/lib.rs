@@ -19,6 +19,8 @@
 #![no_std]
 
 pub mod activation;
+#[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+mod amx;
 pub mod attention;
 pub mod bf16;
 pub mod conv1d;
@@ -33,8 +35,6 @@ pub mod matmul_f32;
 pub mod matmul_i8;
 pub mod norm;
 pub mod pack;
-#[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-mod tiles;
 
 pub use bf16::Bf16;
 pub use error::ShapeError;

@@ -35,7 +35,8 @@ impl<'a, T> Mat<'a, T> {
         if data.len() < want {
             return Err(ShapeError { arg: "data", want, got: data.len() });
         }
-        Ok(Self { data, rows, cols, stride })
+        // Rows of nothing lie nowhere, however far apart.
+        Ok(Self { data, rows, cols, stride: if cols == 0 { 0 } else { stride } })
     }
 
     /// Number of rows.
@@ -61,6 +62,12 @@ impl<'a, T> Mat<'a, T> {
     pub fn row(&self, i: usize) -> &'a [T] {
         assert!(i < self.rows, "row {i} of {}", self.rows);
         &self.data[i * self.stride..i * self.stride + self.cols]
+    }
+
+    /// Everything from the first element to the last, gaps between rows included.
+    #[inline]
+    pub fn elements(&self) -> &'a [T] {
+        &self.data[..extent(self.rows, self.cols, self.stride)]
     }
 
     /// The columns `range` of every row. Panics where `range` ends beyond `cols`.

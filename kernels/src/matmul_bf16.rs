@@ -1,5 +1,7 @@
 //! Matrix product with bf16 weights and f32 activations and sums.
 
+#[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+mod amx;
 #[cfg(target_arch = "x86_64")]
 mod avx2;
 #[cfg(target_arch = "x86_64")]
@@ -9,15 +11,19 @@ mod scalar;
 use crate::bf16::Bf16;
 use crate::error::{ShapeError, expect_len};
 use crate::isa::{Backend, Isa};
-use crate::mat::MatMut;
+use crate::mat::{Mat, MatMut};
 use crate::matmul_f32::{Epilogue, Input, Panels, check_product};
-use crate::pack::{PANEL, PackedBf16};
+use crate::pack::{PAIR, PANEL, PackedBf16};
 
 /// Matrix product with bf16 weights, `y[t, o] = sum_i x[t, i] * w[o, i]` in f32, then the epilogue.
 ///
 /// Shapes: `x [m, k]`, `w [n, k]` packed, `y [m, n]`; with a scatter, `y [any, n]`.
 /// Numerics: weights are widened exactly, so the result has the bits of [`crate::matmul_f32::matmul_f32`] on the same
-/// back-end with the widened weights.
+/// back-end with the widened weights. Not on `amx`, whose tiles take bf16 on both sides: there an input is the sum of two,
+/// which is off by at most `2^-16` of it, and the sum of 32 inputs is added to a sum at once. Its error is at most
+/// `(k * 2^-23 + 2^-16) * sum(abs(x * w))`, and below `2^-126` inputs, weights, low parts, products and sums count as zero.
+/// Everywhere each output is summed on its own in an order that depends on `k` alone: a row's bits depend neither on the
+/// other rows nor on how outputs are cut into panels.
 /// Cost: `m * n * k` multiply-adds; no allocation.
 ///
 /// # Errors
@@ -32,10 +38,9 @@ pub fn matmul_bf16(isa: Isa, x: Input<f32>, w: PackedBf16, end: Epilogue, y: Mat
         #[cfg(target_arch = "x86_64")]
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that `avx512vnni` enables.
         Backend::Avx512Vnni => unsafe { avx512vnni::matmul(x, w, end, y) },
-        // Its tiles hold no f32.
         #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
-        Backend::Amx => unsafe { avx512vnni::matmul(x, w, end, y) },
+        // SAFETY: `Isa` holds `Amx` only after detection of tiles and of every feature that `amx` enables.
+        Backend::Amx => unsafe { amx::matmul(x, w, end, y) },
     }
     Ok(())
 }
@@ -62,23 +67,91 @@ pub fn matmul_gated_bf16(
         #[cfg(target_arch = "x86_64")]
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that `avx512vnni` enables.
         Backend::Avx512Vnni => unsafe { avx512vnni::matmul_gated(x, gate, up, y) },
-        // Its tiles hold no f32.
         #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
-        Backend::Amx => unsafe { avx512vnni::matmul_gated(x, gate, up, y) },
+        // SAFETY: `Isa` holds `Amx` only after detection of tiles and of every feature that `amx` enables.
+        Backend::Amx => unsafe { amx::matmul_gated(x, gate, up, y) },
+    }
+    Ok(())
+}
+
+/// Rows cut in two by [`split`]: `value = high + low`.
+#[derive(Clone, Copy, Debug)]
+pub struct SplitRows<'a> {
+    high: Mat<'a, Bf16>,
+    low: Mat<'a, Bf16>,
+}
+
+impl<'a> SplitRows<'a> {
+    /// Rows `[m, k]` of which both parts lie in memory in the same way; they may overlap.
+    ///
+    /// # Errors
+    /// [`ShapeError`] where the parts' shapes differ.
+    pub fn new(high: Mat<'a, Bf16>, low: Mat<'a, Bf16>) -> Result<Self, ShapeError> {
+        expect_len("low", high.rows(), low.rows())?;
+        expect_len("low", high.cols(), low.cols())?;
+        expect_len("low", high.stride(), low.stride())?;
+        Ok(Self { high, low })
+    }
+}
+
+/// Cuts every value in two: the upper half of its bits, and what they leave, rounded to bf16.
+///
+/// Shapes: `x`, `high`, `low` `[n]` (both overwritten).
+/// Numerics: `high + low` is off by at most `2^-16` of `x`; infinities have nothing left, and what is no number remains so
+/// in one part at least. The same bits on every back-end, but that `amx` takes a low part below `2^-126` for zero.
+///
+/// # Errors
+/// [`ShapeError`] naming the argument whose length disagrees.
+pub fn split(isa: Isa, x: &[f32], high: &mut [Bf16], low: &mut [Bf16]) -> Result<(), ShapeError> {
+    expect_len("high", x.len(), high.len())?;
+    expect_len("low", x.len(), low.len())?;
+    match isa.0 {
+        Backend::Scalar => scalar::split(x, high, low),
+        // Only tiles take such rows: the others have no use for a faster way to make them.
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx2 | Backend::Avx512Vnni => scalar::split(x, high, low),
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        // SAFETY: `Isa` holds `Amx` only after detection of tiles and of every feature that `amx` enables.
+        Backend::Amx => unsafe { amx::split(x, high, low) },
+    }
+    Ok(())
+}
+
+/// [`matmul_bf16`] of rows that are cut already, which on `amx` has the bits of the product of the rows as they were: for
+/// rows that overlap, or that several threads read.
+///
+/// Shapes, numerics: as [`matmul_bf16`]; back-ends without tiles put rows together again, and are slow.
+///
+/// # Errors
+/// [`ShapeError`] naming the argument whose length disagrees.
+pub fn matmul_bf16_split(
+    isa: Isa,
+    x: SplitRows,
+    w: PackedBf16,
+    end: Epilogue,
+    y: MatMut<f32>,
+) -> Result<(), ShapeError> {
+    check_product((x.high.rows(), x.high.cols()), (w.n(), w.k()), &y, &end)?;
+    match isa.0 {
+        Backend::Scalar => scalar::matmul_split(x, w, end, y),
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx2 | Backend::Avx512Vnni => scalar::matmul_split(x, w, end, y),
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        // SAFETY: `Isa` holds `Amx` only after detection of tiles and of every feature that `amx` enables.
+        Backend::Amx => unsafe { amx::matmul_split(x, w, end, y) },
     }
     Ok(())
 }
 
 impl<'a> Panels<'a> for PackedBf16<'a> {
-    type Item = Bf16;
+    type Row = [[Bf16; PAIR]; PANEL];
     fn n(&self) -> usize {
         PackedBf16::n(self)
     }
     fn k(&self) -> usize {
         PackedBf16::k(self)
     }
-    fn panel(&self, p: usize) -> &'a [[Bf16; PANEL]] {
+    fn panel(&self, p: usize) -> &'a [Self::Row] {
         PackedBf16::panel(self, p)
     }
 }

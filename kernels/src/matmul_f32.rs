@@ -211,18 +211,18 @@ pub(crate) use scalar::{finish_panel, gated};
 
 /// Packed weights of either float type, for the back-ends whose loops differ in nothing but the load.
 pub(crate) trait Panels<'a>: Copy {
-    /// One weight.
-    type Item: Copy + 'a;
+    /// What a panel has for as many inputs as stand together in memory: one, or a pair.
+    type Row: Copy + 'a;
     /// Outputs.
     fn n(&self) -> usize;
     /// Inputs.
     fn k(&self) -> usize;
-    /// Panel `p`: `[k, PANEL]`.
-    fn panel(&self, p: usize) -> &'a [[Self::Item; PANEL]];
+    /// Panel `p`, all inputs.
+    fn panel(&self, p: usize) -> &'a [Self::Row];
 }
 
 impl<'a> Panels<'a> for PackedF32<'a> {
-    type Item = f32;
+    type Row = [f32; PANEL];
     fn n(&self) -> usize {
         PackedF32::n(self)
     }
@@ -258,7 +258,7 @@ impl<'a, W: Panels<'a>> Job<'_, W> {
 
     /// The panel of a slot.
     #[inline]
-    pub(crate) fn panel(&self, slot: usize) -> &'a [[W::Item; PANEL]] {
+    pub(crate) fn panel(&self, slot: usize) -> &'a [W::Row] {
         match self {
             Job::Plain(w, _) => w.panel(slot),
             Job::Gated(gate, up) => (if slot.is_multiple_of(2) { gate } else { up }).panel(slot / 2),

@@ -1,12 +1,13 @@
 //! Weights re-laid for the products: panels of [`PANEL`] output rows, so that one load feeds that many outputs.
 //!
 //! ```text
-//! w [n, k] row-major            packed f32, bf16                     packed i8
-//! ┌─ k ─┐                       panel 0: k=0: w[0..16][0]            panel 0: k=0..4: w[0][0..4], w[1][0..4] …
-//! n     │        ──▶                     k=1: w[0..16][1]                     k=4..8: w[0][4..8], w[1][4..8] …
-//! └─────┘                       panel 1: …                           panel 1: …
+//! w [n, k] row-major   packed f32                  packed bf16                         packed i8
+//! ┌─ k ─┐              panel 0: k=0: w[0..16][0]   panel 0: k=0..2: w[0][0..2] …       panel 0: k=0..4: w[0][0..4] …
+//! n     │      ──▶              k=1: w[0..16][1]            k=2..4: w[0][2..4] …                k=4..8: w[0][4..8] …
+//! └─────┘              panel 1: …                  panel 1: …                          panel 1: …
 //! ```
-//! Outputs beyond `n` and (int8) inputs beyond `k` are zeros. All back-ends read the same layout.
+//! So that, but for f32, a row of 64 bytes is what a row of an AMX tile holds. Outputs beyond `n` and (bf16, int8) inputs
+//! beyond `k` are zeros. All back-ends read the same layout.
 
 use crate::bf16::Bf16;
 use crate::error::{ShapeError, expect_len};
@@ -16,6 +17,9 @@ use core::ops::Range;
 /// Outputs in one panel: one AVX-512 register of sums, two of AVX2, four of SSE2 or NEON.
 pub const PANEL: usize = 16;
 
+/// Inputs that a bf16 dot-product instruction takes at once.
+pub const PAIR: usize = 2;
+
 /// Inputs that an int8 dot-product instruction takes at once.
 pub const QUAD: usize = 4;
 
@@ -24,9 +28,14 @@ pub const fn panels(n: usize) -> usize {
     n.div_ceil(PANEL)
 }
 
-/// Elements of a packed f32 or bf16 weight `[n, k]`.
+/// Elements of a packed f32 weight `[n, k]`.
 pub const fn packed_len(n: usize, k: usize) -> usize {
     panels(n) * PANEL * k
+}
+
+/// Elements of a packed bf16 weight `[n, k]`.
+pub const fn packed_len_bf16(n: usize, k: usize) -> usize {
+    panels(n) * PANEL * k.div_ceil(PAIR) * PAIR
 }
 
 /// Elements of a packed int8 weight `[n, k]`.
@@ -34,66 +43,99 @@ pub const fn packed_len_i8(n: usize, k: usize) -> usize {
     panels(n) * PANEL * k.div_ceil(QUAD) * QUAD
 }
 
-macro_rules! packed {
-    ($(#[$doc:meta])* $name:ident, $item:ty) => {
-        $(#[$doc])*
-        #[derive(Clone, Copy, Debug)]
-        pub struct $name<'a> {
-            data: &'a [$item],
-            n: usize,
-            k: usize,
-        }
-
-        impl<'a> $name<'a> {
-            /// A view of packed data: `[panels(n), k, PANEL]`.
-            ///
-            /// # Errors
-            /// [`ShapeError`] where `data` has another length than [`packed_len`].
-            pub fn new(data: &'a [$item], n: usize, k: usize) -> Result<Self, ShapeError> {
-                expect_len("data", packed_len(n, k), data.len())?;
-                Ok(Self { data, n, k })
-            }
-
-            /// Outputs.
-            #[inline]
-            pub fn n(&self) -> usize {
-                self.n
-            }
-
-            /// Inputs.
-            #[inline]
-            pub fn k(&self) -> usize {
-                self.k
-            }
-
-            /// Panel `p`: `[k, PANEL]`.
-            #[inline]
-            pub fn panel(&self, p: usize) -> &'a [[$item; PANEL]] {
-                self.data[p * PANEL * self.k..(p + 1) * PANEL * self.k].as_chunks().0
-            }
-
-            /// The outputs `range`, which starts at a panel. Panics where it does not, or ends beyond `n`.
-            #[inline]
-            pub fn outputs(&self, range: Range<usize>) -> Self {
-                assert!(range.start.is_multiple_of(PANEL) && range.start <= range.end && range.end <= self.n);
-                let n = range.end - range.start;
-                let first = range.start * self.k;
-                Self { data: &self.data[first..first + packed_len(n, self.k)], n, k: self.k }
-            }
-        }
-    };
+/// An f32 weight `[n, k]` in panels.
+#[derive(Clone, Copy, Debug)]
+pub struct PackedF32<'a> {
+    data: &'a [f32],
+    n: usize,
+    k: usize,
 }
 
-packed!(
-    /// An f32 weight `[n, k]` in panels.
-    PackedF32,
-    f32
-);
-packed!(
-    /// A bf16 weight `[n, k]` in panels.
-    PackedBf16,
-    Bf16
-);
+impl<'a> PackedF32<'a> {
+    /// A view of packed data: `[panels(n), k, PANEL]`.
+    ///
+    /// # Errors
+    /// [`ShapeError`] where `data` has another length than [`packed_len`].
+    pub fn new(data: &'a [f32], n: usize, k: usize) -> Result<Self, ShapeError> {
+        expect_len("data", packed_len(n, k), data.len())?;
+        Ok(Self { data, n, k })
+    }
+
+    /// Outputs.
+    #[inline]
+    pub fn n(&self) -> usize {
+        self.n
+    }
+
+    /// Inputs.
+    #[inline]
+    pub fn k(&self) -> usize {
+        self.k
+    }
+
+    /// Panel `p`: `[k, PANEL]`.
+    #[inline]
+    pub fn panel(&self, p: usize) -> &'a [[f32; PANEL]] {
+        let len = packed_len(1, self.k);
+        self.data[p * len..(p + 1) * len].as_chunks().0
+    }
+
+    /// The outputs `range`, which starts at a panel. Panics where it does not, or ends beyond `n`.
+    #[inline]
+    pub fn outputs(&self, range: Range<usize>) -> Self {
+        assert!(range.start.is_multiple_of(PANEL) && range.start <= range.end && range.end <= self.n);
+        let n = range.end - range.start;
+        let first = packed_len(range.start, self.k);
+        Self { data: &self.data[first..first + packed_len(n, self.k)], n, k: self.k }
+    }
+}
+
+/// A bf16 weight `[n, k]` in panels of pairs.
+#[derive(Clone, Copy, Debug)]
+pub struct PackedBf16<'a> {
+    data: &'a [Bf16],
+    n: usize,
+    k: usize,
+}
+
+impl<'a> PackedBf16<'a> {
+    /// A view of packed data: `[panels(n), ceil(k / PAIR), PANEL, PAIR]`.
+    ///
+    /// # Errors
+    /// [`ShapeError`] where `data` has another length than [`packed_len_bf16`].
+    pub fn new(data: &'a [Bf16], n: usize, k: usize) -> Result<Self, ShapeError> {
+        expect_len("data", packed_len_bf16(n, k), data.len())?;
+        Ok(Self { data, n, k })
+    }
+
+    /// Outputs.
+    #[inline]
+    pub fn n(&self) -> usize {
+        self.n
+    }
+
+    /// Inputs.
+    #[inline]
+    pub fn k(&self) -> usize {
+        self.k
+    }
+
+    /// Panel `p`: `[ceil(k / PAIR), PANEL, PAIR]`, a pair of all panel outputs at a time.
+    #[inline]
+    pub fn panel(&self, p: usize) -> &'a [[[Bf16; PAIR]; PANEL]] {
+        let len = packed_len_bf16(1, self.k);
+        self.data[p * len..(p + 1) * len].as_chunks().0.as_chunks().0
+    }
+
+    /// The outputs `range`, which starts at a panel. Panics where it does not, or ends beyond `n`.
+    #[inline]
+    pub fn outputs(&self, range: Range<usize>) -> Self {
+        assert!(range.start.is_multiple_of(PANEL) && range.start <= range.end && range.end <= self.n);
+        let n = range.end - range.start;
+        let first = packed_len_bf16(range.start, self.k);
+        Self { data: &self.data[first..first + packed_len_bf16(n, self.k)], n, k: self.k }
+    }
+}
 
 /// An int8 weight `[n, k]` in panels of quads, with the real size of one step and the sum of each output row.
 #[derive(Clone, Copy, Debug)]
@@ -169,34 +211,50 @@ impl<'a> PackedI8<'a> {
 ///
 /// # Errors
 /// [`ShapeError`] where `packed` has another length than [`packed_len`].
-pub fn pack<T: Copy, P: Copy + Default>(
-    w: Mat<T>,
-    convert: impl Fn(T) -> P,
-    packed: &mut [P],
-) -> Result<(), ShapeError> {
+pub fn pack(w: Mat<f32>, packed: &mut [f32]) -> Result<(), ShapeError> {
     expect_len("packed", packed_len(w.rows(), w.cols()), packed.len())?;
-    packed.fill(P::default());
-    for o in 0..w.rows() {
-        let panel = &mut packed[o / PANEL * PANEL * w.cols()..][..PANEL * w.cols()];
-        pack_row(w.row(o), &convert, o % PANEL, panel)?;
-    }
-    Ok(())
+    packed.fill(0.0);
+    let panel_len = packed_len(1, w.cols());
+    (0..w.rows()).try_for_each(|o| pack_row(w.row(o), o % PANEL, &mut packed[o / PANEL * panel_len..][..panel_len]))
 }
 
 /// Packs one row as output `lane` of its panel `[k, PANEL]`; the other outputs are left as they are.
 ///
 /// # Errors
 /// [`ShapeError`] where `panel` is no panel of the row's length, or `lane` none of its outputs.
-pub fn pack_row<T: Copy, P>(
-    row: &[T],
-    convert: impl Fn(T) -> P,
-    lane: usize,
-    panel: &mut [P],
-) -> Result<(), ShapeError> {
+pub fn pack_row(row: &[f32], lane: usize, panel: &mut [f32]) -> Result<(), ShapeError> {
     expect_len("panel", packed_len(1, row.len()), panel.len())?;
     check_lane(lane)?;
     for (outputs, &v) in panel.as_chunks_mut::<PANEL>().0.iter_mut().zip(row) {
-        outputs[lane] = convert(v);
+        outputs[lane] = v;
+    }
+    Ok(())
+}
+
+/// Rounds `w [n, k]` and packs it into panels of pairs; every element of `packed` is written.
+///
+/// # Errors
+/// [`ShapeError`] where `packed` has another length than [`packed_len_bf16`].
+pub fn pack_bf16(w: Mat<f32>, packed: &mut [Bf16]) -> Result<(), ShapeError> {
+    expect_len("packed", packed_len_bf16(w.rows(), w.cols()), packed.len())?;
+    packed.fill(Bf16::default());
+    let panel_len = packed_len_bf16(1, w.cols());
+    (0..w.rows())
+        .try_for_each(|o| pack_row_bf16(w.row(o), o % PANEL, &mut packed[o / PANEL * panel_len..][..panel_len]))
+}
+
+/// Rounds one row and packs it as output `lane` of its panel `[ceil(k / PAIR), PANEL, PAIR]`. The other outputs, and
+/// inputs beyond `k`, are left as they are: zeros in new memory.
+///
+/// # Errors
+/// [`ShapeError`] where `panel` is no panel of the row's length, or `lane` none of its outputs.
+pub fn pack_row_bf16(row: &[f32], lane: usize, panel: &mut [Bf16]) -> Result<(), ShapeError> {
+    expect_len("panel", packed_len_bf16(1, row.len()), panel.len())?;
+    check_lane(lane)?;
+    for (outputs, values) in panel.as_chunks_mut::<{ PANEL * PAIR }>().0.iter_mut().zip(row.chunks(PAIR)) {
+        for (packed, &v) in outputs[lane * PAIR..].iter_mut().zip(values) {
+            *packed = Bf16::from_f32(v);
+        }
     }
     Ok(())
 }

@@ -4,10 +4,10 @@
 #![expect(clippy::cast_possible_truncation, reason = "sizes of cases are far below 2^32")]
 
 use proptest::prelude::*;
-use umo_kernels::matmul_bf16::{matmul_bf16, matmul_gated_bf16};
+use umo_kernels::matmul_bf16::{SplitRows, matmul_bf16, matmul_bf16_split, matmul_gated_bf16, split};
 use umo_kernels::matmul_f32::{Activation, Epilogue, Input, Scatter, matmul_f32, matmul_gated_f32};
 use umo_kernels::matmul_i8::{MAX_K, QuantRows, matmul_gated_i8, matmul_i8};
-use umo_kernels::pack::{PANEL, pack, pack_i8, packed_len, packed_len_i8};
+use umo_kernels::pack::{PANEL, pack, pack_bf16, pack_i8, packed_len, packed_len_bf16, packed_len_i8};
 use umo_kernels::{Bf16, Isa, Mat, MatMut, PackedBf16, PackedF32, PackedI8};
 
 /// Elements on either side of an output that nothing may touch.
@@ -189,7 +189,7 @@ fn case() -> impl Strategy<Value = Case> {
     )
 }
 
-/// Operands of one case. Float ones are integers of at most 16, so that every partial sum is exact.
+/// Operands of one case.
 struct Operands {
     case: Case,
     x: Shifted<i8>,
@@ -200,6 +200,7 @@ struct Operands {
     packed: [Shifted<i8>; 2],
     sum: [Vec<i32>; 2],
     w_scale: Shifted<f32>,
+    w_f32: [Vec<f32>; 2],
     packed_f32: [Shifted<f32>; 2],
     packed_bf16: [Shifted<Bf16>; 2],
     bias: Shifted<f32>,
@@ -208,7 +209,12 @@ struct Operands {
 }
 
 impl Operands {
+    /// Floats are integers of at most 16, so that every partial sum is exact.
     fn new(case: &Case) -> Self {
+        Self::with(case, Numbers::integer)
+    }
+
+    fn with(case: &Case, float: fn(&mut Numbers) -> f32) -> Self {
         let &Case { m, n, k, seed, offset, .. } = case;
         let mut numbers = Numbers(seed);
         let sources = if case.gather { m + 3 } else { m };
@@ -218,9 +224,9 @@ impl Operands {
             Fill::Greatest => i8::MAX,
         };
         let x: Vec<i8> = (0..sources * k).map(|_| step(&mut numbers)).collect();
-        let x_f32: Vec<f32> = (0..sources * k).map(|_| numbers.integer()).collect();
+        let x_f32: Vec<f32> = (0..sources * k).map(|_| float(&mut numbers)).collect();
         let w: [Vec<i8>; 2] = std::array::from_fn(|_| (0..n * k).map(|_| step(&mut numbers)).collect());
-        let w_f32: [Vec<f32>; 2] = std::array::from_fn(|_| (0..n * k).map(|_| numbers.integer()).collect());
+        let w_f32: [Vec<f32>; 2] = std::array::from_fn(|_| (0..n * k).map(|_| float(&mut numbers)).collect());
         let mut sum = [vec![0; n], vec![0; n]];
         let packed = std::array::from_fn(|i| {
             let mut packed = vec![0; packed_len_i8(n, k)];
@@ -229,12 +235,12 @@ impl Operands {
         });
         let packed_f32 = std::array::from_fn(|i| {
             let mut packed = vec![0.0; packed_len(n, k)];
-            pack(Mat::new(&w_f32[i], n, k).unwrap(), |w| w, &mut packed).unwrap();
+            pack(Mat::new(&w_f32[i], n, k).unwrap(), &mut packed).unwrap();
             Shifted::new(&packed, offset)
         });
         let packed_bf16 = std::array::from_fn(|i| {
-            let mut packed = vec![Bf16::default(); packed_len(n, k)];
-            pack(Mat::new(&w_f32[i], n, k).unwrap(), Bf16::from_f32, &mut packed).unwrap();
+            let mut packed = vec![Bf16::default(); packed_len_bf16(n, k)];
+            pack_bf16(Mat::new(&w_f32[i], n, k).unwrap(), &mut packed).unwrap();
             Shifted::new(&packed, offset)
         });
         let y_rows = m.max(1) + 2;
@@ -247,6 +253,7 @@ impl Operands {
             packed,
             sum,
             w_scale: Shifted::new(&(0..n).map(|_| numbers.real()).collect::<Vec<_>>(), offset),
+            w_f32,
             packed_f32,
             packed_bf16,
             bias: Shifted::new(&(0..n).map(|_| numbers.integer()).collect::<Vec<_>>(), offset),
@@ -395,16 +402,10 @@ fn long_rows_match_scalar(isa: Isa) {
 /// Float sums of random values against f64, within the bound that their order of additions cannot exceed.
 fn float_sums_keep_their_bound(isa: Isa) {
     proptest!(config(96), |(case in case())| {
-        let mut operands = Operands::new(&case);
-        let mut numbers = Numbers(!case.seed);
-        let mut real = |values: &mut [f32]| values.iter_mut().for_each(|v| *v = numbers.real());
-        real(&mut operands.x_f32.data);
-        real(&mut operands.packed_f32[0].data);
-        let w: Vec<Bf16> = operands.packed_f32[0].data.iter().map(|&w| Bf16::from_f32(w)).collect();
-        operands.packed_bf16[0].data = w;
-        let (input, w) = (operands.input_f32(), operands.w_f32(0));
+        let operands = Operands::with(&case, Numbers::real);
+        let input = operands.input_f32();
         let mut y = operands.output(false);
-        matmul_f32(isa, input, w, Epilogue::STORE, y.view()).unwrap();
+        matmul_f32(isa, input, operands.w_f32(0), Epilogue::STORE, y.view()).unwrap();
         let mut y_bf16 = operands.output(false);
         matmul_bf16(isa, input, operands.w_bf16(0), Epilogue::STORE, y_bf16.view()).unwrap();
         let (y, y_bf16) = (y.bits(), y_bf16.bits());
@@ -413,15 +414,18 @@ fn float_sums_keep_their_bound(isa: Isa) {
             let source = operands.index().map_or(t, |index| index[t] as usize);
             let x = &x[source * case.k..][..case.k];
             for o in 0..case.n {
-                let column = |i: usize| w.panel(o / PANEL)[i][o % PANEL];
-                for (bits, w) in [
-                    (y[t][o], &column as &dyn Fn(usize) -> f32),
-                    (y_bf16[t][o], &|i| Bf16::from_f32(column(i)).to_f32()),
+                let column = |i: usize| operands.w_f32[0][o * case.k + i];
+                // Tiles take bf16 inputs: two for each, which together round it to 2^-16 of its size.
+                let rounding = if isa.name() == "amx" { f64::from(2.0_f32.powi(-16)) } else { 0.0 };
+                for (bits, w, rounding) in [
+                    (y[t][o], &column as &dyn Fn(usize) -> f32, 0.0),
+                    (y_bf16[t][o], &|i| Bf16::from_f32(column(i)).to_f32(), rounding),
                 ] {
                     let products = || x.iter().enumerate().map(|(i, &x)| f64::from(x) * f64::from(w(i)));
                     let k = case.k as f64;
                     let sizes: f64 = products().map(f64::abs).sum();
-                    let bound = k * f64::from(2.0_f32.powi(-23)) * sizes + k * f64::from(f32::MIN_POSITIVE);
+                    let order = k * f64::from(2.0_f32.powi(-23));
+                    let bound = (order + rounding) * sizes + 4.0 * k * f64::from(f32::MIN_POSITIVE);
                     let error = (f64::from(f32::from_bits(bits)) - products().sum::<f64>()).abs();
                     prop_assert!(error <= bound, "[{t}, {o}]: off by {error}, allowed {bound}");
                 }
@@ -434,11 +438,7 @@ fn float_sums_keep_their_bound(isa: Isa) {
 fn rows_and_outputs_stand_alone(isa: Isa) {
     proptest!(config(96), |(case in case(), cut in any::<prop::sample::Index>())| {
         let case = Case { scatter: false, gather: false, ..case };
-        let mut operands = Operands::new(&case);
-        let mut numbers = Numbers(!case.seed);
-        operands.x_f32.data.iter_mut().for_each(|v| *v = numbers.real());
-        operands.packed_f32[0].data.iter_mut().for_each(|v| *v = numbers.real());
-        operands.packed_bf16[0].data.iter_mut().for_each(|v| *v = Bf16::from_f32(numbers.real()));
+        let operands = Operands::with(&case, Numbers::real);
         let Case { m, n, k, .. } = case;
         let (x, steps) = (operands.x_f32.get(), operands.x.get());
         let all = |rows: std::ops::Range<usize>, outputs: std::ops::Range<usize>, y: [MatMut<f32>; 3]| {
@@ -469,6 +469,65 @@ fn rows_and_outputs_stand_alone(isa: Isa) {
     });
 }
 
+/// An infinity and what is no number reach the outputs of their own row alone; the largest number is no infinity.
+fn bf16_products_carry_what_is_not_finite(isa: Isa) {
+    const ROWS: usize = 5;
+    for (k, at) in [(1, 0), (33, 32), (70, 3)] {
+        let mut packed = vec![Bf16::default(); packed_len_bf16(3, k)];
+        let w: Vec<f32> = (0..3 * k).map(|i| [1.0, -2.0, 0.5][i / k]).collect();
+        pack_bf16(Mat::new(&w, 3, k).unwrap(), &mut packed).unwrap();
+        let mut x = vec![0.25; ROWS * k];
+        let smallest_nan = f32::from_bits(0x7f80_0001);
+        for (t, v) in [f32::INFINITY, f32::NEG_INFINITY, smallest_nan, f32::MAX].into_iter().enumerate() {
+            x[t * k + at] = v;
+        }
+        let (input, w) = (Input::all(Mat::new(&x, ROWS, k).unwrap()), PackedBf16::new(&packed, 3, k).unwrap());
+        let mut y = [0.0; ROWS * 3];
+        matmul_bf16(isa, input, w, Epilogue::STORE, MatMut::new(&mut y, ROWS, 3).unwrap()).unwrap();
+        let (y, _) = y.as_chunks::<3>();
+        assert_eq!(y[0], [f32::INFINITY, f32::NEG_INFINITY, f32::INFINITY], "{k}");
+        assert_eq!(y[1], [f32::NEG_INFINITY, f32::INFINITY, f32::NEG_INFINITY], "{k}");
+        assert!(y[2].iter().all(|v| v.is_nan()), "{k}: {:?}", y[2]);
+        let share = y[3][2] / f32::MAX;
+        assert!((share - 0.5).abs() <= 1.0 / 65536.0 && y[3][1] == f32::NEG_INFINITY, "{k}: {:?}", y[3]);
+        let sum = 0.25 * k as f32;
+        assert_eq!(y[4], [sum, -2.0 * sum, 0.5 * sum], "{k}");
+    }
+}
+
+/// Rows that were cut before, overlapping or apart: where there are tiles, any values and the bits of the product of the
+/// rows as they were; elsewhere integers, whose sums are exact.
+fn rows_cut_before_give_the_same(isa: Isa) {
+    let shape = (0_usize..70, near(PANEL, 4), near(32, 4), any::<u64>(), 0_usize..64);
+    proptest!(config(128), |((m, n, k, seed, offset) in shape, gap in prop_oneof![Just(-1_i8), Just(0), Just(1)])| {
+        let mut numbers = Numbers(seed);
+        let number = if isa.has_tiles() { Numbers::real } else { Numbers::integer };
+        let stride = match gap { -1 => k.div_ceil(2), 0 => k, _ => k + 3 };
+        let len = if m * k == 0 { 0 } else { (m - 1) * stride + k };
+        let x: Vec<f32> = (0..len).map(|_| number(&mut numbers)).collect();
+        let w: Vec<f32> = (0..n * k).map(|_| numbers.integer()).collect();
+        let mut packed = vec![Bf16::default(); packed_len_bf16(n, k)];
+        pack_bf16(Mat::new(&w, n, k).unwrap(), &mut packed).unwrap();
+        let w = PackedBf16::new(&packed, n, k).unwrap();
+        let (mut high, mut low) = (vec![Bf16(0); len], vec![Bf16(0); len]);
+        split(isa, &x, &mut high, &mut low).unwrap();
+        for ((&x, high), low) in x.iter().zip(&high).zip(&low) {
+            let rest = f64::from(x) - f64::from(high.to_f32()) - f64::from(low.to_f32());
+            prop_assert!(rest.abs() <= f64::from(x.abs()) * f64::from(2.0_f32.powi(-16)) + f64::from(f32::MIN_POSITIVE));
+        }
+        let (high, low) = (Shifted::new(&high, offset), Shifted::new(&low, offset + 1));
+        let view = |part| Mat::with_stride(part, m, k, stride).unwrap();
+        let rows = SplitRows::new(view(high.get()), view(low.get())).unwrap();
+        let (mut y, mut want) = (Guarded::new(m, n, 1, offset, 3.0), Guarded::new(m, n, 1, offset, 3.0));
+        matmul_bf16_split(isa, rows, w, Epilogue::ADD, y.view()).unwrap();
+        let whole = Input::all(Mat::with_stride(&x, m, k, stride).unwrap());
+        matmul_bf16(isa, whole, w, Epilogue::ADD, want.view()).unwrap();
+        prop_assert_eq!(y.bits(), want.bits());
+    });
+}
+
+for_each_isa!(rows_cut_before_give_the_same => scalar, avx2, avx512vnni, amx);
+for_each_isa!(bf16_products_carry_what_is_not_finite => scalar, avx2, avx512vnni, amx);
 for_each_isa!(products_match_scalar => avx2, avx512vnni, amx);
 for_each_isa!(int8_sums_are_exact => scalar, avx2, avx512vnni, amx);
 for_each_isa!(int8_sums_reach_the_limit => scalar, avx2, avx512vnni, amx);

@@ -69,7 +69,7 @@ impl Conv {
         let mut packed = vec![f32::NAN; self.groups * packed_len(out, inputs)];
         for (g, packed) in packed.chunks_exact_mut(packed_len(out, inputs)).enumerate() {
             let weight = Mat::new(&reordered[g * out * inputs..], out, inputs).expect("sized above");
-            pack(weight, |w| w, packed).expect("sized above");
+            pack(weight, packed).expect("sized above");
         }
         packed
     }

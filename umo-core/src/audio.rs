@@ -84,7 +84,7 @@ pub struct AudioScratch {
 
 #[derive(Debug)]
 enum Room {
-    Hubert(hubert::Scratch),
+    Hubert(Box<hubert::Scratch>),
     Mel(mel::Scratch),
 }
 
@@ -215,7 +215,9 @@ impl Tokenizer {
             window,
             max_new,
             network: match &self.network {
-                Network::Hubert(hubert) => Room::Hubert(hubert.scratch(self.reach + max_new.max(1) * self.hop, window)),
+                Network::Hubert(hubert) => {
+                    Room::Hubert(Box::new(hubert.scratch(self.reach + max_new.max(1) * self.hop, window)))
+                }
                 Network::Mel(mel) => Room::Mel(mel.scratch(max_new)),
             },
         }

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use umo_kernels::matmul_bf16::{matmul_bf16, matmul_gated_bf16};
+use umo_kernels::matmul_bf16::{SplitRows, matmul_bf16, matmul_bf16_split, matmul_gated_bf16, split};
 use umo_kernels::matmul_f32::{Epilogue, Input, matmul_f32, matmul_gated_f32};
 use umo_kernels::matmul_i8::{QuantRows, matmul_gated_i8, matmul_i8, quantize_rows};
 use umo_kernels::{Bf16, Isa, Mat, MatMut, PANEL, PackedBf16, PackedF32, PackedI8, ShapeError};
@@ -16,11 +16,12 @@ use crate::weights::AlignedBox;
 pub enum Precision {
     /// Weights as the file has them, f32 activations and sums.
     F32,
-    /// Weights rounded to bfloat16, f32 activations and sums.
+    /// Weights rounded to bfloat16, f32 sums, and activations with at least 16 bits of f32's 24.
     Bf16,
     /// Int8 weights per output row, activations quantised per row, int32 sums.
     Int8,
-    /// Each product as the file has its weights: int8 where they are I8, otherwise as [`Precision::F32`].
+    /// Each product as the file has its weights: as [`Precision::Int8`] where they are I8, as [`Precision::Bf16`] where
+    /// they are BF16, otherwise as [`Precision::F32`].
     Stored,
 }
 
@@ -70,6 +71,8 @@ pub struct Linear {
     bias: Option<Box<[f32]>>,
     outputs: usize,
     inputs: usize,
+    /// Whether float activations keep all their bits, which tiles for bf16 do not.
+    exact: bool,
 }
 
 /// Room for quantised activations, `[rows, inputs]` at most.
@@ -77,6 +80,8 @@ pub struct Linear {
 pub struct QuantScratch {
     steps: AlignedBox<i8>,
     scale: Box<[f32]>,
+    /// High and low parts of values, or nothing.
+    parts: [AlignedBox<Bf16>; 2],
 }
 
 /// Multiply-adds that quantising one value costs, roughly.
@@ -85,7 +90,28 @@ const QUANTIZE_WORK: usize = 4;
 impl QuantScratch {
     /// Room for at most `rows` rows and `values` values in all.
     pub fn with_values(rows: usize, values: usize) -> Self {
-        Self { steps: AlignedBox::zeroed(values), scale: vec![0.0; rows].into() }
+        let parts = [(); 2].map(|()| AlignedBox::zeroed(0));
+        Self { steps: AlignedBox::zeroed(values), scale: vec![0.0; rows].into(), parts }
+    }
+
+    /// The same with room for `values` values cut in two, for products of which [`Linear::splits`] is true.
+    #[must_use]
+    pub fn with_parts(self, values: usize) -> Self {
+        Self { parts: [(); 2].map(|()| AlignedBox::zeroed(values)), ..self }
+    }
+
+    /// Cuts every value in two; the high and the low parts.
+    ///
+    /// # Errors
+    /// [`StepError`] where there is no room for them.
+    pub fn split(&mut self, cx: Compute, values: &[f32]) -> Result<[&[Bf16]; 2], StepError> {
+        let [high, low] = &mut self.parts;
+        // As many rows as there are values, so that threads share them as they come.
+        let parts = (MatMut::new(high, values.len(), 1)?, MatMut::new(low, values.len(), 1)?);
+        cx.team.rows_of_two(parts.0, parts.1, values.len(), |range, mut high, mut low| {
+            Ok(split(cx.isa, &values[range], high.column_mut(), low.column_mut())?)
+        })?;
+        Ok([&high[..values.len()], &low[..values.len()]])
     }
 
     /// Room for `rows` rows of at most `width` values, or for more rows of fewer values.
@@ -97,13 +123,23 @@ impl QuantScratch {
 impl Linear {
     /// Wraps packed weights of `[outputs, inputs]`.
     pub fn new(weight: Weight, outputs: usize, inputs: usize) -> Self {
-        Self { weight, bias: None, outputs, inputs }
+        Self { weight, bias: None, outputs, inputs, exact: false }
     }
 
     /// The same with a bias `[outputs]`.
     #[must_use]
     pub fn with_bias(self, bias: Box<[f32]>) -> Self {
         Self { bias: Some(bias), ..self }
+    }
+
+    /// The same with all bits of float activations.
+    #[must_use]
+    pub fn exact(self) -> Self {
+        Self { exact: true, ..self }
+    }
+
+    fn isa(&self, cx: Compute) -> Isa {
+        if self.exact { cx.isa.without_tiles() } else { cx.isa }
     }
 
     /// Outputs.
@@ -160,8 +196,51 @@ impl Linear {
         end: Epilogue,
         y: MatMut<f32>,
     ) -> Result<(), StepError> {
+        // Few rows would gain nothing.
+        if self.splits(cx.isa) && x.rows() >= 2 * PANEL && quant.parts[0].len() >= x.elements().len() {
+            return self.forward_split(cx, quant, x, range, end, y);
+        }
         let input = self.input(cx, quant, x)?;
         self.apply(cx, input, None, range, end, y)
+    }
+
+    /// The product of rows that are cut in two once for all threads, and for all rows that share a value.
+    fn forward_split(
+        &self,
+        cx: Compute,
+        quant: &mut QuantScratch,
+        x: Mat<f32>,
+        range: Range<usize>,
+        end: Epilogue,
+        y: MatMut<f32>,
+    ) -> Result<(), StepError> {
+        let part = |part| Mat::with_stride(part, x.rows(), x.cols(), x.stride());
+        let [high, low] = quant.split(cx, x.elements())?;
+        let rows = SplitRows::new(part(high)?, part(low)?)?;
+        cx.team.columns(y, PANEL, x.rows() * self.inputs * range.len(), |columns, y| {
+            self.apply_split(cx, rows, range.start + columns.start..range.start + columns.end, end, y)
+        })
+    }
+
+    /// The product of rows that were cut in two, on this thread alone.
+    ///
+    /// # Errors
+    /// [`StepError`] where a length disagrees, or the weights are no bf16.
+    pub fn apply_split(
+        &self,
+        cx: Compute,
+        x: SplitRows,
+        range: Range<usize>,
+        end: Epilogue,
+        y: MatMut<f32>,
+    ) -> Result<(), StepError> {
+        let end = Epilogue { bias: self.bias.as_deref().map(|bias| &bias[range.clone()]), ..end };
+        Ok(matmul_bf16_split(cx.isa, x, self.bf16(range)?, end, y)?)
+    }
+
+    /// Whether [`Linear::forward`] cuts its input in two where the scratch has room: bf16 weights, and tiles for them.
+    pub fn splits(&self, isa: Isa) -> bool {
+        isa.has_tiles() && !self.exact && matches!(self.weight, Weight::Bf16(_))
     }
 
     /// The product of input that is ready, over the rows that `index` names (or all).
@@ -185,7 +264,7 @@ impl Linear {
             match (&self.weight, x) {
                 (Weight::F32(_), Ready::Float(x)) => matmul_f32(cx.isa, gather(x, index)?, self.f32(outputs)?, end, y)?,
                 (Weight::Bf16(_), Ready::Float(x)) => {
-                    matmul_bf16(cx.isa, gather(x, index)?, self.bf16(outputs)?, end, y)?
+                    matmul_bf16(self.isa(cx), gather(x, index)?, self.bf16(outputs)?, end, y)?
                 }
                 (Weight::I8 { .. }, Ready::Quant(x)) => matmul_i8(cx.isa, x.view()?, index, self.i8(outputs)?, end, y)?,
                 _ => return Err(MISMATCH),
@@ -213,7 +292,7 @@ impl Linear {
                     matmul_gated_f32(cx.isa, gather(x, index)?, self.f32(r.clone())?, up.f32(r)?, y)?;
                 }
                 (Weight::Bf16(_), Weight::Bf16(_), Ready::Float(x)) => {
-                    matmul_gated_bf16(cx.isa, gather(x, index)?, self.bf16(r.clone())?, up.bf16(r)?, y)?;
+                    matmul_gated_bf16(self.isa(cx), gather(x, index)?, self.bf16(r.clone())?, up.bf16(r)?, y)?;
                 }
                 (Weight::I8 { .. }, Weight::I8 { .. }, Ready::Quant(x)) => {
                     matmul_gated_i8(cx.isa, x.view()?, index, self.i8(r.clone())?, up.i8(r)?, y)?;

@@ -16,11 +16,11 @@
 
 use super::Operands;
 use super::avx512vnni::transpose;
+use crate::amx::{TILE as ROWS, Tiles};
 use crate::lanes::LANES;
 use crate::lanes::avx512vnni::{first_lanes, load, load_part, store, store_part};
 use crate::mat::{Mat, MatMut};
 use crate::math::LOG2_E;
-use crate::tiles::{ROWS, Tile, Tiles};
 use core::arch::x86_64::*;
 
 /// Widest head; wider ones are left to AVX-512.
@@ -34,6 +34,15 @@ const KEYS: usize = 256;
 const BLOCK: usize = 512;
 /// Bfloat16 values in a row of a tile: lane `i` of a register holds the values `i` and `16 + i`.
 const PAIRS: usize = 2 * LANES;
+
+/// 16 rows of 16 f32, or of 16 pairs of bfloat16, each row at home in one register.
+#[derive(Clone, Copy)]
+#[repr(C, align(64))]
+struct Tile([[f32; 16]; ROWS]);
+
+impl Tile {
+    const ZERO: Self = Self([[0.0; 16]; ROWS]);
+}
 
 /// What an f32 is the sum of, largest first.
 const PARTS: usize = 3;
@@ -117,7 +126,7 @@ fn block<const G: usize>(
     let (steps, pairs) = (x.q.cols().div_ceil(PAIRS), keys.div_ceil(PAIRS));
     for pair in 0..pairs {
         let [left, right] = [&work.k[2 * pair], &work.k[2 * pair + 1]];
-        start::<G>(tiles);
+        tiles.zero();
         for step in 0..steps {
             multiply::<G>(tiles, [&work.q[0][step], &work.q[1][step]], [&left[step], &right[step]]);
         }
@@ -128,7 +137,7 @@ fn block<const G: usize>(
     let shrink = weights(&mut work.scores, x, i, first, keys, softmaxes);
 
     for columns in 0..steps {
-        start::<G>(tiles);
+        tiles.zero();
         for pair in 0..pairs {
             let values = &work.v[pair];
             let weights = [&work.scores[0][pair], &work.scores[1][pair]];
@@ -171,17 +180,6 @@ fn divide(x: __m512, total: f32) -> __m512 {
     _mm512_fmadd_ps(_mm512_fnmadd_ps(quotient, total, x), inverse, quotient)
 }
 
-/// Clears the sums of `G` x 2 tiles.
-#[inline(always)]
-fn start<const G: usize>(tiles: &Tiles) {
-    tiles.zero::<0>();
-    tiles.zero::<1>();
-    if G == 2 {
-        tiles.zero::<2>();
-        tiles.zero::<3>();
-    }
-}
-
 /// Adds the six products of `G` x 2 tiles. From each to the next, one side stays where it is.
 #[inline(always)]
 fn multiply<const G: usize>(tiles: &Tiles, [above, below]: [&Split; 2], [left, right]: [&Split; 2]) {
@@ -194,14 +192,14 @@ fn multiply<const G: usize>(tiles: &Tiles, [above, below]: [&Split; 2], [left, r
         }
     };
     let queries = |part: usize| {
-        tiles.load::<4>(&above[part]);
+        tiles.load::<4, _>(&above[part].0);
         if G == 2 {
-            tiles.load::<5>(&below[part]);
+            tiles.load::<5, _>(&below[part].0);
         }
     };
     let keys = |part: usize| {
-        tiles.load::<6>(&left[part]);
-        tiles.load::<7>(&right[part]);
+        tiles.load::<6, _>(&left[part].0);
+        tiles.load::<7, _>(&right[part].0);
     };
     queries(0);
     keys(2);
@@ -221,11 +219,11 @@ fn multiply<const G: usize>(tiles: &Tiles, [above, below]: [&Split; 2], [left, r
 /// Stores the sums of `G` x 2 tiles, two beside each other.
 #[inline(always)]
 fn finish<const G: usize>(tiles: &Tiles, above: &mut [Tile], below: &mut [Tile]) {
-    tiles.store::<0>(&mut above[0]);
-    tiles.store::<1>(&mut above[1]);
+    tiles.store_sum::<0>(&mut above[0].0, 1);
+    tiles.store_sum::<1>(&mut above[1].0, 1);
     if G == 2 {
-        tiles.store::<2>(&mut below[0]);
-        tiles.store::<3>(&mut below[1]);
+        tiles.store_sum::<2>(&mut below[0].0, 1);
+        tiles.store_sum::<3>(&mut below[1].0, 1);
     }
 }
 

@@ -4,8 +4,11 @@ use crate::bf16::Bf16;
 use crate::mat::MatMut;
 use crate::matmul_f32::avx2::{Load, run};
 use crate::matmul_f32::{Epilogue, Input, Job};
-use crate::pack::{PANEL, PackedBf16};
+use crate::pack::{PAIR, PANEL, PackedBf16};
 use core::arch::x86_64::*;
+
+/// The bits of the second of a pair, where an f32 has them.
+const UPPER_HALF: i32 = -1 << 16;
 
 #[target_feature(enable = "avx2,fma")]
 pub(super) fn matmul(x: Input<f32>, w: PackedBf16, end: Epilogue, y: MatMut<f32>) {
@@ -17,19 +20,26 @@ pub(super) fn matmul_gated(x: Input<f32>, gate: PackedBf16, up: PackedBf16, y: M
     run(x, &Job::Gated(gate, up), y);
 }
 
-impl Load for Bf16 {
+impl Load for [[Bf16; PAIR]; PANEL] {
+    const INPUTS: usize = PAIR;
+
+    /// A lane holds a pair, the first of it in its lower half.
     #[inline]
     #[target_feature(enable = "avx2,fma")]
-    unsafe fn load(src: &[Self; PANEL]) -> [__m256; 2] {
-        let (halves, _) = src.as_chunks::<8>();
-        [widen(&halves[0]), widen(&halves[1])]
+    unsafe fn load(panel: &[Self], i: usize) -> [__m256; 2] {
+        let (halves, _) = panel[i / PAIR].as_chunks::<8>();
+        [widen(&halves[0], i % PAIR), widen(&halves[1], i % PAIR)]
     }
 }
 
 #[inline]
 #[target_feature(enable = "avx2,fma")]
-fn widen(src: &[Bf16; 8]) -> __m256 {
-    // SAFETY: `src` is 16 readable bytes; the load needs no alignment.
-    let words = unsafe { _mm_loadu_si128(src.as_ptr().cast()) };
-    _mm256_castsi256_ps(_mm256_slli_epi32::<16>(_mm256_cvtepu16_epi32(words)))
+fn widen(src: &[[Bf16; PAIR]; 8], which: usize) -> __m256 {
+    // SAFETY: `src` is 32 readable bytes; the load needs no alignment.
+    let pairs = unsafe { _mm256_loadu_si256(src.as_ptr().cast()) };
+    _mm256_castsi256_ps(if which == 0 {
+        _mm256_slli_epi32::<16>(pairs)
+    } else {
+        _mm256_and_si256(pairs, _mm256_set1_epi32(UPPER_HALF))
+    })
 }

@@ -1,9 +1,10 @@
 //! The specification: the f32 product over widened weights.
 
+use super::SplitRows;
 use crate::bf16::Bf16;
 use crate::mat::MatMut;
 use crate::matmul_f32::{Epilogue, Input, finish_panel, gated};
-use crate::pack::{PANEL, PackedBf16, panels};
+use crate::pack::{PAIR, PANEL, PackedBf16, panels};
 
 pub(super) fn matmul(x: Input<f32>, w: PackedBf16, end: Epilogue, mut y: MatMut<f32>) {
     for p in 0..panels(w.n()) {
@@ -22,11 +23,37 @@ pub(super) fn matmul_gated(x: Input<f32>, gate: PackedBf16, up: PackedBf16, mut 
     }
 }
 
-fn sums(x: &[f32], panel: &[[Bf16; PANEL]]) -> [f32; PANEL] {
+pub(super) fn split(x: &[f32], high: &mut [Bf16], low: &mut [Bf16]) {
+    for ((&x, high), low) in x.iter().zip(high).zip(low) {
+        let upper = Bf16((x.to_bits() >> 16) as u16);
+        *high = upper;
+        *low = if x.is_infinite() { Bf16::default() } else { Bf16::from_f32(x - upper.to_f32()) };
+    }
+}
+
+/// Rows that were cut in two are put together again.
+pub(super) fn matmul_split(x: SplitRows, w: PackedBf16, end: Epilogue, mut y: MatMut<f32>) {
+    for p in 0..panels(w.n()) {
+        for t in 0..x.high.rows() {
+            let mut sums = [0.0; PANEL];
+            let row = x.high.row(t).iter().zip(x.low.row(t)).map(|(high, low)| high.to_f32() + low.to_f32());
+            for (i, x) in row.enumerate() {
+                for (sum, pair) in sums.iter_mut().zip(&w.panel(p)[i / PAIR]) {
+                    *sum += x * pair[i % PAIR].to_f32();
+                }
+            }
+            finish_panel(sums, t, p * PANEL, end, &mut y);
+        }
+    }
+}
+
+fn sums(x: &[f32], panel: &[[[Bf16; PAIR]; PANEL]]) -> [f32; PANEL] {
     let mut sums = [0.0; PANEL];
-    for (&x, w) in x.iter().zip(panel) {
-        for lane in 0..PANEL {
-            sums[lane] += x * w[lane].to_f32();
+    for (x, w) in x.chunks(PAIR).zip(panel) {
+        for (i, &x) in x.iter().enumerate() {
+            for lane in 0..PANEL {
+                sums[lane] += x * w[lane][i].to_f32();
+            }
         }
     }
     sums

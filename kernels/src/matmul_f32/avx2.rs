@@ -17,18 +17,23 @@ const LANES: usize = 8;
 /// Most panels that a tile ends at once.
 pub(crate) const MOST: usize = 4;
 
-/// Weights that widen to f32 as they are loaded.
+/// Rows of panels whose weights widen to f32 as they are loaded.
 pub(crate) trait Load: Copy {
+    /// Inputs of one row.
+    const INPUTS: usize;
+    /// The weights of input `i`. Panics where the panel ends before it.
     /// # Safety
     /// The processor has the features of this back-end.
-    unsafe fn load(src: &[Self; PANEL]) -> [__m256; 2];
+    unsafe fn load(panel: &[Self], i: usize) -> [__m256; 2];
 }
 
-impl Load for f32 {
+impl Load for [f32; PANEL] {
+    const INPUTS: usize = 1;
+
     #[inline]
     #[target_feature(enable = "avx2,fma")]
-    unsafe fn load(src: &[Self; PANEL]) -> [__m256; 2] {
-        load(src)
+    unsafe fn load(panel: &[Self], i: usize) -> [__m256; 2] {
+        load(&panel[i])
     }
 }
 
@@ -44,7 +49,7 @@ pub(super) fn matmul_gated(x: Input<f32>, gate: PackedF32, up: PackedF32, y: Mat
 
 /// The whole product: all rows pass by each group of panels while it is in the cache.
 #[target_feature(enable = "avx2,fma")]
-pub(crate) fn run<'a, W: Panels<'a, Item: Load>>(x: Input<f32>, job: &Job<'_, W>, mut y: MatMut<f32>) {
+pub(crate) fn run<'a, W: Panels<'a, Row: Load>>(x: Input<f32>, job: &Job<'_, W>, mut y: MatMut<f32>) {
     let most = if matches!(job, Job::Plain(..)) { ROWS } else { EVEN_ROWS };
     let mut slot = 0;
     while slot < job.slots() {
@@ -66,7 +71,7 @@ pub(crate) fn run<'a, W: Panels<'a, Item: Load>>(x: Input<f32>, job: &Job<'_, W>
 
 /// The rows from `t` on, `R` of them, with `width` slots, `P` at a time.
 #[target_feature(enable = "avx2,fma")]
-fn tile<'a, W: Panels<'a, Item: Load>, const R: usize, const P: usize>(
+fn tile<'a, W: Panels<'a, Row: Load>, const R: usize, const P: usize>(
     x: &Input<f32>,
     t: usize,
     job: &Job<'_, W>,
@@ -95,7 +100,7 @@ fn tile<'a, W: Panels<'a, Item: Load>, const R: usize, const P: usize>(
 
 /// `R` rows with `P` slots from `slot` on, from the first input to the end of the product.
 #[target_feature(enable = "avx2,fma")]
-fn group<'a, W: Panels<'a, Item: Load>, const R: usize, const P: usize>(
+fn group<'a, W: Panels<'a, Row: Load>, const R: usize, const P: usize>(
     rows: &[&[f32]; R],
     t: usize,
     job: &Job<'_, W>,
@@ -121,7 +126,7 @@ fn group<'a, W: Panels<'a, Item: Load>, const R: usize, const P: usize>(
 #[target_feature(enable = "avx2,fma")]
 fn multiply<W: Load, const R: usize, const P: usize>(
     rows: &[&[f32]; R],
-    panels: [&[[W; PANEL]]; P],
+    panels: [&[W]; P],
     sums: &mut [[[f32; PANEL]; P]; R],
 ) {
     let k = rows[0].len();
@@ -130,20 +135,28 @@ fn multiply<W: Load, const R: usize, const P: usize>(
         assert!(row.len() == k);
     }
     for panel in panels {
-        assert!(panel.len() == k);
+        assert!(panel.len() == k.div_ceil(W::INPUTS));
     }
     let mut acc = [[[_mm256_setzero_ps(); 2]; P]; R];
-    for i in 0..k {
+    let mut input = |i: usize| {
         for p in 0..P {
             // SAFETY: this function enables the features that `load` needs.
-            let w = unsafe { W::load(&panels[p][i]) };
-            prefetch(panels[p].as_ptr().wrapping_add(i + AHEAD).cast());
+            let w = unsafe { W::load(panels[p], i) };
+            prefetch(panels[p].as_ptr().wrapping_add((i + AHEAD) / W::INPUTS).cast());
             for r in 0..R {
                 let x = _mm256_set1_ps(rows[r][i]);
                 acc[r][p][0] = _mm256_fmadd_ps(x, w[0], acc[r][p][0]);
                 acc[r][p][1] = _mm256_fmadd_ps(x, w[1], acc[r][p][1]);
             }
         }
+    };
+    // Two at a time, so that it is known which of a pair each is.
+    for i in (0..k - k % 2).step_by(2) {
+        input(i);
+        input(i + 1);
+    }
+    if !k.is_multiple_of(2) {
+        input(k - 1);
     }
     for r in 0..R {
         for p in 0..P {

@@ -17,28 +17,23 @@ const CHUNK_BYTES: usize = 768 << 10;
 /// Inputs between a multiplication and the prefetch of its weights from L2: 8 steps of 13 cycles.
 const AHEAD: usize = 8;
 
-/// Weights that widen to f32 as they are loaded.
+/// Rows of panels whose weights widen to f32 as they are loaded.
 pub(crate) trait Load: Copy {
+    /// Inputs of one row.
+    const INPUTS: usize;
+    /// The weights of input `i`. Panics where the panel ends before it.
     /// # Safety
     /// The processor has the features of this back-end.
-    unsafe fn load(src: &[Self; PANEL]) -> __m512;
-    /// Row `which` of two.
-    /// # Safety
-    /// The processor has the features of this back-end.
-    unsafe fn load_of_two(src: &[[Self; PANEL]; 2], which: usize) -> __m512;
+    unsafe fn load(panel: &[Self], i: usize) -> __m512;
 }
 
-impl Load for f32 {
-    #[inline]
-    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-    unsafe fn load(src: &[Self; PANEL]) -> __m512 {
-        load(src)
-    }
+impl Load for [f32; PANEL] {
+    const INPUTS: usize = 1;
 
     #[inline]
     #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-    unsafe fn load_of_two(src: &[[Self; PANEL]; 2], which: usize) -> __m512 {
-        load(&src[which])
+    unsafe fn load(panel: &[Self], i: usize) -> __m512 {
+        load(&panel[i])
     }
 }
 
@@ -54,10 +49,10 @@ pub(super) fn matmul_gated(x: Input<f32>, gate: PackedF32, up: PackedF32, y: Mat
 
 /// The whole product.
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-pub(crate) fn run<'a, W: Panels<'a, Item: Load>>(x: Input<f32>, job: &Job<'_, W>, mut y: MatMut<f32>) {
+pub(crate) fn run<'a, W: Panels<'a, Row: Load>>(x: Input<f32>, job: &Job<'_, W>, mut y: MatMut<f32>) {
     let most = if matches!(job, Job::Plain(..)) { ROWS } else { EVEN_ROWS };
     // A multiple of the panels that any tile takes at once, and of gated pairs of them.
-    let panel_bytes = PANEL * size_of::<W::Item>() * job.k().max(1);
+    let panel_bytes = size_of::<W::Row>() * job.k().div_ceil(W::Row::INPUTS).max(1);
     let width = (CHUNK_BYTES / panel_bytes / 12).max(1) * 12;
     // Cleared once: clearing them per tile would wait for the stores of the tile before.
     let mut sums = [[0.0; PANEL]; SUMS];
@@ -81,7 +76,7 @@ pub(crate) fn run<'a, W: Panels<'a, Item: Load>>(x: Input<f32>, job: &Job<'_, W>
 
 /// The rows from `t` on, `R` of them, with all `slots`, `P` at a time.
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn tile<'a, W: Panels<'a, Item: Load>, const R: usize, const P: usize>(
+fn tile<'a, W: Panels<'a, Row: Load>, const R: usize, const P: usize>(
     x: &Input<f32>,
     t: usize,
     job: &Job<'_, W>,
@@ -109,7 +104,7 @@ fn tile<'a, W: Panels<'a, Item: Load>, const R: usize, const P: usize>(
 
 /// `R` rows with `P` slots from `slot` on, from the first input to the end of the product.
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn group<'a, W: Panels<'a, Item: Load>, const R: usize, const P: usize>(
+fn group<'a, W: Panels<'a, Row: Load>, const R: usize, const P: usize>(
     rows: &[&[f32]; R],
     t: usize,
     job: &Job<'_, W>,
@@ -135,7 +130,7 @@ fn group<'a, W: Panels<'a, Item: Load>, const R: usize, const P: usize>(
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
 fn multiply<W: Load, const R: usize, const P: usize>(
     rows: &[&[f32]; R],
-    panels: [&[[W; PANEL]]; P],
+    panels: [&[W]; P],
     sums: &mut [[f32; PANEL]; SUMS],
 ) {
     let k = rows[0].len();
@@ -144,7 +139,7 @@ fn multiply<W: Load, const R: usize, const P: usize>(
         assert!(row.len() == k);
     }
     for panel in panels {
-        assert!(panel.len() == k);
+        assert!(panel.len() == k.div_ceil(W::INPUTS));
     }
     let mut acc = [[_mm512_setzero_ps(); P]; R];
     let mut i = 0;
@@ -152,12 +147,11 @@ fn multiply<W: Load, const R: usize, const P: usize>(
         for which in 0..2 {
             let mut w = [_mm512_setzero_ps(); P];
             for p in 0..P {
-                let two: &[[W; PANEL]; 2] = panels[p][i..i + 2].first_chunk().expect("two of them");
-                // SAFETY: this function enables the features that `load_of_two` needs.
-                w[p] = unsafe { W::load_of_two(two, which) };
+                // SAFETY: this function enables the features that `load` needs.
+                w[p] = unsafe { W::load(panels[p], i + which) };
                 // One prefetch per line: two inputs of bf16 share one.
-                if which == 0 || size_of::<W>() == 4 {
-                    prefetch(panels[p].as_ptr().wrapping_add(i + which + AHEAD).cast());
+                if which % W::INPUTS == 0 {
+                    prefetch(panels[p].as_ptr().wrapping_add((i + which + AHEAD) / W::INPUTS).cast());
                 }
             }
             for r in 0..R {
@@ -172,7 +166,7 @@ fn multiply<W: Load, const R: usize, const P: usize>(
     if i < k {
         for p in 0..P {
             // SAFETY: this function enables the features that `load` needs.
-            let w = unsafe { W::load(&panels[p][i]) };
+            let w = unsafe { W::load(panels[p], i) };
             for r in 0..R {
                 acc[r][p] = _mm512_fmadd_ps(_mm512_set1_ps(rows[r][i]), w, acc[r][p]);
             }

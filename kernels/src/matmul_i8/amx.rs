@@ -1,31 +1,19 @@
 //! 16 x 16 outputs and 64 inputs per instruction: `tdpbssd`, signed by signed bytes, so that nothing needs correction.
 //!
 //! The packed weights are the instruction's own layout: 16 quads of one panel, 1 KiB, are one tile. Rows of inputs are
-//! gathered into tiles on the stack, 32 rows at a time. A product is 2 x 2 tiles of sums (1 x 4 where few rows are left):
-//!
-//! ```text
-//!                  w: tmm6  tmm7    one panel each
-//! x: tmm4 (rows  0..16)  tmm0  tmm1
-//!    tmm5 (rows 16..32)  tmm2  tmm3
-//! ```
-//! Up to [`FEW_ROWS`] rows, most of a tile would be empty: they are left to VNNI.
+//! gathered into tiles on the stack, 32 rows at a time. Up to [`FEW_ROWS`] rows, most of a tile would be empty: they are left to VNNI.
 
 use super::QuantInput;
 use super::avx512vnni::{self, Job, finish};
+use crate::amx::{Aligned, BYTES, TILE, Tiles};
 use crate::mat::MatMut;
 use crate::matmul_f32::Epilogue;
 use crate::pack::{PANEL, PackedI8};
-use core::arch::asm;
-use core::marker::PhantomData;
 
 /// Rows that VNNI multiplies sooner.
 const FEW_ROWS: usize = 6;
-/// Rows of a tile; also its quads of weights.
-const TILE: usize = 16;
 /// Rows of inputs in work.
 const ROWS: usize = 2 * TILE;
-/// Bytes of a tile's row: inputs in one step.
-const BYTES: usize = 64;
 /// Steps of inputs gathered at once, where there are few inputs and where there are many.
 const STEPS: [usize; 2] = [16, 64];
 /// Bytes of weights in work at once, which stay in L2 while blocks of rows go by.
@@ -57,7 +45,8 @@ pub(super) fn matmul_gated(x: QuantInput, gate: PackedI8, up: PackedI8, y: MatMu
 
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
 fn run(x: &QuantInput, job: &Job, y: MatMut<f32>) {
-    let tiles = Configured::new();
+    // SAFETY: only the `Amx` arm of the products leads here.
+    let tiles = unsafe { Tiles::new() };
     if job.k() <= STEPS[0] * BYTES {
         product::<{ STEPS[0] }>(&tiles, x, job, y);
     } else {
@@ -66,16 +55,16 @@ fn run(x: &QuantInput, job: &Job, y: MatMut<f32>) {
 }
 
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn product<const MOST: usize>(tiles: &Configured, x: &QuantInput, job: &Job, mut y: MatMut<f32>) {
-    let mut inputs = [[[[0; BYTES]; TILE]; 2]; MOST];
-    let mut sums = [[0.0; PANEL]; SUMS];
+fn product<const MOST: usize>(tiles: &Tiles, x: &QuantInput, job: &Job, mut y: MatMut<f32>) {
+    let mut inputs = Aligned([[[[0; BYTES]; TILE]; 2]; MOST]);
+    let mut sums = Aligned([[0.0; PANEL]; SUMS]);
     // A multiple of the panels that any block takes at once.
     let width = (CHUNK_BYTES / (PANEL * job.k().max(1)) / 4).max(1) * 4;
     for first in (0..job.slots()).step_by(width) {
         let end = (first + width).min(job.slots());
         for t in (0..x.rows.rows()).step_by(ROWS) {
             let rows = (x.rows.rows() - t).min(ROWS);
-            gather(x, t, rows, 0, &mut inputs);
+            gather(x, t, rows, 0, &mut inputs.0);
             let mut slot = first;
             while slot < end {
                 let panels = match end - slot {
@@ -83,7 +72,7 @@ fn product<const MOST: usize>(tiles: &Configured, x: &QuantInput, job: &Job, mut
                     1 => 1,
                     _ => 2,
                 };
-                block(tiles, x, t, rows, &mut inputs, job, slot, panels, &mut sums, &mut y);
+                block(tiles, x, t, rows, &mut inputs.0, job, slot, panels, &mut sums.0, &mut y);
                 slot += panels;
             }
         }
@@ -110,7 +99,7 @@ fn gather(x: &QuantInput, t: usize, rows: usize, first: usize, inputs: &mut [[Ti
 #[expect(clippy::too_many_arguments, reason = "one block of a product, each operand named")]
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
 fn block(
-    tiles: &Configured,
+    tiles: &Tiles,
     x: &QuantInput,
     t: usize,
     rows: usize,
@@ -150,7 +139,7 @@ fn block(
 /// Adds the products of `R` tiles of rows with the quads of `P` panels to `sums [rows, P]`, or starts them.
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
 fn multiply<const R: usize, const P: usize>(
-    tiles: &Configured,
+    tiles: &Tiles,
     inputs: &[[Tile; 2]],
     quads: &[&[[i8; BYTES]]; 4],
     start: bool,
@@ -166,170 +155,39 @@ fn multiply<const R: usize, const P: usize>(
     let ((third, _), (fourth, _)) = (third.as_chunks::<TILE>(), fourth.as_chunks::<TILE>());
     let (steps, rest) = (first.len(), rest.len());
     for (i, x) in inputs.iter().enumerate().take(steps) {
-        tiles.step::<R, P>(x, [&first[i], &second[i], &third[i], &fourth[i]]);
+        step::<R, P>(tiles, x, [&first[i], &second[i], &third[i], &fourth[i]]);
     }
     if rest > 0 {
-        let mut last = [[[0; BYTES]; TILE]; 4];
-        for (last, quads) in last.iter_mut().zip(quads).take(P) {
+        let mut last = Aligned([[[0; BYTES]; TILE]; 4]);
+        for (last, quads) in last.0.iter_mut().zip(quads).take(P) {
             last[..rest].copy_from_slice(&quads[steps * TILE..]);
         }
-        tiles.step::<R, P>(&inputs[steps], last.each_ref());
+        step::<R, P>(tiles, &inputs[steps], last.0.each_ref());
     }
     tiles.store_sums::<R, P>(sums);
 }
 
-/// The proof that this thread's tiles are configured, all of them 16 rows of 64 bytes; dropping it releases them.
-struct Configured {
-    /// Tiles belong to a thread.
-    thread: PhantomData<*const ()>,
-}
-
-/// Palette 1, and the bytes per row and rows of each tile.
-#[repr(C, align(64))]
-struct Config {
-    palette: u8,
-    start_row: u8,
-    reserved: [u8; 14],
-    row_bytes: [u16; 16],
-    rows: [u8; 16],
-}
-
-static CONFIG: Config = Config {
-    palette: 1,
-    start_row: 0,
-    reserved: [0; 14],
-    row_bytes: [64, 64, 64, 64, 64, 64, 64, 64, 0, 0, 0, 0, 0, 0, 0, 0],
-    rows: [16, 16, 16, 16, 16, 16, 16, 16, 0, 0, 0, 0, 0, 0, 0, 0],
-};
-
-impl Configured {
-    /// Called only by functions that `Backend::Amx` leads to.
-    fn new() -> Self {
-        // SAFETY: `Isa` holds `Amx` only after the processor and the system granted tiles, and only its arm leads here;
-        // `CONFIG` is 64 readable bytes that describe what palette 1 allows.
-        unsafe { asm!("ldtilecfg [{}]", in(reg) &raw const CONFIG, options(nostack, preserves_flags, readonly)) }
-        Self { thread: PhantomData }
+/// 64 inputs of `R` tiles of rows with `P` panels.
+#[inline]
+fn step<const R: usize, const P: usize>(tiles: &Tiles, x: &[Tile; 2], w: [&Tile; 4]) {
+    tiles.load::<4, _>(&x[0]);
+    tiles.load::<6, _>(w[0]);
+    tiles.multiply_i8::<0, 4, 6>();
+    if R == 2 {
+        tiles.load::<5, _>(&x[1]);
+        tiles.multiply_i8::<2, 5, 6>();
     }
-
-    #[inline]
-    fn zero(&self) {
-        // SAFETY: tiles 0 to 3 are configured; nothing but this type's methods uses them.
-        unsafe {
-            asm!(
-                "tilezero tmm0",
-                "tilezero tmm1",
-                "tilezero tmm2",
-                "tilezero tmm3",
-                options(nostack, preserves_flags, nomem)
-            );
-        }
+    if P > 1 {
+        tiles.load::<7, _>(w[1]);
+        tiles.multiply_i8::<1, 4, 7>();
     }
-
-    /// `tmmT = tile`.
-    #[inline]
-    fn load<const T: u8>(&self, tile: &Tile) {
-        // SAFETY: tile `T` is configured as 16 rows of 64 bytes, which is what `tile` holds, one behind the other.
-        unsafe {
-            asm!("tileloadd tmm{t}, [{tile} + {stride}]", t = const T, tile = in(reg) tile, stride = in(reg) BYTES,
-                options(nostack, preserves_flags, readonly));
-        }
+    if R == 2 && P > 1 {
+        tiles.multiply_i8::<3, 5, 7>();
     }
-
-    /// `tmmC += tmmX * tmmW`.
-    #[inline]
-    fn multiply<const C: u8, const X: u8, const W: u8>(&self) {
-        // SAFETY: the three tiles are configured with sizes that fit each other; nothing but this type's methods uses them.
-        unsafe {
-            asm!("tdpbssd tmm{c}, tmm{x}, tmm{w}", c = const C, x = const X, w = const W,
-                options(nostack, preserves_flags, nomem));
-        }
-    }
-
-    /// 64 inputs of `R` tiles of rows with `P` panels.
-    #[inline]
-    fn step<const R: usize, const P: usize>(&self, x: &[Tile; 2], w: [&Tile; 4]) {
-        self.load::<4>(&x[0]);
-        self.load::<6>(w[0]);
-        self.multiply::<0, 4, 6>();
-        if R == 2 {
-            self.load::<5>(&x[1]);
-            self.multiply::<2, 5, 6>();
-        }
-        if P > 1 {
-            self.load::<7>(w[1]);
-            self.multiply::<1, 4, 7>();
-        }
-        if R == 2 && P > 1 {
-            self.multiply::<3, 5, 7>();
-        }
-        if R == 1 && P > 2 {
-            self.load::<6>(w[2]);
-            self.multiply::<2, 4, 6>();
-            self.load::<7>(w[3]);
-            self.multiply::<3, 4, 7>();
-        }
-    }
-
-    #[inline]
-    fn load_sum<const C: u8>(&self, sums: &[[f32; PANEL]], stride: usize) {
-        assert!(sums.len() > (TILE - 1) * stride);
-        // SAFETY: tile `C` is configured as 16 rows of 64 bytes; row `r` is `sums[r * stride]`, inside by the assertion.
-        unsafe {
-            asm!("tileloadd tmm{c}, [{sums} + {stride}]", c = const C, sums = in(reg) sums.as_ptr(),
-                stride = in(reg) stride * size_of::<[f32; PANEL]>(), options(nostack, preserves_flags, readonly));
-        }
-    }
-
-    #[inline]
-    fn store_sum<const C: u8>(&self, sums: &mut [[f32; PANEL]], stride: usize) {
-        assert!(sums.len() > (TILE - 1) * stride);
-        // SAFETY: tile `C` is configured as 16 rows of 64 bytes; row `r` is `sums[r * stride]`, inside by the assertion.
-        unsafe {
-            asm!("tilestored [{sums} + {stride}], tmm{c}", c = const C, sums = in(reg) sums.as_mut_ptr(),
-                stride = in(reg) stride * size_of::<[f32; PANEL]>(), options(nostack, preserves_flags));
-        }
-    }
-
-    #[inline]
-    fn load_sums<const R: usize, const P: usize>(&self, sums: &[[f32; PANEL]]) {
-        self.load_sum::<0>(sums, P);
-        if P > 1 {
-            self.load_sum::<1>(&sums[1..], P);
-        }
-        if R == 2 {
-            self.load_sum::<2>(&sums[TILE * P..], P);
-        } else if P > 2 {
-            self.load_sum::<2>(&sums[2..], P);
-        }
-        if R == 2 && P > 1 {
-            self.load_sum::<3>(&sums[TILE * P + 1..], P);
-        } else if P > 3 {
-            self.load_sum::<3>(&sums[3..], P);
-        }
-    }
-
-    #[inline]
-    fn store_sums<const R: usize, const P: usize>(&self, sums: &mut [[f32; PANEL]]) {
-        self.store_sum::<0>(sums, P);
-        if P > 1 {
-            self.store_sum::<1>(&mut sums[1..], P);
-        }
-        if R == 2 {
-            self.store_sum::<2>(&mut sums[TILE * P..], P);
-        } else if P > 2 {
-            self.store_sum::<2>(&mut sums[2..], P);
-        }
-        if R == 2 && P > 1 {
-            self.store_sum::<3>(&mut sums[TILE * P + 1..], P);
-        } else if P > 3 {
-            self.store_sum::<3>(&mut sums[3..], P);
-        }
-    }
-}
-
-impl Drop for Configured {
-    fn drop(&mut self) {
-        // SAFETY: tiles are configured, so the processor has them; whoever needs them next configures them again.
-        unsafe { asm!("tilerelease", options(nostack, preserves_flags, nomem)) }
+    if R == 1 && P > 2 {
+        tiles.load::<6, _>(w[2]);
+        tiles.multiply_i8::<2, 4, 6>();
+        tiles.load::<7, _>(w[3]);
+        tiles.multiply_i8::<3, 4, 7>();
     }
 }

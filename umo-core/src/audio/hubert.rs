@@ -8,9 +8,10 @@
 use rayon::prelude::*;
 use umo_kernels::activation;
 use umo_kernels::attention::encoder_attention_f32;
+use umo_kernels::matmul_bf16::SplitRows;
 use umo_kernels::matmul_f32::{Activation, Epilogue};
 use umo_kernels::norm::{channel_affine, channel_sums, layer_norm};
-use umo_kernels::{Mat, MatMut, PANEL};
+use umo_kernels::{Isa, Mat, MatMut, PANEL};
 
 use crate::config;
 use crate::error::{LoadError, StepError};
@@ -22,7 +23,7 @@ const GROUP_NORM_EPS: f64 = 1e-5;
 /// Added to the waveform's variance where it is normalised, as Hugging Face's feature extractor does.
 const WAVE_EPS: f64 = 1e-7;
 /// Features per pass of the convolutions where a whole file is tokenised.
-const BLOCK: usize = 64;
+const BLOCK: usize = 16;
 /// Multiply-adds that an element of a norm or an activation costs, roughly.
 const ELEMENT_WORK: usize = 8;
 
@@ -32,6 +33,7 @@ const GELU: Epilogue<'static> = Epilogue::STORE.then(Activation::Gelu);
 #[derive(Debug)]
 pub(super) struct Hubert {
     sizes: config::Hubert,
+    isa: Isa,
     convolutions: Box<[Linear]>,
     /// Affine part of the group norm, `[conv_dim[0]]`.
     group_norm: Norm,
@@ -206,12 +208,13 @@ impl Hubert {
             .collect::<Result<Vec<_>, _>>()?;
         Ok(Self {
             sizes: sizes.clone(),
+            isa: loader.isa(),
             convolutions: convolutions.into(),
             // Its epsilon is applied in f64, with the statistics.
             group_norm: Norm::load(loader, &format!("{extractor}.0.layer_norm"), sizes.conv_dim[0], 0.0)?,
             projection_norm: Norm::load(loader, &format!("{root}.feature_projection.layer_norm"), channels, eps)?,
             projection: loader.linear_with_bias(&format!("{root}.feature_projection.projection"), hidden, channels)?,
-            position: loader.exact().grouped_conv(
+            position: loader.float().grouped_conv(
                 &format!("{root}.encoder.pos_conv_embed.conv"),
                 hidden,
                 kernel,
@@ -239,8 +242,12 @@ impl Hubert {
         let sizes = &self.sizes;
         let mut len = [0_usize; 2];
         let (mut rows, mut dim) = (samples, 1);
+        let mut most_parts = 0;
         let (mut most_rows, mut most_values) = (window, window * sizes.hidden_size.max(sizes.intermediate_size));
         for (i, (conv, &stride)) in self.convolutions.iter().zip(&sizes.conv_stride).enumerate() {
+            if conv.splits(self.isa) {
+                most_parts = most_parts.max(rows * dim);
+            }
             rows = outputs(rows, sizes.conv_kernel[i], stride);
             if conv.is_int8() {
                 (most_rows, most_values) = (most_rows.max(rows), most_values.max(rows * conv.inputs()));
@@ -253,6 +260,9 @@ impl Hubert {
         len[last] = len[last].max(rows * dim);
         let quantised = if self.products().any(Linear::is_int8) { most_values.max(rows * dim) } else { 0 };
         let padded = window + 2 * (sizes.num_conv_pos_embeddings / 2);
+        if self.position.iter().any(|group| group.splits(self.isa)) {
+            most_parts = most_parts.max(padded * sizes.hidden_size);
+        }
         let zeros = AlignedBox::zeroed;
         Scratch {
             even: zeros(len[0]),
@@ -264,7 +274,7 @@ impl Hubert {
             hidden: zeros(window * sizes.hidden_size),
             qkv: zeros(window * 3 * sizes.hidden_size),
             inside: zeros(window * sizes.intermediate_size),
-            quant: QuantScratch::with_values(most_rows.max(rows), quantised),
+            quant: QuantScratch::with_values(most_rows.max(rows), quantised).with_parts(most_parts),
         }
     }
 
@@ -439,14 +449,21 @@ impl Hubert {
             }
         }
         let padded = &*padded;
+        let tiles = self.position.iter().all(|group| group.splits(cx.isa));
+        let parts = if tiles { scratch.quant.split(cx, padded)? } else { [&[][..]; 2] };
         scratch.sum[..features.len()].copy_from_slice(features);
         let sum = MatMut::new(&mut scratch.sum, window, hidden)?;
         cx.team.columns(sum, width, window * kernel * hidden * width, |columns, mut rest| {
             for group in columns.start / width..columns.end / width {
                 let (y, tail) = rest.split_columns(width);
-                let windows = Mat::with_stride(&padded[group * group_len..], window, kernel * width, width)?;
-                let end = Epilogue::ADD.then(Activation::Gelu);
-                self.position[group].apply(cx, Ready::Float(windows), None, 0..width, end, y)?;
+                let (start, end) = (group * group_len, Epilogue::ADD.then(Activation::Gelu));
+                if tiles {
+                    let part = |i: usize| Mat::with_stride(&parts[i][start..], window, kernel * width, width);
+                    self.position[group].apply_split(cx, SplitRows::new(part(0)?, part(1)?)?, 0..width, end, y)?;
+                } else {
+                    let windows = Mat::with_stride(&padded[start..], window, kernel * width, width)?;
+                    self.position[group].apply(cx, Ready::Float(windows), None, 0..width, end, y)?;
+                }
                 rest = tail;
             }
             Ok(())

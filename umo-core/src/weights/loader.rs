@@ -4,8 +4,10 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use rayon::prelude::*;
-use umo_kernels::pack::{PANEL, pack_row, pack_row_i8, packed_len, packed_len_i8, quantize_weight_row};
-use umo_kernels::{Bf16, Isa};
+use umo_kernels::pack::{
+    PANEL, pack_row, pack_row_bf16, pack_row_i8, packed_len, packed_len_bf16, packed_len_i8, quantize_weight_row,
+};
+use umo_kernels::{Bf16, Isa, ShapeError};
 
 use super::aligned::{AlignedBox, Plain, Pool};
 use super::writer::Storage;
@@ -20,6 +22,8 @@ pub struct Loader<'a> {
     precision: Precision,
     /// How every product's weights are kept, where the precision does not say it tensor by tensor.
     form: Option<Form>,
+    /// Whether float products keep all bits of their activations.
+    exact: bool,
     isa: Isa,
     /// Where packed weights lie.
     pool: Arc<Pool>,
@@ -47,6 +51,9 @@ impl Form {
     }
 }
 
+/// Packs one row as an output of its panel.
+type PackRow<P> = fn(&[f32], usize, &mut [P]) -> Result<(), ShapeError>;
+
 /// How the values of one output row are ordered in the file.
 #[derive(Clone, Copy, Debug)]
 enum Order {
@@ -70,7 +77,7 @@ impl Order {
 impl<'a> Loader<'a> {
     /// A loader of `file` for `isa`; `precision` says how products are computed.
     pub fn new(file: &'a ModelFile, precision: Precision, isa: Isa) -> Self {
-        Self { file, precision, form: None, isa, pool: Arc::default() }
+        Self { file, precision, form: None, exact: precision == Precision::F32, isa, pool: Arc::default() }
     }
 
     /// The file.
@@ -86,6 +93,12 @@ impl<'a> Loader<'a> {
     /// The same file and processor with products in full precision, for the tensors that lose by rounding.
     #[must_use]
     pub fn exact(&self) -> Self {
+        Self { exact: true, ..self.float() }
+    }
+
+    /// The same file and processor with weights as the file has them, for the tensors that lose by rounding to int8.
+    #[must_use]
+    pub fn float(&self) -> Self {
         Self { precision: Precision::F32, form: None, ..self.clone() }
     }
 
@@ -247,22 +260,28 @@ impl<'a> Loader<'a> {
         let stored = rows.tensors.iter().map(Tensor::storage);
         let weight = match self.form.unwrap_or_else(|| Form::of(self.precision, stored)) {
             Form::Int8 => self.pack_int8(rows)?,
-            Form::Bf16 => Weight::Bf16(self.pack_float(rows, Bf16::from_f32)?),
-            Form::F32 => Weight::F32(self.pack_float(rows, |v| v)?),
+            Form::Bf16 => Weight::Bf16(self.pack_float(rows, packed_len_bf16, pack_row_bf16)?),
+            Form::F32 => Weight::F32(self.pack_float(rows, packed_len, pack_row)?),
         };
-        Ok(Linear::new(weight, rows.n, rows.cols()))
+        let linear = Linear::new(weight, rows.n, rows.cols());
+        Ok(if self.exact { linear.exact() } else { linear })
     }
 
-    /// Packs all panels in parallel.
-    fn pack_float<P: Plain>(&self, rows: &Rows, convert: impl Fn(f32) -> P + Sync) -> Result<AlignedBox<P>, LoadError> {
+    /// Packs all panels in parallel, of the length and in the way of one type.
+    fn pack_float<P: Plain>(
+        &self,
+        rows: &Rows,
+        packed_len: fn(usize, usize) -> usize,
+        pack_row: PackRow<P>,
+    ) -> Result<AlignedBox<P>, LoadError> {
         let k = rows.cols();
         let mut packed = self.pool.zeroed(packed_len(rows.n, k));
-        packed.par_chunks_mut((PANEL * k).max(1)).enumerate().try_for_each_init(
+        packed.par_chunks_mut(packed_len(1, k).max(1)).enumerate().try_for_each_init(
             || RowBuffer::new(k),
             |buffer, (p, panel)| {
                 for lane in 0..PANEL.min(rows.n - p * PANEL) {
                     let row = rows.floats(p * PANEL + lane, buffer)?;
-                    pack_row(row, &convert, lane, panel).expect("one panel per chunk");
+                    pack_row(row, lane, panel).expect("one panel per chunk");
                 }
                 Ok(())
             },
