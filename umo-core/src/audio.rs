@@ -88,6 +88,17 @@ enum Room {
     Mel(mel::Scratch),
 }
 
+/// A chunk of audio on its way through the tokenizer.
+#[derive(Clone, Copy, Debug)]
+pub struct Call {
+    /// Tokens that it brings.
+    new: usize,
+    /// Whether it is the stream's first.
+    first: bool,
+    /// Steps done.
+    step: usize,
+}
+
 impl AudioStream {
     /// Forgets all audio: the next call starts a new stream.
     pub fn reset(&mut self) {
@@ -216,7 +227,7 @@ impl Tokenizer {
             max_new,
             network: match &self.network {
                 Network::Hubert(hubert) => {
-                    Room::Hubert(Box::new(hubert.scratch(self.reach + max_new.max(1) * self.hop, window)))
+                    Room::Hubert(Box::new(hubert.scratch(hubert.block_samples(max_new, self.hop), window)))
                 }
                 Network::Mel(mel) => Room::Mel(mel.scratch(max_new)),
             },
@@ -240,8 +251,23 @@ impl Tokenizer {
         samples: &[f32],
         units: &mut [u32],
     ) -> Result<(), StepError> {
-        let new = self.check(stream, scratch, samples, units)?;
-        let (reach, width, first) = (self.reach, self.width, !stream.started);
+        let mut call = self.begin(stream, scratch, samples)?;
+        while self.step(cx, stream, scratch, &mut call, units)? {}
+        Ok(())
+    }
+
+    /// Takes one chunk of audio as [`Self::advance`] does, to be computed step by step.
+    ///
+    /// # Errors
+    /// As [`Self::advance`].
+    pub fn begin(
+        &self,
+        stream: &mut AudioStream,
+        scratch: &mut AudioScratch,
+        samples: &[f32],
+    ) -> Result<Call, StepError> {
+        let new = self.check(stream, scratch, samples)?;
+        let (reach, first) = (self.reach, !stream.started);
         if first {
             stream.recent.fill(0.0);
         }
@@ -250,26 +276,60 @@ impl Tokenizer {
         heard[reach..].copy_from_slice(samples);
         // A call brings at least one hop, which is no shorter than the reach.
         stream.recent.copy_from_slice(&samples[samples.len() - reach..]);
-        stream.features.copy_within(new * width.., 0);
-        let (old, fresh) = stream.features.split_at_mut((stream.window - new) * width);
-        let scores = &mut scratch.scores[..stream.window * self.kmeans.units()];
+        stream.features.copy_within(new * self.width.., 0);
+        stream.started = true;
+        Ok(Call { new, first, step: 0 })
+    }
+
+    /// Computes one more piece of a call - a block of features, or a layer - and says whether there is more to do; with
+    /// the last one, `units [window]` are written. Never allocates.
+    ///
+    /// # Errors
+    /// As [`Self::advance`]; the stream then wants [`AudioStream::reset`].
+    pub fn step(
+        &self,
+        cx: Compute,
+        stream: &mut AudioStream,
+        scratch: &mut AudioScratch,
+        call: &mut Call,
+        units: &mut [u32],
+    ) -> Result<bool, StepError> {
+        if units.len() != stream.window {
+            return Err(ShapeError { arg: "units", want: stream.window, got: units.len() }.into());
+        }
+        let (reach, window, Call { new, first, step }) = (self.reach, stream.window, *call);
+        let heard = &mut scratch.samples[..reach + new * self.hop];
+        let (old, fresh) = stream.features.split_at_mut((window - new) * self.width);
+        let scores = &mut scratch.scores[..window * self.kmeans.units()];
+        call.step += 1;
         match (&self.network, &mut stream.state, &mut scratch.network) {
             (Network::Hubert(hubert), State::Hubert(statistics), Room::Hubert(room)) => {
-                if first {
-                    statistics.clear();
+                let (blocks, layers) = (Hubert::blocks(new), hubert.layers());
+                if step == 0 {
+                    if first {
+                        statistics.clear();
+                    }
+                    statistics.listen(&heard[reach..]);
+                    if first {
+                        heard[..reach].fill(statistics.silence());
+                    }
+                    hubert.count(cx, statistics, room, heard, reach)?;
+                } else if step <= blocks {
+                    hubert.extract(cx, statistics, room, heard, self.hop, step - 1, fresh)?;
+                } else if step == blocks + 1 {
+                    if first {
+                        let silence = &mut heard[..reach + self.hop];
+                        silence.fill(statistics.silence());
+                        hubert.fill(cx, statistics, room, silence, old)?;
+                    }
+                    hubert.begin_encode(cx, room, &stream.features)?;
+                } else if step <= blocks + 1 + layers {
+                    hubert.encode_layer(cx, room, window, step - blocks - 2)?;
                 }
-                statistics.listen(samples);
-                if first {
-                    heard[..reach].fill(statistics.silence());
+                if step < blocks + 1 + layers {
+                    return Ok(true);
                 }
-                hubert.extract(cx, statistics, room, heard, reach, fresh)?;
-                if first {
-                    let silence = &mut heard[..reach + self.hop];
-                    silence.fill(statistics.silence());
-                    hubert.fill(cx, statistics, room, silence, old)?;
-                }
-                let hidden = hubert.encode(cx, room, &stream.features)?;
-                self.kmeans.nearest(cx, hidden, scores, units)?;
+                self.kmeans.nearest(cx, hubert.encoded(room, window), scores, units)?;
             }
             (Network::Mel(mel), State::Mel(past), Room::Mel(room)) => {
                 if first {
@@ -281,18 +341,11 @@ impl Tokenizer {
             }
             _ => return Err(StepError::Order("an audio stream or scratch of another tokenizer")),
         }
-        stream.started = true;
-        Ok(())
+        Ok(false)
     }
 
     /// New tokens of a call, where its lengths agree.
-    fn check(
-        &self,
-        stream: &AudioStream,
-        scratch: &AudioScratch,
-        samples: &[f32],
-        units: &[u32],
-    ) -> Result<usize, StepError> {
+    fn check(&self, stream: &AudioStream, scratch: &AudioScratch, samples: &[f32]) -> Result<usize, StepError> {
         let new = samples.len() / self.hop;
         if samples.is_empty() {
             return Err(StepError::Empty("audio sample"));
@@ -306,9 +359,6 @@ impl Tokenizer {
         }
         if stream.window > scratch.window {
             return Err(StepError::TooLong { what: "audio window", got: stream.window, limit: scratch.window });
-        }
-        if units.len() != stream.window {
-            return Err(ShapeError { arg: "units", want: stream.window, got: units.len() }.into());
         }
         if stream.features.len() != stream.window * self.width || stream.recent.len() != self.reach {
             return Err(StepError::Order("an audio stream or scratch of another tokenizer"));

@@ -13,7 +13,7 @@ use std::time::Instant;
 
 use umo_kernels::Mat;
 
-use crate::audio::AudioScratch;
+use crate::audio::{AudioScratch, Call};
 use crate::avatar::{Avatar, Due, StageTimes};
 use crate::error::StepError;
 use crate::interp::InterpScratch;
@@ -54,7 +54,7 @@ impl<F: FnMut(FrameRef)> FrameSink for F {
 enum Phase {
     /// No batch is under way.
     Idle,
-    /// The audio tokenizer of one member.
+    /// A piece of the audio tokenizer's work for one member.
     Listen { member: usize },
     /// One layer of the encoder.
     Encode { layer: usize },
@@ -72,6 +72,8 @@ enum Phase {
 #[derive(Debug)]
 pub struct Batch {
     audio: AudioScratch,
+    /// The audio of the member that is listened to, where that has begun.
+    call: Option<Call>,
     lm: LmScratch,
     generator: Generator,
     interp: InterpScratch,
@@ -109,6 +111,7 @@ impl Batch {
             .stream_rows(config.max_target * config.keyframe_stride, config.prefix * config.keyframe_stride);
         Self {
             audio: model.tokenizer.scratch(window, config.max_target * config.tokens_per_keyframe()),
+            call: None,
             lm: LmScratch::new(config, width * lengths.encoder.max(lengths.decoder)),
             generator: Generator::new(config),
             interp: model.interp.scratch(frames),
@@ -168,11 +171,12 @@ impl Batch {
             Phase::Fill { member } => (member, self.filling(member + 1)),
             Phase::Move { member } => (member, self.moving(member + 1)),
             Phase::Idle | Phase::Encode { .. } | Phase::Attend { .. } | Phase::Decode { .. } => {
-                self.phase = Phase::Idle;
+                self.abandon();
                 return None;
             }
         };
         self.due[member] = Due::Nothing;
+        self.call = None;
         // Where it was the last with a chunk, there is nothing to encode or to fill.
         self.phase = match next {
             Phase::Encode { .. } if self.next_chunk(0).is_none() => self.moving(0),
@@ -183,7 +187,7 @@ impl Batch {
 
     /// Puts the batch down for good; its members are in no defined state and want [`Avatar::reset`].
     pub fn abandon(&mut self) {
-        self.phase = Phase::Idle;
+        (self.phase, self.call) = (Phase::Idle, None);
     }
 
     /// Computes one more layer, and says whether there is more to do. `members` are those that the batch was started
@@ -240,7 +244,7 @@ impl Batch {
         if member < self.members { Phase::Move { member } } else { Phase::Idle }
     }
 
-    /// Turns a member's next samples into the units of its window.
+    /// One more piece of turning a member's next samples into the units of its window.
     fn listen_to(
         &mut self,
         model: &Model,
@@ -249,16 +253,23 @@ impl Batch {
         member: usize,
     ) -> Result<Phase, StepError> {
         let samples = &mut self.samples[..of.avatar().chunk_samples(&model.config)];
-        if !samples.is_empty() {
+        if self.call.is_none() && !samples.is_empty() {
             of.listen(samples);
-            let avatar = of.avatar();
-            if let Some(audio) = &mut avatar.audio {
-                model.tokenizer.advance(cx, audio, &mut self.audio, samples, &mut avatar.units)?;
+        }
+        let avatar = of.avatar();
+        if let Some(audio) = &mut avatar.audio {
+            let mut call = match self.call.take() {
+                Some(call) => call,
+                None => model.tokenizer.begin(audio, &mut self.audio, samples)?,
+            };
+            if model.tokenizer.step(cx, audio, &mut self.audio, &mut call, &mut avatar.units)? {
+                self.call = Some(call);
+                return Ok(Phase::Listen { member });
             }
             avatar.replace_units(&model.config);
         }
         let start = self.rows(member);
-        self.lengths[member] = of.avatar().prompt(&mut self.ids[start..])?;
+        self.lengths[member] = avatar.prompt(&mut self.ids[start..])?;
         Ok(self.listen(member + 1))
     }
 

@@ -278,19 +278,16 @@ impl Hubert {
         }
     }
 
-    /// The features of a stream's new samples, whose waveform statistics are up to date.
-    ///
-    /// Shapes: `heard` is `reach` samples from before and the new ones, `features [n, hidden]` (overwritten).
-    pub(super) fn extract(
+    /// Adds the first convolution's outputs of a stream's new samples to the statistics, those of the waveform being up to
+    /// date. `heard` is `reach` samples from before and the new ones.
+    pub(super) fn count(
         &self,
         cx: Compute,
         statistics: &mut Statistics,
         scratch: &mut Scratch,
         heard: &[f32],
         reach: usize,
-        features: &mut [f32],
     ) -> Result<(), StepError> {
-        let rows = self.first(cx, heard, &mut scratch.even)?;
         let (kernel, stride) = (self.sizes.conv_kernel[0], self.sizes.conv_stride[0]);
         let new = if statistics.samples + reach == heard.len() {
             // The stream's first samples: windows that begin in the silence before them do not count.
@@ -299,9 +296,44 @@ impl Hubert {
             // Windows that ended before the new samples were counted when they came.
             (reach + 1).saturating_sub(kernel).div_ceil(stride)
         };
-        let all = Mat::new(&scratch.even, rows, self.sizes.conv_dim[0])?;
-        count(cx, statistics, all.row_range(new.min(rows)..rows))?;
+        let (total, block) = (outputs(heard.len(), kernel, stride), scratch.even.len() / self.sizes.conv_dim[0]);
+        for start in (new.min(total)..total).step_by(block.max(1)) {
+            let end = (start + block).min(total);
+            let rows = self.first(cx, &heard[start * stride..(end - 1) * stride + kernel], &mut scratch.even)?;
+            count(cx, statistics, Mat::new(&scratch.even, rows, self.sizes.conv_dim[0])?)?;
+        }
+        Ok(())
+    }
+
+    /// The features of block `block` of a stream's new samples, whose statistics are up to date: `features [n, hidden]` are
+    /// those of all blocks, of which this one's are overwritten.
+    #[expect(clippy::too_many_arguments, reason = "the stream's state, the scratch, the input, which part, the output")]
+    pub(super) fn extract(
+        &self,
+        cx: Compute,
+        statistics: &Statistics,
+        scratch: &mut Scratch,
+        heard: &[f32],
+        hop: usize,
+        block: usize,
+        features: &mut [f32],
+    ) -> Result<(), StepError> {
+        let hidden = self.sizes.hidden_size;
+        let Some(features) = features.chunks_mut(BLOCK * hidden).nth(block) else { return Ok(()) };
+        let start = block * BLOCK * hop;
+        let end = start + (features.len() / hidden - 1) * hop + self.sizes.receptive_field();
+        let rows = self.first(cx, &heard[start..end], &mut scratch.even)?;
         self.rest(cx, statistics, scratch, rows, features)
+    }
+
+    /// Blocks that so many features are extracted in.
+    pub(super) fn blocks(features: usize) -> usize {
+        features.div_ceil(BLOCK)
+    }
+
+    /// Samples that a block of at most `features` features covers.
+    pub(super) fn block_samples(&self, features: usize, hop: usize) -> usize {
+        (features.clamp(1, BLOCK) - 1) * hop + self.sizes.receptive_field()
     }
 
     /// Writes the feature of silence, whose samples are given, to every row of `features`.
@@ -332,24 +364,13 @@ impl Hubert {
         hop: usize,
         features: &mut [f32],
     ) -> Result<(), StepError> {
-        let (hidden, field) = (self.sizes.hidden_size, self.sizes.receptive_field());
-        let window = features.len() / hidden;
-        let most = (BLOCK - 1) * hop + field;
-        let mut scratch = self.scratch(most, window);
+        let window = features.len() / self.sizes.hidden_size;
+        let mut scratch = self.scratch(self.block_samples(window, hop), window);
         let mut statistics = self.statistics();
         statistics.listen(audio);
-        let (kernel, stride) = (self.sizes.conv_kernel[0], self.sizes.conv_stride[0]);
-        let (total, block) = (outputs(audio.len(), kernel, stride), outputs(most, kernel, stride));
-        for start in (0..total).step_by(block) {
-            let end = (start + block).min(total);
-            let rows = self.first(cx, &audio[start * stride..(end - 1) * stride + kernel], &mut scratch.even)?;
-            count(cx, &mut statistics, Mat::new(&scratch.even, rows, self.sizes.conv_dim[0])?)?;
-        }
-        for (block, features) in features.chunks_mut(BLOCK * hidden).enumerate() {
-            let start = block * BLOCK * hop;
-            let samples = &audio[start..start + (features.len() / hidden - 1) * hop + field];
-            let rows = self.first(cx, samples, &mut scratch.even)?;
-            self.rest(cx, &statistics, &mut scratch, rows, features)?;
+        self.count(cx, &mut statistics, &mut scratch, audio, 0)?;
+        for block in 0..Self::blocks(window) {
+            self.extract(cx, &statistics, &mut scratch, audio, hop, block, features)?;
         }
         let output = self.encode(cx, &mut scratch, features)?;
         features.copy_from_slice(output);
@@ -414,20 +435,39 @@ impl Hubert {
     }
 
     /// The layers that look around: `features [window, hidden]` to the last layer's output.
-    pub(super) fn encode<'a>(
+    fn encode<'a>(&self, cx: Compute, scratch: &'a mut Scratch, features: &[f32]) -> Result<&'a [f32], StepError> {
+        self.begin_encode(cx, scratch, features)?;
+        let window = features.len() / self.sizes.hidden_size;
+        (0..self.layers.len()).try_for_each(|layer| self.encode_layer(cx, scratch, window, layer))?;
+        Ok(self.encoded(scratch, window))
+    }
+
+    /// What stands before the layers that look around: positions and a norm.
+    pub(super) fn begin_encode(&self, cx: Compute, scratch: &mut Scratch, features: &[f32]) -> Result<(), StepError> {
+        let window = features.len() / self.sizes.hidden_size;
+        self.add_positions(cx, scratch, features, window)?;
+        self.norm.apply(cx, &scratch.sum, window, &mut scratch.hidden)
+    }
+
+    /// Layers that look around.
+    pub(super) fn layers(&self) -> usize {
+        self.layers.len()
+    }
+
+    /// One of them.
+    pub(super) fn encode_layer(
         &self,
         cx: Compute,
-        scratch: &'a mut Scratch,
-        features: &[f32],
-    ) -> Result<&'a [f32], StepError> {
-        let hidden = self.sizes.hidden_size;
-        let window = features.len() / hidden;
-        self.add_positions(cx, scratch, features, window)?;
-        self.norm.apply(cx, &scratch.sum, window, &mut scratch.hidden)?;
-        for layer in &self.layers {
-            self.layer(cx, layer, scratch, window)?;
-        }
-        Ok(&scratch.hidden[..features.len()])
+        scratch: &mut Scratch,
+        window: usize,
+        layer: usize,
+    ) -> Result<(), StepError> {
+        self.layer(cx, &self.layers[layer], scratch, window)
+    }
+
+    /// What the last of them gave, `[window, hidden]`.
+    pub(super) fn encoded<'a>(&self, scratch: &'a Scratch, window: usize) -> &'a [f32] {
+        &scratch.hidden[..window * self.sizes.hidden_size]
     }
 
     /// `sum = features + gelu(convolution of features)`, `kernel / 2` zeros on each side, and as many rows as before.
