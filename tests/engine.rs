@@ -232,6 +232,26 @@ fn hosted(which: usize) -> Engine {
     engine(&MODELS[which], Threads::Host(0), 4)
 }
 
+/// A poll with no budget does one piece of work, and every piece is a small one.
+#[test]
+fn a_chunk_is_cut_into_layers() {
+    let engine = hosted(0);
+    let session = engine.session(&config(engine.model(), 2, 0, 4)).unwrap();
+    session.push_audio(&audio(6_400, 1, 1)).unwrap();
+    let mut polls = 0;
+    while session.ready_frames().unwrap() == 0 {
+        assert_eq!(engine.poll(Duration::ZERO), Ok(Poll::More));
+        polls += 1;
+    }
+    let config = engine.model().config();
+    let lm = &config.lm;
+    // Eight codes; the encoder, and its keys and values; HuBERT's layers; and what stands between.
+    let layers =
+        lm.num_layers + lm.num_decoder_layers * (8 + 1) + config.audio.hubert.as_ref().unwrap().num_hidden_layers;
+    assert!(polls > layers, "{polls} polls for {layers} layers");
+    assert_eq!(engine.poll(Duration::MAX), Ok(Poll::Idle));
+}
+
 #[test]
 fn a_reset_session_is_a_new_one() {
     let engine = hosted(3);
