@@ -9,7 +9,7 @@ use umo_kernels::matmul_f32::Epilogue;
 use umo_kernels::norm::rms_norm;
 use umo_kernels::{Bf16, Mat, MatMut, ShapeError};
 
-use super::attention::{PositionBias, Projections, projection};
+use super::attention::{PositionBias, Projections, for_each_head, projection};
 use super::experts::Experts;
 use super::{Lengths, LmScratch};
 use crate::config::Config;
@@ -348,7 +348,7 @@ impl Decoder {
         }
     }
 
-    /// Calls `f(sequence, head, queries, output)` for every sequence and head, heads shared by the threads.
+    /// Calls `f(sequence, head, queries, output)` for every sequence with new rows, and every head.
     fn heads(
         &self,
         cx: Compute,
@@ -358,24 +358,10 @@ impl Decoder {
         f: impl Fn(&Sequence, usize, Mat<f32>, MatMut<f32>) -> Result<(), ShapeError> + Sync,
     ) -> Result<(), StepError> {
         let keys = sequences.iter().map(|s| s.cache.cross_len.max(s.cache.own_len)).max().unwrap_or(0);
-        let y = MatMut::new(context, q.rows(), q.cols())?;
-        cx.team.columns(y, self.d_kv, 2 * q.rows() * keys * q.cols(), |columns, y| {
-            let (mut rest, mut first) = (y, 0);
-            for sequence in sequences {
-                let count = sequence.count;
-                if count == 0 {
-                    continue;
-                }
-                let (mut y, below) = rest.split_rows(count);
-                for at in columns.clone().step_by(self.d_kv) {
-                    let (head, tail) = y.split_columns(self.d_kv);
-                    let q = q.row_range(first..first + count).columns(at..at + self.d_kv);
-                    f(sequence, at / self.d_kv, q, head)?;
-                    y = tail;
-                }
-                (rest, first) = (below, first + count);
-            }
-            Ok(())
+        let (y, work) = (MatMut::new(context, q.rows(), q.cols())?, 2 * q.rows() * keys * q.cols());
+        for_each_head(cx, self.d_kv, sequences.iter().map(|s| s.count), work, y, |sequence, head, rows, y| {
+            let q = q.row_range(rows).columns(head * self.d_kv..(head + 1) * self.d_kv);
+            f(&sequences[sequence], head, q, y)
         })
     }
 }
