@@ -74,7 +74,8 @@ macro_rules! loops {
             unsafe { T::load_part(src) }
         }
 
-        /// Scores of a tile, then weights, for `Q` queries. Aligned, as [`Packed`] is, so that no load crosses a cache line.
+        /// Scores of a tile, then weights, for `Q` queries. Aligned, as [`Packed`] is, so that no load crosses a cache
+        /// line.
         #[repr(align(64))]
         struct Weights<const Q: usize>([[f32; TILE]; Q]);
 
@@ -98,7 +99,8 @@ macro_rules! loops {
             }
         }
 
-        /// A tile of keys, transposed, and of values, dense: neither strides across the sets of L1 as the projections do.
+        /// A tile of keys, transposed, and of values, dense: neither strides across the sets of L1 as the projections
+        /// do.
         #[repr(align(64))]
         struct Packed {
             /// `[head_dim, TILE]`.
@@ -161,8 +163,9 @@ macro_rules! loops {
         /// Sums for 4 queries x 2 registers of keys.
         type Sums = [[Register; 2]; 4];
 
-        /// The dot products of 4 queries with a packed tile, lanes along the keys. Each partial sum of [`scores`] is here one
-        /// chain of multiply-adds, and the chains are added in the same tree, so that the bits are the same. `pairs` is scratch.
+        /// The dot products of 4 queries with a packed tile, lanes along the keys. Each partial sum of [`scores`] is
+        /// here one chain of multiply-adds, and the chains are added in the same tree, so that the bits are the same.
+        /// `pairs` is scratch.
         #[target_feature(enable = $features)]
         fn packed_scores(
             q: Mat<f32>,
@@ -221,8 +224,8 @@ macro_rules! loops {
             }
         }
 
-        /// The `Q` queries from `i` on, over all their keys; returns `Q`. `y` holds the sums of values times `exp(score - max)`
-        /// until the end. Scores are made `K = WIDTH / Q` keys, values `C` registers of columns at a time.
+        /// The `Q` queries from `i` on, over all their keys; returns `Q`. `y` holds the sums of values times `exp(score
+        /// - max)` until the end. Scores are made `K = WIDTH / Q` keys, values `C` registers of columns at a time.
         #[target_feature(enable = $features)]
         fn group<T: Load, const Q: usize, const K: usize, const C: usize>(
             x: Operands<T>,
@@ -244,8 +247,8 @@ macro_rules! loops {
             Q
         }
 
-        /// Turns the scores of the tile of keys from `first` on into weights, and adds the tile's values to the rows of `y`,
-        /// `C` registers of columns at a time.
+        /// Turns the scores of the tile of keys from `first` on into weights, and adds the tile's values to the rows of
+        /// `y`, `C` registers of columns at a time.
         #[target_feature(enable = $features)]
         fn weighted<T: Load, V: Load, const Q: usize, const C: usize>(
             x: Operands<T>,
@@ -345,8 +348,8 @@ macro_rules! loops {
             }
         }
 
-        /// Turns the first `seen[r]` dot products of query `i + r` into weights `exp(score - max)`; returns the factors for what
-        /// the queries have summed up before: 0 in the first tile.
+        /// Turns the first `seen[r]` dot products of query `i + r` into weights `exp(score - max)`; returns the factors
+        /// for what the queries have summed up before: 0 in the first tile.
         #[target_feature(enable = $features)]
         fn weigh<T: Load, const Q: usize>(
             x: Operands<T>,
@@ -379,7 +382,8 @@ macro_rules! loops {
             result
         }
 
-        /// Turns the first `seen` dot products into scores, hides the rest of their last register, and returns the largest.
+        /// Turns the first `seen` dot products into scores, hides the rest of their last register, and returns the
+        /// largest.
         #[target_feature(enable = $features)]
         fn score(weights: &mut [f32; TILE], seen: usize, max: f32, scale: f32, bias: &[f32]) -> f32 {
             let mut highest = set(max);
