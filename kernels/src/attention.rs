@@ -67,8 +67,8 @@ pub fn attention_f32(
     Ok(())
 }
 
-/// The same over keys and values stored as bfloat16, which take half the reading. They are widened as they are loaded: factors
-/// and sums are f32.
+/// The same over keys and values stored as bfloat16, which take half the reading. They are widened as they are loaded:
+/// factors and sums are f32, and the bits those of [`attention_f32`] over the widened values.
 ///
 /// # Errors
 /// As [`attention_f32`].

@@ -224,8 +224,8 @@ macro_rules! loops {
             }
         }
 
-        /// The `Q` queries from `i` on, over all their keys; returns `Q`. `y` holds the sums of values times `exp(score
-        /// - max)` until the end. Scores are made `K = WIDTH / Q` keys, values `C` registers of columns at a time.
+        /// The `Q` queries from `i` on, over all their keys; returns `Q`. `y` holds the sums of values times
+        /// `exp(score - max)` until the end. Scores are made `K = WIDTH / Q` keys, values `C` registers of columns at a time.
         #[target_feature(enable = $features)]
         fn group<T: Load, const Q: usize, const K: usize, const C: usize>(
             x: Operands<T>,

@@ -97,8 +97,8 @@ fn bucket(distance: isize, two_sided: bool, buckets: usize, max_distance: usize)
     first + (exact + grown as usize).min(side - 1)
 }
 
-/// Calls `f(sequence, head, rows, y)` for every sequence and head, heads shared by the threads. Sequence `i` has the `counts[i]`
-/// rows below those of the sequences before it; `y` is where its outputs of that head go, a piece of `context`.
+/// Calls `f(sequence, head, rows, y)` for every sequence and head, heads shared by the threads. Sequence `i` has the
+/// `counts[i]` rows below those of the sequences before it; `y` is where its outputs of that head go, a piece of `context`.
 pub(super) fn for_each_head(
     cx: Compute,
     d_kv: usize,

@@ -112,7 +112,8 @@ pub struct Sequence {
 }
 
 impl Sequence {
-    /// Room for sequences of at most `lengths`; no ids yet. [`Lm::cross_storage`](super::Lm::cross_storage) says what suits a model.
+    /// Room for sequences of at most `lengths`; no ids yet. What `storage` suits a model,
+    /// [`Lm::cross_storage`](super::Lm::cross_storage) says.
     pub fn new(config: &Config, lengths: Lengths, storage: CrossStorage) -> Self {
         Self { ids: vec![0; lengths.decoder].into(), count: 0, cache: DecoderCache::new(config, lengths, storage) }
     }
