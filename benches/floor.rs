@@ -76,14 +76,14 @@ pub fn cross(config: &Config, tokens: usize) -> Floor {
     Floor { bytes: values, macs: values * tokens }
 }
 
-/// The floor of one step of the decoder: its weights but for the cross keys and values, which are read as f32.
+/// The floor of one step of the decoder: its weights but for the cross keys and values, which are read as bfloat16.
 pub fn step(config: &Config, tokens: usize) -> Floor {
     let lm = &config.lm;
     let inner = lm.num_heads * lm.d_kv;
     let weights = lm.num_decoder_layers * (layer_values(config, 2) - 2 * lm.d_model * inner);
     let cached = lm.num_decoder_layers * 2 * tokens * inner;
     let head = config.vq.codes * lm.d_model;
-    Floor { bytes: weights + 4 * cached + 2 * head, macs: weights + cached + head }
+    Floor { bytes: weights + 2 * cached + 2 * head, macs: weights + cached + head }
 }
 
 /// The floor of encoding `tokens` and generating `codes` greedily.

@@ -46,7 +46,7 @@ impl Language {
             ids: (0..TOKENS).map(id).collect(),
             hidden: vec![0.0; TOKENS * lm.d_model()],
             scratch: LmScratch::new(&config, TOKENS),
-            sequence: Sequence::new(&config, lengths),
+            sequence: Sequence::new(&config, lengths, lm.cross_storage()),
             generator: Generator::new(&config),
             codes: PerPart::from_fn(|_| vec![0; config.target]),
             logits: vec![0.0; config.vq.codes],

@@ -262,7 +262,7 @@ fn answer(loader: &Loader, team: &Team) -> Result<Answers, Box<dyn Error>> {
     let lengths = Lengths::of(config);
     let lm = Lm::load(loader, lengths)?;
     let mut scratch = LmScratch::new(config, lengths.encoder.max(lengths.decoder));
-    let mut sequence = Sequence::new(config, lengths);
+    let mut sequence = Sequence::new(config, lengths, lm.cross_storage());
     let mut generator = Generator::new(config);
     let mut answers = Answers { hidden: Vec::new(), logits: Vec::new(), codes: Vec::new() };
     for prompt in 0..PROMPTS {

@@ -4,6 +4,8 @@
 mod activation;
 #[path = "kernel_parity/attention.rs"]
 mod attention;
+#[path = "kernel_parity/bf16.rs"]
+mod bf16;
 #[path = "kernel_parity/conv1d.rs"]
 mod conv1d;
 #[path = "kernel_parity/experts.rs"]

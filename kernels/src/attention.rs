@@ -6,8 +6,11 @@ mod amx;
 mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512vnni;
+#[cfg(target_arch = "x86_64")]
+mod loops;
 mod scalar;
 
+use crate::bf16::Bf16;
 use crate::error::{ShapeError, expect_len};
 use crate::isa::{Backend, Isa};
 use crate::mat::{Mat, MatMut};
@@ -64,6 +67,29 @@ pub fn attention_f32(
     Ok(())
 }
 
+/// The same over keys and values stored as bfloat16, which take half the reading. They are widened as they are loaded:
+/// factors and sums are f32, and the bits those of [`attention_f32`] over the widened values.
+///
+/// # Errors
+/// As [`attention_f32`].
+#[expect(clippy::too_many_arguments, reason = "the operands of one fused operation, each named")]
+pub fn attention_bf16(
+    isa: Isa,
+    q: Mat<f32>,
+    k: Mat<Bf16>,
+    v: Mat<Bf16>,
+    scale: f32,
+    bias: Option<RelativeBias>,
+    visible: Visible,
+    y: MatMut<f32>,
+) -> Result<(), ShapeError> {
+    let operands = Operands { q, k, v, scale, bias, visible };
+    if operands.check(&y)? {
+        vectors(isa, operands, y);
+    }
+    Ok(())
+}
+
 /// Attention of one head over a whole sequence at once, as in an encoder: every query sees every key.
 ///
 /// The same as [`attention_f32`] with [`Visible::All`], but for its bits: where the processor has tiles for bfloat16, this
@@ -104,7 +130,7 @@ pub fn encoder_attention_f32(
 }
 
 /// The back-ends that sum in registers of f32.
-fn vectors(isa: Isa, operands: Operands, y: MatMut<f32>) {
+fn vectors<T: Element>(isa: Isa, operands: Operands<T>, y: MatMut<f32>) {
     match isa.0 {
         Backend::Scalar => scalar::attention(operands, y),
         // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
@@ -119,18 +145,45 @@ fn vectors(isa: Isa, operands: Operands, y: MatMut<f32>) {
     }
 }
 
+/// A stored number as f32.
+trait Widen: Copy {
+    fn widen(self) -> f32;
+}
+
+impl Widen for f32 {
+    fn widen(self) -> f32 {
+        self
+    }
+}
+
+impl Widen for Bf16 {
+    fn widen(self) -> f32 {
+        self.to_f32()
+    }
+}
+
+/// What keys and values may be stored as: every back-end can widen it.
+#[cfg(target_arch = "x86_64")]
+trait Element: Widen + avx2::Load + avx512vnni::Load {}
+/// What keys and values may be stored as: every back-end can widen it.
+#[cfg(not(target_arch = "x86_64"))]
+trait Element: Widen {}
+
+impl Element for f32 {}
+impl Element for Bf16 {}
+
 /// The checked inputs of one call.
 #[derive(Clone, Copy)]
-struct Operands<'a> {
+struct Operands<'a, T> {
     q: Mat<'a, f32>,
-    k: Mat<'a, f32>,
-    v: Mat<'a, f32>,
+    k: Mat<'a, T>,
+    v: Mat<'a, T>,
     scale: f32,
     bias: Option<RelativeBias<'a>>,
     visible: Visible,
 }
 
-impl<'a> Operands<'a> {
+impl<'a, T> Operands<'a, T> {
     /// Whether the shapes agree, and whether there is anything to do.
     fn check(&self, y: &MatMut<f32>) -> Result<bool, ShapeError> {
         let Self { q, k, v, .. } = self;

@@ -1,5 +1,15 @@
 //! bfloat16 values: the upper half of an `f32`.
 
+#[cfg(target_arch = "x86_64")]
+mod avx2;
+#[cfg(target_arch = "x86_64")]
+mod avx512vnni;
+mod scalar;
+
+use crate::error::{ShapeError, expect_len};
+use crate::isa::{Backend, Isa};
+use crate::mat::{Mat, MatMut};
+
 /// One bfloat16 value, stored as its 16 bits. Conversion to `f32` is exact; from `f32` it rounds to nearest, ties to even.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(transparent)]
@@ -17,4 +27,29 @@ impl Bf16 {
     pub fn to_f32(self) -> f32 {
         f32::from_bits(u32::from(self.0) << 16)
     }
+}
+
+/// Rounds every value of `x` as [`Bf16::from_f32`] does.
+///
+/// Shapes: `x [rows, cols]`, `y [rows, cols]` (overwritten).
+/// Numerics: all back-ends agree bit for bit.
+///
+/// # Errors
+/// [`ShapeError`] where the shapes disagree.
+pub fn round_bf16(isa: Isa, x: Mat<f32>, y: MatMut<Bf16>) -> Result<(), ShapeError> {
+    expect_len("y", x.rows(), y.rows())?;
+    expect_len("y", x.cols(), y.cols())?;
+    match isa.0 {
+        Backend::Scalar => scalar::round(x, y),
+        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx2 => unsafe { avx2::round(x, y) },
+        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx512Vnni => unsafe { avx512vnni::round(x, y) },
+        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        Backend::Amx => unsafe { avx512vnni::round(x, y) },
+    }
+    Ok(())
 }

@@ -1,8 +1,8 @@
 //! Attention: against f64, exactly where the result can be known exactly, and the same bits alone and among others.
 
 use proptest::prelude::*;
-use umo_kernels::attention::{RelativeBias, Visible, attention_f32, encoder_attention_f32};
-use umo_kernels::{Isa, Mat, ShapeError};
+use umo_kernels::attention::{RelativeBias, Visible, attention_bf16, attention_f32, encoder_attention_f32};
+use umo_kernels::{Bf16, Isa, Mat, ShapeError};
 use umo_tests::{EPSILON, Fill, Guarded, Noise, Placed, bits, cases, fill, for_each_isa, near, offset};
 
 /// The operands of one call.
@@ -272,10 +272,45 @@ fn attention_ignores_hidden_keys(isa: Isa) {
     });
 }
 
+/// Keys and values stored as bfloat16 give the bits of the same numbers stored as f32, for any number of queries, and so all
+/// that the other tests say of those.
+fn attention_bf16_is_attention_over_widened_keys_and_values(isa: Isa) {
+    proptest!(cases(48), |(shape in shape(), values in fill())| {
+        let shape = Shape { mask: if shape.mask == Mask::Encoder { Mask::All } else { shape.mask }, ..shape };
+        let case = shape.case(Fill::Uniform(1.0), values, 1.0, |noise| noise.float(4.0));
+        let mut noise = Noise::new(shape.seed);
+        let mut stored = |fill: Fill| {
+            Placed::new(shape.n, shape.dim, shape.gap, shape.offset, || Bf16::from_f32(fill.next(&mut noise)))
+        };
+        let (k, v) = (stored(Fill::Uniform(1.0)), stored(values));
+        let widen = |from: &Placed<Bf16>| {
+            let mut elements = (0..shape.n).flat_map(|i| from.mat().row(i)).map(|v| v.to_f32());
+            Placed::new(shape.n, shape.dim, 0, 0, || elements.next().expect("as many as there are"))
+        };
+        let widened = Case { k: widen(&k), v: widen(&v), ..case.clone() }.run(isa, 0, 0);
+        let q = case.q.mat();
+        let bias = |i| case.bias.as_ref().map(|(values, origin)| RelativeBias { values, origin: origin - i });
+        let mut together = Guarded::new(shape.m, shape.dim, shape.gap, shape.offset);
+        attention_bf16(isa, q, k.mat(), v.mat(), case.scale, bias(0), case.visible, together.mat()).expect("shapes agree");
+        prop_assert_eq!(bits(&together.checked()), bits(&widened));
+        for (i, want) in widened.iter().enumerate() {
+            let visible = match case.visible {
+                Visible::All => Visible::All,
+                Visible::Causal { first } => Visible::Causal { first: first + i },
+            };
+            let mut alone = Guarded::new(1, shape.dim, 0, 0);
+            let q = q.row_range(i..i + 1);
+            attention_bf16(isa, q, k.mat(), v.mat(), case.scale, bias(i), visible, alone.mat()).expect("shapes agree");
+            prop_assert_eq!(bits(&alone.checked()), bits(core::slice::from_ref(want)));
+        }
+    });
+}
+
 for_each_isa!(
     attention_is_near_f64,
     attention_is_exact_where_weights_are_0_or_1,
     encoder_attention_keeps_every_bit,
+    attention_bf16_is_attention_over_widened_keys_and_values,
     attention_rows_are_independent,
     attention_row_is_the_same_among_500,
     attention_ignores_hidden_keys

@@ -120,7 +120,7 @@ impl Batch {
             ids: vec![0; width * max_encoder_tokens(config)].into(),
             states: vec![0.0; width * lengths.encoder * config.lm.d_model].into(),
             lengths: vec![0; width].into(),
-            sequences: (0..width).map(|_| Sequence::new(config, lengths)).collect(),
+            sequences: (0..width).map(|_| Sequence::new(config, lengths, model.lm.cross_storage())).collect(),
             places: vec![Place::default(); width].into(),
             due: vec![Due::Nothing; width].into(),
             members: 0,

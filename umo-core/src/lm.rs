@@ -21,7 +21,7 @@ use crate::error::{LoadError, StepError};
 use crate::linear::{Compute, Linear, QuantScratch};
 use crate::part::{Part, PerPart};
 use crate::weights::{AlignedBox, Loader, Table};
-use decoder::{Decoder, Sequence};
+use decoder::{CrossStorage, Decoder, Sequence};
 use encoder::Encoder;
 
 /// The longest sequences that a model is loaded for.
@@ -83,6 +83,11 @@ impl Lm {
     /// Width of the hidden states.
     pub fn d_model(&self) -> usize {
         self.d_model
+    }
+
+    /// What this model's sequences store the encoder's keys and values as.
+    pub fn cross_storage(&self) -> CrossStorage {
+        self.decoder.cross_storage()
     }
 
     /// Runs the encoder over sequences that stand one below the other.
@@ -187,7 +192,7 @@ impl Lm {
         hidden: Mat<f32>,
         sequence: &mut Sequence,
     ) -> Result<(), StepError> {
-        self.decoder.attend_to(cx, &mut scratch.quant, layer, hidden, sequence)
+        self.decoder.attend_to(cx, scratch, layer, hidden, sequence)
     }
 
     /// Runs the decoder over the new ids of each sequence; the states after the final norm stay in `scratch`, one row

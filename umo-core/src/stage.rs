@@ -182,7 +182,7 @@ fn decoder(cx: Compute, loader: &Loader, inputs: &Inputs) -> Result<Vec<Output>,
     let decoder_ids = inputs.ids("decoder_input_ids")?;
     let rows = decoder_ids.len();
     let (lm, mut scratch, hidden, lengths) = encode(cx, loader, inputs, rows.max(1))?;
-    let mut sequence = Sequence::new(config, lengths);
+    let mut sequence = Sequence::new(config, lengths, lm.cross_storage());
     let states = Mat::new(&hidden, lengths.encoder, lm.d_model())?;
     lm.attend_to(cx, &mut scratch, states, &mut sequence)?;
     sequence.set_ids(&decoder_ids)?;
@@ -199,7 +199,7 @@ fn generate(cx: Compute, loader: &Loader, inputs: &Inputs, options: Options) -> 
         return Err(StepError::OutOfRange { what: "target", got: target, limit }.into());
     }
     let (lm, mut scratch, hidden, lengths) = encode(cx, loader, inputs, Lengths::of(config).decoder)?;
-    let mut sequence = Sequence::new(config, lengths);
+    let mut sequence = Sequence::new(config, lengths, lm.cross_storage());
     let states = Mat::new(&hidden, lengths.encoder, lm.d_model())?;
     let mut codes = PerPart::from_fn(|_| vec![0; target]);
     let slots = PerPart {

@@ -74,12 +74,12 @@ struct Softmax {
 }
 
 /// Whether tiles are faster: a question of the keys and their width, never of the number of queries.
-pub(super) fn pays(x: &Operands) -> bool {
+pub(super) fn pays(x: &Operands<f32>) -> bool {
     x.k.rows() >= FEWEST_KEYS && x.k.cols() <= MOST_DIM
 }
 
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-pub(super) fn attention(x: Operands, mut y: MatMut<f32>) {
+pub(super) fn attention(x: Operands<f32>, mut y: MatMut<f32>) {
     // SAFETY: the dispatch leads here from `Backend::Amx` alone.
     let tiles = &unsafe { Tiles::new() };
     let mut work = Work {
@@ -115,7 +115,7 @@ pub(super) fn attention(x: Operands, mut y: MatMut<f32>) {
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
 fn block<const G: usize>(
     tiles: &Tiles,
-    x: Operands,
+    x: Operands<f32>,
     i: usize,
     first: usize,
     keys: usize,
@@ -339,7 +339,7 @@ fn pack_values(v: Mat<f32>, packed: &mut [[Split; MOST_DIM / LANES]; KEYS / PAIR
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
 fn weights(
     scores: &mut [[Split; KEYS / PAIRS]; GROUPS],
-    x: Operands,
+    x: Operands<f32>,
     i: usize,
     first: usize,
     keys: usize,

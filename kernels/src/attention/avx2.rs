@@ -1,113 +1,29 @@
 //! As `avx512vnni.rs`, in registers of 8 lanes: 4 queries x 2 keys are 8 dot products in 8 of the 16 registers; a dot
 //! product has 8 partial sums.
 
-#![expect(clippy::needless_range_loop, reason = "loops of constant length over registers read best by index")]
-
 use super::Operands;
-use crate::lanes::avx2::{HALF, array, first_lanes, largest, load, load_part, store, store_part};
+use super::loops::loops;
+use crate::bf16::Bf16;
+use crate::lanes::avx2::{HALF as WIDTH, *};
 use crate::lanes::pairwise;
 use crate::mat::{Mat, MatMut};
 use crate::math::{EXP, EXP_MIN, LN_2_HIGH, LN_2_LOW, LOG2_E};
 use core::arch::x86_64::*;
 
-/// Keys whose scores are held at once: packed keys and values of a tile and 64 columns take 32 KiB of L1.
-const TILE: usize = 64;
-
-/// Most columns of packed keys and values; wider heads are computed without packing.
-const PACKED_DIM: usize = 64;
-
-/// Fewest queries that repay the packing of keys and values.
-const PACKED_QUERIES: usize = 8;
+/// Registers of columns that one, two and four queries take at once: 8 sums of values.
+const COLUMNS: [usize; 3] = [8, 4, 2];
 
 /// Queries that share one packing: their softmaxes take 5 KiB.
 const BLOCK: usize = 128;
 
-/// Scores of a tile, then weights, for `Q` queries. Aligned, as [`Packed`] is, so that no load crosses a cache line.
-#[repr(align(64))]
-struct Weights<const Q: usize>([[f32; TILE]; Q]);
+/// The pairs of partial sums, each named by its first, so that neighbours are what [`pairwise`] adds next.
+const ORDER: [usize; WIDTH / 2] = [0, 2, 1, 3];
 
-#[target_feature(enable = "avx2,fma")]
-pub(super) fn attention(x: Operands, mut y: MatMut<f32>) {
-    let mut i = 0;
-    if x.q.rows() >= PACKED_QUERIES && x.q.cols() <= PACKED_DIM {
-        let packed = x.q.rows() / 4 * 4;
-        while i < packed {
-            let count = BLOCK.min(packed - i);
-            block(x, i, count, &mut y);
-            i += count;
-        }
-    }
-    while i < x.q.rows() {
-        i += match x.q.rows() - i {
-            1 => group::<1, 8>(x, i, &mut y),
-            2 | 3 => group::<2, 4>(x, i, &mut y),
-            _ => group::<4, 2>(x, i, &mut y),
-        };
-    }
-}
-
-/// A tile of keys, transposed, and of values, dense: neither strides across the sets of L1 as the projections do.
-#[repr(align(64))]
-struct Packed {
-    /// `[head_dim, TILE]`.
-    k: [[f32; TILE]; PACKED_DIM],
-    /// `[TILE, head_dim]`.
-    v: [f32; TILE * PACKED_DIM],
-}
-
-/// `count` queries from `i` on, a multiple of 4 and at most [`BLOCK`], tile by tile of packed keys and values.
-#[target_feature(enable = "avx2,fma")]
-fn block(x: Operands, i: usize, count: usize, y: &mut MatMut<f32>) {
-    let dim = x.q.cols();
-    let mut packed = Packed { k: [[0.0; TILE]; PACKED_DIM], v: [0.0; TILE * PACKED_DIM] };
-    let mut weights = Weights([[0.0; TILE]; 4]);
-    let mut pairs = [[[_mm256_setzero_ps(); 2]; 4]; 4];
-    let mut softmaxes = [[Softmax::START; 4]; BLOCK / 4];
-    let keys = x.keys(i + count - 1);
-    for first in (0..keys).step_by(TILE) {
-        let range = first..keys.min(first + TILE);
-        pack_keys(x.k.row_range(range.clone()), &mut packed.k);
-        for j in range.clone() {
-            let to = &mut packed.v[(j - first) * dim..][..dim];
-            for (to, from) in to.chunks_mut(HALF).zip(x.v.row(j).chunks(HALF)) {
-                store_part(to, load_part(from));
-            }
-        }
-        let v = Mat::new(&packed.v, range.len(), dim).expect("at most `TILE` rows of at most `PACKED_DIM` columns");
-        for (group, softmaxes) in softmaxes[..count / 4].iter_mut().enumerate() {
-            let i = i + 4 * group;
-            if x.keys(i + 3) > first {
-                packed_scores(x.q.row_range(i..i + 4), &packed.k, &mut pairs, &mut weights);
-                weighted::<4, 2>(x, i, first, v, softmaxes, &mut weights, y);
-            }
-        }
-    }
-    for (r, softmax) in softmaxes.as_flattened()[..count].iter().enumerate() {
-        softmax.finish(y.row_mut(i + r));
-    }
-}
-
-/// Transposes the rows of `k` into the columns of `packed`; columns beyond keep what they hold.
-#[target_feature(enable = "avx2,fma")]
-fn pack_keys(k: Mat<f32>, packed: &mut [[f32; TILE]; PACKED_DIM]) {
-    for first in (0..k.rows()).step_by(HALF) {
-        for d in (0..k.cols()).step_by(HALF) {
-            let mut rows = [_mm256_setzero_ps(); HALF];
-            for j in 0..HALF {
-                if first + j < k.rows() {
-                    rows[j] = load_part(&k.row(first + j)[d..]);
-                }
-            }
-            for (column, to) in transpose(rows).iter().zip(&mut packed[d..k.cols().min(d + HALF)]) {
-                store_part(&mut to[first..first + HALF], *column);
-            }
-        }
-    }
-}
+loops!("avx2,fma");
 
 /// Rows to columns.
 #[target_feature(enable = "avx2,fma")]
-fn transpose(rows: [__m256; HALF]) -> [__m256; HALF] {
+fn transpose(rows: [Register; WIDTH]) -> [Register; WIDTH] {
     let mut pairs = rows;
     for t in 0..4 {
         let (a, b) = (rows[2 * t], rows[2 * t + 1]);
@@ -129,158 +45,9 @@ fn transpose(rows: [__m256; HALF]) -> [__m256; HALF] {
     columns
 }
 
-/// Sums for 4 queries x 2 registers of keys.
-type Sums = [[__m256; 2]; 4];
-
-/// The pairs of partial sums, each named by its first, so that neighbours are what [`pairwise`] adds next.
-const ORDER: [usize; 4] = [0, 2, 1, 3];
-
-/// The dot products of 4 queries with a packed tile, lanes along the keys. Each partial sum of [`scores`] is here one
-/// chain of multiply-adds, and the chains are added in the same tree, so that the bits are the same. `pairs` is scratch.
-#[target_feature(enable = "avx2,fma")]
-fn packed_scores(q: Mat<f32>, k: &[[f32; TILE]; PACKED_DIM], pairs: &mut [Sums; 4], weights: &mut Weights<4>) {
-    let mut padded = [[0.0; PACKED_DIM]; 4];
-    if q.cols() < PACKED_DIM {
-        for r in 0..4 {
-            padded[r][..q.cols()].copy_from_slice(q.row(r));
-        }
-    }
-    let mut rows = [&padded[0]; 4];
-    for r in 0..4 {
-        rows[r] = q.row(r).first_chunk().unwrap_or(&padded[r]);
-    }
-    for tile in 0..TILE / (2 * HALF) {
-        for (pair, &lane) in pairs.iter_mut().zip(&ORDER) {
-            // 4 queries x 2 registers of keys: 8 sums at a time, and 8 that wait for them.
-            let mut chains = [[[_mm256_setzero_ps(); 2]; 4]; 2];
-            for side in 0..2 {
-                for c in 0..PACKED_DIM / HALF {
-                    let d = lane + 4 * side + c * HALF;
-                    let keys = k[d].as_chunks().0;
-                    let (a, b) = (load(&keys[2 * tile]), load(&keys[2 * tile + 1]));
-                    for r in 0..4 {
-                        let q = _mm256_set1_ps(rows[r][d]);
-                        chains[side][r][0] = _mm256_fmadd_ps(q, a, chains[side][r][0]);
-                        chains[side][r][1] = _mm256_fmadd_ps(q, b, chains[side][r][1]);
-                    }
-                }
-            }
-            for r in 0..4 {
-                pair[r][0] = _mm256_add_ps(chains[0][r][0], chains[1][r][0]);
-                pair[r][1] = _mm256_add_ps(chains[0][r][1], chains[1][r][1]);
-            }
-        }
-        for r in 0..4 {
-            let to = weights.0[r].as_chunks_mut().0;
-            for side in 0..2 {
-                let mut p = [_mm256_setzero_ps(); 4];
-                for i in 0..4 {
-                    p[i] = pairs[i][r][side];
-                }
-                store(&mut to[2 * tile + side], _mm256_add_ps(_mm256_add_ps(p[0], p[1]), _mm256_add_ps(p[2], p[3])));
-            }
-        }
-    }
-}
-
-/// The `Q` queries from `i` on, over all their keys; returns `Q`. `y` holds the sums of values times `exp(score - max)`
-/// until the end. Scores are made `K = 8 / Q` keys at a time.
-#[target_feature(enable = "avx2,fma")]
-fn group<const Q: usize, const K: usize>(x: Operands, i: usize, y: &mut MatMut<f32>) -> usize {
-    let mut weights = Weights([[0.0; TILE]; Q]);
-    let mut softmaxes = [Softmax::START; Q];
-    // A later query sees at least the keys of an earlier one.
-    let keys = x.keys(i + Q - 1);
-    for first in (0..keys).step_by(TILE) {
-        let range = first..keys.min(first + TILE);
-        scores::<Q, K>(x, i, x.k.row_range(range.clone()), &mut weights);
-        weighted::<Q, K>(x, i, first, x.v.row_range(range), &mut softmaxes, &mut weights, y);
-    }
-    for (r, softmax) in softmaxes.iter().enumerate() {
-        softmax.finish(y.row_mut(i + r));
-    }
-    Q
-}
-
-/// Turns the scores of the tile of keys from `first` on into weights, and adds the tile's values to the rows of `y`, `C` registers
-/// of columns at a time.
-#[target_feature(enable = "avx2,fma")]
-fn weighted<const Q: usize, const C: usize>(
-    x: Operands,
-    i: usize,
-    first: usize,
-    v: Mat<f32>,
-    softmaxes: &mut [Softmax; Q],
-    weights: &mut Weights<Q>,
-    y: &mut MatMut<f32>,
-) {
-    let mut seen = [0; Q];
-    for r in 0..Q {
-        seen[r] = x.keys(i + r).saturating_sub(first).min(v.rows());
-    }
-    let shrink = weigh(x, i, first, seen, softmaxes, weights);
-    values::<Q, C>(&weights.0, 0, v.row_range(0..seen[0]), shrink, i, y);
-    for r in 1..Q {
-        if seen[r] > seen[0] {
-            let v = v.row_range(seen[0]..seen[r]);
-            values::<1, 8>(core::array::from_ref(&weights.0[r]), seen[0], v, [1.0], i + r, y);
-        }
-    }
-}
-
-/// The dot products of `Q` queries with every key of `k`; up to `K - 1` more, of no meaning, follow them.
-#[target_feature(enable = "avx2,fma")]
-fn scores<const Q: usize, const K: usize>(x: Operands, i: usize, k: Mat<f32>, weights: &mut Weights<Q>) {
-    let chunks = x.q.cols() / HALF;
-    for first in (0..k.rows()).step_by(K) {
-        let mut sums = [[_mm256_setzero_ps(); K]; Q];
-        let (mut q_rows, mut q_tails) = ([[].as_slice(); Q], [[].as_slice(); Q]);
-        let (mut k_rows, mut k_tails) = ([[].as_slice(); K], [[].as_slice(); K]);
-        for r in 0..Q {
-            let (row, tail) = x.q.row(i + r).as_chunks();
-            (q_rows[r], q_tails[r]) = (&row[..chunks], tail);
-        }
-        for j in 0..K {
-            // Past the end, the last key stands in.
-            let (row, tail) = k.row((first + j).min(k.rows() - 1)).as_chunks();
-            (k_rows[j], k_tails[j]) = (&row[..chunks], tail);
-        }
-        for c in 0..chunks {
-            let mut q = [_mm256_setzero_ps(); Q];
-            for r in 0..Q {
-                q[r] = load(&q_rows[r][c]);
-            }
-            for j in 0..K {
-                let k = load(&k_rows[j][c]);
-                for r in 0..Q {
-                    sums[r][j] = _mm256_fmadd_ps(q[r], k, sums[r][j]);
-                }
-            }
-        }
-        if chunks * HALF < x.q.cols() {
-            for j in 0..K {
-                let k = load_part(k_tails[j]);
-                for r in 0..Q {
-                    sums[r][j] = _mm256_fmadd_ps(load_part(q_tails[r]), k, sums[r][j]);
-                }
-            }
-        }
-        let mut flat = [_mm256_setzero_ps(); HALF];
-        for r in 0..Q {
-            for j in 0..K {
-                flat[r * K + j] = sums[r][j];
-            }
-        }
-        let sums = array(sums_of(flat));
-        for (weights, sums) in weights.0.iter_mut().zip(sums.as_chunks::<K>().0) {
-            weights[first..first + K].copy_from_slice(sums);
-        }
-    }
-}
-
 /// The sum of each of 8 registers, `sums[i]` in lane `i`, each added pairwise as [`pairwise`] does.
 #[target_feature(enable = "avx2,fma")]
-fn sums_of(sums: [__m256; HALF]) -> __m256 {
+fn sums_of(sums: [Register; WIDTH]) -> Register {
     // Three rounds halve the registers: [4 lanes of a, b], [2 of a, c; of b, d], ...
     let mut four = [_mm256_setzero_ps(); 4];
     for t in 0..4 {
@@ -296,78 +63,9 @@ fn sums_of(sums: [__m256; HALF]) -> __m256 {
     _mm256_add_ps(_mm256_shuffle_ps::<0x88>(a, b), _mm256_shuffle_ps::<0xdd>(a, b))
 }
 
-/// One query's softmax so far.
-#[derive(Clone, Copy)]
-struct Softmax {
-    max: f32,
-    /// Sum of the weights, in lanes.
-    sum: [f32; HALF],
-}
-
-impl Softmax {
-    /// Before the first tile.
-    const START: Self = Self { max: f32::NEG_INFINITY, sum: [0.0; HALF] };
-
-    /// Divides the sums of weighted values by the sum of weights.
-    #[target_feature(enable = "avx2,fma")]
-    fn finish(&self, y: &mut [f32]) {
-        let sum = pairwise(self.sum);
-        y.iter_mut().for_each(|y| *y /= sum);
-    }
-}
-
-/// Turns the first `seen[r]` dot products of query `i + r` into weights `exp(score - max)`; returns the factors for what
-/// the queries have summed up before: 0 in the first tile.
-#[target_feature(enable = "avx2,fma")]
-fn weigh<const Q: usize>(
-    x: Operands,
-    i: usize,
-    first: usize,
-    seen: [usize; Q],
-    softmaxes: &mut [Softmax; Q],
-    weights: &mut Weights<Q>,
-) -> [f32; Q] {
-    // The queries' steps are independent of each other: none waits for another's maximum.
-    let (mut before, mut after) = ([0.0; HALF], [0.0; HALF]);
-    for r in 0..Q {
-        before[r] = softmaxes[r].max;
-        after[r] = score(&mut weights.0[r], seen[r], before[r], x.scale, x.bias(i + r, first));
-        softmaxes[r].max = after[r];
-    }
-    let shrink = array(exp(_mm256_sub_ps(load(&before), load(&after))));
-    let mut result = [0.0; Q];
-    for r in 0..Q {
-        let max = _mm256_set1_ps(after[r]);
-        let mut sum = _mm256_mul_ps(load(&softmaxes[r].sum), _mm256_set1_ps(shrink[r]));
-        for register in &mut weights.0[r].as_chunks_mut::<HALF>().0[..seen[r].div_ceil(HALF)] {
-            let weight = exp(_mm256_sub_ps(load(register), max));
-            sum = _mm256_add_ps(sum, weight);
-            store(register, weight);
-        }
-        store(&mut softmaxes[r].sum, sum);
-        result[r] = shrink[r];
-    }
-    result
-}
-
-/// Turns the first `seen` dot products into scores, hides the rest of their last register, and returns the largest.
-#[target_feature(enable = "avx2,fma")]
-fn score(weights: &mut [f32; TILE], seen: usize, max: f32, scale: f32, bias: &[f32]) -> f32 {
-    let mut max = _mm256_set1_ps(max);
-    let hidden = _mm256_set1_ps(f32::NEG_INFINITY);
-    for (c, register) in weights.as_chunks_mut().0[..seen.div_ceil(HALF)].iter_mut().enumerate() {
-        let bias = load_part(bias.get(c * HALF..).unwrap_or(&[]));
-        let score = _mm256_fmadd_ps(load(register), _mm256_set1_ps(scale), bias);
-        let score = _mm256_blendv_ps(hidden, score, _mm256_castsi256_ps(first_lanes(seen - c * HALF)));
-        max = _mm256_max_ps(max, score);
-        store(register, score);
-    }
-    largest(max)
-}
-
 /// `e^x` of differences from a maximum, fused: within 1 unit of the last place, 0 below -87.33.
 #[target_feature(enable = "avx2,fma")]
-fn exp(x: __m256) -> __m256 {
+fn exp(x: Register) -> Register {
     let normal = _mm256_cmp_ps::<_CMP_NLT_UQ>(x, _mm256_set1_ps(EXP_MIN));
     let n =
         _mm256_round_ps::<{ _MM_FROUND_TO_NEAREST_INT | _MM_FROUND_NO_EXC }>(_mm256_mul_ps(x, _mm256_set1_ps(LOG2_E)));
@@ -381,74 +79,4 @@ fn exp(x: __m256) -> __m256 {
     let exponent = _mm256_slli_epi32::<23>(_mm256_cvtps_epi32(n));
     let power = _mm256_castps_si256(_mm256_add_ps(power, _mm256_set1_ps(1.0)));
     _mm256_and_ps(normal, _mm256_castsi256_ps(_mm256_add_epi32(power, exponent)))
-}
-
-/// `y[i + r] = y[i + r] * shrink[r] + sum_j weights[r][from + j] * v[j]`.
-#[target_feature(enable = "avx2,fma")]
-fn values<const Q: usize, const C: usize>(
-    weights: &[[f32; TILE]; Q],
-    from: usize,
-    v: Mat<f32>,
-    shrink: [f32; Q],
-    i: usize,
-    y: &mut MatMut<f32>,
-) {
-    let mut column = 0;
-    while column < v.cols() {
-        column += match v.cols() - column {
-            1..HALF => columns::<Q, 1, true>(weights, from, v, shrink, i, column, y),
-            left if left < C * HALF => columns::<Q, 1, false>(weights, from, v, shrink, i, column, y),
-            _ => columns::<Q, C, false>(weights, from, v, shrink, i, column, y),
-        };
-    }
-}
-
-/// `C` registers of columns from `column` on, or (`PART`) what is left of one; returns the columns done.
-#[target_feature(enable = "avx2,fma")]
-fn columns<const Q: usize, const C: usize, const PART: bool>(
-    weights: &[[f32; TILE]; Q],
-    from: usize,
-    v: Mat<f32>,
-    shrink: [f32; Q],
-    i: usize,
-    column: usize,
-    y: &mut MatMut<f32>,
-) -> usize {
-    let end = v.cols().min(column + C * HALF);
-    let mut sums = [[_mm256_setzero_ps(); C]; Q];
-    for r in 0..Q {
-        // Nothing has been summed up before the first tile.
-        if shrink[r] != 0.0 {
-            let y = &y.row(i + r)[column..end];
-            for c in 0..C {
-                sums[r][c] = _mm256_mul_ps(load_part(&y[c * HALF..]), _mm256_set1_ps(shrink[r]));
-            }
-        }
-    }
-    for j in 0..v.rows() {
-        let row = &v.row(j)[column..end];
-        let mut values = [_mm256_setzero_ps(); C];
-        if PART {
-            values[0] = load_part(row);
-        } else {
-            let row: &[[f32; HALF]; C] = row.as_chunks().0.first_chunk().expect("`C` registers of columns are left");
-            for c in 0..C {
-                values[c] = load(&row[c]);
-            }
-        }
-        for r in 0..Q {
-            let weight = _mm256_set1_ps(weights[r][from + j]);
-            for c in 0..C {
-                sums[r][c] = _mm256_fmadd_ps(weight, values[c], sums[r][c]);
-            }
-        }
-    }
-    for r in 0..Q {
-        let y = &mut y.row_mut(i + r)[column..end];
-        for c in 0..C {
-            let to = &mut y[c * HALF..];
-            store_part(to, sums[r][c]);
-        }
-    }
-    end - column
 }

@@ -1,6 +1,6 @@
 //! The specification: a tile of scores at a time, with a running maximum.
 
-use super::Operands;
+use super::{Operands, Widen};
 use crate::lanes::{LANES, pairwise};
 use crate::mat::{Mat, MatMut};
 use crate::math::scalar::exp;
@@ -8,7 +8,7 @@ use crate::math::scalar::exp;
 /// Keys whose scores are held at once.
 const TILE: usize = 64;
 
-pub(super) fn attention(x: Operands, mut y: MatMut<f32>) {
+pub(super) fn attention<T: Widen>(x: Operands<T>, mut y: MatMut<f32>) {
     for i in 0..x.q.rows() {
         let k = x.k.row_range(0..x.keys(i));
         query(x.q.row(i), k, x.v, x.scale, x.bias(i, 0), y.row_mut(i));
@@ -16,7 +16,7 @@ pub(super) fn attention(x: Operands, mut y: MatMut<f32>) {
 }
 
 /// One query over all its keys; `y` holds the sum of values scaled by `exp(score - max)` until the end.
-fn query(q: &[f32], k: Mat<f32>, v: Mat<f32>, scale: f32, bias: &[f32], y: &mut [f32]) {
+fn query<T: Widen>(q: &[f32], k: Mat<T>, v: Mat<T>, scale: f32, bias: &[f32], y: &mut [f32]) {
     let (mut max, mut sum) = (f32::NEG_INFINITY, 0.0_f32);
     y.fill(0.0);
     for first in (0..k.rows()).step_by(TILE) {
@@ -34,7 +34,7 @@ fn query(q: &[f32], k: Mat<f32>, v: Mat<f32>, scale: f32, bias: &[f32], y: &mut 
             let weight = exp(score - max);
             sum += weight;
             for (y, v) in y.iter_mut().zip(v.row(first + j)) {
-                *y += weight * v;
+                *y += weight * v.widen();
             }
         }
     }
@@ -42,17 +42,17 @@ fn query(q: &[f32], k: Mat<f32>, v: Mat<f32>, scale: f32, bias: &[f32], y: &mut 
 }
 
 /// `sum_i a[i] * b[i]` in `LANES` partial sums, added pairwise at the end.
-fn dot(a: &[f32], b: &[f32]) -> f32 {
+fn dot<T: Widen>(a: &[f32], b: &[T]) -> f32 {
     let mut sums = [0.0; LANES];
     let (a_chunks, a_tail) = a.as_chunks::<LANES>();
     let (b_chunks, b_tail) = b.as_chunks::<LANES>();
     for (a, b) in a_chunks.iter().zip(b_chunks) {
         for lane in 0..LANES {
-            sums[lane] += a[lane] * b[lane];
+            sums[lane] += a[lane] * b[lane].widen();
         }
     }
     for (sum, (a, b)) in sums.iter_mut().zip(a_tail.iter().zip(b_tail)) {
-        *sum += a * b;
+        *sum += a * b.widen();
     }
     pairwise(sums)
 }

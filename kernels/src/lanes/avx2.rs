@@ -1,9 +1,13 @@
 //! Registers of 8 lanes: two of them are the 16.
 
+use crate::bf16::Bf16;
 use core::arch::x86_64::*;
 
 /// Lanes of one register.
 pub(crate) const HALF: usize = 8;
+
+/// 8 lanes of f32.
+pub(crate) type Register = __m256;
 
 /// All bits of the first `len` lanes.
 #[inline]
@@ -63,4 +67,79 @@ pub(crate) fn largest(value: __m256) -> f32 {
     let four = _mm_max_ps(_mm256_castps256_ps128(value), _mm256_extractf128_ps::<1>(value));
     let two = _mm_max_ps(four, _mm_movehl_ps(four, four));
     _mm_cvtss_f32(_mm_max_ss(two, _mm_movehdup_ps(two)))
+}
+
+/// Zeros.
+#[inline]
+#[target_feature(enable = "avx2,fma")]
+pub(crate) fn zero() -> Register {
+    _mm256_setzero_ps()
+}
+
+/// `value` in every lane.
+#[inline]
+#[target_feature(enable = "avx2,fma")]
+pub(crate) fn set(value: f32) -> Register {
+    _mm256_set1_ps(value)
+}
+
+/// `a + b`.
+#[inline]
+#[target_feature(enable = "avx2,fma")]
+pub(crate) fn add(a: Register, b: Register) -> Register {
+    _mm256_add_ps(a, b)
+}
+
+/// `a - b`.
+#[inline]
+#[target_feature(enable = "avx2,fma")]
+pub(crate) fn sub(a: Register, b: Register) -> Register {
+    _mm256_sub_ps(a, b)
+}
+
+/// `a * b`.
+#[inline]
+#[target_feature(enable = "avx2,fma")]
+pub(crate) fn mul(a: Register, b: Register) -> Register {
+    _mm256_mul_ps(a, b)
+}
+
+/// `a * b + c`, rounded once.
+#[inline]
+#[target_feature(enable = "avx2,fma")]
+pub(crate) fn fmadd(a: Register, b: Register, c: Register) -> Register {
+    _mm256_fmadd_ps(a, b, c)
+}
+
+/// The greater of each two; `b` where one is NaN.
+#[inline]
+#[target_feature(enable = "avx2,fma")]
+pub(crate) fn maximum(a: Register, b: Register) -> Register {
+    _mm256_max_ps(a, b)
+}
+
+/// The first `len` lanes of `a`, the others of `b`.
+#[inline]
+#[target_feature(enable = "avx2")]
+pub(crate) fn first_of(len: usize, a: Register, b: Register) -> Register {
+    _mm256_blendv_ps(b, a, _mm256_castsi256_ps(first_lanes(len)))
+}
+
+/// 8 values, widened.
+#[inline]
+#[target_feature(enable = "avx2")]
+pub(crate) fn load_bf16(src: &[Bf16; HALF]) -> Register {
+    // SAFETY: `src` is 16 readable bytes; the load needs no alignment.
+    let words = unsafe { _mm_loadu_si128(src.as_ptr().cast()) };
+    _mm256_castsi256_ps(_mm256_slli_epi32::<16>(_mm256_cvtepu16_epi32(words)))
+}
+
+/// The first 8 values, widened, zeros where there are fewer. There is no masked load of words: a copy pads them.
+#[inline]
+#[target_feature(enable = "avx2")]
+pub(crate) fn load_part_bf16(src: &[Bf16]) -> Register {
+    let mut padded = [Bf16(0); HALF];
+    let len = src.len().min(HALF);
+    padded[..len].copy_from_slice(&src[..len]);
+    load_bf16(&padded)
 }

@@ -1,7 +1,11 @@
 //! One register of 16 lanes.
 
 use super::LANES;
+use crate::bf16::Bf16;
 use core::arch::x86_64::*;
+
+/// 16 lanes of f32.
+pub(crate) type Register = __m512;
 
 /// Bits of the first `len` lanes.
 #[inline]
@@ -48,4 +52,90 @@ pub(crate) fn array(value: __m512) -> [f32; LANES] {
     let mut lanes = [0.0; LANES];
     store(&mut lanes, value);
     lanes
+}
+
+/// Zeros.
+#[inline]
+#[target_feature(enable = "avx512f")]
+pub(crate) fn zero() -> Register {
+    _mm512_setzero_ps()
+}
+
+/// `value` in every lane.
+#[inline]
+#[target_feature(enable = "avx512f")]
+pub(crate) fn set(value: f32) -> Register {
+    _mm512_set1_ps(value)
+}
+
+/// `a + b`.
+#[inline]
+#[target_feature(enable = "avx512f")]
+pub(crate) fn add(a: Register, b: Register) -> Register {
+    _mm512_add_ps(a, b)
+}
+
+/// `a - b`.
+#[inline]
+#[target_feature(enable = "avx512f")]
+pub(crate) fn sub(a: Register, b: Register) -> Register {
+    _mm512_sub_ps(a, b)
+}
+
+/// `a * b`.
+#[inline]
+#[target_feature(enable = "avx512f")]
+pub(crate) fn mul(a: Register, b: Register) -> Register {
+    _mm512_mul_ps(a, b)
+}
+
+/// `a * b + c`, rounded once.
+#[inline]
+#[target_feature(enable = "avx512f")]
+pub(crate) fn fmadd(a: Register, b: Register, c: Register) -> Register {
+    _mm512_fmadd_ps(a, b, c)
+}
+
+/// The greater of each two; `b` where one is NaN.
+#[inline]
+#[target_feature(enable = "avx512f")]
+pub(crate) fn maximum(a: Register, b: Register) -> Register {
+    _mm512_max_ps(a, b)
+}
+
+/// The largest of the 16 values.
+#[inline]
+#[target_feature(enable = "avx512f")]
+pub(crate) fn largest(value: Register) -> f32 {
+    _mm512_reduce_max_ps(value)
+}
+
+/// The first `len` lanes of `a`, the others of `b`.
+#[inline]
+#[target_feature(enable = "avx512f")]
+pub(crate) fn first_of(len: usize, a: Register, b: Register) -> Register {
+    _mm512_mask_blend_ps(first_lanes(len), b, a)
+}
+
+/// 16 values, widened.
+#[inline]
+#[target_feature(enable = "avx512f")]
+pub(crate) fn load_bf16(src: &[Bf16; LANES]) -> Register {
+    // SAFETY: `src` is 32 readable bytes; the load needs no alignment.
+    widen(unsafe { _mm256_loadu_si256(src.as_ptr().cast()) })
+}
+
+/// The first 16 values, widened, zeros where there are fewer.
+#[inline]
+#[target_feature(enable = "avx512f,avx512bw,avx512vl")]
+pub(crate) fn load_part_bf16(src: &[Bf16]) -> Register {
+    // SAFETY: the mask selects no more lanes than `src` has elements; the others are not read.
+    widen(unsafe { _mm256_maskz_loadu_epi16(first_lanes(src.len()), src.as_ptr().cast()) })
+}
+
+/// bfloat16 is the upper half of an f32.
+#[inline]
+#[target_feature(enable = "avx512f")]
+fn widen(words: __m256i) -> Register {
+    _mm512_castsi512_ps(_mm512_slli_epi32::<16>(_mm512_cvtepu16_epi32(words)))
 }

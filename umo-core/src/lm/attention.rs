@@ -1,10 +1,13 @@
 //! What the attentions of T5 share: projections and the relative position bias (SPEC 2.4).
 
+use std::ops::Range;
+
 use umo_kernels::attention::RelativeBias;
+use umo_kernels::{MatMut, ShapeError};
 
 use crate::config::Lm;
-use crate::error::LoadError;
-use crate::linear::Linear;
+use crate::error::{LoadError, StepError};
+use crate::linear::{Compute, Linear};
 use crate::weights::Loader;
 
 /// Projections of one attention: as few products as inputs are shared, and the output.
@@ -92,6 +95,31 @@ fn bucket(distance: isize, two_sided: bool, buckets: usize, max_distance: usize)
     let octaves = (max_distance as f64 / exact as f64).ln() as f32;
     let grown = (size as f32 / exact as f32).ln() / octaves * (side - exact) as f32;
     first + (exact + grown as usize).min(side - 1)
+}
+
+/// Calls `f(sequence, head, rows, y)` for every sequence and head, heads shared by the threads. Sequence `i` has the
+/// `counts[i]` rows below those of the sequences before it; `y` is where its outputs of that head go, a piece of `context`.
+pub(super) fn for_each_head(
+    cx: Compute,
+    d_kv: usize,
+    counts: impl Iterator<Item = usize> + Clone + Sync,
+    work: usize,
+    context: MatMut<f32>,
+    f: impl Fn(usize, usize, Range<usize>, MatMut<f32>) -> Result<(), ShapeError> + Sync,
+) -> Result<(), StepError> {
+    cx.team.columns(context, d_kv, work, |columns, y| {
+        let (mut rest, mut first) = (y, 0);
+        for (sequence, count) in counts.clone().enumerate().filter(|&(_, count)| count > 0) {
+            let (mut y, below) = rest.split_rows(count);
+            for at in columns.clone().step_by(d_kv) {
+                let (head, tail) = y.split_columns(d_kv);
+                f(sequence, at / d_kv, first..first + count, head)?;
+                y = tail;
+            }
+            (rest, first) = (below, first + count);
+        }
+        Ok(())
+    })
 }
 
 #[cfg(test)]

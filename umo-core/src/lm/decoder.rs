@@ -3,18 +3,22 @@
 use std::time::Instant;
 
 use rayon::prelude::*;
-use umo_kernels::attention::{Visible, attention_f32};
+use umo_kernels::attention::{Visible, attention_bf16, attention_f32};
+use umo_kernels::bf16::round_bf16;
 use umo_kernels::matmul_f32::Epilogue;
 use umo_kernels::norm::rms_norm;
-use umo_kernels::{Mat, MatMut, ShapeError};
+use umo_kernels::{Bf16, Mat, MatMut, ShapeError};
 
-use super::attention::{PositionBias, Projections, projection};
+use super::attention::{PositionBias, Projections, for_each_head, projection};
 use super::experts::Experts;
 use super::{Lengths, LmScratch};
 use crate::config::Config;
 use crate::error::{LoadError, StepError};
-use crate::linear::{Compute, Linear, QuantScratch};
+use crate::linear::{Compute, Linear};
 use crate::weights::{AlignedBox, Loader};
+
+/// Multiply-adds that rounding one value to bfloat16 and storing it takes as long as, roughly.
+const ROUND_WORK: usize = 8;
 
 /// The decoder stack.
 #[derive(Debug)]
@@ -38,13 +42,30 @@ struct Layer {
     experts: Experts,
 }
 
+/// What the keys and values of the encoder's states are stored as. Every pass reads all of them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CrossStorage {
+    /// As they were computed.
+    F32,
+    /// Rounded: half the reading.
+    Bf16,
+}
+
+/// Keys and values of the encoder's states in all layers.
+#[derive(Debug)]
+enum Cross {
+    /// `[layers, cross_max, 2 * inner]`: keys, then values, as the product writes them.
+    F32(AlignedBox<f32>),
+    /// `[layers, 2 * heads, cross_max, d_kv]`: keys of every head, then values, so that a head is read in one stream.
+    Bf16(AlignedBox<Bf16>),
+}
+
 /// Keys and values of one sequence: those of the encoder's states, and those of the ids decoded so far.
 #[derive(Debug)]
 struct DecoderCache {
     /// `[layers, own_max, 2 * inner]`: keys, then values.
     own: AlignedBox<f32>,
-    /// `[layers, cross_max, 2 * inner]`.
-    cross: AlignedBox<f32>,
+    cross: Cross,
     own_len: usize,
     cross_len: usize,
     own_max: usize,
@@ -54,12 +75,15 @@ struct DecoderCache {
 
 impl DecoderCache {
     /// Room for sequences of at most `lengths`.
-    fn new(config: &Config, lengths: Lengths) -> Self {
+    fn new(config: &Config, lengths: Lengths, storage: CrossStorage) -> Self {
         let (layers, width) = (config.lm.num_decoder_layers, 2 * config.lm.num_heads * config.lm.d_kv);
         let (own_max, cross_max) = (lengths.decoder, lengths.encoder);
         Self {
             own: AlignedBox::zeroed(layers * own_max * width),
-            cross: AlignedBox::zeroed(layers * cross_max * width),
+            cross: match storage {
+                CrossStorage::F32 => Cross::F32(AlignedBox::zeroed(layers * cross_max * width)),
+                CrossStorage::Bf16 => Cross::Bf16(AlignedBox::zeroed(layers * cross_max * width)),
+            },
             own_len: 0,
             cross_len: 0,
             own_max,
@@ -72,8 +96,9 @@ impl DecoderCache {
         Mat::new(&self.own[layer * self.own_max * self.width..], rows, self.width)
     }
 
-    fn cross_layer(&self, layer: usize) -> Result<Mat<'_, f32>, ShapeError> {
-        Mat::new(&self.cross[layer * self.cross_max * self.width..], self.cross_len, self.width)
+    /// Where a layer of [`Cross`] starts.
+    fn cross_start(&self, layer: usize) -> usize {
+        layer * self.cross_max * self.width
     }
 }
 
@@ -87,9 +112,10 @@ pub struct Sequence {
 }
 
 impl Sequence {
-    /// Room for sequences of at most `lengths`; no ids yet.
-    pub fn new(config: &Config, lengths: Lengths) -> Self {
-        Self { ids: vec![0; lengths.decoder].into(), count: 0, cache: DecoderCache::new(config, lengths) }
+    /// Room for sequences of at most `lengths`; no ids yet. What `storage` suits a model,
+    /// [`Lm::cross_storage`](super::Lm::cross_storage) says.
+    pub fn new(config: &Config, lengths: Lengths, storage: CrossStorage) -> Self {
+        Self { ids: vec![0; lengths.decoder].into(), count: 0, cache: DecoderCache::new(config, lengths, storage) }
     }
 
     /// The ids that the next pass decodes; with none, the pass leaves the sequence alone.
@@ -142,6 +168,12 @@ impl Decoder {
         })
     }
 
+    /// bfloat16 where the keys and values come out of int8 products, which cost more digits than it does.
+    pub(super) fn cross_storage(&self) -> CrossStorage {
+        let int8 = self.layers.iter().all(|layer| layer.cross_kv.is_int8());
+        if int8 { CrossStorage::Bf16 } else { CrossStorage::F32 }
+    }
+
     /// Number of layers.
     pub(super) fn layers(&self) -> usize {
         self.layers.len()
@@ -162,15 +194,33 @@ impl Decoder {
     pub(super) fn attend_to(
         &self,
         cx: Compute,
-        quant: &mut QuantScratch,
+        scratch: &mut LmScratch,
         index: usize,
         states: Mat<f32>,
         sequence: &mut Sequence,
     ) -> Result<(), StepError> {
-        let cache = &mut sequence.cache;
-        let start = index * cache.cross_max * cache.width;
-        let y = MatMut::new(&mut cache.cross[start..], cache.cross_len, cache.width)?;
-        self.layers[index].cross_kv.forward(cx, quant, states, Epilogue::STORE, y)
+        let (cache, cross_kv) = (&mut sequence.cache, &self.layers[index].cross_kv);
+        let (start, rows, width, d_kv) = (cache.cross_start(index), cache.cross_len, cache.width, self.d_kv);
+        let LmScratch { qkv, quant, .. } = scratch;
+        match &mut cache.cross {
+            Cross::F32(cross) => {
+                let y = MatMut::new(&mut cross[start..], rows, width)?;
+                cross_kv.forward(cx, quant, states, Epilogue::STORE, y)
+            }
+            Cross::Bf16(cross) => {
+                cross_kv.forward(cx, quant, states, Epilogue::STORE, MatMut::new(qkv, rows, width)?)?;
+                let exact = Mat::new(qkv, rows, width)?;
+                let heads =
+                    MatMut::with_stride(&mut cross[start..], 2 * self.heads, rows * d_kv, cache.cross_max * d_kv)?;
+                cx.team.rows(heads, rows * width * ROUND_WORK, |range, mut heads| {
+                    for (i, head) in range.enumerate() {
+                        let x = exact.columns(head * d_kv..(head + 1) * d_kv);
+                        round_bf16(cx.isa, x, MatMut::new(heads.row_mut(i), rows, d_kv)?)?;
+                    }
+                    Ok(())
+                })
+            }
+        }
     }
 
     /// Whether the new ids of `sequences` can be decoded.
@@ -270,16 +320,36 @@ impl Decoder {
 
         let (q, context) = (Mat::new(qkv, rows, inner)?, &mut context[..rows * inner]);
         self.heads(cx, sequences, q, context, |sequence, head, q, y| {
-            let kv = sequence.cache.cross_layer(index)?;
-            let at = head * self.d_kv;
-            let (k, v) = (kv.columns(at..at + self.d_kv), kv.columns(inner + at..inner + at + self.d_kv));
-            attention_f32(cx.isa, q, k, v, 1.0, None, Visible::All, y)
+            self.attend_head(cx, &sequence.cache, (index, head), q, y)
         })?;
         let context = Mat::new(context, rows, inner)?;
         layer.cross_attention.output.forward(cx, quant, context, Epilogue::ADD, MatMut::new(hidden, rows, d)?)
     }
 
-    /// Calls `f(sequence, head, queries, output)` for every sequence and head, heads shared by the threads.
+    /// Cross-attention of one head.
+    fn attend_head(
+        &self,
+        cx: Compute,
+        cache: &DecoderCache,
+        (index, head): (usize, usize),
+        q: Mat<f32>,
+        y: MatMut<f32>,
+    ) -> Result<(), ShapeError> {
+        let (start, rows, d_kv) = (cache.cross_start(index), cache.cross_len, self.d_kv);
+        match &cache.cross {
+            Cross::F32(cross) => {
+                let kv = Mat::new(&cross[start..], rows, cache.width)?;
+                let of = |column: usize| kv.columns(column * d_kv..(column + 1) * d_kv);
+                attention_f32(cx.isa, q, of(head), of(self.heads + head), 1.0, None, Visible::All, y)
+            }
+            Cross::Bf16(cross) => {
+                let of = |row: usize| Mat::new(&cross[start + row * cache.cross_max * d_kv..], rows, d_kv);
+                attention_bf16(cx.isa, q, of(head)?, of(self.heads + head)?, 1.0, None, Visible::All, y)
+            }
+        }
+    }
+
+    /// Calls `f(sequence, head, queries, output)` for every sequence with new rows, and every head.
     fn heads(
         &self,
         cx: Compute,
@@ -289,24 +359,10 @@ impl Decoder {
         f: impl Fn(&Sequence, usize, Mat<f32>, MatMut<f32>) -> Result<(), ShapeError> + Sync,
     ) -> Result<(), StepError> {
         let keys = sequences.iter().map(|s| s.cache.cross_len.max(s.cache.own_len)).max().unwrap_or(0);
-        let y = MatMut::new(context, q.rows(), q.cols())?;
-        cx.team.columns(y, self.d_kv, 2 * q.rows() * keys * q.cols(), |columns, y| {
-            let (mut rest, mut first) = (y, 0);
-            for sequence in sequences {
-                let count = sequence.count;
-                if count == 0 {
-                    continue;
-                }
-                let (mut y, below) = rest.split_rows(count);
-                for at in columns.clone().step_by(self.d_kv) {
-                    let (head, tail) = y.split_columns(self.d_kv);
-                    let q = q.row_range(first..first + count).columns(at..at + self.d_kv);
-                    f(sequence, at / self.d_kv, q, head)?;
-                    y = tail;
-                }
-                (rest, first) = (below, first + count);
-            }
-            Ok(())
+        let (y, work) = (MatMut::new(context, q.rows(), q.cols())?, 2 * q.rows() * keys * q.cols());
+        for_each_head(cx, self.d_kv, sequences.iter().map(|s| s.count), work, y, |sequence, head, rows, y| {
+            let q = q.row_range(rows).columns(head * self.d_kv..(head + 1) * self.d_kv);
+            f(&sequences[sequence], head, q, y)
         })
     }
 }

@@ -9,7 +9,7 @@ use umo_kernels::norm::rms_norm;
 use umo_kernels::{Mat, MatMut};
 
 use super::LmScratch;
-use super::attention::{PositionBias, Projections};
+use super::attention::{PositionBias, Projections, for_each_head};
 use super::experts::Experts;
 use crate::error::{LoadError, StepError};
 use crate::linear::Compute;
@@ -111,21 +111,11 @@ impl Encoder {
         let qkv = Mat::new(qkv, rows, 3 * inner)?;
         let longest = lengths.iter().copied().max().unwrap_or(0);
         let y = MatMut::new(context, rows, inner)?;
-        cx.team.columns(y, self.d_kv, 2 * rows * longest * inner, |columns, y| {
-            let (mut rest, mut first) = (y, 0);
-            for &len in lengths {
-                let (mut y, below) = rest.split_rows(len);
-                let block = qkv.row_range(first..first + len);
-                for at in columns.clone().step_by(self.d_kv) {
-                    let (head, tail) = y.split_columns(self.d_kv);
-                    let of = |kind: usize| block.columns(kind * inner + at..kind * inner + at + self.d_kv);
-                    let bias = Some(self.bias.of(at / self.d_kv, 0));
-                    encoder_attention_f32(cx.isa, of(0), of(1), of(2), 1.0, bias, head)?;
-                    y = tail;
-                }
-                (rest, first) = (below, first + len);
-            }
-            Ok(())
+        let work = 2 * rows * longest * inner;
+        for_each_head(cx, self.d_kv, lengths.iter().copied(), work, y, |_, head, rows, y| {
+            let (block, at) = (qkv.row_range(rows), head * self.d_kv);
+            let of = |kind: usize| block.columns(kind * inner + at..kind * inner + at + self.d_kv);
+            encoder_attention_f32(cx.isa, of(0), of(1), of(2), 1.0, Some(self.bias.of(head, 0)), y)
         })?;
 
         let context = Mat::new(context, rows, inner)?;

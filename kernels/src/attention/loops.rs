@@ -1,0 +1,474 @@
+//! The loops of the vector back-ends, each held once: what differs between instruction sets is the width of a register and
+//! the operations named here.
+//!
+//! A macro, and not functions over a trait of registers: a trait's methods cannot enable instruction sets and be safe, so
+//! that every addition would be an unsafe block.
+//!
+//! The module that calls it has, besides loads and stores: `WIDTH` lanes of a `Register`; `BLOCK`, `COLUMNS`, `ORDER`; the
+//! operations `zero`, `set`, `add`, `sub`, `mul`, `fmadd`, `maximum`, `largest`, `first_of`, `exp`; and the shuffles
+//! `transpose` and `sums_of`.
+
+macro_rules! loops {
+    ($features:literal) => {
+        /// Keys whose scores are held at once: packed keys and values of a tile and 64 columns take 32 KiB of L1.
+        const TILE: usize = 64;
+
+        /// Most columns of packed keys and values; wider heads are computed without packing.
+        const PACKED_DIM: usize = 64;
+
+        /// Fewest queries that repay the packing of keys and values.
+        const PACKED_QUERIES: usize = 8;
+
+        /// What keys and values are stored as: widened to f32 as it is loaded.
+        pub(super) trait Load: Copy {
+            /// # Safety
+            /// The processor has the features of this back-end.
+            unsafe fn load(src: &[Self; WIDTH]) -> Register;
+            /// The first values, zeros where there are fewer than a register has lanes.
+            /// # Safety
+            /// The processor has the features of this back-end.
+            unsafe fn load_part(src: &[Self]) -> Register;
+        }
+
+        impl Load for f32 {
+            #[inline]
+            #[target_feature(enable = $features)]
+            unsafe fn load(src: &[Self; WIDTH]) -> Register {
+                load(src)
+            }
+
+            #[inline]
+            #[target_feature(enable = $features)]
+            unsafe fn load_part(src: &[Self]) -> Register {
+                load_part(src)
+            }
+        }
+
+        impl Load for Bf16 {
+            #[inline]
+            #[target_feature(enable = $features)]
+            unsafe fn load(src: &[Self; WIDTH]) -> Register {
+                load_bf16(src)
+            }
+
+            #[inline]
+            #[target_feature(enable = $features)]
+            unsafe fn load_part(src: &[Self]) -> Register {
+                load_part_bf16(src)
+            }
+        }
+
+        /// One register of keys or values.
+        #[inline]
+        #[target_feature(enable = $features)]
+        fn widened<T: Load>(src: &[T; WIDTH]) -> Register {
+            // SAFETY: this function enables the features of this back-end, so that its caller has them.
+            unsafe { T::load(src) }
+        }
+
+        /// The first values of a register, then zeros.
+        #[inline]
+        #[target_feature(enable = $features)]
+        fn widened_part<T: Load>(src: &[T]) -> Register {
+            // SAFETY: this function enables the features of this back-end, so that its caller has them.
+            unsafe { T::load_part(src) }
+        }
+
+        /// Scores of a tile, then weights, for `Q` queries. Aligned, as [`Packed`] is, so that no load crosses a cache
+        /// line.
+        #[repr(align(64))]
+        struct Weights<const Q: usize>([[f32; TILE]; Q]);
+
+        #[target_feature(enable = $features)]
+        pub(super) fn attention<T: Load>(x: Operands<T>, mut y: MatMut<f32>) {
+            let mut i = 0;
+            if x.q.rows() >= PACKED_QUERIES && x.q.cols() <= PACKED_DIM {
+                let packed = x.q.rows() / 4 * 4;
+                while i < packed {
+                    let count = BLOCK.min(packed - i);
+                    block(x, i, count, &mut y);
+                    i += count;
+                }
+            }
+            while i < x.q.rows() {
+                i += match x.q.rows() - i {
+                    1 => group::<T, 1, WIDTH, { COLUMNS[0] }>(x, i, &mut y),
+                    2 | 3 => group::<T, 2, { WIDTH / 2 }, { COLUMNS[1] }>(x, i, &mut y),
+                    _ => group::<T, 4, { WIDTH / 4 }, { COLUMNS[2] }>(x, i, &mut y),
+                };
+            }
+        }
+
+        /// A tile of keys, transposed, and of values, dense: neither strides across the sets of L1 as the projections
+        /// do.
+        #[repr(align(64))]
+        struct Packed {
+            /// `[head_dim, TILE]`.
+            k: [[f32; TILE]; PACKED_DIM],
+            /// `[TILE, head_dim]`.
+            v: [f32; TILE * PACKED_DIM],
+        }
+
+        /// `count` queries from `i` on, a multiple of 4 and at most [`BLOCK`], tile by tile of packed keys and values.
+        #[target_feature(enable = $features)]
+        fn block<T: Load>(x: Operands<T>, i: usize, count: usize, y: &mut MatMut<f32>) {
+            let dim = x.q.cols();
+            let mut packed = Packed { k: [[0.0; TILE]; PACKED_DIM], v: [0.0; TILE * PACKED_DIM] };
+            let mut weights = Weights([[0.0; TILE]; 4]);
+            let mut pairs = [[[zero(); 2]; 4]; WIDTH / 2];
+            let mut softmaxes = [[Softmax::START; 4]; BLOCK / 4];
+            let keys = x.keys(i + count - 1);
+            for first in (0..keys).step_by(TILE) {
+                let range = first..keys.min(first + TILE);
+                pack_keys(x.k.row_range(range.clone()), &mut packed.k);
+                for j in range.clone() {
+                    let to = &mut packed.v[(j - first) * dim..][..dim];
+                    for (to, from) in to.chunks_mut(WIDTH).zip(x.v.row(j).chunks(WIDTH)) {
+                        store_part(to, widened_part(from));
+                    }
+                }
+                let v =
+                    Mat::new(&packed.v, range.len(), dim).expect("at most `TILE` rows of at most `PACKED_DIM` columns");
+                for (group, softmaxes) in softmaxes[..count / 4].iter_mut().enumerate() {
+                    let i = i + 4 * group;
+                    if x.keys(i + 3) > first {
+                        packed_scores(x.q.row_range(i..i + 4), &packed.k, &mut pairs, &mut weights);
+                        weighted::<T, f32, 4, { COLUMNS[2] }>(x, i, first, v, softmaxes, &mut weights, y);
+                    }
+                }
+            }
+            for (r, softmax) in softmaxes.as_flattened()[..count].iter().enumerate() {
+                softmax.finish(y.row_mut(i + r));
+            }
+        }
+
+        /// Transposes the rows of `k` into the columns of `packed`; columns beyond keep what they hold.
+        #[target_feature(enable = $features)]
+        fn pack_keys<T: Load>(k: Mat<T>, packed: &mut [[f32; TILE]; PACKED_DIM]) {
+            for first in (0..k.rows()).step_by(WIDTH) {
+                for d in (0..k.cols()).step_by(WIDTH) {
+                    let mut rows = [zero(); WIDTH];
+                    for j in 0..WIDTH {
+                        if first + j < k.rows() {
+                            rows[j] = widened_part(&k.row(first + j)[d..]);
+                        }
+                    }
+                    for (column, to) in transpose(rows).iter().zip(&mut packed[d..k.cols().min(d + WIDTH)]) {
+                        store_part(&mut to[first..first + WIDTH], *column);
+                    }
+                }
+            }
+        }
+
+        /// Sums for 4 queries x 2 registers of keys.
+        type Sums = [[Register; 2]; 4];
+
+        /// The dot products of 4 queries with a packed tile, lanes along the keys. Each partial sum of [`scores`] is
+        /// here one chain of multiply-adds, and the chains are added in the same tree, so that the bits are the same.
+        /// `pairs` is scratch.
+        #[target_feature(enable = $features)]
+        fn packed_scores(
+            q: Mat<f32>,
+            k: &[[f32; TILE]; PACKED_DIM],
+            pairs: &mut [Sums; WIDTH / 2],
+            weights: &mut Weights<4>,
+        ) {
+            let mut padded = [[0.0; PACKED_DIM]; 4];
+            if q.cols() < PACKED_DIM {
+                for r in 0..4 {
+                    padded[r][..q.cols()].copy_from_slice(q.row(r));
+                }
+            }
+            let mut rows = [&padded[0]; 4];
+            for r in 0..4 {
+                rows[r] = q.row(r).first_chunk().unwrap_or(&padded[r]);
+            }
+            for tile in 0..TILE / (2 * WIDTH) {
+                for (pair, &lane) in pairs.iter_mut().zip(&ORDER) {
+                    // 4 queries x 2 registers of keys: 8 sums at a time, and 8 that wait for them.
+                    let mut chains = [[[zero(); 2]; 4]; 2];
+                    for side in 0..2 {
+                        for c in 0..PACKED_DIM / WIDTH {
+                            let d = lane + WIDTH / 2 * side + c * WIDTH;
+                            let keys = k[d].as_chunks().0;
+                            let (a, b) = (load(&keys[2 * tile]), load(&keys[2 * tile + 1]));
+                            for r in 0..4 {
+                                let q = set(rows[r][d]);
+                                chains[side][r][0] = fmadd(q, a, chains[side][r][0]);
+                                chains[side][r][1] = fmadd(q, b, chains[side][r][1]);
+                            }
+                        }
+                    }
+                    for r in 0..4 {
+                        pair[r][0] = add(chains[0][r][0], chains[1][r][0]);
+                        pair[r][1] = add(chains[0][r][1], chains[1][r][1]);
+                    }
+                }
+                for r in 0..4 {
+                    let to = weights.0[r].as_chunks_mut().0;
+                    for side in 0..2 {
+                        let mut sums = [zero(); WIDTH / 2];
+                        for i in 0..WIDTH / 2 {
+                            sums[i] = pairs[i][r][side];
+                        }
+                        let mut left = WIDTH / 4;
+                        while left > 0 {
+                            for i in 0..left {
+                                sums[i] = add(sums[2 * i], sums[2 * i + 1]);
+                            }
+                            left /= 2;
+                        }
+                        store(&mut to[2 * tile + side], sums[0]);
+                    }
+                }
+            }
+        }
+
+        /// The `Q` queries from `i` on, over all their keys; returns `Q`. `y` holds the sums of values times
+        /// `exp(score - max)` until the end. Scores are made `K = WIDTH / Q` keys, values `C` registers of columns at a time.
+        #[target_feature(enable = $features)]
+        fn group<T: Load, const Q: usize, const K: usize, const C: usize>(
+            x: Operands<T>,
+            i: usize,
+            y: &mut MatMut<f32>,
+        ) -> usize {
+            let mut weights = Weights([[0.0; TILE]; Q]);
+            let mut softmaxes = [Softmax::START; Q];
+            // A later query sees at least the keys of an earlier one.
+            let keys = x.keys(i + Q - 1);
+            for first in (0..keys).step_by(TILE) {
+                let range = first..keys.min(first + TILE);
+                scores::<T, Q, K>(x, i, x.k.row_range(range.clone()), &mut weights);
+                weighted::<T, T, Q, C>(x, i, first, x.v.row_range(range), &mut softmaxes, &mut weights, y);
+            }
+            for (r, softmax) in softmaxes.iter().enumerate() {
+                softmax.finish(y.row_mut(i + r));
+            }
+            Q
+        }
+
+        /// Turns the scores of the tile of keys from `first` on into weights, and adds the tile's values to the rows of
+        /// `y`, `C` registers of columns at a time.
+        #[target_feature(enable = $features)]
+        fn weighted<T: Load, V: Load, const Q: usize, const C: usize>(
+            x: Operands<T>,
+            i: usize,
+            first: usize,
+            v: Mat<V>,
+            softmaxes: &mut [Softmax; Q],
+            weights: &mut Weights<Q>,
+            y: &mut MatMut<f32>,
+        ) {
+            let mut seen = [0; Q];
+            for r in 0..Q {
+                seen[r] = x.keys(i + r).saturating_sub(first).min(v.rows());
+            }
+            let shrink = weigh(x, i, first, seen, softmaxes, weights);
+            values::<V, Q, C>(&weights.0, 0, v.row_range(0..seen[0]), shrink, i, y);
+            for r in 1..Q {
+                if seen[r] > seen[0] {
+                    let v = v.row_range(seen[0]..seen[r]);
+                    values::<V, 1, { COLUMNS[0] }>(core::array::from_ref(&weights.0[r]), seen[0], v, [1.0], i + r, y);
+                }
+            }
+        }
+
+        /// The dot products of `Q` queries with every key of `k`; up to `K - 1` more, of no meaning, follow them.
+        #[target_feature(enable = $features)]
+        fn scores<T: Load, const Q: usize, const K: usize>(
+            x: Operands<T>,
+            i: usize,
+            k: Mat<T>,
+            weights: &mut Weights<Q>,
+        ) {
+            let chunks = x.q.cols() / WIDTH;
+            for first in (0..k.rows()).step_by(K) {
+                let mut sums = [[zero(); K]; Q];
+                let (mut q_rows, mut q_tails) = ([[].as_slice(); Q], [[].as_slice(); Q]);
+                let (mut k_rows, mut k_tails) = ([[].as_slice(); K], [[].as_slice(); K]);
+                for r in 0..Q {
+                    let (row, tail) = x.q.row(i + r).as_chunks();
+                    (q_rows[r], q_tails[r]) = (&row[..chunks], tail);
+                }
+                for j in 0..K {
+                    // Past the end, the last key stands in.
+                    let (row, tail) = k.row((first + j).min(k.rows() - 1)).as_chunks();
+                    (k_rows[j], k_tails[j]) = (&row[..chunks], tail);
+                }
+                for c in 0..chunks {
+                    let mut q = [zero(); Q];
+                    for r in 0..Q {
+                        q[r] = load(&q_rows[r][c]);
+                    }
+                    for j in 0..K {
+                        let k = widened(&k_rows[j][c]);
+                        for r in 0..Q {
+                            sums[r][j] = fmadd(q[r], k, sums[r][j]);
+                        }
+                    }
+                }
+                if chunks * WIDTH < x.q.cols() {
+                    for j in 0..K {
+                        let k = widened_part(k_tails[j]);
+                        for r in 0..Q {
+                            sums[r][j] = fmadd(load_part(q_tails[r]), k, sums[r][j]);
+                        }
+                    }
+                }
+                let mut flat = [zero(); WIDTH];
+                for r in 0..Q {
+                    for j in 0..K {
+                        flat[r * K + j] = sums[r][j];
+                    }
+                }
+                let sums = array(sums_of(flat));
+                for (weights, sums) in weights.0.iter_mut().zip(sums.as_chunks::<K>().0) {
+                    weights[first..first + K].copy_from_slice(sums);
+                }
+            }
+        }
+
+        /// One query's softmax so far.
+        #[derive(Clone, Copy)]
+        struct Softmax {
+            max: f32,
+            /// Sum of the weights, in lanes.
+            sum: [f32; WIDTH],
+        }
+
+        impl Softmax {
+            /// Before the first tile.
+            const START: Self = Self { max: f32::NEG_INFINITY, sum: [0.0; WIDTH] };
+
+            /// Divides the sums of weighted values by the sum of weights.
+            #[target_feature(enable = $features)]
+            fn finish(&self, y: &mut [f32]) {
+                let sum = pairwise(self.sum);
+                y.iter_mut().for_each(|y| *y /= sum);
+            }
+        }
+
+        /// Turns the first `seen[r]` dot products of query `i + r` into weights `exp(score - max)`; returns the factors
+        /// for what the queries have summed up before: 0 in the first tile.
+        #[target_feature(enable = $features)]
+        fn weigh<T: Load, const Q: usize>(
+            x: Operands<T>,
+            i: usize,
+            first: usize,
+            seen: [usize; Q],
+            softmaxes: &mut [Softmax; Q],
+            weights: &mut Weights<Q>,
+        ) -> [f32; Q] {
+            // The queries' steps are independent of each other: none waits for another's maximum.
+            let (mut before, mut after) = ([0.0; WIDTH], [0.0; WIDTH]);
+            for r in 0..Q {
+                before[r] = softmaxes[r].max;
+                after[r] = score(&mut weights.0[r], seen[r], before[r], x.scale, x.bias(i + r, first));
+                softmaxes[r].max = after[r];
+            }
+            let shrink = array(exp(sub(load(&before), load(&after))));
+            let mut result = [0.0; Q];
+            for r in 0..Q {
+                let max = set(after[r]);
+                let mut sum = mul(load(&softmaxes[r].sum), set(shrink[r]));
+                for register in &mut weights.0[r].as_chunks_mut::<WIDTH>().0[..seen[r].div_ceil(WIDTH)] {
+                    let weight = exp(sub(load(register), max));
+                    sum = add(sum, weight);
+                    store(register, weight);
+                }
+                store(&mut softmaxes[r].sum, sum);
+                result[r] = shrink[r];
+            }
+            result
+        }
+
+        /// Turns the first `seen` dot products into scores, hides the rest of their last register, and returns the
+        /// largest.
+        #[target_feature(enable = $features)]
+        fn score(weights: &mut [f32; TILE], seen: usize, max: f32, scale: f32, bias: &[f32]) -> f32 {
+            let mut highest = set(max);
+            let hidden = set(f32::NEG_INFINITY);
+            for (c, register) in weights.as_chunks_mut().0[..seen.div_ceil(WIDTH)].iter_mut().enumerate() {
+                let bias = load_part(bias.get(c * WIDTH..).unwrap_or(&[]));
+                let score = fmadd(load(register), set(scale), bias);
+                let score = first_of(seen - c * WIDTH, score, hidden);
+                highest = maximum(highest, score);
+                store(register, score);
+            }
+            largest(highest)
+        }
+
+        /// `y[i + r] = y[i + r] * shrink[r] + sum_j weights[r][from + j] * v[j]`.
+        #[target_feature(enable = $features)]
+        fn values<V: Load, const Q: usize, const C: usize>(
+            weights: &[[f32; TILE]; Q],
+            from: usize,
+            v: Mat<V>,
+            shrink: [f32; Q],
+            i: usize,
+            y: &mut MatMut<f32>,
+        ) {
+            let mut column = 0;
+            while column < v.cols() {
+                column += match v.cols() - column {
+                    1..WIDTH => columns::<V, Q, 1, true>(weights, from, v, shrink, i, column, y),
+                    left if left < C * WIDTH => columns::<V, Q, 1, false>(weights, from, v, shrink, i, column, y),
+                    _ => columns::<V, Q, C, false>(weights, from, v, shrink, i, column, y),
+                };
+            }
+        }
+
+        /// `C` registers of columns from `column` on, or (`PART`) what is left of one; returns the columns done.
+        #[target_feature(enable = $features)]
+        fn columns<V: Load, const Q: usize, const C: usize, const PART: bool>(
+            weights: &[[f32; TILE]; Q],
+            from: usize,
+            v: Mat<V>,
+            shrink: [f32; Q],
+            i: usize,
+            column: usize,
+            y: &mut MatMut<f32>,
+        ) -> usize {
+            let end = v.cols().min(column + C * WIDTH);
+            let mut sums = [[zero(); C]; Q];
+            for r in 0..Q {
+                // Nothing has been summed up before the first tile.
+                if shrink[r] != 0.0 {
+                    let y = &y.row(i + r)[column..end];
+                    for c in 0..C {
+                        sums[r][c] = mul(load_part(&y[c * WIDTH..]), set(shrink[r]));
+                    }
+                }
+            }
+            for j in 0..v.rows() {
+                let row = &v.row(j)[column..end];
+                let mut values = [zero(); C];
+                if PART {
+                    values[0] = widened_part(row);
+                } else {
+                    let row: &[[V; WIDTH]; C] =
+                        row.as_chunks().0.first_chunk().expect("`C` registers of columns are left");
+                    for c in 0..C {
+                        values[c] = widened(&row[c]);
+                    }
+                }
+                for r in 0..Q {
+                    let weight = set(weights[r][from + j]);
+                    for c in 0..C {
+                        sums[r][c] = fmadd(weight, values[c], sums[r][c]);
+                    }
+                }
+            }
+            for r in 0..Q {
+                let y = &mut y.row_mut(i + r)[column..end];
+                for c in 0..C {
+                    let to = &mut y[c * WIDTH..];
+                    store_part(to, sums[r][c]);
+                }
+            }
+            end - column
+        }
+    };
+}
+
+pub(super) use loops;
