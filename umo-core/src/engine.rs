@@ -166,6 +166,28 @@ impl Signal {
     }
 }
 
+/// Whether the engine's thread has made its worker.
+#[derive(Debug, Default)]
+struct Started {
+    done: AtomicU32,
+    error: Mutex<Option<std::io::Error>>,
+}
+
+impl Started {
+    fn tell(&self, made: std::io::Result<()>) {
+        *self.error.lock().unwrap_or_else(std::sync::PoisonError::into_inner) = made.err();
+        self.done.store(1, Ordering::Release);
+        wake_one(&raw const self.done);
+    }
+
+    fn wait(&self) -> std::io::Result<()> {
+        while self.done.load(Ordering::Acquire) == 0 {
+            wait(&self.done, 0);
+        }
+        self.error.lock().unwrap_or_else(std::sync::PoisonError::into_inner).take().map_or(Ok(()), Err)
+    }
+}
+
 /// A place for a session.
 #[derive(Debug, Default)]
 struct Slot {
@@ -182,6 +204,7 @@ struct Inner {
     slots: Box<[Slot]>,
     signal: Arc<Signal>,
     stop: AtomicBool,
+    started: Started,
     clock: Clock,
     /// Pose of rest.
     rest: Shown,
@@ -248,6 +271,7 @@ impl Engine {
             slots: (0..config.max_sessions).map(|_| Slot::default()).collect(),
             signal: Arc::default(),
             stop: AtomicBool::new(false),
+            started: Started::default(),
             clock: config.clock.clone(),
             model,
             rest,
@@ -257,23 +281,24 @@ impl Engine {
             let worker = Worker::new(&inner, config, threads).map_err(EngineError::Thread)?;
             return Ok(Self { inner, worker: Some(Mutex::new(worker)), thread: None });
         }
-        // The thread makes its worker itself, so that the team's first core is its own.
-        let (sender, receiver) = std::sync::mpsc::channel();
+        // The thread makes its worker itself, so that the first core is its own.
         let (shared, config) = (Arc::clone(&inner), config.clone());
-        let run = move || match Worker::new(&shared, &config, threads) {
-            Ok(worker) => {
-                // The receiver waits.
-                let _ = sender.send(Ok(()));
-                drop((sender, config));
-                run(worker, &shared);
-            }
-            Err(error) => {
-                let _ = sender.send(Err(error));
+        let life = move || {
+            let make = || Worker::new(&shared, &config, threads);
+            let made = std::panic::catch_unwind(AssertUnwindSafe(make))
+                .unwrap_or_else(|_| Err(std::io::Error::other("the engine's thread panicked while it started")));
+            // Whoever waits may count allocations from then on.
+            drop(config);
+            match made {
+                Ok(worker) => {
+                    shared.started.tell(Ok(()));
+                    run(worker, &shared);
+                }
+                Err(error) => shared.started.tell(Err(error)),
             }
         };
-        let thread = std::thread::Builder::new().name("umo-0".to_owned()).spawn(run).map_err(EngineError::Thread)?;
-        let made = receiver.recv().unwrap_or_else(|_| Err(std::io::Error::other("the engine's thread ended")));
-        made.map_err(EngineError::Thread)?;
+        let thread = std::thread::Builder::new().name("umo-0".to_owned()).spawn(life).map_err(EngineError::Thread)?;
+        inner.started.wait().map_err(EngineError::Thread)?;
         Ok(Self { inner, worker: None, thread: Some(thread) })
     }
 
