@@ -672,6 +672,27 @@ fn three_threads_at_once() {
 }
 
 #[test]
+fn an_interrupt_straight_after_a_reset_changes_nothing() {
+    let engine = hosted(4);
+    let config = config(engine.model(), 1, 0, 4);
+    let session = engine.session(&config).unwrap();
+    let samples = audio(24_000, 1, 4);
+    session.push_audio(&samples).unwrap();
+    settle(&engine);
+    assert!(!pull(&session).is_empty());
+    session.reset().unwrap();
+    session.interrupt(Duration::from_millis(200)).unwrap();
+    assert_eq!(session.ready_frames().unwrap(), 0);
+    session.push_audio(&samples).unwrap();
+    session.finish().unwrap();
+    settle(&engine);
+    let frames = pull(&session);
+    let want = offline(engine.model(), &config, &samples);
+    assert!(frames.iter().map(|frame| &frame.bits).eq(&want));
+    assert!(frames.iter().map(|frame| frame.index).eq(0..want.len() as u64));
+}
+
+#[test]
 fn text_alone_moves_an_avatar_until_its_queue_is_full() {
     let engine = hosted(3);
     let mut config = config(engine.model(), 2, 0, 4);
