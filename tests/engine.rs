@@ -672,6 +672,29 @@ fn three_threads_at_once() {
 }
 
 #[test]
+fn a_pause_counts_neither_as_delay_nor_as_late() {
+    let (engine, nanos) = timed(4);
+    let mut config = config(engine.model(), 1, 0, 4);
+    config.idle = Idle::Live;
+    let session = engine.session(&config).unwrap();
+    let chunk = engine.model().config().samples_per_keyframe();
+    session.push_audio(&audio(chunk + chunk / 2, 1, 4)).unwrap();
+    settle(&engine);
+    // Half a chunk is there when the speaker falls silent: silence completes it.
+    nanos.fetch_add(5_000_000_000, Ordering::SeqCst);
+    pull(&session);
+    settle(&engine);
+    assert_eq!(session.stats().chunks, 2);
+    // Half a chunk again, and the end long after it.
+    session.push_audio(&audio(chunk / 2, 1, 5)).unwrap();
+    nanos.fetch_add(5_000_000_000, Ordering::SeqCst);
+    session.finish().unwrap();
+    settle(&engine);
+    assert_eq!((session.stats().chunks, session.stats().late_frames), (3, 0));
+    assert_eq!(session.latency().compute_max, Duration::ZERO);
+}
+
+#[test]
 fn an_interrupt_straight_after_a_reset_changes_nothing() {
     let engine = hosted(4);
     let config = config(engine.model(), 1, 0, 4);
