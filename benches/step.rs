@@ -8,9 +8,9 @@ use std::cell::RefCell;
 use std::time::Instant;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use umo_benches::floor::{self, Floor, Machine};
-use umo_benches::model;
 use umo_benches::parts::{Audio, Language, TOKENS};
+use umo_benches::{machine, model};
+use umo_core::floor::{self, Floor, Machine, Stored};
 use umo_core::{Compute, ModelFile, Team};
 use umo_kernels::Isa;
 
@@ -31,7 +31,7 @@ fn time(c: &mut Criterion, name: &str, machine: Option<&Machine>, floor: &Floor,
     let mut times = times.into_inner();
     times.sort_by(f64::total_cmp);
     if let (Some(machine), Some(&median)) = (machine, times.get(times.len() / 2)) {
-        let least = machine.seconds(floor);
+        let least = machine.time(floor).as_secs_f64();
         let share = 100.0 * least / median;
         println!(
             "{name}: median {:.2} ms, best {:.2} ms, floor {:.2} ms ({:.1} MB, {:.2} GMAC), {share:.0} % of it",
@@ -39,7 +39,7 @@ fn time(c: &mut Criterion, name: &str, machine: Option<&Machine>, floor: &Floor,
             1e3 * times[0],
             1e3 * least,
             floor.bytes as f64 / 1e6,
-            floor.macs as f64 / 1e9,
+            (floor.macs + floor.float_macs) as f64 / 1e9,
         );
     }
 }
@@ -48,26 +48,31 @@ fn language_model(c: &mut Criterion, file: &ModelFile) {
     let config = file.config();
     let mut language = Language::load(file);
     let codes = language.codes();
+    let (attention, experts) = floor::encoder(config, Stored::Int8, TOKENS);
+    let encoder = attention + experts;
+    let (attention, experts) = floor::step(config, Stored::Int8, TOKENS);
+    let step = attention + experts + floor::head(config);
+    let chunk = floor::chunk(config, Stored::Int8, TOKENS, codes);
     for threads in [1, 2] {
-        let machine = Machine::measure(threads);
+        let machine = machine(threads);
         if let Some(machine) = &machine {
             println!("{machine}");
         }
         let (team, isa) = (Team::new(threads).expect("threads can be started"), Isa::detect());
         let (cx, machine) = (Compute { isa, team: &team }, machine.as_ref());
-        time(c, &format!("encoder_256/T{threads}"), machine, &floor::encoder(config, TOKENS), || language.encode(cx));
-        time(c, &format!("decoder_step/T{threads}"), machine, &floor::step(config, TOKENS), || language.step(cx));
+        time(c, &format!("encoder_256/T{threads}"), machine, &encoder, || language.encode(cx));
+        time(c, &format!("decoder_step/T{threads}"), machine, &step, || language.step(cx));
         let name = format!("chunk_256_{codes}/T{threads}");
-        time(c, &name, machine, &floor::chunk(config, TOKENS, codes), || language.chunk(cx));
+        time(c, &name, machine, &chunk, || language.chunk(cx));
     }
 }
 
 fn tokenizer(c: &mut Criterion, file: &ModelFile) {
     let audio = Audio::load(file);
     for threads in [1, 2] {
-        let (team, machine) = (Team::new(threads).expect("threads can be started"), Machine::measure(threads));
+        let (team, machine) = (Team::new(threads).expect("threads can be started"), machine(threads));
         let cx = Compute { isa: Isa::detect(), team: &team };
-        let floor = floor::hubert(file.config(), audio.samples());
+        let floor = floor::hubert(file.config(), Stored::Int8, audio.samples(), None);
         time(c, &format!("tokenizer_3s/T{threads}"), machine.as_ref(), &floor, || audio.features(cx));
     }
 }

@@ -1,12 +1,15 @@
 //! What the benches and measurements share: random numbers, models, and what the processor can do at most.
 
-pub mod floor;
 pub mod parts;
-pub mod peak;
 
 use std::path::{Path, PathBuf};
 
 use umo_core::ModelFile;
+use umo_core::floor::Machine;
+use umo_kernels::Isa;
+
+/// Memory that the bandwidth is measured over: as much as the decoder's weights take.
+const READ_BYTES: usize = 384 << 20;
 
 /// Numbers from a counter: SplitMix64 (Steele, Lea, Flood 2014).
 #[derive(Debug)]
@@ -54,6 +57,11 @@ impl Random {
 /// Whether the benches run once as tests: `cargo bench -- --test`.
 pub fn is_test() -> bool {
     std::env::args().any(|arg| arg == "--test")
+}
+
+/// What the processor can do with so many threads, unless benches run as tests.
+pub fn machine(threads: usize) -> Option<Machine> {
+    (!is_test()).then(|| Machine::measure(threads, Isa::detect(), READ_BYTES))
 }
 
 /// The model at `UMO_BENCH_MODEL`, or a random one of int8 weights: of base size, or small where benches run as tests.

@@ -692,6 +692,50 @@ fn three_threads_at_once() {
 }
 
 #[test]
+fn a_pause_counts_neither_as_delay_nor_as_late() {
+    let (engine, nanos) = timed(4);
+    let mut config = config(engine.model(), 1, 0, 4);
+    config.idle = Idle::Live;
+    let session = engine.session(&config).unwrap();
+    let chunk = engine.model().config().samples_per_keyframe();
+    session.push_audio(&audio(chunk + chunk / 2, 1, 4)).unwrap();
+    settle(&engine);
+    // Half a chunk is there when the speaker falls silent: silence completes it.
+    nanos.fetch_add(5_000_000_000, Ordering::SeqCst);
+    pull(&session);
+    settle(&engine);
+    assert_eq!(session.stats().chunks, 2);
+    // Half a chunk again, and the end long after it.
+    session.push_audio(&audio(chunk / 2, 1, 5)).unwrap();
+    nanos.fetch_add(5_000_000_000, Ordering::SeqCst);
+    session.finish().unwrap();
+    settle(&engine);
+    assert_eq!((session.stats().chunks, session.stats().late_frames), (3, 0));
+    assert_eq!(session.latency().compute_max, Duration::ZERO);
+}
+
+#[test]
+fn an_interrupt_straight_after_a_reset_changes_nothing() {
+    let engine = hosted(4);
+    let config = config(engine.model(), 1, 0, 4);
+    let session = engine.session(&config).unwrap();
+    let samples = audio(24_000, 1, 4);
+    session.push_audio(&samples).unwrap();
+    settle(&engine);
+    assert!(!pull(&session).is_empty());
+    session.reset().unwrap();
+    session.interrupt(Duration::from_millis(200)).unwrap();
+    assert_eq!(session.ready_frames().unwrap(), 0);
+    session.push_audio(&samples).unwrap();
+    session.finish().unwrap();
+    settle(&engine);
+    let frames = pull(&session);
+    let want = offline(engine.model(), &config, &samples);
+    assert!(frames.iter().map(|frame| &frame.bits).eq(&want));
+    assert!(frames.iter().map(|frame| frame.index).eq(0..want.len() as u64));
+}
+
+#[test]
 fn text_alone_moves_an_avatar_until_its_queue_is_full() {
     let engine = hosted(3);
     let mut config = config(engine.model(), 2, 0, 4);

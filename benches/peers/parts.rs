@@ -9,9 +9,9 @@ use std::collections::BTreeMap;
 use std::io::BufRead;
 use std::time::Instant;
 
-use umo_benches::floor::{self, Machine};
+use umo_benches::machine;
 use umo_benches::parts::{Audio, Language, TOKENS};
-use umo_benches::peak;
+use umo_core::floor::{self, Floor, Stored};
 use umo_core::{Compute, Config, Team};
 use umo_kernels::Isa;
 
@@ -30,17 +30,17 @@ fn main() {
             continue;
         }
         if part == "f32" {
-            println!("{:.4}", peak::f32(count, Isa::detect()).unwrap_or(f64::INFINITY) / 1e9);
+            println!("{:.4}", floor::f32(count, Isa::detect()).unwrap_or(f64::INFINITY) / 1e9);
             continue;
         }
-        let measure = || Machine::measure(count).expect("this is no test");
+        let measure = || machine(count).expect("this is no test");
         if part == "peaks" {
             println!("{}", measure());
             continue;
         }
         if repetitions == "floor" {
             let floor = floor(file.config(), part, language.codes(), audio.samples());
-            println!("{:.4}", 1e3 * measure().seconds(&floor));
+            println!("{:.4}", 1e3 * measure().time(&floor).as_secs_f64());
             continue;
         }
         let team = teams.entry(count).or_insert_with(|| Team::new(count).expect("threads can be started"));
@@ -61,10 +61,13 @@ fn main() {
     }
 }
 
-fn floor(config: &Config, part: &str, codes: usize, samples: usize) -> floor::Floor {
+fn floor(config: &Config, part: &str, codes: usize, samples: usize) -> Floor {
     match part {
-        "encoder" => floor::encoder(config, TOKENS),
-        "chunk" => floor::chunk(config, TOKENS, codes),
-        _ => floor::hubert(config, samples),
+        "encoder" => {
+            let (attention, experts) = floor::encoder(config, Stored::Int8, TOKENS);
+            attention + experts
+        }
+        "chunk" => floor::chunk(config, Stored::Int8, TOKENS, codes),
+        _ => floor::hubert(config, Stored::Int8, samples, None),
     }
 }

@@ -14,8 +14,8 @@ use std::hint::black_box;
 use std::time::{Duration, Instant};
 
 use mkl::{Mkl, Shape};
-use umo_benches::{Random, peak};
-use umo_core::Team;
+use umo_benches::Random;
+use umo_core::{Team, floor};
 use umo_core::weights::AlignedBox;
 use umo_kernels::matmul_f32::{Epilogue, Input, matmul_f32};
 use umo_kernels::matmul_i8::{QuantRows, matmul_i8};
@@ -55,8 +55,8 @@ fn main() {
         mkl: Mkl::open(threads),
         seconds: args.get(2).map_or(0.05, |s| s.parse().expect("seconds")),
         filter: args.get(3).cloned().unwrap_or_default(),
-        peaks: [peak::int8, peak::f32].map(|peak| peak(threads, isa).unwrap_or(f64::INFINITY)),
-        read: peak::read(threads, WEIGHT_BYTES),
+        peaks: [floor::int8, floor::f32].map(|peak| peak(threads, isa).unwrap_or(f64::INFINITY)),
+        read: floor::read(threads, isa, WEIGHT_BYTES),
     };
     eprintln!(
         "peaks of {threads} threads with {}: int8 {:.0} GMAC/s, f32 {:.0}, reading {} MiB {:.1} GB/s",

@@ -9,9 +9,11 @@ use std::time::{Duration, Instant};
 
 use umo_core::avatar::StageTimes;
 use umo_core::engine::{Engine, EngineConfig, Threads};
+use umo_core::floor::{self, Floor, Machine, Stored};
 use umo_core::model::Model;
 use umo_core::session::{Session, SessionConfig};
-use umo_core::{Config, Precision};
+use umo_core::weights::writer::Storage;
+use umo_core::{Config, ModelFile, Precision};
 
 use crate::args::Bench;
 use crate::failure::Failure;
@@ -24,6 +26,10 @@ const LOOK: Duration = Duration::from_micros(100);
 const PATIENCE: Duration = Duration::from_secs(120);
 /// Audio of one call in real time, 10 ms.
 const CALLS_PER_SECOND: usize = 100;
+/// Most memory that the bandwidth is measured over.
+const MOST_READ: usize = 384 << 20;
+/// A product that every model has.
+const PRODUCT: &str = "lm.encoder.block.0.layer.0.SelfAttention.q.weight";
 
 pub(crate) fn run(args: &Bench) -> Result<(), Failure> {
     for (name, value) in [("--chunks", args.chunks), ("--starts", args.starts), ("--sessions", args.sessions)] {
@@ -40,6 +46,8 @@ pub(crate) fn run(args: &Bench) -> Result<(), Failure> {
     let model = Arc::new(Model::load(&file, args.compute.precision(Precision::Stored), isa)?);
     let load = start.elapsed();
     let config = file.config().clone();
+    let stored = stored(&file, args.compute.precision(Precision::Stored))?;
+    let weights = file.tensors().iter().map(|&(.., bytes)| bytes).sum();
     drop(file);
     let mut session = SessionConfig::new(&config);
     session.avatar.target = args.target.unwrap_or(config.target);
@@ -57,9 +65,11 @@ pub(crate) fn run(args: &Bench) -> Result<(), Failure> {
     let first = bench.first_frames(args.starts)?;
     let before = bench.engine.stage_times();
     let (chunks, frames) = bench.chunks(args.chunks)?;
-    let stages = Stages::between(before, bench.engine.stage_times(), args.chunks);
+    let times = Times::between(before, bench.engine.stage_times(), args.chunks);
     let memory = peak_memory();
     let crowd = if args.seconds > 0.0 { Some(bench.crowd(args.sessions, args.seconds)?) } else { None };
+    let machine = Machine::measure(threads, isa, usize::min(weights, MOST_READ));
+    let floors = floor::Stages::of(&config, stored, bench.session.avatar.target);
     let report = Report {
         model: config.name.clone(),
         isa: isa.name(),
@@ -69,7 +79,8 @@ pub(crate) fn run(args: &Bench) -> Result<(), Failure> {
         first,
         chunks,
         frames,
-        stages,
+        stages: stages(times, &floors, &machine),
+        machine,
         memory,
         crowd,
     };
@@ -84,24 +95,53 @@ pub(crate) fn run(args: &Bench) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Time of each stage per chunk.
-#[derive(Debug)]
-struct Stages(Vec<(&'static str, Duration)>);
+/// How the weights of products are stored while they are computed with. One product stands for all: those that a file
+/// stores with more bytes only make the floor lower than it has to be.
+fn stored(file: &ModelFile, precision: Precision) -> Result<Stored, Failure> {
+    Ok(match precision {
+        Precision::F32 => Stored::F32,
+        Precision::Bf16 => Stored::Bf16,
+        Precision::Int8 => Stored::Int8,
+        Precision::Stored => match file.storage(PRODUCT)? {
+            Storage::Int8 => Stored::Int8,
+            Storage::Bf16 | Storage::F16 => Stored::Bf16,
+            Storage::F32 | Storage::Bytes => Stored::F32,
+        },
+    })
+}
 
-impl Stages {
+/// A stage of a chunk.
+#[derive(Debug)]
+struct Stage {
+    name: &'static str,
+    time: Duration,
+    floor: Duration,
+}
+
+/// Time of each stage per chunk.
+struct Times {
+    total: StageTimes,
+    chunks: u32,
+}
+
+impl Times {
     fn between(before: StageTimes, after: StageTimes, chunks: usize) -> Self {
-        let count = u32::try_from(chunks).unwrap_or(u32::MAX);
-        let of = |stage: fn(&StageTimes) -> Duration| (stage(&after) - stage(&before)) / count;
-        Self(vec![
-            ("audio tokenizer", of(|t| t.tokenizer)),
-            ("encoder attention", of(|t| t.encoder_layers.attention)),
-            ("encoder experts", of(|t| t.encoder_layers.experts)),
-            ("decoder attention", of(|t| t.decoder_layers.attention + cross(t))),
-            ("decoder experts", of(|t| t.decoder_layers.experts)),
-            ("interpolation", of(|t| t.interp)),
-            ("motion decoders", of(|t| t.motion)),
-        ])
+        Self { total: after.since(before), chunks: u32::try_from(chunks).unwrap_or(u32::MAX) }
     }
+}
+
+fn stages(times: Times, floors: &floor::Stages, machine: &Machine) -> Vec<Stage> {
+    let Times { total: t, chunks } = times;
+    let stage = |name, time: Duration, floor: &Floor| Stage { name, time: time / chunks, floor: machine.time(floor) };
+    vec![
+        stage("audio tokenizer", t.tokenizer, &floors.tokenizer),
+        stage("encoder attention", t.encoder_layers.attention, &floors.encoder_attention),
+        stage("encoder experts", t.encoder_layers.experts, &floors.encoder_experts),
+        stage("decoder attention", t.decoder_layers.attention + cross(&t), &floors.decoder_attention),
+        stage("decoder experts", t.decoder_layers.experts, &floors.decoder_experts),
+        stage("interpolation", t.interp, &floors.interp),
+        stage("motion decoders", t.motion, &floors.motion),
+    ]
 }
 
 /// What the decoder does beside its layers: the keys and values of the encoder's states, and the output heads.

@@ -5,6 +5,8 @@ mod program;
 
 #[path = "cli/animate.rs"]
 mod animate;
+#[path = "cli/bench.rs"]
+mod bench;
 #[path = "cli/refusals.rs"]
 mod refusals;
 #[path = "cli/stage.rs"]

@@ -14,7 +14,7 @@ use umo_kernels::matmul_bf16::matmul_bf16;
 use umo_kernels::matmul_f32::{Epilogue, Input, matmul_f32, matmul_gated_f32};
 use umo_kernels::matmul_i8::{QuantRows, matmul_gated_i8, matmul_i8};
 use umo_kernels::pack::{pack, pack_bf16, pack_i8, packed_len, packed_len_bf16, packed_len_i8};
-use umo_kernels::{Bf16, Isa, Mat, MatMut, PackedBf16, PackedF32, PackedI8};
+use umo_kernels::{Bf16, Isa, Mat, MatMut, PackedBf16, PackedF32, PackedI8, peak};
 
 /// Weights gone round in the cold figures.
 const COLD_BYTES: usize = 32 << 20;
@@ -165,59 +165,13 @@ fn race(seconds: f64, runs: &mut [Box<dyn FnMut() + '_>]) -> Vec<(f64, f64)> {
         .collect()
 }
 
-#[cfg(target_arch = "x86_64")]
-mod peak {
-    use std::arch::x86_64::*;
-    use std::hint::black_box;
-
-    /// `vpdpbusd` and `vfmadd231ps` on 24 independent sums; returns multiply-adds done.
-    #[target_feature(enable = "avx512f,avx512vnni")]
-    pub(crate) fn int8(rounds: usize) -> usize {
-        let (x, w) = (_mm512_set1_epi32(black_box(1)), _mm512_set1_epi32(black_box(2)));
-        let mut sums = [_mm512_setzero_si512(); 24];
-        for _ in 0..rounds {
-            for sum in &mut sums {
-                *sum = _mm512_dpbusd_epi32(*sum, x, w);
-            }
-        }
-        black_box(sums);
-        rounds * 24 * 64
-    }
-
-    #[target_feature(enable = "avx512f")]
-    pub(crate) fn f32(rounds: usize) -> usize {
-        let (x, w) = (_mm512_set1_ps(black_box(1.0)), _mm512_set1_ps(black_box(2.0)));
-        let mut sums = [_mm512_setzero_ps(); 24];
-        for _ in 0..rounds {
-            for sum in &mut sums {
-                *sum = _mm512_fmadd_ps(x, w, *sum);
-            }
-        }
-        black_box(sums);
-        rounds * 24 * 16
-    }
-
-    /// Reads every byte once.
-    #[target_feature(enable = "avx512f")]
-    pub(crate) fn read(bytes: &[[u8; 512]]) {
-        let mut sums = [_mm512_setzero_si512(); 8];
-        for chunk in bytes {
-            for (sum, line) in sums.iter_mut().zip(chunk.as_chunks::<64>().0) {
-                // SAFETY: `line` is 64 readable bytes.
-                *sum = _mm512_add_epi32(*sum, unsafe { _mm512_loadu_si512(line.as_ptr().cast()) });
-            }
-        }
-        black_box(sums);
-    }
-}
-
 struct Floors {
     int8: f64,
     f32: f64,
     cold: f64,
 }
 
-#[cfg(target_arch = "x86_64")]
+/// The peaks of AVX-512 where the processor has it, so that shares can be compared between back-ends.
 fn floors(memory: &mut Huge<u8>) -> Floors {
     let best = |f: &mut dyn FnMut() -> usize| {
         (0..50)
@@ -228,17 +182,17 @@ fn floors(memory: &mut Huge<u8>) -> Floors {
             })
             .fold(0.0, f64::max)
     };
-    assert!(Isa::from_name("avx512vnni").is_some(), "the floors are measured with AVX-512");
+    let isa = Isa::from_name("avx512vnni").unwrap_or(Isa::detect());
     let bytes = memory.get();
+    // SAFETY: `u8` and `i8` have the same layout.
+    let bytes = unsafe { std::slice::from_raw_parts(bytes.as_ptr().cast::<i8>(), bytes.len()) };
     let (mut at, piece) = (0, 2 << 20);
-    // SAFETY: AVX-512 with VNNI was detected above.
-    let int8 = best(&mut || unsafe { peak::int8(20_000) });
-    // SAFETY: as above.
-    let f32 = best(&mut || unsafe { peak::f32(20_000) });
+    let known = "the portable back-end has no peak";
+    let int8 = best(&mut || peak::int8(isa, 20_000).expect(known));
+    let f32 = best(&mut || peak::f32(isa, 20_000).expect(known));
     let cold = best(&mut || {
         at = (at + piece) % bytes.len();
-        // SAFETY: as above.
-        unsafe { peak::read(bytes[at..at + piece].as_chunks().0) };
+        peak::read(isa, &bytes[at..at + piece]);
         piece
     });
     Floors { int8, f32, cold }

@@ -12,6 +12,7 @@
 //! | [`conv1d`] | windows over time as the rows of a product, grouped convolution | 2.1, 2.7 |
 //! | [`norm`] | RMS norm, layer norm, per-channel statistics over time | 2.1, 2.4 |
 //! | [`activation`] | GELU (erf and tanh forms), softmax, argmax | 2.4, 2.5 |
+//! | [`peak`] | what this processor can do at most, for measurements | |
 //! | [`mat`], [`pack`], [`isa`], [`error`] | views, weight layouts, processor detection, the one error | |
 //!
 //! A convolution over time is a matrix product: rows of a [`Mat`] may overlap, so that a window of `kernel`
@@ -35,6 +36,7 @@ pub mod matmul_f32;
 pub mod matmul_i8;
 pub mod norm;
 pub mod pack;
+pub mod peak;
 
 pub use bf16::Bf16;
 pub use error::ShapeError;

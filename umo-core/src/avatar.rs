@@ -69,6 +69,20 @@ impl StageTimes {
     pub fn total(&self) -> Duration {
         self.tokenizer + self.encoder + self.decoder + self.interp + self.motion
     }
+
+    /// What was added since `before`.
+    #[must_use]
+    pub fn since(&self, before: Self) -> Self {
+        Self {
+            tokenizer: self.tokenizer - before.tokenizer,
+            encoder: self.encoder - before.encoder,
+            decoder: self.decoder - before.decoder,
+            interp: self.interp - before.interp,
+            motion: self.motion - before.motion,
+            encoder_layers: self.encoder_layers.since(before.encoder_layers),
+            decoder_layers: self.decoder_layers.since(before.decoder_layers),
+        }
+    }
 }
 
 /// One avatar: everything that a chunk leaves behind for the next.

@@ -11,6 +11,7 @@
 //! | [`interp`] | keyframes to a code for every frame | 2.6 |
 //! | [`motion`] | codes to poses, as a whole or as they become known; poses to codes | 2.7, 2.8 |
 //! | [`linear`], [`team`] | products at the model's precision, shared by a few threads | 2.9 |
+//! | [`floor`] | what each stage must do at least, and how long this processor takes for that | |
 //! | [`stage`] | one stage alone, for checking a model | 3.1 |
 //! | [`part`], [`error`] | the four parts; what can go wrong | 1 |
 #![deny(unsafe_code)]
@@ -23,6 +24,7 @@ pub mod clock;
 pub mod config;
 pub mod engine;
 pub mod error;
+pub mod floor;
 pub mod interp;
 pub mod linear;
 pub mod lm;

@@ -168,6 +168,8 @@ pub struct Latency {
     pub compute_p50: Duration,
     /// Its 99th percentile.
     pub compute_p99: Duration,
+    /// Its 99.9th percentile.
+    pub compute_p999: Duration,
     /// Its largest.
     pub compute_max: Duration,
 }
@@ -466,7 +468,10 @@ impl Session {
         let shared = &*self.shared;
         shared.check()?;
         let mut input = try_lock(&shared.input).ok_or(SessionError::Busy("push_audio or finish"))?;
-        input.finish(shared);
+        if input.finish(shared) {
+            // What is left of the last chunk is due from now on.
+            shared.audio_time.store(shared.clock.nanos(), Ordering::Relaxed);
+        }
         shared.notify();
         Ok(())
     }
@@ -643,6 +648,7 @@ impl Session {
             algorithmic_samples: self.shared.algorithmic_samples,
             compute_p50: delays.quantile(0.5),
             compute_p99: delays.quantile(0.99),
+            compute_p999: delays.quantile(0.999),
             compute_max: delays.largest(),
         }
     }

@@ -4,8 +4,9 @@ use std::fmt;
 use std::time::Duration;
 
 use serde_json::json;
+use umo_core::floor::Machine;
 
-use super::Stages;
+use super::Stage;
 
 /// Everything that was measured.
 #[derive(Debug)]
@@ -22,7 +23,9 @@ pub(super) struct Report {
     pub(super) chunks: Vec<Duration>,
     /// Frames of these chunks.
     pub(super) frames: usize,
-    pub(super) stages: Stages,
+    pub(super) stages: Vec<Stage>,
+    /// Peaks that the stages' floors are of.
+    pub(super) machine: Machine,
     pub(super) memory: Option<u64>,
     pub(super) crowd: Option<Crowd>,
 }
@@ -41,6 +44,16 @@ pub(super) struct Crowd {
     pub(super) max: Duration,
     /// Share of the time that the engine computed.
     pub(super) busy: f64,
+}
+
+impl Crowd {
+    /// How many avatars there would be if the engine computed all the time, each taking the share that it takes now; more
+    /// in a batch take less.
+    fn at_full_load(&self) -> usize {
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of avatars")]
+        let count = (self.sessions as f64 / self.busy.max(1e-6)) as usize;
+        count
+    }
 }
 
 /// The time that a share of `times` stayed within.
@@ -72,13 +85,19 @@ impl Report {
             let of = |share| rounded(quantile(times, share));
             json!({ "p50": of(0.5), "p99": of(0.99), "max": of(1.0), "count": times.len() })
         };
-        let stages: serde_json::Map<_, _> =
-            self.stages.0.iter().map(|&(name, time)| (name.to_owned(), json!(rounded(time)))).collect();
+        let stage =
+            |stage: &Stage| json!({ "stage": stage.name, "ms": rounded(stage.time), "floor_ms": rounded(stage.floor) });
+        let stages: Vec<_> = self.stages.iter().map(stage).collect();
+        let giga = |per_second: f64| (per_second / 1e8).round() / 10.0;
+        let peaks = json!({
+            "read_gb_per_s": giga(self.machine.bytes_per_second), "int8_gmac_per_s": self.machine.int8_per_second.map(giga),
+            "f32_gmac_per_s": self.machine.f32_per_second.map(giga),
+        });
         let mut report = json!({
             "version": env!("CARGO_PKG_VERSION"), "model": self.model, "isa": self.isa, "threads": self.threads,
             "target": self.target, "load_ms": rounded(self.load), "first_frame_ms": quantiles(&self.first),
             "chunk_ms": quantiles(&self.chunks), "frames_per_second": (self.frames_per_second() * 10.0).round() / 10.0,
-            "stages_ms": stages,
+            "stages": stages, "peaks": peaks,
         });
         if let Some(bytes) = self.memory {
             report["peak_memory_bytes"] = json!(bytes);
@@ -89,6 +108,7 @@ impl Report {
                 "late_frames": crowd.late, "overruns": crowd.overruns,
                 "chunk_ms": { "p50": rounded(crowd.p50), "p99": rounded(crowd.p99), "max": rounded(crowd.max) },
                 "busy": (crowd.busy * 1000.0).round() / 1000.0,
+                "sessions_at_full_load": crowd.at_full_load(),
             });
         }
         report.to_string()
@@ -118,18 +138,22 @@ impl fmt::Display for Report {
         if let Some(bytes) = self.memory {
             writeln!(f, "peak memory               {:>9.1} MB", bytes as f64 / 1e6)?;
         }
-        writeln!(f, "\nstage                ms a chunk   share")?;
-        let total: Duration = self.stages.0.iter().map(|&(_, time)| time).sum();
-        for &(name, time) in &self.stages.0 {
-            let share = 100.0 * time.as_secs_f64() / total.as_secs_f64();
-            writeln!(f, "{name:<20} {:>10.2} {share:>6.1} %", ms(time))?;
+        writeln!(f, "\nstage                ms a chunk   share      floor   floor / time")?;
+        let total: Duration = self.stages.iter().map(|stage| stage.time).sum();
+        for Stage { name, time, floor } in &self.stages {
+            let share = |part: &Duration, of: &Duration| 100.0 * part.as_secs_f64() / of.as_secs_f64();
+            let (of_all, reached) = (share(time, &total), share(floor, time));
+            writeln!(f, "{name:<20} {:>10.2} {of_all:>6.1} % {:>9.2} {reached:>12.0} %", ms(*time), ms(*floor))?;
         }
-        writeln!(f, "{:<20} {:>10.2}", "all", ms(total))?;
+        let floor: Duration = self.stages.iter().map(|stage| stage.floor).sum();
+        let reached = 100.0 * floor.as_secs_f64() / total.as_secs_f64();
+        writeln!(f, "{:<20} {:>10.2} {:>8} {:>9.2} {reached:>12.0} %", "all", ms(total), "", ms(floor))?;
+        writeln!(f, "{}", self.machine)?;
         if let Some(crowd) = &self.crowd {
             writeln!(
                 f,
                 "\n{} avatars for {:.0} s in real time: {} frames, {} late, {} overruns; chunk p50 {:.1} ms, p99 {:.1} ms, \
-                 largest {:.1} ms; busy for {:.0} % of the time",
+                 largest {:.1} ms; busy for {:.0} % of the time, so that {} could speak",
                 crowd.sessions,
                 crowd.seconds,
                 crowd.frames,
@@ -138,7 +162,8 @@ impl fmt::Display for Report {
                 ms(crowd.p50),
                 ms(crowd.p99),
                 ms(crowd.max),
-                100.0 * crowd.busy
+                100.0 * crowd.busy,
+                crowd.at_full_load()
             )?;
         }
         Ok(())

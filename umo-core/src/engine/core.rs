@@ -173,7 +173,10 @@ impl Core {
             }
         }
         if self.arrived.is_none() {
-            let arrived = if self.avatar.has_audio() { shared.audio_time.load(Ordering::Relaxed) } else { now };
+            // Silence that the engine fills in, or a chunk without audio, is due from now on, however long it was quiet.
+            let heard = self.avatar.total.is_some() || shared.audio.len() >= self.chunk_samples;
+            let arrived = self.avatar.has_audio() && heard;
+            let arrived = if arrived { shared.audio_time.load(Ordering::Relaxed) } else { now };
             self.arrived = Some(arrived);
             // Audio that comes faster than it plays is not shown before its time.
             self.release = arrived.max(self.release);

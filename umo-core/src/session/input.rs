@@ -108,15 +108,17 @@ impl Input {
         Ok(pushed)
     }
 
-    pub(super) fn finish(&mut self, shared: &Shared) {
+    /// Ends the stream; whether it had not ended before.
+    pub(super) fn finish(&mut self, shared: &Shared) -> bool {
         self.follow(shared);
         if self.finished {
-            return;
+            return false;
         }
         self.finished = true;
         self.resampler.finish(|samples| put(shared, samples));
         let frames = (self.taken - self.base) * self.frame_rate as u64 / self.sample_rate as u64;
         shared.total.store(frames, Ordering::SeqCst);
+        true
     }
 }
 

@@ -209,7 +209,8 @@ impl Output {
             self.last.copy(&self.rest);
             self.sampled.copy(&self.rest);
             (self.base, self.origin, self.any, self.time) = (0, [0.0; 2], false, 0.0);
-            self.ease.frames = u64::from(cue.ease);
+            // An interrupt that came after the reset, before anything was shown, has nothing to ease from.
+            self.ease.frames = 0;
         } else {
             let start = if self.any { self.last.index + 1 } else { 0 };
             // Nothing was shown yet, or the avatar rests: there is nothing to ease from.

@@ -1,0 +1,75 @@
+//! `umo bench`: what it refuses, what it writes.
+
+use crate::program::{Folder, umo};
+
+const QUICK: [&str; 7] = ["bench", "--chunks", "3", "--starts", "2", "--seconds", "0.3"];
+
+#[test]
+fn bench_writes_json_with_every_stage_beside_its_floor_and_a_picture() {
+    let folder = Folder::new();
+    let picture = folder.at("bench.svg");
+    let args = [&QUICK[..], &["--sessions", "2", "--threads", "1", "--json", "--plot", &picture]].concat();
+    let ended = umo(&args).success();
+    assert_eq!(ended.out.lines().count(), 1);
+    let report: serde_json::Value = serde_json::from_str(&ended.out).unwrap();
+    let number = |value: &serde_json::Value| value.as_f64().unwrap_or_else(|| panic!("no number: {value}"));
+    assert_eq!(report["threads"], 1);
+    assert_eq!((number(&report["first_frame_ms"]["count"]), number(&report["chunk_ms"]["count"])), (2.0, 3.0));
+    for key in ["first_frame_ms", "chunk_ms"] {
+        let [p50, p99, max] = ["p50", "p99", "max"].map(|which| number(&report[key][which]));
+        assert!(0.0 < p50 && p50 <= p99 && p99 <= max, "{key}: {p50}, {p99}, {max}");
+    }
+    assert!(number(&report["frames_per_second"]) > 0.0);
+    assert!(number(&report["peaks"]["read_gb_per_s"]) > 0.0);
+    let stages = report["stages"].as_array().unwrap();
+    let names: Vec<_> = stages.iter().map(|stage| stage["stage"].as_str().unwrap()).collect();
+    let tokenizer_to_motion = [
+        "audio tokenizer",
+        "encoder attention",
+        "encoder experts",
+        "decoder attention",
+        "decoder experts",
+        "interpolation",
+        "motion decoders",
+    ];
+    assert_eq!(names, tokenizer_to_motion);
+    for stage in stages {
+        assert!(number(&stage["ms"]) > 0.0 && number(&stage["floor_ms"]) >= 0.0, "{stage}");
+    }
+    let crowd = &report["real_time"];
+    assert_eq!((number(&crowd["sessions"]), number(&crowd["overruns"])), (2.0, 0.0));
+    assert!((0.0..=1.0).contains(&number(&crowd["busy"])) && number(&crowd["sessions_at_full_load"]) >= 2.0);
+    let svg = std::fs::read_to_string(&picture).unwrap();
+    assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>") && svg.contains("3 chunks"));
+}
+
+#[test]
+fn bench_prints_a_table_for_people() {
+    let ended = umo(&[&QUICK[..], &["--target", "2", "--isa", "scalar"]].concat()).success();
+    for words in ["time to the first frame", "frames per second", "decoder experts", "floor", "could speak", "scalar"] {
+        assert!(ended.out.contains(words), "no `{words}` in {}", ended.out);
+    }
+}
+
+#[test]
+fn bench_refuses_numbers_out_of_range() {
+    let bad = [
+        (["--chunks", "0"], "--chunks 0"),
+        (["--starts", "100001"], "--starts 100001"),
+        (["--sessions", "0"], "--sessions 0"),
+        (["--seconds", "90000"], "--seconds 90000"),
+        (["--seconds", "NaN"], "--seconds NaN"),
+        (["--target", "1000"], "target"),
+        (["--threads", "0"], "--threads 0"),
+        (["--model", "nowhere.safetensors"], "nowhere.safetensors"),
+    ];
+    for (args, words) in bad {
+        let ended = umo(&[&["bench"], &args[..]].concat());
+        assert_eq!(ended.code, 2, "{args:?}: {}", ended.err);
+        assert!(ended.err.contains(words) && ended.out.is_empty(), "{args:?}: {}", ended.err);
+    }
+    let folder = Folder::new();
+    let nowhere = folder.at("no/such/folder/bench.svg");
+    let ended = umo(&[&QUICK[..], &["--plot", &nowhere]].concat());
+    assert_eq!(ended.code, 1, "{}", ended.err);
+}

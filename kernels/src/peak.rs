@@ -1,0 +1,69 @@
+//! What this processor can do at most: products from registers, and reading memory.
+//!
+//! Each function does a known amount of work and nothing else; divided by the time that the best of many calls took it
+//! gives the rates that no kernel exceeds. They are for measurements: nothing in the model calls them.
+
+#[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+mod amx;
+#[cfg(target_arch = "x86_64")]
+mod avx2;
+#[cfg(target_arch = "x86_64")]
+mod avx512vnni;
+
+use core::hint::black_box;
+
+use crate::isa::{Backend, Isa};
+
+/// Int8 multiply-adds with int32 sums, from registers alone: returns how many were done in so many rounds of the back-end's
+/// instruction; none where it has none of its own.
+pub fn int8(isa: Isa, rounds: usize) -> Option<usize> {
+    match isa.0 {
+        Backend::Scalar => None,
+        // SAFETY: `Isa` holds `Avx2` only after detection of every feature `avx2` enables.
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx2 => Some(unsafe { avx2::int8(rounds) }),
+        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature `avx512vnni` enables.
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx512Vnni => Some(unsafe { avx512vnni::int8(rounds) }),
+        // SAFETY: `Isa` holds `Amx` only where the processor has int8 tiles and the system granted them.
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        Backend::Amx => Some(unsafe { amx::int8(rounds) }),
+    }
+}
+
+/// Single-precision multiply-adds from registers alone: returns how many were done in so many rounds of the back-end's
+/// instruction; none where it has none of its own.
+pub fn f32(isa: Isa, rounds: usize) -> Option<usize> {
+    match isa.0 {
+        Backend::Scalar => None,
+        // SAFETY: `Isa` holds `Avx2` only after detection of every feature `avx2` enables.
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx2 => Some(unsafe { avx2::f32(rounds) }),
+        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature `avx512vnni` enables.
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx512Vnni => Some(unsafe { avx512vnni::f32(rounds) }),
+        // SAFETY: `Isa` holds `Amx` only where all of AVX-512 that `avx512vnni` enables was detected too.
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        Backend::Amx => Some(unsafe { avx512vnni::f32(rounds) }),
+    }
+}
+
+/// Reads every byte once.
+pub fn read(isa: Isa, bytes: &[i8]) {
+    match isa.0 {
+        Backend::Scalar => read_scalar(bytes),
+        // SAFETY: `Isa` holds `Avx2` only after detection of every feature `avx2` enables.
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx2 => unsafe { avx2::read(bytes) },
+        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature `avx512vnni` enables.
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx512Vnni => unsafe { avx512vnni::read(bytes) },
+        // SAFETY: `Isa` holds `Amx` only where all of AVX-512 that `avx512vnni` enables was detected too.
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        Backend::Amx => unsafe { avx512vnni::read(bytes) },
+    }
+}
+
+fn read_scalar(bytes: &[i8]) {
+    black_box(bytes.iter().fold(0_i8, |sum, &byte| sum.wrapping_add(byte)));
+}

@@ -1,0 +1,56 @@
+//! Peaks with AVX-512.
+
+use core::arch::x86_64::{
+    __m512i, _mm512_add_epi32, _mm512_dpbusd_epi32, _mm512_fmadd_ps, _mm512_loadu_si512, _mm512_set1_epi32,
+    _mm512_set1_ps, _mm512_setzero_ps, _mm512_setzero_si512,
+};
+use core::hint::black_box;
+
+/// Independent sums: far more than an instruction's delay, and with two operands fewer than 32 registers.
+const SUMS: usize = 24;
+
+/// `vpdpbusd`.
+#[target_feature(enable = "avx512f,avx512vnni")]
+pub(super) fn int8(rounds: usize) -> usize {
+    let (x, w) = (_mm512_set1_epi32(black_box(1)), _mm512_set1_epi32(black_box(2)));
+    let mut sums = [_mm512_setzero_si512(); SUMS];
+    for _ in 0..rounds {
+        for sum in &mut sums {
+            *sum = _mm512_dpbusd_epi32(*sum, x, w);
+        }
+    }
+    black_box(sums);
+    rounds * SUMS * 64
+}
+
+#[target_feature(enable = "avx512f")]
+pub(super) fn f32(rounds: usize) -> usize {
+    let (x, w) = (_mm512_set1_ps(black_box(1.0)), _mm512_set1_ps(black_box(0.5)));
+    let mut sums = [_mm512_setzero_ps(); SUMS];
+    for _ in 0..rounds {
+        for sum in &mut sums {
+            *sum = _mm512_fmadd_ps(x, w, *sum);
+        }
+    }
+    black_box(sums);
+    rounds * SUMS * 16
+}
+
+#[target_feature(enable = "avx512f")]
+pub(super) fn read(bytes: &[i8]) {
+    let mut sums = [_mm512_setzero_si512(); 8];
+    let (chunks, rest) = bytes.as_chunks::<512>();
+    for chunk in chunks {
+        for (sum, line) in sums.iter_mut().zip(chunk.as_chunks::<64>().0) {
+            *sum = _mm512_add_epi32(*sum, load(line));
+        }
+    }
+    black_box(sums);
+    super::read_scalar(rest);
+}
+
+#[target_feature(enable = "avx512f")]
+fn load(line: &[i8; 64]) -> __m512i {
+    // SAFETY: `line` is 64 readable bytes; the load needs no alignment.
+    unsafe { _mm512_loadu_si512(line.as_ptr().cast()) }
+}

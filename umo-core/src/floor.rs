@@ -1,0 +1,382 @@
+//! What each stage of a chunk must do at least, and how long this processor takes for it at its measured peaks.
+//!
+//! A floor is the greater of two times: the bytes that must be read once (weights, keys and values), over the bandwidth;
+//! and the multiply-adds of the products, over the peak of the back-end's instructions. Norms, activations, drawing,
+//! quantising and moving data count nothing, and every token is taken to choose the same expert in the decoder: nothing
+//! can be faster, and what is as fast as its floor has nothing left to gain.
+
+use std::fmt;
+use std::ops::{Add, Mul};
+use std::sync::Barrier;
+use std::time::{Duration, Instant};
+
+use umo_kernels::{Isa, peak};
+
+use crate::config::{Codec, Config, TemplateItem};
+use crate::lm::layout::window_tokens;
+use crate::part::Part;
+use crate::weights::AlignedBox;
+
+/// What one call must do at least.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Floor {
+    /// Weights, keys and values that are read once.
+    pub bytes: usize,
+    /// Multiply-adds of products with int8 weights, and of attention: as fast as int8 products at best.
+    pub macs: usize,
+    /// Multiply-adds of products with float weights.
+    pub float_macs: usize,
+}
+
+impl Add for Floor {
+    type Output = Self;
+
+    fn add(self, more: Self) -> Self {
+        Self {
+            bytes: self.bytes + more.bytes,
+            macs: self.macs + more.macs,
+            float_macs: self.float_macs + more.float_macs,
+        }
+    }
+}
+
+impl Mul<usize> for Floor {
+    type Output = Self;
+
+    fn mul(self, times: usize) -> Self {
+        Self { bytes: self.bytes * times, macs: self.macs * times, float_macs: self.float_macs * times }
+    }
+}
+
+/// How the weights of products are stored while they are computed with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stored {
+    /// One byte.
+    Int8,
+    /// Two bytes.
+    Bf16,
+    /// Four bytes.
+    F32,
+}
+
+impl Stored {
+    /// Bytes of a weight.
+    pub const fn bytes(self) -> usize {
+        match self {
+            Self::Int8 => 1,
+            Self::Bf16 => 2,
+            Self::F32 => 4,
+        }
+    }
+
+    /// The product of `rows` with so many weights.
+    fn product(self, rows: usize, weights: usize) -> Floor {
+        let (bytes, macs) = (weights * self.bytes(), rows * weights);
+        match self {
+            Self::Int8 => Floor { bytes, macs, float_macs: 0 },
+            Self::Bf16 | Self::F32 => Floor { bytes, macs: 0, float_macs: macs },
+        }
+    }
+}
+
+/// The floors of a chunk's stages, named as `StageTimes` names their times.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Stages {
+    /// Audio tokenizer.
+    pub tokenizer: Floor,
+    /// Attention of the encoder, with its projections.
+    pub encoder_attention: Floor,
+    /// Experts of the encoder.
+    pub encoder_experts: Floor,
+    /// Both attentions of the decoder, with their projections, the keys and values of the encoder's states, and the heads.
+    pub decoder_attention: Floor,
+    /// Experts of the decoder.
+    pub decoder_experts: Floor,
+    /// Interpolation network.
+    pub interp: Floor,
+    /// Motion decoders and root network.
+    pub motion: Floor,
+}
+
+impl Stages {
+    /// Of a chunk of one avatar that speaks, `target` keyframes.
+    pub fn of(config: &Config, stored: Stored, target: usize) -> Self {
+        let (tokens, codes) = (encoder_tokens(config, target), 4 * target);
+        let (encoder_attention, encoder_experts) = encoder(config, stored, tokens);
+        // Two ids start a chunk, two markers come between parts, and the last code is not decoded any more.
+        let rows = codes + 7;
+        let (attention, experts) = step(config, stored, tokens);
+        let more_rows = |floor: Floor| Floor {
+            macs: floor.macs / codes * rows,
+            float_macs: floor.float_macs / codes * rows,
+            ..floor
+        };
+        Self {
+            tokenizer: tokenizer(config, stored, target),
+            encoder_attention,
+            encoder_experts,
+            decoder_attention: cross(config, stored, tokens) + more_rows(attention * codes) + head(config) * codes,
+            decoder_experts: more_rows(experts * codes),
+            interp: interp(config, stored, target),
+            motion: motion(config, stored, target),
+        }
+    }
+}
+
+/// Tokens that the encoder reads of an avatar that speaks.
+pub fn encoder_tokens(config: &Config, target: usize) -> usize {
+    let items = config.templates.get("audio_to_motion").map_or(&[][..], Vec::as_slice);
+    let len = |item: &TemplateItem| match item {
+        TemplateItem::Id(_) => 1,
+        TemplateItem::Name(name) if name == "audio" => window_tokens(config, target) + 2,
+        TemplateItem::Name(name) if name == "text" => 0,
+        TemplateItem::Name(_) => config.prefix + 2,
+    };
+    items.iter().map(len).sum()
+}
+
+/// Weights of one attention's four projections.
+fn projections(config: &Config) -> usize {
+    4 * config.lm.d_model * config.lm.num_heads * config.lm.d_kv
+}
+
+/// Weights of one expert.
+fn expert(config: &Config) -> usize {
+    3 * config.lm.d_model * config.lm.d_ff
+}
+
+/// The encoder's attention and its experts, for `tokens`, among which every expert is chosen.
+pub fn encoder(config: &Config, stored: Stored, tokens: usize) -> (Floor, Floor) {
+    let lm = &config.lm;
+    let pairs = Floor { macs: 2 * tokens * tokens * lm.num_heads * lm.d_kv, ..Floor::default() };
+    let experts = stored.product(tokens, lm.top_k * expert(config));
+    let experts = Floor { bytes: lm.experts * expert(config) * stored.bytes(), ..experts };
+    ((stored.product(tokens, projections(config)) + pairs) * lm.num_layers, experts * lm.num_layers)
+}
+
+/// The keys and values that the decoder takes from the encoder's states.
+pub fn cross(config: &Config, stored: Stored, tokens: usize) -> Floor {
+    stored.product(tokens, projections(config) / 2) * config.lm.num_decoder_layers
+}
+
+/// The decoder's attention and its experts in a step of one row; keys and values of the encoder's states are read as
+/// bfloat16 by int8 models and as f32 by others, the few of the decoder's own rows are not counted.
+pub fn step(config: &Config, stored: Stored, tokens: usize) -> (Floor, Floor) {
+    let lm = &config.lm;
+    let cached = 2 * tokens * lm.num_heads * lm.d_kv;
+    let bytes = if stored == Stored::Int8 { 2 } else { 4 };
+    let cached = Floor { bytes: bytes * cached, macs: cached, float_macs: 0 };
+    // Own queries, keys, values and outputs; queries and outputs of the cross-attention.
+    let attention = stored.product(1, projections(config) / 2 * 3) + cached;
+    (attention * lm.num_decoder_layers, stored.product(1, lm.top_k * expert(config)) * lm.num_decoder_layers)
+}
+
+/// The scores of one part's codes, whose weights are brain floats always.
+pub fn head(config: &Config) -> Floor {
+    Stored::Bf16.product(1, config.vq.codes * config.lm.d_model)
+}
+
+/// Encoding `tokens` and generating `codes` in as many steps.
+pub fn chunk(config: &Config, stored: Stored, tokens: usize, codes: usize) -> Floor {
+    let (encoder, step) = (encoder(config, stored, tokens), step(config, stored, tokens));
+    encoder.0 + encoder.1 + cross(config, stored, tokens) + (step.0 + step.1 + head(config)) * codes
+}
+
+/// HuBERT on `samples`, its transformer over `window` features; all of it at the speed of the products, which its
+/// convolutions do not have to have.
+pub fn hubert(config: &Config, stored: Stored, samples: usize, window: Option<usize>) -> Floor {
+    let Some(h) = &config.audio.hubert else { return Floor::default() };
+    let (mut rows, mut channels, mut all) = (samples, 1, Floor::default());
+    for ((&dim, &kernel), &stride) in h.conv_dim.iter().zip(&h.conv_kernel).zip(&h.conv_stride) {
+        rows = rows.saturating_sub(kernel) / stride + 1;
+        all = all + stored.product(rows, dim * kernel * channels);
+        channels = dim;
+    }
+    let d = h.hidden_size;
+    all = all + stored.product(rows, d * channels);
+    let rows = window.unwrap_or(rows);
+    all = all + stored.product(rows, d * d / h.num_conv_pos_embedding_groups * h.num_conv_pos_embeddings);
+    let pairs = Floor { macs: 2 * rows * rows * d, ..Floor::default() };
+    all + (stored.product(rows, 4 * d * d + 2 * d * h.intermediate_size) + pairs) * h.num_hidden_layers
+}
+
+/// The audio of a chunk: HuBERT, or mel bands without the Fourier transform; and the nearest centroids.
+fn tokenizer(config: &Config, stored: Stored, target: usize) -> Floor {
+    let new = target * config.tokens_per_keyframe();
+    let window = window_tokens(config, target);
+    if let Some(h) = &config.audio.hubert {
+        let samples = config.feature_reach_back() + new * config.hop();
+        let centroids = Stored::F32.product(window, config.audio.units * h.hidden_size);
+        return hubert(config, stored, samples, Some(window)) + centroids;
+    }
+    let Some(mel) = &config.audio.mel else { return Floor::default() };
+    Stored::F32.product(new, mel.bands * (mel.fft / 2 + 1) + config.audio.units * mel.width())
+}
+
+/// The interpolation network: over time for the whole window, over parts and to codes for the frames that are filled.
+fn interp(config: &Config, stored: Stored, target: usize) -> Floor {
+    let (sizes, stride) = (&config.interp, config.keyframe_stride);
+    let frames = (config.prefix + target - 1) * stride + 1;
+    let (d, new) = (sizes.d_model, target * stride);
+    let layer = |rows: usize, group: usize| {
+        let pairs = Floor { macs: 2 * rows * group * d, ..Floor::default() };
+        stored.product(rows, 4 * d * d + 2 * d * sizes.d_ff) + pairs
+    };
+    let parts = Part::ALL.len();
+    let heads = stored.product(new, d * config.vq.codes) * parts;
+    layer(frames, frames) * sizes.temporal_layers + layer(new * parts, parts) * sizes.part_layers + heads
+}
+
+/// Weights of a stack that encodes: per layer a convolution over three frames and a residual block of two.
+fn encoder_stack(codec: Codec, width: usize) -> usize {
+    3 * width * (codec.channels + (codec.layers - 1) * width + 2 * codec.layers * width)
+}
+
+/// Weights of a stack that decodes: two residual blocks, convolutions of which the last widens, and one more.
+fn decoder_stack(codec: Codec, width: usize) -> usize {
+    3 * (width * ((4 + codec.layers - 1) * width + codec.channels) + codec.channels * codec.channels)
+}
+
+/// The motion decoders: the new frames, and those before whose future has become known.
+fn motion(config: &Config, stored: Stored, target: usize) -> Floor {
+    let (vq, new) = (&config.vq, target * config.keyframe_stride);
+    let parts = Part::ALL.iter().map(|&part| {
+        let codec = vq[part];
+        stored.product(new + codec.decoder_reach(), decoder_stack(codec, vq.width))
+    });
+    let root = vq.root;
+    let rows = new + root.encoder_reach() + root.decoder_reach();
+    let root = stored.product(rows, encoder_stack(root, vq.width) + decoder_stack(root, vq.width));
+    parts.fold(root, Add::add)
+}
+
+/// What the processor can do with some threads.
+#[derive(Clone, Copy, Debug)]
+pub struct Machine {
+    /// Threads that computed and read together.
+    pub threads: usize,
+    /// Bytes read per second.
+    pub bytes_per_second: f64,
+    /// Int8 multiply-adds per second, where the back-end has instructions for them.
+    pub int8_per_second: Option<f64>,
+    /// Single-precision multiply-adds per second, likewise.
+    pub f32_per_second: Option<f64>,
+    isa: Isa,
+}
+
+impl Machine {
+    /// Measures, in a few tenths of a second, with so many threads. Reading is measured over `bytes` of memory, as much as
+    /// the weights take: small ones are read from the processor's caches.
+    pub fn measure(threads: usize, isa: Isa, bytes: usize) -> Self {
+        Self {
+            threads,
+            bytes_per_second: read(threads, isa, bytes),
+            int8_per_second: int8(threads, isa),
+            f32_per_second: f32(threads, isa),
+            isa,
+        }
+    }
+
+    /// The greater of reading and multiplying.
+    pub fn time(&self, floor: &Floor) -> Duration {
+        let reading = floor.bytes as f64 / self.bytes_per_second;
+        let at = |macs: usize, peak: Option<f64>| peak.map_or(0.0, |peak| macs as f64 / peak);
+        let multiplying = at(floor.macs, self.int8_per_second) + at(floor.float_macs, self.f32_per_second);
+        Duration::from_secs_f64(reading.max(multiplying))
+    }
+}
+
+impl fmt::Display for Machine {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let macs = |peak: Option<f64>| peak.map_or_else(|| "unknown".to_owned(), |m| format!("{:.0} GMAC/s", m / 1e9));
+        write!(
+            f,
+            "peaks of {} threads with {}: int8 {}, f32 {}, read {:.1} GB/s",
+            self.threads,
+            self.isa.name(),
+            macs(self.int8_per_second),
+            macs(self.f32_per_second),
+            self.bytes_per_second / 1e9
+        )
+    }
+}
+
+/// Int8 multiply-adds per second of `threads` threads, where the back-end has instructions for them.
+pub fn int8(threads: usize, isa: Isa) -> Option<f64> {
+    // Some hundred microseconds, whatever the back-end does in a round.
+    let rounds = 300_000_000 / peak::int8(isa, 1)?;
+    Some(best(threads, |_| peak::int8(isa, rounds).unwrap_or(0)))
+}
+
+/// Single-precision multiply-adds per second of `threads` threads, where the back-end has instructions for them.
+pub fn f32(threads: usize, isa: Isa) -> Option<f64> {
+    let rounds = 20_000_000 / peak::f32(isa, 1)?;
+    Some(best(threads, |_| peak::f32(isa, rounds).unwrap_or(0)))
+}
+
+/// Bytes per second that `threads` threads read together from `bytes` of memory in huge pages.
+pub fn read(threads: usize, isa: Isa, bytes: usize) -> f64 {
+    /// Less would be read within the time that starting together takes.
+    const LEAST: usize = 64 << 20;
+    let mut memory = AlignedBox::<i8>::zeroed(bytes);
+    memory.fill(1);
+    let (share, times) = (bytes / threads, LEAST.div_ceil(bytes.max(1)));
+    best(threads, |thread| {
+        (0..times).for_each(|_| peak::read(isa, &memory[thread * share..(thread + 1) * share]));
+        times * share
+    })
+}
+
+/// The best of many rounds, in which all threads start together: work done per second.
+fn best(threads: usize, work: impl Fn(usize) -> usize + Sync) -> f64 {
+    let barrier = Barrier::new(threads);
+    let (work, barrier) = (&work, &barrier);
+    let round = |thread: usize| {
+        barrier.wait();
+        let start = Instant::now();
+        let done = work(thread);
+        done as f64 / start.elapsed().as_secs_f64()
+    };
+    let mut best = 0.0_f64;
+    for _ in 0..12 {
+        let total: f64 = std::thread::scope(|scope| {
+            let runs: Vec<_> = (0..threads).map(|thread| scope.spawn(move || round(thread))).collect();
+            runs.into_iter().map(|run| run.join().expect("no panics")).sum()
+        });
+        best = best.max(total);
+    }
+    best
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_floor_is_the_greater_of_reading_and_multiplying() {
+        let machine = Machine {
+            threads: 1,
+            bytes_per_second: 10.0,
+            int8_per_second: Some(100.0),
+            f32_per_second: Some(20.0),
+            isa: Isa::SCALAR,
+        };
+        let seconds = |bytes, macs, float_macs| machine.time(&Floor { bytes, macs, float_macs }).as_secs_f64();
+        assert_eq!(seconds(50, 100, 20), 5.0);
+        assert_eq!(seconds(10, 300, 20), 4.0);
+        let blind = Machine { int8_per_second: None, f32_per_second: None, ..machine };
+        assert_eq!(blind.time(&Floor { bytes: 20, macs: 1000, float_macs: 1000 }).as_secs_f64(), 2.0);
+    }
+
+    #[test]
+    fn peaks_are_measured_on_every_back_end() {
+        for isa in Isa::available() {
+            let machine = Machine::measure(2, isa, 1 << 20);
+            assert!(machine.bytes_per_second > 1e8, "{machine}");
+            for peak in [machine.int8_per_second, machine.f32_per_second] {
+                assert_eq!(peak.is_none(), isa == Isa::SCALAR, "{machine}");
+                assert!(peak.is_none_or(|peak| peak > 1e8), "{machine}");
+            }
+        }
+    }
+}

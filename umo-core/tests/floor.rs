@@ -1,0 +1,71 @@
+//! Floors count the weights that the files really have.
+
+use std::path::PathBuf;
+
+use umo_core::ModelFile;
+use umo_core::floor::{self, Stages, Stored};
+
+/// Values of the matrices and convolutions whose names match.
+fn weights(file: &ModelFile, wanted: impl Fn(&str) -> bool) -> usize {
+    let products = file.tensors().into_iter().filter(|(name, _, shape, _)| shape.len() > 1 && wanted(name));
+    products.map(|(_, _, shape, _)| shape.iter().product::<usize>()).sum()
+}
+
+#[test]
+fn floors_read_every_weight_of_a_stage_once() {
+    for name in ["hubert_k1_smplx", "hubert_k3_i8", "mel_k1_upcycled", "mel_k2_arkit"] {
+        let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/golden").join(name);
+        let file = ModelFile::open(&folder.join("model.safetensors")).unwrap();
+        let config = file.config();
+        let stages = Stages::of(config, Stored::Int8, config.target);
+
+        let attention = |name: &str| name.contains("Attention.") && !name.contains("relative_attention_bias");
+        let of = |stack: &'static str| move |name: &str| name.starts_with(stack);
+        let encoder = of("lm.encoder.block");
+        assert_eq!(stages.encoder_attention.bytes, weights(&file, |n| encoder(n) && attention(n)), "{name}");
+        let experts = weights(&file, |n| encoder(n) && n.contains(".experts."));
+        assert_eq!(stages.encoder_experts.bytes, experts, "{name}");
+
+        let (codes, tokens) = (4 * config.target, floor::encoder_tokens(config, config.target));
+        let lm = &config.lm;
+        // Keys and values of the encoder's states are made once, all else is read for every code.
+        let decoder = of("lm.decoder.block");
+        let made_once = |n: &str| n.contains("EncDecAttention.k") || n.contains("EncDecAttention.v");
+        let once = weights(&file, |n| decoder(n) && made_once(n));
+        let often = weights(&file, |n| decoder(n) && attention(n) && !made_once(n));
+        let cached = 4 * 2 * tokens * lm.num_heads * lm.d_kv * lm.num_decoder_layers;
+        let head = 2 * config.vq.codes * lm.d_model;
+        assert_eq!(stages.decoder_attention.bytes, once + codes * (often + cached + head), "{name}");
+        let experts = weights(&file, |n| decoder(n) && n.contains(".experts.")) / lm.experts * lm.top_k;
+        assert_eq!(stages.decoder_experts.bytes, codes * experts, "{name}");
+
+        let interp = ["interp.temporal", "interp.part", "interp.head"];
+        let interp = weights(&file, |n| interp.iter().any(|part| n.starts_with(part)));
+        assert_eq!(stages.interp.bytes, interp, "{name}");
+        let motion = weights(&file, |n| n.starts_with("vq.") && (n.contains(".decoder.") || n.contains(".root.")));
+        assert_eq!(stages.motion.bytes, motion, "{name}");
+
+        let centroids = 4 * weights(&file, |n| n.contains("kmeans"));
+        let audio = match config.audio.kind {
+            umo_core::config::AudioKind::Hubert => weights(&file, of("audio.hubert.")),
+            umo_core::config::AudioKind::Mel => 4 * weights(&file, of("audio.mel.filters")),
+        };
+        assert_eq!(stages.tokenizer.bytes, audio + centroids, "{name}");
+    }
+}
+
+#[test]
+fn the_encoder_reads_as_many_tokens_as_the_template_writes() {
+    let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/golden/mel_k2_arkit");
+    let file = ModelFile::open(&folder.join("model.safetensors")).unwrap();
+    let config = file.config();
+    let template = umo_core::lm::layout::Template::new(config, "audio_to_motion").unwrap();
+    for target in 1..=config.max_target {
+        let units = vec![0; umo_core::lm::layout::window_tokens(config, target)];
+        let codes = vec![0; config.prefix];
+        let history = umo_core::PerPart::from_fn(|_| &*codes);
+        let mut ids = vec![0; umo_core::lm::layout::max_encoder_tokens(config)];
+        let prompt = umo_core::lm::layout::Prompt { units: &units, history, text: &[] };
+        assert_eq!(floor::encoder_tokens(config, target), template.write(prompt, &mut ids).unwrap());
+    }
+}
