@@ -177,10 +177,14 @@ fn a_model_is_run_as_it_is_stored() {
     };
     let stored = moves("i8", &[]);
     assert!(stored.lines().count() > 30);
-    assert_eq!(stored, moves("i8", &["--precision", "int8"]));
-    assert_ne!(stored, moves("i8", &["--precision", "f32"]));
-    assert_eq!(moves("b16", &[]), moves("b16", &["--precision", "f32"]));
-    assert_ne!(moves("b16", &[]), moves("model", &[]));
+    // Not `assert_eq!`, which would print both animations.
+    assert!(stored == moves("i8", &["--precision", "int8"]));
+    assert!(stored != moves("i8", &["--precision", "f32"]));
+    // Back-ends with tiles cut the inputs of bf16 products in two; others widen the weights, as f32 does.
+    let plain = ["--isa", "scalar"];
+    assert!(moves("b16", &plain) == moves("b16", &["--isa", "scalar", "--precision", "f32"]));
+    assert!(moves("b16", &[]) == moves("b16", &["--precision", "bf16"]));
+    assert!(moves("b16", &[]) != moves("model", &[]));
 }
 
 /// Experts share their input, and each is the product of two: those that differ are still computed.
