@@ -14,8 +14,8 @@ use crate::pack::{PANEL, PackedI8};
 const FEW_ROWS: usize = 6;
 /// Rows of inputs in work.
 const ROWS: usize = 2 * TILE;
-/// Steps of inputs gathered at once, where there are few inputs and where there are many.
-const STEPS: [usize; 2] = [16, 64];
+/// Steps of inputs gathered at once: as few as the inputs fill, because the buffer is cleared first.
+const STEPS: [usize; 3] = [16, 32, 64];
 /// Bytes of weights in work at once, which stay in L2 while blocks of rows go by.
 const CHUNK_BYTES: usize = 768 << 10;
 
@@ -49,8 +49,10 @@ fn run(x: &QuantInput, job: &Job, y: MatMut<f32>) {
     let tiles = unsafe { Tiles::new() };
     if job.k() <= STEPS[0] * BYTES {
         product::<{ STEPS[0] }>(&tiles, x, job, y);
-    } else {
+    } else if job.k() <= STEPS[1] * BYTES {
         product::<{ STEPS[1] }>(&tiles, x, job, y);
+    } else {
+        product::<{ STEPS[2] }>(&tiles, x, job, y);
     }
 }
 

@@ -5,12 +5,15 @@ use std::ops::Range;
 use umo_kernels::experts::{Routing, route};
 use umo_kernels::matmul_f32::{Epilogue, Scatter};
 use umo_kernels::norm::rms_norm;
-use umo_kernels::{Mat, MatMut};
+use umo_kernels::{Mat, MatMut, PANEL};
 
 use crate::config::Lm;
 use crate::error::{LoadError, StepError};
-use crate::linear::{Compute, Linear, QuantScratch};
+use crate::linear::{Compute, Linear, QuantScratch, Ready};
 use crate::weights::{AlignedBox, Loader};
+
+/// Multiply-adds that norming one value costs, roughly.
+const NORM_WORK: usize = 4;
 
 /// One layer's norm, router and experts.
 #[derive(Debug)]
@@ -97,9 +100,12 @@ impl Experts {
     ) -> Result<(), StepError> {
         let d = self.norm.len();
         let rows = hidden.len() / d;
-        rms_norm(cx.isa, Mat::new(hidden, rows, d)?, &self.norm, self.eps, MatMut::new(normed, rows, d)?)?;
+        let x = Mat::new(hidden, rows, d)?;
+        cx.team.rows(MatMut::new(normed, rows, d)?, rows * d * NORM_WORK, |range, y| {
+            Ok(rms_norm(cx.isa, x.row_range(range), &self.norm, self.eps, y)?)
+        })?;
         let x = Mat::new(normed, rows, d)?;
-        self.route(cx, quant, scratch, x)?;
+        self.route(cx, scratch, x)?;
         let ExpertScratch { starts, rows: slot_rows, weights, hidden: gated, .. } = scratch;
 
         let input = self.experts[0].gate.input(cx, quant, x)?;
@@ -117,17 +123,14 @@ impl Experts {
         })
     }
 
-    /// Which of the rows of `x` go to which expert.
-    fn route(
-        &self,
-        cx: Compute,
-        quant: &mut QuantScratch,
-        scratch: &mut ExpertScratch,
-        x: Mat<f32>,
-    ) -> Result<(), StepError> {
+    /// Which of the rows of `x` go to which expert. The router has too few outputs to be shared by columns, so threads
+    /// share its rows.
+    fn route(&self, cx: Compute, scratch: &mut ExpertScratch, x: Mat<f32>) -> Result<(), StepError> {
         let (rows, experts) = (x.rows(), self.experts.len());
         let logits = &mut scratch.logits[..rows * experts];
-        self.router.forward(cx, quant, x, Epilogue::STORE, MatMut::new(logits, rows, experts)?)?;
+        cx.team.rows(MatMut::new(logits, rows, experts)?, rows * x.cols() * PANEL, |range, y| {
+            self.router.apply(cx, Ready::Float(x.row_range(range)), None, 0..experts, Epilogue::STORE, y)
+        })?;
         let slots = rows * self.top_k;
         let mut routing = Routing {
             starts: &mut scratch.starts,
