@@ -133,7 +133,7 @@ impl Bench {
         let copies = WEIGHT_BYTES / 4 / len;
         let mut packed = AlignedBox::<f32>::zeroed(len * copies);
         for copy in packed.chunks_exact_mut(len) {
-            pack(Mat::new(&w, n, k).expect(OK), |w| w, copy).expect(OK);
+            pack(Mat::new(&w, n, k).expect(OK), copy).expect(OK);
         }
         let mut plain = AlignedBox::<f32>::zeroed(n * k * copies);
         plain.chunks_exact_mut(n * k).for_each(|copy| copy.copy_from_slice(&w));

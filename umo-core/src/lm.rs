@@ -14,6 +14,7 @@ use std::ops::AddAssign;
 use std::time::{Duration, Instant};
 
 use umo_kernels::matmul_f32::Epilogue;
+use umo_kernels::norm::rms_norm;
 use umo_kernels::{Mat, MatMut};
 
 use crate::config::Config;
@@ -301,6 +302,16 @@ impl Lm {
         }
         Ok(())
     }
+}
+
+/// Multiply-adds that norming one value costs, roughly.
+const NORM_WORK: usize = 4;
+
+/// RMS norm of the first `rows` rows of `x` into `y`, each as wide as the factors; the threads share the rows.
+fn norm(cx: Compute, x: &[f32], rows: usize, (factors, eps): (&[f32], f32), y: &mut [f32]) -> Result<(), StepError> {
+    let d = factors.len();
+    let (x, y) = (Mat::new(x, rows, d)?, MatMut::new(y, rows, d)?);
+    cx.team.rows(y, rows * d * NORM_WORK, |range, y| Ok(rms_norm(cx.isa, x.row_range(range), factors, eps, y)?))
 }
 
 /// Name of the tensor that holds the output head.

@@ -6,12 +6,11 @@ use rayon::prelude::*;
 use umo_kernels::attention::{Visible, attention_bf16, attention_f32};
 use umo_kernels::bf16::round_bf16;
 use umo_kernels::matmul_f32::Epilogue;
-use umo_kernels::norm::rms_norm;
 use umo_kernels::{Bf16, Mat, MatMut, ShapeError};
 
 use super::attention::{PositionBias, Projections, for_each_head, projection};
 use super::experts::Experts;
-use super::{Lengths, LmScratch};
+use super::{Lengths, LmScratch, norm};
 use crate::config::Config;
 use crate::error::{LoadError, StepError};
 use crate::linear::{Compute, Linear};
@@ -265,13 +264,12 @@ impl Decoder {
         scratch: &mut LmScratch,
         sequences: &mut [Sequence],
     ) -> Result<(), StepError> {
-        let d = self.norm.len();
         let rows = sequences.iter().map(|s| s.count).sum::<usize>();
         for sequence in sequences {
             sequence.cache.own_len += sequence.count;
         }
         let LmScratch { hidden, normed, .. } = scratch;
-        Ok(rms_norm(cx.isa, Mat::new(hidden, rows, d)?, &self.norm, self.eps, MatMut::new(normed, rows, d)?)?)
+        norm(cx, hidden, rows, (&self.norm, self.eps), normed)
     }
 
     /// Causal attention of the new rows over everything decoded so far.
@@ -285,7 +283,7 @@ impl Decoder {
     ) -> Result<(), StepError> {
         let (d, inner) = (self.norm.len(), self.heads * self.d_kv);
         let LmScratch { hidden, normed, qkv, context, quant, .. } = scratch;
-        rms_norm(cx.isa, Mat::new(hidden, rows, d)?, &layer.self_norm, self.eps, MatMut::new(normed, rows, d)?)?;
+        norm(cx, hidden, rows, (&layer.self_norm, self.eps), normed)?;
         let x = Mat::new(normed, rows, d)?;
         layer.self_attention.input.forward(cx, quant, x, Epilogue::STORE, MatMut::new(qkv, rows, 3 * inner)?)?;
         let qkv = Mat::new(qkv, rows, 3 * inner)?;
@@ -314,7 +312,7 @@ impl Decoder {
     ) -> Result<(), StepError> {
         let (d, inner) = (self.norm.len(), self.heads * self.d_kv);
         let LmScratch { hidden, normed, qkv, context, quant, .. } = scratch;
-        rms_norm(cx.isa, Mat::new(hidden, rows, d)?, &layer.cross_norm, self.eps, MatMut::new(normed, rows, d)?)?;
+        norm(cx, hidden, rows, (&layer.cross_norm, self.eps), normed)?;
         let x = Mat::new(normed, rows, d)?;
         layer.cross_attention.input.forward(cx, quant, x, Epilogue::STORE, MatMut::new(qkv, rows, inner)?)?;
 

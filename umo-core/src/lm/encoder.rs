@@ -5,12 +5,11 @@ use std::time::Instant;
 use rayon::prelude::*;
 use umo_kernels::attention::encoder_attention_f32;
 use umo_kernels::matmul_f32::Epilogue;
-use umo_kernels::norm::rms_norm;
 use umo_kernels::{Mat, MatMut};
 
-use super::LmScratch;
 use super::attention::{PositionBias, Projections, for_each_head};
 use super::experts::Experts;
+use super::{LmScratch, norm};
 use crate::error::{LoadError, StepError};
 use crate::linear::Compute;
 use crate::weights::Loader;
@@ -95,16 +94,14 @@ impl Encoder {
         rows: usize,
         out: &mut [f32],
     ) -> Result<(), StepError> {
-        let d = self.norm.len();
-        let hidden = Mat::new(&scratch.hidden, rows, d)?;
-        Ok(rms_norm(cx.isa, hidden, &self.norm, self.eps, MatMut::new(out, rows, d)?)?)
+        norm(cx, &scratch.hidden, rows, (&self.norm, self.eps), out)
     }
 
     /// `hidden += o(attention(qkv(norm(hidden))))`, each sequence by itself.
     fn attend(&self, cx: Compute, scratch: &mut LmScratch, layer: &Layer, lengths: &[usize]) -> Result<(), StepError> {
         let (d, rows, inner) = (self.norm.len(), lengths.iter().sum::<usize>(), self.heads * self.d_kv);
         let LmScratch { hidden, normed, qkv, context, quant, .. } = scratch;
-        rms_norm(cx.isa, Mat::new(hidden, rows, d)?, &layer.norm, self.eps, MatMut::new(normed, rows, d)?)?;
+        norm(cx, hidden, rows, (&layer.norm, self.eps), normed)?;
         let x = Mat::new(normed, rows, d)?;
         layer.attention.input.forward(cx, quant, x, Epilogue::STORE, MatMut::new(qkv, rows, 3 * inner)?)?;
 

@@ -4,16 +4,13 @@ use std::ops::Range;
 
 use umo_kernels::experts::{Routing, route};
 use umo_kernels::matmul_f32::{Epilogue, Scatter};
-use umo_kernels::norm::rms_norm;
 use umo_kernels::{Mat, MatMut, PANEL};
 
+use super::norm;
 use crate::config::Lm;
 use crate::error::{LoadError, StepError};
 use crate::linear::{Compute, Linear, QuantScratch, Ready};
 use crate::weights::{AlignedBox, Loader};
-
-/// Multiply-adds that norming one value costs, roughly.
-const NORM_WORK: usize = 4;
 
 /// One layer's norm, router and experts.
 #[derive(Debug)]
@@ -100,10 +97,7 @@ impl Experts {
     ) -> Result<(), StepError> {
         let d = self.norm.len();
         let rows = hidden.len() / d;
-        let x = Mat::new(hidden, rows, d)?;
-        cx.team.rows(MatMut::new(normed, rows, d)?, rows * d * NORM_WORK, |range, y| {
-            Ok(rms_norm(cx.isa, x.row_range(range), &self.norm, self.eps, y)?)
-        })?;
+        norm(cx, hidden, rows, (&self.norm, self.eps), normed)?;
         let x = Mat::new(normed, rows, d)?;
         self.route(cx, scratch, x)?;
         let ExpertScratch { starts, rows: slot_rows, weights, hidden: gated, .. } = scratch;
