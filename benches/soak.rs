@@ -204,8 +204,10 @@ impl Soak {
                     gate.wait();
                 })
                 .expect("a thread can be started");
-            // Both threads have started; whoever traces this process looks for these two lines.
             gate.wait();
+            // The threads that loaded the model come to rest.
+            std::thread::sleep(Duration::from_millis(500));
+            // Whoever traces this process looks for these two lines.
             eprintln!("the steady phase begins");
             let calls = allocator_calls(|| {
                 gate.wait();

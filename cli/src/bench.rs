@@ -67,8 +67,10 @@ pub(crate) fn run(args: &Bench) -> Result<(), Failure> {
     let (chunks, frames) = bench.chunks(args.chunks)?;
     let times = Times::between(before, bench.engine.stage_times(), args.chunks);
     let memory = peak_memory();
+    let peaks = || Machine::measure(threads, isa, usize::min(weights, MOST_READ));
+    let machine = peaks();
     let crowd = if args.seconds > 0.0 { Some(bench.crowd(args.sessions, args.seconds)?) } else { None };
-    let machine = Machine::measure(threads, isa, usize::min(weights, MOST_READ));
+    let machine = machine.best(peaks());
     let floors = floor::Stages::of(&config, stored, bench.session.avatar.target);
     let report = Report {
         model: config.name.clone(),

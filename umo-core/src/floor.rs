@@ -277,6 +277,18 @@ impl Machine {
         }
     }
 
+    /// The better of two measurements with as many threads: on a shared machine peaks move, and floors are below all of them.
+    #[must_use]
+    pub fn best(self, other: Self) -> Self {
+        let better = |a: Option<f64>, b: Option<f64>| a.zip(b).map(|(a, b)| a.max(b));
+        Self {
+            bytes_per_second: self.bytes_per_second.max(other.bytes_per_second),
+            int8_per_second: better(self.int8_per_second, other.int8_per_second),
+            f32_per_second: better(self.f32_per_second, other.f32_per_second),
+            ..self
+        }
+    }
+
     /// The greater of reading and multiplying.
     pub fn time(&self, floor: &Floor) -> Duration {
         let reading = floor.bytes as f64 / self.bytes_per_second;
