@@ -33,6 +33,28 @@ fn main() {
         }
     }
     println!("no allocation in ten minutes of streams");
+    let default = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../models/umo-small/model.safetensors");
+    let small = state(&default);
+    assert!(small <= 2 << 20, "a session of the default model takes {small} bytes");
+    // The base model is too large for a test: where it is at hand, its session is measured too.
+    if let Some(path) = std::env::var_os("UMO_BASE_MODEL") {
+        let base = state(&PathBuf::from(path));
+        assert!(base <= 24 << 20, "a session of the base model takes {base} bytes");
+    }
+}
+
+/// Bytes of one session with the model's defaults.
+fn state(path: &std::path::Path) -> usize {
+    let file = ModelFile::open(path).expect("a model");
+    let model = Arc::new(Model::load(&file, Precision::Stored, Isa::detect()).expect("a model"));
+    let config = EngineConfig { threads: Threads::Host(0), max_sessions: 1, ..EngineConfig::default() };
+    let engine = Engine::new(Arc::clone(&model), &config).expect("no thread is needed");
+    let before = allocated();
+    let session = engine.session(&SessionConfig::new(model.config())).expect("a place");
+    let bytes = allocated() - before;
+    drop(session);
+    println!("{}: {bytes} bytes per session", model.config().name);
+    bytes
 }
 
 fn run(model: &Arc<Model>, threads: Threads, audio: &[f32], name: &str) {
