@@ -281,6 +281,36 @@ fn a_reset_session_is_a_new_one() {
     assert!(session.stats().dropped_frames > 0);
 }
 
+/// The last chunk of a stream has less audio than it takes; what is pushed while it waits for its turn is the next stream's.
+#[test]
+fn a_chunk_takes_no_audio_of_the_next_stream() {
+    let engine = hosted(3);
+    let config = config(engine.model(), 2, 3, 9);
+    let (short, next) = (audio(3_000, 1, 1), audio(20_000, 1, 2));
+    let session = engine.session(&config).unwrap();
+    for round in 0..2 {
+        session.push_audio(&short).unwrap();
+        session.finish().unwrap();
+        // Into a batch, and no further.
+        assert_eq!(engine.poll(Duration::ZERO), Ok(Poll::More));
+        if round == 0 {
+            session.reset().unwrap()
+        } else {
+            session.interrupt(Duration::ZERO).unwrap()
+        }
+        session.push_audio(&next).unwrap();
+        session.finish().unwrap();
+        settle(&engine);
+        let wanted = offline(engine.model(), &config, &next);
+        let frames = pull(&session);
+        assert_eq!(frames.len(), wanted.len());
+        // An interrupted avatar stays where it stands: the place differs, the rotations do not.
+        let joints = 55 * 4;
+        assert!(frames.iter().zip(&wanted).all(|(frame, wanted)| frame.bits[..joints] == wanted[..joints]));
+        session.reset().unwrap();
+    }
+}
+
 #[test]
 fn an_interrupt_eases_to_rest_and_starts_a_new_stream_in_place() {
     let engine = hosted(2);

@@ -29,6 +29,8 @@ pub(super) struct Core {
     release: u64,
     /// When the last chunk was done.
     finished: u64,
+    /// Samples in the ring that belong to the chunk in work: what comes after a cue is another stream's.
+    take: usize,
 }
 
 /// Where frames go.
@@ -110,6 +112,7 @@ impl Core {
             arrived: None,
             release: 0,
             finished: 0,
+            take: 0,
         }
     }
 
@@ -198,9 +201,12 @@ impl Core {
         if silence { Due::Chunk } else { due }
     }
 
-    /// Takes over what was set since the last chunk.
+    /// Claims the next chunk's samples, and takes over what was set since the last one.
     pub(super) fn begin(&mut self) {
-        let Self { avatar, out, .. } = self;
+        let Self { avatar, out, cue, chunk_samples, take, .. } = self;
+        // Nothing of the next stream is in the ring before its cue is given. Where it was given, the chunk is for nobody.
+        let available = out.shared.audio.len().min(*chunk_samples);
+        *take = if out.shared.cue() == *cue { available } else { 0 };
         out.frames = 0;
         out.shared.due_at.store(NOBODY, Ordering::SeqCst);
         out.shared.take_settings(|settings| {
@@ -233,8 +239,8 @@ impl Member for Core {
         let shared = &self.out.shared;
         let mut words = [0; 256];
         let mut came = 0;
-        while came < samples.len() {
-            let most = words.len().min(samples.len() - came);
+        while came < self.take {
+            let most = words.len().min(self.take - came);
             let count = shared.audio.pop(&mut words[..most]);
             if count == 0 {
                 break;

@@ -38,7 +38,6 @@ pub(crate) fn allocator_calls(f: impl FnOnce()) -> usize {
 }
 
 /// Bytes that are allocated now.
-#[allow(dead_code, reason = "not every test counts them")]
 pub(crate) fn allocated() -> usize {
     BYTES.load(Ordering::Relaxed)
 }
@@ -47,4 +46,7 @@ pub(crate) fn allocated() -> usize {
 pub(crate) fn check_counter() {
     rayon::broadcast(|_| ());
     assert!(allocator_calls(|| drop(black_box(vec![0_u8; 64]))) >= 2, "the counter does not count");
+    let before = allocated();
+    let bytes = black_box(vec![0_u8; 1 << 20]);
+    assert!(allocated() >= before + bytes.len(), "the counter of bytes does not count");
 }
