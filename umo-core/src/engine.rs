@@ -213,6 +213,24 @@ struct Inner {
 }
 
 impl Inner {
+    /// What a session and the worker share, and what the worker computes with.
+    fn make(&self, config: &SessionConfig) -> Result<(Arc<Shared>, Core), EngineError> {
+        let model = &self.model;
+        let avatar = Avatar::new(model, &config.avatar)?;
+        let making = Making {
+            config: &model.config,
+            assembly: model.motion.assembly(),
+            rest: self.rest.clone(),
+            chunk_frames: avatar.chunk_frames(&model.config),
+            latency_frames: avatar.latency_frames(&model.config),
+            clock: self.clock.clone(),
+            signal: Arc::clone(&self.signal),
+        };
+        let shared = Arc::new(Shared::new(making, config)?);
+        let core = Core::new(avatar, Arc::clone(&shared), model, config.sample_rate);
+        Ok((shared, core))
+    }
+
     /// Frees the places of dropped sessions that are not in a batch.
     fn sweep(&self) {
         for slot in &self.slots {
@@ -314,19 +332,7 @@ impl Engine {
     pub fn session(&self, config: &SessionConfig) -> Result<Session, EngineError> {
         let inner = &self.inner;
         inner.sweep();
-        let model = &inner.model;
-        let avatar = Avatar::new(model, &config.avatar)?;
-        let making = Making {
-            config: &model.config,
-            face_values: model.motion.assembly().face_values(),
-            rest: inner.rest.clone(),
-            chunk_frames: avatar.chunk_frames(&model.config),
-            latency_frames: avatar.latency_frames(&model.config),
-            clock: inner.clock.clone(),
-            signal: Arc::clone(&inner.signal),
-        };
-        let shared = Arc::new(Shared::new(making, config)?);
-        let core = Core::new(avatar, Arc::clone(&shared), model, config.sample_rate);
+        let (shared, core) = inner.make(config)?;
         let free = |slot: &Slot| slot.taken.compare_exchange(false, true, Ordering::AcqRel, Ordering::Relaxed).is_ok();
         let index = inner.slots.iter().position(free);
         let index = index.ok_or(EngineError::Full { sessions: inner.slots.len() })?;
@@ -337,6 +343,14 @@ impl Engine {
         inner.signal.notify();
         let place = Arc::clone(inner);
         Ok(Session::new(shared, Release(Box::new(move || place.slots[index].sweep()))))
+    }
+
+    /// Makes what a session has and drops it again: whether it can be made, and for who counts allocations what it needs.
+    ///
+    /// # Errors
+    /// [`EngineError`] where a number is out of range.
+    pub fn check(&self, config: &SessionConfig) -> Result<(), EngineError> {
+        self.inner.make(config).map(drop)
     }
 
     /// Time spent in each stage so far, as of the last batch that was done.

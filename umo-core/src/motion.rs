@@ -5,8 +5,10 @@
 //! | [`vq`], [`root`] | the codecs of the four parts, the root network |
 //! | [`rotation`], [`skeleton`], [`pose`] | rotations, the 55 joints, channels as one frame's pose |
 //! | [`stream`] | frames from codes that become known bit by bit |
+//! | [`axes`], [`visemes`] | poses in an engine's axes and units; mouth shapes |
 //! | [`clip`] | a whole motion, and its way back to channels and codes |
 
+pub mod axes;
 pub mod clip;
 mod conv;
 pub mod pose;
@@ -14,6 +16,7 @@ pub mod root;
 pub mod rotation;
 pub mod skeleton;
 pub mod stream;
+pub mod visemes;
 pub mod vq;
 
 pub use clip::{Clip, MotionEncoder};

@@ -12,6 +12,7 @@
 //! the one that it saw last and starts anew by itself, so that nobody waits for anybody.
 
 pub(crate) mod delay;
+mod gain;
 mod input;
 mod output;
 
@@ -27,6 +28,8 @@ use crate::engine::Signal;
 use crate::error::{LoadError, StepError};
 use crate::lm::layout::MAX_PROMPT_TOKENS;
 use crate::lm::sampler::Sampler;
+use crate::motion::Assembly;
+use crate::part::{Part, PerPart};
 use crate::ring::Ring;
 use delay::Delays;
 use input::Input;
@@ -42,6 +45,8 @@ pub const MIN_RATE: usize = 8_000;
 pub const MAX_RATE: usize = 192_000;
 /// Most channels of a session's audio.
 pub const MAX_CHANNELS: usize = 64;
+/// Largest gain of a part.
+pub const MAX_GAIN: f32 = 2.0;
 /// Longest [`Session::interrupt`].
 pub const MAX_EASE: Duration = Duration::from_secs(10);
 
@@ -243,6 +248,8 @@ pub(crate) struct Shared {
     state: AtomicU8,
     failure: OnceLock<StepError>,
     pub(crate) idle: AtomicU8,
+    /// How much each part moves, as the bits of floats.
+    pub(crate) gains: PerPart<AtomicU32>,
     settings: Mutex<Settings>,
     /// Settings that the engine has not seen.
     unseen: AtomicBool,
@@ -254,6 +261,7 @@ pub(crate) struct Shared {
     pub(crate) signal: Arc<Signal>,
     /// Samples at the session's rate that a frame needs at most.
     algorithmic_samples: usize,
+    channels: usize,
     frame_rate: usize,
 }
 
@@ -360,7 +368,7 @@ impl fmt::Debug for Release {
 /// What an engine knows of a session that is being made.
 pub(crate) struct Making<'a> {
     pub(crate) config: &'a Config,
-    pub(crate) face_values: usize,
+    pub(crate) assembly: &'a Assembly,
     pub(crate) rest: Shown,
     /// Most frames of one chunk, and frames of future audio that a frame needs.
     pub(crate) chunk_frames: usize,
@@ -371,7 +379,7 @@ pub(crate) struct Making<'a> {
 
 impl Shared {
     pub(crate) fn new(making: Making, session: &SessionConfig) -> Result<Self, LoadError> {
-        let Making { config, face_values, rest, chunk_frames, latency_frames, clock, signal } = making;
+        let Making { config, assembly, rest, chunk_frames, latency_frames, clock, signal } = making;
         let range = |key: &str, got: usize, from: usize, to: usize| {
             if (from..=to).contains(&got) {
                 return Ok(());
@@ -381,7 +389,7 @@ impl Shared {
         range("sample_rate", session.sample_rate, MIN_RATE, MAX_RATE)?;
         range("channels", session.channels, 1, MAX_CHANNELS)?;
         range("queue_frames", session.queue_frames, 2 * chunk_frames, 1 << 16)?;
-        let rate = config.audio.sample_rate;
+        let (rate, face_values) = (config.audio.sample_rate, assembly.face_values());
         let input = Input::new(session.sample_rate, session.channels, config)
             .map_err(|error| LoadError::config("sample_rate", error.to_string()))?;
         let chunk = config.max_target * config.samples_per_keyframe();
@@ -402,13 +410,15 @@ impl Shared {
             state: AtomicU8::new(RUNNING),
             failure: OnceLock::new(),
             idle: AtomicU8::new(session.idle as u8),
+            gains: PerPart::from_fn(|_| AtomicU32::new(1.0_f32.to_bits())),
             settings: Mutex::new(Settings { sampler, text: [0; MAX_PROMPT_TOKENS], text_len: 0 }),
             unseen: AtomicBool::new(false),
-            output: Mutex::new(Output::new(session, config, rest, face_values, chunk_frames)),
+            output: Mutex::new(Output::new(session, config, rest, assembly.is_arkit(), chunk_frames)),
             input: Mutex::new(input),
             stats: Counters::default(),
             delays: Delays::new(),
             algorithmic_samples: (latency_frames * session.sample_rate).div_ceil(config.frame_rate),
+            channels: session.channels,
             frame_rate: config.frame_rate,
             clock,
             signal,
@@ -488,7 +498,7 @@ impl Session {
         let mut output = try_lock(&shared.output).ok_or(SessionError::Busy("pull_frames or sample_pose"))?;
         let mut count = 0;
         while count < most && output.next(shared) {
-            frame(output.shown());
+            frame(output.shown(shared));
             count += 1;
         }
         if count == 0 && most > 0 {
@@ -522,7 +532,7 @@ impl Session {
         let shared = &*self.shared;
         let mut output = try_lock(&shared.output).ok_or(SessionError::Busy("pull_frames or sample_pose"))?;
         let sampled = output.sample(shared, seconds);
-        frame(output.sampled());
+        frame(output.sampled(shared));
         Ok(sampled)
     }
 
@@ -600,6 +610,30 @@ impl Session {
         self.shared.idle.store(idle as u8, Ordering::Relaxed);
     }
 
+    /// How much `part` moves, from the next frame that is handed out: 0 keeps it at rest, 1 shows it as it is computed, up
+    /// to [`MAX_GAIN`] exaggerates. A change takes up to a quarter of a second, so that nothing jumps. The lower body's
+    /// gain also holds for where the avatar goes, the face's for jaw and eyes.
+    ///
+    /// # Errors
+    /// [`SessionError::Range`] where the gain is no number from 0 to [`MAX_GAIN`].
+    pub fn set_gain(&self, part: Part, gain: f32) -> Result<(), SessionError> {
+        if !(0.0..=MAX_GAIN).contains(&gain) {
+            return Err(SessionError::Range("the gain of a part must be 0 to 2"));
+        }
+        self.shared.gains[part].store(gain.to_bits(), Ordering::Relaxed);
+        Ok(())
+    }
+
+    /// The gain that was set.
+    pub fn gain(&self, part: Part) -> f32 {
+        f32::from_bits(self.shared.gains[part].load(Ordering::Relaxed))
+    }
+
+    /// What is shown while no audio comes.
+    pub fn idle(&self) -> Idle {
+        self.shared.idle()
+    }
+
     /// How codes are drawn at present.
     ///
     /// # Errors
@@ -625,6 +659,11 @@ impl Session {
             std::hint::spin_loop();
         }
         Err(SessionError::Busy("a setter"))
+    }
+
+    /// Interleaved channels of the audio that it takes.
+    pub fn channels(&self) -> usize {
+        self.shared.channels
     }
 
     /// What the session went through so far.

@@ -88,6 +88,11 @@ impl Assembly {
         self.values
     }
 
+    /// Whether face values are ARKit's, between 0 and 1.
+    pub fn is_arkit(&self) -> bool {
+        self.kind == FaceKind::Arkit
+    }
+
     /// The rotations of one frame's channels; joints of no part, the eyes among them, are at rest.
     pub fn rotations(&self, channels: PerPart<&[f32]>) -> [Quat; JOINTS] {
         let mut rotations = [IDENTITY; JOINTS];

@@ -201,6 +201,11 @@ pub fn slerp(a: Quat, b: Quat, t: f32) -> Quat {
     unit(std::array::from_fn(|i| from * a[i] + sign * to * b[i]))
 }
 
+/// `share` times the turn from `a` to `b`, after `a`: 0 stays at `a`, 1 is `b`, more goes on beyond it.
+pub fn scaled(a: Quat, b: Quat, share: f32) -> Quat {
+    product(a, axis_angle_to_quat(quat_to_axis_angle(product(inverse(a), b)).map(|v| v * share)))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -313,6 +318,15 @@ mod tests {
             // At half a turn both ways are equally short.
             prop_assume!(whole < 3.1);
             prop_assert!((angle(a, slerp(a, b, t)) - f64::from(t) * whole).abs() < 2e-4);
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn a_scaled_turn_is_slerp_and_goes_on_beyond(a in quat(), axis in proptest::array::uniform3(-0.9_f32..0.9), t in 0.0_f32..1.0) {
+            let b = product(a, axis_angle_to_quat(axis));
+            prop_assert!(same_rotation(scaled(a, b, t), slerp(a, b, t)));
+            prop_assert!(same_rotation(scaled(a, b, 2.0), product(b, axis_angle_to_quat(axis))));
         }
     }
 

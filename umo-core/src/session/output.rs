@@ -4,6 +4,7 @@
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
+use super::gain::Gained;
 use super::{Cue, Idle, SessionConfig, Shared};
 use crate::config::Config;
 use crate::motion::Pose;
@@ -66,10 +67,10 @@ pub struct Sampled {
 /// One frame, owned.
 #[derive(Clone, Debug)]
 pub(crate) struct Shown {
-    index: u64,
-    sample: u64,
-    pose: Pose,
-    face: Box<[f32]>,
+    pub(super) index: u64,
+    pub(super) sample: u64,
+    pub(super) pose: Pose,
+    pub(super) face: Box<[f32]>,
 }
 
 impl Shown {
@@ -79,7 +80,7 @@ impl Shown {
     }
 
     /// As `other`, without allocating.
-    fn copy(&mut self, other: &Self) {
+    pub(super) fn copy(&mut self, other: &Self) {
         (self.index, self.sample, self.pose) = (other.index, other.sample, other.pose);
         self.face.copy_from_slice(&other.face);
     }
@@ -103,7 +104,7 @@ impl Shown {
         self.face.copy_from_slice(&other.face);
     }
 
-    fn view(&self) -> FrameView<'_> {
+    pub(super) fn view(&self) -> FrameView<'_> {
         FrameView { index: self.index, sample: self.sample, pose: &self.pose, face: &self.face }
     }
 }
@@ -153,6 +154,7 @@ pub(crate) struct Output {
     was_idle: bool,
     /// One frame of the ring.
     words: Box<[u32]>,
+    gained: Gained,
     chunk_frames: usize,
     frame_rate: f64,
     idle_after: Duration,
@@ -164,10 +166,11 @@ impl Output {
         session: &SessionConfig,
         config: &Config,
         rest: Shown,
-        face_values: usize,
+        is_arkit: bool,
         chunk_frames: usize,
     ) -> Self {
         let shown = || rest.clone();
+        let face_values = rest.face.len();
         Self {
             cue: Cue::default(),
             last: shown(),
@@ -177,6 +180,7 @@ impl Output {
             sampled: shown(),
             ease: Ease { from: shown(), done: 0, frames: 0 },
             seam: shown(),
+            gained: Gained::new(shown(), is_arkit),
             rest,
             base: 0,
             origin: [0.0; 2],
@@ -191,12 +195,15 @@ impl Output {
         }
     }
 
-    pub(super) fn shown(&self) -> FrameView<'_> {
-        self.last.view()
+    /// The frame that `next` made the one shown.
+    pub(super) fn shown(&mut self, shared: &Shared) -> FrameView<'_> {
+        let time = self.seconds(&self.last);
+        self.gained.apply(shared, time, &self.last, &self.rest)
     }
 
-    pub(super) fn sampled(&self) -> FrameView<'_> {
-        self.sampled.view()
+    /// The pose that `sample` made.
+    pub(super) fn sampled(&mut self, shared: &Shared) -> FrameView<'_> {
+        self.gained.apply(shared, self.time, &self.sampled, &self.rest)
     }
 
     /// Starts anew where somebody interrupted or reset the session.
@@ -209,6 +216,7 @@ impl Output {
             self.last.copy(&self.rest);
             self.sampled.copy(&self.rest);
             (self.base, self.origin, self.any, self.time) = (0, [0.0; 2], false, 0.0);
+            self.gained.started = false;
             // An interrupt that came after the reset, before anything was shown, has nothing to ease from.
             self.ease.frames = 0;
         } else {

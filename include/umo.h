@@ -1,0 +1,1559 @@
+/*
+ * umo: a living avatar from speech. Samples in; face, hands, upper and lower body out, 30 frames a second.
+ *
+ * SPDX-License-Identifier: MIT OR Apache-2.0
+ * This file is written by cbindgen from umo-capi/src: change it there.
+ *
+ * Everything holds everywhere that is not said otherwise:
+ *
+ * - A fallible call returns a umo_status: UMO_STATUS_OK (0), or below zero what went wrong. umo_status_message says what a
+ *   status means and what to do; umo_last_error, and for calls on a session umo_session_last_error, says what exactly.
+ *   A call that fails changes nothing and writes no result.
+ * - Models, engines and sessions are handles. NULL, freed and made-up handles are errors, not crashes. What is in use on
+ *   another thread is not freed: free says UMO_STATUS_BUSY.
+ * - A model outlives its engines by itself, and an engine its sessions: free them in any order.
+ * - Arguments come in this order: the object, what goes in, what comes out. Lengths are elements, sizes are bytes.
+ * - A structure starts with struct_size: its initialiser, or sizeof, sets it. Later versions only add fields at the end.
+ * - Texts are UTF-8. Times are seconds, lengths metres, angles unit quaternions x y z w, sound is full scale at 1, unless
+ *   a name says otherwise.
+ * - No call throws, exits or aborts. Nothing of the library runs on a thread that is not its own or in a call of it.
+ * - Allocation happens in _load, _new, _free, and where a comment says so; never on the way from audio to frames.
+ *
+ * Threads of a session:        audio thread             any thread                    game thread
+ *                              umo_session_push_audio   umo_session_interrupt, set_…   umo_session_pull_frames
+ *                              umo_session_finish       umo_session_latency, stats     umo_session_sample_pose
+ */
+
+#ifndef UMO_H
+#define UMO_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#ifndef UMO_API
+#if defined(_WIN32) && !defined(UMO_STATIC)
+#define UMO_API __declspec(dllimport)
+#else
+#define UMO_API
+#endif
+#endif
+
+#if defined(__cplusplus) && __cplusplus >= 201103L
+#define UMO_NOEXCEPT noexcept
+#else
+#define UMO_NOEXCEPT
+#endif
+
+#if defined(__cplusplus) && __cplusplus >= 201703L
+#define UMO_MUST_USE [[nodiscard]]
+#elif defined(__GNUC__) || defined(__clang__)
+#define UMO_MUST_USE __attribute__((warn_unused_result))
+#else
+#define UMO_MUST_USE
+#endif
+
+// The version of this interface: its major number in the upper 16 bits, its minor number in the lower. A library serves
+// programs of the same major number and no larger minor one.
+#define UMO_ABI_VERSION 1
+
+// Y up, right-handed, metres; the avatar looks along +Z, its left hand is towards +X. glTF's and Godot's.
+#define UMO_AXES_GLTF 0
+
+// Z up, left-handed, centimetres; the avatar looks along +X, its right hand is towards +Y. Unreal's.
+#define UMO_AXES_UNREAL 1
+
+// Y up, left-handed, metres; the avatar looks along +Z, its right hand is towards +X. Unity's.
+#define UMO_AXES_UNITY 2
+
+// The engine has threads of its own.
+#define UMO_ENGINE_THREADS 0
+
+// The host computes by `umo_engine_poll`.
+#define UMO_ENGINE_POLLED 1
+
+// An offset that says: not wanted.
+#define UMO_ABSENT 4294967295
+
+// Something worth knowing.
+#define UMO_LOG_INFO 1
+
+// Something that may not be what was meant.
+#define UMO_LOG_WARNING 2
+
+// Something that failed.
+#define UMO_LOG_ERROR 3
+
+// Weights as the file has them.
+#define UMO_PRECISION_STORED 0
+
+// All products in f32.
+#define UMO_PRECISION_F32 1
+
+// Weights rounded to bfloat16.
+#define UMO_PRECISION_BF16 2
+
+// Weights rounded to int8.
+#define UMO_PRECISION_INT8 3
+
+// The fastest instructions that the processor has.
+#define UMO_ISA_BEST 0
+
+// Portable code.
+#define UMO_ISA_SCALAR 1
+
+// At most AVX2.
+#define UMO_ISA_AVX2 2
+
+// At most AVX-512 with VNNI.
+#define UMO_ISA_AVX512VNNI 3
+
+// At most AMX.
+#define UMO_ISA_AMX 4
+
+// Name of the model.
+#define UMO_MODEL_NAME 1
+
+// Licence of its weights.
+#define UMO_MODEL_LICENSE 2
+
+// What users must be told about it; empty where there is nothing.
+#define UMO_MODEL_NOTICE 3
+
+// The instructions that it was packed for, as `avx512vnni`.
+#define UMO_MODEL_ISA 4
+
+// Visemes per frame.
+#define UMO_VISEME_COUNT 15
+
+// Joints of every model.
+#define UMO_JOINT_COUNT 55
+
+// How freely codes are drawn: 0 takes the likeliest always; the model says what it was tuned for.
+#define UMO_PARAMETER_TEMPERATURE 1
+
+// Only this many of the likeliest codes are drawn from; 0 is all.
+#define UMO_PARAMETER_TOP_K 2
+
+// Only the likeliest codes that together reach this probability are drawn from.
+#define UMO_PARAMETER_TOP_P 3
+
+// What is shown while no audio comes: one of `UMO_IDLE_…`.
+#define UMO_PARAMETER_IDLE 4
+
+// How much the face moves, jaw and eyes included: 0 at rest, 1 as computed, 2 exaggerated.
+#define UMO_PARAMETER_GAIN_FACE 16
+
+// How much the fingers move.
+#define UMO_PARAMETER_GAIN_HANDS 17
+
+// How much spine, neck, head and arms move.
+#define UMO_PARAMETER_GAIN_UPPER 18
+
+// How much pelvis and legs move, and the body through the world.
+#define UMO_PARAMETER_GAIN_LOWER 19
+
+// The last pose is held.
+#define UMO_IDLE_HOLD 0
+
+// `umo_session_sample_pose` eases to the rest pose.
+#define UMO_IDLE_REST 1
+
+// The model runs on silence.
+#define UMO_IDLE_LIVE 2
+
+// Only whole numbers are allowed.
+#define UMO_PARAMETER_WHOLE 1
+
+// Bytes that an error's detail may have, its end included.
+#define UMO_ERROR_SIZE 512
+
+// An engine. A handle, never a pointer to memory.
+typedef struct umo_engine umo_engine;
+
+// A loaded model. A handle, never a pointer to memory.
+typedef struct umo_model umo_model;
+
+// A session: one avatar. A handle, never a pointer to memory.
+typedef struct umo_session umo_session;
+
+// What a call came to: `UMO_STATUS_OK`, or below zero what went wrong. Numbers are never used again for anything else.
+typedef int32_t umo_status;
+
+// Lends the host's threads to an engine: its job system's. Each `umo_engine_poll` then calls `submit` for every thread but
+// its own; the host runs `job(context)` on another thread as soon as it can, which computes until the poll is over and
+// returns. A job that is run late, or never, costs speed and nothing else; one that is run after the engine was freed
+// returns at once.
+typedef struct umo_jobs {
+    // Given to `submit`.
+    void *userdata;
+    // Hands a job over. Called by the thread that polls; must not wait for the job.
+    void (*submit)(void *userdata, void (*job)(void *context), void *context);
+} umo_jobs;
+
+// Who is told. Called only by the functions that make and free models, engines and sessions, on their thread; never by the
+// audio thread's or the game thread's calls, nor by the engine's threads.
+typedef struct umo_log {
+    // Given to `write`.
+    void *userdata;
+    // Gets one of `UMO_LOG_…` and a text that ends with a zero byte, good until it returns.
+    void (*write)(void *userdata, uint32_t level, const char *message);
+} umo_log;
+
+// What an engine is made with. Start it with `umo_engine_config_init`.
+typedef struct umo_engine_config {
+    // `sizeof(umo_engine_config)`.
+    uint32_t struct_size;
+    // `UMO_ENGINE_THREADS` or `UMO_ENGINE_POLLED`.
+    uint32_t mode;
+    // Threads that compute, 1 to 64: the engine's own, or, where the host polls, the polling thread and as many more of
+    // the engine's own as make up the number.
+    uint32_t threads;
+    // Most sessions at once, 1 to 4,096.
+    uint32_t max_sessions;
+    // Most sessions that are computed together, 1 to 64: more read the weights less often and need memory.
+    uint32_t max_batch;
+    // How many `cores` there are, 0 to 64.
+    uint32_t core_count;
+    // Processor numbers that the engine's own threads are bound to, one each, as far as they go; NULL leaves that to the
+    // system.
+    const uint32_t *cores;
+    // The host's threads, where they are to compute in place of the engine's own, or NULL. Only with `UMO_ENGINE_POLLED`.
+    const struct umo_jobs *jobs;
+    // Who is told about this engine and its sessions, or NULL.
+    const struct umo_log *log;
+} umo_engine_config;
+
+// Where a frame's values go in memory of the host's own, in bytes from the frame's start. A value whose offset is
+// `UMO_ABSENT` is not written; bytes between values are left alone, so that frames can be the host's own structures.
+// Start it with `umo_frame_layout_init`.
+typedef struct umo_frame_layout {
+    // `sizeof(umo_frame_layout)`.
+    uint32_t struct_size;
+    // One of `UMO_AXES_…`.
+    uint32_t axes;
+    // Bytes from one frame to the next.
+    uint32_t frame_stride;
+    // `uint64_t`: the frame's number since the start or the last reset, `umo_model_info.frame_rate` a second.
+    uint32_t index;
+    // `uint64_t`: the sample of each channel of the pushed audio that the frame belongs to.
+    uint32_t sample;
+    // `float[3]`: where the root is.
+    uint32_t translation;
+    // `float[4]` of the first joint: its rotation in its parent's frame, a unit quaternion x, y, z, w.
+    uint32_t rotations;
+    // Bytes from one joint's rotation to the next, at least 16.
+    uint32_t rotation_stride;
+    // `float` of the first face channel.
+    uint32_t channels;
+    // Bytes from one channel to the next, at least 4.
+    uint32_t channel_stride;
+    // `float[UMO_VISEME_COUNT]`: how much the mouth is each of the visemes; they add up to 1.
+    uint32_t visemes;
+    // Zero.
+    uint32_t reserved;
+} umo_frame_layout;
+
+// How a model is loaded. Start it with `umo_model_config_init`.
+typedef struct umo_model_config {
+    // `sizeof(umo_model_config)`.
+    uint32_t struct_size;
+    // One of `UMO_PRECISION_…`.
+    uint32_t precision;
+    // The fastest instructions that may be used: one of `UMO_ISA_…`. Sessions have the same bits on every one of them
+    // where all products are int8; float products round differently.
+    uint32_t isa;
+    // Zero.
+    uint32_t reserved;
+    // Who is told about this model, or NULL. Read while the model is loaded.
+    const struct umo_log *log;
+} umo_model_config;
+
+// What a model has. Set `struct_size`, the rest is written by `umo_model_get_info`.
+typedef struct umo_model_info {
+    // `sizeof(umo_model_info)`.
+    uint32_t struct_size;
+    // Frames per second: 30.
+    uint32_t frame_rate;
+    // Samples per second that the model hears; sessions take any rate and resample.
+    uint32_t sample_rate;
+    // Joints of the body: 55, as SMPL-X has them.
+    uint32_t joints;
+    // Face channels.
+    uint32_t channels;
+    // 1 where face channels are the 52 ARKit blendshapes, 0 to 1; 0 where they are SMPL-X expression coefficients.
+    uint32_t is_arkit;
+    // Frames from one keyframe to the next.
+    uint32_t keyframe_stride;
+    // Keyframes predicted per chunk by default.
+    uint32_t target;
+    // Most keyframes per chunk.
+    uint32_t max_target;
+    // Frames held back by default.
+    uint32_t lookahead;
+    // Frames of future speech that a frame needs at most, by default.
+    uint32_t latency_frames;
+    // Most ids of a prompt.
+    uint32_t max_prompt;
+    // 1 where texts can be prompts, so that `umo_session_set_prompt` works.
+    uint32_t has_text;
+    // 1 where users must be told something, `UMO_MODEL_NOTICE`: that the model was never trained, say.
+    uint32_t has_notice;
+    // Bytes of the model file.
+    uint64_t file_size;
+} umo_model_info;
+
+// What a parameter is. Set `struct_size`, the rest is written by `umo_parameter_get_info`.
+typedef struct umo_parameter_info {
+    // `sizeof(umo_parameter_info)`.
+    uint32_t struct_size;
+    // `UMO_PARAMETER_…`.
+    uint32_t id;
+    // `UMO_PARAMETER_WHOLE` or 0.
+    uint32_t flags;
+    // Zero.
+    uint32_t reserved;
+    // Least value.
+    double minimum;
+    // Largest value.
+    double maximum;
+    // Its name: static.
+    const char *name;
+} umo_parameter_info;
+
+// Where a session's memory comes from. Both functions are needed. They are called by `umo_session_new`,
+// `umo_session_free` and, where a session was freed while a chunk of it was computed, by the next of these or
+// `umo_engine_free`; never by another thread than the one in that call.
+typedef struct umo_allocator {
+    // Given to both.
+    void *userdata;
+    // Gives `size` bytes aligned to `alignment`, a power of two, or NULL.
+    void *(*allocate)(void *userdata, size_t size, size_t alignment);
+    // Takes back what `allocate` gave.
+    void (*release)(void *userdata, void *memory, size_t size, size_t alignment);
+} umo_allocator;
+
+// What a session is made with. Start it with `umo_session_config_init`.
+typedef struct umo_session_config {
+    // `sizeof(umo_session_config)`.
+    uint32_t struct_size;
+    // Samples per second of the audio that is pushed, 8,000 to 192,000.
+    uint32_t sample_rate;
+    // Interleaved channels of that audio, 1 to 64; they are mixed.
+    uint32_t channels;
+    // Keyframes predicted per chunk, 1 to `umo_model_info.max_target`: fewer answer sooner, more see more at once.
+    uint32_t target;
+    // Frames held back until the next chunk, for smoother seams: that much later, too.
+    uint32_t lookahead;
+    // What is shown while no audio comes: one of `UMO_IDLE_…`.
+    uint32_t idle;
+    // Milliseconds without audio after which that begins.
+    uint32_t idle_after_ms;
+    // Milliseconds that an ease to rest takes, and the way back.
+    uint32_t ease_ms;
+    // Frames that wait for the host before the engine stops computing: at least two chunks' worth.
+    uint32_t queue_frames;
+    // Zero.
+    uint32_t reserved;
+    // Seed of all draws: the same seed and audio give the same frames.
+    uint64_t seed;
+    // Which of the model's templates: NULL for `audio_to_motion`; `text_to_motion` needs no audio.
+    const char *template_name;
+    // Where the session's memory comes from, or NULL for the system's. Read while the session is made; what it names must
+    // live until the engine is freed.
+    const struct umo_allocator *allocator;
+} umo_session_config;
+
+// Which times `umo_session_sample_pose` could choose from. Set `struct_size`, the rest is written.
+typedef struct umo_sampled {
+    // `sizeof(umo_sampled)`.
+    uint32_t struct_size;
+    // 1 where the time asked for was later than the newest frame.
+    uint32_t is_ahead;
+    // Seconds of the oldest frame that is still there.
+    double oldest;
+    // Seconds of the newest frame that is ready.
+    double newest;
+} umo_sampled;
+
+// How far motion is behind speech. Set `struct_size`, the rest is written by `umo_session_latency`.
+typedef struct umo_latency {
+    // `sizeof(umo_latency)`.
+    uint32_t struct_size;
+    // Zero.
+    uint32_t reserved;
+    // Samples of future audio, at the session's rate, that a frame needs at most: what no processor can shorten.
+    uint64_t algorithmic_samples;
+    // Seconds from a chunk's last sample, or the end of the chunk before where that is later, to its frames: median.
+    double compute_p50;
+    // Its 99th percentile.
+    double compute_p99;
+    // Its 99.9th percentile.
+    double compute_p999;
+    // Its largest.
+    double compute_max;
+} umo_latency;
+
+// What a session went through. Set `struct_size`, the rest is written by `umo_session_stats`.
+typedef struct umo_stats {
+    // `sizeof(umo_stats)`.
+    uint32_t struct_size;
+    // Zero.
+    uint32_t reserved;
+    // Chunks computed.
+    uint64_t chunks;
+    // Frames computed.
+    uint64_t frames;
+    // Frames whose chunk was done later than real time needs it.
+    uint64_t late_frames;
+    // Frames that an interrupt or a reset dropped before they were shown.
+    uint64_t dropped_frames;
+    // Samples of each channel that were not taken because there was no room.
+    uint64_t overruns;
+    // Samples that were no usable number and became silence.
+    uint64_t silenced;
+} umo_stats;
+
+// It worked.
+#define UMO_STATUS_OK 0
+
+// A pointer is NULL where something is needed.
+#define UMO_STATUS_NULL_POINTER -1
+
+// A handle was never given out, or was freed, or is of another kind.
+#define UMO_STATUS_INVALID_HANDLE -2
+
+// An argument is out of its range.
+#define UMO_STATUS_INVALID_ARGUMENT -3
+
+// A structure's `struct_size` is none that this library knows: call its initialiser.
+#define UMO_STATUS_STRUCT_SIZE -4
+
+// A buffer is too small for what is to be written.
+#define UMO_STATUS_BUFFER_TOO_SMALL -5
+
+// The program was compiled with the header of another, incompatible version.
+#define UMO_STATUS_VERSION -6
+
+// A file cannot be read.
+#define UMO_STATUS_IO -7
+
+// The bytes are no usable model.
+#define UMO_STATUS_MODEL -8
+
+// There is not enough memory, or the host's allocator gave none.
+#define UMO_STATUS_OUT_OF_MEMORY -9
+
+// All places are taken: free something first.
+#define UMO_STATUS_FULL -10
+
+// Another thread is in a call that excludes this one: call again. Nothing was done.
+#define UMO_STATUS_BUSY -11
+
+// Audio was pushed after `umo_session_finish`: reset or interrupt the session first.
+#define UMO_STATUS_FINISHED -12
+
+// The session's computation failed: it gives no more frames. Free it.
+#define UMO_STATUS_FAILED -13
+
+// The session's engine was freed: it gives no more frames. Free it.
+#define UMO_STATUS_CLOSED -14
+
+// A defect of this library was caught; the session concerned is good for nothing more. Free it, and report the defect.
+#define UMO_STATUS_PANIC -15
+
+// This model, processor or engine cannot do that.
+#define UMO_STATUS_UNSUPPORTED -16
+
+// The bytes are no state of such a session. Nothing was changed.
+#define UMO_STATUS_STATE -17
+
+// The system starts no thread, or does not let it have its core.
+#define UMO_STATUS_THREAD -18
+
+#ifdef __cplusplus
+extern "C" {
+#endif // __cplusplus
+
+// `UMO_ABI_VERSION` of the library, for programs that look it up while they run.
+//
+// Threads: any. Never allocates, never waits.
+UMO_API uint32_t umo_abi_version(void) UMO_NOEXCEPT;
+
+// The library's version, as `0.1.0`: static.
+//
+// Threads: any. Never allocates, never waits.
+UMO_API const char *umo_version(void) UMO_NOEXCEPT;
+
+// Fills an engine configuration with its defaults: two threads of its own (one where there is one core), 64 sessions, 8 of
+// them together. `size` is `sizeof *config`.
+//
+// Threads: any. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (not aligned).
+//
+// Pointers:
+// `config` is NULL or has `size` writable bytes.
+UMO_API
+UMO_MUST_USE
+umo_status umo_engine_config_init(struct umo_engine_config *config,
+                                  size_t size)
+UMO_NOEXCEPT;
+
+// Makes an engine for a model, which may be freed before it. `config` may be NULL.
+//
+// Threads: any but the audio thread. Allocates everything that computing will need, and starts the engine's threads.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (`umo_last_error` says which number), `STRUCT_SIZE`,
+// `THREAD`, `MODEL` (the model gives no pose of rest), `FULL` (1,024 engines).
+//
+// Pointers:
+// `config` is NULL or as long as its `struct_size` says, with `cores` and `log` as described; `engine` is NULL or writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_engine_new(const struct umo_model *model,
+                          const struct umo_engine_config *config,
+                          struct umo_engine **engine)
+UMO_NOEXCEPT;
+
+// Stops an engine's threads and frees it. Its sessions live on without it: frames that were ready can be pulled, then
+// they say `CLOSED`. NULL is fine.
+//
+// Threads: any but the audio thread. Waits for the layer that is being computed, a few milliseconds at most.
+// Errors: `INVALID_HANDLE`, `BUSY` (another thread is in a call on it, as `umo_engine_poll`).
+UMO_API
+umo_status umo_engine_free(struct umo_engine *engine)
+UMO_NOEXCEPT;
+
+// Computes on the calling thread, where the engine was made with `UMO_ENGINE_POLLED`: until nothing is due, or for
+// `budget` microseconds and at most one layer's time longer. With a budget of 0 it computes one layer. `more`, which may
+// be NULL, becomes 1 where there is more to do, else 0.
+//
+// Threads: one at a time; not the audio thread. Never allocates; waits only for the engine's own threads.
+// Errors: `INVALID_HANDLE`, `BUSY` (another thread polls), `UNSUPPORTED` (the engine has threads of its own).
+//
+// Pointers:
+// `more` is NULL or writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_engine_poll(struct umo_engine *engine,
+                           uint32_t budget,
+                           uint32_t *more)
+UMO_NOEXCEPT;
+
+// Fills a layout with that of frames without gaps in glTF's axes: index, sample, translation, rotations, channels, and
+// visemes where the model has ARKit channels. `size` is `sizeof *layout`.
+//
+// Threads: any. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`.
+//
+// Pointers:
+// `layout` is NULL or has `size` writable bytes.
+UMO_API
+UMO_MUST_USE
+umo_status umo_frame_layout_init(struct umo_frame_layout *layout,
+                                 size_t size,
+                                 const struct umo_model *model)
+UMO_NOEXCEPT;
+
+// Whether a layout can be used with a model, and how many frames `size` bytes have room for.
+//
+// Threads: any. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `INVALID_ARGUMENT`, `UNSUPPORTED`: `umo_last_error` says what.
+//
+// Pointers:
+// `layout` is NULL or as long as its `struct_size` says; `frames` is NULL or writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_frame_layout_check(const struct umo_frame_layout *layout,
+                                  const struct umo_model *model,
+                                  size_t size,
+                                  size_t *frames)
+UMO_NOEXCEPT;
+
+// Fills a model configuration with its defaults. `size` is `sizeof *config`.
+//
+// Threads: any. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (not aligned).
+//
+// Pointers:
+// `config` is NULL or has `size` writable bytes.
+UMO_API
+UMO_MUST_USE
+umo_status umo_model_config_init(struct umo_model_config *config,
+                                 size_t size)
+UMO_NOEXCEPT;
+
+// Loads a model from a file. `abi` is `UMO_ABI_VERSION`; `path` is UTF-8; `config` may be NULL.
+//
+// Threads: any but the audio thread. Allocates, reads the file, starts threads for as long as it takes, and waits for
+// them: a base-size int8 model takes some 0.3 s.
+// Errors: `VERSION`, `NULL_POINTER`, `IO`, `MODEL` (`umo_last_error` names the tensor or key), `OUT_OF_MEMORY`, `FULL`
+// (1,024 models), `THREAD`, `INVALID_ARGUMENT`, `STRUCT_SIZE`.
+//
+// Pointers:
+// `path` is NULL or ends with a zero byte; `config` is NULL or as long as its `struct_size` says; `model` is NULL or
+// writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_model_load(uint32_t abi,
+                          const char *path,
+                          const struct umo_model_config *config,
+                          struct umo_model **model)
+UMO_NOEXCEPT;
+
+// Loads a model from memory, which is not copied and not needed any more when the call returns: weights are laid out anew
+// for the processor.
+//
+// Threads, errors: as `umo_model_load`, but for `IO`.
+//
+// Pointers:
+// As `umo_model_load`; `data` is NULL or has `size` readable bytes.
+UMO_API
+UMO_MUST_USE
+umo_status umo_model_load_memory(uint32_t abi,
+                                 const void *data,
+                                 size_t size,
+                                 const struct umo_model_config *config,
+                                 struct umo_model **model)
+UMO_NOEXCEPT;
+
+// Frees a model. Its engines keep what they need of it. NULL is fine.
+//
+// Threads: any but the audio thread. Texts and names of the model are gone with it.
+// Errors: `INVALID_HANDLE`, `BUSY` (another thread is in a call on it).
+UMO_API umo_status umo_model_free(struct umo_model *model) UMO_NOEXCEPT;
+
+// What a model has.
+//
+// Threads: any. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`.
+//
+// Pointers:
+// `info` is NULL or as long as its `struct_size` says, and writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_model_get_info(const struct umo_model *model,
+                              struct umo_model_info *info)
+UMO_NOEXCEPT;
+
+// One of the model's texts, UTF-8, good until the model is freed. `which` is one of `UMO_MODEL_…`.
+//
+// Threads: any. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT`.
+//
+// Pointers:
+// `text` is NULL or writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_model_get_text(const struct umo_model *model,
+                              uint32_t which,
+                              const char **text)
+UMO_NOEXCEPT;
+
+// The name of a face channel, as `jawOpen`, good until the model is freed. `index` is below `umo_model_info.channels`.
+//
+// Threads: any. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT`.
+//
+// Pointers:
+// `name` is NULL or writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_model_get_channel_name(const struct umo_model *model,
+                                      uint32_t index,
+                                      const char **name)
+UMO_NOEXCEPT;
+
+// The name of a joint, as `left_elbow`: static, NULL where `index` is not below `UMO_JOINT_COUNT`.
+//
+// Threads: any. Never allocates, never waits.
+UMO_API const char *umo_joint_name(uint32_t index) UMO_NOEXCEPT;
+
+// The name of a viseme of the Oculus set, as `PP`: static, NULL where `index` is not below `UMO_VISEME_COUNT`.
+//
+// Threads: any. Never allocates, never waits.
+UMO_API
+const char *umo_viseme_name(uint32_t index)
+UMO_NOEXCEPT;
+
+// The bones: for each joint its parent's index, -1 for the first, and where it is in its parent's frame at rest, x y z, in
+// `which` axes (one of `UMO_AXES_…`) and their unit. Either may be NULL; `joints` is how many there is room for, at least
+// `UMO_JOINT_COUNT`. With rotations all identity the body stands in a T.
+//
+// Threads: any. Never allocates, never waits.
+// Errors: `INVALID_HANDLE`, `INVALID_ARGUMENT`, `BUFFER_TOO_SMALL`.
+//
+// Pointers:
+// `parents` is NULL or has room for `joints` values; `offsets` is NULL or has room for `3 * joints` values.
+UMO_API
+UMO_MUST_USE
+umo_status umo_model_get_skeleton(const struct umo_model *model,
+                                  uint32_t which,
+                                  int32_t *parents,
+                                  float *offsets,
+                                  size_t joints)
+UMO_NOEXCEPT;
+
+// The ids of a prompt, for `umo_session_set_prompt_ids`: at most `umo_model_info.max_prompt` of them. `count` is written
+// even where there is no room for them all.
+//
+// Threads: any but the audio thread. Allocates.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `UNSUPPORTED` (the model takes no texts), `INVALID_ARGUMENT` (too long),
+// `BUFFER_TOO_SMALL`.
+//
+// Pointers:
+// `text` is NULL or has `length` readable bytes; `ids` is NULL or has room for `capacity` values; `count` is NULL or
+// writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_model_encode_text(const struct umo_model *model,
+                                 const char *text,
+                                 size_t length,
+                                 uint32_t *ids,
+                                 size_t capacity,
+                                 size_t *count)
+UMO_NOEXCEPT;
+
+// What the parameter at `index` is, from 0 on: `INVALID_ARGUMENT` says that there are no more.
+//
+// Threads: any. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `STRUCT_SIZE`, `INVALID_ARGUMENT`.
+//
+// Pointers:
+// `info` is NULL or as long as its `struct_size` says, and writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_parameter_get_info(uint32_t index,
+                                  struct umo_parameter_info *info)
+UMO_NOEXCEPT;
+
+// Fills a session configuration with the model's defaults: mono audio at the model's rate. `size` is `sizeof *config`.
+//
+// Threads: any. Allocates for a moment.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (not aligned).
+//
+// Pointers:
+// `config` is NULL or has `size` writable bytes.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_config_init(struct umo_session_config *config,
+                                   size_t size,
+                                   const struct umo_model *model)
+UMO_NOEXCEPT;
+
+// How much memory `umo_session_new` takes from the allocator for such a session, in one piece: bytes and alignment. Either
+// may be NULL.
+//
+// Threads: any but the audio thread. Allocates as much for a moment.
+// Errors: as `umo_session_new`.
+//
+// Pointers:
+// As `umo_session_new`; `size` and `alignment` are NULL or writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_memory(const struct umo_engine *engine,
+                              const struct umo_session_config *config,
+                              size_t *size,
+                              size_t *alignment)
+UMO_NOEXCEPT;
+
+// Makes a session: one avatar at the start of its stream. `config` may be NULL.
+//
+// Threads: any but the audio thread. Allocates everything that the session will ever need, in one piece from the
+// configuration's allocator (and as much from the system for a moment, to find out how much that is).
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (`umo_last_error` says which number), `STRUCT_SIZE`,
+// `FULL` (the engine's places, or 16,384 sessions in all), `OUT_OF_MEMORY`.
+//
+// Pointers:
+// `config` is NULL or as long as its `struct_size` says, with `template_name` and `allocator` as described; `session` is
+// NULL or writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_new(struct umo_engine *engine,
+                           const struct umo_session_config *config,
+                           struct umo_session **session)
+UMO_NOEXCEPT;
+
+// Frees a session. NULL is fine.
+//
+// Threads: any but the audio thread. Never waits: where a chunk of it is just computed, its memory goes back with the next
+// session that is made or freed, or with the engine.
+// Errors: `INVALID_HANDLE`, `BUSY` (another thread is in a call on it: free it when that has returned).
+UMO_API
+umo_status umo_session_free(struct umo_session *session)
+UMO_NOEXCEPT;
+
+// The detail of the last call on the session that failed, from whatever thread: a copy in `buffer`, which has `size`
+// bytes; `UMO_ERROR_SIZE` are enough. `length`, which may be NULL, gets its length without the end.
+//
+// Threads: any. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `BUFFER_TOO_SMALL`, `BUSY` (a call is just failing).
+//
+// Pointers:
+// `buffer` is NULL or has `size` writable bytes; `length` is NULL or writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_last_error(const struct umo_session *session,
+                                  char *buffer,
+                                  size_t size,
+                                  size_t *length)
+UMO_NOEXCEPT;
+
+// Takes audio for the avatar to speak: `count` interleaved samples, full scale 1, a whole number of the session's
+// channels. `taken`, which may be NULL, gets how many of them there was room for: the rest is to be pushed again later.
+// Samples that are no number, or beyond 1e6, become silence.
+//
+// Threads: one at a time, meant for the audio thread. Never allocates, never waits; at most one system call, to wake the
+// engine.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (no whole number of channels), `BUSY` (another thread
+// pushes), `FINISHED`, `FAILED`, `CLOSED`, `PANIC`.
+//
+// Pointers:
+// `samples` is NULL or has `count` readable values; `taken` is NULL or writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_push_audio(struct umo_session *session,
+                                  const float *samples,
+                                  size_t count,
+                                  size_t *taken)
+UMO_NOEXCEPT;
+
+// The same for 16-bit samples, whose full scale is 32,768.
+//
+// Threads, errors: as `umo_session_push_audio`.
+//
+// Pointers:
+// As `umo_session_push_audio`.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_push_audio_i16(struct umo_session *session,
+                                      const int16_t *samples,
+                                      size_t count,
+                                      size_t *taken)
+UMO_NOEXCEPT;
+
+// No more audio: the tail is completed, and `floor(seconds * 30)` frames come out in all. A second call changes nothing.
+//
+// Threads: any; not beside a push. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `BUSY` (another thread pushes), `FAILED`, `CLOSED`, `PANIC`.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_finish(struct umo_session *session)
+UMO_NOEXCEPT;
+
+// Drops everything that is not shown yet and eases to the rest pose within `ease_ms` milliseconds, at most 10,000:
+// somebody has interrupted the avatar. Audio pushed from now on starts a new stream, whose frames follow the ease; the
+// frame index goes on, and the avatar stays where it stands.
+//
+// Threads: any. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT`, `FAILED`, `CLOSED`, `PANIC`.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_interrupt(struct umo_session *session,
+                                 uint32_t ease_ms)
+UMO_NOEXCEPT;
+
+// Back to the start: everything that was pushed and not shown is dropped, the frame index starts at 0, and what follows is
+// what a new session with the same settings gives.
+//
+// Threads: any. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `FAILED`, `CLOSED`, `PANIC`.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_reset(struct umo_session *session)
+UMO_NOEXCEPT;
+
+// Takes frames that are ready, in order, each once: as many as there are and as `size` bytes have room for in `layout`.
+// `count` gets how many there were, 0 where none is ready.
+//
+// Threads: one at a time, beside any other call. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (the layout), `UNSUPPORTED` (the layout
+// wants visemes that the model does not have), `BUFFER_TOO_SMALL` (not one frame fits), `BUSY` (another thread pulls);
+// `FAILED`, `CLOSED`, `PANIC` when all that was ready has been pulled.
+//
+// Pointers:
+// `layout` is NULL or as long as its `struct_size` says; `frames` is NULL or has `size` writable bytes; `count` is NULL or
+// writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_pull_frames(struct umo_session *session,
+                                   const struct umo_frame_layout *layout,
+                                   void *frames,
+                                   size_t size,
+                                   size_t *count)
+UMO_NOEXCEPT;
+
+// How many frames `umo_session_pull_frames` would give.
+//
+// Threads: any; not beside a pull. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `BUSY` (another thread pulls), `PANIC`.
+//
+// Pointers:
+// `count` is NULL or writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_ready_frames(struct umo_session *session,
+                                    size_t *count)
+UMO_NOEXCEPT;
+
+// The pose at `seconds` of the motion (frame index / 30), for a renderer at a rate of its own: rotations turn the shorter
+// way, all else is linear. Frames before that time are taken as `umo_session_pull_frames` takes them. A time that is
+// earlier than the oldest frame gives the oldest; one that is later than the newest gives what the idle mode says; times
+// that go back are held. `sampled` may be NULL.
+//
+// Threads: one at a time, beside any other call but a pull. Never allocates, never waits.
+// Errors: as `umo_session_pull_frames`, but that a session that failed still gives its last pose; `INVALID_ARGUMENT` for a
+// time that is no number.
+//
+// Pointers:
+// `layout` is NULL or as long as its `struct_size` says; `frame` is NULL or has `size` writable bytes; `sampled` is NULL or
+// as long as its `struct_size` says, and writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_sample_pose(struct umo_session *session,
+                                   double seconds,
+                                   const struct umo_frame_layout *layout,
+                                   void *frame,
+                                   size_t size,
+                                   struct umo_sampled *sampled)
+UMO_NOEXCEPT;
+
+// What the avatar is told, from the next chunk on: `length` bytes of UTF-8, at most 128 ids' worth. No bytes end it.
+//
+// Threads: any but the audio thread. Allocates: `umo_session_set_prompt_ids` does not.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `UNSUPPORTED` (the model takes no texts), `INVALID_ARGUMENT` (no UTF-8, too
+// long), `BUSY`, `FAILED`, `CLOSED`, `PANIC`.
+//
+// Pointers:
+// `text` is NULL or has `length` readable bytes.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_set_prompt(struct umo_session *session,
+                                  const char *text,
+                                  size_t length)
+UMO_NOEXCEPT;
+
+// The same as ids, as `umo_model_encode_text` gives them.
+//
+// Threads: any. Never allocates; waits at most for another thread's setter.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (too many, or one that the model does not have), `BUSY`,
+// `FAILED`, `CLOSED`, `PANIC`.
+//
+// Pointers:
+// `ids` is NULL or has `count` readable values.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_set_prompt_ids(struct umo_session *session,
+                                      const uint32_t *ids,
+                                      size_t count)
+UMO_NOEXCEPT;
+
+// The seed of draws from the next chunk on.
+//
+// Threads: any. Never allocates; waits at most for another thread's setter.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `BUSY`, `FAILED`, `CLOSED`, `PANIC`.
+UMO_API UMO_MUST_USE umo_status umo_session_set_seed(struct umo_session *session, uint64_t seed) UMO_NOEXCEPT;
+
+// Sets a parameter, one of `UMO_PARAMETER_…`, within the range that `umo_parameter_get_info` says. Sampling changes with
+// the next chunk, the idle mode and gains with the next frame that is handed out.
+//
+// Threads: any. Never allocates; waits at most for another thread's setter.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT`, `BUSY`, `FAILED`, `CLOSED`, `PANIC`.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_set_parameter(struct umo_session *session,
+                                     uint32_t parameter,
+                                     double value)
+UMO_NOEXCEPT;
+
+// A parameter's value.
+//
+// Threads: any. Never allocates; waits at most for another thread's setter.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT`, `BUSY`, `PANIC`.
+//
+// Pointers:
+// `value` is NULL or writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_get_parameter(const struct umo_session *session,
+                                     uint32_t parameter,
+                                     double *value)
+UMO_NOEXCEPT;
+
+// How far motion is behind speech.
+//
+// Threads: any. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `PANIC`.
+//
+// Pointers:
+// `latency` is NULL or as long as its `struct_size` says, and writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_latency(const struct umo_session *session,
+                               struct umo_latency *latency)
+UMO_NOEXCEPT;
+
+// What the session went through so far.
+//
+// Threads: any. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `PANIC`.
+//
+// Pointers:
+// `stats` is NULL or as long as its `struct_size` says, and writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_stats(const struct umo_session *session,
+                             struct umo_stats *stats)
+UMO_NOEXCEPT;
+
+// What a status says, and what to do about it: static, never NULL, in English.
+//
+// Threads: any. Never allocates, never waits.
+UMO_API const char *umo_status_message(umo_status status) UMO_NOEXCEPT;
+
+// The detail of this thread's last failed call of a function that names no session; with it, which key, file, tensor or
+// argument. Never NULL; in fixed storage of the thread's own, which the thread's next failure overwrites.
+//
+// Threads: any but the audio thread. Never waits. Calls on sessions keep their detail with the session:
+// `umo_session_last_error`.
+UMO_API
+const char *umo_last_error(void)
+UMO_NOEXCEPT;
+
+// What a status says, and what to do about it: static, never NULL, in English.
+//
+// Threads: any. Never allocates, never waits.
+UMO_API const char *umo_status_message(umo_status status) UMO_NOEXCEPT;
+
+// The detail of this thread's last failed call of a function that names no session; with it, which key, file, tensor or
+// argument. Never NULL; in fixed storage of the thread's own, which the thread's next failure overwrites.
+//
+// Threads: any but the audio thread. Never waits. Calls on sessions keep their detail with the session:
+// `umo_session_last_error`.
+UMO_API
+const char *umo_last_error(void)
+UMO_NOEXCEPT;
+
+// Fills a model configuration with its defaults. `size` is `sizeof *config`.
+//
+// Threads: any. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (not aligned).
+//
+// Pointers:
+// `config` is NULL or has `size` writable bytes.
+UMO_API
+UMO_MUST_USE
+umo_status umo_model_config_init(struct umo_model_config *config,
+                                 size_t size)
+UMO_NOEXCEPT;
+
+// Loads a model from a file. `abi` is `UMO_ABI_VERSION`; `path` is UTF-8; `config` may be NULL.
+//
+// Threads: any but the audio thread. Allocates, reads the file, starts threads for as long as it takes, and waits for
+// them: a base-size int8 model takes some 0.3 s.
+// Errors: `VERSION`, `NULL_POINTER`, `IO`, `MODEL` (`umo_last_error` names the tensor or key), `OUT_OF_MEMORY`, `FULL`
+// (1,024 models), `THREAD`, `INVALID_ARGUMENT`, `STRUCT_SIZE`.
+//
+// Pointers:
+// `path` is NULL or ends with a zero byte; `config` is NULL or as long as its `struct_size` says; `model` is NULL or
+// writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_model_load(uint32_t abi,
+                          const char *path,
+                          const struct umo_model_config *config,
+                          struct umo_model **model)
+UMO_NOEXCEPT;
+
+// Loads a model from memory, which is not copied and not needed any more when the call returns: weights are laid out anew
+// for the processor.
+//
+// Threads, errors: as `umo_model_load`, but for `IO`.
+//
+// Pointers:
+// As `umo_model_load`; `data` is NULL or has `size` readable bytes.
+UMO_API
+UMO_MUST_USE
+umo_status umo_model_load_memory(uint32_t abi,
+                                 const void *data,
+                                 size_t size,
+                                 const struct umo_model_config *config,
+                                 struct umo_model **model)
+UMO_NOEXCEPT;
+
+// Frees a model. Its engines keep what they need of it. NULL is fine.
+//
+// Threads: any but the audio thread. Texts and names of the model are gone with it.
+// Errors: `INVALID_HANDLE`, `BUSY` (another thread is in a call on it).
+UMO_API umo_status umo_model_free(struct umo_model *model) UMO_NOEXCEPT;
+
+// What a model has.
+//
+// Threads: any. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`.
+//
+// Pointers:
+// `info` is NULL or as long as its `struct_size` says, and writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_model_get_info(const struct umo_model *model,
+                              struct umo_model_info *info)
+UMO_NOEXCEPT;
+
+// One of the model's texts, UTF-8, good until the model is freed. `which` is one of `UMO_MODEL_…`.
+//
+// Threads: any. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT`.
+//
+// Pointers:
+// `text` is NULL or writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_model_get_text(const struct umo_model *model,
+                              uint32_t which,
+                              const char **text)
+UMO_NOEXCEPT;
+
+// The name of a face channel, as `jawOpen`, good until the model is freed. `index` is below `umo_model_info.channels`.
+//
+// Threads: any. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT`.
+//
+// Pointers:
+// `name` is NULL or writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_model_get_channel_name(const struct umo_model *model,
+                                      uint32_t index,
+                                      const char **name)
+UMO_NOEXCEPT;
+
+// The name of a joint, as `left_elbow`: static, NULL where `index` is not below `UMO_JOINT_COUNT`.
+//
+// Threads: any. Never allocates, never waits.
+UMO_API const char *umo_joint_name(uint32_t index) UMO_NOEXCEPT;
+
+// The name of a viseme of the Oculus set, as `PP`: static, NULL where `index` is not below `UMO_VISEME_COUNT`.
+//
+// Threads: any. Never allocates, never waits.
+UMO_API
+const char *umo_viseme_name(uint32_t index)
+UMO_NOEXCEPT;
+
+// The bones: for each joint its parent's index, -1 for the first, and where it is in its parent's frame at rest, x y z, in
+// `which` axes (one of `UMO_AXES_…`) and their unit. Either may be NULL; `joints` is how many there is room for, at least
+// `UMO_JOINT_COUNT`. With rotations all identity the body stands in a T.
+//
+// Threads: any. Never allocates, never waits.
+// Errors: `INVALID_HANDLE`, `INVALID_ARGUMENT`, `BUFFER_TOO_SMALL`.
+//
+// Pointers:
+// `parents` is NULL or has room for `joints` values; `offsets` is NULL or has room for `3 * joints` values.
+UMO_API
+UMO_MUST_USE
+umo_status umo_model_get_skeleton(const struct umo_model *model,
+                                  uint32_t which,
+                                  int32_t *parents,
+                                  float *offsets,
+                                  size_t joints)
+UMO_NOEXCEPT;
+
+// The ids of a prompt, for `umo_session_set_prompt_ids`: at most `umo_model_info.max_prompt` of them. `count` is written
+// even where there is no room for them all.
+//
+// Threads: any but the audio thread. Allocates.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `UNSUPPORTED` (the model takes no texts), `INVALID_ARGUMENT` (too long),
+// `BUFFER_TOO_SMALL`.
+//
+// Pointers:
+// `text` is NULL or has `length` readable bytes; `ids` is NULL or has room for `capacity` values; `count` is NULL or
+// writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_model_encode_text(const struct umo_model *model,
+                                 const char *text,
+                                 size_t length,
+                                 uint32_t *ids,
+                                 size_t capacity,
+                                 size_t *count)
+UMO_NOEXCEPT;
+
+// Fills a layout with that of frames without gaps in glTF's axes: index, sample, translation, rotations, channels, and
+// visemes where the model has ARKit channels. `size` is `sizeof *layout`.
+//
+// Threads: any. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`.
+//
+// Pointers:
+// `layout` is NULL or has `size` writable bytes.
+UMO_API
+UMO_MUST_USE
+umo_status umo_frame_layout_init(struct umo_frame_layout *layout,
+                                 size_t size,
+                                 const struct umo_model *model)
+UMO_NOEXCEPT;
+
+// Whether a layout can be used with a model, and how many frames `size` bytes have room for.
+//
+// Threads: any. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `INVALID_ARGUMENT`, `UNSUPPORTED`: `umo_last_error` says what.
+//
+// Pointers:
+// `layout` is NULL or as long as its `struct_size` says; `frames` is NULL or writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_frame_layout_check(const struct umo_frame_layout *layout,
+                                  const struct umo_model *model,
+                                  size_t size,
+                                  size_t *frames)
+UMO_NOEXCEPT;
+
+// Fills an engine configuration with its defaults: two threads of its own (one where there is one core), 64 sessions, 8 of
+// them together. `size` is `sizeof *config`.
+//
+// Threads: any. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (not aligned).
+//
+// Pointers:
+// `config` is NULL or has `size` writable bytes.
+UMO_API
+UMO_MUST_USE
+umo_status umo_engine_config_init(struct umo_engine_config *config,
+                                  size_t size)
+UMO_NOEXCEPT;
+
+// Makes an engine for a model, which may be freed before it. `config` may be NULL.
+//
+// Threads: any but the audio thread. Allocates everything that computing will need, and starts the engine's threads.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (`umo_last_error` says which number), `STRUCT_SIZE`,
+// `THREAD`, `MODEL` (the model gives no pose of rest), `FULL` (1,024 engines).
+//
+// Pointers:
+// `config` is NULL or as long as its `struct_size` says, with `cores` and `log` as described; `engine` is NULL or writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_engine_new(const struct umo_model *model,
+                          const struct umo_engine_config *config,
+                          struct umo_engine **engine)
+UMO_NOEXCEPT;
+
+// Stops an engine's threads and frees it. Its sessions live on without it: frames that were ready can be pulled, then
+// they say `CLOSED`. NULL is fine.
+//
+// Threads: any but the audio thread. Waits for the layer that is being computed, a few milliseconds at most.
+// Errors: `INVALID_HANDLE`, `BUSY` (another thread is in a call on it, as `umo_engine_poll`).
+UMO_API
+umo_status umo_engine_free(struct umo_engine *engine)
+UMO_NOEXCEPT;
+
+// Computes on the calling thread, where the engine was made with `UMO_ENGINE_POLLED`: until nothing is due, or for
+// `budget` microseconds and at most one layer's time longer. With a budget of 0 it computes one layer. `more`, which may
+// be NULL, becomes 1 where there is more to do, else 0.
+//
+// Threads: one at a time; not the audio thread. Never allocates; waits only for the engine's own threads.
+// Errors: `INVALID_HANDLE`, `BUSY` (another thread polls), `UNSUPPORTED` (the engine has threads of its own).
+//
+// Pointers:
+// `more` is NULL or writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_engine_poll(struct umo_engine *engine,
+                           uint32_t budget,
+                           uint32_t *more)
+UMO_NOEXCEPT;
+
+// What the parameter at `index` is, from 0 on: `INVALID_ARGUMENT` says that there are no more.
+//
+// Threads: any. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `STRUCT_SIZE`, `INVALID_ARGUMENT`.
+//
+// Pointers:
+// `info` is NULL or as long as its `struct_size` says, and writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_parameter_get_info(uint32_t index,
+                                  struct umo_parameter_info *info)
+UMO_NOEXCEPT;
+
+// Fills a session configuration with the model's defaults: mono audio at the model's rate. `size` is `sizeof *config`.
+//
+// Threads: any. Allocates for a moment.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (not aligned).
+//
+// Pointers:
+// `config` is NULL or has `size` writable bytes.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_config_init(struct umo_session_config *config,
+                                   size_t size,
+                                   const struct umo_model *model)
+UMO_NOEXCEPT;
+
+// How much memory `umo_session_new` takes from the allocator for such a session, in one piece: bytes and alignment. Either
+// may be NULL.
+//
+// Threads: any but the audio thread. Allocates as much for a moment.
+// Errors: as `umo_session_new`.
+//
+// Pointers:
+// As `umo_session_new`; `size` and `alignment` are NULL or writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_memory(const struct umo_engine *engine,
+                              const struct umo_session_config *config,
+                              size_t *size,
+                              size_t *alignment)
+UMO_NOEXCEPT;
+
+// Makes a session: one avatar at the start of its stream. `config` may be NULL.
+//
+// Threads: any but the audio thread. Allocates everything that the session will ever need, in one piece from the
+// configuration's allocator (and as much from the system for a moment, to find out how much that is).
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (`umo_last_error` says which number), `STRUCT_SIZE`,
+// `FULL` (the engine's places, or 16,384 sessions in all), `OUT_OF_MEMORY`.
+//
+// Pointers:
+// `config` is NULL or as long as its `struct_size` says, with `template_name` and `allocator` as described; `session` is
+// NULL or writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_new(struct umo_engine *engine,
+                           const struct umo_session_config *config,
+                           struct umo_session **session)
+UMO_NOEXCEPT;
+
+// Frees a session. NULL is fine.
+//
+// Threads: any but the audio thread. Never waits: where a chunk of it is just computed, its memory goes back with the next
+// session that is made or freed, or with the engine.
+// Errors: `INVALID_HANDLE`, `BUSY` (another thread is in a call on it: free it when that has returned).
+UMO_API
+umo_status umo_session_free(struct umo_session *session)
+UMO_NOEXCEPT;
+
+// The detail of the last call on the session that failed, from whatever thread: a copy in `buffer`, which has `size`
+// bytes; `UMO_ERROR_SIZE` are enough. `length`, which may be NULL, gets its length without the end.
+//
+// Threads: any. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `BUFFER_TOO_SMALL`, `BUSY` (a call is just failing).
+//
+// Pointers:
+// `buffer` is NULL or has `size` writable bytes; `length` is NULL or writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_last_error(const struct umo_session *session,
+                                  char *buffer,
+                                  size_t size,
+                                  size_t *length)
+UMO_NOEXCEPT;
+
+// Takes audio for the avatar to speak: `count` interleaved samples, full scale 1, a whole number of the session's
+// channels. `taken`, which may be NULL, gets how many of them there was room for: the rest is to be pushed again later.
+// Samples that are no number, or beyond 1e6, become silence.
+//
+// Threads: one at a time, meant for the audio thread. Never allocates, never waits; at most one system call, to wake the
+// engine.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (no whole number of channels), `BUSY` (another thread
+// pushes), `FINISHED`, `FAILED`, `CLOSED`, `PANIC`.
+//
+// Pointers:
+// `samples` is NULL or has `count` readable values; `taken` is NULL or writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_push_audio(struct umo_session *session,
+                                  const float *samples,
+                                  size_t count,
+                                  size_t *taken)
+UMO_NOEXCEPT;
+
+// The same for 16-bit samples, whose full scale is 32,768.
+//
+// Threads, errors: as `umo_session_push_audio`.
+//
+// Pointers:
+// As `umo_session_push_audio`.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_push_audio_i16(struct umo_session *session,
+                                      const int16_t *samples,
+                                      size_t count,
+                                      size_t *taken)
+UMO_NOEXCEPT;
+
+// No more audio: the tail is completed, and `floor(seconds * 30)` frames come out in all. A second call changes nothing.
+//
+// Threads: any; not beside a push. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `BUSY` (another thread pushes), `FAILED`, `CLOSED`, `PANIC`.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_finish(struct umo_session *session)
+UMO_NOEXCEPT;
+
+// Drops everything that is not shown yet and eases to the rest pose within `ease_ms` milliseconds, at most 10,000:
+// somebody has interrupted the avatar. Audio pushed from now on starts a new stream, whose frames follow the ease; the
+// frame index goes on, and the avatar stays where it stands.
+//
+// Threads: any. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT`, `FAILED`, `CLOSED`, `PANIC`.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_interrupt(struct umo_session *session,
+                                 uint32_t ease_ms)
+UMO_NOEXCEPT;
+
+// Back to the start: everything that was pushed and not shown is dropped, the frame index starts at 0, and what follows is
+// what a new session with the same settings gives.
+//
+// Threads: any. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `FAILED`, `CLOSED`, `PANIC`.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_reset(struct umo_session *session)
+UMO_NOEXCEPT;
+
+// Takes frames that are ready, in order, each once: as many as there are and as `size` bytes have room for in `layout`.
+// `count` gets how many there were, 0 where none is ready.
+//
+// Threads: one at a time, beside any other call. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (the layout), `UNSUPPORTED` (the layout
+// wants visemes that the model does not have), `BUFFER_TOO_SMALL` (not one frame fits), `BUSY` (another thread pulls);
+// `FAILED`, `CLOSED`, `PANIC` when all that was ready has been pulled.
+//
+// Pointers:
+// `layout` is NULL or as long as its `struct_size` says; `frames` is NULL or has `size` writable bytes; `count` is NULL or
+// writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_pull_frames(struct umo_session *session,
+                                   const struct umo_frame_layout *layout,
+                                   void *frames,
+                                   size_t size,
+                                   size_t *count)
+UMO_NOEXCEPT;
+
+// How many frames `umo_session_pull_frames` would give.
+//
+// Threads: any; not beside a pull. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `BUSY` (another thread pulls), `PANIC`.
+//
+// Pointers:
+// `count` is NULL or writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_ready_frames(struct umo_session *session,
+                                    size_t *count)
+UMO_NOEXCEPT;
+
+// The pose at `seconds` of the motion (frame index / 30), for a renderer at a rate of its own: rotations turn the shorter
+// way, all else is linear. Frames before that time are taken as `umo_session_pull_frames` takes them. A time that is
+// earlier than the oldest frame gives the oldest; one that is later than the newest gives what the idle mode says; times
+// that go back are held. `sampled` may be NULL.
+//
+// Threads: one at a time, beside any other call but a pull. Never allocates, never waits.
+// Errors: as `umo_session_pull_frames`, but that a session that failed still gives its last pose; `INVALID_ARGUMENT` for a
+// time that is no number.
+//
+// Pointers:
+// `layout` is NULL or as long as its `struct_size` says; `frame` is NULL or has `size` writable bytes; `sampled` is NULL or
+// as long as its `struct_size` says, and writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_sample_pose(struct umo_session *session,
+                                   double seconds,
+                                   const struct umo_frame_layout *layout,
+                                   void *frame,
+                                   size_t size,
+                                   struct umo_sampled *sampled)
+UMO_NOEXCEPT;
+
+// What the avatar is told, from the next chunk on: `length` bytes of UTF-8, at most 128 ids' worth. No bytes end it.
+//
+// Threads: any but the audio thread. Allocates: `umo_session_set_prompt_ids` does not.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `UNSUPPORTED` (the model takes no texts), `INVALID_ARGUMENT` (no UTF-8, too
+// long), `BUSY`, `FAILED`, `CLOSED`, `PANIC`.
+//
+// Pointers:
+// `text` is NULL or has `length` readable bytes.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_set_prompt(struct umo_session *session,
+                                  const char *text,
+                                  size_t length)
+UMO_NOEXCEPT;
+
+// The same as ids, as `umo_model_encode_text` gives them.
+//
+// Threads: any. Never allocates; waits at most for another thread's setter.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (too many, or one that the model does not have), `BUSY`,
+// `FAILED`, `CLOSED`, `PANIC`.
+//
+// Pointers:
+// `ids` is NULL or has `count` readable values.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_set_prompt_ids(struct umo_session *session,
+                                      const uint32_t *ids,
+                                      size_t count)
+UMO_NOEXCEPT;
+
+// The seed of draws from the next chunk on.
+//
+// Threads: any. Never allocates; waits at most for another thread's setter.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `BUSY`, `FAILED`, `CLOSED`, `PANIC`.
+UMO_API UMO_MUST_USE umo_status umo_session_set_seed(struct umo_session *session, uint64_t seed) UMO_NOEXCEPT;
+
+// Sets a parameter, one of `UMO_PARAMETER_…`, within the range that `umo_parameter_get_info` says. Sampling changes with
+// the next chunk, the idle mode and gains with the next frame that is handed out.
+//
+// Threads: any. Never allocates; waits at most for another thread's setter.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT`, `BUSY`, `FAILED`, `CLOSED`, `PANIC`.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_set_parameter(struct umo_session *session,
+                                     uint32_t parameter,
+                                     double value)
+UMO_NOEXCEPT;
+
+// A parameter's value.
+//
+// Threads: any. Never allocates; waits at most for another thread's setter.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT`, `BUSY`, `PANIC`.
+//
+// Pointers:
+// `value` is NULL or writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_get_parameter(const struct umo_session *session,
+                                     uint32_t parameter,
+                                     double *value)
+UMO_NOEXCEPT;
+
+// How far motion is behind speech.
+//
+// Threads: any. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `PANIC`.
+//
+// Pointers:
+// `latency` is NULL or as long as its `struct_size` says, and writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_latency(const struct umo_session *session,
+                               struct umo_latency *latency)
+UMO_NOEXCEPT;
+
+// What the session went through so far.
+//
+// Threads: any. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `PANIC`.
+//
+// Pointers:
+// `stats` is NULL or as long as its `struct_size` says, and writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_stats(const struct umo_session *session,
+                             struct umo_stats *stats)
+UMO_NOEXCEPT;
+
+#ifdef __cplusplus
+}  // extern "C"
+#endif  // __cplusplus
+
+#endif  /* UMO_H */

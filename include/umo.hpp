@@ -1,0 +1,288 @@
+/*
+ * umo for C++17: what umo.h declares, freed by itself. Header only, needs no exceptions, adds no logic.
+ *
+ * SPDX-License-Identifier: MIT OR Apache-2.0
+ *
+ *     auto model = umo::model::load("umo-small.safetensors");
+ *     if (!model) return std::fputs(umo_last_error(), stderr), 1;
+ *     auto engine = umo::engine::make(*model);
+ *     auto avatar = umo::session::make(*engine);
+ *     umo::frames frames(*model, 64);
+ *     avatar->push_audio(samples, count);                         // the audio thread
+ *     auto pulled = avatar->pull(frames);                         // the game thread
+ *     for (std::size_t i = 0; i < pulled.value; ++i) draw(frames[i].rotation(0), frames[i].channels());
+ */
+
+#ifndef UMO_HPP
+#define UMO_HPP
+
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <string_view>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include "umo.h"
+
+namespace umo {
+
+/// What a call came to: a value where `status` is `UMO_STATUS_OK`.
+template <class T> struct [[nodiscard]] result {
+    umo_status status = UMO_STATUS_OK;
+    T value{};
+
+    explicit operator bool() const noexcept { return status == UMO_STATUS_OK; }
+    T &operator*() noexcept { return value; }
+    const T &operator*() const noexcept { return value; }
+    T *operator->() noexcept { return &value; }
+    const T *operator->() const noexcept { return &value; }
+    const char *message() const noexcept { return umo_status_message(status); }
+};
+
+namespace detail {
+
+/// A handle that is freed once. A free that another thread's call is in the way of is repeated when that has returned.
+template <class T, umo_status (*Free)(T *)> class handle {
+public:
+    handle() noexcept = default;
+    explicit handle(T *raw) noexcept : raw_(raw) {}
+    handle(handle &&other) noexcept : raw_(std::exchange(other.raw_, nullptr)) {}
+    handle &operator=(handle &&other) noexcept {
+        if (this != &other) {
+            reset();
+            raw_ = std::exchange(other.raw_, nullptr);
+        }
+        return *this;
+    }
+    handle(const handle &) = delete;
+    handle &operator=(const handle &) = delete;
+    ~handle() { reset(); }
+
+    T *get() const noexcept { return raw_; }
+    explicit operator bool() const noexcept { return raw_ != nullptr; }
+    /// Gives the handle up: the caller frees it.
+    T *release() noexcept { return std::exchange(raw_, nullptr); }
+    void reset() noexcept {
+        while (Free(raw_) == UMO_STATUS_BUSY) std::this_thread::yield();
+        raw_ = nullptr;
+    }
+
+private:
+    T *raw_ = nullptr;
+};
+
+// umo.h's functions may be noexcept, which is a part of a function's type: these are not.
+inline umo_status free_model(umo_model *raw) { return umo_model_free(raw); }
+inline umo_status free_engine(umo_engine *raw) { return umo_engine_free(raw); }
+inline umo_status free_session(umo_session *raw) { return umo_session_free(raw); }
+
+} // namespace detail
+
+/// A model: see `umo_model_…`.
+class model : public detail::handle<umo_model, detail::free_model> {
+public:
+    using handle::handle;
+
+    static umo_model_config defaults() noexcept {
+        umo_model_config config{};
+        (void)!umo_model_config_init(&config, sizeof config);
+        return config;
+    }
+    static result<model> load(const char *path, const umo_model_config *config = nullptr) {
+        umo_model *raw = nullptr;
+        const umo_status status = umo_model_load(UMO_ABI_VERSION, path, config, &raw);
+        return {status, model(raw)};
+    }
+    static result<model> load(const void *data, std::size_t size, const umo_model_config *config = nullptr) {
+        umo_model *raw = nullptr;
+        const umo_status status = umo_model_load_memory(UMO_ABI_VERSION, data, size, config, &raw);
+        return {status, model(raw)};
+    }
+
+    umo_model_info info() const noexcept {
+        umo_model_info info{};
+        info.struct_size = sizeof info;
+        (void)!umo_model_get_info(get(), &info);
+        return info;
+    }
+    /// One of `UMO_MODEL_…`; empty for any other.
+    std::string text(std::uint32_t which) const {
+        const char *text = nullptr;
+        return umo_model_get_text(get(), which, &text) == UMO_STATUS_OK ? text : "";
+    }
+    std::vector<std::string> channel_names() const {
+        std::vector<std::string> names;
+        const std::uint32_t count = info().channels;
+        for (std::uint32_t i = 0; i < count; ++i) {
+            const char *name = nullptr;
+            if (umo_model_get_channel_name(get(), i, &name) == UMO_STATUS_OK) names.emplace_back(name);
+        }
+        return names;
+    }
+    umo_frame_layout layout() const noexcept {
+        umo_frame_layout layout{};
+        (void)!umo_frame_layout_init(&layout, sizeof layout, get());
+        return layout;
+    }
+};
+
+/// An engine: see `umo_engine_…`.
+class engine : public detail::handle<umo_engine, detail::free_engine> {
+public:
+    using handle::handle;
+
+    static umo_engine_config defaults() noexcept {
+        umo_engine_config config{};
+        (void)!umo_engine_config_init(&config, sizeof config);
+        return config;
+    }
+    static result<engine> make(const model &model, const umo_engine_config *config = nullptr) {
+        umo_engine *raw = nullptr;
+        const umo_status status = umo_engine_new(model.get(), config, &raw);
+        return {status, engine(raw)};
+    }
+    /// Whether there is more to do.
+    result<bool> poll(std::uint32_t budget_us) noexcept {
+        std::uint32_t more = 0;
+        const umo_status status = umo_engine_poll(get(), budget_us, &more);
+        return {status, more != 0};
+    }
+};
+
+/// One frame of `frames`.
+class frame {
+public:
+    frame(const umo_frame_layout &layout, const unsigned char *bytes) noexcept : layout_(&layout), bytes_(bytes) {}
+
+    std::uint64_t index() const noexcept { return *at<std::uint64_t>(layout_->index); }
+    std::uint64_t sample() const noexcept { return *at<std::uint64_t>(layout_->sample); }
+    /// x y z
+    const float *translation() const noexcept { return at<float>(layout_->translation); }
+    /// x y z w, relative to the joint's parent
+    const float *rotation(std::size_t joint) const noexcept {
+        return at<float>(layout_->rotations + static_cast<std::uint32_t>(joint) * layout_->rotation_stride);
+    }
+    const float *channels() const noexcept { return at<float>(layout_->channels); }
+    /// Null where the model has no ARKit channels.
+    const float *visemes() const noexcept {
+        return layout_->visemes == UMO_ABSENT ? nullptr : at<float>(layout_->visemes);
+    }
+
+private:
+    template <class T> const T *at(std::uint32_t offset) const noexcept {
+        return reinterpret_cast<const T *>(bytes_ + offset);
+    }
+    const umo_frame_layout *layout_;
+    const unsigned char *bytes_;
+};
+
+/// Room for frames without gaps, in the axes that are wanted.
+class frames {
+public:
+    frames(const model &model, std::size_t capacity, std::uint32_t axes = UMO_AXES_GLTF)
+        : layout_(model.layout()), words_(capacity * layout_.frame_stride / sizeof(std::uint64_t)) {
+        layout_.axes = axes;
+    }
+
+    frame operator[](std::size_t i) const noexcept {
+        return {layout_, reinterpret_cast<const unsigned char *>(words_.data()) + i * layout_.frame_stride};
+    }
+    const umo_frame_layout &layout() const noexcept { return layout_; }
+    void *data() noexcept { return words_.data(); }
+    /// Bytes.
+    std::size_t size() const noexcept { return words_.size() * sizeof(std::uint64_t); }
+
+private:
+    umo_frame_layout layout_;
+    // Aligned for every value of a frame.
+    std::vector<std::uint64_t> words_;
+};
+
+/// A session: see `umo_session_…`, where it is said which thread may call what.
+class session : public detail::handle<umo_session, detail::free_session> {
+public:
+    using handle::handle;
+
+    static umo_session_config defaults(const model &model) noexcept {
+        umo_session_config config{};
+        (void)!umo_session_config_init(&config, sizeof config, model.get());
+        return config;
+    }
+    static result<session> make(engine &engine, const umo_session_config *config = nullptr) {
+        umo_session *raw = nullptr;
+        const umo_status status = umo_session_new(engine.get(), config, &raw);
+        return {status, session(raw)};
+    }
+
+    /// How many samples were taken.
+    result<std::size_t> push_audio(const float *samples, std::size_t count) noexcept {
+        std::size_t taken = 0;
+        const umo_status status = umo_session_push_audio(get(), samples, count, &taken);
+        return {status, taken};
+    }
+    result<std::size_t> push_audio(const std::int16_t *samples, std::size_t count) noexcept {
+        std::size_t taken = 0;
+        const umo_status status = umo_session_push_audio_i16(get(), samples, count, &taken);
+        return {status, taken};
+    }
+    [[nodiscard]] umo_status finish() noexcept { return umo_session_finish(get()); }
+    [[nodiscard]] umo_status interrupt(std::uint32_t ease_ms) noexcept { return umo_session_interrupt(get(), ease_ms); }
+    [[nodiscard]] umo_status reset_stream() noexcept { return umo_session_reset(get()); }
+
+    /// How many frames there were.
+    result<std::size_t> pull(frames &frames) noexcept {
+        std::size_t count = 0;
+        const umo_status status = umo_session_pull_frames(get(), &frames.layout(), frames.data(), frames.size(), &count);
+        return {status, count};
+    }
+    result<std::size_t> ready() noexcept {
+        std::size_t count = 0;
+        const umo_status status = umo_session_ready_frames(get(), &count);
+        return {status, count};
+    }
+    /// The pose at a time, in the first of `frames`.
+    result<umo_sampled> sample(double seconds, frames &frames) noexcept {
+        umo_sampled sampled{};
+        sampled.struct_size = sizeof sampled;
+        const umo_status status =
+            umo_session_sample_pose(get(), seconds, &frames.layout(), frames.data(), frames.size(), &sampled);
+        return {status, sampled};
+    }
+
+    [[nodiscard]] umo_status set_prompt(std::string_view text) noexcept {
+        return umo_session_set_prompt(get(), text.data(), text.size());
+    }
+    [[nodiscard]] umo_status set_seed(std::uint64_t seed) noexcept { return umo_session_set_seed(get(), seed); }
+    [[nodiscard]] umo_status set(std::uint32_t parameter, double value) noexcept {
+        return umo_session_set_parameter(get(), parameter, value);
+    }
+    result<double> parameter(std::uint32_t parameter) const noexcept {
+        double value = 0;
+        const umo_status status = umo_session_get_parameter(get(), parameter, &value);
+        return {status, value};
+    }
+
+    umo_latency latency() const noexcept {
+        umo_latency latency{};
+        latency.struct_size = sizeof latency;
+        (void)!umo_session_latency(get(), &latency);
+        return latency;
+    }
+    umo_stats stats() const noexcept {
+        umo_stats stats{};
+        stats.struct_size = sizeof stats;
+        (void)!umo_session_stats(get(), &stats);
+        return stats;
+    }
+    /// What the last failed call on it says.
+    std::string last_error() const {
+        char text[UMO_ERROR_SIZE] = "";
+        return umo_session_last_error(get(), text, sizeof text, nullptr) == UMO_STATUS_OK ? text : "";
+    }
+};
+
+} // namespace umo
+
+#endif

@@ -1,0 +1,22 @@
+//! `umo.h` as it should be.
+
+/// Where it is kept.
+pub(crate) const PATH: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../include/umo.h");
+
+/// The header's text.
+pub(crate) fn header() -> String {
+    let folder = env!("CARGO_MANIFEST_DIR");
+    let mut config = cbindgen::Config::from_file(format!("{folder}/cbindgen.toml")).expect("cbindgen.toml is a config");
+    config.header = Some(include_str!("head.h").trim_end().to_owned());
+    config.after_includes = Some(format!("\n{}", include_str!("macros.h").trim_end()));
+    let mut builder = cbindgen::Builder::new().with_config(config);
+    // The order in which a reader wants them.
+    for module in ["lib", "status", "log", "memory", "model", "frame", "engine", "parameter", "session"] {
+        builder = builder.with_src(format!("{folder}/src/{module}.rs"));
+    }
+    let mut text = Vec::new();
+    builder.generate().expect("the sources parse").write(&mut text);
+    let text = String::from_utf8(text).expect("sources are UTF-8");
+    // What Rust calls a safety section is, for C, what pointers must be.
+    text.replace("// # Safety\n", "// Pointers:\n").replace("[`", "`").replace("`]", "`")
+}

@@ -1,0 +1,239 @@
+//! Engines: one model, its threads or the host's, and places for sessions.
+
+use std::ffi::c_void;
+use std::mem::ManuallyDrop;
+use std::sync::Arc;
+use std::time::Duration;
+
+use umo_core::engine::{Engine, EngineConfig, Poll, Threads};
+
+use crate::ffi::{self, Sized32, guard, put, put_if_wanted, wanted};
+use crate::handle::{Held, Table};
+use crate::log::{Log, UMO_LOG_INFO, UmoLog};
+use crate::model::{self, ModelHandle, UmoModel};
+use crate::status::{Failure, UmoStatus};
+
+/// An engine. A handle, never a pointer to memory.
+pub struct UmoEngine {
+    _opaque: [u8; 0],
+}
+
+/// The engine has threads of its own.
+pub const UMO_ENGINE_THREADS: u32 = 0;
+/// The host computes by `umo_engine_poll`.
+pub const UMO_ENGINE_POLLED: u32 = 1;
+
+/// Most cores that threads can be bound to.
+const MAX_CORES: usize = 64;
+
+/// Lends the host's threads to an engine: its job system's. Each `umo_engine_poll` then calls `submit` for every thread but
+/// its own; the host runs `job(context)` on another thread as soon as it can, which computes until the poll is over and
+/// returns. A job that is run late, or never, costs speed and nothing else; one that is run after the engine was freed
+/// returns at once.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct UmoJobs {
+    /// Given to `submit`.
+    pub userdata: *mut c_void,
+    /// Hands a job over. Called by the thread that polls; must not wait for the job.
+    pub submit: Option<
+        unsafe extern "C" fn(
+            userdata: *mut c_void,
+            job: Option<unsafe extern "C" fn(context: *mut c_void)>,
+            context: *mut c_void,
+        ),
+    >,
+}
+
+/// What an engine is made with. Start it with `umo_engine_config_init`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct UmoEngineConfig {
+    /// `sizeof(umo_engine_config)`.
+    pub struct_size: u32,
+    /// `UMO_ENGINE_THREADS` or `UMO_ENGINE_POLLED`.
+    pub mode: u32,
+    /// Threads that compute, 1 to 64: the engine's own, or, where the host polls, the polling thread and as many more of
+    /// the engine's own as make up the number.
+    pub threads: u32,
+    /// Most sessions at once, 1 to 4,096.
+    pub max_sessions: u32,
+    /// Most sessions that are computed together, 1 to 64: more read the weights less often and need memory.
+    pub max_batch: u32,
+    /// How many `cores` there are, 0 to 64.
+    pub core_count: u32,
+    /// Processor numbers that the engine's own threads are bound to, one each, as far as they go; NULL leaves that to the
+    /// system.
+    pub cores: *const u32,
+    /// The host's threads, where they are to compute in place of the engine's own, or NULL. Only with `UMO_ENGINE_POLLED`.
+    pub jobs: *const UmoJobs,
+    /// Who is told about this engine and its sessions, or NULL.
+    pub log: *const UmoLog,
+}
+
+// SAFETY: `repr(C)`, starts with its size, integers and pointers that may be NULL.
+unsafe impl Sized32 for UmoEngineConfig {
+    const FIRST: usize = 24 + 3 * size_of::<*const u32>();
+}
+
+/// What an engine's handle stands for.
+pub(crate) struct EngineHandle {
+    /// Dropped by hand: not in a process that was forked from the engine's.
+    engine: ManuallyDrop<Engine>,
+    pub(crate) model: Arc<ModelHandle>,
+    pub(crate) log: Log,
+    process: u32,
+}
+
+/// Most engines at once.
+const MAX_ENGINES: usize = 1024;
+static ENGINES: Table<EngineHandle, MAX_ENGINES> = Table::new(2, "engine");
+
+pub(crate) fn get(engine: *const UmoEngine) -> Result<Held<'static, EngineHandle>, Failure> {
+    if engine.is_null() {
+        return Err(Failure::null("engine"));
+    }
+    ENGINES.get(engine.addr())
+}
+
+impl EngineHandle {
+    pub(crate) fn engine(&self) -> &Engine {
+        &self.engine
+    }
+}
+
+impl Drop for EngineHandle {
+    fn drop(&mut self) {
+        // A fork has the engine's memory, but not its threads: there is nobody to wait for.
+        if self.process == std::process::id() {
+            // SAFETY: it is dropped once, here.
+            unsafe { ManuallyDrop::drop(&mut self.engine) };
+        }
+    }
+}
+
+impl UmoEngineConfig {
+    fn defaults() -> Self {
+        let EngineConfig { threads, max_sessions, max_batch, .. } = EngineConfig::default();
+        let (Threads::Own(threads) | Threads::Host(threads)) = threads;
+        let count = |value: usize| u32::try_from(value).unwrap_or(u32::MAX);
+        Self {
+            struct_size: 0,
+            mode: UMO_ENGINE_THREADS,
+            threads: count(threads),
+            max_sessions: count(max_sessions),
+            max_batch: count(max_batch),
+            core_count: 0,
+            cores: std::ptr::null(),
+            jobs: std::ptr::null(),
+            log: std::ptr::null(),
+        }
+    }
+
+    /// # Safety
+    /// `cores` is NULL or has `core_count` readable values.
+    unsafe fn read(&self) -> Result<EngineConfig, Failure> {
+        if self.core_count as usize > MAX_CORES {
+            return Err(Failure::argument(format_args!("core_count {}: expected 0 to {MAX_CORES}", self.core_count)));
+        }
+        // SAFETY: by this function's own clause.
+        let cores = unsafe { ffi::slice(self.cores, self.core_count as usize, "cores")? };
+        let threads = match (self.mode, self.threads as usize) {
+            (UMO_ENGINE_THREADS, threads) => Threads::Own(threads),
+            (UMO_ENGINE_POLLED, threads @ 1..) => Threads::Host(threads - 1),
+            (UMO_ENGINE_POLLED, 0) => return Err(Failure::argument("threads 0: the one that polls counts")),
+            (mode, _) => return Err(Failure::argument(format_args!("mode {mode} is none of UMO_ENGINE_…"))),
+        };
+        Ok(EngineConfig {
+            threads,
+            cores: cores.iter().map(|&core| core as usize).collect(),
+            max_sessions: self.max_sessions as usize,
+            max_batch: self.max_batch as usize,
+            ..EngineConfig::default()
+        })
+    }
+}
+
+/// Fills an engine configuration with its defaults: two threads of its own (one where there is one core), 64 sessions, 8 of
+/// them together. `size` is `sizeof *config`.
+///
+/// Threads: any. Never allocates, never waits.
+/// Errors: `NULL_POINTER`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (not aligned).
+///
+/// # Safety
+/// `config` is NULL or has `size` writable bytes.
+#[unsafe(no_mangle)]
+#[must_use]
+pub unsafe extern "C" fn umo_engine_config_init(config: *mut UmoEngineConfig, size: usize) -> UmoStatus {
+    // SAFETY: by this function's own clause.
+    guard(|| unsafe { ffi::initialise(config, size, "config", &UmoEngineConfig::defaults()) })
+}
+
+/// Makes an engine for a model, which may be freed before it. `config` may be NULL.
+///
+/// Threads: any but the audio thread. Allocates everything that computing will need, and starts the engine's threads.
+/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (`umo_last_error` says which number), `STRUCT_SIZE`,
+/// `THREAD`, `MODEL` (the model gives no pose of rest), `FULL` (1,024 engines).
+///
+/// # Safety
+/// `config` is NULL or as long as its `struct_size` says, with `cores` and `log` as described; `engine` is NULL or writable.
+#[unsafe(no_mangle)]
+#[must_use]
+pub unsafe extern "C" fn umo_engine_new(
+    model: *const UmoModel,
+    config: *const UmoEngineConfig,
+    engine: *mut *mut UmoEngine,
+) -> UmoStatus {
+    guard(|| {
+        wanted(engine, "engine")?;
+        let model = Arc::clone(&*model::get(model)?);
+        // SAFETY: by this function's own clause.
+        let config =
+            if config.is_null() { UmoEngineConfig::defaults() } else { unsafe { ffi::read(config, "config")? } };
+        // SAFETY: by this function's own clause.
+        let log = Log(unsafe { crate::read_if_given(config.log, "config.log")? });
+        // SAFETY: by this function's own clause.
+        let made = Engine::new(Arc::clone(&model.model), &unsafe { config.read()? })?;
+        log.say(UMO_LOG_INFO, format_args!("engine of {} with {} threads", model.model.config().name, config.threads));
+        let handle = EngineHandle { engine: ManuallyDrop::new(made), model, log, process: std::process::id() };
+        // SAFETY: by this function's own clause.
+        unsafe { put(engine, "engine", std::ptr::without_provenance_mut(ENGINES.insert(Box::new(handle))?)) }
+    })
+}
+
+/// Stops an engine's threads and frees it. Its sessions live on without it: frames that were ready can be pulled, then
+/// they say `CLOSED`. NULL is fine.
+///
+/// Threads: any but the audio thread. Waits for the layer that is being computed, a few milliseconds at most.
+/// Errors: `INVALID_HANDLE`, `BUSY` (another thread is in a call on it, as `umo_engine_poll`).
+#[unsafe(no_mangle)]
+pub extern "C" fn umo_engine_free(engine: *mut UmoEngine) -> UmoStatus {
+    guard(|| {
+        if engine.is_null() {
+            return Ok(());
+        }
+        let freed = ENGINES.remove(engine.addr())?;
+        freed.log.say(UMO_LOG_INFO, "freed engine");
+        Ok(())
+    })
+}
+
+/// Computes on the calling thread, where the engine was made with `UMO_ENGINE_POLLED`: until nothing is due, or for
+/// `budget` microseconds and at most one layer's time longer. With a budget of 0 it computes one layer. `more`, which may
+/// be NULL, becomes 1 where there is more to do, else 0.
+///
+/// Threads: one at a time; not the audio thread. Never allocates; waits only for the engine's own threads.
+/// Errors: `INVALID_HANDLE`, `BUSY` (another thread polls), `UNSUPPORTED` (the engine has threads of its own).
+///
+/// # Safety
+/// `more` is NULL or writable.
+#[unsafe(no_mangle)]
+#[must_use]
+pub unsafe extern "C" fn umo_engine_poll(engine: *mut UmoEngine, budget: u32, more: *mut u32) -> UmoStatus {
+    guard(|| {
+        let engine = get(engine)?;
+        let left = engine.engine().poll(Duration::from_micros(budget.into()))?;
+        // SAFETY: by this function's own clause.
+        unsafe { put_if_wanted(more, "more", u32::from(left == Poll::More)) }
+    })
+}

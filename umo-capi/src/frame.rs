@@ -1,0 +1,260 @@
+//! Frames into the host's memory: where it wants which values, in its engine's axes.
+
+use std::ffi::c_void;
+
+use umo_core::motion::axes::Axes;
+use umo_core::motion::skeleton::JOINTS;
+use umo_core::motion::visemes::VISEMES;
+use umo_core::session::FrameView;
+
+use crate::ffi::{self, Sized32, guard};
+use crate::model::{self, ModelHandle, UmoModel};
+use crate::status::{Failure, UMO_STATUS_BUFFER_TOO_SMALL, UMO_STATUS_UNSUPPORTED, UmoStatus};
+
+/// An offset that says: not wanted.
+pub const UMO_ABSENT: u32 = 0xffff_ffff;
+
+/// Where a frame's values go in memory of the host's own, in bytes from the frame's start. A value whose offset is
+/// `UMO_ABSENT` is not written; bytes between values are left alone, so that frames can be the host's own structures.
+/// Start it with `umo_frame_layout_init`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct UmoFrameLayout {
+    /// `sizeof(umo_frame_layout)`.
+    pub struct_size: u32,
+    /// One of `UMO_AXES_…`.
+    pub axes: u32,
+    /// Bytes from one frame to the next.
+    pub frame_stride: u32,
+    /// `uint64_t`: the frame's number since the start or the last reset, `umo_model_info.frame_rate` a second.
+    pub index: u32,
+    /// `uint64_t`: the sample of each channel of the pushed audio that the frame belongs to.
+    pub sample: u32,
+    /// `float[3]`: where the root is.
+    pub translation: u32,
+    /// `float[4]` of the first joint: its rotation in its parent's frame, a unit quaternion x, y, z, w.
+    pub rotations: u32,
+    /// Bytes from one joint's rotation to the next, at least 16.
+    pub rotation_stride: u32,
+    /// `float` of the first face channel.
+    pub channels: u32,
+    /// Bytes from one channel to the next, at least 4.
+    pub channel_stride: u32,
+    /// `float[UMO_VISEME_COUNT]`: how much the mouth is each of the visemes; they add up to 1.
+    pub visemes: u32,
+    /// Zero.
+    pub reserved: u32,
+}
+
+// SAFETY: `repr(C)`, starts with its size, integers.
+unsafe impl Sized32 for UmoFrameLayout {
+    const FIRST: usize = 48;
+}
+
+/// Largest stride or offset, bytes.
+const MOST: u32 = 1 << 24;
+
+/// A layout that was checked for a model.
+#[derive(Clone, Copy)]
+pub(crate) struct Layout<'a> {
+    given: UmoFrameLayout,
+    axes: Axes,
+    model: &'a ModelHandle,
+    /// Bytes of a frame up to its last value.
+    extent: usize,
+}
+
+/// A run of values: where it starts, how far apart they are, how many, and how large each is.
+struct Run {
+    name: &'static str,
+    offset: u32,
+    stride: u32,
+    count: usize,
+    size: u32,
+}
+
+impl UmoFrameLayout {
+    fn runs(&self, channels: usize) -> [Run; 6] {
+        let run = |name, offset, stride, count, size| Run { name, offset, stride, count, size };
+        [
+            run("index", self.index, 8, 1, 8),
+            run("sample", self.sample, 8, 1, 8),
+            run("translation", self.translation, 12, 1, 12),
+            run("rotations", self.rotations, self.rotation_stride, JOINTS, 16),
+            run("channels", self.channels, self.channel_stride, channels, 4),
+            run("visemes", self.visemes, 4, VISEMES, 4),
+        ]
+    }
+
+    /// Frames without gaps: index, sample, translation, rotations, channels, and visemes where the model has them.
+    #[expect(clippy::cast_possible_truncation, reason = "a frame has a few thousand bytes")]
+    fn packed(model: &ModelHandle) -> Self {
+        let rotations = 8 + 8 + 12;
+        let channels = rotations + 16 * JOINTS;
+        let visemes = channels + 4 * model.model.config().face.names.len();
+        let (visemes, end) = match model.visemes {
+            Some(_) => (visemes as u32, visemes + 4 * VISEMES),
+            None => (UMO_ABSENT, visemes),
+        };
+        Self {
+            struct_size: 0,
+            axes: crate::UMO_AXES_GLTF,
+            frame_stride: end.next_multiple_of(8) as u32,
+            index: 0,
+            sample: 8,
+            translation: 16,
+            rotations: rotations as u32,
+            rotation_stride: 16,
+            channels: channels as u32,
+            channel_stride: 4,
+            visemes,
+            reserved: 0,
+        }
+    }
+}
+
+impl<'a> Layout<'a> {
+    /// Checks a layout, so that no value of a frame is written outside of it.
+    pub(crate) fn new(given: UmoFrameLayout, model: &'a ModelHandle) -> Result<Self, Failure> {
+        let axes = crate::axes(given.axes)?;
+        let mut extent = 0;
+        for Run { name, offset, stride, count, size } in given.runs(model.model.config().face.names.len()) {
+            if offset == UMO_ABSENT || count == 0 {
+                continue;
+            }
+            if offset > MOST || stride > MOST {
+                return Err(Failure::argument(format_args!("layout: {name} lies more than {MOST} bytes apart")));
+            }
+            if stride < size {
+                return Err(Failure::argument(format_args!(
+                    "layout: {name} has a stride of {stride}, less than {size}"
+                )));
+            }
+            extent = extent.max(offset as usize + (count - 1) * stride as usize + size as usize);
+        }
+        if given.visemes != UMO_ABSENT && model.visemes.is_none() {
+            let what = "layout: visemes are wanted, but this model's face has no ARKit channels";
+            return Err(Failure::new(UMO_STATUS_UNSUPPORTED, what));
+        }
+        if given.frame_stride > MOST || extent > given.frame_stride as usize {
+            let what = format_args!("layout: a frame has {extent} bytes, its stride is {}", given.frame_stride);
+            return Err(Failure::argument(what));
+        }
+        Ok(Self { given, axes, model, extent })
+    }
+
+    /// Frames that `size` bytes have room for.
+    pub(crate) fn room(&self, size: usize) -> usize {
+        match self.given.frame_stride as usize {
+            // A layout without values: nothing is written, however many there are.
+            0 => usize::MAX,
+            stride => size.checked_sub(self.extent).map_or(0, |rest| rest / stride + 1),
+        }
+    }
+
+    /// Whether one frame fits.
+    pub(crate) fn check_room(&self, size: usize) -> Result<(), Failure> {
+        if self.room(size) > 0 {
+            return Ok(());
+        }
+        let what = format_args!("there are {size} bytes, a frame has {}", self.extent);
+        Err(Failure::new(UMO_STATUS_BUFFER_TOO_SMALL, what))
+    }
+
+    /// Writes frame number `number` of those in `bytes`.
+    ///
+    /// # Safety
+    /// `bytes` has as many writable bytes as [`Self::room`] was asked about, `number` is below what it said, and nobody
+    /// else touches them.
+    pub(crate) unsafe fn write(&self, bytes: *mut u8, number: usize, frame: FrameView) {
+        let given = &self.given;
+        let stride = given.frame_stride as usize;
+        // SAFETY: frames up to `number` lie within the bytes.
+        let start = unsafe { bytes.add(number * stride) };
+        let put = |offset: u32, index: usize, stride: u32, value: &[u8]| {
+            if offset == UMO_ABSENT {
+                return;
+            }
+            // SAFETY: `new` has checked that every value lies within the frame, and the caller that the frame lies within
+            // the bytes.
+            let place = unsafe { start.add(offset as usize + index * stride as usize) };
+            // SAFETY: as above; bytes need no alignment, and the value is this library's own.
+            unsafe { place.copy_from_nonoverlapping(value.as_ptr(), value.len()) };
+        };
+        put(given.index, 0, 0, &frame.index.to_ne_bytes());
+        put(given.sample, 0, 0, &frame.sample.to_ne_bytes());
+        let translation = self.axes.place(frame.pose.translation).map(f32::to_ne_bytes);
+        put(given.translation, 0, 0, translation.as_flattened());
+        for (joint, &rotation) in frame.pose.rotations.iter().enumerate() {
+            let rotation = self.axes.rotation(rotation).map(f32::to_ne_bytes);
+            put(given.rotations, joint, given.rotation_stride, rotation.as_flattened());
+        }
+        for (channel, value) in frame.face.iter().enumerate() {
+            put(given.channels, channel, given.channel_stride, &value.to_ne_bytes());
+        }
+        if let (Some(visemes), true) = (&self.model.visemes, given.visemes != UMO_ABSENT) {
+            let weights = visemes.weights(frame.face).map(f32::to_ne_bytes);
+            put(given.visemes, 0, 0, weights.as_flattened());
+        }
+    }
+}
+
+/// Reads and checks a layout.
+///
+/// # Safety
+/// `layout` is NULL or as long as its `struct_size` says.
+pub(crate) unsafe fn read<'a>(layout: *const UmoFrameLayout, model: &'a ModelHandle) -> Result<Layout<'a>, Failure> {
+    // SAFETY: by this function's own clause.
+    Layout::new(unsafe { ffi::read(layout, "layout")? }, model)
+}
+
+/// Fills a layout with that of frames without gaps in glTF's axes: index, sample, translation, rotations, channels, and
+/// visemes where the model has ARKit channels. `size` is `sizeof *layout`.
+///
+/// Threads: any. Never allocates, never waits.
+/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`.
+///
+/// # Safety
+/// `layout` is NULL or has `size` writable bytes.
+#[unsafe(no_mangle)]
+#[must_use]
+pub unsafe extern "C" fn umo_frame_layout_init(
+    layout: *mut UmoFrameLayout,
+    size: usize,
+    model: *const UmoModel,
+) -> UmoStatus {
+    guard(|| {
+        let packed = UmoFrameLayout::packed(&*model::get(model)?);
+        // SAFETY: by this function's own clause.
+        unsafe { ffi::initialise(layout, size, "layout", &packed) }
+    })
+}
+
+/// Whether a layout can be used with a model, and how many frames `size` bytes have room for.
+///
+/// Threads: any. Never allocates, never waits.
+/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `INVALID_ARGUMENT`, `UNSUPPORTED`: `umo_last_error` says what.
+///
+/// # Safety
+/// `layout` is NULL or as long as its `struct_size` says; `frames` is NULL or writable.
+#[unsafe(no_mangle)]
+#[must_use]
+pub unsafe extern "C" fn umo_frame_layout_check(
+    layout: *const UmoFrameLayout,
+    model: *const UmoModel,
+    size: usize,
+    frames: *mut usize,
+) -> UmoStatus {
+    guard(|| {
+        let model = model::get(model)?;
+        // SAFETY: by this function's own clause.
+        let room = unsafe { read(layout, &model)? }.room(size);
+        // SAFETY: by this function's own clause.
+        unsafe { ffi::put_if_wanted(frames, "frames", room) }
+    })
+}
+
+/// The host's memory for one frame.
+pub(crate) fn one(frame: *mut c_void) -> Result<*mut u8, Failure> {
+    if frame.is_null() { Err(Failure::null("frame")) } else { Ok(frame.cast()) }
+}

@@ -1,0 +1,214 @@
+//! Handles: what a host holds instead of pointers. Each is a place in a table and the number of its use, so that a handle
+//! that was freed, or is of another kind, or was made up, is told from a good one, and nothing is freed under a thread
+//! that uses it.
+
+use std::ops::Deref;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicPtr, AtomicU64, Ordering};
+
+use crate::status::{Failure, UMO_STATUS_BUSY, UMO_STATUS_FULL, UMO_STATUS_INVALID_HANDLE};
+
+/// Bits of a slot's word that count the threads in it.
+const USERS: u32 = 23;
+const USER: u64 = 1;
+const LIVE: u64 = 1 << USERS;
+/// One use of the slot.
+const GENERATION: u64 = LIVE << 1;
+const USERS_MASK: u64 = LIVE - 1;
+
+/// Bits of a handle: its kind, its slot; the rest counts uses.
+const KIND_BITS: u32 = 4;
+const INDEX_BITS: u32 = 16;
+
+/// Times that a free looks again where a stray handle is just looked up in its slot.
+const LOOKS: usize = 1000;
+
+/// A place for one object.
+pub(crate) struct Slot<T> {
+    /// Uses so far, whether it is in use, and how many threads are in it.
+    state: AtomicU64,
+    object: AtomicPtr<T>,
+}
+
+impl<T> Slot<T> {
+    pub(crate) const fn new() -> Self {
+        Self { state: AtomicU64::new(0), object: AtomicPtr::new(std::ptr::null_mut()) }
+    }
+}
+
+/// All objects of one kind.
+pub(crate) struct Table<T: 'static, const N: usize> {
+    slots: [Slot<T>; N],
+    /// Tells the kinds' handles apart, `1..16`.
+    kind: usize,
+    /// What the objects are called in errors.
+    name: &'static str,
+    /// The slot to try first.
+    next: Mutex<usize>,
+}
+
+/// An object that is in use by this thread, so that it is not freed.
+pub(crate) struct Held<'a, T> {
+    slot: &'a Slot<T>,
+    object: &'a T,
+}
+
+impl<T> Deref for Held<'_, T> {
+    type Target = T;
+
+    fn deref(&self) -> &T {
+        self.object
+    }
+}
+
+impl<T> Drop for Held<'_, T> {
+    fn drop(&mut self) {
+        self.slot.state.fetch_sub(USER, Ordering::Release);
+    }
+}
+
+impl<T: Send + Sync, const N: usize> Table<T, N> {
+    pub(crate) const fn new(kind: usize, name: &'static str) -> Self {
+        assert!(N <= 1 << INDEX_BITS && kind > 0 && kind < 1 << KIND_BITS);
+        Self { slots: [const { Slot::new() }; N], kind, name, next: Mutex::new(0) }
+    }
+
+    /// The handle of a new object.
+    pub(crate) fn insert(&self, object: Box<T>) -> Result<usize, Failure> {
+        let mut next = self.next.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let free = |&index: &usize| self.slots[index].state.load(Ordering::Acquire) & LIVE == 0;
+        let index = (0..N).map(|i| (*next + i) % N).find(free);
+        let Some(index) = index else {
+            return Err(Failure::new(
+                UMO_STATUS_FULL,
+                format_args!("there are {N} {}s already: free one first", self.name),
+            ));
+        };
+        *next = (index + 1) % N;
+        let slot = &self.slots[index];
+        slot.object.store(Box::into_raw(object), Ordering::Release);
+        let state = slot.state.fetch_add(GENERATION | LIVE, Ordering::AcqRel) + (GENERATION | LIVE);
+        Ok(self.handle(index, state))
+    }
+
+    #[expect(clippy::cast_possible_truncation, reason = "as many bits of the count as a handle has room for")]
+    fn handle(&self, index: usize, state: u64) -> usize {
+        ((state / GENERATION) as usize) << (KIND_BITS + INDEX_BITS) | index << KIND_BITS | self.kind
+    }
+
+    fn invalid(&self) -> Failure {
+        let what = format_args!("this is no {} handle, or the {} was freed", self.name, self.name);
+        Failure::new(UMO_STATUS_INVALID_HANDLE, what)
+    }
+
+    fn slot(&self, handle: usize) -> Option<(usize, &Slot<T>)> {
+        let index = (handle >> KIND_BITS) & ((1 << INDEX_BITS) - 1);
+        let slot = self.slots.get(index)?;
+        (handle & ((1 << KIND_BITS) - 1) == self.kind).then_some((index, slot))
+    }
+
+    /// The object of a handle, held until the result is dropped. Wait-free.
+    pub(crate) fn get(&self, handle: usize) -> Result<Held<'_, T>, Failure> {
+        let (index, slot) = self.slot(handle).ok_or_else(|| self.invalid())?;
+        // From here on nobody frees it, if it is there.
+        let state = slot.state.fetch_add(USER, Ordering::Acquire);
+        if state & LIVE == 0 || self.handle(index, state) != handle {
+            slot.state.fetch_sub(USER, Ordering::Release);
+            return Err(self.invalid());
+        }
+        let object = slot.object.load(Ordering::Acquire);
+        // SAFETY: the slot is live, so `insert` put a box's pointer there, and `remove` does not take it out while we are
+        // counted among its users.
+        Ok(Held { slot, object: unsafe { &*object } })
+    }
+
+    /// Takes an object out.
+    pub(crate) fn remove(&self, handle: usize) -> Result<Box<T>, Failure> {
+        let (index, slot) = self.slot(handle).ok_or_else(|| self.invalid())?;
+        for _ in 0..LOOKS {
+            let state = slot.state.load(Ordering::Acquire);
+            if state & LIVE == 0 || self.handle(index, state) != handle {
+                return Err(self.invalid());
+            }
+            if state & USERS_MASK > 0 {
+                std::hint::spin_loop();
+                continue;
+            }
+            if slot.state.compare_exchange(state, state - LIVE, Ordering::AcqRel, Ordering::Relaxed).is_ok() {
+                let object = slot.object.swap(std::ptr::null_mut(), Ordering::AcqRel);
+                // SAFETY: `insert` put a box's pointer there, and the exchange above made this the only thread that takes
+                // it out, with nobody in it.
+                return Ok(unsafe { Box::from_raw(object) });
+            }
+        }
+        let what = format_args!("another thread is in a call on this {}: free it when that has returned", self.name);
+        Err(Failure::new(UMO_STATUS_BUSY, what))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::atomic::AtomicUsize;
+
+    static COUNTED: Table<Counted, 4> = Table::new(3, "thing");
+    static ALIVE: AtomicUsize = AtomicUsize::new(0);
+
+    struct Counted(usize);
+
+    impl Counted {
+        fn boxed(value: usize) -> Box<Self> {
+            ALIVE.fetch_add(1, Ordering::Relaxed);
+            Box::new(Self(value))
+        }
+    }
+
+    impl Drop for Counted {
+        fn drop(&mut self) {
+            ALIVE.fetch_sub(1, Ordering::Relaxed);
+        }
+    }
+
+    #[test]
+    fn handles_are_good_once_and_for_one_kind() {
+        let first = COUNTED.insert(Counted::boxed(7)).ok().unwrap();
+        assert_eq!(COUNTED.get(first).ok().unwrap().0, 7);
+        let held = COUNTED.get(first).ok().unwrap();
+        assert_eq!(COUNTED.remove(first).err().unwrap().status, UMO_STATUS_BUSY);
+        drop(held);
+        drop(COUNTED.remove(first).ok().unwrap());
+        for stale in [first, first ^ 1, 0, usize::MAX, first + (1 << KIND_BITS), 0x7fff_1234_5678] {
+            assert_eq!(COUNTED.get(stale).err().unwrap().status, UMO_STATUS_INVALID_HANDLE, "{stale:x}");
+            assert_eq!(COUNTED.remove(stale).err().unwrap().status, UMO_STATUS_INVALID_HANDLE, "{stale:x}");
+        }
+        // A slot that is used again has other handles.
+        for round in 0..50 {
+            let handle = COUNTED.insert(Counted::boxed(round)).ok().unwrap();
+            assert_ne!(handle, first);
+            assert!(COUNTED.get(first).is_err());
+            drop(COUNTED.remove(handle).ok().unwrap());
+        }
+        let four: Vec<_> = (0..4).map(|i| COUNTED.insert(Counted::boxed(i)).ok().unwrap()).collect();
+        assert_eq!(COUNTED.insert(Counted::boxed(9)).err().unwrap().status, UMO_STATUS_FULL);
+        four.iter().for_each(|&handle| drop(COUNTED.remove(handle).ok().unwrap()));
+        assert_eq!(ALIVE.load(Ordering::Relaxed), 0);
+    }
+
+    #[test]
+    fn nothing_is_freed_under_a_thread_that_uses_it() {
+        static SHARED: Table<Vec<usize>, 2> = Table::new(1, "thing");
+        for round in 0..200 {
+            let handle = SHARED.insert(Box::new(vec![round; 64])).ok().unwrap();
+            std::thread::scope(|scope| {
+                for _ in 0..2 {
+                    scope.spawn(move || {
+                        while let Ok(held) = SHARED.get(handle) {
+                            assert!(held.iter().all(|&v| v == round));
+                        }
+                    });
+                }
+                scope.spawn(move || while SHARED.remove(handle).is_err_and(|f| f.status == UMO_STATUS_BUSY) {});
+            });
+        }
+    }
+}

@@ -1,0 +1,536 @@
+//! Models: loaded once, never changed, shared by any number of engines.
+
+use std::ffi::{CString, c_char, c_void};
+use std::path::Path;
+use std::sync::Arc;
+
+use umo_core::config::FaceKind;
+use umo_core::lm::layout::MAX_PROMPT_TOKENS;
+use umo_core::model::Model;
+use umo_core::motion::axes::Axes;
+use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS};
+use umo_core::motion::visemes::{VISEME_NAMES, VISEMES, Visemes};
+use umo_core::{LoadError, ModelFile, Precision};
+use umo_kernels::Isa;
+
+use crate::ffi::{self, Sized32, guard, put, wanted};
+use crate::handle::{Held, Table};
+use crate::log::{Log, UMO_LOG_INFO, UMO_LOG_WARNING, UmoLog};
+use crate::memory;
+use crate::status::{Failure, UMO_STATUS_BUFFER_TOO_SMALL, UMO_STATUS_UNSUPPORTED, UMO_STATUS_VERSION, UmoStatus};
+use crate::{UMO_ABI_VERSION, axes};
+
+/// A loaded model. A handle, never a pointer to memory.
+pub struct UmoModel {
+    _opaque: [u8; 0],
+}
+
+/// Weights as the file has them.
+pub const UMO_PRECISION_STORED: u32 = 0;
+/// All products in f32.
+pub const UMO_PRECISION_F32: u32 = 1;
+/// Weights rounded to bfloat16.
+pub const UMO_PRECISION_BF16: u32 = 2;
+/// Weights rounded to int8.
+pub const UMO_PRECISION_INT8: u32 = 3;
+
+/// The fastest instructions that the processor has.
+pub const UMO_ISA_BEST: u32 = 0;
+/// Portable code.
+pub const UMO_ISA_SCALAR: u32 = 1;
+/// At most AVX2.
+pub const UMO_ISA_AVX2: u32 = 2;
+/// At most AVX-512 with VNNI.
+pub const UMO_ISA_AVX512VNNI: u32 = 3;
+/// At most AMX.
+pub const UMO_ISA_AMX: u32 = 4;
+
+/// The back-ends that a cap lets through, slowest first.
+const ISAS: [&str; 4] = ["scalar", "avx2", "avx512vnni", "amx"];
+
+/// How a model is loaded. Start it with `umo_model_config_init`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct UmoModelConfig {
+    /// `sizeof(umo_model_config)`.
+    pub struct_size: u32,
+    /// One of `UMO_PRECISION_…`.
+    pub precision: u32,
+    /// The fastest instructions that may be used: one of `UMO_ISA_…`. Sessions have the same bits on every one of them
+    /// where all products are int8; float products round differently.
+    pub isa: u32,
+    /// Zero.
+    pub reserved: u32,
+    /// Who is told about this model, or NULL. Read while the model is loaded.
+    pub log: *const UmoLog,
+}
+
+// SAFETY: `repr(C)`, starts with its size, integers and a pointer that may be NULL.
+unsafe impl Sized32 for UmoModelConfig {
+    const FIRST: usize = 16 + size_of::<*const UmoLog>();
+}
+
+/// What a model has. Set `struct_size`, the rest is written by `umo_model_get_info`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct UmoModelInfo {
+    /// `sizeof(umo_model_info)`.
+    pub struct_size: u32,
+    /// Frames per second: 30.
+    pub frame_rate: u32,
+    /// Samples per second that the model hears; sessions take any rate and resample.
+    pub sample_rate: u32,
+    /// Joints of the body: 55, as SMPL-X has them.
+    pub joints: u32,
+    /// Face channels.
+    pub channels: u32,
+    /// 1 where face channels are the 52 ARKit blendshapes, 0 to 1; 0 where they are SMPL-X expression coefficients.
+    pub is_arkit: u32,
+    /// Frames from one keyframe to the next.
+    pub keyframe_stride: u32,
+    /// Keyframes predicted per chunk by default.
+    pub target: u32,
+    /// Most keyframes per chunk.
+    pub max_target: u32,
+    /// Frames held back by default.
+    pub lookahead: u32,
+    /// Frames of future speech that a frame needs at most, by default.
+    pub latency_frames: u32,
+    /// Most ids of a prompt.
+    pub max_prompt: u32,
+    /// 1 where texts can be prompts, so that `umo_session_set_prompt` works.
+    pub has_text: u32,
+    /// 1 where users must be told something, `UMO_MODEL_NOTICE`: that the model was never trained, say.
+    pub has_notice: u32,
+    /// Bytes of the model file.
+    pub file_size: u64,
+}
+
+// SAFETY: `repr(C)`, starts with its size, integers.
+unsafe impl Sized32 for UmoModelInfo {
+    const FIRST: usize = 64;
+}
+
+/// Name of the model.
+pub const UMO_MODEL_NAME: u32 = 1;
+/// Licence of its weights.
+pub const UMO_MODEL_LICENSE: u32 = 2;
+/// What users must be told about it; empty where there is nothing.
+pub const UMO_MODEL_NOTICE: u32 = 3;
+/// The instructions that it was packed for, as `avx512vnni`.
+pub const UMO_MODEL_ISA: u32 = 4;
+
+/// Visemes per frame.
+pub const UMO_VISEME_COUNT: u32 = 15;
+/// Joints of every model.
+pub const UMO_JOINT_COUNT: u32 = 55;
+
+const _: () = assert!(VISEMES == UMO_VISEME_COUNT as usize && JOINTS == UMO_JOINT_COUNT as usize);
+
+/// What a model's handle stands for.
+pub(crate) struct ModelHandle {
+    pub(crate) model: Arc<Model>,
+    pub(crate) visemes: Option<Visemes>,
+    texts: [CString; 4],
+    channels: Box<[CString]>,
+    info: UmoModelInfo,
+    log: Log,
+}
+
+/// Most models at once.
+const MAX_MODELS: usize = 1024;
+/// Models that are shared by their engines and their handle.
+pub(crate) static MODELS: Table<Arc<ModelHandle>, MAX_MODELS> = Table::new(1, "model");
+
+pub(crate) fn get(model: *const UmoModel) -> Result<Held<'static, Arc<ModelHandle>>, Failure> {
+    if model.is_null() {
+        return Err(Failure::null("model"));
+    }
+    MODELS.get(model.addr())
+}
+
+/// Whether a program that was compiled with `abi` can use this library: the same major version, and no newer minor one.
+pub(crate) fn check_abi(abi: u32) -> Result<(), Failure> {
+    if abi >> 16 == UMO_ABI_VERSION >> 16 && abi & 0xffff <= UMO_ABI_VERSION & 0xffff {
+        return Ok(());
+    }
+    let (major, minor) = (abi >> 16, abi & 0xffff);
+    let (have_major, have_minor) = (UMO_ABI_VERSION >> 16, UMO_ABI_VERSION & 0xffff);
+    let what = format_args!("umo.h is of ABI {major}.{minor}, this library has ABI {have_major}.{have_minor}");
+    Err(Failure::new(UMO_STATUS_VERSION, what))
+}
+
+impl UmoModelConfig {
+    const DEFAULT: Self =
+        Self { struct_size: 0, precision: UMO_PRECISION_STORED, isa: UMO_ISA_BEST, reserved: 0, log: std::ptr::null() };
+}
+
+fn precision(number: u32) -> Result<Precision, Failure> {
+    match number {
+        UMO_PRECISION_STORED => Ok(Precision::Stored),
+        UMO_PRECISION_F32 => Ok(Precision::F32),
+        UMO_PRECISION_BF16 => Ok(Precision::Bf16),
+        UMO_PRECISION_INT8 => Ok(Precision::Int8),
+        _ => Err(Failure::argument(format_args!("precision {number} is none of UMO_PRECISION_…"))),
+    }
+}
+
+/// The fastest back-end up to a cap.
+fn isa(number: u32) -> Result<Isa, Failure> {
+    if number == UMO_ISA_BEST {
+        return Ok(Isa::detect());
+    }
+    let unknown = || Failure::argument(format_args!("isa {number} is none of UMO_ISA_…"));
+    let allowed = ISAS.get(..number as usize).ok_or_else(unknown)?;
+    Ok(Isa::available().filter(|isa| allowed.contains(&isa.name())).last().unwrap_or(Isa::SCALAR))
+}
+
+/// # Safety
+/// `config` is NULL or has as many readable bytes as its `struct_size` says; its `log` is NULL or readable.
+unsafe fn read_config(config: *const UmoModelConfig) -> Result<(Precision, Isa, Log), Failure> {
+    // SAFETY: by this function's own clause.
+    let config = if config.is_null() { UmoModelConfig::DEFAULT } else { unsafe { ffi::read(config, "config")? } };
+    if config.reserved != 0 {
+        return Err(Failure::argument("`config.reserved` is not 0"));
+    }
+    // SAFETY: by this function's own clause.
+    let log = Log(unsafe { crate::read_if_given(config.log, "config.log")? });
+    Ok((precision(config.precision)?, isa(config.isa)?, log))
+}
+
+/// Loads with threads that are gone when it is done, so that the library can be unloaded.
+fn load(file: &ModelFile, precision: Precision, isa: Isa, log: Log) -> Result<Arc<ModelHandle>, Failure> {
+    memory::check(file.len())?;
+    let start = std::time::Instant::now();
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
+    let loaded = pool.build_scoped(|thread| thread.run(), |pool| pool.install(|| Model::load(file, precision, isa)));
+    let no_thread = |error| Failure::new(crate::status::UMO_STATUS_THREAD, error);
+    let model = loaded.map_err(no_thread)??;
+    let handle = ModelHandle::new(Arc::new(model), file, log)?;
+    let config = handle.model.config();
+    let (ms, mib) = (start.elapsed().as_millis(), file.len() >> 20);
+    log.say(UMO_LOG_INFO, format_args!("loaded {} ({mib} MiB, {}) in {ms} ms", config.name, isa.name()));
+    if let Some(notice) = &config.notice {
+        log.say(UMO_LOG_WARNING, notice);
+    }
+    Ok(Arc::new(handle))
+}
+
+impl ModelHandle {
+    fn new(model: Arc<Model>, file: &ModelFile, log: Log) -> Result<Self, Failure> {
+        let config = model.config();
+        let c_string = |text: &str| {
+            let bad = |_| LoadError::File("a name in the config holds a zero byte".to_owned());
+            CString::new(text).map_err(bad)
+        };
+        let notice = config.notice.as_deref().unwrap_or_default();
+        let count = |value: usize| u32::try_from(value).unwrap_or(u32::MAX);
+        let info = UmoModelInfo {
+            struct_size: 0,
+            frame_rate: count(config.frame_rate),
+            sample_rate: count(config.audio.sample_rate),
+            joints: UMO_JOINT_COUNT,
+            channels: count(config.face.names.len()),
+            is_arkit: u32::from(config.face.kind == FaceKind::Arkit),
+            keyframe_stride: count(config.keyframe_stride),
+            target: count(config.target),
+            max_target: count(config.max_target),
+            lookahead: count(config.lookahead),
+            latency_frames: count((config.target + 1) * config.keyframe_stride - 1 + config.lookahead),
+            max_prompt: count(MAX_PROMPT_TOKENS),
+            has_text: u32::from(model.text().is_some()),
+            has_notice: u32::from(!notice.is_empty()),
+            file_size: file.len() as u64,
+        };
+        Ok(Self {
+            visemes: Visemes::new(&config.face),
+            texts: [
+                c_string(&config.name)?,
+                c_string(&config.license)?,
+                c_string(notice)?,
+                c_string(model.isa().name())?,
+            ],
+            channels: config.face.names.iter().map(|name| c_string(name)).collect::<Result<_, _>>()?,
+            info,
+            log,
+            model,
+        })
+    }
+}
+
+/// Fills a model configuration with its defaults. `size` is `sizeof *config`.
+///
+/// Threads: any. Never allocates, never waits.
+/// Errors: `NULL_POINTER`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (not aligned).
+///
+/// # Safety
+/// `config` is NULL or has `size` writable bytes.
+#[unsafe(no_mangle)]
+#[must_use]
+pub unsafe extern "C" fn umo_model_config_init(config: *mut UmoModelConfig, size: usize) -> UmoStatus {
+    // SAFETY: by this function's own clause.
+    guard(|| unsafe { ffi::initialise(config, size, "config", &UmoModelConfig::DEFAULT) })
+}
+
+/// Loads a model from a file. `abi` is `UMO_ABI_VERSION`; `path` is UTF-8; `config` may be NULL.
+///
+/// Threads: any but the audio thread. Allocates, reads the file, starts threads for as long as it takes, and waits for
+/// them: a base-size int8 model takes some 0.3 s.
+/// Errors: `VERSION`, `NULL_POINTER`, `IO`, `MODEL` (`umo_last_error` names the tensor or key), `OUT_OF_MEMORY`, `FULL`
+/// (1,024 models), `THREAD`, `INVALID_ARGUMENT`, `STRUCT_SIZE`.
+///
+/// # Safety
+/// `path` is NULL or ends with a zero byte; `config` is NULL or as long as its `struct_size` says; `model` is NULL or
+/// writable.
+#[unsafe(no_mangle)]
+#[must_use]
+pub unsafe extern "C" fn umo_model_load(
+    abi: u32,
+    path: *const c_char,
+    config: *const UmoModelConfig,
+    model: *mut *mut UmoModel,
+) -> UmoStatus {
+    guard(|| {
+        check_abi(abi)?;
+        wanted(model, "model")?;
+        // SAFETY: by this function's own clause.
+        let path = unsafe { ffi::string(path, "path")? };
+        // SAFETY: by this function's own clause.
+        let (precision, isa, log) = unsafe { read_config(config)? };
+        let loaded = load(&ModelFile::open(Path::new(path))?, precision, isa, log)?;
+        // SAFETY: by this function's own clause.
+        unsafe { put(model, "model", std::ptr::without_provenance_mut(MODELS.insert(Box::new(loaded))?)) }
+    })
+}
+
+/// Loads a model from memory, which is not copied and not needed any more when the call returns: weights are laid out anew
+/// for the processor.
+///
+/// Threads, errors: as `umo_model_load`, but for `IO`.
+///
+/// # Safety
+/// As `umo_model_load`; `data` is NULL or has `size` readable bytes.
+#[unsafe(no_mangle)]
+#[must_use]
+pub unsafe extern "C" fn umo_model_load_memory(
+    abi: u32,
+    data: *const c_void,
+    size: usize,
+    config: *const UmoModelConfig,
+    model: *mut *mut UmoModel,
+) -> UmoStatus {
+    guard(|| {
+        check_abi(abi)?;
+        wanted(model, "model")?;
+        // SAFETY: the bytes are readable while this call lasts, by this function's own clause, and the file that borrows
+        // them as static is dropped before it returns; a `Model` keeps nothing of its file.
+        let bytes: &'static [u8] = unsafe { ffi::slice(data.cast::<u8>(), size, "data")? };
+        // SAFETY: by this function's own clause.
+        let (precision, isa, log) = unsafe { read_config(config)? };
+        let loaded = load(&ModelFile::from_static(bytes)?, precision, isa, log)?;
+        // SAFETY: by this function's own clause.
+        unsafe { put(model, "model", std::ptr::without_provenance_mut(MODELS.insert(Box::new(loaded))?)) }
+    })
+}
+
+/// Frees a model. Its engines keep what they need of it. NULL is fine.
+///
+/// Threads: any but the audio thread. Texts and names of the model are gone with it.
+/// Errors: `INVALID_HANDLE`, `BUSY` (another thread is in a call on it).
+#[unsafe(no_mangle)]
+pub extern "C" fn umo_model_free(model: *mut UmoModel) -> UmoStatus {
+    guard(|| {
+        if model.is_null() {
+            return Ok(());
+        }
+        let freed = MODELS.remove(model.addr())?;
+        freed.log.say(UMO_LOG_INFO, format_args!("freed model {}", freed.model.config().name));
+        Ok(())
+    })
+}
+
+/// What a model has.
+///
+/// Threads: any. Never allocates, never waits.
+/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`.
+///
+/// # Safety
+/// `info` is NULL or as long as its `struct_size` says, and writable.
+#[unsafe(no_mangle)]
+#[must_use]
+pub unsafe extern "C" fn umo_model_get_info(model: *const UmoModel, info: *mut UmoModelInfo) -> UmoStatus {
+    // SAFETY: by this function's own clause.
+    guard(|| unsafe { ffi::write(info, "info", &get(model)?.info) })
+}
+
+/// One of the model's texts, UTF-8, good until the model is freed. `which` is one of `UMO_MODEL_…`.
+///
+/// Threads: any. Never allocates, never waits.
+/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT`.
+///
+/// # Safety
+/// `text` is NULL or writable.
+#[unsafe(no_mangle)]
+#[must_use]
+pub unsafe extern "C" fn umo_model_get_text(model: *const UmoModel, which: u32, text: *mut *const c_char) -> UmoStatus {
+    guard(|| {
+        let model = get(model)?;
+        let unknown = || Failure::argument(format_args!("text {which} is none of UMO_MODEL_…"));
+        let found = (which as usize).checked_sub(1).and_then(|index| model.texts.get(index)).ok_or_else(unknown)?;
+        // SAFETY: by this function's own clause.
+        unsafe { put(text, "text", found.as_ptr()) }
+    })
+}
+
+/// The name of a face channel, as `jawOpen`, good until the model is freed. `index` is below `umo_model_info.channels`.
+///
+/// Threads: any. Never allocates, never waits.
+/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT`.
+///
+/// # Safety
+/// `name` is NULL or writable.
+#[unsafe(no_mangle)]
+#[must_use]
+pub unsafe extern "C" fn umo_model_get_channel_name(
+    model: *const UmoModel,
+    index: u32,
+    name: *mut *const c_char,
+) -> UmoStatus {
+    guard(|| {
+        let model = get(model)?;
+        let none = || Failure::argument(format_args!("channel {index}: there are {}", model.channels.len()));
+        let found = model.channels.get(index as usize).ok_or_else(none)?;
+        // SAFETY: by this function's own clause.
+        unsafe { put(name, "name", found.as_ptr()) }
+    })
+}
+
+/// Every joint's name with its end.
+static JOINT_TEXTS: [Name; JOINTS] = names(JOINT_NAMES);
+/// Every viseme's name with its end.
+static VISEME_TEXTS: [Name; VISEMES] = names(VISEME_NAMES);
+
+/// A short text that ends with a zero byte.
+type Name = [u8; 24];
+
+const fn names<const N: usize>(texts: [&str; N]) -> [Name; N] {
+    let mut names = [[0; 24]; N];
+    let mut i = 0;
+    while i < N {
+        let (text, mut at) = (texts[i].as_bytes(), 0);
+        assert!(text.len() < 24);
+        while at < text.len() {
+            names[i][at] = text[at];
+            at += 1;
+        }
+        i += 1;
+    }
+    names
+}
+
+/// The name of a joint, as `left_elbow`: static, NULL where `index` is not below `UMO_JOINT_COUNT`.
+///
+/// Threads: any. Never allocates, never waits.
+#[unsafe(no_mangle)]
+pub extern "C" fn umo_joint_name(index: u32) -> *const c_char {
+    JOINT_TEXTS.get(index as usize).map_or(std::ptr::null(), |name| name.as_ptr().cast())
+}
+
+/// The name of a viseme of the Oculus set, as `PP`: static, NULL where `index` is not below `UMO_VISEME_COUNT`.
+///
+/// Threads: any. Never allocates, never waits.
+#[unsafe(no_mangle)]
+pub extern "C" fn umo_viseme_name(index: u32) -> *const c_char {
+    VISEME_TEXTS.get(index as usize).map_or(std::ptr::null(), |name| name.as_ptr().cast())
+}
+
+/// The bones: for each joint its parent's index, -1 for the first, and where it is in its parent's frame at rest, x y z, in
+/// `which` axes (one of `UMO_AXES_…`) and their unit. Either may be NULL; `joints` is how many there is room for, at least
+/// `UMO_JOINT_COUNT`. With rotations all identity the body stands in a T.
+///
+/// Threads: any. Never allocates, never waits.
+/// Errors: `INVALID_HANDLE`, `INVALID_ARGUMENT`, `BUFFER_TOO_SMALL`.
+///
+/// # Safety
+/// `parents` is NULL or has room for `joints` values; `offsets` is NULL or has room for `3 * joints` values.
+#[unsafe(no_mangle)]
+#[must_use]
+pub unsafe extern "C" fn umo_model_get_skeleton(
+    model: *const UmoModel,
+    which: u32,
+    parents: *mut i32,
+    offsets: *mut f32,
+    joints: usize,
+) -> UmoStatus {
+    guard(|| {
+        let (model, axes) = (get(model)?, axes(which)?);
+        if joints < JOINTS {
+            let what = format_args!("there is room for {joints} joints, the body has {JOINTS}");
+            return Err(Failure::new(UMO_STATUS_BUFFER_TOO_SMALL, what));
+        }
+        let skeleton = &model.model.config().skeleton;
+        if !parents.is_null() {
+            // SAFETY: by this function's own clause.
+            unsafe { ffi::slice_mut(parents, JOINTS, "parents")? }.copy_from_slice(&skeleton.parents);
+        }
+        if !offsets.is_null() {
+            // SAFETY: by this function's own clause.
+            let offsets = unsafe { ffi::slice_mut(offsets, 3 * JOINTS, "offsets")? };
+            for (slot, &offset) in offsets.as_chunks_mut().0.iter_mut().zip(&skeleton.offsets_m) {
+                *slot = Axes::place(axes, offset);
+            }
+        }
+        Ok(())
+    })
+}
+
+/// The ids of a prompt, for `umo_session_set_prompt_ids`: at most `umo_model_info.max_prompt` of them. `count` is written
+/// even where there is no room for them all.
+///
+/// Threads: any but the audio thread. Allocates.
+/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `UNSUPPORTED` (the model takes no texts), `INVALID_ARGUMENT` (too long),
+/// `BUFFER_TOO_SMALL`.
+///
+/// # Safety
+/// `text` is NULL or has `length` readable bytes; `ids` is NULL or has room for `capacity` values; `count` is NULL or
+/// writable.
+#[unsafe(no_mangle)]
+#[must_use]
+pub unsafe extern "C" fn umo_model_encode_text(
+    model: *const UmoModel,
+    text: *const c_char,
+    length: usize,
+    ids: *mut u32,
+    capacity: usize,
+    count: *mut usize,
+) -> UmoStatus {
+    guard(|| {
+        wanted(count, "count")?;
+        // SAFETY: by this function's own clause.
+        let text = unsafe { ffi::slice(text.cast::<u8>(), length, "text")? };
+        let found = encode(&get(model)?.model, text)?;
+        // SAFETY: by this function's own clause.
+        unsafe { put(count, "count", found.len())? };
+        if found.len() > capacity {
+            let what = format_args!("the text has {} ids, there is room for {capacity}", found.len());
+            return Err(Failure::new(UMO_STATUS_BUFFER_TOO_SMALL, what));
+        }
+        // SAFETY: by this function's own clause, for a part of the room.
+        unsafe { ffi::slice_mut(ids, found.len(), "ids")? }.copy_from_slice(&found);
+        Ok(())
+    })
+}
+
+/// The ids of a text, which is UTF-8 or an error.
+pub(crate) fn encode(model: &Model, text: &[u8]) -> Result<Vec<u32>, Failure> {
+    if text.len() > ffi::MAX_TEXT {
+        return Err(Failure::argument(format_args!("`text` has more than {} bytes", ffi::MAX_TEXT)));
+    }
+    let text = std::str::from_utf8(text).map_err(|_| Failure::argument("`text` is not UTF-8"))?;
+    if text.is_empty() {
+        return Ok(Vec::new());
+    }
+    let none = || Failure::new(UMO_STATUS_UNSUPPORTED, "this model takes no texts");
+    model.text().ok_or_else(none)?.encode(text).map_err(Failure::argument)
+}

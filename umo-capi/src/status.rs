@@ -1,0 +1,261 @@
+//! Status codes, what each says, and where the detail of the last failure is kept.
+
+use std::cell::UnsafeCell;
+use std::ffi::{CStr, c_char};
+use std::fmt::{self, Write as _};
+
+use umo_core::LoadError;
+use umo_core::engine::{EngineError, PollError};
+use umo_core::session::SessionError;
+
+/// What a call came to: `UMO_STATUS_OK`, or below zero what went wrong. Numbers are never used again for anything else.
+pub type UmoStatus = i32;
+
+/// It worked.
+pub const UMO_STATUS_OK: UmoStatus = 0;
+/// A pointer is NULL where something is needed.
+pub const UMO_STATUS_NULL_POINTER: UmoStatus = -1;
+/// A handle was never given out, or was freed, or is of another kind.
+pub const UMO_STATUS_INVALID_HANDLE: UmoStatus = -2;
+/// An argument is out of its range.
+pub const UMO_STATUS_INVALID_ARGUMENT: UmoStatus = -3;
+/// A structure's `struct_size` is none that this library knows: call its initialiser.
+pub const UMO_STATUS_STRUCT_SIZE: UmoStatus = -4;
+/// A buffer is too small for what is to be written.
+pub const UMO_STATUS_BUFFER_TOO_SMALL: UmoStatus = -5;
+/// The program was compiled with the header of another, incompatible version.
+pub const UMO_STATUS_VERSION: UmoStatus = -6;
+/// A file cannot be read.
+pub const UMO_STATUS_IO: UmoStatus = -7;
+/// The bytes are no usable model.
+pub const UMO_STATUS_MODEL: UmoStatus = -8;
+/// There is not enough memory, or the host's allocator gave none.
+pub const UMO_STATUS_OUT_OF_MEMORY: UmoStatus = -9;
+/// All places are taken: free something first.
+pub const UMO_STATUS_FULL: UmoStatus = -10;
+/// Another thread is in a call that excludes this one: call again. Nothing was done.
+pub const UMO_STATUS_BUSY: UmoStatus = -11;
+/// Audio was pushed after `umo_session_finish`: reset or interrupt the session first.
+pub const UMO_STATUS_FINISHED: UmoStatus = -12;
+/// The session's computation failed: it gives no more frames. Free it.
+pub const UMO_STATUS_FAILED: UmoStatus = -13;
+/// The session's engine was freed: it gives no more frames. Free it.
+pub const UMO_STATUS_CLOSED: UmoStatus = -14;
+/// A defect of this library was caught; the session concerned is good for nothing more. Free it, and report the defect.
+pub const UMO_STATUS_PANIC: UmoStatus = -15;
+/// This model, processor or engine cannot do that.
+pub const UMO_STATUS_UNSUPPORTED: UmoStatus = -16;
+/// The bytes are no state of such a session. Nothing was changed.
+pub const UMO_STATUS_STATE: UmoStatus = -17;
+/// The system starts no thread, or does not let it have its core.
+pub const UMO_STATUS_THREAD: UmoStatus = -18;
+
+/// What a status says, and what to do about it.
+fn text(status: UmoStatus) -> &'static CStr {
+    match status {
+        UMO_STATUS_OK => c"no error",
+        UMO_STATUS_NULL_POINTER => c"a pointer is NULL where something is needed",
+        UMO_STATUS_INVALID_HANDLE => c"the handle was never given out, or was freed, or is of another kind",
+        UMO_STATUS_INVALID_ARGUMENT => c"an argument is out of its range",
+        UMO_STATUS_STRUCT_SIZE => {
+            c"struct_size is none that this library knows: call the structure's initialiser, or set it to sizeof"
+        }
+        UMO_STATUS_BUFFER_TOO_SMALL => c"the buffer is too small",
+        UMO_STATUS_VERSION => {
+            c"the program was compiled with the umo.h of an incompatible version: compile it with this library's"
+        }
+        UMO_STATUS_IO => c"the file cannot be read",
+        UMO_STATUS_MODEL => c"the bytes are no usable umo model",
+        UMO_STATUS_OUT_OF_MEMORY => c"there is not enough memory",
+        UMO_STATUS_FULL => c"all places are taken: free something first",
+        UMO_STATUS_BUSY => c"another thread is in a call that excludes this one: call again",
+        UMO_STATUS_FINISHED => c"audio was pushed after finish: reset or interrupt the session first",
+        UMO_STATUS_FAILED => c"the session's computation failed, it gives no more frames: free it",
+        UMO_STATUS_CLOSED => c"the session's engine was freed, it gives no more frames: free it",
+        UMO_STATUS_PANIC => c"a defect of this library was caught: free the session, and report the defect",
+        UMO_STATUS_UNSUPPORTED => c"this model, processor or engine cannot do that",
+        UMO_STATUS_STATE => c"the bytes are no state of such a session",
+        UMO_STATUS_THREAD => c"the system starts no thread, or does not let it have its core",
+        _ => c"not a status of this library",
+    }
+}
+
+/// Bytes that an error's detail may have, its end included.
+pub const UMO_ERROR_SIZE: usize = 512;
+
+/// A failure on its way out.
+#[derive(Debug)]
+pub(crate) struct Failure {
+    pub(crate) status: UmoStatus,
+    pub(crate) detail: Text,
+}
+
+impl Failure {
+    /// A failure that its status says all about.
+    pub(crate) fn plain(status: UmoStatus) -> Self {
+        Self { status, detail: Text::from(format_args!("{}", text(status).to_str().unwrap_or_default())) }
+    }
+
+    pub(crate) fn new(status: UmoStatus, detail: impl fmt::Display) -> Self {
+        Self { status, detail: Text::from(format_args!("{detail}")) }
+    }
+
+    pub(crate) fn null(what: &str) -> Self {
+        Self::new(UMO_STATUS_NULL_POINTER, format_args!("`{what}` is NULL"))
+    }
+
+    pub(crate) fn argument(detail: impl fmt::Display) -> Self {
+        Self::new(UMO_STATUS_INVALID_ARGUMENT, detail)
+    }
+}
+
+impl From<LoadError> for Failure {
+    fn from(error: LoadError) -> Self {
+        let status = match error {
+            LoadError::Io { .. } => UMO_STATUS_IO,
+            _ => UMO_STATUS_MODEL,
+        };
+        Self::new(status, error)
+    }
+}
+
+impl From<EngineError> for Failure {
+    fn from(error: EngineError) -> Self {
+        let status = match error {
+            EngineError::Config(_) => UMO_STATUS_INVALID_ARGUMENT,
+            EngineError::Thread(_) => UMO_STATUS_THREAD,
+            EngineError::Full { .. } => UMO_STATUS_FULL,
+            EngineError::Rest(_) => UMO_STATUS_MODEL,
+        };
+        Self::new(status, error)
+    }
+}
+
+impl From<SessionError> for Failure {
+    fn from(error: SessionError) -> Self {
+        let status = match error {
+            SessionError::Busy(_) => UMO_STATUS_BUSY,
+            SessionError::Finished => UMO_STATUS_FINISHED,
+            SessionError::Uneven { .. } | SessionError::Range(_) => UMO_STATUS_INVALID_ARGUMENT,
+            SessionError::Failed(_) => UMO_STATUS_FAILED,
+            SessionError::Panicked => UMO_STATUS_PANIC,
+            SessionError::Closed => UMO_STATUS_CLOSED,
+        };
+        Self::new(status, error)
+    }
+}
+
+impl From<PollError> for Failure {
+    fn from(error: PollError) -> Self {
+        let status = match error {
+            PollError::Busy => UMO_STATUS_BUSY,
+            PollError::OwnThreads => UMO_STATUS_UNSUPPORTED,
+        };
+        Self::new(status, error)
+    }
+}
+
+/// A text of fixed storage that ends with a zero byte. Writing one allocates nothing; what does not fit is cut.
+#[derive(Clone, Copy)]
+pub(crate) struct Text {
+    bytes: [u8; UMO_ERROR_SIZE],
+    len: usize,
+}
+
+impl Text {
+    pub(crate) const EMPTY: Self = Self { bytes: [0; UMO_ERROR_SIZE], len: 0 };
+
+    fn from(arguments: fmt::Arguments) -> Self {
+        let mut text = Self::EMPTY;
+        // Only what does not fit is an error, and that is cut.
+        let _ = text.write_fmt(arguments);
+        text
+    }
+
+    pub(crate) fn as_bytes(&self) -> &[u8] {
+        &self.bytes[..self.len]
+    }
+
+    /// The same with its end.
+    pub(crate) fn as_c_str(&self) -> &CStr {
+        CStr::from_bytes_until_nul(&self.bytes).unwrap_or_default()
+    }
+}
+
+impl fmt::Debug for Text {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&String::from_utf8_lossy(self.as_bytes()))
+    }
+}
+
+impl fmt::Write for Text {
+    fn write_str(&mut self, piece: &str) -> fmt::Result {
+        for c in piece.chars() {
+            let mut bytes = [0; 4];
+            let bytes = c.encode_utf8(&mut bytes).as_bytes();
+            // The last byte stays zero; a zero inside would end the text for C.
+            if self.len + bytes.len() >= self.bytes.len() || c == '\0' {
+                return Err(fmt::Error);
+            }
+            self.bytes[self.len..self.len + bytes.len()].copy_from_slice(bytes);
+            self.len += bytes.len();
+        }
+        Ok(())
+    }
+}
+
+thread_local! {
+    /// The detail of the thread's last failure. Without a destructor, so that it costs threads nothing that never fail.
+    static LAST: UnsafeCell<Text> = const { UnsafeCell::new(Text::EMPTY) };
+}
+
+/// Keeps a failure's detail for `umo_last_error`.
+pub(crate) fn remember(detail: &Text) {
+    LAST.with(|last| {
+        // SAFETY: the cell is this thread's own, and nothing called here calls back, so no other reference to it lives.
+        unsafe { *last.get() = *detail };
+    });
+}
+
+/// What a status says, and what to do about it: static, never NULL, in English.
+///
+/// Threads: any. Never allocates, never waits.
+#[unsafe(no_mangle)]
+pub extern "C" fn umo_status_message(status: UmoStatus) -> *const c_char {
+    text(status).as_ptr()
+}
+
+/// The detail of this thread's last failed call of a function that names no session; with it, which key, file, tensor or
+/// argument. Never NULL; in fixed storage of the thread's own, which the thread's next failure overwrites.
+///
+/// Threads: any but the audio thread. Never waits. Calls on sessions keep their detail with the session:
+/// `umo_session_last_error`.
+#[unsafe(no_mangle)]
+pub extern "C" fn umo_last_error() -> *const c_char {
+    LAST.with(|last| last.get().cast::<c_char>().cast_const())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_status_has_a_text_of_its_own() {
+        let texts: std::collections::HashSet<_> = (UMO_STATUS_THREAD..=UMO_STATUS_OK).map(text).collect();
+        assert_eq!(texts.len(), 19);
+        assert!(!texts.contains(text(1)));
+        assert!(text(-1000).to_str().unwrap().starts_with("not a status"));
+    }
+
+    #[test]
+    fn long_details_are_cut_at_a_character_and_end() {
+        let failure = Failure::argument("ä".repeat(UMO_ERROR_SIZE));
+        let text = std::str::from_utf8(failure.detail.as_bytes()).unwrap();
+        assert_eq!(text.chars().count(), (UMO_ERROR_SIZE - 1) / 2);
+        assert_eq!(failure.detail.as_c_str().to_bytes(), text.as_bytes());
+        remember(&failure.detail);
+        // SAFETY: never NULL, and it ends.
+        let seen = unsafe { CStr::from_ptr(umo_last_error()) };
+        assert_eq!(seen.to_bytes(), text.as_bytes());
+    }
+}

@@ -1,0 +1,86 @@
+//! How much each part moves, as the host has set it: applied to what is handed out, and to nothing that is kept.
+
+use std::sync::atomic::Ordering;
+
+use super::Shared;
+use super::output::{FrameView, Shown};
+use crate::motion::rotation::scaled;
+use crate::motion::skeleton::{JAW, joints_of};
+use crate::part::{Part, PerPart};
+
+/// How fast a gain follows what was set, per second.
+const SPEED: f64 = 8.0;
+
+/// The gains in force, and a frame that they were applied to.
+#[derive(Debug)]
+pub(super) struct Gained {
+    now: PerPart<f32>,
+    /// Seconds of the frame that they were in force for.
+    time: f64,
+    /// Whether any frame was handed out; the first has its gains at once.
+    pub(super) started: bool,
+    frame: Shown,
+    is_arkit: bool,
+}
+
+impl Gained {
+    pub(super) fn new(frame: Shown, is_arkit: bool) -> Self {
+        Self {
+            now: PerPart { face: 1.0, hands: 1.0, upper: 1.0, lower: 1.0 },
+            time: 0.0,
+            started: false,
+            frame,
+            is_arkit,
+        }
+    }
+
+    /// `frame`, which is shown at `time`, as far from `rest` as the gains say; the frame itself where they are all 1.
+    pub(super) fn apply<'a>(&'a mut self, shared: &Shared, time: f64, frame: &'a Shown, rest: &Shown) -> FrameView<'a> {
+        self.follow(shared, time);
+        if Part::ALL.iter().all(|&part| self.now[part] == 1.0) {
+            return frame.view();
+        }
+        self.frame.copy(frame);
+        for part in Part::ALL.into_iter().filter(|&part| self.now[part] != 1.0) {
+            let gain = self.now[part];
+            // The eyes belong to no part's channels: the face turns them.
+            let eyes = if part == Part::Face { JAW + 1..JAW + 3 } else { 0..0 };
+            for joint in joints_of(part).chain(eyes) {
+                self.frame.pose.rotations[joint] =
+                    scaled(rest.pose.rotations[joint], frame.pose.rotations[joint], gain);
+            }
+        }
+        self.scale_face(rest);
+        if self.now.lower != 1.0 {
+            for (value, rest) in self.frame.pose.translation.iter_mut().zip(rest.pose.translation) {
+                *value = rest + (*value - rest) * self.now.lower;
+            }
+        }
+        self.frame.view()
+    }
+
+    fn scale_face(&mut self, rest: &Shown) {
+        if self.now.face == 1.0 {
+            return;
+        }
+        for (value, rest) in self.frame.face.iter_mut().zip(&rest.face) {
+            *value = rest + (*value - rest) * self.now.face;
+            if self.is_arkit {
+                *value = value.clamp(0.0, 1.0);
+            }
+        }
+    }
+
+    /// Moves the gains towards what was set.
+    #[expect(clippy::cast_possible_truncation, reason = "a gain's precision is enough")]
+    fn follow(&mut self, shared: &Shared, time: f64) {
+        let step = (SPEED * (time - self.time).max(0.0)) as f32;
+        let at_once = !std::mem::replace(&mut self.started, true);
+        self.time = time;
+        for part in Part::ALL {
+            let wanted = f32::from_bits(shared.gains[part].load(Ordering::Relaxed));
+            let now = self.now[part];
+            self.now[part] = if at_once { wanted } else { now + (wanted - now).clamp(-step, step) };
+        }
+    }
+}
