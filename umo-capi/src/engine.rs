@@ -3,9 +3,10 @@
 use std::ffi::c_void;
 use std::mem::ManuallyDrop;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
-use umo_core::engine::{Engine, EngineConfig, Poll, Threads};
+use umo_core::engine::{Engine, EngineConfig, Lender, Poll, Threads};
 
 use crate::ffi::{self, Sized32, guard, put, put_if_wanted, wanted};
 use crate::handle::{Held, Table};
@@ -131,8 +132,8 @@ impl UmoEngineConfig {
     }
 
     /// # Safety
-    /// `cores` is NULL or has `core_count` readable values.
-    unsafe fn read(&self) -> Result<EngineConfig, Failure> {
+    /// `cores` is NULL or has `core_count` readable values; `jobs` is NULL or readable.
+    unsafe fn read(&self, handle: &Arc<AtomicUsize>) -> Result<EngineConfig, Failure> {
         if self.core_count as usize > MAX_CORES {
             return Err(Failure::argument(format_args!("core_count {}: expected 0 to {MAX_CORES}", self.core_count)));
         }
@@ -144,14 +145,57 @@ impl UmoEngineConfig {
             (UMO_ENGINE_POLLED, 0) => return Err(Failure::argument("threads 0: the one that polls counts")),
             (mode, _) => return Err(Failure::argument(format_args!("mode {mode} is none of UMO_ENGINE_…"))),
         };
+        // SAFETY: by this function's own clause.
+        let lender = match (self.mode, unsafe { crate::read_if_given(self.jobs, "config.jobs")? }) {
+            (_, None) => None,
+            (UMO_ENGINE_POLLED, Some(UmoJobs { submit: None, .. })) => {
+                return Err(Failure::null("config.jobs->submit"));
+            }
+            (UMO_ENGINE_POLLED, Some(jobs)) => {
+                let (jobs, handle) = (Jobs(jobs), Arc::clone(handle));
+                let lend = move |count| (0..count).for_each(|_| jobs.submit(handle.load(Ordering::Relaxed)));
+                Some(Lender(Arc::new(lend)))
+            }
+            _ => return Err(Failure::argument("jobs are for engines that are polled: UMO_ENGINE_POLLED")),
+        };
         Ok(EngineConfig {
             threads,
+            lender,
             cores: cores.iter().map(|&core| core as usize).collect(),
             max_sessions: self.max_sessions as usize,
             max_batch: self.max_batch as usize,
             ..EngineConfig::default()
         })
     }
+}
+
+/// A host's job system.
+#[derive(Clone, Copy)]
+struct Jobs(UmoJobs);
+
+// SAFETY: `UmoJobs` says which thread calls it; the host's pointer is only handed back.
+unsafe impl Send for Jobs {}
+// SAFETY: as above.
+unsafe impl Sync for Jobs {}
+
+impl Jobs {
+    /// Hands one job over, which knows its engine by its handle: one that comes late finds it gone.
+    fn submit(&self, engine: usize) {
+        let UmoJobs { userdata, submit: Some(submit) } = self.0 else { return };
+        // SAFETY: the host's own function, called as its description says.
+        unsafe { submit(userdata, Some(work), std::ptr::without_provenance_mut(engine)) };
+    }
+}
+
+/// One of the host's threads, for as long as the poll lasts.
+unsafe extern "C" fn work(context: *mut c_void) {
+    // What goes wrong in a piece of work is the poll's to tell.
+    guard(|| {
+        if let Ok(engine) = ENGINES.get(context.addr()) {
+            engine.engine().lend();
+        }
+        Ok(())
+    });
 }
 
 /// Fills an engine configuration with its defaults: two threads of its own (one where there is one core), 64 sessions, 8 of
@@ -176,7 +220,7 @@ pub unsafe extern "C" fn umo_engine_config_init(config: *mut UmoEngineConfig, si
 /// `THREAD`, `MODEL` (the model gives no pose of rest), `FULL` (1,024 engines).
 ///
 /// # Safety
-/// `config` is NULL or as long as its `struct_size` says, with `cores` and `log` as described; `engine` is NULL or writable.
+/// `config` is NULL or as long as its `struct_size` says, with `cores`, `jobs` and `log` as described; `engine` is NULL or writable.
 #[unsafe(no_mangle)]
 #[must_use]
 pub unsafe extern "C" fn umo_engine_new(
@@ -187,17 +231,24 @@ pub unsafe extern "C" fn umo_engine_new(
     guard(|| {
         wanted(engine, "engine")?;
         let model = Arc::clone(&*model::get(model)?);
-        // SAFETY: by this function's own clause.
-        let config =
-            if config.is_null() { UmoEngineConfig::defaults() } else { unsafe { ffi::read(config, "config")? } };
+        let config = if config.is_null() {
+            UmoEngineConfig::defaults()
+        } else {
+            // SAFETY: by this function's own clause.
+            unsafe { ffi::read(config, "config")? }
+        };
         // SAFETY: by this function's own clause.
         let log = Log(unsafe { crate::read_if_given(config.log, "config.log")? });
+        let known = Arc::new(AtomicUsize::new(0));
         // SAFETY: by this function's own clause.
-        let made = Engine::new(Arc::clone(&model.model), &unsafe { config.read()? })?;
+        let wanted = unsafe { config.read(&known)? };
+        let made = Engine::new(Arc::clone(&model.model), &wanted)?;
         log.say(UMO_LOG_INFO, format_args!("engine of {} with {} threads", model.model.config().name, config.threads));
         let handle = EngineHandle { engine: ManuallyDrop::new(made), model, log, process: std::process::id() };
+        let handle = ENGINES.insert(Box::new(handle))?;
+        known.store(handle, Ordering::Relaxed);
         // SAFETY: by this function's own clause.
-        unsafe { put(engine, "engine", std::ptr::without_provenance_mut(ENGINES.insert(Box::new(handle))?)) }
+        unsafe { put(engine, "engine", std::ptr::without_provenance_mut(handle)) }
     })
 }
 

@@ -91,7 +91,6 @@ impl<T: Send + Sync, const N: usize> Table<T, N> {
         Ok(self.handle(index, state))
     }
 
-    #[expect(clippy::cast_possible_truncation, reason = "as many bits of the count as a handle has room for")]
     fn handle(&self, index: usize, state: u64) -> usize {
         ((state / GENERATION) as usize) << (KIND_BITS + INDEX_BITS) | index << KIND_BITS | self.kind
     }

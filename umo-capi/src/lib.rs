@@ -10,6 +10,7 @@
 //! | [`status`], [`log`] | what went wrong, and who is told |
 //! | [`memory`] | one block of memory for each session; the host's allocator |
 //! | `handle`, `ffi` | handles; pointers, structures and panics at the boundary |
+#![expect(clippy::result_large_err, reason = "an audio thread's failure may not allocate its detail")]
 
 pub mod engine;
 mod ffi;

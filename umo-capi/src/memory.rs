@@ -388,7 +388,7 @@ mod tests {
             let making = Making::new(layout, Some(host.hooks())).unwrap();
             let made = making.run(|| things(seed));
             drop(making);
-            let (&start, &(size, _)) = host.got.lock().unwrap().iter().next().map(|(a, b)| (a, b)).unwrap();
+            let (&start, &(size, _)) = host.got.lock().unwrap().iter().next().unwrap();
             for thing in made.iter().filter(|thing| !thing.is_empty()) {
                 assert!((start..start + size).contains(&thing.as_ptr().addr()));
             }

@@ -188,8 +188,12 @@ fn isa(number: u32) -> Result<Isa, Failure> {
 /// # Safety
 /// `config` is NULL or has as many readable bytes as its `struct_size` says; its `log` is NULL or readable.
 unsafe fn read_config(config: *const UmoModelConfig) -> Result<(Precision, Isa, Log), Failure> {
-    // SAFETY: by this function's own clause.
-    let config = if config.is_null() { UmoModelConfig::DEFAULT } else { unsafe { ffi::read(config, "config")? } };
+    let config = if config.is_null() {
+        UmoModelConfig::DEFAULT
+    } else {
+        // SAFETY: by this function's own clause.
+        unsafe { ffi::read(config, "config")? }
+    };
     if config.reserved != 0 {
         return Err(Failure::argument("`config.reserved` is not 0"));
     }

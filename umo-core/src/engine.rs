@@ -24,7 +24,7 @@ use crate::model::Model;
 use crate::motion::Pose;
 use crate::part::PerPart;
 use crate::session::{Making, Release, Session, SessionConfig, Shared, Shown};
-use crate::team::{MAX_THREADS, Team};
+use crate::team::{Guests, MAX_THREADS, Team};
 use core::Core;
 use worker::Worker;
 
@@ -44,8 +44,21 @@ pub struct EngineConfig {
     pub max_sessions: usize,
     /// Most avatars that are computed together, `1..=MAX_BATCH`: more read the weights less often, and need memory.
     pub max_batch: usize,
+    /// The host's threads, in place of the engine's own, where the host polls.
+    pub lender: Option<Lender>,
     /// What time it is.
     pub clock: Clock,
+}
+
+/// Asks the host for threads: called by the thread that polls, with how many are wanted. Each that the host finds calls
+/// [`Engine::lend`]; late ones and missing ones cost speed and nothing else.
+#[derive(Clone)]
+pub struct Lender(pub Arc<dyn Fn(usize) + Send + Sync>);
+
+impl fmt::Debug for Lender {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Lender")
+    }
 }
 
 /// Who computes.
@@ -66,6 +79,7 @@ impl Default for EngineConfig {
             cores: Vec::new(),
             max_sessions: 64,
             max_batch: 8,
+            lender: None,
             clock: Clock::system(),
         }
     }
@@ -262,6 +276,8 @@ pub struct Engine {
     inner: Arc<Inner>,
     /// Where the host polls.
     worker: Option<Mutex<Worker>>,
+    /// Where the host lends its threads.
+    guests: Option<(Guests, Lender)>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -297,7 +313,8 @@ impl Engine {
         });
         if !own {
             let worker = Worker::new(&inner, config, threads).map_err(EngineError::Thread)?;
-            return Ok(Self { inner, worker: Some(Mutex::new(worker)), thread: None });
+            let guests = config.lender.clone().map(|lender| (worker.guests(), lender));
+            return Ok(Self { inner, worker: Some(Mutex::new(worker)), guests, thread: None });
         }
         // The thread makes its worker itself, so that the first core is its own.
         let (shared, config) = (Arc::clone(&inner), config.clone());
@@ -317,7 +334,7 @@ impl Engine {
         };
         let thread = std::thread::Builder::new().name("umo-0".to_owned()).spawn(life).map_err(EngineError::Thread)?;
         inner.started.wait().map_err(EngineError::Thread)?;
-        Ok(Self { inner, worker: None, thread: Some(thread) })
+        Ok(Self { inner, worker: None, guests: None, thread: Some(thread) })
     }
 
     /// The model.
@@ -371,12 +388,32 @@ impl Engine {
             Err(TryLockError::WouldBlock) => return Err(PollError::Busy),
         };
         let start = std::time::Instant::now();
-        while worker.turn(&self.inner) {
-            if start.elapsed() >= budget {
-                return Ok(Poll::More);
+        if !worker.turn(&self.inner) {
+            return Ok(Poll::Idle);
+        }
+        // There is something to compute: threads are asked for until the poll is over.
+        let team = worker.team();
+        let invitation = self.guests.as_ref().filter(|_| team.threads() > 1).map(|(_, Lender(lend))| {
+            let invitation = team.invite();
+            lend(team.threads() - 1);
+            invitation
+        });
+        let mut left = Poll::More;
+        while left == Poll::More && start.elapsed() < budget {
+            if !worker.turn(&self.inner) {
+                left = Poll::Idle;
             }
         }
-        Ok(Poll::Idle)
+        drop(invitation);
+        Ok(left)
+    }
+
+    /// Computes on the calling thread, which the host lends, until the poll that is under way is over; returns at once
+    /// where none is, or where the engine wants no threads. Never allocates.
+    pub fn lend(&self) {
+        if let Some((guests, _)) = &self.guests {
+            guests.work();
+        }
     }
 }
 

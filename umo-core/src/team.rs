@@ -10,7 +10,7 @@ use std::cell::UnsafeCell;
 use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicU32, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicU32, AtomicU64, Ordering};
 use std::thread::JoinHandle;
 
 use atomic_wait::{wait, wake_all, wake_one};
@@ -40,6 +40,14 @@ pub struct Team {
     shared: Arc<Shared>,
     workers: Vec<JoinHandle<()>>,
     threads: usize,
+    /// Whether threads that are not its own take part: then whoever comes first takes the next piece.
+    is_lent: bool,
+}
+
+/// Where threads that are not the team's own come to work.
+#[derive(Clone, Debug)]
+pub struct Guests {
+    shared: Arc<Shared>,
 }
 
 #[derive(Debug)]
@@ -62,6 +70,13 @@ struct Shared {
     waiting: AtomicBool,
     /// Whether a worker did not get its core.
     unbound: AtomicBool,
+    /// The job's number in the upper half, and in the lower the next piece that a guest or the caller may take; as many as
+    /// there are threads where none is left.
+    ticket: AtomicU64,
+    /// Pieces of a job.
+    threads: u64,
+    /// Odd while guests are welcome; a change sends those that came before home.
+    invitation: AtomicU32,
 }
 
 impl Team {
@@ -79,18 +94,8 @@ impl Team {
     /// As [`Self::new`], and where the system does not let a thread have its core.
     pub fn on_cores(threads: usize, caller: Option<usize>, cores: &[usize]) -> std::io::Result<Self> {
         let threads = threads.clamp(1, MAX_THREADS);
-        let shared = Arc::new(Shared {
-            epoch: AtomicU32::new(0),
-            job: AtomicPtr::new(std::ptr::null_mut()),
-            pending: AtomicU32::new(0),
-            panicked: AtomicBool::new(false),
-            stop: AtomicBool::new(false),
-            busy: AtomicBool::new(false),
-            asleep: AtomicU32::new(0),
-            waiting: AtomicBool::new(false),
-            unbound: AtomicBool::new(false),
-        });
-        let mut team = Self { shared, workers: Vec::with_capacity(threads - 1), threads };
+        let mut team = Self { shared: Arc::new(Shared::new(threads)), workers: Vec::new(), threads, is_lent: false };
+        team.workers.reserve_exact(threads - 1);
         for index in 1..threads {
             let shared = Arc::clone(&team.shared);
             let name = format!("umo-{index}");
@@ -112,6 +117,24 @@ impl Team {
         Ok(team)
     }
 
+    /// A team of `threads` without threads of its own: the caller, and whoever comes to work at [`Self::guests`] while it
+    /// is [`Self::invite`]d. Without guests the caller does everything.
+    pub fn of_guests(threads: usize) -> Self {
+        let threads = threads.clamp(1, MAX_THREADS);
+        Self { shared: Arc::new(Shared::new(threads)), workers: Vec::new(), threads, is_lent: true }
+    }
+
+    /// Where guests come to work.
+    pub fn guests(&self) -> Guests {
+        Guests { shared: Arc::clone(&self.shared) }
+    }
+
+    /// Lets guests in until the result is dropped.
+    pub fn invite(&self) -> Invitation<'_> {
+        self.shared.invitation.fetch_or(1, Ordering::SeqCst);
+        Invitation(&self.shared)
+    }
+
     /// Number of threads, the caller included.
     pub fn threads(&self) -> usize {
         self.threads
@@ -128,12 +151,12 @@ impl Team {
         }
         let shared = &*self.shared;
         shared.job.store((&raw const job).cast_mut().cast(), Ordering::Relaxed);
-        shared.pending.store(self.workers.len().try_into().expect("at most 64"), Ordering::Relaxed);
-        // SeqCst pairs with the worker's: either it sees the new epoch before it sleeps, or we see that it sleeps.
-        shared.epoch.fetch_add(1, Ordering::SeqCst);
-        if shared.asleep.load(Ordering::SeqCst) > 0 {
-            wake_all(&raw const shared.epoch);
+        if self.is_lent {
+            self.share_out();
+            return;
         }
+        shared.pending.store(self.workers.len().try_into().expect("at most 64"), Ordering::Relaxed);
+        shared.signal();
         let own = catch_unwind(AssertUnwindSafe(|| job(0)));
         shared.wait_for_workers();
         let panicked = shared.panicked.swap(false, Ordering::Relaxed);
@@ -142,6 +165,21 @@ impl Team {
             std::panic::resume_unwind(payload);
         }
         assert!(!panicked, "a worker thread panicked");
+    }
+
+    /// Runs the job with whoever of the guests is there.
+    fn share_out(&self) {
+        let shared = &*self.shared;
+        shared.pending.store(self.threads.try_into().expect("at most 64"), Ordering::Relaxed);
+        // The caller may have to wait for the last piece, whoever does it.
+        let number = (shared.ticket.load(Ordering::Relaxed) >> 32) + 1;
+        shared.ticket.store(number << 32, Ordering::Release);
+        shared.signal();
+        while shared.help() {}
+        shared.wait_for_workers();
+        let panicked = shared.panicked.swap(false, Ordering::Relaxed);
+        shared.busy.store(false, Ordering::Release);
+        assert!(!panicked, "a piece of work panicked");
     }
 
     /// Cuts the columns of `y` into one piece per thread, each a multiple of `granule` wide (but the last), and calls
@@ -254,7 +292,91 @@ impl Drop for Team {
     }
 }
 
+/// Guests are welcome while it lives.
+#[derive(Debug)]
+pub struct Invitation<'a>(&'a Shared);
+
+impl Drop for Invitation<'_> {
+    fn drop(&mut self) {
+        self.0.invitation.fetch_add(1, Ordering::SeqCst);
+        self.0.signal();
+    }
+}
+
+impl Guests {
+    /// Works for the team until the invitation that is in force ends; returns at once where none is. Never allocates.
+    pub fn work(&self) {
+        let shared = &*self.shared;
+        let invitation = shared.invitation.load(Ordering::SeqCst);
+        if invitation & 1 == 0 {
+            return;
+        }
+        loop {
+            let seen = shared.epoch.load(Ordering::SeqCst);
+            while shared.help() {}
+            if shared.invitation.load(Ordering::SeqCst) != invitation {
+                return;
+            }
+            shared.next_epoch(seen);
+        }
+    }
+}
+
 impl Shared {
+    fn new(threads: usize) -> Self {
+        Self {
+            epoch: AtomicU32::new(0),
+            job: AtomicPtr::new(std::ptr::null_mut()),
+            pending: AtomicU32::new(0),
+            panicked: AtomicBool::new(false),
+            stop: AtomicBool::new(false),
+            busy: AtomicBool::new(false),
+            asleep: AtomicU32::new(0),
+            waiting: AtomicBool::new(false),
+            unbound: AtomicBool::new(false),
+            // No job, so nothing to take.
+            ticket: AtomicU64::new(threads as u64),
+            threads: threads as u64,
+            invitation: AtomicU32::new(0),
+        }
+    }
+
+    /// Tells everybody who waits for a job that there is something to look at.
+    fn signal(&self) {
+        // SeqCst pairs with the worker's: either it sees the new epoch before it sleeps, or we see that it sleeps.
+        self.epoch.fetch_add(1, Ordering::SeqCst);
+        if self.asleep.load(Ordering::SeqCst) > 0 {
+            wake_all(&raw const self.epoch);
+        }
+    }
+
+    /// Does the next piece of the job, if one is left; whether there was one.
+    fn help(&self) -> bool {
+        let mut ticket = self.ticket.load(Ordering::Acquire);
+        let index = loop {
+            let next = ticket & u64::from(u32::MAX);
+            if next >= self.threads {
+                return false;
+            }
+            match self.ticket.compare_exchange_weak(ticket, ticket + 1, Ordering::AcqRel, Ordering::Acquire) {
+                Ok(_) => break next,
+                Err(now) => ticket = now,
+            }
+        };
+        let job = self.job.load(Ordering::Relaxed).cast::<&Job>();
+        // SAFETY: `run` stored a pointer to its own `job` argument before it gave out the ticket that we have taken one
+        // piece of (release and acquire through `ticket`, whose number keeps an old one from being taken), and it does not
+        // return before `pending`, which counts that piece, reaches 0 below.
+        let job: &Job = unsafe { *job };
+        #[expect(clippy::cast_possible_truncation, reason = "at most 64")]
+        let index = index as usize;
+        if catch_unwind(AssertUnwindSafe(|| job(index))).is_err() {
+            self.panicked.store(true, Ordering::Relaxed);
+        }
+        self.done();
+        true
+    }
+
     /// Spins, then sleeps, until no worker has the job any more.
     fn wait_for_workers(&self) {
         for _ in 0..SPINS_BEFORE_SLEEP {
@@ -305,7 +427,9 @@ impl Shared {
 
 /// Binds the calling thread to a core; whether the system let it.
 fn bind(core: usize) -> bool {
-    core_affinity::set_for_current(core_affinity::CoreId { id: core })
+    // A number far beyond the processor's would end the process inside `set_for_current`.
+    let known = core_affinity::get_core_ids().is_some_and(|ids| ids.iter().any(|id| id.id == core));
+    known && core_affinity::set_for_current(core_affinity::CoreId { id: core })
 }
 
 /// A worker's life: wait for the epoch to change, run the job, report.
@@ -414,6 +538,44 @@ mod tests {
             });
         }
         assert_eq!(count.load(Ordering::Relaxed), 40);
+    }
+
+    #[test]
+    fn guests_that_come_and_go_change_nothing() {
+        let team = Team::of_guests(4);
+        let done: Vec<AtomicU32> = (0..4).map(|_| AtomicU32::new(0)).collect();
+        let stop = AtomicBool::new(false);
+        let by_guests = AtomicU32::new(0);
+        std::thread::scope(|scope| {
+            let caller = std::thread::current().id();
+            for _ in 0..3 {
+                let guests = team.guests();
+                scope.spawn(|| {
+                    let guests = guests;
+                    while !stop.load(Ordering::Relaxed) {
+                        guests.work();
+                        std::thread::yield_now();
+                    }
+                });
+            }
+            for round in 0..2_000 {
+                // Some jobs have nobody but the caller.
+                let invitation = (round % 5 > 0).then(|| team.invite());
+                for _ in 0..5 {
+                    team.run(&|index| {
+                        done[index].fetch_add(1, Ordering::Relaxed);
+                        by_guests.fetch_add(u32::from(std::thread::current().id() != caller), Ordering::Relaxed);
+                        (0..200).for_each(|_| std::hint::spin_loop());
+                    });
+                    let first = done[0].load(Ordering::Relaxed);
+                    assert!(done.iter().all(|count| count.load(Ordering::Relaxed) == first));
+                }
+                drop(invitation);
+            }
+            stop.store(true, Ordering::Relaxed);
+        });
+        assert_eq!(done[0].load(Ordering::Relaxed), 10_000);
+        assert!(by_guests.load(Ordering::Relaxed) > 0);
     }
 
     #[test]

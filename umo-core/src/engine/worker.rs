@@ -1,18 +1,19 @@
 //! What computes: which sessions come next, and one layer of their batch after the other.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
 
 use super::core::Core;
 use super::{EngineConfig, Inner, Threads};
 use crate::avatar::Due;
 use crate::batch::Batch;
 use crate::linear::Compute;
-use crate::team::Team;
+use crate::team::{Guests, Team};
 
 /// A batch, and the sessions in it.
 #[derive(Debug)]
 pub(super) struct Worker {
-    team: Team,
+    team: Arc<Team>,
     batch: Batch,
     members: Vec<Core>,
     /// Places of the members.
@@ -31,14 +32,28 @@ impl Worker {
             (Threads::Own(_), [own, others @ ..]) => (Some(*own), others),
             (_, cores) => (None, cores),
         };
+        let team = match (&config.lender, config.threads) {
+            (Some(_), Threads::Host(_)) => Team::of_guests(threads),
+            _ => Team::on_cores(threads, own, others)?,
+        };
         Ok(Self {
-            team: Team::on_cores(threads, own, others)?,
+            team: Arc::new(team),
             batch: Batch::new(&inner.model, width),
             members: Vec::with_capacity(width),
             places: Vec::with_capacity(width),
             candidates: Vec::with_capacity(config.max_sessions),
             due: Vec::with_capacity(width),
         })
+    }
+
+    /// The threads that compute.
+    pub(super) fn team(&self) -> Arc<Team> {
+        Arc::clone(&self.team)
+    }
+
+    /// Where the host lends its threads.
+    pub(super) fn guests(&self) -> Guests {
+        self.team.guests()
     }
 
     /// Computes one layer, or starts the next batch; whether there was anything to do. Never allocates.

@@ -1,0 +1,280 @@
+/* Wrong calls get an error that says what is wrong, and change nothing. */
+
+#include "check.h"
+
+enum { CHUNK = 5 * 3200 };
+
+static umo_model *model;
+static umo_engine *engine;
+
+static const umo_session *made_up(uintptr_t value) { return (const umo_session *)value; }
+
+static void models_refuse(const char *path) {
+    umo_model *none = NULL;
+    FAILS(VERSION, umo_model_load(UMO_ABI_VERSION + 1, path, NULL, &none));
+    FAILS(VERSION, umo_model_load(UMO_ABI_VERSION + 0x10000, path, NULL, &none));
+    FAILS(NULL_POINTER, umo_model_load(UMO_ABI_VERSION, NULL, NULL, &none));
+    FAILS(NULL_POINTER, umo_model_load(UMO_ABI_VERSION, path, NULL, NULL));
+    FAILS(IO, umo_model_load(UMO_ABI_VERSION, "/no/such/model", NULL, &none));
+    CHECK(strstr(umo_last_error(), "/no/such/model"));
+    FAILS(IO, umo_model_load(UMO_ABI_VERSION, "/", NULL, &none));
+    FAILS(INVALID_ARGUMENT, umo_model_load(UMO_ABI_VERSION, "\xff\xfe", NULL, &none));
+    FAILS(MODEL, umo_model_load_memory(UMO_ABI_VERSION, "not a model", 11, NULL, &none));
+    FAILS(MODEL, umo_model_load_memory(UMO_ABI_VERSION, NULL, 0, NULL, &none));
+    FAILS(NULL_POINTER, umo_model_load_memory(UMO_ABI_VERSION, NULL, 8, NULL, &none));
+    FAILS(INVALID_ARGUMENT, umo_model_load_memory(UMO_ABI_VERSION, "x", SIZE_MAX, NULL, &none));
+    umo_model_config config;
+    OK(umo_model_config_init(&config, sizeof config));
+    config.precision = 77;
+    FAILS(INVALID_ARGUMENT, umo_model_load(UMO_ABI_VERSION, path, &config, &none));
+    config.precision = UMO_PRECISION_STORED;
+    config.isa = 99;
+    FAILS(INVALID_ARGUMENT, umo_model_load(UMO_ABI_VERSION, path, &config, &none));
+    CHECK(none == NULL);
+    OK(umo_model_free(NULL));
+    FAILS(INVALID_HANDLE, umo_model_free((umo_model *)(uintptr_t)0x1234560));
+}
+
+static void models_say_what_they_have(void) {
+    const char *text = NULL;
+    OK(umo_model_get_text(model, UMO_MODEL_NAME, &text));
+    CHECK(strlen(text) > 0);
+    OK(umo_model_get_text(model, UMO_MODEL_LICENSE, &text));
+    CHECK(strlen(text) > 0);
+    FAILS(INVALID_ARGUMENT, umo_model_get_text(model, 0, &text));
+    FAILS(INVALID_ARGUMENT, umo_model_get_text(model, 5, &text));
+    OK(umo_model_get_channel_name(model, 17, &text));
+    CHECK(strcmp(text, "jawOpen") == 0);
+    FAILS(INVALID_ARGUMENT, umo_model_get_channel_name(model, 52, &text));
+    CHECK(strcmp(umo_joint_name(0), "pelvis") == 0 && strcmp(umo_joint_name(54), "right_thumb3") == 0);
+    CHECK(umo_joint_name(55) == NULL && umo_viseme_name(15) == NULL && strcmp(umo_viseme_name(14), "ou") == 0);
+    int32_t parents[UMO_JOINT_COUNT];
+    float metres[3 * UMO_JOINT_COUNT], unreal[3 * UMO_JOINT_COUNT];
+    OK(umo_model_get_skeleton(model, UMO_AXES_GLTF, parents, metres, UMO_JOINT_COUNT));
+    OK(umo_model_get_skeleton(model, UMO_AXES_UNREAL, NULL, unreal, UMO_JOINT_COUNT));
+    CHECK(parents[0] == -1 && parents[1] == 0);
+    /* Unreal: forwards, right, up in centimetres. */
+    CHECK(unreal[3 * 16] == 100 * metres[3 * 16 + 2] && unreal[3 * 16 + 1] == -100 * metres[3 * 16]);
+    FAILS(BUFFER_TOO_SMALL, umo_model_get_skeleton(model, UMO_AXES_GLTF, parents, metres, 54));
+    FAILS(INVALID_ARGUMENT, umo_model_get_skeleton(model, 3, parents, metres, 55));
+    for (uint32_t i = 0;; i++) {
+        umo_parameter_info info = {.struct_size = sizeof info};
+        umo_status status = umo_parameter_get_info(i, &info);
+        if (status == UMO_STATUS_INVALID_ARGUMENT) {
+            CHECK(i == 8);
+            break;
+        }
+        CHECK(status == UMO_STATUS_OK && info.minimum == 0 && info.maximum > 0 && strlen(info.name) > 0);
+    }
+}
+
+static void engines_refuse(void) {
+    umo_engine *none = NULL;
+    umo_engine_config config;
+    FAILS(NULL_POINTER, umo_engine_new(NULL, NULL, &none));
+    FAILS(INVALID_HANDLE, umo_engine_new((const umo_model *)(const void *)engine, NULL, &none));
+#define WITH(status, field, value)                                                                                     \
+    OK(umo_engine_config_init(&config, sizeof config));                                                                \
+    config.field = (value);                                                                                            \
+    FAILS(status, umo_engine_new(model, &config, &none))
+    WITH(INVALID_ARGUMENT, threads, 0);
+    WITH(INVALID_ARGUMENT, threads, 65);
+    WITH(INVALID_ARGUMENT, mode, 2);
+    WITH(INVALID_ARGUMENT, max_sessions, 0);
+    WITH(INVALID_ARGUMENT, max_sessions, UINT32_MAX);
+    CHECK(strstr(umo_last_error(), "max_sessions"));
+    WITH(INVALID_ARGUMENT, max_batch, 0);
+    WITH(INVALID_ARGUMENT, core_count, 65);
+    WITH(NULL_POINTER, core_count, 1);
+    WITH(STRUCT_SIZE, struct_size, 4);
+    const uint32_t core = 100000;
+    OK(umo_engine_config_init(&config, sizeof config));
+    config.cores = &core;
+    config.core_count = 1;
+    FAILS(THREAD, umo_engine_new(model, &config, &none));
+    umo_jobs jobs = {NULL, NULL};
+    OK(umo_engine_config_init(&config, sizeof config));
+    config.jobs = &jobs;
+    FAILS(INVALID_ARGUMENT, umo_engine_new(model, &config, &none));
+    config.mode = UMO_ENGINE_POLLED;
+    FAILS(NULL_POINTER, umo_engine_new(model, &config, &none));
+    CHECK(none == NULL);
+    OK(umo_engine_free(NULL));
+    uint32_t more;
+    FAILS(INVALID_HANDLE, umo_engine_poll((umo_engine *)(void *)model, 0, &more));
+    OK(umo_engine_config_init(&config, sizeof config));
+    OK(umo_engine_new(model, &config, &none));
+    FAILS(UNSUPPORTED, umo_engine_poll(none, 0, &more));
+    OK(umo_engine_free(none));
+    FAILS(INVALID_HANDLE, umo_engine_free(none));
+}
+
+static void sessions_refuse_to_be_made(void) {
+    umo_session *none = NULL;
+    umo_session_config config;
+    FAILS(NULL_POINTER, umo_session_new(NULL, NULL, &none));
+    FAILS(NULL_POINTER, umo_session_new(engine, NULL, NULL));
+#undef WITH
+#define WITH(status, field, value)                                                                                     \
+    OK(umo_session_config_init(&config, sizeof config, model));                                                        \
+    config.field = (value);                                                                                            \
+    FAILS(status, umo_session_new(engine, &config, &none))
+    WITH(INVALID_ARGUMENT, sample_rate, 7999);
+    CHECK(strstr(umo_last_error(), "sample_rate"));
+    WITH(INVALID_ARGUMENT, sample_rate, UINT32_MAX);
+    WITH(INVALID_ARGUMENT, channels, 0);
+    WITH(INVALID_ARGUMENT, channels, 65);
+    WITH(INVALID_ARGUMENT, target, 0);
+    WITH(INVALID_ARGUMENT, target, 100);
+    WITH(INVALID_ARGUMENT, lookahead, 100000);
+    WITH(INVALID_ARGUMENT, idle, 3);
+    WITH(INVALID_ARGUMENT, queue_frames, 1);
+    WITH(INVALID_ARGUMENT, queue_frames, UINT32_MAX);
+    WITH(INVALID_ARGUMENT, reserved, 1);
+    WITH(INVALID_ARGUMENT, template_name, "no such template");
+    umo_allocator half = {NULL, NULL, NULL};
+    WITH(NULL_POINTER, allocator, &half);
+    CHECK(none == NULL);
+}
+
+static void sessions_refuse_calls(void) {
+    umo_session *avatar = NULL;
+    umo_session_config config;
+    OK(umo_session_config_init(&config, sizeof config, model));
+    config.channels = 2;
+    OK(umo_session_new(engine, &config, &avatar));
+    static float samples[2 * CHUNK];
+    size_t count = 0;
+    umo_frame_layout layout;
+    OK(umo_frame_layout_init(&layout, sizeof layout, model));
+    static char frames[1 << 20];
+
+    FAILS(INVALID_ARGUMENT, umo_session_push_audio(avatar, samples, 3, &count));
+    char text[UMO_ERROR_SIZE];
+    size_t length = 0;
+    OK(umo_session_last_error(avatar, text, sizeof text, &length));
+    CHECK(strstr(text, "3 samples") && length == strlen(text));
+    FAILS(BUFFER_TOO_SMALL, umo_session_last_error(avatar, text, 4, &length));
+    OK(umo_session_last_error(avatar, NULL, 0, &length));
+    FAILS(NULL_POINTER, umo_session_push_audio(avatar, NULL, 2, &count));
+    FAILS(INVALID_ARGUMENT, umo_session_push_audio(avatar, samples, SIZE_MAX & ~(size_t)1, &count));
+    FAILS(INVALID_ARGUMENT, umo_session_push_audio(avatar, (const float *)((const char *)samples + 1), 2, &count));
+    OK(umo_session_push_audio(avatar, NULL, 0, &count));
+    CHECK(count == 0);
+    OK(umo_session_push_audio(avatar, samples, 2 * CHUNK, NULL));
+
+    FAILS(NULL_POINTER, umo_session_pull_frames(avatar, NULL, frames, sizeof frames, &count));
+    FAILS(NULL_POINTER, umo_session_pull_frames(avatar, &layout, NULL, sizeof frames, &count));
+    FAILS(NULL_POINTER, umo_session_pull_frames(avatar, &layout, frames, sizeof frames, NULL));
+    FAILS(BUFFER_TOO_SMALL, umo_session_pull_frames(avatar, &layout, frames, layout.frame_stride / 2, &count));
+#undef WITH
+#define WITH(status, field, value)                                                                                     \
+    do {                                                                                                               \
+        umo_frame_layout changed = layout;                                                                             \
+        changed.field = (value);                                                                                       \
+        FAILS(status, umo_session_pull_frames(avatar, &changed, frames, sizeof frames, &count));                       \
+        FAILS(status, umo_frame_layout_check(&changed, model, sizeof frames, &count));                                 \
+    } while (0)
+    WITH(STRUCT_SIZE, struct_size, 3);
+    WITH(INVALID_ARGUMENT, axes, 3);
+    WITH(INVALID_ARGUMENT, frame_stride, 100);
+    WITH(INVALID_ARGUMENT, frame_stride, UINT32_MAX);
+    WITH(INVALID_ARGUMENT, rotations, UINT32_MAX - 1);
+    WITH(INVALID_ARGUMENT, rotation_stride, 15);
+    WITH(INVALID_ARGUMENT, rotation_stride, UINT32_MAX);
+    WITH(INVALID_ARGUMENT, channel_stride, 0);
+    WITH(INVALID_ARGUMENT, channels, layout.frame_stride);
+    OK(umo_frame_layout_check(&layout, model, 10 * (size_t)layout.frame_stride, &count));
+    CHECK(count == 10);
+
+    FAILS(INVALID_ARGUMENT, umo_session_sample_pose(avatar, (double)NAN, &layout, frames, sizeof frames, NULL));
+    FAILS(INVALID_ARGUMENT, umo_session_interrupt(avatar, 10001));
+    FAILS(INVALID_ARGUMENT, umo_session_set_parameter(avatar, 0, 1));
+    FAILS(INVALID_ARGUMENT, umo_session_set_parameter(avatar, UMO_PARAMETER_TEMPERATURE, -1));
+    FAILS(INVALID_ARGUMENT, umo_session_set_parameter(avatar, UMO_PARAMETER_TEMPERATURE, (double)NAN));
+    FAILS(INVALID_ARGUMENT, umo_session_set_parameter(avatar, UMO_PARAMETER_TOP_K, 1.5));
+    FAILS(INVALID_ARGUMENT, umo_session_set_parameter(avatar, UMO_PARAMETER_GAIN_LOWER, 2.5));
+    OK(umo_session_set_parameter(avatar, UMO_PARAMETER_TOP_K, 7));
+    OK(umo_session_set_parameter(avatar, UMO_PARAMETER_GAIN_LOWER, 0.25));
+    OK(umo_session_set_parameter(avatar, UMO_PARAMETER_IDLE, UMO_IDLE_REST));
+    double value = 0;
+    OK(umo_session_get_parameter(avatar, UMO_PARAMETER_TOP_K, &value));
+    CHECK(value == 7);
+    OK(umo_session_get_parameter(avatar, UMO_PARAMETER_GAIN_LOWER, &value));
+    CHECK(value == 0.25);
+    OK(umo_session_get_parameter(avatar, UMO_PARAMETER_IDLE, &value));
+    CHECK(value == UMO_IDLE_REST);
+    const uint32_t wild[] = {UINT32_MAX};
+    FAILS(INVALID_ARGUMENT, umo_session_set_prompt_ids(avatar, wild, 1));
+    static const uint32_t many[1000];
+    FAILS(INVALID_ARGUMENT, umo_session_set_prompt_ids(avatar, many, 1000));
+    FAILS(INVALID_ARGUMENT, umo_session_set_prompt(avatar, "\xff", 1));
+
+    OK(umo_session_finish(avatar));
+    OK(umo_session_finish(avatar));
+    FAILS(FINISHED, umo_session_push_audio(avatar, samples, 2, &count));
+    /* After all that, the frames of the second that was pushed. */
+    compute(engine);
+    OK(umo_session_ready_frames(avatar, &count));
+    CHECK(count == 30);
+    OK(umo_session_pull_frames(avatar, &layout, frames, sizeof frames, &count));
+    CHECK(count == 30);
+    OK(umo_session_pull_frames(avatar, &layout, frames, sizeof frames, &count));
+    CHECK(count == 0);
+    OK(umo_session_free(avatar));
+    FAILS(INVALID_HANDLE, umo_session_free(avatar));
+    FAILS(INVALID_HANDLE, umo_session_push_audio(avatar, samples, 2, &count));
+    FAILS(INVALID_HANDLE, umo_session_finish((umo_session *)(void *)model));
+    umo_stats stats = {.struct_size = sizeof stats};
+    for (uintptr_t value = 1; value < 200000; value += 7) CHECK(umo_session_stats(made_up(value), &stats) < 0);
+    FAILS(NULL_POINTER, umo_session_stats(NULL, &stats));
+}
+
+static void a_full_engine_says_so(void) {
+    umo_engine_config config;
+    umo_engine *small = NULL;
+    umo_session *avatars[3] = {NULL, NULL, NULL};
+    OK(umo_engine_config_init(&config, sizeof config));
+    config.mode = UMO_ENGINE_POLLED;
+    config.max_sessions = 2;
+    OK(umo_engine_new(model, &config, &small));
+    OK(umo_session_new(small, NULL, &avatars[0]));
+    OK(umo_session_new(small, NULL, &avatars[1]));
+    FAILS(FULL, umo_session_new(small, NULL, &avatars[2]));
+    CHECK(avatars[2] == NULL);
+    OK(umo_session_free(avatars[0]));
+    OK(umo_session_new(small, NULL, &avatars[0]));
+    /* The engine goes first: what was ready can be pulled, then the sessions say that it is gone. */
+    static float samples[CHUNK];
+    speak(samples, CHUNK, 0);
+    OK(umo_session_push_audio(avatars[0], samples, CHUNK, NULL));
+    compute(small);
+    OK(umo_engine_free(small));
+    umo_frame_layout layout;
+    OK(umo_frame_layout_init(&layout, sizeof layout, model));
+    static char frames[1 << 20];
+    size_t count = 0;
+    OK(umo_session_pull_frames(avatars[0], &layout, frames, sizeof frames, &count));
+    CHECK(count > 0);
+    FAILS(CLOSED, umo_session_pull_frames(avatars[0], &layout, frames, sizeof frames, &count));
+    FAILS(CLOSED, umo_session_push_audio(avatars[1], samples, CHUNK, NULL));
+    OK(umo_session_free(avatars[0]));
+    OK(umo_session_free(avatars[1]));
+}
+
+int main(int argc, char **argv) {
+    CHECK(argc == 2);
+    CHECK(strlen(umo_status_message(UMO_STATUS_BUSY)) > 0 && strlen(umo_status_message(12345)) > 0);
+    models_refuse(argv[1]);
+    model = load_model(argv[1]);
+    engine = polled_engine(model);
+    models_say_what_they_have();
+    engines_refuse();
+    sessions_refuse_to_be_made();
+    sessions_refuse_calls();
+    a_full_engine_says_so();
+    OK(umo_engine_free(engine));
+    OK(umo_model_free(model));
+    FAILS(INVALID_HANDLE, umo_model_get_text(model, UMO_MODEL_NAME, &(const char *){NULL}));
+    return 0;
+}

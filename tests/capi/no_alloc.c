@@ -1,0 +1,135 @@
+/* Nothing is allocated between the making of a session and its end: this program's malloc counts (glibc). */
+
+#include <pthread.h>
+#include <sched.h>
+#include <stdatomic.h>
+
+#include "check.h"
+
+extern void *__libc_malloc(size_t size);
+extern void *__libc_calloc(size_t count, size_t size);
+extern void *__libc_realloc(void *memory, size_t size);
+extern void *__libc_memalign(size_t alignment, size_t size);
+extern void __libc_free(void *memory);
+
+static atomic_size_t calls;
+
+void *malloc(size_t size) {
+    atomic_fetch_add(&calls, 1);
+    return __libc_malloc(size);
+}
+void *calloc(size_t count, size_t size) {
+    atomic_fetch_add(&calls, 1);
+    return __libc_calloc(count, size);
+}
+void *realloc(void *memory, size_t size) {
+    atomic_fetch_add(&calls, 1);
+    return __libc_realloc(memory, size);
+}
+void *aligned_alloc(size_t alignment, size_t size) {
+    atomic_fetch_add(&calls, 1);
+    return __libc_memalign(alignment, size);
+}
+int posix_memalign(void **memory, size_t alignment, size_t size) {
+    atomic_fetch_add(&calls, 1);
+    *memory = __libc_memalign(alignment, size);
+    return *memory ? 0 : 12;
+}
+void free(void *memory) {
+    if (memory) atomic_fetch_add(&calls, 1);
+    __libc_free(memory);
+}
+
+enum { SAMPLES = 16000 * 20 };
+
+static umo_model *model;
+static umo_session *avatar;
+static float speech[SAMPLES];
+static char frames[1 << 20];
+static atomic_int ready;
+
+/* The audio thread: its first calls too, good ones and bad ones. */
+static void *audio(void *argument) {
+    (void)argument;
+    atomic_store(&ready, 1);
+    while (atomic_load(&ready) != 2) sched_yield();
+    size_t taken = 0;
+    for (size_t pushed = 0; pushed < SAMPLES; pushed += taken) {
+        OK(umo_session_push_audio(avatar, speech + pushed, 160, &taken));
+        if (taken == 0) sched_yield();
+        size_t none = 0;
+        if (pushed % 16000 == 0) FAILS(INVALID_ARGUMENT, umo_session_push_audio(avatar, speech, SIZE_MAX, &none));
+    }
+    OK(umo_session_finish(avatar));
+    FAILS(FINISHED, umo_session_push_audio(avatar, speech, 160, &taken));
+    atomic_store(&ready, 3);
+    while (atomic_load(&ready) != 4) sched_yield();
+    return NULL;
+}
+
+static size_t pull(const umo_frame_layout *layout) {
+    size_t count = 0;
+    OK(umo_session_pull_frames(avatar, layout, frames, sizeof frames, &count));
+    if (count == 0) sched_yield();
+    return count;
+}
+
+int main(int argc, char **argv) {
+    CHECK(argc == 2);
+    speak(speech, SAMPLES, 0);
+    size_t before = atomic_load(&calls);
+    void *volatile something = malloc(10);
+    free(something);
+    CHECK(atomic_load(&calls) == before + 2); /* the counter counts */
+
+    umo_engine *engine = NULL;
+    umo_frame_layout layout;
+    model = load_model(argv[1]);
+    CHECK(atomic_load(&calls) > before + 100); /* the library's calls too */
+    OK(umo_engine_new(model, NULL, &engine));
+    OK(umo_session_new(engine, NULL, &avatar));
+    OK(umo_frame_layout_init(&layout, sizeof layout, model));
+    uint32_t ids[128];
+    size_t id_count = 0;
+    umo_status encoded = umo_model_encode_text(model, "a person waves", 14, ids, 128, &id_count);
+    CHECK(encoded == UMO_STATUS_OK || encoded == UMO_STATUS_UNSUPPORTED);
+    pthread_t thread;
+    CHECK(pthread_create(&thread, NULL, audio, NULL) == 0);
+    while (atomic_load(&ready) != 1) sched_yield();
+
+    before = atomic_load(&calls);
+    atomic_store(&ready, 2);
+    size_t shown = 0;
+    umo_latency latency = {.struct_size = sizeof latency};
+    umo_stats stats = {.struct_size = sizeof stats};
+    char text[UMO_ERROR_SIZE];
+    double value;
+    while (shown < 20 * 30) {
+        shown += pull(&layout);
+        OK(umo_session_set_parameter(avatar, UMO_PARAMETER_GAIN_HANDS, 0.5));
+        OK(umo_session_get_parameter(avatar, UMO_PARAMETER_TEMPERATURE, &value));
+        OK(umo_session_set_prompt_ids(avatar, ids, id_count));
+        OK(umo_session_set_seed(avatar, shown));
+        OK(umo_session_latency(avatar, &latency));
+        OK(umo_session_stats(avatar, &stats));
+        FAILS(INVALID_ARGUMENT, umo_session_set_parameter(avatar, 1000, 0));
+        OK(umo_session_last_error(avatar, text, sizeof text, NULL));
+        /* A time that is past takes no frame. */
+        if (shown > 0) OK(umo_session_sample_pose(avatar, 0, &layout, frames, sizeof frames, NULL));
+    }
+    while (atomic_load(&ready) != 3) sched_yield();
+    OK(umo_session_interrupt(avatar, 200));
+    OK(umo_session_reset(avatar));
+    size_t taken = 0;
+    OK(umo_session_push_audio(avatar, speech, 32000, &taken));
+    OK(umo_session_finish(avatar));
+    for (shown = 0; shown < 60;) shown += pull(&layout);
+    CHECK(atomic_load(&calls) == before);
+
+    atomic_store(&ready, 4);
+    CHECK(pthread_join(thread, NULL) == 0);
+    OK(umo_session_free(avatar));
+    OK(umo_engine_free(engine));
+    OK(umo_model_free(model));
+    return 0;
+}
