@@ -204,6 +204,15 @@ pub(crate) struct Settings {
     pub(crate) text_len: usize,
 }
 
+impl Settings {
+    /// What the avatar was made with.
+    fn new(avatar: &AvatarConfig) -> Self {
+        let (mut text, text_len) = ([0; MAX_PROMPT_TOKENS], avatar.text.len());
+        text[..text_len].copy_from_slice(&avatar.text);
+        Self { sampler: avatar.sampler, text, text_len }
+    }
+}
+
 /// No sample position: nobody waits for audio.
 pub(crate) const NOBODY: u64 = u64::MAX;
 /// No end of the stream is known.
@@ -385,7 +394,6 @@ impl Shared {
         let input = Input::new(session.sample_rate, session.channels, config)
             .map_err(|error| LoadError::config("sample_rate", error.to_string()))?;
         let chunk = config.max_target * config.samples_per_keyframe();
-        let sampler = session.avatar.sampler;
         Ok(Self {
             audio: Ring::new((AUDIO_SECONDS * rate).max(2 * chunk) + input.most_left()),
             frames: Ring::new(session.queue_frames * frame_words(face_values)),
@@ -402,7 +410,7 @@ impl Shared {
             state: AtomicU8::new(RUNNING),
             failure: OnceLock::new(),
             idle: AtomicU8::new(session.idle as u8),
-            settings: Mutex::new(Settings { sampler, text: [0; MAX_PROMPT_TOKENS], text_len: 0 }),
+            settings: Mutex::new(Settings::new(&session.avatar)),
             unseen: AtomicBool::new(false),
             output: Mutex::new(Output::new(session, config, rest, face_values, chunk_frames)),
             input: Mutex::new(input),
