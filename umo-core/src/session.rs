@@ -14,6 +14,7 @@
 pub(crate) mod delay;
 mod input;
 mod output;
+mod state;
 
 use std::fmt;
 use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, AtomicU64, Ordering};
@@ -23,16 +24,19 @@ use std::time::Duration;
 use crate::avatar::AvatarConfig;
 use crate::clock::Clock;
 use crate::config::{Config, Sampling};
-use crate::engine::Signal;
+use crate::engine::{Place, Signal};
 use crate::error::{LoadError, StepError};
 use crate::lm::layout::MAX_PROMPT_TOKENS;
 use crate::lm::sampler::Sampler;
 use crate::ring::Ring;
+pub use crate::state::StateError;
+use crate::state::StatePass;
 use delay::Delays;
 use input::Input;
 use output::Output;
 pub use output::{FrameView, Sampled};
 pub(crate) use output::{Shown, words as frame_words, write as write_frame};
+pub(crate) use state::state_size;
 
 /// Least seconds of audio that wait for the engine before [`Session::push_audio`] takes no more.
 pub const AUDIO_SECONDS: usize = 10;
@@ -44,6 +48,11 @@ pub const MAX_RATE: usize = 192_000;
 pub const MAX_CHANNELS: usize = 64;
 /// Longest [`Session::interrupt`].
 pub const MAX_EASE: Duration = Duration::from_secs(10);
+
+/// The calls that exclude each other, as [`SessionError::Busy`] names them.
+const INPUT: &str = "push_audio, finish, save or restore";
+const OUTPUT: &str = "pull_frames, sample_pose, save or restore";
+const SETTER: &str = "a setter, save or restore";
 
 /// What a session is made with.
 #[derive(Clone, Debug)]
@@ -113,6 +122,8 @@ pub enum SessionError {
     Panicked,
     /// The engine is gone; frames that were ready can still be pulled.
     Closed,
+    /// A state cannot be restored into this session.
+    State(StateError),
 }
 
 impl fmt::Display for SessionError {
@@ -127,11 +138,18 @@ impl fmt::Display for SessionError {
             Self::Failed(error) => write!(f, "the avatar failed and gives no more frames: {error}"),
             Self::Panicked => write!(f, "the avatar failed by a defect of this library and gives no more frames"),
             Self::Closed => write!(f, "the session's engine is gone"),
+            Self::State(error) => write!(f, "{error}"),
         }
     }
 }
 
 impl std::error::Error for SessionError {}
+
+impl From<StateError> for SessionError {
+    fn from(error: StateError) -> Self {
+        Self::State(error)
+    }
+}
 
 /// What a [`Session::push_audio`] took.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -193,6 +211,15 @@ impl Cue {
     #[expect(clippy::cast_possible_truncation, reason = "fields of a word")]
     fn unpack(word: u64) -> Self {
         Self { number: (word >> 32) as u32, resets: (word >> 16) as u16, ease: word as u16 }
+    }
+
+    /// Describes a cue that one of the sides saw.
+    pub(crate) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
+        let word = pass.word(self.pack())?;
+        if pass.loads() {
+            *self = Self::unpack(word);
+        }
+        Ok(())
     }
 }
 
@@ -353,17 +380,10 @@ fn try_lock<T>(mutex: &Mutex<T>) -> Option<MutexGuard<'_, T>> {
 #[derive(Debug)]
 pub struct Session {
     shared: Arc<Shared>,
-    /// Tells the engine that its place is free.
-    release: Release,
-}
-
-/// What gives an engine's place back.
-pub(crate) struct Release(pub(crate) Box<dyn Fn() + Send + Sync>);
-
-impl fmt::Debug for Release {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("Release")
-    }
+    /// Where the engine's side of it is.
+    place: Place,
+    /// Most bytes of a state.
+    state_size: usize,
 }
 
 /// What an engine knows of a session that is being made.
@@ -425,8 +445,8 @@ impl Shared {
 }
 
 impl Session {
-    pub(crate) fn new(shared: Arc<Shared>, release: Release) -> Self {
-        Self { shared, release }
+    pub(crate) fn new(shared: Arc<Shared>, place: Place, state_size: usize) -> Self {
+        Self { shared, place, state_size }
     }
 
     /// Takes interleaved samples, full scale 1, for the avatar to speak: as many as there is room for.
@@ -451,7 +471,7 @@ impl Session {
     fn push<T>(&self, samples: &[T], float: impl Fn(&T) -> f32) -> Result<Pushed, SessionError> {
         let shared = &*self.shared;
         shared.check()?;
-        let mut input = try_lock(&shared.input).ok_or(SessionError::Busy("push_audio or finish"))?;
+        let mut input = try_lock(&shared.input).ok_or(SessionError::Busy(INPUT))?;
         let frames = samples.len() / input.channels();
         if !samples.len().is_multiple_of(input.channels()) {
             return Err(SessionError::Uneven { got: samples.len(), channels: input.channels() });
@@ -475,7 +495,7 @@ impl Session {
     pub fn finish(&self) -> Result<(), SessionError> {
         let shared = &*self.shared;
         shared.check()?;
-        let mut input = try_lock(&shared.input).ok_or(SessionError::Busy("push_audio or finish"))?;
+        let mut input = try_lock(&shared.input).ok_or(SessionError::Busy(INPUT))?;
         if input.finish(shared) {
             // What is left of the last chunk is due from now on.
             shared.audio_time.store(shared.clock.nanos(), Ordering::Relaxed);
@@ -493,7 +513,7 @@ impl Session {
     /// has been pulled.
     pub fn pull_frames(&self, most: usize, mut frame: impl FnMut(FrameView)) -> Result<usize, SessionError> {
         let shared = &*self.shared;
-        let mut output = try_lock(&shared.output).ok_or(SessionError::Busy("pull_frames or sample_pose"))?;
+        let mut output = try_lock(&shared.output).ok_or(SessionError::Busy(OUTPUT))?;
         let mut count = 0;
         while count < most && output.next(shared) {
             frame(output.shown());
@@ -511,7 +531,7 @@ impl Session {
     /// # Errors
     /// [`SessionError::Busy`] where another thread pulls.
     pub fn ready_frames(&self) -> Result<usize, SessionError> {
-        let mut output = try_lock(&self.shared.output).ok_or(SessionError::Busy("pull_frames or sample_pose"))?;
+        let mut output = try_lock(&self.shared.output).ok_or(SessionError::Busy(OUTPUT))?;
         Ok(output.ready(&self.shared))
     }
 
@@ -528,7 +548,7 @@ impl Session {
             return Err(SessionError::Range("the time of a pose must be a number"));
         }
         let shared = &*self.shared;
-        let mut output = try_lock(&shared.output).ok_or(SessionError::Busy("pull_frames or sample_pose"))?;
+        let mut output = try_lock(&shared.output).ok_or(SessionError::Busy(OUTPUT))?;
         let sampled = output.sample(shared, seconds);
         frame(output.sampled());
         Ok(sampled)
@@ -632,7 +652,7 @@ impl Session {
             }
             std::hint::spin_loop();
         }
-        Err(SessionError::Busy("a setter"))
+        Err(SessionError::Busy(SETTER))
     }
 
     /// What the session went through so far.
@@ -665,6 +685,6 @@ impl Session {
 impl Drop for Session {
     fn drop(&mut self) {
         self.shared.dropped.store(true, Ordering::SeqCst);
-        (self.release.0)();
+        self.place.sweep();
     }
 }
