@@ -109,7 +109,12 @@ fn show(frame: FrameView, seen: &mut Vec<u64>) {
     seen.extend(values.map(|value| u64::from(value.to_bits())));
 }
 
-impl Run<'_> {
+impl<'a> Run<'a> {
+    fn new(timed: &'a Timed, config: &SessionConfig) -> Self {
+        let (session, channels) = (timed.engine.session(config).unwrap(), config.channels);
+        Self { timed, session, channels, pushed: 0, time: 0.0, seen: Vec::new() }
+    }
+
     fn call(&mut self, call: &Call) {
         let Self { timed, session, channels, pushed, time, seen } = self;
         match call {
@@ -173,7 +178,7 @@ fn save(session: &Session) -> Vec<u8> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 64, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 128, ..ProptestConfig::default() })]
 
     /// Any model, rate, cut of the script, idle mode; rolled back in place, and in another session with a past of its own.
     #[test]
@@ -190,13 +195,13 @@ proptest! {
     ) {
         let model = &MODELS[which];
         let mut config = SessionConfig { sample_rate, channels, idle, ..config(model, target, lookahead) };
+        config.idle_after = Duration::from_millis(100);
         if text && model.config().templates.contains_key("text_to_motion") {
             (config.avatar.template, config.avatar.text) = ("text_to_motion".to_owned(), vec![3, 4]);
         }
         let here = timed(model, 0, 2, 0);
         let there = timed(model, 1, 4, 55_000_000_000);
-        let run = |timed| Run { timed, session: timed.engine.session(&config).unwrap(), channels, pushed: 0, time: 0.0, seen: Vec::new() };
-        let (mut first, mut other) = (run(&here), run(&there));
+        let (mut first, mut other) = (Run::new(&here, &config), Run::new(&there, &config));
         let (before, after) = calls.split_at(cut.index(calls.len()));
         before.iter().for_each(|call| first.call(call));
         let state = save(&first.session);
@@ -221,14 +226,6 @@ fn a_cue_on_its_way_arrives_after_a_restore() {
     let model = &MODELS[2];
     let (here, there) = (timed(model, 0, 2, 0), timed(model, 0, 2, 0));
     let config = config(model, 2, 3);
-    let run = |timed| Run {
-        timed,
-        session: timed.engine.session(&config).unwrap(),
-        channels: 1,
-        pushed: 0,
-        time: 0.0,
-        seen: Vec::new(),
-    };
     let start = [Push(20_000), Settle, Pull(7)];
     let after = [Push(15_000), Settle, Pull(9), Sample(2.5), Finish, Settle, Pull(1000)];
     for cue in [Interrupt(200), Reset] {
@@ -237,7 +234,7 @@ fn a_cue_on_its_way_arrives_after_a_restore() {
         {
             // The session that takes the state over has had more cues, or none, or as many of the other kind.
             for past in [vec![], vec![Reset], vec![Interrupt(0), Push(7_000), Reset, Settle, Interrupt(100)]] {
-                let (mut first, mut other) = (run(&here), run(&there));
+                let (mut first, mut other) = (Run::new(&here, &config), Run::new(&there, &config));
                 let before = start.iter().chain([&cue]).chain(&seen);
                 before.for_each(|call| first.call(call));
                 let state = save(&first.session);
@@ -251,6 +248,53 @@ fn a_cue_on_its_way_arrives_after_a_restore() {
             }
         }
     }
+}
+
+/// Silence that the engine fills in, frames that come late, speech faster than it plays, and the way back from rest: cut at
+/// every place.
+#[test]
+fn time_goes_on_where_it_was() {
+    use Call::{Finish, Interrupt, Pull, Push, Sample, SetIdle, Settle, Wait};
+    let model = &MODELS[3];
+    let script = [
+        // Half of a chunk waits when the speaker falls silent.
+        &[Push(9_600), Wait(150), Settle, Wait(60), Pull(1_000), Wait(400), Pull(9), Settle, Pull(1_000), Settle][..],
+        &[Pull(1_000), Push(3_000), Settle, Pull(1_000), Wait(500), Pull(1), Settle, Pull(1_000)],
+        // A second at once, of which the later part is not late for a while.
+        &[
+            Push(16_000),
+            Wait(700),
+            Settle,
+            Push(6_400),
+            Wait(300),
+            Settle,
+            Wait(900),
+            Push(12_000),
+            Wait(1_500),
+            Settle,
+        ],
+        &[Interrupt(150), Pull(2), Push(9_000), Settle, Pull(20), Wait(350), SetIdle(Idle::Rest)],
+        &[Sample(60.0), Wait(100), Sample(4.0), Wait(100), Sample(4.0), Push(9_000), Settle, Sample(3.0), Wait(350)],
+        &[Sample(30.0), Sample(3.0), Push(9_000), Finish, Wait(900), Settle, Pull(1_000)],
+    ]
+    .concat();
+    let config = SessionConfig { idle: Idle::Live, ..config(model, 1, 2) };
+    let mut late = 0;
+    for cut in 0..script.len() {
+        let (here, there) = (timed(model, 0, 2, 0), timed(model, 0, 2, 9_000_000_000));
+        let (mut first, mut other) = (Run::new(&here, &config), Run::new(&there, &config));
+        let (before, after) = script.split_at(cut);
+        before.iter().for_each(|call| first.call(call));
+        let (state, pushed, time) = (save(&first.session), first.pushed, first.time);
+        first.seen.clear();
+        after.iter().for_each(|call| first.call(call));
+        settle(&here.engine);
+        let wanted = (std::mem::take(&mut first.seen), save(&first.session));
+        late = first.session.stats().late_frames;
+        assert!(first.replay(&state, pushed, time, after) == wanted, "rolled back to {cut}");
+        assert!(other.replay(&state, pushed, time, after) == wanted, "elsewhere from {cut}");
+    }
+    assert!((10..100).contains(&late), "{late}");
 }
 
 /// Full rings and a full prompt: the most that a state can be.
