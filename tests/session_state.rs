@@ -58,7 +58,7 @@ enum Call {
     Push(usize),
     Finish,
     Pull(usize),
-    /// So many frames after the time that was asked for last.
+    /// So many frames after what was shown last.
     Sample(f64),
     Interrupt(u64),
     Reset,
@@ -115,12 +115,12 @@ impl<'a> Run<'a> {
         Self { timed, session, channels, pushed: 0, time: 0.0, seen: Vec::new() }
     }
 
+    #[expect(clippy::cast_precision_loss, reason = "a short stream")]
     fn call(&mut self, call: &Call) {
         let Self { timed, session, channels, pushed, time, seen } = self;
         match call {
             Call::Push(frames) => {
                 let mut noise = Noise::new(*pushed);
-                #[expect(clippy::cast_precision_loss, reason = "a short sound")]
                 let sound = |i: usize| 0.3 * (0.05 * i as f32).sin() + noise.float(0.1);
                 let samples: Vec<f32> = (0..frames * *channels).map(sound).collect();
                 match session.push_audio(&samples) {
@@ -132,7 +132,13 @@ impl<'a> Run<'a> {
                 }
             }
             Call::Finish => session.finish().unwrap(),
-            Call::Pull(most) => drop(session.pull_frames(*most, |frame| show(frame, seen)).unwrap()),
+            Call::Pull(most) => {
+                let shown = |frame: FrameView| {
+                    *time = time.max(frame.index as f64 / 30.0);
+                    show(frame, seen);
+                };
+                session.pull_frames(*most, shown).unwrap();
+            }
             Call::Sample(frames) => {
                 *time += frames / 30.0;
                 let sampled = session.sample_pose(*time, |frame| show(frame, seen)).unwrap();
@@ -273,9 +279,9 @@ fn time_goes_on_where_it_was() {
             Wait(1_500),
             Settle,
         ],
-        &[Interrupt(150), Pull(2), Push(9_000), Settle, Pull(20), Wait(350), SetIdle(Idle::Rest)],
-        &[Sample(60.0), Wait(100), Sample(4.0), Wait(100), Sample(4.0), Push(9_000), Settle, Sample(3.0), Wait(350)],
-        &[Sample(30.0), Sample(3.0), Push(9_000), Finish, Wait(900), Settle, Pull(1_000)],
+        &[Interrupt(150), Pull(2), Push(9_000), Settle, Pull(9), Sample(0.5), Wait(350), SetIdle(Idle::Rest)],
+        &[Sample(6.0), Wait(100), Sample(4.0), Wait(100), Sample(4.0), Push(9_000), Settle, Sample(3.0), Wait(350)],
+        &[Sample(3.0), Sample(3.0), Push(9_000), Finish, Wait(900), Settle, Pull(1_000)],
     ]
     .concat();
     let config = SessionConfig { idle: Idle::Live, ..config(model, 1, 2) };
