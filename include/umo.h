@@ -505,7 +505,7 @@ UMO_NOEXCEPT;
 // `THREAD`, `MODEL` (the model gives no pose of rest), `FULL` (1,024 engines).
 //
 // Pointers:
-// `config` is NULL or as long as its `struct_size` says, with `cores` and `log` as described; `engine` is NULL or writable.
+// `config` is NULL or as long as its `struct_size` says, with `cores`, `jobs` and `log` as described; `engine` is NULL or writable.
 UMO_API
 UMO_MUST_USE
 umo_status umo_engine_new(const struct umo_model *model,
@@ -1002,6 +1002,53 @@ UMO_API
 UMO_MUST_USE
 umo_status umo_session_stats(const struct umo_session *session,
                              struct umo_stats *stats)
+UMO_NOEXCEPT;
+
+// Most bytes that a state of the session can have: the same for as long as it lives.
+//
+// Threads: any. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `PANIC`.
+//
+// Pointers:
+// `size` is NULL or writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_state_size(const struct umo_session *session,
+                                  size_t *size)
+UMO_NOEXCEPT;
+
+// Writes everything that the session is to `state`, which has `size` bytes, at least `umo_session_state_size`: audio that
+// waits, frames that wait, history, settings. `written` gets how many bytes that took. They hold no address: they can be
+// kept in a file, sent, and restored in another process. The session goes on as if nothing had happened.
+//
+// Threads: one at a time; not beside a push, a pull or a setter. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (too few bytes), `BUSY` (a chunk of the session is just
+// computed, or another thread is in a call on it: save again later), `FAILED`, `CLOSED`, `PANIC`.
+//
+// Pointers:
+// `state` is NULL or has `size` writable bytes; `written` is NULL or writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_save(struct umo_session *session,
+                            void *state,
+                            size_t size,
+                            size_t *written)
+UMO_NOEXCEPT;
+
+// Makes the session what it, or another one of the same model and configuration, was when it was saved: the same calls
+// then give the same frames, bit for bit, on any number of threads. `size` is what `umo_session_save` wrote.
+//
+// Threads: one at a time; not beside a push, a pull or a setter. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STATE` (the bytes are no state of such a session: `umo_session_last_error`
+// says what disagrees), `BUSY` (as `umo_session_save`), `FAILED`, `CLOSED`, `PANIC`.
+//
+// Pointers:
+// `state` is NULL or has `size` readable bytes.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_restore(struct umo_session *session,
+                               const void *state,
+                               size_t size)
 UMO_NOEXCEPT;
 
 // What a status says, and what to do about it: static, never NULL, in English.
@@ -1227,7 +1274,7 @@ UMO_NOEXCEPT;
 // `THREAD`, `MODEL` (the model gives no pose of rest), `FULL` (1,024 engines).
 //
 // Pointers:
-// `config` is NULL or as long as its `struct_size` says, with `cores` and `log` as described; `engine` is NULL or writable.
+// `config` is NULL or as long as its `struct_size` says, with `cores`, `jobs` and `log` as described; `engine` is NULL or writable.
 UMO_API
 UMO_MUST_USE
 umo_status umo_engine_new(const struct umo_model *model,
@@ -1550,6 +1597,53 @@ UMO_API
 UMO_MUST_USE
 umo_status umo_session_stats(const struct umo_session *session,
                              struct umo_stats *stats)
+UMO_NOEXCEPT;
+
+// Most bytes that a state of the session can have: the same for as long as it lives.
+//
+// Threads: any. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `PANIC`.
+//
+// Pointers:
+// `size` is NULL or writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_state_size(const struct umo_session *session,
+                                  size_t *size)
+UMO_NOEXCEPT;
+
+// Writes everything that the session is to `state`, which has `size` bytes, at least `umo_session_state_size`: audio that
+// waits, frames that wait, history, settings. `written` gets how many bytes that took. They hold no address: they can be
+// kept in a file, sent, and restored in another process. The session goes on as if nothing had happened.
+//
+// Threads: one at a time; not beside a push, a pull or a setter. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (too few bytes), `BUSY` (a chunk of the session is just
+// computed, or another thread is in a call on it: save again later), `FAILED`, `CLOSED`, `PANIC`.
+//
+// Pointers:
+// `state` is NULL or has `size` writable bytes; `written` is NULL or writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_save(struct umo_session *session,
+                            void *state,
+                            size_t size,
+                            size_t *written)
+UMO_NOEXCEPT;
+
+// Makes the session what it, or another one of the same model and configuration, was when it was saved: the same calls
+// then give the same frames, bit for bit, on any number of threads. `size` is what `umo_session_save` wrote.
+//
+// Threads: one at a time; not beside a push, a pull or a setter. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STATE` (the bytes are no state of such a session: `umo_session_last_error`
+// says what disagrees), `BUSY` (as `umo_session_save`), `FAILED`, `CLOSED`, `PANIC`.
+//
+// Pointers:
+// `state` is NULL or has `size` readable bytes.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_restore(struct umo_session *session,
+                               const void *state,
+                               size_t size)
 UMO_NOEXCEPT;
 
 #ifdef __cplusplus

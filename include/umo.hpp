@@ -264,6 +264,19 @@ public:
         return {status, value};
     }
 
+    /// The session's whole state; empty where it cannot be saved now.
+    result<std::vector<unsigned char>> save() {
+        std::size_t size = 0;
+        umo_status status = umo_session_state_size(get(), &size);
+        std::vector<unsigned char> state(size);
+        if (status == UMO_STATUS_OK) status = umo_session_save(get(), state.data(), state.size(), &size);
+        state.resize(status == UMO_STATUS_OK ? size : 0);
+        return {status, std::move(state)};
+    }
+    [[nodiscard]] umo_status restore(const std::vector<unsigned char> &state) noexcept {
+        return umo_session_restore(get(), state.data(), state.size());
+    }
+
     umo_latency latency() const noexcept {
         umo_latency latency{};
         latency.struct_size = sizeof latency;

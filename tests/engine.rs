@@ -638,6 +638,49 @@ fn settings_count_from_the_next_chunk() {
 }
 
 #[test]
+fn a_seed_that_is_set_leaves_the_prompt_alone() {
+    let engine = hosted(3);
+    let mut config = config(engine.model(), 2, 0, 4);
+    config.avatar = AvatarConfig { template: "text_to_motion".to_owned(), text: vec![5, 6], ..config.avatar };
+    let frames = |set: &dyn Fn(&Session)| {
+        let session = engine.session(&config).unwrap();
+        set(&session);
+        settle(&engine);
+        pull(&session)
+    };
+    let wanted = frames(&|_| ());
+    assert!(frames(&|session| session.set_seed(4).unwrap()) == wanted);
+    assert!(frames(&|session| session.set_prompt(&[]).unwrap()) != wanted, "the prompt counts");
+}
+
+/// The model ran on silence beyond the end of what was pushed, and holds frames back that came before it.
+#[test]
+fn an_end_that_lies_behind_lets_the_engine_rest() {
+    let (engine, nanos) = timed(4);
+    let mut config = config(engine.model(), 1, 10, 4);
+    config.idle = Idle::Live;
+    let session = engine.session(&config).unwrap();
+    let chunk = engine.model().config().samples_per_keyframe();
+    session.push_audio(&audio(3 * chunk - 1_000, 1, 4)).unwrap();
+    settle(&engine);
+    let mut frames = pull(&session).len();
+    for _ in 0..3 {
+        nanos.fetch_add(1_000_000_000, Ordering::SeqCst);
+        frames += pull(&session).len();
+        settle(&engine);
+    }
+    session.finish().unwrap();
+    for _ in 0..100 {
+        if engine.poll(Duration::ZERO) == Ok(Poll::Idle) {
+            frames += pull(&session).len();
+            assert_eq!(frames, (3 * chunk - 1_000) * 30 / 16_000);
+            return;
+        }
+    }
+    panic!("the engine never rests");
+}
+
+#[test]
 fn latency_says_what_a_frame_waits_for() {
     let (engine, nanos) = timed(2);
     let config = config(engine.model(), 2, 3, 1);

@@ -140,6 +140,7 @@ impl From<SessionError> for Failure {
             SessionError::Failed(_) => UMO_STATUS_FAILED,
             SessionError::Panicked => UMO_STATUS_PANIC,
             SessionError::Closed => UMO_STATUS_CLOSED,
+            SessionError::State(_) => UMO_STATUS_STATE,
         };
         Self::new(status, error)
     }

@@ -10,6 +10,7 @@ use umo_kernels::ShapeError;
 use crate::config::AudioKind;
 use crate::error::{LoadError, StepError};
 use crate::linear::Compute;
+use crate::state::{StateError, StatePass};
 use crate::weights::Loader;
 use hubert::Hubert;
 use kmeans::Kmeans;
@@ -110,6 +111,24 @@ impl AudioStream {
     /// Shape: `[window, width]`, oldest first.
     pub fn features(&self) -> &[f32] {
         &self.features
+    }
+
+    /// Describes the stream between two calls, after `heard` samples.
+    pub(crate) fn state(&mut self, pass: &mut StatePass, heard: u64) -> Result<(), StateError> {
+        let started = heard > 0;
+        if pass.loads() {
+            self.started = started;
+        }
+        // The first call finds nothing that counts.
+        if !pass.follows(started) {
+            return Ok(());
+        }
+        pass.f32s(&mut self.features)?;
+        pass.f32s(&mut self.recent)?;
+        match &mut self.state {
+            State::Hubert(statistics) => statistics.state(pass, heard),
+            State::Mel(past) => past.state(pass),
+        }
     }
 
     /// Tokens in the window.

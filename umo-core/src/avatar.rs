@@ -15,7 +15,13 @@ use crate::lm::sampler::Sampler;
 use crate::model::Model;
 use crate::motion::MotionStream;
 use crate::part::PerPart;
+use crate::state::{Fingerprint, StateError, StatePass};
 use history::History;
+
+/// Chunks that no stream comes to: at five a second, 6,900 years.
+const MOST_CHUNKS: u64 = 1 << 40;
+/// Frames that no recording has.
+const MOST_FRAMES: u64 = 1 << 50;
 
 /// What an avatar is made with.
 #[derive(Clone, Debug)]
@@ -92,6 +98,8 @@ pub struct Avatar {
     pub(crate) lookahead: usize,
     pub(crate) sampler: Sampler,
     template: Template,
+    /// Tells the template's name from others.
+    template_name: u64,
     /// `[MAX_PROMPT_TOKENS]`, of which `text_len` count.
     text: Box<[u32]>,
     text_len: usize,
@@ -148,11 +156,14 @@ impl Avatar {
         let template = Template::new(c, &config.template)?;
         let (window, new) = (window_tokens(c, config.target), config.target * c.tokens_per_keyframe());
         let audio = template.has_audio().then(|| model.tokenizer.stream(window, new));
+        let mut template_name = Fingerprint::new();
+        template_name.add(config.template.as_bytes());
         let mut avatar = Self {
             target: config.target,
             lookahead: config.lookahead,
             sampler: config.sampler,
             template,
+            template_name: template_name.0,
             text: vec![0; MAX_PROMPT_TOKENS].into(),
             text_len: 0,
             chunk: 0,
@@ -175,6 +186,39 @@ impl Avatar {
         }
         self.history.rest();
         self.motion.reset();
+    }
+
+    /// What a state must have in common with this avatar, beside the model.
+    pub(crate) fn identity(&self, pass: &mut StatePass) -> Result<(), StateError> {
+        pass.same("target", self.target as u64)?;
+        pass.same("lookahead", self.lookahead as u64)?;
+        pass.same("template", self.template_name)
+    }
+
+    /// Describes everything that the last chunk leaves behind for the next; samples of audio so far. Units are written by
+    /// each chunk before they are read, and those of a whole recording no session has.
+    #[expect(clippy::cast_possible_truncation, reason = "what a session counts fits its memory's words")]
+    pub(crate) fn state(&mut self, pass: &mut StatePass, model: &Model) -> Result<u64, StateError> {
+        let config = &model.config;
+        let (frames, samples) = (self.target * config.keyframe_stride, self.chunk_samples(config));
+        let chunk = pass.number("chunks", &mut self.chunk, MOST_CHUNKS)?;
+        let mut total = self.total.map(|total| total as u64);
+        pass.maybe("frames in all", &mut total, MOST_FRAMES)?;
+        let text = pass.count("prompt", self.text_len, MAX_PROMPT_TOKENS)?;
+        if pass.loads() {
+            (self.total, self.text_len) = (total.map(|total| total as usize), text);
+        }
+        pass.ids(&mut self.text[..text])?;
+        self.sampler.state(pass)?;
+        let heard = chunk * samples as u64;
+        if let Some(audio) = &mut self.audio {
+            audio.state(pass, heard)?;
+        }
+        self.history.state(pass)?;
+        // The last keyframe of a chunk is the last frame that is known.
+        let known = if chunk == 0 { 0 } else { (chunk as usize * frames) + 1 - config.keyframe_stride };
+        self.motion.state(pass, &model.motion, known)?;
+        Ok(heard)
     }
 
     /// Whether speech moves it.

@@ -382,7 +382,7 @@ impl Batch {
             avatar.history.advance();
             avatar.chunk += 1;
         }
-        if let (Some(total), true) = (avatar.total, Some(avatar.chunk) == avatar.chunks(&model.config)) {
+        if let (Some(total), true) = (avatar.total, Some(avatar.chunk) >= avatar.chunks(&model.config)) {
             avatar.motion.finish(cx, &model.motion, &mut self.motion, total, &mut |f| frames.frame(f))?;
         }
         Ok(self.moving(member + 1))

@@ -4,6 +4,10 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
+/// What [`Clock::nanos`] counts from: a moment before the clock's start, which a restored session may remember, has a number
+/// too.
+const START: u64 = 1 << 62;
+
 /// A clock that never goes back.
 #[derive(Clone, Debug)]
 pub enum Clock {
@@ -27,8 +31,8 @@ impl Clock {
         }
     }
 
-    #[expect(clippy::cast_possible_truncation, reason = "2^64 nanoseconds are 584 years")]
+    #[expect(clippy::cast_possible_truncation, reason = "2^62 nanoseconds are 146 years")]
     pub(crate) fn nanos(&self) -> u64 {
-        self.now().as_nanos() as u64
+        START + self.now().as_nanos() as u64
     }
 }

@@ -23,9 +23,9 @@ use crate::linear::Compute;
 use crate::model::Model;
 use crate::motion::Pose;
 use crate::part::PerPart;
-use crate::session::{Making, Release, Session, SessionConfig, Shared, Shown};
+use crate::session::{Making, Session, SessionConfig, Shared, Shown, state_size};
 use crate::team::{Guests, MAX_THREADS, Team};
-use core::Core;
+pub(crate) use core::Core;
 use worker::Worker;
 
 /// Most sessions of an engine.
@@ -270,6 +270,31 @@ impl Slot {
     }
 }
 
+/// A session's place in its engine, as the session knows it.
+#[derive(Debug)]
+pub(crate) struct Place {
+    inner: Arc<Inner>,
+    index: usize,
+}
+
+impl Place {
+    /// Frees the place of a session that was dropped, where its core is not in a batch.
+    pub(crate) fn sweep(&self) {
+        self.inner.slots[self.index].sweep();
+    }
+
+    /// The engine's side of the session, and its model, for as long as `f` takes; none where it is in a batch or the engine is
+    /// just looking at it. The caller notifies the engine afterwards, which may have passed the place over.
+    pub(crate) fn with_core<R>(&self, f: impl FnOnce(&mut Core, &Model) -> R) -> Option<R> {
+        let mut core = match self.inner.slots[self.index].core.try_lock() {
+            Ok(core) => core,
+            Err(TryLockError::Poisoned(poisoned)) => poisoned.into_inner(),
+            Err(TryLockError::WouldBlock) => return None,
+        };
+        core.as_mut().map(|core| f(core, &self.inner.model))
+    }
+}
+
 /// Avatars of one model, and who computes them.
 #[derive(Debug)]
 pub struct Engine {
@@ -349,7 +374,8 @@ impl Engine {
     pub fn session(&self, config: &SessionConfig) -> Result<Session, EngineError> {
         let inner = &self.inner;
         inner.sweep();
-        let (shared, core) = inner.make(config)?;
+        let (shared, mut core) = inner.make(config)?;
+        let state_size = state_size(&shared, &mut core, &inner.model);
         let free = |slot: &Slot| slot.taken.compare_exchange(false, true, Ordering::AcqRel, Ordering::Relaxed).is_ok();
         let index = inner.slots.iter().position(free);
         let index = index.ok_or(EngineError::Full { sessions: inner.slots.len() })?;
@@ -358,8 +384,7 @@ impl Engine {
             Err(poisoned) => *poisoned.into_inner() = Some(core),
         }
         inner.signal.notify();
-        let place = Arc::clone(inner);
-        Ok(Session::new(shared, Release(Box::new(move || place.slots[index].sweep()))))
+        Ok(Session::new(shared, Place { inner: Arc::clone(inner), index }, state_size))
     }
 
     /// Makes what a session has and drops it again: whether it can be made, and for who counts allocations what it needs.

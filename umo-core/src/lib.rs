@@ -34,6 +34,7 @@ pub mod part;
 mod ring;
 pub mod session;
 pub mod stage;
+mod state;
 mod sync;
 pub mod team;
 pub mod weights;

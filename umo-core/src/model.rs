@@ -22,6 +22,8 @@ pub struct Model {
     pub(crate) interp: Interp,
     pub(crate) motion: MotionDecoder,
     text: Option<TextTokenizer>,
+    /// Tells it from other models, and from itself at other precisions.
+    pub(crate) fingerprint: u64,
 }
 
 impl Model {
@@ -32,6 +34,7 @@ impl Model {
     pub fn load(file: &ModelFile, precision: Precision, isa: Isa) -> Result<Self, LoadError> {
         let loader = Loader::new(file, precision, isa);
         Ok(Self {
+            fingerprint: file.fingerprint(precision.name()),
             config: file.config().clone(),
             isa,
             tokenizer: Tokenizer::load(&loader)?,

@@ -9,7 +9,11 @@
 //! two threads to push at once, words would be mixed up, and no more than that. [`Session`](crate::session::Session) keeps
 //! each side to one thread at a time.
 
+use crate::state::{Span, StateError, StatePass};
 use crate::sync::{AtomicU32, AtomicU64, Ordering};
+
+/// Positions that a saved ring stays below: 2^62 words are thousands of years.
+const MOST: u64 = 1 << 62;
 
 /// A queue of 32-bit words with one producer and one consumer.
 #[derive(Debug)]
@@ -100,6 +104,41 @@ impl Ring {
     pub(crate) fn skip_to(&self, position: u64) {
         let start = self.read.load(Ordering::Relaxed);
         self.read.store(position.clamp(start, self.written()), Ordering::SeqCst);
+    }
+
+    /// Describes what waits in the ring, of which `is_good` looks at words that come from a state; how much that is. The
+    /// caller keeps producer and consumer away.
+    pub(crate) fn state(
+        &self,
+        pass: &mut StatePass,
+        what: &'static str,
+        is_good: impl Fn(&[[u8; 4]]) -> bool,
+    ) -> Result<usize, StateError> {
+        let read = pass.limited(what, self.read_position(), MOST)?;
+        let len = pass.count(what, self.len(), self.capacity())?;
+        let place = self.place(read);
+        let (old, young) =
+            (place..self.words.len().min(place + len), 0..(place + len).saturating_sub(self.words.len()));
+        let words = self.words[old].iter().chain(&self.words[young]);
+        match pass.span(4 * len)? {
+            Span::Size => {}
+            Span::Save(bytes) => {
+                let slots = bytes.as_chunks_mut().0.iter_mut();
+                slots.zip(words).for_each(|(slot, word)| *slot = word.load(Ordering::Relaxed).to_le_bytes());
+            }
+            Span::Check(bytes) => {
+                if !is_good(bytes.as_chunks().0) {
+                    return Err(StateError::Field(what));
+                }
+            }
+            Span::Load(bytes) => {
+                let values = bytes.as_chunks().0.iter();
+                words.zip(values).for_each(|(word, &value)| word.store(u32::from_le_bytes(value), Ordering::Relaxed));
+                self.read.store(read, Ordering::SeqCst);
+                self.written.store(read + len as u64, Ordering::SeqCst);
+            }
+        }
+        Ok(len)
     }
 
     #[expect(clippy::cast_possible_truncation, reason = "below the capacity")]

@@ -15,6 +15,7 @@ pub(crate) mod delay;
 mod gain;
 mod input;
 mod output;
+mod state;
 
 use std::fmt;
 use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, AtomicU64, Ordering};
@@ -24,18 +25,21 @@ use std::time::Duration;
 use crate::avatar::AvatarConfig;
 use crate::clock::Clock;
 use crate::config::{Config, Sampling};
-use crate::engine::Signal;
+use crate::engine::{Place, Signal};
 use crate::error::{LoadError, StepError};
 use crate::lm::layout::MAX_PROMPT_TOKENS;
 use crate::lm::sampler::Sampler;
 use crate::motion::Assembly;
 use crate::part::{Part, PerPart};
 use crate::ring::Ring;
+pub use crate::state::StateError;
+use crate::state::StatePass;
 use delay::Delays;
 use input::Input;
 use output::Output;
 pub use output::{FrameView, Sampled};
 pub(crate) use output::{Shown, words as frame_words, write as write_frame};
+pub(crate) use state::state_size;
 
 /// Least seconds of audio that wait for the engine before [`Session::push_audio`] takes no more.
 pub const AUDIO_SECONDS: usize = 10;
@@ -49,6 +53,11 @@ pub const MAX_CHANNELS: usize = 64;
 pub const MAX_GAIN: f32 = 2.0;
 /// Longest [`Session::interrupt`].
 pub const MAX_EASE: Duration = Duration::from_secs(10);
+
+/// The calls that exclude each other, as [`SessionError::Busy`] names them.
+const INPUT: &str = "push_audio, finish, save or restore";
+const OUTPUT: &str = "pull_frames, sample_pose, save or restore";
+const SETTER: &str = "a setter, save or restore";
 
 /// What a session is made with.
 #[derive(Clone, Debug)]
@@ -118,6 +127,8 @@ pub enum SessionError {
     Panicked,
     /// The engine is gone; frames that were ready can still be pulled.
     Closed,
+    /// A state cannot be restored into this session.
+    State(StateError),
 }
 
 impl fmt::Display for SessionError {
@@ -132,11 +143,18 @@ impl fmt::Display for SessionError {
             Self::Failed(error) => write!(f, "the avatar failed and gives no more frames: {error}"),
             Self::Panicked => write!(f, "the avatar failed by a defect of this library and gives no more frames"),
             Self::Closed => write!(f, "the session's engine is gone"),
+            Self::State(error) => write!(f, "{error}"),
         }
     }
 }
 
 impl std::error::Error for SessionError {}
+
+impl From<StateError> for SessionError {
+    fn from(error: StateError) -> Self {
+        Self::State(error)
+    }
+}
 
 /// What a [`Session::push_audio`] took.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -199,6 +217,15 @@ impl Cue {
     fn unpack(word: u64) -> Self {
         Self { number: (word >> 32) as u32, resets: (word >> 16) as u16, ease: word as u16 }
     }
+
+    /// Describes a cue that one of the sides saw.
+    pub(crate) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
+        let word = pass.word(self.pack())?;
+        if pass.loads() {
+            *self = Self::unpack(word);
+        }
+        Ok(())
+    }
 }
 
 /// What is set while the session runs, taken over at the next chunk.
@@ -207,6 +234,15 @@ pub(crate) struct Settings {
     pub(crate) sampler: Sampler,
     pub(crate) text: [u32; MAX_PROMPT_TOKENS],
     pub(crate) text_len: usize,
+}
+
+impl Settings {
+    /// What the avatar was made with.
+    fn new(avatar: &AvatarConfig) -> Self {
+        let (mut text, text_len) = ([0; MAX_PROMPT_TOKENS], avatar.text.len());
+        text[..text_len].copy_from_slice(&avatar.text);
+        Self { sampler: avatar.sampler, text, text_len }
+    }
 }
 
 /// No sample position: nobody waits for audio.
@@ -352,17 +388,10 @@ fn try_lock<T>(mutex: &Mutex<T>) -> Option<MutexGuard<'_, T>> {
 #[derive(Debug)]
 pub struct Session {
     shared: Arc<Shared>,
-    /// Tells the engine that its place is free.
-    release: Release,
-}
-
-/// What gives an engine's place back.
-pub(crate) struct Release(pub(crate) Box<dyn Fn() + Send + Sync>);
-
-impl fmt::Debug for Release {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("Release")
-    }
+    /// Where the engine's side of it is.
+    place: Place,
+    /// Most bytes of a state.
+    state_size: usize,
 }
 
 /// What an engine knows of a session that is being made.
@@ -393,7 +422,6 @@ impl Shared {
         let input = Input::new(session.sample_rate, session.channels, config)
             .map_err(|error| LoadError::config("sample_rate", error.to_string()))?;
         let chunk = config.max_target * config.samples_per_keyframe();
-        let sampler = session.avatar.sampler;
         Ok(Self {
             audio: Ring::new((AUDIO_SECONDS * rate).max(2 * chunk) + input.most_left()),
             frames: Ring::new(session.queue_frames * frame_words(face_values)),
@@ -411,7 +439,7 @@ impl Shared {
             failure: OnceLock::new(),
             idle: AtomicU8::new(session.idle as u8),
             gains: PerPart::from_fn(|_| AtomicU32::new(1.0_f32.to_bits())),
-            settings: Mutex::new(Settings { sampler, text: [0; MAX_PROMPT_TOKENS], text_len: 0 }),
+            settings: Mutex::new(Settings::new(&session.avatar)),
             unseen: AtomicBool::new(false),
             output: Mutex::new(Output::new(session, config, rest, assembly.is_arkit(), chunk_frames)),
             input: Mutex::new(input),
@@ -427,8 +455,8 @@ impl Shared {
 }
 
 impl Session {
-    pub(crate) fn new(shared: Arc<Shared>, release: Release) -> Self {
-        Self { shared, release }
+    pub(crate) fn new(shared: Arc<Shared>, place: Place, state_size: usize) -> Self {
+        Self { shared, place, state_size }
     }
 
     /// Takes interleaved samples, full scale 1, for the avatar to speak: as many as there is room for.
@@ -453,7 +481,7 @@ impl Session {
     fn push<T>(&self, samples: &[T], float: impl Fn(&T) -> f32) -> Result<Pushed, SessionError> {
         let shared = &*self.shared;
         shared.check()?;
-        let mut input = try_lock(&shared.input).ok_or(SessionError::Busy("push_audio or finish"))?;
+        let mut input = try_lock(&shared.input).ok_or(SessionError::Busy(INPUT))?;
         let frames = samples.len() / input.channels();
         if !samples.len().is_multiple_of(input.channels()) {
             return Err(SessionError::Uneven { got: samples.len(), channels: input.channels() });
@@ -477,7 +505,7 @@ impl Session {
     pub fn finish(&self) -> Result<(), SessionError> {
         let shared = &*self.shared;
         shared.check()?;
-        let mut input = try_lock(&shared.input).ok_or(SessionError::Busy("push_audio or finish"))?;
+        let mut input = try_lock(&shared.input).ok_or(SessionError::Busy(INPUT))?;
         if input.finish(shared) {
             // What is left of the last chunk is due from now on.
             shared.audio_time.store(shared.clock.nanos(), Ordering::Relaxed);
@@ -495,7 +523,7 @@ impl Session {
     /// has been pulled.
     pub fn pull_frames(&self, most: usize, mut frame: impl FnMut(FrameView)) -> Result<usize, SessionError> {
         let shared = &*self.shared;
-        let mut output = try_lock(&shared.output).ok_or(SessionError::Busy("pull_frames or sample_pose"))?;
+        let mut output = try_lock(&shared.output).ok_or(SessionError::Busy(OUTPUT))?;
         let mut count = 0;
         while count < most && output.next(shared) {
             frame(output.shown(shared));
@@ -513,7 +541,7 @@ impl Session {
     /// # Errors
     /// [`SessionError::Busy`] where another thread pulls.
     pub fn ready_frames(&self) -> Result<usize, SessionError> {
-        let mut output = try_lock(&self.shared.output).ok_or(SessionError::Busy("pull_frames or sample_pose"))?;
+        let mut output = try_lock(&self.shared.output).ok_or(SessionError::Busy(OUTPUT))?;
         Ok(output.ready(&self.shared))
     }
 
@@ -530,7 +558,7 @@ impl Session {
             return Err(SessionError::Range("the time of a pose must be a number"));
         }
         let shared = &*self.shared;
-        let mut output = try_lock(&shared.output).ok_or(SessionError::Busy("pull_frames or sample_pose"))?;
+        let mut output = try_lock(&shared.output).ok_or(SessionError::Busy(OUTPUT))?;
         let sampled = output.sample(shared, seconds);
         frame(output.sampled(shared));
         Ok(sampled)
@@ -658,7 +686,7 @@ impl Session {
             }
             std::hint::spin_loop();
         }
-        Err(SessionError::Busy("a setter"))
+        Err(SessionError::Busy(SETTER))
     }
 
     /// Interleaved channels of the audio that it takes.
@@ -696,6 +724,6 @@ impl Session {
 impl Drop for Session {
     fn drop(&mut self) {
         self.shared.dropped.store(true, Ordering::SeqCst);
-        (self.release.0)();
+        self.place.sweep();
     }
 }

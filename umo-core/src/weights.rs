@@ -19,6 +19,7 @@ pub use loader::{Loader, Table};
 
 use crate::config::Config;
 use crate::error::LoadError;
+use crate::state::Fingerprint;
 use source::Source;
 use writer::Storage;
 
@@ -100,6 +101,29 @@ impl ModelFile {
             .collect();
         list.sort_unstable_by_key(|(name, ..)| *name);
         list
+    }
+
+    /// A number that tells this model, used in the way that `usage` names, from others: of its config, and of some bytes of
+    /// every tensor, evenly spread. Cheap beside loading it.
+    pub(crate) fn fingerprint(&self, usage: &str) -> u64 {
+        /// Of this many places, and as many bytes at each.
+        const PLACES: usize = 16;
+        let mut sum = Fingerprint::new();
+        sum.add(usage.as_bytes());
+        sum.add(&serde_json::to_vec(&self.config).expect("a config came from such a text"));
+        let mut tensors: Vec<_> = self.tensors.iter().collect();
+        tensors.sort_unstable_by_key(|(name, _)| *name);
+        for (name, info) in tensors {
+            sum.add(name.as_bytes());
+            sum.add(format!("{:?} {:?}", info.dtype, info.shape).as_bytes());
+            let bytes = self.slice(info);
+            let last = bytes.len().saturating_sub(PLACES);
+            for place in 0..PLACES {
+                let start = last * place / (PLACES - 1);
+                sum.add(&bytes[start..bytes.len().min(start + PLACES)]);
+            }
+        }
+        sum.0
     }
 
     /// Whether the file has a tensor of this name.

@@ -33,6 +33,10 @@ fn main() {
         }
     }
     println!("no allocation in ten minutes of streams");
+    for name in ["hubert_k3_i8", "mel_k2_arkit"] {
+        rolled_back(name, &audio);
+    }
+    println!("no allocation in 1,000 saves and restores");
     let default = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../models/umo-small/model.safetensors");
     let small = state(&default);
     assert!(small <= 2 << 20, "a session of the default model takes {small} bytes");
@@ -86,6 +90,38 @@ fn run(model: &Arc<Model>, threads: Threads, audio: &[f32], name: &str) {
     assert!(stats.iter().all(|s| s.chunks > 10) && stats[0].silenced > 0, "{name}, {threads:?}: {stats:?}");
     assert!(stats[1].dropped_frames > 0 && stats[2].overruns > 0, "{name}, {threads:?}: {stats:?}");
     println!("{name}, {threads:?}: {} KiB per session; {stats:?}", state / 1024);
+}
+
+/// A thousand times a state is saved and restored, here and there, from the first one on.
+fn rolled_back(name: &str, audio: &[f32]) {
+    let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/golden").join(name);
+    let file = ModelFile::open(&folder.join("model.safetensors")).expect("a golden model");
+    let model = Arc::new(Model::load(&file, Precision::Stored, Isa::detect()).expect("a golden model"));
+    let config = EngineConfig { threads: Threads::Host(0), max_sessions: 2, ..EngineConfig::default() };
+    let engine = Engine::new(Arc::clone(&model), &config).expect("no thread is needed");
+    let mut session = SessionConfig::new(model.config());
+    (session.sample_rate, session.channels) = (44_100, 2);
+    let [one, two] = [0, 1].map(|_| engine.session(&session).expect("a place"));
+    let mut state = vec![0; one.state_size()];
+    let before = allocated();
+    let calls = allocator_calls(|| {
+        for round in 0..500 {
+            let at = round * 20 % (audio.len() - 6_000);
+            one.push_audio(&audio[at..at + 6_000]).expect("nobody else pushes");
+            while engine.poll(Duration::from_millis(5)) == Ok(Poll::More) {}
+            one.pull_frames(round % 30, |_| ()).expect("nobody else pulls");
+            let count = one.save(&mut state).expect("nothing is in work");
+            for session in [&two, &one] {
+                session.restore(&state[..count]).expect("a state of this model");
+            }
+            assert!(one.restore(&state[..count / 2]).is_err() && two.save(&mut []).is_err());
+            two.pull_frames(3, |_| ()).expect("nobody else pulls");
+            let count = two.save(&mut state).expect("nothing is in work");
+            one.restore(&state[..count]).expect("a state of this model");
+        }
+    });
+    assert_eq!((calls, allocated()), (0, before), "{name}: allocations");
+    assert!(one.stats().chunks > 50, "{name}: {:?}", one.stats());
 }
 
 /// What one avatar's host does in one hundredth of a second.

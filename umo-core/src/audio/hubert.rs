@@ -16,6 +16,7 @@ use umo_kernels::{Isa, Mat, MatMut, PANEL};
 use crate::config;
 use crate::error::{LoadError, StepError};
 use crate::linear::{Compute, Linear, QuantScratch, Ready};
+use crate::state::{StateError, StatePass};
 use crate::weights::{AlignedBox, Loader};
 
 /// Added to a channel's variance in the group norm: PyTorch's default, which Hugging Face does not change.
@@ -107,6 +108,18 @@ impl Statistics {
     pub(super) fn clear(&mut self) {
         (self.samples, self.wave, self.outputs) = (0, [0.0; 2], 0);
         self.channels.fill(0.0);
+    }
+
+    /// Describes the statistics of a stream of so many samples.
+    pub(super) fn state(&mut self, pass: &mut StatePass, samples: u64) -> Result<(), StateError> {
+        // No more outputs than samples, and those of the silence before.
+        let outputs = pass.length("audio statistics", &mut self.outputs, 2 * samples.max(1))?;
+        pass.must(outputs > 0 || samples == 0, "audio statistics")?;
+        if pass.loads() {
+            self.samples = usize::try_from(samples).unwrap_or(usize::MAX);
+        }
+        pass.f64s(&mut self.wave)?;
+        pass.f64s(&mut self.channels)
     }
 
     /// Adds samples to the waveform's statistics.

@@ -11,6 +11,7 @@ use umo_kernels::{Mat, MatMut};
 use crate::config;
 use crate::error::{LoadError, StepError};
 use crate::linear::{Compute, Linear, Ready};
+use crate::state::{StateError, StatePass};
 use crate::weights::Loader;
 
 /// Log-mel features.
@@ -39,6 +40,13 @@ impl fmt::Debug for Mel {
 /// The last two rows of every order of differences but the highest: `[deltas, 2, bands]`, older first.
 #[derive(Debug)]
 pub(super) struct Past(Box<[f32]>);
+
+impl Past {
+    /// Describes what the stream remembers.
+    pub(super) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
+        pass.f32s(&mut self.0)
+    }
+}
 
 /// Room for the frames of one call.
 #[derive(Debug)]

@@ -1,9 +1,11 @@
 //! Any sample rate to the model's, any number of channels to one.
 
 use rubato::audioadapter_buffers::direct::SequentialSlice;
-use rubato::{Fft, FixedSync, Indexing, Resampler as _, WindowFunction};
+use rubato::{Fft, FixedSync, Resampler as _, WindowFunction};
 
+use super::LOUDEST;
 use crate::error::StepError;
+use crate::state::{Span, StateError, StatePass};
 
 /// Lowest sample rate that is taken, per second.
 pub const MIN_RATE: usize = 1_000;
@@ -39,6 +41,8 @@ struct Filter {
     fft: Fft<f64>,
     /// Samples that fill no block yet, `[block in]` at most.
     waiting: Vec<f64>,
+    /// The block that was filtered last, which what overlaps the next one comes from; nothing at the start.
+    last: Vec<f64>,
     /// One block of output.
     block: Box<[f64]>,
     /// Samples of the filter's delay that are still to be dropped.
@@ -100,6 +104,23 @@ impl Resampler {
         }
     }
 
+    /// Describes the stream after `taken` samples, which its owner counts too; samples that [`Self::finish`] would give. All
+    /// else follows from the samples.
+    #[expect(clippy::cast_possible_truncation, reason = "no more samples than were taken at a time")]
+    pub(crate) fn state(&mut self, pass: &mut StatePass, taken: u64) -> Result<usize, StateError> {
+        let (given, all) = match &mut self.filter {
+            None => (taken, taken),
+            Some(filter) => {
+                let all = rounded(taken as usize, self.rate_out, self.rate_in) as u64;
+                (filter.state(pass, taken)?, all)
+            }
+        };
+        if pass.loads() {
+            (self.taken, self.given) = (taken as usize, given as usize);
+        }
+        Ok((all - given) as usize)
+    }
+
     /// Most samples that the next `count` samples make it give.
     pub fn most_given(&self, count: usize) -> usize {
         match &self.filter {
@@ -135,8 +156,9 @@ impl Filter {
         let window = WindowFunction::BlackmanHarris2;
         let fft = Fft::new_custom(rate_in, rate_out, blocks * unit_in, 1, 1, window, FixedSync::Both)
             .expect("rates and block are above zero");
-        let (waiting, block) = (Vec::with_capacity(fft.fft_size_in()), vec![0.0; fft.fft_size_out()].into());
-        Self { delay: fft.output_delay(), fft, waiting, block }
+        let room = || Vec::with_capacity(fft.fft_size_in());
+        let (waiting, last, block) = (room(), room(), vec![0.0; fft.fft_size_out()].into());
+        Self { delay: fft.output_delay(), fft, waiting, last, block }
     }
 
     fn push(&mut self, mut samples: &[f32], mut out: impl FnMut(&[f32])) {
@@ -154,19 +176,18 @@ impl Filter {
     fn reset(&mut self) {
         self.fft.reset();
         self.waiting.clear();
+        self.last.clear();
         self.delay = self.fft.output_delay();
     }
 
     /// Filters what waits, padded with zeros to a block.
     #[expect(clippy::cast_possible_truncation, reason = "rounded to the precision of samples")]
     fn block(&mut self, mut out: impl FnMut(&[f32])) {
-        let (taken, size) = (self.waiting.len(), self.block.len());
-        self.waiting.resize(self.fft.fft_size_in(), 0.0);
-        let input = SequentialSlice::new(&self.waiting[..], 1, self.waiting.len()).expect("one channel");
-        let mut output = SequentialSlice::new_mut(&mut self.block[..], 1, size).expect("one channel");
-        let indexing = Indexing::new().partial_len(taken);
-        self.fft.process_into_buffer(&input, &mut output, Some(&indexing)).expect("both buffers are one block");
+        std::mem::swap(&mut self.waiting, &mut self.last);
         self.waiting.clear();
+        self.last.resize(self.fft.fft_size_in(), 0.0);
+        self.filter();
+        let size = self.block.len();
         let late = self.delay.min(size);
         self.delay -= late;
         let mut piece = [0.0; PIECE];
@@ -175,6 +196,66 @@ impl Filter {
             out(&piece[..values.len()]);
         }
     }
+}
+
+impl Filter {
+    /// Filters `last` into `block`.
+    fn filter(&mut self) {
+        let (taken, size) = (self.last.len(), self.block.len());
+        let input = SequentialSlice::new(&self.last[..], 1, taken).expect("one channel");
+        let mut output = SequentialSlice::new_mut(&mut self.block[..], 1, size).expect("one channel");
+        self.fft.process_into_buffer(&input, &mut output, None).expect("both buffers are one block");
+    }
+
+    /// Describes the filter after so many samples; samples that it gave.
+    #[expect(clippy::cast_possible_truncation, reason = "less than a block, and what was given of samples in memory")]
+    fn state(&mut self, pass: &mut StatePass, taken: u64) -> Result<u64, StateError> {
+        let (size_in, size_out) = (self.fft.fft_size_in() as u64, self.fft.fft_size_out() as u64);
+        let delay = self.fft.output_delay() as u64;
+        let filtered = taken / size_in * size_out;
+        let waiting = if pass.follows(false) { size_in } else { taken % size_in } as usize;
+        let last = if pass.follows(filtered > 0) { size_in } else { 0 } as usize;
+        if pass.loads() {
+            self.waiting.resize(waiting, 0.0);
+            self.last.resize(last, 0.0);
+            self.delay = delay.saturating_sub(filtered) as usize;
+        }
+        // A pass that only measures counts a whole block of samples that wait, which there never are.
+        samples(pass, &mut self.waiting, waiting)?;
+        samples(pass, &mut self.last, last)?;
+        if pass.loads() {
+            // What the transform keeps of its past comes from the last block alone.
+            self.fft.reset();
+            if last > 0 {
+                self.filter();
+            }
+        }
+        Ok(filtered.saturating_sub(delay))
+    }
+}
+
+/// Describes `count` samples, which a filter keeps as the floats that they were.
+#[expect(clippy::cast_possible_truncation, reason = "they came from f32")]
+fn samples(pass: &mut StatePass, values: &mut [f64], count: usize) -> Result<(), StateError> {
+    match pass.span(4 * count)? {
+        Span::Size => {}
+        Span::Check(bytes) => {
+            // The transform panics where its sums are no numbers.
+            let is_sample = |&bytes: &[u8; 4]| (-LOUDEST..=LOUDEST).contains(&f32::from_le_bytes(bytes));
+            if !bytes.as_chunks().0.iter().all(is_sample) {
+                return Err(StateError::Field("samples to resample"));
+            }
+        }
+        Span::Save(bytes) => {
+            let slots = bytes.as_chunks_mut().0.iter_mut();
+            slots.zip(values).for_each(|(slot, &mut value)| *slot = (value as f32).to_le_bytes());
+        }
+        Span::Load(bytes) => {
+            let bytes = bytes.as_chunks().0.iter();
+            values.iter_mut().zip(bytes).for_each(|(value, &bytes)| *value = f32::from_le_bytes(bytes).into());
+        }
+    }
+    Ok(())
 }
 
 fn greatest_common_divisor(a: usize, b: usize) -> usize {

@@ -3,6 +3,7 @@
 use crate::config::Config;
 use crate::error::StepError;
 use crate::part::{Part, PerPart};
+use crate::state::{StateError, StatePass};
 
 /// Codes of one session's window.
 #[derive(Debug)]
@@ -55,6 +56,12 @@ impl History {
             rest.copy_from_slice(last);
         }
         Ok(())
+    }
+
+    /// Describes the history. New keyframes and the frames between are written by each chunk before they are read.
+    pub(crate) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
+        let (prefix, codes) = (self.prefix, self.codes);
+        Part::ALL.into_iter().try_for_each(|part| pass.codes(&mut self.keyframes[part][..prefix], codes))
     }
 
     /// The history.

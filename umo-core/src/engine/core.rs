@@ -10,10 +10,14 @@ use crate::error::StepError;
 use crate::model::Model;
 use crate::motion::FrameRef;
 use crate::session::{Cue, ENDLESS, Idle, NOBODY, Shared, frame_words, write_frame};
+use crate::state::{StateError, StatePass};
+
+/// Frames that a restored session may go on for before the position of one does not fit a word.
+const MORE_FRAMES: u64 = 1 << 32;
 
 /// An avatar and the engine's side of its session.
 #[derive(Debug)]
-pub(super) struct Core {
+pub(crate) struct Core {
     avatar: Avatar,
     out: Out,
     cue: Cue,
@@ -69,6 +73,19 @@ impl Silence {
     /// How much of the stream before `position` was pushed.
     fn pushed(&self, position: u64) -> u64 {
         position.saturating_sub(self.before + position.saturating_sub(self.from).min(self.len))
+    }
+}
+
+impl Out {
+    /// Describes the silence in a stream of so many samples.
+    fn state(&mut self, pass: &mut StatePass, heard: u64) -> Result<(), StateError> {
+        let Silence { from, len, before } = &mut self.silence;
+        let from = pass.number("silence", from, heard)?;
+        let len = pass.number("silence", len, heard - from.min(heard))?;
+        let before = pass.number("silence", before, from)?;
+        pass.must(len > 0 || (from, before) == (0, 0), "silence")?;
+        let last = u128::from(heard) + u128::from(MORE_FRAMES) * u128::from(self.model_rate);
+        pass.must(last * u128::from(self.sample_rate) < 1 << 64, "chunks")
     }
 }
 
@@ -129,6 +146,31 @@ impl Core {
     /// The session gives no more frames.
     pub(super) fn fail(&self, error: Option<StepError>) {
         self.out.shared.fail(error);
+    }
+
+    /// What a state must have in common with this session, beside the model.
+    pub(crate) fn identity(&self, pass: &mut StatePass) -> Result<(), StateError> {
+        self.avatar.identity(pass)
+    }
+
+    /// Describes the engine's side between two chunks. The count of frames and what the chunk may take are set at the start of
+    /// each, and a frame's words are written before they are pushed.
+    pub(crate) fn state(&mut self, pass: &mut StatePass, model: &Model) -> Result<(), StateError> {
+        self.cue.state(pass)?;
+        pass.switch("cue", &mut self.heard)?;
+        let there = pass.flag("time of audio", self.arrived.is_some())?;
+        let arrived = match pass.follows(there) {
+            true => Some(pass.moment("time of audio", self.arrived.unwrap_or_default())?),
+            false => None,
+        };
+        let release = pass.moment("time of release", self.release)?;
+        let finished = pass.moment("time of the last chunk", self.finished)?;
+        if pass.loads() {
+            (self.arrived, self.release, self.finished) = (arrived, release, finished);
+            self.out.cue = self.cue.number;
+        }
+        let heard = self.avatar.state(pass, model)?;
+        self.out.state(pass, heard)
     }
 
     /// Starts anew where somebody interrupted or reset the session.

@@ -2,6 +2,7 @@
 //! that neither threads nor other sessions nor the split of the audio change it (SPEC 2.5).
 
 use crate::config::Sampling;
+use crate::state::{StateError, StatePass};
 
 /// Draws codes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -15,6 +16,23 @@ pub struct Sampler {
 impl Sampler {
     /// The likeliest code, always.
     pub const GREEDY: Self = Self { sampling: Sampling { temperature: 0.0, top_k: 0, top_p: 1.0 }, seed: 0 };
+
+    /// Describes the sampler; it takes numbers of any value.
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "the bits of a float fit 32, and no more codes are kept than there are"
+    )]
+    pub(crate) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
+        pass.number("seed", &mut self.seed, u64::MAX)?;
+        let Sampling { temperature, top_k, top_p } = &mut self.sampling;
+        pass.f32s(std::slice::from_mut(temperature))?;
+        pass.f32s(std::slice::from_mut(top_p))?;
+        let kept = pass.word(*top_k as u64)?;
+        if pass.loads() {
+            *top_k = kept as usize;
+        }
+        Ok(())
+    }
 
     /// The code for `logits`, ties to the lower one. `order` is scratch, as long as `logits`.
     ///

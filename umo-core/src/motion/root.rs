@@ -7,6 +7,7 @@ use super::vq::MotionScratch;
 use crate::config::Codec;
 use crate::error::{LoadError, StepError};
 use crate::linear::Compute;
+use crate::state::{StateError, StatePass};
 use crate::weights::Loader;
 
 /// Channels of the lower body's 6D rotations.
@@ -91,6 +92,12 @@ impl Travel {
     pub(super) fn advance(&mut self, row: &[f32], seconds: f64) {
         self.x += f64::from(finite(row[VELOCITY_X])) * seconds;
         self.z += f64::from(finite(row[VELOCITY_Z])) * seconds;
+    }
+
+    /// Describes where the root is.
+    pub(super) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
+        pass.float(&mut self.x)?;
+        pass.float(&mut self.z)
     }
 
     /// The root's place at `height`.

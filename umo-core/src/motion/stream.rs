@@ -9,6 +9,7 @@ use super::vq::MotionScratch;
 use crate::error::StepError;
 use crate::linear::Compute;
 use crate::part::{Part, PerPart};
+use crate::state::{StateError, StatePass};
 
 /// Frames by which a seam's fade is longer than the stretch of frames that were decoded without their future.
 const FADE_BEYOND: usize = 2;
@@ -91,6 +92,34 @@ impl MotionStream {
         }
         (self.known, self.emitted) = (0, 0);
         self.travel = Travel::default();
+    }
+
+    /// Describes the stream after `known` frames. The pose and the face values are written before they are read.
+    pub(crate) fn state(
+        &mut self,
+        pass: &mut StatePass,
+        decoder: &MotionDecoder,
+        known: usize,
+    ) -> Result<(), StateError> {
+        let emitted = pass.length("frames put out", &mut self.emitted, known as u64)?;
+        pass.must(known as u64 - emitted <= self.max_lookahead as u64, "frames put out")?;
+        if pass.loads() {
+            self.known = known;
+        }
+        self.travel.state(pass)?;
+        pass.f32s(std::slice::from_mut(&mut self.height))?;
+        for part in Part::ALL {
+            let state = &mut self.parts[part];
+            // What the next frames are decoded from, and what they are put beside.
+            let (codes, settled) = (known.saturating_sub(2 * state.reach), known.saturating_sub(state.reach));
+            let past = if part == Part::Lower { decoder.root.reach() } else { 0 };
+            let rows = settled.min(usize::try_from(emitted).unwrap_or(usize::MAX).saturating_sub(1 + past));
+            state.codes.state(pass, codes..known, |pass, values| pass.codes(values, decoder.codes))?;
+            state.rows.state(pass, rows..known, |pass, values| pass.f32s(values))?;
+            pass.f32s(&mut state.last)?;
+            pass.f32s(&mut state.seam)?;
+        }
+        Ok(())
     }
 
     /// Frames whose codes are known.
@@ -312,6 +341,21 @@ impl<T: Copy + Default> Tail<T> {
 
     fn clear(&mut self) {
         (self.start, self.end) = (0, 0);
+    }
+
+    /// Describes the rows up to the end of `needed`, which are all of those and some before.
+    fn state(
+        &mut self,
+        pass: &mut StatePass,
+        needed: Range<usize>,
+        values: impl Fn(&mut StatePass, &mut [T]) -> Result<(), StateError>,
+    ) -> Result<(), StateError> {
+        let rows = pass.count("motion", self.end - self.start, self.data.len() / self.width)?;
+        pass.must((needed.len()..=needed.end).contains(&rows), "motion")?;
+        if pass.loads() {
+            (self.start, self.end) = (needed.end - rows, needed.end);
+        }
+        values(pass, &mut self.data[..rows * self.width])
     }
 
     /// Drops the rows before `row`.

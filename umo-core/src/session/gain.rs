@@ -2,11 +2,12 @@
 
 use std::sync::atomic::Ordering;
 
-use super::Shared;
 use super::output::{FrameView, Shown};
+use super::{MAX_GAIN, Shared};
 use crate::motion::rotation::scaled;
 use crate::motion::skeleton::{JAW, joints_of};
 use crate::part::{Part, PerPart};
+use crate::state::{StateError, StatePass};
 
 /// How fast a gain follows what was set, per second.
 const SPEED: f64 = 8.0;
@@ -32,6 +33,19 @@ impl Gained {
             frame,
             is_arkit,
         }
+    }
+
+    /// Describes the gains in force.
+    pub(super) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
+        for part in Part::ALL {
+            let bits = gain_bits(pass, self.now[part].to_bits())?;
+            if pass.loads() {
+                self.now[part] = f32::from_bits(bits);
+            }
+        }
+        pass.float(&mut self.time)?;
+        pass.switch("gains", &mut self.started)?;
+        Ok(())
     }
 
     /// `frame`, which is shown at `time`, as far from `rest` as the gains say; the frame itself where they are all 1.
@@ -83,4 +97,11 @@ impl Gained {
             self.now[part] = if at_once { wanted } else { now + (wanted - now).clamp(-step, step) };
         }
     }
+}
+
+/// Describes a gain, by its bits.
+pub(super) fn gain_bits(pass: &mut StatePass, present: u32) -> Result<u32, StateError> {
+    let bits = u32::try_from(pass.limited("gain", present.into(), u32::MAX.into())?).unwrap_or_default();
+    pass.must((0.0..=MAX_GAIN).contains(&f32::from_bits(bits)), "gain")?;
+    Ok(bits)
 }

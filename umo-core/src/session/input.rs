@@ -7,6 +7,12 @@ use crate::audio::resample::{Resampler, mix};
 use crate::audio::silence_unusable;
 use crate::config::Config;
 use crate::error::StepError;
+use crate::state::{StateError, StatePass};
+
+/// Sample frames that no session is given: at 192 kHz, 180 years.
+const MOST_TAKEN: u64 = 1 << 50;
+/// Samples that no session's ring was ever given.
+const MOST_PLACE: u64 = 1 << 62;
 
 /// Sample frames that are mixed at a time.
 const PIECE: usize = 128;
@@ -53,6 +59,35 @@ impl Input {
     /// Room that the end of a stream may take.
     pub(super) fn most_left(&self) -> usize {
         self.reserve
+    }
+
+    /// What a state must have in common with this session, beside the model.
+    pub(super) fn identity(&self, pass: &mut StatePass) -> Result<(), StateError> {
+        pass.same("sample rate", self.sample_rate as u64)?;
+        pass.same("number of channels", self.channels as u64)
+    }
+
+    /// Describes the audio side, and what it tells the others, with so much audio in the ring.
+    pub(super) fn state(&mut self, pass: &mut StatePass, shared: &Shared, waiting: usize) -> Result<(), StateError> {
+        self.cue.state(pass)?;
+        let taken = pass.number("samples taken", &mut self.taken, MOST_TAKEN)?;
+        let base = pass.number("samples taken", &mut self.base, taken)?;
+        let finished = pass.switch("end of audio", &mut self.finished)?;
+        let heard_from = pass.limited("place of audio", shared.heard_from.load(Ordering::Relaxed), MOST_PLACE)?;
+        let left = self.resampler.state(pass, if finished { 0 } else { taken - base.min(taken) })?;
+        pass.must(waiting + left <= shared.audio.capacity(), "room for audio")?;
+        if pass.loads() {
+            shared.total.store(if finished { self.frames() } else { super::ENDLESS }, Ordering::SeqCst);
+            shared.sample_base.store(base, Ordering::Relaxed);
+            shared.heard_from.store(heard_from, Ordering::Relaxed);
+            shared.heard_cue.store(self.cue.number, Ordering::SeqCst);
+        }
+        Ok(())
+    }
+
+    /// Frames of the audio that was taken since the stream's start.
+    fn frames(&self) -> u64 {
+        (self.taken - self.base) * self.frame_rate as u64 / self.sample_rate as u64
     }
 
     /// Starts anew where somebody interrupted or reset the session.
@@ -116,8 +151,7 @@ impl Input {
         }
         self.finished = true;
         self.resampler.finish(|samples| put(shared, samples));
-        let frames = (self.taken - self.base) * self.frame_rate as u64 / self.sample_rate as u64;
-        shared.total.store(frames, Ordering::SeqCst);
+        shared.total.store(self.frames(), Ordering::SeqCst);
         true
     }
 }

@@ -10,6 +10,11 @@ use crate::config::Config;
 use crate::motion::Pose;
 use crate::motion::rotation::{Quat, slerp};
 use crate::motion::skeleton::JOINTS;
+use crate::state::{StateError, StatePass};
+
+/// Frames that no session comes to, and samples of the pushed audio: at 240 a second, 145 years; at 192 kHz, 180 years.
+const MOST_INDEX: u64 = 1 << 40;
+const MOST_SAMPLE: u64 = 1 << 50;
 
 /// Words of a frame before its pose: the cue's number, index, sample.
 const HEAD: usize = 5;
@@ -28,6 +33,16 @@ pub(crate) fn write(words: &mut [u32], cue: u32, index: u64, sample: u64, pose: 
     put(&mut words[3..5], sample);
     let values = pose.rotations.as_flattened().iter().chain(&pose.translation).chain(face);
     words[HEAD..].iter_mut().zip(values).for_each(|(word, value)| *word = value.to_bits());
+}
+
+/// Whether words that come from a state are whole frames, and their numbers ones that a session comes to.
+pub(crate) fn are_frames(words: &[[u8; 4]], width: usize) -> bool {
+    let number = |low: usize, frame: &[[u8; 4]]| {
+        u64::from(u32::from_le_bytes(frame[low])) | u64::from(u32::from_le_bytes(frame[low + 1])) << 32
+    };
+    let mut frames = words.chunks_exact(width);
+    let are_known = frames.all(|frame| number(1, frame) <= MOST_INDEX && number(3, frame) <= MOST_SAMPLE);
+    are_known && words.len().is_multiple_of(width)
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "the two halves")]
@@ -77,6 +92,15 @@ impl Shown {
     /// A frame of a pose, at the start.
     pub(crate) fn new(pose: Pose, face: &[f32]) -> Self {
         Self { index: 0, sample: 0, pose, face: face.into() }
+    }
+
+    /// Describes the frame.
+    fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
+        pass.number("frame index", &mut self.index, 2 * MOST_INDEX)?;
+        pass.number("frame's sample", &mut self.sample, 2 * MOST_SAMPLE)?;
+        pass.f32s(self.pose.rotations.as_flattened_mut())?;
+        pass.f32s(&mut self.pose.translation)?;
+        pass.f32s(&mut self.face)
     }
 
     /// As `other`, without allocating.
@@ -193,6 +217,45 @@ impl Output {
             idle_after: session.idle_after,
             idle_ease: session.ease.as_secs_f64().max(1e-3),
         }
+    }
+
+    /// Words of a frame in the ring.
+    pub(super) fn width(&self) -> usize {
+        self.words.len()
+    }
+
+    /// What a state must have in common with this session, beside the model.
+    pub(super) fn identity(&self, pass: &mut StatePass, shared: &Shared) -> Result<(), StateError> {
+        pass.same("queue of frames", (shared.frames.capacity() / self.words.len()) as u64)?;
+        pass.same("time until idle", u64::try_from(self.idle_after.as_nanos()).unwrap_or(u64::MAX))?;
+        pass.same("ease", self.idle_ease.to_bits())
+    }
+
+    /// Describes the frame side. What `sample` shows is made anew by every call, and rest is the model's.
+    pub(super) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
+        self.cue.state(pass)?;
+        pass.switch("frame shown", &mut self.any)?;
+        pass.switch("next frame", &mut self.has_next)?;
+        pass.switch("idle time", &mut self.was_idle)?;
+        self.last.state(pass)?;
+        self.next_frame.state(pass)?;
+        self.ease.from.state(pass)?;
+        self.seam.state(pass)?;
+        let frames = pass.number("ease", &mut self.ease.frames, u16::MAX.into())?;
+        pass.number("ease", &mut self.ease.done, frames)?;
+        let base = pass.number("start of the stream", &mut self.base, MOST_INDEX)?;
+        pass.must(base >= frames, "start of the stream")?;
+        pass.f32s(&mut self.origin)?;
+        pass.float(&mut self.time)?;
+        let there = pass.flag("seam", self.seam_at.is_some())?;
+        let mut seam_at = self.seam_at.unwrap_or_default();
+        if pass.follows(there) {
+            pass.float(&mut seam_at)?;
+        }
+        if pass.loads() {
+            self.seam_at = there.then_some(seam_at);
+        }
+        self.gained.state(pass)
     }
 
     /// The frame that `next` made the one shown.

@@ -1,0 +1,187 @@
+//! A session's whole state as bytes, and back: for replay, for rollback, and to move an avatar to another process.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+
+use super::gain::gain_bits;
+use super::input::Input;
+use super::output::{Output, are_frames};
+use super::{Counters, INPUT, Idle, NOBODY, OUTPUT, SETTER, Session, SessionError, Settings, Shared, try_lock};
+use crate::engine::Core;
+use crate::model::Model;
+use crate::part::Part;
+use crate::state::{StateError, StatePass};
+
+/// Every side of a session, each kept from others.
+///
+/// The rings have one producer and one consumer each. Audio is pushed under the lock of `input` and taken by whoever has the
+/// core; frames are pushed by whoever has the core and taken under the lock of `output`. Who has all three is alone with both
+/// ends of both rings. What others may change at any moment is one word each: the cue and the idle mode, whose change then
+/// counts as before or after.
+struct Sides<'a> {
+    shared: &'a Shared,
+    model: &'a Model,
+    core: &'a mut Core,
+    input: &'a mut Input,
+    output: &'a mut Output,
+    settings: &'a mut Settings,
+}
+
+/// Most bytes of a state of a session that is being made.
+pub(crate) fn state_size(shared: &Arc<Shared>, core: &mut Core, model: &Model) -> usize {
+    let free = "nobody else knows the session yet";
+    let (mut input, mut output) = (try_lock(&shared.input).expect(free), try_lock(&shared.output).expect(free));
+    let mut settings = try_lock(&shared.settings).expect(free);
+    let (input, output, settings) = (&mut *input, &mut *output, &mut *settings);
+    let mut pass = StatePass::size();
+    Sides { shared, model, core, input, output, settings }.state(&mut pass).expect("nothing is checked");
+    pass.end().expect("nothing is checked")
+}
+
+impl Session {
+    /// Most bytes that a state of this session can have; the same for as long as it lives.
+    pub fn state_size(&self) -> usize {
+        self.state_size
+    }
+
+    /// Writes the session's whole state to the start of `bytes`, of which there are at least [`Self::state_size`], and says
+    /// how many it took. The session goes on as if nothing had happened.
+    ///
+    /// Never waits and never allocates. The bytes hold no address and no moment of the clock: they can be restored in another
+    /// process.
+    ///
+    /// # Errors
+    /// [`SessionError::Busy`] while the engine computes a chunk of this session, or another thread is in a call that pushes,
+    /// pulls or sets; [`SessionError::Range`] where there are too few bytes.
+    pub fn save(&self, bytes: &mut [u8]) -> Result<usize, SessionError> {
+        if bytes.len() < self.state_size {
+            return Err(SessionError::Range("a state may take as many bytes as state_size says"));
+        }
+        let now = self.shared.clock.nanos();
+        self.with_sides(|mut sides| {
+            let mut pass = StatePass::save(bytes, now);
+            sides.state(&mut pass)?;
+            Ok(pass.end()?)
+        })
+    }
+
+    /// Makes the session what it, or another one of the same model and config, was when it was saved: from then on it gives
+    /// the same frames to the same calls. Frames and audio of before are gone, settings and statistics are the state's;
+    /// [`Self::latency`] goes on.
+    ///
+    /// Never waits and never allocates. An interrupt or a reset by another thread counts as before or after.
+    ///
+    /// # Errors
+    /// [`SessionError::State`] where the bytes are no state, or not one of this model and config;
+    /// [`SessionError::Busy`] as for [`Self::save`]. The session is then as it was.
+    pub fn restore(&self, bytes: &[u8]) -> Result<(), SessionError> {
+        let now = self.shared.clock.nanos();
+        self.with_sides(|mut sides| {
+            let mut pass = StatePass::check(bytes, now)?;
+            sides.state(&mut pass)?;
+            pass.end()?;
+            let mut pass = StatePass::load(bytes, now);
+            sides.state(&mut pass).expect("these bytes were checked");
+            // Whoever waits for audio or room finds out anew.
+            sides.shared.due_at.store(NOBODY, Ordering::SeqCst);
+            sides.shared.wants_room.store(false, Ordering::SeqCst);
+            Ok(())
+        })
+    }
+
+    fn with_sides<R>(&self, f: impl FnOnce(Sides) -> Result<R, SessionError>) -> Result<R, SessionError> {
+        let shared = &*self.shared;
+        shared.check()?;
+        let result = {
+            let mut input = try_lock(&shared.input).ok_or(SessionError::Busy(INPUT))?;
+            let mut output = try_lock(&shared.output).ok_or(SessionError::Busy(OUTPUT))?;
+            let mut settings = try_lock(&shared.settings).ok_or(SessionError::Busy(SETTER))?;
+            let (input, output, settings) = (&mut *input, &mut *output, &mut *settings);
+            self.place.with_core(|core, model| f(Sides { shared, model, core, input, output, settings }))
+        };
+        // The engine looks at no place that somebody holds: it looks again now that nobody does.
+        shared.signal.notify();
+        result.unwrap_or(Err(SessionError::Busy("a chunk of this session")))
+    }
+}
+
+impl Sides<'_> {
+    fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
+        let Self { shared, model, core, input, output, settings } = self;
+        pass.model(model.fingerprint)?;
+        input.identity(pass)?;
+        core.identity(pass)?;
+        output.identity(pass, shared)?;
+        // All sides and all frames have the state's cues: whoever was behind then is behind again, and as far.
+        let mut cue = shared.cue();
+        cue.state(pass)?;
+        if pass.loads() {
+            shared.cue.store(cue.pack(), Ordering::SeqCst);
+        }
+        let waiting = shared.audio.state(pass, "waiting audio", |_| true)?;
+        let width = output.width();
+        shared.frames.state(pass, "waiting frames", |words| are_frames(words, width))?;
+        input.state(pass, shared, waiting)?;
+        output.state(pass)?;
+        core.state(pass, model)?;
+        shared.state(pass)?;
+        settings.state(pass)?;
+        switch(pass, "settings", &shared.unseen)
+    }
+}
+
+impl Shared {
+    /// Describes what belongs to no side.
+    fn state(&self, pass: &mut StatePass) -> Result<(), StateError> {
+        let idle = pass.limited("idle mode", self.idle.load(Ordering::Relaxed).into(), Idle::Live as u64)?;
+        let audio_time = pass.moment("time of audio", self.audio_time.load(Ordering::Relaxed))?;
+        if pass.loads() {
+            self.idle.store(u8::try_from(idle).unwrap_or_default(), Ordering::Relaxed);
+            self.audio_time.store(audio_time, Ordering::Relaxed);
+        }
+        switch(pass, "wish for silence", &self.wants_silence)?;
+        for part in Part::ALL {
+            let bits = gain_bits(pass, self.gains[part].load(Ordering::Relaxed))?;
+            if pass.loads() {
+                self.gains[part].store(bits, Ordering::Relaxed);
+            }
+        }
+        self.stats.state(pass)
+    }
+}
+
+impl Counters {
+    fn state(&self, pass: &mut StatePass) -> Result<(), StateError> {
+        let Self { chunks, frames, late_frames, dropped_frames, overruns, silenced } = self;
+        [chunks, frames, late_frames, dropped_frames, overruns, silenced]
+            .into_iter()
+            .try_for_each(|counter| word(pass, counter))
+    }
+}
+
+impl Settings {
+    fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
+        let count = pass.count("prompt", self.text_len, self.text.len())?;
+        if pass.loads() {
+            self.text_len = count;
+        }
+        pass.ids(&mut self.text[..count])?;
+        self.sampler.state(pass)
+    }
+}
+
+fn word(pass: &mut StatePass, field: &AtomicU64) -> Result<(), StateError> {
+    let value = pass.word(field.load(Ordering::Relaxed))?;
+    if pass.loads() {
+        field.store(value, Ordering::Relaxed);
+    }
+    Ok(())
+}
+
+fn switch(pass: &mut StatePass, what: &'static str, field: &AtomicBool) -> Result<(), StateError> {
+    let value = pass.flag(what, field.load(Ordering::SeqCst))?;
+    if pass.loads() {
+        field.store(value, Ordering::SeqCst);
+    }
+    Ok(())
+}

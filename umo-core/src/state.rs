@@ -1,0 +1,383 @@
+//! How a session becomes bytes and bytes a session: each part describes its fields once, to a [`StatePass`] that measures,
+//! writes, checks or reads them, so that saving and restoring cannot drift apart.
+//!
+//! ```text
+//! bytes   0  magic "umostate"       12  CRC-32 of all from byte 16 on
+//!         8  format version         16  length of the whole           24  model, config of the session, fields
+//! ```
+//! Everything is little-endian. No field is an address or a moment of a clock: moments are written as times from now.
+
+use std::fmt;
+
+/// What every state begins with.
+const MAGIC: [u8; 8] = *b"umostate";
+/// The version of the format that this library reads and writes.
+const VERSION: u32 = 1;
+/// Where the checksum begins to count.
+const CHECKED: usize = 16;
+/// Bytes before the fields.
+const HEADER: usize = 24;
+
+/// Furthest moment from now that a state tells from others, nanoseconds: 36 years.
+const FURTHEST: u64 = 1 << 60;
+
+/// A state that cannot be restored, and what of it disagrees. `Copy`: reporting one allocates nothing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum StateError {
+    /// The bytes do not begin as a session's state does.
+    Foreign,
+    /// The state is of another version of the format.
+    Version {
+        /// The state's version.
+        got: u32,
+        /// The version that this library reads.
+        want: u32,
+    },
+    /// There are more or fewer bytes than the state says it has.
+    Length {
+        /// Bytes given.
+        got: u64,
+        /// Bytes that the state says it has.
+        want: u64,
+    },
+    /// The bytes are not those that were saved.
+    Checksum,
+    /// The state is of another model, or of the same one at another precision.
+    Model,
+    /// The state is of a session with another config.
+    Config {
+        /// What of the config.
+        what: &'static str,
+        /// The state's value.
+        got: u64,
+        /// The session's value.
+        want: u64,
+    },
+    /// A field holds what no session writes.
+    Field(&'static str),
+}
+
+impl fmt::Display for StateError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Foreign => write!(f, "these bytes are no state of a session"),
+            Self::Version { got, want } => {
+                write!(f, "the state is of format version {got}, this library reads version {want}")
+            }
+            Self::Length { got, want } => write!(f, "expected a state of {want} bytes, got {got}"),
+            Self::Checksum => write!(f, "the state was changed after it was saved: its checksum is wrong"),
+            Self::Model => write!(f, "the state is of another model, or of this one at another precision"),
+            Self::Config { what, got, want } => {
+                write!(f, "the state is of a session with another {what}: {got}, where this one has {want}")
+            }
+            Self::Field(what) => write!(f, "the state's {what} is what no session writes"),
+        }
+    }
+}
+
+impl std::error::Error for StateError {}
+
+/// One pass over the fields of a session.
+///
+/// Every operation takes the field's present value and returns the one in force: the present one while a state is measured or
+/// written, the state's while it is checked or read. What fields must have to do with each other is written once, of the
+/// values in force.
+#[derive(Debug)]
+pub(crate) struct StatePass<'a> {
+    mode: Mode<'a>,
+    at: usize,
+    /// What time it is, nanoseconds.
+    now: u64,
+}
+
+#[derive(Debug)]
+enum Mode<'a> {
+    /// Sums up the most bytes that the fields can take.
+    Size,
+    Save(&'a mut [u8]),
+    /// Looks for what is wrong and changes nothing.
+    Check(&'a [u8]),
+    /// Reads what was checked.
+    Load(&'a [u8]),
+}
+
+/// The bytes of a field.
+pub(crate) enum Span<'s> {
+    /// None: they are only counted.
+    Size,
+    /// To be written.
+    Save(&'s mut [u8]),
+    /// To be checked.
+    Check(&'s [u8]),
+    /// To be read.
+    Load(&'s [u8]),
+}
+
+impl<'a> StatePass<'a> {
+    /// Measures.
+    pub(crate) fn size() -> Self {
+        Self { mode: Mode::Size, at: HEADER, now: 0 }
+    }
+
+    /// Writes to `bytes`, which are at least as many as a state can have.
+    pub(crate) fn save(bytes: &'a mut [u8], now: u64) -> Self {
+        Self { mode: Mode::Save(bytes), at: HEADER, now }
+    }
+
+    /// Checks the header of `bytes`, and then whatever it is given.
+    pub(crate) fn check(bytes: &'a [u8], now: u64) -> Result<Self, StateError> {
+        let got = bytes.len() as u64;
+        let Some((header, _)) = bytes.split_first_chunk::<HEADER>() else {
+            return Err(StateError::Length { got, want: HEADER as u64 });
+        };
+        if header[..MAGIC.len()] != MAGIC {
+            return Err(StateError::Foreign);
+        }
+        let version = u32::from_le_bytes(part(header, 8));
+        if version != VERSION {
+            return Err(StateError::Version { got: version, want: VERSION });
+        }
+        let want = u64::from_le_bytes(part(header, CHECKED));
+        if got != want {
+            return Err(StateError::Length { got, want });
+        }
+        if u32::from_le_bytes(part(header, 12)) != crc32fast::hash(&bytes[CHECKED..]) {
+            return Err(StateError::Checksum);
+        }
+        Ok(Self { mode: Mode::Check(bytes), at: HEADER, now })
+    }
+
+    /// After [`Self::check`] and its fields: reads the same bytes into them.
+    pub(crate) fn load(bytes: &'a [u8], now: u64) -> Self {
+        Self { mode: Mode::Load(bytes), at: HEADER, now }
+    }
+
+    /// Ends the pass after the last field: the length of the state, or the most that it can have.
+    pub(crate) fn end(self) -> Result<usize, StateError> {
+        let length = self.at;
+        match self.mode {
+            Mode::Size | Mode::Load(_) => {}
+            Mode::Check(bytes) if bytes.len() != length => return Err(StateError::Field("number of bytes")),
+            Mode::Check(_) => {}
+            Mode::Save(bytes) => {
+                bytes[..8].copy_from_slice(&MAGIC);
+                bytes[8..12].copy_from_slice(&VERSION.to_le_bytes());
+                bytes[CHECKED..HEADER].copy_from_slice(&(length as u64).to_le_bytes());
+                let sum = crc32fast::hash(&bytes[CHECKED..length]);
+                bytes[12..CHECKED].copy_from_slice(&sum.to_le_bytes());
+            }
+        }
+        Ok(length)
+    }
+
+    /// Whether values in force are to be taken over.
+    pub(crate) fn loads(&self) -> bool {
+        matches!(self.mode, Mode::Load(_))
+    }
+
+    /// The next `count` bytes.
+    pub(crate) fn span(&mut self, count: usize) -> Result<Span<'_>, StateError> {
+        let (start, end) = (self.at, self.at + count);
+        let short = StateError::Field("number of bytes");
+        let span = match &mut self.mode {
+            Mode::Size => Span::Size,
+            Mode::Save(bytes) => Span::Save(&mut bytes[start..end]),
+            Mode::Check(bytes) => Span::Check(bytes.get(start..end).ok_or(short)?),
+            Mode::Load(bytes) => Span::Load(&bytes[start..end]),
+        };
+        self.at = end;
+        Ok(span)
+    }
+
+    /// A condition on values in force.
+    pub(crate) fn must(&self, condition: bool, what: &'static str) -> Result<(), StateError> {
+        if condition || !matches!(self.mode, Mode::Check(_)) { Ok(()) } else { Err(StateError::Field(what)) }
+    }
+
+    /// A whole number of any value.
+    pub(crate) fn word(&mut self, present: u64) -> Result<u64, StateError> {
+        Ok(u64::from_le_bytes(match self.span(8)? {
+            Span::Size => return Ok(present),
+            Span::Save(bytes) => {
+                bytes.copy_from_slice(&present.to_le_bytes());
+                return Ok(present);
+            }
+            Span::Check(bytes) | Span::Load(bytes) => part(bytes, 0),
+        }))
+    }
+
+    /// A whole number that is at most `most`.
+    pub(crate) fn limited(&mut self, what: &'static str, present: u64, most: u64) -> Result<u64, StateError> {
+        let value = self.word(present)?;
+        self.must(value <= most, what)?;
+        Ok(value)
+    }
+
+    /// A field that holds a whole number of at most `most`.
+    pub(crate) fn number(&mut self, what: &'static str, field: &mut u64, most: u64) -> Result<u64, StateError> {
+        let value = self.limited(what, *field, most)?;
+        if self.loads() {
+            *field = value;
+        }
+        Ok(value)
+    }
+
+    /// A field that holds how many of something there are, at most `most`.
+    #[expect(clippy::cast_possible_truncation, reason = "what a session counts fits its memory's words")]
+    pub(crate) fn length(&mut self, what: &'static str, field: &mut usize, most: u64) -> Result<u64, StateError> {
+        let value = self.limited(what, *field as u64, most)?;
+        if self.loads() {
+            *field = value as usize;
+        }
+        Ok(value)
+    }
+
+    /// How many of something follow, at most `most`: while the state is measured, as many.
+    #[expect(clippy::cast_possible_truncation, reason = "at most as many as there is memory for")]
+    pub(crate) fn count(&mut self, what: &'static str, present: usize, most: usize) -> Result<usize, StateError> {
+        let value = self.limited(what, present as u64, most as u64)? as usize;
+        Ok(if matches!(self.mode, Mode::Size) { most } else { value })
+    }
+
+    /// Whether something follows: while the state is measured, it does.
+    pub(crate) fn follows(&self, present: bool) -> bool {
+        present || matches!(self.mode, Mode::Size)
+    }
+
+    /// Whether something is so.
+    pub(crate) fn flag(&mut self, what: &'static str, present: bool) -> Result<bool, StateError> {
+        Ok(self.limited(what, present.into(), 1)? == 1)
+    }
+
+    /// A field that says whether something is so.
+    pub(crate) fn switch(&mut self, what: &'static str, field: &mut bool) -> Result<bool, StateError> {
+        let value = self.flag(what, *field)?;
+        if self.loads() {
+            *field = value;
+        }
+        Ok(value)
+    }
+
+    /// A field that may hold a number.
+    pub(crate) fn maybe(
+        &mut self,
+        what: &'static str,
+        field: &mut Option<u64>,
+        most: u64,
+    ) -> Result<Option<u64>, StateError> {
+        let there = self.flag(what, field.is_some())?;
+        let value = match self.follows(there) {
+            true => Some(self.limited(what, field.unwrap_or_default(), most)?),
+            false => None,
+        };
+        if self.loads() {
+            *field = value;
+        }
+        Ok(value)
+    }
+
+    /// A moment of the session's clock: as long before or after now in the state as it is here.
+    pub(crate) fn moment(&mut self, what: &'static str, present: u64) -> Result<u64, StateError> {
+        // Moments further away are as good as the furthest, so that a state says the same once it was restored.
+        let age = |from: u64, to: u64| to.saturating_sub(from).min(FURTHEST);
+        let (before, after) = (age(present, self.now), age(self.now, present));
+        let before = self.limited(what, before, FURTHEST)?;
+        let after = self.limited(what, after, FURTHEST)?;
+        self.must(before == 0 || after == 0, what)?;
+        Ok((self.now + after).saturating_sub(before))
+    }
+
+    /// A float of any bits.
+    pub(crate) fn float(&mut self, field: &mut f64) -> Result<(), StateError> {
+        let value = self.word(field.to_bits())?;
+        if self.loads() {
+            *field = f64::from_bits(value);
+        }
+        Ok(())
+    }
+
+    /// The model, by its fingerprint.
+    pub(crate) fn model(&mut self, fingerprint: u64) -> Result<(), StateError> {
+        let got = self.word(fingerprint)?;
+        match self.mode {
+            Mode::Check(_) if got != fingerprint => Err(StateError::Model),
+            _ => Ok(()),
+        }
+    }
+
+    /// What a session is made with, which must be the same in the state.
+    pub(crate) fn same(&mut self, what: &'static str, want: u64) -> Result<(), StateError> {
+        let got = self.word(want)?;
+        match self.mode {
+            Mode::Check(_) if got != want => Err(StateError::Config { what, got, want }),
+            _ => Ok(()),
+        }
+    }
+
+    /// Floats of any bits.
+    pub(crate) fn f32s(&mut self, values: &mut [f32]) -> Result<(), StateError> {
+        self.slice(values, f32::to_le_bytes, f32::from_le_bytes, |_| true, "floats")
+    }
+
+    /// Floats of any bits.
+    pub(crate) fn f64s(&mut self, values: &mut [f64]) -> Result<(), StateError> {
+        self.slice(values, f64::to_le_bytes, f64::from_le_bytes, |_| true, "floats")
+    }
+
+    /// Ids of any value.
+    pub(crate) fn ids(&mut self, values: &mut [u32]) -> Result<(), StateError> {
+        self.slice(values, u32::to_le_bytes, u32::from_le_bytes, |_| true, "ids")
+    }
+
+    /// Motion codes below `limit`.
+    pub(crate) fn codes(&mut self, values: &mut [u16], limit: usize) -> Result<(), StateError> {
+        self.slice(values, u16::to_le_bytes, u16::from_le_bytes, |code| usize::from(code) < limit, "motion codes")
+    }
+
+    fn slice<T: Copy, const N: usize>(
+        &mut self,
+        values: &mut [T],
+        to: impl Fn(T) -> [u8; N],
+        from: impl Fn([u8; N]) -> T,
+        is_good: impl Fn(T) -> bool,
+        what: &'static str,
+    ) -> Result<(), StateError> {
+        match self.span(values.len() * N)? {
+            Span::Size => {}
+            Span::Save(bytes) => {
+                bytes.as_chunks_mut().0.iter_mut().zip(values).for_each(|(bytes, &mut value)| *bytes = to(value));
+            }
+            Span::Check(bytes) => {
+                if !bytes.as_chunks().0.iter().all(|&bytes| is_good(from(bytes))) {
+                    return Err(StateError::Field(what));
+                }
+            }
+            Span::Load(bytes) => {
+                values.iter_mut().zip(bytes.as_chunks().0).for_each(|(value, &bytes)| *value = from(bytes));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// `N` bytes from `at` on, which are there.
+fn part<const N: usize>(bytes: &[u8], at: usize) -> [u8; N] {
+    *bytes[at..].first_chunk().expect("the caller's lengths")
+}
+
+/// A sum over bytes that tells models and names apart: FNV-1a of 64 bits.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Fingerprint(pub(crate) u64);
+
+impl Fingerprint {
+    pub(crate) const fn new() -> Self {
+        Self(0xCBF2_9CE4_8422_2325)
+    }
+
+    /// Adds bytes, and how many there are.
+    pub(crate) fn add(&mut self, bytes: &[u8]) {
+        for &byte in bytes.iter().chain(&(bytes.len() as u64).to_le_bytes()) {
+            self.0 = (self.0 ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01B3);
+        }
+    }
+}
