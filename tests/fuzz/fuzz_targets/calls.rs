@@ -1,0 +1,397 @@
+//! Any sequence of calls of the C interface, from up to three threads at once, with handles, sizes, numbers, structures and
+//! texts as they come: statuses, and nothing else.
+#![no_main]
+
+use std::ffi::{CStr, c_char, c_void};
+use std::ptr::{null, null_mut};
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use arbitrary::{Arbitrary, Result, Unstructured};
+
+use libfuzzer_sys::fuzz_target;
+use umo::engine::*;
+use umo::frame::*;
+use umo::memory::*;
+use umo::model::*;
+use umo::session::*;
+use umo::status::*;
+use umo::*;
+
+/// Handles that the calls choose from.
+const PLACES: usize = 4;
+/// Samples at hand, 16 bits or floats.
+const SAMPLES: usize = 20_000;
+/// Bytes at hand for frames and states.
+const ROOM: usize = 1 << 21;
+
+static MODEL: &[u8] = include_bytes!("../../../models/umo-small/model.safetensors");
+
+/// Handles of this run: good, freed and made-up ones.
+#[derive(Default)]
+struct Handles {
+    models: [AtomicUsize; PLACES],
+    engines: [AtomicUsize; PLACES],
+    sessions: [AtomicUsize; PLACES],
+}
+
+/// Which handle a call gets.
+#[derive(Arbitrary, Clone, Copy, Debug)]
+enum Which {
+    Model(u8),
+    Engine(u8),
+    Session(u8),
+    Null,
+    MadeUp(usize),
+}
+
+/// A size: one that is there, or any.
+#[derive(Arbitrary, Clone, Copy, Debug)]
+enum Size {
+    Small(u8),
+    There(u16),
+    All,
+    Any(usize),
+}
+
+impl Size {
+    /// As the argument of a call whose memory has `most`: what is more than that comes with a NULL.
+    fn of(self, most: usize) -> (usize, bool) {
+        match self {
+            Self::Small(n) => (usize::from(n).min(most), true),
+            Self::There(n) => (usize::from(n).min(most), true),
+            Self::All => (most, true),
+            Self::Any(n) if n <= most => (n, true),
+            Self::Any(n) => (n, false),
+        }
+    }
+}
+
+/// Fields of a configuration that are changed, by their place in words of 4 bytes.
+#[derive(Arbitrary, Clone, Debug)]
+struct Changes {
+    words: [(u8, u32); 2],
+    count: u8,
+}
+
+#[derive(Arbitrary, Clone, Debug)]
+enum Call {
+    ModelLoad { to: u8, abi: u32, good_abi: bool, len: Size, changes: Changes },
+    ModelFree(Which),
+    ModelAsk(Which, u32),
+    Encode(Which, Vec<u8>, Size),
+    EngineNew { of: Which, to: u8, changes: Changes },
+    EngineFree(Which),
+    Poll(Which, u16),
+    SessionNew { of: Which, to: u8, changes: Changes, hooks: bool },
+    SessionMemory(Which, Changes),
+    SessionFree(Which),
+    Push(Which, Size, bool),
+    Finish(Which),
+    Interrupt(Which, u32),
+    Reset(Which),
+    Pull(Which, Changes, Size),
+    Sample(Which, f64, Changes, Size),
+    Ready(Which),
+    Prompt(Which, Vec<u8>),
+    PromptIds(Which, Vec<u32>),
+    Seed(Which, u64),
+    Set(Which, u8, f64),
+    Get(Which, u32),
+    Ask(Which, u32),
+    LastError(Which, Size),
+    Save(Which, Size),
+    Restore(Which, Size, Option<(u16, u8)>),
+    Free(u8),
+}
+
+#[derive(Debug)]
+struct Script {
+    threads: Vec<Vec<Call>>,
+    /// Whether it starts with a model, an engine and a session.
+    ready: bool,
+}
+
+impl<'a> Arbitrary<'a> for Script {
+    fn arbitrary(u: &mut Unstructured<'a>) -> Result<Self> {
+        let ready = u.ratio(7, 8)?;
+        let threads = u.int_in_range(1..=3)?;
+        let mut script = Self { threads: vec![Vec::new(); threads], ready };
+        for _ in 0..u.int_in_range(0..=60)? {
+            let thread = u.int_in_range(0..=threads - 1)?;
+            script.threads[thread].push(u.arbitrary()?);
+        }
+        Ok(script)
+    }
+}
+
+impl Handles {
+    fn get(&self, which: Which) -> *mut c_void {
+        let place = |table: &[AtomicUsize; PLACES], n: u8| table[usize::from(n) % PLACES].load(Ordering::Relaxed);
+        let value = match which {
+            Which::Model(n) => place(&self.models, n),
+            Which::Engine(n) => place(&self.engines, n),
+            Which::Session(n) => place(&self.sessions, n),
+            Which::Null => 0,
+            Which::MadeUp(value) => value,
+        };
+        std::ptr::without_provenance_mut(value)
+    }
+
+    /// Puts a new handle away, and frees the one that was there.
+    fn put(table: &[AtomicUsize; PLACES], n: u8, handle: *mut c_void, free: impl Fn(*mut c_void) -> i32) {
+        let before = table[usize::from(n) % PLACES].swap(handle.addr(), Ordering::Relaxed);
+        while free(std::ptr::without_provenance_mut(before)) == UMO_STATUS_BUSY {
+            std::thread::yield_now();
+        }
+    }
+}
+
+fn change<T>(value: &mut T, changes: &Changes) {
+    let words = size_of::<T>() / 4;
+    for &(at, word) in &changes.words[..usize::from(changes.count % 3)] {
+        let at = usize::from(at) % words;
+        // The structure must be as long as it says: its size is checked by tests that are not random. Pointers are not for
+        // the library to check.
+        if at > 0 {
+            unsafe { (&raw mut *value).cast::<u32>().add(at).write(word) };
+        }
+    }
+}
+
+/// What one thread has at hand.
+struct Hands {
+    floats: Vec<f32>,
+    words: Vec<i16>,
+    room: Vec<u8>,
+}
+
+unsafe extern "C" fn allocate(_: *mut c_void, size: usize, alignment: usize) -> *mut c_void {
+    let layout = std::alloc::Layout::from_size_align(size, alignment).unwrap();
+    unsafe { std::alloc::System.alloc(layout) }.cast()
+}
+
+unsafe extern "C" fn release(_: *mut c_void, memory: *mut c_void, size: usize, alignment: usize) {
+    let layout = std::alloc::Layout::from_size_align(size, alignment).unwrap();
+    unsafe { std::alloc::System.dealloc(memory.cast(), layout) };
+}
+use std::alloc::GlobalAlloc as _;
+
+const HOOKS: UmoAllocator = UmoAllocator { userdata: null_mut(), allocate: Some(allocate), release: Some(release) };
+
+fn check(status: UmoStatus) {
+    assert!((UMO_STATUS_THREAD..=UMO_STATUS_OK).contains(&status), "{status} is no status");
+    assert!(status != UMO_STATUS_PANIC, "a defect was caught");
+    for text in [umo_status_message(status), umo_last_error()] {
+        // Both end.
+        assert!(unsafe { CStr::from_ptr(text) }.count_bytes() < UMO_ERROR_SIZE);
+    }
+}
+
+fn model_config(changes: &Changes) -> UmoModelConfig {
+    let mut config = unsafe { std::mem::zeroed() };
+    check(unsafe { umo_model_config_init(&mut config, size_of::<UmoModelConfig>()) });
+    change(&mut config, changes);
+    config.log = null();
+    config
+}
+
+fn layout(model: *const UmoModel, changes: &Changes) -> UmoFrameLayout {
+    let mut layout: UmoFrameLayout = unsafe { std::mem::zeroed() };
+    layout.struct_size = 48;
+    check(unsafe { umo_frame_layout_init(&mut layout, size_of::<UmoFrameLayout>(), model) });
+    change(&mut layout, changes);
+    layout
+}
+
+#[expect(clippy::too_many_lines, reason = "one arm for each call")]
+fn run(call: &Call, handles: &Handles, hands: &mut Hands) {
+    let model = |which| handles.get(which).cast::<UmoModel>();
+    let engine = |which| handles.get(which).cast::<UmoEngine>();
+    let session = |which| handles.get(which).cast::<UmoSession>();
+    let any_model = || handles.get(Which::Model(0)).cast::<UmoModel>();
+    let mut count = 0;
+    let status = match call {
+        Call::ModelLoad { to, abi, good_abi, len, changes } => {
+            let abi = if *good_abi { UMO_ABI_VERSION } else { *abi };
+            let (len, there) = len.of(MODEL.len());
+            let data = if there { MODEL.as_ptr() } else { null() };
+            let (config, mut made) = (model_config(changes), null_mut());
+            let status = unsafe { umo_model_load_memory(abi, data.cast(), len, &config, &mut made) };
+            if status == UMO_STATUS_OK {
+                Handles::put(&handles.models, *to, made.cast(), |handle| umo_model_free(handle.cast()));
+            }
+            status
+        }
+        Call::ModelFree(which) => umo_model_free(model(*which)),
+        Call::ModelAsk(which, what) => {
+            let (mut info, mut text) = (unsafe { std::mem::zeroed::<UmoModelInfo>() }, null());
+            info.struct_size = if what % 3 == 0 { *what % 64 } else { 64 };
+            check(unsafe { umo_model_get_info(model(*which), &mut info) });
+            // The text itself may be gone by now: another thread may free the model.
+            check(unsafe { umo_model_get_text(model(*which), *what, &mut text) });
+            let (mut parents, mut offsets) = ([0; 55], [0.0; 3 * 55]);
+            let (parents, offsets) = (parents.as_mut_ptr(), offsets.as_mut_ptr());
+            check(unsafe { umo_model_get_skeleton(model(*which), what % 4, parents, offsets, (what % 56) as usize) });
+            unsafe { umo_model_get_channel_name(model(*which), *what, &mut text) }
+        }
+        Call::Encode(which, text, size) => {
+            let mut ids = [0; 128];
+            let (capacity, there) = size.of(ids.len());
+            let ids = if there { ids.as_mut_ptr() } else { null_mut() };
+            let (text, len) = (text.as_ptr().cast::<c_char>(), text.len());
+            unsafe { umo_model_encode_text(model(*which), text, len, ids, capacity, &mut count) }
+        }
+        Call::EngineNew { of, to, changes } => {
+            let mut config: UmoEngineConfig = unsafe { std::mem::zeroed() };
+            check(unsafe { umo_engine_config_init(&mut config, size_of::<UmoEngineConfig>()) });
+            (config.max_sessions, config.max_batch) = (4, 2);
+            change(&mut config, changes);
+            // Not so many that making them takes all the time there is.
+            (config.threads, config.max_batch) = (config.threads.min(70) % 66, config.max_batch % 6);
+            if config.threads > 3 && config.threads < 65 {
+                config.threads = 3;
+            }
+            (config.cores, config.jobs, config.log) = (null(), null(), null());
+            let mut made = null_mut();
+            let status = unsafe { umo_engine_new(model(*of), &config, &mut made) };
+            if status == UMO_STATUS_OK {
+                Handles::put(&handles.engines, *to, made.cast(), |handle| umo_engine_free(handle.cast()));
+            }
+            status
+        }
+        Call::EngineFree(which) => umo_engine_free(engine(*which)),
+        Call::Poll(which, budget) => {
+            let mut more = 0;
+            unsafe { umo_engine_poll(engine(*which), u32::from(*budget), &mut more) }
+        }
+        Call::SessionNew { of, to, changes, hooks } => {
+            let mut config = session_config(any_model(), changes);
+            config.allocator = if *hooks { &HOOKS } else { null() };
+            let mut made = null_mut();
+            let status = unsafe { umo_session_new(engine(*of), &config, &mut made) };
+            if status == UMO_STATUS_OK {
+                Handles::put(&handles.sessions, *to, made.cast(), |handle| umo_session_free(handle.cast()));
+            }
+            status
+        }
+        Call::SessionMemory(of, changes) => {
+            let config = session_config(any_model(), changes);
+            unsafe { umo_session_memory(engine(*of), &config, &mut count, null_mut()) }
+        }
+        Call::SessionFree(which) => umo_session_free(session(*which)),
+        Call::Push(which, size, floats) => {
+            let (len, there) = size.of(SAMPLES);
+            if *floats {
+                let samples = if there { hands.floats.as_ptr() } else { null() };
+                unsafe { umo_session_push_audio(session(*which), samples, len, &mut count) }
+            } else {
+                let samples = if there { hands.words.as_ptr() } else { null() };
+                unsafe { umo_session_push_audio_i16(session(*which), samples, len, null_mut()) }
+            }
+        }
+        Call::Finish(which) => umo_session_finish(session(*which)),
+        Call::Interrupt(which, ease) => umo_session_interrupt(session(*which), *ease),
+        Call::Reset(which) => umo_session_reset(session(*which)),
+        Call::Pull(which, changes, size) => {
+            let (size, there) = size.of(ROOM);
+            let frames = if there { hands.room.as_mut_ptr() } else { null_mut() };
+            let layout = layout(any_model(), changes);
+            unsafe { umo_session_pull_frames(session(*which), &layout, frames.cast(), size, &mut count) }
+        }
+        Call::Sample(which, seconds, changes, size) => {
+            let (size, there) = size.of(ROOM);
+            let frame = if there { hands.room.as_mut_ptr() } else { null_mut() };
+            let (layout, mut sampled) = (layout(any_model(), changes), unsafe { std::mem::zeroed::<UmoSampled>() });
+            sampled.struct_size = 24;
+            unsafe { umo_session_sample_pose(session(*which), *seconds, &layout, frame.cast(), size, &mut sampled) }
+        }
+        Call::Ready(which) => unsafe { umo_session_ready_frames(session(*which), &mut count) },
+        Call::Prompt(which, text) => unsafe {
+            umo_session_set_prompt(session(*which), text.as_ptr().cast(), text.len())
+        },
+        Call::PromptIds(which, ids) => unsafe { umo_session_set_prompt_ids(session(*which), ids.as_ptr(), ids.len()) },
+        Call::Seed(which, seed) => umo_session_set_seed(session(*which), *seed),
+        Call::Set(which, parameter, value) => umo_session_set_parameter(session(*which), (*parameter).into(), *value),
+        Call::Get(which, parameter) => {
+            let mut value = 0.0;
+            unsafe { umo_session_get_parameter(session(*which), *parameter, &mut value) }
+        }
+        Call::Ask(which, size) => {
+            let (mut latency, mut stats) =
+                (unsafe { std::mem::zeroed::<UmoLatency>() }, unsafe { std::mem::zeroed::<UmoStats>() });
+            (latency.struct_size, stats.struct_size) = (48, if size % 2 == 0 { 56 } else { size % 57 });
+            check(unsafe { umo_session_latency(session(*which), &mut latency) });
+            unsafe { umo_session_stats(session(*which), &mut stats) }
+        }
+        Call::LastError(which, size) => {
+            let (size, there) = size.of(ROOM);
+            let buffer = if there { hands.room.as_mut_ptr() } else { null_mut() };
+            unsafe { umo_session_last_error(session(*which), buffer.cast(), size, &mut count) }
+        }
+        Call::Save(which, size) => {
+            let (size, there) = size.of(ROOM);
+            let state = if there { hands.room.as_mut_ptr() } else { null_mut() };
+            unsafe { umo_session_save(session(*which), state.cast(), size, &mut count) }
+        }
+        Call::Restore(which, size, change) => {
+            let mut written = 0;
+            let target = session(*which);
+            let state = hands.room.as_mut_ptr();
+            check(unsafe { umo_session_save(target, state.cast(), ROOM, &mut written) });
+            if let Some((at, value)) = change {
+                hands.room[usize::from(*at)] ^= value;
+            }
+            let size = if written > 0 { written } else { size.of(ROOM).0.min(ROOM) };
+            unsafe { umo_session_restore(target, hands.room.as_ptr().cast(), size) }
+        }
+        Call::Free(n) => {
+            let which = Which::Session(*n);
+            umo_session_free(session(which))
+        }
+    };
+    check(status);
+}
+
+fn session_config(model: *const UmoModel, changes: &Changes) -> UmoSessionConfig {
+    let mut config: UmoSessionConfig = unsafe { std::mem::zeroed() };
+    config.struct_size = 64;
+    check(unsafe { umo_session_config_init(&mut config, size_of::<UmoSessionConfig>(), model) });
+    change(&mut config, changes);
+    // Filters between rates without a common divisor take seconds to plan under a sanitizer; they are tested elsewhere.
+    if config.sample_rate % 50 != 0 {
+        config.sample_rate = 48_000;
+    }
+    (config.template_name, config.allocator) = (null(), null());
+    config
+}
+
+fuzz_target!(|script: Script| {
+    let handles = Handles::default();
+    let none = Changes { words: [(0, 0); 2], count: 0 };
+    let hands = || Hands {
+        floats: (0..SAMPLES as u32).map(|i| if i % 997 == 0 { f32::from_bits(i * 7_919) } else { (i % 200) as f32 / 400.0 }).collect(),
+        words: (0..SAMPLES as i32).map(|i| (i * 7_919 % 60_000 - 30_000) as i16).collect(),
+        room: vec![0; ROOM],
+    };
+    if script.ready {
+        let mut hands = hands();
+        run(&Call::ModelLoad { to: 0, abi: 0, good_abi: true, len: Size::All, changes: none.clone() }, &handles, &mut hands);
+        let polled = Changes { words: [(1, UMO_ENGINE_POLLED), (2, 1)], count: script.threads.len() as u8 % 3 };
+        run(&Call::EngineNew { of: Which::Model(0), to: 0, changes: polled }, &handles, &mut hands);
+        run(&Call::SessionNew { of: Which::Engine(0), to: 0, changes: none, hooks: false }, &handles, &mut hands);
+    }
+    std::thread::scope(|scope| {
+        for calls in &script.threads {
+            let handles = &handles;
+            scope.spawn(move || {
+                let mut hands = hands();
+                calls.iter().for_each(|call| run(call, handles, &mut hands));
+            });
+        }
+    });
+    for n in 0..PLACES as u8 {
+        Handles::put(&handles.sessions, n, null_mut(), |handle| umo_session_free(handle.cast()));
+        Handles::put(&handles.engines, n, null_mut(), |handle| umo_engine_free(handle.cast()));
+        Handles::put(&handles.models, n, null_mut(), |handle| umo_model_free(handle.cast()));
+    }
+});
