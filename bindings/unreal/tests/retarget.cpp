@@ -71,7 +71,9 @@ Skeleton mannequin() {
         const int lower = s.add(name("lowerarm").c_str(), upper, elbow, along(forward));
         const int wrist = s.add(name("hand").c_str(), lower, hand, along(down));
         const int middle = s.add(name("middle_01").c_str(), wrist, hand + 10.0 * down, along(down));
-        s.add(name("middle_02").c_str(), middle, hand + 14.0 * down, along({side, 0, -2}));
+        const Vec3 bent{side, -0.5, -2};
+        const int second = s.add(name("middle_02").c_str(), middle, hand + 14.0 * down, along(bent));
+        s.add(name("middle_03").c_str(), second, hand + 14.0 * down + 3.0 * bent, along({0, -1, -2}));
         const Vec3 hip{side * 15, 0, 175}, knee{side * 20, 0, 95}, ankle{side * 25, -2, 15};
         const int thigh = s.add(name("thigh").c_str(), pelvis, hip, along(knee - hip));
         const int calf = s.add(name("calf").c_str(), thigh, knee, along(ankle - knee));
@@ -186,6 +188,14 @@ void an_a_pose_becomes_the_t() {
         // The body's middle finger starts 1 cm ahead of the wrist, which is +Y here, and 9 cm out.
         EXPECT_PLACE(way("hand", "middle_01"), (1 / std::sqrt(82.0)) * (9.0 * out + Vec3{0, 1, 0}));
         EXPECT_PLACE(way("middle_01", "middle_02"), out);
+        EXPECT_PLACE(way("middle_02", "middle_03"), out);
+        // A finger's tip points nowhere: it follows the bone before.
+        const int tip = skeleton.find(name("middle_03"));
+        for (const Driven &driven : retarget.driven()) {
+            if (driven.bone != tip) continue;
+            const Quat turn = inverse(skeleton.bones[static_cast<std::size_t>(tip)].rotation) * driven.rotation;
+            EXPECT_NEAR(std::fabs(turn.w), 1, 1e-9);
+        }
         EXPECT_PLACE(way("thigh", "calf"), (Vec3{0, 0, -1}));
         EXPECT_PLACE(way("calf", "foot"), (Vec3{0, 0, -1}));
         // Feet, shoulders and spine keep the character's own rest, whatever the legs do.
