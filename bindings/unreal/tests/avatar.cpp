@@ -213,6 +213,34 @@ void two_threads_speak_are_interrupted_and_end(const std::shared_ptr<Host> &host
     std::printf("two threads: lips within %.0f ms of the sound\n", 1000 * worst);
 }
 
+/// In real time: before any audio it moves as it listens, and rests where it is told to.
+void idle_modes_go_on_without_audio(const std::shared_ptr<Host> &host) {
+    std::string problem;
+    Settings settings = plain();
+    settings.target = 1;
+    settings.lookahead = 0;
+    settings.idle = UMO_IDLE_LIVE;
+    const auto avatar = Avatar::make(host, settings, problem);
+    EXPECT(avatar != nullptr);
+    if (!avatar) return;
+    const Pose rest = avatar->pose();
+    const auto run = [&](double seconds) {
+        double last = wall();
+        for (const double end = last + seconds; last < end;) {
+            std::this_thread::sleep_for(std::chrono::milliseconds(15));
+            const double now = wall();
+            EXPECT(avatar->show(now - last, now) == UMO_STATUS_OK);
+            last = now;
+        }
+    };
+    run(2);
+    EXPECT(avatar->pose().index > 15);
+    EXPECT(std::memcmp(rest.rotations, avatar->pose().rotations, sizeof rest.rotations) != 0);
+    EXPECT(avatar->set_idle(UMO_IDLE_REST) == UMO_STATUS_OK);
+    run(2);
+    for (std::size_t i = 0; i < 4 * joint_count; ++i) EXPECT_NEAR(avatar->pose().rotations[i], rest.rotations[i], 1e-3);
+}
+
 void hosts_are_shared_and_errors_say_what(const char *model) {
     Hosts hosts;
     std::string problem;
@@ -281,6 +309,7 @@ int main(int count, char **arguments) {
     if (host) {
         frames_are_the_library_s_and_go_with_the_sound(host, samples);
         two_threads_speak_are_interrupted_and_end(host, samples);
+        idle_modes_go_on_without_audio(host);
     }
     return verdict("avatar");
 }

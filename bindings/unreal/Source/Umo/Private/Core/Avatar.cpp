@@ -97,7 +97,7 @@ Avatar::Avatar(std::shared_ptr<Host> host, umo::session session, const Settings 
       delay_(settings.delays_speech ? static_cast<std::size_t>(std::lround(delay_seconds * settings.sample_rate)) : 0,
              most_channels),
       audio_(settings.sample_rate), motion_(host_->info.frame_rate), frame_(host_->model, 1, UMO_AXES_UNREAL),
-      ease_seconds_(0), idle_(settings.idle) {
+      frame_seconds_(1.0 / host_->info.frame_rate), ease_seconds_(0), idle_(settings.idle) {
     pose_.channels.resize(host_->channels.size());
 }
 
@@ -127,10 +127,9 @@ void Avatar::hear(float *samples, std::size_t frames, std::size_t channels, std:
 umo_status Avatar::show(double step, double now) {
     const AudioClock::Reading reading = audio_.read(now);
     const double heard = reading.seconds - delay_seconds_ - settings_.output_latency;
-    const double frame = 1.0 / host_->info.frame_rate;
     // While no audio comes, idle modes want to be asked for what is not there.
     const bool rests = reading.is_quiet && idle_ == UMO_IDLE_REST;
-    const double time = motion_.next(step, heard, reading.is_quiet, rests ? ease_seconds_ + frame : frame);
+    const double time = motion_.next(step, heard, reading.is_quiet, frame_seconds_ + (rests ? ease_seconds_ : 0));
     const auto found = session_.sample(time, frame_);
     // A session that failed gives its last pose, and says so elsewhere.
     if (!found) return note(found.status);
@@ -160,6 +159,11 @@ umo_status Avatar::set_idle(std::uint32_t idle) {
     const umo_status status = set(UMO_PARAMETER_IDLE, idle);
     if (status == UMO_STATUS_OK) idle_ = idle;
     return status;
+}
+
+void Avatar::close() {
+    session_.reset();
+    host_.reset();
 }
 
 /// Remembers that the session is lost.

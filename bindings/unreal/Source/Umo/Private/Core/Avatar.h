@@ -88,8 +88,9 @@ public:
     umo_status set_prompt(const std::string &text) { return session_.set_prompt(text); }
     umo_status set(std::uint32_t parameter, double value);
     umo_status set_idle(std::uint32_t idle);
-    /// The game thread: frees the session, whatever the audio thread does. It gives no more frames.
-    void close() { session_.reset(); }
+    /// The game thread: frees the session and lets go of the host, whatever the audio thread does, so that nothing is left that
+    /// the audio thread could not free. It gives no more frames.
+    void close();
 
     /// Why it gives no more frames, once; empty while it does, and when asked again.
     std::string failure();
@@ -105,7 +106,6 @@ public:
     double time() const { return motion_.time(); }
     double heard(double now) const { return audio_.read(now).seconds - delay_seconds_ - settings_.output_latency; }
     umo_stats stats() const { return session_.stats(); }
-    const Host &host() const { return *host_; }
     /// The skeleton with this session's place of rest.
     const SourceSkeleton &skeleton() const { return skeleton_; }
 
@@ -127,6 +127,7 @@ private:
     MotionClock motion_;
     umo::frames frame_;
     Pose pose_;
+    double frame_seconds_;
     double ease_seconds_;
     std::uint32_t idle_;
     std::atomic<bool> is_cut_{false};
