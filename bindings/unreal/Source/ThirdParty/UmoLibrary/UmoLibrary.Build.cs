@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
+using System.IO;
+using UnrealBuildTool;
+
+// The library itself, its headers and the default model: fetch-native puts them into the plugin.
+public class UmoLibrary : ModuleRules
+{
+    public UmoLibrary(ReadOnlyTargetRules Target) : base(Target)
+    {
+        Type = ModuleType.External;
+
+        PublicSystemIncludePaths.Add("$(PluginDir)/Source/ThirdParty/UmoLibrary/include");
+
+        // umo_model_load needs a file of its own: it must not go into a pak.
+        RuntimeDependencies.Add("$(PluginDir)/Models/umo-small.safetensors", StagedFileType.NonUFS);
+
+        if (Target.Platform == UnrealTargetPlatform.Win64)
+        {
+            string Library = "$(PluginDir)/Binaries/ThirdParty/UmoLibrary/Win64/";
+            PublicAdditionalLibraries.Add(Library + "umo.dll.lib");
+            // The module loads it from there before the first call.
+            PublicDelayLoadDLLs.Add("umo.dll");
+            RuntimeDependencies.Add(Library + "umo.dll");
+        }
+        else if (Target.Platform == UnrealTargetPlatform.Linux)
+        {
+            string Library = "$(PluginDir)/Binaries/ThirdParty/UmoLibrary/Linux/";
+            PublicAdditionalLibraries.Add(Library + "libumo.so");
+            PublicDelayLoadDLLs.Add(Library + "libumo.so");
+            // What is loaded is called by its soname.
+            RuntimeDependencies.Add(Library + "libumo.so.0");
+        }
+        else if (Target.Platform == UnrealTargetPlatform.Mac)
+        {
+            string Library = "$(PluginDir)/Binaries/ThirdParty/UmoLibrary/Mac/";
+            PublicAdditionalLibraries.Add(Library + "libumo.dylib");
+            PublicDelayLoadDLLs.Add(Library + "libumo.dylib");
+            RuntimeDependencies.Add(Library + "libumo.dylib");
+        }
+        else
+        {
+            throw new BuildException("umo: there is no library for " + Target.Platform);
+        }
+
+        string Header = Path.Combine(ModuleDirectory, "include", "umo.h");
+        if (!File.Exists(Header))
+        {
+            throw new BuildException("umo: " + Header + " is missing: run fetch-native first, see the plugin's README");
+        }
+    }
+}

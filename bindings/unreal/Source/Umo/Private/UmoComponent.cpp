@@ -1,0 +1,316 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
+#include "UmoComponent.h"
+
+#include "AudioDevice.h"
+#include "Components/SkeletalMeshComponent.h"
+#include "Engine/Engine.h"
+#include "Engine/World.h"
+#include "Features/IModularFeatures.h"
+#include "GameFramework/Actor.h"
+#include "HAL/PlatformTime.h"
+#include "ILiveLinkClient.h"
+#include "ISubmixBufferListener.h"
+#include "Sound/SoundSubmix.h"
+
+#include "Core/Avatar.h"
+#include "UmoLiveLinkSource.h"
+#include "UmoModule.h"
+#include "UmoSubsystem.h"
+#include "UmoVoiceComponent.h"
+
+/** Hears a submix for an avatar, which may be closed at any time. */
+class FUmoSubmixListener : public ISubmixBufferListener
+{
+public:
+	explicit FUmoSubmixListener(std::shared_ptr<umo_unreal::Avatar> InAvatar) : Avatar(MoveTemp(InAvatar)) {}
+
+	virtual void OnNewSubmixBuffer(const USoundSubmix* OwningSubmix, float* AudioData, int32 NumSamples, int32 NumChannels, const int32 SampleRate, double AudioClock) override
+	{
+		if (NumChannels > 0)
+		{
+			Avatar->hear(AudioData, static_cast<std::size_t>(NumSamples / NumChannels), static_cast<std::size_t>(NumChannels), static_cast<uint32>(SampleRate), FPlatformTime::Seconds());
+		}
+	}
+
+	/** A submix that falls asleep when it is silent would keep the speech that is still to be heard. */
+	virtual bool IsRenderingAudio() const override { return true; }
+
+	virtual const FString& GetListenerName() const override
+	{
+		static const FString Name = TEXT("Umo");
+		return Name;
+	}
+
+private:
+	const std::shared_ptr<umo_unreal::Avatar> Avatar;
+};
+
+namespace
+{
+/** Thirty seconds: a long answer of a speech synthesiser at once. */
+constexpr int32 SecondsOfSpeech = 30;
+
+ILiveLinkClient* FindLiveLink()
+{
+	IModularFeatures& Features = IModularFeatures::Get();
+	if (!Features.IsModularFeatureAvailable(ILiveLinkClient::ModularFeatureName))
+	{
+		return nullptr;
+	}
+	return &Features.GetModularFeature<ILiveLinkClient>(ILiveLinkClient::ModularFeatureName);
+}
+
+uint32 ParameterOf(EUmoPart Part)
+{
+	switch (Part)
+	{
+	case EUmoPart::Face: return UMO_PARAMETER_GAIN_FACE;
+	case EUmoPart::Hands: return UMO_PARAMETER_GAIN_HANDS;
+	case EUmoPart::Upper: return UMO_PARAMETER_GAIN_UPPER;
+	default: return UMO_PARAMETER_GAIN_LOWER;
+	}
+}
+}
+
+UUmoComponent::UUmoComponent()
+{
+	PrimaryComponentTick.bCanEverTick = true;
+	PrimaryComponentTick.TickGroup = TG_PrePhysics;
+}
+
+void UUmoComponent::BeginPlay()
+{
+	Super::BeginPlay();
+	// The pose is made before the meshes take it.
+	TInlineComponentArray<USkeletalMeshComponent*> Meshes(GetOwner());
+	for (USkeletalMeshComponent* Mesh : Meshes)
+	{
+		Mesh->AddTickPrerequisiteComponent(this);
+	}
+	Voice = GetOwner()->FindComponentByClass<UUmoVoiceComponent>();
+	const UWorld* World = GetWorld();
+	const FAudioDeviceHandle Device = World->GetAudioDevice();
+	if (Voice.IsValid())
+	{
+		Open(Voice->SpeechRate);
+	}
+	else if (Device.IsValid())
+	{
+		Open(static_cast<int32>(Device->GetSampleRate()));
+	}
+	else
+	{
+		Fail(TEXT("there is no audio device, which a dedicated server has not"));
+	}
+}
+
+void UUmoComponent::EndPlay(const EEndPlayReason::Type EndPlayReason)
+{
+	Close();
+	Super::EndPlay(EndPlayReason);
+}
+
+void UUmoComponent::Open(int32 SampleRate)
+{
+	FString Reason;
+	const auto Host = GEngine->GetEngineSubsystem<UUmoSubsystem>()->Open(Model.FilePath, Reason);
+	if (!Host)
+	{
+		Fail(Reason);
+		return;
+	}
+	umo_unreal::Settings Settings;
+	Settings.sample_rate = static_cast<uint32>(SampleRate);
+	Settings.target = static_cast<uint32>(FMath::Max(Target, 0));
+	Settings.lookahead = Lookahead;
+	Settings.idle = static_cast<uint32>(Idle);
+	Settings.seed = static_cast<uint64>(Seed);
+	Settings.margin = Margin;
+	Settings.output_latency = OutputLatency;
+	Settings.delays_speech = bDelaySpeech;
+	std::string Problem;
+	Avatar = umo_unreal::Avatar::make(Host, Settings, Problem);
+	if (!Avatar)
+	{
+		Fail(UTF8_TO_TCHAR(Problem.c_str()));
+		return;
+	}
+	Frame.Skeleton = std::make_shared<const umo_unreal::SourceSkeleton>(Avatar->skeleton());
+	Frame.Rotations.SetNumZeroed(4 * static_cast<int32>(umo_unreal::joint_count));
+	Frame.CurveNames.Reset();
+	for (const std::string& Name : Host->channels)
+	{
+		Frame.CurveNames.Add(FName(UTF8_TO_TCHAR(Name.c_str())));
+	}
+	Frame.Curves.SetNumZeroed(Frame.CurveNames.Num());
+	LastTick = FPlatformTime::Seconds();
+
+	SetGain(EUmoPart::Face, FaceGain);
+	SetGain(EUmoPart::Hands, HandsGain);
+	SetGain(EUmoPart::Upper, UpperGain);
+	SetGain(EUmoPart::Lower, LowerGain);
+	if (!Prompt.IsEmpty() && !SetPrompt(Prompt))
+	{
+		UE_LOG(LogUmo, Warning, TEXT("%s: the prompt is not used: %s"), *GetOwner()->GetName(), *GetLastError());
+	}
+	if (!StartListening())
+	{
+		Fail(TEXT("nothing to hear: choose a submix, or add a Umo Voice to the actor"));
+		return;
+	}
+	OpenLiveLink();
+}
+
+bool UUmoComponent::StartListening()
+{
+	if (UUmoVoiceComponent* Speaker = Voice.Get())
+	{
+		Speech = std::make_shared<umo_unreal::Ring>(static_cast<std::size_t>(Speaker->SpeechRate) * SecondsOfSpeech);
+		Speaker->SpeakFor(Avatar, Speech);
+		Speaker->Start();
+		return true;
+	}
+	const FAudioDeviceHandle Device = GetWorld()->GetAudioDevice();
+	if (Submix == nullptr || !Device.IsValid())
+	{
+		return false;
+	}
+	Listener = MakeShared<FUmoSubmixListener, ESPMode::ThreadSafe>(Avatar);
+	Device->RegisterSubmixBufferListener(Listener.ToSharedRef(), *Submix);
+	return true;
+}
+
+void UUmoComponent::OpenLiveLink()
+{
+	if (LiveLinkSubject.IsNone())
+	{
+		return;
+	}
+	ILiveLinkClient* Client = FindLiveLink();
+	if (Client == nullptr)
+	{
+		UE_LOG(LogUmo, Warning, TEXT("%s: the Live Link plugin is not enabled"), *GetOwner()->GetName());
+		return;
+	}
+	LiveLink = MakeShared<FUmoLiveLinkSource>(LiveLinkSubject);
+	Client->AddSource(LiveLink);
+	LiveLink->Describe(*Frame.Skeleton, Frame.CurveNames);
+}
+
+void UUmoComponent::Close()
+{
+	if (LiveLink.IsValid())
+	{
+		if (ILiveLinkClient* Client = FindLiveLink())
+		{
+			Client->RemoveSource(LiveLink);
+		}
+		LiveLink.Reset();
+	}
+	if (UUmoVoiceComponent* Speaker = Voice.Get())
+	{
+		Speaker->Stop();
+		Speaker->SpeakFor(nullptr, nullptr);
+	}
+	if (Listener.IsValid())
+	{
+		const FAudioDeviceHandle Device = GetWorld()->GetAudioDevice();
+		if (Device.IsValid() && Submix != nullptr)
+		{
+			Device->UnregisterSubmixBufferListener(Listener.ToSharedRef(), *Submix);
+		}
+		Listener.Reset();
+	}
+	if (Avatar)
+	{
+		// The audio thread may hold it for a buffer more; it is not heard any more.
+		Avatar->close();
+		Avatar.reset();
+	}
+	Frame.Skeleton.reset();
+}
+
+void UUmoComponent::Fail(const FString& Reason)
+{
+	UE_LOG(LogUmo, Error, TEXT("%s: %s"), *GetOwner()->GetName(), *Reason);
+	Close();
+	OnFailed.Broadcast(Reason);
+}
+
+void UUmoComponent::TickComponent(float DeltaTime, ELevelTick TickType, FActorComponentTickFunction* ThisTickFunction)
+{
+	Super::TickComponent(DeltaTime, TickType, ThisTickFunction);
+	if (!Avatar)
+	{
+		return;
+	}
+	if (const uint32 Rate = Avatar->other_rate())
+	{
+		// The audio device has changed: a session is of one rate.
+		Close();
+		Open(static_cast<int32>(Rate));
+		return;
+	}
+	// Sound does not go by the game's time, which may be slowed.
+	const double Now = FPlatformTime::Seconds();
+	Avatar->show(Now - LastTick, Now);
+	LastTick = Now;
+	const umo_unreal::Pose& Pose = Avatar->pose();
+	FMemory::Memcpy(Frame.Rotations.GetData(), Pose.rotations, sizeof Pose.rotations);
+	FMemory::Memcpy(Frame.Curves.GetData(), Pose.channels.data(), sizeof(float) * Pose.channels.size());
+	Frame.Translation = FVector3f(Pose.translation[0], Pose.translation[1], Pose.translation[2]);
+	if (LiveLink.IsValid())
+	{
+		LiveLink->Push(Frame, Now);
+	}
+	const std::string Failure = Avatar->failure();
+	if (!Failure.empty())
+	{
+		Fail(UTF8_TO_TCHAR(Failure.c_str()));
+	}
+}
+
+void UUmoComponent::Interrupt(float EaseSeconds)
+{
+	if (Avatar)
+	{
+		if (UUmoVoiceComponent* Speaker = Voice.Get())
+		{
+			// What was pushed and not played goes with its ring.
+			Speech = std::make_shared<umo_unreal::Ring>(static_cast<std::size_t>(Speaker->SpeechRate) * SecondsOfSpeech);
+			Speaker->SpeakFor(Avatar, Speech);
+		}
+		Avatar->interrupt(static_cast<uint32>(FMath::Clamp(EaseSeconds, 0.0f, 10.0f) * 1000.0f));
+	}
+}
+
+bool UUmoComponent::SetPrompt(const FString& Text)
+{
+	return Avatar && Avatar->set_prompt(TCHAR_TO_UTF8(*Text)) == UMO_STATUS_OK;
+}
+
+int32 UUmoComponent::PushAudio(const TArray<float>& Samples)
+{
+	return Speech ? static_cast<int32>(Speech->write(Samples.GetData(), static_cast<std::size_t>(Samples.Num()))) : 0;
+}
+
+bool UUmoComponent::SetGain(EUmoPart Part, float Gain)
+{
+	return Avatar && Avatar->set(ParameterOf(Part), Gain) == UMO_STATUS_OK;
+}
+
+bool UUmoComponent::SetIdle(EUmoIdle NewIdle)
+{
+	return Avatar && Avatar->set_idle(static_cast<uint32>(NewIdle)) == UMO_STATUS_OK;
+}
+
+float UUmoComponent::GetDelay() const
+{
+	return Avatar ? static_cast<float>(Avatar->delay()) : 0.0f;
+}
+
+FString UUmoComponent::GetLastError() const
+{
+	return Avatar ? FString(UTF8_TO_TCHAR(Avatar->last_error().c_str())) : FString(TEXT("the avatar is not open"));
+}

@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
+#include "UmoSubsystem.h"
+
+#include "Interfaces/IPluginManager.h"
+#include "Misc/Paths.h"
+
+#include "Core/Avatar.h"
+#include "UmoModule.h"
+
+void UUmoSubsystem::Initialize(FSubsystemCollectionBase& Collection)
+{
+	Super::Initialize(Collection);
+	Hosts = std::make_shared<umo_unreal::Hosts>();
+}
+
+void UUmoSubsystem::Deinitialize()
+{
+	// The library goes with the module, after this.
+	Hosts.reset();
+	Super::Deinitialize();
+}
+
+void UUmoSubsystem::FreeUnusedModels()
+{
+	Hosts->close_unused();
+}
+
+std::shared_ptr<umo_unreal::Host> UUmoSubsystem::Open(const FString& ModelFile, FString& OutProblem)
+{
+	const FString Missing = FUmoModule::Get().GetProblem();
+	if (!Missing.IsEmpty())
+	{
+		OutProblem = Missing;
+		return nullptr;
+	}
+	FString File = ModelFile;
+	if (File.IsEmpty())
+	{
+		File = FPaths::Combine(IPluginManager::Get().FindPlugin(TEXT("Umo"))->GetBaseDir(), TEXT("Models"), TEXT("umo-small.safetensors"));
+	}
+	else if (FPaths::IsRelative(File))
+	{
+		File = FPaths::Combine(FPaths::ProjectContentDir(), File);
+	}
+	File = FPaths::ConvertRelativePathToFull(File);
+	std::string Problem;
+	auto Host = Hosts->open(TCHAR_TO_UTF8(*File), static_cast<uint32>(FMath::Max(Threads, 0)), Problem);
+	OutProblem = UTF8_TO_TCHAR(Problem.c_str());
+	return Host;
+}

@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
+#pragma once
+
+#include <memory>
+
+#include "CoreMinimal.h"
+#include "Animation/AnimNodeBase.h"
+
+#include "UmoComponent.h"
+
+#include "AnimNode_UmoPose.generated.h"
+
+namespace umo_unreal
+{
+class Retarget;
+}
+
+/** The pose of the actor's Umo component on this skeleton, over the source pose: bones that it does not move keep that. */
+USTRUCT(BlueprintInternalUseOnly)
+struct UMO_API FAnimNode_UmoPose : public FAnimNode_Base
+{
+	GENERATED_BODY()
+
+	UPROPERTY(EditAnywhere, BlueprintReadWrite, Category = Links)
+	FPoseLink SourcePose;
+
+	/** How much of it, 0 to 1. */
+	UPROPERTY(EditAnywhere, BlueprintReadWrite, Category = Settings, meta = (PinShownByDefault, ClampMin = "0", ClampMax = "1"))
+	float Alpha = 1.0f;
+
+	/** Whether bones are turned. Off on a face mesh that follows the body's. */
+	UPROPERTY(EditAnywhere, Category = Settings)
+	bool bBody = true;
+
+	/** Whether curves are set: the 52 of ARKit, by their names. */
+	UPROPERTY(EditAnywhere, Category = Settings)
+	bool bCurves = true;
+
+	/** Whether the body walks about, or stays over its place. */
+	UPROPERTY(EditAnywhere, Category = Settings)
+	bool bMoves = false;
+
+	/** Joint to bone, where the skeleton's names are not the mannequin's; None leaves a joint out. */
+	UPROPERTY(EditAnywhere, Category = Settings)
+	TMap<FName, FName> BoneOverrides;
+
+	virtual void Initialize_AnyThread(const FAnimationInitializeContext& Context) override;
+	virtual void CacheBones_AnyThread(const FAnimationCacheBonesContext& Context) override;
+	virtual void Update_AnyThread(const FAnimationUpdateContext& Context) override;
+	virtual void Evaluate_AnyThread(FPoseContext& Output) override;
+	virtual void GatherDebugData(FNodeDebugData& DebugData) override;
+	virtual bool HasPreUpdate() const override { return true; }
+	virtual void PreUpdate(const UAnimInstance* InAnimInstance) override;
+
+private:
+	void BuildRetarget(const FBoneContainer& Bones);
+	void ApplyBody(FPoseContext& Output, float Weight);
+
+	TWeakObjectPtr<const UUmoComponent> Component;
+	/** A copy: the component goes on while animation threads evaluate. */
+	FUmoFrame Frame;
+	/** Made anew when the bones or the avatar change; null where that failed. */
+	std::shared_ptr<umo_unreal::Retarget> Retarget;
+	/** What it was made for. */
+	std::shared_ptr<const umo_unreal::SourceSkeleton> RetargetedFrom;
+};

@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
+#pragma once
+
+#include <memory>
+
+#include "CoreMinimal.h"
+#include "Subsystems/EngineSubsystem.h"
+
+#include "UmoSubsystem.generated.h"
+
+namespace umo_unreal
+{
+class Hosts;
+struct Host;
+}
+
+/** Holds the models and engines that all characters of the process share: one per model file. */
+UCLASS(Config = Game)
+class UMO_API UUmoSubsystem : public UEngineSubsystem
+{
+	GENERATED_BODY()
+
+public:
+	/** Threads that compute for each model, 0 for the library's default of two. Read when a model is opened. */
+	UPROPERTY(Config)
+	int32 Threads = 0;
+
+	/** Frees the models that no character uses. */
+	UFUNCTION(BlueprintCallable, Category = "Umo")
+	void FreeUnusedModels();
+
+	/** The host of a model file, null where that fails; an empty path is the model that ships with the plugin. */
+	std::shared_ptr<umo_unreal::Host> Open(const FString& ModelFile, FString& OutProblem);
+
+	virtual void Initialize(FSubsystemCollectionBase& Collection) override;
+	virtual void Deinitialize() override;
+
+private:
+	std::shared_ptr<umo_unreal::Hosts> Hosts;
+};

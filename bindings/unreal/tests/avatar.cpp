@@ -1,0 +1,315 @@
+// A character that speaks assets/hello.wav with the real library: the frames are the library's own, the lips go with the
+// sound, nothing is allocated, and two threads do it. Arguments: the model, the recording.
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
+#include <atomic>
+#include <chrono>
+#include <cstdio>
+#include <cstring>
+#include <fstream>
+#include <iterator>
+#include <new>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "Avatar.h"
+#include "Expect.h"
+
+namespace {
+
+thread_local long allocations = 0;
+
+} // namespace
+
+// Not inlined: gcc takes the inlined pairs for mismatched ones.
+[[gnu::noinline]] void *operator new(std::size_t size) {
+    ++allocations;
+    if (void *memory = std::malloc(size)) return memory;
+    std::abort();
+}
+[[gnu::noinline]] void operator delete(void *memory) noexcept { std::free(memory); }
+[[gnu::noinline]] void operator delete(void *memory, std::size_t) noexcept { std::free(memory); }
+
+using namespace umo_unreal;
+
+namespace {
+
+constexpr std::uint32_t rate = 16000;
+
+/// The samples of a 16-bit mono recording of 16 kHz with a header of 44 bytes, as the file in assets/ is.
+std::vector<float> recording(const char *path) {
+    std::ifstream file(path, std::ios::binary);
+    const std::vector<char> bytes{std::istreambuf_iterator<char>(file), {}};
+    std::vector<float> samples;
+    if (bytes.size() < 44 || std::memcmp(bytes.data() + 36, "data", 4) != 0) return samples;
+    for (std::size_t i = 44; i + 1 < bytes.size(); i += 2) {
+        std::int16_t value = 0;
+        std::memcpy(&value, bytes.data() + i, 2);
+        samples.push_back(static_cast<float>(value) / 32768);
+    }
+    return samples;
+}
+
+/// What the library gives for the whole recording, to be sampled at any rising time.
+struct Reference {
+    umo::session session;
+    umo::frames frame;
+
+    Reference(Host &host, const std::vector<float> &samples)
+        : session(make(host)), frame(host.model, 1, UMO_AXES_UNREAL) {
+        const auto pushed = session.push_audio(samples.data(), samples.size());
+        EXPECT(pushed && *pushed == samples.size());
+        EXPECT(session.finish() == UMO_STATUS_OK);
+        const std::size_t frames = samples.size() * 30 / rate;
+        while (*session.ready() < frames) std::this_thread::yield();
+    }
+
+    static umo::session make(Host &host) {
+        umo_session_config config = umo::session::defaults(host.model);
+        config.sample_rate = rate;
+        return std::move(*umo::session::make(host.engine, &config));
+    }
+
+    bool equals(double seconds, const Pose &pose) {
+        if (!session.sample(seconds, frame)) return false;
+        const umo::frame found = frame[0];
+        bool same = found.index() == pose.index && std::memcmp(found.translation(), pose.translation, 12) == 0;
+        for (std::size_t joint = 0; joint < joint_count; ++joint) {
+            same &= std::memcmp(found.rotation(joint), pose.rotations + 4 * joint, 16) == 0;
+        }
+        return same && std::memcmp(found.channels(), pose.channels.data(), 4 * pose.channels.size()) == 0;
+    }
+};
+
+Settings plain() {
+    Settings settings;
+    settings.sample_rate = rate;
+    settings.idle = UMO_IDLE_HOLD;
+    settings.output_latency = 0;
+    return settings;
+}
+
+/// Speech in stereo in the time of a made-up clock: the engine gets as long as it needs.
+void frames_are_the_library_s_and_go_with_the_sound(const std::shared_ptr<Host> &host,
+                                                    const std::vector<float> &samples) {
+    std::string problem;
+    const auto avatar = Avatar::make(host, plain(), problem);
+    EXPECT(avatar != nullptr);
+    if (!avatar) return;
+    Reference reference(*host, samples);
+
+    constexpr std::size_t block = 160;
+    const auto delayed = static_cast<std::size_t>(std::lround(avatar->delay() * rate));
+    double now = 100;
+    std::size_t pushed = 0, ticks = 0, compared = 0, wrong = 0, moved = 0;
+    const Pose first = avatar->pose();
+    float stereo[2 * block];
+    long audio_allocations = 0, game_allocations = 0;
+    double worst = 0;
+    for (; pushed + block <= samples.size(); now += static_cast<double>(block) / rate) {
+        for (std::size_t i = 0; i < block; ++i) {
+            stereo[2 * i] = samples[pushed + i] * 1.5F;
+            stereo[2 * i + 1] = samples[pushed + i] * 0.5F;
+        }
+        allocations = 0;
+        avatar->hear(stereo, block, 2, rate, now);
+        audio_allocations += allocations;
+        for (std::size_t i = 0; i < block; ++i) {
+            const std::size_t at = pushed + i;
+            const float wanted = at < delayed ? 0 : samples[at - delayed] * 1.5F;
+            EXPECT(stereo[2 * i] == wanted);
+        }
+        pushed += block;
+        // 50 ticks a second. First all frames that the audio so far gives: they need 44 frames of audio after them.
+        if (++ticks % 2 != 0) continue;
+        const double audio = static_cast<double>(pushed) / rate;
+        const double due = std::floor(audio * 30 - 44);
+        for (int i = 0; i < 20000 && static_cast<double>(avatar->stats().frames) < due; ++i) {
+            std::this_thread::sleep_for(std::chrono::microseconds(100));
+        }
+        allocations = 0;
+        const umo_status status = avatar->show(0.02, now);
+        game_allocations += allocations;
+        EXPECT(status == UMO_STATUS_OK);
+        if (audio > avatar->delay() + 0.5) {
+            worst = std::fmax(worst, std::fabs(avatar->shown() - avatar->heard(now)));
+            ++compared;
+            wrong += reference.equals(avatar->time(), avatar->pose()) ? 0 : 1;
+            moved += std::memcmp(first.rotations, avatar->pose().rotations, sizeof first.rotations) != 0 ? 1 : 0;
+        }
+    }
+    EXPECT(compared > 200 && wrong == 0);
+    EXPECT(moved == compared);
+    EXPECT(audio_allocations == 0);
+    EXPECT(game_allocations == 0);
+    // Within a frame.
+    EXPECT_NEAR(worst, 0, 1.0 / 30);
+    EXPECT(avatar->stats().overruns == 0 && avatar->failure().empty());
+    std::printf("%zu poses compared bit for bit, lips within %.1f ms of the sound, which is heard %.2f s late\n", compared,
+                1000 * worst, avatar->delay());
+}
+
+double wall() {
+    return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+/// An audio thread and a game thread in real time, an interrupt, and the end while the audio goes on.
+void two_threads_speak_are_interrupted_and_end(const std::shared_ptr<Host> &host, const std::vector<float> &samples) {
+    std::string problem;
+    Settings settings = plain();
+    settings.target = 2;
+    settings.lookahead = 0;
+    settings.idle = UMO_IDLE_LIVE;
+    const auto avatar = Avatar::make(host, settings, problem);
+    EXPECT(avatar != nullptr);
+    if (!avatar) return;
+    std::atomic<bool> is_over{false};
+    std::thread audio([&] {
+        double next = wall();
+        float block[320];
+        for (std::size_t at = 0; !is_over; at += 320, next += 0.02) {
+            for (std::size_t i = 0; i < 320; ++i) block[i] = samples[(at + i) % samples.size()];
+            avatar->hear(block, 320, 1, rate, wall());
+            while (wall() < next + 0.02) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+        }
+    });
+    const double start = wall();
+    double last = start, previous_time = 0, worst = 0;
+    std::uint64_t at_interrupt = 0, previous_index = 0;
+    bool is_interrupted = false;
+    while (wall() - start < 5) {
+        std::this_thread::sleep_for(std::chrono::milliseconds(15));
+        const double now = wall();
+        EXPECT(avatar->show(now - last, now) == UMO_STATUS_OK);
+        last = now;
+        EXPECT(avatar->time() >= previous_time && avatar->pose().index >= previous_index);
+        previous_time = avatar->time();
+        previous_index = avatar->pose().index;
+        const double since = now - start;
+        if (!is_interrupted && since > 2.5) {
+            EXPECT(avatar->interrupt(200) == UMO_STATUS_OK);
+            is_interrupted = true;
+            at_interrupt = avatar->pose().index;
+        }
+        const bool settled = (since > 1.6 && since < 2.4) || since > 2.5 + avatar->delay() + 0.7;
+        if (settled) worst = std::fmax(worst, std::fabs(avatar->shown() - avatar->heard(now)));
+    }
+    // The next stream's frames come after the ease's.
+    EXPECT(avatar->pose().index > at_interrupt + 6 + 10);
+    // A tick, a buffer, and what a busy machine adds.
+    EXPECT_NEAR(worst, 0, 0.12);
+    EXPECT(avatar->failure().empty());
+    EXPECT(avatar->set(UMO_PARAMETER_GAIN_FACE, 0.5) == UMO_STATUS_OK);
+    EXPECT(avatar->set(UMO_PARAMETER_GAIN_FACE, -1) == UMO_STATUS_INVALID_ARGUMENT);
+    EXPECT(!avatar->last_error().empty());
+    EXPECT(avatar->set_prompt("be calm") == UMO_STATUS_OK);
+    EXPECT(avatar->set_idle(UMO_IDLE_REST) == UMO_STATUS_OK);
+    avatar->close();
+    std::this_thread::sleep_for(std::chrono::milliseconds(50));
+    EXPECT(avatar->show(0.01, wall()) != UMO_STATUS_OK);
+    is_over = true;
+    audio.join();
+    std::printf("two threads: lips within %.0f ms of the sound\n", 1000 * worst);
+}
+
+/// In real time: before any audio it moves as it listens, and rests where it is told to.
+void idle_modes_go_on_without_audio(const std::shared_ptr<Host> &host) {
+    std::string problem;
+    Settings settings = plain();
+    settings.target = 1;
+    settings.lookahead = 0;
+    settings.idle = UMO_IDLE_LIVE;
+    const auto avatar = Avatar::make(host, settings, problem);
+    EXPECT(avatar != nullptr);
+    if (!avatar) return;
+    const Pose rest = avatar->pose();
+    const auto run = [&](double seconds) {
+        double last = wall();
+        for (const double end = last + seconds; last < end;) {
+            std::this_thread::sleep_for(std::chrono::milliseconds(15));
+            const double now = wall();
+            EXPECT(avatar->show(now - last, now) == UMO_STATUS_OK);
+            last = now;
+        }
+    };
+    run(2);
+    EXPECT(avatar->pose().index > 15);
+    EXPECT(std::memcmp(rest.rotations, avatar->pose().rotations, sizeof rest.rotations) != 0);
+    EXPECT(avatar->set_idle(UMO_IDLE_REST) == UMO_STATUS_OK);
+    run(2);
+    for (std::size_t i = 0; i < 4 * joint_count; ++i) EXPECT_NEAR(avatar->pose().rotations[i], rest.rotations[i], 1e-3);
+}
+
+void hosts_are_shared_and_errors_say_what(const char *model) {
+    Hosts hosts;
+    std::string problem;
+    EXPECT(hosts.open("no/such/model.safetensors", 0, problem) == nullptr);
+    EXPECT(problem.find("no/such/model.safetensors") != std::string::npos);
+    auto host = hosts.open(model, 1, problem);
+    EXPECT(host != nullptr && hosts.open(model, 1, problem) == host && hosts.count() == 1);
+    if (!host) return;
+    // The curves are ARKit's, as MetaHuman's face and Live Link Face name them.
+    EXPECT(host->info.is_arkit == 1 && host->channels.size() == 52);
+    EXPECT(host->channels.front() == "eyeBlinkLeft" && host->channels.back() == "tongueOut");
+    EXPECT(host->skeleton.parents[0] == -1 && host->skeleton.parents[15] == 12);
+    // Right is +Y, up is +Z, centimetres.
+    EXPECT(host->skeleton.offsets[3 * 19 + 1] > 10 && host->skeleton.offsets[3 * 6 + 2] > 1);
+
+    Settings settings = plain();
+    settings.target = 10000;
+    EXPECT(Avatar::make(host, settings, problem) == nullptr && problem.find("target") != std::string::npos);
+    settings.target = 1;
+    auto avatar = Avatar::make(host, settings, problem);
+    EXPECT(avatar != nullptr && avatar->skeleton().rest_translation[2] > 50);
+    float samples[64] = {1.0F};
+    avatar->hear(samples, 64, 1, 44100, 0);
+    EXPECT(avatar->other_rate() == 44100 && samples[0] == 1.0F);
+
+    host.reset();
+    hosts.close_unused();
+    EXPECT(hosts.count() == 1);
+    // The engine goes: the character says so, once.
+    avatar->close();
+    avatar.reset();
+    hosts.close_unused();
+    EXPECT(hosts.count() == 0);
+}
+
+void a_lost_engine_is_told_once(const char *model) {
+    std::string problem;
+    Hosts hosts;
+    auto host = hosts.open(model, 1, problem);
+    auto avatar = Avatar::make(host, plain(), problem);
+    EXPECT(avatar && avatar->failure().empty());
+    host->engine.reset();
+    // It keeps its pose; the audio that nobody takes any more is what tells.
+    EXPECT(avatar->show(0.01, 1) == UMO_STATUS_OK);
+    float samples[16] = {};
+    avatar->hear(samples, 16, 1, rate, 1);
+    EXPECT(avatar->failure().find("engine was freed") != std::string::npos);
+    EXPECT(avatar->failure().empty());
+}
+
+} // namespace
+
+int main(int count, char **arguments) {
+    if (count != 3) return EXIT_FAILURE;
+    const std::vector<float> samples = recording(arguments[2]);
+    EXPECT(samples.size() > 100000);
+    allocations = 0;
+    { const std::vector<int> counted(1); }
+    EXPECT(allocations == 1);
+    hosts_are_shared_and_errors_say_what(arguments[1]);
+    a_lost_engine_is_told_once(arguments[1]);
+    Hosts hosts;
+    std::string problem;
+    const auto host = hosts.open(arguments[1], 0, problem);
+    EXPECT(host != nullptr);
+    if (host) {
+        frames_are_the_library_s_and_go_with_the_sound(host, samples);
+        two_threads_speak_are_interrupted_and_end(host, samples);
+        idle_modes_go_on_without_audio(host);
+    }
+    return verdict("avatar");
+}
