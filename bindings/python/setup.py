@@ -33,11 +33,11 @@ def version() -> str:
 
 
 def library(prefix: Path) -> Path:
-    """The shared library, by the file that holds it: no wheel can hold a link."""
-    for pattern in {"win32": ["bin/umo.dll"], "darwin": ["lib/libumo.dylib"]}.get(sys.platform, ["lib/libumo.so"]):
-        for found in prefix.glob(pattern):
-            return found
-    raise SetupError(f"{prefix} holds no shared library of umo for {sys.platform}")
+    """The shared library of an install."""
+    file = prefix / {"win32": "bin/umo.dll", "darwin": "lib/libumo.dylib"}.get(sys.platform, "lib/libumo.so")
+    if not file.is_file():
+        raise SetupError(f"{file} is missing: {prefix} is no folder that scripts/install made")
+    return file
 
 
 class BuildWithLibrary(build_py):

@@ -186,6 +186,12 @@ def test_what_umo_cannot_see_is_checked_before_it(engine, model):
     for bad in ({"seed": -1}, {"target": 1 << 32}, {"axes": "blender"}):
         with pytest.raises(ValueError):
             engine.session(16000, **bad)
+    with engine.session(16000) as session:
+        for call in (lambda: session.set_seed(1 << 64), lambda: session.interrupt(-1), lambda: session.interrupt(2**32)):
+            with pytest.raises(ValueError):
+                call()
+        with pytest.raises(umo.Error):
+            session.interrupt(11)
     with pytest.raises(ValueError, match="gain_nose"):
         umo.animate(np.zeros(1600), 16000, model=model, parameters={"gain_nose": 1})
 

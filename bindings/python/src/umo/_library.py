@@ -267,16 +267,22 @@ def chosen(what: str, among: dict[str, int], name: str) -> int:
     return among[name]
 
 
+def fitting(name: str, value: int, kind: Any) -> int:
+    """A number that its C type can hold: ctypes would cut any other."""
+    bits = 8 * ctypes.sizeof(kind)
+    if not 0 <= value < 1 << bits:
+        raise ValueError(f"{name} {value}: expected a whole number of {bits} bits, not negative")
+    return value
+
+
 def set_fields(config: Any, **values: Any) -> None:
-    """Sets what is not None. ctypes would cut numbers that are too large: they are refused."""
+    """Sets what is not None."""
+    kinds = dict(config._fields_)
     for name, value in values.items():
-        if value is None:
-            continue
         if isinstance(value, int):
-            kind = dict(config._fields_)[name]
-            if not 0 <= value < 1 << 8 * ctypes.sizeof(kind):
-                raise ValueError(f"{name} {value}: expected a whole number of {8 * ctypes.sizeof(kind)} bits, not negative")
-        setattr(config, name, value)
+            fitting(name, value, kinds[name])
+        if value is not None:
+            setattr(config, name, value)
 
 
 def _free(free: Callable[[int], int], handle: int) -> None:

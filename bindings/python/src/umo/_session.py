@@ -199,7 +199,8 @@ class Session(_library.Handle):
 
     def interrupt(self, ease: float = 0.2) -> None:
         """Drops everything that is not shown yet and eases to rest within `ease` seconds. What is pushed then follows."""
-        self._check(lib.umo_session_interrupt(self._handle, _ms(ease)))
+        ms = _library.fitting("ease", round(ease * 1e3), ctypes.c_uint32)
+        self._check(lib.umo_session_interrupt(self._handle, ms))
 
     def reset(self) -> None:
         """Back to the start: what follows is what a new session gives."""
@@ -240,7 +241,7 @@ class Session(_library.Handle):
 
     def set_seed(self, seed: int) -> None:
         """The seed of draws from the next chunk on."""
-        self._check(lib.umo_session_set_seed(self._handle, seed))
+        self._check(lib.umo_session_set_seed(self._handle, _library.fitting("seed", seed, ctypes.c_uint64)))
 
     def latency(self) -> Latency:
         """How far motion is behind speech."""
