@@ -1,31 +1,61 @@
-# find_package(umo) gives the targets umo::umo, the shared library, and umo::static, and the variable umo_MODEL_DIR.
+# find_package(umo) gives the targets umo::umo, the shared library (the static one where no shared one was installed), and
+# umo::static, and the variable umo_MODEL_DIR.
 
-get_filename_component(_umo_prefix "${CMAKE_CURRENT_LIST_DIR}/../../.." ABSOLUTE)
+# Up from here to where the header is: packagers move this file. Links are followed, for systems where /lib is one.
+get_filename_component(_umo_prefix "${CMAKE_CURRENT_LIST_DIR}" REALPATH)
+foreach(_umo_step RANGE 1 4)
+  get_filename_component(_umo_prefix "${_umo_prefix}" DIRECTORY)
+  if(EXISTS "${_umo_prefix}/include/umo.h")
+    break()
+  endif()
+endforeach()
+if(NOT EXISTS "${_umo_prefix}/include/umo.h")
+  set(umo_FOUND FALSE)
+  set(umo_NOT_FOUND_MESSAGE "include/umo.h is in no folder above ${CMAKE_CURRENT_LIST_DIR}")
+  return()
+endif()
 set(umo_MODEL_DIR "${_umo_prefix}/share/umo/models")
 
-find_package(Threads QUIET)
-
-if(NOT TARGET umo::umo)
-  add_library(umo::umo SHARED IMPORTED)
-  set_target_properties(umo::umo PROPERTIES INTERFACE_INCLUDE_DIRECTORIES "${_umo_prefix}/include")
-  if(WIN32)
-    set_target_properties(umo::umo PROPERTIES
-      IMPORTED_LOCATION "${_umo_prefix}/bin/umo.dll"
-      IMPORTED_IMPLIB "${_umo_prefix}/lib/umo.dll.lib")
-  elseif(APPLE)
-    set_target_properties(umo::umo PROPERTIES IMPORTED_LOCATION "${_umo_prefix}/lib/libumo.dylib")
-  else()
-    set_target_properties(umo::umo PROPERTIES IMPORTED_LOCATION "${_umo_prefix}/lib/libumo.so")
-  endif()
+set(_umo_implib "")
+set(_umo_static "${_umo_prefix}/lib/libumo.a")
+if(WIN32)
+  set(_umo_shared "${_umo_prefix}/bin/umo.dll")
+  set(_umo_implib "${_umo_prefix}/lib/umo.dll.lib")
+elseif(APPLE)
+  set(_umo_shared "${_umo_prefix}/lib/libumo.dylib")
+else()
+  set(_umo_shared "${_umo_prefix}/lib/libumo.so")
 endif()
 
-if(NOT WIN32 AND NOT TARGET umo::static)
+if(EXISTS "${_umo_static}" AND NOT TARGET umo::static)
+  include(CMakeFindDependencyMacro)
+  find_dependency(Threads)
   add_library(umo::static STATIC IMPORTED)
   set_target_properties(umo::static PROPERTIES
-    IMPORTED_LOCATION "${_umo_prefix}/lib/libumo.a"
+    IMPORTED_LOCATION "${_umo_static}"
     INTERFACE_INCLUDE_DIRECTORIES "${_umo_prefix}/include"
     INTERFACE_COMPILE_DEFINITIONS UMO_STATIC
     INTERFACE_LINK_LIBRARIES "Threads::Threads;${CMAKE_DL_LIBS};m")
 endif()
 
-set(umo_FOUND TRUE)
+if(NOT TARGET umo::umo)
+  if(EXISTS "${_umo_shared}")
+    add_library(umo::umo SHARED IMPORTED)
+    set_target_properties(umo::umo PROPERTIES
+      IMPORTED_LOCATION "${_umo_shared}"
+      INTERFACE_INCLUDE_DIRECTORIES "${_umo_prefix}/include")
+    if(_umo_implib)
+      set_target_properties(umo::umo PROPERTIES IMPORTED_IMPLIB "${_umo_implib}")
+    endif()
+  elseif(TARGET umo::static)
+    add_library(umo::umo INTERFACE IMPORTED)
+    set_target_properties(umo::umo PROPERTIES INTERFACE_LINK_LIBRARIES umo::static)
+  else()
+    set(umo_FOUND FALSE)
+    set(umo_NOT_FOUND_MESSAGE "there is neither ${_umo_shared} nor ${_umo_static}")
+  endif()
+endif()
+
+foreach(_umo_variable prefix step shared implib static)
+  unset(_umo_${_umo_variable})
+endforeach()

@@ -1,0 +1,38 @@
+"""A living avatar from speech: samples in; face, hands, upper and lower body out, 30 frames a second, on the CPU.
+
+| | |
+|---|---|
+| `animate(samples, rate)` | a whole recording to a `Motion` of numpy arrays |
+| `stream(chunks, rate)` | frames as they come from audio as it comes |
+| `Model`, `Engine`, `Session` | a live avatar: one thread pushes audio, another pulls frames or samples poses |
+| `Error`, `Status` | what went wrong, in umo's own words |
+"""
+
+from ._animate import animate, stream
+from ._engine import Engine
+from ._library import Error, Status, lib as _lib
+from ._model import Model
+from ._motion import JOINTS, VISEMES, Frame, Motion
+from ._session import Idle, Latency, Parameter, Sampled, Session, Stats
+
+__version__: str = _lib.umo_version().decode()
+
+__all__ = [
+    "JOINTS",
+    "VISEMES",
+    "Engine",
+    "Error",
+    "Frame",
+    "Idle",
+    "Latency",
+    "Model",
+    "Motion",
+    "Parameter",
+    "Sampled",
+    "Session",
+    "Stats",
+    "Status",
+    "__version__",
+    "animate",
+    "stream",
+]

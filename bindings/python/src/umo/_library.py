@@ -1,0 +1,312 @@
+"""What umo.h declares, for ctypes: the shared library beside this file, its structures, constants and functions.
+
+ctypes gives the interpreter's lock away in every call, so other Python threads run meanwhile.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import enum
+import sys
+import time
+import weakref
+from ctypes import POINTER, byref, c_char_p, c_double, c_float, c_int32, c_size_t, c_uint32, c_uint64, c_void_p
+from pathlib import Path
+from typing import Any, Callable, TypeVar
+
+FOLDER = Path(__file__).resolve().parent
+MODEL = FOLDER / "umo-small.safetensors"
+
+ABI_VERSION = 1
+ABSENT = 0xFFFF_FFFF
+JOINT_COUNT = 55
+VISEME_COUNT = 15
+ERROR_SIZE = 512
+ENGINE_THREADS, ENGINE_POLLED = 0, 1
+MODEL_NAME, MODEL_LICENSE, MODEL_NOTICE, MODEL_ISA = 1, 2, 3, 4
+PARAMETER_WHOLE = 1
+PARAMETERS = {
+    "temperature": 1,
+    "top_k": 2,
+    "top_p": 3,
+    "idle": 4,
+    "gain_face": 16,
+    "gain_hands": 17,
+    "gain_upper": 18,
+    "gain_lower": 19,
+}
+AXES = {"gltf": 0, "unreal": 1, "unity": 2}
+PRECISIONS = {"stored": 0, "f32": 1, "bf16": 2, "int8": 3}
+ISAS = {"best": 0, "scalar": 1, "avx2": 2, "avx512vnni": 3, "amx": 4}
+
+
+class Status(enum.IntEnum):
+    """What a call came to: the numbers of umo.h."""
+
+    OK = 0
+    NULL_POINTER = -1
+    INVALID_HANDLE = -2
+    INVALID_ARGUMENT = -3
+    STRUCT_SIZE = -4
+    BUFFER_TOO_SMALL = -5
+    VERSION = -6
+    IO = -7
+    MODEL = -8
+    OUT_OF_MEMORY = -9
+    FULL = -10
+    BUSY = -11
+    FINISHED = -12
+    FAILED = -13
+    CLOSED = -14
+    PANIC = -15
+    UNSUPPORTED = -16
+    STATE = -17
+    THREAD = -18
+
+
+class Error(RuntimeError):
+    """A call of umo that failed: its text is umo's own, `status` says what kind it is."""
+
+    def __init__(self, status: int, text: str) -> None:
+        super().__init__(text)
+        self.status = Status(status) if status in Status.__members__.values() else status
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Error, (int(self.status), str(self))
+
+
+class ModelConfig(ctypes.Structure):
+    _fields_ = [("struct_size", c_uint32), ("precision", c_uint32), ("isa", c_uint32), ("reserved", c_uint32), ("log", c_void_p)]
+
+
+class ModelInfo(ctypes.Structure):
+    _fields_ = [
+        (name, c_uint32)
+        for name in (
+            *("struct_size", "frame_rate", "sample_rate", "joints", "channels", "is_arkit", "keyframe_stride", "target"),
+            *("max_target", "lookahead", "latency_frames", "max_prompt", "has_text", "has_notice"),
+        )
+    ] + [("file_size", c_uint64)]
+
+
+class EngineConfig(ctypes.Structure):
+    _fields_ = [
+        *((name, c_uint32) for name in ("struct_size", "mode", "threads", "max_sessions", "max_batch", "core_count")),
+        ("cores", POINTER(c_uint32)),
+        ("jobs", c_void_p),
+        ("log", c_void_p),
+    ]
+
+
+class SessionConfig(ctypes.Structure):
+    _fields_ = [
+        *(
+            (name, c_uint32)
+            for name in (
+                *("struct_size", "sample_rate", "channels", "target", "lookahead", "idle", "idle_after_ms", "ease_ms"),
+                *("queue_frames", "reserved"),
+            )
+        ),
+        ("seed", c_uint64),
+        ("template_name", c_char_p),
+        ("allocator", c_void_p),
+    ]
+
+
+class FrameLayout(ctypes.Structure):
+    _fields_ = [
+        (name, c_uint32)
+        for name in (
+            *("struct_size", "axes", "frame_stride", "index", "sample", "translation", "rotations", "rotation_stride"),
+            *("channels", "channel_stride", "visemes", "reserved"),
+        )
+    ]
+
+
+class ParameterInfo(ctypes.Structure):
+    _fields_ = [
+        *((name, c_uint32) for name in ("struct_size", "id", "flags", "reserved")),
+        ("minimum", c_double),
+        ("maximum", c_double),
+        ("name", c_char_p),
+    ]
+
+
+class Sampled(ctypes.Structure):
+    _fields_ = [("struct_size", c_uint32), ("is_ahead", c_uint32), ("oldest", c_double), ("newest", c_double)]
+
+
+class Latency(ctypes.Structure):
+    _fields_ = [
+        ("struct_size", c_uint32),
+        ("reserved", c_uint32),
+        ("algorithmic_samples", c_uint64),
+        *((name, c_double) for name in ("compute_p50", "compute_p99", "compute_p999", "compute_max")),
+    ]
+
+
+class Stats(ctypes.Structure):
+    _fields_ = [
+        ("struct_size", c_uint32),
+        ("reserved", c_uint32),
+        *((name, c_uint64) for name in ("chunks", "frames", "late_frames", "dropped_frames", "overruns", "silenced")),
+    ]
+
+
+STRUCTURES = {
+    "umo_model_config": ModelConfig,
+    "umo_model_info": ModelInfo,
+    "umo_engine_config": EngineConfig,
+    "umo_session_config": SessionConfig,
+    "umo_frame_layout": FrameLayout,
+    "umo_parameter_info": ParameterInfo,
+    "umo_sampled": Sampled,
+    "umo_latency": Latency,
+    "umo_stats": Stats,
+}
+
+_U32, _SIZE, _TEXT, _HANDLE = c_uint32, c_size_t, c_char_p, c_void_p
+_OUT = POINTER(c_void_p)
+# What each function takes. Those that are not in _RESULTS return a status.
+_ARGUMENTS: dict[str, list[Any]] = {
+    "umo_abi_version": [],
+    "umo_version": [],
+    "umo_status_message": [c_int32],
+    "umo_last_error": [],
+    "umo_joint_name": [_U32],
+    "umo_viseme_name": [_U32],
+    "umo_model_config_init": [POINTER(ModelConfig), _SIZE],
+    "umo_model_load": [_U32, _TEXT, POINTER(ModelConfig), _OUT],
+    "umo_model_load_memory": [_U32, _HANDLE, _SIZE, POINTER(ModelConfig), _OUT],
+    "umo_model_free": [_HANDLE],
+    "umo_model_get_info": [_HANDLE, POINTER(ModelInfo)],
+    "umo_model_get_text": [_HANDLE, _U32, POINTER(_TEXT)],
+    "umo_model_get_channel_name": [_HANDLE, _U32, POINTER(_TEXT)],
+    "umo_model_get_skeleton": [_HANDLE, _U32, POINTER(c_int32), POINTER(c_float), _SIZE],
+    "umo_model_encode_text": [_HANDLE, _TEXT, _SIZE, POINTER(_U32), _SIZE, POINTER(_SIZE)],
+    "umo_frame_layout_init": [POINTER(FrameLayout), _SIZE, _HANDLE],
+    "umo_engine_config_init": [POINTER(EngineConfig), _SIZE],
+    "umo_engine_new": [_HANDLE, POINTER(EngineConfig), _OUT],
+    "umo_engine_free": [_HANDLE],
+    "umo_engine_poll": [_HANDLE, _U32, POINTER(_U32)],
+    "umo_parameter_get_info": [_U32, POINTER(ParameterInfo)],
+    "umo_session_config_init": [POINTER(SessionConfig), _SIZE, _HANDLE],
+    "umo_session_memory": [_HANDLE, POINTER(SessionConfig), POINTER(_SIZE), POINTER(_SIZE)],
+    "umo_session_new": [_HANDLE, POINTER(SessionConfig), _OUT],
+    "umo_session_free": [_HANDLE],
+    "umo_session_last_error": [_HANDLE, _TEXT, _SIZE, POINTER(_SIZE)],
+    "umo_session_push_audio": [_HANDLE, c_void_p, _SIZE, POINTER(_SIZE)],
+    "umo_session_push_audio_i16": [_HANDLE, c_void_p, _SIZE, POINTER(_SIZE)],
+    "umo_session_finish": [_HANDLE],
+    "umo_session_interrupt": [_HANDLE, _U32],
+    "umo_session_reset": [_HANDLE],
+    "umo_session_pull_frames": [_HANDLE, POINTER(FrameLayout), c_void_p, _SIZE, POINTER(_SIZE)],
+    "umo_session_ready_frames": [_HANDLE, POINTER(_SIZE)],
+    "umo_session_sample_pose": [_HANDLE, c_double, POINTER(FrameLayout), c_void_p, _SIZE, POINTER(Sampled)],
+    "umo_session_set_prompt": [_HANDLE, _TEXT, _SIZE],
+    "umo_session_set_prompt_ids": [_HANDLE, POINTER(_U32), _SIZE],
+    "umo_session_set_seed": [_HANDLE, c_uint64],
+    "umo_session_set_parameter": [_HANDLE, _U32, c_double],
+    "umo_session_get_parameter": [_HANDLE, _U32, POINTER(c_double)],
+    "umo_session_latency": [_HANDLE, POINTER(Latency)],
+    "umo_session_stats": [_HANDLE, POINTER(Stats)],
+}
+_RESULTS = {
+    "umo_abi_version": _U32,
+    "umo_version": _TEXT,
+    "umo_status_message": _TEXT,
+    "umo_last_error": _TEXT,
+    "umo_joint_name": _TEXT,
+    "umo_viseme_name": _TEXT,
+}
+
+
+def _open() -> ctypes.CDLL:
+    name = {"win32": "umo.dll", "darwin": "libumo.dylib"}.get(sys.platform, "libumo.so")
+    library = ctypes.CDLL(str(FOLDER / name))
+    for function, arguments in _ARGUMENTS.items():
+        entry = getattr(library, function)
+        entry.argtypes, entry.restype = arguments, _RESULTS.get(function, c_int32)
+    return library
+
+
+lib: Any = _open()
+
+
+def error(status: int, detail: str = "") -> Error:
+    """A failure's exception: the detail, or what the status says where there is none."""
+    return Error(status, detail or lib.umo_status_message(status).decode())
+
+
+def check(status: int) -> None:
+    """Raises where a call that names no session failed."""
+    if status != Status.OK:
+        raise error(status, lib.umo_last_error().decode())
+
+
+def check_session(handle: int, status: int) -> None:
+    """Raises where a call on a session failed."""
+    if status == Status.OK:
+        return
+    text = ctypes.create_string_buffer(ERROR_SIZE)
+    got = lib.umo_session_last_error(handle, text, ERROR_SIZE, None)
+    raise error(status, text.value.decode() if got == Status.OK else "")
+
+
+def filled(kind: Any, fill: Callable[[Any], int]) -> Any:
+    """A structure that a call writes once `struct_size` is set."""
+    structure = kind(struct_size=ctypes.sizeof(kind))
+    check(fill(byref(structure)))
+    return structure
+
+
+def chosen(what: str, among: dict[str, int], name: str) -> int:
+    """The number of a name."""
+    if name not in among:
+        raise ValueError(f"{what} {name!r}: expected one of {', '.join(among)}")
+    return among[name]
+
+
+def fitting(name: str, value: int, kind: Any) -> int:
+    """A number that its C type can hold: ctypes would cut any other."""
+    bits = 8 * ctypes.sizeof(kind)
+    if not 0 <= value < 1 << bits:
+        raise ValueError(f"{name} {value}: expected a whole number of {bits} bits, not negative")
+    return value
+
+
+def set_fields(config: Any, **values: Any) -> None:
+    """Sets what is not None."""
+    kinds = dict(config._fields_)
+    for name, value in values.items():
+        if isinstance(value, int):
+            fitting(name, value, kinds[name])
+        if value is not None:
+            setattr(config, name, value)
+
+
+def _free(free: Callable[[int], int], handle: int) -> None:
+    # Another thread's call on it ends soon.
+    while free(handle) == Status.BUSY:
+        time.sleep(0.0005)
+
+
+Self = TypeVar("Self", bound="Handle")
+
+
+class Handle:
+    """An object of the library, freed when it is closed, left (`with`), forgotten, or when Python ends."""
+
+    def __init__(self, handle: int, free: Callable[[int], int]) -> None:
+        self._handle = handle
+        self._finalizer = weakref.finalize(self, _free, free, handle)
+
+    def close(self) -> None:
+        """Frees it. Whatever is called on it later says that the handle was freed."""
+        self._finalizer()
+
+    def __enter__(self: Self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

@@ -1,0 +1,164 @@
+"""Models."""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import os
+import warnings
+from ctypes import byref
+from typing import Any, Union
+
+import numpy as np
+import numpy.typing as npt
+
+from . import _library
+from ._library import lib
+
+
+class Model(_library.Handle):
+    """A loaded model: immutable, to be shared by any number of engines and threads.
+
+    `source` is a path, the bytes of a model file, or None for the model that comes with the package. `precision` is
+    `"stored"`, `"f32"`, `"bf16"` or `"int8"`; `isa` caps the instructions: `"best"`, `"scalar"`, `"avx2"`, `"avx512vnni"`
+    or `"amx"`. Where users must be told something about the model, that is a warning.
+    """
+
+    def __init__(
+        self,
+        source: Union[str, os.PathLike[str], bytes, bytearray, memoryview, None] = None,
+        *,
+        precision: str = "stored",
+        isa: str = "best",
+    ) -> None:
+        config, handle = _library.ModelConfig(), ctypes.c_void_p()
+        _library.check(lib.umo_model_config_init(config, ctypes.sizeof(config)))
+        config.precision = _library.chosen("precision", _library.PRECISIONS, precision)
+        config.isa = _library.chosen("isa", _library.ISAS, isa)
+        if isinstance(source, (bytes, bytearray, memoryview)):
+            data = np.frombuffer(source, np.uint8)
+            status = lib.umo_model_load_memory(_library.ABI_VERSION, data.ctypes.data, data.size, config, byref(handle))
+        else:
+            path = os.fspath(_library.MODEL if source is None else source).encode()
+            if b"\0" in path:
+                raise ValueError("a path has no zero bytes")
+            status = lib.umo_model_load(_library.ABI_VERSION, path, config, byref(handle))
+        _library.check(status)
+        super().__init__(handle.value or 0, lib.umo_model_free)
+        # Read once: they do not change, and are still there when the model is closed.
+        self._info = _library.filled(_library.ModelInfo, lambda info: lib.umo_model_get_info(self._handle, info))
+        self._channels = tuple(self._text(lib.umo_model_get_channel_name, i) for i in range(self._info.channels))
+        if self._info.has_notice:
+            warnings.warn(f"{self.name}: {self.notice}", stacklevel=2)
+
+    def _text(self, get: Any, which: int) -> str:
+        text = ctypes.c_char_p()
+        _library.check(get(self._handle, which, byref(text)))
+        return (text.value or b"").decode()
+
+    @property
+    def name(self) -> str:
+        """Name of the model."""
+        return self._text(lib.umo_model_get_text, _library.MODEL_NAME)
+
+    @property
+    def license(self) -> str:
+        """Licence of its weights."""
+        return self._text(lib.umo_model_get_text, _library.MODEL_LICENSE)
+
+    @property
+    def notice(self) -> str:
+        """What users must be told about it; empty where there is nothing."""
+        return self._text(lib.umo_model_get_text, _library.MODEL_NOTICE)
+
+    @property
+    def isa(self) -> str:
+        """The instructions that it was packed for, as `avx512vnni`."""
+        return self._text(lib.umo_model_get_text, _library.MODEL_ISA)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the face channels, as `jawOpen`."""
+        return self._channels
+
+    @property
+    def is_arkit(self) -> bool:
+        """Whether face channels are the 52 ARKit blendshapes, 0 to 1, else SMPL-X expression coefficients."""
+        return bool(self._info.is_arkit)
+
+    @property
+    def has_text(self) -> bool:
+        """Whether texts can be prompts."""
+        return bool(self._info.has_text)
+
+    @property
+    def frame_rate(self) -> int:
+        """Frames per second: 30."""
+        return int(self._info.frame_rate)
+
+    @property
+    def sample_rate(self) -> int:
+        """Samples per second that the model hears; sessions take any rate and resample."""
+        return int(self._info.sample_rate)
+
+    @property
+    def latency_frames(self) -> int:
+        """Frames of future speech that a frame needs at most, by default."""
+        return int(self._info.latency_frames)
+
+    @property
+    def target(self) -> int:
+        """Keyframes predicted per chunk by default."""
+        return int(self._info.target)
+
+    @property
+    def max_target(self) -> int:
+        """Most keyframes per chunk."""
+        return int(self._info.max_target)
+
+    @property
+    def lookahead(self) -> int:
+        """Frames held back by default."""
+        return int(self._info.lookahead)
+
+    @property
+    def keyframe_stride(self) -> int:
+        """Frames from one keyframe to the next."""
+        return int(self._info.keyframe_stride)
+
+    @property
+    def max_prompt(self) -> int:
+        """Most ids of a prompt."""
+        return int(self._info.max_prompt)
+
+    @property
+    def file_size(self) -> int:
+        """Bytes of the model file."""
+        return int(self._info.file_size)
+
+    def skeleton(self, axes: str = "gltf") -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]:
+        """The bones: each joint's parent [55], -1 for the first, and where it is in its parent's frame at rest [55, 3]."""
+        parents = np.empty(_library.JOINT_COUNT, np.int32)
+        offsets = np.empty((_library.JOINT_COUNT, 3), np.float32)
+        status = lib.umo_model_get_skeleton(
+            self._handle,
+            _library.chosen("axes", _library.AXES, axes),
+            parents.ctypes.data_as(ctypes.POINTER(ctypes.c_int32)),
+            offsets.ctypes.data_as(ctypes.POINTER(ctypes.c_float)),
+            _library.JOINT_COUNT,
+        )
+        _library.check(status)
+        return parents, offsets
+
+    def encode_text(self, text: str) -> npt.NDArray[np.uint32]:
+        """The ids of a prompt, for `Session.set_prompt`."""
+        ids, count, bytes_ = np.empty(self.max_prompt, np.uint32), ctypes.c_size_t(), text.encode()
+        pointer = ids.ctypes.data_as(ctypes.POINTER(ctypes.c_uint32))
+        _library.check(lib.umo_model_encode_text(self._handle, bytes_, len(bytes_), pointer, ids.size, byref(count)))
+        return ids[: count.value]
+
+
+@functools.lru_cache(maxsize=None)
+def default_model() -> Model:
+    """The model that comes with the package, loaded once."""
+    return Model()

@@ -1,0 +1,169 @@
+"""Frames as numpy arrays."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Optional, Union, overload
+
+import numpy as np
+import numpy.typing as npt
+
+from . import _library
+from ._library import lib
+
+Floats = npt.NDArray[np.float32]
+
+JOINTS: tuple[str, ...] = tuple(lib.umo_joint_name(i).decode() for i in range(_library.JOINT_COUNT))
+VISEMES: tuple[str, ...] = tuple(lib.umo_viseme_name(i).decode() for i in range(_library.VISEME_COUNT))
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One pose."""
+
+    index: int
+    """Number of the frame since the start or the last reset."""
+    sample: int
+    """Sample of each channel of the pushed audio that it belongs to."""
+    time: float
+    """Seconds: `index` over the frame rate."""
+    translation: Floats
+    """[3]: where the root is."""
+    rotations: Floats
+    """[55, 4]: each joint of `umo.JOINTS` in its parent's frame, unit quaternions x y z w."""
+    face: Floats
+    """[C]: the channels of `Model.channels`."""
+    visemes: Optional[Floats]
+    """[15]: how much the mouth is each of `umo.VISEMES`; None where the model has no ARKit channels."""
+
+
+class Motion:
+    """Frames in a row: arrays over one block of memory, not copied."""
+
+    def __init__(self, frames: npt.NDArray[Any], rate: int, names: tuple[str, ...]) -> None:
+        self.frames = frames
+        """The structured array: fields index, sample, translation, rotations, face and, with ARKit channels, visemes."""
+        self.rate = rate
+        """Frames per second."""
+        self.names = names
+        """The face channels."""
+
+    @property
+    def index(self) -> npt.NDArray[np.uint64]:
+        """[T]: numbers of the frames since the start or the last reset."""
+        return self.frames["index"]
+
+    @property
+    def sample(self) -> npt.NDArray[np.uint64]:
+        """[T]: samples of the pushed audio that the frames belong to."""
+        return self.frames["sample"]
+
+    @property
+    def times(self) -> npt.NDArray[np.float64]:
+        """[T]: seconds."""
+        return self.index / float(self.rate)
+
+    @property
+    def translation(self) -> Floats:
+        """[T, 3]: where the root is."""
+        return self.frames["translation"]
+
+    @property
+    def rotations(self) -> Floats:
+        """[T, 55, 4]: each joint of `umo.JOINTS` in its parent's frame, unit quaternions x y z w."""
+        return self.frames["rotations"]
+
+    @property
+    def face(self) -> Floats:
+        """[T, C]: the channels `names`."""
+        return self.frames["face"]
+
+    @property
+    def visemes(self) -> Optional[Floats]:
+        """[T, 15]: how much the mouth is each of `umo.VISEMES`; None where the model has no ARKit channels."""
+        return self.frames["visemes"] if "visemes" in (self.frames.dtype.names or ()) else None
+
+    def channel(self, name: str) -> Floats:
+        """[T]: one face channel, as `jawOpen`."""
+        if name not in self.names:
+            raise KeyError(f"{name}: the model's channels are {', '.join(self.names)}")
+        return self.face[:, self.names.index(name)]
+
+    def joint(self, name: str) -> Floats:
+        """[T, 4]: one joint's rotations."""
+        if name not in JOINTS:
+            raise KeyError(f"{name}: the joints are {', '.join(JOINTS)}")
+        return self.rotations[:, JOINTS.index(name)]
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def __iter__(self) -> Iterator[Frame]:
+        return (self[i] for i in range(len(self)))
+
+    @overload
+    def __getitem__(self, key: int) -> Frame: ...
+    @overload
+    def __getitem__(self, key: slice) -> Motion: ...
+    def __getitem__(self, key: Union[int, slice]) -> Union[Frame, Motion]:
+        if isinstance(key, slice):
+            return Motion(self.frames[key], self.rate, self.names)
+        frame = self.frames[key]
+        return Frame(
+            int(frame["index"]),
+            int(frame["sample"]),
+            int(frame["index"]) / self.rate,
+            frame["translation"],
+            frame["rotations"],
+            frame["face"],
+            frame["visemes"] if self.visemes is not None else None,
+        )
+
+    def __repr__(self) -> str:
+        return f"<umo.Motion: {len(self)} frames of {len(JOINTS)} joints and {len(self.names)} face channels>"
+
+
+class Layout:
+    """How the library writes frames, and the same for numpy."""
+
+    def __init__(self, model: Any, axes: str) -> None:
+        layout = _library.FrameLayout()
+        _library.check(lib.umo_frame_layout_init(layout, ctypes.sizeof(layout), model._handle))
+        layout.axes = _library.chosen("axes", _library.AXES, axes)
+        self.raw = layout
+        self.rate = model.frame_rate
+        self.names = model.channels
+        fields = {
+            "index": (np.uint64, layout.index),
+            "sample": (np.uint64, layout.sample),
+            "translation": ((np.float32, 3), layout.translation),
+            "rotations": ((np.float32, (_library.JOINT_COUNT, 4)), layout.rotations),
+            "face": ((np.float32, len(self.names)), layout.channels),
+            "visemes": ((np.float32, _library.VISEME_COUNT), layout.visemes),
+        }
+        present = {name: field for name, field in fields.items() if field[1] != _library.ABSENT}
+        self.dtype = np.dtype(
+            {
+                "names": list(present),
+                "formats": [kind for kind, _ in present.values()],
+                "offsets": [offset for _, offset in present.values()],
+                "itemsize": layout.frame_stride,
+            }
+        )
+
+    def empty(self, count: int) -> npt.NDArray[Any]:
+        """Room for frames; zeros, so that the bytes between values are always the same."""
+        return np.zeros(count, self.dtype)
+
+    def motion(self, frames: npt.NDArray[Any]) -> Motion:
+        return Motion(frames, self.rate, self.names)
+
+    def joined(self, parts: list[Motion]) -> Motion:
+        """One motion of several. Copied into room of this layout: numpy's own concatenation would close the gaps."""
+        frames, start = self.empty(sum(map(len, parts))), 0
+        for part in parts:
+            frames[start : start + len(part)] = part.frames
+            start += len(part)
+        return self.motion(frames)

@@ -1,0 +1,272 @@
+"""Sessions: one avatar each, audio in and frames out."""
+
+from __future__ import annotations
+
+import ctypes
+import enum
+from ctypes import byref
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Optional, TypeVar, Union, overload
+
+import numpy as np
+import numpy.typing as npt
+
+from . import _library
+from ._library import lib
+from ._motion import Frame, Layout, Motion
+
+if TYPE_CHECKING:
+    from ._engine import Engine
+
+Number = TypeVar("Number", int, float)
+
+
+class Idle(enum.IntEnum):
+    """What is shown while no audio comes."""
+
+    HOLD = 0
+    """The last pose is held."""
+    REST = 1
+    """`Session.sample` eases to the rest pose."""
+    LIVE = 2
+    """The model runs on silence."""
+
+
+class Latency(NamedTuple):
+    """How far motion is behind speech."""
+
+    algorithmic_samples: int
+    """Samples of future audio, at the session's rate, that a frame needs at most: what no processor can shorten."""
+    compute_p50: float
+    """Seconds from a chunk's last sample, or the end of the chunk before where that is later, to its frames: median."""
+    compute_p99: float
+    """Its 99th percentile."""
+    compute_p999: float
+    """Its 99.9th percentile."""
+    compute_max: float
+    """Its largest."""
+
+
+class Stats(NamedTuple):
+    """What a session went through."""
+
+    chunks: int
+    """Chunks computed."""
+    frames: int
+    """Frames computed."""
+    late_frames: int
+    """Frames whose chunk was done later than real time needs it."""
+    dropped_frames: int
+    """Frames that an interrupt or a reset dropped before they were shown."""
+    overruns: int
+    """Samples of each channel that were not taken because there was no room."""
+    silenced: int
+    """Samples that were no usable number and became silence."""
+
+
+class Sampled(NamedTuple):
+    """A pose at a time of the host's own, and which times there were to choose from."""
+
+    frame: Frame
+    is_ahead: bool
+    """Whether the time asked for was later than the newest frame."""
+    oldest: float
+    """Seconds of the oldest frame that is still there."""
+    newest: float
+    """Seconds of the newest frame that is ready."""
+
+
+class Parameter(Generic[Number]):
+    """A setting that may change while a session runs: `session.gain_face = 0.5`, `Session.gain_face.maximum`."""
+
+    def __init__(self, name: str, doc: str) -> None:
+        self.name, self.__doc__ = name, doc
+        self.id = _library.PARAMETERS[name]
+        info = next(info for info in _parameters() if info.id == self.id)
+        self.minimum: float = info.minimum
+        """Least value."""
+        self.maximum: float = info.maximum
+        """Largest value."""
+        self.is_whole: bool = bool(info.flags & _library.PARAMETER_WHOLE)
+        """Whether only whole numbers are allowed."""
+
+    @overload
+    def __get__(self, session: None, owner: Any) -> Parameter[Number]: ...
+    @overload
+    def __get__(self, session: Session, owner: Any) -> Number: ...
+    def __get__(self, session: Optional[Session], owner: Any) -> Any:
+        if session is None:
+            return self
+        value = ctypes.c_double()
+        session._check(lib.umo_session_get_parameter(session._handle, self.id, byref(value)))
+        return int(value.value) if self.is_whole else value.value
+
+    def __set__(self, session: Session, value: Number) -> None:
+        session._check(lib.umo_session_set_parameter(session._handle, self.id, value))
+
+
+def _parameters() -> list[Any]:
+    """What the library says of every parameter."""
+    found: list[Any] = []
+    while True:
+        info = _library.ParameterInfo(struct_size=ctypes.sizeof(_library.ParameterInfo))
+        status = lib.umo_parameter_get_info(len(found), info)
+        if status == _library.Status.INVALID_ARGUMENT:
+            return found
+        _library.check(status)
+        found.append(info)
+
+
+class Session(_library.Handle):
+    """One avatar. One thread pushes, one pulls or samples, any sets: all at once, if you like.
+
+    `rate` and `channels` are those of the audio; `axes` of the frames: `"gltf"` (and Godot), `"unreal"` or `"unity"`. `target`
+    is how many keyframes are predicted per chunk, `lookahead` how many frames are held back for smoother seams; `idle_after`
+    and `ease` are seconds; `queue` is how many frames may wait to be pulled. `template` is one of the model's templates:
+    `"text_to_motion"` needs no audio. What is None is the model's default.
+    """
+
+    temperature = Parameter[float]("temperature", "How freely codes are drawn: 0 takes the likeliest always.")
+    top_k = Parameter[int]("top_k", "Only this many of the likeliest codes are drawn from; 0 is all.")
+    top_p = Parameter[float]("top_p", "Only the likeliest codes that together reach this probability are drawn from.")
+    idle = Parameter[int]("idle", "What is shown while no audio comes: one of `Idle`.")
+    gain_face = Parameter[float]("gain_face", "How much the face moves: 0 at rest, 1 as computed, 2 exaggerated.")
+    gain_hands = Parameter[float]("gain_hands", "How much the fingers move.")
+    gain_upper = Parameter[float]("gain_upper", "How much spine, neck, head and arms move.")
+    gain_lower = Parameter[float]("gain_lower", "How much pelvis and legs move, and the body through the world.")
+
+    def __init__(
+        self,
+        engine: Engine,
+        rate: Optional[int] = None,
+        channels: int = 1,
+        *,
+        axes: str = "gltf",
+        seed: Optional[int] = None,
+        target: Optional[int] = None,
+        lookahead: Optional[int] = None,
+        idle: Optional[Idle] = None,
+        idle_after: Optional[float] = None,
+        ease: Optional[float] = None,
+        queue: Optional[int] = None,
+        template: Optional[str] = None,
+    ) -> None:
+        self.engine = engine
+        """Who computes it."""
+        config, handle = _library.SessionConfig(), ctypes.c_void_p()
+        _library.check(lib.umo_session_config_init(config, ctypes.sizeof(config), engine.model._handle))
+        _library.set_fields(config, sample_rate=rate, channels=channels, target=target, lookahead=lookahead, seed=seed)
+        _library.set_fields(config, idle=idle, queue_frames=queue, idle_after_ms=_ms(idle_after), ease_ms=_ms(ease))
+        _library.set_fields(config, template_name=None if template is None else template.encode())
+        self._layout = Layout(engine.model, axes)
+        _library.check(lib.umo_session_new(engine._handle, config, byref(handle)))
+        super().__init__(handle.value or 0, lib.umo_session_free)
+        self._rate, self._channels = int(config.sample_rate), channels
+
+    def _check(self, status: int) -> None:
+        _library.check_session(self._handle, status)
+
+    @classmethod
+    def parameters(cls) -> dict[str, Parameter[Any]]:
+        """Every parameter by its name, with its range."""
+        return {name: value for name, value in vars(Session).items() if isinstance(value, Parameter)}
+
+    @property
+    def rate(self) -> int:
+        """Samples per second of the audio that is pushed."""
+        return self._rate
+
+    @property
+    def channels(self) -> int:
+        """Channels of the audio that is pushed."""
+        return self._channels
+
+    def push(self, samples: npt.ArrayLike) -> int:
+        """Takes audio to speak: [samples] interleaved or [samples, channels]; floats of full scale 1, or int16.
+
+        How many rows of `samples` there was room for: push `samples[taken:]` again later.
+        """
+        array = audio(samples)
+        if array.ndim == 2 and array.shape[1] != self._channels:
+            raise ValueError(f"audio of {array.shape[1]} channels for a session of {self._channels}")
+        taken = ctypes.c_size_t()
+        push = lib.umo_session_push_audio_i16 if array.dtype == np.int16 else lib.umo_session_push_audio
+        self._check(push(self._handle, array.ctypes.data, array.size, byref(taken)))
+        return taken.value // array.shape[1] if array.ndim == 2 else taken.value
+
+    def finish(self) -> None:
+        """No more audio: the tail is completed, and floor(seconds * 30) frames come out in all."""
+        self._check(lib.umo_session_finish(self._handle))
+
+    def interrupt(self, ease: float = 0.2) -> None:
+        """Drops everything that is not shown yet and eases to rest within `ease` seconds. What is pushed then follows."""
+        ms = _library.fitting("ease", round(ease * 1e3), ctypes.c_uint32)
+        self._check(lib.umo_session_interrupt(self._handle, ms))
+
+    def reset(self) -> None:
+        """Back to the start: what follows is what a new session gives."""
+        self._check(lib.umo_session_reset(self._handle))
+
+    @property
+    def ready(self) -> int:
+        """How many frames `pull` would give."""
+        count = ctypes.c_size_t()
+        self._check(lib.umo_session_ready_frames(self._handle, byref(count)))
+        return count.value
+
+    def pull(self, most: Optional[int] = None) -> Motion:
+        """The frames that are ready, in order, each once, `most` of them at most. Does not wait: there may be none."""
+        # Room for one where none is ready: the call then says why none will come.
+        frames = self._layout.empty(max(self.ready, 1) if most is None else most)
+        count = ctypes.c_size_t()
+        layout, data = byref(self._layout.raw), frames.ctypes.data
+        self._check(lib.umo_session_pull_frames(self._handle, layout, data, frames.nbytes, byref(count)))
+        return self._layout.motion(frames[: count.value])
+
+    def sample(self, seconds: float) -> Sampled:
+        """The pose at `seconds` of the motion, for a renderer at a rate of its own. Frames before that time are taken."""
+        frames, sampled = self._layout.empty(1), _library.Sampled(struct_size=ctypes.sizeof(_library.Sampled))
+        layout, data = byref(self._layout.raw), frames.ctypes.data
+        self._check(lib.umo_session_sample_pose(self._handle, seconds, layout, data, frames.nbytes, sampled))
+        return Sampled(self._layout.motion(frames)[0], bool(sampled.is_ahead), sampled.oldest, sampled.newest)
+
+    def set_prompt(self, prompt: Union[str, npt.ArrayLike]) -> None:
+        """What the avatar is told, from the next chunk on: a text, or ids of `Model.encode_text`. Nothing ends it."""
+        if isinstance(prompt, str):
+            text = prompt.encode()
+            self._check(lib.umo_session_set_prompt(self._handle, text, len(text)))
+        else:
+            ids = np.ascontiguousarray(prompt, np.uint32)
+            pointer = ids.ctypes.data_as(ctypes.POINTER(ctypes.c_uint32))
+            self._check(lib.umo_session_set_prompt_ids(self._handle, pointer, ids.size))
+
+    def set_seed(self, seed: int) -> None:
+        """The seed of draws from the next chunk on."""
+        self._check(lib.umo_session_set_seed(self._handle, _library.fitting("seed", seed, ctypes.c_uint64)))
+
+    def latency(self) -> Latency:
+        """How far motion is behind speech."""
+        raw = _library.Latency(struct_size=ctypes.sizeof(_library.Latency))
+        self._check(lib.umo_session_latency(self._handle, raw))
+        return Latency(*(getattr(raw, name) for name in Latency._fields))
+
+    def stats(self) -> Stats:
+        """What the session went through so far."""
+        raw = _library.Stats(struct_size=ctypes.sizeof(_library.Stats))
+        self._check(lib.umo_session_stats(self._handle, raw))
+        return Stats(*(getattr(raw, name) for name in Stats._fields))
+
+
+def audio(samples: npt.ArrayLike) -> npt.NDArray[Any]:
+    """Samples as the library takes them: float32 or int16, without gaps."""
+    array = np.asarray(samples)
+    if array.dtype != np.int16:
+        if array.dtype.kind != "f":
+            raise TypeError(f"audio of {array.dtype}: expected floats of full scale 1, or int16")
+        array = array.astype(np.float32, copy=False)
+    if array.ndim not in (1, 2):
+        raise ValueError(f"audio of shape {array.shape}: expected [samples] or [samples, channels]")
+    return np.ascontiguousarray(array)
+
+
+def _ms(seconds: Optional[float]) -> Optional[int]:
+    return None if seconds is None else round(seconds * 1e3)

@@ -1,0 +1,315 @@
+"""Live avatars: threads, settings, errors, ends."""
+
+import gc
+import os
+import pickle
+import subprocess
+import sys
+import threading
+import time
+import weakref
+
+import numpy as np
+import pytest
+
+import umo
+
+
+@pytest.fixture()
+def engine(model):
+    with umo.Engine(model) as engine:
+        yield engine
+
+
+def drain(session, count, seconds=60):
+    """`count` frames of an engine with threads of its own."""
+    parts, end = [], time.monotonic() + seconds
+    while sum(map(len, parts)) < count:
+        assert time.monotonic() < end, "no frames come"
+        parts.append(session.pull())
+        time.sleep(0.002)
+    return parts
+
+
+def test_an_audio_thread_pushes_while_this_one_pulls(engine, hello, whole):
+    samples, rate = hello
+    with engine.session(rate, idle=umo.Idle.HOLD) as session:
+
+        def speak():
+            rest = samples
+            while len(rest):
+                taken = session.push(rest[:480])
+                rest = rest[taken:]
+            session.finish()
+
+        speaker = threading.Thread(target=speak)
+        speaker.start()
+        parts = drain(session, len(whole))
+        speaker.join()
+        assert sum(map(len, parts)) == len(whole)
+        for name in ("translation", "rotations", "face"):
+            assert b"".join(getattr(part, name).tobytes() for part in parts) == getattr(whole, name).tobytes()
+        stats, latency = session.stats(), session.latency()
+        assert stats.frames >= len(whole) and stats.chunks > 0 and stats.silenced == 0
+        assert latency.algorithmic_samples == -(-engine.model.latency_frames * rate // 30)
+        assert 0 < latency.compute_p50 <= latency.compute_p999 <= latency.compute_max
+
+
+def test_other_threads_run_while_a_call_computes(model, hello):
+    """A thread of Python counts while another one is inside of one long poll."""
+    with umo.Engine(model, polled=True, threads=1) as engine, engine.session(hello[1]) as session:
+        session.push(hello[0])
+        counted, done = [0], threading.Event()
+
+        def count():
+            while not done.is_set():
+                counted[0] += 1
+                time.sleep(0.0005)
+
+        counter = threading.Thread(target=count)
+        counter.start()
+        time.sleep(0.01)
+        before, start = counted[0], time.monotonic()
+        engine.poll()
+        during, took = counted[0] - before, time.monotonic() - start
+        done.set()
+        counter.join()
+        assert took > 0.02, "the poll was too short to say anything"
+        assert during >= 5
+
+
+def test_sample_gives_poses_between_frames(model, hello, whole):
+    with umo.Engine(model, polled=True) as engine, engine.session(hello[1]) as session:
+        session.push(hello[0])
+        session.finish()
+        engine.poll()
+        at = session.sample(1.0)
+        assert not at.is_ahead and at.oldest <= 1.0 <= at.newest
+        assert np.array_equal(at.frame.rotations, whole.rotations[30])
+        between = session.sample(1.0 + 0.5 / 30).frame
+        assert np.allclose(between.translation, whole.translation[30:32].mean(0), atol=1e-6)
+        assert not np.array_equal(between.rotations, whole.rotations[30])
+        assert session.sample(1e6).is_ahead
+
+
+def test_interrupt_drops_what_was_not_shown_and_reset_starts_again(model, hello, whole):
+    with umo.Engine(model, polled=True) as engine, engine.session(hello[1], idle=umo.Idle.HOLD) as session:
+
+        def push():
+            rest = hello[0]
+            while len(rest):
+                rest = rest[session.push(rest) :]
+                engine.poll()
+
+        push()
+        shown = session.pull(20)
+        assert len(shown) == 20
+        session.interrupt(0.1)
+        push()
+        after = session.pull()
+        assert after.index[0] == 20 and session.stats().dropped_frames > 0
+        session.reset()
+        push()
+        session.finish()
+        engine.poll()
+        again = session.pull()
+        assert again.index[0] == 0 and len(again) > 100
+        assert again.rotations.tobytes() == whole.rotations[: len(again)].tobytes()
+
+
+def test_parameters_are_properties_with_ranges(engine):
+    with engine.session(16000) as session:
+        for name, parameter in umo.Session.parameters().items():
+            setattr(session, name, parameter.maximum)
+            assert getattr(session, name) == parameter.maximum
+            with pytest.raises(umo.Error, match=name) as caught:
+                setattr(session, name, parameter.maximum + 1)
+            assert caught.value.status is umo.Status.INVALID_ARGUMENT
+            assert getattr(session, name) == parameter.maximum
+        session.idle = umo.Idle.LIVE
+        assert session.idle == umo.Idle.LIVE and isinstance(session.idle, int)
+        with pytest.raises(umo.Error, match="whole"):
+            session.top_k = 1.5
+        assert "gain_face" in umo.Session.gain_face.name and umo.Session.gain_face.__doc__
+
+
+def test_prompts_are_texts_or_ids(engine):
+    ids = engine.model.encode_text("a person waves")
+    assert ids.dtype == np.uint32 and len(ids) > 0
+    with engine.session(16000, template="text_to_motion") as session:
+        session.set_prompt("a person waves")
+        session.set_prompt(ids)
+        session.set_prompt("")
+        session.set_seed(5)
+        with pytest.raises(umo.Error) as caught:
+            session.set_prompt(np.full(engine.model.max_prompt + 1, 3, np.uint32))
+        assert caught.value.status is umo.Status.INVALID_ARGUMENT
+
+
+def test_errors_are_in_umo_s_own_words(model, engine, tmp_path):
+    with pytest.raises(umo.Error, match="nothing-here") as caught:
+        umo.Model(tmp_path / "nothing-here.safetensors")
+    assert caught.value.status is umo.Status.IO
+    with pytest.raises(umo.Error) as caught:
+        umo.Model(b"no model at all")
+    assert caught.value.status is umo.Status.MODEL and len(str(caught.value)) > 10
+    with pytest.raises(umo.Error, match="rate") as caught:
+        engine.session(100)
+    assert caught.value.status is umo.Status.INVALID_ARGUMENT
+    assert pickle.loads(pickle.dumps(caught.value)).status is umo.Status.INVALID_ARGUMENT
+    with pytest.raises(umo.Error) as caught:
+        engine.session(16000, template="no_such_template")
+    with pytest.raises(umo.Error) as caught:
+        engine.poll()
+    assert caught.value.status is umo.Status.UNSUPPORTED
+    with engine.session(16000) as session:
+        session.finish()
+        with pytest.raises(umo.Error) as caught:
+            session.push(np.zeros(10, np.float32))
+        assert caught.value.status is umo.Status.FINISHED and "finish" in str(caught.value)
+
+
+def test_what_umo_cannot_see_is_checked_before_it(engine, model):
+    with engine.session(16000, 2) as session:
+        for bad, error in [
+            (np.zeros(4, np.int32), TypeError),
+            (np.zeros((4, 3), np.float32), ValueError),
+            (np.zeros((2, 2, 2), np.float32), ValueError),
+            (["a"], TypeError),
+        ]:
+            with pytest.raises(error):
+                session.push(bad)
+        assert session.push(np.zeros((5, 2))) == 5
+        assert session.push(np.zeros((5, 4), np.int16)[:, ::2]) == 5
+        with pytest.raises(umo.Error, match="channel"):
+            session.push(np.zeros(3, np.float32))
+    for bad in ({"seed": -1}, {"target": 1 << 32}, {"axes": "blender"}):
+        with pytest.raises(ValueError):
+            engine.session(16000, **bad)
+    with engine.session(16000) as session:
+        for call in (lambda: session.set_seed(1 << 64), lambda: session.interrupt(-1), lambda: session.interrupt(2**32)):
+            with pytest.raises(ValueError):
+                call()
+        with pytest.raises(umo.Error):
+            session.interrupt(11)
+    with pytest.raises(ValueError, match="gain_nose"):
+        umo.animate(np.zeros(1600), 16000, model=model, parameters={"gain_nose": 1})
+
+
+def test_closed_objects_say_so(model, hello):
+    engine = umo.Engine(model)
+    session = engine.session(hello[1])
+    session.close()
+    session.close()
+    for call in (lambda: session.push(hello[0]), session.pull, session.reset, session.stats, lambda: session.idle):
+        with pytest.raises(umo.Error, match="freed") as caught:
+            call()
+        assert caught.value.status is umo.Status.INVALID_HANDLE
+    orphan = engine.session(hello[1])
+    engine.close()
+    with pytest.raises(umo.Error) as caught:
+        orphan.push(hello[0])
+    assert caught.value.status is umo.Status.CLOSED
+    with pytest.raises(umo.Error):
+        engine.session(hello[1])
+
+
+def test_the_notice_of_a_model_is_a_warning(model):
+    if not model.notice:
+        pytest.skip("the default model has no notice")
+    with pytest.warns(UserWarning, match=model.notice):
+        umo.Model().close()
+
+
+def test_the_skeleton_is_in_the_axes_asked_for(model):
+    parents, offsets = model.skeleton()
+    assert parents[0] == -1 and all(0 <= parent < i for i, parent in enumerate(parents) if i)
+    assert offsets.shape == (len(umo.JOINTS), 3)
+    # glTF: the left is +X, up is +Y, metres; Unreal: forward is +X, the right is +Y, up is +Z, centimetres.
+    left, head = umo.JOINTS.index("left_shoulder"), umo.JOINTS.index("head")
+    assert offsets[left, 0] > 0 and offsets[head, 1] > 0
+    x, y, z = offsets.T
+    assert np.allclose(model.skeleton("unreal")[1], 100 * np.stack([z, -x, y], 1), atol=1e-4)
+    assert np.allclose(model.skeleton("unity")[1], np.stack([-x, y, z], 1), atol=1e-6)
+
+
+def test_forgotten_objects_are_freed(model, hello):
+    engine = umo.Engine(model, max_sessions=2)
+    for _ in range(50):
+        session = engine.session(hello[1])
+        session.push(hello[0][:4000])
+        # A circle, which only the collector can undo.
+        session.itself = session
+        gone = weakref.ref(session)
+        del session
+        gc.collect()
+        assert gone() is None
+    # Both places are free again.
+    kept = [engine.session(hello[1]) for _ in range(2)]
+    with pytest.raises(umo.Error) as caught:
+        engine.session(hello[1])
+    assert caught.value.status is umo.Status.FULL
+    del kept
+
+
+def test_python_ends_well_with_everything_open():
+    program = """
+import threading, time, warnings, numpy as np
+warnings.simplefilter("ignore")
+import umo
+engine = umo.Engine()
+sessions = [engine.session(16000, idle=umo.Idle.LIVE) for _ in range(8)]
+def speak():
+    while True:
+        for session in sessions:
+            session.push(np.random.default_rng(0).standard_normal(480).astype("f4"))
+            session.pull()
+threading.Thread(target=speak, daemon=True).start()
+time.sleep(0.3)
+frames = umo.stream(([np.zeros(16000, "f4")] * 3), 16000)
+next(frames)
+print("end")
+"""
+    for _ in range(3):
+        done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
+        assert (done.returncode, done.stdout) == (0, "end\n"), done.stderr
+
+
+def resident():
+    with open("/proc/self/statm", encoding="ascii") as file:
+        return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+def test_a_thousand_sessions_leave_no_memory_behind(model, hello):
+    samples, rate = hello
+    with umo.Engine(model, polled=True, threads=1) as engine:
+
+        def once(i):
+            with engine.session(rate, idle=umo.Idle.HOLD, seed=i) as session:
+                session.push(samples[:20000])
+                engine.poll()
+                assert len(session.pull()) > 0
+
+        for i in range(100):
+            once(i)
+        before = resident()
+        for i in range(1000):
+            once(i)
+        assert resident() - before < 8 << 20, "a session has about 1 MiB"
+
+
+def test_a_thousand_sessions_at_once(model, hello):
+    samples, rate = hello
+    with umo.Engine(model, polled=True, max_sessions=1000) as engine:
+        sessions = [engine.session(rate, idle=umo.Idle.HOLD) for _ in range(1000)]
+        for session in sessions:
+            session.push(samples[:20000])
+        while engine.poll():
+            pass
+        first = sessions[0].pull()
+        assert len(first) > 0
+        for session in sessions[1:]:
+            assert session.pull().frames.tobytes() == first.frames.tobytes()
+        with pytest.raises(umo.Error) as caught:
+            engine.session(rate)
+        assert caught.value.status is umo.Status.FULL
