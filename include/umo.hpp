@@ -242,6 +242,12 @@ public:
         const umo_status status = umo_session_ready_frames(get(), &count);
         return {status, count};
     }
+    /// Whether the stream has ended and every frame was handed out.
+    result<bool> is_done() noexcept {
+        std::uint32_t done = 0;
+        const umo_status status = umo_session_is_done(get(), &done);
+        return {status, done != 0};
+    }
     /// The pose at a time, in the first of `frames`.
     result<umo_sampled> sample(double seconds, frames &frames) noexcept {
         umo_sampled sampled{};

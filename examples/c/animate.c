@@ -129,8 +129,8 @@ int main(int argc, char **argv) {
 
     /* Speech in, frames out, until the last frame of the recording. */
     size_t pushed = 0, shown = 0;
-    const size_t wanted = wav.count / wav.channels * info.frame_rate / wav.rate;
-    while (result == EXIT_SUCCESS && shown < wanted) {
+    uint32_t done = 0;
+    while (result == EXIT_SUCCESS && !done) {
         size_t taken = 0, count = 0;
         if (pushed < wav.count) {
             status = umo_session_push_audio(avatar, wav.samples + pushed, wav.count - pushed, &taken);
@@ -142,6 +142,7 @@ int main(int argc, char **argv) {
         }
         for (size_t i = 0; i < count; i++) print_frame(out, &layout, frames + i * layout.frame_stride, info.channels);
         shown += count;
+        if (status == UMO_STATUS_OK) status = umo_session_is_done(avatar, &done);
         if (status != UMO_STATUS_OK) result = fail("the session failed", status);
     }
     if (result == EXIT_SUCCESS) printf("%zu frames of %s\n", shown, argv[2]);

@@ -210,6 +210,9 @@ static void sessions_refuse_calls(void) {
     FAILS(INVALID_ARGUMENT, umo_session_set_prompt_ids(avatar, many, 1000));
     FAILS(INVALID_ARGUMENT, umo_session_set_prompt(avatar, "\xff", 1));
 
+    uint32_t done = 7;
+    OK(umo_session_is_done(avatar, &done));
+    CHECK(done == 0);
     OK(umo_session_finish(avatar));
     OK(umo_session_finish(avatar));
     FAILS(FINISHED, umo_session_push_audio(avatar, samples, 2, &count));
@@ -217,10 +220,17 @@ static void sessions_refuse_calls(void) {
     compute(engine);
     OK(umo_session_ready_frames(avatar, &count));
     CHECK(count == 30);
+    OK(umo_session_pull_frames(avatar, &layout, frames, 29 * (size_t)layout.frame_stride, &count));
+    OK(umo_session_is_done(avatar, &done));
+    CHECK(count == 29 && done == 0);
     OK(umo_session_pull_frames(avatar, &layout, frames, sizeof frames, &count));
-    CHECK(count == 30);
+    OK(umo_session_is_done(avatar, &done));
+    CHECK(count == 1 && done == 1);
+    OK(umo_session_interrupt(avatar, 100));
+    OK(umo_session_is_done(avatar, &done));
+    CHECK(done == 0);
     OK(umo_session_pull_frames(avatar, &layout, frames, sizeof frames, &count));
-    CHECK(count == 0);
+    CHECK(count == 3); /* the ease */
     OK(umo_session_free(avatar));
     FAILS(INVALID_HANDLE, umo_session_free(avatar));
     FAILS(INVALID_HANDLE, umo_session_push_audio(avatar, samples, 2, &count));
@@ -257,6 +267,9 @@ static void a_full_engine_says_so(void) {
     OK(umo_session_pull_frames(avatars[0], &layout, frames, sizeof frames, &count));
     CHECK(count > 0);
     FAILS(CLOSED, umo_session_pull_frames(avatars[0], &layout, frames, sizeof frames, &count));
+    uint32_t done = 7;
+    FAILS(CLOSED, umo_session_is_done(avatars[0], &done));
+    CHECK(done == 7);
     FAILS(CLOSED, umo_session_push_audio(avatars[1], samples, CHUNK, NULL));
     OK(umo_session_free(avatars[0]));
     OK(umo_session_free(avatars[1]));

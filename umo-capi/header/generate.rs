@@ -9,11 +9,8 @@ pub(crate) fn header() -> String {
     let mut config = cbindgen::Config::from_file(format!("{folder}/cbindgen.toml")).expect("cbindgen.toml is a config");
     config.header = Some(include_str!("head.h").trim_end().to_owned());
     config.after_includes = Some(format!("\n{}", include_str!("macros.h").trim_end()));
-    let mut builder = cbindgen::Builder::new().with_config(config);
-    // The order in which a reader wants them.
-    for module in ["lib", "status", "log", "memory", "model", "frame", "engine", "parameter", "session"] {
-        builder = builder.with_src(format!("{folder}/src/{module}.rs"));
-    }
+    // It finds the other modules from there.
+    let builder = cbindgen::Builder::new().with_config(config).with_src(format!("{folder}/src/lib.rs"));
     let mut text = Vec::new();
     builder.generate().expect("the sources parse").write(&mut text);
     let text = String::from_utf8(text).expect("sources are UTF-8");

@@ -550,14 +550,33 @@ pub unsafe extern "C" fn umo_session_ready_frames(session: *mut UmoSession, coun
     })
 }
 
+/// Whether the stream has ended: `done` becomes 1 when `umo_session_finish` was called and every frame was handed out, by
+/// pulls or by samples; before that 0. A session whose frames are only sampled learns here that no more will come.
+///
+/// Threads: any; not beside a pull. Never allocates, never waits.
+/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `BUSY` (another thread pulls); `FAILED`, `CLOSED`, `PANIC` where the rest will
+/// never come.
+///
+/// # Safety
+/// `done` is NULL or writable.
+#[unsafe(no_mangle)]
+#[must_use]
+pub unsafe extern "C" fn umo_session_is_done(session: *mut UmoSession, done: *mut u32) -> UmoStatus {
+    on(session, |handle| {
+        wanted(done, "done")?;
+        // SAFETY: by this function's own clause.
+        unsafe { put(done, "done", u32::from(handle.session.is_done()?)) }
+    })
+}
+
 /// The pose at `seconds` of the motion (frame index / 30), for a renderer at a rate of its own: rotations turn the shorter
 /// way, all else is linear. Frames before that time are taken as `umo_session_pull_frames` takes them. A time that is
 /// earlier than the oldest frame gives the oldest; one that is later than the newest gives what the idle mode says; times
 /// that go back are held. `sampled` may be NULL.
 ///
 /// Threads: one at a time, beside any other call but a pull. Never allocates, never waits.
-/// Errors: as `umo_session_pull_frames`, but that a session that failed still gives its last pose; `INVALID_ARGUMENT` for a
-/// time that is no number.
+/// Errors: as `umo_session_pull_frames`, and `INVALID_ARGUMENT` for a time that is no number; but a session that failed, or
+/// whose engine is gone, goes on to give its last pose: `umo_session_is_done` says so.
 ///
 /// # Safety
 /// `layout` is NULL or as long as its `struct_size` says; `frame` is NULL or has `size` writable bytes; `sampled` is NULL or

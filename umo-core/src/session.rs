@@ -545,6 +545,26 @@ impl Session {
         Ok(output.ready(&self.shared))
     }
 
+    /// Whether [`Self::finish`] was called and every frame up to the end was handed out.
+    ///
+    /// # Errors
+    /// [`SessionError::Busy`] where another thread pulls; [`SessionError::Failed`], `Panicked` or `Closed` where the rest
+    /// will never come.
+    pub fn is_done(&self) -> Result<bool, SessionError> {
+        let shared = &*self.shared;
+        let mut output = try_lock(&shared.output).ok_or(SessionError::Busy(OUTPUT))?;
+        let total = shared.total.load(Ordering::SeqCst);
+        // Before the audio side has seen an interrupt or a reset, the end is that of the stream before.
+        let heard = shared.heard_cue.load(Ordering::SeqCst) == shared.cue().number;
+        if heard && total != ENDLESS && output.is_done(shared, total) {
+            return Ok(true);
+        }
+        if output.ready(shared) == 0 {
+            shared.check()?;
+        }
+        Ok(false)
+    }
+
     /// The pose at `seconds` of the motion (frame index / 30), for a renderer at its own rate: rotations turn the shorter
     /// way, all else is linear. Frames before that time are taken as [`Self::pull_frames`] takes them.
     ///

@@ -305,7 +305,11 @@ fn run(call: &Call, handles: &Handles, hands: &mut Hands) {
             sampled.struct_size = 24;
             unsafe { umo_session_sample_pose(session(*which), *seconds, &layout, frame.cast(), size, &mut sampled) }
         }
-        Call::Ready(which) => unsafe { umo_session_ready_frames(session(*which), &mut count) },
+        Call::Ready(which) => {
+            let mut done = 0;
+            check(unsafe { umo_session_is_done(session(*which), &mut done) });
+            unsafe { umo_session_ready_frames(session(*which), &mut count) }
+        }
         Call::Prompt(which, text) => unsafe {
             umo_session_set_prompt(session(*which), text.as_ptr().cast(), text.len())
         },

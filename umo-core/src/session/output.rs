@@ -386,6 +386,13 @@ impl Output {
         usize::from(self.has_next) + eased + shared.frames.len() / width
     }
 
+    /// Whether every frame of a stream of `total` frames was shown.
+    pub(super) fn is_done(&mut self, shared: &Shared, total: u64) -> bool {
+        self.follow(shared);
+        let shown = if self.any { (self.last.index + 1).saturating_sub(self.base) } else { 0 };
+        !self.has_next && self.ease.done == self.ease.frames && shown >= total
+    }
+
     /// Asks the engine for motion on silence, where the host waits for frames, wants that, and no audio comes.
     pub(super) fn want_silence(&self, shared: &Shared) {
         if shared.idle() == Idle::Live && self.is_silent(shared) && !shared.wants_silence.swap(true, Ordering::SeqCst) {
