@@ -369,17 +369,37 @@ fn session_config(model: *const UmoModel, changes: &Changes) -> UmoSessionConfig
     config
 }
 
+/// A model that is loaded once and again when a call has freed it: loading takes longer than all else.
+static KEPT: AtomicUsize = AtomicUsize::new(0);
+
+fn kept_model() -> usize {
+    let mut info = unsafe { std::mem::zeroed::<UmoModelInfo>() };
+    info.struct_size = 64;
+    let kept = KEPT.load(Ordering::Relaxed);
+    if unsafe { umo_model_get_info(std::ptr::without_provenance(kept), &mut info) } == UMO_STATUS_OK {
+        return kept;
+    }
+    let mut made = null_mut();
+    let loaded =
+        unsafe { umo_model_load_memory(UMO_ABI_VERSION, MODEL.as_ptr().cast(), MODEL.len(), null(), &mut made) };
+    assert_eq!(loaded, UMO_STATUS_OK);
+    KEPT.store(made.addr(), Ordering::Relaxed);
+    made.addr()
+}
+
 fuzz_target!(|script: Script| {
     let handles = Handles::default();
     let none = Changes { words: [(0, 0); 2], count: 0 };
     let hands = || Hands {
-        floats: (0..SAMPLES as u32).map(|i| if i % 997 == 0 { f32::from_bits(i * 7_919) } else { (i % 200) as f32 / 400.0 }).collect(),
+        floats: (0..SAMPLES as u32)
+            .map(|i| if i % 997 == 0 { f32::from_bits(i * 7_919) } else { (i % 200) as f32 / 400.0 })
+            .collect(),
         words: (0..SAMPLES as i32).map(|i| (i * 7_919 % 60_000 - 30_000) as i16).collect(),
         room: vec![0; ROOM],
     };
     if script.ready {
         let mut hands = hands();
-        run(&Call::ModelLoad { to: 0, abi: 0, good_abi: true, len: Size::All, changes: none.clone() }, &handles, &mut hands);
+        handles.models[0].store(kept_model(), Ordering::Relaxed);
         let polled = Changes { words: [(1, UMO_ENGINE_POLLED), (2, 1)], count: script.threads.len() as u8 % 3 };
         run(&Call::EngineNew { of: Which::Model(0), to: 0, changes: polled }, &handles, &mut hands);
         run(&Call::SessionNew { of: Which::Engine(0), to: 0, changes: none, hooks: false }, &handles, &mut hands);
@@ -393,6 +413,11 @@ fuzz_target!(|script: Script| {
             });
         }
     });
+    // The model that is kept from run to run is not freed, where no call has done so.
+    let kept = KEPT.load(Ordering::Relaxed);
+    for model in &handles.models {
+        let _ = model.compare_exchange(kept, 0, Ordering::Relaxed, Ordering::Relaxed);
+    }
     for n in 0..PLACES as u8 {
         Handles::put(&handles.sessions, n, null_mut(), |handle| umo_session_free(handle.cast()));
         Handles::put(&handles.engines, n, null_mut(), |handle| umo_engine_free(handle.cast()));

@@ -1,0 +1,205 @@
+//! The C interface, from C: programs in `tests/capi` and `examples/c`, compiled by the machine's C compiler against the
+//! header and the libraries as they are built. What needs more than that is in `scripts/test-hosts`.
+#![cfg(unix)]
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::LazyLock;
+
+use tempfile::TempDir;
+
+const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
+const MODEL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../models/umo-small/model.safetensors");
+
+/// Where the libraries and the program are, built as this test is, and a place for what is compiled.
+struct Built {
+    folder: PathBuf,
+    place: TempDir,
+}
+
+static BUILT: LazyLock<Built> = LazyLock::new(|| {
+    let mut build = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+    build.args(["build", "--quiet", "-p", "umo-capi", "-p", "umo"]).current_dir(ROOT);
+    if !cfg!(debug_assertions) {
+        build.arg("--release");
+    }
+    assert!(build.status().expect("cargo runs").success(), "the libraries do not build");
+    // This test is `FOLDER/deps/capi-…`.
+    let own = std::env::current_exe().expect("this test is a file");
+    let folder = own.ancestors().nth(2).expect("it lies in a folder of the build").to_owned();
+    let place = tempfile::tempdir().expect("there is room for programs");
+    #[cfg(target_os = "linux")]
+    std::os::unix::fs::symlink(folder.join("libumo.so"), place.path().join("libumo.so.0")).expect("a link can be made");
+    Built { folder, place }
+});
+
+/// Which library a program is linked to.
+#[derive(Clone, Copy, PartialEq)]
+enum Link {
+    Shared,
+    Static,
+    None,
+}
+
+/// The C compiler that the machine has.
+fn cc() -> Command {
+    let mut cc = Command::new(std::env::var_os("CC").unwrap_or_else(|| "cc".into()));
+    cc.args(["-Wall", "-Wextra", "-Werror", "-pedantic", "-I"]).arg(format!("{ROOT}/include"));
+    cc
+}
+
+/// Compiles a program, strictly.
+fn compile(source: &str, link: Link) -> PathBuf {
+    let Built { folder, place } = &*BUILT;
+    let kind = if link == Link::Static { "static" } else { "shared" };
+    let name = Path::new(source).file_stem().expect("a source has a name").to_string_lossy().into_owned();
+    let program = place.path().join(format!("{name}-{kind}"));
+    let mut cc = cc();
+    cc.args(["-std=c11", "-O1", "-g", "-D_DEFAULT_SOURCE", "-o"]).arg(&program).arg(format!("{ROOT}/{source}"));
+    match link {
+        Link::Shared => {
+            cc.arg("-L").arg(folder).arg("-lumo").arg(format!("-Wl,-rpath,{}", place.path().display()));
+        }
+        Link::Static => drop(cc.arg("-DUMO_STATIC").arg(folder.join("libumo.a"))),
+        Link::None => {}
+    }
+    let done = cc.args(["-lpthread", "-ldl", "-lm"]).output().expect("there is a C compiler");
+    assert!(done.status.success(), "{source}: {}", String::from_utf8_lossy(&done.stderr));
+    program
+}
+
+/// Runs a program, which must be content.
+fn run(program: &Path, arguments: &[&Path]) {
+    let done = Command::new(program).args(arguments).output().expect("it was compiled");
+    let said = String::from_utf8_lossy(&done.stderr);
+    assert!(done.status.success(), "{}: {:?}\n{said}", program.display(), done.status);
+}
+
+#[test]
+fn the_header_compiles_alone() {
+    let check = |mut cc: Command, language: &str, standard: &str| {
+        let header = format!("{ROOT}/include/umo.h");
+        cc.args([&format!("-std={standard}"), "-Wredundant-decls", "-fsyntax-only", "-x", language, &header]);
+        let done = cc.output().expect("there is a compiler");
+        assert!(done.status.success(), "{standard}: {}", String::from_utf8_lossy(&done.stderr));
+    };
+    for standard in ["c99", "c11", "c17"] {
+        check(cc(), "c", standard);
+    }
+    if Command::new("c++").arg("--version").output().is_err() {
+        eprintln!("SKIPPED: no C++ compiler; scripts/test-hosts has one");
+        return;
+    }
+    for standard in ["c++11", "c++14", "c++17", "c++20"] {
+        let mut cxx = Command::new("c++");
+        cxx.args(["-Wall", "-Wextra", "-Werror", "-pedantic"]);
+        check(cxx, "c++", standard);
+    }
+}
+
+/// Names of functions that the header declares.
+fn declared() -> BTreeSet<String> {
+    let header = std::fs::read_to_string(format!("{ROOT}/include/umo.h")).expect("it is there");
+    let code: String = header.lines().filter(|line| !line.trim_start().starts_with("//")).collect();
+    let functions = code.split("UMO_API").skip(1).filter_map(|text| {
+        let before = text.split_once('(')?.0;
+        Some(before.rsplit([' ', '*']).next()?.to_owned())
+    });
+    functions.filter(|name| name.starts_with("umo_")).collect()
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn the_library_exports_what_the_header_declares_and_nothing_else() {
+    let library = BUILT.folder.join("libumo.so");
+    let listed = Command::new("nm").args(["-D", "--defined-only"]).arg(&library).output().expect("there is nm");
+    let exported: BTreeSet<_> = String::from_utf8(listed.stdout)
+        .expect("names are ASCII")
+        .lines()
+        .filter_map(|line| line.split_whitespace().nth(2).map(str::to_owned))
+        .collect();
+    let declared = declared();
+    assert!(declared.len() > 40);
+    assert_eq!(exported, declared);
+}
+
+#[test]
+fn structures_have_the_layout_that_bindings_know_and_may_grow() {
+    run(&compile("tests/capi/layout.c", Link::Shared), &[MODEL.as_ref()]);
+}
+
+#[test]
+fn wrong_calls_are_errors() {
+    run(&compile("tests/capi/calls.c", Link::Shared), &[MODEL.as_ref()]);
+    run(&compile("tests/capi/calls.c", Link::Static), &[MODEL.as_ref()]);
+}
+
+#[test]
+fn frames_go_where_the_host_wants_them() {
+    run(&compile("tests/capi/frames.c", Link::Shared), &[MODEL.as_ref()]);
+}
+
+#[test]
+fn states_are_saved_and_restored() {
+    run(&compile("tests/capi/states.c", Link::Shared), &[MODEL.as_ref()]);
+}
+
+#[test]
+#[cfg(all(target_os = "linux", target_env = "gnu"))]
+fn nothing_is_allocated_while_a_session_runs() {
+    run(&compile("tests/capi/no_alloc.c", Link::Shared), &[MODEL.as_ref()]);
+    run(&compile("tests/capi/no_alloc.c", Link::Static), &[MODEL.as_ref()]);
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn the_library_can_be_loaded_twice_unloaded_and_forked_under() {
+    let (library, copy) = (BUILT.folder.join("libumo.so"), BUILT.place.path().join("copy.so"));
+    std::fs::copy(&library, &copy).expect("there is room");
+    run(&compile("tests/capi/lifecycle.c", Link::None), &[&library, &copy, MODEL.as_ref()]);
+}
+
+/// The numbers of one frame: place, rotations, face.
+type Numbers = Vec<u32>;
+
+/// What `umo animate` writes.
+fn animated(wav: &str) -> Vec<Numbers> {
+    let out = BUILT.place.path().join("animated.jsonl");
+    let mut umo = Command::new(BUILT.folder.join("umo"));
+    let done = umo.args(["animate", wav, "-o"]).arg(&out).output().expect("it was built");
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    let text = std::fs::read_to_string(&out).expect("it was written");
+    let frames = text.lines().skip(1).map(|line| {
+        let frame: serde_json::Value = serde_json::from_str(line).expect("a line is JSON");
+        let mut numbers = Vec::new();
+        let mut floats = |list: &serde_json::Value| {
+            // Printed so that reading gives the same bits.
+            let bits = |v: &serde_json::Value| v.to_string().parse::<f32>().expect("a number").to_bits();
+            numbers.extend(list.as_array().expect("a list").iter().map(bits));
+        };
+        floats(&frame["translation"]);
+        frame["rotations"].as_array().expect("a list").iter().for_each(&mut floats);
+        floats(&frame["face"]);
+        numbers
+    });
+    frames.collect()
+}
+
+#[test]
+fn the_c_programs_frames_are_those_of_umo_animate() {
+    let wav = format!("{ROOT}/assets/hello.wav");
+    let out = BUILT.place.path().join("frames.txt");
+    run(&compile("examples/c/animate.c", Link::Shared), &[MODEL.as_ref(), wav.as_ref(), &out]);
+    let text = std::fs::read_to_string(&out).expect("it was written");
+    let frames = text.lines().enumerate().map(|(i, line)| {
+        let mut words = line.split(' ');
+        assert_eq!(words.next().and_then(|word| word.parse().ok()), Some(i));
+        words.map(|word| word.parse::<f32>().expect("a number").to_bits()).collect()
+    });
+    let (frames, wanted): (Vec<Numbers>, _) = (frames.collect(), animated(&wav));
+    assert_eq!(frames.len(), wanted.len());
+    assert!(frames.len() > 200 && frames[0].len() == 3 + 4 * 55 + 52);
+    let differs = frames.iter().zip(&wanted).position(|(a, b)| a != b);
+    assert_eq!(differs, None, "a frame differs");
+}
