@@ -2,7 +2,7 @@
 
 use std::ffi::{CString, c_char, c_void};
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use umo_core::config::FaceKind;
 use umo_core::lm::layout::MAX_PROMPT_TOKENS;
@@ -206,11 +206,23 @@ unsafe fn read_config(config: *const UmoModelConfig) -> Result<(Precision, Isa, 
 fn load(file: &ModelFile, precision: Precision, isa: Isa, log: Log) -> Result<Arc<ModelHandle>, Failure> {
     memory::check(file.len())?;
     let start = std::time::Instant::now();
-    let threads = std::thread::available_parallelism().map_or(1, usize::from);
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
-    let loaded = pool.build_scoped(|thread| thread.run(), |pool| pool.install(|| Model::load(file, precision, isa)));
+    let count = std::thread::available_parallelism().map_or(1, usize::from);
+    let threads = Mutex::new(Vec::with_capacity(count));
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(count).spawn_handler(|thread| {
+        let name = format!("umo-load-{}", thread.index());
+        let started = std::thread::Builder::new().name(name).spawn(|| thread.run())?;
+        threads.lock().unwrap_or_else(PoisonError::into_inner).push(started);
+        Ok(())
+    });
     let no_thread = |error| Failure::new(crate::status::UMO_STATUS_THREAD, error);
-    let model = loaded.map_err(no_thread)??;
+    let pool = pool.build().map_err(no_thread)?;
+    let model = pool.install(|| Model::load(file, precision, isa));
+    drop(pool);
+    // Their last instructions, too, are the library's.
+    for thread in threads.into_inner().unwrap_or_else(PoisonError::into_inner) {
+        drop(thread.join());
+    }
+    let model = model?;
     let handle = ModelHandle::new(Arc::new(model), file, log)?;
     let config = handle.model.config();
     let (ms, mib) = (start.elapsed().as_millis(), file.len() >> 20);

@@ -237,6 +237,7 @@ impl Inner {
             rest: self.rest.clone(),
             chunk_frames: avatar.chunk_frames(&model.config),
             latency_frames: avatar.latency_frames(&model.config),
+            chunk_samples: avatar.chunk_samples(&model.config),
             clock: self.clock.clone(),
             signal: Arc::clone(&self.signal),
         };

@@ -185,7 +185,8 @@ pub struct Stats {
 /// How far motion is behind speech.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Latency {
-    /// Samples of future audio, at the session's rate, that a frame needs at most: what no processor can shorten.
+    /// Samples of future audio, at the session's rate, that a frame needs at most, resampling included: what no processor
+    /// can shorten.
     pub algorithmic_samples: usize,
     /// Time from a chunk's last sample, or the end of the chunk before where that is later, to its frames: median.
     pub compute_p50: Duration,
@@ -402,13 +403,15 @@ pub(crate) struct Making<'a> {
     /// Most frames of one chunk, and frames of future audio that a frame needs.
     pub(crate) chunk_frames: usize,
     pub(crate) latency_frames: usize,
+    /// Samples of one chunk, none where it needs no audio.
+    pub(crate) chunk_samples: usize,
     pub(crate) clock: Clock,
     pub(crate) signal: Arc<Signal>,
 }
 
 impl Shared {
     pub(crate) fn new(making: Making, session: &SessionConfig) -> Result<Self, LoadError> {
-        let Making { config, assembly, rest, chunk_frames, latency_frames, clock, signal } = making;
+        let Making { config, assembly, rest, chunk_frames, latency_frames, chunk_samples, clock, signal } = making;
         let range = |key: &str, got: usize, from: usize, to: usize| {
             if (from..=to).contains(&got) {
                 return Ok(());
@@ -422,6 +425,7 @@ impl Shared {
         let input = Input::new(session.sample_rate, session.channels, config)
             .map_err(|error| LoadError::config("sample_rate", error.to_string()))?;
         let chunk = config.max_target * config.samples_per_keyframe();
+        let delay = if chunk_samples > 0 { input.most_delay(chunk_samples) } else { 0 };
         Ok(Self {
             audio: Ring::new((AUDIO_SECONDS * rate).max(2 * chunk) + input.most_left()),
             frames: Ring::new(session.queue_frames * frame_words(face_values)),
@@ -445,7 +449,7 @@ impl Shared {
             input: Mutex::new(input),
             stats: Counters::default(),
             delays: Delays::new(),
-            algorithmic_samples: (latency_frames * session.sample_rate).div_ceil(config.frame_rate),
+            algorithmic_samples: (latency_frames * session.sample_rate).div_ceil(config.frame_rate) + delay,
             channels: session.channels,
             frame_rate: config.frame_rate,
             clock,

@@ -129,6 +129,18 @@ impl Resampler {
         }
     }
 
+    /// Most samples, at the rate of the input, by which the filter delays the sample that ends a chunk of `chunk` samples of
+    /// output.
+    pub fn most_delay(&self, chunk: usize) -> usize {
+        let Some(filter) = &self.filter else { return 0 };
+        let (block_in, block_out, delay) =
+            (filter.fft.fft_size_in(), filter.fft.fft_size_out(), filter.fft.output_delay());
+        // Chunks end at every place in a block that comes round.
+        let late = |n: usize| (n * chunk + delay).next_multiple_of(block_out) - n * chunk;
+        let most = (1..=block_out).map(late).max().unwrap_or(0);
+        (most * block_in).div_ceil(block_out)
+    }
+
     /// Most samples that [`Self::finish`] gives, whatever came before.
     pub fn most_left(&self) -> usize {
         self.filter.as_ref().map_or(0, |filter| 2 * filter.fft.fft_size_out())

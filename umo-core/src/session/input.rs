@@ -56,6 +56,11 @@ impl Input {
         self.channels
     }
 
+    /// Samples by which resampling delays the end of a chunk at most.
+    pub(super) fn most_delay(&self, chunk: usize) -> usize {
+        self.resampler.most_delay(chunk)
+    }
+
     /// Room that the end of a stream may take.
     pub(super) fn most_left(&self) -> usize {
         self.reserve

@@ -172,7 +172,7 @@ pub(crate) struct Output {
     origin: [f32; 2],
     /// Where the pose of `sample` came from when frames came again after an idle time, and when that was.
     seam: Shown,
-    seam_at: Option<f64>,
+    seam_at: Option<u64>,
     /// The last time that was asked for.
     time: f64,
     was_idle: bool,
@@ -250,7 +250,7 @@ impl Output {
         let there = pass.flag("seam", self.seam_at.is_some())?;
         let mut seam_at = self.seam_at.unwrap_or_default();
         if pass.follows(there) {
-            pass.float(&mut seam_at)?;
+            seam_at = pass.moment("seam", seam_at)?;
         }
         if pass.loads() {
             self.seam_at = there.then_some(seam_at);
@@ -430,26 +430,29 @@ impl Output {
         } else {
             self.sampled.pose_of(&self.last);
         }
-        self.idle(shared, time, is_ahead);
+        self.idle(shared, is_ahead);
         let newest = self.newest(shared, oldest);
         Sampled { oldest, newest, is_ahead }
     }
 
     /// Leaves the stream for the rest pose while no audio comes, and comes back to it.
-    fn idle(&mut self, shared: &Shared, time: f64, is_ahead: bool) {
+    fn idle(&mut self, shared: &Shared, is_ahead: bool) {
+        // By the clock: a host's time stands still where it is that of the sound.
+        let now = shared.clock.nanos();
         if is_ahead {
             self.want_silence(shared);
         }
         let rests = is_ahead && self.any && shared.idle() == Idle::Rest && self.is_silent(shared);
         if rests != self.was_idle {
             // From what was shown a moment ago, whatever that was.
-            self.seam_at = Some(time);
+            self.seam_at = Some(now);
             self.was_idle = rests;
         } else if self.seam_at.is_none() {
             self.seam.copy(&self.sampled);
         }
         let Some(start) = self.seam_at else { return };
-        let t = smooth(single((time - start) / self.idle_ease));
+        let passed = Duration::from_nanos(now.saturating_sub(start)).as_secs_f64();
+        let t = smooth(single(passed / self.idle_ease));
         if rests {
             let place = self.sampled.pose.translation;
             self.sampled.pose_of(&self.rest);
