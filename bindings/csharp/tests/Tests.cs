@@ -1,0 +1,664 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+// Tests MODEL WAV LAYOUT FRAMES-GLTF FRAMES-UNITY: LAYOUT is what tests/layout printed, FRAMES what tests/reference did.
+
+using System;
+using System.Collections.Generic;
+using System.IO;
+using System.Linq;
+using System.Reflection;
+using System.Runtime.CompilerServices;
+using System.Runtime.InteropServices;
+using System.Threading;
+using Umo;
+using ParameterInfo = Umo.ParameterInfo;
+
+internal static unsafe class Tests
+{
+    private static string modelPath, layoutPath;
+    private static string[] framesPaths;
+    private static short[] speech;
+    private static Model model;
+    private static Engine engine;
+    private const int Rate = 16000;
+
+    private static int Main(string[] args)
+    {
+        modelPath = args[0];
+        byte[] wav = File.ReadAllBytes(args[1]);
+        speech = new short[(wav.Length - 44) / 2];
+        Buffer.BlockCopy(wav, 44, speech, 0, 2 * speech.Length);
+        layoutPath = args[2];
+        framesPaths = new[] { args[3], args[4] };
+        model = Model.Load(modelPath);
+        engine = new Engine(model);
+
+        int failed = 0;
+        MethodInfo[] tests = typeof(Tests).GetMethods(BindingFlags.NonPublic | BindingFlags.Static)
+            .Where(m => m.IsDefined(typeof(TestAttribute), false)).ToArray();
+        foreach (MethodInfo test in tests)
+        {
+            try
+            {
+                test.Invoke(null, null);
+                Console.WriteLine("ok      " + test.Name);
+            }
+            catch (TargetInvocationException error)
+            {
+                failed++;
+                Console.WriteLine("FAILED  " + test.Name + "\n" + error.InnerException);
+            }
+        }
+        Console.WriteLine("{0} tests, {1} failed", tests.Length, failed);
+        engine.Dispose();
+        model.Dispose();
+        return failed == 0 && tests.Length > 0 ? 0 : 1;
+    }
+
+    [AttributeUsage(AttributeTargets.Method)]
+    private sealed class TestAttribute : Attribute { }
+
+    private static void Equal<T>(T wanted, T got, string what = "")
+    {
+        if (!EqualityComparer<T>.Default.Equals(wanted, got)) throw new Exception(what + ": wanted " + wanted + ", got " + got);
+    }
+
+    private static void True(bool what, string message)
+    {
+        if (!what) throw new Exception(message);
+    }
+
+    /// struct_size as StructSize, GAIN_FACE as GainFace.
+    private static string Pascal(string name)
+    {
+        return string.Concat(name.Split('_').Select(word => char.ToUpperInvariant(word[0]) + word.Substring(1).ToLowerInvariant()));
+    }
+
+    private static IEnumerable<string[]> Layout(string kind)
+    {
+        string[][] found = File.ReadLines(layoutPath).Select(line => line.Split(' ')).Where(words => words[0] == kind).ToArray();
+        True(found.Length > 0, "no " + kind + " in the header");
+        return found;
+    }
+
+    private static Session NewSession(Action<SessionConfigBox> change = null)
+    {
+        SessionConfigBox box = new SessionConfigBox { Config = Session.Defaults(model) };
+        if (change != null) change(box);
+        return new Session(engine, box.Config);
+    }
+
+    private sealed class SessionConfigBox { public SessionConfig Config; }
+
+    [Test]
+    private static void structures_lie_in_memory_as_in_c()
+    {
+        HashSet<string> fields = new HashSet<string>();
+        foreach (string[] item in Layout("struct"))
+        {
+            Type type = typeof(Native).Assembly.GetType("Umo." + Pascal(item[1].Substring(4)), true);
+            Equal(int.Parse(item[2]), Marshal.SizeOf(type), item[1]);
+            int count = type.GetFields(BindingFlags.Public | BindingFlags.NonPublic | BindingFlags.Instance).Length;
+            Equal(Layout("field").Count(field => field[1] == item[1]), count, item[1] + "'s fields");
+        }
+        foreach (string[] item in Layout("field"))
+        {
+            Type type = typeof(Native).Assembly.GetType("Umo." + Pascal(item[1].Substring(4)), true);
+            FieldInfo field = type.GetField(Pascal(item[2]));
+            True(field != null, item[1] + "." + item[2] + " is missing");
+            Equal(int.Parse(item[3]), (int)Marshal.OffsetOf(type, field.Name), item[1] + "." + item[2]);
+            Type stored = field.FieldType.IsEnum ? Enum.GetUnderlyingType(field.FieldType) : field.FieldType;
+            Equal(int.Parse(item[4]), Marshal.SizeOf(stored), item[1] + "." + item[2]);
+            fields.Add(item[1] + "." + item[2]);
+        }
+        True(fields.Contains("umo_session_config.seed") && fields.Contains("umo_jobs.submit"), "the header was not read");
+        // What unsafe code takes a structure's size to be.
+        Equal(Marshal.SizeOf(typeof(SessionConfig)), sizeof(SessionConfig));
+    }
+
+    [Test]
+    private static void constants_are_those_of_the_header()
+    {
+        Dictionary<string, Type> groups = new Dictionary<string, Type>
+        {
+            { "STATUS", typeof(Status) }, { "AXES", typeof(Axes) }, { "ENGINE", typeof(EngineMode) }, { "LOG", typeof(LogLevel) },
+            { "PRECISION", typeof(Precision) }, { "ISA", typeof(Isa) }, { "MODEL", typeof(ModelText) }, { "IDLE", typeof(Idle) },
+            { "PARAMETER", typeof(Parameter) },
+        };
+        int enumerated = 0;
+        foreach (string[] item in Layout("constant"))
+        {
+            string name = item[1].Substring(4);
+            long value = long.Parse(item[2]);
+            FieldInfo alone = typeof(Native).GetField(Pascal(name));
+            if (alone != null)
+            {
+                Equal(value, Convert.ToInt64(alone.GetRawConstantValue()), name);
+                continue;
+            }
+            int cut = name.IndexOf('_');
+            FieldInfo member = groups[name.Substring(0, cut)].GetField(Pascal(name.Substring(cut + 1)));
+            True(member != null, name + " is missing");
+            Equal(value, Convert.ToInt64(member.GetRawConstantValue()), name);
+            enumerated++;
+        }
+        Equal(groups.Values.Sum(type => Enum.GetValues(type).Length), enumerated, "constants that the header does not have");
+    }
+
+    [Test]
+    private static void every_function_of_the_header_is_there_and_no_other()
+    {
+        string[] wanted = Layout("function").Select(item => item[1]).OrderBy(name => name).ToArray();
+        MethodInfo[] methods = typeof(Native).GetMethods(BindingFlags.Public | BindingFlags.Static)
+            .Where(method => (method.Attributes & MethodAttributes.PinvokeImpl) != 0).ToArray();
+        Equal(string.Join(" ", wanted), string.Join(" ", methods.Select(method => method.Name).OrderBy(name => name)));
+        // Throws where the library has no such symbol.
+        foreach (MethodInfo method in methods) Marshal.Prelink(method);
+        Equal(Native.AbiVersion, Native.umo_abi_version());
+    }
+
+    private static byte[] Speak(Axes axes, int piece, bool floats)
+    {
+        Frames frames = new Frames(model, 7, axes);
+        MemoryStream all = new MemoryStream();
+        int total = speech.Length * 30 / Rate, done = 0, got = 0, taken, count;
+        float[] samples = speech.Select(s => s / 32768f).ToArray();
+        using (Session session = NewSession())
+        {
+            while (got < total)
+            {
+                if (done < speech.Length)
+                {
+                    int next = Math.Min(piece, speech.Length - done);
+                    Equal(Status.Ok, floats ? session.PushAudio(samples, done, next, out taken) : session.PushAudio(speech, done, next, out taken));
+                    done += taken;
+                    if (done == speech.Length) Equal(Status.Ok, session.Finish());
+                }
+                Equal(Status.Ok, session.PullFrames(frames, out count));
+                byte[] bytes = new byte[count * frames.Layout.FrameStride];
+                Buffer.BlockCopy(frames.Words, 0, bytes, 0, bytes.Length);
+                all.Write(bytes, 0, bytes.Length);
+                got += count;
+                if (count == 0 && done == speech.Length) Thread.Sleep(1);
+            }
+        }
+        return all.ToArray();
+    }
+
+    [Test]
+    private static void frames_are_those_of_c_bit_for_bit()
+    {
+        byte[] gltf = File.ReadAllBytes(framesPaths[0]), unity = File.ReadAllBytes(framesPaths[1]);
+        True(gltf.Length > 200 * 1000 && !gltf.SequenceEqual(unity), "the reference has no frames");
+        True(Speak(Axes.Gltf, 1000, false).SequenceEqual(gltf), "frames differ");
+        True(Speak(Axes.Unity, 333, true).SequenceEqual(unity), "frames in Unity's axes differ");
+    }
+
+    [Test]
+    private static void values_of_a_frame_are_found_where_the_layout_says()
+    {
+        Frames frames = new Frames(model, 4, Axes.Gltf);
+        byte[] reference = File.ReadAllBytes(framesPaths[0]);
+        FrameLayout layout = frames.Layout;
+        Buffer.BlockCopy(reference, 100 * (int)layout.FrameStride, frames.Words, 0, 4 * (int)layout.FrameStride);
+        float[] place = new float[3], rotations = new float[220], face = new float[frames.Channels], visemes = new float[15];
+        for (int i = 0; i < 4; i++)
+        {
+            int start = (100 + i) * (int)layout.FrameStride;
+            Equal((ulong)(100 + i), frames.Index(i));
+            Equal((ulong)(100 + i) * Rate / 30, frames.Sample(i));
+            frames.Translation(i, place);
+            frames.Rotations(i, rotations);
+            frames.Face(i, face);
+            frames.Visemes(i, visemes);
+            Equal(BitConverter.ToSingle(reference, start + (int)layout.Translation + 4), place[1]);
+            Equal(BitConverter.ToSingle(reference, start + (int)layout.Rotations + 4 * 219), rotations[219]);
+            Equal(BitConverter.ToSingle(reference, start + (int)layout.Channels + 4 * 51), face[51]);
+            Equal(BitConverter.ToSingle(reference, start + (int)layout.Visemes + 4 * 14), visemes[14]);
+            True(Math.Abs(visemes.Sum() - 1) < 1e-5, "visemes add up to 1");
+            for (int joint = 0; joint < 55; joint++)
+            {
+                double norm = Enumerable.Range(4 * joint, 4).Sum(k => (double)rotations[k] * rotations[k]);
+                True(Math.Abs(norm - 1) < 1e-4, "joint " + joint + " has norm " + norm);
+            }
+        }
+        Throws<ArgumentOutOfRangeException>(() => frames.Index(4));
+        Throws<ArgumentException>(() => frames.Face(0, new float[3]));
+    }
+
+    private static T Throws<T>(Action action) where T : Exception
+    {
+        try
+        {
+            action();
+        }
+        catch (T error)
+        {
+            return error;
+        }
+        throw new Exception("no " + typeof(T).Name);
+    }
+
+    [Test]
+    private static void a_model_says_what_it_has()
+    {
+        Equal(30u, model.Info.FrameRate);
+        Equal(52, model.ChannelNames().Length);
+        Equal("jawOpen", model.ChannelNames()[Array.IndexOf(model.ChannelNames(), "jawOpen")]);
+        Equal("pelvis left_elbow", Model.JointNames()[0] + " " + Model.JointNames()[18]);
+        Equal("sil ou", Model.VisemeNames()[0] + " " + Model.VisemeNames()[14]);
+        True(model.Name.Length > 0 && model.License.Contains("MIT"), "name and licence");
+        int[] parents;
+        float[] offsets, mirrored;
+        model.Skeleton(Axes.Gltf, out parents, out offsets);
+        model.Skeleton(Axes.Unity, out parents, out mirrored);
+        Equal(-1, parents[0]);
+        Equal(16, parents[18]);
+        // The left arm lies along +X in glTF's axes, along -X in Unity's.
+        True(offsets[3 * 18] > 0.1f, "left elbow");
+        Equal(-offsets[3 * 18], mirrored[3 * 18]);
+        using (Model same = Model.Load(File.ReadAllBytes(modelPath))) Equal(model.Name, same.Name);
+        if (model.Info.HasText == 1) True(model.EncodeText("hello").Length > 0, "ids of a text");
+        else Equal(Status.Unsupported, Throws<UmoException>(() => model.EncodeText("hello")).Status);
+    }
+
+    [Test]
+    private static void setting_up_wrongly_throws_the_right_status()
+    {
+        UmoException error = Throws<UmoException>(() => Model.Load("/no/such/file"));
+        Equal(Status.Io, error.Status);
+        True(error.Message.Contains("/no/such/file"), error.Message);
+        Equal(Status.Model, Throws<UmoException>(() => Model.Load(new byte[64])).Status);
+        Throws<ArgumentNullException>(() => Model.Load((string)null));
+        EngineConfig config = Engine.Defaults;
+        config.Threads = 65;
+        error = Throws<UmoException>(() => new Engine(model, config));
+        Equal(Status.InvalidArgument, error.Status);
+        True(error.Message.Contains("65"), error.Message);
+        Equal(Status.InvalidArgument, Throws<UmoException>(() => NewSession(box => box.Config.SampleRate = 7999)).Status);
+        Equal(Status.StructSize, Throws<UmoException>(() => NewSession(box => box.Config.StructSize = 3)).Status);
+        Throws<UmoException>(() => new Session(engine, null, "no_such_template"));
+        FrameLayout layout = model.Layout(Axes.Unity);
+        Equal(10, model.CheckLayout(layout, 10 * layout.FrameStride));
+        layout.Axes = (Axes)9;
+        Equal(Status.InvalidArgument, Throws<UmoException>(() => model.CheckLayout(layout, 1 << 20)).Status);
+        using (Model gone = Model.Load(modelPath))
+        {
+            gone.Dispose();
+            Equal(Status.InvalidHandle, Throws<UmoException>(() => new Engine(gone)).Status);
+            Equal(Status.InvalidHandle, Throws<UmoException>(() => gone.ChannelNames()).Status);
+        }
+    }
+
+    [Test]
+    private static void wrong_use_of_a_session_gives_the_right_status()
+    {
+        int taken, count;
+        double value;
+        bool more;
+        Sampled sampled;
+        Frames frames = new Frames(model, 2, Axes.Gltf);
+        using (Session session = NewSession(box => box.Config.Channels = 2))
+        {
+            Equal(Status.InvalidArgument, session.PushAudio(new float[3], 0, 3, out taken));
+            True(session.LastError().Length > 0, "a detail");
+            Equal(Status.InvalidArgument, session.PushAudio(new float[4], 2, 4, out taken));
+            Equal(Status.InvalidArgument, session.PushAudio(new float[4], -2, 2, out taken));
+            Equal(Status.InvalidArgument, session.PushAudio(new short[4], 4, int.MaxValue, out taken));
+            Equal(Status.NullPointer, session.PushAudio((float[])null, 0, 0, out taken));
+            Equal(Status.Ok, session.PushAudio(new float[0], 0, 0, out taken));
+            Equal(Status.Ok, session.PushAudio(new float[4], 4, 0, out taken));
+            Equal(Status.Ok, session.PushAudio(new float[8], 2, 4, out taken));
+            Equal(4, taken);
+            Equal(Status.NullPointer, session.PullFrames(null, out count));
+            Equal(Status.InvalidArgument, session.SamplePose(double.NaN, frames, out sampled));
+            Equal(Status.InvalidArgument, session.Set(Parameter.GainFace, 2.5));
+            Equal(Status.InvalidArgument, session.Set((Parameter)99, 0));
+            Equal(Status.Ok, session.Set(Parameter.GainFace, 0.5));
+            Equal(Status.Ok, session.Get(Parameter.GainFace, out value));
+            Equal(0.5, value);
+            Equal(Status.InvalidArgument, session.Interrupt(10001));
+            Equal(Status.Unsupported, engine.Poll(0, out more));
+            Equal(Status.InvalidArgument, session.SetPromptIds(new uint[] { uint.MaxValue }));
+            Equal(Status.Ok, session.SetPromptIds(new uint[0]));
+            Equal(model.Info.HasText == 1 ? Status.Ok : Status.Unsupported, session.SetPrompt("wave"));
+            Equal(Status.Ok, session.Finish());
+            Equal(Status.Finished, session.PushAudio(new float[2], 0, 2, out taken));
+            Equal(Status.Ok, session.Reset());
+            Equal(Status.Ok, session.PushAudio(new float[2], 0, 2, out taken));
+            Stats stats;
+            Equal(Status.Ok, session.GetStats(out stats));
+            session.Dispose();
+            session.Dispose();
+            Equal(Status.InvalidHandle, session.PushAudio(new float[2], 0, 2, out taken));
+            Equal(Status.InvalidHandle, session.PullFrames(frames, out count));
+            Equal(Status.InvalidHandle, session.Finish());
+            Equal("", session.LastError());
+        }
+    }
+
+    [Test]
+    private static void a_session_outlives_its_engine_and_says_so()
+    {
+        int taken;
+        Engine brief = new Engine(model);
+        using (Session session = new Session(brief))
+        {
+            brief.Dispose();
+            Equal(Status.Closed, session.PushAudio(speech, 0, 160, out taken));
+        }
+        Equal(Status.InvalidHandle, Throws<UmoException>(() => new Session(brief)).Status);
+    }
+
+    [Test]
+    private static void a_polled_engine_computes_on_this_thread()
+    {
+        EngineConfig config = Engine.Defaults;
+        config.Mode = EngineMode.Polled;
+        config.Threads = 1;
+        using (Engine polled = new Engine(model, config))
+        using (Session session = new Session(polled))
+        {
+            int taken, ready;
+            bool more = true;
+            Equal(Status.Ok, session.PushAudio(speech, 0, 2 * Rate, out taken));
+            Equal(Status.Ok, session.ReadyFrames(out ready));
+            Equal(0, ready);
+            while (more) Equal(Status.Ok, polled.Poll(1000, out more));
+            Equal(Status.Ok, session.ReadyFrames(out ready));
+            True(ready >= 12, ready + " frames of two seconds");
+        }
+    }
+
+    [Test]
+    private static void an_audio_thread_pushes_while_a_game_thread_samples()
+    {
+        using (Session session = NewSession())
+        {
+            Status pushed = Status.Ok;
+            int sent = 0;
+            Thread audio = new Thread(() =>
+            {
+                for (int at = 0; at < speech.Length && pushed == Status.Ok;)
+                {
+                    int taken;
+                    pushed = session.PushAudio(speech, at, Math.Min(160, speech.Length - at), out taken);
+                    at += taken;
+                    Volatile.Write(ref sent, at);
+                    if (at % 1600 == 0) Thread.Sleep(1);
+                }
+                if (pushed == Status.Ok) pushed = session.Finish();
+            });
+            audio.Start();
+            Frames pose = new Frames(model, 1, Axes.Unity);
+            float[] face = new float[pose.Channels], last = new float[pose.Channels];
+            int moved = 0, steps = 0;
+            ulong index = 0;
+            Sampled sampled = default(Sampled);
+            for (double time = 0; time < 7.6; steps++)
+            {
+                Equal(Status.Ok, session.SamplePose(time, pose, out sampled));
+                True(pose.Index(0) >= index, "frames go on");
+                index = pose.Index(0);
+                pose.Face(0, face);
+                if (!face.SequenceEqual(last)) moved++;
+                Array.Copy(face, last, face.Length);
+                if (sampled.IsAhead == 0) time += 1 / 60.0;
+                else Thread.Sleep(1);
+                True(steps < 100000, "no frames after " + time + " s of " + Volatile.Read(ref sent) + " samples");
+            }
+            audio.Join();
+            Equal(Status.Ok, pushed);
+            True(moved > 300, "the face moved " + moved + " times");
+        }
+    }
+
+    [Test]
+    private static void a_session_is_disposed_under_a_thread_that_pushes()
+    {
+        for (int round = 0; round < 100; round++)
+        {
+            Session session = NewSession();
+            Status last = Status.Ok;
+            bool started = false;
+            Thread audio = new Thread(() =>
+            {
+                float[] block = new float[512];
+                int taken;
+                while (last == Status.Ok)
+                {
+                    last = session.PushAudio(block, 0, block.Length, out taken);
+                    Volatile.Write(ref started, true);
+                }
+            });
+            audio.Start();
+            while (!Volatile.Read(ref started)) Thread.Yield();
+            session.Dispose();
+            audio.Join();
+            Equal(Status.InvalidHandle, last);
+        }
+    }
+
+    [Test]
+    private static void a_thousand_sessions_are_made_and_disposed()
+    {
+        long before = 0;
+        for (int i = 0; i < 1000; i++)
+        {
+            using (Session session = NewSession())
+            {
+                int taken;
+                Equal(Status.Ok, session.PushAudio(speech, 0, 160, out taken));
+            }
+            if (i == 100) before = Resident();
+        }
+        // A session has about 1 MiB: 900 that were not freed would show.
+        long grown = Resident() - before;
+        True(grown < 64 << 20, "memory grew by " + grown + " bytes");
+    }
+
+    /// Bytes of the process that are in memory.
+    private static long Resident()
+    {
+        string line = File.ReadLines("/proc/self/status").First(l => l.StartsWith("VmRSS:"));
+        return 1024 * long.Parse(line.Split(new[] { ' ', '\t' }, StringSplitOptions.RemoveEmptyEntries)[1]);
+    }
+
+    [Test]
+    private static void what_is_forgotten_is_collected_and_freed()
+    {
+        EngineConfig config = Engine.Defaults;
+        config.MaxSessions = 2;
+        Engine small = new Engine(model, config);
+        for (int i = 0; i < 100; i++)
+        {
+            Forget(small);
+            for (int tries = 0; ; tries++)
+            {
+                GC.Collect();
+                GC.WaitForPendingFinalizers();
+                try
+                {
+                    new Session(small).Dispose();
+                    break;
+                }
+                catch (UmoException full) when (full.Status == Status.Full && tries < 200)
+                {
+                    // The collector looks at stacks conservatively: another try has another stack.
+                    Thread.Sleep(1);
+                }
+            }
+        }
+        small.Dispose();
+    }
+
+    [MethodImpl(MethodImplOptions.NoInlining)]
+    private static void Forget(Engine small)
+    {
+        // In a thread of its own, whose stack is gone with it.
+        Thread thread = new Thread(() =>
+        {
+            int taken;
+            new Session(small).PushAudio(speech, 0, speech.Length, out taken);
+        });
+        thread.Start();
+        thread.Join();
+    }
+
+    [Test]
+    private static void a_session_keeps_its_engine()
+    {
+        Session session = MakeWithForgottenEngine();
+        for (int i = 0; i < 5; i++)
+        {
+            GC.Collect();
+            GC.WaitForPendingFinalizers();
+        }
+        int taken;
+        Equal(Status.Ok, session.PushAudio(speech, 0, 160, out taken));
+        session.Engine.Dispose();
+        session.Dispose();
+    }
+
+    [MethodImpl(MethodImplOptions.NoInlining)]
+    private static Session MakeWithForgottenEngine()
+    {
+        Session made = null;
+        Thread thread = new Thread(() => made = new Session(new Engine(Model.Load(modelPath))));
+        thread.Start();
+        thread.Join();
+        return made;
+    }
+
+    /// Bytes that this thread has allocated since it was started; null where the runtime does not count them.
+    private static Func<long> AllocatedBytes()
+    {
+        MethodInfo count = typeof(GC).GetMethod("GetAllocatedBytesForCurrentThread", BindingFlags.Public | BindingFlags.NonPublic | BindingFlags.Static);
+        return count == null ? null : (Func<long>)Delegate.CreateDelegate(typeof(Func<long>), count);
+    }
+
+    [Test]
+    private static void pushing_and_pulling_allocates_nothing()
+    {
+        Frames frames = new Frames(model, 16, Axes.Unity), pose = new Frames(model, 1, Axes.Unity);
+        float[] block = new float[160];
+        using (Session session = NewSession())
+        {
+            Status worst = Status.Ok;
+            object kept = null;
+            Action<int> work = calls =>
+            {
+                for (int i = 0; i < calls; i++)
+                {
+                    int taken, count;
+                    Sampled sampled;
+                    Stats stats;
+                    Latency latency;
+                    double value;
+                    Status a = session.PushAudio(block, 0, block.Length, out taken);
+                    Status b = session.PushAudio(speech, i, 160, out taken);
+                    Status c = i % 2 == 0 ? session.PullFrames(frames, out count) : session.SamplePose(i / 100.0, pose, out sampled);
+                    Status d = session.Set(Parameter.GainFace, 1), e = session.Get(Parameter.GainFace, out value);
+                    Status f = session.GetStats(out stats), g = session.GetLatency(out latency);
+                    // What fails allocates no more than what works.
+                    session.PushAudio(block, 100, 100, out taken);
+                    session.Interrupt(99999);
+                    worst = (Status)Math.Min((int)worst, Math.Min(Math.Min((int)a, (int)b), Math.Min((int)c, Math.Min(Math.Min((int)d, (int)e), Math.Min((int)f, (int)g)))));
+                }
+            };
+            Action<int> allocating = calls => { for (int i = 0; i < calls; i++) kept = new byte[1]; };
+            Func<long> allocated = AllocatedBytes();
+            Func<Action<int>, long> bytes = action =>
+            {
+                action(100);
+                if (allocated != null)
+                {
+                    long before = allocated();
+                    action(10000);
+                    return allocated() - before;
+                }
+                // Less exact: as many rounds as it takes to fill the young generation many times.
+                int collections = GC.CollectionCount(0);
+                for (int i = 0; i < 100; i++) action(10000);
+                return GC.CollectionCount(0) - collections;
+            };
+            True(bytes(allocating) > 0, "the counter counts nothing");
+            Equal(0L, bytes(work), allocated == null ? "collections" : "bytes");
+            Equal(Status.Ok, worst);
+            GC.KeepAlive(kept);
+        }
+    }
+
+    [Test]
+    private static void a_state_gives_the_same_frames_again()
+    {
+        EngineConfig config = Engine.Defaults;
+        config.Mode = EngineMode.Polled;
+        config.Threads = 1;
+        using (Engine polled = new Engine(model, config))
+        using (Session first = new Session(polled))
+        using (Session second = new Session(polled))
+        {
+            int taken, size, written;
+            Equal(Status.Ok, first.PushAudio(speech, 0, 3 * Rate, out taken));
+            Pull(polled, first, 30);
+            Equal(Status.Ok, first.StateSize(out size));
+            byte[] state = new byte[size];
+            Equal(Status.InvalidArgument, first.Save(new byte[0], out written));
+            Equal(Status.Ok, first.Save(state, out written));
+            True(written > 0 && written <= size, written + " bytes of " + size);
+            Equal(Status.Ok, first.PushAudio(speech, 3 * Rate, 2 * Rate, out taken));
+            byte[] wanted = Pull(polled, first, 60);
+            Equal(Status.Ok, second.Restore(state, written));
+            Equal(Status.Ok, second.PushAudio(speech, 3 * Rate, 2 * Rate, out taken));
+            True(Pull(polled, second, 60).SequenceEqual(wanted), "frames differ");
+            state[written / 2] ^= 1;
+            Equal(Status.State, second.Restore(state, written));
+            Equal(Status.State, second.Restore(state, 0));
+            Equal(Status.InvalidArgument, second.Restore(state, size + 1));
+            Equal(Status.NullPointer, second.Restore(null, 0));
+        }
+    }
+
+    /// Computes what can be, and takes so many frames.
+    private static byte[] Pull(Engine polled, Session session, int count)
+    {
+        Frames frames = new Frames(model, count, Axes.Gltf);
+        bool more = true;
+        while (more) Equal(Status.Ok, polled.Poll(100000, out more));
+        int got;
+        Equal(Status.Ok, session.PullFrames(frames, out got));
+        Equal(count, got);
+        return frames.Words.SelectMany(BitConverter.GetBytes).ToArray();
+    }
+
+    [Test]
+    private static void messages_come_in_and_exceptions_do_not_go_out()
+    {
+        List<string> said = new List<string>();
+        LogSink sink = new LogSink((level, message) =>
+        {
+            said.Add(level + " " + message);
+            throw new Exception("in a callback");
+        });
+        EngineConfig config = Engine.Defaults;
+        config.Log = sink.Pointer;
+        new Engine(model, config).Dispose();
+        True(said.Count >= 2 && said.All(line => line.StartsWith("Info ")), string.Join("; ", said));
+        Throws<UmoException>(() => new Session(new Engine(model, config), null, "no_such_template"));
+        True(said.Last().StartsWith("Error "), said.Last());
+    }
+
+    [Test]
+    private static void parameters_have_names_and_ranges()
+    {
+        List<string> names = new List<string>();
+        ParameterInfo info = default(ParameterInfo);
+        info.StructSize = (uint)sizeof(ParameterInfo);
+        for (uint i = 0; Native.umo_parameter_get_info(i, &info) == Status.Ok; i++)
+        {
+            names.Add(Native.Text(info.Name));
+            True(info.Minimum < info.Maximum && Enum.IsDefined(typeof(Parameter), info.Id), names.Last());
+        }
+        Equal(Enum.GetValues(typeof(Parameter)).Length, names.Count);
+    }
+}

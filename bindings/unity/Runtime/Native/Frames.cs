@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
+using System;
+
+namespace Umo
+{
+    /// <summary>Room for frames without gaps, in the axes that are wanted. One thread at a time.</summary>
+    public sealed unsafe class Frames
+    {
+        /// <summary>The frames as they lie in memory, aligned for every value.</summary>
+        public readonly ulong[] Words;
+
+        public Frames(Model model, int capacity, Axes axes)
+        {
+            if (model == null) throw new ArgumentNullException(nameof(model));
+            if (capacity < 1) throw new ArgumentOutOfRangeException(nameof(capacity));
+            Layout = model.Layout(axes);
+            Channels = (int)model.Info.Channels;
+            Capacity = capacity;
+            Words = new ulong[checked(capacity * (long)Layout.FrameStride / sizeof(ulong))];
+        }
+
+        public FrameLayout Layout { get; }
+        public int Capacity { get; }
+        /// <summary>Face channels of a frame.</summary>
+        public int Channels { get; }
+        /// <summary>Whether frames have visemes: those of models with ARKit's channels do.</summary>
+        public bool HasVisemes { get { return Layout.Visemes != Native.Absent; } }
+        /// <summary>Bytes.</summary>
+        public long Size { get { return Words.LongLength * sizeof(ulong); } }
+
+        /// <summary>The frame's number since the start or the last reset.</summary>
+        public ulong Index(int frame) { return Word(frame, Layout.Index); }
+
+        /// <summary>The sample of each channel of the pushed audio that it belongs to.</summary>
+        public ulong Sample(int frame) { return Word(frame, Layout.Sample); }
+
+        /// <summary>Where the root is: x y z.</summary>
+        public void Translation(int frame, float[] into) { Copy(frame, Layout.Translation, 3, into); }
+
+        /// <summary>Rotations of all joints, relative to their parents: x y z w each.</summary>
+        public void Rotations(int frame, float[] into) { Copy(frame, Layout.Rotations, 4 * Native.JointCount, into); }
+
+        /// <summary>The face channels.</summary>
+        public void Face(int frame, float[] into) { Copy(frame, Layout.Channels, Channels, into); }
+
+        /// <summary>The visemes; nothing where there are none.</summary>
+        public void Visemes(int frame, float[] into)
+        {
+            if (HasVisemes) Copy(frame, Layout.Visemes, Native.VisemeCount, into);
+        }
+
+        private ulong Word(int frame, uint offset)
+        {
+            return Words[Start(frame) / sizeof(ulong) + offset / sizeof(ulong)];
+        }
+
+        private long Start(int frame)
+        {
+            if ((uint)frame >= (uint)Capacity) throw new ArgumentOutOfRangeException(nameof(frame));
+            return frame * (long)Layout.FrameStride;
+        }
+
+        private void Copy(int frame, uint offset, int count, float[] into)
+        {
+            long start = Start(frame) + offset;
+            if (into.Length < count) throw new ArgumentException("there is room for " + into.Length + " values of " + count, nameof(into));
+            fixed (ulong* words = Words)
+            {
+                float* values = (float*)((byte*)words + start);
+                for (int i = 0; i < count; i++) into[i] = values[i];
+            }
+        }
+    }
+}

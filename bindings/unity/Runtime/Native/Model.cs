@@ -1,0 +1,159 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
+using System;
+using System.Text;
+
+namespace Umo
+{
+    /// <summary>A loaded model: immutable, for any number of engines. Its calls throw, and are for any thread but the audio thread.</summary>
+    public sealed unsafe class Model : IDisposable
+    {
+        private readonly ModelHandle handle;
+
+        private Model(IntPtr raw)
+        {
+            handle = new ModelHandle(raw);
+            ModelInfo info = default(ModelInfo);
+            info.StructSize = (uint)sizeof(ModelInfo);
+            UmoException.Check(Native.umo_model_get_info(raw, &info));
+            Info = info;
+        }
+
+        /// <summary>How models are loaded if nothing else is said.</summary>
+        public static ModelConfig Defaults
+        {
+            get
+            {
+                ModelConfig config;
+                UmoException.Check(Native.umo_model_config_init(&config, (UIntPtr)sizeof(ModelConfig)));
+                return config;
+            }
+        }
+
+        public static Model Load(string path, ModelConfig? config = null)
+        {
+            if (path == null) throw new ArgumentNullException(nameof(path));
+            ModelConfig used = config ?? Defaults;
+            IntPtr raw;
+            fixed (byte* text = Native.Bytes(path))
+            {
+                UmoException.Check(Native.umo_model_load(Native.AbiVersion, text, &used, &raw));
+            }
+            return new Model(raw);
+        }
+
+        /// <summary>From a file's bytes, which are not needed afterwards.</summary>
+        public static Model Load(byte[] file, ModelConfig? config = null)
+        {
+            if (file == null) throw new ArgumentNullException(nameof(file));
+            ModelConfig used = config ?? Defaults;
+            IntPtr raw;
+            fixed (byte* bytes = file)
+            {
+                UmoException.Check(Native.umo_model_load_memory(Native.AbiVersion, bytes, (UIntPtr)(ulong)file.LongLength, &used, &raw));
+            }
+            return new Model(raw);
+        }
+
+        internal IntPtr Raw { get { return handle.Raw; } }
+
+        /// <summary>What it has.</summary>
+        public ModelInfo Info { get; }
+
+        public string Text(ModelText which)
+        {
+            IntPtr text;
+            UmoException.Check(Native.umo_model_get_text(Raw, which, &text));
+            string result = Native.Text(text);
+            GC.KeepAlive(this);
+            return result;
+        }
+
+        public string Name { get { return Text(ModelText.Name); } }
+        public string License { get { return Text(ModelText.License); } }
+        /// <summary>What users must be told about it; empty where there is nothing.</summary>
+        public string Notice { get { return Text(ModelText.Notice); } }
+
+        /// <summary>Names of the face channels, as jawOpen.</summary>
+        public string[] ChannelNames()
+        {
+            string[] names = new string[Info.Channels];
+            for (uint i = 0; i < names.Length; i++)
+            {
+                IntPtr name;
+                UmoException.Check(Native.umo_model_get_channel_name(Raw, i, &name));
+                names[i] = Native.Text(name);
+            }
+            GC.KeepAlive(this);
+            return names;
+        }
+
+        /// <summary>Names of the joints of every model, as left_elbow.</summary>
+        public static string[] JointNames()
+        {
+            string[] names = new string[Native.JointCount];
+            for (uint i = 0; i < names.Length; i++) names[i] = Native.Text(Native.umo_joint_name(i));
+            return names;
+        }
+
+        /// <summary>Names of the visemes of the Oculus set, as PP.</summary>
+        public static string[] VisemeNames()
+        {
+            string[] names = new string[Native.VisemeCount];
+            for (uint i = 0; i < names.Length; i++) names[i] = Native.Text(Native.umo_viseme_name(i));
+            return names;
+        }
+
+        /// <summary>Each joint's parent, -1 for the first, and its place in its parent's frame at rest, x y z.</summary>
+        public void Skeleton(Axes axes, out int[] parents, out float[] offsets)
+        {
+            int[] p = new int[Native.JointCount];
+            float[] o = new float[3 * Native.JointCount];
+            fixed (int* pp = p)
+            fixed (float* po = o)
+            {
+                UmoException.Check(Native.umo_model_get_skeleton(Raw, axes, pp, po, (UIntPtr)Native.JointCount));
+            }
+            GC.KeepAlive(this);
+            parents = p;
+            offsets = o;
+        }
+
+        /// <summary>The ids of a prompt, for <see cref="Session.SetPromptIds"/>.</summary>
+        public uint[] EncodeText(string text)
+        {
+            byte[] bytes = Native.Bytes(text);
+            uint[] ids = new uint[Info.MaxPrompt];
+            UIntPtr count;
+            fixed (byte* b = bytes)
+            fixed (uint* p = ids)
+            {
+                UmoException.Check(Native.umo_model_encode_text(Raw, b, (UIntPtr)(bytes.Length - 1), p, (UIntPtr)ids.Length, &count));
+            }
+            GC.KeepAlive(this);
+            Array.Resize(ref ids, (int)count);
+            return ids;
+        }
+
+        /// <summary>The layout of frames without gaps.</summary>
+        public FrameLayout Layout(Axes axes)
+        {
+            FrameLayout layout;
+            UmoException.Check(Native.umo_frame_layout_init(&layout, (UIntPtr)sizeof(FrameLayout), Raw));
+            GC.KeepAlive(this);
+            layout.Axes = axes;
+            return layout;
+        }
+
+        /// <summary>How many frames of a layout of one's own fit into so many bytes; throws where it cannot be used.</summary>
+        public int CheckLayout(FrameLayout layout, long size)
+        {
+            UIntPtr frames;
+            UmoException.Check(Native.umo_frame_layout_check(&layout, Raw, (UIntPtr)(ulong)size, &frames));
+            GC.KeepAlive(this);
+            return (int)Math.Min((ulong)frames, int.MaxValue);
+        }
+
+        public void Dispose() { handle.Dispose(); }
+    }
+}

@@ -1,0 +1,100 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+// Every function of umo.h, as C has it. umo.h says which thread may call which, and what each pointer must be.
+
+using System;
+using System.Runtime.InteropServices;
+using System.Text;
+
+namespace Umo
+{
+    /// <summary>libumo, bare. <see cref="Model"/>, <see cref="Engine"/> and <see cref="Session"/> are safe to use.</summary>
+    public static unsafe class Native
+    {
+        // Where all native code is linked into one program, there is no library to look for.
+#if (UNITY_IOS || UNITY_TVOS || UNITY_VISIONOS || UNITY_WEBGL) && !UNITY_EDITOR
+        public const string Library = "__Internal";
+#else
+        public const string Library = "umo";
+#endif
+        private const CallingConvention C = CallingConvention.Cdecl;
+
+        public const uint AbiVersion = 1;
+        /// <summary>An offset that says: not wanted.</summary>
+        public const uint Absent = 4294967295;
+        public const int VisemeCount = 15;
+        public const int JointCount = 55;
+        /// <summary>In <see cref="ParameterInfo.Flags"/>: only whole numbers are allowed.</summary>
+        public const uint ParameterWhole = 1;
+        /// <summary>Bytes that an error's detail may have, its end included.</summary>
+        public const int ErrorSize = 512;
+
+        [DllImport(Library, CallingConvention = C)] public static extern uint umo_abi_version();
+        [DllImport(Library, CallingConvention = C)] public static extern IntPtr umo_version();
+        [DllImport(Library, CallingConvention = C)] public static extern IntPtr umo_status_message(Status status);
+        [DllImport(Library, CallingConvention = C)] public static extern IntPtr umo_last_error();
+
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_model_config_init(ModelConfig* config, UIntPtr size);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_model_load(uint abi, byte* path, ModelConfig* config, IntPtr* model);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_model_load_memory(uint abi, void* data, UIntPtr size, ModelConfig* config, IntPtr* model);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_model_free(IntPtr model);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_model_get_info(IntPtr model, ModelInfo* info);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_model_get_text(IntPtr model, ModelText which, IntPtr* text);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_model_get_channel_name(IntPtr model, uint index, IntPtr* name);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_model_get_skeleton(IntPtr model, Axes which, int* parents, float* offsets, UIntPtr joints);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_model_encode_text(IntPtr model, byte* text, UIntPtr length, uint* ids, UIntPtr capacity, UIntPtr* count);
+        [DllImport(Library, CallingConvention = C)] public static extern IntPtr umo_joint_name(uint index);
+        [DllImport(Library, CallingConvention = C)] public static extern IntPtr umo_viseme_name(uint index);
+
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_frame_layout_init(FrameLayout* layout, UIntPtr size, IntPtr model);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_frame_layout_check(FrameLayout* layout, IntPtr model, UIntPtr size, UIntPtr* frames);
+
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_engine_config_init(EngineConfig* config, UIntPtr size);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_engine_new(IntPtr model, EngineConfig* config, IntPtr* engine);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_engine_free(IntPtr engine);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_engine_poll(IntPtr engine, uint budget, uint* more);
+
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_parameter_get_info(uint index, ParameterInfo* info);
+
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_config_init(SessionConfig* config, UIntPtr size, IntPtr model);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_memory(IntPtr engine, SessionConfig* config, UIntPtr* size, UIntPtr* alignment);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_new(IntPtr engine, SessionConfig* config, IntPtr* session);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_free(IntPtr session);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_last_error(IntPtr session, byte* buffer, UIntPtr size, UIntPtr* length);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_push_audio(IntPtr session, float* samples, UIntPtr count, UIntPtr* taken);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_push_audio_i16(IntPtr session, short* samples, UIntPtr count, UIntPtr* taken);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_finish(IntPtr session);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_interrupt(IntPtr session, uint easeMs);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_reset(IntPtr session);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_pull_frames(IntPtr session, FrameLayout* layout, void* frames, UIntPtr size, UIntPtr* count);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_ready_frames(IntPtr session, UIntPtr* count);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_sample_pose(IntPtr session, double seconds, FrameLayout* layout, void* frame, UIntPtr size, Sampled* sampled);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_set_prompt(IntPtr session, byte* text, UIntPtr length);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_set_prompt_ids(IntPtr session, uint* ids, UIntPtr count);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_set_seed(IntPtr session, ulong seed);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_set_parameter(IntPtr session, Parameter parameter, double value);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_get_parameter(IntPtr session, Parameter parameter, double* value);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_latency(IntPtr session, Latency* latency);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_stats(IntPtr session, Stats* stats);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_state_size(IntPtr session, UIntPtr* size);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_save(IntPtr session, void* state, UIntPtr size, UIntPtr* written);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_restore(IntPtr session, void* state, UIntPtr size);
+
+        /// <summary>A text of the library's as a string; null for zero.</summary>
+        public static string Text(IntPtr text)
+        {
+            if (text == IntPtr.Zero) return null;
+            byte* bytes = (byte*)text;
+            int length = 0;
+            while (bytes[length] != 0) length++;
+            return Encoding.UTF8.GetString(bytes, length);
+        }
+
+        /// <summary>UTF-8 that ends with a zero byte.</summary>
+        internal static byte[] Bytes(string text)
+        {
+            byte[] bytes = new byte[Encoding.UTF8.GetByteCount(text) + 1];
+            Encoding.UTF8.GetBytes(text, 0, text.Length, bytes, 0);
+            return bytes;
+        }
+    }
+}

@@ -1,0 +1,239 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+// The constants and structures of umo.h, under their own names in C#'s spelling: umo.h says what each means.
+// tests/ holds every number and every field's place to what a C compiler makes of umo.h.
+
+using System;
+using System.Runtime.InteropServices;
+
+namespace Umo
+{
+    /// <summary>What a call came to: Ok, or below zero what went wrong.</summary>
+    public enum Status : int
+    {
+        Ok = 0,
+        NullPointer = -1,
+        InvalidHandle = -2,
+        InvalidArgument = -3,
+        StructSize = -4,
+        BufferTooSmall = -5,
+        Version = -6,
+        Io = -7,
+        Model = -8,
+        OutOfMemory = -9,
+        Full = -10,
+        Busy = -11,
+        Finished = -12,
+        Failed = -13,
+        Closed = -14,
+        Panic = -15,
+        Unsupported = -16,
+        State = -17,
+        Thread = -18,
+    }
+
+    /// <summary>Which way is up, which hand, how long a unit is.</summary>
+    public enum Axes : uint { Gltf = 0, Unreal = 1, Unity = 2 }
+
+    /// <summary>Who computes: the engine's own threads, or whoever calls Poll.</summary>
+    public enum EngineMode : uint { Threads = 0, Polled = 1 }
+
+    public enum LogLevel : uint { Info = 1, Warning = 2, Error = 3 }
+
+    public enum Precision : uint { Stored = 0, F32 = 1, Bf16 = 2, Int8 = 3 }
+
+    /// <summary>The fastest instructions that may be used.</summary>
+    public enum Isa : uint { Best = 0, Scalar = 1, Avx2 = 2, Avx512vnni = 3, Amx = 4 }
+
+    /// <summary>A text that a model has.</summary>
+    public enum ModelText : uint { Name = 1, License = 2, Notice = 3, Isa = 4 }
+
+    /// <summary>What is shown while no audio comes.</summary>
+    public enum Idle : uint { Hold = 0, Rest = 1, Live = 2 }
+
+    /// <summary>What can be set while a session runs.</summary>
+    public enum Parameter : uint
+    {
+        Temperature = 1,
+        TopK = 2,
+        TopP = 3,
+        Idle = 4,
+        GainFace = 16,
+        GainHands = 17,
+        GainUpper = 18,
+        GainLower = 19,
+    }
+
+    [StructLayout(LayoutKind.Sequential)]
+    public struct Jobs
+    {
+        public IntPtr Userdata;
+        /// <summary>A <see cref="JobsSubmit"/>.</summary>
+        public IntPtr Submit;
+    }
+
+    [StructLayout(LayoutKind.Sequential)]
+    public struct Log
+    {
+        public IntPtr Userdata;
+        /// <summary>A <see cref="LogWrite"/>.</summary>
+        public IntPtr Write;
+    }
+
+    [StructLayout(LayoutKind.Sequential)]
+    public struct Allocator
+    {
+        public IntPtr Userdata;
+        /// <summary>An <see cref="AllocatorAllocate"/>.</summary>
+        public IntPtr Allocate;
+        /// <summary>An <see cref="AllocatorRelease"/>.</summary>
+        public IntPtr Release;
+    }
+
+    [UnmanagedFunctionPointer(CallingConvention.Cdecl)]
+    public delegate void JobsSubmit(IntPtr userdata, IntPtr job, IntPtr context);
+
+    [UnmanagedFunctionPointer(CallingConvention.Cdecl)]
+    public delegate void LogWrite(IntPtr userdata, LogLevel level, IntPtr message);
+
+    [UnmanagedFunctionPointer(CallingConvention.Cdecl)]
+    public delegate IntPtr AllocatorAllocate(IntPtr userdata, UIntPtr size, UIntPtr alignment);
+
+    [UnmanagedFunctionPointer(CallingConvention.Cdecl)]
+    public delegate void AllocatorRelease(IntPtr userdata, IntPtr memory, UIntPtr size, UIntPtr alignment);
+
+    /// <summary>How a model is loaded. Start with <see cref="Model.Defaults"/>.</summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public struct ModelConfig
+    {
+        public uint StructSize;
+        public Precision Precision;
+        public Isa Isa;
+        public uint Reserved;
+        /// <summary>A <see cref="Umo.Log"/>, or zero.</summary>
+        public IntPtr Log;
+    }
+
+    [StructLayout(LayoutKind.Sequential)]
+    public struct ModelInfo
+    {
+        public uint StructSize;
+        public uint FrameRate;
+        public uint SampleRate;
+        public uint Joints;
+        public uint Channels;
+        public uint IsArkit;
+        public uint KeyframeStride;
+        public uint Target;
+        public uint MaxTarget;
+        public uint Lookahead;
+        public uint LatencyFrames;
+        public uint MaxPrompt;
+        public uint HasText;
+        public uint HasNotice;
+        public ulong FileSize;
+    }
+
+    /// <summary>What an engine is made with. Start with <see cref="Engine.Defaults"/>.</summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public struct EngineConfig
+    {
+        public uint StructSize;
+        public EngineMode Mode;
+        public uint Threads;
+        public uint MaxSessions;
+        public uint MaxBatch;
+        public uint CoreCount;
+        /// <summary>uint[CoreCount], or zero.</summary>
+        public IntPtr Cores;
+        /// <summary>A <see cref="Umo.Jobs"/>, or zero.</summary>
+        public IntPtr Jobs;
+        /// <summary>A <see cref="Umo.Log"/>, or zero.</summary>
+        public IntPtr Log;
+    }
+
+    /// <summary>What a session is made with. Start with <see cref="Session.Defaults"/>.</summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public struct SessionConfig
+    {
+        public uint StructSize;
+        public uint SampleRate;
+        public uint Channels;
+        public uint Target;
+        public uint Lookahead;
+        public Idle Idle;
+        public uint IdleAfterMs;
+        public uint EaseMs;
+        public uint QueueFrames;
+        public uint Reserved;
+        public ulong Seed;
+        /// <summary>UTF-8 that ends with a zero byte, or zero: the session's constructor takes a string.</summary>
+        public IntPtr TemplateName;
+        /// <summary>An <see cref="Umo.Allocator"/>, or zero.</summary>
+        public IntPtr Allocator;
+    }
+
+    /// <summary>Where a frame's values go. Start with <see cref="Model.Layout"/>.</summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public struct FrameLayout
+    {
+        public uint StructSize;
+        public Axes Axes;
+        public uint FrameStride;
+        public uint Index;
+        public uint Sample;
+        public uint Translation;
+        public uint Rotations;
+        public uint RotationStride;
+        public uint Channels;
+        public uint ChannelStride;
+        public uint Visemes;
+        public uint Reserved;
+    }
+
+    [StructLayout(LayoutKind.Sequential)]
+    public struct ParameterInfo
+    {
+        public uint StructSize;
+        public Parameter Id;
+        public uint Flags;
+        public uint Reserved;
+        public double Minimum;
+        public double Maximum;
+        /// <summary>Static UTF-8: <see cref="Native.Text"/>.</summary>
+        public IntPtr Name;
+    }
+
+    [StructLayout(LayoutKind.Sequential)]
+    public struct Sampled
+    {
+        public uint StructSize;
+        public uint IsAhead;
+        public double Oldest;
+        public double Newest;
+    }
+
+    [StructLayout(LayoutKind.Sequential)]
+    public struct Latency
+    {
+        public uint StructSize;
+        public uint Reserved;
+        public ulong AlgorithmicSamples;
+        public double ComputeP50;
+        public double ComputeP99;
+        public double ComputeP999;
+        public double ComputeMax;
+    }
+
+    [StructLayout(LayoutKind.Sequential)]
+    public struct Stats
+    {
+        public uint StructSize;
+        public uint Reserved;
+        public ulong Chunks;
+        public ulong Frames;
+        public ulong LateFrames;
+        public ulong DroppedFrames;
+        public ulong Overruns;
+        public ulong Silenced;
+    }
+}

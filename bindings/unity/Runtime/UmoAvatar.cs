@@ -1,0 +1,384 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
+using System;
+using System.Collections;
+using UnityEngine;
+using UnityEngine.Networking;
+
+namespace Umo.Unity
+{
+    /// <summary>
+    /// Moves a humanoid and the shapes of its face to what its AudioSource plays. Motion needs to hear a little of the
+    /// future, so the voice is delayed until its motion is there.
+    /// </summary>
+    [AddComponentMenu("Audio/umo Avatar")]
+    [DisallowMultipleComponent]
+    [DefaultExecutionOrder(1000)]
+    [RequireComponent(typeof(AudioSource))]
+    public sealed class UmoAvatar : MonoBehaviour
+    {
+        [Tooltip("Model file in StreamingAssets, or an absolute path.")]
+        public string model = "umo-small.safetensors";
+        [Tooltip("The figure. Empty: an Animator here or below.")]
+        public Animator animator;
+        [Tooltip("Meshes with ARKit blend shapes. Empty: all here and below.")]
+        public SkinnedMeshRenderer[] faces = new SkinnedMeshRenderer[0];
+
+        [Header("Taken over while it runs")]
+        [Range(0, 2)] public float faceGain = 1;
+        [Range(0, 2)] public float handsGain = 1;
+        [Range(0, 2)] public float upperGain = 1;
+        [Range(0, 2)] public float lowerGain = 1;
+        [Tooltip("What is shown while nothing is said: the last pose, the pose of rest, or the model on silence.")]
+        public Idle idle = Idle.Live;
+        [Tooltip("What the avatar is told, for models that take texts.")]
+        public string prompt = "";
+        [Tooltip("Whether the hips move, or only turn.")]
+        public bool moveHips = true;
+
+        [Header("Taken over when it is enabled")]
+        [Tooltip("Keyframes per step, five a second: fewer answer sooner, more see more at once. 0: the model's default.")]
+        [Min(0)] public int target = 2;
+        [Tooltip("Frames held back for smoother seams, that much later. -1: the model's default.")]
+        [Min(-1)] public int lookahead = 0;
+        [Tooltip("The voice is heard when its motion is there. Without, it is heard at once and motion follows late.")]
+        public bool delayVoice = true;
+        [Tooltip("Seconds for the processor, on top of what the model needs to hear.")]
+        [Range(0, 1)] public float margin = 0.1f;
+        [Tooltip("The same seed and voice give the same motion.")]
+        public int seed = 0;
+        [Tooltip("Which of the model's templates. Empty: speech to motion.")]
+        public string template = "";
+
+        private AudioSource source;
+        private string path;
+        private Session session;
+        /// The audio thread's: it takes a look once per block.
+        private volatile VoiceLine line;
+        private MotionClock clock;
+        private Frames frame;
+        private HumanFigure figure;
+        private FaceShapes shapes;
+        private Retarget retarget;
+        private float[] rotations, translation, face;
+        private Quat[] turned;
+        private int rate, channels, lag;
+        private double quiet, restLength;
+        private int blocks;
+        private bool any, restart;
+        private readonly double[] sent = new double[4];
+        private Idle sentIdle;
+        private string sentPrompt;
+        /// The pose of rest is that of the first time: later ones are animated. Kept when code is loaded anew.
+        private Quaternion[] restRotations;
+        private Vector3[] restPlaces;
+
+        /// <summary>What keeps it from moving; empty where nothing does.</summary>
+        public string Error { get; private set; } = "";
+
+        /// <summary>What users must be told about the model; empty where there is nothing.</summary>
+        public string Notice { get; private set; } = "";
+
+        /// <summary>Blend shapes that were found, and bones.</summary>
+        public int ShapeCount { get { return shapes == null ? 0 : shapes.Count; } }
+        public int BoneCount { get { return figure == null ? 0 : figure.Count; } }
+
+        /// <summary>Seconds by which voice and motion are behind what the AudioSource plays.</summary>
+        public float Delay { get { return rate == 0 ? 0 : lag / (float)rate; } }
+
+        /// <summary>The session, for what this component does not do; null where there is none.</summary>
+        public Session Session { get { return session; } }
+
+        private void OnEnable()
+        {
+            source = GetComponent<AudioSource>();
+            AudioSettings.OnAudioConfigurationChanged += ConfigurationChanged;
+            Begin(0);
+        }
+
+        private void OnDisable()
+        {
+            AudioSettings.OnAudioConfigurationChanged -= ConfigurationChanged;
+            StopAllCoroutines();
+            End();
+        }
+
+        private void ConfigurationChanged(bool deviceWasChanged) { restart = true; }
+
+        /// <summary>Says a clip, to its end: the AudioSource plays on until its last sound was heard. Allocates.</summary>
+        public void Speak(AudioClip clip)
+        {
+            float[] samples = new float[clip.samples * clip.channels];
+            if (!clip.GetData(samples, 0))
+            {
+                Debug.LogWarning("umo: the samples of " + clip.name + " cannot be read: set its load type to Decompress On Load", this);
+                return;
+            }
+            int tail = Mathf.CeilToInt(Delay * clip.frequency);
+            Array.Resize(ref samples, (clip.samples + tail) * clip.channels);
+            AudioClip longer = AudioClip.Create(clip.name, clip.samples + tail, clip.channels, clip.frequency, false);
+            longer.SetData(samples, 0);
+            source.Stop();
+            source.clip = longer;
+            source.loop = false;
+            source.Play();
+            if (spoken != null) Destroy(spoken);
+            spoken = longer;
+        }
+
+        private AudioClip spoken;
+
+        /// <summary>Somebody talks over the avatar: it falls silent at once and eases to rest. What is said next is a new speech.</summary>
+        public void Interrupt(float easeSeconds = 0.3f)
+        {
+            if (session == null) return;
+            uint ease = (uint)Mathf.RoundToInt(1000 * Mathf.Clamp(easeSeconds, 0, 10));
+            source.Stop();
+            line.Playing = false;
+            line.Clear();
+            if (!Works(session.Interrupt(ease))) return;
+            clock.Interrupt(frame.Index(0), any, ease, line.Pushed);
+            line.StartAt(clock.NextSample);
+        }
+
+        private void Begin(int hostChannels)
+        {
+            Error = Notice = "";
+            restart = false;
+            path = System.IO.Path.Combine(Application.streamingAssetsPath, model);
+            if (path.Contains("://") && !UmoRuntime.Has(path)) StartCoroutine(Fetch(hostChannels));
+            else Begin(hostChannels, null);
+        }
+
+        /// Where assets lie in an archive, as on Android.
+        private IEnumerator Fetch(int hostChannels)
+        {
+            using (UnityWebRequest request = UnityWebRequest.Get(path))
+            {
+                yield return request.SendWebRequest();
+                if (!string.IsNullOrEmpty(request.error)) Fail(path + ": " + request.error);
+                else Begin(hostChannels, request.downloadHandler.data);
+            }
+        }
+
+        private void Begin(int hostChannels, byte[] bytes)
+        {
+            try
+            {
+                Engine engine = UmoRuntime.Acquire(path, bytes);
+                try
+                {
+                    Make(engine, hostChannels);
+                }
+                catch
+                {
+                    UmoRuntime.Release(path, engine);
+                    throw;
+                }
+            }
+            catch (UmoException error)
+            {
+                Fail(error.Message);
+            }
+            catch (DllNotFoundException)
+            {
+                Fail("the native library is missing: bindings/unity/fetch-native copies it into the package's Plugins folder");
+            }
+            catch (EntryPointNotFoundException error)
+            {
+                Fail("the native library is of another version: " + error.Message);
+            }
+        }
+
+        private void Make(Engine engine, int hostChannels)
+        {
+            Model loaded = engine.Model;
+            // The mixer's rate, not the clip's: it is what filters get.
+            rate = AudioSettings.outputSampleRate;
+            channels = hostChannels > 0 ? hostChannels : SpeakerChannels(AudioSettings.speakerMode);
+            SessionConfig config = Session.Defaults(loaded);
+            config.SampleRate = (uint)rate;
+            config.Channels = (uint)channels;
+            config.Seed = (ulong)seed;
+            if (target > 0) config.Target = (uint)target;
+            if (lookahead >= 0) config.Lookahead = (uint)lookahead;
+            Session made = new Session(engine, config, string.IsNullOrEmpty(template) ? null : template);
+
+            Latency latency;
+            made.GetLatency(out latency);
+            int length, count;
+            AudioSettings.GetDSPBufferSize(out length, out count);
+            int delay = (int)latency.AlgorithmicSamples + Mathf.CeilToInt(margin * rate);
+            // What the mixer gets is heard when its buffers have been played.
+            lag = delay + length * count;
+            restLength = (config.IdleAfterMs + config.EaseMs) / 1000.0;
+            quiet = double.MaxValue;
+            any = false;
+
+            Notice = loaded.Notice;
+            clock = new MotionClock(rate);
+            frame = new Frames(loaded, 1, Axes.Unity);
+            rotations = new float[4 * Native.JointCount];
+            translation = new float[3];
+            face = new float[frame.Channels];
+            FindFigure(loaded);
+            for (int i = 0; i < sent.Length; i++) sent[i] = 1;
+            sentIdle = config.Idle;
+            sentPrompt = "";
+            session = made;
+            line = new VoiceLine(made, rate, channels, delayVoice ? delay : 0);
+        }
+
+        private void FindFigure(Model loaded)
+        {
+            SkinnedMeshRenderer[] meshes = faces != null && faces.Length > 0 ? faces : GetComponentsInChildren<SkinnedMeshRenderer>(true);
+            shapes = new FaceShapes(meshes, loaded.ChannelNames());
+            Animator found = animator != null ? animator : GetComponentInChildren<Animator>();
+            figure = null;
+            if (found == null || !found.isHuman) return;
+            figure = new HumanFigure(found, shapes.Channels == 0);
+            if (restPlaces == null || restPlaces.Length != figure.Count) figure.Capture(out restRotations, out restPlaces);
+            int[] parents;
+            float[] offsets;
+            loaded.Skeleton(Axes.Unity, out parents, out offsets);
+            retarget = new Retarget(parents, offsets, figure.Rest(restRotations, restPlaces));
+            turned = new Quat[figure.Count];
+        }
+
+        private void End()
+        {
+            line = null;
+            if (session == null) return;
+            // The audio thread may still be in a block: the library says so, and this waits for it.
+            session.Dispose();
+            UmoRuntime.Release(path, session.Engine);
+            session = null;
+        }
+
+        private void Fail(string message)
+        {
+            Error = message;
+            Debug.LogError("umo: " + message, this);
+            End();
+        }
+
+        private bool Works(Status status)
+        {
+            if (status == Status.Ok || status == Status.Busy) return true;
+            Fail(UmoException.Describe(status) + ": " + session.LastError());
+            return false;
+        }
+
+        private void OnAudioFilterRead(float[] data, int blockChannels)
+        {
+            VoiceLine now = line;
+            if (now != null) now.Process(data, blockChannels);
+        }
+
+        private void LateUpdate()
+        {
+            if (session == null) return;
+            if (restart || line.ChannelsSeen != channels)
+            {
+                int seen = restart ? 0 : line.ChannelsSeen;
+                End();
+                Begin(seen);
+                if (session == null) return;
+            }
+            if (!Send() || !Works(line.Status)) return;
+            Tick(Time.unscaledDeltaTime);
+            Sampled sampled;
+            if (!Works(session.SamplePose(clock.Time, frame, out sampled))) return;
+            if (sampled.IsAhead == 0) any = true;
+            if (any) clock.Follow(frame.Index(0), frame.Sample(0));
+            Show();
+        }
+
+        private void Tick(double seconds)
+        {
+            line.Playing = source.isPlaying;
+            if (line.Playing)
+            {
+                quiet = 0;
+                clock.Advance(seconds, line.Pushed - lag);
+                return;
+            }
+            // Filters of a source that stands get nothing, so that the end of what was said would never move.
+            quiet += seconds;
+            // What is left of a voice that was cut off is not to be heard before the next.
+            if (quiet < 0.2) blocks = line.Blocks;
+            else if (blocks == line.Blocks) line.Clear();
+            else blocks = -1;
+            double tail = lag / (double)rate + 0.1;
+            bool feeds = idle == Idle.Live || quiet < tail;
+            if (feeds)
+            {
+                line.Silence((int)Math.Round(seconds * rate));
+                clock.Advance(seconds, line.Pushed - lag);
+            }
+            else if (idle == Idle.Rest && quiet < tail + restLength)
+            {
+                clock.Rest(seconds);
+                line.StartAt(clock.NextSample);
+            }
+        }
+
+        /// Hands on what was changed in the inspector or by a script.
+        private bool Send()
+        {
+            bool works = Send(0, Parameter.GainFace, faceGain) && Send(1, Parameter.GainHands, handsGain)
+                && Send(2, Parameter.GainUpper, upperGain) && Send(3, Parameter.GainLower, lowerGain);
+            // Live is silence that this component puts in, so that sound and motion keep one clock.
+            Idle wanted = idle == Idle.Rest ? Idle.Rest : Idle.Hold;
+            if (works && wanted != sentIdle)
+            {
+                works = Works(session.Set(Parameter.Idle, (uint)wanted));
+                sentIdle = wanted;
+            }
+            string text = prompt ?? "";
+            if (works && text != sentPrompt)
+            {
+                sentPrompt = text;
+                Status status = session.SetPrompt(text);
+                if (status == Status.Unsupported) Debug.LogWarning("umo: " + model + " takes no prompts", this);
+                else works = Works(status);
+            }
+            return works;
+        }
+
+        private bool Send(int index, Parameter parameter, float value)
+        {
+            double wanted = Mathf.Clamp(value, 0, 2);
+            if (wanted == sent[index]) return true;
+            sent[index] = wanted;
+            return Works(session.Set(parameter, wanted));
+        }
+
+        private void Show()
+        {
+            if (shapes.Count > 0)
+            {
+                frame.Face(0, face);
+                shapes.Show(face);
+            }
+            if (figure == null) return;
+            frame.Rotations(0, rotations);
+            frame.Translation(0, translation);
+            retarget.Rotate(rotations, turned);
+            figure.Show(turned, retarget.Hips(translation), moveHips);
+        }
+
+        private static int SpeakerChannels(AudioSpeakerMode mode)
+        {
+            switch (mode)
+            {
+                case AudioSpeakerMode.Mono: return 1;
+                case AudioSpeakerMode.Quad: return 4;
+                case AudioSpeakerMode.Surround: return 5;
+                case AudioSpeakerMode.Mode5point1: return 6;
+                case AudioSpeakerMode.Mode7point1: return 8;
+                default: return 2;
+            }
+        }
+    }
+}

@@ -1,0 +1,534 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+// The component in a stand-in of the engine, with the real library: a mixer's thread, the game's frames, play and stop.
+
+using System;
+using System.Collections.Generic;
+using System.IO;
+using System.Linq;
+using System.Reflection;
+using System.Threading;
+using NUnit.Framework;
+using UnityEditor;
+using UnityEngine;
+
+namespace Umo.Unity.Tests
+{
+    public sealed class AvatarTests
+    {
+        private const int Block = 1024;
+        private const double Frame = 1 / 60.0;
+
+        private readonly GameObject figure = new GameObject("figure");
+        private readonly AudioSource source;
+        private readonly UmoAvatar avatar;
+        private readonly Animator animator;
+        private readonly SkinnedMeshRenderer mesh;
+        private readonly float[] speech;
+        private float[] playing;
+        private int played;
+        private double blocks, time;
+        private readonly List<float> heard = new List<float>();
+
+        public AvatarTests()
+        {
+            // The editor does so when it has loaded the code.
+            System.Runtime.CompilerServices.RuntimeHelpers.RunClassConstructor(typeof(Editing.UmoReload).TypeHandle);
+            Debug.Said.Clear();
+            AudioSettings.outputSampleRate = 48000;
+            AudioSettings.speakerMode = AudioSpeakerMode.Stereo;
+            Application.streamingAssetsPath = Path.GetDirectoryName(Runner.Arguments[0]);
+            byte[] wav = File.ReadAllBytes(Runner.Arguments[1]);
+            short[] samples = new short[(wav.Length - 44) / 2];
+            Buffer.BlockCopy(wav, 44, samples, 0, 2 * samples.Length);
+            // 16 kHz mono in a mixer of 48 kHz stereo.
+            speech = new float[6 * samples.Length];
+            for (int i = 0; i < speech.Length; i++) speech[i] = samples[i / 6] / 32768f;
+
+            figure.transform.localPosition = new Vector3(3, 0, 5);
+            figure.transform.localRotation = new Quaternion(0, 1, 0, 0);
+            source = figure.AddComponent<AudioSource>();
+            animator = figure.AddComponent<Animator>();
+            Bones();
+            mesh = new GameObject("head", figure).AddComponent<SkinnedMeshRenderer>();
+            mesh.sharedMesh = new Mesh { Shapes = new[] { "blendShape1.jawOpen", "blendShape1.eyeBlink_L", "blendShape1.other" } };
+            avatar = figure.AddComponent<UmoAvatar>();
+            avatar.model = Path.GetFileName(Runner.Arguments[0]);
+        }
+
+        private void Bones()
+        {
+            Bone("hips", figure, HumanBodyBones.Hips, 0, 1, 0);
+            GameObject spine = Bone("spine", Of(HumanBodyBones.Hips), HumanBodyBones.Spine, 0, 0.2f, 0);
+            GameObject chest = Bone("chest", spine, HumanBodyBones.Chest, 0, 0.2f, 0);
+            GameObject head = Bone("head", chest, HumanBodyBones.Head, 0, 0.3f, 0);
+            Bone("jaw", head, HumanBodyBones.Jaw, 0, 0, 0.1f);
+            // An arm that rests at an angle.
+            GameObject upper = Bone("upper arm", chest, HumanBodyBones.LeftUpperArm, -0.2f, 0.2f, 0);
+            GameObject lower = Bone("lower arm", upper, HumanBodyBones.LeftLowerArm, -0.2f, -0.2f, 0);
+            Bone("hand", lower, HumanBodyBones.LeftHand, -0.2f, -0.2f, 0);
+        }
+
+        private GameObject Of(HumanBodyBones bone) { return animator.Bones[bone].gameObject; }
+
+        private GameObject Bone(string name, GameObject parent, HumanBodyBones bone, float x, float y, float z)
+        {
+            GameObject made = new GameObject(name, parent);
+            made.transform.localPosition = new Vector3(x, y, z);
+            animator.Bones[bone] = made.transform;
+            return made;
+        }
+
+        private void Enable() { GameObject.Send(avatar, "OnEnable"); }
+        private void Disable() { GameObject.Send(avatar, "OnDisable"); }
+
+        private readonly float[] block = new float[2 * Block];
+
+        /// One block of the mixer's. Where nothing plays, a filter is not called, or is called with silence.
+        private void Mix(bool callsAlways)
+        {
+            if (!source.isPlaying && !callsAlways) return;
+            Array.Clear(block, 0, block.Length);
+            if (source.isPlaying)
+            {
+                int count = Math.Min(block.Length, playing.Length - played);
+                Array.Copy(playing, played, block, 0, count);
+                played += count;
+                if (played == playing.Length) source.Stop();
+            }
+            GameObject.Send(avatar, "OnAudioFilterRead", block, 2);
+            heard.AddRange(block);
+        }
+
+        /// Sound and frames as long as that, each waiting for frames that are due, so that a slow machine changes nothing.
+        private void Run(double seconds, Action each = null, bool callsAlways = false)
+        {
+            for (double end = time + seconds; time < end; time += Frame)
+            {
+                while (blocks * Block / 48000 <= time)
+                {
+                    Mix(callsAlways);
+                    blocks++;
+                }
+                Time.unscaledDeltaTime = (float)Frame;
+                Settle();
+                GameObject.Send(avatar, "LateUpdate");
+                if (each != null) each();
+            }
+        }
+
+        /// Waits until the engine has computed what the audio so far is enough for; after an interrupt, what has come in a while.
+        private void Settle()
+        {
+            VoiceLine line = (VoiceLine)LineField.GetValue(avatar);
+            if (avatar.Session == null) return;
+            Latency latency;
+            Stats stats;
+            avatar.Session.GetLatency(out latency);
+            // The resampler holds some samples back, too.
+            long heard = line.Pushed - (long)latency.AlgorithmicSamples - AudioSettings.outputSampleRate / 20;
+            long due = heard * 30 / AudioSettings.outputSampleRate;
+            for (int tries = 0; tries < (interrupted ? 5 : 5000); tries++)
+            {
+                avatar.Session.GetStats(out stats);
+                if (!interrupted && (long)stats.Frames >= due) return;
+                Thread.Sleep(1);
+            }
+            Assert.IsTrue(interrupted, "the engine computes nothing");
+        }
+
+        private bool interrupted;
+        private static readonly FieldInfo LineField = typeof(UmoAvatar).GetField("line", BindingFlags.NonPublic | BindingFlags.Instance);
+
+        private void Play(float[] samples)
+        {
+            playing = samples;
+            played = 0;
+            source.Play();
+        }
+
+        private float Jaw { get { return mesh.Weights.ContainsKey(0) ? mesh.Weights[0] : 0; } }
+
+        private static readonly FieldInfo ClockField = typeof(UmoAvatar).GetField("clock", BindingFlags.NonPublic | BindingFlags.Instance);
+        private double Clock { get { return ((MotionClock)ClockField.GetValue(avatar)).Time; } }
+
+        private static readonly FieldInfo FrameField = typeof(UmoAvatar).GetField("frame", BindingFlags.NonPublic | BindingFlags.Instance);
+
+        /// The frame that is shown is that of the sound that is heard.
+        private void InStep()
+        {
+            VoiceLine line = (VoiceLine)LineField.GetValue(avatar);
+            Frames frame = (Frames)FrameField.GetValue(avatar);
+            Assert.AreEqual(line.Pushed / 48000.0 - avatar.Delay, frame.Sample(0) / 48000.0, 0.08, "the frame's sample");
+        }
+
+        private void NothingSaid() { Assert.AreEqual("", string.Join("; ", Debug.Said)); }
+
+        [Test]
+        public void bones_and_shapes_follow_what_is_heard()
+        {
+            Enable();
+            Assert.AreEqual("", avatar.Error);
+            Assert.AreEqual(2, avatar.ShapeCount);
+            // The jaw is moved by a shape, not by its bone as well.
+            Assert.AreEqual(7, avatar.BoneCount);
+            Play(speech);
+            HashSet<float> jaws = new HashSet<float>();
+            HashSet<float> heads = new HashSet<float>();
+            float hand = animator.Bones[HumanBodyBones.LeftHand].position.y;
+            Run(3, () =>
+            {
+                jaws.Add(Jaw);
+                heads.Add(animator.Bones[HumanBodyBones.Head].rotation.x);
+            });
+            Assert.IsTrue(jaws.Count > 50 && heads.Count > 50, jaws.Count + " jaws, " + heads.Count + " heads");
+            Assert.IsTrue(jaws.Max() > 1 && jaws.All(w => w >= 0 && w <= 100), "weights from " + jaws.Min() + " to " + jaws.Max());
+            Assert.IsTrue(!mesh.Weights.ContainsKey(2), "a shape that is no channel was moved");
+            Assert.IsTrue(Math.Abs(animator.Bones[HumanBodyBones.LeftHand].position.y - hand) > 0.01, "the hand moved");
+            // The sound is heard as late as its motion is shown.
+            int late = heard.FindIndex(s => s != 0) / 2 - Array.FindIndex(speech, s => s != 0) / 2;
+            Assert.AreEqual(avatar.Delay * 48000 - 4 * 1024, late, 1.0, "the voice's delay");
+            Assert.AreEqual(3 - avatar.Delay, Clock, 0.06, "the motion's");
+            Disable();
+            NothingSaid();
+        }
+
+        [Test]
+        public void a_pose_is_the_one_that_the_library_gives_for_that_moment()
+        {
+            Enable();
+            Play(speech);
+            Run(3);
+            // The same sound and seed to a session of our own.
+            Engine engine = avatar.Session.Engine;
+            SessionConfig config = Session.Defaults(engine.Model);
+            config.SampleRate = 48000;
+            config.Channels = 2;
+            config.Target = (uint)avatar.target;
+            config.Lookahead = (uint)avatar.lookahead;
+            using (Session session = new Session(engine, config))
+            {
+                int taken;
+                // A block's samples may have been left out while the component saw that it plays; none were, or it would differ.
+                session.PushAudio(speech, 0, 2 * 3 * 48000, out taken);
+                Frames frames = new Frames(engine.Model, 1, Axes.Unity);
+                Sampled sampled;
+                do
+                {
+                    Thread.Sleep(1);
+                    session.SamplePose(0, frames, out sampled);
+                } while (sampled.Newest < Clock);
+                session.SamplePose(Clock, frames, out sampled);
+                float[] face = new float[frames.Channels];
+                frames.Face(0, face);
+                int jaw = Array.IndexOf(engine.Model.ChannelNames(), "jawOpen");
+                Assert.AreEqual(100 * face[jaw], Jaw, 1e-4, "the jaw");
+                // The figure is turned half a turn about up: rotations of the hips are those of the pelvis after that.
+                float[] rotations = new float[220];
+                frames.Rotations(0, rotations);
+                Quaternion hips = new Quaternion(0, 1, 0, 0) * new Quaternion(rotations[0], rotations[1], rotations[2], rotations[3]);
+                Quaternion got = animator.Bones[HumanBodyBones.Hips].rotation;
+                Assert.AreEqual(1, Math.Abs(hips.x * got.x + hips.y * got.y + hips.z * got.z + hips.w * got.w), 1e-5, "the hips");
+            }
+            Disable();
+        }
+
+        [Test]
+        public void the_mouth_does_not_stick_when_the_voice_stops()
+        {
+            foreach (bool callsAlways in new[] { false, true })
+            {
+                avatar.idle = Idle.Rest;
+                Enable();
+                Play(speech);
+                Run(2, null, callsAlways);
+                source.Stop();
+                Run(4, null, callsAlways);
+                float rest = Jaw;
+                Run(1, () => Assert.AreEqual(rest, Jaw, 1e-6, "at rest"), callsAlways);
+                // And what is said next is shown when it is heard.
+                Play(speech);
+                HashSet<float> jaws = new HashSet<float>();
+                Run(3, () => jaws.Add(Jaw), callsAlways);
+                Assert.IsTrue(jaws.Count > 50, "it speaks again: " + jaws.Count);
+                InStep();
+                Disable();
+            }
+            NothingSaid();
+        }
+
+        [Test]
+        public void an_avatar_lives_while_nothing_plays()
+        {
+            Enable();
+            HashSet<float> heads = new HashSet<float>();
+            Run(3, () => heads.Add(animator.Bones[HumanBodyBones.Head].rotation.x));
+            Assert.IsTrue(heads.Count > 50, heads.Count + " poses");
+            InStep();
+            Disable();
+            NothingSaid();
+        }
+
+        [Test]
+        public void an_interrupt_eases_to_rest_and_the_next_speech_follows()
+        {
+            Enable();
+            Play(speech);
+            Run(2.5);
+            double before = Clock;
+            avatar.Interrupt(0.5f);
+            interrupted = true;
+            Assert.IsTrue(!source.isPlaying, "it is silent");
+            float last = Jaw, largest = 0;
+            Run(0.45, () =>
+            {
+                largest = Math.Max(largest, Math.Abs(Jaw - last));
+                last = Jaw;
+            });
+            Assert.AreEqual(before + 0.45, Clock, 0.04, "the ease is shown at once");
+            Assert.IsTrue(largest < 20, "the jaw jumped by " + largest);
+            Play(speech);
+            HashSet<float> jaws = new HashSet<float>();
+            Run(3, () => jaws.Add(Jaw));
+            Assert.IsTrue(jaws.Count > 50, "it speaks again: " + jaws.Count);
+            InStep();
+            Disable();
+            NothingSaid();
+        }
+
+        [Test]
+        public void silence_is_put_in_before_sound_whose_motion_would_be_in_the_past()
+        {
+            Enable();
+            using (Session session = new Session(avatar.Session.Engine, Stereo()))
+            {
+                VoiceLine line = new VoiceLine(session, 48000, 2, 0);
+                Action<int, string> process = (wanted, what) =>
+                {
+                    line.Process(Enumerable.Repeat(0.5f, 2 * Block).ToArray(), 2);
+                    Assert.AreEqual((long)wanted, line.Pushed, what);
+                };
+                process(Block, "sound");
+                line.StartAt(5000);
+                process(5000 + Block, "silence up to there, and sound");
+                process(5000 + 2 * Block, "sound alone");
+                line.Silence(700);
+                Assert.AreEqual(5000L + 2 * Block + 700, line.Pushed, "silence instead of sound");
+                line.Process(new float[2 * Block], 2);
+                Assert.AreEqual(5000L + 2 * Block + 700, line.Pushed, "silence of a source that stands");
+                line.Playing = true;
+                line.Process(new float[2 * Block], 2);
+                Assert.AreEqual(5000L + 3 * Block + 700, line.Pushed, "silence of a source that plays");
+            }
+            Disable();
+        }
+
+        private SessionConfig Stereo()
+        {
+            SessionConfig config = Session.Defaults(avatar.Session.Engine.Model);
+            config.SampleRate = 48000;
+            config.Channels = 2;
+            return config;
+        }
+
+        [Test]
+        public void a_voice_that_was_cut_off_is_not_heard_before_the_next()
+        {
+            Enable();
+            Play(Enumerable.Repeat(0.5f, 8 * 48000).ToArray());
+            Run(1.5);
+            source.Stop();
+            Run(0.5);
+            heard.Clear();
+            Play(Enumerable.Repeat(0.25f, 8 * 48000).ToArray());
+            Run(1.5);
+            Assert.IsTrue(heard.All(s => s == 0 || s == 0.25f), "the old voice is heard");
+            Assert.IsTrue(heard.Last() == 0.25f, "the new voice is not heard");
+            Disable();
+        }
+
+        [Test]
+        public void parts_that_are_turned_off_stay_at_rest()
+        {
+            avatar.faceGain = 0;
+            avatar.upperGain = 0;
+            Enable();
+            Play(speech);
+            Run(1.5);
+            float jaw = Jaw;
+            Quaternion hand = animator.Bones[HumanBodyBones.LeftHand].localRotation;
+            Run(1, () =>
+            {
+                Assert.AreEqual(jaw, Jaw, 1e-6, "the jaw");
+                Assert.AreEqual(hand.x, animator.Bones[HumanBodyBones.LeftHand].localRotation.x, 1e-5, "the hand");
+            });
+            avatar.faceGain = 1;
+            HashSet<float> jaws = new HashSet<float>();
+            Run(1, () => jaws.Add(Jaw));
+            Assert.IsTrue(jaws.Count > 20, "the face moves again");
+            Disable();
+        }
+
+        [Test]
+        public void the_mixers_rate_and_channels_may_change()
+        {
+            Enable();
+            Play(speech);
+            Run(1);
+            Session first = avatar.Session;
+            AudioSettings.Change(44100);
+            Run(0.1);
+            Assert.IsTrue(avatar.Session != null && avatar.Session != first, "a new session at the new rate");
+            int taken;
+            Assert.AreEqual(Status.InvalidHandle, first.PushAudio(block, 0, 2, out taken));
+            GameObject.Send(avatar, "OnAudioFilterRead", new float[6 * 512], 6);
+            Session second = avatar.Session;
+            GameObject.Send(avatar, "LateUpdate");
+            Assert.IsTrue(avatar.Session != second, "a new session for six channels");
+            GameObject.Send(avatar, "OnAudioFilterRead", new float[6 * 512], 6);
+            GameObject.Send(avatar, "LateUpdate");
+            Disable();
+            NothingSaid();
+        }
+
+        [Test]
+        public void play_starts_and_stops_many_times_under_a_running_mixer()
+        {
+            bool ends = false;
+            Exception thrown = null;
+            MethodInfo read = typeof(UmoAvatar).GetMethod("OnAudioFilterRead", BindingFlags.NonPublic | BindingFlags.Instance);
+            Action<float[], int> filter = (Action<float[], int>)Delegate.CreateDelegate(typeof(Action<float[], int>), avatar, read);
+            Thread mixer = new Thread(() =>
+            {
+                try
+                {
+                    float[] data = new float[2 * Block];
+                    for (int at = 0; !Volatile.Read(ref ends); at = (at + data.Length) % (speech.Length - data.Length))
+                    {
+                        Array.Copy(speech, at, data, 0, data.Length);
+                        filter(data, 2);
+                    }
+                }
+                catch (Exception error)
+                {
+                    thrown = error;
+                }
+            }) { IsBackground = true };
+            mixer.Start();
+            source.Play();
+            for (int round = 0; round < 50; round++)
+            {
+                Enable();
+                Assert.AreEqual("", avatar.Error);
+                for (int i = 0; i < 5; i++) GameObject.Send(avatar, "LateUpdate");
+                if (round % 5 == 0) AssemblyReloadEvents.Raise();
+                Disable();
+                if (round % 3 == 0) EditorApplication.Raise(PlayModeStateChange.EnteredEditMode);
+                if (round % 4 == 0) UmoRuntime.Shutdown();
+            }
+            ends = true;
+            mixer.Join();
+            Assert.AreEqual(null, thrown);
+            Assert.IsTrue(!AudioSettings.HasListeners, "a listener was left");
+            Assert.IsTrue(!UmoRuntime.Has(Path.Combine(Application.streamingAssetsPath, avatar.model)), "an engine was left");
+        }
+
+        [Test]
+        public void engines_are_shared_and_freed_with_the_last_user()
+        {
+            Enable();
+            string path = Path.Combine(Application.streamingAssetsPath, avatar.model);
+            Engine same = UmoRuntime.Acquire(path);
+            Assert.AreEqual(avatar.Session.Engine, same);
+            Disable();
+            Assert.IsTrue(UmoRuntime.Has(path), "it is still used");
+            UmoRuntime.Release(path, same);
+            Assert.IsTrue(!UmoRuntime.Has(path), "it is not freed");
+        }
+
+        [Test]
+        public void what_is_wrong_is_said_in_the_inspector()
+        {
+            var inspector = new Editing.UmoAvatarInspector { target = avatar };
+            avatar.model = "none.safetensors";
+            Enable();
+            GameObject.Send(avatar, "LateUpdate");
+            GameObject.Send(avatar, "OnAudioFilterRead", block, 2);
+            EditorGUILayout.Shown.Clear();
+            inspector.OnInspectorGUI();
+            Assert.IsTrue(EditorGUILayout.Shown.Single().StartsWith("Error: ") && EditorGUILayout.Shown.Single().Contains("none.safetensors"), EditorGUILayout.Shown[0]);
+            Assert.IsTrue(Debug.Said.Single().Contains("none.safetensors"), Debug.Said[0]);
+            Disable();
+            avatar.model = Path.GetFileName(Runner.Arguments[0]);
+            avatar.target = 99;
+            Enable();
+            Assert.IsTrue(avatar.Error.Length > 0, "99 keyframes at once");
+            Assert.IsTrue(!UmoRuntime.Has(Path.Combine(Application.streamingAssetsPath, avatar.model)), "an engine was left");
+            avatar.target = 2;
+            Disable();
+            Enable();
+            EditorGUILayout.Shown.Clear();
+            inspector.OnInspectorGUI();
+            Assert.IsTrue(EditorGUILayout.Shown.Last().Contains("7 bones, 2 blend shapes"), EditorGUILayout.Shown.Last());
+            Disable();
+        }
+
+        [Test]
+        public void a_model_in_an_archive_is_fetched()
+        {
+            Application.streamingAssetsPath = "file://" + Application.streamingAssetsPath;
+            Enable();
+            Assert.AreEqual("", avatar.Error);
+            Assert.IsTrue(avatar.Session != null, "a session");
+            Disable();
+            avatar.model = "none.safetensors";
+            Enable();
+            Assert.IsTrue(avatar.Error.Contains("none.safetensors"), avatar.Error);
+            Disable();
+        }
+
+        [Test]
+        public void a_clip_is_said_to_its_last_sound()
+        {
+            Enable();
+            AudioClip clip = AudioClip.Create("hello", 16000, 1, 16000, false);
+            float[] ones = Enumerable.Repeat(0.5f, 16000).ToArray();
+            clip.SetData(ones, 0);
+            avatar.Speak(clip);
+            Assert.IsTrue(source.isPlaying, "it plays");
+            Assert.AreEqual(16000 + (int)Math.Ceiling(avatar.Delay * 16000), source.clip.samples);
+            float[] both = new float[source.clip.samples];
+            source.clip.GetData(both, 0);
+            Assert.IsTrue(both[15999] == 0.5f && both[16000] == 0, "the clip, then silence");
+            Disable();
+        }
+
+        [Test]
+        public void neither_thread_allocates()
+        {
+            Func<long> allocated = (Func<long>)Delegate.CreateDelegate(typeof(Func<long>),
+                typeof(GC).GetMethod("GetAllocatedBytesForCurrentThread", BindingFlags.Public | BindingFlags.NonPublic | BindingFlags.Static));
+            BindingFlags own = BindingFlags.NonPublic | BindingFlags.Instance;
+            Action<float[], int> filter = (Action<float[], int>)Delegate.CreateDelegate(typeof(Action<float[], int>), avatar, typeof(UmoAvatar).GetMethod("OnAudioFilterRead", own));
+            Action update = (Action)Delegate.CreateDelegate(typeof(Action), avatar, typeof(UmoAvatar).GetMethod("LateUpdate", own));
+            Enable();
+            Play(speech);
+            Run(1.5);
+            float[] data = new float[2 * Block];
+            Time.unscaledDeltaTime = 0.02f;
+            long before = allocated();
+            object kept = new byte[100];
+            Assert.IsTrue(allocated() > before, "the counter counts nothing " + kept);
+            before = allocated();
+            for (int i = 0; i < 2000; i++)
+            {
+                Array.Copy(speech, i * 100, data, 0, data.Length);
+                filter(data, 2);
+                update();
+            }
+            long bytes = allocated() - before;
+            Assert.AreEqual(0L, bytes, "bytes");
+            Assert.AreEqual("", avatar.Error);
+            Disable();
+        }
+    }
+}
