@@ -238,8 +238,15 @@ static void submit(void *userdata, void (*function)(void *context), void *contex
     job_system *jobs = userdata;
     job *j = malloc(sizeof *j);
     *j = (job){function, context};
-    if (jobs->count < 64) CHECK(pthread_create(&jobs->threads[jobs->count++], NULL, run_job, j) == 0);
-    else free(j); /* a host that is too busy drops jobs */
+    if (jobs->count == 64) {
+        free(j); /* a host that is too busy drops jobs */
+        return;
+    }
+    /* The least stack that umo.h asks for. */
+    pthread_attr_t attributes;
+    CHECK(pthread_attr_init(&attributes) == 0 && pthread_attr_setstacksize(&attributes, 1 << 20) == 0);
+    CHECK(pthread_create(&jobs->threads[jobs->count++], &attributes, run_job, j) == 0);
+    pthread_attr_destroy(&attributes);
 }
 
 static void threads_are_the_host_s(void) {

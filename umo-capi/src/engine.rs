@@ -29,8 +29,8 @@ const MAX_CORES: usize = 64;
 
 /// Lends the host's threads to an engine: its job system's. Each `umo_engine_poll` then calls `submit` for every thread but
 /// its own; the host runs `job(context)` on another thread as soon as it can, which computes until the poll is over and
-/// returns. A job that is run late, or never, costs speed and nothing else; one that is run after the engine was freed
-/// returns at once.
+/// returns. It needs 1 MiB of stack. A job that is run late, or never, costs speed and nothing else; one that is run after
+/// the engine was freed returns at once.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct UmoJobs {
@@ -273,7 +273,8 @@ pub extern "C" fn umo_engine_free(engine: *mut UmoEngine) -> UmoStatus {
 /// `budget` microseconds and at most one layer's time longer. With a budget of 0 it computes one layer. `more`, which may
 /// be NULL, becomes 1 where there is more to do, else 0.
 ///
-/// Threads: one at a time; not the audio thread. Never allocates; waits only for the engine's own threads.
+/// Threads: one at a time, with at least 1 MiB of stack; not the audio thread. Never allocates; waits only for the engine's
+/// own threads and for work that lent ones have begun.
 /// Errors: `INVALID_HANDLE`, `BUSY` (another thread polls), `UNSUPPORTED` (the engine has threads of its own).
 ///
 /// # Safety

@@ -313,3 +313,29 @@ def test_a_thousand_sessions_at_once(model, hello):
         with pytest.raises(umo.Error) as caught:
             engine.session(rate)
         assert caught.value.status is umo.Status.FULL
+
+
+def test_a_restored_session_goes_on_with_the_same_bits(model, hello):
+    samples, rate = hello
+    half = len(samples) // 2
+    with umo.Engine(model, polled=True, threads=1) as engine, umo.Engine(model, polled=True, threads=1) as other:
+        with engine.session(rate) as first, other.session(rate) as second:
+            first.push(samples[:half])
+            engine.poll()
+            state = first.save()
+            ends = []
+            for session, runs in ((first, engine), (second, other)):
+                if session is second:
+                    session.restore(state)
+                assert not session.is_done
+                session.push(samples[half:])
+                session.finish()
+                runs.poll()
+                ends.append(session.pull())
+                assert session.is_done
+            assert len(ends[0]) > 100
+            assert np.array_equal(ends[0].rotations, ends[1].rotations)
+            assert np.array_equal(ends[0].face, ends[1].face)
+            for bad in (b"", state[:-1], b"x" * len(state)):
+                with pytest.raises(umo.Error):
+                    second.restore(bad)

@@ -213,6 +213,25 @@ class Session(_library.Handle):
         self._check(lib.umo_session_ready_frames(self._handle, byref(count)))
         return count.value
 
+    @property
+    def is_done(self) -> bool:
+        """Whether `finish` was called and every frame was handed out."""
+        done = ctypes.c_uint32()
+        self._check(lib.umo_session_is_done(self._handle, byref(done)))
+        return done.value != 0
+
+    def save(self) -> bytes:
+        """Everything that the session is, to be restored in this or another process; `umo.Error` while a chunk is computed."""
+        size = ctypes.c_size_t()
+        self._check(lib.umo_session_state_size(self._handle, byref(size)))
+        state = ctypes.create_string_buffer(size.value)
+        self._check(lib.umo_session_save(self._handle, state, size, byref(size)))
+        return state.raw[: size.value]
+
+    def restore(self, state: bytes) -> None:
+        """Makes the session what it was when `state` was saved, by it or by one of the same model and configuration."""
+        self._check(lib.umo_session_restore(self._handle, bytes(state), len(state)))
+
     def pull(self, most: Optional[int] = None) -> Motion:
         """The frames that are ready, in order, each once, `most` of them at most. Does not wait: there may be none."""
         # Room for one where none is ready: the call then says why none will come.

@@ -128,6 +128,16 @@ namespace Umo
             return status;
         }
 
+        /// <summary>Whether <see cref="Finish"/> was called and every frame was handed out; Failed or Closed where the rest will never come.</summary>
+        public Status IsDone(out bool done)
+        {
+            uint got;
+            Status status = Native.umo_session_is_done(handle.Raw, &got);
+            GC.KeepAlive(this);
+            done = status == Status.Ok && got != 0;
+            return status;
+        }
+
         /// <summary>The pose at a time of the motion, into the first of <paramref name="frame"/>.</summary>
         public Status SamplePose(double seconds, Frames frame, out Sampled sampled)
         {
