@@ -181,8 +181,8 @@ typedef int32_t umo_status;
 
 // Lends the host's threads to an engine: its job system's. Each `umo_engine_poll` then calls `submit` for every thread but
 // its own; the host runs `job(context)` on another thread as soon as it can, which computes until the poll is over and
-// returns. A job that is run late, or never, costs speed and nothing else; one that is run after the engine was freed
-// returns at once.
+// returns. It needs 1 MiB of stack. A job that is run late, or never, costs speed and nothing else; one that is run after
+// the engine was freed returns at once.
 typedef struct umo_jobs {
     // Given to `submit`.
     void *userdata;
@@ -526,7 +526,8 @@ UMO_NOEXCEPT;
 // `budget` microseconds and at most one layer's time longer. With a budget of 0 it computes one layer. `more`, which may
 // be NULL, becomes 1 where there is more to do, else 0.
 //
-// Threads: one at a time; not the audio thread. Never allocates; waits only for the engine's own threads.
+// Threads: one at a time, with at least 1 MiB of stack; not the audio thread. Never allocates; waits only for the engine's
+// own threads and for work that lent ones have begun.
 // Errors: `INVALID_HANDLE`, `BUSY` (another thread polls), `UNSUPPORTED` (the engine has threads of its own).
 //
 // Pointers:

@@ -405,13 +405,19 @@ fuzz_target!(|script: Script| {
         run(&Call::SessionNew { of: Which::Engine(0), to: 0, changes: none, hooks: false }, &handles, &mut hands);
     }
     std::thread::scope(|scope| {
-        for calls in &script.threads {
-            let handles = &handles;
-            scope.spawn(move || {
-                let mut hands = hands();
-                calls.iter().for_each(|call| run(call, handles, &mut hands));
-            });
-        }
+        let threads: Vec<_> = script
+            .threads
+            .iter()
+            .map(|calls| {
+                let handles = &handles;
+                scope.spawn(move || {
+                    let mut hands = hands();
+                    calls.iter().for_each(|call| run(call, handles, &mut hands));
+                })
+            })
+            .collect();
+        // To their last instruction: what a thread still has is no leak.
+        threads.into_iter().for_each(|thread| thread.join().expect("calls do not panic"));
     });
     // The model that is kept from run to run is not freed, where no call has done so.
     let kept = KEPT.load(Ordering::Relaxed);

@@ -1,0 +1,133 @@
+//! What the calls of the audio and game threads cost, from C and from Rust: 10 ms of sound in, a pose out, at three rates.
+
+use std::hint::black_box;
+use std::ptr::null_mut;
+use std::sync::Arc;
+use std::time::Duration;
+
+use criterion::{Criterion, criterion_group, criterion_main};
+use umo::engine::{
+    UMO_ENGINE_POLLED, UmoEngine, UmoEngineConfig, umo_engine_config_init, umo_engine_new, umo_engine_poll,
+};
+use umo::frame::{UmoFrameLayout, umo_frame_layout_init};
+use umo::model::{UmoModel, umo_model_load_memory};
+use umo::parameter::UMO_PARAMETER_GAIN_FACE;
+use umo::session::*;
+use umo::status::UMO_STATUS_OK;
+use umo_core::engine::{Engine, EngineConfig, Threads};
+use umo_core::model::Model;
+use umo_core::session::{Session, SessionConfig};
+use umo_core::{ModelFile, Precision};
+use umo_kernels::Isa;
+
+static MODEL: &[u8] = include_bytes!("../models/umo-small/model.safetensors");
+
+fn ok(status: i32) {
+    assert_eq!(status, UMO_STATUS_OK);
+}
+
+/// A session of the C interface whose engine computes only when it is asked to.
+struct Avatar {
+    engine: *mut UmoEngine,
+    session: *mut UmoSession,
+    layout: UmoFrameLayout,
+}
+
+impl Avatar {
+    fn new(rate: u32) -> Self {
+        let (mut model, mut engine, mut session) = (null_mut::<UmoModel>(), null_mut(), null_mut());
+        // SAFETY: plain integers and pointers, zero in each of which is a value.
+        let (mut config, mut asked, mut layout): (UmoEngineConfig, UmoSessionConfig, UmoFrameLayout) =
+            unsafe { std::mem::zeroed() };
+        let (abi, data, size) = (umo::UMO_ABI_VERSION, MODEL.as_ptr().cast(), MODEL.len());
+        // SAFETY: the bytes are what they say, and the pointer is to a value of this function.
+        ok(unsafe { umo_model_load_memory(abi, data, size, std::ptr::null(), &raw mut model) });
+        // SAFETY: the pointer is to a value of this function, and the size is that value's.
+        ok(unsafe { umo_engine_config_init(&raw mut config, size_of::<UmoEngineConfig>()) });
+        (config.mode, config.threads) = (UMO_ENGINE_POLLED, 1);
+        // SAFETY: the configuration was initialised, and the pointers are to values of this function.
+        ok(unsafe { umo_engine_new(model, &raw const config, &raw mut engine) });
+        // SAFETY: the pointer is to a value of this function, and the size is that value's.
+        ok(unsafe { umo_session_config_init(&raw mut asked, size_of::<UmoSessionConfig>(), model) });
+        asked.sample_rate = rate;
+        // SAFETY: the configuration was initialised, and the pointers are to values of this function.
+        ok(unsafe { umo_session_new(engine, &raw const asked, &raw mut session) });
+        // SAFETY: the pointer is to a value of this function, and the size is that value's.
+        ok(unsafe { umo_frame_layout_init(&raw mut layout, size_of::<UmoFrameLayout>(), model) });
+        Self { engine, session, layout }
+    }
+
+    fn push(&self, samples: &[f32]) -> i32 {
+        // SAFETY: the slice is what it says.
+        unsafe { umo_session_push_audio(self.session, samples.as_ptr(), samples.len(), null_mut()) }
+    }
+
+    fn compute(&self) {
+        // SAFETY: nothing is asked back.
+        ok(unsafe { umo_engine_poll(self.engine, u32::MAX, null_mut()) });
+    }
+
+    fn sample(&self, seconds: f64, room: &mut [u8]) {
+        let (layout, frame) = (&raw const self.layout, room.as_mut_ptr().cast());
+        // SAFETY: the room is what it says.
+        ok(unsafe { umo_session_sample_pose(self.session, seconds, layout, frame, room.len(), null_mut()) });
+    }
+}
+
+fn rust(rate: usize) -> (Engine, Session) {
+    let file = ModelFile::from_static(MODEL).expect("it is the default model");
+    let model = Arc::new(Model::load(&file, Precision::Stored, Isa::detect()).expect("it is whole"));
+    let config = EngineConfig { threads: Threads::Host(0), ..EngineConfig::default() };
+    let engine = Engine::new(model, &config).expect("one thread is enough");
+    let config = SessionConfig { sample_rate: rate, ..SessionConfig::new(engine.model().config()) };
+    let session = engine.session(&config).expect("there is a place");
+    (engine, session)
+}
+
+fn calls(c: &mut Criterion) {
+    for rate in [16_000, 44_100, 48_000] {
+        let samples = vec![0.1; rate / 100];
+        let avatar = Avatar::new(u32::try_from(rate).expect("a rate is small"));
+        c.bench_function(&format!("push_audio/c/10 ms at {rate}"), |b| {
+            b.iter(|| {
+                // The rings never fill: what was pushed before is dropped at once.
+                ok(umo_session_reset(avatar.session));
+                avatar.push(black_box(&samples))
+            });
+        });
+        let (_engine, session) = rust(rate);
+        c.bench_function(&format!("push_audio/rust/10 ms at {rate}"), |b| {
+            b.iter(|| {
+                session.reset().expect("it runs");
+                session.push_audio(black_box(&samples)).map(|pushed| pushed.taken)
+            });
+        });
+    }
+    let avatar = Avatar::new(16_000);
+    ok(avatar.push(&vec![0.1; 32_000]));
+    avatar.compute();
+    let mut room = vec![0; 4 * avatar.layout.frame_stride as usize];
+    avatar.sample(0.5, &mut room);
+    c.bench_function("sample_pose/c/55 joints, 52 channels, 15 visemes", |b| b.iter(|| avatar.sample(0.51, &mut room)));
+    let (engine, session) = rust(16_000);
+    session.push_audio(&vec![0.1; 32_000]).expect("there is room");
+    engine.poll(Duration::MAX).expect("nobody else polls");
+    session.sample_pose(0.5, |_| {}).expect("it runs");
+    c.bench_function("sample_pose/rust/a view", |b| {
+        b.iter(|| session.sample_pose(0.51, |frame| _ = black_box(frame.pose.translation)));
+    });
+    c.bench_function("get_parameter/c", |b| {
+        let mut value = 0.0;
+        // SAFETY: the value is this function's.
+        b.iter(|| unsafe { umo_session_get_parameter(avatar.session, UMO_PARAMETER_GAIN_FACE, &raw mut value) });
+    });
+    c.bench_function("get_parameter/c/a handle that was made up", |b| {
+        let mut value = 0.0;
+        let none = std::ptr::without_provenance(0x1234_5673);
+        // SAFETY: the value is this function's.
+        b.iter(|| unsafe { umo_session_get_parameter(none, UMO_PARAMETER_GAIN_FACE, &raw mut value) });
+    });
+}
+
+criterion_group!(benches, calls);
+criterion_main!(benches);
