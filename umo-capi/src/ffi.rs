@@ -242,3 +242,41 @@ pub(crate) unsafe fn copy_text(
     buffer[..bytes.len()].copy_from_slice(bytes);
     Ok(())
 }
+
+#[cfg(all(test, target_pointer_width = "64"))]
+mod tests {
+    use super::Sized32;
+    use crate::engine::{UmoEngineConfig, UmoJobs};
+    use crate::frame::UmoFrameLayout;
+    use crate::log::UmoLog;
+    use crate::memory::UmoAllocator;
+    use crate::model::{UmoModelConfig, UmoModelInfo};
+    use crate::parameter::UmoParameterInfo;
+    use crate::session::{UmoLatency, UmoSampled, UmoSessionConfig, UmoStats};
+    use std::mem::offset_of;
+
+    /// The same numbers as in `tests/capi/layout.c` and in the bindings.
+    #[test]
+    fn structures_have_the_layout_that_c_has() {
+        fn sized<T: Sized32>(bytes: usize) {
+            assert_eq!((size_of::<T>(), T::FIRST), (bytes, bytes));
+        }
+        sized::<UmoModelConfig>(24);
+        sized::<UmoModelInfo>(64);
+        sized::<UmoEngineConfig>(48);
+        sized::<UmoSessionConfig>(64);
+        sized::<UmoFrameLayout>(48);
+        sized::<UmoParameterInfo>(40);
+        sized::<UmoLatency>(48);
+        sized::<UmoStats>(56);
+        sized::<UmoSampled>(24);
+        assert_eq!((size_of::<UmoAllocator>(), size_of::<UmoJobs>(), size_of::<UmoLog>()), (24, 16, 16));
+        assert_eq!(offset_of!(UmoModelInfo, file_size), 56);
+        assert_eq!(offset_of!(UmoEngineConfig, jobs), 32);
+        assert_eq!(offset_of!(UmoSessionConfig, seed), 40);
+        assert_eq!(offset_of!(UmoSessionConfig, template_name), 48);
+        assert_eq!(offset_of!(UmoFrameLayout, visemes), 40);
+        assert_eq!(offset_of!(UmoParameterInfo, minimum), 16);
+        assert_eq!(offset_of!(UmoLatency, algorithmic_samples), 8);
+    }
+}

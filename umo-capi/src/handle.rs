@@ -196,13 +196,15 @@ mod tests {
     #[test]
     fn nothing_is_freed_under_a_thread_that_uses_it() {
         static SHARED: Table<Vec<usize>, 2> = Table::new(1, "thing");
-        for round in 0..200 {
+        for round in 0..100 {
             let handle = SHARED.insert(Box::new(vec![round; 64])).ok().unwrap();
             std::thread::scope(|scope| {
                 for _ in 0..2 {
                     scope.spawn(move || {
                         while let Ok(held) = SHARED.get(handle) {
                             assert!(held.iter().all(|&v| v == round));
+                            drop(held);
+                            std::thread::yield_now();
                         }
                     });
                 }

@@ -819,3 +819,51 @@ pub unsafe extern "C" fn umo_session_restore(session: *mut UmoSession, state: *c
         Ok(handle.session.restore(bytes)?)
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::engine::{UMO_ENGINE_POLLED, UmoEngineConfig, umo_engine_config_init, umo_engine_free, umo_engine_new};
+    use crate::model::{umo_model_free, umo_model_load_memory};
+    use std::ptr::{null, null_mut};
+
+    static MODEL: &[u8] = include_bytes!("../../models/umo-small/model.safetensors");
+
+    #[test]
+    fn a_panic_becomes_a_status_and_poisons_that_session_alone() {
+        let (mut model, mut engine, mut first, mut second) = (null_mut(), null_mut(), null_mut(), null_mut());
+        let (abi, data) = (crate::UMO_ABI_VERSION, MODEL.as_ptr().cast());
+        // SAFETY: the bytes are what they say, and the pointer is to a value of this function.
+        assert_eq!(unsafe { umo_model_load_memory(abi, data, MODEL.len(), null(), &raw mut model) }, UMO_STATUS_OK);
+        // SAFETY: integers and pointers, zero in each of which is a value.
+        let mut config: UmoEngineConfig = unsafe { std::mem::zeroed() };
+        // SAFETY: the size is the value's.
+        assert_eq!(unsafe { umo_engine_config_init(&raw mut config, size_of::<UmoEngineConfig>()) }, UMO_STATUS_OK);
+        (config.mode, config.threads) = (UMO_ENGINE_POLLED, 1);
+        // SAFETY: the configuration was initialised, and the pointer is to a value of this function.
+        assert_eq!(unsafe { umo_engine_new(model, &raw const config, &raw mut engine) }, UMO_STATUS_OK);
+        for session in [&mut first, &mut second] {
+            // SAFETY: the pointer is to a value of this function.
+            assert_eq!(unsafe { umo_session_new(engine, null(), &raw mut *session) }, UMO_STATUS_OK);
+        }
+
+        assert_eq!(on(first, |_| panic!("planned")), UMO_STATUS_PANIC);
+        assert_eq!(umo_session_finish(first), UMO_STATUS_PANIC);
+        let (mut text, mut length) = ([0_u8; 512], 0);
+        // SAFETY: the buffer is as long as it says.
+        let asked = unsafe { umo_session_last_error(first, text.as_mut_ptr().cast(), text.len(), &raw mut length) };
+        assert_eq!(asked, UMO_STATUS_OK);
+        assert!(String::from_utf8_lossy(&text[..length]).contains("defect"));
+        assert_eq!(umo_session_finish(second), UMO_STATUS_OK);
+
+        assert_eq!(guard(|| panic!("planned")), UMO_STATUS_PANIC);
+        // SAFETY: never NULL, and it ends.
+        let last = unsafe { std::ffi::CStr::from_ptr(crate::status::umo_last_error()) };
+        assert!(last.to_string_lossy().contains("defect"));
+
+        assert_eq!(umo_session_free(first), UMO_STATUS_OK);
+        assert_eq!(umo_session_free(second), UMO_STATUS_OK);
+        assert_eq!(umo_engine_free(engine), UMO_STATUS_OK);
+        assert_eq!(umo_model_free(model), UMO_STATUS_OK);
+    }
+}
