@@ -1,0 +1,177 @@
+//! Where the samples of an audio player come from.
+
+use godot::classes::audio_stream_wav::Format;
+use godot::classes::{AudioEffect, AudioEffectCapture, AudioServer, AudioStream, AudioStreamWav, Node};
+use godot::prelude::*;
+
+use crate::umo::Session;
+
+/// Samples that are handed over at a time.
+const PIECE: usize = 2048;
+/// Starts before this many seconds are starts from the beginning: the player was a little ahead of the frame that saw it.
+const FROM_START: f64 = 0.25;
+/// Seconds that a capture keeps while no frame is drawn.
+const CAPTURE_SECONDS: f32 = 1.0;
+
+/// What is heard.
+pub(crate) enum Source {
+    /// The samples of an `AudioStreamWAV`, ahead of their sound.
+    Wav(Wav),
+    /// What the player's bus mixes, as it sounds.
+    Capture(Capture),
+    /// Nothing any more: somebody has interrupted the avatar, and the player plays on.
+    Dropped,
+}
+
+pub(crate) struct Wav {
+    data: PackedByteArray,
+    bytes: usize,
+    channels: usize,
+    rate: u32,
+    /// The next byte to hand over.
+    at: usize,
+    is_finished: bool,
+}
+
+impl Wav {
+    fn new(stream: &Gd<AudioStreamWav>) -> Option<Self> {
+        let bytes = match stream.get_format() {
+            Format::FORMAT_8_BITS => 1,
+            Format::FORMAT_16_BITS => 2,
+            _ => return None,
+        };
+        let channels = if stream.is_stereo() { 2 } else { 1 };
+        let rate = u32::try_from(stream.get_mix_rate()).ok()?;
+        Some(Self { data: stream.get_data(), bytes, channels, rate, at: 0, is_finished: false })
+    }
+
+    fn frame(&self) -> usize {
+        self.bytes * self.channels
+    }
+
+    pub(crate) fn seconds(&self) -> f64 {
+        (self.data.len() / self.frame()) as f64 / f64::from(self.rate)
+    }
+
+    /// Goes to a position of the player; the seconds that were really gone to.
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a position within the stream")]
+    fn seek(&mut self, position: f64) -> f64 {
+        if position < FROM_START {
+            return 0.0;
+        }
+        let frame = (position.min(self.seconds()) * f64::from(self.rate)) as usize;
+        self.at = frame * self.frame();
+        frame as f64 / f64::from(self.rate)
+    }
+
+    /// Hands over as much as there is room for, and ends the stream after the last sample.
+    fn feed(&mut self, session: &Session) -> Result<(), String> {
+        let end = self.data.len() / self.frame() * self.frame();
+        let data = self.data.as_slice();
+        let mut piece = Vec::with_capacity(PIECE);
+        while self.at < end {
+            let bytes = &data[self.at..end.min(self.at + PIECE * self.bytes)];
+            piece.clear();
+            match self.bytes {
+                1 => piece.extend(bytes.iter().map(|&byte| i16::from(byte.cast_signed()) << 8)),
+                _ => piece.extend(bytes.chunks_exact(2).map(|pair| i16::from_le_bytes([pair[0], pair[1]]))),
+            }
+            let taken = session.push_i16(&piece)?;
+            self.at += taken * self.bytes;
+            if taken < piece.len() {
+                return Ok(());
+            }
+        }
+        if !self.is_finished {
+            self.is_finished = true;
+            session.finish()?;
+        }
+        Ok(())
+    }
+}
+
+/// An effect of our own on a bus, which is taken away again.
+pub(crate) struct Capture {
+    effect: Gd<AudioEffectCapture>,
+    rate: u32,
+    /// Frames that were handed over.
+    frames: u64,
+}
+
+impl Capture {
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "rates are whole and positive")]
+    fn new(player: &Gd<Node>) -> Result<Self, String> {
+        let mut server = AudioServer::singleton();
+        let bus = player.get("bus").try_to::<StringName>().unwrap_or_default();
+        let index = server.get_bus_index(&bus);
+        if index < 0 {
+            return Err(format!("there is no audio bus `{bus}`"));
+        }
+        let mut effect = AudioEffectCapture::new_gd();
+        effect.set_buffer_length(CAPTURE_SECONDS);
+        server.add_bus_effect(index, &effect);
+        Ok(Self { effect, rate: server.get_mix_rate().round() as u32, frames: 0 })
+    }
+
+    /// Seconds that were handed over.
+    pub(crate) fn seconds(&self) -> f64 {
+        self.frames as f64 / f64::from(self.rate)
+    }
+
+    fn feed(&mut self, session: &Session) -> Result<(), String> {
+        let count = self.effect.get_frames_available();
+        if count > 0 {
+            let frames = self.effect.get_buffer(count);
+            let samples: Vec<f32> = frames.as_slice().iter().flat_map(|frame| [frame.x, frame.y]).collect();
+            // What there is no room for is lost, as umo's statistics say; the clock goes on.
+            session.push(&samples)?;
+            self.frames += frames.len() as u64;
+        }
+        Ok(())
+    }
+}
+
+impl Drop for Capture {
+    fn drop(&mut self) {
+        let mut server = AudioServer::singleton();
+        let ours = self.effect.clone().upcast::<AudioEffect>();
+        for bus in 0..server.get_bus_count() {
+            for index in (0..server.get_bus_effect_count(bus)).rev() {
+                if server.get_bus_effect(bus, index).as_ref() == Some(&ours) {
+                    server.remove_bus_effect(bus, index);
+                }
+            }
+        }
+    }
+}
+
+impl Source {
+    /// What a player plays from `position` on, and the position where it begins.
+    pub(crate) fn of(player: &Gd<Node>, position: f64) -> Result<(Self, f64), String> {
+        let stream = player.get("stream").try_to::<Option<Gd<AudioStream>>>().ok().flatten();
+        let wav = stream.and_then(|stream| stream.try_cast::<AudioStreamWav>().ok());
+        if let Some(mut wav) = wav.as_ref().and_then(Wav::new) {
+            let start = wav.seek(position);
+            return Ok((Self::Wav(wav), start));
+        }
+        Ok((Self::Capture(Capture::new(player)?), 0.0))
+    }
+
+    /// Samples per second and channels that its session must have.
+    pub(crate) fn format(&self) -> Option<(u32, u32)> {
+        match self {
+            Self::Wav(wav) => Some((wav.rate, if wav.channels == 2 { 2 } else { 1 })),
+            Self::Capture(capture) => Some((capture.rate, 2)),
+            Self::Dropped => None,
+        }
+    }
+
+    /// Hands samples over.
+    pub(crate) fn feed(&mut self, session: &Session) -> Result<(), String> {
+        match self {
+            Self::Wav(wav) => wav.feed(session),
+            Self::Capture(capture) => capture.feed(session),
+            Self::Dropped => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,414 @@
+//! Safe objects over the C interface: a model with the engine that computes it, and sessions.
+//!
+//! Errors are texts for people: what umo says of the status, and of this very failure.
+
+use std::cell::RefCell;
+use std::collections::HashMap;
+use std::path::PathBuf;
+use std::ptr::null_mut;
+use std::rc::{Rc, Weak};
+use std::sync::OnceLock;
+
+use godot::builtin::PackedByteArray;
+
+use crate::ffi::{self, Handle, JOINTS, Latency, Library, ModelInfo, Stats, Status, VISEMES};
+
+/// Floats of a translation and of all rotations: where the channels begin in a frame.
+pub(crate) const CHANNELS_AT: usize = 3 + 4 * JOINTS;
+
+/// How many avatars an engine takes, and with how many threads it computes; 0 leaves it to umo.
+#[derive(Clone, Copy)]
+pub(crate) struct Engine {
+    pub(crate) threads: u32,
+    pub(crate) max_sessions: u32,
+}
+
+/// A loaded model and its engine: shared by all avatars that name the same file.
+pub(crate) struct Model {
+    library: &'static Library,
+    model: Handle,
+    engine: Handle,
+    pub(crate) info: ModelInfo,
+    pub(crate) channels: Vec<String>,
+    pub(crate) parents: [i32; JOINTS],
+    /// Where each joint is in its parent's frame at rest, metres.
+    pub(crate) offsets: [[f32; 3]; JOINTS],
+}
+
+thread_local! {
+    static MODELS: RefCell<HashMap<String, Weak<Model>>> = RefCell::default();
+}
+
+fn library(places: &[PathBuf]) -> Result<&'static Library, String> {
+    static FOUND: OnceLock<&'static Library> = OnceLock::new();
+    if let Some(library) = FOUND.get() {
+        return Ok(library);
+    }
+    let library = Library::find(places)?;
+    Ok(FOUND.get_or_init(|| library))
+}
+
+fn error_text(library: &Library, status: Status, detail: &str) -> String {
+    // SAFETY: takes any status.
+    let message = unsafe { (library.status_message)(status) };
+    // SAFETY: static texts.
+    let message = unsafe { ffi::text(message) };
+    if detail.is_empty() || detail == message { message } else { format!("{message}: {detail}") }
+}
+
+/// What a call came to that is not on a session.
+fn check(library: &Library, status: Status) -> Result<(), String> {
+    if status == 0 {
+        return Ok(());
+    }
+    // SAFETY: takes nothing.
+    let detail = unsafe { (library.last_error)() };
+    // SAFETY: this thread's text, good until its next call.
+    let detail = unsafe { ffi::text(detail) };
+    Err(error_text(library, status, &detail))
+}
+
+impl Model {
+    /// The model of that name, loaded from what `read` gives where no avatar has it yet.
+    pub(crate) fn shared(
+        name: &str,
+        places: &[PathBuf],
+        engine: Engine,
+        read: impl FnOnce() -> Result<PackedByteArray, String>,
+    ) -> Result<Rc<Self>, String> {
+        let there = MODELS.with_borrow(|models| models.get(name).and_then(Weak::upgrade));
+        if let Some(model) = there {
+            return Ok(model);
+        }
+        let model = Rc::new(Self::load(library(places)?, read()?.as_slice(), engine)?);
+        MODELS.with_borrow_mut(|models| {
+            models.retain(|_, model| model.strong_count() > 0);
+            models.insert(name.into(), Rc::downgrade(&model));
+        });
+        Ok(model)
+    }
+
+    fn load(library: &'static Library, bytes: &[u8], engine: Engine) -> Result<Self, String> {
+        // What is made up to a failure is freed with it.
+        let mut model = Self {
+            library,
+            model: null_mut(),
+            engine: null_mut(),
+            info: ModelInfo { struct_size: ffi::size::<ModelInfo>(), ..ModelInfo::default() },
+            channels: Vec::new(),
+            parents: [-1; JOINTS],
+            offsets: [[0.0; 3]; JOINTS],
+        };
+        let (data, size, into) = (bytes.as_ptr(), bytes.len(), &mut model.model);
+        // SAFETY: `data` has `size` bytes, not needed later; a NULL configuration is allowed.
+        let status = unsafe { (library.model_load_memory)(ffi::ABI_VERSION, data, size, std::ptr::null(), into) };
+        check(library, status)?;
+        // SAFETY: the structure says its own size.
+        let status = unsafe { (library.model_get_info)(model.model, &mut model.info) };
+        check(library, status)?;
+        for index in 0..model.info.channels {
+            let mut name = std::ptr::null();
+            // SAFETY: `name` is writable.
+            let status = unsafe { (library.model_get_channel_name)(model.model, index, &mut name) };
+            check(library, status)?;
+            // SAFETY: good until the model is freed.
+            model.channels.push(unsafe { ffi::text(name) });
+        }
+        let (parents, offsets) = (model.parents.as_mut_ptr(), model.offsets.as_flattened_mut().as_mut_ptr());
+        // SAFETY: both have room for all joints.
+        let status = unsafe { (library.model_get_skeleton)(model.model, ffi::AXES_GLTF, parents, offsets, JOINTS) };
+        check(library, status)?;
+
+        let mut config = std::mem::MaybeUninit::uninit();
+        // SAFETY: `config` is writable for its size.
+        let status = unsafe { (library.engine_config_init)(config.as_mut_ptr(), size_of::<ffi::EngineConfig>()) };
+        check(library, status)?;
+        // SAFETY: just initialised.
+        let mut config = unsafe { config.assume_init() };
+        if engine.threads > 0 {
+            config.threads = engine.threads;
+        }
+        if engine.max_sessions > 0 {
+            config.max_sessions = engine.max_sessions;
+        }
+        // SAFETY: no cores, jobs or log are given.
+        let status = unsafe { (library.engine_new)(model.model, &config, &mut model.engine) };
+        check(library, status)?;
+        Ok(model)
+    }
+
+    /// What users must be told about the model, empty where there is nothing.
+    pub(crate) fn notice(&self) -> String {
+        let mut text = std::ptr::null();
+        // SAFETY: `text` is writable.
+        let status = unsafe { (self.library.model_get_text)(self.model, ffi::MODEL_NOTICE, &mut text) };
+        if status != 0 {
+            return String::new();
+        }
+        // SAFETY: good until the model is freed.
+        unsafe { ffi::text(text) }
+    }
+
+    pub(crate) fn joint_name(&self, joint: u32) -> String {
+        // SAFETY: takes any index.
+        let name = unsafe { (self.library.joint_name)(joint) };
+        // SAFETY: static, or NULL.
+        unsafe { ffi::text(name) }
+    }
+
+    pub(crate) fn viseme_name(&self, viseme: u32) -> String {
+        // SAFETY: takes any index.
+        let name = unsafe { (self.library.viseme_name)(viseme) };
+        // SAFETY: static, or NULL.
+        unsafe { ffi::text(name) }
+    }
+
+    /// Floats of a frame: translation, rotations, channels, visemes where the model has ARKit's channels.
+    pub(crate) fn frame_floats(&self) -> usize {
+        CHANNELS_AT + self.channels.len() + if self.info.is_arkit == 1 { VISEMES } else { 0 }
+    }
+
+    /// Where a frame's values go, behind `head` bytes that are left alone.
+    #[expect(clippy::cast_possible_truncation, reason = "a frame has a few thousand bytes")]
+    fn layout(&self, head: usize) -> ffi::FrameLayout {
+        let channels = head + 4 * CHANNELS_AT;
+        let visemes = channels + 4 * self.channels.len();
+        ffi::FrameLayout {
+            struct_size: ffi::size::<ffi::FrameLayout>(),
+            axes: ffi::AXES_GLTF,
+            frame_stride: (head + 4 * self.frame_floats()) as u32,
+            index: ffi::ABSENT,
+            sample: ffi::ABSENT,
+            translation: head as u32,
+            rotations: (head + 12) as u32,
+            rotation_stride: 16,
+            channels: channels as u32,
+            channel_stride: 4,
+            visemes: if self.info.is_arkit == 1 { visemes as u32 } else { ffi::ABSENT },
+            reserved: 0,
+        }
+    }
+}
+
+impl Drop for Model {
+    fn drop(&mut self) {
+        // SAFETY: NULL is fine; sessions keep their `Rc` of this, so none is left, and no other thread is in a call.
+        unsafe { (self.library.engine_free)(self.engine) };
+        // SAFETY: as above.
+        unsafe { (self.library.model_free)(self.model) };
+    }
+}
+
+/// What a session is opened with. `None` leaves a number to the model.
+#[derive(Clone, Copy, PartialEq)]
+pub(crate) struct Settings {
+    pub(crate) sample_rate: Option<u32>,
+    pub(crate) channels: u32,
+    pub(crate) target: Option<u32>,
+    pub(crate) lookahead: Option<u32>,
+    pub(crate) seed: Option<u64>,
+    pub(crate) idle: u32,
+}
+
+/// What `Session::sample` showed.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct Shown {
+    pub(crate) index: u64,
+    pub(crate) newest: f64,
+}
+
+/// One avatar's stream.
+pub(crate) struct Session {
+    pub(crate) model: Rc<Model>,
+    session: Handle,
+    /// What it was made with, filled in.
+    pub(crate) sample_rate: u32,
+    pub(crate) channels: u32,
+    /// Seconds beyond the newest frame in which the pose of rest is reached, where the idle mode is that.
+    pub(crate) rest_seconds: f64,
+}
+
+impl Session {
+    pub(crate) fn open(model: &Rc<Model>, settings: Settings) -> Result<Self, String> {
+        let library = model.library;
+        let mut config = std::mem::MaybeUninit::uninit();
+        let size = size_of::<ffi::SessionConfig>();
+        // SAFETY: `config` is writable for its size.
+        let status = unsafe { (library.session_config_init)(config.as_mut_ptr(), size, model.model) };
+        check(library, status)?;
+        // SAFETY: just initialised.
+        let mut config: ffi::SessionConfig = unsafe { config.assume_init() };
+        config.sample_rate = settings.sample_rate.unwrap_or(config.sample_rate);
+        config.channels = settings.channels;
+        config.target = settings.target.unwrap_or(config.target);
+        config.lookahead = settings.lookahead.unwrap_or(config.lookahead);
+        config.seed = settings.seed.unwrap_or(config.seed);
+        config.idle = settings.idle;
+        let mut session = null_mut();
+        // SAFETY: no template name or allocator is given.
+        let status = unsafe { (library.session_new)(model.engine, &config, &mut session) };
+        check(library, status)?;
+        let rest_seconds = f64::from(config.idle_after_ms + config.ease_ms) / 1000.0;
+        let (sample_rate, channels) = (config.sample_rate, config.channels);
+        Ok(Self { model: Rc::clone(model), session, sample_rate, channels, rest_seconds })
+    }
+
+    fn check(&self, status: Status) -> Result<(), String> {
+        if status == 0 {
+            return Ok(());
+        }
+        let library = self.model.library;
+        let mut buffer = [0; ffi::ERROR_SIZE];
+        // SAFETY: the buffer has its size.
+        let told = unsafe { (library.session_last_error)(self.session, buffer.as_mut_ptr(), buffer.len(), null_mut()) };
+        // SAFETY: zeros, or what the library ended with a zero byte.
+        let detail = if told == 0 { unsafe { ffi::text(buffer.as_ptr()) } } else { String::new() };
+        Err(error_text(library, status, &detail))
+    }
+
+    /// Takes interleaved samples; how many there was room for.
+    pub(crate) fn push(&self, samples: &[f32]) -> Result<usize, String> {
+        let mut taken = 0;
+        let push = self.model.library.session_push_audio;
+        // SAFETY: `samples` has its length.
+        let status = unsafe { push(self.session, samples.as_ptr(), samples.len(), &mut taken) };
+        self.check(status).map(|()| taken)
+    }
+
+    /// The same for 16-bit samples.
+    pub(crate) fn push_i16(&self, samples: &[i16]) -> Result<usize, String> {
+        let mut taken = 0;
+        let push = self.model.library.session_push_audio_i16;
+        // SAFETY: `samples` has its length.
+        let status = unsafe { push(self.session, samples.as_ptr(), samples.len(), &mut taken) };
+        self.check(status).map(|()| taken)
+    }
+
+    pub(crate) fn finish(&self) -> Result<(), String> {
+        // SAFETY: takes no pointers but the handle.
+        let status = unsafe { (self.model.library.session_finish)(self.session) };
+        self.check(status)
+    }
+
+    pub(crate) fn interrupt(&self, ease_ms: u32) -> Result<(), String> {
+        // SAFETY: takes no pointers but the handle.
+        let status = unsafe { (self.model.library.session_interrupt)(self.session, ease_ms) };
+        self.check(status)
+    }
+
+    pub(crate) fn reset(&self) -> Result<(), String> {
+        // SAFETY: takes no pointers but the handle.
+        let status = unsafe { (self.model.library.session_reset)(self.session) };
+        self.check(status)
+    }
+
+    /// All frames that are ready, one after the other.
+    pub(crate) fn pull(&self) -> Result<Vec<f32>, String> {
+        let (library, width) = (self.model.library, self.model.frame_floats());
+        let mut ready = 0;
+        // SAFETY: `ready` is writable.
+        let status = unsafe { (library.session_ready_frames)(self.session, &mut ready) };
+        self.check(status)?;
+        // One at least: a pull that finds nothing asks for motion on silence, and says what has failed.
+        let mut frames = vec![0.0; ready.max(1) * width];
+        let (layout, size, mut count) = (self.model.layout(0), 4 * frames.len(), 0);
+        let pull = library.session_pull_frames;
+        // SAFETY: `frames` has `size` bytes.
+        let status = unsafe { pull(self.session, &layout, frames.as_mut_ptr(), size, &mut count) };
+        self.check(status)?;
+        frames.truncate(count * width);
+        Ok(frames)
+    }
+
+    /// The pose at a time, into `frame`.
+    pub(crate) fn sample(&self, seconds: f64, frame: &mut Vec<f32>) -> Result<Shown, String> {
+        /// Floats before a frame's own, for its index.
+        const HEAD: usize = 2;
+        frame.resize(HEAD + self.model.frame_floats(), 0.0);
+        let layout = ffi::FrameLayout { index: 0, ..self.model.layout(4 * HEAD) };
+        let size = ffi::size::<ffi::Sampled>();
+        let mut sampled = ffi::Sampled { struct_size: size, ..ffi::Sampled::default() };
+        let sample = self.model.library.session_sample_pose;
+        let (into, bytes) = (frame.as_mut_ptr(), 4 * frame.len());
+        // SAFETY: `frame` has `bytes` bytes, and values need no alignment.
+        let status = unsafe { sample(self.session, seconds, &layout, into, bytes, &mut sampled) };
+        self.check(status)?;
+        let mut index = [0; 8];
+        for (bytes, float) in index.chunks_exact_mut(4).zip(frame.drain(..HEAD)) {
+            bytes.copy_from_slice(&float.to_ne_bytes());
+        }
+        let index = u64::from_ne_bytes(index);
+        Ok(Shown { index, newest: sampled.newest })
+    }
+
+    /// Whether all frames of a finished stream were handed out; an error where the rest will never come.
+    pub(crate) fn is_done(&self) -> Result<bool, String> {
+        let mut done = 0;
+        // SAFETY: `done` is writable.
+        let status = unsafe { (self.model.library.session_is_done)(self.session, &mut done) };
+        self.check(status).map(|()| done == 1)
+    }
+
+    /// Everything that the session is.
+    pub(crate) fn save(&self) -> Result<PackedByteArray, String> {
+        let library = self.model.library;
+        let mut size = 0;
+        // SAFETY: `size` is writable.
+        let status = unsafe { (library.session_state_size)(self.session, &mut size) };
+        self.check(status)?;
+        let mut state = PackedByteArray::new();
+        state.resize(size);
+        // SAFETY: `state` has `size` bytes.
+        let status =
+            unsafe { (library.session_save)(self.session, state.as_mut_slice().as_mut_ptr(), size, &mut size) };
+        self.check(status)?;
+        state.resize(size);
+        Ok(state)
+    }
+
+    /// Becomes what was saved.
+    pub(crate) fn restore(&self, state: &[u8]) -> Result<(), String> {
+        // SAFETY: `state` has its length.
+        let status = unsafe { (self.model.library.session_restore)(self.session, state.as_ptr(), state.len()) };
+        self.check(status)
+    }
+
+    pub(crate) fn set_prompt(&self, text: &str) -> Result<(), String> {
+        // SAFETY: `text` has its length.
+        let status = unsafe { (self.model.library.session_set_prompt)(self.session, text.as_ptr(), text.len()) };
+        self.check(status)
+    }
+
+    pub(crate) fn set_seed(&self, seed: u64) -> Result<(), String> {
+        // SAFETY: takes no pointers but the handle.
+        let status = unsafe { (self.model.library.session_set_seed)(self.session, seed) };
+        self.check(status)
+    }
+
+    pub(crate) fn set_parameter(&self, parameter: u32, value: f64) -> Result<(), String> {
+        // SAFETY: takes no pointers but the handle.
+        let status = unsafe { (self.model.library.session_set_parameter)(self.session, parameter, value) };
+        self.check(status)
+    }
+
+    pub(crate) fn latency(&self) -> Result<Latency, String> {
+        let mut latency = Latency { struct_size: ffi::size::<Latency>(), ..Latency::default() };
+        // SAFETY: the structure says its own size.
+        let status = unsafe { (self.model.library.session_latency)(self.session, &mut latency) };
+        self.check(status).map(|()| latency)
+    }
+
+    pub(crate) fn stats(&self) -> Result<Stats, String> {
+        let mut stats = Stats { struct_size: ffi::size::<Stats>(), ..Stats::default() };
+        // SAFETY: the structure says its own size.
+        let status = unsafe { (self.model.library.session_stats)(self.session, &mut stats) };
+        self.check(status).map(|()| stats)
+    }
+}
+
+impl Drop for Session {
+    fn drop(&mut self) {
+        // SAFETY: made by `session_new`, and no other thread is in a call on it.
+        unsafe { (self.model.library.session_free)(self.session) };
+    }
+}

@@ -1,0 +1,406 @@
+extends SceneTree
+## What the extension does in a running Godot: godot --headless -s check.gd -- REFERENCE. Exits with the number of failures.
+
+const Body := preload("res://body.gd")
+const MODEL := "res://addons/umo/umo-small.safetensors"
+## Bones are computed in f32 with a few products more than the frames.
+const CLOSE := 1e-4
+
+var failures := 0
+var reference: PackedFloat32Array
+var width: int
+## Whether a failure was told, and with what words.
+var told: Array[String] = []
+
+
+func _initialize() -> void:
+	reference = FileAccess.get_file_as_bytes(OS.get_cmdline_user_args()[0]).to_float32_array()
+	await process_frame
+	for test in get_method_list().map(func(method: Dictionary) -> String: return method.name):
+		if test.begins_with("test_"):
+			var before := failures
+			await call(test)
+			print("%s ... %s" % [test.trim_prefix("test_"), "ok" if failures == before else "FAILED"])
+			for node in root.get_children():
+				node.queue_free()
+			await process_frame
+	print("%d failures" % failures)
+	quit(mini(failures, 100))
+
+
+func expect(holds: bool, what: String) -> void:
+	if not holds:
+		failures += 1
+		printerr("    expected: ", what)
+
+
+func make(properties := {}) -> UmoAvatar3D:
+	var avatar := UmoAvatar3D.new()
+	avatar.model = MODEL
+	for property in properties:
+		avatar.set(property, properties[property])
+	avatar.failed.connect(func(message: String) -> void: told.append(message))
+	told.clear()
+	root.add_child(avatar)
+	width = avatar.get_frame_floats()
+	return avatar
+
+
+func hello() -> PackedFloat32Array:
+	var samples := PackedFloat32Array()
+	var data := Body.wav("res://hello.wav").data
+	for at in range(0, data.size(), 2):
+		samples.append(data.decode_s16(at) / 32768.0)
+	return samples
+
+
+func player(stream: AudioStream, named := "Voice") -> AudioStreamPlayer:
+	var voice := AudioStreamPlayer.new()
+	voice.name = named
+	voice.stream = stream
+	root.add_child(voice)
+	return voice
+
+
+func wait(seconds: float) -> void:
+	await create_timer(seconds).timeout
+
+
+## All frames of hello.wav, pushed in odd pieces.
+func speak(avatar: UmoAvatar3D) -> PackedFloat32Array:
+	var samples := hello()
+	var frames := PackedFloat32Array()
+	var at := 0
+	for turn in 5000:
+		if at < samples.size():
+			at += avatar.push_audio(samples.slice(at, at + 1237))
+			if at == samples.size():
+				avatar.finish()
+		frames.append_array(avatar.pull_frames())
+		if frames.size() >= reference.size():
+			break
+		await process_frame
+	return frames
+
+
+func quaternion(frame: PackedFloat32Array, joint: int) -> Quaternion:
+	var at := 3 + 4 * joint
+	return Quaternion(frame[at], frame[at + 1], frame[at + 2], frame[at + 3])
+
+
+## The reference's frame at a time, as a renderer sees it.
+func at_time(seconds: float) -> PackedFloat32Array:
+	var last := reference.size() / width - 1
+	var first := clampi(floori(seconds * 30), 0, last)
+	var a := reference.slice(first * width, (first + 1) * width)
+	var b := reference.slice(mini(first + 1, last) * width, (mini(first + 1, last) + 1) * width)
+	var share := clampf(seconds * 30 - first, 0, 1)
+	for i in width:
+		if i < 3 or i >= 3 + 4 * 55:
+			a[i] = lerpf(a[i], b[i], share)
+	for joint in 55:
+		var q := quaternion(a, joint).slerp(quaternion(b, joint), share)
+		var at := 3 + 4 * joint
+		a[at] = q.x
+		a[at + 1] = q.y
+		a[at + 2] = q.z
+		a[at + 3] = q.w
+	return a
+
+
+## Forward kinematics: where every joint is, from the floor's origin.
+func places(avatar: UmoAvatar3D, frame: PackedFloat32Array) -> Array[Transform3D]:
+	var joints: Array[Transform3D] = []
+	for joint in 55:
+		var parent := avatar.get_joint_parents()[joint]
+		var local := Transform3D(Basis(quaternion(frame, joint)), avatar.get_joint_offsets()[joint])
+		if parent < 0:
+			local.origin += Vector3(frame[0], frame[1], frame[2])
+		joints.append(local if parent < 0 else joints[parent] * local)
+	return joints
+
+
+func test_frames_have_the_bits_of_the_c_library() -> void:
+	var frames: PackedFloat32Array = await speak(make())
+	expect(frames.to_byte_array() == reference.to_byte_array(), "%d floats, bit by bit; got %d" % [reference.size(), frames.size()])
+
+
+func test_a_reset_avatar_gives_the_same_bits_again() -> void:
+	var avatar := make()
+	await speak(avatar)
+	avatar.reset()
+	var frames: PackedFloat32Array = await speak(avatar)
+	expect(frames.to_byte_array() == reference.to_byte_array(), "the reference's bits after a reset")
+
+
+func test_bones_and_blend_shapes_follow_the_player() -> void:
+	var skeleton := Skeleton3D.new()
+	skeleton.name = "Body"
+	root.add_child(skeleton)
+	var voice := player(Body.wav("res://hello.wav"))
+	var avatar := make({"skeleton": ^"/root/Body", "audio_player": ^"/root/Voice", "meshes": [^"/root/Body/Head/Face"] as Array[NodePath]})
+	Body.build(skeleton, avatar)
+	var face: MeshInstance3D = skeleton.get_node("Head/Face")
+	var jaw: int = 3 + 4 * 55 + avatar.get_channel_names().find("jawOpen")
+	voice.play()
+	var times: Array[float] = []
+	var moved := 0.0
+	var worst := 0.0
+	var off: Array[float] = []
+	while voice.playing and times.size() < 20000:
+		await process_frame
+		var time := avatar.get_motion_time()
+		# What was shown before the first frame was computed, or after the last, is no frame of the reference.
+		if time <= 0.2 or time * 30 > reference.size() / width - 1:
+			continue
+		times.append(time)
+		off.append(absf(time - voice.get_playback_position()))
+		var frame := at_time(time)
+		for joint in 55:
+			var shown := skeleton.get_bone_pose_rotation(joint)
+			var wanted := quaternion(frame, joint)
+			worst = maxf(worst, minf((shown - wanted).length(), (shown + wanted).length()))
+			moved = maxf(moved, shown.angle_to(Quaternion.IDENTITY))
+		var place := skeleton.get_bone_pose_position(0) - avatar.get_joint_offsets()[0]
+		worst = maxf(worst, (place - Vector3(frame[0], frame[1], frame[2])).length())
+		worst = maxf(worst, absf(face.get_blend_shape_value(face.find_blend_shape_by_name("jawOpen")) - frame[jaw]))
+	expect(times.size() > 100 and times[-1] > 6, "poses over the whole speech, got %d" % times.size())
+	expect(worst < CLOSE, "bones, hips and jaw within %f of the frames, got %f" % [CLOSE, worst])
+	expect(moved > 0.02, "bones that move, got %f rad" % moved)
+	# The median: a busy machine mixes late now and then.
+	off.sort()
+	expect(off[off.size() / 2] < 0.1, "motion within 0.1 s of the player's position, got %f" % off[off.size() / 2])
+	await wait(0.5)
+	expect(avatar.is_done(), "a stream that is over")
+	expect(avatar.stats().frames == 229, "229 frames computed, got %s" % avatar.stats())
+
+
+## The humanoid profile's names, bones rolled as artists roll them, arms in an A, a twist between, a bone missing, half the size.
+func test_another_rig_stands_where_the_frames_say() -> void:
+	var avatar := make({"skeleton": ^"/root/Body"})
+	var names := {}
+	var profile := SkeletonProfileHumanoid.new()
+	var pairs := {"pelvis": "Hips", "left_hip": "LeftUpperLeg", "left_knee": "LeftLowerLeg", "left_ankle": "LeftFoot",
+		"left_foot": "LeftToes", "spine1": "Spine", "spine2": "Chest", "neck": "Neck", "head": "Head",
+		"left_collar": "LeftShoulder", "left_shoulder": "LeftUpperArm", "left_elbow": "LeftLowerArm",
+		"left_wrist": "LeftHand", "left_index1": "LeftIndexProximal", "left_pinky3": "LeftLittleDistal",
+		"left_thumb1": "LeftThumbMetacarpal", "left_thumb3": "LeftThumbDistal", "jaw": "Jaw"}
+	for joint in pairs:
+		names[joint] = pairs[joint]
+		names[joint.replace("left", "right")] = pairs[joint].replace("Left", "Right")
+	for joint in names:
+		expect(profile.find_bone(names[joint]) >= 0, "%s in Godot's profile" % names[joint])
+	var joint_names := avatar.get_joint_names()
+	var parents := avatar.get_joint_parents()
+	var skeleton := Skeleton3D.new()
+	skeleton.name = "Body"
+	root.add_child(skeleton)
+	var random := RandomNumberGenerator.new()
+	random.seed = 7
+	# At rest: where each bone is and how it is turned, arms lowered by 40 degrees about the shoulders.
+	var rests: Array[Transform3D] = []
+	var bones := {}
+	for joint in 55:
+		var parent := parents[joint]
+		var at := Transform3D(Basis.IDENTITY, avatar.get_joint_offsets()[joint] * 0.5)
+		if joint_names[joint] in ["left_shoulder", "right_shoulder"]:
+			at.basis = Basis(Vector3.BACK, deg_to_rad(-40 if joint_names[joint] == "left_shoulder" else 40))
+		if parent < 0:
+			at.origin.y += 0.46
+		rests.append(at if parent < 0 else rests[parent] * at)
+		if joint_names[joint] not in names:
+			continue
+		var under := parent
+		while under >= 0 and under not in bones:
+			under = parents[under]
+		var roll := Basis(Quaternion.from_euler(Vector3(random.randf(), random.randf(), random.randf()) * TAU))
+		var rest := Transform3D(rests[joint].basis * roll, rests[joint].origin)
+		var bone := skeleton.get_bone_count()
+		skeleton.add_bone(names[joint_names[joint]])
+		var above: int = bones.get(under, -1)
+		if joint_names[joint] == "left_elbow":
+			# A bone that nobody drives, half way.
+			skeleton.add_bone("LeftTwist")
+			skeleton.set_bone_parent(bone + 1, above)
+			var twist := Transform3D(roll, (rests[under].origin + rest.origin) / 2)
+			skeleton.set_bone_rest(bone + 1, skeleton.get_bone_global_rest(above).affine_inverse() * twist)
+			above = bone + 1
+		skeleton.set_bone_parent(bone, above)
+		var parent_rest := skeleton.get_bone_global_rest(above) if above >= 0 else Transform3D.IDENTITY
+		skeleton.set_bone_rest(bone, parent_rest.affine_inverse() * rest)
+		bones[joint] = bone
+	skeleton.reset_bone_poses()
+	var samples := hello()
+	avatar.push_audio(samples)
+	avatar.finish()
+	var worst := 0.0
+	for turn in 40:
+		await wait(0.02)
+		var time := turn / 20.0
+		avatar.drive(time)
+		var wanted := places(avatar, at_time(avatar.get_motion_time()))
+		for joint in bones:
+			# Above the missing chest nothing bends where umo bends: compare directions, from each bone's parent.
+			var bone: int = bones[joint]
+			var up := skeleton.get_bone_parent(bone)
+			if up < 0 or skeleton.get_bone_name(up) == "LeftTwist" or parents[joint] not in bones or turn < 20:
+				continue
+			var shown := skeleton.get_bone_global_pose(bone).origin - skeleton.get_bone_global_pose(up).origin
+			worst = maxf(worst, (shown * 2 - (wanted[joint].origin - wanted[parents[joint]].origin)).length())
+	expect(bones.size() == 30, "30 bones, got %d" % bones.size())
+	expect(worst < CLOSE, "every bone along umo's within %f m, got %f" % [CLOSE, worst])
+	var hips := skeleton.get_bone_global_pose(0).origin * 2
+	var root_place := places(avatar, at_time(avatar.get_motion_time()))[0].origin
+	expect((hips - root_place).length() < CLOSE, "hips where the frames say at half the size, got %s for %s" % [hips, root_place])
+
+
+func test_a_second_line_goes_on_where_the_first_ended() -> void:
+	var voice := player(Body.wav("res://hello.wav"))
+	var avatar := make({"audio_player": ^"/root/Voice"})
+	voice.play(6.9)
+	while voice.playing:
+		await process_frame
+	await wait(1.5)
+	var rested := avatar.get_motion_time()
+	voice.play(6.5)
+	var first := INF
+	while voice.playing:
+		await process_frame
+		first = minf(first, absf(avatar.get_motion_time() - rested - (voice.get_playback_position() - 6.5)))
+	expect(rested < 0.73 + 1.5, "a clock that waits after the line, got %f" % rested)
+	expect(first < 0.15, "the second line's motion from its start, off by %f" % first)
+	expect(avatar.stats().frames >= 40, "frames of both lines, got %s" % avatar.stats())
+
+
+func test_a_player_without_samples_is_captured() -> void:
+	var effects := AudioServer.get_bus_effect_count(0)
+	var generator := AudioStreamGenerator.new()
+	generator.mix_rate = 16000
+	generator.buffer_length = 5
+	var voice := player(generator)
+	var avatar := make({"audio_player": ^"/root/Voice"})
+	voice.play()
+	var playback: AudioStreamGeneratorPlayback = voice.get_stream_playback()
+	for sample in hello().slice(0, 60000):
+		playback.push_frame(Vector2(sample, sample))
+	await wait(3)
+	expect(AudioServer.get_bus_effect_count(0) == effects + 1, "one effect more on the bus while it plays")
+	var stats := avatar.stats()
+	expect(stats.frames >= 30 and stats.silenced == 0, "frames from what was captured, got %s" % stats)
+	expect(avatar.get_motion_time() > 0.5, "a clock that runs, got %f" % avatar.get_motion_time())
+	voice.stop()
+	await wait(0.1)
+	expect(AudioServer.get_bus_effect_count(0) == effects, "the bus as it was after the player stopped")
+
+
+func test_a_restored_avatar_gives_the_same_bits_again() -> void:
+	var avatar := make()
+	var samples := hello()
+	avatar.push_audio(samples.slice(0, 40000))
+	var state := PackedByteArray()
+	for turn in 100:
+		await process_frame
+		state = avatar.save_state()
+		if not state.is_empty():
+			break
+	var frames: PackedFloat32Array
+	for other in [avatar, make()]:
+		expect(other.restore_state(state), "a state that is taken")
+		frames = PackedFloat32Array()
+		other.push_audio(samples.slice(40000))
+		other.finish()
+		for turn in 5000:
+			frames.append_array(other.pull_frames())
+			if other.is_done():
+				break
+			await process_frame
+		expect(frames.to_byte_array() == reference.to_byte_array(), "the reference's bits, got %d floats" % frames.size())
+	state[100] ^= 1
+	expect(not avatar.restore_state(state), "a damaged state refused")
+
+
+func test_a_missing_model_fails_with_words() -> void:
+	var avatar := make({"model": "res://none.safetensors"})
+	await process_frame
+	expect(told.size() == 1 and told[0].contains("none.safetensors"), "a signal with the file's name, got %s" % [told])
+	expect(not avatar.is_open(), "no avatar")
+	expect(avatar.push_audio(hello()) == 0 and avatar.pull_frames().is_empty() and avatar.stats().is_empty(), "calls that do nothing")
+	avatar.interrupt(100)
+	avatar.drive(1)
+	avatar.model = "res://hello.wav"
+	avatar.open()
+	await process_frame
+	expect(told.size() == 2 and told[1].length() > 20, "umo's words about a file that is no model, got %s" % [told])
+	avatar.model = MODEL
+	expect(avatar.open(), "an avatar after all")
+
+
+func test_two_avatars_share_an_engine() -> void:
+	var threads := func() -> int: return DirAccess.get_directories_at("/proc/self/task").size()
+	var before: int = threads.call()
+	var first := make()
+	var one: int = threads.call()
+	var second := make()
+	expect(one > before, "threads of an engine, %d after %d" % [one, before])
+	expect(threads.call() == one, "no more threads for the second avatar")
+	first.free()
+	var frames: PackedFloat32Array = await speak(second)
+	expect(frames.to_byte_array() == reference.to_byte_array(), "the reference's bits after the other avatar went")
+	second.free()
+	await wait(0.1)
+	expect(threads.call() == before, "no threads left, %d after %d" % [threads.call(), before])
+
+
+func test_freed_nodes_and_changed_scenes_are_no_crash() -> void:
+	var skeleton := Skeleton3D.new()
+	skeleton.name = "Body"
+	root.add_child(skeleton)
+	var voice := player(Body.wav("res://hello.wav"))
+	var avatar := make({"skeleton": ^"/root/Body", "audio_player": ^"/root/Voice", "meshes": [^"/root/Body/Head/Face"] as Array[NodePath]})
+	Body.build(skeleton, avatar)
+	voice.play()
+	await wait(0.3)
+	skeleton.get_node("Head/Face").free()
+	await wait(0.1)
+	for attachment in skeleton.get_children():
+		attachment.free()
+	skeleton.clear_bones()
+	await wait(0.1)
+	skeleton.free()
+	await wait(0.1)
+	root.remove_child(avatar)
+	await wait(0.1)
+	root.add_child(avatar)
+	await wait(0.1)
+	voice.free()
+	await wait(0.1)
+	expect(avatar.is_open(), "an avatar that lives without its player")
+	avatar.interrupt(200)
+	avatar.idle = 2
+	avatar.gain_face = 0.5
+	avatar.free()
+	for turn in 3:
+		change_scene_to_file("res://main.tscn")
+		await wait(0.3)
+	expect(current_scene.get_node("Avatar").stats().frames > 0, "an avatar that speaks in the scene that was changed to")
+	unload_current_scene()
+
+
+func test_bad_arguments_are_errors_and_no_crash() -> void:
+	var avatar := make({"target": 10000})
+	await process_frame
+	expect(told.size() == 1 and not avatar.is_open(), "a target that is none refused, got %s" % [told])
+	avatar.target = 0
+	expect(avatar.open(), "an avatar")
+	avatar.idle = 99
+	avatar.gain_face = -1e9
+	expect(avatar.idle == 1 and avatar.gain_face == 1, "properties as they were before what was refused")
+	avatar.interrupt(-5)
+	avatar.prompt = "smile"
+	expect(avatar.sample_pose(NAN).is_empty(), "no pose at no time")
+	expect(avatar.push_audio(PackedFloat32Array([NAN, INF, 1e30])) == 3, "samples that become silence")
+	avatar.finish()
+	expect(avatar.push_audio(PackedFloat32Array([0.5])) == 0, "nothing taken after the end")
+	expect(avatar.is_open(), "an avatar still")
+	await process_frame
+	expect(told.size() == 6, "each of these told, got %s" % [told])
