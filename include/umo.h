@@ -237,7 +237,8 @@ typedef struct umo_frame_layout {
     uint32_t index;
     // `uint64_t`: the sample of each channel of the pushed audio that the frame belongs to.
     uint32_t sample;
-    // `float[3]`: where the root is.
+    // `float[3]`: where the root is, to be added to the first joint's offset in `umo_model_get_skeleton`. The floor is at 0
+    // where the model's is.
     uint32_t translation;
     // `float[4]` of the first joint: its rotation in its parent's frame, a unit quaternion x, y, z, w.
     uint32_t rotations;
@@ -842,7 +843,9 @@ UMO_NOEXCEPT;
 
 // Drops everything that is not shown yet and eases to the rest pose within `ease_ms` milliseconds, at most 10,000:
 // somebody has interrupted the avatar. Audio pushed from now on starts a new stream, whose frames follow the ease; the
-// frame index goes on, and the avatar stays where it stands.
+// frame index goes on, and the avatar stays where it stands: the new stream's first frame is number `last + 1 + ease`,
+// where `last` is the last frame that was handed out, by a pull or by a sample, and the ease takes
+// `ceil(ease_ms * frame_rate / 1000)` frames. Sample from that time on to see it from its start.
 //
 // Threads: any. Never allocates, never waits.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT`, `FAILED`, `CLOSED`, `PANIC`.

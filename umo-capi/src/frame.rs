@@ -30,7 +30,8 @@ pub struct UmoFrameLayout {
     pub index: u32,
     /// `uint64_t`: the sample of each channel of the pushed audio that the frame belongs to.
     pub sample: u32,
-    /// `float[3]`: where the root is.
+    /// `float[3]`: where the root is, to be added to the first joint's offset in `umo_model_get_skeleton`. The floor is at 0
+    /// where the model's is.
     pub translation: u32,
     /// `float[4]` of the first joint: its rotation in its parent's frame, a unit quaternion x, y, z, w.
     pub rotations: u32,

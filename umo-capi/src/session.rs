@@ -474,7 +474,9 @@ pub extern "C" fn umo_session_finish(session: *mut UmoSession) -> UmoStatus {
 
 /// Drops everything that is not shown yet and eases to the rest pose within `ease_ms` milliseconds, at most 10,000:
 /// somebody has interrupted the avatar. Audio pushed from now on starts a new stream, whose frames follow the ease; the
-/// frame index goes on, and the avatar stays where it stands.
+/// frame index goes on, and the avatar stays where it stands: the new stream's first frame is number `last + 1 + ease`,
+/// where `last` is the last frame that was handed out, by a pull or by a sample, and the ease takes
+/// `ceil(ease_ms * frame_rate / 1000)` frames. Sample from that time on to see it from its start.
 ///
 /// Threads: any. Never allocates, never waits.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT`, `FAILED`, `CLOSED`, `PANIC`.
