@@ -12,7 +12,9 @@ use umo::engine::{
 use umo::frame::{UmoFrameLayout, umo_frame_layout_init};
 use umo::model::{UmoModel, umo_model_load_memory};
 use umo::parameter::UMO_PARAMETER_GAIN_FACE;
-use umo::session::*;
+use umo::session::settings::umo_session_get_parameter;
+use umo::session::stream::{umo_session_push_audio, umo_session_reset, umo_session_sample_pose};
+use umo::session::{UmoSession, UmoSessionConfig, umo_session_config_init, umo_session_new};
 use umo::status::UMO_STATUS_OK;
 use umo_core::engine::{Engine, EngineConfig, Threads};
 use umo_core::model::Model;

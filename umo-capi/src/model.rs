@@ -1,5 +1,7 @@
 //! Models: loaded once, never changed, shared by any number of engines.
 
+pub mod inspect;
+
 use std::ffi::{CString, c_char, c_void};
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -7,18 +9,17 @@ use std::sync::{Arc, Mutex, PoisonError};
 use umo_core::config::FaceKind;
 use umo_core::lm::layout::MAX_PROMPT_TOKENS;
 use umo_core::model::Model;
-use umo_core::motion::axes::Axes;
-use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS};
-use umo_core::motion::visemes::{VISEME_NAMES, VISEMES, Visemes};
+use umo_core::motion::skeleton::JOINTS;
+use umo_core::motion::visemes::{VISEMES, Visemes};
 use umo_core::{LoadError, ModelFile, Precision};
 use umo_kernels::Isa;
 
+use crate::UMO_ABI_VERSION;
 use crate::ffi::{self, Sized32, guard, put, wanted};
 use crate::handle::{Held, Table};
 use crate::log::{Log, UMO_LOG_INFO, UMO_LOG_WARNING, UmoLog};
 use crate::memory;
-use crate::status::{Failure, UMO_STATUS_BUFFER_TOO_SMALL, UMO_STATUS_UNSUPPORTED, UMO_STATUS_VERSION, UmoStatus};
-use crate::{UMO_ABI_VERSION, axes};
+use crate::status::{Failure, UMO_STATUS_VERSION, UmoStatus};
 
 /// A loaded model. A handle, never a pointer to memory.
 pub struct UmoModel {
@@ -364,189 +365,4 @@ pub extern "C" fn umo_model_free(model: *mut UmoModel) -> UmoStatus {
         freed.log.say(UMO_LOG_INFO, format_args!("freed model {}", freed.model.config().name));
         Ok(())
     })
-}
-
-/// What a model has.
-///
-/// Threads: any. Never allocates, never waits.
-/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`.
-///
-/// # Safety
-/// `info` is NULL or as long as its `struct_size` says, and writable.
-#[unsafe(no_mangle)]
-#[must_use]
-pub unsafe extern "C" fn umo_model_get_info(model: *const UmoModel, info: *mut UmoModelInfo) -> UmoStatus {
-    // SAFETY: by this function's own clause.
-    guard(|| unsafe { ffi::write(info, "info", &get(model)?.info) })
-}
-
-/// One of the model's texts, UTF-8, good until the model is freed. `which` is one of `UMO_MODEL_…`.
-///
-/// Threads: any. Never allocates, never waits.
-/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT`.
-///
-/// # Safety
-/// `text` is NULL or writable.
-#[unsafe(no_mangle)]
-#[must_use]
-pub unsafe extern "C" fn umo_model_get_text(model: *const UmoModel, which: u32, text: *mut *const c_char) -> UmoStatus {
-    guard(|| {
-        let model = get(model)?;
-        let unknown = || Failure::argument(format_args!("text {which} is none of UMO_MODEL_…"));
-        let found = (which as usize).checked_sub(1).and_then(|index| model.texts.get(index)).ok_or_else(unknown)?;
-        // SAFETY: by this function's own clause.
-        unsafe { put(text, "text", found.as_ptr()) }
-    })
-}
-
-/// The name of a face channel, as `jawOpen`, good until the model is freed. `index` is below `umo_model_info.channels`.
-///
-/// Threads: any. Never allocates, never waits.
-/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT`.
-///
-/// # Safety
-/// `name` is NULL or writable.
-#[unsafe(no_mangle)]
-#[must_use]
-pub unsafe extern "C" fn umo_model_get_channel_name(
-    model: *const UmoModel,
-    index: u32,
-    name: *mut *const c_char,
-) -> UmoStatus {
-    guard(|| {
-        let model = get(model)?;
-        let none = || Failure::argument(format_args!("channel {index}: there are {}", model.channels.len()));
-        let found = model.channels.get(index as usize).ok_or_else(none)?;
-        // SAFETY: by this function's own clause.
-        unsafe { put(name, "name", found.as_ptr()) }
-    })
-}
-
-/// Every joint's name with its end.
-static JOINT_TEXTS: [Name; JOINTS] = names(JOINT_NAMES);
-/// Every viseme's name with its end.
-static VISEME_TEXTS: [Name; VISEMES] = names(VISEME_NAMES);
-
-/// A short text that ends with a zero byte.
-type Name = [u8; 24];
-
-const fn names<const N: usize>(texts: [&str; N]) -> [Name; N] {
-    let mut names = [[0; 24]; N];
-    let mut i = 0;
-    while i < N {
-        let (text, mut at) = (texts[i].as_bytes(), 0);
-        assert!(text.len() < 24);
-        while at < text.len() {
-            names[i][at] = text[at];
-            at += 1;
-        }
-        i += 1;
-    }
-    names
-}
-
-/// The name of a joint, as `left_elbow`: static, NULL where `index` is not below `UMO_JOINT_COUNT`.
-///
-/// Threads: any. Never allocates, never waits.
-#[unsafe(no_mangle)]
-pub extern "C" fn umo_joint_name(index: u32) -> *const c_char {
-    JOINT_TEXTS.get(index as usize).map_or(std::ptr::null(), |name| name.as_ptr().cast())
-}
-
-/// The name of a viseme of the Oculus set, as `PP`: static, NULL where `index` is not below `UMO_VISEME_COUNT`.
-///
-/// Threads: any. Never allocates, never waits.
-#[unsafe(no_mangle)]
-pub extern "C" fn umo_viseme_name(index: u32) -> *const c_char {
-    VISEME_TEXTS.get(index as usize).map_or(std::ptr::null(), |name| name.as_ptr().cast())
-}
-
-/// The bones: for each joint its parent's index, -1 for the first, and where it is in its parent's frame at rest, x y z, in
-/// `which` axes (one of `UMO_AXES_…`) and their unit. Either may be NULL; `joints` is how many there is room for, at least
-/// `UMO_JOINT_COUNT`. With rotations all identity the body stands in a T.
-///
-/// Threads: any. Never allocates, never waits.
-/// Errors: `INVALID_HANDLE`, `INVALID_ARGUMENT`, `BUFFER_TOO_SMALL`.
-///
-/// # Safety
-/// `parents` is NULL or has room for `joints` values; `offsets` is NULL or has room for `3 * joints` values.
-#[unsafe(no_mangle)]
-#[must_use]
-pub unsafe extern "C" fn umo_model_get_skeleton(
-    model: *const UmoModel,
-    which: u32,
-    parents: *mut i32,
-    offsets: *mut f32,
-    joints: usize,
-) -> UmoStatus {
-    guard(|| {
-        let (model, axes) = (get(model)?, axes(which)?);
-        if joints < JOINTS {
-            let what = format_args!("there is room for {joints} joints, the body has {JOINTS}");
-            return Err(Failure::new(UMO_STATUS_BUFFER_TOO_SMALL, what));
-        }
-        let skeleton = &model.model.config().skeleton;
-        if !parents.is_null() {
-            // SAFETY: by this function's own clause.
-            unsafe { ffi::slice_mut(parents, JOINTS, "parents")? }.copy_from_slice(&skeleton.parents);
-        }
-        if !offsets.is_null() {
-            // SAFETY: by this function's own clause.
-            let offsets = unsafe { ffi::slice_mut(offsets, 3 * JOINTS, "offsets")? };
-            for (slot, &offset) in offsets.as_chunks_mut().0.iter_mut().zip(&skeleton.offsets_m) {
-                *slot = Axes::place(axes, offset);
-            }
-        }
-        Ok(())
-    })
-}
-
-/// The ids of a prompt, for `umo_session_set_prompt_ids`: at most `umo_model_info.max_prompt` of them. `count` is written
-/// even where there is no room for them all.
-///
-/// Threads: any but the audio thread. Allocates.
-/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `UNSUPPORTED` (the model takes no texts), `INVALID_ARGUMENT` (too long),
-/// `BUFFER_TOO_SMALL`.
-///
-/// # Safety
-/// `text` is NULL or has `length` readable bytes; `ids` is NULL or has room for `capacity` values; `count` is NULL or
-/// writable.
-#[unsafe(no_mangle)]
-#[must_use]
-pub unsafe extern "C" fn umo_model_encode_text(
-    model: *const UmoModel,
-    text: *const c_char,
-    length: usize,
-    ids: *mut u32,
-    capacity: usize,
-    count: *mut usize,
-) -> UmoStatus {
-    guard(|| {
-        wanted(count, "count")?;
-        // SAFETY: by this function's own clause.
-        let text = unsafe { ffi::slice(text.cast::<u8>(), length, "text")? };
-        let found = encode(&get(model)?.model, text)?;
-        // SAFETY: by this function's own clause.
-        unsafe { put(count, "count", found.len())? };
-        if found.len() > capacity {
-            let what = format_args!("the text has {} ids, there is room for {capacity}", found.len());
-            return Err(Failure::new(UMO_STATUS_BUFFER_TOO_SMALL, what));
-        }
-        // SAFETY: by this function's own clause, for a part of the room.
-        unsafe { ffi::slice_mut(ids, found.len(), "ids")? }.copy_from_slice(&found);
-        Ok(())
-    })
-}
-
-/// The ids of a text, which is UTF-8 or an error.
-pub(crate) fn encode(model: &Model, text: &[u8]) -> Result<Vec<u32>, Failure> {
-    if text.len() > ffi::MAX_TEXT {
-        return Err(Failure::argument(format_args!("`text` has more than {} bytes", ffi::MAX_TEXT)));
-    }
-    let text = std::str::from_utf8(text).map_err(|_| Failure::argument("`text` is not UTF-8"))?;
-    if text.is_empty() {
-        return Ok(Vec::new());
-    }
-    let none = || Failure::new(UMO_STATUS_UNSUPPORTED, "this model takes no texts");
-    model.text().ok_or_else(none)?.encode(text).map_err(Failure::argument)
 }

@@ -11,150 +11,36 @@
 //! A *cue* is a number that [`Session::interrupt`] and [`Session::reset`] change: each of the three sides compares it with
 //! the one that it saw last and starts anew by itself, so that nobody waits for anybody.
 
+mod config;
 pub(crate) mod delay;
+mod error;
 mod gain;
 mod input;
 mod output;
+mod shared;
 mod state;
 
-use std::fmt;
-use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock, TryLockError};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, MutexGuard};
 use std::time::Duration;
 
-use crate::avatar::AvatarConfig;
-use crate::clock::Clock;
-use crate::config::{Config, Sampling};
-use crate::engine::{Place, Signal};
-use crate::error::{LoadError, StepError};
+use crate::config::Sampling;
+use crate::engine::Place;
 use crate::lm::layout::MAX_PROMPT_TOKENS;
-use crate::lm::sampler::Sampler;
-use crate::motion::Assembly;
-use crate::part::{Part, PerPart};
-use crate::ring::Ring;
+use crate::part::Part;
 pub use crate::state::StateError;
-use crate::state::StatePass;
-use delay::Delays;
-use input::Input;
-use output::Output;
+pub use config::{AUDIO_SECONDS, Idle, MAX_CHANNELS, MAX_EASE, MAX_GAIN, MAX_RATE, MIN_RATE, SessionConfig};
+pub use error::SessionError;
 pub use output::{FrameView, Sampled};
 pub(crate) use output::{Shown, words as frame_words, write as write_frame};
+pub(crate) use shared::{Cue, ENDLESS, Making, NOBODY, Shared};
+use shared::{Settings, try_lock};
 pub(crate) use state::state_size;
-
-/// Least seconds of audio that wait for the engine before [`Session::push_audio`] takes no more.
-pub const AUDIO_SECONDS: usize = 10;
-/// Lowest sample rate of a session, per second.
-pub const MIN_RATE: usize = 8_000;
-/// Highest sample rate of a session, per second.
-pub const MAX_RATE: usize = 192_000;
-/// Most channels of a session's audio.
-pub const MAX_CHANNELS: usize = 64;
-/// Largest gain of a part.
-pub const MAX_GAIN: f32 = 2.0;
-/// Longest [`Session::interrupt`].
-pub const MAX_EASE: Duration = Duration::from_secs(10);
 
 /// The calls that exclude each other, as [`SessionError::Busy`] names them.
 const INPUT: &str = "push_audio, finish, save or restore";
 const OUTPUT: &str = "pull_frames, sample_pose, save or restore";
 const SETTER: &str = "a setter, save or restore";
-
-/// What a session is made with.
-#[derive(Clone, Debug)]
-pub struct SessionConfig {
-    /// The avatar.
-    pub avatar: AvatarConfig,
-    /// Samples per second of the audio that is pushed, [`MIN_RATE`] to [`MAX_RATE`].
-    pub sample_rate: usize,
-    /// Interleaved channels of that audio, 1 to [`MAX_CHANNELS`]; they are mixed.
-    pub channels: usize,
-    /// What is shown while no audio comes.
-    pub idle: Idle,
-    /// Time without audio after which [`Idle::Rest`] and [`Idle::Live`] begin.
-    pub idle_after: Duration,
-    /// How long an ease to rest takes, and the way back from it.
-    pub ease: Duration,
-    /// Frames that wait for the host before the engine stops computing: at least two chunks' worth.
-    pub queue_frames: usize,
-}
-
-/// What is shown while no audio comes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Idle {
-    /// The last pose.
-    #[default]
-    Hold,
-    /// An ease to the rest pose; only [`Session::sample_pose`] shows it.
-    Rest,
-    /// The model, run on silence.
-    Live,
-}
-
-impl SessionConfig {
-    /// The model's own defaults, speech to motion, mono audio at the model's rate.
-    pub fn new(config: &Config) -> Self {
-        Self {
-            avatar: AvatarConfig::new(config),
-            sample_rate: config.audio.sample_rate,
-            channels: 1,
-            idle: Idle::Hold,
-            idle_after: Duration::from_millis(300),
-            ease: Duration::from_millis(500),
-            queue_frames: 4 * config.max_target * config.keyframe_stride,
-        }
-    }
-}
-
-/// A call that could not be done; nothing was changed by it. `Copy`: reporting one allocates nothing.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum SessionError {
-    /// Another thread is in the same call, or in one that excludes it; the call may be repeated.
-    Busy(&'static str),
-    /// Audio was pushed after [`Session::finish`]; [`Session::reset`] or [`Session::interrupt`] start anew.
-    Finished,
-    /// The samples are no whole number of the session's channels.
-    Uneven {
-        /// Samples given.
-        got: usize,
-        /// Channels of the session.
-        channels: usize,
-    },
-    /// An argument is out of its range, which the text says.
-    Range(&'static str),
-    /// The avatar's computation failed: the session gives no more frames.
-    Failed(StepError),
-    /// The avatar's computation panicked: the session gives no more frames.
-    Panicked,
-    /// The engine is gone; frames that were ready can still be pulled.
-    Closed,
-    /// A state cannot be restored into this session.
-    State(StateError),
-}
-
-impl fmt::Display for SessionError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Busy(call) => write!(f, "another thread is in {call}: call again"),
-            Self::Finished => write!(f, "audio was pushed after finish: reset or interrupt the session first"),
-            Self::Uneven { got, channels } => {
-                write!(f, "{got} samples are no whole number of frames of {channels} channels")
-            }
-            Self::Range(what) => write!(f, "{what}"),
-            Self::Failed(error) => write!(f, "the avatar failed and gives no more frames: {error}"),
-            Self::Panicked => write!(f, "the avatar failed by a defect of this library and gives no more frames"),
-            Self::Closed => write!(f, "the session's engine is gone"),
-            Self::State(error) => write!(f, "{error}"),
-        }
-    }
-}
-
-impl std::error::Error for SessionError {}
-
-impl From<StateError> for SessionError {
-    fn from(error: StateError) -> Self {
-        Self::State(error)
-    }
-}
 
 /// What a [`Session::push_audio`] took.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -198,191 +84,6 @@ pub struct Latency {
     pub compute_max: Duration,
 }
 
-/// What an interrupt or a reset tells the three sides.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Cue {
-    /// Counts all cues.
-    pub(crate) number: u32,
-    /// Counts resets, modulo 2^16.
-    pub(crate) resets: u16,
-    /// Frames to ease in.
-    pub(crate) ease: u16,
-}
-
-impl Cue {
-    fn pack(self) -> u64 {
-        u64::from(self.number) << 32 | u64::from(self.resets) << 16 | u64::from(self.ease)
-    }
-
-    #[expect(clippy::cast_possible_truncation, reason = "fields of a word")]
-    fn unpack(word: u64) -> Self {
-        Self { number: (word >> 32) as u32, resets: (word >> 16) as u16, ease: word as u16 }
-    }
-
-    /// Describes a cue that one of the sides saw.
-    pub(crate) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
-        let word = pass.word(self.pack())?;
-        if pass.loads() {
-            *self = Self::unpack(word);
-        }
-        Ok(())
-    }
-}
-
-/// What is set while the session runs, taken over at the next chunk.
-#[derive(Debug)]
-pub(crate) struct Settings {
-    pub(crate) sampler: Sampler,
-    pub(crate) text: [u32; MAX_PROMPT_TOKENS],
-    pub(crate) text_len: usize,
-}
-
-impl Settings {
-    /// What the avatar was made with.
-    fn new(avatar: &AvatarConfig) -> Self {
-        let (mut text, text_len) = ([0; MAX_PROMPT_TOKENS], avatar.text.len());
-        text[..text_len].copy_from_slice(&avatar.text);
-        Self { sampler: avatar.sampler, text, text_len }
-    }
-}
-
-/// No sample position: nobody waits for audio.
-pub(crate) const NOBODY: u64 = u64::MAX;
-/// No end of the stream is known.
-pub(crate) const ENDLESS: u64 = u64::MAX;
-
-/// How a session's computation ended, if it did.
-const RUNNING: u8 = 0;
-const FAILED: u8 = 1;
-const PANICKED: u8 = 2;
-const CLOSED: u8 = 3;
-
-/// What the sides of a session share.
-#[derive(Debug)]
-pub(crate) struct Shared {
-    /// Samples at the model's rate, as the bits of floats.
-    pub(crate) audio: Ring,
-    /// Frames, as [`output`] lays them out.
-    pub(crate) frames: Ring,
-    cue: AtomicU64,
-    /// The last cue that the audio side saw, and where in `audio` what came after it starts.
-    pub(crate) heard_cue: AtomicU32,
-    pub(crate) heard_from: AtomicU64,
-    /// Sample frames pushed before that cue, at the session's rate.
-    pub(crate) sample_base: AtomicU64,
-    /// Frames of the stream in all since that cue, or [`ENDLESS`].
-    pub(crate) total: AtomicU64,
-    /// Position in `audio` at which the next chunk is due, or [`NOBODY`].
-    pub(crate) due_at: AtomicU64,
-    /// When audio last came, nanoseconds.
-    pub(crate) audio_time: AtomicU64,
-    /// The engine waits for room in `frames`.
-    pub(crate) wants_room: AtomicBool,
-    /// The host waits for frames while no audio comes.
-    pub(crate) wants_silence: AtomicBool,
-    /// The host has dropped the session.
-    pub(crate) dropped: AtomicBool,
-    state: AtomicU8,
-    failure: OnceLock<StepError>,
-    pub(crate) idle: AtomicU8,
-    /// How much each part moves, as the bits of floats.
-    pub(crate) gains: PerPart<AtomicU32>,
-    settings: Mutex<Settings>,
-    /// Settings that the engine has not seen.
-    unseen: AtomicBool,
-    input: Mutex<Input>,
-    output: Mutex<Output>,
-    pub(crate) stats: Counters,
-    pub(crate) delays: Delays,
-    pub(crate) clock: Clock,
-    pub(crate) signal: Arc<Signal>,
-    /// Samples at the session's rate that a frame needs at most.
-    algorithmic_samples: usize,
-    channels: usize,
-    frame_rate: usize,
-}
-
-#[derive(Debug, Default)]
-pub(crate) struct Counters {
-    pub(crate) chunks: AtomicU64,
-    pub(crate) frames: AtomicU64,
-    pub(crate) late_frames: AtomicU64,
-    pub(crate) dropped_frames: AtomicU64,
-    overruns: AtomicU64,
-    silenced: AtomicU64,
-}
-
-impl Shared {
-    pub(crate) fn cue(&self) -> Cue {
-        Cue::unpack(self.cue.load(Ordering::SeqCst))
-    }
-
-    pub(crate) fn idle(&self) -> Idle {
-        match self.idle.load(Ordering::Relaxed) {
-            1 => Idle::Rest,
-            2 => Idle::Live,
-            _ => Idle::Hold,
-        }
-    }
-
-    /// Takes settings over, where there are new ones; at the next chunk where the host is just writing them.
-    pub(crate) fn take_settings(&self, take: impl FnOnce(&Settings)) {
-        if self.unseen.load(Ordering::Acquire)
-            && let Some(settings) = try_lock(&self.settings)
-        {
-            self.unseen.store(false, Ordering::Relaxed);
-            take(&settings);
-        }
-    }
-
-    /// The engine cannot go on with this session.
-    pub(crate) fn fail(&self, error: Option<StepError>) {
-        if let Some(error) = error {
-            // The first failure stays.
-            let _ = self.failure.set(error);
-        }
-        let state = if error.is_some() { FAILED } else { PANICKED };
-        self.state.store(state, Ordering::Release);
-    }
-
-    /// The engine is gone.
-    pub(crate) fn close(&self) {
-        let _ = self.state.compare_exchange(RUNNING, CLOSED, Ordering::AcqRel, Ordering::Relaxed);
-    }
-
-    /// Whether the engine still computes for it.
-    pub(crate) fn is_running(&self) -> bool {
-        self.state.load(Ordering::Acquire) == RUNNING
-    }
-
-    fn check(&self) -> Result<(), SessionError> {
-        match self.state.load(Ordering::Acquire) {
-            FAILED => Err(self.failure.get().map_or(SessionError::Panicked, |&error| SessionError::Failed(error))),
-            PANICKED => Err(SessionError::Panicked),
-            CLOSED => Err(SessionError::Closed),
-            _ => Ok(()),
-        }
-    }
-
-    /// Tells the engine to look, where it waits for what is now in `audio`.
-    fn notify(&self) {
-        let due = self.due_at.load(Ordering::SeqCst);
-        if due != NOBODY && (self.audio.written() >= due || self.total.load(Ordering::Relaxed) != ENDLESS) {
-            self.due_at.store(NOBODY, Ordering::SeqCst);
-            self.signal.notify();
-        }
-    }
-}
-
-/// The lock, where nobody has it. A side that panicked left nothing half done that the next call would trip over.
-fn try_lock<T>(mutex: &Mutex<T>) -> Option<MutexGuard<'_, T>> {
-    match mutex.try_lock() {
-        Ok(guard) => Some(guard),
-        Err(TryLockError::Poisoned(poisoned)) => Some(poisoned.into_inner()),
-        Err(TryLockError::WouldBlock) => None,
-    }
-}
-
 /// One avatar. Every call may come from any thread; two threads in the same call at once get [`SessionError::Busy`].
 ///
 /// After it is made, no call allocates, waits, or makes a system call, but to wake the engine.
@@ -393,69 +94,6 @@ pub struct Session {
     place: Place,
     /// Most bytes of a state.
     state_size: usize,
-}
-
-/// What an engine knows of a session that is being made.
-pub(crate) struct Making<'a> {
-    pub(crate) config: &'a Config,
-    pub(crate) assembly: &'a Assembly,
-    pub(crate) rest: Shown,
-    /// Most frames of one chunk, and frames of future audio that a frame needs.
-    pub(crate) chunk_frames: usize,
-    pub(crate) latency_frames: usize,
-    /// Samples of one chunk, none where it needs no audio.
-    pub(crate) chunk_samples: usize,
-    pub(crate) clock: Clock,
-    pub(crate) signal: Arc<Signal>,
-}
-
-impl Shared {
-    pub(crate) fn new(making: Making, session: &SessionConfig) -> Result<Self, LoadError> {
-        let Making { config, assembly, rest, chunk_frames, latency_frames, chunk_samples, clock, signal } = making;
-        let range = |key: &str, got: usize, from: usize, to: usize| {
-            if (from..=to).contains(&got) {
-                return Ok(());
-            }
-            Err(LoadError::config(key, format!("expected {from} to {to}, got {got}")))
-        };
-        range("sample_rate", session.sample_rate, MIN_RATE, MAX_RATE)?;
-        range("channels", session.channels, 1, MAX_CHANNELS)?;
-        range("queue_frames", session.queue_frames, 2 * chunk_frames, 1 << 16)?;
-        let (rate, face_values) = (config.audio.sample_rate, assembly.face_values());
-        let input = Input::new(session.sample_rate, session.channels, config)
-            .map_err(|error| LoadError::config("sample_rate", error.to_string()))?;
-        let chunk = config.max_target * config.samples_per_keyframe();
-        let delay = if chunk_samples > 0 { input.most_delay(chunk_samples) } else { 0 };
-        Ok(Self {
-            audio: Ring::new((AUDIO_SECONDS * rate).max(2 * chunk) + input.most_left()),
-            frames: Ring::new(session.queue_frames * frame_words(face_values)),
-            cue: AtomicU64::new(0),
-            heard_cue: AtomicU32::new(0),
-            heard_from: AtomicU64::new(0),
-            sample_base: AtomicU64::new(0),
-            total: AtomicU64::new(ENDLESS),
-            due_at: AtomicU64::new(NOBODY),
-            audio_time: AtomicU64::new(clock.nanos()),
-            wants_room: AtomicBool::new(false),
-            wants_silence: AtomicBool::new(false),
-            dropped: AtomicBool::new(false),
-            state: AtomicU8::new(RUNNING),
-            failure: OnceLock::new(),
-            idle: AtomicU8::new(session.idle as u8),
-            gains: PerPart::from_fn(|_| AtomicU32::new(1.0_f32.to_bits())),
-            settings: Mutex::new(Settings::new(&session.avatar)),
-            unseen: AtomicBool::new(false),
-            output: Mutex::new(Output::new(session, config, rest, assembly.is_arkit(), chunk_frames)),
-            input: Mutex::new(input),
-            stats: Counters::default(),
-            delays: Delays::new(),
-            algorithmic_samples: (latency_frames * session.sample_rate).div_ceil(config.frame_rate) + delay,
-            channels: session.channels,
-            frame_rate: config.frame_rate,
-            clock,
-            signal,
-        })
-    }
 }
 
 impl Session {

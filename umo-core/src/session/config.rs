@@ -1,0 +1,65 @@
+//! What a session is made with.
+
+use std::time::Duration;
+
+use crate::avatar::AvatarConfig;
+use crate::config::Config;
+
+/// Least seconds of audio that wait for the engine before [`Session::push_audio`] takes no more.
+pub const AUDIO_SECONDS: usize = 10;
+/// Lowest sample rate of a session, per second.
+pub const MIN_RATE: usize = 8_000;
+/// Highest sample rate of a session, per second.
+pub const MAX_RATE: usize = 192_000;
+/// Most channels of a session's audio.
+pub const MAX_CHANNELS: usize = 64;
+/// Largest gain of a part.
+pub const MAX_GAIN: f32 = 2.0;
+/// Longest [`Session::interrupt`].
+pub const MAX_EASE: Duration = Duration::from_secs(10);
+
+/// What a session is made with.
+#[derive(Clone, Debug)]
+pub struct SessionConfig {
+    /// The avatar.
+    pub avatar: AvatarConfig,
+    /// Samples per second of the audio that is pushed, [`MIN_RATE`] to [`MAX_RATE`].
+    pub sample_rate: usize,
+    /// Interleaved channels of that audio, 1 to [`MAX_CHANNELS`]; they are mixed.
+    pub channels: usize,
+    /// What is shown while no audio comes.
+    pub idle: Idle,
+    /// Time without audio after which [`Idle::Rest`] and [`Idle::Live`] begin.
+    pub idle_after: Duration,
+    /// How long an ease to rest takes, and the way back from it.
+    pub ease: Duration,
+    /// Frames that wait for the host before the engine stops computing: at least two chunks' worth.
+    pub queue_frames: usize,
+}
+
+/// What is shown while no audio comes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Idle {
+    /// The last pose.
+    #[default]
+    Hold,
+    /// An ease to the rest pose; only [`Session::sample_pose`] shows it.
+    Rest,
+    /// The model, run on silence.
+    Live,
+}
+
+impl SessionConfig {
+    /// The model's own defaults, speech to motion, mono audio at the model's rate.
+    pub fn new(config: &Config) -> Self {
+        Self {
+            avatar: AvatarConfig::new(config),
+            sample_rate: config.audio.sample_rate,
+            channels: 1,
+            idle: Idle::Hold,
+            idle_after: Duration::from_millis(300),
+            ease: Duration::from_millis(500),
+            queue_frames: 4 * config.max_target * config.keyframe_stride,
+        }
+    }
+}

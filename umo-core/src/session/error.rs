@@ -1,0 +1,57 @@
+//! What a session refuses, and why it ends.
+
+use std::fmt;
+
+use crate::error::StepError;
+use crate::state::StateError;
+
+/// A call that could not be done; nothing was changed by it. `Copy`: reporting one allocates nothing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SessionError {
+    /// Another thread is in the same call, or in one that excludes it; the call may be repeated.
+    Busy(&'static str),
+    /// Audio was pushed after [`Session::finish`]; [`Session::reset`] or [`Session::interrupt`] start anew.
+    Finished,
+    /// The samples are no whole number of the session's channels.
+    Uneven {
+        /// Samples given.
+        got: usize,
+        /// Channels of the session.
+        channels: usize,
+    },
+    /// An argument is out of its range, which the text says.
+    Range(&'static str),
+    /// The avatar's computation failed: the session gives no more frames.
+    Failed(StepError),
+    /// The avatar's computation panicked: the session gives no more frames.
+    Panicked,
+    /// The engine is gone; frames that were ready can still be pulled.
+    Closed,
+    /// A state cannot be restored into this session.
+    State(StateError),
+}
+
+impl fmt::Display for SessionError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Busy(call) => write!(f, "another thread is in {call}: call again"),
+            Self::Finished => write!(f, "audio was pushed after finish: reset or interrupt the session first"),
+            Self::Uneven { got, channels } => {
+                write!(f, "{got} samples are no whole number of frames of {channels} channels")
+            }
+            Self::Range(what) => write!(f, "{what}"),
+            Self::Failed(error) => write!(f, "the avatar failed and gives no more frames: {error}"),
+            Self::Panicked => write!(f, "the avatar failed by a defect of this library and gives no more frames"),
+            Self::Closed => write!(f, "the session's engine is gone"),
+            Self::State(error) => write!(f, "{error}"),
+        }
+    }
+}
+
+impl std::error::Error for SessionError {}
+
+impl From<StateError> for SessionError {
+    fn from(error: StateError) -> Self {
+        Self::State(error)
+    }
+}
