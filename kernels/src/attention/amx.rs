@@ -18,10 +18,12 @@ use super::Operands;
 use super::avx512vnni::transpose;
 use crate::amx::{TILE as ROWS, Tiles};
 use crate::lanes::LANES;
-use crate::lanes::avx512vnni::{first_lanes, load, load_part, store, store_part};
+use crate::lanes::avx512vnni::{array, first_lanes, load, load_part, store, store_part};
 use crate::mat::{Mat, MatMut};
 use crate::math::LOG2_E;
 use core::arch::x86_64::*;
+use core::mem::MaybeUninit;
+use core::ops::Range;
 
 /// Widest head; wider ones are left to AVX-512.
 const MOST_DIM: usize = 64;
@@ -38,32 +40,48 @@ const PAIRS: usize = 2 * LANES;
 /// 16 rows of 16 f32, or of 16 pairs of bfloat16, each row at home in one register.
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
-struct Tile([[f32; 16]; ROWS]);
+struct Tile<Row = [f32; 16]>([Row; ROWS]);
 
 impl Tile {
     const ZERO: Self = Self([[0.0; 16]; ROWS]);
 }
 
+/// A row that is only written here and read by tiles: not cleared first, so that what nobody reads costs nothing.
+type Packed = MaybeUninit<[f32; 16]>;
+
+impl Tile<Packed> {
+    const EMPTY: Self = Self([MaybeUninit::uninit(); ROWS]);
+}
+
 /// What an f32 is the sum of, largest first.
 const PARTS: usize = 3;
 /// The parts of the same 16 x 32 values.
-type Split = [Tile; PARTS];
+type Split<Row = [f32; 16]> = [Tile<Row>; PARTS];
+/// Products of two splits.
+const PRODUCTS: usize = 6;
 
 /// Groups of 16 queries in work at once.
 const GROUPS: usize = 2;
 
+/// By 16 keys and 32 of `head_dim`: rows of pairs, a key per column.
+type Keys = [[Split<Packed>; MOST_DIM / PAIRS]; KEYS / ROWS];
+/// By 32 keys and 16 of `head_dim`: rows of pairs of keys.
+type Values = [[Split<Packed>; MOST_DIM / LANES]; KEYS / PAIRS];
+/// By 16 queries and 32 of `head_dim`.
+type Queries = [[Split<Packed>; MOST_DIM / PAIRS]; GROUPS];
+/// By 16 queries and 32 keys: two tiles of scores, then the parts of their weights.
+type Scores = [[Split; KEYS / PAIRS]; GROUPS];
+/// By 16 queries and 16 of `head_dim`: values summed up over the keys in work.
+type Sums = [[Tile; MOST_DIM / LANES]; GROUPS];
+
 /// What one call keeps between its loops.
 struct Work {
-    /// By 16 keys and 32 of `head_dim`: rows of pairs, a key per column.
-    k: [[Split; MOST_DIM / PAIRS]; KEYS / ROWS],
-    /// By 32 keys and 16 of `head_dim`: rows of pairs of keys.
-    v: [[Split; MOST_DIM / LANES]; KEYS / PAIRS],
-    /// By 16 queries and 32 of `head_dim`.
-    q: [[Split; MOST_DIM / PAIRS]; GROUPS],
-    /// By 16 queries and 32 keys: two tiles of scores, then the parts of their weights.
-    scores: [[Split; KEYS / PAIRS]; GROUPS],
-    /// By 16 queries and 16 of `head_dim`: values summed up over these keys.
-    sums: [[Tile; MOST_DIM / LANES]; GROUPS],
+    k: Keys,
+    v: Values,
+    q: Queries,
+    /// Of the queries that meet keys, and of those that meet values.
+    scores: [Scores; 2],
+    sums: Sums,
 }
 
 /// One query's softmax so far.
@@ -83,10 +101,10 @@ pub(super) fn attention(x: Operands<f32>, mut y: MatMut<f32>) {
     // SAFETY: the dispatch leads here from `Backend::Amx` alone.
     let tiles = &unsafe { Tiles::new() };
     let mut work = Work {
-        k: [[[Tile::ZERO; PARTS]; MOST_DIM / PAIRS]; KEYS / ROWS],
-        v: [[[Tile::ZERO; PARTS]; MOST_DIM / LANES]; KEYS / PAIRS],
-        q: [[[Tile::ZERO; PARTS]; MOST_DIM / PAIRS]; GROUPS],
-        scores: [[[Tile::ZERO; PARTS]; KEYS / PAIRS]; GROUPS],
+        k: [[[Tile::EMPTY; PARTS]; MOST_DIM / PAIRS]; KEYS / ROWS],
+        v: [[[Tile::EMPTY; PARTS]; MOST_DIM / LANES]; KEYS / PAIRS],
+        q: [[[Tile::EMPTY; PARTS]; MOST_DIM / PAIRS]; GROUPS],
+        scores: [[[[Tile::ZERO; PARTS]; KEYS / PAIRS]; GROUPS]; 2],
         sums: [[Tile::ZERO; MOST_DIM / LANES]; GROUPS],
     };
     for start in (0..x.q.rows()).step_by(BLOCK) {
@@ -96,61 +114,179 @@ pub(super) fn attention(x: Operands<f32>, mut y: MatMut<f32>) {
             let keys = first..x.k.rows().min(first + KEYS);
             pack_keys(x.k.row_range(keys.clone()), &mut work.k);
             pack_values(x.v.row_range(keys.clone()), &mut work.v);
-            for i in (start..end).step_by(GROUPS * ROWS) {
-                let count = (end - i).min(GROUPS * ROWS);
-                let softmaxes = &mut softmaxes[i - start..][..count];
-                pack_queries(x.q.row_range(i..i + count), &mut work.q);
-                if count > ROWS {
-                    block::<2>(tiles, x, i, first, keys.len(), softmaxes, &mut work, &mut y);
-                } else {
-                    block::<1>(tiles, x, i, first, keys.len(), softmaxes, &mut work, &mut y);
-                }
-            }
+            queries(tiles, x, start, &mut softmaxes[..end - start], keys, &mut work, &mut y);
         }
     }
 }
 
-/// The queries from `i` on, as many as there are softmaxes (at most 16 `G`), with the `keys` keys from `first` on.
-#[expect(clippy::too_many_arguments, reason = "one block of an operation, each operand named")]
+/// The queries from `start` on, as many as there are softmaxes, with the keys and values `keys`.
+///
+/// 32 at a time; while they meet keys, the weights of the 32 before them are taken, and while those meet values, the
+/// scores of these, a few registers between any two products: tiles and registers are different units, and the processor
+/// looks too few operations ahead to find more work by itself.
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn block<const G: usize>(
+fn queries(
     tiles: &Tiles,
     x: Operands<f32>,
-    i: usize,
-    first: usize,
-    keys: usize,
+    start: usize,
     softmaxes: &mut [Softmax],
+    keys: Range<usize>,
     work: &mut Work,
     y: &mut MatMut<f32>,
 ) {
-    let (steps, pairs) = (x.q.cols().div_ceil(PAIRS), keys.div_ceil(PAIRS));
+    let Work { k, v, q, scores: [even, odd], sums } = work;
+    let (mut free, mut last) = (even, Block::new(x, &keys, start, &mut [], odd));
+    let blocks = softmaxes.chunks_mut(GROUPS * ROWS).chain([&mut [][..]]);
+    for (i, softmaxes) in blocks.enumerate() {
+        let mut next = Block::new(x, &keys, start + i * GROUPS * ROWS, softmaxes, free);
+        match next.softmaxes.len() {
+            0 => {}
+            1..=ROWS => meet_keys::<1>(tiles, q, k, &mut next, &mut last),
+            _ => meet_keys::<2>(tiles, q, k, &mut next, &mut last),
+        }
+        last.weigh(usize::MAX);
+        match last.softmaxes.len() {
+            0 => {}
+            1..=ROWS => meet_values::<1>(tiles, v, &mut last, sums, &mut next),
+            _ => meet_values::<2>(tiles, v, &mut last, sums, &mut next),
+        }
+        next.score(usize::MAX);
+        next.rescale();
+        for (r, softmax) in last.softmaxes.iter().enumerate() {
+            let shrink = if keys.start > 0 { Some(last.shrink[r]) } else { None };
+            let total = (keys.end == x.k.rows()).then_some(softmax.sum);
+            add(&sums[r / ROWS], r % ROWS, shrink, total, y.row_mut(last.i + r));
+        }
+        free = last.scores;
+        last = next;
+    }
+}
+
+/// The scores of `next` before they are scaled; meanwhile, weights of `last`.
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn meet_keys<const G: usize>(tiles: &Tiles, q: &mut Queries, k: &Keys, next: &mut Block, last: &mut Block) {
+    pack_queries(next.x.q.row_range(next.i..next.i + next.softmaxes.len()), q);
+    let (steps, pairs) = (next.x.q.cols().div_ceil(PAIRS), next.keys.div_ceil(PAIRS));
+    // Queries without values have no products.
+    let pieces = last.softmaxes.len().div_ceil((PRODUCTS * steps).max(1));
     for pair in 0..pairs {
-        let [left, right] = [&work.k[2 * pair], &work.k[2 * pair + 1]];
+        let keys = [&k[2 * pair], &k[2 * pair + 1]];
         tiles.zero();
         for step in 0..steps {
-            multiply::<G>(tiles, [&work.q[0][step], &work.q[1][step]], [&left[step], &right[step]]);
+            let (queries, keys) = ([&q[0][step], &q[1][step]], keys.map(|keys| &keys[step]));
+            multiply::<G, _, _>(tiles, queries, keys, || last.weigh(pieces));
         }
-        let [above, below] = &mut work.scores;
+        let [above, below] = &mut *next.scores;
         finish::<G>(tiles, &mut above[pair], &mut below[pair]);
     }
+}
 
-    let shrink = weights(&mut work.scores, x, i, first, keys, softmaxes);
-
+/// The sums of values of `last`; meanwhile, scores of `next`.
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn meet_values<const G: usize>(tiles: &Tiles, v: &Values, last: &mut Block, sums: &mut Sums, next: &mut Block) {
+    let (steps, pairs) = (last.x.q.cols().div_ceil(PAIRS), last.keys.div_ceil(PAIRS));
+    let pieces = next.softmaxes.len().div_ceil((PRODUCTS * steps).max(1));
+    let [above, below] = sums;
     for columns in 0..steps {
         tiles.zero();
         for pair in 0..pairs {
-            let values = &work.v[pair];
-            let weights = [&work.scores[0][pair], &work.scores[1][pair]];
-            multiply::<G>(tiles, weights, [&values[2 * columns], &values[2 * columns + 1]]);
+            let weights = [&last.scores[0][pair], &last.scores[1][pair]];
+            let values = [&v[pair][2 * columns], &v[pair][2 * columns + 1]];
+            multiply::<G, _, _>(tiles, weights, values, || next.score(pieces));
         }
-        let [above, below] = &mut work.sums;
         finish::<G>(tiles, &mut above[2 * columns..], &mut below[2 * columns..]);
     }
+}
 
-    let last = first + keys == x.k.rows();
-    for (r, softmax) in softmaxes.iter().enumerate() {
-        let shrink = if first > 0 { Some(shrink[r]) } else { None };
-        add(&work.sums[r / ROWS], r % ROWS, shrink, last.then_some(softmax.sum), y.row_mut(i + r));
+/// How far a pass over the scores of a block has come.
+struct Done {
+    rows: usize,
+    /// Pairs of tiles in the row behind these.
+    pairs: usize,
+    /// The largest score or the sum of weights in them, by lanes.
+    lanes: [f32; 16],
+}
+
+/// Up to 32 queries and the keys in work.
+struct Block<'a> {
+    x: Operands<'a, f32>,
+    /// The first query.
+    i: usize,
+    /// The first key, and how many.
+    first: usize,
+    keys: usize,
+    softmaxes: &'a mut [Softmax],
+    scores: &'a mut Scores,
+    scored: Done,
+    weighed: Done,
+    /// Largest scores before these keys; then the factors for what has been summed up before.
+    shrink: [f32; GROUPS * ROWS],
+}
+
+impl<'a> Block<'a> {
+    fn new(
+        x: Operands<'a, f32>,
+        keys: &Range<usize>,
+        i: usize,
+        softmaxes: &'a mut [Softmax],
+        scores: &'a mut Scores,
+    ) -> Self {
+        let (first, keys) = (keys.start, keys.len());
+        let scored = Done { rows: 0, pairs: 0, lanes: [f32::NEG_INFINITY; 16] };
+        let weighed = Done { rows: 0, pairs: 0, lanes: [0.0; 16] };
+        Self { x, i, first, keys, softmaxes, scores, scored, weighed, shrink: [0.0; GROUPS * ROWS] }
+    }
+
+    /// Turns the dot products of the next `pieces` pairs of a row's tiles into scores.
+    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+    fn score(&mut self, pieces: usize) {
+        let (Done { rows, pairs, lanes }, all) = (&mut self.scored, self.keys.div_ceil(PAIRS));
+        let mut largest = load(lanes);
+        for _ in 0..pieces {
+            let Some(softmax) = self.softmaxes.get_mut(*rows) else { return };
+            let bias = self.x.bias(self.i + *rows, self.first);
+            let tiles = &mut self.scores[*rows / ROWS][*pairs];
+            largest = score(tiles, *rows % ROWS, self.keys, *pairs * PAIRS, self.x.scale, bias, largest);
+            *pairs += 1;
+            if *pairs == all {
+                self.shrink[*rows] = softmax.max;
+                softmax.max = softmax.max.max(_mm512_reduce_max_ps(largest));
+                largest = _mm512_set1_ps(f32::NEG_INFINITY);
+                (*rows, *pairs) = (*rows + 1, 0);
+            }
+        }
+        store(lanes, largest);
+    }
+
+    /// All rows' factors at once: one row by itself would wait for its own.
+    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+    fn rescale(&mut self) {
+        let mut max = [0.0; GROUPS * ROWS];
+        for (max, softmax) in max.iter_mut().zip(&*self.softmaxes) {
+            *max = softmax.max;
+        }
+        for (shrink, max) in self.shrink.as_chunks_mut().0.iter_mut().zip(max.as_chunks().0) {
+            store(shrink, exp(_mm512_sub_ps(load(shrink), load(max))));
+        }
+    }
+
+    /// Turns the scores of the next `pieces` pairs of a row's tiles into the parts of weights `exp(score - max)`.
+    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+    fn weigh(&mut self, pieces: usize) {
+        let (Done { rows, pairs, lanes }, all) = (&mut self.weighed, self.keys.div_ceil(PAIRS));
+        let mut sum = load(lanes);
+        for _ in 0..pieces {
+            let Some(softmax) = self.softmaxes.get_mut(*rows) else { return };
+            let tiles = &mut self.scores[*rows / ROWS][*pairs];
+            sum = _mm512_add_ps(sum, weigh(tiles, *rows % ROWS, softmax.max));
+            *pairs += 1;
+            if *pairs == all {
+                softmax.sum = softmax.sum * self.shrink[*rows] + _mm512_reduce_add_ps(sum);
+                sum = _mm512_setzero_ps();
+                (*rows, *pairs) = (*rows + 1, 0);
+            }
+        }
+        store(lanes, sum);
     }
 }
 
@@ -180,16 +316,23 @@ fn divide(x: __m512, total: f32) -> __m512 {
     _mm512_fmadd_ps(_mm512_fnmadd_ps(quotient, total, x), inverse, quotient)
 }
 
-/// Adds the six products of `G` x 2 tiles. From each to the next, one side stays where it is.
+/// Adds the six products of `G` x 2 tiles, and does something else after each. From each to the next, one side stays where
+/// it is.
 #[inline(always)]
-fn multiply<const G: usize>(tiles: &Tiles, [above, below]: [&Split; 2], [left, right]: [&Split; 2]) {
-    let products = || {
+fn multiply<const G: usize, A, B>(
+    tiles: &Tiles,
+    [above, below]: [&Split<A>; 2],
+    [left, right]: [&Split<B>; 2],
+    mut meanwhile: impl FnMut(),
+) {
+    let mut products = || {
         tiles.multiply_bf16::<0, 4, 6>();
         tiles.multiply_bf16::<1, 4, 7>();
         if G == 2 {
             tiles.multiply_bf16::<2, 5, 6>();
             tiles.multiply_bf16::<3, 5, 7>();
         }
+        meanwhile();
     };
     let queries = |part: usize| {
         tiles.load::<4, _>(&above[part].0);
@@ -271,13 +414,13 @@ fn load_pairs(row: &[f32], at: usize) -> [__m512; 2] {
 
 /// Queries as rows of pairs; rows beyond the last keep what they hold, and nobody reads what becomes of it.
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn pack_queries(q: Mat<f32>, packed: &mut [[Split; MOST_DIM / PAIRS]; GROUPS]) {
+fn pack_queries(q: Mat<f32>, packed: &mut Queries) {
     for r in 0..q.rows() {
         let row = q.row(r);
         for (step, to) in packed[r / ROWS][..q.cols().div_ceil(PAIRS)].iter_mut().enumerate() {
             let [a, b] = load_pairs(row, step * PAIRS);
             for (to, part) in to.iter_mut().zip(split(a, b)) {
-                store(&mut to.0[r % ROWS], part);
+                to.0[r % ROWS].write(array(part));
             }
         }
     }
@@ -285,28 +428,22 @@ fn pack_queries(q: Mat<f32>, packed: &mut [[Split; MOST_DIM / PAIRS]; GROUPS]) {
 
 /// Keys as columns of pairs; those beyond the last are zeros up to a multiple of 32.
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn pack_keys(k: Mat<f32>, packed: &mut [[Split; MOST_DIM / PAIRS]; KEYS / ROWS]) {
+fn pack_keys(k: Mat<f32>, packed: &mut Keys) {
     for (tile, packed) in packed[..2 * k.rows().div_ceil(PAIRS)].iter_mut().enumerate() {
         for (step, to) in packed[..k.cols().div_ceil(PAIRS)].iter_mut().enumerate() {
+            let mut rows = [[_mm512_setzero_ps(); LANES]; PARTS];
             for j in 0..LANES {
                 let row = tile * ROWS + j;
-                let mut pairs = [_mm512_setzero_ps(); 2];
                 if row < k.rows() {
-                    pairs = load_pairs(k.row(row), step * PAIRS);
-                }
-                let [a, b] = pairs;
-                for (to, part) in to.iter_mut().zip(split(a, b)) {
-                    store(&mut to.0[j], part);
+                    let [a, b] = load_pairs(k.row(row), step * PAIRS);
+                    for (rows, part) in rows.iter_mut().zip(split(a, b)) {
+                        rows[j] = part;
+                    }
                 }
             }
-            for to in to {
-                let mut rows = [_mm512_setzero_ps(); LANES];
-                for j in 0..LANES {
-                    rows[j] = load(&to.0[j]);
-                }
-                let columns = transpose(rows);
-                for j in 0..LANES {
-                    store(&mut to.0[j], columns[j]);
+            for (to, rows) in to.iter_mut().zip(rows) {
+                for (to, column) in to.0.iter_mut().zip(transpose(rows)) {
+                    to.write(array(column));
                 }
             }
         }
@@ -315,7 +452,7 @@ fn pack_keys(k: Mat<f32>, packed: &mut [[Split; MOST_DIM / PAIRS]; KEYS / ROWS])
 
 /// Values as rows of pairs of keys; those beyond the last are zeros up to a multiple of 32.
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn pack_values(v: Mat<f32>, packed: &mut [[Split; MOST_DIM / LANES]; KEYS / PAIRS]) {
+fn pack_values(v: Mat<f32>, packed: &mut Values) {
     for (tile, packed) in packed[..v.rows().div_ceil(PAIRS)].iter_mut().enumerate() {
         for pair in 0..LANES {
             let first = tile * PAIRS + pair;
@@ -324,84 +461,54 @@ fn pack_values(v: Mat<f32>, packed: &mut [[Split; MOST_DIM / LANES]; KEYS / PAIR
             for (c, to) in packed.as_chunks_mut::<2>().0[..v.cols().div_ceil(PAIRS)].iter_mut().enumerate() {
                 let ([a, b], [c, d]) = (load_pairs(a, c * PAIRS), load_pairs(b, c * PAIRS));
                 for (to, part) in to[0].iter_mut().zip(split(a, c)) {
-                    store(&mut to.0[pair], part);
+                    to.0[pair].write(array(part));
                 }
                 for (to, part) in to[1].iter_mut().zip(split(b, d)) {
-                    store(&mut to.0[pair], part);
+                    to.0[pair].write(array(part));
                 }
             }
         }
     }
 }
 
-/// Turns dot products with the `keys` keys from `first` on into the parts of weights `exp(score - max)`; returns the factors
-/// for what the queries have summed up before.
+/// Turns row `r` of the dot products with the keys from `at` on, of `keys`, into scores, hides the rest, and returns the
+/// larger of each lane and `largest`.
+#[inline]
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn weights(
-    scores: &mut [[Split; KEYS / PAIRS]; GROUPS],
-    x: Operands<f32>,
-    i: usize,
-    first: usize,
+fn score(
+    [left, right, _]: &mut Split,
+    r: usize,
     keys: usize,
-    softmaxes: &mut [Softmax],
-) -> [f32; GROUPS * ROWS] {
-    let pairs = keys.div_ceil(PAIRS);
-    let (mut before, mut after) = ([0.0; GROUPS * ROWS], [0.0; GROUPS * ROWS]);
-    for (r, softmax) in softmaxes.iter_mut().enumerate() {
-        before[r] = softmax.max;
-        softmax.max = score(&mut scores[r / ROWS][..pairs], r % ROWS, keys, x.scale, x.bias(i + r, first), softmax.max);
-        after[r] = softmax.max;
-    }
-    // All rows' factors at once: one row by itself would wait for its own.
-    let mut shrink = [0.0; GROUPS * ROWS];
-    for ((shrink, before), after) in
-        shrink.as_chunks_mut().0.iter_mut().zip(before.as_chunks().0).zip(after.as_chunks().0)
-    {
-        store(shrink, exp(_mm512_sub_ps(load(before), load(after))));
-    }
-    for (r, softmax) in softmaxes.iter_mut().enumerate() {
-        let sum = weigh(&mut scores[r / ROWS][..pairs], r % ROWS, softmax.max);
-        softmax.sum = softmax.sum * shrink[r] + sum;
-    }
-    shrink
-}
-
-/// Turns row `r` of the dot products with `keys` keys into scores, hides the rest, and returns the largest.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn score(tiles: &mut [Split], r: usize, keys: usize, scale: f32, bias: &[f32], max: f32) -> f32 {
+    at: usize,
+    scale: f32,
+    bias: &[f32],
+    largest: __m512,
+) -> __m512 {
     let (scale, hidden) = (_mm512_set1_ps(scale), _mm512_set1_ps(f32::NEG_INFINITY));
-    let mut largest = _mm512_set1_ps(max);
-    for (t, [left, right, _]) in tiles.iter_mut().enumerate() {
-        let at = t * PAIRS;
-        let [bias_a, bias_b] = load_pairs(bias, at);
-        let mut a = _mm512_fmadd_ps(load(&left.0[r]), scale, bias_a);
-        let mut b = _mm512_fmadd_ps(load(&right.0[r]), scale, bias_b);
-        if at + PAIRS > keys {
-            a = _mm512_mask_blend_ps(first_lanes(keys - at), hidden, a);
-            b = _mm512_mask_blend_ps(first_lanes((keys - at).saturating_sub(LANES)), hidden, b);
-        }
-        largest = _mm512_max_ps(largest, _mm512_max_ps(a, b));
-        store(&mut left.0[r], a);
-        store(&mut right.0[r], b);
+    let [bias_a, bias_b] = load_pairs(bias, at);
+    let mut a = _mm512_fmadd_ps(load(&left.0[r]), scale, bias_a);
+    let mut b = _mm512_fmadd_ps(load(&right.0[r]), scale, bias_b);
+    if at + PAIRS > keys {
+        a = _mm512_mask_blend_ps(first_lanes(keys - at), hidden, a);
+        b = _mm512_mask_blend_ps(first_lanes((keys - at).saturating_sub(LANES)), hidden, b);
     }
-    _mm512_reduce_max_ps(largest)
+    store(&mut left.0[r], a);
+    store(&mut right.0[r], b);
+    _mm512_max_ps(largest, _mm512_max_ps(a, b))
 }
 
-/// Turns row `r` of the scores into the parts of weights, and returns the sum of these.
+/// Turns row `r` of 32 scores into the parts of weights, and returns the sums of these.
+#[inline]
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn weigh(tiles: &mut [Split], r: usize, max: f32) -> f32 {
+fn weigh([first, second, third]: &mut Split, r: usize, max: f32) -> __m512 {
     let max = _mm512_set1_ps(max);
-    let mut sum = _mm512_setzero_ps();
-    for [first, second, third] in tiles {
-        let a = exp(_mm512_sub_ps(load(&first.0[r]), max));
-        let b = exp(_mm512_sub_ps(load(&second.0[r]), max));
-        sum = _mm512_add_ps(sum, _mm512_add_ps(a, b));
-        let parts = split(a, b);
-        store(&mut first.0[r], parts[0]);
-        store(&mut second.0[r], parts[1]);
-        store(&mut third.0[r], parts[2]);
-    }
-    _mm512_reduce_add_ps(sum)
+    let a = exp(_mm512_sub_ps(load(&first.0[r]), max));
+    let b = exp(_mm512_sub_ps(load(&second.0[r]), max));
+    let parts = split(a, b);
+    store(&mut first.0[r], parts[0]);
+    store(&mut second.0[r], parts[1]);
+    store(&mut third.0[r], parts[2]);
+    _mm512_add_ps(a, b)
 }
 
 /// Minimax `(2^r - 1) / r` on `0..=1`, highest power first: off by 2e-9 in `2^r`.
