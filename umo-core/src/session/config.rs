@@ -5,7 +5,7 @@ use std::time::Duration;
 use crate::avatar::AvatarConfig;
 use crate::config::Config;
 
-/// Least seconds of audio that wait for the engine before [`Session::push_audio`] takes no more.
+/// Least seconds of audio that wait for the engine before [`Session::push_audio`](super::Session::push_audio) takes no more.
 pub const AUDIO_SECONDS: usize = 10;
 /// Lowest sample rate of a session, per second.
 pub const MIN_RATE: usize = 8_000;
@@ -15,7 +15,7 @@ pub const MAX_RATE: usize = 192_000;
 pub const MAX_CHANNELS: usize = 64;
 /// Largest gain of a part.
 pub const MAX_GAIN: f32 = 2.0;
-/// Longest [`Session::interrupt`].
+/// Longest [`Session::interrupt`](super::Session::interrupt).
 pub const MAX_EASE: Duration = Duration::from_secs(10);
 
 /// What a session is made with.
@@ -43,7 +43,7 @@ pub enum Idle {
     /// The last pose.
     #[default]
     Hold,
-    /// An ease to the rest pose; only [`Session::sample_pose`] shows it.
+    /// An ease to the rest pose; only [`Session::sample_pose`](super::Session::sample_pose) shows it.
     Rest,
     /// The model, run on silence.
     Live,

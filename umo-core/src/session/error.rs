@@ -10,7 +10,7 @@ use crate::state::StateError;
 pub enum SessionError {
     /// Another thread is in the same call, or in one that excludes it; the call may be repeated.
     Busy(&'static str),
-    /// Audio was pushed after [`Session::finish`]; [`Session::reset`] or [`Session::interrupt`] start anew.
+    /// Audio was pushed after [`Session::finish`](super::Session::finish); [`Session::reset`](super::Session::reset) or [`Session::interrupt`](super::Session::interrupt) start anew.
     Finished,
     /// The samples are no whole number of the session's channels.
     Uneven {
