@@ -363,18 +363,22 @@ impl Shared {
                 Err(now) => ticket = now,
             }
         };
-        let job = self.job.load(Ordering::Relaxed).cast::<&Job>();
-        // SAFETY: `run` stored a pointer to its own `job` argument before it gave out the ticket that we have taken one
-        // piece of (release and acquire through `ticket`, whose number keeps an old one from being taken), and it does not
-        // return before `pending`, which counts that piece, reaches 0 below.
-        let job: &Job = unsafe { *job };
         #[expect(clippy::cast_possible_truncation, reason = "at most 64")]
-        let index = index as usize;
+        self.piece(index as usize);
+        true
+    }
+
+    /// Does a piece of the job that `pending` counts: this thread's own, or one that it took a ticket for.
+    fn piece(&self, index: usize) {
+        let job = self.job.load(Ordering::Relaxed).cast::<&Job>();
+        // SAFETY: `run` stored a pointer to its own `job` argument before it raised the epoch, or gave out the ticket, that
+        // this thread has seen (release and acquire through `epoch` and `ticket`, whose number keeps an old one from being
+        // taken), and it does not return before `pending`, which counts this piece, reaches 0 below.
+        let job: &Job = unsafe { *job };
         if catch_unwind(AssertUnwindSafe(|| job(index))).is_err() {
             self.panicked.store(true, Ordering::Relaxed);
         }
         self.done();
-        true
     }
 
     /// Spins, then sleeps, until no worker has the job any more.
@@ -440,14 +444,7 @@ fn work(shared: &Shared, index: usize) {
         if shared.stop.load(Ordering::Relaxed) {
             return;
         }
-        let job = shared.job.load(Ordering::Relaxed).cast::<&Job>();
-        // SAFETY: `run` stored a pointer to its own `job` argument before it raised the epoch that we have seen
-        // (release and acquire through `epoch`), and it does not return before `pending` reaches 0 below.
-        let job: &Job = unsafe { *job };
-        if catch_unwind(AssertUnwindSafe(|| job(index))).is_err() {
-            shared.panicked.store(true, Ordering::Relaxed);
-        }
-        shared.done();
+        shared.piece(index);
     }
 }
 

@@ -1,0 +1,172 @@
+//! From a player's sound to the motion that is shown: which line is spoken, which time of it is heard, how it ends.
+
+use godot::classes::{AudioServer, MeshInstance3D, Node, Skeleton3D};
+use godot::prelude::*;
+
+use super::{IDLE_REST, Line, UmoAvatar3D};
+use crate::rig::{Face, Rig};
+use crate::source::Source;
+use crate::umo::Shown;
+
+/// A player's position that jumps further than this many seconds was moved by somebody.
+const JUMP: f64 = 0.5;
+/// A player that stops further than this many seconds from its end was stopped by somebody.
+const EARLY: f64 = 0.3;
+/// Milliseconds in which the avatar then comes to rest.
+const STOP_EASE_MS: u32 = 300;
+/// Mixes are never this many seconds apart while sound comes.
+const STALLED: f64 = 0.1;
+/// How far the clock runs beyond the newest frame, seconds, so that umo knows that more is wanted.
+const AHEAD: f64 = 0.1;
+
+impl UmoAvatar3D {
+    /// Hears what the player plays and sets the clock: the motion's time of what is heard now.
+    pub(super) fn follow(&mut self, player: Option<Gd<Node>>, delta: f64) -> Result<(), String> {
+        let Some(player) = player else {
+            self.end_line(true)?;
+            self.run_on(delta);
+            return Ok(());
+        };
+        if is(&player, "stream_paused") {
+            return Ok(());
+        }
+        if !call(&player, "is_playing").try_to::<bool>().unwrap_or(false) {
+            self.end_line(false)?;
+            self.run_on(delta);
+            return Ok(());
+        }
+        let position = number(&call(&player, "get_playback_position"));
+        let pitch = number(&player.get("pitch_scale"));
+        let stream = player.get("stream");
+        let goes_on = self.line.as_ref().is_some_and(|line| {
+            let moved = position - line.position;
+            let jumped = moved < -JUMP / 2.0 || moved > JUMP + delta * pitch;
+            line.stream == stream && (!jumped || matches!(line.source, Source::Capture(_)))
+        });
+        if !goes_on {
+            self.line = None;
+            self.start_line(&player, stream, position)?;
+        }
+        let (Some(line), Some(session)) = (&mut self.line, &self.session) else { return Ok(()) };
+        line.position = position;
+        line.source.feed(session)?;
+        let server = AudioServer::singleton();
+        // What was mixed is heard after the output's latency; an output that stalls does not play on.
+        let since = server.get_time_since_last_mix().min(STALLED) - server.get_output_latency();
+        match &line.source {
+            Source::Wav(_) => self.time = self.time.max(line.base + position - line.start + since * pitch),
+            Source::Capture(capture) => {
+                let latency = session.latency()?;
+                let behind = latency.algorithmic_samples as f64 / f64::from(session.sample_rate) + latency.compute_p99;
+                self.time = self.time.max(line.base + capture.seconds() + since - behind);
+            }
+            Source::Dropped => self.run_on(delta),
+        }
+        Ok(())
+    }
+
+    pub(super) fn start_line(&mut self, player: &Gd<Node>, stream: Variant, position: f64) -> Result<(), String> {
+        let (source, start) = Source::of(player, position)?;
+        let Some(session) = &self.session else { return Ok(()) };
+        if source.format().is_some_and(|format| format != (session.sample_rate, session.channels)) {
+            self.open_session(source.format())?;
+        }
+        let base = self.next_base()?;
+        self.heard = true;
+        self.line = Some(Line { stream, position, start, base, source });
+        Ok(())
+    }
+
+    /// Starts a new stream where something was heard before, behind all times that were shown; its first frame's time.
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "about a second at most")]
+    pub(super) fn next_base(&mut self) -> Result<f64, String> {
+        let Some(session) = &self.session else { return Ok(0.0) };
+        if !self.heard {
+            return Ok(0.0);
+        }
+        let rate = f64::from(session.model.info.frame_rate);
+        let last = self.shown.index as f64 / rate;
+        // The ease's frames come before the stream's: as many as the clock ran beyond the last frame.
+        let ease_ms = ((self.time - last).clamp(0.0, 10.0) * 1000.0).ceil();
+        session.interrupt(ease_ms as u32)?;
+        Ok((self.shown.index as f64 + 1.0 + (ease_ms * rate / 1000.0).ceil()) / rate)
+    }
+
+    /// The player has stopped, at its end or, by somebody, before; or it is gone.
+    pub(super) fn end_line(&mut self, is_gone: bool) -> Result<(), String> {
+        let (Some(line), Some(session)) = (self.line.take(), &self.session) else { return Ok(()) };
+        match line.source {
+            Source::Wav(wav) if is_gone || line.position < wav.seconds() - EARLY => session.interrupt(STOP_EASE_MS),
+            Source::Wav(_) | Source::Dropped => Ok(()),
+            Source::Capture(_) => session.finish(),
+        }
+    }
+
+    /// While nothing plays the clock runs on: over the rest of the motion, and as far as the pose of rest needs.
+    pub(super) fn run_on(&mut self, delta: f64) {
+        let Some(session) = &self.session else { return };
+        let most = self.shown.newest + AHEAD + if self.idle == IDLE_REST { session.rest_seconds } else { 0.0 };
+        self.time = self.time.max((self.time + delta).min(most));
+    }
+
+    pub(super) fn saw(&mut self, seconds: f64, shown: Shown) {
+        self.time = self.time.max(seconds);
+        self.shown = shown;
+    }
+
+    /// Shows the pose at the clock's time.
+    pub(super) fn show(&mut self) -> Result<(), String> {
+        let Some(session) = &self.session else { return Ok(()) };
+        let shown = session.sample(self.time, &mut self.frame)?;
+        // Samples go on with the last pose where the session has failed.
+        session.is_done()?;
+        self.saw(self.time, shown);
+        self.apply();
+        Ok(())
+    }
+
+    /// Puts the frame on skeleton and meshes, those of them that are there.
+    pub(super) fn apply(&mut self) {
+        let Some(model) = self.shared.clone() else { return };
+        let node = |path: &NodePath| if path.is_empty() { None } else { self.base().get_node_or_null(path) };
+        let skeleton = node(&self.skeleton).and_then(|node| node.try_cast::<Skeleton3D>().ok());
+        let meshes: Vec<_> = self.meshes.iter_shared().map(|path| node(&path)).collect();
+        if let Some(mut skeleton) = skeleton {
+            if !self.rig.as_ref().is_some_and(|rig| rig.is_of(&skeleton)) {
+                let rig = Rig::new(&skeleton, &model);
+                if rig.is_empty() && skeleton.get_bone_count() > 0 {
+                    godot_warn!("umo: no bone of {} has the name of a joint", skeleton.get_name());
+                }
+                self.rig = Some(rig);
+            }
+            if let Some(rig) = &mut self.rig {
+                rig.pose(&mut skeleton, &self.frame, self.move_root);
+            }
+        }
+        self.faces.resize_with(meshes.len(), || None);
+        for (face, node) in self.faces.iter_mut().zip(meshes) {
+            let instance = node.and_then(|node| node.try_cast::<MeshInstance3D>().ok());
+            let Some(mut instance) = instance else { continue };
+            let Some(mesh) = instance.get_mesh() else { continue };
+            if !face.as_ref().is_some_and(|face| face.is_of(&instance, &mesh)) {
+                *face = Some(Face::new(&instance, &mesh, &model));
+            }
+            if let Some(face) = face {
+                face.pose(&mut instance, &self.frame);
+            }
+        }
+    }
+}
+
+/// A player's method: the three kinds of players have the same ones and no class in common.
+fn call(player: &Gd<Node>, method: &str) -> Variant {
+    if player.has_method(method) { player.clone().call(method, &[]) } else { Variant::nil() }
+}
+
+fn is(player: &Gd<Node>, property: &str) -> bool {
+    player.get(property).try_to::<bool>().unwrap_or(false)
+}
+
+fn number(value: &Variant) -> f64 {
+    value.try_to::<f64>().unwrap_or(0.0)
+}

@@ -1,0 +1,169 @@
+//! Wrong use, full queues and places, lives that end in any order, what is set on the way.
+
+use super::*;
+
+#[test]
+fn wrong_use_is_refused_and_changes_nothing() {
+    let engine = hosted(1);
+    let session = engine.session(&SessionConfig { channels: 2, ..config(engine.model(), 2, 0, 4) }).unwrap();
+    assert_eq!(session.push_audio(&[0.0; 3]), Err(SessionError::Uneven { got: 3, channels: 2 }));
+    assert_eq!(session.push_audio(&[]).map(|p| p.taken), Ok(0));
+    let pushed = session.push_audio(&[f32::NAN, 1.0, f32::INFINITY, f32::NEG_INFINITY, 0.5, 0.5]).unwrap();
+    assert_eq!((pushed.taken, pushed.silenced), (3, 3));
+    assert_eq!(session.stats().silenced, 3);
+    session.finish().unwrap();
+    session.finish().unwrap();
+    assert_eq!(session.push_audio(&[0.0; 2]), Err(SessionError::Finished));
+    settle(&engine);
+    assert!(pull(&session).is_empty(), "three samples are no frame");
+    assert!(matches!(session.set_prompt(&[0; 129]), Err(SessionError::Range(_))));
+    let mut sampling = session.sampling().unwrap();
+    sampling.temperature = f32::NAN;
+    assert!(matches!(session.set_sampling(sampling), Err(SessionError::Range(_))));
+    // A call within a call of the same kind is what two threads at once would be.
+    session.reset().unwrap();
+    session.push_audio(&audio(16_000, 2, 1)).unwrap();
+    session.finish().unwrap();
+    settle(&engine);
+    let inner = |_: FrameView| assert!(matches!(session.pull_frames(1, |_| ()), Err(SessionError::Busy(_))));
+    assert_eq!(session.pull_frames(1, inner), Ok(1));
+
+    let refused = |change: &dyn Fn(&mut SessionConfig)| {
+        let mut config = SessionConfig::new(engine.model().config());
+        change(&mut config);
+        engine.session(&config).unwrap_err().to_string()
+    };
+    assert!(refused(&|c| c.sample_rate = 7_999).contains("8000"));
+    assert!(refused(&|c| c.sample_rate = 192_001).contains("192000"));
+    assert!(refused(&|c| c.channels = 0).contains("channels"));
+    assert!(refused(&|c| c.queue_frames = 1).contains("queue_frames"));
+    assert!(refused(&|c| c.avatar.target = 0).contains("target"));
+    let bad = EngineConfig { threads: Threads::Own(0), ..EngineConfig::default() };
+    assert!(matches!(Engine::new(Arc::clone(&MODELS[0]), &bad), Err(EngineError::Config(_))));
+    let own = self::engine(&MODELS[0], Threads::Own(1), 1);
+    assert_eq!(own.poll(Duration::ZERO), Err(PollError::OwnThreads));
+}
+
+#[test]
+fn a_host_that_never_pulls_stops_the_computation_and_pulling_starts_it_again() {
+    let engine = hosted(4);
+    let config = SessionConfig { queue_frames: 60, ..config(engine.model(), 2, 0, 4) };
+    let session = engine.session(&config).unwrap();
+    // The ring takes ten seconds at least, and what the queue of frames keeps from being computed.
+    let samples = audio(20 * 16_000, 1, 4);
+    let mut taken = 0;
+    for _ in 0..10 {
+        taken += session.push_audio(&samples[taken..]).unwrap().taken;
+        settle(&engine);
+    }
+    assert!((10 * 16_000..13 * 16_000).contains(&taken), "{taken}");
+    let stats = session.stats();
+    assert!(stats.frames <= 60 && stats.frames >= 40);
+    assert!(stats.overruns > 0);
+    let computed = stats.frames;
+    assert_eq!(pull(&session).len() as u64, computed);
+    settle(&engine);
+    assert!(session.stats().frames > computed);
+    // Nothing was lost: with room for everything, the same frames come.
+    let mut frames = pull(&session).len() as u64 + computed;
+    while taken < samples.len() {
+        taken += session.push_audio(&samples[taken..]).unwrap().taken;
+        settle(&engine);
+        frames += pull(&session).len() as u64;
+    }
+    session.finish().unwrap();
+    for _ in 0..20 {
+        settle(&engine);
+        frames += pull(&session).len() as u64;
+    }
+    assert_eq!(frames, 600);
+}
+
+#[test]
+fn places_are_given_back() {
+    let engine = engine(&MODELS[6], Threads::Own(1), 4);
+    let config = config(engine.model(), 1, 0, 4);
+    let samples = audio(6_400, 1, 4);
+    for round in 0..10_000 {
+        let session = engine.session(&config).unwrap();
+        if round % 10 == 0 {
+            // Dropped while it is computed.
+            session.push_audio(&samples).unwrap();
+        }
+        if round % 100 == 0 {
+            std::thread::sleep(Duration::from_micros(200));
+        }
+    }
+    let all: Vec<_> = (0..100).map_while(|_| engine.session(&config).ok()).collect();
+    // One may still be in a batch.
+    assert!(all.len() >= 15, "{}", all.len());
+    assert!(matches!(engine.session(&config), Err(EngineError::Full { sessions: 16 })));
+}
+
+#[test]
+fn sessions_outlive_their_engine() {
+    for threads in [Threads::Host(0), Threads::Own(2)] {
+        let engine = engine(&MODELS[0], threads, 4);
+        let session = engine.session(&config(engine.model(), 1, 0, 4)).unwrap();
+        session.push_audio(&audio(16_000, 1, 4)).unwrap();
+        while session.ready_frames().unwrap() == 0 {
+            work(&engine, threads);
+        }
+        // In the middle of a chunk, where it is polled.
+        drop(engine);
+        let mut count = 0;
+        while session.pull_frames(1, |_| count += 1) == Ok(1) {}
+        assert!(count > 0);
+        assert_eq!(session.pull_frames(1, |_| ()), Err(SessionError::Closed));
+        assert_eq!(session.push_audio(&[0.0]), Err(SessionError::Closed));
+        assert_eq!(session.finish(), Err(SessionError::Closed));
+    }
+}
+
+#[test]
+fn settings_count_from_the_next_chunk() {
+    let engine = hosted(3);
+    let with_seed = |seed| config(engine.model(), 2, 0, seed);
+    let samples = audio(20_000, 1, 1);
+    let wanted = offline(engine.model(), &with_seed(11), &samples);
+    let other = offline(engine.model(), &with_seed(3), &samples);
+    assert!(wanted != other);
+    let session = engine.session(&with_seed(3)).unwrap();
+    session.set_seed(11).unwrap();
+    session.push_audio(&samples).unwrap();
+    session.finish().unwrap();
+    settle(&engine);
+    check(&pull(&session), &wanted, 16_000);
+}
+
+#[test]
+fn a_seed_that_is_set_leaves_the_prompt_alone() {
+    let engine = hosted(3);
+    let mut config = config(engine.model(), 2, 0, 4);
+    config.avatar = AvatarConfig { template: "text_to_motion".to_owned(), text: vec![5, 6], ..config.avatar };
+    let frames = |set: &dyn Fn(&Session)| {
+        let session = engine.session(&config).unwrap();
+        set(&session);
+        settle(&engine);
+        pull(&session)
+    };
+    let wanted = frames(&|_| ());
+    assert!(frames(&|session| session.set_seed(4).unwrap()) == wanted);
+    assert!(frames(&|session| session.set_prompt(&[]).unwrap()) != wanted, "the prompt counts");
+}
+
+#[test]
+fn text_alone_moves_an_avatar_until_its_queue_is_full() {
+    let engine = hosted(3);
+    let mut config = config(engine.model(), 2, 0, 4);
+    config.avatar = AvatarConfig { template: "text_to_motion".to_owned(), text: vec![5, 6], ..config.avatar };
+    let session = engine.session(&config).unwrap();
+    settle(&engine);
+    let first = pull(&session).len();
+    assert!(first >= config.queue_frames - 2 * config.avatar.target * 6, "{first}");
+    settle(&engine);
+    assert!(!pull(&session).is_empty());
+    session.reset().unwrap();
+    settle(&engine);
+    assert_eq!(pull(&session).len(), first);
+}
