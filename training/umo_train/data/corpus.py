@@ -1,0 +1,159 @@
+"""The corpus that the default model learns: made speech, and the performer's motion to it. One file of each per item."""
+
+import json
+import random
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from umo_train.performer.style import PROMPTS, STYLES
+from umo_train.skeleton import PARTS
+from umo_train.speech import variation, voices
+from umo_train.speech.sentences import sentence
+from umo_train.speech.utterance import SAMPLE_RATE, Phone, Utterance, Word
+
+
+@dataclass(frozen=True)
+class Item:
+    """What `utterance` is spoken as, in which style, and in which part of the corpus it is."""
+
+    name: str
+    split: str
+    style: str
+    prompt: str
+    seed: int
+    utterance: Utterance
+
+
+@dataclass(frozen=True)
+class SpeechPlan:
+    """`hours` of speech by `voices`, name to weight; `held_out` voices speak only in the split `test_voice`."""
+
+    hours: float
+    voices: dict[str, float]
+    held_out: tuple[str, ...]
+    test_minutes: float = 6.0
+    seconds_per_item: float = 24.0
+    seed: int = 0
+
+
+def make_speech(plan: SpeechPlan, folder: Path, workers: int) -> None:
+    """Speaks what is missing of the plan's items. Deterministic in the plan, whatever was there before."""
+    (folder / "speech").mkdir(parents=True, exist_ok=True)
+    names = list(plan.voices)
+    train = round(plan.hours * 3600 / plan.seconds_per_item)
+    test = max(2, round(plan.test_minutes * 60 / plan.seconds_per_item))
+    jobs: list[tuple[SpeechPlan, Path, str, int, str]] = []
+    for index in range(train + test):
+        split = "train" if index < train else "test_sentence"
+        voice = random.Random(f"{plan.seed} {index}").choices(names, list(plan.voices.values()))[0]
+        jobs.append((plan, folder, split, index, voice))
+    for index in range(train + test, train + 2 * test):
+        jobs.append((plan, folder, "test_voice", index, plan.held_out[index % len(plan.held_out)]))
+    missing = [job for job in jobs if not _path(folder, "speech", job[3]).exists()]
+    with ProcessPoolExecutor(workers) as pool:
+        list(tqdm(pool.map(_speak_item, missing, chunksize=4), "speech", len(missing), unit="item"))
+
+
+def _path(folder: Path, kind: str, index: int) -> Path:
+    return folder / kind / f"{index:05}.npz"
+
+
+def _speak_item(job: tuple[SpeechPlan, Path, str, int, str]) -> None:
+    plan, folder, split, index, voice = job
+    # Sentences of the test splits are drawn from seeds that training never sees.
+    chance = random.Random(f"{plan.seed} {split} {index}")
+    stretch, pitch = chance.uniform(0.85, 1.25), chance.uniform(0.85, 1.2)
+    style = chance.choice(list(STYLES))
+    factor = 1.0 if split == "test_voice" or chance.random() < 0.35 else chance.uniform(0.86, 1.2)
+    count = max(2, round(plan.seconds_per_item / 3.3))
+    lines = [voices.Line(sentence(chance), stretch * chance.uniform(0.95, 1.05), pitch) for _ in range(count)]
+    spoken = [variation.faster(u, factor) for u in voices.find(voice).speak(lines)]
+    # Mostly breaths between sentences, at times a silence long enough to stand idle in.
+    gaps = [chance.uniform(0.0, 0.5) if chance.random() < 0.8 else chance.uniform(0.8, 3.0) for _ in spoken]
+    utterance = variation.joined(spoken, [*gaps, chance.uniform(0.3, 1.5)])
+    levelled = variation.leveled(utterance.samples, 24)
+    data = {
+        "samples": np.clip(levelled * 32767, -32767, 32767).astype(np.int16),
+        "phones": np.array([p.name for p in utterance.phones]),
+        "phone_times": np.array([(p.start, p.end) for p in utterance.phones]),
+        "stress": np.array([p.stress for p in utterance.phones], np.int8),
+        "words": np.array([w.text for w in utterance.words]),
+        "word_times": np.array([(w.start, w.end) for w in utterance.words]).reshape(-1, 2),
+        "about": np.array(
+            json.dumps(
+                {
+                    "voice": voice,
+                    "split": split,
+                    "text": utterance.text,
+                    "style": style,
+                    "prompt": chance.choice(PROMPTS[style]),
+                    "seed": index,
+                }
+            )
+        ),
+    }
+    _write(_path(folder, "speech", index), data)
+
+
+def _write(path: Path, data: dict[str, np.ndarray]) -> None:
+    """By renaming: a file that exists is whole."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_suffix(".tmp.npz")
+    np.savez(part, **data)
+    part.rename(path)
+
+
+def read_item(path: Path) -> Item:
+    with np.load(path) as data:
+        about = json.loads(str(data["about"]))
+        phones = tuple(
+            Phone(str(name), float(start), float(end), int(stress))
+            for name, (start, end), stress in zip(data["phones"], data["phone_times"], data["stress"], strict=True)
+        )
+        words = tuple(
+            Word(str(text), float(start), float(end))
+            for text, (start, end) in zip(data["words"], data["word_times"], strict=True)
+        )
+        samples = data["samples"].astype(np.float32) / 32767
+    utterance = Utterance(about["voice"], about["text"], samples, phones, words)
+    return Item(path.stem, about["split"], about["style"], about["prompt"], about["seed"], utterance)
+
+
+def items(folder: Path, split: str | None = None) -> Iterator[Item]:
+    """The corpus' speech in order, of one split or of all."""
+    for path in sorted((folder / "speech").glob("?????.npz")):
+        item = read_item(path)
+        if split is None or item.split == split:
+            yield item
+
+
+def make_motion(folder: Path, workers: int) -> None:
+    """Has the performer move to every item that has no motion yet."""
+    paths = [p for p in sorted((folder / "speech").glob("?????.npz")) if not (folder / "motion" / p.name).exists()]
+    with ProcessPoolExecutor(workers) as pool:
+        jobs = [(folder, path) for path in paths]
+        list(tqdm(pool.map(_perform_item, jobs, chunksize=4), "motion", len(jobs), unit="item"))
+
+
+def _perform_item(job: tuple[Path, Path]) -> None:
+    from umo_train.performer import perform
+
+    folder, path = job
+    item = read_item(path)
+    motion = perform(item.utterance, STYLES[item.style], item.seed)
+    _write(folder / "motion" / path.name, {name: values.astype(np.float32) for name, values in motion.items()})
+
+
+def read_motion(folder: Path, name: str) -> dict[str, np.ndarray]:
+    """`[T, C]` f32 of each part, and `height` `[T]`, metres."""
+    with np.load(folder / "motion" / f"{name}.npz") as data:
+        return {part: data[part] for part in (*PARTS, "height")}
+
+
+def hours(folder: Path) -> float:
+    return sum(len(item.utterance.samples) for item in items(folder)) / SAMPLE_RATE / 3600
