@@ -1,0 +1,170 @@
+"""T5 with mixtures of experts, as the model file has it: Hugging Face's names and arithmetic with less memory traffic.
+
+Hugging Face's own module spends most of a step on a CPU in small element-wise operations. This one loads its
+checkpoints and computes the same (`tests/test_lm_model.py`).
+"""
+
+import math
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from umo_train.lm.moe import FeedForward, MixtureOfExperts
+
+Config = dict[str, Any]
+
+
+class RmsNorm(nn.Module):
+    def __init__(self, width: int, eps: float) -> None:
+        super().__init__()
+        self.weight = nn.Parameter(torch.ones(width))
+        self.eps = eps
+
+    def forward(self, x: Tensor) -> Tensor:
+        return nn.functional.rms_norm(x, x.shape[-1:], self.weight.to(x.dtype), self.eps)
+
+
+class Attention(nn.Module):
+    """Multi-head attention without scaling, plus a bias on the scores."""
+
+    def __init__(self, lm: Config, *, biased: bool) -> None:
+        super().__init__()
+        d, inner = lm["d_model"], lm["num_heads"] * lm["d_kv"]
+        self.heads = lm["num_heads"]
+        self.q, self.k, self.v = (nn.Linear(d, inner, bias=False) for _ in range(3))
+        self.o = nn.Linear(inner, d, bias=False)
+        nn.init.normal_(self.q.weight, std=(d * lm["d_kv"]) ** -0.5)
+        nn.init.normal_(self.k.weight, std=d**-0.5)
+        nn.init.normal_(self.v.weight, std=d**-0.5)
+        nn.init.normal_(self.o.weight, std=inner**-0.5)
+        if biased:
+            self.relative_attention_bias = nn.Embedding(lm["relative_attention_num_buckets"], self.heads)
+            nn.init.normal_(self.relative_attention_bias.weight, std=d**-0.5)
+
+    def _split(self, x: Tensor) -> Tensor:
+        """`[b, n, h * w]` to `[b * h, n, w]`."""
+        b, n, _ = x.shape
+        return x.view(b, n, self.heads, -1).transpose(1, 2).reshape(b * self.heads, n, -1)
+
+    def forward(self, x: Tensor, keys: Tensor, bias: Tensor) -> Tensor:
+        """`bias` is `[h, n, m]`, or `[b, h, n, m]` where items have masks of their own."""
+        b, n, _ = x.shape
+        q, k, v = self._split(self.q(x)), self._split(self.k(keys)), self._split(self.v(keys))
+        full = bias.to(q.dtype).expand(b, -1, -1, -1).reshape(b * self.heads, n, -1)
+        scores = torch.baddbmm(full, q, k.transpose(1, 2))
+        mixed = torch.bmm(torch.softmax(scores, -1), v)
+        return self.o(mixed.view(b, self.heads, n, -1).transpose(1, 2).reshape(b, n, -1))
+
+
+class Sublayer(nn.Module):
+    """What a block's `layer.{i}` holds: a norm and one operation, named as Hugging Face names it."""
+
+    def __init__(self, lm: Config, name: str, operation: nn.Module) -> None:
+        super().__init__()
+        self.layer_norm = RmsNorm(lm["d_model"], lm["layer_norm_epsilon"])
+        self.add_module(name, operation)
+        self.name = name
+
+    def forward(self, x: Tensor, *rest: Tensor) -> Tensor:
+        normed = self.layer_norm(x)
+        operation = getattr(self, self.name)
+        if self.name == "SelfAttention":
+            return x + operation(normed, normed, *rest)
+        return x + operation(normed, *rest)
+
+
+class Block(nn.Module):
+    def __init__(self, lm: Config, *, decoder: bool, first: bool, dense: bool) -> None:
+        super().__init__()
+        layers = [Sublayer(lm, "SelfAttention", Attention(lm, biased=first))]
+        if decoder:
+            layers.append(Sublayer(lm, "EncDecAttention", Attention(lm, biased=False)))
+        d, ff = lm["d_model"], lm["d_ff"]
+        if dense:
+            layers.append(Sublayer(lm, "DenseReluDense", FeedForward(d, ff)))
+        else:
+            layers.append(Sublayer(lm, "moe", MixtureOfExperts(d, ff, lm["experts"], lm["top_k"])))
+        self.layer = nn.ModuleList(layers)
+
+
+class Stack(nn.Module):
+    """Encoder or decoder. Its first layer's table of relative positions serves them all."""
+
+    def __init__(self, lm: Config, *, decoder: bool, dense: bool) -> None:
+        super().__init__()
+        count = lm["num_decoder_layers" if decoder else "num_layers"]
+        self.block = nn.ModuleList(Block(lm, decoder=decoder, first=i == 0, dense=dense) for i in range(count))
+        self.final_layer_norm = RmsNorm(lm["d_model"], lm["layer_norm_epsilon"])
+        self.decoder = decoder
+        self.buckets, self.distance = lm["relative_attention_num_buckets"], lm["relative_attention_max_distance"]
+
+    def bias(self, n: int, device: torch.device) -> Tensor:
+        """`[h, n, n]`, with the causal mask in a decoder."""
+        position = torch.arange(n, device=device)
+        relative = position[None] - position[:, None]
+        table = self.block[0].layer[0].SelfAttention.relative_attention_bias
+        bias = table(_bucket(relative, self.buckets, self.distance, two_sided=not self.decoder)).permute(2, 0, 1)
+        return bias.masked_fill(relative > 0, float("-inf")) if self.decoder else bias
+
+    def forward(self, x: Tensor, bias: Tensor, keys: Tensor | None = None, keys_bias: Tensor | None = None) -> Tensor:
+        for block in self.block:
+            x = block.layer[0](x, bias)
+            if keys is not None:
+                x = block.layer[1](x, keys, keys_bias)
+            x = block.layer[-1](x)
+        return self.final_layer_norm(x)
+
+
+def _bucket(relative: Tensor, buckets: int, distance: int, *, two_sided: bool) -> Tensor:
+    """T5's buckets: half of them exact distances, the rest logarithmic up to `distance`."""
+    offset = torch.zeros_like(relative)
+    if two_sided:
+        buckets //= 2
+        offset = (relative > 0) * buckets
+        relative = relative.abs()
+    else:
+        relative = (-relative).clamp(min=0)
+    exact = buckets // 2
+    far = relative.float().clamp(min=1) / exact
+    logarithmic = exact + (far.log() / math.log(distance / exact) * (buckets - exact)).long()
+    return offset + torch.where(relative < exact, relative, logarithmic.clamp(max=buckets - 1))
+
+
+class LanguageModel(nn.Module):
+    """`config["lm"]` over `config["vocab"]`, with fresh weights. `dense` is T5 itself, before upcycling."""
+
+    def __init__(self, config: Config, *, dense: bool = False) -> None:
+        super().__init__()
+        lm, vocab = config["lm"], config["vocab"]
+        self.vocab, self.width, self.tied = vocab, lm["d_model"], lm["tie_word_embeddings"]
+        self.shared = nn.Embedding(vocab["size"], lm["d_model"])
+        self.encoder = Stack(lm, decoder=False, dense=dense)
+        self.decoder = Stack(lm, decoder=True, dense=dense)
+        if not self.tied:
+            self.lm_head = nn.Linear(lm["d_model"], vocab["size"], bias=False)
+            nn.init.normal_(self.lm_head.weight, std=lm["d_model"] ** -0.5)
+
+    def encode(self, ids: Tensor, mask: Tensor | None = None) -> Tensor:
+        """`[b, n]` ids, and which of them count, to `[b, n, d]`."""
+        bias = self.encoder.bias(ids.shape[1], ids.device)
+        if mask is not None:
+            bias = bias[None].masked_fill(~mask[:, None, None], float("-inf"))
+        return self.encoder(self.shared(ids), bias)
+
+    def decode(self, hidden: Tensor, ids: Tensor, mask: Tensor | None = None) -> Tensor:
+        """States of the decoder `[b, m, d]` after each of `ids`, ready for the head."""
+        keys_bias = torch.zeros(1, 1, 1, hidden.shape[1], device=ids.device)
+        if mask is not None:
+            keys_bias = keys_bias.masked_fill(~mask[:, None, None], float("-inf"))
+        keys_bias = keys_bias.expand(-1, self.encoder.block[0].layer[0].SelfAttention.heads, ids.shape[1], -1)
+        states = self.decoder(self.shared(ids), self.decoder.bias(ids.shape[1], ids.device), hidden, keys_bias)
+        return states * self.width**-0.5 if self.tied else states
+
+    def head(self, states: Tensor) -> Tensor:
+        """Logits over the whole vocabulary."""
+        return nn.functional.linear(states, self.shared.weight if self.tied else self.lm_head.weight)
+
+    def forward(self, ids: Tensor, decoder_ids: Tensor, mask: Tensor | None = None) -> Tensor:
+        """Logits `[b, m, vocab]`, teacher forcing."""
+        return self.head(self.decode(self.encode(ids, mask), decoder_ids, mask))

@@ -1,0 +1,91 @@
+"""Sparse mixture of experts (paper 3.2): gated feed-forwards behind a router, and the statistics of its choices."""
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+
+class FeedForward(nn.Module):
+    """T5's gated GELU (tanh form)."""
+
+    def __init__(self, d_model: int, d_ff: int) -> None:
+        super().__init__()
+        self.wi_0 = nn.Linear(d_model, d_ff, bias=False)
+        self.wi_1 = nn.Linear(d_model, d_ff, bias=False)
+        self.wo = nn.Linear(d_ff, d_model, bias=False)
+        for linear in (self.wi_0, self.wi_1, self.wo):
+            nn.init.normal_(linear.weight, std=linear.in_features**-0.5)
+
+    def forward(self, hidden: Tensor) -> Tensor:
+        return self.wo(functional.gelu(self.wi_0(hidden), approximate="tanh") * self.wi_1(hidden))
+
+
+class MixtureOfExperts(nn.Module):
+    """Feed-forwards behind a bias-free softmax router; a row goes to its `top_k` likeliest experts, whose weights are
+    their probabilities divided by the sum over the chosen."""
+
+    def __init__(self, d_model: int, d_ff: int, experts: int, top_k: int) -> None:
+        super().__init__()
+        self.router = nn.Linear(d_model, experts, bias=False)
+        nn.init.normal_(self.router.weight, std=d_model**-0.5)
+        self.experts = nn.ModuleList([FeedForward(d_model, d_ff) for _ in range(experts)])
+        self.top_k = top_k
+        # Of the last forward pass: the balancing loss of equation (lmoe), and how often each expert came first.
+        self.balance: Tensor | None = None
+        self.first_choices: Tensor | None = None
+
+    def forward(self, hidden: Tensor) -> Tensor:
+        rows = hidden.reshape(-1, hidden.shape[-1])
+        # In f32: a router decides by small differences.
+        with torch.autocast(rows.device.type, enabled=False):
+            probabilities = torch.softmax(functional.linear(rows.float(), self.router.weight.float()), -1)
+        chosen, index = probabilities.topk(self.top_k, -1)
+        weights = chosen / chosen.sum(-1, keepdim=True)
+        self._measure(probabilities, weights, index)
+        flat = index.flatten()
+        order = flat.argsort(stable=True)
+        counts = flat.bincount(minlength=len(self.experts)).tolist()
+        gathered = rows[order // self.top_k].split(counts)
+        sorted_outputs = torch.cat([expert(part) for expert, part in zip(self.experts, gathered, strict=True)])
+        # Back to the order of rows: each row's k outputs stand together.
+        back = torch.empty_like(order).scatter_(0, order, torch.arange(len(order), device=order.device))
+        outputs = sorted_outputs[back]
+        if self.top_k > 1:
+            outputs = outputs * weights.reshape(-1, 1).to(outputs.dtype)
+            outputs = outputs.reshape(len(rows), self.top_k, -1).sum(1)
+        return outputs.reshape(hidden.shape)
+
+    def _measure(self, probabilities: Tensor, weights: Tensor, index: Tensor) -> None:
+        experts = len(self.experts)
+        dispatched = torch.zeros_like(probabilities).scatter(1, index, weights.detach())
+        self.balance = experts * (dispatched.mean(0) * probabilities.mean(0)).sum()
+        self.first_choices = torch.bincount(index[:, 0], minlength=experts).detach()
+
+
+def upcycled(state: dict[str, Tensor], experts: int, seed: int) -> dict[str, Tensor]:
+    """A dense T5's tensors as those of a sparse one (sparse upcycling): every expert an identical copy of the dense
+    feed-forward, so that the output is unchanged whatever the fresh routers say."""
+    generator = torch.Generator().manual_seed(seed)
+    out = {}
+    for name, tensor in state.items():
+        block, dense, matrix = name.partition(".DenseReluDense.")
+        if not dense:
+            out[name] = tensor
+            continue
+        for expert in range(experts):
+            out[f"{block}.moe.experts.{expert}.{matrix}"] = tensor.clone()
+        if matrix == "wi_0.weight":
+            d_model = tensor.shape[1]
+            router = torch.randn(experts, d_model, generator=generator) * d_model**-0.5
+            out[f"{block}.moe.router.weight"] = router.to(tensor.dtype)
+    return out
+
+
+def layers(model: nn.Module) -> list[MixtureOfExperts]:
+    return [module for module in model.modules() if isinstance(module, MixtureOfExperts)]
+
+
+def balance(model: nn.Module) -> Tensor:
+    """The mean of the balancing loss over all sparse layers of the last forward pass; 0 for a dense model."""
+    terms = [layer.balance for layer in layers(model) if layer.balance is not None]
+    return torch.stack(terms).mean() if terms else torch.zeros(())

@@ -1,0 +1,31 @@
+"""A CSV of a stage's numbers, averaged over some steps each, and the curves drawn from it."""
+
+import csv
+from collections import defaultdict
+from pathlib import Path
+
+EVERY = 20
+
+
+class Log:
+    """Appends rows `step, name, value`; a resumed stage goes on where its checkpoint was."""
+
+    def __init__(self, path: Path, start: int) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        kept = []
+        if path.exists() and start:
+            with path.open(newline="") as file:
+                kept = [row for row in csv.reader(file) if row[0] != "step" and int(row[0]) < start]
+        with path.open("w", newline="") as file:
+            csv.writer(file).writerows([["step", "name", "value"], *kept])
+        self.path = path
+        self.sums: dict[str, list[float]] = defaultdict(list)
+
+    def add(self, step: int, values: dict[str, float]) -> None:
+        for name, value in values.items():
+            self.sums[name].append(value)
+        if (step + 1) % EVERY == 0:
+            with self.path.open("a", newline="") as file:
+                rows = [[step, name, f"{sum(v) / len(v):.6g}"] for name, v in self.sums.items()]
+                csv.writer(file).writerows(rows)
+            self.sums.clear()
