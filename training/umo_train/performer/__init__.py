@@ -1,0 +1,7 @@
+"""A procedural performer: motion for speech, made by rules. It is what the default model learns from."""
+
+from umo_train.performer.lips import lip_opening
+from umo_train.performer.perform import perform
+from umo_train.performer.style import PROMPTS, STYLES, Style
+
+__all__ = ["PROMPTS", "STYLES", "Style", "lip_opening", "perform"]

@@ -1,0 +1,125 @@
+"""The speaking mouth: phones to ARKit mouth channels with coarticulation.
+
+Each phone's dominance is its time span blurred by a Gaussian (a smooth rise and fall over some 90 ms) times its
+strength; a channel is the mean of the phones' targets weighted by dominance (Cohen and Massaro 1993). Contacts, which a
+mean cannot promise, and silence are laid over it.
+"""
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from umo_train.performer.curves import plateaus
+from umo_train.performer.prosody import PAUSE_S, Prosody
+from umo_train.performer.style import Style
+from umo_train.performer.visemes import CHANNEL, CHANNELS, JAW, REST, ROUND, SHAPE, STRENGTHS, TARGETS, aims
+from umo_train.skeleton import ARKIT
+from umo_train.skeleton import SHAPE as ARKIT_INDEX
+from umo_train.speech.utterance import FRAME_RATE, SILENCE, VOWELS, Utterance
+
+# Dominance is blurred at this many points per frame.
+_FINE = 4
+# Standard deviations of the blur in seconds: rounding starts earlier and lasts longer than the rest.
+_BLUR_S = ((JAW, 0.034), (ROUND, 0.052), (SHAPE, 0.034))
+# Lips meet for at least two frames wherever the frames fall: half of their time together, and how long they travel.
+_CONTACT_S, _TRAVEL_S = 0.036, 0.075
+_STRESS_GAIN = (0.88, 1.0, 1.15)
+# Loudness scales the opening by 2 ** (dB / this).
+_DOUBLING_DB = 14.0
+# Where a pause's lips begin to part before speech and are together after it, in seconds.
+_ANTICIPATE_S, _RELAX_S = 0.1, 0.13
+
+
+def speak(utterance: Utterance, prosody: Prosody, style: Style) -> np.ndarray:
+    """`[T, 52]`, of which only mouth and jaw are set."""
+    t = prosody.t
+    mouth = _coarticulate(utterance)
+    gain = _opening_gain(prosody) * (0.86 + 0.28 * style.energy)
+    shut = _contacts(utterance, t, "pbm", 0.45)
+    bite = _contacts(utterance, t, "fv", 0.5) * (1.0 - shut)
+    idle = _silences(utterance, prosody)
+
+    talk = (1.0 - idle)[:, None]
+    mouth = REST + talk * (mouth - REST)
+    column = {name: mouth[:, index] for name, index in CHANNEL.items()}
+    jaw = column["jawOpen"] * (1.0 + (gain - 1.0) * talk[:, 0]) * (1.0 - 0.45 * shut) * (1.0 - 0.4 * bite)
+    parted = 1.0 - shut
+    lips = np.sqrt(gain) * parted
+    sealed = 1.0 - parted * (1.0 - idle)
+
+    out = np.zeros((len(t), len(ARKIT)))
+
+    def put(name: str, value: np.ndarray) -> None:
+        for side in ("Left", "Right") if name + "Left" in ARKIT_INDEX else ("",):
+            out[:, ARKIT_INDEX[name + side]] = value
+
+    put("jawOpen", jaw)
+    put("jawForward", column["jawForward"] + 0.02 * bite)
+    put("mouthClose", jaw * sealed)
+    put("mouthFunnel", column["mouthFunnel"] * (1.0 - 0.8 * shut) * (1.0 - 0.5 * bite))
+    put("mouthPucker", column["mouthPucker"] * (1.0 - 0.5 * shut))
+    put("mouthStretch", column["mouthStretch"] * (1.0 - 0.5 * shut))
+    put("mouthSmile", column["mouthSmile"] * (1.0 - 0.5 * shut))
+    put("mouthLowerDown", column["mouthLowerDown"] * lips * (1.0 - bite))
+    put("mouthUpperUp", column["mouthUpperUp"] * lips)
+    put("mouthShrugLower", column["mouthShrugLower"])
+    put("mouthShrugUpper", column["mouthShrugUpper"])
+    put("tongueOut", column["tongueOut"] * parted)
+    put("mouthPress", 0.34 * shut + 0.05 * idle)
+    put("mouthRollLower", 0.24 * shut + 0.5 * bite + 0.02 * idle)
+    put("mouthRollUpper", 0.2 * shut)
+    return out
+
+
+def _coarticulate(utterance: Utterance) -> np.ndarray:
+    """`[T, len(CHANNELS)]`: targets weighted by dominance."""
+    rows, gains, ends = [], [], []
+    for phone in utterance.phones:
+        at = phone.start
+        for row, share in aims(phone.name):
+            at += share * (phone.end - phone.start)
+            rows.append(row)
+            gains.append(_STRESS_GAIN[phone.stress] if phone.name in VOWELS else 1.0)
+            ends.append(at)
+    frames, rate = utterance.frames, FRAME_RATE * _FINE
+    targets, strengths = TARGETS[rows], STRENGTHS[rows]
+    targets[:, CHANNEL["jawOpen"]] *= gains
+    edges = np.round(np.array(ends) * rate).astype(int)
+    edges[-1] = max(edges[-1], frames * _FINE + 1)
+    span = np.repeat(np.arange(len(rows)), np.diff(edges, prepend=0))
+    strong, aimed = strengths[span], (strengths * targets)[span]
+    out = np.empty((frames, len(CHANNELS)))
+    for channels, seconds in _BLUR_S:
+        columns, sigma = list(channels), seconds * rate
+        # All channels of a group share their dominance.
+        total = gaussian_filter1d(strong[:, columns[0]], sigma, mode="nearest")[::_FINE][:frames]
+        blurred = gaussian_filter1d(aimed[:, columns], sigma, axis=0, mode="nearest")[::_FINE][:frames]
+        out[:, columns] = blurred / total[:, None]
+    return out
+
+
+def _opening_gain(prosody: Prosody) -> np.ndarray:
+    """0.6 .. 1.4 by how loud the phrase and the syllable are."""
+    db = 0.5 * prosody.slow_db + 0.5 * prosody.syllabic_db + 2.0
+    return 1.0 + 0.4 * np.tanh((2.0 ** (db / _DOUBLING_DB) - 1.0) / 0.4)
+
+
+def _contacts(utterance: Utterance, t: np.ndarray, names: str, centre: float) -> np.ndarray:
+    """1 while one of these phones holds its contact."""
+    spans = np.array([(p.start, p.end) for p in utterance.phones if p.name in tuple(names)]).reshape(-1, 2)
+    length = spans[:, 1] - spans[:, 0]
+    middle, half = spans[:, 0] + centre * length, np.maximum(0.3 * length, _CONTACT_S)
+    return plateaus(t, middle - half, middle + half, _TRAVEL_S, _TRAVEL_S)
+
+
+def _silences(utterance: Utterance, prosody: Prosody) -> np.ndarray:
+    """1 where the mouth rests."""
+    out = np.zeros(len(prosody.t))
+    t = prosody.t
+    for phone in utterance.phones:
+        if phone.name == SILENCE and phone.end - phone.start >= PAUSE_S:
+            first, last = phone.start <= 0.0, phone.end >= utterance.seconds - 1e-3
+            start = phone.start - 1.0 if first else phone.start + 0.6 * _RELAX_S
+            end = phone.end + 1.0 if last else phone.end - 0.7 * _ANTICIPATE_S
+            rest = plateaus(t, start, max(end, start), _RELAX_S, _ANTICIPATE_S)
+            out = 1.0 - (1.0 - out) * (1.0 - rest)
+    return out

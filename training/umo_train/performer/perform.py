@@ -1,0 +1,66 @@
+"""The procedural performer: from speech with its phones to the motion of face, hands, upper and lower body."""
+
+import numpy as np
+
+from umo_train.performer import arms, expression, eyes, fingers, gestures, legs, mouth, posture
+from umo_train.performer.prosody import listen
+from umo_train.performer.rotation import about, euler
+from umo_train.performer.style import Style
+from umo_train.skeleton import CHANNELS, CONTACT, JOINT, JOINTS_OF, SHAPE, VELOCITY, rotation_6d
+from umo_train.speech.utterance import FRAME_RATE, Utterance
+
+# The jaw's turn at jawOpen = 1, in radians.
+JAW_OPEN = 0.35
+
+
+def perform(utterance: Utterance, style: Style, seed: int) -> dict[str, np.ndarray]:
+    """Channels of each part `[T, C]`, and under "height" the pelvis' height `[T]`; the same for the same arguments."""
+    prosody = listen(utterance)
+    # Streams of their own, so that a change to one part leaves the others' choices alone.
+    choices = np.random.default_rng(seed).spawn(6)
+    stance = legs.stance(prosody, style, choices[0])
+    trunk = posture.stand(prosody, style, stance.hips, choices[1])
+    states = gestures.gesticulate(prosody, style, choices[2])
+
+    shapes = mouth.speak(utterance, prosody, style)
+    expression.feel(shapes, prosody, style, choices[3])
+    eyes.look(shapes, prosody, style, trunk.gaze, choices[4])
+    eyes.blink(shapes, prosody, style, choices[5])
+    shapes = np.clip(shapes, 0.0, 1.0)
+
+    local = legs.solve(stance)
+    local |= _trunk(trunk)
+    local |= _arms(states, trunk, local)
+    motion = {part: np.zeros((utterance.frames, width), np.float32) for part, width in CHANNELS.items()}
+    for part in ("upper", "lower"):
+        joints = np.stack([local[_NAMES[joint]] for joint in JOINTS_OF[part]], 1)
+        motion[part][:, : 6 * len(JOINTS_OF[part])] = rotation_6d(joints).reshape(utterance.frames, -1)
+    hands = fingers.pose(states[..., arms.FINGERS])
+    motion["hands"][:] = rotation_6d(np.concatenate(list(hands), axis=1)).reshape(utterance.frames, -1)
+    motion["face"][:, :6] = rotation_6d(about("x", JAW_OPEN * shapes[:, SHAPE["jawOpen"]]))
+    motion["face"][:, 6:] = shapes
+    # Frame i + 1 is where frame i's velocity leads.
+    motion["lower"][:, VELOCITY] = FRAME_RATE * np.diff(stance.place, axis=0, append=stance.place[-1:])
+    motion["lower"][:, CONTACT] = np.repeat(stance.contact, 2, axis=0).T
+    motion["height"] = stance.place[:, 1].astype(np.float32)
+    return motion
+
+
+_NAMES = {index: name for name, index in JOINT.items()}
+
+
+def _trunk(trunk: posture.Posture) -> dict[str, np.ndarray]:
+    out = {f"spine{k + 1}": euler(angles) for k, angles in enumerate(trunk.spine)}
+    out["neck"], out["head"] = euler(trunk.neck), euler(trunk.head)
+    for side, name, collar in ((1.0, "left", trunk.collars[0]), (-1.0, "right", trunk.collars[1])):
+        out[name + "_collar"] = about("y", -side * collar[:, 1]) @ about("z", side * collar[:, 0])
+    return out
+
+
+def _arms(states: np.ndarray, trunk: posture.Posture, local: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    chest = local["pelvis"] @ local["spine1"] @ local["spine2"] @ local["spine3"]
+    heading = trunk.pelvis[:, 1] + sum(angles[:, 1] for angles in trunk.spine)
+    collars = np.stack([local["left_collar"], local["right_collar"]])
+    solved = arms.solve(states, chest, collars, heading)
+    names = ("shoulder", "elbow", "wrist")
+    return {f"{side}_{name}": part[k] for name, part in zip(names, solved, strict=True) for k, side in enumerate(("left", "right"))}

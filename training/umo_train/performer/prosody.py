@@ -1,0 +1,91 @@
+"""What the performer hears: phrases, accents and loudness of an utterance."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from umo_train.speech.utterance import FRAME_RATE, SAMPLE_RATE, SILENCE, VOWELS, Utterance
+
+# A silence from here on parts phrases and closes the mouth, in seconds.
+PAUSE_S = 0.2
+# Loudness is measured so often, in Hz.
+_RATE = 100
+# Nearer accents than this are one accent.
+_ACCENT_GAP_S = 0.3
+
+
+@dataclass(frozen=True)
+class Prosody:
+    """Times in seconds; arrays of one row per phrase, accent or frame."""
+
+    t: np.ndarray
+    # Start and end of each phrase `[n, 2]`, parted by pauses.
+    phrases: np.ndarray
+    # Onset of the stressed vowel, and how prominent it is (about 1).
+    accents: np.ndarray
+    weights: np.ndarray
+    # Onsets of all vowels.
+    syllables: np.ndarray
+    # dB above the speech level, per frame: over a phrase, and over a syllable.
+    slow_db: np.ndarray
+    syllabic_db: np.ndarray
+
+
+def listen(utterance: Utterance) -> Prosody:
+    """All of the above."""
+    t = np.arange(utterance.frames) / FRAME_RATE
+    phrases = _phrases(utterance)
+    slow, syllabic = _loudness(utterance, phrases, t)
+    vowels = [phone for phone in utterance.phones if phone.name in VOWELS]
+    onsets = np.array([v.start + 0.25 * min(v.end - v.start, 0.12) for v in vowels])
+    accents, weights = _accents(vowels, onsets, np.interp(onsets, t, syllabic) if len(t) else onsets)
+    return Prosody(t, phrases, accents, weights, onsets, slow, syllabic)
+
+
+def _phrases(utterance: Utterance) -> np.ndarray:
+    runs: list[list[float]] = []
+    for phone in utterance.phones:
+        if phone.name == SILENCE and phone.end - phone.start >= PAUSE_S:
+            continue
+        if phone.name == SILENCE and not runs:
+            continue
+        if runs and phone.start - runs[-1][1] < PAUSE_S:
+            runs[-1][1] = phone.end
+        else:
+            runs.append([phone.start, phone.end])
+    return np.array(runs).reshape(-1, 2)
+
+
+def _loudness(utterance: Utterance, phrases: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    hop = SAMPLE_RATE // _RATE
+    samples = np.asarray(utterance.samples, np.float32)
+    count = max(len(samples) // hop, 1)
+    squares = np.resize(samples[: count * hop], count * hop).reshape(count, hop)
+    power = gaussian_filter1d(np.einsum("ij,ij->i", squares, squares) / hop, 1.5) if len(samples) >= hop else np.zeros(1)
+    when = (np.arange(count) + 0.5) / _RATE
+    spoken = np.zeros(count, bool)
+    for start, end in phrases:
+        spoken[int(start * _RATE) : int(np.ceil(end * _RATE))] = True
+    # The speech level ignores the gaps within speech, as a level meter's gate does.
+    level = power[spoken] if spoken.any() else power
+    level = np.mean(level[level >= 0.05 * level.mean()]) + 1e-9
+    db = np.clip(10.0 * np.log10(power / level + 1e-4), -25.0, 15.0)
+    smooth = [gaussian_filter1d(db, sigma * _RATE) for sigma in (0.35, 0.05)]
+    return np.interp(t, when, smooth[0]), np.interp(t, when, smooth[1])
+
+
+def _accents(vowels: list, onsets: np.ndarray, db: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Accented vowels; where a voice marks none, the vowels that stand out by stress, length and loudness."""
+    if not vowels:
+        return np.zeros(0), np.zeros(0)
+    stress = np.array([v.stress for v in vowels])
+    length = np.array([v.end - v.start for v in vowels])
+    prominence = 0.5 * stress + (length - length.mean()) / (length.std() + 0.02) + (db - db.mean()) / (db.std() + 2.0)
+    chosen = stress == 2 if (stress == 2).any() else prominence >= np.quantile(prominence, 0.6)
+    kept: list[int] = []
+    for index in np.argsort(-prominence, kind="stable"):
+        if chosen[index] and all(abs(onsets[index] - onsets[k]) >= _ACCENT_GAP_S for k in kept):
+            kept.append(int(index))
+    kept.sort()
+    return onsets[kept], np.clip(1.0 + 0.15 * prominence[kept], 0.6, 1.5)
