@@ -1,56 +1,223 @@
 """Gestures of both arms: chosen at accents, timed so that a stroke ends on the stressed vowel."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from umo_train.performer.arms import FINGERS, STATE, SWIVEL, TILT, TWIST, WRIST, BEND
-from umo_train.performer.curves import drift, path
+from umo_train.performer.arm_track import ArmTrack
+from umo_train.performer.arms import BEND, FINGERS, STATE, SWIVEL, TILT, TWIST, WRIST
+from umo_train.performer.curves import drift, plateaus
 from umo_train.performer.fingers import SHAPES
 from umo_train.performer.prosody import Prosody
 from umo_train.performer.style import Style
+from umo_train.speech.utterance import FRAME_RATE
+
+# What wrists can do, in radians.
+LIMITS = {TWIST: (-1.5, 1.5), BEND: (-1.0, 1.1), TILT: (-0.35, 0.4)}
+_COUNTING = ("point", "two", "three")
+
+
+@dataclass(frozen=True)
+class Gestures:
+    """The arms' states `[2, T, STATE]`, left first, and how far the shoulders are shrugged `[T]`."""
+
+    states: np.ndarray
+    shrug: np.ndarray
 
 
 def state(wrist, swivel=0.0, twist=0.3, bend=0.1, tilt=0.0, shape="relaxed") -> np.ndarray:
     """One arm's state from readable values."""
     out = np.empty(STATE)
-    out[WRIST], out[SWIVEL], out[TWIST], out[BEND], out[TILT], out[FINGERS] = wrist, swivel, twist, bend, tilt, SHAPES[shape]
+    out[WRIST], out[SWIVEL], out[TWIST], out[BEND], out[TILT] = wrist, swivel, twist, bend, tilt
+    out[FINGERS] = SHAPES[shape]
     return out
 
 
-def rest(style: Style, random: np.random.Generator) -> np.ndarray:
-    """`[2, STATE]`: arms hanging, elbows a little bent."""
-    out = np.stack([state((0.225 + 0.075 * style.openness, -0.475, 0.05), twist=0.35) for _ in range(2)])
-    out[:, WRIST] += random.normal(0.0, 0.008, (2, 3))
-    return out
+def _rests(style: Style, random: np.random.Generator) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Each arm's idle state, and where it waits between gestures of a lively talker."""
+    o = style.openness
+    hang = state((0.225 + 0.08 * o, -0.475, 0.05), swivel=0.5 * o, twist=0.35)
+    idle = [hang.copy(), hang.copy()]
+    folded = random.random() < 0.75 - 1.3 * o
+    if folded:
+        over, under = random.permutation(2)
+        idle[over] = state((0.075, -0.345, 0.225), twist=0.55, bend=0.2, shape="relaxed")
+        idle[under] = state((0.085, -0.385, 0.19), twist=0.4, bend=0.3, shape="relaxed")
+    for arm in idle:
+        arm[WRIST] += random.normal(0.0, 0.006 if folded else 0.012, 3)
+        arm[TWIST] += random.normal(0.0, 0.1)
+        arm[FINGERS] *= random.uniform(0.8, 1.3)
+    if random.random() < style.gesture_rate and not folded:
+        ready = [state((0.14 + 0.06 * o, -0.315, 0.23), twist=0.25, bend=0.0) for _ in range(2)]
+        for arm in ready:
+            arm[WRIST] += random.normal(0.0, 0.015, 3)
+    else:
+        ready = idle
+    return idle, ready
 
 
-def gesticulate(prosody: Prosody, style: Style, random: np.random.Generator) -> np.ndarray:
-    """`[2, T, STATE]`."""
-    t = prosody.t
-    idle = rest(style, random)
-    leading = int(random.random() < 0.7)
-    out = np.empty((2, len(t), STATE))
-    for hand in (0, 1):
-        share = 1.0 if hand == leading else 0.5
-        chosen = random.random(len(prosody.accents)) < share * (0.15 + 0.75 * style.gesture_rate)
-        times, values = [-2.0], [idle[hand]]
-        for at in prosody.accents[chosen]:
-            size = (0.5 + 0.7 * style.energy) * random.uniform(0.8, 1.2)
-            stroke = 0.2 - 0.05 * style.energy
-            low = state((0.2 + 0.12 * style.openness, -0.26, 0.26), twist=0.2, bend=-0.1)
-            high = low.copy()
-            high[WRIST] += np.array([0.02, 0.10, -0.01]) * size
-            prepare = max(at - stroke - 0.35, times[-1] + 0.05)
-            if at - stroke < prepare + 0.15:
+def _poses(kind: str, style: Style, size: float, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray, float]:
+    """Where a hand is before and after the stroke of a gesture, and how far its path bows outward."""
+    o, side = style.openness, random.normal(0.0, 0.025)
+    high = 0.03 * random.normal() + 0.05 * (style.energy - 0.5)
+    out = 0.05 * random.normal() + 0.13 * (o - 0.4)
+    bow = 0.0
+    if kind == "beat":
+        end = state((0.2 + out, -0.27 + high, 0.28), twist=random.uniform(0.1, 0.9), bend=0.15)
+        start = end.copy()
+        start[WRIST] += np.array([0.02, 0.13, -0.015]) * size
+        start[BEND] -= 0.35
+    elif kind == "pinch":
+        end = state((0.17 + 0.7 * out, -0.2 + high, 0.33), twist=0.35, bend=0.05, shape="pinch")
+        start = end.copy()
+        start[WRIST] += np.array([0.0, 0.09, -0.05]) * size
+        start[BEND] -= 0.3
+    elif kind == "chop":
+        end = state((0.16 + 0.6 * out, -0.29 + high, 0.33), twist=0.05, bend=0.0, tilt=-0.15, shape="flat")
+        start = end.copy()
+        start[WRIST] += np.array([0.02, 0.17, -0.05]) * size
+        start[TILT] = 0.3
+    elif kind == "fist":
+        end = state((0.18 + 0.6 * out, -0.24 + high, 0.3), twist=0.2, bend=0.1, shape="fist")
+        start = end.copy()
+        start[WRIST] += np.array([0.03, 0.13, -0.05]) * size
+    elif kind == "sweep":
+        palm = random.choice((-0.9, 1.1))
+        start = state((0.1 + side, -0.2 + high, 0.29), twist=0.4 * palm, bend=0.1, shape="open")
+        end = state((0.3 + out + 0.12 * size, -0.24 + high, 0.27), swivel=0.2, twist=palm, bend=-0.15, shape="open")
+    elif kind == "open":
+        end = state((0.27 + out + 0.05 * size, -0.3 + high, 0.3), twist=-1.2, bend=-0.1, shape="open")
+        start = state((0.16 + 0.5 * out, -0.2 + high, 0.24), twist=-0.3, bend=0.2)
+        bow = 0.03
+    elif kind == "frame":
+        end = state((0.13 + 0.7 * out, -0.25 + high, 0.31), twist=0.05, bend=0.1, shape="open")
+        start = end.copy()
+        start[WRIST] += np.array([-0.03, 0.11, -0.03]) * size
+    elif kind == "point":
+        end = state((0.2 + out, -0.16 + high, 0.38 + 0.05 * size), twist=0.8, bend=0.0, shape="point")
+        start = state((0.24 + out, -0.08 + high, 0.22), twist=0.3, bend=-0.2, shape="point")
+    elif kind == "count":
+        end = state((0.22 + 0.6 * out, -0.1 + high, 0.28), twist=0.7, bend=-0.1, shape="point")
+        start = end.copy()
+        start[WRIST] += np.array([0.01, 0.08, -0.06]) * size
+        start[BEND] -= 0.25
+    elif kind == "shrug":
+        end = state((0.33 + out, -0.27 + high, 0.2), swivel=-0.1, twist=-1.3, bend=-0.35, shape="open")
+        start = state((0.24 + out, -0.35, 0.2), twist=-0.4, bend=0.1)
+    else:
+        raise KeyError(kind)
+    return start, end, bow
+
+
+def _kind(style: Style, random: np.random.Generator) -> str:
+    stern = max(0.0, 0.5 - style.mood) * 2.0
+    weights = {
+        "beat": 1.0,
+        "pinch": 0.5,
+        "chop": 0.2 + 1.2 * stern,
+        "fist": 0.05 + 0.5 * stern + 0.15 * max(0.0, style.energy - 0.6),
+        "sweep": 0.2 + 0.9 * style.openness,
+        "open": 0.15 + 1.3 * style.openness,
+        "frame": 0.3 + 0.5 * style.openness,
+        "point": 0.1 + 0.4 * style.energy + 0.5 * stern,
+        "count": 0.05 + 0.4 * max(0.0, style.gesture_rate - 0.4),
+        "shrug": 0.3 * style.openness * style.mood + 0.04,
+    }
+    share = np.cumsum(list(weights.values()))
+    return list(weights)[int(np.searchsorted(share, random.random() * share[-1]))]
+
+
+def gesticulate(prosody: Prosody, style: Style, random: np.random.Generator) -> Gestures:
+    """Walks the accents: a gesture, a beat of hands that are up, or nothing."""
+    t, accents = prosody.t, prosody.accents
+    energy = style.energy
+    idle, ready = _rests(style, random)
+    slow = 1.25 - 0.45 * energy
+    tracks = [ArmTrack(idle[k], ready[k], slow) for k in (0, 1)]
+    leading = int(random.random() < 0.75)
+    rate = 0.06 + 0.62 * style.gesture_rate
+    both = 0.15 + 0.35 * style.openness + 0.15 * energy
+    phrase = np.searchsorted(prosody.phrases[:, 0], accents, side="right")
+    shrugs: list[float] = []
+    counted, last = 0, -9.0
+    for k, at in enumerate(accents):
+        if at < 0.3:
+            continue
+        amount = (0.45 + 0.85 * energy) * random.uniform(0.75, 1.2) * prosody.weights[k]
+        counting = 0 < counted < 3 and at - last < 1.4
+        full = counting or random.random() < rate
+        up = [h for h in (0, 1) if tracks[h].raised and at - tracks[h].until < 1.5]
+        same = k > 0 and phrase[k] == phrase[k - 1]
+        hold = random.uniform(0.25, 0.6)
+        if full:
+            kind = "count" if counting else _kind(style, random)
+            counted = counted + 1 if kind == "count" else 0
+            # "frame" and "shrug" take both hands, a count or a point one.
+            pair = kind in ("frame", "shrug") or (kind not in ("count", "point") and random.random() < both)
+            one = leading if random.random() < 0.8 or kind == "count" else 1 - leading
+            hands = (one, 1 - one) if pair else (one,)
+            start, end, bow = _poses(kind, style, amount, random)
+            if kind == "count":
+                start[FINGERS] = end[FINGERS] = SHAPES[_COUNTING[counted - 1]]
+            if kind == "shrug":
+                shrugs.append(at)
+        elif same and up and random.random() < 0.5 + 0.4 * energy:
+            hands, bow, kind = up, 0.0, "again"
+        else:
+            continue
+        late = random.uniform(0.0, 0.12)
+        struck = False
+        for n, hand in enumerate(hands):
+            track = tracks[hand]
+            if not track.free(at):
                 continue
-            if prepare - times[-1] > 1.0 and times[-1] > 0.0:
-                times += [times[-1] + 0.2, times[-1] + 0.9]
-                values += [values[-1], idle[hand]]
-                prepare = max(prepare, times[-1] + 0.02)
-            times += [prepare, at - stroke, at]
-            values += [values[-1], high, low]
-        times += [times[-1] + 0.3, times[-1] + 1.1]
-        values += [values[-1], idle[hand]]
-        out[hand] = path(t, np.array(times), np.array(values))
-    out[..., WRIST] += 0.003 * drift(random, t, 0.1, 0.4, 6).T.reshape(2, 3, -1).swapaxes(1, 2)
-    out[..., FINGERS] += 0.02 * drift(random, t, 0.05, 0.3, 14).T.reshape(2, 7, -1).swapaxes(1, 2)
+            a, b = (start, end) if kind != "again" else _again(track.now, 0.5 * amount, random)
+            if n:
+                # The second hand is never quite the first's mirror image.
+                shift = random.normal(0.0, 0.012, 3)
+                a, b = a.copy(), b.copy()
+                a[WRIST] += shift
+                b[WRIST] += shift
+            stroke = max(0.235 - 0.075 * energy, 0.75 * float(np.linalg.norm(b[WRIST] - a[WRIST])))
+            track.gesture(at, a, b, stroke, hold, late, bow)
+            struck = True
+        last = at if struck else last
+        # A hand that has no part goes down.
+        for hand in {0, 1} - set(hands):
+            if kind != "again" and tracks[hand].raised and random.random() < 0.5:
+                tracks[hand].retract(0.15, ready[hand] if random.random() < 0.5 else idle[hand])
+    for hand in (0, 1):
+        tracks[hand].retract(random.uniform(0.3, 0.6), idle[hand])
+        tracks[hand].raised = True
+        tracks[hand].retract(1.2, idle[hand])
+    return Gestures(_alive(tracks, t, random), _shrug(t, shrugs, energy))
+
+
+def _again(now: np.ndarray, amount: float, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """A small beat where the hand is."""
+    up, down = now.copy(), now.copy()
+    up[WRIST] += np.array([0.01, 0.1, -0.02]) * amount
+    up[BEND] -= 0.25
+    down[WRIST] += random.normal(0.0, 0.012, 3)
+    return up, down
+
+
+def _shrug(t: np.ndarray, times: list[float], energy: float) -> np.ndarray:
+    times = np.array(times)
+    return (0.6 + 0.4 * energy) * plateaus(t, times, times + 0.25, 0.26, 0.5)
+
+
+def _alive(tracks: list[ArmTrack], t: np.ndarray, random: np.random.Generator) -> np.ndarray:
+    """The tracks' states with what nobody can keep still, and hands that trail behind their arms."""
+    out = np.stack([track.curve(t) for track in tracks])
+    wander = drift(random, t, 0.08, 0.4, 6).T.reshape(2, 3, len(t)).swapaxes(1, 2)
+    out[..., WRIST] += 0.004 * wander
+    out[..., FINGERS] += 0.025 * drift(random, t, 0.05, 0.3, 14).T.reshape(2, 7, len(t)).swapaxes(1, 2)
+    if len(t) > 2:
+        rising = np.gradient(out[..., 1], axis=1) * FRAME_RATE
+        out[..., BEND] += 0.3 * np.tanh(0.45 * rising)
+    for channel, (low, high) in LIMITS.items():
+        middle, half = (low + high) / 2.0, (high - low) / 2.0
+        out[..., channel] = middle + half * np.tanh(np.arctanh(0.98) * (out[..., channel] - middle) / half)
+    out[..., FINGERS] = np.clip(out[..., FINGERS], 0.0, 1.05)
     return out

@@ -16,9 +16,9 @@ _THIGH_M, _SHIN_M = float(np.linalg.norm(_THIGH)), float(np.linalg.norm(_SHIN))
 _SIDES = np.array([1.0, -1.0])
 _ANKLE_M = 0.08
 # Below the height of straight legs.
-_EASE_M = 0.012
+_EASE_M = 0.007
 # A leg reaches its foot exactly up to this share of its length, so the pelvis stays within it.
-_SOFT = 0.993
+_SOFT = 0.997
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ def stance(prosody: Prosody, style: Style, random: np.random.Generator) -> Stanc
     energy, openness = style.energy, style.openness
     apart = 0.085 + 0.075 * openness + random.uniform(-0.008, 0.008)
     turned = _SIDES * (0.08 + 0.16 * openness + random.normal(0.0, 0.03, 2))
-    home = np.stack([_SIDES * apart, np.full(2, _ANKLE_M), random.normal(0.0, 0.015, 2) - 0.03], -1)
+    home = np.stack([_SIDES * apart, np.full(2, _ANKLE_M), random.normal(0.0, 0.015, 2)], -1)
 
     # Weight: -1 right foot .. 1 left foot.
     times, weights = [-2.0], [random.choice((-1.0, 1.0)) * random.uniform(0.0, 0.8)]
@@ -65,7 +65,9 @@ def stance(prosody: Prosody, style: Style, random: np.random.Generator) -> Stanc
     hips[:, 1] = -0.05 * weight + 0.015 * wander[:, 2]
     bob = _bob(prosody, style, random)
     straight = STANDING_HEIGHT_M - _EASE_M - 0.008 * energy - bob
-    place[:, 1] = np.minimum(straight, _reachable(place, hips, ankles))
+    # A smooth least of the two.
+    blend = 0.002
+    place[:, 1] = -blend * np.logaddexp(-straight / blend, -_reachable(place, hips, ankles) / blend)
     heading = np.repeat(turned[:, None], len(t), 1)
     return Stance(place, hips, ankles, heading, tread, contact)
 
@@ -81,7 +83,7 @@ def _reachable(place: np.ndarray, hips: np.ndarray, ankles: np.ndarray) -> np.nd
     """The greatest pelvis height at which both ankles are within the legs' reach."""
     sockets = (euler(hips)[None] @ _HIPS[:, None, :, None])[..., 0]
     flat = (place + sockets - ankles)[..., [0, 2]]
-    reach = _SOFT * 0.998 * (_THIGH_M + _SHIN_M)
+    reach = _SOFT * 0.999 * (_THIGH_M + _SHIN_M)
     limit = ankles[..., 1] - sockets[..., 1] + np.sqrt(reach**2 - np.einsum("...i,...i->...", flat, flat))
     # A lifted foot does not carry.
     return limit.min(axis=0)

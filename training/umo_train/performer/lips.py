@@ -15,10 +15,10 @@ _WEIGHTS = {
     "mouthUpperUpLeft": 0.1,
     "mouthUpperUpRight": 0.1,
     "mouthFunnel": 0.05,
-    "mouthRollLower": -0.08,
-    "mouthRollUpper": -0.08,
-    "mouthPressLeft": -0.06,
-    "mouthPressRight": -0.06,
+    "mouthRollLower": -0.05,
+    "mouthRollUpper": -0.05,
+    "mouthPressLeft": -0.03,
+    "mouthPressRight": -0.03,
 }
 OPENING = np.array([_WEIGHTS.get(name, 0.0) for name in ARKIT])
 # Below this the lips touch.

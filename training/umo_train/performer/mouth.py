@@ -21,7 +21,7 @@ _FINE = 4
 # Standard deviations of the blur in seconds: rounding starts earlier and lasts longer than the rest.
 _BLUR_S = ((JAW, 0.034), (ROUND, 0.052), (SHAPE, 0.034))
 # Lips meet for at least two frames wherever the frames fall: half of their time together, and how long they travel.
-_CONTACT_S, _TRAVEL_S = 0.036, 0.075
+_CONTACT_S, _TRAVEL_S = 0.036, 0.07
 _STRESS_GAIN = (0.88, 1.0, 1.15)
 # Loudness scales the opening by 2 ** (dB / this).
 _DOUBLING_DB = 14.0

@@ -19,8 +19,8 @@ def perform(utterance: Utterance, style: Style, seed: int) -> dict[str, np.ndarr
     # Streams of their own, so that a change to one part leaves the others' choices alone.
     choices = np.random.default_rng(seed).spawn(6)
     stance = legs.stance(prosody, style, choices[0])
-    trunk = posture.stand(prosody, style, stance.hips, choices[1])
-    states = gestures.gesticulate(prosody, style, choices[2])
+    gestured = gestures.gesticulate(prosody, style, choices[2])
+    trunk = posture.stand(prosody, style, stance.hips, gestured, choices[1])
 
     shapes = mouth.speak(utterance, prosody, style)
     expression.feel(shapes, prosody, style, choices[3])
@@ -30,12 +30,12 @@ def perform(utterance: Utterance, style: Style, seed: int) -> dict[str, np.ndarr
 
     local = legs.solve(stance)
     local |= _trunk(trunk)
-    local |= _arms(states, trunk, local)
+    local |= _arms(gestured.states, trunk, local)
     motion = {part: np.zeros((utterance.frames, width), np.float32) for part, width in CHANNELS.items()}
     for part in ("upper", "lower"):
         joints = np.stack([local[_NAMES[joint]] for joint in JOINTS_OF[part]], 1)
         motion[part][:, : 6 * len(JOINTS_OF[part])] = rotation_6d(joints).reshape(utterance.frames, -1)
-    hands = fingers.pose(states[..., arms.FINGERS])
+    hands = fingers.pose(gestured.states[..., arms.FINGERS])
     motion["hands"][:] = rotation_6d(np.concatenate(list(hands), axis=1)).reshape(utterance.frames, -1)
     motion["face"][:, :6] = rotation_6d(about("x", JAW_OPEN * shapes[:, SHAPE["jawOpen"]]))
     motion["face"][:, 6:] = shapes

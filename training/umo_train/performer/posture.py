@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from umo_train.performer.curves import bumps, drift, hold_steps
+from umo_train.performer.arms import WRIST
+from umo_train.performer.gestures import Gestures
 from umo_train.performer.prosody import Prosody
 from umo_train.performer.style import Style
 
@@ -28,8 +30,10 @@ class Posture:
         return self.pelvis + sum(self.spine) + self.neck + self.head
 
 
-def stand(prosody: Prosody, style: Style, hips: np.ndarray, random: np.random.Generator) -> Posture:
-    """`hips` is the pelvis' own rotation, from the legs."""
+def stand(
+    prosody: Prosody, style: Style, hips: np.ndarray, gestures: Gestures, random: np.random.Generator
+) -> Posture:
+    """`hips` is the pelvis' own rotation, from the legs; the trunk goes along with the arms a little."""
     t = prosody.t
     energy, openness = style.energy, style.openness
     breath = _breath(t, random, energy)
@@ -44,6 +48,9 @@ def stand(prosody: Prosody, style: Style, hips: np.ndarray, random: np.random.Ge
     # Hips that drop to one side are righted by the spine.
     lean[:, 2] -= 0.5 * hips[:, 2]
     lean[:, 1] += 0.12 * turn[:, 1]
+    wrists = gestures.states[..., WRIST]
+    lean[:, 1] += 0.10 * (wrists[1, :, 2] - wrists[0, :, 2])
+    lean[:, 0] += 0.03 * (wrists[..., 2].mean(axis=0) - 0.05)
     spine = [lean.copy(), lean.copy(), lean.copy()]
     spine[0][:, 0] += 0.02 * slump
     spine[1][:, 0] += 0.05 * slump - 0.004 * breath
@@ -59,6 +66,12 @@ def stand(prosody: Prosody, style: Style, hips: np.ndarray, random: np.random.Ge
     collars = np.zeros((2, len(t), 2))
     collars[..., 0] = 0.014 * breath + 0.05 * max(0.0, 0.2 - openness)
     collars[..., 1] = 0.10 * slump
+    # A raised wrist takes its collar along.
+    collars[..., 0] += 0.9 * np.clip(wrists[..., 1] + 0.40, 0.0, None) ** 2 + 0.3 * gestures.shrug
+    collars[..., 1] += 0.25 * np.clip(wrists[..., 2] - 0.20, 0.0, None)
+    tilt = 0.08 * gestures.shrug * random.choice((-1.0, 1.0))
+    head[:, 2] += tilt
+    neck[:, 2] += 0.5 * tilt
     return Posture(hips, tuple(spine), neck, head, collars, breath)
 
 

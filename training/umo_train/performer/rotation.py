@@ -42,7 +42,7 @@ def two_bones(
     """
     length = np.sqrt(np.einsum("...i,...i->...", reach, reach))
     aim = reach / length[..., None]
-    longest = 0.998 * (upper + lower)
+    longest = 0.999 * (upper + lower)
     over = np.clip(length - soft * longest, 0.0, None)
     room = (1.0 - soft) * longest
     length = np.minimum(length, soft * longest) + room * (1.0 - np.exp(-over / room))
