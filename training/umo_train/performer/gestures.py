@@ -41,8 +41,8 @@ def _rests(style: Style, random: np.random.Generator) -> tuple[list[np.ndarray],
     folded = random.random() < 0.75 - 1.3 * o
     if folded:
         over, under = random.permutation(2)
-        idle[over] = state((0.075, -0.345, 0.225), twist=0.55, bend=0.2, shape="relaxed")
-        idle[under] = state((0.085, -0.385, 0.19), twist=0.4, bend=0.3, shape="relaxed")
+        idle[over] = state((0.08, -0.39, 0.185), twist=0.55, bend=0.15, shape="relaxed")
+        idle[under] = state((0.09, -0.42, 0.16), twist=0.4, bend=0.25, shape="relaxed")
     for arm in idle:
         arm[WRIST] += random.normal(0.0, 0.006 if folded else 0.012, 3)
         arm[TWIST] += random.normal(0.0, 0.1)
@@ -135,7 +135,7 @@ def gesticulate(prosody: Prosody, style: Style, random: np.random.Generator) -> 
     slow = 1.25 - 0.45 * energy
     tracks = [ArmTrack(idle[k], ready[k], slow) for k in (0, 1)]
     leading = int(random.random() < 0.75)
-    rate = 0.06 + 0.62 * style.gesture_rate
+    rate = 0.08 + 0.68 * style.gesture_rate
     both = 0.15 + 0.35 * style.openness + 0.15 * energy
     phrase = np.searchsorted(prosody.phrases[:, 0], accents, side="right")
     shrugs: list[float] = []
@@ -143,7 +143,7 @@ def gesticulate(prosody: Prosody, style: Style, random: np.random.Generator) -> 
     for k, at in enumerate(accents):
         if at < 0.3:
             continue
-        amount = (0.45 + 0.85 * energy) * random.uniform(0.75, 1.2) * prosody.weights[k]
+        amount = (0.45 + 0.75 * energy) * min(random.uniform(0.75, 1.2) * prosody.weights[k], 1.3)
         counting = 0 < counted < 3 and at - last < 1.4
         full = counting or random.random() < rate
         up = [h for h in (0, 1) if tracks[h].raised and at - tracks[h].until < 1.5]
