@@ -25,15 +25,20 @@ def plateaus(t: np.ndarray, start: np.ndarray, end: np.ndarray, rise: float, fal
     return 1.0 - out
 
 
-def path(t: np.ndarray, times: np.ndarray, values: np.ndarray, arcs: np.ndarray | None = None) -> np.ndarray:
-    """Through the rows of `values` at `times` (ascending), at rest at each; `arcs` bends a segment midway, per row."""
-    times = np.asarray(times, float)
+def path(
+    t: np.ndarray, times: np.ndarray, values: np.ndarray, rates: np.ndarray, arcs: np.ndarray | None = None
+) -> np.ndarray:
+    """Through the rows of `values` at `times` (ascending), at each with the velocity in `rates` and no acceleration:
+    minimum jerk where it is at rest. `arcs` bends the way to each row midway."""
     at = np.clip(np.searchsorted(times, t, side="right") - 1, 0, max(len(times) - 2, 0))
     after = np.minimum(at + 1, len(times) - 1)
-    s = (t - times[at]) / np.maximum(times[after] - times[at], 1e-6)
+    span = np.maximum(times[after] - times[at], 1e-6)
+    s = np.clip((t - times[at]) / span, 0.0, 1.0)
     out = values[at] + ease(s)[:, None] * (values[after] - values[at])
+    cubed = s * s * s
+    out += (span * (s - cubed * (6.0 - s * (8.0 - 3.0 * s))))[:, None] * rates[at]
+    out -= (span * cubed * (4.0 - s * (7.0 - 3.0 * s)))[:, None] * rates[after]
     if arcs is not None:
-        s = np.clip(s, 0.0, 1.0)
         out += (64.0 * (s * (1.0 - s)) ** 3)[:, None] * arcs[after]
     return out
 

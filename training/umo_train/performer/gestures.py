@@ -129,68 +129,65 @@ def _kind(style: Style, random: np.random.Generator) -> str:
 
 def gesticulate(prosody: Prosody, style: Style, random: np.random.Generator) -> Gestures:
     """Walks the accents: a gesture, a beat of hands that are up, or nothing."""
-    t, accents = prosody.t, prosody.accents
-    energy = style.energy
+    t, energy = prosody.t, style.energy
     idle, ready = _rests(style, random)
-    slow = 1.25 - 0.45 * energy
-    tracks = [ArmTrack(idle[k], ready[k], slow) for k in (0, 1)]
+    tracks = [ArmTrack(idle[k], ready[k], 1.2 - 0.4 * energy, 0.24 - 0.07 * energy) for k in (0, 1)]
     leading = int(random.random() < 0.75)
-    rate = 0.08 + 0.68 * style.gesture_rate
+    rate = 0.08 + 0.72 * style.gesture_rate
     both = 0.15 + 0.35 * style.openness + 0.15 * energy
-    phrase = np.searchsorted(prosody.phrases[:, 0], accents, side="right")
+    phrase = np.searchsorted(prosody.phrases[:, 0], prosody.accents, side="right")
     shrugs: list[float] = []
-    counted, last = 0, -9.0
-    for k, at in enumerate(accents):
-        if at < 0.3:
-            continue
-        amount = (0.45 + 0.75 * energy) * min(random.uniform(0.75, 1.2) * prosody.weights[k], 1.3)
+    counted, last, before = 0, -9.0, -1
+    for at, weight, where in zip(prosody.accents, prosody.weights, phrase, strict=True):
+        amount = (0.45 + 0.75 * energy) * min(random.uniform(0.75, 1.2) * weight, 1.3)
         counting = 0 < counted < 3 and at - last < 1.4
-        full = counting or random.random() < rate
-        up = [h for h in (0, 1) if tracks[h].raised and at - tracks[h].until < 1.5]
-        same = k > 0 and phrase[k] == phrase[k - 1]
-        hold = random.uniform(0.25, 0.6)
-        if full:
+        done = ()
+        if counting or random.random() < rate:
             kind = "count" if counting else _kind(style, random)
-            counted = counted + 1 if kind == "count" else 0
-            # "frame" and "shrug" take both hands, a count or a point one.
+            counted = (counted + 1 if counting else 1) if kind == "count" else 0
+            # A frame and a shrug take both hands, a count or a point one.
             pair = kind in ("frame", "shrug") or (kind not in ("count", "point") and random.random() < both)
             one = leading if random.random() < 0.8 or kind == "count" else 1 - leading
-            hands = (one, 1 - one) if pair else (one,)
             start, end, bow = _poses(kind, style, amount, random)
             if kind == "count":
                 start[FINGERS] = end[FINGERS] = SHAPES[_COUNTING[counted - 1]]
-            if kind == "shrug":
+            done = _strike(tracks, (one, 1 - one) if pair else (one,), at, start, end, amount, bow, random)
+            if kind == "shrug" and done:
                 shrugs.append(at)
-        elif same and up and random.random() < 0.5 + 0.4 * energy:
-            hands, bow, kind = up, 0.0, "again"
-        else:
-            continue
-        late = random.uniform(0.0, 0.12)
-        struck = False
-        for n, hand in enumerate(hands):
-            track = tracks[hand]
-            if not track.free(at):
-                continue
-            a, b = (start, end) if kind != "again" else _again(track.now, 0.5 * amount, random)
-            if n:
-                # The second hand is never quite the first's mirror image.
-                shift = random.normal(0.0, 0.012, 3)
-                a, b = a.copy(), b.copy()
-                a[WRIST] += shift
-                b[WRIST] += shift
-            stroke = max(0.235 - 0.075 * energy, 0.75 * float(np.linalg.norm(b[WRIST] - a[WRIST])))
-            track.gesture(at, a, b, stroke, hold, late, bow)
-            struck = True
-        last = at if struck else last
-        # A hand that has no part goes down.
-        for hand in {0, 1} - set(hands):
-            if kind != "again" and tracks[hand].raised and random.random() < 0.5:
-                tracks[hand].retract(0.15, ready[hand] if random.random() < 0.5 else idle[hand])
-    for hand in (0, 1):
-        tracks[hand].retract(random.uniform(0.3, 0.6), idle[hand])
-        tracks[hand].raised = True
-        tracks[hand].retract(1.2, idle[hand])
+        if not done and where == before and random.random() < 0.4 + 0.5 * energy:
+            for hand, track in enumerate(tracks):
+                if track.raised and at - track.until < 1.5:
+                    done += _strike(tracks, (hand,), at, *_again(track.now, 0.6 * amount, random), amount, 0.0, random)
+        elif done and len(done) == 1 and random.random() < 0.5:
+            # A hand that has no part goes down.
+            tracks[1 - done[0]].retract(0.15, (ready if random.random() < 0.5 else idle)[1 - done[0]])
+        if done:
+            last = at
+        before = where
+    for hand, track in enumerate(tracks):
+        track.retract(random.uniform(0.3, 0.6), idle[hand])
+        if track.now is not idle[hand]:
+            track.raised = True
+            track.retract(1.2, idle[hand])
     return Gestures(_alive(tracks, t, random), _shrug(t, shrugs, energy))
+
+
+def _strike(tracks, hands, at, start, end, amount, bow, random) -> tuple[int, ...]:
+    """The hands that had the time for it."""
+    late = random.uniform(0.08, 0.25) if random.random() < 0.2 else 0.0
+    swing = np.array([random.normal(0.0, 0.12), random.normal(0.0, 0.08), random.uniform(0.25, 0.5)]) * amount
+    done = []
+    for hand in hands:
+        a, b = start.copy(), end.copy()
+        if done:
+            # The second hand is never quite the first's mirror image.
+            shift = random.normal(0.0, 0.012, 3)
+            a[WRIST] += shift
+            b[WRIST] += shift
+        if tracks[hand].fits(at, a, b):
+            tracks[hand].gesture(at, a, b, late, swing, bow)
+            done.append(hand)
+    return tuple(done)
 
 
 def _again(now: np.ndarray, amount: float, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

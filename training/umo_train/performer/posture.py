@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from umo_train.performer.curves import bumps, drift, hold_steps
+from umo_train.performer.curves import bumps, drift, hold_steps, path
 from umo_train.performer.arms import WRIST
 from umo_train.performer.gestures import Gestures
 from umo_train.performer.prosody import Prosody
@@ -38,8 +38,11 @@ def stand(
     energy, openness = style.energy, style.openness
     breath = _breath(t, random, energy)
     slump = 0.5 - openness
-    sway = drift(random, t, 0.04, 0.16, 3) * np.array([0.010, 0.022, 0.010]) * (0.6 + 0.9 * energy)
-    turn = _turns(prosody, style, random)
+    sway = drift(random, t, 0.03, 0.12, 3) * np.array([0.006, 0.012, 0.006]) * (0.6 + 0.9 * energy)
+    rhythm = _rhythm(prosody, random)
+    sway += rhythm[:, :3] * np.array([0.007, 0.012, 0.008]) * (0.5 + 1.1 * energy)
+    turn = rhythm[:, 3:] * np.array([0.035, 0.11, 0.045]) * (0.55 + 0.8 * energy)
+    turn += _idle_turns(prosody, random) * np.array([0.05, 0.14, 0.03])
     nod = _nods(prosody, style, random)
 
     lean = np.zeros((len(t), 3))
@@ -52,9 +55,9 @@ def stand(
     lean[:, 1] += 0.10 * (wrists[1, :, 2] - wrists[0, :, 2])
     lean[:, 0] += 0.03 * (wrists[..., 2].mean(axis=0) - 0.05)
     spine = [lean.copy(), lean.copy(), lean.copy()]
-    spine[0][:, 0] += 0.02 * slump
-    spine[1][:, 0] += 0.05 * slump - 0.004 * breath
-    spine[2][:, 0] += 0.10 * slump - 0.012 * breath + 0.06 * nod
+    spine[0][:, 0] += 0.02 * slump + 0.05 * nod
+    spine[1][:, 0] += 0.05 * slump - 0.004 * breath + 0.06 * nod
+    spine[2][:, 0] += 0.10 * slump - 0.012 * breath + 0.12 * nod
 
     trunk = hips + sum(spine)
     neck = 0.4 * turn - 0.25 * trunk
@@ -82,33 +85,54 @@ def _breath(t: np.ndarray, random: np.random.Generator, energy: float) -> np.nda
     return np.sin(phase + 0.35 * np.sin(phase))
 
 
-def _turns(prosody: Prosody, style: Style, random: np.random.Generator) -> np.ndarray:
-    """Slow turns and tilts of the head, `[T, 3]`: more while talking, back to the listener at a phrase's end."""
-    times, aims = [-1.0], [np.zeros(3)]
-    size = np.array([0.045, 0.16, 0.06]) * (0.55 + 0.8 * style.energy)
+def _rhythm(prosody: Prosody, random: np.random.Generator) -> np.ndarray:
+    """`[T, 6]` of unit variance in speech: the body goes from accent to accent and turns there, and comes back to rest
+    after the phrase. The first three columns move at every accent, the others at some."""
+    times, values = [-1.0], [np.zeros(6)]
     for start, end in prosody.phrases:
-        at = start - random.uniform(0.0, 0.2)
-        while at < end - 0.4:
+        inside = prosody.accents[(prosody.accents >= start) & (prosody.accents <= end)]
+        if not len(inside):
+            continue
+        begin = max(inside[0] - 0.6, times[-1] + 0.05)
+        if begin < inside[0] - 0.2:
+            times.append(begin)
+            values.append(values[-1])
+        for at in inside:
+            if at - times[-1] < 0.25:
+                continue
+            aim = random.uniform(0.8, 1.6, 6) * random.choice((-1.0, 1.0), 6)
+            # Away from where it is, so that it does move.
+            aim[:3] = -np.copysign(aim[:3], values[-1][:3] + 1e-9 * aim[:3])
+            aim[3:] = np.where(random.random(3) < 0.55, aim[3:] * random.uniform(0.2, 1.0), values[-1][3:])
             times.append(at)
-            aims.append(random.normal(0.0, 0.6, 3) * size)
-            at += random.uniform(0.9, 2.6) / (0.7 + 0.6 * style.energy)
-        # The settle.
-        times.append(max(end - 0.15, at - 0.3))
-        aims.append(np.array([0.02, 0.0, 0.0]) + random.normal(0.0, 0.25, 3) * size)
-    at, until = times[-1] + 3.0, len(prosody.t) / 30.0
-    while at < until:
-        times.append(at)
-        aims.append(random.normal(0.0, 0.5, 3) * size)
-        at += random.uniform(2.5, 6.0)
-    seconds = np.minimum(np.diff(times, append=times[-1] + 2.0) * 0.9, random.uniform(0.5, 0.9, len(times)))
-    return hold_steps(prosody.t, np.array(times), np.array(aims), seconds)
+            values.append(aim)
+        times.append(max(times[-1] + 0.5, end + 0.25))
+        values.append(np.zeros(6))
+    values = np.array(values)
+    return path(prosody.t, np.array(times), values, np.zeros_like(values))
+
+
+def _idle_turns(prosody: Prosody, random: np.random.Generator) -> np.ndarray:
+    """`[T, 3]` of unit variance: looks around, only in long silences."""
+    times, values = [-1.0], [np.zeros(3)]
+    seconds = len(prosody.t) / 30.0
+    gaps = zip(np.append(0.0, prosody.phrases[:, 1]), np.append(prosody.phrases[:, 0], seconds), strict=True)
+    for start, end in gaps:
+        at = start + random.uniform(1.0, 2.5)
+        while at < end - 1.5:
+            times.append(at)
+            values.append(random.normal(0.0, 1.0, 3))
+            at += random.uniform(2.0, 5.0)
+        if at > start + 2.5:
+            times.append(max(times[-1] + 0.9, end - 0.6))
+            values.append(np.zeros(3))
+    return hold_steps(prosody.t, np.array(times), np.array(values), 0.8)
 
 
 def _nods(prosody: Prosody, style: Style, random: np.random.Generator) -> np.ndarray:
     """Pitch `[T]`: down at accents, with a small lift before."""
     t, accents = prosody.t, prosody.accents
-    chosen = random.random(len(accents)) < 0.55 + 0.35 * style.energy
+    chosen = random.random(len(accents)) < 0.6 + 0.35 * style.energy
     size = random.uniform(0.05, 0.11, len(accents)) * prosody.weights * (0.45 + 1.1 * style.energy) * chosen
-    rise, fall = 0.2 - 0.04 * style.energy, 0.36 - 0.08 * style.energy
-    down = bumps(t, accents, rise, fall) @ size
-    return down - 0.3 * bumps(t, accents - rise, 0.22, rise) @ size
+    down = bumps(t, accents, 0.26, 0.4) @ size
+    return down - 0.25 * bumps(t, accents - 0.26, 0.3, 0.26) @ size
