@@ -94,6 +94,13 @@ class ArmTrack:
         self._key(at + _RECOIL_S, recoil)
         self.raised = self._recoils = True
 
+    def rise(self, at: float) -> None:
+        """From idle to where the hand waits, before there is anything to stress."""
+        if self.ready is not self.idle:
+            self._key(at, self.idle)
+            self._key(at + 1.3 * self._travel(self.ready), self.ready)
+            self.raised = True
+
     def retract(self, hold_s: float, to: np.ndarray) -> None:
         """Holds, then goes back to rest."""
         if not self.raised:

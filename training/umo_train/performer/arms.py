@@ -41,7 +41,7 @@ def solve(
     shoulder = bodies @ (_COLLAR - SHOULDER_CENTRE) + bones @ _SHOULDER
     reach = (turn @ states[..., WRIST, None])[..., 0] - shoulder
     swivel = states[..., SWIVEL]
-    pole = np.stack([0.4 + swivel, np.full_like(swivel, -0.75), np.full_like(swivel, -0.7)], -1)
+    pole = np.stack([0.62 + swivel, np.full_like(swivel, -0.75), np.full_like(swivel, -0.7)], -1)
     first, second, hinge = two_bones(reach, (turn @ pole[..., None])[..., 0], UPPER_M, FORE_M)
     upper = frame(first, hinge) @ _REST_UPPER.T
     fore = frame(second, hinge) @ _REST_FORE.T

@@ -13,7 +13,7 @@ def feel(out: np.ndarray, prosody: Prosody, style: Style, random: np.random.Gene
     t = prosody.t
     strength = 0.55 + 0.6 * style.energy
     mood = 2.0 * style.mood - 1.0
-    smile, stern = max(mood, 0.0) * strength, max(-mood, 0.0) * strength
+    smile, stern = max(mood, 0.0) ** 0.7 * strength, max(-mood, 0.0) ** 0.7 * strength
     phrases = prosody.phrases
     levels = random.uniform(0.7, 1.15, len(phrases) + 1)
     level = hold_steps(t, np.concatenate([[-9.0], phrases[:, 0]]), levels[:, None], 0.4)[:, 0]

@@ -36,18 +36,18 @@ def state(wrist, swivel=0.0, twist=0.3, bend=0.1, tilt=0.0, shape="relaxed") -> 
 def _rests(style: Style, random: np.random.Generator) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Each arm's idle state, and where it waits between gestures of a lively talker."""
     o = style.openness
-    hang = state((0.225 + 0.08 * o, -0.475, 0.05), swivel=0.5 * o, twist=0.35)
+    hang = state((0.215 + 0.11 * o, -0.478 + 0.02 * o, 0.05), swivel=0.5 * o, twist=0.35)
     idle = [hang.copy(), hang.copy()]
     folded = random.random() < 0.75 - 1.3 * o
     if folded:
         over, under = random.permutation(2)
-        idle[over] = state((0.08, -0.39, 0.185), twist=0.55, bend=0.15, shape="relaxed")
-        idle[under] = state((0.09, -0.42, 0.16), twist=0.4, bend=0.25, shape="relaxed")
+        idle[over] = state((0.085, -0.385, 0.215), twist=0.55, bend=0.0, shape="relaxed")
+        idle[under] = state((0.095, -0.42, 0.19), twist=0.5, bend=0.05, shape="relaxed")
     for arm in idle:
         arm[WRIST] += random.normal(0.0, 0.006 if folded else 0.012, 3)
         arm[TWIST] += random.normal(0.0, 0.1)
         arm[FINGERS] *= random.uniform(0.8, 1.3)
-    if random.random() < style.gesture_rate and not folded:
+    if random.random() < 2.2 * style.gesture_rate - 1.0 and not folded:
         ready = [state((0.14 + 0.06 * o, -0.315, 0.23), twist=0.25, bend=0.0) for _ in range(2)]
         for arm in ready:
             arm[WRIST] += random.normal(0.0, 0.015, 3)
@@ -137,7 +137,10 @@ def gesticulate(prosody: Prosody, style: Style, random: np.random.Generator) -> 
     both = 0.15 + 0.35 * style.openness + 0.15 * energy
     phrase = np.searchsorted(prosody.phrases[:, 0], prosody.accents, side="right")
     shrugs: list[float] = []
-    counted, last, before = 0, -9.0, -1
+    counted, last, before, repeats = 0, -9.0, -1, [0, 0]
+    if len(prosody.phrases):
+        for hand, track in enumerate(tracks):
+            track.rise(float(prosody.phrases[0, 0]) - random.uniform(0.1, 0.4))
     for at, weight, where in zip(prosody.accents, prosody.weights, phrase, strict=True):
         amount = (0.45 + 0.75 * energy) * min(random.uniform(0.75, 1.2) * weight, 1.3)
         counting = 0 < counted < 3 and at - last < 1.4
@@ -152,11 +155,14 @@ def gesticulate(prosody: Prosody, style: Style, random: np.random.Generator) -> 
             if kind == "count":
                 start[FINGERS] = end[FINGERS] = SHAPES[_COUNTING[counted - 1]]
             done = _strike(tracks, (one, 1 - one) if pair else (one,), at, start, end, amount, bow, random)
+            for hand in done:
+                repeats[hand] = 0
             if kind == "shrug" and done:
                 shrugs.append(at)
         if not done and where == before and random.random() < 0.4 + 0.5 * energy:
             for hand, track in enumerate(tracks):
-                if track.raised and at - track.until < 1.5:
+                if track.raised and at - track.until < 1.5 and repeats[hand] < 2:
+                    repeats[hand] += 1
                     done += _strike(tracks, (hand,), at, *_again(track.now, 0.6 * amount, random), amount, 0.0, random)
         elif done and len(done) == 1 and random.random() < 0.5:
             # A hand that has no part goes down.

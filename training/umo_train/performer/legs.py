@@ -38,7 +38,7 @@ def stance(prosody: Prosody, style: Style, random: np.random.Generator) -> Stanc
     t = prosody.t
     seconds = len(t) / 30.0
     energy, openness = style.energy, style.openness
-    apart = 0.085 + 0.075 * openness + random.uniform(-0.008, 0.008)
+    apart = 0.08 + 0.09 * openness + random.uniform(-0.008, 0.008)
     turned = _SIDES * (0.08 + 0.16 * openness + random.normal(0.0, 0.03, 2))
     home = np.stack([_SIDES * apart, np.full(2, _ANKLE_M), random.normal(0.0, 0.015, 2)], -1)
 

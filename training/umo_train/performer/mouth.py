@@ -33,7 +33,7 @@ def speak(utterance: Utterance, prosody: Prosody, style: Style) -> np.ndarray:
     """`[T, 52]`, of which only mouth and jaw are set."""
     t = prosody.t
     mouth = _coarticulate(utterance)
-    gain = _opening_gain(prosody) * (0.86 + 0.28 * style.energy)
+    gain = _opening_gain(prosody) * (0.84 + 0.32 * style.energy)
     shut = _contacts(utterance, t, "pbm", 0.45)
     bite = _contacts(utterance, t, "fv", 0.5) * (1.0 - shut)
     idle = _silences(utterance, prosody)

@@ -46,7 +46,7 @@ def stand(
     nod = _nods(prosody, style, random)
 
     lean = np.zeros((len(t), 3))
-    lean[:, 0] = 0.05 * slump + 0.02 * (energy - 0.4)
+    lean[:, 0] = 0.05 * slump + 0.05 * (energy - 0.4)
     lean += sway
     # Hips that drop to one side are righted by the spine.
     lean[:, 2] -= 0.5 * hips[:, 2]
@@ -64,10 +64,10 @@ def stand(
     neck[:, 0] += 0.4 * nod + 0.06 * slump
     head = 0.6 * turn - 0.45 * trunk
     # Stern brows lower the head, a shy one hangs.
-    head[:, 0] += 0.6 * nod + 0.10 * max(0.0, 0.35 - style.mood) + 0.35 * max(0.0, 0.25 - openness) * style.mood
+    head[:, 0] += 0.6 * nod + 0.10 * max(0.0, 0.35 - style.mood) + 0.8 * max(0.0, 0.25 - openness) * style.mood
     head[:, 0] -= 0.06 * slump
     collars = np.zeros((2, len(t), 2))
-    collars[..., 0] = 0.014 * breath + 0.05 * max(0.0, 0.2 - openness)
+    collars[..., 0] = 0.014 * breath + 0.35 * max(0.0, 0.2 - openness)
     collars[..., 1] = 0.10 * slump
     # A raised wrist takes its collar along.
     collars[..., 0] += 0.9 * np.clip(wrists[..., 1] + 0.40, 0.0, None) ** 2 + 0.3 * gestures.shrug
