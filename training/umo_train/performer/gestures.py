@@ -38,7 +38,7 @@ def _rests(style: Style, random: np.random.Generator) -> tuple[list[np.ndarray],
     o = style.openness
     hang = state((0.215 + 0.11 * o, -0.478 + 0.02 * o, 0.05), swivel=0.5 * o, twist=0.35)
     idle = [hang.copy(), hang.copy()]
-    folded = random.random() < 0.75 - 1.3 * o
+    folded = random.random() < 4.5 * (0.32 - o)
     if folded:
         over, under = random.permutation(2)
         idle[over] = state((0.085, -0.385, 0.215), twist=0.55, bend=0.0, shape="relaxed")
@@ -47,7 +47,7 @@ def _rests(style: Style, random: np.random.Generator) -> tuple[list[np.ndarray],
         arm[WRIST] += random.normal(0.0, 0.006 if folded else 0.012, 3)
         arm[TWIST] += random.normal(0.0, 0.1)
         arm[FINGERS] *= random.uniform(0.8, 1.3)
-    if random.random() < 2.2 * style.gesture_rate - 1.0 and not folded:
+    if random.random() < 4.0 * (style.gesture_rate - 0.6) and not folded:
         ready = [state((0.14 + 0.06 * o, -0.315, 0.23), twist=0.25, bend=0.0) for _ in range(2)]
         for arm in ready:
             arm[WRIST] += random.normal(0.0, 0.015, 3)
@@ -106,6 +106,9 @@ def _poses(kind: str, style: Style, size: float, random: np.random.Generator) ->
         start = state((0.24 + out, -0.35, 0.2), twist=-0.4, bend=0.1)
     else:
         raise KeyError(kind)
+    # Not before the face.
+    for pose in (start, end):
+        pose[WRIST.start + 1] = min(pose[WRIST.start + 1], -0.05)
     return start, end, bow
 
 
@@ -200,6 +203,7 @@ def _again(now: np.ndarray, amount: float, random: np.random.Generator) -> tuple
     """A small beat where the hand is."""
     up, down = now.copy(), now.copy()
     up[WRIST] += np.array([0.01, 0.1, -0.02]) * amount
+    up[WRIST.start + 1] = min(up[WRIST.start + 1], -0.04)
     up[BEND] -= 0.25
     down[WRIST] += random.normal(0.0, 0.012, 3)
     return up, down

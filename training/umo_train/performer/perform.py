@@ -31,13 +31,13 @@ def perform(utterance: Utterance, style: Style, seed: int) -> dict[str, np.ndarr
     local = legs.solve(stance)
     local |= _trunk(trunk)
     local |= _arms(gestured.states, trunk, local)
+    joints = {part: np.stack([local[_NAMES[j]] for j in JOINTS_OF[part]], 1) for part in ("upper", "lower")}
+    joints["hands"] = np.concatenate(list(fingers.pose(gestured.states[..., arms.FINGERS])), axis=1)
+    joints["face"] = about("x", JAW_OPEN * shapes[:, None, SHAPE["jawOpen"]])
     motion = {part: np.zeros((utterance.frames, width), np.float32) for part, width in CHANNELS.items()}
-    for part in ("upper", "lower"):
-        joints = np.stack([local[_NAMES[joint]] for joint in JOINTS_OF[part]], 1)
-        motion[part][:, : 6 * len(JOINTS_OF[part])] = rotation_6d(joints).reshape(utterance.frames, -1)
-    hands = fingers.pose(gestured.states[..., arms.FINGERS])
-    motion["hands"][:] = rotation_6d(np.concatenate(list(hands), axis=1)).reshape(utterance.frames, -1)
-    motion["face"][:, :6] = rotation_6d(about("x", JAW_OPEN * shapes[:, SHAPE["jawOpen"]]))
+    for part, matrices in joints.items():
+        width = 6 * len(JOINTS_OF[part])
+        motion[part][:, :width] = rotation_6d(matrices).reshape(utterance.frames, width)
     motion["face"][:, 6:] = shapes
     # Frame i + 1 is where frame i's velocity leads.
     motion["lower"][:, VELOCITY] = FRAME_RATE * np.diff(stance.place, axis=0, append=stance.place[-1:])
