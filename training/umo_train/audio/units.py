@@ -1,0 +1,44 @@
+"""Audio units: k-means of features, mini-batches on any device."""
+
+import torch
+from torch import Tensor
+from tqdm import tqdm
+
+
+def nearest(rows: Tensor, centroids: Tensor) -> Tensor:
+    """Index of each row's nearest centroid."""
+    return (centroids.pow(2).sum(1) - 2 * rows @ centroids.T).argmin(1)
+
+
+def kmeans(rows: Tensor, units: int, steps: int, seed: int) -> Tensor:
+    """`units` centroids of `[n, width]`: k-means++ on a sample, then Lloyd's steps; empty ones restart at the rows
+    farthest from theirs."""
+    generator = torch.Generator().manual_seed(seed)
+    centroids = _plus_plus(rows[torch.randperm(len(rows), generator=generator)[: 40 * units]], units, generator)
+    norms = rows.pow(2).sum(1)
+    for _ in tqdm(range(steps), "k-means"):
+        sums, counts = torch.zeros_like(centroids), torch.zeros(units)
+        farthest = []
+        for part, norm in zip(rows.split(1 << 16), norms.split(1 << 16), strict=True):
+            distances = centroids.pow(2).sum(1) - 2 * part @ centroids.T
+            least, index = distances.min(1)
+            sums.index_add_(0, index, part)
+            counts += torch.bincount(index, minlength=units)
+            worst = (least + norm).topk(2).indices
+            farthest.append(part[worst])
+        centroids = torch.where(counts[:, None] > 0, sums / counts.clamp(min=1)[:, None], centroids)
+        empty = (counts == 0).nonzero()[:, 0]
+        if len(empty):
+            spare = torch.cat(farthest)
+            centroids[empty] = spare[torch.randint(len(spare), (len(empty),), generator=generator)]
+    return centroids
+
+
+def _plus_plus(rows: Tensor, units: int, generator: torch.Generator) -> Tensor:
+    chosen = [rows[0]]
+    distances = (rows - chosen[0]).pow(2).sum(1)
+    for _ in range(units - 1):
+        pick = torch.multinomial(distances / distances.sum(), 1, generator=generator)[0]
+        chosen.append(rows[pick])
+        distances = torch.minimum(distances, (rows - rows[pick]).pow(2).sum(1))
+    return torch.stack(chosen)

@@ -1,0 +1,42 @@
+"""Writes a trained model as the file that umo reads (SPEC 3)."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors.torch import save_file
+from torch import Tensor
+
+from umo_train.skeleton import PARTS
+
+
+def tensors(
+    audio: dict[str, Tensor],
+    language: dict[str, Tensor],
+    interpolation: dict[str, Tensor],
+    motion: dict[str, dict[str, Tensor]],
+    text: bytes | None,
+    dtype: torch.dtype,
+) -> dict[str, Tensor]:
+    """Every tensor under its name; matrices in `dtype`, what decides nearest neighbours and routes in f32."""
+    out = {name: tensor.float() for name, tensor in audio.items()}
+    for name, tensor in language.items():
+        out[f"lm.{name}"] = tensor.float() if "router" in name or "relative" in name else tensor.to(dtype)
+    out |= {f"interp.{name}": tensor.to(dtype) for name, tensor in interpolation.items()}
+    for part in (*PARTS, "root"):
+        for name, tensor in motion[part].items():
+            out[f"vq.{part}.{name}"] = tensor.float() if "quantizer" in name else tensor.to(dtype)
+    out = {name: tensor.detach().contiguous().clone() for name, tensor in out.items()}
+    if text is not None:
+        out["text.tokenizer"] = torch.frombuffer(bytearray(text), dtype=torch.uint8)
+    return out
+
+
+def write(path: Path, config: dict[str, Any], named: dict[str, Tensor]) -> None:
+    """By renaming: a file that exists is whole."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_suffix(".part")
+    about = {"format": "umo", "version": "1", "config": json.dumps(config, separators=(",", ":"))}
+    save_file(named, part, metadata=about)
+    part.rename(path)

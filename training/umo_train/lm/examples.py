@@ -1,0 +1,196 @@
+"""Examples of every task (paper 3.4): what the encoder reads and what the decoder says, as token ids."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from umo_train.skeleton import PARTS
+
+Config = dict[str, Any]
+
+
+@dataclass
+class Stream:
+    """One item as codes and units. `codes` are `[4, frames]`, `units` `[recordings, tokens]`."""
+
+    codes: np.ndarray
+    units: np.ndarray
+    # Ids of the transcript and of the style's prompt.
+    text: np.ndarray
+    prompt: np.ndarray
+
+
+@dataclass
+class Batch:
+    """`[b, n]` ids and which count; `[b, m]` labels, -100 where nothing is asked."""
+
+    ids: np.ndarray
+    mask: np.ndarray | None
+    labels: np.ndarray
+
+
+class Examples:
+    """Draws batches of a task; every example of a batch has the same shape but for free text."""
+
+    # Of a stage-2 example: history cut short, codes of it replaced, the face's history hidden.
+    SHORT, NOISY, HIDDEN, REPLACED = 0.12, 0.3, 0.25, 0.12
+
+    def __init__(self, config: Config, streams: list[Stream], silence: int, *, augment: bool = True) -> None:
+        self.config, self.streams, self.silence, self.augment = config, streams, silence, augment
+        self.vocab: Config = config["vocab"]
+        self.first = np.array([self.vocab[part]["first"] for part in PARTS])
+        self.rest = np.array([config["rest"][part] for part in PARTS])
+        self.stride, self.prefix = config["keyframe_stride"], config["prefix"]
+        rate = config["audio"]["token_rate"]
+        # A keyframe's audio tokens; the config holds only for whole ones.
+        self.tokens = self.stride * rate // config["frame_rate"]
+        lengths = np.array([stream.codes.shape[1] for stream in streams], float)
+        self.chance = lengths / lengths.sum()
+
+    def _streams(self, count: int, rng: np.random.Generator) -> list[Stream]:
+        return [self.streams[i] for i in rng.choice(len(self.streams), count, p=self.chance)]
+
+    def _units(self, stream: Stream, first: int, count: int, rng: np.random.Generator) -> np.ndarray:
+        """Audio ids with markers; before the first token and after the last is silence."""
+        recording = rng.integers(len(stream.units)) if self.augment else 0
+        units = _slice(stream.units[recording], first, count, self.silence)
+        audio = self.vocab["audio"]
+        return np.concatenate([[audio["start"]], audio["first"] + units, [audio["end"]]])
+
+    def _part(self, part: int, codes: np.ndarray) -> np.ndarray:
+        name = self.vocab[PARTS[part]]
+        ids = np.where(codes < 0, name["mask"], name["first"] + codes)
+        return np.concatenate([[name["start"]], ids, [name["end"]]])
+
+    def _fill(self, template: str, audio: np.ndarray | None, text: np.ndarray, parts: list[np.ndarray]) -> np.ndarray:
+        """The template's ids with everything in its place."""
+        places = {"audio": audio, "text": text} | dict(zip(PARTS, parts, strict=True))
+        out = [
+            np.asarray([entry]) if isinstance(entry, int) else places[entry]
+            for entry in self.config["templates"][template]
+        ]
+        return np.concatenate(out)
+
+    def chunk(self, count: int, target: int, rng: np.random.Generator, *, text: bool = False) -> Batch:
+        """Audio to motion, a chunk of `target` keyframes after the prefix (stage 2)."""
+        inputs, labels = [], []
+        for stream in self._streams(count, rng):
+            keys = stream.codes[:, :: self.stride]
+            at = int(rng.integers(0, max(keys.shape[1] - target, 1)))
+            inputs.append(self._chunk_input(stream, keys, at, target, text, rng))
+            labels.append(self._chunk_labels(keys, at, target))
+        return _stack(inputs, labels)
+
+    def _chunk_input(
+        self, stream: Stream, keys: np.ndarray, at: int, target: int, text: bool, rng: np.random.Generator
+    ) -> np.ndarray:
+        first = at - self.prefix
+        history = np.stack([_slice(keys[p], first, self.prefix, self.rest[p]) for p in range(4)])
+        audio = self._units(stream, first * self.tokens, (self.prefix + target) * self.tokens, rng)
+        if self.augment:
+            if rng.random() < self.SHORT:
+                kept = int(rng.integers(0, self.prefix))
+                history[:, : self.prefix - kept] = self.rest[:, None]
+                audio[1 : 1 + (self.prefix - kept) * self.tokens] = self.vocab["audio"]["first"] + self.silence
+            if rng.random() < self.NOISY:
+                replaced = rng.random(history.shape) < self.REPLACED
+                history = np.where(replaced, rng.integers(0, self.vocab["face"]["codes"], history.shape), history)
+            if rng.random() < self.HIDDEN:
+                history[0] = -1
+        parts = [self._part(p, history[p]) for p in range(4)]
+        template = "audio_to_motion_with_text" if text else "audio_to_motion"
+        return self._fill(template, audio, stream.prompt, parts)
+
+    def _chunk_labels(self, keys: np.ndarray, at: int, target: int) -> np.ndarray:
+        """All parts; beyond the item's end nothing is asked."""
+        out = []
+        for part in range(4):
+            name = self.vocab[PARTS[part]]
+            codes = _slice(keys[part], at, target, -1)
+            out += [[name["start"]], np.where(codes < 0, -100, name["first"] + codes), [name["end"]]]
+        return np.concatenate(out)
+
+    def part_level(self, count: int, target: int, rng: np.random.Generator) -> Batch:
+        """One part of a chunk, with the chunk's other parts given (stage 2)."""
+        inputs, labels = [], []
+        wanted = int(rng.integers(4))
+        name = self.vocab[PARTS[wanted]]
+        for stream in self._streams(count, rng):
+            keys = stream.codes[:, :: self.stride]
+            at = int(rng.integers(0, max(keys.shape[1] - target, 1)))
+            first = at - self.prefix
+            audio = self._units(stream, first * self.tokens, (self.prefix + target) * self.tokens, rng)
+            parts = []
+            for part in range(4):
+                length = self.prefix if part == wanted else self.prefix + target
+                parts.append(self._part(part, _slice(keys[part], first, length, self.rest[part])))
+            inputs.append(self._fill("audio_to_motion", audio, stream.prompt, parts))
+            codes = _slice(keys[wanted], at, target, -1)
+            ids = np.where(codes < 0, -100, name["first"] + codes)
+            labels.append(np.concatenate([[name["start"]], ids, [name["end"]]]))
+        return _stack(inputs, labels)
+
+    def dense(self, count: int, frames: int, rng: np.random.Generator, *, source: str) -> Batch:
+        """Every frame of a window, from audio (`a2m`) or from text (`t2m`), after a short prefix (stage 1)."""
+        inputs, labels = [], []
+        for stream in self._streams(count, rng):
+            length = stream.codes.shape[1]
+            at = int(rng.integers(0, max((length - frames) // self.stride, 1))) * self.stride
+            before = [_slice(stream.codes[p], at - self.prefix, self.prefix, self.rest[p]) for p in range(4)]
+            parts = [self._part(p, before[p]) for p in range(4)]
+            if source == "audio":
+                count_tokens = frames * self.tokens // self.stride
+                audio = self._units(stream, at * self.tokens // self.stride, count_tokens, rng)
+                inputs.append(self._fill("audio_to_motion", audio, stream.prompt, parts))
+            else:
+                inputs.append(self._fill("text_to_motion", None, stream.prompt, parts))
+            labels.append(self._chunk_labels(stream.codes, at, frames))
+        return _stack(inputs, labels)
+
+    def motion(self, count: int, target: int, rng: np.random.Generator) -> Batch:
+        """Keyframe motion modelling: keyframes hidden at random among those of a window, all asked (pre-training)."""
+        inputs, labels = [], []
+        for stream in self._streams(count, rng):
+            keys = stream.codes[:, :: self.stride]
+            at = int(rng.integers(0, max(keys.shape[1] - target, 1)))
+            seen = np.stack([_slice(keys[p], at, target, self.rest[p]) for p in range(4)])
+            seen = np.where(rng.random(seen.shape) < rng.uniform(0.2, 0.8), -1, seen)
+            parts = [self._part(p, seen[p]) for p in range(4)]
+            inputs.append(self._fill("text_to_motion", None, stream.prompt, parts))
+            labels.append(self._chunk_labels(keys, at, target))
+        return _stack(inputs, labels)
+
+    def speech(self, count: int, seconds: float, rng: np.random.Generator, *, to: str) -> Batch:
+        """Audio to text or text to audio of an item's beginning (pre-training)."""
+        tokens = int(seconds * self.config["audio"]["token_rate"])
+        inputs, labels = [], []
+        for stream in self._streams(count, rng):
+            audio = self._units(stream, 0, tokens, rng)
+            share = min(1.0, tokens / stream.units.shape[1])
+            text = np.concatenate([stream.text[: max(1, int(len(stream.text) * share))], [self.vocab["eos"]]])
+            inputs.append(np.concatenate([audio, [self.vocab["eos"]]]) if to == "text" else text)
+            labels.append(text if to == "text" else audio)
+        return _stack(inputs, labels)
+
+
+def _slice(row: np.ndarray, first: int, count: int, fill: int) -> np.ndarray:
+    """`row[first : first + count]`, `fill` outside of it."""
+    out = np.full(count, fill, np.int64)
+    low, high = max(first, 0), min(first + count, len(row))
+    if high > low:
+        out[low - first : high - first] = row[low:high]
+    return out
+
+
+def _stack(inputs: list[np.ndarray], labels: list[np.ndarray]) -> Batch:
+    longest = max(map(len, inputs))
+    ids = np.zeros((len(inputs), longest), np.int64)
+    mask = np.zeros(ids.shape, bool)
+    for row, (values, kept) in zip(inputs, zip(ids, mask, strict=True), strict=True):
+        kept[: len(row)] = True
+        values[: len(row)] = row
+    asked = np.full((len(labels), max(map(len, labels))), -100, np.int64)
+    for row, values in zip(labels, asked, strict=True):
+        values[: len(row)] = row
+    return Batch(ids, None if mask.all() else mask, asked)

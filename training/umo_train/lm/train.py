@@ -1,0 +1,198 @@
+"""The three stages of the language model (paper 3.4) on one or many devices."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from accelerate import Accelerator
+from torch import Tensor
+from tqdm import tqdm
+
+from umo_train.lm import moe
+from umo_train.lm.examples import Batch, Examples
+from umo_train.lm.model import LanguageModel
+from umo_train.log import Log
+from umo_train.state import Saved
+
+Config = dict[str, Any]
+Draw = Callable[[np.random.Generator], Batch]
+
+
+@dataclass(frozen=True)
+class StagePlan:
+    """`tasks` are names to sample counts n in p(t) = n^tau / sum n^tau; `balance` is the paper's lambda."""
+
+    name: str
+    steps: int
+    tasks: dict[str, float]
+    rate: float
+    batch: int = 64
+    balance: float = 0.01
+    tau: float = 0.5
+    # Of stage 1: frames of a window. Of stage 2: keyframes of a chunk, drawn from these.
+    dense_frames: int = 120
+    targets: tuple[int, ...] = (5,)
+    dense: bool = False
+    warmup: int = 200
+    final_rate: float = 0.05
+    seed: int = 0
+    betas: tuple[float, float] = (0.9, 0.99)
+    decay: float = 0.05
+    save_every: int = 250
+    bf16: bool = True
+    extra: dict[str, Any] = field(default_factory=dict)
+
+
+class Master(torch.optim.Optimizer):
+    """AdamW on f32 copies of a bf16 model's weights: steps too small for bf16 add up in the copies."""
+
+    def __init__(self, model: torch.nn.Module, rate: float, betas: tuple[float, float], decay: float) -> None:
+        self.model = [p for p in model.parameters() if p.requires_grad]
+        self.copies = [p.detach().float().clone().requires_grad_() for p in self.model]
+        super().__init__(self.copies, {"lr": rate})
+        matrices = [p for p in self.copies if p.ndim > 1]
+        vectors = [p for p in self.copies if p.ndim <= 1]
+        groups = [{"params": matrices, "weight_decay": decay}, {"params": vectors, "weight_decay": 0.0}]
+        self.adam = torch.optim.AdamW([g for g in groups if g["params"]], rate, betas, fused=True)
+        self.param_groups = self.adam.param_groups
+
+    @torch.no_grad()
+    def step(self, closure: None = None) -> None:
+        for half, copy in zip(self.model, self.copies, strict=True):
+            copy.grad = None if half.grad is None else half.grad.float()
+            half.grad = None
+        torch.nn.utils.clip_grad_norm_(self.copies, 1.0)
+        self.adam.step()
+        torch._foreach_copy_(self.model, self.copies)
+
+    def state_dict(self) -> dict[str, Any]:
+        return {"adam": self.adam.state_dict(), "copies": [c.detach() for c in self.copies]}
+
+    @torch.no_grad()
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        self.adam.load_state_dict(state["adam"])
+        self.param_groups = self.adam.param_groups
+        for copy, half, saved in zip(self.copies, self.model, state["copies"], strict=True):
+            copy.copy_(saved)
+            half.copy_(saved)
+
+
+def task_chances(tasks: dict[str, float], tau: float) -> dict[str, float]:
+    """The temperature mixture of equation (task_mixture)."""
+    powers = {name: count**tau for name, count in tasks.items() if count > 0}
+    return {name: power / sum(powers.values()) for name, power in powers.items()}
+
+
+def draws(plan: StagePlan, examples: Examples) -> dict[str, Draw]:
+    """How each task's batches are made."""
+    b = plan.batch
+
+    def target(rng: np.random.Generator) -> int:
+        return int(rng.choice(plan.targets))
+
+    dense = plan.dense_frames
+    # A dense window has many more labels than a chunk: fewer examples make a batch.
+    few = max(4, b * 20 // max(4 * dense, 20))
+    return {
+        "motion": lambda rng: examples.motion(b, examples.prefix, rng),
+        "a2t": lambda rng: examples.speech(max(4, b // 2), 3.0, rng, to="text"),
+        "t2a": lambda rng: examples.speech(max(4, b // 4), 3.0, rng, to="audio"),
+        "a2m_dense": lambda rng: examples.dense(few, dense, rng, source="audio"),
+        "t2m_dense": lambda rng: examples.dense(few, dense, rng, source="text"),
+        "a2m": lambda rng: examples.chunk(b, target(rng), rng),
+        "a2m_prompted": lambda rng: examples.chunk(b, target(rng), rng, text=True),
+        "part": lambda rng: examples.part_level(b, target(rng), rng),
+    }
+
+
+def loss_of(model: LanguageModel, batch: Batch, device: torch.device) -> tuple[Tensor, Tensor, Tensor]:
+    """Cross-entropy of the labels asked for, the logits `[b, m, vocab]` and the labels."""
+    labels = torch.from_numpy(batch.labels).to(device)
+    start = torch.full_like(labels[:, :1], model.vocab["decoder_start"])
+    said = torch.cat([start, labels[:, :-1].clamp(min=0)], 1)
+    mask = None if batch.mask is None else torch.from_numpy(batch.mask).to(device)
+    logits = model(torch.from_numpy(batch.ids).to(device), said, mask)
+    loss = torch.nn.functional.cross_entropy(logits.float().flatten(0, 1), labels.flatten(), ignore_index=-100)
+    return loss, logits, labels
+
+
+def rate_at(step: int, plan: StagePlan) -> float:
+    """A linear warm-up, then a cosine."""
+    share = min(1.0, step / max(plan.steps, 1))
+    cosine = plan.final_rate + (1 - plan.final_rate) * 0.5 * (1 + np.cos(np.pi * share))
+    return min(1.0, (step + 1) / max(plan.warmup, 1)) * cosine
+
+
+def train_stage(
+    plan: StagePlan, model: LanguageModel, examples: Examples, held_out: Examples, folder: Path
+) -> LanguageModel:
+    """Trains `model` in place from wherever the stage's checkpoint stands."""
+    accelerator = Accelerator()
+    torch.manual_seed(plan.seed)
+    if plan.bf16:
+        model = model.to(torch.bfloat16)
+    model = accelerator.prepare_model(model)
+    plain = accelerator.unwrap_model(model)
+    optimizer = Master(plain, plan.rate, plan.betas, plan.decay)
+    saved = Saved(folder / f"lm_{plan.name}.pt", optimizer=optimizer)
+    start = saved.load()
+    log = Log(folder / f"lm_{plan.name}.csv", start)
+    chances = task_chances(plan.tasks, plan.tau)
+    drawing, names = draws(plan, examples), list(chances)
+    bar = tqdm(range(start, plan.steps), f"lm {plan.name}", initial=start, total=plan.steps)
+    for step in bar:
+        # Each step and device draws from a stream of its own, so that a resumed run sees what it would have seen.
+        rng = np.random.default_rng((plan.seed, step, accelerator.process_index))
+        task = names[int(np.random.default_rng((plan.seed, step)).choice(len(names), p=list(chances.values())))]
+        for group in optimizer.param_groups:
+            group["lr"] = plan.rate * rate_at(step, plan)
+        loss, logits, labels = loss_of(model, drawing[task](rng), accelerator.device)
+        total = loss + plan.balance * moe.balance(plain) if plan.balance > 0 else loss
+        accelerator.backward(total)
+        optimizer.step()
+        values = {f"loss_{task}": loss.item()} | _experts(plain)
+        if task.startswith("a2m"):
+            values["accuracy"] = _accuracy(logits, labels)
+        log.add(step, values)
+        bar.set_postfix(task=task, loss=f"{loss.item():.3f}")
+        if (step + 1) % plan.save_every == 0 or step + 1 == plan.steps:
+            if accelerator.is_main_process:
+                saved.save(step + 1)
+            log.add(step, {f"held_out_{k}": v for k, v in evaluate(plain, held_out, plan).items()})
+    return plain
+
+
+def _experts(model: LanguageModel) -> dict[str, float]:
+    """Per layer, the share of rows whose first choice is the most used expert."""
+    out = {}
+    for i, layer in enumerate(moe.layers(model)):
+        if layer.first_choices is not None:
+            counts = layer.first_choices.float()
+            out[f"top1_layer{i}"] = float(counts.max() / counts.sum())
+            out[f"used_layer{i}"] = float((counts > 0).float().mean())
+    return out
+
+
+def _accuracy(logits: Tensor, labels: Tensor) -> float:
+    asked = labels != -100
+    return float((logits.argmax(-1)[asked] == labels[asked]).float().mean())
+
+
+@torch.no_grad()
+def evaluate(model: LanguageModel, examples: Examples, plan: StagePlan, batches: int = 4) -> dict[str, float]:
+    """Accuracy of each part's codes, teacher forcing, on held-out items."""
+    device = next(model.parameters()).device
+    sums: dict[str, list[float]] = {}
+    for i in range(batches):
+        rng = np.random.default_rng((plan.seed, 1_000_000 + i))
+        loss, logits, labels = loss_of(model, examples.chunk(plan.batch, 5, rng), device)
+        sums.setdefault("loss", []).append(loss.item())
+        for part in ("face", "hands", "upper", "lower"):
+            name = model.vocab[part]
+            codes = (labels >= name["first"]) & (labels < name["first"] + name["codes"])
+            right = logits[..., name["first"] : name["first"] + name["codes"]].argmax(-1) + name["first"] == labels
+            sums.setdefault(part, []).append(float(right[codes].float().mean()))
+    return {name: float(np.mean(values)) for name, values in sums.items()}
