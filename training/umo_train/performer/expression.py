@@ -9,7 +9,7 @@ from umo_train.skeleton import SHAPE
 
 
 def feel(out: np.ndarray, prosody: Prosody, style: Style, random: np.random.Generator) -> None:
-    """Adds mood and accents to the speaking mouth. The mouth's mood changes as a phrase starts, so pauses stay still."""
+    """Adds mood and accents to the speaking mouth. A mouth's mood changes as a phrase starts, so pauses stay still."""
     t = prosody.t
     strength = 0.55 + 0.6 * style.energy
     mood = 2.0 * style.mood - 1.0
@@ -32,18 +32,19 @@ def feel(out: np.ndarray, prosody: Prosody, style: Style, random: np.random.Gene
     for k, side in enumerate(("Left", "Right")):
         skew = 1.0 + (uneven[k] if k else -uneven[0])
 
-        def add(name: str, value: np.ndarray | float) -> None:
+        changes = {
+            "mouthSmile": 0.55 * warm * skew,
+            "mouthDimple": 0.12 * warm,
+            "mouthFrown": 0.4 * cold * skew,
+            "mouthPress": 0.15 * cold,
+            "cheekSquint": 0.5 * warm + 0.25 * out[:, SHAPE["mouthSmile" + side]],
+            "eyeSquint": 0.2 * warm + 0.3 * cold + np.clip(0.03 + alive[:, 0], 0.0, None),
+            "eyeWide": 0.3 * raised + 0.12 * max(style.energy - 0.5, 0.0),
+            "browDown": np.clip(0.55 * cold + alive[:, 1] - 0.5 * raised, 0.0, None),
+            "browOuterUp": np.clip((0.8 * raised * skew + 0.1 * smile + alive[:, 2]), 0.0, None),
+            "noseSneer": 0.12 * cold,
+        }
+        for name, value in changes.items():
             out[:, SHAPE[name + side]] += value
-
-        add("mouthSmile", 0.55 * warm * skew)
-        add("mouthDimple", 0.12 * warm)
-        add("mouthFrown", 0.4 * cold * skew)
-        add("mouthPress", 0.15 * cold)
-        add("cheekSquint", 0.5 * warm + 0.25 * out[:, SHAPE["mouthSmile" + side]])
-        add("eyeSquint", 0.2 * warm + 0.3 * cold + np.clip(0.03 + alive[:, 0], 0.0, None))
-        add("eyeWide", 0.3 * raised + 0.12 * max(style.energy - 0.5, 0.0))
-        add("browDown", np.clip(0.55 * cold + alive[:, 1] - 0.5 * raised, 0.0, None))
-        add("browOuterUp", np.clip((0.8 * raised * skew + 0.1 * smile + alive[:, 2]), 0.0, None))
-        add("noseSneer", 0.12 * cold)
     shy = max(0.0, 0.3 - style.openness)
     out[:, SHAPE["browInnerUp"]] += np.clip(raised * 0.9 + 0.1 * smile + 0.8 * shy + alive[:, 1], 0.0, None)

@@ -11,7 +11,7 @@ from umo_train.skeleton import SHAPE
 _FULL_LOOK = 0.52
 
 
-def blink(out: np.ndarray, prosody: Prosody, style: Style, random: np.random.Generator) -> None:
+def blink(out: np.ndarray, prosody: Prosody, random: np.random.Generator) -> None:
     """Lids: every 2 to 6 s and at phrase ends, 6 frames each."""
     t = prosody.t
     gaps = random.uniform(2.0, 6.0, len(t) // 60 + 2)
@@ -28,9 +28,7 @@ def blink(out: np.ndarray, prosody: Prosody, style: Style, random: np.random.Gen
             out[:, SHAPE[other + side]] *= 1.0 - 0.8 * lids
 
 
-def look(
-    out: np.ndarray, prosody: Prosody, style: Style, head: np.ndarray, random: np.random.Generator
-) -> None:
+def look(out: np.ndarray, prosody: Prosody, style: Style, head: np.ndarray, random: np.random.Generator) -> None:
     """Gaze: held on the listener while the head (`[T, 3]` pitch, yaw, roll) moves, away when a phrase starts."""
     times, aims = [-1.0], [np.zeros(2)]
     away = 0.45 + 0.4 * (0.5 - style.openness)

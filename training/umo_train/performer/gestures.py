@@ -25,7 +25,9 @@ class Gestures:
     shrug: np.ndarray
 
 
-def state(wrist, swivel=0.0, twist=0.3, bend=0.1, tilt=0.0, shape="relaxed") -> np.ndarray:
+def state(
+    wrist: tuple[float, float, float], swivel=0.0, twist=0.3, bend=0.1, tilt=0.0, shape: str = "relaxed"
+) -> np.ndarray:
     """One arm's state from readable values."""
     out = np.empty(STATE)
     out[WRIST], out[SWIVEL], out[TWIST], out[BEND], out[TILT] = wrist, swivel, twist, bend, tilt
@@ -142,7 +144,7 @@ def gesticulate(prosody: Prosody, style: Style, random: np.random.Generator) -> 
     shrugs: list[float] = []
     counted, last, before, repeats = 0, -9.0, -1, [0, 0]
     if len(prosody.phrases):
-        for hand, track in enumerate(tracks):
+        for track in tracks:
             track.rise(float(prosody.phrases[0, 0]) - random.uniform(0.1, 0.4))
     for at, weight, where in zip(prosody.accents, prosody.weights, phrase, strict=True):
         amount = (0.45 + 0.75 * energy) * min(random.uniform(0.75, 1.2) * weight, 1.3)
@@ -181,7 +183,10 @@ def gesticulate(prosody: Prosody, style: Style, random: np.random.Generator) -> 
     return Gestures(_alive(tracks, t, random), _shrug(t, shrugs, energy))
 
 
-def _strike(tracks, hands, at, start, end, amount, bow, random) -> tuple[int, ...]:
+def _strike(
+    tracks: list[ArmTrack], hands: tuple[int, ...], at: float, start: np.ndarray, end: np.ndarray,
+    amount: float, bow: float, random: np.random.Generator,
+) -> tuple[int, ...]:  # fmt: skip
     """The hands that had the time for it."""
     late = random.uniform(0.08, 0.25) if random.random() < 0.2 else 0.0
     swing = np.array([random.normal(0.0, 0.12), random.normal(0.0, 0.08), random.uniform(0.25, 0.5)]) * amount

@@ -89,8 +89,12 @@ def _reachable(place: np.ndarray, hips: np.ndarray, ankles: np.ndarray) -> np.nd
     return limit.min(axis=0)
 
 
-def _step(t, times, weights, home, ankles, contact, tread, energy, random) -> None:
-    """While the weight rests on one foot, the other may be set elsewhere near its home."""
+def _step(
+    t: np.ndarray, times: list[float], weights: list[float], home: np.ndarray, ankles: np.ndarray, contact: np.ndarray,
+    tread: np.ndarray, energy: float, random: np.random.Generator,
+) -> None:  # fmt: skip
+    """While the weight (`weights` from `times` on) rests on one foot, the other may be set elsewhere near its home:
+    written into `ankles`, `contact` and `tread`."""
     at = home.copy()
     for k in range(1, len(times) - 1):
         if random.random() > 0.12 + 0.3 * energy or abs(weights[k]) < 0.5:

@@ -1,6 +1,6 @@
 """The speaking mouth: phones to ARKit mouth channels with coarticulation.
 
-Each phone's dominance is its time span blurred by a Gaussian (a smooth rise and fall over some 90 ms) times its
+Each phone's dominance is its time span blurred by a Gaussian (a smooth rise and fall over some 100 ms) times its
 strength; a channel is the mean of the phones' targets weighted by dominance (Cohen and Massaro 1993). Contacts, which a
 mean cannot promise, and silence are laid over it.
 """
@@ -19,9 +19,10 @@ from umo_train.speech.utterance import FRAME_RATE, SILENCE, VOWELS, Utterance
 # Dominance is blurred at this many points per frame.
 _FINE = 4
 # Standard deviations of the blur in seconds: rounding starts earlier and lasts longer than the rest.
-_BLUR_S = ((JAW, 0.034), (ROUND, 0.052), (SHAPE, 0.034))
-# Lips meet for at least two frames wherever the frames fall: half of their time together, and how long they travel.
-_CONTACT_S, _TRAVEL_S = 0.036, 0.07
+_BLUR_S = ((JAW, 0.04), (ROUND, 0.052), (SHAPE, 0.04))
+# Lips meet for at least two frames wherever the frames fall: half of their time together, how long they travel, and how
+# briefly where a short vowel is beside them.
+_CONTACT_S, _TRAVEL_S, _HASTE_S = 0.034, 0.095, 0.05
 _STRESS_GAIN = (0.88, 1.0, 1.15)
 # Loudness scales the opening by 2 ** (dB / this).
 _DOUBLING_DB = 14.0
@@ -105,10 +106,21 @@ def _opening_gain(prosody: Prosody) -> np.ndarray:
 
 def _contacts(utterance: Utterance, t: np.ndarray, names: str, centre: float) -> np.ndarray:
     """1 while one of these phones holds its contact."""
-    spans = np.array([(p.start, p.end) for p in utterance.phones if p.name in tuple(names)]).reshape(-1, 2)
-    length = spans[:, 1] - spans[:, 0]
-    middle, half = spans[:, 0] + centre * length, np.maximum(0.3 * length, _CONTACT_S)
-    return plateaus(t, middle - half, middle + half, _TRAVEL_S, _TRAVEL_S)
+    out = np.ones(len(t))
+    phones = utterance.phones
+    for k, phone in enumerate(phones):
+        if phone.name not in tuple(names):
+            continue
+        length = phone.end - phone.start
+        middle, half = phone.start + centre * length, max(0.3 * length, _CONTACT_S)
+        # Neighbours get their chance: a vowel is free at its middle, another sound at its far end.
+        before, after = phones[max(k - 1, 0)], phones[min(k + 1, len(phones) - 1)]
+        since = before.start + (0.5 * (before.end - before.start) if before.name in VOWELS else 0.0)
+        until = after.end - (0.5 * (after.end - after.start) if after.name in VOWELS else 0.0)
+        rise = np.clip(middle - half - since, _HASTE_S, _TRAVEL_S)
+        fall = np.clip(until - middle - half, _HASTE_S, _TRAVEL_S)
+        out *= 1.0 - plateaus(t, middle - half, middle + half, rise, fall)
+    return 1.0 - out
 
 
 def _silences(utterance: Utterance, prosody: Prosody) -> np.ndarray:

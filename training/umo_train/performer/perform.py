@@ -25,7 +25,7 @@ def perform(utterance: Utterance, style: Style, seed: int) -> dict[str, np.ndarr
     shapes = mouth.speak(utterance, prosody, style)
     expression.feel(shapes, prosody, style, choices[3])
     eyes.look(shapes, prosody, style, trunk.gaze, choices[4])
-    eyes.blink(shapes, prosody, style, choices[5])
+    eyes.blink(shapes, prosody, choices[5])
     shapes = np.clip(shapes, 0.0, 1.0)
 
     local = legs.solve(stance)
@@ -62,5 +62,7 @@ def _arms(states: np.ndarray, trunk: posture.Posture, local: dict[str, np.ndarra
     heading = trunk.pelvis[:, 1] + sum(angles[:, 1] for angles in trunk.spine)
     collars = np.stack([local["left_collar"], local["right_collar"]])
     solved = arms.solve(states, chest, collars, heading)
-    names = ("shoulder", "elbow", "wrist")
-    return {f"{side}_{name}": part[k] for name, part in zip(names, solved, strict=True) for k, side in enumerate(("left", "right"))}
+    out = {}
+    for name, part in zip(("shoulder", "elbow", "wrist"), solved, strict=True):
+        out["left_" + name], out["right_" + name] = part
+    return out

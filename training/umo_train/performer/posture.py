@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from umo_train.performer.curves import bumps, drift, hold_steps, path
 from umo_train.performer.arms import WRIST
+from umo_train.performer.curves import bumps, drift, hold_steps, path
 from umo_train.performer.gestures import Gestures
 from umo_train.performer.prosody import Prosody
 from umo_train.performer.style import Style

@@ -61,8 +61,8 @@ def _loudness(utterance: Utterance, phrases: np.ndarray, t: np.ndarray) -> tuple
     hop = SAMPLE_RATE // _RATE
     samples = np.asarray(utterance.samples, np.float32)
     count = max(len(samples) // hop, 1)
-    squares = np.resize(samples[: count * hop], count * hop).reshape(count, hop)
-    power = gaussian_filter1d(np.einsum("ij,ij->i", squares, squares) / hop, 1.5) if len(samples) >= hop else np.zeros(1)
+    squares = np.pad(samples, (0, max(hop - len(samples), 0)))[: count * hop].reshape(count, hop)
+    power = gaussian_filter1d(np.einsum("ij,ij->i", squares, squares) / hop, 1.5)
     when = (np.arange(count) + 0.5) / _RATE
     spoken = np.zeros(count, bool)
     for start, end in phrases:
