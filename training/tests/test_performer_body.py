@@ -12,7 +12,7 @@ from umo_train.performer.prosody import listen
 from umo_train.skeleton import CHANNELS, CONTACT, CONTACT_JOINTS, JOINT, JOINTS_OF, VELOCITY, places, rotations
 from umo_train.speech.utterance import Phone, Utterance
 
-LONG = SENTENCES * 4
+LONG = SENTENCES * 3
 UPPER = list(JOINTS_OF["upper"])
 HANDS = [JOINT["left_wrist"], JOINT["right_wrist"], *JOINTS_OF["hands"]]
 
@@ -32,12 +32,15 @@ def spoken():
 
 @pytest.fixture(scope="module", params=list(STYLES))
 def performed(request, spoken):
-    return [perform(spoken, STYLES[request.param], seed) for seed in (1, 2)]
+    motions = [perform(spoken, STYLES[request.param], seed) for seed in (1, 2)]
+    for motion in motions:
+        motion["places"], motion["local"] = walk(motion), rotations(motion)
+    return motions
 
 
 def turned(motion, name, axis=None):
     """A joint's turn in degrees `[T]`, or its Euler angles about X, Y and Z."""
-    local = Rotation.from_matrix(rotations(motion)[:, JOINT[name]])
+    local = Rotation.from_matrix(motion["local"][:, JOINT[name]])
     return np.degrees(local.magnitude()) if axis is None else local.as_euler("YXZ", degrees=True)[:, axis]
 
 
@@ -85,7 +88,7 @@ def test_fingers_only_curl_inward(performed):
 
 def test_hands_stay_out_of_the_body(performed):
     for motion in performed:
-        at = walk(motion)
+        at = motion["places"]
         spine = at[:, [JOINT["pelvis"], JOINT["spine2"], JOINT["neck"]]]
         for low, high in ((0, 1), (1, 2)):
             a, b = spine[:, None, low], spine[:, None, high]
@@ -98,7 +101,7 @@ def test_hands_stay_out_of_the_body(performed):
 
 def test_planted_feet_do_not_slide(performed):
     for motion in performed:
-        at, contact = walk(motion), motion["lower"][:, CONTACT] > 0.5
+        at, contact = motion["places"], motion["lower"][:, CONTACT] > 0.5
         speed = np.linalg.norm(np.diff(at[:, CONTACT_JOINTS], axis=0), axis=-1) * 30.0
         assert speed[contact[1:] & contact[:-1]].max() < 0.01
         assert at[:, CONTACT_JOINTS, 1].min() > 0.015
@@ -114,10 +117,10 @@ def test_feet_are_sometimes_set_anew(spoken):
 
 def test_nothing_jerks(performed):
     for motion in performed:
-        at = walk(motion)[:, UPPER]
+        at = motion["places"][:, UPPER]
         assert np.linalg.norm(np.diff(at, axis=0), axis=-1).max() * 30.0 < 3.5
         assert np.linalg.norm(np.diff(at, n=3, axis=0), axis=-1).max() * 30.0**3 < 3000.0
-        local = rotations(motion)
+        local = motion["local"]
         step = np.swapaxes(local[:-1], -1, -2) @ local[1:]
         trace = np.clip((np.trace(step, axis1=-2, axis2=-1) - 1.0) / 2.0, -1.0, 1.0)
         assert np.degrees(np.arccos(trace)).max() < 60.0
@@ -132,7 +135,7 @@ def test_the_body_turns_at_accents(performed, spoken):
     heard = listen(spoken)
     own, shifted = [], []
     for motion in performed:
-        at = walk(motion)[:, UPPER]
+        at = motion["places"][:, UPPER]
         at = at - at[:, :1]
         speed = np.linalg.norm(np.gradient(at, axis=0), axis=-1).mean(1)
         turns = argrelmin(speed, order=7)[0] / 30.0

@@ -108,7 +108,10 @@ class ArmTrack:
         self._recoils = False
         travel = 0.2 * self.slow + 1.35 * self._travel(to)
         self._key(self.until + hold_s, self._sunk(0.015))
-        self._key(self.until + travel, to)
+        # Around the hip.
+        arc = np.zeros_like(to)
+        arc[WRIST.start] = 0.04
+        self._key(self.until + travel, to, arc=arc)
         self.raised = to is self.ready and to is not self.idle
 
     def _sunk(self, metres: float) -> np.ndarray:
