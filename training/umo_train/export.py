@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from safetensors.torch import save_file
+from safetensors.torch import load_file, save_file
 from torch import Tensor
 
 from umo_train.skeleton import PARTS
@@ -40,3 +40,11 @@ def write(path: Path, config: dict[str, Any], named: dict[str, Tensor]) -> None:
     about = {"format": "umo", "version": "1", "config": json.dumps(config, separators=(",", ":"))}
     save_file(named, part, metadata=about)
     part.rename(path)
+
+
+def save_state(path: Path, state: dict[str, Tensor]) -> None:
+    save_file({name: tensor.contiguous() for name, tensor in state.items()}, path)
+
+
+def load_state(path: Path) -> dict[str, Tensor]:
+    return load_file(path)
