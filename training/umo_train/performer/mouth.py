@@ -22,10 +22,10 @@ _FINE = 4
 _BLUR_S = ((JAW, 0.04), (ROUND, 0.052), (SHAPE, 0.04))
 # Lips meet for at least two frames wherever the frames fall: half of their time together, how long they travel, and how
 # briefly where a short vowel is beside them.
-_CONTACT_S, _TRAVEL_S, _HASTE_S = 0.034, 0.095, 0.05
+_CONTACT_S, _TRAVEL_S, _HASTE_S = 0.034, 0.095, 0.065
 _STRESS_GAIN = (0.88, 1.0, 1.15)
-# Loudness scales the opening by 2 ** (dB / this).
-_DOUBLING_DB = 14.0
+# Vowels are this far below the speech level, and so much of a difference takes the opening most of the way to its bounds.
+_TYPICAL_DB, _DB = 3.0, 4.0
 # Where a pause's lips begin to part before speech and are together after it, in seconds.
 _ANTICIPATE_S, _RELAX_S = 0.1, 0.13
 
@@ -44,7 +44,7 @@ def speak(utterance: Utterance, prosody: Prosody, style: Style) -> np.ndarray:
     column = {name: mouth[:, index] for name, index in CHANNEL.items()}
     jaw = column["jawOpen"] * (1.0 + (gain - 1.0) * talk[:, 0]) * (1.0 - 0.45 * shut) * (1.0 - 0.4 * bite)
     parted = 1.0 - shut
-    lips = np.sqrt(gain) * parted
+    lips = gain * parted
     sealed = 1.0 - parted * (1.0 - idle)
 
     out = np.zeros((len(t), len(ARKIT)))
@@ -100,8 +100,8 @@ def _coarticulate(utterance: Utterance) -> np.ndarray:
 
 def _opening_gain(prosody: Prosody) -> np.ndarray:
     """0.6 .. 1.4 by how loud the phrase and the syllable are."""
-    db = 0.5 * prosody.slow_db + 0.5 * prosody.syllabic_db + 2.0
-    return 1.0 + 0.4 * np.tanh((2.0 ** (db / _DOUBLING_DB) - 1.0) / 0.4)
+    db = 0.4 * prosody.slow_db + 0.6 * prosody.syllabic_db + _TYPICAL_DB
+    return 1.0 + 0.45 * np.tanh(db / _DB)
 
 
 def _contacts(utterance: Utterance, t: np.ndarray, names: str, centre: float) -> np.ndarray:

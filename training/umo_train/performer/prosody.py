@@ -71,7 +71,7 @@ def _loudness(utterance: Utterance, phrases: np.ndarray, t: np.ndarray) -> tuple
     level = power[spoken] if spoken.any() else power
     level = np.mean(level[level >= 0.05 * level.mean()]) + 1e-9
     db = np.clip(10.0 * np.log10(power / level + 1e-4), -25.0, 15.0)
-    smooth = [gaussian_filter1d(db, sigma * _RATE) for sigma in (0.35, 0.05)]
+    smooth = [gaussian_filter1d(db, sigma * _RATE) for sigma in (0.35, 0.06)]
     return np.interp(t, when, smooth[0]), np.interp(t, when, smooth[1])
 
 
