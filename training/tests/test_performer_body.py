@@ -7,6 +7,7 @@ import pytest
 from scipy.signal import argrelmin
 from scipy.spatial.transform import Rotation
 from test_performer_speech import SENTENCES, speech
+
 from umo_train.performer import STYLES, Style, perform
 from umo_train.performer.prosody import listen
 from umo_train.skeleton import CHANNELS, CONTACT, CONTACT_JOINTS, JOINT, JOINTS_OF, VELOCITY, places, rotations

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from umo_train.performer.prosody import listen
 from umo_train.speech.utterance import SAMPLE_RATE, SILENCE, VOWELS, Phone, Utterance
 

@@ -24,7 +24,7 @@ _BLUR_S = ((JAW, 0.04), (ROUND, 0.052), (SHAPE, 0.04))
 # briefly where a short vowel is beside them.
 _CONTACT_S, _TRAVEL_S, _HASTE_S = 0.034, 0.095, 0.065
 _STRESS_GAIN = (0.88, 1.0, 1.15)
-# Vowels are this far below the speech level, and so much of a difference takes the opening most of the way to its bounds.
+# Vowels are this far below the speech level; so much of a difference goes most of the way to the bounds of the opening.
 _TYPICAL_DB, _DB = 3.0, 4.0
 # Where a pause's lips begin to part before speech and are together after it, in seconds.
 _ANTICIPATE_S, _RELAX_S = 0.1, 0.13
@@ -99,7 +99,7 @@ def _coarticulate(utterance: Utterance) -> np.ndarray:
 
 
 def _opening_gain(prosody: Prosody) -> np.ndarray:
-    """0.6 .. 1.4 by how loud the phrase and the syllable are."""
+    """0.55 .. 1.45 by how loud the phrase and the syllable are."""
     db = 0.4 * prosody.slow_db + 0.6 * prosody.syllabic_db + _TYPICAL_DB
     return 1.0 + 0.45 * np.tanh(db / _DB)
 
