@@ -1,0 +1,64 @@
+"""Hugging Face's HuBERT: the layers that are used, the position convolution's weight norm folded."""
+
+from pathlib import Path
+
+from umo_train.convert.layout import Config, shapes
+from umo_train.convert.sources import SourceError, Tensors, agree, read, read_json, renamed
+
+_PREFIX = "audio.hubert."
+_CONVOLUTION = "encoder.pos_conv_embed.conv"
+# Scale and direction of the weight norm, as transformers named them before and after PyTorch's parametrizations.
+_SCALE = (f"{_CONVOLUTION}.weight_g", f"{_CONVOLUTION}.parametrizations.weight.original0")
+_DIRECTION = (f"{_CONVOLUTION}.weight_v", f"{_CONVOLUTION}.parametrizations.weight.original1")
+# What makes it the network of the specification rather than a relative of it.
+_FORM = {
+    "feat_extract_norm": "group",
+    "feat_extract_activation": "gelu",
+    "hidden_act": "gelu",
+    "conv_bias": False,
+    "do_stable_layer_norm": False,
+    "conv_pos_batch_norm": False,
+    "feat_proj_layer_norm": True,
+}
+_SIZES = (
+    "conv_dim", "conv_kernel", "conv_stride", "hidden_size", "intermediate_size", "num_attention_heads",
+    "num_conv_pos_embeddings", "num_conv_pos_embedding_groups", "layer_norm_eps",
+)  # fmt: skip
+# Used in training alone, or by what stands on the features.
+_IGNORED = (r"masked_spec_embed", r"(lm_head|projector|classifier)\..*", r"layer_weights")
+
+
+def convert(folder: Path, config: Config) -> Tensors:
+    """`audio.hubert.*` of a folder with `config.json` and weights."""
+    _check(folder, config)
+    source = {name.removeprefix("hubert."): tensor for name, tensor in read(folder).items()}
+    _fold(source)
+    wanted = {name: shape for name, shape in shapes(config).items() if name.startswith(_PREFIX)}
+    names = {name: name.removeprefix(_PREFIX) for name in wanted}
+    used = config["audio"]["hubert"]["num_hidden_layers"]
+    beyond = [rf"encoder\.layers\.{i}\..*" for i in range(used, _layers(folder))]
+    return renamed(f"{folder} (HuBERT)", source, names, wanted, (*_IGNORED, *beyond))
+
+
+def _layers(folder: Path) -> int:
+    return int(read_json(folder / "config.json").get("num_hidden_layers", 12))
+
+
+def _check(folder: Path, config: Config) -> None:
+    hubert, theirs = config["audio"]["hubert"], read_json(folder / "config.json")
+    agree(f"{folder / 'config.json'}", hubert | _FORM, {k: theirs[k] for k in (*_SIZES, *_FORM) if k in theirs})
+    if _layers(folder) < hubert["num_hidden_layers"]:
+        raise SourceError(f"{folder}: {_layers(folder)} layers, the config asks for {hubert['num_hidden_layers']}")
+    samples = folder / "preprocessor_config.json"
+    if samples.is_file():
+        found = read_json(samples)
+        agree(f"{samples}", hubert, {key: found[key] for key in ("do_normalize",) if key in found})
+
+
+def _fold(source: Tensors) -> None:
+    """`g * v / |v|`, the norm of `v` over all but the kernel's taps, in place of `g` and `v`."""
+    for scale, direction in zip(_SCALE, _DIRECTION, strict=True):
+        if scale in source and direction in source:
+            g, v = source.pop(scale).double(), source.pop(direction).double()
+            folded = v * (g / v.square().sum((0, 1), keepdim=True).sqrt())
+            source[f"{_CONVOLUTION}.weight"] = folded.float()

@@ -1,0 +1,68 @@
+"""Centroids of a k-means, as fairseq publishes them: scikit-learn's `MiniBatchKMeans`, dumped by joblib."""
+
+import pickle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from joblib.numpy_pickle import NumpyArrayWrapper, NumpyUnpickler
+
+from umo_train.convert.inert import inert
+from umo_train.convert.layout import Config, shapes
+from umo_train.convert.sources import SourceError, Tensors, read, renamed
+
+_NAME = "audio.kmeans.centroids"
+_ATTRIBUTE = "cluster_centers_"
+
+
+class _Array(NumpyArrayWrapper):
+    """joblib's own, which older versions let unpickle whatever objects an array holds."""
+
+    def read_array(self, unpickler: NumpyUnpickler, *arguments: Any) -> np.ndarray:
+        if self.dtype.hasobject:
+            raise pickle.UnpicklingError("an array of objects, where numbers are wanted")
+        return super().read_array(unpickler, *arguments)
+
+
+# All that the numbers need; every other class becomes an inert object.
+_KNOWN = {
+    ("joblib.numpy_pickle", "NumpyArrayWrapper"): _Array,
+    ("numpy", "ndarray"): np.ndarray,
+    ("numpy", "dtype"): np.dtype,
+}
+
+
+class _Unpickler(NumpyUnpickler):
+    def find_class(self, module: str, name: str) -> Any:
+        return _KNOWN.get((module, name)) or inert(f"{module}.{name}")
+
+
+def convert(path: Path, config: Config) -> Tensors:
+    """`audio.kmeans.centroids` of a joblib dump, a `.npy` of rows, or a safetensors file with one tensor."""
+    if not path.is_file():
+        raise SourceError(f"{path}: there is no such file")
+    if path.suffix == ".safetensors":
+        found = read(path)
+        name = next(iter(found)) if len(found) == 1 else _NAME
+    else:
+        name = _ATTRIBUTE
+        found = {name: torch.from_numpy(_rows(path))}
+    return renamed(f"{path} (k-means)", found, {_NAME: name}, shapes(config))
+
+
+def _rows(path: Path) -> np.ndarray:
+    if path.suffix == ".npy":
+        return np.load(path, allow_pickle=False)
+    with path.open("rb") as file:
+        if file.peek(1)[:1] != b"\x80":
+            raise SourceError(f"{path}: no joblib dump, or a compressed one: dump it again with `compress=0`")
+        try:
+            model = _Unpickler(str(path), file, ensure_native_byte_order=True).load()
+        except Exception as error:
+            # A pickle that is damaged, or that wants more than numbers, fails in any way it likes.
+            raise SourceError(f"{path}: no k-means can be read from it: {error}") from error
+    rows = getattr(model, _ATTRIBUTE, model)
+    if not isinstance(rows, np.ndarray):
+        raise SourceError(f"{path}: no `{_ATTRIBUTE}` in it, which scikit-learn's k-means have")
+    return np.ascontiguousarray(rows, dtype=np.float32)
