@@ -1,0 +1,39 @@
+"""What every reader yields."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from umo_train.speech.utterance import Utterance
+
+
+class DataError(Exception):
+    """What is missing or wrong in a data set: the file, and what to do."""
+
+
+@dataclass(frozen=True)
+class Clip:
+    """Speech, motion or both, of the same length: `speech.frames` is the number of frames of `motion`."""
+
+    name: str
+    speaker: str
+    speech: Utterance | None = None
+    # Channels of each part, f32 `[T, C]`.
+    motion: dict[str, np.ndarray] | None = None
+    # The pelvis' place, f32 `[T, 3]`, metres, Y up: what the root's velocity and height are learned from.
+    translation: np.ndarray | None = None
+
+
+def folder(path: Path, what: str) -> Path:
+    """`path`, if it is a folder."""
+    if not path.is_dir():
+        raise DataError(f"{path}: there is no such folder: {what}")
+    return path
+
+
+def file(path: Path, what: str) -> Path:
+    """`path`, if it is a file."""
+    if not path.is_file():
+        raise DataError(f"{path}: there is no such file: {what}")
+    return path
