@@ -26,6 +26,8 @@ pub enum Command {
     Stage(Stage),
     /// Say what a model holds
     Inspect(Inspect),
+    /// Write a model of weights that others publish
+    Convert(Convert),
     /// Write a model with smaller weights
     Quantize(Quantize),
     /// Write a model of random weights, for tests and benchmarks
@@ -184,6 +186,80 @@ pub struct Inspect {
     /// The config as the file has it
     #[arg(long)]
     pub config: bool,
+}
+
+/// Write a model of weights that others publish.
+///
+/// Sources are safetensors files, or folders whose safetensors files belong together; each may be given several times.
+#[derive(Debug, ClapArgs)]
+pub struct Convert {
+    /// Every dimension of the model, JSON; `umo inspect --config` prints one to begin with
+    #[arg(long, value_name = "FILE.json")]
+    pub config: PathBuf,
+    /// Hugging Face's HuBERT
+    #[arg(long, value_name = "FILE", required = true)]
+    pub hubert: Vec<PathBuf>,
+    /// Rows of the k-means over HuBERT's features
+    #[arg(long, value_name = "FILE")]
+    pub centroids: PathBuf,
+    /// Hugging Face's T5 1.1 or Flan-T5, or the one that Language of Motion trained
+    #[arg(long, value_name = "FILE", required = true)]
+    pub t5: Vec<PathBuf>,
+    /// Motion codecs of EMAGE, one a file, or of Language of Motion
+    #[arg(long, value_name = "FILE", required = true)]
+    pub vq: Vec<PathBuf>,
+    /// Interpolation network, which training/ makes
+    #[arg(long, value_name = "FILE")]
+    pub interp: PathBuf,
+    /// SentencePiece model of the text vocabulary
+    #[arg(long, value_name = "FILE.model")]
+    pub tokenizer: Option<PathBuf>,
+    /// Experts that each feed-forward becomes; the config's number where not given
+    #[arg(long, value_name = "E")]
+    pub experts: Option<usize>,
+    /// Experts that a row is sent to; the config's number where not given
+    #[arg(long, value_name = "K")]
+    pub top_k: Option<usize>,
+    /// How rows of the vocabulary start that the T5 lacks; refused where not given
+    #[arg(long, value_enum)]
+    pub new_rows: Option<NewRows>,
+    /// How weights and tables are stored; what decides codes and experts stays F32
+    #[arg(long, value_enum, default_value_t = FloatArg::Bf16)]
+    pub dtype: FloatArg,
+    /// Seed of the routers
+    #[arg(long, value_name = "NUMBER", default_value_t = 0)]
+    pub seed: u64,
+    /// File to write
+    #[arg(short, long, value_name = "FILE")]
+    pub output: PathBuf,
+}
+
+/// How new rows of the vocabulary start.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum NewRows {
+    /// At the mean of the rows that there are
+    Mean,
+}
+
+/// A type of floats.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum FloatArg {
+    /// Brain floats
+    Bf16,
+    /// 32-bit floats
+    F32,
+    /// 16-bit floats
+    F16,
+}
+
+impl From<FloatArg> for Storage {
+    fn from(arg: FloatArg) -> Self {
+        match arg {
+            FloatArg::Bf16 => Self::Bf16,
+            FloatArg::F32 => Self::F32,
+            FloatArg::F16 => Self::F16,
+        }
+    }
 }
 
 /// Write a model with smaller weights.

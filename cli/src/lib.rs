@@ -5,6 +5,7 @@
 //! | [`args`] | the command line |
 //! | `animate`, `text` | speech, or a text, to an animation |
 //! | `stage`, `inspect`, `random` | one stage alone; what a model holds; a model of random weights |
+//! | `convert`, `quantize` | a model of published weights; the same model with smaller ones |
 //! | `bench` | how fast a model is on this machine |
 //! | [`wav`], [`export`], `start_pose` | files in and out |
 //! | `model`, `failure`, `progress` | which model; what is said when something fails; how far the work is |
@@ -13,6 +14,7 @@
 mod animate;
 pub mod args;
 mod bench;
+mod convert;
 pub mod export;
 mod failure;
 mod inspect;
@@ -61,6 +63,7 @@ fn run(command: Command) -> Result<(), Failure> {
         Command::Text(args) => text::run(&args),
         Command::Stage(args) => stage::run(&args),
         Command::Inspect(args) => inspect::run(&args),
+        Command::Convert(args) => convert::run(&args),
         Command::Quantize(args) => quantize::run(&args),
         Command::MakeRandom(args) => random::run(&args),
         Command::Bench(args) => bench::run(&args),

@@ -107,10 +107,10 @@ fn rest(config: &Config, name: &str) -> Option<Vec<f32>> {
 }
 
 /// Uniform numbers of variance 1: SplitMix64 (Steele, Lea, Flood 2014), a stream per tensor.
-struct Random(u64);
+pub(crate) struct Random(u64);
 
 impl Random {
-    fn new(seed: u64, stream: u64) -> Self {
+    pub(crate) fn new(seed: u64, stream: u64) -> Self {
         let mut random = Self(seed ^ stream.wrapping_mul(0xA076_1D64_78BD_642F));
         random.bits();
         random
@@ -126,7 +126,7 @@ impl Random {
 
     /// Between `-sqrt(3)` and `sqrt(3)`.
     #[expect(clippy::cast_precision_loss, reason = "24 bits fit an f32")]
-    fn next(&mut self) -> f32 {
+    pub(crate) fn next(&mut self) -> f32 {
         const SQRT_3: f32 = 1.732_050_8;
         let unit = (self.bits() >> 40) as f32 / (1_u32 << 24) as f32;
         (2.0 * unit - 1.0) * SQRT_3

@@ -9,7 +9,7 @@ Config = dict[str, Any]
 Shapes = dict[str, tuple[int, ...]]
 
 # What decides a code, an expert or a position stays in full precision; it is small.
-_EXACT = (".moe.router.", "relative_attention_bias", "centroids", ".quantizer.", "frame_type", "audio.mel.")
+_EXACT = (".moe.router.", "relative_attention_bias", "centroids", ".quantizer.", "audio.mel.")
 
 
 def shapes(config: Config, *, encoders: bool = True) -> Shapes:

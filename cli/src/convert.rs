@@ -1,0 +1,96 @@
+//! `umo convert`: published weights, safetensors already, as one model; one tensor in memory at a time.
+
+mod catalogue;
+mod plan;
+mod source;
+
+use std::cell::RefCell;
+use std::fs;
+use std::io;
+use std::path::Path;
+
+use umo_core::lm::text::TOKENIZER;
+use umo_core::weights::writer::{self, NewTensor, Storage, Values};
+use umo_core::{Config, LoadError};
+
+use crate::args::Convert;
+use crate::failure::Failure;
+use crate::whole;
+use catalogue::Catalogue;
+use plan::Plan;
+
+/// Writes the model.
+pub(crate) fn run(args: &Convert) -> Result<(), Failure> {
+    let mut config = config(args)?;
+    let catalogue = Catalogue::open(args, &config)?;
+    let plans = plan::plan(&config, &catalogue, args)?;
+    if config.notice.is_none() && plans.iter().any(Plan::grows) {
+        config.notice = Some("The rows of its new tokens are not trained.".to_owned());
+    }
+    let tokenizer = args.tokenizer.as_deref().map(read).transpose()?;
+    let output = whole::create(&args.output)?;
+
+    let failed = RefCell::new(None);
+    let mut tensors: Vec<NewTensor> =
+        plans.iter().map(|plan| tensor(plan, &catalogue, args.seed, args.dtype.into(), &failed)).collect();
+    if let Some(bytes) = &tokenizer {
+        tensors.push(NewTensor {
+            name: TOKENIZER.to_owned(),
+            shape: vec![bytes.len()],
+            storage: Storage::Bytes,
+            values: Values::Bytes(bytes),
+        });
+    }
+    whole::commit(output, |out| writer::write(out, &config, &tensors))
+        .map_err(|failure| failed.take().unwrap_or(failure))?;
+
+    let parameters: usize = plans.iter().map(|plan| plan.spec.len()).sum();
+    println!("{}: {parameters} parameters", args.output.display());
+    if let Some(notice) = &config.notice {
+        eprintln!("note: {notice}");
+    }
+    Ok(())
+}
+
+/// The config of the new model, checked with the experts that were asked for.
+fn config(args: &Convert) -> Result<Config, Failure> {
+    let named = |error: LoadError| Failure::input(format!("{}: {error}", args.config.display()));
+    let bytes = read(&args.config)?;
+    let text = str::from_utf8(&bytes).map_err(|error| Failure::input(format!("{}: {error}", args.config.display())))?;
+    let mut config = Config::parse(text).map_err(named)?;
+    if config.audio.hubert.is_none() {
+        return Err(named(LoadError::Config {
+            key: "audio.kind".to_owned(),
+            problem: "expected \"hubert\": there are no published weights of other tokenizers, training/ makes them"
+                .to_owned(),
+        }));
+    }
+    config.lm.experts = args.experts.unwrap_or(config.lm.experts);
+    config.lm.top_k = args.top_k.unwrap_or(config.lm.top_k);
+    let text = serde_json::to_string(&config).map_err(Failure::machine)?;
+    Config::parse(&text).map_err(named)
+}
+
+fn read(path: &Path) -> Result<Vec<u8>, Failure> {
+    fs::read(path).map_err(|cause| Failure::input(format!("cannot read `{}`: {cause}", path.display())))
+}
+
+/// The new tensor; its values are made when they are written, and what is wrong with them is left in `failed`.
+fn tensor<'a>(
+    plan: &'a Plan,
+    catalogue: &'a Catalogue,
+    seed: u64,
+    floats: Storage,
+    failed: &'a RefCell<Option<Failure>>,
+) -> NewTensor<'a> {
+    let storage = plan.storage(floats);
+    let values = Values::Floats(Box::new(move || {
+        let values = plan.values(catalogue, seed).and_then(|values| plan::check(plan, storage, values));
+        values.map_err(|failure| {
+            let message = failure.to_string();
+            failed.replace(Some(failure));
+            io::Error::other(message)
+        })
+    }));
+    NewTensor { name: plan.spec.name.clone(), shape: plan.spec.shape.clone(), storage, values }
+}

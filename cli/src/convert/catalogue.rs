@@ -1,0 +1,178 @@
+//! What the sources hold, under the names that a umo model would have if it were dense.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use umo_core::{Config, Part};
+
+use super::source::Source;
+use crate::args::Convert;
+use crate::failure::Failure;
+
+/// Before the names of the one trained by Language of Motion, in a checkpoint of all its parts.
+const LOM_T5: &str = "lm.language_model.";
+/// Before the names of a codec where one file has several: Language of Motion's, then EMAGE's.
+const CODECS: [(&str, &str); 11] = [
+    ("vae_face.", "face"),
+    ("vae_hand.", "hands"),
+    ("vae_hands.", "hands"),
+    ("vae_upper.", "upper"),
+    ("vae_lower.", "lower"),
+    ("vae_global.", "root"),
+    ("vq_model_face.", "face"),
+    ("vq_model_hands.", "hands"),
+    ("vq_model_upper.", "upper"),
+    ("vq_model_lower.", "lower"),
+    ("global_motion.", "root"),
+];
+/// What else a checkpoint of Language of Motion has: the language model, bodies to measure with, and measures.
+const OTHERS: [&str; 6] = ["lm.", "smplx.", "flame.", "_losses.", "metrics.", "Metrics."];
+const CODEBOOK: &str = "quantizer.embedding.weight";
+const CENTROIDS: &str = "audio.kmeans.centroids";
+
+/// A tensor of a source.
+#[derive(Debug)]
+pub(super) struct Entry {
+    source: usize,
+    /// Its name there.
+    name: String,
+    /// Its shape.
+    pub(super) shape: Vec<usize>,
+}
+
+/// All tensors of all sources.
+#[derive(Debug)]
+pub(super) struct Catalogue {
+    sources: Vec<Source>,
+    entries: BTreeMap<String, Entry>,
+}
+
+impl Catalogue {
+    /// Reads the headers of all sources.
+    pub(super) fn open(args: &Convert, config: &Config) -> Result<Self, Failure> {
+        let mut catalogue = Self { sources: Vec::new(), entries: BTreeMap::new() };
+        catalogue.hubert(open(&args.hubert)?)?;
+        catalogue.centroids(Source::open_all(&args.centroids)?)?;
+        catalogue.t5(open(&args.t5)?)?;
+        for source in open(&args.vq)? {
+            catalogue.vq(source, config)?;
+        }
+        for source in Source::open_all(&args.interp)? {
+            catalogue.interp(source)?;
+        }
+        Ok(catalogue)
+    }
+
+    pub(super) fn get(&self, name: &str) -> Option<&Entry> {
+        self.entries.get(name)
+    }
+
+    /// All names.
+    pub(super) fn names(&self) -> impl Iterator<Item = &str> {
+        self.entries.keys().map(String::as_str)
+    }
+
+    /// All values of a tensor.
+    pub(super) fn read(&self, entry: &Entry) -> Result<Vec<f32>, Failure> {
+        self.sources[entry.source].read(&entry.name)
+    }
+
+    /// Where a tensor is and what it is called there, for messages.
+    pub(super) fn place(&self, entry: &Entry) -> String {
+        format!("{}: tensor `{}`", self.sources[entry.source].path().display(), entry.name)
+    }
+
+    fn hubert(&mut self, sources: Vec<Source>) -> Result<(), Failure> {
+        sources.into_iter().try_for_each(|source| {
+            self.add(source, |name| Some(format!("audio.hubert.{}", name.strip_prefix("hubert.").unwrap_or(name))))
+        })
+    }
+
+    fn centroids(&mut self, sources: Vec<Source>) -> Result<(), Failure> {
+        sources.into_iter().try_for_each(|source| {
+            let only = source.tensors().len() == 1;
+            self.add(source, |name| (only || name == CENTROIDS).then(|| CENTROIDS.to_owned()))
+        })
+    }
+
+    fn t5(&mut self, sources: Vec<Source>) -> Result<(), Failure> {
+        let lom = sources.iter().flat_map(Source::tensors).any(|(name, _)| name.starts_with(LOM_T5));
+        let prefix = if lom { LOM_T5 } else { "" };
+        sources
+            .into_iter()
+            .try_for_each(|source| self.add(source, |name| Some(format!("lm.{}", name.strip_prefix(prefix)?))))
+    }
+
+    fn vq(&mut self, source: Source, config: &Config) -> Result<(), Failure> {
+        let several = source.tensors().iter().any(|(name, _)| codec(name).is_some());
+        if several {
+            return self.add(source, |name| match codec(name) {
+                Some((part, name)) => Some(format!("vq.{part}.{name}")),
+                None if OTHERS.iter().any(|other| name.starts_with(other)) => None,
+                None => Some(format!("vq.{name}")),
+            });
+        }
+        let part = only_codec(&source, config)?;
+        self.add(source, |name| Some(format!("vq.{part}.{}", bare(name))))
+    }
+
+    fn interp(&mut self, source: Source) -> Result<(), Failure> {
+        let prefixed = source.tensors().iter().any(|(name, _)| name.starts_with("interp."));
+        self.add(source, |name| match (prefixed, name.starts_with("interp.")) {
+            (true, false) => None,
+            (true, true) => Some(name.to_owned()),
+            (false, _) => Some(format!("interp.{name}")),
+        })
+    }
+
+    /// Adds the tensors of `source` to which `ours` gives a name.
+    fn add(&mut self, source: Source, ours: impl Fn(&str) -> Option<String>) -> Result<(), Failure> {
+        let index = self.sources.len();
+        let tensors = source.tensors();
+        self.sources.push(source);
+        for (name, shape) in tensors {
+            let Some(key) = ours(&name) else { continue };
+            let entry = Entry { source: index, name, shape };
+            if let Some(first) = self.entries.get(&key) {
+                let (first, again) = (self.place(first), self.place(&entry));
+                return Err(Failure::input(format!("{again}: the same is in {first}")));
+            }
+            self.entries.insert(key, entry);
+        }
+        Ok(())
+    }
+}
+
+fn open(paths: &[PathBuf]) -> Result<Vec<Source>, Failure> {
+    let all: Vec<Vec<Source>> = paths.iter().map(|path| Source::open_all(path)).collect::<Result<_, _>>()?;
+    Ok(all.into_iter().flatten().collect())
+}
+
+/// The codec that a name of a file of several belongs to, and its name in it.
+fn codec(name: &str) -> Option<(&'static str, &str)> {
+    CODECS.iter().find_map(|(prefix, part)| Some((*part, name.strip_prefix(prefix)?)))
+}
+
+/// A name without what PyTorch's `DataParallel` puts before it.
+fn bare(name: &str) -> &str {
+    name.strip_prefix("module.").unwrap_or(name)
+}
+
+/// The part of a file with one codec: by the channels of its last convolution, and the root network's lack of a codebook.
+fn only_codec(source: &Source, config: &Config) -> Result<&'static str, Failure> {
+    let tensors = source.tensors();
+    let failure = |problem: String| Failure::input(format!("{}: {problem}", source.path().display()));
+    let last = |name: &str| bare(name).strip_prefix("decoder.main.")?.strip_suffix(".bias")?.parse::<usize>().ok();
+    let channels = tensors.iter().filter_map(|(name, shape)| Some((last(name)?, shape.first()?))).max();
+    let Some((_, &channels)) = channels else {
+        return Err(failure("no motion codec in it: no decoder.main.*".to_owned()));
+    };
+    if !tensors.iter().any(|(name, _)| bare(name) == CODEBOOK) {
+        return Ok("root");
+    }
+    let part = Part::ALL.into_iter().find(|&part| config.vq[part].channels == channels);
+    part.map(Part::name).ok_or_else(|| {
+        let sizes = Part::ALL.map(|part| format!("{} {}", part.name(), config.vq[part].channels)).join(", ");
+        failure(format!("a codec of {channels} channels, where the config has {sizes}"))
+    })
+}

@@ -1,0 +1,244 @@
+//! How each tensor of the new model is made of those that the sources have.
+
+use std::collections::BTreeSet;
+
+use glob::Pattern;
+use half::f16;
+use umo_core::Config;
+use umo_core::weights::layout::{self, Kind, Spec};
+use umo_core::weights::writer::Storage;
+
+use super::catalogue::{Catalogue, Entry};
+use crate::args::{Convert, NewRows};
+use crate::failure::Failure;
+use crate::random::Random;
+
+/// Small beside a hidden state of order 1, so that every expert is tried when training starts.
+const ROUTER_DEVIATION: f32 = 0.02;
+/// Problems of which each is told.
+const MOST_TOLD: usize = 12;
+
+const POSITION: &str = "audio.hubert.encoder.pos_conv_embed.conv";
+/// Scale and direction of a weight norm, as Hugging Face named them at first and names them now.
+const WEIGHT_NORM: [(&str, &str); 2] =
+    [("weight_g", "weight_v"), ("parametrizations.weight.original0", "parametrizations.weight.original1")];
+/// What repeats the table of embeddings.
+const TIED: [&str; 2] = ["lm.encoder.embed_tokens.weight", "lm.decoder.embed_tokens.weight"];
+const TABLE: &str = "lm.shared.weight";
+const HEAD: &str = "lm.lm_head.weight";
+/// What only training needs, what stands on features in other tasks, and a table of old T5 that no layer reads.
+const UNUSED: [&str; 8] = [
+    "audio.hubert.masked_spec_embed",
+    "audio.hubert.lm_head.*",
+    "audio.hubert.projector.*",
+    "audio.hubert.classifier.*",
+    "audio.hubert.layer_weights",
+    "lm.decoder.block.0.layer.1.EncDecAttention.relative_attention_bias.weight",
+    "vq.*.quantizer.embedding.cluster_size",
+    "vq.*.quantizer.embedding.embed_avg",
+];
+
+/// A tensor of the new model.
+#[derive(Debug)]
+pub(super) struct Plan<'a> {
+    /// What is asked for.
+    pub(super) spec: Spec,
+    recipe: Recipe<'a>,
+}
+
+#[derive(Debug)]
+enum Recipe<'a> {
+    Copy(&'a Entry),
+    /// Rows that the source lacks are the mean of those that it has.
+    Grow(&'a Entry),
+    /// A convolution of a direction and a scale per tap.
+    WeightNorm {
+        scale: &'a Entry,
+        direction: &'a Entry,
+    },
+    /// Drawn, from a stream of its own.
+    Router(u64),
+}
+
+impl Plan<'_> {
+    /// Whether rows are added.
+    pub(super) fn grows(&self) -> bool {
+        matches!(self.recipe, Recipe::Grow(_))
+    }
+
+    /// How it is stored, where `floats` is asked for.
+    pub(super) fn storage(&self, floats: Storage) -> Storage {
+        if matches!(self.spec.kind, Kind::Product | Kind::Table) { floats } else { Storage::F32 }
+    }
+
+    /// Its values.
+    pub(super) fn values(&self, catalogue: &Catalogue, seed: u64) -> Result<Vec<f32>, Failure> {
+        match self.recipe {
+            Recipe::Copy(entry) => catalogue.read(entry),
+            Recipe::Grow(entry) => Ok(grown(catalogue.read(entry)?, entry.shape[0], self.spec.shape[0])),
+            Recipe::WeightNorm { scale, direction } => Ok(folded(&catalogue.read(scale)?, catalogue.read(direction)?)),
+            Recipe::Router(stream) => {
+                let mut random = Random::new(seed, stream);
+                Ok((0..self.spec.len()).map(|_| ROUTER_DEVIATION * random.next()).collect())
+            }
+        }
+    }
+}
+
+/// Refuses values that would not be numbers any more when stored.
+pub(super) fn check(plan: &Plan, storage: Storage, values: Vec<f32>) -> Result<Vec<f32>, Failure> {
+    let large = |v: &&f32| !v.is_finite() || storage == Storage::F16 && !f16::from_f32(**v).is_finite();
+    match values.iter().find(large) {
+        Some(value) => Err(Failure::input(format!("tensor `{}`: {value} is beyond {storage:?}", plan.spec.name))),
+        None => Ok(values),
+    }
+}
+
+/// Every tensor that `config` asks for. What the sources lack, have too much, or have in another shape is refused.
+pub(super) fn plan<'a>(config: &Config, catalogue: &'a Catalogue, args: &Convert) -> Result<Vec<Plan<'a>>, Failure> {
+    let encoders = catalogue.get("vq.face.encoder.main.0.weight").is_some();
+    let (mut plans, mut problems, mut used) = (Vec::new(), Vec::new(), BTreeSet::new());
+    for (stream, spec) in layout::specs(config, encoders).into_iter().enumerate() {
+        match recipe(catalogue, &spec, stream as u64, args.new_rows, &mut used) {
+            Ok(recipe) => plans.push(Plan { spec, recipe }),
+            Err(problem) => problems.push(problem),
+        }
+    }
+    let layers = config.audio.hubert.as_ref().map_or(0, |hubert| hubert.num_hidden_layers);
+    for name in catalogue.names().filter(|name| !used.contains(*name) && !unused(name, layers)) {
+        if TIED.contains(&name) || config.lm.tie_word_embeddings && name == HEAD {
+            problems.extend(differs(catalogue, name)?);
+        } else if let Some(entry) = catalogue.get(name) {
+            problems.push(format!("{}: the config asks for no such tensor", catalogue.place(entry)));
+        }
+    }
+    // Experts share what is missing.
+    let mut told = BTreeSet::new();
+    problems.retain(|problem| told.insert(problem.clone()));
+    if problems.is_empty() { Ok(plans) } else { Err(Failure::input(list(&problems))) }
+}
+
+fn list(problems: &[String]) -> String {
+    let mut text = problems.iter().take(MOST_TOLD).cloned().collect::<Vec<_>>().join("\n");
+    if problems.len() > MOST_TOLD {
+        text += &format!("\nand {} more", problems.len() - MOST_TOLD);
+    }
+    text
+}
+
+/// Whether a tensor may be left behind.
+fn unused(name: &str, layers: usize) -> bool {
+    let layer = name.strip_prefix("audio.hubert.encoder.layers.").and_then(|rest| rest.split('.').next());
+    layer.and_then(|i| i.parse::<usize>().ok()).is_some_and(|i| i >= layers)
+        || UNUSED.iter().any(|glob| Pattern::new(glob).expect("the patterns above are well formed").matches(name))
+}
+
+fn recipe<'a>(
+    catalogue: &'a Catalogue,
+    spec: &Spec,
+    stream: u64,
+    new_rows: Option<NewRows>,
+    used: &mut BTreeSet<String>,
+) -> Result<Recipe<'a>, String> {
+    let name = if catalogue.get(&spec.name).is_some() { spec.name.clone() } else { dense(&spec.name) };
+    if let Some(entry) = catalogue.get(&name) {
+        used.insert(name.clone());
+        let table = name == TABLE || name == HEAD;
+        return match (entry.shape == spec.shape, table && entry.shape.get(1) == spec.shape.get(1)) {
+            (true, _) => Ok(Recipe::Copy(entry)),
+            (false, true) => grow(catalogue, entry, spec, new_rows),
+            (false, false) => Err(shape(catalogue, entry, &spec.shape)),
+        };
+    }
+    if spec.kind == Kind::Router {
+        return Ok(Recipe::Router(stream));
+    }
+    weight_norm(catalogue, spec, used).unwrap_or_else(|| Err(format!("tensor `{name}`: missing from the sources")))
+}
+
+/// The name of the feed-forward that an expert is a copy of.
+fn dense(name: &str) -> String {
+    let parts = name.split_once(".moe.experts.").and_then(|(block, rest)| Some((block, rest.split_once('.')?.1)));
+    parts.map_or_else(|| name.to_owned(), |(block, rest)| format!("{block}.DenseReluDense.{rest}"))
+}
+
+fn shape(catalogue: &Catalogue, entry: &Entry, want: &[usize]) -> String {
+    format!("{}: expected {want:?}, got {:?}", catalogue.place(entry), entry.shape)
+}
+
+fn grow<'a>(
+    catalogue: &Catalogue,
+    entry: &'a Entry,
+    spec: &Spec,
+    new_rows: Option<NewRows>,
+) -> Result<Recipe<'a>, String> {
+    let (have, want) = (entry.shape[0], spec.shape[0]);
+    match new_rows {
+        _ if have == 0 || have > want => Err(shape(catalogue, entry, &spec.shape)),
+        Some(NewRows::Mean) => Ok(Recipe::Grow(entry)),
+        None => Err(format!(
+            "{}: {have} rows, the config's vocabulary has {want}: `--new-rows mean` starts the rest at the mean of \
+             these, training/ trains them",
+            catalogue.place(entry)
+        )),
+    }
+}
+
+/// The position convolution, where the source has it as direction and scale.
+fn weight_norm<'a>(
+    catalogue: &'a Catalogue,
+    spec: &Spec,
+    used: &mut BTreeSet<String>,
+) -> Option<Result<Recipe<'a>, String>> {
+    let stem = spec.name.strip_suffix("weight").filter(|stem| stem.strip_suffix('.') == Some(POSITION))?;
+    WEIGHT_NORM.iter().find_map(|(scale, direction)| {
+        let names = [format!("{stem}{scale}"), format!("{stem}{direction}")];
+        let (scale, direction) = (catalogue.get(&names[0])?, catalogue.get(&names[1])?);
+        used.extend(names);
+        let taps = [1, 1, spec.shape[2]];
+        Some(match (scale.shape == taps, direction.shape == spec.shape) {
+            (true, true) => Ok(Recipe::WeightNorm { scale, direction }),
+            (false, _) => Err(shape(catalogue, scale, &taps)),
+            (_, false) => Err(shape(catalogue, direction, &spec.shape)),
+        })
+    })
+}
+
+/// What is wrong with a repetition of the table of embeddings.
+fn differs(catalogue: &Catalogue, name: &str) -> Result<Option<String>, Failure> {
+    let (Some(entry), Some(table)) = (catalogue.get(name), catalogue.get(TABLE)) else { return Ok(None) };
+    let same = entry.shape == table.shape && catalogue.read(entry)? == catalogue.read(table)?;
+    Ok((!same).then(|| format!("{}: differs from the shared table, which it should repeat", catalogue.place(entry))))
+}
+
+/// `values` of `have` rows, with rows of their mean up to `want`.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_precision_loss,
+    reason = "a mean of floats is one; rows are few"
+)]
+fn grown(mut values: Vec<f32>, have: usize, want: usize) -> Vec<f32> {
+    let width = values.len() / have;
+    let mut mean = vec![0.0_f64; width];
+    for row in values.chunks_exact(width) {
+        mean.iter_mut().zip(row).for_each(|(mean, &v)| *mean += f64::from(v) / have as f64);
+    }
+    let mean: Vec<f32> = mean.iter().map(|&v| v as f32).collect();
+    (have..want).for_each(|_| values.extend_from_slice(&mean));
+    values
+}
+
+/// `scale * direction / |direction|`, the norm over all but the taps.
+#[expect(clippy::cast_possible_truncation, reason = "computed in f64 to be rounded once")]
+fn folded(scale: &[f32], mut direction: Vec<f32>) -> Vec<f32> {
+    let taps = scale.len();
+    let mut squares = vec![0.0_f64; taps];
+    for row in direction.chunks_exact(taps) {
+        squares.iter_mut().zip(row).for_each(|(sum, &v)| *sum += f64::from(v).powi(2));
+    }
+    let factors: Vec<f64> = scale.iter().zip(&squares).map(|(&g, sum)| f64::from(g) / sum.sqrt()).collect();
+    for row in direction.chunks_exact_mut(taps) {
+        row.iter_mut().zip(&factors).for_each(|(v, factor)| *v = (f64::from(*v) * factor) as f32);
+    }
+    direction
+}
