@@ -9,7 +9,7 @@ import torch
 from safetensors import safe_open
 from sklearn.cluster import MiniBatchKMeans
 from torch import Tensor, nn
-from transformers import HubertConfig, HubertModel, T5Config, T5ForConditionalGeneration, Wav2Vec2FeatureExtractor
+from transformers import HubertConfig, HubertModel, T5Config, T5ForConditionalGeneration
 
 from umo_train.skeleton import PARTS
 
@@ -31,7 +31,6 @@ def hubert(folder: Path, config: dict, layers: int) -> HubertModel:
     for parameter in model.parameters():
         parameter.data += 0.05 * torch.randn_like(parameter)
     model.save_pretrained(folder)
-    Wav2Vec2FeatureExtractor(do_normalize=config["audio"]["hubert"]["do_normalize"]).save_pretrained(folder)
     return model
 
 

@@ -74,6 +74,7 @@ def test_the_program_writes_one_file_of_all(sources):
     for name, tensor in found.items():
         assert tensor.dtype == (torch.bfloat16 if is_weight(name, wanted[name]) else torch.float32), name
     assert [path.name for path in sources.folder.glob(".*")] == []
+    assert sources.output.stat().st_mode == (sources.folder / "config.json").stat().st_mode
 
 
 def test_new_tokens_are_named_in_the_notice(tmp_path):

@@ -29,7 +29,8 @@ _IGNORED = (r"masked_spec_embed", r"(lm_head|projector|classifier)\..*", r"layer
 
 
 def convert(folder: Path, config: Config) -> Tensors:
-    """`audio.hubert.*` of a folder with `config.json` and weights."""
+    """`audio.hubert.*` of a folder with `config.json` and weights. Whether samples are normalised is for the config to
+    say, not for `preprocessor_config.json`: it must be as it was when the k-means was fitted."""
     _check(folder, config)
     source = {name.removeprefix("hubert."): tensor for name, tensor in read(folder).items()}
     _fold(source)
@@ -49,10 +50,6 @@ def _check(folder: Path, config: Config) -> None:
     agree(f"{folder / 'config.json'}", hubert | _FORM, {k: theirs[k] for k in (*_SIZES, *_FORM) if k in theirs})
     if _layers(folder) < hubert["num_hidden_layers"]:
         raise SourceError(f"{folder}: {_layers(folder)} layers, the config asks for {hubert['num_hidden_layers']}")
-    samples = folder / "preprocessor_config.json"
-    if samples.is_file():
-        found = read_json(samples)
-        agree(f"{samples}", hubert, {key: found[key] for key in ("do_normalize",) if key in found})
 
 
 def _fold(source: Tensors) -> None:

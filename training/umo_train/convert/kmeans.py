@@ -28,6 +28,8 @@ class _Array(NumpyArrayWrapper):
 # All that the numbers need; every other class becomes an inert object.
 _KNOWN = {
     ("joblib.numpy_pickle", "NumpyArrayWrapper"): _Array,
+    # scikit-learn before 0.23 had its own copy.
+    ("sklearn.externals.joblib.numpy_pickle", "NumpyArrayWrapper"): _Array,
     ("numpy", "ndarray"): np.ndarray,
     ("numpy", "dtype"): np.dtype,
 }

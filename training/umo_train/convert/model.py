@@ -94,7 +94,11 @@ def write(path: Path, model: Model, dtype: str = "bf16") -> None:
     metadata = {"format": FORMAT, "version": VERSION, "config": json.dumps(model.config, ensure_ascii=False)}
     part = path.with_name(f".{path.name}.part")
     try:
+        # The library makes files that only their owner may read; this one is as any other.
+        part.touch()
+        mode = part.stat().st_mode
         save_file(out, part, metadata)
+        part.chmod(mode)
         part.replace(path)
     finally:
         part.unlink(missing_ok=True)
