@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import Rotation, Slerp
 
 from umo_train import skeleton
 from umo_train.data import smplx
@@ -48,6 +48,17 @@ def test_rotations_are_resampled_on_great_arcs(tmp_path, rate):
     wanted = np.outer(speed * np.arange(61) / 30, (0.0, 0.6, 0.8))
     np.testing.assert_allclose(found, wanted, atol=1e-5)
     np.testing.assert_allclose(clip.translation[:, 1], 1.0 + 0.1 * np.arange(61) / 30, atol=1e-5)
+
+
+def test_resampling_is_spherical_interpolation():
+    """Of any turns, joint by joint: as scipy's `Slerp` has it."""
+    turns = Rotation.random(2 * 9, rng=np.random.default_rng(0)).as_matrix().reshape(9, 2, 3, 3)
+    found = smplx.resampled_rotations(turns, 25.0)
+    at = np.arange(len(found)) / 30
+    assert len(found) == 10
+    for joint in range(2):
+        wanted = Slerp(np.arange(9) / 25, Rotation.from_matrix(turns[:, joint]))(at).as_matrix()
+        np.testing.assert_allclose(found[:, joint], wanted, atol=1e-9)
 
 
 def test_people_stand_upright_and_face_forward_from_the_origin(tmp_path):
