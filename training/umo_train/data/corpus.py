@@ -149,10 +149,10 @@ def _perform_item(job: tuple[Path, Path]) -> None:
     _write(folder / "motion" / path.name, {name: values.astype(np.float32) for name, values in motion.items()})
 
 
-def read_motion(folder: Path, name: str) -> dict[str, np.ndarray]:
-    """`[T, C]` f32 of each part, and `height` `[T]`, metres."""
+def read_motion(folder: Path, name: str, only: tuple[str, ...] = (*PARTS, "height")) -> dict[str, np.ndarray]:
+    """`[T, C]` f32 of each part, and `height` `[T]`, metres; or some of these."""
     with np.load(folder / "motion" / f"{name}.npz") as data:
-        return {part: data[part] for part in (*PARTS, "height")}
+        return {part: data[part] for part in only}
 
 
 def hours(folder: Path) -> float:

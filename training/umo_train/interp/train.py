@@ -39,7 +39,7 @@ def train(plan: InterpPlan, config: dict[str, Any], codes: list[np.ndarray], fol
     optimizer = torch.optim.AdamW(model.parameters(), plan.rate, betas=(0.9, 0.99), weight_decay=0.05)
 
     def rate(step: int) -> float:
-        return min(1.0, (step + 1) / 200) * (0.05 + 0.475 * (1 + np.cos(np.pi * min(1.0, step / plan.steps))))
+        return float(min(1.0, (step + 1) / 200) * (0.05 + 0.475 * (1 + np.cos(np.pi * min(1.0, step / plan.steps)))))
 
     schedule = torch.optim.lr_scheduler.LambdaLR(optimizer, rate)
     saved = Saved(folder / "interp.pt", model=model, optimizer=optimizer, schedule=schedule)

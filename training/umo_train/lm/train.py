@@ -123,7 +123,7 @@ def rate_at(step: int, plan: StagePlan) -> float:
     """A linear warm-up, then a cosine."""
     share = min(1.0, step / max(plan.steps, 1))
     cosine = plan.final_rate + (1 - plan.final_rate) * 0.5 * (1 + np.cos(np.pi * share))
-    return min(1.0, (step + 1) / max(plan.warmup, 1)) * cosine
+    return float(min(1.0, (step + 1) / max(plan.warmup, 1)) * cosine)
 
 
 def train_stage(

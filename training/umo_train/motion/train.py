@@ -67,7 +67,7 @@ def train_part(plan: TokenizerPlan, part: str, motions: list[np.ndarray], folder
 
 def _rate(step: int, steps: int) -> float:
     """Warm up over 100 steps, then a cosine to a twentieth."""
-    return min(1.0, (step + 1) / 100) * (0.05 + 0.95 * 0.5 * (1 + np.cos(np.pi * min(1.0, step / steps))))
+    return float(min(1.0, (step + 1) / 100) * (0.05 + 0.95 * 0.5 * (1 + np.cos(np.pi * min(1.0, step / steps)))))
 
 
 def _crops(motions: list[np.ndarray], batch: int, frames: int, chance: np.random.Generator) -> np.ndarray:
