@@ -49,13 +49,23 @@ class StagePlan:
 class Master(torch.optim.Optimizer):
     """AdamW on f32 copies of a bf16 model's weights: steps too small for bf16 add up in the copies."""
 
+    TABLE_RATE = 10.0
+
     def __init__(self, model: torch.nn.Module, rate: float, betas: tuple[float, float], decay: float) -> None:
         self.model = [p for p in model.parameters() if p.requires_grad]
         self.copies = [p.detach().float().clone().requires_grad_() for p in self.model]
         super().__init__(self.copies, {"lr": rate})
-        matrices = [p for p in self.copies if p.ndim > 1]
+        names = [name for name, p in model.named_parameters() if p.requires_grad]
+        # Scores of distances are of the order of 1 to 10, other weights of a tenth: they need longer steps.
+        tables = [p for n, p in zip(names, self.copies, strict=True) if "relative_attention_bias" in n]
         vectors = [p for p in self.copies if p.ndim <= 1]
-        groups = [{"params": matrices, "weight_decay": decay}, {"params": vectors, "weight_decay": 0.0}]
+        kinds = {id(p) for p in (*tables, *vectors)}
+        matrices = [p for p in self.copies if id(p) not in kinds]
+        groups = [
+            {"params": matrices, "weight_decay": decay, "times": 1.0},
+            {"params": vectors, "weight_decay": 0.0, "times": 1.0},
+            {"params": tables, "weight_decay": 0.0, "times": self.TABLE_RATE},
+        ]
         self.adam = torch.optim.AdamW([g for g in groups if g["params"]], rate, betas, fused=True)
         self.param_groups = self.adam.param_groups
 
@@ -148,7 +158,7 @@ def train_stage(
         rng = np.random.default_rng((plan.seed, step, accelerator.process_index))
         task = names[int(np.random.default_rng((plan.seed, step)).choice(len(names), p=list(chances.values())))]
         for group in optimizer.param_groups:
-            group["lr"] = plan.rate * rate_at(step, plan)
+            group["lr"] = plan.rate * rate_at(step, plan) * group["times"]
         loss, logits, labels = loss_of(model, drawing[task](rng), accelerator.device)
         total = loss + plan.balance * moe.balance(plain) if plan.balance > 0 else loss
         accelerator.backward(total)
