@@ -1,0 +1,111 @@
+"""An item of an evaluation: speech, its phones, and the motion that the performer gave it."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from umo_train.skeleton import CHANNELS, PARTS
+from umo_train.speech.utterance import FRAME_RATE, SAMPLE_RATE, Phone
+
+# Channels `[T, C]` of each part.
+Motion = Mapping[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Item:
+    """Speech at 16 kHz, -1..1. `phones` is empty and `motion` None where nobody knows them (real recordings).
+
+    `takes` are the performer's other motions for the same speech, by text prompt: several of one prompt differ in their
+    seed. They say how varied the model could be.
+    """
+
+    name: str
+    voice: str
+    samples: np.ndarray
+    phones: tuple[Phone, ...] = ()
+    motion: Motion | None = None
+    takes: Mapping[str, Sequence[Motion]] = field(default_factory=dict)
+
+    @property
+    def seconds(self) -> float:
+        return len(self.samples) / SAMPLE_RATE
+
+    @property
+    def frames(self) -> int:
+        return len(self.samples) * FRAME_RATE // SAMPLE_RATE
+
+
+def _parts(motion: Motion, prefix: str) -> dict[str, np.ndarray]:
+    return {f"{prefix}{part}": np.asarray(motion[part], np.float32) for part in PARTS}
+
+
+def save(item: Item, path: Path) -> None:
+    """Writes one `.npz`."""
+    takes = {prompt: len(motions) for prompt, motions in item.takes.items()}
+    about = {
+        "name": item.name,
+        "voice": item.voice,
+        "phones": [(p.name, p.start, p.end, p.stress) for p in item.phones],
+        "takes": list(takes.items()),
+    }
+    arrays = {"about": np.array(json.dumps(about)), "samples": np.asarray(item.samples, np.float32)}
+    arrays |= _parts(item.motion, "motion.") if item.motion is not None else {}
+    for number, motions in enumerate(item.takes.values()):
+        for take, motion in enumerate(motions):
+            arrays |= _parts(motion, f"take.{number}.{take}.")
+    np.savez_compressed(path, **arrays)
+
+
+def load(path: Path) -> Item:
+    """Reads what `save` wrote.
+
+    Raises `ValueError`, naming the file, where a part has other channels than the skeleton's.
+    """
+    with np.load(path) as file:
+        arrays = dict(file)
+    about = json.loads(str(arrays["about"]))
+
+    def motion(prefix: str) -> Motion:
+        parts = {part: arrays[f"{prefix}{part}"] for part in PARTS}
+        for part, channels in parts.items():
+            if channels.ndim != 2 or channels.shape[1] != CHANNELS[part]:
+                raise ValueError(f"{path}: {part}: expected [frames, {CHANNELS[part]}], got {list(channels.shape)}")
+        return parts
+
+    return Item(
+        about["name"],
+        about["voice"],
+        arrays["samples"],
+        tuple(Phone(*phone) for phone in about["phones"]),
+        motion("motion.") if "motion.face" in arrays else None,
+        {
+            prompt: [motion(f"take.{number}.{take}.") for take in range(count)]
+            for number, (prompt, count) in enumerate(about["takes"])
+        },
+    )
+
+
+def load_folder(folder: Path) -> list[Item]:
+    """All items of a folder, by name."""
+    paths = sorted(Path(folder).glob("*.npz"))
+    if not paths:
+        raise FileNotFoundError(f"{folder}: no evaluation items (*.npz)")
+    return [load(path) for path in paths]
+
+
+def speaker_of(path: Path) -> str:
+    """The first word of a file's name: `p225_003.wav`, `198-209-0000.ogg` and `Mark_joy.wav` begin with the speaker."""
+    return path.name.replace("-", "_").replace(".", "_").split("_")[0]
+
+
+def recordings(folder: Path) -> list[Item]:
+    """Real speech of any rate below a folder (`.wav`, `.flac`, `.ogg`), resampled to 16 kHz mono."""
+    import librosa
+
+    paths = sorted(p for p in Path(folder).rglob("*") if p.suffix.lower() in {".wav", ".flac", ".ogg"})
+    if not paths:
+        raise FileNotFoundError(f"{folder}: no recordings (*.wav, *.flac, *.ogg)")
+    return [Item(p.stem, speaker_of(p), librosa.load(p, sr=SAMPLE_RATE, mono=True)[0]) for p in paths]

@@ -1,0 +1,92 @@
+"""What the program `umo` makes of a recording, as channels of the four parts."""
+
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from safetensors.numpy import load_file, save_file
+from scipy.io import wavfile
+from scipy.spatial.transform import Rotation
+
+from umo_train.metrics.item import Item
+from umo_train.skeleton import ARKIT, CHANNELS, CONTACT, JOINTS, JOINTS_OF, PARTS, VELOCITY, rotation_6d
+from umo_train.speech.utterance import FRAME_RATE, SAMPLE_RATE
+
+
+def find(path: Path | None = None) -> Path:
+    """The program: the one given, on PATH, or built in this repository."""
+    built = Path(__file__).parents[3] / "target/release/umo"
+    for candidate in (path, shutil.which("umo"), built):
+        if candidate and Path(candidate).is_file():
+            return Path(candidate).resolve()
+    raise FileNotFoundError(f"no program `umo`: build it (cargo build --release) or say where it is; tried {path or built}")
+
+
+def run(umo: Path, *arguments: object) -> str:
+    """Runs the program; what it said goes into the error where it fails."""
+    done = subprocess.run([str(umo), *map(str, arguments)], capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise RuntimeError(f"umo {arguments[0]}: {done.stderr.strip() or done.returncode}")
+    return done.stdout
+
+
+def from_npz(path: Path) -> dict[str, np.ndarray]:
+    """An animation's `.npz` as channels of the parts.
+
+    The file has no contacts: they are 0. Velocity is that which leads from frame to frame; its height is left out.
+    """
+    with np.load(path) as file:
+        poses, trans = file["poses"].reshape(-1, JOINTS, 3), file["trans"]
+        if "arkit" not in file:
+            raise ValueError(f"{path}: the face is not ARKit's; lips and prompts need a model with `face.kind` `arkit`")
+        order = [list(file["arkit_names"]).index(name) for name in ARKIT]
+        arkit = file["arkit"][:, order]
+    turns = rotation_6d(Rotation.from_rotvec(poses.reshape(-1, 3)).as_matrix()).reshape(len(poses), JOINTS, 6)
+    motion = {part: np.zeros((len(poses), CHANNELS[part]), np.float32) for part in PARTS}
+    for part, joints in JOINTS_OF.items():
+        motion[part][:, : 6 * len(joints)] = turns[:, joints].reshape(len(poses), -1)
+    motion["face"][:, 6:] = arkit
+    walked = np.diff(trans, axis=0, append=trans[-1:]) * FRAME_RATE
+    walked[:, 1] = 0
+    motion["lower"][:, VELOCITY] = walked
+    return motion
+
+
+def animate(
+    umo: Path, item: Item, model: Path | None = None, seed: int = 0, prompt: str | None = None, precision: str | None = None
+) -> dict[str, np.ndarray]:
+    """Animates an item's speech; the model in the program where none is given."""
+    with tempfile.TemporaryDirectory(prefix="umo-") as folder:
+        speech, made = Path(folder, "speech.wav"), Path(folder, "motion.npz")
+        wavfile.write(speech, SAMPLE_RATE, np.asarray(item.samples, np.float32))
+        options = ["--seed", seed]
+        options += ["--model", model] if model else []
+        options += ["--prompt", prompt] if prompt else []
+        options += ["--precision", precision] if precision else []
+        run(umo, "animate", speech, "-o", made, *options)
+        return from_npz(made)
+
+
+def stage(umo: Path, name: str, tensors: dict[str, np.ndarray], *options: object) -> dict[str, np.ndarray]:
+    """Runs one stage of a model alone."""
+    with tempfile.TemporaryDirectory(prefix="umo-") as folder:
+        given, made = Path(folder, "in.safetensors"), Path(folder, "out.safetensors")
+        save_file({key: np.ascontiguousarray(value) for key, value in tensors.items()}, given)
+        run(umo, "stage", name, "--in", given, "--out", made, *options)
+        return load_file(made)
+
+
+def decode(umo: Path, codes: dict[str, np.ndarray], model: Path | None = None) -> dict[str, np.ndarray]:
+    """Motion of codes `[T]` of each part, as the model's decoders give it, velocity and contacts included."""
+    tensors = {f"codes.{part}": np.asarray(codes[part], np.int64) for part in PARTS}
+    made = stage(umo, "motion", tensors, *(["--model", model] if model else []))
+    motion = {part: made[f"channels.{part}"] for part in PARTS}
+    # The root network's velocity is in the place, not in the lower body's own channels.
+    walked = np.diff(made["translation"], axis=0, append=made["translation"][-1:]) * FRAME_RATE
+    walked[:, 1] = 0
+    motion["lower"] = motion["lower"].copy()
+    motion["lower"][:, VELOCITY] = walked
+    motion["lower"][:, CONTACT] = motion["lower"][:, CONTACT].clip(0, 1)
+    return motion

@@ -1,0 +1,31 @@
+"""How fast the program is with a model on this machine, by its own `bench`."""
+
+import json
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+
+
+@dataclass(frozen=True)
+class Speed:
+    """Milliseconds to the first frame and per chunk (medians), frames a second of one avatar, and where it was measured."""
+
+    first_frame_ms: float
+    chunk_ms: float
+    frames_per_second: float
+    isa: str
+    threads: int
+
+
+def speed(umo: Path, model: Path | None = None, chunks: int = 40, starts: int = 10) -> Speed:
+    """Runs `umo bench`; the model in the program where none is given."""
+    command = [str(umo), "bench", "--json", "--chunks", str(chunks), "--starts", str(starts), "--seconds", "0"]
+    command += ["--model", str(model)] if model else []
+    said = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+    return Speed(
+        said["first_frame_ms"]["p50"],
+        said["chunk_ms"]["p50"],
+        said["frames_per_second"],
+        said["isa"],
+        said["threads"],
+    )
