@@ -29,7 +29,11 @@ def test_prompts_differ_where_their_takes_do():
 
 def test_prompts_that_do_something_are_told_apart_and_others_are_not():
     sizes = {"calm": 0.1, "excited": 0.6}
-    made = [(prompt, f"s{i}", swinging(270, i + 100 * (prompt == "calm"), size)) for prompt, size in sizes.items() for i in range(6)]
+    made = [
+        (prompt, f"s{i}", swinging(270, i + 100 * (prompt == "calm"), size))
+        for prompt, size in sizes.items()
+        for i in range(6)
+    ]
     assert d.separability(made) > 0.9
     rng = np.random.default_rng(0)
     mute = [(prompt, speech, swinging(270, int(rng.integers(1e6)))) for prompt, speech, _ in made]

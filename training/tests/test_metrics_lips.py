@@ -47,7 +47,13 @@ def test_closures_count_within_one_frame_only():
 
 
 def test_pauses_are_still_only_if_nothing_moves_in_them():
-    phones = [Phone("pau", 0.0, 0.5), Phone("pau", 0.5, 1.0), Phone("aa", 1.0, 2.0), Phone("pau", 2.0, 2.3), Phone("pau", 3.0, 3.5)]
+    phones = [
+        Phone("pau", 0.0, 0.5),
+        Phone("pau", 0.5, 1.0),
+        Phone("aa", 1.0, 2.0),
+        Phone("pau", 2.0, 2.3),
+        Phone("pau", 3.0, 3.5),
+    ]
     quiet = lips.silences(phones)
     assert quiet == [(0.0, 1.0), (2.0, 2.3), (3.0, 3.5)]
     opening = np.zeros(120)

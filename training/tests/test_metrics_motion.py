@@ -44,11 +44,21 @@ def test_use_entropy_is_one_when_even_and_zero_when_one_does_everything():
 
 def test_items_come_back_as_they_were_saved(tmp_path):
     phones = (Phone("pau", 0.0, 0.2), Phone("aa", 0.2, 0.5, 2))
-    item = Item("a", "v", np.ones(8000, np.float32), phones, swinging(15, 0), {"calm": [still(15), swinging(15, 1)]})
+    item = Item(
+        "a",
+        "v",
+        np.ones(8000, np.float32),
+        phones,
+        swinging(15, 0),
+        {"calm": [still(15), swinging(15, 1)]},
+        "voice",
+        "calm",
+    )
     save(item, tmp_path / "a.npz")
     save(Item("b", "v", np.zeros(1600, np.float32)), tmp_path / "b.npz")
     got, bare = load_folder(tmp_path)
-    assert got.phones == phones and got.frames == 15 and bare.motion is None and bare.takes == {}
+    assert got.phones == phones and got.frames == 15 and (got.split, got.prompt) == ("voice", "calm")
+    assert bare.motion is None and bare.takes == {}
     assert np.array_equal(got.motion["upper"], item.motion["upper"])
     assert np.array_equal(got.takes["calm"][1]["upper"], item.takes["calm"][1]["upper"])
 
@@ -60,6 +70,8 @@ def test_items_with_other_channels_are_refused(tmp_path):
         load(tmp_path / "a.npz")
 
 
-@pytest.mark.parametrize(("name", "speaker"), [("p225_003.wav", "p225"), ("198-209-0000.hq.ogg", "198"), ("Mark_joy.wav", "Mark")])
+@pytest.mark.parametrize(
+    ("name", "speaker"), [("p225_003.wav", "p225"), ("198-209-0000.hq.ogg", "198"), ("Mark_joy.wav", "Mark")]
+)
 def test_speakers_begin_the_names_of_files(name, speaker, tmp_path):
     assert speaker_of(tmp_path / name) == speaker

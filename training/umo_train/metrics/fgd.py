@@ -51,15 +51,15 @@ class AutoEncoder(nn.Module):
         self.register_buffer("scale", torch.ones(width))
         sizes = [width, WIDTH, WIDTH, WIDTH]
         lengths = [WINDOW, 17, 9, 5]
-        down = [
-            layer
-            for i in range(3)
-            for layer in (nn.Conv1d(sizes[i], sizes[i + 1], 3, 2, 1), nn.LeakyReLU(0.2))
-        ]
+        down = [layer for i in range(3) for layer in (nn.Conv1d(sizes[i], sizes[i + 1], 3, 2, 1), nn.LeakyReLU(0.2))]
         self.encoder = nn.Sequential(*down, nn.Flatten(), nn.Linear(WIDTH * 5, FEATURES))
         up: list[nn.Module] = [nn.Linear(FEATURES, WIDTH * 5), nn.Unflatten(1, (WIDTH, 5))]
         for length in lengths[2::-1]:
-            up += [nn.LeakyReLU(0.2), nn.Upsample(length), nn.Conv1d(WIDTH, WIDTH if length < WINDOW else width, 3, 1, 1)]
+            up += [
+                nn.LeakyReLU(0.2),
+                nn.Upsample(length),
+                nn.Conv1d(WIDTH, WIDTH if length < WINDOW else width, 3, 1, 1),
+            ]
         self.decoder = nn.Sequential(*up)
 
     def normal(self, x: torch.Tensor) -> torch.Tensor:

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +29,10 @@ class Item:
     phones: tuple[Phone, ...] = ()
     motion: Motion | None = None
     takes: Mapping[str, Sequence[Motion]] = field(default_factory=dict)
+    # What the held-out items are held out by, as "voice" or "sentence".
+    split: str = ""
+    # Of `motion`; the model is given it too.
+    prompt: str = ""
 
     @property
     def seconds(self) -> float:
@@ -48,6 +53,8 @@ def save(item: Item, path: Path) -> None:
     about = {
         "name": item.name,
         "voice": item.voice,
+        "split": item.split,
+        "prompt": item.prompt,
         "phones": [(p.name, p.start, p.end, p.stress) for p in item.phones],
         "takes": list(takes.items()),
     }
@@ -85,15 +92,40 @@ def load(path: Path) -> Item:
             prompt: [motion(f"take.{number}.{take}.") for take in range(count)]
             for number, (prompt, count) in enumerate(about["takes"])
         },
+        about["split"],
+        about["prompt"],
     )
 
 
 def load_folder(folder: Path) -> list[Item]:
-    """All items of a folder, by name."""
+    """All items of a folder that `save` filled, by name."""
     paths = sorted(Path(folder).glob("*.npz"))
     if not paths:
         raise FileNotFoundError(f"{folder}: no evaluation items (*.npz)")
     return [load(path) for path in paths]
+
+
+def from_corpus(folder: Path, split: str, most: int, varied: int, seeds: int) -> list[Item]:
+    """The first `most` items of a split of the corpus, with the performer's motion.
+
+    The performer moves anew to the first `varied` of them, in every style and `seeds` times each (a style goes by the first
+    of its prompts, and the neutral one by none), and once to each item in its own style.
+    """
+    from umo_train.data import corpus
+    from umo_train.performer import perform
+    from umo_train.performer.style import PROMPTS, STYLES
+
+    out = []
+    for number, item in enumerate(islice(corpus.items(folder, split), most)):
+        speech = item.utterance
+        takes = {
+            PROMPTS[name][0]: [perform(speech, style, 1_000_000 + seed) for seed in range(seeds)]
+            for name, style in (STYLES.items() if number < varied else ())
+        }
+        takes.setdefault(item.prompt, [perform(speech, STYLES[item.style], 1_000_000 + item.seed)])
+        motion = corpus.read_motion(folder, item.name)
+        out.append(Item(item.name, speech.voice, speech.samples, speech.phones, motion, takes, split, item.prompt))
+    return out
 
 
 def speaker_of(path: Path) -> str:
@@ -101,11 +133,16 @@ def speaker_of(path: Path) -> str:
     return path.name.replace("-", "_").replace(".", "_").split("_")[0]
 
 
-def recordings(folder: Path) -> list[Item]:
-    """Real speech of any rate below a folder (`.wav`, `.flac`, `.ogg`), resampled to 16 kHz mono."""
+def recording(path: Path) -> Item:
+    """A file of any rate, resampled to 16 kHz mono."""
     import librosa
 
+    return Item(path.stem, speaker_of(path), librosa.load(path, sr=SAMPLE_RATE, mono=True)[0])
+
+
+def recordings(folder: Path) -> list[Item]:
+    """Real speech below a folder (`.wav`, `.flac`, `.ogg`)."""
     paths = sorted(p for p in Path(folder).rglob("*") if p.suffix.lower() in {".wav", ".flac", ".ogg"})
     if not paths:
         raise FileNotFoundError(f"{folder}: no recordings (*.wav, *.flac, *.ogg)")
-    return [Item(p.stem, speaker_of(p), librosa.load(p, sr=SAMPLE_RATE, mono=True)[0]) for p in paths]
+    return [recording(path) for path in paths]

@@ -21,7 +21,9 @@ def find(path: Path | None = None) -> Path:
     for candidate in (path, shutil.which("umo"), built):
         if candidate and Path(candidate).is_file():
             return Path(candidate).resolve()
-    raise FileNotFoundError(f"no program `umo`: build it (cargo build --release) or say where it is; tried {path or built}")
+    raise FileNotFoundError(
+        f"no program `umo`: build it (cargo build --release) or say where it is; tried {path or built}"
+    )
 
 
 def run(umo: Path, *arguments: object) -> str:
@@ -55,7 +57,12 @@ def from_npz(path: Path) -> dict[str, np.ndarray]:
 
 
 def animate(
-    umo: Path, item: Item, model: Path | None = None, seed: int = 0, prompt: str | None = None, precision: str | None = None
+    umo: Path,
+    item: Item,
+    model: Path | None = None,
+    seed: int = 0,
+    prompt: str | None = None,
+    precision: str | None = None,
 ) -> dict[str, np.ndarray]:
     """Animates an item's speech; the model in the program where none is given."""
     with tempfile.TemporaryDirectory(prefix="umo-") as folder:

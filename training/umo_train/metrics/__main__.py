@@ -1,0 +1,117 @@
+"""`python -m umo_train.metrics`: `eval`, `sheet`, `autoencoder` and `table`."""
+
+import argparse
+from pathlib import Path
+
+from umo_train.metrics import fgd, item, program, report, table
+from umo_train.metrics.measure import Subject, measure
+
+
+def _held_out(args: argparse.Namespace) -> list[item.Item]:
+    out = item.load_folder(args.items) if args.items else []
+    for split in args.split if args.corpus else ():
+        out += item.from_corpus(args.corpus, split, args.most, args.varied, args.seeds)
+    return out
+
+
+def _eval(args: argparse.Namespace) -> None:
+    subject = Subject(program.find(args.umo), args.model, args.exact, args.seed)
+    held_out = _held_out(args)
+    real = item.recordings(args.speech)[: args.recordings] if args.speech else []
+    if not held_out and not real:
+        raise SystemExit("nothing to evaluate: give --items, --corpus or --speech")
+    encoder = None
+    if held_out and args.autoencoder:
+        encoder = fgd.AutoEncoder.load(args.autoencoder)
+    elif held_out:
+        # Trained on what it judges it flatters no one: model and comparisons pass through the same features.
+        encoder = fgd.train_autoencoder([i.motion for i in held_out], epochs=args.epochs)
+    found = measure(subject, held_out, real, encoder, args.seeds)
+    about = {
+        "items": len(held_out),
+        "recordings": len(real),
+        "minutes": round(sum(i.seconds for i in (*held_out, *real)) / 60, 1),
+        "seed": args.seed,
+        "auto-encoder": args.autoencoder.name if args.autoencoder else "trained on these items",
+    }
+    for bar in report.write(args.output, subject, found, about, args.sheets):
+        value = "not measured" if bar.value is None else f"{bar.value:.3f}"
+        print(
+            f"{'met   ' if bar.met else 'missed'}  {bar.name}: {value} ({'>=' if bar.at_least else '<='} {bar.bar:g})"
+        )
+    print(args.output / "report.html")
+
+
+def _sheet(args: argparse.Namespace) -> None:
+    from umo_train.metrics import sheet
+
+    subject = Subject(program.find(args.umo), args.model, seed=args.seed)
+    speech = item.recording(args.speech)
+    sheet.save(speech, subject.animate(speech, prompt=args.prompt), args.output, args.title or "", args.dpi)
+
+
+def _autoencoder(args: argparse.Namespace) -> None:
+    motions = [i.motion for i in item.from_corpus(args.corpus, "train", args.most, 0, 0)]
+    fgd.train_autoencoder(motions, args.seed, args.epochs).save(args.output)
+
+
+def _table(args: argparse.Namespace) -> None:
+    named = dict(pair.split("=", 1) if "=" in pair else (Path(pair).parent.name, pair) for pair in args.reports)
+    text = table.table(named)
+    if args.output:
+        args.output.write_text(text)
+    else:
+        print(text, end="")
+
+
+def _arguments() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="umo-train metrics", description=__doc__)
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    def command(name: str, run, about: str) -> argparse.ArgumentParser:
+        made = commands.add_parser(name, help=about, description=about)
+        made.set_defaults(run=run)
+        made.add_argument("--seed", type=int, default=0)
+        return made
+
+    one = command("eval", _eval, "Every measure of a model: report.json and report.html")
+    one.add_argument("--model", type=Path, help="model file; the one in the program where not given")
+    one.add_argument("--exact", type=Path, help="the same model with float weights, to compare int8 with")
+    one.add_argument("--umo", type=Path, help="the program; on PATH or target/release/umo where not given")
+    one.add_argument("--items", type=Path, help="folder of evaluation items (.npz)")
+    one.add_argument("--corpus", type=Path, help="the corpus' folder: its held-out splits, with the performer's motion")
+    one.add_argument("--split", nargs="+", default=["test_sentence", "test_voice"])
+    one.add_argument("--most", type=int, default=1000, help="items of each split")
+    one.add_argument("--varied", type=int, default=3, help="items of each split that are tried with every prompt")
+    one.add_argument("--seeds", type=int, default=2, help="takes of each prompt")
+    one.add_argument("--speech", type=Path, help="folder of real recordings")
+    one.add_argument("--recordings", type=int, help="at most so many of them")
+    one.add_argument("--autoencoder", type=Path, help="motion auto-encoder; trained on the items where not given")
+    one.add_argument("--epochs", type=int, default=10)
+    one.add_argument("--sheets", type=int, default=3, help="contact sheets in the page")
+    one.add_argument("-o", "--output", type=Path, required=True, help="folder to write to")
+
+    one = command("sheet", _sheet, "One recording as a strip of poses and faces over its waveform")
+    one.add_argument("speech", type=Path)
+    one.add_argument("--model", type=Path)
+    one.add_argument("--umo", type=Path)
+    one.add_argument("--prompt")
+    one.add_argument("--title")
+    one.add_argument("--dpi", type=int, default=110)
+    one.add_argument("-o", "--output", type=Path, required=True)
+
+    one = command("autoencoder", _autoencoder, "Train the auto-encoder of FGD on the corpus' training split")
+    one.add_argument("--corpus", type=Path, required=True)
+    one.add_argument("--most", type=int, default=300, help="items to train on")
+    one.add_argument("--epochs", type=int, default=20)
+    one.add_argument("-o", "--output", type=Path, required=True)
+
+    one = command("table", _table, "Reports as one Markdown table")
+    one.add_argument("reports", nargs="+", help="NAME=report.json, or report.json named by its folder")
+    one.add_argument("-o", "--output", type=Path)
+    return parser
+
+
+if __name__ == "__main__":
+    arguments = _arguments().parse_args()
+    arguments.run(arguments)

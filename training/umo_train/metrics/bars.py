@@ -1,0 +1,68 @@
+"""The bars that the default model has to clear, read off the measures."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+Groups = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Bar:
+    """`value` is None where it could not be measured, which is not met."""
+
+    name: str
+    value: float | None
+    bar: float
+    at_least: bool
+    note: str = ""
+
+    @property
+    def met(self) -> bool:
+        if self.value is None:
+            return False
+        return self.value >= self.bar if self.at_least else self.value <= self.bar
+
+
+def _found(read: Callable[[], float | None]) -> float | None:
+    """None where a group or a key is missing, or a share is of nothing."""
+    try:
+        return read()
+    except (KeyError, TypeError, ZeroDivisionError, ValueError):
+        return None
+
+
+def _least(groups: Groups, key: str) -> float:
+    return min(split[key] for split in groups["mouth"].values())
+
+
+def judge(groups: Groups) -> list[Bar]:
+    """Every bar in the order of the model card."""
+    rows: list[tuple[str, Callable[[], float | None], float, bool, str]] = [
+        ("jaw against the performer's, correlation", lambda: _least(groups, "jaw_correlation"), 0.85, True, "the worst split"),
+        ("lip opening against the performer's, correlation", lambda: _least(groups, "lip_correlation"), 0.85, True, "the worst split"),
+        ("lips closed within 1 frame at p b m", lambda: _least(groups, "closures"), 0.90, True, "share, the worst split"),
+        ("mouth still in pauses of 0.4 s and more", lambda: _least(groups, "pauses"), 0.95, True, "share, the worst split"),
+        (
+            "real speech: mouth against envelope, correlation",
+            lambda: min(speaker["correlation"] for speaker in groups["real_mouth"].values()),
+            0.5, True, "the worst speaker, best lag within 2 frames",
+        ),
+        (
+            "beat constancy on accented syllables over that of shifted audio",
+            lambda: groups["beat"]["accents_sharp"]["ratio"], 1.15, True, "sigma 0.1 s",
+        ),
+        ("FGD over that of random codes", lambda: groups["fgd"]["model"] / groups["fgd"]["random_codes"], 0.25, False, ""),
+        ("FGD over that of shuffled chunks", lambda: groups["fgd"]["model"] / groups["fgd"]["shuffled_chunks"], 0.5, False, ""),
+        (
+            "diversity across seeds over the performer's",
+            lambda: groups["variety"]["model"]["seeds"] / groups["variety"]["performer"]["seeds"], 0.5, True, "",
+        ),
+        (
+            "diversity across prompts over the performer's",
+            lambda: groups["variety"]["model"]["prompts"] / groups["variety"]["performer"]["prompts"], 0.5, True, "",
+        ),
+        ("prompts told apart", lambda: groups["variety"]["model"]["separable"], 0.9, True, "share of windows of 3 s"),
+        ("codes of int8 as of f32", lambda: groups["tokens"]["agreement"]["all"], 0.98, True, "share, same history"),
+    ]  # fmt: skip
+    return [Bar(name, _found(read), bar, at_least, note) for name, read, bar, at_least, note in rows]

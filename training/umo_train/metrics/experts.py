@@ -1,0 +1,60 @@
+"""How often each expert comes first, by layer, while a model animates."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+from safetensors.torch import safe_open
+
+from umo_train.metrics.agreement import Chunk
+from umo_train.metrics.motion import use_entropy
+
+
+def language_model(path: Path) -> torch.nn.Module:
+    """The language model of an umo file in f32; rows in int8 are multiplied by their scale."""
+    from umo_train.lm.model import LanguageModel
+
+    with safe_open(path, "pt") as file:
+        model = LanguageModel(json.loads(file.metadata()["config"]))
+        held = {name for name in file.keys() if name.startswith("lm.")}  # noqa: SIM118 (not iterable itself)
+        tensors = {}
+        for name in held:
+            if name.removesuffix(".scale") in held - {name}:
+                continue
+            tensor = file.get_tensor(name).float()
+            if f"{name}.scale" in held:
+                tensor *= file.get_tensor(f"{name}.scale").float().reshape(-1, 1)
+            tensors[name.removeprefix("lm.")] = tensor
+    model.load_state_dict(tensors)
+    return model.eval()
+
+
+@torch.no_grad()
+def first_choices(path: Path, chunks: Sequence[Chunk]) -> dict[str, np.ndarray]:
+    """Counts `[experts]` by layer over all rows of all chunks. A dense model has no layers here."""
+    model = language_model(path)
+    counts: dict[str, np.ndarray] = {}
+    hooks = []
+    for name, module in model.named_modules():
+        if name.endswith(".router"):
+            stack, _, number, *_ = name.split(".")
+
+            def count(
+                router: torch.nn.Linear, _: object, logits: torch.Tensor, layer: str = f"{stack} {number}"
+            ) -> None:
+                chosen = logits.reshape(-1, logits.shape[-1]).argmax(1)
+                counts[layer] = counts.get(layer, 0) + np.bincount(chosen.numpy(), minlength=router.out_features)
+
+            hooks.append(module.register_forward_hook(count))
+    for chunk in chunks:
+        model(torch.from_numpy(chunk.encoder)[None], torch.from_numpy(chunk.decoder)[None])
+    for hook in hooks:
+        hook.remove()
+    return counts
+
+
+def entropy(counts: dict[str, np.ndarray]) -> float:
+    """Mean over layers of how evenly experts are used, 0..1."""
+    return use_entropy(np.stack(list(counts.values()))) if counts else 0.0
