@@ -9,7 +9,7 @@ from umo_train.metrics import fgd as f
 @pytest.fixture(scope="module")
 def model() -> f.AutoEncoder:
     torch.set_num_threads(1)
-    return f.train_autoencoder([swinging(200, seed) for seed in range(16)], seed=3, epochs=8)
+    return f.train_autoencoder([swinging(200, seed) for seed in range(10)], seed=3, epochs=6)
 
 
 def test_distance_of_normal_distributions_is_the_formula():

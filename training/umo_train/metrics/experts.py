@@ -38,14 +38,14 @@ def first_choices(path: Path, chunks: Sequence[Chunk]) -> dict[str, np.ndarray]:
     counts: dict[str, np.ndarray] = {}
     hooks = []
     for name, module in model.named_modules():
-        if name.endswith(".router"):
+        if hasattr(module, "router"):
             stack, _, number, *_ = name.split(".")
 
             def count(
-                router: torch.nn.Linear, _: object, logits: torch.Tensor, layer: str = f"{stack} {number}"
+                moe: torch.nn.Module, given: tuple[torch.Tensor], _: object, layer: str = f"{stack} {number}"
             ) -> None:
-                chosen = logits.reshape(-1, logits.shape[-1]).argmax(1)
-                counts[layer] = counts.get(layer, 0) + np.bincount(chosen.numpy(), minlength=router.out_features)
+                chosen = (given[0].flatten(0, -2) @ moe.router.weight.T).argmax(1)
+                counts[layer] = counts.get(layer, 0) + np.bincount(chosen.numpy(), minlength=len(moe.router.weight))
 
             hooks.append(module.register_forward_hook(count))
     for chunk in chunks:

@@ -95,8 +95,8 @@ class AutoEncoder(nn.Module):
 def train_autoencoder(
     motions: Sequence[Motion], seed: int = 0, epochs: int = 20, parts: Sequence[str] = BODY, batch: int = 64
 ) -> AutoEncoder:
-    """Trains on motions; deterministic for a seed on one machine. The loss is the mean square of the normalised channels
-    and of their differences from frame to frame."""
+    """Trains on motions; deterministic for a seed on one machine. The loss is the mean square of the error of the
+    normalised channels, and of their differences from frame to frame as a share of those."""
     torch.manual_seed(seed)
     data = torch.from_numpy(windows(motions, parts))
     model = AutoEncoder(data.shape[2], parts)
@@ -104,6 +104,8 @@ def train_autoencoder(
     model.mean.copy_(flat.mean(0))
     # Channels that hardly move must not be blown up: a hundredth of a radian is nothing that anyone sees.
     model.scale.copy_(flat.std(0).clamp_min(0.01))
+    # Frames differ little from the next: as much weight for how motion goes as for where it is.
+    movement = model.normal(data[:: max(len(data) // 512, 1)]).diff(dim=2).square().mean()
     optimizer = torch.optim.AdamW(model.parameters(), 1e-3, weight_decay=1e-4)
     steps = epochs * -(-len(data) // batch)
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, 2e-3, total_steps=steps)
@@ -111,7 +113,7 @@ def train_autoencoder(
         for rows in torch.randperm(len(data)).split(batch):
             target = model.normal(data[rows])
             _, made = model(data[rows])
-            loss = (made - target).square().mean() + (made.diff(dim=2) - target.diff(dim=2)).square().mean()
+            loss = (made - target).square().mean() + (made.diff(dim=2) - target.diff(dim=2)).square().mean() / movement
             optimizer.zero_grad(set_to_none=True)
             loss.backward()
             optimizer.step()
