@@ -88,7 +88,8 @@ def _draw_trunk(axes: Axes, spots: np.ndarray, depth: np.ndarray, points_per_met
     over = 10 + depth[[JOINT["left_hip"], JOINT["right_hip"], JOINT["left_knee"], JOINT["right_knee"]]].max() + 0.02
     for corners, colour, order, rim in ((hips, LEGS, over, 0.0), (chest, INK, max(near, over + 0.01), 1.6)):
         shape = {"facecolor": colour, "joinstyle": "round"}
-        axes.add_patch(Polygon(corners, edgecolor="white", lw=line + rim, zorder=order - 1e-3, **shape))
+        if rim:
+            axes.add_patch(Polygon(corners, edgecolor="white", lw=line + rim, zorder=order - 1e-3, **shape))
         axes.add_patch(Polygon(corners, edgecolor=colour, lw=line, zorder=order, **shape))
 
 
