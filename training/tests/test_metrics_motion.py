@@ -53,12 +53,14 @@ def test_items_come_back_as_they_were_saved(tmp_path):
         {"calm": [still(15), swinging(15, 1)]},
         "voice",
         "calm",
+        still(15),
     )
     save(item, tmp_path / "a.npz")
     save(Item("b", "v", np.zeros(1600, np.float32)), tmp_path / "b.npz")
     got, bare = load_folder(tmp_path)
     assert got.phones == phones and got.frames == 15 and (got.split, got.prompt) == ("voice", "calm")
-    assert bare.motion is None and bare.takes == {}
+    assert np.array_equal(got.again["upper"], still(15)["upper"])
+    assert bare.motion is None and bare.again is None and bare.takes == {}
     assert np.array_equal(got.motion["upper"], item.motion["upper"])
     assert np.array_equal(got.takes["calm"][1]["upper"], item.takes["calm"][1]["upper"])
 

@@ -33,6 +33,8 @@ class Item:
     split: str = ""
     # Of `motion`; the model is given it too.
     prompt: str = ""
+    # `motion` with another seed: how far the performer is from itself is the noise of a distance to it.
+    again: Motion | None = None
 
     @property
     def seconds(self) -> float:
@@ -60,6 +62,7 @@ def save(item: Item, path: Path) -> None:
     }
     arrays = {"about": np.array(json.dumps(about)), "samples": np.asarray(item.samples, np.float32)}
     arrays |= _parts(item.motion, "motion.") if item.motion is not None else {}
+    arrays |= _parts(item.again, "again.") if item.again is not None else {}
     for number, motions in enumerate(item.takes.values()):
         for take, motion in enumerate(motions):
             arrays |= _parts(motion, f"take.{number}.{take}.")
@@ -94,6 +97,7 @@ def load(path: Path) -> Item:
         },
         about["split"],
         about["prompt"],
+        motion("again.") if "again.face" in arrays else None,
     )
 
 
@@ -122,9 +126,11 @@ def from_corpus(folder: Path, split: str, most: int, varied: int, seeds: int) ->
             PROMPTS[name][0]: [perform(speech, style, 1_000_000 + seed) for seed in range(seeds)]
             for name, style in (STYLES.items() if number < varied else ())
         }
-        takes.setdefault(item.prompt, [perform(speech, STYLES[item.style], 1_000_000 + item.seed)])
+        again = perform(speech, STYLES[item.style], 1_000_000 + item.seed)
         motion = corpus.read_motion(folder, item.name)
-        out.append(Item(item.name, speech.voice, speech.samples, speech.phones, motion, takes, split, item.prompt))
+        out.append(
+            Item(item.name, speech.voice, speech.samples, speech.phones, motion, takes, split, item.prompt, again)
+        )
     return out
 
 

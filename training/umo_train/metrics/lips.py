@@ -1,4 +1,7 @@
-"""Does the mouth, as `performer.lips.lip_opening` measures it, say what is heard: against a reference, at closures, in pauses, and with the loudness."""
+"""Does the mouth say what is heard: against a reference, at closures, in pauses, and with the loudness.
+
+How far it is open is told by `performer.lips.lip_opening`.
+"""
 
 from collections.abc import Iterable, Sequence
 

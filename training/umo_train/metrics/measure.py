@@ -63,6 +63,10 @@ def mouth(made: Sequence[Made]) -> dict[str, Any]:
             joined = np.concatenate(found) if found else np.zeros(0)
             return float(joined.mean()) if len(joined) else None
 
+        def follows(mouths: list[np.ndarray], rows: list[Made] = rows) -> float:
+            pairs = [(o, lips.envelope(m.item.samples, len(o))) for o, m in zip(mouths, rows, strict=True)]
+            return max(lips.lag_correlation(pairs).values())
+
         # What a mouth reaches that closes as often at times that have nothing to do with the phones.
         apart = [np.roll(values, len(values) // 2) for values in opening]
         out[split or "all"] = {
@@ -79,6 +83,8 @@ def mouth(made: Sequence[Made]) -> dict[str, Any]:
             "pauses_of_performer": share(
                 [lips.pauses(o, lips.silences(p)) for o, p in zip(wanted, phones, strict=True)]
             ),
+            "envelope_correlation": follows(opening),
+            "envelope_correlation_of_performer": follows(wanted),
             "lip_deviation": float(np.concatenate(opening).std()),
             "lip_deviation_of_performer": float(np.concatenate(wanted).std()),
         }
@@ -136,7 +142,7 @@ def distance(
         program.decode(subject.umo, {p: rng.integers(0, codes, len(m.motion["face"])) for p in PARTS}, subject.model)
         for m in made
     ]
-    again = [takes[m.item.prompt][0] for m in made if (takes := m.item.takes) and m.item.prompt in takes]
+    again = [m.item.again for m in made if m.item.again is not None]
 
     def to_performer(motions: Sequence[Motion]) -> float:
         return fgd.frechet(encoder.features(motions), target)
@@ -145,7 +151,7 @@ def distance(
         "model": to_performer([m.motion for m in made]),
         "random_codes": to_performer(drawn),
         "shuffled_chunks": to_performer([fgd.shuffled(motions, rng) for motions in reference]),
-        # The noise of the measure itself: the performer with another seed, on the items where that is known.
+        # The noise of the measure itself: the performer with another seed, where that is known.
         "performer_again": to_performer(again) if len(again) > 1 else None,
         "windows": len(target),
     }
@@ -154,10 +160,9 @@ def distance(
 def variety(subject: Subject, items: Sequence[Item], seeds: int = 2) -> dict[str, Any]:
     """Diversity across seeds and prompts over items whose other takes are known, beside the performer's; and whether
     prompts can be told apart."""
-    varied = [item for item in items if len(item.takes) > 2]
+    varied = [item for item in items if len(item.takes) > 1]
     if not varied:
         return {}
-    # An item may have its own prompt besides: those that all have.
     prompts = [prompt for prompt in varied[0].takes if all(prompt in item.takes for item in varied)]
     made = [
         {prompt: [subject.animate(item, seed, prompt) for seed in range(seeds)] for prompt in prompts}
