@@ -106,7 +106,8 @@ def test_a_sheet_shows_what_moves(tmp_path):
     assert moving.shape == rest.shape and (moving.std() > 20)
     # Arms and faces differ in every third of the picture.
     assert all(
-        (a != b).any(-1).mean() > 0.005 for a, b in zip(np.array_split(moving, 3, 1), np.array_split(rest, 3, 1))
+        (a != b).any(-1).mean() > 0.005
+        for a, b in zip(np.array_split(moving, 3, 1), np.array_split(rest, 3, 1), strict=True)
     )
     sheet.save(item, item.motion, tmp_path / "a.png", dots_per_inch=30)
     assert (tmp_path / "a.png").read_bytes()[:4] == b"\x89PNG"

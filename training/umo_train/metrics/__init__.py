@@ -9,7 +9,7 @@
 | `fgd` | Frechet distance in the features of a motion auto-encoder |
 | `diversity` | L1 diversity; whether prompts can be told apart |
 | `speed` | time to the first frame, frames per second |
-| `agreement` | codes in int8 against those in f32 |
+| `agreement`, `experts` | codes in int8 against those in f32; which expert comes first |
 | `program` | what the program `umo` makes of a recording |
-| `measure`, `bars`, `report`, `plots`, `sheet`, `table` | all of it over a set of recordings, judged and shown |
+| `measure`, `bars`, `report`, `plots`, `figure`, `sheet`, `table` | all of it over a set of recordings, judged and shown |
 """

@@ -1,4 +1,4 @@
-"""Codes in int8 against codes in f32, chunk by chunk on the same history; which codes and experts are used on the way."""
+"""Codes in int8 against codes in f32, chunk by chunk on the same history, and which codes are used."""
 
 import json
 from collections.abc import Sequence
@@ -39,7 +39,8 @@ def _marked(vocab: dict[str, Any], name: str, codes: Sequence[int]) -> list[int]
 
 
 def encoder_ids(config: dict[str, Any], units: Sequence[int], history: dict[str, np.ndarray]) -> np.ndarray:
-    """The encoder's input without a text: the template with the window's audio units and the last codes of each part."""
+    """The encoder's input without a text: the template with the window's audio units and the last codes of each
+    part."""
     out: list[int] = []
     for piece in config["templates"]["audio_to_motion"]:
         if isinstance(piece, int):
@@ -94,8 +95,8 @@ def likeliest(config: dict[str, Any], logits: np.ndarray) -> dict[str, np.ndarra
 def agreement(
     umo: Path, chunks: Sequence[Chunk], model: Path | None = None, other: Path | None = None, precision: str = "int8"
 ) -> dict[str, float]:
-    """Share of places where f32 of `model` and `precision` of `other` (the same file where not given) find the same code
-    likeliest, by part and in `all`; both are given what f32 drew so far."""
+    """Share of places where f32 of `model` and `precision` of `other` (the same file where not given) find the same
+    code likeliest, by part and in `all`; both are given what f32 drew so far."""
     config = config_of(umo, model)
     same: dict[str, list[np.ndarray]] = {part: [] for part in PARTS}
     for chunk in chunks:

@@ -36,13 +36,21 @@ def _least(groups: Groups, key: str) -> float:
     return min(split[key] for split in groups["mouth"].values())
 
 
+def _fgd_over(groups: Groups, other: str) -> float:
+    return groups["fgd"]["model"] / groups["fgd"][other]
+
+
 def judge(groups: Groups) -> list[Bar]:
     """Every bar in the order of the model card."""
+    worst = "the worst split"
     rows: list[tuple[str, Callable[[], float | None], float, bool, str]] = [
-        ("jaw against the performer's, correlation", lambda: _least(groups, "jaw_correlation"), 0.85, True, "the worst split"),
-        ("lip opening against the performer's, correlation", lambda: _least(groups, "lip_correlation"), 0.85, True, "the worst split"),
-        ("lips closed within 1 frame at p b m", lambda: _least(groups, "closures"), 0.90, True, "share, the worst split"),
-        ("mouth still in pauses of 0.4 s and more", lambda: _least(groups, "pauses"), 0.95, True, "share, the worst split"),
+        ("jaw against the performer's, correlation", lambda: _least(groups, "jaw_correlation"), 0.85, True, worst),
+        (
+            "lip opening against the performer's, correlation",
+            lambda: _least(groups, "lip_correlation"), 0.85, True, worst,
+        ),
+        ("lips closed within 1 frame at p b m", lambda: _least(groups, "closures"), 0.90, True, worst),
+        ("mouth still in pauses of 0.4 s and more", lambda: _least(groups, "pauses"), 0.95, True, worst),
         (
             "real speech: mouth against envelope, correlation",
             lambda: min(speaker["correlation"] for speaker in groups["real_mouth"].values()),
@@ -52,8 +60,8 @@ def judge(groups: Groups) -> list[Bar]:
             "beat constancy on accented syllables over that of shifted audio",
             lambda: groups["beat"]["accents_sharp"]["ratio"], 1.15, True, "sigma 0.1 s",
         ),
-        ("FGD over that of random codes", lambda: groups["fgd"]["model"] / groups["fgd"]["random_codes"], 0.25, False, ""),
-        ("FGD over that of shuffled chunks", lambda: groups["fgd"]["model"] / groups["fgd"]["shuffled_chunks"], 0.5, False, ""),
+        ("FGD over that of random codes", lambda: _fgd_over(groups, "random_codes"), 0.25, False, ""),
+        ("FGD over that of shuffled chunks", lambda: _fgd_over(groups, "shuffled_chunks"), 0.5, False, ""),
         (
             "diversity across seeds over the performer's",
             lambda: groups["variety"]["model"]["seeds"] / groups["variety"]["performer"]["seeds"], 0.5, True, "",

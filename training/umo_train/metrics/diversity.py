@@ -15,15 +15,15 @@ _MOVING = sorted(JOINTS_OF["upper"] + JOINTS_OF["lower"] + JOINTS_OF["hands"])
 
 
 def l1_spread(motions: Sequence[Motion]) -> float:
-    """L1 diversity as EMAGE's evaluation counts it, per frame: sum over joints and axes of the distance of places to their
-    mean over all frames, in metres."""
+    """L1 diversity as EMAGE's evaluation counts it, per frame: sum over joints and axes of the distance of places to
+    their mean over all frames, in metres."""
     at = np.concatenate([joint_places(motion, walking=False)[:, _MOVING] for motion in motions])
     return float(np.abs(at - at.mean(0)).sum((1, 2)).mean())
 
 
 def l1_between(motions: Sequence[Motion]) -> float:
-    """Mean over pairs of motions of the same speech, frame against frame: sum over joints and axes of the distance of their
-    places, in metres. 0 for fewer than two motions."""
+    """Mean over pairs of motions of the same speech, frame against frame: sum over joints and axes of the distance of
+    their places, in metres. 0 for fewer than two motions."""
     frames = min((len(motion["face"]) for motion in motions), default=0)
     at = [joint_places(motion, walking=False)[:frames, _MOVING] for motion in motions]
     return float(np.mean([np.abs(a - b).sum((1, 2)).mean() for a, b in combinations(at, 2)])) if len(at) > 1 else 0.0
@@ -37,8 +37,8 @@ def across_prompts(takes: Mapping[str, Sequence[Motion]]) -> float:
 
 
 def statistics(motion: Motion, window: int = 150) -> np.ndarray:
-    """What each window of 5 s says of its style `[windows, F]`: mean, spread and mean speed of the places of the upper body,
-    how far apart the hands are and how high, and mean and spread of the face's coefficients and of the jaw."""
+    """What each window of 5 s says of its style `[windows, F]`: mean, spread and mean speed of the places of the upper
+    body, how far apart the hands are and how high, and mean and spread of the face's coefficients and of the jaw."""
     places = joint_places(motion, walking=False)
     at = places[:, JOINTS_OF["upper"]].reshape(len(places), -1)
     wrists = places[:, [JOINT["left_wrist"], JOINT["right_wrist"]]]
@@ -67,8 +67,8 @@ def separability(made: Sequence[tuple[str, str, Motion]]) -> float:
     folds = min(len(set(groups)), 5)
     if len(set(labels)) < 2 or folds < 2:
         raise ValueError("separability needs two prompts and two recordings at least")
-    # The covariance is shrunk, since there may be fewer windows than statistics. On the performer's motion this tells more
-    # than logistic regression does: 98 % against 93 % of the windows of six recordings.
+    # The covariance is shrunk, since there may be fewer windows than statistics. On the performer's motion this tells
+    # more than logistic regression does: 98 % against 93 % of the windows of six recordings.
     classifier = LinearDiscriminantAnalysis(solver="lsqr", shrinkage="auto")
     told = cross_val_predict(classifier, np.concatenate(rows), labels, groups=groups, cv=GroupKFold(folds))
     return float((told == labels).mean())

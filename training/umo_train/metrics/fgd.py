@@ -22,8 +22,8 @@ WIDTH, FEATURES = 96, 48
 
 
 def channels(motion: Motion, parts: Sequence[str]) -> np.ndarray:
-    """What the auto-encoder sees `[T, C]`: rotations, and of the face its coefficients too. Velocity and contacts are left
-    out, since not every source of motion has them."""
+    """What the auto-encoder sees `[T, C]`: rotations, and of the face its coefficients too. Velocity and contacts are
+    left out, since not every source of motion has them."""
     face = [motion["face"]] if "face" in parts else []
     body = [motion[part][:, : 6 * len(JOINTS_OF[part])] for part in parts if part != "face"]
     return np.concatenate([*face, *body], 1).astype(np.float32)
@@ -124,8 +124,8 @@ def train_autoencoder(
 def frechet(a: np.ndarray, b: np.ndarray) -> float:
     """Squared Frechet distance of the normal distributions fitted to rows `[N, F]` and `[M, F]`.
 
-    The trace of `sqrt(A B)` is the sum of the roots of the eigenvalues of `sqrt(A) B sqrt(A)`, which is symmetric: unlike
-    a general matrix root this stays real where there are fewer rows than features and the covariances are singular.
+    The trace of `sqrt(A B)` is the sum of the roots of the eigenvalues of `sqrt(A) B sqrt(A)`, which is symmetric:
+    unlike a general matrix root this stays real where there are fewer rows than features and the covariances are singular.
     """
     if min(len(a), len(b)) < 2:
         raise ValueError("a covariance needs two rows at least")

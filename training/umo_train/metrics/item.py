@@ -112,8 +112,8 @@ def load_folder(folder: Path) -> list[Item]:
 def from_corpus(folder: Path, split: str, most: int, varied: int, seeds: int) -> list[Item]:
     """The first `most` items of a split of the corpus, with the performer's motion.
 
-    The performer moves anew to the first `varied` of them, in every style and `seeds` times each (a style goes by the first
-    of its prompts, and the neutral one by none), and once to each item in its own style.
+    The performer moves anew to the first `varied` of them, in every style and `seeds` times each (a style goes by the
+    first of its prompts, and the neutral one by none), and once to each item in its own style.
     """
     from umo_train.data import corpus
     from umo_train.performer import perform

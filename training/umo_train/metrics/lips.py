@@ -12,11 +12,11 @@ from umo_train.skeleton import matrices
 from umo_train.speech.utterance import FRAME_RATE, SAMPLE_RATE, SILENCE, Phone
 
 CLOSING = frozenset("pbm")
-# The neutral mouth (all coefficients 0) is closed: opening 0. A wide open one is some 45 mm between the lips, so 0.05 is
-# about 2 mm: what soft lips take up when they meet, and less than a pixel of a face 250 pixels high.
+# The neutral mouth (all coefficients 0) is closed: opening 0. A wide open one is some 45 mm between the lips, so 0.05
+# is about 2 mm: what soft lips take up when they meet, and less than a pixel of a face 250 pixels high.
 CLOSED = 0.05
-# A pause's first and last tenth of a second belong to the sounds beside it: a mouth closes after the one and opens ahead
-# of the other (anticipation of 100 ms and more is ordinary).
+# A pause's first and last tenth of a second belong to the sounds beside it: a mouth closes after the one and opens
+# ahead of the other (anticipation of 100 ms and more is ordinary).
 PAUSE_MARGIN = 3
 PAUSE_S = 0.4
 # What a still mouth may change in between: about 3 mm, as breathing and swallowing do; a short vowel opens 0.2 or more.
@@ -83,7 +83,8 @@ def envelope(samples: np.ndarray, frames: int) -> np.ndarray:
 
 
 def quiet_parts(samples: np.ndarray, below_db: float = -35.0) -> list[tuple[float, float]]:
-    """Silences of a recording without phones: where its envelope is `below_db` under its loud parts (95th percentile)."""
+    """Silences of a recording without phones: where its envelope is `below_db` under its loud parts (95th
+    percentile)."""
     loudness = envelope(samples, len(samples) * FRAME_RATE // SAMPLE_RATE)
     quiet = np.concatenate([[False], loudness < np.percentile(loudness, 95) * 10 ** (below_db / 20), [False]])
     edges = np.flatnonzero(np.diff(quiet.astype(int))).reshape(-1, 2)
@@ -93,8 +94,8 @@ def quiet_parts(samples: np.ndarray, below_db: float = -35.0) -> list[tuple[floa
 def lag_correlation(pairs: Sequence[tuple[np.ndarray, np.ndarray]], most: int = 2) -> dict[int, float]:
     """Correlation of the mouth with the envelope, by lag in frames (positive: the mouth is late), over all recordings.
 
-    Each pair is `(opening [T], envelope [T])`. A recording's level says nothing of its speaker: envelopes are divided by
-    their own 95th percentile. The lag is one for all: a speaker's best is the largest value.
+    Each pair is `(opening [T], envelope [T])`. A recording's level says nothing of its speaker: envelopes are divided
+    by their own 95th percentile. The lag is one for all: a speaker's best is the largest value.
     """
     scaled = [(mouth, sound / max(np.percentile(sound, 95), 1e-6)) for mouth, sound in pairs]
     out = {}

@@ -92,7 +92,8 @@ def mouth(made: Sequence[Made]) -> dict[str, Any]:
 
 
 def real_mouth(made: Sequence[Made]) -> dict[str, Any]:
-    """Mouth against the speech's envelope by speaker, each at its best lag; stillness in the recordings' own silences."""
+    """Mouth against the speech's envelope by speaker, each at its best lag; stillness in the recordings' own
+    silences."""
     out: dict[str, Any] = {}
     for speaker in sorted({m.item.voice for m in made}):
         rows = [m for m in made if m.item.voice == speaker]
@@ -113,7 +114,8 @@ def real_mouth(made: Sequence[Made]) -> dict[str, Any]:
 
 
 def beats(made: Sequence[Made]) -> dict[str, Any]:
-    """Beat constancy at BEAT's width and at the sharp one: onsets of all speech, accented syllables where they are known."""
+    """Beat constancy at BEAT's width and at the sharp one: onsets of all speech, accented syllables where they are
+    known."""
     out: dict[str, Any] = {}
     turns = [beat.turning_points(m.motion) for m in made]
     theirs = [beat.turning_points(m.item.motion) if m.item.motion else None for m in made]

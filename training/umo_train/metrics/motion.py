@@ -15,8 +15,8 @@ _REST_HEIGHT_M = np.array([0.08, 0.02, 0.08, 0.02])
 def joint_places(motion: Motion, walking: bool = True) -> np.ndarray:
     """Places of all joints `[T, 55, 3]` in metres.
 
-    The pelvis walks by its velocity (frame `i` adds that of frame `i - 1`) and is as high as puts the lowest joint of the
-    feet on the floor; with `walking` false it stays at the origin.
+    The pelvis walks by its velocity (frame `i` adds that of frame `i - 1`) and is as high as puts the lowest joint of
+    the feet on the floor; with `walking` false it stays at the origin.
     """
     local = rotations(motion)
     at = places(local, np.zeros((len(local), 3)))

@@ -71,7 +71,8 @@ def _nested(group: dict[str, Any]) -> str:
 def _picture(made: Made) -> str:
     held = io.BytesIO()
     sheet.draw(made.item, made.motion).savefig(held, dpi=80, format="png")
-    return f'<img alt="{html.escape(made.item.name)}" src="data:image/png;base64,{base64.b64encode(held.getvalue()).decode()}">'
+    data = base64.b64encode(held.getvalue()).decode()
+    return f'<img alt="{html.escape(made.item.name)}" src="data:image/png;base64,{data}">'
 
 
 _TITLES = {
@@ -121,10 +122,11 @@ def write(folder: Path, subject: Subject, measured: Measured, about: dict[str, A
     said = {"about": about, "bars": [asdict(bar) | {"met": bar.met} for bar in bars], "measures": measured.groups}
     (folder / "report.json").write_text(json.dumps(said, indent=1) + "\n")
 
+    circumstances = ", ".join(f"{key} {value}" for key, value in about.items() if key != "model")
     met = sum(bar.met for bar in bars)
     parts = [
         f"<h1>{html.escape(str(about['model']))}</h1>",
-        f"<p class=note>{html.escape(', '.join(f'{key} {value}' for key, value in about.items() if key != 'model'))}</p>",
+        f"<p class=note>{html.escape(circumstances)}</p>",
         f"<h2>Bars: {met} of {len(bars)} met</h2>{_judged(bars)}",
     ]
     for name, title in _TITLES.items():

@@ -83,7 +83,8 @@ def _wave(axes: matplotlib.axes.Axes, item: Item, motion: Motion, shown: np.ndar
     axes.fill_between(time, low, high, color="#cfd6dd", lw=0, zorder=1)
     frames = np.arange(len(opening)) / FRAME_RATE
     axes.plot(frames, sound / max(sound.max(), 1e-6), color=RIGHT, lw=1.3, label="envelope of the speech", zorder=2)
-    axes.plot(frames, opening / max(opening.max(), 1e-6), color=LEFT, lw=1.8, label="opening of the mouth", zorder=3)
+    # A mouth that hardly moves must not look as if it did.
+    axes.plot(frames, opening / max(opening.max(), 0.25), color=LEFT, lw=1.8, label="opening of the mouth", zorder=3)
     for frame in shown:
         axes.axvline(frame / FRAME_RATE, color="#98a3ad", lw=0.7, ls=(0, (2, 3)), zorder=0)
     axes.set(xlim=(0, item.seconds), ylim=(-1.05, 1.12), yticks=[])

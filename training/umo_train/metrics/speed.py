@@ -8,7 +8,8 @@ from pathlib import Path
 
 @dataclass(frozen=True)
 class Speed:
-    """Milliseconds to the first frame and per chunk (medians), frames a second of one avatar, and where it was measured."""
+    """Milliseconds to the first frame and per chunk (medians), frames a second of one avatar, and where it was
+    measured."""
 
     first_frame_ms: float
     chunk_ms: float
