@@ -81,14 +81,17 @@ def test_the_page_holds_everything_itself(measured, tmp_path, monkeypatch):
 
 def test_a_table_marks_the_best_of_each_column(tmp_path):
     for name, fgd, pauses in (("full", 1.5, 0.97), ("dense", 2.25, None)):
-        groups = {"fgd": {"model": fgd}, "mouth": {"a": {"pauses": pauses, "closures": 0.9}, "b": {"closures": 0.8}}}
+        groups = {
+            "fgd": {"model": fgd},
+            "mouth": {"a": {"pauses": pauses, "closures": 0.9}, "b": {"closures": fgd / 3}},
+        }
         (tmp_path / name).write_text(json.dumps({"measures": groups}))
     text = table.table({"full": tmp_path / "full", "no experts": tmp_path / "dense"})
     assert text.splitlines() == [
         "|  | FGD ↓ | p b m closed ↑ | pauses still ↑ |",
         "| --- | ---: | ---: | ---: |",
-        "| full | **1.50** | **0.800** | **0.970** |",
-        "| no experts | 2.25 | **0.800** | – |",
+        "| full | **1.50** | 0.500 | **0.970** |",
+        "| no experts | 2.25 | **0.750** | – |",
     ]
 
 

@@ -11,5 +11,5 @@
 | `speed` | time to the first frame, frames per second |
 | `agreement`, `experts` | codes in int8 against those in f32; which expert comes first |
 | `program` | what the program `umo` makes of a recording |
-| `measure`, `bars`, `report`, `plots`, `figure`, `sheet`, `table` | all of it over a set of recordings, judged and shown |
+| `measure`, `bars`, `report`, `plots`, `figure`, `sheet`, `table` | all of it over recordings, judged and shown |
 """

@@ -125,7 +125,8 @@ def frechet(a: np.ndarray, b: np.ndarray) -> float:
     """Squared Frechet distance of the normal distributions fitted to rows `[N, F]` and `[M, F]`.
 
     The trace of `sqrt(A B)` is the sum of the roots of the eigenvalues of `sqrt(A) B sqrt(A)`, which is symmetric:
-    unlike a general matrix root this stays real where there are fewer rows than features and the covariances are singular.
+    unlike a general matrix root this stays real where there are fewer rows than features and the covariances are
+    singular.
     """
     if min(len(a), len(b)) < 2:
         raise ValueError("a covariance needs two rows at least")
