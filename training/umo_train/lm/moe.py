@@ -24,6 +24,8 @@ class MixtureOfExperts(nn.Module):
     """Feed-forwards behind a bias-free softmax router; a row goes to its `top_k` likeliest experts, whose weights are
     their probabilities divided by the sum over the chosen."""
 
+    PIECE = 256
+
     def __init__(self, d_model: int, d_ff: int, experts: int, top_k: int) -> None:
         super().__init__()
         self.router = nn.Linear(d_model, experts, bias=False)
@@ -44,11 +46,17 @@ class MixtureOfExperts(nn.Module):
         self._measure(probabilities, weights, index)
         flat = index.flatten()
         order = flat.argsort(stable=True)
-        counts = flat.bincount(minlength=len(self.experts)).tolist()
-        gathered = rows[order // self.top_k].split(counts)
+        counts = flat.bincount(minlength=len(self.experts))
+        # Each expert's rows are filled up to a multiple: a CPU's matmul is made anew for every shape that it meets.
+        room = (counts + self.PIECE - 1) // self.PIECE * self.PIECE
+        shift = room.cumsum(0) - room - (counts.cumsum(0) - counts)
+        place = torch.arange(len(order), device=order.device) + shift[flat[order]]
+        source = torch.zeros(int(room.sum()), dtype=order.dtype, device=order.device)
+        source[place] = order // self.top_k
+        gathered = rows[source].split(room.tolist())
         sorted_outputs = torch.cat([expert(part) for expert, part in zip(self.experts, gathered, strict=True)])
         # Back to the order of rows: each row's k outputs stand together.
-        back = torch.empty_like(order).scatter_(0, order, torch.arange(len(order), device=order.device))
+        back = torch.empty_like(order).scatter_(0, order, place)
         outputs = sorted_outputs[back]
         if self.top_k > 1:
             outputs = outputs * weights.reshape(-1, 1).to(outputs.dtype)
