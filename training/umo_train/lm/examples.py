@@ -28,13 +28,15 @@ class Batch:
     ids: np.ndarray
     mask: np.ndarray | None
     labels: np.ndarray
+    # Face codes as ids at the audio tokens of their keyframes, for the encoder to say; -100 elsewhere. `[b, n]`.
+    heard: np.ndarray | None = None
 
 
 class Examples:
     """Draws batches of a task; every example of a batch has the same shape but for free text."""
 
     # Of a stage-2 example: history cut short, codes of it replaced, the face's history hidden.
-    SHORT, NOISY, HIDDEN, REPLACED = 0.12, 0.3, 0.25, 0.12
+    SHORT, NOISY, HIDDEN, REPLACED = 0.12, 0.3, 0.35, 0.12
 
     def __init__(self, config: Config, streams: list[Stream], silence: int, *, augment: bool = True) -> None:
         self.config, self.streams, self.silence, self.augment = config, streams, silence, augment
@@ -74,13 +76,26 @@ class Examples:
 
     def chunk(self, count: int, target: int, rng: np.random.Generator, *, text: bool = False) -> Batch:
         """Audio to motion, a chunk of `target` keyframes after the prefix (stage 2)."""
-        inputs, labels = [], []
+        inputs, labels, heard = [], [], []
+        template = "audio_to_motion_with_text" if text else "audio_to_motion"
         for stream in self._streams(count, rng):
             keys = stream.codes[:, :: self.stride]
             at = int(rng.integers(0, max(keys.shape[1] - target, 1)))
             inputs.append(self._chunk_input(stream, keys, at, target, text, rng))
             labels.append(self._chunk_labels(keys, at, target))
-        return _stack(inputs, labels)
+            heard.append(_slice(keys[0], at, target, -1))
+        batch = _stack(inputs, labels)
+        batch.heard = self._heard(batch.ids.shape, np.stack(heard), template, target)
+        return batch
+
+    def _heard(self, shape: tuple[int, int], faces: np.ndarray, template: str, target: int) -> np.ndarray:
+        """The chunk's face codes `[b, target]` in the middle of each keyframe's audio."""
+        out = np.full(shape, -100, np.int64)
+        # Task ids and the start marker come before the first audio token.
+        first = self.config["templates"][template].index("audio") + 1
+        at = first + (self.prefix + np.arange(target)) * self.tokens + self.tokens // 2
+        out[:, at] = np.where(faces < 0, -100, self.first[0] + faces)
+        return out
 
     def _chunk_input(
         self, stream: Stream, keys: np.ndarray, at: int, target: int, text: bool, rng: np.random.Generator

@@ -101,19 +101,21 @@ class Stack(nn.Module):
 
     @torch.no_grad()
     def _spread(self) -> None:
-        """Fresh heads that differ in what distance they look at: some near, some at waves of distance from which a
-        place can be told. From nearly equal ones, where speech stands in the window takes thousands of steps to learn.
-        """
+        """Fresh heads that differ in what distance they look at: half of them near, half at waves of distance, in
+        pairs a quarter wave apart. From nearly equal ones, where speech stands in the window takes thousands of steps
+        to learn."""
         relative = torch.arange(-self.distance, self.distance + 1)
         table = self.block[0].layer[0].SelfAttention.relative_attention_bias.weight
         bucket = _bucket(relative, self.buckets, self.distance, two_sided=not self.decoder)
         heads = table.shape[1]
+        near = heads - heads // 2
         for head in range(heads):
-            if head % 2:
-                wave = 6.0 * 2 ** (4.5 * head / heads)
-                bias = 1.5 * torch.cos(2 * math.pi * relative / wave + head)
+            if head < near:
+                bias = -relative.abs() * 2.0 ** (-1.0 - head)
             else:
-                bias = -relative.abs() * 2.0 ** (-1 - 5 * head / heads)
+                wave = head - near
+                period = 24.0 * 4.0 ** (wave // 2) / (4.0 if self.decoder else 1.0)
+                bias = 1.5 * torch.cos(2 * math.pi * relative / period + math.pi / 2 * (wave % 2))
             table[bucket, head] = bias.to(table.dtype)
 
     def bias(self, n: int, device: torch.device) -> Tensor:
@@ -161,6 +163,41 @@ class LanguageModel(nn.Module):
         if not self.tied:
             self.lm_head = nn.Linear(lm["d_model"], vocab["size"], bias=False)
             nn.init.normal_(self.lm_head.weight, std=lm["d_model"] ** -0.5)
+        if lm["d_model"] >= 16 * lm["num_heads"]:
+            self._mark_places()
+
+    @torch.no_grad()
+    def _mark_places(self) -> None:
+        """Lets the first layers tell each token how far it is from the end of the audio and from its part's start.
+
+        T5 knows distances alone. A head that sees one marker among all tokens, by a weight that its wave of distance
+        makes larger or smaller, writes a sine of the place: a position encoding in T5's own terms, from which training
+        goes on. A width of its own carries what all tokens share, another each kind of marker, and one per head the
+        result; fresh embeddings are zero there.
+        """
+        shared, ends, starts, results = 0, 1, 2, 3
+        table = self.shared.weight
+        heads = self.encoder.block[0].layer[0].SelfAttention.heads
+        table[:, : results + 2 * heads] = 0.0
+        table[:, shared] = 4.0
+        table[self.vocab["audio"]["end"], ends] = 8.0
+        for part in ("face", "hands", "upper", "lower"):
+            table[self.vocab[part]["start"], starts] = 8.0
+        # A marker's score: about the logarithm of how many tokens it stands among.
+        for stack, marker, score, first in ((self.encoder, ends, 5.3, results), (self.decoder, starts, 2.5, results + heads)):
+            attention = stack.block[0].layer[0].SelfAttention
+            width = attention.q.weight.shape[0] // heads
+            for head in range(heads - heads // 2, heads):
+                row = head * width
+                # What the rows are about matters little to these heads at first.
+                attention.q.weight[row : row + width] *= 0.1
+                for linear in (attention.q, attention.k, attention.v):
+                    linear.weight[row] = 0.0
+                attention.q.weight[row, shared] = 1.0
+                attention.k.weight[row, marker] = score / (4.0 * 7.0)
+                attention.v.weight[row, marker] = 1.0
+                attention.o.weight[:, row] = 0.0
+                attention.o.weight[first + head, row] = 0.5
 
     def encode(self, ids: Tensor, mask: Tensor | None = None) -> Tensor:
         """`[b, n]` ids, and which of them count, to `[b, n, d]`."""
@@ -182,6 +219,7 @@ class LanguageModel(nn.Module):
         """Logits over the whole vocabulary."""
         return nn.functional.linear(states, self.shared.weight if self.tied else self.lm_head.weight)
 
-    def forward(self, ids: Tensor, decoder_ids: Tensor, mask: Tensor | None = None) -> Tensor:
-        """Logits `[b, m, vocab]`, teacher forcing."""
-        return self.head(self.decode(self.encode(ids, mask), decoder_ids, mask))
+    def forward(self, ids: Tensor, decoder_ids: Tensor, mask: Tensor | None = None) -> tuple[Tensor, Tensor]:
+        """Logits `[b, m, vocab]`, teacher forcing, and the encoder's states `[b, n, d]`."""
+        hidden = self.encode(ids, mask)
+        return self.head(self.decode(hidden, decoder_ids, mask)), hidden
