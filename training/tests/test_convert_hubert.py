@@ -1,10 +1,10 @@
 import json
 
-import convert_sources
 import pytest
 import torch
 from safetensors.torch import load_file, save_file
 
+import convert_sources
 from umo_train.convert import SourceError, hubert
 from umo_train.convert.layout import shapes
 

@@ -1,13 +1,13 @@
 import os
 import pickle
 
-import convert_sources
 import joblib
 import numpy as np
 import pytest
 import torch
 from safetensors.torch import save_file
 
+import convert_sources
 from umo_train.convert import SourceError, kmeans
 
 CONFIG = convert_sources.golden_config()

@@ -4,12 +4,12 @@ import os
 import subprocess
 from pathlib import Path
 
-import convert_sources
 import pytest
 import torch
 from safetensors import safe_open
 from safetensors.torch import load_file, save_file
 
+import convert_sources
 from umo_train.convert import Model, SourceError, write
 from umo_train.convert.__main__ import main
 from umo_train.convert.layout import is_weight, shapes
@@ -23,7 +23,7 @@ PROGRAM = os.environ.get("UMO_PROGRAM")
 def test_layout_is_that_of_the_projects_model_files(name):
     config = convert_sources.golden_config(name)
     with safe_open(convert_sources.GOLDEN / name / "model.safetensors", "pt") as file:
-        found = {key: tuple(file.get_slice(key).get_shape()) for key in file.keys()}  # noqa: SIM118
+        found = {key: tuple(file.get_slice(key).get_shape()) for key in file.keys()}
     found = {key: shape for key, shape in found.items() if not key.endswith(".scale") or key == "audio.mel.scale"}
     found.pop("text.tokenizer", None)
     assert shapes(config, encoders="vq.face.encoder.main.0.weight" in found) == found

@@ -1,7 +1,6 @@
 import copy
 import json
 
-import convert_sources
 import pytest
 import torch
 from safetensors.torch import load_file, save_file
@@ -9,6 +8,7 @@ from torch import nn
 from transformers import T5Config, T5ForConditionalGeneration
 from transformers.models.t5.modeling_t5 import T5DenseGatedActDense
 
+import convert_sources
 from umo_train.convert import SourceError, t5
 from umo_train.convert.layout import shapes
 

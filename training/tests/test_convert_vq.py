@@ -1,10 +1,10 @@
 from pathlib import Path
 
-import convert_sources
 import pytest
 import torch
 from safetensors.torch import save_file
 
+import convert_sources
 from umo_train.convert import SourceError, vq
 from umo_train.convert.layout import shapes
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
-from metrics_motion import still, turned
 
+from metrics_motion import still, turned
 from umo_train.metrics import beat as b
 from umo_train.skeleton import JOINT
 from umo_train.speech.utterance import SAMPLE_RATE

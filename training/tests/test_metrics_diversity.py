@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
-from metrics_motion import still, swinging, turned
 
+from metrics_motion import still, swinging, turned
 from umo_train.metrics import diversity as d
 from umo_train.skeleton import JOINT
 

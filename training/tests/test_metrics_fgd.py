@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 import torch
-from metrics_motion import swinging
 
+from metrics_motion import swinging
 from umo_train.metrics import fgd as f
 
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
-from metrics_motion import still
 from scipy.spatial.transform import Rotation
 
+from metrics_motion import still
 from umo_train.metrics import lips
 from umo_train.performer.lips import lip_opening
 from umo_train.skeleton import SHAPE, rotation_6d

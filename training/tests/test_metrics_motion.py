@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
-from metrics_motion import still, swinging, turned
 
+from metrics_motion import still, swinging, turned
 from umo_train.metrics import motion as m
 from umo_train.metrics.item import Item, load, load_folder, save, speaker_of
 from umo_train.skeleton import JOINT, VELOCITY

@@ -3,9 +3,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from metrics_motion import swinging
 from scipy.spatial.transform import Rotation
 
+from metrics_motion import swinging
 from umo_train.metrics import agreement, experts, program
 from umo_train.metrics.item import Item
 from umo_train.metrics.motion import joint_places

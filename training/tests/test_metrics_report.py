@@ -2,8 +2,8 @@ import json
 
 import numpy as np
 import pytest
-from metrics_motion import still, swinging
 
+from metrics_motion import still, swinging
 from umo_train.metrics import report, sheet, table
 from umo_train.metrics.bars import judge
 from umo_train.metrics.item import Item

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
-from test_performer_speech import SENTENCES, speech
 
+from test_performer_speech import SENTENCES, speech
 from umo_train.performer import STYLES, lip_opening, perform
 from umo_train.performer.lips import CLOSED
 from umo_train.performer.perform import JAW_OPEN

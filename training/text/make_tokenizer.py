@@ -15,18 +15,20 @@ import sentencepiece as spm
 PIECES = 180
 
 WHO = ["a person", "someone", "the speaker", "a woman", "a man", "a young person", "an old friend"]
-HOW = [
-    "calm", "calmly", "excited", "excitedly", "happy", "happily", "sad", "sadly", "angry", "angrily", "tired", "nervous",
-    "friendly", "serious", "proud", "shy", "surprised", "bored", "slow", "slowly", "fast", "quickly", "gently",
-]
-DOES = [
-    "waves", "nods", "shakes the head", "points", "points to the left", "points to the right", "shrugs", "bows", "counts",
-    "claps", "leans forward", "leans back", "looks up", "looks down", "looks around", "opens both arms", "crosses the arms",
-    "raises the right hand", "raises the left hand", "steps forward", "steps back", "walks", "turns around", "stands still",
-    "explains an idea", "tells a story", "asks a question", "greets a friend", "says goodbye", "laughs", "smiles", "listens",
-    "thinks", "speaks", "talks", "whispers", "shouts", "sings", "argues", "agrees", "refuses", "welcomes the guests",
-]
-WITH = ["with both hands", "with one hand", "with open palms", "with big gestures", "with small gestures", "while speaking"]
+HOW = (
+    "calm, calmly, excited, excitedly, happy, happily, sad, sadly, angry, angrily, tired, nervous, friendly, "
+    "serious, proud, shy, surprised, bored, slow, slowly, fast, quickly, gently"
+).split(", ")
+DOES = (
+    "waves, nods, shakes the head, points, points to the left, points to the right, shrugs, bows, counts, claps, "
+    "leans forward, leans back, looks up, looks down, looks around, opens both arms, crosses the arms, raises the "
+    "right hand, raises the left hand, steps forward, steps back, walks, turns around, stands still, explains an "
+    "idea, tells a story, asks a question, greets a friend, says goodbye, laughs, smiles, listens, thinks, "
+    "speaks, talks, whispers, shouts, sings, argues, agrees, refuses, welcomes the guests"
+).split(", ")
+WITH = (
+    "with both hands, with one hand, with open palms, with big gestures, with small gestures, while speaking"
+).split(", ")
 
 
 def sentences() -> list[str]:

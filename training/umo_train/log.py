@@ -1,4 +1,4 @@
-"""A CSV of a stage's numbers, averaged over some steps each, and the curves drawn from it."""
+"""A CSV of a stage's numbers, averaged over some steps each."""
 
 import csv
 from collections import defaultdict
@@ -25,7 +25,11 @@ class Log:
         for name, value in values.items():
             self.sums[name].append(value)
         if (step + 1) % EVERY == 0:
-            with self.path.open("a", newline="") as file:
-                rows = [[step, name, f"{sum(v) / len(v):.6g}"] for name, v in self.sums.items()]
-                csv.writer(file).writerows(rows)
-            self.sums.clear()
+            self.write(step)
+
+    def write(self, step: int) -> None:
+        """What was added since the last row: a stage's end calls it, wherever that is."""
+        with self.path.open("a", newline="") as file:
+            rows = [[step, name, f"{sum(v) / len(v):.6g}"] for name, v in self.sums.items()]
+            csv.writer(file).writerows(rows)
+        self.sums.clear()

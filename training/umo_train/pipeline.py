@@ -36,9 +36,11 @@ AUDIO_TASK, MOTION_TASK, TEXT_TASK, TEXT_END = 8, 9, 10, 11
 
 @dataclass
 class Run:
-    """A plan (the YAML file's content), the corpus' folder and the folder of everything made from it."""
+    """A plan (the YAML file's content), the folder that its paths are relative to, the corpus' folder and the folder of
+    everything made from it."""
 
     plan: Config
+    plans: Path
     corpus: Path
     folder: Path
 
@@ -48,10 +50,11 @@ class Run:
         if smoke:
             smallest = yaml.safe_load((config.parent / "smoke.yaml").read_text())
             plan = _merged(plan, smallest)
-        return Run(plan, work / "corpus", work / "run")
+        return Run(plan, config.parent, work / "corpus", work / "run")
 
     def text_model(self) -> bytes:
-        return (self.folder.parent / "text.model").read_bytes()
+        """The SentencePiece model of prompts and transcripts."""
+        return (self.plans / self.plan["text_model"]).read_bytes()
 
 
 def _merged(base: Config, over: Config) -> Config:
@@ -221,9 +224,7 @@ def step_lm(s: Run) -> None:
         if before is not None:
             state = before.state_dict()
             was_dense, experts = not moe.layers(before), config["lm"]["experts"]
-            model.load_state_dict(
-                moe.upcycled(state, experts, plan.seed) if was_dense and not plan.dense else state
-            )
+            model.load_state_dict(moe.upcycled(state, experts, plan.seed) if was_dense and not plan.dense else state)
         train_stage(plan, model, train, held, s.folder)
         export.save_state(path, train_result(s.folder, plan, model))
 

@@ -1,10 +1,26 @@
 """Checkpoints: everything that a stage needs to go on, in one file that is whole or absent."""
 
+import json
 import os
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
+
+
+class Chance:
+    """Where a stage's draws stand: those of its own generator and those of PyTorch's global one."""
+
+    def __init__(self, generator: np.random.Generator) -> None:
+        self.generator = generator
+
+    def state_dict(self) -> dict[str, Any]:
+        return {"numpy": json.dumps(self.generator.bit_generator.state), "torch": torch.get_rng_state()}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        self.generator.bit_generator.state = json.loads(state["numpy"])
+        torch.set_rng_state(state["torch"])
 
 
 class Saved:
@@ -19,7 +35,9 @@ class Saved:
             return 0
         data = torch.load(self.path, map_location="cpu", weights_only=True)
         for name, target in self.objects.items():
-            target.load_state_dict(data[name])
+            # Early checkpoints have no draws: their stages go on with fresh ones.
+            if name in data or not isinstance(target, Chance):
+                target.load_state_dict(data[name])
         return int(data["step"])
 
     def save(self, step: int) -> None:

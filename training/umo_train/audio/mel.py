@@ -80,4 +80,5 @@ def _filters(fft: int, bands: int) -> Tensor:
 
 def model_config(mel: Mel, units: int) -> dict[str, Any]:
     """`config.audio` of the model file."""
-    return {"kind": "mel", "sample_rate": SAMPLE_RATE, "token_rate": SAMPLE_RATE // HOP, "units": units, "mel": mel.sizes}
+    rates = {"sample_rate": SAMPLE_RATE, "token_rate": SAMPLE_RATE // HOP}
+    return {"kind": "mel", **rates, "units": units, "mel": mel.sizes}

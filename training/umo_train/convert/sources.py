@@ -68,7 +68,7 @@ def _sharded(index: Path) -> Tensors:
 def _safetensors(path: Path) -> Tensors:
     try:
         with safe_open(path, framework="pt") as file:
-            return {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 it is no dict
+            return {name: file.get_tensor(name) for name in file.keys()}
     except SafetensorError as error:
         raise SourceError(f"{path}: no safetensors file: {error}") from error
 

@@ -1,4 +1,4 @@
-"""The corpus that the default model learns: made speech, and the performer's motion to it. One file of each per item."""
+"""The corpus that the default model learns: made speech and the performer's motion to it, a file of each per item."""
 
 import json
 import random

@@ -14,6 +14,8 @@ from umo_train.log import Log
 from umo_train.skeleton import PARTS
 from umo_train.state import Saved
 
+SAVE_EVERY = 250
+
 
 @dataclass(frozen=True)
 class InterpPlan:
@@ -55,8 +57,9 @@ def train(plan: InterpPlan, config: dict[str, Any], codes: list[np.ndarray], fol
         optimizer.step()
         schedule.step()
         log.add(step, values)
-        if (step + 1) % 250 == 0 or step + 1 == plan.steps:
+        if (step + 1) % SAVE_EVERY == 0 or step + 1 == plan.steps:
             saved.save(step + 1)
+    log.write(plan.steps - 1)
     return model.eval()
 
 

@@ -15,6 +15,16 @@ from umo_train.lm.moe import FeedForward, MixtureOfExperts
 Config = dict[str, Any]
 
 
+# Of the fresh model's places: audio tokens of a keyframe, and keyframes of history before the first that is predicted.
+TOKENS_PER_KEYFRAME, KEYFRAMES_BEFORE = 5, 10
+
+
+def _wave(place: Tensor, index: int) -> Tensor:
+    """Scores by a place in audio tokens: pairs of waves a quarter apart, 24 tokens long, then 96, …"""
+    period = 24.0 * 4.0 ** (index // 2)
+    return 1.5 * torch.cos(2 * math.pi * place / period + math.pi / 2 * (index % 2))
+
+
 class RmsNorm(nn.Module):
     def __init__(self, width: int, eps: float) -> None:
         super().__init__()
@@ -112,10 +122,12 @@ class Stack(nn.Module):
         for head in range(heads):
             if head < near:
                 bias = -relative.abs() * 2.0 ** (-1.0 - head)
+            elif self.decoder:
+                # A keyframe is five audio tokens; of several parts' starts, the nearest counts.
+                place = (-relative + KEYFRAMES_BEFORE + 0.5) * TOKENS_PER_KEYFRAME
+                bias = _wave(place, head - near) + 0.4 * relative.clamp(max=0)
             else:
-                wave = head - near
-                period = 24.0 * 4.0 ** (wave // 2) / (4.0 if self.decoder else 1.0)
-                bias = 1.5 * torch.cos(2 * math.pi * relative / period + math.pi / 2 * (wave % 2))
+                bias = _wave(-relative - 1.0, head - near)
             table[bucket, head] = bias.to(table.dtype)
 
     def bias(self, n: int, device: torch.device) -> Tensor:
@@ -168,36 +180,41 @@ class LanguageModel(nn.Module):
 
     @torch.no_grad()
     def _mark_places(self) -> None:
-        """Lets the first layers tell each token how far it is from the end of the audio and from its part's start.
+        """Lets a fresh model tell each audio token's place from the audio's start and each code's from its part's.
 
         T5 knows distances alone. A head that sees one marker among all tokens, by a weight that its wave of distance
         makes larger or smaller, writes a sine of the place: a position encoding in T5's own terms, from which training
         goes on. A width of its own carries what all tokens share, another each kind of marker, and one per head the
         result; fresh embeddings are zero there.
         """
-        shared, ends, starts, results = 0, 1, 2, 3
+        shared, begins, starts, results = 0, 1, 2, 3
         table = self.shared.weight
         heads = self.encoder.block[0].layer[0].SelfAttention.heads
+        waves = range(heads - heads // 2, heads)
         table[:, : results + 2 * heads] = 0.0
         table[:, shared] = 4.0
-        table[self.vocab["audio"]["end"], ends] = 8.0
+        table[self.vocab["audio"]["start"], begins] = 8.0
         for part in ("face", "hands", "upper", "lower"):
             table[self.vocab[part]["start"], starts] = 8.0
         # A marker's score: about the logarithm of how many tokens it stands among.
-        for stack, marker, score, first in ((self.encoder, ends, 5.3, results), (self.decoder, starts, 2.5, results + heads)):
+        for stack, marker, score, first in (
+            (self.encoder, begins, 5.3, results),
+            (self.decoder, starts, 1.0, results + heads),
+        ):
             attention = stack.block[0].layer[0].SelfAttention
             width = attention.q.weight.shape[0] // heads
-            for head in range(heads - heads // 2, heads):
+            for head in waves:
                 row = head * width
-                # What the rows are about matters little to these heads at first.
-                attention.q.weight[row : row + width] *= 0.1
+                # What the tokens are about matters little to these heads at first.
+                attention.q.weight[row : row + width] *= 0.05
                 for linear in (attention.q, attention.k, attention.v):
                     linear.weight[row] = 0.0
                 attention.q.weight[row, shared] = 1.0
                 attention.k.weight[row, marker] = score / (4.0 * 7.0)
                 attention.v.weight[row, marker] = 1.0
+                attention.o.weight[:, row : row + width] *= 0.2
                 attention.o.weight[:, row] = 0.0
-                attention.o.weight[first + head, row] = 0.5
+                attention.o.weight[first + head, row] = 0.6
 
     def encode(self, ids: Tensor, mask: Tensor | None = None) -> Tensor:
         """`[b, n]` ids, and which of them count, to `[b, n, d]`."""
@@ -219,7 +236,10 @@ class LanguageModel(nn.Module):
         """Logits over the whole vocabulary."""
         return nn.functional.linear(states, self.shared.weight if self.tied else self.lm_head.weight)
 
-    def forward(self, ids: Tensor, decoder_ids: Tensor, mask: Tensor | None = None) -> tuple[Tensor, Tensor]:
-        """Logits `[b, m, vocab]`, teacher forcing, and the encoder's states `[b, n, d]`."""
+    def forward(
+        self, ids: Tensor, decoder_ids: Tensor, mask: Tensor | None = None, *, states: bool = False
+    ) -> Tensor | tuple[Tensor, Tensor]:
+        """Logits `[b, m, vocab]`, teacher forcing; with `states` the encoder's `[b, n, d]` beside them."""
         hidden = self.encode(ids, mask)
-        return self.head(self.decode(hidden, decoder_ids, mask)), hidden
+        logits = self.head(self.decode(hidden, decoder_ids, mask))
+        return (logits, hidden) if states else logits

@@ -14,6 +14,7 @@ from tqdm import tqdm
 from umo_train.lm import moe
 from umo_train.lm.examples import Batch, Examples
 from umo_train.lm.model import LanguageModel
+from umo_train.lm.places import align
 from umo_train.log import Log
 from umo_train.state import Saved
 
@@ -34,6 +35,8 @@ class StagePlan:
     # Weight of the encoder's own guess of the face, from each keyframe's audio token through the same head: what is
     # heard where is learned thousands of steps sooner than through the decoder alone.
     heard: float = 0.0
+    # Whether the decoder's cross-attention starts out looking where its keyframe is heard.
+    align: bool = False
     tau: float = 0.5
     # Of stage 1: frames of a window. Of stage 2: keyframes of a chunk, drawn from these.
     dense_frames: int = 120
@@ -122,20 +125,22 @@ def draws(plan: StagePlan, examples: Examples) -> dict[str, Draw]:
 
 
 def loss_of(
-    model: LanguageModel, batch: Batch, device: torch.device
+    model: torch.nn.Module, batch: Batch, device: torch.device
 ) -> tuple[Tensor, Tensor, Tensor, Tensor | None]:
     """Cross-entropy of the labels asked for, the logits `[b, m, vocab]`, the labels, and the loss of what is heard."""
     labels = torch.from_numpy(batch.labels).to(device)
-    start = torch.full_like(labels[:, :1], model.vocab["decoder_start"])
+    # On many devices the model stands in a wrapper.
+    bare = getattr(model, "module", model)
+    start = torch.full_like(labels[:, :1], bare.vocab["decoder_start"])
     said = torch.cat([start, labels[:, :-1].clamp(min=0)], 1)
     mask = None if batch.mask is None else torch.from_numpy(batch.mask).to(device)
-    logits, hidden = model(torch.from_numpy(batch.ids).to(device), said, mask)
+    logits, hidden = model(torch.from_numpy(batch.ids).to(device), said, mask, states=True)
     loss = torch.nn.functional.cross_entropy(logits.float().flatten(0, 1), labels.flatten(), ignore_index=-100)
     if batch.heard is None:
         return loss, logits, labels, None
     wanted = torch.from_numpy(batch.heard).to(device)
     places = wanted != -100
-    heard = torch.nn.functional.cross_entropy(model.head(hidden[places]).float(), wanted[places])
+    heard = torch.nn.functional.cross_entropy(bare.head(hidden[places]).float(), wanted[places])
     return loss, logits, labels, heard
 
 
@@ -152,6 +157,8 @@ def train_stage(
     """Trains `model` in place from wherever the stage's checkpoint stands."""
     accelerator = Accelerator()
     torch.manual_seed(plan.seed)
+    if plan.align and not (folder / f"lm_{plan.name}.pt").exists():
+        align(model, examples, tuple(sorted(set(plan.targets))), plan.seed)
     if plan.bf16:
         model = model.to(torch.bfloat16)
     model = accelerator.prepare_model(model)
@@ -159,10 +166,11 @@ def train_stage(
     optimizer = Master(plain, plan.rate, plan.betas, plan.decay)
     saved = Saved(folder / f"lm_{plan.name}.pt", optimizer=optimizer)
     start = saved.load()
-    log = Log(folder / f"lm_{plan.name}.csv", start)
+    # The first process alone writes, and its numbers stand for all.
+    log = Log(folder / f"lm_{plan.name}.csv", start) if accelerator.is_main_process else None
     chances = task_chances(plan.tasks, plan.tau)
     drawing, names = draws(plan, examples), list(chances)
-    bar = tqdm(range(start, plan.steps), f"lm {plan.name}", initial=start, total=plan.steps)
+    bar = tqdm(range(start, plan.steps), f"lm {plan.name}", initial=start, total=plan.steps, disable=log is None)
     for step in bar:
         # Each step and device draws from a stream of its own, so that a resumed run sees what it would have seen.
         rng = np.random.default_rng((plan.seed, step, accelerator.process_index))
@@ -180,12 +188,16 @@ def train_stage(
             values["heard"] = heard.item()
         if task.startswith("a2m"):
             values["accuracy"] = _accuracy(logits, labels)
-        log.add(step, values)
+        if log is not None:
+            log.add(step, values)
         bar.set_postfix(task=task, loss=f"{loss.item():.3f}")
-        if (step + 1) % plan.save_every == 0 or step + 1 == plan.steps:
-            if accelerator.is_main_process:
-                saved.save(step + 1)
+        ends = (step + 1) % plan.save_every == 0 or step + 1 == plan.steps
+        if ends and log is not None:
+            saved.save(step + 1)
             log.add(step, {f"held_out_{k}": v for k, v in evaluate(plain, held_out, plan).items()})
+    if log is not None:
+        log.write(plan.steps - 1)
+    accelerator.wait_for_everyone()
     return plain
 
 

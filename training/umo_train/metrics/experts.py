@@ -18,7 +18,7 @@ def language_model(path: Path) -> torch.nn.Module:
 
     with safe_open(path, "pt") as file:
         model = LanguageModel(json.loads(file.metadata()["config"]))
-        held = {name for name in file.keys() if name.startswith("lm.")}  # noqa: SIM118 (not iterable itself)
+        held = {name for name in file.keys() if name.startswith("lm.")}
         tensors = {}
         for name in held:
             if name.removesuffix(".scale") in held - {name}:

@@ -86,7 +86,7 @@ class AutoEncoder(nn.Module):
         with safe_open(path, "pt") as file:
             if (file.metadata() or {}).get("format") != "umo-motion-autoencoder":
                 raise ValueError(f"{path}: not a motion auto-encoder")
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not iterable itself)
+            tensors = {name: file.get_tensor(name) for name in file.keys()}
             model = cls(len(tensors["mean"]), json.loads(file.metadata()["parts"]))
         model.load_state_dict(tensors)
         return model.eval()

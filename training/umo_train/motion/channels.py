@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from umo_train.skeleton import CONTACT, JOINT, JOINTS_OF, SHAPE, VELOCITY
+from umo_train.skeleton import CHANNELS, CONTACT, JOINT, JOINTS_OF, SHAPE, VELOCITY
 
 # Of the face's 52: what speech reading needs, what is seen beside it, and what hardly is.
 _MOUTH = (
@@ -18,7 +18,8 @@ _LONG = {"spine1": 2.0, "spine2": 2.0, "spine3": 2.0, "left_shoulder": 2.0, "rig
 def weights(part: str, channels: int) -> np.ndarray:
     """`[channels]`: multipliers of a channel's squared error in units of its own range."""
     out = np.ones(channels, np.float32)
-    if part == "face":
+    # Expression coefficients, of which no one is the mouth's, weigh the same.
+    if part == "face" and channels == CHANNELS["face"]:
         out[:6] = 2.0
         out[6:] = 0.3
         out[[6 + SHAPE[name] for name in _MOUTH]] = 2.0

@@ -1,4 +1,4 @@
-"""Trains the motion tokenizers (SPEC 2.7): straight-through VQ-VAEs with commitment and velocity terms, and the root."""
+"""Trains the motion tokenizers (SPEC 2.7): straight-through VQ-VAEs, their codebooks, and the root network."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +12,9 @@ from umo_train.log import Log
 from umo_train.motion.channels import LEAST_SCALE, weights
 from umo_train.motion.networks import RootNetwork, VqVae
 from umo_train.skeleton import CHANNELS, CONTACT, VELOCITY
-from umo_train.state import Saved
+from umo_train.state import Chance, Saved
+
+SAVE_EVERY = 500
 
 
 @dataclass(frozen=True)
@@ -47,10 +49,11 @@ def train_part(plan: TokenizerPlan, part: str, motions: list[np.ndarray], folder
     weight = weight / weight.mean()
     optimizer = torch.optim.AdamW(model.parameters(), plan.rate, betas=(0.9, 0.99), weight_decay=1e-4)
     schedule = torch.optim.lr_scheduler.LambdaLR(optimizer, lambda step: _rate(step, plan.steps))
-    saved = Saved(folder / f"tokenizer_{part}.pt", model=model, optimizer=optimizer, schedule=schedule)
+    chance = np.random.default_rng((plan.seed, 0))
+    path = folder / f"tokenizer_{part}.pt"
+    saved = Saved(path, model=model, optimizer=optimizer, schedule=schedule, chance=Chance(chance))
     start = saved.load()
     log = Log(folder / f"tokenizer_{part}.csv", start)
-    chance = np.random.default_rng((plan.seed, start))
     for step in tqdm(range(start, plan.steps), f"tokenizer {part}", initial=start, total=plan.steps):
         x = torch.from_numpy(_crops(motions, plan.batch, plan.frames, chance))
         loss, parts = _loss(model, plan, x, weight, step)
@@ -60,8 +63,9 @@ def train_part(plan: TokenizerPlan, part: str, motions: list[np.ndarray], folder
         optimizer.step()
         schedule.step()
         log.add(step, parts)
-        if (step + 1) % 500 == 0 or step + 1 == plan.steps:
+        if (step + 1) % SAVE_EVERY == 0 or step + 1 == plan.steps:
             saved.save(step + 1)
+    log.write(plan.steps - 1)
     return model.eval()
 
 
@@ -129,10 +133,11 @@ def train_root(plan: TokenizerPlan, motions: list[tuple[np.ndarray, np.ndarray]]
     model = RootNetwork(plan.width, CHANNELS["lower"], plan.layers)
     optimizer = torch.optim.AdamW(model.parameters(), plan.rate, betas=(0.9, 0.99), weight_decay=1e-4)
     schedule = torch.optim.lr_scheduler.LambdaLR(optimizer, lambda step: _rate(step, plan.steps))
-    saved = Saved(folder / "tokenizer_root.pt", model=model, optimizer=optimizer, schedule=schedule)
+    chance = np.random.default_rng((plan.seed, 0))
+    path = folder / "tokenizer_root.pt"
+    saved = Saved(path, model=model, optimizer=optimizer, schedule=schedule, chance=Chance(chance))
     start = saved.load()
     log = Log(folder / "tokenizer_root.csv", start)
-    chance = np.random.default_rng((plan.seed, start))
     joined = [np.concatenate([lower, height[:, None]], 1) for lower, height in motions]
     target_weight = torch.ones(CHANNELS["lower"])
     # Metres and metres per second of the body's own place: errors of a centimetre and of a centimetre per second show.
@@ -157,8 +162,9 @@ def train_root(plan: TokenizerPlan, motions: list[tuple[np.ndarray, np.ndarray]]
         optimizer.step()
         schedule.step()
         log.add(step, {"error": error.item(), "drift": drift.item()})
-        if (step + 1) % 500 == 0 or step + 1 == plan.steps:
+        if (step + 1) % SAVE_EVERY == 0 or step + 1 == plan.steps:
             saved.save(step + 1)
+    log.write(plan.steps - 1)
     return model.eval()
 
 

@@ -30,9 +30,7 @@ class Posture:
         return self.pelvis + sum(self.spine) + self.neck + self.head
 
 
-def stand(
-    prosody: Prosody, style: Style, hips: np.ndarray, gestures: Gestures, random: np.random.Generator
-) -> Posture:
+def stand(prosody: Prosody, style: Style, hips: np.ndarray, gestures: Gestures, random: np.random.Generator) -> Posture:
     """`hips` is the pelvis' own rotation, from the legs; the trunk goes along with the arms a little."""
     t = prosody.t
     energy, openness = style.energy, style.openness

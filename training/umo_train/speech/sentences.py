@@ -17,26 +17,29 @@ _THINGS = (
 ).split(", ")
 _VERBS = (
     "found, bought, forgot, moved, opened, described, believed in, looked at, pushed, painted, took, gave away, "
-    "brought back, talked about, wanted, dropped, carried, remembered, showed me, put down, paid for, saw, wrote about, "
-    "fixed, loved, imagined, jumped over, thought about, laughed at, measured, judged, chose, voted for, worried about"
+    "brought back, talked about, wanted, dropped, carried, remembered, showed me, put down, paid for, saw, wrote "
+    "about, fixed, loved, imagined, jumped over, thought about, laughed at, measured, judged, chose, voted for, "
+    "worried about"
 ).split(", ")
 _PLACES = (
-    "in the morning, by the river, at the market, on top of the hill, after the meeting, before breakfast, in May, "
-    "under the bridge, all over the world, behind the church, near the airport, on a rainy afternoon, with both hands, "
-    "for the very first time, without a word, in about five minutes, over there, at the same moment, from the beginning, "
-    "on the other side of the road, just outside the village, during the storm, in the middle of the night, every day"
+    "in the morning, by the river, at the market, on top of the hill, after the meeting, before breakfast, in "
+    "May, under the bridge, all over the world, behind the church, near the airport, on a rainy afternoon, with "
+    "both hands, for the very first time, without a word, in about five minutes, over there, at the same moment, "
+    "from the beginning, on the other side of the road, just outside the village, during the storm, in the middle "
+    "of the night, every day"
 ).split(", ")
 _OPENERS = (
     "well, so, you know, honestly, of course, listen, maybe, by the way, look, in fact, to be fair, first of all, "
     "on the other hand, for example, believe me, as far as I know, between you and me, obviously, sometimes, in my view"
 ).split(", ")
 _CLAUSES = (
-    "I really don't think so, that is not what I meant, it was bigger than I remembered, we should leave before five, "
-    "everything happens for a reason, it could be much better, people always say that, there is nothing to be afraid of, "
-    "I promise you will love it, the price went up again, you have to push it very hard, they never told us about it, "
-    "it's about this wide and that tall, the point is simple, we have three options, nothing is free, it made me happy, "
-    "I have no idea, this is the best part, the rest was easy, we both know how it ends, it depends on the weather, "
-    "you can move it up or down, the problem is bigger than that, I was absolutely amazed, somebody has to do it"
+    "I really don't think so, that is not what I meant, it was bigger than I remembered, we should leave before "
+    "five, everything happens for a reason, it could be much better, people always say that, there is nothing to "
+    "be afraid of, I promise you will love it, the price went up again, you have to push it very hard, they never "
+    "told us about it, it's about this wide and that tall, the point is simple, we have three options, nothing is "
+    "free, it made me happy, I have no idea, this is the best part, the rest was easy, we both know how it ends, "
+    "it depends on the weather, you can move it up or down, the problem is bigger than that, I was absolutely "
+    "amazed, somebody has to do it"
 ).split(", ")
 _QUESTIONS = (
     "why would anybody do that, how many people came, what do you mean by that, could you open it for me, "
@@ -44,8 +47,9 @@ _QUESTIONS = (
     "have you ever been to Paris, when will the movie begin, how big is it, which one do you prefer, shall we begin"
 ).split(", ")
 _ADJECTIVES = (
-    "beautiful, enormous, impossible, very quiet, expensive, brave, simple, strange, brown, available, perfectly normal, "
-    "absurd, famous, half empty, smooth, quite thin, yellow, rather bumpy, fabulous, weird, warm, obvious, thoughtful"
+    "beautiful, enormous, impossible, very quiet, expensive, brave, simple, strange, brown, available, perfectly "
+    "normal, absurd, famous, half empty, smooth, quite thin, yellow, rather bumpy, fabulous, weird, warm, "
+    "obvious, thoughtful"
 ).split(", ")
 _COUNTING = (
     "one, two, three, four, five",
@@ -54,7 +58,9 @@ _COUNTING = (
     "six, seven, eight, nine, ten",
     "point one is the price, point two is the time",
 )
-_ONSETS = "b bl br ch d dr f fl fr g gl gr h j k kl kr l m n p pl pr qu r s sh sk sl sm sn sp spr st str t th tr v w y z"
+_ONSETS = (
+    "b bl br ch d dr f fl fr g gl gr h j k kl kr l m n p pl pr qu r s sh sk sl sm sn sp spr st str t th tr v w y z"
+)
 _NUCLEI = "a e i o u ee oo ai oa ow oy ar er or ea ie aw"
 _CODAS = "b d f g k l m n p r s t v x z sh ch th nd nt mp st sk ft lt lp lm ng nk rd rm rp b m p"
 

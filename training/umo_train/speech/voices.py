@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from importlib import resources
 from math import gcd
 from pathlib import Path
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 from scipy.io import wavfile
@@ -114,7 +114,7 @@ class Flite:
     """flite's voices. Built once from `flite_times.c`: the program alone does not tell stress and words."""
 
     # kal16's times run long: its labels are of the voice at another speed.
-    PITCH_HZ = {"rms": 95.0, "slt": 172.0, "awb": 130.0, "kal": 95.0}
+    PITCH_HZ: ClassVar = {"rms": 95.0, "slt": 172.0, "awb": 130.0, "kal": 95.0}
 
     def __init__(self, speaker: str) -> None:
         self.speaker, self.name = speaker, f"flite-{speaker}"
@@ -306,4 +306,5 @@ def find(name: str) -> Voice:
         return Festival(speaker)
     if program == "flite" and speaker in Flite.PITCH_HZ:
         return Flite(speaker)
-    raise VoiceError(f"no voice {name}: flite-{{{','.join(Flite.PITCH_HZ)}}}, festival-NAME or espeak-LANGUAGE[+VARIANT]")
+    known = f"flite-{{{','.join(Flite.PITCH_HZ)}}}, festival-NAME or espeak-LANGUAGE[+VARIANT]"
+    raise VoiceError(f"no voice {name}: {known}")

@@ -1,0 +1,54 @@
+"""A run of the smoke plan with random networks in place of trained ones: what the last step makes a model file of."""
+
+from pathlib import Path
+
+import torch
+import yaml
+
+from umo_train import export, pipeline
+from umo_train.audio.mel import Mel
+from umo_train.audio.tokens import Tokenizer
+from umo_train.interp.model import Interpolation
+from umo_train.lm.model import LanguageModel
+from umo_train.motion.networks import RootNetwork, VqVae
+from umo_train.skeleton import CHANNELS, PARTS, VELOCITY
+from umo_train.state import Saved
+
+SMALL = Path(__file__).parents[1] / "configs" / "small.yaml"
+
+
+@torch.no_grad()
+def make(work: Path) -> pipeline.Run:
+    torch.manual_seed(0)
+    run = pipeline.Run.read(SMALL, work, smoke=True)
+    run.folder.mkdir(parents=True)
+    plan = run.plan
+    mel = Mel(**plan["audio"]["mel"])
+    samples = 0.1 * torch.randn(32000)
+    samples[10000:20000] = 0
+    mel.fit(mel.features(samples), plan["audio"]["delta_weight"])
+    centroids = mel.features(samples)[:: 100 // plan["audio"]["units"]][: plan["audio"]["units"]]
+    Tokenizer(mel, centroids.contiguous()).save(run.folder / "audio.safetensors")
+    (run.folder / "rest.yaml").write_text(yaml.safe_dump({part: i for i, part in enumerate(PARTS)}))
+    for part in PARTS:
+        sizes = pipeline._tokenizer_plan(run, part)
+        model = VqVae(sizes.width, CHANNELS[part], sizes.layers, sizes.codes)
+        # Around rotations by nothing, so that every joint's six channels are those of a rotation.
+        model.mean.copy_(_rest(part))
+        model.scale.uniform_(0.5, 1.5)
+        Saved(run.folder / f"tokenizer_{part}.pt", model=model).save(1)
+    sizes = pipeline._tokenizer_plan(run, "root")
+    Saved(run.folder / "tokenizer_root.pt", model=RootNetwork(sizes.width, 61, sizes.layers)).save(1)
+    config = pipeline.model_file_config(run)
+    Saved(run.folder / "interp.pt", model=Interpolation(config)).save(1)
+    export.save_state(run.folder / "lm_stage2.safetensors", LanguageModel(config).state_dict())
+    return run
+
+
+def _rest(part: str) -> torch.Tensor:
+    out = torch.zeros(CHANNELS[part])
+    joints = {"face": 1, "hands": 30, "upper": 13, "lower": 9}[part]
+    out[: 6 * joints] = torch.tensor([1.0, 0, 0, 0, 1, 0]).repeat(joints)
+    if part == "lower":
+        out[VELOCITY] = 0.1
+    return out

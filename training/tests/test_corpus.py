@@ -1,0 +1,120 @@
+"""The corpus: what is held out is never trained on, and every item follows from the plan alone."""
+
+import random
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from pathlib import Path
+from types import TracebackType
+
+import numpy as np
+import pytest
+
+from test_performer_speech import SENTENCES, speech
+from umo_train.data import corpus
+from umo_train.performer.style import PROMPTS
+from umo_train.speech import voices
+from umo_train.speech.utterance import Utterance
+
+PLAN = corpus.SpeechPlan(
+    hours=20 * 6 / 3600, voices={"a": 1, "b": 3}, held_out=("c",), test_minutes=0.5, seconds_per_item=6
+)
+
+
+class _Voice:
+    """Says the same whatever it is asked; its text is what it was asked for."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def speak(self, lines: Sequence[voices.Line]) -> Iterator[Utterance]:
+        for line in lines:
+            made = speech(SENTENCES[:1], pause=0.1, voice=self.name)
+            yield Utterance(self.name, line.text, made.samples, made.phones, made.words)
+
+
+class _Inline:
+    """One process instead of many."""
+
+    def __init__(self, _workers: int) -> None:
+        self.map = lambda call, jobs, chunksize: map(call, jobs)
+
+    def __enter__(self) -> "_Inline":
+        return self
+
+    def __exit__(self, _type: type | None, _error: Exception | None, _trace: TracebackType | None) -> None:
+        pass
+
+
+@pytest.fixture
+def made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr(voices, "find", _Voice)
+    monkeypatch.setattr(corpus, "ProcessPoolExecutor", _Inline)
+    corpus.make_speech(PLAN, tmp_path, 1)
+    return tmp_path
+
+
+def test_what_is_held_out_is_never_trained_on(made: Path) -> None:
+    splits = {split: list(corpus.items(made, split)) for split in ("train", "test_sentence", "test_voice")}
+    assert [len(items) for items in splits.values()] == [20, 5, 5]
+    assert sum(map(len, splits.values())) == len(list(corpus.items(made)))
+    assert {item.utterance.voice for item in splits["train"]} == {"a", "b"}
+    assert {item.utterance.voice for item in splits["test_sentence"]} <= {"a", "b"}
+    assert {item.utterance.voice for item in splits["test_voice"]} == {"c"}
+    texts = [item.utterance.text for items in splits.values() for item in items]
+    assert len(set(texts)) == len(texts)
+    seeds = [item.seed for items in splits.values() for item in items]
+    assert len(set(seeds)) == len(seeds)
+
+
+def test_splits_draw_from_seeds_of_their_own(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Even at the same place in the corpus."""
+    seeds: list[str] = []
+
+    class Noted(random.Random):
+        def __init__(self, seed: str) -> None:
+            seeds.append(seed)
+            super().__init__(seed)
+
+    monkeypatch.setattr(corpus.random, "Random", Noted)
+    texts = []
+    for split in ("train", "test_sentence", "test_voice"):
+        folder = made / split
+        corpus._speak_item((PLAN, folder, split, 3, "a"))
+        texts.append(corpus.read_item(folder / "speech" / "00003.npz").utterance.text)
+    assert len(set(seeds)) == 3 and len(set(texts)) == 3
+
+
+def test_an_item_follows_from_the_plan_whatever_was_there(made: Path) -> None:
+    path = made / "speech" / "00007.npz"
+    before, untouched = corpus.read_item(path), (made / "speech" / "00006.npz").stat().st_mtime_ns
+    path.unlink()
+    corpus.make_speech(PLAN, made, 1)
+    after = corpus.read_item(path)
+    assert np.array_equal(before.utterance.samples, after.utterance.samples)
+    assert (before.style, before.prompt, before.utterance.text, before.utterance.phones) == (
+        after.style,
+        after.prompt,
+        after.utterance.text,
+        after.utterance.phones,
+    )
+    assert (made / "speech" / "00006.npz").stat().st_mtime_ns == untouched
+
+
+def test_items_are_whole(made: Path) -> None:
+    for item in corpus.items(made):
+        assert item.prompt in PROMPTS[item.style]
+        phones = item.utterance.phones
+        assert phones[0].start == 0 and phones[-1].end == pytest.approx(item.utterance.seconds, abs=2e-3)
+        assert all(a.end == pytest.approx(b.start) for a, b in pairwise(phones))
+        assert 0.01 < np.sqrt(np.mean(item.utterance.samples**2)) < 0.2
+    assert corpus.hours(made) == pytest.approx(sum(i.utterance.seconds for i in corpus.items(made)) / 3600)
+
+
+def test_motion_has_the_frames_of_its_speech(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for path in sorted((made / "speech").glob("*.npz"))[2:]:
+        path.unlink()
+    corpus.make_motion(made, 1)
+    for item in corpus.items(made):
+        motion = corpus.read_motion(made, item.name)
+        assert {len(values) for values in motion.values()} == {item.utterance.frames}
+        assert list(corpus.read_motion(made, item.name, ("upper",))) == ["upper"]

@@ -1,0 +1,68 @@
+"""The plan, and what the pipeline makes of it."""
+
+from pathlib import Path
+
+import pytest
+import sentencepiece
+import yaml
+from safetensors import safe_open
+
+import made_run
+from umo_train import pipeline
+from umo_train.convert.layout import shapes
+from umo_train.data.corpus import SpeechPlan
+from umo_train.interp.train import InterpPlan
+from umo_train.lm.train import StagePlan
+from umo_train.skeleton import PARTS
+
+
+def test_smoke_lies_over_the_plan() -> None:
+    run = pipeline.Run.read(made_run.SMALL, Path("w"), smoke=True)
+    assert run.plan["name"] == "umo-smoke" and run.plan["lm"]["d_model"] == 32
+    # Of what both have, what smoke leaves out stays; voices and stages are replaced as a whole.
+    assert run.plan["lm"]["experts"] == 4 and run.plan["tokenizers"]["lower"] == {"layers": 4, "steps": 20}
+    assert set(run.plan["speech"]["voices"]) == {"flite-slt", "flite-kal"}
+    assert run.corpus == Path("w/corpus") and run.folder == Path("w/run")
+
+
+@pytest.mark.parametrize("smoke", [False, True])
+def test_plans_hold_what_stages_read(smoke: bool) -> None:
+    run = pipeline.Run.read(made_run.SMALL, Path("w"), smoke=smoke)
+    SpeechPlan(**run.plan["speech"])
+    InterpPlan(**run.plan["interp_training"])
+    for name in (*PARTS, "root"):
+        assert pipeline._tokenizer_plan(run, name).steps > 0
+    stages = [StagePlan(**stage) for stage in run.plan["stages"]]
+    # As in the paper: dense and without the balancing loss first, sparse with it after.
+    assert [(s.dense, s.balance) for s in stages] == [(True, 0.0), (False, 0.01), (False, 0.01)]
+    # A keyframe has a whole number of audio tokens, and a window fits the interpolation network.
+    window = run.plan["window"]
+    assert window["keyframe_stride"] * 50 % 30 == 0
+    assert window["keyframe_stride"] * (window["max_target"] + window["prefix"]) <= run.plan["interp"]["max_frames"]
+
+
+def test_the_text_model_is_the_plans(tmp_path: Path) -> None:
+    run = pipeline.Run.read(made_run.SMALL, tmp_path)
+    pieces = sentencepiece.SentencePieceProcessor(model_proto=run.text_model())
+    assert pieces.get_piece_size() > pipeline.TEXT_END
+    (tmp_path / "plans").mkdir()
+    (tmp_path / "plans" / "mine.yaml").write_text(yaml.safe_dump(run.plan | {"text_model": "my.model"}))
+    (tmp_path / "plans" / "my.model").write_bytes(b"mine")
+    assert pipeline.Run.read(tmp_path / "plans" / "mine.yaml", tmp_path / "work").text_model() == b"mine"
+
+
+def test_the_config_describes_every_tensor(tmp_path: Path) -> None:
+    """By the shapes that converters hold their files to."""
+    run = made_run.make(tmp_path)
+    pipeline.step_export(run)
+    with safe_open(run.folder / "umo-smoke.safetensors", "pt") as file:
+        found = {name: tuple(file.get_slice(name).get_shape()) for name in file.keys()}
+    del found["text.tokenizer"]
+    assert found == shapes(pipeline.model_file_config(run))
+
+
+def test_what_is_missing_is_named(tmp_path: Path) -> None:
+    run = made_run.make(tmp_path)
+    (run.folder / "interp.pt").unlink()
+    with pytest.raises(FileNotFoundError, match=r"interp\.pt is missing"):
+        pipeline.step_export(run)

@@ -1,0 +1,82 @@
+"""A decoder that looks where its keyframe is heard: least squares on one batch instead of thousands of steps."""
+
+import math
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from umo_train.lm.examples import Examples
+from umo_train.lm.model import LanguageModel
+from umo_train.skeleton import PARTS
+
+# Waves of place, in audio tokens, and how strongly a place is preferred to others.
+PERIODS, PREFERENCE = (24.0, 96.0), 9.0
+RIDGE = 0.05
+
+
+def _code(place: Tensor) -> Tensor:
+    """Places in audio tokens to unit waves `[..., 4]`."""
+    angles = torch.stack([2 * math.pi * place / period for period in PERIODS], -1)
+    return torch.cat([angles.cos(), angles.sin()], -1)
+
+
+@torch.no_grad()
+def align(model: LanguageModel, examples: Examples, targets: tuple[int, ...], seed: int) -> None:
+    """Sets the first head of every cross-attention so that a code's query meets the keys of its keyframe's audio.
+
+    Queries and keys are fitted to the same waves of place, as far as the fresh states tell places. Training goes on
+    from there.
+    """
+    rng = np.random.default_rng(seed)
+    batches = [examples.chunk(96, target, rng) for target in targets]
+    states = [_states(model, batch.ids, batch.labels) for batch in batches]
+    first = examples.config["templates"]["audio_to_motion"].index("audio") + 1
+    rows, wanted = [], []
+    for target, (hidden, _) in zip(targets, states, strict=True):
+        tokens = (examples.prefix + target) * examples.tokens
+        code = torch.zeros(*hidden.shape[:2], 4)
+        code[:, first : first + tokens] = _code(torch.arange(tokens).float())
+        rows.append(hidden.flatten(0, 1))
+        wanted.append(code.flatten(0, 1))
+    keys = _fit(torch.cat(rows), torch.cat(wanted))
+    for layer, block in enumerate(model.decoder.block):
+        rows, wanted = [], []
+        for target, (hidden, said) in zip(targets, states, strict=True):
+            state = _before(model, layer, hidden, said)
+            places = (examples.prefix + torch.arange(target) + 0.5) * examples.tokens
+            for part in range(len(PARTS)):
+                at = 1 + part * (target + 2)
+                rows.append(state[:, at : at + target].flatten(0, 1))
+                wanted.append(_code(places).expand(len(state), -1, -1).flatten(0, 1))
+        queries = _fit(torch.cat(rows), torch.cat(wanted))
+        attention = block.layer[1].EncDecAttention
+        width = attention.q.weight.shape[0] // attention.heads
+        for linear, fitted in ((attention.q, queries), (attention.k, keys)):
+            linear.weight[:width] *= 0.1
+            linear.weight[: fitted.shape[1]] = PREFERENCE**0.5 * fitted.T
+
+
+def _fit(rows: Tensor, wanted: Tensor) -> Tensor:
+    """Ridge regression `[d, 4]`."""
+    square = rows.T @ rows + RIDGE * len(rows) * torch.eye(rows.shape[1])
+    return torch.linalg.solve(square, rows.T @ wanted)
+
+
+def _states(model: LanguageModel, ids: np.ndarray, labels: np.ndarray) -> tuple[Tensor, Tensor]:
+    hidden = model.encode(torch.from_numpy(ids))
+    after = torch.from_numpy(labels)
+    start = torch.full_like(after[:, :1], model.vocab["decoder_start"])
+    return hidden, torch.cat([start, after[:, :-1].clamp(min=0)], 1)
+
+
+def _before(model: LanguageModel, layer: int, hidden: Tensor, said: Tensor) -> Tensor:
+    """What the cross-attention of a layer sees."""
+    x = model.shared(said)
+    bias = model.decoder.bias(said.shape[1], x.device)
+    heads = model.decoder.block[0].layer[0].SelfAttention.heads
+    keys_bias = torch.zeros(1, heads, said.shape[1], hidden.shape[1])
+    for block in list(model.decoder.block)[:layer]:
+        x = block.layer[-1](block.layer[1](block.layer[0](x, bias), hidden, keys_bias))
+    block = model.decoder.block[layer]
+    return block.layer[1].layer_norm(block.layer[0](x, bias))
