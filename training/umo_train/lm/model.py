@@ -175,27 +175,34 @@ class LanguageModel(nn.Module):
         if not self.tied:
             self.lm_head = nn.Linear(lm["d_model"], vocab["size"], bias=False)
             nn.init.normal_(self.lm_head.weight, std=lm["d_model"] ** -0.5)
-        if lm["d_model"] >= 16 * lm["num_heads"]:
+        if self.places:
             self._mark_places()
+
+    @property
+    def places(self) -> int:
+        """Widths that are kept for places, from the first on: one that all tokens share, one for each kind of marker,
+        and one per head and stack. 0 in models too small for it."""
+        heads = self.encoder.block[0].layer[0].SelfAttention.heads
+        return 3 + 2 * heads if self.width >= 16 * heads else 0
 
     @torch.no_grad()
     def _mark_places(self) -> None:
-        """Lets a fresh model tell each audio token's place from the audio's start and each code's from its part's.
+        """Lets a model tell each audio token's place from the audio's start and each code's from its part's.
 
         T5 knows distances alone. A head that sees one marker among all tokens, by a weight that its wave of distance
-        makes larger or smaller, writes a sine of the place: a position encoding in T5's own terms, from which training
-        goes on. A width of its own carries what all tokens share, another each kind of marker, and one per head the
-        result; fresh embeddings are zero there.
+        makes larger or smaller, writes a sine of the place: a position encoding in T5's own terms. `fixed` says which
+        weights must stay so that it stays.
         """
         shared, begins, starts, results = 0, 1, 2, 3
         table = self.shared.weight
         heads = self.encoder.block[0].layer[0].SelfAttention.heads
-        waves = range(heads - heads // 2, heads)
-        table[:, : results + 2 * heads] = 0.0
+        table[:, : self.places] = 0.0
         table[:, shared] = 4.0
         table[self.vocab["audio"]["start"], begins] = 8.0
         for part in ("face", "hands", "upper", "lower"):
             table[self.vocab[part]["start"], starts] = 8.0
+        for linear in self._writers():
+            linear.weight[: self.places] = 0.0
         # A marker's score: about the logarithm of how many tokens it stands among.
         for stack, marker, score, first in (
             (self.encoder, begins, 5.3, results),
@@ -203,18 +210,43 @@ class LanguageModel(nn.Module):
         ):
             attention = stack.block[0].layer[0].SelfAttention
             width = attention.q.weight.shape[0] // heads
-            for head in waves:
+            for head in range(heads - heads // 2, heads):
                 row = head * width
-                # What the tokens are about matters little to these heads at first.
-                attention.q.weight[row : row + width] *= 0.05
                 for linear in (attention.q, attention.k, attention.v):
-                    linear.weight[row] = 0.0
+                    linear.weight[row : row + width] = 0.0
+                attention.o.weight[:, row : row + width] = 0.0
                 attention.q.weight[row, shared] = 1.0
                 attention.k.weight[row, marker] = score / (4.0 * 7.0)
                 attention.v.weight[row, marker] = 1.0
-                attention.o.weight[:, row : row + width] *= 0.2
-                attention.o.weight[:, row] = 0.0
                 attention.o.weight[first + head, row] = 0.6
+
+    def _writers(self) -> list[nn.Linear]:
+        """Every matrix that writes to what the layers pass on."""
+        names = (".o", ".wo")
+        return [m for name, m in self.named_modules() if name.endswith(names) and isinstance(m, nn.Linear)]
+
+    def fixed(self) -> list[tuple[Tensor, Tensor]]:
+        """Weights and which of their values training leaves as they are: what makes places and what would cover them."""
+        if not self.places:
+            return []
+        masks: dict[Tensor, Tensor] = {}
+
+        def mask(weight: Tensor) -> Tensor:
+            return masks.setdefault(weight, torch.zeros_like(weight, dtype=torch.bool))
+
+        mask(self.shared.weight)[:, : self.places] = True
+        for linear in self._writers():
+            mask(linear.weight)[: self.places] = True
+        for stack in (self.encoder, self.decoder):
+            attention = stack.block[0].layer[0].SelfAttention
+            inner = attention.q.weight.shape[0]
+            waves = slice(inner - inner // attention.heads * (attention.heads // 2), inner)
+            for linear in (attention.q, attention.k, attention.v):
+                mask(linear.weight)[waves] = True
+            mask(attention.o.weight)[:, waves] = True
+            table = attention.relative_attention_bias.weight
+            mask(table)[:, attention.heads - attention.heads // 2 :] = True
+        return list(masks.items())
 
     def encode(self, ids: Tensor, mask: Tensor | None = None) -> Tensor:
         """`[b, n]` ids, and which of them count, to `[b, n, d]`."""

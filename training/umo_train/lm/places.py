@@ -11,8 +11,8 @@ from umo_train.lm.model import LanguageModel
 from umo_train.skeleton import PARTS
 
 # Waves of place, in audio tokens, and how strongly a place is preferred to others.
-PERIODS, PREFERENCE = (24.0, 96.0), 9.0
-RIDGE = 0.05
+PERIODS, PREFERENCE = (24.0, 96.0), 16.0
+RIDGE = 0.0003
 
 
 def _code(place: Tensor) -> Tensor:
@@ -23,10 +23,8 @@ def _code(place: Tensor) -> Tensor:
 
 @torch.no_grad()
 def align(model: LanguageModel, examples: Examples, targets: tuple[int, ...], seed: int) -> None:
-    """Sets the first head of every cross-attention so that a code's query meets the keys of its keyframe's audio.
-
-    Queries and keys are fitted to the same waves of place, as far as the fresh states tell places. Training goes on
-    from there.
+    """Sets the last cross-attention so that a code's query meets the keys of its keyframe's audio, and gives on what it
+    finds there. Queries and keys are fitted to the same waves of place. Training goes on from there.
     """
     rng = np.random.default_rng(seed)
     batches = [examples.chunk(96, target, rng) for target in targets]
@@ -39,28 +37,36 @@ def align(model: LanguageModel, examples: Examples, targets: tuple[int, ...], se
         code[:, first : first + tokens] = _code(torch.arange(tokens).float())
         rows.append(hidden.flatten(0, 1))
         wanted.append(code.flatten(0, 1))
-    keys = _fit(torch.cat(rows), torch.cat(wanted))
-    for layer, block in enumerate(model.decoder.block):
-        rows, wanted = [], []
-        for target, (hidden, said) in zip(targets, states, strict=True):
-            state = _before(model, layer, hidden, said)
-            places = (examples.prefix + torch.arange(target) + 0.5) * examples.tokens
-            for part in range(len(PARTS)):
-                at = 1 + part * (target + 2)
-                rows.append(state[:, at : at + target].flatten(0, 1))
-                wanted.append(_code(places).expand(len(state), -1, -1).flatten(0, 1))
-        queries = _fit(torch.cat(rows), torch.cat(wanted))
-        attention = block.layer[1].EncDecAttention
-        width = attention.q.weight.shape[0] // attention.heads
-        for linear, fitted in ((attention.q, queries), (attention.k, keys)):
-            linear.weight[:width] *= 0.1
-            linear.weight[: fitted.shape[1]] = PREFERENCE**0.5 * fitted.T
+    keys = _fit(torch.cat(rows), torch.cat(wanted), model.places)
+    layer = len(model.decoder.block) - 1
+    rows, wanted = [], []
+    for target, (hidden, said) in zip(targets, states, strict=True):
+        state = _before(model, layer, hidden, said)
+        places = (examples.prefix + torch.arange(target) + 0.5) * examples.tokens
+        for part in range(len(PARTS)):
+            at = 1 + part * (target + 2)
+            rows.append(state[:, at : at + target].flatten(0, 1))
+            wanted.append(_code(places).expand(len(state), -1, -1).flatten(0, 1))
+    queries = _fit(torch.cat(rows), torch.cat(wanted), model.places)
+    attention = model.decoder.block[layer].layer[1].EncDecAttention
+    inner = attention.q.weight.shape[0]
+    width = inner // attention.heads
+    for linear, fitted in ((attention.q, queries), (attention.k, keys)):
+        for row in range(0, inner, width):
+            linear.weight[row : row + width] *= 0.0
+            linear.weight[row : row + fitted.shape[1]] = PREFERENCE**0.5 * fitted.T
+    # What is found there goes to the head as it is: the encoder's own guess becomes the decoder's.
+    attention.v.weight.copy_(torch.eye(*attention.v.weight.shape))
+    attention.o.weight.copy_(torch.eye(*attention.o.weight.shape))
 
 
-def _fit(rows: Tensor, wanted: Tensor) -> Tensor:
-    """Ridge regression `[d, 4]`."""
-    square = rows.T @ rows + RIDGE * len(rows) * torch.eye(rows.shape[1])
-    return torch.linalg.solve(square, rows.T @ wanted)
+def _fit(rows: Tensor, wanted: Tensor, places: int) -> Tensor:
+    """Ridge regression `[d, 4]` on the widths of places alone, which nothing else writes to."""
+    seen = rows[:, :places]
+    square = seen.T @ seen + RIDGE * len(seen) * torch.eye(places)
+    out = torch.zeros(rows.shape[1], wanted.shape[1])
+    out[:places] = torch.linalg.solve(square, seen.T @ wanted)
+    return out
 
 
 def _states(model: LanguageModel, ids: np.ndarray, labels: np.ndarray) -> tuple[Tensor, Tensor]:

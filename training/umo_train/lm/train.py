@@ -55,33 +55,31 @@ class StagePlan:
 class Master(torch.optim.Optimizer):
     """AdamW on f32 copies of a bf16 model's weights: steps too small for bf16 add up in the copies."""
 
-    TABLE_RATE = 10.0
-
     def __init__(self, model: torch.nn.Module, rate: float, betas: tuple[float, float], decay: float) -> None:
         self.model = [p for p in model.parameters() if p.requires_grad]
         self.copies = [p.detach().float().clone().requires_grad_() for p in self.model]
+        fixed = {id(weight): mask for weight, mask in model.fixed()} if isinstance(model, LanguageModel) else {}
+        self.moved = [~fixed[id(p)] if id(p) in fixed else None for p in self.model]
         super().__init__(self.copies, {"lr": rate})
-        names = [name for name, p in model.named_parameters() if p.requires_grad]
-        # Scores of distances are of the order of 1 to 10, other weights of a tenth: they need longer steps.
-        tables = [p for n, p in zip(names, self.copies, strict=True) if "relative_attention_bias" in n]
+        matrices = [p for p in self.copies if p.ndim > 1]
         vectors = [p for p in self.copies if p.ndim <= 1]
-        kinds = {id(p) for p in (*tables, *vectors)}
-        matrices = [p for p in self.copies if id(p) not in kinds]
-        groups = [
-            {"params": matrices, "weight_decay": decay, "times": 1.0},
-            {"params": vectors, "weight_decay": 0.0, "times": 1.0},
-            {"params": tables, "weight_decay": 0.0, "times": self.TABLE_RATE},
-        ]
+        groups = [{"params": matrices, "weight_decay": decay}, {"params": vectors, "weight_decay": 0.0}]
         self.adam = torch.optim.AdamW([g for g in groups if g["params"]], rate, betas, fused=True)
         self.param_groups = self.adam.param_groups
 
     @torch.no_grad()
     def step(self, closure: None = None) -> None:
-        for half, copy in zip(self.model, self.copies, strict=True):
+        for half, copy, moved in zip(self.model, self.copies, self.moved, strict=True):
             copy.grad = None if half.grad is None else half.grad.float()
+            if copy.grad is not None and moved is not None:
+                copy.grad *= moved
             half.grad = None
         torch.nn.utils.clip_grad_norm_(self.copies, 1.0)
+        kept = [(c, m, c.clone()) for c, m in zip(self.copies, self.moved, strict=True) if m is not None]
         self.adam.step()
+        # Decay too leaves fixed values alone.
+        for copy, moved, before in kept:
+            copy.copy_(torch.where(moved, copy, before))
         torch._foreach_copy_(self.model, self.copies)
 
     def state_dict(self) -> dict[str, Any]:
@@ -176,7 +174,7 @@ def train_stage(
         rng = np.random.default_rng((plan.seed, step, accelerator.process_index))
         task = names[int(np.random.default_rng((plan.seed, step)).choice(len(names), p=list(chances.values())))]
         for group in optimizer.param_groups:
-            group["lr"] = plan.rate * rate_at(step, plan) * group["times"]
+            group["lr"] = plan.rate * rate_at(step, plan)
         loss, logits, labels, heard = loss_of(model, drawing[task](rng), accelerator.device)
         total = loss + plan.balance * moe.balance(plain) if plan.balance > 0 else loss
         if heard is not None and plan.heard > 0:
