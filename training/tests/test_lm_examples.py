@@ -222,7 +222,8 @@ def test_augmented_histories_are_cut_replaced_or_hidden() -> None:
 
 def test_longer_items_are_drawn_more_often() -> None:
     examples = _examples(_stream(frames=15), _stream(frames=60))
-    assert examples.chance.tolist() == [0.2, 0.8]
+    _, chance = examples._pool(("codes", "units"))
+    assert chance.tolist() == [0.2, 0.8]
 
 
 def test_vocabularies_do_not_overlap() -> None:

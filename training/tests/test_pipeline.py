@@ -8,7 +8,7 @@ import yaml
 from safetensors import safe_open
 
 import made_run
-from umo_train import pipeline
+from umo_train import model_config, pipeline
 from umo_train.convert.layout import shapes
 from umo_train.data.corpus import SpeechPlan
 from umo_train.interp.train import InterpPlan
@@ -44,7 +44,7 @@ def test_plans_hold_what_stages_read(smoke: bool) -> None:
 def test_the_text_model_is_the_plans(tmp_path: Path) -> None:
     run = pipeline.Run.read(made_run.SMALL, tmp_path)
     pieces = sentencepiece.SentencePieceProcessor(model_proto=run.text_model())
-    assert pieces.get_piece_size() > pipeline.TEXT_END
+    assert pieces.get_piece_size() > model_config.TEXT_END
     (tmp_path / "plans").mkdir()
     (tmp_path / "plans" / "mine.yaml").write_text(yaml.safe_dump(run.plan | {"text_model": "my.model"}))
     (tmp_path / "plans" / "my.model").write_bytes(b"mine")

@@ -10,11 +10,14 @@ from umo_train import pipeline, plots
 
 def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="umo-train", description="Makes a umo model, step by step.")
-    steps = f"which of: {' '.join(pipeline.STEPS)} (default: all, in order); or plots: curves of what has run so far"
+    steps = (
+        f"which of: {' '.join(pipeline.STEPS)} (default: the plan's, in order); or plots: curves of what has run so far"
+    )
     parser.add_argument("steps", nargs="*", help=steps)
     parser.add_argument("--config", type=Path, help="the YAML file of the plan")
     parser.add_argument("--work", type=Path, required=True, help="the folder for data, checkpoints and the model")
-    parser.add_argument("--smoke", action="store_true", help="the smallest run of everything: with smoke.yaml over it")
+    smallest = "the smallest run of everything: with the plan's smoke file (smoke.yaml) over it"
+    parser.add_argument("--smoke", action="store_true", help=smallest)
     parser.add_argument("--threads", type=int, default=2, help="threads of PyTorch (default: 2)")
     parser.add_argument("--only", help="of the step `tokenizers`: one network alone")
     options = parser.parse_args(arguments)
@@ -32,7 +35,7 @@ def main(arguments: list[str] | None = None) -> None:
     if options.only:
         pipeline.step_tokenizers(settings, (options.only,))
         return
-    pipeline.run(settings, tuple(options.steps) or pipeline.STEPS)
+    pipeline.run(settings, tuple(options.steps))
 
 
 if __name__ == "__main__":

@@ -1,73 +1,60 @@
 """From nothing to a model file, step by step. Each step goes on where it stopped and is skipped where it is done."""
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import sentencepiece
 import torch
 import yaml
 from tqdm import tqdm
 
-from umo_train import export
+from umo_train import export, processes
 from umo_train.audio import tokens
-from umo_train.audio.mel import model_config
+from umo_train.convert import vq
 from umo_train.data import corpus
+from umo_train.device import best
 from umo_train.interp.model import Interpolation
 from umo_train.interp.train import InterpPlan
 from umo_train.interp.train import train as train_interp
 from umo_train.lm import moe
 from umo_train.lm.examples import Examples, Stream
 from umo_train.lm.model import LanguageModel
-from umo_train.lm.train import StagePlan, train_stage
+from umo_train.lm.start import from_t5
+from umo_train.lm.train import StagePlan, mixture, train_stage
+from umo_train.model_config import channels, model_file_config, pieces, sizes, templates
 from umo_train.motion.networks import RootNetwork, VqVae
 from umo_train.motion.train import TokenizerPlan, tokenize, train_part, train_root
 from umo_train.performer import perform
 from umo_train.performer.style import PROMPTS, STYLES
-from umo_train.skeleton import ARKIT, CHANNELS, OFFSETS_M, PARENTS, PARTS
-from umo_train.speech.utterance import SAMPLE_RATE, SILENCE, Phone, Utterance
+from umo_train.plan import Config, Run
+from umo_train.skeleton import CHANNELS, PARTS
+from umo_train.speech.utterance import FRAME_RATE, SAMPLE_RATE, SILENCE, Phone, Utterance
 
-Config = dict[str, Any]
-STEPS = ("speech", "motion", "audio", "tokenizers", "codes", "lm", "interp", "export")
-# Text ids that mark the tasks in templates; they name no piece that prompts need.
-AUDIO_TASK, MOTION_TASK, TEXT_TASK, TEXT_END = 8, 9, 10, 11
-
-
-@dataclass
-class Run:
-    """A plan (the YAML file's content), the folder that its paths are relative to, the corpus' folder and the folder of
-    everything made from it."""
-
-    plan: Config
-    plans: Path
-    corpus: Path
-    folder: Path
-
-    @staticmethod
-    def read(config: Path, work: Path, *, smoke: bool = False) -> "Run":
-        plan = yaml.safe_load(config.read_text())
-        if smoke:
-            smallest = yaml.safe_load((config.parent / "smoke.yaml").read_text())
-            plan = _merged(plan, smallest)
-        return Run(plan, config.parent, work / "corpus", work / "run")
-
-    def text_model(self) -> bytes:
-        """The SentencePiece model of prompts and transcripts."""
-        return (self.plans / self.plan["text_model"]).read_bytes()
+STEPS = ("import", "voices", "speech", "motion", "audio", "tokenizers", "codes", "lm", "interp", "export")
+# Of a plan that names none: speech and motion are made.
+_STEPS = ("speech", "motion", "audio", "tokenizers", "codes", "lm", "interp", "export")
 
 
-def _merged(base: Config, over: Config) -> Config:
-    out = dict(base)
-    for key, value in over.items():
-        both = isinstance(value, dict) and isinstance(base.get(key), dict) and not value.pop("replace", False)
-        out[key] = _merged(base[key], value) if both else value
-    return out
+def run(settings: Run, steps: tuple[str, ...] = ()) -> None:
+    """The steps given, or all of the plan. Of several processes (`accelerate launch`) the first makes everything but
+    the language model, which all train."""
+    for step in steps or settings.plan.get("steps", _STEPS):
+        if step == "lm" or processes.is_first():
+            globals()[f"step_{step}"](settings)
+        processes.wait()
 
 
-def run(settings: Run, steps: tuple[str, ...] = STEPS) -> None:
-    for step in steps:
-        globals()[f"step_{step}"](settings)
+def step_import(s: Run) -> None:
+    """Data sets of others, with what reads them."""
+    from umo_train.data import imported
+
+    imported.import_clips(s.plan["import"], s.work, s.corpus, channels(s.plan)["face"] - 6)
+
+
+def step_voices(s: Run) -> None:
+    """Further voices for the motions of others."""
+    from umo_train.speech import revoice
+
+    revoice.revoice_corpus(s.corpus, [revoice.find(v) for v in s.plan["voices"]], s.plan["workers"])
 
 
 def step_speech(s: Run) -> None:
@@ -93,10 +80,14 @@ def _tokenizer_plan(s: Run, name: str) -> TokenizerPlan:
 
 def step_tokenizers(s: Run, names: tuple[str, ...] = (*PARTS, "root")) -> None:
     """Needs one part's motion of every training item in memory: 1.2 GB for the hands of 15 hours."""
-    train = _names(s, "train")
+    if s.plan["tokenizers"].get("weights"):
+        _published_tokenizers(s)
+        return
     for name in names:
         plan = _tokenizer_plan(s, name)
         only = ("lower", "height") if name == "root" else (name,)
+        # Faces move with speech: where there is none, they are at rest throughout.
+        train = _names(s, "train", spoken=name == "face")
         motions = [tuple(corpus.read_motion(s.corpus, item, only).values()) for item in train]
         if name == "root":
             train_root(plan, motions, s.folder)
@@ -104,17 +95,36 @@ def step_tokenizers(s: Run, names: tuple[str, ...] = (*PARTS, "root")) -> None:
             train_part(plan, name, [motion for (motion,) in motions], s.folder)
 
 
-def _names(s: Run, split: str) -> list[str]:
-    """Items of a split that have a motion."""
-    made = {path.stem for path in (s.corpus / "motion").glob("?????.npz")}
-    return [item.name for item in corpus.items(s.corpus, split) if item.name in made]
+def _published_tokenizers(s: Run) -> None:
+    """EMAGE's or Language of Motion's, as the paper takes them."""
+    tensors = vq.convert([Path(path) for path in s.plan["tokenizers"]["weights"]], sizes(s))
+    s.folder.mkdir(parents=True, exist_ok=True)
+    for name in (*PARTS, "root"):
+        model = _network(s, name)
+        state = {key.removeprefix(f"vq.{name}."): tensor for key, tensor in tensors.items() if f"vq.{name}." in key}
+        # Channels go in as they are: no normalisation, no statistics of training.
+        model.load_state_dict(model.state_dict() | state)
+        torch.save({"model": model.state_dict()}, s.folder / f"tokenizer_{name}.pt")
+
+
+def _network(s: Run, name: str) -> VqVae | RootNetwork:
+    plan = _tokenizer_plan(s, name)
+    if name == "root":
+        return RootNetwork(plan.width, CHANNELS["lower"], plan.layers)
+    return VqVae(plan.width, channels(s.plan)[name], plan.layers, plan.codes)
+
+
+def _names(s: Run, split: str, *, spoken: bool) -> list[str]:
+    """Items of a split that have a motion, and speech if asked."""
+    made = {path.stem for path in corpus.paths(s.corpus, "motion")}
+    entries = corpus.entries(s.corpus, split)
+    return [entry.name for entry in entries if entry.name in made and (entry.spoken or not spoken)]
 
 
 def tokenizers(s: Run) -> dict[str, VqVae]:
     out = {}
     for part in PARTS:
-        plan = _tokenizer_plan(s, part)
-        model = VqVae(plan.width, CHANNELS[part], plan.layers, plan.codes)
+        model = _network(s, part)
         model.load_state_dict(_trained(s.folder / f"tokenizer_{part}.pt", "model"))
         out[part] = model.eval()
     return out
@@ -130,18 +140,44 @@ def step_codes(s: Run) -> None:
     """Every item's motion as codes, `run/codes/NAME.npy` `[4, T]`, and the codes of standing still."""
     out = s.folder / "codes"
     out.mkdir(parents=True, exist_ok=True)
-    models = tokenizers(s)
-    for path in tqdm(sorted((s.corpus / "motion").glob("?????.npz")), "codes"):
+    models = {part: model.to(best()) for part, model in tokenizers(s).items()}
+    silent = {entry.name for entry in corpus.entries(s.corpus) if not entry.spoken}
+    for path in tqdm(corpus.paths(s.corpus, "motion"), "codes"):
         target = out / f"{path.stem}.npy"
         if not target.exists():
             motion = corpus.read_motion(s.corpus, path.stem)
-            np.save(target, np.stack([tokenize(models[part], motion[part]) for part in PARTS]))
-    still = perform(_silence(20.0), STYLES["neutral"], 0)
-    rest = {}
-    for part in PARTS:
-        codes = tokenize(models[part], still[part])
-        rest[part] = int(np.bincount(codes[30:]).argmax())
+            codes = np.stack([tokenize(models[part], motion[part]) for part in PARTS])
+            if path.stem in silent:
+                # Nobody says what a face does that was not recorded.
+                codes[PARTS.index("face")] = -1
+            np.save(target, codes)
+    made = channels(s.plan) == CHANNELS
+    rest = _performers_rest(models) if made else _most_common(s)
     (s.folder / "rest.yaml").write_text(yaml.safe_dump(rest))
+
+
+def _performers_rest(models: dict[str, VqVae]) -> dict[str, int]:
+    """Codes of the performer while nobody speaks."""
+    still = perform(_silence(20.0), STYLES["neutral"], 0)
+    return {part: int(np.bincount(tokenize(models[part], still[part])[30:]).argmax()) for part in PARTS}
+
+
+def _most_common(s: Run) -> dict[str, int]:
+    """Each part's most frequent code of recorded people, of those frames in which they do not speak, if any."""
+    counts = np.zeros((2, len(PARTS), s.plan["tokenizers"]["codes"]), int)
+    for entry in corpus.entries(s.corpus, "train"):
+        path = s.folder / "codes" / f"{entry.name}.npy"
+        if not entry.spoken or not path.exists():
+            continue
+        codes = np.load(path)
+        speaking = np.zeros(codes.shape[1], bool)
+        for word in entry.words:
+            speaking[int(word.start * FRAME_RATE) : int(np.ceil(word.end * FRAME_RATE))] = True
+        for part, row in enumerate(codes):
+            for kind, frames in enumerate((row[~speaking], row)):
+                counts[kind, part] += np.bincount(frames, minlength=counts.shape[2])
+    best_of = counts[0] if counts[0].sum() else counts[1]
+    return dict(zip(PARTS, best_of.argmax(1).tolist(), strict=True))
 
 
 def _silence(seconds: float) -> Utterance:
@@ -149,75 +185,50 @@ def _silence(seconds: float) -> Utterance:
     return Utterance("silence", "", samples, (Phone(SILENCE, 0.0, seconds),))
 
 
-def model_file_config(s: Run) -> Config:
-    """`config` of the model file."""
-    plan = s.plan
-    text = sentencepiece.SentencePieceProcessor(model_proto=s.text_model()).get_piece_size()
-    vocab: Config = {"size": 0, "pad": 0, "eos": 1, "decoder_start": 0}
-    first = text + 3
-    codes = plan["tokenizers"]["codes"]
-    for name, count, unused in (*((part, codes, 0) for part in PARTS), ("audio", plan["audio"]["units"], 2)):
-        start = first + count + unused
-        vocab[name] = {"first": first, "codes": count, "start": start, "end": start + 1, "mask": start + 2}
-        first = start + 3
-    vocab["size"] = first
-    parts = list(PARTS)
-    tokenizer = tokens.Tokenizer.load(s.folder / "audio.safetensors", plan["audio"])
-    vq: Config = {"codes": codes, "width": plan["tokenizers"]["width"]}
-    for name in (*PARTS, "root"):
-        channels = CHANNELS["lower" if name == "root" else name]
-        vq[name] = {"channels": channels, "layers": plan["tokenizers"][name]["layers"]}
-    return {
-        "name": plan["name"],
-        "license": plan["license"],
-        "frame_rate": 30,
-        **plan["window"],
-        "audio": model_config(tokenizer.mel, plan["audio"]["units"]),
-        "vocab": vocab,
-        "lm": plan["lm"],
-        "interp": plan["interp"],
-        "vq": vq,
-        "face": {"kind": "arkit", "names": list(ARKIT)},
-        "templates": {
-            "audio_to_motion": [AUDIO_TASK, "audio", MOTION_TASK, *parts, 1],
-            "audio_to_motion_with_text": [AUDIO_TASK, "audio", MOTION_TASK, TEXT_TASK, "text", TEXT_END, *parts, 1],
-            "text_to_motion": [TEXT_TASK, "text", TEXT_END, *parts, 1],
-        },
-        "rest": yaml.safe_load((s.folder / "rest.yaml").read_text()),
-        "sampling": plan["sampling"],
-        "skeleton": {"parents": list(PARENTS), "offsets_m": [[round(float(x), 4) for x in row] for row in OFFSETS_M]},
-    }
-
-
 def examples(s: Run, config: Config, split: str, *, augment: bool) -> Examples:
     """Codes, units and texts of a split."""
-    pieces = sentencepiece.SentencePieceProcessor(model_proto=s.text_model())
+    rate = config["audio"]["token_rate"]
     streams = []
-    for item in corpus.items(s.corpus, split):
-        path = s.folder / "codes" / f"{item.name}.npy"
-        if not path.exists():
+    for entry in corpus.entries(s.corpus, split):
+        codes, units = (_array(s.folder / kind / f"{entry.name}.npy") for kind in ("codes", "audio_tokens"))
+        if codes is None and units is None:
             continue
-        units = np.load(s.folder / "audio_tokens" / f"{item.name}.npy")
-        text = np.array(pieces.encode(item.utterance.text))
         # An empty prompt says nothing of the style: examples with a prompt take another of the same style's.
-        prompt = item.prompt or PROMPTS[item.style][-1]
-        streams.append(Stream(np.load(path), units, text, np.array(pieces.encode(prompt))))
-    tokenizer = tokens.Tokenizer.load(s.folder / "audio.safetensors", s.plan["audio"])
+        prompts = entry.prompt or (PROMPTS[entry.style][-1] if entry.style else "")
+        first, *more = (np.array(pieces(s).encode(prompt), int) for prompt in prompts.split("\n"))
+        text, spoken = np.array(pieces(s).encode(entry.text), int), None
+        if s.plan.get("text", {}).get("windows") and entry.words:
+            text, spoken = _timed(s, entry, rate)
+        streams.append(Stream(codes, units, text, first, tuple(more), spoken))
+    tokenizer = tokens.load(s.folder / "audio.safetensors", s.plan["audio"])
     silence = int(tokenizer(np.zeros(SAMPLE_RATE, np.float32))[20])
-    return Examples(config, streams, silence, augment=augment)
+    return Examples(config, streams, silence, augment=augment, templates=templates(s))
+
+
+def _array(path: Path) -> np.ndarray | None:
+    return np.load(path) if path.exists() else None
+
+
+def _timed(s: Run, entry: corpus.Entry, rate: int) -> tuple[np.ndarray, np.ndarray]:
+    """Ids of an item's words, and the audio tokens from and to which each is spoken."""
+    ids = [pieces(s).encode(word.text) for word in entry.words]
+    times = [(word.start * rate, word.end * rate) for word in entry.words]
+    return np.concatenate(ids), np.repeat(times, [len(word) for word in ids], axis=0)
 
 
 def step_lm(s: Run) -> None:
-    """Pre-training of a dense model, upcycling, stage 1 and stage 2."""
+    """Pre-training, stage 1 and stage 2; upcycling at the first stage that is not dense."""
     config = model_file_config(s)
-    train, held = examples(s, config, "train", augment=True), examples(s, config, "test_voice", augment=False)
+    train = examples(s, config, "train", augment=True)
+    held = examples(s, config, s.plan.get("held_out", "test_voice"), augment=False)
     torch.manual_seed(s.plan["seed"])
     model: LanguageModel | None = None
     for stage in s.plan["stages"]:
-        plan = StagePlan(**stage | {"targets": tuple(stage.get("targets", (5,))), "seed": s.plan["seed"]})
+        stage = stage | {"tasks": mixture(stage["tasks"], train), "targets": tuple(stage.get("targets", (5,)))}
+        plan = StagePlan(**stage | {"seed": s.plan["seed"]})
         path = s.folder / f"lm_{plan.name}.safetensors"
         before = model
-        model = LanguageModel(config, dense=plan.dense)
+        model = LanguageModel(config, dense=plan.dense, marked=s.plan.get("marked", False))
         if path.exists():
             model.load_state_dict(export.load_state(path))
             continue
@@ -225,8 +236,13 @@ def step_lm(s: Run) -> None:
             state = before.state_dict()
             was_dense, experts = not moe.layers(before), config["lm"]["experts"]
             model.load_state_dict(moe.upcycled(state, experts, plan.seed) if was_dense and not plan.dense else state)
+        elif "init" in s.plan["lm"]:
+            start = from_t5(Path(s.plan["lm"]["init"]), config, dense=plan.dense, seed=plan.seed)
+            model.load_state_dict(start)
         train_stage(plan, model, train, held, s.folder)
-        export.save_state(path, train_result(s.folder, plan, model))
+        if processes.is_first():
+            export.save_state(path, train_result(s.folder, plan, model))
+        processes.wait()
 
 
 def train_result(folder: Path, plan: StagePlan, model: LanguageModel) -> dict[str, torch.Tensor]:
@@ -238,7 +254,9 @@ def train_result(folder: Path, plan: StagePlan, model: LanguageModel) -> dict[st
 
 def step_interp(s: Run) -> None:
     config = model_file_config(s)
-    codes = [np.load(s.folder / "codes" / f"{name}.npy").astype(np.int64) for name in _names(s, "train")]
+    # Windows of all four parts: of people who speak.
+    names = _names(s, "train", spoken=True)
+    codes = [np.load(s.folder / "codes" / f"{name}.npy").astype(np.int64) for name in names]
     train_interp(InterpPlan(**s.plan["interp_training"], seed=s.plan["seed"]), config, codes, s.folder)
 
 
@@ -248,13 +266,12 @@ def step_export(s: Run) -> None:
     language = export.load_state(s.folder / f"lm_{s.plan['stages'][-1]['name']}.safetensors")
     interpolation = Interpolation(config)
     interpolation.load_state_dict(_trained(s.folder / "interp.pt", "model"))
-    plan = _tokenizer_plan(s, "root")
-    root = RootNetwork(plan.width, CHANNELS["lower"], plan.layers)
+    root = _network(s, "root")
     root.load_state_dict(_trained(s.folder / "tokenizer_root.pt", "model"))
     motion = {part: model.folded() for part, model in tokenizers(s).items()} | {"root": root.state_dict()}
-    audio = tokens.Tokenizer.load(s.folder / "audio.safetensors", s.plan["audio"])
+    audio = tokens.load(s.folder / "audio.safetensors", s.plan["audio"])
     named = export.tensors(
-        audio.mel.tensors() | {"audio.kmeans.centroids": audio.centroids},
+        audio.tensors(),
         language,
         interpolation.state_dict(),
         motion,

@@ -1,6 +1,7 @@
 """Audio tokens of a corpus: clean, and as other microphones and rooms give them."""
 
 import itertools
+from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,10 +12,16 @@ import torch
 from safetensors.torch import load_file, save_file
 from tqdm import tqdm
 
+from umo_train.audio import hubert, mel
+from umo_train.audio.hubert import HubertTokenizer
 from umo_train.audio.mel import Mel
 from umo_train.audio.units import kmeans, nearest
 from umo_train.data import corpus
+from umo_train.device import best
 from umo_train.speech.variation import recorded
+
+Plan = dict[str, Any]
+_CENTROIDS = "audio.kmeans.centroids"
 
 
 @dataclass
@@ -28,55 +35,119 @@ class Tokenizer:
         features = self.mel.features(torch.from_numpy(np.ascontiguousarray(samples, np.float32)))
         return nearest(features, self.centroids).numpy().astype(np.int16)
 
+    def tensors(self) -> dict[str, torch.Tensor]:
+        """As the model file has them."""
+        return self.mel.tensors() | {_CENTROIDS: self.centroids}
+
     def save(self, path: Path) -> None:
-        save_file(self.mel.tensors() | {"audio.kmeans.centroids": self.centroids}, path)
+        save_file(self.tensors(), path)
 
     @staticmethod
-    def load(path: Path, plan: dict[str, Any]) -> "Tokenizer":
+    def load(path: Path, plan: Plan) -> "Tokenizer":
         tensors = load_file(path)
         mel = Mel(**plan["mel"])
         mel.load(tensors)
-        return Tokenizer(mel, tensors["audio.kmeans.centroids"])
+        return Tokenizer(mel, tensors[_CENTROIDS])
 
 
-def fit(folder: Path, out: Path, plan: dict[str, Any], seed: int) -> Tokenizer:
-    """Clusters every item's features, as one recording or another. Done already where `out` exists."""
-    if out.exists():
-        return Tokenizer.load(out, plan)
-    mel = Mel(**plan["mel"])
-    rows = []
+AnyTokenizer = Tokenizer | HubertTokenizer
+
+
+def load(path: Path, plan: Plan) -> AnyTokenizer:
+    """What `fit` has made. A plan's `hubert` is the folder of Hugging Face's HuBERT."""
+    if plan["kind"] == "hubert":
+        return HubertTokenizer.load(path, Path(plan["hubert"]), plan)
+    return Tokenizer.load(path, plan)
+
+
+def fit(folder: Path, out: Path, plan: Plan, seed: int) -> AnyTokenizer:
+    """Clusters features of the corpus, or takes the clusters that are published. Done already where `out` exists."""
+    if not out.exists():
+        tokenizer = _fit_hubert(folder, plan, seed) if plan["kind"] == "hubert" else _fit_mel(folder, plan, seed)
+        out.parent.mkdir(parents=True, exist_ok=True)
+        tokenizer.save(out)
+    return load(out, plan)
+
+
+def _heard(folder: Path, plan: Plan, seed: int) -> Iterator[tuple[np.ndarray, slice]]:
+    """Items of training, as one recording or another, and which of their features to take."""
     # A part of the corpus holds every voice.
-    for item in tqdm(itertools.islice(corpus.items(folder, "train"), 0, None, plan["every"]), "features"):
+    for item in tqdm(itertools.islice(_spoken(folder), 0, None, plan["every"]), "features"):
         rng = np.random.default_rng((seed, int(item.name)))
         samples = item.utterance.samples if rng.random() < 0.3 else recorded(item.utterance.samples, rng)
         # A third of the windows: neighbours say the same.
-        rows.append(mel.features(torch.from_numpy(samples))[int(rng.integers(3)) :: 3])
-    features = torch.cat(rows)
-    mel.fit(features, plan["delta_weight"])
-    features = (features - mel.mean) * mel.scale
-    tokenizer = Tokenizer(mel, kmeans(features, plan["units"], plan["steps"], seed))
-    out.parent.mkdir(parents=True, exist_ok=True)
-    tokenizer.save(out)
-    return tokenizer
+        yield samples, slice(int(rng.integers(3)), None, 3)
 
 
-def tokenize(folder: Path, out: Path, tokenizer: Tokenizer, recordings: int, workers: int) -> None:
-    """Writes `out/NAME.npy`: `[1 + recordings, tokens]`, the clean one first."""
+def _spoken(folder: Path) -> Iterator[corpus.Item]:
+    return (item for item in corpus.items(folder, "train") if len(item.utterance.samples))
+
+
+def _fit_hubert(folder: Path, plan: Plan, seed: int) -> HubertTokenizer:
+    network = Path(plan["hubert"])
+    if plan.get("kmeans"):
+        from umo_train.convert import kmeans as published
+
+        config = {"audio": model_config(plan)}
+        return HubertTokenizer(network, plan, published.convert(Path(plan["kmeans"]), config)[_CENTROIDS])
+    front = hubert.reader(network, plan)
+    features = torch.cat([front.features(heard[None])[0, some] for heard, some in _heard(folder, plan, seed)])
+    return HubertTokenizer(network, plan, kmeans(features, plan["units"], plan["steps"], seed, best()))
+
+
+def _fit_mel(folder: Path, plan: Plan, seed: int) -> Tokenizer:
+    front = Mel(**plan["mel"])
+    features = torch.cat([front.features(torch.from_numpy(heard))[some] for heard, some in _heard(folder, plan, seed)])
+    front.fit(features, plan["delta_weight"])
+    features = (features - front.mean) * front.scale
+    return Tokenizer(front, kmeans(features, plan["units"], plan["steps"], seed))
+
+
+def model_config(plan: Plan) -> dict[str, Any]:
+    """`config.audio` of the model file."""
+    if plan["kind"] == "hubert":
+        return hubert.model_config(Path(plan["hubert"]), plan)
+    return mel.model_config(Mel(**plan["mel"]), plan["units"])
+
+
+def tokenize(folder: Path, out: Path, tokenizer: AnyTokenizer, recordings: int, workers: int) -> None:
+    """Writes `out/NAME.npy`: `[1 + recordings + voices, tokens]`, the clean one first."""
     out.mkdir(parents=True, exist_ok=True)
-    paths = sorted((folder / "speech").glob("?????.npz"))
-    jobs = [(p, out / f"{p.stem}.npy", tokenizer, recordings) for p in paths if not (out / f"{p.stem}.npy").exists()]
+    jobs = [(path, out / f"{path.stem}.npy", recordings) for path in corpus.paths(folder, "speech")]
+    jobs = [job for job in jobs if not job[1].exists()]
     with ProcessPoolExecutor(workers) as pool:
-        list(tqdm(pool.map(_tokenize_item, jobs, chunksize=8), "audio tokens", len(jobs), unit="item"))
+        if isinstance(tokenizer, Tokenizer):
+            made = pool.map(_tokenize_item, [(tokenizer, *job) for job in jobs], chunksize=8)
+            list(tqdm(made, "audio tokens", len(jobs), unit="item"))
+            return
+        # One process has the network; the others make what it hears, a few items ahead of it.
+        ahead = 8 * workers
+        for first in tqdm(range(0, len(jobs), ahead), "audio tokens", unit=f"{ahead} items"):
+            some = jobs[first : first + ahead]
+            for (_, target, _), versions in zip(some, pool.map(_versions, some), strict=True):
+                if versions.shape[1]:
+                    _save(target, tokenizer.many(versions))
 
 
-def _tokenize_item(job: tuple[Path, Path, Tokenizer, int]) -> None:
-    path, out, tokenizer, recordings = job
-    torch.set_num_threads(1)
+def _versions(job: tuple[Path, Path, int]) -> np.ndarray:
+    """`[1 + recordings + voices, n]` samples of an item."""
+    path, _, recordings = job
     samples = corpus.read_item(path).utterance.samples
     versions = [samples]
-    for i in range(recordings):
-        versions.append(recorded(samples, np.random.default_rng((int(path.stem), i))))
-    tokens = np.stack([tokenizer(version) for version in versions])
+    if len(samples):
+        versions += [recorded(samples, np.random.default_rng((int(path.stem), i))) for i in range(recordings)]
+    return np.stack([*versions, *corpus.read_voices(path)])
+
+
+def _tokenize_item(job: tuple[Tokenizer, Path, Path, int]) -> None:
+    tokenizer, path, out, recordings = job
+    torch.set_num_threads(1)
+    versions = _versions((path, out, recordings))
+    if versions.shape[1]:
+        _save(out, np.stack([tokenizer(version) for version in versions]))
+
+
+def _save(out: Path, tokens: np.ndarray) -> None:
     part = out.with_suffix(".part")
     with part.open("wb") as file:
         np.save(file, tokens)

@@ -10,16 +10,18 @@ def nearest(rows: Tensor, centroids: Tensor) -> Tensor:
     return (centroids.pow(2).sum(1) - 2 * rows @ centroids.T).argmin(1)
 
 
-def kmeans(rows: Tensor, units: int, steps: int, seed: int) -> Tensor:
+def kmeans(rows: Tensor, units: int, steps: int, seed: int, device: torch.device | None = None) -> Tensor:
     """`units` centroids of `[n, width]`: k-means++ on a sample, then Lloyd's steps; empty ones restart at the rows
-    farthest from theirs."""
+    farthest from theirs. The steps run on `device`, part by part: rows need not fit there."""
     generator = torch.Generator().manual_seed(seed)
     centroids = _plus_plus(rows[torch.randperm(len(rows), generator=generator)[: 40 * units]], units, generator)
+    centroids = centroids.to(device or rows.device)
     norms = rows.pow(2).sum(1)
     for _ in tqdm(range(steps), "k-means"):
-        sums, counts = torch.zeros_like(centroids), torch.zeros(units)
+        sums, counts = torch.zeros_like(centroids), torch.zeros(units, device=centroids.device)
         farthest = []
         for part, norm in zip(rows.split(1 << 16), norms.split(1 << 16), strict=True):
+            part, norm = part.to(centroids.device), norm.to(centroids.device)
             distances = centroids.pow(2).sum(1) - 2 * part @ centroids.T
             least, index = distances.min(1)
             sums.index_add_(0, index, part)
@@ -30,8 +32,9 @@ def kmeans(rows: Tensor, units: int, steps: int, seed: int) -> Tensor:
         empty = (counts == 0).nonzero()[:, 0]
         if len(empty):
             spare = torch.cat(farthest)
-            centroids[empty] = spare[torch.randint(len(spare), (len(empty),), generator=generator)]
-    return centroids
+            picked = torch.randint(len(spare), (len(empty),), generator=generator)
+            centroids[empty] = spare[picked.to(spare.device)]
+    return centroids.to(rows.device)
 
 
 def _plus_plus(rows: Tensor, units: int, generator: torch.Generator) -> Tensor:

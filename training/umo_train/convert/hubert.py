@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from umo_train.convert.layout import Config, shapes
+from umo_train.convert.layout import Config, audio_shapes
 from umo_train.convert.sources import SourceError, Tensors, agree, read, read_json, renamed
 
 _PREFIX = "audio.hubert."
@@ -34,11 +34,18 @@ def convert(folder: Path, config: Config) -> Tensors:
     _check(folder, config)
     source = {name.removeprefix("hubert."): tensor for name, tensor in read(folder).items()}
     _fold(source)
-    wanted = {name: shape for name, shape in shapes(config).items() if name.startswith(_PREFIX)}
+    wanted = {name: shape for name, shape in audio_shapes(config).items() if name.startswith(_PREFIX)}
     names = {name: name.removeprefix(_PREFIX) for name in wanted}
     used = config["audio"]["hubert"]["num_hidden_layers"]
     beyond = [rf"encoder\.layers\.{i}\..*" for i in range(used, _layers(folder))]
     return renamed(f"{folder} (HuBERT)", source, names, wanted, (*_IGNORED, *beyond))
+
+
+def check_form(folder: Path) -> None:
+    """Refuses a relative of the specification's network."""
+    path = folder / "config.json"
+    theirs = read_json(path)
+    agree(f"{path}", _FORM, {key: theirs[key] for key in _FORM if key in theirs})
 
 
 def _layers(folder: Path) -> int:

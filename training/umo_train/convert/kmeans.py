@@ -9,7 +9,7 @@ import torch
 from joblib.numpy_pickle import NumpyArrayWrapper, NumpyUnpickler
 
 from umo_train.convert.inert import inert
-from umo_train.convert.layout import Config, shapes
+from umo_train.convert.layout import Config, audio_shapes
 from umo_train.convert.sources import SourceError, Tensors, read, renamed
 
 _NAME = "audio.kmeans.centroids"
@@ -50,7 +50,7 @@ def convert(path: Path, config: Config) -> Tensors:
     else:
         name = _ATTRIBUTE
         found = {name: torch.from_numpy(_rows(path))}
-    return renamed(f"{path} (k-means)", found, {_NAME: name}, shapes(config))
+    return renamed(f"{path} (k-means)", found, {_NAME: name}, audio_shapes(config))
 
 
 def _rows(path: Path) -> np.ndarray:

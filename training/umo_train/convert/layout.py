@@ -14,10 +14,14 @@ _EXACT = (".moe.router.", "relative_attention_bias", "centroids", ".quantizer.",
 
 def shapes(config: Config, *, encoders: bool = True) -> Shapes:
     """All tensors and their shapes; `encoders` asks for those that only tokenising motion needs."""
-    parts = (_hubert if config["audio"]["kind"] == "hubert" else _mel, _lm, _interp)
-    out = {name: shape for part in parts for name, shape in part(config)}
+    out = audio_shapes(config) | {name: shape for part in (_lm, _interp) for name, shape in part(config)}
     out.update(_codecs(config, encoders))
     return out
+
+
+def audio_shapes(config: Config) -> Shapes:
+    """Those of the audio tokenizer."""
+    return dict(_hubert(config) if config["audio"]["kind"] == "hubert" else _mel(config))
 
 
 def is_weight(name: str, shape: tuple[int, ...]) -> bool:

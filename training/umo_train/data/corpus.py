@@ -4,7 +4,7 @@ import json
 import random
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -76,31 +76,41 @@ def _speak_item(job: tuple[SpeechPlan, Path, str, int, str]) -> None:
     # Mostly breaths between sentences, at times a silence long enough to stand idle in.
     gaps = [chance.uniform(0.0, 0.5) if chance.random() < 0.8 else chance.uniform(0.8, 3.0) for _ in spoken]
     utterance = variation.joined(spoken, [*gaps, chance.uniform(0.3, 1.5)])
-    levelled = variation.leveled(utterance.samples, 24)
-    data = {
-        "samples": np.clip(levelled * 32767, -32767, 32767).astype(np.int16),
-        "phones": np.array([p.name for p in utterance.phones]),
-        "phone_times": np.array([(p.start, p.end) for p in utterance.phones]),
-        "stress": np.array([p.stress for p in utterance.phones], np.int8),
-        "words": np.array([w.text for w in utterance.words]),
-        "word_times": np.array([(w.start, w.end) for w in utterance.words]).reshape(-1, 2),
-        "about": np.array(
-            json.dumps(
-                {
-                    "voice": voice,
-                    "split": split,
-                    "text": utterance.text,
-                    "style": style,
-                    "prompt": chance.choice(PROMPTS[style]),
-                    "seed": index,
-                }
-            )
-        ),
+    levelled = replace(utterance, voice=voice, samples=variation.leveled(utterance.samples, 24))
+    prompt = chance.choice(PROMPTS[style])
+    write_item(folder, Item(f"{index:05}", split, style, prompt, index, levelled))
+
+
+def write_item(folder: Path, item: Item) -> None:
+    """An item's speech. One without speech has no samples."""
+    spoken = item.utterance
+    about = {
+        "voice": spoken.voice,
+        "split": item.split,
+        "text": spoken.text,
+        "style": item.style,
+        "prompt": item.prompt,
+        "seed": item.seed,
     }
-    _write(_path(folder, "speech", index), data)
+    if not len(spoken.samples):
+        about["spoken"] = False
+    data = {
+        "samples": int16(spoken.samples),
+        "phones": np.array([p.name for p in spoken.phones], str),
+        "phone_times": np.array([(p.start, p.end) for p in spoken.phones]).reshape(-1, 2),
+        "stress": np.array([p.stress for p in spoken.phones], np.int8),
+        "words": np.array([w.text for w in spoken.words], str),
+        "word_times": np.array([(w.start, w.end) for w in spoken.words]).reshape(-1, 2),
+        "about": np.array(json.dumps(about)),
+    }
+    write(folder / "speech" / f"{item.name}.npz", data)
 
 
-def _write(path: Path, data: dict[str, np.ndarray]) -> None:
+def int16(samples: np.ndarray) -> np.ndarray:
+    return np.clip(samples * 32767, -32767, 32767).astype(np.int16)
+
+
+def write(path: Path, data: dict[str, np.ndarray]) -> None:
     """By renaming: a file that exists is whole."""
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_suffix(".tmp.npz")
@@ -124,9 +134,51 @@ def read_item(path: Path) -> Item:
     return Item(path.stem, about["split"], about["style"], about["prompt"], about["seed"], utterance)
 
 
+def paths(folder: Path, kind: str) -> list[Path]:
+    """Files of all items, in order of their numbers."""
+    found = [path for path in (folder / kind).glob("*.npz") if path.stem.isdecimal()]
+    return sorted(found, key=lambda path: int(path.stem))
+
+
+def read_voices(path: Path) -> list[np.ndarray]:
+    """An item's words as other voices speak them at the same times, if they do: samples as many as its own."""
+    voices = path.parent.parent / "voices" / path.name
+    if not voices.exists():
+        return []
+    with np.load(voices) as data:
+        return [data[name].astype(np.float32) / 32767 for name in sorted(data.files)]
+
+
+@dataclass(frozen=True)
+class Entry:
+    """An item without its sound."""
+
+    name: str
+    split: str
+    style: str
+    prompt: str
+    text: str
+    words: tuple[Word, ...]
+    # Whether it has speech: without, there is motion of the body alone.
+    spoken: bool
+
+
+def entries(folder: Path, split: str | None = None) -> Iterator[Entry]:
+    """Of one split or of all, in order."""
+    for path in paths(folder, "speech"):
+        with np.load(path) as data:
+            about = json.loads(str(data["about"]))
+            if split is not None and about["split"] != split:
+                continue
+            times = zip(data["words"], data["word_times"], strict=True)
+            words = tuple(Word(str(text), float(start), float(end)) for text, (start, end) in times)
+        spoken = about.get("spoken", True)
+        yield Entry(path.stem, about["split"], about["style"], about["prompt"], about["text"], words, spoken)
+
+
 def items(folder: Path, split: str | None = None) -> Iterator[Item]:
     """The corpus' speech in order, of one split or of all."""
-    for path in sorted((folder / "speech").glob("?????.npz")):
+    for path in paths(folder, "speech"):
         item = read_item(path)
         if split is None or item.split == split:
             yield item
@@ -134,9 +186,8 @@ def items(folder: Path, split: str | None = None) -> Iterator[Item]:
 
 def make_motion(folder: Path, workers: int) -> None:
     """Has the performer move to every item that has no motion yet."""
-    paths = [p for p in sorted((folder / "speech").glob("?????.npz")) if not (folder / "motion" / p.name).exists()]
+    jobs = [(folder, p) for p in paths(folder, "speech") if not (folder / "motion" / p.name).exists()]
     with ProcessPoolExecutor(workers) as pool:
-        jobs = [(folder, path) for path in paths]
         list(tqdm(pool.map(_perform_item, jobs, chunksize=4), "motion", len(jobs), unit="item"))
 
 
@@ -146,7 +197,7 @@ def _perform_item(job: tuple[Path, Path]) -> None:
     folder, path = job
     item = read_item(path)
     motion = perform(item.utterance, STYLES[item.style], item.seed)
-    _write(folder / "motion" / path.name, {name: values.astype(np.float32) for name, values in motion.items()})
+    write(folder / "motion" / path.name, {name: values.astype(np.float32) for name, values in motion.items()})
 
 
 def read_motion(folder: Path, name: str, only: tuple[str, ...] = (*PARTS, "height")) -> dict[str, np.ndarray]:

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
+from umo_train.device import best
 from umo_train.interp.model import Interpolation
 from umo_train.log import Log
 from umo_train.skeleton import PARTS
@@ -37,7 +38,8 @@ class InterpPlan:
 def train(plan: InterpPlan, config: dict[str, Any], codes: list[np.ndarray], folder: Path) -> Interpolation:
     """`codes` are `[4, T]` of every frame. Resumes from what is in the folder."""
     torch.manual_seed(plan.seed)
-    model = Interpolation(config)
+    device = best()
+    model = Interpolation(config).to(device)
     optimizer = torch.optim.AdamW(model.parameters(), plan.rate, betas=(0.9, 0.99), weight_decay=0.05)
 
     def rate(step: int) -> float:
@@ -49,7 +51,7 @@ def train(plan: InterpPlan, config: dict[str, Any], codes: list[np.ndarray], fol
     log = Log(folder / "interp.csv", start)
     for step in tqdm(range(start, plan.steps), "interpolation", initial=start, total=plan.steps):
         chance = np.random.default_rng((plan.seed, step))
-        truth, padding = _windows(plan, codes, model.stride, chance)
+        truth, padding = (x.to(device) for x in _windows(plan, codes, model.stride, chance))
         loss, values = loss_of(model, plan, truth, padding, chance)
         optimizer.zero_grad()
         loss.backward()
@@ -83,11 +85,13 @@ def loss_of(
 ) -> tuple[Tensor, dict[str, float]]:
     """The objective of one batch. Anchors are every keyframe and the last frame that is not padding."""
     batch, _, frames = truth.shape
-    anchor = (torch.arange(frames) % model.stride == 0).repeat(batch, 1)
-    anchor[torch.arange(batch), (~padding).sum(1) - 1] = True
+    device = truth.device
+    anchor = (torch.arange(frames, device=device) % model.stride == 0).repeat(batch, 1)
+    anchor[torch.arange(batch, device=device), (~padding).sum(1) - 1] = True
     seen = torch.where(anchor[:, None], truth, model.codes)
-    noisy = torch.from_numpy(chance.random(truth.shape) < plan.noise) & anchor[:, None]
-    seen = torch.where(noisy, torch.from_numpy(chance.integers(0, model.codes, truth.shape)), seen)
+    noisy = torch.from_numpy(chance.random(truth.shape) < plan.noise).to(device) & anchor[:, None]
+    others = torch.from_numpy(chance.integers(0, model.codes, truth.shape)).to(device)
+    seen = torch.where(noisy, others, seen)
     logits = model(seen, padding)
     asked = ~anchor & ~padding
     flat = asked[:, None].expand_as(truth)
@@ -103,7 +107,7 @@ def loss_of(
 def _smoothness(model: Interpolation, codes: Tensor, valid: Tensor) -> tuple[Tensor, Tensor]:
     """Mean squared first and second differences of the chosen codes' vectors, pairs and triples on padding left out."""
     pairs, triples = valid[:, 1:] & valid[:, :-1], valid[:, 2:] & valid[:, 1:-1] & valid[:, :-2]
-    velocity = acceleration = torch.zeros(())
+    velocity = acceleration = torch.zeros((), device=codes.device)
     for i, part in enumerate(PARTS):
         vectors = model.embed[part](codes[:, i])
         first, second = vectors.diff(dim=1), vectors.diff(n=2, dim=1)

@@ -12,13 +12,21 @@ Config = dict[str, Any]
 
 @dataclass
 class Stream:
-    """One item as codes and units. `codes` are `[4, frames]`, `units` `[recordings, tokens]`."""
+    """One item as codes and units. `codes` are `[4, frames]`, -1 where a part did not move; `units` `[recordings,
+    tokens]`. An item without motion or without speech has none."""
 
-    codes: np.ndarray
-    units: np.ndarray
-    # Ids of the transcript and of the style's prompt.
+    codes: np.ndarray | None
+    units: np.ndarray | None
+    # Ids of the transcript, of a prompt, and of more prompts that say as much.
     text: np.ndarray
     prompt: np.ndarray
+    more_prompts: tuple[np.ndarray, ...] = ()
+    # From which to which audio token each id of the transcript is spoken `[ids, 2]`, where that is known.
+    spoken: np.ndarray | None = None
+
+    def has(self, what: str) -> bool:
+        found = getattr(self, what)
+        return found is not None and len(found) > 0
 
 
 @dataclass
@@ -32,14 +40,38 @@ class Batch:
     heard: np.ndarray | None = None
 
 
+# What an item must have to be drawn for a task.
+NEEDS: dict[str, tuple[str, ...]] = {
+    "motion": ("codes",),
+    "a2t": ("units", "text"),
+    "t2a": ("units", "text"),
+    "a2m_dense": ("codes", "units"),
+    "t2m_dense": ("codes", "prompt"),
+    "a2m": ("codes", "units"),
+    "a2m_prompted": ("codes", "units", "prompt"),
+    "part": ("codes", "units"),
+}
+_NOTHING = np.zeros(0, np.int64)
+
+
 class Examples:
     """Draws batches of a task; every example of a batch has the same shape but for free text."""
 
     # Of a stage-2 example: history cut short, codes of it replaced, the face's history hidden.
     SHORT, NOISY, HIDDEN, REPLACED = 0.12, 0.3, 0.35, 0.12
 
-    def __init__(self, config: Config, streams: list[Stream], silence: int, *, augment: bool = True) -> None:
+    def __init__(
+        self,
+        config: Config,
+        streams: list[Stream],
+        silence: int,
+        *,
+        augment: bool = True,
+        templates: Config | None = None,
+    ) -> None:
+        """`templates` are of tasks that only training has."""
         self.config, self.streams, self.silence, self.augment = config, streams, silence, augment
+        self.templates: Config = config["templates"] | (templates or {})
         self.vocab: Config = config["vocab"]
         self.first = np.array([self.vocab[part]["first"] for part in PARTS])
         self.rest = np.array([config["rest"][part] for part in PARTS])
@@ -47,11 +79,35 @@ class Examples:
         rate = config["audio"]["token_rate"]
         # A keyframe's audio tokens; the config holds only for whole ones.
         self.tokens = self.stride * rate // config["frame_rate"]
-        lengths = np.array([stream.codes.shape[1] for stream in streams], float)
-        self.chance = lengths / lengths.sum()
+        self.frames_per_token = config["frame_rate"] / rate
+        self.pools: dict[tuple[str, ...], tuple[list[Stream], np.ndarray]] = {}
 
-    def _streams(self, count: int, rng: np.random.Generator) -> list[Stream]:
-        return [self.streams[i] for i in rng.choice(len(self.streams), count, p=self.chance)]
+    def _pool(self, needs: tuple[str, ...]) -> tuple[list[Stream], np.ndarray]:
+        """The items that have what a task needs, and the chance of each, by its length."""
+        if needs not in self.pools:
+            fit = [stream for stream in self.streams if all(map(stream.has, needs))]
+            if not fit:
+                raise ValueError(f"no item has {' and '.join(needs)}, which a task of the plan needs: import more data")
+            lengths = np.array([self._frames(stream) for stream in fit], float)
+            self.pools[needs] = fit, lengths / lengths.sum()
+        return self.pools[needs]
+
+    def _frames(self, stream: Stream) -> float:
+        return stream.units.shape[1] * self.frames_per_token if stream.codes is None else stream.codes.shape[1]
+
+    def seconds(self, task: str) -> float:
+        """How much there is of what a task draws from: n in the mixture of tasks."""
+        fit = [stream for stream in self.streams if all(map(stream.has, NEEDS[task]))]
+        return sum(map(self._frames, fit)) / self.config["frame_rate"]
+
+    def _streams(self, count: int, rng: np.random.Generator, task: str) -> list[Stream]:
+        streams, chance = self._pool(NEEDS[task])
+        return [streams[i] for i in rng.choice(len(streams), count, p=chance)]
+
+    def _prompt(self, stream: Stream, rng: np.random.Generator) -> np.ndarray:
+        """One of several; nothing is drawn where there is no choice."""
+        prompts = (stream.prompt, *stream.more_prompts)
+        return prompts[0] if len(prompts) == 1 else prompts[rng.integers(len(prompts))]
 
     def _units(self, stream: Stream, first: int, count: int, rng: np.random.Generator) -> np.ndarray:
         """Audio ids with markers; before the first token and after the last is silence."""
@@ -68,17 +124,14 @@ class Examples:
     def _fill(self, template: str, audio: np.ndarray | None, text: np.ndarray, parts: list[np.ndarray]) -> np.ndarray:
         """The template's ids with everything in its place."""
         places = {"audio": audio, "text": text} | dict(zip(PARTS, parts, strict=True))
-        out = [
-            np.asarray([entry]) if isinstance(entry, int) else places[entry]
-            for entry in self.config["templates"][template]
-        ]
+        out = [np.asarray([entry]) if isinstance(entry, int) else places[entry] for entry in self.templates[template]]
         return np.concatenate(out)
 
     def chunk(self, count: int, target: int, rng: np.random.Generator, *, text: bool = False) -> Batch:
         """Audio to motion, a chunk of `target` keyframes after the prefix (stage 2)."""
         inputs, labels, heard = [], [], []
         template = "audio_to_motion_with_text" if text else "audio_to_motion"
-        for stream in self._streams(count, rng):
+        for stream in self._streams(count, rng, "a2m_prompted" if text else "a2m"):
             keys = stream.codes[:, :: self.stride]
             at = int(rng.integers(0, max(keys.shape[1] - target, 1)))
             inputs.append(self._chunk_input(stream, keys, at, target, text, rng))
@@ -115,7 +168,7 @@ class Examples:
                 history[0] = -1
         parts = [self._part(p, history[p]) for p in range(4)]
         template = "audio_to_motion_with_text" if text else "audio_to_motion"
-        return self._fill(template, audio, stream.prompt, parts)
+        return self._fill(template, audio, self._prompt(stream, rng) if text else _NOTHING, parts)
 
     def _chunk_labels(self, keys: np.ndarray, at: int, target: int) -> np.ndarray:
         """All parts; beyond the item's end nothing is asked."""
@@ -131,7 +184,7 @@ class Examples:
         inputs, labels = [], []
         wanted = int(rng.integers(4))
         name = self.vocab[PARTS[wanted]]
-        for stream in self._streams(count, rng):
+        for stream in self._streams(count, rng, "part"):
             keys = stream.codes[:, :: self.stride]
             at = int(rng.integers(0, max(keys.shape[1] - target, 1)))
             first = at - self.prefix
@@ -140,7 +193,7 @@ class Examples:
             for part in range(4):
                 length = self.prefix if part == wanted else self.prefix + target
                 parts.append(self._part(part, _slice(keys[part], first, length, self.rest[part])))
-            inputs.append(self._fill("audio_to_motion", audio, stream.prompt, parts))
+            inputs.append(self._fill("audio_to_motion", audio, _NOTHING, parts))
             codes = _slice(keys[wanted], at, target, -1)
             ids = np.where(codes < 0, -100, name["first"] + codes)
             labels.append(np.concatenate([[name["start"]], ids, [name["end"]]]))
@@ -149,7 +202,7 @@ class Examples:
     def dense(self, count: int, frames: int, rng: np.random.Generator, *, source: str) -> Batch:
         """Every frame of a window, from audio (`a2m`) or from text (`t2m`), after a short prefix (stage 1)."""
         inputs, labels = [], []
-        for stream in self._streams(count, rng):
+        for stream in self._streams(count, rng, "a2m_dense" if source == "audio" else "t2m_dense"):
             length = stream.codes.shape[1]
             at = int(rng.integers(0, max((length - frames) // self.stride, 1))) * self.stride
             before = [_slice(stream.codes[p], at - self.prefix, self.prefix, self.rest[p]) for p in range(4)]
@@ -157,36 +210,50 @@ class Examples:
             if source == "audio":
                 count_tokens = frames * self.tokens // self.stride
                 audio = self._units(stream, at * self.tokens // self.stride, count_tokens, rng)
-                inputs.append(self._fill("audio_to_motion", audio, stream.prompt, parts))
+                inputs.append(self._fill("audio_to_motion", audio, _NOTHING, parts))
             else:
-                inputs.append(self._fill("text_to_motion", None, stream.prompt, parts))
+                inputs.append(self._fill("text_to_motion", None, self._prompt(stream, rng), parts))
             labels.append(self._chunk_labels(stream.codes, at, frames))
         return _stack(inputs, labels)
 
     def motion(self, count: int, target: int, rng: np.random.Generator) -> Batch:
         """Keyframe motion modelling: keyframes hidden at random among those of a window, all asked (pre-training)."""
         inputs, labels = [], []
-        for stream in self._streams(count, rng):
+        template = "motion_to_motion" if "motion_to_motion" in self.templates else "text_to_motion"
+        for stream in self._streams(count, rng, "motion"):
             keys = stream.codes[:, :: self.stride]
             at = int(rng.integers(0, max(keys.shape[1] - target, 1)))
             seen = np.stack([_slice(keys[p], at, target, self.rest[p]) for p in range(4)])
             seen = np.where(rng.random(seen.shape) < rng.uniform(0.2, 0.8), -1, seen)
             parts = [self._part(p, seen[p]) for p in range(4)]
-            inputs.append(self._fill("text_to_motion", None, stream.prompt, parts))
+            inputs.append(self._fill(template, None, self._prompt(stream, rng), parts))
             labels.append(self._chunk_labels(keys, at, target))
         return _stack(inputs, labels)
 
     def speech(self, count: int, seconds: float, rng: np.random.Generator, *, to: str) -> Batch:
-        """Audio to text or text to audio of an item's beginning (pre-training)."""
-        tokens = int(seconds * self.config["audio"]["token_rate"])
+        """Audio to text or text to audio (pre-training): a window where the times of words are known, else an item's
+        beginning, as much of it as there is."""
+        most = int(seconds * self.config["audio"]["token_rate"])
         inputs, labels = [], []
-        for stream in self._streams(count, rng):
-            audio = self._units(stream, 0, tokens, rng)
-            share = min(1.0, tokens / stream.units.shape[1])
-            text = np.concatenate([stream.text[: max(1, int(len(stream.text) * share))], [self.vocab["eos"]]])
-            inputs.append(np.concatenate([audio, [self.vocab["eos"]]]) if to == "text" else text)
-            labels.append(text if to == "text" else audio)
+        for stream in self._streams(count, rng, "a2t"):
+            tokens = min(most, stream.units.shape[1])
+            share = tokens / stream.units.shape[1]
+            at, said = 0, stream.text[: max(1, int(len(stream.text) * share))]
+            if stream.spoken is not None and tokens < stream.units.shape[1]:
+                at = int(rng.integers(stream.units.shape[1] - tokens + 1))
+                inside = (stream.spoken[:, 0] >= at) & (stream.spoken[:, 1] <= at + tokens)
+                said = stream.text[inside]
+            audio = self._units(stream, at, tokens, rng)
+            said = np.concatenate([said, [self.vocab["eos"]]])
+            inputs.append(self._speech_input(audio, said, to))
+            labels.append(said if to == "text" else audio)
         return _stack(inputs, labels)
+
+    def _speech_input(self, audio: np.ndarray, said: np.ndarray, to: str) -> np.ndarray:
+        template = "audio_to_text" if to == "text" else "text_to_audio"
+        if template in self.templates:
+            return self._fill(template, audio, said[:-1], [_NOTHING] * len(PARTS))
+        return np.concatenate([audio, [self.vocab["eos"]]]) if to == "text" else said
 
 
 def _slice(row: np.ndarray, first: int, count: int, fill: int) -> np.ndarray:

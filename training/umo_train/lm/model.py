@@ -163,9 +163,10 @@ def _bucket(relative: Tensor, buckets: int, distance: int, *, two_sided: bool) -
 
 
 class LanguageModel(nn.Module):
-    """`config["lm"]` over `config["vocab"]`, with fresh weights. `dense` is T5 itself, before upcycling."""
+    """`config["lm"]` over `config["vocab"]`, with fresh weights. `dense` is T5 itself, before upcycling; `marked` tells
+    places from the first step on, which a model that starts from published weights has learned for itself."""
 
-    def __init__(self, config: Config, *, dense: bool = False) -> None:
+    def __init__(self, config: Config, *, dense: bool = False, marked: bool = False) -> None:
         super().__init__()
         lm, vocab = config["lm"], config["vocab"]
         self.vocab, self.width, self.tied = vocab, lm["d_model"], lm["tie_word_embeddings"]
@@ -175,7 +176,8 @@ class LanguageModel(nn.Module):
         if not self.tied:
             self.lm_head = nn.Linear(lm["d_model"], vocab["size"], bias=False)
             nn.init.normal_(self.lm_head.weight, std=lm["d_model"] ** -0.5)
-        if self.places:
+        self.marked = marked and self.places > 0
+        if self.marked:
             self._mark_places()
 
     @property
@@ -226,8 +228,8 @@ class LanguageModel(nn.Module):
         return [m for name, m in self.named_modules() if name.endswith(names) and isinstance(m, nn.Linear)]
 
     def fixed(self) -> list[tuple[Tensor, Tensor]]:
-        """Weights and which of their values training leaves as they are: what makes places and what would cover them."""
-        if not self.places:
+        """Weights, and which of their values training leaves alone: what makes places and what would cover them."""
+        if not self.marked:
             return []
         masks: dict[Tensor, Tensor] = {}
 

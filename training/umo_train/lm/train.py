@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 import torch
-from accelerate import Accelerator
+from accelerate import Accelerator, DistributedDataParallelKwargs
 from torch import Tensor
 from tqdm import tqdm
 
+from umo_train.device import has_bf16
 from umo_train.lm import moe
 from umo_train.lm.examples import Batch, Examples
 from umo_train.lm.model import LanguageModel
@@ -49,6 +50,10 @@ class StagePlan:
     decay: float = 0.05
     save_every: int = 250
     bf16: bool = True
+    # Of pre-training: the longest audio of an example.
+    speech_seconds: float = 3.0
+    # Examples of a dense window in a batch; 0 for as many as have a batch's labels.
+    dense_batch: int = 0
     extra: dict[str, Any] = field(default_factory=dict)
 
 
@@ -100,6 +105,11 @@ def task_chances(tasks: dict[str, float], tau: float) -> dict[str, float]:
     return {name: power / sum(powers.values()) for name, power in powers.items()}
 
 
+def mixture(tasks: dict[str, float | str], examples: Examples) -> dict[str, float]:
+    """Counts as given; `available` is the data that there is for a task, in seconds."""
+    return {name: examples.seconds(name) if count == "available" else count for name, count in tasks.items()}
+
+
 def draws(plan: StagePlan, examples: Examples) -> dict[str, Draw]:
     """How each task's batches are made."""
     b = plan.batch
@@ -109,11 +119,11 @@ def draws(plan: StagePlan, examples: Examples) -> dict[str, Draw]:
 
     dense = plan.dense_frames
     # A dense window has many more labels than a chunk: fewer examples make a batch.
-    few = max(4, b * 20 // max(4 * dense, 20))
+    few = plan.dense_batch or max(4, b * 20 // max(4 * dense, 20))
     return {
         "motion": lambda rng: examples.motion(b, examples.prefix, rng),
-        "a2t": lambda rng: examples.speech(max(4, b // 2), 3.0, rng, to="text"),
-        "t2a": lambda rng: examples.speech(max(4, b // 4), 3.0, rng, to="audio"),
+        "a2t": lambda rng: examples.speech(max(4, b // 2), plan.speech_seconds, rng, to="text"),
+        "t2a": lambda rng: examples.speech(max(4, b // 4), plan.speech_seconds, rng, to="audio"),
         "a2m_dense": lambda rng: examples.dense(few, dense, rng, source="audio"),
         "t2m_dense": lambda rng: examples.dense(few, dense, rng, source="text"),
         "a2m": lambda rng: examples.chunk(b, target(rng), rng),
@@ -122,24 +132,44 @@ def draws(plan: StagePlan, examples: Examples) -> dict[str, Draw]:
     }
 
 
-def loss_of(
-    model: torch.nn.Module, batch: Batch, device: torch.device
-) -> tuple[Tensor, Tensor, Tensor, Tensor | None]:
-    """Cross-entropy of the labels asked for, the logits `[b, m, vocab]`, the labels, and the loss of what is heard."""
+class Outputs(torch.nn.Module):
+    """Logits, the encoder's own loss and the balancing loss in one pass: gradients of several devices are only joined
+    for what a module returns."""
+
+    def __init__(self, model: LanguageModel, *, balanced: bool) -> None:
+        super().__init__()
+        self.model, self.balanced = model, balanced
+
+    def forward(
+        self, ids: Tensor, decoder_ids: Tensor, mask: Tensor | None, heard: Tensor | None
+    ) -> tuple[Tensor, Tensor | None, Tensor | None]:
+        """`heard` are ids that the encoder is to say, -100 where nothing is asked."""
+        logits, hidden = self.model(ids, decoder_ids, mask, states=True)
+        guess = None
+        if heard is not None:
+            asked = heard != -100
+            guess = torch.nn.functional.cross_entropy(self.model.head(hidden[asked]).float(), heard[asked])
+        return logits, guess, moe.balance(self.model) if self.balanced else None
+
+
+def _inputs(batch: Batch, device: torch.device, vocab: Config) -> tuple[Tensor, Tensor, Tensor | None, Tensor]:
+    """What the encoder reads, what the decoder has said, which of the first counts, and what it is to say."""
     labels = torch.from_numpy(batch.labels).to(device)
-    # On many devices the model stands in a wrapper.
-    bare = getattr(model, "module", model)
-    start = torch.full_like(labels[:, :1], bare.vocab["decoder_start"])
+    start = torch.full_like(labels[:, :1], vocab["decoder_start"])
     said = torch.cat([start, labels[:, :-1].clamp(min=0)], 1)
     mask = None if batch.mask is None else torch.from_numpy(batch.mask).to(device)
-    logits, hidden = model(torch.from_numpy(batch.ids).to(device), said, mask, states=True)
-    loss = torch.nn.functional.cross_entropy(logits.float().flatten(0, 1), labels.flatten(), ignore_index=-100)
-    if batch.heard is None:
-        return loss, logits, labels, None
-    wanted = torch.from_numpy(batch.heard).to(device)
-    places = wanted != -100
-    heard = torch.nn.functional.cross_entropy(bare.head(hidden[places]).float(), wanted[places])
-    return loss, logits, labels, heard
+    return torch.from_numpy(batch.ids).to(device), said, mask, labels
+
+
+def _entropy(logits: Tensor, labels: Tensor) -> Tensor:
+    return torch.nn.functional.cross_entropy(logits.float().flatten(0, 1), labels.flatten(), ignore_index=-100)
+
+
+def loss_of(model: LanguageModel, batch: Batch, device: torch.device) -> tuple[Tensor, Tensor, Tensor]:
+    """Cross-entropy of the labels asked for, the logits `[b, m, vocab]` and the labels."""
+    ids, said, mask, labels = _inputs(batch, device, model.vocab)
+    logits = model(ids, said, mask)
+    return _entropy(logits, labels), logits, labels
 
 
 def rate_at(step: int, plan: StagePlan) -> float:
@@ -153,18 +183,19 @@ def train_stage(
     plan: StagePlan, model: LanguageModel, examples: Examples, held_out: Examples, folder: Path
 ) -> LanguageModel:
     """Trains `model` in place from wherever the stage's checkpoint stands."""
-    accelerator = Accelerator()
+    # An expert that no row of a batch goes to has no gradient there.
+    several = DistributedDataParallelKwargs(find_unused_parameters=True)
+    accelerator = Accelerator(kwargs_handlers=[several])
     torch.manual_seed(plan.seed)
     if plan.align and not (folder / f"lm_{plan.name}.pt").exists():
         align(model, examples, tuple(sorted(set(plan.targets))), plan.seed)
-    if plan.bf16:
+    if plan.bf16 and has_bf16(accelerator.device):
         model = model.to(torch.bfloat16)
-    model = accelerator.prepare_model(model)
-    plain = accelerator.unwrap_model(model)
+    plain = model
+    outputs = accelerator.prepare_model(Outputs(model, balanced=plan.balance > 0))
     optimizer = Master(plain, plan.rate, plan.betas, plan.decay)
     saved = Saved(folder / f"lm_{plan.name}.pt", optimizer=optimizer)
     start = saved.load()
-    # The first process alone writes, and its numbers stand for all.
     log = Log(folder / f"lm_{plan.name}.csv", start) if accelerator.is_main_process else None
     chances = task_chances(plan.tasks, plan.tau)
     drawing, names = draws(plan, examples), list(chances)
@@ -175,9 +206,16 @@ def train_stage(
         task = names[int(np.random.default_rng((plan.seed, step)).choice(len(names), p=list(chances.values())))]
         for group in optimizer.param_groups:
             group["lr"] = plan.rate * rate_at(step, plan)
-        loss, logits, labels, heard = loss_of(model, drawing[task](rng), accelerator.device)
-        total = loss + plan.balance * moe.balance(plain) if plan.balance > 0 else loss
-        if heard is not None and plan.heard > 0:
+        batch = drawing[task](rng)
+        ids, said, mask, labels = _inputs(batch, accelerator.device, plain.vocab)
+        wanted = None
+        if batch.heard is not None and plan.heard > 0:
+            wanted = torch.from_numpy(batch.heard).to(accelerator.device)
+        logits, heard, balance = outputs(ids, said, mask, wanted)
+        loss = total = _entropy(logits, labels)
+        if balance is not None:
+            total = total + plan.balance * balance
+        if heard is not None:
             total = total + plan.heard * heard
         accelerator.backward(total)
         optimizer.step()
@@ -186,11 +224,11 @@ def train_stage(
             values["heard"] = heard.item()
         if task.startswith("a2m"):
             values["accuracy"] = _accuracy(logits, labels)
-        if log is not None:
-            log.add(step, values)
         bar.set_postfix(task=task, loss=f"{loss.item():.3f}")
-        ends = (step + 1) % plan.save_every == 0 or step + 1 == plan.steps
-        if ends and log is not None:
+        if log is None:
+            continue
+        log.add(step, values)
+        if (step + 1) % plan.save_every == 0 or step + 1 == plan.steps:
             saved.save(step + 1)
             log.add(step, {f"held_out_{k}": v for k, v in evaluate(plain, held_out, plan).items()})
     if log is not None:
@@ -222,7 +260,7 @@ def evaluate(model: LanguageModel, examples: Examples, plan: StagePlan, batches:
     sums: dict[str, list[float]] = {}
     for i in range(batches):
         rng = np.random.default_rng((plan.seed, 1_000_000 + i))
-        loss, logits, labels, _ = loss_of(model, examples.chunk(plan.batch, 5, rng), device)
+        loss, logits, labels = loss_of(model, examples.chunk(plan.batch, 5, rng), device)
         sums.setdefault("loss", []).append(loss.item())
         for part in ("face", "hands", "upper", "lower"):
             name = model.vocab[part]

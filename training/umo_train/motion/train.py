@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
+from umo_train.device import best
 from umo_train.log import Log
 from umo_train.motion.channels import LEAST_SCALE, weights
 from umo_train.motion.networks import RootNetwork, VqVae
@@ -40,13 +41,15 @@ class TokenizerPlan:
 def train_part(plan: TokenizerPlan, part: str, motions: list[np.ndarray], folder: Path) -> VqVae:
     """`motions` are `[T, channels]`. Resumes from what is in the folder."""
     torch.manual_seed(plan.seed)
+    device = best()
     channels = motions[0].shape[1]
     model = VqVae(plan.width, channels, plan.layers, plan.codes)
     everything = torch.from_numpy(np.concatenate(motions[:: max(1, len(motions) // 400)]))
     model.mean.copy_(everything.mean(0))
     model.scale.copy_(everything.std(0).clamp(min=LEAST_SCALE[part]))
     weight = torch.from_numpy(weights(part, channels))
-    weight = weight / weight.mean()
+    weight = weight.to(device) / weight.mean()
+    model.to(device)
     optimizer = torch.optim.AdamW(model.parameters(), plan.rate, betas=(0.9, 0.99), weight_decay=1e-4)
     schedule = torch.optim.lr_scheduler.LambdaLR(optimizer, lambda step: _rate(step, plan.steps))
     chance = np.random.default_rng((plan.seed, 0))
@@ -55,7 +58,7 @@ def train_part(plan: TokenizerPlan, part: str, motions: list[np.ndarray], folder
     start = saved.load()
     log = Log(folder / f"tokenizer_{part}.csv", start)
     for step in tqdm(range(start, plan.steps), f"tokenizer {part}", initial=start, total=plan.steps):
-        x = torch.from_numpy(_crops(motions, plan.batch, plan.frames, chance))
+        x = torch.from_numpy(_crops(motions, plan.batch, plan.frames, chance)).to(device)
         loss, parts = _loss(model, plan, x, weight, step)
         optimizer.zero_grad()
         loss.backward()
@@ -93,10 +96,10 @@ def _loss(model: VqVae, plan: TokenizerPlan, x: Tensor, weight: Tensor, step: in
     if step >= warm:
         model.quantizer.follow(rows, codes)
     elif step == warm - 1:
-        model.quantizer.embedding.weight.data.copy_(rows[torch.randperm(len(rows))[: plan.codes]])
+        model.quantizer.embedding.weight.data.copy_(rows[torch.randperm(len(rows))[: plan.codes].to(rows.device)])
     through = z + (vectors - z).detach() if step >= warm else z
     error, speed = _errors(model, model.decode(through), x, weight)
-    commitment = torch.nn.functional.mse_loss(z, vectors) if step >= warm else torch.zeros(())
+    commitment = torch.nn.functional.mse_loss(z, vectors) if step >= warm else z.new_zeros(())
     loss = error + plan.velocity * speed + plan.commitment * commitment
     terms = {"error": error.item(), "velocity": speed.item(), "commitment": commitment.item()}
     if plan.sparse > 0 and step >= warm:
@@ -118,7 +121,7 @@ def _errors(model: VqVae, y: Tensor, x: Tensor, weight: Tensor) -> tuple[Tensor,
 
 def _between(vectors: Tensor, stride: int, phase: int) -> Tensor:
     """Every `stride`-th vector from `phase` kept, the others mixed linearly from the kept ones beside them."""
-    frames = torch.arange(vectors.shape[1])
+    frames = torch.arange(vectors.shape[1], device=vectors.device)
     last = phase + (vectors.shape[1] - 1 - phase) // stride * stride
     place = frames.clamp(phase, last) - phase
     left = phase + place // stride * stride
@@ -130,7 +133,8 @@ def _between(vectors: Tensor, stride: int, phase: int) -> Tensor:
 def train_root(plan: TokenizerPlan, motions: list[tuple[np.ndarray, np.ndarray]], folder: Path) -> RootNetwork:
     """`motions` are lower-body channels `[T, 61]` and heights `[T]`, metres."""
     torch.manual_seed(plan.seed)
-    model = RootNetwork(plan.width, CHANNELS["lower"], plan.layers)
+    device = best()
+    model = RootNetwork(plan.width, CHANNELS["lower"], plan.layers).to(device)
     optimizer = torch.optim.AdamW(model.parameters(), plan.rate, betas=(0.9, 0.99), weight_decay=1e-4)
     schedule = torch.optim.lr_scheduler.LambdaLR(optimizer, lambda step: _rate(step, plan.steps))
     chance = np.random.default_rng((plan.seed, 0))
@@ -139,16 +143,17 @@ def train_root(plan: TokenizerPlan, motions: list[tuple[np.ndarray, np.ndarray]]
     start = saved.load()
     log = Log(folder / "tokenizer_root.csv", start)
     joined = [np.concatenate([lower, height[:, None]], 1) for lower, height in motions]
-    target_weight = torch.ones(CHANNELS["lower"])
+    target_weight = torch.ones(CHANNELS["lower"], device=device)
     # Metres and metres per second of the body's own place: errors of a centimetre and of a centimetre per second show.
-    target_weight[VELOCITY] = torch.tensor([30.0, 300.0, 30.0])
+    target_weight[VELOCITY] = torch.tensor([30.0, 300.0, 30.0], device=device)
     target_weight[CONTACT] = 0.1
     for step in tqdm(range(start, plan.steps), "tokenizer root", initial=start, total=plan.steps):
-        crop = torch.from_numpy(_crops(joined, plan.batch, plan.frames, chance))
+        crop = torch.from_numpy(_crops(joined, plan.batch, plan.frames, chance)).to(device)
         target = crop[..., :-1].clone()
         target[..., VELOCITY.start + 1] = crop[..., -1]
         # What it will see are decoded codes: small smooth errors are added.
-        noise = torch.nn.functional.avg_pool1d(torch.randn(plan.batch, 54, plan.frames), 5, 1, 2).transpose(1, 2)
+        draws = torch.randn(plan.batch, 54, plan.frames, device=device)
+        noise = torch.nn.functional.avg_pool1d(draws, 5, 1, 2).transpose(1, 2)
         source = crop[..., :-1].clone()
         source[..., :54] += 0.01 * noise
         source[..., VELOCITY] = 0.0
@@ -171,4 +176,5 @@ def train_root(plan: TokenizerPlan, motions: list[tuple[np.ndarray, np.ndarray]]
 @torch.no_grad()
 def tokenize(model: VqVae, motion: np.ndarray) -> np.ndarray:
     """`[T, channels]` to codes `[T]`."""
-    return model.codes(torch.from_numpy(motion.astype(np.float32))[None])[0].numpy().astype(np.int16)
+    frames = torch.from_numpy(motion.astype(np.float32))[None].to(model.mean.device)
+    return model.codes(frames)[0].cpu().numpy().astype(np.int16)

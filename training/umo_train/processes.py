@@ -1,0 +1,23 @@
+"""Several processes of one run, as `accelerate launch` starts them; a run without it is one."""
+
+import os
+from datetime import timedelta
+
+from accelerate import PartialState
+
+# The others wait for as long as the first one takes to make a corpus.
+_LONGEST_WAIT = timedelta(days=30)
+
+
+def _several() -> bool:
+    return int(os.environ.get("WORLD_SIZE", "1")) > 1
+
+
+def is_first() -> bool:
+    return not _several() or PartialState(timeout=_LONGEST_WAIT).is_main_process
+
+
+def wait() -> None:
+    """Until every process is here."""
+    if _several():
+        PartialState(timeout=_LONGEST_WAIT).wait_for_everyone()
