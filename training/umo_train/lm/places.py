@@ -26,6 +26,8 @@ def align(model: LanguageModel, examples: Examples, targets: tuple[int, ...], se
     """Sets the last cross-attention so that a code's query meets the keys of its keyframe's audio, and gives on what it
     finds there. Queries and keys are fitted to the same waves of place. Training goes on from there.
     """
+    if not model.marked:
+        raise ValueError("a stage with `align` needs a plan with `marked: true` and at least 16 widths a head")
     rng = np.random.default_rng(seed)
     batches = [examples.chunk(96, target, rng) for target in targets]
     states = [_states(model, batch.ids, batch.labels) for batch in batches]
@@ -53,11 +55,12 @@ def align(model: LanguageModel, examples: Examples, targets: tuple[int, ...], se
     width = inner // attention.heads
     for linear, fitted in ((attention.q, queries), (attention.k, keys)):
         for row in range(0, inner, width):
-            linear.weight[row : row + width] *= 0.0
+            linear.weight[row : row + width] = 0.0
             linear.weight[row : row + fitted.shape[1]] = PREFERENCE**0.5 * fitted.T
     # What is found there goes to the head as it is: the encoder's own guess becomes the decoder's.
     attention.v.weight.copy_(torch.eye(*attention.v.weight.shape))
     attention.o.weight.copy_(torch.eye(*attention.o.weight.shape))
+    attention.o.weight[: model.places] = 0.0
 
 
 def _fit(rows: Tensor, wanted: Tensor, places: int) -> Tensor:

@@ -1,7 +1,7 @@
 """The three stages of the language model (paper 3.4) on one or many devices."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -54,7 +54,6 @@ class StagePlan:
     speech_seconds: float = 3.0
     # Examples of a dense window in a batch; 0 for as many as have a batch's labels.
     dense_batch: int = 0
-    extra: dict[str, Any] = field(default_factory=dict)
 
 
 class Master(torch.optim.Optimizer):
