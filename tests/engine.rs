@@ -25,7 +25,7 @@ use umo_core::motion::Pose;
 use umo_core::session::{FrameView, Idle, Session, SessionConfig, SessionError};
 use umo_core::{Compute, ModelFile, Precision, Team};
 use umo_kernels::Isa;
-use umo_tests::Noise;
+use umo_tests::{Ends, Noise};
 
 const NAMES: [&str; 4] = ["hubert_k1_smplx", "hubert_k3_i8", "mel_k1_upcycled", "mel_k2_arkit"];
 
@@ -366,7 +366,9 @@ fn three_threads_at_once() {
     let samples = audio(160_000, 1, 4);
     let done = std::sync::atomic::AtomicBool::new(false);
     std::thread::scope(|scope| {
+        let _end = Ends(&done);
         scope.spawn(|| {
+            let _end = Ends(&done);
             for piece in samples.chunks(480).cycle().take(1500) {
                 match session.push_audio(piece) {
                     Ok(_) | Err(SessionError::Finished) => {}
@@ -376,7 +378,6 @@ fn three_threads_at_once() {
                     session.finish().unwrap();
                 }
             }
-            done.store(true, Ordering::SeqCst);
         });
         scope.spawn(|| {
             for round in 0_u32.. {

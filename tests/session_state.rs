@@ -15,7 +15,7 @@ use umo_core::model::Model;
 use umo_core::session::{FrameView, Idle, Session, SessionConfig, SessionError, StateError};
 use umo_core::{ModelFile, Part, Precision};
 use umo_kernels::Isa;
-use umo_tests::Noise;
+use umo_tests::{Ends, Noise};
 
 const NAMES: [&str; 4] = ["hubert_k1_smplx", "hubert_k3_i8", "mel_k1_upcycled", "mel_k2_arkit"];
 
@@ -621,6 +621,7 @@ fn saving_all_the_time_keeps_no_chunk_from_the_engine() {
     let session = engine.session(&config(&MODELS[2], 1, 0)).unwrap();
     let done = AtomicBool::new(false);
     std::thread::scope(|scope| {
+        let _end = Ends(&done);
         scope.spawn(|| {
             let mut bytes = vec![0; session.state_size()];
             while !done.load(Ordering::SeqCst) {
@@ -630,16 +631,14 @@ fn saving_all_the_time_keeps_no_chunk_from_the_engine() {
                 }
             }
         });
-        for _ in 0..300 {
+        for round in 0..300 {
             let mut left = 3_200;
             while left > 0 {
                 left -= again(|| session.push_audio(&vec![0.1; left])).taken;
             }
             // The first chunk ends with its keyframe.
-            let frames = if session.stats().chunks == 0 { 1 } else { 6 };
-            pull(&session, frames);
+            pull(&session, if round == 0 { 1 } else { 6 });
         }
-        done.store(true, Ordering::SeqCst);
     });
 }
 
@@ -659,6 +658,7 @@ fn restores_beside_audio_frames_and_cues() {
         Err(error) => panic!("{error}"),
     };
     std::thread::scope(|scope| {
+        let _end = Ends(&done);
         scope.spawn(|| {
             while !done.load(Ordering::SeqCst) {
                 passes(session.push_audio(&[0.2; 480]).map(drop));
@@ -684,7 +684,6 @@ fn restores_beside_audio_frames_and_cues() {
             passes(session.restore(&state[..count]));
             std::thread::sleep(Duration::from_micros(200));
         }
-        done.store(true, Ordering::SeqCst);
     });
     again(|| session.restore(&state[..count]));
     again(|| session.finish());

@@ -6,12 +6,22 @@
 
 use std::fmt::Debug;
 use std::io::Write;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use proptest::prelude::*;
 use umo_kernels::{Isa, Mat, MatMut};
 
 /// Elements of canary on each side of a [`Guarded`] buffer.
 pub const GUARD: usize = 64;
+
+/// Tells a test's other threads to end, also where the test fails: a scope waits for them.
+pub struct Ends<'a>(pub &'a AtomicBool);
+
+impl Drop for Ends<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::SeqCst);
+    }
+}
 
 /// One test per instruction set for each property: `for_each_isa!(softmax_is_exact => scalar, avx2);` makes the tests
 /// `softmax_is_exact::scalar` and `softmax_is_exact::avx2`.

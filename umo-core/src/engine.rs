@@ -251,6 +251,8 @@ impl Inner {
         for slot in &self.slots {
             slot.sweep();
         }
+        // The worker looks at no place that somebody holds: it looks again.
+        self.signal.notify();
     }
 }
 
@@ -282,6 +284,7 @@ impl Place {
     /// Frees the place of a session that was dropped, where its core is not in a batch.
     pub(crate) fn sweep(&self) {
         self.inner.slots[self.index].sweep();
+        self.inner.signal.notify();
     }
 
     /// The engine's side of the session, and its model, for as long as `f` takes; none where it is in a batch or the engine is
