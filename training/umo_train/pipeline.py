@@ -202,7 +202,8 @@ def examples(s: Run, config: Config, split: str, *, augment: bool) -> Examples:
         streams.append(Stream(codes, units, text, first, tuple(more), spoken))
     tokenizer = tokens.load(s.folder / "audio.safetensors", s.plan["audio"])
     silence = int(tokenizer(np.zeros(SAMPLE_RATE, np.float32))[20])
-    return Examples(config, streams, silence, augment=augment, templates=templates(s))
+    delay = s.plan["audio"].get("listener", {}).get("delay")
+    return Examples(config, streams, silence, augment=augment, templates=templates(s), delay=delay)
 
 
 def _array(path: Path) -> np.ndarray | None:
