@@ -32,6 +32,8 @@ pub enum Command {
     Quantize(Quantize),
     /// Write a model of random weights, for tests and benchmarks
     MakeRandom(MakeRandom),
+    /// Look at it: a page with the avatar, its speech, and how each frame was made
+    View(View),
     /// Measure a model on this machine: time to the first frame, frames per second, avatars at once
     Bench(Bench),
 }
@@ -45,6 +47,17 @@ pub struct Output {
     /// Format of all outputs: npz, bvh, glb, csv or jsonl; the extension's where not given
     #[arg(long, value_name = "FORMAT")]
     pub format: Option<String>,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "clap would print a doc comment as help")]
+    pub making: Making,
+    /// Say how long each stage took
+    #[arg(long)]
+    pub timings: bool,
+}
+
+/// How an animation is made.
+#[derive(Debug, ClapArgs)]
+pub struct Making {
     /// Model file; the one in the program where not given
     #[arg(long, value_name = "FILE")]
     pub model: Option<PathBuf>,
@@ -63,9 +76,6 @@ pub struct Output {
     /// Begin in this pose: SMPL-X motion whose last keyframes become the history
     #[arg(long, value_name = "FILE.npz")]
     pub start_pose: Option<PathBuf>,
-    /// Say how long each stage took
-    #[arg(long)]
-    pub timings: bool,
     #[command(flatten)]
     #[expect(missing_docs, reason = "clap would print a doc comment as help")]
     pub compute: Compute,
@@ -131,6 +141,35 @@ pub struct Animate {
     #[command(flatten)]
     #[expect(missing_docs, reason = "clap would print a doc comment as help")]
     pub output: Output,
+}
+
+/// Look at it.
+#[derive(Debug, ClapArgs)]
+pub struct View {
+    /// WAV file; or a .glb or .npz made before; with --live a WAV file, or nothing for the microphone alone
+    #[arg(required_unless_present = "live")]
+    pub input: Option<PathBuf>,
+    /// Page to write; beside the input where not given
+    #[arg(short, long, value_name = "FILE.html", conflicts_with = "live")]
+    pub output: Option<PathBuf>,
+    /// The speech of a .glb or .npz
+    #[arg(long, value_name = "FILE.wav", conflicts_with = "live")]
+    pub audio: Option<PathBuf>,
+    /// Serve the page to browsers of this machine, and stream the recording or their microphone through the engine
+    #[arg(long)]
+    pub live: bool,
+    /// Port to serve at; any that is free where not given
+    #[arg(long, value_name = "N", requires = "live")]
+    pub port: Option<u16>,
+    /// Open no browser
+    #[arg(long)]
+    pub no_open: bool,
+    /// Take what can be used of a damaged recording
+    #[arg(long)]
+    pub repair: bool,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "clap would print a doc comment as help")]
+    pub making: Making,
 }
 
 /// Animate a description.
