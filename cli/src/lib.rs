@@ -13,12 +13,14 @@
 
 mod animate;
 pub mod args;
+mod avatar;
 mod bench;
 mod convert;
 pub mod export;
 mod failure;
 mod inspect;
 mod model;
+mod picture;
 mod progress;
 mod quantize;
 mod random;
