@@ -14,6 +14,7 @@
 
 mod animate;
 pub mod args;
+mod avatar;
 mod bench;
 mod convert;
 pub mod export;
@@ -21,6 +22,7 @@ mod failure;
 mod import;
 mod inspect;
 mod model;
+mod picture;
 mod progress;
 mod quantize;
 mod random;

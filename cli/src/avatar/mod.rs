@@ -1,0 +1,126 @@
+//! The figure that speaks: a clothed mannequin made by code on a skeleton's own bones, smooth-skinned, with the 52 ARKit
+//! shapes.
+//!
+//! | module | what it makes |
+//! |---|---|
+//! | `body` | sweater, trousers, shoes and hands: solids of `field`, meshed by `nets` |
+//! | `skin` | which joints each vertex follows |
+//! | `posed` | the mesh in a pose, on the processor |
+//! | `rest`, `vector` | the skeleton's measures; points |
+
+use crate::failure::Failure;
+use umo_core::config::Skeleton;
+use umo_core::motion::skeleton::ARKIT_NAMES;
+
+mod body;
+mod field;
+mod nets;
+pub(crate) mod posed;
+mod rest;
+mod skin;
+pub(crate) mod vector;
+
+use rest::Rest;
+use skin::Weights;
+use vector::V;
+
+/// A skinned mesh with morph targets, in the rest pose, metres, Y up, facing +Z (as the model's skeleton has it).
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Mesh {
+    /// `[vertices]`, as all but the last two.
+    pub(crate) positions: Vec<[f32; 3]>,
+    /// Unit length.
+    pub(crate) normals: Vec<[f32; 3]>,
+    /// sRGB and 255: skin, lips, teeth, tongue, eye white, iris, brows, cloth.
+    pub(crate) colors: Vec<[u8; 4]>,
+    /// Up to four joints; 0 where the weight is 0.
+    pub(crate) joints: Vec<[u8; 4]>,
+    /// Weights of those joints; their sum is 1.
+    pub(crate) weights: Vec<[f32; 4]>,
+    /// Triangles, counter-clockwise from outside.
+    pub(crate) indices: Vec<u32>,
+    /// One for each of the 52 ARKit channels, in the channels' order.
+    pub(crate) morphs: Vec<Morph>,
+}
+
+/// How one channel at 1 moves the mesh; only the vertices that move.
+#[derive(Clone, Debug)]
+pub(crate) struct Morph {
+    /// The channel's name.
+    pub(crate) name: &'static str,
+    /// Ascending.
+    pub(crate) vertices: Vec<u32>,
+    /// What is added to those vertices' positions, metres.
+    pub(crate) positions: Vec<[f32; 3]>,
+    /// What is added to their normals.
+    pub(crate) normals: Vec<[f32; 3]>,
+}
+
+/// A piece of surface.
+#[derive(Default)]
+struct Part {
+    positions: Vec<V>,
+    normals: Vec<V>,
+    indices: Vec<u32>,
+}
+
+impl Part {
+    /// Two triangles, along the shorter diagonal.
+    fn add_quad(&mut self, [a, b, c, d]: [u32; 4]) {
+        let at = |i: u32| self.positions[i as usize];
+        let triangles = if vector::distance(at(a), at(c)) <= vector::distance(at(b), at(d)) {
+            [a, b, c, a, c, d]
+        } else {
+            [a, b, d, b, c, d]
+        };
+        self.indices.extend(triangles);
+    }
+}
+
+impl Mesh {
+    /// Adds a part whose vertices get colour and weights by their place.
+    fn add(&mut self, part: Part, color: impl Fn(V) -> [u8; 3], weights: impl Fn(V) -> Weights) {
+        let first = u32::try_from(self.positions.len()).expect("the figure has few vertices");
+        for &place in &part.positions {
+            let ([r, g, b], (joints, weights)) = (color(place), weights(place));
+            self.colors.push([r, g, b, 255]);
+            self.joints.push(joints);
+            self.weights.push(weights);
+        }
+        self.positions.extend(part.positions);
+        self.normals.extend(part.normals);
+        self.indices.extend(part.indices.iter().map(|i| i + first));
+    }
+}
+
+const SKIN: [u8; 3] = [226, 178, 150];
+const SWEATER: [u8; 3] = [84, 132, 140];
+const TROUSERS: [u8; 3] = [62, 70, 86];
+const SHOES: [u8; 3] = [226, 221, 212];
+const SOLES: [u8; 3] = [150, 120, 96];
+
+/// The mannequin on a skeleton's rest offsets (55 joints, names as the model's).
+///
+/// # Errors
+/// A skeleton that has not 55 joints, or whose offsets are not finite.
+pub(crate) fn mannequin(skeleton: &Skeleton) -> Result<Mesh, Failure> {
+    let rest = Rest::new(skeleton)?;
+    let mut mesh = Mesh::default();
+    let upper = skin::upper(&rest);
+    mesh.add(body::sweater(&rest), |_| SWEATER, |p| upper.weights(p));
+    let lower = skin::lower(&rest);
+    mesh.add(body::trousers(&rest), |_| TROUSERS, |p| lower.weights(p));
+    let sole = body::floor(&rest) + 0.018 * rest.size;
+    for side in ["left", "right"] {
+        let foot = skin::foot(&rest, side);
+        mesh.add(body::shoe(&rest, side), |p| if p[1] < sole { SOLES } else { SHOES }, |p| foot.weights(p));
+        let hand = skin::hand(&rest, side, &body::FINGERS);
+        mesh.add(body::hand(&rest, side), |_| SKIN, |p| hand.weights(p));
+    }
+    mesh.add(body::head(&rest), |_| SKIN, |_| skin::only("head"));
+    mesh.morphs = ARKIT_NAMES
+        .iter()
+        .map(|name| Morph { name, vertices: Vec::new(), positions: Vec::new(), normals: Vec::new() })
+        .collect();
+    Ok(mesh)
+}
