@@ -1,6 +1,6 @@
 // The panel of experts: where the tokens of the present chunk went, kind by kind.
 
-import { expertColor } from "umo/timeline.js";
+import { expertColor } from "umo/lanes.js";
 
 export class Experts {
   constructor(element, record, changed) {

@@ -3,10 +3,12 @@
 import { Camera, steer } from "umo/camera.js";
 import { Clock } from "umo/clock.js";
 import { Experts } from "umo/experts.js";
+import { inspector } from "umo/inspect.js";
+import { listenToKeys } from "umo/keys.js";
 import { Live, LiveClock } from "umo/live.js";
-import { livePanel } from "umo/panel.js";
 import { clamp } from "umo/math.js";
 import { Motion, place } from "umo/motion.js";
+import { livePanel } from "umo/panel.js";
 import { Picture } from "umo/picture.js";
 import { Record } from "umo/record.js";
 import { readScene } from "umo/scene.js";
@@ -160,23 +162,6 @@ const KEYS = {
   h: () => $("#help").showModal(),
 };
 
-const TURNS = { ArrowLeft: [0.12, 0], ArrowRight: [-0.12, 0], ArrowUp: [0, 0.1], ArrowDown: [0, -0.1] };
-
-function onKey(event) {
-  if (event.ctrlKey || event.metaKey || event.altKey || $("#help").open) return;
-  const typing = event.target.matches("input[type=search], select");
-  // Where a button or a box has the focus, its own keys are its own.
-  const own = event.target.matches("button, summary, input[type=checkbox]") && [" ", "Enter"].includes(event.key);
-  const sliding = event.target.matches("input[type=range]") && event.key.startsWith("Arrow");
-  if (typing || own || sliding) return;
-  const turn = event.shiftKey && TURNS[event.key];
-  const action = turn ? () => camera.orbit(...turn) : KEYS[event.key.length === 1 ? event.key.toLowerCase() : event.key];
-  if (!action) return;
-  event.preventDefault();
-  action();
-  touch();
-}
-
 const timeText = (seconds) => {
   const tenths = Math.floor(seconds * 10 + 1e-6);
   return `${Math.floor(tenths / 600)}:${String(Math.floor((tenths % 600) / 10)).padStart(2, "0")}.${tenths % 10}`;
@@ -206,12 +191,12 @@ function showTime(time) {
 
 function loop(now) {
   requestAnimationFrame(loop);
-  const seconds = clock.playing || !shown.placed ? Math.min((now - before) / 1000, 0.1) : (now - before) / 1000;
+  const seconds = Math.min((now - before) / 1000, 0.1);
   before = now;
   const time = clock.time;
   if (live?.ends(time)) touch();
   if (!clock.playing && !dirty) return;
-  draw(time, Math.min(seconds, 0.1));
+  draw(time, seconds);
 }
 
 function draw(time, seconds) {
@@ -241,7 +226,7 @@ if (live) {
 }
 
 function listen() {
-  document.addEventListener("keydown", onKey);
+  listenToKeys(KEYS, camera, touch);
   $("#play").addEventListener("click", () => (live ? live.toggle() : toggle()));
   $("#big-play").addEventListener("click", play);
   $("#back").addEventListener("click", () => stepKeyframe(-1));
@@ -261,48 +246,26 @@ function listen() {
   clock.ended = touch;
 }
 
-/** For tests and the curious: what is shown, in numbers. Times in seconds, places in metres, weights from 0 to 1. */
-window.umo = {
+window.umo = inspector({
   scene,
-  get time() {
-    return clock.time;
-  },
-  get seconds() {
-    return clock.seconds;
-  },
-  get frames() {
-    return motion.end;
-  },
-  get playing() {
-    return clock.playing;
-  },
-  /** How many pictures were drawn, and the time of the last. */
-  get drawn() {
-    return { count: drawn, time: shown.time };
-  },
-  play,
-  pause,
-  /** Goes there and draws it, camera and all, before it returns. */
-  seek(seconds) {
-    seek(seconds);
-    draw(clock.time, 0);
-  },
-  /** The last picture's joints and face. */
-  joints: () => scene.joints.map((name, i) => ({ name, place: shown.placed.places[i], rotation: shown.pose.rotations[i] })),
-  weights: () => picture.figure.weights(shown.pose.face),
-  /** Where a joint is in the last picture, CSS pixels from its upper left corner. */
-  onScreen(name) {
-    const view = $("#view");
-    return camera.project(shown.placed.places[scene.joints.indexOf(name)], view.clientWidth, view.clientHeight);
-  },
-  /** Values of one frame as they came: rotations, root, face. */
-  frame: (index) => Array.from(motion.frame(index)),
-  camera: useCamera,
-  skeleton: setSkeleton,
-  theme: setTheme,
+  motion,
+  clock,
+  camera,
+  picture,
   live,
-};
-
+  last: () => ({ ...shown, drawn }),
+  actions: {
+    play,
+    pause,
+    camera: useCamera,
+    skeleton: setSkeleton,
+    theme: setTheme,
+    seek(seconds) {
+      seek(seconds);
+      draw(clock.time, 0);
+    },
+  },
+});
 document.documentElement.dataset.theme = matchMedia("(prefers-color-scheme: light)").matches ? "light" : "dark";
 document.documentElement.dataset.live = String(Boolean(live));
 listen();

@@ -1,15 +1,9 @@
 // The timeline: speech, which frames the language model made and which were filled in, chunks, experts, curves.
 
+import { DRAW, RULER, drawChunkGround, layOut } from "umo/lanes.js";
 import { clamp } from "umo/math.js";
-import { drawTrack, reading } from "umo/tracks.js";
+import { reading } from "umo/tracks.js";
 
-const RULER = 20;
-const SPEECH = 46;
-const CHUNKS = 17;
-const PART = 17;
-const EXPERTS = 11;
-const TRACK = 44;
-const GAP = 7;
 /** Width of a frame that lets keyframes and the others be told apart, CSS pixels. */
 const FRAME = 4.6;
 /** Shortest and longest stretch that is shown, seconds. */
@@ -68,31 +62,6 @@ export class Timeline {
     this.draw();
   }
 
-  /** The lanes from top to bottom: what, its name, where. */
-  lanes() {
-    const { scene, record } = this;
-    const lanes = [];
-    let top = RULER;
-    const lane = (kind, name, height, more = {}) => {
-      lanes.push({ kind, name, top, height, ...more });
-      top += height;
-    };
-    if (scene.samples.length > 0) lane("speech", "speech", SPEECH);
-    top += GAP;
-    if (record.chunks.length > 0) lane("chunks", "chunks", CHUNKS);
-    if (record.isKnown) {
-      const parts = record.data ? scene.parts : ["frames"];
-      parts.forEach((name, part) => lane("frames", name, PART, { part }));
-      top += GAP;
-    }
-    if (record.data) {
-      record.data.kinds.forEach((name, kind) => lane("experts", name, EXPERTS, { kind, of: name }));
-      top += GAP;
-    }
-    for (const track of this.tracks) lane("track", track.name, TRACK, { track });
-    return { lanes, height: top + 6 };
-  }
-
   x(seconds) {
     return this.gutter + ((seconds - this.from) / this.window) * (this.canvas.clientWidth - this.gutter);
   }
@@ -118,7 +87,7 @@ export class Timeline {
     const { canvas, context } = this;
     const width = this.element.clientWidth;
     if (width === 0) return;
-    const { lanes, height } = this.lanes();
+    const { lanes, height } = layOut(this);
     const density = Math.min(window.devicePixelRatio || 1, 3);
     canvas.style.height = `${height}px`;
     this.line.style.height = `${height}px`;
@@ -129,14 +98,13 @@ export class Timeline {
     this.from = this.bounded(this.from);
     context.font = `11px ${style.fontFamily}`;
     context.textBaseline = "middle";
-    this.drawChunkGround(lanes, height, color);
+    drawChunkGround(this, lanes, height, color);
     this.drawRuler(color, height);
     context.save();
     context.beginPath();
     context.rect(this.gutter, 0, width - this.gutter, height);
     context.clip();
-    const draw = { speech: "drawSpeech", chunks: "drawChunks", frames: "drawFrames", experts: "drawExperts", track: "drawCurve" };
-    for (const lane of lanes) this[draw[lane.kind]](lane, color);
+    for (const lane of lanes) DRAW[lane.kind](this, lane, color);
     context.restore();
     this.drawNames(lanes, color);
     this.line.style.transform = `translateX(${this.x(this.clock.time)}px)`;
@@ -169,106 +137,6 @@ export class Timeline {
     }
   }
 
-  /** Every other chunk's ground, behind all that it made. */
-  drawChunkGround(lanes, height, color) {
-    const first = lanes.find(({ kind }) => kind === "chunks");
-    if (!first) return;
-    const { context } = this;
-    context.fillStyle = color("--band");
-    for (const [i, chunk] of this.record.chunks.entries()) {
-      const [a, b] = this.ends(chunk);
-      if (i % 2 === 1 && b > this.gutter) context.fillRect(a, first.top, b - a, height - first.top);
-    }
-  }
-
-  ends({ first, frames }) {
-    const { rate } = this.motion;
-    const half = 0.5 / rate;
-    return [first / rate - half, (first + frames) / rate - half].map((t) => Math.max(this.x(t), this.gutter));
-  }
-
-  drawChunks({ top, height }, color) {
-    const { context } = this;
-    context.textAlign = "left";
-    context.fillStyle = color("--muted");
-    for (const [i, chunk] of this.record.chunks.entries()) {
-      const [a, b] = this.ends(chunk);
-      if (b - a > 34) context.fillText(b - a > 70 ? `chunk ${i + 1}` : `${i + 1}`, a + 5, top + height / 2);
-    }
-  }
-
-  drawSpeech({ top, height }, color) {
-    const { context, scene } = this;
-    const { samples } = scene;
-    const rate = scene.audio.sampleRate;
-    const middle = top + height / 2;
-    context.fillStyle = color("--speech");
-    const [left, right] = [this.gutter, this.canvas.clientWidth];
-    const loudest = (this.loudest ??= loudestOf(samples));
-    for (let x = left; x < right; x++) {
-      const [from, to] = [this.seconds(x), this.seconds(x + 1)].map((t) => Math.round(t * rate));
-      if (from >= samples.length) break;
-      let [low, high] = [0, 0];
-      const step = Math.max(1, Math.floor((to - from) / 64));
-      for (let i = Math.max(from, 0); i < Math.min(to, samples.length); i += step) {
-        [low, high] = [Math.min(low, samples[i]), Math.max(high, samples[i])];
-      }
-      const [up, down] = [(high / loudest) * (height / 2 - 2), (low / loudest) * (height / 2 - 2)];
-      context.fillRect(x, middle - up - 0.5, 1, up - down + 1);
-    }
-  }
-
-  /** Frames in view, the first and one after the last. */
-  shown() {
-    const { rate, end, first } = this.motion;
-    return [Math.max(first, Math.floor(this.from * rate)), Math.min(end, Math.ceil((this.from + this.window) * rate) + 1)];
-  }
-
-  /** Keyframes as tall bars, filled frames as short ones between them; the shade is the code. */
-  drawFrames({ top, height, part }, color) {
-    const { context, motion, record } = this;
-    const [from, to] = this.shown();
-    const width = this.x(1 / motion.rate) - this.x(0);
-    const [key, filled] = [color("--keyframe"), color("--filled")];
-    for (let frame = from; frame < to; frame++) {
-      const isKey = record.isKeyframe(frame);
-      if (!isKey && width < 1.2 && frame % 2 === 1) continue;
-      const code = record.code(part, frame);
-      context.globalAlpha = code === null ? 0.9 : 0.42 + 0.58 * (code / 255);
-      context.fillStyle = isKey ? key : filled;
-      const bar = isKey ? clamp(width - 1, 1.6, 8) : clamp(width - 1.4, 0.8, 8);
-      const tall = isKey ? height - 3 : 0.46 * (height - 3);
-      context.fillRect(this.x(frame / motion.rate) - bar / 2, top + height / 2 - tall / 2, bar, tall);
-    }
-    context.globalAlpha = 1;
-  }
-
-  /** Shares of the experts among a chunk's tokens of one kind. */
-  drawExperts({ top, height, kind }, color) {
-    const { context, record } = this;
-    for (const [i, chunk] of record.chunks.entries()) {
-      const [a, b] = this.ends(chunk);
-      if (b <= this.gutter || a > this.canvas.clientWidth) continue;
-      const counts = record.routed(i, kind, this.layer);
-      const sum = counts.reduce((x, y) => x + y, 0);
-      let x = a + 1;
-      counts.forEach((count, expert) => {
-        const wide = sum === 0 ? 0 : (count / sum) * (b - a - 2);
-        context.fillStyle = expertColor(color, expert);
-        context.fillRect(x, top + 1.5, Math.max(wide - 0.5, 0), height - 3);
-        x += wide;
-      });
-    }
-  }
-
-  drawCurve({ top, height, track }, color) {
-    const [from, to] = this.shown();
-    if (to <= from) return;
-    const frames = Array.from({ length: to - from }, (_, i) => from + i);
-    const x = (frame) => this.x(frame / this.motion.rate);
-    drawTrack(this.context, track, { frames, x, top, height, color });
-  }
-
   /** What is known about a frame, in words. */
   describe(frame) {
     const { record, scene } = this;
@@ -296,7 +164,7 @@ export class Timeline {
       if (this.motion.count === 0) return;
       const frame = clamp(Math.round(at(event) * this.motion.rate), this.motion.first, this.motion.end - 1);
       const y = event.clientY - canvas.getBoundingClientRect().top;
-      const lane = this.lanes().lanes.find(({ top, height }) => y >= top && y < top + height);
+      const lane = layOut(this).lanes.find(({ top, height }) => y >= top && y < top + height);
       const more = lane?.kind === "track" ? ` · ${lane.name} ${reading(lane.track, frame)}` : "";
       readout.textContent = this.describe(frame) + more;
     });
@@ -317,15 +185,4 @@ export class Timeline {
       { passive: false },
     );
   }
-}
-
-/** The colour of an expert; beyond the named ones, hues around the circle. */
-export function expertColor(color, expert) {
-  return expert < 4 ? color(`--expert-${expert}`) : `hsl(${(expert * 137) % 360} 45% 60%)`;
-}
-
-function loudestOf(samples) {
-  let loudest = 1000;
-  for (let i = 0; i < samples.length; i += 7) loudest = Math.max(loudest, Math.abs(samples[i]));
-  return loudest;
 }
