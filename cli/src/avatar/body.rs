@@ -67,16 +67,18 @@ pub(super) fn sweater(rest: &Rest) -> Part {
     let top = [0.0, neck[1] + 0.012 * s, neck[2] + 0.02 * s];
     solid = solid
         .with(Shape::Below { point: hem, normal: [0.0, -1.0, 0.0] }, Within(0.02 * s))
-        .with(Shape::Below { point: top, normal: [0.0, 0.93, 0.36] }, Within(0.03 * s));
+        .with(Shape::Below { point: top, normal: [0.0, 0.975, 0.22] }, Within(0.03 * s));
+    let seam = [neck[0], neck[1] + 0.010 * s, neck[2] - 0.001 * s];
     for side in SIDES {
         let [shoulder, elbow, wrist] = ["shoulder", "elbow", "wrist"].map(|n| rest.side(side, n));
         let cuff = add(wrist, scale(sub(elbow, wrist), 0.05));
         let inner = mix(neck, shoulder, 0.2);
         solid = solid
-            .with(Shape::cone(add(inner, [0.0, -0.045 * s, 0.0]), shoulder, 0.052 * s, 0.058 * s), Union(0.05 * s))
-            .with(tube(shoulder, elbow, &[0.061, 0.060, 0.055, 0.051, 0.050], s), Union(0.07 * s))
-            .with(tube(elbow, cuff, &[0.050, 0.050, 0.045, 0.040, 0.037], s), Union(0.02 * s));
+            .with(Shape::cone(add(inner, [0.0, -0.045 * s, 0.0]), shoulder, 0.046 * s, 0.049 * s), Union(0.05 * s))
+            .with(tube(shoulder, elbow, &[0.0525, 0.0525, 0.0490, 0.0455, 0.0440], s), Union(0.07 * s))
+            .with(tube(elbow, cuff, &[0.0440, 0.0445, 0.0405, 0.0365, 0.0345], s), Union(0.02 * s));
     }
+    solid = solid.with(Shape::Ring { centre: seam, radii: [0.0600 * s, 0.0590 * s], slope: -0.22, thick: 0.0095 * s }, Union(0.004 * s));
     let reach = rest.side("left", "wrist")[0].abs().max(0.2 * s) + 0.06 * s;
     let arms = rest.side("left", "shoulder")[1];
     let x = even_planes(reach, |x| if x < 0.2 * s { 0.016 * s } else { 0.021 * s });
@@ -188,17 +190,4 @@ pub(super) fn hand(rest: &Rest, side: &str) -> Part {
         planes(x.0, x.1, |_| 0.0062 * s)
     };
     surface(&palm, &Grid([x, planes(y.0, y.1, |_| 0.0042 * s), planes(z.0, z.1, |_| 0.0040 * s)]))
-}
-
-/// Head and neck, without a face.
-pub(super) fn head(rest: &Rest) -> Part {
-    let s = rest.head;
-    let eyes = rest.middle("eye");
-    let over = |x: f32, y: f32, z: f32| add(eyes, [x * s, y * s, z * s]);
-    let solid = Solid::default()
-        .with(Shape::Ellipsoid { centre: over(0.0, 0.022, -0.070), radii: [0.074 * s, 0.093 * s, 0.090 * s] }, Union(0.0))
-        .with(Shape::Ellipsoid { centre: over(0.0, -0.045, -0.030), radii: [0.055 * s, 0.070 * s, 0.052 * s] }, Union(0.03 * s))
-        .with(Shape::cone(over(0.0, -0.06, -0.085), rest.at("neck"), 0.05 * s, 0.05 * s), Union(0.03 * s));
-    let range = |middle: f32| planes(middle - 0.2 * s, middle + 0.2 * s, |_| 0.012 * s);
-    surface(&solid, &Grid([even_planes(0.12 * s, |_| 0.012 * s), range(eyes[1]), range(eyes[2] - 0.07 * s)]))
 }

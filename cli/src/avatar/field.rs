@@ -10,6 +10,8 @@ pub(super) enum Shape {
     Ellipsoid { centre: V, radii: V },
     /// Level sections: height, half width, half depth and place forward, as curves over the height.
     Stack { x: f32, width: Vec<(f32, f32)>, depth: Vec<(f32, f32)>, forward: Vec<(f32, f32)> },
+    /// Lies round an upright line: half axes along X and Z, rise for a metre forward, and its own radius.
+    Ring { centre: V, radii: [f32; 2], slope: f32, thick: f32 },
     /// All that is on the side of the plane that `normal` points away from.
     Below { point: V, normal: V },
 }
@@ -21,6 +23,9 @@ pub(super) enum Join {
     Cut(f32),
     Within(f32),
 }
+
+/// What a gradient is measured over, metres.
+const STEP: f32 = 5e-4;
 
 /// Shapes joined one after another.
 #[derive(Default)]
@@ -45,7 +50,6 @@ impl Solid {
 
     /// The direction in which the field rises fastest, not of unit length.
     pub(super) fn gradient(&self, p: V) -> V {
-        const STEP: f32 = 5e-4;
         std::array::from_fn(|axis| {
             let mut step = [0.0; 3];
             step[axis] = STEP;
@@ -56,14 +60,24 @@ impl Solid {
     /// The nearest point of the surface, about, no further than `reach` from `p`.
     pub(super) fn settle(&self, p: V, reach: f32) -> V {
         let mut at = p;
-        for _ in 0..3 {
-            let gradient = self.gradient(at);
+        for _ in 0..2 {
+            let field = self.at(at);
+            let gradient = self.rise(at, field);
             let steep = dot(gradient, gradient).max(0.05);
-            at = add(at, scale(gradient, -self.at(at) / steep));
+            at = add(at, scale(gradient, -field / steep));
         }
         let moved = sub(at, p);
         let far = length(moved);
         if far > reach { add(p, scale(moved, reach / far)) } else { at }
+    }
+
+    /// The direction in which the field, which is `here` at `p`, rises fastest, not of unit length.
+    fn rise(&self, p: V, here: f32) -> V {
+        std::array::from_fn(|axis| {
+            let mut beside = p;
+            beside[axis] += STEP;
+            (self.at(beside) - here) / STEP
+        })
     }
 }
 
@@ -82,7 +96,8 @@ impl Shape {
             Self::Tube { a, b, radii } => {
                 let (along, from) = (sub(*b, *a), sub(p, *a));
                 let t = (dot(from, along) / dot(along, along).max(1e-12)).clamp(0.0, 1.0);
-                length(sub(from, scale(along, t))) - curve(radii, t)
+                let radius = if let &[(_, from), (_, to)] = radii.as_slice() { from + (to - from) * t } else { curve(radii, t) };
+                length(sub(from, scale(along, t))) - radius
             }
             Self::Ellipsoid { centre, radii } => {
                 let from = sub(p, *centre);
@@ -96,8 +111,15 @@ impl Shape {
                 let (wide, deep) = (curve(width, p[1]), curve(depth, p[1]));
                 let (u, w) = ((p[0] - x) / wide, (p[2] - curve(forward, p[1])) / deep);
                 // A little squarer than an ellipse.
-                let round = (u.abs().powf(2.3) + w.abs().powf(2.3)).powf(1.0 / 2.3);
+                let (u, w) = (u * u, w * w);
+                let round = 0.72 * (u + w).sqrt() + 0.28 * (u * u + w * w).sqrt().sqrt();
                 (round - 1.0) * wide.min(deep)
+            }
+            Self::Ring { centre, radii, slope, thick } => {
+                let [x, y, z] = sub(p, *centre);
+                let out = (x / radii[0]).hypot(z / radii[1]);
+                let off = (out - 1.0) * radii[0].min(radii[1]);
+                off.hypot(y - slope * z) - thick
             }
             Self::Below { point, normal } => dot(sub(p, *point), *normal),
         }

@@ -10,10 +10,10 @@
 
 use crate::failure::Failure;
 use umo_core::config::Skeleton;
-use umo_core::motion::skeleton::ARKIT_NAMES;
 
 mod body;
 mod field;
+mod head;
 mod nets;
 pub(crate) mod posed;
 mod rest;
@@ -27,7 +27,7 @@ use vector::V;
 /// A skinned mesh with morph targets, in the rest pose, metres, Y up, facing +Z (as the model's skeleton has it).
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Mesh {
-    /// `[vertices]`, as all but the last two.
+    /// `[vertices]`, as the next four.
     pub(crate) positions: Vec<[f32; 3]>,
     /// Unit length.
     pub(crate) normals: Vec<[f32; 3]>,
@@ -39,6 +39,8 @@ pub(crate) struct Mesh {
     pub(crate) weights: Vec<[f32; 4]>,
     /// Triangles, counter-clockwise from outside.
     pub(crate) indices: Vec<u32>,
+    /// How much each vertex follows the jaw where its joint opens the mouth and not a shape, 0..=1. `[vertices]`
+    pub(crate) jaw: Vec<f32>,
     /// One for each of the 52 ARKit channels, in the channels' order.
     pub(crate) morphs: Vec<Morph>,
 }
@@ -80,20 +82,37 @@ impl Part {
 impl Mesh {
     /// Adds a part whose vertices get colour and weights by their place.
     fn add(&mut self, part: Part, color: impl Fn(V) -> [u8; 3], weights: impl Fn(V) -> Weights) {
+        let colors: Vec<_> = part.positions.iter().map(|&p| color(p)).collect();
+        let weights: Vec<_> = part.positions.iter().map(|&p| weights(p)).collect();
+        self.add_painted(part, &colors, &weights);
+    }
+
+    fn add_painted(&mut self, part: Part, colors: &[[u8; 3]], weights: &[Weights]) {
         let first = u32::try_from(self.positions.len()).expect("the figure has few vertices");
-        for &place in &part.positions {
-            let ([r, g, b], (joints, weights)) = (color(place), weights(place));
-            self.colors.push([r, g, b, 255]);
-            self.joints.push(joints);
-            self.weights.push(weights);
-        }
+        self.colors.extend(colors.iter().map(|&[r, g, b]| [r, g, b, 255]));
+        self.joints.extend(weights.iter().map(|one| one.0));
+        self.weights.extend(weights.iter().map(|one| one.1));
         self.positions.extend(part.positions);
         self.normals.extend(part.normals);
         self.indices.extend(part.indices.iter().map(|i| i + first));
     }
+
+    /// The same mesh for animations that open the mouth by the jaw joint: chin, lower lip and teeth, and tongue follow it.
+    pub(crate) fn on_the_jaw(mut self) -> Self {
+        let jaw = skin::number("jaw");
+        for (vertex, &share) in self.jaw.iter().enumerate() {
+            if share > 0.0 {
+                let own = self.joints[vertex].into_iter().zip(self.weights[vertex]);
+                let own = own.map(|(joint, weight)| (weight * (1.0 - share), joint)).filter(|one| one.0 > 0.0);
+                let all = own.chain([(share, jaw)]).collect();
+                (self.joints[vertex], self.weights[vertex]) = skin::normalized(all);
+            }
+        }
+        self
+    }
 }
 
-const SKIN: [u8; 3] = [226, 178, 150];
+const SKIN: [u8; 3] = [232, 184, 156];
 const SWEATER: [u8; 3] = [84, 132, 140];
 const TROUSERS: [u8; 3] = [62, 70, 86];
 const SHOES: [u8; 3] = [226, 221, 212];
@@ -117,10 +136,6 @@ pub(crate) fn mannequin(skeleton: &Skeleton) -> Result<Mesh, Failure> {
         let hand = skin::hand(&rest, side, &body::FINGERS);
         mesh.add(body::hand(&rest, side), |_| SKIN, |p| hand.weights(p));
     }
-    mesh.add(body::head(&rest), |_| SKIN, |_| skin::only("head"));
-    mesh.morphs = ARKIT_NAMES
-        .iter()
-        .map(|name| Morph { name, vertices: Vec::new(), positions: Vec::new(), normals: Vec::new() })
-        .collect();
+    head::add_head(&mut mesh, &rest);
     Ok(mesh)
 }

@@ -25,6 +25,8 @@ const TRUNK: f32 = 0.585;
 const LEG: f32 = 0.81;
 /// Between the eyes of a head of size 1, metres.
 const EYES: f32 = 0.064;
+/// The figure's head beside a person's: a little larger, so that its face is seen from further away.
+const LARGER: f32 = 1.07;
 /// A size outside this is none of a person's.
 const SIZES: (f32, f32) = (0.3, 3.0);
 
@@ -48,7 +50,8 @@ impl Rest {
         rest.size = (tall / (TRUNK + LEG)).clamp(SIZES.0, SIZES.1);
         let eyes = rest.between("left_eye", "right_eye") / EYES;
         // Eyes at no distance say nothing of the head's size.
-        rest.head = if eyes > SIZES.0 { (0.5 * (eyes + rest.size)).min(SIZES.1) } else { rest.size };
+        let head = if eyes > SIZES.0 { (0.5 * (eyes + rest.size)).min(SIZES.1) } else { rest.size };
+        rest.head = LARGER * head;
         Ok(rest)
     }
 

@@ -1,5 +1,8 @@
 //! Pictures of the figure without a graphics card: a depth buffer, one light and the sky's.
 
+mod letters;
+pub(crate) mod sheet;
+
 use crate::avatar::Mesh;
 use crate::avatar::posed::Posed;
 use std::io::{self, Write};
@@ -144,12 +147,22 @@ impl Picture {
         }
     }
 
+    /// Colours one pixel.
+    fn dot(&mut self, [x, y]: [usize; 2], color: [u8; 3]) {
+        for sample in 0..FINE * FINE {
+            let (row, column) = (y * FINE + sample / FINE, x * FINE + sample % FINE);
+            if row < self.height * FINE && column < self.width * FINE {
+                self.light[row * self.width * FINE + column] = color.map(linear);
+            }
+        }
+    }
+
     /// Writes the picture as PNG.
     pub(crate) fn write<W: Write>(&self, out: W) -> io::Result<()> {
         let (width, height) = (size(self.width)?, size(self.height)?);
         let mut encoder = png::Encoder::new(out, width, height);
         encoder.set_color(png::ColorType::Rgb);
-        encoder.set_compression(png::Compression::High);
+        encoder.set_compression(png::Compression::Balanced);
         encoder.write_header()?.write_image_data(&self.pixels())?;
         Ok(())
     }
