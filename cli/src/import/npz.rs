@@ -34,7 +34,8 @@ pub(crate) fn read_own(path: &Path, skeleton: &Skeleton) -> Result<Clip, String>
     let face = match names(&mut archive, "arkit_names")? {
         Some(names) => Face { kind: FaceKind::Arkit, names },
         None => {
-            let coefficients = array(&mut archive, "expressions")?.map_or(0, |(shape, _)| shape.get(1).copied().unwrap_or(0));
+            let coefficients =
+                array(&mut archive, "expressions")?.map_or(0, |(shape, _)| shape.get(1).copied().unwrap_or(0));
             let names = (0..coefficients).map(|i| format!("expression_{i}")).collect();
             Face { kind: FaceKind::SmplxExpression, names }
         }

@@ -172,7 +172,8 @@ impl Order {
         for &vertex in mesh.morphs.iter().flat_map(|morph| &morph.vertices) {
             moves[vertex as usize] = true;
         }
-        let of = |wanted: bool| moves.iter().enumerate().filter(move |(_, moves)| **moves == wanted).map(|(i, _)| i as u32);
+        let of =
+            |wanted: bool| moves.iter().enumerate().filter(move |(_, moves)| **moves == wanted).map(|(i, _)| i as u32);
         let old: Vec<u32> = of(true).chain(of(false)).collect();
         let mut new = vec![0; old.len()];
         old.iter().enumerate().for_each(|(at, &vertex)| new[vertex as usize] = at as u32);

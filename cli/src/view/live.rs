@@ -79,8 +79,12 @@ impl Host {
         let loaded = Arc::new(Model::load(&file, args.making.compute.precision(Precision::Stored), isa)?);
         drop(file);
         let threads = Threads::Own(model::threads(&args.making.compute)?);
-        let config =
-            EngineConfig { threads, max_sessions: MOST_STREAMS + 1, max_batch: MOST_STREAMS, ..EngineConfig::default() };
+        let config = EngineConfig {
+            threads,
+            max_sessions: MOST_STREAMS + 1,
+            max_batch: MOST_STREAMS,
+            ..EngineConfig::default()
+        };
         let engine = Engine::new(loaded, &config).map_err(Failure::input)?;
         let session = session(&args.making, engine.model().config());
         let title = args.input.as_deref().map_or_else(|| "microphone".to_owned(), |path| path.display().to_string());
@@ -171,9 +175,7 @@ fn rest(engine: &Engine, config: &SessionConfig) -> Result<LiveInfo, Failure> {
     let session = engine.session(config).map_err(Failure::input)?;
     let algorithmic = session.latency().algorithmic_samples as f64 / config.sample_rate as f64;
     let mut rest = None;
-    session
-        .sample_pose(0.0, |frame| rest = Some((*frame.pose, frame.face.to_vec())))
-        .map_err(Failure::machine)?;
+    session.sample_pose(0.0, |frame| rest = Some((*frame.pose, frame.face.to_vec()))).map_err(Failure::machine)?;
     let (rest, rest_face) = rest.ok_or_else(|| Failure::machine("internal: a session without a pose"))?;
     Ok(LiveInfo { algorithmic_seconds: algorithmic, rest, rest_face })
 }

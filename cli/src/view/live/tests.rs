@@ -16,7 +16,11 @@ fn the_page_is_for_whoever_knows_its_name() {
     assert_eq!(answer("GET", "/", &[HOST]), Answer::Page);
     assert_eq!(answer("GET", "/?x=1", &["host: localhost:8123"]), Answer::Page);
     for host in ["evil.example", "evil.example:8123", "127.0.0.1", "127.0.0.1:80", "127.0.0.1:8123.evil.example", ""] {
-        assert_eq!(answer("GET", "/", &[&format!("Host: {host}")]), Answer::Refuse("421 Misdirected Request"), "{host}");
+        assert_eq!(
+            answer("GET", "/", &[&format!("Host: {host}")]),
+            Answer::Refuse("421 Misdirected Request"),
+            "{host}"
+        );
     }
     assert_eq!(answer("GET", "/", &[]), Answer::Refuse("400 Bad Request"));
     assert_eq!(answer("GET", "/", &[HOST, HOST]), Answer::Refuse("400 Bad Request"));
@@ -31,7 +35,9 @@ fn the_stream_is_for_the_page_alone() {
     let local = ["Host: localhost:8123", UPGRADE, "Origin: http://localhost:8123"];
     assert_eq!(answer("GET", "/stream", &local), Answer::Stream);
     let refused = Answer::Refuse("403 Forbidden");
-    for origin in ["http://evil.example", "null", "https://127.0.0.1:8123", "http://127.0.0.1:8124", "http://localhost:8123"] {
+    for origin in
+        ["http://evil.example", "null", "https://127.0.0.1:8123", "http://127.0.0.1:8124", "http://localhost:8123"]
+    {
         assert_eq!(answer("GET", "/stream", &[HOST, UPGRADE, &format!("Origin: {origin}")]), refused, "{origin}");
     }
     assert_eq!(answer("GET", "/stream", &[HOST, UPGRADE]), refused, "no origin");
@@ -41,7 +47,14 @@ fn the_stream_is_for_the_page_alone() {
 
 #[test]
 fn what_is_no_request_is_refused() {
-    for head in ["", "\r\n\r\n", "GET /\r\n\r\n", "GET / HTTP/1.0\r\n\r\n", "GET / x HTTP/1.1\r\n\r\n", "GET / HTTP/1.1\r\nnothing\r\n\r\n"] {
+    for head in [
+        "",
+        "\r\n\r\n",
+        "GET /\r\n\r\n",
+        "GET / HTTP/1.0\r\n\r\n",
+        "GET / x HTTP/1.1\r\n\r\n",
+        "GET / HTTP/1.1\r\nnothing\r\n\r\n",
+    ] {
         assert_eq!(Request::parse(head), None, "{head:?}");
     }
 }
@@ -50,7 +63,10 @@ fn what_is_no_request_is_refused() {
 fn commands_are_read_and_others_refused() {
     let start = |source, rate| Ok(Command::Start { source, rate });
     assert_eq!(command(r#"{"type":"start","source":"recording","rate":null}"#), start(Source::Recording, None));
-    assert_eq!(command(r#"{"type":"start","source":"microphone","rate":48000}"#), start(Source::Microphone, Some(48000)));
+    assert_eq!(
+        command(r#"{"type":"start","source":"microphone","rate":48000}"#),
+        start(Source::Microphone, Some(48000))
+    );
     assert_eq!(command(r#"{"type":"finish"}"#), Ok(Command::Finish));
     for bad in [
         "",

@@ -1,5 +1,6 @@
 //! One page's stream: sound in, frames out, in real time.
 
+use std::io::Read;
 use std::net::TcpStream;
 use std::time::{Duration, Instant};
 
@@ -97,8 +98,23 @@ fn part(socket: &mut WebSocket<TcpStream>, code: CloseCode, reason: &str) {
     let start = Instant::now();
     while start.elapsed() < GOODBYE {
         match socket.read() {
-            Err(Error::Io(error)) if is_wait(&error) => {}
             Ok(_) => {}
+            Err(Error::Io(error)) if is_wait(&error) => {}
+            Err(Error::Io(_) | Error::ConnectionClosed | Error::AlreadyClosed) => return,
+            Err(_) => return drain(socket.get_mut(), start),
+        }
+    }
+}
+
+/// Takes what is left of a message that was refused: unread, it would make the system reset the connection before the page
+/// has read why.
+fn drain(stream: &mut TcpStream, start: Instant) {
+    let mut unread = [0; 1 << 12];
+    while start.elapsed() < GOODBYE {
+        match stream.read(&mut unread) {
+            Ok(0) => return,
+            Ok(_) => {}
+            Err(error) if is_wait(&error) => {}
             Err(_) => return,
         }
     }

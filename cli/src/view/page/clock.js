@@ -38,7 +38,8 @@ export class Clock {
   async play() {
     if (this.playing) return;
     if (this.at >= this.seconds - 1e-3) this.seek(0);
-    if (this.audio && this.at < this.audio.duration) {
+    // A length that is not known yet is no number, and no reason to be silent.
+    if (this.audio && !(this.at >= this.audio.duration)) {
       this.audio.currentTime = this.at;
       this.audio.playbackRate = this.rate;
       await this.audio.play();

@@ -9,7 +9,8 @@ pub(crate) fn scene(clip: Clip) -> Scene {
 
 #[test]
 fn audio_is_mixed_to_16_bits_within_range() {
-    let wav = Wav { sample_rate: 16_000, channels: 2, samples: vec![1.5, 1.5, -2.0, -2.0, 0.5, 0.0], notes: Vec::new() };
+    let wav =
+        Wav { sample_rate: 16_000, channels: 2, samples: vec![1.5, 1.5, -2.0, -2.0, 0.5, 0.0], notes: Vec::new() };
     let audio = Audio::new(&wav).unwrap();
     assert_eq!((audio.sample_rate, audio.samples), (16_000, vec![32767, -32768, 8192]));
     let fast = Wav { sample_rate: 96_000, channels: 1, samples: vec![0.0; 9600], notes: Vec::new() };
