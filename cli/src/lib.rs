@@ -8,6 +8,7 @@
 //! | `convert`, `quantize` | a model of published weights; the same model with smaller ones |
 //! | `bench` | how fast a model is on this machine |
 //! | [`wav`], [`export`], `start_pose` | files in and out |
+//! | `avatar`, `picture`, `draw` | the figure that speaks, and pictures of it |
 //! | `model`, `failure`, `progress` | which model; what is said when something fails; how far the work is |
 #![deny(unsafe_code)]
 
@@ -16,6 +17,7 @@ pub mod args;
 mod avatar;
 mod bench;
 mod convert;
+mod draw;
 pub mod export;
 mod failure;
 mod inspect;
@@ -69,5 +71,6 @@ fn run(command: Command) -> Result<(), Failure> {
         Command::Quantize(args) => quantize::run(&args),
         Command::MakeRandom(args) => random::run(&args),
         Command::Bench(args) => bench::run(&args),
+        Command::Draw(args) => draw::run(&args),
     }
 }

@@ -64,11 +64,11 @@ pub(super) fn sweater(rest: &Rest) -> Part {
     let (hips, neck) = (rest.middle("hip"), rest.at("neck"));
     let mut solid = Solid::default().with(trunk(rest, 0.012 * s), Union(0.0));
     let hem = [0.0, hips[1] - 0.012 * s, 0.0];
-    let top = [0.0, neck[1] + 0.012 * s, neck[2] + 0.02 * s];
+    let top = [0.0, neck[1] - 0.008 * s, neck[2] + 0.02 * s];
     solid = solid
         .with(Shape::Below { point: hem, normal: [0.0, -1.0, 0.0] }, Within(0.02 * s))
         .with(Shape::Below { point: top, normal: [0.0, 0.975, 0.22] }, Within(0.03 * s));
-    let seam = [neck[0], neck[1] + 0.010 * s, neck[2] - 0.001 * s];
+    let seam = [neck[0], neck[1] - 0.010 * s, neck[2] - 0.001 * s];
     for side in SIDES {
         let [shoulder, elbow, wrist] = ["shoulder", "elbow", "wrist"].map(|n| rest.side(side, n));
         let cuff = add(wrist, scale(sub(elbow, wrist), 0.05));
@@ -81,11 +81,11 @@ pub(super) fn sweater(rest: &Rest) -> Part {
     solid = solid.with(Shape::Ring { centre: seam, radii: [0.0600 * s, 0.0590 * s], slope: -0.22, thick: 0.0095 * s }, Union(0.004 * s));
     let reach = rest.side("left", "wrist")[0].abs().max(0.2 * s) + 0.06 * s;
     let arms = rest.side("left", "shoulder")[1];
-    let x = even_planes(reach, |x| if x < 0.2 * s { 0.016 * s } else { 0.021 * s });
+    let x = even_planes(reach, |x| if x < 0.2 * s { 0.019 * s } else { 0.025 * s });
     let y = planes(hem[1] - 0.03 * s, top[1] + 0.09 * s, |y| {
-        if (y - arms).abs() < 0.085 * s { 0.0125 * s } else { 0.018 * s }
+        if (y - arms).abs() < 0.085 * s { 0.0135 * s } else { 0.021 * s }
     });
-    let z = planes(neck[2] - 0.17 * s, neck[2] + 0.21 * s, |_| 0.0135 * s);
+    let z = planes(neck[2] - 0.17 * s, neck[2] + 0.21 * s, |_| 0.0150 * s);
     surface(&solid, &Grid([x, y, z]))
 }
 
@@ -117,9 +117,9 @@ pub(super) fn trousers(rest: &Rest) -> Part {
             .with(Shape::Below { point: cuff, normal: [0.0, -1.0, 0.0] }, Within(0.012 * s));
     }
     let wide = hips[0].abs() + 0.24 * s;
-    let x = even_planes(wide, |_| 0.0145 * s);
-    let y = planes(low - 0.05 * s, waist + 0.04 * s, |y| if y > hips[1] - 0.12 * s { 0.017 * s } else { 0.028 * s });
-    let z = planes(hips[2] - 0.17 * s, hips[2] + 0.17 * s, |_| 0.0145 * s);
+    let x = even_planes(wide, |_| 0.0165 * s);
+    let y = planes(low - 0.05 * s, waist + 0.04 * s, |y| if y > hips[1] - 0.12 * s { 0.019 * s } else { 0.032 * s });
+    let z = planes(hips[2] - 0.17 * s, hips[2] + 0.17 * s, |_| 0.0165 * s);
     surface(&solid, &Grid([x, y, z]))
 }
 
@@ -185,9 +185,9 @@ pub(super) fn hand(rest: &Rest, side: &str) -> Part {
     let (x, y, z) = (range(0, 0.035), range(1, 0.04), range(2, 0.035));
     // Counted from the wrist, so that the other hand's planes are its mirror image.
     let x = if wrist[0] < 0.0 {
-        planes(-x.1, -x.0, |_| 0.0062 * s).into_iter().rev().map(|x| -x).collect()
+        planes(-x.1, -x.0, |_| 0.0076 * s).into_iter().rev().map(|x| -x).collect()
     } else {
-        planes(x.0, x.1, |_| 0.0062 * s)
+        planes(x.0, x.1, |_| 0.0076 * s)
     };
-    surface(&palm, &Grid([x, planes(y.0, y.1, |_| 0.0042 * s), planes(z.0, z.1, |_| 0.0040 * s)]))
+    surface(&palm, &Grid([x, planes(y.0, y.1, |_| 0.0045 * s), planes(z.0, z.1, |_| 0.0043 * s)]))
 }
