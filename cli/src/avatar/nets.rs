@@ -1,8 +1,8 @@
 //! The surface of a solid: surface nets on a grid of uneven steps, settled on the surface itself.
 
+use super::Part;
 use super::field::Solid;
 use super::vector::{V, add, distance, mix, scale, unit};
-use super::Part;
 
 /// The planes of a grid along X, Y and Z, metres, ascending.
 pub(super) struct Grid(pub(super) [Vec<f32>; 3]);

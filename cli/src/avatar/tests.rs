@@ -127,7 +127,8 @@ fn left_shapes_move_the_left_and_right_ones_mirror_them() {
         for (&vertex, &by) in left.vertices.iter().zip(&left.positions) {
             let place = mesh.positions[vertex as usize];
             if vector::length(by) > 1e-3 {
-                let twins = found.get(&key(mirrored(place))).unwrap_or_else(|| panic!("{name} has no twin at {place:?}"));
+                let twins =
+                    found.get(&key(mirrored(place))).unwrap_or_else(|| panic!("{name} has no twin at {place:?}"));
                 let near = twins.iter().any(|&twin| distance(mirrored(by), twin) < 1e-5);
                 assert!(near, "{name} at {place:?}: {by:?} and {twins:?}");
             }

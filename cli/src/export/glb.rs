@@ -31,7 +31,8 @@ pub fn write<W: Write>(clip: &Clip, out: W) -> io::Result<()> {
     let rest = rest_positions(clip);
     let skin = add_skin(&mut builder, &joints, &rest);
 
-    let figure = avatar::mannequin(&clip.skeleton).map_err(|cause| io::Error::new(io::ErrorKind::InvalidInput, cause))?;
+    let figure =
+        avatar::mannequin(&clip.skeleton).map_err(|cause| io::Error::new(io::ErrorKind::InvalidInput, cause))?;
     let figure = match clip.face.kind {
         // Expression coefficients leave the jaw to its joint; among ARKit's shapes is the open jaw.
         FaceKind::SmplxExpression => figure.on_the_jaw(),

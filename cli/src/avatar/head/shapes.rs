@@ -36,18 +36,17 @@ const MOUTH: f32 = -0.066;
 /// The pushes of a shape, by its name without `Left` or `Right`.
 #[rustfmt::skip]
 fn pushes(stem: &str) -> Vec<Push> {
-    let corner = [WIDE, MOUTH + 0.001, 0.012];
     match stem {
         "eyeSquint" => vec![
             push(All, [0.034, -0.024, 0.01], [0.022, 0.013, 0.03], [0.0, 0.0042, 0.0012]),
         ],
         "eyeWide" => vec![push(All, [0.032, 0.026, 0.02], [0.024, 0.012, 0.03], [0.0, 0.0022, 0.0])],
         "mouthSmile" => vec![
-            push(All, corner, [0.019, 0.017, 0.03], [0.0078, 0.0086, -0.0046]),
+            push(All, [WIDE + 0.009, MOUTH + 0.002, 0.008], [0.0175, 0.020, 0.035], [0.0098, 0.0118, -0.0058]),
             push(All, [0.040, -0.036, 0.005], [0.020, 0.018, 0.03], [0.0016, 0.0044, 0.0030]),
         ],
         "mouthFrown" => vec![
-            push(All, corner, [0.015, 0.014, 0.03], [0.0006, -0.0085, -0.0006]),
+            push(All, [WIDE + 0.005, MOUTH, 0.010], [0.0155, 0.016, 0.03], [0.0006, -0.0100, -0.0006]),
             push(Below, [0.014, MOUTH - 0.012, 0.02], [0.014, 0.010, 0.03], [0.0, 0.0016, 0.0010]),
         ],
         "mouthDimple" => vec![
@@ -135,7 +134,7 @@ impl Shape {
             ("mouth", _) => aside(vertex, self.side),
             ("mouthClose", _) => closed(kind, place),
             ("mouthFunnel", _) => gathered(vertex, [0.34, 0.0100, 0.0066], 0.0044),
-            ("mouthPucker", _) => gathered(vertex, [0.46, 0.0095, 0.0016], 0.0010),
+            ("mouthPucker", _) => gathered(vertex, [0.46, 0.0130, 0.0002], 0.0026),
             ("tongueOut", _) => tongue(vertex),
             (_, false) => self.halved(vertex, eye),
             (_, true) => self.whole(vertex),

@@ -97,7 +97,10 @@ fn the_tongue_passes_the_lips() {
     let furthest = tip.map(|(&v, by)| mesh.positions[v as usize][2] + by[2]).fold(f32::MIN, f32::max);
     assert!(furthest > lips + 0.008, "the tip is {} m ahead of the lips", furthest - lips);
     let inside = out.vertices.iter().zip(&out.positions).filter(|(_, by)| by[2] > 0.02);
-    assert!(inside.map(|(&v, _)| mesh.positions[v as usize][2]).fold(f32::MIN, f32::max) < lips, "and behind them at rest");
+    assert!(
+        inside.map(|(&v, _)| mesh.positions[v as usize][2]).fold(f32::MIN, f32::max) < lips,
+        "and behind them at rest"
+    );
 }
 
 #[test]
