@@ -33,9 +33,11 @@ pub enum Command {
     /// Write a model of random weights, for tests and benchmarks
     MakeRandom(MakeRandom),
     /// Look at it: a page with the avatar, its speech, and how each frame was made
-    View(View),
+    View(Page),
     /// Measure a model on this machine: time to the first frame, frames per second, avatars at once
     Bench(Bench),
+    /// Draw the figure as a PNG picture: frames of an animation, or each of its 52 shapes
+    Draw(Draw),
 }
 
 /// Where the animation goes, and how it is made: what `animate` and `text` share.
@@ -145,7 +147,7 @@ pub struct Animate {
 
 /// Look at it.
 #[derive(Debug, ClapArgs)]
-pub struct View {
+pub struct Page {
     /// WAV file; or a .glb or .npz made before; with --live a WAV file, or nothing for the microphone alone
     #[arg(required_unless_present = "live")]
     pub input: Option<PathBuf>,
@@ -387,6 +389,48 @@ pub enum Size {
     Small,
     /// The least that is a model, for tests
     Tiny,
+}
+
+/// Draw the figure as a PNG picture: frames of an animation, or each of its 52 shapes.
+#[derive(Debug, ClapArgs)]
+pub struct Draw {
+    /// Animation as `animate -o FILE.jsonl` writes it; the shapes, each under its name, where not given
+    pub animation: Option<PathBuf>,
+    /// Picture to write
+    #[arg(short, long, value_name = "FILE.png")]
+    pub output: PathBuf,
+    /// Time of a frame; may be given several times, the frames are drawn beside one another
+    #[arg(long, value_name = "SECONDS", requires = "animation")]
+    pub at: Vec<f32>,
+    /// What the picture shows
+    #[arg(long, value_enum, default_value_t = View::Front, requires = "animation")]
+    pub view: View,
+    /// Width of one frame, pixels
+    #[arg(long, default_value_t = 360, value_name = "PIXELS", value_parser = pixels)]
+    pub width: usize,
+    /// Height of the picture, pixels
+    #[arg(long, default_value_t = 480, value_name = "PIXELS", value_parser = pixels)]
+    pub height: usize,
+}
+
+/// What a picture shows of the figure.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum View {
+    /// The whole figure from ahead
+    Front,
+    /// The whole figure, a little from its left
+    ThreeQuarter,
+    /// The whole figure from its left
+    Side,
+    /// Head and chest
+    Bust,
+    /// The face alone
+    Face,
+}
+
+fn pixels(text: &str) -> Result<usize, String> {
+    let pixels: usize = text.parse().map_err(|cause| format!("{cause}"))?;
+    if (16..=4096).contains(&pixels) { Ok(pixels) } else { Err("expected 16 to 4096".to_owned()) }
 }
 
 /// How weights are stored.

@@ -9,6 +9,7 @@
 //! | `view` | the page that shows an avatar, made once or served live |
 //! | `bench` | how fast a model is on this machine |
 //! | [`wav`], [`export`], `import`, `start_pose` | files in and out |
+//! | `avatar`, `picture`, `draw` | the figure that speaks, and pictures of it |
 //! | `model`, `failure`, `progress` | which model; what is said when something fails; how far the work is |
 #![deny(unsafe_code)]
 
@@ -17,6 +18,7 @@ pub mod args;
 mod avatar;
 mod bench;
 mod convert;
+mod draw;
 pub mod export;
 mod failure;
 mod import;
@@ -73,5 +75,6 @@ fn run(command: Command) -> Result<(), Failure> {
         Command::MakeRandom(args) => random::run(&args),
         Command::View(args) => view::run(&args),
         Command::Bench(args) => bench::run(&args),
+        Command::Draw(args) => draw::run(&args),
     }
 }

@@ -17,13 +17,13 @@ mod scene;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use crate::args::View;
+use crate::args::Page;
 use crate::failure::Failure;
 use crate::whole;
 use scene::Scene;
 
 /// Makes the page and opens it, or serves it.
-pub(crate) fn run(args: &View) -> Result<(), Failure> {
+pub(crate) fn run(args: &Page) -> Result<(), Failure> {
     if args.live {
         return live::run(args);
     }

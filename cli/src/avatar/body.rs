@@ -1,11 +1,11 @@
 //! The clothed body: sweater, trousers, shoes and hands, each a solid of its own.
 
+use super::Part;
 use super::field::Join::{Union, Within};
 use super::field::{Shape, Solid};
 use super::nets::{Grid, even_planes, planes, surface};
 use super::rest::Rest;
 use super::vector::{V, add, mix, scale, sub};
-use super::Part;
 
 pub(super) const FINGERS: [&str; 5] = ["thumb", "index", "middle", "ring", "pinky"];
 const SIDES: [&str; 2] = ["left", "right"];
@@ -41,12 +41,29 @@ fn trunk_curve(rest: &Rest, points: &[(f32, f32)]) -> Vec<(f32, f32)> {
 /// The trunk, `loose` metres wider than the body.
 fn trunk(rest: &Rest, loose: f32) -> Shape {
     let width = [
-        (-0.15, 0.150), (-0.09, 0.158), (0.0, 0.150), (0.09, 0.131), (0.16, 0.131), (0.26, 0.148), (0.34, 0.158),
-        (0.40, 0.158), (0.445, 0.135), (0.48, 0.085), (0.52, 0.060),
+        (-0.15, 0.150),
+        (-0.09, 0.158),
+        (0.0, 0.150),
+        (0.09, 0.131),
+        (0.16, 0.131),
+        (0.26, 0.148),
+        (0.34, 0.158),
+        (0.40, 0.158),
+        (0.445, 0.135),
+        (0.48, 0.085),
+        (0.52, 0.060),
     ];
     let depth = [
-        (-0.15, 0.100), (-0.09, 0.106), (0.0, 0.102), (0.10, 0.088), (0.20, 0.096), (0.29, 0.106), (0.36, 0.104),
-        (0.42, 0.088), (0.47, 0.068), (0.52, 0.056),
+        (-0.15, 0.100),
+        (-0.09, 0.106),
+        (0.0, 0.102),
+        (0.10, 0.088),
+        (0.20, 0.096),
+        (0.29, 0.106),
+        (0.36, 0.104),
+        (0.42, 0.088),
+        (0.47, 0.068),
+        (0.52, 0.056),
     ];
     let forward = [(-0.10, -0.012), (0.05, -0.004), (0.20, -0.004), (0.30, 0.0), (0.40, -0.018), (0.52, -0.032)];
     let looser = |points: &[(f32, f32)]| -> Vec<(f32, f32)> {
@@ -64,11 +81,11 @@ pub(super) fn sweater(rest: &Rest) -> Part {
     let (hips, neck) = (rest.middle("hip"), rest.at("neck"));
     let mut solid = Solid::default().with(trunk(rest, 0.012 * s), Union(0.0));
     let hem = [0.0, hips[1] - 0.012 * s, 0.0];
-    let top = [0.0, neck[1] + 0.012 * s, neck[2] + 0.02 * s];
+    let top = [0.0, neck[1] - 0.008 * s, neck[2] + 0.02 * s];
     solid = solid
         .with(Shape::Below { point: hem, normal: [0.0, -1.0, 0.0] }, Within(0.02 * s))
         .with(Shape::Below { point: top, normal: [0.0, 0.975, 0.22] }, Within(0.03 * s));
-    let seam = [neck[0], neck[1] + 0.010 * s, neck[2] - 0.001 * s];
+    let seam = [neck[0], neck[1] - 0.010 * s, neck[2] - 0.001 * s];
     for side in SIDES {
         let [shoulder, elbow, wrist] = ["shoulder", "elbow", "wrist"].map(|n| rest.side(side, n));
         let cuff = add(wrist, scale(sub(elbow, wrist), 0.05));
@@ -78,14 +95,22 @@ pub(super) fn sweater(rest: &Rest) -> Part {
             .with(tube(shoulder, elbow, &[0.0525, 0.0525, 0.0490, 0.0455, 0.0440], s), Union(0.07 * s))
             .with(tube(elbow, cuff, &[0.0440, 0.0445, 0.0405, 0.0365, 0.0345], s), Union(0.02 * s));
     }
-    solid = solid.with(Shape::Ring { centre: seam, radii: [0.0600 * s, 0.0590 * s], slope: -0.22, thick: 0.0095 * s }, Union(0.004 * s));
+    solid = solid.with(
+        Shape::Ring { centre: seam, radii: [0.0600 * s, 0.0590 * s], slope: -0.22, thick: 0.0095 * s },
+        Union(0.004 * s),
+    );
     let reach = rest.side("left", "wrist")[0].abs().max(0.2 * s) + 0.06 * s;
     let arms = rest.side("left", "shoulder")[1];
-    let x = even_planes(reach, |x| if x < 0.2 * s { 0.016 * s } else { 0.021 * s });
-    let y = planes(hem[1] - 0.03 * s, top[1] + 0.09 * s, |y| {
-        if (y - arms).abs() < 0.085 * s { 0.0125 * s } else { 0.018 * s }
-    });
-    let z = planes(neck[2] - 0.17 * s, neck[2] + 0.21 * s, |_| 0.0135 * s);
+    let x = even_planes(reach, |x| if x < 0.2 * s { 0.019 * s } else { 0.025 * s });
+    let y =
+        planes(
+            hem[1] - 0.03 * s,
+            top[1] + 0.09 * s,
+            |y| {
+                if (y - arms).abs() < 0.085 * s { 0.0135 * s } else { 0.021 * s }
+            },
+        );
+    let z = planes(neck[2] - 0.17 * s, neck[2] + 0.21 * s, |_| 0.0150 * s);
     surface(&solid, &Grid([x, y, z]))
 }
 
@@ -117,9 +142,9 @@ pub(super) fn trousers(rest: &Rest) -> Part {
             .with(Shape::Below { point: cuff, normal: [0.0, -1.0, 0.0] }, Within(0.012 * s));
     }
     let wide = hips[0].abs() + 0.24 * s;
-    let x = even_planes(wide, |_| 0.0145 * s);
-    let y = planes(low - 0.05 * s, waist + 0.04 * s, |y| if y > hips[1] - 0.12 * s { 0.017 * s } else { 0.028 * s });
-    let z = planes(hips[2] - 0.17 * s, hips[2] + 0.17 * s, |_| 0.0145 * s);
+    let x = even_planes(wide, |_| 0.0165 * s);
+    let y = planes(low - 0.05 * s, waist + 0.04 * s, |y| if y > hips[1] - 0.12 * s { 0.019 * s } else { 0.032 * s });
+    let z = planes(hips[2] - 0.17 * s, hips[2] + 0.17 * s, |_| 0.0165 * s);
     surface(&solid, &Grid([x, y, z]))
 }
 
@@ -143,7 +168,8 @@ pub(super) fn shoe(rest: &Rest, side: &str) -> Part {
         .with(Shape::cone(ankle, add(ankle, [0.0, 0.02 * s, 0.0]), 0.044 * s, 0.042 * s), Union(0.03 * s))
         .with(Shape::Below { point: [0.0, floor, 0.0], normal: [0.0, -1.0, 0.0] }, Within(0.014 * s));
     let x = planes(ankle[0].min(foot[0]) - 0.07 * s, ankle[0].max(foot[0]) + 0.07 * s, |_| 0.0125 * s);
-    let y = planes(floor - 0.015 * s, ankle[1] + 0.09 * s, |y| if y < floor + 0.03 * s { 0.008 * s } else { 0.013 * s });
+    let y =
+        planes(floor - 0.015 * s, ankle[1] + 0.09 * s, |y| if y < floor + 0.03 * s { 0.008 * s } else { 0.013 * s });
     let z = planes(ankle[2] - 0.09 * s, toe[2] + 0.065 * s, |_| 0.015 * s);
     surface(&solid, &Grid([x, y, z]))
 }
@@ -176,7 +202,8 @@ pub(super) fn hand(rest: &Rest, side: &str) -> Part {
             .with(shaft(b, c, [1.0, 0.90, 0.92]), Union(0.002 * s))
             .with(shaft(c, tip, [0.92, 0.88, 0.74]), Union(0.002 * s));
     }
-    let points: Vec<V> = FINGERS.iter().flat_map(|f| [at(&format!("{f}1")), rest.finger_tip(side, f)]).chain([arm, wrist]).collect();
+    let points: Vec<V> =
+        FINGERS.iter().flat_map(|f| [at(&format!("{f}1")), rest.finger_tip(side, f)]).chain([arm, wrist]).collect();
     let range = |axis: usize, beyond: f32| {
         let low = points.iter().map(|p| p[axis]).fold(f32::MAX, f32::min) - beyond * s;
         let high = points.iter().map(|p| p[axis]).fold(f32::MIN, f32::max) + beyond * s;
@@ -185,9 +212,9 @@ pub(super) fn hand(rest: &Rest, side: &str) -> Part {
     let (x, y, z) = (range(0, 0.035), range(1, 0.04), range(2, 0.035));
     // Counted from the wrist, so that the other hand's planes are its mirror image.
     let x = if wrist[0] < 0.0 {
-        planes(-x.1, -x.0, |_| 0.0062 * s).into_iter().rev().map(|x| -x).collect()
+        planes(-x.1, -x.0, |_| 0.0076 * s).into_iter().rev().map(|x| -x).collect()
     } else {
-        planes(x.0, x.1, |_| 0.0062 * s)
+        planes(x.0, x.1, |_| 0.0076 * s)
     };
-    surface(&palm, &Grid([x, planes(y.0, y.1, |_| 0.0042 * s), planes(z.0, z.1, |_| 0.0040 * s)]))
+    surface(&palm, &Grid([x, planes(y.0, y.1, |_| 0.0045 * s), planes(z.0, z.1, |_| 0.0043 * s)]))
 }

@@ -96,7 +96,8 @@ impl Shape {
             Self::Tube { a, b, radii } => {
                 let (along, from) = (sub(*b, *a), sub(p, *a));
                 let t = (dot(from, along) / dot(along, along).max(1e-12)).clamp(0.0, 1.0);
-                let radius = if let &[(_, from), (_, to)] = radii.as_slice() { from + (to - from) * t } else { curve(radii, t) };
+                let radius =
+                    if let &[(_, from), (_, to)] = radii.as_slice() { from + (to - from) * t } else { curve(radii, t) };
                 length(sub(from, scale(along, t))) - radius
             }
             Self::Ellipsoid { centre, radii } => {

@@ -18,6 +18,8 @@ mod nets;
 pub(crate) mod posed;
 mod rest;
 mod skin;
+#[cfg(test)]
+mod tests;
 pub(crate) mod vector;
 
 use rest::Rest;
@@ -41,6 +43,8 @@ pub(crate) struct Mesh {
     pub(crate) indices: Vec<u32>,
     /// How much each vertex follows the jaw where its joint opens the mouth and not a shape, 0..=1. `[vertices]`
     pub(crate) jaw: Vec<f32>,
+    /// The first vertex of the head: shapes move none before it, and no triangle has corners on both sides.
+    pub(crate) head: usize,
     /// One for each of the 52 ARKit channels, in the channels' order.
     pub(crate) morphs: Vec<Morph>,
 }
@@ -125,17 +129,27 @@ const SOLES: [u8; 3] = [150, 120, 96];
 pub(crate) fn mannequin(skeleton: &Skeleton) -> Result<Mesh, Failure> {
     let rest = Rest::new(skeleton)?;
     let mut mesh = Mesh::default();
-    let upper = skin::upper(&rest);
-    mesh.add(body::sweater(&rest), |_| SWEATER, |p| upper.weights(p));
-    let lower = skin::lower(&rest);
-    mesh.add(body::trousers(&rest), |_| TROUSERS, |p| lower.weights(p));
-    let sole = body::floor(&rest) + 0.018 * rest.size;
-    for side in ["left", "right"] {
-        let foot = skin::foot(&rest, side);
-        mesh.add(body::shoe(&rest, side), |p| if p[1] < sole { SOLES } else { SHOES }, |p| foot.weights(p));
-        let hand = skin::hand(&rest, side, &body::FINGERS);
-        mesh.add(body::hand(&rest, side), |_| SKIN, |p| hand.weights(p));
-    }
-    head::add_head(&mut mesh, &rest);
+    // Head and body take as long as each other.
+    let head = std::thread::scope(|scope| {
+        let head = scope.spawn(|| head::Head::new(&rest));
+        add_body(&mut mesh, &rest);
+        head.join().expect("the head's thread does not panic")
+    });
+    head.add_to(&mut mesh, &rest);
     Ok(mesh)
+}
+
+/// Cloth, shoes and hands.
+fn add_body(mesh: &mut Mesh, rest: &Rest) {
+    let upper = skin::upper(rest);
+    mesh.add(body::sweater(rest), |_| SWEATER, |p| upper.weights(p));
+    let lower = skin::lower(rest);
+    mesh.add(body::trousers(rest), |_| TROUSERS, |p| lower.weights(p));
+    let sole = body::floor(rest) + 0.018 * rest.size;
+    for side in ["left", "right"] {
+        let foot = skin::foot(rest, side);
+        mesh.add(body::shoe(rest, side), |p| if p[1] < sole { SOLES } else { SHOES }, |p| foot.weights(p));
+        let hand = skin::hand(rest, side, &body::FINGERS);
+        mesh.add(body::hand(rest, side), |_| SKIN, |p| hand.weights(p));
+    }
 }

@@ -1,8 +1,8 @@
 //! The surface of a solid: surface nets on a grid of uneven steps, settled on the surface itself.
 
+use super::Part;
 use super::field::Solid;
 use super::vector::{V, add, distance, mix, scale, unit};
-use super::Part;
 
 /// The planes of a grid along X, Y and Z, metres, ascending.
 pub(super) struct Grid(pub(super) [Vec<f32>; 3]);
@@ -76,6 +76,11 @@ pub(super) fn surface(solid: &Solid, grid: &Grid) -> Part {
 
 /// The mean of the places where the cell's edges meet the surface.
 fn crossing(cell: [usize; 3], grid: &Grid, field: impl Fn([usize; 3]) -> f32) -> Option<V> {
+    let [i, j, k] = cell;
+    let inside = (0..8).filter(|bit| field([i + (bit & 1), j + (bit >> 1 & 1), k + (bit >> 2)]) < 0.0).count();
+    if inside == 0 || inside == 8 {
+        return None;
+    }
     let (mut sum, mut count) = ([0.0; 3], 0.0);
     for axis in 0..3 {
         let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
@@ -92,7 +97,7 @@ fn crossing(cell: [usize; 3], grid: &Grid, field: impl Fn([usize; 3]) -> f32) ->
             }
         }
     }
-    (count > 0.0).then(|| scale(sum, 1.0 / count))
+    Some(scale(sum, 1.0 / count))
 }
 
 /// Two triangles round the edge from `at` along `axis`, where the surface crosses it.

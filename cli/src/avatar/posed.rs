@@ -1,7 +1,7 @@
 //! The mesh in a pose, computed on the processor: what pictures and tests look at.
 
-use super::vector::{V, add, scale, sub, unit};
 use super::Mesh;
+use super::vector::{V, add, scale, sub, unit};
 use umo_core::config::Skeleton;
 use umo_core::motion::rotation::{IDENTITY, Quat, product, rotate};
 use umo_core::motion::skeleton::JOINTS;

@@ -116,9 +116,12 @@ pub(super) fn lower(rest: &Rest) -> Skin {
     skin = skin.bone("pelvis", add(hips[0], lift), add(hips[1], lift), 0.095 * size);
     for side in ["left", "right"] {
         let [hip, knee, ankle] = ["hip", "knee", "ankle"].map(|n| rest.side(side, n));
-        skin = skin
-            .bone(&format!("{side}_hip"), add(hip, scale(sub(knee, hip), 0.12)), knee, 0.075 * size)
-            .bone(&format!("{side}_knee"), knee, ankle, 0.055 * size);
+        skin = skin.bone(&format!("{side}_hip"), add(hip, scale(sub(knee, hip), 0.12)), knee, 0.075 * size).bone(
+            &format!("{side}_knee"),
+            knee,
+            ankle,
+            0.055 * size,
+        );
     }
     skin
 }

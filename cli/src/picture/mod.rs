@@ -67,12 +67,7 @@ struct Corner {
 impl Picture {
     pub(crate) fn new(width: usize, height: usize) -> Self {
         let samples = width * height * FINE * FINE;
-        Self {
-            width,
-            height,
-            light: vec![BACKGROUND.map(linear); samples],
-            depth: vec![f32::MAX; samples],
-        }
+        Self { width, height, light: vec![BACKGROUND.map(linear); samples], depth: vec![f32::MAX; samples] }
     }
 
     /// Draws a posed mesh into a part of the picture.
@@ -92,11 +87,7 @@ impl Picture {
                 let seen = [dot(normal, right), dot(normal, up), dot(normal, towards)];
                 let color = mesh.colors[i];
                 Corner {
-                    at: [
-                        left + width / 2.0 + dot(from, right) * zoom,
-                        top + height / 2.0 - dot(from, up) * zoom,
-                        away,
-                    ],
+                    at: [left + width / 2.0 + dot(from, right) * zoom, top + height / 2.0 - dot(from, up) * zoom, away],
                     light: shade([color[0], color[1], color[2]], seen, normal[1], dot(seen, key)),
                 }
             })
@@ -125,11 +116,8 @@ impl Picture {
         for y in span(1, top, bottom) {
             for x in span(0, left, right) {
                 let (px, py) = (x as f32, y as f32);
-                let parts = [
-                    edge(b.at, c.at, px, py) / area,
-                    edge(c.at, a.at, px, py) / area,
-                    edge(a.at, b.at, px, py) / area,
-                ];
+                let parts =
+                    [edge(b.at, c.at, px, py) / area, edge(c.at, a.at, px, py) / area, edge(a.at, b.at, px, py) / area];
                 if parts.iter().any(|&part| part < 0.0) {
                     continue;
                 }

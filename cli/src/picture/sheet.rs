@@ -2,7 +2,7 @@
 
 use super::letters::write;
 use super::{Camera, Picture};
-use crate::avatar::Mesh;
+use crate::avatar::{Mesh, Morph};
 use umo_core::config::{Face, FaceKind, Skeleton};
 use umo_core::motion::pose::Assembly;
 use umo_core::motion::rotation::IDENTITY;
@@ -29,18 +29,20 @@ pub(crate) fn shapes(mesh: &Mesh, skeleton: &Skeleton) -> Picture {
         let names = ARKIT_NAMES.map(str::to_owned).to_vec();
         Assembly::new(&Face { kind: FaceKind::Arkit, names }).turn_eyes(&weights, &mut rotations);
         let posed = mesh.posed(skeleton, &rotations, [0.0; 3], &weights);
-        let camera = Camera { eye: [eyes[0] + 0.55, eyes[1] + 0.1, eyes[2] + 2.0], target: eyes, height: 0.225 };
+        let camera = Camera { eye: [eyes[0] + 0.55, eyes[1] + 0.1, eyes[2] + 2.0], target: eyes, height: 0.215 };
         picture.draw(mesh, &posed, camera, [left, top, FACE[0], FACE[1]]);
         write(&mut picture, name, [left + 4, top + FACE[1] + 3]);
     }
     picture
 }
 
-/// The middle of the face: of all that any shape moves.
+/// The middle of the face, between lids and lips.
 fn face_of(mesh: &Mesh) -> [f32; 3] {
-    let moved = mesh.morphs.iter().flat_map(|morph| &morph.vertices).map(|&i| mesh.positions[i as usize]);
+    let seen = |morph: &&Morph| morph.name.starts_with("eyeBlink") || morph.name.starts_with("mouthFrown");
+    let moved = mesh.morphs.iter().filter(seen).flat_map(|morph| &morph.vertices);
     let (mut low, mut high) = ([f32::MAX; 3], [f32::MIN; 3]);
-    for place in moved {
+    for &vertex in moved {
+        let place = mesh.positions[vertex as usize];
         low = std::array::from_fn(|i| low[i].min(place[i]));
         high = std::array::from_fn(|i| high[i].max(place[i]));
     }

@@ -24,7 +24,7 @@ use umo_core::{Config, Precision};
 
 use super::scene::{Audio, LiveInfo, Scene};
 use super::{browser, page};
-use crate::args::{Making, View};
+use crate::args::{Making, Page};
 use crate::failure::Failure;
 use crate::{animate, model};
 use http::{Answer, Request};
@@ -51,7 +51,7 @@ pub(super) struct Host {
 }
 
 /// Serves until somebody presses Ctrl-C.
-pub(super) fn run(args: &View) -> Result<(), Failure> {
+pub(super) fn run(args: &Page) -> Result<(), Failure> {
     if args.making.start_pose.is_some() {
         return Err(Failure::input("--start-pose does not go with --live"));
     }
@@ -70,7 +70,7 @@ pub(super) fn run(args: &View) -> Result<(), Failure> {
 }
 
 impl Host {
-    fn new(args: &View, listener: &TcpListener) -> Result<Self, Failure> {
+    fn new(args: &Page, listener: &TcpListener) -> Result<Self, Failure> {
         let wav = args.input.as_deref().map(|path| animate::speech(path, args.repair)).transpose()?;
         let audio = wav.as_ref().map(Audio::new).transpose()?;
         let recording = wav.map(|wav| for_session(wav.sample_rate as usize, wav.mono())).transpose()?;

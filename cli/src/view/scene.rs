@@ -4,12 +4,13 @@ use std::path::Path;
 
 use umo_core::animation::Animation;
 use umo_core::audio::resample;
+use umo_core::config::FaceKind;
 use umo_core::motion::clip::Clip;
 use umo_core::motion::pose::Pose;
 use umo_core::{Config, Part, PerPart};
 
 use crate::animate::{self, Maker};
-use crate::args::{Making, View};
+use crate::args::{Making, Page};
 use crate::avatar::{self, Mesh};
 use crate::failure::Failure;
 use crate::wav::Wav;
@@ -74,7 +75,7 @@ pub(super) struct LiveInfo {
 
 impl Scene {
     /// A recording, animated.
-    pub(super) fn of_speech(path: &Path, args: &View) -> Result<Self, Failure> {
+    pub(super) fn of_speech(path: &Path, args: &Page) -> Result<Self, Failure> {
         let wav = animate::speech(path, args.repair)?;
         check_length(path, wav.seconds())?;
         let maker = Maker::new(&args.making, model::open(args.making.model.as_deref())?)?;
@@ -95,7 +96,7 @@ impl Scene {
     }
 
     /// An animation that was made before.
-    pub(super) fn of_animation(path: &Path, args: &View) -> Result<Self, Failure> {
+    pub(super) fn of_animation(path: &Path, args: &Page) -> Result<Self, Failure> {
         let file = model::open_quietly(args.making.model.as_deref())?;
         let clip = import::read(path, &file.config().skeleton)?;
         check_length(path, clip.len() as f64 / f64::from(clip.frame_rate))?;
@@ -115,11 +116,12 @@ impl Scene {
     }
 
     fn new(path: &Path, clip: Clip) -> Result<Self, Failure> {
+        let mesh = avatar::mannequin(&clip.skeleton)?;
         Ok(Self {
             title: path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned(),
             notice: String::new(),
             about: concat!("umo ", env!("CARGO_PKG_VERSION")).to_owned(),
-            mesh: avatar::mannequin(&clip.skeleton)?,
+            mesh: if clip.face.kind == FaceKind::Arkit { mesh } else { mesh.on_the_jaw() },
             clip,
             audio: None,
             model: None,

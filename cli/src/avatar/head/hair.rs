@@ -49,7 +49,8 @@ pub(super) fn add_ear(sheet: &mut Sheet, base: &Base) {
         .with(Shape::Ellipsoid { centre: over(0.0130, 0.007, -0.004), radii: [0.0070, 0.0168, 0.0096] }, Cut(0.004))
         .with(Shape::Ellipsoid { centre: over(0.0125, -0.006, 0.001), radii: [0.0080, 0.0085, 0.0065] }, Cut(0.004));
     let range = |axis: usize, reach: f32, step: f32| planes(root[axis] - reach, root[axis] + reach, |_| step);
-    let part = nets::surface(&solid, &Grid([range(0, 0.024, 0.0034), range(1, 0.040, 0.0048), range(2, 0.030, 0.0040)]));
+    let part =
+        nets::surface(&solid, &Grid([range(0, 0.024, 0.0034), range(1, 0.040, 0.0048), range(2, 0.030, 0.0040)]));
     let first = sheet.vertices.len();
     for &place in &part.positions {
         // The ear stands off the head behind.
@@ -62,8 +63,17 @@ pub(super) fn add_ear(sheet: &mut Sheet, base: &Base) {
 
 /// Where hair ends, as an angle from the crown, by the angle from straight ahead; degrees.
 const HAIRLINE: [(f32, f32); 11] = [
-    (0.0, 50.0), (20.0, 50.5), (38.0, 55.0), (51.0, 66.0), (63.0, 86.0), (73.0, 99.0), (84.0, 98.0), (98.0, 89.0),
-    (118.0, 104.0), (145.0, 126.0), (180.0, 130.0),
+    (0.0, 50.0),
+    (20.0, 50.5),
+    (38.0, 55.0),
+    (51.0, 66.0),
+    (63.0, 86.0),
+    (73.0, 99.0),
+    (84.0, 98.0),
+    (98.0, 89.0),
+    (118.0, 104.0),
+    (145.0, 126.0),
+    (180.0, 130.0),
 ];
 const CROWN: V = [0.0, 0.020, -0.066];
 const COLUMNS: usize = 40;

@@ -29,20 +29,20 @@ pub(super) fn line(x: f32) -> f32 {
     -0.0668 + 0.0026 * t * t
 }
 
-/// 0 above the line between the lips, 1 below it, and smoothly from one to the other beyond its ends.
+/// The mouth's corners follow the jaw by this share.
+const CORNER: f32 = 0.38;
+
+/// 0 above the mouth, 1 below it; on the lips nearer to each other the nearer to a corner, beyond which they are one.
 pub(super) fn side(p: V, upper: Option<bool>) -> f32 {
     let x = p[0].abs();
-    let inner = 0.6 * WIDE;
     let rise = p[1] - line(x);
-    let above = upper.unwrap_or(rise > 0.0);
-    let out = x - inner;
-    if out <= 0.0 {
-        return if above { 0.0 } else { 1.0 };
-    }
-    // Just beyond the fixed part the lips are still two.
-    let apart = 0.007 * (1.0 - ramp(inner, WIDE, x));
-    let angle = (rise + if above { apart } else { -apart }).atan2(out).to_degrees();
-    ramp(80.0, -80.0, angle)
+    let t = (x / WIDE).min(1.0);
+    // Open lips are an oval.
+    let joined = 1.0 - (1.0 - t * t).powf(0.62);
+    // The further to the side, the further up and down the corner's motion reaches.
+    let reach = 0.011 + 0.55 * (x - 0.5 * WIDE).max(0.0);
+    let near = joined * (-(rise / reach).powi(2)).exp();
+    if upper.unwrap_or(rise > 0.0) { CORNER * near } else { 1.0 - (1.0 - CORNER) * near }
 }
 
 /// The place whose motion a vertex takes part in, and how much.

@@ -57,58 +57,82 @@ struct Vertex {
 /// A shape moves no vertex less than this, metres.
 const LEAST: f32 = 3e-5;
 
-/// Adds head and neck with their shapes to the mesh.
-pub(super) fn add_head(mesh: &mut Mesh, rest: &Rest) {
-    let size = rest.head;
-    let eyes = rest.middle("eye");
-    let local = |p: V| scale(sub(p, eyes), 1.0 / size);
-    let world = |p: V| add(eyes, scale(p, size));
-    let base = Base::new(local(rest.at("neck")));
-    let eye = eye::Eye::new(local(rest.at("left_eye")));
+/// Head and neck with their shapes.
+pub(super) struct Head {
+    sheet: Sheet,
+    /// `[vertices]`, in the head's metres, and unit length.
+    places: Vec<V>,
+    normals: Vec<V>,
+    /// In metres of a head of size 1, vertices counted from the head's first.
+    morphs: Vec<Morph>,
+}
 
-    let mut sheet = Sheet::default();
-    let eye_ring = eye::add_lids(&mut sheet, &base, &eye);
-    let mouth_ring = mouth::add_lips(&mut sheet, &base);
-    add_skin(&mut sheet, &base, &eye_ring, &mouth_ring);
-    mouth::add_nostril(&mut sheet, &base);
-    mouth::add_teeth(&mut sheet, &base);
-    mouth::add_tongue(&mut sheet, &base);
-    eye::add_eyeball(&mut sheet, &eye);
-    hair::add_brow(&mut sheet, &base);
-    hair::add_ear(&mut sheet, &base);
-    hair::add_hair(&mut sheet, &base);
-    let sheet = sheet.whole();
+impl Head {
+    pub(super) fn new(rest: &Rest) -> Self {
+        let eyes = rest.middle("eye");
+        let local = |p: V| scale(sub(p, eyes), 1.0 / rest.head);
+        let base = Base::new(local(rest.at("neck")));
+        let eye = eye::Eye::new(local(rest.at("left_eye")));
 
-    let places: Vec<V> = sheet.vertices.iter().map(|vertex| vertex.place).collect();
-    let normals = sheet.normals(&places);
-    let first = mesh.positions.len();
-    let part = Part {
-        positions: places.iter().map(|&p| world(p)).collect(),
-        normals: normals.clone(),
-        indices: sheet.triangles.as_flattened().iter().map(|&i| number(i)).collect(),
-    };
-    let colors: Vec<[u8; 3]> = sheet.vertices.iter().map(|vertex| vertex.color).collect();
-    let weights: Vec<Weights> = sheet.vertices.iter().map(follow).collect();
-    mesh.add_painted(part, &colors, &weights);
-    mesh.jaw.resize(first, 0.0);
-    mesh.jaw.extend(sheet.vertices.iter().map(|vertex| lips::jaw(vertex.kind, vertex.place)));
+        let mut sheet = Sheet::default();
+        let eye_ring = eye::add_lids(&mut sheet, &base, &eye);
+        let mouth_ring = mouth::add_lips(&mut sheet, &base);
+        add_skin(&mut sheet, &base, &eye_ring, &mouth_ring);
+        mouth::add_nostril(&mut sheet, &base);
+        mouth::add_teeth(&mut sheet, &base);
+        mouth::add_tongue(&mut sheet, &base);
+        eye::add_eyeball(&mut sheet, &eye);
+        hair::add_brow(&mut sheet, &base);
+        hair::add_ear(&mut sheet, &base);
+        hair::add_hair(&mut sheet, &base);
+        let sheet = sheet.whole();
 
-    for &name in &ARKIT_NAMES {
-        let moves: Vec<V> = sheet.vertices.iter().map(|vertex| shapes::moved(name, vertex, &eye)).collect();
-        let there: Vec<V> = places.iter().zip(&moves).map(|(&p, &by)| add(p, by)).collect();
-        let turned = sheet.normals(&there);
-        let mut morph = Morph { name, vertices: Vec::new(), positions: Vec::new(), normals: Vec::new() };
-        for (vertex, &by) in moves.iter().enumerate() {
-            let turn = sub(turned[vertex], normals[vertex]);
-            let moves = by.iter().any(|x| x.abs() > LEAST);
-            if moves || turn.iter().any(|x| x.abs() > 0.02) {
-                morph.vertices.push(number(first + vertex));
-                morph.positions.push(scale(by, size));
-                morph.normals.push(turn);
-            }
-        }
-        mesh.morphs.push(morph);
+        let places: Vec<V> = sheet.vertices.iter().map(|vertex| vertex.place).collect();
+        let facing = sheet.facing(&places);
+        let normals = sheet.normals(&facing);
+        let morphs = ARKIT_NAMES.iter().map(|&name| morph(name, &sheet, &eye, &places, &facing, &normals)).collect();
+        Self { sheet, places, normals, morphs }
     }
+
+    pub(super) fn add_to(self, mesh: &mut Mesh, rest: &Rest) {
+        let (eyes, size) = (rest.middle("eye"), rest.head);
+        let first = mesh.positions.len();
+        let vertices = &self.sheet.vertices;
+        let part = Part {
+            positions: self.places.iter().map(|&p| add(eyes, scale(p, size))).collect(),
+            normals: self.normals,
+            indices: self.sheet.triangles.as_flattened().iter().map(|&i| number(i)).collect(),
+        };
+        let colors: Vec<[u8; 3]> = vertices.iter().map(|vertex| vertex.color).collect();
+        let weights: Vec<Weights> = vertices.iter().map(follow).collect();
+        mesh.add_painted(part, &colors, &weights);
+        mesh.head = first;
+        mesh.jaw.resize(first, 0.0);
+        mesh.jaw.extend(vertices.iter().map(|vertex| lips::jaw(vertex.kind, vertex.place)));
+        mesh.morphs = self.morphs;
+        for morph in &mut mesh.morphs {
+            morph.vertices.iter_mut().for_each(|vertex| *vertex += number(first));
+            morph.positions.iter_mut().for_each(|by| *by = scale(*by, size));
+        }
+    }
+}
+
+/// A shape as the vertices that it moves or turns.
+fn morph(name: &'static str, sheet: &Sheet, eye: &eye::Eye, places: &[V], facing: &[V], normals: &[V]) -> Morph {
+    let shape = shapes::Shape::new(name);
+    let moves: Vec<V> = sheet.vertices.iter().map(|vertex| shape.moved(vertex, eye)).collect();
+    let there: Vec<V> = places.iter().zip(&moves).map(|(&p, &by)| add(p, by)).collect();
+    let turned = sheet.normals(&sheet.facing_after(facing, places, &there));
+    let mut morph = Morph { name, vertices: Vec::new(), positions: Vec::new(), normals: Vec::new() };
+    for (vertex, &by) in moves.iter().enumerate() {
+        let turn = sub(turned[vertex], normals[vertex]);
+        if by.iter().any(|x| x.abs() > LEAST) || turn.iter().any(|x| x.abs() > 0.02) {
+            morph.vertices.push(number(vertex));
+            morph.positions.push(by);
+            morph.normals.push(turn);
+        }
+    }
+    morph
 }
 
 fn number(at: usize) -> u32 {

@@ -1,10 +1,10 @@
 //! Lips, the mouth behind them, teeth and tongue.
 
+use super::Kind;
 use super::base::Base;
 use super::eye::mix_color;
 use super::lips::{Point, WIDE, line};
 use super::sheet::Sheet;
-use super::Kind;
 use crate::avatar::vector::{V, ramp};
 use std::f32::consts::{FRAC_PI_2, PI};
 
@@ -23,9 +23,8 @@ const NOSTRIL: [u8; 3] = [132, 82, 70];
 
 /// Skin with a little red on cheeks and nose.
 pub(super) fn skin_color(p: V) -> [u8; 3] {
-    let spot = |x: f32, y: f32, wide: f32, tall: f32| {
-        (-((p[0].abs() - x) / wide).powi(2) - ((p[1] - y) / tall).powi(2)).exp()
-    };
+    let spot =
+        |x: f32, y: f32, wide: f32, tall: f32| (-((p[0].abs() - x) / wide).powi(2) - ((p[1] - y) / tall).powi(2)).exp();
     let ahead = ramp(-0.03, 0.0, p[2]);
     let red = 0.42 * spot(0.044, -0.036, 0.018, 0.014) + 0.30 * spot(0.0, -0.036, 0.010, 0.010);
     mix_color(SKIN, BLUSH, red * ahead)
@@ -195,8 +194,16 @@ pub(super) fn add_teeth(sheet: &mut Sheet, base: &Base) {
 fn row_of_teeth(sheet: &mut Sheet, widths: &[f32; TEETH_IN_ROW], front: f32, [gums, edge]: [f32; 2], upper: bool) {
     let kind = if upper { Kind::UpperTeeth } else { Kind::LowerTeeth };
     // Gums, neck, middle, edge, and back up behind: share of the height, backwards, colour.
-    let profile = [(-0.35, 0.0016, GUMS), (0.0, 0.0006, GUMS), (0.08, 0.0003, TEETH), (0.5, 0.0, TEETH),
-        (0.88, 0.0002, TEETH), (1.0, 0.0012, TEETH), (0.75, 0.0032, TEETH), (0.0, 0.0046, TEETH)];
+    let profile = [
+        (-0.35, 0.0016, GUMS),
+        (0.0, 0.0006, GUMS),
+        (0.08, 0.0003, TEETH),
+        (0.5, 0.0, TEETH),
+        (0.88, 0.0002, TEETH),
+        (1.0, 0.0012, TEETH),
+        (0.75, 0.0032, TEETH),
+        (0.0, 0.0046, TEETH),
+    ];
     let mut rows: Vec<Vec<usize>> = vec![Vec::new(); profile.len()];
     let mut along = 0.0;
     for (tooth, width) in widths.iter().enumerate() {
@@ -210,11 +217,13 @@ fn row_of_teeth(sheet: &mut Sheet, widths: &[f32; TEETH_IN_ROW], front: f32, [gu
             let s = along + across * width;
             for (row, &(share, back, color)) in rows.iter_mut().zip(&profile) {
                 let outer = 1.0 - 0.10 * (tooth as f32 / TEETH_IN_ROW as f32);
-                let height = gums + (edge - gums) * share * if share > 0.6 { outer * (1.0 - 0.07 * hollow) } else { 1.0 };
+                let height =
+                    gums + (edge - gums) * share * if share > 0.6 { outer * (1.0 - 0.07 * hollow) } else { 1.0 };
                 let turn = s / 0.0225;
                 let radius = 0.0225 - back - 0.0011 * hollow * if share > 0.0 { 1.0 } else { 0.3 };
                 // A parabola-like arch: deeper than wide.
-                let place = [radius * turn.sin(), line(0.0) + height, front - 0.0225 * 1.25 + radius * 1.25 * turn.cos()];
+                let place =
+                    [radius * turn.sin(), line(0.0) + height, front - 0.0225 * 1.25 + radius * 1.25 * turn.cos()];
                 let shaded = mix_color(color, GUMS, 0.35 * hollow * ramp(0.9, 0.2, share.abs()));
                 row.push(sheet.add(place, kind, shaded));
             }

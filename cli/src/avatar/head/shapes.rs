@@ -36,18 +36,17 @@ const MOUTH: f32 = -0.066;
 /// The pushes of a shape, by its name without `Left` or `Right`.
 #[rustfmt::skip]
 fn pushes(stem: &str) -> Vec<Push> {
-    let corner = [WIDE, MOUTH + 0.001, 0.012];
     match stem {
         "eyeSquint" => vec![
             push(All, [0.034, -0.024, 0.01], [0.022, 0.013, 0.03], [0.0, 0.0042, 0.0012]),
         ],
         "eyeWide" => vec![push(All, [0.032, 0.026, 0.02], [0.024, 0.012, 0.03], [0.0, 0.0022, 0.0])],
         "mouthSmile" => vec![
-            push(All, corner, [0.019, 0.017, 0.03], [0.0078, 0.0086, -0.0046]),
+            push(All, [WIDE + 0.009, MOUTH + 0.002, 0.008], [0.0175, 0.020, 0.035], [0.0098, 0.0118, -0.0058]),
             push(All, [0.040, -0.036, 0.005], [0.020, 0.018, 0.03], [0.0016, 0.0044, 0.0030]),
         ],
         "mouthFrown" => vec![
-            push(All, corner, [0.015, 0.014, 0.03], [0.0006, -0.0085, -0.0006]),
+            push(All, [WIDE + 0.005, MOUTH, 0.010], [0.0155, 0.016, 0.03], [0.0006, -0.0100, -0.0006]),
             push(Below, [0.014, MOUTH - 0.012, 0.02], [0.014, 0.010, 0.03], [0.0, 0.0016, 0.0010]),
         ],
         "mouthDimple" => vec![
@@ -107,60 +106,71 @@ fn pushes(stem: &str) -> Vec<Push> {
     }
 }
 
-/// How `name` at 1 moves a vertex, metres.
-pub(super) fn moved(name: &str, vertex: &Vertex, eye: &Eye) -> V {
-    for (suffix, side) in [("Left", 1.0), ("Right", -1.0)] {
-        if let Some(stem) = name.strip_suffix(suffix) {
-            return match stem {
-                "jaw" => slid(vertex, [0.0085 * side, 0.0, 0.0], [0.0; 3]),
-                "mouth" => aside(vertex, side),
-                _ => halved(stem, vertex, side, eye),
-            };
+/// One channel's shape.
+pub(super) struct Shape {
+    /// The name without `Left` or `Right`.
+    stem: &'static str,
+    /// 1 for the left, -1 for the right, 0 for both.
+    side: f32,
+    pushes: Vec<Push>,
+    lids: Motion,
+}
+
+impl Shape {
+    pub(super) fn new(name: &'static str) -> Self {
+        let sides = [("Left", 1.0), ("Right", -1.0)];
+        let half = sides.iter().find_map(|&(suffix, side)| Some((name.strip_suffix(suffix)?, side)));
+        let (stem, side) = half.unwrap_or((name, 0.0));
+        Self { stem, side, pushes: pushes(stem), lids: lid_motion(stem) }
+    }
+
+    /// How the shape at 1 moves a vertex, metres.
+    pub(super) fn moved(&self, vertex: &Vertex, eye: &Eye) -> V {
+        let Vertex { place, kind, .. } = *vertex;
+        match (self.stem, self.side == 0.0) {
+            ("jawOpen", _) => scale(opened(place), jaw(kind, place)),
+            ("jawForward", _) => scale([0.0, -0.0010, 0.0095], jaw(kind, place)),
+            ("jaw", _) => scale([0.0085 * self.side, 0.0, 0.0], jaw(kind, place)),
+            ("mouth", _) => aside(vertex, self.side),
+            ("mouthClose", _) => closed(kind, place),
+            ("mouthFunnel", _) => gathered(vertex, [0.34, 0.0100, 0.0066], 0.0044),
+            ("mouthPucker", _) => gathered(vertex, [0.46, 0.0130, 0.0002], 0.0026),
+            ("tongueOut", _) => tongue(vertex),
+            (_, false) => self.halved(vertex, eye),
+            (_, true) => self.whole(vertex),
         }
     }
-    let Vertex { place, kind, .. } = *vertex;
-    match name {
-        "jawOpen" => scale(opened(place), jaw(kind, place)),
-        "jawForward" => slid(vertex, [0.0, -0.0010, 0.0095], [0.0; 3]),
-        "mouthClose" => closed(kind, place),
-        "mouthFunnel" => gathered(vertex, [0.30, 0.0100, 0.0066], 0.0044),
-        "mouthPucker" => gathered(vertex, [0.46, 0.0095, 0.0016], 0.0010),
-        "tongueOut" => tongue(vertex),
-        // Both halves at once, from one push on each side or in the middle.
-        _ => {
-            let middle = sum(name, vertex, place);
-            let [left, right] = [1.0, -1.0].map(|side| mirror(sum(name, vertex, mirror(place, side)), side));
-            if pushes(name).iter().any(|push| push.at[0] > 0.0) {
-                let centred: Vec<Push> = pushes(name).into_iter().filter(|push| push.at[0] == 0.0).collect();
-                sub(add(left, right), total(&centred, vertex, place))
-            } else {
-                middle
-            }
+
+    /// Pushes on both sides at once; those in the middle count once.
+    fn whole(&self, vertex: &Vertex) -> V {
+        if !yields(vertex.kind) {
+            return [0.0; 3];
         }
+        self.pushes.iter().fold([0.0; 3], |moved, push| {
+            let own = push.on(vertex, 1.0);
+            let other = if push.at[0] > 0.0 { push.on(vertex, -1.0) } else { [0.0; 3] };
+            add(moved, add(own, other))
+        })
+    }
+
+    /// Of one side: lids by turning, the rest by pushes; nothing on the other side.
+    fn halved(&self, vertex: &Vertex, eye: &Eye) -> V {
+        let out = vertex.place[0] * self.side;
+        if out <= 0.0 || !yields(vertex.kind) {
+            return [0.0; 3];
+        }
+        let pushed = self.pushes.iter().fold([0.0; 3], |moved, push| add(moved, push.on(vertex, self.side)));
+        let pushed = scale(pushed, ramp(0.0, 0.010, out));
+        let Kind::Lid(point) = vertex.kind else { return pushed };
+        let turned = sub(eye.lid_place(&point, point.turned(self.lids)), eye.lid_place(&point, point.rest));
+        // A lid on the eyeball does not take part in the skin's pushes.
+        add(scale(pushed, point.share), [turned[0] * self.side, turned[1], turned[2]])
     }
 }
 
-fn mirror(p: V, side: f32) -> V {
-    [p[0] * side, p[1], p[2]]
-}
-
-/// A shape of one side: lids by turning, the rest by pushes; nothing on the other side.
-fn halved(stem: &str, vertex: &Vertex, side: f32, eye: &Eye) -> V {
-    let own = mirror(vertex.place, side);
-    if own[0] <= 0.0 {
-        return [0.0; 3];
-    }
-    let by = scale(sum(stem, vertex, own), ramp(0.0, 0.010, own[0]));
-    let lid = match vertex.kind {
-        Kind::Lid(point) => {
-            let place = eye.lid_place(&point, point.turned(lid_motion(stem)));
-            sub(place, eye.lid_place(&point, point.rest))
-        }
-        _ => [0.0; 3],
-    };
-    // A lid on the eyeball does not take part in the skin's pushes.
-    let loose = if let Kind::Lid(point) = vertex.kind { point.share } else { 1.0 };
-    mirror(add(scale(by, loose), lid), side)
+/// Whether skin's pushes reach it.
+fn yields(kind: Kind) -> bool {
+    matches!(kind, Kind::Skin | Kind::Lip(_) | Kind::Brow | Kind::Lid(_))
 }
 
 fn lid_motion(stem: &str) -> Motion {
@@ -181,44 +191,31 @@ fn lid_motion(stem: &str) -> Motion {
     }
 }
 
-/// All pushes of a shape on a vertex, seen as if it were at `own` side.
-fn sum(stem: &str, vertex: &Vertex, own: V) -> V {
-    total(&pushes(stem), vertex, own)
-}
-
-fn total(pushes: &[Push], vertex: &Vertex, own: V) -> V {
-    let yields = match vertex.kind {
-        Kind::Skin | Kind::Lip(_) | Kind::Brow | Kind::Lid(_) => true,
-        Kind::UpperTeeth | Kind::LowerTeeth | Kind::Tongue(_) | Kind::Eyeball | Kind::Ear | Kind::Hair => false,
-    };
-    if !yields {
-        return [0.0; 3];
-    }
-    let (place, share) = anchor(vertex.kind, vertex.place);
-    let at = [if own[0] * vertex.place[0] < 0.0 { -place[0] } else { place[0] }, place[1], place[2]];
-    let low = below(vertex.kind, vertex.place);
-    pushes.iter().fold([0.0; 3], |moved, push| {
-        let part = match push.part {
+impl Push {
+    /// How the push moves a vertex; mirrored where `side` is -1.
+    fn on(&self, vertex: &Vertex, side: f32) -> V {
+        let ([x, y, z], share) = anchor(vertex.kind, vertex.place);
+        // What is behind the right half's lips is known by the left half's.
+        let x = x.abs() * if vertex.place[0] < 0.0 { -side } else { side };
+        let strength = share * self.strength([x, y, z]);
+        if strength == 0.0 {
+            return [0.0; 3];
+        }
+        let low = below(vertex.kind, vertex.place);
+        let part = match self.part {
             All => 1.0,
             Above => 1.0 - low,
             Below => low,
         };
-        add(moved, scale(push.by, part * share * push.strength(at)))
-    })
-}
+        let [x, y, z] = scale(self.by, part * strength);
+        [x * side, y, z]
+    }
 
-impl Push {
     fn strength(&self, p: V) -> f32 {
         let off: f32 = (0..3).map(|i| ((p[i] - self.at[i]) / self.wide[i]).powi(2)).sum();
         // Near to a Gaussian, and exactly nothing at the end.
         (1.0 - off / 4.0).max(0.0).powi(4)
     }
-}
-
-/// The jaw slides: what follows it moves by `by`.
-fn slid(vertex: &Vertex, by: V, lips: V) -> V {
-    let share = jaw(vertex.kind, vertex.place);
-    add(scale(by, share), lips)
 }
 
 /// Both lips go to one side.
@@ -227,6 +224,7 @@ fn aside(vertex: &Vertex, side: f32) -> V {
         Kind::Lip(_) | Kind::Skin => anchor(vertex.kind, vertex.place),
         _ => return [0.0; 3],
     };
+    let place = [place[0].abs() * if vertex.place[0] < 0.0 { -1.0 } else { 1.0 }, place[1], place[2]];
     let push = push(All, [0.006 * side, MOUTH, 0.02], [0.030, 0.019, 0.04], [0.0115 * side, 0.0008, -0.0008]);
     scale(push.by, share * push.strength(place))
 }
@@ -245,7 +243,7 @@ fn gathered(vertex: &Vertex, [narrow, forward, apart]: [f32; 3], full: f32) -> V
     let t = (place[0].abs() / WIDE).min(1.0);
     let open = (1.0 - 2.0 * low) * ((1.0 - t * t) * apart * rim + full * ramp(0.0, 0.004, away) * rim);
     let round = 1.0 - 0.35 * t * t;
-    scale([-narrow * place[0], open, forward * round], reach * share)
+    scale([-narrow * vertex.place[0], open, forward * round], reach * share)
 }
 
 /// The tongue between parted lips, out and down.

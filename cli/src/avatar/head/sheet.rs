@@ -1,7 +1,7 @@
 //! The left half of a surface in the making, and its mirror image.
 
 use super::{Kind, Vertex};
-use crate::avatar::vector::{V, add, cross, length, mirrored, scale, sub, unit};
+use crate::avatar::vector::{V, add, cross, dot, length, mirrored, scale, sub, unit};
 
 /// Vertices and triangles; those at X = 0 belong to both halves.
 #[derive(Default)]
@@ -64,23 +64,44 @@ impl Sheet {
         self
     }
 
-    /// Unit normals of the surface with its vertices at `places`: by the angles of the triangles around.
-    pub(super) fn normals(&self, places: &[V]) -> Vec<V> {
+    /// For each vertex, the sum of the normals around it with the vertices at `places`, by the triangles' angles.
+    pub(super) fn facing(&self, places: &[V]) -> Vec<V> {
         let mut sums = vec![[0.0; 3]; places.len()];
         for triangle in &self.triangles {
-            let at = triangle.map(|i| places[i]);
-            let face = cross(sub(at[1], at[0]), sub(at[2], at[0]));
-            let size = length(face);
-            if size < 1e-14 {
-                continue;
-            }
-            for k in 0..3 {
-                let (a, b) = (sub(at[(k + 1) % 3], at[k]), sub(at[(k + 2) % 3], at[k]));
-                let angle = size.atan2(a[0] * b[0] + a[1] * b[1] + a[2] * b[2]);
-                let sum = &mut sums[self.vertices[triangle[k]].smooth];
-                *sum = add(*sum, scale(face, angle / size));
+            self.face(triangle, places, 1.0, &mut sums);
+        }
+        sums
+    }
+
+    /// The same after some vertices have moved `from` one place `to` another: only what is round those is summed again.
+    pub(super) fn facing_after(&self, before: &[V], from: &[V], to: &[V]) -> Vec<V> {
+        let mut sums = before.to_vec();
+        for triangle in &self.triangles {
+            if triangle.iter().any(|&i| from[i] != to[i]) {
+                self.face(triangle, from, -1.0, &mut sums);
+                self.face(triangle, to, 1.0, &mut sums);
             }
         }
+        sums
+    }
+
+    /// Unit normals of such sums.
+    pub(super) fn normals(&self, sums: &[V]) -> Vec<V> {
         self.vertices.iter().map(|vertex| unit(sums[vertex.smooth])).collect()
+    }
+
+    fn face(&self, triangle: &[usize; 3], places: &[V], times: f32, sums: &mut [V]) {
+        let at = triangle.map(|i| places[i]);
+        let face = cross(sub(at[1], at[0]), sub(at[2], at[0]));
+        let size = length(face);
+        if size < 1e-14 {
+            return;
+        }
+        for k in 0..3 {
+            let (a, b) = (sub(at[(k + 1) % 3], at[k]), sub(at[(k + 2) % 3], at[k]));
+            let angle = size.atan2(dot(a, b));
+            let sum = &mut sums[self.vertices[triangle[k]].smooth];
+            *sum = add(*sum, scale(face, times * angle / size));
+        }
     }
 }

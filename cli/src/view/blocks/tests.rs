@@ -14,6 +14,8 @@ fn mesh() -> Mesh {
         joints: vec![[0; 4]; 3],
         weights: vec![[1.0, 0.0, 0.0, 0.0]; 3],
         indices: vec![0, 1, 2],
+        jaw: vec![0.0; 3],
+        head: 0,
         morphs: vec![
             Morph { name: "jawOpen", vertices: vec![2], positions: vec![[5.0; 3]], normals: vec![[0.0; 3]] },
             Morph { name: "tongueOut", vertices: vec![0, 2], positions: vec![[6.0; 3]; 2], normals: vec![[0.0; 3]; 2] },

@@ -85,7 +85,7 @@ export class Timeline {
 
   draw() {
     const { canvas, context } = this;
-    const width = this.element.clientWidth;
+    const width = canvas.clientWidth;
     if (width === 0) return;
     const { lanes, height } = layOut(this);
     const density = Math.min(window.devicePixelRatio || 1, 3);

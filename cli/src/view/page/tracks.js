@@ -46,7 +46,7 @@ export function trackList(element, tracks, changed) {
       else chosen.delete(track);
       changed(tracks.filter((one) => chosen.has(one)));
     });
-    label.append(box, document.createTextNode(track.name));
+    label.append(box, breakable(track.name));
     return { track, label };
   });
   for (const group of new Set(tracks.map((track) => track.group))) {
@@ -61,6 +61,13 @@ export function trackList(element, tracks, changed) {
     for (const { track, label } of rows) label.hidden = !track.name.toLowerCase().includes(word);
   });
   changed(tracks.filter((one) => chosen.has(one)));
+}
+
+/** A name that may be broken before each capital. */
+function breakable(name) {
+  const words = document.createElement("span");
+  name.split(/(?=[A-Z])/).forEach((word, i) => words.append(...(i > 0 ? [document.createElement("wbr"), word] : [word])));
+  return words;
 }
 
 /** The least range of a curve that fills its lane, so that small trembling looks small. */
