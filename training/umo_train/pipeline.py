@@ -258,7 +258,8 @@ def step_interp(s: Run) -> None:
     # Windows of all four parts: of people who speak.
     names = _names(s, "train", spoken=True)
     codes = [np.load(s.folder / "codes" / f"{name}.npy").astype(np.int64) for name in names]
-    train_interp(InterpPlan(**s.plan["interp_training"], seed=s.plan["seed"]), config, codes, s.folder)
+    books = {part: model.quantizer.embedding.weight.detach() for part, model in tokenizers(s).items()}
+    train_interp(InterpPlan(**s.plan["interp_training"], seed=s.plan["seed"]), config, codes, s.folder, books)
 
 
 def step_export(s: Run) -> None:
