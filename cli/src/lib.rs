@@ -7,16 +7,20 @@
 //! | `stage`, `inspect`, `random` | one stage alone; what a model holds; a model of random weights |
 //! | `convert`, `quantize` | a model of published weights; the same model with smaller ones |
 //! | `bench` | how fast a model is on this machine |
-//! | [`wav`], [`export`], `start_pose` | files in and out |
+//! | [`wav`], [`export`], [`import`], `start_pose` | files in and out |
+//! | `bvh`, `glb` | what files of these formats hold |
 //! | `model`, `failure`, `progress` | which model; what is said when something fails; how far the work is |
 #![deny(unsafe_code)]
 
 mod animate;
 pub mod args;
 mod bench;
+mod bvh;
 mod convert;
 pub mod export;
 mod failure;
+mod glb;
+pub mod import;
 mod inspect;
 mod model;
 mod progress;

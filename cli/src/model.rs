@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use umo_core::config::Skeleton;
 use umo_core::{Config, ModelFile, Team};
 use umo_kernels::Isa;
 
@@ -19,6 +20,11 @@ pub(crate) fn open(path: Option<&Path>) -> Result<ModelFile, Failure> {
     };
     announce(file.config());
     Ok(file)
+}
+
+/// The bones of the model in the program.
+pub(crate) fn skeleton() -> Result<Skeleton, Failure> {
+    Ok(ModelFile::from_static(DEFAULT)?.config().skeleton.clone())
 }
 
 fn announce(config: &Config) {

@@ -1,0 +1,129 @@
+//! `.glb` as `umo` writes it: the 55 joints by name, one animation, morph weights with names.
+
+use umo_core::config::Skeleton;
+use umo_core::motion::clip::Clip;
+use umo_core::motion::rotation::{IDENTITY, normalized};
+use umo_core::motion::skeleton::JOINTS;
+
+use super::MAX_FRAMES;
+use crate::glb::Glb;
+use crate::glb::accessor::floats;
+use crate::glb::document::{Animation, Document};
+
+pub(super) fn read(bytes: &[u8]) -> Result<Clip, String> {
+    let file = Glb::split(bytes)?;
+    let document = Document::parse(file.json)?;
+    let places = super::joints(document.nodes.iter().map(|node| node.name.as_deref()))?;
+    let skeleton = skeleton(&document, &places)?;
+    let tracks = Tracks::of(&document, file.bin)?;
+    let frames = tracks.times.len();
+    let root = skeleton.offsets_m[0];
+    let translation = match tracks.values(&document, places[0], "translation", "VEC3")? {
+        Some(places) => places.as_chunks().0.iter().map(|&at| less(at, root)).collect(),
+        None => vec![[0.0; 3]; frames],
+    };
+    let mut rotations = vec![[IDENTITY; JOINTS]; frames];
+    for (joint, &place) in places.iter().enumerate() {
+        let Some(values) = tracks.values(&document, place, "rotation", "VEC4")? else { continue };
+        for (frame, &q) in rotations.iter_mut().zip(values.as_chunks().0) {
+            frame[joint] = normalized(q);
+        }
+    }
+    let (names, face_values) = face(&document, &tracks)?;
+    let face = super::face(names);
+    Ok(Clip { frame_rate: tracks.rate()?, skeleton, face, rotations, translation, face_values })
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is what is wanted; the result is checked")]
+fn skeleton(document: &Document, places: &[usize; JOINTS]) -> Result<Skeleton, String> {
+    let parents = super::parents(places, &document.parents()?)?;
+    let mut offsets_m = Vec::with_capacity(JOINTS);
+    for node in places.map(|place| &document.nodes[place]) {
+        let turned = node.rotation.is_some_and(|[x, y, z, _]| [x, y, z] != [0.0; 3]);
+        if node.matrix.is_some() || turned || node.scale.is_some_and(|scale| scale != [1.0; 3]) {
+            return Err("it is no animation that umo wrote: a joint is turned or scaled at rest".to_owned());
+        }
+        offsets_m.push(node.translation.unwrap_or([0.0; 3]).map(|x| x as f32));
+    }
+    Ok(Skeleton { parents, offsets_m })
+}
+
+/// Names and values `[frames, names]` of the first shapes that have names and move.
+fn face(document: &Document, tracks: &Tracks<'_>) -> Result<(Vec<String>, Vec<f32>), String> {
+    for (place, node) in document.nodes.iter().enumerate() {
+        let Some(names) = node.mesh.and_then(|mesh| document.meshes.get(mesh)?.shape_names()) else { continue };
+        let Some(output) = tracks.output(place, "weights") else { continue };
+        let values = floats(document, tracks.bin, output, "SCALAR")?;
+        if values.len() != tracks.times.len() * names.len() {
+            return Err("its morph weights are not frames times shapes".to_owned());
+        }
+        return Ok((names, values));
+    }
+    Ok((Vec::new(), Vec::new()))
+}
+
+/// The first animation.
+struct Tracks<'a> {
+    animation: &'a Animation,
+    bin: &'a [u8],
+    /// Seconds.
+    times: Vec<f32>,
+}
+
+impl<'a> Tracks<'a> {
+    fn of(document: &'a Document, bin: &'a [u8]) -> Result<Self, String> {
+        let animation = document.animations.first().ok_or("it has no animation")?;
+        let mut samplers = animation.samplers.iter();
+        let first = samplers.next().ok_or("its animation is empty")?;
+        if samplers.any(|sampler| sampler.input != first.input) {
+            return Err("its tracks have different times".to_owned());
+        }
+        if animation.samplers.iter().any(|s| s.interpolation.as_deref().is_some_and(|kind| kind == "CUBICSPLINE")) {
+            return Err("its tracks are splines".to_owned());
+        }
+        let times = floats(document, bin, first.input, "SCALAR")?;
+        match times.len() {
+            0 => Err("it has no frames".to_owned()),
+            1..=MAX_FRAMES => Ok(Self { animation, bin, times }),
+            frames => Err(format!("{frames} frames are too many")),
+        }
+    }
+
+    /// Frames a second.
+    fn rate(&self) -> Result<f32, String> {
+        let (first, last, steps) = (self.times[0], self.times[self.times.len() - 1], self.times.len() - 1);
+        if steps == 0 {
+            return Ok(30.0);
+        }
+        let step = f64::from(last - first) / steps as f64;
+        let even = |(i, &time): (usize, &f32)| (f64::from(time - first) - i as f64 * step).abs() < 0.02 * step + 1e-4;
+        if !(step > 0.0 && self.times.iter().enumerate().all(even)) {
+            return Err("its frames are not evenly apart".to_owned());
+        }
+        let rate = 1.0 / step;
+        #[expect(clippy::cast_possible_truncation, reason = "rates are kept in f32")]
+        Ok(if (rate - rate.round()).abs() < 1e-3 { rate.round() as f32 } else { rate as f32 })
+    }
+
+    /// The accessor of a node's values.
+    fn output(&self, node: usize, path: &str) -> Option<usize> {
+        let mut channels = self.animation.channels.iter();
+        let channel = channels.find(|channel| channel.target.node == Some(node) && channel.target.path == path)?;
+        Some(self.animation.samplers.get(channel.sampler)?.output)
+    }
+
+    /// A node's values, one per frame.
+    fn values(&self, document: &Document, node: usize, path: &str, kind: &str) -> Result<Option<Vec<f32>>, String> {
+        let Some(output) = self.output(node, path) else { return Ok(None) };
+        let values = floats(document, self.bin, output, kind)?;
+        let width = if kind == "VEC3" { 3 } else { 4 };
+        match values.len() == width * self.times.len() {
+            true => Ok(Some(values)),
+            false => Err(format!("the {path} of node {node}: not one value per frame")),
+        }
+    }
+}
+
+fn less([a, b, c]: [f32; 3], [x, y, z]: [f32; 3]) -> [f32; 3] {
+    [a - x, b - y, c - z]
+}
