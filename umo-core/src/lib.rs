@@ -13,6 +13,7 @@
 //! | [`linear`], [`team`] | products at the model's precision, shared by a few threads | 2.9 |
 //! | [`floor`] | what each stage must do at least, and how long this processor takes for that | |
 //! | [`stage`] | one stage alone, for checking a model | 3.1 |
+//! | [`retarget`] | poses on other skeletons, face channels on other shapes | |
 //! | [`part`], [`error`] | the four parts; what can go wrong | 1 |
 #![deny(unsafe_code)]
 
@@ -31,6 +32,7 @@ pub mod lm;
 pub mod model;
 pub mod motion;
 pub mod part;
+pub mod retarget;
 mod ring;
 pub mod session;
 pub mod stage;
