@@ -32,6 +32,8 @@ pub enum Command {
     Quantize(Quantize),
     /// Write a model of random weights, for tests and benchmarks
     MakeRandom(MakeRandom),
+    /// Bring an animation to another character's skeleton and face
+    Retarget(Retarget),
     /// Measure a model on this machine: time to the first frame, frames per second, avatars at once
     Bench(Bench),
 }
@@ -45,6 +47,17 @@ pub struct Output {
     /// Format of all outputs: npz, bvh, glb, csv or jsonl; the extension's where not given
     #[arg(long, value_name = "FORMAT")]
     pub format: Option<String>,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "clap would print a doc comment as help")]
+    pub making: Making,
+    /// Say how long each stage took
+    #[arg(long)]
+    pub timings: bool,
+}
+
+/// How an animation is made.
+#[derive(Debug, ClapArgs)]
+pub struct Making {
     /// Model file; the one in the program where not given
     #[arg(long, value_name = "FILE")]
     pub model: Option<PathBuf>,
@@ -63,9 +76,6 @@ pub struct Output {
     /// Begin in this pose: SMPL-X motion whose last keyframes become the history
     #[arg(long, value_name = "FILE.npz")]
     pub start_pose: Option<PathBuf>,
-    /// Say how long each stage took
-    #[arg(long)]
-    pub timings: bool,
     #[command(flatten)]
     #[expect(missing_docs, reason = "clap would print a doc comment as help")]
     pub compute: Compute,
@@ -288,6 +298,32 @@ pub enum WeightsArg {
     Int8,
     /// Brain floats
     Bf16,
+}
+
+/// Bring an animation to another character.
+#[derive(Debug, ClapArgs)]
+pub struct Retarget {
+    /// Speech, .wav; or an animation that umo wrote: .npz, .glb, .bvh or .jsonl
+    #[arg(required_unless_present = "print_mapping")]
+    pub input: Option<PathBuf>,
+    /// The character: .glb or .vrm, or a skeleton, .bvh
+    #[arg(long, value_name = "FILE")]
+    pub onto: PathBuf,
+    /// File to write, of the character's format
+    #[arg(short, long, value_name = "FILE", required_unless_present = "print_mapping")]
+    pub output: Option<PathBuf>,
+    /// Which bone is what, and which shape, where the names do not tell: TOML or JSON
+    #[arg(long, value_name = "FILE")]
+    pub mapping: Option<PathBuf>,
+    /// Say which bone was taken for what, and what was not found
+    #[arg(long)]
+    pub print_mapping: bool,
+    /// Take what can be used of a damaged recording
+    #[arg(long)]
+    pub repair: bool,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "clap would print a doc comment as help")]
+    pub making: Making,
 }
 
 /// Measure a model on this machine.

@@ -40,6 +40,8 @@ pub(crate) struct Bvh {
     pub(crate) frame_time: f64,
     /// `[frames, channels]`
     pub(crate) motion: Vec<f64>,
+    /// Bytes of the text before its motion.
+    pub(crate) hierarchy: usize,
 }
 
 impl Bvh {
@@ -52,6 +54,7 @@ impl Bvh {
         words.expect("HIERARCHY")?;
         words.expect("ROOT")?;
         let joints = hierarchy(&mut words)?;
+        let rest = words.0.peek().map_or(text.len(), |word| word.as_ptr() as usize - text.as_ptr() as usize);
         words.expect("MOTION")?;
         words.expect("Frames:")?;
         let frames: usize = words.number("the number of frames")?;
@@ -65,7 +68,7 @@ impl Bvh {
         while words.0.peek().is_some() {
             motion.push(words.finite("a channel")?);
         }
-        let bvh = Self { joints, frame_time, motion };
+        let bvh = Self { joints, frame_time, motion, hierarchy: rest };
         let wanted = bvh.channels().checked_mul(frames);
         if wanted != Some(bvh.motion.len()) {
             let (got, each) = (bvh.motion.len(), bvh.channels());
@@ -213,6 +216,7 @@ mod tests {
         let knee = &bvh.joints[1];
         assert_eq!((knee.parent, knee.offset, knee.end), (Some(0), [0.0, -10.0, 0.0], Some([0.0, 0.0, 5.0])));
         assert_eq!(bvh.motion[7..9], [-1.0, -2.0]);
+        assert!(TWO[bvh.hierarchy..].starts_with("MOTION"));
     }
 
     #[test]

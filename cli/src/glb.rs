@@ -4,7 +4,7 @@
 //!
 //! | module | part |
 //! | --- | --- |
-//! | `document` | the JSON: nodes, meshes, accessors, animations |
+//! | `document` | the JSON: nodes, meshes, skins, accessors, animations |
 //! | `accessor` | numbers out of the buffer |
 
 pub(crate) mod accessor;
@@ -20,6 +20,8 @@ pub(crate) struct Glb<'a> {
     pub(crate) json: &'a str,
     /// Empty where there is no such chunk.
     pub(crate) bin: &'a [u8],
+    /// Chunks after that, which nothing here understands.
+    pub(crate) more: &'a [u8],
 }
 
 impl<'a> Glb<'a> {
@@ -43,14 +45,13 @@ impl<'a> Glb<'a> {
             return Err("its first chunk is not JSON".to_owned());
         }
         let json = std::str::from_utf8(json).map_err(|_| "its JSON is not UTF-8")?;
-        let bin = match rest.is_empty() {
-            true => &[],
-            false => match chunk(rest)? {
-                (kind, bin, _) if kind == BIN => bin,
-                _ => &[],
-            },
+        let (bin, more) = match chunk(rest) {
+            Ok((kind, bin, more)) if kind == BIN => (bin, more),
+            _ if rest.is_empty() => (rest, rest),
+            Ok(_) => (&[][..], rest),
+            Err(problem) => return Err(problem),
         };
-        Ok(Self { json, bin })
+        Ok(Self { json, bin, more })
     }
 }
 

@@ -6,6 +6,7 @@
 //! | `animate`, `text` | speech, or a text, to an animation |
 //! | `stage`, `inspect`, `random` | one stage alone; what a model holds; a model of random weights |
 //! | `convert`, `quantize` | a model of published weights; the same model with smaller ones |
+//! | `retarget` | an animation to another character |
 //! | `bench` | how fast a model is on this machine |
 //! | [`wav`], [`export`], [`import`], `start_pose` | files in and out |
 //! | `bvh`, `glb` | what files of these formats hold |
@@ -26,6 +27,7 @@ mod model;
 mod progress;
 mod quantize;
 mod random;
+mod retarget;
 #[cfg(test)]
 mod sample;
 mod stage;
@@ -70,6 +72,7 @@ fn run(command: Command) -> Result<(), Failure> {
         Command::Convert(args) => convert::run(&args),
         Command::Quantize(args) => quantize::run(&args),
         Command::MakeRandom(args) => random::run(&args),
+        Command::Retarget(args) => retarget::run(&args),
         Command::Bench(args) => bench::run(&args),
     }
 }

@@ -9,6 +9,8 @@ mod animate;
 mod bench;
 #[path = "cli/refusals.rs"]
 mod refusals;
+#[path = "cli/retarget.rs"]
+mod retarget;
 #[path = "cli/stage.rs"]
 mod stage;
 

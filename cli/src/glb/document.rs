@@ -9,6 +9,7 @@ use serde_json::Value;
 pub(crate) struct Document {
     pub(crate) nodes: Vec<Node>,
     pub(crate) meshes: Vec<Mesh>,
+    pub(crate) skins: Vec<Skin>,
     pub(crate) accessors: Vec<Accessor>,
     pub(crate) buffer_views: Vec<View>,
     pub(crate) buffers: Vec<Buffer>,
@@ -95,6 +96,12 @@ pub(crate) struct Primitive {
     pub(crate) extras: Value,
 }
 
+/// The nodes that a mesh follows.
+#[derive(Clone, Debug, Deserialize)]
+pub(crate) struct Skin {
+    pub(crate) joints: Vec<usize>,
+}
+
 /// A list of numbers.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(rename_all = "camelCase")]
@@ -133,6 +140,7 @@ pub(crate) struct Buffer {
 /// Values of nodes over time.
 #[derive(Clone, Debug, Deserialize)]
 pub(crate) struct Animation {
+    pub(crate) name: Option<String>,
     pub(crate) channels: Vec<Channel>,
     pub(crate) samplers: Vec<Sampler>,
 }
