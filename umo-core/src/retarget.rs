@@ -122,6 +122,10 @@ impl Retarget {
     /// left cannot be told; a source that is no skeleton.
     pub fn new(source: &Skeleton, rig: &Rig, mapping: &Mapping, floor: Floor) -> Result<Self, RetargetError> {
         mapping.check(rig)?;
+        let mapped = (0..JOINTS).filter_map(|joint| mapping.bone(joint));
+        mapped
+            .chain(mapping.spine().iter().chain(mapping.neck()).copied())
+            .try_for_each(|bone| rig.check_scale(bone))?;
         let (parents, offsets) = source_of(source)?;
         let rest = rest(&parents, &offsets);
         let hips = mapping.bone(0).ok_or(RetargetError::Flat)?;
@@ -131,15 +135,14 @@ impl Retarget {
         let mut drive = |bone: usize, joints: [usize; 2], share: f32| {
             let turn = product(turns[joints[1]], rig.rotation(bone));
             driven[bone] = Some(Driven { joints, share, rest: product(inverse(axes), turn) });
-            rig.check_scale(bone)
         };
         for joint in 0..JOINTS {
-            mapping.bone(joint).map_or(Ok(()), |bone| drive(bone, [joint; 2], 1.0))?;
+            mapping.bone(joint).map_or((), |bone| drive(bone, [joint; 2], 1.0));
         }
         for (chain, joints) in [(mapping.spine(), &[0, 3, 6, 9][..]), (mapping.neck(), &[9, 12])] {
             for (k, &bone) in chain.iter().enumerate() {
                 let (pair, share) = spread(k + 1, chain.len(), joints);
-                drive(bone, pair, share)?;
+                drive(bone, pair, share);
             }
         }
         let ground = Ground::new(rig, mapping, &rest, axes, floor)?;

@@ -189,6 +189,28 @@ fn all_else_in_the_file_stays_as_it_was() {
     }
 }
 
+/// Where the Khronos validator is installed, as `scripts/validate-glb` does it, it looks at what comes out.
+#[test]
+fn the_validator_finds_nothing_wrong() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    if !root.join("target/gltf-validator/node_modules").is_dir() {
+        println!("SKIPPED: scripts/validate-glb was never run");
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let clip = sample::clip(FaceKind::Arkit, 4, 1);
+    let mut command = std::process::Command::new(root.join("scripts/validate-glb"));
+    for (name, made) in [("mixamo", mixamo()), ("vrm0", vrm(0)), ("vrm1", vrm(1))] {
+        for (kind, bytes) in [("before", made.bytes()), ("after", moved(&made, &clip).bytes)] {
+            let path = folder.path().join(format!("{name}-{kind}.glb"));
+            std::fs::write(&path, bytes).unwrap();
+            command.arg(path);
+        }
+    }
+    let ended = command.output().unwrap();
+    assert!(ended.status.success(), "{}", String::from_utf8_lossy(&ended.stdout));
+}
+
 #[test]
 fn matrices_of_nodes_that_move_become_what_animations_need() {
     let clip = sample::clip(FaceKind::Arkit, 2, 1);
