@@ -137,7 +137,9 @@ impl Retarget {
             driven[bone] = Some(Driven { joints, share, rest: product(inverse(axes), turn) });
         };
         for joint in 0..JOINTS {
-            mapping.bone(joint).map_or((), |bone| drive(bone, [joint; 2], 1.0));
+            if let Some(bone) = mapping.bone(joint) {
+                drive(bone, [joint; 2], 1.0);
+            }
         }
         for (chain, joints) in [(mapping.spine(), &[0, 3, 6, 9][..]), (mapping.neck(), &[9, 12])] {
             for (k, &bone) in chain.iter().enumerate() {

@@ -113,7 +113,11 @@ impl Faces {
 
     /// A jaw or an eye that shapes turn is not turned again by its bone.
     pub(super) fn release_bones(&self, face: &Face, mapping: &Mapping, retarget: &mut Retarget) {
-        let mut release = |joint: usize| mapping.bone(joint).map_or((), |bone| retarget.release(bone));
+        let mut release = |joint: usize| {
+            if let Some(bone) = mapping.bone(joint) {
+                retarget.release(bone);
+            }
+        };
         let maps = || self.meshes.iter().map(|mesh| &mesh.map).chain(self.expressions.iter().map(|(_, map)| map));
         if maps().any(|map| map.opens_mouth(face)) {
             release(JAW);
