@@ -72,7 +72,12 @@ fn cloth_and_hands_are_closed_and_face_outwards() {
         }
         let open = edges.iter().filter(|(_, both)| **both != 0).map(|(edge, _)| mesh.positions[edge[0] as usize]);
         let open: Vec<V> = open.collect();
-        assert!(open.is_empty(), "{} edges are not walked both ways, near {:?}", open.len(), &open[..open.len().min(5)]);
+        assert!(
+            open.is_empty(),
+            "{} edges are not walked both ways, near {:?}",
+            open.len(),
+            &open[..open.len().min(5)]
+        );
         assert!(against * 200 < triangles.len(), "{against} triangles face inwards");
     }
 }
