@@ -1,5 +1,6 @@
 //! `umo animate` and what it shares with `umo text`: an animation run to its end into a clip.
 
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 use umo_core::animation::Animation;
@@ -11,34 +12,21 @@ use umo_core::motion::clip::Clip;
 use umo_core::weights::Loader;
 use umo_core::{Compute, Config, ModelFile, Precision, StepError, Team};
 
-use crate::args::{Animate, Output};
+use crate::args::{Animate, Making, Output};
 use crate::export::{self, Format};
 use crate::failure::Failure;
-use crate::{model, progress, start_pose, wav};
+use crate::wav::{self, Wav};
+use crate::{model, progress, start_pose};
 
 /// Animates a recording.
 pub(crate) fn run(args: &Animate) -> Result<(), Failure> {
-    let wav = wav::read(&args.speech).map_err(Failure::input)?;
-    for note in &wav.notes {
-        let damage = format!("{}: {note}", args.speech.display());
-        if !args.repair {
-            return Err(Failure::Input(format!("{damage} (--repair takes what can be used)")));
-        }
-        eprintln!("warning: {damage}");
-    }
+    let wav = speech(&args.speech, args.repair)?;
     let job = Job::new(&args.output)?;
-    let config = job.model.config();
-    let frames = wav.frames() * config.frame_rate / wav.sample_rate as usize;
-    if frames == 0 {
-        let problem =
-            format!("{}: {:.1} ms of audio is less than one frame", args.speech.display(), 1e3 * wav.seconds());
-        return Err(Failure::Input(problem));
-    }
-    let samples = resample::to_rate(&wav.mono(), wav.sample_rate as usize, config.audio.sample_rate)?;
-    let mut animation = job.animation("audio_to_motion", args.prompt.as_deref())?;
+    let maker = &job.maker;
+    let (samples, frames) = maker.hear(&args.speech, &wav)?;
+    let mut animation = maker.animation("audio_to_motion", args.prompt.as_deref())?;
     if args.whole_file_units {
-        let cx = Compute { isa: job.model.isa(), team: &job.team };
-        let (units, silence) = job.model.tokenizer().whole_file(cx, &samples)?;
+        let (units, silence) = maker.model.tokenizer().whole_file(maker.compute(), &samples)?;
         animation.avatar_mut().use_whole_file_units(units, silence);
     }
     animation.push_audio(&samples)?;
@@ -53,13 +41,116 @@ pub(crate) fn run(args: &Animate) -> Result<(), Failure> {
     done
 }
 
-/// A loaded model, open outputs, and threads.
-pub(crate) struct Job<'a> {
-    args: &'a Output,
+/// A recording; damage is refused, or with `repair` warned of.
+pub(crate) fn speech(path: &Path, repair: bool) -> Result<Wav, Failure> {
+    let wav = wav::read(path).map_err(Failure::input)?;
+    for note in &wav.notes {
+        let damage = format!("{}: {note}", path.display());
+        if !repair {
+            return Err(Failure::Input(format!("{damage} (--repair takes what can be used)")));
+        }
+        eprintln!("warning: {damage}");
+    }
+    Ok(wav)
+}
+
+/// A loaded model and threads.
+pub(crate) struct Maker<'a> {
+    args: &'a Making,
     file: ModelFile,
     pub(crate) model: Model,
     load_time: Duration,
     team: Team,
+}
+
+impl<'a> Maker<'a> {
+    /// Loads the model of `file`.
+    pub(crate) fn new(args: &'a Making, file: ModelFile) -> Result<Self, Failure> {
+        let isa = model::isa(&args.compute)?;
+        let start = Instant::now();
+        Ok(Self {
+            args,
+            model: Model::load(&file, args.compute.precision(Precision::Stored), isa)?,
+            load_time: start.elapsed(),
+            file,
+            team: model::team(&args.compute)?,
+        })
+    }
+
+    /// What products are computed with.
+    pub(crate) fn compute(&self) -> Compute<'_> {
+        Compute { isa: self.model.isa(), team: &self.team }
+    }
+
+    /// A recording at the model's rate, and the frames that it lasts.
+    pub(crate) fn hear(&self, path: &Path, wav: &Wav) -> Result<(Vec<f32>, usize), Failure> {
+        let config = self.model.config();
+        let frames = wav.frames() * config.frame_rate / wav.sample_rate as usize;
+        if frames == 0 {
+            let problem = format!("{}: {:.1} ms of audio is less than one frame", path.display(), 1e3 * wav.seconds());
+            return Err(Failure::Input(problem));
+        }
+        let samples = resample::to_rate(&wav.mono(), wav.sample_rate as usize, config.audio.sample_rate)?;
+        Ok((samples, frames))
+    }
+
+    /// An avatar as the arguments want it.
+    pub(crate) fn avatar(&self) -> AvatarConfig {
+        avatar(self.args, self.model.config())
+    }
+
+    /// An animation as the arguments want it.
+    pub(crate) fn animation(&self, template: &str, text: Option<&str>) -> Result<Animation, Failure> {
+        let config = self.model.config();
+        let ids = text.map(|text| prompt(&self.model, text)).transpose()?.unwrap_or_default();
+        let template = named(config, template, text.is_some())?;
+        let mut animation = Animation::new(&self.model, &AvatarConfig { template, text: ids, ..self.avatar() })?;
+        if let Some(path) = &self.args.start_pose {
+            let precision = self.args.compute.precision(Precision::Stored);
+            let loader = Loader::new(&self.file, precision, self.model.isa());
+            let codes = start_pose::codes(self.compute(), &loader, path)?;
+            animation.avatar_mut().set_history(start_pose::as_slices(&codes))?;
+        }
+        Ok(animation)
+    }
+
+    /// Runs an animation to its end; after each chunk `look` may look inside.
+    pub(crate) fn clip(
+        &self,
+        animation: &mut Animation,
+        frames: usize,
+        mut look: impl FnMut(&Animation),
+    ) -> Result<Clip, Failure> {
+        let mut clip = Clip::new(self.model.config());
+        let bar = progress::frames(frames);
+        while animation.step(&self.model, self.compute(), &mut |frame| clip.push(frame.pose, frame.face))? {
+            bar.set_position(clip.len() as u64);
+            look(animation);
+        }
+        bar.finish_and_clear();
+        if clip.len() != frames {
+            return Err(StepError::Order("internal: the animation ended early").into());
+        }
+        Ok(clip)
+    }
+}
+
+/// An avatar as the arguments want it, speech to motion.
+pub(crate) fn avatar(args: &Making, config: &Config) -> AvatarConfig {
+    let defaults = AvatarConfig::new(config);
+    let sampler = if args.greedy { Sampler::GREEDY } else { Sampler { seed: args.seed, ..defaults.sampler } };
+    AvatarConfig {
+        target: args.target.unwrap_or(defaults.target),
+        lookahead: args.lookahead.unwrap_or(defaults.lookahead),
+        sampler,
+        ..defaults
+    }
+}
+
+/// A model at work, and open outputs.
+pub(crate) struct Job<'a> {
+    args: &'a Output,
+    pub(crate) maker: Maker<'a>,
     outputs: Vec<export::Output>,
 }
 
@@ -69,65 +160,20 @@ impl<'a> Job<'a> {
         let format = args.format.as_deref().map(Format::parse).transpose()?;
         let formats = args.output.iter().map(|path| format.map_or_else(|| Format::from_extension(path), Ok));
         let formats = formats.collect::<Result<Vec<_>, _>>()?;
-        let file: ModelFile = model::open(args.model.as_deref())?;
+        let file: ModelFile = model::open(args.making.model.as_deref())?;
         for format in &formats {
             format.check_face(&file.config().face)?;
         }
         let outputs = args.output.iter().zip(formats).map(|(path, format)| export::Output::create(path, format));
         let outputs = outputs.collect::<Result<_, _>>()?;
-        let isa = model::isa(&args.compute)?;
-        let start = Instant::now();
-        Ok(Self {
-            args,
-            model: Model::load(&file, args.compute.precision(Precision::Stored), isa)?,
-            load_time: start.elapsed(),
-            file,
-            team: model::team(&args.compute)?,
-            outputs,
-        })
-    }
-
-    /// An animation as the arguments want it.
-    pub(crate) fn animation(&self, template: &str, text: Option<&str>) -> Result<Animation, Failure> {
-        let config = self.model.config();
-        let ids = text.map(|text| prompt(&self.model, text)).transpose()?.unwrap_or_default();
-        let template = named(config, template, text.is_some())?;
-        let defaults = AvatarConfig::new(config);
-        let sampler =
-            if self.args.greedy { Sampler::GREEDY } else { Sampler { seed: self.args.seed, ..defaults.sampler } };
-        let mut animation = Animation::new(
-            &self.model,
-            &AvatarConfig {
-                target: self.args.target.unwrap_or(defaults.target),
-                lookahead: self.args.lookahead.unwrap_or(defaults.lookahead),
-                sampler,
-                template,
-                text: ids,
-            },
-        )?;
-        if let Some(path) = &self.args.start_pose {
-            let cx = Compute { isa: self.model.isa(), team: &self.team };
-            let precision = self.args.compute.precision(Precision::Stored);
-            let loader = Loader::new(&self.file, precision, self.model.isa());
-            let codes = start_pose::codes(cx, &loader, path)?;
-            animation.avatar_mut().set_history(start_pose::as_slices(&codes))?;
-        }
-        Ok(animation)
+        Ok(Self { args, maker: Maker::new(&args.making, file)?, outputs })
     }
 
     /// Runs the animation to its end and writes every output.
     pub(crate) fn finish(self, animation: &mut Animation, frames: usize) -> Result<(), Failure> {
-        let config = self.model.config();
-        let cx = Compute { isa: self.model.isa(), team: &self.team };
-        let mut clip = Clip::new(config);
-        let (bar, start) = (progress::frames(frames), Instant::now());
-        while animation.step(&self.model, cx, &mut |frame| clip.push(frame.pose, frame.face))? {
-            bar.set_position(clip.len() as u64);
-        }
-        bar.finish_and_clear();
-        if clip.len() != frames {
-            return Err(StepError::Order("internal: the animation ended early").into());
-        }
+        let config = self.maker.model.config();
+        let start = Instant::now();
+        let clip = self.maker.clip(animation, frames, |_| ())?;
         let (seconds, took) = (frames as f64 / config.frame_rate as f64, start.elapsed().as_secs_f64());
         for output in self.outputs {
             output.write(&clip).map_err(Failure::machine)?;
@@ -135,7 +181,7 @@ impl<'a> Job<'a> {
         let names: Vec<_> = self.args.output.iter().map(|path| path.display().to_string()).collect();
         println!("{}: {frames} frames, {seconds:.2} s, made in {took:.2} s", names.join(", "));
         if self.args.timings {
-            print_times(self.load_time, animation, config);
+            print_times(self.maker.load_time, animation, config);
         }
         Ok(())
     }

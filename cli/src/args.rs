@@ -32,8 +32,12 @@ pub enum Command {
     Quantize(Quantize),
     /// Write a model of random weights, for tests and benchmarks
     MakeRandom(MakeRandom),
+    /// Look at it: a page with the avatar, its speech, and how each frame was made
+    View(Page),
     /// Measure a model on this machine: time to the first frame, frames per second, avatars at once
     Bench(Bench),
+    /// Draw the figure as a PNG picture: frames of an animation, or each of its 52 shapes
+    Draw(Draw),
 }
 
 /// Where the animation goes, and how it is made: what `animate` and `text` share.
@@ -45,6 +49,17 @@ pub struct Output {
     /// Format of all outputs: npz, bvh, glb, csv or jsonl; the extension's where not given
     #[arg(long, value_name = "FORMAT")]
     pub format: Option<String>,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "clap would print a doc comment as help")]
+    pub making: Making,
+    /// Say how long each stage took
+    #[arg(long)]
+    pub timings: bool,
+}
+
+/// How an animation is made.
+#[derive(Debug, ClapArgs)]
+pub struct Making {
     /// Model file; the one in the program where not given
     #[arg(long, value_name = "FILE")]
     pub model: Option<PathBuf>,
@@ -63,9 +78,6 @@ pub struct Output {
     /// Begin in this pose: SMPL-X motion whose last keyframes become the history
     #[arg(long, value_name = "FILE.npz")]
     pub start_pose: Option<PathBuf>,
-    /// Say how long each stage took
-    #[arg(long)]
-    pub timings: bool,
     #[command(flatten)]
     #[expect(missing_docs, reason = "clap would print a doc comment as help")]
     pub compute: Compute,
@@ -131,6 +143,35 @@ pub struct Animate {
     #[command(flatten)]
     #[expect(missing_docs, reason = "clap would print a doc comment as help")]
     pub output: Output,
+}
+
+/// Look at it.
+#[derive(Debug, ClapArgs)]
+pub struct Page {
+    /// WAV file; or a .glb or .npz made before; with --live a WAV file, or nothing for the microphone alone
+    #[arg(required_unless_present = "live")]
+    pub input: Option<PathBuf>,
+    /// Page to write; beside the input where not given
+    #[arg(short, long, value_name = "FILE.html", conflicts_with = "live")]
+    pub output: Option<PathBuf>,
+    /// The speech of a .glb or .npz
+    #[arg(long, value_name = "FILE.wav", conflicts_with = "live")]
+    pub audio: Option<PathBuf>,
+    /// Serve the page to browsers of this machine, and stream the recording or their microphone through the engine
+    #[arg(long)]
+    pub live: bool,
+    /// Port to serve at; any that is free where not given
+    #[arg(long, value_name = "N", requires = "live")]
+    pub port: Option<u16>,
+    /// Open no browser
+    #[arg(long)]
+    pub no_open: bool,
+    /// Take what can be used of a damaged recording
+    #[arg(long)]
+    pub repair: bool,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "clap would print a doc comment as help")]
+    pub making: Making,
 }
 
 /// Animate a description.
@@ -348,6 +389,48 @@ pub enum Size {
     Small,
     /// The least that is a model, for tests
     Tiny,
+}
+
+/// Draw the figure as a PNG picture: frames of an animation, or each of its 52 shapes.
+#[derive(Debug, ClapArgs)]
+pub struct Draw {
+    /// Animation as `animate -o FILE.jsonl` writes it; the shapes, each under its name, where not given
+    pub animation: Option<PathBuf>,
+    /// Picture to write
+    #[arg(short, long, value_name = "FILE.png")]
+    pub output: PathBuf,
+    /// Time of a frame; may be given several times, the frames are drawn beside one another
+    #[arg(long, value_name = "SECONDS", requires = "animation")]
+    pub at: Vec<f32>,
+    /// What the picture shows
+    #[arg(long, value_enum, default_value_t = View::Front, requires = "animation")]
+    pub view: View,
+    /// Width of one frame, pixels
+    #[arg(long, default_value_t = 360, value_name = "PIXELS", value_parser = pixels)]
+    pub width: usize,
+    /// Height of the picture, pixels
+    #[arg(long, default_value_t = 480, value_name = "PIXELS", value_parser = pixels)]
+    pub height: usize,
+}
+
+/// What a picture shows of the figure.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum View {
+    /// The whole figure from ahead
+    Front,
+    /// The whole figure, a little from its left
+    ThreeQuarter,
+    /// The whole figure from its left
+    Side,
+    /// Head and chest
+    Bust,
+    /// The face alone
+    Face,
+}
+
+fn pixels(text: &str) -> Result<usize, String> {
+    let pixels: usize = text.parse().map_err(|cause| format!("{cause}"))?;
+    if (16..=4096).contains(&pixels) { Ok(pixels) } else { Err("expected 16 to 4096".to_owned()) }
 }
 
 /// How weights are stored.

@@ -6,19 +6,25 @@
 //! | `animate`, `text` | speech, or a text, to an animation |
 //! | `stage`, `inspect`, `random` | one stage alone; what a model holds; a model of random weights |
 //! | `convert`, `quantize` | a model of published weights; the same model with smaller ones |
+//! | `view` | the page that shows an avatar, made once or served live |
 //! | `bench` | how fast a model is on this machine |
-//! | [`wav`], [`export`], `start_pose` | files in and out |
+//! | [`wav`], [`export`], `import`, `start_pose` | files in and out |
+//! | `avatar`, `picture`, `draw` | the figure that speaks, and pictures of it |
 //! | `model`, `failure`, `progress` | which model; what is said when something fails; how far the work is |
 #![deny(unsafe_code)]
 
 mod animate;
 pub mod args;
+mod avatar;
 mod bench;
 mod convert;
+mod draw;
 pub mod export;
 mod failure;
+mod import;
 mod inspect;
 mod model;
+mod picture;
 mod progress;
 mod quantize;
 mod random;
@@ -27,6 +33,7 @@ mod sample;
 mod stage;
 mod start_pose;
 mod text;
+mod view;
 pub mod wav;
 pub mod whole;
 
@@ -66,6 +73,8 @@ fn run(command: Command) -> Result<(), Failure> {
         Command::Convert(args) => convert::run(&args),
         Command::Quantize(args) => quantize::run(&args),
         Command::MakeRandom(args) => random::run(&args),
+        Command::View(args) => view::run(&args),
         Command::Bench(args) => bench::run(&args),
+        Command::Draw(args) => draw::run(&args),
     }
 }

@@ -13,12 +13,17 @@ static DEFAULT: &[u8] = include_bytes!("../../models/umo-small/model.safetensors
 
 /// The model at `path`, or the one in the program; says on standard error what the model wants said.
 pub(crate) fn open(path: Option<&Path>) -> Result<ModelFile, Failure> {
-    let file = match path {
-        Some(path) => ModelFile::open(path).map_err(|error| Failure::input(format!("{}: {error}", path.display())))?,
-        None => ModelFile::from_static(DEFAULT)?,
-    };
+    let file = open_quietly(path)?;
     announce(file.config());
     Ok(file)
+}
+
+/// The same without a word, for whoever wants to know no more than its bones.
+pub(crate) fn open_quietly(path: Option<&Path>) -> Result<ModelFile, Failure> {
+    match path {
+        Some(path) => ModelFile::open(path).map_err(|error| Failure::input(format!("{}: {error}", path.display()))),
+        None => Ok(ModelFile::from_static(DEFAULT)?),
+    }
 }
 
 fn announce(config: &Config) {

@@ -14,8 +14,8 @@ pub(crate) fn run(args: &Text) -> Result<(), Failure> {
         return Err(Failure::input(format!("--seconds {}: expected more than 0, at most {MAX_SECONDS}", args.seconds)));
     }
     let job = Job::new(&args.output)?;
-    let frames = (args.seconds * job.model.config().frame_rate as f64).floor().max(1.0) as usize;
-    let mut animation = job.animation("text_to_motion", Some(&args.text))?;
+    let frames = (args.seconds * job.maker.model.config().frame_rate as f64).floor().max(1.0) as usize;
+    let mut animation = job.maker.animation("text_to_motion", Some(&args.text))?;
     animation.finish(frames);
     job.finish(&mut animation, frames)
 }

@@ -7,6 +7,8 @@ mod program;
 mod animate;
 #[path = "cli/bench.rs"]
 mod bench;
+#[path = "cli/draw.rs"]
+mod draw;
 #[path = "cli/refusals.rs"]
 mod refusals;
 #[path = "cli/stage.rs"]

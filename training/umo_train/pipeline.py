@@ -265,6 +265,7 @@ def step_export(s: Run) -> None:
     """`run/NAME.safetensors`, bf16; `umo quantize` makes the int8 one."""
     config = model_file_config(s)
     language = export.load_state(s.folder / f"lm_{s.plan['stages'][-1]['name']}.safetensors")
+    export.sharpen(language, config["vocab"], s.plan.get("sharpen", {}))
     interpolation = Interpolation(config)
     interpolation.load_state_dict(_trained(s.folder / "interp.pt", "model"))
     root = _network(s, "root")

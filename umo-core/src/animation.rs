@@ -9,6 +9,7 @@ use crate::error::{LoadError, StepError};
 use crate::linear::Compute;
 use crate::model::Model;
 use crate::motion::FrameRef;
+use crate::record::Chunk;
 
 /// One avatar, its audio, and room to compute its chunks.
 #[derive(Debug)]
@@ -39,6 +40,16 @@ impl Animation {
     /// The avatar, to be set up.
     pub fn avatar_mut(&mut self) -> &mut Avatar {
         &mut self.avatar
+    }
+
+    /// Keeps from now on what each chunk was made of, for [`Self::chunk`]. Nothing else changes.
+    pub fn keep_record(&mut self, config: &Config) {
+        self.batch.keep_record(config);
+    }
+
+    /// What the chunk of the last [`Self::step`] was made of; none where the step had no chunk, or nothing is kept.
+    pub fn chunk(&self) -> Option<Chunk<'_>> {
+        self.batch.chunk()
     }
 
     /// Takes samples at the model's rate, mono, and says how many were no usable number and became silence

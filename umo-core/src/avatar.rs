@@ -200,7 +200,7 @@ impl Avatar {
     #[expect(clippy::cast_possible_truncation, reason = "what a session counts fits its memory's words")]
     pub(crate) fn state(&mut self, pass: &mut StatePass, model: &Model) -> Result<u64, StateError> {
         let config = &model.config;
-        let (frames, samples) = (self.target * config.keyframe_stride, self.chunk_samples(config));
+        let samples = self.chunk_samples(config);
         let chunk = pass.number("chunks", &mut self.chunk, MOST_CHUNKS)?;
         let mut total = self.total.map(|total| total as u64);
         pass.maybe("frames in all", &mut total, MOST_FRAMES)?;
@@ -215,9 +215,7 @@ impl Avatar {
             audio.state(pass, heard)?;
         }
         self.history.state(pass)?;
-        // The last keyframe of a chunk is the last frame that is known.
-        let known = if chunk == 0 { 0 } else { (chunk as usize * frames) + 1 - config.keyframe_stride };
-        self.motion.state(pass, &model.motion, known)?;
+        self.motion.state(pass, &model.motion, self.known_frames(config))?;
         Ok(heard)
     }
 
@@ -305,6 +303,13 @@ impl Avatar {
             (None, _) if available >= self.chunk_samples(config) => Due::Chunk,
             (None, _) => Due::Audio,
         }
+    }
+
+    /// Frames whose codes the chunks so far have made known: up to the last keyframe of the last chunk.
+    #[expect(clippy::cast_possible_truncation, reason = "what a session counts fits its memory's words")]
+    pub(crate) fn known_frames(&self, config: &Config) -> usize {
+        let frames = self.chunk as usize * self.target * config.keyframe_stride;
+        if self.chunk == 0 { 0 } else { frames + 1 - config.keyframe_stride }
     }
 
     /// Writes the encoder's ids of the present window.

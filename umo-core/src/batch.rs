@@ -15,6 +15,7 @@ use umo_kernels::Mat;
 
 use crate::audio::{AudioScratch, Call};
 use crate::avatar::{Avatar, Due, StageTimes};
+use crate::config::Config;
 use crate::error::StepError;
 use crate::interp::InterpScratch;
 use crate::linear::Compute;
@@ -24,6 +25,7 @@ use crate::lm::layout::{max_encoder_tokens, window_tokens};
 use crate::lm::{Lengths, LmScratch};
 use crate::model::Model;
 use crate::motion::{FrameRef, MotionScratch};
+use crate::record::{Chunk, Codes};
 
 /// An avatar in a batch, where its audio comes from and where its frames go.
 pub trait Member {
@@ -93,6 +95,8 @@ pub struct Batch {
     members: usize,
     phase: Phase,
     times: StageTimes,
+    /// Codes of the last chunk, where somebody wants to know; for batches of one.
+    codes: Option<Codes>,
 }
 
 impl Batch {
@@ -126,7 +130,19 @@ impl Batch {
             members: 0,
             phase: Phase::Idle,
             times: StageTimes::default(),
+            codes: None,
         }
+    }
+
+    /// Keeps from now on what each chunk was made of. Allocates, once.
+    pub(crate) fn keep_record(&mut self, config: &Config) {
+        self.lm.keep_tally(config);
+        self.codes = Some(Codes::new(config));
+    }
+
+    /// What the last chunk was made of, where that is kept and there was one.
+    pub(crate) fn chunk(&self) -> Option<Chunk<'_>> {
+        self.codes.as_ref()?.chunk(self.lm.tally.as_ref()?)
     }
 
     /// Most members.
@@ -158,6 +174,10 @@ impl Batch {
             return Err(StepError::TooLong { what: "avatars in a batch", got, limit });
         }
         self.members = got;
+        if let (Some(codes), Some(tally)) = (&mut self.codes, &mut self.lm.tally) {
+            codes.clear();
+            tally.clear();
+        }
         self.due.iter_mut().zip(due).for_each(|(slot, due)| *slot = due);
         self.phase = self.listen(0);
         Ok(())
@@ -372,6 +392,9 @@ impl Batch {
         }
         if self.due[member] == Due::Chunk {
             let fresh = avatar.history.fresh(avatar.chunk == 0);
+            if let Some(codes) = &mut self.codes {
+                codes.keep(avatar.chunk, avatar.known_frames(&model.config), fresh);
+            }
             let total = avatar.total;
             let mut within = |f: FrameRef| {
                 if total.is_none_or(|total| f.index < total) {

@@ -12,6 +12,7 @@
 //! | [`motion`] | codes to poses, as a whole or as they become known; poses to codes | 2.7, 2.8 |
 //! | [`linear`], [`team`] | products at the model's precision, shared by a few threads | 2.9 |
 //! | [`floor`] | what each stage must do at least, and how long this processor takes for that | |
+//! | [`record`] | what a chunk was made of: codes, experts | |
 //! | [`stage`] | one stage alone, for checking a model | 3.1 |
 //! | [`part`], [`error`] | the four parts; what can go wrong | 1 |
 #![deny(unsafe_code)]
@@ -31,6 +32,7 @@ pub mod lm;
 pub mod model;
 pub mod motion;
 pub mod part;
+pub mod record;
 mod ring;
 pub mod session;
 pub mod stage;

@@ -8,6 +8,7 @@ pub mod experts;
 pub mod generate;
 pub mod layout;
 pub mod sampler;
+pub mod tally;
 pub mod text;
 
 use std::ops::AddAssign;
@@ -24,6 +25,7 @@ use crate::part::{Part, PerPart};
 use crate::weights::{AlignedBox, Loader, Table};
 use decoder::{CrossStorage, Decoder, Sequence};
 use encoder::Encoder;
+use tally::Tally;
 
 /// The longest sequences that a model is loaded for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -122,6 +124,10 @@ impl Lm {
     pub fn begin_encode(&self, scratch: &mut LmScratch, ids: &[u32], lengths: &[usize]) -> Result<(), StepError> {
         scratch.check_rows(ids.len())?;
         self.encoder.check(lengths)?;
+        if let Some(tally) = &mut scratch.tally {
+            tally.begin_pass();
+            tally.add_rows(ids);
+        }
         self.embed(ids, &mut scratch.hidden)
     }
 
@@ -136,7 +142,9 @@ impl Lm {
         layer: usize,
         lengths: &[usize],
     ) -> Result<(), StepError> {
-        self.encoder.layer(cx, scratch, layer, lengths)
+        self.encoder.layer(cx, scratch, layer, lengths)?;
+        scratch.count(layer);
+        Ok(())
     }
 
     /// Writes the states of an encoder pass to `hidden [rows, d_model]`.
@@ -214,6 +222,10 @@ impl Lm {
     pub fn begin_decode(&self, scratch: &mut LmScratch, sequences: &[Sequence]) -> Result<(), StepError> {
         scratch.check_rows(sequences.iter().map(|s| s.ids().len()).sum())?;
         self.decoder.check(sequences)?;
+        if let Some(tally) = &mut scratch.tally {
+            tally.begin_pass();
+            sequences.iter().for_each(|sequence| tally.add_rows(sequence.ids()));
+        }
         let mut hidden = &mut scratch.hidden[..];
         for sequence in sequences {
             let (rows, rest) = hidden.split_at_mut(sequence.ids().len() * self.d_model);
@@ -234,7 +246,9 @@ impl Lm {
         layer: usize,
         sequences: &mut [Sequence],
     ) -> Result<(), StepError> {
-        self.decoder.layer(cx, scratch, layer, sequences)
+        self.decoder.layer(cx, scratch, layer, sequences)?;
+        scratch.count(self.encoder_layers() + layer);
+        Ok(())
     }
 
     /// Ends a decoder pass: its ids now belong to the sequences.
@@ -345,6 +359,8 @@ pub struct LmScratch {
     pub(crate) quant: QuantScratch,
     /// Time spent in layers since it was made.
     pub(crate) times: LayerTimes,
+    /// Where rows are sent, where somebody wants to know.
+    pub(crate) tally: Option<Tally>,
     rows: usize,
 }
 
@@ -392,7 +408,20 @@ impl LmScratch {
             experts: experts::ExpertScratch::new(lm, rows),
             quant: QuantScratch::new(rows * lm.top_k, widest.div_ceil(lm.top_k)),
             times: LayerTimes::default(),
+            tally: None,
             rows,
+        }
+    }
+
+    /// Counts from now on which experts rows are sent to. Allocates, once.
+    pub(crate) fn keep_tally(&mut self, config: &Config) {
+        let layers = config.lm.num_layers + config.lm.num_decoder_layers;
+        self.tally = Some(Tally::new(&config.vocab, layers, config.lm.experts, self.rows));
+    }
+
+    fn count(&mut self, layer: usize) {
+        if let Some(tally) = &mut self.tally {
+            tally.count(layer, &self.experts);
         }
     }
 

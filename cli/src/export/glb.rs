@@ -1,14 +1,13 @@
-//! `.glb`: glTF 2.0 with the skeleton, a body of bones, a face with one shape per channel, and the
+//! `.glb`: glTF 2.0 with the skeleton, the figure in two meshes, body and head, one shape per face channel, and the
 //! animation of all three.
 //!
 //! | module | part |
 //! | --- | --- |
-//! | `body` | one octahedron per bone |
 //! | `builder` | the binary buffer and what refers into it |
-//! | `face` | the head's surface |
-//! | `shapes` | how each face channel moves it |
+//! | `shapes` | how each face channel moves the head |
 
-use super::{children, face_of, parent, root_position};
+use super::{children, face_of, root_position};
+use crate::avatar;
 use builder::Builder;
 use gltf_json as json;
 use json::animation::{Animation, Channel, Interpolation, Property, Sampler, Target};
@@ -19,28 +18,8 @@ use umo_core::config::FaceKind;
 use umo_core::motion::clip::Clip;
 use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS};
 
-mod body;
 mod builder;
-mod face;
 mod shapes;
-
-const HEAD: usize = 15;
-const JAW: usize = 22;
-
-/// A surface whose vertices follow joints.
-#[derive(Default)]
-struct Surface {
-    /// `[vertices]`, metres in the rest pose, as are the next three.
-    positions: Vec<[f32; 3]>,
-    /// Unit length.
-    normals: Vec<[f32; 3]>,
-    /// Up to four joints; 0 where the weight is 0.
-    joints: Vec<[u8; 4]>,
-    /// Weights of those joints; their sum is 1.
-    weights: Vec<[f32; 4]>,
-    /// Triangles, counter-clockwise from outside.
-    indices: Vec<u16>,
-}
 
 /// Writes the animation as binary glTF.
 ///
@@ -52,25 +31,23 @@ pub fn write<W: Write>(clip: &Clip, out: W) -> io::Result<()> {
     let rest = rest_positions(clip);
     let skin = add_skin(&mut builder, &joints, &rest);
 
-    let bones = builder.surface(&body::bones(clip, &rest));
-    let grey = builder.material("bones", [0.45, 0.52, 0.6]);
-    let mesh = builder.mesh("body", primitive(bones, grey), &[]);
+    let figure =
+        avatar::mannequin(&clip.skeleton).map_err(|cause| io::Error::new(io::ErrorKind::InvalidInput, cause))?;
+    let figure = match clip.face.kind {
+        // Expression coefficients leave the jaw to its joint; among ARKit's shapes is the open jaw.
+        FaceKind::SmplxExpression => figure.on_the_jaw(),
+        FaceKind::Arkit => figure,
+    };
+    let material = builder.material("figure");
+    let cloth = builder.surface(&figure, 0..figure.head);
+    let mesh = builder.mesh("body", primitive(cloth, material), &[]);
     let body = builder.skinned("body", mesh, skin);
 
-    let jaw = match clip.face.kind {
-        // Expression coefficients leave the jaw to its joint; among ARKit's shapes is the open jaw.
-        FaceKind::SmplxExpression => Some(JAW),
-        FaceKind::Arkit => None,
-    };
-    let head = face::head(rest[HEAD], jaw);
-    let skin_tone = builder.material("face", [0.8, 0.62, 0.52]);
-    let mut front = primitive(builder.surface(&head.surface), skin_tone);
+    let mut front = primitive(builder.surface(&figure, figure.head..figure.positions.len()), material);
     let names = &clip.face.names;
     if !names.is_empty() {
-        let targets = names.iter().map(|name| {
-            let moved = shapes::displacements(name, &head);
-            builder.morph_target(&moved)
-        });
+        let count = figure.positions.len() - figure.head;
+        let targets = names.iter().map(|name| builder.morph_target(&shapes::shape(name, &figure), count));
         front.targets = Some(targets.collect());
     }
     let mesh = builder.mesh("face", front, names);
@@ -112,8 +89,8 @@ fn add_skeleton(builder: &mut Builder, clip: &Clip) -> Vec<Index<Node>> {
 fn rest_positions(clip: &Clip) -> Vec<[f32; 3]> {
     let mut rest: Vec<[f32; 3]> = Vec::with_capacity(JOINTS);
     for (joint, offset) in clip.skeleton.offsets_m.iter().enumerate() {
-        let from = parent(clip, joint).map_or([0.0; 3], |parent| rest[parent]);
-        rest.push(body::add(from, *offset));
+        let from = super::parent(clip, joint).map_or([0.0; 3], |parent| rest[parent]);
+        rest.push(std::array::from_fn(|axis| from[axis] + offset[axis]));
     }
     rest
 }

@@ -1,9 +1,9 @@
 //! `.jsonl`: everything, one JSON object a line; the first describes the others.
 
 use super::face_of;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::io::{self, Write};
-use umo_core::config::FaceKind;
+use umo_core::config::{self, FaceKind, Skeleton};
 use umo_core::motion::clip::Clip;
 use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS};
 
@@ -100,4 +100,68 @@ fn header(clip: &Clip) -> Header<'_> {
 fn write_line<W: Write>(line: &impl Serialize, out: &mut W) -> io::Result<()> {
     serde_json::to_writer(&mut *out, line)?;
     out.write_all(b"\n")
+}
+
+/// What is read of a first line.
+#[derive(Deserialize)]
+struct Start {
+    format: String,
+    version: u32,
+    frame_rate: f32,
+    parents: Vec<i32>,
+    offsets: Vec<[f32; 3]>,
+    face: Names,
+}
+
+#[derive(Deserialize)]
+struct Names {
+    kind: String,
+    names: Vec<String>,
+}
+
+/// What is read of the others.
+#[derive(Deserialize)]
+struct Row {
+    translation: [f32; 3],
+    rotations: Vec<[f32; 4]>,
+    face: Vec<f32>,
+}
+
+/// Reads back what [`write`] wrote.
+///
+/// # Errors
+/// The line and what is wrong with it, or what the animation contradicts itself in.
+pub fn read(text: &str) -> Result<Clip, String> {
+    let mut lines = text.lines().enumerate();
+    let (_, first) = lines.next().ok_or("it is empty")?;
+    let start: Start = serde_json::from_str(first).map_err(|cause| format!("line 1: {cause}"))?;
+    if start.format != "umo-animation" || start.version != 1 {
+        return Err(format!("line 1: expected umo-animation of version 1, got {} of {}", start.format, start.version));
+    }
+    let kind = match start.face.kind.as_str() {
+        "arkit" => FaceKind::Arkit,
+        "smplx_expression" => FaceKind::SmplxExpression,
+        other => return Err(format!("line 1: unknown kind of face `{other}`")),
+    };
+    let mut clip = Clip {
+        frame_rate: start.frame_rate,
+        skeleton: Skeleton { parents: start.parents, offsets_m: start.offsets },
+        face: config::Face { kind, names: start.face.names },
+        rotations: Vec::new(),
+        translation: Vec::new(),
+        face_values: Vec::new(),
+    };
+    for (number, line) in lines {
+        let row: Row = serde_json::from_str(line).map_err(|cause| format!("line {}: {cause}", number + 1))?;
+        let rotations = row.rotations.try_into();
+        let rotations = rotations.map_err(|_| format!("line {}: expected {JOINTS} rotations", number + 1))?;
+        if row.face.len() != clip.face.names.len() {
+            return Err(format!("line {}: expected {} face values", number + 1, clip.face.names.len()));
+        }
+        clip.rotations.push(rotations);
+        clip.translation.push(row.translation);
+        clip.face_values.extend(row.face);
+    }
+    super::check(&clip)?;
+    Ok(clip)
 }

@@ -166,7 +166,7 @@ impl From<FaceError> for io::Error {
 }
 
 /// Refuses an animation that no format could hold: the writers index and divide without asking again.
-fn check(clip: &Clip) -> Result<(), &'static str> {
+pub(crate) fn check(clip: &Clip) -> Result<(), &'static str> {
     let frames = clip.rotations.len();
     let tree = &clip.skeleton;
     let rules = [

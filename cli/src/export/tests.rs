@@ -129,7 +129,9 @@ fn a_writer_passes_on_a_failure_at_any_byte() {
                 continue;
             }
             let size = written(format, &clip, usize::MAX).unwrap();
-            for room in (0..size).step_by(size / 50).chain([size - 1]) {
+            // A glb's figure takes its time.
+            let places = if format == Format::Glb { 5 } else { 50 };
+            for room in (0..size).step_by(size / places).chain([size - 1]) {
                 let cause = written(format, &clip, room).unwrap_err();
                 assert_eq!(cause.kind(), io::ErrorKind::StorageFull, "{format:?} at {room}");
             }

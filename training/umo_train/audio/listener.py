@@ -1,8 +1,8 @@
 """A small network on log-mel features that hears what a face shows of speech: what k-means is run on in its place.
 
-Clusters of mel features are clusters of voices: of the mouth's opening they leave a correlation of 0.70 in voices that were
-not trained on, the features themselves 0.86. What this network gives is the opening and the shape of the lips, whether they
-are closed, and accents, at distances that say how much each matters; clusters of that leave 0.89.
+Clusters of mel features are clusters of voices: of the mouth's opening they leave a correlation of 0.70 in voices
+that were not trained on, the features themselves 0.86. What this network gives is the opening and the shape of the
+lips, whether they are closed, and accents, at distances that say how much each matters; clusters of that leave 0.89.
 """
 
 from collections.abc import Sequence
@@ -54,7 +54,8 @@ class Listener(torch.nn.Module):
         return {f"audio.mel.network.{name.removeprefix('layers.')}": t for name, t in self.state_dict().items()}
 
     def load(self, tensors: dict[str, Tensor]) -> None:
-        self.load_state_dict({name: tensors[f"audio.mel.network.{name.removeprefix('layers.')}"] for name in self.state_dict()})
+        prefix = "audio.mel.network."
+        self.load_state_dict({name: tensors[prefix + name.removeprefix("layers.")] for name in self.state_dict()})
 
 
 @dataclass(frozen=True)
@@ -84,10 +85,10 @@ class Shapes:
     def wanted(self, face: np.ndarray, phones: Sequence[Phone], count: int, delay: int) -> np.ndarray:
         """What token `i` of `count` is to say of the moment `delay` tokens before it `[count, WIDTH]`."""
         times = np.maximum(np.arange(count) - delay, 0) / TOKEN_RATE
-        frames = times * FRAME_RATE
-        lips = face[:, JAW:][:, LIPS]
-        shapes = (np.stack([np.interp(frames, np.arange(len(face)), lips[:, i]) for i in range(len(LIPS))], 1) - self.mean) @ self.axes.T
-        opening = np.interp(frames, np.arange(len(face)), lip_opening(face))
+        frames, known = times * FRAME_RATE, np.arange(len(face))
+        lips = np.stack([np.interp(frames, known, face[:, JAW + i]) for i in LIPS], 1)
+        shapes = (lips - self.mean) @ self.axes.T
+        opening = np.interp(frames, known, lip_opening(face))
         accents = np.zeros(count)
         for phone in phones:
             inside = (times >= phone.start) & (times < phone.end)

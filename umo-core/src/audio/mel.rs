@@ -81,9 +81,8 @@ pub(super) struct Scratch {
 impl Mel {
     pub(super) fn load(loader: &Loader, sizes: &config::Mel, hop: usize) -> Result<Self, LoadError> {
         let layers = sizes.network.iter().flat_map(|network| network.layers(sizes.bands_width())).enumerate();
-        let network = layers.map(|(i, (outputs, inputs))| {
-            loader.linear_with_bias(&format!("audio.mel.network.{i}"), outputs, inputs)
-        });
+        let network = layers
+            .map(|(i, (outputs, inputs))| loader.linear_with_bias(&format!("audio.mel.network.{i}"), outputs, inputs));
         Ok(Self {
             network: network.collect::<Result<_, _>>()?,
             sizes: sizes.clone(),

@@ -57,6 +57,11 @@ impl ExpertScratch {
             hidden: AlignedBox::zeroed(slots * lm.d_ff),
         }
     }
+
+    /// The rows that the last layer sent to `expert`.
+    pub(super) fn rows_of(&self, expert: usize) -> &[u32] {
+        &self.rows[self.starts[expert] as usize..self.starts[expert + 1] as usize]
+    }
 }
 
 impl Experts {

@@ -1,13 +1,16 @@
 //! The binary buffer and the glTF objects that refer into it.
 
-use super::Surface;
+use super::shapes::Shape;
+use crate::avatar::Mesh as Figure;
+use crate::picture::linear;
 use gltf_json as json;
-use json::accessor::{ComponentType, GenericComponentType, Type};
+use json::accessor::{ComponentType, GenericComponentType, IndexComponentType, Type, sparse};
 use json::mesh::{Mesh, MorphTarget, Primitive, Semantic};
 use json::validation::{Checked::Valid, USize64};
 use json::{Accessor, Index, Node, buffer, material};
 use std::collections::BTreeMap;
 use std::io::{self, Write};
+use std::ops::Range;
 
 /// An index into one of the root's lists.
 pub(super) fn index<T>(at: usize) -> Index<T> {
@@ -33,17 +36,18 @@ struct Layout {
     kind: Type,
     count: usize,
     target: Option<buffer::Target>,
+    /// Whether whole numbers stand for 0 to 1.
+    normalized: bool,
 }
 
 impl Builder {
-    pub(super) fn material(&mut self, name: &str, [r, g, b]: [f32; 3]) -> Index<material::Material> {
+    /// Matt; the colours are the vertices'.
+    pub(super) fn material(&mut self, name: &str) -> Index<material::Material> {
         self.root.push(material::Material {
             name: Some(name.to_owned()),
-            double_sided: true,
             pbr_metallic_roughness: material::PbrMetallicRoughness {
-                base_color_factor: material::PbrBaseColorFactor([r, g, b, 1.0]),
                 metallic_factor: material::StrengthFactor(0.0),
-                roughness_factor: material::StrengthFactor(0.7),
+                roughness_factor: material::StrengthFactor(0.8),
                 ..Default::default()
             },
             ..Default::default()
@@ -74,32 +78,77 @@ impl Builder {
         self.root.scene = Some(scene);
     }
 
-    pub(super) fn surface(&mut self, surface: &Surface) -> Attributes {
+    /// The vertices of `range` and the triangles between them.
+    pub(super) fn surface(&mut self, figure: &Figure, range: Range<usize>) -> Attributes {
         let target = Some(buffer::Target::ArrayBuffer);
-        let positions = self.positions(&surface.positions);
-        let normals = self.floats(&surface.normals, Type::Vec3, target);
-        let weights = self.floats(&surface.weights, Type::Vec4, target);
-        let layout = |component, kind, count, target| Layout { component, kind, count, target: Some(target) };
-        let count = surface.joints.len();
-        let vertices = buffer::Target::ArrayBuffer;
-        let joints = layout(ComponentType::U8, Type::Vec4, count, vertices);
-        let joints = self.accessor(surface.joints.as_flattened(), joints);
-        let count = surface.indices.len();
-        let elements = buffer::Target::ElementArrayBuffer;
-        let indices = layout(ComponentType::U16, Type::Scalar, count, elements);
-        let bytes: Vec<u8> = surface.indices.iter().flat_map(|i| i.to_le_bytes()).collect();
-        let indices = self.accessor(&bytes, indices);
+        let positions = self.positions(&figure.positions[range.clone()]);
+        let normals = self.floats(&figure.normals[range.clone()], Type::Vec3, target);
+        let count = range.len();
+        let layout = |component, kind| Layout { component, kind, count, target, normalized: true };
+        let colors: Vec<[u16; 4]> = figure.colors[range.clone()].iter().map(|&color| light(color)).collect();
+        let colors = self.accessor(&little_endian(&colors), layout(ComponentType::U16, Type::Vec4));
+        let weights: Vec<[u16; 4]> = figure.weights[range.clone()].iter().map(|&weights| shares(weights)).collect();
+        let weights = self.accessor(&little_endian(&weights), layout(ComponentType::U16, Type::Vec4));
+        let joints = Layout { normalized: false, ..layout(ComponentType::U8, Type::Vec4) };
+        let joints = self.accessor(figure.joints[range.clone()].as_flattened(), joints);
+        let (triangles, _) = figure.indices.as_chunks::<3>();
+        let inside = triangles.iter().filter(|corners| range.contains(&(corners[0] as usize)));
+        let corners = inside.flatten().map(|&corner| u16::try_from(corner as usize - range.start));
+        let corners: Vec<[u16; 1]> = corners.map(|i| [i.expect("the figure has few vertices")]).collect();
+        let indices = Layout {
+            component: ComponentType::U16,
+            kind: Type::Scalar,
+            count: corners.len(),
+            target: Some(buffer::Target::ElementArrayBuffer),
+            normalized: false,
+        };
+        let indices = self.accessor(&little_endian(&corners), indices);
         let attributes = BTreeMap::from([
             (Valid(Semantic::Positions), positions),
             (Valid(Semantic::Normals), normals),
+            (Valid(Semantic::Colors(0)), colors),
             (Valid(Semantic::Joints(0)), joints),
             (Valid(Semantic::Weights(0)), weights),
         ]);
         Attributes { attributes, indices }
     }
 
-    pub(super) fn morph_target(&mut self, moved: &[[f32; 3]]) -> MorphTarget {
-        MorphTarget { positions: Some(self.positions(moved)), normals: None, tangents: None }
+    /// A shape of a surface of `count` vertices: only those that move are stored.
+    pub(super) fn morph_target(&mut self, shape: &Shape, count: usize) -> MorphTarget {
+        let vertices = shape.vertices.iter().map(|&vertex| u16::try_from(vertex).map(|vertex| [vertex]));
+        let vertices: Vec<[u16; 1]> = vertices.collect::<Result<_, _>>().expect("the head has few vertices");
+        let vertices = self.view(&little_endian(&vertices), None);
+        let mut sparse = |rows: &[[f32; 3]]| {
+            let bytes: Vec<u8> = rows.as_flattened().iter().flat_map(|x| x.to_le_bytes()).collect();
+            let values = self.view(&bytes, None);
+            self.root.push(Accessor {
+                sparse: Some(sparse::Sparse {
+                    count: USize64::from(rows.len()),
+                    indices: sparse::Indices {
+                        buffer_view: vertices,
+                        byte_offset: USize64(0),
+                        component_type: Valid(IndexComponentType(ComponentType::U16)),
+                        extensions: None,
+                        extras: None,
+                    },
+                    values: sparse::Values {
+                        buffer_view: values,
+                        byte_offset: USize64(0),
+                        extensions: None,
+                        extras: None,
+                    },
+                    extensions: None,
+                    extras: None,
+                }),
+                ..plain(ComponentType::F32, Type::Vec3, count)
+            })
+        };
+        let (positions, normals) = (sparse(&shape.positions), sparse(&shape.normals));
+        // All other vertices stay: their values are 0.
+        let still = if shape.positions.len() < count { Some([0.0; 3]) } else { None };
+        let reached: Vec<[f32; 3]> = shape.positions.iter().copied().chain(still).collect();
+        self.bound(positions, &reached);
+        MorphTarget { positions: Some(positions), normals: Some(normals), tangents: None }
     }
 
     pub(super) fn matrices(&mut self, columns: &[[f32; 4]]) -> Index<Accessor> {
@@ -147,7 +196,7 @@ impl Builder {
     ) -> Index<Accessor> {
         let values = rows.as_flattened().iter();
         let bytes: Vec<u8> = values.flat_map(|x| x.to_le_bytes()).collect();
-        let layout = Layout { component: ComponentType::F32, kind, count: rows.len(), target };
+        let layout = Layout { component: ComponentType::F32, kind, count: rows.len(), target, normalized: false };
         self.accessor(&bytes, layout)
     }
 
@@ -161,31 +210,27 @@ impl Builder {
         accessor.max = Some(fold(f32::max));
     }
 
-    /// Appends data, aligned as every component type needs, with a view and an accessor of its own.
+    /// Appends data with a view and an accessor of its own.
     fn accessor(&mut self, bytes: &[u8], layout: Layout) -> Index<Accessor> {
+        let view = self.view(bytes, layout.target);
+        self.root.push(Accessor {
+            buffer_view: Some(view),
+            normalized: layout.normalized,
+            ..plain(layout.component, layout.kind, layout.count)
+        })
+    }
+
+    /// Appends data, aligned as every component type needs.
+    fn view(&mut self, bytes: &[u8], target: Option<buffer::Target>) -> Index<buffer::View> {
         let offset = self.bin.len();
         self.bin.extend_from_slice(bytes);
         self.bin.resize(self.bin.len().next_multiple_of(4), 0);
-        let view = self.root.push(buffer::View {
+        self.root.push(buffer::View {
             buffer: Index::new(0),
             byte_length: USize64::from(bytes.len()),
             byte_offset: Some(USize64::from(offset)),
             byte_stride: None,
-            target: layout.target.map(Valid),
-            name: None,
-            extensions: None,
-            extras: None,
-        });
-        self.root.push(Accessor {
-            buffer_view: Some(view),
-            byte_offset: None,
-            count: USize64::from(layout.count),
-            component_type: Valid(GenericComponentType(layout.component)),
-            type_: Valid(layout.kind),
-            min: None,
-            max: None,
-            normalized: false,
-            sparse: None,
+            target: target.map(Valid),
             name: None,
             extensions: None,
             extras: None,
@@ -222,4 +267,44 @@ fn length(bytes: usize) -> io::Result<[u8; 4]> {
         let what = "the animation is longer than a glb file can be, 4 GiB";
         io::Error::new(io::ErrorKind::FileTooLarge, what)
     })
+}
+
+/// An accessor of no data: zeros.
+fn plain(component: ComponentType, kind: Type, count: usize) -> Accessor {
+    Accessor {
+        buffer_view: None,
+        byte_offset: None,
+        count: USize64::from(count),
+        component_type: Valid(GenericComponentType(component)),
+        type_: Valid(kind),
+        min: None,
+        max: None,
+        normalized: false,
+        sparse: None,
+        name: None,
+        extensions: None,
+        extras: None,
+    }
+}
+
+fn little_endian<const N: usize>(rows: &[[u16; N]]) -> Vec<u8> {
+    rows.as_flattened().iter().flat_map(|x| x.to_le_bytes()).collect()
+}
+
+/// sRGB to what glTF has in vertices: linear light, 65,535 for 1.
+fn light([r, g, b, a]: [u8; 4]) -> [u16; 4] {
+    [whole(linear(r)), whole(linear(g)), whole(linear(b)), u16::from(a) * 257]
+}
+
+/// Weights as whole numbers whose sum is 65,535 exactly.
+fn shares(weights: [f32; 4]) -> [u16; 4] {
+    let mut shares = weights.map(whole);
+    // The first is the largest and takes what rounding leaves.
+    shares[0] = u16::MAX - shares[1] - shares[2] - shares[3];
+    shares
+}
+
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to 0..=65,535")]
+fn whole(share: f32) -> u16 {
+    (share.clamp(0.0, 1.0) * f32::from(u16::MAX)).round() as u16
 }

@@ -145,7 +145,7 @@ fn glb_names_a_shape_for_every_face_channel() {
         for (name, moved) in names.iter().zip(&targets) {
             let furthest = moved.iter().map(|&d| distance(d.map(f64::from), [0.0; 3]));
             let furthest = furthest.fold(0.0, f64::max);
-            assert!((0.003..0.03).contains(&furthest), "{name} moves {furthest} m");
+            assert!((0.001..0.06).contains(&furthest), "{name} moves {furthest} m");
         }
         if kind == FaceKind::Arkit {
             let alike = |a: usize| targets[..a].contains(&targets[a]);

@@ -47,3 +47,24 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn jsonl_is_read_back_exactly() {
+    for kind in KINDS {
+        let clip = sample::clip(kind, 3, 1);
+        let bytes = bytes_of(|clip, out| super::super::jsonl::write(clip, out), &clip);
+        let text = String::from_utf8(bytes).unwrap();
+        assert_eq!(super::super::jsonl::read(&text).unwrap(), clip);
+        for (broken, expected) in [
+            (text.replacen("umo-animation", "other", 1), "line 1"),
+            (text.replacen("\"version\":1", "\"version\":2", 1), "line 1"),
+            (text.replacen("\"kind\":\"", "\"kind\":\"un", 1), "unknown kind of face"),
+            (text.replacen("\"face\":[0.0", "\"face\":[0.0,0.0", 1), "face values"),
+            (text[..text.len() / 2].to_owned(), "line"),
+            (String::new(), "empty"),
+        ] {
+            let cause = super::super::jsonl::read(&broken).unwrap_err();
+            assert!(cause.contains(expected), "{cause}");
+        }
+    }
+}

@@ -1,0 +1,99 @@
+//! Where the lips are, which parts follow the jaw, and how the jaw opens.
+
+use super::Kind;
+use crate::avatar::vector::{V, ramp, scale, sub, turn_x};
+
+/// A vertex of a lip or of the mouth behind it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Point {
+    pub(super) upper: bool,
+    /// 0 where the lips touch, 1 and on outwards, -1 and on into the mouth.
+    pub(super) ring: i8,
+    /// Where the lips touch beside this vertex.
+    pub(super) contact: V,
+}
+
+/// Half the mouth's width, metres.
+pub(super) const WIDE: f32 = 0.0238;
+/// The jaw's hinge, and how far it turns at `jawOpen` = 1, radians.
+const HINGE: V = [0.0, -0.036, -0.066];
+const OPEN: f32 = 0.27;
+/// Of the way between open lips, the part that the upper one goes to close them.
+const UPPER_SHARE: f32 = 0.32;
+/// How much of the lips' motion the mouth behind them takes part in, ring by ring.
+const WITHIN: [f32; 7] = [1.0, 1.0, 0.8, 0.45, 0.1, 0.0, 0.0];
+
+/// Height of the line between the lips.
+pub(super) fn line(x: f32) -> f32 {
+    let t = (x.abs() / WIDE).min(1.2);
+    -0.0668 + 0.0026 * t * t
+}
+
+/// The mouth's corners follow the jaw by this share.
+const CORNER: f32 = 0.38;
+
+/// 0 above the mouth, 1 below it; on the lips nearer to each other the nearer to a corner, beyond which they are one.
+pub(super) fn side(p: V, upper: Option<bool>) -> f32 {
+    let x = p[0].abs();
+    let rise = p[1] - line(x);
+    let t = (x / WIDE).min(1.0);
+    // Open lips are an oval.
+    let joined = 1.0 - (1.0 - t * t).powf(0.62);
+    // The further to the side, the further up and down the corner's motion reaches.
+    let reach = 0.011 + 0.55 * (x - 0.5 * WIDE).max(0.0);
+    let near = joined * (-(rise / reach).powi(2)).exp();
+    if upper.unwrap_or(rise > 0.0) { CORNER * near } else { 1.0 - (1.0 - CORNER) * near }
+}
+
+/// The place whose motion a vertex takes part in, and how much.
+pub(super) fn anchor(kind: Kind, place: V) -> (V, f32) {
+    match kind {
+        Kind::Lip(point) if point.ring < 0 => (point.contact, WITHIN[usize::from(point.ring.unsigned_abs())]),
+        _ => (place, 1.0),
+    }
+}
+
+/// 0 for what is above the mouth, 1 for what is below it.
+pub(super) fn below(kind: Kind, place: V) -> f32 {
+    match kind {
+        Kind::Lip(point) if point.ring <= 0 => side(point.contact, Some(point.upper)),
+        Kind::Lip(point) => side(place, Some(point.upper)),
+        _ => side(place, None),
+    }
+}
+
+/// How much a vertex follows the jaw, 0..=1.
+pub(super) fn jaw(kind: Kind, place: V) -> f32 {
+    match kind {
+        Kind::LowerTeeth | Kind::Tongue(_) => 1.0,
+        Kind::Lip(_) => below(kind, place),
+        Kind::Skin => below(kind, place) * ramp(-0.062, -0.010, place[2]) * ramp(0.01, -0.03, place[1]),
+        Kind::Lid(point) => point.share * below(kind, place) * ramp(0.01, -0.03, place[1]),
+        _ => 0.0,
+    }
+}
+
+/// How the fully open jaw moves what follows it wholly.
+pub(super) fn opened(p: V) -> V {
+    sub(turn_x(p, HINGE, OPEN), p)
+}
+
+/// What brings the lips together while the jaw is open.
+pub(super) fn closed(kind: Kind, place: V) -> V {
+    let (contact, upper, near) = match kind {
+        Kind::Lip(point) => (point.contact, point.upper, anchor(kind, place).1),
+        Kind::Skin if place[2] > -0.03 => {
+            let x = place[0].clamp(-WIDE, WIDE);
+            ([x, line(x), 0.018], place[1] > line(place[0]), 1.0)
+        }
+        _ => return [0.0; 3],
+    };
+    let gap = side(contact, Some(false)) - side(contact, Some(true));
+    let away = match kind {
+        Kind::Lip(point) if point.ring <= 0 => 0.0,
+        _ => ((place[1] - line(place[0])).abs() - 0.006).max(0.0),
+    };
+    let fades = (-(away / 0.0115).powi(2)).exp();
+    let part = if upper { UPPER_SHARE } else { UPPER_SHARE - 1.0 };
+    scale(opened(contact), gap * part * near * if fades < 0.01 { 0.0 } else { fades })
+}

@@ -1,0 +1,215 @@
+//! The head: skin with eyes and mouth let in, eyeballs, brows, ears, hair, teeth and tongue, and the 52 shapes.
+//!
+//! | module | what it makes |
+//! |---|---|
+//! | `base` | the bare head as a solid, and a map of its skin |
+//! | `delaunay` | the skin's triangles between the rings round eyes and mouth |
+//! | `sheet` | half of a surface, and its mirror image |
+//! | `eye`, `mouth`, `hair` | what their names say |
+//! | `shapes`, `lids`, `lips` | where each channel moves each vertex |
+
+use super::rest::Rest;
+use super::skin::{self, Weights};
+use super::vector::{V, add, ramp, scale, sub};
+use super::{Mesh, Morph, Part};
+use base::Base;
+use sheet::Sheet;
+use umo_core::motion::skeleton::ARKIT_NAMES;
+
+mod base;
+mod delaunay;
+mod eye;
+mod hair;
+mod lids;
+mod lips;
+mod mouth;
+mod shapes;
+mod sheet;
+
+/// What a vertex belongs to, and what its shapes need to know of it.
+#[derive(Clone, Copy, Debug)]
+enum Kind {
+    Skin,
+    /// Of the left eye's lids, or their mirror image.
+    Lid(lids::Point),
+    /// Of a lip, or of the mouth behind it.
+    Lip(lips::Point),
+    UpperTeeth,
+    LowerTeeth,
+    /// From root 0 to tip 1.
+    Tongue(f32),
+    Eyeball,
+    Brow,
+    Ear,
+    Hair,
+}
+
+/// A vertex of the head, in the head's metres.
+#[derive(Clone, Copy, Debug)]
+struct Vertex {
+    place: V,
+    kind: Kind,
+    color: [u8; 3],
+    /// The vertex whose normal this one shares, itself or an earlier one.
+    smooth: usize,
+}
+
+/// A shape moves no vertex less than this, metres.
+const LEAST: f32 = 3e-5;
+
+/// Head and neck with their shapes.
+pub(super) struct Head {
+    sheet: Sheet,
+    /// `[vertices]`, in the head's metres, and unit length.
+    places: Vec<V>,
+    normals: Vec<V>,
+    /// In metres of a head of size 1, vertices counted from the head's first.
+    morphs: Vec<Morph>,
+}
+
+impl Head {
+    pub(super) fn new(rest: &Rest) -> Self {
+        let eyes = rest.middle("eye");
+        let local = |p: V| scale(sub(p, eyes), 1.0 / rest.head);
+        let base = Base::new(local(rest.at("neck")));
+        let eye = eye::Eye::new(local(rest.at("left_eye")));
+
+        let mut sheet = Sheet::default();
+        let eye_ring = eye::add_lids(&mut sheet, &base, &eye);
+        let mouth_ring = mouth::add_lips(&mut sheet, &base);
+        add_skin(&mut sheet, &base, &eye_ring, &mouth_ring);
+        mouth::add_nostril(&mut sheet, &base);
+        mouth::add_teeth(&mut sheet, &base);
+        mouth::add_tongue(&mut sheet, &base);
+        eye::add_eyeball(&mut sheet, &eye);
+        hair::add_brow(&mut sheet, &base);
+        hair::add_ear(&mut sheet, &base);
+        hair::add_hair(&mut sheet, &base);
+        let sheet = sheet.whole();
+
+        let places: Vec<V> = sheet.vertices.iter().map(|vertex| vertex.place).collect();
+        let facing = sheet.facing(&places);
+        let normals = sheet.normals(&facing);
+        let morphs = ARKIT_NAMES.iter().map(|&name| morph(name, &sheet, &eye, &places, &facing, &normals)).collect();
+        Self { sheet, places, normals, morphs }
+    }
+
+    pub(super) fn add_to(self, mesh: &mut Mesh, rest: &Rest) {
+        let (eyes, size) = (rest.middle("eye"), rest.head);
+        let first = mesh.positions.len();
+        let vertices = &self.sheet.vertices;
+        let part = Part {
+            positions: self.places.iter().map(|&p| add(eyes, scale(p, size))).collect(),
+            normals: self.normals,
+            indices: self.sheet.triangles.as_flattened().iter().map(|&i| number(i)).collect(),
+        };
+        let colors: Vec<[u8; 3]> = vertices.iter().map(|vertex| vertex.color).collect();
+        let weights: Vec<Weights> = vertices.iter().map(follow).collect();
+        mesh.add_painted(part, &colors, &weights);
+        mesh.head = first;
+        mesh.jaw.resize(first, 0.0);
+        mesh.jaw.extend(vertices.iter().map(|vertex| lips::jaw(vertex.kind, vertex.place)));
+        mesh.morphs = self.morphs;
+        for morph in &mut mesh.morphs {
+            morph.vertices.iter_mut().for_each(|vertex| *vertex += number(first));
+            morph.positions.iter_mut().for_each(|by| *by = scale(*by, size));
+        }
+    }
+}
+
+/// A shape as the vertices that it moves or turns.
+fn morph(name: &'static str, sheet: &Sheet, eye: &eye::Eye, places: &[V], facing: &[V], normals: &[V]) -> Morph {
+    let shape = shapes::Shape::new(name);
+    let moves: Vec<V> = sheet.vertices.iter().map(|vertex| shape.moved(vertex, eye)).collect();
+    let there: Vec<V> = places.iter().zip(&moves).map(|(&p, &by)| add(p, by)).collect();
+    let turned = sheet.normals(&sheet.facing_after(facing, places, &there));
+    let mut morph = Morph { name, vertices: Vec::new(), positions: Vec::new(), normals: Vec::new() };
+    for (vertex, &by) in moves.iter().enumerate() {
+        let turn = sub(turned[vertex], normals[vertex]);
+        if by.iter().any(|x| x.abs() > LEAST) || turn.iter().any(|x| x.abs() > 0.02) {
+            morph.vertices.push(number(vertex));
+            morph.positions.push(by);
+            morph.normals.push(turn);
+        }
+    }
+    morph
+}
+
+fn number(at: usize) -> u32 {
+    u32::try_from(at).expect("the figure has few vertices")
+}
+
+/// Eyeballs turn with their joints; the neck's skin goes over into the neck.
+fn follow(vertex: &Vertex) -> Weights {
+    let [x, y, z] = vertex.place;
+    match vertex.kind {
+        Kind::Eyeball => skin::only(if x > 0.0 { "left_eye" } else { "right_eye" }),
+        Kind::Skin => {
+            // The neck leans back, so that the throat is lower than the nape.
+            let neck = ramp(-0.105, -0.175, y + 0.25 * (z + 0.06));
+            skin::normalized(vec![(1.0 - neck, skin::number("head")), (neck, skin::number("neck"))])
+        }
+        _ => skin::only("head"),
+    }
+}
+
+/// Fills the skin between the rings: `eye` and `mouth` are the outermost vertices round those.
+fn add_skin(sheet: &mut Sheet, base: &Base, eye: &[usize], mouth: &[usize]) {
+    let map = |sheet: &Sheet, at: usize| base.map(sheet.vertices[at].place);
+    let holes: [Vec<[f32; 2]>; 2] = [eye, mouth].map(|ring| ring.iter().map(|&at| map(sheet, at)).collect());
+    let mut vertices: Vec<usize> = eye.iter().chain(mouth).copied().collect();
+    let mut places: Vec<[f32; 2]> = holes.concat();
+    let (end, bottom, top) = Base::BOUNDS;
+    let mut add_point = |sheet: &mut Sheet, vertices: &mut Vec<usize>, at: [f32; 2]| {
+        let least = (0.80 * Base::spacing(at)).powi(2);
+        let clear = |other: &[f32; 2]| (other[0] - at[0]).powi(2) + (other[1] - at[1]).powi(2) > least;
+        // The latest are the likeliest to be near.
+        if !places.iter().rev().all(clear) || holes.iter().any(|hole| within(hole, at)) {
+            return;
+        }
+        let mut place = base.skin(at);
+        if at[0] == 0.0 || at[0] == end {
+            place[0] = 0.0;
+        }
+        vertices.push(sheet.add(place, Kind::Skin, mouth::skin_color(place)));
+        places.push(at);
+    };
+    let columns = |from: f32, to: f32| {
+        let mut all = vec![];
+        let mut v = from;
+        while v <= to {
+            all.push(v);
+            v += 0.0014;
+        }
+        all
+    };
+    // The seams and the rims first, so that they are straight.
+    for u in [0.0, end] {
+        columns(bottom, top).into_iter().for_each(|v| add_point(sheet, &mut vertices, [u, v]));
+    }
+    for v in [bottom, top] {
+        columns(0.0, end).into_iter().for_each(|u| add_point(sheet, &mut vertices, [u, v]));
+    }
+    for v in columns(bottom, top) {
+        columns(0.0, end).into_iter().for_each(|u| add_point(sheet, &mut vertices, [u, v]));
+    }
+    let points: Vec<[f64; 2]> = places.iter().map(|at| at.map(f64::from)).collect();
+    for [a, b, c] in delaunay::triangulate(&points) {
+        let centre = std::array::from_fn(|i| (places[a][i] + places[b][i] + places[c][i]) / 3.0);
+        if !holes.iter().any(|hole| within(hole, centre)) {
+            sheet.triangles.push([vertices[a], vertices[b], vertices[c]]);
+        }
+    }
+}
+
+/// Whether a point is inside a polygon; one that touches `u` = 0 is closed along it.
+fn within(polygon: &[[f32; 2]], [u, v]: [f32; 2]) -> bool {
+    let mut inside = false;
+    for (k, a) in polygon.iter().enumerate() {
+        let b = polygon[(k + 1) % polygon.len()];
+        if (a[1] > v) != (b[1] > v) && u < a[0] + (v - a[1]) / (b[1] - a[1]) * (b[0] - a[0]) {
+            inside = !inside;
+        }
+    }
+    inside
+}

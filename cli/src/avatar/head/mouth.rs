@@ -1,0 +1,265 @@
+//! Lips, the mouth behind them, teeth and tongue.
+
+use super::Kind;
+use super::base::Base;
+use super::eye::mix_color;
+use super::lips::{Point, WIDE, line};
+use super::sheet::Sheet;
+use crate::avatar::vector::{V, ramp};
+use std::f32::consts::{FRAC_PI_2, PI};
+
+/// Steps from the middle of the lips to their corner.
+const STEPS: usize = 13;
+const SKIN: [u8; 3] = [232, 184, 156];
+const BLUSH: [u8; 3] = [222, 146, 124];
+const LIP: [u8; 3] = [206, 128, 114];
+const LIP_DARK: [u8; 3] = [158, 84, 80];
+const CAVITY: [u8; 3] = [92, 34, 38];
+const DEEP: [u8; 3] = [38, 14, 18];
+const TEETH: [u8; 3] = [246, 242, 232];
+const GUMS: [u8; 3] = [196, 104, 104];
+const TONGUE: [u8; 3] = [206, 110, 112];
+const NOSTRIL: [u8; 3] = [132, 82, 70];
+
+/// Skin with a little red on cheeks and nose.
+pub(super) fn skin_color(p: V) -> [u8; 3] {
+    let spot =
+        |x: f32, y: f32, wide: f32, tall: f32| (-((p[0].abs() - x) / wide).powi(2) - ((p[1] - y) / tall).powi(2)).exp();
+    let ahead = ramp(-0.03, 0.0, p[2]);
+    let red = 0.42 * spot(0.044, -0.036, 0.018, 0.014) + 0.30 * spot(0.0, -0.036, 0.010, 0.010);
+    mix_color(SKIN, BLUSH, red * ahead)
+}
+
+/// A ring of the lips: how far up from the line, forward from the skin and, at the corner, to the side; metres.
+struct Ring {
+    number: i8,
+    up: f32,
+    forward: f32,
+    aside: f32,
+    color: [u8; 3],
+}
+
+const fn ring(number: i8, up: f32, forward: f32, aside: f32, color: [u8; 3]) -> Ring {
+    Ring { number, up, forward, aside, color }
+}
+
+const UPPER: [Ring; 6] = [
+    ring(0, 0.0, 0.0006, 0.0, LIP_DARK),
+    ring(1, 0.0013, 0.0022, 0.0008, LIP),
+    ring(2, 0.0034, 0.0031, 0.0018, LIP),
+    ring(3, 0.0058, 0.0021, 0.0030, LIP),
+    ring(4, 0.0086, 0.0008, 0.0055, SKIN),
+    ring(5, 0.0130, 0.0, 0.0095, SKIN),
+];
+const LOWER: [Ring; 6] = [
+    ring(0, 0.0, 0.0006, 0.0, LIP_DARK),
+    ring(1, -0.0015, 0.0024, 0.0008, LIP),
+    ring(2, -0.0044, 0.0037, 0.0018, LIP),
+    ring(3, -0.0074, 0.0022, 0.0030, LIP),
+    ring(4, -0.0112, 0.0002, 0.0055, SKIN),
+    ring(5, -0.0155, 0.0, 0.0095, SKIN),
+];
+/// Behind the lips: number, up, forward, share of the width, colour.
+const WITHIN: [(i8, f32, f32, f32, [u8; 3]); 5] = [
+    (-1, 0.0012, -0.0035, 0.99, LIP_DARK),
+    (-2, 0.0045, -0.0070, 0.97, LIP_DARK),
+    (-3, 0.0110, -0.0085, 0.96, CAVITY),
+    (-4, 0.0130, -0.0280, 0.86, CAVITY),
+    (-5, 0.0080, -0.0480, 0.50, DEEP),
+];
+
+/// Half the lips and the mouth behind them; the outermost ring's vertices from the middle above to the middle below.
+pub(super) fn add_lips(sheet: &mut Sheet, base: &Base) -> Vec<usize> {
+    let mut inner: Vec<usize> = Vec::new();
+    for (number, up, forward, wide, color) in WITHIN.into_iter().rev() {
+        let row = half_ring(sheet, base, |sheet, upper, x, t, contact| {
+            let up = if upper { up } else { -1.15 * up } * (1.0 - t.powi(4));
+            let place = [x * wide, contact[1] + up, contact[2] + forward - 0.004 * t * t];
+            sheet.add(place, Kind::Lip(Point { upper, ring: number, contact }), color)
+        });
+        match inner.is_empty() {
+            true => close(sheet, &row),
+            false => sheet.strip(&inner, &row),
+        }
+        inner = row;
+    }
+    for (above, under) in UPPER.iter().zip(&LOWER) {
+        let row = half_ring(sheet, base, |sheet, upper, x, t, contact| {
+            let ring = if upper { above } else { under };
+            let place = lip_place(base, ring, upper, x, t, contact);
+            let color = if ring.number > 3 { skin_color(place) } else { lip_color(ring.color, t) };
+            sheet.add(place, Kind::Lip(Point { upper, ring: ring.number, contact }), color)
+        });
+        sheet.strip(&inner, &row);
+        if above.number == 3 {
+            // Skin begins at the red's edge, sharply.
+            inner = row.iter().map(|&at| sheet.recolored(at, skin_color(sheet.vertices[at].place))).collect();
+        } else {
+            inner = row;
+        }
+    }
+    inner
+}
+
+fn lip_color(color: [u8; 3], t: f32) -> [u8; 3] {
+    mix_color(color, LIP_DARK, 0.5 * ramp(0.8, 1.0, t))
+}
+
+/// Vertices from the middle above to the corner and to the middle below; the corner is one.
+fn half_ring(
+    sheet: &mut Sheet,
+    base: &Base,
+    mut vertex: impl FnMut(&mut Sheet, bool, f32, f32, V) -> usize,
+) -> Vec<usize> {
+    let mut row = Vec::new();
+    let above = (0..STEPS).map(|k| (k, true));
+    let below = (0..STEPS - 1).rev().map(|k| (k, false));
+    for (k, upper) in above.chain(below) {
+        let t = (FRAC_PI_2 * k as f32 / (STEPS - 1) as f32).sin();
+        let x = WIDE * t;
+        let touch = base.behind(x, line(x));
+        let contact = [x, line(x), touch[2] + 0.0006 * (1.0 - t * t)];
+        row.push(vertex(sheet, upper, x, t, contact));
+    }
+    row
+}
+
+fn lip_place(base: &Base, ring: &Ring, upper: bool, x: f32, t: f32, contact: V) -> V {
+    if ring.number == 0 {
+        return contact;
+    }
+    let full = (1.0 - t * t).max(0.0).powf(0.62);
+    // The upper lip's bow, strongest at the edge of the red.
+    let bow = match (upper, ring.number) {
+        (true, 2) => 0.5,
+        (true, 3) => 1.0,
+        (true, 4) => 0.6,
+        _ => 0.0,
+    };
+    let bowed = 1.0 + bow * (0.16 * (-((x - 0.0065) / 0.0042).powi(2)).exp() - 0.12 * (-(x / 0.0030).powi(2)).exp());
+    let side = x + ring.aside * t.powi(3);
+    let height = contact[1] + ring.up * full * bowed + 0.0004 * t.powi(6);
+    let skin = base.behind(side, height);
+    [side, height, skin[2] + ring.forward * full]
+}
+
+/// Closes the back of the mouth.
+fn close(sheet: &mut Sheet, row: &[usize]) {
+    let at = |k: usize| sheet.vertices[row[k]];
+    let (first, last) = (at(0), at(row.len() - 1));
+    let mut place = first.place;
+    place[1] = 0.5 * (first.place[1] + last.place[1]);
+    place[2] -= 0.004;
+    let Kind::Lip(point) = first.kind else { return };
+    let back = sheet.add(place, Kind::Lip(Point { ring: -6, ..point }), DEEP);
+    for pair in row.windows(2) {
+        sheet.triangles.push([back, pair[1], pair[0]]);
+    }
+}
+
+/// The left nostril: a dark oval on the underside of the nose.
+pub(super) fn add_nostril(sheet: &mut Sheet, base: &Base) {
+    const AROUND: usize = 12;
+    let place = |x: f32, z: f32| {
+        let skin = base.onto([0.0063 + x, -0.0475, 0.0215 + z]);
+        [skin[0], skin[1] - 0.0003, skin[2] + 0.0003]
+    };
+    let middle = sheet.add(place(0.0, 0.0), Kind::Skin, NOSTRIL);
+    let ring: Vec<usize> = (0..AROUND)
+        .map(|k| {
+            let (sin, cos) = (2.0 * PI * k as f32 / AROUND as f32).sin_cos();
+            sheet.add(place(0.0024 * cos - 0.0008 * sin, 0.0036 * sin), Kind::Skin, NOSTRIL)
+        })
+        .collect();
+    for k in 0..AROUND {
+        sheet.triangles.push([middle, ring[k], ring[(k + 1) % AROUND]]);
+    }
+}
+
+/// Columns of a tooth, and teeth of half a row.
+const ACROSS: usize = 6;
+const TEETH_IN_ROW: usize = 6;
+
+/// Half of both rows.
+pub(super) fn add_teeth(sheet: &mut Sheet, base: &Base) {
+    let front = base.behind(0.0, line(0.0))[2];
+    // Widths from the middle outwards; the upper ones in front are larger.
+    let upper = [0.0043, 0.0036, 0.0038, 0.0035, 0.0034, 0.0040];
+    let lower = [0.0029, 0.0030, 0.0034, 0.0034, 0.0036, 0.0040];
+    row_of_teeth(sheet, &upper, front - 0.0100, [0.0085, -0.0020], true);
+    row_of_teeth(sheet, &lower, front - 0.0122, [-0.0105, -0.0024], false);
+}
+
+/// `ends`: gums and edge, metres over the line between the lips.
+fn row_of_teeth(sheet: &mut Sheet, widths: &[f32; TEETH_IN_ROW], front: f32, [gums, edge]: [f32; 2], upper: bool) {
+    let kind = if upper { Kind::UpperTeeth } else { Kind::LowerTeeth };
+    // Gums, neck, middle, edge, and back up behind: share of the height, backwards, colour.
+    let profile = [
+        (-0.35, 0.0016, GUMS),
+        (0.0, 0.0006, GUMS),
+        (0.08, 0.0003, TEETH),
+        (0.5, 0.0, TEETH),
+        (0.88, 0.0002, TEETH),
+        (1.0, 0.0012, TEETH),
+        (0.75, 0.0032, TEETH),
+        (0.0, 0.0046, TEETH),
+    ];
+    let mut rows: Vec<Vec<usize>> = vec![Vec::new(); profile.len()];
+    let mut along = 0.0;
+    for (tooth, width) in widths.iter().enumerate() {
+        for column in 0..=ACROSS {
+            let across = column as f32 / ACROSS as f32;
+            if column == 0 && tooth > 0 {
+                continue;
+            }
+            // Round at the sides, and a little shorter there.
+            let hollow = (2.0 * across - 1.0).powi(6);
+            let s = along + across * width;
+            for (row, &(share, back, color)) in rows.iter_mut().zip(&profile) {
+                let outer = 1.0 - 0.10 * (tooth as f32 / TEETH_IN_ROW as f32);
+                let height =
+                    gums + (edge - gums) * share * if share > 0.6 { outer * (1.0 - 0.07 * hollow) } else { 1.0 };
+                let turn = s / 0.0225;
+                let radius = 0.0225 - back - 0.0011 * hollow * if share > 0.0 { 1.0 } else { 0.3 };
+                // A parabola-like arch: deeper than wide.
+                let place =
+                    [radius * turn.sin(), line(0.0) + height, front - 0.0225 * 1.25 + radius * 1.25 * turn.cos()];
+                let shaded = mix_color(color, GUMS, 0.35 * hollow * ramp(0.9, 0.2, share.abs()));
+                row.push(sheet.add(place, kind, shaded));
+            }
+        }
+        along += width;
+    }
+    for pair in rows.windows(2) {
+        if upper { sheet.strip(&pair[1], &pair[0]) } else { sheet.strip(&pair[0], &pair[1]) }
+    }
+}
+
+/// Sections of the tongue from root to tip.
+const SECTIONS: usize = 11;
+const HALF_ROUND: usize = 8;
+
+/// Half the tongue.
+pub(super) fn add_tongue(sheet: &mut Sheet, base: &Base) {
+    let front = base.behind(0.0, line(0.0))[2];
+    let mut before: Vec<usize> = Vec::new();
+    for section in 0..SECTIONS {
+        let s = (FRAC_PI_2 * section as f32 / (SECTIONS - 1) as f32).sin();
+        let round = (1.0 - s.powi(4)).max(0.0).sqrt();
+        let (wide, thick) = (0.0165 * round.max(0.02), 0.0052 * round.max(0.02));
+        let centre = [0.0, line(0.0) - 0.0088 + 0.0032 * (PI * s).sin() * 0.8, front - 0.050 + 0.0330 * s];
+        let row: Vec<usize> = (0..=HALF_ROUND)
+            .map(|k| {
+                let (sin, cos) = (PI * k as f32 / HALF_ROUND as f32).sin_cos();
+                // A groove along the middle of the top.
+                let groove = if cos > 0.0 { 0.0016 * round * (-(sin / 0.35).powi(2)).exp() } else { 0.0 };
+                let place = [wide * sin, centre[1] + thick * cos - groove, centre[2]];
+                sheet.add(place, Kind::Tongue(s), mix_color(LIP_DARK, TONGUE, 0.35 + 0.65 * s))
+            })
+            .collect();
+        if section > 0 {
+            sheet.strip(&row, &before);
+        }
+        before = row;
+    }
+}

@@ -1,0 +1,155 @@
+//! The figure that speaks: a clothed mannequin made by code on a skeleton's own bones, smooth-skinned, with the 52 ARKit
+//! shapes.
+//!
+//! | module | what it makes |
+//! |---|---|
+//! | `body` | sweater, trousers, shoes and hands: solids of `field`, meshed by `nets` |
+//! | `skin` | which joints each vertex follows |
+//! | `posed` | the mesh in a pose, on the processor |
+//! | `rest`, `vector` | the skeleton's measures; points |
+
+use crate::failure::Failure;
+use umo_core::config::Skeleton;
+
+mod body;
+mod field;
+mod head;
+mod nets;
+pub(crate) mod posed;
+mod rest;
+mod skin;
+#[cfg(test)]
+mod tests;
+pub(crate) mod vector;
+
+use rest::Rest;
+use skin::Weights;
+use vector::V;
+
+/// A skinned mesh with morph targets, in the rest pose, metres, Y up, facing +Z (as the model's skeleton has it).
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Mesh {
+    /// `[vertices]`, as the next four.
+    pub(crate) positions: Vec<[f32; 3]>,
+    /// Unit length.
+    pub(crate) normals: Vec<[f32; 3]>,
+    /// sRGB and 255: skin, lips, teeth, tongue, eye white, iris, brows, cloth.
+    pub(crate) colors: Vec<[u8; 4]>,
+    /// Up to four joints; 0 where the weight is 0.
+    pub(crate) joints: Vec<[u8; 4]>,
+    /// Weights of those joints; their sum is 1.
+    pub(crate) weights: Vec<[f32; 4]>,
+    /// Triangles, counter-clockwise from outside.
+    pub(crate) indices: Vec<u32>,
+    /// How much each vertex follows the jaw where its joint opens the mouth and not a shape, 0..=1. `[vertices]`
+    pub(crate) jaw: Vec<f32>,
+    /// The first vertex of the head: shapes move none before it, and no triangle has corners on both sides.
+    pub(crate) head: usize,
+    /// One for each of the 52 ARKit channels, in the channels' order.
+    pub(crate) morphs: Vec<Morph>,
+}
+
+/// How one channel at 1 moves the mesh; only the vertices that move.
+#[derive(Clone, Debug)]
+pub(crate) struct Morph {
+    /// The channel's name.
+    pub(crate) name: &'static str,
+    /// Ascending.
+    pub(crate) vertices: Vec<u32>,
+    /// What is added to those vertices' positions, metres.
+    pub(crate) positions: Vec<[f32; 3]>,
+    /// What is added to their normals.
+    pub(crate) normals: Vec<[f32; 3]>,
+}
+
+/// A piece of surface.
+#[derive(Default)]
+struct Part {
+    positions: Vec<V>,
+    normals: Vec<V>,
+    indices: Vec<u32>,
+}
+
+impl Part {
+    /// Two triangles, along the shorter diagonal.
+    fn add_quad(&mut self, [a, b, c, d]: [u32; 4]) {
+        let at = |i: u32| self.positions[i as usize];
+        let triangles = if vector::distance(at(a), at(c)) <= vector::distance(at(b), at(d)) {
+            [a, b, c, a, c, d]
+        } else {
+            [a, b, d, b, c, d]
+        };
+        self.indices.extend(triangles);
+    }
+}
+
+impl Mesh {
+    /// Adds a part whose vertices get colour and weights by their place.
+    fn add(&mut self, part: Part, color: impl Fn(V) -> [u8; 3], weights: impl Fn(V) -> Weights) {
+        let colors: Vec<_> = part.positions.iter().map(|&p| color(p)).collect();
+        let weights: Vec<_> = part.positions.iter().map(|&p| weights(p)).collect();
+        self.add_painted(part, &colors, &weights);
+    }
+
+    fn add_painted(&mut self, part: Part, colors: &[[u8; 3]], weights: &[Weights]) {
+        let first = u32::try_from(self.positions.len()).expect("the figure has few vertices");
+        self.colors.extend(colors.iter().map(|&[r, g, b]| [r, g, b, 255]));
+        self.joints.extend(weights.iter().map(|one| one.0));
+        self.weights.extend(weights.iter().map(|one| one.1));
+        self.positions.extend(part.positions);
+        self.normals.extend(part.normals);
+        self.indices.extend(part.indices.iter().map(|i| i + first));
+    }
+
+    /// The same mesh for animations that open the mouth by the jaw joint: chin, lower lip and teeth, and tongue follow it.
+    pub(crate) fn on_the_jaw(mut self) -> Self {
+        let jaw = skin::number("jaw");
+        for (vertex, &share) in self.jaw.iter().enumerate() {
+            if share > 0.0 {
+                let own = self.joints[vertex].into_iter().zip(self.weights[vertex]);
+                let own = own.map(|(joint, weight)| (weight * (1.0 - share), joint)).filter(|one| one.0 > 0.0);
+                let all = own.chain([(share, jaw)]).collect();
+                (self.joints[vertex], self.weights[vertex]) = skin::normalized(all);
+            }
+        }
+        self
+    }
+}
+
+const SKIN: [u8; 3] = [232, 184, 156];
+const SWEATER: [u8; 3] = [84, 132, 140];
+const TROUSERS: [u8; 3] = [62, 70, 86];
+const SHOES: [u8; 3] = [226, 221, 212];
+const SOLES: [u8; 3] = [150, 120, 96];
+
+/// The mannequin on a skeleton's rest offsets (55 joints, names as the model's).
+///
+/// # Errors
+/// A skeleton that has not 55 joints, or whose offsets are not finite.
+pub(crate) fn mannequin(skeleton: &Skeleton) -> Result<Mesh, Failure> {
+    let rest = Rest::new(skeleton)?;
+    let mut mesh = Mesh::default();
+    // Head and body take as long as each other.
+    let head = std::thread::scope(|scope| {
+        let head = scope.spawn(|| head::Head::new(&rest));
+        add_body(&mut mesh, &rest);
+        head.join().expect("the head's thread does not panic")
+    });
+    head.add_to(&mut mesh, &rest);
+    Ok(mesh)
+}
+
+/// Cloth, shoes and hands.
+fn add_body(mesh: &mut Mesh, rest: &Rest) {
+    let upper = skin::upper(rest);
+    mesh.add(body::sweater(rest), |_| SWEATER, |p| upper.weights(p));
+    let lower = skin::lower(rest);
+    mesh.add(body::trousers(rest), |_| TROUSERS, |p| lower.weights(p));
+    let sole = body::floor(rest) + 0.018 * rest.size;
+    for side in ["left", "right"] {
+        let foot = skin::foot(rest, side);
+        mesh.add(body::shoe(rest, side), |p| if p[1] < sole { SOLES } else { SHOES }, |p| foot.weights(p));
+        let hand = skin::hand(rest, side, &body::FINGERS);
+        mesh.add(body::hand(rest, side), |_| SKIN, |p| hand.weights(p));
+    }
+}

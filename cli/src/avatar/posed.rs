@@ -1,0 +1,71 @@
+//! The mesh in a pose, computed on the processor: what pictures and tests look at.
+
+use super::Mesh;
+use super::vector::{V, add, scale, sub, unit};
+use umo_core::config::Skeleton;
+use umo_core::motion::rotation::{IDENTITY, Quat, product, rotate};
+use umo_core::motion::skeleton::JOINTS;
+
+/// Where every vertex is, and its normal.
+pub(crate) struct Posed {
+    /// `[vertices]`, metres.
+    pub(crate) positions: Vec<V>,
+    /// Unit length.
+    pub(crate) normals: Vec<V>,
+}
+
+impl Mesh {
+    /// The rest pose with the shapes at `weights` (one for each morph, or none).
+    pub(crate) fn shaped(&self, weights: &[f32]) -> Posed {
+        let mut posed = Posed { positions: self.positions.clone(), normals: self.normals.clone() };
+        for (morph, &weight) in self.morphs.iter().zip(weights) {
+            if weight == 0.0 {
+                continue;
+            }
+            let moves = morph.positions.iter().zip(&morph.normals);
+            for (&vertex, (&position, &normal)) in morph.vertices.iter().zip(moves) {
+                let vertex = vertex as usize;
+                posed.positions[vertex] = add(posed.positions[vertex], scale(position, weight));
+                posed.normals[vertex] = add(posed.normals[vertex], scale(normal, weight));
+            }
+        }
+        posed.normals.iter_mut().for_each(|normal| *normal = unit(*normal));
+        posed
+    }
+
+    /// In a pose: joints turned by `rotations`, the root moved by `translation`, shapes at `weights`.
+    pub(crate) fn posed(
+        &self,
+        skeleton: &Skeleton,
+        rotations: &[Quat; JOINTS],
+        translation: V,
+        weights: &[f32],
+    ) -> Posed {
+        let mut posed = self.shaped(weights);
+        let (mut rest, mut places, mut turned) = ([[0.0; 3]; JOINTS], [translation; JOINTS], [IDENTITY; JOINTS]);
+        for (joint, (&parent, &offset)) in skeleton.parents.iter().zip(&skeleton.offsets_m).enumerate() {
+            let Ok(parent) = usize::try_from(parent) else {
+                (rest[joint], places[joint], turned[joint]) = (offset, add(translation, offset), rotations[joint]);
+                continue;
+            };
+            rest[joint] = add(rest[parent], offset);
+            places[joint] = add(places[parent], rotate(turned[parent], offset));
+            turned[joint] = product(turned[parent], rotations[joint]);
+        }
+        for vertex in 0..self.positions.len() {
+            let (position, normal) = (posed.positions[vertex], posed.normals[vertex]);
+            let (mut place, mut facing) = ([0.0; 3], [0.0; 3]);
+            for (&joint, &weight) in self.joints[vertex].iter().zip(&self.weights[vertex]) {
+                if weight > 0.0 {
+                    let joint = usize::from(joint);
+                    let moved = add(places[joint], rotate(turned[joint], sub(position, rest[joint])));
+                    place = add(place, scale(moved, weight));
+                    facing = add(facing, scale(rotate(turned[joint], normal), weight));
+                }
+            }
+            posed.positions[vertex] = place;
+            posed.normals[vertex] = unit(facing);
+        }
+        posed
+    }
+}

@@ -1,0 +1,83 @@
+//! Where the joints are at rest, and the body's measures that follow from it.
+
+use super::vector::{V, add, distance, length, mix, scale, sub};
+use crate::failure::Failure;
+use umo_core::config::Skeleton;
+use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS};
+
+/// The joints of a skeleton in its rest pose.
+pub(super) struct Rest {
+    /// `[55]`, metres.
+    places: Vec<V>,
+    /// How tall the body is beside the one that the measures in this module are of (1.72 m).
+    pub(super) size: f32,
+    /// The same of the head alone.
+    pub(super) head: f32,
+}
+
+/// The number of the joint `name`. Panics where there is none of that name.
+pub(super) fn joint(name: &str) -> usize {
+    JOINT_NAMES.iter().position(|&known| known == name).expect("the names are written in this module")
+}
+
+/// Hip joint to neck joint, and ankle to hip, of a body of size 1, metres.
+const TRUNK: f32 = 0.585;
+const LEG: f32 = 0.81;
+/// Between the eyes of a head of size 1, metres.
+const EYES: f32 = 0.064;
+/// The figure's head beside a person's: a little larger, so that its face is seen from further away.
+const LARGER: f32 = 1.07;
+/// A size outside this is none of a person's.
+const SIZES: (f32, f32) = (0.3, 3.0);
+
+impl Rest {
+    /// # Errors
+    /// A skeleton that has not the 55 joints, or whose offsets are not finite.
+    pub(super) fn new(skeleton: &Skeleton) -> Result<Self, Failure> {
+        if skeleton.parents.len() != JOINTS || skeleton.offsets_m.len() != JOINTS {
+            return Err(Failure::input("the figure needs a skeleton of 55 joints"));
+        }
+        let mut places: Vec<V> = Vec::with_capacity(JOINTS);
+        for (&parent, &offset) in skeleton.parents.iter().zip(&skeleton.offsets_m) {
+            let from = usize::try_from(parent).ok().and_then(|parent| places.get(parent)).copied();
+            places.push(add(from.unwrap_or_default(), offset));
+        }
+        if places.as_flattened().iter().any(|x| !x.is_finite()) {
+            return Err(Failure::input("the skeleton's offsets are not finite"));
+        }
+        let mut rest = Self { places, size: 1.0, head: 1.0 };
+        let tall = rest.between("left_hip", "neck") + rest.between("left_hip", "left_ankle");
+        rest.size = (tall / (TRUNK + LEG)).clamp(SIZES.0, SIZES.1);
+        let eyes = rest.between("left_eye", "right_eye") / EYES;
+        // Eyes at no distance say nothing of the head's size.
+        let head = if eyes > SIZES.0 { (0.5 * (eyes + rest.size)).min(SIZES.1) } else { rest.size };
+        rest.head = LARGER * head;
+        Ok(rest)
+    }
+
+    pub(super) fn at(&self, name: &str) -> V {
+        self.places[joint(name)]
+    }
+
+    pub(super) fn between(&self, a: &str, b: &str) -> f32 {
+        distance(self.at(a), self.at(b))
+    }
+
+    /// The joint `name` of one side: `left` or `right`.
+    pub(super) fn side(&self, side: &str, name: &str) -> V {
+        self.at(&format!("{side}_{name}"))
+    }
+
+    /// The middle between left and right.
+    pub(super) fn middle(&self, name: &str) -> V {
+        mix(self.side("left", name), self.side("right", name), 0.5)
+    }
+
+    /// Beyond a finger's last joint: its tip.
+    pub(super) fn finger_tip(&self, side: &str, finger: &str) -> V {
+        let [a, b] = [2, 3].map(|bone| self.side(side, &format!("{finger}{bone}")));
+        let along = sub(b, a);
+        let size = length(along);
+        if size > 1e-4 { add(b, scale(along, 0.85)) } else { b }
+    }
+}

@@ -1,0 +1,157 @@
+//! Which joints a vertex follows: the bones near it, smoothly.
+
+use super::rest::{Rest, joint};
+use super::vector::{V, add, dot, length, scale, sub};
+
+/// A bone as a thick line.
+pub(super) struct Bone {
+    joint: u8,
+    a: V,
+    b: V,
+    radius: f32,
+}
+
+/// The bones that a part of the body may follow.
+pub(super) struct Skin {
+    bones: Vec<Bone>,
+    /// The distance in which a bone's influence falls to a third, metres.
+    soft: f32,
+}
+
+/// Weights below this are left out.
+const LEAST: f32 = 0.02;
+
+/// Up to four joints, 0 where the weight is 0; the weights' sum is 1.
+pub(super) type Weights = ([u8; 4], [f32; 4]);
+
+pub(super) fn number(name: &str) -> u8 {
+    u8::try_from(joint(name)).expect("there are 55 joints")
+}
+
+/// All on one joint.
+pub(super) fn only(name: &str) -> Weights {
+    ([number(name), 0, 0, 0], [1.0, 0.0, 0.0, 0.0])
+}
+
+impl Skin {
+    pub(super) fn new(soft: f32) -> Self {
+        Self { bones: Vec::new(), soft }
+    }
+
+    pub(super) fn bone(mut self, name: &str, a: V, b: V, radius: f32) -> Self {
+        self.bones.push(Bone { joint: number(name), a, b, radius });
+        self
+    }
+
+    pub(super) fn weights(&self, p: V) -> Weights {
+        let near: Vec<f32> = self.bones.iter().map(|bone| bone.distance(p)).collect();
+        let nearest = near.iter().copied().fold(f32::MAX, f32::min);
+        let mut all: Vec<(f32, u8)> = Vec::new();
+        for (bone, d) in self.bones.iter().zip(near) {
+            let weight = ((nearest - d) / self.soft).exp();
+            match all.iter_mut().find(|(_, joint)| *joint == bone.joint) {
+                Some(known) => known.0 = known.0.max(weight),
+                None => all.push((weight, bone.joint)),
+            }
+        }
+        normalized(all)
+    }
+}
+
+/// The four heaviest.
+pub(super) fn normalized(mut all: Vec<(f32, u8)>) -> Weights {
+    all.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+    let sum: f32 = all.iter().take(4).map(|one| one.0).sum();
+    all.retain(|one| one.0 >= LEAST * sum);
+    all.truncate(4);
+    let sum: f32 = all.iter().map(|one| one.0).sum();
+    let (mut joints, mut weights) = ([0; 4], [0.0; 4]);
+    for (slot, (weight, joint)) in all.into_iter().enumerate() {
+        joints[slot] = joint;
+        weights[slot] = weight / sum;
+    }
+    (joints, weights)
+}
+
+impl Bone {
+    fn distance(&self, p: V) -> f32 {
+        let (along, from) = (sub(self.b, self.a), sub(p, self.a));
+        let t = (dot(from, along) / dot(along, along).max(1e-12)).clamp(0.0, 1.0);
+        length(sub(from, scale(along, t))) - self.radius
+    }
+}
+
+/// The bones of trunk and arms.
+pub(super) fn upper(rest: &Rest) -> Skin {
+    let size = rest.size;
+    let [pelvis, spine1, spine2, spine3, neck] = ["pelvis", "spine1", "spine2", "spine3", "neck"].map(|n| rest.at(n));
+    let across = |p: V, half: f32| [[p[0] - half * size, p[1], p[2]], [p[0] + half * size, p[1], p[2]]];
+    let low = add(rest.middle("hip"), [0.0, -0.02 * size, 0.0]);
+    let mut skin = Skin::new(0.024 * size);
+    for (name, place) in [("pelvis", low), ("pelvis", pelvis), ("spine1", spine1), ("spine2", spine2)] {
+        let [a, b] = across(place, 0.06);
+        skin = skin.bone(name, a, b, 0.09 * size);
+    }
+    let chest = add(spine3, scale(sub(neck, spine3), 0.45));
+    let [a, b] = across(chest, 0.06);
+    skin = skin.bone("spine3", a, b, 0.095 * size);
+    skin = skin.bone("neck", neck, rest.at("head"), 0.055 * size);
+    for side in ["left", "right"] {
+        let [collar, shoulder, elbow, wrist] = ["collar", "shoulder", "elbow", "wrist"].map(|n| rest.side(side, n));
+        let name = |joint: &str| format!("{side}_{joint}");
+        skin = skin
+            .bone(&name("collar"), add(collar, scale(sub(shoulder, collar), 0.25)), shoulder, 0.05 * size)
+            .bone(&name("shoulder"), add(shoulder, scale(sub(elbow, shoulder), 0.08)), elbow, 0.05 * size)
+            .bone(&name("elbow"), elbow, wrist, 0.042 * size);
+    }
+    skin
+}
+
+/// The bones of hips and legs.
+pub(super) fn lower(rest: &Rest) -> Skin {
+    let size = rest.size;
+    let mut skin = Skin::new(0.022 * size);
+    let hips = ["left", "right"].map(|side| rest.side(side, "hip"));
+    let lift = [0.0, 0.045 * size, 0.0];
+    skin = skin.bone("pelvis", add(hips[0], lift), add(hips[1], lift), 0.095 * size);
+    for side in ["left", "right"] {
+        let [hip, knee, ankle] = ["hip", "knee", "ankle"].map(|n| rest.side(side, n));
+        skin = skin.bone(&format!("{side}_hip"), add(hip, scale(sub(knee, hip), 0.12)), knee, 0.075 * size).bone(
+            &format!("{side}_knee"),
+            knee,
+            ankle,
+            0.055 * size,
+        );
+    }
+    skin
+}
+
+/// The bones of one foot.
+pub(super) fn foot(rest: &Rest, side: &str) -> Skin {
+    let size = rest.size;
+    let [ankle, foot] = ["ankle", "foot"].map(|n| rest.side(side, n));
+    let toes = add(foot, [0.0, 0.0, 0.06 * size]);
+    Skin::new(0.016 * size)
+        .bone(&format!("{side}_ankle"), ankle, add(ankle, scale(sub(foot, ankle), 0.8)), 0.04 * size)
+        .bone(&format!("{side}_foot"), foot, toes, 0.035 * size)
+}
+
+/// The bones of one hand.
+pub(super) fn hand(rest: &Rest, side: &str, fingers: &[&str; 5]) -> Skin {
+    let at = |name: &str| rest.side(side, name);
+    let (wrist, wide) = (at("wrist"), rest.between(&format!("{side}_wrist"), &format!("{side}_middle1")) / 0.095);
+    let mut skin = Skin::new(0.0055 * wide);
+    let wrist_name = format!("{side}_wrist");
+    for finger in fingers {
+        let [a, b, c] = [1, 2, 3].map(|bone| at(&format!("{finger}{bone}")));
+        let radius = 0.009 * wide;
+        let name = |bone: u8| format!("{side}_{finger}{bone}");
+        let short = if *finger == "thumb" { 0.6 } else { 0.88 };
+        skin = skin
+            .bone(&wrist_name, wrist, add(wrist, scale(sub(a, wrist), short)), radius * 1.1)
+            .bone(&name(1), a, b, radius)
+            .bone(&name(2), b, c, radius)
+            .bone(&name(3), c, rest.finger_tip(side, finger), radius);
+    }
+    skin
+}

@@ -1,0 +1,58 @@
+//! `umo view`: one HTML page with the avatar, its speech, and how each frame was made; or the same page served live.
+//!
+//! | module | part |
+//! | --- | --- |
+//! | `scene` | what is shown: a motion, its speech, the record of how it was made |
+//! | `blocks` | that as numbers in base64, and the description beside them |
+//! | `page` | the HTML file, from the sources in `page/` |
+//! | `live` | the page on loopback, and streams through a real engine |
+//! | `browser` | opening it |
+
+mod blocks;
+mod browser;
+mod live;
+mod page;
+mod scene;
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use crate::args::Page;
+use crate::failure::Failure;
+use crate::whole;
+use scene::Scene;
+
+/// Makes the page and opens it, or serves it.
+pub(crate) fn run(args: &Page) -> Result<(), Failure> {
+    if args.live {
+        return live::run(args);
+    }
+    let input = args.input.as_deref().ok_or_else(|| Failure::input("expected a recording or an animation to view"))?;
+    let path = args.output.clone().unwrap_or_else(|| beside(input));
+    let output = whole::create(&path)?;
+    let scene = if is_animation(input) {
+        Scene::of_animation(input, args)?
+    } else if args.audio.is_some() {
+        return Err(Failure::input("--audio goes with a .glb or .npz: a recording is its own audio"));
+    } else {
+        Scene::of_speech(input, args)?
+    };
+    let html = page::html(&scene)?;
+    whole::commit(output, |out| out.write_all(html.as_bytes()))?;
+    println!("{}: {} frames, {:.1} MB", path.display(), scene.clip.len(), html.len() as f64 / 1e6);
+    if !args.no_open {
+        browser::open(&browser::address(&path));
+    }
+    Ok(())
+}
+
+/// Where the page goes when nobody says so.
+fn beside(input: &Path) -> PathBuf {
+    input.with_extension("html")
+}
+
+/// Whether the file was made before; anything else is taken for a recording.
+fn is_animation(path: &Path) -> bool {
+    let extension = path.extension().and_then(|extension| extension.to_str()).map(str::to_ascii_lowercase);
+    matches!(extension.as_deref(), Some("glb" | "npz"))
+}

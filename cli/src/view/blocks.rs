@@ -1,0 +1,237 @@
+//! A scene as a page holds it: a description in JSON, numbers in base64.
+
+use data_encoding::BASE64;
+use serde::Serialize;
+use umo_core::Part;
+use umo_core::config::FaceKind;
+use umo_core::lm::tally::KIND_NAMES;
+use umo_core::motion::clip::Clip;
+use umo_core::motion::skeleton::JOINT_NAMES;
+
+use super::scene::{Record, Scene};
+use crate::avatar::Mesh;
+
+/// The description. Sizes are counts of vertices and frames.
+#[derive(Serialize)]
+#[serde(rename_all = "camelCase")]
+struct Description<'a> {
+    title: &'a str,
+    frame_rate: f32,
+    joints: &'static [&'static str],
+    parents: &'a [i32],
+    offsets: &'a [[f32; 3]],
+    face: Face<'a>,
+    parts: [&'static str; 4],
+    model: Option<Model<'a>>,
+    mesh: MeshInfo,
+    audio: Option<AudioInfo>,
+    record: Option<RecordInfo>,
+    live: Option<Live>,
+    rest: Option<Rest<'a>>,
+}
+
+#[derive(Serialize)]
+struct Face<'a> {
+    kind: &'static str,
+    names: &'a [String],
+}
+
+#[derive(Serialize)]
+struct Model<'a> {
+    name: &'a str,
+    stride: usize,
+}
+
+#[derive(Serialize)]
+struct MeshInfo {
+    /// Vertices that a morph target moves: the first ones.
+    moving: usize,
+    morphs: Vec<MorphInfo>,
+}
+
+#[derive(Serialize)]
+struct MorphInfo {
+    name: &'static str,
+    count: usize,
+}
+
+#[derive(Serialize)]
+#[serde(rename_all = "camelCase")]
+struct AudioInfo {
+    sample_rate: u32,
+}
+
+#[derive(Serialize)]
+#[serde(rename_all = "camelCase")]
+struct RecordInfo {
+    kinds: &'static [&'static str],
+    experts: usize,
+    encoder_layers: usize,
+    decoder_layers: usize,
+    chunks: Vec<Chunk>,
+}
+
+#[derive(Serialize)]
+struct Chunk {
+    first: usize,
+    frames: usize,
+}
+
+#[derive(Serialize)]
+#[serde(rename_all = "camelCase")]
+struct Live {
+    algorithmic_seconds: f64,
+}
+
+#[derive(Serialize)]
+struct Rest<'a> {
+    rotations: &'a [[f32; 4]],
+    translation: [f32; 3],
+    face: &'a [f32],
+}
+
+/// The elements of the page that hold the scene.
+///
+/// # Errors
+/// What the JSON writer says, as of numbers that are not finite.
+pub(super) fn elements(scene: &Scene) -> serde_json::Result<String> {
+    let order = Order::moving_first(&scene.mesh);
+    let mut page = Elements(String::new());
+    page.description(&describe(scene, &order))?;
+    page.mesh(&scene.mesh, &order);
+    page.block("frames", frames(&scene.clip));
+    if let Some(audio) = &scene.audio {
+        page.block("audio", audio.samples.iter().copied().flat_map(i16::to_le_bytes));
+    }
+    if let Some(record) = &scene.record {
+        let codes = Part::ALL.into_iter().flat_map(|part| record.codes[part].iter().copied());
+        page.block("codes", codes.flat_map(u16::to_le_bytes));
+        page.block("routed", record.routed.iter().copied().flat_map(u32::to_le_bytes));
+    }
+    Ok(page.0)
+}
+
+fn describe<'a>(scene: &'a Scene, order: &Order) -> Description<'a> {
+    let morph = |morph: &crate::avatar::Morph| MorphInfo { name: morph.name, count: morph.vertices.len() };
+    let record = |record: &Record| RecordInfo {
+        kinds: &KIND_NAMES,
+        experts: record.experts,
+        encoder_layers: record.encoder_layers,
+        decoder_layers: record.decoder_layers,
+        chunks: record.chunks.iter().map(|&(first, frames)| Chunk { first, frames }).collect(),
+    };
+    let clip = &scene.clip;
+    Description {
+        title: &scene.title,
+        frame_rate: clip.frame_rate,
+        joints: &JOINT_NAMES,
+        parents: &clip.skeleton.parents,
+        offsets: &clip.skeleton.offsets_m,
+        face: Face {
+            kind: match clip.face.kind {
+                FaceKind::Arkit => "arkit",
+                FaceKind::SmplxExpression => "smplx_expression",
+            },
+            names: &clip.face.names,
+        },
+        parts: Part::ALL.map(Part::name),
+        model: scene.model.as_ref().map(|model| Model { name: &model.name, stride: model.stride }),
+        mesh: MeshInfo { moving: order.moving, morphs: scene.mesh.morphs.iter().map(morph).collect() },
+        audio: scene.audio.as_ref().map(|audio| AudioInfo { sample_rate: audio.sample_rate }),
+        record: scene.record.as_ref().map(record),
+        live: scene.live.as_ref().map(|live| Live { algorithmic_seconds: live.algorithmic_seconds }),
+        rest: scene.live.as_ref().map(|live| Rest {
+            rotations: &live.rest.rotations,
+            translation: live.rest.translation,
+            face: &live.rest_face,
+        }),
+    }
+}
+
+/// Rotations, the root's place and face values of one frame after the other.
+fn frames(clip: &Clip) -> impl Iterator<Item = u8> {
+    (0..clip.len()).flat_map(|frame| {
+        let rotations = clip.rotations[frame].as_flattened().iter();
+        rotations.chain(&clip.translation[frame]).chain(clip.face(frame)).copied().flat_map(f32::to_le_bytes)
+    })
+}
+
+/// An order of vertices in which those that a morph target moves come first.
+struct Order {
+    /// Old index of every vertex.
+    old: Vec<u32>,
+    /// New index of every vertex.
+    new: Vec<u32>,
+    moving: usize,
+}
+
+impl Order {
+    #[expect(clippy::cast_possible_truncation, reason = "indices of vertices are 32-bit")]
+    fn moving_first(mesh: &Mesh) -> Self {
+        let mut moves = vec![false; mesh.positions.len()];
+        for &vertex in mesh.morphs.iter().flat_map(|morph| &morph.vertices) {
+            moves[vertex as usize] = true;
+        }
+        let of =
+            |wanted: bool| moves.iter().enumerate().filter(move |(_, moves)| **moves == wanted).map(|(i, _)| i as u32);
+        let old: Vec<u32> = of(true).chain(of(false)).collect();
+        let mut new = vec![0; old.len()];
+        old.iter().enumerate().for_each(|(at, &vertex)| new[vertex as usize] = at as u32);
+        Self { moving: of(true).count(), old, new }
+    }
+
+    /// `values` in the new order.
+    fn sort<'a, T: Copy>(&'a self, values: &'a [T]) -> impl Iterator<Item = T> + 'a {
+        self.old.iter().map(|&vertex| values[vertex as usize])
+    }
+
+    fn new(&self, vertex: u32) -> u32 {
+        self.new[vertex as usize]
+    }
+}
+
+/// Elements of a page.
+struct Elements(String);
+
+impl Elements {
+    fn description(&mut self, description: &Description) -> serde_json::Result<()> {
+        let json = serde_json::to_string(description)?;
+        self.0 += "<script type=\"application/json\" id=\"scene\">";
+        // In JSON, `<` stands only in strings; nothing in one may end the element.
+        self.0 += &json.replace('<', "\\u003c");
+        self.0 += "</script>\n";
+        Ok(())
+    }
+
+    fn block(&mut self, name: &str, bytes: impl Iterator<Item = u8>) {
+        self.0 += &format!("<script type=\"text/plain\" id=\"block-{name}\">");
+        BASE64.encode_append(&bytes.collect::<Vec<u8>>(), &mut self.0);
+        self.0 += "</script>\n";
+    }
+
+    fn floats(&mut self, name: &str, rows: impl Iterator<Item = [f32; 3]>) {
+        self.block(name, rows.flatten().flat_map(f32::to_le_bytes));
+    }
+
+    fn mesh(&mut self, mesh: &Mesh, order: &Order) {
+        self.floats("positions", order.sort(&mesh.positions));
+        self.floats("normals", order.sort(&mesh.normals));
+        self.block("colors", order.sort(&mesh.colors).flatten());
+        self.block("joints", order.sort(&mesh.joints).flatten());
+        self.block("weights", order.sort(&mesh.weights).flatten().flat_map(|weight| share(weight).to_le_bytes()));
+        self.block("indices", mesh.indices.iter().flat_map(|&vertex| order.new(vertex).to_le_bytes()));
+        let vertices = mesh.morphs.iter().flat_map(|morph| &morph.vertices);
+        self.block("morph-vertices", vertices.flat_map(|&vertex| order.new(vertex).to_le_bytes()));
+        self.floats("morph-positions", mesh.morphs.iter().flat_map(|morph| morph.positions.iter().copied()));
+        self.floats("morph-normals", mesh.morphs.iter().flat_map(|morph| morph.normals.iter().copied()));
+    }
+}
+
+/// A weight from 0 to 1 in 16 bits.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
+fn share(weight: f32) -> u16 {
+    (weight.clamp(0.0, 1.0) * 65535.0).round() as u16
+}
+
+#[cfg(test)]
+mod tests;

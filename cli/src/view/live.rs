@@ -1,0 +1,184 @@
+//! `umo view --live`: the page on loopback, and streams of a recording or of a browser's microphone through an engine.
+//!
+//! | module | part |
+//! | --- | --- |
+//! | `http` | requests: which are answered, and how |
+//! | `visitor` | one page's stream |
+//! | `message` | what page and program say to each other |
+
+mod http;
+mod message;
+mod visitor;
+
+use std::io;
+use std::net::{Ipv4Addr, TcpListener, TcpStream};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::time::Duration;
+
+use umo_core::audio::resample;
+use umo_core::engine::{Engine, EngineConfig, Threads};
+use umo_core::model::Model;
+use umo_core::session::{MAX_RATE, MIN_RATE, SessionConfig};
+use umo_core::{Config, Precision};
+
+use super::scene::{Audio, LiveInfo, Scene};
+use super::{browser, page};
+use crate::args::{Making, Page};
+use crate::failure::Failure;
+use crate::{animate, model};
+use http::{Answer, Request};
+
+/// Streams at once.
+const MOST_STREAMS: usize = 4;
+/// Connections at once, those included that only fetch the page.
+const MOST_CONNECTIONS: usize = 16;
+/// How often the door is looked at.
+const LOOK: Duration = Duration::from_millis(20);
+/// Rate that a recording is brought to whose own no session takes.
+const OTHER_RATE: usize = 48_000;
+
+/// What all visitors share.
+pub(super) struct Host {
+    engine: Engine,
+    session: SessionConfig,
+    /// Samples a second, and mono samples.
+    recording: Option<(usize, Vec<f32>)>,
+    page: String,
+    port: u16,
+    streams: AtomicUsize,
+    stop: Arc<AtomicBool>,
+}
+
+/// Serves until somebody presses Ctrl-C.
+pub(super) fn run(args: &Page) -> Result<(), Failure> {
+    if args.making.start_pose.is_some() {
+        return Err(Failure::input("--start-pose does not go with --live"));
+    }
+    let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, args.port.unwrap_or(0)))
+        .map_err(|error| Failure::machine(format!("cannot listen at port {}: {error}", args.port.unwrap_or(0))))?;
+    let host = Host::new(args, &listener)?;
+    let stop = Arc::clone(&host.stop);
+    ctrlc::set_handler(move || stop.store(true, Ordering::SeqCst))
+        .map_err(|error| Failure::machine(format!("cannot listen to Ctrl-C: {error}")))?;
+    let address = format!("http://127.0.0.1:{}/", host.port);
+    println!("{address} (Ctrl-C ends it)");
+    if !args.no_open {
+        browser::open(&address);
+    }
+    host.serve(&listener).map_err(Failure::machine)
+}
+
+impl Host {
+    fn new(args: &Page, listener: &TcpListener) -> Result<Self, Failure> {
+        let wav = args.input.as_deref().map(|path| animate::speech(path, args.repair)).transpose()?;
+        let audio = wav.as_ref().map(Audio::new).transpose()?;
+        let recording = wav.map(|wav| for_session(wav.sample_rate as usize, wav.mono())).transpose()?;
+        let file = model::open(args.making.model.as_deref())?;
+        let isa = model::isa(&args.making.compute)?;
+        let loaded = Arc::new(Model::load(&file, args.making.compute.precision(Precision::Stored), isa)?);
+        drop(file);
+        let threads = Threads::Own(model::threads(&args.making.compute)?);
+        let config = EngineConfig {
+            threads,
+            max_sessions: MOST_STREAMS + 1,
+            max_batch: MOST_STREAMS,
+            ..EngineConfig::default()
+        };
+        let engine = Engine::new(loaded, &config).map_err(Failure::input)?;
+        let session = session(&args.making, engine.model().config());
+        let title = args.input.as_deref().map_or_else(|| "microphone".to_owned(), |path| path.display().to_string());
+        let live = rest(&engine, &session)?;
+        let mut scene = Scene::of_stream(&title, engine.model().config(), &args.making, live)?;
+        scene.audio = audio;
+        Ok(Self {
+            page: page::html(&scene)?,
+            engine,
+            session,
+            recording,
+            port: listener.local_addr().map_err(Failure::machine)?.port(),
+            streams: AtomicUsize::new(0),
+            stop: Arc::new(AtomicBool::new(false)),
+        })
+    }
+
+    /// Answers who comes, each in a thread, until it is time to stop.
+    fn serve(&self, listener: &TcpListener) -> io::Result<()> {
+        listener.set_nonblocking(true)?;
+        let connections = AtomicUsize::new(0);
+        std::thread::scope(|scope| {
+            while !self.is_over() {
+                let stream = match listener.accept() {
+                    Ok((stream, _)) => stream,
+                    // Nobody, or somebody who left again.
+                    Err(_) => {
+                        std::thread::sleep(LOOK);
+                        continue;
+                    }
+                };
+                if connections.fetch_add(1, Ordering::SeqCst) >= MOST_CONNECTIONS {
+                    connections.fetch_sub(1, Ordering::SeqCst);
+                    continue;
+                }
+                let connections = &connections;
+                scope.spawn(move || {
+                    // A visitor who breaks off is no trouble of the others'.
+                    let _ = self.answer(stream);
+                    connections.fetch_sub(1, Ordering::SeqCst);
+                });
+            }
+        });
+        Ok(())
+    }
+
+    /// Whether it is time to stop.
+    fn is_over(&self) -> bool {
+        self.stop.load(Ordering::SeqCst)
+    }
+
+    fn answer(&self, mut stream: TcpStream) -> io::Result<()> {
+        stream.set_nonblocking(false)?;
+        stream.set_nodelay(true)?;
+        let Some((head, length)) = http::peek_head(&stream, || self.is_over())? else {
+            return http::refuse(&mut stream, 0, "400 Bad Request");
+        };
+        match Request::parse(&head).map_or(Answer::Refuse("400 Bad Request"), |request| request.answer(self.port)) {
+            Answer::Page => http::send_page(&mut stream, length, &self.page),
+            Answer::Refuse(status) => http::refuse(&mut stream, length, status),
+            Answer::Stream if self.streams.fetch_add(1, Ordering::SeqCst) >= MOST_STREAMS => {
+                self.streams.fetch_sub(1, Ordering::SeqCst);
+                http::refuse(&mut stream, length, "503 Service Unavailable")
+            }
+            Answer::Stream => {
+                visitor::run(self, stream);
+                self.streams.fetch_sub(1, Ordering::SeqCst);
+                Ok(())
+            }
+        }
+    }
+}
+
+/// A recording at a rate that a session takes.
+fn for_session(rate: usize, mono: Vec<f32>) -> Result<(usize, Vec<f32>), Failure> {
+    if (MIN_RATE..=MAX_RATE).contains(&rate) {
+        return Ok((rate, mono));
+    }
+    Ok((OTHER_RATE, resample::to_rate(&mono, rate, OTHER_RATE)?))
+}
+
+fn session(making: &Making, config: &Config) -> SessionConfig {
+    SessionConfig { avatar: animate::avatar(making, config), ..SessionConfig::new(config) }
+}
+
+/// What a page shows before its stream begins, and how long that will take.
+fn rest(engine: &Engine, config: &SessionConfig) -> Result<LiveInfo, Failure> {
+    let session = engine.session(config).map_err(Failure::input)?;
+    let algorithmic = session.latency().algorithmic_samples as f64 / config.sample_rate as f64;
+    let mut rest = None;
+    session.sample_pose(0.0, |frame| rest = Some((*frame.pose, frame.face.to_vec()))).map_err(Failure::machine)?;
+    let (rest, rest_face) = rest.ok_or_else(|| Failure::machine("internal: a session without a pose"))?;
+    Ok(LiveInfo { algorithmic_seconds: algorithmic, rest, rest_face })
+}
+
+#[cfg(test)]
+mod tests;

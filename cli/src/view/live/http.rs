@@ -1,0 +1,136 @@
+//! Requests from browsers of this machine. Other web pages that a browser has open must not get in: what they send says
+//! where it comes from.
+
+use std::io::{self, Read, Write};
+use std::net::TcpStream;
+use std::time::{Duration, Instant};
+
+/// Most bytes of a request's head.
+const MOST_HEAD: usize = 8 << 10;
+/// How long a request may take to come, and an answer to be taken.
+const PATIENCE: Duration = Duration::from_secs(5);
+/// How often an unfinished head is looked at.
+const LOOK: Duration = Duration::from_millis(5);
+
+/// What becomes of a request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Answer {
+    /// The page.
+    Page,
+    /// A stream, after a WebSocket's handshake.
+    Stream,
+    /// A status, and nothing else.
+    Refuse(&'static str),
+}
+
+/// The parts of a request that matter here.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) struct Request<'a> {
+    method: &'a str,
+    path: &'a str,
+    host: Vec<&'a str>,
+    origin: Vec<&'a str>,
+    is_upgrade: bool,
+}
+
+impl<'a> Request<'a> {
+    /// A head up to its empty line; none where it is not one.
+    pub(super) fn parse(head: &'a str) -> Option<Self> {
+        let mut lines = head.split("\r\n");
+        let mut words = lines.next()?.split(' ');
+        let (method, target, version) = (words.next()?, words.next()?, words.next()?);
+        if version != "HTTP/1.1" || words.next().is_some() {
+            return None;
+        }
+        let path = target.split('?').next()?;
+        let mut request = Self { method, path, host: Vec::new(), origin: Vec::new(), is_upgrade: false };
+        for line in lines.take_while(|line| !line.is_empty()) {
+            let (name, value) = line.split_once(':')?;
+            let value = value.trim();
+            match name.to_ascii_lowercase().as_str() {
+                "host" => request.host.push(value),
+                "origin" => request.origin.push(value),
+                "upgrade" => request.is_upgrade = value.eq_ignore_ascii_case("websocket"),
+                _ => {}
+            }
+        }
+        Some(request)
+    }
+
+    /// What becomes of it, at this port.
+    ///
+    /// The host's name keeps out pages whose name was made to lead here; the origin keeps all other pages from the stream.
+    pub(super) fn answer(&self, port: u16) -> Answer {
+        let names = [format!("127.0.0.1:{port}"), format!("localhost:{port}")];
+        let [host] = self.host[..] else { return Answer::Refuse("400 Bad Request") };
+        if !names.iter().any(|name| name == host) {
+            return Answer::Refuse("421 Misdirected Request");
+        }
+        if self.method != "GET" {
+            return Answer::Refuse("405 Method Not Allowed");
+        }
+        match self.path {
+            "/" => Answer::Page,
+            "/stream" if !self.is_upgrade => Answer::Refuse("426 Upgrade Required"),
+            "/stream" => match self.origin[..] {
+                [origin] if origin.strip_prefix("http://") == Some(host) => Answer::Stream,
+                _ => Answer::Refuse("403 Forbidden"),
+            },
+            _ => Answer::Refuse("404 Not Found"),
+        }
+    }
+}
+
+/// The head of the request that waits, which is left to be read, and its length; none where it is too long, is no text,
+/// or does not come in time.
+pub(super) fn peek_head(stream: &TcpStream, is_over: impl Fn() -> bool) -> io::Result<Option<(String, usize)>> {
+    stream.set_read_timeout(Some(Duration::from_millis(200)))?;
+    stream.set_write_timeout(Some(PATIENCE))?;
+    let (start, mut bytes) = (Instant::now(), vec![0; MOST_HEAD]);
+    while start.elapsed() < PATIENCE && !is_over() {
+        let count = match stream.peek(&mut bytes) {
+            Ok(0) => return Ok(None),
+            Ok(count) => count,
+            Err(error) if is_wait(&error) => continue,
+            Err(error) => return Err(error),
+        };
+        if let Some(at) = bytes[..count].windows(4).position(|four| four == b"\r\n\r\n") {
+            let length = at + 4;
+            return Ok(String::from_utf8(bytes[..length].to_vec()).ok().map(|head| (head, length)));
+        }
+        if count == MOST_HEAD {
+            return Ok(None);
+        }
+        std::thread::sleep(LOOK);
+    }
+    Ok(None)
+}
+
+/// Whether it is only that nothing has come.
+pub(super) fn is_wait(error: &io::Error) -> bool {
+    matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut | io::ErrorKind::Interrupted)
+}
+
+/// Sends the page in answer to a request whose head is `length` bytes.
+pub(super) fn send_page(stream: &mut TcpStream, length: usize, page: &str) -> io::Result<()> {
+    send(stream, length, "200 OK", "text/html; charset=utf-8", page.as_bytes())
+}
+
+/// Sends a status in answer to a request whose head is `length` bytes.
+pub(super) fn refuse(stream: &mut TcpStream, length: usize, status: &str) -> io::Result<()> {
+    send(stream, length, status, "text/plain; charset=utf-8", format!("{status}\n").as_bytes())
+}
+
+fn send(stream: &mut TcpStream, length: usize, status: &str, kind: &str, body: &[u8]) -> io::Result<()> {
+    // Bytes that are left unread would make the system reset the connection before the answer is read.
+    stream.read_exact(&mut vec![0; length])?;
+    let head = format!(
+        "HTTP/1.1 {status}\r\nContent-Type: {kind}\r\nContent-Length: {}\r\nConnection: close\r\nCache-Control: no-store\r\n\
+         X-Content-Type-Options: nosniff\r\nX-Frame-Options: DENY\r\nCross-Origin-Resource-Policy: same-origin\r\n\
+         Referrer-Policy: no-referrer\r\n\r\n",
+        body.len()
+    );
+    stream.write_all(head.as_bytes())?;
+    stream.write_all(body)?;
+    stream.flush()
+}

@@ -1,0 +1,98 @@
+use super::http::{Answer, Request};
+use super::message::{Command, MOST_BYTES, Source, command, samples};
+
+const PORT: u16 = 8123;
+
+fn answer(method: &str, path: &str, headers: &[&str]) -> Answer {
+    let head = format!("{method} {path} HTTP/1.1\r\n{}\r\n\r\n", headers.join("\r\n"));
+    Request::parse(&head).map_or(Answer::Refuse("no request"), |request| request.answer(PORT))
+}
+
+const HOST: &str = "Host: 127.0.0.1:8123";
+const UPGRADE: &str = "Upgrade: websocket";
+
+#[test]
+fn the_page_is_for_whoever_knows_its_name() {
+    assert_eq!(answer("GET", "/", &[HOST]), Answer::Page);
+    assert_eq!(answer("GET", "/?x=1", &["host: localhost:8123"]), Answer::Page);
+    for host in ["evil.example", "evil.example:8123", "127.0.0.1", "127.0.0.1:80", "127.0.0.1:8123.evil.example", ""] {
+        assert_eq!(
+            answer("GET", "/", &[&format!("Host: {host}")]),
+            Answer::Refuse("421 Misdirected Request"),
+            "{host}"
+        );
+    }
+    assert_eq!(answer("GET", "/", &[]), Answer::Refuse("400 Bad Request"));
+    assert_eq!(answer("GET", "/", &[HOST, HOST]), Answer::Refuse("400 Bad Request"));
+    assert_eq!(answer("POST", "/", &[HOST]), Answer::Refuse("405 Method Not Allowed"));
+    assert_eq!(answer("GET", "/../Cargo.toml", &[HOST]), Answer::Refuse("404 Not Found"));
+}
+
+#[test]
+fn the_stream_is_for_the_page_alone() {
+    let own = "Origin: http://127.0.0.1:8123";
+    assert_eq!(answer("GET", "/stream", &[HOST, UPGRADE, own]), Answer::Stream);
+    let local = ["Host: localhost:8123", UPGRADE, "Origin: http://localhost:8123"];
+    assert_eq!(answer("GET", "/stream", &local), Answer::Stream);
+    let refused = Answer::Refuse("403 Forbidden");
+    for origin in
+        ["http://evil.example", "null", "https://127.0.0.1:8123", "http://127.0.0.1:8124", "http://localhost:8123"]
+    {
+        assert_eq!(answer("GET", "/stream", &[HOST, UPGRADE, &format!("Origin: {origin}")]), refused, "{origin}");
+    }
+    assert_eq!(answer("GET", "/stream", &[HOST, UPGRADE]), refused, "no origin");
+    assert_eq!(answer("GET", "/stream", &[HOST, UPGRADE, own, own]), refused, "two origins");
+    assert_eq!(answer("GET", "/stream", &[HOST, own]), Answer::Refuse("426 Upgrade Required"));
+}
+
+#[test]
+fn what_is_no_request_is_refused() {
+    for head in [
+        "",
+        "\r\n\r\n",
+        "GET /\r\n\r\n",
+        "GET / HTTP/1.0\r\n\r\n",
+        "GET / x HTTP/1.1\r\n\r\n",
+        "GET / HTTP/1.1\r\nnothing\r\n\r\n",
+    ] {
+        assert_eq!(Request::parse(head), None, "{head:?}");
+    }
+}
+
+#[test]
+fn commands_are_read_and_others_refused() {
+    let start = |source, rate| Ok(Command::Start { source, rate });
+    assert_eq!(command(r#"{"type":"start","source":"recording","rate":null}"#), start(Source::Recording, None));
+    assert_eq!(
+        command(r#"{"type":"start","source":"microphone","rate":48000}"#),
+        start(Source::Microphone, Some(48000))
+    );
+    assert_eq!(command(r#"{"type":"finish"}"#), Ok(Command::Finish));
+    for bad in [
+        "",
+        "{",
+        "[]",
+        r#"{"type":"leave"}"#,
+        r#"{"type":"start"}"#,
+        r#"{"type":"start","source":"file:///etc/passwd"}"#,
+        r#"{"type":"start","source":"microphone"}"#,
+        r#"{"type":"start","source":"microphone","rate":7}"#,
+        r#"{"type":"start","source":"microphone","rate":-1}"#,
+        r#"{"type":"start","source":"microphone","rate":1e9}"#,
+        r#"{"type":"start","source":"recording","more":1}"#,
+    ] {
+        assert!(command(bad).is_err(), "{bad}");
+    }
+    assert!(command(&"[".repeat(MOST_BYTES)).is_err());
+}
+
+#[test]
+fn samples_are_whole_and_finite() {
+    let bytes = |values: &[f32]| values.iter().flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>();
+    assert_eq!(samples(&bytes(&[0.5, -1.0])), Ok(vec![0.5, -1.0]));
+    assert_eq!(samples(&[]), Ok(vec![]));
+    for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e30] {
+        assert!(samples(&bytes(&[0.0, bad])).is_err(), "{bad}");
+    }
+    assert!(samples(&[0; 7]).is_err());
+}

@@ -1,0 +1,221 @@
+//! One page's stream: sound in, frames out, in real time.
+
+use std::io::Read;
+use std::net::TcpStream;
+use std::time::{Duration, Instant};
+
+use tungstenite::protocol::frame::coding::CloseCode;
+use tungstenite::protocol::{CloseFrame, WebSocketConfig};
+use tungstenite::{Error, Message, WebSocket};
+use umo_core::session::{Session, SessionConfig, SessionError};
+
+use super::Host;
+use super::http::is_wait;
+use super::message::{self, Command, Frames, MOST_BYTES, MOST_SAMPLES, News, Source};
+
+/// How long the page's next message is waited for before frames are looked for.
+const LOOK: Duration = Duration::from_millis(4);
+/// How often the page is told how it goes.
+const NEWS: Duration = Duration::from_millis(250);
+/// How long a page may take to say goodbye.
+const GOODBYE: Duration = Duration::from_secs(1);
+/// Most bytes of a reason.
+const MOST_REASON: usize = 120;
+
+/// Why a stream ends.
+enum End {
+    /// The page has left.
+    Left,
+    /// All was sent.
+    Done,
+    /// The program stops.
+    Over,
+    /// The page asks for what cannot be.
+    Refused(String),
+    /// The engine has failed.
+    Failed(String),
+}
+
+impl From<Error> for End {
+    fn from(error: Error) -> Self {
+        match error {
+            Error::Capacity(problem) => Self::Refused(problem.to_string()),
+            Error::Utf8(problem) => Self::Refused(problem),
+            Error::Protocol(problem) => Self::Refused(problem.to_string()),
+            _ => Self::Left,
+        }
+    }
+}
+
+impl From<SessionError> for End {
+    fn from(error: SessionError) -> Self {
+        Self::Failed(error.to_string())
+    }
+}
+
+/// A stream in work.
+struct Stream<'a> {
+    session: Session,
+    source: Source,
+    /// What of the recording is still to be heard.
+    rest: &'a [f32],
+    rate: usize,
+    heard: usize,
+    start: Instant,
+    told: Instant,
+    finished: bool,
+    frames: u64,
+}
+
+/// Serves one page until its stream or the program ends.
+pub(super) fn run(host: &Host, stream: TcpStream) {
+    let limits = WebSocketConfig::default()
+        .max_message_size(Some(MOST_BYTES))
+        .max_frame_size(Some(MOST_BYTES))
+        .max_write_buffer_size(64 << 20);
+    let _ = stream.set_read_timeout(Some(GOODBYE));
+    let Ok(mut socket) = tungstenite::accept_with_config(stream, Some(limits)) else { return };
+    let _ = socket.get_ref().set_read_timeout(Some(LOOK));
+    let end = talk(host, &mut socket);
+    let (code, reason) = match end {
+        End::Left => return,
+        End::Done => (CloseCode::Normal, String::new()),
+        End::Over => (CloseCode::Away, "the program has ended".to_owned()),
+        End::Refused(reason) => (CloseCode::Policy, reason),
+        End::Failed(reason) => (CloseCode::Error, reason),
+    };
+    part(&mut socket, code, &reason);
+}
+
+/// Says goodbye, and waits for the page's.
+fn part(socket: &mut WebSocket<TcpStream>, code: CloseCode, reason: &str) {
+    if !reason.is_empty() {
+        let _ = socket.send(Message::text(News::Error { reason }.json()));
+    }
+    let end = reason.char_indices().map(|(at, c)| at + c.len_utf8()).take_while(|&end| end <= MOST_REASON).last();
+    let reason = reason[..end.unwrap_or(0)].into();
+    let _ = socket.close(Some(CloseFrame { code, reason }));
+    let start = Instant::now();
+    while start.elapsed() < GOODBYE {
+        match socket.read() {
+            Ok(_) => {}
+            Err(Error::Io(error)) if is_wait(&error) => {}
+            Err(Error::Io(_) | Error::ConnectionClosed | Error::AlreadyClosed) => return,
+            Err(_) => return drain(socket.get_mut(), start),
+        }
+    }
+}
+
+/// Takes what is left of a message that was refused: unread, it would make the system reset the connection before the page
+/// has read why.
+fn drain(stream: &mut TcpStream, start: Instant) {
+    let mut unread = [0; 1 << 12];
+    while start.elapsed() < GOODBYE {
+        match stream.read(&mut unread) {
+            Ok(0) => return,
+            Ok(_) => {}
+            Err(error) if is_wait(&error) => {}
+            Err(_) => return,
+        }
+    }
+}
+
+fn talk(host: &Host, socket: &mut WebSocket<TcpStream>) -> End {
+    let mut stream = None;
+    loop {
+        if host.is_over() {
+            return End::Over;
+        }
+        let step = match socket.read() {
+            Ok(message) => hear(host, socket, &mut stream, &message),
+            Err(Error::Io(error)) if is_wait(&error) => Ok(()),
+            Err(error) => Err(error.into()),
+        };
+        let step = step.and_then(|()| stream.as_mut().map_or(Ok(()), |stream: &mut Stream| stream.step(socket)));
+        if let Err(end) = step {
+            return end;
+        }
+    }
+}
+
+/// Does what the page says.
+fn hear<'a>(
+    host: &'a Host,
+    socket: &mut WebSocket<TcpStream>,
+    stream: &mut Option<Stream<'a>>,
+    said: &Message,
+) -> Result<(), End> {
+    match (said, stream) {
+        (Message::Text(text), stream) => match (message::command(text).map_err(End::Refused)?, stream.as_mut()) {
+            (Command::Start { .. }, Some(_)) => Err(End::Refused("a stream is under way".to_owned())),
+            (Command::Start { source, rate }, None) => {
+                *stream = Some(Stream::start(host, source, rate)?);
+                Ok(socket.send(Message::text(News::Started.json()))?)
+            }
+            (Command::Finish, Some(stream)) => stream.finish(),
+            (Command::Finish, None) => Err(End::Refused("no stream is under way".to_owned())),
+        },
+        (Message::Binary(bytes), Some(stream)) if stream.source == Source::Microphone && !stream.finished => {
+            stream.push(&message::samples(bytes).map_err(End::Refused)?)
+        }
+        (Message::Binary(_), _) => Err(End::Refused("samples came where none are heard".to_owned())),
+        (Message::Close(_), _) => Err(End::Left),
+        (Message::Ping(_) | Message::Pong(_) | Message::Frame(_), _) => Ok(()),
+    }
+}
+
+impl<'a> Stream<'a> {
+    fn start(host: &'a Host, source: Source, rate: Option<u32>) -> Result<Self, End> {
+        let (rate, rest) = match (source, &host.recording) {
+            (Source::Microphone, _) => (rate.unwrap_or_default() as usize, &[][..]),
+            (Source::Recording, Some((rate, samples))) => (*rate, &samples[..]),
+            (Source::Recording, None) => return Err(End::Refused("there is no recording".to_owned())),
+        };
+        let config = SessionConfig { sample_rate: rate, ..host.session.clone() };
+        let session = host.engine.session(&config).map_err(|error| End::Failed(error.to_string()))?;
+        let now = Instant::now();
+        Ok(Self { session, source, rest, rate, heard: 0, start: now, told: now, finished: false, frames: 0 })
+    }
+
+    fn push(&mut self, samples: &[f32]) -> Result<(), End> {
+        self.session.push_audio(samples)?;
+        Ok(())
+    }
+
+    fn finish(&mut self) -> Result<(), End> {
+        self.finished = true;
+        Ok(self.session.finish()?)
+    }
+
+    /// Hears what of the recording has been spoken by now, and sends what there is.
+    fn step(&mut self, socket: &mut WebSocket<TcpStream>) -> Result<(), End> {
+        if self.source == Source::Recording && !self.finished {
+            self.hear_recording()?;
+        }
+        let mut frames = Frames::default();
+        self.frames += self.session.pull_frames(usize::MAX, |frame| frames.add(frame))? as u64;
+        if let Some(message) = frames.message() {
+            socket.send(Message::binary(message))?;
+        }
+        let done = self.finished && self.session.is_done()?;
+        if done || self.told.elapsed() >= NEWS {
+            self.told = Instant::now();
+            socket.send(Message::text(News::status(&self.session.latency(), &self.session.stats()).json()))?;
+        }
+        if done {
+            socket.send(Message::text(News::Done { frames: self.frames }.json()))?;
+            return Err(End::Done);
+        }
+        Ok(())
+    }
+
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "samples since the start")]
+    fn hear_recording(&mut self) -> Result<(), End> {
+        let spoken = (self.start.elapsed().as_secs_f64() * self.rate as f64) as usize;
+        let count = (spoken - self.heard.min(spoken)).min(self.rest.len()).min(MOST_SAMPLES);
+        let taken = self.session.push_audio(&self.rest[..count])?.taken;
+        self.rest = &self.rest[taken..];
+        self.heard += taken;
+        if self.rest.is_empty() { self.finish() } else { Ok(()) }
+    }
+}

@@ -1,0 +1,77 @@
+//! The HTML file: the sources in `page/`, put into one that opens from disk and asks no network for anything.
+
+use super::blocks;
+use super::scene::Scene;
+use crate::failure::Failure;
+
+/// The page's own parts; what is in braces is filled in.
+const TEMPLATE: &str = include_str!("page/page.html");
+const STYLE: &str = include_str!("page/page.css");
+/// Makes the modules known to each other, and starts `main.js`.
+const BOOT: &str = include_str!("page/boot.js");
+
+macro_rules! modules {
+    ($($name:literal)*) => { [$(($name, include_str!(concat!("page/", $name)))),*] };
+}
+
+/// The modules, each by its name.
+const MODULES: [(&str, &str); 21] = modules!(
+    "bones.js" "camera.js" "clock.js" "experts.js" "figure.js" "gl.js" "ground.js" "lanes.js" "live.js" "main.js" "math.js"
+    "microphone.js" "motion.js" "inspect.js" "keys.js" "panel.js" "picture.js" "record.js" "scene.js" "timeline.js" "tracks.js"
+);
+
+/// A page that shows a scene.
+pub(super) fn html(scene: &Scene) -> Result<String, Failure> {
+    let data = blocks::elements(scene).map_err(Failure::machine)?;
+    let connect = if scene.live.is_some() { "'self' ws://127.0.0.1:* ws://localhost:*" } else { "'none'" };
+    Ok(fill(
+        TEMPLATE,
+        &[
+            ("{title}", &escaped(&scene.title)),
+            ("{notice}", &escaped(&scene.notice)),
+            ("{about}", &escaped(&scene.about)),
+            ("{connect}", connect),
+            ("{experts}", if scene.record.is_some() { "" } else { " hidden" }),
+            ("{style}", STYLE),
+            ("{data}", &data),
+            ("{modules}", &modules()),
+            ("{boot}", BOOT),
+        ],
+    ))
+}
+
+/// The modules as elements that wait for `boot.js`.
+fn modules() -> String {
+    let element = |(name, source): &(&str, &str)| {
+        format!("<script type=\"text/umo-module\" data-name=\"{name}\">\n{source}</script>\n")
+    };
+    MODULES.iter().map(element).collect()
+}
+
+/// Puts values in the place of their names; what a value holds is not looked at again.
+fn fill(template: &str, values: &[(&str, &str)]) -> String {
+    let (mut page, mut rest) = (String::new(), template);
+    let next = |rest: &str| values.iter().filter_map(|(name, value)| Some((rest.find(name)?, *name, *value))).min();
+    while let Some((at, name, value)) = next(rest) {
+        page += &rest[..at];
+        page += value;
+        rest = &rest[at + name.len()..];
+    }
+    page + rest
+}
+
+/// Text that nothing in a page takes for more than text.
+fn escaped(text: &str) -> String {
+    let escape = |c: char| match c {
+        '&' => "&amp;".to_owned(),
+        '<' => "&lt;".to_owned(),
+        '>' => "&gt;".to_owned(),
+        '"' => "&quot;".to_owned(),
+        '\'' => "&#39;".to_owned(),
+        c => c.to_string(),
+    };
+    text.chars().map(escape).collect()
+}
+
+#[cfg(test)]
+mod tests;

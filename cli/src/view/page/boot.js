@@ -1,0 +1,14 @@
+// Modules cannot import each other from a file on disk: each becomes an address of its own, and a map of the names.
+const imports = {};
+for (const { dataset, textContent } of document.querySelectorAll('script[type="text/umo-module"]')) {
+  const source = `${textContent}\n//# sourceURL=umo/${dataset.name}`;
+  imports[`umo/${dataset.name}`] = URL.createObjectURL(new Blob([source], { type: "text/javascript" }));
+}
+const map = document.createElement("script");
+map.type = "importmap";
+map.textContent = JSON.stringify({ imports });
+document.head.append(map);
+import("umo/main.js").catch((error) => {
+  document.querySelector("#notice").textContent = `This page does not start: ${error.message}`;
+  throw error;
+});

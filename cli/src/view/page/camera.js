@@ -1,0 +1,150 @@
+// Where the picture is taken from: presets that follow a part of the body, and orbits around it.
+
+import { add, clamp, lookAt, mix, multiply, perspective, scale, subtract, transform } from "umo/math.js";
+
+const FOV = (28 * Math.PI) / 180;
+/** How fast the camera comes to where it is sent, and follows the body, per second. */
+const EASE = 9;
+const FOLLOW = 2.5;
+
+const joint = (scene, name) => scene.joints.indexOf(name);
+
+/** What each preset looks at, and half of the width and height that it must show, metres. */
+function presets(scene, height) {
+  const [head, left, right] = ["head", "left_wrist", "right_wrist"].map((name) => joint(scene, name));
+  return {
+    body: {
+      at: (places, ground) => [places[0][0], ground + 0.5 * height, places[0][2]],
+      half: [0.36 * height, 0.56 * height],
+      yaw: 0.32,
+      pitch: 0.1,
+    },
+    face: { at: (places) => add(places[head], [0, 0.06, 0.04]), half: [0.15, 0.19], yaw: 0.16, pitch: 0.02 },
+    hands: {
+      at: (places) => scale(add(places[left], places[right]), 0.5),
+      half: [0.5, 0.42],
+      yaw: 0.12,
+      pitch: 0.16,
+    },
+  };
+}
+
+export class Camera {
+  constructor(scene, height, still) {
+    this.presets = presets(scene, height);
+    this.still = still;
+    this.aspect = 1;
+    this.use("body");
+    this.now = { ...this.goal };
+    this.target = null;
+  }
+
+  use(name) {
+    this.name = name;
+    const { yaw, pitch } = this.presets[name];
+    this.goal = { yaw, pitch, zoom: 1, x: 0, y: 0 };
+  }
+
+  orbit(dx, dy) {
+    this.goal.yaw -= dx;
+    this.goal.pitch = clamp(this.goal.pitch + dy, -1.2, 1.45);
+  }
+
+  zoom(factor) {
+    this.goal.zoom = clamp(this.goal.zoom * factor, 0.15, 4);
+  }
+
+  /** Moves the picture by shares of its height. */
+  pan(dx, dy) {
+    this.goal.x = clamp(this.goal.x + 2 * dx * this.goal.zoom, -2, 2);
+    this.goal.y = clamp(this.goal.y + 2 * dy * this.goal.zoom, -2, 2);
+  }
+
+  /** Comes nearer to where it should be; says whether it is still on its way. `seconds` of 0 goes there at once. */
+  step(seconds, places, ground) {
+    const wanted = this.presets[this.name].at(places, ground);
+    const jump = this.still || seconds === 0 || !this.target;
+    const share = (speed) => (jump ? 1 : 1 - Math.exp(-speed * seconds));
+    const before = this.target ?? wanted;
+    const sent = this.sent !== this.name;
+    this.sent = this.name;
+    if (sent) this.hurry = 0.6;
+    this.hurry = Math.max((this.hurry ?? 0) - seconds, 0);
+    const follow = share(this.hurry > 0 ? EASE : FOLLOW);
+    this.target = before.map((x, i) => mix(x, wanted[i], follow));
+    let moving = Math.hypot(...subtract(this.target, wanted)) > 5e-4;
+    for (const key of Object.keys(this.goal)) {
+      this.now[key] = mix(this.now[key], this.goal[key], share(EASE));
+      moving ||= Math.abs(this.now[key] - this.goal[key]) > 5e-4;
+    }
+    return moving;
+  }
+
+  /** Matrices for a picture of this shape. */
+  look(aspect) {
+    this.aspect = aspect;
+    const { half } = this.presets[this.name];
+    const { yaw, pitch, zoom, x, y } = this.now;
+    const height = Math.max(half[1], half[0] / aspect);
+    const distance = (height * zoom) / Math.tan(FOV / 2);
+    const right = [Math.cos(yaw), 0, -Math.sin(yaw)];
+    const middle = add(this.target, add(scale(right, -x * height), [0, y * height, 0]));
+    const back = [Math.sin(yaw) * Math.cos(pitch), Math.sin(pitch), Math.cos(yaw) * Math.cos(pitch)];
+    const eye = add(middle, scale(back, distance));
+    const near = Math.max(0.02, 0.05 * distance);
+    const view = multiply(perspective(FOV, aspect, near, distance + 12), lookAt(eye, middle, [0, 1, 0]));
+    this.view = view;
+    return { view, eye };
+  }
+
+  /** Where a point of the world is in a picture of `width` and `height`. */
+  project(point, width, height) {
+    const [x, y, , w] = transform(this.view, point);
+    return [(0.5 + (0.5 * x) / w) * width, (0.5 - (0.5 * y) / w) * height];
+  }
+}
+
+/** Mouse, touch and wheel on the picture. Calls `changed` after each. */
+export function steer(canvas, camera, changed) {
+  const fingers = new Map();
+  let span = 0;
+  const spread = () => {
+    const [a, b] = [...fingers.values()];
+    return b ? Math.hypot(a.x - b.x, a.y - b.y) : 0;
+  };
+  canvas.addEventListener("pointerdown", (event) => {
+    canvas.setPointerCapture(event.pointerId);
+    fingers.set(event.pointerId, { x: event.clientX, y: event.clientY });
+    span = spread();
+  });
+  canvas.addEventListener("pointermove", (event) => {
+    const before = fingers.get(event.pointerId);
+    if (!before) return;
+    const [dx, dy] = [event.clientX - before.x, event.clientY - before.y].map((d) => d / canvas.clientHeight);
+    fingers.set(event.pointerId, { x: event.clientX, y: event.clientY });
+    if (fingers.size > 1) {
+      const now = spread();
+      if (span > 0 && now > 0) camera.zoom(span / now);
+      span = now;
+      camera.pan(dx, dy);
+    } else if (event.shiftKey || event.buttons === 2 || event.buttons === 4) {
+      camera.pan(dx, dy);
+    } else {
+      camera.orbit(4 * dx, 3 * dy);
+    }
+    changed();
+  });
+  for (const end of ["pointerup", "pointercancel"]) {
+    canvas.addEventListener(end, (event) => fingers.delete(event.pointerId));
+  }
+  canvas.addEventListener("contextmenu", (event) => event.preventDefault());
+  canvas.addEventListener(
+    "wheel",
+    (event) => {
+      event.preventDefault();
+      camera.zoom(Math.exp(clamp(event.deltaY, -80, 80) * 0.0022));
+      changed();
+    },
+    { passive: false },
+  );
+}

@@ -1,0 +1,67 @@
+// What time it is in the motion: the audio's time where there is audio, so that sound and picture cannot part.
+
+import { wav } from "umo/scene.js";
+
+export class Clock {
+  constructor(scene, seconds) {
+    this.seconds = seconds;
+    this.at = 0;
+    this.rate = 1;
+    this.playing = false;
+    this.ended = () => {};
+    if (scene.samples.length > 0) {
+      this.audio = new Audio(URL.createObjectURL(wav(scene.samples, scene.audio.sampleRate)));
+      this.audio.preload = "auto";
+      this.audio.preservesPitch = true;
+    }
+  }
+
+  /** Seconds from the start. */
+  get time() {
+    if (!this.playing) return this.at;
+    const { audio } = this;
+    const now = audio && !audio.ended ? audio.currentTime : this.since.at + ((performance.now() - this.since.now) / 1000) * this.rate;
+    this.at = Math.min(Math.max(this.at, now), this.seconds);
+    if (audio && !audio.ended) this.mark();
+    if (this.at >= this.seconds) {
+      this.pause();
+      this.ended();
+    }
+    return this.at;
+  }
+
+  mark() {
+    this.since = { at: this.at, now: performance.now() };
+  }
+
+  /** Starts; refused by browsers where nobody has touched the page yet. */
+  async play() {
+    if (this.playing) return;
+    if (this.at >= this.seconds - 1e-3) this.seek(0);
+    // A length that is not known yet is no number, and no reason to be silent.
+    if (this.audio && !(this.at >= this.audio.duration)) {
+      this.audio.currentTime = this.at;
+      this.audio.playbackRate = this.rate;
+      await this.audio.play();
+    }
+    this.playing = true;
+    this.mark();
+  }
+
+  pause() {
+    this.playing = false;
+    this.audio?.pause();
+  }
+
+  seek(seconds) {
+    this.at = Math.min(Math.max(seconds, 0), this.seconds);
+    if (this.audio) this.audio.currentTime = this.at;
+    this.mark();
+  }
+
+  setRate(rate) {
+    this.mark();
+    this.rate = rate;
+    if (this.audio) this.audio.playbackRate = rate;
+  }
+}

@@ -1,0 +1,277 @@
+// Puts the page together: what is shown when, and what keys and buttons do.
+
+import { Camera, steer } from "umo/camera.js";
+import { Clock } from "umo/clock.js";
+import { Experts } from "umo/experts.js";
+import { inspector } from "umo/inspect.js";
+import { listenToKeys } from "umo/keys.js";
+import { Live, LiveClock } from "umo/live.js";
+import { clamp } from "umo/math.js";
+import { Motion, place } from "umo/motion.js";
+import { livePanel } from "umo/panel.js";
+import { Picture } from "umo/picture.js";
+import { Record } from "umo/record.js";
+import { readScene } from "umo/scene.js";
+import { Timeline } from "umo/timeline.js";
+import { allTracks, trackList } from "umo/tracks.js";
+
+const $ = (selector) => document.querySelector(selector);
+const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
+
+const scene = readScene();
+const motion = new Motion(scene);
+const record = new Record(scene);
+const clock = scene.live ? new LiveClock(scene, motion) : new Clock(scene, motion.seconds);
+const picture = new Picture($("#view"), scene);
+const [low, high] = heights(scene.mesh);
+const camera = new Camera(scene, high - low, still);
+const tracks = allTracks(scene, motion);
+const timeline = new Timeline($("#timeline"), { scene, motion, record, clock, seek });
+const experts = new Experts($("#experts"), record, (layer) => timeline.setLayer(layer));
+trackList($("#tracks"), tracks, (chosen) => timeline.setTracks(chosen));
+const live = scene.live ? new Live({ scene, motion, clock, tell, changed: touch }) : null;
+
+let skeleton = false;
+let dirty = true;
+let before = performance.now();
+let floor = floorOf();
+let shown = { pose: motion.pose(0), placed: null };
+let drawn = 0;
+
+/** Lowest and highest of the mesh at rest. */
+function heights({ positions }) {
+  let [low, high] = [Infinity, -Infinity];
+  for (let i = 1; i < positions.length; i += 3) [low, high] = [Math.min(low, positions[i]), Math.max(high, positions[i])];
+  return [low, high];
+}
+
+/** Where the floor is: under the feet as they are in most frames. */
+function floorOf() {
+  const feet = ["left_foot", "right_foot", "left_ankle", "right_ankle"].map((name) => scene.joints.indexOf(name));
+  const lowest = (pose) => {
+    const { places } = place(scene, pose);
+    return Math.min(...feet.map((joint) => places[joint][1]));
+  };
+  const identity = { rotations: scene.joints.map(() => [0, 0, 0, 1]), translation: [0, 0, 0] };
+  const sole = lowest(identity) - low;
+  if (motion.count === 0) return lowest(motion.rest) - sole;
+  const step = Math.max(1, Math.floor(motion.count / 100));
+  const found = [];
+  for (let frame = motion.first; frame < motion.end; frame += step) found.push(lowest(motion.pose(frame / motion.rate)));
+  found.sort((a, b) => a - b);
+  return found[Math.floor(found.length / 2)] - sole;
+}
+
+/** Something has changed: the picture is drawn anew. */
+function touch() {
+  dirty = true;
+}
+
+function tell(words) {
+  $("#notice").textContent = words;
+}
+
+function seek(seconds) {
+  clock.seek(seconds);
+  touch();
+}
+
+async function play() {
+  try {
+    await clock.play();
+  } catch {
+    // A browser that wants a touch first: the button waits for it.
+  }
+  touch();
+}
+
+function pause() {
+  clock.pause();
+  touch();
+}
+
+const toggle = () => (clock.playing ? pause() : play());
+const frameNow = () => clamp(Math.round(clock.time * motion.rate), motion.first, Math.max(motion.first, motion.end - 1));
+
+/** To a frame further on, or to the next keyframe. */
+function step(frames) {
+  pause();
+  seek((frameNow() + frames) / motion.rate);
+}
+
+function stepKeyframe(way) {
+  const stride = record.stride || 1;
+  const now = frameNow() / stride;
+  pause();
+  seek(((way > 0 ? Math.floor(now + 1e-6) + 1 : Math.ceil(now - 1e-6) - 1) * stride) / motion.rate);
+}
+
+function useCamera(name) {
+  camera.use(name);
+  for (const button of document.querySelectorAll("[data-camera]")) {
+    button.setAttribute("aria-pressed", String(button.dataset.camera === name));
+  }
+  touch();
+}
+
+function setSkeleton(on) {
+  skeleton = on;
+  $("#skeleton").setAttribute("aria-pressed", String(on));
+  touch();
+}
+
+function setTheme(name) {
+  document.documentElement.dataset.theme = name;
+  experts.shown = -1;
+  timeline.draw();
+  touch();
+}
+
+function setRate(rate) {
+  clock.setRate(rate);
+  $("#speed").value = String(rate);
+}
+
+function otherRate(way) {
+  const rates = [...$("#speed").options].map(({ value }) => Number(value));
+  setRate(rates[clamp(rates.indexOf(clock.rate) + way, 0, rates.length - 1)]);
+}
+
+const KEYS = {
+  " ": () => (live ? live.toggle() : toggle()),
+  k: () => (live ? live.toggle() : toggle()),
+  ArrowLeft: () => step(-1),
+  ArrowRight: () => step(1),
+  ArrowUp: () => otherRate(1),
+  ArrowDown: () => otherRate(-1),
+  j: () => seek(clock.time - 1),
+  l: () => seek(clock.time + 1),
+  ",": () => stepKeyframe(-1),
+  ".": () => stepKeyframe(1),
+  Home: () => seek(0),
+  End: () => seek(clock.seconds),
+  1: () => useCamera("body"),
+  2: () => useCamera("face"),
+  3: () => useCamera("hands"),
+  s: () => setSkeleton(!skeleton),
+  t: () => setTheme(document.documentElement.dataset.theme === "dark" ? "light" : "dark"),
+  "+": () => timeline.zoom(0.7),
+  "=": () => timeline.zoom(0.7),
+  "-": () => timeline.zoom(1.4),
+  "?": () => $("#help").showModal(),
+  h: () => $("#help").showModal(),
+};
+
+const timeText = (seconds) => {
+  const tenths = Math.floor(seconds * 10 + 1e-6);
+  return `${Math.floor(tenths / 600)}:${String(Math.floor((tenths % 600) / 10)).padStart(2, "0")}.${tenths % 10}`;
+};
+
+/** Buttons, numbers and lines that go with the time. */
+function showTime(time) {
+  const frame = frameNow();
+  const button = $("#play");
+  button.dataset.playing = String(clock.playing);
+  button.setAttribute("aria-label", clock.playing ? "Pause" : "Play");
+  $("#big-play").hidden = clock.playing || Boolean(live) || time > 0;
+  const slider = $("#seek");
+  slider.max = String(Math.max(clock.seconds, 1e-3));
+  slider.value = String(time);
+  slider.style.setProperty("--done", `${(100 * time) / Math.max(clock.seconds, 1e-3)}%`);
+  slider.setAttribute("aria-valuetext", `${timeText(time)} of ${timeText(clock.seconds)}`);
+  $("#time").textContent = `${timeText(time)} / ${timeText(clock.seconds)}`;
+  const chip = $("#frame");
+  const key = record.isKeyframe(frame);
+  chip.hidden = motion.count === 0;
+  chip.dataset.kind = !record.isKnown ? "unknown" : key ? "keyframe" : "filled";
+  chip.textContent = `frame ${frame}${record.isKnown ? (key ? " · keyframe" : " · interpolated") : ""}`;
+  experts.show(frame);
+  timeline.follow(time);
+}
+
+function loop(now) {
+  requestAnimationFrame(loop);
+  const seconds = Math.min((now - before) / 1000, 0.1);
+  before = now;
+  const time = clock.time;
+  if (live?.ends(time)) touch();
+  if (!clock.playing && !dirty) return;
+  draw(time, seconds);
+}
+
+function draw(time, seconds) {
+  dirty = false;
+  const pose = motion.pose(time);
+  const placed = place(scene, pose);
+  shown = { time, pose, placed };
+  if (camera.step(seconds, placed.places, floor)) touch();
+  const theme = document.documentElement.dataset.theme;
+  picture.draw({ pose, placed, camera, floor, theme, skeleton });
+  showTime(time);
+  if (live) panel.show();
+  drawn += 1;
+}
+
+const panel = live ? livePanel($("#live"), { scene, motion, live, $ }) : null;
+let counted = 0;
+if (live) {
+  // The timeline of a stream grows; the floor is found once there are feet.
+  setInterval(() => {
+    if (motion.end === counted) return;
+    if (counted < 60) floor = floorOf();
+    counted = motion.end;
+    timeline.draw();
+    touch();
+  }, 250);
+}
+
+function listen() {
+  listenToKeys(KEYS, camera, touch);
+  $("#play").addEventListener("click", () => (live ? live.toggle() : toggle()));
+  $("#big-play").addEventListener("click", play);
+  $("#back").addEventListener("click", () => stepKeyframe(-1));
+  $("#on").addEventListener("click", () => stepKeyframe(1));
+  $("#seek").addEventListener("input", (event) => seek(Number(event.target.value)));
+  $("#speed").addEventListener("change", (event) => setRate(Number(event.target.value)));
+  $("#skeleton").addEventListener("click", () => setSkeleton(!skeleton));
+  $("#theme").addEventListener("click", KEYS.t);
+  $("#help-button").addEventListener("click", () => $("#help").showModal());
+  $("#wider").addEventListener("click", () => timeline.zoom(1.4));
+  $("#closer").addEventListener("click", () => timeline.zoom(0.7));
+  for (const button of document.querySelectorAll("[data-camera]")) {
+    button.addEventListener("click", () => useCamera(button.dataset.camera));
+  }
+  steer($("#view"), camera, touch);
+  new ResizeObserver(touch).observe($("#view"));
+  clock.ended = touch;
+}
+
+window.umo = inspector({
+  scene,
+  motion,
+  clock,
+  camera,
+  picture,
+  live,
+  last: () => ({ ...shown, drawn }),
+  actions: {
+    play,
+    pause,
+    camera: useCamera,
+    skeleton: setSkeleton,
+    theme: setTheme,
+    seek(seconds) {
+      seek(seconds);
+      draw(clock.time, 0);
+    },
+  },
+});
+document.documentElement.dataset.theme = matchMedia("(prefers-color-scheme: light)").matches ? "light" : "dark";
+document.documentElement.dataset.live = String(Boolean(live));
+listen();
+useCamera("body");
+draw(0, 0);
+requestAnimationFrame(loop);
+document.documentElement.dataset.ready = "true";
+// Moving by itself is for those who do not mind; without a touch browsers may refuse, and the button waits.
+if (!live && !still) play();

@@ -1,0 +1,124 @@
+// The frames, the pose between two of them, and where that puts the joints.
+
+import { add, mix, product, rotate, slerp } from "umo/math.js";
+
+/** Frames that are kept of a live stream: ten minutes. */
+const MOST = 18000;
+
+/** Frames in a row, each `joints * 4 + 3 + face` numbers: rotations, the root's place, face values. */
+export class Motion {
+  constructor(scene) {
+    this.joints = scene.joints.length;
+    this.face = scene.face.names.length;
+    this.width = 4 * this.joints + 3 + this.face;
+    this.rate = scene.frameRate;
+    this.values = scene.frames;
+    this.count = scene.frames.length / this.width;
+    this.first = 0;
+    this.rest = scene.rest ?? { rotations: scene.joints.map(() => [0, 0, 0, 1]), translation: [0, 0, 0], face: [] };
+  }
+
+  /** Frames so far, those included that were dropped. */
+  get end() {
+    return this.first + this.count;
+  }
+
+  get seconds() {
+    return this.end / this.rate;
+  }
+
+  clear() {
+    this.count = this.first = 0;
+  }
+
+  /** Adds whole frames at the end, and drops the oldest where there are too many. */
+  append(frames) {
+    const more = frames.length / this.width;
+    if (this.count + more > MOST) {
+      const drop = Math.min(this.count, Math.floor(MOST / 4));
+      this.values.copyWithin(0, drop * this.width, this.count * this.width);
+      this.count -= drop;
+      this.first += drop;
+    }
+    const needed = (this.count + more) * this.width;
+    if (needed > this.values.length) {
+      const larger = new Float32Array(Math.max(needed, 2 * this.values.length));
+      larger.set(this.values.subarray(0, this.count * this.width));
+      this.values = larger;
+    }
+    this.values.set(frames, this.count * this.width);
+    this.count += more;
+  }
+
+  /** The numbers of frame `index`, the nearest that is there. */
+  frame(index) {
+    const at = Math.min(Math.max(index - this.first, 0), this.count - 1) * this.width;
+    return this.values.subarray(at, at + this.width);
+  }
+
+  rotation(index, joint) {
+    return Array.from(this.frame(index).subarray(4 * joint, 4 * joint + 4));
+  }
+
+  /** The pose at a time in seconds: exactly a frame's where the time is a frame's. */
+  pose(seconds) {
+    if (this.count === 0) return this.rest;
+    const at = Math.min(Math.max(seconds * this.rate, this.first), this.end - 1);
+    const nearest = Math.round(at);
+    const index = Math.abs(at - nearest) < 1e-4 ? nearest : Math.floor(at);
+    const t = index === nearest && Math.abs(at - nearest) < 1e-4 ? 0 : at - index;
+    const [a, b] = [this.frame(index), this.frame(index + 1)];
+    const places = 4 * this.joints;
+    const value = (i) => (t === 0 ? a[i] : mix(a[i], b[i], t));
+    const rotations = [];
+    for (let i = 0; i < places; i += 4) rotations.push(slerp(Array.from(a.subarray(i, i + 4)), Array.from(b.subarray(i, i + 4)), t));
+    return {
+      rotations,
+      translation: [0, 1, 2].map((i) => value(places + i)),
+      face: Array.from({ length: this.face }, (_, i) => value(places + 3 + i)),
+    };
+  }
+}
+
+/** Where every joint is, and how it is turned, in the world. */
+export function place(scene, pose) {
+  const places = [];
+  const turned = [];
+  scene.parents.forEach((parent, joint) => {
+    const offset = scene.offsets[joint];
+    if (parent < 0) {
+      places.push(add(offset, pose.translation));
+      turned.push(pose.rotations[joint]);
+    } else {
+      places.push(add(places[parent], rotate(turned[parent], offset)));
+      turned.push(product(turned[parent], pose.rotations[joint]));
+    }
+  });
+  return { places, turned };
+}
+
+/** Where the joints are when nothing is turned. */
+export function restPlaces(scene) {
+  const places = [];
+  scene.parents.forEach((parent, joint) => {
+    places.push(parent < 0 ? scene.offsets[joint] : add(places[parent], scene.offsets[joint]));
+  });
+  return places;
+}
+
+/** Three rows of four numbers per joint, which take a vertex from rest to the pose. Writes into `rows`. */
+export function skin({ places, turned }, rest, rows) {
+  turned.forEach(([x, y, z, w], joint) => {
+    const m = [
+      [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+      [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+      [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ];
+    const moved = rotate([x, y, z, w], rest[joint]);
+    for (let row = 0; row < 3; row++) {
+      const shift = places[joint][row] - moved[row];
+      rows.set([...m[row], shift], 12 * joint + 4 * row);
+    }
+  });
+  return rows;
+}

@@ -1,0 +1,61 @@
+// How the frames were made: keyframes by the language model, the others by interpolation, and which experts worked.
+
+export class Record {
+  constructor(scene) {
+    this.stride = scene.model?.stride ?? 0;
+    this.data = scene.record;
+    this.frames = scene.record ? scene.record.codes.length / scene.parts.length : 0;
+  }
+
+  /** Whether it is known how frames were made. */
+  get isKnown() {
+    return this.stride > 0;
+  }
+
+  isKeyframe(frame) {
+    return this.isKnown && frame % this.stride === 0;
+  }
+
+  /** The code of a part in a frame, or null where it is not known. */
+  code(part, frame) {
+    return frame < this.frames ? this.data.codes[part * this.frames + frame] : null;
+  }
+
+  get chunks() {
+    return this.data?.chunks ?? [];
+  }
+
+  /** The chunk that made a frame, or -1. */
+  chunkOf(frame) {
+    return this.chunks.findIndex(({ first, frames }) => frame >= first && frame < first + frames);
+  }
+
+  /** Layers that can be asked for: name, first, and one after the last. */
+  get layers() {
+    if (!this.data) return [];
+    const { encoderLayers: encoder, decoderLayers: decoder } = this.data;
+    const all = encoder + decoder;
+    const each = Array.from({ length: all }, (_, i) => {
+      const name = i < encoder ? `encoder layer ${i + 1}` : `decoder layer ${i - encoder + 1}`;
+      return { name, from: i, to: i + 1 };
+    });
+    return [
+      { name: "all layers", from: 0, to: all },
+      { name: "encoder", from: 0, to: encoder },
+      { name: "decoder", from: encoder, to: all },
+      ...each,
+    ];
+  }
+
+  /** Tokens of one kind that each expert took in a chunk, over some layers. */
+  routed(chunk, kind, { from, to }) {
+    const { experts, kinds, encoderLayers, decoderLayers, routed } = this.data;
+    const layers = encoderLayers + decoderLayers;
+    const sums = new Array(experts).fill(0);
+    for (let layer = from; layer < to; layer++) {
+      const start = ((chunk * layers + layer) * kinds.length + kind) * experts;
+      for (let expert = 0; expert < experts; expert++) sums[expert] += routed[start + expert];
+    }
+    return sums;
+  }
+}

@@ -1,0 +1,61 @@
+// What the program put into this page: a description in JSON, and numbers in base64 beside it.
+
+const TYPES = { f32: Float32Array, u32: Uint32Array, u16: Uint16Array, i16: Int16Array, u8: Uint8Array };
+
+/** The numbers of a block, or an empty array of that type where the page has none of this name. */
+export function block(name, type) {
+  const text = document.getElementById(`block-${name}`)?.textContent ?? "";
+  const packed = atob(text);
+  const bytes = new Uint8Array(packed.length);
+  for (let i = 0; i < bytes.length; i++) bytes[i] = packed.charCodeAt(i);
+  return new TYPES[type](bytes.buffer);
+}
+
+/** The description, with its arrays. */
+export function readScene() {
+  const scene = JSON.parse(document.getElementById("scene").textContent);
+  const { mesh, record } = scene;
+  mesh.positions = block("positions", "f32");
+  mesh.normals = block("normals", "f32");
+  mesh.colors = block("colors", "u8");
+  mesh.joints = block("joints", "u8");
+  mesh.weights = block("weights", "u16");
+  mesh.indices = block("indices", "u32");
+  let start = 0;
+  const vertices = block("morph-vertices", "u32");
+  const moved = block("morph-positions", "f32");
+  const turned = block("morph-normals", "f32");
+  for (const morph of mesh.morphs) {
+    const end = start + morph.count;
+    morph.vertices = vertices.subarray(start, end);
+    morph.positions = moved.subarray(3 * start, 3 * end);
+    morph.normals = turned.subarray(3 * start, 3 * end);
+    start = end;
+  }
+  if (record) {
+    record.codes = block("codes", "u16");
+    record.routed = block("routed", "u32");
+  }
+  scene.frames = block("frames", "f32");
+  scene.samples = block("audio", "i16");
+  return scene;
+}
+
+/** A WAV file of 16-bit samples, for the browser's own player. */
+export function wav(samples, rate) {
+  const header = new DataView(new ArrayBuffer(44));
+  const text = (at, word) => [...word].forEach((c, i) => header.setUint8(at + i, c.charCodeAt(0)));
+  text(0, "RIFF");
+  header.setUint32(4, 36 + samples.byteLength, true);
+  text(8, "WAVEfmt ");
+  header.setUint32(16, 16, true);
+  header.setUint16(20, 1, true);
+  header.setUint16(22, 1, true);
+  header.setUint32(24, rate, true);
+  header.setUint32(28, 2 * rate, true);
+  header.setUint16(32, 2, true);
+  header.setUint16(34, 16, true);
+  text(36, "data");
+  header.setUint32(40, samples.byteLength, true);
+  return new Blob([header, samples], { type: "audio/wav" });
+}

@@ -1,0 +1,199 @@
+//! What a page shows.
+
+use std::path::Path;
+
+use umo_core::animation::Animation;
+use umo_core::audio::resample;
+use umo_core::config::FaceKind;
+use umo_core::motion::clip::Clip;
+use umo_core::motion::pose::Pose;
+use umo_core::{Config, Part, PerPart};
+
+use crate::animate::{self, Maker};
+use crate::args::{Making, Page};
+use crate::avatar::{self, Mesh};
+use crate::failure::Failure;
+use crate::wav::Wav;
+use crate::{import, model};
+
+/// Longest motion of a page: what browsers open without trouble, at a few MB a minute.
+const MAX_SECONDS: f64 = 1800.0;
+/// Highest rate of a page's audio: beyond it nobody hears more.
+const MAX_RATE: u32 = 48_000;
+
+/// What a page shows.
+pub(super) struct Scene {
+    pub(super) title: String,
+    pub(super) notice: String,
+    /// A few words on how it was made.
+    pub(super) about: String,
+    pub(super) clip: Clip,
+    pub(super) mesh: Mesh,
+    pub(super) audio: Option<Audio>,
+    pub(super) model: Option<ModelInfo>,
+    pub(super) record: Option<Record>,
+    pub(super) live: Option<LiveInfo>,
+}
+
+/// Speech, as browsers play it.
+#[derive(Clone)]
+pub(super) struct Audio {
+    pub(super) sample_rate: u32,
+    /// Mono, full scale 32768.
+    pub(super) samples: Vec<i16>,
+}
+
+/// What made the motion.
+pub(super) struct ModelInfo {
+    pub(super) name: String,
+    /// Frames from one keyframe to the next.
+    pub(super) stride: usize,
+}
+
+/// How every frame was made.
+#[derive(Default)]
+pub(super) struct Record {
+    pub(super) experts: usize,
+    pub(super) encoder_layers: usize,
+    pub(super) decoder_layers: usize,
+    /// First frame of each chunk, and how many of them it made known.
+    pub(super) chunks: Vec<(usize, usize)>,
+    /// Of all frames.
+    pub(super) codes: PerPart<Vec<u16>>,
+    /// `[chunks, layers, kinds, experts]`.
+    pub(super) routed: Vec<u32>,
+}
+
+/// What a live page knows before its stream begins.
+pub(super) struct LiveInfo {
+    /// Future audio that a frame needs at most.
+    pub(super) algorithmic_seconds: f64,
+    /// Shown before the first frame.
+    pub(super) rest: Pose,
+    pub(super) rest_face: Vec<f32>,
+}
+
+impl Scene {
+    /// A recording, animated.
+    pub(super) fn of_speech(path: &Path, args: &Page) -> Result<Self, Failure> {
+        let wav = animate::speech(path, args.repair)?;
+        check_length(path, wav.seconds())?;
+        let maker = Maker::new(&args.making, model::open(args.making.model.as_deref())?)?;
+        let config = maker.model.config();
+        let (samples, frames) = maker.hear(path, &wav)?;
+        let mut animation = maker.animation("audio_to_motion", None)?;
+        animation.keep_record(config);
+        animation.push_audio(&samples)?;
+        animation.finish(frames);
+        let mut record = Record::new(config);
+        let clip = maker.clip(&mut animation, frames, |animation| record.keep(animation))?;
+        record.cut(frames);
+        let mut scene = Self::new(path, clip)?;
+        scene.audio = Some(Audio::new(&wav)?);
+        scene.record = Some(record);
+        scene.set_model(config, &args.making);
+        Ok(scene)
+    }
+
+    /// An animation that was made before.
+    pub(super) fn of_animation(path: &Path, args: &Page) -> Result<Self, Failure> {
+        let file = model::open_quietly(args.making.model.as_deref())?;
+        let clip = import::read(path, &file.config().skeleton)?;
+        check_length(path, clip.len() as f64 / f64::from(clip.frame_rate))?;
+        let mut scene = Self::new(path, clip)?;
+        if let Some(speech) = &args.audio {
+            scene.audio = Some(Audio::new(&animate::speech(speech, args.repair)?)?);
+        }
+        Ok(scene)
+    }
+
+    /// A page of which the frames are still to come.
+    pub(super) fn of_stream(title: &str, config: &Config, making: &Making, live: LiveInfo) -> Result<Self, Failure> {
+        let mut scene = Self::new(Path::new(title), Clip::new(config))?;
+        scene.live = Some(live);
+        scene.set_model(config, making);
+        Ok(scene)
+    }
+
+    fn new(path: &Path, clip: Clip) -> Result<Self, Failure> {
+        let mesh = avatar::mannequin(&clip.skeleton)?;
+        Ok(Self {
+            title: path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned(),
+            notice: String::new(),
+            about: concat!("umo ", env!("CARGO_PKG_VERSION")).to_owned(),
+            mesh: if clip.face.kind == FaceKind::Arkit { mesh } else { mesh.on_the_jaw() },
+            clip,
+            audio: None,
+            model: None,
+            record: None,
+            live: None,
+        })
+    }
+
+    fn set_model(&mut self, config: &Config, making: &Making) {
+        let avatar = animate::avatar(making, config);
+        let draw = if making.greedy { "greedy".to_owned() } else { format!("seed {}", making.seed) };
+        self.about += &format!(
+            " · model {} · {} keyframes a chunk, one every {} frames · {} frames held back · {draw}",
+            config.name, avatar.target, config.keyframe_stride, avatar.lookahead
+        );
+        self.notice = config.notice.clone().unwrap_or_default();
+        self.model = Some(ModelInfo { name: config.name.clone(), stride: config.keyframe_stride });
+    }
+}
+
+fn check_length(path: &Path, seconds: f64) -> Result<(), Failure> {
+    if seconds <= MAX_SECONDS {
+        return Ok(());
+    }
+    let problem = format!("{seconds:.0} s are too long for a page: at most {MAX_SECONDS:.0}; cut it");
+    Err(Failure::input(format!("{}: {problem}", path.display())))
+}
+
+impl Audio {
+    /// A recording's channels mixed, in 16 bits.
+    #[expect(clippy::cast_possible_truncation, reason = "clamped to the range of 16 bits; a rate is at most 48,000")]
+    pub(super) fn new(wav: &Wav) -> Result<Self, Failure> {
+        let sample_rate = wav.sample_rate.min(MAX_RATE);
+        let mono = wav.mono();
+        let samples = match sample_rate == wav.sample_rate {
+            true => mono,
+            false => resample::to_rate(&mono, wav.sample_rate as usize, sample_rate as usize)?,
+        };
+        let whole = |&sample: &f32| (sample * 32768.0).round().clamp(-32768.0, 32767.0) as i16;
+        Ok(Self { sample_rate, samples: samples.iter().map(whole).collect() })
+    }
+}
+
+impl Record {
+    fn new(config: &Config) -> Self {
+        Self {
+            experts: config.lm.experts,
+            encoder_layers: config.lm.num_layers,
+            decoder_layers: config.lm.num_decoder_layers,
+            ..Self::default()
+        }
+    }
+
+    fn keep(&mut self, animation: &Animation) {
+        let Some(chunk) = animation.chunk() else { return };
+        self.chunks.push((chunk.first_frame, chunk.codes.face.len()));
+        for part in Part::ALL {
+            self.codes[part].extend_from_slice(chunk.codes[part]);
+        }
+        self.routed.extend_from_slice(chunk.tally.counts());
+    }
+
+    /// Leaves out the codes beyond the end.
+    fn cut(&mut self, frames: usize) {
+        for part in Part::ALL {
+            self.codes[part].truncate(frames);
+        }
+        for (first, count) in &mut self.chunks {
+            *count = (*count).min(frames.saturating_sub(*first));
+        }
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests;

@@ -1,0 +1,276 @@
+// The page as a file.
+
+import assert from "node:assert/strict";
+import { pathToFileURL } from "node:url";
+
+import { pause, until } from "./chromium.mjs";
+import { halfway, places, read } from "./frames.mjs";
+
+const RATE = 30;
+const REDUCED = [{ name: "prefers-reduced-motion", value: "reduce" }];
+const url = (path) => pathToFileURL(path).href;
+
+let truth;
+
+export function prepare({ run, at, speech }) {
+  run("animate", speech, "-o", at("hello.jsonl"), "-o", at("hello.npz"), "-o", at("hello.glb"));
+  run("view", speech, "-o", at("hello.html"), "--no-open");
+  run("view", at("hello.npz"), "--audio", speech, "-o", at("npz.html"), "--no-open");
+  run("view", at("hello.glb"), "-o", at("glb.html"), "--no-open");
+  truth = read(at("hello.jsonl"));
+}
+
+async function opened({ browser, at }, name = "hello.html", options = { media: REDUCED }) {
+  const page = await browser.open(url(at(name)), options);
+  await page.ready();
+  return page;
+}
+
+/** Nothing went wrong on the page, and it asked nobody for anything. */
+async function closed(page) {
+  assert.deepEqual(page.errors, []);
+  const asked = page.requests.filter((address) => !/^(file|blob|data):/.test(address));
+  assert.deepEqual(asked, []);
+  await page.close();
+}
+
+function near(found, wanted, most, what) {
+  found.forEach((x, i) => assert.ok(Math.abs(x - wanted[i]) <= most, `${what}: ${found} is not ${wanted}`));
+}
+
+/** The page's last picture shows this frame. */
+async function shows(page, frame, most, what) {
+  const joints = await page.value("umo.joints()");
+  assert.equal(joints.length, 55);
+  const wanted = places(truth, frame);
+  joints.forEach(({ name, place }, i) => {
+    assert.equal(name, truth.header.joints[i]);
+    near(place, wanted[i], most, `${what}, ${name}`);
+  });
+  const weights = await page.value("umo.weights()");
+  truth.header.face.names.forEach((name, i) => near([weights[name] ?? 0], [frame.face[i]], most, `${what}, ${name}`));
+}
+
+async function showsFrames(context, name, most) {
+  const page = await opened(context, name);
+  const last = truth.frames.length - 1;
+  assert.equal(await page.value("umo.frames"), truth.frames.length);
+  for (const index of [0, 1, 6, 100, 101, last]) {
+    await page.value(`umo.seek(${index} / ${RATE})`);
+    await shows(page, truth.frames[index], most, `${name}, frame ${index}`);
+  }
+  for (const index of [0, 55, last - 1]) {
+    await page.value(`umo.seek(${index + 0.5} / ${RATE})`);
+    await shows(page, halfway(truth.frames[index], truth.frames[index + 1]), most, `${name}, frame ${index} and a half`);
+  }
+  await closed(page);
+}
+
+/** Alpha of the picture at a place: whether something is drawn there. */
+const alpha = (page, [x, y]) =>
+  page.value(`(() => {
+    umo.seek(umo.time);
+    const view = document.querySelector("#view"), gl = view.getContext("webgl2"), scale = view.width / view.clientWidth;
+    const pixel = new Uint8Array(4);
+    gl.readPixels(Math.round(${x} * scale), view.height - 1 - Math.round(${y} * scale), 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel);
+    return pixel[3];
+  })()`);
+
+export const tests = [
+  ["bones and morph weights are the frames'", (context) => showsFrames(context, "hello.html", 2e-6)],
+  ["an .npz shows the same", (context) => showsFrames(context, "npz.html", 2e-5)],
+  ["a .glb shows the same", (context) => showsFrames(context, "glb.html", 2e-5)],
+
+  [
+    "the figure is drawn where its bones are",
+    async (context) => {
+      const page = await opened(context);
+      for (const [camera, joint] of [["body", "head"], ["body", "spine2"], ["face", "head"], ["hands", "left_wrist"]]) {
+        await page.value(`umo.camera(${JSON.stringify(camera)}); umo.seek(2)`);
+        assert.equal(await alpha(page, await page.value(`umo.onScreen(${JSON.stringify(joint)})`)), 255, `${joint} in ${camera}`);
+      }
+      await page.value(`umo.camera("body"); umo.seek(2)`);
+      assert.equal(await alpha(page, [4, 4]), 0, "a corner is empty");
+      await closed(page);
+    },
+  ],
+
+  [
+    "pictures at known times",
+    async (context) => {
+      const page = await opened(context);
+      for (const [name, camera, seconds, theme] of [
+        ["body", "body", 1, "dark"],
+        ["face", "face", 2.5, "dark"],
+        ["hands", "hands", 4, "dark"],
+        ["light", "body", 5, "light"],
+        ["light-face", "face", 3.2, "light"],
+      ]) {
+        await page.value(`umo.theme("${theme}"); umo.camera("${camera}"); umo.skeleton(${name === "hands"}); umo.seek(${seconds})`);
+        await pause(0.2);
+        await page.picture(context.at(`${name}.png`));
+      }
+      await closed(page);
+    },
+  ],
+
+  [
+    "plays with its audio, at other speeds, and stops",
+    async (context) => {
+      const page = await opened(context);
+      await page.value("umo.play()");
+      await until(() => page.value("umo.time > 0.2"));
+      const [from, start] = [await page.value("umo.time"), Date.now()];
+      const drawn = await page.value("umo.drawn.count");
+      await pause(1.2);
+      const moved = (await page.value("umo.time")) - from;
+      const took = (Date.now() - start) / 1000;
+      assert.ok(Math.abs(moved - took) < 0.25, `${moved} s of motion in ${took} s`);
+      assert.ok((await page.value("umo.drawn.count")) - drawn >= 5, "pictures follow");
+      await page.value(`(() => { const speed = document.querySelector("#speed"); speed.value = "2"; speed.dispatchEvent(new Event("change")); })()`);
+      const [fast, again] = [await page.value("umo.time"), Date.now()];
+      await pause(1);
+      const ratio = ((await page.value("umo.time")) - fast) / ((Date.now() - again) / 1000);
+      assert.ok(ratio > 1.6 && ratio < 2.4, `twice the speed is ${ratio}`);
+      await page.value("umo.pause()");
+      const still = await page.value("umo.time");
+      await pause(0.3);
+      assert.equal(await page.value("umo.time"), still);
+      await page.value(`umo.seek(umo.seconds - 0.3); umo.play()`);
+      await until(() => page.value("!umo.playing"));
+      near([await page.value("umo.time")], [truth.frames.length / RATE], 1e-6, "it ends at its end");
+      await closed(page);
+    },
+  ],
+
+  [
+    "scrubs on the timeline and on the slider",
+    async (context) => {
+      const page = await opened(context);
+      await page.value("umo.seek(0)");
+      const [left, right] = [await page.place("#timeline canvas", 0.4, 0.1), await page.place("#timeline canvas", 0.6, 0.1)];
+      await page.drag([left]);
+      const first = await page.value("umo.time");
+      await page.drag([left, right]);
+      const second = await page.value("umo.time");
+      assert.ok(first > 0 && second > first, `${first}, then ${second}`);
+      const [a, b] = await page.value(`[umo.time, umo.drawn.time]`);
+      assert.ok(Math.abs(a - b) < 0.2, "the picture follows");
+      await page.drag([await page.place("#seek", 0.5)]);
+      near([await page.value("umo.time")], [truth.frames.length / RATE / 2], 0.15, "the slider's middle");
+      await closed(page);
+    },
+  ],
+
+  [
+    "is played by keyboard",
+    async (context) => {
+      const page = await opened(context);
+      const time = () => page.value("umo.time");
+      await page.key("ArrowRight");
+      near([await time()], [1 / RATE], 1e-9, "a frame on");
+      await page.key(".");
+      near([await time()], [6 / RATE], 1e-9, "the next keyframe");
+      await page.key(".");
+      await page.key(",");
+      near([await time()], [6 / RATE], 1e-9, "a keyframe back");
+      await page.key("l");
+      near([await time()], [6 / RATE + 1], 1e-9, "a second on");
+      await page.key(" ");
+      assert.ok(await page.value("umo.playing"));
+      await page.key(" ");
+      assert.ok(!(await page.value("umo.playing")));
+      await page.key("2");
+      assert.equal(await page.value(`document.querySelector("[data-camera=face]").getAttribute("aria-pressed")`), "true");
+      await page.key("s");
+      assert.equal(await page.value(`document.querySelector("#skeleton").getAttribute("aria-pressed")`), "true");
+      await page.key("?");
+      assert.ok(await page.value(`document.querySelector("#help").open`));
+      await pause(0.2);
+      await page.picture(context.at("help.png"));
+      await page.key("Escape");
+      await until(() => page.value(`!document.querySelector("#help").open`));
+      const seen = new Set();
+      for (let i = 0; i < 14; i++) {
+        await page.key("Tab");
+        const [id, outline] = await page.value(`(() => {
+          const one = document.activeElement;
+          return [one.id || one.dataset.camera || one.ariaLabel || one.tagName, getComputedStyle(one).outlineStyle];
+        })()`);
+        seen.add(id);
+        assert.notEqual(outline, "none", `${id} shows that it has the focus`);
+      }
+      for (const id of ["view", "body", "face", "skeleton", "theme"]) assert.ok(seen.has(id), `${id} among ${[...seen]}`);
+      await closed(page);
+    },
+  ],
+
+  [
+    "says how each frame was made",
+    async (context) => {
+      const page = await opened(context);
+      const words = () => page.value(`document.querySelector("#frame").textContent`);
+      for (const [frame, kind] of [[0, "keyframe"], [7, "interpolated"], [12, "keyframe"], [29, "interpolated"]]) {
+        await page.value(`umo.seek(${frame} / ${RATE})`);
+        assert.equal(await words(), `frame ${frame} · ${kind}`);
+      }
+      const record = await page.value("(({ chunks, kinds, experts }) => ({ chunks, kinds, experts }))(umo.scene.record)");
+      const frames = record.chunks.reduce((sum, { first, frames }) => (assert.equal(first, sum), sum + frames), 0);
+      assert.equal(frames, truth.frames.length, "chunks follow each other to the end");
+      assert.deepEqual(record.kinds, ["text", "audio", "face", "hands", "upper", "lower"]);
+      const rows = await page.value(`[...document.querySelectorAll("#experts tr")].map((row) => row.querySelector(".shares").ariaLabel)`);
+      assert.equal(rows.length, 6);
+      // Every layer sees all of the window's audio, once, in the encoder: 15 keyframes of 10 units and two markers.
+      const audio = rows[1].match(/\d+(?=,|$)/g).map(Number).reduce((a, b) => a + b, 0);
+      const layers = await page.value("umo.scene.record.encoderLayers");
+      assert.equal(audio, layers * 152, rows[1]);
+      await closed(page);
+    },
+  ],
+
+  [
+    "fits a phone",
+    async (context) => {
+      for (const width of [390, 320]) {
+        const page = await opened(context, "hello.html", { width, height: 844, phone: true, media: REDUCED });
+        await page.value("umo.seek(1.4)");
+        await pause(0.3);
+        assert.equal(await page.value("document.documentElement.scrollWidth"), width);
+        const wide = await page.value(`[...document.querySelectorAll("body *")].filter((one) => {
+          const { left, right, width } = one.getBoundingClientRect();
+          return width > 0 && (right > innerWidth + 0.5 || left < -0.5) && !one.closest(".playhead");
+        }).map((one) => one.id || one.className || one.tagName)`);
+        assert.deepEqual(wide, [], `too wide at ${width}`);
+        const small = await page.value(`[...document.querySelectorAll("#transport button, .cameras button")].filter((one) => {
+          const { width, height } = one.getBoundingClientRect();
+          return width > 0 && Math.min(width, height) < 32;
+        }).map((one) => one.id)`);
+        assert.deepEqual(small, [], "buttons are large enough for a finger");
+        await page.picture(context.at(`phone-${width}.png`));
+        await page.value("scrollTo(0, 500)");
+        await pause(0.2);
+        await page.picture(context.at(`phone-${width}-below.png`));
+        await closed(page);
+      }
+    },
+  ],
+
+  [
+    "moves by itself only for those who do not mind",
+    async (context) => {
+      const calm = await opened(context);
+      await pause(0.6);
+      assert.deepEqual(await calm.value("[umo.playing, umo.time]"), [false, 0]);
+      const head = () => calm.value(`umo.onScreen("head")`);
+      await calm.value(`umo.camera("face")`);
+      await until(() => calm.value("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => done(true))))"));
+      const at = await head();
+      await pause(0.5);
+      near(await head(), at, 0.01, "the camera is there at once");
+      await closed(calm);
+      const lively = await opened(context, "hello.html", {});
+      await until(() => lively.value("umo.playing && umo.time > 0.1"));
+      await closed(lively);
+    },
+  ],
+];

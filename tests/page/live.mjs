@@ -1,0 +1,179 @@
+// The page as it is served, with streams through a real engine.
+
+import assert from "node:assert/strict";
+import { spawn } from "node:child_process";
+import http from "node:http";
+
+import { pause, until } from "./chromium.mjs";
+import { read } from "./frames.mjs";
+
+const OPTIONS = ["--target", "2", "--lookahead", "4"];
+let server;
+let address;
+let truth;
+
+export async function prepare({ umo, run, at, short }) {
+  run("animate", short, "-o", at("short.jsonl"), ...OPTIONS);
+  truth = read(at("short.jsonl"));
+  server = spawn(umo, ["view", "--live", short, "--no-open", ...OPTIONS], { stdio: ["ignore", "pipe", "inherit"] });
+  server.ended = new Promise((done) => server.on("exit", (code, signal) => done({ code, signal })));
+  let said = "";
+  server.stdout.setEncoding("utf8").on("data", (text) => (said += text));
+  address = await until(() => said.match(/http:\/\/127\.0\.0\.1:\d+\//)?.[0], 30, "the server's address");
+}
+
+export function end() {
+  server.kill("SIGKILL");
+}
+
+async function opened({ browser }) {
+  const page = await browser.open(address);
+  await page.ready();
+  return page;
+}
+
+const log = (page, what) => page.value(`umo.live.log.${what}`);
+
+/** A whole stream of the recording. */
+async function stream(page) {
+  await page.click("#recording");
+  await until(() => log(page, "done"), 30, "the end of the stream");
+}
+
+/** What a stream answers to messages; each is a text, or numbers for 32-bit floats. */
+const told = (page, messages) =>
+  page.value(`new Promise((done) => {
+    const socket = new WebSocket("ws://" + location.host + "/stream");
+    let told = null;
+    socket.onopen = () => {
+      for (const message of ${JSON.stringify(messages)}) {
+        socket.send(typeof message === "string" ? message : Float32Array.from(message.length === 1 ? { length: message[0] } : message, (x) => x ?? NaN));
+      }
+    };
+    socket.onmessage = ({ data }) => {
+      if (typeof data === "string" && JSON.parse(data).type === "error") told = JSON.parse(data).reason;
+    };
+    socket.onclose = ({ code }) => done({ code, told });
+  })`);
+
+const request = (path, headers) =>
+  new Promise((done, failed) => {
+    http.get(new URL(path, address), { headers }, (answer) => done(answer.resume().statusCode)).on("error", failed);
+  });
+
+export const tests = [
+  [
+    "a recording's frames come in order, in time, and are the offline frames",
+    async (context) => {
+      const page = await opened(context);
+      await page.picture(context.at("live-before.png"));
+      await page.click("#recording");
+      await until(() => page.value("umo.frames > 20 && umo.time > 0.3"));
+      await page.picture(context.at("live.png"));
+      const shown = await page.value(`["#algorithmic", "#compute", "#arrival", "#behind"].map((id) => document.querySelector(id).textContent)`);
+      shown.forEach((text) => assert.match(text, /\d ms/));
+      const behind = await page.value("umo.live.behind()");
+      const least = await page.value("umo.scene.live.algorithmicSeconds");
+      assert.ok(behind >= least && behind < least + 0.6, `the picture is ${behind} s behind, the engine waits ${least}`);
+      await until(() => log(page, "done"), 30);
+      assert.equal(await log(page, "inOrder"), true);
+      assert.equal(await log(page, "received"), truth.frames.length);
+      assert.equal(await log(page, "late"), 0);
+      for (const [index, { rotations, translation, face }] of truth.frames.entries()) {
+        const wanted = [...rotations.flat(), ...translation, ...face].map(Math.fround);
+        assert.deepEqual(await page.value(`umo.frame(${index})`), wanted, `frame ${index}`);
+      }
+      await until(() => page.value("!umo.playing"), 10, "the end of the picture");
+      assert.deepEqual(page.errors, []);
+      await page.close();
+    },
+  ],
+
+  [
+    "the next visitor, and one who begins twice",
+    async (context) => {
+      const page = await opened(context);
+      await page.click("#recording");
+      await until(() => log(page, "received > 0"));
+      await page.click("#stop");
+      await until(() => page.value("!umo.live.isRunning"));
+      await stream(page);
+      assert.equal(await log(page, "received"), truth.frames.length);
+      assert.deepEqual(page.errors, []);
+      await page.close();
+    },
+  ],
+
+  [
+    "a microphone moves the avatar",
+    async (context) => {
+      const page = await opened(context);
+      await page.click("#microphone");
+      await until(() => log(page, "received > 40"), 20, "frames of the microphone");
+      assert.equal(await log(page, "inOrder"), true);
+      assert.equal(await log(page, "error"), null);
+      await until(() => page.value("umo.time > 0.5"));
+      await page.click("#stop");
+      assert.equal(await page.value("umo.live.isRunning"), false);
+      assert.deepEqual(page.errors, []);
+      await page.close();
+    },
+  ],
+
+  [
+    "hostile messages are refused in words",
+    async (context) => {
+      const page = await opened(context);
+      const start = '{"type":"start","source":"microphone","rate":48000}';
+      for (const [messages, code, words] of [
+        [["{"], 1008, /not a command/],
+        [['{"type":"start","source":"elsewhere"}'], 1008, /not a command/],
+        [['{"type":"start","source":"microphone","rate":1}'], 1008, /rate/],
+        [[[0, 0]], 1008, /samples came/],
+        [[start, [0.5, null]], 1008, /not a usable number/],
+        [[start, start], 1008, /under way/],
+        [[start, [1 << 20]], 1008, /[Mm]essage|[Ss]pace|too/],
+      ]) {
+        const answer = await told(page, messages);
+        assert.equal(answer.code, code, JSON.stringify(messages));
+        assert.match(answer.told, words);
+      }
+      await page.close();
+    },
+  ],
+
+  [
+    "other pages and other names do not get in",
+    async ({ browser }) => {
+      const { port } = new URL(address);
+      assert.equal(await request("/", {}), 200);
+      assert.equal(await request("/", { host: `evil.example:${port}` }), 421);
+      assert.equal(await request("/etc/passwd", {}), 404);
+      const upgrade = { connection: "Upgrade", upgrade: "websocket", "sec-websocket-version": "13", "sec-websocket-key": "AAAAAAAAAAAAAAAAAAAAAA==" };
+      assert.equal(await request("/stream", { ...upgrade, origin: "http://evil.example" }), 403);
+      assert.equal(await request("/stream", upgrade), 403);
+      const other = await browser.open("data:text/html,other");
+      const got = await other.value(`new Promise((done) => {
+        const socket = new WebSocket("ws://127.0.0.1:${port}/stream");
+        socket.onopen = () => done("in");
+        socket.onerror = () => done("out");
+      })`);
+      assert.equal(got, "out");
+      await other.close();
+    },
+  ],
+
+  [
+    "ends cleanly, and says so",
+    async (context) => {
+      const page = await opened(context);
+      await page.click("#recording");
+      await until(() => log(page, "received > 0"));
+      server.kill("SIGINT");
+      assert.deepEqual(await Promise.race([server.ended, pause(5)]), { code: 0, signal: null });
+      await until(() => log(page, "error"));
+      assert.match(await log(page, "error"), /ended/);
+      await page.close();
+    },
+  ],
+];

@@ -1,0 +1,130 @@
+//! The record of what chunks were made of: it changes nothing, its codes are those of the frames, and its experts took every
+//! token once in every layer.
+
+mod model_bytes;
+
+use model_bytes::ModelBytes;
+use umo_core::animation::Animation;
+use umo_core::avatar::AvatarConfig;
+use umo_core::lm::layout::window_tokens;
+use umo_core::lm::tally::{KIND_NAMES, KINDS};
+use umo_core::model::Model;
+use umo_core::{Compute, Config, ModelFile, Part, PerPart, Precision, Team};
+use umo_kernels::Isa;
+use umo_tests::Noise;
+
+const NAMES: [&str; 4] = ["hubert_k1_smplx", "hubert_k3_i8", "mel_k1_upcycled", "mel_k2_arkit"];
+const FRAMES: usize = 100;
+
+/// What a run gave.
+#[derive(Default)]
+struct Run {
+    /// Channels of every part, one frame after the other.
+    channels: PerPart<Vec<u32>>,
+    codes: PerPart<Vec<u16>>,
+    /// First frame of each chunk, and its counts.
+    chunks: Vec<(usize, Vec<u32>)>,
+}
+
+fn run(model: &Model, cx: Compute, config: &AvatarConfig, keep: bool) -> Run {
+    let mut noise = Noise::new(7);
+    let samples = FRAMES * model.config().audio.sample_rate / model.config().frame_rate;
+    let audio: Vec<f32> = (0..samples).map(|i| 0.3 * (i as f32 * 0.07).sin() + noise.float(0.05)).collect();
+    let mut animation = Animation::new(model, config).unwrap();
+    if keep {
+        animation.keep_record(model.config());
+    }
+    animation.push_audio(&audio).unwrap();
+    animation.finish(FRAMES);
+    let mut run = Run::default();
+    let mut take = |frame: umo_core::motion::FrameRef| {
+        for part in Part::ALL {
+            run.channels[part].extend(frame.channels[part].iter().map(|v| v.to_bits()));
+        }
+    };
+    while animation.step(model, cx, &mut take).unwrap() {
+        assert_eq!(animation.chunk().is_some(), keep);
+        let Some(chunk) = animation.chunk() else { continue };
+        assert_eq!(chunk.index, run.chunks.len() as u64);
+        run.chunks.push((chunk.first_frame, chunk.tally.counts().to_vec()));
+        Part::ALL.into_iter().for_each(|part| run.codes[part].extend_from_slice(chunk.codes[part]));
+    }
+    run
+}
+
+/// Calls `check` with every golden model and a run that kept its record.
+fn each(check: impl Fn(&str, &Model, Compute, &AvatarConfig, Run)) {
+    let team = Team::new(1).unwrap();
+    for name in NAMES {
+        let file = ModelFile::from_bytes(ModelBytes::open(name).bytes()).unwrap();
+        let model = Model::load(&file, Precision::Stored, Isa::detect()).unwrap();
+        let cx = Compute { isa: model.isa(), team: &team };
+        let target = 2.min(model.config().max_target);
+        let config = AvatarConfig { target, lookahead: model.motion().reach(), ..AvatarConfig::new(model.config()) };
+        check(name, &model, cx, &config, run(&model, cx, &config, true));
+    }
+}
+
+#[test]
+fn keeping_a_record_changes_no_bit() {
+    each(|name, model, cx, config, kept| {
+        assert!(run(model, cx, config, false).channels == kept.channels, "{name}");
+    });
+}
+
+#[test]
+fn recorded_codes_are_those_of_the_frames() {
+    each(|name, model, cx, _, kept| {
+        let whole = model.motion().decode(cx, PerPart::from_fn(|part| &*kept.codes[part])).unwrap();
+        let sure = FRAMES - model.motion().reach();
+        for part in Part::ALL {
+            let values = sure * model.motion().channels(part);
+            let decoded = whole.channels[part][..values].iter().map(|v| v.to_bits());
+            assert!(decoded.eq(kept.channels[part][..values].iter().copied()), "{name}, {}", part.name());
+        }
+    });
+}
+
+#[test]
+fn chunks_follow_each_other_from_keyframe_to_keyframe() {
+    each(|name, model, _, config, kept| {
+        let stride = model.config().keyframe_stride;
+        for (i, (first, _)) in kept.chunks.iter().enumerate() {
+            let wanted = if i == 0 { 0 } else { i * config.target * stride + 1 - stride };
+            assert_eq!(*first, wanted, "{name}");
+        }
+        let known = kept.chunks.len() * config.target * stride + 1 - stride;
+        assert_eq!(kept.codes.lower.len(), known, "{name}");
+        assert!(known >= FRAMES);
+    });
+}
+
+/// Rows of each kind that a layer of the encoder, or of the decoder, sees in a chunk.
+fn rows(config: &Config, target: usize, encoder: bool) -> [usize; KINDS] {
+    let p = config.prefix + 2;
+    let template = &config.templates["audio_to_motion"];
+    let text = template.iter().filter(|item| matches!(item, umo_core::config::TemplateItem::Id(_))).count();
+    match encoder {
+        true => [text, window_tokens(config, target) + 2, p, p, p, p],
+        // The last code and its marker are never read.
+        false => [1, 0, target + 2, target + 2, target + 2, target],
+    }
+}
+
+#[test]
+fn experts_take_every_token_in_every_layer() {
+    each(|name, model, _, config, kept| {
+        let (c, target) = (model.config(), config.target);
+        for (_, counts) in &kept.chunks {
+            let layers: Vec<&[u32]> = counts.chunks(KINDS * c.lm.experts).collect();
+            assert_eq!(layers.len(), c.lm.num_layers + c.lm.num_decoder_layers);
+            for (layer, counts) in layers.iter().enumerate() {
+                let wanted = rows(c, target, layer < c.lm.num_layers);
+                for (kind, counts) in counts.chunks(c.lm.experts).enumerate() {
+                    let sum: u32 = counts.iter().sum();
+                    assert_eq!(sum as usize, wanted[kind] * c.lm.top_k, "{name}, layer {layer}, {}", KIND_NAMES[kind]);
+                }
+            }
+        }
+    });
+}

@@ -1,0 +1,55 @@
+//! What a chunk was made of, for those who want to look inside: its codes, and which experts its tokens were sent to.
+
+use crate::config::Config;
+use crate::lm::tally::Tally;
+use crate::part::{Part, PerPart};
+
+/// What the last chunk of an [`Animation`](crate::animation::Animation) was made of.
+#[derive(Clone, Copy, Debug)]
+pub struct Chunk<'a> {
+    /// Its number in the stream.
+    pub index: u64,
+    /// Frame of the first code.
+    pub first_frame: usize,
+    /// Codes of the frames that the chunk made known, every `keyframe_stride`-th of them from the language model and the
+    /// others from the interpolation network: a frame is a keyframe where its number is a multiple of the stride. The last
+    /// chunk's may go beyond the end of the stream.
+    pub codes: PerPart<&'a [u16]>,
+    /// Rows of the chunk's encoder and decoder passes by layer, kind of token and expert.
+    pub tally: &'a Tally,
+}
+
+/// Codes of the frames that the last chunk made known; one avatar's.
+#[derive(Debug)]
+pub(crate) struct Codes {
+    index: u64,
+    first_frame: usize,
+    /// Empty before the first chunk, and after a step that had none.
+    codes: PerPart<Vec<u16>>,
+}
+
+impl Codes {
+    /// Room for the chunks of any target.
+    pub(crate) fn new(config: &Config) -> Self {
+        let most = config.max_target * config.keyframe_stride;
+        Self { index: 0, first_frame: 0, codes: PerPart::from_fn(|_| Vec::with_capacity(most)) }
+    }
+
+    pub(crate) fn clear(&mut self) {
+        Part::ALL.into_iter().for_each(|part| self.codes[part].clear());
+    }
+
+    pub(crate) fn keep(&mut self, index: u64, first_frame: usize, codes: PerPart<&[u16]>) {
+        (self.index, self.first_frame) = (index, first_frame);
+        for part in Part::ALL {
+            self.codes[part].clear();
+            self.codes[part].extend_from_slice(codes[part]);
+        }
+    }
+
+    pub(crate) fn chunk<'a>(&'a self, tally: &'a Tally) -> Option<Chunk<'a>> {
+        let codes = PerPart::from_fn(|part| &*self.codes[part]);
+        let Self { index, first_frame, .. } = *self;
+        (!codes.face.is_empty()).then_some(Chunk { index, first_frame, codes, tally })
+    }
+}
