@@ -13,6 +13,8 @@ mod draw;
 mod refusals;
 #[path = "cli/stage.rs"]
 mod stage;
+#[path = "cli/view.rs"]
+mod view;
 
 use program::{Folder, umo};
 

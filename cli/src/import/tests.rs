@@ -9,6 +9,8 @@ use super::*;
 use crate::export;
 use crate::sample;
 
+const FORMATS: [&str; 3] = ["glb", "jsonl", "npz"];
+
 fn there_and_back(clip: &Clip, extension: &str) -> (tempfile::TempDir, PathBuf, Clip) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join(format!("a.{extension}"));
@@ -36,7 +38,7 @@ fn glb_and_npz_come_back_as_they_were() {
     for kind in [FaceKind::Arkit, FaceKind::SmplxExpression] {
         for frames in [1, 2, 40] {
             let clip = sample::clip(kind, frames, 2);
-            for extension in ["glb", "npz"] {
+            for extension in FORMATS {
                 assert_alike(&clip, &there_and_back(&clip, extension).2);
             }
         }
@@ -47,7 +49,7 @@ fn glb_and_npz_come_back_as_they_were() {
 fn a_frame_rate_that_is_no_whole_number_comes_back() {
     let mut clip = sample::clip(FaceKind::Arkit, 50, 1);
     clip.frame_rate = 23.976;
-    for extension in ["glb", "npz"] {
+    for extension in FORMATS {
         let back = there_and_back(&clip, extension).2;
         assert!((back.frame_rate - clip.frame_rate).abs() < 1e-3, "{extension}: {}", back.frame_rate);
     }
@@ -56,7 +58,7 @@ fn a_frame_rate_that_is_no_whole_number_comes_back() {
 #[test]
 fn damage_is_refused_in_words() {
     let clip = sample::clip(FaceKind::Arkit, 3, 1);
-    for extension in ["glb", "npz"] {
+    for extension in FORMATS {
         let (_folder, path, _) = there_and_back(&clip, extension);
         let bytes = std::fs::read(&path).unwrap();
         for keep in [0, 4, 12, bytes.len() / 2, bytes.len() - 1] {
