@@ -150,13 +150,13 @@ pub struct Animate {
 /// Look at it.
 #[derive(Debug, ClapArgs)]
 pub struct Page {
-    /// WAV file; or a .glb or .npz made before; with --live a WAV file, or nothing for the microphone alone
+    /// WAV file; or a .glb, .npz or .jsonl made before; with --live a WAV file, or nothing for the microphone alone
     #[arg(required_unless_present = "live")]
     pub input: Option<PathBuf>,
     /// Page to write; beside the input where not given
     #[arg(short, long, value_name = "FILE.html", conflicts_with = "live")]
     pub output: Option<PathBuf>,
-    /// The speech of a .glb or .npz
+    /// The speech of an animation that was made before
     #[arg(long, value_name = "FILE.wav", conflicts_with = "live")]
     pub audio: Option<PathBuf>,
     /// Serve the page to browsers of this machine, and stream the recording or their microphone through the engine

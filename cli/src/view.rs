@@ -33,7 +33,7 @@ pub(crate) fn run(args: &Page) -> Result<(), Failure> {
     let scene = if is_animation(input) {
         Scene::of_animation(input, args)?
     } else if args.audio.is_some() {
-        return Err(Failure::input("--audio goes with a .glb or .npz: a recording is its own audio"));
+        return Err(Failure::input("--audio goes with an animation: a recording is its own audio"));
     } else {
         Scene::of_speech(input, args)?
     };
@@ -54,5 +54,5 @@ fn beside(input: &Path) -> PathBuf {
 /// Whether the file was made before; anything else is taken for a recording.
 fn is_animation(path: &Path) -> bool {
     let extension = path.extension().and_then(|extension| extension.to_str()).map(str::to_ascii_lowercase);
-    matches!(extension.as_deref(), Some("glb" | "npz"))
+    matches!(extension.as_deref(), Some("glb" | "jsonl" | "npz"))
 }

@@ -15,6 +15,8 @@ mod refusals;
 mod retarget;
 #[path = "cli/stage.rs"]
 mod stage;
+#[path = "cli/view.rs"]
+mod view;
 
 use program::{Folder, umo};
 
