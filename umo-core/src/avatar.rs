@@ -215,7 +215,8 @@ impl Avatar {
             audio.state(pass, heard)?;
         }
         self.history.state(pass)?;
-        self.motion.state(pass, &model.motion, self.known_frames(config))?;
+        // The state's chunks, which are not this avatar's while the state is checked.
+        self.motion.state(pass, &model.motion, self.known_frames(config, chunk))?;
         Ok(heard)
     }
 
@@ -305,11 +306,11 @@ impl Avatar {
         }
     }
 
-    /// Frames whose codes the chunks so far have made known: up to the last keyframe of the last chunk.
+    /// Frames whose codes so many chunks have made known: up to the last keyframe of the last chunk.
     #[expect(clippy::cast_possible_truncation, reason = "what a session counts fits its memory's words")]
-    pub(crate) fn known_frames(&self, config: &Config) -> usize {
-        let frames = self.chunk as usize * self.target * config.keyframe_stride;
-        if self.chunk == 0 { 0 } else { frames + 1 - config.keyframe_stride }
+    pub(crate) fn known_frames(&self, config: &Config, chunks: u64) -> usize {
+        let frames = chunks as usize * self.target * config.keyframe_stride;
+        if chunks == 0 { 0 } else { frames + 1 - config.keyframe_stride }
     }
 
     /// Writes the encoder's ids of the present window.

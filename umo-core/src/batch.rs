@@ -393,7 +393,7 @@ impl Batch {
         if self.due[member] == Due::Chunk {
             let fresh = avatar.history.fresh(avatar.chunk == 0);
             if let Some(codes) = &mut self.codes {
-                codes.keep(avatar.chunk, avatar.known_frames(&model.config), fresh);
+                codes.keep(avatar.chunk, avatar.known_frames(&model.config, avatar.chunk), fresh);
             }
             let total = avatar.total;
             let mut within = |f: FrameRef| {

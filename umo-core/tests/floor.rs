@@ -49,7 +49,10 @@ fn floors_read_every_weight_of_a_stage_once() {
         let centroids = 4 * weights(&file, |n| n.contains("kmeans"));
         let audio = match config.audio.kind {
             umo_core::config::AudioKind::Hubert => weights(&file, of("audio.hubert.")),
-            umo_core::config::AudioKind::Mel => 4 * weights(&file, of("audio.mel.filters")),
+            umo_core::config::AudioKind::Mel => {
+                let product = |n: &str| n.ends_with(".weight") && (n.contains("mel.filters") || n.contains("mel.network"));
+                4 * weights(&file, product)
+            }
         };
         assert_eq!(stages.tokenizer.bytes, audio + centroids, "{name}");
     }

