@@ -40,7 +40,7 @@ fn speech_and_motions_are_brought_to_characters_and_skeletons() {
 #[test]
 fn the_mapping_is_shown_and_may_be_given() {
     let folder = Folder::new();
-    let [glb, _, npz] = made(&folder);
+    let [glb, _, npz, _] = made(&folder);
     let shown = umo(&["retarget", "--onto", &glb, "--print-mapping"]).success();
     for line in ["SMPL-X names", "spine            spine1, spine2, spine3", "jawOpen"] {
         assert!(shown.out.contains(line), "{line}: {}", shown.out);
