@@ -34,6 +34,8 @@ pub enum Command {
     MakeRandom(MakeRandom),
     /// Look at it: a page with the avatar, its speech, and how each frame was made
     View(Page),
+    /// Bring an animation to another character's skeleton and face
+    Retarget(Retarget),
     /// Measure a model on this machine: time to the first frame, frames per second, avatars at once
     Bench(Bench),
     /// Draw the figure as a PNG picture: frames of an animation, or each of its 52 shapes
@@ -329,6 +331,32 @@ pub enum WeightsArg {
     Int8,
     /// Brain floats
     Bf16,
+}
+
+/// Bring an animation to another character.
+#[derive(Debug, ClapArgs)]
+pub struct Retarget {
+    /// Speech, .wav; or an animation that umo wrote: .npz, .glb, .bvh or .jsonl
+    #[arg(required_unless_present = "print_mapping")]
+    pub input: Option<PathBuf>,
+    /// The character: .glb or .vrm, or a skeleton, .bvh
+    #[arg(long, value_name = "FILE")]
+    pub onto: PathBuf,
+    /// File to write, of the character's format
+    #[arg(short, long, value_name = "FILE", required_unless_present = "print_mapping")]
+    pub output: Option<PathBuf>,
+    /// Which bone is what, and which shape, where the names do not tell: TOML or JSON
+    #[arg(long, value_name = "FILE")]
+    pub mapping: Option<PathBuf>,
+    /// Say which bone was taken for what, and what was not found
+    #[arg(long)]
+    pub print_mapping: bool,
+    /// Take what can be used of a damaged recording
+    #[arg(long)]
+    pub repair: bool,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "clap would print a doc comment as help")]
+    pub making: Making,
 }
 
 /// Measure a model on this machine.

@@ -33,7 +33,10 @@ fn summary(c: &Config) {
         (AudioKind::Hubert, Some(h), _) => {
             format!("hubert, {} layers of {}, {} heads", h.num_hidden_layers, h.hidden_size, h.num_attention_heads)
         }
-        (_, _, Some(m)) => format!("mel, {} bands, {} orders of differences", m.bands, m.deltas),
+        (_, _, Some(m)) => {
+            let layers = m.network.as_ref().map(|n| format!(", layers of {:?} on the last {}", n.widths, n.taps));
+            format!("mel, {} bands, {} orders of differences{}", m.bands, m.deltas, layers.unwrap_or_default())
+        }
         _ => "none".to_owned(),
     };
     let face = match c.face.kind {

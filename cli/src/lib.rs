@@ -10,6 +10,10 @@
 //! | `bench` | how fast a model is on this machine |
 //! | [`wav`], [`export`], `import`, `start_pose` | files in and out |
 //! | `avatar`, `picture`, `draw` | the figure that speaks, and pictures of it |
+//! | `retarget` | an animation to another character |
+//! | `bench` | how fast a model is on this machine |
+//! | [`wav`], [`export`], [`import`], `start_pose` | files in and out |
+//! | `bvh`, `glb` | what files of these formats hold |
 //! | `model`, `failure`, `progress` | which model; what is said when something fails; how far the work is |
 #![deny(unsafe_code)]
 
@@ -17,17 +21,20 @@ mod animate;
 pub mod args;
 mod avatar;
 mod bench;
+mod bvh;
 mod convert;
 mod draw;
 pub mod export;
 mod failure;
-mod import;
+mod glb;
+pub mod import;
 mod inspect;
 mod model;
 mod picture;
 mod progress;
 mod quantize;
 mod random;
+mod retarget;
 #[cfg(test)]
 mod sample;
 mod stage;
@@ -74,6 +81,7 @@ fn run(command: Command) -> Result<(), Failure> {
         Command::Quantize(args) => quantize::run(&args),
         Command::MakeRandom(args) => random::run(&args),
         Command::View(args) => view::run(&args),
+        Command::Retarget(args) => retarget::run(&args),
         Command::Bench(args) => bench::run(&args),
         Command::Draw(args) => draw::run(&args),
     }

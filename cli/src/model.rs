@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use umo_core::config::Skeleton;
 use umo_core::{Config, ModelFile, Team};
 use umo_kernels::Isa;
 
@@ -24,6 +25,11 @@ pub(crate) fn open_quietly(path: Option<&Path>) -> Result<ModelFile, Failure> {
         Some(path) => ModelFile::open(path).map_err(|error| Failure::input(format!("{}: {error}", path.display()))),
         None => Ok(ModelFile::from_static(DEFAULT)?),
     }
+}
+
+/// The bones of the model in the program.
+pub(crate) fn skeleton() -> Result<Skeleton, Failure> {
+    Ok(ModelFile::from_static(DEFAULT)?.config().skeleton.clone())
 }
 
 fn announce(config: &Config) {

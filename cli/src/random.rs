@@ -37,7 +37,7 @@ pub(crate) fn run(args: &MakeRandom) -> Result<(), Failure> {
 
 fn tensor<'a>(config: &'a Config, spec: &'a Spec, args: &MakeRandom, index: u64) -> NewTensor<'a> {
     let storage = match (args.store, spec.kind) {
-        (StorageArg::F32, _) | (_, Kind::Mel | Kind::Centroids) => Storage::F32,
+        (StorageArg::F32, _) | (_, Kind::Mel | Kind::Listener | Kind::Centroids) => Storage::F32,
         (StorageArg::Int8, Kind::Product) => Storage::Int8,
         (StorageArg::Bf16 | StorageArg::Int8, _) => Storage::Bf16,
     };
@@ -58,7 +58,7 @@ fn values(config: &Config, spec: &Spec, seed: u64, index: u64) -> Vec<f32> {
         return rest;
     }
     match spec.kind {
-        Kind::Product => draw(0.0, gain(config, &spec.name) / (spec.inputs() as f32).sqrt()),
+        Kind::Product | Kind::Listener => draw(0.0, gain(config, &spec.name) / (spec.inputs() as f32).sqrt()),
         Kind::Router => draw(0.0, 2.0 / (spec.inputs() as f32).sqrt()),
         Kind::Table | Kind::Centroids => draw(0.0, 1.0),
         Kind::Bias => draw(0.0, 0.02),

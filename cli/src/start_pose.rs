@@ -4,7 +4,7 @@ use std::path::Path;
 
 use umo_core::motion::clip::{Clip, MotionEncoder};
 use umo_core::weights::Loader;
-use umo_core::{Compute, Part, PerPart, Precision};
+use umo_core::{Compute, Config, Part, PerPart, Precision};
 
 use crate::failure::Failure;
 use crate::import::npz;
@@ -17,7 +17,7 @@ pub(crate) fn codes(cx: Compute, loader: &Loader, path: &Path) -> Result<PerPart
     let loader = Loader::new(loader.file(), Precision::F32, loader.isa());
     let encoder = MotionEncoder::load(&loader)?
         .ok_or_else(|| Failure::input("this model cannot start from a pose: it has no `vq.*.encoder` tensors"))?;
-    let clip = npz::read(path, Clip::new(config)).map_err(wrong)?;
+    let clip = read(path, config).map_err(wrong)?;
     let codes = encoder.encode_clip(cx, &clip)?;
     let stride = config.keyframe_stride;
     Ok(PerPart::from_fn(|part| {
@@ -25,6 +25,13 @@ pub(crate) fn codes(cx: Compute, loader: &Loader, path: &Path) -> Result<PerPart
         keyframes.reverse();
         keyframes
     }))
+}
+
+/// The motion in an SMPL-X `.npz` file, with the model's bones and face, at the model's rate.
+fn read(path: &Path, config: &Config) -> Result<Clip, String> {
+    let empty = Clip::new(config);
+    let wanted = empty.frame_rate;
+    Ok(npz::fill(&mut npz::open(path)?, empty)?.at_rate(wanted))
 }
 
 /// The codes of every part as slices.

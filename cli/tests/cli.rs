@@ -11,6 +11,8 @@ mod bench;
 mod draw;
 #[path = "cli/refusals.rs"]
 mod refusals;
+#[path = "cli/retarget.rs"]
+mod retarget;
 #[path = "cli/stage.rs"]
 mod stage;
 #[path = "cli/view.rs"]

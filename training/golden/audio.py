@@ -1,5 +1,7 @@
 """The two audio tokenizers: Hugging Face's HuBERT, a log-mel front end on torch's FFT, and nearest centroids."""
 
+import math
+
 import torch
 from torch import Tensor, nn
 from transformers import HubertConfig, HubertModel, Wav2Vec2FeatureExtractor
@@ -52,7 +54,7 @@ class Hubert(nn.Module):
 
 
 class Mel(nn.Module):
-    """Log-mel bands with causal deltas, normalised."""
+    """Log-mel bands with causal deltas, normalised; then convolutions over the last of them, where there are any."""
 
     window: Tensor
     filters: Tensor
@@ -65,8 +67,31 @@ class Mel(nn.Module):
         self.hop: int = config["audio"]["sample_rate"] // config["audio"]["token_rate"]
         for name in ("window.weight", "filters.weight", "mean", "scale"):
             self.register_buffer(name.split(".")[0], tensors[f"audio.mel.{name}"])
+        self.network = nn.ModuleList()
+        taps = self.sizes.get("network", {"taps": 1})["taps"]
+        for i in range(len(self.sizes.get("network", {"widths": []})["widths"])):
+            name = f"audio.mel.network.{i}"
+            weight = tensors[f"{name}.weight"].unflatten(1, (taps, -1)).transpose(1, 2)
+            layer = nn.Conv1d(*weight.shape[1::-1], taps)
+            layer.load_state_dict({"weight": weight, "bias": tensors[f"{name}.bias"]})
+            self.network.append(layer)
+            taps = 1
 
+    @torch.no_grad()
     def forward(self, audio: Tensor) -> Tensor:
+        rows = self.bands(audio)
+        if not self.network:
+            return rows
+        silence = torch.zeros_like(rows[:1])
+        silence[:, : self.sizes["bands"]] = math.log(self.sizes["floor"])
+        before = ((silence - self.mean) * self.scale).repeat(self.sizes["network"]["taps"] - 1, 1)
+        x = torch.cat([before, rows]).T[None]
+        for i, layer in enumerate(self.network):
+            x = layer(x if i == 0 else x.relu())
+        return x[0].T
+
+    def bands(self, audio: Tensor) -> Tensor:
+        """Normalised log-mel features."""
         frames = audio.to(self.window.dtype).unfold(0, self.sizes["window"], self.hop) * self.window
         power = torch.fft.rfft(frames, n=self.sizes["fft"]).abs() ** 2
         bands = power @ self.filters.T

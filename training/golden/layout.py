@@ -58,7 +58,14 @@ def feature_width(config: Config) -> int:
     audio = config["audio"]
     if audio["kind"] == "hubert":
         return int(audio["hubert"]["hidden_size"])
-    return int(audio["mel"]["bands"] * (1 + audio["mel"]["deltas"]))
+    network = audio["mel"].get("network")
+    return int(network["widths"][-1]) if network else bands_width(config)
+
+
+def bands_width(config: Config) -> int:
+    """Width of log-mel features."""
+    mel = config["audio"]["mel"]
+    return int(mel["bands"] * (1 + mel["deltas"]))
 
 
 def shapes(config: Config, *, encoders: bool) -> Shapes:
@@ -105,13 +112,19 @@ def hubert_shapes(config: Config) -> Shapes:
 
 def mel_shapes(config: Config) -> Shapes:
     mel = config["audio"]["mel"]
-    width = feature_width(config)
-    return {
+    width = bands_width(config)
+    out: Shapes = {
         "audio.mel.window.weight": (mel["window"],),
         "audio.mel.filters.weight": (mel["bands"], mel["fft"] // 2 + 1),
         "audio.mel.mean": (width,),
         "audio.mel.scale": (width,),
     }
+    network = mel.get("network", {"taps": 1, "widths": []})
+    before = network["taps"] * width
+    for i, outputs in enumerate(network["widths"]):
+        out |= _affine(f"audio.mel.network.{i}", outputs, before)
+        before = outputs
+    return out
 
 
 def lm_shapes(config: Config) -> Shapes:

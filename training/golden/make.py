@@ -15,7 +15,7 @@ import layout
 import store
 import text
 import weights
-from audio import front_end
+from audio import Mel, front_end
 from models import MODELS, Model
 from motion import Motion
 from reference import Reference
@@ -34,12 +34,13 @@ def fit(model: Model, tensors: dict[str, Tensor]) -> None:
     """Sets what needs data: mel normalisation, centroids, and the codebooks behind encoders."""
     stored = round_trip(tensors, model.storage)
     clip = weights.audio(CALIBRATION_SAMPLES, weights.seeded(SEED, model.name, "calibration"))
-    features = front_end(model.config, stored)(clip)
     if model.config["audio"]["kind"] == "mel":
+        features = Mel(model.config, stored).bands(clip)
         # The clip's silence and its edges stand out too far to normalise by.
         loud = features[features[:, 0] > features[:, 0].median() - 4.0]
         tensors["audio.mel.mean"], tensors["audio.mel.scale"] = loud.mean(0), 1.0 / loud.std(0)
-        features = front_end(model.config, round_trip(tensors, model.storage))(clip)
+        stored = round_trip(tensors, model.storage)
+    features = front_end(model.config, stored)(clip)
     rows = features.unique(dim=0)
     generator = weights.seeded(SEED, model.name, "centroids")
     tensors["audio.kmeans.centroids"] = weights.pick_rows(rows, model.config["audio"]["units"], generator)

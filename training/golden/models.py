@@ -23,8 +23,10 @@ def _hubert(units: int, **sizes: object) -> Config:
     return {"kind": "hubert", "sample_rate": 16000, "token_rate": 50, "units": units, "hubert": hubert | sizes}
 
 
-def _mel(units: int, bands: int, deltas: int) -> Config:
+def _mel(units: int, bands: int, deltas: int, network: Config | None = None) -> Config:
     mel = {"window": 400, "fft": 512, "bands": bands, "floor": 1e-5, "deltas": deltas}
+    if network:
+        mel["network"] = network
     return {"kind": "mel", "sample_rate": 16000, "token_rate": 50, "units": units, "mel": mel}
 
 
@@ -110,7 +112,7 @@ MEL_K2_ARKIT = Model(
         "golden mel_k2_arkit",
         text=403,
         window=(7, 2, 5),
-        audio=_mel(23, 13, 2),
+        audio=_mel(23, 13, 2, {"taps": 4, "widths": [17, 9]}),
         lm=_lm(
             10,
             33,

@@ -6,7 +6,7 @@ import zlib
 import torch
 from torch import Tensor
 
-from layout import CODES, PARTS, Config, Shapes, feature_width
+from layout import CODES, PARTS, Config, Shapes, bands_width
 
 # Factors on the usual 1/sqrt(fan in). Routers are sharp so that choices are clear; query weights of T5,
 # which has no attention scaling, are divided by sqrt(d_kv) below.
@@ -83,7 +83,7 @@ def mel_constants(config: Config) -> dict[str, Tensor]:
     bins = torch.arange(mel["fft"] // 2 + 1, dtype=torch.float64) * config["audio"]["sample_rate"] / mel["fft"]
     rising = (bins[None] - edges[:-2, None]) / (edges[1:-1] - edges[:-2])[:, None]
     falling = (edges[2:, None] - bins[None]) / (edges[2:] - edges[1:-1])[:, None]
-    width = feature_width(config)
+    width = bands_width(config)
     return {
         "audio.mel.window.weight": torch.hann_window(mel["window"]),
         "audio.mel.filters.weight": torch.minimum(rising, falling).clamp(min=0.0).float(),

@@ -26,7 +26,7 @@ def make(work: Path) -> pipeline.Run:
     mel = Mel(**plan["audio"]["mel"])
     samples = 0.1 * torch.randn(32000)
     samples[10000:20000] = 0
-    mel.fit(mel.features(samples), plan["audio"]["delta_weight"])
+    mel.fit(mel.bands(samples), plan["audio"]["delta_weight"])
     centroids = mel.features(samples)[:: 100 // plan["audio"]["units"]][: plan["audio"]["units"]]
     Tokenizer(mel, centroids.contiguous()).save(run.folder / "audio.safetensors")
     (run.folder / "rest.yaml").write_text(yaml.safe_dump({part: i for i, part in enumerate(PARTS)}))

@@ -4,11 +4,12 @@ from pathlib import Path
 
 import pytest
 import sentencepiece
+import torch
 import yaml
 from safetensors import safe_open
 
 import made_run
-from umo_train import model_config, pipeline
+from umo_train import export, model_config, pipeline
 from umo_train.convert.layout import shapes
 from umo_train.data.corpus import SpeechPlan
 from umo_train.interp.train import InterpPlan
@@ -59,6 +60,15 @@ def test_the_config_describes_every_tensor(tmp_path: Path) -> None:
         found = {name: tuple(file.get_slice(name).get_shape()) for name in file.keys()}
     del found["text.tokenizer"]
     assert found == shapes(pipeline.model_file_config(run))
+
+
+def test_sharpened_logits_are_drawn_more_closely() -> None:
+    vocab = {"face": {"first": 2, "codes": 3}}
+    language = {"lm_head.weight": torch.ones(8, 4)}
+    export.sharpen(language, vocab, {"face": 2.5})
+    assert language["lm_head.weight"].mean(1).tolist() == [1, 1, 2.5, 2.5, 2.5, 1, 1, 1]
+    with pytest.raises(ValueError, match="tie_word_embeddings"):
+        export.sharpen({}, vocab, {"face": 2.0})
 
 
 def test_what_is_missing_is_named(tmp_path: Path) -> None:

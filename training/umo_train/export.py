@@ -33,6 +33,15 @@ def tensors(
     return out
 
 
+def sharpen(language: dict[str, Tensor], vocab: dict[str, Any], factors: dict[str, float]) -> None:
+    """Multiplies the logits of parts' codes, in place: one temperature then draws lips closely and gestures freely."""
+    if factors and "lm_head.weight" not in language:
+        raise ValueError("`sharpen` needs a plan whose language model has `tie_word_embeddings: false`")
+    for part, factor in factors.items():
+        first = vocab[part]["first"]
+        language["lm_head.weight"][first : first + vocab[part]["codes"]] *= factor
+
+
 def write(path: Path, config: dict[str, Any], named: dict[str, Tensor]) -> None:
     """By renaming: a file that exists is whole."""
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -202,7 +202,8 @@ def examples(s: Run, config: Config, split: str, *, augment: bool) -> Examples:
         streams.append(Stream(codes, units, text, first, tuple(more), spoken))
     tokenizer = tokens.load(s.folder / "audio.safetensors", s.plan["audio"])
     silence = int(tokenizer(np.zeros(SAMPLE_RATE, np.float32))[20])
-    return Examples(config, streams, silence, augment=augment, templates=templates(s))
+    delay = s.plan["audio"].get("listener", {}).get("delay")
+    return Examples(config, streams, silence, augment=augment, templates=templates(s), delay=delay)
 
 
 def _array(path: Path) -> np.ndarray | None:
@@ -257,13 +258,15 @@ def step_interp(s: Run) -> None:
     # Windows of all four parts: of people who speak.
     names = _names(s, "train", spoken=True)
     codes = [np.load(s.folder / "codes" / f"{name}.npy").astype(np.int64) for name in names]
-    train_interp(InterpPlan(**s.plan["interp_training"], seed=s.plan["seed"]), config, codes, s.folder)
+    books = {part: model.quantizer.embedding.weight.detach() for part, model in tokenizers(s).items()}
+    train_interp(InterpPlan(**s.plan["interp_training"], seed=s.plan["seed"]), config, codes, s.folder, books)
 
 
 def step_export(s: Run) -> None:
     """`run/NAME.safetensors`, bf16; `umo quantize` makes the int8 one."""
     config = model_file_config(s)
     language = export.load_state(s.folder / f"lm_{s.plan['stages'][-1]['name']}.safetensors")
+    export.sharpen(language, config["vocab"], s.plan.get("sharpen", {}))
     interpolation = Interpolation(config)
     interpolation.load_state_dict(_trained(s.folder / "interp.pt", "model"))
     root = _network(s, "root")

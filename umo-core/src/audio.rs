@@ -353,7 +353,7 @@ impl Tokenizer {
             (Network::Mel(mel), State::Mel(past), Room::Mel(room)) => {
                 if first {
                     mel.begin(past);
-                    mel.fill(old);
+                    mel.fill(cx, room, old)?;
                 }
                 mel.extract(cx, past, room, heard, fresh)?;
                 self.kmeans.nearest(cx, &stream.features, scores, units)?;

@@ -126,12 +126,38 @@ pub struct Mel {
     pub floor: f32,
     /// Orders of differences that follow the logarithms.
     pub deltas: usize,
+    /// A network on these features, whose outputs are the features that units are of.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub network: Option<MelNetwork>,
 }
 
 impl Mel {
-    /// Values per feature: the bands and each order of their differences.
-    pub fn width(&self) -> usize {
+    /// Values per log-mel feature: the bands and each order of their differences.
+    pub fn bands_width(&self) -> usize {
         self.bands * (1 + self.deltas)
+    }
+
+    /// Values per feature that units are of.
+    pub fn width(&self) -> usize {
+        self.network.as_ref().and_then(|network| network.widths.last()).copied().unwrap_or(self.bands_width())
+    }
+}
+
+/// Dense layers with ReLU between them, on the last log-mel features.
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct MelNetwork {
+    /// Features that go in: a token's own and those before it.
+    pub taps: usize,
+    /// Outputs of each layer.
+    pub widths: Vec<usize>,
+}
+
+impl MelNetwork {
+    /// Outputs and inputs of each layer, above log-mel features of `width` values.
+    pub fn layers(&self, width: usize) -> impl Iterator<Item = (usize, usize)> {
+        let inputs = std::iter::once(self.taps * width).chain(self.widths.iter().copied());
+        self.widths.iter().copied().zip(inputs)
     }
 }
 

@@ -210,7 +210,9 @@ fn tokenizer(config: &Config, stored: Stored, target: usize) -> Floor {
         return hubert(config, stored, samples, Some(window)) + centroids;
     }
     let Some(mel) = &config.audio.mel else { return Floor::default() };
-    Stored::F32.product(new, mel.bands * (mel.fft / 2 + 1) + config.audio.units * mel.width())
+    let layers = mel.network.iter().flat_map(|network| network.layers(mel.bands_width()));
+    let network: usize = layers.map(|(outputs, inputs)| outputs * inputs).sum();
+    Stored::F32.product(new, mel.bands * (mel.fft / 2 + 1) + network + config.audio.units * mel.width())
 }
 
 /// The interpolation network: over time for the whole window, over parts and to codes for the frames that are filled.

@@ -14,6 +14,7 @@
 //! | [`floor`] | what each stage must do at least, and how long this processor takes for that | |
 //! | [`record`] | what a chunk was made of: codes, experts | |
 //! | [`stage`] | one stage alone, for checking a model | 3.1 |
+//! | [`retarget`] | poses on other skeletons, face channels on other shapes | |
 //! | [`part`], [`error`] | the four parts; what can go wrong | 1 |
 #![deny(unsafe_code)]
 
@@ -33,6 +34,7 @@ pub mod model;
 pub mod motion;
 pub mod part;
 pub mod record;
+pub mod retarget;
 mod ring;
 pub mod session;
 pub mod stage;

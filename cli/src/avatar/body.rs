@@ -209,7 +209,7 @@ pub(super) fn hand(rest: &Rest, side: &str) -> Part {
         let high = points.iter().map(|p| p[axis]).fold(f32::MIN, f32::max) + beyond * s;
         (low, high)
     };
-    let (x, y, z) = (range(0, 0.035), range(1, 0.04), range(2, 0.035));
+    let (x, y, z) = (range(0, 0.048), range(1, 0.044), range(2, 0.044));
     // Counted from the wrist, so that the other hand's planes are its mirror image.
     let x = if wrist[0] < 0.0 {
         planes(-x.1, -x.0, |_| 0.0076 * s).into_iter().rev().map(|x| -x).collect()

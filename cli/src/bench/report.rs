@@ -85,6 +85,8 @@ impl Report {
             let of = |share| rounded(quantile(times, share));
             json!({ "p50": of(0.5), "p99": of(0.99), "max": of(1.0), "count": times.len() })
         };
+        let mut chunks = quantiles(&self.chunks);
+        chunks["times"] = self.chunks.iter().copied().map(rounded).collect();
         let stage =
             |stage: &Stage| json!({ "stage": stage.name, "ms": rounded(stage.time), "floor_ms": rounded(stage.floor) });
         let stages: Vec<_> = self.stages.iter().map(stage).collect();
@@ -96,7 +98,7 @@ impl Report {
         let mut report = json!({
             "version": env!("CARGO_PKG_VERSION"), "model": self.model, "isa": self.isa, "threads": self.threads,
             "target": self.target, "load_ms": rounded(self.load), "first_frame_ms": quantiles(&self.first),
-            "chunk_ms": quantiles(&self.chunks), "frames_per_second": (self.frames_per_second() * 10.0).round() / 10.0,
+            "chunk_ms": chunks, "frames_per_second": (self.frames_per_second() * 10.0).round() / 10.0,
             "stages": stages, "peaks": peaks,
         });
         if let Some(bytes) = self.memory {

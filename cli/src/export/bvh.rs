@@ -74,9 +74,9 @@ fn write_offset<W: Write>(indent: &str, offset: [f32; 3], out: &mut W) -> io::Re
 
 /// Of the angles that mean the same rotation, those nearest to the frame before: programs blend the
 /// numbers between frames, and a jump of a whole turn would spin the joint.
-fn continued(angles: [f64; 3], before: [f64; 3]) -> [f64; 3] {
-    let [z, x, y] = angles;
-    let candidates = [angles, [z + 180.0, 180.0 - x, y + 180.0]].map(|candidate| {
+pub(crate) fn continued(angles: [f64; 3], before: [f64; 3]) -> [f64; 3] {
+    let [first, middle, last] = angles;
+    let candidates = [angles, [first + 180.0, 180.0 - middle, last + 180.0]].map(|candidate| {
         let turns = |i: usize| ((before[i] - candidate[i]) / 360.0).round();
         std::array::from_fn(|i| candidate[i] + 360.0 * turns(i))
     });

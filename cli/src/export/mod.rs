@@ -23,7 +23,7 @@ pub mod glb;
 pub mod jsonl;
 pub mod npz;
 mod output;
-mod rotation;
+pub(crate) mod rotation;
 
 pub use output::Output;
 

@@ -1,6 +1,6 @@
 //! Quaternions to what the formats want, in f64. Quaternions are `[x, y, z, w]`.
 
-pub(super) type Matrix = [[f64; 3]; 3];
+pub(crate) type Matrix = [[f64; 3]; 3];
 
 /// Below this cosine of the middle angle, the other two angles turn about one axis.
 const GIMBAL: f64 = 1e-9;
@@ -12,7 +12,7 @@ fn normalized(q: [f32; 4]) -> [f64; 4] {
 }
 
 /// Rotation vector: the axis times the angle in radians, at most pi.
-pub(super) fn axis_angle(q: [f32; 4]) -> [f64; 3] {
+pub(crate) fn axis_angle(q: [f32; 4]) -> [f64; 3] {
     let [x, y, z, w] = normalized(q);
     let sine = (x * x + y * y + z * z).sqrt();
     // Near no rotation the angle is twice the vector part; the quotient would be 0 / 0.
@@ -21,7 +21,7 @@ pub(super) fn axis_angle(q: [f32; 4]) -> [f64; 3] {
 }
 
 /// Rotation matrix, for column vectors.
-pub(super) fn matrix(q: [f32; 4]) -> Matrix {
+pub(crate) fn matrix(q: [f32; 4]) -> Matrix {
     let [x, y, z, w] = normalized(q);
     [
         [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
@@ -31,28 +31,29 @@ pub(super) fn matrix(q: [f32; 4]) -> Matrix {
 }
 
 /// `a * b`: first `b`, then `a`.
-pub(super) fn product(a: &Matrix, b: &Matrix) -> Matrix {
+pub(crate) fn product(a: &Matrix, b: &Matrix) -> Matrix {
     std::array::from_fn(|i| std::array::from_fn(|j| (0..3).map(|k| a[i][k] * b[k][j]).sum()))
 }
 
-/// Angles `[z, x, y]` in radians with `m = Z(z) * X(x) * Y(y)`.
-pub(super) fn euler_zxy(m: &Matrix) -> [f64; 3] {
-    let cosine = m[0][1].hypot(m[1][1]);
-    let x = m[2][1].atan2(cosine);
+/// Angles in radians of a rotation about three different axes, the first the outermost: `m = A(a) * B(b) * C(c)`.
+pub(crate) fn euler(m: &Matrix, [i, j, k]: [usize; 3]) -> [f64; 3] {
+    // X Y Z and what goes round with it; the others are mirrored.
+    let sign = if (i + 1) % 3 == j { 1.0 } else { -1.0 };
+    let cosine = m[i][i].hypot(m[i][j]);
+    let middle = (sign * m[i][k]).atan2(cosine);
     if cosine < GIMBAL {
-        [m[1][0].atan2(m[0][0]), x, 0.0]
+        [(sign * m[k][j]).atan2(m[j][j]), middle, 0.0]
     } else {
-        [(-m[0][1]).atan2(m[1][1]), x, (-m[2][0]).atan2(m[2][2])]
+        [(-sign * m[j][k]).atan2(m[k][k]), middle, (-sign * m[i][j]).atan2(m[i][i])]
     }
 }
 
+/// Angles `[z, x, y]` in radians with `m = Z(z) * X(x) * Y(y)`.
+pub(crate) fn euler_zxy(m: &Matrix) -> [f64; 3] {
+    euler(m, [2, 0, 1])
+}
+
 /// Angles `[y, x, z]` in radians with `m = Y(y) * X(x) * Z(z)`.
-pub(super) fn euler_yxz(m: &Matrix) -> [f64; 3] {
-    let cosine = m[1][0].hypot(m[1][1]);
-    let x = (-m[1][2]).atan2(cosine);
-    if cosine < GIMBAL {
-        [(-m[2][0]).atan2(m[0][0]), x, 0.0]
-    } else {
-        [m[0][2].atan2(m[2][2]), x, m[1][0].atan2(m[1][1])]
-    }
+pub(crate) fn euler_yxz(m: &Matrix) -> [f64; 3] {
+    euler(m, [1, 0, 2])
 }

@@ -1,156 +1,129 @@
-//! glTF 2.0 files as this program writes them: the joints by their names, one animation with a key for every frame.
+//! `.glb` as `umo` writes it: the 55 joints by name, one animation, morph weights with names.
 
-use std::collections::HashMap;
-
-use gltf::animation::util::ReadOutputs;
-use gltf::{Document, Gltf, Node};
-use umo_core::config::{Face, FaceKind, Skeleton};
+use umo_core::config::Skeleton;
 use umo_core::motion::clip::Clip;
-use umo_core::motion::rotation::{IDENTITY, Quat, normalized};
-use umo_core::motion::skeleton::{ARKIT_NAMES, JOINT_NAMES, JOINTS};
+use umo_core::motion::rotation::{IDENTITY, normalized};
+use umo_core::motion::skeleton::JOINTS;
 
-/// How far a key may be from its frame's time, frames.
-const TOLERANCE: f32 = 0.02;
+use super::MAX_FRAMES;
+use crate::glb::Glb;
+use crate::glb::accessor::floats;
+use crate::glb::document::{Animation, Document};
 
-/// The animation in a file's bytes.
-pub(crate) fn parse(bytes: &[u8]) -> Result<Clip, String> {
-    let Gltf { document, blob } = Gltf::from_slice(bytes).map_err(|error| format!("not a glb file: {error}"))?;
-    let blob = blob.ok_or("it has no binary part")?;
-    let joints = joints(&document)?;
-    let skeleton = skeleton(&document, &joints)?;
-    let animation = document.animations().next().ok_or("it has no animation")?;
-    let mut tracks = Tracks::default();
-    for channel in animation.channels() {
-        let reader = channel.reader(|buffer| (buffer.index() == 0).then_some(&*blob));
-        let times: Vec<f32> = reader.read_inputs().ok_or("its animation has no times")?.collect();
-        tracks.take_times(times)?;
-        let node = channel.target().node();
-        match (reader.read_outputs().ok_or("its animation has no values")?, joints.get(&node.index())) {
-            (ReadOutputs::Rotations(values), Some(&joint)) => {
-                tracks.rotations[joint] = values.into_f32().map(normalized).collect();
-            }
-            (ReadOutputs::Translations(values), Some(0)) => tracks.places = values.collect(),
-            (ReadOutputs::MorphTargetWeights(values), None) if tracks.weights.is_empty() => {
-                tracks.names = target_names(&node)?;
-                tracks.weights = values.into_f32().collect();
-            }
-            _ => {}
+pub(super) fn read(bytes: &[u8]) -> Result<Clip, String> {
+    let file = Glb::split(bytes)?;
+    let document = Document::parse(file.json)?;
+    let places = super::joints(document.nodes.iter().map(|node| node.name.as_deref()))?;
+    let skeleton = skeleton(&document, &places)?;
+    let tracks = Tracks::of(&document, file.bin)?;
+    let frames = tracks.times.len();
+    let root = skeleton.offsets_m[0];
+    let translation = match tracks.values(&document, places[0], "translation", "VEC3")? {
+        Some(places) => places.as_chunks().0.iter().map(|&at| less(at, root)).collect(),
+        None => vec![[0.0; 3]; frames],
+    };
+    let mut rotations = vec![[IDENTITY; JOINTS]; frames];
+    for (joint, &place) in places.iter().enumerate() {
+        let Some(values) = tracks.values(&document, place, "rotation", "VEC4")? else { continue };
+        for (frame, &q) in rotations.iter_mut().zip(values.as_chunks().0) {
+            frame[joint] = normalized(q);
         }
     }
-    tracks.clip(skeleton)
+    let (names, face_values) = face(&document, &tracks)?;
+    let face = super::face(names);
+    Ok(Clip { frame_rate: tracks.rate()?, skeleton, face, rotations, translation, face_values })
 }
 
-/// Which of the 55 joints a node is.
-fn joints(document: &Document) -> Result<HashMap<usize, usize>, String> {
-    let joint = |node: &Node| JOINT_NAMES.iter().position(|&name| Some(name) == node.name());
-    let joints: HashMap<usize, usize> =
-        document.nodes().filter_map(|node| Some((node.index(), joint(&node)?))).collect();
-    match JOINT_NAMES.iter().enumerate().find(|(i, _)| !joints.values().any(|joint| joint == i)) {
-        Some((_, name)) => Err(format!("it has no joint `{name}`: expected a file that umo wrote")),
-        None if joints.len() > JOINTS => Err("two of its nodes have the name of one joint".to_owned()),
-        None => Ok(joints),
-    }
-}
-
-fn skeleton(document: &Document, joints: &HashMap<usize, usize>) -> Result<Skeleton, String> {
-    let mut skeleton = Skeleton { parents: vec![-1; JOINTS], offsets_m: vec![[0.0; 3]; JOINTS] };
-    for node in document.nodes() {
-        let Some(&joint) = joints.get(&node.index()) else { continue };
-        let (offset, rotation, _) = node.transform().decomposed();
-        if rotation != IDENTITY {
-            return Err(format!("joint `{}` is turned at rest: expected a file that umo wrote", JOINT_NAMES[joint]));
+#[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is what is wanted; the result is checked")]
+fn skeleton(document: &Document, places: &[usize; JOINTS]) -> Result<Skeleton, String> {
+    let parents = super::parents(places, &document.parents()?)?;
+    let mut offsets_m = Vec::with_capacity(JOINTS);
+    for node in places.map(|place| &document.nodes[place]) {
+        let turned = node.rotation.is_some_and(|[x, y, z, _]| [x, y, z] != [0.0; 3]);
+        if node.matrix.is_some() || turned || node.scale.is_some_and(|scale| scale != [1.0; 3]) {
+            return Err("it is no animation that umo wrote: a joint is turned or scaled at rest".to_owned());
         }
-        skeleton.offsets_m[joint] = offset;
-        for child in node.children() {
-            if let Some(&child) = joints.get(&child.index()) {
-                skeleton.parents[child] = i32::try_from(joint).unwrap_or(-1);
-            }
-        }
+        offsets_m.push(node.translation.unwrap_or([0.0; 3]).map(|x| x as f32));
     }
-    Ok(skeleton)
+    Ok(Skeleton { parents, offsets_m })
 }
 
-/// Names of a mesh's morph targets.
-fn target_names(node: &Node) -> Result<Vec<String>, String> {
-    let extras = node.mesh().and_then(|mesh| mesh.extras().clone());
-    let extras: serde_json::Value = extras.and_then(|text| serde_json::from_str(text.get()).ok()).unwrap_or_default();
-    let names = extras["targetNames"].as_array().map(Vec::as_slice).unwrap_or_default();
-    let names = names.iter().map(|name| name.as_str().map(str::to_owned));
-    names.collect::<Option<Vec<_>>>().ok_or_else(|| "its morph targets have no names".to_owned())
+/// Names and values `[frames, names]` of the first shapes that have names and move.
+fn face(document: &Document, tracks: &Tracks<'_>) -> Result<(Vec<String>, Vec<f32>), String> {
+    for (place, node) in document.nodes.iter().enumerate() {
+        let Some(names) = node.mesh.and_then(|mesh| document.meshes.get(mesh)?.shape_names()) else { continue };
+        let Some(output) = tracks.output(place, "weights") else { continue };
+        let values = floats(document, tracks.bin, output, "SCALAR")?;
+        if values.len() != tracks.times.len() * names.len() {
+            return Err("its morph weights are not frames times shapes".to_owned());
+        }
+        return Ok((names, values));
+    }
+    Ok((Vec::new(), Vec::new()))
 }
 
-/// What the channels hold.
-struct Tracks {
+/// The first animation.
+struct Tracks<'a> {
+    animation: &'a Animation,
+    bin: &'a [u8],
+    /// Seconds.
     times: Vec<f32>,
-    /// `[JOINTS][frames]`; empty where a joint is at rest.
-    rotations: [Vec<Quat>; JOINTS],
-    /// Root's places, offset included.
-    places: Vec<[f32; 3]>,
-    names: Vec<String>,
-    /// `[frames, names]`.
-    weights: Vec<f32>,
 }
 
-impl Default for Tracks {
-    fn default() -> Self {
-        let rotations = std::array::from_fn(|_| Vec::new());
-        Self { times: Vec::new(), rotations, places: Vec::new(), names: Vec::new(), weights: Vec::new() }
-    }
-}
-
-impl Tracks {
-    /// All channels must have the same keys.
-    fn take_times(&mut self, times: Vec<f32>) -> Result<(), String> {
-        if self.times.is_empty() {
-            self.times = times;
-        } else if self.times != times {
-            return Err("its channels have different keys: expected one for every frame".to_owned());
+impl<'a> Tracks<'a> {
+    fn of(document: &'a Document, bin: &'a [u8]) -> Result<Self, String> {
+        let animation = document.animations.first().ok_or("it has no animation")?;
+        let mut samplers = animation.samplers.iter();
+        let first = samplers.next().ok_or("its animation is empty")?;
+        if samplers.any(|sampler| sampler.input != first.input) {
+            return Err("its tracks have different times".to_owned());
         }
-        Ok(())
+        if animation.samplers.iter().any(|s| s.interpolation.as_deref().is_some_and(|kind| kind == "CUBICSPLINE")) {
+            return Err("its tracks are splines".to_owned());
+        }
+        let times = floats(document, bin, first.input, "SCALAR")?;
+        match times.len() {
+            0 => Err("it has no frames".to_owned()),
+            1..=MAX_FRAMES => Ok(Self { animation, bin, times }),
+            frames => Err(format!("{frames} frames are too many")),
+        }
     }
 
-    /// Frames a second, from keys that are evenly spaced.
+    /// Frames a second.
     fn rate(&self) -> Result<f32, String> {
-        let (Some(first), Some(last)) = (self.times.first(), self.times.last()) else {
-            return Err("its animation has no frames".to_owned());
-        };
-        if self.times.len() == 1 {
+        let (first, last, steps) = (self.times[0], self.times[self.times.len() - 1], self.times.len() - 1);
+        if steps == 0 {
             return Ok(30.0);
         }
-        let rate = (self.times.len() - 1) as f32 / (last - first);
-        let even = self.times.iter().enumerate().all(|(i, t)| ((t - first) * rate - i as f32).abs() < TOLERANCE);
-        match (1.0..=1000.0).contains(&rate) && even {
-            true => Ok(if (rate - rate.round()).abs() < 0.01 { rate.round() } else { rate }),
-            false => Err("its keys are not one for every frame".to_owned()),
+        let step = f64::from(last - first) / steps as f64;
+        let even = |(i, &time): (usize, &f32)| (f64::from(time - first) - i as f64 * step).abs() < 0.02 * step + 1e-4;
+        if !(step > 0.0 && self.times.iter().enumerate().all(even)) {
+            return Err("its frames are not evenly apart".to_owned());
         }
+        let rate = 1.0 / step;
+        #[expect(clippy::cast_possible_truncation, reason = "rates are kept in f32")]
+        Ok(if (rate - rate.round()).abs() < 1e-3 { rate.round() as f32 } else { rate as f32 })
     }
 
-    fn clip(self, skeleton: Skeleton) -> Result<Clip, String> {
-        let (frame_rate, frames) = (self.rate()?, self.times.len());
-        let wrong = |what: &str| format!("{what} have not one value for every frame");
-        if self.rotations.iter().any(|track| !track.is_empty() && track.len() != frames) {
-            return Err(wrong("rotations"));
-        }
-        if !self.places.is_empty() && self.places.len() != frames {
-            return Err(wrong("places"));
-        }
-        if self.weights.len() != frames * self.names.len() {
-            return Err(wrong("morph weights"));
-        }
-        let root = skeleton.offsets_m[0];
-        let turn = |frame: usize| std::array::from_fn(|joint| *self.rotations[joint].get(frame).unwrap_or(&IDENTITY));
-        let place = |frame: usize| {
-            self.places.get(frame).map_or([0.0; 3], |place| std::array::from_fn(|axis| place[axis] - root[axis]))
-        };
-        let arkit = self.names.iter().any(|name| ARKIT_NAMES.contains(&name.as_str()));
-        let kind = if arkit { FaceKind::Arkit } else { FaceKind::SmplxExpression };
-        Ok(Clip {
-            frame_rate,
-            rotations: (0..frames).map(turn).collect(),
-            translation: (0..frames).map(place).collect(),
-            skeleton,
-            face: Face { kind, names: self.names },
-            face_values: self.weights,
-        })
+    /// The accessor of a node's values.
+    fn output(&self, node: usize, path: &str) -> Option<usize> {
+        let mut channels = self.animation.channels.iter();
+        let channel = channels.find(|channel| channel.target.node == Some(node) && channel.target.path == path)?;
+        Some(self.animation.samplers.get(channel.sampler)?.output)
     }
+
+    /// A node's values, one per frame.
+    fn values(&self, document: &Document, node: usize, path: &str, kind: &str) -> Result<Option<Vec<f32>>, String> {
+        let Some(output) = self.output(node, path) else { return Ok(None) };
+        let values = floats(document, self.bin, output, kind)?;
+        let width = if kind == "VEC3" { 3 } else { 4 };
+        match values.len() == width * self.times.len() {
+            true => Ok(Some(values)),
+            false => Err(format!("the {path} of node {node}: not one value per frame")),
+        }
+    }
+}
+
+fn less([a, b, c]: [f32; 3], [x, y, z]: [f32; 3]) -> [f32; 3] {
+    [a - x, b - y, c - z]
 }

@@ -1,11 +1,11 @@
-//! NumPy archives with SMPL-X motion.
+//! `.npz` as `umo` and other SMPL-X tools write it.
 
 use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::Path;
 
-use npyz::{DType, NpyFile, NpyHeader, TypeChar};
-use umo_core::config::{Face, FaceKind, Skeleton};
+use npyz::{DType, NpyFile, TypeChar};
+use umo_core::config::{Face, FaceKind};
 use umo_core::motion::clip::Clip;
 use umo_core::motion::pose::Pose;
 use umo_core::motion::rotation::axis_angle_to_quat;
@@ -14,57 +14,49 @@ use zip::ZipArchive;
 
 /// Most values of one array: an hour of poses at 240 a second.
 const MAX_VALUES: u64 = 240 * 3600 * 165;
-/// Most bytes of a list of names.
-const MAX_NAMES: u64 = 1 << 20;
+/// Coefficients of an SMPL-X face.
+const EXPRESSIONS: usize = 100;
 
-type Archive = ZipArchive<BufReader<File>>;
+/// An open file.
+pub(crate) type Archive = ZipArchive<BufReader<File>>;
 
 /// Shape and values.
 type Array = (Vec<usize>, Vec<f32>);
 
-/// The motion in a file, with the bones and the face of `empty`, at the file's own frame rate where it says one: `poses`
-/// and, where there, `trans`, `expressions` or `arkit`, the frame rate.
-pub(crate) fn read(path: &Path, empty: Clip) -> Result<Clip, String> {
-    motion(&mut open(path)?, empty)
-}
-
-/// The motion in a file that this program wrote, with the face that it has.
-pub(crate) fn read_own(path: &Path, skeleton: &Skeleton) -> Result<Clip, String> {
-    let mut archive = open(path)?;
-    let face = match names(&mut archive, "arkit_names")? {
-        Some(names) => Face { kind: FaceKind::Arkit, names },
-        None => {
-            let coefficients =
-                array(&mut archive, "expressions")?.map_or(0, |(shape, _)| shape.get(1).copied().unwrap_or(0));
-            let names = (0..coefficients).map(|i| format!("expression_{i}")).collect();
-            Face { kind: FaceKind::SmplxExpression, names }
-        }
-    };
-    let empty = Clip {
-        frame_rate: 30.0,
-        skeleton: skeleton.clone(),
-        face,
-        rotations: Vec::new(),
-        translation: Vec::new(),
-        face_values: Vec::new(),
-    };
-    motion(&mut archive, empty)
-}
-
-fn open(path: &Path) -> Result<Archive, String> {
+/// Opens a file.
+///
+/// # Errors
+/// What the system says; that it is no such file.
+pub(crate) fn open(path: &Path) -> Result<Archive, String> {
     let file = File::open(path).map_err(|error| error.to_string())?;
     ZipArchive::new(BufReader::new(file)).map_err(|error| format!("not an npz file: {error}"))
 }
 
-fn motion(archive: &mut Archive, mut clip: Clip) -> Result<Clip, String> {
+/// The motion, on the skeleton of the model in the program: `poses` and, where there, `trans`, `arkit` or
+/// `expressions`, the frame rate.
+pub(super) fn read(path: &Path) -> Result<Clip, String> {
+    let mut archive = open(path)?;
+    let skeleton = crate::model::skeleton().map_err(|error| error.to_string())?;
+    let face = match names(&mut archive, "arkit_names")? {
+        Some(names) => super::face(names),
+        None => {
+            let names = (0..EXPRESSIONS).map(|i| format!("expression_{i}")).collect();
+            Face { kind: FaceKind::SmplxExpression, names }
+        }
+    };
+    let (rotations, translation, face_values) = Default::default();
+    fill(&mut archive, Clip { frame_rate: 30.0, skeleton, face, rotations, translation, face_values })
+}
+
+/// The file's motion in a clip of no frames, whose bones and face it gets, and whose rate where the file says none.
+pub(crate) fn fill(archive: &mut Archive, mut clip: Clip) -> Result<Clip, String> {
     let (shape, poses) = array(archive, "poses")?.ok_or("it has no array `poses`")?;
     if shape.len() != 2 || shape[1] != 3 * JOINTS || poses.is_empty() {
         return Err(format!("array `poses`: expected [frames, {}], got {shape:?}", 3 * JOINTS));
     }
-    let frames = shape[0];
+    let (frames, width) = (shape[0], clip.face.names.len());
     let translation = rows(archive, "trans", frames, 3)?;
     let name = if clip.face.kind == FaceKind::Arkit { "arkit" } else { "expressions" };
-    let width = clip.face.names.len();
     let face = rows(archive, name, frames, width)?;
     for frame in 0..frames {
         let pose = &poses[frame * 3 * JOINTS..(frame + 1) * 3 * JOINTS];
@@ -133,18 +125,14 @@ fn numbers<R: Read>(npy: NpyFile<R>) -> Result<Vec<f32>, String> {
     }
 }
 
-/// NumPy's fixed-width strings: UTF-32, padded with zeros.
+/// The texts of an array of them.
 fn names(archive: &mut Archive, name: &str) -> Result<Option<Vec<String>>, String> {
-    let wrong = |problem: &str| format!("array `{name}`: {problem}");
+    let wrong = |problem: String| format!("array `{name}`: {problem}");
     let Ok(entry) = archive.by_name(&format!("{name}.npy")) else { return Ok(None) };
-    let mut bytes = Vec::new();
-    entry.take(MAX_NAMES).read_to_end(&mut bytes).map_err(|error| wrong(&error.to_string()))?;
-    let mut rest = bytes.as_slice();
-    let header = NpyHeader::from_reader(&mut rest).map_err(|error| wrong(&error.to_string()))?;
-    let kind = header.dtype().descr();
-    let width = kind.trim_matches('\'').strip_prefix("<U").and_then(|width| width.parse::<usize>().ok());
-    let width = width.filter(|&width| width > 0).ok_or_else(|| wrong("expected strings"))?;
-    let codes = rest.as_chunks::<4>().0.iter().map(|&code| char::from_u32(u32::from_le_bytes(code)));
-    let codes: Vec<char> = codes.collect::<Option<_>>().ok_or_else(|| wrong("it holds no text"))?;
-    Ok(Some(codes.chunks(width).map(|row| row.iter().filter(|&&c| c != '\0').collect()).collect()))
+    let npy = NpyFile::new(entry).map_err(|error| wrong(error.to_string()))?;
+    let DType::Plain(kind) = npy.dtype() else { return Err(wrong("expected texts, got a record".to_owned())) };
+    if kind.type_char() != TypeChar::UnicodeStr || kind.size_field() > 256 || npy.len() > 4096 {
+        return Err(wrong(format!("expected up to 4096 texts of up to 256 characters, got {} of {kind}", npy.len())));
+    }
+    npy.into_vec::<String>().map(Some).map_err(|error| wrong(error.to_string()))
 }

@@ -68,7 +68,7 @@ fn hubert() -> Audio {
 }
 
 fn mel(bands: usize, units: usize) -> Audio {
-    let mel = Mel { window: 400, fft: 512, bands, floor: 1e-5, deltas: 1 };
+    let mel = Mel { window: 400, fft: 512, bands, floor: 1e-5, deltas: 1, network: None };
     Audio { kind: AudioKind::Mel, sample_rate: 16_000, token_rate: 50, units, hubert: None, mel: Some(mel) }
 }
 

@@ -97,8 +97,7 @@ impl Scene {
 
     /// An animation that was made before.
     pub(super) fn of_animation(path: &Path, args: &Page) -> Result<Self, Failure> {
-        let file = model::open_quietly(args.making.model.as_deref())?;
-        let clip = import::read(path, &file.config().skeleton)?;
+        let clip = import::read(path)?;
         check_length(path, clip.len() as f64 / f64::from(clip.frame_rate))?;
         let mut scene = Self::new(path, clip)?;
         if let Some(speech) = &args.audio {

@@ -19,6 +19,9 @@ fn bench_writes_json_with_every_stage_beside_its_floor_and_a_picture() {
         let [p50, p99, max] = ["p50", "p99", "max"].map(|which| number(&report[key][which]));
         assert!(0.0 < p50 && p50 <= p99 && p99 <= max, "{key}: {p50}, {p99}, {max}");
     }
+    let times = report["chunk_ms"]["times"].as_array().unwrap();
+    let longest = times.iter().map(number).fold(0.0, f64::max);
+    assert_eq!((times.len(), longest), (3, number(&report["chunk_ms"]["max"])));
     assert!(number(&report["frames_per_second"]) > 0.0);
     assert!(number(&report["peaks"]["read_gb_per_s"]) > 0.0);
     let stages = report["stages"].as_array().unwrap();

@@ -6,6 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from umo_train.audio.listener import Listener
 from umo_train.speech.utterance import SAMPLE_RATE
 
 HOP = 320
@@ -14,21 +15,41 @@ BEFORE = 80
 
 
 class Mel:
-    """Bands between 60 Hz and 7.6 kHz, equally wide on the mel scale; causal differences; normalised."""
+    """Bands between 60 Hz and 7.6 kHz, equally wide on the mel scale; causal differences; normalised; then a network,
+    where there is one."""
 
-    def __init__(self, window: int, fft: int, bands: int, floor: float, deltas: int) -> None:
-        self.sizes = {"window": window, "fft": fft, "bands": bands, "floor": floor, "deltas": deltas}
+    def __init__(
+        self, window: int, fft: int, bands: int, floor: float, deltas: int, network: dict[str, Any] | None = None
+    ) -> None:
+        self.sizes: dict[str, Any] = {"window": window, "fft": fft, "bands": bands, "floor": floor, "deltas": deltas}
         self.window = torch.hann_window(window, periodic=False)
         self.filters = _filters(fft, bands)
         width = bands * (1 + deltas)
         self.mean, self.scale = torch.zeros(width), torch.ones(width)
+        self.network: Listener | None = None
+        if network:
+            self.sizes["network"] = {key: network[key] for key in ("taps", "widths")}
+            self.network = Listener(width, network["taps"], network["widths"])
 
     @property
     def width(self) -> int:
-        return len(self.mean)
+        return self.network.widths[-1] if self.network else len(self.mean)
 
+    @property
+    def silence(self) -> Tensor:
+        """The normalised feature of silence `[1, bands * (1 + deltas)]`."""
+        row = torch.zeros(1, len(self.mean))
+        row[:, : self.sizes["bands"]] = float(np.log(self.sizes["floor"]))
+        return (row - self.mean) * self.scale
+
+    @torch.no_grad()
     def features(self, samples: Tensor) -> Tensor:
-        """Samples at 16 kHz `[n]` to normalised features `[n // 320, width]`."""
+        """Samples at 16 kHz `[n]` to features `[n // 320, width]`."""
+        rows = self.bands(samples)
+        return rows if self.network is None else self.network(self.network.windows(rows, self.silence))
+
+    def bands(self, samples: Tensor) -> Tensor:
+        """Samples at 16 kHz `[n]` to normalised log-mel features `[n // 320, bands * (1 + deltas)]`."""
         window, floor = self.sizes["window"], self.sizes["floor"]
         count = len(samples) // HOP
         padded = torch.nn.functional.pad(samples[: count * HOP], (BEFORE, 0))
@@ -56,10 +77,13 @@ class Mel:
             "audio.mel.filters.weight": self.filters,
             "audio.mel.mean": self.mean,
             "audio.mel.scale": self.scale,
+            **(self.network.tensors() if self.network else {}),
         }
 
     def load(self, tensors: dict[str, Tensor]) -> None:
         self.mean, self.scale = tensors["audio.mel.mean"], tensors["audio.mel.scale"]
+        if self.network:
+            self.network.load(tensors)
 
 
 def _filters(fft: int, bands: int) -> Tensor:

@@ -12,7 +12,7 @@ import torch
 from safetensors.torch import load_file, save_file
 from tqdm import tqdm
 
-from umo_train.audio import hubert, mel
+from umo_train.audio import hubert, listener, mel
 from umo_train.audio.hubert import HubertTokenizer
 from umo_train.audio.mel import Mel
 from umo_train.audio.units import kmeans, nearest
@@ -97,10 +97,41 @@ def _fit_hubert(folder: Path, plan: Plan, seed: int) -> HubertTokenizer:
 
 def _fit_mel(folder: Path, plan: Plan, seed: int) -> Tokenizer:
     front = Mel(**plan["mel"])
-    features = torch.cat([front.features(torch.from_numpy(heard))[some] for heard, some in _heard(folder, plan, seed)])
+    features = torch.cat([front.bands(torch.from_numpy(heard))[some] for heard, some in _heard(folder, plan, seed)])
     front.fit(features, plan["delta_weight"])
     features = (features - front.mean) * front.scale
+    if front.network is not None:
+        items = _listened(folder, front, plan, seed)
+        front.network = listener.train(items, front.silence, front.sizes["network"], plan["listener"]["steps"], seed)
+        with torch.no_grad():
+            windows = (front.network.windows(item.features.float(), front.silence)[::3] for item in items)
+            features = torch.cat([front.network(some) for some in windows])
     return Tokenizer(front, kmeans(features, plan["units"], plan["steps"], seed))
+
+
+def _listened(folder: Path, front: Mel, plan: Plan, seed: int) -> list[listener.Heard]:
+    """What the listener learns from: every `every`-th item of training, clean and as one recording."""
+    about = plan["listener"]
+    names = [entry.name for entry in corpus.entries(folder, "train") if entry.spoken][:: about["every"]]
+    paths = [path for path in corpus.paths(folder, "speech") if path.stem in set(names)]
+    shapes = listener.Shapes.of([corpus.read_motion(folder, path.stem, ("face",))["face"] for path in paths])
+    jobs = [(folder, path, front, shapes, about["delay"], seed) for path in paths]
+    with ProcessPoolExecutor() as pool:
+        heard = tqdm(pool.map(_listen, jobs, chunksize=8), "what is heard", len(jobs), unit="item")
+        return [listener.Heard(*map(torch.from_numpy, pair)) for pairs in heard for pair in pairs]
+
+
+def _listen(job: tuple[Path, Path, Mel, listener.Shapes, int, int]) -> list[tuple[np.ndarray, np.ndarray]]:
+    folder, path, front, shapes, delay, seed = job
+    torch.set_num_threads(1)
+    utterance = corpus.read_item(path).utterance
+    face = corpus.read_motion(folder, path.stem, ("face",))["face"]
+    out = []
+    for samples in (utterance.samples, recorded(utterance.samples, np.random.default_rng((seed, int(path.stem), 9)))):
+        rows = front.bands(torch.from_numpy(np.ascontiguousarray(samples, np.float32)))
+        wanted = shapes.wanted(face, utterance.phones, len(rows), delay)
+        out.append((rows.half().numpy(), wanted))
+    return out
 
 
 def model_config(plan: Plan) -> dict[str, Any]:

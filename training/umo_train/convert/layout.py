@@ -67,6 +67,13 @@ def _mel(config: Config) -> Entries:
     yield "audio.mel.filters.weight", (m["bands"], m["fft"] // 2 + 1)
     yield "audio.mel.mean", (width,)
     yield "audio.mel.scale", (width,)
+    network = m.get("network", {"taps": 1, "widths": []})
+    inputs = network["taps"] * width
+    for i, outputs in enumerate(network["widths"]):
+        yield f"audio.mel.network.{i}.weight", (outputs, inputs)
+        yield f"audio.mel.network.{i}.bias", (outputs,)
+        inputs = outputs
+    width = network["widths"][-1] if network["widths"] else width
     yield "audio.kmeans.centroids", (config["audio"]["units"], width)
 
 

@@ -38,6 +38,27 @@ class Interpolation(nn.Module):
         for table in (*self.embed.values(), self.frame_type, self.position):
             nn.init.normal_(table.weight, std=d**-0.5)
 
+    @torch.no_grad()
+    def know(self, codebooks: dict[str, Tensor]) -> None:
+        """Starts from what codes are instead of from nothing: each part's code vectors `[codes, width]` along their main
+        directions in a quarter of the width of its own, in tables and heads, and waves for positions."""
+        d = self.position.weight.shape[1]
+        width = d // len(PARTS)
+        for i, part in enumerate(PARTS):
+            centred = codebooks[part] - codebooks[part].mean(0)
+            axes = torch.linalg.svd(centred, full_matrices=False).Vh[:width]
+            vectors = centred @ axes.T
+            vectors = vectors / vectors.square().sum(1).mean().sqrt()
+            own = slice(i * width, i * width + len(axes))
+            self.embed[part].weight[:, i * width : (i + 1) * width] = 0.0
+            self.embed[part].weight[: self.codes, own] = vectors
+            head = self.head[part]
+            head.weight[:, own] = 8 * vectors / d**0.5
+            head.bias.copy_(-4 * vectors.square().sum(1))
+        places = torch.arange(len(self.position.weight))[:, None]
+        turns = places / 10000 ** (torch.arange(0, d, 2) / d)
+        self.position.weight.copy_(torch.cat([turns.sin(), turns.cos()], 1)[:, :d] * (2 / d) ** 0.5)
+
     def forward(self, codes: Tensor, padding: Tensor | None = None) -> Tensor:
         """`[b, 4, t]` codes and which frames are padding `[b, t]`, to `[b, 4, t, codes]`."""
         frames = torch.arange(codes.shape[-1], device=codes.device)

@@ -35,11 +35,21 @@ class InterpPlan:
     seed: int = 0
 
 
-def train(plan: InterpPlan, config: dict[str, Any], codes: list[np.ndarray], folder: Path) -> Interpolation:
-    """`codes` are `[4, T]` of every frame. Resumes from what is in the folder."""
+def train(
+    plan: InterpPlan,
+    config: dict[str, Any],
+    codes: list[np.ndarray],
+    folder: Path,
+    codebooks: dict[str, Tensor] | None = None,
+) -> Interpolation:
+    """`codes` are `[4, T]` of every frame; with `codebooks` the network starts from what they are. Resumes from what is
+    in the folder."""
     torch.manual_seed(plan.seed)
     device = best()
-    model = Interpolation(config).to(device)
+    model = Interpolation(config)
+    if codebooks is not None:
+        model.know(codebooks)
+    model = model.to(device)
     optimizer = torch.optim.AdamW(model.parameters(), plan.rate, betas=(0.9, 0.99), weight_decay=0.05)
 
     def rate(step: int) -> float:

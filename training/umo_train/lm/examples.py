@@ -68,8 +68,9 @@ class Examples:
         *,
         augment: bool = True,
         templates: Config | None = None,
+        delay: int | None = None,
     ) -> None:
-        """`templates` are of tasks that only training has."""
+        """`templates` are of tasks that only training has; `delay` in tokens is how late units say what they say."""
         self.config, self.streams, self.silence, self.augment = config, streams, silence, augment
         self.templates: Config = config["templates"] | (templates or {})
         self.vocab: Config = config["vocab"]
@@ -79,6 +80,8 @@ class Examples:
         rate = config["audio"]["token_rate"]
         # A keyframe's audio tokens; the config holds only for whole ones.
         self.tokens = self.stride * rate // config["frame_rate"]
+        # Which of its audio tokens says most of a keyframe.
+        self.middle = self.tokens // 2 if delay is None else min(delay, self.tokens - 1)
         self.frames_per_token = config["frame_rate"] / rate
         self.pools: dict[tuple[str, ...], tuple[list[Stream], np.ndarray]] = {}
 
@@ -142,11 +145,11 @@ class Examples:
         return batch
 
     def _heard(self, shape: tuple[int, int], faces: np.ndarray, template: str, target: int) -> np.ndarray:
-        """The chunk's face codes `[b, target]` in the middle of each keyframe's audio."""
+        """The chunk's face codes `[b, target]` where each keyframe is heard."""
         out = np.full(shape, -100, np.int64)
         # Task ids and the start marker come before the first audio token.
         first = self.config["templates"][template].index("audio") + 1
-        at = first + (self.prefix + np.arange(target)) * self.tokens + self.tokens // 2
+        at = first + (self.prefix + np.arange(target)) * self.tokens + self.middle
         out[:, at] = np.where(faces < 0, -100, self.first[0] + faces)
         return out
 

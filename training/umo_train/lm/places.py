@@ -44,7 +44,7 @@ def align(model: LanguageModel, examples: Examples, targets: tuple[int, ...], se
     rows, wanted = [], []
     for target, (hidden, said) in zip(targets, states, strict=True):
         state = _before(model, layer, hidden, said)
-        places = (examples.prefix + torch.arange(target) + 0.5) * examples.tokens
+        places = (examples.prefix + torch.arange(target)) * examples.tokens + examples.middle
         for part in range(len(PARTS)):
             at = 1 + part * (target + 2)
             rows.append(state[:, at : at + target].flatten(0, 1))

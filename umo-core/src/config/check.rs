@@ -127,6 +127,14 @@ fn check_mel(m: &Mel, hop: usize) -> Check {
     range("audio.mel.fft", m.fft, m.window, MAX_WIDTH)?;
     range("audio.mel.bands", m.bands, 1, 1024)?;
     range("audio.mel.deltas", m.deltas, 0, 3)?;
+    if let Some(network) = &m.network {
+        range("audio.mel.network.taps", network.taps, 1, 64)?;
+        let layers = network.widths.len();
+        require((1..=8).contains(&layers), "audio.mel.network.widths", || {
+            format!("expected 1 to 8 layers, got {layers}")
+        })?;
+        network.widths.iter().try_for_each(|&width| range("audio.mel.network.widths", width, 1, 4096))?;
+    }
     small("audio.mel.floor", m.floor)
 }
 

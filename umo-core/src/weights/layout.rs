@@ -20,6 +20,8 @@ pub enum Kind {
     PositionBias,
     /// Window, filters, mean and scale of a mel tokenizer.
     Mel,
+    /// A layer between mel features and units: what is nearest depends on it, so it stays in full precision.
+    Listener,
     /// Centroids or a codebook: nearest rows are looked for.
     Centroids,
 }
@@ -130,8 +132,12 @@ impl List {
     fn mel(&mut self, m: &Mel, units: usize) {
         self.add("audio.mel.window.weight", &[m.window], Kind::Mel);
         self.add("audio.mel.filters.weight", &[m.bands, m.fft / 2 + 1], Kind::Mel);
-        self.add("audio.mel.mean", &[m.width()], Kind::Mel);
-        self.add("audio.mel.scale", &[m.width()], Kind::Mel);
+        self.add("audio.mel.mean", &[m.bands_width()], Kind::Mel);
+        self.add("audio.mel.scale", &[m.bands_width()], Kind::Mel);
+        for (i, (outputs, inputs)) in m.network.iter().flat_map(|n| n.layers(m.bands_width())).enumerate() {
+            self.add(format!("audio.mel.network.{i}.weight"), &[outputs, inputs], Kind::Listener);
+            self.add(format!("audio.mel.network.{i}.bias"), &[outputs], Kind::Bias);
+        }
         self.add("audio.kmeans.centroids", &[units, m.width()], Kind::Centroids);
     }
 

@@ -1,0 +1,71 @@
+//! `.bvh` as `umo` writes it: the 55 joints by name, centimetres.
+
+use umo_core::config::Skeleton;
+use umo_core::motion::clip::Clip;
+use umo_core::motion::rotation::{IDENTITY, Quat, axis_angle_to_quat, product};
+
+use crate::bvh::{Bvh, Channel, Joint};
+
+const METRES: f64 = 0.01;
+
+pub(super) fn read(bytes: &[u8]) -> Result<Clip, String> {
+    let text = std::str::from_utf8(bytes).map_err(|_| "it is not UTF-8")?;
+    let bvh = Bvh::parse(text)?;
+    let places = super::joints(bvh.joints.iter().map(|joint| Some(joint.name.as_str())))?;
+    let parents: Vec<_> = bvh.joints.iter().map(|joint| joint.parent).collect();
+    let mut clip = Clip {
+        frame_rate: rate(bvh.frame_time),
+        skeleton: Skeleton {
+            parents: super::parents(&places, &parents)?,
+            offsets_m: places.iter().map(|&place| metres(bvh.joints[place].offset.map(f64::from))).collect(),
+        },
+        face: super::face(Vec::new()),
+        rotations: Vec::new(),
+        translation: Vec::new(),
+        face_values: Vec::new(),
+    };
+    let first = bvh.joints.iter().scan(0, |at, joint| Some(std::mem::replace(at, *at + joint.channels.len())));
+    let first: Vec<usize> = first.collect();
+    for frame in bvh.motion.chunks_exact(bvh.channels().max(1)) {
+        let values = |place: usize| &frame[first[place]..];
+        clip.rotations.push(places.map(|place| rotation(&bvh.joints[place], values(place))));
+        let root = places[0];
+        clip.translation.push(metres(position(&bvh.joints[root], values(root))));
+    }
+    Ok(clip)
+}
+
+/// Frames a second; the whole number where the file's digits mean one.
+#[expect(clippy::cast_possible_truncation, reason = "rates are kept in f32")]
+fn rate(frame_time: f64) -> f32 {
+    let rate = 1.0 / frame_time;
+    if (rate - rate.round()).abs() < 1e-3 { rate.round() as f32 } else { rate as f32 }
+}
+
+/// A joint's rotation from its channels, the first the outermost.
+#[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is what is wanted")]
+fn rotation(joint: &Joint, values: &[f64]) -> Quat {
+    joint.channels.iter().zip(values).fold(IDENTITY, |turned, (channel, &value)| match channel {
+        Channel::Position(_) => turned,
+        Channel::Rotation(axis) => {
+            let mut by = [0.0; 3];
+            by[*axis] = value.rem_euclid(360.0).to_radians() as f32;
+            product(turned, axis_angle_to_quat(by))
+        }
+    })
+}
+
+fn position(joint: &Joint, values: &[f64]) -> [f64; 3] {
+    let mut place = [0.0; 3];
+    for (channel, &value) in joint.channels.iter().zip(values) {
+        if let Channel::Position(axis) = channel {
+            place[*axis] = value;
+        }
+    }
+    place
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is what is wanted; the result is checked")]
+fn metres(cm: [f64; 3]) -> [f32; 3] {
+    cm.map(|x| (x * METRES) as f32)
+}

@@ -1,0 +1,79 @@
+//! Reading back what `umo` wrote: one module per format.
+//!
+//! | module | file |
+//! | --- | --- |
+//! | `npz` | NumPy arrays, of other SMPL-X tools too |
+//! | `glb` | glTF 2.0 |
+//! | `bvh` | skeleton motion |
+//! | `jsonl` | everything, one frame a line |
+
+use std::path::Path;
+
+use umo_core::config::{Face, FaceKind};
+use umo_core::motion::clip::Clip;
+use umo_core::motion::skeleton::{ARKIT_NAMES, JOINT_NAMES, JOINTS};
+
+use crate::export::Format;
+use crate::failure::Failure;
+
+mod bvh;
+mod glb;
+mod jsonl;
+pub(crate) mod npz;
+
+/// Longest motion that is read: an hour at 240 frames a second.
+pub(crate) const MAX_FRAMES: usize = 3600 * 240;
+
+/// The motion in a file that `umo` wrote: `.npz`, `.glb`, `.bvh` or `.jsonl`, by its extension. It has at least one
+/// frame, 55 joints whose parents come first, and finite numbers.
+///
+/// A `.npz` file has no skeleton: it gets the one of the model in the program. A `.bvh` file has no face.
+///
+/// # Errors
+/// What is wrong with the file, with its name.
+pub fn read(path: &Path) -> Result<Clip, Failure> {
+    let wrong = |problem: String| Failure::input(format!("{}: {problem}", path.display()));
+    let format = Format::from_extension(path)?;
+    let bytes = || std::fs::read(path).map_err(|error| wrong(error.to_string()));
+    let clip = match format {
+        Format::Npz => npz::read(path).map_err(wrong)?,
+        Format::Glb => glb::read(&bytes()?).map_err(wrong)?,
+        Format::Bvh => bvh::read(&bytes()?).map_err(wrong)?,
+        Format::Jsonl => jsonl::read(&bytes()?).map_err(wrong)?,
+        Format::Csv => return Err(wrong("a csv file has a face only: expected npz, glb, bvh or jsonl".to_owned())),
+    };
+    crate::export::check(&clip).map_err(|problem| wrong(problem.to_owned()))?;
+    Ok(clip)
+}
+
+/// A face of these channels: ARKit's where all of them are.
+fn face(names: Vec<String>) -> Face {
+    let arkit = !names.is_empty() && names.iter().all(|name| ARKIT_NAMES.contains(&name.as_str()));
+    Face { kind: if arkit { FaceKind::Arkit } else { FaceKind::SmplxExpression }, names }
+}
+
+/// Where each of the 55 joints is among `names`.
+fn joints<'a>(names: impl Iterator<Item = Option<&'a str>>) -> Result<[usize; JOINTS], String> {
+    let names: Vec<_> = names.collect();
+    let mut places = [0; JOINTS];
+    for (place, joint) in places.iter_mut().zip(JOINT_NAMES) {
+        let found = names.iter().position(|name| *name == Some(joint));
+        *place = found.ok_or_else(|| format!("it is no animation that umo wrote: it has no joint `{joint}`"))?;
+    }
+    Ok(places)
+}
+
+/// The parents of the 55 joints of which `places` says where they are among the `parents` of a file's.
+fn parents(places: &[usize; JOINTS], parents: &[Option<usize>]) -> Result<Vec<i32>, String> {
+    let number = |joint: usize| i32::try_from(joint).expect("there are 55 joints");
+    let parent = |(joint, &place): (usize, &usize)| match parents[place] {
+        _ if joint == 0 => Ok(-1),
+        Some(parent) => places.iter().position(|&place| place == parent).map(number).ok_or(joint),
+        None => Err(joint),
+    };
+    let found = places.iter().enumerate().map(parent).collect::<Result<Vec<_>, _>>();
+    found.map_err(|joint| format!("joint `{}` does not hang on another of the 55", JOINT_NAMES[joint]))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,133 @@
+//! A skeleton in a `.bvh` file, and the animation on it: the file's hierarchy as it was, then new frames.
+
+use std::fmt::Write;
+
+use umo_core::retarget::{Bone, Retarget, Rig};
+
+use super::Motion;
+use crate::bvh::{Bvh, Channel, Joint};
+use crate::export::bvh::continued;
+use crate::export::rotation;
+
+/// Places nearer than this share of a bone's length are one.
+const SAME: f64 = 0.01;
+
+/// A `.bvh` file with a skeleton to move.
+pub(super) struct Target {
+    text: String,
+    bvh: Bvh,
+    rig: Rig,
+}
+
+impl Target {
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// What of it is not as the format has it.
+    pub(super) fn read(bytes: Vec<u8>) -> Result<Self, String> {
+        let text = String::from_utf8(bytes).map_err(|_| "it is not UTF-8")?;
+        let bvh = Bvh::parse(&text)?;
+        let mut bones: Vec<_> =
+            bvh.joints.iter().map(|joint| Bone::new(joint.name.clone(), joint.parent, joint.offset)).collect();
+        // Where bones end counts as bones without names: it shows where the last of a limb points.
+        for (at, joint) in bvh.joints.iter().enumerate() {
+            bones.extend(joint.end.map(|end| Bone::new("", Some(at), end)));
+        }
+        let rig = Rig::new(bones).map_err(|error| error.to_string())?;
+        Ok(Self { text, bvh, rig })
+    }
+
+    pub(super) fn rig(&self) -> &Rig {
+        &self.rig
+    }
+
+    /// The file with this motion in place of its own.
+    ///
+    /// # Errors
+    /// A joint that moves and has not three rotation channels; hips without places.
+    pub(super) fn animated(&self, retarget: &Retarget, motion: &Motion) -> Result<Vec<u8>, String> {
+        let joints = &self.bvh.joints;
+        for (at, joint) in joints.iter().enumerate().filter(|(at, _)| retarget.is_driven(*at)) {
+            if axes(joint).is_none() {
+                return Err(format!("joint `{}`: expected three rotation channels about different axes", joint.name));
+            }
+            if at == retarget.hips() && places(joint) < 3 {
+                return Err(format!("joint `{}` carries the body: expected three position channels", joint.name));
+            }
+        }
+        let mut out = self.text[..self.bvh.hierarchy].to_owned();
+        // Writing to a text cannot fail.
+        let _ = write!(
+            out,
+            "MOTION\nFrames: {}\nFrame Time: {:.9}\n",
+            motion.hips.len(),
+            1.0 / f64::from(motion.frame_rate)
+        );
+        let still: Vec<_> = (0..joints.len()).map(|at| self.still(at)).collect();
+        let mut before = vec![[0.0; 3]; joints.len()];
+        for (rotations, hips) in motion.rotations.iter().zip(&motion.hips) {
+            let mut line = Vec::with_capacity(self.bvh.channels());
+            for (at, joint) in joints.iter().enumerate() {
+                let place = match at == retarget.hips() {
+                    true => self.channels_of(at, hips.map(f64::from)),
+                    false => still[at],
+                };
+                if let Some(axes) = axes(joint) {
+                    let angles = rotation::euler(&rotation::matrix(rotations[at]), axes).map(f64::to_degrees);
+                    before[at] = continued(angles, before[at]);
+                }
+                let mut turns = before[at].into_iter();
+                line.extend(joint.channels.iter().map(|channel| match channel {
+                    Channel::Position(axis) => place[*axis],
+                    Channel::Rotation(_) => turns.next().unwrap_or(0.0),
+                }));
+            }
+            for (at, value) in line.iter().enumerate() {
+                let _ = write!(out, "{}{value:.6}", if at == 0 { "" } else { " " });
+            }
+            out.push('\n');
+        }
+        Ok(out.into_bytes())
+    }
+
+    /// The channels that put a joint at `place` in its parent's frame.
+    fn channels_of(&self, at: usize, place: [f64; 3]) -> [f64; 3] {
+        let offset = self.bvh.joints[at].offset.map(f64::from);
+        if self.replaces(at) { place } else { std::array::from_fn(|i| place[i] - offset[i]) }
+    }
+
+    /// The channels of a joint that keeps its place.
+    fn still(&self, at: usize) -> [f64; 3] {
+        self.channels_of(at, self.bvh.joints[at].offset.map(f64::from))
+    }
+
+    /// Whether a joint's position channels stand in place of its offset, as some programs write them, rather than being
+    /// added to it: so where the file's first frame repeats the offset. A root's are added.
+    fn replaces(&self, at: usize) -> bool {
+        let joint = &self.bvh.joints[at];
+        let first: usize = self.bvh.joints[..at].iter().map(|joint| joint.channels.len()).sum();
+        let Some(frame) = self.bvh.motion.get(first..first + joint.channels.len()) else {
+            return joint.parent.is_some();
+        };
+        let size = joint.offset.iter().map(|x| f64::from(x.abs())).fold(0.0, f64::max);
+        let repeats = joint.channels.iter().zip(frame).all(|(channel, value)| match channel {
+            Channel::Position(axis) => (value - f64::from(joint.offset[*axis])).abs() <= SAME * size,
+            Channel::Rotation(_) => true,
+        });
+        joint.parent.is_some() && repeats
+    }
+}
+
+/// The axes of a joint's rotation channels, where there are three different ones.
+fn axes(joint: &Joint) -> Option<[usize; 3]> {
+    let turns = joint.channels.iter().filter_map(|channel| match channel {
+        Channel::Rotation(axis) => Some(*axis),
+        Channel::Position(_) => None,
+    });
+    turns.collect::<Vec<_>>().try_into().ok()
+}
+
+/// Number of a joint's position channels.
+fn places(joint: &Joint) -> usize {
+    joint.channels.iter().filter(|channel| matches!(channel, Channel::Position(_))).count()
+}

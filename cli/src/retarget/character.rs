@@ -1,0 +1,273 @@
+//! A character in a `.glb` file, and the animation in it. Everything that the file held stays as it was.
+
+use serde_json::json;
+use serde_json::value::RawValue;
+use umo_core::motion::clip::Clip;
+use umo_core::motion::rotation::{IDENTITY, Matrix, Quat, matrix_to_quat};
+use umo_core::retarget::{Bone, Mapping, Retarget, Rig};
+
+use super::faces::Faces;
+use super::splice::{Members, raw};
+use super::{Motion, vrm};
+use crate::glb::Glb;
+use crate::glb::document::{Document, Node};
+
+/// glTF's number for 32-bit floats.
+const FLOAT: u32 = 5126;
+
+/// How far from a rotation and a scale a matrix may be.
+const SHEAR: f64 = 1e-3;
+
+/// A `.glb` file with nodes to move.
+pub(super) struct Character {
+    bytes: Vec<u8>,
+    document: Document,
+    rig: Rig,
+}
+
+impl Character {
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// What of it is not as the format has it, or cannot be moved.
+    pub(super) fn read(bytes: Vec<u8>) -> Result<Self, String> {
+        let file = Glb::split(&bytes)?;
+        let document = Document::parse(file.json)?;
+        check_buffer(&document, file.bin)?;
+        let rig = rig(&document)?;
+        Ok(Self { bytes, document, rig })
+    }
+
+    pub(super) fn rig(&self) -> &Rig {
+        &self.rig
+    }
+
+    pub(super) fn document(&self) -> &Document {
+        &self.document
+    }
+
+    /// The bones of a VRM file's own table.
+    pub(super) fn vrm_bones(&self) -> Result<Option<(Mapping, &'static str)>, String> {
+        vrm::bones(&self.document)
+    }
+
+    /// The file with one animation more.
+    ///
+    /// # Errors
+    /// A file that would be larger than the format allows; JSON that is not as the format has it.
+    pub(super) fn animated(
+        &self,
+        retarget: &Retarget,
+        motion: &Motion,
+        faces: &Faces,
+        clip: &Clip,
+    ) -> Result<Vec<u8>, String> {
+        let file = Glb::split(&self.bytes)?;
+        let mut members = Members::parse(file.json)?;
+        let start = file.bin.len().next_multiple_of(4);
+        let (accessors, views) = (members.list("accessors")?, members.list("bufferViews")?);
+        let mut tracks = Tracks { first: accessors.len(), view: views.len(), ..Tracks::default() };
+        let times: Vec<f32> = (0..motion.hips.len()).map(|frame| frame as f32 / motion.frame_rate).collect();
+        let input = tracks.add(&times, 1, json!({ "min": [times.first()], "max": [times.last()] }));
+        let driven = (0..self.rig.len()).filter(|&node| retarget.is_driven(node));
+        for node in driven.clone() {
+            let values = continued(motion.rotations.iter().map(|frame| frame[node]));
+            tracks.channel(input, node, "rotation", values.as_flattened(), 4);
+        }
+        tracks.channel(input, retarget.hips(), "translation", motion.hips.as_flattened(), 3);
+        for track in faces.tracks() {
+            let weights: Vec<f32> = (0..clip.len()).flat_map(|frame| track.weights(clip.face(frame))).collect();
+            tracks.channel(input, track.node(), "weights", &weights, 1);
+        }
+        let total = start + tracks.bytes.len();
+        add(&mut members, "accessors", accessors, &tracks.accessors);
+        let view = json!({ "buffer": 0, "byteOffset": start, "byteLength": tracks.bytes.len() });
+        add(&mut members, "bufferViews", views, &[view]);
+        let name = self.new_name();
+        let animation = json!({ "name": name, "channels": tracks.channels, "samplers": tracks.samplers });
+        let animations = members.list("animations")?;
+        add(&mut members, "animations", animations, &[animation]);
+        set_length(&mut members, total)?;
+        decompose(&mut members, &self.document, driven)?;
+        let mut bin = file.bin.to_vec();
+        bin.resize(start, 0);
+        bin.extend(tracks.bytes);
+        container(members.text().into_bytes(), &bin, file.more)
+    }
+
+    /// `speech`, or where an animation has that name, with a number.
+    fn new_name(&self) -> String {
+        let taken = |name: &str| self.document.animations.iter().any(|known| known.name.as_deref() == Some(name));
+        let numbered = (2..).map(|number| format!("speech {number}"));
+        std::iter::once("speech".to_owned()).chain(numbered).find(|name| !taken(name)).unwrap_or_default()
+    }
+}
+
+/// The buffer that grows must be the one in the file.
+fn check_buffer(document: &Document, bin: &[u8]) -> Result<(), String> {
+    match document.buffers.first() {
+        None => Ok(()),
+        Some(first) if first.uri.is_some() => {
+            Err("its first buffer is in another file: pack it into the .glb first".to_owned())
+        }
+        Some(first) if first.byte_length > bin.len() => Err("the file is cut short".to_owned()),
+        Some(_) => Ok(()),
+    }
+}
+
+fn rig(document: &Document) -> Result<Rig, String> {
+    let parents = document.parents()?;
+    let mut bones = Vec::with_capacity(document.nodes.len());
+    for (node, parent) in document.nodes.iter().zip(parents) {
+        // A matrix that is none of these is as a scale to nothing: refused where bones move below it.
+        let (translation, rotation, scale) = transform(node).unwrap_or(([0.0; 3], IDENTITY, [0.0; 3]));
+        let name = node.name.clone().unwrap_or_default();
+        bones.push(Bone { name, parent, translation, rotation, scale, deforms: false });
+    }
+    for &joint in document.skins.iter().flat_map(|skin| &skin.joints) {
+        let bone = bones.get_mut(joint).ok_or_else(|| format!("a skin's joint: there is no node {joint}"))?;
+        bone.deforms = true;
+    }
+    Rig::new(bones).map_err(|error| error.to_string())
+}
+
+type Transform = ([f32; 3], Quat, [f32; 3]);
+
+#[expect(clippy::cast_possible_truncation, reason = "bones are kept in f32; what overflows the rig refuses")]
+fn transform(node: &Node) -> Result<Transform, String> {
+    let narrow = |v: [f64; 3]| v.map(|x| x as f32);
+    let Some(m) = node.matrix else {
+        let rotation = node.rotation.unwrap_or([0.0, 0.0, 0.0, 1.0]).map(|x| x as f32);
+        return Ok((narrow(node.translation.unwrap_or([0.0; 3])), rotation, narrow(node.scale.unwrap_or([1.0; 3]))));
+    };
+    let column = |at: usize| [m[4 * at], m[4 * at + 1], m[4 * at + 2]];
+    let [x, y, z] = [column(0), column(1), column(2)];
+    let dot = |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let length = |v: [f64; 3]| dot(v, v).sqrt();
+    let mut scale = [length(x), length(y), length(z)];
+    let volume = dot(x, [y[1] * z[2] - y[2] * z[1], y[2] * z[0] - y[0] * z[2], y[0] * z[1] - y[1] * z[0]]);
+    let size = scale[0] * scale[1] * scale[2];
+    if !(size.is_finite() && size > 0.0) {
+        return Err("its matrix has no inverse".to_owned());
+    }
+    if (1.0 - volume.abs() / size) > SHEAR {
+        return Err("its matrix shears".to_owned());
+    }
+    if volume < 0.0 {
+        scale[0] = -scale[0];
+    }
+    let unit = [(x, scale[0]), (y, scale[1]), (z, scale[2])].map(|(v, scale)| v.map(|a| a / scale));
+    let rows: Matrix = std::array::from_fn(|i| std::array::from_fn(|j| unit[j][i] as f32));
+    Ok((narrow([m[12], m[13], m[14]]), matrix_to_quat(rows), narrow(scale)))
+}
+
+/// An animation in the making.
+#[derive(Default)]
+struct Tracks {
+    /// Number of the first new accessor.
+    first: usize,
+    /// Number of the new view.
+    view: usize,
+    bytes: Vec<u8>,
+    accessors: Vec<serde_json::Value>,
+    samplers: Vec<serde_json::Value>,
+    channels: Vec<serde_json::Value>,
+}
+
+impl Tracks {
+    /// A list of values of `width` numbers; `more` of its accessor. Its number.
+    fn add(&mut self, values: &[f32], width: usize, more: serde_json::Value) -> usize {
+        let kind = ["SCALAR", "", "VEC3", "VEC4"][width - 1];
+        let mut accessor = json!({
+            "bufferView": self.view, "byteOffset": self.bytes.len(), "componentType": FLOAT,
+            "count": values.len() / width, "type": kind,
+        });
+        if let (Some(accessor), serde_json::Value::Object(more)) = (accessor.as_object_mut(), more) {
+            accessor.extend(more);
+        }
+        self.bytes.extend(values.iter().flat_map(|value| value.to_le_bytes()));
+        self.accessors.push(accessor);
+        self.first + self.accessors.len() - 1
+    }
+
+    fn channel(&mut self, input: usize, node: usize, path: &str, values: &[f32], width: usize) {
+        let output = self.add(values, width, serde_json::Value::Null);
+        self.channels.push(json!({ "sampler": self.samplers.len(), "target": { "node": node, "path": path } }));
+        self.samplers.push(json!({ "input": input, "output": output, "interpolation": "LINEAR" }));
+    }
+}
+
+/// Each rotation on the side of the one before: not every program takes the shorter way between two quaternions.
+fn continued(rotations: impl Iterator<Item = Quat>) -> Vec<Quat> {
+    let mut before = [0.0, 0.0, 0.0, 1.0];
+    let rotations = rotations.map(|q| {
+        let dot: f32 = q.iter().zip(before).map(|(a, b)| a * b).sum();
+        before = if dot < 0.0 { q.map(|x| -x) } else { q };
+        before
+    });
+    rotations.collect()
+}
+
+fn add(members: &mut Members, name: &str, mut elements: Vec<Box<RawValue>>, new: &[serde_json::Value]) {
+    elements.extend(new.iter().map(raw));
+    members.set_list(name, &elements);
+}
+
+/// Makes the first buffer as long as the file's binary chunk.
+fn set_length(members: &mut Members, length: usize) -> Result<(), String> {
+    let mut buffers = members.list("buffers")?;
+    let mut first = match buffers.first() {
+        Some(first) => Members::parse(first.get())?,
+        None => Members::default(),
+    };
+    first.set("byteLength", raw(&length.into()));
+    let first = first.into_raw();
+    match buffers.first_mut() {
+        Some(slot) => *slot = first,
+        None => buffers.push(first),
+    }
+    members.set_list("buffers", &buffers);
+    Ok(())
+}
+
+/// Writes the matrices of nodes that move as translation, rotation and scale: the format wants it so.
+fn decompose(members: &mut Members, document: &Document, driven: impl Iterator<Item = usize>) -> Result<(), String> {
+    let matrices: Vec<_> = driven.filter(|&node| document.nodes[node].matrix.is_some()).collect();
+    if matrices.is_empty() {
+        return Ok(());
+    }
+    let mut nodes = members.list("nodes")?;
+    for at in matrices {
+        let (translation, rotation, scale) =
+            transform(&document.nodes[at]).map_err(|problem| format!("node {at}: {problem}"))?;
+        let mut node = Members::parse(nodes[at].get())?;
+        node.remove("matrix");
+        node.set("translation", raw(&json!(translation)));
+        node.set("rotation", raw(&json!(rotation)));
+        node.set("scale", raw(&json!(scale)));
+        nodes[at] = node.into_raw();
+    }
+    members.set_list("nodes", &nodes);
+    Ok(())
+}
+
+/// Header and chunks.
+fn container(mut json: Vec<u8>, bin: &[u8], more: &[u8]) -> Result<Vec<u8>, String> {
+    json.resize(json.len().next_multiple_of(4), b' ');
+    let total = 12 + 8 + json.len() + 8 + bin.len() + more.len();
+    let word = |length: usize| {
+        let large = "the file would be larger than a glb file can be, 4 GiB";
+        u32::try_from(length).map(u32::to_le_bytes).map_err(|_| large.to_owned())
+    };
+    let mut out = Vec::with_capacity(total);
+    out.extend(b"glTF");
+    out.extend(2_u32.to_le_bytes());
+    out.extend(word(total)?);
+    for (kind, chunk) in [(b"JSON", json.as_slice()), (b"BIN\0", bin)] {
+        out.extend(word(chunk.len())?);
+        out.extend(kind);
+        out.extend(chunk);
+    }
+    out.extend(more);
+    Ok(out)
+}

@@ -1,0 +1,210 @@
+//! Which shapes of which mesh move, and by what.
+
+use umo_core::config::Face;
+use umo_core::retarget::face::FaceMap;
+use umo_core::retarget::{Mapping, Retarget};
+
+use super::mapping::Given;
+use super::vrm::{self, Expression};
+use crate::glb::document::Document;
+
+const JAW: usize = 22;
+const EYES: [usize; 2] = [23, 24];
+
+/// Most shapes of a mesh.
+const MAX_SHAPES: usize = 4096;
+
+/// A node whose mesh has shapes.
+#[derive(Clone, Debug)]
+struct MeshFace {
+    node: usize,
+    name: String,
+    /// Names of its shapes; empty where it has none.
+    shapes: Vec<String>,
+    /// Weights at rest. `[shapes]`
+    rest: Vec<f32>,
+    map: FaceMap,
+}
+
+/// All shapes of a character.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Faces {
+    meshes: Vec<MeshFace>,
+    /// Where the meshes' own shapes have no known names: expressions, and what moves them.
+    expressions: Option<(Vec<Expression>, FaceMap)>,
+}
+
+impl Faces {
+    /// Finds the shapes that a face's channels move, by their names, by the expressions of a VRM file, and as a mapping
+    /// file says.
+    ///
+    /// # Errors
+    /// A mapping file's channel or shape that is not there; a mesh with more shapes than any face has.
+    pub(super) fn find(document: &Document, face: &Face, given: &Given) -> Result<Self, String> {
+        let mut meshes = Vec::new();
+        for (at, node) in document.nodes.iter().enumerate() {
+            let Some(mesh) = node.mesh.and_then(|mesh| document.meshes.get(mesh)) else { continue };
+            let count = mesh.shapes();
+            if count == 0 || mesh.primitives.iter().any(|primitive| primitive.targets.len() != count) {
+                continue;
+            }
+            if count > MAX_SHAPES {
+                return Err(format!("mesh of node {at}: {count} shapes, at most {MAX_SHAPES} are taken"));
+            }
+            let shapes = mesh.shape_names().unwrap_or_else(|| vec![String::new(); count]);
+            let rest = [&node.weights, &mesh.weights].into_iter().flatten().find(|weights| weights.len() == count);
+            meshes.push(MeshFace {
+                node: at,
+                name: mesh.name.clone().or_else(|| node.name.clone()).unwrap_or_default(),
+                rest: rest.cloned().unwrap_or_else(|| vec![0.0; count]),
+                map: FaceMap::new(face, &shapes),
+                shapes,
+            });
+        }
+        let mut faces = Self { meshes, expressions: None };
+        if !faces.meshes.iter().any(|mesh| mesh.map.opens_mouth(face)) {
+            faces.use_expressions(vrm::expressions(document), face);
+        }
+        faces.link(face, given)?;
+        Ok(faces)
+    }
+
+    /// Expressions in place of what of shapes has names, where they open the mouth.
+    fn use_expressions(&mut self, expressions: Vec<Expression>, face: &Face) {
+        let names: Vec<_> = expressions.iter().map(|expression| expression.name.as_str()).collect();
+        let map = FaceMap::new(face, &names);
+        if !map.opens_mouth(face) {
+            return;
+        }
+        let moved = map.moved();
+        for mesh in &mut self.meshes {
+            let of_expressions = moved.iter().flat_map(|&expression| &expressions[expression].shapes);
+            for &(_, shape, _) in of_expressions.filter(|(node, ..)| *node == mesh.node) {
+                mesh.map.release(shape);
+            }
+        }
+        self.expressions = Some((expressions, map));
+    }
+
+    /// What a mapping file says goes before what was found.
+    fn link(&mut self, face: &Face, given: &Given) -> Result<(), String> {
+        let mut linked: Vec<(usize, usize)> = Vec::new();
+        for (channel, name, share) in given.shapes() {
+            let mut found = false;
+            for (at, mesh) in self.meshes.iter_mut().enumerate() {
+                let Some(shape) = mesh.shapes.iter().position(|known| known == name) else { continue };
+                found = true;
+                if !linked.contains(&(at, shape)) {
+                    mesh.map.release(shape);
+                    linked.push((at, shape));
+                }
+                // A face of another kind has no such channel; then nothing moves, which is said at the end.
+                if !mesh.map.link(face, channel, shape, share) && face.kind == umo_core::config::FaceKind::Arkit {
+                    return Err(format!("`{channel}` of the mapping is no face channel"));
+                }
+            }
+            if !found {
+                let names: Vec<_> = self.meshes.iter().flat_map(|mesh| &mesh.shapes).map(String::as_str).collect();
+                return Err(format!("no shape `{name}` for `{channel}`; the shapes are {}", names.join(", ")));
+            }
+        }
+        Ok(())
+    }
+
+    /// A jaw or an eye that shapes turn is not turned again by its bone.
+    pub(super) fn release_bones(&self, face: &Face, mapping: &Mapping, retarget: &mut Retarget) {
+        let mut release = |joint: usize| {
+            if let Some(bone) = mapping.bone(joint) {
+                retarget.release(bone);
+            }
+        };
+        let maps = || self.meshes.iter().map(|mesh| &mesh.map).chain(self.expressions.iter().map(|(_, map)| map));
+        if maps().any(|map| map.opens_mouth(face)) {
+            release(JAW);
+        }
+        if maps().any(|map| map.drives(face, "eyeLookOutLeft")) {
+            EYES.into_iter().for_each(release);
+        }
+    }
+
+    /// Number of shapes that move.
+    pub(super) fn moved(&self) -> usize {
+        self.tracks().iter().map(|track| track.moved).sum()
+    }
+
+    /// Number of shapes in all.
+    pub(super) fn shapes(&self) -> usize {
+        self.meshes.iter().map(|mesh| mesh.shapes.len()).sum()
+    }
+
+    /// The nodes whose shapes move.
+    pub(super) fn tracks(&self) -> Vec<Track<'_>> {
+        self.meshes.iter().map(|mesh| self.track(mesh)).filter(|track| track.moved > 0).collect()
+    }
+
+    fn track<'a>(&'a self, mesh: &'a MeshFace) -> Track<'a> {
+        let expressions = self.expressions.as_ref();
+        let mut shares = Vec::new();
+        if let Some((list, map)) = expressions {
+            for at in map.moved() {
+                let here = list[at].shapes.iter().filter(|(node, ..)| *node == mesh.node);
+                shares.extend(here.map(|&(_, shape, share)| (at, shape, share)));
+            }
+        }
+        let mut moved = mesh.map.moved();
+        moved.extend(shares.iter().map(|(_, shape, _)| *shape));
+        moved.sort_unstable();
+        moved.dedup();
+        Track { mesh, expressions: expressions.map(|(_, map)| map), shares, moved: moved.len() }
+    }
+
+    /// Every shape that moves, with what moves it.
+    pub(super) fn print(&self, face: &Face) {
+        for mesh in &self.meshes {
+            println!("shapes of `{}`", mesh.name);
+            for shape in mesh.map.moved() {
+                println!("  {:<24} {}", mesh.shapes[shape], mesh.map.cause(face, shape));
+            }
+            let still = mesh.shapes.len() - mesh.map.moved().len();
+            println!("  {still} of {} have no channel", mesh.shapes.len());
+        }
+        if let Some((expressions, map)) = &self.expressions {
+            println!("VRM expressions");
+            for at in map.moved() {
+                println!("  {:<24} {}", expressions[at].name, map.cause(face, at));
+            }
+        }
+    }
+}
+
+/// A node whose shapes move.
+pub(super) struct Track<'a> {
+    mesh: &'a MeshFace,
+    expressions: Option<&'a FaceMap>,
+    /// Expression, shape, and how much of it.
+    shares: Vec<(usize, usize, f32)>,
+    /// Number of shapes that move.
+    moved: usize,
+}
+
+impl Track<'_> {
+    /// The node.
+    pub(super) fn node(&self) -> usize {
+        self.mesh.node
+    }
+
+    /// The weights of all of its shapes for a frame's face values, those that nothing moves as they are at rest.
+    pub(super) fn weights(&self, values: &[f32]) -> Vec<f32> {
+        let mut weights = self.mesh.rest.clone();
+        if let Some(map) = self.expressions {
+            let mut amounts = vec![0.0; map.shapes()];
+            map.apply(values, &mut amounts);
+            self.shares.iter().for_each(|&(_, shape, _)| weights[shape] = 0.0);
+            for &(expression, shape, share) in &self.shares {
+                weights[shape] = (weights[shape] + share * amounts[expression]).clamp(0.0, 1.0);
+            }
+        }
+        self.mesh.map.apply(values, &mut weights);
+        weights
+    }
+}

@@ -1,0 +1,106 @@
+//! JSON that is changed in some places and stays as it was, letter for letter, in all others.
+
+use std::fmt;
+
+use serde::de::{Deserialize, Deserializer, MapAccess, Visitor};
+use serde_json::value::RawValue;
+
+/// An object's members in their order, each as it is written.
+#[derive(Debug, Default)]
+pub(super) struct Members(pub(super) Vec<(String, Box<RawValue>)>);
+
+impl<'de> Deserialize<'de> for Members {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Seen;
+
+        impl<'de> Visitor<'de> for Seen {
+            type Value = Members;
+
+            fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+                f.write_str("an object")
+            }
+
+            fn visit_map<M: MapAccess<'de>>(self, mut map: M) -> Result<Members, M::Error> {
+                let mut members = Vec::new();
+                while let Some(member) = map.next_entry()? {
+                    members.push(member);
+                }
+                Ok(Members(members))
+            }
+        }
+
+        deserializer.deserialize_map(Seen)
+    }
+}
+
+/// A value as it is written.
+pub(super) fn raw(value: &serde_json::Value) -> Box<RawValue> {
+    serde_json::value::to_raw_value(value).expect("a JSON value can be written")
+}
+
+impl Members {
+    /// Reads an object.
+    pub(super) fn parse(text: &str) -> Result<Self, String> {
+        serde_json::from_str(text).map_err(|error| error.to_string())
+    }
+
+    /// Puts a member in the place of the one of that name, or at the end.
+    pub(super) fn set(&mut self, name: &str, value: Box<RawValue>) {
+        match self.0.iter_mut().find(|(known, _)| known == name) {
+            Some((_, slot)) => *slot = value,
+            None => self.0.push((name.to_owned(), value)),
+        }
+    }
+
+    /// Takes a member away.
+    pub(super) fn remove(&mut self, name: &str) {
+        self.0.retain(|(known, _)| known != name);
+    }
+
+    /// The elements of a list among the members; none where there is no such list.
+    pub(super) fn list(&self, name: &str) -> Result<Vec<Box<RawValue>>, String> {
+        match self.0.iter().find(|(known, _)| known == name) {
+            Some((_, list)) => serde_json::from_str(list.get()).map_err(|error| format!("`{name}`: {error}")),
+            None => Ok(Vec::new()),
+        }
+    }
+
+    /// Puts a list in its place.
+    pub(super) fn set_list(&mut self, name: &str, elements: &[Box<RawValue>]) {
+        let text: Vec<_> = elements.iter().map(|element| element.get()).collect();
+        let text = format!("[{}]", text.join(","));
+        self.set(name, RawValue::from_string(text).expect("a list of JSON values is JSON"));
+    }
+
+    /// The object's text.
+    pub(super) fn text(&self) -> String {
+        let name = |name: &str| serde_json::Value::from(name).to_string();
+        let members: Vec<_> = self.0.iter().map(|(key, value)| format!("{}:{}", name(key), value.get())).collect();
+        format!("{{{}}}", members.join(","))
+    }
+
+    /// The object as it is written.
+    pub(super) fn into_raw(self) -> Box<RawValue> {
+        RawValue::from_string(self.text()).expect("an object of JSON values is JSON")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_not_touched_stays_letter_for_letter() {
+        let text = r#"{ "a" : [1.50, {"x" : 1e-3 }], "ü\"" : "\u00e9",  "b":12345678901234567890 }"#;
+        let mut object = Members::parse(text).unwrap();
+        assert_eq!(object.text(), r#"{"a":[1.50, {"x" : 1e-3 }],"ü\"":"\u00e9","b":12345678901234567890}"#);
+        let mut list = object.list("a").unwrap();
+        list.push(raw(&serde_json::json!({"n": 1})));
+        object.set_list("a", &list);
+        object.remove("b");
+        object.set("c", raw(&true.into()));
+        assert_eq!(object.text(), r#"{"a":[1.50,{"x" : 1e-3 },{"n":1}],"ü\"":"\u00e9","c":true}"#);
+        assert!(object.list("none").unwrap().is_empty());
+        assert!(object.list("c").is_err() && Members::parse("[1]").is_err());
+    }
+}

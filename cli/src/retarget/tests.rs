@@ -1,0 +1,354 @@
+//! Characters made here, moved, and read back.
+
+mod character;
+mod files;
+
+use proptest::prelude::*;
+use serde_json::{Value, json};
+use umo_core::config::FaceKind;
+use umo_core::motion::rotation::{product, rotate};
+use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS, joint_places};
+
+use super::splice::Members;
+use super::*;
+use crate::glb::Glb;
+use crate::glb::accessor::floats;
+use crate::glb::document::Document;
+use crate::sample;
+use character::{Made, mixamo, vrm};
+
+pub(super) type Vector = [f32; 3];
+
+/// Radians.
+const TOLERANCE: f64 = 1e-4;
+
+pub(super) fn angle_between(a: Vector, b: Vector) -> f64 {
+    let (a, b) = (a.map(f64::from), b.map(f64::from));
+    let cross = [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+    let length = |v: [f64; 3]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
+    length(cross).atan2(a.iter().zip(b).map(|(a, b)| a * b).sum())
+}
+
+pub(super) fn less(a: Vector, b: Vector) -> Vector {
+    std::array::from_fn(|i| a[i] - b[i])
+}
+
+/// Brings a clip to a character, and reads the file that comes out.
+fn moved(made: &Made, clip: &Clip) -> Moved {
+    moved_by(&made.bytes(), clip, &Given::default())
+}
+
+fn moved_by(bytes: &[u8], clip: &Clip, given: &Given) -> Moved {
+    let target = Target::read("a.glb".as_ref(), bytes.to_vec()).unwrap();
+    let (mapping, _) = target.mapping(given).unwrap();
+    let faces = target.faces(&clip.face, given).unwrap();
+    let mut retarget = prepare(&clip.skeleton, target.rig(), &mapping, target.floor()).unwrap();
+    faces.release_bones(&clip.face, &mapping, &mut retarget);
+    let motion = motion(&retarget, clip).unwrap();
+    Moved::read(target.animated(&retarget, &motion, &faces, clip).unwrap())
+}
+
+/// A file that came out.
+struct Moved {
+    bytes: Vec<u8>,
+    document: Document,
+    json: Value,
+}
+
+impl Moved {
+    fn read(bytes: Vec<u8>) -> Self {
+        let json: Value = serde_json::from_str(Glb::split(&bytes).unwrap().json).unwrap();
+        let document = Document::parse(Glb::split(&bytes).unwrap().json).unwrap();
+        Self { bytes, document, json }
+    }
+
+    fn node(&self, name: &str) -> usize {
+        self.document.nodes.iter().position(|node| node.name.as_deref() == Some(name)).unwrap()
+    }
+
+    /// The values of a node in the last animation.
+    fn values(&self, node: usize, path: &str, kind: &str) -> Option<Vec<f32>> {
+        let animation = self.document.animations.last()?;
+        let channel = animation.channels.iter().find(|c| c.target.node == Some(node) && c.target.path == path)?;
+        let output = animation.samplers[channel.sampler].output;
+        Some(floats(&self.document, Glb::split(&self.bytes).unwrap().bin, output, kind).unwrap())
+    }
+
+    /// Where a node is in the world in a frame, without regard to scales but the first's.
+    fn place(&self, node: usize, frame: usize) -> Vector {
+        self.world(node, frame).0
+    }
+
+    fn world(&self, node: usize, frame: usize) -> (Vector, Quat, f32) {
+        let parents = self.document.parents().unwrap();
+        let (from, turned, size) = parents[node].map_or(([0.0; 3], IDENTITY, 1.0), |parent| self.world(parent, frame));
+        let of = &self.document.nodes[node];
+        let narrow = |v: f64| format!("{v}").parse::<f32>().unwrap();
+        let mut place = of.translation.unwrap_or([0.0; 3]).map(narrow);
+        if let Some(values) = self.values(node, "translation", "VEC3") {
+            place = values.as_chunks().0[frame];
+        }
+        let mut rotation = of.rotation.unwrap_or([0.0, 0.0, 0.0, 1.0]).map(narrow);
+        if let Some(values) = self.values(node, "rotation", "VEC4") {
+            rotation = values.as_chunks().0[frame];
+        }
+        let step = rotate(turned, place.map(|x| x * size));
+        let scale = of.scale.map_or(1.0, |scale| narrow(scale[0]));
+        (std::array::from_fn(|i| from[i] + step[i]), product(turned, rotation), size * scale)
+    }
+}
+
+fn limbs() -> [(&'static str, &'static str); 8] {
+    [
+        ("left_shoulder", "left_elbow"),
+        ("left_elbow", "left_wrist"),
+        ("right_shoulder", "right_elbow"),
+        ("right_elbow", "right_wrist"),
+        ("left_hip", "left_knee"),
+        ("left_knee", "left_ankle"),
+        ("right_hip", "right_knee"),
+        ("right_knee", "right_ankle"),
+    ]
+}
+
+fn joint(name: &str) -> usize {
+    JOINT_NAMES.iter().position(|&known| known == name).unwrap()
+}
+
+/// Demands that limbs point where the clip's do; `ahead` turns the clip's axes to the character's.
+fn check_limbs(moved: &Moved, made: &Made, clip: &Clip, ahead: Quat) {
+    for frame in 0..clip.len() {
+        let want = joint_places(&clip.skeleton, &clip.pose(frame));
+        for (from, to) in limbs() {
+            let place = |name: &str| moved.place(moved.node(&made.name(joint(name))), frame);
+            let wanted = rotate(ahead, less(want[joint(to)], want[joint(from)]));
+            let angle = angle_between(less(place(to), place(from)), wanted);
+            assert!(angle < TOLERANCE, "{from} to {to}: {angle} rad");
+        }
+    }
+}
+
+#[test]
+fn a_mixamo_character_in_centimetres_moves_as_the_clip_does() {
+    let clip = sample::clip(FaceKind::Arkit, 4, 1);
+    let made = mixamo();
+    let moved = moved(&made, &clip);
+    check_limbs(&moved, &made, &clip, IDENTITY);
+    // Shapes that are ARKit's follow their channels, the others keep their weights.
+    let node = moved.node("Face");
+    let weights = moved.values(node, "weights", "SCALAR").unwrap();
+    let jaw = clip.face.names.iter().position(|name| name == "jawOpen").unwrap();
+    for frame in 0..clip.len() {
+        assert_eq!(weights[3 * frame..][..3], [0.25, clip.face(frame)[jaw], clip.face(frame)[0]]);
+    }
+}
+
+#[test]
+fn vrm_files_of_both_versions_move_by_their_own_tables() {
+    let clip = sample::clip(FaceKind::Arkit, 3, 1);
+    for version in [0, 1] {
+        let made = vrm(version);
+        let moved = moved(&made, &clip);
+        // VRM 0.x characters look along -Z.
+        let half = if version == 0 { [0.0, 1.0, 0.0, 0.0] } else { IDENTITY };
+        check_limbs(&moved, &made, &clip, half);
+        let weights = moved.values(moved.node("Face"), "weights", "SCALAR").unwrap();
+        let map = umo_core::retarget::face::FaceMap::new(&clip.face, &["aa", "blink"]);
+        for frame in 0..clip.len() {
+            let mut want = [0.0; 2];
+            map.apply(clip.face(frame), &mut want);
+            let got = &weights[3 * frame..][..3];
+            let near = |a: f32, b: f32| (a - b).abs() < 1e-6;
+            assert!(near(got[0], 0.25) && near(got[1], want[0]) && near(got[2], 0.5 * want[1]), "{got:?} {want:?}");
+        }
+    }
+}
+
+#[test]
+fn all_else_in_the_file_stays_as_it_was() {
+    let clip = sample::clip(FaceKind::Arkit, 3, 1);
+    for made in [mixamo(), vrm(0), vrm(1)] {
+        let moved = moved(&made, &clip);
+        let before = Moved::read(made.bytes());
+        let (old, new) = (Glb::split(&before.bytes).unwrap(), Glb::split(&moved.bytes).unwrap());
+        assert_eq!(new.bin[..old.bin.len()], *old.bin, "the buffer begins as it was");
+        assert_eq!(new.more, old.more);
+        let (old, new) = (Members::parse(old.json).unwrap(), Members::parse(new.json).unwrap());
+        for (name, value) in &old.0 {
+            let now = &new.0.iter().find(|(known, _)| known == name).unwrap().1;
+            match name.as_str() {
+                "accessors" | "bufferViews" | "animations" => {
+                    let (old, new) = (old.list(name).unwrap(), new.list(name).unwrap());
+                    let same = old.iter().zip(&new).all(|(old, new)| old.get() == new.get());
+                    assert!(same && new.len() > old.len(), "{name}");
+                }
+                "buffers" => assert_eq!(before.json["buffers"][0]["name"], moved.json["buffers"][0]["name"]),
+                _ => assert_eq!(value.get(), now.get(), "{name}"),
+            }
+        }
+    }
+}
+
+/// Where the Khronos validator is installed, as `scripts/validate-glb` does it, it looks at what comes out.
+#[test]
+fn the_validator_finds_nothing_wrong() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    if !root.join("target/gltf-validator/node_modules").is_dir() {
+        println!("SKIPPED: scripts/validate-glb was never run");
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let clip = sample::clip(FaceKind::Arkit, 4, 1);
+    let mut command = std::process::Command::new(root.join("scripts/validate-glb"));
+    for (name, made) in [("mixamo", mixamo()), ("vrm0", vrm(0)), ("vrm1", vrm(1))] {
+        for (kind, bytes) in [("before", made.bytes()), ("after", moved(&made, &clip).bytes)] {
+            let path = folder.path().join(format!("{name}-{kind}.glb"));
+            std::fs::write(&path, bytes).unwrap();
+            command.arg(path);
+        }
+    }
+    let ended = command.output().unwrap();
+    assert!(ended.status.success(), "{}", String::from_utf8_lossy(&ended.stdout));
+}
+
+#[test]
+fn matrices_of_nodes_that_move_become_what_animations_need() {
+    let clip = sample::clip(FaceKind::Arkit, 2, 1);
+    let mut made = mixamo();
+    let at = made.index("mixamorig:LeftArm");
+    let [x, y, z] = made.translation(at);
+    made.json["nodes"][at] = {
+        let mut node = made.json["nodes"][at].clone();
+        let members = node.as_object_mut().unwrap();
+        members.remove("translation");
+        members.remove("rotation");
+        // A quarter turn about Z.
+        let matrix = [0.0, 1.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, x, y, z, 1.0];
+        members.insert("matrix".to_owned(), json!(matrix));
+        node
+    };
+    let moved = moved(&made, &clip);
+    assert!(moved.document.nodes[at].matrix.is_none());
+    check_limbs(&moved, &made, &clip, IDENTITY);
+}
+
+#[test]
+fn a_mapping_file_goes_before_names() {
+    let clip = sample::clip(FaceKind::Arkit, 2, 1);
+    let mut made = mixamo();
+    let at = made.index("mixamorig:LeftArm");
+    made.json["nodes"][at]["name"] = "Wing".into();
+    let target = Target::read("a.glb".as_ref(), made.bytes()).unwrap();
+    let (mapping, _) = target.mapping(&Given::default()).unwrap();
+    assert!(mapping.check(target.rig()).is_err());
+    for (text, is_json) in [
+        (
+            "[bones]\nleft_shoulder = \"Wing\"\njaw = \"\"\n[face]\nmouthFunnel = { Other = 0.5 }\nmouthPucker = \"Other\"",
+            false,
+        ),
+        (
+            r#"{"bones": {"left_shoulder": ["Wing"]}, "face": {"mouthFunnel": {"Other": 0.5}, "mouthPucker": ["Other"]}}"#,
+            true,
+        ),
+    ] {
+        let given = Given::parse(text, is_json).unwrap();
+        let moved = moved_by(&made.bytes(), &clip, &given);
+        let weights = moved.values(moved.node("Face"), "weights", "SCALAR").unwrap();
+        let value = |name: &str| clip.face(1)[clip.face.names.iter().position(|known| known == name).unwrap()];
+        let want = (0.5 * value("mouthFunnel") + value("mouthPucker")).min(1.0);
+        assert!((weights[3] - want).abs() < 1e-6);
+    }
+    let refused = |text: &str| match Given::parse(text, false) {
+        Err(problem) => problem,
+        Ok(given) => match target.mapping(&given) {
+            Err(problem) => problem,
+            Ok(_) => target.faces(&clip.face, &given).unwrap_err(),
+        },
+    };
+    assert!(refused("[bone]").contains("bone"));
+    assert!(refused("[bones]\nleft_wing = \"Wing\"").contains("`left_wing` is no joint"));
+    assert!(refused("[bones]\nhead = \"Hed\"").contains("`mixamorig:Head`"));
+    assert!(refused("[face]\njawOpen = \"Jaw\"").contains("Other"));
+    assert!(refused("[face]\nchewing = \"Other\"").contains("no face channel"));
+}
+
+#[test]
+fn a_jaw_that_a_shape_opens_is_not_turned_as_well() {
+    let clip = sample::clip(FaceKind::Arkit, 2, 1);
+    let mut made = vrm(1);
+    let moved_jaw = |made: &Made| moved(made, &clip).values(made.index("jaw"), "rotation", "VEC4").is_some();
+    assert!(!moved_jaw(&made));
+    made.json["extensions"]["VRMC_vrm"]["expressions"] = Value::Null;
+    assert!(moved_jaw(&made));
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    /// Whatever is changed in a file, it is refused or taken, and never worse.
+    #[test]
+    fn spoilt_files_never_panic(at in 0.0_f64..1.0, byte in any::<u8>(), cut in any::<bool>()) {
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a place in a small file")]
+        fn spoil(bytes: &mut Vec<u8>, at: f64, byte: u8, cut: bool) {
+            let place = (at * bytes.len() as f64) as usize;
+            bytes[place] = byte;
+            if cut { bytes.truncate(place) }
+        }
+        let clip = sample::clip(FaceKind::Arkit, 1, 1);
+        for made in [mixamo(), vrm(0)] {
+            let mut bytes = made.bytes();
+            spoil(&mut bytes, at, byte, cut);
+            let Ok(target) = Target::read("a.glb".as_ref(), bytes) else { continue };
+            let Ok((mapping, _)) = target.mapping(&Given::default()) else { continue };
+            let Ok(faces) = target.faces(&clip.face, &Given::default()) else { continue };
+            let Ok(retarget) = prepare(&clip.skeleton, target.rig(), &mapping, target.floor()) else { continue };
+            let motion = motion(&retarget, &clip).unwrap();
+            let _ = target.animated(&retarget, &motion, &faces, &clip);
+        }
+    }
+}
+
+#[test]
+fn files_that_cannot_be_moved_are_refused_with_a_reason() {
+    let refused = |change: &dyn Fn(&mut Value)| {
+        let mut made = mixamo();
+        change(&mut made.json);
+        match Target::read("a.glb".as_ref(), made.bytes()) {
+            Err(problem) => problem,
+            Ok(target) => {
+                let (mapping, _) = target.mapping(&Given::default()).unwrap();
+                prepare(&sample::clip(FaceKind::Arkit, 1, 1).skeleton, target.rig(), &mapping, target.floor())
+                    .unwrap_err()
+            }
+        }
+    };
+    assert!(refused(&|json| json["nodes"][2]["children"] = json!([0])).contains("ancestor"));
+    assert!(refused(&|json| json["nodes"][2]["children"] = json!([2])).contains("two parents"));
+    assert!(refused(&|json| json["nodes"][2]["children"] = json!([9999])).contains("no node 9999"));
+    assert!(refused(&|json| json["nodes"][0]["scale"] = json!([1, 2, 1])).contains("scaled unevenly"));
+    assert!(refused(&|json| json["nodes"][1]["translation"] = json!([1e300, 0, 0])).contains("not finite"));
+    assert!(refused(&|json| json["nodes"][1]["matrix"] = json!(vec![0; 16])).contains("scaled unevenly"));
+    assert!(refused(&|json| json["skins"][0]["joints"] = json!([9999])).contains("no node 9999"));
+    assert!(refused(&|json| json["buffers"][0]["uri"] = json!("a.bin")).contains("another file"));
+    assert!(refused(&|json| json["buffers"][0]["byteLength"] = json!(u64::MAX)).contains("cut short"));
+    assert!(refused(&|json| json["nodes"] = json!([])).contains("no bones found"));
+    let missing = Target::read("a.txt".as_ref(), Vec::new()).err().unwrap();
+    assert!(missing.contains(".glb"));
+    // A file without a skin, a mesh or a buffer still has nodes to move.
+    let mut bare = mixamo();
+    bare.json = json!({ "asset": { "version": "2.0" }, "nodes": bare.json["nodes"] });
+    for node in bare.json["nodes"].as_array_mut().unwrap() {
+        node.as_object_mut().unwrap().retain(|name, _| name != "mesh" && name != "skin");
+    }
+    bare.bin.clear();
+    let clip = sample::clip(FaceKind::Arkit, 2, 1);
+    check_limbs(&moved(&bare, &clip), &bare, &clip, IDENTITY);
+}
+
+#[test]
+fn every_joint_has_a_name_in_the_made_rigs() {
+    for made in [mixamo(), vrm(0), vrm(1)] {
+        let names: std::collections::HashSet<_> = (0..JOINTS).map(|joint| made.name(joint)).collect();
+        assert_eq!(names.len(), JOINTS);
+    }
+}

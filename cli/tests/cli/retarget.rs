@@ -1,0 +1,85 @@
+//! `umo retarget`: onto umo's own files, which are characters like any other.
+
+use super::program::{Folder, golden, umo};
+
+/// A character, a skeleton, and the same motion in other formats.
+fn made(folder: &Folder) -> [String; 3] {
+    let names = ["own.glb", "own.bvh", "own.npz"].map(|name| folder.at(name));
+    let (speech, model) = (folder.speech(), golden("mel_k2_arkit"));
+    let mut args = vec!["animate", &speech, "--model", &model];
+    args.extend(names.iter().flat_map(|name| ["-o", name]));
+    umo(&args).success();
+    names
+}
+
+#[test]
+fn speech_and_motions_are_brought_to_characters_and_skeletons() {
+    let folder = Folder::new();
+    let [glb, bvh, npz] = made(&folder);
+    let (speech, model) = (folder.at("speech.wav"), golden("mel_k2_arkit"));
+    for (onto, out) in [(&glb, folder.at("out.glb")), (&bvh, folder.at("out.bvh"))] {
+        for input in [&speech, &glb, &bvh, &npz] {
+            let ended = umo(&["retarget", input, "--onto", onto, "-o", &out, "--model", &model]).success();
+            assert!(ended.out.contains("16 frames, 0.53 s") && ended.out.contains("SMPL-X names"), "{}", ended.out);
+        }
+    }
+    // From the speech and from the file that was made of it comes the same.
+    umo(&["retarget", &speech, "--onto", &bvh, "-o", &folder.at("a.bvh"), "--model", &model]).success();
+    umo(&["retarget", &npz, "--onto", &bvh, "-o", &folder.at("b.bvh")]).success();
+    let numbers = |name: &str| -> Vec<f64> {
+        let text = String::from_utf8(folder.read(name)).unwrap();
+        text.split_once("Frame Time:").unwrap().1.split_whitespace().map(|word| word.parse().unwrap()).collect()
+    };
+    let (a, b) = (numbers("a.bvh"), numbers("b.bvh"));
+    assert_eq!(a.len(), b.len());
+    // Angles near a right angle of the middle one may be split differently: most agree.
+    let near = a.iter().zip(&b).filter(|(a, b)| (**a - **b).abs() < 0.01).count();
+    assert!(near * 100 > a.len() * 99, "{near} of {}", a.len());
+}
+
+#[test]
+fn the_mapping_is_shown_and_may_be_given() {
+    let folder = Folder::new();
+    let [glb, _, npz] = made(&folder);
+    let shown = umo(&["retarget", "--onto", &glb, "--print-mapping"]).success();
+    for line in ["SMPL-X names", "spine            spine1, spine2, spine3", "jawOpen"] {
+        assert!(shown.out.contains(line), "{line}: {}", shown.out);
+    }
+    let text = String::from_utf8(folder.read("own.bvh")).unwrap().replace("left_knee", "elbow of the leg");
+    let odd = folder.file("odd.bvh", text.as_bytes());
+    let refused = folder.refused(&["retarget", &npz, "--onto", &odd, "-o", &folder.at("out.bvh")]);
+    for word in ["left_knee", "`elbow of the leg`", "--mapping"] {
+        assert!(refused.contains(word), "{refused}");
+    }
+    let ended = umo(&["retarget", "--onto", &odd, "--print-mapping"]);
+    assert!(ended.code == 2 && ended.out.contains("left_knee        -"), "{}", ended.out);
+    let mapping = folder.file("map.toml", b"[bones]\nleft_knee = \"elbow of the leg\"\nhead = \"\"\n");
+    let ended = umo(&["retarget", &npz, "--onto", &odd, "-o", &folder.at("out.bvh"), "--mapping", &mapping]).success();
+    assert!(ended.err.contains("note: no bones for head"), "{}", ended.err);
+}
+
+#[test]
+fn what_cannot_be_brought_anywhere_is_refused() {
+    let folder = Folder::new();
+    let [glb, bvh, npz] = made(&folder);
+    let text = folder.file("a.txt", b"");
+    let bad = folder.file("bad.toml", b"[bones]\nnose = \"n\"");
+    let out = folder.at("out.glb");
+    for (args, word) in [
+        (vec!["retarget", &npz, "--onto", &text, "-o", &out], "expected a character"),
+        (vec!["retarget", &npz, "--onto", &bvh, "-o", &out], "expected .bvh"),
+        (vec!["retarget", &text, "--onto", &glb, "-o", &out], "unknown format"),
+        (vec!["retarget", &npz, "--onto", &out, "-o", &out], "No such file"),
+        (vec!["retarget", &npz, "--onto", &glb, "-o", &out, "--mapping", &bad], "`nose` is no joint"),
+        (vec!["retarget", &npz, "--onto", &glb, "-o", &out, "--mapping", &text], ""),
+    ] {
+        if word.is_empty() {
+            // An empty mapping says nothing, which is no mistake.
+            umo(&args).success();
+        } else {
+            let refused = folder.refused(&args);
+            assert!(refused.contains(word), "{refused}");
+        }
+    }
+    assert_eq!(umo(&["retarget", &npz, "--onto", &glb]).code, 2, "an output is needed");
+}

@@ -1,0 +1,92 @@
+"""The network that hears what a face shows: its windows, what it is to say, and that it learns it."""
+
+import numpy as np
+import pytest
+import torch
+
+from umo_train.audio.listener import ACCENT, CLOSURE, OPENING, SHAPES, WIDTH, Heard, Listener, Shapes, train
+from umo_train.audio.mel import HOP, Mel
+from umo_train.skeleton import ARKIT, CHANNELS
+from umo_train.speech.utterance import Phone
+
+NETWORK = {"taps": 4, "widths": [7, 5]}
+
+
+def _mel() -> Mel:
+    torch.manual_seed(0)
+    mel = Mel(window=400, fft=512, bands=6, floor=1e-4, deltas=1, network=NETWORK)
+    mel.mean, mel.scale = torch.randn(12), 0.5 + torch.rand(12)
+    return mel
+
+
+def test_each_token_hears_its_own_row_and_those_before() -> None:
+    mel = _mel()
+    samples = 0.1 * torch.randn(6400, generator=torch.Generator().manual_seed(1))
+    rows, features = mel.bands(samples), mel.features(samples)
+    assert features.shape == (20, 5) and mel.width == 5
+    first, last = mel.network.layers
+    for t in range(20):
+        seen = torch.cat([rows[i] if i >= 0 else mel.silence[0] for i in range(t - 3, t + 1)])
+        expected = last.weight @ (first.weight @ seen + first.bias).clamp(min=0) + last.bias
+        torch.testing.assert_close(features[t], expected, rtol=1e-5, atol=1e-5)
+
+
+def test_silence_after_silence_is_what_a_stream_begins_with() -> None:
+    mel = _mel()
+    features = mel.features(torch.zeros(10 * HOP))
+    torch.testing.assert_close(features, features[:1].expand(10, -1))
+
+
+def test_tensors_come_back() -> None:
+    mel, other = _mel(), Mel(**_mel().sizes)
+    other.load(mel.tensors())
+    samples = 0.1 * torch.randn(3200, generator=torch.Generator().manual_seed(2))
+    assert torch.equal(mel.features(samples), other.features(samples))
+
+
+def _face(frames: int) -> np.ndarray:
+    face = np.zeros((frames, CHANNELS["face"]), np.float32)
+    rng = np.random.default_rng(3)
+    for name in ("jawOpen", "mouthFunnel", "mouthPucker", "mouthClose", "jawForward", "mouthShrugUpper", "tongueOut"):
+        face[:, 6 + ARKIT.index(name)] = rng.uniform(0, 1, frames)
+    return face
+
+
+@pytest.mark.parametrize("delay", [0, 4])
+def test_what_is_wanted_is_of_a_moment_before(delay: int) -> None:
+    face = _face(90)
+    face[30:, 6:] = 0.0
+    phones = (Phone("aa", 0.0, 0.5, 2), Phone("ih", 0.5, 1.0, 1), Phone("pau", 1.0, 3.0))
+    wanted = Shapes.of([face]).wanted(face, phones, 150, delay)
+    assert wanted.shape == (150, WIDTH)
+    opening, closure, accent = wanted[:, SHAPES:].T
+    # The mouth is shut from the first second on.
+    assert (opening[: 48 + delay] > 0).any() and np.all(opening[50 + delay :] == 0) and opening.max() <= OPENING * 1.5
+    assert np.all(closure[50 + delay :] == np.float32(CLOSURE))
+    assert np.all(accent[delay : 25 + delay] == np.float32(ACCENT))
+    assert np.all(accent[25 + delay : 50 + delay] == np.float32(0.4 * ACCENT)) and np.all(accent[50 + delay :] == 0)
+
+
+def test_shapes_have_unit_deviation_altogether() -> None:
+    # Held for 20 frames each: interpolation between frames smooths little.
+    face = np.repeat(_face(500), 20, 0)
+    shapes = Shapes.of([face])
+    wanted = shapes.wanted(face, (), 16000, 0)[:, :SHAPES]
+    assert 0.9 < wanted.var(0).sum() < 1.1
+
+
+def test_it_learns_to_hear() -> None:
+    generator = torch.Generator().manual_seed(4)
+    teacher = Listener(6, 3, [WIDTH])
+    silence = torch.zeros(1, 6)
+    items = []
+    for _ in range(4):
+        rows = torch.randn(200, 6, generator=generator) / 6**0.5
+        with torch.no_grad():
+            items.append(Heard(rows.half(), teacher(teacher.windows(rows, silence))))
+    network = train(items, silence, {"taps": 3, "widths": [24, WIDTH]}, 300, 0)
+    rows, wanted = items[0].features.float(), items[0].wanted
+    with torch.no_grad():
+        error = (network(network.windows(rows, silence)) - wanted).square().mean() / wanted.var(0).mean()
+    assert error < 0.1
+    assert any(tensor.shape == (24, 18) for tensor in network.tensors().values())

@@ -1,0 +1,290 @@
+//! The 55 joints' motion on another skeleton: other bones, other axes, another rest pose, another size.
+//!
+//! | module | what it holds |
+//! |---|---|
+//! | [`Rig`], [`Bone`] | the skeleton to be moved, checked |
+//! | [`Mapping`] | which bone follows which joint: found by name, or given |
+//! | `names` | what bones are called, by whom |
+//! | `align` | rest poses brought together |
+//! | `ground` | size, and feet on the floor |
+//! | [`face`] | face channels to the shapes that a character has |
+//! | [`RetargetError`] | why a skeleton cannot be moved |
+//!
+//! A bone follows its joint in the world, not in its parent's frame, so that it does not matter what hangs between two
+//! bones, nor how many there are. With the source's rotation `S` of a joint in the world (identity at rest), the turn `B`
+//! from the source's axes to those in which the rig stands, the bone's rotation `T` in the world at rest, and the turn `C`
+//! that brings its rest direction to the source's:
+//!
+//! ```text
+//! world = B * S * inverse(B) * C * T        local = inverse(parent's world) * world
+//! ```
+//!
+//! A rest direction `d` of the rig becomes `B * S * inverse(B) * C * d`, and `C * d` is `B` times the source's, so a limb
+//! points where the source's does, whatever the rest pose. Bones of a spine are spread evenly over the source's three: the
+//! `k`-th of `n` takes the source's world rotation at `3 k / n` of the way from the pelvis (0) to `spine3` (3).
+//! `docs/retarget.md` has the rest.
+//!
+//! ```
+//! use umo_core::config::Skeleton;
+//! use umo_core::motion::Pose;
+//! use umo_core::motion::rotation::IDENTITY;
+//! use umo_core::retarget::{Bone, Floor, Mapping, Retarget, RetargetError, Rig};
+//!
+//! fn prepare(skeleton: &Skeleton, bones: Vec<Bone>) -> Result<Retarget, RetargetError> {
+//!     let rig = Rig::new(bones)?; // names, parents, rest transforms: checked
+//!     let (mapping, _) = Mapping::guess(&rig)?; // or `Mapping::set` for each joint
+//!     Retarget::new(skeleton, &rig, &mapping, Floor::AtRest)
+//! }
+//!
+//! fn animate(retarget: &Retarget, poses: &[Pose]) -> Result<(), umo_core::StepError> {
+//!     let mut scratch = retarget.scratch();
+//!     let mut rotations = vec![IDENTITY; retarget.bones()]; // the last allocation
+//!     for pose in poses {
+//!         let hips = retarget.apply(&mut scratch, pose, &mut rotations)?;
+//!         println!("bone {} is at {hips:?}", retarget.hips());
+//!     }
+//!     Ok(())
+//! }
+//! # let bones = vec![Bone::new("Hips", None, [0.0, 1.0, 0.0])];
+//! # assert!(Rig::new(bones).is_ok());
+//! ```
+
+mod align;
+mod error;
+pub mod face;
+mod ground;
+mod mapping;
+mod names;
+mod rig;
+
+pub use error::RetargetError;
+pub use mapping::Mapping;
+pub use rig::{Bone, MAX_BONES, Rig};
+
+use crate::config::Skeleton;
+use crate::error::StepError;
+use crate::motion::pose::Pose;
+use crate::motion::rotation::{IDENTITY, Quat, inverse, product, rotate, slerp};
+use crate::motion::skeleton::JOINTS;
+use align::Alignment;
+use ground::Ground;
+use rig::World;
+
+/// Where the floor is under a rig.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Floor {
+    /// Where it stands at rest.
+    #[default]
+    AtRest,
+    /// At 0: for rigs whose rest pose says nothing of it, as those of `.bvh` files.
+    AtZero,
+}
+
+/// A bone that follows the source.
+#[derive(Clone, Copy, Debug)]
+struct Driven {
+    /// The joints between whose rotations the bone's lies.
+    joints: [usize; 2],
+    /// How near to the second.
+    share: f32,
+    /// What is applied before the joint's rotation: `inverse(B) * C * T`.
+    rest: Quat,
+}
+
+/// Moves a rig by the poses of a source. Made once; then any number of threads may use it at once.
+#[derive(Clone, Debug)]
+pub struct Retarget {
+    /// `[bones]`, all that is needed of the rig at rest.
+    bones: Vec<Bone>,
+    order: Vec<usize>,
+    /// `[bones]`
+    driven: Vec<Option<Driven>>,
+    /// The source's parents and offsets.
+    parents: [Option<usize>; JOINTS],
+    offsets: [[f32; 3]; JOINTS],
+    axes: Quat,
+    hips: usize,
+    ground: Ground,
+}
+
+/// Room to compute one frame. Each thread has its own.
+#[derive(Clone, Debug)]
+pub struct Scratch {
+    /// `[bones]`, in the world.
+    world: Vec<World>,
+}
+
+impl Retarget {
+    /// From a skeleton of 55 joints without rotations at rest, in a T, to a rig.
+    ///
+    /// # Errors
+    /// [`RetargetError`]: as [`Mapping::check`]; bones that are scaled unevenly above others that move; a body whose up or
+    /// left cannot be told; a source that is no skeleton.
+    pub fn new(source: &Skeleton, rig: &Rig, mapping: &Mapping, floor: Floor) -> Result<Self, RetargetError> {
+        mapping.check(rig)?;
+        let mapped = (0..JOINTS).filter_map(|joint| mapping.bone(joint));
+        mapped
+            .chain(mapping.spine().iter().chain(mapping.neck()).copied())
+            .try_for_each(|bone| rig.check_scale(bone))?;
+        let (parents, offsets) = source_of(source)?;
+        let rest = rest(&parents, &offsets);
+        let hips = mapping.bone(0).ok_or(RetargetError::Flat)?;
+        let (axes, short) = align::axes(rig, mapping)?;
+        let turns = Alignment { rig, mapping, rest: &rest, axes, short }.turns();
+        let mut driven = vec![None; rig.len()];
+        let mut drive = |bone: usize, joints: [usize; 2], share: f32| {
+            let turn = product(turns[joints[1]], rig.rotation(bone));
+            driven[bone] = Some(Driven { joints, share, rest: product(inverse(axes), turn) });
+        };
+        for joint in 0..JOINTS {
+            if let Some(bone) = mapping.bone(joint) {
+                drive(bone, [joint; 2], 1.0);
+            }
+        }
+        for (chain, joints) in [(mapping.spine(), &[0, 3, 6, 9][..]), (mapping.neck(), &[9, 12])] {
+            for (k, &bone) in chain.iter().enumerate() {
+                let (pair, share) = spread(k + 1, chain.len(), joints);
+                drive(bone, pair, share);
+            }
+        }
+        let ground = Ground::new(rig, mapping, &rest, axes, floor)?;
+        Ok(Self {
+            bones: rig.bones().to_vec(),
+            order: rig.order().to_vec(),
+            driven,
+            parents,
+            offsets,
+            axes,
+            hips,
+            ground,
+        })
+    }
+
+    /// Room for one thread.
+    pub fn scratch(&self) -> Scratch {
+        Scratch { world: vec![World::ORIGIN; self.bones.len()] }
+    }
+
+    /// Number of the rig's bones.
+    pub fn bones(&self) -> usize {
+        self.bones.len()
+    }
+
+    /// The bone that carries the body: the only one whose place changes.
+    pub fn hips(&self) -> usize {
+        self.hips
+    }
+
+    /// Whether a bone follows the source; all others stay as they are at rest. Panics where there is none.
+    pub fn is_driven(&self, bone: usize) -> bool {
+        self.driven[bone].is_some()
+    }
+
+    /// The rig's size: its legs' length in its unit for each metre of the source's.
+    pub fn scale(&self) -> f32 {
+        self.ground.scale
+    }
+
+    /// Leaves a bone as it is at rest, as eyes that shapes turn. Panics where there is none.
+    pub fn release(&mut self, bone: usize) {
+        self.driven[bone] = None;
+    }
+
+    /// Writes each bone's rotation in its parent's frame, unit quaternions in the rig's order, and returns the place of the
+    /// hips' bone in its parent's frame, in the rig's unit. Never allocates.
+    ///
+    /// # Errors
+    /// [`StepError::Disagree`] where `scratch` or `rotations` is another rig's.
+    pub fn apply(&self, scratch: &mut Scratch, pose: &Pose, rotations: &mut [Quat]) -> Result<[f32; 3], StepError> {
+        if scratch.world.len() != self.bones.len() || rotations.len() != self.bones.len() {
+            return Err(StepError::Disagree("the room for bones is another rig's"));
+        }
+        let source = self.source(pose);
+        let hips = self.ground.place(self.axes, source[0].place);
+        for &at in &self.order {
+            let bone = &self.bones[at];
+            let above = bone.parent.map_or(World::ORIGIN, |parent| scratch.world[parent]);
+            let (world, local) = match &self.driven[at] {
+                Some(driven) => {
+                    let world = product(self.axes, product(driven.rotation(&source), driven.rest));
+                    (world, product(inverse(above.rotation), world))
+                }
+                None => (product(above.rotation, bone.rotation), bone.rotation),
+            };
+            rotations[at] = local;
+            scratch.world[at] = World {
+                place: if at == self.hips { hips } else { above.at(bone.translation) },
+                rotation: world,
+                scale: above.scale * bone.scale[0],
+            };
+        }
+        let lift = self.ground.lift(&source, &scratch.world);
+        let up = rotate(self.axes, [0.0, lift, 0.0]);
+        let hips = std::array::from_fn(|i| hips[i] + up[i]);
+        let above = self.bones[self.hips].parent.map_or(World::ORIGIN, |parent| scratch.world[parent]);
+        Ok(above.within(hips))
+    }
+
+    /// Where the source's joints are and how they are turned.
+    fn source(&self, pose: &Pose) -> [World; JOINTS] {
+        let mut world = [World::ORIGIN; JOINTS];
+        let root = pose.translation.map(|x| if x.is_finite() { x } else { 0.0 });
+        world[0].place = std::array::from_fn(|i| self.offsets[0][i] + root[i]);
+        world[0].rotation = product(IDENTITY, pose.rotations[0]);
+        for joint in 1..JOINTS {
+            let above = world[self.parents[joint].unwrap_or(0)];
+            world[joint] = World {
+                place: above.at(self.offsets[joint]),
+                rotation: product(above.rotation, pose.rotations[joint]),
+                scale: 1.0,
+            };
+        }
+        world
+    }
+}
+
+impl Driven {
+    fn rotation(&self, source: &[World; JOINTS]) -> Quat {
+        let [from, to] = self.joints.map(|joint| source[joint].rotation);
+        if self.share < 1.0 { slerp(from, to, self.share) } else { to }
+    }
+}
+
+/// For the `k`-th of `n` bones, counted from 1, the joints between which it lies and how near to the second.
+#[expect(clippy::cast_precision_loss, reason = "a chain has far fewer than 2^24 bones")]
+fn spread(k: usize, n: usize, joints: &[usize]) -> ([usize; 2], f32) {
+    let steps = (joints.len() - 1) * k;
+    let (from, rest) = (steps / n, steps % n);
+    match rest {
+        0 => ([joints[from]; 2], 1.0),
+        rest => ([joints[from], joints[from + 1]], rest as f32 / n as f32),
+    }
+}
+
+/// Parents, of which only the first has none, and offsets.
+type Source = ([Option<usize>; JOINTS], [[f32; 3]; JOINTS]);
+
+fn source_of(skeleton: &Skeleton) -> Result<Source, RetargetError> {
+    let Skeleton { parents, offsets_m } = skeleton;
+    let offsets: [[f32; 3]; JOINTS] = offsets_m.as_slice().try_into().map_err(|_| RetargetError::Source)?;
+    let parents: Vec<_> = parents.iter().map(|&parent| usize::try_from(parent).ok()).collect();
+    let parents: [Option<usize>; JOINTS] = parents.try_into().map_err(|_| RetargetError::Source)?;
+    let is_tree = parents.iter().enumerate().all(|(joint, parent)| match parent {
+        None => joint == 0,
+        Some(parent) => *parent < joint,
+    });
+    match is_tree && offsets.as_flattened().iter().all(|x| x.is_finite()) {
+        true => Ok((parents, offsets)),
+        false => Err(RetargetError::Source),
+    }
+}
+
+/// Where joints are at rest, from the root.
+fn rest(parents: &[Option<usize>; JOINTS], offsets: &[[f32; 3]; JOINTS]) -> align::Rest {
+    let mut rest = [[0.0; 3]; JOINTS];
+    for joint in 1..JOINTS {
+        let above = rest[parents[joint].unwrap_or(0)];
+        rest[joint] = std::array::from_fn(|i| above[i] + offsets[joint][i]);
+    }
+    rest
+}

@@ -1,0 +1,103 @@
+//! Why a skeleton cannot be moved.
+
+use std::fmt;
+
+/// A skeleton or a mapping that cannot be used, and what in it is wrong.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum RetargetError {
+    /// More bones than any body has.
+    TooMany {
+        /// How many.
+        bones: usize,
+        /// How many there may be.
+        limit: usize,
+    },
+    /// A bone whose parent is not there.
+    Parent {
+        /// The bone's name.
+        bone: String,
+        /// The parent's index.
+        parent: usize,
+    },
+    /// A bone that is its own ancestor.
+    Cycle(String),
+    /// A bone with a number that is not finite, or a rotation without direction.
+    NotFinite(String),
+    /// A bone that is scaled unevenly, mirrored or to nothing above bones that move: turning those would shear them.
+    Scale(String),
+    /// A name that is no joint of umo's.
+    NoJoint(String),
+    /// A mapping names a bone that is not there; the bones that are.
+    NoBone {
+        /// The joint it was meant for.
+        joint: String,
+        /// The name that was not found.
+        bone: String,
+        /// Every bone's name.
+        bones: Vec<String>,
+    },
+    /// A joint that is one bone was given several.
+    Several(String),
+    /// Joints that a body needs and whose bones were not found; the bones that are there.
+    Missing {
+        /// Names of the joints.
+        joints: Vec<&'static str>,
+        /// Every bone's name.
+        bones: Vec<String>,
+    },
+    /// A bone that two joints were given.
+    Twice(String),
+    /// A bone that does not hang below the one that it should.
+    Order {
+        /// The bone.
+        bone: String,
+        /// The one that should be above it.
+        above: String,
+    },
+    /// Hips, shoulders or their sides lie in one place: up and left cannot be told.
+    Flat,
+    /// The source skeleton has not 55 joints of which parents come first, or has a number that is not finite.
+    Source,
+}
+
+impl fmt::Display for RetargetError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::TooMany { bones, limit } => write!(f, "{bones} bones, at most {limit} are taken"),
+            Self::Parent { bone, parent } => write!(f, "bone `{bone}`: its parent, number {parent}, is not there"),
+            Self::Cycle(bone) => write!(f, "bone `{bone}` is its own ancestor"),
+            Self::NotFinite(bone) => write!(f, "bone `{bone}`: its rest pose is not finite"),
+            Self::Scale(bone) => {
+                write!(f, "bone `{bone}` is scaled unevenly, mirrored or to nothing, above bones that move")
+            }
+            Self::NoJoint(name) => write!(f, "`{name}` is no joint"),
+            Self::NoBone { joint, bone, bones } => {
+                write!(f, "no bone `{bone}` for joint `{joint}`; the bones are ")?;
+                list(f, bones)
+            }
+            Self::Several(joint) => write!(f, "joint `{joint}` is one bone: only `spine` and `neck` may be several"),
+            Self::Missing { joints, bones } => {
+                write!(f, "no bones found for {}; the bones are ", joints.join(", "))?;
+                list(f, bones)
+            }
+            Self::Twice(bone) => write!(f, "bone `{bone}` was given to two joints"),
+            Self::Order { bone, above } => write!(f, "bone `{bone}` does not hang below `{above}`"),
+            Self::Flat => write!(f, "hips and shoulders lie in one line or place: up and left cannot be told"),
+            Self::Source => write!(f, "the source is no skeleton of 55 joints whose parents come first"),
+        }
+    }
+}
+
+/// At most so many names, and how many more there are.
+fn list(f: &mut fmt::Formatter<'_>, names: &[String]) -> fmt::Result {
+    const SHOWN: usize = 60;
+    if names.is_empty() {
+        return f.write_str("none");
+    }
+    for (i, name) in names.iter().take(SHOWN).enumerate() {
+        write!(f, "{}`{name}`", if i == 0 { "" } else { ", " })?;
+    }
+    if names.len() > SHOWN { write!(f, " and {} more", names.len() - SHOWN) } else { Ok(()) }
+}
+
+impl std::error::Error for RetargetError {}

@@ -1,0 +1,201 @@
+//! Which bone follows which joint.
+
+use super::names::{self, Convention};
+use super::{RetargetError, Rig};
+use crate::motion::skeleton::{JOINT_NAMES, JOINTS};
+
+/// Joints without whose bones there is no body, and the one that each must hang below.
+const NEEDED: [(usize, Option<usize>); 9] = [
+    (0, None),
+    (1, Some(0)),
+    (2, Some(0)),
+    (4, Some(1)),
+    (5, Some(2)),
+    (16, Some(0)),
+    (17, Some(0)),
+    (18, Some(16)),
+    (19, Some(17)),
+];
+
+/// Others, and the one that each must hang below where both are there.
+const BELOW: [(usize, usize); 8] = [(7, 4), (8, 5), (10, 7), (11, 8), (20, 18), (21, 19), (15, 0), (22, 15)];
+
+/// The spine and the neck, which may be any number of bones.
+pub(super) const CHAINS: [&str; 2] = ["spine", "neck"];
+
+/// Bones for joints. Not every joint needs one: its turn then goes to nothing, or to what is mapped below it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Mapping {
+    /// Of the rig's bones, the one for each joint.
+    pub(super) bones: [Option<usize>; JOINTS],
+    /// From the hips up: together they make the turns of `spine1` to `spine3`.
+    pub(super) spine: Vec<usize>,
+    /// From the chest up: together they make the turn of `neck`.
+    pub(super) neck: Vec<usize>,
+    /// Joints that were said to have no bone.
+    waived: [bool; JOINTS],
+}
+
+impl Default for Mapping {
+    fn default() -> Self {
+        Self { bones: [None; JOINTS], spine: Vec::new(), neck: Vec::new(), waived: [false; JOINTS] }
+    }
+}
+
+impl Mapping {
+    /// Finds the bones by their names, in the convention of those that are known which fits best.
+    ///
+    /// # Errors
+    /// [`RetargetError::Missing`] where none fits.
+    pub fn guess(rig: &Rig) -> Result<(Self, &'static str), RetargetError> {
+        let (mapping, convention) = Self::closest(rig);
+        mapping.check(rig)?;
+        Ok((mapping, convention))
+    }
+
+    /// What the best convention finds, which may not be enough.
+    pub fn closest(rig: &Rig) -> (Self, &'static str) {
+        let keys = names::keys(rig);
+        let tried =
+            names::CONVENTIONS.iter().map(|convention| (of_convention(rig, &keys, convention), convention.name));
+        let score = |mapping: &Self| {
+            let needed = NEEDED.iter().filter(|(joint, _)| mapping.bones[*joint].is_some()).count();
+            let found = mapping.bones.iter().flatten().count() + mapping.spine.len() + mapping.neck.len();
+            (needed, found)
+        };
+        let best = tried.reduce(|best, next| if score(&next.0) > score(&best.0) { next } else { best });
+        best.expect("there are conventions")
+    }
+
+    /// Gives a joint its bone, by name: none, one, or for `spine` and `neck` several, from below. With none the joint is
+    /// known to have no bone, and is not looked for.
+    ///
+    /// # Errors
+    /// [`RetargetError`] where there is no such joint or bone.
+    pub fn set(&mut self, rig: &Rig, joint: &str, bones: &[&str]) -> Result<(), RetargetError> {
+        let find = |name: &&str| {
+            let mut named = (0..rig.len()).filter(|&bone| rig.bones()[bone].name == *name);
+            let first = named.next();
+            let found = named
+                .find(|&bone| rig.bones()[bone].deforms)
+                .filter(|_| first.is_some_and(|first| !rig.bones()[first].deforms));
+            let missing =
+                || RetargetError::NoBone { joint: joint.to_owned(), bone: (*name).to_owned(), bones: rig.names() };
+            found.or(first).ok_or_else(missing)
+        };
+        let found = bones.iter().map(find).collect::<Result<Vec<_>, _>>()?;
+        self.put(joint, &found)
+    }
+
+    /// [`Self::set`] by the bones' indices. Panics later where there are none of them.
+    ///
+    /// # Errors
+    /// [`RetargetError`] where there is no such joint, or several bones are given to one.
+    pub fn put(&mut self, joint: &str, bones: &[usize]) -> Result<(), RetargetError> {
+        match joint {
+            "spine" => {
+                self.spine = bones.to_vec();
+                [3, 6, 9].into_iter().for_each(|joint| self.bones[joint] = None);
+            }
+            "neck" => {
+                self.neck = bones.to_vec();
+                self.bones[12] = None;
+            }
+            _ => {
+                let at = JOINT_NAMES.iter().position(|&name| name == joint);
+                let at = at.ok_or_else(|| RetargetError::NoJoint(joint.to_owned()))?;
+                self.bones[at] = match bones {
+                    [] => None,
+                    [bone] => Some(*bone),
+                    _ => return Err(RetargetError::Several(joint.to_owned())),
+                };
+                self.waived[at] = bones.is_empty();
+                if [3, 6, 9].contains(&at) {
+                    self.spine.clear();
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The bone of a joint; of spine and neck only where they were given one by one. Panics where there is no such joint.
+    pub fn bone(&self, joint: usize) -> Option<usize> {
+        self.bones[joint]
+    }
+
+    /// Bones of the spine, from the hips up.
+    pub fn spine(&self) -> &[usize] {
+        &self.spine
+    }
+
+    /// Bones of the neck, from the chest up.
+    pub fn neck(&self) -> &[usize] {
+        &self.neck
+    }
+
+    /// What each joint's bones are, in the joints' order; spine and neck as the chains that they are.
+    pub fn entries(&self) -> Vec<(&'static str, Vec<usize>)> {
+        let mut entries = Vec::new();
+        for (joint, name) in JOINT_NAMES.into_iter().enumerate() {
+            match joint {
+                3 if !self.spine.is_empty() || [3, 6, 9].iter().all(|&j| self.bones[j].is_none()) => {
+                    entries.push((CHAINS[0], self.spine.clone()));
+                }
+                6 | 9 if [3, 6, 9].iter().all(|&j| self.bones[j].is_none()) => {}
+                12 if self.bones[12].is_none() => entries.push((CHAINS[1], self.neck.clone())),
+                _ => entries.push((name, self.bones[joint].into_iter().collect())),
+            }
+        }
+        entries
+    }
+
+    /// Refuses a mapping that makes no body on `rig`.
+    ///
+    /// # Errors
+    /// [`RetargetError`]: joints that are needed and missing, a bone of two joints, or one that hangs where it should not.
+    pub fn check(&self, rig: &Rig) -> Result<(), RetargetError> {
+        let missing = |&(joint, _): &(usize, Option<usize>)| self.bones[joint].is_none() && !self.waived[joint];
+        let missing: Vec<_> = NEEDED.iter().filter(|need| missing(need)).map(|need| JOINT_NAMES[need.0]).collect();
+        // The hips carry everything: a body without them stands still.
+        if !missing.is_empty() || self.bones[0].is_none() {
+            let joints = if missing.is_empty() { vec![JOINT_NAMES[0]] } else { missing };
+            return Err(RetargetError::Missing { joints, bones: rig.names() });
+        }
+        let name = |bone: usize| rig.bones()[bone].name.clone();
+        let mut seen = vec![false; rig.len()];
+        for bone in self.bones.iter().flatten().chain(&self.spine).chain(&self.neck) {
+            if std::mem::replace(&mut seen[*bone], true) {
+                return Err(RetargetError::Twice(name(*bone)));
+            }
+        }
+        let needed = NEEDED.iter().filter_map(|&(joint, above)| Some((joint, above?)));
+        let fingers = (0..JOINTS - 25).map(|i| (25 + i, if i % 3 == 0 { 20 + i / 15 } else { 24 + i }));
+        let pairs = needed.chain(BELOW).chain(fingers);
+        let pairs = pairs.filter_map(|(joint, above)| self.bones[joint].zip(self.bones[above]));
+        let chain = |chain: &[usize]| chain.windows(2).map(|pair| (pair[1], pair[0])).collect::<Vec<_>>();
+        let spine = self.spine.first().map(|&first| (first, self.bones[0].unwrap_or(first)));
+        for (bone, above) in pairs.chain(chain(&self.spine)).chain(chain(&self.neck)).chain(spine) {
+            if bone == above || !rig.is_below(bone, above) {
+                return Err(RetargetError::Order { bone: name(bone), above: name(above) });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The bones that a convention's names find.
+fn of_convention(rig: &Rig, keys: &[names::Key], convention: &Convention) -> Mapping {
+    let mut mapping = Mapping::default();
+    let find = |side, alternatives: &str| names::find(rig, keys, side, alternatives);
+    for (joint, side, alternatives) in convention.joints() {
+        mapping.bones[joint] = find(side, alternatives);
+    }
+    let depth = |bone: usize| std::iter::successors(Some(bone), |&bone| rig.bones()[bone].parent).count();
+    let chain = |list: &str| {
+        let mut chain: Vec<_> = list.split(' ').filter_map(|key| find(names::Side::Middle, key)).collect();
+        chain.sort_by_key(|&bone| depth(bone));
+        chain
+    };
+    (mapping.spine, mapping.neck) = (chain(convention.spine), chain(convention.neck));
+    mapping
+}

@@ -1,0 +1,365 @@
+//! Bodies in the ways that others name, size, turn and pose them.
+
+use umo_core::config::Skeleton;
+use umo_core::motion::rotation::{IDENTITY, Quat, axis_angle_to_quat, inverse, product, rotate};
+use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS};
+use umo_core::retarget::{Bone, Rig};
+
+pub(crate) type Vector = [f32; 3];
+
+const PARENTS: [i32; JOINTS] = [
+    -1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19, 15, 15, 15, 20, 25, 26, 20, 28, 29, 20,
+    31, 32, 20, 34, 35, 20, 37, 38, 21, 40, 41, 21, 43, 44, 21, 46, 47, 21, 49, 50, 21, 52, 53,
+];
+
+/// Centimetres from the parent: middle, then the left side, which the right one mirrors.
+const OFFSETS: [(usize, Vector); 31] = [
+    (0, [0.0, 0.0, 0.0]),
+    (1, [8.5, -8.5, 0.0]),
+    (3, [0.0, 11.0, -1.5]),
+    (4, [1.0, -40.0, 0.5]),
+    (6, [0.0, 13.0, 0.0]),
+    (7, [0.0, -41.0, -3.0]),
+    (9, [0.0, 6.0, 2.0]),
+    (10, [2.0, -6.0, 12.0]),
+    (12, [0.0, 20.0, -3.5]),
+    (13, [6.0, 11.0, -2.0]),
+    (15, [0.0, 9.0, 3.0]),
+    (16, [11.5, 3.5, -1.0]),
+    (18, [26.5, -1.0, -1.5]),
+    (20, [25.0, 0.5, 0.0]),
+    (22, [0.0, -0.5, 2.0]),
+    (23, [3.2, 6.5, 7.0]),
+    (25, [9.2, 0.0, 2.6]),
+    (26, [3.8, 0.0, 0.0]),
+    (27, [2.4, 0.0, 0.0]),
+    (28, [9.5, 0.3, 0.4]),
+    (29, [4.2, 0.0, 0.0]),
+    (30, [2.7, 0.0, 0.0]),
+    (31, [8.1, -0.4, -3.6]),
+    (32, [3.0, 0.0, 0.0]),
+    (33, [1.8, 0.0, 0.0]),
+    (34, [8.9, 0.0, -1.7]),
+    (35, [3.9, 0.0, 0.0]),
+    (36, [2.5, 0.0, 0.0]),
+    (37, [2.6, -1.2, 2.8]),
+    (38, [2.9, -0.6, 2.6]),
+    (39, [2.2, -0.4, 1.8]),
+];
+
+/// The same joint on the other side.
+pub(crate) fn mirrored(joint: usize) -> usize {
+    let name = JOINT_NAMES[joint];
+    let other = match name.strip_prefix("left_") {
+        Some(rest) => format!("right_{rest}"),
+        None => name.replacen("right_", "left_", 1),
+    };
+    JOINT_NAMES.iter().position(|&known| known == other).unwrap()
+}
+
+/// A person of 1.7 m in a T.
+pub(crate) fn source() -> Skeleton {
+    let mut offsets_m = vec![[0.0; 3]; JOINTS];
+    for (joint, cm) in OFFSETS {
+        let m = cm.map(|x| x / 100.0);
+        offsets_m[joint] = m;
+        offsets_m[mirrored(joint)] = if mirrored(joint) == joint { m } else { [-m[0], m[1], m[2]] };
+    }
+    Skeleton { parents: PARENTS.to_vec(), offsets_m }
+}
+
+/// Where the source's joints are, standing in a T on the floor, metres.
+pub(crate) fn standing(skeleton: &Skeleton) -> Vec<Vector> {
+    let mut places: Vec<Vector> = Vec::new();
+    for (joint, offset) in skeleton.offsets_m.iter().enumerate() {
+        let from = usize::try_from(PARENTS[joint]).map_or([0.0; 3], |parent| places[parent]);
+        places.push(std::array::from_fn(|i| from[i] + offset[i]));
+    }
+    let lowest = places.iter().map(|place| place[1]).fold(0.0, f32::min);
+    places.iter().map(|place| [place[0], place[1] - lowest + 0.02, place[2]]).collect()
+}
+
+/// One bone of a rig in the making.
+#[derive(Clone, Debug)]
+pub(crate) struct Piece {
+    pub(crate) name: String,
+    pub(crate) parent: Option<usize>,
+    /// In the body's own axes (X left, Y up, Z ahead), metres.
+    pub(crate) place: Vector,
+    /// Which joint it is, where it is one.
+    pub(crate) joint: Option<usize>,
+}
+
+/// A body before it is turned, scaled and given axes.
+#[derive(Clone, Debug)]
+pub(crate) struct Body(pub(crate) Vec<Piece>);
+
+/// How a convention names joints and how many bones it has where that differs.
+pub(crate) struct Naming {
+    pub(crate) label: &'static str,
+    /// Names above the hips.
+    pub(crate) above: &'static [&'static str],
+    /// Hips, spine, neck, head, jaw.
+    pub(crate) hips: &'static str,
+    pub(crate) spine: &'static [&'static str],
+    pub(crate) neck: &'static [&'static str],
+    pub(crate) head: &'static str,
+    pub(crate) jaw: &'static str,
+    /// `{}` is the side.
+    pub(crate) eye: &'static str,
+    pub(crate) arm: [&'static str; 4],
+    pub(crate) leg: [&'static str; 4],
+    /// Index, middle, little, ring, thumb; `{}` the side, `#` the number of the bone.
+    pub(crate) fingers: [&'static str; 5],
+    /// How the three bones of a finger are numbered.
+    pub(crate) numbers: [&'static str; 3],
+    pub(crate) sides: [&'static str; 2],
+}
+
+impl Naming {
+    /// A body of the source's proportions times `stretch[joint]` for each bone. Arms hang `droop` radians below a T.
+    pub(crate) fn body(&self, stretch: &dyn Fn(usize) -> f32, droop: f32) -> Body {
+        let mut skeleton = source();
+        for (joint, offset) in skeleton.offsets_m.iter_mut().enumerate() {
+            *offset = offset.map(|x| x * stretch(joint));
+        }
+        for (side, shoulder) in [(1.0, 16), (-1.0, 17)] {
+            let turn = axis_angle_to_quat([0.0, 0.0, -side * droop]);
+            for joint in (0..JOINTS).filter(|&joint| joint != shoulder && hangs_on(joint, shoulder)) {
+                skeleton.offsets_m[joint] = rotate(turn, skeleton.offsets_m[joint]);
+            }
+        }
+        let at = standing(&skeleton);
+        let mut body = Body(Vec::new());
+        for name in self.above {
+            body.add(name, body.0.len().checked_sub(1), [0.0; 3], None);
+        }
+        let hips = body.add(self.hips, body.0.len().checked_sub(1), at[0], Some(0));
+        let chest = body.chain(self.spine, hips, at[0], at[9]);
+        let neck = body.chain(self.neck, chest, at[9], at[12]);
+        let mut head = None;
+        if !self.head.is_empty() {
+            let bone = body.add(self.head, Some(neck), at[15], Some(15));
+            body.add_if(self.jaw, bone, at[22], 22);
+            head = Some(bone);
+        }
+        for (side, text) in self.sides.iter().enumerate() {
+            let name = |pattern: &str| pattern.replace("{}", text);
+            if let Some(head) = head {
+                body.add_if(&name(self.eye), head, at[23 + side], 23 + side);
+            }
+            let mut above = hips;
+            for (joint, pattern) in [1, 4, 7, 10].into_iter().zip(self.leg) {
+                above = body.add_if(&name(pattern), above, at[joint + side], joint + side).unwrap_or(above);
+            }
+            let mut above = chest;
+            for (joint, pattern) in [13, 16, 18, 20].into_iter().zip(self.arm) {
+                above = body.add_if(&name(pattern), above, at[joint + side], joint + side).unwrap_or(above);
+            }
+            for (finger, pattern) in self.fingers.iter().enumerate().filter(|(_, pattern)| !pattern.is_empty()) {
+                let mut above = above;
+                for (bone, number) in self.numbers.iter().enumerate() {
+                    let joint = 25 + 15 * side + 3 * finger + bone;
+                    above = body.add(&name(pattern).replace('#', number), Some(above), at[joint], Some(joint));
+                }
+            }
+        }
+        body
+    }
+}
+
+/// Whether a joint is another or hangs below it.
+pub(crate) fn hangs_on(joint: usize, above: usize) -> bool {
+    std::iter::successors(Some(joint), |&joint| usize::try_from(PARENTS[joint]).ok()).any(|joint| joint == above)
+}
+
+impl Body {
+    fn add(&mut self, name: &str, parent: Option<usize>, place: Vector, joint: Option<usize>) -> usize {
+        self.0.push(Piece { name: name.to_owned(), parent, place, joint });
+        self.0.len() - 1
+    }
+
+    fn add_if(&mut self, name: &str, parent: usize, place: Vector, joint: usize) -> Option<usize> {
+        (!name.is_empty()).then(|| self.add(name, Some(parent), place, Some(joint)))
+    }
+
+    /// Bones one after the other, evenly; the last at `to`.
+    fn chain(&mut self, names: &[&str], mut above: usize, from: Vector, to: Vector) -> usize {
+        for (k, name) in names.iter().enumerate() {
+            let share = (k + 1) as f32 / names.len() as f32;
+            let place = std::array::from_fn(|i| from[i] + share * (to[i] - from[i]));
+            above = self.add(name, Some(above), place, None);
+        }
+        above
+    }
+
+    /// The rig: the body turned by `world` and `unit` times as large, the first bone scaled by `scale` (so that those below
+    /// are `unit / scale` long), and each bone's own axes turned by `axes`.
+    pub(crate) fn rig(&self, world: Quat, unit: f32, scale: f32, axes: &dyn Fn(usize) -> Quat) -> Rig {
+        let place = |bone: usize| rotate(world, self.0[bone].place.map(|x| x * unit));
+        let turned = |bone: usize| {
+            if self.0[bone].joint.is_none() && self.0[bone].parent.is_none() { world } else { axes(bone) }
+        };
+        let bones = (0..self.0.len()).map(|at| {
+            let piece = &self.0[at];
+            let (from, above, size) = match piece.parent {
+                Some(parent) => (place(parent), turned(parent), scale),
+                None => ([0.0; 3], IDENTITY, 1.0),
+            };
+            let apart = std::array::from_fn(|i| (place(at)[i] - from[i]) / size);
+            let mut bone = Bone::new(piece.name.clone(), piece.parent, rotate(inverse(above), apart));
+            bone.rotation = product(inverse(above), turned(at));
+            bone.scale = if piece.parent.is_none() { [scale; 3] } else { [1.0; 3] };
+            bone
+        });
+        Rig::new(bones.collect()).unwrap()
+    }
+
+    /// The bone of a joint.
+    pub(crate) fn bone(&self, joint: usize) -> Option<usize> {
+        self.0.iter().position(|piece| piece.joint == Some(joint))
+    }
+}
+
+const LR: [&str; 2] = ["l", "r"];
+const LEFT_RIGHT: [&str; 2] = ["Left", "Right"];
+const DOT: [&str; 2] = ["L", "R"];
+const PLAIN: [&str; 3] = ["1", "2", "3"];
+const ZERO: [&str; 3] = ["01", "02", "03"];
+
+pub(crate) const MIXAMO: Naming = Naming {
+    label: "Mixamo",
+    above: &["Armature"],
+    hips: "mixamorig:Hips",
+    spine: &["mixamorig:Spine", "mixamorig:Spine1", "mixamorig:Spine2"],
+    neck: &["mixamorig:Neck"],
+    head: "mixamorig:Head",
+    jaw: "",
+    eye: "mixamorig:{}Eye",
+    arm: ["mixamorig:{}Shoulder", "mixamorig:{}Arm", "mixamorig:{}ForeArm", "mixamorig:{}Hand"],
+    leg: ["mixamorig:{}UpLeg", "mixamorig:{}Leg", "mixamorig:{}Foot", "mixamorig:{}ToeBase"],
+    fingers: [
+        "mixamorig:{}HandIndex#",
+        "mixamorig:{}HandMiddle#",
+        "mixamorig:{}HandPinky#",
+        "mixamorig:{}HandRing#",
+        "mixamorig:{}HandThumb#",
+    ],
+    numbers: PLAIN,
+    sides: LEFT_RIGHT,
+};
+
+pub(crate) const UNREAL: Naming = Naming {
+    label: "Unreal mannequin",
+    above: &["root"],
+    hips: "pelvis",
+    spine: &["spine_01", "spine_02", "spine_03", "spine_04", "spine_05"],
+    neck: &["neck_01", "neck_02"],
+    head: "head",
+    jaw: "",
+    eye: "",
+    arm: ["clavicle_{}", "upperarm_{}", "lowerarm_{}", "hand_{}"],
+    leg: ["thigh_{}", "calf_{}", "foot_{}", "ball_{}"],
+    fingers: ["index_#_{}", "middle_#_{}", "pinky_#_{}", "ring_#_{}", "thumb_#_{}"],
+    numbers: ZERO,
+    sides: LR,
+};
+
+pub(crate) const MAKEHUMAN: Naming = Naming {
+    label: "MakeHuman",
+    above: &[],
+    hips: "root",
+    spine: &["spine05", "spine04", "spine03", "spine02", "spine01"],
+    neck: &["neck01", "neck02", "neck03"],
+    head: "head",
+    jaw: "jaw",
+    eye: "eye.{}",
+    arm: ["clavicle.{}", "upperarm01.{}", "lowerarm01.{}", "wrist.{}"],
+    leg: ["upperleg01.{}", "lowerleg01.{}", "foot.{}", "toe1-1.{}"],
+    fingers: ["finger2-#.{}", "finger3-#.{}", "finger5-#.{}", "finger4-#.{}", "finger1-#.{}"],
+    numbers: PLAIN,
+    sides: DOT,
+};
+
+pub(crate) const RIGIFY: Naming = Naming {
+    label: "Rigify",
+    above: &["metarig"],
+    hips: "DEF-spine",
+    spine: &["DEF-spine.001", "DEF-spine.002", "DEF-spine.003"],
+    neck: &["DEF-spine.004", "DEF-spine.005"],
+    head: "DEF-spine.006",
+    jaw: "DEF-jaw",
+    eye: "DEF-eye.{}",
+    arm: ["DEF-shoulder.{}", "DEF-upper_arm.{}", "DEF-forearm.{}", "DEF-hand.{}"],
+    leg: ["DEF-thigh.{}", "DEF-shin.{}", "DEF-foot.{}", "DEF-toe.{}"],
+    fingers: ["DEF-f_index.#.{}", "DEF-f_middle.#.{}", "DEF-f_pinky.#.{}", "DEF-f_ring.#.{}", "DEF-thumb.#.{}"],
+    numbers: ZERO,
+    sides: DOT,
+};
+
+pub(crate) const UNITY: Naming = Naming {
+    label: "Unity humanoid",
+    above: &[],
+    hips: "Hips",
+    spine: &["Spine", "Chest"],
+    neck: &[],
+    head: "Head",
+    jaw: "Jaw",
+    eye: "{}Eye",
+    arm: ["{}Shoulder", "{}UpperArm", "{}LowerArm", "{}Hand"],
+    leg: ["{}UpperLeg", "{}LowerLeg", "{}Foot", "{}Toes"],
+    fingers: ["{}Index#", "{}Middle#", "{}Little#", "{}Ring#", "{}Thumb#"],
+    numbers: ["Proximal", "Intermediate", "Distal"],
+    sides: LEFT_RIGHT,
+};
+
+pub(crate) const VROID: Naming = Naming {
+    label: "Unity humanoid",
+    above: &["Root"],
+    hips: "J_Bip_C_Hips",
+    spine: &["J_Bip_C_Spine", "J_Bip_C_Chest", "J_Bip_C_UpperChest"],
+    neck: &["J_Bip_C_Neck"],
+    head: "J_Bip_C_Head",
+    jaw: "",
+    eye: "J_Adj_{}_FaceEye",
+    arm: ["J_Bip_{}_Shoulder", "J_Bip_{}_UpperArm", "J_Bip_{}_LowerArm", "J_Bip_{}_Hand"],
+    leg: ["J_Bip_{}_UpperLeg", "J_Bip_{}_LowerLeg", "J_Bip_{}_Foot", "J_Bip_{}_ToeBase"],
+    fingers: ["J_Bip_{}_Index#", "J_Bip_{}_Middle#", "J_Bip_{}_Little#", "J_Bip_{}_Ring#", "J_Bip_{}_Thumb#"],
+    numbers: PLAIN,
+    sides: DOT,
+};
+
+pub(crate) const BIPED: Naming = Naming {
+    label: "Biped",
+    above: &["Bip01"],
+    hips: "Bip01 Pelvis",
+    spine: &["Bip01 Spine", "Bip01 Spine1", "Bip01 Spine2"],
+    neck: &["Bip01 Neck"],
+    head: "Bip01 Head",
+    jaw: "",
+    eye: "",
+    arm: ["Bip01 {} Clavicle", "Bip01 {} UpperArm", "Bip01 {} Forearm", "Bip01 {} Hand"],
+    leg: ["Bip01 {} Thigh", "Bip01 {} Calf", "Bip01 {} Foot", "Bip01 {} Toe0"],
+    fingers: ["Bip01 {} Finger1#", "Bip01 {} Finger2#", "Bip01 {} Finger4#", "Bip01 {} Finger3#", "Bip01 {} Finger0#"],
+    numbers: ["", "1", "2"],
+    sides: DOT,
+};
+
+/// The old names of `.bvh` files: one bone of a spine, no fingers, no toes.
+pub(crate) const POSER: Naming = Naming {
+    label: "joint names",
+    above: &[],
+    hips: "Hips",
+    spine: &["Chest"],
+    neck: &["Neck"],
+    head: "Head",
+    jaw: "",
+    eye: "",
+    arm: ["{}Collar", "{}Shoulder", "{}Elbow", "{}Wrist"],
+    leg: ["{}Hip", "{}Knee", "{}Ankle", ""],
+    fingers: [""; 5],
+    numbers: PLAIN,
+    sides: LEFT_RIGHT,
+};
+
+pub(crate) const ALL: [&Naming; 8] = [&MIXAMO, &UNREAL, &MAKEHUMAN, &RIGIFY, &UNITY, &VROID, &BIPED, &POSER];
