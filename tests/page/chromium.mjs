@@ -111,7 +111,7 @@ class Page {
 
   /** Waits until the page has drawn its first picture. */
   ready() {
-    return until(() => this.value('document.documentElement.dataset.ready === "true"'), 60, "the page");
+    return until(() => this.value('document.documentElement?.dataset.ready === "true"').catch(() => false), 60, "the page");
   }
 
   /** Presses and releases a key, as `ArrowLeft` or `.`. */

@@ -15,7 +15,7 @@ function presets(scene, height) {
   return {
     body: {
       at: (places, ground) => [places[0][0], ground + 0.5 * height, places[0][2]],
-      half: [0.36 * height, 0.56 * height],
+      half: [0.36 * height, 0.58 * height],
       yaw: 0.32,
       pitch: 0.1,
     },

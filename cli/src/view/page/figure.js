@@ -78,7 +78,7 @@ void main() {
   // Light bleeds a little around the edge of the lit side, as it does in skin and wool.
   float key = clamp((towards + 0.25) / 1.25, 0.0, 1.0);
   key *= mix(1.0, lit(), smoothstep(-0.1, 0.25, towards));
-  float gloss = pow(max(dot(n, normalize(toLamp + v)), 0.0), 36.0) * 0.10 * step(0.0, towards);
+  float gloss = pow(max(dot(n, normalize(toLamp + v)), 0.0), 36.0) * 0.05 * step(0.0, towards);
   float rim = pow(1.0 - max(dot(n, v), 0.0), 3.0) * (0.35 + 0.65 * up);
   vec3 color = paint * (mix(floorLight, sky, up) + lamp * vec3(1.0, 0.96, 0.9) * key);
   color += vec3(gloss) * lamp + 0.16 * rim * sky;

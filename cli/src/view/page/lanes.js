@@ -6,9 +6,9 @@ import { drawTrack } from "umo/tracks.js";
 export const RULER = 20;
 const SPEECH = 46;
 const CHUNKS = 17;
-const PART = 17;
-const EXPERTS = 11;
-const TRACK = 44;
+const PART = 15;
+const EXPERTS = 10;
+const TRACK = 40;
 const GAP = 7;
 
 /** The lanes from top to bottom: what, its name, where. */

@@ -32,7 +32,9 @@ export class Timeline {
 
   /** Seconds that are shown. */
   get window() {
-    const fitting = (this.canvas.clientWidth - this.gutter) / FRAME / this.motion.rate;
+    const comfortable = (this.canvas.clientWidth - this.gutter) / FRAME / this.motion.rate;
+    // What is a little longer is shown whole.
+    const fitting = this.length < 1.4 * comfortable ? this.length : comfortable;
     return clamp(this.chosen ?? fitting, SHORTEST, Math.max(SHORTEST, Math.min(LONGEST, this.length)));
   }
 
