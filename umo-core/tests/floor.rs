@@ -50,7 +50,8 @@ fn floors_read_every_weight_of_a_stage_once() {
         let audio = match config.audio.kind {
             umo_core::config::AudioKind::Hubert => weights(&file, of("audio.hubert.")),
             umo_core::config::AudioKind::Mel => {
-                let product = |n: &str| n.ends_with(".weight") && (n.contains("mel.filters") || n.contains("mel.network"));
+                let product =
+                    |n: &str| n.ends_with(".weight") && (n.contains("mel.filters") || n.contains("mel.network"));
                 4 * weights(&file, product)
             }
         };

@@ -185,7 +185,7 @@ impl Order {
         self.old.iter().map(|&vertex| values[vertex as usize])
     }
 
-    fn new(&self, vertex: u32) -> u32 {
+    fn place(&self, vertex: u32) -> u32 {
         self.new[vertex as usize]
     }
 }
@@ -219,9 +219,9 @@ impl Elements {
         self.block("colors", order.sort(&mesh.colors).flatten());
         self.block("joints", order.sort(&mesh.joints).flatten());
         self.block("weights", order.sort(&mesh.weights).flatten().flat_map(|weight| share(weight).to_le_bytes()));
-        self.block("indices", mesh.indices.iter().flat_map(|&vertex| order.new(vertex).to_le_bytes()));
+        self.block("indices", mesh.indices.iter().flat_map(|&vertex| order.place(vertex).to_le_bytes()));
         let vertices = mesh.morphs.iter().flat_map(|morph| &morph.vertices);
-        self.block("morph-vertices", vertices.flat_map(|&vertex| order.new(vertex).to_le_bytes()));
+        self.block("morph-vertices", vertices.flat_map(|&vertex| order.place(vertex).to_le_bytes()));
         self.floats("morph-positions", mesh.morphs.iter().flat_map(|morph| morph.positions.iter().copied()));
         self.floats("morph-normals", mesh.morphs.iter().flat_map(|morph| morph.normals.iter().copied()));
     }

@@ -10,7 +10,7 @@ pub const KINDS: usize = 2 + Part::ALL.len();
 /// Names of the kinds of tokens, in order.
 pub const KIND_NAMES: [&str; KINDS] = ["text", "audio", "face", "hands", "upper", "lower"];
 
-/// Rows that every expert of every layer took since the last [`Tally::clear`], by the kind of the row's token.
+/// Rows that every expert of every layer took since it was last cleared, by the kind of the row's token.
 #[derive(Clone, Debug)]
 pub struct Tally {
     /// `[encoder layers + decoder layers, KINDS, experts]`.

@@ -41,9 +41,8 @@ fn sum(morphs: &[&Morph], first: usize) -> Shape {
     for morph in morphs {
         for (&vertex, moved) in morph.vertices.iter().zip(morph.positions.iter().zip(&morph.normals)) {
             let sums = all.entry(vertex).or_default();
-            for axis in 0..3 {
-                sums[0][axis] += moved.0[axis];
-                sums[1][axis] += moved.1[axis];
+            for (sums, moved) in sums.iter_mut().zip([moved.0, moved.1]) {
+                sums.iter_mut().zip(moved).for_each(|(sum, moved)| *sum += moved);
             }
         }
     }
