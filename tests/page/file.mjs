@@ -172,12 +172,12 @@ export const tests = [
       await page.key("ArrowRight");
       near([await time()], [1 / RATE], 1e-9, "a frame on");
       await page.key(".");
-      near([await time()], [6 / RATE], 1e-9, "the next keyframe");
+      near([await time()], [3 / RATE], 1e-9, "the next keyframe");
       await page.key(".");
       await page.key(",");
-      near([await time()], [6 / RATE], 1e-9, "a keyframe back");
+      near([await time()], [3 / RATE], 1e-9, "a keyframe back");
       await page.key("l");
-      near([await time()], [6 / RATE + 1], 1e-9, "a second on");
+      near([await time()], [3 / RATE + 1], 1e-9, "a second on");
       await page.key(" ");
       assert.ok(await page.value("umo.playing"));
       await page.key(" ");
