@@ -127,7 +127,7 @@ struct Row {
     face: Vec<f32>,
 }
 
-/// Reads back what [`write`] wrote.
+/// Reads back what [`write()`] wrote.
 ///
 /// # Errors
 /// The line and what is wrong with it, or what the animation contradicts itself in.
