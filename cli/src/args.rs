@@ -88,7 +88,7 @@ pub struct Making {
 /// How products are computed.
 #[derive(Debug, ClapArgs)]
 pub struct Compute {
-    /// Precision of the products; where not given, each as the model stores its weights (`stage`: f32)
+    /// Precision of the products; `stored` where not given (`stage`: f32)
     #[arg(long, value_enum)]
     pub precision: Option<PrecisionArg>,
     /// Instruction set: scalar, avx2, avx512vnni …; the best of this processor where not given
@@ -102,6 +102,8 @@ pub struct Compute {
 /// Precision of the products.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum PrecisionArg {
+    /// Each product as the file has its weights
+    Stored,
     /// Weights as the file has them, computed in f32
     F32,
     /// Weights rounded to bfloat16
@@ -120,6 +122,7 @@ impl Compute {
 impl From<PrecisionArg> for Precision {
     fn from(arg: PrecisionArg) -> Self {
         match arg {
+            PrecisionArg::Stored => Self::Stored,
             PrecisionArg::F32 => Self::F32,
             PrecisionArg::Bf16 => Self::Bf16,
             PrecisionArg::Int8 => Self::Int8,

@@ -93,10 +93,13 @@ def likeliest(config: dict[str, Any], logits: np.ndarray) -> dict[str, np.ndarra
 
 
 def agreement(
-    umo: Path, chunks: Sequence[Chunk], model: Path | None = None, other: Path | None = None, precision: str = "int8"
+    umo: Path, chunks: Sequence[Chunk], model: Path | None = None, other: Path | None = None, precision: str = ""
 ) -> dict[str, float]:
     """Share of places where f32 of `model` and `precision` of `other` (the same file where not given) find the same
-    code likeliest, by part and in `all`; both are given what f32 drew so far."""
+    code likeliest, by part and in `all`; both are given what f32 drew so far.
+
+    Another file is computed as it stores its weights where no precision is given, the same file in int8."""
+    precision = precision or ("stored" if other else "int8")
     config = config_of(umo, model)
     same: dict[str, list[np.ndarray]] = {part: [] for part in PARTS}
     for chunk in chunks:
