@@ -158,3 +158,53 @@ def test_a_resumed_network_ends_where_an_uninterrupted_one_does(
             train.train(PLAN, CONFIG, codes, tmp_path / "parts")
     resumed = train.train(PLAN, CONFIG, codes, tmp_path / "parts").state_dict()
     assert all(torch.equal(whole[name], resumed[name]) for name in whole)
+
+
+def _circle() -> tuple[Interpolation, dict[str, torch.Tensor]]:
+    """A network that knows codes on a circle: the code between two others is the nearest to their mean."""
+    sizes = {"d_model": 64, "num_heads": 4, "d_ff": 32, "temporal_layers": 2, "part_layers": 1, "max_frames": 40}
+    torch.manual_seed(0)
+    model = Interpolation(CONFIG | {"interp": sizes}).eval()
+    turns = torch.arange(CODES) * (2 * np.pi / CODES)
+    books = {part: torch.stack([turns.cos(), turns.sin()], 1) for part in model.embed}
+    model.know(books)
+    return model, books
+
+
+@torch.no_grad()
+def test_an_untrained_network_that_knows_the_codes_interpolates() -> None:
+    """Keyframes two codes apart: the frames between go from one to the next."""
+    model, _ = _circle()
+    keys = np.arange(0, 10, 2)
+    codes = np.full((4, 13), CODES)
+    codes[:, ::STRIDE] = keys
+    out = train.fill(model, codes)
+    # The other layers add a little of their own.
+    off = np.array([out[:, at] - keys[at // STRIDE] - at % STRIDE * 2 / 3 for at in range(13) if at % STRIDE])
+    assert np.abs(off).max() < 2 and np.abs(off.mean()) < 0.3
+    held = np.array([3, 7, 11, 15])[:, None]
+    codes[:, ::STRIDE] = held
+    assert np.abs(train.fill(model, codes) - held).max() <= 1
+
+
+def test_what_is_like_the_truth_costs_less() -> None:
+    model, books = _circle()
+    alike = train.likeness(books, 0.1)
+    torch.testing.assert_close(alike.sum(-1), torch.ones(4, CODES))
+    assert alike[0, 5, 5] > alike[0, 5, 6] > alike[0, 5, 7] and alike[0, 5, 6] == pytest.approx(float(alike[0, 5, 4]))
+    plan = InterpPlan(steps=1, frames=16, noise=0.0, smoothing=0.5, near=0.1)
+    truth, padding = _batch()
+
+    def loss(by: int) -> float:
+        """Of a network that says the code `by` further on, surely, in every part."""
+        rows = torch.nn.functional.one_hot((truth + by) % CODES, CODES).float() * 20
+        model.forward = lambda codes, padding=None: rows
+        return train.loss_of(model, plan, truth, padding, np.random.default_rng(0), alike)[0].item()
+
+    assert loss(0) < loss(1) < loss(2) < loss(5)
+
+
+def test_near_needs_the_vectors(tmp_path: Path) -> None:
+    plan = InterpPlan(steps=1, frames=16, near=0.1)
+    with pytest.raises(ValueError, match="code vectors"):
+        train.train(plan, CONFIG, [np.zeros((4, 20), np.int64)], tmp_path)

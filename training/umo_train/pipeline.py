@@ -226,7 +226,7 @@ def step_lm(s: Run) -> None:
     model: LanguageModel | None = None
     for stage in s.plan["stages"]:
         stage = stage | {"tasks": mixture(stage["tasks"], train), "targets": tuple(stage.get("targets", (5,)))}
-        plan = StagePlan(**stage | {"seed": s.plan["seed"]})
+        plan = StagePlan(**{"seed": s.plan["seed"]} | stage)
         path = s.folder / f"lm_{plan.name}.safetensors"
         before = model
         model = LanguageModel(config, dense=plan.dense, marked=s.plan.get("marked", False))

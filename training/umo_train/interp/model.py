@@ -40,24 +40,73 @@ class Interpolation(nn.Module):
 
     @torch.no_grad()
     def know(self, codebooks: dict[str, Tensor]) -> None:
-        """Starts from what codes are instead of from nothing: each part's code vectors `[codes, width]` along their main
-        directions in a quarter of the width of its own, in tables and heads, and waves for positions."""
+        """Starts as a linear interpolation of code vectors instead of from nothing.
+
+        Each part's code vectors `[codes, width]`, along their main directions, have three quarters of a quarter of the
+        width to themselves, in tables and heads. Waves of the frame's number have what is left, with a mark on what is
+        masked. By these the first layer looks at the keyframes around a frame, the nearer the more, and every head
+        finds the code nearest to what it sees. The other layers say little in the beginning.
+        """
         d = self.position.weight.shape[1]
-        width = d // len(PARTS)
+        slot = d // len(PARTS)
+        width = slot * 3 // 4
+        own = [range(i * slot, i * slot + width) for i in range(len(PARTS))]
+        rest = [at for i in range(len(PARTS)) for at in range(i * slot + width, (i + 1) * slot)]
+        mark, waves = rest[0], rest[1:]
+        first = self.temporal[0]
+        attention = first.self_attn
+        each = d // attention.num_heads
+        pairs = min(len(waves) // 2, (each - 1) // 2)
+        sines, cosines = waves[:pairs], waves[pairs : 2 * pairs]
+
+        for table in (*self.embed.values(), self.frame_type, self.position):
+            table.weight.zero_()
+        # Lengths of about 1: each part's vector, all waves together, the mark.
+        self.frame_type.weight[MASKED, mark] = 1.0
+        frequencies = 1.5 * 0.8 ** torch.arange(pairs)
+        turns = torch.arange(len(self.position.weight))[:, None] * frequencies
+        self.position.weight[:, sines] = turns.sin() / pairs**0.5
+        self.position.weight[:, cosines] = turns.cos() / pairs**0.5
+        masked, keyframe, filled = (2 / d) ** 0.5, (5 / d) ** 0.5, (6 / d) ** 0.5
         for i, part in enumerate(PARTS):
             centred = codebooks[part] - codebooks[part].mean(0)
             axes = torch.linalg.svd(centred, full_matrices=False).Vh[:width]
             vectors = centred @ axes.T
             vectors = vectors / vectors.square().sum(1).mean().sqrt()
-            own = slice(i * width, i * width + len(axes))
-            self.embed[part].weight[:, i * width : (i + 1) * width] = 0.0
-            self.embed[part].weight[: self.codes, own] = vectors
+            at = own[i][: len(axes)]
+            self.embed[part].weight[: self.codes, at] = vectors
             head = self.head[part]
-            head.weight[:, own] = 8 * vectors / d**0.5
+            head.weight.zero_()
+            head.weight[:, at] = 8 * filled * vectors
             head.bias.copy_(-4 * vectors.square().sum(1))
-        places = torch.arange(len(self.position.weight))[:, None]
-        turns = places / 10000 ** (torch.arange(0, d, 2) / d)
-        self.position.weight.copy_(torch.cat([turns.sin(), turns.cos()], 1)[:, :d] * (2 / d) ** 0.5)
+
+        # Weights of keyframes fall with the square of the distance, so that two around a frame count as they are near.
+        apart = torch.arange(len(self.position.weight))
+        wanted = (-2.0 * apart.square() / self.stride**2).clamp(min=-12)
+        basis = torch.cat([(apart[:, None] * frequencies).cos(), torch.ones(len(apart), 1)], 1)
+        near = (apart[:, None] <= 3 * self.stride).float() * 3 + 1
+        shares = torch.linalg.lstsq(basis * near, wanted[:, None] * near).solution[:pairs, 0]
+        q, k, v = attention.in_proj_weight.view(3, d, d)
+        attention.in_proj_weight.zero_()
+        attention.in_proj_bias.zero_()
+        gain = pairs * masked * keyframe * each**0.5
+        for head in range(attention.num_heads):
+            for n in range(pairs):
+                for row, column in ((head * each + n, sines[n]), (head * each + pairs + n, cosines[n])):
+                    q[row, column] = gain * shares[n]
+                    k[row, column] = 1.0
+            # Nobody looks at what is masked.
+            row = head * each + 2 * pairs
+            attention.in_proj_bias[row] = each**0.5
+            k[row, mark] = -15 * masked
+        for at in own:
+            v[at, at] = keyframe
+        attention.out_proj.weight.copy_(torch.eye(d))
+        attention.out_proj.bias.zero_()
+        for layer in (*self.temporal, *self.part):
+            layer.linear2.weight.mul_(0.1)
+            if layer is not first:
+                layer.self_attn.out_proj.weight.mul_(0.1)
 
     def forward(self, codes: Tensor, padding: Tensor | None = None) -> Tensor:
         """`[b, 4, t]` codes and which frames are padding `[b, t]`, to `[b, 4, t, codes]`."""

@@ -20,13 +20,18 @@ SAVE_EVERY = 250
 
 @dataclass(frozen=True)
 class InterpPlan:
-    """`velocity` and `acceleration` weigh the smoothness terms; `shortest` is the least keyframes of a window."""
+    """`velocity` and `acceleration` weigh the smoothness terms; `shortest` is the least keyframes of a window.
+
+    With `near`, what `smoothing` takes from the right code goes to those like it and not to all alike: by the squared
+    distance of their vectors, over `near` times its mean. The likeliest code is then one in the middle of what may be.
+    """
 
     steps: int
     frames: int
     batch: int = 32
     rate: float = 1e-3
     smoothing: float = 0.1
+    near: float = 0.0
     velocity: float = 1e-3
     acceleration: float = 1e-4
     shortest: int = 2
@@ -43,13 +48,19 @@ def train(
     codebooks: dict[str, Tensor] | None = None,
 ) -> Interpolation:
     """`codes` are `[4, T]` of every frame; with `codebooks` the network starts from what they are. Resumes from what is
-    in the folder."""
+    in the folder.
+
+    Raises `ValueError` for a plan with `near` and no `codebooks`.
+    """
+    if plan.near > 0 and codebooks is None:
+        raise ValueError("`near` of the interpolation's training needs the code vectors")
     torch.manual_seed(plan.seed)
     device = best()
     model = Interpolation(config)
     if codebooks is not None:
         model.know(codebooks)
     model = model.to(device)
+    alike = None if codebooks is None or plan.near <= 0 else likeness(codebooks, plan.near).to(device)
     optimizer = torch.optim.AdamW(model.parameters(), plan.rate, betas=(0.9, 0.99), weight_decay=0.05)
 
     def rate(step: int) -> float:
@@ -62,7 +73,7 @@ def train(
     for step in tqdm(range(start, plan.steps), "interpolation", initial=start, total=plan.steps):
         chance = np.random.default_rng((plan.seed, step))
         truth, padding = (x.to(device) for x in _windows(plan, codes, model.stride, chance))
-        loss, values = loss_of(model, plan, truth, padding, chance)
+        loss, values = loss_of(model, plan, truth, padding, chance, alike)
         optimizer.zero_grad()
         loss.backward()
         torch.nn.utils.clip_grad_norm_(model.parameters(), 1.0)
@@ -90,10 +101,22 @@ def _windows(
     return torch.from_numpy(out), torch.from_numpy(padding)
 
 
+def likeness(codebooks: dict[str, Tensor], near: float) -> Tensor:
+    """`[4, codes, codes]`: rows that sum to 1, of how alike codes are to each other."""
+    apart = torch.stack([torch.cdist(codebooks[part], codebooks[part]).square() for part in PARTS])
+    return torch.softmax(-apart / (near * apart.mean((1, 2), keepdim=True)), -1)
+
+
 def loss_of(
-    model: Interpolation, plan: InterpPlan, truth: Tensor, padding: Tensor, chance: np.random.Generator
+    model: Interpolation,
+    plan: InterpPlan,
+    truth: Tensor,
+    padding: Tensor,
+    chance: np.random.Generator,
+    alike: Tensor | None = None,
 ) -> tuple[Tensor, dict[str, float]]:
-    """The objective of one batch. Anchors are every keyframe and the last frame that is not padding."""
+    """The objective of one batch. Anchors are every keyframe and the last frame that is not padding; `alike` is
+    `likeness` where the plan has `near`."""
     batch, _, frames = truth.shape
     device = truth.device
     anchor = (torch.arange(frames, device=device) % model.stride == 0).repeat(batch, 1)
@@ -105,12 +128,19 @@ def loss_of(
     logits = model(seen, padding)
     asked = ~anchor & ~padding
     flat = asked[:, None].expand_as(truth)
-    entropy = torch.nn.functional.cross_entropy(logits[flat], truth[flat], label_smoothing=plan.smoothing)
+    wanted = truth[flat]
+    if alike is None:
+        entropy = torch.nn.functional.cross_entropy(logits[flat], wanted, label_smoothing=plan.smoothing)
+    else:
+        part = torch.arange(len(PARTS), device=device)[None, :, None].expand_as(truth)[flat]
+        spread = torch.nn.functional.cross_entropy(logits[flat], alike[part, wanted])
+        right = torch.nn.functional.cross_entropy(logits[flat], wanted)
+        entropy = plan.smoothing * spread + (1 - plan.smoothing) * right
     filled = torch.where(anchor[:, None], seen, logits.argmax(-1).detach())
     velocity, acceleration = _smoothness(model, filled, ~padding)
     loss = entropy + plan.velocity * velocity + plan.acceleration * acceleration
-    right = (logits.argmax(-1) == truth) & flat
-    values = {f"accuracy_{part}": float(right[:, i].sum() / asked.sum()) for i, part in enumerate(PARTS)}
+    hits = (logits.argmax(-1) == truth) & flat
+    values = {f"accuracy_{part}": float(hits[:, i].sum() / asked.sum()) for i, part in enumerate(PARTS)}
     return loss, values | {"entropy": entropy.item(), "velocity": velocity.item(), "acceleration": acceleration.item()}
 
 
