@@ -185,7 +185,7 @@ def _silence(seconds: float) -> Utterance:
     return Utterance("silence", "", samples, (Phone(SILENCE, 0.0, seconds),))
 
 
-def examples(s: Run, config: Config, split: str, *, augment: bool) -> Examples:
+def examples(s: Run, config: Config, split: str, *, augment: bool, kind: type[Examples] = Examples) -> Examples:
     """Codes, units and texts of a split."""
     rate = config["audio"]["token_rate"]
     streams = []
@@ -203,7 +203,7 @@ def examples(s: Run, config: Config, split: str, *, augment: bool) -> Examples:
     tokenizer = tokens.load(s.folder / "audio.safetensors", s.plan["audio"])
     silence = int(tokenizer(np.zeros(SAMPLE_RATE, np.float32))[20])
     delay = s.plan["audio"].get("listener", {}).get("delay")
-    return Examples(config, streams, silence, augment=augment, templates=templates(s), delay=delay)
+    return kind(config, streams, silence, augment=augment, templates=templates(s), delay=delay)
 
 
 def _array(path: Path) -> np.ndarray | None:
@@ -234,9 +234,7 @@ def step_lm(s: Run) -> None:
             model.load_state_dict(export.load_state(path))
             continue
         if before is not None:
-            state = before.state_dict()
-            was_dense, experts = not moe.layers(before), config["lm"]["experts"]
-            model.load_state_dict(moe.upcycled(state, experts, plan.seed) if was_dense and not plan.dense else state)
+            model.load_state_dict(carried(before, plan, config))
         elif "init" in s.plan["lm"]:
             start = from_t5(Path(s.plan["lm"]["init"]), config, dense=plan.dense, seed=plan.seed)
             model.load_state_dict(start)
@@ -244,6 +242,13 @@ def step_lm(s: Run) -> None:
         if processes.is_first():
             export.save_state(path, train_result(s.folder, plan, model))
         processes.wait()
+
+
+def carried(before: LanguageModel, plan: StagePlan, config: Config) -> dict[str, torch.Tensor]:
+    """What a stage starts from: the one before, upcycled where that was dense and this one is not."""
+    state = before.state_dict()
+    upcycles = not moe.layers(before) and not plan.dense
+    return moe.upcycled(state, config["lm"]["experts"], plan.seed) if upcycles else state
 
 
 def train_result(folder: Path, plan: StagePlan, model: LanguageModel) -> dict[str, torch.Tensor]:
@@ -262,13 +267,15 @@ def step_interp(s: Run) -> None:
     train_interp(InterpPlan(**s.plan["interp_training"], seed=s.plan["seed"]), config, codes, s.folder, books)
 
 
-def step_export(s: Run) -> None:
-    """`run/NAME.safetensors`, bf16; `umo quantize` makes the int8 one."""
+def step_export(s: Run, interpolation: Interpolation | None = None) -> None:
+    """`run/NAME.safetensors`, bf16; `umo quantize` makes the int8 one. Another interpolation network than the run's may
+    be given."""
     config = model_file_config(s)
     language = export.load_state(s.folder / f"lm_{s.plan['stages'][-1]['name']}.safetensors")
     export.sharpen(language, config["vocab"], s.plan.get("sharpen", {}))
-    interpolation = Interpolation(config)
-    interpolation.load_state_dict(_trained(s.folder / "interp.pt", "model"))
+    if interpolation is None:
+        interpolation = Interpolation(config)
+        interpolation.load_state_dict(_trained(s.folder / "interp.pt", "model"))
     root = _network(s, "root")
     root.load_state_dict(_trained(s.folder / "tokenizer_root.pt", "model"))
     motion = {part: model.folded() for part, model in tokenizers(s).items()} | {"root": root.state_dict()}

@@ -138,18 +138,28 @@ class Examples:
             keys = stream.codes[:, :: self.stride]
             at = int(rng.integers(0, max(keys.shape[1] - target, 1)))
             inputs.append(self._chunk_input(stream, keys, at, target, text, rng))
-            labels.append(self._chunk_labels(keys, at, target))
-            heard.append(_slice(keys[0], at, target, -1))
+            said = self.said(stream, at, target)
+            labels.append(self._chunk_labels(said, 0, said.shape[1]))
+            heard.append(said[0])
         batch = _stack(inputs, labels)
         batch.heard = self._heard(batch.ids.shape, np.stack(heard), template, target)
         return batch
 
+    def said(self, stream: Stream, at: int, target: int) -> np.ndarray:
+        """The codes that the decoder says of the chunk of `target` keyframes from keyframe `at` on, `[4, codes]`; -1
+        beyond the item's end."""
+        return np.stack([_slice(row[:: self.stride], at, target, -1) for row in stream.codes])
+
+    def heard_at(self, target: int) -> np.ndarray:
+        """Which of a window's audio tokens says most of each code of a part that the decoder says."""
+        return (self.prefix + np.arange(target)) * self.tokens + self.middle
+
     def _heard(self, shape: tuple[int, int], faces: np.ndarray, template: str, target: int) -> np.ndarray:
-        """The chunk's face codes `[b, target]` where each keyframe is heard."""
+        """The chunk's face codes where each is heard."""
         out = np.full(shape, -100, np.int64)
         # Task ids and the start marker come before the first audio token.
         first = self.config["templates"][template].index("audio") + 1
-        at = first + (self.prefix + np.arange(target)) * self.tokens + self.middle
+        at = first + self.heard_at(target)
         out[:, at] = np.where(faces < 0, -100, self.first[0] + faces)
         return out
 

@@ -44,10 +44,10 @@ def align(model: LanguageModel, examples: Examples, targets: tuple[int, ...], se
     rows, wanted = [], []
     for target, (hidden, said) in zip(targets, states, strict=True):
         state = _before(model, layer, hidden, said)
-        places = (examples.prefix + torch.arange(target)) * examples.tokens + examples.middle
+        places = torch.from_numpy(examples.heard_at(target))
         for part in range(len(PARTS)):
-            at = 1 + part * (target + 2)
-            rows.append(state[:, at : at + target].flatten(0, 1))
+            at = 1 + part * (len(places) + 2)
+            rows.append(state[:, at : at + len(places)].flatten(0, 1))
             wanted.append(_code(places).expand(len(state), -1, -1).flatten(0, 1))
     queries = _fit(torch.cat(rows), torch.cat(wanted), model.places)
     attention = model.decoder.block[layer].layer[1].EncDecAttention
