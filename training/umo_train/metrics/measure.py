@@ -197,7 +197,7 @@ def smoothness(motions: Sequence[Motion]) -> dict[str, float]:
     }
 
 
-def tokens(subject: Subject, items: Sequence[Item], chunks: int = 24) -> dict[str, Any]:
+def tokens(subject: Subject, items: Sequence[Item], chunks: int = 80) -> dict[str, Any]:
     """Agreement of int8 with f32, and the use of codes and experts on the way, over the beginnings of some items."""
     exact = subject.exact or subject.model
     traced = [c for item in items for c in agreement.trace(subject.umo, item, exact, max(chunks // len(items), 1))]
