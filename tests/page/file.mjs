@@ -179,9 +179,9 @@ export const tests = [
       await page.key("l");
       near([await time()], [3 / RATE + 1], 1e-9, "a second on");
       await page.key(" ");
-      assert.ok(await page.value("umo.playing"));
+      await until(() => page.value("umo.playing"));
       await page.key(" ");
-      assert.ok(!(await page.value("umo.playing")));
+      await until(() => page.value("!umo.playing"));
       await page.key("2");
       assert.equal(await page.value(`document.querySelector("[data-camera=face]").getAttribute("aria-pressed")`), "true");
       await page.key("s");

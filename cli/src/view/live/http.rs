@@ -83,17 +83,21 @@ impl<'a> Request<'a> {
 
 /// The head of the request that waits, which is left to be read, and its length; none where it is too long, is no text,
 /// or does not come in time.
+///
+/// An error where nothing comes at all: browsers open connections in advance, and would take a refusal for the answer to
+/// the request that they then send.
 pub(super) fn peek_head(stream: &TcpStream, is_over: impl Fn() -> bool) -> io::Result<Option<(String, usize)>> {
     stream.set_read_timeout(Some(Duration::from_millis(200)))?;
     stream.set_write_timeout(Some(PATIENCE))?;
-    let (start, mut bytes) = (Instant::now(), vec![0; MOST_HEAD]);
+    let (start, mut bytes, mut is_begun) = (Instant::now(), vec![0; MOST_HEAD], false);
     while start.elapsed() < PATIENCE && !is_over() {
         let count = match stream.peek(&mut bytes) {
-            Ok(0) => return Ok(None),
+            Ok(0) => break,
             Ok(count) => count,
             Err(error) if is_wait(&error) => continue,
             Err(error) => return Err(error),
         };
+        is_begun = true;
         if let Some(at) = bytes[..count].windows(4).position(|four| four == b"\r\n\r\n") {
             let length = at + 4;
             return Ok(String::from_utf8(bytes[..length].to_vec()).ok().map(|head| (head, length)));
@@ -103,7 +107,7 @@ pub(super) fn peek_head(stream: &TcpStream, is_over: impl Fn() -> bool) -> io::R
         }
         std::thread::sleep(LOOK);
     }
-    Ok(None)
+    if is_begun { Ok(None) } else { Err(io::ErrorKind::TimedOut.into()) }
 }
 
 /// Whether it is only that nothing has come.

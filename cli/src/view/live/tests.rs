@@ -1,4 +1,8 @@
-use super::http::{Answer, Request};
+use std::cell::Cell;
+use std::io::{self, Write};
+use std::net::{Ipv4Addr, TcpListener, TcpStream};
+
+use super::http::{self, Answer, Request};
 use super::message::{Command, MOST_BYTES, Source, command, samples};
 
 const PORT: u16 = 8123;
@@ -95,4 +99,33 @@ fn samples_are_whole_and_finite() {
         assert!(samples(&bytes(&[0.0, bad])).is_err(), "{bad}");
     }
     assert!(samples(&[0; 7]).is_err());
+}
+
+/// A connection to this program, from both sides.
+fn connection() -> (TcpStream, TcpStream) {
+    let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
+    let theirs = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
+    (theirs, listener.accept().unwrap().0)
+}
+
+#[test]
+fn a_connection_opened_in_advance_gets_no_answer() {
+    let (theirs, ours) = connection();
+    // Nothing comes, until it is time to stop: no refusal, which a browser would take for an answer to what it asks later.
+    let looks = Cell::new(0);
+    let is_over = || looks.replace(looks.get() + 1) >= 2;
+    assert_eq!(http::peek_head(&ours, is_over).unwrap_err().kind(), io::ErrorKind::TimedOut);
+    // It is left.
+    drop(theirs);
+    assert!(http::peek_head(&ours, || false).is_err());
+}
+
+#[test]
+fn half_a_request_is_none() {
+    let (mut theirs, ours) = connection();
+    theirs.write_all(b"GET / HT").unwrap();
+    let looks = Cell::new(0);
+    assert_eq!(http::peek_head(&ours, || looks.replace(looks.get() + 1) >= 2).unwrap(), None);
+    theirs.write_all(b"TP/1.1\r\n\r\n").unwrap();
+    assert_eq!(http::peek_head(&ours, || false).unwrap(), Some(("GET / HTTP/1.1\r\n\r\n".to_owned(), 18)));
 }
