@@ -35,7 +35,8 @@ def test_plans_hold_what_stages_read(smoke: bool) -> None:
         assert pipeline._tokenizer_plan(run, name).steps > 0
     stages = [StagePlan(**stage) for stage in run.plan["stages"]]
     # As in the paper: dense and without the balancing loss first, sparse with it after.
-    assert [(s.dense, s.balance) for s in stages] == [(True, 0.0), (False, 0.01), (False, 0.01)]
+    first, *rest = [(s.dense, s.balance) for s in stages]
+    assert first == (True, 0.0) and rest == [(False, 0.01)] * len(rest) and len(rest) >= 2
     # A keyframe has a whole number of audio tokens, and a window fits the interpolation network.
     window = run.plan["window"]
     assert window["keyframe_stride"] * 50 % 30 == 0
