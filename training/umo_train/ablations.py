@@ -22,11 +22,11 @@ from umo_train.lm.examples import Examples, Stream
 from umo_train.lm.model import LanguageModel
 from umo_train.lm.train import StagePlan, mixture, train_stage
 from umo_train.metrics import fgd, item, measure, program
-from umo_train.metrics.agreement import config_of, encoder_ids
+from umo_train.metrics.agreement import config_of, encoder_ids, units_of
 from umo_train.model_config import model_file_config
 from umo_train.plan import Run, merged
 from umo_train.skeleton import PARTS
-from umo_train.speech.utterance import FRAME_RATE, SAMPLE_RATE
+from umo_train.speech.utterance import FRAME_RATE
 
 # What a variant takes over from the finished run.
 _SHARED = ("audio.safetensors", "audio_tokens", "codes", "rest.yaml", "interp.pt", "lm_pretrain.safetensors")
@@ -140,11 +140,7 @@ def every_frame(
     vocab, stride = config["vocab"], config["keyframe_stride"]
     prefix, target, rate = config["prefix"], config["target"], config["audio"]["token_rate"]
     each = rate * stride // config["frame_rate"]
-    silence = np.zeros(prefix * each * SAMPLE_RATE // rate, np.float32)
-    units = []
-    for one in items:
-        samples = np.concatenate([silence, np.asarray(one.samples, np.float32)])
-        units.append(program.stage(umo, config["audio"]["kind"], {"audio": samples}, "--model", model)["units"])
+    units = [units_of(umo, one, config, model) for one in items]
     chunks = min((len(row) // each - prefix) // target for row in units)
     made = np.zeros((len(items), len(PARTS), 0), np.int64)
     rest = np.repeat([[config["rest"][part]] for part in PARTS], prefix, 1)

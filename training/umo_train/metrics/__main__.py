@@ -1,9 +1,9 @@
-"""`python -m umo_train.metrics`: `eval`, `sheet`, `autoencoder` and `table`."""
+"""`python -m umo_train.metrics`: `eval`, `agreement`, `sheet`, `autoencoder` and `table`."""
 
 import argparse
 from pathlib import Path
 
-from umo_train.metrics import fgd, item, program, report, table
+from umo_train.metrics import agreement, fgd, item, program, report, table
 from umo_train.metrics.measure import Subject, measure
 
 
@@ -40,6 +40,16 @@ def _eval(args: argparse.Namespace) -> None:
             f"{'met   ' if bar.met else 'missed'}  {bar.name}: {value} ({'>=' if bar.at_least else '<='} {bar.bar:g})"
         )
     print(args.output / "report.html")
+
+
+def _agreement(args: argparse.Namespace) -> None:
+    umo = program.find(args.umo)
+    items = [one for split in args.split for one in item.from_corpus(args.corpus, split, args.most, 0, 0)]
+    traced = [chunk for one in items for chunk in agreement.trace(umo, one, args.exact, args.chunks, args.seed)]
+    for model in args.models:
+        shares = agreement.agreement(umo, traced, args.exact, model)
+        said = " ".join(f"{part} {100 * share:.1f} %" for part, share in shares.items())
+        print(f"{model}: {model.stat().st_size / 1e6:.1f} MB, {len(traced)} chunks, {said}")
 
 
 def _sheet(args: argparse.Namespace) -> None:
@@ -90,6 +100,15 @@ def _arguments() -> argparse.ArgumentParser:
     one.add_argument("--epochs", type=int, default=10)
     one.add_argument("--sheets", type=int, default=3, help="contact sheets in the page")
     one.add_argument("-o", "--output", type=Path, required=True, help="folder to write to")
+
+    one = command("agreement", _agreement, "Greedy codes of quantised models as of the exact one, as each is stored")
+    one.add_argument("models", nargs="+", type=Path)
+    one.add_argument("--exact", type=Path, required=True, help="the model that they were made from")
+    one.add_argument("--umo", type=Path, help="the program; on PATH or target/release/umo where not given")
+    one.add_argument("--corpus", type=Path, required=True)
+    one.add_argument("--split", nargs="+", default=["test_voice", "test_sentence"])
+    one.add_argument("--most", type=int, default=4, help="items of each split")
+    one.add_argument("--chunks", type=int, default=10, help="of each item")
 
     one = command("sheet", _sheet, "One recording as a strip of poses and faces over its waveform")
     one.add_argument("speech", type=Path)

@@ -58,15 +58,21 @@ def decoder_ids(config: dict[str, Any], codes: dict[str, np.ndarray]) -> np.ndar
     return np.array(out[:-1], np.int64)
 
 
+def units_of(umo: Path, item: Item, config: dict[str, Any], model: Path | None = None) -> np.ndarray:
+    """Audio units of a recording after the silence of a whole prefix, as a stream begins."""
+    tokens = config["prefix"] * config["audio"]["token_rate"] * config["keyframe_stride"] // config["frame_rate"]
+    silence = np.zeros(tokens * SAMPLE_RATE // config["audio"]["token_rate"], np.float32)
+    samples = np.concatenate([silence, np.asarray(item.samples, np.float32)])
+    return stage(umo, config["audio"]["kind"], {"audio": samples}, *_options(model))["units"]
+
+
 def trace(umo: Path, item: Item, model: Path | None = None, most: int = 20, seed: int = 0) -> list[Chunk]:
     """The first chunks of a recording in f32, each with the codes that the ones before gave as its history."""
     config = config_of(umo, model)
     prefix, target, rate = config["prefix"], config["target"], config["audio"]["token_rate"]
-    # Units of a keyframe; and silence before the beginning, as a stream has it.
+    # Units of a keyframe.
     each = rate * config["keyframe_stride"] // config["frame_rate"]
-    silence = np.zeros(prefix * each * SAMPLE_RATE // rate, np.float32)
-    samples = np.concatenate([silence, np.asarray(item.samples, np.float32)])
-    units = stage(umo, config["audio"]["kind"], {"audio": samples}, *_options(model))["units"]
+    units = units_of(umo, item, config, model)
     history = {part: np.full(prefix, config["rest"][part]) for part in PARTS}
     chunks = []
     for number in range(min(most, (len(units) // each - prefix) // target)):
@@ -93,7 +99,11 @@ def likeliest(config: dict[str, Any], logits: np.ndarray) -> dict[str, np.ndarra
 
 
 def agreement(
-    umo: Path, chunks: Sequence[Chunk], model: Path | None = None, other: Path | None = None, precision: str = ""
+    umo: Path,
+    chunks: Sequence[Chunk],
+    model: Path | None = None,
+    other: Path | None = None,
+    precision: str | None = None,
 ) -> dict[str, float]:
     """Share of places where f32 of `model` and `precision` of `other` (the same file where not given) find the same
     code likeliest, by part and in `all`; both are given what f32 drew so far.
