@@ -198,6 +198,15 @@ fn floors(memory: &mut Huge<u8>) -> Floors {
     Floors { int8, f32, cold }
 }
 
+/// Bytes that inputs and outputs of int8 start at a multiple of, as the engine's do.
+const LINE: usize = 64;
+
+/// What starts at a line.
+fn line(y: &mut [f32]) -> &mut [f32] {
+    let skip = y.as_ptr().align_offset(LINE);
+    &mut y[skip..]
+}
+
 fn main() {
     let mut args = std::env::args().skip(1);
     let seconds: f64 = args.next().map_or(0.15, |s| s.parse().expect("seconds"));
@@ -278,7 +287,8 @@ fn int8(
     let copies = if cold { COLD_BYTES / len } else { 1 };
     let mut random = numbers(7);
     let w: Vec<i8> = (0..n * k).map(|_| (random() >> 32) as i8).collect();
-    let x: Vec<i8> = (0..m * k).map(|_| (random() >> 32) as i8).collect();
+    let x: Vec<i8> = (0..m * k + LINE).map(|_| (random() >> 32) as i8).collect();
+    let x = &x[x.as_ptr().align_offset(LINE)..][..m * k];
     let mut sum = vec![0; n];
     let mut packed = vec![0; packed_len_i8(n, k)];
     pack_i8(Mat::new(&w, n, k).unwrap(), &mut packed, &mut sum).unwrap();
@@ -292,12 +302,12 @@ fn int8(
     let all = unsafe { std::slice::from_raw_parts(bytes.as_ptr().cast::<i8>(), bytes.len()) };
     let w_scale = vec![0.01; n];
     let x_scale = vec![0.02; m];
-    let rows = QuantRows::new(Mat::new(&x, m, k).unwrap(), &x_scale).unwrap();
+    let rows = QuantRows::new(Mat::new(x, m, k).unwrap(), &x_scale).unwrap();
     let view = |copy: usize| PackedI8::new(&all[copy * len..][..packed_len_i8(n, k)], &w_scale, &sum, n, k).unwrap();
     let product = |isa, copy, y: &mut [f32]| {
-        matmul_i8(isa, rows, None, view(copy), Epilogue::STORE, MatMut::new(y, m, n).unwrap()).unwrap();
+        matmul_i8(isa, rows, None, view(copy), Epilogue::STORE, MatMut::new(line(y), m, n).unwrap()).unwrap();
     };
-    let mut want = vec![0.0; m * n];
+    let mut want = vec![0.0; m * n + LINE];
     product(Isa::SCALAR, 0, &mut want);
     let isas: Vec<Isa> = timed().collect();
     let unsigned: Vec<u8> = x.iter().map(|x| (*x as u8) ^ 0x80).collect();
@@ -305,9 +315,10 @@ fn int8(
     let mut names = Vec::new();
     let mut runs: Vec<Box<dyn FnMut()>> = Vec::new();
     for &isa in &isas {
-        let mut y = vec![0.0; m * n];
+        let mut y = vec![0.0; m * n + LINE];
         product(isa, 0, &mut y);
-        assert!(y.iter().zip(&want).all(|(y, want)| y.to_bits() == want.to_bits()), "{} is wrong", isa.name());
+        let (y_line, want) = (&line(&mut y)[..m * n], &line(&mut want)[..m * n]);
+        assert!(y_line.iter().zip(want).all(|(y, want)| y.to_bits() == want.to_bits()), "{} is wrong", isa.name());
         let mut copy = 0;
         let product = &product;
         names.push(("i8", isa.name()));

@@ -91,6 +91,17 @@ impl Tiles {
         }
     }
 
+    /// The same, of which L1 keeps nothing: what passes by once does not drive out what is used again.
+    #[inline]
+    pub(crate) fn load_rows_past<const T: u8, V>(&self, rows: &[V], stride: usize) {
+        assert!(size_of_val(rows) >= (TILE - 1) * stride * size_of::<V>() + BYTES);
+        // SAFETY: tile `T` is configured as 16 rows of 64 bytes, the last of which ends inside `rows` by the assertion.
+        unsafe {
+            asm!("tileloaddt1 tmm{t}, [{rows} + {stride}]", t = const T, rows = in(reg) rows.as_ptr(),
+                stride = in(reg) stride * size_of::<V>(), options(nostack, preserves_flags, readonly));
+        }
+    }
+
     /// `tmmC += tmmX * tmmW`, signed bytes with exact sums.
     #[inline]
     pub(crate) fn multiply_i8<const C: u8, const X: u8, const W: u8>(&self) {

@@ -167,6 +167,16 @@ impl<'a, T> MatMut<'a, T> {
         unsafe { core::slice::from_raw_parts_mut(start.as_ptr(), self.cols) }
     }
 
+    /// The same rows, to read. Panics where there are gaps between them, which are not this view's.
+    #[inline]
+    pub fn dense(&self) -> Mat<'_, T> {
+        assert!(self.cols == self.stride || self.rows <= 1, "{} columns at stride {}", self.cols, self.stride);
+        // SAFETY: the constructor checked that `rows` rows lie inside the slice; without gaps all elements up to the end of the
+        // last row are this view's, which is borrowed.
+        let data = unsafe { core::slice::from_raw_parts(self.start.as_ptr(), self.rows * self.cols) };
+        Mat { data, rows: self.rows, cols: self.cols, stride: self.cols }
+    }
+
     /// All elements of a matrix of one column without gaps. Panics where it has several columns or a stride.
     #[inline]
     pub fn column_mut(&mut self) -> &mut [T] {

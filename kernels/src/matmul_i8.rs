@@ -48,19 +48,83 @@ pub fn quantize_rows(isa: Isa, x: Mat<f32>, steps: MatMut<i8>, scale: &mut [f32]
     expect_len("steps", x.rows(), steps.rows())?;
     expect_len("steps", x.cols(), steps.cols())?;
     expect_len("scale", x.rows(), scale.len())?;
-    match isa.0 {
-        Backend::Scalar => scalar::quantize_rows(x, steps, scale),
-        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 => unsafe { quantize::avx2::quantize_rows(x, steps, scale) },
-        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Vnni => unsafe { quantize::avx512vnni::quantize_rows(x, steps, scale) },
-        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        Backend::Amx => unsafe { quantize::avx512vnni::quantize_rows(x, steps, scale) },
+    let mut steps = steps;
+    for (t, scale) in scale.iter_mut().enumerate() {
+        let row = x.row(t);
+        let largest = largest(isa, row);
+        *scale = step_size(largest);
+        round(isa, row, largest, steps.row_mut(t));
     }
     Ok(())
+}
+
+/// The largest size of a value in every row, which is what [`quantize_rows`] quantises by: where the columns of wide rows are
+/// in several hands, each finds its own, and the largest of them goes to [`quantize_columns`].
+///
+/// Shapes: `x [m, k]`, `largest [m]` (overwritten). `x` must be finite.
+///
+/// # Errors
+/// [`ShapeError`] naming the argument whose length disagrees.
+pub fn row_maxima(isa: Isa, x: &MatMut<f32>, largest: &mut [f32]) -> Result<(), ShapeError> {
+    expect_len("largest", x.rows(), largest.len())?;
+    for (t, largest) in largest.iter_mut().enumerate() {
+        *largest = self::largest(isa, x.row(t));
+    }
+    Ok(())
+}
+
+/// Quantises some columns of rows of which `largest` says the largest size of a value in any column; the steps are those of
+/// [`quantize_rows`] over all columns, each of the size [`step_size`].
+///
+/// Shapes: `x [m, k]`, `largest [m]`, `steps [m, k]` (overwritten). `x` must be finite.
+///
+/// # Errors
+/// [`ShapeError`] naming the argument whose length disagrees.
+pub fn quantize_columns(isa: Isa, x: &MatMut<f32>, largest: &[f32], mut steps: MatMut<i8>) -> Result<(), ShapeError> {
+    expect_len("largest", x.rows(), largest.len())?;
+    expect_len("steps", x.rows(), steps.rows())?;
+    expect_len("steps", x.cols(), steps.cols())?;
+    for (t, &largest) in largest.iter().enumerate() {
+        round(isa, x.row(t), largest, steps.row_mut(t));
+    }
+    Ok(())
+}
+
+/// The real value of one step of a row whose values are `largest` in size at most.
+pub fn step_size(largest: f32) -> f32 {
+    scalar::per_unit(largest).map_or(1.0, |(_, scale)| scale)
+}
+
+fn largest(isa: Isa, row: &[f32]) -> f32 {
+    match isa.0 {
+        Backend::Scalar => scalar::largest(row),
+        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx2 => unsafe { quantize::avx2::largest(row) },
+        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx512Vnni => unsafe { quantize::avx512vnni::largest(row) },
+        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        Backend::Amx => unsafe { quantize::avx512vnni::largest(row) },
+    }
+}
+
+/// The steps of values of a row whose largest is `largest`.
+fn round(isa: Isa, row: &[f32], largest: f32, steps: &mut [i8]) {
+    let Some((per_unit, _)) = scalar::per_unit(largest) else { return steps.fill(0) };
+    match isa.0 {
+        Backend::Scalar => scalar::round(row, per_unit, steps),
+        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx2 => unsafe { quantize::avx2::round(row, per_unit, steps) },
+        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx512Vnni => unsafe { quantize::avx512vnni::round(row, per_unit, steps) },
+        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        Backend::Amx => unsafe { quantize::avx512vnni::round(row, per_unit, steps) },
+    }
 }
 
 /// Int8 product with int32 sums: `y[t, o] = x_scale[t] * w_scale[o] * sum_i x[t, i] * w[o, i]`, then the epilogue.

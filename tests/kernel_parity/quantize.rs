@@ -1,8 +1,8 @@
 //! Quantising rows to int8: the same bits on every back-end.
 
 use proptest::prelude::*;
-use umo_kernels::matmul_i8::quantize_rows;
-use umo_kernels::{Isa, Mat};
+use umo_kernels::matmul_i8::{quantize_columns, quantize_rows, row_maxima, step_size};
+use umo_kernels::{Isa, Mat, MatMut};
 use umo_tests::{Fill, Guarded, Noise, Placed, cases, fill, for_each_isa, near, offset};
 
 /// Steps of every row, and the bits of its scale.
@@ -58,8 +58,54 @@ fn quantize_rows_of_a_row_are_the_same_among_500(isa: Isa) {
     assert_eq!(run(isa, x.mat(), 0, 0), alone);
 }
 
+/// Pieces of columns, each with the largest value of all pieces, give the steps of the whole rows.
+fn quantize_columns_has_the_bits_of_rows(isa: Isa) {
+    let dim = prop_oneof![near(16, 5), near(64, 3), Just(768)];
+    proptest!(cases(96), |(rows in near(4, 2), dim in dim, cut in any::<prop::sample::Index>(), fill in values(), seed in any::<u64>())| {
+        let mut noise = Noise::new(seed);
+        let x = Placed::new(rows, dim, 0, 0, || fill.next(&mut noise));
+        let mut copy = Guarded::new(rows, dim, 0, 0);
+        for t in 0..rows {
+            copy.mat().row_mut(t).copy_from_slice(x.mat().row(t));
+        }
+        let at = cut.index(dim + 1);
+        let (left, right) = copy.mat().split_columns(at);
+        let mut largest = [Guarded::slice(rows, 3), Guarded::slice(rows, 1)];
+        for (piece, largest) in [&left, &right].into_iter().zip(&mut largest) {
+            row_maxima(isa, piece, largest.first_row()).expect("shapes agree");
+        }
+        let [a, b] = largest.map(|largest| largest.checked().remove(0));
+        let largest: Vec<f32> = a.iter().zip(&b).map(|(a, b)| a.max(*b)).collect();
+        let mut steps = Guarded::new(rows, dim, 0, 0);
+        let (to_left, to_right) = steps.mat().split_columns(at);
+        quantize_columns(isa, &left, &largest, to_left).expect("shapes agree");
+        quantize_columns(isa, &right, &largest, to_right).expect("shapes agree");
+        let scale = largest.iter().map(|&largest| step_size(largest).to_bits());
+        let got: Vec<_> = steps.checked().into_iter().zip(scale).collect();
+        prop_assert_eq!(got, run(Isa::SCALAR, x.mat(), 0, 0));
+    });
+}
+
+/// Wrong lengths are errors, and nothing is written.
+#[test]
+fn quantize_columns_says_which_length_disagrees() {
+    let mut x = [1.0_f32, 2.0, 3.0, 4.0];
+    let mut steps = [9_i8; 4];
+    let x = MatMut::new(&mut x, 2, 2).expect("four values");
+    let isa = Isa::SCALAR;
+    assert_eq!(row_maxima(isa, &x, &mut [0.0]).map_err(|e| e.arg), Err("largest"));
+    let to = MatMut::new(&mut steps, 2, 2).expect("four values");
+    assert_eq!(quantize_columns(isa, &x, &[4.0], to).map_err(|e| e.arg), Err("largest"));
+    let to = MatMut::new(&mut steps, 1, 2).expect("two values");
+    assert_eq!(quantize_columns(isa, &x, &[4.0, 4.0], to).map_err(|e| e.arg), Err("steps"));
+    let to = MatMut::new(&mut steps, 2, 1).expect("two values");
+    assert_eq!(quantize_columns(isa, &x, &[4.0, 4.0], to).map_err(|e| e.arg), Err("steps"));
+    assert_eq!(steps, [9; 4]);
+}
+
 for_each_isa!(quantize_rows_has_the_scalar_bits => (avx2, avx512vnni, amx));
 for_each_isa!(
+    quantize_columns_has_the_bits_of_rows,
     quantize_rows_is_within_half_a_step,
     quantize_rows_rounds_halves_to_even,
     quantize_rows_of_a_row_are_the_same_among_500

@@ -60,6 +60,9 @@ type Split<Row = [f32; 16]> = [Tile<Row>; PARTS];
 /// Products of two splits.
 const PRODUCTS: usize = 6;
 
+/// Weights taken early, in pieces after each four products with values; a weight costs as much as four scores.
+const EARLY: usize = 2;
+
 /// Groups of 16 queries in work at once.
 const GROUPS: usize = 2;
 
@@ -122,8 +125,8 @@ pub(super) fn attention(x: Operands<f32>, mut y: MatMut<f32>) {
 /// The queries from `start` on, as many as there are softmaxes, with the keys and values `keys`.
 ///
 /// 32 at a time; while they meet keys, the weights of the 32 before them are taken, and while those meet values, the
-/// scores of these, a few registers between any two products: tiles and registers are different units, and the processor
-/// looks too few operations ahead to find more work by itself.
+/// scores of these and their first weights, a few registers between any two products. Tiles leave registers one of two
+/// ports, 64 operations for four products; what is more than that comes at a high price, so both halves get as much.
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
 fn queries(
     tiles: &Tiles,
@@ -145,6 +148,7 @@ fn queries(
             _ => meet_keys::<2>(tiles, q, k, &mut next, &mut last),
         }
         last.weigh(usize::MAX);
+        last.add_up();
         match last.softmaxes.len() {
             0 => {}
             1..=ROWS => meet_values::<1>(tiles, v, &mut last, sums, &mut next),
@@ -168,13 +172,13 @@ fn meet_keys<const G: usize>(tiles: &Tiles, q: &mut Queries, k: &Keys, next: &mu
     pack_queries(next.x.q.row_range(next.i..next.i + next.softmaxes.len()), q);
     let (steps, pairs) = (next.x.q.cols().div_ceil(PAIRS), next.keys.div_ceil(PAIRS));
     // Queries without values have no products.
-    let pieces = last.softmaxes.len().div_ceil((PRODUCTS * steps).max(1));
+    let pieces = last.softmaxes.len().div_ceil((PRODUCTS * steps).max(1)).max(EARLY);
     for pair in 0..pairs {
         let keys = [&k[2 * pair], &k[2 * pair + 1]];
         tiles.zero();
         for step in 0..steps {
             let (queries, keys) = ([&q[0][step], &q[1][step]], keys.map(|keys| &keys[step]));
-            multiply::<G, _, _>(tiles, queries, keys, || last.weigh(pieces));
+            multiply::<G, _, _>(tiles, queries, keys, || last.weigh(pieces - EARLY));
         }
         let [above, below] = &mut *next.scores;
         finish::<G>(tiles, &mut above[pair], &mut below[pair]);
@@ -192,7 +196,10 @@ fn meet_values<const G: usize>(tiles: &Tiles, v: &Values, last: &mut Block, sums
         for pair in 0..pairs {
             let weights = [&last.scores[0][pair], &last.scores[1][pair]];
             let values = [&v[pair][2 * columns], &v[pair][2 * columns + 1]];
-            multiply::<G, _, _>(tiles, weights, values, || next.score(pieces));
+            multiply::<G, _, _>(tiles, weights, values, || {
+                next.score(pieces);
+                next.weigh(EARLY);
+            });
         }
         finish::<G>(tiles, &mut above[2 * columns..], &mut below[2 * columns..]);
     }
@@ -221,6 +228,8 @@ struct Block<'a> {
     weighed: Done,
     /// Largest scores before these keys; then the factors for what has been summed up before.
     shrink: [f32; GROUPS * ROWS],
+    /// Sums of weights.
+    sums: [f32; GROUPS * ROWS],
 }
 
 impl<'a> Block<'a> {
@@ -234,7 +243,18 @@ impl<'a> Block<'a> {
         let (first, keys) = (keys.start, keys.len());
         let scored = Done { rows: 0, pairs: 0, lanes: [f32::NEG_INFINITY; 16] };
         let weighed = Done { rows: 0, pairs: 0, lanes: [0.0; 16] };
-        Self { x, i, first, keys, softmaxes, scores, scored, weighed, shrink: [0.0; GROUPS * ROWS] }
+        Self {
+            x,
+            i,
+            first,
+            keys,
+            softmaxes,
+            scores,
+            scored,
+            weighed,
+            shrink: [0.0; GROUPS * ROWS],
+            sums: [0.0; GROUPS * ROWS],
+        }
     }
 
     /// Turns the dot products of the next `pieces` pairs of a row's tiles into scores.
@@ -270,23 +290,34 @@ impl<'a> Block<'a> {
         }
     }
 
-    /// Turns the scores of the next `pieces` pairs of a row's tiles into the parts of weights `exp(score - max)`.
+    /// Turns the scores of the next `pieces` pairs of a row's tiles into the parts of weights `exp(score - max)`, as far as
+    /// rows have all their scores.
     #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
     fn weigh(&mut self, pieces: usize) {
         let (Done { rows, pairs, lanes }, all) = (&mut self.weighed, self.keys.div_ceil(PAIRS));
         let mut sum = load(lanes);
         for _ in 0..pieces {
-            let Some(softmax) = self.softmaxes.get_mut(*rows) else { return };
+            if *rows == self.scored.rows {
+                break;
+            }
+            let softmax = &self.softmaxes[*rows];
             let tiles = &mut self.scores[*rows / ROWS][*pairs];
             sum = _mm512_add_ps(sum, weigh(tiles, *rows % ROWS, softmax.max));
             *pairs += 1;
             if *pairs == all {
-                softmax.sum = softmax.sum * self.shrink[*rows] + _mm512_reduce_add_ps(sum);
+                self.sums[*rows] = _mm512_reduce_add_ps(sum);
                 sum = _mm512_setzero_ps();
                 (*rows, *pairs) = (*rows + 1, 0);
             }
         }
         store(lanes, sum);
+    }
+
+    /// Adds the sums of weights to those of the keys before.
+    fn add_up(&mut self) {
+        for ((softmax, sum), shrink) in self.softmaxes.iter_mut().zip(&self.sums).zip(&self.shrink) {
+            softmax.sum = softmax.sum * shrink + sum;
+        }
     }
 }
 
@@ -341,8 +372,8 @@ fn multiply<const G: usize, A, B>(
         }
     };
     let keys = |part: usize| {
-        tiles.load::<6, _>(&left[part].0);
-        tiles.load::<7, _>(&right[part].0);
+        tiles.load_rows_past::<6, _>(&left[part].0, 1);
+        tiles.load_rows_past::<7, _>(&right[part].0, 1);
     };
     queries(0);
     keys(2);

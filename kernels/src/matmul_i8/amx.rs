@@ -30,6 +30,9 @@ const REACH: usize = 512 << 10;
 /// Bytes of weights in work at once, which stay in L2 while blocks of rows go by.
 const CHUNK_BYTES: usize = 768 << 10;
 
+/// Rows gathered at once at most: their scales stand beside them.
+const GROUP: usize = 512;
+
 /// Panels of sums in one block: integers as bits in the place of the floats that they become.
 const SUMS: usize = ROWS * WIDTH;
 
@@ -65,32 +68,44 @@ fn run(x: &QuantInput, job: &Job, mut y: MatMut<f32>) {
     let mut room = Aligned([const { [const { MaybeUninit::uninit() }; TILE] }; ROOM]);
     let mut sums = Aligned([[[0.0; PANEL]; SUMS]; 2]);
     let [mut sums, mut before] = sums.0.each_mut();
+    let mut scales = [[0.0; ROWS]; GROUP / ROWS];
     let (rows, steps) = (x.rows.rows(), job.k().div_ceil(BYTES));
     let reach = size_of::<f32>() * y.stride().max(1) / if matches!(job, Job::Gated(..)) { 2 } else { 1 };
-    let group = (ROOM / 2 / steps.max(1)).min((REACH / reach / ROWS).max(2)).max(1) * ROWS;
+    let group = (ROOM / 2 / steps.max(1)).min((REACH / reach / ROWS).max(2)).clamp(1, GROUP / ROWS) * ROWS;
     let width = (CHUNK_BYTES / (PANEL * job.k().max(1)) / WIDTH).max(1) * WIDTH;
-    let mut ending = Ending::NONE;
+    let whole = steps <= ROOM / 2;
+    let mut ending = Ending::none();
     for first in (0..job.slots()).step_by(width) {
         let end = (first + width).min(job.slots());
         for t in (0..rows).step_by(group) {
             let part = (rows - t).min(group);
-            let whole = steps <= ROOM / 2;
-            if whole {
-                gather(x, t, part, 0, steps, &mut room.0);
+            for (r, scale) in scales.as_flattened_mut()[..part].iter_mut().enumerate() {
+                *scale = x.scale(t + r);
+            }
+            let blocks = (t..t + part).step_by(ROWS).map(|t| (t, (rows - t).min(ROWS)));
+            for (block, (t, rows)) in blocks.enumerate().filter(|&(_, (_, rows))| whole && !lies_ready(x, rows)) {
+                gather(x, t, rows, 0, steps, &mut room.0[block * 2 * steps..]);
             }
             for slot in (first..end).step_by(WIDTH) {
                 let next = match slot + WIDTH {
                     next if next < end || t + part == rows => next,
                     _ => first,
                 };
-                let work = Work { x, job, slot, end, next, blocks: part.div_ceil(ROWS) };
-                for block in 0..work.blocks {
-                    let rows = (part - block * ROWS).min(ROWS);
-                    let t = t + block * ROWS;
-                    let inputs = if whole { &mut room.0[block * 2 * steps..][..2 * steps] } else { &mut room.0[..] };
-                    work.block(&tiles, (t, rows, block), whole, inputs, sums, (&mut ending, before), &mut y);
+                let pair = Pair::new(job, slot, end, next, part);
+                for (block, scales) in scales[..part.div_ceil(ROWS)].iter().enumerate() {
+                    let (t, rows) = (t + block * ROWS, (part - block * ROWS).min(ROWS));
+                    let mut work = Work { tiles: &tiles, x, job, pair: &pair, t, rows, block };
+                    if whole {
+                        let inputs = match lies_ready(x, rows) {
+                            true => Source::rows(x, t, rows),
+                            false => Source::gathered(&room.0[block * 2 * steps..][..2 * steps]),
+                        };
+                        work.block(inputs, sums, (&mut ending, before), &mut y);
+                    } else {
+                        work.parts(&mut room.0, sums, (&mut ending, before), &mut y);
+                    }
                     ending.all(x, job, before, &mut y);
-                    ending = Ending::new(job, t, rows, slot, work.panels());
+                    ending.start(&pair, scales, t, rows);
                     (sums, before) = (before, sums);
                 }
             }
@@ -99,153 +114,262 @@ fn run(x: &QuantInput, job: &Job, mut y: MatMut<f32>) {
     ending.all(x, job, before, &mut y);
 }
 
-/// The inputs from `first` on of `rows` rows from `t` on, `steps` steps of 32 rows at a time. Whatever stands behind the last row
-/// makes sums that nobody reads.
+/// Whether tiles can be loaded from a block of `rows` rows where they lie: whole ones, whose rows start at cache lines.
+#[inline]
+fn lies_ready(x: &QuantInput, rows: usize) -> bool {
+    let mat = &x.rows.mat;
+    let (start, whole) =
+        (mat.elements().as_ptr().addr(), mat.cols().is_multiple_of(BYTES) && rows.is_multiple_of(TILE));
+    x.rows.index.is_none() && whole && start.is_multiple_of(BYTES) && mat.stride().is_multiple_of(BYTES)
+}
+
+/// The inputs from `first` on of `rows` rows from `t` on, of one block, `steps` steps. Whatever stands behind the last row makes
+/// sums that nobody reads.
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
 fn gather(x: &QuantInput, t: usize, rows: usize, first: usize, steps: usize, room: &mut [Inputs]) {
     let last = (first + steps * BYTES).min(x.rows.cols());
+    let (tiles, _) = room[..2 * steps].as_chunks_mut::<2>();
     for r in 0..rows {
         let (whole, part) = x.rows.row(t + r)[first..last].as_chunks::<BYTES>();
-        let (tiles, _) = room[r / ROWS * 2 * steps..][..2 * steps].as_chunks_mut::<2>();
         for (tiles, whole) in tiles.iter_mut().zip(whole) {
-            tiles[r % ROWS / TILE][r % TILE].write(*whole);
+            tiles[r / TILE][r % TILE].write(*whole);
         }
         if !part.is_empty() {
             let mut padded = [0; BYTES];
             padded[..part.len()].copy_from_slice(part);
-            tiles[whole.len()][r % ROWS / TILE][r % TILE].write(padded);
+            tiles[whole.len()][r / TILE][r % TILE].write(padded);
         }
     }
 }
 
-/// A pair of panels with the rows that were gathered.
+/// Where the inputs of a block stand.
+#[derive(Clone, Copy)]
+struct Source<'a> {
+    bytes: &'a [MaybeUninit<i8>],
+    /// From one row of a tile to the next, from the upper tile to the lower, and from a step to the next.
+    row: usize,
+    tile: usize,
+    step: usize,
+}
+
+impl<'a> Source<'a> {
+    /// Pairs of tiles.
+    fn gathered(inputs: &'a [Inputs]) -> Self {
+        let (start, len) = (inputs.as_ptr().cast(), size_of_val(inputs));
+        // SAFETY: these are the bytes of `inputs`, any of which may be uninitialised in both types.
+        let bytes = unsafe { core::slice::from_raw_parts(start, len) };
+        Self { bytes, row: BYTES, tile: TILE * BYTES, step: 2 * TILE * BYTES }
+    }
+
+    /// The rows from `t` on where they lie.
+    fn rows(x: &QuantInput<'a>, t: usize, rows: usize) -> Self {
+        let mat = x.rows.mat.row_range(t..t + rows);
+        let elements = mat.elements();
+        // SAFETY: these are the bytes of `elements`; what is initialised may be taken for what need not be.
+        let bytes = unsafe { core::slice::from_raw_parts(elements.as_ptr().cast(), elements.len()) };
+        Self { bytes, row: mat.stride(), tile: TILE * mat.stride(), step: BYTES }
+    }
+
+    /// The upper tile of a step becomes `tmm4`, the lower one of `R` 2 `tmm5`.
+    #[inline]
+    fn load<const T: u8>(&self, tiles: &Tiles, step: usize) {
+        let at = step * self.step + if T == 5 { self.tile } else { 0 };
+        tiles.load_rows_past::<T, _>(&self.bytes[at..], self.row);
+    }
+}
+
+/// A pair of panels, or the last one alone.
+struct Pair<'a> {
+    slot: usize,
+    panels: usize,
+    quads: [&'a [[i8; BYTES]]; WIDTH],
+    /// The panels that will be in work next, and how many lines of each of them a step brings to L2.
+    ahead: [&'a [[i8; BYTES]]; WIDTH],
+    lines: usize,
+    end: PairEnd,
+}
+
+/// What the sums of a pair of panels end with.
+#[derive(Clone, Copy)]
+struct PairEnd {
+    kind: Kind,
+    scale: [__m512; WIDTH],
+    /// -0 where there is none: it changes no sum.
+    bias: [__m512; WIDTH],
+}
+
+impl<'a> Pair<'a> {
+    /// The slots from `slot` on, below `end`, for `rows` rows; `next` is the slot that will be in work next.
+    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+    fn new(job: &Job<'a>, slot: usize, end: usize, next: usize, rows: usize) -> Self {
+        let panels = (end - slot).min(WIDTH);
+        // Not by `from_fn`: a closure has this function's features and cannot be inlined into one that has not.
+        let (mut quads, mut ahead) = ([&[][..]; WIDTH], [&[][..]; WIDTH]);
+        for p in 0..WIDTH {
+            quads[p] = job.panel(slot + p.min(panels - 1));
+            if next + p < job.slots() {
+                ahead[p] = job.panel(next + p);
+            }
+        }
+        // One tile of rows is done as soon as its weights are there: 3 to 8 % slower.
+        let lines = if rows <= TILE { 0 } else { TILE.div_ceil(rows.div_ceil(ROWS)) };
+        Self { slot, panels, quads, ahead, lines, end: PairEnd::new(job, slot) }
+    }
+}
+
+impl PairEnd {
+    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+    fn new(job: &Job, slot: usize) -> Self {
+        let mut this =
+            Self { kind: Kind::Block, scale: [_mm512_setzero_ps(); WIDTH], bias: [_mm512_set1_ps(-0.0); WIDTH] };
+        match job {
+            Job::Gated(gate, up) if (slot / 2 + 1) * PANEL <= gate.n() => {
+                let outputs = slot / 2 * PANEL..(slot / 2 + 1) * PANEL;
+                this.scale = [load_part(&gate.scale()[outputs.clone()]), load_part(&up.scale()[outputs])];
+                this.kind = Kind::Gated;
+            }
+            Job::Plain(w, end) if (slot + WIDTH) * PANEL <= w.n() && end.activation == Activation::None => {
+                let (now, then) = (slot * PANEL..(slot + 1) * PANEL, (slot + 1) * PANEL..(slot + 2) * PANEL);
+                this.scale = [load_part(&w.scale()[now.clone()]), load_part(&w.scale()[then.clone()])];
+                if let Some(bias) = end.bias {
+                    this.bias = [load_part(&bias[now]), load_part(&bias[then])];
+                }
+                this.kind = match end {
+                    Epilogue { scatter: Some(_), .. } => Kind::Scatter,
+                    Epilogue { add: true, .. } => Kind::Add,
+                    _ => Kind::Store,
+                };
+            }
+            _ => {}
+        }
+        this
+    }
+}
+
+/// One block of rows with a pair of panels.
 struct Work<'a, 'b> {
+    tiles: &'a Tiles,
     x: &'a QuantInput<'b>,
     job: &'a Job<'b>,
-    slot: usize,
-    /// The slot behind the last that may be in work.
-    end: usize,
-    /// The slot that will be in work next.
-    next: usize,
-    /// Blocks of rows.
-    blocks: usize,
+    pair: &'a Pair<'b>,
+    /// The first row, how many, and which block of those gathered this is.
+    t: usize,
+    rows: usize,
+    block: usize,
 }
 
 impl Work<'_, '_> {
-    fn panels(&self) -> usize {
-        (self.end - self.slot).min(WIDTH)
+    /// All inputs at once.
+    #[inline]
+    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+    fn block(&mut self, inputs: Source, sums: &mut Sums, before: (&mut Ending, &Sums), y: &mut MatMut<f32>) {
+        let (pair, quads) = (self.pair, self.pair.quads[0].len());
+        let mut ahead = pair.ahead;
+        for ahead in &mut ahead {
+            *ahead = &ahead[(self.block * pair.lines * quads / TILE).min(ahead.len())..];
+        }
+        self.steps(Steps { inputs, quads: pair.quads, ahead, start: true }, sums, before, y);
     }
 
-    /// One block of rows, from the first input to the last: `(first row, rows, which block)`.
-    #[expect(clippy::too_many_arguments, reason = "one block of a product, each operand named")]
+    /// As many inputs at a time as there is room for.
     #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-    fn block(
-        &self,
-        tiles: &Tiles,
-        (t, rows, block): (usize, usize, usize),
-        whole: bool,
-        inputs: &mut [Inputs],
-        sums: &mut Sums,
-        mut before: (&mut Ending, &mut Sums),
-        y: &mut MatMut<f32>,
-    ) {
-        let panels = self.panels();
-        // Not by `from_fn`: a closure has this function's features and cannot be inlined into one that has not.
-        let (mut quads, mut ahead) = ([&[][..]; WIDTH], [&[][..]; WIDTH]);
-        // Each block brings a share of the next panels. One tile of rows is done as soon as its weights are there: 3 to 8 % slower.
-        let lines = if rows <= TILE && self.blocks == 1 { 0 } else { TILE.div_ceil(self.blocks) };
-        for p in 0..WIDTH {
-            quads[p] = self.job.panel(self.slot + p.min(panels - 1));
-            if self.next + p < self.job.slots() {
-                let next = self.job.panel(self.next + p);
-                ahead[p] = &next[(block * lines * next.len() / TILE).min(next.len())..];
-            }
-        }
-        let most = if whole { (inputs.len() / 2).max(1) } else { ROOM / 2 };
-        for i in 0..quads[0].len().div_ceil(most * TILE).max(1) {
-            let part = i * most * TILE..((i + 1) * most * TILE).min(quads[0].len());
-            if !whole {
-                gather(self.x, t, rows, i * most * BYTES, most, inputs);
-            }
-            let mut step = Steps {
-                tiles,
-                inputs,
-                quads: [&quads[0][part.clone()], &quads[1][part.clone()]],
-                ahead: [&ahead[0][part.start.min(ahead[0].len())..], &ahead[1][part.start.min(ahead[1].len())..]],
-                lines,
-                start: i == 0,
-                x: self.x,
-                job: self.job,
-            };
-            match (rows <= TILE, panels) {
-                (true, WIDTH) => step.multiply::<1, WIDTH>(sums, &mut before, y),
-                (true, _) => step.multiply::<1, 1>(sums, &mut before, y),
-                (false, WIDTH) => step.multiply::<2, WIDTH>(sums, &mut before, y),
-                (false, _) => step.multiply::<2, 1>(sums, &mut before, y),
-            }
+    fn parts(&mut self, room: &mut [Inputs], sums: &mut Sums, before: (&mut Ending, &Sums), y: &mut MatMut<f32>) {
+        let (pair, most, all, (ending, before)) = (self.pair, ROOM / 2, self.pair.quads[0].len(), before);
+        for first in (0..all).step_by(most * TILE) {
+            gather(self.x, self.t, self.rows, first / TILE * BYTES, most, room);
+            let part = first..(first + most * TILE).min(all);
+            let quads = [&pair.quads[0][part.clone()], &pair.quads[1][part]];
+            let steps = Steps { inputs: Source::gathered(room), quads, ahead: [&[]; WIDTH], start: first == 0 };
+            self.steps(steps, sums, (ending, before), y);
         }
     }
-}
 
-/// Steps of 64 inputs.
-struct Steps<'a, 'b> {
-    tiles: &'a Tiles,
-    inputs: &'a [Inputs],
-    quads: [&'a [[i8; BYTES]]; WIDTH],
-    ahead: [&'a [[i8; BYTES]]; WIDTH],
-    lines: usize,
-    start: bool,
-    x: &'a QuantInput<'b>,
-    job: &'a Job<'b>,
-}
-
-impl Steps<'_, '_> {
-    /// Adds the products of `R` tiles of rows with the quads of `P` panels to `sums [rows, P]`, or starts them.
+    #[inline]
     #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-    fn multiply<const R: usize, const P: usize>(
+    fn steps(&mut self, steps: Steps, sums: &mut Sums, before: (&mut Ending, &Sums), y: &mut MatMut<f32>) {
+        match before.0.end.kind {
+            Kind::Block => self.shapes::<BLOCK>(steps, sums, before, y),
+            Kind::Gated => self.shapes::<GATED>(steps, sums, before, y),
+            Kind::Scatter => self.shapes::<SCATTER>(steps, sums, before, y),
+            Kind::Add => self.shapes::<ADD>(steps, sums, before, y),
+            Kind::Store => self.shapes::<STORE>(steps, sums, before, y),
+        }
+    }
+
+    #[inline]
+    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+    fn shapes<const KIND: u8>(
         &mut self,
+        steps: Steps,
         sums: &mut Sums,
-        (ending, before): &mut (&mut Ending, &mut Sums),
+        before: (&mut Ending, &Sums),
         y: &mut MatMut<f32>,
     ) {
-        if self.start {
+        match (self.rows <= TILE, self.pair.panels) {
+            (true, WIDTH) => self.multiply::<1, WIDTH, KIND>(steps, sums, before, y),
+            (true, _) => self.multiply::<1, 1, KIND>(steps, sums, before, y),
+            (false, WIDTH) => self.multiply::<2, WIDTH, KIND>(steps, sums, before, y),
+            (false, _) => self.multiply::<2, 1, KIND>(steps, sums, before, y),
+        }
+    }
+
+    /// Adds the products of `R` tiles of rows with the quads of `P` panels to `sums [rows, P]`, or starts them; meanwhile, ends
+    /// rows of the block before, which end as `KIND` says.
+    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+    fn multiply<const R: usize, const P: usize, const KIND: u8>(
+        &mut self,
+        steps: Steps,
+        sums: &mut Sums,
+        (ending, before): (&mut Ending, &Sums),
+        y: &mut MatMut<f32>,
+    ) {
+        if steps.start {
             self.tiles.zero();
         } else {
             self.tiles.load_sums::<R, P>(sums);
         }
-        let (first, rest) = self.quads[0].as_chunks::<TILE>();
-        let (second, _) = self.quads[1].as_chunks::<TILE>();
-        let (inputs, _) = self.inputs.as_chunks::<2>();
-        assert!(second.len() == first.len() && inputs.len() >= first.len());
+        let (first, rest) = steps.quads[0].as_chunks::<TILE>();
+        let (second, _) = steps.quads[1].as_chunks::<TILE>();
+        assert!(second.len() == first.len());
         let rows = ending.rows.div_ceil(first.len().max(1));
-        for (i, ((first, second), x)) in first.iter().zip(second).zip(inputs).enumerate() {
-            step::<R, P>(self.tiles, x, [first, second]);
-            for ahead in &self.ahead[..P] {
-                ahead.iter().skip(i * self.lines).take(self.lines).for_each(fetch);
+        for (i, (first, second)) in first.iter().zip(second).enumerate() {
+            step::<R, P>(self.tiles, (&steps.inputs, i), [first, second]);
+            for ahead in &steps.ahead[..P] {
+                let lines = (i * self.pair.lines).min(ahead.len())..((i + 1) * self.pair.lines).min(ahead.len());
+                ahead[lines].iter().for_each(fetch);
             }
-            for _ in 0..rows {
-                ending.row(self.x, self.job, before, y);
+            if KIND != BLOCK {
+                ending.rows::<KIND>(rows, self.job, before, y);
             }
         }
         if !rest.is_empty() {
             let mut last = Aligned([[[0; BYTES]; TILE]; WIDTH]);
-            for (last, quads) in last.0.iter_mut().zip(self.quads) {
+            for (last, quads) in last.0.iter_mut().zip(steps.quads) {
                 last[..rest.len()].copy_from_slice(&quads[first.len() * TILE..]);
             }
-            step::<R, P>(self.tiles, &inputs[first.len()], last.0.each_ref());
+            step::<R, P>(self.tiles, (&steps.inputs, first.len()), last.0.each_ref());
         }
         self.tiles.store_sums::<R, P>(sums);
     }
 }
 
-/// 64 inputs of `R` tiles of rows with `P` panels.
+/// Steps of 64 inputs.
+struct Steps<'a> {
+    inputs: Source<'a>,
+    quads: [&'a [[i8; BYTES]]; WIDTH],
+    ahead: [&'a [[i8; BYTES]]; WIDTH],
+    start: bool,
+}
+
+/// 64 inputs of `R` tiles of rows with `P` panels. Rows pass L1 by, in which the panels stay for the next block: four tiles from
+/// L2 take longer than four products, two do not.
 #[inline]
-fn step<const R: usize, const P: usize>(tiles: &Tiles, x: &[Inputs; 2], w: [&Tile; WIDTH]) {
-    tiles.load::<4, _>(&x[0]);
+fn step<const R: usize, const P: usize>(tiles: &Tiles, (x, i): (&Source, usize), w: [&Tile; WIDTH]) {
+    x.load::<4>(tiles, i);
     tiles.load::<6, _>(w[0]);
     tiles.multiply_i8::<0, 4, 6>();
     if R == 2 {
-        tiles.load::<5, _>(&x[1]);
+        x.load::<5>(tiles, i);
         tiles.multiply_i8::<2, 5, 6>();
     }
     if P > 1 {
@@ -264,6 +388,23 @@ fn fetch(line: &[i8; BYTES]) {
     unsafe { _mm_prefetch::<_MM_HINT_T1>(line.as_ptr()) }
 }
 
+/// How the rows of a block end.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    /// All at once.
+    Block,
+    Gated,
+    Scatter,
+    Add,
+    Store,
+}
+
+const BLOCK: u8 = Kind::Block as u8;
+const GATED: u8 = Kind::Gated as u8;
+const SCATTER: u8 = Kind::Scatter as u8;
+const ADD: u8 = Kind::Add as u8;
+const STORE: u8 = Kind::Store as u8;
+
 /// A block whose sums are complete, and how much of it has been ended.
 struct Ending {
     t: usize,
@@ -271,85 +412,64 @@ struct Ending {
     slot: usize,
     panels: usize,
     done: usize,
-    /// What each row of whole panels needs; none where the block is ended at once.
-    row: Option<RowEnd>,
-}
-
-#[derive(Clone, Copy)]
-struct RowEnd {
-    scale: [__m512; WIDTH],
-    bias: Option<[__m512; WIDTH]>,
+    x_scale: [f32; ROWS],
+    end: PairEnd,
 }
 
 impl Ending {
-    const NONE: Self = Self { t: 0, rows: 0, slot: 0, panels: 0, done: 0, row: None };
-
     #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-    fn new(job: &Job, t: usize, rows: usize, slot: usize, panels: usize) -> Self {
-        let (first, whole) = match job {
-            Job::Plain(w, end) => (slot * PANEL, (slot + WIDTH) * PANEL <= w.n() && end.activation == Activation::None),
-            Job::Gated(gate, _) => (slot / 2 * PANEL, (slot / 2 + 1) * PANEL <= gate.n()),
-        };
-        let row = whole.then(|| {
-            let (now, then) = (first..first + PANEL, first + PANEL..first + 2 * PANEL);
-            match job {
-                Job::Plain(w, end) => RowEnd {
-                    scale: [load_part(&w.scale()[now.clone()]), load_part(&w.scale()[then.clone()])],
-                    bias: end.bias.map(|bias| [load_part(&bias[now]), load_part(&bias[then])]),
-                },
-                Job::Gated(gate, up) => {
-                    let scale = [load_part(&gate.scale()[now.clone()]), load_part(&up.scale()[now])];
-                    RowEnd { scale, bias: None }
-                }
-            }
-        });
-        Self { t, rows, slot, panels, done: 0, row }
+    fn none() -> Self {
+        let zero = [_mm512_setzero_ps(); WIDTH];
+        let end = PairEnd { kind: Kind::Block, scale: zero, bias: zero };
+        Self { t: 0, rows: 0, slot: 0, panels: 0, done: 0, x_scale: [0.0; ROWS], end }
     }
 
-    /// Ends one row, where there is one left and rows are ended one by one.
+    /// The rows from `t` on with a pair of panels.
     #[inline]
     #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-    fn row(&mut self, x: &QuantInput, job: &Job, sums: &Sums, y: &mut MatMut<f32>) {
-        let Some(end) = &self.row else { return };
-        if self.done == self.rows {
-            return;
-        }
-        let t = self.t + self.done;
+    fn start(&mut self, pair: &Pair, scales: &[f32; ROWS], t: usize, rows: usize) {
+        let &Pair { slot, panels, end, .. } = pair;
+        *self = Self { t, rows, slot, panels, done: 0, x_scale: *scales, end };
+    }
+
+    /// Ends the next `count` rows, or as many as are left.
+    #[inline]
+    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+    fn rows<const KIND: u8>(&mut self, count: usize, job: &Job, sums: &Sums, y: &mut MatMut<f32>) {
         let (sums, _) = sums.as_chunks::<WIDTH>();
-        let x_scale = _mm512_set1_ps(x.scale(t));
-        let sums = &sums[self.done];
-        self.done += 1;
-        // The exact sum rounded to f32 once, then scalar's order of roundings.
-        let mut v = [_mm512_setzero_ps(); WIDTH];
-        for i in 0..WIDTH {
-            let sum = _mm512_cvtepi32_ps(_mm512_castps_si512(load(&sums[i])));
-            v[i] = _mm512_mul_ps(sum, _mm512_mul_ps(x_scale, end.scale[i]));
-        }
-        if let Some(bias) = &end.bias {
+        let rows = self.done..(self.done + count).min(self.rows);
+        self.done = rows.end;
+        let (first, t) = (self.slot * PANEL, self.t);
+        for r in rows {
+            // The exact sums rounded to f32 once, then scalar's order of roundings.
+            let x_scale = _mm512_set1_ps(self.x_scale[r]);
+            let mut v = [_mm512_setzero_ps(); WIDTH];
             for i in 0..WIDTH {
-                v[i] = _mm512_add_ps(v[i], bias[i]);
+                let sum = _mm512_cvtepi32_ps(_mm512_castps_si512(load(&sums[r][i])));
+                v[i] = _mm512_mul_ps(sum, _mm512_mul_ps(x_scale, self.end.scale[i]));
             }
-        }
-        let first = self.slot * PANEL;
-        match job {
-            Job::Gated(..) => {
-                let y = y.row_mut(t)[first / 2..].first_chunk_mut().expect("whole panels");
+            if KIND == GATED {
+                let y = y.row_mut(t + r)[first / 2..].first_chunk_mut().expect("whole panels");
                 store(y, _mm512_mul_ps(gelu_tanh(v[0]), v[1]));
+                continue;
             }
-            Job::Plain(_, Epilogue { scatter: Some(scatter), .. }) => {
-                let factor = _mm512_set1_ps(scatter.weight[t]);
-                let (y, _) = y.row_mut(scatter.rows[t] as usize)[first..].as_chunks_mut();
-                for i in 0..WIDTH {
-                    let sum = _mm512_add_ps(load(&y[i]), _mm512_mul_ps(factor, v[i]));
-                    store(&mut y[i], sum);
+            for (v, &bias) in v.iter_mut().zip(&self.end.bias) {
+                *v = _mm512_add_ps(*v, bias);
+            }
+            let mut row = t + r;
+            if KIND == SCATTER
+                && let Job::Plain(_, Epilogue { scatter: Some(scatter), .. }) = job
+            {
+                let factor = _mm512_set1_ps(scatter.weight[row]);
+                row = scatter.rows[row] as usize;
+                for v in &mut v {
+                    *v = _mm512_mul_ps(factor, *v);
                 }
             }
-            Job::Plain(_, Epilogue { add, .. }) => {
-                let (y, _) = y.row_mut(t)[first..].as_chunks_mut();
-                for i in 0..WIDTH {
-                    let v = if *add { _mm512_add_ps(load(&y[i]), v[i]) } else { v[i] };
-                    store(&mut y[i], v);
-                }
+            let y = y.row_mut(row)[first..].as_chunks_mut().0.first_chunk_mut::<WIDTH>().expect("whole panels");
+            for i in 0..WIDTH {
+                let sum = if KIND == STORE { v[i] } else { _mm512_add_ps(load(&y[i]), v[i]) };
+                store(&mut y[i], sum);
             }
         }
     }
@@ -357,12 +477,14 @@ impl Ending {
     /// Ends all rows that are left.
     #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
     fn all(&mut self, x: &QuantInput, job: &Job, sums: &mut Sums, y: &mut MatMut<f32>) {
-        if self.row.is_some() {
-            while self.done < self.rows {
-                self.row(x, job, sums, y);
-            }
-        } else if self.rows > 0 {
-            finish::<0>(x, self.t, &mut sums[..self.rows * self.panels], self.panels, job, self.slot, y);
+        match self.end.kind {
+            _ if self.rows == self.done => {}
+            Kind::Block => finish::<0>(x, self.t, &mut sums[..self.rows * self.panels], self.panels, job, self.slot, y),
+            Kind::Gated => self.rows::<GATED>(ROWS, job, sums, y),
+            Kind::Scatter => self.rows::<SCATTER>(ROWS, job, sums, y),
+            Kind::Add => self.rows::<ADD>(ROWS, job, sums, y),
+            Kind::Store => self.rows::<STORE>(ROWS, job, sums, y),
         }
+        self.done = self.rows;
     }
 }

@@ -1,28 +1,31 @@
 //! The specification: exact integer sums, then one fixed order of roundings.
 
 use super::QuantInput;
-use crate::mat::{Mat, MatMut};
+use crate::mat::MatMut;
 use crate::matmul_f32::{Epilogue, finish_panel, gated};
 use crate::pack::{PANEL, PackedI8, QUAD, panels};
 
-pub(super) fn quantize_rows(x: Mat<f32>, mut steps: MatMut<i8>, scale: &mut [f32]) {
-    for (t, scale) in scale.iter_mut().enumerate() {
-        *scale = quantize(x.row(t), steps.row_mut(t));
-    }
-}
-
 /// Quantises one row, returns the real value of one step.
-#[expect(clippy::cast_possible_truncation, reason = "rounded values lie in -127..=127")]
 pub(crate) fn quantize(row: &[f32], steps: &mut [i8]) -> f32 {
-    let max = row.iter().fold(0.0_f32, |max, x| max.max(x.abs()));
-    let Some((per_unit, scale)) = per_unit(max) else {
+    let Some((per_unit, scale)) = per_unit(largest(row)) else {
         steps.fill(0);
         return 1.0;
     };
+    round(row, per_unit, steps);
+    scale
+}
+
+/// The largest size of a value.
+pub(super) fn largest(row: &[f32]) -> f32 {
+    row.iter().fold(0.0, |max, x| max.max(x.abs()))
+}
+
+/// The nearest steps, halves to even.
+#[expect(clippy::cast_possible_truncation, reason = "rounded values lie in -127..=127")]
+pub(super) fn round(row: &[f32], per_unit: f32, steps: &mut [i8]) {
     for (step, x) in steps.iter_mut().zip(row) {
         *step = (x * per_unit).round_ties_even() as i8;
     }
-    scale
 }
 
 /// Steps per unit and the size of a step, for a row whose largest value is `max`; none for a row of zeros.

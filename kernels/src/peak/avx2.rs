@@ -7,6 +7,8 @@ use core::arch::x86_64::{
 };
 use core::hint::black_box;
 
+use super::{STREAM, STREAMS};
+
 /// Independent sums: with two operands they leave two of 16 registers.
 const SUMS: usize = 12;
 
@@ -53,11 +55,14 @@ pub(super) fn f32(rounds: usize) -> usize {
 
 #[target_feature(enable = "avx2")]
 pub(super) fn read(bytes: &[i8]) {
-    let mut sums = [_mm256_setzero_si256(); 8];
-    let (chunks, rest) = bytes.as_chunks::<256>();
+    let mut sums = [_mm256_setzero_si256(); STREAMS];
+    let (chunks, rest) = bytes.as_chunks::<{ STREAMS * STREAM }>();
     for chunk in chunks {
-        for (sum, line) in sums.iter_mut().zip(chunk.as_chunks::<32>().0) {
-            *sum = _mm256_add_epi32(*sum, load(line));
+        let (streams, _) = chunk.as_chunks::<STREAM>();
+        for i in (0..STREAM).step_by(32) {
+            for (sum, stream) in sums.iter_mut().zip(streams) {
+                *sum = _mm256_add_epi32(*sum, load(stream[i..].first_chunk().expect("whole registers")));
+            }
         }
     }
     black_box(sums);

@@ -6,6 +6,8 @@ use core::arch::x86_64::{
 };
 use core::hint::black_box;
 
+use super::{STREAM, STREAMS};
+
 /// Independent sums: far more than an instruction's delay, and with two operands fewer than 32 registers.
 const SUMS: usize = 24;
 
@@ -38,11 +40,14 @@ pub(super) fn f32(rounds: usize) -> usize {
 
 #[target_feature(enable = "avx512f")]
 pub(super) fn read(bytes: &[i8]) {
-    let mut sums = [_mm512_setzero_si512(); 8];
-    let (chunks, rest) = bytes.as_chunks::<512>();
+    let mut sums = [_mm512_setzero_si512(); STREAMS];
+    let (chunks, rest) = bytes.as_chunks::<{ STREAMS * STREAM }>();
     for chunk in chunks {
-        for (sum, line) in sums.iter_mut().zip(chunk.as_chunks::<64>().0) {
-            *sum = _mm512_add_epi32(*sum, load(line));
+        let (streams, _) = chunk.as_chunks::<STREAM>();
+        for i in (0..STREAM).step_by(64) {
+            for (sum, stream) in sums.iter_mut().zip(streams) {
+                *sum = _mm512_add_epi32(*sum, load(stream[i..].first_chunk().expect("whole registers")));
+            }
         }
     }
     black_box(sums);

@@ -1,37 +1,29 @@
 //! 8 values at a time.
 
-use crate::lanes::avx2::{HALF, largest, load, load_part};
-use crate::mat::{Mat, MatMut};
-use crate::matmul_i8::scalar::per_unit;
+use crate::lanes::avx2::{self as lanes, HALF, load, load_part};
 use core::arch::x86_64::*;
 
+/// The largest size of a value.
 #[target_feature(enable = "avx2,fma")]
-pub(in crate::matmul_i8) fn quantize_rows(x: Mat<f32>, mut steps: MatMut<i8>, scale: &mut [f32]) {
-    for (t, scale) in scale.iter_mut().enumerate() {
-        *scale = quantize(x.row(t), steps.row_mut(t));
-    }
-}
-
-#[target_feature(enable = "avx2,fma")]
-fn quantize(row: &[f32], steps: &mut [i8]) -> f32 {
+pub(in crate::matmul_i8) fn largest(row: &[f32]) -> f32 {
     let (chunks, tail) = row.as_chunks::<HALF>();
     let sign = _mm256_set1_ps(-0.0);
     let mut max = _mm256_andnot_ps(sign, load_part(tail));
     for chunk in chunks {
         max = _mm256_max_ps(max, _mm256_andnot_ps(sign, load(chunk)));
     }
-    let Some((per_unit, scale)) = per_unit(largest(max)) else {
-        steps.fill(0);
-        return 1.0;
-    };
+    lanes::largest(max)
+}
+
+#[target_feature(enable = "avx2,fma")]
+pub(in crate::matmul_i8) fn round(row: &[f32], per_unit: f32, steps: &mut [i8]) {
     let factor = _mm256_set1_ps(per_unit);
-    let (step_chunks, step_tail) = steps.as_chunks_mut::<HALF>();
+    let ((chunks, tail), (step_chunks, step_tail)) = (row.as_chunks::<HALF>(), steps.as_chunks_mut::<HALF>());
     for (chunk, steps) in chunks.iter().zip(step_chunks) {
         *steps = rounded(_mm256_mul_ps(load(chunk), factor));
     }
     let last = rounded(_mm256_mul_ps(load_part(tail), factor));
     step_tail.copy_from_slice(&last[..step_tail.len()]);
-    scale
 }
 
 /// The nearest steps, halves to even.

@@ -2,35 +2,27 @@
 
 use crate::lanes::LANES;
 use crate::lanes::avx512vnni::{first_lanes, load, load_part};
-use crate::mat::{Mat, MatMut};
-use crate::matmul_i8::scalar::per_unit;
 use core::arch::x86_64::*;
 
+/// The largest size of a value.
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-pub(in crate::matmul_i8) fn quantize_rows(x: Mat<f32>, mut steps: MatMut<i8>, scale: &mut [f32]) {
-    for (t, scale) in scale.iter_mut().enumerate() {
-        *scale = quantize(x.row(t), steps.row_mut(t));
-    }
-}
-
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn quantize(row: &[f32], steps: &mut [i8]) -> f32 {
+pub(in crate::matmul_i8) fn largest(row: &[f32]) -> f32 {
     let (chunks, tail) = row.as_chunks::<LANES>();
     let mut max = _mm512_abs_ps(load_part(tail));
     for chunk in chunks {
         max = _mm512_max_ps(max, _mm512_abs_ps(load(chunk)));
     }
-    let Some((per_unit, scale)) = per_unit(_mm512_reduce_max_ps(max)) else {
-        steps.fill(0);
-        return 1.0;
-    };
+    _mm512_reduce_max_ps(max)
+}
+
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+pub(in crate::matmul_i8) fn round(row: &[f32], per_unit: f32, steps: &mut [i8]) {
     let factor = _mm512_set1_ps(per_unit);
-    let (step_chunks, step_tail) = steps.as_chunks_mut::<LANES>();
+    let ((chunks, tail), (step_chunks, step_tail)) = (row.as_chunks::<LANES>(), steps.as_chunks_mut::<LANES>());
     for (chunk, steps) in chunks.iter().zip(step_chunks) {
         store_part(steps, _mm512_mul_ps(load(chunk), factor));
     }
     store_part(step_tail, _mm512_mul_ps(load_part(tail), factor));
-    scale
 }
 
 /// Rounds to the nearest steps, halves to even, and stores as many of the 16 as `dst` has room for.
