@@ -4,11 +4,13 @@ use std::ops::Range;
 
 use umo_kernels::matmul_bf16::{SplitRows, matmul_bf16, matmul_bf16_split, matmul_gated_bf16, split};
 use umo_kernels::matmul_f32::{Epilogue, Input, matmul_f32, matmul_gated_f32};
-use umo_kernels::matmul_i8::{QuantRows, matmul_gated_i8, matmul_i8, quantize_rows};
+use umo_kernels::matmul_i8::{
+    QuantRows, matmul_gated_i8, matmul_i8, quantize_columns, quantize_rows, row_maxima, step_size,
+};
 use umo_kernels::{Bf16, Isa, Mat, MatMut, PANEL, PackedBf16, PackedF32, PackedI8, ShapeError};
 
 use crate::error::StepError;
-use crate::team::Team;
+use crate::team::{MAX_THREADS, Team, both};
 use crate::weights::AlignedBox;
 
 /// How products are computed.
@@ -82,16 +84,153 @@ pub struct QuantScratch {
     scale: Box<[f32]>,
     /// High and low parts of values, or nothing.
     parts: [AlignedBox<Bf16>; 2],
+    /// The largest size of a value in each row, `[threads, rows]`, or nothing.
+    largest: AlignedBox<f32>,
 }
 
 /// Multiply-adds that quantising one value costs, roughly.
-const QUANTIZE_WORK: usize = 4;
+pub const QUANTIZE_WORK: usize = 4;
+
+/// A thread's columns of rows that are computed to be the next product's input.
+#[derive(Debug)]
+pub struct Columns<'a> {
+    /// `[rows, columns]`.
+    pub y: MatMut<'a, f32>,
+    /// What the thread computes them from: as many values for each column as [`QuantScratch::computed`] was told.
+    pub room: &'a mut [f32],
+    /// The largest size of a value in each row, where rows are quantised.
+    largest: Option<&'a mut [f32]>,
+    isa: Isa,
+}
+
+impl Columns<'_> {
+    /// The rows `rows` are complete: best said while they are in cache.
+    ///
+    /// # Errors
+    /// [`StepError`] where there are no such rows.
+    pub fn complete(&mut self, rows: Range<usize>) -> Result<(), StepError> {
+        if let Some(largest) = &mut self.largest {
+            let (_, y) = self.y.reborrow().split_rows(rows.start);
+            row_maxima(self.isa, &y.split_rows(rows.len()).0, &mut largest[rows])?;
+        }
+        Ok(())
+    }
+}
 
 impl QuantScratch {
     /// Room for at most `rows` rows and `values` values in all.
     pub fn with_values(rows: usize, values: usize) -> Self {
         let parts = [(); 2].map(|()| AlignedBox::zeroed(0));
-        Self { steps: AlignedBox::zeroed(values), scale: vec![0.0; rows].into(), parts }
+        let (steps, scale) = (AlignedBox::zeroed(values), vec![0.0; rows].into());
+        Self { steps, scale, parts, largest: AlignedBox::zeroed(0) }
+    }
+
+    /// The same with what [`Self::computed`] needs.
+    #[must_use]
+    pub fn with_maxima(self) -> Self {
+        Self { largest: AlignedBox::zeroed(MAX_THREADS * self.scale.len()), ..self }
+    }
+
+    /// Calls `f` for each thread's columns of `values [rows, width]`, a multiple of `granule`, and makes the rows ready for
+    /// `next`. Rows are quantised by the thread that has computed them, which has them in its cache: what another thread
+    /// has written comes slower than memory. `f` says of all rows that they are [`Columns::complete`]; `work` is its multiply-adds.
+    /// `room` has as many values for each column as its second part says.
+    ///
+    /// # Errors
+    /// [`StepError`] where there is no room, and what `f` returned.
+    #[expect(clippy::too_many_arguments, reason = "one phase of a layer, each operand named")]
+    pub fn computed<'a>(
+        &'a mut self,
+        cx: Compute,
+        next: &Linear,
+        (values, rows): (&'a mut [f32], usize),
+        granule: usize,
+        work: usize,
+        (room, each): (&mut [f32], usize),
+        f: impl Fn(Range<usize>, &mut Columns) -> Result<(), StepError> + Sync,
+    ) -> Result<Ready<'a>, StepError> {
+        let (width, threads) = (next.inputs, cx.team.threads());
+        let mut y = MatMut::new(values, rows, width)?;
+        if room.len() < width * each {
+            return Err(ShapeError { arg: "room", want: width * each, got: room.len() }.into());
+        }
+        let largest = if next.is_int8() {
+            let want = rows * width;
+            if self.largest.len() < threads * rows || self.scale.len() < rows || self.steps.len() < want {
+                return Err(ShapeError { arg: "quant", want, got: self.steps.len() }.into());
+            }
+            self.largest[..threads * rows].fill(0.0);
+            MatMut::new(&mut self.largest, threads, rows)?
+        } else {
+            MatMut::new(&mut [], 0, rows)?
+        };
+        // Each thread has a row of `largest`, where there is one.
+        fn row(largest: MatMut<'_, f32>, _: usize) -> (MatMut<'_, f32>, MatMut<'_, f32>) {
+            let mine = largest.rows().min(1);
+            largest.split_rows(mine)
+        }
+        let cut = both(MatMut::split_columns, both(row, |room, at| <[f32]>::split_at_mut(room, at * each)));
+        cx.team.split(
+            (y.reborrow(), (largest, room)),
+            width,
+            granule,
+            work,
+            cut,
+            |range, (y, (mut largest, room))| {
+                let largest = (largest.rows() > 0).then(|| largest.row_mut(0));
+                f(range, &mut Columns { y, room, largest, isa: cx.isa })
+            },
+        )?;
+        if !next.is_int8() {
+            return Ok(Ready::Float(Mat::new(values, rows, width)?));
+        }
+        let (largest, others) = self.largest[..threads * rows].split_at_mut(rows);
+        for (t, largest) in largest.iter_mut().enumerate() {
+            *largest = others.iter().skip(t).step_by(rows).fold(*largest, |largest, &other| largest.max(other));
+            self.scale[t] = step_size(*largest);
+        }
+        let (steps, largest) = (MatMut::new(&mut self.steps, rows, width)?, &*largest);
+        let cut = both(MatMut::split_columns, MatMut::split_columns);
+        cx.team.split((y, steps), width, granule, rows * width * QUANTIZE_WORK, cut, |_, (y, steps)| {
+            Ok(quantize_columns(cx.isa, &y, largest, steps)?)
+        })?;
+        Ok(Ready::Quant(Quantised { steps: &self.steps, scale: &self.scale[..rows], width }))
+    }
+
+    /// Calls `f` for each thread's rows of `values`, which are as wide as `next`'s input, and of `also`, and makes the rows ready for `next`.
+    /// `work` is `f`'s multiply-adds.
+    ///
+    /// # Errors
+    /// [`StepError`] where there is no room, and what `f` returned.
+    pub fn computed_rows<'a>(
+        &'a mut self,
+        cx: Compute,
+        next: &Linear,
+        values: &'a mut [f32],
+        also: MatMut<f32>,
+        work: usize,
+        f: impl Fn(Range<usize>, MatMut<f32>, MatMut<f32>) -> Result<(), StepError> + Sync,
+    ) -> Result<Ready<'a>, StepError> {
+        let (rows, width) = (also.rows(), next.inputs);
+        let mut y = MatMut::new(values, rows, width)?;
+        if !next.is_int8() {
+            cx.team.rows_of_two(y, also, work, f)?;
+            return Ok(Ready::Float(Mat::new(values, rows, width)?));
+        }
+        let want = rows * width;
+        if self.scale.len() < rows || self.steps.len() < want {
+            return Err(ShapeError { arg: "quant", want, got: self.steps.len() }.into());
+        }
+        let steps = MatMut::new(&mut self.steps, rows, width)?;
+        let scale = MatMut::new(&mut self.scale, rows, 1)?;
+        let cut = both(both(MatMut::split_rows, MatMut::split_rows), both(MatMut::split_rows, MatMut::split_rows));
+        let work = work + rows * width * QUANTIZE_WORK;
+        let all = ((y.reborrow(), also), (steps, scale));
+        cx.team.split(all, rows, 1, work, cut, |range, ((mut y, also), (steps, mut scale))| {
+            f(range, y.reborrow(), also)?;
+            Ok(quantize_rows(cx.isa, y.dense(), steps, scale.column_mut())?)
+        })?;
+        Ok(Ready::Quant(Quantised { steps: &self.steps, scale: &self.scale[..rows], width }))
     }
 
     /// The same with room for `values` values cut in two, for products of which [`Linear::splits`] is true.
@@ -256,51 +395,66 @@ impl Linear {
         end: Epilogue,
         y: MatMut<f32>,
     ) -> Result<(), StepError> {
-        let end = Epilogue { bias: self.bias.as_deref().map(|bias| &bias[range.clone()]), ..end };
         let work = x.rows(index) * self.inputs * range.len();
         cx.team.columns(y, PANEL, work, |columns, y| {
             let end = end.outputs(columns.clone());
-            let outputs = range.start + columns.start..range.start + columns.end;
-            match (&self.weight, x) {
-                (Weight::F32(_), Ready::Float(x)) => matmul_f32(cx.isa, gather(x, index)?, self.f32(outputs)?, end, y)?,
-                (Weight::Bf16(_), Ready::Float(x)) => {
-                    matmul_bf16(self.isa(cx), gather(x, index)?, self.bf16(outputs)?, end, y)?
-                }
-                (Weight::I8 { .. }, Ready::Quant(x)) => matmul_i8(cx.isa, x.view()?, index, self.i8(outputs)?, end, y)?,
-                _ => return Err(MISMATCH),
-            }
-            Ok(())
+            self.apply_here(cx, x, index, range.start + columns.start..range.start + columns.end, end, y)
         })
     }
 
-    /// `y = gelu_tanh(x . self^T) * (x . up^T)` over the rows that `index` names (or all).
+    /// The same for the outputs `range` on this thread alone; `end.bias` is set by this call.
+    ///
+    /// # Errors
+    /// As [`Self::apply`].
+    pub fn apply_here(
+        &self,
+        cx: Compute,
+        x: Ready,
+        index: Option<&[u32]>,
+        range: Range<usize>,
+        end: Epilogue,
+        y: MatMut<f32>,
+    ) -> Result<(), StepError> {
+        let end = Epilogue { bias: self.bias.as_deref().map(|bias| &bias[range.clone()]), ..end };
+        match (&self.weight, x) {
+            (Weight::F32(_), Ready::Float(x)) => matmul_f32(cx.isa, gather(x, index)?, self.f32(range)?, end, y)?,
+            (Weight::Bf16(_), Ready::Float(x)) => {
+                matmul_bf16(self.isa(cx), gather(x, index)?, self.bf16(range)?, end, y)?;
+            }
+            (Weight::I8 { .. }, Ready::Quant(x)) => matmul_i8(cx.isa, x.view()?, index, self.i8(range)?, end, y)?,
+            _ => return Err(MISMATCH),
+        }
+        Ok(())
+    }
+
+    /// `y = gelu_tanh(x . self^T) * (x . up^T)` for the outputs `range`, over the rows that `index` names (or all), on this
+    /// thread alone.
     ///
     /// # Errors
     /// [`StepError`] where a length disagrees.
-    pub fn apply_gated(
+    pub fn apply_gated_here(
         &self,
         up: &Self,
         cx: Compute,
         x: Ready,
         index: Option<&[u32]>,
+        range: Range<usize>,
         y: MatMut<f32>,
     ) -> Result<(), StepError> {
-        let work = 2 * x.rows(index) * self.inputs * self.outputs;
-        cx.team.columns(y, PANEL, work, |r, y| {
-            match (&self.weight, &up.weight, x) {
-                (Weight::F32(_), Weight::F32(_), Ready::Float(x)) => {
-                    matmul_gated_f32(cx.isa, gather(x, index)?, self.f32(r.clone())?, up.f32(r)?, y)?;
-                }
-                (Weight::Bf16(_), Weight::Bf16(_), Ready::Float(x)) => {
-                    matmul_gated_bf16(self.isa(cx), gather(x, index)?, self.bf16(r.clone())?, up.bf16(r)?, y)?;
-                }
-                (Weight::I8 { .. }, Weight::I8 { .. }, Ready::Quant(x)) => {
-                    matmul_gated_i8(cx.isa, x.view()?, index, self.i8(r.clone())?, up.i8(r)?, y)?;
-                }
-                _ => return Err(MISMATCH),
+        match (&self.weight, &up.weight, x) {
+            (Weight::F32(_), Weight::F32(_), Ready::Float(x)) => {
+                matmul_gated_f32(cx.isa, gather(x, index)?, self.f32(range.clone())?, up.f32(range)?, y)?;
             }
-            Ok(())
-        })
+            (Weight::Bf16(_), Weight::Bf16(_), Ready::Float(x)) => {
+                let x = gather(x, index)?;
+                matmul_gated_bf16(self.isa(cx), x, self.bf16(range.clone())?, up.bf16(range)?, y)?;
+            }
+            (Weight::I8 { .. }, Weight::I8 { .. }, Ready::Quant(x)) => {
+                matmul_gated_i8(cx.isa, x.view()?, index, self.i8(range.clone())?, up.i8(range)?, y)?;
+            }
+            _ => return Err(MISMATCH),
+        }
+        Ok(())
     }
 
     /// Makes `x` ready for this product and all others of the same precision: quantises it where they are int8.

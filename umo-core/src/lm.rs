@@ -20,7 +20,7 @@ use umo_kernels::{Mat, MatMut};
 
 use crate::config::Config;
 use crate::error::{LoadError, StepError};
-use crate::linear::{Compute, Linear, QuantScratch};
+use crate::linear::{Compute, Linear, QuantScratch, Ready};
 use crate::part::{Part, PerPart};
 use crate::weights::{AlignedBox, Loader, Table};
 use decoder::{CrossStorage, Decoder, Sequence};
@@ -328,6 +328,31 @@ fn norm(cx: Compute, x: &[f32], rows: usize, (factors, eps): (&[f32], f32), y: &
     cx.team.rows(y, rows * d * NORM_WORK, |range, y| Ok(rms_norm(cx.isa, x.row_range(range), factors, eps, y)?))
 }
 
+/// The same, ready for `next`; where it is at hand, `f` computes the rows of `also` from the normed ones, `work` multiply-adds a row.
+#[expect(clippy::too_many_arguments, reason = "one phase of a layer, each operand named")]
+fn norm_input<'a>(
+    cx: Compute,
+    x: &[f32],
+    (factors, eps): (&[f32], f32),
+    y: &'a mut [f32],
+    (next, quant): (&Linear, &'a mut QuantScratch),
+    also: MatMut<f32>,
+    work: usize,
+    f: impl Fn(Mat<f32>, MatMut<f32>) -> Result<(), StepError> + Sync,
+) -> Result<Ready<'a>, StepError> {
+    let (d, rows) = (factors.len(), also.rows());
+    let x = Mat::new(x, rows, d)?;
+    quant.computed_rows(cx, next, y, also, rows * (d * NORM_WORK + work), |range, mut y, also| {
+        rms_norm(cx.isa, x.row_range(range), factors, eps, y.reborrow())?;
+        f(y.dense(), also)
+    })
+}
+
+/// Nothing to compute from normed rows.
+fn no_more(_: Mat<f32>, _: MatMut<f32>) -> Result<(), StepError> {
+    Ok(())
+}
+
 /// Name of the tensor that holds the output head.
 fn head_name(config: &Config) -> &'static str {
     if config.lm.tie_word_embeddings { "lm.shared.weight" } else { "lm.lm_head.weight" }
@@ -355,8 +380,10 @@ pub struct LmScratch {
     pub(crate) context: AlignedBox<f32>,
     /// Routing and the experts' hidden rows.
     pub(crate) experts: experts::ExpertScratch,
-    /// Quantised activations.
+    /// Quantised rows: what a layer's halves start from, and what the decoder's attention puts out.
     pub(crate) quant: QuantScratch,
+    /// Quantised rows of what the encoder's attention and the experts compute in their middle.
+    pub(crate) middle: QuantScratch,
     /// Time spent in layers since it was made.
     pub(crate) times: LayerTimes,
     /// Where rows are sent, where somebody wants to know.
@@ -398,7 +425,7 @@ impl LmScratch {
     pub fn new(config: &Config, rows: usize) -> Self {
         let lm = &config.lm;
         let inner = lm.num_heads * lm.d_kv;
-        let widest = (lm.d_model.max(inner)).max(lm.d_ff * lm.top_k);
+        let (slots, widest) = (rows * lm.top_k, lm.d_model.max(inner));
         let zeros = AlignedBox::zeroed;
         Self {
             hidden: zeros(rows * lm.d_model),
@@ -406,7 +433,8 @@ impl LmScratch {
             qkv: zeros(rows * 3 * inner),
             context: zeros(rows * inner),
             experts: experts::ExpertScratch::new(lm, rows),
-            quant: QuantScratch::new(rows * lm.top_k, widest.div_ceil(lm.top_k)),
+            quant: QuantScratch::new(rows, widest),
+            middle: QuantScratch::with_values(slots, (slots * lm.d_ff).max(rows * inner)).with_maxima(),
             times: LayerTimes::default(),
             tally: None,
             rows,

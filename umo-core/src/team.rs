@@ -1,10 +1,15 @@
 //! Fork-join over a few threads: the work of one product is cut by columns or rows, each piece by the same arithmetic,
-//! so that the number of threads never changes a bit.
+//! so that neither the number of threads nor where the cuts are ever changes a bit.
+//!
+//! Cores are not equally fast: some have a neighbour on the same core or another program, some are small. A thread's share
+//! of a job follows the time that it took for its pieces of those before.
 //!
 //! A token costs 80 to 100 joins, so waking a sleeping thread for each (15 to 35 us) is out of the question: workers spin
 //! for a bounded time and only then sleep, and so does the caller that waits for them. Nothing here allocates or locks once
 //! the team is made, and the only system calls are those that put a thread to sleep and wake it.
 #![expect(unsafe_code, reason = "a job borrows the caller's stack while the caller waits for it")]
+
+mod shares;
 
 use std::cell::UnsafeCell;
 use std::ops::Range;
@@ -12,6 +17,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicU32, AtomicU64, Ordering};
 use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
 
 use atomic_wait::{wait, wake_all, wake_one};
 use umo_kernels::MatMut;
@@ -40,8 +46,22 @@ pub struct Team {
     shared: Arc<Shared>,
     workers: Vec<JoinHandle<()>>,
     threads: usize,
+    /// Each thread's share of a job, f32 as bits.
+    shares: Box<[AtomicU32]>,
     /// Whether threads that are not its own take part: then whoever comes first takes the next piece.
     is_lent: bool,
+}
+
+/// Cuts two things in two at the same place.
+#[expect(clippy::type_complexity, reason = "a pair of pairs, and a type of its own would say no more")]
+pub fn both<A, B>(
+    cut: impl Fn(A, usize) -> (A, A),
+    and: impl Fn(B, usize) -> (B, B),
+) -> impl Fn((A, B), usize) -> ((A, B), (A, B)) {
+    move |(a, b), at| {
+        let ((a, a_rest), (b, b_rest)) = (cut(a, at), and(b, at));
+        ((a, b), (a_rest, b_rest))
+    }
 }
 
 /// Where threads that are not the team's own come to work.
@@ -94,7 +114,7 @@ impl Team {
     /// As [`Self::new`], and where the system does not let a thread have its core.
     pub fn on_cores(threads: usize, caller: Option<usize>, cores: &[usize]) -> std::io::Result<Self> {
         let threads = threads.clamp(1, MAX_THREADS);
-        let mut team = Self { shared: Arc::new(Shared::new(threads)), workers: Vec::new(), threads, is_lent: false };
+        let mut team = Self::bare(threads, false);
         team.workers.reserve_exact(threads - 1);
         for index in 1..threads {
             let shared = Arc::clone(&team.shared);
@@ -120,8 +140,13 @@ impl Team {
     /// A team of `threads` without threads of its own: the caller, and whoever comes to work at [`Self::guests`] while it
     /// is [`Self::invite`]d. Without guests the caller does everything.
     pub fn of_guests(threads: usize) -> Self {
-        let threads = threads.clamp(1, MAX_THREADS);
-        Self { shared: Arc::new(Shared::new(threads)), workers: Vec::new(), threads, is_lent: true }
+        Self::bare(threads.clamp(1, MAX_THREADS), true)
+    }
+
+    /// Without workers.
+    fn bare(threads: usize, is_lent: bool) -> Self {
+        let shares = (0..threads).map(|_| AtomicU32::new(1.0_f32.to_bits())).collect();
+        Self { shared: Arc::new(Shared::new(threads)), workers: Vec::new(), threads, shares, is_lent }
     }
 
     /// Where guests come to work.
@@ -225,14 +250,16 @@ impl Team {
     ) -> Result<(), StepError> {
         assert_eq!(y.rows(), z.rows(), "outputs of different heights");
         let total = y.rows();
-        let cut = |(y, z): (MatMut<'a, T>, MatMut<'a, U>), at| {
-            let ((y, y_rest), (z, z_rest)) = (y.split_rows(at), z.split_rows(at));
-            ((y, z), (y_rest, z_rest))
-        };
+        let cut = both(MatMut::split_rows, MatMut::split_rows);
         self.split((y, z), total, 1, work, cut, |range, (y, z)| f(range, y, z))
     }
 
-    fn split<Y: Send>(
+    /// Cuts `y` by `cut` into one piece per thread, each a multiple of `granule` of the `total` wide or high (but the last), and
+    /// calls `f` for each. `work` is the job's multiply-adds: little work is not shared.
+    ///
+    /// # Errors
+    /// One of the errors that `f` returned.
+    pub fn split<Y: Send>(
         &self,
         y: Y,
         total: usize,
@@ -241,42 +268,62 @@ impl Team {
         cut: impl Fn(Y, usize) -> (Y, Y),
         f: impl Fn(Range<usize>, Y) -> Result<(), StepError> + Sync,
     ) -> Result<(), StepError> {
-        let share = total.div_ceil(granule).div_ceil(self.threads) * granule;
-        if self.threads == 1 || work < WORTH_SHARING || share >= total {
+        if self.threads == 1 || work < WORTH_SHARING || total <= granule {
             return f(0..total, y);
         }
         if self.threads <= FEW_THREADS {
-            self.share::<Y, FEW_THREADS>(y, total, share, cut, f)
+            self.share::<Y, FEW_THREADS>(y, total, granule, cut, f)
         } else {
-            self.share::<Y, MAX_THREADS>(y, total, share, cut, f)
+            self.share::<Y, MAX_THREADS>(y, total, granule, cut, f)
         }
     }
 
-    /// Hands `total` rows or columns out, `share` to a thread, of which there are at most `MOST`.
+    /// Hands `total` rows or columns out to the threads, of which there are at most `MOST`.
     fn share<Y: Send, const MOST: usize>(
         &self,
         y: Y,
         total: usize,
-        share: usize,
+        granule: usize,
         cut: impl Fn(Y, usize) -> (Y, Y),
         f: impl Fn(Range<usize>, Y) -> Result<(), StepError> + Sync,
     ) -> Result<(), StepError> {
+        let mut shares = [1.0; MOST];
+        let shares = &mut shares[..self.threads];
+        for (share, known) in shares.iter_mut().zip(&self.shares) {
+            *share = f32::from_bits(known.load(Ordering::Relaxed));
+        }
+        let mut ends = [0; MOST];
+        let ends = &mut ends[..self.threads];
+        shares::cut(shares, total.div_ceil(granule), ends);
         let pieces: [Piece<Y>; MOST] = std::array::from_fn(|_| Piece::empty());
         let (mut rest, mut start) = (y, 0);
-        for piece in &pieces[..self.threads] {
-            let end = (start + share).min(total);
-            let (head, tail) = cut(rest, end - start);
+        for (piece, end) in pieces.iter().zip(&mut *ends) {
+            *end = (*end * granule).min(total);
+            let (head, tail) = cut(rest, *end - start);
             piece.put(head);
-            (rest, start) = (tail, end);
+            (rest, start) = (tail, *end);
         }
+        let ends = &*ends;
         self.run(&|thread| {
             let piece = &pieces[thread];
-            let range = (thread * share).min(total)..((thread + 1) * share).min(total);
+            let range = if thread == 0 { 0 } else { ends[thread - 1] }..ends[thread];
             if let (Some(y), false) = (piece.take(), range.is_empty()) {
-                piece.finish(f(range, y));
+                let start = Instant::now();
+                piece.finish(f(range, y), start.elapsed());
             }
         });
-        pieces.iter().find_map(Piece::error).map_or(Ok(()), Err)
+        let (mut times, mut error) = ([Duration::ZERO; MOST], None);
+        for (time, piece) in times.iter_mut().zip(&pieces) {
+            let end = piece.end();
+            (*time, error) = (end.1, error.or(end.0));
+        }
+        // Pieces of guests are anybody's.
+        if !self.is_lent && shares::learn(shares, &times[..self.threads]) {
+            for (share, known) in shares.iter().zip(&self.shares) {
+                known.store(share.to_bits(), Ordering::Relaxed);
+            }
+        }
+        error.map_or(Ok(()), Err)
     }
 }
 
@@ -451,7 +498,8 @@ fn work(shared: &Shared, index: usize) {
 /// One thread's piece of the output, and what became of it.
 struct Piece<T> {
     input: UnsafeCell<Option<T>>,
-    error: UnsafeCell<Option<StepError>>,
+    /// What went wrong, and how long it took.
+    end: UnsafeCell<(Option<StepError>, Duration)>,
 }
 
 // SAFETY: during `run` the cells of piece `i` are touched by thread `i` alone; before and after it by the caller alone,
@@ -460,7 +508,7 @@ unsafe impl<T: Send> Sync for Piece<T> {}
 
 impl<T> Piece<T> {
     fn empty() -> Self {
-        Self { input: UnsafeCell::new(None), error: UnsafeCell::new(None) }
+        Self { input: UnsafeCell::new(None), end: UnsafeCell::new((None, Duration::ZERO)) }
     }
 
     fn put(&self, value: T) {
@@ -475,16 +523,17 @@ impl<T> Piece<T> {
         input.take()
     }
 
-    fn finish(&self, result: Result<(), StepError>) {
+    fn finish(&self, result: Result<(), StepError>, time: Duration) {
         // SAFETY: called by thread `i` for piece `i` alone.
-        let error = unsafe { &mut *self.error.get() };
-        *error = result.err();
+        let end = unsafe { &mut *self.end.get() };
+        *end = (result.err(), time);
     }
 
-    fn error(&self) -> Option<StepError> {
+    /// Its error, and how long it took: nothing where there was nothing to do.
+    fn end(&self) -> (Option<StepError>, Duration) {
         // SAFETY: called by the caller after `run`, when every thread is done.
-        let error = unsafe { &*self.error.get() };
-        *error
+        let end = unsafe { &*self.end.get() };
+        *end
     }
 }
 
@@ -510,6 +559,26 @@ mod tests {
                     .unwrap();
                     assert!(data.iter().all(|&v| v == round + 1));
                 }
+            }
+        }
+    }
+
+    #[test]
+    fn every_piece_is_visited_once_whatever_the_shares() {
+        for threads in [2, 3, 8] {
+            let team = Team::new(threads).unwrap();
+            for (i, share) in team.shares.iter().enumerate() {
+                share.store((0.3 + i as f32).to_bits(), Ordering::Relaxed);
+            }
+            for cols in [17, 100, 333] {
+                let mut data = vec![0_u32; 3 * cols];
+                let y = MatMut::new(&mut data, 3, cols).unwrap();
+                team.columns(y, 16, usize::MAX, |_, mut y| {
+                    (0..3).for_each(|row| y.row_mut(row).iter_mut().for_each(|v| *v += 1));
+                    Ok(())
+                })
+                .unwrap();
+                assert!(data.iter().all(|&v| v == 1));
             }
         }
     }

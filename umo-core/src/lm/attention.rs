@@ -108,18 +108,30 @@ pub(super) fn for_each_head(
     f: impl Fn(usize, usize, Range<usize>, MatMut<f32>) -> Result<(), ShapeError> + Sync,
 ) -> Result<(), StepError> {
     cx.team.columns(context, d_kv, work, |columns, y| {
-        let (mut rest, mut first) = (y, 0);
-        for (sequence, count) in counts.clone().enumerate().filter(|&(_, count)| count > 0) {
-            let (mut y, below) = rest.split_rows(count);
-            for at in columns.clone().step_by(d_kv) {
-                let (head, tail) = y.split_columns(d_kv);
-                f(sequence, at / d_kv, first..first + count, head)?;
-                y = tail;
-            }
-            (rest, first) = (below, first + count);
-        }
-        Ok(())
+        heads_of(columns, d_kv, counts.clone(), y, |sequence, head, _, rows, y| f(sequence, head, rows, y))
     })
+}
+
+/// Calls `f(sequence, head, column, rows, y)` for every sequence and the heads that `columns` are, `column` being the first of
+/// the head's among them; `y` is where its outputs of that head go, a piece of `context`, which holds these columns.
+pub(super) fn heads_of(
+    columns: Range<usize>,
+    d_kv: usize,
+    counts: impl Iterator<Item = usize>,
+    context: MatMut<f32>,
+    mut f: impl FnMut(usize, usize, usize, Range<usize>, MatMut<f32>) -> Result<(), ShapeError>,
+) -> Result<(), StepError> {
+    let (mut rest, mut first) = (context, 0);
+    for (sequence, count) in counts.enumerate().filter(|&(_, count)| count > 0) {
+        let (mut y, below) = rest.split_rows(count);
+        for at in (0..columns.len()).step_by(d_kv) {
+            let (head, tail) = y.split_columns(d_kv);
+            f(sequence, (columns.start + at) / d_kv, at, first..first + count, head)?;
+            y = tail;
+        }
+        (rest, first) = (below, first + count);
+    }
+    Ok(())
 }
 
 #[cfg(test)]

@@ -10,7 +10,7 @@ use umo_kernels::{Bf16, Mat, MatMut, ShapeError};
 
 use super::attention::{PositionBias, Projections, for_each_head, projection};
 use super::experts::Experts;
-use super::{Lengths, LmScratch, norm};
+use super::{Lengths, LmScratch, no_more, norm, norm_input};
 use crate::config::Config;
 use crate::error::{LoadError, StepError};
 use crate::linear::{Compute, Linear};
@@ -251,8 +251,8 @@ impl Decoder {
         self.attend_own(cx, scratch, (index, layer), sequences, rows)?;
         self.attend_cross(cx, scratch, (index, layer), sequences, rows)?;
         let middle = Instant::now();
-        let LmScratch { hidden, normed, experts, quant, .. } = scratch;
-        layer.experts.forward(cx, quant, experts, &mut hidden[..rows * d], &mut normed[..rows * d])?;
+        let LmScratch { hidden, normed, experts, quant, middle: inside, .. } = scratch;
+        layer.experts.forward(cx, (quant, inside), experts, &mut hidden[..rows * d], &mut normed[..rows * d])?;
         scratch.times.add(start, middle);
         Ok(())
     }
@@ -283,9 +283,9 @@ impl Decoder {
     ) -> Result<(), StepError> {
         let (d, inner) = (self.norm.len(), self.heads * self.d_kv);
         let LmScratch { hidden, normed, qkv, context, quant, .. } = scratch;
-        norm(cx, hidden, rows, (&layer.self_norm, self.eps), normed)?;
-        let x = Mat::new(normed, rows, d)?;
-        layer.self_attention.input.forward(cx, quant, x, Epilogue::STORE, MatMut::new(qkv, rows, 3 * inner)?)?;
+        let (input, none) = (&layer.self_attention.input, MatMut::new(&mut [], rows, 0)?);
+        let x = norm_input(cx, hidden, (&layer.self_norm, self.eps), normed, (input, quant), none, 0, no_more)?;
+        input.apply(cx, x, None, 0..3 * inner, Epilogue::STORE, MatMut::new(qkv, rows, 3 * inner)?)?;
         let qkv = Mat::new(qkv, rows, 3 * inner)?;
         append(sequences, index, qkv.columns(inner..3 * inner));
 
@@ -312,9 +312,9 @@ impl Decoder {
     ) -> Result<(), StepError> {
         let (d, inner) = (self.norm.len(), self.heads * self.d_kv);
         let LmScratch { hidden, normed, qkv, context, quant, .. } = scratch;
-        norm(cx, hidden, rows, (&layer.cross_norm, self.eps), normed)?;
-        let x = Mat::new(normed, rows, d)?;
-        layer.cross_attention.input.forward(cx, quant, x, Epilogue::STORE, MatMut::new(qkv, rows, inner)?)?;
+        let (input, none) = (&layer.cross_attention.input, MatMut::new(&mut [], rows, 0)?);
+        let x = norm_input(cx, hidden, (&layer.cross_norm, self.eps), normed, (input, quant), none, 0, no_more)?;
+        input.apply(cx, x, None, 0..inner, Epilogue::STORE, MatMut::new(qkv, rows, inner)?)?;
 
         let (q, context) = (Mat::new(qkv, rows, inner)?, &mut context[..rows * inner]);
         self.heads(cx, sequences, q, context, |sequence, head, q, y| {

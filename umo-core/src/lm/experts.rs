@@ -4,9 +4,9 @@ use std::ops::Range;
 
 use umo_kernels::experts::{Routing, route};
 use umo_kernels::matmul_f32::{Epilogue, Scatter};
-use umo_kernels::{Mat, MatMut, PANEL};
+use umo_kernels::{MatMut, PANEL};
 
-use super::norm;
+use super::norm_input;
 use crate::config::Lm;
 use crate::error::{LoadError, StepError};
 use crate::linear::{Compute, Linear, QuantScratch, Ready};
@@ -91,53 +91,42 @@ impl Experts {
         })
     }
 
-    /// `hidden += moe(norm(hidden))`; `hidden`, `normed` `[rows, d_model]`.
+    /// `hidden += moe(norm(hidden))`; `hidden`, `normed` `[rows, d_model]`. Threads share rows of the norm and the router, then
+    /// columns of all experts at once.
     pub(super) fn forward(
         &self,
         cx: Compute,
-        quant: &mut QuantScratch,
+        (quant, middle): (&mut QuantScratch, &mut QuantScratch),
         scratch: &mut ExpertScratch,
         hidden: &mut [f32],
         normed: &mut [f32],
     ) -> Result<(), StepError> {
-        let d = self.norm.len();
+        let (d, experts) = (self.norm.len(), self.experts.len());
         let rows = hidden.len() / d;
-        norm(cx, hidden, rows, (&self.norm, self.eps), normed)?;
-        let x = Mat::new(normed, rows, d)?;
-        self.route(cx, scratch, x)?;
-        let ExpertScratch { starts, rows: slot_rows, weights, hidden: gated, .. } = scratch;
-
-        let input = self.experts[0].gate.input(cx, quant, x)?;
-        self.each(starts, |expert, slots| {
-            let y = MatMut::new(&mut gated[slots.start * self.d_ff..], slots.len(), self.d_ff)?;
-            expert.gate.apply_gated(&expert.up, cx, input, Some(&slot_rows[slots]), y)
-        })?;
-
-        let gated = Mat::new(gated, rows * self.top_k, self.d_ff)?;
-        let input = self.experts[0].down.input(cx, quant, gated)?;
-        self.each(starts, |expert, slots| {
-            let scatter = Scatter { rows: &slot_rows[slots.clone()], weight: &weights[slots.clone()] };
-            let end = Epilogue { scatter: Some(scatter), ..Epilogue::STORE };
-            expert.down.apply(cx, input.row_range(slots), None, 0..d, end, MatMut::new(hidden, rows, d)?)
-        })
-    }
-
-    /// Which of the rows of `x` go to which expert. The router has too few outputs to be shared by columns, so threads
-    /// share its rows.
-    fn route(&self, cx: Compute, scratch: &mut ExpertScratch, x: Mat<f32>) -> Result<(), StepError> {
-        let (rows, experts) = (x.rows(), self.experts.len());
-        let logits = &mut scratch.logits[..rows * experts];
-        cx.team.rows(MatMut::new(logits, rows, experts)?, rows * x.cols() * PANEL, |range, y| {
-            self.router.apply(cx, Ready::Float(x.row_range(range)), None, 0..experts, Epilogue::STORE, y)
-        })?;
         let slots = rows * self.top_k;
-        let mut routing = Routing {
-            starts: &mut scratch.starts,
-            rows: &mut scratch.rows[..slots],
-            weights: &mut scratch.weights[..slots],
-        };
+        let first = &self.experts[0];
+        let ExpertScratch { starts, rows: slot_rows, weights, hidden: gated, logits } = scratch;
+
+        let scores = MatMut::new(logits, rows, experts)?;
+        let next = (&first.gate, quant);
+        let input = norm_input(cx, hidden, (&self.norm, self.eps), normed, next, scores, d * PANEL, |x, scores| {
+            self.router.apply_here(cx, Ready::Float(x), None, 0..experts, Epilogue::STORE, scores)
+        })?;
+        let mut routing = Routing { starts, rows: &mut slot_rows[..slots], weights: &mut weights[..slots] };
         route(cx.isa, MatMut::new(logits, rows, experts)?, self.top_k, &mut routing)?;
-        Ok(())
+
+        // One expert after the other: what it computes in its middle is still in cache when it is read.
+        self.each(starts, |expert, slots| {
+            let (rows_of, weight) = (&slot_rows[slots.clone()], &weights[slots.clone()]);
+            let (gated, work) = ((&mut gated[..], slots.len()), 2 * slots.len() * d * self.d_ff);
+            let input = middle.computed(cx, &expert.down, gated, PANEL, work, (&mut [], 0), |columns, to| {
+                expert.gate.apply_gated_here(&expert.up, cx, input, Some(rows_of), columns, to.y.reborrow())?;
+                to.complete(0..slots.len())
+            })?;
+            let scatter = Scatter { rows: rows_of, weight };
+            let end = Epilogue { scatter: Some(scatter), ..Epilogue::STORE };
+            expert.down.apply(cx, input, None, 0..d, end, MatMut::new(hidden, rows, d)?)
+        })
     }
 
     /// Calls `f` for every expert that has rows, with its slots.

@@ -1,0 +1,97 @@
+//! How much of a job each thread gets: as much as its core is fast. Shares are in equal ones, so that 1 is the even share.
+
+use std::time::Duration;
+
+/// Jobs that tell how fast the threads are: the clock shows in shorter ones.
+const TELLING: Duration = Duration::from_micros(5);
+/// How far one job moves a thread's share towards what would have ended all pieces at once; one that was interrupted must not
+/// count for much.
+const LEARNING: f32 = 0.0625;
+/// Least share of a thread, in equal ones, so that it can be seen to be fast again.
+const LEAST_SHARE: f32 = 0.2;
+/// Shares that differ by less are taken for equal: an even cut of the same panels every time is worth a few in a hundred.
+const ALIKE: f32 = 1.25;
+
+/// Where each thread's piece of `granules` ends, by their shares.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "no more than `granules`")]
+#[expect(clippy::cast_precision_loss, reason = "granules are far below 2^24")]
+pub(super) fn cut(shares: &[f32], granules: usize, ends: &mut [usize]) {
+    let threads = shares.len();
+    let (least, most) = shares.iter().fold((f32::MAX, 0.0_f32), |(least, most), &s| (least.min(s), most.max(s)));
+    if most < least * ALIKE {
+        let share = granules.div_ceil(threads);
+        return ends.iter_mut().enumerate().for_each(|(i, end)| *end = ((i + 1) * share).min(granules));
+    }
+    let (all, mut sum) = (shares.iter().sum::<f32>(), 0.0);
+    for (end, share) in ends.iter_mut().zip(shares) {
+        sum += share;
+        *end = ((granules as f32 * (sum / all)).round() as usize).min(granules);
+    }
+    ends[threads - 1] = granules;
+}
+
+/// Moves shares towards those with which all of `times` would have been the same; threads without a piece have taken none.
+/// Whether the times told anything.
+pub(super) fn learn(shares: &mut [f32], times: &[Duration]) -> bool {
+    if times.iter().all(|&time| time < TELLING) {
+        return false;
+    }
+    let worked = || times.iter().filter(|time| !time.is_zero());
+    let mean = worked().map(Duration::as_secs_f32).sum::<f32>() / worked().count().max(1) as f32;
+    for (share, time) in shares.iter_mut().zip(times).filter(|(_, time)| !time.is_zero()) {
+        *share *= 1.0 + LEARNING * ((mean / time.as_secs_f32()).clamp(0.5, 2.0) - 1.0);
+    }
+    let all = shares.iter().sum::<f32>() / shares.len() as f32;
+    shares.iter_mut().for_each(|share| *share = (*share / all).max(LEAST_SHARE));
+    true
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pieces_are_cut_by_shares() {
+        let cut = |shares: &[f32], granules| {
+            let mut ends = vec![0; shares.len()];
+            super::cut(shares, granules, &mut ends);
+            ends
+        };
+        assert_eq!(cut(&[1.0, 1.0], 24), [12, 24]);
+        assert_eq!(cut(&[1.1, 0.9], 24), [12, 24]);
+        assert_eq!(cut(&[1.5, 0.5], 24), [18, 24]);
+        assert_eq!(cut(&[0.2, 1.8], 4), [0, 4]);
+        assert_eq!(cut(&[1.0; 4], 6), [2, 4, 6, 6]);
+        assert_eq!(cut(&[0.5, 1.0, 1.5], 12), [2, 6, 12]);
+        assert_eq!(cut(&[1.5, 0.5], 0), [0, 0]);
+        let shares: Vec<f32> = (1..=64).map(|i| i as f32 / 32.5).collect();
+        for granules in 0..300 {
+            let ends = cut(&shares, granules);
+            assert!(ends.is_sorted() && ends[63] == granules);
+        }
+    }
+
+    #[test]
+    fn shares_follow_the_threads_speeds() {
+        // Thread 1 is half as fast, then as fast again.
+        let mut shares = [1.0; 2];
+        for (speed, want) in [(0.5, 4.0 / 3.0), (1.0, 1.0)] {
+            for _ in 0..200 {
+                let times = [shares[0], shares[1] / speed].map(|time| Duration::from_secs_f32(1e-4 * time));
+                learn(&mut shares, &times);
+            }
+            assert!((shares[0] - want).abs() < 0.01, "{shares:?}");
+        }
+        // However long an interruption, it takes away one part in 32, and something always remains.
+        learn(&mut shares, &[Duration::from_micros(10), Duration::from_secs(10)]);
+        assert!(shares[1] > 0.9, "{shares:?}");
+        for _ in 0..400 {
+            learn(&mut shares, &[Duration::from_nanos(1), Duration::from_secs(10)]);
+        }
+        assert!(shares[1] >= LEAST_SHARE / 2.0, "{shares:?}");
+        // A thread that had nothing to do keeps its share.
+        shares = [1.25, 0.75];
+        learn(&mut shares, &[Duration::from_micros(10), Duration::ZERO]);
+        assert_eq!(shares, [1.25, 0.75]);
+    }
+}
