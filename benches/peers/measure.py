@@ -21,7 +21,7 @@ ROOT = HERE.parent.parent
 TARGET = ROOT / "target"
 MODELS = TARGET / "peers"
 COLUMNS = ["what", "ours", "peer", "threads", "our_ms", "peer_ms", "ratio", "floor_ms", "date", "version"]
-ROUNDS, CALLS = 5, 3
+ROUNDS, CALLS = 15, 3
 # Peers' threads spin for some milliseconds after their work; then the machine is the other side's.
 REST = 0.1
 NAMES = {"onnxruntime": "ONNX Runtime", "ctranslate2": "CTranslate2", "pytorch": "PyTorch"}

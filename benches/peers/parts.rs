@@ -47,6 +47,7 @@ fn main() {
         let cx = Compute { isa: Isa::detect(), team };
         let mut call = || match part {
             "encoder" => language.encode(cx),
+            "step" => language.step(cx),
             "chunk" => language.chunk(cx),
             "hubert" => audio.features(cx),
             _ => panic!("no part of the model: {part}"),
@@ -66,6 +67,10 @@ fn floor(config: &Config, part: &str, codes: usize, samples: usize) -> Floor {
         "encoder" => {
             let (attention, experts) = floor::encoder(config, Stored::Int8, TOKENS);
             attention + experts
+        }
+        "step" => {
+            let (attention, experts) = floor::step(config, Stored::Int8, TOKENS);
+            attention + experts + floor::head(config)
         }
         "chunk" => floor::chunk(config, Stored::Int8, TOKENS, codes),
         _ => floor::hubert(config, Stored::Int8, samples, None),

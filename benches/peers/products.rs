@@ -6,7 +6,8 @@
 //! `name,peer,threads,ours,peer's,floor` in milliseconds, medians. Weights go round 32 MiB, far beyond L2.
 //!
 //! Sides take turns of some ten milliseconds with a pause between them, in which the other's threads come to rest
-//! (`KMP_BLOCKTIME` must be shorter); the first calls of a turn, which wake them, do not count.
+//! (`KMP_BLOCKTIME` must be shorter); the first calls of a turn, which wake them, do not count. Inputs and outputs of all sides
+//! start at a cache line, as the engine's do: a few bytes beside it, every store of ours touches two.
 
 mod mkl;
 
@@ -89,6 +90,7 @@ impl Bench {
         let w: Vec<i8> = (0..n * k).map(|_| random.int8()).collect();
         let x: Vec<i8> = (0..m * k).map(|_| random.int8()).collect();
         let raised: Vec<u8> = x.iter().map(|x| x.cast_unsigned() ^ 0x80).collect();
+        let (x, raised) = (Lined::new(&x), Lined::new(&raised));
         let len = packed_len_i8(n, k);
         let copies = WEIGHT_BYTES / len;
         let (mut packed, mut sum) = (AlignedBox::<i8>::zeroed(len * copies), vec![0; n]);
@@ -104,12 +106,12 @@ impl Bench {
             team.columns(y, PANEL, m * n * k, part).expect(OK);
         };
         let alone = Team::new(1).expect("no thread is started");
-        let (mut want, mut y) = (vec![0.0; m * n], vec![0.0; m * n]);
+        let (mut want, mut y) = (vec![0.0; m * n], Lined::zeroed(m * n));
         product(Isa::SCALAR, &alone, 0, &mut want);
         product(self.isa, &self.team, 0, &mut y);
         assert!(y.iter().zip(&want).all(|(y, want)| y.to_bits() == want.to_bits()), "{name}: ours is wrong");
         let weights = self.mkl.as_ref().map(|mkl| (mkl, mkl.pack_i8(shape, &w, copies)));
-        let mut sums = vec![0; m * n];
+        let mut sums = Lined::zeroed(m * n);
         let mut sides: Vec<Side> = vec![("umo", Box::new(|copy| product(self.isa, &self.team, copy, &mut y)))];
         if let Some((mkl, weights)) = &weights {
             mkl.compute_i8(weights, 0, &raised, &mut sums);
@@ -129,6 +131,7 @@ impl Bench {
         let mut random = Random::new(7);
         let w: Vec<f32> = (0..n * k).map(|_| random.unit()).collect();
         let x: Vec<f32> = (0..m * k).map(|_| random.unit()).collect();
+        let x = Lined::new(&x);
         let len = packed_len(n, k);
         let copies = WEIGHT_BYTES / 4 / len;
         let mut packed = AlignedBox::<f32>::zeroed(len * copies);
@@ -150,7 +153,7 @@ impl Bench {
         let weights = self.mkl.as_ref().map(|mkl| (mkl, mkl.pack_f32(shape, &w, copies)));
         let plain = |copy: usize| &plain[copy * n * k..][..n * k];
         let threads = self.team.threads();
-        let mut ys = vec![vec![0.0; m * n]; 5];
+        let mut ys = [(); 5].map(|()| Lined::zeroed(m * n));
         let mut outputs = ys.iter_mut();
         let mut y = || outputs.next().expect("one for every side");
         let (ours, mkls, gemms, faers, matrixmultiplys) = (y(), y(), y(), y(), y());
@@ -206,6 +209,41 @@ impl Bench {
         for ((peer, _), theirs) in sides.iter().zip(&medians).skip(1) {
             println!("{name},{peer},{},{:.5},{theirs:.5},{floor:.5}", self.team.threads(), medians[0]);
         }
+    }
+}
+
+/// Numbers that start at a cache line.
+struct Lined<T> {
+    data: Vec<T>,
+    skip: usize,
+}
+
+impl<T: Copy + Default> Lined<T> {
+    fn new(values: &[T]) -> Self {
+        let line = 64 / size_of::<T>();
+        let mut data = vec![T::default(); values.len() + line];
+        let skip = data.as_ptr().align_offset(64).min(line);
+        data.truncate(skip + values.len());
+        data[skip..].copy_from_slice(values);
+        Self { data, skip }
+    }
+
+    fn zeroed(len: usize) -> Self {
+        Self::new(&vec![T::default(); len])
+    }
+}
+
+impl<T> std::ops::Deref for Lined<T> {
+    type Target = [T];
+
+    fn deref(&self) -> &[T] {
+        &self.data[self.skip..]
+    }
+}
+
+impl<T> std::ops::DerefMut for Lined<T> {
+    fn deref_mut(&mut self) -> &mut [T] {
+        &mut self.data[self.skip..]
     }
 }
 
