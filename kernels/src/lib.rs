@@ -37,6 +37,8 @@ pub mod matmul_i8;
 pub mod norm;
 pub mod pack;
 pub mod peak;
+#[cfg(target_arch = "x86_64")]
+mod prefetch;
 
 pub use bf16::Bf16;
 pub use error::ShapeError;

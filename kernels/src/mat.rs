@@ -64,6 +64,16 @@ impl<'a, T> Mat<'a, T> {
         &self.data[i * self.stride..i * self.stride + self.cols]
     }
 
+    /// The elements from `N * chunk` on of row `i`. Panics where they are not all there.
+    #[inline]
+    pub(crate) fn chunk<const N: usize>(&self, i: usize, chunk: usize) -> &'a [T; N] {
+        assert!(i < self.rows && chunk < self.cols / N);
+        // SAFETY: every row lies inside `data`, as the constructor checked, and the chunk inside its row.
+        let start = unsafe { self.data.as_ptr().add(i * self.stride + chunk * N) };
+        // SAFETY: these are `N` elements of `data`, and an array of them is aligned as one is.
+        unsafe { &*start.cast() }
+    }
+
     /// Everything from the first element to the last, gaps between rows included.
     #[inline]
     pub fn elements(&self) -> &'a [T] {

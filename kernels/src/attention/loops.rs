@@ -19,6 +19,12 @@ macro_rules! loops {
         /// Fewest queries that repay the packing of keys and values.
         const PACKED_QUERIES: usize = 8;
 
+        /// Keys whose dot products are made at once.
+        const DOTS: usize = 4;
+
+        /// Registers in a row of the usual width, 64.
+        const WHOLE: usize = 64 / WIDTH;
+
         /// What keys and values are stored as: widened to f32 as it is loaded.
         pub(super) trait Load: Copy {
             /// # Safety
@@ -238,7 +244,9 @@ macro_rules! loops {
             let keys = x.keys(i + Q - 1);
             for first in (0..keys).step_by(TILE) {
                 let range = first..keys.min(first + TILE);
-                scores::<T, Q, K>(x, i, x.k.row_range(range.clone()), &mut weights);
+                // Read next: this tile's values, and the next tile's keys.
+                let next = [x.v.row_range(range.clone()), x.k.row_range(range.end..keys.min(range.end + TILE))];
+                scores::<T, Q, K>(x, i, x.k.row_range(range.clone()), next, &mut weights);
                 weighted::<T, T, Q, C>(x, i, first, x.v.row_range(range), &mut softmaxes, &mut weights, y);
             }
             for (r, softmax) in softmaxes.iter().enumerate() {
@@ -273,57 +281,80 @@ macro_rules! loops {
             }
         }
 
-        /// The dot products of `Q` queries with every key of `k`; up to `K - 1` more, of no meaning, follow them.
+        /// The dot products of `Q` queries with every key of `k`; up to `K - 1` more, of no meaning, follow them. Meanwhile
+        /// `next` comes into L2: it may lie in memory, and one stream is not enough to read that at full speed.
         #[target_feature(enable = $features)]
         fn scores<T: Load, const Q: usize, const K: usize>(
             x: Operands<T>,
             i: usize,
             k: Mat<T>,
+            next: [Mat<T>; 2],
             weights: &mut Weights<Q>,
         ) {
-            let chunks = x.q.cols() / WIDTH;
+            let q = x.q.row_range(i..i + Q);
             for first in (0..k.rows()).step_by(K) {
-                let mut sums = [[zero(); K]; Q];
-                let (mut q_rows, mut q_tails) = ([[].as_slice(); Q], [[].as_slice(); Q]);
-                let (mut k_rows, mut k_tails) = ([[].as_slice(); K], [[].as_slice(); K]);
-                for r in 0..Q {
-                    let (row, tail) = x.q.row(i + r).as_chunks();
-                    (q_rows[r], q_tails[r]) = (&row[..chunks], tail);
-                }
-                for j in 0..K {
-                    // Past the end, the last key stands in.
-                    let (row, tail) = k.row((first + j).min(k.rows() - 1)).as_chunks();
-                    (k_rows[j], k_tails[j]) = (&row[..chunks], tail);
-                }
-                for c in 0..chunks {
-                    let mut q = [zero(); Q];
-                    for r in 0..Q {
-                        q[r] = load(&q_rows[r][c]);
-                    }
-                    for j in 0..K {
-                        let k = widened(&k_rows[j][c]);
-                        for r in 0..Q {
-                            sums[r][j] = fmadd(q[r], k, sums[r][j]);
-                        }
+                for rows in next {
+                    for j in first..rows.rows().min(first + K) {
+                        rows.row(j).chunks(64 / size_of::<T>()).for_each(|line| prefetch::far(line.as_ptr()));
                     }
                 }
-                if chunks * WIDTH < x.q.cols() {
-                    for j in 0..K {
-                        let k = widened_part(k_tails[j]);
-                        for r in 0..Q {
-                            sums[r][j] = fmadd(load_part(q_tails[r]), k, sums[r][j]);
-                        }
+                let mut sums = [zero(); WIDTH];
+                // A few keys at a time, whose addresses stay in registers.
+                for from in (0..K).step_by(DOTS) {
+                    match (K < DOTS, q.cols() == WHOLE * WIDTH) {
+                        (true, _) => dots::<T, Q, K, K, 0>(q, k, first, from, &mut sums),
+                        (_, true) => dots::<T, Q, K, DOTS, WHOLE>(q, k, first, from, &mut sums),
+                        _ => dots::<T, Q, K, DOTS, 0>(q, k, first, from, &mut sums),
                     }
                 }
-                let mut flat = [zero(); WIDTH];
-                for r in 0..Q {
-                    for j in 0..K {
-                        flat[r * K + j] = sums[r][j];
-                    }
-                }
-                let sums = array(sums_of(flat));
+                let sums = array(sums_of(sums));
                 for (weights, sums) in weights.0.iter_mut().zip(sums.as_chunks::<K>().0) {
                     weights[first..first + K].copy_from_slice(sums);
+                }
+            }
+        }
+
+        /// Partial sums of the dot products of `Q` queries with `N` keys from `first + from` on, of the `K` from `first` on. `C`
+        /// registers make a row; 0 stands for any number and a rest.
+        #[inline]
+        #[target_feature(enable = $features)]
+        fn dots<T: Load, const Q: usize, const K: usize, const N: usize, const C: usize>(
+            q: Mat<f32>,
+            k: Mat<T>,
+            first: usize,
+            from: usize,
+            to: &mut [Register; WIDTH],
+        ) {
+            let chunks = if C > 0 { C } else { q.cols() / WIDTH };
+            let mut sums = [[zero(); N]; Q];
+            let mut keys = [0; N];
+            for j in 0..N {
+                // Past the end, the last key stands in.
+                keys[j] = (first + from + j).min(k.rows() - 1);
+            }
+            for c in 0..chunks {
+                let mut part = [zero(); Q];
+                for r in 0..Q {
+                    part[r] = load(q.chunk(r, c));
+                }
+                for j in 0..N {
+                    let k = widened(k.chunk(keys[j], c));
+                    for r in 0..Q {
+                        sums[r][j] = fmadd(part[r], k, sums[r][j]);
+                    }
+                }
+            }
+            if C == 0 && chunks * WIDTH < q.cols() {
+                for j in 0..N {
+                    let k = widened_part(&k.row(keys[j])[chunks * WIDTH..]);
+                    for r in 0..Q {
+                        sums[r][j] = fmadd(load_part(&q.row(r)[chunks * WIDTH..]), k, sums[r][j]);
+                    }
+                }
+            }
+            for r in 0..Q {
+                for j in 0..N {
+                    to[r * K + from + j] = sums[r][j];
                 }
             }
         }
@@ -440,16 +471,14 @@ macro_rules! loops {
                     }
                 }
             }
+            let v = v.columns(column..end);
             for j in 0..v.rows() {
-                let row = &v.row(j)[column..end];
                 let mut values = [zero(); C];
                 if PART {
-                    values[0] = widened_part(row);
+                    values[0] = widened_part(v.row(j));
                 } else {
-                    let row: &[[V; WIDTH]; C] =
-                        row.as_chunks().0.first_chunk().expect("`C` registers of columns are left");
                     for c in 0..C {
-                        values[c] = widened(&row[c]);
+                        values[c] = widened(v.chunk(j, c));
                     }
                 }
                 for r in 0..Q {

@@ -1,7 +1,7 @@
 //! 8 lanes, operation by operation as in `scalar.rs`.
 
 use super::{
-    EXP, EXP_MAX, EXP_MIN, LN_2_HIGH, LN_2_LOW, LOG2_E, ROUND, TAIL, TAIL_MAX, TANH_CUBE, TANH_MAX, TANH_SCALE,
+    EXP, EXP_MAX, EXP_MIN, EXP2, LN_2_HIGH, LN_2_LOW, LOG2_E, ROUND, TAIL, TAIL_MAX, TANH_CUBE, TANH_MAX, TANH_SCALE,
 };
 use crate::matmul_f32::Activation;
 use core::arch::x86_64::*;
@@ -36,12 +36,20 @@ fn exp_in_range(x: __m256) -> __m256 {
 #[inline]
 #[target_feature(enable = "avx2,fma")]
 pub(crate) fn gelu_tanh(x: __m256) -> __m256 {
-    let cube = _mm256_mul_ps(_mm256_mul_ps(_mm256_mul_ps(_mm256_set1_ps(TANH_CUBE), x), x), x);
-    let u = _mm256_mul_ps(_mm256_set1_ps(TANH_SCALE), _mm256_add_ps(x, cube));
-    // The second operand is the one that min and max return for NaN, as scalar's comparisons do.
-    let u = _mm256_min_ps(_mm256_set1_ps(TANH_MAX), u);
-    let u = _mm256_max_ps(_mm256_set1_ps(EXP_MIN), u);
-    _mm256_div_ps(x, _mm256_add_ps(exp_in_range(u), _mm256_set1_ps(1.0)))
+    let slope = _mm256_fmadd_ps(_mm256_mul_ps(x, x), _mm256_set1_ps(TANH_CUBE), _mm256_set1_ps(TANH_SCALE));
+    let t = _mm256_min_ps(_mm256_set1_ps(TANH_MAX), _mm256_mul_ps(x, slope));
+    let t = _mm256_max_ps(_mm256_set1_ps(-TANH_MAX), t);
+    let round = _mm256_set1_ps(ROUND);
+    let shifted = _mm256_add_ps(t, round);
+    let f = _mm256_sub_ps(t, _mm256_sub_ps(shifted, round));
+    let mut power = _mm256_set1_ps(EXP2[0]);
+    for &c in &EXP2[1..] {
+        power = _mm256_fmadd_ps(power, f, _mm256_set1_ps(c));
+    }
+    let one = _mm256_set1_ps(1.0);
+    let power = _mm256_castps_si256(_mm256_fmadd_ps(power, f, one));
+    let exponent = _mm256_slli_epi32::<23>(_mm256_castps_si256(shifted));
+    _mm256_div_ps(x, _mm256_add_ps(_mm256_castsi256_ps(_mm256_add_epi32(power, exponent)), one))
 }
 
 /// The erf form of GELU.

@@ -1,7 +1,7 @@
 //! 16 lanes, operation by operation as in `scalar.rs`.
 
 use super::{
-    EXP, EXP_MAX, EXP_MIN, LN_2_HIGH, LN_2_LOW, LOG2_E, ROUND, TAIL, TAIL_MAX, TANH_CUBE, TANH_MAX, TANH_SCALE,
+    EXP, EXP_MAX, EXP_MIN, EXP2, LN_2_HIGH, LN_2_LOW, LOG2_E, ROUND, TAIL, TAIL_MAX, TANH_CUBE, TANH_MAX, TANH_SCALE,
 };
 use crate::matmul_f32::Activation;
 use core::arch::x86_64::*;
@@ -34,12 +34,19 @@ fn exp_in_range(x: __m512) -> __m512 {
 #[inline]
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
 pub(crate) fn gelu_tanh(x: __m512) -> __m512 {
-    let cube = _mm512_mul_ps(_mm512_mul_ps(_mm512_mul_ps(_mm512_set1_ps(TANH_CUBE), x), x), x);
-    let u = _mm512_mul_ps(_mm512_set1_ps(TANH_SCALE), _mm512_add_ps(x, cube));
-    // The second operand is the one that min and max return for NaN, as scalar's comparisons do.
-    let u = _mm512_min_ps(_mm512_set1_ps(TANH_MAX), u);
-    let u = _mm512_max_ps(_mm512_set1_ps(EXP_MIN), u);
-    _mm512_div_ps(x, _mm512_add_ps(exp_in_range(u), _mm512_set1_ps(1.0)))
+    let slope = _mm512_fmadd_ps(_mm512_mul_ps(x, x), _mm512_set1_ps(TANH_CUBE), _mm512_set1_ps(TANH_SCALE));
+    // The smaller in size of the two, with the first one's sign. What becomes of NaN here does not matter: `x` is NaN too.
+    let t = _mm512_range_ps::<2>(_mm512_mul_ps(x, slope), _mm512_set1_ps(TANH_MAX));
+    let round = _mm512_set1_ps(ROUND);
+    let n = _mm512_sub_ps(_mm512_add_ps(t, round), round);
+    let f = _mm512_sub_ps(t, n);
+    let mut power = _mm512_set1_ps(EXP2[0]);
+    for &c in &EXP2[1..] {
+        power = _mm512_fmadd_ps(power, f, _mm512_set1_ps(c));
+    }
+    let one = _mm512_set1_ps(1.0);
+    let power = _mm512_scalef_ps(_mm512_fmadd_ps(power, f, one), n);
+    _mm512_div_ps(x, _mm512_add_ps(power, one))
 }
 
 /// The erf form of GELU.

@@ -1,7 +1,7 @@
 //! The specification: the order of operations that every back-end keeps.
 
 use super::{
-    EXP, EXP_MAX, EXP_MIN, LN_2_HIGH, LN_2_LOW, LOG2_E, ROUND, TAIL, TAIL_MAX, TANH_CUBE, TANH_MAX, TANH_SCALE,
+    EXP, EXP_MAX, EXP_MIN, EXP2, LN_2_HIGH, LN_2_LOW, LOG2_E, ROUND, TAIL, TAIL_MAX, TANH_CUBE, TANH_MAX, TANH_SCALE,
 };
 
 /// `e^x`.
@@ -32,13 +32,20 @@ fn exp_in_range(x: f32) -> f32 {
     f32::from_bits(power.to_bits().wrapping_add(shifted.to_bits() << 23))
 }
 
-/// `x * (1 + tanh(sqrt(2 / pi) * (x + 0.044715 x^3))) / 2`, written as `x / (1 + exp(-2 u))`.
+/// `x * (1 + tanh(u)) / 2` with `u = sqrt(2 / pi) * (x + 0.044715 x^3)`, written as `x / (1 + 2^t)` with `t = -2 u log2(e)`.
 #[inline]
 pub(crate) fn gelu_tanh(x: f32) -> f32 {
-    let u = TANH_SCALE * (x + ((TANH_CUBE * x) * x) * x);
-    let u = if TANH_MAX < u { TANH_MAX } else { u };
-    let u = if EXP_MIN > u { EXP_MIN } else { u };
-    x / (exp_in_range(u) + 1.0)
+    let t = x * (x * x).mul_add(TANH_CUBE, TANH_SCALE);
+    let t = if TANH_MAX < t { TANH_MAX } else { t };
+    let t = if -TANH_MAX > t { -TANH_MAX } else { t };
+    let shifted = t + ROUND;
+    let f = t - (shifted - ROUND);
+    let mut power = EXP2[0];
+    for &c in &EXP2[1..] {
+        power = power.mul_add(f, c);
+    }
+    let power = power.mul_add(f, 1.0);
+    x / (f32::from_bits(power.to_bits().wrapping_add(shifted.to_bits() << 23)) + 1.0)
 }
 
 /// `x * (1 + erf(x / sqrt(2))) / 2`, written as `max(x, 0) - abs(x) * tail(abs(x))`.

@@ -4,6 +4,7 @@ use super::{Activation, Epilogue, Input, Job, Panels, tiles};
 use crate::mat::MatMut;
 use crate::math::avx2::{activate, gelu_tanh};
 use crate::pack::{PANEL, PackedF32};
+use crate::prefetch;
 use core::arch::x86_64::*;
 
 /// Rows of the largest tile: 6 rows x 1 panel are 12 sums, which leaves two registers of weights and two to spare.
@@ -142,7 +143,7 @@ fn multiply<W: Load, const R: usize, const P: usize>(
         for p in 0..P {
             // SAFETY: this function enables the features that `load` needs.
             let w = unsafe { W::load(panels[p], i) };
-            prefetch(panels[p].as_ptr().wrapping_add((i + AHEAD) / W::INPUTS).cast());
+            prefetch::near(panels[p].as_ptr().wrapping_add((i + AHEAD) / W::INPUTS));
             for r in 0..R {
                 let x = _mm256_set1_ps(rows[r][i]);
                 acc[r][p][0] = _mm256_fmadd_ps(x, w[0], acc[r][p][0]);
@@ -275,11 +276,4 @@ pub(crate) fn store(dst: &mut [f32; PANEL], v: [__m256; 2]) {
     unsafe { _mm256_storeu_ps(halves[0].as_mut_ptr(), v[0]) }
     // SAFETY: `halves[1]` is 8 writable floats; the store needs no alignment.
     unsafe { _mm256_storeu_ps(halves[1].as_mut_ptr(), v[1]) }
-}
-
-/// Fetches the line at `line`, wherever that is.
-#[inline]
-pub(crate) fn prefetch(line: *const i8) {
-    // SAFETY: a prefetch is a hint: it reads nothing that the program can see and never faults.
-    unsafe { _mm_prefetch::<_MM_HINT_T0>(line) }
 }

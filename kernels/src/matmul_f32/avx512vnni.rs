@@ -4,6 +4,7 @@ use super::{Activation, Epilogue, Input, Job, Panels, tiles};
 use crate::mat::MatMut;
 use crate::math::avx512vnni::{activate, gelu_tanh};
 use crate::pack::{PANEL, PackedF32};
+use crate::prefetch;
 use core::arch::x86_64::*;
 use core::ops::Range;
 
@@ -151,7 +152,7 @@ fn multiply<W: Load, const R: usize, const P: usize>(
                 w[p] = unsafe { W::load(panels[p], i + which) };
                 // One prefetch per line: two inputs of bf16 share one.
                 if which % W::INPUTS == 0 {
-                    prefetch(panels[p].as_ptr().wrapping_add((i + which + AHEAD) / W::INPUTS).cast());
+                    prefetch::near(panels[p].as_ptr().wrapping_add((i + which + AHEAD) / W::INPUTS));
                 }
             }
             for r in 0..R {
@@ -321,11 +322,4 @@ pub(crate) fn load_part(src: &[f32]) -> __m512 {
 pub(crate) fn store_part(dst: &mut [f32], v: __m512) {
     // SAFETY: the mask names the lanes of `dst` alone; others are not written.
     unsafe { _mm512_mask_storeu_ps(dst.as_mut_ptr(), lanes(dst.len()), v) }
-}
-
-/// Fetches the line at `line`, wherever that is.
-#[inline]
-pub(crate) fn prefetch(line: *const i8) {
-    // SAFETY: a prefetch is a hint: it reads nothing that the program can see and never faults.
-    unsafe { _mm_prefetch::<_MM_HINT_T0>(line) }
 }

@@ -13,6 +13,7 @@ use crate::math::avx512vnni::gelu_tanh;
 use crate::matmul_f32::avx512vnni::{load, load_part, store};
 use crate::matmul_f32::{Activation, Epilogue};
 use crate::pack::{PANEL, PackedI8};
+use crate::prefetch;
 use core::arch::x86_64::*;
 use core::mem::MaybeUninit;
 
@@ -336,7 +337,7 @@ impl Work<'_, '_> {
             step::<R, P>(self.tiles, (&steps.inputs, i), [first, second]);
             for ahead in &steps.ahead[..P] {
                 let lines = (i * self.pair.lines).min(ahead.len())..((i + 1) * self.pair.lines).min(ahead.len());
-                ahead[lines].iter().for_each(fetch);
+                ahead[lines].iter().for_each(|line| prefetch::far(line));
             }
             if KIND != BLOCK {
                 ending.rows::<KIND>(rows, self.job, before, y);
@@ -379,13 +380,6 @@ fn step<const R: usize, const P: usize>(tiles: &Tiles, (x, i): (&Source, usize),
     if R == 2 && P > 1 {
         tiles.multiply_i8::<3, 5, 7>();
     }
-}
-
-/// Brings a line of weights to L2.
-#[inline]
-fn fetch(line: &[i8; BYTES]) {
-    // SAFETY: a prefetch is a hint: it reads nothing that the program can see and never faults.
-    unsafe { _mm_prefetch::<_MM_HINT_T1>(line.as_ptr()) }
 }
 
 /// How the rows of a block end.

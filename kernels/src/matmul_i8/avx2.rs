@@ -12,6 +12,7 @@ use crate::mat::MatMut;
 use crate::matmul_f32::avx2::{self as float, load, store};
 use crate::matmul_f32::{Epilogue, tiles};
 use crate::pack::{PANEL, PackedI8, QUAD, panels};
+use crate::prefetch;
 use core::arch::x86_64::*;
 
 /// Rows of the largest tile: 6 rows x 2 registers of sums leave four, for two of weights, an input and a product.
@@ -129,7 +130,7 @@ fn multiply<const R: usize, const H: usize>(
         let mut acc = [[_mm256_setzero_si256(); H]; R];
         for (q, quad) in quads.iter().enumerate() {
             let (outputs, _) = quad.as_chunks::<16>();
-            float::prefetch(quads.as_ptr().wrapping_add(q + AHEAD).cast());
+            prefetch::near(quads.as_ptr().wrapping_add(q + AHEAD));
             let mut w = [_mm256_setzero_si256(); H];
             for h in 0..H {
                 w[h] = widen(&outputs[first + h]);

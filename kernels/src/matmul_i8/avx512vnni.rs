@@ -5,9 +5,10 @@
 
 use super::QuantInput;
 use crate::mat::MatMut;
-use crate::matmul_f32::avx512vnni::{self as float, MOST, lanes, load, load_part, prefetch, store, store_part};
+use crate::matmul_f32::avx512vnni::{self as float, MOST, lanes, load, load_part, store, store_part};
 use crate::matmul_f32::{Activation, Epilogue, tiles};
 use crate::pack::{PANEL, PackedI8, QUAD, panels};
+use crate::prefetch;
 use core::arch::x86_64::*;
 use core::ops::Range;
 
@@ -23,6 +24,8 @@ const CHUNK_BYTES: usize = 768 << 10;
 const QUADS: usize = 1024;
 /// Quads between a multiplication and the prefetch of its weights from L2: 8 steps of 13 cycles are longer than L2 takes.
 const AHEAD: usize = 8;
+/// Quads between the multiplication of a few rows and the prefetch of its weights from memory into L2.
+const FAR: usize = 32;
 /// Panels of sums in one tile at most. They are cleared once per product: clearing them per tile would wait for the
 /// stores of the tile before.
 const SUMS: usize = ROWS * 3;
@@ -104,9 +107,9 @@ fn product<const TILE: usize>(x: QuantInput, job: &Job, mut y: MatMut<f32>) {
             let steps = &mut steps[..rows];
             convert(&x, t, 0, steps);
             match rows {
-                1 => tile::<1, 4>(&x, t, steps, job, slots.clone(), &mut sums, &mut y),
-                2 => tile::<2, 4>(&x, t, steps, job, slots.clone(), &mut sums, &mut y),
-                3 => tile::<3, 4>(&x, t, steps, job, slots.clone(), &mut sums, &mut y),
+                1 => tile::<1, 8>(&x, t, steps, job, slots.clone(), &mut sums, &mut y),
+                2 => tile::<2, 8>(&x, t, steps, job, slots.clone(), &mut sums, &mut y),
+                3 => tile::<3, 8>(&x, t, steps, job, slots.clone(), &mut sums, &mut y),
                 4 => tile::<4, 4>(&x, t, steps, job, slots.clone(), &mut sums, &mut y),
                 5 => tile::<5, 4>(&x, t, steps, job, slots.clone(), &mut sums, &mut y),
                 6 => tile::<6, 4>(&x, t, steps, job, slots.clone(), &mut sums, &mut y),
@@ -159,6 +162,10 @@ fn tile<const R: usize, const P: usize>(
         group::<R, P>(x, t, steps, job, slot, sums, y);
         slot += P;
     }
+    if slot + 4 <= slots.end {
+        group::<R, 4>(x, t, steps, job, slot, sums, y);
+        slot += 4;
+    }
     while slot + 2 <= slots.end {
         group::<R, 2>(x, t, steps, job, slot, sums, y);
         slot += 2;
@@ -184,9 +191,16 @@ fn group<const R: usize, const P: usize>(
     for (p, panel) in panels.iter_mut().enumerate() {
         *panel = job.panel(slot + p);
     }
+    // Where the weights lie that are multiplied after these.
+    let mut next = panels;
+    for (p, next) in next.iter_mut().enumerate() {
+        if slot + P + p < job.slots() {
+            *next = job.panel(slot + P + p);
+        }
+    }
     let k = job.k();
     if k <= QUADS * QUAD {
-        multiply(steps, panels, true, sums);
+        multiply(steps, panels, next, true, sums);
     } else {
         for first in (0..k).step_by(QUADS * QUAD) {
             convert(x, t, first, steps);
@@ -195,22 +209,39 @@ fn group<const R: usize, const P: usize>(
             for part in &mut part {
                 *part = &part[quads.clone()];
             }
-            multiply(steps, part, first == 0, sums);
+            let mut after = next;
+            if quads.end < panels[0].len() {
+                for (after, panel) in after.iter_mut().zip(panels) {
+                    *after = &panel[quads.end..];
+                }
+            }
+            multiply(steps, part, after, first == 0, sums);
         }
     }
     // The next tile's first weights arrive while this one ends.
     for slot in slot + P..(slot + 2 * P).min(job.slots()) {
-        job.panel(slot).iter().take(AHEAD).for_each(|line| prefetch(line.as_ptr()));
+        job.panel(slot).iter().take(AHEAD).for_each(|line| prefetch::near(line));
     }
-    finish::<128>(x, t, &mut sums[..R * P], P, job, slot, y);
+    let width = P.min(MOST);
+    for (i, sums) in sums[..R * P].chunks_exact_mut(R * width).enumerate() {
+        finish::<128>(x, t, sums, width, job, slot + i * width, y);
+    }
 }
 
-/// The innermost tile: adds the products over the panels' quads to `R x P` sums in registers.
+/// Where the sum of row `r` and panel `p` lies: [`MOST`] panels of all rows, then the next.
+#[inline]
+const fn place<const R: usize, const P: usize>(r: usize, p: usize) -> usize {
+    let width = if P < MOST { P } else { MOST };
+    p / width * width * R + r * width + p % width
+}
+
+/// The innermost tile: adds the products over the panels' quads to `R x P` sums in registers. `next` is read after `panels`.
 #[inline]
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
 fn multiply<const R: usize, const P: usize>(
     steps: &[Steps; R],
     panels: [&[[i8; BYTES]]; P],
+    next: [&[[i8; BYTES]]; P],
     start: bool,
     sums: &mut [[f32; PANEL]; SUMS],
 ) {
@@ -223,28 +254,35 @@ fn multiply<const R: usize, const P: usize>(
     if !start {
         for r in 0..R {
             for p in 0..P {
-                acc[r][p] = load_sums(&sums[r * P + p]);
+                acc[r][p] = load_sums(&sums[place::<R, P>(r, p)]);
             }
         }
     }
-    for q in 0..quads {
-        let mut w = [_mm512_setzero_si512(); P];
-        for p in 0..P {
-            w[p] = load_bytes(&panels[p][q]);
-        }
-        for panel in &panels {
-            prefetch(panel.as_ptr().wrapping_add(q + AHEAD).cast());
-        }
-        for r in 0..R {
-            let x = _mm512_set1_epi32(i32::from_ne_bytes(steps[r][q]));
+    // What is prefetched: the same panels, and at their end the next ones.
+    let turn = if R <= FEW_ROWS { quads.saturating_sub(FAR) } else { quads };
+    for (part, of) in [(0..turn, panels), (turn..quads, next)] {
+        let ahead = if part.start == 0 { FAR } else { FAR.wrapping_sub(quads) };
+        for q in part {
+            let mut x = [_mm512_setzero_si512(); R];
+            for r in 0..R {
+                x[r] = _mm512_set1_epi32(i32::from_ne_bytes(steps[r][q]));
+            }
             for p in 0..P {
-                acc[r][p] = _mm512_dpbusd_epi32(acc[r][p], x, w[p]);
+                let w = load_bytes(&panels[p][q]);
+                if R <= FEW_ROWS {
+                    prefetch::far(of[p].as_ptr().wrapping_add(q.wrapping_add(ahead)));
+                } else {
+                    prefetch::near(panels[p].as_ptr().wrapping_add(q + AHEAD));
+                }
+                for r in 0..R {
+                    acc[r][p] = _mm512_dpbusd_epi32(acc[r][p], x[r], w);
+                }
             }
         }
     }
     for r in 0..R {
         for p in 0..P {
-            store(&mut sums[r * P + p], _mm512_castsi512_ps(acc[r][p]));
+            store(&mut sums[place::<R, P>(r, p)], _mm512_castsi512_ps(acc[r][p]));
         }
     }
 }
