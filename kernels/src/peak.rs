@@ -51,9 +51,20 @@ pub fn f32(isa: Isa, rounds: usize) -> Option<usize> {
 /// Streams that are read beside each other, as a product with one row reads its panels, and the bytes of each: memory gives up to
 /// half as much again as to one stream.
 #[cfg(target_arch = "x86_64")]
-const STREAMS: usize = 4;
+const STREAMS: usize = 8;
 #[cfg(target_arch = "x86_64")]
 const STREAM: usize = 12 << 10;
+
+/// Bytes between a read and the prefetch in its stream: the first line of a page comes no later than the others.
+#[cfg(target_arch = "x86_64")]
+const FAR: usize = 2 << 10;
+
+/// Where the line lies that is fetched while line `i` of a stream is read: behind the stream's end, in the same stream of the next
+/// chunk.
+#[cfg(target_arch = "x86_64")]
+const fn ahead(i: usize) -> usize {
+    if i + FAR < STREAM { i + FAR } else { i + FAR + (STREAMS - 1) * STREAM }
+}
 
 /// Reads every byte once.
 pub fn read(isa: Isa, bytes: &[i8]) {

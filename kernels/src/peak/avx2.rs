@@ -7,7 +7,8 @@ use core::arch::x86_64::{
 };
 use core::hint::black_box;
 
-use super::{STREAM, STREAMS};
+use super::{STREAM, STREAMS, ahead};
+use crate::prefetch;
 
 /// Independent sums: with two operands they leave two of 16 registers.
 const SUMS: usize = 12;
@@ -61,6 +62,9 @@ pub(super) fn read(bytes: &[i8]) {
         let (streams, _) = chunk.as_chunks::<STREAM>();
         for i in (0..STREAM).step_by(32) {
             for (sum, stream) in sums.iter_mut().zip(streams) {
+                if i % 64 == 0 {
+                    prefetch::far(stream.as_ptr().wrapping_add(ahead(i)));
+                }
                 *sum = _mm256_add_epi32(*sum, load(stream[i..].first_chunk().expect("whole registers")));
             }
         }

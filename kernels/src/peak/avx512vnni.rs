@@ -6,7 +6,8 @@ use core::arch::x86_64::{
 };
 use core::hint::black_box;
 
-use super::{STREAM, STREAMS};
+use super::{STREAM, STREAMS, ahead};
+use crate::prefetch;
 
 /// Independent sums: far more than an instruction's delay, and with two operands fewer than 32 registers.
 const SUMS: usize = 24;
@@ -46,6 +47,7 @@ pub(super) fn read(bytes: &[i8]) {
         let (streams, _) = chunk.as_chunks::<STREAM>();
         for i in (0..STREAM).step_by(64) {
             for (sum, stream) in sums.iter_mut().zip(streams) {
+                prefetch::far(stream.as_ptr().wrapping_add(ahead(i)));
                 *sum = _mm512_add_epi32(*sum, load(stream[i..].first_chunk().expect("whole registers")));
             }
         }
