@@ -24,8 +24,6 @@ const CHUNK_BYTES: usize = 768 << 10;
 const QUADS: usize = 1024;
 /// Quads between a multiplication and the prefetch of its weights from L2: 8 steps of 13 cycles are longer than L2 takes.
 const AHEAD: usize = 8;
-/// Quads between the multiplication of a few rows and the prefetch of its weights from memory into L2.
-const FAR: usize = 32;
 /// Panels of sums in one tile at most. They are cleared once per product: clearing them per tile would wait for the
 /// stores of the tile before.
 const SUMS: usize = ROWS * 3;
@@ -109,7 +107,7 @@ fn product<const TILE: usize>(x: QuantInput, job: &Job, mut y: MatMut<f32>) {
             match rows {
                 1 => tile::<1, 8>(&x, t, steps, job, slots.clone(), &mut sums, &mut y),
                 2 => tile::<2, 8>(&x, t, steps, job, slots.clone(), &mut sums, &mut y),
-                3 => tile::<3, 8>(&x, t, steps, job, slots.clone(), &mut sums, &mut y),
+                3 => tile::<3, 4>(&x, t, steps, job, slots.clone(), &mut sums, &mut y),
                 4 => tile::<4, 4>(&x, t, steps, job, slots.clone(), &mut sums, &mut y),
                 5 => tile::<5, 4>(&x, t, steps, job, slots.clone(), &mut sums, &mut y),
                 6 => tile::<6, 4>(&x, t, steps, job, slots.clone(), &mut sums, &mut y),
@@ -191,16 +189,9 @@ fn group<const R: usize, const P: usize>(
     for (p, panel) in panels.iter_mut().enumerate() {
         *panel = job.panel(slot + p);
     }
-    // Where the weights lie that are multiplied after these.
-    let mut next = panels;
-    for (p, next) in next.iter_mut().enumerate() {
-        if slot + P + p < job.slots() {
-            *next = job.panel(slot + P + p);
-        }
-    }
     let k = job.k();
     if k <= QUADS * QUAD {
-        multiply(steps, panels, next, true, sums);
+        multiply(steps, panels, true, sums);
     } else {
         for first in (0..k).step_by(QUADS * QUAD) {
             convert(x, t, first, steps);
@@ -209,13 +200,7 @@ fn group<const R: usize, const P: usize>(
             for part in &mut part {
                 *part = &part[quads.clone()];
             }
-            let mut after = next;
-            if quads.end < panels[0].len() {
-                for (after, panel) in after.iter_mut().zip(panels) {
-                    *after = &panel[quads.end..];
-                }
-            }
-            multiply(steps, part, after, first == 0, sums);
+            multiply(steps, part, first == 0, sums);
         }
     }
     // The next tile's first weights arrive while this one ends.
@@ -235,13 +220,12 @@ const fn place<const R: usize, const P: usize>(r: usize, p: usize) -> usize {
     p / width * width * R + r * width + p % width
 }
 
-/// The innermost tile: adds the products over the panels' quads to `R x P` sums in registers. `next` is read after `panels`.
+/// The innermost tile: adds the products over the panels' quads to `R x P` sums in registers.
 #[inline]
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
 fn multiply<const R: usize, const P: usize>(
     steps: &[Steps; R],
     panels: [&[[i8; BYTES]]; P],
-    next: [&[[i8; BYTES]]; P],
     start: bool,
     sums: &mut [[f32; PANEL]; SUMS],
 ) {
@@ -258,25 +242,18 @@ fn multiply<const R: usize, const P: usize>(
             }
         }
     }
-    // What is prefetched: the same panels, and at their end the next ones.
-    let turn = if R <= FEW_ROWS { quads.saturating_sub(FAR) } else { quads };
-    for (part, of) in [(0..turn, panels), (turn..quads, next)] {
-        let ahead = if part.start == 0 { FAR } else { FAR.wrapping_sub(quads) };
-        for q in part {
-            let mut x = [_mm512_setzero_si512(); R];
-            for r in 0..R {
-                x[r] = _mm512_set1_epi32(i32::from_ne_bytes(steps[r][q]));
-            }
+    for q in 0..quads {
+        let mut w = [_mm512_setzero_si512(); P];
+        for p in 0..P {
+            w[p] = load_bytes(&panels[p][q]);
+        }
+        for panel in &panels {
+            prefetch::near(panel.as_ptr().wrapping_add(q + AHEAD));
+        }
+        for r in 0..R {
+            let x = _mm512_set1_epi32(i32::from_ne_bytes(steps[r][q]));
             for p in 0..P {
-                let w = load_bytes(&panels[p][q]);
-                if R <= FEW_ROWS {
-                    prefetch::far(of[p].as_ptr().wrapping_add(q.wrapping_add(ahead)));
-                } else {
-                    prefetch::near(panels[p].as_ptr().wrapping_add(q + AHEAD));
-                }
-                for r in 0..R {
-                    acc[r][p] = _mm512_dpbusd_epi32(acc[r][p], x[r], w);
-                }
+                acc[r][p] = _mm512_dpbusd_epi32(acc[r][p], x, w[p]);
             }
         }
     }
