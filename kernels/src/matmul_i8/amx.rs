@@ -28,6 +28,8 @@ const ROOM: usize = 256;
 /// Bytes of outputs that the rows gathered at once reach over at most, where there are more than two blocks of them:
 /// each pair of panels writes two lines of each row, whose neighbours are to be in L2 still when the next pair comes.
 const REACH: usize = 512 << 10;
+/// Fewest gated rows ended in one step: their divisions wait for each other less than three rows in every step would.
+const GATED_ROWS: usize = 6;
 /// Bytes of weights in work at once, which stay in L2 while blocks of rows go by.
 const CHUNK_BYTES: usize = 768 << 10;
 
@@ -332,7 +334,8 @@ impl Work<'_, '_> {
         let (first, rest) = steps.quads[0].as_chunks::<TILE>();
         let (second, _) = steps.quads[1].as_chunks::<TILE>();
         assert!(second.len() == first.len());
-        let rows = ending.rows.div_ceil(first.len().max(1));
+        let even = ending.rows.div_ceil(first.len().max(1));
+        let rows = if KIND == GATED { even.max(GATED_ROWS) } else { even };
         for (i, (first, second)) in first.iter().zip(second).enumerate() {
             step::<R, P>(self.tiles, (&steps.inputs, i), [first, second]);
             for ahead in &steps.ahead[..P] {
