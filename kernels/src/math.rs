@@ -3,7 +3,8 @@
 //! The vector versions follow `scalar.rs` operation by operation, so that all back-ends agree **bit for bit**. Multiplications
 //! and additions are rounded one by one, since fused ones cost a library call each in portable scalar code, and these
 //! functions run once per output of a product, whose sum of hundreds of terms hides the difference. Not so the tanh form of
-//! GELU: on tiles, gated products wait for it, so it is fused and has as few operations as its bound allows, 19 instead of 33.
+//! GELU, which is more work than all else at the end of a gated product: it is fused, and has as few operations as its bound
+//! allows, 19 instead of 33.
 //!
 //! Error bounds, swept over all exponents: `exp` 1 ULP (results below 1.2e-38 are 0), both forms of GELU 4 ULP plus
 //! `1e-7 * abs(x)`.

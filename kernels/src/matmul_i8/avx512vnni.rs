@@ -160,9 +160,9 @@ fn tile<const R: usize, const P: usize>(
         group::<R, P>(x, t, steps, job, slot, sums, y);
         slot += P;
     }
-    if slot + 4 <= slots.end {
-        group::<R, 4>(x, t, steps, job, slot, sums, y);
-        slot += 4;
+    if P > MOST && slot + MOST <= slots.end {
+        group::<R, MOST>(x, t, steps, job, slot, sums, y);
+        slot += MOST;
     }
     while slot + 2 <= slots.end {
         group::<R, 2>(x, t, steps, job, slot, sums, y);
