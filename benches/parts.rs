@@ -5,11 +5,11 @@ use umo_core::lm::decoder::Sequence;
 use umo_core::lm::generate::{Draw, Generator};
 use umo_core::lm::sampler::Sampler;
 use umo_core::lm::{Lengths, Lm, LmScratch};
-use umo_core::weights::Loader;
+use umo_core::weights::{AlignedBox, Loader};
 use umo_core::{Compute, Config, ModelFile, Part, PerPart, Precision};
-use umo_kernels::{Isa, Mat};
+use umo_kernels::{Isa, Mat, peak};
 
-use crate::Random;
+use crate::{READ_BYTES, Random};
 
 /// Encoder tokens.
 pub const TOKENS: usize = 256;
@@ -117,5 +117,42 @@ impl Audio {
     /// Their features.
     pub fn features(&self, cx: Compute) {
         self.tokenizer.features(cx, &self.samples).expect(OK);
+    }
+}
+
+/// Memory that is read as fast as it can be, by the same threads: what a decoder's step is measured against.
+#[derive(Debug)]
+pub struct Reading {
+    memory: AlignedBox<i8>,
+    /// Where the last call ended.
+    at: usize,
+}
+
+impl Reading {
+    /// As much memory as the decoder's weights take, in huge pages.
+    pub fn new() -> Self {
+        let mut memory = AlignedBox::<i8>::zeroed(READ_BYTES);
+        memory.fill(1);
+        Self { memory, at: 0 }
+    }
+
+    /// Reads the next `bytes`, each thread a piece of them.
+    pub fn read(&mut self, cx: Compute, bytes: usize) {
+        if self.at + bytes > self.memory.len() {
+            self.at = 0;
+        }
+        let bytes = &self.memory[self.at..][..bytes];
+        let share = bytes.len().div_ceil(cx.team.threads());
+        cx.team.run(&|thread| {
+            let end = bytes.len().min((thread + 1) * share);
+            peak::read(cx.isa, &bytes[end.min(thread * share)..end]);
+        });
+        self.at += bytes.len();
+    }
+}
+
+impl Default for Reading {
+    fn default() -> Self {
+        Self::new()
     }
 }

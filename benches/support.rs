@@ -9,7 +9,7 @@ use umo_core::floor::Machine;
 use umo_kernels::Isa;
 
 /// Memory that the bandwidth is measured over: as much as the decoder's weights take.
-const READ_BYTES: usize = 384 << 20;
+pub const READ_BYTES: usize = 384 << 20;
 
 /// Numbers from a counter: SplitMix64 (Steele, Lea, Flood 2014).
 #[derive(Debug)]

@@ -2,7 +2,7 @@
 //!
 //! After `ready`, each line `part kind threads repetitions` is answered by the milliseconds of as many calls, as `peer.py` answers; `kind`
 //! is what the model's file has, int8. `floor` instead of repetitions is answered by the milliseconds that the part must take
-//! at the peaks of this processor, which are measured anew for that. Other questions in place of a part: `peaks` for people to
+//! at the peaks of this processor, which are measured anew for that. `reading` reads as many bytes as a step must. Other questions in place of a part: `peaks` for people to
 //! read, `f32` for GMAC/s in single precision, `isa` for the back-end in use.
 
 use std::collections::BTreeMap;
@@ -10,7 +10,7 @@ use std::io::BufRead;
 use std::time::Instant;
 
 use umo_benches::machine;
-use umo_benches::parts::{Audio, Language, TOKENS};
+use umo_benches::parts::{Audio, Language, Reading, TOKENS};
 use umo_core::floor::{self, Floor, Stored};
 use umo_core::{Compute, Config, Team};
 use umo_kernels::Isa;
@@ -18,7 +18,8 @@ use umo_kernels::Isa;
 fn main() {
     let file = umo_benches::model();
     let (mut language, audio) = (Language::load(&file), Audio::load(&file));
-    let mut teams = BTreeMap::new();
+    let (mut teams, mut reading) = (BTreeMap::new(), Reading::new());
+    let step = floor(file.config(), "step", language.codes(), audio.samples());
     println!("ready");
     for line in std::io::stdin().lock().lines() {
         let line = line.expect("standard input is text");
@@ -48,6 +49,7 @@ fn main() {
         let mut call = || match part {
             "encoder" => language.encode(cx),
             "step" => language.step(cx),
+            "reading" => reading.read(cx, step.bytes),
             "chunk" => language.chunk(cx),
             "hubert" => audio.features(cx),
             _ => panic!("no part of the model: {part}"),

@@ -370,14 +370,18 @@ struct Steps<'a> {
 #[inline]
 fn step<const R: usize, const P: usize>(tiles: &Tiles, (x, i): (&Source, usize), w: [&Tile; WIDTH]) {
     x.load::<4>(tiles, i);
-    tiles.load::<6, _>(w[0]);
-    tiles.multiply_i8::<0, 4, 6>();
     if R == 2 {
         x.load::<5>(tiles, i);
+    }
+    tiles.load::<6, _>(w[0]);
+    if P > 1 {
+        tiles.load::<7, _>(w[1]);
+    }
+    tiles.multiply_i8::<0, 4, 6>();
+    if R == 2 {
         tiles.multiply_i8::<2, 5, 6>();
     }
     if P > 1 {
-        tiles.load::<7, _>(w[1]);
         tiles.multiply_i8::<1, 4, 7>();
     }
     if R == 2 && P > 1 {
