@@ -12,7 +12,7 @@ use umo_kernels::matmul_f32::{Epilogue, Input, matmul_f32};
 use umo_kernels::matmul_i8::{QuantRows, matmul_i8, quantize_rows};
 use umo_kernels::norm::rms_norm;
 use umo_kernels::pack::{pack, pack_bf16, pack_i8, packed_len, packed_len_bf16, packed_len_i8};
-use umo_kernels::{Isa, Mat, MatMut, PackedBf16, PackedF32, PackedI8};
+use umo_kernels::{Ahead, Isa, Mat, MatMut, PackedBf16, PackedF32, PackedI8};
 
 /// Rows, outputs and inputs: one token, a pass with markers, a window; feed-forward in, out, attention; and odd ones.
 const PRODUCTS: [(usize, usize, usize); 9] = [
@@ -132,7 +132,7 @@ fn attention(c: &mut Criterion) {
         compare(c, "attention_f32", &format!("{m}x{n}x{width}"), macs, (m * width, sums(width)), |isa, y| {
             let y = MatMut::new(y, m, width).expect(SHAPES);
             let (q, k, v) = (view(&q, m), view(&k, n), view(&v, n));
-            attention_f32(isa, q, k, v, 0.125, Some(bias), Visible::All, y).expect(SHAPES);
+            attention_f32(isa, q, k, v, 0.125, Some(bias), Visible::All, Ahead::NOTHING, y).expect(SHAPES);
         });
         if m == n {
             let shape = format!("{m}x{n}x{width}");

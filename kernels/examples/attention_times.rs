@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
 use umo_kernels::attention::{RelativeBias, Visible, attention_f32, encoder_attention_f32};
-use umo_kernels::{Isa, Mat, MatMut};
+use umo_kernels::{Ahead, Isa, Mat, MatMut};
 
 struct Request {
     isa: Isa,
@@ -91,7 +91,7 @@ fn measure(request: &Request) -> Vec<f64> {
             if queries == keys {
                 encoder_attention_f32(isa, q, k, v, 0.125, Some(bias), mine).expect("shapes agree");
             } else {
-                attention_f32(isa, q, k, v, 0.125, Some(bias), Visible::All, mine).expect("shapes agree");
+                attention_f32(isa, q, k, v, 0.125, Some(bias), Visible::All, Ahead::NOTHING, mine).expect("shapes agree");
             }
             y = after;
         }

@@ -14,6 +14,7 @@ use crate::bf16::Bf16;
 use crate::error::{ShapeError, expect_len};
 use crate::isa::{Backend, Isa};
 use crate::mat::{Mat, MatMut};
+use crate::prefetch::Ahead;
 
 /// A bias that depends on `key - query` alone: query `i` adds `values[origin + j - i]` to its score of key `j`.
 ///
@@ -44,7 +45,8 @@ pub enum Visible {
 /// a head is a column range of the projections.
 /// Numerics: f32, with error terms of `head_dim` and `n` sums; on one back-end a row's bits do not depend on the other
 /// rows, nor on keys that it does not see. Scores are never stored beyond a tile of keys.
-/// Cost: `2 * m * n * head_dim` multiply-adds; no allocation.
+/// Cost: `2 * m * n * head_dim` multiply-adds; no allocation. Few queries leave memory idle half of the time: `ahead`, the
+/// next head's keys and values or whatever comes then, is fetched meanwhile.
 /// Paper: section 3.1; SPEC 2.4.
 ///
 /// # Errors
@@ -58,9 +60,10 @@ pub fn attention_f32(
     scale: f32,
     bias: Option<RelativeBias>,
     visible: Visible,
+    ahead: Ahead,
     y: MatMut<f32>,
 ) -> Result<(), ShapeError> {
-    let operands = Operands { q, k, v, scale, bias, visible };
+    let operands = Operands { q, k, v, scale, bias, visible, ahead };
     if operands.check(&y)? {
         vectors(isa, operands, y);
     }
@@ -81,9 +84,10 @@ pub fn attention_bf16(
     scale: f32,
     bias: Option<RelativeBias>,
     visible: Visible,
+    ahead: Ahead,
     y: MatMut<f32>,
 ) -> Result<(), ShapeError> {
-    let operands = Operands { q, k, v, scale, bias, visible };
+    let operands = Operands { q, k, v, scale, bias, visible, ahead };
     if operands.check(&y)? {
         vectors(isa, operands, y);
     }
@@ -112,7 +116,7 @@ pub fn encoder_attention_f32(
     bias: Option<RelativeBias>,
     y: MatMut<f32>,
 ) -> Result<(), ShapeError> {
-    let operands = Operands { q, k, v, scale, bias, visible: Visible::All };
+    let operands = Operands { q, k, v, scale, bias, visible: Visible::All, ahead: Ahead::NOTHING };
     if !operands.check(&y)? {
         return Ok(());
     }
@@ -181,6 +185,8 @@ struct Operands<'a, T> {
     scale: f32,
     bias: Option<RelativeBias<'a>>,
     visible: Visible,
+    #[cfg_attr(not(target_arch = "x86_64"), expect(dead_code, reason = "nothing is fetched"))]
+    ahead: Ahead<'a>,
 }
 
 impl<'a, T> Operands<'a, T> {

@@ -37,7 +37,6 @@ pub mod matmul_i8;
 pub mod norm;
 pub mod pack;
 pub mod peak;
-#[cfg(target_arch = "x86_64")]
 mod prefetch;
 
 pub use bf16::Bf16;
@@ -45,3 +44,4 @@ pub use error::ShapeError;
 pub use isa::Isa;
 pub use mat::{Mat, MatMut};
 pub use pack::{PANEL, PackedBf16, PackedF32, PackedI8};
+pub use prefetch::Ahead;

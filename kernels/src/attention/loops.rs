@@ -27,9 +27,6 @@ macro_rules! loops {
 
         /// What keys and values are stored as: widened to f32 as it is loaded.
         pub(super) trait Load: Copy {
-            /// Whether such keys and values are fetched into L2 before they are read. Where they lie there already, that costs a
-            /// third of the time of one row.
-            const FETCHED: bool;
             /// # Safety
             /// The processor has the features of this back-end.
             unsafe fn load(src: &[Self; WIDTH]) -> Register;
@@ -40,8 +37,6 @@ macro_rules! loops {
         }
 
         impl Load for f32 {
-            const FETCHED: bool = false;
-
             #[inline]
             #[target_feature(enable = $features)]
             unsafe fn load(src: &[Self; WIDTH]) -> Register {
@@ -57,8 +52,6 @@ macro_rules! loops {
 
         /// What is stored in bfloat16 is read from memory: the encoder's keys and values of all layers.
         impl Load for Bf16 {
-            const FETCHED: bool = true;
-
             #[inline]
             #[target_feature(enable = $features)]
             unsafe fn load(src: &[Self; WIDTH]) -> Register {
@@ -131,6 +124,7 @@ macro_rules! loops {
             let mut weights = Weights([[0.0; TILE]; 4]);
             let mut pairs = [[[zero(); 2]; 4]; WIDTH / 2];
             let mut softmaxes = [[Softmax::START; 4]; BLOCK / 4];
+            let mut nothing = Fetch::new(Ahead::NOTHING, 1);
             let keys = x.keys(i + count - 1);
             for first in (0..keys).step_by(TILE) {
                 let range = first..keys.min(first + TILE);
@@ -147,7 +141,7 @@ macro_rules! loops {
                     let i = i + 4 * group;
                     if x.keys(i + 3) > first {
                         packed_scores(x.q.row_range(i..i + 4), &packed.k, &mut pairs, &mut weights);
-                        weighted::<T, f32, 4, { COLUMNS[2] }>(x, i, first, v, softmaxes, &mut weights, y);
+                        weighted::<T, f32, 4, { COLUMNS[2] }>(x, i, first, v, &mut nothing, softmaxes, &mut weights, y);
                     }
                 }
             }
@@ -250,12 +244,14 @@ macro_rules! loops {
             let mut softmaxes = [Softmax::START; Q];
             // A later query sees at least the keys of an earlier one.
             let keys = x.keys(i + Q - 1);
+            // While the last queries meet keys and values.
+            let ahead = if i + Q == x.q.rows() { x.ahead } else { Ahead::NOTHING };
+            let mut fetch = Fetch::new(ahead, 2 * keys.div_ceil(DOTS));
             for first in (0..keys).step_by(TILE) {
                 let range = first..keys.min(first + TILE);
-                // Read next: this tile's values, and the next tile's keys.
-                let next = [x.v.row_range(range.clone()), x.k.row_range(range.end..keys.min(range.end + TILE))];
-                scores::<T, Q, K>(x, i, x.k.row_range(range.clone()), next, &mut weights);
-                weighted::<T, T, Q, C>(x, i, first, x.v.row_range(range), &mut softmaxes, &mut weights, y);
+                scores::<T, Q, K>(x, i, x.k.row_range(range.clone()), &mut fetch, &mut weights);
+                let v = x.v.row_range(range);
+                weighted::<T, T, Q, C>(x, i, first, v, &mut fetch, &mut softmaxes, &mut weights, y);
             }
             for (r, softmax) in softmaxes.iter().enumerate() {
                 softmax.finish(y.row_mut(i + r));
@@ -271,6 +267,7 @@ macro_rules! loops {
             i: usize,
             first: usize,
             v: Mat<V>,
+            fetch: &mut Fetch,
             softmaxes: &mut [Softmax; Q],
             weights: &mut Weights<Q>,
             y: &mut MatMut<f32>,
@@ -280,35 +277,31 @@ macro_rules! loops {
                 seen[r] = x.keys(i + r).saturating_sub(first).min(v.rows());
             }
             let shrink = weigh(x, i, first, seen, softmaxes, weights);
-            values::<V, Q, C>(&weights.0, 0, v.row_range(0..seen[0]), shrink, i, y);
+            values::<V, Q, C>(&weights.0, 0, v.row_range(0..seen[0]), fetch, shrink, i, y);
             for r in 1..Q {
                 if seen[r] > seen[0] {
                     let v = v.row_range(seen[0]..seen[r]);
-                    values::<V, 1, { COLUMNS[0] }>(core::array::from_ref(&weights.0[r]), seen[0], v, [1.0], i + r, y);
+                    let weights = core::array::from_ref(&weights.0[r]);
+                    values::<V, 1, { COLUMNS[0] }>(weights, seen[0], v, fetch, [1.0], i + r, y);
                 }
             }
         }
 
-        /// The dot products of `Q` queries with every key of `k`; up to `K - 1` more, of no meaning, follow them. Meanwhile
-        /// `next` is fetched: one stream is not enough to read memory at full speed.
+        /// The dot products of `Q` queries with every key of `k`; up to `K - 1` more, of no meaning, follow them.
         #[target_feature(enable = $features)]
         fn scores<T: Load, const Q: usize, const K: usize>(
             x: Operands<T>,
             i: usize,
             k: Mat<T>,
-            next: [Mat<T>; 2],
+            fetch: &mut Fetch,
             weights: &mut Weights<Q>,
         ) {
             let q = x.q.row_range(i..i + Q);
             for first in (0..k.rows()).step_by(K) {
-                for rows in next.into_iter().filter(|_| T::FETCHED) {
-                    for j in first..rows.rows().min(first + K) {
-                        rows.row(j).chunks(64 / size_of::<T>()).for_each(|line| prefetch::far(line.as_ptr()));
-                    }
-                }
                 let mut sums = [zero(); WIDTH];
                 // A few keys at a time, whose addresses stay in registers.
                 for from in (0..K).step_by(DOTS) {
+                    fetch.some();
                     match (K < DOTS, q.cols() == WHOLE * WIDTH) {
                         (true, _) => dots::<T, Q, K, K, 0>(q, k, first, from, &mut sums),
                         (_, true) => dots::<T, Q, K, DOTS, WHOLE>(q, k, first, from, &mut sums),
@@ -443,6 +436,7 @@ macro_rules! loops {
             weights: &[[f32; TILE]; Q],
             from: usize,
             v: Mat<V>,
+            fetch: &mut Fetch,
             shrink: [f32; Q],
             i: usize,
             y: &mut MatMut<f32>,
@@ -450,9 +444,9 @@ macro_rules! loops {
             let mut column = 0;
             while column < v.cols() {
                 column += match v.cols() - column {
-                    1..WIDTH => columns::<V, Q, 1, true>(weights, from, v, shrink, i, column, y),
-                    left if left < C * WIDTH => columns::<V, Q, 1, false>(weights, from, v, shrink, i, column, y),
-                    _ => columns::<V, Q, C, false>(weights, from, v, shrink, i, column, y),
+                    1..WIDTH => columns::<V, Q, 1, true>(weights, from, v, fetch, shrink, i, column, y),
+                    left if left < C * WIDTH => columns::<V, Q, 1, false>(weights, from, v, fetch, shrink, i, column, y),
+                    _ => columns::<V, Q, C, false>(weights, from, v, fetch, shrink, i, column, y),
                 };
             }
         }
@@ -463,6 +457,7 @@ macro_rules! loops {
             weights: &[[f32; TILE]; Q],
             from: usize,
             v: Mat<V>,
+            fetch: &mut Fetch,
             shrink: [f32; Q],
             i: usize,
             column: usize,
@@ -481,6 +476,9 @@ macro_rules! loops {
             }
             let v = v.columns(column..end);
             for j in 0..v.rows() {
+                if j.is_multiple_of(DOTS) {
+                    fetch.some();
+                }
                 let mut values = [zero(); C];
                 if PART {
                     values[0] = widened_part(v.row(j));

@@ -97,36 +97,37 @@ fn bucket(distance: isize, two_sided: bool, buckets: usize, max_distance: usize)
     first + (exact + grown as usize).min(side - 1)
 }
 
-/// Calls `f(sequence, head, rows, y)` for every sequence and head, heads shared by the threads. Sequence `i` has the
-/// `counts[i]` rows below those of the sequences before it; `y` is where its outputs of that head go, a piece of `context`.
+/// Calls `f(sequence, heads, rows, y)` for every sequence and head, heads shared by the threads: the first of `heads` is meant, the
+/// others follow it on the same thread. Sequence `i` has the `counts[i]` rows below those of the sequences before it; `y` is where
+/// its outputs of that head go, a piece of `context`.
 pub(super) fn for_each_head(
     cx: Compute,
     d_kv: usize,
     counts: impl Iterator<Item = usize> + Clone + Sync,
     work: usize,
     context: MatMut<f32>,
-    f: impl Fn(usize, usize, Range<usize>, MatMut<f32>) -> Result<(), ShapeError> + Sync,
+    f: impl Fn(usize, Range<usize>, Range<usize>, MatMut<f32>) -> Result<(), ShapeError> + Sync,
 ) -> Result<(), StepError> {
     cx.team.columns(context, d_kv, work, |columns, y| {
-        heads_of(columns, d_kv, counts.clone(), y, |sequence, head, _, rows, y| f(sequence, head, rows, y))
+        heads_of(columns, d_kv, counts.clone(), y, |sequence, heads, _, rows, y| f(sequence, heads, rows, y))
     })
 }
 
-/// Calls `f(sequence, head, column, rows, y)` for every sequence and the heads that `columns` are, `column` being the first of
-/// the head's among them; `y` is where its outputs of that head go, a piece of `context`, which holds these columns.
+/// Calls `f(sequence, heads, column, rows, y)` for every sequence and the heads that `columns` are, `column` being the first of
+/// the first head's among them; `y` is where its outputs of that head go, a piece of `context`, which holds these columns.
 pub(super) fn heads_of(
     columns: Range<usize>,
     d_kv: usize,
     counts: impl Iterator<Item = usize>,
     context: MatMut<f32>,
-    mut f: impl FnMut(usize, usize, usize, Range<usize>, MatMut<f32>) -> Result<(), ShapeError>,
+    mut f: impl FnMut(usize, Range<usize>, usize, Range<usize>, MatMut<f32>) -> Result<(), ShapeError>,
 ) -> Result<(), StepError> {
     let (mut rest, mut first) = (context, 0);
     for (sequence, count) in counts.enumerate().filter(|&(_, count)| count > 0) {
         let (mut y, below) = rest.split_rows(count);
         for at in (0..columns.len()).step_by(d_kv) {
             let (head, tail) = y.split_columns(d_kv);
-            f(sequence, (columns.start + at) / d_kv, at, first..first + count, head)?;
+            f(sequence, (columns.start + at) / d_kv..columns.end / d_kv, at, first..first + count, head)?;
             y = tail;
         }
         (rest, first) = (below, first + count);

@@ -1,12 +1,13 @@
 //! The decoder: new rows against cached keys and values (paper section 3.1; SPEC 2.4, 2.5).
 
+use std::ops::Range;
 use std::time::Instant;
 
 use rayon::prelude::*;
 use umo_kernels::attention::{Visible, attention_bf16, attention_f32};
 use umo_kernels::bf16::round_bf16;
 use umo_kernels::matmul_f32::Epilogue;
-use umo_kernels::{Bf16, Mat, MatMut, ShapeError};
+use umo_kernels::{Ahead, Bf16, Mat, MatMut, ShapeError};
 
 use super::attention::{PositionBias, Projections, for_each_head, projection};
 use super::experts::Experts;
@@ -62,20 +63,23 @@ enum Cross {
 /// Keys and values of one sequence: those of the encoder's states, and those of the ids decoded so far.
 #[derive(Debug)]
 struct DecoderCache {
-    /// `[layers, own_max, 2 * inner]`: keys, then values.
+    /// `[layers, 2 * heads, own_max, d_kv]`: keys of every head, then values, so that a head is read in one stream.
     own: AlignedBox<f32>,
     cross: Cross,
     own_len: usize,
     cross_len: usize,
     own_max: usize,
     cross_max: usize,
+    /// Keys and values of one position in one layer.
     width: usize,
+    d_kv: usize,
 }
 
 impl DecoderCache {
     /// Room for sequences of at most `lengths`.
     fn new(config: &Config, lengths: Lengths, storage: CrossStorage) -> Self {
-        let (layers, width) = (config.lm.num_decoder_layers, 2 * config.lm.num_heads * config.lm.d_kv);
+        let (layers, d_kv) = (config.lm.num_decoder_layers, config.lm.d_kv);
+        let width = 2 * config.lm.num_heads * d_kv;
         let (own_max, cross_max) = (lengths.decoder, lengths.encoder);
         Self {
             own: AlignedBox::zeroed(layers * own_max * width),
@@ -88,11 +92,19 @@ impl DecoderCache {
             own_max,
             cross_max,
             width,
+            d_kv,
         }
     }
 
-    fn own_layer(&self, layer: usize, rows: usize) -> Result<Mat<'_, f32>, ShapeError> {
-        Mat::new(&self.own[layer * self.own_max * self.width..], rows, self.width)
+    /// The first `rows` keys or values of a head: keys are the first half of the rows of `own`.
+    fn own_rows(&self, layer: usize, row: usize, rows: usize) -> &[f32] {
+        let start = layer * self.own_max * self.width + row * self.own_max * self.d_kv;
+        &self.own[start..start + rows * self.d_kv]
+    }
+
+    /// The keys or values of a head, all of them as they stand in [`Cross::Bf16`].
+    fn cross_rows<'a>(&self, cross: &'a [Bf16], layer: usize, row: usize) -> &'a [Bf16] {
+        &cross[self.cross_start(layer) + row * self.cross_max * self.d_kv..][..self.cross_len * self.d_kv]
     }
 
     /// Where a layer of [`Cross`] starts.
@@ -290,12 +302,13 @@ impl Decoder {
         append(sequences, index, qkv.columns(inner..3 * inner));
 
         let context = &mut context[..rows * inner];
-        self.heads(cx, sequences, qkv.columns(0..inner), context, |sequence, head, q, y| {
+        self.heads(cx, sequences, qkv.columns(0..inner), context, |sequence, heads, q, y| {
             let first = sequence.cache.own_len;
-            let kv = sequence.cache.own_layer(index, first + sequence.count)?;
-            let at = head * self.d_kv;
-            let (k, v) = (kv.columns(at..at + self.d_kv), kv.columns(inner + at..inner + at + self.d_kv));
-            attention_f32(cx.isa, q, k, v, 1.0, Some(self.bias.of(head, first)), Visible::Causal { first }, y)
+            let (rows, bias) = (first + sequence.count, Some(self.bias.of(heads.start, first)));
+            let of = |head| [head, self.heads + head].map(|row| sequence.cache.own_rows(index, row, rows));
+            let ahead = if heads.len() > 1 { of(heads.start + 1) } else { [&[][..]; 2] };
+            let [k, v] = of(heads.start).map(|values| Mat::new(values, rows, self.d_kv));
+            attention_f32(cx.isa, q, k?, v?, 1.0, bias, Visible::Causal { first }, Ahead::new(ahead[0], ahead[1]), y)
         })?;
         let context = Mat::new(context, rows, inner)?;
         layer.self_attention.output.forward(cx, quant, context, Epilogue::ADD, MatMut::new(hidden, rows, d)?)
@@ -317,50 +330,52 @@ impl Decoder {
         input.apply(cx, x, None, 0..inner, Epilogue::STORE, MatMut::new(qkv, rows, inner)?)?;
 
         let (q, context) = (Mat::new(qkv, rows, inner)?, &mut context[..rows * inner]);
-        self.heads(cx, sequences, q, context, |sequence, head, q, y| {
-            self.attend_head(cx, &sequence.cache, (index, head), q, y)
+        self.heads(cx, sequences, q, context, |sequence, heads, q, y| {
+            self.attend_head(cx, &sequence.cache, (index, heads), q, y)
         })?;
         let context = Mat::new(context, rows, inner)?;
         layer.cross_attention.output.forward(cx, quant, context, Epilogue::ADD, MatMut::new(hidden, rows, d)?)
     }
 
-    /// Cross-attention of one head.
+    /// Cross-attention of the first of `heads`, behind which the others follow.
     fn attend_head(
         &self,
         cx: Compute,
         cache: &DecoderCache,
-        (index, head): (usize, usize),
+        (index, heads): (usize, Range<usize>),
         q: Mat<f32>,
         y: MatMut<f32>,
     ) -> Result<(), ShapeError> {
-        let (start, rows, d_kv) = (cache.cross_start(index), cache.cross_len, self.d_kv);
+        let (head, rows, d_kv) = (heads.start, cache.cross_len, self.d_kv);
         match &cache.cross {
             Cross::F32(cross) => {
-                let kv = Mat::new(&cross[start..], rows, cache.width)?;
+                let kv = Mat::new(&cross[cache.cross_start(index)..], rows, cache.width)?;
                 let of = |column: usize| kv.columns(column * d_kv..(column + 1) * d_kv);
-                attention_f32(cx.isa, q, of(head), of(self.heads + head), 1.0, None, Visible::All, y)
+                attention_f32(cx.isa, q, of(head), of(self.heads + head), 1.0, None, Visible::All, Ahead::NOTHING, y)
             }
             Cross::Bf16(cross) => {
-                let of = |row: usize| Mat::new(&cross[start + row * cache.cross_max * d_kv..], rows, d_kv);
-                attention_bf16(cx.isa, q, of(head)?, of(self.heads + head)?, 1.0, None, Visible::All, y)
+                let of = |head| [head, self.heads + head].map(|row| cache.cross_rows(cross, index, row));
+                let ahead = if heads.len() > 1 { of(head + 1) } else { [&[][..]; 2] };
+                let [k, v] = of(head).map(|values| Mat::new(values, rows, d_kv));
+                attention_bf16(cx.isa, q, k?, v?, 1.0, None, Visible::All, Ahead::new(ahead[0], ahead[1]), y)
             }
         }
     }
 
-    /// Calls `f(sequence, head, queries, output)` for every sequence with new rows, and every head.
+    /// Calls `f(sequence, heads, queries, output)` for every sequence with new rows, and every head, which is the first of `heads`.
     fn heads(
         &self,
         cx: Compute,
         sequences: &[Sequence],
         q: Mat<f32>,
         context: &mut [f32],
-        f: impl Fn(&Sequence, usize, Mat<f32>, MatMut<f32>) -> Result<(), ShapeError> + Sync,
+        f: impl Fn(&Sequence, Range<usize>, Mat<f32>, MatMut<f32>) -> Result<(), ShapeError> + Sync,
     ) -> Result<(), StepError> {
         let keys = sequences.iter().map(|s| s.cache.cross_len.max(s.cache.own_len)).max().unwrap_or(0);
         let (y, work) = (MatMut::new(context, q.rows(), q.cols())?, 2 * q.rows() * keys * q.cols());
-        for_each_head(cx, self.d_kv, sequences.iter().map(|s| s.count), work, y, |sequence, head, rows, y| {
-            let q = q.row_range(rows).columns(head * self.d_kv..(head + 1) * self.d_kv);
-            f(&sequences[sequence], head, q, y)
+        for_each_head(cx, self.d_kv, sequences.iter().map(|s| s.count), work, y, |sequence, heads, rows, y| {
+            let q = q.row_range(rows).columns(heads.start * self.d_kv..(heads.start + 1) * self.d_kv);
+            f(&sequences[sequence], heads, q, y)
         })
     }
 }
@@ -371,9 +386,12 @@ fn append(sequences: &mut [Sequence], layer: usize, kv: Mat<f32>) {
     for sequence in sequences {
         let count = sequence.count;
         let cache = &mut sequence.cache;
-        let start = (layer * cache.own_max + cache.own_len) * cache.width;
-        for (i, out) in cache.own[start..].chunks_exact_mut(cache.width).take(count).enumerate() {
-            out.copy_from_slice(kv.row(row + i));
+        let heads = cache.own[layer * cache.own_max * cache.width..].chunks_exact_mut(cache.own_max * cache.d_kv);
+        for (head, out) in heads.take(cache.width / cache.d_kv).enumerate() {
+            let out = out[cache.own_len * cache.d_kv..].chunks_exact_mut(cache.d_kv);
+            for (i, out) in out.take(count).enumerate() {
+                out.copy_from_slice(&kv.row(row + i)[head * cache.d_kv..(head + 1) * cache.d_kv]);
+            }
         }
         row += count;
     }

@@ -132,10 +132,10 @@ impl Encoder {
                 }
                 let qkv = y.dense();
                 let y = to.y.reborrow().split_columns(first).1.split_columns(width).0;
-                heads_of(at..at + width, self.d_kv, lengths.iter().copied(), y, |_, head, at, rows, y| {
+                heads_of(at..at + width, self.d_kv, lengths.iter().copied(), y, |_, heads, at, rows, y| {
                     let block = qkv.row_range(rows);
                     let of = |kind: usize| block.columns(kind * width + at..kind * width + at + self.d_kv);
-                    encoder_attention_f32(cx.isa, of(0), of(1), of(2), 1.0, Some(self.bias.of(head, 0)), y)
+                    encoder_attention_f32(cx.isa, of(0), of(1), of(2), 1.0, Some(self.bias.of(heads.start, 0)), y)
                 })?;
             }
             to.complete(0..rows)
