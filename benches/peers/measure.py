@@ -29,12 +29,15 @@ PACKAGES = {"pytorch": "torch"}
 # What is timed: the part, threads, and the peers with the precision of their weights.
 PARTS = [
     ("encoder", 2, ["onnxruntime int8", "ctranslate2 int8", "pytorch int8", "onnxruntime f32", "pytorch f32"]),
+    ("step", 2, ["reading int8"]),
+    ("step", 1, ["reading int8"]),
     ("chunk", 2, ["onnxruntime int8", "ctranslate2 int8"]),
     ("chunk", 1, ["onnxruntime int8", "ctranslate2 int8"]),
     ("hubert", 2, ["onnxruntime int8", "pytorch int8", "onnxruntime f32", "pytorch f32"]),
 ]
 WHAT = {
     "encoder": "encoder; 256 tokens",
+    "step": "one step of the decoder; 256 tokens",
     "chunk": "encode 256 tokens and generate 20 codes",
     "hubert": "HuBERT to layer 9; 3 s of audio",
 }
@@ -56,6 +59,8 @@ def version():
 
 def peer_name(peer):
     package, kind = peer.split()
+    if package == "reading":
+        return "reading as many bytes"
     return f"{NAMES[package]} {importlib.metadata.version(PACKAGES.get(package, package))} {kind}"
 
 
@@ -89,23 +94,27 @@ class Side:
 
 
 def parts(isa, wanted):
-    import models
-
-    models.build(MODELS)
     entries = [entry for entry in PARTS if entry[0] == wanted]
-    names = {other.split()[0] for _, _, others in entries for other in others}
+    names = {other.split()[0] for _, _, others in entries for other in others} - {"reading"}
+    if names:
+        import models
+
+        models.build(MODELS)
     peers = {name: Side(sys.executable, HERE / "peer.py", name, MODELS) for name in names}
     ours = Side(TARGET / "release" / "parts")
     for side in [ours, *peers.values()]:
         side.wait()
     for part, threads, others in entries:
-        sides = [*[(peers[other.split()[0]], other.split()[1]) for other in others], (ours, "int8")]
+        # What a step must read is read by our own threads.
+        sides = [(peers.get(other.split()[0], ours), other.split()[1]) for other in others]
+        asked = ["reading" if other.startswith("reading") else part for other in others]
+        sides = [(side, what, kind) for (side, kind), what in zip(sides, asked)] + [(ours, part, "int8")]
         # The first call of a peer loads its model.
-        for side, kind in sides:
-            side.times(part, kind, threads)
+        for side, what, kind in sides:
+            side.times(what, kind, threads)
         rounds, floors = [], []
         for _ in range(ROUNDS):
-            rounds.append([side.times(part, kind, threads) for side, kind in sides])
+            rounds.append([side.times(what, kind, threads) for side, what, kind in sides])
             floors.append(float(ours.ask(part, "int8", threads, "floor")))
         print(ours.ask("peaks", "int8", threads, 0), flush=True)
         *medians, our_median = [statistics.median(sum(times, [])) for times in zip(*rounds)]
@@ -198,6 +207,7 @@ def document(rows, name):
 def main():
     groups = {
         "encoder": lambda isa: parts(isa, "encoder"),
+        "step": lambda isa: parts(isa, "step"),
         "chunk": lambda isa: parts(isa, "chunk"),
         "hubert": lambda isa: parts(isa, "hubert"),
         "attention": attentions,

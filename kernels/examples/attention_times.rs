@@ -91,7 +91,8 @@ fn measure(request: &Request) -> Vec<f64> {
             if queries == keys {
                 encoder_attention_f32(isa, q, k, v, 0.125, Some(bias), mine).expect("shapes agree");
             } else {
-                attention_f32(isa, q, k, v, 0.125, Some(bias), Visible::All, Ahead::NOTHING, mine).expect("shapes agree");
+                attention_f32(isa, q, k, v, 0.125, Some(bias), Visible::All, Ahead::NOTHING, mine)
+                    .expect("shapes agree");
             }
             y = after;
         }

@@ -4,6 +4,7 @@
 #[cfg(target_arch = "x86_64")]
 use core::arch::x86_64::{_MM_HINT_T0, _MM_HINT_T1, _mm_prefetch};
 use core::marker::PhantomData;
+use core::sync::atomic::{AtomicPtr, AtomicUsize, Ordering};
 
 /// Memory that will be read next, and may come into cache while something else is computed: a hint that changes no result.
 #[derive(Clone, Copy, Debug)]
@@ -27,6 +28,40 @@ impl<'a> Ahead<'a> {
     }
 }
 
+/// What a thread may fetch while it waits: told by another thread, at any time.
+#[derive(Debug, Default)]
+pub struct Expected {
+    pieces: [AtomicPtr<u8>; 2],
+    len: AtomicUsize,
+}
+
+impl Expected {
+    /// From now on, `ahead`.
+    pub fn set(&self, ahead: Ahead) {
+        for (piece, start) in self.pieces.iter().zip(ahead.pieces) {
+            piece.store(start.cast_mut(), Ordering::Relaxed);
+        }
+        self.len.store(ahead.len, Ordering::Relaxed);
+    }
+
+    /// Fetches until all has been fetched or `is_over` returns true, which is asked for every few lines. What was set meanwhile may
+    /// be fetched or not; an address is never read.
+    pub fn fetch(&self, mut is_over: impl FnMut() -> bool) {
+        let [first, second] = &self.pieces;
+        let pieces = [first, second].map(|piece| piece.load(Ordering::Relaxed).cast_const());
+        let ahead = Ahead { pieces, len: self.len.load(Ordering::Relaxed), memory: PhantomData };
+        #[cfg(target_arch = "x86_64")]
+        {
+            let mut fetch = Fetch::new(ahead, usize::MAX);
+            while fetch.left > 0 && !is_over() {
+                fetch.some();
+            }
+        }
+        #[cfg(not(target_arch = "x86_64"))]
+        let _ = (ahead, &mut is_over);
+    }
+}
+
 /// Fetches a line into L1.
 #[cfg(target_arch = "x86_64")]
 #[inline]
@@ -47,38 +82,73 @@ pub(crate) fn far<T>(line: *const T) {
 /// of one.
 #[cfg(target_arch = "x86_64")]
 pub(crate) struct Fetch {
-    streams: [*const u8; 8],
-    /// Lines of each that are left, and how many a call fetches.
+    /// Where the next lines of the first streams lie.
+    pieces: [*const u8; 2],
+    /// Bytes from one stream of a piece to the next, of each that are left, and of each that a call fetches.
+    stream: usize,
     left: usize,
     step: usize,
 }
 
 #[cfg(target_arch = "x86_64")]
 impl Fetch {
+    /// Of each piece.
+    const STREAMS: usize = 4;
     const LINE: usize = 64;
 
     /// All of `ahead` in so many calls.
     pub(crate) fn new(ahead: Ahead, calls: usize) -> Self {
-        let mut streams = [core::ptr::null(); 8];
-        let each = streams.len() / ahead.pieces.len();
-        let left = ahead.len / Self::LINE / each;
-        for (streams, start) in streams.chunks_exact_mut(each).zip(ahead.pieces) {
-            for (i, stream) in streams.iter_mut().enumerate() {
-                *stream = start.wrapping_add(i * left * Self::LINE);
-            }
-        }
-        Self { streams, left, step: left.div_ceil(calls.max(1)) }
+        let lines = ahead.len / Self::LINE / Self::STREAMS;
+        let (stream, step) = (lines * Self::LINE, lines.div_ceil(calls.max(1)) * Self::LINE);
+        Self { pieces: ahead.pieces, stream, left: stream, step }
     }
 
     /// The next lines.
     #[inline]
     pub(crate) fn some(&mut self) {
-        for _ in 0..self.step.min(self.left) {
-            for stream in &mut self.streams {
-                far(*stream);
-                *stream = stream.wrapping_add(Self::LINE);
+        let step = self.step.min(self.left);
+        self.left -= step;
+        for piece in &mut self.pieces {
+            for line in (0..step).step_by(Self::LINE) {
+                for stream in 0..Self::STREAMS {
+                    far(piece.wrapping_add(line + stream * self.stream));
+                }
             }
-            self.left -= 1;
+            *piece = piece.wrapping_add(step);
         }
+    }
+}
+
+#[cfg(all(test, target_arch = "x86_64"))]
+mod tests {
+    use super::*;
+
+    /// All whole lines of four streams in each piece, in the calls that there are.
+    #[test]
+    fn all_is_fetched_in_the_calls_that_there_are() {
+        for len in [0, 1, 255, 256, 1000, 4096, 65_536] {
+            let memory = &[0_u8; 65_536][..len];
+            for calls in [1, 2, 7, 128] {
+                let mut fetch = Fetch::new(Ahead::new(memory, memory), calls);
+                (0..calls).for_each(|_| fetch.some());
+                assert_eq!(fetch.left, 0);
+                let end = memory.as_ptr().wrapping_add(len / 256 * 64);
+                assert_eq!(fetch.pieces, [end; 2]);
+            }
+        }
+    }
+
+    #[test]
+    fn waiting_ends_when_it_is_over() {
+        let (memory, expected) = ([0_u8; 4096], Expected::default());
+        expected.fetch(|| panic!("nothing is expected"));
+        expected.set(Ahead::new(&memory, &memory));
+        let mut asked = 0;
+        expected.fetch(|| {
+            asked += 1;
+            asked == 3
+        });
+        assert_eq!(asked, 3);
+        expected.fetch(|| false);
     }
 }

@@ -326,7 +326,8 @@ fn attention_rejects_shapes_that_disagree() {
     let none = input.mat().row_range(0..0);
     let call = |q, k, v, bias, visible| {
         let mut y = Guarded::new(3, 4, 0, 0);
-        attention_f32(Isa::SCALAR, q, k, v, 1.0, bias, visible, Ahead::NOTHING, y.mat()).map_err(|error: ShapeError| error.arg)
+        attention_f32(Isa::SCALAR, q, k, v, 1.0, bias, visible, Ahead::NOTHING, y.mat())
+            .map_err(|error: ShapeError| error.arg)
     };
     let short = Some(RelativeBias { values: &[0.0; 4], origin: 2 });
     let late = Some(RelativeBias { values: &[0.0; 9], origin: 1 });

@@ -7,7 +7,7 @@ use umo_kernels::matmul_f32::{Epilogue, Input, matmul_f32, matmul_gated_f32};
 use umo_kernels::matmul_i8::{
     QuantRows, matmul_gated_i8, matmul_i8, quantize_columns, quantize_rows, row_maxima, step_size,
 };
-use umo_kernels::{Bf16, Isa, Mat, MatMut, PANEL, PackedBf16, PackedF32, PackedI8, ShapeError};
+use umo_kernels::{Ahead, Bf16, Isa, Mat, MatMut, PANEL, PackedBf16, PackedF32, PackedI8, ShapeError};
 
 use crate::error::StepError;
 use crate::team::{MAX_THREADS, Team, both};
@@ -294,6 +294,28 @@ impl Linear {
     /// Whether activations are quantised for it.
     pub fn is_int8(&self) -> bool {
         matches!(self.weight, Weight::I8 { .. })
+    }
+
+    /// What a product with few rows reads first for the outputs `range`: eight panels.
+    pub fn ahead(&self, range: Range<usize>) -> Ahead<'_> {
+        const PANELS: usize = 8;
+        fn of<T>(data: &[T], outputs: usize, range: Range<usize>) -> Ahead<'_> {
+            let panel = data.len() / outputs.div_ceil(PANEL).max(1);
+            let first = &data[range.start / PANEL * panel..range.end.div_ceil(PANEL) * panel];
+            let first = &first[..first.len().min(PANELS * panel)];
+            let (left, right) = first.split_at(first.len() / 2);
+            Ahead::new(left, right)
+        }
+        match &self.weight {
+            Weight::F32(data) => of(data, self.outputs, range),
+            Weight::Bf16(data) => of(data, self.outputs, range),
+            Weight::I8 { steps, .. } => of(steps, self.outputs, range),
+        }
+    }
+
+    /// Tells the threads that the product with all outputs comes after the next job.
+    pub fn expect(&self, cx: Compute) {
+        cx.team.expect(self.outputs, PANEL, |range| self.ahead(range));
     }
 
     /// Bytes that one product reads.

@@ -20,7 +20,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use atomic_wait::{wait, wake_all, wake_one};
-use umo_kernels::MatMut;
+use umo_kernels::{Ahead, Expected, MatMut};
 
 use crate::error::StepError;
 
@@ -97,6 +97,8 @@ struct Shared {
     threads: u64,
     /// Odd while guests are welcome; a change sends those that came before home.
     invitation: AtomicU32,
+    /// What each of the team's own threads will read next.
+    expected: Box<[Expected]>,
 }
 
 impl Team {
@@ -207,6 +209,30 @@ impl Team {
         assert!(!panicked, "a piece of work panicked");
     }
 
+    /// Says what the job behind the next one reads first: `ahead(piece)` for each piece of its `total` columns or rows, cut as
+    /// [`Self::split`] cuts them. Threads that wait fetch it: memory is idle then, and most of a token's time goes into reading.
+    pub fn expect<'a>(&self, total: usize, granule: usize, ahead: impl Fn(Range<usize>) -> Ahead<'a>) {
+        if self.threads == 1 || self.is_lent {
+            return;
+        }
+        let mut ends = [0; MAX_THREADS];
+        self.cut(total, granule, &mut [1.0; MAX_THREADS][..self.threads], &mut ends[..self.threads]);
+        let mut start = 0;
+        for (expected, &end) in self.shared.expected.iter().zip(&ends) {
+            expected.set(if start < end { ahead(start..end) } else { Ahead::NOTHING });
+            start = end;
+        }
+    }
+
+    /// Where each thread's piece of `total` rows or columns ends, and its share.
+    fn cut(&self, total: usize, granule: usize, shares: &mut [f32], ends: &mut [usize]) {
+        for (share, known) in shares.iter_mut().zip(&self.shares) {
+            *share = f32::from_bits(known.load(Ordering::Relaxed));
+        }
+        shares::cut(shares, total.div_ceil(granule), ends);
+        ends.iter_mut().for_each(|end| *end = (*end * granule).min(total));
+    }
+
     /// Cuts the columns of `y` into one piece per thread, each a multiple of `granule` wide (but the last), and calls
     /// `f(columns, piece)` for each. `work` is the job's multiply-adds: little work is not shared.
     ///
@@ -289,19 +315,15 @@ impl Team {
     ) -> Result<(), StepError> {
         let mut shares = [1.0; MOST];
         let shares = &mut shares[..self.threads];
-        for (share, known) in shares.iter_mut().zip(&self.shares) {
-            *share = f32::from_bits(known.load(Ordering::Relaxed));
-        }
         let mut ends = [0; MOST];
         let ends = &mut ends[..self.threads];
-        shares::cut(shares, total.div_ceil(granule), ends);
+        self.cut(total, granule, shares, ends);
         let pieces: [Piece<Y>; MOST] = std::array::from_fn(|_| Piece::empty());
         let (mut rest, mut start) = (y, 0);
-        for (piece, end) in pieces.iter().zip(&mut *ends) {
-            *end = (*end * granule).min(total);
-            let (head, tail) = cut(rest, *end - start);
+        for (piece, &mut end) in pieces.iter().zip(&mut *ends) {
+            let (head, tail) = cut(rest, end - start);
             piece.put(head);
-            (rest, start) = (tail, *end);
+            (rest, start) = (tail, end);
         }
         let ends = &*ends;
         self.run(&|thread| {
@@ -385,6 +407,7 @@ impl Shared {
             ticket: AtomicU64::new(threads as u64),
             threads: threads as u64,
             invitation: AtomicU32::new(0),
+            expected: (0..threads).map(|_| Expected::default()).collect(),
         }
     }
 
@@ -430,6 +453,7 @@ impl Shared {
 
     /// Spins, then sleeps, until no worker has the job any more.
     fn wait_for_workers(&self) {
+        self.expected[0].fetch(|| self.pending.load(Ordering::Acquire) == 0);
         for _ in 0..SPINS_BEFORE_SLEEP {
             if self.pending.load(Ordering::Acquire) == 0 {
                 return;
@@ -487,6 +511,7 @@ fn bind(core: usize) -> bool {
 fn work(shared: &Shared, index: usize) {
     let mut seen = 0;
     loop {
+        shared.expected[index].fetch(|| shared.epoch.load(Ordering::Acquire) != seen);
         seen = shared.next_epoch(seen);
         if shared.stop.load(Ordering::Relaxed) {
             return;
@@ -580,6 +605,32 @@ mod tests {
                 .unwrap();
                 assert!(data.iter().all(|&v| v == 1));
             }
+        }
+    }
+
+    #[test]
+    fn what_is_expected_is_cut_as_the_job_is() {
+        let data = [0_u8; 4096];
+        for threads in [1, 2, 3] {
+            let team = Team::new(threads).unwrap();
+            let (expected, seen) = (std::sync::Mutex::new(vec![]), std::sync::Mutex::new(vec![]));
+            team.expect(100, 16, |range| {
+                expected.lock().unwrap().push(range);
+                Ahead::new(&data, &data)
+            });
+            for _ in 0..3 {
+                seen.lock().unwrap().clear();
+                let mut data = [0_u32; 100];
+                let y = MatMut::new(&mut data, 1, 100).unwrap();
+                team.columns(y, 16, usize::MAX, |range, _| {
+                    seen.lock().unwrap().push(range);
+                    Ok(())
+                })
+                .unwrap();
+            }
+            let (expected, mut seen) = (expected.into_inner().unwrap(), seen.into_inner().unwrap());
+            seen.sort_by_key(|range| range.start);
+            assert_eq!(expected, if threads > 1 { seen } else { vec![] });
         }
     }
 

@@ -50,7 +50,6 @@ macro_rules! loops {
             }
         }
 
-        /// What is stored in bfloat16 is read from memory: the encoder's keys and values of all layers.
         impl Load for Bf16 {
             #[inline]
             #[target_feature(enable = $features)]
@@ -141,7 +140,8 @@ macro_rules! loops {
                     let i = i + 4 * group;
                     if x.keys(i + 3) > first {
                         packed_scores(x.q.row_range(i..i + 4), &packed.k, &mut pairs, &mut weights);
-                        weighted::<T, f32, 4, { COLUMNS[2] }>(x, i, first, v, &mut nothing, softmaxes, &mut weights, y);
+                        let scratch = (&mut weights, &mut nothing);
+                        weighted::<T, f32, 4, { COLUMNS[2] }>(x, i, first, v, softmaxes, scratch, y);
                     }
                 }
             }
@@ -251,7 +251,7 @@ macro_rules! loops {
                 let range = first..keys.min(first + TILE);
                 scores::<T, Q, K>(x, i, x.k.row_range(range.clone()), &mut fetch, &mut weights);
                 let v = x.v.row_range(range);
-                weighted::<T, T, Q, C>(x, i, first, v, &mut fetch, &mut softmaxes, &mut weights, y);
+                weighted::<T, T, Q, C>(x, i, first, v, &mut softmaxes, (&mut weights, &mut fetch), y);
             }
             for (r, softmax) in softmaxes.iter().enumerate() {
                 softmax.finish(y.row_mut(i + r));
@@ -267,9 +267,8 @@ macro_rules! loops {
             i: usize,
             first: usize,
             v: Mat<V>,
-            fetch: &mut Fetch,
             softmaxes: &mut [Softmax; Q],
-            weights: &mut Weights<Q>,
+            (weights, fetch): (&mut Weights<Q>, &mut Fetch),
             y: &mut MatMut<f32>,
         ) {
             let mut seen = [0; Q];
@@ -444,9 +443,11 @@ macro_rules! loops {
             let mut column = 0;
             while column < v.cols() {
                 column += match v.cols() - column {
-                    1..WIDTH => columns::<V, Q, 1, true>(weights, from, v, fetch, shrink, i, column, y),
-                    left if left < C * WIDTH => columns::<V, Q, 1, false>(weights, from, v, fetch, shrink, i, column, y),
-                    _ => columns::<V, Q, C, false>(weights, from, v, fetch, shrink, i, column, y),
+                    1..WIDTH => columns::<V, Q, 1, true>(weights, from, v, fetch, shrink, (i, column), y),
+                    left if left < C * WIDTH => {
+                        columns::<V, Q, 1, false>(weights, from, v, fetch, shrink, (i, column), y)
+                    }
+                    _ => columns::<V, Q, C, false>(weights, from, v, fetch, shrink, (i, column), y),
                 };
             }
         }
@@ -459,8 +460,7 @@ macro_rules! loops {
             v: Mat<V>,
             fetch: &mut Fetch,
             shrink: [f32; Q],
-            i: usize,
-            column: usize,
+            (i, column): (usize, usize),
             y: &mut MatMut<f32>,
         ) -> usize {
             let end = v.cols().min(column + C * WIDTH);

@@ -353,13 +353,11 @@ fn step<const R: usize, const P: usize>(tiles: &Tiles, source: &Source, i: usize
         }
         for part in [high, low] {
             tiles.load_rows::<4, _>(&part[0][at..], stride);
-            tiles.multiply_bf16::<0, 4, 6>();
-            if P > 1 {
-                tiles.multiply_bf16::<1, 4, 7>();
-            }
             tiles.load_rows::<5, _>(&part[1][at..], stride);
+            tiles.multiply_bf16::<0, 4, 6>();
             tiles.multiply_bf16::<2, 5, 6>();
             if P > 1 {
+                tiles.multiply_bf16::<1, 4, 7>();
                 tiles.multiply_bf16::<3, 5, 7>();
             }
         }

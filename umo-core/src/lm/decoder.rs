@@ -96,15 +96,29 @@ impl DecoderCache {
         }
     }
 
-    /// The first `rows` keys or values of a head: keys are the first half of the rows of `own`.
-    fn own_rows(&self, layer: usize, row: usize, rows: usize) -> &[f32] {
-        let start = layer * self.own_max * self.width + row * self.own_max * self.d_kv;
-        &self.own[start..start + rows * self.d_kv]
+    /// The first `rows` keys and values of a head's own.
+    fn own_head(&self, layer: usize, head: usize, rows: usize) -> [&[f32]; 2] {
+        self.of_head(&self.own, layer, head, self.own_max, rows)
     }
 
-    /// The keys or values of a head, all of them as they stand in [`Cross::Bf16`].
-    fn cross_rows<'a>(&self, cross: &'a [Bf16], layer: usize, row: usize) -> &'a [Bf16] {
-        &cross[self.cross_start(layer) + row * self.cross_max * self.d_kv..][..self.cross_len * self.d_kv]
+    /// The keys and values of a head in [`Cross::Bf16`].
+    fn cross_head<'a>(&self, cross: &'a [Bf16], layer: usize, head: usize) -> [&'a [Bf16]; 2] {
+        self.of_head(cross, layer, head, self.cross_max, self.cross_len)
+    }
+
+    /// The first `rows` of up to `max` keys and values of a head in `all [layers, 2 * heads, max, d_kv]`.
+    fn of_head<'a, T>(&self, all: &'a [T], layer: usize, head: usize, max: usize, rows: usize) -> [&'a [T]; 2] {
+        let values = self.width / self.d_kv / 2;
+        let start = |row| layer * max * self.width + row * max * self.d_kv;
+        [head, values + head].map(|row| &all[start(row)..start(row) + rows * self.d_kv])
+    }
+
+    /// What attention with all of a head's keys reads first.
+    fn cross_ahead(&self, layer: usize, head: usize) -> Ahead<'_> {
+        match &self.cross {
+            Cross::F32(_) => Ahead::NOTHING,
+            Cross::Bf16(cross) => ahead(self.cross_head(cross, layer, head)),
+        }
     }
 
     /// Where a layer of [`Cross`] starts.
@@ -264,7 +278,8 @@ impl Decoder {
         self.attend_cross(cx, scratch, (index, layer), sequences, rows)?;
         let middle = Instant::now();
         let LmScratch { hidden, normed, experts, quant, middle: inside, .. } = scratch;
-        layer.experts.forward(cx, (quant, inside), experts, &mut hidden[..rows * d], &mut normed[..rows * d])?;
+        let next = self.layers.get(index + 1).map(|next| &next.self_attention.input);
+        layer.experts.forward(cx, (quant, inside), experts, &mut hidden[..rows * d], &mut normed[..rows * d], next)?;
         scratch.times.add(start, middle);
         Ok(())
     }
@@ -297,19 +312,23 @@ impl Decoder {
         let LmScratch { hidden, normed, qkv, context, quant, .. } = scratch;
         let (input, none) = (&layer.self_attention.input, MatMut::new(&mut [], rows, 0)?);
         let x = norm_input(cx, hidden, (&layer.self_norm, self.eps), normed, (input, quant), none, 0, no_more)?;
+        self.expect(cx, sequences, |cache, head| ahead(cache.own_head(index, head, cache.own_len)));
         input.apply(cx, x, None, 0..3 * inner, Epilogue::STORE, MatMut::new(qkv, rows, 3 * inner)?)?;
+        layer.self_attention.output.expect(cx);
         let qkv = Mat::new(qkv, rows, 3 * inner)?;
         append(sequences, index, qkv.columns(inner..3 * inner));
 
         let context = &mut context[..rows * inner];
         self.heads(cx, sequences, qkv.columns(0..inner), context, |sequence, heads, q, y| {
             let first = sequence.cache.own_len;
-            let (rows, bias) = (first + sequence.count, Some(self.bias.of(heads.start, first)));
-            let of = |head| [head, self.heads + head].map(|row| sequence.cache.own_rows(index, row, rows));
-            let ahead = if heads.len() > 1 { of(heads.start + 1) } else { [&[][..]; 2] };
-            let [k, v] = of(heads.start).map(|values| Mat::new(values, rows, self.d_kv));
-            attention_f32(cx.isa, q, k?, v?, 1.0, bias, Visible::Causal { first }, Ahead::new(ahead[0], ahead[1]), y)
+            let (cache, rows) = (&sequence.cache, first + sequence.count);
+            let next = heads.clone().nth(1);
+            let ahead = next.map_or(Ahead::NOTHING, |head| ahead(cache.own_head(index, head, rows)));
+            let [k, v] = cache.own_head(index, heads.start, rows).map(|values| Mat::new(values, rows, self.d_kv));
+            let bias = Some(self.bias.of(heads.start, first));
+            attention_f32(cx.isa, q, k?, v?, 1.0, bias, Visible::Causal { first }, ahead, y)
         })?;
+        layer.cross_attention.input.expect(cx);
         let context = Mat::new(context, rows, inner)?;
         layer.self_attention.output.forward(cx, quant, context, Epilogue::ADD, MatMut::new(hidden, rows, d)?)
     }
@@ -327,12 +346,15 @@ impl Decoder {
         let LmScratch { hidden, normed, qkv, context, quant, .. } = scratch;
         let (input, none) = (&layer.cross_attention.input, MatMut::new(&mut [], rows, 0)?);
         let x = norm_input(cx, hidden, (&layer.cross_norm, self.eps), normed, (input, quant), none, 0, no_more)?;
+        self.expect(cx, sequences, |cache, head| cache.cross_ahead(index, head));
         input.apply(cx, x, None, 0..inner, Epilogue::STORE, MatMut::new(qkv, rows, inner)?)?;
 
+        layer.cross_attention.output.expect(cx);
         let (q, context) = (Mat::new(qkv, rows, inner)?, &mut context[..rows * inner]);
         self.heads(cx, sequences, q, context, |sequence, heads, q, y| {
             self.attend_head(cx, &sequence.cache, (index, heads), q, y)
         })?;
+        layer.experts.expect(cx);
         let context = Mat::new(context, rows, inner)?;
         layer.cross_attention.output.forward(cx, quant, context, Epilogue::ADD, MatMut::new(hidden, rows, d)?)
     }
@@ -354,12 +376,20 @@ impl Decoder {
                 attention_f32(cx.isa, q, of(head), of(self.heads + head), 1.0, None, Visible::All, Ahead::NOTHING, y)
             }
             Cross::Bf16(cross) => {
-                let of = |head| [head, self.heads + head].map(|row| cache.cross_rows(cross, index, row));
-                let ahead = if heads.len() > 1 { of(head + 1) } else { [&[][..]; 2] };
-                let [k, v] = of(head).map(|values| Mat::new(values, rows, d_kv));
-                attention_bf16(cx.isa, q, k?, v?, 1.0, None, Visible::All, Ahead::new(ahead[0], ahead[1]), y)
+                let next = heads.clone().nth(1);
+                let ahead = next.map_or(Ahead::NOTHING, |head| ahead(cache.cross_head(cross, index, head)));
+                let [k, v] = cache.cross_head(cross, index, head).map(|values| Mat::new(values, rows, d_kv));
+                attention_bf16(cx.isa, q, k?, v?, 1.0, None, Visible::All, ahead, y)
             }
         }
+    }
+
+    /// Tells the threads that attention over the first sequence's keys comes after the next job: `of` says what it reads of each
+    /// thread's first head.
+    fn expect<'a>(&self, cx: Compute, sequences: &'a [Sequence], of: impl Fn(&'a DecoderCache, usize) -> Ahead<'a>) {
+        cx.team.expect(self.heads * self.d_kv, self.d_kv, |columns| {
+            sequences.first().map_or(Ahead::NOTHING, |first| of(&first.cache, columns.start / self.d_kv))
+        });
     }
 
     /// Calls `f(sequence, heads, queries, output)` for every sequence with new rows, and every head, which is the first of `heads`.
@@ -378,6 +408,11 @@ impl Decoder {
             f(&sequences[sequence], heads, q, y)
         })
     }
+}
+
+/// Keys and values that are read next.
+fn ahead<T>([keys, values]: [&[T]; 2]) -> Ahead<'_> {
+    Ahead::new(keys, values)
 }
 
 /// Appends each sequence's new keys and values, rows of `kv`, to its cache of one layer.

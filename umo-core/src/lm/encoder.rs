@@ -84,7 +84,7 @@ impl Encoder {
         self.attend(cx, scratch, layer, lengths)?;
         let middle = Instant::now();
         let LmScratch { hidden, normed, experts, quant, middle: inside, .. } = scratch;
-        layer.experts.forward(cx, (quant, inside), experts, &mut hidden[..rows * d], &mut normed[..rows * d])?;
+        layer.experts.forward(cx, (quant, inside), experts, &mut hidden[..rows * d], &mut normed[..rows * d], None)?;
         scratch.times.add(start, middle);
         Ok(())
     }

@@ -92,7 +92,7 @@ impl Experts {
     }
 
     /// `hidden += moe(norm(hidden))`; `hidden`, `normed` `[rows, d_model]`. Threads share rows of the norm and the router, then
-    /// columns of all experts at once.
+    /// columns of all experts at once. What is multiplied after that, `then`, may be fetched meanwhile.
     pub(super) fn forward(
         &self,
         cx: Compute,
@@ -100,6 +100,7 @@ impl Experts {
         scratch: &mut ExpertScratch,
         hidden: &mut [f32],
         normed: &mut [f32],
+        then: Option<&Linear>,
     ) -> Result<(), StepError> {
         let (d, experts) = (self.norm.len(), self.experts.len());
         let rows = hidden.len() / d;
@@ -119,14 +120,21 @@ impl Experts {
         self.each(starts, |expert, slots| {
             let (rows_of, weight) = (&slot_rows[slots.clone()], &weights[slots.clone()]);
             let (gated, work) = ((&mut gated[..], slots.len()), 2 * slots.len() * d * self.d_ff);
+            expert.down.expect(cx);
             let input = middle.computed(cx, &expert.down, gated, PANEL, work, (&mut [], 0), |columns, to| {
                 expert.gate.apply_gated_here(&expert.up, cx, input, Some(rows_of), columns, to.y.reborrow())?;
                 to.complete(0..slots.len())
             })?;
+            then.inspect(|then| then.expect(cx));
             let scatter = Scatter { rows: rows_of, weight };
             let end = Epilogue { scatter: Some(scatter), ..Epilogue::STORE };
             expert.down.apply(cx, input, None, 0..d, end, MatMut::new(hidden, rows, d)?)
         })
+    }
+
+    /// Tells the thread that will compute them that norm and router come after the next job.
+    pub(super) fn expect(&self, cx: Compute) {
+        cx.team.expect(1, 1, |_| self.router.ahead(0..self.experts.len()));
     }
 
     /// Calls `f` for every expert that has rows, with its slots.
