@@ -10,7 +10,7 @@ use umo_kernels::matmul_i8::{
 use umo_kernels::{Ahead, Bf16, Isa, Mat, MatMut, PANEL, PackedBf16, PackedF32, PackedI8, ShapeError};
 
 use crate::error::StepError;
-use crate::team::{MAX_THREADS, Team, both};
+use crate::team::{MAX_PIECES, Team, both};
 use crate::weights::AlignedBox;
 
 /// How products are computed.
@@ -84,7 +84,7 @@ pub struct QuantScratch {
     scale: Box<[f32]>,
     /// High and low parts of values, or nothing.
     parts: [AlignedBox<Bf16>; 2],
-    /// The largest size of a value in each row, `[threads, rows]`, or nothing.
+    /// The largest size of a value in each row, `[pieces, rows]`, or nothing.
     largest: AlignedBox<f32>,
 }
 
@@ -128,7 +128,7 @@ impl QuantScratch {
     /// The same with what [`Self::computed`] needs.
     #[must_use]
     pub fn with_maxima(self) -> Self {
-        Self { largest: AlignedBox::zeroed(MAX_THREADS * self.scale.len()), ..self }
+        Self { largest: AlignedBox::zeroed(MAX_PIECES * self.scale.len()), ..self }
     }
 
     /// Calls `f` for each thread's columns of `values [rows, width]`, a multiple of `granule`, and makes the rows ready for
@@ -149,22 +149,22 @@ impl QuantScratch {
         (room, each): (&mut [f32], usize),
         f: impl Fn(Range<usize>, &mut Columns) -> Result<(), StepError> + Sync,
     ) -> Result<Ready<'a>, StepError> {
-        let (width, threads) = (next.inputs, cx.team.threads());
+        let (width, pieces) = (next.inputs, cx.team.pieces());
         let mut y = MatMut::new(values, rows, width)?;
         if room.len() < width * each {
             return Err(ShapeError { arg: "room", want: width * each, got: room.len() }.into());
         }
         let largest = if next.is_int8() {
             let want = rows * width;
-            if self.largest.len() < threads * rows || self.scale.len() < rows || self.steps.len() < want {
+            if self.largest.len() < pieces * rows || self.scale.len() < rows || self.steps.len() < want {
                 return Err(ShapeError { arg: "quant", want, got: self.steps.len() }.into());
             }
-            self.largest[..threads * rows].fill(0.0);
-            MatMut::new(&mut self.largest, threads, rows)?
+            self.largest[..pieces * rows].fill(0.0);
+            MatMut::new(&mut self.largest, pieces, rows)?
         } else {
             MatMut::new(&mut [], 0, rows)?
         };
-        // Each thread has a row of `largest`, where there is one.
+        // Each piece has a row of `largest`, where there is one.
         fn row(largest: MatMut<'_, f32>, _: usize) -> (MatMut<'_, f32>, MatMut<'_, f32>) {
             let mine = largest.rows().min(1);
             largest.split_rows(mine)
@@ -184,7 +184,7 @@ impl QuantScratch {
         if !next.is_int8() {
             return Ok(Ready::Float(Mat::new(values, rows, width)?));
         }
-        let (largest, others) = self.largest[..threads * rows].split_at_mut(rows);
+        let (largest, others) = self.largest[..pieces * rows].split_at_mut(rows);
         for (t, largest) in largest.iter_mut().enumerate() {
             *largest = others.iter().skip(t).step_by(rows).fold(*largest, |largest, &other| largest.max(other));
             self.scale[t] = step_size(*largest);

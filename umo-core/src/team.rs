@@ -2,7 +2,8 @@
 //! so that neither the number of threads nor where the cuts are ever changes a bit.
 //!
 //! Cores are not equally fast: some have a neighbour on the same core or another program, some are small. A thread's share
-//! of a job follows the time that it took for its pieces of those before.
+//! of a job follows the time that it took for its pieces of those before, and the last pieces of a large job are dealt to whoever
+//! is done first.
 //!
 //! A token costs 80 to 100 joins, so waking a sleeping thread for each (15 to 35 us) is out of the question: workers spin
 //! for a bounded time and only then sleep, and so does the caller that waits for them. Nothing here allocates or locks once
@@ -15,7 +16,7 @@ use std::cell::UnsafeCell;
 use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicU32, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicU32, AtomicU64, AtomicUsize, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -26,6 +27,15 @@ use crate::error::StepError;
 
 /// Most threads of a team.
 pub const MAX_THREADS: usize = 64;
+
+/// Pieces of a large job for whoever is done first.
+const DEALT: usize = 4;
+
+/// Most pieces of a job.
+pub const MAX_PIECES: usize = MAX_THREADS + DEALT;
+
+/// Multiply-adds from which a job is worth dealing: pieces of a smaller one are too short.
+const WORTH_DEALING: usize = 1 << 24;
 
 /// Threads of which the pieces of a job are kept in little memory.
 const FEW_THREADS: usize = 4;
@@ -167,6 +177,11 @@ impl Team {
         self.threads
     }
 
+    /// Most pieces that a job is cut into.
+    pub(crate) fn pieces(&self) -> usize {
+        if self.threads == 1 { 1 } else { self.threads + DEALT }
+    }
+
     /// Runs `job(i)` for every `i` below the number of threads, each on its own thread, and waits for all.
     ///
     /// A call while another is under way runs all of them on the calling thread. Panics where `job` did.
@@ -216,21 +231,21 @@ impl Team {
             return;
         }
         let mut ends = [0; MAX_THREADS];
-        self.cut(total, granule, &mut [1.0; MAX_THREADS][..self.threads], &mut ends[..self.threads]);
+        self.cut(total.div_ceil(granule), &mut [1.0; MAX_THREADS][..self.threads], &mut ends[..self.threads]);
         let mut start = 0;
-        for (expected, &end) in self.shared.expected.iter().zip(&ends) {
+        for (expected, end) in self.shared.expected.iter().zip(ends) {
+            let end = (end * granule).min(total);
             expected.set(if start < end { ahead(start..end) } else { Ahead::NOTHING });
             start = end;
         }
     }
 
-    /// Where each thread's piece of `total` rows or columns ends, and its share.
-    fn cut(&self, total: usize, granule: usize, shares: &mut [f32], ends: &mut [usize]) {
+    /// Where each thread's piece of `granules` ends, and its share.
+    fn cut(&self, granules: usize, shares: &mut [f32], ends: &mut [usize]) {
         for (share, known) in shares.iter_mut().zip(&self.shares) {
             *share = f32::from_bits(known.load(Ordering::Relaxed));
         }
-        shares::cut(shares, total.div_ceil(granule), ends);
-        ends.iter_mut().for_each(|end| *end = (*end * granule).min(total));
+        shares::cut(shares, granules, ends);
     }
 
     /// Cuts the columns of `y` into one piece per thread, each a multiple of `granule` wide (but the last), and calls
@@ -297,41 +312,54 @@ impl Team {
         if self.threads == 1 || work < WORTH_SHARING || total <= granule {
             return f(0..total, y);
         }
+        let deal = work >= WORTH_DEALING;
         if self.threads <= FEW_THREADS {
-            self.share::<Y, FEW_THREADS>(y, total, granule, cut, f)
+            self.share::<Y, { FEW_THREADS + DEALT }>(y, total, granule, deal, cut, f)
         } else {
-            self.share::<Y, MAX_THREADS>(y, total, granule, cut, f)
+            self.share::<Y, MAX_PIECES>(y, total, granule, deal, cut, f)
         }
     }
 
-    /// Hands `total` rows or columns out to the threads, of which there are at most `MOST`.
+    /// Hands `total` rows or columns out to the threads, in at most `MOST` pieces: one for each thread, and, where it is worth
+    /// it, a few more for whoever is done first.
     fn share<Y: Send, const MOST: usize>(
         &self,
         y: Y,
         total: usize,
         granule: usize,
+        deal: bool,
         cut: impl Fn(Y, usize) -> (Y, Y),
         f: impl Fn(Range<usize>, Y) -> Result<(), StepError> + Sync,
     ) -> Result<(), StepError> {
-        let mut shares = [1.0; MOST];
-        let shares = &mut shares[..self.threads];
-        let mut ends = [0; MOST];
-        let ends = &mut ends[..self.threads];
-        self.cut(total, granule, shares, ends);
+        let threads = self.threads;
+        let (mut shares, mut ends) = ([1.0; MOST], [0; MOST]);
+        let shares = &mut shares[..threads];
+        let granules = total.div_ceil(granule);
+        let dealt = if deal { shares::dealt(granules) } else { 0 };
+        let count = threads + if dealt > 0 { DEALT } else { 0 };
+        let ends = &mut ends[..count];
+        self.cut(granules - dealt * (count - threads), shares, &mut ends[..threads]);
+        for piece in threads..count {
+            ends[piece] = ends[piece - 1] + dealt;
+        }
+        ends.iter_mut().for_each(|end| *end = (*end * granule).min(total));
         let pieces: [Piece<Y>; MOST] = std::array::from_fn(|_| Piece::empty());
         let (mut rest, mut start) = (y, 0);
-        for (piece, &mut end) in pieces.iter().zip(&mut *ends) {
+        for (piece, &end) in pieces.iter().zip(&*ends) {
             let (head, tail) = cut(rest, end - start);
             piece.put(head);
             (rest, start) = (tail, end);
         }
-        let ends = &*ends;
+        let (ends, next) = (&*ends, AtomicUsize::new(threads));
         self.run(&|thread| {
-            let piece = &pieces[thread];
-            let range = if thread == 0 { 0 } else { ends[thread - 1] }..ends[thread];
-            if let (Some(y), false) = (piece.take(), range.is_empty()) {
-                let start = Instant::now();
-                piece.finish(f(range, y), start.elapsed());
+            let mut i = thread;
+            while let Some(&end) = ends.get(i) {
+                let (piece, range) = (&pieces[i], if i == 0 { 0 } else { ends[i - 1] }..end);
+                if let (Some(y), false) = (piece.take(), range.is_empty()) {
+                    let start = Instant::now();
+                    piece.finish(f(range, y), start.elapsed());
+                }
+                i = next.fetch_add(1, Ordering::Relaxed);
             }
         });
         let (mut times, mut error) = ([Duration::ZERO; MOST], None);
@@ -340,7 +368,7 @@ impl Team {
             (*time, error) = (end.1, error.or(end.0));
         }
         // Pieces of guests are anybody's.
-        if !self.is_lent && shares::learn(shares, &times[..self.threads]) {
+        if !self.is_lent && shares::learn(shares, &times[..threads]) {
             for (share, known) in shares.iter().zip(&self.shares) {
                 known.store(share.to_bits(), Ordering::Relaxed);
             }
@@ -527,8 +555,8 @@ struct Piece<T> {
     end: UnsafeCell<(Option<StepError>, Duration)>,
 }
 
-// SAFETY: during `run` the cells of piece `i` are touched by thread `i` alone; before and after it by the caller alone,
-// and `run` orders the two.
+// SAFETY: during `run` the cells of piece `i` are touched by one thread alone, thread `i`, or, where there is no such thread,
+// the one that was given the number `i`; before and after it by the caller alone, and `run` orders the two.
 unsafe impl<T: Send> Sync for Piece<T> {}
 
 impl<T> Piece<T> {
@@ -543,13 +571,13 @@ impl<T> Piece<T> {
     }
 
     fn take(&self) -> Option<T> {
-        // SAFETY: called by thread `i` for piece `i` alone.
+        // SAFETY: called for piece `i` by the one thread that has it.
         let input = unsafe { &mut *self.input.get() };
         input.take()
     }
 
     fn finish(&self, result: Result<(), StepError>, time: Duration) {
-        // SAFETY: called by thread `i` for piece `i` alone.
+        // SAFETY: called for piece `i` by the one thread that has it.
         let end = unsafe { &mut *self.end.get() };
         *end = (result.err(), time);
     }
@@ -570,12 +598,14 @@ mod tests {
     fn every_piece_is_visited_once_on_any_thread_count() {
         for threads in [1, 2, 3, 8] {
             let team = Team::new(threads).unwrap();
-            for cols in [0, 1, 15, 16, 17, 100, 333] {
+            for cols in [0, 1, 15, 16, 17, 100, 333, 1000] {
                 let mut data = vec![0_u32; 3 * cols];
                 for round in 0..50 {
                     let y = MatMut::new(&mut data, 3, cols).unwrap();
-                    team.columns(y, 16, usize::MAX, |range, mut y| {
+                    let work = if round % 2 == 0 { WORTH_SHARING } else { WORTH_DEALING };
+                    team.columns(y, 16, work, |range, mut y| {
                         assert_eq!(range.len(), y.cols());
+                        assert!(range.start.is_multiple_of(16) && (range.end.is_multiple_of(16) || range.end == cols));
                         for row in 0..3 {
                             y.row_mut(row).iter_mut().for_each(|v| *v += 1);
                         }
@@ -609,10 +639,32 @@ mod tests {
     }
 
     #[test]
+    fn what_is_dealt_goes_to_whoever_is_done() {
+        let team = Team::new(2).unwrap();
+        let (mut data, others) = ([0_u32; 96], AtomicU32::new(0));
+        let y = MatMut::new(&mut data, 1, 96).unwrap();
+        team.columns(y, 1, WORTH_DEALING, |range, _| {
+            if range.start > 0 {
+                others.fetch_add(1, Ordering::Relaxed);
+                return Ok(());
+            }
+            // The first piece takes until all others are done, which so fall to the other thread.
+            let start = Instant::now();
+            while others.load(Ordering::Relaxed) < 5 {
+                assert!(start.elapsed() < Duration::from_secs(60), "pieces wait for this thread");
+                std::thread::yield_now();
+            }
+            Ok(())
+        })
+        .unwrap();
+    }
+
+    #[test]
     fn what_is_expected_is_cut_as_the_job_is() {
         let data = [0_u8; 4096];
         for threads in [1, 2, 3] {
             let team = Team::new(threads).unwrap();
+            let work = WORTH_SHARING;
             let (expected, seen) = (std::sync::Mutex::new(vec![]), std::sync::Mutex::new(vec![]));
             team.expect(100, 16, |range| {
                 expected.lock().unwrap().push(range);
@@ -622,7 +674,7 @@ mod tests {
                 seen.lock().unwrap().clear();
                 let mut data = [0_u32; 100];
                 let y = MatMut::new(&mut data, 1, 100).unwrap();
-                team.columns(y, 16, usize::MAX, |range, _| {
+                team.columns(y, 16, work, |range, _| {
                     seen.lock().unwrap().push(range);
                     Ok(())
                 })

@@ -30,6 +30,11 @@ pub(super) fn cut(shares: &[f32], granules: usize, ends: &mut [usize]) {
     ends[threads - 1] = granules;
 }
 
+/// Granules of each of the pieces that are dealt out of `granules`, to whoever is done first; 0 where there are too few.
+pub(super) fn dealt(granules: usize) -> usize {
+    if granules < 12 { 0 } else { (granules / 24).max(1) }
+}
+
 /// Moves shares towards those with which all of `times` would have been the same; threads without a piece have taken none.
 /// Whether the times told anything.
 pub(super) fn learn(shares: &mut [f32], times: &[Duration]) -> bool {
