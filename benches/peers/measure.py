@@ -21,7 +21,8 @@ ROOT = HERE.parent.parent
 TARGET = ROOT / "target"
 MODELS = TARGET / "peers"
 COLUMNS = ["what", "ours", "peer", "threads", "our_ms", "peer_ms", "ratio", "floor_ms", "date", "version"]
-ROUNDS, CALLS = 15, 3
+# Calls in a turn: of a step, which takes a few milliseconds, more.
+ROUNDS, CALLS = 15, {"step": 20, "reading": 20}
 # Peers' threads spin for some milliseconds after their work; then the machine is the other side's.
 REST = 0.1
 NAMES = {"onnxruntime": "ONNX Runtime", "ctranslate2": "CTranslate2", "pytorch": "PyTorch"}
@@ -86,7 +87,7 @@ class Side:
     def times(self, part, kind, threads):
         """Milliseconds of some calls after one that wakes the threads."""
         time.sleep(REST)
-        return [float(ms) for ms in self.ask(part, kind, threads, 1 + CALLS).split()][1:]
+        return [float(ms) for ms in self.ask(part, kind, threads, 1 + CALLS.get(part, 3)).split()][1:]
 
     def close(self):
         self.process.stdin.close()

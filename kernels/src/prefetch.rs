@@ -106,6 +106,9 @@ impl Fetch {
     /// The next lines.
     #[inline]
     pub(crate) fn some(&mut self) {
+        if self.left == 0 {
+            return;
+        }
         let step = self.step.min(self.left);
         self.left -= step;
         for piece in &mut self.pieces {

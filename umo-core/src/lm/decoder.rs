@@ -312,14 +312,15 @@ impl Decoder {
         let LmScratch { hidden, normed, qkv, context, quant, .. } = scratch;
         let (input, none) = (&layer.self_attention.input, MatMut::new(&mut [], rows, 0)?);
         let x = norm_input(cx, hidden, (&layer.self_norm, self.eps), normed, (input, quant), none, 0, no_more)?;
-        self.expect(cx, sequences, |cache, head| ahead(cache.own_head(index, head, cache.own_len)));
-        input.apply(cx, x, None, 0..3 * inner, Epilogue::STORE, MatMut::new(qkv, rows, 3 * inner)?)?;
+        // Few keys are met by the caller alone; meanwhile the others have time for the product behind that.
         layer.self_attention.output.expect(cx);
+        input.apply(cx, x, None, 0..3 * inner, Epilogue::STORE, MatMut::new(qkv, rows, 3 * inner)?)?;
         let qkv = Mat::new(qkv, rows, 3 * inner)?;
         append(sequences, index, qkv.columns(inner..3 * inner));
 
         let context = &mut context[..rows * inner];
-        self.heads(cx, sequences, qkv.columns(0..inner), context, |sequence, heads, q, y| {
+        let keys = sequences.iter().map(|s| s.cache.own_len + s.count).max().unwrap_or(0);
+        self.heads(cx, sequences, keys, qkv.columns(0..inner), context, |sequence, heads, q, y| {
             let first = sequence.cache.own_len;
             let (cache, rows) = (&sequence.cache, first + sequence.count);
             let next = heads.clone().nth(1);
@@ -346,12 +347,16 @@ impl Decoder {
         let LmScratch { hidden, normed, qkv, context, quant, .. } = scratch;
         let (input, none) = (&layer.cross_attention.input, MatMut::new(&mut [], rows, 0)?);
         let x = norm_input(cx, hidden, (&layer.cross_norm, self.eps), normed, (input, quant), none, 0, no_more)?;
-        self.expect(cx, sequences, |cache, head| cache.cross_ahead(index, head));
+        // Of the first sequence, each thread's first head.
+        cx.team.expect(inner, self.d_kv, |columns| {
+            sequences.first().map_or(Ahead::NOTHING, |s| s.cache.cross_ahead(index, columns.start / self.d_kv))
+        });
         input.apply(cx, x, None, 0..inner, Epilogue::STORE, MatMut::new(qkv, rows, inner)?)?;
 
         layer.cross_attention.output.expect(cx);
         let (q, context) = (Mat::new(qkv, rows, inner)?, &mut context[..rows * inner]);
-        self.heads(cx, sequences, q, context, |sequence, heads, q, y| {
+        let keys = sequences.iter().map(|s| s.cache.cross_len).max().unwrap_or(0);
+        self.heads(cx, sequences, keys, q, context, |sequence, heads, q, y| {
             self.attend_head(cx, &sequence.cache, (index, heads), q, y)
         })?;
         layer.experts.expect(cx);
@@ -384,24 +389,17 @@ impl Decoder {
         }
     }
 
-    /// Tells the threads that attention over the first sequence's keys comes after the next job: `of` says what it reads of each
-    /// thread's first head.
-    fn expect<'a>(&self, cx: Compute, sequences: &'a [Sequence], of: impl Fn(&'a DecoderCache, usize) -> Ahead<'a>) {
-        cx.team.expect(self.heads * self.d_kv, self.d_kv, |columns| {
-            sequences.first().map_or(Ahead::NOTHING, |first| of(&first.cache, columns.start / self.d_kv))
-        });
-    }
-
-    /// Calls `f(sequence, heads, queries, output)` for every sequence with new rows, and every head, which is the first of `heads`.
+    /// Calls `f(sequence, heads, queries, output)` for every sequence with new rows and up to `keys` keys, and every head, which is the
+    /// first of `heads`.
     fn heads(
         &self,
         cx: Compute,
         sequences: &[Sequence],
+        keys: usize,
         q: Mat<f32>,
         context: &mut [f32],
         f: impl Fn(&Sequence, Range<usize>, Mat<f32>, MatMut<f32>) -> Result<(), ShapeError> + Sync,
     ) -> Result<(), StepError> {
-        let keys = sequences.iter().map(|s| s.cache.cross_len.max(s.cache.own_len)).max().unwrap_or(0);
         let (y, work) = (MatMut::new(context, q.rows(), q.cols())?, 2 * q.rows() * keys * q.cols());
         for_each_head(cx, self.d_kv, sequences.iter().map(|s| s.count), work, y, |sequence, heads, rows, y| {
             let q = q.row_range(rows).columns(heads.start * self.d_kv..(heads.start + 1) * self.d_kv);
