@@ -9,10 +9,8 @@ use core::sync::atomic::{AtomicPtr, AtomicUsize, Ordering};
 /// Memory that will be read next, and may come into cache while something else is computed: a hint that changes no result.
 #[derive(Clone, Copy, Debug)]
 pub struct Ahead<'a> {
-    #[cfg_attr(not(target_arch = "x86_64"), expect(dead_code, reason = "nothing is fetched"))]
     pieces: [*const u8; 2],
     /// Bytes of each.
-    #[cfg_attr(not(target_arch = "x86_64"), expect(dead_code, reason = "nothing is fetched"))]
     len: usize,
     memory: PhantomData<&'a [u8]>,
 }

@@ -225,7 +225,7 @@ impl Team {
     }
 
     /// Says what the job behind the next one reads first: `ahead(piece)` for each piece of its `total` columns or rows, cut as
-    /// [`Self::split`] cuts them. Threads that wait fetch it: memory is idle then, and most of a token's time goes into reading.
+    /// [`Self::split`] cuts little work. Threads that wait fetch it: memory is idle then, and most of a token's time goes into reading.
     pub fn expect<'a>(&self, total: usize, granule: usize, ahead: impl Fn(Range<usize>) -> Ahead<'a>) {
         if self.threads == 1 || self.is_lent {
             return;
