@@ -2,14 +2,14 @@
 //!
 //! Each line `isa queries keys heads head_dim threads repetitions` is answered by the fastest and the median time of one
 //! call for all heads with a bias, in microseconds. Heads are column ranges of `[rows, heads * head_dim]`, as in a model;
-//! they are dealt to the threads evenly.
+//! they are dealt to the threads evenly. `bf16` behind the numbers: keys and values have no more digits than bfloat16.
 
 use std::hint::spin_loop;
 use std::io::BufRead;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
-use umo_kernels::attention::{RelativeBias, Visible, attention_f32, encoder_attention_f32};
+use umo_kernels::attention::{Digits, RelativeBias, Visible, attention_f32, encoder_attention_f32};
 use umo_kernels::{Ahead, Isa, Mat, MatMut};
 
 struct Request {
@@ -20,6 +20,7 @@ struct Request {
     head_dim: usize,
     threads: usize,
     repetitions: usize,
+    digits: Digits,
 }
 
 fn parse(line: &str) -> Option<Request> {
@@ -34,6 +35,7 @@ fn parse(line: &str) -> Option<Request> {
         head_dim: number()?,
         threads: number()?,
         repetitions: number()?,
+        digits: if words.next() == Some("bf16") { Digits::Bf16 } else { Digits::F32 },
     })
 }
 
@@ -62,7 +64,7 @@ fn main() {
 
 /// Microseconds of every repetition.
 fn measure(request: &Request) -> Vec<f64> {
-    let &Request { isa, queries, keys, heads, head_dim, threads, repetitions } = request;
+    let &Request { isa, queries, keys, heads, head_dim, threads, repetitions, digits } = request;
     let dim = heads * head_dim;
     let (q, k, v) = (noise(queries * dim), noise(keys * dim), noise(keys * dim));
     let biases = noise(heads * (queries + keys));
@@ -89,7 +91,7 @@ fn measure(request: &Request) -> Vec<f64> {
             let (mine, after) = y.split_columns(head_dim);
             // A whole sequence at once, as an encoder has it, or a decoder's few rows.
             if queries == keys {
-                encoder_attention_f32(isa, q, k, v, 0.125, Some(bias), mine).expect("shapes agree");
+                encoder_attention_f32(isa, q, k, v, digits, 0.125, Some(bias), mine).expect("shapes agree");
             } else {
                 attention_f32(isa, q, k, v, 0.125, Some(bias), Visible::All, Ahead::NOTHING, mine)
                     .expect("shapes agree");

@@ -94,6 +94,15 @@ pub fn attention_bf16(
     Ok(())
 }
 
+/// Which digits the keys and values of a whole sequence have.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Digits {
+    /// All of f32's.
+    F32,
+    /// Those of bfloat16: each is a value that [`to_bf16`](crate::bf16::to_bf16) left. Whatever else they have may be lost.
+    Bf16,
+}
+
 /// Attention of one head over a whole sequence at once, as in an encoder: every query sees every key.
 ///
 /// The same as [`attention_f32`] with [`Visible::All`], but for its bits: where the processor has tiles for bfloat16, this
@@ -101,17 +110,19 @@ pub fn attention_bf16(
 /// road a call takes is decided by the number of keys and by `head_dim`. A decoder's rows, which come alone as well as
 /// together, are what [`attention_f32`] is for; keep to one of the two per attention of a network.
 ///
-/// Numerics: as [`attention_f32`]; on the `amx` back-end every factor is exactly the sum of three bfloat16 values, each
+/// Numerics: as [`attention_f32`]; the bits do not depend on `digits`, but half of the work on tiles does. On the `amx` back-end every factor is exactly the sum of three bfloat16 values, each
 /// product is off by at most 2^-21 of its size, and denormals are taken as zero. Where an input is not finite, what
 /// depends on it is NaN.
 ///
 /// # Errors
 /// As [`attention_f32`].
+#[expect(clippy::too_many_arguments, reason = "the operands of one fused operation, each named")]
 pub fn encoder_attention_f32(
     isa: Isa,
     q: Mat<f32>,
     k: Mat<f32>,
     v: Mat<f32>,
+    digits: Digits,
     scale: f32,
     bias: Option<RelativeBias>,
     y: MatMut<f32>,
@@ -123,7 +134,7 @@ pub fn encoder_attention_f32(
     match isa.0 {
         // SAFETY: `Isa` holds `Amx` only after detection of every feature that this back-end enables, tiles included.
         #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        Backend::Amx if amx::pays(&operands) => unsafe { amx::attention(operands, y) },
+        Backend::Amx if amx::pays(&operands) => unsafe { amx::attention(operands, digits, y) },
         #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
         Backend::Amx => vectors(isa, operands, y),
         #[cfg(target_arch = "x86_64")]

@@ -1,7 +1,7 @@
 //! Attention: against f64, exactly where the result can be known exactly, and the same bits alone and among others.
 
 use proptest::prelude::*;
-use umo_kernels::attention::{RelativeBias, Visible, attention_bf16, attention_f32, encoder_attention_f32};
+use umo_kernels::attention::{Digits, RelativeBias, Visible, attention_bf16, attention_f32, encoder_attention_f32};
 use umo_kernels::{Ahead, Bf16, Isa, Mat, ShapeError};
 use umo_tests::{EPSILON, Fill, Guarded, Noise, Placed, bits, cases, fill, for_each_isa, near, offset};
 
@@ -96,7 +96,7 @@ impl Case {
     fn call(&self, isa: Isa, (q, k, v): Qkv, i: usize, visible: Visible, y: &mut Guarded<f32>) {
         let bias = self.bias.as_ref().map(|(values, origin)| RelativeBias { values, origin: origin - i });
         let result = if self.encoder {
-            encoder_attention_f32(isa, q, k, v, self.scale, bias, y.mat())
+            encoder_attention_f32(isa, q, k, v, Digits::F32, self.scale, bias, y.mat())
         } else {
             attention_f32(isa, q, k, v, self.scale, bias, visible, Ahead::NOTHING, y.mat())
         };
@@ -212,7 +212,8 @@ fn encoder_attention_keeps_every_bit(isa: Isa) {
             let bias: Vec<f32> = keys.iter().zip(&rests).map(|(key, rest)| rest - scale * key).collect();
             let mut y = Guarded::new(1, dim, 0, 0);
             let relative = Some(RelativeBias { values: &bias, origin: 0 });
-            encoder_attention_f32(isa, q.mat(), k.mat(), v.mat(), 1.0, relative, y.mat()).expect("shapes agree");
+            encoder_attention_f32(isa, q.mat(), k.mat(), v.mat(), Digits::F32, 1.0, relative, y.mat())
+                .expect("shapes agree");
             let weights: Vec<f64> = rests.iter().map(|&rest| f64::from(rest).exp()).collect();
             let total: f64 = weights.iter().sum();
             for (c, got) in y.checked()[0].iter().enumerate() {
@@ -272,6 +273,23 @@ fn attention_ignores_hidden_keys(isa: Isa) {
     });
 }
 
+/// Where keys and values are bfloat16 values, saying so changes no bit.
+fn encoder_attention_of_few_digits_is_the_same(isa: Isa) {
+    proptest!(cases(48), |(shape in shape(), values in fill())| {
+        let case = Shape { mask: Mask::Encoder, ..shape }.case(Fill::Uniform(1.0), values, 1.0, |noise| noise.float(4.0));
+        let rounded = |from: &Placed<f32>| {
+            let mut elements = (0..shape.n).flat_map(|i| from.mat().row(i)).map(|&v| Bf16::from_f32(v).to_f32());
+            Placed::new(shape.n, shape.dim, shape.gap, shape.offset, || elements.next().unwrap_or(0.0))
+        };
+        let case = Case { k: rounded(&case.k), v: rounded(&case.v), ..case };
+        let bias = case.bias.as_ref().map(|(values, origin)| RelativeBias { values, origin: *origin });
+        let (q, k, v) = (case.q.mat(), case.k.mat(), case.v.mat());
+        let mut y = Guarded::new(shape.m, shape.dim, shape.gap, shape.offset);
+        encoder_attention_f32(isa, q, k, v, Digits::Bf16, case.scale, bias, y.mat()).expect("shapes agree");
+        prop_assert_eq!(bits(&y.checked()), bits(&case.run(isa, 0, 0)));
+    });
+}
+
 /// Keys and values stored as bfloat16 give the bits of the same numbers stored as f32, for any number of queries, and so all
 /// that the other tests say of those.
 fn attention_bf16_is_attention_over_widened_keys_and_values(isa: Isa) {
@@ -312,6 +330,7 @@ for_each_isa!(
     attention_is_near_f64,
     attention_is_exact_where_weights_are_0_or_1,
     encoder_attention_keeps_every_bit,
+    encoder_attention_of_few_digits_is_the_same,
     attention_bf16_is_attention_over_widened_keys_and_values,
     attention_rows_are_independent,
     attention_row_is_the_same_among_500,
