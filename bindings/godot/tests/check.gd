@@ -5,6 +5,8 @@ const Body := preload("res://body.gd")
 const MODEL := "res://addons/umo/umo-small.safetensors"
 ## Bones are computed in f32 with a few products more than the frames.
 const CLOSE := 1e-4
+## Seconds that a busy machine may take for what takes an idle one a moment.
+const PATIENCE := 60.0
 
 var failures := 0
 var reference: PackedFloat32Array
@@ -66,21 +68,29 @@ func wait(seconds: float) -> void:
 	await create_timer(seconds).timeout
 
 
+## Lets Godot run until something holds; whether it came to hold.
+func until(holds: Callable) -> bool:
+	var started := Time.get_ticks_msec()
+	while not holds.call():
+		if Time.get_ticks_msec() - started > PATIENCE * 1000:
+			return false
+		await wait(0.005)
+	return true
+
+
 ## All frames of hello.wav, pushed in odd pieces.
 func speak(avatar: UmoAvatar3D) -> PackedFloat32Array:
 	var samples := hello()
-	var frames := PackedFloat32Array()
-	var at := 0
-	for turn in 5000:
-		if at < samples.size():
-			at += avatar.push_audio(samples.slice(at, at + 1237))
-			if at == samples.size():
+	var frames := [PackedFloat32Array()]
+	var at := [0]
+	await until(func() -> bool:
+		if at[0] < samples.size():
+			at[0] += avatar.push_audio(samples.slice(at[0], at[0] + 1237))
+			if at[0] == samples.size():
 				avatar.finish()
-		frames.append_array(avatar.pull_frames())
-		if frames.size() >= reference.size():
-			break
-		await process_frame
-	return frames
+		frames[0].append_array(avatar.pull_frames())
+		return frames[0].size() >= reference.size())
+	return frames[0]
 
 
 func quaternion(frame: PackedFloat32Array, joint: int) -> Quaternion:
@@ -147,11 +157,16 @@ func test_bones_and_blend_shapes_follow_the_player() -> void:
 	var moved := 0.0
 	var worst := 0.0
 	var off: Array[float] = []
+	var late := Time.get_ticks_msec()
 	while voice.playing and times.size() < 20000:
+		var computed: int = avatar.stats().frames
 		await process_frame
 		var time := avatar.get_motion_time()
-		# What was shown before the first frame was computed, or after the last, is no frame of the reference.
-		if time <= 0.2 or time * 30 > reference.size() / width - 1:
+		# What is shown before the first frame was computed, or after the last, is no frame of the reference. Nor is it where
+		# a busy machine computes late: the avatar rests, and eases back.
+		if time * 30 > computed - 1:
+			late = Time.get_ticks_msec()
+		if time <= 0.2 or Time.get_ticks_msec() - late < 1000:
 			continue
 		times.append(time)
 		off.append(absf(time - voice.get_playback_position()))
@@ -170,8 +185,7 @@ func test_bones_and_blend_shapes_follow_the_player() -> void:
 	# The median: a busy machine mixes late now and then.
 	off.sort()
 	expect(off[off.size() / 2] < 0.1, "motion within 0.1 s of the player's position, got %f" % off[off.size() / 2])
-	await wait(0.5)
-	expect(avatar.is_done(), "a stream that is over")
+	expect(await until(avatar.is_done), "a stream that is over")
 	expect(avatar.stats().frames == 229, "229 frames computed, got %s" % avatar.stats())
 
 
@@ -233,6 +247,7 @@ func test_another_rig_stands_where_the_frames_say() -> void:
 	var samples := hello()
 	avatar.push_audio(samples)
 	avatar.finish()
+	expect(await until(func() -> bool: return avatar.stats().frames > 60), "frames of the 2 s that are shown")
 	var worst := 0.0
 	for turn in 40:
 		await wait(0.02)
@@ -260,6 +275,7 @@ func test_a_second_line_goes_on_where_the_first_ended() -> void:
 	voice.play(6.9)
 	while voice.playing:
 		await process_frame
+	expect(await until(avatar.is_done), "the first line's frames")
 	await wait(1.5)
 	var rested := avatar.get_motion_time()
 	voice.play(6.5)
@@ -284,12 +300,13 @@ func test_a_player_without_samples_is_captured() -> void:
 	for sample in hello().slice(0, 60000):
 		playback.push_frame(Vector2(sample, sample))
 	await wait(3)
+	await until(func() -> bool: return avatar.stats().frames >= 30 and avatar.get_motion_time() > 0.5)
 	expect(AudioServer.get_bus_effect_count(0) == effects + 1, "one effect more on the bus while it plays")
 	var stats := avatar.stats()
 	expect(stats.frames >= 30 and stats.silenced == 0, "frames from what was captured, got %s" % stats)
 	expect(avatar.get_motion_time() > 0.5, "a clock that runs, got %f" % avatar.get_motion_time())
 	voice.stop()
-	await wait(0.1)
+	await until(func() -> bool: return AudioServer.get_bus_effect_count(0) == effects)
 	expect(AudioServer.get_bus_effect_count(0) == effects, "the bus as it was after the player stopped")
 
 
@@ -297,24 +314,21 @@ func test_a_restored_avatar_gives_the_same_bits_again() -> void:
 	var avatar := make()
 	var samples := hello()
 	avatar.push_audio(samples.slice(0, 40000))
-	var state := PackedByteArray()
-	for turn in 100:
-		await process_frame
-		state = avatar.save_state()
-		if not state.is_empty():
-			break
-	var frames: PackedFloat32Array
-	for other in [avatar, make()]:
-		expect(other.restore_state(state), "a state that is taken")
-		frames = PackedFloat32Array()
+	# Nothing is saved or restored while a chunk of the session is computed.
+	var saved := [PackedByteArray()]
+	expect(await until(func() -> bool:
+		saved[0] = avatar.save_state()
+		return not saved[0].is_empty()), "a state that is saved")
+	var state: PackedByteArray = saved[0]
+	for other: UmoAvatar3D in [avatar, make()]:
+		expect(await until(func() -> bool: return other.restore_state(state)), "a state that is taken")
+		var frames := [PackedFloat32Array()]
 		other.push_audio(samples.slice(40000))
 		other.finish()
-		for turn in 5000:
-			frames.append_array(other.pull_frames())
-			if other.is_done():
-				break
-			await process_frame
-		expect(frames.to_byte_array() == reference.to_byte_array(), "the reference's bits, got %d floats" % frames.size())
+		await until(func() -> bool:
+			frames[0].append_array(other.pull_frames())
+			return other.is_done())
+		expect(frames[0].to_byte_array() == reference.to_byte_array(), "the reference's bits, got %d floats" % frames[0].size())
 	state[100] ^= 1
 	expect(not avatar.restore_state(state), "a damaged state refused")
 
@@ -347,7 +361,7 @@ func test_two_avatars_share_an_engine() -> void:
 	var frames: PackedFloat32Array = await speak(second)
 	expect(frames.to_byte_array() == reference.to_byte_array(), "the reference's bits after the other avatar went")
 	second.free()
-	await wait(0.1)
+	await until(func() -> bool: return threads.call() == before)
 	expect(threads.call() == before, "no threads left, %d after %d" % [threads.call(), before])
 
 
@@ -382,6 +396,7 @@ func test_freed_nodes_and_changed_scenes_are_no_crash() -> void:
 	for turn in 3:
 		change_scene_to_file("res://main.tscn")
 		await wait(0.3)
+	await until(func() -> bool: return current_scene.get_node("Avatar").stats().frames > 0)
 	expect(current_scene.get_node("Avatar").stats().frames > 0, "an avatar that speaks in the scene that was changed to")
 	unload_current_scene()
 
