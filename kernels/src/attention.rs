@@ -110,9 +110,9 @@ pub enum Digits {
 /// road a call takes is decided by the number of keys and by `head_dim`. A decoder's rows, which come alone as well as
 /// together, are what [`attention_f32`] is for; keep to one of the two per attention of a network.
 ///
-/// Numerics: as [`attention_f32`]; the bits do not depend on `digits`, but half of the work on tiles does. On the `amx` back-end every factor is exactly the sum of three bfloat16 values, each
-/// product is off by at most 2^-21 of its size, and denormals are taken as zero. Where an input is not finite, what
-/// depends on it is NaN.
+/// Numerics: as [`attention_f32`]. On the `amx` back-end every factor is exactly the sum of three bfloat16 values, each product
+/// is off by at most 2^-21 of its size, and denormals are taken as zero. [`Digits::Bf16`] halves the work on tiles and leaves
+/// the bits as they are. Where an input is not finite, what depends on it is NaN.
 ///
 /// # Errors
 /// As [`attention_f32`].
