@@ -118,7 +118,11 @@ def parts(isa, wanted):
             rounds.append([side.times(what, kind, threads) for side, what, kind in sides])
             floors.append(float(ours.ask(part, "int8", threads, "floor")))
         print(ours.ask("peaks", "int8", threads, 0), flush=True)
-        *medians, our_median = [statistics.median(sum(times, [])) for times in zip(*rounds)]
+        calls = [sum(times, []) for times in zip(*rounds)]
+        # What each side does in a moment without the host's other guests.
+        fastest = (f"{name} {min(times):.4g}" for name, times in zip([*map(peer_name, others), "ours"], calls))
+        print(f"{WHAT[part]}, {threads} threads, fastest call of each, ms: {', '.join(fastest)}", flush=True)
+        *medians, our_median = map(statistics.median, calls)
         for other, median in zip(others, medians):
             # Others on the same host can only make the peaks look lower.
             yield WHAT[part], f"int8 {isa}", peer_name(other), threads, our_median, median, min(floors)
