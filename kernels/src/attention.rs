@@ -112,7 +112,8 @@ pub enum Digits {
 ///
 /// Numerics: as [`attention_f32`]. On the `amx` back-end every factor is exactly the sum of three bfloat16 values, each product
 /// is off by at most 2^-21 of its size, and denormals are taken as zero. [`Digits::Bf16`] halves the work on tiles and leaves
-/// the bits as they are. Where an input is not finite, what depends on it is NaN.
+/// the bits of finite inputs as they are. Where an input is not finite, what depends on it is NaN; but with [`Digits::Bf16`] an
+/// infinite key or value may count as infinite.
 ///
 /// # Errors
 /// As [`attention_f32`].

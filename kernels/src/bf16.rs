@@ -31,6 +31,7 @@ impl Bf16 {
 
 /// Rounds every value to that of the nearest bfloat16, as [`Bf16::from_f32`] does, and leaves it an f32.
 ///
+/// Shapes: `y [rows, cols]`, in place.
 /// Numerics: all back-ends agree bit for bit.
 pub fn to_bf16(isa: Isa, y: MatMut<f32>) {
     match isa.0 {
