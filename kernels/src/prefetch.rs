@@ -76,6 +76,14 @@ pub(crate) fn far<T>(line: *const T) {
     unsafe { _mm_prefetch::<_MM_HINT_T1>(line.cast()) }
 }
 
+/// Fetches a line into L1 that will be written, so that no other core has it any more.
+#[cfg(target_arch = "x86_64")]
+#[inline]
+pub(crate) fn written<T>(line: *const T) {
+    // SAFETY: a prefetch is a hint: it changes nothing that the program can see and never faults.
+    unsafe { core::arch::asm!("prefetchw [{}]", in(reg) line, options(nostack, preserves_flags)) }
+}
+
 /// How far [`Ahead`] has come: little by little, and in streams beside each other, of which memory gives half as much again as
 /// of one.
 #[cfg(target_arch = "x86_64")]

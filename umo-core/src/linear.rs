@@ -88,6 +88,9 @@ pub struct QuantScratch {
     largest: AlignedBox<f32>,
 }
 
+/// Rows that are quantised as soon as they are computed, while L1 has them, and then make room for the next.
+const ROWS_IN_L1: usize = 8;
+
 /// Multiply-adds that quantising one value costs, roughly.
 pub const QUANTIZE_WORK: usize = 4;
 
@@ -197,8 +200,9 @@ impl QuantScratch {
         Ok(Ready::Quant(Quantised { steps: &self.steps, scale: &self.scale[..rows], width }))
     }
 
-    /// Calls `f` for each thread's rows of `values`, which are as wide as `next`'s input, and of `also`, and makes the rows ready for `next`.
-    /// `work` is `f`'s multiply-adds.
+    /// Calls `f` for rows of `values`, which are as wide as `next`'s input, and of `also`, and makes them ready for `next`. Each thread
+    /// computes its rows some at a time; where they are quantised, these take each other's place in `values`. `work` is `f`'s
+    /// multiply-adds for all rows.
     ///
     /// # Errors
     /// [`StepError`] where there is no room, and what `f` returned.
@@ -226,9 +230,18 @@ impl QuantScratch {
         let cut = both(both(MatMut::split_rows, MatMut::split_rows), both(MatMut::split_rows, MatMut::split_rows));
         let work = work + rows * width * QUANTIZE_WORK;
         let all = ((y.reborrow(), also), (steps, scale));
-        cx.team.split(all, rows, 1, work, cut, |range, ((mut y, also), (steps, mut scale))| {
-            f(range, y.reborrow(), also)?;
-            Ok(quantize_rows(cx.isa, y.dense(), steps, scale.column_mut())?)
+        cx.team.split(all, rows, 1, work, cut, |range, ((mut y, mut also), (mut steps, mut scale))| {
+            for first in range.clone().step_by(ROWS_IN_L1) {
+                let rows = first..(first + ROWS_IN_L1).min(range.end);
+                let (now_also, rest_also) = also.split_rows(rows.len());
+                let (now_steps, rest_steps) = steps.split_rows(rows.len());
+                let (mut now_scale, rest_scale) = scale.split_rows(rows.len());
+                (also, steps, scale) = (rest_also, rest_steps, rest_scale);
+                let (mut y, _) = y.reborrow().split_rows(rows.len());
+                f(rows, y.reborrow(), now_also)?;
+                quantize_rows(cx.isa, y.dense(), now_steps, now_scale.column_mut())?;
+            }
+            Ok(())
         })?;
         Ok(Ready::Quant(Quantised { steps: &self.steps, scale: &self.scale[..rows], width }))
     }

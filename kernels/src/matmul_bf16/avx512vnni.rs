@@ -29,10 +29,9 @@ impl Load for [[Bf16; PAIR]; PANEL] {
     /// A lane holds a pair, the first of it in its lower half.
     #[inline]
     #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-    unsafe fn load(panel: &[Self], i: usize) -> __m512 {
-        let row = &panel[i / PAIR];
-        // SAFETY: `row` is 64 readable bytes; the load needs no alignment.
-        let pairs = unsafe { _mm512_loadu_si512(row.as_ptr().cast()) };
+    unsafe fn load(panel: *const Self, i: usize) -> __m512 {
+        // SAFETY: the pairs of input `i` are inside the panel by this function's contract; the load needs no alignment.
+        let pairs = unsafe { _mm512_loadu_si512(panel.wrapping_add(i / PAIR).cast()) };
         _mm512_castsi512_ps(if i.is_multiple_of(PAIR) {
             _mm512_slli_epi32::<16>(pairs)
         } else {

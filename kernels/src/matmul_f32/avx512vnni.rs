@@ -17,15 +17,17 @@ const EVEN_ROWS: usize = 6;
 const CHUNK_BYTES: usize = 768 << 10;
 /// Inputs between a multiplication and the prefetch of its weights from L2: 8 steps of 13 cycles.
 const AHEAD: usize = 8;
+/// Inputs per turn of the innermost loop: what counts them is a twentieth of its instructions.
+const TURN: usize = 4;
 
 /// Rows of panels whose weights widen to f32 as they are loaded.
 pub(crate) trait Load: Copy {
     /// Inputs of one row.
     const INPUTS: usize;
-    /// The weights of input `i`. Panics where the panel ends before it.
+    /// The weights of input `i`.
     /// # Safety
-    /// The processor has the features of this back-end.
-    unsafe fn load(panel: &[Self], i: usize) -> __m512;
+    /// The processor has the features of this back-end; `panel` points to a whole panel, which ends behind input `i`.
+    unsafe fn load(panel: *const Self, i: usize) -> __m512;
 }
 
 impl Load for [f32; PANEL] {
@@ -33,8 +35,9 @@ impl Load for [f32; PANEL] {
 
     #[inline]
     #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-    unsafe fn load(panel: &[Self], i: usize) -> __m512 {
-        load(&panel[i])
+    unsafe fn load(panel: *const Self, i: usize) -> __m512 {
+        // SAFETY: row `i` is inside the panel by this function's contract.
+        load(unsafe { &*panel.wrapping_add(i) })
     }
 }
 
@@ -135,47 +138,68 @@ fn multiply<W: Load, const R: usize, const P: usize>(
     sums: &mut [[f32; PANEL]; SUMS],
 ) {
     let k = rows[0].len();
-    // Lengths that are known to be equal need no check in the loop.
     for row in rows {
         assert!(row.len() == k);
     }
     for panel in panels {
         assert!(panel.len() == k.div_ceil(W::INPUTS));
     }
+    // Pointers: slices' lengths take registers that eight rows and three panels need.
+    let (mut x, mut w) = ([core::ptr::null(); R], [core::ptr::null(); P]);
+    for r in 0..R {
+        x[r] = rows[r].as_ptr();
+    }
+    for p in 0..P {
+        w[p] = panels[p].as_ptr();
+    }
     let mut acc = [[_mm512_setzero_ps(); P]; R];
     let mut i = 0;
-    while i + 2 <= k {
-        for which in 0..2 {
-            let mut w = [_mm512_setzero_ps(); P];
-            for p in 0..P {
-                // SAFETY: this function enables the features that `load` needs.
-                w[p] = unsafe { W::load(panels[p], i + which) };
-                // One prefetch per line: two inputs of bf16 share one.
-                if which % W::INPUTS == 0 {
-                    prefetch::near(panels[p].as_ptr().wrapping_add((i + which + AHEAD) / W::INPUTS));
+    while i + TURN <= k {
+        for which in 0..TURN {
+            // One prefetch per line: two inputs of bf16 share one.
+            if which % W::INPUTS == 0 {
+                for panel in w {
+                    prefetch::near(panel.wrapping_add((i + which + AHEAD) / W::INPUTS));
                 }
             }
-            for r in 0..R {
-                let x = _mm512_set1_ps(rows[r][i + which]);
-                for p in 0..P {
-                    acc[r][p] = _mm512_fmadd_ps(x, w[p], acc[r][p]);
-                }
-            }
+            // SAFETY: `i + which < i + TURN <= k`, which are the lengths of all rows and, in inputs, of all panels.
+            unsafe { input(&mut acc, &x, &w, i + which) };
         }
-        i += 2;
+        i += TURN;
     }
-    if i < k {
-        for p in 0..P {
-            // SAFETY: this function enables the features that `load` needs.
-            let w = unsafe { W::load(panels[p], i) };
-            for r in 0..R {
-                acc[r][p] = _mm512_fmadd_ps(_mm512_set1_ps(rows[r][i]), w, acc[r][p]);
-            }
-        }
+    while i < k {
+        // SAFETY: `i < k`, as above.
+        unsafe { input(&mut acc, &x, &w, i) };
+        i += 1;
     }
     for r in 0..R {
         for p in 0..P {
             store(&mut sums[r * P + p], acc[r][p]);
+        }
+    }
+}
+
+/// Adds the products of input `i` of `R` rows with the weights of `P` panels.
+/// # Safety
+/// `x` point to rows and `w` to panels, all of which have an input `i`.
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+unsafe fn input<W: Load, const R: usize, const P: usize>(
+    acc: &mut [[__m512; P]; R],
+    x: &[*const f32; R],
+    w: &[*const W; P],
+    i: usize,
+) {
+    let mut weights = [_mm512_setzero_ps(); P];
+    for p in 0..P {
+        // SAFETY: this function enables the features that `load` needs; the panel has an input `i` by its contract.
+        weights[p] = unsafe { W::load(w[p], i) };
+    }
+    for r in 0..R {
+        // SAFETY: the row has an input `i` by this function's contract.
+        let x = _mm512_set1_ps(unsafe { *x[r].wrapping_add(i) });
+        for p in 0..P {
+            acc[r][p] = _mm512_fmadd_ps(x, weights[p], acc[r][p]);
         }
     }
 }

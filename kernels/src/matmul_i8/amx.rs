@@ -16,6 +16,7 @@ use crate::pack::{PANEL, PackedI8};
 use crate::prefetch;
 use core::arch::x86_64::*;
 use core::mem::MaybeUninit;
+use core::ops::Range;
 
 /// Rows that VNNI multiplies sooner.
 const FEW_ROWS: usize = 6;
@@ -336,8 +337,10 @@ impl Work<'_, '_> {
         assert!(second.len() == first.len());
         let even = ending.rows.div_ceil(first.len().max(1));
         let rows = if KIND == GATED { even.max(GATED_ROWS) } else { even };
+        let mut outputs = Outputs::new(self, y, first.len());
         for (i, (first, second)) in first.iter().zip(second).enumerate() {
             step::<R, P>(self.tiles, (&steps.inputs, i), [first, second]);
+            outputs.fetch_some();
             for ahead in &steps.ahead[..P] {
                 let lines = (i * self.pair.lines).min(ahead.len())..((i + 1) * self.pair.lines).min(ahead.len());
                 ahead[lines].iter().for_each(|line| prefetch::far(line));
@@ -354,6 +357,52 @@ impl Work<'_, '_> {
             step::<R, P>(self.tiles, (&steps.inputs, first.len()), last.0.each_ref());
         }
         self.tiles.store_sums::<R, P>(sums);
+    }
+}
+
+/// Outputs of a block, which come into L1 while it is multiplied and are written while the next one is: until then another core may
+/// have them.
+struct Outputs<'a> {
+    /// The first row's, and elements from a row to the next.
+    first: *const f32,
+    stride: usize,
+    /// The rows that are left, where they are not those that follow.
+    t: Range<usize>,
+    scatter: Option<&'a [u32]>,
+    /// Whether a row has outputs of two panels, and rows of a step.
+    two: bool,
+    rows: usize,
+}
+
+impl<'a> Outputs<'a> {
+    #[inline]
+    fn new(work: &Work<'a, '_>, y: &MatMut<f32>, steps: usize) -> Self {
+        let (output, two, scatter) = match work.job {
+            Job::Gated(..) => (work.pair.slot / 2 * PANEL, false, None),
+            Job::Plain(_, end) => (work.pair.slot * PANEL, work.pair.panels == WIDTH, end.scatter.map(|to| to.rows)),
+        };
+        let t = work.t..work.t + work.rows;
+        Self {
+            first: y.row(0)[output..].as_ptr(),
+            stride: y.stride(),
+            t,
+            scatter,
+            two,
+            rows: work.rows.div_ceil(steps.max(1)),
+        }
+    }
+
+    /// Those of the next rows.
+    #[inline]
+    fn fetch_some(&mut self) {
+        for t in self.t.by_ref().take(self.rows) {
+            let row = self.scatter.map_or(t, |rows| rows[t] as usize);
+            let line = self.first.wrapping_add(row * self.stride);
+            prefetch::written(line);
+            if self.two {
+                prefetch::written(line.wrapping_add(PANEL));
+            }
+        }
     }
 }
 
