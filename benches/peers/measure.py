@@ -158,7 +158,7 @@ def products(isa, threads):
             **os.environ, "UMO_MKL": str(mkl), "LD_LIBRARY_PATH": str(mkl.parent), "KMP_BLOCKTIME": "1",
             "MATMUL_NUM_THREADS": str(threads), **extra,
         }  # fmt: skip
-        command = [TARGET / "release" / "products", isa, str(threads), "0.05", wanted]
+        command = [TARGET / "release" / "products", isa, str(threads), "0.2", wanted]
         output = subprocess.run(command, env=environment, stdout=subprocess.PIPE, text=True, check=True).stdout
         for line in output.splitlines():
             name, peer, _, our_ms, peer_ms, floor_ms = line.split(",")
