@@ -340,7 +340,10 @@ impl Work<'_, '_> {
         let mut outputs = Outputs::new(self, y, first.len());
         for (i, (first, second)) in first.iter().zip(second).enumerate() {
             step::<R, P>(self.tiles, (&steps.inputs, i), [first, second]);
-            outputs.fetch_some();
+            // Few rows wait for their weights, which take all that memory gives.
+            if R == 2 {
+                outputs.fetch_some();
+            }
             for ahead in &steps.ahead[..P] {
                 let lines = (i * self.pair.lines).min(ahead.len())..((i + 1) * self.pair.lines).min(ahead.len());
                 ahead[lines].iter().for_each(|line| prefetch::far(line));
