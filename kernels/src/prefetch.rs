@@ -80,7 +80,7 @@ pub(crate) fn far<T>(line: *const T) {
 #[cfg(target_arch = "x86_64")]
 #[inline]
 pub(crate) fn written<T>(line: *const T) {
-    // SAFETY: a prefetch is a hint: it changes nothing that the program can see and never faults.
+    // SAFETY: a prefetch is a hint: it changes nothing that the program can see and never faults. Processors without it do nothing.
     unsafe { core::arch::asm!("prefetchw [{}]", in(reg) line, options(nostack, preserves_flags)) }
 }
 

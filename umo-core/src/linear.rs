@@ -232,13 +232,13 @@ impl QuantScratch {
         let all = ((y.reborrow(), also), (steps, scale));
         cx.team.split(all, rows, 1, work, cut, |range, ((mut y, mut also), (mut steps, mut scale))| {
             for first in range.clone().step_by(ROWS_IN_L1) {
-                let rows = first..(first + ROWS_IN_L1).min(range.end);
-                let (now_also, rest_also) = also.split_rows(rows.len());
-                let (now_steps, rest_steps) = steps.split_rows(rows.len());
-                let (mut now_scale, rest_scale) = scale.split_rows(rows.len());
+                let now = first..(first + ROWS_IN_L1).min(range.end);
+                let (now_also, rest_also) = also.split_rows(now.len());
+                let (now_steps, rest_steps) = steps.split_rows(now.len());
+                let (mut now_scale, rest_scale) = scale.split_rows(now.len());
                 (also, steps, scale) = (rest_also, rest_steps, rest_scale);
-                let (mut y, _) = y.reborrow().split_rows(rows.len());
-                f(rows, y.reborrow(), now_also)?;
+                let (mut y, _) = y.reborrow().split_rows(now.len());
+                f(now, y.reborrow(), now_also)?;
                 quantize_rows(cx.isa, y.dense(), now_steps, now_scale.column_mut())?;
             }
             Ok(())

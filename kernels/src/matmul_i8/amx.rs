@@ -363,17 +363,19 @@ impl Work<'_, '_> {
     }
 }
 
-/// Outputs of a block, which come into L1 while it is multiplied and are written while the next one is: until then another core may
-/// have them.
+/// Outputs of a block, which come into L1 while it is multiplied and are written while the next one is: until then another core or
+/// the last-level cache may have them.
 struct Outputs<'a> {
-    /// The first row's, and elements from a row to the next.
+    /// Those of row 0, and elements from a row to the next.
     first: *const f32,
     stride: usize,
-    /// The rows that are left, where they are not those that follow.
+    /// The block's rows that are left.
     t: Range<usize>,
+    /// The rows that they go to, where these are others.
     scatter: Option<&'a [u32]>,
-    /// Whether a row has outputs of two panels, and rows of a step.
+    /// Whether a row has outputs of two panels.
     two: bool,
+    /// Rows per step.
     rows: usize,
 }
 
