@@ -77,7 +77,8 @@ pub struct Linear {
     exact: bool,
 }
 
-/// Room for quantised activations, `[rows, inputs]` at most.
+/// Room for quantised activations, `[rows, inputs]` at most. Rows are an odd number of cache lines apart where they are whole lines:
+/// an even number would put 16 of them, a tile, into few sets of L1.
 #[derive(Debug)]
 pub struct QuantScratch {
     steps: AlignedBox<i8>,
@@ -86,6 +87,14 @@ pub struct QuantScratch {
     parts: [AlignedBox<Bf16>; 2],
     /// The largest size of a value in each row, `[pieces, rows]`, or nothing.
     largest: AlignedBox<f32>,
+}
+
+/// A cache line.
+const LINE: usize = 64;
+
+/// From a row of `width` steps to the next.
+fn stride(width: usize) -> usize {
+    if width.is_multiple_of(2 * LINE) { width + LINE } else { width }
 }
 
 /// Rows that are quantised as soon as they are computed, while L1 has them, and then make room for the next.
@@ -124,7 +133,7 @@ impl QuantScratch {
     /// Room for at most `rows` rows and `values` values in all.
     pub fn with_values(rows: usize, values: usize) -> Self {
         let parts = [(); 2].map(|()| AlignedBox::zeroed(0));
-        let (steps, scale) = (AlignedBox::zeroed(values), vec![0.0; rows].into());
+        let (steps, scale) = (AlignedBox::zeroed(values + rows * LINE), vec![0.0; rows].into());
         Self { steps, scale, parts, largest: AlignedBox::zeroed(0) }
     }
 
@@ -158,7 +167,7 @@ impl QuantScratch {
             return Err(ShapeError { arg: "room", want: width * each, got: room.len() }.into());
         }
         let largest = if next.is_int8() {
-            let want = rows * width;
+            let want = rows * stride(width);
             if self.largest.len() < pieces * rows || self.scale.len() < rows || self.steps.len() < want {
                 return Err(ShapeError { arg: "quant", want, got: self.steps.len() }.into());
             }
@@ -192,12 +201,12 @@ impl QuantScratch {
             *largest = others.iter().skip(t).step_by(rows).fold(*largest, |largest, &other| largest.max(other));
             self.scale[t] = step_size(*largest);
         }
-        let (steps, largest) = (MatMut::new(&mut self.steps, rows, width)?, &*largest);
+        let (steps, largest) = (MatMut::with_stride(&mut self.steps, rows, width, stride(width))?, &*largest);
         let cut = both(MatMut::split_columns, MatMut::split_columns);
         cx.team.split((y, steps), width, granule, rows * width * QUANTIZE_WORK, cut, |_, (y, steps)| {
             Ok(quantize_columns(cx.isa, &y, largest, steps)?)
         })?;
-        Ok(Ready::Quant(Quantised { steps: &self.steps, scale: &self.scale[..rows], width }))
+        self.ready(rows, width)
     }
 
     /// Calls `f` for rows of `values`, which are as wide as `next`'s input, and of `also`, and makes them ready for `next`. Each thread
@@ -221,11 +230,11 @@ impl QuantScratch {
             cx.team.rows_of_two(y, also, work, f)?;
             return Ok(Ready::Float(Mat::new(values, rows, width)?));
         }
-        let want = rows * width;
+        let want = rows * stride(width);
         if self.scale.len() < rows || self.steps.len() < want {
             return Err(ShapeError { arg: "quant", want, got: self.steps.len() }.into());
         }
-        let steps = MatMut::new(&mut self.steps, rows, width)?;
+        let steps = MatMut::with_stride(&mut self.steps, rows, width, stride(width))?;
         let scale = MatMut::new(&mut self.scale, rows, 1)?;
         let cut = both(both(MatMut::split_rows, MatMut::split_rows), both(MatMut::split_rows, MatMut::split_rows));
         let work = work + rows * width * QUANTIZE_WORK;
@@ -243,7 +252,13 @@ impl QuantScratch {
             }
             Ok(())
         })?;
-        Ok(Ready::Quant(Quantised { steps: &self.steps, scale: &self.scale[..rows], width }))
+        self.ready(rows, width)
+    }
+
+    /// The rows that have been quantised.
+    fn ready(&self, rows: usize, width: usize) -> Result<Ready<'_>, StepError> {
+        let steps = Mat::with_stride(&self.steps, rows, width, stride(width))?;
+        Ok(Ready::Quant(Quantised { steps, scale: &self.scale[..rows] }))
     }
 
     /// The same with room for `values` values cut in two, for products of which [`Linear::splits`] is true.
@@ -501,15 +516,16 @@ impl Linear {
             return Ok(Ready::Float(x));
         }
         let (rows, width) = (x.rows(), x.cols());
-        if quant.scale.len() < rows || quant.steps.len() < rows * width {
-            return Err(ShapeError { arg: "quant", want: rows * width, got: quant.steps.len() }.into());
+        let want = rows * stride(width);
+        if quant.scale.len() < rows || quant.steps.len() < want {
+            return Err(ShapeError { arg: "quant", want, got: quant.steps.len() }.into());
         }
-        let steps = MatMut::new(&mut quant.steps, rows, width)?;
+        let steps = MatMut::with_stride(&mut quant.steps, rows, width, stride(width))?;
         let scale = MatMut::new(&mut quant.scale, rows, 1)?;
         cx.team.rows_of_two(steps, scale, rows * width * QUANTIZE_WORK, |range, steps, mut scale| {
             Ok(quantize_rows(cx.isa, x.row_range(range), steps, scale.column_mut())?)
         })?;
-        Ok(Ready::Quant(Quantised { steps: &quant.steps, scale: &quant.scale[..rows], width }))
+        quant.ready(rows, width)
     }
 
     fn f32(&self, range: Range<usize>) -> Result<PackedF32<'_>, StepError> {
@@ -553,11 +569,9 @@ impl<'a> Ready<'a> {
     pub fn row_range(self, range: Range<usize>) -> Ready<'a> {
         match self {
             Self::Float(x) => Self::Float(x.row_range(range)),
-            Self::Quant(x) => Self::Quant(Quantised {
-                steps: &x.steps[range.start * x.width..range.end * x.width],
-                scale: &x.scale[range],
-                width: x.width,
-            }),
+            Self::Quant(x) => {
+                Self::Quant(Quantised { steps: x.steps.row_range(range.clone()), scale: &x.scale[range] })
+            }
         }
     }
 
@@ -575,13 +589,12 @@ impl<'a> Ready<'a> {
 /// Quantised rows in a scratch.
 #[derive(Clone, Copy, Debug)]
 pub struct Quantised<'a> {
-    steps: &'a [i8],
+    steps: Mat<'a, i8>,
     scale: &'a [f32],
-    width: usize,
 }
 
 impl<'a> Quantised<'a> {
     fn view(&self) -> Result<QuantRows<'a>, ShapeError> {
-        QuantRows::new(Mat::new(self.steps, self.scale.len(), self.width)?, self.scale)
+        QuantRows::new(self.steps, self.scale)
     }
 }
