@@ -6,7 +6,7 @@
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use umo_benches::{Random, is_test};
 use umo_core::weights::AlignedBox;
-use umo_kernels::attention::{Digits, RelativeBias, Visible, attention_f32, encoder_attention_f32};
+use umo_kernels::attention::{RelativeBias, Visible, attention_f32, encoder_attention_f32};
 use umo_kernels::matmul_bf16::matmul_bf16;
 use umo_kernels::matmul_f32::{Epilogue, Input, matmul_f32};
 use umo_kernels::matmul_i8::{QuantRows, matmul_i8, quantize_rows};
@@ -139,7 +139,7 @@ fn attention(c: &mut Criterion) {
             compare(c, "encoder_attention_f32", &shape, macs, (m * width, sums(width)), |isa, y| {
                 let y = MatMut::new(y, m, width).expect(SHAPES);
                 let (q, k, v) = (view(&q, m), view(&k, n), view(&v, n));
-                encoder_attention_f32(isa, q, k, v, Digits::F32, 0.125, Some(bias), y).expect(SHAPES);
+                encoder_attention_f32(isa, q, k, v, 0.125, Some(bias), y).expect(SHAPES);
             });
         }
     }

@@ -2,14 +2,15 @@
 //!
 //! Each line `isa queries keys heads head_dim threads repetitions` is answered by the fastest and the median time of one
 //! call for all heads with a bias, in microseconds. Heads are column ranges of `[rows, heads * head_dim]`, as in a model;
-//! they are dealt to the threads evenly. `bf16` behind the numbers: keys and values have no more digits than bfloat16.
+//! they are dealt to the threads evenly. `bf16` behind the numbers: a whole
+//! sequence with every factor rounded to bfloat16.
 
 use std::hint::spin_loop;
 use std::io::BufRead;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
-use umo_kernels::attention::{Digits, RelativeBias, Visible, attention_f32, encoder_attention_f32};
+use umo_kernels::attention::{RelativeBias, Visible, attention_f32, encoder_attention_bf16, encoder_attention_f32};
 use umo_kernels::{Ahead, Isa, Mat, MatMut};
 
 struct Request {
@@ -20,7 +21,7 @@ struct Request {
     head_dim: usize,
     threads: usize,
     repetitions: usize,
-    digits: Digits,
+    rounded: bool,
 }
 
 fn parse(line: &str) -> Option<Request> {
@@ -35,7 +36,7 @@ fn parse(line: &str) -> Option<Request> {
         head_dim: number()?,
         threads: number()?,
         repetitions: number()?,
-        digits: if words.next() == Some("bf16") { Digits::Bf16 } else { Digits::F32 },
+        rounded: words.next() == Some("bf16"),
     })
 }
 
@@ -64,7 +65,7 @@ fn main() {
 
 /// Microseconds of every repetition.
 fn measure(request: &Request) -> Vec<f64> {
-    let &Request { isa, queries, keys, heads, head_dim, threads, repetitions, digits } = request;
+    let &Request { isa, queries, keys, heads, head_dim, threads, repetitions, rounded } = request;
     let dim = heads * head_dim;
     let (q, k, v) = (noise(queries * dim), noise(keys * dim), noise(keys * dim));
     let biases = noise(heads * (queries + keys));
@@ -81,6 +82,7 @@ fn measure(request: &Request) -> Vec<f64> {
     fn placed(data: &[f32], rows: usize, dim: usize) -> Mat<'_, f32> {
         Mat::new(&data[line(data)..], rows, dim).expect("sized above")
     }
+    let attention = if rounded { encoder_attention_bf16 } else { encoder_attention_f32 };
     let work = |heads: std::ops::Range<usize>, y: &mut MatMut<f32>| {
         let mut y = y.reborrow();
         for head in heads {
@@ -91,7 +93,7 @@ fn measure(request: &Request) -> Vec<f64> {
             let (mine, after) = y.split_columns(head_dim);
             // A whole sequence at once, as an encoder has it, or a decoder's few rows.
             if queries == keys {
-                encoder_attention_f32(isa, q, k, v, digits, 0.125, Some(bias), mine).expect("shapes agree");
+                attention(isa, q, k, v, 0.125, Some(bias), mine).expect("shapes agree");
             } else {
                 attention_f32(isa, q, k, v, 0.125, Some(bias), Visible::All, Ahead::NOTHING, mine)
                     .expect("shapes agree");

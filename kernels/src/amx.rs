@@ -69,6 +69,13 @@ impl Tiles {
         }
     }
 
+    /// The first two sums, tiles 0 and 1, become zero.
+    #[inline]
+    pub(crate) fn zero_two(&self) {
+        // SAFETY: tiles 0 and 1 are configured; nothing but this type's methods uses them.
+        unsafe { asm!("tilezero tmm0", "tilezero tmm1", options(nostack, preserves_flags, nomem)) }
+    }
+
     /// `tmmT = tile`.
     #[inline]
     pub(crate) fn load<const T: u8, Row>(&self, tile: &[Row; TILE]) {

@@ -6,6 +6,7 @@ mod amx;
 mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512vnni;
+mod encoder_bf16;
 #[cfg(target_arch = "x86_64")]
 mod loops;
 mod scalar;
@@ -94,15 +95,6 @@ pub fn attention_bf16(
     Ok(())
 }
 
-/// Which digits the keys and values of a whole sequence have.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Digits {
-    /// All of f32's.
-    F32,
-    /// Those of bfloat16: each is a value that [`to_bf16`](crate::bf16::to_bf16) left. Whatever else they have may be lost.
-    Bf16,
-}
-
 /// Attention of one head over a whole sequence at once, as in an encoder: every query sees every key.
 ///
 /// The same as [`attention_f32`] with [`Visible::All`], but for its bits: where the processor has tiles for bfloat16, this
@@ -111,19 +103,16 @@ pub enum Digits {
 /// together, are what [`attention_f32`] is for; keep to one of the two per attention of a network.
 ///
 /// Numerics: as [`attention_f32`]. On the `amx` back-end every factor is exactly the sum of three bfloat16 values, each product
-/// is off by at most 2^-21 of its size, and denormals are taken as zero. [`Digits::Bf16`] halves the work on tiles and leaves
-/// the bits of finite inputs as they are. Where an input is not finite, what depends on it is NaN; but with [`Digits::Bf16`] an
-/// infinite key or value may count as infinite.
+/// is off by at most 2^-21 of its size, and denormals are taken as zero. Where an input is not finite, what
+/// depends on it is NaN.
 ///
 /// # Errors
 /// As [`attention_f32`].
-#[expect(clippy::too_many_arguments, reason = "the operands of one fused operation, each named")]
 pub fn encoder_attention_f32(
     isa: Isa,
     q: Mat<f32>,
     k: Mat<f32>,
     v: Mat<f32>,
-    digits: Digits,
     scale: f32,
     bias: Option<RelativeBias>,
     y: MatMut<f32>,
@@ -135,12 +124,55 @@ pub fn encoder_attention_f32(
     match isa.0 {
         // SAFETY: `Isa` holds `Amx` only after detection of every feature that this back-end enables, tiles included.
         #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        Backend::Amx if amx::pays(&operands) => unsafe { amx::attention(operands, digits, y) },
+        Backend::Amx if amx::pays(&operands) => unsafe { amx::attention(operands, y) },
         #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
         Backend::Amx => vectors(isa, operands, y),
         #[cfg(target_arch = "x86_64")]
         Backend::Avx2 | Backend::Avx512Vnni => vectors(isa, operands, y),
         Backend::Scalar => vectors(isa, operands, y),
+    }
+    Ok(())
+}
+
+/// The same with every factor rounded to bfloat16: queries, keys, values, and weights `exp(score - max)` before they are divided by
+/// their sum. Sums, and what is made of them, are f32.
+///
+/// For projections that are int8 themselves: a value that has passed a product of bytes has no more than these eight bits to
+/// offer, and tiles take a sixth of the products of [`encoder_attention_f32`].
+///
+/// Numerics: all back-ends agree bit for bit, but where a product or sum is denormal, which tiles take as zero. A row's bits
+/// do not depend on the other rows. Weights are off by up to 2^-7.9 of their size. Where an input is not finite, no value that
+/// depends on it is.
+///
+/// # Errors
+/// As [`attention_f32`].
+pub fn encoder_attention_bf16(
+    isa: Isa,
+    q: Mat<f32>,
+    k: Mat<f32>,
+    v: Mat<f32>,
+    scale: f32,
+    bias: Option<RelativeBias>,
+    y: MatMut<f32>,
+) -> Result<(), ShapeError> {
+    let operands = Operands { q, k, v, scale, bias, visible: Visible::All, ahead: Ahead::NOTHING };
+    if !operands.check(&y)? {
+        return Ok(());
+    }
+    match isa.0 {
+        Backend::Scalar => encoder_bf16::scalar::attention(operands, y),
+        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx2 => unsafe { encoder_bf16::avx2::attention(operands, y) },
+        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx512Vnni => unsafe { encoder_bf16::avx512vnni::attention(operands, y) },
+        // SAFETY: `Isa` holds `Amx` only after detection of every feature that this back-end enables, tiles included.
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        Backend::Amx if encoder_bf16::amx::fits(&operands) => unsafe { encoder_bf16::amx::attention(operands, y) },
+        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        Backend::Amx => unsafe { encoder_bf16::avx512vnni::attention(operands, y) },
     }
     Ok(())
 }

@@ -29,25 +29,6 @@ impl Bf16 {
     }
 }
 
-/// Rounds every value to that of the nearest bfloat16, as [`Bf16::from_f32`] does, and leaves it an f32.
-///
-/// Shapes: `y [rows, cols]`, in place.
-/// Numerics: all back-ends agree bit for bit.
-pub fn to_bf16(isa: Isa, y: MatMut<f32>) {
-    match isa.0 {
-        Backend::Scalar => scalar::round_here(y),
-        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 => unsafe { avx2::round_here(y) },
-        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Vnni => unsafe { avx512vnni::round_here(y) },
-        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        Backend::Amx => unsafe { avx512vnni::round_here(y) },
-    }
-}
-
 /// Rounds every value of `x` as [`Bf16::from_f32`] does.
 ///
 /// Shapes: `x [rows, cols]`, `y [rows, cols]` (overwritten).

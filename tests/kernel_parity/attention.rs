@@ -1,7 +1,9 @@
 //! Attention: against f64, exactly where the result can be known exactly, and the same bits alone and among others.
 
 use proptest::prelude::*;
-use umo_kernels::attention::{Digits, RelativeBias, Visible, attention_bf16, attention_f32, encoder_attention_f32};
+use umo_kernels::attention::{
+    RelativeBias, Visible, attention_bf16, attention_f32, encoder_attention_bf16, encoder_attention_f32,
+};
 use umo_kernels::{Ahead, Bf16, Isa, Mat, ShapeError};
 use umo_tests::{EPSILON, Fill, Guarded, Noise, Placed, bits, cases, fill, for_each_isa, near, offset};
 
@@ -96,7 +98,7 @@ impl Case {
     fn call(&self, isa: Isa, (q, k, v): Qkv, i: usize, visible: Visible, y: &mut Guarded<f32>) {
         let bias = self.bias.as_ref().map(|(values, origin)| RelativeBias { values, origin: origin - i });
         let result = if self.encoder {
-            encoder_attention_f32(isa, q, k, v, Digits::F32, self.scale, bias, y.mat())
+            encoder_attention_f32(isa, q, k, v, self.scale, bias, y.mat())
         } else {
             attention_f32(isa, q, k, v, self.scale, bias, visible, Ahead::NOTHING, y.mat())
         };
@@ -212,8 +214,7 @@ fn encoder_attention_keeps_every_bit(isa: Isa) {
             let bias: Vec<f32> = keys.iter().zip(&rests).map(|(key, rest)| rest - scale * key).collect();
             let mut y = Guarded::new(1, dim, 0, 0);
             let relative = Some(RelativeBias { values: &bias, origin: 0 });
-            encoder_attention_f32(isa, q.mat(), k.mat(), v.mat(), Digits::F32, 1.0, relative, y.mat())
-                .expect("shapes agree");
+            encoder_attention_f32(isa, q.mat(), k.mat(), v.mat(), 1.0, relative, y.mat()).expect("shapes agree");
             let weights: Vec<f64> = rests.iter().map(|&rest| f64::from(rest).exp()).collect();
             let total: f64 = weights.iter().sum();
             for (c, got) in y.checked()[0].iter().enumerate() {
@@ -273,20 +274,106 @@ fn attention_ignores_hidden_keys(isa: Isa) {
     });
 }
 
-/// Where keys and values are bfloat16 values, saying so changes no bit.
-fn encoder_attention_of_few_digits_is_the_same(isa: Isa) {
-    proptest!(cases(48), |(shape in shape(), values in fill())| {
-        let case = Shape { mask: Mask::Encoder, ..shape }.case(Fill::Uniform(1.0), values, 1.0, |noise| noise.float(4.0));
-        let rounded = |from: &Placed<f32>| {
-            let mut elements = (0..shape.n).flat_map(|i| from.mat().row(i)).map(|&v| Bf16::from_f32(v).to_f32());
-            Placed::new(shape.n, shape.dim, shape.gap, shape.offset, || elements.next().unwrap_or(0.0))
+/// Half of the unit of the last place of bfloat16, relative.
+const HALF_UNIT: f64 = 1.0 / 256.0;
+
+/// [`encoder_attention_bf16`] of a case made for [`Mask::Encoder`], of the queries `rows`.
+fn run_rounded(case: &Case, isa: Isa, rows: core::ops::Range<usize>, (gap, offset): (usize, usize)) -> Vec<Vec<f32>> {
+    let bias = case.bias.as_ref().map(|(values, origin)| RelativeBias { values, origin: origin - rows.start });
+    let (q, k, v) = (case.q.mat().row_range(rows), case.k.mat(), case.v.mat());
+    let mut y = Guarded::new(q.rows(), q.cols(), gap, offset);
+    encoder_attention_bf16(isa, q, k, v, case.scale, bias, y.mat()).expect("shapes agree");
+    y.checked()
+}
+
+/// The same with every factor rounded to bfloat16, which changes no more about it.
+fn rounded(case: &Case, shape: &Shape) -> Case {
+    let rounded = |from: &Placed<f32>| {
+        let rows = from.mat().rows();
+        let mut elements = (0..rows).flat_map(|i| from.mat().row(i)).map(|&v| Bf16::from_f32(v).to_f32());
+        Placed::new(rows, shape.dim, 0, 0, || elements.next().unwrap_or(0.0))
+    };
+    Case { q: rounded(&case.q), k: rounded(&case.k), v: rounded(&case.v), ..case.clone() }
+}
+
+/// Against f64 over rounded factors: what is left is f32's own error, and half a unit of bfloat16 for each weight.
+fn encoder_attention_bf16_is_near_f64(isa: Isa) {
+    let scores = prop_oneof![Just(Fill::Uniform(1.0)), Just(Fill::Uniform(0.2)), Just(Fill::Integer(2))];
+    let scale = prop_oneof![Just(1.0_f32), Just(0.125)];
+    proptest!(cases(48), |(shape in shape(), scores in scores, values in fill(), scale in scale)| {
+        let shape = Shape { mask: Mask::Encoder, ..shape };
+        let case = shape.case(scores, values, scale, |noise| noise.float(4.0));
+        let exact = rounded(&case, &shape);
+        for (i, row) in run_rounded(&case, isa, 0..shape.m, (shape.gap, shape.offset)).iter().enumerate() {
+            for (c, (&got, (want, tolerance))) in row.iter().zip(exact.exact(isa, i)).enumerate() {
+                let weights: Vec<f64> = exact.scores(i).iter().map(|score| score.0).collect();
+                let max = weights.iter().fold(f64::NEG_INFINITY, |max, &score| max.max(score));
+                let weights: Vec<f64> = weights.iter().map(|score| (score - max).exp()).collect();
+                let value = |j: usize| f64::from(exact.v.mat().row(j)[c]).abs();
+                let sizes: f64 = weights.iter().enumerate().map(|(j, weight)| weight * value(j)).sum();
+                let sizes = sizes / weights.iter().sum::<f64>();
+                // The polynomial's error is in a weight and in the sum of all; the logarithm's base costs a score two roundings.
+                let tolerance = 2.0 * tolerance + (HALF_UNIT + 2.0 * 1.04e-4 + 2e-5) * sizes * 1.01;
+                let error = (f64::from(got) - want).abs();
+                prop_assert!(error <= tolerance, "y[{i}][{c}] = {got}, not {want}: off by {error:e} > {tolerance:e}");
+            }
+        }
+    });
+}
+
+/// The same bits as the scalar back-end, whatever the shape, and as a row alone. What is denormal may be 0.
+fn encoder_attention_bf16_has_scalar_bits(isa: Isa) {
+    let scores = prop_oneof![Just(Fill::Uniform(1.0)), Just(Fill::Uniform(9.0)), fill()];
+    proptest!(cases(64), |(shape in shape(), scores in scores, values in fill(), long in any::<bool>())| {
+        let n = if long && shape.n > 100 { shape.n + 256 } else { shape.n };
+        let shape = Shape { mask: Mask::Encoder, n, ..shape };
+        let case = shape.case(scores, values, 0.7, |noise| noise.float(40.0));
+        let got = run_rounded(&case, isa, 0..shape.m, (shape.gap, shape.offset));
+        let want = run_rounded(&case, Isa::SCALAR, 0..shape.m, (0, 0));
+        for (i, (got, want)) in got.iter().zip(&want).enumerate() {
+            for (c, (&got, &want)) in got.iter().zip(want).enumerate() {
+                let same = got == want || !(got.is_finite() || want.is_finite());
+                prop_assert!(same || (got - want).abs() < 1e-36, "y[{i}][{c}] = {got:e}, not {want:e}");
+            }
+            if i % 5 == 0 {
+                let alone = run_rounded(&case, isa, i..i + 1, (0, 0));
+                prop_assert_eq!(bits(&alone), bits(core::slice::from_ref(got)));
+            }
+        }
+    });
+}
+
+/// Where something is not finite, what depends on it is not either, and nothing else changes.
+fn encoder_attention_bf16_keeps_what_is_not_finite(isa: Isa) {
+    proptest!(cases(24), |(shape in shape(), junk in prop_oneof![Just(f32::NAN), Just(f32::INFINITY), Just(f32::NEG_INFINITY)])| {
+        let shape = Shape { mask: Mask::Encoder, m: shape.m.max(1), dim: shape.dim.max(2), ..shape };
+        let case = shape.case(Fill::Uniform(1.0), Fill::Uniform(1.0), 1.0, |noise| noise.float(4.0));
+        let clean = run_rounded(&case, isa, 0..shape.m, (0, 0));
+        let mut noise = Noise::new(shape.seed);
+        let spoil = |from: &Placed<f32>, row: usize, column: usize| {
+            let mut at = 0..;
+            Placed::new(from.mat().rows(), shape.dim, 0, 0, || {
+                let i: usize = at.next().expect("endless");
+                let (r, c) = (i / shape.dim, i % shape.dim);
+                if (r, c) == (row, column) { junk } else { from.mat().rows().checked_sub(r + 1).map_or(0.0, |_| from.mat().row(r)[c]) }
+            })
         };
-        let case = Case { k: rounded(&case.k), v: rounded(&case.v), ..case };
-        let bias = case.bias.as_ref().map(|(values, origin)| RelativeBias { values, origin: *origin });
-        let (q, k, v) = (case.q.mat(), case.k.mat(), case.v.mat());
-        let mut y = Guarded::new(shape.m, shape.dim, shape.gap, shape.offset);
-        encoder_attention_f32(isa, q, k, v, Digits::Bf16, case.scale, bias, y.mat()).expect("shapes agree");
-        prop_assert_eq!(bits(&y.checked()), bits(&case.run(isa, 0, 0)));
+        let (row, key, column) = (noise.below(shape.m), noise.below(shape.n), noise.below(shape.dim));
+        let spoiled = Case { q: spoil(&case.q, row, column), ..case.clone() };
+        for (i, (got, clean)) in run_rounded(&spoiled, isa, 0..shape.m, (0, 0)).iter().zip(&clean).enumerate() {
+            if i == row {
+                prop_assert!(got.iter().all(|y| y.is_nan()), "query {i} is no number: {got:?}");
+            } else {
+                prop_assert_eq!(got, clean, "query {} has nothing to do with query {}", i, row);
+            }
+        }
+        let spoiled = Case { v: spoil(&case.v, key, column), ..case.clone() };
+        for (got, clean) in run_rounded(&spoiled, isa, 0..shape.m, (0, 0)).iter().zip(&clean) {
+            for (c, (got, clean)) in got.iter().zip(clean).enumerate() {
+                prop_assert_eq!(got == clean, c != column, "value {}, column {}: {}", key, c, got);
+                prop_assert!(c != column || !got.is_finite());
+            }
+        }
     });
 }
 
@@ -330,7 +417,9 @@ for_each_isa!(
     attention_is_near_f64,
     attention_is_exact_where_weights_are_0_or_1,
     encoder_attention_keeps_every_bit,
-    encoder_attention_of_few_digits_is_the_same,
+    encoder_attention_bf16_is_near_f64,
+    encoder_attention_bf16_has_scalar_bits,
+    encoder_attention_bf16_keeps_what_is_not_finite,
     attention_bf16_is_attention_over_widened_keys_and_values,
     attention_rows_are_independent,
     attention_row_is_the_same_among_500,

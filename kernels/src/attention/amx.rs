@@ -3,8 +3,6 @@
 //! `tdpbf16ps` multiplies 16 times as much per cycle as registers of f32 do, but takes bfloat16, with 8 bits of mantissa.
 //! An f32 has 24: it is exactly the sum of three bfloat16 values, [`PARTS`]: its leading bits, the next ones and the last.
 //! A product is then six: those whose size is at least 2^-16 of the largest. What is left out is below f32's own rounding.
-//! Of keys and values that are bfloat16 values themselves ([`Digits::Bf16`]) only the first part is not zero, and three of the six
-//! remain: the same bits.
 //!
 //! ```text
 //!               keys or columns: tmm6 tmm7
@@ -16,8 +14,8 @@
 
 #![expect(clippy::needless_range_loop, reason = "loops of constant length over registers read best by index")]
 
+use super::Operands;
 use super::avx512vnni::transpose;
-use super::{Digits, Operands};
 use crate::amx::{TILE as ROWS, Tiles};
 use crate::lanes::LANES;
 use crate::lanes::avx512vnni::{array, first_lanes, load, load_part, store, store_part};
@@ -28,7 +26,7 @@ use core::mem::MaybeUninit;
 use core::ops::Range;
 
 /// Widest head; wider ones are left to AVX-512.
-const MOST_DIM: usize = 64;
+pub(super) const MOST_DIM: usize = 64;
 /// Fewest keys that repay the packing.
 const FEWEST_KEYS: usize = 65;
 
@@ -42,27 +40,25 @@ const PAIRS: usize = 2 * LANES;
 /// 16 rows of 16 f32, or of 16 pairs of bfloat16, each row at home in one register.
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
-struct Tile<Row = [f32; 16]>([Row; ROWS]);
+pub(super) struct Tile<Row = [f32; 16]>(pub(super) [Row; ROWS]);
 
 impl Tile {
-    const ZERO: Self = Self([[0.0; 16]; ROWS]);
+    pub(super) const ZERO: Self = Self([[0.0; 16]; ROWS]);
 }
 
 /// A row that is only written here and read by tiles: not cleared first, so that what nobody reads costs nothing.
-type Packed = MaybeUninit<[f32; 16]>;
+pub(super) type Packed = MaybeUninit<[f32; 16]>;
 
 impl Tile<Packed> {
-    const EMPTY: Self = Self([MaybeUninit::uninit(); ROWS]);
+    pub(super) const EMPTY: Self = Self([MaybeUninit::uninit(); ROWS]);
 }
 
 /// What an f32 is the sum of, largest first.
 const PARTS: usize = 3;
 /// The parts of the same 16 x 32 values.
 type Split<Row = [f32; 16]> = [Tile<Row>; PARTS];
-/// Products of two splits, where keys and values have `KV` parts that are not zero.
-const fn products(kv: usize) -> usize {
-    if kv == 1 { 3 } else { 6 }
-}
+/// Products of two splits.
+const PRODUCTS: usize = 6;
 
 /// Weights taken early, in pieces after each four products with values; a weight costs as much as four scores.
 const EARLY: usize = 2;
@@ -79,7 +75,7 @@ type Queries = [[Split<Packed>; MOST_DIM / PAIRS]; GROUPS];
 /// By 16 queries and 32 keys: two tiles of scores, then the parts of their weights.
 type Scores = [[Split; KEYS / PAIRS]; GROUPS];
 /// By 16 queries and 16 of `head_dim`: values summed up over the keys in work.
-type Sums = [[Tile; MOST_DIM / LANES]; GROUPS];
+pub(super) type Sums = [[Tile; MOST_DIM / LANES]; GROUPS];
 
 /// What one call keeps between its loops.
 struct Work {
@@ -104,16 +100,7 @@ pub(super) fn pays(x: &Operands<f32>) -> bool {
 }
 
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-pub(super) fn attention(x: Operands<f32>, digits: Digits, y: MatMut<f32>) {
-    match digits {
-        Digits::F32 => run::<PARTS>(x, y),
-        Digits::Bf16 => run::<1>(x, y),
-    }
-}
-
-/// With keys and values of which `KV` parts are not zero.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn run<const KV: usize>(x: Operands<f32>, mut y: MatMut<f32>) {
+pub(super) fn attention(x: Operands<f32>, mut y: MatMut<f32>) {
     // SAFETY: the dispatch leads here from `Backend::Amx` alone.
     let tiles = &unsafe { Tiles::new() };
     let mut work = Work {
@@ -128,9 +115,9 @@ fn run<const KV: usize>(x: Operands<f32>, mut y: MatMut<f32>) {
         let mut softmaxes = [Softmax { max: f32::NEG_INFINITY, sum: 0.0 }; BLOCK];
         for first in (0..x.k.rows()).step_by(KEYS) {
             let keys = first..x.k.rows().min(first + KEYS);
-            pack_keys::<KV>(x.k.row_range(keys.clone()), &mut work.k);
-            pack_values::<KV>(x.v.row_range(keys.clone()), &mut work.v);
-            queries::<KV>(tiles, x, start, &mut softmaxes[..end - start], keys, &mut work, &mut y);
+            pack_keys(x.k.row_range(keys.clone()), &mut work.k);
+            pack_values(x.v.row_range(keys.clone()), &mut work.v);
+            queries(tiles, x, start, &mut softmaxes[..end - start], keys, &mut work, &mut y);
         }
     }
 }
@@ -141,7 +128,7 @@ fn run<const KV: usize>(x: Operands<f32>, mut y: MatMut<f32>) {
 /// scores of these and their first weights, a few registers between any two products. Tiles leave registers one of two
 /// ports, 64 operations for four products; what is more than that comes at a high price, so both halves get as much.
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn queries<const KV: usize>(
+fn queries(
     tiles: &Tiles,
     x: Operands<f32>,
     start: usize,
@@ -157,15 +144,15 @@ fn queries<const KV: usize>(
         let mut next = Block::new(x, &keys, start + i * GROUPS * ROWS, softmaxes, free);
         match next.softmaxes.len() {
             0 => {}
-            1..=ROWS => meet_keys::<1, KV>(tiles, q, k, &mut next, &mut last),
-            _ => meet_keys::<2, KV>(tiles, q, k, &mut next, &mut last),
+            1..=ROWS => meet_keys::<1>(tiles, q, k, &mut next, &mut last),
+            _ => meet_keys::<2>(tiles, q, k, &mut next, &mut last),
         }
         last.weigh(usize::MAX);
         last.add_up();
         match last.softmaxes.len() {
             0 => {}
-            1..=ROWS => meet_values::<1, KV>(tiles, v, &mut last, sums, &mut next),
-            _ => meet_values::<2, KV>(tiles, v, &mut last, sums, &mut next),
+            1..=ROWS => meet_values::<1>(tiles, v, &mut last, sums, &mut next),
+            _ => meet_values::<2>(tiles, v, &mut last, sums, &mut next),
         }
         next.score(usize::MAX);
         next.rescale();
@@ -181,23 +168,17 @@ fn queries<const KV: usize>(
 
 /// The scores of `next` before they are scaled; meanwhile, weights of `last`.
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn meet_keys<const G: usize, const KV: usize>(
-    tiles: &Tiles,
-    q: &mut Queries,
-    k: &Keys,
-    next: &mut Block,
-    last: &mut Block,
-) {
+fn meet_keys<const G: usize>(tiles: &Tiles, q: &mut Queries, k: &Keys, next: &mut Block, last: &mut Block) {
     pack_queries(next.x.q.row_range(next.i..next.i + next.softmaxes.len()), q);
     let (steps, pairs) = (next.x.q.cols().div_ceil(PAIRS), next.keys.div_ceil(PAIRS));
     // Queries without values have no products.
-    let pieces = last.softmaxes.len().div_ceil((products(KV) * steps).max(1)).max(EARLY);
+    let pieces = last.softmaxes.len().div_ceil((PRODUCTS * steps).max(1)).max(EARLY);
     for pair in 0..pairs {
         let keys = [&k[2 * pair], &k[2 * pair + 1]];
         tiles.zero();
         for step in 0..steps {
             let (queries, keys) = ([&q[0][step], &q[1][step]], keys.map(|keys| &keys[step]));
-            multiply::<G, KV, _, _>(tiles, queries, keys, || last.weigh(pieces - EARLY));
+            multiply::<G, _, _>(tiles, queries, keys, || last.weigh(pieces - EARLY));
         }
         let [above, below] = &mut *next.scores;
         finish::<G>(tiles, &mut above[pair], &mut below[pair]);
@@ -206,22 +187,16 @@ fn meet_keys<const G: usize, const KV: usize>(
 
 /// The sums of values of `last`; meanwhile, scores of `next`.
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn meet_values<const G: usize, const KV: usize>(
-    tiles: &Tiles,
-    v: &Values,
-    last: &mut Block,
-    sums: &mut Sums,
-    next: &mut Block,
-) {
+fn meet_values<const G: usize>(tiles: &Tiles, v: &Values, last: &mut Block, sums: &mut Sums, next: &mut Block) {
     let (steps, pairs) = (last.x.q.cols().div_ceil(PAIRS), last.keys.div_ceil(PAIRS));
-    let pieces = next.softmaxes.len().div_ceil((products(KV) * steps).max(1));
+    let pieces = next.softmaxes.len().div_ceil((PRODUCTS * steps).max(1));
     let [above, below] = sums;
     for columns in 0..steps {
         tiles.zero();
         for pair in 0..pairs {
             let weights = [&last.scores[0][pair], &last.scores[1][pair]];
             let values = [&v[pair][2 * columns], &v[pair][2 * columns + 1]];
-            multiply::<G, KV, _, _>(tiles, weights, values, || {
+            multiply::<G, _, _>(tiles, weights, values, || {
                 next.score(pieces);
                 next.weigh(EARLY);
             });
@@ -348,7 +323,7 @@ impl<'a> Block<'a> {
 
 /// `y = y * shrink + sums[..][r]`, over `total` in the end; without `shrink`, what `y` holds does not count.
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn add(sums: &[Tile; MOST_DIM / LANES], r: usize, shrink: Option<f32>, total: Option<f32>, y: &mut [f32]) {
+pub(super) fn add(sums: &[Tile; MOST_DIM / LANES], r: usize, shrink: Option<f32>, total: Option<f32>, y: &mut [f32]) {
     let sum = |tile: &Tile, y: __m512| {
         let sum = load(&tile.0[r]);
         let sum = shrink.map_or(sum, |shrink| _mm512_fmadd_ps(y, _mm512_set1_ps(shrink), sum));
@@ -375,7 +350,7 @@ fn divide(x: __m512, total: f32) -> __m512 {
 /// Adds the products of `G` x 2 tiles, and does something else after each. From each to the next, one side stays where
 /// it is.
 #[inline(always)]
-fn multiply<const G: usize, const KV: usize, A, B>(
+fn multiply<const G: usize, A, B>(
     tiles: &Tiles,
     [above, below]: [&Split<A>; 2],
     [left, right]: [&Split<B>; 2],
@@ -400,19 +375,14 @@ fn multiply<const G: usize, const KV: usize, A, B>(
         tiles.load_rows_past::<6, _>(&left[part].0, 1);
         tiles.load_rows_past::<7, _>(&right[part].0, 1);
     };
-    if KV > 1 {
-        queries(0);
-        keys(2);
-        products();
-        keys(1);
-        products();
-        queries(1);
-        products();
-        keys(0);
-    } else {
-        queries(1);
-        keys(0);
-    }
+    queries(0);
+    keys(2);
+    products();
+    keys(1);
+    products();
+    queries(1);
+    products();
+    keys(0);
     products();
     queries(2);
     products();
@@ -463,7 +433,7 @@ fn paired(a: __m512, b: __m512) -> __m512 {
 /// 32 values of a row from `at` on, zeros where there are fewer.
 #[inline]
 #[target_feature(enable = "avx512f")]
-fn load_pairs(row: &[f32], at: usize) -> [__m512; 2] {
+pub(super) fn load_pairs(row: &[f32], at: usize) -> [__m512; 2] {
     match row.get(at..at + PAIRS) {
         Some(row) => {
             let (row, _) = row.as_chunks();
@@ -489,10 +459,10 @@ fn pack_queries(q: Mat<f32>, packed: &mut Queries) {
 
 /// Keys as columns of pairs; those beyond the last are zeros up to a multiple of 32.
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn pack_keys<const KV: usize>(k: Mat<f32>, packed: &mut Keys) {
+fn pack_keys(k: Mat<f32>, packed: &mut Keys) {
     for (tile, packed) in packed[..2 * k.rows().div_ceil(PAIRS)].iter_mut().enumerate() {
         for (step, to) in packed[..k.cols().div_ceil(PAIRS)].iter_mut().enumerate() {
-            let mut rows = [[_mm512_setzero_ps(); LANES]; KV];
+            let mut rows = [[_mm512_setzero_ps(); LANES]; PARTS];
             for j in 0..LANES {
                 let row = tile * ROWS + j;
                 if row < k.rows() {
@@ -513,7 +483,7 @@ fn pack_keys<const KV: usize>(k: Mat<f32>, packed: &mut Keys) {
 
 /// Values as rows of pairs of keys; those beyond the last are zeros up to a multiple of 32.
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn pack_values<const KV: usize>(v: Mat<f32>, packed: &mut Values) {
+fn pack_values(v: Mat<f32>, packed: &mut Values) {
     for (tile, packed) in packed[..v.rows().div_ceil(PAIRS)].iter_mut().enumerate() {
         for pair in 0..LANES {
             let first = tile * PAIRS + pair;
@@ -521,10 +491,10 @@ fn pack_values<const KV: usize>(v: Mat<f32>, packed: &mut Values) {
             let (a, b) = (row(first), row(first + LANES));
             for (c, to) in packed.as_chunks_mut::<2>().0[..v.cols().div_ceil(PAIRS)].iter_mut().enumerate() {
                 let ([a, b], [c, d]) = (load_pairs(a, c * PAIRS), load_pairs(b, c * PAIRS));
-                for (to, part) in to[0].iter_mut().zip(split(a, c)).take(KV) {
+                for (to, part) in to[0].iter_mut().zip(split(a, c)) {
                     to.0[pair].write(array(part));
                 }
-                for (to, part) in to[1].iter_mut().zip(split(b, d)).take(KV) {
+                for (to, part) in to[1].iter_mut().zip(split(b, d)) {
                     to.0[pair].write(array(part));
                 }
             }

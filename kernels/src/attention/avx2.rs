@@ -24,7 +24,7 @@ loops!("avx2,fma");
 
 /// Rows to columns.
 #[target_feature(enable = "avx2,fma")]
-fn transpose(rows: [Register; WIDTH]) -> [Register; WIDTH] {
+pub(super) fn transpose(rows: [Register; WIDTH]) -> [Register; WIDTH] {
     let mut pairs = rows;
     for t in 0..4 {
         let (a, b) = (rows[2 * t], rows[2 * t + 1]);

@@ -7,8 +7,3 @@ use crate::mat::{Mat, MatMut};
 pub(super) fn round(x: Mat<f32>, y: MatMut<Bf16>) {
     scalar::round(x, y);
 }
-
-#[target_feature(enable = "avx2,fma")]
-pub(super) fn round_here(y: MatMut<f32>) {
-    scalar::round_here(y);
-}

@@ -7,8 +7,3 @@ use crate::mat::{Mat, MatMut};
 pub(super) fn round(x: Mat<f32>, y: MatMut<Bf16>) {
     scalar::round(x, y);
 }
-
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-pub(super) fn round_here(y: MatMut<f32>) {
-    scalar::round_here(y);
-}

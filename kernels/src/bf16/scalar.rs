@@ -12,13 +12,6 @@ pub(super) fn round(x: Mat<f32>, mut y: MatMut<Bf16>) {
     }
 }
 
-#[inline(always)]
-pub(super) fn round_here(mut y: MatMut<f32>) {
-    for i in 0..y.rows() {
-        y.row_mut(i).iter_mut().for_each(|y| *y = nearest(*y).to_f32());
-    }
-}
-
 /// What is cut off carries into the upper half where it is more than half of a unit there, or half and the unit odd.
 #[inline(always)]
 #[expect(clippy::cast_possible_truncation, reason = "the upper half of 32 bits has 16")]

@@ -7,7 +7,7 @@
 
 use rayon::prelude::*;
 use umo_kernels::activation;
-use umo_kernels::attention::{Digits, encoder_attention_f32};
+use umo_kernels::attention::encoder_attention_f32;
 use umo_kernels::matmul_bf16::SplitRows;
 use umo_kernels::matmul_f32::{Activation, Epilogue};
 use umo_kernels::norm::{channel_affine, channel_sums, layer_norm};
@@ -547,7 +547,7 @@ impl Hubert {
             for start in columns.step_by(head_dim) {
                 let (y, tail) = rest.split_columns(head_dim);
                 let [q, k, v] = [0, dim, 2 * dim].map(|part| qkv.columns(part + start..part + start + head_dim));
-                encoder_attention_f32(cx.isa, q, k, v, Digits::F32, scale, None, y)?;
+                encoder_attention_f32(cx.isa, q, k, v, scale, None, y)?;
                 rest = tail;
             }
             Ok(())

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use umo_kernels::attention::{Digits, encoder_attention_f32};
+use umo_kernels::attention::encoder_attention_f32;
 use umo_kernels::matmul_f32::{Activation, Epilogue};
 use umo_kernels::norm::layer_norm;
 use umo_kernels::{Isa, Mat, MatMut};
@@ -143,7 +143,7 @@ impl Layer {
             let part = |i: usize| qkv.columns(i * dim + first..i * dim + first + head_dim);
             let (y, right) = rest.split_columns(head_dim);
             rest = right;
-            encoder_attention_f32(isa, part(0), part(1), part(2), Digits::F32, scale, None, y)?;
+            encoder_attention_f32(isa, part(0), part(1), part(2), scale, None, y)?;
         }
         Ok(())
     }

@@ -3,8 +3,7 @@
 use std::time::Instant;
 
 use rayon::prelude::*;
-use umo_kernels::attention::{Digits, encoder_attention_f32};
-use umo_kernels::bf16::to_bf16;
+use umo_kernels::attention::{encoder_attention_bf16, encoder_attention_f32};
 use umo_kernels::matmul_f32::Epilogue;
 use umo_kernels::{MatMut, PANEL};
 
@@ -116,8 +115,8 @@ impl Encoder {
         let apart = self.d_kv.is_multiple_of(PANEL);
         let (granule, most) = if apart { (self.d_kv, HEADS_AT_ONCE * self.d_kv) } else { (inner, inner) };
         let room = (&mut qkv[..], 3 * rows);
-        // Int8 products cost keys and values more digits than bfloat16 does, as in the decoder.
-        let digits = if input.is_int8() { Digits::Bf16 } else { Digits::F32 };
+        // Int8 products cost queries, keys and values more digits than bfloat16 does.
+        let attention = if input.is_int8() { encoder_attention_bf16 } else { encoder_attention_f32 };
         let context = middle.computed(cx, output, (&mut context[..], rows), granule, work, room, |columns, to| {
             // A few heads at a time: what is computed for them is still in cache when it is read.
             for first in (0..columns.len()).step_by(most) {
@@ -133,24 +132,12 @@ impl Encoder {
                         input.apply_here(cx, x, None, outputs, Epilogue::STORE, y.split_columns(width).0)?;
                     }
                 }
-                if digits == Digits::Bf16 {
-                    to_bf16(cx.isa, y.reborrow().split_columns(width).1);
-                }
                 let qkv = y.dense();
                 let y = to.y.reborrow().split_columns(first).1.split_columns(width).0;
                 heads_of(at..at + width, self.d_kv, lengths.iter().copied(), y, |_, heads, at, rows, y| {
                     let block = qkv.row_range(rows);
                     let of = |kind: usize| block.columns(kind * width + at..kind * width + at + self.d_kv);
-                    encoder_attention_f32(
-                        cx.isa,
-                        of(0),
-                        of(1),
-                        of(2),
-                        digits,
-                        1.0,
-                        Some(self.bias.of(heads.start, 0)),
-                        y,
-                    )
+                    attention(cx.isa, of(0), of(1), of(2), 1.0, Some(self.bias.of(heads.start, 0)), y)
                 })?;
             }
             to.complete(0..rows)

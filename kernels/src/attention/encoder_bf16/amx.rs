@@ -1,0 +1,362 @@
+//! 32 queries at a time over 256 keys, on tiles of bfloat16 pairs.
+//!
+//! ```text
+//! queries meet keys:  keys, one tile of 16 for each 32 of `head_dim`: tmm2, then tmm3
+//!   queries  0..16: tmm4 tmm5 (by `head_dim`)    scores tmm0
+//!           16..32: tmm6 tmm7                           tmm1
+//! weights meet values:    values, 16 columns each: tmm6 tmm7
+//!   queries  0..16: tmm4                          tmm0 tmm1
+//!           16..32: tmm5                          tmm2 tmm3
+//! ```
+//! Scores of 32 queries stand in tiles of 16 keys; softmax turns two of them into one tile of weights, in place: 32 KiB, which stay in
+//! L1 while keys and values pass by.
+
+#![expect(clippy::needless_range_loop, reason = "loops of constant length over registers read best by index")]
+
+use super::{KEYS, POWER, STEP, Softmax};
+use crate::amx::{TILE as ROWS, Tiles};
+use crate::attention::Operands;
+use crate::attention::amx::{MOST_DIM, Packed, Sums, Tile, add, load_pairs};
+use crate::attention::avx512vnni::transpose;
+use crate::lanes::LANES;
+use crate::lanes::avx512vnni::{array, first_lanes, load, store};
+use crate::mat::{Mat, MatMut};
+use crate::math::LOG2_E;
+use core::arch::x86_64::*;
+use core::ops::Range;
+
+/// Queries whose softmaxes are kept while blocks of keys go by.
+const BLOCK: usize = 512;
+
+/// Groups of 16 queries in work at once.
+const GROUPS: usize = 2;
+
+/// By 16 keys and 32 of `head_dim`: rows of pairs, a key per column.
+type Keys = [[Tile<Packed>; MOST_DIM / STEP]; KEYS / ROWS];
+/// By 32 keys and 16 of `head_dim`: rows of pairs of keys.
+type Values = [[Tile<Packed>; MOST_DIM / LANES]; KEYS / STEP];
+/// By 16 queries and 32 of `head_dim`.
+type Queries = [[Tile<Packed>; MOST_DIM / STEP]; GROUPS];
+/// By 16 queries and 32 keys: two tiles of scores; then weights in the first.
+type Scores = [[[Tile; 2]; KEYS / STEP]; GROUPS];
+
+/// A register for each query.
+type Lanes = [[[f32; LANES]; ROWS]; GROUPS];
+
+/// What one call keeps between its loops.
+struct Work {
+    scores: Scores,
+    k: Keys,
+    v: Values,
+    q: Queries,
+    sums: Sums,
+    /// By query: the largest score or the sum of weights, by lanes.
+    lanes: Lanes,
+    biases: [f32; BLOCK + KEYS],
+}
+
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+pub(in super::super) fn attention(x: Operands<f32>, mut y: MatMut<f32>) {
+    // SAFETY: the dispatch leads here from `Backend::Amx` alone.
+    let tiles = &unsafe { Tiles::new() };
+    let mut work = Work {
+        k: [[Tile::EMPTY; MOST_DIM / STEP]; KEYS / ROWS],
+        v: [[Tile::EMPTY; MOST_DIM / LANES]; KEYS / STEP],
+        q: [[Tile::EMPTY; MOST_DIM / STEP]; GROUPS],
+        scores: [[[Tile::ZERO; 2]; KEYS / STEP]; GROUPS],
+        sums: [[Tile::ZERO; MOST_DIM / LANES]; GROUPS],
+        lanes: [[[0.0; LANES]; ROWS]; GROUPS],
+        biases: [0.0; BLOCK + KEYS],
+    };
+    for start in (0..x.q.rows()).step_by(BLOCK) {
+        let end = x.q.rows().min(start + BLOCK);
+        let mut softmaxes = [Softmax::START; BLOCK];
+        for first in (0..x.k.rows()).step_by(KEYS) {
+            let keys = first..x.k.rows().min(first + KEYS);
+            pack_keys(x.k.row_range(keys.clone()), &mut work.k);
+            pack_values(x.v.row_range(keys.clone()), &mut work.v);
+            scale_biases(x.bias(end - 1, first), end - start - 1 + keys.len(), &mut work.biases);
+            let place = (keys.start > 0, keys.end == x.k.rows());
+            let mut first = start;
+            for softmaxes in softmaxes[..end - start].chunks_mut(GROUPS * ROWS) {
+                let rows = first..first + softmaxes.len();
+                let (_, y) = y.reborrow().split_rows(first);
+                first = rows.end;
+                let biases = end - rows.end;
+                let block = Block { q: x.q.row_range(rows), scale: x.scale * LOG2_E, biases, keys: keys.len() };
+                if softmaxes.len() > ROWS {
+                    block.run::<2>(tiles, &mut work, softmaxes, place, y);
+                } else {
+                    block.run::<1>(tiles, &mut work, softmaxes, place, y);
+                }
+            }
+        }
+    }
+}
+
+/// Whether there are tiles enough for heads of this width.
+pub(in super::super) fn fits(x: &Operands<f32>) -> bool {
+    x.q.cols() <= MOST_DIM
+}
+
+/// `count` biases in powers of 2, where there are any.
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+fn scale_biases(biases: &[f32], count: usize, scaled: &mut [f32; BLOCK + KEYS]) {
+    for (scaled, bias) in scaled.iter_mut().zip(biases).take(count) {
+        *scaled = bias * LOG2_E;
+    }
+}
+
+/// Up to 32 queries and the keys in work.
+struct Block<'a> {
+    q: Mat<'a, f32>,
+    scale: f32,
+    /// Where the last query's biases begin; those of each query before it, one further on.
+    biases: usize,
+    keys: usize,
+}
+
+impl Block<'_> {
+    /// Adds what these keys give to the first rows of `y`, in `G` groups of queries. `others` came before these keys, or they are
+    /// the `last`.
+    ///
+    /// While queries meet 32 keys, the scores of the 32 keys before are scaled; while the weights of 32 keys meet values, those of the
+    /// next are taken: a few registers between any two products.
+    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+    fn run<const G: usize>(
+        &self,
+        tiles: &Tiles,
+        work: &mut Work,
+        softmaxes: &mut [Softmax],
+        (others, last): (bool, bool),
+        mut y: MatMut<f32>,
+    ) {
+        let Work { scores, k, v, q, sums, lanes, biases } = work;
+        let (steps, pairs) = (self.q.cols().div_ceil(STEP), self.keys.div_ceil(STEP));
+        pack_queries(self.q, q);
+        lanes.as_flattened_mut().fill([f32::NEG_INFINITY; LANES]);
+        self.meet_keys::<G>(tiles, q, k, scores, &biases[self.biases..], lanes);
+        for (r, softmax) in softmaxes.iter_mut().enumerate() {
+            softmax.meet(_mm512_reduce_max_ps(load(&lanes[r / ROWS][r % ROWS])));
+        }
+        let mut max = [f32::NEG_INFINITY; GROUPS * ROWS];
+        for (max, softmax) in max.iter_mut().zip(&*softmaxes) {
+            *max = softmax.max;
+        }
+        lanes.as_flattened_mut().fill([0.0; LANES]);
+        for r in 0..self.q.rows() {
+            weigh(scores, r, 0, max[r], lanes);
+        }
+        for columns in 0..steps {
+            tiles.zero();
+            for pair in 0..pairs {
+                tiles.load::<4, _>(&scores[0][pair][0].0);
+                tiles.load_rows_past::<6, _>(&v[pair][2 * columns].0, 1);
+                tiles.load_rows_past::<7, _>(&v[pair][2 * columns + 1].0, 1);
+                if G == 2 {
+                    tiles.load::<5, _>(&scores[1][pair][0].0);
+                }
+                let mut r = 0;
+                let mut meanwhile = || {
+                    if columns == 0 && pair + 1 < pairs {
+                        for r in r..self.q.rows().min(r + ROWS / 2) {
+                            weigh(scores, r, pair + 1, max[r], lanes);
+                        }
+                        r += ROWS / 2;
+                    }
+                };
+                tiles.multiply_bf16::<0, 4, 6>();
+                meanwhile();
+                tiles.multiply_bf16::<1, 4, 7>();
+                meanwhile();
+                if G == 2 {
+                    tiles.multiply_bf16::<2, 5, 6>();
+                    meanwhile();
+                    tiles.multiply_bf16::<3, 5, 7>();
+                    meanwhile();
+                }
+            }
+            let [above, below] = &mut *sums;
+            tiles.store_sum::<0>(&mut above[2 * columns].0, 1);
+            tiles.store_sum::<1>(&mut above[2 * columns + 1].0, 1);
+            if G == 2 {
+                tiles.store_sum::<2>(&mut below[2 * columns].0, 1);
+                tiles.store_sum::<3>(&mut below[2 * columns + 1].0, 1);
+            }
+        }
+        for (r, softmax) in softmaxes.iter_mut().enumerate() {
+            softmax.add(_mm512_reduce_add_ps(load(&lanes[r / ROWS][r % ROWS])));
+            let (shrink, total) = (others.then_some(softmax.shrink), last.then_some(softmax.sum));
+            add(&sums[r / ROWS], r % ROWS, shrink, total, y.row_mut(r));
+        }
+    }
+
+    /// The scores of all keys, and the largest of each query by lanes.
+    #[inline]
+    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+    fn meet_keys<const G: usize>(
+        &self,
+        tiles: &Tiles,
+        q: &Queries,
+        k: &Keys,
+        scores: &mut Scores,
+        biases: &[f32],
+        largest: &mut Lanes,
+    ) {
+        let (steps, pairs) = (self.q.cols().div_ceil(STEP), self.keys.div_ceil(STEP));
+        tiles.load::<4, _>(&q[0][0].0);
+        tiles.load::<5, _>(&q[0][1].0);
+        if G == 2 {
+            tiles.load::<6, _>(&q[1][0].0);
+            tiles.load::<7, _>(&q[1][1].0);
+        }
+        let some = if steps == 2 { ROWS / 4 } else { ROWS / 2 };
+        for pair in 0..pairs {
+            let mut r = if pair > 0 { 0 } else { self.q.rows() };
+            for half in 0..2 {
+                let keys = &k[2 * pair + half];
+                let mut meanwhile = || {
+                    self.score(scores, r..self.q.rows().min(r + some), pair.wrapping_sub(1), biases, largest);
+                    r += some;
+                };
+                tiles.zero_two();
+                if steps > 0 {
+                    tiles.load_rows_past::<2, _>(&keys[0].0, 1);
+                    tiles.multiply_bf16::<0, 4, 2>();
+                    meanwhile();
+                    if G == 2 {
+                        tiles.multiply_bf16::<1, 6, 2>();
+                        meanwhile();
+                    }
+                }
+                if steps > 1 {
+                    tiles.load_rows_past::<3, _>(&keys[1].0, 1);
+                    tiles.multiply_bf16::<0, 5, 3>();
+                    meanwhile();
+                    if G == 2 {
+                        tiles.multiply_bf16::<1, 7, 3>();
+                        meanwhile();
+                    }
+                }
+                let [above, below] = &mut *scores;
+                tiles.store_sum::<0>(&mut above[pair][half].0, 1);
+                if G == 2 {
+                    tiles.store_sum::<1>(&mut below[pair][half].0, 1);
+                }
+            }
+        }
+        self.score(scores, 0..self.q.rows(), pairs - 1, biases, largest);
+    }
+
+    /// Turns the dot products of the queries `rows` with 32 keys into scores, and takes the largest of them in, by lanes.
+    #[inline]
+    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+    fn score(&self, scores: &mut Scores, rows: Range<usize>, pair: usize, biases: &[f32], largest: &mut Lanes) {
+        let (scale, hidden) = (_mm512_set1_ps(self.scale), _mm512_set1_ps(f32::NEG_INFINITY));
+        for r in rows {
+            let [left, right] = &mut scores[r / ROWS][pair];
+            let biases = biases[self.q.rows() - 1 - r + pair * STEP..].as_chunks().0;
+            let mut a = _mm512_fmadd_ps(load(&left.0[r % ROWS]), scale, load(&biases[0]));
+            let mut b = _mm512_fmadd_ps(load(&right.0[r % ROWS]), scale, load(&biases[1]));
+            if (pair + 1) * STEP > self.keys {
+                let rest = self.keys - pair * STEP;
+                a = _mm512_mask_blend_ps(first_lanes(rest), hidden, a);
+                b = _mm512_mask_blend_ps(first_lanes(rest.saturating_sub(LANES)), hidden, b);
+            }
+            store(&mut left.0[r % ROWS], a);
+            store(&mut right.0[r % ROWS], b);
+            let largest = &mut largest[r / ROWS][r % ROWS];
+            let so_far = load(largest);
+            store(largest, _mm512_max_ps(so_far, _mm512_max_ps(a, b)));
+        }
+    }
+}
+
+/// Turns query `r`'s scores of 32 keys into weights, and adds them to its `sums`, by lanes.
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+fn weigh(scores: &mut Scores, r: usize, pair: usize, max: f32, sums: &mut Lanes) {
+    let ([left, right], max) = (&mut scores[r / ROWS][pair], _mm512_set1_ps(max));
+    let a = power(_mm512_sub_ps(load(&left.0[r % ROWS]), max));
+    let b = power(_mm512_sub_ps(load(&right.0[r % ROWS]), max));
+    store(&mut left.0[r % ROWS], rounded(a, b));
+    let sums = &mut sums[r / ROWS][r % ROWS];
+    let so_far = load(sums);
+    store(sums, _mm512_add_ps(so_far, _mm512_add_ps(a, b)));
+}
+
+/// Two registers as one of bfloat16 values, nearest, ties to even: first those of `a`, then those of `b`.
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+fn rounded(a: __m512, b: __m512) -> __m512 {
+    let rounded = _mm512_cvtne2ps_pbh(b, a);
+    // SAFETY: both are 64 bytes, and any bits are a value of either.
+    unsafe { core::mem::transmute::<__m512bh, __m512>(rounded) }
+}
+
+/// Queries as rows of pairs; rows beyond the last keep what they hold, and nobody reads what becomes of it.
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+fn pack_queries(q: Mat<f32>, packed: &mut Queries) {
+    for r in 0..q.rows() {
+        let row = q.row(r);
+        for (step, to) in packed[r / ROWS][..q.cols().div_ceil(STEP)].iter_mut().enumerate() {
+            let [a, b] = load_pairs(row, step * STEP);
+            to.0[r % ROWS].write(array(rounded(a, b)));
+        }
+    }
+}
+
+/// Keys as columns of pairs; those beyond the last are zeros up to a multiple of 32.
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+fn pack_keys(k: Mat<f32>, packed: &mut Keys) {
+    for (tile, packed) in packed[..2 * k.rows().div_ceil(STEP)].iter_mut().enumerate() {
+        for (step, to) in packed[..k.cols().div_ceil(STEP)].iter_mut().enumerate() {
+            let mut rows = [_mm512_setzero_ps(); LANES];
+            for j in 0..LANES {
+                let row = tile * ROWS + j;
+                if row < k.rows() {
+                    let [a, b] = load_pairs(k.row(row), step * STEP);
+                    rows[j] = rounded(a, b);
+                }
+            }
+            for (to, column) in to.0.iter_mut().zip(transpose(rows)) {
+                to.write(array(column));
+            }
+        }
+    }
+}
+
+/// Values as rows of pairs of keys; those beyond the last are zeros up to a multiple of 32.
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+fn pack_values(v: Mat<f32>, packed: &mut Values) {
+    // From 16 words of one row and 16 of the next to pairs.
+    let pairs = _mm512_set_epi16(
+        31, 15, 30, 14, 29, 13, 28, 12, 27, 11, 26, 10, 25, 9, 24, 8, 23, 7, 22, 6, 21, 5, 20, 4, 19, 3, 18, 2, 17, 1,
+        16, 0,
+    );
+    let pair = |a, b| _mm512_castsi512_ps(_mm512_permutexvar_epi16(pairs, _mm512_castps_si512(rounded(a, b))));
+    for (tile, packed) in packed[..v.rows().div_ceil(STEP)].iter_mut().enumerate() {
+        for r in 0..ROWS {
+            let row = |row: usize| if row < v.rows() { v.row(row) } else { &[] };
+            let (even, odd) = (row(tile * STEP + 2 * r), row(tile * STEP + 2 * r + 1));
+            for (c, to) in packed.as_chunks_mut::<2>().0[..v.cols().div_ceil(STEP)].iter_mut().enumerate() {
+                let ([a, b], [c, d]) = (load_pairs(even, c * STEP), load_pairs(odd, c * STEP));
+                to[0].0[r].write(array(pair(a, c)));
+                to[1].0[r].write(array(pair(b, d)));
+            }
+        }
+    }
+}
+
+/// `2^t` of differences from a maximum; what is denormal is taken as 0 where it is rounded, and vanishes in a sum of at least 1.
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+fn power(t: __m512) -> __m512 {
+    // What is above the next lower integer; that integer is the power by which `scalef` scales.
+    let r = _mm512_reduce_ps::<1>(t);
+    let mut power = _mm512_set1_ps(POWER[0]);
+    for &c in &POWER[1..] {
+        power = _mm512_fmadd_ps(power, r, _mm512_set1_ps(c));
+    }
+    _mm512_scalef_ps(_mm512_fmadd_ps(power, r, _mm512_set1_ps(1.0)), t)
+}

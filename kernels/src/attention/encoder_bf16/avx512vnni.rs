@@ -1,0 +1,53 @@
+//! 8 queries x 32 keys are 16 registers of sums, and 4 queries x 64 columns as many.
+
+use super::loops::loops;
+use super::{KEYS, LEAST, POWER, STEP, Softmax};
+use crate::attention::Operands;
+use crate::attention::avx512vnni::transpose;
+use crate::lanes::avx512vnni::*;
+use crate::lanes::{LANES, LANES as WIDTH, pairwise};
+use crate::mat::{Mat, MatMut};
+use crate::math::LOG2_E;
+use core::arch::x86_64::*;
+
+/// Queries at once: that meet keys, and whose weights meet values.
+const QUERIES: [usize; 2] = [8, 4];
+
+/// Registers of columns at once.
+const COLUMNS: usize = 4;
+
+loops!("avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni");
+
+/// The nearest bfloat16, ties to even; denormals are 0.
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn rounded(x: Register) -> Register {
+    const QUIET: i32 = 0x40_0000;
+    let bits = _mm512_castps_si512(x);
+    let odd = _mm512_and_si512(_mm512_srli_epi32::<16>(bits), _mm512_set1_epi32(1));
+    let up = _mm512_add_epi32(bits, _mm512_add_epi32(odd, _mm512_set1_epi32(0x7fff)));
+    let nan = _mm512_cmp_ps_mask::<_CMP_UNORD_Q>(x, x);
+    let up = _mm512_mask_or_epi32(up, nan, bits, _mm512_set1_epi32(QUIET));
+    let denormal = _mm512_cmp_ps_mask::<_CMP_LT_OQ>(_mm512_abs_ps(x), _mm512_set1_ps(f32::MIN_POSITIVE));
+    _mm512_castsi512_ps(_mm512_maskz_and_epi32(!denormal, up, _mm512_set1_epi32(!0xffff)))
+}
+
+/// `2^t` of differences from a maximum.
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn power(t: Register) -> Register {
+    let n = _mm512_roundscale_ps::<{ _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC }>(t);
+    let (r, mut power) = (sub(t, n), set(POWER[0]));
+    for &c in &POWER[1..] {
+        power = fmadd(power, r, set(c));
+    }
+    let normal = _mm512_cmp_ps_mask::<_CMP_NLT_UQ>(n, set(LEAST));
+    _mm512_maskz_scalef_ps(normal, fmadd(power, r, set(1.0)), n)
+}
+
+/// `a / b`.
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn divide(a: Register, b: Register) -> Register {
+    _mm512_div_ps(a, b)
+}
