@@ -5,7 +5,8 @@ Ours is `cargo build --release -p umo-kernels --example attention_times`; give t
     python benches/peers/attention.py target/release/examples/attention_times --threads 2
 
 PyTorch is timed with heads as views of [rows, heads * head_dim], as ours are, with heads laid out densely, and as
-softmax(q k^T + bias) v in separate calls. The faster of the first two stands for the fused call. Every round times each side once;
+softmax(q k^T + bias) v in separate calls, in f32, and for an encoder's attention with factors rounded to bf16 in bf16 as well.
+The faster of the first two stands for the fused call. Every round times each side once;
 the table shows each side's fastest call of all and its median over the rounds' medians.
 """
 
@@ -17,14 +18,23 @@ import time
 import torch
 import torch.nn.functional as F
 
-SHAPES = [("encoder", 256, 256), ("encoder", 512, 512), ("one row", 1, 256), ("four rows", 4, 256)]
+# Queries, keys, and the precision of our factors and of PyTorch's numbers.
+SHAPES = [
+    ("encoder", 256, 256, "f32", "f32"),
+    ("encoder", 512, 512, "f32", "f32"),
+    ("encoder", 256, 256, "bf16", "f32"),
+    ("encoder", 256, 256, "bf16", "bf16"),
+    ("one row", 1, 256, "f32", "f32"),
+    ("four rows", 4, 256, "f32", "f32"),
+]
+TYPES = {"f32": torch.float32, "bf16": torch.bfloat16}
 HEADS, HEAD_DIM, SCALE = 12, 64, 0.125
 
 
-def sides(queries, keys):
+def sides(queries, keys, precision):
     """The three ways that PyTorch can be asked."""
-    bias = torch.randn(1, HEADS, queries, keys)
-    flat = [torch.randn(1, rows, HEADS * HEAD_DIM) for rows in (queries, keys, keys)]
+    bias = torch.randn(1, HEADS, queries, keys, dtype=TYPES[precision])
+    flat = [torch.randn(1, rows, HEADS * HEAD_DIM, dtype=TYPES[precision]) for rows in (queries, keys, keys)]
     views = [x.view(1, -1, HEADS, HEAD_DIM).transpose(1, 2) for x in flat]
     dense = [x.contiguous() for x in views]
 
@@ -45,27 +55,28 @@ def fastest_and_median(call, repetitions):
 
 
 def measure(program, isa, threads, rounds):
-    """For every shape its name, queries and keys, and microseconds (fastest, median) of us, the fused and separate calls."""
+    """For every shape its name, queries, keys and precisions, and microseconds (fastest, median) of us, the fused and separate calls."""
     torch.set_num_threads(threads)
     ours = subprocess.Popen([program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 
-    def our_times(queries, keys, repetitions):
-        request = [isa, queries, keys, HEADS, HEAD_DIM, threads, repetitions]
+    def our_times(queries, keys, precision, repetitions):
+        request = [isa, queries, keys, HEADS, HEAD_DIM, threads, repetitions, precision]
         ours.stdin.write(" ".join(map(str, request)) + "\n")
         ours.stdin.flush()
         return tuple(float(word) for word in ours.stdout.readline().split())
 
     with torch.inference_mode():
-        for name, queries, keys in SHAPES:
+        for name, queries, keys, mine, theirs in SHAPES:
             repetitions = max(10, 2_000_000 // (queries * keys + 20_000))
-            calls = sides(queries, keys)
+            calls = sides(queries, keys, theirs)
             times = [[], [], []]
             for _ in range(rounds):
-                times[0].append(our_times(queries, keys, repetitions))
+                times[0].append(our_times(queries, keys, mine, repetitions))
                 views, dense, separate = (fastest_and_median(call, repetitions) for call in calls)
                 times[1].append(tuple(map(min, views, dense)))
                 times[2].append(separate)
-            yield name, queries, keys, *[(min(f for f, _ in t), statistics.median(m for _, m in t)) for t in times]
+            shape = name, queries, keys, mine, theirs
+            yield *shape, *[(min(f for f, _ in t), statistics.median(m for _, m in t)) for t in times]
     ours.stdin.close()
     ours.wait()
 
@@ -80,8 +91,9 @@ def main():
     print(f"{arguments.isa}, {arguments.threads} threads, PyTorch {torch.__version__}; microseconds, fastest / median")
     print("| shape | ours | fused | separate | fused / ours | separate / ours |")
     print("| --- | --- | --- | --- | --- | --- |")
-    for name, queries, keys, *totals in measure(arguments.program, arguments.isa, arguments.threads, arguments.rounds):
-        cells = [f"{name} {queries} x {keys} x {HEADS}"]
+    rows = measure(arguments.program, arguments.isa, arguments.threads, arguments.rounds)
+    for name, queries, keys, mine, theirs, *totals in rows:
+        cells = [f"{name} {queries} x {keys} x {HEADS}, {mine} beside {theirs}"]
         cells += [f"{fastest:.0f} / {median:.0f}" for fastest, median in totals]
         for theirs in totals[1:]:
             cells.append(" / ".join(f"{their / our:.2f}" for their, our in zip(theirs, totals[0])))
