@@ -6,13 +6,13 @@
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use umo_benches::{Random, is_test};
 use umo_core::weights::AlignedBox;
-use umo_kernels::attention::{RelativeBias, Visible, attention_f32, encoder_attention_f32};
+use umo_kernels::attention::{RelativeBias, Visible, attention_f32, encoder_attention_bf16, encoder_attention_f32};
 use umo_kernels::matmul_bf16::matmul_bf16;
 use umo_kernels::matmul_f32::{Epilogue, Input, matmul_f32};
 use umo_kernels::matmul_i8::{QuantRows, matmul_i8, quantize_rows};
 use umo_kernels::norm::rms_norm;
 use umo_kernels::pack::{pack, pack_bf16, pack_i8, packed_len, packed_len_bf16, packed_len_i8};
-use umo_kernels::{Ahead, Isa, Mat, MatMut, PackedBf16, PackedF32, PackedI8};
+use umo_kernels::{Ahead, Isa, Mat, MatMut, PackedBf16, PackedF32, PackedI8, ShapeError};
 
 /// Rows, outputs and inputs: one token, a pass with markers, a window; feed-forward in, out, attention; and odd ones.
 const PRODUCTS: [(usize, usize, usize); 9] = [
@@ -121,6 +121,10 @@ fn int8_product(c: &mut Criterion, random: &mut Random, (m, n, k): (usize, usize
     });
 }
 
+/// Attention over whole sequences.
+type EncoderAttention =
+    fn(Isa, Mat<f32>, Mat<f32>, Mat<f32>, f32, Option<RelativeBias>, MatMut<f32>) -> Result<(), ShapeError>;
+
 fn attention(c: &mut Criterion) {
     for (m, n, width) in chosen(ATTENTIONS) {
         let mut random = Random::new(2);
@@ -135,12 +139,17 @@ fn attention(c: &mut Criterion) {
             attention_f32(isa, q, k, v, 0.125, Some(bias), Visible::All, Ahead::NOTHING, y).expect(SHAPES);
         });
         if m == n {
-            let shape = format!("{m}x{n}x{width}");
-            compare(c, "encoder_attention_f32", &shape, macs, (m * width, sums(width)), |isa, y| {
-                let y = MatMut::new(y, m, width).expect(SHAPES);
-                let (q, k, v) = (view(&q, m), view(&k, n), view(&v, n));
-                encoder_attention_f32(isa, q, k, v, 0.125, Some(bias), y).expect(SHAPES);
-            });
+            // With factors in bfloat16 all back-ends have the same bits.
+            for (op, attention, tolerance) in [
+                ("encoder_attention_f32", encoder_attention_f32 as EncoderAttention, sums(width)),
+                ("encoder_attention_bf16", encoder_attention_bf16, 0.0),
+            ] {
+                compare(c, op, &format!("{m}x{n}x{width}"), macs, (m * width, tolerance), |isa, y| {
+                    let y = MatMut::new(y, m, width).expect(SHAPES);
+                    let (q, k, v) = (view(&q, m), view(&k, n), view(&v, n));
+                    attention(isa, q, k, v, 0.125, Some(bias), y).expect(SHAPES);
+                });
+            }
         }
     }
 }
