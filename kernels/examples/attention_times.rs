@@ -2,8 +2,8 @@
 //!
 //! Each line `isa queries keys heads head_dim threads repetitions` is answered by the fastest and the median time of one
 //! call for all heads with a bias, in microseconds. Heads are column ranges of `[rows, heads * head_dim]`, as in a model;
-//! they are dealt to the threads evenly. `bf16` behind the numbers: a whole
-//! sequence with every factor rounded to bfloat16.
+//! they are dealt to the threads evenly. `bf16` behind the numbers: a whole sequence
+//! with every factor rounded to bfloat16.
 
 use std::hint::spin_loop;
 use std::io::BufRead;
