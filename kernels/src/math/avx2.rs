@@ -25,7 +25,10 @@ fn exp_in_range(x: __m256) -> __m256 {
     let n = _mm256_sub_ps(shifted, round);
     let r = _mm256_sub_ps(x, _mm256_mul_ps(n, _mm256_set1_ps(LN_2_HIGH)));
     let r = _mm256_sub_ps(r, _mm256_mul_ps(n, _mm256_set1_ps(LN_2_LOW)));
-    let tail = polynomial(&EXP, r);
+    let mut tail = _mm256_set1_ps(EXP[0]);
+    for &c in &EXP[1..] {
+        tail = _mm256_add_ps(_mm256_mul_ps(tail, r), _mm256_set1_ps(c));
+    }
     let power = _mm256_add_ps(_mm256_mul_ps(tail, _mm256_mul_ps(r, r)), r);
     let power = _mm256_castps_si256(_mm256_add_ps(power, _mm256_set1_ps(1.0)));
     let exponent = _mm256_slli_epi32::<23>(_mm256_castps_si256(shifted));
@@ -39,17 +42,19 @@ pub(crate) fn gelu_tanh(x: __m256) -> __m256 {
     let slope = _mm256_fmadd_ps(_mm256_mul_ps(x, x), _mm256_set1_ps(TANH_CUBE), _mm256_set1_ps(TANH_SCALE));
     let t = _mm256_min_ps(_mm256_set1_ps(TANH_MAX), _mm256_mul_ps(x, slope));
     let t = _mm256_max_ps(_mm256_set1_ps(-TANH_MAX), t);
+    _mm256_div_ps(x, _mm256_add_ps(exp2_in_range(t), _mm256_set1_ps(1.0)))
+}
+
+/// `2^t` for `-126..=126`.
+#[inline]
+#[target_feature(enable = "avx2,fma")]
+fn exp2_in_range(t: __m256) -> __m256 {
     let round = _mm256_set1_ps(ROUND);
     let shifted = _mm256_add_ps(t, round);
     let f = _mm256_sub_ps(t, _mm256_sub_ps(shifted, round));
-    let mut power = _mm256_set1_ps(EXP2[0]);
-    for &c in &EXP2[1..] {
-        power = _mm256_fmadd_ps(power, f, _mm256_set1_ps(c));
-    }
-    let one = _mm256_set1_ps(1.0);
-    let power = _mm256_castps_si256(_mm256_fmadd_ps(power, f, one));
+    let power = _mm256_castps_si256(_mm256_fmadd_ps(polynomial(&EXP2, f), f, _mm256_set1_ps(1.0)));
     let exponent = _mm256_slli_epi32::<23>(_mm256_castps_si256(shifted));
-    _mm256_div_ps(x, _mm256_add_ps(_mm256_castsi256_ps(_mm256_add_epi32(power, exponent)), one))
+    _mm256_castsi256_ps(_mm256_add_epi32(power, exponent))
 }
 
 /// The erf form of GELU.
@@ -58,8 +63,8 @@ pub(crate) fn gelu_tanh(x: __m256) -> __m256 {
 pub(crate) fn gelu_erf(x: __m256) -> __m256 {
     let size = _mm256_andnot_ps(_mm256_set1_ps(-0.0), x);
     let size = _mm256_min_ps(_mm256_set1_ps(TAIL_MAX), size);
-    let tail = exp_in_range(polynomial(&TAIL, size));
-    _mm256_sub_ps(_mm256_max_ps(x, _mm256_setzero_ps()), _mm256_mul_ps(size, tail))
+    let tail = exp2_in_range(polynomial(&TAIL, size));
+    _mm256_fnmadd_ps(size, tail, _mm256_max_ps(x, _mm256_setzero_ps()))
 }
 
 /// [`Activation`] of 8 values, with the bits of [`crate::activation::activate`].
@@ -79,13 +84,13 @@ pub(crate) fn activate(activation: Activation, x: __m256) -> __m256 {
     }
 }
 
-/// Horner's rule, highest power first.
+/// Horner's rule in fused steps, highest power first.
 #[inline]
 #[target_feature(enable = "avx2,fma")]
 fn polynomial<const N: usize>(coefficients: &[f32; N], x: __m256) -> __m256 {
     let mut value = _mm256_set1_ps(coefficients[0]);
     for &c in &coefficients[1..] {
-        value = _mm256_add_ps(_mm256_mul_ps(value, x), _mm256_set1_ps(c));
+        value = _mm256_fmadd_ps(value, x, _mm256_set1_ps(c));
     }
     value
 }

@@ -24,7 +24,10 @@ fn exp_in_range(x: __m512) -> __m512 {
     let n = _mm512_sub_ps(_mm512_add_ps(_mm512_mul_ps(x, _mm512_set1_ps(LOG2_E)), round), round);
     let r = _mm512_sub_ps(x, _mm512_mul_ps(n, _mm512_set1_ps(LN_2_HIGH)));
     let r = _mm512_sub_ps(r, _mm512_mul_ps(n, _mm512_set1_ps(LN_2_LOW)));
-    let tail = polynomial(&EXP, r);
+    let mut tail = _mm512_set1_ps(EXP[0]);
+    for &c in &EXP[1..] {
+        tail = _mm512_add_ps(_mm512_mul_ps(tail, r), _mm512_set1_ps(c));
+    }
     let power = _mm512_add_ps(_mm512_mul_ps(tail, _mm512_mul_ps(r, r)), r);
     // The result is normal, so this scaling is exact, as is scalar's addition to the exponent's bits.
     _mm512_scalef_ps(_mm512_add_ps(power, _mm512_set1_ps(1.0)), n)
@@ -37,16 +40,18 @@ pub(crate) fn gelu_tanh(x: __m512) -> __m512 {
     let slope = _mm512_fmadd_ps(_mm512_mul_ps(x, x), _mm512_set1_ps(TANH_CUBE), _mm512_set1_ps(TANH_SCALE));
     // The smaller in size of the two, with the first one's sign. What becomes of NaN here does not matter: `x` is NaN too.
     let t = _mm512_range_ps::<2>(_mm512_mul_ps(x, slope), _mm512_set1_ps(TANH_MAX));
+    _mm512_div_ps(x, _mm512_add_ps(exp2_in_range(t), _mm512_set1_ps(1.0)))
+}
+
+/// `2^t` for `-126..=126`.
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn exp2_in_range(t: __m512) -> __m512 {
     let round = _mm512_set1_ps(ROUND);
     let n = _mm512_sub_ps(_mm512_add_ps(t, round), round);
     let f = _mm512_sub_ps(t, n);
-    let mut power = _mm512_set1_ps(EXP2[0]);
-    for &c in &EXP2[1..] {
-        power = _mm512_fmadd_ps(power, f, _mm512_set1_ps(c));
-    }
-    let one = _mm512_set1_ps(1.0);
-    let power = _mm512_scalef_ps(_mm512_fmadd_ps(power, f, one), n);
-    _mm512_div_ps(x, _mm512_add_ps(power, one))
+    // The result is normal, so this scaling is exact, as is scalar's addition to the exponent's bits.
+    _mm512_scalef_ps(_mm512_fmadd_ps(polynomial(&EXP2, f), f, _mm512_set1_ps(1.0)), n)
 }
 
 /// The erf form of GELU.
@@ -54,8 +59,8 @@ pub(crate) fn gelu_tanh(x: __m512) -> __m512 {
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
 pub(crate) fn gelu_erf(x: __m512) -> __m512 {
     let size = _mm512_min_ps(_mm512_set1_ps(TAIL_MAX), _mm512_abs_ps(x));
-    let tail = exp_in_range(polynomial(&TAIL, size));
-    _mm512_sub_ps(_mm512_max_ps(x, _mm512_setzero_ps()), _mm512_mul_ps(size, tail))
+    let tail = exp2_in_range(polynomial(&TAIL, size));
+    _mm512_fnmadd_ps(size, tail, _mm512_max_ps(x, _mm512_setzero_ps()))
 }
 
 /// [`Activation`] of 16 values, with the bits of [`crate::activation::activate`].
@@ -75,13 +80,13 @@ pub(crate) fn activate(activation: Activation, x: __m512) -> __m512 {
     }
 }
 
-/// Horner's rule, highest power first.
+/// Horner's rule in fused steps, highest power first.
 #[inline]
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
 fn polynomial<const N: usize>(coefficients: &[f32; N], x: __m512) -> __m512 {
     let mut value = _mm512_set1_ps(coefficients[0]);
     for &c in &coefficients[1..] {
-        value = _mm512_add_ps(_mm512_mul_ps(value, x), _mm512_set1_ps(c));
+        value = _mm512_fmadd_ps(value, x, _mm512_set1_ps(c));
     }
     value
 }

@@ -38,25 +38,30 @@ pub(crate) fn gelu_tanh(x: f32) -> f32 {
     let t = x * (x * x).mul_add(TANH_CUBE, TANH_SCALE);
     let t = if TANH_MAX < t { TANH_MAX } else { t };
     let t = if -TANH_MAX > t { -TANH_MAX } else { t };
-    let shifted = t + ROUND;
-    let f = t - (shifted - ROUND);
-    let mut power = EXP2[0];
-    for &c in &EXP2[1..] {
-        power = power.mul_add(f, c);
-    }
-    let power = power.mul_add(f, 1.0);
-    x / (f32::from_bits(power.to_bits().wrapping_add(shifted.to_bits() << 23)) + 1.0)
+    x / (exp2_in_range(t) + 1.0)
 }
 
-/// `x * (1 + erf(x / sqrt(2))) / 2`, written as `max(x, 0) - abs(x) * tail(abs(x))`.
+/// `2^t` for `-126..=126`: `2^n * 2^f` with `abs(f) <= 1 / 2`.
+#[inline]
+fn exp2_in_range(t: f32) -> f32 {
+    let shifted = t + ROUND;
+    let f = t - (shifted - ROUND);
+    let power = polynomial(&EXP2, f).mul_add(f, 1.0);
+    f32::from_bits(power.to_bits().wrapping_add(shifted.to_bits() << 23))
+}
+
+/// Horner's rule in fused steps, highest power first.
+#[inline]
+fn polynomial<const N: usize>(coefficients: &[f32; N], x: f32) -> f32 {
+    coefficients[1..].iter().fold(coefficients[0], |value, &c| value.mul_add(x, c))
+}
+
+/// `x * (1 + erf(x / sqrt(2))) / 2`, written as `max(x, 0) - abs(x) * tail(abs(x))`. A tail of NaN may have any bits: its product
+/// is NaN.
 #[inline]
 pub(crate) fn gelu_erf(x: f32) -> f32 {
     let size = x.abs();
     let size = if TAIL_MAX < size { TAIL_MAX } else { size };
-    let mut tail = TAIL[0];
-    for c in &TAIL[1..] {
-        tail = tail * size + c;
-    }
     let positive = if x > 0.0 { x } else { 0.0 };
-    positive - size * exp_in_range(tail)
+    (-size).mul_add(exp2_in_range(polynomial(&TAIL, size)), positive)
 }
