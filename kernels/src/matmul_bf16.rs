@@ -74,23 +74,30 @@ pub fn matmul_gated_bf16(
     Ok(())
 }
 
-/// Rows cut in two by [`split`]: `value = high + low`.
+/// Rows as tiles take them: each value rounded ([`crate::bf16::round_bf16`]), or cut in two ([`split`]).
 #[derive(Clone, Copy, Debug)]
-pub struct SplitRows<'a> {
-    high: Mat<'a, Bf16>,
-    low: Mat<'a, Bf16>,
+pub struct Bf16Rows<'a> {
+    /// The values, or their high parts.
+    first: Mat<'a, Bf16>,
+    /// Low parts.
+    rest: Option<Mat<'a, Bf16>>,
 }
 
-impl<'a> SplitRows<'a> {
+impl<'a> Bf16Rows<'a> {
+    /// Rows `[m, k]` of rounded values; they may overlap.
+    pub fn rounded(values: Mat<'a, Bf16>) -> Self {
+        Self { first: values, rest: None }
+    }
+
     /// Rows `[m, k]` of which both parts lie in memory in the same way; they may overlap.
     ///
     /// # Errors
     /// [`ShapeError`] where the parts' shapes differ.
-    pub fn new(high: Mat<'a, Bf16>, low: Mat<'a, Bf16>) -> Result<Self, ShapeError> {
+    pub fn split(high: Mat<'a, Bf16>, low: Mat<'a, Bf16>) -> Result<Self, ShapeError> {
         expect_len("low", high.rows(), low.rows())?;
         expect_len("low", high.cols(), low.cols())?;
         expect_len("low", high.stride(), low.stride())?;
-        Ok(Self { high, low })
+        Ok(Self { first: high, rest: Some(low) })
     }
 }
 
@@ -117,28 +124,23 @@ pub fn split(isa: Isa, x: &[f32], high: &mut [Bf16], low: &mut [Bf16]) -> Result
     Ok(())
 }
 
-/// [`matmul_bf16`] of rows that are cut already, which on `amx` has the bits of the product of the rows as they were: for
-/// rows that overlap, or that several threads read.
+/// [`matmul_bf16`] of rows that are bf16 already, for rows that overlap or that several threads read. Of rows that were cut
+/// in two it has, on `amx`, the bits of the product of the rows as they were.
 ///
-/// Shapes, numerics: as [`matmul_bf16`]; back-ends without tiles put rows together again, and are slow.
+/// Shapes, numerics: as [`matmul_bf16`], of the values that the rows have; back-ends without tiles put rows together again,
+/// and are slow.
 ///
 /// # Errors
 /// [`ShapeError`] naming the argument whose length disagrees.
-pub fn matmul_bf16_split(
-    isa: Isa,
-    x: SplitRows,
-    w: PackedBf16,
-    end: Epilogue,
-    y: MatMut<f32>,
-) -> Result<(), ShapeError> {
-    check_product((x.high.rows(), x.high.cols()), (w.n(), w.k()), &y, &end)?;
+pub fn matmul_bf16_rows(isa: Isa, x: Bf16Rows, w: PackedBf16, end: Epilogue, y: MatMut<f32>) -> Result<(), ShapeError> {
+    check_product((x.first.rows(), x.first.cols()), (w.n(), w.k()), &y, &end)?;
     match isa.0 {
-        Backend::Scalar => scalar::matmul_split(x, w, end, y),
+        Backend::Scalar => scalar::matmul_rows(x, w, end, y),
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::Avx512Vnni => scalar::matmul_split(x, w, end, y),
+        Backend::Avx2 | Backend::Avx512Vnni => scalar::matmul_rows(x, w, end, y),
         #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
         // SAFETY: `Isa` holds `Amx` only after detection of tiles and of every feature that `amx` enables.
-        Backend::Amx => unsafe { amx::matmul_split(x, w, end, y) },
+        Backend::Amx => unsafe { amx::matmul_rows(x, w, end, y) },
     }
     Ok(())
 }

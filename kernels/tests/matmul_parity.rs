@@ -4,7 +4,7 @@
 #![expect(clippy::cast_possible_truncation, reason = "sizes of cases are far below 2^32")]
 
 use proptest::prelude::*;
-use umo_kernels::matmul_bf16::{SplitRows, matmul_bf16, matmul_bf16_split, matmul_gated_bf16, split};
+use umo_kernels::matmul_bf16::{Bf16Rows, matmul_bf16, matmul_bf16_rows, matmul_gated_bf16, split};
 use umo_kernels::matmul_f32::{Activation, Epilogue, Input, Scatter, matmul_f32, matmul_gated_f32};
 use umo_kernels::matmul_i8::{MAX_K, QuantRows, matmul_gated_i8, matmul_i8};
 use umo_kernels::pack::{PANEL, pack, pack_bf16, pack_i8, packed_len, packed_len_bf16, packed_len_i8};
@@ -495,10 +495,12 @@ fn bf16_products_carry_what_is_not_finite(isa: Isa) {
     }
 }
 
-/// Rows that were cut before, overlapping or apart: where there are tiles, any values and the bits of the product of the
-/// rows as they were; elsewhere integers, whose sums are exact.
-fn rows_cut_before_give_the_same(isa: Isa) {
-    let shape = (0_usize..70, near(PANEL, 4), near(32, 4), any::<u64>(), 0_usize..64);
+/// Rows that are bf16 already, cut in two or rounded, overlapping or apart. Where there are tiles: any values, and the bits of the
+/// product of the rows as they were, or of what they were rounded to; elsewhere integers, whose sums are exact.
+fn rows_in_bf16_give_the_same(isa: Isa) {
+    // Of whole steps and others, some more than the steps that are cut at once.
+    let inputs = prop_oneof![4 => near(32, 4), 2 => (1_usize..4).prop_map(|steps| 32 * steps), 1 => 2047_usize..2082];
+    let shape = (0_usize..70, near(PANEL, 6), inputs, any::<u64>(), 0_usize..64);
     proptest!(config(128), |((m, n, k, seed, offset) in shape, gap in prop_oneof![Just(-1_i8), Just(0), Just(1)])| {
         let mut numbers = Numbers(seed);
         let number = if isa.has_tiles() { Numbers::real } else { Numbers::integer };
@@ -509,24 +511,28 @@ fn rows_cut_before_give_the_same(isa: Isa) {
         let mut packed = vec![Bf16::default(); packed_len_bf16(n, k)];
         pack_bf16(Mat::new(&w, n, k).unwrap(), &mut packed).unwrap();
         let w = PackedBf16::new(&packed, n, k).unwrap();
+
+        let nearest: Vec<Bf16> = x.iter().map(|&x| Bf16::from_f32(x)).collect();
         let (mut high, mut low) = (vec![Bf16(0); len], vec![Bf16(0); len]);
         split(isa, &x, &mut high, &mut low).unwrap();
         for ((&x, high), low) in x.iter().zip(&high).zip(&low) {
             let rest = f64::from(x) - f64::from(high.to_f32()) - f64::from(low.to_f32());
             prop_assert!(rest.abs() <= f64::from(x.abs()) * f64::from(2.0_f32.powi(-16)) + f64::from(f32::MIN_POSITIVE));
         }
-        let (high, low) = (Shifted::new(&high, offset), Shifted::new(&low, offset + 1));
-        let view = |part| Mat::with_stride(part, m, k, stride).unwrap();
-        let rows = SplitRows::new(view(high.get()), view(low.get())).unwrap();
-        let (mut y, mut want) = (Guarded::new(m, n, 1, offset, 3.0), Guarded::new(m, n, 1, offset, 3.0));
-        matmul_bf16_split(isa, rows, w, Epilogue::ADD, y.view()).unwrap();
-        let whole = Input::all(Mat::with_stride(&x, m, k, stride).unwrap());
-        matmul_bf16(isa, whole, w, Epilogue::ADD, want.view()).unwrap();
-        prop_assert_eq!(y.bits(), want.bits());
+        let rounded: Vec<f32> = nearest.iter().map(|value| value.to_f32()).collect();
+        let parts = [high, low, nearest].map(|part| Shifted::new(&part, offset));
+        let [high, low, nearest] = parts.each_ref().map(|part| Mat::with_stride(part.get(), m, k, stride).unwrap());
+        for (rows, whole) in [(Bf16Rows::split(high, low).unwrap(), &x), (Bf16Rows::rounded(nearest), &rounded)] {
+            let (mut y, mut want) = (Guarded::new(m, n, 1, offset, 3.0), Guarded::new(m, n, 1, offset, 3.0));
+            matmul_bf16_rows(isa, rows, w, Epilogue::ADD, y.view()).unwrap();
+            let whole = Input::all(Mat::with_stride(whole, m, k, stride).unwrap());
+            matmul_bf16(isa, whole, w, Epilogue::ADD, want.view()).unwrap();
+            prop_assert_eq!(y.bits(), want.bits());
+        }
     });
 }
 
-for_each_isa!(rows_cut_before_give_the_same => scalar, avx2, avx512vnni, amx);
+for_each_isa!(rows_in_bf16_give_the_same => scalar, avx2, avx512vnni, amx);
 for_each_isa!(bf16_products_carry_what_is_not_finite => scalar, avx2, avx512vnni, amx);
 for_each_isa!(products_match_scalar => avx2, avx512vnni, amx);
 for_each_isa!(int8_sums_are_exact => scalar, avx2, avx512vnni, amx);

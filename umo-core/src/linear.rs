@@ -2,7 +2,8 @@
 
 use std::ops::Range;
 
-use umo_kernels::matmul_bf16::{SplitRows, matmul_bf16, matmul_bf16_split, matmul_gated_bf16, split};
+use umo_kernels::bf16::round_bf16;
+use umo_kernels::matmul_bf16::{Bf16Rows, matmul_bf16, matmul_bf16_rows, matmul_gated_bf16, split};
 use umo_kernels::matmul_f32::{Epilogue, Input, matmul_f32, matmul_gated_f32};
 use umo_kernels::matmul_i8::{
     QuantRows, matmul_gated_i8, matmul_i8, quantize_columns, quantize_rows, row_maxima, step_size,
@@ -73,8 +74,41 @@ pub struct Linear {
     bias: Option<Box<[f32]>>,
     outputs: usize,
     inputs: usize,
-    /// Whether float activations keep all their bits, which tiles for bf16 do not.
-    exact: bool,
+    activations: Activations,
+}
+
+/// What tiles for bf16 take of float activations; what is no tile takes all.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Activations {
+    /// All bits, so that no tile is used.
+    Exact,
+    /// A high and a low part.
+    Split,
+    /// Their bf16.
+    Rounded,
+}
+
+/// Activations as tiles for bf16 take them.
+#[derive(Clone, Copy, Debug)]
+pub struct Bf16Values<'a> {
+    /// The values rounded, or their high parts.
+    first: &'a [Bf16],
+    /// Low parts.
+    rest: Option<&'a [Bf16]>,
+}
+
+impl<'a> Bf16Values<'a> {
+    /// `rows` rows of `cols` values, `stride` apart, from the value `start` on.
+    ///
+    /// # Errors
+    /// [`ShapeError`] where there are not as many.
+    pub fn rows(&self, start: usize, rows: usize, cols: usize, stride: usize) -> Result<Bf16Rows<'a>, ShapeError> {
+        let part = |part: &'a [Bf16]| Mat::with_stride(&part[start.min(part.len())..], rows, cols, stride);
+        match self.rest {
+            Some(rest) => Bf16Rows::split(part(self.first)?, part(rest)?),
+            None => Ok(Bf16Rows::rounded(part(self.first)?)),
+        }
+    }
 }
 
 /// Room for quantised activations, `[rows, inputs]` at most. Rows are an odd number of cache lines apart where they are whole lines:
@@ -83,7 +117,7 @@ pub struct Linear {
 pub struct QuantScratch {
     steps: AlignedBox<i8>,
     scale: Box<[f32]>,
-    /// High and low parts of values, or nothing.
+    /// Values as tiles for bf16 take them: rounded, or their high parts; and low parts. Or nothing.
     parts: [AlignedBox<Bf16>; 2],
     /// The largest size of a value in each row, `[pieces, rows]`, or nothing.
     largest: AlignedBox<f32>,
@@ -261,24 +295,11 @@ impl QuantScratch {
         Ok(Ready::Quant(Quantised { steps, scale: &self.scale[..rows] }))
     }
 
-    /// The same with room for `values` values cut in two, for products of which [`Linear::splits`] is true.
+    /// The same with room for so many values rounded or high parts, and so many low parts: for products of which
+    /// [`Linear::parts`] is not 0.
     #[must_use]
-    pub fn with_parts(self, values: usize) -> Self {
-        Self { parts: [(); 2].map(|()| AlignedBox::zeroed(values)), ..self }
-    }
-
-    /// Cuts every value in two; the high and the low parts.
-    ///
-    /// # Errors
-    /// [`StepError`] where there is no room for them.
-    pub fn split(&mut self, cx: Compute, values: &[f32]) -> Result<[&[Bf16]; 2], StepError> {
-        let [high, low] = &mut self.parts;
-        // As many rows as there are values, so that threads share them as they come.
-        let parts = (MatMut::new(high, values.len(), 1)?, MatMut::new(low, values.len(), 1)?);
-        cx.team.rows_of_two(parts.0, parts.1, values.len(), |range, mut high, mut low| {
-            Ok(split(cx.isa, &values[range], high.column_mut(), low.column_mut())?)
-        })?;
-        Ok([&high[..values.len()], &low[..values.len()]])
+    pub fn with_parts(self, values: [usize; 2]) -> Self {
+        Self { parts: values.map(AlignedBox::zeroed), ..self }
     }
 
     /// Room for `rows` rows of at most `width` values, or for more rows of fewer values.
@@ -290,7 +311,7 @@ impl QuantScratch {
 impl Linear {
     /// Wraps packed weights of `[outputs, inputs]`.
     pub fn new(weight: Weight, outputs: usize, inputs: usize) -> Self {
-        Self { weight, bias: None, outputs, inputs, exact: false }
+        Self { weight, bias: None, outputs, inputs, activations: Activations::Split }
     }
 
     /// The same with a bias `[outputs]`.
@@ -302,11 +323,19 @@ impl Linear {
     /// The same with all bits of float activations.
     #[must_use]
     pub fn exact(self) -> Self {
-        Self { exact: true, ..self }
+        Self { activations: Activations::Exact, ..self }
+    }
+
+    /// The same with float activations rounded to bf16 where tiles take them, unless it is exact: for networks whose other
+    /// products are int8, which leaves no more digits.
+    #[must_use]
+    pub fn rounded(self) -> Self {
+        let rounded = self.activations == Activations::Split;
+        Self { activations: if rounded { Activations::Rounded } else { self.activations }, ..self }
     }
 
     fn isa(&self, cx: Compute) -> Isa {
-        if self.exact { cx.isa.without_tiles() } else { cx.isa }
+        if self.activations == Activations::Exact { cx.isa.without_tiles() } else { cx.isa }
     }
 
     /// Outputs.
@@ -385,51 +414,76 @@ impl Linear {
         end: Epilogue,
         y: MatMut<f32>,
     ) -> Result<(), StepError> {
-        // Few rows would gain nothing.
-        if self.splits(cx.isa) && x.rows() >= 2 * PANEL && quant.parts[0].len() >= x.elements().len() {
-            return self.forward_split(cx, quant, x, range, end, y);
+        if self.goes_to_tiles(cx.isa, x.rows(), x.elements().len(), quant) {
+            let rows = self.to_bf16(cx, quant, x.elements())?.rows(0, x.rows(), x.cols(), x.stride())?;
+            return cx.team.columns(y, PANEL, x.rows() * self.inputs * range.len(), |columns, y| {
+                self.apply_bf16(cx, rows, range.start + columns.start..range.start + columns.end, end, y)
+            });
         }
         let input = self.input(cx, quant, x)?;
         self.apply(cx, input, None, range, end, y)
     }
 
-    /// The product of rows that are cut in two once for all threads, and for all rows that share a value.
-    fn forward_split(
-        &self,
-        cx: Compute,
-        quant: &mut QuantScratch,
-        x: Mat<f32>,
-        range: Range<usize>,
-        end: Epilogue,
-        y: MatMut<f32>,
-    ) -> Result<(), StepError> {
-        let part = |part| Mat::with_stride(part, x.rows(), x.cols(), x.stride());
-        let [high, low] = quant.split(cx, x.elements())?;
-        let rows = SplitRows::new(part(high)?, part(low)?)?;
-        cx.team.columns(y, PANEL, x.rows() * self.inputs * range.len(), |columns, y| {
-            self.apply_split(cx, rows, range.start + columns.start..range.start + columns.end, end, y)
-        })
+    /// Parts of a value that tiles for bf16 take, 0 where there are no such tiles or they do not serve.
+    pub fn parts(&self, isa: Isa) -> usize {
+        match self.activations {
+            Activations::Split if isa.has_tiles() && matches!(self.weight, Weight::Bf16(_)) => 2,
+            Activations::Rounded if isa.has_tiles() && matches!(self.weight, Weight::Bf16(_)) => 1,
+            _ => 0,
+        }
     }
 
-    /// The product of rows that were cut in two, on this thread alone.
+    /// Whether `rows` rows, of `values` values in all, are made bf16 before the product: always where that rounds them, so
+    /// that a row is the same among others; where it cuts them in two, only for many rows, since few would gain nothing.
+    fn goes_to_tiles(&self, isa: Isa, rows: usize, values: usize, quant: &QuantScratch) -> bool {
+        match self.parts(isa) {
+            0 => false,
+            1 => true,
+            _ => rows >= 2 * PANEL && quant.parts.iter().all(|part| part.len() >= values),
+        }
+    }
+
+    /// Values as tiles take them for this product, once for all threads and all rows that share a value.
+    ///
+    /// # Errors
+    /// [`StepError`] where `quant` has no room for them.
+    pub fn to_bf16<'a>(
+        &self,
+        cx: Compute,
+        quant: &'a mut QuantScratch,
+        values: &[f32],
+    ) -> Result<Bf16Values<'a>, StepError> {
+        let [first, rest] = &mut quant.parts;
+        // As many rows as there are values, so that threads share them as they come.
+        let column = |part| MatMut::new(part, values.len(), 1);
+        if self.parts(cx.isa) == 1 {
+            cx.team.rows(column(first)?, values.len(), |range, mut y| {
+                let y = y.column_mut();
+                let (x, y) = (Mat::new(&values[range], 1, y.len())?, MatMut::new(y, 1, y.len())?);
+                Ok(round_bf16(cx.isa, x, y)?)
+            })?;
+            return Ok(Bf16Values { first: &first[..values.len()], rest: None });
+        }
+        cx.team.rows_of_two(column(first)?, column(rest)?, values.len(), |range, mut high, mut low| {
+            Ok(split(cx.isa, &values[range], high.column_mut(), low.column_mut())?)
+        })?;
+        Ok(Bf16Values { first: &first[..values.len()], rest: Some(&rest[..values.len()]) })
+    }
+
+    /// The product of rows that are bf16 already, on this thread alone.
     ///
     /// # Errors
     /// [`StepError`] where a length disagrees, or the weights are no bf16.
-    pub fn apply_split(
+    pub fn apply_bf16(
         &self,
         cx: Compute,
-        x: SplitRows,
+        x: Bf16Rows,
         range: Range<usize>,
         end: Epilogue,
         y: MatMut<f32>,
     ) -> Result<(), StepError> {
         let end = Epilogue { bias: self.bias.as_deref().map(|bias| &bias[range.clone()]), ..end };
-        Ok(matmul_bf16_split(cx.isa, x, self.bf16(range)?, end, y)?)
-    }
-
-    /// Whether [`Linear::forward`] cuts its input in two where the scratch has room: bf16 weights, and tiles for them.
-    pub fn splits(&self, isa: Isa) -> bool {
-        isa.has_tiles() && !self.exact && matches!(self.weight, Weight::Bf16(_))
+        Ok(matmul_bf16_rows(cx.isa, x, self.bf16(range)?, end, y)?)
     }
 
     /// The product of input that is ready, over the rows that `index` names (or all).

@@ -4,7 +4,8 @@ use std::path::PathBuf;
 
 use umo_core::audio::{AudioStream, Tokenizer};
 use umo_core::config::Hubert;
-use umo_core::weights::Loader;
+use umo_core::weights::writer::{self, NewTensor, Storage, Values};
+use umo_core::weights::{Loader, layout};
 use umo_core::{Compute, ModelFile, Precision, StepError, Team};
 use umo_kernels::{Isa, ShapeError};
 
@@ -19,6 +20,39 @@ fn open(model: &str) -> ModelFile {
 
 fn load(file: &ModelFile) -> Tokenizer {
     Tokenizer::load(&Loader::new(file, Precision::F32, Isa::detect())).unwrap()
+}
+
+/// HuBERT as a quantised base model has it: layers in int8, and convolutions in bfloat16, whose inputs tiles take rounded.
+fn quantised() -> ModelFile {
+    let file = open("hubert_k1_smplx");
+    let specs = layout::specs(file.config(), true);
+    let tensors = specs.iter().filter(|spec| file.has(&spec.name)).map(|spec| {
+        let read = || {
+            let mut values = vec![0.0; spec.shape.iter().product()];
+            file.tensor(&spec.name, &spec.shape).unwrap().read(&mut values).unwrap();
+            Ok(values)
+        };
+        let storage = match spec.shape.len() {
+            2 if spec.name.starts_with("audio.hubert.encoder.layers") => Storage::Int8,
+            3 if spec.name.starts_with("audio.hubert") => Storage::Bf16,
+            _ => Storage::F32,
+        };
+        NewTensor {
+            name: spec.name.clone(),
+            shape: spec.shape.clone(),
+            storage,
+            values: Values::Floats(Box::new(read)),
+        }
+    });
+    let mut bytes = Vec::new();
+    writer::write(&mut bytes, file.config(), &tensors.collect::<Vec<_>>()).unwrap();
+    ModelFile::from_bytes(bytes).unwrap()
+}
+
+/// Tokenizers of every kind, in float and as [`quantised`].
+fn tokenizers() -> impl Iterator<Item = (&'static str, Tokenizer)> {
+    let stored = Tokenizer::load(&Loader::new(&quantised(), Precision::Stored, Isa::detect())).unwrap();
+    MODELS.into_iter().map(|model| (model, load(&open(model)))).chain([("quantised hubert_k1_smplx", stored)])
 }
 
 /// Two drifting tones over noise, with an offset; loudness changes, so that statistics do too.
@@ -220,8 +254,7 @@ fn mel_stream_equals_the_whole_clip() {
 
 #[test]
 fn features_depend_on_chunk_ends_alone() {
-    for model in MODELS {
-        let tokenizer = load(&open(model));
+    for (model, tokenizer) in tokenizers() {
         let (audio, width) = (audio(30 * HOP), tokenizer.width());
         let whole = run(&tokenizer, 1, &mut tokenizer.stream(30, 30), &audio, &[30]);
         for hops in [vec![25, 5], vec![1, 1, 27, 1], vec![10, 10, 10]] {
@@ -235,8 +268,7 @@ fn features_depend_on_chunk_ends_alone() {
 
 #[test]
 fn the_same_chunks_give_the_same_bits_on_any_number_of_threads() {
-    for model in MODELS {
-        let tokenizer = load(&open(model));
+    for (model, tokenizer) in tokenizers() {
         let audio = audio(75 * HOP);
         let mut stream = tokenizer.stream(60, 40);
         let hops = [20, 40, 5, 10];
@@ -252,8 +284,7 @@ fn the_same_chunks_give_the_same_bits_on_any_number_of_threads() {
 fn a_larger_and_used_scratch_changes_nothing() {
     let team = Team::new(1).unwrap();
     let cx = Compute { isa: Isa::detect(), team: &team };
-    for model in MODELS {
-        let tokenizer = load(&open(model));
+    for (model, tokenizer) in tokenizers() {
         let audio = audio(30 * HOP);
         let wanted = run(&tokenizer, 1, &mut tokenizer.stream(12, 10), &audio, &[10])[0].0.clone();
         let (mut scratch, mut units) = (tokenizer.scratch(40, 30), vec![0; 40]);
@@ -264,10 +295,28 @@ fn a_larger_and_used_scratch_changes_nothing() {
     }
 }
 
+/// Convolutions with rounded inputs and attention with rounded factors, beside sums of what was not rounded.
+#[test]
+fn quantised_features_are_near_on_every_back_end() {
+    let (file, audio, team) = (quantised(), audio(60 * HOP), Team::new(2).unwrap());
+    let features = |file: &ModelFile, precision, isa| {
+        let tokenizer = Tokenizer::load(&Loader::new(file, precision, isa)).unwrap();
+        tokenizer.features(Compute { isa, team: &team }, &audio).unwrap().0
+    };
+    let exact = features(&open("hubert_k1_smplx"), Precision::F32, Isa::SCALAR);
+    let squares = |values: &mut dyn Iterator<Item = f32>| values.map(|v| f64::from(v) * f64::from(v)).sum::<f64>();
+    for isa in Isa::available() {
+        let got = features(&file, Precision::Stored, isa);
+        let mut differences = got.iter().zip(&exact).map(|(got, exact)| got - exact);
+        let error = (squares(&mut differences) / squares(&mut exact.iter().copied())).sqrt();
+        println!("{}: {:.2} %", isa.name(), 100.0 * error);
+        assert!(error < 0.03, "{}: {error}", isa.name());
+    }
+}
+
 #[test]
 fn silence_and_a_constant_give_finite_features() {
-    for model in MODELS {
-        let tokenizer = load(&open(model));
+    for (model, tokenizer) in tokenizers() {
         for level in [0.0, 0.5] {
             let states = run(&tokenizer, 1, &mut tokenizer.stream(8, 4), &[level; 8 * HOP], &[1, 3, 4]);
             assert!(states.iter().all(|(_, features)| features.iter().all(|v| v.is_finite())), "{model} {level}");

@@ -9,8 +9,11 @@
 //! ```
 //! Parts are made in tiles on the stack, 32 rows at a time, for all panels of a chunk. A row goes through the same steps
 //! whichever rows are beside it: few rows leave a tile empty, and weights arrive from memory no sooner for that.
+//!
+//! Rows that are bf16 already, two parts or one, are read where they lie, and a block of them is ended while the next one is
+//! multiplied: tiles and registers work at the same time.
 
-use super::SplitRows;
+use super::Bf16Rows;
 use crate::amx::{Aligned, TILE, Tiles};
 use crate::bf16::Bf16;
 use crate::mat::{Mat, MatMut};
@@ -31,6 +34,8 @@ const NEAR: usize = 4;
 const CHUNK_BYTES: usize = 768 << 10;
 /// Panels of sums in one block.
 const SUMS: usize = ROWS * 2;
+/// Rows of a block that are ended at once, after as many steps of the next block.
+const ENDED: usize = 2;
 
 /// 16 rows of inputs.
 type Tile = [[Bf16; STEP]; TILE];
@@ -44,15 +49,15 @@ type Pairs = [[Bf16; PAIR]; PANEL];
 enum Rows<'a> {
     /// To be cut.
     Whole(Input<'a, f32>),
-    /// High and low parts.
-    Cut(SplitRows<'a>),
+    /// As they are: rounded, or high and low parts.
+    Ready(Bf16Rows<'a>),
 }
 
 impl Rows<'_> {
     fn count(&self) -> usize {
         match self {
             Rows::Whole(x) => x.rows(),
-            Rows::Cut(x) => x.high.rows(),
+            Rows::Ready(x) => x.first.rows(),
         }
     }
 }
@@ -78,8 +83,8 @@ pub(super) fn matmul_gated(x: Input<f32>, gate: PackedBf16, up: PackedBf16, y: M
 }
 
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
-pub(super) fn matmul_split(x: SplitRows, w: PackedBf16, end: Epilogue, y: MatMut<f32>) {
-    run(&Rows::Cut(x), &Job::Plain(w, end), y);
+pub(super) fn matmul_rows(x: Bf16Rows, w: PackedBf16, end: Epilogue, y: MatMut<f32>) {
+    run(&Rows::Ready(x), &Job::Plain(w, end), y);
 }
 
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
@@ -105,54 +110,144 @@ pub(super) fn split(x: &[f32], high: &mut [Bf16], low: &mut [Bf16]) {
 fn run(x: &Rows, job: &Job<PackedBf16>, y: MatMut<f32>) {
     // SAFETY: only the `Amx` arm of the products leads here.
     let tiles = unsafe { Tiles::new() };
+    match x {
+        Rows::Ready(rows) if lie_well(rows) && rows.rest.is_none() => product_in_place::<1>(&tiles, rows, job, y),
+        Rows::Ready(rows) if lie_well(rows) => product_in_place::<2>(&tiles, rows, job, y),
+        Rows::Ready(Bf16Rows { rest: None, .. }) => product_from_stack::<1>(&tiles, x, job, y),
+        _ => product_from_stack::<2>(&tiles, x, job, y),
+    }
+}
+
+/// Whether tiles can read rows where they lie: at least one tile of them, of whole steps.
+fn lie_well(x: &Bf16Rows) -> bool {
+    let (rows, inputs) = (x.first.rows(), x.first.cols());
+    rows >= TILE && inputs > 0 && inputs.is_multiple_of(STEP)
+}
+
+/// The product of rows that are put into tiles on the stack first.
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+fn product_from_stack<const PARTS: usize>(tiles: &Tiles, x: &Rows, job: &Job<PackedBf16>, y: MatMut<f32>) {
     if job.k() <= STEPS[0] * STEP {
-        product::<{ STEPS[0] }>(&tiles, x, job, y);
+        product::<{ STEPS[0] }, PARTS>(tiles, x, job, y);
     } else {
-        product::<{ STEPS[1] }>(&tiles, x, job, y);
+        product::<{ STEPS[1] }, PARTS>(tiles, x, job, y);
+    }
+}
+
+/// Slots whose weights stay in L2 while blocks of rows go by: a multiple of the panels that any block takes at once.
+fn chunk(job: &Job<PackedBf16>) -> usize {
+    (CHUNK_BYTES / (size_of::<Pairs>() * job.k().div_ceil(PAIR).max(1)) / 4).max(1) * 4
+}
+
+/// Panels of the next block, with so many slots left.
+fn panels(left: usize, rows: usize) -> usize {
+    match left {
+        4.. if rows <= TILE => 4,
+        1 => 1,
+        _ => 2,
+    }
+}
+
+/// The product of rows that tiles read where they lie. The last block begins so far before its own rows that it is whole.
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+fn product_in_place<const PARTS: usize>(tiles: &Tiles, x: &Bf16Rows, job: &Job<PackedBf16>, mut y: MatMut<f32>) {
+    let mut sums = Aligned([[[0.0; PANEL]; SUMS]; 2]);
+    let [mut now, mut before] = sums.0.each_mut();
+    let mut ending = Ending { start: 0, slot: 0, panels: 1, done: 0, rows: 0 };
+    let count = x.first.rows();
+    for first in (0..job.slots()).step_by(chunk(job)) {
+        let end = (first + chunk(job)).min(job.slots());
+        let mut t = 0;
+        while t < count {
+            let rows = if count < ROWS || count - t <= TILE { TILE } else { ROWS };
+            let start = t.min(count - rows);
+            let source = in_place(x, start, rows);
+            let mut slot = first;
+            while slot < end {
+                let panels = panels(end - slot, rows);
+                let end_some = || ending.rows(ENDED, job, before, &mut y);
+                multiply_all::<PARTS>(tiles, (rows, panels), source, &pairs(job, slot, panels), true, now, end_some);
+                ending.rows(ROWS, job, before, &mut y);
+                ending = Ending { start, slot, panels, done: t - start, rows };
+                (now, before) = (before, now);
+                slot += panels;
+            }
+            t = start + rows;
+        }
+    }
+    ending.rows(ROWS, job, before, &mut y);
+}
+
+/// A block whose sums are complete, and how many of its rows have been ended: they are while the next block is multiplied.
+struct Ending {
+    /// Its first row in the product.
+    start: usize,
+    slot: usize,
+    panels: usize,
+    done: usize,
+    rows: usize,
+}
+
+impl Ending {
+    /// Ends the next `count` rows, or as many as are left.
+    #[inline]
+    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+    fn rows(&mut self, count: usize, job: &Job<PackedBf16>, sums: &mut [[f32; PANEL]; SUMS], y: &mut MatMut<f32>) {
+        let rows = self.done..(self.done + count).min(self.rows);
+        if !rows.is_empty() {
+            self.done = rows.end;
+            let sums = &mut sums[rows.start * self.panels..rows.end * self.panels];
+            end_block(sums, job, self.start + rows.start, (self.slot, self.panels), y);
+        }
     }
 }
 
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
-fn product<const MOST: usize>(tiles: &Tiles, x: &Rows, job: &Job<PackedBf16>, mut y: MatMut<f32>) {
+fn product<const MOST: usize, const PARTS: usize>(tiles: &Tiles, x: &Rows, job: &Job<PackedBf16>, mut y: MatMut<f32>) {
     let mut buffer = Aligned([[[[[Bf16(0); STEP]; TILE]; 2]; 2]; MOST]);
     let mut sums = Aligned([[0.0; PANEL]; SUMS]);
-    // A multiple of the panels that any block takes at once.
-    let width = (CHUNK_BYTES / (size_of::<Pairs>() * job.k().div_ceil(PAIR).max(1)) / 4).max(1) * 4;
-    for first in (0..job.slots()).step_by(width) {
-        let end = (first + width).min(job.slots());
+    for first in (0..job.slots()).step_by(chunk(job)) {
+        let end = (first + chunk(job)).min(job.slots());
         for t in (0..x.count()).step_by(ROWS) {
             let rows = (x.count() - t).min(ROWS);
-            let in_place = in_place(x, t, rows);
-            if in_place.is_none() {
-                fill(x, t, rows, 0, &mut buffer.0);
-            }
+            fill(x, t, rows, 0, &mut buffer.0);
             let mut slot = first;
             while slot < end {
-                let panels = match end - slot {
-                    4.. if rows <= TILE => 4,
-                    1 => 1,
-                    _ => 2,
-                };
-                block(tiles, x, (t, rows), in_place, &mut buffer.0, job, (slot, panels), &mut sums.0);
-                let sums = &mut sums.0[..rows * panels];
-                match job {
-                    Job::Plain(_, end) => finish(sums, panels, t, slot * PANEL, end, &mut y),
-                    Job::Gated(..) => finish_gated(sums, panels / 2, t, slot / 2 * PANEL, &mut y),
-                }
+                let panels = panels(end - slot, rows);
+                block::<PARTS>(tiles, x, (t, rows), &mut buffer.0, job, (slot, panels), &mut sums.0);
+                end_block(&mut sums.0[..rows * panels], job, t, (slot, panels), &mut y);
                 slot += panels;
             }
         }
     }
 }
 
-/// The rows from `t` on where they lie, if tiles can read them there: all of them cut, and whole steps.
-fn in_place<'a>(x: &Rows<'a>, t: usize, rows: usize) -> Option<Source<'a>> {
-    let Rows::Cut(x) = x else { return None };
-    if rows < ROWS || !x.high.cols().is_multiple_of(STEP) {
-        return None;
+/// Ends the rows from `t` on of `panels` slots from `slot` on.
+#[inline(never)]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+fn end_block(
+    sums: &mut [[f32; PANEL]],
+    job: &Job<PackedBf16>,
+    t: usize,
+    (slot, panels): (usize, usize),
+    y: &mut MatMut<f32>,
+) {
+    match job {
+        Job::Plain(_, end) => finish(sums, panels, t, slot * PANEL, end, y),
+        Job::Gated(..) => finish_gated(sums, panels / 2, t, slot / 2 * PANEL, y),
     }
-    let part = |part: &Mat<'a, Bf16>| [t, t + TILE].map(|t| part.row_range(t..t + TILE).elements());
-    Some(Source { parts: [part(&x.high), part(&x.low)], stride: x.high.stride(), step: STEP })
+}
+
+/// The pairs of `panels` slots from `slot` on; the last of them again in what is left of four.
+fn pairs<'a>(job: &Job<PackedBf16<'a>>, slot: usize, panels: usize) -> [&'a [Pairs]; 4] {
+    [0, 1, 2, 3].map(|p: usize| job.panel(slot + p.min(panels - 1)))
+}
+
+/// One or two tiles of rows from `t` on where they lie.
+fn in_place<'a>(x: &Bf16Rows<'a>, t: usize, rows: usize) -> Source<'a> {
+    let part = |part: &Mat<'a, Bf16>| [t, t + rows - TILE].map(|t| part.row_range(t..t + TILE).elements());
+    let parts = [part(&x.first), x.rest.as_ref().map_or([&[]; 2], part)];
+    Source { parts, stride: x.first.stride(), step: STEP }
 }
 
 /// The inputs from `first` on of the rows from `t` on, in two parts each, as many steps as `buffer` holds; zeros behind the
@@ -165,9 +260,11 @@ fn fill(x: &Rows, t: usize, rows: usize, first: usize, buffer: &mut [Step]) {
             let first = first + i * NEAR * STEP;
             match x {
                 Rows::Whole(x) => cut_row(rest(x.row(t + r), first), r, steps),
-                Rows::Cut(x) => {
-                    copy_row(rest(x.high.row(t + r), first), r, 0, steps);
-                    copy_row(rest(x.low.row(t + r), first), r, 1, steps);
+                Rows::Ready(x) => {
+                    copy_row(rest(x.first.row(t + r), first), r, 0, steps);
+                    if let Some(low) = &x.rest {
+                        copy_row(rest(low.row(t + r), first), r, 1, steps);
+                    }
                 }
             }
         }
@@ -231,26 +328,17 @@ fn cut(front: __m512, back: __m512) -> [__m512i; 2] {
 }
 
 /// The sums of `rows` rows from `t` on with `panels` slots from `slot` on, over all inputs: `sums [rows, panels]`.
-#[expect(clippy::too_many_arguments, reason = "one block of a product, each operand named")]
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
-fn block(
+fn block<const PARTS: usize>(
     tiles: &Tiles,
     x: &Rows,
     (t, rows): (usize, usize),
-    in_place: Option<Source>,
     buffer: &mut [Step],
     job: &Job<PackedBf16>,
     (slot, panels): (usize, usize),
     sums: &mut [[f32; PANEL]; SUMS],
 ) {
-    // Not by `from_fn`: a closure has this function's features and cannot be inlined into one that has not.
-    let mut pairs = [&[][..]; 4];
-    for (p, pairs) in pairs.iter_mut().enumerate() {
-        *pairs = job.panel(slot + p.min(panels - 1));
-    }
-    if let Some(source) = in_place {
-        return multiply_all(tiles, rows, panels, source, &pairs, true, sums);
-    }
+    let pairs = pairs(job, slot, panels);
     let blocks = pairs[0].len().div_ceil(buffer.len() * TILE).max(1);
     for i in 0..blocks {
         if blocks > 1 {
@@ -264,37 +352,39 @@ fn block(
         let flat = buffer.as_flattened().as_flattened().as_flattened().as_flattened();
         let tile = |i: usize| &flat[i * STEP * TILE..];
         let source = Source { parts: [[tile(0), tile(1)], [tile(2), tile(3)]], stride: STEP, step: 4 * STEP * TILE };
-        multiply_all(tiles, rows, panels, source, &pairs, i == 0, sums);
+        multiply_all::<PARTS>(tiles, (rows, panels), source, &pairs, i == 0, sums, || {});
     }
 }
 
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
-fn multiply_all(
+fn multiply_all<const PARTS: usize>(
     tiles: &Tiles,
-    rows: usize,
-    panels: usize,
+    (rows, panels): (usize, usize),
     source: Source,
     pairs: &[&[Pairs]; 4],
     start: bool,
     sums: &mut [[f32; PANEL]; SUMS],
+    between: impl FnMut(),
 ) {
     match (rows <= TILE, panels) {
-        (true, 4) => multiply::<1, 4>(tiles, source, pairs, start, sums),
-        (true, 2) => multiply::<1, 2>(tiles, source, pairs, start, sums),
-        (true, _) => multiply::<1, 1>(tiles, source, pairs, start, sums),
-        (false, 2) => multiply::<2, 2>(tiles, source, pairs, start, sums),
-        (false, _) => multiply::<2, 1>(tiles, source, pairs, start, sums),
+        (true, 4) => multiply::<1, 4, PARTS>(tiles, source, pairs, start, sums, between),
+        (true, 2) => multiply::<1, 2, PARTS>(tiles, source, pairs, start, sums, between),
+        (true, _) => multiply::<1, 1, PARTS>(tiles, source, pairs, start, sums, between),
+        (false, 2) => multiply::<2, 2, PARTS>(tiles, source, pairs, start, sums, between),
+        (false, _) => multiply::<2, 1, PARTS>(tiles, source, pairs, start, sums, between),
     }
 }
 
-/// Adds the products of `R` tiles of rows with the pairs of `P` panels to `sums [rows, P]`, or starts them.
+/// Adds the products of `R` tiles of rows with the pairs of `P` panels to `sums [rows, P]`, or starts them; `between` is called
+/// every [`ENDED`] steps.
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
-fn multiply<const R: usize, const P: usize>(
+fn multiply<const R: usize, const P: usize, const PARTS: usize>(
     tiles: &Tiles,
     source: Source,
     pairs: &[&[Pairs]; 4],
     start: bool,
     sums: &mut [[f32; PANEL]; SUMS],
+    mut between: impl FnMut(),
 ) {
     if start {
         tiles.zero();
@@ -306,43 +396,57 @@ fn multiply<const R: usize, const P: usize>(
     let ((third, _), (fourth, _)) = (third.as_chunks::<TILE>(), fourth.as_chunks::<TILE>());
     let (steps, rest) = (first.len(), rest.len());
     for i in 0..steps {
-        step::<R, P>(tiles, &source, i, [&first[i], &second[i], &third[i], &fourth[i]]);
+        step::<R, P, PARTS>(tiles, &source, i, [&first[i], &second[i], &third[i], &fourth[i]]);
+        if i % ENDED == ENDED - 1 {
+            between();
+        }
     }
     if rest > 0 {
         let mut last = Aligned([[[[Bf16(0); PAIR]; PANEL]; TILE]; 4]);
         for (last, pairs) in last.0.iter_mut().zip(pairs).take(P) {
             last[..rest].copy_from_slice(&pairs[steps * TILE..]);
         }
-        step::<R, P>(tiles, &source, steps, last.0.each_ref());
+        step::<R, P, PARTS>(tiles, &source, steps, last.0.each_ref());
     }
     tiles.store_sums::<R, P>(sums);
 }
 
 /// 32 inputs of `R` tiles of rows with `P` panels; in every sum the high parts come first.
 #[inline]
-fn step<const R: usize, const P: usize>(tiles: &Tiles, source: &Source, i: usize, w: [&[Pairs; TILE]; 4]) {
+fn step<const R: usize, const P: usize, const PARTS: usize>(
+    tiles: &Tiles,
+    source: &Source,
+    i: usize,
+    w: [&[Pairs; TILE]; 4],
+) {
     let [high, low] = &source.parts;
     let (at, stride) = (i * source.step, source.stride);
     if R == 1 {
         tiles.load_rows::<4, _>(&high[0][at..], stride);
-        tiles.load_rows::<5, _>(&low[0][at..], stride);
+        if PARTS > 1 {
+            tiles.load_rows::<5, _>(&low[0][at..], stride);
+        }
         tiles.load::<6, _>(w[0]);
         tiles.multiply_bf16::<0, 4, 6>();
         if P > 1 {
             tiles.load::<7, _>(w[1]);
             tiles.multiply_bf16::<1, 4, 7>();
         }
-        tiles.multiply_bf16::<0, 5, 6>();
+        if PARTS > 1 {
+            tiles.multiply_bf16::<0, 5, 6>();
+        }
         if P > 2 {
             tiles.load::<6, _>(w[2]);
             tiles.multiply_bf16::<2, 4, 6>();
         }
-        if P > 1 {
+        if P > 1 && PARTS > 1 {
             tiles.multiply_bf16::<1, 5, 7>();
         }
         if P > 2 {
             tiles.load::<7, _>(w[3]);
             tiles.multiply_bf16::<3, 4, 7>();
+        }
+        if P > 2 && PARTS > 1 {
             tiles.multiply_bf16::<2, 5, 6>();
             tiles.multiply_bf16::<3, 5, 7>();
         }
@@ -351,7 +455,7 @@ fn step<const R: usize, const P: usize>(tiles: &Tiles, source: &Source, i: usize
         if P > 1 {
             tiles.load::<7, _>(w[1]);
         }
-        for part in [high, low] {
+        for part in [high, low].into_iter().take(PARTS) {
             tiles.load_rows::<4, _>(&part[0][at..], stride);
             tiles.load_rows::<5, _>(&part[1][at..], stride);
             tiles.multiply_bf16::<0, 4, 6>();

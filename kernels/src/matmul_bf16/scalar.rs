@@ -1,6 +1,6 @@
 //! The specification: the f32 product over widened weights.
 
-use super::SplitRows;
+use super::Bf16Rows;
 use crate::bf16::Bf16;
 use crate::mat::MatMut;
 use crate::matmul_f32::{Epilogue, Input, finish_panel, gated};
@@ -32,12 +32,13 @@ pub(super) fn split(x: &[f32], high: &mut [Bf16], low: &mut [Bf16]) {
 }
 
 /// Rows that were cut in two are put together again.
-pub(super) fn matmul_split(x: SplitRows, w: PackedBf16, end: Epilogue, mut y: MatMut<f32>) {
+pub(super) fn matmul_rows(x: Bf16Rows, w: PackedBf16, end: Epilogue, mut y: MatMut<f32>) {
     for p in 0..panels(w.n()) {
-        for t in 0..x.high.rows() {
+        for t in 0..x.first.rows() {
             let mut sums = [0.0; PANEL];
-            let row = x.high.row(t).iter().zip(x.low.row(t)).map(|(high, low)| high.to_f32() + low.to_f32());
-            for (i, x) in row.enumerate() {
+            let rest = x.rest.as_ref().map(|rest| rest.row(t));
+            for (i, x) in x.first.row(t).iter().enumerate() {
+                let x = x.to_f32() + rest.map_or(0.0, |rest| rest[i].to_f32());
                 for (sum, pair) in sums.iter_mut().zip(&w.panel(p)[i / PAIR]) {
                     *sum += x * pair[i % PAIR].to_f32();
                 }

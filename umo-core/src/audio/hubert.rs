@@ -7,8 +7,7 @@
 
 use rayon::prelude::*;
 use umo_kernels::activation;
-use umo_kernels::attention::encoder_attention_f32;
-use umo_kernels::matmul_bf16::SplitRows;
+use umo_kernels::attention::{encoder_attention_bf16, encoder_attention_f32};
 use umo_kernels::matmul_f32::{Activation, Epilogue};
 use umo_kernels::norm::{channel_affine, channel_sums, layer_norm};
 use umo_kernels::{Isa, Mat, MatMut, PANEL};
@@ -206,19 +205,24 @@ impl Hubert {
     pub(super) fn load(loader: &Loader, sizes: &config::Hubert) -> Result<Self, LoadError> {
         let (root, hidden, eps) = ("audio.hubert", sizes.hidden_size, sizes.layer_norm_eps);
         let extractor = format!("{root}.feature_extractor.conv_layers");
+        let layers = (0..sizes.num_hidden_layers)
+            .into_par_iter()
+            .map(|i| Layer::load(loader, &format!("{root}.encoder.layers.{i}"), sizes))
+            .collect::<Result<Vec<_>, _>>()?;
+        let int8 = layers.iter().any(|layer| layer.qkv.is_int8());
+        let round = |product: Linear| if int8 { product.rounded() } else { product };
         let mut channels = 1;
         let mut convolutions = Vec::with_capacity(sizes.conv_dim.len());
         for (i, (&dim, &kernel)) in sizes.conv_dim.iter().zip(&sizes.conv_kernel).enumerate() {
             // Ten samples to a channel: nothing to gain, and the statistics of the group norm come from it.
             let loader = if i == 0 { loader.exact() } else { loader.clone() };
-            convolutions.push(loader.conv(&format!("{extractor}.{i}.conv"), dim, channels, kernel, false)?);
+            convolutions.push(round(loader.conv(&format!("{extractor}.{i}.conv"), dim, channels, kernel, false)?));
             channels = dim;
         }
         let (kernel, groups) = (sizes.num_conv_pos_embeddings, sizes.num_conv_pos_embedding_groups);
-        let layers = (0..sizes.num_hidden_layers)
-            .into_par_iter()
-            .map(|i| Layer::load(loader, &format!("{root}.encoder.layers.{i}"), sizes))
-            .collect::<Result<Vec<_>, _>>()?;
+        let position = format!("{root}.encoder.pos_conv_embed.conv");
+        let position = loader.float().grouped_conv(&position, hidden, kernel, groups)?;
+        let position = position.into_iter().map(round).collect();
         Ok(Self {
             sizes: sizes.clone(),
             isa: loader.isa(),
@@ -227,12 +231,7 @@ impl Hubert {
             group_norm: Norm::load(loader, &format!("{extractor}.0.layer_norm"), sizes.conv_dim[0], 0.0)?,
             projection_norm: Norm::load(loader, &format!("{root}.feature_projection.layer_norm"), channels, eps)?,
             projection: loader.linear_with_bias(&format!("{root}.feature_projection.projection"), hidden, channels)?,
-            position: loader.float().grouped_conv(
-                &format!("{root}.encoder.pos_conv_embed.conv"),
-                hidden,
-                kernel,
-                groups,
-            )?,
+            position,
             norm: Norm::load(loader, &format!("{root}.encoder.layer_norm"), hidden, eps)?,
             layers: layers.into(),
         })
@@ -255,12 +254,15 @@ impl Hubert {
         let sizes = &self.sizes;
         let mut len = [0_usize; 2];
         let (mut rows, mut dim) = (samples, 1);
-        let mut most_parts = 0;
+        let mut parts = [0; 2];
+        let need = |parts: &mut [usize; 2], product: &Linear, values: usize| {
+            for part in parts.iter_mut().take(product.parts(self.isa)) {
+                *part = values.max(*part);
+            }
+        };
         let (mut most_rows, mut most_values) = (window, window * sizes.hidden_size.max(sizes.intermediate_size));
         for (i, (conv, &stride)) in self.convolutions.iter().zip(&sizes.conv_stride).enumerate() {
-            if conv.splits(self.isa) {
-                most_parts = most_parts.max(rows * dim);
-            }
+            need(&mut parts, conv, rows * dim);
             rows = outputs(rows, sizes.conv_kernel[i], stride);
             if conv.is_int8() {
                 (most_rows, most_values) = (most_rows.max(rows), most_values.max(rows * conv.inputs()));
@@ -273,8 +275,8 @@ impl Hubert {
         len[last] = len[last].max(rows * dim);
         let quantised = if self.products().any(Linear::is_int8) { most_values.max(rows * dim) } else { 0 };
         let padded = window + 2 * (sizes.num_conv_pos_embeddings / 2);
-        if self.position.iter().any(|group| group.splits(self.isa)) {
-            most_parts = most_parts.max(padded * sizes.hidden_size);
+        for group in &self.position {
+            need(&mut parts, group, padded * sizes.hidden_size);
         }
         let zeros = AlignedBox::zeroed;
         Scratch {
@@ -287,7 +289,7 @@ impl Hubert {
             hidden: zeros(window * sizes.hidden_size),
             qkv: zeros(window * 3 * sizes.hidden_size),
             inside: zeros(window * sizes.intermediate_size),
-            quant: QuantScratch::with_values(most_rows.max(rows), quantised).with_parts(most_parts),
+            quant: QuantScratch::with_values(most_rows.max(rows), quantised).with_parts(parts),
         }
     }
 
@@ -502,17 +504,19 @@ impl Hubert {
             }
         }
         let padded = &*padded;
-        let tiles = self.position.iter().all(|group| group.splits(cx.isa));
-        let parts = if tiles { scratch.quant.split(cx, padded)? } else { [&[][..]; 2] };
+        let values = match self.position.first() {
+            Some(first) if first.parts(cx.isa) > 0 => Some(first.to_bf16(cx, &mut scratch.quant, padded)?),
+            _ => None,
+        };
         scratch.sum[..features.len()].copy_from_slice(features);
         let sum = MatMut::new(&mut scratch.sum, window, hidden)?;
         cx.team.columns(sum, width, window * kernel * hidden * width, |columns, mut rest| {
             for group in columns.start / width..columns.end / width {
                 let (y, tail) = rest.split_columns(width);
                 let (start, end) = (group * group_len, Epilogue::ADD.then(Activation::Gelu));
-                if tiles {
-                    let part = |i: usize| Mat::with_stride(&parts[i][start..], window, kernel * width, width);
-                    self.position[group].apply_split(cx, SplitRows::new(part(0)?, part(1)?)?, 0..width, end, y)?;
+                if let Some(values) = &values {
+                    let rows = values.rows(start, window, kernel * width, width)?;
+                    self.position[group].apply_bf16(cx, rows, 0..width, end, y)?;
                 } else {
                     let windows = Mat::with_stride(&padded[start..], window, kernel * width, width)?;
                     self.position[group].apply(cx, Ready::Float(windows), None, 0..width, end, y)?;
@@ -529,7 +533,7 @@ impl Hubert {
         let Scratch { sum, hidden, qkv, inside, quant, .. } = scratch;
         let x = Mat::new(hidden, window, dim)?;
         layer.qkv.forward(cx, quant, x, Epilogue::STORE, MatMut::new(qkv, window, 3 * dim)?)?;
-        self.attend(cx, Mat::new(qkv, window, 3 * dim)?, MatMut::new(sum, window, dim)?)?;
+        self.attend(cx, &layer.qkv, Mat::new(qkv, window, 3 * dim)?, MatMut::new(sum, window, dim)?)?;
         layer.out.forward(cx, quant, Mat::new(sum, window, dim)?, Epilogue::ADD, MatMut::new(hidden, window, dim)?)?;
         layer.norm.apply(cx, hidden, window, sum)?;
         layer.up.forward(cx, quant, Mat::new(sum, window, dim)?, GELU, MatMut::new(inside, window, ffn)?)?;
@@ -537,17 +541,18 @@ impl Hubert {
         layer.final_norm.apply(cx, sum, window, hidden)
     }
 
-    /// Attention of every head: `qkv [window, 3 * hidden]` to `y [window, hidden]`.
+    /// Attention of every head: `qkv [window, 3 * hidden]`, which `input` gave, to `y [window, hidden]`.
     #[expect(clippy::cast_precision_loss, reason = "a head is at most 2^16 wide")]
-    fn attend(&self, cx: Compute, qkv: Mat<f32>, y: MatMut<f32>) -> Result<(), StepError> {
+    fn attend(&self, cx: Compute, input: &Linear, qkv: Mat<f32>, y: MatMut<f32>) -> Result<(), StepError> {
         let (window, dim) = (y.rows(), self.sizes.hidden_size);
         let head_dim = dim / self.sizes.num_attention_heads;
         let scale = 1.0 / (head_dim as f32).sqrt();
+        let attention = if input.is_int8() { encoder_attention_bf16 } else { encoder_attention_f32 };
         cx.team.columns(y, head_dim, 2 * window * window * dim, |columns, mut rest| {
             for start in columns.step_by(head_dim) {
                 let (y, tail) = rest.split_columns(head_dim);
                 let [q, k, v] = [0, dim, 2 * dim].map(|part| qkv.columns(part + start..part + start + head_dim));
-                encoder_attention_f32(cx.isa, q, k, v, scale, None, y)?;
+                attention(cx.isa, q, k, v, scale, None, y)?;
                 rest = tail;
             }
             Ok(())
