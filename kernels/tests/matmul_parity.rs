@@ -495,8 +495,8 @@ fn bf16_products_carry_what_is_not_finite(isa: Isa) {
     }
 }
 
-/// Rows that are bf16 already, cut in two or rounded, overlapping or apart. Where there are tiles: any values, and the bits of the
-/// product of the rows as they were, or of what they were rounded to; elsewhere integers, whose sums are exact.
+/// Rows that are bf16 already, cut in two or rounded, overlapping or apart. Where there are tiles: any values, and the
+/// bits of the product of the rows as they were, or of what they were rounded to; elsewhere integers, whose sums are exact.
 fn rows_in_bf16_give_the_same(isa: Isa) {
     // Of whole steps and others, some more than the steps that are cut at once.
     let inputs = prop_oneof![4 => near(32, 4), 2 => (1_usize..4).prop_map(|steps| 32 * steps), 1 => 2047_usize..2082];
@@ -520,7 +520,7 @@ fn rows_in_bf16_give_the_same(isa: Isa) {
             prop_assert!(rest.abs() <= f64::from(x.abs()) * f64::from(2.0_f32.powi(-16)) + f64::from(f32::MIN_POSITIVE));
         }
         let rounded: Vec<f32> = nearest.iter().map(|value| value.to_f32()).collect();
-        let parts = [high, low, nearest].map(|part| Shifted::new(&part, offset));
+        let parts = [(high, offset), (low, offset + 1), (nearest, offset)].map(|(part, at)| Shifted::new(&part, at));
         let [high, low, nearest] = parts.each_ref().map(|part| Mat::with_stride(part.get(), m, k, stride).unwrap());
         for (rows, whole) in [(Bf16Rows::split(high, low).unwrap(), &x), (Bf16Rows::rounded(nearest), &rounded)] {
             let (mut y, mut want) = (Guarded::new(m, n, 1, offset, 3.0), Guarded::new(m, n, 1, offset, 3.0));
