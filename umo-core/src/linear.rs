@@ -24,7 +24,7 @@ pub enum Precision {
     /// Int8 weights per output row, activations quantised per row, int32 sums.
     Int8,
     /// Each product as the file has its weights: as [`Precision::Int8`] where they are I8, as [`Precision::Bf16`] where
-    /// they are BF16, otherwise as [`Precision::F32`].
+    /// they are BF16, otherwise as [`Precision::F32`]. Around int8 products less may do, where [`Linear::rounded`] says so.
     Stored,
 }
 
@@ -330,8 +330,10 @@ impl Linear {
     /// products are int8, which leaves no more digits.
     #[must_use]
     pub fn rounded(self) -> Self {
-        let rounded = self.activations == Activations::Split;
-        Self { activations: if rounded { Activations::Rounded } else { self.activations }, ..self }
+        match self.activations {
+            Activations::Exact => self,
+            _ => Self { activations: Activations::Rounded, ..self },
+        }
     }
 
     fn isa(&self, cx: Compute) -> Isa {
@@ -426,9 +428,9 @@ impl Linear {
 
     /// Parts of a value that tiles for bf16 take, 0 where there are no such tiles or they do not serve.
     pub fn parts(&self, isa: Isa) -> usize {
-        match self.activations {
-            Activations::Split if isa.has_tiles() && matches!(self.weight, Weight::Bf16(_)) => 2,
-            Activations::Rounded if isa.has_tiles() && matches!(self.weight, Weight::Bf16(_)) => 1,
+        match (self.activations, &self.weight) {
+            (Activations::Split, Weight::Bf16(_)) if isa.has_tiles() => 2,
+            (Activations::Rounded, Weight::Bf16(_)) if isa.has_tiles() => 1,
             _ => 0,
         }
     }

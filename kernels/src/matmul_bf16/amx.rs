@@ -1,6 +1,6 @@
 //! 16 x 16 outputs and 32 inputs per instruction: `tdpbf16ps`, bf16 by bf16 with f32 sums.
 //!
-//! Inputs are f32: each is cut into two of bf16, `x = high + low + rest`, and both are multiplied with the weights. The high
+//! Inputs are mostly f32: each is cut into two of bf16, `x = high + low + rest`, and both are multiplied with the weights. The high
 //! part is the upper half of `x` as it stands, the low part what that leaves, rounded; so `rest` is at most 2^-16 of `x`.
 //!
 //! ```text
@@ -202,6 +202,7 @@ impl Ending {
     }
 }
 
+/// The same, with room on the stack for `MOST` steps at once.
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
 fn product<const MOST: usize, const PARTS: usize>(tiles: &Tiles, x: &Rows, job: &Job<PackedBf16>, mut y: MatMut<f32>) {
     let mut buffer = Aligned([[[[[Bf16(0); STEP]; TILE]; 2]; 2]; MOST]);
