@@ -137,11 +137,8 @@ impl Linear {
 
     /// What a product with few rows reads first for the outputs `range`: eight panels.
     pub fn ahead(&self, range: Range<usize>) -> Ahead<'_> {
-        const PANELS: usize = 8;
         fn of<T>(data: &[T], outputs: usize, range: Range<usize>) -> Ahead<'_> {
-            let panel = data.len() / outputs.div_ceil(PANEL).max(1);
-            let first = &data[range.start / PANEL * panel..range.end.div_ceil(PANEL) * panel];
-            let first = &first[..first.len().min(PANELS * panel)];
+            let first = first_panels(data, outputs, range, PANELS_AHEAD);
             let (left, right) = first.split_at(first.len() / 2);
             Ahead::new(left, right)
         }
@@ -150,6 +147,25 @@ impl Linear {
             Weight::Bf16(data) => of(data, self.outputs, range),
             Weight::I8 { steps, .. } => of(steps, self.outputs, range),
         }
+    }
+
+    /// The same of a gated product: as many panels of both together.
+    fn ahead_gated<'a>(&'a self, up: &'a Self, range: Range<usize>) -> Ahead<'a> {
+        fn of<'a, T>(gate: &'a [T], up: &'a [T], outputs: usize, range: Range<usize>) -> Ahead<'a> {
+            let first = |data| first_panels(data, outputs, range.clone(), PANELS_AHEAD / 2);
+            Ahead::new(first(gate), first(up))
+        }
+        match (&self.weight, &up.weight) {
+            (Weight::F32(gate), Weight::F32(up)) => of(gate, up, self.outputs, range),
+            (Weight::Bf16(gate), Weight::Bf16(up)) => of(gate, up, self.outputs, range),
+            (Weight::I8 { steps: gate, .. }, Weight::I8 { steps: up, .. }) => of(gate, up, self.outputs, range),
+            _ => Ahead::NOTHING,
+        }
+    }
+
+    /// Tells the threads that the gated product with all outputs comes after the next job.
+    pub fn expect_gated(&self, up: &Self, cx: Compute) {
+        cx.team.expect(self.outputs, PANEL, |range| self.ahead_gated(up, range));
     }
 
     /// Tells the threads that the product with all outputs comes after the next job.
@@ -351,6 +367,16 @@ impl Linear {
         let Weight::I8 { steps, scale, sum } = &self.weight else { return Err(MISMATCH) };
         Ok(PackedI8::new(steps, scale, sum, self.outputs, self.inputs)?.outputs(range))
     }
+}
+
+/// Panels that a product with few rows reads beside each other.
+const PANELS_AHEAD: usize = 8;
+
+/// The first `most` panels of the outputs `range`.
+fn first_panels<T>(data: &[T], outputs: usize, range: Range<usize>, most: usize) -> &[T] {
+    let panel = data.len() / outputs.div_ceil(PANEL).max(1);
+    let all = &data[range.start / PANEL * panel..range.end.div_ceil(PANEL) * panel];
+    &all[..all.len().min(most * panel)]
 }
 
 /// Weights of one precision met input of another: a defect of this library.

@@ -84,7 +84,13 @@ impl Encoder {
         self.attend(cx, scratch, layer, lengths)?;
         let middle = Instant::now();
         let LmScratch { hidden, normed, experts, quant, middle: inside, .. } = scratch;
-        layer.experts.forward(cx, (quant, inside), experts, &mut hidden[..rows * d], &mut normed[..rows * d], None)?;
+        let then = || {
+            if let Some(next) = self.layers.get(index + 1) {
+                let input = &next.attention.input;
+                cx.team.expect(self.heads * self.d_kv, self.d_kv, |columns| input.ahead(columns));
+            }
+        };
+        layer.experts.forward(cx, (quant, inside), experts, &mut hidden[..rows * d], &mut normed[..rows * d], then)?;
         scratch.times.add(start, middle);
         Ok(())
     }
@@ -117,6 +123,7 @@ impl Encoder {
         let room = (&mut qkv[..], 3 * rows);
         // Int8 products cost queries, keys and values more digits than bfloat16 does.
         let attention = if input.is_int8() { encoder_attention_bf16 } else { encoder_attention_f32 };
+        output.expect(cx);
         let context = middle.computed(cx, output, (&mut context[..], rows), granule, work, room, |columns, to| {
             // A few heads at a time: what is computed for them is still in cache when it is read.
             for first in (0..columns.len()).step_by(most) {

@@ -92,7 +92,7 @@ impl Experts {
     }
 
     /// `hidden += moe(norm(hidden))`; `hidden`, `normed` `[rows, d_model]`. Threads share rows of the norm and the router, then
-    /// columns of all experts at once. What is multiplied after that, `then`, may be fetched meanwhile.
+    /// columns of all experts at once. `then` says what comes behind the last product.
     pub(super) fn forward(
         &self,
         cx: Compute,
@@ -100,7 +100,7 @@ impl Experts {
         scratch: &mut ExpertScratch,
         hidden: &mut [f32],
         normed: &mut [f32],
-        then: Option<&Linear>,
+        then: impl Fn(),
     ) -> Result<(), StepError> {
         let (d, experts) = (self.norm.len(), self.experts.len());
         let rows = hidden.len() / d;
@@ -117,7 +117,7 @@ impl Experts {
         route(cx.isa, MatMut::new(logits, rows, experts)?, self.top_k, &mut routing)?;
 
         // One expert after the other: what it computes in its middle is still in cache when it is read.
-        self.each(starts, |expert, slots| {
+        self.each(starts, |expert, next, slots| {
             let (rows_of, weight) = (&slot_rows[slots.clone()], &weights[slots.clone()]);
             let (gated, work) = ((&mut gated[..], slots.len()), 2 * slots.len() * d * self.d_ff);
             expert.down.expect(cx);
@@ -125,7 +125,10 @@ impl Experts {
                 expert.gate.apply_gated_here(&expert.up, cx, input, Some(rows_of), columns, to.y.reborrow())?;
                 to.complete(0..slots.len())
             })?;
-            then.inspect(|then| then.expect(cx));
+            match next {
+                Some(next) => next.expect(cx),
+                None => then(),
+            }
             let scatter = Scatter { rows: rows_of, weight };
             let end = Epilogue { scatter: Some(scatter), ..Epilogue::STORE };
             expert.down.apply(cx, input, None, 0..d, end, MatMut::new(hidden, rows, d)?)
@@ -137,18 +140,24 @@ impl Experts {
         cx.team.expect(1, 1, |_| self.router.ahead(0..self.experts.len()));
     }
 
-    /// Calls `f` for every expert that has rows, with its slots.
+    /// Calls `f` for every expert that has rows, with the next one that has, and its slots.
     fn each(
         &self,
         starts: &[u32],
-        mut f: impl FnMut(&Expert, Range<usize>) -> Result<(), StepError>,
+        mut f: impl FnMut(&Expert, Option<&Expert>, Range<usize>) -> Result<(), StepError>,
     ) -> Result<(), StepError> {
-        for (expert, bounds) in self.experts.iter().zip(starts.windows(2)) {
-            let slots = bounds[0] as usize..bounds[1] as usize;
-            if !slots.is_empty() {
-                f(expert, slots)?;
-            }
+        let slots = starts.windows(2).map(|bounds| bounds[0] as usize..bounds[1] as usize);
+        let mut used = self.experts.iter().zip(slots).filter(|(_, slots)| !slots.is_empty()).peekable();
+        while let Some((expert, slots)) = used.next() {
+            f(expert, used.peek().map(|&(next, _)| next), slots)?;
         }
         Ok(())
+    }
+}
+
+impl Expert {
+    /// Tells the threads that its first products come after the next job.
+    fn expect(&self, cx: Compute) {
+        self.gate.expect_gated(&self.up, cx);
     }
 }
