@@ -20,6 +20,10 @@ use crate::weights::{AlignedBox, Loader};
 /// Multiply-adds that rounding one value to bfloat16 and storing it takes as long as, roughly.
 const ROUND_WORK: usize = 8;
 
+/// Multiply-adds that reading one key's or value's element takes as long as, roughly: it comes from memory, since a pass reads more
+/// weights than caches hold.
+const READ_WORK: usize = 16;
+
 /// The decoder stack.
 #[derive(Debug)]
 pub(super) struct Decoder {
@@ -278,8 +282,12 @@ impl Decoder {
         self.attend_cross(cx, scratch, (index, layer), sequences, rows)?;
         let middle = Instant::now();
         let LmScratch { hidden, normed, experts, quant, middle: inside, .. } = scratch;
-        let next = self.layers.get(index + 1).map(|next| &next.self_attention.input);
-        layer.experts.forward(cx, (quant, inside), experts, &mut hidden[..rows * d], &mut normed[..rows * d], next)?;
+        let then = || {
+            if let Some(next) = self.layers.get(index + 1) {
+                next.self_attention.input.expect(cx);
+            }
+        };
+        layer.experts.forward(cx, (quant, inside), experts, &mut hidden[..rows * d], &mut normed[..rows * d], then)?;
         scratch.times.add(start, middle);
         Ok(())
     }
@@ -312,7 +320,6 @@ impl Decoder {
         let LmScratch { hidden, normed, qkv, context, quant, .. } = scratch;
         let (input, none) = (&layer.self_attention.input, MatMut::new(&mut [], rows, 0)?);
         let x = norm_input(cx, hidden, (&layer.self_norm, self.eps), normed, (input, quant), none, 0, no_more)?;
-        // Few keys are met by the caller alone; meanwhile the others have time for the product behind that.
         layer.self_attention.output.expect(cx);
         input.apply(cx, x, None, 0..3 * inner, Epilogue::STORE, MatMut::new(qkv, rows, 3 * inner)?)?;
         let qkv = Mat::new(qkv, rows, 3 * inner)?;
@@ -400,7 +407,8 @@ impl Decoder {
         context: &mut [f32],
         f: impl Fn(&Sequence, Range<usize>, Mat<f32>, MatMut<f32>) -> Result<(), ShapeError> + Sync,
     ) -> Result<(), StepError> {
-        let (y, work) = (MatMut::new(context, q.rows(), q.cols())?, 2 * q.rows() * keys * q.cols());
+        let work = 2 * (q.rows() + READ_WORK) * keys * q.cols();
+        let y = MatMut::new(context, q.rows(), q.cols())?;
         for_each_head(cx, self.d_kv, sequences.iter().map(|s| s.count), work, y, |sequence, heads, rows, y| {
             let q = q.row_range(rows).columns(heads.start * self.d_kv..(heads.start + 1) * self.d_kv);
             f(&sequences[sequence], heads, q, y)
