@@ -51,6 +51,17 @@ mod tiles {
                     rows = in(reg) $rows, panels = in(reg) $panels, line = in(reg) 64_usize, options(nostack, readonly),
                 );
             }
+            // Zeros, which take no port: what the compiler left there may be too small to be multiplied without help of microcode.
+            // SAFETY: registers alone, all of them named.
+            unsafe {
+                asm!(
+                    "vpxord zmm0, zmm0, zmm0", "vpxord zmm1, zmm1, zmm1", "vpxord zmm2, zmm2, zmm2",
+                    "vpxord zmm3, zmm3, zmm3", "vpxord zmm4, zmm4, zmm4", "vpxord zmm5, zmm5, zmm5",
+                    "vpxord zmm6, zmm6, zmm6", "vpxord zmm7, zmm7, zmm7", "vpxord zmm8, zmm8, zmm8",
+                    out("zmm0") _, out("zmm1") _, out("zmm2") _, out("zmm3") _, out("zmm4") _, out("zmm5") _,
+                    out("zmm6") _, out("zmm7") _, out("zmm8") _, options(nostack, nomem),
+                );
+            }
             for _ in (0..64).take($registers / 8) {
                 // SAFETY: registers alone, all of them named.
                 unsafe {
