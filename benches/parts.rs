@@ -7,6 +7,7 @@ use umo_core::lm::sampler::Sampler;
 use umo_core::lm::{Lengths, Lm, LmScratch};
 use umo_core::weights::{AlignedBox, Loader};
 use umo_core::{Compute, Config, ModelFile, Part, PerPart, Precision};
+use umo_kernels::activation::argmax;
 use umo_kernels::{Isa, Mat, peak};
 
 use crate::{READ_BYTES, Random};
@@ -79,7 +80,25 @@ impl Language {
         self.at += 1;
     }
 
-    /// Encodes the tokens and generates a chunk's codes greedily.
+    /// Encodes the tokens and generates as many codes as a chunk has greedily, one after the other and nothing else: what a
+    /// decoder without markers does.
+    pub fn steps(&mut self, cx: Compute) {
+        self.encode(cx);
+        let states = Mat::new(&self.hidden, TOKENS, self.lm.d_model()).expect(OK);
+        self.lm.attend_to(cx, &mut self.scratch, states, &mut self.sequence).expect(OK);
+        let mut id = self.config.vocab.decoder_start;
+        for part in Part::ALL {
+            for _ in 0..self.config.target {
+                self.sequence.set_ids(&[u32::try_from(id).expect("an id is small")]).expect(OK);
+                self.lm.decode(cx, &mut self.scratch, std::slice::from_mut(&mut self.sequence)).expect(OK);
+                self.lm.code_logits(cx, &mut self.scratch, 0, part, &mut self.logits).expect(OK);
+                id = self.config.vocab[part].first + argmax(cx.isa, &self.logits).expect("there are codes");
+            }
+        }
+        self.at = self.lengths.decoder;
+    }
+
+    /// Encodes the tokens and generates a chunk's codes greedily, with the markers that stand between its parts.
     pub fn chunk(&mut self, cx: Compute) {
         self.encode(cx);
         let states = Mat::new(&self.hidden, TOKENS, self.lm.d_model()).expect(OK);

@@ -32,14 +32,17 @@ PARTS = [
     ("encoder", 2, ["onnxruntime int8", "ctranslate2 int8", "pytorch int8", "onnxruntime f32", "pytorch f32"]),
     ("step", 2, ["reading int8"]),
     ("step", 1, ["reading int8"]),
-    ("chunk", 2, ["onnxruntime int8", "ctranslate2 int8"]),
-    ("chunk", 1, ["onnxruntime int8", "ctranslate2 int8"]),
+    ("steps", 2, ["onnxruntime int8", "ctranslate2 int8"]),
+    ("steps", 1, ["onnxruntime int8", "ctranslate2 int8"]),
+    ("chunk", 2, ["onnxruntime int8"]),
+    ("chunk", 1, ["onnxruntime int8"]),
     ("hubert", 2, ["onnxruntime int8", "pytorch int8", "onnxruntime f32", "pytorch f32"]),
 ]
 WHAT = {
     "encoder": "encoder; 256 tokens",
     "step": "one step of the decoder; 256 tokens",
-    "chunk": "encode 256 tokens and generate 20 codes",
+    "steps": "encode 256 tokens and generate 20 codes",
+    "chunk": "the same with the markers of a chunk",
     "hubert": "HuBERT to layer 9; 3 s of audio",
 }
 
@@ -216,6 +219,7 @@ def main():
     groups = {
         "encoder": lambda isa: parts(isa, "encoder"),
         "step": lambda isa: parts(isa, "step"),
+        "steps": lambda isa: parts(isa, "steps"),
         "chunk": lambda isa: parts(isa, "chunk"),
         "hubert": lambda isa: parts(isa, "hubert"),
         "attention": attentions,

@@ -50,6 +50,7 @@ fn main() {
             "encoder" => language.encode(cx),
             "step" => language.step(cx),
             "reading" => reading.read(cx, step.bytes),
+            "steps" => language.steps(cx),
             "chunk" => language.chunk(cx),
             "hubert" => audio.features(cx),
             _ => panic!("no part of the model: {part}"),
@@ -74,7 +75,7 @@ fn floor(config: &Config, part: &str, codes: usize, samples: usize) -> Floor {
             let (attention, experts) = floor::step(config, Stored::Int8, TOKENS);
             attention + experts + floor::head(config)
         }
-        "chunk" => floor::chunk(config, Stored::Int8, TOKENS, codes),
+        "steps" | "chunk" => floor::chunk(config, Stored::Int8, TOKENS, codes),
         _ => floor::hubert(config, Stored::Int8, samples, None),
     }
 }

@@ -15,8 +15,8 @@ import models
 
 def onnxruntime_call(folder, part, kind, threads):
     ids, bias, audio = models.token_ids(), models.encoder_bias(), models.audio()
-    if part == "chunk":
-        t5 = models.OnnxT5(folder, kind, threads)
+    if part in ("steps", "chunk"):
+        t5 = models.OnnxT5(folder, kind, threads, models.STEP_ROWS if part == "steps" else models.CHUNK_ROWS)
         return lambda: t5.chunk(ids)
     session = models.session(folder / f"{part}.{kind}.onnx", threads)
     inputs = {"ids": ids, "bias": bias} if part == "encoder" else {"audio": audio}
