@@ -42,7 +42,7 @@ WHAT = {
     "encoder": "encoder; 256 tokens",
     "step": "one step of the decoder; 256 tokens",
     "steps": "encode 256 tokens and generate 20 codes",
-    "chunk": "the same with the markers of a chunk",
+    "chunk": "encode 256 tokens and generate 20 codes; with markers",
     "hubert": "HuBERT to layer 9; 3 s of audio",
 }
 
