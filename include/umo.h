@@ -110,6 +110,9 @@
 // At most AMX.
 #define UMO_ISA_AMX 4
 
+// At most AVX-512 with VNNI and products of bfloat16.
+#define UMO_ISA_AVX512BF16 5
+
 // Name of the model.
 #define UMO_MODEL_NAME 1
 

@@ -22,7 +22,7 @@ pub fn apply(isa: Isa, activation: Activation, x: &mut [f32]) {
         Backend::Avx2 => unsafe { avx2::apply(activation, x) },
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Vnni => unsafe { avx512vnni::apply(activation, x) },
+        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::apply(activation, x) },
         // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
         #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
         Backend::Amx => unsafe { avx512vnni::apply(activation, x) },
@@ -41,7 +41,7 @@ pub fn softmax(isa: Isa, x: &mut [f32]) {
         Backend::Avx2 => unsafe { avx2::softmax(x) },
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Vnni => unsafe { avx512vnni::softmax(x) },
+        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::softmax(x) },
         // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
         #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
         Backend::Amx => unsafe { avx512vnni::softmax(x) },
@@ -57,7 +57,7 @@ pub fn argmax(isa: Isa, x: &[f32]) -> Option<usize> {
         Backend::Avx2 => unsafe { avx2::argmax(x) },
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Vnni => unsafe { avx512vnni::argmax(x) },
+        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::argmax(x) },
         // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
         #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
         Backend::Amx => unsafe { avx512vnni::argmax(x) },

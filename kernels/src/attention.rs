@@ -128,7 +128,7 @@ pub fn encoder_attention_f32(
         #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
         Backend::Amx => vectors(isa, operands, y),
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::Avx512Vnni => vectors(isa, operands, y),
+        Backend::Avx2 | Backend::Avx512Vnni | Backend::Avx512Bf16 => vectors(isa, operands, y),
         Backend::Scalar => vectors(isa, operands, y),
     }
     Ok(())
@@ -167,6 +167,9 @@ pub fn encoder_attention_bf16(
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
         Backend::Avx512Vnni => unsafe { encoder_bf16::avx512vnni::attention(operands, y) },
+        // SAFETY: `Isa` holds `Avx512Bf16` only after detection of "avx512bf16", and where it could hold `Avx512Vnni`.
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx512Bf16 => unsafe { encoder_bf16::avx512bf16::attention(operands, y) },
         // SAFETY: `Isa` holds `Amx` only after detection of every feature that this back-end enables, tiles included.
         #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
         Backend::Amx if encoder_bf16::amx::fits(&operands) => unsafe { encoder_bf16::amx::attention(operands, y) },
@@ -186,7 +189,7 @@ fn vectors<T: Element>(isa: Isa, operands: Operands<T>, y: MatMut<f32>) {
         Backend::Avx2 => unsafe { avx2::attention(operands, y) },
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Vnni => unsafe { avx512vnni::attention(operands, y) },
+        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::attention(operands, y) },
         // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
         #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
         Backend::Amx => unsafe { avx512vnni::attention(operands, y) },

@@ -3,6 +3,8 @@
 #[cfg(target_arch = "x86_64")]
 mod avx2;
 #[cfg(target_arch = "x86_64")]
+pub(crate) mod avx512bf16;
+#[cfg(target_arch = "x86_64")]
 mod avx512vnni;
 mod scalar;
 
@@ -46,7 +48,7 @@ pub fn round_bf16(isa: Isa, x: Mat<f32>, y: MatMut<Bf16>) -> Result<(), ShapeErr
         Backend::Avx2 => unsafe { avx2::round(x, y) },
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Vnni => unsafe { avx512vnni::round(x, y) },
+        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::round(x, y) },
         // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
         #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
         Backend::Amx => unsafe { avx512vnni::round(x, y) },

@@ -9,8 +9,8 @@ extern crate std;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Isa(pub(crate) Backend);
 
-/// The back-ends, slowest first. The feature strings that stand for each live in two places: here in
-/// [`Isa::available`], and in the `#[target_feature]` of that back-end's functions.
+/// The back-ends. The feature strings that stand for each live in two places: here in
+/// [`backends`], and in the `#[target_feature]` of that back-end's functions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Backend {
     Scalar,
@@ -18,6 +18,9 @@ pub(crate) enum Backend {
     Avx2,
     #[cfg(target_arch = "x86_64")]
     Avx512Vnni,
+    /// The same where rows that are bfloat16 meet weights in bfloat16.
+    #[cfg(target_arch = "x86_64")]
+    Avx512Bf16,
     #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
     Amx,
 }
@@ -33,15 +36,42 @@ fn avx512vnni() -> bool {
         && std::is_x86_feature_detected!("avx512vnni")
 }
 
+/// Products of pairs of bfloat16, whose sums are rounded as those of the other back-ends are.
+#[cfg(target_arch = "x86_64")]
+fn avx512bf16() -> bool {
+    // SAFETY: the processor has both features.
+    avx512vnni() && std::is_x86_feature_detected!("avx512bf16") && unsafe { crate::bf16::avx512bf16::adds_one_by_one() }
+}
+
+/// Whether `vdpbf16ps`, which multiplies twice as many pairs as `vfmadd231ps`, comes as often: measured on a Zen 5, so said for
+/// AMD's from Zen 4 on, who have it first. Intel's processors with AVX-512 issue it a quarter as often or have tiles.
+#[cfg(target_arch = "x86_64")]
+fn bf16_products_pay() -> bool {
+    let maker = core::arch::x86_64::__cpuid(0);
+    [maker.ebx, maker.edx, maker.ecx].map(u32::to_le_bytes).as_flattened() == b"AuthenticAMD"
+}
+
 /// Every back-end of this target and whether this processor has it, slowest first.
 fn backends() -> impl Iterator<Item = (Backend, bool)> {
+    // `avx512vnni.rs` files enable "avx512f,avx512bw,avx512dq,avx512vl,avx512vnni" (and what the AVX2 back-end enables).
+    #[cfg(target_arch = "x86_64")]
+    let mut avx512 = [
+        (Backend::Avx512Vnni, avx512vnni()),
+        // `avx512bf16.rs` files use its one instruction by name.
+        (Backend::Avx512Bf16, avx512bf16()),
+    ];
+    #[cfg(target_arch = "x86_64")]
+    if !bf16_products_pay() {
+        avx512.reverse();
+    }
     [
         (Backend::Scalar, true),
         #[cfg(target_arch = "x86_64")]
         (Backend::Avx2, std::is_x86_feature_detected!("avx2") && std::is_x86_feature_detected!("fma")),
-        // `avx512vnni.rs` files enable "avx512f,avx512bw,avx512dq,avx512vl,avx512vnni" (and what the AVX2 back-end enables).
         #[cfg(target_arch = "x86_64")]
-        (Backend::Avx512Vnni, avx512vnni()),
+        avx512[0],
+        #[cfg(target_arch = "x86_64")]
+        avx512[1],
         // `amx.rs` files enable what the AVX-512 back-end enables and "avx512bf16", and use tile instructions by name.
         #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
         (Backend::Amx, avx512vnni() && std::is_x86_feature_detected!("avx512bf16") && amx::available()),
@@ -61,6 +91,16 @@ impl Isa {
     /// Every back-end that this processor supports, slowest first.
     pub fn available() -> impl Iterator<Item = Self> {
         backends().filter(|(_, supported)| *supported).map(|(backend, _)| Self(backend))
+    }
+
+    /// Whether rows rounded to bf16 are multiplied faster than f32 ([`crate::matmul_bf16::matmul_bf16_rows`]), so that
+    /// [`crate::bf16::round_bf16`] serves products that need no more digits.
+    pub const fn multiplies_bf16(self) -> bool {
+        match self.0 {
+            #[cfg(target_arch = "x86_64")]
+            Backend::Avx512Bf16 => true,
+            _ => self.has_tiles(),
+        }
     }
 
     /// The same without tiles, which take no f32: for float products whose inputs may not be rounded.
@@ -95,6 +135,8 @@ impl Isa {
             Backend::Avx2 => "avx2",
             #[cfg(target_arch = "x86_64")]
             Backend::Avx512Vnni => "avx512vnni",
+            #[cfg(target_arch = "x86_64")]
+            Backend::Avx512Bf16 => "avx512bf16",
             #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
             Backend::Amx => "amx",
         }

@@ -133,7 +133,7 @@ mod tests {
             Backend::Avx2 => unsafe { avx2::fill(&mut y, activations) },
             #[cfg(target_arch = "x86_64")]
             // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that `fill` enables.
-            Backend::Avx512Vnni => unsafe { avx512vnni::fill(&mut y, activations) },
+            Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::fill(&mut y, activations) },
             #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
             // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
             Backend::Amx => unsafe { avx512vnni::fill(&mut y, activations) },

@@ -5,6 +5,8 @@ mod amx;
 #[cfg(target_arch = "x86_64")]
 mod avx2;
 #[cfg(target_arch = "x86_64")]
+mod avx512bf16;
+#[cfg(target_arch = "x86_64")]
 mod avx512vnni;
 mod scalar;
 
@@ -37,7 +39,7 @@ pub fn matmul_bf16(isa: Isa, x: Input<f32>, w: PackedBf16, end: Epilogue, y: Mat
         Backend::Avx2 => unsafe { avx2::matmul(x, w, end, y) },
         #[cfg(target_arch = "x86_64")]
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that `avx512vnni` enables.
-        Backend::Avx512Vnni => unsafe { avx512vnni::matmul(x, w, end, y) },
+        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::matmul(x, w, end, y) },
         #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
         // SAFETY: `Isa` holds `Amx` only after detection of tiles and of every feature that `amx` enables.
         Backend::Amx => unsafe { amx::matmul(x, w, end, y) },
@@ -66,7 +68,7 @@ pub fn matmul_gated_bf16(
         Backend::Avx2 => unsafe { avx2::matmul_gated(x, gate, up, y) },
         #[cfg(target_arch = "x86_64")]
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that `avx512vnni` enables.
-        Backend::Avx512Vnni => unsafe { avx512vnni::matmul_gated(x, gate, up, y) },
+        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::matmul_gated(x, gate, up, y) },
         #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
         // SAFETY: `Isa` holds `Amx` only after detection of tiles and of every feature that `amx` enables.
         Backend::Amx => unsafe { amx::matmul_gated(x, gate, up, y) },
@@ -116,7 +118,7 @@ pub fn split(isa: Isa, x: &[f32], high: &mut [Bf16], low: &mut [Bf16]) -> Result
         Backend::Scalar => scalar::split(x, high, low),
         // Only tiles take such rows: the others have no use for a faster way to make them.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::Avx512Vnni => scalar::split(x, high, low),
+        Backend::Avx2 | Backend::Avx512Vnni | Backend::Avx512Bf16 => scalar::split(x, high, low),
         #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
         // SAFETY: `Isa` holds `Amx` only after detection of tiles and of every feature that `amx` enables.
         Backend::Amx => unsafe { amx::split(x, high, low) },
@@ -138,6 +140,13 @@ pub fn matmul_bf16_rows(isa: Isa, x: Bf16Rows, w: PackedBf16, end: Epilogue, y: 
         Backend::Scalar => scalar::matmul_rows(x, w, end, y),
         #[cfg(target_arch = "x86_64")]
         Backend::Avx2 | Backend::Avx512Vnni => scalar::matmul_rows(x, w, end, y),
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx512Bf16 => match x.rest {
+            // SAFETY: `Isa` holds `Avx512Bf16` only after detection of "avx512bf16" and of every feature that it enables.
+            None => unsafe { avx512bf16::matmul_rounded(x.first, w, end, y) },
+            // Two products in place of one of f32, which takes twice as long: nothing is gained.
+            Some(_) => scalar::matmul_rows(x, w, end, y),
+        },
         #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
         // SAFETY: `Isa` holds `Amx` only after detection of tiles and of every feature that `amx` enables.
         Backend::Amx => unsafe { amx::matmul_rows(x, w, end, y) },

@@ -164,7 +164,7 @@ pub fn matmul_f32(isa: Isa, x: Input<f32>, w: PackedF32, end: Epilogue, y: MatMu
         Backend::Avx2 => unsafe { avx2::matmul(x, w, end, y) },
         #[cfg(target_arch = "x86_64")]
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that `avx512vnni` enables.
-        Backend::Avx512Vnni => unsafe { avx512vnni::matmul(x, w, end, y) },
+        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::matmul(x, w, end, y) },
         // Its tiles hold no f32.
         #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
         // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
@@ -198,7 +198,7 @@ pub fn matmul_gated_f32(
         Backend::Avx2 => unsafe { avx2::matmul_gated(x, gate, up, y) },
         #[cfg(target_arch = "x86_64")]
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that `avx512vnni` enables.
-        Backend::Avx512Vnni => unsafe { avx512vnni::matmul_gated(x, gate, up, y) },
+        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::matmul_gated(x, gate, up, y) },
         // Its tiles hold no f32.
         #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
         // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.

@@ -103,7 +103,7 @@ fn largest(isa: Isa, row: &[f32]) -> f32 {
         Backend::Avx2 => unsafe { quantize::avx2::largest(row) },
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Vnni => unsafe { quantize::avx512vnni::largest(row) },
+        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { quantize::avx512vnni::largest(row) },
         // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
         #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
         Backend::Amx => unsafe { quantize::avx512vnni::largest(row) },
@@ -120,7 +120,7 @@ fn round(isa: Isa, row: &[f32], largest: f32, steps: &mut [i8]) {
         Backend::Avx2 => unsafe { quantize::avx2::round(row, per_unit, steps) },
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Vnni => unsafe { quantize::avx512vnni::round(row, per_unit, steps) },
+        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { quantize::avx512vnni::round(row, per_unit, steps) },
         // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
         #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
         Backend::Amx => unsafe { quantize::avx512vnni::round(row, per_unit, steps) },
@@ -154,7 +154,7 @@ pub fn matmul_i8(
         Backend::Avx2 => unsafe { avx2::matmul(x, w, end, y) },
         #[cfg(target_arch = "x86_64")]
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that `avx512vnni` enables.
-        Backend::Avx512Vnni => unsafe { avx512vnni::matmul(x, w, end, y) },
+        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::matmul(x, w, end, y) },
         #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
         // SAFETY: `Isa` holds `Amx` only after detection of tiles, and where it could hold `Avx512Vnni`.
         Backend::Amx => unsafe { amx::matmul(x, w, end, y) },
@@ -186,7 +186,7 @@ pub fn matmul_gated_i8(
         Backend::Avx2 => unsafe { avx2::matmul_gated(x, gate, up, y) },
         #[cfg(target_arch = "x86_64")]
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that `avx512vnni` enables.
-        Backend::Avx512Vnni => unsafe { avx512vnni::matmul_gated(x, gate, up, y) },
+        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::matmul_gated(x, gate, up, y) },
         #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
         // SAFETY: `Isa` holds `Amx` only after detection of tiles, and where it could hold `Avx512Vnni`.
         Backend::Amx => unsafe { amx::matmul_gated(x, gate, up, y) },

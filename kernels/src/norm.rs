@@ -29,7 +29,7 @@ pub fn rms_norm(isa: Isa, x: Mat<f32>, weight: &[f32], eps: f32, y: MatMut<f32>)
         Backend::Avx2 => unsafe { avx2::rms_norm(x, weight, eps, y) },
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Vnni => unsafe { avx512vnni::rms_norm(x, weight, eps, y) },
+        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::rms_norm(x, weight, eps, y) },
         // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
         #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
         Backend::Amx => unsafe { avx512vnni::rms_norm(x, weight, eps, y) },
@@ -63,7 +63,7 @@ pub fn layer_norm(
         Backend::Avx2 => unsafe { avx2::layer_norm(x, weight, bias, eps, y) },
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Vnni => unsafe { avx512vnni::layer_norm(x, weight, bias, eps, y) },
+        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::layer_norm(x, weight, bias, eps, y) },
         // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
         #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
         Backend::Amx => unsafe { avx512vnni::layer_norm(x, weight, bias, eps, y) },
@@ -88,7 +88,7 @@ pub fn channel_sums(isa: Isa, x: Mat<f32>, sum: &mut [f64], squares: &mut [f64])
         Backend::Avx2 => unsafe { avx2::channel_sums(x, sum, squares) },
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Vnni => unsafe { avx512vnni::channel_sums(x, sum, squares) },
+        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::channel_sums(x, sum, squares) },
         // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
         #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
         Backend::Amx => unsafe { avx512vnni::channel_sums(x, sum, squares) },
@@ -112,7 +112,7 @@ pub fn channel_affine(isa: Isa, x: MatMut<f32>, scale: &[f32], shift: &[f32]) ->
         Backend::Avx2 => unsafe { avx2::channel_affine(x, scale, shift) },
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Vnni => unsafe { avx512vnni::channel_affine(x, scale, shift) },
+        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::channel_affine(x, scale, shift) },
         // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
         #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
         Backend::Amx => unsafe { avx512vnni::channel_affine(x, scale, shift) },

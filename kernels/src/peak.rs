@@ -24,7 +24,7 @@ pub fn int8(isa: Isa, rounds: usize) -> Option<usize> {
         Backend::Avx2 => Some(unsafe { avx2::int8(rounds) }),
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature `avx512vnni` enables.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Vnni => Some(unsafe { avx512vnni::int8(rounds) }),
+        Backend::Avx512Vnni | Backend::Avx512Bf16 => Some(unsafe { avx512vnni::int8(rounds) }),
         // SAFETY: `Isa` holds `Amx` only where the processor has int8 tiles and the system granted them.
         #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
         Backend::Amx => Some(unsafe { amx::int8(rounds) }),
@@ -41,7 +41,7 @@ pub fn f32(isa: Isa, rounds: usize) -> Option<usize> {
         Backend::Avx2 => Some(unsafe { avx2::f32(rounds) }),
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature `avx512vnni` enables.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Vnni => Some(unsafe { avx512vnni::f32(rounds) }),
+        Backend::Avx512Vnni | Backend::Avx512Bf16 => Some(unsafe { avx512vnni::f32(rounds) }),
         // SAFETY: `Isa` holds `Amx` only where all of AVX-512 that `avx512vnni` enables was detected too.
         #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
         Backend::Amx => Some(unsafe { avx512vnni::f32(rounds) }),
@@ -75,7 +75,7 @@ pub fn read(isa: Isa, bytes: &[i8]) {
         Backend::Avx2 => unsafe { avx2::read(bytes) },
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature `avx512vnni` enables.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Vnni => unsafe { avx512vnni::read(bytes) },
+        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::read(bytes) },
         // SAFETY: `Isa` holds `Amx` only where all of AVX-512 that `avx512vnni` enables was detected too.
         #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
         Backend::Amx => unsafe { avx512vnni::read(bytes) },

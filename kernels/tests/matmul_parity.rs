@@ -532,11 +532,76 @@ fn rows_in_bf16_give_the_same(isa: Isa) {
     });
 }
 
-for_each_isa!(rows_in_bf16_give_the_same => scalar, avx2, avx512vnni, amx);
-for_each_isa!(bf16_products_carry_what_is_not_finite => scalar, avx2, avx512vnni, amx);
-for_each_isa!(products_match_scalar => avx2, avx512vnni, amx);
-for_each_isa!(int8_sums_are_exact => scalar, avx2, avx512vnni, amx);
-for_each_isa!(int8_sums_reach_the_limit => scalar, avx2, avx512vnni, amx);
-for_each_isa!(long_rows_match_scalar => avx2, avx512vnni, amx);
-for_each_isa!(float_sums_keep_their_bound => scalar, avx2, avx512vnni, amx);
-for_each_isa!(rows_and_outputs_stand_alone => scalar, avx2, avx512vnni, amx);
+/// Rows that were rounded, of any values: within the bound of their sums, the same alone and among others, and for any cut of
+/// the outputs.
+fn rounded_rows_stand_alone(isa: Isa) {
+    let shape = (1_usize..40, near(PANEL, 6), prop_oneof![near(8, 6), 2047_usize..2082], any::<u64>(), 0_usize..64);
+    proptest!(config(128), |((m, n, k, seed, offset) in shape, overlap in any::<bool>(), cut in 0_usize..7)| {
+        let mut numbers = Numbers(seed);
+        let stride = if overlap { k.div_ceil(3) } else { k + 1 };
+        let x: Vec<Bf16> = (0..(m - 1) * stride + k).map(|_| Bf16::from_f32(numbers.real())).collect();
+        let w: Vec<f32> = (0..n * k).map(|_| Bf16::from_f32(numbers.real()).to_f32()).collect();
+        let mut packed = vec![Bf16::default(); packed_len_bf16(n, k)];
+        pack_bf16(Mat::new(&w, n, k).unwrap(), &mut packed).unwrap();
+        let packed = PackedBf16::new(&packed, n, k).unwrap();
+        let shifted = Shifted::new(&x, offset);
+        let all = Mat::with_stride(shifted.get(), m, k, stride).unwrap();
+        let mut whole = Guarded::new(m, n, 1, offset, 3.0);
+        matmul_bf16_rows(isa, Bf16Rows::rounded(all), packed, Epilogue::STORE, whole.view()).unwrap();
+
+        for (t, row) in whole.bits().iter().enumerate() {
+            for (o, y) in row.iter().enumerate() {
+                let terms = all.row(t).iter().zip(&w[o * k..]).map(|(x, w)| f64::from(x.to_f32()) * f64::from(*w));
+                let (sum, size) = terms.fold((0.0, 0.0), |(sum, size), term| (sum + term, size + term.abs()));
+                let off = (f64::from(f32::from_bits(*y)) - sum).abs();
+                prop_assert!(off <= k as f64 * 2.0_f64.powi(-23) * size, "{off} where terms have {size}");
+            }
+        }
+
+        let mut alone = Guarded::new(m, n, 1, offset, 3.0);
+        for t in 0..m {
+            let (_, mut y) = alone.view().split_rows(t);
+            let row = Bf16Rows::rounded(all.row_range(t..t + 1));
+            matmul_bf16_rows(isa, row, packed, Epilogue::STORE, y.reborrow().split_rows(1).0).unwrap();
+        }
+        prop_assert_eq!(whole.bits(), alone.bits());
+        let mut pieces = Guarded::new(m, n, 1, offset, 3.0);
+        let cut = (cut * PANEL).min(n / PANEL * PANEL);
+        let (left, right) = pieces.view().split_columns(cut);
+        for (range, y) in [(0..cut, left), (cut..n, right)] {
+            matmul_bf16_rows(isa, Bf16Rows::rounded(all), packed.outputs(range), Epilogue::STORE, y).unwrap();
+        }
+        prop_assert_eq!(whole.bits(), pieces.bits());
+    });
+}
+
+/// As [`bf16_products_carry_what_is_not_finite`], of rows that were rounded.
+fn rounded_rows_carry_what_is_not_finite(isa: Isa) {
+    for (k, at) in [(1, 0), (33, 32), (70, 3)] {
+        let mut packed = vec![Bf16::default(); packed_len_bf16(2, k)];
+        let w: Vec<f32> = (0..2 * k).map(|i| [1.0, -2.0][i / k]).collect();
+        pack_bf16(Mat::new(&w, 2, k).unwrap(), &mut packed).unwrap();
+        let w = PackedBf16::new(&packed, 2, k).unwrap();
+        let mut x = vec![Bf16::from_f32(0.25); 4 * k];
+        for (t, v) in [f32::INFINITY, f32::NEG_INFINITY, f32::NAN].into_iter().enumerate() {
+            x[t * k + at] = Bf16::from_f32(v);
+        }
+        let mut y = [0.0; 8];
+        let rows = Bf16Rows::rounded(Mat::new(&x, 4, k).unwrap());
+        matmul_bf16_rows(isa, rows, w, Epilogue::STORE, MatMut::new(&mut y, 4, 2).unwrap()).unwrap();
+        assert_eq!(y[..4], [f32::INFINITY, f32::NEG_INFINITY, f32::NEG_INFINITY, f32::INFINITY], "{k}");
+        assert!(y[4..6].iter().all(|v| v.is_nan()), "{k}: {:?}", &y[4..6]);
+        assert_eq!(y[6..], [0.25 * k as f32, -0.5 * k as f32], "{k}");
+    }
+}
+
+for_each_isa!(rounded_rows_stand_alone => scalar, avx2, avx512vnni, avx512bf16, amx);
+for_each_isa!(rounded_rows_carry_what_is_not_finite => scalar, avx2, avx512vnni, avx512bf16, amx);
+for_each_isa!(rows_in_bf16_give_the_same => scalar, avx2, avx512vnni, avx512bf16, amx);
+for_each_isa!(bf16_products_carry_what_is_not_finite => scalar, avx2, avx512vnni, avx512bf16, amx);
+for_each_isa!(products_match_scalar => avx2, avx512vnni, avx512bf16, amx);
+for_each_isa!(int8_sums_are_exact => scalar, avx2, avx512vnni, avx512bf16, amx);
+for_each_isa!(int8_sums_reach_the_limit => scalar, avx2, avx512vnni, avx512bf16, amx);
+for_each_isa!(long_rows_match_scalar => avx2, avx512vnni, avx512bf16, amx);
+for_each_isa!(float_sums_keep_their_bound => scalar, avx2, avx512vnni, avx512bf16, amx);
+for_each_isa!(rows_and_outputs_stand_alone => scalar, avx2, avx512vnni, avx512bf16, amx);

@@ -45,9 +45,8 @@ pub const UMO_ISA_AVX2: u32 = 2;
 pub const UMO_ISA_AVX512VNNI: u32 = 3;
 /// At most AMX.
 pub const UMO_ISA_AMX: u32 = 4;
-
-/// The back-ends that a cap lets through, slowest first.
-const ISAS: [&str; 4] = ["scalar", "avx2", "avx512vnni", "amx"];
+/// At most AVX-512 with VNNI and products of bfloat16.
+pub const UMO_ISA_AVX512BF16: u32 = 5;
 
 /// How a model is loaded. Start it with `umo_model_config_init`.
 #[repr(C)]
@@ -178,11 +177,15 @@ fn precision(number: u32) -> Result<Precision, Failure> {
 
 /// The fastest back-end up to a cap.
 fn isa(number: u32) -> Result<Isa, Failure> {
-    if number == UMO_ISA_BEST {
-        return Ok(Isa::detect());
-    }
-    let unknown = || Failure::argument(format_args!("isa {number} is none of UMO_ISA_…"));
-    let allowed = ISAS.get(..number as usize).ok_or_else(unknown)?;
+    let allowed: &[&str] = match number {
+        UMO_ISA_BEST => return Ok(Isa::detect()),
+        UMO_ISA_SCALAR => &["scalar"],
+        UMO_ISA_AVX2 => &["scalar", "avx2"],
+        UMO_ISA_AVX512VNNI => &["scalar", "avx2", "avx512vnni"],
+        UMO_ISA_AVX512BF16 => &["scalar", "avx2", "avx512vnni", "avx512bf16"],
+        UMO_ISA_AMX => &["scalar", "avx2", "avx512vnni", "avx512bf16", "amx"],
+        _ => return Err(Failure::argument(format_args!("isa {number} is none of UMO_ISA_…"))),
+    };
     Ok(Isa::available().filter(|isa| allowed.contains(&isa.name())).last().unwrap_or(Isa::SCALAR))
 }
 

@@ -77,12 +77,12 @@ pub struct Linear {
     activations: Activations,
 }
 
-/// What tiles for bf16 take of float activations; what is no tile takes all.
+/// What products of bf16 take of float activations; those of f32 take all.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Activations {
-    /// All bits, so that no tile is used.
+    /// All bits, so that none is used.
     Exact,
-    /// A high and a low part.
+    /// A high and a low part: tiles alone are fast enough for both.
     Split,
     /// Their bf16.
     Rounded,
@@ -106,7 +106,7 @@ impl Linear {
         Self { activations: Activations::Exact, ..self }
     }
 
-    /// The same with float activations rounded to bf16 where tiles take them, unless it is exact: for networks whose other
+    /// The same with float activations rounded to bf16 where the back-end multiplies them, unless it is exact: for networks whose other
     /// products are int8, which leaves no more digits.
     #[must_use]
     pub fn rounded(self) -> Self {
@@ -212,7 +212,7 @@ impl Linear {
         end: Epilogue,
         y: MatMut<f32>,
     ) -> Result<(), StepError> {
-        if self.goes_to_tiles(cx.isa, x.rows(), x.elements().len(), quant) {
+        if self.goes_as_bf16(cx.isa, x.rows(), x.elements().len(), quant) {
             let rows = self.to_bf16(cx, quant, x.elements())?.rows(0, x.rows(), x.cols(), x.stride())?;
             return cx.team.columns(y, PANEL, x.rows() * self.inputs * range.len(), |columns, y| {
                 self.apply_bf16(cx, rows, range.start + columns.start..range.start + columns.end, end, y)
@@ -222,18 +222,18 @@ impl Linear {
         self.apply(cx, input, None, range, end, y)
     }
 
-    /// Parts of a value that tiles for bf16 take, 0 where there are no such tiles or they do not serve.
+    /// Parts of a value that products of bf16 take, 0 where there are none or they do not serve.
     pub fn parts(&self, isa: Isa) -> usize {
         match (self.activations, &self.weight) {
             (Activations::Split, Weight::Bf16(_)) if isa.has_tiles() => 2,
-            (Activations::Rounded, Weight::Bf16(_)) if isa.has_tiles() => 1,
+            (Activations::Rounded, Weight::Bf16(_)) if isa.multiplies_bf16() => 1,
             _ => 0,
         }
     }
 
     /// Whether `rows` rows, of `values` values in all, are made bf16 before the product: always where that rounds them, so
     /// that a row is the same among others; where it cuts them in two, only for many rows, since few would gain nothing.
-    fn goes_to_tiles(&self, isa: Isa, rows: usize, values: usize, quant: &QuantScratch) -> bool {
+    fn goes_as_bf16(&self, isa: Isa, rows: usize, values: usize, quant: &QuantScratch) -> bool {
         match self.parts(isa) {
             0 => false,
             1 => true,
@@ -241,7 +241,7 @@ impl Linear {
         }
     }
 
-    /// Values as tiles take them for this product, once for all threads and all rows that share a value.
+    /// Values as products of bf16 take them, once for all threads and all rows that share a value.
     ///
     /// # Errors
     /// [`StepError`] where `quant` has no room for them.

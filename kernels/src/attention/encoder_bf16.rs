@@ -9,6 +9,8 @@ pub(super) mod amx;
 #[cfg(target_arch = "x86_64")]
 pub(super) mod avx2;
 #[cfg(target_arch = "x86_64")]
+pub(super) mod avx512bf16;
+#[cfg(target_arch = "x86_64")]
 pub(super) mod avx512vnni;
 #[cfg(target_arch = "x86_64")]
 mod loops;

@@ -15,10 +15,34 @@ const ROWS: usize = 8;
 const EVEN_ROWS: usize = 6;
 /// Bytes of weights in work at once, which stay in L2 while tiles of rows go by.
 const CHUNK_BYTES: usize = 768 << 10;
-/// Inputs between a multiplication and the prefetch of its weights from L2: 8 steps of 13 cycles.
+/// Steps between a multiplication and the prefetch of its weights from L2: 8 of 13 cycles.
 const AHEAD: usize = 8;
-/// Inputs per turn of the innermost loop: counting them takes one instruction of 25, of two inputs one of 13.
+/// Steps per turn of the innermost loop: counting them takes one instruction of 25, of two steps one of 13.
 const TURN: usize = 4;
+
+/// How rows of `X` meet the rows of a panel, step by step.
+pub(crate) trait Step<X>: Copy {
+    /// Inputs that a step multiplies.
+    const INPUTS: usize;
+    /// Steps for which a row of a panel has weights.
+    const SHARED: usize;
+    /// The weights of step `i`.
+    /// # Safety
+    /// The processor has the features of this back-end, and those that the implementation names; `panel` points to a whole panel, which ends behind step `i`.
+    unsafe fn weights(panel: *const Self, i: usize) -> __m512;
+    /// The inputs of step `i`, in all lanes.
+    /// # Safety
+    /// As `weights`, but that `row` points to a whole row, which ends behind step `i`.
+    unsafe fn inputs(row: *const X, i: usize) -> __m512;
+    /// The input that begins step `i`, and zeros for those beyond the row.
+    /// # Safety
+    /// As `weights`, but that `row` points to a whole row, which has the first input of step `i`.
+    unsafe fn last(row: *const X, i: usize) -> __m512;
+    /// `sum + x * w`.
+    /// # Safety
+    /// The processor has the features that the implementation names.
+    unsafe fn multiply(sum: __m512, x: __m512, w: __m512) -> __m512;
+}
 
 /// Rows of panels whose weights widen to f32 as they are loaded.
 pub(crate) trait Load: Copy {
@@ -41,6 +65,38 @@ impl Load for [f32; PANEL] {
     }
 }
 
+impl<W: Load> Step<f32> for W {
+    const INPUTS: usize = 1;
+    const SHARED: usize = W::INPUTS;
+
+    #[inline]
+    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+    unsafe fn weights(panel: *const Self, i: usize) -> __m512 {
+        // SAFETY: this function enables the features that `load` needs; the panel has an input `i` by its contract.
+        unsafe { W::load(panel, i) }
+    }
+
+    #[inline]
+    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+    unsafe fn inputs(row: *const f32, i: usize) -> __m512 {
+        // SAFETY: the row has an input `i` by this function's contract.
+        _mm512_set1_ps(unsafe { *row.wrapping_add(i) })
+    }
+
+    #[inline]
+    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+    unsafe fn last(row: *const f32, i: usize) -> __m512 {
+        // SAFETY: a step is one input.
+        unsafe { <Self as Step<f32>>::inputs(row, i) }
+    }
+
+    #[inline]
+    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+    unsafe fn multiply(sum: __m512, x: __m512, w: __m512) -> __m512 {
+        _mm512_fmadd_ps(x, w, sum)
+    }
+}
+
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
 pub(super) fn matmul(x: Input<f32>, w: PackedF32, end: Epilogue, y: MatMut<f32>) {
     run(x, &Job::Plain(w, end), y);
@@ -53,10 +109,10 @@ pub(super) fn matmul_gated(x: Input<f32>, gate: PackedF32, up: PackedF32, y: Mat
 
 /// The whole product.
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-pub(crate) fn run<'a, W: Panels<'a, Row: Load>>(x: Input<f32>, job: &Job<'_, W>, mut y: MatMut<f32>) {
+pub(crate) fn run<'a, X, W: Panels<'a, Row: Step<X>>>(x: Input<X>, job: &Job<'_, W>, mut y: MatMut<f32>) {
     let most = if matches!(job, Job::Plain(..)) { ROWS } else { EVEN_ROWS };
     // A multiple of the panels that any tile takes at once, and of gated pairs of them.
-    let panel_bytes = size_of::<W::Row>() * job.k().div_ceil(W::Row::INPUTS).max(1);
+    let panel_bytes = size_of::<W::Row>() * job.k().div_ceil(panel_inputs::<X, W::Row>()).max(1);
     let width = (CHUNK_BYTES / panel_bytes / 12).max(1) * 12;
     // Cleared once: clearing them per tile would wait for the stores of the tile before.
     let mut sums = [[0.0; PANEL]; SUMS];
@@ -64,14 +120,14 @@ pub(crate) fn run<'a, W: Panels<'a, Row: Load>>(x: Input<f32>, job: &Job<'_, W>,
         let slots = first..(first + width).min(job.slots());
         for (t, rows) in tiles(x.rows(), most) {
             match rows {
-                1 => tile::<W, 1, 4>(&x, t, job, slots.clone(), &mut sums, &mut y),
-                2 => tile::<W, 2, 4>(&x, t, job, slots.clone(), &mut sums, &mut y),
-                3 => tile::<W, 3, 4>(&x, t, job, slots.clone(), &mut sums, &mut y),
-                4 => tile::<W, 4, 4>(&x, t, job, slots.clone(), &mut sums, &mut y),
-                5 => tile::<W, 5, 4>(&x, t, job, slots.clone(), &mut sums, &mut y),
-                6 => tile::<W, 6, 4>(&x, t, job, slots.clone(), &mut sums, &mut y),
-                7 => tile::<W, 7, 3>(&x, t, job, slots.clone(), &mut sums, &mut y),
-                ROWS => tile::<W, ROWS, 3>(&x, t, job, slots.clone(), &mut sums, &mut y),
+                1 => tile::<X, W, 1, 4>(&x, t, job, slots.clone(), &mut sums, &mut y),
+                2 => tile::<X, W, 2, 4>(&x, t, job, slots.clone(), &mut sums, &mut y),
+                3 => tile::<X, W, 3, 4>(&x, t, job, slots.clone(), &mut sums, &mut y),
+                4 => tile::<X, W, 4, 4>(&x, t, job, slots.clone(), &mut sums, &mut y),
+                5 => tile::<X, W, 5, 4>(&x, t, job, slots.clone(), &mut sums, &mut y),
+                6 => tile::<X, W, 6, 4>(&x, t, job, slots.clone(), &mut sums, &mut y),
+                7 => tile::<X, W, 7, 3>(&x, t, job, slots.clone(), &mut sums, &mut y),
+                ROWS => tile::<X, W, ROWS, 3>(&x, t, job, slots.clone(), &mut sums, &mut y),
                 rows => unreachable!("a tile of {rows} rows"),
             }
         }
@@ -80,8 +136,8 @@ pub(crate) fn run<'a, W: Panels<'a, Row: Load>>(x: Input<f32>, job: &Job<'_, W>,
 
 /// The rows from `t` on, `R` of them, with all `slots`, `P` at a time.
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn tile<'a, W: Panels<'a, Row: Load>, const R: usize, const P: usize>(
-    x: &Input<f32>,
+fn tile<'a, X, W: Panels<'a, Row: Step<X>>, const R: usize, const P: usize>(
+    x: &Input<X>,
     t: usize,
     job: &Job<'_, W>,
     slots: Range<usize>,
@@ -94,22 +150,22 @@ fn tile<'a, W: Panels<'a, Row: Load>, const R: usize, const P: usize>(
     }
     let mut slot = slots.start;
     while slot + P <= slots.end {
-        group::<W, R, P>(&rows, t, job, slot, sums, y);
+        group::<X, W, R, P>(&rows, t, job, slot, sums, y);
         slot += P;
     }
     while slot + 2 <= slots.end {
-        group::<W, R, 2>(&rows, t, job, slot, sums, y);
+        group::<X, W, R, 2>(&rows, t, job, slot, sums, y);
         slot += 2;
     }
     if slot < slots.end {
-        group::<W, R, 1>(&rows, t, job, slot, sums, y);
+        group::<X, W, R, 1>(&rows, t, job, slot, sums, y);
     }
 }
 
 /// `R` rows with `P` slots from `slot` on, from the first input to the end of the product.
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn group<'a, W: Panels<'a, Row: Load>, const R: usize, const P: usize>(
-    rows: &[&[f32]; R],
+fn group<'a, X, W: Panels<'a, Row: Step<X>>, const R: usize, const P: usize>(
+    rows: &[&[X]; R],
     t: usize,
     job: &Job<'_, W>,
     slot: usize,
@@ -129,11 +185,16 @@ fn group<'a, W: Panels<'a, Row: Load>, const R: usize, const P: usize>(
     }
 }
 
+/// Inputs of a row of a panel.
+const fn panel_inputs<X, W: Step<X>>() -> usize {
+    W::INPUTS * W::SHARED
+}
+
 /// The innermost tile: `R x P` sums in registers.
 #[inline]
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn multiply<W: Load, const R: usize, const P: usize>(
-    rows: &[&[f32]; R],
+fn multiply<X, W: Step<X>, const R: usize, const P: usize>(
+    rows: &[&[X]; R],
     panels: [&[W]; P],
     sums: &mut [[f32; PANEL]; SUMS],
 ) {
@@ -142,7 +203,7 @@ fn multiply<W: Load, const R: usize, const P: usize>(
         assert!(row.len() == k);
     }
     for panel in panels {
-        assert!(panel.len() == k.div_ceil(W::INPUTS));
+        assert!(panel.len() == k.div_ceil(panel_inputs::<X, W>()));
     }
     // Pointers: slices' lengths take registers that eight rows and three panels need.
     let (mut x, mut w) = ([core::ptr::null(); R], [core::ptr::null(); P]);
@@ -153,24 +214,28 @@ fn multiply<W: Load, const R: usize, const P: usize>(
         w[p] = panels[p].as_ptr();
     }
     let mut acc = [[_mm512_setzero_ps(); P]; R];
-    let mut i = 0;
-    while i + TURN <= k {
+    let (whole, mut i) = (k / W::INPUTS, 0);
+    while i + TURN <= whole {
         for which in 0..TURN {
-            // One prefetch per line: two inputs of bf16 share one.
-            if which % W::INPUTS == 0 {
+            // One prefetch per line, which two inputs of bf16 may share.
+            if which % W::SHARED == 0 {
                 for panel in w {
-                    prefetch::near(panel.wrapping_add((i + which + AHEAD) / W::INPUTS));
+                    prefetch::near(panel.wrapping_add((i + which + AHEAD) / W::SHARED));
                 }
             }
-            // SAFETY: `i + which < i + TURN <= k`, which are the lengths of all rows and, in inputs, of all panels.
-            unsafe { input(&mut acc, &x, &w, i + which) };
+            // SAFETY: `i + which < i + TURN <= whole`: all rows have the inputs of these steps, and all panels their weights.
+            unsafe { step::<X, W, R, P, true>(&mut acc, &x, &w, i + which) };
         }
         i += TURN;
     }
-    while i < k {
-        // SAFETY: `i < k`, as above.
-        unsafe { input(&mut acc, &x, &w, i) };
+    while i < whole {
+        // SAFETY: `i < whole`, as above.
+        unsafe { step::<X, W, R, P, true>(&mut acc, &x, &w, i) };
         i += 1;
+    }
+    if whole * W::INPUTS < k {
+        // SAFETY: all rows have the first input of this step, and all panels, which end with zeros, the weights of a whole one.
+        unsafe { step::<X, W, R, P, false>(&mut acc, &x, &w, i) };
     }
     for r in 0..R {
         for p in 0..P {
@@ -179,27 +244,33 @@ fn multiply<W: Load, const R: usize, const P: usize>(
     }
 }
 
-/// Adds the products of input `i` of `R` rows with the weights of `P` panels.
+/// Adds the products of step `i` of `R` rows, which have all of its inputs or the first, with the weights of `P` panels.
 /// # Safety
-/// `x` point to rows and `w` to panels, all of which have an input `i`.
+/// `x` point to rows that have these inputs, and `w` to panels that have the step; the processor has the features that `W` needs.
 #[inline]
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-unsafe fn input<W: Load, const R: usize, const P: usize>(
+unsafe fn step<X, W: Step<X>, const R: usize, const P: usize, const WHOLE: bool>(
     acc: &mut [[__m512; P]; R],
-    x: &[*const f32; R],
+    x: &[*const X; R],
     w: &[*const W; P],
     i: usize,
 ) {
     let mut weights = [_mm512_setzero_ps(); P];
     for p in 0..P {
-        // SAFETY: this function enables the features that `load` needs; the panel has an input `i` by its contract.
-        weights[p] = unsafe { W::load(w[p], i) };
+        // SAFETY: the panel has the step by this function's contract.
+        weights[p] = unsafe { W::weights(w[p], i) };
     }
     for r in 0..R {
-        // SAFETY: the row has an input `i` by this function's contract.
-        let x = _mm512_set1_ps(unsafe { *x[r].wrapping_add(i) });
+        let x = if WHOLE {
+            // SAFETY: the row has the inputs of the step by this function's contract.
+            unsafe { W::inputs(x[r], i) }
+        } else {
+            // SAFETY: the row has the first input of the step by this function's contract.
+            unsafe { W::last(x[r], i) }
+        };
         for p in 0..P {
-            acc[r][p] = _mm512_fmadd_ps(x, weights[p], acc[r][p]);
+            // SAFETY: by this function's contract.
+            acc[r][p] = unsafe { W::multiply(acc[r][p], x, weights[p]) };
         }
     }
 }
@@ -285,8 +356,29 @@ fn activate_all(activation: Activation, values: &mut [[f32; PANEL]]) {
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
 fn write(values: &[[f32; PANEL]], y: &mut [f32]) {
     let (y, y_tail) = y.as_chunks_mut::<PANEL>();
-    for (y, v) in y.iter_mut().zip(values) {
-        store(y, load(v));
+    // Number by number: of one loop the compiler makes a call of `memcpy`, which takes longer than so few stores.
+    match (&mut *y, values) {
+        ([a], [v, ..]) => store(a, load(v)),
+        ([a, b], [v, w, ..]) => {
+            store(a, load(v));
+            store(b, load(w));
+        }
+        ([a, b, c], [v, w, x, ..]) => {
+            store(a, load(v));
+            store(b, load(w));
+            store(c, load(x));
+        }
+        ([a, b, c, d], [v, w, x, z, ..]) => {
+            store(a, load(v));
+            store(b, load(w));
+            store(c, load(x));
+            store(d, load(z));
+        }
+        (y, values) => {
+            for (y, v) in y.iter_mut().zip(values) {
+                store(y, load(v));
+            }
+        }
     }
     if !y_tail.is_empty() {
         store_part(y_tail, load(&values[y.len()]));

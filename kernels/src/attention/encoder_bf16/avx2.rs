@@ -1,4 +1,4 @@
-//! As `avx512vnni.rs`, in registers of 8 lanes: 4 queries x 16 keys are 8 registers of sums, and 2 queries x 32 columns as many.
+//! As `avx512vnni.rs`, in registers of 8 lanes: 2 queries x 16 keys or columns are 4 registers each.
 
 use super::loops::loops;
 use super::{KEYS, LEAST, POWER, STEP, Softmax};
@@ -10,13 +10,33 @@ use crate::mat::{Mat, MatMut};
 use crate::math::LOG2_E;
 use core::arch::x86_64::*;
 
-/// Queries at once: that meet keys, and whose weights meet values.
-const QUERIES: [usize; 2] = [4, 2];
+/// Queries at once.
+const QUERIES: usize = 2;
 
-/// Registers of columns at once.
-const COLUMNS: usize = 4;
+/// Values of a lane.
+const JOINED: usize = 1;
 
 loops!("avx2,fma");
+
+/// A lane holds one value.
+#[inline]
+#[target_feature(enable = "avx2,fma")]
+fn join(value: Register, _: Register) -> Register {
+    value
+}
+
+#[inline]
+#[target_feature(enable = "avx2,fma")]
+fn joined_in_place(values: Register) -> Register {
+    values
+}
+
+/// `sum + x * w`.
+#[inline]
+#[target_feature(enable = "avx2,fma")]
+fn multiply_add(x: Register, w: Register, sum: Register) -> Register {
+    fmadd(x, w, sum)
+}
 
 /// The nearest bfloat16, ties to even; denormals are 0.
 #[inline]

@@ -1,4 +1,4 @@
-//! 8 queries x 32 keys are 16 registers of sums, and 4 queries x 64 columns as many.
+//! 4 queries x 32 keys, or 32 columns, are 8 registers of even products, of odd ones, and of what was summed before.
 
 use super::loops::loops;
 use super::{KEYS, LEAST, POWER, STEP, Softmax};
@@ -10,18 +10,38 @@ use crate::mat::{Mat, MatMut};
 use crate::math::LOG2_E;
 use core::arch::x86_64::*;
 
-/// Queries at once: that meet keys, and whose weights meet values.
-const QUERIES: [usize; 2] = [8, 4];
+/// Queries at once.
+const QUERIES: usize = 4;
 
-/// Registers of columns at once.
-const COLUMNS: usize = 4;
+/// Values of a lane.
+const JOINED: usize = 1;
 
 loops!("avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni");
+
+/// A lane holds one value.
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn join(value: Register, _: Register) -> Register {
+    value
+}
+
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn joined_in_place(values: Register) -> Register {
+    values
+}
+
+/// `sum + x * w`.
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn multiply_add(x: Register, w: Register, sum: Register) -> Register {
+    fmadd(x, w, sum)
+}
 
 /// The nearest bfloat16, ties to even; denormals are 0.
 #[inline]
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn rounded(x: Register) -> Register {
+pub(super) fn rounded(x: Register) -> Register {
     const QUIET: i32 = 0x40_0000;
     let bits = _mm512_castps_si512(x);
     let odd = _mm512_and_si512(_mm512_srli_epi32::<16>(bits), _mm512_set1_epi32(1));
@@ -35,7 +55,7 @@ fn rounded(x: Register) -> Register {
 /// `2^t` of differences from a maximum.
 #[inline]
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn power(t: Register) -> Register {
+pub(super) fn power(t: Register) -> Register {
     let n = _mm512_roundscale_ps::<{ _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC }>(t);
     let (r, mut power) = (sub(t, n), set(POWER[0]));
     for &c in &POWER[1..] {
@@ -48,6 +68,6 @@ fn power(t: Register) -> Register {
 /// `a / b`.
 #[inline]
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn divide(a: Register, b: Register) -> Register {
+pub(super) fn divide(a: Register, b: Register) -> Register {
     _mm512_div_ps(a, b)
 }

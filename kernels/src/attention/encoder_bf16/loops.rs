@@ -1,15 +1,31 @@
 //! The loops of the vector back-ends, lanes along keys and then along columns.
 //!
-//! The module that calls it has, besides loads and stores: `WIDTH` lanes of a `Register`; `QUERIES`, `COLUMNS`; the operations
-//! `zero`, `set`, `add`, `sub`, `mul`, `fmadd`, `divide`, `maximum`, `largest`, `first_of`, `rounded`, `power`; and `transpose`.
+//! The module that calls it has, besides loads and stores: `WIDTH` lanes of a `Register`; `QUERIES`; the operations
+//! `zero`, `set`, `add`, `sub`, `mul`, `fmadd`, `divide`, `maximum`, `largest`, `first_of`, `rounded`, `power`; `transpose`; and
+//! what a lane of a factor holds: `JOINED` values of one sum, 1 or 2, with `join`, `joined_in_place` and `multiply_add`.
+//!
+//! ```text
+//! a step of 32      e0 o0 e1 o1 e2 o2 e3 o3 ...        even and odd values are summed by themselves
+//! JOINED 1          e0 | o0 | e1 | o1 | ...            rows of a panel; in a row of queries or weights, lane 2 i and 2 i + 1
+//! JOINED 2          e0 e1 | o0 o1 | e2 e3 | ...        rows of a panel; in a row of queries or weights, lane 4 i and 4 i + 1
+//! ```
 
 macro_rules! loops {
     ($features:literal) => {
-        /// Queries that share one packing of keys and values.
-        const BLOCK: usize = 64;
+        /// Queries in work at once, whose scores stay in L1.
+        const BLOCK: usize = 16;
 
-        /// Columns of values packed at once.
+        /// Queries that share one packing of keys and values.
+        const GROUP: usize = 256;
+
+        /// Columns packed at once.
         const WIDE: usize = 64;
+
+        /// Keys, or columns of values, that lie beside each other: two registers.
+        const PANEL: usize = 2 * WIDTH;
+
+        /// Rows of a panel that a step has.
+        const ROWS: usize = STEP / JOINED;
 
         /// Registers whose lanes are those of a sum of weights.
         const HALF: usize = LANES / WIDTH;
@@ -17,11 +33,13 @@ macro_rules! loops {
         /// What one call keeps between its loops, at the start of a cache line each.
         #[repr(align(64))]
         struct Work<const N: usize> {
-            /// Up to 32 of `head_dim`, rounded: `[STEP, N]`.
-            k: [[f32; N]; STEP],
-            /// Rounded.
-            v: [[f32; WIDE]; N],
-            /// Dot products, then scores, then weights.
+            /// Rounded and joined, as rows of [`PANEL`]: `[N / PANEL, WIDE / JOINED, PANEL]`.
+            k: [[f32; N]; WIDE / JOINED],
+            /// Rounded and joined, as rows of [`PANEL`]: `[WIDE / PANEL, N / JOINED, PANEL]`.
+            v: [[f32; WIDE / JOINED]; N],
+            /// Rounded and joined in place.
+            q: [[f32; WIDE]; BLOCK],
+            /// Dot products, then scores, then weights, rounded and joined in place.
             scores: [[f32; N]; BLOCK],
         }
 
@@ -36,32 +54,48 @@ macro_rules! loops {
         /// `N` keys at a time.
         #[target_feature(enable = $features)]
         fn run<const N: usize>(x: Operands<f32>, mut y: MatMut<f32>) {
-            let mut work = Work { k: [[0.0; N]; STEP], v: [[0.0; WIDE]; N], scores: [[0.0; N]; BLOCK] };
-            let Work { k, v, scores } = &mut work;
-            for start in (0..x.q.rows()).step_by(BLOCK) {
-                let count = BLOCK.min(x.q.rows() - start);
-                let mut softmaxes = [Softmax::START; BLOCK];
-                let softmaxes = &mut softmaxes[..count];
+            let mut work = Work {
+                k: [[0.0; N]; WIDE / JOINED],
+                v: [[0.0; WIDE / JOINED]; N],
+                q: [[0.0; WIDE]; BLOCK],
+                scores: [[0.0; N]; BLOCK],
+            };
+            let Work { k, v, q, scores } = &mut work;
+            let (k, _) = k.as_flattened_mut().as_chunks_mut();
+            let (v, _) = v.as_flattened_mut().as_chunks_mut();
+            for start in (0..x.q.rows()).step_by(GROUP) {
+                let count = GROUP.min(x.q.rows() - start);
+                let mut softmaxes = [Softmax::START; GROUP];
                 for first in (0..x.k.rows()).step_by(N) {
                     let keys = first..x.k.rows().min(first + N);
-                    scores[..count].as_flattened_mut().fill(0.0);
-                    for at in (0..x.q.cols()).step_by(STEP) {
-                        pack_keys(x.k.row_range(keys.clone()), at, k);
-                        for (group, scores) in scores[..count].chunks_mut(QUERIES[0]).enumerate() {
-                            multiply(x.q, start + group * QUERIES[0], at, k, keys.len(), scores);
-                        }
-                    }
-                    for (r, softmax) in softmaxes.iter_mut().enumerate() {
-                        let bias = x.bias(start + r, first);
-                        weigh(&mut scores[r], keys.len(), x.scale * LOG2_E, bias, softmax);
-                    }
                     let place = (first > 0, keys.end == x.k.rows());
-                    for at in (0..x.v.cols()).step_by(WIDE) {
-                        pack_values(x.v.row_range(keys.clone()), at, v);
-                        for r in (0..count).step_by(QUERIES[1]) {
-                            let end = count.min(r + QUERIES[1]);
-                            let (_, mut y) = y.reborrow().split_rows(start + r);
-                            add_values(v, at, keys.len(), &scores[r..end], &softmaxes[r..end], place, &mut y);
+                    for block in (0..count).step_by(BLOCK) {
+                        let queries = BLOCK.min(count - block);
+                        let (scores, softmaxes) = (&mut scores[..queries], &mut softmaxes[block..block + queries]);
+                        for at in (0..x.q.cols()).step_by(WIDE) {
+                            // What is packed serves all blocks where nothing else takes its place.
+                            if block == 0 || x.q.cols() > WIDE {
+                                pack_keys(x.k.row_range(keys.clone()), at, k);
+                            }
+                            for (r, to) in q[..queries].iter_mut().enumerate() {
+                                let row = &x.q.row(start + block + r)[at..];
+                                for (c, to) in to.as_chunks_mut().0.iter_mut().enumerate() {
+                                    store(to, joined_in_place(rounded(from(row, c * WIDTH))));
+                                }
+                            }
+                            let columns = WIDE.min(x.q.cols() - at);
+                            multiply(&q[..queries], k, (columns, keys.len()), at > 0, scores);
+                        }
+                        for (r, softmax) in softmaxes.iter_mut().enumerate() {
+                            let bias = x.bias(start + block + r, first);
+                            weigh(&mut scores[r], keys.len(), x.scale * LOG2_E, bias, softmax);
+                        }
+                        let (_, mut y) = y.reborrow().split_rows(start + block);
+                        for at in (0..x.v.cols()).step_by(WIDE) {
+                            if block == 0 || x.v.cols() > WIDE {
+                                pack_values::<N>(x.v.row_range(keys.clone()), at, v);
+                            }
+                            add_values(v, at, keys.len(), scores, softmaxes, place, &mut y);
                         }
                     }
                 }
@@ -75,75 +109,109 @@ macro_rules! loops {
             row.get(at..).filter(|rest| !rest.is_empty()).map_or(zero(), |rest| load_part(rest))
         }
 
-        /// The columns `at ..` of `k`, as many as a step has, rounded, as rows; zeros where there are none.
+        /// The columns `at ..` of `k`, as many as there is room for, rounded and joined, as rows; zeros where there are none, up to a whole step.
         #[target_feature(enable = $features)]
-        fn pack_keys<const N: usize>(k: Mat<f32>, at: usize, packed: &mut [[f32; N]; STEP]) {
+        fn pack_keys(k: Mat<f32>, at: usize, packed: &mut [[f32; PANEL]]) {
+            let columns = WIDE.min(k.cols() - at).next_multiple_of(STEP);
             for first in (0..k.rows()).step_by(WIDTH) {
-                for d in (0..STEP).step_by(WIDTH) {
+                let panel = &mut packed[first / PANEL * (WIDE / JOINED)..][..columns / JOINED];
+                for (d, panel) in panel.chunks_exact_mut(WIDTH / JOINED).enumerate() {
                     let mut rows = [zero(); WIDTH];
                     for j in 0..WIDTH.min(k.rows() - first) {
-                        rows[j] = rounded(from(k.row(first + j), at + d));
+                        rows[j] = rounded(from(k.row(first + j), at + d * WIDTH));
                     }
-                    for (column, to) in transpose(rows).iter().zip(&mut packed[d..d + WIDTH]) {
-                        store_part(&mut to[first..first + WIDTH], *column);
+                    let columns = transpose(rows);
+                    for (row, to) in panel.iter_mut().enumerate() {
+                        let d = row / 2 * 2 * JOINED + row % 2;
+                        let joined = if JOINED == 2 { join(columns[d], columns[d + 2]) } else { columns[d] };
+                        store(&mut to.as_chunks_mut().0[first / WIDTH % 2], joined);
                     }
                 }
             }
         }
 
-        /// The columns `at ..` of `v`, as many as there is room for, rounded; zeros where there are none, up to a whole step of keys.
+        /// The columns `at ..` of `v`, as many as there is room for, rounded and joined; zeros where there are none, up to a whole step of keys.
         #[target_feature(enable = $features)]
-        fn pack_values<const N: usize>(v: Mat<f32>, at: usize, packed: &mut [[f32; WIDE]; N]) {
-            for (j, to) in packed[..v.rows().next_multiple_of(STEP)].iter_mut().enumerate() {
+        fn pack_values<const N: usize>(v: Mat<f32>, at: usize, packed: &mut [[f32; PANEL]]) {
+            let value = |j: usize, c: usize| {
                 let row = if j < v.rows() { &v.row(j)[at..] } else { &[] };
-                for (c, to) in to.as_chunks_mut().0.iter_mut().enumerate() {
-                    store(to, rounded(from(row, c * WIDTH)));
+                rounded(from(row, c * WIDTH))
+            };
+            for row in 0..v.rows().next_multiple_of(STEP) / JOINED {
+                let j = row / 2 * 2 * JOINED + row % 2;
+                for c in 0..WIDE / WIDTH {
+                    let joined = if JOINED == 2 { join(value(j, c), value(j + 2, c)) } else { value(j, c) };
+                    store(&mut packed[c / 2 * (N / JOINED) + row].as_chunks_mut().0[c % 2], joined);
                 }
             }
         }
 
-        /// Adds to the dot products of the queries from `i` on, as many as there are `scores`, what the step from `at` on gives.
+        /// The dot products of queries with as many columns and keys; added to the scores where there are `more` columns before.
+        /// Even and odd products of a step, and what the steps before gave, are sums side by side.
         #[target_feature(enable = $features)]
         fn multiply<const N: usize>(
-            q: Mat<f32>,
-            i: usize,
-            at: usize,
-            k: &[[f32; N]; STEP],
-            keys: usize,
+            q: &[[f32; WIDE]],
+            k: &[[f32; PANEL]],
+            (columns, keys): (usize, usize),
+            more: bool,
             scores: &mut [[f32; N]],
         ) {
-            let mut queries = [[0.0; STEP]; QUERIES[0]];
-            for r in 0..scores.len() {
-                let row = &q.row(i + r)[at..];
-                for (c, to) in queries[r].as_chunks_mut().0.iter_mut().enumerate() {
-                    store(to, rounded(from(row, c * WIDTH)));
-                }
-            }
-            for t in 0..keys.div_ceil(2 * WIDTH) {
-                let mut both = [[[zero(); 2]; QUERIES[0]]; 2];
-                for (odd, both) in both.iter_mut().enumerate() {
-                    let mut sums = [[zero(); 2]; QUERIES[0]];
-                    for d in (odd..STEP).step_by(2) {
-                        let keys = k[d].as_chunks().0;
-                        let (a, b) = (load(&keys[2 * t]), load(&keys[2 * t + 1]));
-                        for r in 0..QUERIES[0] {
-                            let q = set(queries[r][d]);
-                            sums[r][0] = fmadd(q, a, sums[r][0]);
-                            sums[r][1] = fmadd(q, b, sums[r][1]);
+            for t in 0..keys.div_ceil(PANEL) {
+                let panel = &k[t * (WIDE / JOINED)..][..columns.next_multiple_of(STEP) / JOINED];
+                let (steps, _) = panel.as_chunks::<ROWS>();
+                for (q, scores) in q.chunks(QUERIES).zip(scores.chunks_mut(QUERIES)) {
+                    let mut rows = [&q[0]; QUERIES];
+                    for (row, q) in rows.iter_mut().zip(q) {
+                        *row = q;
+                    }
+                    let mut sums = [[zero(); 2]; QUERIES];
+                    if more {
+                        for (sums, scores) in sums.iter_mut().zip(scores.iter()) {
+                            let (scores, _) = scores.as_chunks();
+                            *sums = [load(&scores[2 * t]), load(&scores[2 * t + 1])];
                         }
                     }
-                    *both = sums;
-                }
-                for (r, scores) in scores.iter_mut().enumerate() {
-                    for side in 0..2 {
-                        let to = &mut scores.as_chunks_mut().0[2 * t + side];
-                        store(to, add(load(to), add(both[0][r][side], both[1][r][side])));
+                    for (step, k) in steps.iter().enumerate() {
+                        let mut inputs = [&[0.0; STEP]; QUERIES];
+                        for r in 0..QUERIES {
+                            inputs[r] = &rows[r].as_chunks().0[step];
+                        }
+                        meet(&inputs, k, &mut sums);
+                    }
+                    for (sums, scores) in sums.iter().zip(scores) {
+                        let (scores, _) = scores.as_chunks_mut();
+                        store(&mut scores[2 * t], sums[0]);
+                        store(&mut scores[2 * t + 1], sums[1]);
                     }
                 }
             }
         }
 
-        /// Turns the dot products of one query with `keys` keys into scores and these into weights, rounded, zeros up to a whole step.
+        /// Adds one step's products of rows with a panel.
+        #[inline]
+        #[target_feature(enable = $features)]
+        fn meet(rows: &[&[f32; STEP]; QUERIES], panel: &[[f32; PANEL]; ROWS], sums: &mut [[Register; 2]; QUERIES]) {
+            let mut both = [[[zero(); 2]; QUERIES]; 2];
+            for i in 0..ROWS / 2 {
+                for odd in 0..2 {
+                    let (values, _) = panel[2 * i + odd].as_chunks();
+                    let (a, b) = (load(&values[0]), load(&values[1]));
+                    for r in 0..QUERIES {
+                        let x = set(rows[r][2 * JOINED * i + odd]);
+                        both[odd][r][0] = multiply_add(x, a, both[odd][r][0]);
+                        both[odd][r][1] = multiply_add(x, b, both[odd][r][1]);
+                    }
+                }
+            }
+            for r in 0..QUERIES {
+                for side in 0..2 {
+                    sums[r][side] = add(sums[r][side], add(both[0][r][side], both[1][r][side]));
+                }
+            }
+        }
+
+        /// Turns the dot products of one query with `keys` keys into scores and these into weights, rounded and joined, zeros up to a
+        /// whole step.
         #[target_feature(enable = $features)]
         fn weigh(scores: &mut [f32], keys: usize, scale: f32, bias: &[f32], softmax: &mut Softmax) {
             let hidden = set(f32::NEG_INFINITY);
@@ -163,8 +231,8 @@ macro_rules! loops {
                 for h in 0..HALF {
                     let (a, b) = (power(sub(load(&scores[h]), max)), power(sub(load(&scores[HALF + h]), max)));
                     sums[h] = add(sums[h], add(a, b));
-                    store(&mut scores[h], rounded(a));
-                    store(&mut scores[HALF + h], rounded(b));
+                    store(&mut scores[h], joined_in_place(rounded(a)));
+                    store(&mut scores[HALF + h], joined_in_place(rounded(b)));
                 }
             }
             let mut lanes = [0.0; LANES];
@@ -178,7 +246,7 @@ macro_rules! loops {
         /// these keys, or they are the `last`.
         #[target_feature(enable = $features)]
         fn add_values<const N: usize>(
-            v: &[[f32; WIDE]; N],
+            v: &[[f32; PANEL]],
             at: usize,
             keys: usize,
             weights: &[[f32; N]],
@@ -186,44 +254,32 @@ macro_rules! loops {
             (others, last): (bool, bool),
             y: &mut MatMut<f32>,
         ) {
-            let mut rows = [&weights[0]; QUERIES[1]];
-            for (row, weights) in rows.iter_mut().zip(weights) {
-                *row = weights;
-            }
-            let wide = WIDE.min(y.cols() - at);
-            for column in (0..wide).step_by(COLUMNS * WIDTH) {
-                let mut sums = [[zero(); COLUMNS]; QUERIES[1]];
-                for step in (0..keys).step_by(STEP) {
-                    let mut both = [[[zero(); COLUMNS]; QUERIES[1]]; 2];
-                    for (odd, both) in both.iter_mut().enumerate() {
-                        let mut sums = [[zero(); COLUMNS]; QUERIES[1]];
-                        for j in (step + odd..step + STEP).step_by(2) {
-                            let values = v[j][column..].as_chunks().0;
-                            for c in 0..COLUMNS {
-                                let value = load(&values[c]);
-                                for r in 0..QUERIES[1] {
-                                    sums[r][c] = fmadd(set(rows[r][j]), value, sums[r][c]);
-                                }
+            for (panel, column) in (at..y.cols().min(at + WIDE)).step_by(PANEL).enumerate() {
+                let panel = &v[panel * (N / JOINED)..][..keys.next_multiple_of(STEP) / JOINED];
+                let (steps, _) = panel.as_chunks::<ROWS>();
+                for first in (0..weights.len()).step_by(QUERIES) {
+                    let count = QUERIES.min(weights.len() - first);
+                    let mut rows = [&weights[first]; QUERIES];
+                    rows[..count].iter_mut().zip(&weights[first..]).for_each(|(row, weights)| *row = weights);
+                    let mut sums = [[zero(); 2]; QUERIES];
+                    for (step, v) in steps.iter().enumerate() {
+                        let mut inputs = [&[0.0; STEP]; QUERIES];
+                        for r in 0..QUERIES {
+                            inputs[r] = &rows[r].as_chunks().0[step];
+                        }
+                        meet(&inputs, v, &mut sums);
+                    }
+                    for (r, softmax) in softmaxes[first..first + count].iter().enumerate() {
+                        let y = &mut y.row_mut(first + r)[column..];
+                        for (y, mut sum) in y.chunks_mut(WIDTH).zip(sums[r]) {
+                            if others {
+                                sum = fmadd(load_part(y), set(softmax.shrink), sum);
                             }
+                            if last {
+                                sum = divide(sum, set(softmax.sum));
+                            }
+                            store_part(y, sum);
                         }
-                        *both = sums;
-                    }
-                    for r in 0..QUERIES[1] {
-                        for c in 0..COLUMNS {
-                            sums[r][c] = add(sums[r][c], add(both[0][r][c], both[1][r][c]));
-                        }
-                    }
-                }
-                for (r, softmax) in softmaxes.iter().enumerate() {
-                    let y = &mut y.row_mut(r)[at + column..];
-                    for (y, mut sum) in y.chunks_mut(WIDTH).zip(sums[r]) {
-                        if others {
-                            sum = fmadd(load_part(y), set(softmax.shrink), sum);
-                        }
-                        if last {
-                            sum = divide(sum, set(softmax.sum));
-                        }
-                        store_part(y, sum);
                     }
                 }
             }
