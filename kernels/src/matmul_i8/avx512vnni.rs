@@ -18,12 +18,13 @@ const ROWS: usize = 9;
 const EVEN_ROWS: usize = 6;
 /// Rows of a tile that is bound by memory, where clearing the large buffer would show.
 const FEW_ROWS: usize = 4;
-/// Bytes of weights in work at once, which stay in L2 while tiles of rows go by: half of a small server's L2.
-const CHUNK_BYTES: usize = 768 << 10;
+/// Bytes of weights in work at once, which stay in L2 while tiles of rows go by, beside the next: half of a small L2.
+const CHUNK_BYTES: usize = 256 << 10;
 /// Quads of inputs converted at once: 9 rows are 37 KiB.
 const QUADS: usize = 1024;
-/// Quads between a multiplication and the prefetch of its weights from L2: 8 steps of 13 cycles are longer than L2 takes.
-const AHEAD: usize = 8;
+/// Quads between a multiplication and the prefetch of its weights: from L2, where 8 steps of 13 cycles are longer than it takes, and
+/// where several rows meet each weight but once, and it comes from further away.
+const AHEAD: [usize; 2] = [8, 32];
 /// Panels of sums in one tile at most. They are cleared once per product: clearing them per tile would wait for the
 /// stores of the tile before.
 const SUMS: usize = ROWS * 3;
@@ -74,6 +75,42 @@ impl<'a> Job<'a> {
     }
 }
 
+/// The weights in work, and those that come meanwhile.
+struct Chunk<'a> {
+    job: &'a Job<'a>,
+    /// In L2 while tiles of rows go by.
+    slots: Range<usize>,
+    /// Not yet fetched, of the chunk after this.
+    next: Range<usize>,
+    /// How many of those a group fetches.
+    each: usize,
+    /// Quads between a multiplication and its own weights' prefetch.
+    ahead: usize,
+}
+
+impl<'a> Chunk<'a> {
+    /// At most `width` slots from `first` on, for so many rows in tiles.
+    fn new(job: &'a Job, first: usize, width: usize, rows: usize, tiles: usize) -> Self {
+        let slots = first..(first + width).min(job.slots());
+        let next = slots.end..(slots.end + width).min(job.slots());
+        let groups = tiles * slots.len().div_ceil(MOST);
+        let (each, ahead) = (next.len().div_ceil(groups.max(1)).min(2), AHEAD[usize::from(tiles == 1 && rows > 1)]);
+        Self { job, slots, next, each, ahead }
+    }
+
+    /// Panels of the next chunk to be fetched now; where there are none, `panel`, which is here.
+    #[inline]
+    fn fetch(&mut self, panel: &[[i8; BYTES]]) -> [*const [i8; BYTES]; 2] {
+        let mut some = [panel.as_ptr(); 2];
+        for place in &mut some[..self.each] {
+            if let Some(slot) = self.next.next() {
+                *place = self.job.panel(slot).as_ptr();
+            }
+        }
+        some
+    }
+}
+
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
 pub(super) fn matmul(x: QuantInput, w: PackedI8, end: Epilogue, y: MatMut<f32>) {
     run(x, &Job::Plain(w, end), y);
@@ -100,20 +137,20 @@ fn product<const TILE: usize>(x: QuantInput, job: &Job, mut y: MatMut<f32>) {
     // A multiple of the panels that any tile takes at once, and of gated pairs of them.
     let width = (CHUNK_BYTES / (PANEL * job.k().max(1)) / 12).max(1) * 12;
     for first in (0..job.slots()).step_by(width) {
-        let slots = first..(first + width).min(job.slots());
+        let mut chunk = Chunk::new(job, first, width, x.rows.rows(), x.rows.rows().div_ceil(TILE));
         for (t, rows) in tiles(x.rows.rows(), TILE) {
             let steps = &mut steps[..rows];
             convert(&x, t, 0, steps);
             match rows {
-                1 => tile::<1, 8>(&x, t, steps, job, slots.clone(), &mut sums, &mut y),
-                2 => tile::<2, 8>(&x, t, steps, job, slots.clone(), &mut sums, &mut y),
-                3 => tile::<3, 4>(&x, t, steps, job, slots.clone(), &mut sums, &mut y),
-                4 => tile::<4, 4>(&x, t, steps, job, slots.clone(), &mut sums, &mut y),
-                5 => tile::<5, 4>(&x, t, steps, job, slots.clone(), &mut sums, &mut y),
-                6 => tile::<6, 4>(&x, t, steps, job, slots.clone(), &mut sums, &mut y),
-                7 => tile::<7, 3>(&x, t, steps, job, slots.clone(), &mut sums, &mut y),
-                8 => tile::<8, 3>(&x, t, steps, job, slots.clone(), &mut sums, &mut y),
-                ROWS => tile::<ROWS, 3>(&x, t, steps, job, slots.clone(), &mut sums, &mut y),
+                1 => tile::<1, 8>(&x, t, steps, &mut chunk, &mut sums, &mut y),
+                2 => tile::<2, 8>(&x, t, steps, &mut chunk, &mut sums, &mut y),
+                3 => tile::<3, 4>(&x, t, steps, &mut chunk, &mut sums, &mut y),
+                4 => tile::<4, 4>(&x, t, steps, &mut chunk, &mut sums, &mut y),
+                5 => tile::<5, 4>(&x, t, steps, &mut chunk, &mut sums, &mut y),
+                6 => tile::<6, 4>(&x, t, steps, &mut chunk, &mut sums, &mut y),
+                7 => tile::<7, 3>(&x, t, steps, &mut chunk, &mut sums, &mut y),
+                8 => tile::<8, 3>(&x, t, steps, &mut chunk, &mut sums, &mut y),
+                ROWS => tile::<ROWS, 3>(&x, t, steps, &mut chunk, &mut sums, &mut y),
                 rows => unreachable!("a tile of {rows} rows"),
             }
         }
@@ -149,27 +186,26 @@ fn tile<const R: usize, const P: usize>(
     x: &QuantInput,
     t: usize,
     steps: &mut [Steps],
-    job: &Job,
-    slots: Range<usize>,
+    chunk: &mut Chunk,
     sums: &mut [[f32; PANEL]; SUMS],
     y: &mut MatMut<f32>,
 ) {
     let steps: &mut [Steps; R] = steps.first_chunk_mut().expect("R was chosen by the number of rows");
-    let mut slot = slots.start;
-    while slot + P <= slots.end {
-        group::<R, P>(x, t, steps, job, slot, sums, y);
+    let (mut slot, end) = (chunk.slots.start, chunk.slots.end);
+    while slot + P <= end {
+        group::<R, P>(x, t, steps, chunk, slot, sums, y);
         slot += P;
     }
-    if P > MOST && slot + MOST <= slots.end {
-        group::<R, MOST>(x, t, steps, job, slot, sums, y);
+    if P > MOST && slot + MOST <= end {
+        group::<R, MOST>(x, t, steps, chunk, slot, sums, y);
         slot += MOST;
     }
-    while slot + 2 <= slots.end {
-        group::<R, 2>(x, t, steps, job, slot, sums, y);
+    while slot + 2 <= end {
+        group::<R, 2>(x, t, steps, chunk, slot, sums, y);
         slot += 2;
     }
-    if slot < slots.end {
-        group::<R, 1>(x, t, steps, job, slot, sums, y);
+    if slot < end {
+        group::<R, 1>(x, t, steps, chunk, slot, sums, y);
     }
 }
 
@@ -179,11 +215,12 @@ fn group<const R: usize, const P: usize>(
     x: &QuantInput,
     t: usize,
     steps: &mut [Steps; R],
-    job: &Job,
+    chunk: &mut Chunk,
     slot: usize,
     sums: &mut [[f32; PANEL]; SUMS],
     y: &mut MatMut<f32>,
 ) {
+    let job = chunk.job;
     // Not by `from_fn`: a closure has this function's features and cannot be inlined into one that has not.
     let mut panels = [&[][..]; P];
     for (p, panel) in panels.iter_mut().enumerate() {
@@ -191,7 +228,8 @@ fn group<const R: usize, const P: usize>(
     }
     let k = job.k();
     if k <= QUADS * QUAD {
-        multiply(steps, panels, true, sums);
+        let next = chunk.fetch(panels[0]);
+        multiply(steps, panels, (chunk.ahead, next), true, sums);
     } else {
         for first in (0..k).step_by(QUADS * QUAD) {
             convert(x, t, first, steps);
@@ -200,12 +238,12 @@ fn group<const R: usize, const P: usize>(
             for part in &mut part {
                 *part = &part[quads.clone()];
             }
-            multiply(steps, part, first == 0, sums);
+            multiply(steps, part, (chunk.ahead, [part[0].as_ptr(); 2]), first == 0, sums);
         }
     }
     // The next tile's first weights arrive while this one ends.
     for slot in slot + P..(slot + 2 * P).min(job.slots()) {
-        job.panel(slot).iter().take(AHEAD).for_each(|line| prefetch::near(line));
+        job.panel(slot).iter().take(chunk.ahead).for_each(|line| prefetch::near(line));
     }
     let width = P.min(MOST);
     for (i, sums) in sums[..R * P].chunks_exact_mut(R * width).enumerate() {
@@ -220,17 +258,21 @@ const fn place<const R: usize, const P: usize>(r: usize, p: usize) -> usize {
     p / width * width * R + r * width + p % width
 }
 
-/// The innermost tile: adds the products over the panels' quads to `R x P` sums in registers.
+/// The innermost tile: adds the products over the panels' quads to `R x P` sums in registers. Weights are fetched so far `ahead`, and
+/// the `next` panels, quad by quad.
 #[inline]
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
 fn multiply<const R: usize, const P: usize>(
     steps: &[Steps; R],
     panels: [&[[i8; BYTES]]; P],
+    (ahead, next): (usize, [*const [i8; BYTES]; 2]),
     start: bool,
     sums: &mut [[f32; PANEL]; SUMS],
 ) {
     let quads = panels[0].len();
     assert!(quads <= QUADS);
+    // Known to the compiler where it matters: a decoder's step.
+    let ahead = if R == 1 { AHEAD[0] } else { ahead };
     for panel in panels {
         assert!(panel.len() == quads);
     }
@@ -248,7 +290,12 @@ fn multiply<const R: usize, const P: usize>(
             w[p] = load_bytes(&panels[p][q]);
         }
         for panel in &panels {
-            prefetch::near(panel.as_ptr().wrapping_add(q + AHEAD));
+            prefetch::near(panel.as_ptr().wrapping_add(q + ahead));
+        }
+        if R > FEW_ROWS {
+            for panel in next {
+                prefetch::far(panel.wrapping_add(q));
+            }
         }
         for r in 0..R {
             let x = _mm512_set1_epi32(i32::from_ne_bytes(steps[r][q]));
