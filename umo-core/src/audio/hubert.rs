@@ -16,6 +16,7 @@ use crate::config;
 use crate::error::{LoadError, StepError};
 use crate::linear::{Compute, Linear, QuantScratch, Ready};
 use crate::state::{StateError, StatePass};
+use crate::team::both;
 use crate::weights::{AlignedBox, Loader};
 
 /// Added to a channel's variance in the group norm: PyTorch's default, which Hugging Face does not change.
@@ -26,6 +27,8 @@ const WAVE_EPS: f64 = 1e-7;
 const BLOCK: usize = 16;
 /// Multiply-adds that an element of a norm or an activation costs, roughly.
 const ELEMENT_WORK: usize = 8;
+/// Outputs of the first convolution that are computed and then gone over while they are in cache.
+const NEAR: usize = 32;
 
 const GELU: Epilogue<'static> = Epilogue::STORE.then(Activation::Gelu);
 
@@ -311,13 +314,29 @@ impl Hubert {
             // Windows that ended before the new samples were counted when they came.
             (reach + 1).saturating_sub(kernel).div_ceil(stride)
         };
-        let (total, block) = (outputs(heard.len(), kernel, stride), scratch.even.len() / self.sizes.conv_dim[0]);
-        for start in (new.min(total)..total).step_by(block.max(1)) {
-            let end = (start + block).min(total);
-            let rows = self.first(cx, &heard[start * stride..(end - 1) * stride + kernel], &mut scratch.even)?;
-            count(cx, statistics, Mat::new(&scratch.even, rows, self.sizes.conv_dim[0])?)?;
+        let total = outputs(heard.len(), kernel, stride);
+        let (new, dim) = (new.min(total), self.sizes.conv_dim[0]);
+        statistics.outputs += total - new;
+        if new == total {
+            return Ok(());
         }
-        Ok(())
+        let x = Mat::with_stride(&heard[new * stride..], total - new, kernel, stride)?;
+        let (sums, room) = (MatMut::new(&mut statistics.channels, 2, dim)?, &mut scratch.even[..]);
+        // Each thread its own channels, in the order of time, some outputs at a time while they are in cache.
+        let near = NEAR.min(room.len() / dim).max(1);
+        let work = x.rows() * dim * (kernel + ELEMENT_WORK);
+        let cut = both(MatMut::split_columns, |room: &'_ mut [f32], at| room.split_at_mut(at * near));
+        cx.team.split((sums, room), dim, PANEL, work, cut, |columns, (sums, room)| {
+            let (mut sum, mut squares) = sums.split_rows(1);
+            for start in (0..x.rows()).step_by(near) {
+                let rows = x.row_range(start..(start + near).min(x.rows()));
+                let mut y = MatMut::new(room, rows.rows(), columns.len())?;
+                let first = &self.convolutions[0];
+                first.apply_here(cx, Ready::Float(rows), None, columns.clone(), Epilogue::STORE, y.reborrow())?;
+                channel_sums(cx.isa, y.dense(), sum.row_mut(0), squares.row_mut(0))?;
+            }
+            Ok(())
+        })
     }
 
     /// The features of block `block` of a stream's new samples, whose statistics are up to date: `features [n, hidden]` are
@@ -337,8 +356,7 @@ impl Hubert {
         let Some(features) = features.chunks_mut(BLOCK * hidden).nth(block) else { return Ok(()) };
         let start = block * BLOCK * hop;
         let end = start + (features.len() / hidden - 1) * hop + self.sizes.receptive_field();
-        let rows = self.first(cx, &heard[start..end], &mut scratch.even)?;
-        self.rest(cx, statistics, scratch, rows, features)
+        self.convolve(cx, statistics, scratch, &heard[start..end], features)
     }
 
     /// Blocks that so many features are extracted in.
@@ -364,8 +382,7 @@ impl Hubert {
         if features.is_empty() {
             return Ok(());
         }
-        let rows = self.first(cx, silence, &mut scratch.even)?;
-        self.rest(cx, statistics, scratch, rows, &mut features[..hidden])?;
+        self.convolve(cx, statistics, scratch, silence, &mut features[..hidden])?;
         let (silent, others) = features.split_at_mut(hidden);
         others.chunks_exact_mut(hidden).for_each(|row| row.copy_from_slice(silent));
         Ok(())
@@ -392,33 +409,33 @@ impl Hubert {
         Ok(())
     }
 
-    /// The first convolution of raw samples; its number of rows.
-    fn first(&self, cx: Compute, samples: &[f32], y: &mut [f32]) -> Result<usize, StepError> {
-        let (kernel, stride) = (self.sizes.conv_kernel[0], self.sizes.conv_stride[0]);
-        let rows = outputs(samples.len(), kernel, stride);
-        let x = Mat::with_stride(samples, rows, kernel, stride)?;
-        let (first, dim) = (&self.convolutions[0], self.sizes.conv_dim[0]);
-        first.apply(cx, Ready::Float(x), None, 0..dim, Epilogue::STORE, MatMut::new(y, rows, dim)?)?;
-        Ok(rows)
-    }
-
-    /// From the first convolution's `rows` in `scratch.even` to projected features.
-    fn rest(
+    /// From raw samples to projected features.
+    fn convolve(
         &self,
         cx: Compute,
         statistics: &Statistics,
         scratch: &mut Scratch,
-        rows: usize,
+        samples: &[f32],
         features: &mut [f32],
     ) -> Result<(), StepError> {
-        let (sizes, mut rows, mut dim) = (&self.sizes, rows, self.sizes.conv_dim[0]);
+        let (sizes, mut dim) = (&self.sizes, self.sizes.conv_dim[0]);
         self.group_norm(statistics, &mut scratch.scale, &mut scratch.shift);
-        let (scale, shift) = (&scratch.scale, &scratch.shift);
-        let normed = MatMut::new(&mut scratch.even, rows, dim)?;
-        cx.team.rows(normed, rows * dim * ELEMENT_WORK, |_, mut x| {
-            channel_affine(cx.isa, x.reborrow(), scale, shift)?;
-            for t in 0..x.rows() {
-                activation::apply(cx.isa, Activation::Gelu, x.row_mut(t));
+        let (scale, shift, first) = (&scratch.scale, &scratch.shift, &self.convolutions[0]);
+        let (kernel, stride) = (sizes.conv_kernel[0], sizes.conv_stride[0]);
+        let mut rows = outputs(samples.len(), kernel, stride);
+        let waves = Mat::with_stride(samples, rows, kernel, stride)?;
+        let work = rows * dim * (kernel + 2 * ELEMENT_WORK);
+        // Some outputs at a time, normed while they are in cache.
+        cx.team.rows(MatMut::new(&mut scratch.even, rows, dim)?, work, |range, mut all| {
+            for start in range.clone().step_by(NEAR) {
+                let (mut x, rest) = all.split_rows(NEAR.min(range.end - start));
+                let waves = Ready::Float(waves.row_range(start..start + x.rows()));
+                first.apply_here(cx, waves, None, 0..dim, Epilogue::STORE, x.reborrow())?;
+                channel_affine(cx.isa, x.reborrow(), scale, shift)?;
+                for t in 0..x.rows() {
+                    activation::apply(cx.isa, Activation::Gelu, x.row_mut(t));
+                }
+                all = rest;
             }
             Ok(())
         })?;
@@ -558,15 +575,4 @@ impl Hubert {
             Ok(())
         })
     }
-}
-
-/// Adds outputs of the first convolution to the statistics, each thread its own channels.
-fn count(cx: Compute, statistics: &mut Statistics, rows: Mat<f32>) -> Result<(), StepError> {
-    statistics.outputs += rows.rows();
-    let channels = rows.cols();
-    let sums = MatMut::new(&mut statistics.channels, 2, channels)?;
-    cx.team.columns(sums, PANEL, rows.rows() * channels * ELEMENT_WORK, |columns, sums| {
-        let (mut sum, mut squares) = sums.split_rows(1);
-        Ok(channel_sums(cx.isa, rows.columns(columns), sum.row_mut(0), squares.row_mut(0))?)
-    })
 }
