@@ -8,9 +8,9 @@ use umo_core::lm::{Lengths, Lm, LmScratch};
 use umo_core::weights::{AlignedBox, Loader};
 use umo_core::{Compute, Config, ModelFile, Part, PerPart, Precision};
 use umo_kernels::activation::argmax;
-use umo_kernels::{Isa, Mat, peak};
+use umo_kernels::{Mat, peak};
 
-use crate::{READ_BYTES, Random};
+use crate::{READ_BYTES, Random, isa};
 
 /// Encoder tokens.
 pub const TOKENS: usize = 256;
@@ -40,7 +40,7 @@ impl Language {
         let config = file.config().clone();
         let lengths = Lengths { encoder: TOKENS, decoder: Lengths::of(&config).decoder };
         let mut random = Random::new(4);
-        let lm = Lm::load(&Loader::new(file, Precision::Stored, Isa::detect()), lengths).expect(OK);
+        let lm = Lm::load(&Loader::new(file, Precision::Stored, isa()), lengths).expect(OK);
         let id = |_| u32::try_from(random.below(config.vocab.size)).expect("an id is small");
         Self {
             lengths,
@@ -123,7 +123,7 @@ impl Audio {
     pub fn load(file: &ModelFile) -> Self {
         let mut random = Random::new(5);
         Self {
-            tokenizer: Tokenizer::load(&Loader::new(file, Precision::Stored, Isa::detect())).expect(OK),
+            tokenizer: Tokenizer::load(&Loader::new(file, Precision::Stored, isa())).expect(OK),
             samples: (0..SECONDS * file.config().audio.sample_rate).map(|_| 0.1 * random.unit()).collect(),
         }
     }

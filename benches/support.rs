@@ -59,9 +59,15 @@ pub fn is_test() -> bool {
     std::env::args().any(|arg| arg == "--test")
 }
 
+/// The back-end that `UMO_ISA` names, or the fastest.
+pub fn isa() -> Isa {
+    let Ok(name) = std::env::var("UMO_ISA") else { return Isa::detect() };
+    Isa::from_name(&name).unwrap_or_else(|| panic!("UMO_ISA: this processor does not have {name}"))
+}
+
 /// What the processor can do with so many threads, unless benches run as tests.
 pub fn machine(threads: usize) -> Option<Machine> {
-    (!is_test()).then(|| Machine::measure(threads, Isa::detect(), READ_BYTES))
+    (!is_test()).then(|| Machine::measure(threads, isa(), READ_BYTES))
 }
 
 /// The model at `UMO_BENCH_MODEL`, or a random one of int8 weights: of base size, or small where benches run as tests.

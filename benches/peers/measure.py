@@ -1,7 +1,7 @@
 """Times us beside the peers, side by side in turn, and writes a row for each pair to benches/results/<cpu>.csv.
 
 `run` calls it; `--only` runs one group of measurements, whose rows then replace those of the same name in the file, and
-`--table` measures nothing and puts the file into docs/performance.md.
+`--table` measures nothing and puts the files of all processors into docs/performance.md.
 """
 
 import argparse
@@ -205,14 +205,25 @@ def tables(rows):
     return "\n".join(lines)
 
 
-def document(rows, name):
-    """Puts the tables in their place in the documentation."""
-    path = ROOT / "docs" / "performance.md"
+def read(path):
+    if not path.exists():
+        return {}
+    with path.open(newline="") as file:
+        return {(r["what"], r["ours"], r["peer"], r["threads"]): r for r in csv.DictReader(file)}
+
+
+def document(paths):
+    """Puts the tables of each processor's file in their place in the documentation."""
+    page = ROOT / "docs" / "performance.md"
     begin, end = "<!-- made by benches/peers/run --table -->\n", "<!-- end -->"
-    before, rest = path.read_text().split(begin)
+    before, rest = page.read_text().split(begin)
     after = rest.split(end)[1]
-    versions = ", ".join(sorted({f"umo {row['version']} on {row['date']}" for row in rows}))
-    path.write_text(f"{before}{begin}`{name}`: {versions}.\n\n{tables(rows)}\n{end}{after}")
+    parts = []
+    for path in paths:
+        rows = list(read(path).values())
+        versions = ", ".join(sorted({f"umo {row['version']} on {row['date']}" for row in rows}))
+        parts.append(f"`{path.name}`: {versions}.\n\n{tables(rows)}\n")
+    page.write_text(begin.join([before, "\n".join(parts) + end + after]))
 
 
 def main():
@@ -231,14 +242,9 @@ def main():
     parser.add_argument("--table", action="store_true")
     arguments = parser.parse_args()
     path = HERE.parent / "results" / f"{cpu()}.csv"
-    rows = {}
-    if path.exists():
-        with path.open(newline="") as file:
-            rows = {(r["what"], r["ours"], r["peer"], r["threads"]): r for r in csv.DictReader(file)}
     if arguments.table:
-        return document(list(rows.values()), path.name)
-    if not arguments.only:
-        rows = {}
+        return document(sorted(path.parent.glob("*.csv")))
+    rows = read(path) if arguments.only else {}
     side = Side(TARGET / "release" / "parts")
     side.wait()
     isa = side.ask("isa", "int8", 1, 0)

@@ -3,17 +3,17 @@
 //! After `ready`, each line `part kind threads repetitions` is answered by the milliseconds of as many calls, as `peer.py` answers; `kind`
 //! is what the model's file has, int8. `floor` instead of repetitions is answered by the milliseconds that the part must take
 //! at the peaks of this processor, which are measured anew for that. `reading` reads as many bytes as a step must. Other questions in place of a part: `peaks` for people to
-//! read, `f32` for GMAC/s in single precision, `isa` for the back-end in use.
+//! read, `f32` for GMAC/s in single precision, `isa` for the back-end in use, which
+//! `UMO_ISA` names where it shall not be the fastest.
 
 use std::collections::BTreeMap;
 use std::io::BufRead;
 use std::time::Instant;
 
-use umo_benches::machine;
+use umo_benches::{isa, machine};
 use umo_benches::parts::{Audio, Language, Reading, TOKENS};
 use umo_core::floor::{self, Floor, Stored};
 use umo_core::{Compute, Config, Team};
-use umo_kernels::Isa;
 
 fn main() {
     let file = umo_benches::model();
@@ -27,11 +27,11 @@ fn main() {
         let [part, "int8", count, repetitions] = words[..] else { panic!("unknown: {line}") };
         let count: usize = count.parse().expect("a number of threads");
         if part == "isa" {
-            println!("{}", Isa::detect().name());
+            println!("{}", isa().name());
             continue;
         }
         if part == "f32" {
-            println!("{:.4}", floor::f32(count, Isa::detect()).unwrap_or(f64::INFINITY) / 1e9);
+            println!("{:.4}", floor::f32(count, isa()).unwrap_or(f64::INFINITY) / 1e9);
             continue;
         }
         let measure = || machine(count).expect("this is no test");
@@ -45,7 +45,7 @@ fn main() {
             continue;
         }
         let team = teams.entry(count).or_insert_with(|| Team::new(count).expect("threads can be started"));
-        let cx = Compute { isa: Isa::detect(), team };
+        let cx = Compute { isa: isa(), team };
         let mut call = || match part {
             "encoder" => language.encode(cx),
             "step" => language.step(cx),
