@@ -147,8 +147,8 @@ def attentions(isa):
             floor = 2 * queries * keys * attention.HEADS * attention.HEAD_DIM / macs_per_ms
             what = f"attention; {name}; {queries} x {keys} x {attention.HEADS} heads"
             medians = [times[1] / 1e3 for times in (our_times, fused)]
-            # With factors in bf16, tiles are the limit: 16 times what registers of f32 multiply.
-            floor /= 16 if mine == "bf16" and isa == "amx" else 1
+            # With factors in bf16, tiles are the limit, 16 times what registers of f32 multiply, or pairs, twice as much.
+            floor /= {"amx": 16, "avx512bf16": 2}.get(isa, 1) if mine == "bf16" else 1
             yield what, f"{mine} {isa}", f"PyTorch {torch.__version__} {theirs}", threads, *medians, floor
     ours.close()
 
