@@ -76,7 +76,7 @@ pub fn matmul_gated_bf16(
     Ok(())
 }
 
-/// Rows as tiles take them: each value rounded ([`crate::bf16::round_bf16`]), or cut in two ([`split`]).
+/// Rows as products of bf16 take them: each value rounded ([`crate::bf16::round_bf16`]), or cut in two ([`split`]).
 #[derive(Clone, Copy, Debug)]
 pub struct Bf16Rows<'a> {
     /// The values, or their high parts.
@@ -116,7 +116,7 @@ pub fn split(isa: Isa, x: &[f32], high: &mut [Bf16], low: &mut [Bf16]) -> Result
     expect_len("low", x.len(), low.len())?;
     match isa.0 {
         Backend::Scalar => scalar::split(x, high, low),
-        // Only tiles take such rows: the others have no use for a faster way to make them.
+        // Only tiles gain by such rows: the others have no use for a faster way to make them.
         #[cfg(target_arch = "x86_64")]
         Backend::Avx2 | Backend::Avx512Vnni | Backend::Avx512Bf16 => scalar::split(x, high, low),
         #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
@@ -129,8 +129,9 @@ pub fn split(isa: Isa, x: &[f32], high: &mut [Bf16], low: &mut [Bf16]) -> Result
 /// [`matmul_bf16`] of rows that are bf16 already, for rows that overlap or that several threads read. Of rows that were cut
 /// in two it has, on `amx`, the bits of the product of the rows as they were.
 ///
-/// Shapes, numerics: as [`matmul_bf16`], of the values that the rows have; back-ends without tiles put rows together again,
-/// and are slow.
+/// Shapes, numerics: as [`matmul_bf16`], of the values that the rows have. `avx512bf16` adds rounded rows' products pair by pair, the
+/// second of each first, and takes what is below `2^-126` for zero. Other back-ends without tiles, and it with rows that were cut in
+/// two, put rows together again, and are slow.
 ///
 /// # Errors
 /// [`ShapeError`] naming the argument whose length disagrees.

@@ -369,3 +369,23 @@ pub extern "C" fn umo_model_free(model: *mut UmoModel) -> UmoStatus {
         Ok(())
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// No cap lets through what it does not name, and the highest lets everything through.
+    #[test]
+    fn a_cap_is_the_fastest_that_is_allowed() {
+        let name = |number| isa(number).map(Isa::name).expect("a cap");
+        assert_eq!(name(UMO_ISA_SCALAR), "scalar");
+        assert!(["scalar", "avx2"].contains(&name(UMO_ISA_AVX2)));
+        assert!(["scalar", "avx2", "avx512vnni"].contains(&name(UMO_ISA_AVX512VNNI)));
+        assert_ne!(name(UMO_ISA_AVX512BF16), "amx");
+        assert_eq!(name(UMO_ISA_AMX), Isa::detect().name());
+        assert_eq!(name(UMO_ISA_BEST), Isa::detect().name());
+        for number in [6, 7, u32::MAX] {
+            assert!(isa(number).is_err(), "{number}");
+        }
+    }
+}

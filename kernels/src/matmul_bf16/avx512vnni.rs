@@ -1,7 +1,6 @@
 //! The f32 product's loops over weights that are widened as they are loaded.
 //!
-//! Not `vdpbf16ps`: it multiplies half as many pairs per cycle as `vfmadd231ps` does on the processors measured, and
-//! rounds in another way.
+//! Not `vdpbf16ps`, which needs rounded inputs, and on Intel's processors does half as many multiply-adds per cycle as `vfmadd231ps`.
 
 use crate::bf16::Bf16;
 use crate::mat::MatMut;

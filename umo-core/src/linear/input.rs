@@ -12,7 +12,7 @@ use crate::error::StepError;
 use crate::team::{MAX_PIECES, both};
 use crate::weights::AlignedBox;
 
-/// Activations as tiles for bf16 take them.
+/// Activations as products of bf16 take them.
 #[derive(Clone, Copy, Debug)]
 pub struct Bf16Values<'a> {
     /// The values rounded, or their high parts.
@@ -41,7 +41,7 @@ impl<'a> Bf16Values<'a> {
 pub struct QuantScratch {
     steps: AlignedBox<i8>,
     scale: Box<[f32]>,
-    /// Values as tiles for bf16 take them: rounded, or their high parts; and low parts. Or nothing.
+    /// Values as products of bf16 take them: rounded, or their high parts; and low parts. Or nothing.
     parts: [AlignedBox<Bf16>; 2],
     /// The largest size of a value in each row, `[pieces, rows]`, or nothing.
     largest: AlignedBox<f32>,
