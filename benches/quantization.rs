@@ -28,7 +28,7 @@ use umo_core::weights::layout::{self, Kind, Spec};
 use umo_core::weights::writer::{self, NewTensor, Storage, Values};
 use umo_core::{Compute, Config, ModelFile, Part, PerPart, Precision, Team};
 use umo_kernels::pack::quantize_weight_row;
-use umo_kernels::{Bf16, Isa, Mat};
+use umo_kernels::{Bf16, Mat};
 
 type Done = Result<(), Box<dyn Error>>;
 
@@ -224,7 +224,7 @@ fn agreement(models: &[&str]) -> Done {
             _ => (*model, if i == 0 { Precision::F32 } else { Precision::Stored }),
         };
         let file = open(model)?;
-        let loader = Loader::new(&file, precision, Isa::detect());
+        let loader = Loader::new(&file, precision, umo_benches::isa());
         let config = file.config();
         let answers = answer(&loader, &team)?;
         let name = Path::new(model).file_stem().unwrap_or_default().display();
@@ -258,7 +258,7 @@ fn share<T: PartialEq>(a: &[T], b: &[T]) -> f64 {
 }
 
 fn answer(loader: &Loader, team: &Team) -> Result<Answers, Box<dyn Error>> {
-    let (config, cx) = (loader.file().config(), Compute { isa: Isa::detect(), team });
+    let (config, cx) = (loader.file().config(), Compute { isa: umo_benches::isa(), team });
     let lengths = Lengths::of(config);
     let lm = Lm::load(loader, lengths)?;
     let mut scratch = LmScratch::new(config, lengths.encoder.max(lengths.decoder));
@@ -330,9 +330,9 @@ fn units(models: &[&str], wav: &str) -> Done {
     println!("| --- | --- | --- |");
     for model in models {
         let file = open(model)?;
-        let tokenizer = Tokenizer::load(&Loader::new(&file, Precision::Stored, Isa::detect()))?;
+        let tokenizer = Tokenizer::load(&Loader::new(&file, Precision::Stored, umo_benches::isa()))?;
         let samples = resample::to_rate(&wav.mono(), wav.sample_rate as usize, file.config().audio.sample_rate)?;
-        let (features, units) = tokenizer.features(Compute { isa: Isa::detect(), team: &team }, &samples)?;
+        let (features, units) = tokenizer.features(Compute { isa: umo_benches::isa(), team: &team }, &samples)?;
         let name = Path::new(model).file_stem().unwrap_or_default().display();
         let (f, u) = first.get_or_insert_with(|| (features.clone(), units.clone()));
         let error = relative(f.iter().zip(&features).map(|(&a, &b)| (f64::from(a), f64::from(b))));
