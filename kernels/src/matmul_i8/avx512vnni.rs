@@ -134,11 +134,15 @@ fn run(x: QuantInput, job: &Job, y: MatMut<f32>) {
 fn product<const TILE: usize>(x: QuantInput, job: &Job, mut y: MatMut<f32>) {
     let mut steps = [[[0; QUAD]; QUADS + BYTES / QUAD]; TILE];
     let mut sums = [[0.0; PANEL]; SUMS];
-    // A multiple of the panels that any tile takes at once, and of gated pairs of them.
-    let width = (CHUNK_BYTES / (PANEL * job.k().max(1)) / 12).max(1) * 12;
+    let (rows, panel_bytes) = (x.rows.rows(), PANEL * job.k().max(1));
+    let count = rows.div_ceil(TILE);
+    // A multiple of the panels that any tile takes at once, and of gated pairs of them. Tiles of few rows take four, which 6 is not,
+    // but where there are several tiles they have more.
+    let granule = if count > 1 && 12 * panel_bytes > CHUNK_BYTES { 6 } else { 12 };
+    let width = (CHUNK_BYTES / panel_bytes / granule).max(1) * granule;
     for first in (0..job.slots()).step_by(width) {
-        let mut chunk = Chunk::new(job, first, width, x.rows.rows(), x.rows.rows().div_ceil(TILE));
-        for (t, rows) in tiles(x.rows.rows(), TILE) {
+        let mut chunk = Chunk::new(job, first, width, rows, count);
+        for (t, rows) in tiles(rows, TILE) {
             let steps = &mut steps[..rows];
             convert(&x, t, 0, steps);
             match rows {
