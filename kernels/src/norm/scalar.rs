@@ -4,6 +4,9 @@
 use crate::lanes::sum_of;
 use crate::mat::{Mat, MatMut};
 
+/// Channels whose sums stay in registers while time goes by.
+const CHANNELS: usize = 16;
+
 #[expect(clippy::cast_precision_loss, reason = "row lengths are far below 2^24")]
 #[inline(always)]
 pub(super) fn rms_norm(x: Mat<f32>, weight: &[f32], eps: f32, mut y: MatMut<f32>) {
@@ -33,12 +36,27 @@ pub(super) fn layer_norm(x: Mat<f32>, weight: &[f32], bias: &[f32], eps: f32, mu
 
 #[inline(always)]
 pub(super) fn channel_sums(x: Mat<f32>, sum: &mut [f64], squares: &mut [f64]) {
-    for t in 0..x.rows() {
-        for ((&x, sum), squares) in x.row(t).iter().zip(sum.iter_mut()).zip(squares.iter_mut()) {
-            let x = f64::from(x);
-            *sum += x;
-            *squares += x * x;
+    let ((sums, sums_tail), (squares, squares_tail)) = (sum.as_chunks_mut(), squares.as_chunks_mut());
+    for (c, (sum, squares)) in sums.iter_mut().zip(squares).enumerate() {
+        let mut now: ([f64; CHANNELS], [f64; CHANNELS]) = (*sum, *squares);
+        for t in 0..x.rows() {
+            add(&x.row(t)[c * CHANNELS..][..CHANNELS], &mut now.0, &mut now.1);
         }
+        (*sum, *squares) = now;
+    }
+    let rest = x.cols() - sums_tail.len();
+    for t in 0..x.rows() {
+        add(&x.row(t)[rest..], sums_tail, squares_tail);
+    }
+}
+
+/// Adds one moment.
+#[inline(always)]
+fn add(x: &[f32], sum: &mut [f64], squares: &mut [f64]) {
+    for ((&x, sum), squares) in x.iter().zip(sum).zip(squares) {
+        let x = f64::from(x);
+        *sum += x;
+        *squares += x * x;
     }
 }
 
