@@ -1,5 +1,6 @@
 //! Times HuBERT's convolutions as products of rows that overlap, with weights in bfloat16, and inputs rounded to it or cut in two:
-//! microseconds, the fastest of many, and GMAC/s, of which the products of both parts count. One thread.
+//! microseconds, the fastest of many, and GMAC/s, of which the products of both parts count. One thread, the fastest back-end, as far as
+//! it multiplies such rows faster than f32; by pairs also what they give from registers.
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -7,7 +8,7 @@ use std::time::Instant;
 use umo_kernels::matmul_bf16::{Bf16Rows, matmul_bf16_rows};
 use umo_kernels::matmul_f32::{Activation, Epilogue};
 use umo_kernels::pack::{pack_bf16, packed_len_bf16};
-use umo_kernels::{Bf16, Isa, Mat, MatMut, PackedBf16};
+use umo_kernels::{Bf16, Isa, Mat, MatMut, PackedBf16, peak};
 
 /// Rows, outputs, inputs, and elements from row to row: half a convolution of three steps, of two, and a group of the position's.
 const SHAPES: [[usize; 4]; 3] = [[512, 256, 1536, 1024], [512, 256, 1024, 1024], [149, 48, 6144, 48]];
@@ -39,6 +40,13 @@ fn fastest(mut call: impl FnMut()) -> f64 {
 
 fn main() {
     let isa = Isa::detect();
+    const ROUNDS: usize = 100_000;
+    if let Some(macs) = peak::pairs(isa, ROUNDS) {
+        let us = fastest(|| {
+            peak::pairs(isa, black_box(ROUNDS));
+        });
+        println!("registers/{}: {:.0} GMAC/s", isa.name(), macs as f64 / us / 1e3);
+    }
     for [m, n, k, stride] in SHAPES {
         let mut x = [(); 2].map(|()| lines((m - 1) * stride + k));
         let [high, low] = x.each_mut().map(|part| Mat::with_stride(values(part), m, k, stride).expect("sized above"));
@@ -48,7 +56,9 @@ fn main() {
         let w = PackedBf16::new(packed, n, k).expect("sized above");
         let mut y = vec![0.0; m * n];
         let split = Bf16Rows::split(high, low).expect("parts are alike");
-        for (name, rows, parts) in [("rounded", Bf16Rows::rounded(high), 1), ("cut in two", split, 2)] {
+        let kinds =
+            [("rounded", Bf16Rows::rounded(high), 1, isa.multiplies_bf16()), ("cut in two", split, 2, isa.has_tiles())];
+        for (name, rows, parts, _) in kinds.into_iter().filter(|(.., pays)| *pays) {
             for (end, suffix) in [(Epilogue::STORE, ""), (Epilogue::STORE.then(Activation::Gelu), " and GELU")] {
                 let us = fastest(|| {
                     let y = MatMut::new(black_box(&mut y), m, n).expect("sized above");

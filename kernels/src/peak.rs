@@ -8,6 +8,8 @@ mod amx;
 #[cfg(target_arch = "x86_64")]
 mod avx2;
 #[cfg(target_arch = "x86_64")]
+mod avx512bf16;
+#[cfg(target_arch = "x86_64")]
 mod avx512vnni;
 
 use core::hint::black_box;
@@ -45,6 +47,20 @@ pub fn f32(isa: Isa, rounds: usize) -> Option<usize> {
         // SAFETY: `Isa` holds `Amx` only where all of AVX-512 that `avx512vnni` enables was detected too.
         #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
         Backend::Amx => Some(unsafe { avx512vnni::f32(rounds) }),
+    }
+}
+
+/// Multiply-adds of pairs of bfloat16 with f32 sums, from registers alone: returns how many were done in so many rounds of the
+/// instruction; none where the back-end has none, as where tiles take its place.
+pub fn pairs(isa: Isa, rounds: usize) -> Option<usize> {
+    match isa.0 {
+        // SAFETY: `Isa` holds `Avx512Bf16` only after detection of "avx512bf16" and of AVX-512.
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx512Bf16 => Some(unsafe { avx512bf16::pairs(rounds) }),
+        _ => {
+            let _ = rounds;
+            None
+        }
     }
 }
 

@@ -10,7 +10,7 @@ use super::{STREAM, STREAMS, ahead};
 use crate::prefetch;
 
 /// Independent sums: far more than an instruction's delay, and with two operands fewer than 32 registers.
-const SUMS: usize = 24;
+pub(super) const SUMS: usize = 24;
 
 /// `vpdpbusd`.
 #[target_feature(enable = "avx512f,avx512vnni")]

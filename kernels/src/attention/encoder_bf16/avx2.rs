@@ -1,6 +1,6 @@
 //! As `avx512vnni.rs`, in registers of 8 lanes: 2 queries x 16 keys or columns are 4 registers each.
 
-use super::loops::loops;
+use super::loops::{loops, one_value_a_lane};
 use super::{KEYS, LEAST, POWER, STEP, Softmax};
 use crate::attention::Operands;
 use crate::attention::avx2::transpose;
@@ -13,30 +13,8 @@ use core::arch::x86_64::*;
 /// Queries at once.
 const QUERIES: usize = 2;
 
-/// Values of a lane.
-const JOINED: usize = 1;
-
+one_value_a_lane!("avx2,fma");
 loops!("avx2,fma");
-
-/// A lane holds one value.
-#[inline]
-#[target_feature(enable = "avx2,fma")]
-fn join(value: Register, _: Register) -> Register {
-    value
-}
-
-#[inline]
-#[target_feature(enable = "avx2,fma")]
-fn joined_in_place(values: Register) -> Register {
-    values
-}
-
-/// `sum + x * w`.
-#[inline]
-#[target_feature(enable = "avx2,fma")]
-fn multiply_add(x: Register, w: Register, sum: Register) -> Register {
-    fmadd(x, w, sum)
-}
 
 /// The nearest bfloat16, ties to even; denormals are 0.
 #[inline]

@@ -1,6 +1,6 @@
 //! 4 queries x 32 keys, or 32 columns, are 8 registers of even products, of odd ones, and of what was summed before.
 
-use super::loops::loops;
+use super::loops::{loops, one_value_a_lane};
 use super::{KEYS, LEAST, POWER, STEP, Softmax};
 use crate::attention::Operands;
 use crate::attention::avx512vnni::transpose;
@@ -13,30 +13,8 @@ use core::arch::x86_64::*;
 /// Queries at once.
 const QUERIES: usize = 4;
 
-/// Values of a lane.
-const JOINED: usize = 1;
-
+one_value_a_lane!("avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni");
 loops!("avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni");
-
-/// A lane holds one value.
-#[inline]
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn join(value: Register, _: Register) -> Register {
-    value
-}
-
-#[inline]
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn joined_in_place(values: Register) -> Register {
-    values
-}
-
-/// `sum + x * w`.
-#[inline]
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn multiply_add(x: Register, w: Register, sum: Register) -> Register {
-    fmadd(x, w, sum)
-}
 
 /// The nearest bfloat16, ties to even; denormals are 0.
 #[inline]

@@ -287,4 +287,29 @@ macro_rules! loops {
     };
 }
 
-pub(super) use loops;
+/// What [`loops`] asks of a module whose registers hold one value of a factor in each lane.
+macro_rules! one_value_a_lane {
+    ($features:literal) => {
+        const JOINED: usize = 1;
+
+        #[inline]
+        #[target_feature(enable = $features)]
+        fn join(value: Register, _: Register) -> Register {
+            value
+        }
+
+        #[inline]
+        #[target_feature(enable = $features)]
+        fn joined_in_place(values: Register) -> Register {
+            values
+        }
+
+        #[inline]
+        #[target_feature(enable = $features)]
+        fn multiply_add(x: Register, w: Register, sum: Register) -> Register {
+            fmadd(x, w, sum)
+        }
+    };
+}
+
+pub(super) use {loops, one_value_a_lane};

@@ -3,126 +3,17 @@
 //! the rows beside it nor on how the outputs are cut.
 #![expect(clippy::cast_possible_truncation, reason = "sizes of cases are far below 2^32")]
 
+mod bf16;
+mod support;
+
 use proptest::prelude::*;
-use umo_kernels::matmul_bf16::{Bf16Rows, matmul_bf16, matmul_bf16_rows, matmul_gated_bf16, split};
+use umo_kernels::matmul_bf16::{matmul_bf16, matmul_gated_bf16};
 use umo_kernels::matmul_f32::{Activation, Epilogue, Input, Scatter, matmul_f32, matmul_gated_f32};
 use umo_kernels::matmul_i8::{MAX_K, QuantRows, matmul_gated_i8, matmul_i8};
 use umo_kernels::pack::{PANEL, pack, pack_bf16, pack_i8, packed_len, packed_len_bf16, packed_len_i8};
 use umo_kernels::{Bf16, Isa, Mat, MatMut, PackedBf16, PackedF32, PackedI8};
 
-/// Elements on either side of an output that nothing may touch.
-const GUARD: usize = 64;
-const CANARY: f32 = f32::from_bits(0x7fc5_a5a5);
-
-/// The back-end of this name; `None`, said aloud, where the processor lacks it, and a failure where the environment
-/// says that it must not.
-fn isa(name: &str) -> Option<Isa> {
-    let found = Isa::from_name(name);
-    if found.is_none() {
-        let required = std::env::var("UMO_TEST_REQUIRE").unwrap_or_default();
-        assert!(!required.split(',').any(|required| required == name), "this processor lacks the required {name}");
-        println!("SKIPPED: this processor lacks {name}");
-    }
-    found
-}
-
-macro_rules! for_each_isa {
-    ($check:ident => $($isa:ident),+) => {
-        mod $check {
-            $(#[test]
-            fn $isa() {
-                if let Some(isa) = super::isa(stringify!($isa)) {
-                    super::$check(isa);
-                }
-            })+
-        }
-    };
-}
-
-/// Values at `offset` elements from wherever the allocator put them.
-#[derive(Clone)]
-struct Shifted<T> {
-    data: Vec<T>,
-    offset: usize,
-}
-
-impl<T: Copy + Default> Shifted<T> {
-    fn new(values: &[T], offset: usize) -> Self {
-        let mut data = vec![T::default(); offset];
-        data.extend_from_slice(values);
-        Self { data, offset }
-    }
-
-    fn get(&self) -> &[T] {
-        &self.data[self.offset..]
-    }
-}
-
-/// An output between canaries, and rows further apart than they are long.
-struct Guarded {
-    data: Vec<f32>,
-    start: usize,
-    shape: (usize, usize, usize),
-}
-
-impl Guarded {
-    fn new(rows: usize, cols: usize, gap: usize, offset: usize, old: f32) -> Self {
-        let (stride, start) = (cols + gap, GUARD + offset);
-        let mut data = vec![CANARY; start + rows * stride + GUARD];
-        for row in 0..rows {
-            data[start + row * stride..][..cols].fill(old);
-        }
-        Self { data, start, shape: (rows, cols, stride) }
-    }
-
-    fn view(&mut self) -> MatMut<'_, f32> {
-        let (rows, cols, stride) = self.shape;
-        let end = self.data.len() - GUARD;
-        MatMut::with_stride(&mut self.data[self.start..end], rows, cols, stride).unwrap()
-    }
-
-    /// Bits of the rows, after a look at every canary.
-    fn bits(&self) -> Vec<Vec<u32>> {
-        let (rows, cols, stride) = self.shape;
-        let inside = |i: usize| i >= self.start && i < self.start + rows * stride && (i - self.start) % stride < cols;
-        for (i, value) in self.data.iter().enumerate() {
-            assert!(inside(i) || value.to_bits() == CANARY.to_bits(), "canary {i} overwritten");
-        }
-        (0..rows)
-            .map(|row| self.data[self.start + row * stride..][..cols].iter().map(|v| v.to_bits()).collect())
-            .collect()
-    }
-}
-
-/// Numbers from a counter, so that a case is small to print: splitmix64.
-struct Numbers(u64);
-
-impl Numbers {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
-    fn below(&mut self, n: usize) -> usize {
-        (self.next() % n as u64) as usize
-    }
-
-    fn step(&mut self) -> i8 {
-        (self.next() >> 56) as u8 as i8
-    }
-
-    /// An integer of at most 16.
-    fn integer(&mut self) -> f32 {
-        self.below(33) as f32 - 16.0
-    }
-
-    fn real(&mut self) -> f32 {
-        (self.next() >> 40) as f32 / (1 << 23) as f32 - 1.0
-    }
-}
+use support::{Guarded, Numbers, Shifted, config, for_each_isa, isa, near};
 
 #[derive(Clone, Copy, Debug)]
 enum Fill {
@@ -145,11 +36,6 @@ struct Case {
     add: bool,
     activation: Activation,
     fill: Fill,
-}
-
-/// `count * tile + {-1, 0, 1}`.
-fn near(tile: usize, most: usize) -> impl Strategy<Value = usize> {
-    (0..=most, 0_usize..3).prop_map(move |(count, around)| (count * tile + around).saturating_sub(1))
 }
 
 fn activation() -> impl Strategy<Value = Activation> {
@@ -329,10 +215,6 @@ impl Operands {
     }
 }
 
-fn config(cases: u32) -> ProptestConfig {
-    ProptestConfig { cases, failure_persistence: None, ..ProptestConfig::default() }
-}
-
 /// int8 on any values, floats on integers: all bits, with every end.
 fn products_match_scalar(isa: Isa) {
     proptest!(config(256), |(case in case())| {
@@ -469,136 +351,6 @@ fn rows_and_outputs_stand_alone(isa: Isa) {
     });
 }
 
-/// An infinity and what is no number reach the outputs of their own row alone; the largest number is no infinity.
-fn bf16_products_carry_what_is_not_finite(isa: Isa) {
-    const ROWS: usize = 5;
-    for (k, at) in [(1, 0), (33, 32), (70, 3)] {
-        let mut packed = vec![Bf16::default(); packed_len_bf16(3, k)];
-        let w: Vec<f32> = (0..3 * k).map(|i| [1.0, -2.0, 0.5][i / k]).collect();
-        pack_bf16(Mat::new(&w, 3, k).unwrap(), &mut packed).unwrap();
-        let mut x = vec![0.25; ROWS * k];
-        let smallest_nan = f32::from_bits(0x7f80_0001);
-        for (t, v) in [f32::INFINITY, f32::NEG_INFINITY, smallest_nan, f32::MAX].into_iter().enumerate() {
-            x[t * k + at] = v;
-        }
-        let (input, w) = (Input::all(Mat::new(&x, ROWS, k).unwrap()), PackedBf16::new(&packed, 3, k).unwrap());
-        let mut y = [0.0; ROWS * 3];
-        matmul_bf16(isa, input, w, Epilogue::STORE, MatMut::new(&mut y, ROWS, 3).unwrap()).unwrap();
-        let (y, _) = y.as_chunks::<3>();
-        assert_eq!(y[0], [f32::INFINITY, f32::NEG_INFINITY, f32::INFINITY], "{k}");
-        assert_eq!(y[1], [f32::NEG_INFINITY, f32::INFINITY, f32::NEG_INFINITY], "{k}");
-        assert!(y[2].iter().all(|v| v.is_nan()), "{k}: {:?}", y[2]);
-        let share = y[3][2] / f32::MAX;
-        assert!((share - 0.5).abs() <= 1.0 / 65536.0 && y[3][1] == f32::NEG_INFINITY, "{k}: {:?}", y[3]);
-        let sum = 0.25 * k as f32;
-        assert_eq!(y[4], [sum, -2.0 * sum, 0.5 * sum], "{k}");
-    }
-}
-
-/// Rows that are bf16 already, cut in two or rounded, overlapping or apart. Where there are tiles: any values, and the
-/// bits of the product of the rows as they were, or of what they were rounded to; elsewhere integers, whose sums are exact.
-fn rows_in_bf16_give_the_same(isa: Isa) {
-    // Of whole steps and others, some more than the steps that are cut at once.
-    let inputs = prop_oneof![4 => near(32, 4), 2 => (1_usize..4).prop_map(|steps| 32 * steps), 1 => 2047_usize..2082];
-    let shape = (0_usize..70, near(PANEL, 6), inputs, any::<u64>(), 0_usize..64);
-    proptest!(config(128), |((m, n, k, seed, offset) in shape, gap in prop_oneof![Just(-1_i8), Just(0), Just(1)])| {
-        let mut numbers = Numbers(seed);
-        let number = if isa.has_tiles() { Numbers::real } else { Numbers::integer };
-        let stride = match gap { -1 => k.div_ceil(2), 0 => k, _ => k + 3 };
-        let len = if m * k == 0 { 0 } else { (m - 1) * stride + k };
-        let x: Vec<f32> = (0..len).map(|_| number(&mut numbers)).collect();
-        let w: Vec<f32> = (0..n * k).map(|_| numbers.integer()).collect();
-        let mut packed = vec![Bf16::default(); packed_len_bf16(n, k)];
-        pack_bf16(Mat::new(&w, n, k).unwrap(), &mut packed).unwrap();
-        let w = PackedBf16::new(&packed, n, k).unwrap();
-
-        let nearest: Vec<Bf16> = x.iter().map(|&x| Bf16::from_f32(x)).collect();
-        let (mut high, mut low) = (vec![Bf16(0); len], vec![Bf16(0); len]);
-        split(isa, &x, &mut high, &mut low).unwrap();
-        for ((&x, high), low) in x.iter().zip(&high).zip(&low) {
-            let rest = f64::from(x) - f64::from(high.to_f32()) - f64::from(low.to_f32());
-            prop_assert!(rest.abs() <= f64::from(x.abs()) * f64::from(2.0_f32.powi(-16)) + f64::from(f32::MIN_POSITIVE));
-        }
-        let rounded: Vec<f32> = nearest.iter().map(|value| value.to_f32()).collect();
-        let parts = [(high, offset), (low, offset + 1), (nearest, offset)].map(|(part, at)| Shifted::new(&part, at));
-        let [high, low, nearest] = parts.each_ref().map(|part| Mat::with_stride(part.get(), m, k, stride).unwrap());
-        for (rows, whole) in [(Bf16Rows::split(high, low).unwrap(), &x), (Bf16Rows::rounded(nearest), &rounded)] {
-            let (mut y, mut want) = (Guarded::new(m, n, 1, offset, 3.0), Guarded::new(m, n, 1, offset, 3.0));
-            matmul_bf16_rows(isa, rows, w, Epilogue::ADD, y.view()).unwrap();
-            let whole = Input::all(Mat::with_stride(whole, m, k, stride).unwrap());
-            matmul_bf16(isa, whole, w, Epilogue::ADD, want.view()).unwrap();
-            prop_assert_eq!(y.bits(), want.bits());
-        }
-    });
-}
-
-/// Rows that were rounded, of any values: within the bound of their sums, the same alone and among others, and for any cut of
-/// the outputs.
-fn rounded_rows_stand_alone(isa: Isa) {
-    let shape = (1_usize..40, near(PANEL, 6), prop_oneof![near(8, 6), 2047_usize..2082], any::<u64>(), 0_usize..64);
-    proptest!(config(128), |((m, n, k, seed, offset) in shape, overlap in any::<bool>(), cut in 0_usize..7)| {
-        let mut numbers = Numbers(seed);
-        let stride = if overlap { k.div_ceil(3) } else { k + 1 };
-        let x: Vec<Bf16> = (0..(m - 1) * stride + k).map(|_| Bf16::from_f32(numbers.real())).collect();
-        let w: Vec<f32> = (0..n * k).map(|_| Bf16::from_f32(numbers.real()).to_f32()).collect();
-        let mut packed = vec![Bf16::default(); packed_len_bf16(n, k)];
-        pack_bf16(Mat::new(&w, n, k).unwrap(), &mut packed).unwrap();
-        let packed = PackedBf16::new(&packed, n, k).unwrap();
-        let shifted = Shifted::new(&x, offset);
-        let all = Mat::with_stride(shifted.get(), m, k, stride).unwrap();
-        let mut whole = Guarded::new(m, n, 1, offset, 3.0);
-        matmul_bf16_rows(isa, Bf16Rows::rounded(all), packed, Epilogue::STORE, whole.view()).unwrap();
-
-        for (t, row) in whole.bits().iter().enumerate() {
-            for (o, y) in row.iter().enumerate() {
-                let terms = all.row(t).iter().zip(&w[o * k..]).map(|(x, w)| f64::from(x.to_f32()) * f64::from(*w));
-                let (sum, size) = terms.fold((0.0, 0.0), |(sum, size), term| (sum + term, size + term.abs()));
-                let off = (f64::from(f32::from_bits(*y)) - sum).abs();
-                prop_assert!(off <= k as f64 * 2.0_f64.powi(-23) * size, "{off} where terms have {size}");
-            }
-        }
-
-        let mut alone = Guarded::new(m, n, 1, offset, 3.0);
-        for t in 0..m {
-            let (_, mut y) = alone.view().split_rows(t);
-            let row = Bf16Rows::rounded(all.row_range(t..t + 1));
-            matmul_bf16_rows(isa, row, packed, Epilogue::STORE, y.reborrow().split_rows(1).0).unwrap();
-        }
-        prop_assert_eq!(whole.bits(), alone.bits());
-        let mut pieces = Guarded::new(m, n, 1, offset, 3.0);
-        let cut = (cut * PANEL).min(n / PANEL * PANEL);
-        let (left, right) = pieces.view().split_columns(cut);
-        for (range, y) in [(0..cut, left), (cut..n, right)] {
-            matmul_bf16_rows(isa, Bf16Rows::rounded(all), packed.outputs(range), Epilogue::STORE, y).unwrap();
-        }
-        prop_assert_eq!(whole.bits(), pieces.bits());
-    });
-}
-
-/// As [`bf16_products_carry_what_is_not_finite`], of rows that were rounded.
-fn rounded_rows_carry_what_is_not_finite(isa: Isa) {
-    for (k, at) in [(1, 0), (33, 32), (70, 3)] {
-        let mut packed = vec![Bf16::default(); packed_len_bf16(2, k)];
-        let w: Vec<f32> = (0..2 * k).map(|i| [1.0, -2.0][i / k]).collect();
-        pack_bf16(Mat::new(&w, 2, k).unwrap(), &mut packed).unwrap();
-        let w = PackedBf16::new(&packed, 2, k).unwrap();
-        let mut x = vec![Bf16::from_f32(0.25); 4 * k];
-        for (t, v) in [f32::INFINITY, f32::NEG_INFINITY, f32::NAN].into_iter().enumerate() {
-            x[t * k + at] = Bf16::from_f32(v);
-        }
-        let mut y = [0.0; 8];
-        let rows = Bf16Rows::rounded(Mat::new(&x, 4, k).unwrap());
-        matmul_bf16_rows(isa, rows, w, Epilogue::STORE, MatMut::new(&mut y, 4, 2).unwrap()).unwrap();
-        assert_eq!(y[..4], [f32::INFINITY, f32::NEG_INFINITY, f32::NEG_INFINITY, f32::INFINITY], "{k}");
-        assert!(y[4..6].iter().all(|v| v.is_nan()), "{k}: {:?}", &y[4..6]);
-        assert_eq!(y[6..], [0.25 * k as f32, -0.5 * k as f32], "{k}");
-    }
-}
-
-for_each_isa!(rounded_rows_stand_alone => scalar, avx2, avx512vnni, avx512bf16, amx);
-for_each_isa!(rounded_rows_carry_what_is_not_finite => scalar, avx2, avx512vnni, avx512bf16, amx);
-for_each_isa!(rows_in_bf16_give_the_same => scalar, avx2, avx512vnni, avx512bf16, amx);
-for_each_isa!(bf16_products_carry_what_is_not_finite => scalar, avx2, avx512vnni, avx512bf16, amx);
 for_each_isa!(products_match_scalar => avx2, avx512vnni, avx512bf16, amx);
 for_each_isa!(int8_sums_are_exact => scalar, avx2, avx512vnni, avx512bf16, amx);
 for_each_isa!(int8_sums_reach_the_limit => scalar, avx2, avx512vnni, avx512bf16, amx);
