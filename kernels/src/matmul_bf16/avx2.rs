@@ -26,8 +26,9 @@ impl Load for [[Bf16; PAIR]; PANEL] {
     /// A lane holds a pair, the first of it in its lower half.
     #[inline]
     #[target_feature(enable = "avx2,fma")]
-    unsafe fn load(panel: &[Self], i: usize) -> [__m256; 2] {
-        let (halves, _) = panel[i / PAIR].as_chunks::<8>();
+    unsafe fn load(panel: *const Self, i: usize) -> [__m256; 2] {
+        // SAFETY: the row of input `i` is inside the panel by this function's contract.
+        let (halves, _) = unsafe { &*panel.wrapping_add(i / PAIR) }.as_chunks::<8>();
         [widen(&halves[0], i % PAIR), widen(&halves[1], i % PAIR)]
     }
 }

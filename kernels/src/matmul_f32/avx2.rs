@@ -5,13 +5,16 @@ use crate::mat::MatMut;
 use crate::math::avx2::{activate, gelu_tanh};
 use crate::pack::{PANEL, PackedF32};
 use crate::prefetch;
+use core::arch::asm;
 use core::arch::x86_64::*;
 
 /// Rows of the largest tile: 6 rows x 1 panel are 12 sums, which leaves two registers of weights and two to spare.
 const ROWS: usize = 6;
-/// Rows of the largest tile of two panels, as gated products need.
-const EVEN_ROWS: usize = 3;
-/// Inputs between a multiplication and the prefetch of its weights from L2.
+/// Rows times panels whose sums leave no registers for what could be loaded again.
+const FULL: usize = 5;
+/// Panels that tiles of more than one row end at once: a gate and an up panel.
+const PAIR: usize = 2;
+/// Rows of a panel between a multiplication and the prefetch of its weights from L2.
 const AHEAD: usize = 16;
 /// Outputs in a register.
 const LANES: usize = 8;
@@ -22,10 +25,10 @@ pub(crate) const MOST: usize = 4;
 pub(crate) trait Load: Copy {
     /// Inputs of one row.
     const INPUTS: usize;
-    /// The weights of input `i`. Panics where the panel ends before it.
+    /// The weights of input `i`.
     /// # Safety
-    /// The processor has the features of this back-end.
-    unsafe fn load(panel: &[Self], i: usize) -> [__m256; 2];
+    /// The processor has the features of this back-end; `panel` points to a whole panel, which ends behind input `i`.
+    unsafe fn load(panel: *const Self, i: usize) -> [__m256; 2];
 }
 
 impl Load for [f32; PANEL] {
@@ -33,8 +36,9 @@ impl Load for [f32; PANEL] {
 
     #[inline]
     #[target_feature(enable = "avx2,fma")]
-    unsafe fn load(panel: &[Self], i: usize) -> [__m256; 2] {
-        load(&panel[i])
+    unsafe fn load(panel: *const Self, i: usize) -> [__m256; 2] {
+        // SAFETY: row `i` is inside the panel by this function's contract.
+        load(unsafe { &*panel.wrapping_add(i) })
     }
 }
 
@@ -51,18 +55,17 @@ pub(super) fn matmul_gated(x: Input<f32>, gate: PackedF32, up: PackedF32, y: Mat
 /// The whole product: all rows pass by each group of panels while it is in the cache.
 #[target_feature(enable = "avx2,fma")]
 pub(crate) fn run<'a, W: Panels<'a, Row: Load>>(x: Input<f32>, job: &Job<'_, W>, mut y: MatMut<f32>) {
-    let most = if matches!(job, Job::Plain(..)) { ROWS } else { EVEN_ROWS };
     let mut slot = 0;
     while slot < job.slots() {
-        let width = if slot + MOST <= job.slots() { MOST } else { 2.min(job.slots() - slot) };
-        for (t, rows) in tiles(x.rows(), most) {
+        let width = if slot + MOST <= job.slots() { MOST } else { PAIR.min(job.slots() - slot) };
+        for (t, rows) in tiles(x.rows(), ROWS) {
             match rows {
-                1 => tile::<W, 1, 4>(&x, t, job, slot, width, &mut y),
-                2 => tile::<W, 2, 2>(&x, t, job, slot, width, &mut y),
-                3 => tile::<W, 3, 2>(&x, t, job, slot, width, &mut y),
-                4 => tile::<W, 4, 1>(&x, t, job, slot, width, &mut y),
-                5 => tile::<W, 5, 1>(&x, t, job, slot, width, &mut y),
-                ROWS => tile::<W, ROWS, 1>(&x, t, job, slot, width, &mut y),
+                1 => tile::<W, 1, 4, MOST>(&x, t, job, slot, width, &mut y),
+                2 => tile::<W, 2, 2, PAIR>(&x, t, job, slot, width, &mut y),
+                3 => tile::<W, 3, 2, PAIR>(&x, t, job, slot, width, &mut y),
+                4 => tile::<W, 4, 1, PAIR>(&x, t, job, slot, width, &mut y),
+                5 => tile::<W, 5, 1, PAIR>(&x, t, job, slot, width, &mut y),
+                ROWS => tile::<W, ROWS, 1, PAIR>(&x, t, job, slot, width, &mut y),
                 rows => unreachable!("a tile of {rows} rows"),
             }
         }
@@ -70,9 +73,9 @@ pub(crate) fn run<'a, W: Panels<'a, Row: Load>>(x: Input<f32>, job: &Job<'_, W>,
     }
 }
 
-/// The rows from `t` on, `R` of them, with `width` slots, `P` at a time.
+/// The rows from `t` on, `R` of them, with `width` slots, `WIDTH` in a group, `P` of them at a time.
 #[target_feature(enable = "avx2,fma")]
-fn tile<'a, W: Panels<'a, Row: Load>, const R: usize, const P: usize>(
+fn tile<'a, W: Panels<'a, Row: Load>, const R: usize, const P: usize, const WIDTH: usize>(
     x: &Input<f32>,
     t: usize,
     job: &Job<'_, W>,
@@ -86,84 +89,125 @@ fn tile<'a, W: Panels<'a, Row: Load>, const R: usize, const P: usize>(
     }
     let end = slot + width;
     let mut slot = slot;
-    while slot + P <= end {
-        group::<W, R, P>(&rows, t, job, slot, y);
-        slot += P;
+    while slot + WIDTH <= end {
+        group::<W, R, P, WIDTH>(&rows, t, job, slot, y);
+        slot += WIDTH;
     }
-    while P > 2 && slot + 2 <= end {
-        group::<W, R, 2>(&rows, t, job, slot, y);
-        slot += 2;
+    while WIDTH > PAIR && slot + PAIR <= end {
+        group::<W, R, PAIR, PAIR>(&rows, t, job, slot, y);
+        slot += PAIR;
     }
     if slot < end {
-        group::<W, R, 1>(&rows, t, job, slot, y);
+        group::<W, R, 1, 1>(&rows, t, job, slot, y);
     }
 }
 
-/// `R` rows with `P` slots from `slot` on, from the first input to the end of the product.
+/// `R` rows with `WIDTH` slots from `slot` on, from the first input to the end of the product.
 #[target_feature(enable = "avx2,fma")]
-fn group<'a, W: Panels<'a, Row: Load>, const R: usize, const P: usize>(
+fn group<'a, W: Panels<'a, Row: Load>, const R: usize, const P: usize, const WIDTH: usize>(
     rows: &[&[f32]; R],
     t: usize,
     job: &Job<'_, W>,
     slot: usize,
     y: &mut MatMut<f32>,
 ) {
-    let mut sums = [[[0.0; PANEL]; P]; R];
-    // Not by `from_fn`: a closure has this function's features and cannot be inlined into one that has not.
-    let mut panels = [&[][..]; P];
-    for (p, panel) in panels.iter_mut().enumerate() {
-        *panel = job.panel(slot + p);
+    let mut sums = [[[0.0; PANEL]; WIDTH]; R];
+    for i in (0..WIDTH).step_by(P) {
+        // Not by `from_fn`: a closure has this function's features and cannot be inlined into one that has not.
+        let mut panels = [&[][..]; P];
+        for (p, panel) in panels.iter_mut().enumerate() {
+            *panel = job.panel(slot + i + p);
+        }
+        multiply(rows, panels, &mut sums, i);
     }
-    multiply(rows, panels, &mut sums);
     let sums = sums.as_flattened_mut();
     match job {
-        Job::Plain(_, end) => finish(sums, P, t, slot * PANEL, end, y),
-        Job::Gated(..) => finish_gated(sums, P / 2, t, slot / 2 * PANEL, y),
+        Job::Plain(_, end) => finish(sums, WIDTH, t, slot * PANEL, end, y),
+        Job::Gated(..) => finish_gated(sums, WIDTH / 2, t, slot / 2 * PANEL, y),
     }
 }
 
-/// The innermost tile: `R x P` panels of sums in registers.
-#[inline]
+/// The innermost tile: `R x P` panels of sums in registers, which go to `sums` from panel `first` on. Kept out of line: 16 are too few for what stands around it.
+#[inline(never)]
 #[target_feature(enable = "avx2,fma")]
-fn multiply<W: Load, const R: usize, const P: usize>(
+fn multiply<W: Load, const R: usize, const P: usize, const WIDTH: usize>(
     rows: &[&[f32]; R],
     panels: [&[W]; P],
-    sums: &mut [[[f32; PANEL]; P]; R],
+    sums: &mut [[[f32; PANEL]; WIDTH]; R],
+    first: usize,
 ) {
     let k = rows[0].len();
-    // Lengths that are known to be equal need no check in the loop.
     for row in rows {
         assert!(row.len() == k);
     }
     for panel in panels {
         assert!(panel.len() == k.div_ceil(W::INPUTS));
     }
+    // Pointers: lengths are known to agree, and slices would keep them in registers.
+    let (mut x, mut w) = ([core::ptr::null(); R], [core::ptr::null(); P]);
+    for r in 0..R {
+        x[r] = rows[r].as_ptr();
+    }
+    for p in 0..P {
+        w[p] = panels[p].as_ptr();
+    }
     let mut acc = [[[_mm256_setzero_ps(); 2]; P]; R];
-    let mut input = |i: usize| {
-        for p in 0..P {
-            // SAFETY: this function enables the features that `load` needs.
-            let w = unsafe { W::load(panels[p], i) };
-            prefetch::near(panels[p].as_ptr().wrapping_add((i + AHEAD) / W::INPUTS));
-            for r in 0..R {
-                let x = _mm256_set1_ps(rows[r][i]);
-                acc[r][p][0] = _mm256_fmadd_ps(x, w[0], acc[r][p][0]);
-                acc[r][p][1] = _mm256_fmadd_ps(x, w[1], acc[r][p][1]);
-            }
-        }
-    };
     // Two at a time, so that it is known which of a pair each is.
     for i in (0..k - k % 2).step_by(2) {
-        input(i);
-        input(i + 1);
+        for which in 0..2 {
+            // SAFETY: `i + which < k`: all rows and all panels have this input.
+            unsafe { step(&mut acc, &x, &w, i + which) };
+        }
     }
     if !k.is_multiple_of(2) {
-        input(k - 1);
+        // SAFETY: as above, of the last input.
+        unsafe { step(&mut acc, &x, &w, k - 1) };
     }
     for r in 0..R {
         for p in 0..P {
-            store(&mut sums[r][p], acc[r][p]);
+            store(&mut sums[r][first + p], acc[r][p]);
         }
     }
+}
+
+/// Adds the products of input `i` of `R` rows with the weights of `P` panels.
+/// # Safety
+/// `x` point to rows and `w` to panels that have this input.
+#[inline]
+#[target_feature(enable = "avx2,fma")]
+unsafe fn step<W: Load, const R: usize, const P: usize>(
+    acc: &mut [[[__m256; 2]; P]; R],
+    x: &[*const f32; R],
+    w: &[*const W; P],
+    i: usize,
+) {
+    for p in 0..P {
+        // One prefetch per line, which two inputs of bf16 share.
+        if i.is_multiple_of(W::INPUTS) {
+            prefetch::near(w[p].wrapping_add(i / W::INPUTS + AHEAD));
+        }
+        // What was loaded for another input or panel is not kept where sums fill the registers.
+        let full = R * P >= FULL;
+        let w = if full && !i.is_multiple_of(W::INPUTS) { unknown(w[p]) } else { w[p] };
+        // SAFETY: the panel has the input by this function's contract, and this function enables the features.
+        let weights = unsafe { W::load(w, i) };
+        for r in 0..R {
+            let x = if full && p > 0 { unknown(x[r]) } else { x[r] };
+            // SAFETY: the row has the input by this function's contract.
+            let x = _mm256_set1_ps(unsafe { *x.wrapping_add(i) });
+            acc[r][p][0] = _mm256_fmadd_ps(x, weights[0], acc[r][p][0]);
+            acc[r][p][1] = _mm256_fmadd_ps(x, weights[1], acc[r][p][1]);
+        }
+    }
+}
+
+/// The same address, of which the compiler does not know that it is: what is there is loaded again instead of kept.
+#[inline]
+#[expect(clippy::pointers_in_nomem_asm_block, reason = "the address alone is passed, and nothing is read there")]
+fn unknown<T>(mut address: *const T) -> *const T {
+    // SAFETY: no instruction at all.
+    unsafe { asm!("/* {0} */", inout(reg) address, options(nomem, nostack, preserves_flags)) };
+    address
 }
 
 /// Ends `values [rows, panels]`: the outputs from `first` on of the rows from `t` on.
