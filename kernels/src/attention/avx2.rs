@@ -15,10 +15,13 @@ use core::arch::x86_64::*;
 const COLUMNS: [usize; 3] = [8, 4, 2];
 
 /// Queries that share one packing: their softmaxes take 5 KiB.
-const BLOCK: usize = 128;
+const BLOCK: usize = 256;
 
 /// The pairs of partial sums, each named by its first, so that neighbours are what [`pairwise`] adds next.
 const ORDER: [usize; WIDTH / 2] = [0, 2, 1, 3];
+
+/// Pairs of partial sums that are added while they are in registers.
+const PAIRS: usize = 1;
 
 loops!("avx2,fma");
 

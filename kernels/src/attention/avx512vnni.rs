@@ -18,10 +18,13 @@ use core::arch::x86_64::*;
 const COLUMNS: [usize; 3] = [4; 3];
 
 /// Queries that share one packing: their softmaxes take 10 KiB.
-const BLOCK: usize = 128;
+const BLOCK: usize = 256;
 
 /// The pairs of partial sums, each named by its first, so that neighbours are what [`pairwise`] adds next.
 const ORDER: [usize; WIDTH / 2] = [0, 4, 2, 6, 1, 5, 3, 7];
+
+/// Pairs of partial sums that are added while they are in registers.
+const PAIRS: usize = 2;
 
 loops!("avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni");
 

@@ -4,7 +4,7 @@
 //! A macro, and not functions over a trait of registers: a trait's methods cannot enable instruction sets and be safe, so
 //! that every addition would be an unsafe block.
 //!
-//! The module that calls it has, besides loads and stores: `WIDTH` lanes of a `Register`; `BLOCK`, `COLUMNS`, `ORDER`; the
+//! The module that calls it has, besides loads and stores: `WIDTH` lanes of a `Register`; `BLOCK`, `COLUMNS`, `ORDER`, `PAIRS`; the
 //! operations `zero`, `set`, `add`, `sub`, `mul`, `fmadd`, `maximum`, `largest`, `first_of`, `exp`; and the shuffles
 //! `transpose` and `sums_of`.
 
@@ -121,7 +121,7 @@ macro_rules! loops {
             let dim = x.q.cols();
             let mut packed = Packed { k: [[0.0; TILE]; PACKED_DIM], v: [0.0; TILE * PACKED_DIM] };
             let mut weights = Weights([[0.0; TILE]; 4]);
-            let mut pairs = [[[zero(); 2]; 4]; WIDTH / 2];
+            let mut pairs = [[[zero(); 2]; 4]; GROUPS];
             let mut softmaxes = [[Softmax::START; 4]; BLOCK / 4];
             let mut nothing = Fetch::new(Ahead::NOTHING, 1);
             let keys = x.keys(i + count - 1);
@@ -168,6 +168,9 @@ macro_rules! loops {
             }
         }
 
+        /// What a query's partial sums are stored as before they are added: [`PAIRS`] pairs each.
+        const GROUPS: usize = WIDTH / 2 / PAIRS;
+
         /// Sums for 4 queries x 2 registers of keys.
         type Sums = [[Register; 2]; 4];
 
@@ -178,7 +181,7 @@ macro_rules! loops {
         fn packed_scores(
             q: Mat<f32>,
             k: &[[f32; TILE]; PACKED_DIM],
-            pairs: &mut [Sums; WIDTH / 2],
+            pairs: &mut [Sums; GROUPS],
             weights: &mut Weights<4>,
         ) {
             let mut padded = [[0.0; PACKED_DIM]; 4];
@@ -192,34 +195,40 @@ macro_rules! loops {
                 rows[r] = q.row(r).first_chunk().unwrap_or(&padded[r]);
             }
             for tile in 0..TILE / (2 * WIDTH) {
-                for (pair, &lane) in pairs.iter_mut().zip(&ORDER) {
-                    // 4 queries x 2 registers of keys: 8 sums at a time, and 8 that wait for them.
-                    let mut chains = [[[zero(); 2]; 4]; 2];
-                    for side in 0..2 {
-                        for c in 0..PACKED_DIM / WIDTH {
-                            let d = lane + WIDTH / 2 * side + c * WIDTH;
-                            let keys = k[d].as_chunks().0;
-                            let (a, b) = (load(&keys[2 * tile]), load(&keys[2 * tile + 1]));
-                            for r in 0..4 {
-                                let q = set(rows[r][d]);
-                                chains[side][r][0] = fmadd(q, a, chains[side][r][0]);
-                                chains[side][r][1] = fmadd(q, b, chains[side][r][1]);
+                for (sums, lanes) in pairs.iter_mut().zip(ORDER.as_chunks::<PAIRS>().0) {
+                    let mut total = [[zero(); 2]; 4];
+                    for p in 0..PAIRS {
+                        // 4 queries x 2 registers of keys: 8 sums at a time, and 8 that wait for them.
+                        let mut chains = [[[zero(); 2]; 4]; 2];
+                        for half in 0..2 {
+                            for c in 0..PACKED_DIM / WIDTH {
+                                let d = lanes[p] + WIDTH / 2 * half + c * WIDTH;
+                                let keys = k[d].as_chunks().0;
+                                let (a, b) = (load(&keys[2 * tile]), load(&keys[2 * tile + 1]));
+                                for r in 0..4 {
+                                    let q = set(rows[r][d]);
+                                    chains[half][r][0] = fmadd(q, a, chains[half][r][0]);
+                                    chains[half][r][1] = fmadd(q, b, chains[half][r][1]);
+                                }
+                            }
+                        }
+                        for r in 0..4 {
+                            for side in 0..2 {
+                                let pair = add(chains[0][r][side], chains[1][r][side]);
+                                total[r][side] = if p == 0 { pair } else { add(total[r][side], pair) };
                             }
                         }
                     }
-                    for r in 0..4 {
-                        pair[r][0] = add(chains[0][r][0], chains[1][r][0]);
-                        pair[r][1] = add(chains[0][r][1], chains[1][r][1]);
-                    }
+                    *sums = total;
                 }
                 for r in 0..4 {
                     let to = weights.0[r].as_chunks_mut().0;
                     for side in 0..2 {
-                        let mut sums = [zero(); WIDTH / 2];
-                        for i in 0..WIDTH / 2 {
+                        let mut sums = [zero(); GROUPS];
+                        for i in 0..GROUPS {
                             sums[i] = pairs[i][r][side];
                         }
-                        let mut left = WIDTH / 4;
+                        let mut left = GROUPS / 2;
                         while left > 0 {
                             for i in 0..left {
                                 sums[i] = add(sums[2 * i], sums[2 * i + 1]);
@@ -275,7 +284,11 @@ macro_rules! loops {
             for r in 0..Q {
                 seen[r] = x.keys(i + r).saturating_sub(first).min(v.rows());
             }
-            let shrink = weigh(x, i, first, seen, softmaxes, weights);
+            let shrink = if seen == [TILE; Q] {
+                weigh::<T, Q, true>(x, i, first, seen, softmaxes, weights)
+            } else {
+                weigh::<T, Q, false>(x, i, first, seen, softmaxes, weights)
+            };
             values::<V, Q, C>(&weights.0, 0, v.row_range(0..seen[0]), fetch, shrink, i, y);
             for r in 1..Q {
                 if seen[r] > seen[0] {
@@ -380,9 +393,10 @@ macro_rules! loops {
         }
 
         /// Turns the first `seen[r]` dot products of query `i + r` into weights `exp(score - max)`; returns the factors
-        /// for what the queries have summed up before: 0 in the first tile.
+        /// for what the queries have summed up before: 0 in the first tile. `ALL`: all see the whole tile.
+        #[inline]
         #[target_feature(enable = $features)]
-        fn weigh<T: Load, const Q: usize>(
+        fn weigh<T: Load, const Q: usize, const ALL: bool>(
             x: Operands<T>,
             i: usize,
             first: usize,
@@ -394,7 +408,7 @@ macro_rules! loops {
             let (mut before, mut after) = ([0.0; WIDTH], [0.0; WIDTH]);
             for r in 0..Q {
                 before[r] = softmaxes[r].max;
-                after[r] = score(&mut weights.0[r], seen[r], before[r], x.scale, x.bias(i + r, first));
+                after[r] = score::<ALL>(&mut weights.0[r], seen[r], before[r], x.scale, x.bias(i + r, first));
                 softmaxes[r].max = after[r];
             }
             let shrink = array(exp(sub(load(&before), load(&after))));
@@ -402,7 +416,8 @@ macro_rules! loops {
             for r in 0..Q {
                 let max = set(after[r]);
                 let mut sum = mul(load(&softmaxes[r].sum), set(shrink[r]));
-                for register in &mut weights.0[r].as_chunks_mut::<WIDTH>().0[..seen[r].div_ceil(WIDTH)] {
+                let seen = if ALL { TILE } else { seen[r] };
+                for register in &mut weights.0[r].as_chunks_mut::<WIDTH>().0[..seen.div_ceil(WIDTH)] {
                     let weight = exp(sub(load(register), max));
                     sum = add(sum, weight);
                     store(register, weight);
@@ -414,9 +429,11 @@ macro_rules! loops {
         }
 
         /// Turns the first `seen` dot products into scores, hides the rest of their last register, and returns the
-        /// largest.
+        /// largest. `ALL`: that is all.
+        #[inline]
         #[target_feature(enable = $features)]
-        fn score(weights: &mut [f32; TILE], seen: usize, max: f32, scale: f32, bias: &[f32]) -> f32 {
+        fn score<const ALL: bool>(weights: &mut [f32; TILE], seen: usize, max: f32, scale: f32, bias: &[f32]) -> f32 {
+            let seen = if ALL { TILE } else { seen };
             let mut highest = set(max);
             let hidden = set(f32::NEG_INFINITY);
             for (c, register) in weights.as_chunks_mut().0[..seen.div_ceil(WIDTH)].iter_mut().enumerate() {
