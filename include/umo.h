@@ -113,6 +113,9 @@
 // At most AVX-512 with VNNI and products of bfloat16.
 #define UMO_ISA_AVX512BF16 5
 
+// At most AVX2 with VNNI.
+#define UMO_ISA_AVXVNNI 6
+
 // Name of the model.
 #define UMO_MODEL_NAME 1
 

@@ -19,7 +19,7 @@ pub fn apply(isa: Isa, activation: Activation, x: &mut [f32]) {
         Backend::Scalar => scalar::apply(activation, x),
         // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 => unsafe { avx2::apply(activation, x) },
+        Backend::Avx2 | Backend::AvxVnni => unsafe { avx2::apply(activation, x) },
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
         Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::apply(activation, x) },
@@ -38,7 +38,7 @@ pub fn softmax(isa: Isa, x: &mut [f32]) {
         Backend::Scalar => scalar::softmax(x),
         // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 => unsafe { avx2::softmax(x) },
+        Backend::Avx2 | Backend::AvxVnni => unsafe { avx2::softmax(x) },
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
         Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::softmax(x) },
@@ -54,7 +54,7 @@ pub fn argmax(isa: Isa, x: &[f32]) -> Option<usize> {
         Backend::Scalar => scalar::argmax(x),
         // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 => unsafe { avx2::argmax(x) },
+        Backend::Avx2 | Backend::AvxVnni => unsafe { avx2::argmax(x) },
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
         Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::argmax(x) },

@@ -128,7 +128,7 @@ pub fn encoder_attention_f32(
         #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
         Backend::Amx => vectors(isa, operands, y),
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::Avx512Vnni | Backend::Avx512Bf16 => vectors(isa, operands, y),
+        Backend::Avx2 | Backend::AvxVnni | Backend::Avx512Vnni | Backend::Avx512Bf16 => vectors(isa, operands, y),
         Backend::Scalar => vectors(isa, operands, y),
     }
     Ok(())
@@ -163,7 +163,7 @@ pub fn encoder_attention_bf16(
         Backend::Scalar => encoder_bf16::scalar::attention(operands, y),
         // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 => unsafe { encoder_bf16::avx2::attention(operands, y) },
+        Backend::Avx2 | Backend::AvxVnni => unsafe { encoder_bf16::avx2::attention(operands, y) },
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
         Backend::Avx512Vnni => unsafe { encoder_bf16::avx512vnni::attention(operands, y) },
@@ -186,7 +186,7 @@ fn vectors<T: Element>(isa: Isa, operands: Operands<T>, y: MatMut<f32>) {
         Backend::Scalar => scalar::attention(operands, y),
         // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 => unsafe { avx2::attention(operands, y) },
+        Backend::Avx2 | Backend::AvxVnni => unsafe { avx2::attention(operands, y) },
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
         Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::attention(operands, y) },

@@ -45,7 +45,7 @@ pub fn round_bf16(isa: Isa, x: Mat<f32>, y: MatMut<Bf16>) -> Result<(), ShapeErr
         Backend::Scalar => scalar::round(x, y),
         // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 => unsafe { avx2::round(x, y) },
+        Backend::Avx2 | Backend::AvxVnni => unsafe { avx2::round(x, y) },
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
         Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::round(x, y) },

@@ -50,7 +50,9 @@ pub fn route(isa: Isa, logits: MatMut<f32>, top_k: usize, routing: &mut Routing)
         Backend::Scalar => scalar::route(logits, top_k, routing),
         // None of their own: the logits of a handful of experts fill a quarter of a register.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::Avx512Vnni | Backend::Avx512Bf16 => scalar::route(logits, top_k, routing),
+        Backend::Avx2 | Backend::AvxVnni | Backend::Avx512Vnni | Backend::Avx512Bf16 => {
+            scalar::route(logits, top_k, routing)
+        }
         #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
         Backend::Amx => scalar::route(logits, top_k, routing),
     }

@@ -130,7 +130,7 @@ mod tests {
             }
             #[cfg(target_arch = "x86_64")]
             // SAFETY: `Isa` holds `Avx2` only after detection of every feature that `fill` enables.
-            Backend::Avx2 => unsafe { avx2::fill(&mut y, activations) },
+            Backend::Avx2 | Backend::AvxVnni => unsafe { avx2::fill(&mut y, activations) },
             #[cfg(target_arch = "x86_64")]
             // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that `fill` enables.
             Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::fill(&mut y, activations) },

@@ -36,7 +36,7 @@ pub fn matmul_bf16(isa: Isa, x: Input<f32>, w: PackedBf16, end: Epilogue, y: Mat
         Backend::Scalar => scalar::matmul(x, w, end, y),
         #[cfg(target_arch = "x86_64")]
         // SAFETY: `Isa` holds `Avx2` only after detection of every feature that `avx2` enables.
-        Backend::Avx2 => unsafe { avx2::matmul(x, w, end, y) },
+        Backend::Avx2 | Backend::AvxVnni => unsafe { avx2::matmul(x, w, end, y) },
         #[cfg(target_arch = "x86_64")]
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that `avx512vnni` enables.
         Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::matmul(x, w, end, y) },
@@ -65,7 +65,7 @@ pub fn matmul_gated_bf16(
         Backend::Scalar => scalar::matmul_gated(x, gate, up, y),
         #[cfg(target_arch = "x86_64")]
         // SAFETY: `Isa` holds `Avx2` only after detection of every feature that `avx2` enables.
-        Backend::Avx2 => unsafe { avx2::matmul_gated(x, gate, up, y) },
+        Backend::Avx2 | Backend::AvxVnni => unsafe { avx2::matmul_gated(x, gate, up, y) },
         #[cfg(target_arch = "x86_64")]
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that `avx512vnni` enables.
         Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::matmul_gated(x, gate, up, y) },
@@ -118,7 +118,7 @@ pub fn split(isa: Isa, x: &[f32], high: &mut [Bf16], low: &mut [Bf16]) -> Result
         Backend::Scalar => scalar::split(x, high, low),
         // Only tiles gain by such rows: the others have no use for a faster way to make them.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::Avx512Vnni | Backend::Avx512Bf16 => scalar::split(x, high, low),
+        Backend::Avx2 | Backend::AvxVnni | Backend::Avx512Vnni | Backend::Avx512Bf16 => scalar::split(x, high, low),
         #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
         // SAFETY: `Isa` holds `Amx` only after detection of tiles and of every feature that `amx` enables.
         Backend::Amx => unsafe { amx::split(x, high, low) },
@@ -140,7 +140,7 @@ pub fn matmul_bf16_rows(isa: Isa, x: Bf16Rows, w: PackedBf16, end: Epilogue, y: 
     match isa.0 {
         Backend::Scalar => scalar::matmul_rows(x, w, end, y),
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::Avx512Vnni => scalar::matmul_rows(x, w, end, y),
+        Backend::Avx2 | Backend::AvxVnni | Backend::Avx512Vnni => scalar::matmul_rows(x, w, end, y),
         #[cfg(target_arch = "x86_64")]
         Backend::Avx512Bf16 => match x.rest {
             // SAFETY: `Isa` holds `Avx512Bf16` only after detection of "avx512bf16" and of every feature that it enables.

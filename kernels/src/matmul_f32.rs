@@ -161,7 +161,7 @@ pub fn matmul_f32(isa: Isa, x: Input<f32>, w: PackedF32, end: Epilogue, y: MatMu
         Backend::Scalar => scalar::matmul(x, w, end, y),
         #[cfg(target_arch = "x86_64")]
         // SAFETY: `Isa` holds `Avx2` only after detection of every feature that `avx2` enables.
-        Backend::Avx2 => unsafe { avx2::matmul(x, w, end, y) },
+        Backend::Avx2 | Backend::AvxVnni => unsafe { avx2::matmul(x, w, end, y) },
         #[cfg(target_arch = "x86_64")]
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that `avx512vnni` enables.
         Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::matmul(x, w, end, y) },
@@ -195,7 +195,7 @@ pub fn matmul_gated_f32(
         Backend::Scalar => scalar::matmul_gated(x, gate, up, y),
         #[cfg(target_arch = "x86_64")]
         // SAFETY: `Isa` holds `Avx2` only after detection of every feature that `avx2` enables.
-        Backend::Avx2 => unsafe { avx2::matmul_gated(x, gate, up, y) },
+        Backend::Avx2 | Backend::AvxVnni => unsafe { avx2::matmul_gated(x, gate, up, y) },
         #[cfg(target_arch = "x86_64")]
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that `avx512vnni` enables.
         Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::matmul_gated(x, gate, up, y) },
@@ -209,7 +209,7 @@ pub fn matmul_gated_f32(
 
 pub(crate) use scalar::{finish_panel, gated};
 
-/// Packed weights of either float type, for the back-ends whose loops differ in nothing but the load.
+/// Packed weights of any type, for what is the same of them all; and for back-ends whose loops differ in nothing but the load.
 pub(crate) trait Panels<'a>: Copy {
     /// What a panel has for as many inputs as stand together in memory: one, or a pair.
     type Row: Copy + 'a;
@@ -234,7 +234,7 @@ impl<'a> Panels<'a> for PackedF32<'a> {
     }
 }
 
-/// What a float product multiplies, and how it ends. A *slot* is one panel in the order of work.
+/// What a product multiplies, and how it ends. A *slot* is one panel in the order of work.
 pub(crate) enum Job<'a, W> {
     /// A product with its end.
     Plain(W, Epilogue<'a>),
@@ -259,9 +259,16 @@ impl<'a, W: Panels<'a>> Job<'_, W> {
     /// The panel of a slot.
     #[inline]
     pub(crate) fn panel(&self, slot: usize) -> &'a [W::Row] {
+        let (w, p) = self.slot(slot);
+        w.panel(p)
+    }
+
+    /// The weight of a slot, and the panel's place in it.
+    #[inline]
+    pub(crate) fn slot(&self, slot: usize) -> (&W, usize) {
         match self {
-            Job::Plain(w, _) => w.panel(slot),
-            Job::Gated(gate, up) => (if slot.is_multiple_of(2) { gate } else { up }).panel(slot / 2),
+            Job::Plain(w, _) => (w, slot),
+            Job::Gated(gate, up) => (if slot.is_multiple_of(2) { gate } else { up }, slot / 2),
         }
     }
 }

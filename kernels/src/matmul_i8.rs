@@ -5,15 +5,22 @@ mod amx;
 #[cfg(target_arch = "x86_64")]
 mod avx2;
 #[cfg(target_arch = "x86_64")]
+mod avx512bf16;
+#[cfg(target_arch = "x86_64")]
 mod avx512vnni;
+#[cfg(target_arch = "x86_64")]
+mod avxvnni;
+#[cfg(target_arch = "x86_64")]
+mod chunk;
 mod quantize;
 mod scalar;
 
 use crate::error::{ShapeError, expect_len};
 use crate::isa::{Backend, Isa};
 use crate::mat::{Mat, MatMut};
+use crate::matmul_f32::Panels;
 use crate::matmul_f32::{Epilogue, Input, check_product};
-use crate::pack::PackedI8;
+use crate::pack::{PANEL, PackedI8, QUAD};
 
 /// Longest row whose sum cannot overflow: `k * 128 * 128 <= i32::MAX`.
 pub const MAX_K: usize = 131_071;
@@ -100,7 +107,7 @@ fn largest(isa: Isa, row: &[f32]) -> f32 {
         Backend::Scalar => scalar::largest(row),
         // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 => unsafe { quantize::avx2::largest(row) },
+        Backend::Avx2 | Backend::AvxVnni => unsafe { quantize::avx2::largest(row) },
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
         Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { quantize::avx512vnni::largest(row) },
@@ -117,7 +124,7 @@ fn round(isa: Isa, row: &[f32], largest: f32, steps: &mut [i8]) {
         Backend::Scalar => scalar::round(row, per_unit, steps),
         // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 => unsafe { quantize::avx2::round(row, per_unit, steps) },
+        Backend::Avx2 | Backend::AvxVnni => unsafe { quantize::avx2::round(row, per_unit, steps) },
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
         Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { quantize::avx512vnni::round(row, per_unit, steps) },
@@ -153,8 +160,14 @@ pub fn matmul_i8(
         // SAFETY: `Isa` holds `Avx2` only after detection of every feature that `avx2` enables.
         Backend::Avx2 => unsafe { avx2::matmul(x, w, end, y) },
         #[cfg(target_arch = "x86_64")]
+        // SAFETY: `Isa` holds `AvxVnni` only after detection of every feature that `avxvnni` enables.
+        Backend::AvxVnni => unsafe { avxvnni::matmul(x, w, end, y) },
+        #[cfg(target_arch = "x86_64")]
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that `avx512vnni` enables.
-        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::matmul(x, w, end, y) },
+        Backend::Avx512Vnni => unsafe { avx512vnni::matmul(x, w, end, y) },
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: `Isa` holds `Avx512Bf16` only where it could hold `Avx512Vnni`.
+        Backend::Avx512Bf16 => unsafe { avx512bf16::matmul(x, w, end, y) },
         #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
         // SAFETY: `Isa` holds `Amx` only after detection of tiles, and where it could hold `Avx512Vnni`.
         Backend::Amx => unsafe { amx::matmul(x, w, end, y) },
@@ -185,13 +198,35 @@ pub fn matmul_gated_i8(
         // SAFETY: `Isa` holds `Avx2` only after detection of every feature that `avx2` enables.
         Backend::Avx2 => unsafe { avx2::matmul_gated(x, gate, up, y) },
         #[cfg(target_arch = "x86_64")]
+        // SAFETY: `Isa` holds `AvxVnni` only after detection of every feature that `avxvnni` enables.
+        Backend::AvxVnni => unsafe { avxvnni::matmul_gated(x, gate, up, y) },
+        #[cfg(target_arch = "x86_64")]
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that `avx512vnni` enables.
-        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::matmul_gated(x, gate, up, y) },
+        Backend::Avx512Vnni => unsafe { avx512vnni::matmul_gated(x, gate, up, y) },
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: `Isa` holds `Avx512Bf16` only where it could hold `Avx512Vnni`.
+        Backend::Avx512Bf16 => unsafe { avx512bf16::matmul_gated(x, gate, up, y) },
         #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
         // SAFETY: `Isa` holds `Amx` only after detection of tiles, and where it could hold `Avx512Vnni`.
         Backend::Amx => unsafe { amx::matmul_gated(x, gate, up, y) },
     }
     Ok(())
+}
+
+/// What an int8 product multiplies, and how it ends.
+type Job<'a> = crate::matmul_f32::Job<'a, PackedI8<'a>>;
+
+impl<'a> Panels<'a> for PackedI8<'a> {
+    type Row = [i8; PANEL * QUAD];
+    fn n(&self) -> usize {
+        PackedI8::n(self)
+    }
+    fn k(&self) -> usize {
+        PackedI8::k(self)
+    }
+    fn panel(&self, p: usize) -> &'a [[i8; PANEL * QUAD]] {
+        PackedI8::panel(self, p)
+    }
 }
 
 /// Checked input rows with their scales.

@@ -26,7 +26,7 @@ pub fn rms_norm(isa: Isa, x: Mat<f32>, weight: &[f32], eps: f32, y: MatMut<f32>)
         Backend::Scalar => scalar::rms_norm(x, weight, eps, y),
         // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 => unsafe { avx2::rms_norm(x, weight, eps, y) },
+        Backend::Avx2 | Backend::AvxVnni => unsafe { avx2::rms_norm(x, weight, eps, y) },
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
         Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::rms_norm(x, weight, eps, y) },
@@ -60,7 +60,7 @@ pub fn layer_norm(
         Backend::Scalar => scalar::layer_norm(x, weight, bias, eps, y),
         // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 => unsafe { avx2::layer_norm(x, weight, bias, eps, y) },
+        Backend::Avx2 | Backend::AvxVnni => unsafe { avx2::layer_norm(x, weight, bias, eps, y) },
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
         Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::layer_norm(x, weight, bias, eps, y) },
@@ -85,7 +85,7 @@ pub fn channel_sums(isa: Isa, x: Mat<f32>, sum: &mut [f64], squares: &mut [f64])
         Backend::Scalar => scalar::channel_sums(x, sum, squares),
         // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 => unsafe { avx2::channel_sums(x, sum, squares) },
+        Backend::Avx2 | Backend::AvxVnni => unsafe { avx2::channel_sums(x, sum, squares) },
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
         Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::channel_sums(x, sum, squares) },
@@ -109,7 +109,7 @@ pub fn channel_affine(isa: Isa, x: MatMut<f32>, scale: &[f32], shift: &[f32]) ->
         Backend::Scalar => scalar::channel_affine(x, scale, shift),
         // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 => unsafe { avx2::channel_affine(x, scale, shift) },
+        Backend::Avx2 | Backend::AvxVnni => unsafe { avx2::channel_affine(x, scale, shift) },
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
         #[cfg(target_arch = "x86_64")]
         Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::channel_affine(x, scale, shift) },

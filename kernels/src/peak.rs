@@ -11,6 +11,8 @@ mod avx2;
 mod avx512bf16;
 #[cfg(target_arch = "x86_64")]
 mod avx512vnni;
+#[cfg(target_arch = "x86_64")]
+mod avxvnni;
 
 use core::hint::black_box;
 
@@ -24,6 +26,9 @@ pub fn int8(isa: Isa, rounds: usize) -> Option<usize> {
         // SAFETY: `Isa` holds `Avx2` only after detection of every feature `avx2` enables.
         #[cfg(target_arch = "x86_64")]
         Backend::Avx2 => Some(unsafe { avx2::int8(rounds) }),
+        // SAFETY: `Isa` holds `AvxVnni` only after detection of every feature `avxvnni` enables.
+        #[cfg(target_arch = "x86_64")]
+        Backend::AvxVnni => Some(unsafe { avxvnni::int8(rounds) }),
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature `avx512vnni` enables.
         #[cfg(target_arch = "x86_64")]
         Backend::Avx512Vnni | Backend::Avx512Bf16 => Some(unsafe { avx512vnni::int8(rounds) }),
@@ -40,7 +45,7 @@ pub fn f32(isa: Isa, rounds: usize) -> Option<usize> {
         Backend::Scalar => None,
         // SAFETY: `Isa` holds `Avx2` only after detection of every feature `avx2` enables.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 => Some(unsafe { avx2::f32(rounds) }),
+        Backend::Avx2 | Backend::AvxVnni => Some(unsafe { avx2::f32(rounds) }),
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature `avx512vnni` enables.
         #[cfg(target_arch = "x86_64")]
         Backend::Avx512Vnni | Backend::Avx512Bf16 => Some(unsafe { avx512vnni::f32(rounds) }),
@@ -64,8 +69,22 @@ pub fn pairs(isa: Isa, rounds: usize) -> Option<usize> {
     }
 }
 
-/// Streams that are read beside each other, as a product with one row reads its panels, and the bytes of each: memory gives up to
-/// half as much again as to one stream.
+/// How memory is read: what comes faster differs between processors.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Order {
+    /// Several streams beside each other.
+    Streams,
+    /// From end to end.
+    Whole,
+}
+
+impl Order {
+    /// Every way.
+    pub const ALL: [Self; 2] = [Self::Streams, Self::Whole];
+}
+
+/// Streams that are read beside each other, as some products with one row read their panels, and the bytes of each: an Intel Xeon's memory
+/// gives up to half as much again as to one stream.
 #[cfg(target_arch = "x86_64")]
 const STREAMS: usize = 8;
 #[cfg(target_arch = "x86_64")]
@@ -82,19 +101,30 @@ const fn ahead(i: usize) -> usize {
     if i + FAR < STREAM { i + FAR } else { i + FAR + (STREAMS - 1) * STREAM }
 }
 
+/// Bytes between a read and the prefetch where there is one stream: an AMD Zen 5 gives half as much again as to eight.
+#[cfg(target_arch = "x86_64")]
+const FAR_WHOLE: usize = 16 << 10;
+
+/// Sums that take turns where there is one stream.
+#[cfg(target_arch = "x86_64")]
+const TURNS: usize = 4;
+
 /// Reads every byte once.
-pub fn read(isa: Isa, bytes: &[i8]) {
+pub fn read(isa: Isa, order: Order, bytes: &[i8]) {
     match isa.0 {
-        Backend::Scalar => read_scalar(bytes),
+        Backend::Scalar => {
+            let _ = order;
+            read_scalar(bytes);
+        }
         // SAFETY: `Isa` holds `Avx2` only after detection of every feature `avx2` enables.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 => unsafe { avx2::read(bytes) },
+        Backend::Avx2 | Backend::AvxVnni => unsafe { avx2::read(order, bytes) },
         // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature `avx512vnni` enables.
         #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::read(bytes) },
+        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::read(order, bytes) },
         // SAFETY: `Isa` holds `Amx` only where all of AVX-512 that `avx512vnni` enables was detected too.
         #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        Backend::Amx => unsafe { avx512vnni::read(bytes) },
+        Backend::Amx => unsafe { avx512vnni::read(order, bytes) },
     }
 }
 

@@ -1,10 +1,14 @@
 //! Lines of memory that are wanted soon. An address may lie anywhere, even beyond what it points into. Where there is no
 //! instruction for it, nothing is fetched.
 
+use crate::isa::Isa;
 #[cfg(target_arch = "x86_64")]
 use core::arch::x86_64::{_MM_HINT_T0, _MM_HINT_T1, _mm_prefetch};
 use core::marker::PhantomData;
 use core::sync::atomic::{AtomicPtr, AtomicUsize, Ordering};
+
+/// Streams beside each other, of which an Intel Xeon's memory gives half as much again as of one.
+const STREAMS: usize = 4;
 
 /// Memory that will be read next, and may come into cache while something else is computed: a hint that changes no result.
 #[derive(Clone, Copy, Debug)]
@@ -12,17 +16,26 @@ pub struct Ahead<'a> {
     pieces: [*const u8; 2],
     /// Bytes of each.
     len: usize,
+    /// Streams beside each other, of each.
+    streams: usize,
     memory: PhantomData<&'a [u8]>,
 }
 
 impl<'a> Ahead<'a> {
     /// Nothing is known.
-    pub const NOTHING: Self = Self { pieces: [core::ptr::null(); 2], len: 0, memory: PhantomData };
+    pub const NOTHING: Self = Self { pieces: [core::ptr::null(); 2], len: 0, streams: STREAMS, memory: PhantomData };
 
     /// Two pieces, as the keys and the values of the head that follows, as far as the shorter one reaches.
     pub fn new<T>(first: &'a [T], second: &'a [T]) -> Self {
         let pieces = [first.as_ptr().cast(), second.as_ptr().cast()];
-        Self { pieces, len: size_of_val(first).min(size_of_val(second)), memory: PhantomData }
+        Self { pieces, len: size_of_val(first).min(size_of_val(second)), streams: STREAMS, memory: PhantomData }
+    }
+
+    /// In the order that is faster on the processors that take this back-end.
+    #[must_use]
+    pub const fn as_read_by(mut self, isa: Isa) -> Self {
+        self.streams = if isa.reads_in_order() { 1 } else { STREAMS };
+        self
     }
 }
 
@@ -31,6 +44,7 @@ impl<'a> Ahead<'a> {
 pub struct Expected {
     pieces: [AtomicPtr<u8>; 2],
     len: AtomicUsize,
+    streams: AtomicUsize,
 }
 
 impl Expected {
@@ -40,6 +54,7 @@ impl Expected {
             piece.store(start.cast_mut(), Ordering::Relaxed);
         }
         self.len.store(ahead.len, Ordering::Relaxed);
+        self.streams.store(ahead.streams, Ordering::Relaxed);
     }
 
     /// Fetches until all has been fetched or `is_over` returns true, which is asked for every few lines. What was set meanwhile may
@@ -47,7 +62,8 @@ impl Expected {
     pub fn fetch(&self, mut is_over: impl FnMut() -> bool) {
         let [first, second] = &self.pieces;
         let pieces = [first, second].map(|piece| piece.load(Ordering::Relaxed).cast_const());
-        let ahead = Ahead { pieces, len: self.len.load(Ordering::Relaxed), memory: PhantomData };
+        let [len, streams] = [&self.len, &self.streams].map(|number| number.load(Ordering::Relaxed));
+        let ahead = Ahead { pieces, len, streams: streams.max(1), memory: PhantomData };
         #[cfg(target_arch = "x86_64")]
         {
             let mut fetch = Fetch::new(ahead, usize::MAX);
@@ -84,8 +100,7 @@ pub(crate) fn written<T>(line: *const T) {
     unsafe { core::arch::asm!("prefetchw [{}]", in(reg) line, options(nostack, preserves_flags)) }
 }
 
-/// How far [`Ahead`] has come: little by little, and in streams beside each other, of which memory gives half as much again as
-/// of one.
+/// How far [`Ahead`] has come: little by little, and in streams beside each other.
 #[cfg(target_arch = "x86_64")]
 pub(crate) struct Fetch {
     /// Where the next lines of the first streams lie.
@@ -94,19 +109,18 @@ pub(crate) struct Fetch {
     stream: usize,
     left: usize,
     step: usize,
+    streams: usize,
 }
 
 #[cfg(target_arch = "x86_64")]
 impl Fetch {
-    /// Of each piece.
-    const STREAMS: usize = 4;
     const LINE: usize = 64;
 
     /// All of `ahead` in so many calls.
     pub(crate) fn new(ahead: Ahead, calls: usize) -> Self {
-        let lines = ahead.len / Self::LINE / Self::STREAMS;
+        let lines = ahead.len / Self::LINE / ahead.streams;
         let (stream, step) = (lines * Self::LINE, lines.div_ceil(calls.max(1)) * Self::LINE);
-        Self { pieces: ahead.pieces, stream, left: stream, step }
+        Self { pieces: ahead.pieces, stream, left: stream, step, streams: ahead.streams }
     }
 
     /// The next lines.
@@ -119,7 +133,7 @@ impl Fetch {
         self.left -= step;
         for piece in &mut self.pieces {
             for line in (0..step).step_by(Self::LINE) {
-                for stream in 0..Self::STREAMS {
+                for stream in 0..self.streams {
                     far(piece.wrapping_add(line + stream * self.stream));
                 }
             }

@@ -424,7 +424,7 @@ for_each_isa!(
     attention_rows_are_independent,
     attention_row_is_the_same_among_500,
     attention_ignores_hidden_keys
-    => (scalar, avx2, avx512vnni, avx512bf16, amx)
+    => (scalar, avx2, avxvnni, avx512vnni, avx512bf16, amx)
 );
 
 #[test]

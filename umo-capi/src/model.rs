@@ -47,6 +47,8 @@ pub const UMO_ISA_AVX512VNNI: u32 = 3;
 pub const UMO_ISA_AMX: u32 = 4;
 /// At most AVX-512 with VNNI and products of bfloat16.
 pub const UMO_ISA_AVX512BF16: u32 = 5;
+/// At most AVX2 with VNNI.
+pub const UMO_ISA_AVXVNNI: u32 = 6;
 
 /// How a model is loaded. Start it with `umo_model_config_init`.
 #[repr(C)]
@@ -181,9 +183,10 @@ fn isa(number: u32) -> Result<Isa, Failure> {
         UMO_ISA_BEST => return Ok(Isa::detect()),
         UMO_ISA_SCALAR => &["scalar"],
         UMO_ISA_AVX2 => &["scalar", "avx2"],
-        UMO_ISA_AVX512VNNI => &["scalar", "avx2", "avx512vnni"],
-        UMO_ISA_AVX512BF16 => &["scalar", "avx2", "avx512vnni", "avx512bf16"],
-        UMO_ISA_AMX => &["scalar", "avx2", "avx512vnni", "avx512bf16", "amx"],
+        UMO_ISA_AVXVNNI => &["scalar", "avx2", "avxvnni"],
+        UMO_ISA_AVX512VNNI => &["scalar", "avx2", "avxvnni", "avx512vnni"],
+        UMO_ISA_AVX512BF16 => &["scalar", "avx2", "avxvnni", "avx512vnni", "avx512bf16"],
+        UMO_ISA_AMX => &["scalar", "avx2", "avxvnni", "avx512vnni", "avx512bf16", "amx"],
         _ => return Err(Failure::argument(format_args!("isa {number} is none of UMO_ISA_…"))),
     };
     Ok(Isa::available().filter(|isa| allowed.contains(&isa.name())).last().unwrap_or(Isa::SCALAR))
@@ -380,11 +383,12 @@ mod tests {
         let name = |number| isa(number).map(Isa::name).expect("a cap");
         assert_eq!(name(UMO_ISA_SCALAR), "scalar");
         assert!(["scalar", "avx2"].contains(&name(UMO_ISA_AVX2)));
-        assert!(["scalar", "avx2", "avx512vnni"].contains(&name(UMO_ISA_AVX512VNNI)));
+        assert!(["scalar", "avx2", "avxvnni"].contains(&name(UMO_ISA_AVXVNNI)));
+        assert!(["scalar", "avx2", "avxvnni", "avx512vnni"].contains(&name(UMO_ISA_AVX512VNNI)));
         assert_ne!(name(UMO_ISA_AVX512BF16), "amx");
         assert_eq!(name(UMO_ISA_AMX), Isa::detect().name());
         assert_eq!(name(UMO_ISA_BEST), Isa::detect().name());
-        for number in [6, 7, u32::MAX] {
+        for number in [7, 8, u32::MAX] {
             assert!(isa(number).is_err(), "{number}");
         }
     }

@@ -328,17 +328,26 @@ pub fn f32(threads: usize, isa: Isa) -> Option<f64> {
     Some(best(threads, |_| peak::f32(isa, rounds).unwrap_or(0)))
 }
 
-/// Bytes per second that `threads` threads read together from `bytes` of memory in huge pages.
+/// Bytes per second that `threads` threads read together from `bytes` of memory in huge pages, in whichever order is faster.
 pub fn read(threads: usize, isa: Isa, bytes: usize) -> f64 {
+    faster_order(threads, isa, bytes).1
+}
+
+/// The order in which `threads` threads together read `bytes` of memory in huge pages faster, and how many per second.
+pub fn faster_order(threads: usize, isa: Isa, bytes: usize) -> (peak::Order, f64) {
     /// Less would be read within the time that starting together takes.
     const LEAST: usize = 64 << 20;
     let mut memory = AlignedBox::<i8>::zeroed(bytes);
     memory.fill(1);
     let (share, times) = (bytes / threads, LEAST.div_ceil(bytes.max(1)));
-    best(threads, |thread| {
-        (0..times).for_each(|_| peak::read(isa, &memory[thread * share..(thread + 1) * share]));
-        times * share
-    })
+    let speeds = peak::Order::ALL.map(|order| {
+        best(threads, |thread| {
+            (0..times).for_each(|_| peak::read(isa, order, &memory[thread * share..(thread + 1) * share]));
+            times * share
+        })
+    });
+    let [streams, whole] = peak::Order::ALL;
+    if speeds[0] > speeds[1] { (streams, speeds[0]) } else { (whole, speeds[1]) }
 }
 
 /// The best of many rounds, in which all threads start together: work done per second.

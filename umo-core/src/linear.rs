@@ -165,12 +165,12 @@ impl Linear {
 
     /// Tells the threads that the gated product with all outputs comes after the next job.
     pub fn expect_gated(&self, up: &Self, cx: Compute) {
-        cx.team.expect(self.outputs, PANEL, |range| self.ahead_gated(up, range));
+        cx.team.expect(self.outputs, PANEL, |range| self.ahead_gated(up, range).as_read_by(cx.isa));
     }
 
     /// Tells the threads that the product with all outputs comes after the next job.
     pub fn expect(&self, cx: Compute) {
-        cx.team.expect(self.outputs, PANEL, |range| self.ahead(range));
+        cx.team.expect(self.outputs, PANEL, |range| self.ahead(range).as_read_by(cx.isa));
     }
 
     /// Bytes that one product reads.

@@ -5,8 +5,8 @@
 //! the tiles of one block are multiplied, the sums of the block before are ended, a few rows per step, and the next
 //! pair of panels comes to L2. Up to [`FEW_ROWS`] rows, most of a tile would be empty: they are left to VNNI.
 
-use super::QuantInput;
-use super::avx512vnni::{self, Job, finish};
+use super::avx512vnni::{self, finish};
+use super::{Job, QuantInput};
 use crate::amx::{Aligned, BYTES, TILE, Tiles};
 use crate::mat::MatMut;
 use crate::math::avx512vnni::gelu_tanh;

@@ -7,11 +7,12 @@
 //! adds up to             o0    o0    o1    o1   ..   o3     two sums per output, added at the end
 //! ```
 
-use super::QuantInput;
+use super::chunk::{CHUNK_BYTES, Chunk};
+use super::{Job, QuantInput};
 use crate::mat::MatMut;
 use crate::matmul_f32::avx2::{self as float, load, store};
 use crate::matmul_f32::{Epilogue, tiles};
-use crate::pack::{PANEL, PackedI8, QUAD, panels};
+use crate::pack::{PANEL, PackedI8, QUAD};
 use crate::prefetch;
 use core::arch::x86_64::*;
 
@@ -19,46 +20,51 @@ use core::arch::x86_64::*;
 const ROWS: usize = 6;
 /// Quads of inputs converted at once: 6 rows are 24 KiB, in L1 beside the weights that stream through.
 const QUADS: usize = 512;
-/// Quads between a multiplication and the prefetch of its weights from L2.
-const AHEAD: usize = 16;
+/// Quads between a multiplication and the prefetch of its weights: panels are read one after another, from end to end, so that memory's
+/// delay is hidden for as long as they are read once.
+const AHEAD: usize = 160;
 /// Outputs whose quads fill a register once widened.
 const OUTPUTS: usize = 4;
 /// Registers of a panel.
 const REGISTERS: usize = PANEL / OUTPUTS;
-/// Panels whose weights stay in the cache while tiles of rows go by.
-const CHUNK: usize = 16;
-/// Panels of one output tile: a gate and an up panel.
-const MOST: usize = 2;
+/// Panels that are ended at once, as a gate and an up panel.
+const WIDTH: usize = 2;
 
 /// Inputs of one row, widened; the extra quads keep rows off each other's cache sets.
 type Steps = [[i16; QUAD]; QUADS + 8];
+/// A quad of all outputs of a panel.
+type Quads = [i8; PANEL * QUAD];
 
 #[target_feature(enable = "avx2,fma")]
 pub(super) fn matmul(x: QuantInput, w: PackedI8, end: Epilogue, y: MatMut<f32>) {
-    run(&x, &[w], Some(end), y);
+    run(&x, &Job::Plain(w, end), y);
 }
 
 #[target_feature(enable = "avx2,fma")]
 pub(super) fn matmul_gated(x: QuantInput, gate: PackedI8, up: PackedI8, y: MatMut<f32>) {
-    run(&x, &[gate, up], None, y);
+    run(&x, &Job::Gated(gate, up), y);
 }
 
-/// One weight with its end, or a gate and an up weight without one.
 #[target_feature(enable = "avx2,fma")]
-fn run(x: &QuantInput, weights: &[PackedI8], end: Option<Epilogue>, mut y: MatMut<f32>) {
+fn run(x: &QuantInput, job: &Job, mut y: MatMut<f32>) {
     let mut steps = [[[0; QUAD]; QUADS + 8]; ROWS];
-    for first in (0..panels(weights[0].n())).step_by(CHUNK) {
-        let chunk = first..(first + CHUNK).min(panels(weights[0].n()));
-        for (t, rows) in tiles(x.rows.rows(), ROWS) {
+    let rows = x.rows.rows();
+    let width = (CHUNK_BYTES / (PANEL * job.k().max(1)) / WIDTH).max(1) * WIDTH;
+    for first in (0..job.slots()).step_by(width) {
+        let mut chunk = Chunk::new(job, first..first + width, rows, (rows.div_ceil(ROWS), WIDTH));
+        for (t, rows) in tiles(rows, ROWS) {
             let steps = &mut steps[..rows];
             convert(x, t, 0, steps);
-            for p in chunk.clone() {
-                let mut sums = [[0; PANEL]; ROWS * MOST];
-                let sums = &mut sums[..rows * weights.len()];
-                for (i, w) in weights.iter().enumerate() {
-                    panel(x, t, steps, w, p, sums[i..].iter_mut().step_by(weights.len()));
+            for slot in chunk.slots.clone().step_by(WIDTH) {
+                let width = WIDTH.min(chunk.slots.end - slot);
+                let next = chunk.fetch(job.panel(slot));
+                let mut sums = [[0.0; PANEL]; ROWS * WIDTH];
+                let sums = &mut sums[..rows * width];
+                for (i, next) in next[..width].iter().enumerate() {
+                    let fetch = (AHEAD, *next);
+                    panel(x, t, steps, job.panel(slot + i), fetch, sums[i..].iter_mut().step_by(width));
                 }
-                finish(x, t, sums, weights, p, end.as_ref(), &mut y);
+                finish::<0>(x, t, sums, width, job, slot, &mut y);
             }
         }
     }
@@ -81,38 +87,37 @@ fn convert(x: &QuantInput, t: usize, first: usize, steps: &mut [Steps]) {
     }
 }
 
-/// Exact sums of the rows from `t` on with panel `p` of one weight.
+/// Exact sums of the rows from `t` on with one panel.
 #[target_feature(enable = "avx2,fma")]
 fn panel<'s>(
     x: &QuantInput,
     t: usize,
     steps: &mut [Steps],
-    w: &PackedI8,
-    p: usize,
-    sums: impl Iterator<Item = &'s mut [i32; PANEL]>,
+    quads: &[Quads],
+    fetch: (usize, *const Quads),
+    sums: impl Iterator<Item = &'s mut [f32; PANEL]>,
 ) {
     let mut partial = [[[0; 8]; REGISTERS]; ROWS];
     let partial = &mut partial[..steps.len()];
-    let k = w.k();
-    for first in (0..k).step_by(QUADS * QUAD) {
-        if k > QUADS * QUAD {
-            convert(x, t, first, steps);
+    for (i, quads) in quads.chunks(QUADS).enumerate() {
+        let fetch = (fetch.0, fetch.1.wrapping_add(i * QUADS));
+        if x.rows.cols() > QUADS * QUAD {
+            convert(x, t, i * QUADS * QUAD, steps);
         }
-        let quads = &w.panel(p)[first / QUAD..(first / QUAD + QUADS).min(k.div_ceil(QUAD))];
         match steps.len() {
-            1 => multiply::<1, 4>(steps, quads, partial),
-            2 => multiply::<2, 4>(steps, quads, partial),
-            3 => multiply::<3, 2>(steps, quads, partial),
-            4 => multiply::<4, 2>(steps, quads, partial),
-            5 => multiply::<5, 2>(steps, quads, partial),
-            ROWS => multiply::<ROWS, 2>(steps, quads, partial),
+            1 => multiply::<1, 4>(steps, quads, fetch, partial),
+            2 => multiply::<2, 4>(steps, quads, fetch, partial),
+            3 => multiply::<3, 2>(steps, quads, fetch, partial),
+            4 => multiply::<4, 2>(steps, quads, fetch, partial),
+            5 => multiply::<5, 2>(steps, quads, fetch, partial),
+            ROWS => multiply::<ROWS, 2>(steps, quads, fetch, partial),
             rows => unreachable!("a tile of {rows} rows"),
         }
     }
     for (partial, sums) in partial.iter().zip(sums) {
-        let (halves, _) = sums.as_chunks_mut::<8>();
-        store_sums(&mut halves[0], add_pairs(load_sums(&partial[0]), load_sums(&partial[1])));
-        store_sums(&mut halves[1], add_pairs(load_sums(&partial[2]), load_sums(&partial[3])));
+        let low = add_pairs(load_sums(&partial[0]), load_sums(&partial[1]));
+        let high = add_pairs(load_sums(&partial[2]), load_sums(&partial[3]));
+        store(sums, [_mm256_castsi256_ps(low), _mm256_castsi256_ps(high)]);
     }
 }
 
@@ -120,7 +125,8 @@ fn panel<'s>(
 #[target_feature(enable = "avx2,fma")]
 fn multiply<const R: usize, const H: usize>(
     steps: &[Steps],
-    quads: &[[i8; PANEL * QUAD]],
+    quads: &[Quads],
+    (ahead, next): (usize, *const Quads),
     partial: &mut [[[i32; 8]; REGISTERS]],
 ) {
     let steps: &[Steps; R] = steps.first_chunk().expect("R is the number of rows");
@@ -130,7 +136,10 @@ fn multiply<const R: usize, const H: usize>(
         let mut acc = [[_mm256_setzero_si256(); H]; R];
         for (q, quad) in quads.iter().enumerate() {
             let (outputs, _) = quad.as_chunks::<16>();
-            prefetch::near(quads.as_ptr().wrapping_add(q + AHEAD));
+            prefetch::near(quads.as_ptr().wrapping_add(q + ahead));
+            if R > 2 && first == 0 {
+                prefetch::far(next.wrapping_add(q));
+            }
             let mut w = [_mm256_setzero_si256(); H];
             for h in 0..H {
                 w[h] = widen(&outputs[first + h]);
@@ -165,39 +174,43 @@ fn add_pairs(low: __m256i, high: __m256i) -> __m256i {
     _mm256_permute4x64_epi64::<0b11_01_10_00>(_mm256_hadd_epi32(low, high))
 }
 
-/// Ends the sums `[rows, weights]` of the rows from `t` on with panel `p`.
+/// Ends the integer sums `[rows, width]`, which lie as bits in the place of the floats that they become: those of the rows from `t`
+/// on with the slots from `slot` on, whose inputs were raised by `OFFSET`.
 #[target_feature(enable = "avx2,fma")]
-fn finish(
+pub(super) fn finish<const OFFSET: i32>(
     x: &QuantInput,
     t: usize,
-    sums: &[[i32; PANEL]],
-    weights: &[PackedI8],
-    p: usize,
-    end: Option<&Epilogue>,
+    sums: &mut [[f32; PANEL]],
+    width: usize,
+    job: &Job,
+    slot: usize,
     y: &mut MatMut<f32>,
 ) {
-    let mut w_scale = [[0.0; PANEL]; MOST];
-    for (w_scale, w) in w_scale.iter_mut().zip(weights) {
-        let w = &w.scale()[p * PANEL..((p + 1) * PANEL).min(w.n())];
-        w_scale[..w.len()].copy_from_slice(w);
-    }
-    let mut values = [[0.0; PANEL]; ROWS * MOST];
-    let values = &mut values[..sums.len()];
-    let rows = values.chunks_exact_mut(weights.len()).zip(sums.chunks_exact(weights.len()));
-    for (t, (values, sums)) in (t..).zip(rows) {
-        let x_scale = _mm256_set1_ps(x.scale(t));
-        for ((v, sums), w_scale) in values.iter_mut().zip(sums).zip(&w_scale) {
-            let (halves, _) = sums.as_chunks::<8>();
-            let [low, high] = load(w_scale);
+    for i in 0..width {
+        let (w, p) = job.slot(slot + i);
+        let outputs = p * PANEL..((p + 1) * PANEL).min(w.n());
+        let mut w_scale = [0.0; PANEL];
+        w_scale[..outputs.len()].copy_from_slice(&w.scale()[outputs.clone()]);
+        let w_scale = load(&w_scale);
+        let mut w_sum = [0; PANEL];
+        w_sum[..outputs.len()].copy_from_slice(&w.sum()[outputs]);
+        let (halves, _) = w_sum.as_chunks::<8>();
+        let raised = _mm256_set1_epi32(OFFSET);
+        let correction = [0, 1].map(|half| _mm256_mullo_epi32(load_sums(&halves[half]), raised));
+        for (t, sum) in (t..).zip(sums[i..].iter_mut().step_by(width)) {
+            let x_scale = _mm256_set1_ps(x.scale(t));
+            let bits = load(sum);
             // The exact sum rounded to f32 once, then scalar's order of roundings.
-            let low = _mm256_mul_ps(_mm256_cvtepi32_ps(load_sums(&halves[0])), _mm256_mul_ps(x_scale, low));
-            let high = _mm256_mul_ps(_mm256_cvtepi32_ps(load_sums(&halves[1])), _mm256_mul_ps(x_scale, high));
-            store(v, [low, high]);
+            let value = [0, 1].map(|half| {
+                let exact = _mm256_sub_epi32(_mm256_castps_si256(bits[half]), correction[half]);
+                _mm256_mul_ps(_mm256_cvtepi32_ps(exact), _mm256_mul_ps(x_scale, w_scale[half]))
+            });
+            store(sum, value);
         }
     }
-    match end {
-        Some(end) => float::finish(values, 1, t, p * PANEL, end, y),
-        None => float::finish_gated(values, 1, t, p * PANEL, y),
+    match job {
+        Job::Plain(_, end) => float::finish(sums, width, t, slot * PANEL, end, y),
+        Job::Gated(..) => float::finish_gated(sums, width / 2, t, slot / 2 * PANEL, y),
     }
 }
 

@@ -3,113 +3,31 @@
 //! Input rows are made unsigned (`x + 128`) in a small buffer on the stack, a tile of rows at a time; what that adds,
 //! `128 * sum(w)`, is taken from the sums before they start. All of it wraps in 32 bits, so the sums are exact.
 
-use super::QuantInput;
+use super::chunk::{AHEAD, CHUNK_BYTES, Chunk, FEW_ROWS};
+use super::{Job, QuantInput};
 use crate::mat::MatMut;
-use crate::matmul_f32::avx512vnni::{self as float, MOST, lanes, load, load_part, store, store_part};
+pub(super) use crate::matmul_f32::avx512vnni::MOST;
+use crate::matmul_f32::avx512vnni::{self as float, lanes, load, load_part, store, store_part};
 use crate::matmul_f32::{Activation, Epilogue, tiles};
-use crate::pack::{PANEL, PackedI8, QUAD, panels};
+use crate::pack::{PANEL, PackedI8, QUAD};
 use crate::prefetch;
 use core::arch::x86_64::*;
-use core::ops::Range;
 
 /// Rows of the largest tile: 9 rows x 3 panels are 27 sums, which leaves three registers of weights and two to spare.
 const ROWS: usize = 9;
 /// Rows of the largest tile of an even number of panels, as gated products need: 6 rows x 4 panels.
 const EVEN_ROWS: usize = 6;
-/// Rows of a tile that is bound by memory, where clearing the large buffer would show.
-const FEW_ROWS: usize = 4;
-/// Bytes of weights in work at once, which stay in L2 while tiles of rows go by, beside the next: half of a small L2.
-const CHUNK_BYTES: usize = 256 << 10;
 /// Quads of inputs converted at once: 9 rows are 37 KiB.
-const QUADS: usize = 1024;
-/// Quads between a multiplication and the prefetch of its weights: from L2, where 8 steps of 13 cycles are longer than it takes, and
-/// where several rows meet each weight but once, and it comes from further away.
-const AHEAD: [usize; 2] = [8, 32];
+pub(super) const QUADS: usize = 1024;
 /// Panels of sums in one tile at most. They are cleared once per product: clearing them per tile would wait for the
 /// stores of the tile before.
 const SUMS: usize = ROWS * 3;
 /// Bytes in a register.
-const BYTES: usize = 64;
+pub(super) const BYTES: usize = 64;
 
 /// Unsigned steps of one row, with room for a whole register behind the last; the extra line keeps rows off each
 /// other's cache sets.
-type Steps = [[u8; QUAD]; QUADS + BYTES / QUAD];
-
-/// What is multiplied, and how it ends. A *slot* is one panel in the order of work.
-pub(super) enum Job<'a> {
-    Plain(PackedI8<'a>, Epilogue<'a>),
-    /// Gate and up panels take turns.
-    Gated(PackedI8<'a>, PackedI8<'a>),
-}
-
-impl<'a> Job<'a> {
-    pub(super) fn k(&self) -> usize {
-        match self {
-            Job::Plain(w, _) | Job::Gated(w, _) => w.k(),
-        }
-    }
-
-    pub(super) fn slots(&self) -> usize {
-        match self {
-            Job::Plain(w, _) => panels(w.n()),
-            Job::Gated(gate, _) => 2 * panels(gate.n()),
-        }
-    }
-
-    /// The panel of a slot.
-    #[inline]
-    pub(super) fn panel(&self, slot: usize) -> &'a [[i8; BYTES]] {
-        match self {
-            Job::Plain(w, _) => w.panel(slot),
-            Job::Gated(gate, up) => (if slot.is_multiple_of(2) { gate } else { up }).panel(slot / 2),
-        }
-    }
-
-    /// The weight of a slot, and the panel's place in it.
-    #[inline]
-    fn slot(&self, slot: usize) -> (&PackedI8<'a>, usize) {
-        match self {
-            Job::Plain(w, _) => (w, slot),
-            Job::Gated(gate, up) => (if slot.is_multiple_of(2) { gate } else { up }, slot / 2),
-        }
-    }
-}
-
-/// The weights in work, and those that come meanwhile.
-struct Chunk<'a> {
-    job: &'a Job<'a>,
-    /// In L2 while tiles of rows go by.
-    slots: Range<usize>,
-    /// Not yet fetched, of the chunk after this.
-    next: Range<usize>,
-    /// How many of those a group fetches.
-    each: usize,
-    /// Quads between a multiplication and its own weights' prefetch.
-    ahead: usize,
-}
-
-impl<'a> Chunk<'a> {
-    /// At most `width` slots from `first` on, for so many rows in tiles.
-    fn new(job: &'a Job, first: usize, width: usize, rows: usize, tiles: usize) -> Self {
-        let slots = first..(first + width).min(job.slots());
-        let next = slots.end..(slots.end + width).min(job.slots());
-        let groups = tiles * slots.len().div_ceil(MOST);
-        let (each, ahead) = (next.len().div_ceil(groups.max(1)).min(2), AHEAD[usize::from(tiles == 1 && rows > 1)]);
-        Self { job, slots, next, each, ahead }
-    }
-
-    /// Panels of the next chunk to be fetched now; where there are none, `panel`, which is here.
-    #[inline]
-    fn fetch(&mut self, panel: &[[i8; BYTES]]) -> [*const [i8; BYTES]; 2] {
-        let mut some = [panel.as_ptr(); 2];
-        for place in &mut some[..self.each] {
-            if let Some(slot) = self.next.next() {
-                *place = self.job.panel(slot).as_ptr();
-            }
-        }
-        some
-    }
-}
+pub(super) type Steps = [[u8; QUAD]; QUADS + BYTES / QUAD];
 
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
 pub(super) fn matmul(x: QuantInput, w: PackedI8, end: Epilogue, y: MatMut<f32>) {
@@ -122,7 +40,7 @@ pub(super) fn matmul_gated(x: QuantInput, gate: PackedI8, up: PackedI8, y: MatMu
 }
 
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn run(x: QuantInput, job: &Job, y: MatMut<f32>) {
+pub(super) fn run(x: QuantInput, job: &Job, y: MatMut<f32>) {
     match job {
         _ if x.rows.rows() <= FEW_ROWS => product::<FEW_ROWS>(x, job, y),
         Job::Plain(..) => product::<ROWS>(x, job, y),
@@ -141,7 +59,7 @@ fn product<const TILE: usize>(x: QuantInput, job: &Job, mut y: MatMut<f32>) {
     let granule = if count > 1 && 12 * panel_bytes > CHUNK_BYTES { 6 } else { 12 };
     let width = (CHUNK_BYTES / panel_bytes / granule).max(1) * granule;
     for first in (0..job.slots()).step_by(width) {
-        let mut chunk = Chunk::new(job, first, width, rows, count);
+        let mut chunk = Chunk::new(job, first..first + width, rows, (count, MOST));
         for (t, rows) in tiles(rows, TILE) {
             let steps = &mut steps[..rows];
             convert(&x, t, 0, steps);
@@ -163,7 +81,7 @@ fn product<const TILE: usize>(x: QuantInput, job: &Job, mut y: MatMut<f32>) {
 
 /// The inputs from `first` on of the rows from `t` on, made unsigned, as many of both as `steps` holds.
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn convert(x: &QuantInput, t: usize, first: usize, steps: &mut [Steps]) {
+pub(super) fn convert(x: &QuantInput, t: usize, first: usize, steps: &mut [Steps]) {
     let inputs = first..(first + QUADS * QUAD).min(x.rows.cols());
     for (t, steps) in (t..).zip(steps.iter_mut()) {
         unsigned(&x.rows.row(t)[inputs.clone()], steps);
@@ -376,7 +294,7 @@ pub(super) fn finish<const OFFSET: i32>(
 
 #[inline]
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn load_bytes(src: &[i8; BYTES]) -> __m512i {
+pub(super) fn load_bytes(src: &[i8; BYTES]) -> __m512i {
     // SAFETY: `src` is 64 readable bytes; the load needs no alignment.
     unsafe { _mm512_loadu_si512(src.as_ptr().cast()) }
 }

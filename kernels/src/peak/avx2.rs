@@ -7,11 +7,11 @@ use core::arch::x86_64::{
 };
 use core::hint::black_box;
 
-use super::{STREAM, STREAMS, ahead};
+use super::{FAR_WHOLE, Order, STREAM, STREAMS, TURNS, ahead};
 use crate::prefetch;
 
 /// Independent sums: with two operands they leave two of 16 registers.
-const SUMS: usize = 12;
+pub(super) const SUMS: usize = 12;
 
 /// `vpmaddwd` and an addition, which is what an exact product takes: bytes were widened before. By name, or the compiler
 /// would see that every product is the same.
@@ -55,7 +55,29 @@ pub(super) fn f32(rounds: usize) -> usize {
 }
 
 #[target_feature(enable = "avx2")]
-pub(super) fn read(bytes: &[i8]) {
+pub(super) fn read(order: Order, bytes: &[i8]) {
+    match order {
+        Order::Streams => read_streams(bytes),
+        Order::Whole => read_whole(bytes),
+    }
+}
+
+#[target_feature(enable = "avx2")]
+fn read_whole(bytes: &[i8]) {
+    let mut sums = [_mm256_setzero_si256(); TURNS];
+    let (turns, rest) = bytes.as_chunks::<{ TURNS * 32 }>();
+    for turn in turns {
+        for (sum, part) in sums.iter_mut().zip(turn.as_chunks().0) {
+            prefetch::near(part.as_ptr().wrapping_add(FAR_WHOLE));
+            *sum = _mm256_add_epi32(*sum, load(part));
+        }
+    }
+    black_box(sums);
+    super::read_scalar(rest);
+}
+
+#[target_feature(enable = "avx2")]
+fn read_streams(bytes: &[i8]) {
     let mut sums = [_mm256_setzero_si256(); STREAMS];
     let (chunks, rest) = bytes.as_chunks::<{ STREAMS * STREAM }>();
     for chunk in chunks {

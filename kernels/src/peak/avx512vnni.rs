@@ -6,7 +6,7 @@ use core::arch::x86_64::{
 };
 use core::hint::black_box;
 
-use super::{STREAM, STREAMS, ahead};
+use super::{FAR_WHOLE, Order, STREAM, STREAMS, TURNS, ahead};
 use crate::prefetch;
 
 /// Independent sums: far more than an instruction's delay, and with two operands fewer than 32 registers.
@@ -40,7 +40,29 @@ pub(super) fn f32(rounds: usize) -> usize {
 }
 
 #[target_feature(enable = "avx512f")]
-pub(super) fn read(bytes: &[i8]) {
+pub(super) fn read(order: Order, bytes: &[i8]) {
+    match order {
+        Order::Streams => read_streams(bytes),
+        Order::Whole => read_whole(bytes),
+    }
+}
+
+#[target_feature(enable = "avx512f")]
+fn read_whole(bytes: &[i8]) {
+    let mut sums = [_mm512_setzero_si512(); TURNS];
+    let (turns, rest) = bytes.as_chunks::<{ TURNS * 64 }>();
+    for turn in turns {
+        for (sum, part) in sums.iter_mut().zip(turn.as_chunks().0) {
+            prefetch::near(part.as_ptr().wrapping_add(FAR_WHOLE));
+            *sum = _mm512_add_epi32(*sum, load(part));
+        }
+    }
+    black_box(sums);
+    super::read_scalar(rest);
+}
+
+#[target_feature(enable = "avx512f")]
+fn read_streams(bytes: &[i8]) {
     let mut sums = [_mm512_setzero_si512(); STREAMS];
     let (chunks, rest) = bytes.as_chunks::<{ STREAMS * STREAM }>();
     for chunk in chunks {

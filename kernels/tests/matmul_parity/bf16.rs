@@ -134,7 +134,7 @@ fn rounded_rows_carry_what_is_not_finite(isa: Isa) {
     }
 }
 
-for_each_isa!(rounded_rows_stand_alone => scalar, avx2, avx512vnni, avx512bf16, amx);
-for_each_isa!(rounded_rows_carry_what_is_not_finite => scalar, avx2, avx512vnni, avx512bf16, amx);
-for_each_isa!(rows_in_bf16_give_the_same => scalar, avx2, avx512vnni, avx512bf16, amx);
-for_each_isa!(bf16_products_carry_what_is_not_finite => scalar, avx2, avx512vnni, avx512bf16, amx);
+for_each_isa!(rounded_rows_stand_alone => scalar, avx2, avxvnni, avx512vnni, avx512bf16, amx);
+for_each_isa!(rounded_rows_carry_what_is_not_finite => scalar, avx2, avxvnni, avx512vnni, avx512bf16, amx);
+for_each_isa!(rows_in_bf16_give_the_same => scalar, avx2, avxvnni, avx512vnni, avx512bf16, amx);
+for_each_isa!(bf16_products_carry_what_is_not_finite => scalar, avx2, avxvnni, avx512vnni, avx512bf16, amx);

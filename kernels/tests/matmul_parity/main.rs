@@ -351,9 +351,9 @@ fn rows_and_outputs_stand_alone(isa: Isa) {
     });
 }
 
-for_each_isa!(products_match_scalar => avx2, avx512vnni, avx512bf16, amx);
-for_each_isa!(int8_sums_are_exact => scalar, avx2, avx512vnni, avx512bf16, amx);
-for_each_isa!(int8_sums_reach_the_limit => scalar, avx2, avx512vnni, avx512bf16, amx);
-for_each_isa!(long_rows_match_scalar => avx2, avx512vnni, avx512bf16, amx);
-for_each_isa!(float_sums_keep_their_bound => scalar, avx2, avx512vnni, avx512bf16, amx);
-for_each_isa!(rows_and_outputs_stand_alone => scalar, avx2, avx512vnni, avx512bf16, amx);
+for_each_isa!(products_match_scalar => avx2, avxvnni, avx512vnni, avx512bf16, amx);
+for_each_isa!(int8_sums_are_exact => scalar, avx2, avxvnni, avx512vnni, avx512bf16, amx);
+for_each_isa!(int8_sums_reach_the_limit => scalar, avx2, avxvnni, avx512vnni, avx512bf16, amx);
+for_each_isa!(long_rows_match_scalar => avx2, avxvnni, avx512vnni, avx512bf16, amx);
+for_each_isa!(float_sums_keep_their_bound => scalar, avx2, avxvnni, avx512vnni, avx512bf16, amx);
+for_each_isa!(rows_and_outputs_stand_alone => scalar, avx2, avxvnni, avx512vnni, avx512bf16, amx);

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use umo_kernels::attention::{Visible, attention_bf16, attention_f32};
 use umo_kernels::bf16::round_bf16;
 use umo_kernels::matmul_f32::Epilogue;
-use umo_kernels::{Ahead, Bf16, Mat, MatMut, ShapeError};
+use umo_kernels::{Ahead, Bf16, Isa, Mat, MatMut, ShapeError};
 
 use super::attention::{PositionBias, Projections, for_each_head, projection};
 use super::experts::Experts;
@@ -118,10 +118,10 @@ impl DecoderCache {
     }
 
     /// What attention with all of a head's keys reads first.
-    fn cross_ahead(&self, layer: usize, head: usize) -> Ahead<'_> {
+    fn cross_ahead(&self, isa: Isa, layer: usize, head: usize) -> Ahead<'_> {
         match &self.cross {
             Cross::F32(_) => Ahead::NOTHING,
-            Cross::Bf16(cross) => ahead(self.cross_head(cross, layer, head)),
+            Cross::Bf16(cross) => ahead(isa, self.cross_head(cross, layer, head)),
         }
     }
 
@@ -331,7 +331,7 @@ impl Decoder {
             let first = sequence.cache.own_len;
             let (cache, rows) = (&sequence.cache, first + sequence.count);
             let next = heads.clone().nth(1);
-            let ahead = next.map_or(Ahead::NOTHING, |head| ahead(cache.own_head(index, head, rows)));
+            let ahead = next.map_or(Ahead::NOTHING, |head| ahead(cx.isa, cache.own_head(index, head, rows)));
             let [k, v] = cache.own_head(index, heads.start, rows).map(|values| Mat::new(values, rows, self.d_kv));
             let bias = Some(self.bias.of(heads.start, first));
             attention_f32(cx.isa, q, k?, v?, 1.0, bias, Visible::Causal { first }, ahead, y)
@@ -356,7 +356,7 @@ impl Decoder {
         let x = norm_input(cx, hidden, (&layer.cross_norm, self.eps), normed, (input, quant), none, 0, no_more)?;
         // Of the first sequence, each thread's first head.
         cx.team.expect(inner, self.d_kv, |columns| {
-            sequences.first().map_or(Ahead::NOTHING, |s| s.cache.cross_ahead(index, columns.start / self.d_kv))
+            sequences.first().map_or(Ahead::NOTHING, |s| s.cache.cross_ahead(cx.isa, index, columns.start / self.d_kv))
         });
         input.apply(cx, x, None, 0..inner, Epilogue::STORE, MatMut::new(qkv, rows, inner)?)?;
 
@@ -389,7 +389,7 @@ impl Decoder {
             }
             Cross::Bf16(cross) => {
                 let next = heads.clone().nth(1);
-                let ahead = next.map_or(Ahead::NOTHING, |head| ahead(cache.cross_head(cross, index, head)));
+                let ahead = next.map_or(Ahead::NOTHING, |head| ahead(cx.isa, cache.cross_head(cross, index, head)));
                 let [k, v] = cache.cross_head(cross, index, head).map(|values| Mat::new(values, rows, d_kv));
                 attention_bf16(cx.isa, q, k?, v?, 1.0, None, Visible::All, ahead, y)
             }
@@ -417,8 +417,8 @@ impl Decoder {
 }
 
 /// Keys and values that are read next.
-fn ahead<T>([keys, values]: [&[T]; 2]) -> Ahead<'_> {
-    Ahead::new(keys, values)
+fn ahead<T>(isa: Isa, [keys, values]: [&[T]; 2]) -> Ahead<'_> {
+    Ahead::new(keys, values).as_read_by(isa)
 }
 
 /// Appends each sequence's new keys and values, rows of `kv`, to its cache of one layer.

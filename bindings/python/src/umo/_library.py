@@ -37,7 +37,7 @@ PARAMETERS = {
 }
 AXES = {"gltf": 0, "unreal": 1, "unity": 2}
 PRECISIONS = {"stored": 0, "f32": 1, "bf16": 2, "int8": 3}
-ISAS = {"best": 0, "scalar": 1, "avx2": 2, "avx512vnni": 3, "amx": 4, "avx512bf16": 5}
+ISAS = {"best": 0, "scalar": 1, "avx2": 2, "avx512vnni": 3, "amx": 4, "avx512bf16": 5, "avxvnni": 6}
 
 
 class Status(enum.IntEnum):

@@ -20,8 +20,8 @@ class Model(_library.Handle):
     """A loaded model: immutable, to be shared by any number of engines and threads.
 
     `source` is a path, the bytes of a model file, or None for the model that comes with the package. `precision` is
-    `"stored"`, `"f32"`, `"bf16"` or `"int8"`; `isa` caps the instructions: `"best"`, `"scalar"`, `"avx2"`, `"avx512vnni"`,
-    `"avx512bf16"` or `"amx"`. Where users must be told something about the model, that is a warning.
+    `"stored"`, `"f32"`, `"bf16"` or `"int8"`; `isa` caps the instructions: `"best"`, `"scalar"`, `"avx2"`, `"avxvnni"`,
+    `"avx512vnni"`, `"avx512bf16"` or `"amx"`. Where users must be told something about the model, that is a warning.
     """
 
     def __init__(
