@@ -6,7 +6,7 @@ use umo_core::lm::generate::{Draw, Generator};
 use umo_core::lm::sampler::Sampler;
 use umo_core::lm::{Lengths, Lm, LmScratch};
 use umo_core::weights::{AlignedBox, Loader};
-use umo_core::{Compute, Config, ModelFile, Part, PerPart, Precision};
+use umo_core::{Compute, Config, ModelFile, Part, PerPart, Precision, floor};
 use umo_kernels::activation::argmax;
 use umo_kernels::{Mat, peak};
 
@@ -143,6 +143,8 @@ impl Audio {
 #[derive(Debug)]
 pub struct Reading {
     memory: AlignedBox<i8>,
+    /// What is fastest on this processor.
+    order: peak::Order,
     /// Where the last call ended.
     at: usize,
 }
@@ -152,7 +154,7 @@ impl Reading {
     pub fn new() -> Self {
         let mut memory = AlignedBox::<i8>::zeroed(READ_BYTES);
         memory.fill(1);
-        Self { memory, at: 0 }
+        Self { memory, order: floor::faster_order(1, isa(), READ_BYTES).0, at: 0 }
     }
 
     /// Reads the next `bytes`, each thread a piece of them.
@@ -164,7 +166,7 @@ impl Reading {
         let share = bytes.len().div_ceil(cx.team.threads());
         cx.team.run(&|thread| {
             let end = bytes.len().min((thread + 1) * share);
-            peak::read(cx.isa, &bytes[end.min(thread * share)..end]);
+            peak::read(cx.isa, self.order, &bytes[end.min(thread * share)..end]);
         });
         self.at += bytes.len();
     }

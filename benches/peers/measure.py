@@ -27,6 +27,7 @@ ROUNDS, CALLS = 15, {"step": 20, "reading": 20}
 REST = 0.1
 NAMES = {"onnxruntime": "ONNX Runtime", "ctranslate2": "CTranslate2", "pytorch": "PyTorch"}
 PACKAGES = {"pytorch": "torch"}
+READING = "reading as many bytes"
 # What is timed: the part, threads, and the peers with the precision of their weights.
 PARTS = [
     ("encoder", 2, ["onnxruntime int8", "ctranslate2 int8", "pytorch int8", "onnxruntime f32", "pytorch f32"]),
@@ -64,7 +65,7 @@ def version():
 def peer_name(peer):
     package, kind = peer.split()
     if package == "reading":
-        return "reading as many bytes"
+        return READING
     return f"{NAMES[package]} {importlib.metadata.version(PACKAGES.get(package, package))} {kind}"
 
 
@@ -172,7 +173,8 @@ def products(isa, threads):
             if peer == "MKL":
                 peer = f"MKL {importlib.metadata.version('mkl')}"
             what = f"product; {shape}; {rows} row{'s' * (rows != '1')}"
-            yield what, f"{kind} {isa}", f"{peer} {kind}", threads, float(our_ms), float(peer_ms), float(floor_ms)
+            peer = peer if peer == READING else f"{peer} {kind}"
+            yield what, f"{kind} {isa}", peer, threads, float(our_ms), float(peer_ms), float(floor_ms)
 
 
 def row(stamp, what, ours, peer, threads, our_ms, peer_ms, floor_ms):

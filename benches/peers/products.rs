@@ -16,16 +16,21 @@ use std::time::{Duration, Instant};
 
 use mkl::{Mkl, Shape};
 use umo_benches::Random;
-use umo_core::{Team, floor};
 use umo_core::weights::AlignedBox;
+use umo_core::{Team, floor};
 use umo_kernels::matmul_f32::{Epilogue, Input, matmul_f32};
 use umo_kernels::matmul_i8::{QuantRows, matmul_i8};
-use umo_kernels::pack::{pack, pack_i8, packed_len, packed_len_i8};
-use umo_kernels::{Isa, Mat, MatMut, PANEL, PackedF32, PackedI8};
+use umo_kernels::pack::{pack, pack_i8, packed_len, packed_len_i8, panels};
+use umo_kernels::{Ahead, Isa, Mat, MatMut, PANEL, PackedF32, PackedI8, peak};
 
 const WEIGHT_BYTES: usize = 32 << 20;
 const SHAPES: [(usize, usize); 4] = [(2048, 768), (768, 2048), (768, 768), (3072, 768)];
 const ROWS: [usize; 6] = [1, 4, 16, 64, 128, 256];
+/// Panels of the next weights that a thread fetches while it waits, as in the engine.
+const AHEAD: usize = 8;
+/// Rows up to which reading the weights is the limit, and what that is called.
+const FEW_ROWS: usize = 4;
+const READING: &str = "reading as many bytes";
 const TURN: f64 = 0.01;
 const REST: Duration = Duration::from_millis(4);
 const OK: &str = "shapes agree";
@@ -39,8 +44,8 @@ struct Bench {
     filter: String,
     /// Multiply-adds per second of int8 and f32.
     peaks: [f64; 2],
-    /// Bytes per second, from as much memory as the weights go round.
-    read: f64,
+    /// How memory is read fastest, and bytes per second, from as much as the weights go round.
+    read: (peak::Order, f64),
 }
 
 /// One side: its name, and one product with the given copy of the weights.
@@ -57,7 +62,7 @@ fn main() {
         seconds: args.get(2).map_or(0.05, |s| s.parse().expect("seconds")),
         filter: args.get(3).cloned().unwrap_or_default(),
         peaks: [floor::int8, floor::f32].map(|peak| peak(threads, isa).unwrap_or(f64::INFINITY)),
-        read: floor::read(threads, isa, WEIGHT_BYTES),
+        read: floor::faster_order(threads, isa, WEIGHT_BYTES),
     };
     eprintln!(
         "peaks of {threads} threads with {}: int8 {:.0} GMAC/s, f32 {:.0}, reading {} MiB {:.1} GB/s",
@@ -65,7 +70,7 @@ fn main() {
         bench.peaks[0] / 1e9,
         bench.peaks[1] / 1e9,
         WEIGHT_BYTES >> 20,
-        bench.read / 1e9
+        bench.read.1 / 1e9
     );
     for (n, k) in SHAPES {
         for m in ROWS {
@@ -103,6 +108,14 @@ impl Bench {
             let w = PackedI8::new(&packed[copy * len..][..len], &w_scale, &sum, n, k).expect(OK);
             let y = MatMut::new(y, m, n).expect(OK);
             let part = |outputs, y| Ok(matmul_i8(isa, rows, None, w.outputs(outputs), Epilogue::STORE, y)?);
+            // As the engine's layers say which weights come next.
+            let next = &packed[(copy + 1) % copies * len..][..len];
+            team.expect(n, PANEL, |outputs| {
+                let panel = len / panels(n);
+                let first = &next[outputs.start / PANEL * panel..][..panel * AHEAD.min(outputs.len().div_ceil(PANEL))];
+                let (left, right) = first.split_at(first.len() / 2);
+                Ahead::new(left, right).as_read_by(isa)
+            });
             team.columns(y, PANEL, m * n * k, part).expect(OK);
         };
         let alone = Team::new(1).expect("no thread is started");
@@ -122,7 +135,19 @@ impl Bench {
             }
             sides.push(("MKL", Box::new(|copy| mkl.compute_i8(weights, copy, &raised, &mut sums))));
         }
+        if m <= FEW_ROWS {
+            sides.push((READING, Box::new(|copy| self.read_all(&packed[copy * len..][..len]))));
+        }
         self.race(&name, shape, n * k, self.peaks[0], &mut sides, copies);
+    }
+
+    /// Every byte once, each thread a piece.
+    fn read_all(&self, bytes: &[i8]) {
+        let share = bytes.len().div_ceil(self.team.threads());
+        self.team.run(&|thread| {
+            let end = bytes.len().min((thread + 1) * share);
+            peak::read(self.isa, self.read.0, &bytes[end.min(thread * share)..end]);
+        });
     }
 
     fn f32(&self, shape: Shape) {
@@ -205,7 +230,7 @@ impl Bench {
             })
             .collect();
         let macs = (shape.m * shape.n * shape.k) as f64;
-        let floor = 1e3 * (macs / peak).max(bytes as f64 / self.read);
+        let floor = 1e3 * (macs / peak).max(bytes as f64 / self.read.1);
         for ((peer, _), theirs) in sides.iter().zip(&medians).skip(1) {
             println!("{name},{peer},{},{:.5},{theirs:.5},{floor:.5}", self.team.threads(), medians[0]);
         }
