@@ -5,6 +5,7 @@
 //! gives more to eight.
 
 use super::avx512vnni::{self, BYTES, MOST, QUADS, Steps, convert, finish, load_bytes};
+use super::chunk::expect_end;
 use super::{Job, QuantInput};
 use crate::mat::MatMut;
 use crate::matmul_f32::Epilogue;
@@ -53,6 +54,7 @@ fn product<const R: usize, const SIDES: usize>(x: &QuantInput, job: &Job, mut y:
     for slot in (0..job.slots()).step_by(MOST) {
         let width = MOST.min(job.slots() - slot);
         for i in 0..width {
+            expect_end(job, slot + i);
             multiply::<R, SIDES>(&steps, job.panel(slot + i), ahead(job, slot + i), &mut sums[i..], width);
         }
         finish::<128>(x, 0, &mut sums[..R * width], width, job, slot, &mut y);

@@ -3,7 +3,7 @@
 //! Input rows are made unsigned (`x + 128`) in a small buffer on the stack, a tile of rows at a time; what that adds,
 //! `128 * sum(w)`, is taken from the sums before they start. All of it wraps in 32 bits, so the sums are exact.
 
-use super::chunk::{AHEAD, CHUNK_BYTES, Chunk, FEW_ROWS};
+use super::chunk::{AHEAD, CHUNK_BYTES, Chunk, FEW_ROWS, expect_end};
 use super::{Job, QuantInput};
 use crate::mat::MatMut;
 pub(super) use crate::matmul_f32::avx512vnni::MOST;
@@ -147,6 +147,9 @@ fn group<const R: usize, const P: usize>(
     let mut panels = [&[][..]; P];
     for (p, panel) in panels.iter_mut().enumerate() {
         *panel = job.panel(slot + p);
+        if R <= FEW_ROWS {
+            expect_end(job, slot + p);
+        }
     }
     let k = job.k();
     if k <= QUADS * QUAD {

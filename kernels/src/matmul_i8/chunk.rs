@@ -2,6 +2,7 @@
 
 use super::Job;
 use crate::pack::{PANEL, QUAD};
+use crate::prefetch;
 use core::ops::Range;
 
 /// Rows of a tile that is bound by memory, where clearing a large buffer would show, and fetching further weights does not pay.
@@ -46,4 +47,12 @@ impl<'a> Chunk<'a> {
         }
         some
     }
+}
+
+/// Fetches what ends the sums of a slot's panel, while it is multiplied.
+#[inline]
+pub(super) fn expect_end(job: &Job, slot: usize) {
+    let (w, p) = job.slot(slot);
+    prefetch::near(w.scale().as_ptr().wrapping_add(p * PANEL));
+    prefetch::near(w.sum().as_ptr().wrapping_add(p * PANEL));
 }
