@@ -3,7 +3,8 @@
 //!
 //! Each line is one operation, back-end and shape: median and best microseconds, GMAC/s, GB/s of weights read, and the
 //! share of the floor, the greater of arithmetic from registers and reading the same bytes from the same place.
-//! `hot` uses one weight matrix over and over; `cold` goes round 32 MiB of them, far beyond L2.
+//! `hot` uses one weight matrix over and over; `cold` goes round 32 MiB of them, far beyond L2. At one row the gated product
+//! goes round the same ones in between, and what it has read may be near: `benches/peers/products` times one row by itself.
 
 #![expect(clippy::cast_possible_truncation, reason = "sizes are small, and random bytes are cut from wider numbers")]
 #![expect(clippy::missing_transmute_annotations, reason = "the fields that the symbols go to carry the signatures")]

@@ -213,7 +213,7 @@ pub fn matmul_gated_i8(
     Ok(())
 }
 
-/// What an int8 product multiplies, and how it ends.
+/// A job on int8 weights.
 type Job<'a> = crate::matmul_f32::Job<'a, PackedI8<'a>>;
 
 impl<'a> Panels<'a> for PackedI8<'a> {

@@ -14,13 +14,13 @@ use core::arch::x86_64::*;
 /// Registers of columns that one, two and four queries take at once: 8 sums of values.
 const COLUMNS: [usize; 3] = [8, 4, 2];
 
-/// Queries that share one packing: their softmaxes take 5 KiB.
+/// Queries that share one packing: their softmaxes take 9 KiB.
 const BLOCK: usize = 256;
 
 /// The pairs of partial sums, each named by its first, so that neighbours are what [`pairwise`] adds next.
 const ORDER: [usize; WIDTH / 2] = [0, 2, 1, 3];
 
-/// Pairs of partial sums that are added while they are in registers.
+/// Pairs of partial sums that are added while they are in registers: two would spill.
 const PAIRS: usize = 1;
 
 loops!("avx2,fma");

@@ -17,7 +17,7 @@ use core::arch::x86_64::*;
 /// Registers of columns that one, two and four queries take at once: up to 16 sums of values.
 const COLUMNS: [usize; 3] = [4; 3];
 
-/// Queries that share one packing: their softmaxes take 10 KiB.
+/// Queries that share one packing: their softmaxes take 17 KiB.
 const BLOCK: usize = 256;
 
 /// The pairs of partial sums, each named by its first, so that neighbours are what [`pairwise`] adds next.

@@ -14,7 +14,7 @@ use crate::pack::{PANEL, PackedI8, QUAD};
 use crate::prefetch;
 use core::arch::x86_64::*;
 
-/// Rows whose products cost less than what they are multiplied with.
+/// Rows that are multiplied sooner than their weights arrive.
 const ROWS: usize = 8;
 /// Quads between a multiplication and the prefetch of weights.
 const AHEAD: usize = 256;
@@ -31,8 +31,9 @@ pub(super) fn matmul_gated(x: QuantInput, gate: PackedI8, up: PackedI8, y: MatMu
 
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
 fn run(x: QuantInput, job: &Job, y: MatMut<f32>) {
-    // Longer rows would have to be converted again and again.
-    match if job.k() <= QUADS * QUAD { x.rows.rows() } else { 0 } {
+    match x.rows.rows() {
+        // Longer rows would have to be converted again and again.
+        _ if job.k() > QUADS * QUAD => avx512vnni::run(x, job, y),
         1 => product::<1, 4>(&x, job, y),
         2 => product::<2, 4>(&x, job, y),
         3 => product::<3, 4>(&x, job, y),
@@ -61,7 +62,7 @@ fn product<const R: usize, const SIDES: usize>(x: &QuantInput, job: &Job, mut y:
     }
 }
 
-/// What is fetched while the panel of a slot is multiplied: no less, and nothing beyond the weight's last panel.
+/// Where the quads start that are fetched while the panel of a slot is multiplied: as many as it has, none beyond the weight's last panel.
 #[inline]
 fn ahead(job: &Job, slot: usize) -> *const [i8; BYTES] {
     let (w, p) = job.slot(slot);
