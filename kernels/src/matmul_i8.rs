@@ -18,8 +18,7 @@ mod scalar;
 use crate::error::{ShapeError, expect_len};
 use crate::isa::{Backend, Isa};
 use crate::mat::{Mat, MatMut};
-use crate::matmul_f32::Panels;
-use crate::matmul_f32::{Epilogue, Input, check_product};
+use crate::matmul_f32::{Epilogue, Input, Panels, check_product};
 use crate::pack::{PANEL, PackedI8, QUAD};
 
 /// Longest row whose sum cannot overflow: `k * 128 * 128 <= i32::MAX`.

@@ -127,7 +127,8 @@ fn group<'a, W: Panels<'a, Row: Load>, const R: usize, const P: usize, const WID
     }
 }
 
-/// The innermost tile: `R x P` panels of sums in registers, which go to `sums` from panel `first` on. Kept out of line: 16 are too few for what stands around it.
+/// The innermost tile: `R x P` panels of sums in registers, which go to `sums` from panel `first` on. Kept
+/// out of line: 16 are too few for what stands around it.
 #[inline(never)]
 #[target_feature(enable = "avx2,fma")]
 fn multiply<W: Load, const R: usize, const P: usize, const WIDTH: usize>(
