@@ -14,8 +14,8 @@ use umo_core::floor::{self, Floor, Machine, Stored};
 use umo_core::{Compute, ModelFile, Team};
 use umo_kernels::Isa;
 
-/// Times `call` under `name` and prints the median beside the floor.
-fn time(c: &mut Criterion, name: &str, machine: Option<&Machine>, floor: &Floor, mut call: impl FnMut()) {
+/// Times `call` under `name` and prints the median beside the floor of what it does in turn.
+fn time(c: &mut Criterion, name: &str, machine: Option<&Machine>, floors: &[Floor], mut call: impl FnMut()) {
     let times = RefCell::new(Vec::new());
     c.bench_function(name, |b| {
         b.iter_custom(|iterations| {
@@ -31,7 +31,8 @@ fn time(c: &mut Criterion, name: &str, machine: Option<&Machine>, floor: &Floor,
     let mut times = times.into_inner();
     times.sort_by(f64::total_cmp);
     if let (Some(machine), Some(&median)) = (machine, times.get(times.len() / 2)) {
-        let least = machine.time(floor).as_secs_f64();
+        let least = machine.time_in_turn(floors).as_secs_f64();
+        let floor = floors.iter().fold(Floor::default(), |sum, &floor| sum + floor);
         let share = 100.0 * least / median;
         println!(
             "{name}: median {:.2} ms, best {:.2} ms, floor {:.2} ms ({:.1} MB, {:.2} GMAC), {share:.0} % of it",
@@ -60,8 +61,8 @@ fn language_model(c: &mut Criterion, file: &ModelFile) {
         }
         let (team, isa) = (Team::new(threads).expect("threads can be started"), Isa::detect());
         let (cx, machine) = (Compute { isa, team: &team }, machine.as_ref());
-        time(c, &format!("encoder_256/T{threads}"), machine, &encoder, || language.encode(cx));
-        time(c, &format!("decoder_step/T{threads}"), machine, &step, || language.step(cx));
+        time(c, &format!("encoder_256/T{threads}"), machine, &[encoder], || language.encode(cx));
+        time(c, &format!("decoder_step/T{threads}"), machine, &[step], || language.step(cx));
         let name = format!("chunk_256_{codes}/T{threads}");
         time(c, &name, machine, &chunk, || language.chunk(cx));
     }
@@ -73,7 +74,7 @@ fn tokenizer(c: &mut Criterion, file: &ModelFile) {
         let (team, machine) = (Team::new(threads).expect("threads can be started"), machine(threads));
         let cx = Compute { isa: Isa::detect(), team: &team };
         let floor = floor::hubert(file.config(), Stored::Int8, audio.samples(), None);
-        time(c, &format!("tokenizer_3s/T{threads}"), machine.as_ref(), &floor, || audio.features(cx));
+        time(c, &format!("tokenizer_3s/T{threads}"), machine.as_ref(), &[floor], || audio.features(cx));
     }
 }
 

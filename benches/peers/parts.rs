@@ -18,7 +18,8 @@ fn main() {
     let file = umo_benches::model();
     let (mut language, audio) = (Language::load(&file), Audio::load(&file));
     let (mut teams, mut reading) = (BTreeMap::new(), Reading::new());
-    let step = floor(file.config(), "step", language.codes(), audio.samples());
+    let step: usize =
+        floors(file.config(), "step", language.codes(), audio.samples()).iter().map(|floor| floor.bytes).sum();
     println!("ready");
     for line in std::io::stdin().lock().lines() {
         let line = line.expect("standard input is text");
@@ -39,8 +40,8 @@ fn main() {
             continue;
         }
         if repetitions == "floor" {
-            let floor = floor(file.config(), part, language.codes(), audio.samples());
-            println!("{:.4}", 1e3 * measure().time(&floor).as_secs_f64());
+            let floors = floors(file.config(), part, language.codes(), audio.samples());
+            println!("{:.4}", 1e3 * measure().time_in_turn(&floors).as_secs_f64());
             continue;
         }
         let team = teams.entry(count).or_insert_with(|| Team::new(count).expect("threads can be started"));
@@ -48,7 +49,7 @@ fn main() {
         let mut call = || match part {
             "encoder" => language.encode(cx),
             "step" => language.step(cx),
-            "reading" => reading.read(cx, step.bytes),
+            "reading" => reading.read(cx, step),
             "steps" => language.steps(cx),
             "chunk" => language.chunk(cx),
             "hubert" => audio.features(cx),
@@ -64,17 +65,18 @@ fn main() {
     }
 }
 
-fn floor(config: &Config, part: &str, codes: usize, samples: usize) -> Floor {
+/// What a part does in turn.
+fn floors(config: &Config, part: &str, codes: usize, samples: usize) -> Vec<Floor> {
     match part {
         "encoder" => {
             let (attention, experts) = floor::encoder(config, Stored::Int8, TOKENS);
-            attention + experts
+            vec![attention + experts]
         }
         "step" => {
             let (attention, experts) = floor::step(config, Stored::Int8, TOKENS);
-            attention + experts + floor::head(config)
+            vec![attention + experts + floor::head(config)]
         }
-        "steps" | "chunk" => floor::chunk(config, Stored::Int8, TOKENS, codes),
-        _ => floor::hubert(config, Stored::Int8, samples, None),
+        "steps" | "chunk" => floor::chunk(config, Stored::Int8, TOKENS, codes).into(),
+        _ => vec![floor::hubert(config, Stored::Int8, samples, None)],
     }
 }

@@ -134,15 +134,18 @@ impl Times {
 
 fn stages(times: Times, floors: &floor::Stages, machine: &Machine) -> Vec<Stage> {
     let Times { total: t, chunks } = times;
-    let stage = |name, time: Duration, floor: &Floor| Stage { name, time: time / chunks, floor: machine.time(floor) };
+    let stage = |name, time: Duration, floors: &[Floor]| {
+        let floor = machine.time_in_turn(floors);
+        Stage { name, time: time / chunks, floor }
+    };
     vec![
-        stage("audio tokenizer", t.tokenizer, &floors.tokenizer),
-        stage("encoder attention", t.encoder_layers.attention, &floors.encoder_attention),
-        stage("encoder experts", t.encoder_layers.experts, &floors.encoder_experts),
-        stage("decoder attention", t.decoder_layers.attention + cross(&t), &floors.decoder_attention),
-        stage("decoder experts", t.decoder_layers.experts, &floors.decoder_experts),
-        stage("interpolation", t.interp, &floors.interp),
-        stage("motion decoders", t.motion, &floors.motion),
+        stage("audio tokenizer", t.tokenizer, &[floors.tokenizer]),
+        stage("encoder attention", t.encoder_layers.attention, &[floors.encoder_attention]),
+        stage("encoder experts", t.encoder_layers.experts, &[floors.encoder_experts]),
+        stage("decoder attention", t.decoder_layers.attention + cross(&t), &[floors.cross, floors.decoder_attention]),
+        stage("decoder experts", t.decoder_layers.experts, &[floors.decoder_experts]),
+        stage("interpolation", t.interp, &[floors.interp]),
+        stage("motion decoders", t.motion, &[floors.motion]),
     ]
 }
 

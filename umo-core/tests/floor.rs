@@ -36,7 +36,8 @@ fn floors_read_every_weight_of_a_stage_once() {
         // Int8 models keep them as bfloat16.
         let cached = 2 * 2 * tokens * lm.num_heads * lm.d_kv * lm.num_decoder_layers;
         let head = 2 * config.vq.codes * lm.d_model;
-        assert_eq!(stages.decoder_attention.bytes, once + codes * (often + cached + head), "{name}");
+        assert_eq!(stages.cross.bytes, once, "{name}");
+        assert_eq!(stages.decoder_attention.bytes, codes * (often + cached + head), "{name}");
         let experts = weights(&file, |n| decoder(n) && n.contains(".experts.")) / lm.experts * lm.top_k;
         assert_eq!(stages.decoder_experts.bytes, codes * experts, "{name}");
 
