@@ -1,4 +1,4 @@
-//! `vdpbf16ps`, by name: functions of the intrinsic's own feature would not be inlined into loops that do without.
+//! `vdpbf16ps` and `vcvtne2ps2bf16`, by name: functions of the intrinsic's own feature would not be inlined into loops that do without.
 
 use core::arch::asm;
 use core::arch::x86_64::*;
@@ -17,6 +17,22 @@ pub(crate) unsafe fn multiply_pairs(x: __m512, w: __m512, mut sum: __m512) -> __
             options(pure, nomem, nostack, preserves_flags));
     }
     sum
+}
+
+/// The nearest bfloat16 of all lanes, ties to even, denormals as 0: words of `first`, then of `second`.
+///
+/// # Safety
+/// The processor has the feature "avx512bf16".
+#[inline]
+#[target_feature(enable = "avx512f")]
+pub(crate) unsafe fn round_two(first: __m512, second: __m512) -> __m512i {
+    let words;
+    // SAFETY: the instruction, which the processor has, reads and writes these registers alone.
+    unsafe {
+        asm!("vcvtne2ps2bf16 {words}, {second}, {first}", words = out(zmm_reg) words, second = in(zmm_reg) second,
+            first = in(zmm_reg) first, options(pure, nomem, nostack, preserves_flags));
+    }
+    words
 }
 
 /// Whether it does as [`multiply_pairs`] says, which its description leaves open in part: the upper halves first, a rounding each.

@@ -13,6 +13,7 @@
 
 #![expect(clippy::needless_range_loop, reason = "loops of constant length over registers read best by index")]
 
+use super::avx512vnni::in_turn;
 use super::{KEYS, POWER, STEP, Softmax};
 use crate::amx::{TILE as ROWS, Tiles};
 use crate::attention::Operands;
@@ -329,12 +330,7 @@ fn pack_keys(k: Mat<f32>, packed: &mut Keys) {
 /// Values as rows of pairs of keys; those beyond the last are zeros up to a multiple of 32.
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
 fn pack_values(v: Mat<f32>, packed: &mut Values) {
-    // From 16 words of one row and 16 of the next to pairs.
-    let pairs = _mm512_set_epi16(
-        31, 15, 30, 14, 29, 13, 28, 12, 27, 11, 26, 10, 25, 9, 24, 8, 23, 7, 22, 6, 21, 5, 20, 4, 19, 3, 18, 2, 17, 1,
-        16, 0,
-    );
-    let pair = |a, b| _mm512_castsi512_ps(_mm512_permutexvar_epi16(pairs, _mm512_castps_si512(rounded(a, b))));
+    let pair = |a, b| in_turn(_mm512_castps_si512(rounded(a, b)));
     for (tile, packed) in packed[..v.rows().div_ceil(STEP)].iter_mut().enumerate() {
         for r in 0..ROWS {
             let row = |row: usize| if row < v.rows() { v.row(row) } else { &[] };

@@ -1,13 +1,14 @@
 //! The loops of the vector back-ends, lanes along keys and then along columns.
 //!
 //! The module that calls it has, besides loads and stores: `WIDTH` lanes of a `Register`; `QUERIES`; the operations
-//! `zero`, `set`, `add`, `sub`, `mul`, `fmadd`, `divide`, `maximum`, `largest`, `first_of`, `rounded`, `power`; `transpose`; and
-//! what a lane of a factor holds: `JOINED` values of one sum, 1 or 2, with `join`, `joined_in_place` and `multiply_add`.
+//! `zero`, `set`, `add`, `sub`, `mul`, `fmadd`, `divide`, `maximum`, `largest`, `first_of`, `power`; `transpose`; and
+//! what a lane of a factor holds: `JOINED` values of one sum, 1 or 2, with `factor`, which rounds and joins what stands beside each other
+//! in a row, `join`, which does so with what stands in two rows, and `multiply_add`.
 //!
 //! ```text
 //! a step of 32      e0 o0 e1 o1 e2 o2 e3 o3 ...        even and odd values are summed by themselves
-//! JOINED 1          e0 | o0 | e1 | o1 | ...            rows of a panel; in a row of queries or weights, lane 2 i and 2 i + 1
-//! JOINED 2          e0 e1 | o0 o1 | e2 e3 | ...        rows of a panel; in a row of queries or weights, lane 4 i and 4 i + 1
+//! JOINED 1          e0 | o0 | e1 | o1 | ...            rows of a panel, and lanes of a row of queries or weights
+//! JOINED 2          e0 e1 | o0 o1 | e2 e3 | ...        the same, half as many
 //! ```
 
 macro_rules! loops {
@@ -37,9 +38,9 @@ macro_rules! loops {
             k: [[f32; N]; WIDE / JOINED],
             /// Rounded and joined, as rows of [`PANEL`]: `[WIDE / PANEL, N / JOINED, PANEL]`.
             v: [[f32; WIDE / JOINED]; N],
-            /// Rounded and joined in place.
-            q: [[f32; WIDE]; BLOCK],
-            /// Dot products, then scores, then weights, rounded and joined in place.
+            /// Rounded and joined.
+            q: [[f32; WIDE / JOINED]; BLOCK],
+            /// Dot products, then scores, then weights, rounded and joined.
             scores: [[f32; N]; BLOCK],
         }
 
@@ -57,7 +58,7 @@ macro_rules! loops {
             let mut work = Work {
                 k: [[0.0; N]; WIDE / JOINED],
                 v: [[0.0; WIDE / JOINED]; N],
-                q: [[0.0; WIDE]; BLOCK],
+                q: [[0.0; WIDE / JOINED]; BLOCK],
                 scores: [[0.0; N]; BLOCK],
             };
             let Work { k, v, q, scores } = &mut work;
@@ -80,7 +81,7 @@ macro_rules! loops {
                             for (r, to) in q[..queries].iter_mut().enumerate() {
                                 let row = &x.q.row(start + block + r)[at..];
                                 for (c, to) in to.as_chunks_mut().0.iter_mut().enumerate() {
-                                    store(to, joined_in_place(rounded(from(row, c * WIDTH))));
+                                    store(to, factor_from(row, c * WIDTH * JOINED));
                                 }
                             }
                             let columns = WIDE.min(x.q.cols() - at);
@@ -109,22 +110,30 @@ macro_rules! loops {
             row.get(at..).filter(|rest| !rest.is_empty()).map_or(zero(), |rest| load_part(rest))
         }
 
+        /// As many of those as a register has when they are rounded and joined.
+        #[inline]
+        #[target_feature(enable = $features)]
+        fn factor_from(row: &[f32], at: usize) -> Register {
+            let mut values = [zero(); JOINED];
+            for (i, values) in values.iter_mut().enumerate() {
+                *values = from(row, at + i * WIDTH);
+            }
+            factor(values)
+        }
+
         /// The columns `at ..` of `k`, as many as there is room for, rounded and joined, as rows; zeros where there are none, up to a whole step.
         #[target_feature(enable = $features)]
         fn pack_keys(k: Mat<f32>, at: usize, packed: &mut [[f32; PANEL]]) {
             let columns = WIDE.min(k.cols() - at).next_multiple_of(STEP);
             for first in (0..k.rows()).step_by(WIDTH) {
                 let panel = &mut packed[first / PANEL * (WIDE / JOINED)..][..columns / JOINED];
-                for (d, panel) in panel.chunks_exact_mut(WIDTH / JOINED).enumerate() {
+                for (d, panel) in panel.chunks_exact_mut(WIDTH).enumerate() {
                     let mut rows = [zero(); WIDTH];
                     for j in 0..WIDTH.min(k.rows() - first) {
-                        rows[j] = rounded(from(k.row(first + j), at + d * WIDTH));
+                        rows[j] = factor_from(k.row(first + j), at + d * WIDTH * JOINED);
                     }
-                    let columns = transpose(rows);
-                    for (row, to) in panel.iter_mut().enumerate() {
-                        let d = row / 2 * 2 * JOINED + row % 2;
-                        let joined = if JOINED == 2 { join(columns[d], columns[d + 2]) } else { columns[d] };
-                        store(&mut to.as_chunks_mut().0[first / WIDTH % 2], joined);
+                    for (to, column) in panel.iter_mut().zip(transpose(rows)) {
+                        store(&mut to.as_chunks_mut().0[first / WIDTH % 2], column);
                     }
                 }
             }
@@ -135,12 +144,13 @@ macro_rules! loops {
         fn pack_values<const N: usize>(v: Mat<f32>, at: usize, packed: &mut [[f32; PANEL]]) {
             let value = |j: usize, c: usize| {
                 let row = if j < v.rows() { &v.row(j)[at..] } else { &[] };
-                rounded(from(row, c * WIDTH))
+                from(row, c * WIDTH)
             };
             for row in 0..v.rows().next_multiple_of(STEP) / JOINED {
                 let j = row / 2 * 2 * JOINED + row % 2;
                 for c in 0..WIDE / WIDTH {
-                    let joined = if JOINED == 2 { join(value(j, c), value(j + 2, c)) } else { value(j, c) };
+                    let second = if JOINED == 2 { value(j + 2, c) } else { zero() };
+                    let joined = join(value(j, c), second);
                     store(&mut packed[c / 2 * (N / JOINED) + row].as_chunks_mut().0[c % 2], joined);
                 }
             }
@@ -150,7 +160,7 @@ macro_rules! loops {
         /// Even and odd products of a step, and what the steps before gave, are sums side by side.
         #[target_feature(enable = $features)]
         fn multiply<const N: usize>(
-            q: &[[f32; WIDE]],
+            q: &[[f32; WIDE / JOINED]],
             k: &[[f32; PANEL]],
             (columns, keys): (usize, usize),
             more: bool,
@@ -172,7 +182,7 @@ macro_rules! loops {
                         }
                     }
                     for (step, k) in steps.iter().enumerate() {
-                        let mut inputs = [&[0.0; STEP]; QUERIES];
+                        let mut inputs = [&[0.0; ROWS]; QUERIES];
                         for r in 0..QUERIES {
                             inputs[r] = &rows[r].as_chunks().0[step];
                         }
@@ -190,14 +200,14 @@ macro_rules! loops {
         /// Adds one step's products of rows with a panel.
         #[inline]
         #[target_feature(enable = $features)]
-        fn meet(rows: &[&[f32; STEP]; QUERIES], panel: &[[f32; PANEL]; ROWS], sums: &mut [[Register; 2]; QUERIES]) {
+        fn meet(rows: &[&[f32; ROWS]; QUERIES], panel: &[[f32; PANEL]; ROWS], sums: &mut [[Register; 2]; QUERIES]) {
             let mut both = [[[zero(); 2]; QUERIES]; 2];
             for i in 0..ROWS / 2 {
                 for odd in 0..2 {
                     let (values, _) = panel[2 * i + odd].as_chunks();
                     let (a, b) = (load(&values[0]), load(&values[1]));
                     for r in 0..QUERIES {
-                        let x = set(rows[r][2 * JOINED * i + odd]);
+                        let x = set(rows[r][2 * i + odd]);
                         both[odd][r][0] = multiply_add(x, a, both[odd][r][0]);
                         both[odd][r][1] = multiply_add(x, b, both[odd][r][1]);
                     }
@@ -217,22 +227,29 @@ macro_rules! loops {
             let hidden = set(f32::NEG_INFINITY);
             let mut max = hidden;
             let (scores, _) = scores[..keys.next_multiple_of(STEP)].as_chunks_mut();
+            let (whole, _) = bias.as_chunks();
             for (c, scores) in scores.iter_mut().enumerate() {
-                let bias = mul(from(bias, c * WIDTH), set(LOG2_E));
-                let all = fmadd(load(scores), set(scale), bias);
-                let seen = first_of(keys.saturating_sub(c * WIDTH), all, hidden);
+                let bias = if let Some(bias) = whole.get(c) { load(bias) } else { from(bias, c * WIDTH) };
+                let all = fmadd(load(scores), set(scale), mul(bias, set(LOG2_E)));
+                let unseen = (c + 1) * WIDTH > keys;
+                let seen = if unseen { first_of(keys.saturating_sub(c * WIDTH), all, hidden) } else { all };
                 store(scores, seen);
                 max = maximum(max, seen);
             }
             softmax.meet(largest(max));
             let max = set(softmax.max);
             let mut sums = [zero(); HALF];
-            for scores in scores.chunks_exact_mut(2 * HALF) {
+            for step in 0..scores.len() / (2 * HALF) {
+                let mut weights = [zero(); 2 * HALF];
+                for (i, weight) in weights.iter_mut().enumerate() {
+                    *weight = power(sub(load(&scores[step * 2 * HALF + i]), max));
+                }
                 for h in 0..HALF {
-                    let (a, b) = (power(sub(load(&scores[h]), max)), power(sub(load(&scores[HALF + h]), max)));
-                    sums[h] = add(sums[h], add(a, b));
-                    store(&mut scores[h], joined_in_place(rounded(a)));
-                    store(&mut scores[HALF + h], joined_in_place(rounded(b)));
+                    sums[h] = add(sums[h], add(weights[h], weights[HALF + h]));
+                }
+                // Where scores were, which have been read.
+                for (i, weights) in weights.as_chunks().0.iter().enumerate() {
+                    store(&mut scores[step * 2 * HALF / JOINED + i], factor(*weights));
                 }
             }
             let mut lanes = [0.0; LANES];
@@ -263,7 +280,7 @@ macro_rules! loops {
                     rows[..count].iter_mut().zip(&weights[first..]).for_each(|(row, weights)| *row = weights);
                     let mut sums = [[zero(); 2]; QUERIES];
                     for (step, v) in steps.iter().enumerate() {
-                        let mut inputs = [&[0.0; STEP]; QUERIES];
+                        let mut inputs = [&[0.0; ROWS]; QUERIES];
                         for r in 0..QUERIES {
                             inputs[r] = &rows[r].as_chunks().0[step];
                         }
@@ -295,13 +312,13 @@ macro_rules! one_value_a_lane {
         #[inline]
         #[target_feature(enable = $features)]
         fn join(value: Register, _: Register) -> Register {
-            value
+            rounded(value)
         }
 
         #[inline]
         #[target_feature(enable = $features)]
-        fn joined_in_place(values: Register) -> Register {
-            values
+        fn factor([values]: [Register; JOINED]) -> Register {
+            rounded(values)
         }
 
         #[inline]
