@@ -213,8 +213,17 @@ impl Linear {
         y: MatMut<f32>,
     ) -> Result<(), StepError> {
         if self.goes_as_bf16(cx.isa, x.rows(), x.elements().len(), quant) {
-            let rows = self.to_bf16(cx, quant, x.elements())?.rows(0, x.rows(), x.cols(), x.stride())?;
-            return cx.team.columns(y, PANEL, x.rows() * self.inputs * range.len(), |columns, y| {
+            let values = self.to_bf16(cx, quant, x.elements())?;
+            let work = x.rows() * self.inputs * range.len();
+            // More rows than outputs: each thread reads all weights rather than all rows. Tiles were measured with outputs shared.
+            if x.rows() > range.len() && end.scatter.is_none() && !cx.isa.has_tiles() {
+                return cx.team.rows(y, work, |rows, y| {
+                    let x = values.rows(rows.start * x.stride(), rows.len(), x.cols(), x.stride())?;
+                    self.apply_bf16(cx, x, range.clone(), end, y)
+                });
+            }
+            let rows = values.rows(0, x.rows(), x.cols(), x.stride())?;
+            return cx.team.columns(y, PANEL, work, |columns, y| {
                 self.apply_bf16(cx, rows, range.start + columns.start..range.start + columns.end, end, y)
             });
         }
