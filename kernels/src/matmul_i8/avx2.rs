@@ -7,7 +7,7 @@
 //! adds up to             o0    o0    o1    o1   ..   o3     two sums per output, added at the end
 //! ```
 
-use super::chunk::{CHUNK_BYTES, Chunk, FEW_ROWS, expect_end};
+use super::chunk::{CHUNK_BYTES, Chunk, expect_end};
 use super::{Job, QuantInput};
 use crate::mat::MatMut;
 use crate::matmul_f32::avx2::{self as float, load, store};
@@ -62,9 +62,7 @@ fn run(x: &QuantInput, job: &Job, mut y: MatMut<f32>) {
                 let sums = &mut sums[..rows * width];
                 for (i, next) in next[..width].iter().enumerate() {
                     let fetch = (AHEAD, *next);
-                    if rows <= FEW_ROWS {
-                        expect_end(job, slot + i);
-                    }
+                    expect_end(job, slot + i);
                     panel(x, t, steps, job.panel(slot + i), fetch, sums[i..].iter_mut().step_by(width));
                 }
                 finish::<0>(x, t, sums, width, job, slot, &mut y);

@@ -160,9 +160,7 @@ fn group<const R: usize, const P: usize>(
     let mut panels = [&[][..]; P];
     for (p, panel) in panels.iter_mut().enumerate() {
         *panel = job.panel(slot + p);
-        if R <= FEW_ROWS {
-            expect_end(job, slot + p);
-        }
+        expect_end(job, slot + p);
     }
     let k = job.k();
     if steps.is_empty() {

@@ -4,7 +4,7 @@
 //! the sums at the end. A panel's quad is two registers.
 
 use super::avx2::finish;
-use super::chunk::{AHEAD, CHUNK_BYTES, Chunk, FEW_ROWS, expect_end};
+use super::chunk::{AHEAD, CHUNK_BYTES, Chunk, expect_end};
 use super::{Job, QuantInput};
 use crate::mat::MatMut;
 use crate::matmul_f32::avx2::{load, store};
@@ -124,9 +124,7 @@ fn group<const R: usize, const P: usize, const WIDTH: usize>(
 ) {
     let job = chunk.job;
     let next = chunk.fetch(job.panel(slot));
-    if R <= FEW_ROWS {
-        (slot..slot + WIDTH).for_each(|slot| expect_end(job, slot));
-    }
+    (slot..slot + WIDTH).for_each(|slot| expect_end(job, slot));
     for first in (0..job.k().max(1)).step_by(QUADS * QUAD) {
         if job.k() > QUADS * QUAD {
             convert(x, t, first, steps);
