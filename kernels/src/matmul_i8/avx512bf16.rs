@@ -33,7 +33,7 @@ pub(super) fn matmul_gated(x: QuantInput, gate: PackedI8, up: PackedI8, y: MatMu
 fn run(x: QuantInput, job: &Job, y: MatMut<f32>) {
     match x.rows.rows() {
         // Longer rows would have to be converted again and again.
-        _ if job.k() > QUADS * QUAD => avx512vnni::run(x, job, y),
+        _ if job.k() > QUADS * QUAD => avx512vnni::run_in_place(x, job, y),
         1 => product::<1, 4>(&x, job, y),
         2 => product::<2, 4>(&x, job, y),
         3 => product::<3, 4>(&x, job, y),

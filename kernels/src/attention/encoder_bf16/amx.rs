@@ -348,8 +348,8 @@ fn pack_values(v: Mat<f32>, packed: &mut Values) {
 #[inline]
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
 fn power(t: __m512) -> __m512 {
-    // What is above the next lower integer; that integer is the power by which `scalef` scales. Processors with tiles round it to the nearest
-    // number, a Zen 5 downwards, so that back-ends without tiles subtract.
+    // What is above the next lower integer; that integer is the power by which `scalef` scales. Processors with tiles round to the
+    // nearest number, a Zen 5 downwards: back-ends without tiles subtract.
     let r = _mm512_reduce_ps::<1>(t);
     let mut power = _mm512_set1_ps(POWER[0]);
     for &c in &POWER[1..] {
