@@ -96,6 +96,22 @@ fn int8_takes_products_to_half_a_step_and_nothing_else() {
 }
 
 #[test]
+fn of_the_convolutions_of_hubert_the_two_of_most_arithmetic_become_int8() {
+    let place = Place::new();
+    let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/golden/hubert_k1_smplx/model.safetensors");
+    std::fs::copy(golden, place.path("model")).unwrap();
+    let file = place.quantize("small", &["--weights", "int8"]);
+    let storage = |name: &str| file.storage(&format!("audio.hubert.{name}.weight")).unwrap();
+    let convolutions = file.config().audio.hubert.as_ref().unwrap().conv_dim.len();
+    for i in 0..convolutions {
+        let wanted = if i == 1 || i == 2 { Storage::Int8 } else { Storage::F32 };
+        assert_eq!(storage(&format!("feature_extractor.conv_layers.{i}.conv")), wanted, "convolution {i}");
+    }
+    assert_eq!(storage("encoder.pos_conv_embed.conv"), Storage::F32);
+    assert_eq!(storage("encoder.layers.0.attention.q_proj"), Storage::Int8);
+}
+
+#[test]
 fn bf16_rounds_products_alone() {
     let place = Place::new();
     let file = place.quantize("small", &["--weights", "bf16"]);

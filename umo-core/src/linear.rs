@@ -215,8 +215,7 @@ impl Linear {
         if self.goes_as_bf16(cx.isa, x.rows(), x.elements().len(), quant) {
             let values = self.to_bf16(cx, quant, x.elements())?;
             let work = x.rows() * self.inputs * range.len();
-            // More rows than outputs: each thread reads all weights rather than all rows. Tiles were measured with outputs shared.
-            if x.rows() > range.len() && end.scatter.is_none() && !cx.isa.has_tiles() {
+            if shares_rows(cx, x.rows(), range.len(), end) {
                 return cx.team.rows(y, work, |rows, y| {
                     let x = values.rows(rows.start * x.stride(), rows.len(), x.cols(), x.stride())?;
                     self.apply_bf16(cx, x, range.clone(), end, y)
@@ -225,6 +224,11 @@ impl Linear {
             let rows = values.rows(0, x.rows(), x.cols(), x.stride())?;
             return cx.team.columns(y, PANEL, work, |columns, y| {
                 self.apply_bf16(cx, rows, range.start + columns.start..range.start + columns.end, end, y)
+            });
+        }
+        if self.is_int8() && shares_rows(cx, x.rows(), range.len(), end) {
+            return quant.quantized_rows(cx, x, y, x.rows() * self.inputs * range.len(), |x, y| {
+                self.apply_here(cx, x, None, range.clone(), end, y)
             });
         }
         let input = self.input(cx, quant, x)?;
@@ -390,6 +394,12 @@ fn first_panels<T>(data: &[T], outputs: usize, range: Range<usize>, most: usize)
 
 /// Weights of one precision met input of another: a defect of this library.
 const MISMATCH: StepError = StepError::Shape(ShapeError { arg: "precision", want: 0, got: 1 });
+
+/// Whether threads share the rows of a product, not its outputs, as suits HuBERT's convolutions: with half as many rows as outputs or more,
+/// a thread had better read all weights than rows that another has computed. Tiles were measured with outputs shared.
+fn shares_rows(cx: Compute, rows: usize, outputs: usize, end: Epilogue) -> bool {
+    2 * rows > outputs && end.scatter.is_none() && !cx.isa.has_tiles()
+}
 
 fn gather<'a>(x: Mat<'a, f32>, index: Option<&'a [u32]>) -> Result<Input<'a, f32>, ShapeError> {
     match index {

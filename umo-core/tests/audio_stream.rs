@@ -22,7 +22,7 @@ fn load(file: &ModelFile) -> Tokenizer {
     Tokenizer::load(&Loader::new(file, Precision::F32, Isa::detect())).unwrap()
 }
 
-/// HuBERT as a quantised base model has it: layers in int8, and convolutions in bfloat16, whose inputs tiles take rounded.
+/// HuBERT as a quantised base model has it: layers and two convolutions in int8, the others in bfloat16, whose inputs tiles take rounded.
 fn quantised() -> ModelFile {
     let file = open("hubert_k1_smplx");
     let specs = layout::specs(file.config(), true);
@@ -34,6 +34,7 @@ fn quantised() -> ModelFile {
         };
         let storage = match spec.shape.len() {
             2 if spec.name.starts_with("audio.hubert.encoder.layers") => Storage::Int8,
+            3 if ["1.conv.weight", "2.conv.weight"].iter().any(|end| spec.name.ends_with(end)) => Storage::Int8,
             3 if spec.name.starts_with("audio.hubert") => Storage::Bf16,
             _ => Storage::F32,
         };

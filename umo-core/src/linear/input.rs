@@ -221,6 +221,36 @@ impl QuantScratch {
         self.ready(rows, width)
     }
 
+    /// Calls `f` for rows of `x`, quantised, and those of `y`: each thread quantises its own, and has them in its cache. `work` is `f`'s
+    /// multiply-adds for all rows.
+    ///
+    /// # Errors
+    /// [`StepError`] where there is no room for them, and what `f` returned.
+    pub(super) fn quantized_rows(
+        &mut self,
+        cx: Compute,
+        x: Mat<f32>,
+        y: MatMut<f32>,
+        work: usize,
+        f: impl Fn(Ready, MatMut<f32>) -> Result<(), StepError> + Sync,
+    ) -> Result<(), StepError> {
+        let (rows, width) = (x.rows(), x.cols());
+        let want = rows * stride(width);
+        if self.scale.len() < rows || self.steps.len() < want {
+            return Err(ShapeError { arg: "quant", want, got: self.steps.len() }.into());
+        }
+        let scale = MatMut::new(&mut self.scale, rows, 1)?;
+        // Gaps between rows are theirs, so that a thread can read what it has written.
+        let steps = MatMut::new(&mut self.steps, rows, stride(width))?;
+        let cut = both(both(MatMut::split_rows, MatMut::split_rows), MatMut::split_rows);
+        let work = work + rows * width * QUANTIZE_WORK;
+        cx.team.split(((steps, scale), y), rows, 1, work, cut, |range, ((mut steps, mut scale), y)| {
+            let (scale, values) = (scale.column_mut(), steps.reborrow().split_columns(width).0);
+            quantize_rows(cx.isa, x.row_range(range), values, scale)?;
+            f(Ready::Quant(Quantised { steps: steps.dense().columns(0..width), scale }), y)
+        })
+    }
+
     /// Rounds `values` to bf16.
     ///
     /// # Errors
