@@ -1,9 +1,9 @@
 //! Times `attention_f32` for whoever asks on standard input, so that a peer can be timed in between.
 //!
 //! Each line `isa queries keys heads head_dim threads repetitions` is answered by the fastest and the median time of one
-//! call for all heads with a bias, in microseconds. Heads are column ranges of `[rows, heads * head_dim]`, as in a model;
-//! they are dealt to the threads evenly. `bf16` behind the numbers: a whole sequence
-//! with every factor rounded to bfloat16.
+//! call for all heads with a bias, in microseconds; heads are dealt to the threads evenly. As in a model the heads of a whole sequence
+//! (as many queries as keys) are column ranges of `[rows, heads * head_dim]`, while a decoder's few rows find keys and values head by head,
+//! `[heads, rows, head_dim]`. `bf16` behind the numbers: a whole sequence with every factor rounded to bfloat16.
 
 use std::hint::spin_loop;
 use std::io::BufRead;
@@ -83,19 +83,20 @@ fn measure(request: &Request) -> Vec<f64> {
         Mat::new(&data[line(data)..], rows, dim).expect("sized above")
     }
     let attention = if rounded { encoder_attention_bf16 } else { encoder_attention_f32 };
+    let cached = |data, head| placed(data, heads, keys * head_dim).row(head);
     let work = |heads: std::ops::Range<usize>, y: &mut MatMut<f32>| {
         let mut y = y.reborrow();
         for head in heads {
             let columns = head * head_dim..(head + 1) * head_dim;
-            let [q, k, v] = [placed(&q, queries, dim), placed(&k, keys, dim), placed(&v, keys, dim)]
-                .map(|mat| mat.columns(columns.clone()));
+            let q = placed(&q, queries, dim).columns(columns.clone());
             let bias = RelativeBias { values: &biases[head * (queries + keys)..], origin: queries };
             let (mine, after) = y.split_columns(head_dim);
-            // A whole sequence at once, as an encoder has it, or a decoder's few rows.
             if queries == keys {
+                let [k, v] = [&k, &v].map(|data| placed(data, keys, dim).columns(columns.clone()));
                 attention(isa, q, k, v, 0.125, Some(bias), mine).expect("shapes agree");
             } else {
-                attention_f32(isa, q, k, v, 0.125, Some(bias), Visible::All, Ahead::NOTHING, mine)
+                let of = |data| Mat::new(cached(data, head), keys, head_dim).expect("sized above");
+                attention_f32(isa, q, of(&k), of(&v), 0.125, Some(bias), Visible::All, Ahead::NOTHING, mine)
                     .expect("shapes agree");
             }
             y = after;

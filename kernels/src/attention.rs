@@ -47,7 +47,8 @@ pub enum Visible {
 /// Numerics: f32, with error terms of `head_dim` and `n` sums; on one back-end a row's bits do not depend on the other
 /// rows, nor on keys that it does not see. Scores are never stored beyond a tile of keys.
 /// Cost: `2 * m * n * head_dim` multiply-adds; no allocation. Few queries leave memory idle half of the time: `ahead`, the
-/// next head's keys and values or whatever comes then, is fetched meanwhile.
+/// next head's keys and values or whatever comes then, is fetched meanwhile; on processors whose memory had rather be read in order,
+/// keys and values without gaps are, a little before they are read, and `ahead` is not.
 /// Paper: section 3.1; SPEC 2.4.
 ///
 /// # Errors
@@ -64,7 +65,7 @@ pub fn attention_f32(
     ahead: Ahead,
     y: MatMut<f32>,
 ) -> Result<(), ShapeError> {
-    let operands = Operands { q, k, v, scale, bias, visible, ahead };
+    let operands = Operands { q, k, v, scale, bias, visible, ahead, in_order: isa.reads_in_order() };
     if operands.check(&y)? {
         vectors(isa, operands, y);
     }
@@ -88,7 +89,7 @@ pub fn attention_bf16(
     ahead: Ahead,
     y: MatMut<f32>,
 ) -> Result<(), ShapeError> {
-    let operands = Operands { q, k, v, scale, bias, visible, ahead };
+    let operands = Operands { q, k, v, scale, bias, visible, ahead, in_order: isa.reads_in_order() };
     if operands.check(&y)? {
         vectors(isa, operands, y);
     }
@@ -117,7 +118,7 @@ pub fn encoder_attention_f32(
     bias: Option<RelativeBias>,
     y: MatMut<f32>,
 ) -> Result<(), ShapeError> {
-    let operands = Operands { q, k, v, scale, bias, visible: Visible::All, ahead: Ahead::NOTHING };
+    let operands = Operands { q, k, v, scale, bias, visible: Visible::All, ahead: Ahead::NOTHING, in_order: false };
     if !operands.check(&y)? {
         return Ok(());
     }
@@ -155,7 +156,7 @@ pub fn encoder_attention_bf16(
     bias: Option<RelativeBias>,
     y: MatMut<f32>,
 ) -> Result<(), ShapeError> {
-    let operands = Operands { q, k, v, scale, bias, visible: Visible::All, ahead: Ahead::NOTHING };
+    let operands = Operands { q, k, v, scale, bias, visible: Visible::All, ahead: Ahead::NOTHING, in_order: false };
     if !operands.check(&y)? {
         return Ok(());
     }
@@ -234,6 +235,9 @@ struct Operands<'a, T> {
     visible: Visible,
     #[cfg_attr(not(target_arch = "x86_64"), expect(dead_code, reason = "nothing is fetched"))]
     ahead: Ahead<'a>,
+    /// Keys and values themselves are fetched before they are read, and nothing else is.
+    #[cfg_attr(not(target_arch = "x86_64"), expect(dead_code, reason = "nothing is fetched"))]
+    in_order: bool,
 }
 
 impl<'a, T> Operands<'a, T> {

@@ -100,6 +100,39 @@ pub(crate) fn written<T>(line: *const T) {
     unsafe { core::arch::asm!("prefetchw [{}]", in(reg) line, options(nostack, preserves_flags)) }
 }
 
+/// What is fetched while an operation that leaves memory idle goes on.
+#[cfg(target_arch = "x86_64")]
+pub(crate) trait Meanwhile {
+    /// A few lines of something else.
+    fn some(&mut self);
+
+    /// What lies behind the register `c` of a row, which is read now, where that begins a line.
+    fn behind<T, const N: usize>(&self, register: &[T; N], c: usize);
+}
+
+/// Nothing but what is read itself, a little before: for memory that had rather be read in order.
+#[cfg(target_arch = "x86_64")]
+pub(crate) struct Itself;
+
+#[cfg(target_arch = "x86_64")]
+impl Itself {
+    /// Bytes from what is read to what is fetched.
+    const LEAD: usize = 4096;
+}
+
+#[cfg(target_arch = "x86_64")]
+impl Meanwhile for Itself {
+    #[inline]
+    fn some(&mut self) {}
+
+    #[inline]
+    fn behind<T, const N: usize>(&self, register: &[T; N], c: usize) {
+        if (c * size_of::<[T; N]>()).is_multiple_of(Fetch::LINE) {
+            near(register.as_ptr().wrapping_byte_add(Self::LEAD));
+        }
+    }
+}
+
 /// How far [`Ahead`] has come: little by little, and in streams beside each other.
 #[cfg(target_arch = "x86_64")]
 pub(crate) struct Fetch {
@@ -122,10 +155,12 @@ impl Fetch {
         let (stream, step) = (lines * Self::LINE, lines.div_ceil(calls.max(1)) * Self::LINE);
         Self { pieces: ahead.pieces, stream, left: stream, step, streams: ahead.streams }
     }
+}
 
-    /// The next lines.
+#[cfg(target_arch = "x86_64")]
+impl Meanwhile for Fetch {
     #[inline]
-    pub(crate) fn some(&mut self) {
+    fn some(&mut self) {
         if self.left == 0 {
             return;
         }
@@ -140,6 +175,9 @@ impl Fetch {
             *piece = piece.wrapping_add(step);
         }
     }
+
+    #[inline]
+    fn behind<T, const N: usize>(&self, _: &[T; N], _: usize) {}
 }
 
 #[cfg(all(test, target_arch = "x86_64"))]

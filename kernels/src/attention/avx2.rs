@@ -8,7 +8,7 @@ use crate::lanes::avx2::{HALF as WIDTH, *};
 use crate::lanes::pairwise;
 use crate::mat::{Mat, MatMut};
 use crate::math::{EXP, EXP_MIN, LN_2_HIGH, LN_2_LOW, LOG2_E};
-use crate::prefetch::{Ahead, Fetch};
+use crate::prefetch::{Ahead, Fetch, Itself, Meanwhile};
 use core::arch::x86_64::*;
 
 /// Registers of columns that one, two and four queries take at once: 8 sums of values.

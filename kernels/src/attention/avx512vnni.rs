@@ -11,7 +11,7 @@ use crate::lanes::avx512vnni::*;
 use crate::lanes::{LANES as WIDTH, pairwise};
 use crate::mat::{Mat, MatMut};
 use crate::math::{EXP, EXP_MIN, LN_2_HIGH, LN_2_LOW, LOG2_E};
-use crate::prefetch::{Ahead, Fetch};
+use crate::prefetch::{Ahead, Fetch, Itself, Meanwhile};
 use core::arch::x86_64::*;
 
 /// Registers of columns that one, two and four queries take at once: up to 16 sums of values.

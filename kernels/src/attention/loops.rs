@@ -97,11 +97,23 @@ macro_rules! loops {
                 }
             }
             while i < x.q.rows() {
-                i += match x.q.rows() - i {
-                    1 => group::<T, 1, WIDTH, { COLUMNS[0] }>(x, i, &mut y),
-                    2 | 3 => group::<T, 2, { WIDTH / 2 }, { COLUMNS[1] }>(x, i, &mut y),
-                    _ => group::<T, 4, { WIDTH / 4 }, { COLUMNS[2] }>(x, i, &mut y),
+                let count = match x.q.rows() - i {
+                    few @ (1 | 2) => few,
+                    3 => 2,
+                    _ => 4,
                 };
+                // While the last queries meet keys and values.
+                let ahead = if i + count == x.q.rows() { x.ahead } else { Ahead::NOTHING };
+                let mut ahead = Fetch::new(ahead, 2 * x.keys(i + count - 1).div_ceil(DOTS));
+                match (count, x.in_order) {
+                    (1, false) => group::<T, _, 1, WIDTH, { COLUMNS[0] }>(x, i, &mut ahead, &mut y),
+                    (1, true) => group::<T, _, 1, WIDTH, { COLUMNS[0] }>(x, i, &mut Itself, &mut y),
+                    (2, false) => group::<T, _, 2, { WIDTH / 2 }, { COLUMNS[1] }>(x, i, &mut ahead, &mut y),
+                    (2, true) => group::<T, _, 2, { WIDTH / 2 }, { COLUMNS[1] }>(x, i, &mut Itself, &mut y),
+                    (_, false) => group::<T, _, 4, { WIDTH / 4 }, { COLUMNS[2] }>(x, i, &mut ahead, &mut y),
+                    (_, true) => group::<T, _, 4, { WIDTH / 4 }, { COLUMNS[2] }>(x, i, &mut Itself, &mut y),
+                }
+                i += count;
             }
         }
 
@@ -141,7 +153,7 @@ macro_rules! loops {
                     if x.keys(i + 3) > first {
                         packed_scores(x.q.row_range(i..i + 4), &packed.k, &mut pairs, &mut weights);
                         let scratch = (&mut weights, &mut nothing);
-                        weighted::<T, f32, 4, { COLUMNS[2] }>(x, i, first, v, softmaxes, scratch, y);
+                        weighted::<T, f32, Fetch, 4, { COLUMNS[2] }>(x, i, first, v, softmaxes, scratch, y);
                     }
                 }
             }
@@ -241,43 +253,40 @@ macro_rules! loops {
             }
         }
 
-        /// The `Q` queries from `i` on, over all their keys; returns `Q`. `y` holds the sums of values times
+        /// The `Q` queries from `i` on, over all their keys. `y` holds the sums of values times
         /// `exp(score - max)` until the end. Scores are made `K = WIDTH / Q` keys, values `C` registers of columns at a time.
         #[target_feature(enable = $features)]
-        fn group<T: Load, const Q: usize, const K: usize, const C: usize>(
+        fn group<T: Load, F: Meanwhile, const Q: usize, const K: usize, const C: usize>(
             x: Operands<T>,
             i: usize,
+            fetch: &mut F,
             y: &mut MatMut<f32>,
-        ) -> usize {
+        ) {
             let mut weights = Weights([[0.0; TILE]; Q]);
             let mut softmaxes = [Softmax::START; Q];
             // A later query sees at least the keys of an earlier one.
             let keys = x.keys(i + Q - 1);
-            // While the last queries meet keys and values.
-            let ahead = if i + Q == x.q.rows() { x.ahead } else { Ahead::NOTHING };
-            let mut fetch = Fetch::new(ahead, 2 * keys.div_ceil(DOTS));
             for first in (0..keys).step_by(TILE) {
                 let range = first..keys.min(first + TILE);
-                scores::<T, Q, K>(x, i, x.k.row_range(range.clone()), &mut fetch, &mut weights);
+                scores::<T, F, Q, K>(x, i, x.k.row_range(range.clone()), fetch, &mut weights);
                 let v = x.v.row_range(range);
-                weighted::<T, T, Q, C>(x, i, first, v, &mut softmaxes, (&mut weights, &mut fetch), y);
+                weighted::<T, T, F, Q, C>(x, i, first, v, &mut softmaxes, (&mut weights, fetch), y);
             }
             for (r, softmax) in softmaxes.iter().enumerate() {
                 softmax.finish(y.row_mut(i + r));
             }
-            Q
         }
 
         /// Turns the scores of the tile of keys from `first` on into weights, and adds the tile's values to the rows of
         /// `y`, `C` registers of columns at a time.
         #[target_feature(enable = $features)]
-        fn weighted<T: Load, V: Load, const Q: usize, const C: usize>(
+        fn weighted<T: Load, V: Load, F: Meanwhile, const Q: usize, const C: usize>(
             x: Operands<T>,
             i: usize,
             first: usize,
             v: Mat<V>,
             softmaxes: &mut [Softmax; Q],
-            (weights, fetch): (&mut Weights<Q>, &mut Fetch),
+            (weights, fetch): (&mut Weights<Q>, &mut F),
             y: &mut MatMut<f32>,
         ) {
             let mut seen = [0; Q];
@@ -289,23 +298,23 @@ macro_rules! loops {
             } else {
                 weigh::<T, Q, false>(x, i, first, seen, softmaxes, weights)
             };
-            values::<V, Q, C>(&weights.0, 0, v.row_range(0..seen[0]), fetch, shrink, i, y);
+            values::<V, F, Q, C>(&weights.0, 0, v.row_range(0..seen[0]), fetch, shrink, i, y);
             for r in 1..Q {
                 if seen[r] > seen[0] {
                     let v = v.row_range(seen[0]..seen[r]);
                     let weights = core::array::from_ref(&weights.0[r]);
-                    values::<V, 1, { COLUMNS[0] }>(weights, seen[0], v, fetch, [1.0], i + r, y);
+                    values::<V, F, 1, { COLUMNS[0] }>(weights, seen[0], v, fetch, [1.0], i + r, y);
                 }
             }
         }
 
         /// The dot products of `Q` queries with every key of `k`; up to `K - 1` more, of no meaning, follow them.
         #[target_feature(enable = $features)]
-        fn scores<T: Load, const Q: usize, const K: usize>(
+        fn scores<T: Load, F: Meanwhile, const Q: usize, const K: usize>(
             x: Operands<T>,
             i: usize,
             k: Mat<T>,
-            fetch: &mut Fetch,
+            fetch: &mut F,
             weights: &mut Weights<Q>,
         ) {
             let q = x.q.row_range(i..i + Q);
@@ -315,9 +324,9 @@ macro_rules! loops {
                 for from in (0..K).step_by(DOTS) {
                     fetch.some();
                     match (K < DOTS, q.cols() == WHOLE * WIDTH) {
-                        (true, _) => dots::<T, Q, K, K, 0>(q, k, first, from, &mut sums),
-                        (_, true) => dots::<T, Q, K, DOTS, WHOLE>(q, k, first, from, &mut sums),
-                        _ => dots::<T, Q, K, DOTS, 0>(q, k, first, from, &mut sums),
+                        (true, _) => dots::<T, F, Q, K, K, 0>(q, k, (first, from), fetch, &mut sums),
+                        (_, true) => dots::<T, F, Q, K, DOTS, WHOLE>(q, k, (first, from), fetch, &mut sums),
+                        _ => dots::<T, F, Q, K, DOTS, 0>(q, k, (first, from), fetch, &mut sums),
                     }
                 }
                 let sums = array(sums_of(sums));
@@ -331,11 +340,11 @@ macro_rules! loops {
         /// registers make a row; 0 stands for any number and a rest.
         #[inline]
         #[target_feature(enable = $features)]
-        fn dots<T: Load, const Q: usize, const K: usize, const N: usize, const C: usize>(
+        fn dots<T: Load, F: Meanwhile, const Q: usize, const K: usize, const N: usize, const C: usize>(
             q: Mat<f32>,
             k: Mat<T>,
-            first: usize,
-            from: usize,
+            (first, from): (usize, usize),
+            fetch: &F,
             to: &mut [Register; WIDTH],
         ) {
             let chunks = if C > 0 { C } else { q.cols() / WIDTH };
@@ -351,7 +360,9 @@ macro_rules! loops {
                     part[r] = load(q.chunk(r, c));
                 }
                 for j in 0..N {
-                    let k = widened(k.chunk(keys[j], c));
+                    let k = k.chunk(keys[j], c);
+                    fetch.behind(k, c);
+                    let k = widened(k);
                     for r in 0..Q {
                         sums[r][j] = fmadd(part[r], k, sums[r][j]);
                     }
@@ -448,11 +459,11 @@ macro_rules! loops {
 
         /// `y[i + r] = y[i + r] * shrink[r] + sum_j weights[r][from + j] * v[j]`.
         #[target_feature(enable = $features)]
-        fn values<V: Load, const Q: usize, const C: usize>(
+        fn values<V: Load, F: Meanwhile, const Q: usize, const C: usize>(
             weights: &[[f32; TILE]; Q],
             from: usize,
             v: Mat<V>,
-            fetch: &mut Fetch,
+            fetch: &mut F,
             shrink: [f32; Q],
             i: usize,
             y: &mut MatMut<f32>,
@@ -460,22 +471,22 @@ macro_rules! loops {
             let mut column = 0;
             while column < v.cols() {
                 column += match v.cols() - column {
-                    1..WIDTH => columns::<V, Q, 1, true>(weights, from, v, fetch, shrink, (i, column), y),
+                    1..WIDTH => columns::<V, F, Q, 1, true>(weights, from, v, fetch, shrink, (i, column), y),
                     left if left < C * WIDTH => {
-                        columns::<V, Q, 1, false>(weights, from, v, fetch, shrink, (i, column), y)
+                        columns::<V, F, Q, 1, false>(weights, from, v, fetch, shrink, (i, column), y)
                     }
-                    _ => columns::<V, Q, C, false>(weights, from, v, fetch, shrink, (i, column), y),
+                    _ => columns::<V, F, Q, C, false>(weights, from, v, fetch, shrink, (i, column), y),
                 };
             }
         }
 
         /// `C` registers of columns from `column` on, or (`PART`) what is left of one; returns the columns done.
         #[target_feature(enable = $features)]
-        fn columns<V: Load, const Q: usize, const C: usize, const PART: bool>(
+        fn columns<V: Load, F: Meanwhile, const Q: usize, const C: usize, const PART: bool>(
             weights: &[[f32; TILE]; Q],
             from: usize,
             v: Mat<V>,
-            fetch: &mut Fetch,
+            fetch: &mut F,
             shrink: [f32; Q],
             (i, column): (usize, usize),
             y: &mut MatMut<f32>,
@@ -501,7 +512,9 @@ macro_rules! loops {
                     values[0] = widened_part(v.row(j));
                 } else {
                     for c in 0..C {
-                        values[c] = widened(v.chunk(j, c));
+                        let v = v.chunk(j, c);
+                        fetch.behind(v, c);
+                        values[c] = widened(v);
                     }
                 }
                 for r in 0..Q {
