@@ -11,6 +11,7 @@ use crate::matmul_f32::avx512vnni::{self as float, lanes, load, load_part, store
 use crate::matmul_f32::{Activation, Epilogue, tiles};
 use crate::pack::{PANEL, PackedI8, QUAD};
 use crate::prefetch;
+use core::arch::asm;
 use core::arch::x86_64::*;
 
 /// Rows of the largest tile: 9 rows x 3 panels are 27 sums, which leaves three registers of weights and two to spare.
@@ -258,9 +259,13 @@ fn multiply<const R: usize, const P: usize, const RAISED: bool>(
             }
         }
         for r in 0..R {
-            // SAFETY: all rows have as many quads as the panels, and `q` is below that; a quad is read as it lies.
-            let quad = _mm512_set1_epi32(unsafe { x[r].wrapping_add(q).cast::<i32>().read_unaligned() });
-            let quad = if RAISED { quad } else { _mm512_xor_si512(quad, flip) };
+            let quad = if RAISED {
+                // SAFETY: all rows have as many quads as the panels, and `q` is below that; a quad is read as it lies.
+                _mm512_set1_epi32(unsafe { x[r].wrapping_add(q).cast::<i32>().read_unaligned() })
+            } else {
+                // SAFETY: as above, all rows have that quad.
+                unsafe { raised(x[r], q, flip) }
+            };
             for p in 0..P {
                 acc[r][p] = _mm512_dpbusd_epi32(acc[r][p], quad, w[p]);
             }
@@ -271,6 +276,23 @@ fn multiply<const R: usize, const P: usize, const RAISED: bool>(
             store(&mut sums[place::<R, P>(r, p)], _mm512_castsi512_ps(acc[r][p]));
         }
     }
+}
+
+/// Quad `q` of `row` in all lanes with the bits of `flip` turned, in one instruction: compilers turn them before the quad goes to all lanes, which
+/// takes a shuffle then, in the place of a product.
+///
+/// # Safety
+/// The row has more than `q` quads.
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+unsafe fn raised(row: *const [i8; QUAD], q: usize, flip: __m512i) -> __m512i {
+    let quad;
+    // SAFETY: the instruction reads the four bytes of a quad, which the caller says is there, and writes this register alone.
+    unsafe {
+        asm!("vpxord {quad}, {flip}, dword ptr [{row} + 4 * {q}]{{1to16}}", quad = out(zmm_reg) quad, flip = in(zmm_reg) flip,
+            row = in(reg) row, q = in(reg) q, options(pure, readonly, nostack, preserves_flags));
+    }
+    quad
 }
 
 /// Ends the integer sums `[rows, width]` of the rows from `t` on with the slots from `slot` on, whose inputs were raised by `OFFSET`.
