@@ -89,12 +89,17 @@ fn multiply<const R: usize, const SIDES: usize>(
         x[r] = steps[r].as_ptr();
     }
     let mut acc = [[_mm512_setzero_si512(); R]; SIDES];
-    let whole = panel.len() / SIDES * SIDES;
-    for first in (0..whole).step_by(SIDES) {
-        for (side, sums) in acc.iter_mut().enumerate() {
-            prefetch::near(ahead.wrapping_add(first + side));
-            // SAFETY: `first + side < whole <= panel.len() <= QUADS`: the panel and all rows have this quad.
-            unsafe { meet(w, &x, first + side, sums) };
+    // One row has so little to do with a line that the loop's own instructions count.
+    let turns = if R == 1 { 4 } else { 1 };
+    let whole = panel.len() / (turns * SIDES) * (turns * SIDES);
+    for first in (0..whole).step_by(turns * SIDES) {
+        for turn in 0..turns {
+            for (side, sums) in acc.iter_mut().enumerate() {
+                let q = first + turn * SIDES + side;
+                prefetch::near(ahead.wrapping_add(q));
+                // SAFETY: `q < whole <= panel.len() <= QUADS`: the panel and all rows have this quad.
+                unsafe { meet(w, &x, q, sums) };
+            }
         }
     }
     for q in whole..panel.len() {
