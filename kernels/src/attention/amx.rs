@@ -439,7 +439,18 @@ pub(super) fn load_pairs(row: &[f32], at: usize) -> [__m512; 2] {
             let (row, _) = row.as_chunks();
             [load(&row[0]), load(&row[1])]
         }
-        None => [load_part(row.get(at..).unwrap_or(&[])), load_part(row.get(at + LANES..).unwrap_or(&[]))],
+        None => [load_from(row, at), load_from(row, at + LANES)],
+    }
+}
+
+/// 16 values of a row from `at` on, zeros where there are fewer; nothing is loaded where there are none, which takes a hundred times as long where
+/// the address is not mapped.
+#[inline]
+#[target_feature(enable = "avx512f")]
+fn load_from(row: &[f32], at: usize) -> __m512 {
+    match row.get(at..) {
+        Some(rest) if !rest.is_empty() => load_part(rest),
+        _ => _mm512_setzero_ps(),
     }
 }
 

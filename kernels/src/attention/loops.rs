@@ -448,7 +448,11 @@ macro_rules! loops {
             let mut highest = set(max);
             let hidden = set(f32::NEG_INFINITY);
             for (c, register) in weights.as_chunks_mut().0[..seen.div_ceil(WIDTH)].iter_mut().enumerate() {
-                let bias = load_part(bias.get(c * WIDTH..).unwrap_or(&[]));
+                // Nothing is loaded where there is none: from an address that is not mapped, even no lanes take a hundred cycles.
+                let bias = match bias.get(c * WIDTH..) {
+                    Some(bias) if !bias.is_empty() => load_part(bias),
+                    _ => zero(),
+                };
                 let score = fmadd(load(register), set(scale), bias);
                 let score = first_of(seen - c * WIDTH, score, hidden);
                 highest = maximum(highest, score);
