@@ -103,7 +103,10 @@ pub(crate) fn written<T>(line: *const T) {
 /// What is fetched while an operation that leaves memory idle goes on.
 #[cfg(target_arch = "x86_64")]
 pub(crate) trait Meanwhile {
-    /// A few lines of something else.
+    /// All of `ahead` in so many calls of [`Self::some`], unless something else is fetched.
+    fn new(ahead: Ahead, calls: usize) -> Self;
+
+    /// The next lines.
     fn some(&mut self);
 
     /// What lies behind the register `c` of a row, which is read now, where that begins a line.
@@ -122,6 +125,11 @@ impl Itself {
 
 #[cfg(target_arch = "x86_64")]
 impl Meanwhile for Itself {
+    #[inline]
+    fn new(_: Ahead, _: usize) -> Self {
+        Self
+    }
+
     #[inline]
     fn some(&mut self) {}
 
@@ -148,17 +156,16 @@ pub(crate) struct Fetch {
 #[cfg(target_arch = "x86_64")]
 impl Fetch {
     const LINE: usize = 64;
-
-    /// All of `ahead` in so many calls.
-    pub(crate) fn new(ahead: Ahead, calls: usize) -> Self {
-        let lines = ahead.len / Self::LINE / ahead.streams;
-        let (stream, step) = (lines * Self::LINE, lines.div_ceil(calls.max(1)) * Self::LINE);
-        Self { pieces: ahead.pieces, stream, left: stream, step, streams: ahead.streams }
-    }
 }
 
 #[cfg(target_arch = "x86_64")]
 impl Meanwhile for Fetch {
+    fn new(ahead: Ahead, calls: usize) -> Self {
+        let lines = ahead.len / Self::LINE / ahead.streams;
+        let (stream, step) = (lines * Self::LINE, lines.div_ceil(calls.max(1)) * Self::LINE);
+        Self { pieces: ahead.pieces, stream, left: stream, step, streams: ahead.streams }
+    }
+
     #[inline]
     fn some(&mut self) {
         if self.left == 0 {

@@ -18,7 +18,7 @@ use super::Operands;
 use super::avx512vnni::transpose;
 use crate::amx::{TILE as ROWS, Tiles};
 use crate::lanes::LANES;
-use crate::lanes::avx512vnni::{array, first_lanes, load, load_part, store, store_part};
+use crate::lanes::avx512vnni::{array, first_lanes, load, load_from, load_part, store, store_part};
 use crate::mat::{Mat, MatMut};
 use crate::math::LOG2_E;
 use core::arch::x86_64::*;
@@ -440,17 +440,6 @@ pub(super) fn load_pairs(row: &[f32], at: usize) -> [__m512; 2] {
             [load(&row[0]), load(&row[1])]
         }
         None => [load_from(row, at), load_from(row, at + LANES)],
-    }
-}
-
-/// 16 values of a row from `at` on, zeros where there are fewer; nothing is loaded where there are none, which takes a hundred times as long where
-/// the address is not mapped.
-#[inline]
-#[target_feature(enable = "avx512f")]
-fn load_from(row: &[f32], at: usize) -> __m512 {
-    match row.get(at..) {
-        Some(rest) if !rest.is_empty() => load_part(rest),
-        _ => _mm512_setzero_ps(),
     }
 }
 

@@ -96,24 +96,20 @@ macro_rules! loops {
                     i += count;
                 }
             }
+            // What lies behind a row is the next one's only where there are no gaps.
+            let in_order = x.in_order && x.k.stride() == x.k.cols() && x.v.stride() == x.v.cols();
             while i < x.q.rows() {
-                let count = match x.q.rows() - i {
-                    few @ (1 | 2) => few,
-                    3 => 2,
-                    _ => 4,
-                };
-                // While the last queries meet keys and values.
-                let ahead = if i + count == x.q.rows() { x.ahead } else { Ahead::NOTHING };
-                let mut ahead = Fetch::new(ahead, 2 * x.keys(i + count - 1).div_ceil(DOTS));
-                match (count, x.in_order) {
-                    (1, false) => group::<T, _, 1, WIDTH, { COLUMNS[0] }>(x, i, &mut ahead, &mut y),
-                    (1, true) => group::<T, _, 1, WIDTH, { COLUMNS[0] }>(x, i, &mut Itself, &mut y),
-                    (2, false) => group::<T, _, 2, { WIDTH / 2 }, { COLUMNS[1] }>(x, i, &mut ahead, &mut y),
-                    (2, true) => group::<T, _, 2, { WIDTH / 2 }, { COLUMNS[1] }>(x, i, &mut Itself, &mut y),
-                    (_, false) => group::<T, _, 4, { WIDTH / 4 }, { COLUMNS[2] }>(x, i, &mut ahead, &mut y),
-                    (_, true) => group::<T, _, 4, { WIDTH / 4 }, { COLUMNS[2] }>(x, i, &mut Itself, &mut y),
-                }
-                i += count;
+                i += if in_order { few::<T, Itself>(x, i, &mut y) } else { few::<T, Fetch>(x, i, &mut y) };
+            }
+        }
+
+        /// One, two or four queries from `i` on; returns how many.
+        #[target_feature(enable = $features)]
+        fn few<T: Load, F: Meanwhile>(x: Operands<T>, i: usize, y: &mut MatMut<f32>) -> usize {
+            match x.q.rows() - i {
+                1 => group::<T, F, 1, WIDTH, { COLUMNS[0] }>(x, i, y),
+                2 | 3 => group::<T, F, 2, { WIDTH / 2 }, { COLUMNS[1] }>(x, i, y),
+                _ => group::<T, F, 4, { WIDTH / 4 }, { COLUMNS[2] }>(x, i, y),
             }
         }
 
@@ -253,28 +249,31 @@ macro_rules! loops {
             }
         }
 
-        /// The `Q` queries from `i` on, over all their keys. `y` holds the sums of values times
+        /// The `Q` queries from `i` on, over all their keys; returns `Q`. `y` holds the sums of values times
         /// `exp(score - max)` until the end. Scores are made `K = WIDTH / Q` keys, values `C` registers of columns at a time.
         #[target_feature(enable = $features)]
         fn group<T: Load, F: Meanwhile, const Q: usize, const K: usize, const C: usize>(
             x: Operands<T>,
             i: usize,
-            fetch: &mut F,
             y: &mut MatMut<f32>,
-        ) {
+        ) -> usize {
             let mut weights = Weights([[0.0; TILE]; Q]);
             let mut softmaxes = [Softmax::START; Q];
             // A later query sees at least the keys of an earlier one.
             let keys = x.keys(i + Q - 1);
+            // While the last queries meet keys and values.
+            let ahead = if i + Q == x.q.rows() { x.ahead } else { Ahead::NOTHING };
+            let mut fetch = F::new(ahead, 2 * keys.div_ceil(DOTS));
             for first in (0..keys).step_by(TILE) {
                 let range = first..keys.min(first + TILE);
-                scores::<T, F, Q, K>(x, i, x.k.row_range(range.clone()), fetch, &mut weights);
+                scores::<T, F, Q, K>(x, i, x.k.row_range(range.clone()), &mut fetch, &mut weights);
                 let v = x.v.row_range(range);
-                weighted::<T, T, F, Q, C>(x, i, first, v, &mut softmaxes, (&mut weights, fetch), y);
+                weighted::<T, T, F, Q, C>(x, i, first, v, &mut softmaxes, (&mut weights, &mut fetch), y);
             }
             for (r, softmax) in softmaxes.iter().enumerate() {
                 softmax.finish(y.row_mut(i + r));
             }
+            Q
         }
 
         /// Turns the scores of the tile of keys from `first` on into weights, and adds the tile's values to the rows of
@@ -448,11 +447,7 @@ macro_rules! loops {
             let mut highest = set(max);
             let hidden = set(f32::NEG_INFINITY);
             for (c, register) in weights.as_chunks_mut().0[..seen.div_ceil(WIDTH)].iter_mut().enumerate() {
-                // Nothing is loaded where there is none: from an address that is not mapped, even no lanes take a hundred cycles.
-                let bias = match bias.get(c * WIDTH..) {
-                    Some(bias) if !bias.is_empty() => load_part(bias),
-                    _ => zero(),
-                };
+                let bias = load_from(bias, c * WIDTH);
                 let score = fmadd(load(register), set(scale), bias);
                 let score = first_of(seen - c * WIDTH, score, hidden);
                 highest = maximum(highest, score);

@@ -34,6 +34,17 @@ pub(crate) fn load_part(src: &[f32]) -> __m256 {
     unsafe { _mm256_maskload_ps(src.as_ptr(), mask) }
 }
 
+/// 8 values of a row from `at` on, zeros where there are fewer. Nothing is loaded where there are none: from an address that is
+/// not mapped, as an empty slice's may be, even no lanes take a hundred cycles.
+#[inline]
+#[target_feature(enable = "avx2,fma")]
+pub(crate) fn load_from(row: &[f32], at: usize) -> Register {
+    match row.get(at..) {
+        Some(rest) if !rest.is_empty() => load_part(rest),
+        _ => zero(),
+    }
+}
+
 /// 8 values.
 #[inline]
 #[target_feature(enable = "avx2")]

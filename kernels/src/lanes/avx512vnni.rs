@@ -29,6 +29,17 @@ pub(crate) fn load_part(src: &[f32]) -> __m512 {
     unsafe { _mm512_maskz_loadu_ps(first_lanes(src.len()), src.as_ptr()) }
 }
 
+/// 16 values of a row from `at` on, zeros where there are fewer. Nothing is loaded where there are none: from an address that is
+/// not mapped, as an empty slice's may be, even no lanes take a hundred cycles.
+#[inline]
+#[target_feature(enable = "avx512f")]
+pub(crate) fn load_from(row: &[f32], at: usize) -> Register {
+    match row.get(at..) {
+        Some(rest) if !rest.is_empty() => load_part(rest),
+        _ => zero(),
+    }
+}
+
 /// 16 values.
 #[inline]
 #[target_feature(enable = "avx512f")]

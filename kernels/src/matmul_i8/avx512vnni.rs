@@ -278,8 +278,8 @@ fn multiply<const R: usize, const P: usize, const RAISED: bool>(
     }
 }
 
-/// Quad `q` of `row` in all lanes with the bits of `flip` turned, in one instruction: compilers turn them before the quad goes to all lanes, which
-/// takes a shuffle then, in the place of a product.
+/// Quad `q` of `row` in all lanes with the bits of `flip` turned, in one instruction: compilers turn them before the quad goes to all
+/// lanes, which takes a shuffle then, in the place of a product.
 ///
 /// # Safety
 /// The row has more than `q` quads.

@@ -201,7 +201,7 @@ impl QuantScratch {
                 (also, steps, scale) = (rest_also, rest_steps, rest_scale);
                 let (mut y, _) = y.reborrow().split_rows(now.len());
                 f(now, y.reborrow(), now_also)?;
-                quantize_rows(cx.isa, y.dense(), now_steps, now_scale.column_mut())?;
+                quantize_rows(cx.isa, y.dense(), now_steps.split_columns(width).0, now_scale.column_mut())?;
             }
             Ok(())
         })?;
@@ -216,7 +216,7 @@ impl QuantScratch {
         let (rows, width) = (x.rows(), x.cols());
         let (steps, scale) = self.room(rows, width)?;
         cx.team.rows_of_two(steps, scale, rows * width * QUANTIZE_WORK, |range, steps, mut scale| {
-            Ok(quantize_rows(cx.isa, x.row_range(range), steps, scale.column_mut())?)
+            Ok(quantize_rows(cx.isa, x.row_range(range), steps.split_columns(width).0, scale.column_mut())?)
         })?;
         self.ready(rows, width)
     }
@@ -235,13 +235,7 @@ impl QuantScratch {
         f: impl Fn(Ready, MatMut<f32>) -> Result<(), StepError> + Sync,
     ) -> Result<(), StepError> {
         let (rows, width) = (x.rows(), x.cols());
-        let want = rows * stride(width);
-        if self.scale.len() < rows || self.steps.len() < want {
-            return Err(ShapeError { arg: "quant", want, got: self.steps.len() }.into());
-        }
-        let scale = MatMut::new(&mut self.scale, rows, 1)?;
-        // Gaps between rows are theirs, so that a thread can read what it has written.
-        let steps = MatMut::new(&mut self.steps, rows, stride(width))?;
+        let (steps, scale) = self.room(rows, width)?;
         let cut = both(both(MatMut::split_rows, MatMut::split_rows), MatMut::split_rows);
         let work = work + rows * width * QUANTIZE_WORK;
         cx.team.split(((steps, scale), y), rows, 1, work, cut, |range, ((mut steps, mut scale), y)| {
@@ -284,13 +278,13 @@ impl QuantScratch {
         self.parts.iter().all(|part| part.len() >= values)
     }
 
-    /// Steps and scales of quantised rows.
+    /// Steps and scales of quantised rows, gaps between rows included, so that who has written some can read them.
     fn room(&mut self, rows: usize, width: usize) -> Result<(MatMut<'_, i8>, MatMut<'_, f32>), ShapeError> {
         let want = rows * stride(width);
         if self.scale.len() < rows || self.steps.len() < want {
             return Err(ShapeError { arg: "quant", want, got: self.steps.len() });
         }
-        let steps = MatMut::with_stride(&mut self.steps, rows, width, stride(width))?;
+        let steps = MatMut::new(&mut self.steps, rows, stride(width))?;
         Ok((steps, MatMut::new(&mut self.scale, rows, 1)?))
     }
 

@@ -103,20 +103,13 @@ macro_rules! loops {
             }
         }
 
-        /// A register of what stands in `row` from `at` on, then zeros. A masked load where there is nothing costs a hundred others.
-        #[inline]
-        #[target_feature(enable = $features)]
-        fn from(row: &[f32], at: usize) -> Register {
-            row.get(at..).filter(|rest| !rest.is_empty()).map_or(zero(), |rest| load_part(rest))
-        }
-
-        /// As many of those as a register has when they are rounded and joined.
+        /// As many values of `row` from `at` on as a register has when they are rounded and joined, then zeros.
         #[inline]
         #[target_feature(enable = $features)]
         fn factor_from(row: &[f32], at: usize) -> Register {
             let mut values = [zero(); JOINED];
             for (i, values) in values.iter_mut().enumerate() {
-                *values = from(row, at + i * WIDTH);
+                *values = load_from(row, at + i * WIDTH);
             }
             factor(values)
         }
@@ -144,7 +137,7 @@ macro_rules! loops {
         fn pack_values<const N: usize>(v: Mat<f32>, at: usize, packed: &mut [[f32; PANEL]]) {
             let value = |j: usize, c: usize| {
                 let row = if j < v.rows() { &v.row(j)[at..] } else { &[] };
-                from(row, c * WIDTH)
+                load_from(row, c * WIDTH)
             };
             for row in 0..v.rows().next_multiple_of(STEP) / JOINED {
                 let j = row / 2 * 2 * JOINED + row % 2;
@@ -229,7 +222,7 @@ macro_rules! loops {
             let (scores, _) = scores[..keys.next_multiple_of(STEP)].as_chunks_mut();
             let (whole, _) = bias.as_chunks();
             for (c, scores) in scores.iter_mut().enumerate() {
-                let bias = if let Some(bias) = whole.get(c) { load(bias) } else { from(bias, c * WIDTH) };
+                let bias = if let Some(bias) = whole.get(c) { load(bias) } else { load_from(bias, c * WIDTH) };
                 let all = fmadd(load(scores), set(scale), mul(bias, set(LOG2_E)));
                 let unseen = (c + 1) * WIDTH > keys;
                 let seen = if unseen { first_of(keys.saturating_sub(c * WIDTH), all, hidden) } else { all };
