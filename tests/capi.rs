@@ -19,15 +19,16 @@ struct Built {
 }
 
 static BUILT: LazyLock<Built> = LazyLock::new(|| {
+    // This test is `FOLDER/deps/capi-…`, wherever that is.
+    let own = std::env::current_exe().expect("this test is a file");
+    let folder = own.ancestors().nth(2).expect("it lies in a folder of the build").to_owned();
     let mut build = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
-    build.args(["build", "--quiet", "-p", "umo-capi", "-p", "umo"]).current_dir(ROOT);
+    build.args(["build", "--quiet", "-p", "umo-capi", "-p", "umo", "--target-dir"]);
+    build.arg(folder.parent().expect("a profile's folder lies in the target's")).current_dir(ROOT);
     if !cfg!(debug_assertions) {
         build.arg("--release");
     }
     assert!(build.status().expect("cargo runs").success(), "the libraries do not build");
-    // This test is `FOLDER/deps/capi-…`.
-    let own = std::env::current_exe().expect("this test is a file");
-    let folder = own.ancestors().nth(2).expect("it lies in a folder of the build").to_owned();
     let place = tempfile::tempdir().expect("there is room for programs");
     #[cfg(target_os = "linux")]
     std::os::unix::fs::symlink(folder.join("libumo.so"), place.path().join("libumo.so.0")).expect("a link can be made");

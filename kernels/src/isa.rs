@@ -182,6 +182,11 @@ mod amx {
     const TILE_STATE: u64 = 1 << 17 | 1 << 18;
 
     pub(super) fn available() -> bool {
+        // Emulated, they are there.
+        cfg!(umo_emulated_tiles) || granted()
+    }
+
+    fn granted() -> bool {
         super::std::is_x86_feature_detected!("xsave")
             && __cpuid_count(7, 0).edx & TILE_BF16_INT8 == TILE_BF16_INT8
             // SAFETY: the processor has XSAVE, and AVX-512 was found through this register.
