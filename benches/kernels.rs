@@ -1,18 +1,30 @@
-//! Every operation on every back-end at the base model's shapes and an awkward one: `<op>/<isa>/<shape>`.
+//! Every operation on every back-end at the base model's shapes and an awkward one: `<op>/<isa>/<shape>`, each beside its floor, what one
+//! thread of the processor can do at most: multiply-adds from registers, or reading as many bytes as the call reads and writes.
 //!
-//! Each is compared with the scalar twin before it is timed. Weights are the same in every call, so they are hot: what
-//! reads them from memory is timed in `step.rs`.
+//! Each is compared with the scalar twin before it is timed. Operands are the same in every call, so they are hot: what reads
+//! weights from memory is timed in `step.rs` and by `benches/peers`.
+
+use std::cell::RefCell;
+use std::collections::HashMap;
+use std::time::{Duration, Instant};
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use umo_benches::{Random, is_test};
+use umo_core::floor;
 use umo_core::weights::AlignedBox;
-use umo_kernels::attention::{RelativeBias, Visible, attention_f32, encoder_attention_bf16, encoder_attention_f32};
-use umo_kernels::matmul_bf16::matmul_bf16;
-use umo_kernels::matmul_f32::{Epilogue, Input, matmul_f32};
-use umo_kernels::matmul_i8::{QuantRows, matmul_i8, quantize_rows};
-use umo_kernels::norm::rms_norm;
+use umo_kernels::activation::{apply, argmax, softmax};
+use umo_kernels::attention::{
+    RelativeBias, Visible, attention_bf16, attention_f32, encoder_attention_bf16, encoder_attention_f32,
+};
+use umo_kernels::bf16::round_bf16;
+use umo_kernels::conv1d::{GroupedF32, conv1d_grouped_f32, frames_out, windows};
+use umo_kernels::experts::{Routing, route};
+use umo_kernels::matmul_bf16::{Bf16Rows, matmul_bf16, matmul_bf16_rows, matmul_gated_bf16};
+use umo_kernels::matmul_f32::{Activation, Epilogue, Input, Scatter, matmul_f32, matmul_gated_f32};
+use umo_kernels::matmul_i8::{QuantRows, matmul_gated_i8, matmul_i8, quantize_rows};
+use umo_kernels::norm::{channel_affine, channel_sums, layer_norm, rms_norm};
 use umo_kernels::pack::{pack, pack_bf16, pack_i8, packed_len, packed_len_bf16, packed_len_i8};
-use umo_kernels::{Ahead, Isa, Mat, MatMut, PackedBf16, PackedF32, PackedI8, ShapeError};
+use umo_kernels::{Ahead, Bf16, Isa, Mat, MatMut, PackedBf16, PackedF32, PackedI8, ShapeError};
 
 /// Rows, outputs and inputs: one token, a pass with markers, a window; feed-forward in, out, attention; and odd ones.
 const PRODUCTS: [(usize, usize, usize); 9] = [
@@ -27,14 +39,28 @@ const PRODUCTS: [(usize, usize, usize); 9] = [
     (37, 131, 257),
 ];
 
+/// The same of a gate and as much beside it.
+const GATED: [(usize, usize, usize); 4] = [(1, 2048, 768), (16, 2048, 768), (256, 2048, 768), (7, 45, 61)];
+
 /// Queries, keys and width of one head.
 const ATTENTIONS: [(usize, usize, usize); 4] = [(256, 256, 64), (1, 256, 64), (3, 25, 64), (7, 61, 20)];
+
+/// Rows, inner width and outer width of four experts.
+const EXPERTS: [(usize, usize, usize); 4] = [(1, 2048, 768), (16, 2048, 768), (256, 2048, 768), (5, 61, 37)];
+
+/// HuBERT's first three convolutions and an odd one: frames, channels in and out, width, step.
+const CONVOLUTIONS: [(usize, usize, usize, usize, usize); 4] =
+    [(8000, 1, 512, 10, 5), (600, 512, 512, 3, 2), (300, 512, 512, 2, 2), (61, 11, 37, 3, 2)];
 
 const SHAPES: &str = "shapes agree";
 
 /// Shapes to time; where benches run as tests, the small ones.
 fn chosen<const N: usize>(shapes: [(usize, usize, usize); N]) -> Vec<(usize, usize, usize)> {
     shapes.into_iter().filter(|(m, n, k)| !is_test() || m * n * k < 1 << 21).collect()
+}
+
+fn matrix(y: &mut [f32], rows: usize, cols: usize) -> MatMut<'_, f32> {
+    MatMut::new(y, rows, cols).expect(SHAPES)
 }
 
 fn floats(random: &mut Random, len: usize) -> AlignedBox<f32> {
@@ -49,26 +75,125 @@ fn steps(random: &mut Random, len: usize) -> AlignedBox<i8> {
     values
 }
 
-/// Runs `op` on every back-end, compares it with the scalar one, and times it. `unit` is what one call does.
-fn compare(
-    c: &mut Criterion,
-    op: &str,
-    shape: &str,
-    unit: u64,
-    (len, tolerance): (usize, f32),
-    run: impl Fn(Isa, &mut [f32]),
-) {
-    let (mut wanted, mut y) = (AlignedBox::<f32>::zeroed(len), AlignedBox::<f32>::zeroed(len));
-    run(Isa::SCALAR, &mut wanted);
-    let mut group = c.benchmark_group(op);
-    group.throughput(Throughput::Elements(unit)).sample_size(20);
-    for isa in Isa::available() {
-        run(isa, &mut y);
-        let error = wanted.iter().zip(&*y).fold(0.0_f32, |a, (x, y)| a.max((x - y).abs()));
-        assert!(error <= tolerance, "{op}/{}/{shape}: differs from scalar by {error}", isa.name());
-        group.bench_with_input(BenchmarkId::new(isa.name(), shape), &isa, |b, &isa| b.iter(|| run(isa, &mut y)));
+/// How fast multiply-adds come at best.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+enum Unit {
+    Int8,
+    Float,
+    /// Both factors in bfloat16, where the back-end multiplies those faster; on tiles in so many products.
+    Rounded(u8),
+    /// f32, which tiles take in so many products of parts in bfloat16.
+    Parts(u8),
+}
+
+/// What a call has to do.
+#[derive(Clone, Copy, Debug)]
+struct Work {
+    unit: Unit,
+    macs: usize,
+    /// Read and written.
+    bytes: usize,
+}
+
+impl Work {
+    /// A product with weights of so many bytes each.
+    fn product(unit: Unit, (m, n, k): (usize, usize, usize), each: usize) -> Self {
+        Self { unit, macs: m * n * k, bytes: n * k * each }
     }
-    group.finish();
+
+    /// Values that are read and written.
+    fn floats(values: usize) -> Self {
+        Self { unit: Unit::Float, macs: 0, bytes: 4 * values }
+    }
+}
+
+/// What one thread can do, measured once.
+#[derive(Debug, Default)]
+struct Peaks {
+    /// Multiply-adds per second, where the back-end has an instruction.
+    macs: HashMap<(&'static str, Unit), Option<f64>>,
+    /// Bytes per second, of so many.
+    read: HashMap<(&'static str, usize), f64>,
+}
+
+impl Peaks {
+    /// Seconds that `work` takes at least; none where the back-end has no instructions of its own.
+    fn least(&mut self, isa: Isa, work: Work) -> Option<f64> {
+        let per_second = *self.macs.entry((isa.name(), work.unit)).or_insert_with(|| match work.unit {
+            Unit::Int8 => floor::int8(1, isa),
+            // A pair of bfloat16 in the place of four int8.
+            Unit::Rounded(products) | Unit::Parts(products) if isa.has_tiles() => {
+                floor::int8(1, isa).map(|peak| peak / 2.0 / f64::from(products))
+            }
+            // The instruction takes two in the place of one.
+            Unit::Rounded(_) if isa.multiplies_bf16() => floor::f32(1, isa).map(|peak| 2.0 * peak),
+            _ => floor::f32(1, isa),
+        });
+        let bytes = work.bytes.next_power_of_two().max(4096);
+        let read = *self.read.entry((isa.name(), bytes)).or_insert_with(|| floor::read(1, isa, bytes));
+        Some((work.macs as f64 / per_second?).max(work.bytes as f64 / read))
+    }
+}
+
+/// A benchmark of one operation.
+struct Bench<'a> {
+    c: &'a mut Criterion,
+    peaks: &'a mut Peaks,
+}
+
+impl Bench<'_> {
+    /// Runs `op` on every back-end, compares its `len` outputs with the scalar one's, times it, and prints its share.
+    fn compare(
+        &mut self,
+        (op, shape): (&str, &str),
+        work: Work,
+        (len, tolerance): (usize, f32),
+        mut run: impl FnMut(Isa, &mut [f32]),
+    ) {
+        /// Multiply-adds that scalar code takes a tenth of a second for.
+        const LONG: usize = 1 << 26;
+        let (mut wanted, mut y) = (AlignedBox::<f32>::zeroed(len), AlignedBox::<f32>::zeroed(len));
+        run(Isa::SCALAR, &mut wanted);
+        let mut group = self.c.benchmark_group(op);
+        let amount =
+            if work.macs > 0 { Throughput::Elements(work.macs as u64) } else { Throughput::Bytes(work.bytes as u64) };
+        group.throughput(amount).sample_size(15);
+        group.warm_up_time(Duration::from_millis(200)).measurement_time(Duration::from_millis(600));
+        for isa in Isa::available() {
+            y.fill(0.0);
+            run(isa, &mut y);
+            let error = wanted.iter().zip(&*y).fold(0.0_f32, |a, (x, y)| a.max((x - y).abs()));
+            assert!(error <= tolerance, "{op}/{}/{shape}: differs from scalar by {error}", isa.name());
+            if isa == Isa::SCALAR && work.macs > LONG && Isa::available().count() > 1 {
+                continue;
+            }
+            let times = RefCell::new(Vec::new());
+            group.bench_function(BenchmarkId::new(isa.name(), shape), |b| {
+                b.iter_custom(|iterations| {
+                    let start = Instant::now();
+                    for _ in 0..iterations {
+                        run(isa, &mut y);
+                    }
+                    let all = start.elapsed();
+                    times.borrow_mut().push(all.as_secs_f64() / iterations as f64);
+                    all
+                });
+            });
+            let mut times = times.into_inner();
+            times.sort_by(f64::total_cmp);
+            let Some(&median) = times.get(times.len() / 2).filter(|_| !is_test()) else { continue };
+            let (rate, unit) = if work.macs > 0 {
+                (work.macs as f64 / median, "GMAC/s")
+            } else {
+                (work.bytes as f64 / median, "GB/s")
+            };
+            let share =
+                self.peaks.least(isa, work).map(|least| format!(", {:.0} % of the floor", 100.0 * least / median));
+            let (us, share) = (1e6 * median, share.unwrap_or_default());
+            println!("{op}/{}/{shape}: median {us:.2} us, {:.1} {unit}{share}", isa.name(), rate / 1e9);
+        }
+        group.finish();
+    }
 }
 
 /// Sums of `k` products of numbers below 1 in two orders differ by less than this.
@@ -83,92 +208,308 @@ fn bf16_sums(k: usize) -> f32 {
     sums(k) + k as f32 / 65_536.0
 }
 
-fn products(c: &mut Criterion) {
-    for (m, n, k) in chosen(PRODUCTS) {
-        let (mut random, shape, macs) = (Random::new(1), format!("{m}x{n}x{k}"), (m * n * k) as u64);
-        let (x, w) = (floats(&mut random, m * k), floats(&mut random, n * k));
-        let (rows, w) = (Mat::new(&x, m, k).expect(SHAPES), Mat::new(&w, n, k).expect(SHAPES));
+/// One weight as each product takes it.
+struct Weight {
+    shape: (usize, usize),
+    float: AlignedBox<f32>,
+    bf16: AlignedBox<Bf16>,
+    int8: AlignedBox<i8>,
+    scale: Vec<f32>,
+    sum: Vec<i32>,
+}
 
-        let mut packed = AlignedBox::zeroed(packed_len(n, k));
-        pack(w, &mut packed).expect(SHAPES);
-        let weight = PackedF32::new(&packed, n, k).expect(SHAPES);
-        compare(c, "matmul_f32", &shape, macs, (m * n, sums(k)), |isa, y| {
-            let y = MatMut::new(y, m, n).expect(SHAPES);
-            matmul_f32(isa, Input::all(rows), weight, Epilogue::STORE, y).expect(SHAPES);
-        });
+impl Weight {
+    fn new(random: &mut Random, n: usize, k: usize) -> Self {
+        let (values, int8) = (floats(random, n * k), steps(random, n * k));
+        let w = Mat::new(&values, n, k).expect(SHAPES);
+        let mut all = Self {
+            shape: (n, k),
+            float: AlignedBox::zeroed(packed_len(n, k)),
+            bf16: AlignedBox::zeroed(packed_len_bf16(n, k)),
+            int8: AlignedBox::zeroed(packed_len_i8(n, k)),
+            scale: vec![0.02; n],
+            sum: vec![0; n],
+        };
+        pack(w, &mut all.float).expect(SHAPES);
+        pack_bf16(w, &mut all.bf16).expect(SHAPES);
+        pack_i8(Mat::new(&int8, n, k).expect(SHAPES), &mut all.int8, &mut all.sum).expect(SHAPES);
+        all
+    }
 
-        let mut packed = AlignedBox::zeroed(packed_len_bf16(n, k));
-        pack_bf16(w, &mut packed).expect(SHAPES);
-        let weight = PackedBf16::new(&packed, n, k).expect(SHAPES);
-        compare(c, "matmul_bf16", &shape, macs, (m * n, bf16_sums(k)), |isa, y| {
-            let y = MatMut::new(y, m, n).expect(SHAPES);
-            matmul_bf16(isa, Input::all(rows), weight, Epilogue::STORE, y).expect(SHAPES);
-        });
+    fn float(&self) -> PackedF32<'_> {
+        PackedF32::new(&self.float, self.shape.0, self.shape.1).expect(SHAPES)
+    }
 
-        int8_product(c, &mut random, (m, n, k), &shape);
+    fn bf16(&self) -> PackedBf16<'_> {
+        PackedBf16::new(&self.bf16, self.shape.0, self.shape.1).expect(SHAPES)
+    }
+
+    fn int8(&self) -> PackedI8<'_> {
+        PackedI8::new(&self.int8, &self.scale, &self.sum, self.shape.0, self.shape.1).expect(SHAPES)
     }
 }
 
-fn int8_product(c: &mut Criterion, random: &mut Random, (m, n, k): (usize, usize, usize), shape: &str) {
-    let (x, w) = (steps(random, m * k), steps(random, n * k));
-    let (x_scale, w_scale) = (vec![0.01; m], vec![0.02; n]);
-    let (mut packed, mut sum) = (AlignedBox::zeroed(packed_len_i8(n, k)), vec![0; n]);
-    pack_i8(Mat::new(&w, n, k).expect(SHAPES), &mut packed, &mut sum).expect(SHAPES);
-    let weight = PackedI8::new(&packed, &w_scale, &sum, n, k).expect(SHAPES);
-    let rows = QuantRows::new(Mat::new(&x, m, k).expect(SHAPES), &x_scale).expect(SHAPES);
-    compare(c, "matmul_i8", shape, (m * n * k) as u64, (m * n, 0.0), |isa, y| {
-        matmul_i8(isa, rows, None, weight, Epilogue::STORE, MatMut::new(y, m, n).expect(SHAPES)).expect(SHAPES);
-    });
+/// Rows as each product takes them.
+struct Rows {
+    shape: (usize, usize),
+    float: AlignedBox<f32>,
+    bf16: Vec<Bf16>,
+    int8: AlignedBox<i8>,
+    scale: Vec<f32>,
+}
+
+impl Rows {
+    fn new(random: &mut Random, m: usize, k: usize) -> Self {
+        let float = floats(random, m * k);
+        let bf16 = float.iter().map(|&value| Bf16::from_f32(value)).collect();
+        Self { shape: (m, k), float, bf16, int8: steps(random, m * k), scale: vec![0.01; m] }
+    }
+
+    fn float(&self) -> Input<'_, f32> {
+        Input::all(Mat::new(&self.float, self.shape.0, self.shape.1).expect(SHAPES))
+    }
+
+    fn bf16(&self) -> Bf16Rows<'_> {
+        Bf16Rows::rounded(Mat::new(&self.bf16, self.shape.0, self.shape.1).expect(SHAPES))
+    }
+
+    fn int8(&self) -> QuantRows<'_> {
+        QuantRows::new(Mat::new(&self.int8, self.shape.0, self.shape.1).expect(SHAPES), &self.scale).expect(SHAPES)
+    }
+}
+
+fn products(bench: &mut Bench) {
+    for (m, n, k) in chosen(PRODUCTS) {
+        let (mut random, shape) = (Random::new(1), format!("{m}x{n}x{k}"));
+        let (x, w) = (Rows::new(&mut random, m, k), Weight::new(&mut random, n, k));
+        let work = |unit, each| Work::product(unit, (m, n, k), each);
+        bench.compare(("matmul_f32", &shape), work(Unit::Float, 4), (m * n, sums(k)), |isa, out| {
+            matmul_f32(isa, x.float(), w.float(), Epilogue::STORE, matrix(out, m, n)).expect(SHAPES);
+        });
+        bench.compare(("matmul_bf16", &shape), work(Unit::Parts(2), 2), (m * n, bf16_sums(k)), |isa, out| {
+            matmul_bf16(isa, x.float(), w.bf16(), Epilogue::STORE, matrix(out, m, n)).expect(SHAPES);
+        });
+        bench.compare(("matmul_bf16_rows", &shape), work(Unit::Rounded(1), 2), (m * n, sums(k)), |isa, out| {
+            matmul_bf16_rows(isa, x.bf16(), w.bf16(), Epilogue::STORE, matrix(out, m, n)).expect(SHAPES);
+        });
+        bench.compare(("matmul_i8", &shape), work(Unit::Int8, 1), (m * n, 0.0), |isa, out| {
+            matmul_i8(isa, x.int8(), None, w.int8(), Epilogue::STORE, matrix(out, m, n)).expect(SHAPES);
+        });
+    }
+}
+
+fn gated(bench: &mut Bench) {
+    for (m, n, k) in chosen(GATED) {
+        let (mut random, shape) = (Random::new(4), format!("{m}x{n}x{k}"));
+        let (x, [gate, up]) = (Rows::new(&mut random, m, k), [(); 2].map(|()| Weight::new(&mut random, n, k)));
+        let work = |unit, each| Work::product(unit, (m, 2 * n, k), each);
+        // One factor's error times the other, which is below `k`.
+        let off = |sum: f32| (m * n, sum * sums(k).max(1.0) + sum * bf16_sums(k) * 64.0);
+        bench.compare(("matmul_gated_f32", &shape), work(Unit::Float, 4), off(sums(k)), |isa, out| {
+            matmul_gated_f32(isa, x.float(), gate.float(), up.float(), matrix(out, m, n)).expect(SHAPES);
+        });
+        bench.compare(("matmul_gated_bf16", &shape), work(Unit::Parts(2), 2), off(bf16_sums(k)), |isa, out| {
+            matmul_gated_bf16(isa, x.float(), gate.bf16(), up.bf16(), matrix(out, m, n)).expect(SHAPES);
+        });
+        bench.compare(("matmul_gated_i8", &shape), work(Unit::Int8, 1), (m * n, 0.0), |isa, out| {
+            matmul_gated_i8(isa, x.int8(), None, gate.int8(), up.int8(), matrix(out, m, n)).expect(SHAPES);
+        });
+    }
+}
+
+/// Rows to two of four experts each: the router's softmax and sorting, then each expert's gated product of the rows that it gathers,
+/// and the product that it scatters.
+fn experts(bench: &mut Bench) {
+    const EACH: usize = 2;
+    for (m, inner, outer) in chosen(EXPERTS) {
+        let (mut random, shape) = (Random::new(5), format!("{m}x{inner}x{outer}"));
+        let (x, logits) = (Rows::new(&mut random, m, outer), floats(&mut random, m * 4));
+        let mut expert =
+            || [(inner, outer), (inner, outer), (outer, inner)].map(|(n, k)| Weight::new(&mut random, n, k));
+        let all = [expert(), expert(), expert(), expert()];
+        let (mut starts, mut rows, mut weights) = (vec![0; 5], vec![0; EACH * m], vec![0.0; EACH * m]);
+        let (mut hidden, mut int8, mut scale) =
+            (vec![0.0; EACH * m * inner], vec![0; EACH * m * inner], vec![0.0; EACH * m]);
+        let read = if m == 1 { EACH } else { 4 };
+        let work = Work { unit: Unit::Int8, macs: EACH * m * 3 * inner * outer, bytes: read * 3 * inner * outer };
+        bench.compare(("experts_i8", &shape), work, (m * outer, 0.0), |isa, y| {
+            let mut logits = logits.to_vec();
+            let mut routing = Routing { starts: &mut starts, rows: &mut rows, weights: &mut weights };
+            route(isa, MatMut::new(&mut logits, m, 4).expect(SHAPES), EACH, &mut routing).expect(SHAPES);
+            y.fill(0.0);
+            for (e, [gate, up, down]) in all.iter().enumerate() {
+                let slots = starts[e] as usize..starts[e + 1] as usize;
+                let (count, mine) = (slots.len(), slots.start * inner..slots.end * inner);
+                let (rows, weight) = (&rows[slots.clone()], &weights[slots.clone()]);
+                let out = MatMut::new(&mut hidden[mine.clone()], count, inner).expect(SHAPES);
+                matmul_gated_i8(isa, x.int8(), Some(rows), gate.int8(), up.int8(), out).expect(SHAPES);
+                let values = Mat::new(&hidden[mine.clone()], count, inner).expect(SHAPES);
+                let into = MatMut::new(&mut int8[mine.clone()], count, inner).expect(SHAPES);
+                quantize_rows(isa, values, into, &mut scale[slots.clone()]).expect(SHAPES);
+                let values = Mat::new(&int8[mine], count, inner).expect(SHAPES);
+                let values = QuantRows::new(values, &scale[slots]).expect(SHAPES);
+                let end = Epilogue { scatter: Some(Scatter { rows, weight }), ..Epilogue::STORE };
+                matmul_i8(isa, values, None, down.int8(), end, MatMut::new(y, m, outer).expect(SHAPES)).expect(SHAPES);
+            }
+        });
+    }
 }
 
 /// Attention over whole sequences.
 type EncoderAttention =
     fn(Isa, Mat<f32>, Mat<f32>, Mat<f32>, f32, Option<RelativeBias>, MatMut<f32>) -> Result<(), ShapeError>;
 
-fn attention(c: &mut Criterion) {
+fn attention(bench: &mut Bench) {
     for (m, n, width) in chosen(ATTENTIONS) {
-        let mut random = Random::new(2);
-        let [q, k, v] = [m, n, n].map(|rows| floats(&mut random, rows * width));
+        let (mut random, shape) = (Random::new(2), format!("{m}x{n}x{width}"));
+        let [q, k, v] = [m, n, n].map(|rows| Rows::new(&mut random, rows, width));
         let values = floats(&mut random, m + n);
         let bias = RelativeBias { values: &values, origin: m - 1 };
-        let view = |data, rows| Mat::new(data, rows, width).expect(SHAPES);
-        let macs = (2 * m * n * width) as u64;
-        compare(c, "attention_f32", &format!("{m}x{n}x{width}"), macs, (m * width, sums(width)), |isa, y| {
-            let y = MatMut::new(y, m, width).expect(SHAPES);
-            let (q, k, v) = (view(&q, m), view(&k, n), view(&v, n));
-            attention_f32(isa, q, k, v, 0.125, Some(bias), Visible::All, Ahead::NOTHING, y).expect(SHAPES);
+        fn view(rows: &Rows) -> Mat<'_, f32> {
+            Mat::new(&rows.float, rows.shape.0, rows.shape.1).expect(SHAPES)
+        }
+        fn view_bf16(rows: &Rows) -> Mat<'_, Bf16> {
+            Mat::new(&rows.bf16, rows.shape.0, rows.shape.1).expect(SHAPES)
+        }
+        let work = |unit, each| Work { unit, macs: 2 * m * n * width, bytes: 2 * n * width * each };
+        bench.compare(("attention_f32", &shape), work(Unit::Float, 4), (m * width, sums(width)), |isa, out| {
+            let (q, k, v) = (view(&q), view(&k), view(&v));
+            attention_f32(isa, q, k, v, 0.125, Some(bias), Visible::All, Ahead::NOTHING, matrix(out, m, width))
+                .expect(SHAPES);
+        });
+        bench.compare(("attention_bf16", &shape), work(Unit::Float, 2), (m * width, sums(width)), |isa, out| {
+            let (q, k, v) = (view(&q), view_bf16(&k), view_bf16(&v));
+            attention_bf16(isa, q, k, v, 0.125, Some(bias), Visible::All, Ahead::NOTHING, matrix(out, m, width))
+                .expect(SHAPES);
         });
         if m == n {
             // With factors in bfloat16 all back-ends have the same bits.
-            for (op, attention, tolerance) in [
-                ("encoder_attention_f32", encoder_attention_f32 as EncoderAttention, sums(width)),
-                ("encoder_attention_bf16", encoder_attention_bf16, 0.0),
+            for (op, unit, attention, tolerance) in [
+                ("encoder_attention_f32", Unit::Parts(6), encoder_attention_f32 as EncoderAttention, sums(width)),
+                ("encoder_attention_bf16", Unit::Rounded(1), encoder_attention_bf16, 0.0),
             ] {
-                compare(c, op, &format!("{m}x{n}x{width}"), macs, (m * width, tolerance), |isa, y| {
-                    let y = MatMut::new(y, m, width).expect(SHAPES);
-                    let (q, k, v) = (view(&q, m), view(&k, n), view(&v, n));
-                    attention(isa, q, k, v, 0.125, Some(bias), y).expect(SHAPES);
+                bench.compare((op, &shape), work(unit, 4), (m * width, tolerance), |isa, out| {
+                    attention(isa, view(&q), view(&k), view(&v), 0.125, Some(bias), matrix(out, m, width))
+                        .expect(SHAPES);
                 });
             }
         }
     }
 }
 
-fn rows(c: &mut Criterion) {
-    for (m, n) in [(1, 768), (256, 768), (5, 37)] {
-        let mut random = Random::new(3);
-        let (x, weight) = (floats(&mut random, m * n), floats(&mut random, n));
-        let x = Mat::new(&x, m, n).expect(SHAPES);
-        let (shape, bytes) = (format!("{m}x{n}"), (4 * m * n) as u64);
-        compare(c, "rms_norm", &shape, bytes, (m * n, 1e-5), |isa, y| {
-            rms_norm(isa, x, &weight, 1e-6, MatMut::new(y, m, n).expect(SHAPES)).expect(SHAPES);
+fn convolutions(bench: &mut Bench) {
+    for (frames, channels, out, kernel, step) in CONVOLUTIONS {
+        let (m, n, k) = (frames_out(frames, kernel, step), out, kernel * channels);
+        if is_test() && m * n * k >= 1 << 21 {
+            continue;
+        }
+        let (mut random, shape) = (Random::new(6), format!("{frames}x{channels}-{out}k{kernel}s{step}"));
+        let (x, w) = (Rows::new(&mut random, frames, channels), Weight::new(&mut random, n, k));
+        let work = |unit, each| Work::product(unit, (m, n, k), each);
+        bench.compare(("conv1d_f32", &shape), work(Unit::Float, 4), (m * n, sums(k)), |isa, out| {
+            let rows = Input::all(windows(&x.float, frames, channels, kernel, step).expect(SHAPES));
+            matmul_f32(isa, rows, w.float(), Epilogue::STORE, matrix(out, m, n)).expect(SHAPES);
         });
-        compare(c, "quantize_rows", &shape, bytes, (m, 0.0), |isa, scale| {
-            let mut steps = vec![0; m * n];
+        bench.compare(("conv1d_bf16", &shape), work(Unit::Rounded(1), 2), (m * n, sums(k)), |isa, out| {
+            let rows = Bf16Rows::rounded(windows(&x.bf16, frames, channels, kernel, step).expect(SHAPES));
+            matmul_bf16_rows(isa, rows, w.bf16(), Epilogue::STORE, matrix(out, m, n)).expect(SHAPES);
+        });
+        let (mut int8, mut scale) = (vec![0; m * k], vec![0.0; m]);
+        bench.compare(("conv1d_i8", &shape), work(Unit::Int8, 1), (m * n, 0.0), |isa, out| {
+            let rows = windows(&x.float, frames, channels, kernel, step).expect(SHAPES);
+            quantize_rows(isa, rows, MatMut::new(&mut int8, m, k).expect(SHAPES), &mut scale).expect(SHAPES);
+            let rows = QuantRows::new(Mat::new(&int8, m, k).expect(SHAPES), &scale).expect(SHAPES);
+            matmul_i8(isa, rows, None, w.int8(), Epilogue::STORE, matrix(out, m, n)).expect(SHAPES);
+        });
+    }
+    // HuBERT's convolution of positions, over 3 s of frames with as many zeros around as it needs; and an odd one.
+    for (frames, dim, groups, kernel) in [(277, 768, 16, 128), (19, 15, 3, 5)] {
+        let (m, group) = (frames_out(frames, kernel, 1), dim / groups);
+        if is_test() && m * dim * kernel * group >= 1 << 21 {
+            continue;
+        }
+        let (mut random, shape) = (Random::new(7), format!("{frames}x{dim}g{groups}k{kernel}"));
+        let (x, k) = (floats(&mut random, frames * dim), kernel * group);
+        let len = packed_len(group, k);
+        let mut packed = AlignedBox::zeroed(groups * len);
+        for packed in packed.chunks_exact_mut(len) {
+            pack(Mat::new(&floats(&mut random, group * k), group, k).expect(SHAPES), packed).expect(SHAPES);
+        }
+        let w = GroupedF32::new(&packed, groups, dim, dim, kernel).expect(SHAPES);
+        let work = Work::product(Unit::Float, (m, dim, k), 4);
+        bench.compare(("conv1d_grouped_f32", &shape), work, (m * dim, sums(k)), |isa, out| {
+            conv1d_grouped_f32(isa, &x, frames, w, Epilogue::STORE, matrix(out, m, dim)).expect(SHAPES);
+        });
+    }
+}
+
+fn rows(bench: &mut Bench) {
+    for (m, n) in [(1, 768), (256, 768), (5, 37)] {
+        let (mut random, shape) = (Random::new(3), format!("{m}x{n}"));
+        let (values, weight, shift) = (floats(&mut random, m * n), floats(&mut random, n), floats(&mut random, n));
+        let x = Mat::new(&values, m, n).expect(SHAPES);
+        // Read and written.
+        let through = Work::floats(2 * m * n);
+        bench.compare(("rms_norm", &shape), through, (m * n, 1e-5), |isa, out| {
+            rms_norm(isa, x, &weight, 1e-6, matrix(out, m, n)).expect(SHAPES);
+        });
+        bench.compare(("layer_norm", &shape), through, (m * n, 1e-5), |isa, out| {
+            layer_norm(isa, x, &weight, &shift, 1e-6, matrix(out, m, n)).expect(SHAPES);
+        });
+        let (mut sum, mut squares) = (vec![0.0; n], vec![0.0; n]);
+        bench.compare(("channel_sums", &shape), Work::floats(m * n), (n, 1e-3), |isa, out| {
+            sum.fill(0.0);
+            squares.fill(0.0);
+            channel_sums(isa, x, &mut sum, &mut squares).expect(SHAPES);
+            for ((out, sum), squares) in out.iter_mut().zip(&sum).zip(&squares) {
+                #[expect(clippy::cast_possible_truncation, reason = "a few hundred at most")]
+                let both = (sum + squares) as f32;
+                *out = both;
+            }
+        });
+        // What works where its values lie gets them by a copy first, which is timed with it and counts for all that must be moved.
+        let in_place = through;
+        bench.compare(("channel_affine", &shape), in_place, (m * n, 1e-5), |isa, out| {
+            out.copy_from_slice(&values);
+            channel_affine(isa, matrix(out, m, n), &weight, &shift).expect(SHAPES);
+        });
+        for (op, activation) in [("gelu", Activation::Gelu), ("gelu_tanh", Activation::GeluTanh)] {
+            bench.compare((op, &shape), in_place, (m * n, 1e-5), |isa, out| {
+                out.copy_from_slice(&values);
+                apply(isa, activation, out);
+            });
+        }
+        bench.compare(("softmax", &shape), in_place, (m * n, 1e-5), |isa, out| {
+            out.copy_from_slice(&values);
+            out.chunks_exact_mut(n).for_each(|row| softmax(isa, row));
+        });
+        bench.compare(("argmax", &shape), Work::floats(m * n), (m, 0.0), |isa, out| {
+            for (out, row) in out.iter_mut().zip(values.chunks_exact(n)) {
+                #[expect(clippy::cast_precision_loss, reason = "places in a row")]
+                let place = argmax(isa, row).map_or(-1.0, |place| place as f32);
+                *out = place;
+            }
+        });
+        let mut rounded = vec![Bf16::default(); m * n];
+        let work = Work { bytes: 6 * m * n, ..through };
+        bench.compare(("round_bf16", &shape), work, (1, 0.0), |isa, out| {
+            round_bf16(isa, x, MatMut::new(&mut rounded, m, n).expect(SHAPES)).expect(SHAPES);
+            out[0] = rounded[m * n - 1].to_f32();
+        });
+        let mut steps = vec![0; m * n];
+        let work = Work { bytes: 5 * m * n, ..through };
+        bench.compare(("quantize_rows", &shape), work, (m, 0.0), |isa, scale| {
             quantize_rows(isa, x, MatMut::new(&mut steps, m, n).expect(SHAPES), scale).expect(SHAPES);
         });
     }
 }
 
-criterion_group!(benches, products, attention, rows);
+fn all(c: &mut Criterion) {
+    let bench = &mut Bench { c, peaks: &mut Peaks::default() };
+    for benches in [products, gated, experts, attention, convolutions, rows] {
+        benches(bench);
+    }
+}
+
+criterion_group!(benches, all);
 criterion_main!(benches);
