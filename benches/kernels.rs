@@ -54,9 +54,14 @@ const CONVOLUTIONS: [(usize, usize, usize, usize, usize); 4] =
 
 const SHAPES: &str = "shapes agree";
 
-/// Shapes to time; where benches run as tests, the small ones.
+/// Whether so many multiply-adds are timed: where benches run as tests, few are.
+fn is_timed(macs: usize) -> bool {
+    !is_test() || macs < 1 << 21
+}
+
+/// Shapes to time.
 fn chosen<const N: usize>(shapes: [(usize, usize, usize); N]) -> Vec<(usize, usize, usize)> {
-    shapes.into_iter().filter(|(m, n, k)| !is_test() || m * n * k < 1 << 21).collect()
+    shapes.into_iter().filter(|(m, n, k)| is_timed(m * n * k)).collect()
 }
 
 fn matrix(y: &mut [f32], rows: usize, cols: usize) -> MatMut<'_, f32> {
@@ -112,7 +117,7 @@ impl Work {
 struct Peaks {
     /// Multiply-adds per second, where the back-end has an instruction.
     macs: HashMap<(&'static str, Unit), Option<f64>>,
-    /// Bytes per second, of so many.
+    /// Bytes per second, of so many: the next power of two, so that few are measured.
     read: HashMap<(&'static str, usize), f64>,
 }
 
@@ -328,15 +333,16 @@ fn experts(bench: &mut Bench) {
         let mut expert =
             || [(inner, outer), (inner, outer), (outer, inner)].map(|(n, k)| Weight::new(&mut random, n, k));
         let all = [expert(), expert(), expert(), expert()];
+        let mut probabilities = vec![0.0; m * 4];
         let (mut starts, mut rows, mut weights) = (vec![0; 5], vec![0; EACH * m], vec![0.0; EACH * m]);
         let (mut hidden, mut int8, mut scale) =
             (vec![0.0; EACH * m * inner], vec![0; EACH * m * inner], vec![0.0; EACH * m]);
         let read = if m == 1 { EACH } else { 4 };
         let work = Work { unit: Unit::Int8, macs: EACH * m * 3 * inner * outer, bytes: read * 3 * inner * outer };
         bench.compare(("experts_i8", &shape), work, (m * outer, 0.0), |isa, y| {
-            let mut logits = logits.to_vec();
+            probabilities.copy_from_slice(&logits);
             let mut routing = Routing { starts: &mut starts, rows: &mut rows, weights: &mut weights };
-            route(isa, MatMut::new(&mut logits, m, 4).expect(SHAPES), EACH, &mut routing).expect(SHAPES);
+            route(isa, matrix(&mut probabilities, m, 4), EACH, &mut routing).expect(SHAPES);
             y.fill(0.0);
             for (e, [gate, up, down]) in all.iter().enumerate() {
                 let slots = starts[e] as usize..starts[e + 1] as usize;
@@ -401,7 +407,7 @@ fn attention(bench: &mut Bench) {
 fn convolutions(bench: &mut Bench) {
     for (frames, channels, out, kernel, step) in CONVOLUTIONS {
         let (m, n, k) = (frames_out(frames, kernel, step), out, kernel * channels);
-        if is_test() && m * n * k >= 1 << 21 {
+        if !is_timed(m * n * k) {
             continue;
         }
         let (mut random, shape) = (Random::new(6), format!("{frames}x{channels}-{out}k{kernel}s{step}"));
@@ -426,7 +432,7 @@ fn convolutions(bench: &mut Bench) {
     // HuBERT's convolution of positions, over 3 s of frames with as many zeros around as it needs; and an odd one.
     for (frames, dim, groups, kernel) in [(277, 768, 16, 128), (19, 15, 3, 5)] {
         let (m, group) = (frames_out(frames, kernel, 1), dim / groups);
-        if is_test() && m * dim * kernel * group >= 1 << 21 {
+        if !is_timed(m * dim * kernel * group) {
             continue;
         }
         let (mut random, shape) = (Random::new(7), format!("{frames}x{dim}g{groups}k{kernel}"));
