@@ -1,6 +1,7 @@
 //! `.npz`: NumPy arrays as SMPL-X and BEAT2 tools read them.
 
 use super::{face_of, rotation};
+use npyz::{DType, WriteOptions, WriterBuilder};
 use std::io::{self, Cursor, Write};
 use umo_core::config::FaceKind;
 use umo_core::motion::clip::Clip;
@@ -57,19 +58,13 @@ struct Archive(ZipWriter<Cursor<Vec<u8>>>);
 
 impl Archive {
     fn floats(&mut self, name: &str, shape: &[usize], values: impl IntoIterator<Item = f32>) -> io::Result<()> {
-        let data: Vec<u8> = values.into_iter().flat_map(f32::to_le_bytes).collect();
-        self.array(name, "<f4", shape, &data)
+        self.array(name, "<f4", shape, values)
     }
 
-    /// NumPy's fixed-width strings: UTF-32, padded with zeros to the longest.
+    /// NumPy's fixed-width strings, as wide as the longest.
     fn strings(&mut self, name: &str, shape: &[usize], values: &[&str]) -> io::Result<()> {
         let width = values.iter().map(|s| s.chars().count()).max().unwrap_or(0);
-        let padded = |s: &str| -> Vec<u8> {
-            let codes = s.chars().map(u32::from).chain(std::iter::repeat(0));
-            codes.take(width).flat_map(u32::to_le_bytes).collect()
-        };
-        let data: Vec<u8> = values.iter().flat_map(|s| padded(s)).collect();
-        self.array(name, &format!("<U{width}"), shape, &data)
+        self.array(name, &format!("<U{width}"), shape, values.iter().copied())
     }
 
     /// A whole number, as tools expect it; a fraction where the rate is none.
@@ -78,33 +73,59 @@ impl Archive {
         if rate.fract() == 0.0 && rate < 1e9 {
             #[expect(clippy::cast_possible_truncation, reason = "a whole number far below the limits of i64")]
             let whole = rate as i64;
-            self.array(name, "<i8", &[], &whole.to_le_bytes())
+            self.array(name, "<i8", &[], [whole])
         } else {
-            self.array(name, "<f8", &[], &f64::from(rate).to_le_bytes())
+            self.array(name, "<f8", &[], [f64::from(rate)])
         }
     }
 
-    fn array(&mut self, name: &str, dtype: &str, shape: &[usize], data: &[u8]) -> io::Result<()> {
+    /// One array of `dtype`, in NumPy's notation. `values` are as many as `shape` holds, in C order.
+    fn array<T: Element>(
+        &mut self,
+        name: &str,
+        dtype: &str,
+        shape: &[usize],
+        values: impl IntoIterator<Item = T>,
+    ) -> io::Result<()> {
         let options = SimpleFileOptions::default()
             .compression_method(CompressionMethod::Stored)
-            .large_file(u32::try_from(data.len() + 1024).is_err());
+            .large_file(u32::try_from(shape.iter().product::<usize>() * size_of::<f64>() + 1024).is_err());
         self.0.start_file(format!("{name}.npy"), options)?;
-        self.0.write_all(&npy_header(dtype, shape))?;
-        self.0.write_all(data)
+        let dtype = DType::Plain(dtype.parse().expect("a type in NumPy's notation"));
+        let shape: Vec<u64> = shape.iter().map(|&size| size as u64).collect();
+        let options = WriteOptions::<T::Stored>::new().dtype(dtype).shape(&shape);
+        let mut writer = options.writer(&mut self.0).begin_nd()?;
+        values.into_iter().try_for_each(|value| writer.push(value.stored()))?;
+        writer.finish()
     }
 }
 
-/// The start of a `.npy` file, version 1.0: magic, length, and a Python literal padded so that the data
-/// after it is aligned to 64 bytes.
-fn npy_header(dtype: &str, shape: &[usize]) -> Vec<u8> {
-    let sizes: String = shape.iter().map(|size| format!("{size},")).collect();
-    let mut text = format!("{{'descr': '{dtype}', 'fortran_order': False, 'shape': ({sizes}), }}");
-    let padded = (10 + text.len() + 1).next_multiple_of(64);
-    text.extend(std::iter::repeat_n(' ', padded - 11 - text.len()));
-    text.push('\n');
-    let length = u16::try_from(text.len()).expect("a header has one short type and two sizes");
-    let mut header = b"\x93NUMPY\x01\x00".to_vec();
-    header.extend(length.to_le_bytes());
-    header.extend(text.as_bytes());
-    header
+/// A value of an array, as `npyz` takes it.
+trait Element {
+    /// The type that is written.
+    type Stored: npyz::Serialize + ?Sized;
+
+    fn stored(&self) -> &Self::Stored;
 }
+
+impl Element for &str {
+    type Stored = str;
+
+    fn stored(&self) -> &str {
+        self
+    }
+}
+
+macro_rules! number {
+    ($($number:ty),*) => {$(
+        impl Element for $number {
+            type Stored = Self;
+
+            fn stored(&self) -> &Self {
+                self
+            }
+        }
+    )*};
+}
+
+number!(f32, f64, i64);

@@ -7,6 +7,8 @@ use std::time::{Duration, Instant};
 
 /// Most bytes of a request's head.
 const MOST_HEAD: usize = 8 << 10;
+/// Most headers of a request. Browsers send some twenty.
+const MAX_HEADERS: usize = 64;
 /// How long a request may take to come, and an answer to be taken.
 const PATIENCE: Duration = Duration::from_secs(5);
 /// How often an unfinished head is looked at.
@@ -34,20 +36,19 @@ pub(super) struct Request<'a> {
 }
 
 impl<'a> Request<'a> {
-    /// A head up to its empty line; none where it is not one.
+    /// The request whose head this is, up to its empty line. `None` where it is not a complete HTTP/1.1 head.
     pub(super) fn parse(head: &'a str) -> Option<Self> {
-        let mut lines = head.split("\r\n");
-        let mut words = lines.next()?.split(' ');
-        let (method, target, version) = (words.next()?, words.next()?, words.next()?);
-        if version != "HTTP/1.1" || words.next().is_some() {
+        let mut headers = [httparse::EMPTY_HEADER; MAX_HEADERS];
+        let mut parsed = httparse::Request::new(&mut headers);
+        if !parsed.parse(head.as_bytes()).ok()?.is_complete() || parsed.version != Some(1) {
             return None;
         }
-        let path = target.split('?').next()?;
-        let mut request = Self { method, path, host: Vec::new(), origin: Vec::new(), is_upgrade: false };
-        for line in lines.take_while(|line| !line.is_empty()) {
-            let (name, value) = line.split_once(':')?;
-            let value = value.trim();
-            match name.to_ascii_lowercase().as_str() {
+        let path = parsed.path?.split('?').next()?;
+        let mut request =
+            Self { method: parsed.method?, path, host: Vec::new(), origin: Vec::new(), is_upgrade: false };
+        for header in parsed.headers {
+            let value = std::str::from_utf8(header.value).ok()?;
+            match header.name.to_ascii_lowercase().as_str() {
                 "host" => request.host.push(value),
                 "origin" => request.origin.push(value),
                 "upgrade" => request.is_upgrade = value.eq_ignore_ascii_case("websocket"),
