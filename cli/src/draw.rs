@@ -9,11 +9,10 @@ use umo_core::motion::clip::Clip;
 use umo_core::motion::skeleton::ARKIT_NAMES;
 
 use crate::args::{Draw, View};
-use crate::avatar;
 use crate::export::jsonl;
 use crate::failure::Failure;
 use crate::model;
-use crate::picture::{Camera, Picture, sheet};
+use umo_figure::picture::{Camera, Picture, sheet};
 
 /// Draws what the arguments ask for.
 pub(crate) fn run(args: &Draw) -> Result<(), Failure> {
@@ -21,7 +20,7 @@ pub(crate) fn run(args: &Draw) -> Result<(), Failure> {
         Some(path) => frames(args, &read(path)?)?,
         None => {
             let skeleton = model::open(None)?.config().skeleton.clone();
-            sheet::shapes(&avatar::mannequin(&skeleton)?, &skeleton)
+            sheet::shapes(&umo_figure::mannequin(&skeleton)?, &skeleton)
         }
     };
     let cannot = |cause| Failure::machine(format!("cannot write `{}`: {cause}", args.output.display()));
@@ -37,7 +36,7 @@ fn read(path: &Path) -> Result<Clip, Failure> {
 
 /// The figure at each of the times, beside one another.
 fn frames(args: &Draw, clip: &Clip) -> Result<Picture, Failure> {
-    let mesh = avatar::mannequin(&clip.skeleton)?;
+    let mesh = umo_figure::mannequin(&clip.skeleton)?;
     let mesh = if clip.face.kind == FaceKind::Arkit { mesh } else { mesh.on_the_jaw() };
     let times = if args.at.is_empty() { &[0.0][..] } else { &args.at };
     let (width, height) = (args.width, args.height);

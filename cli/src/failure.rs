@@ -4,6 +4,7 @@ use std::fmt;
 
 use umo_core::stage::StageError;
 use umo_core::{LoadError, StepError};
+use umo_figure::FigureError;
 
 use crate::export::ExportError;
 
@@ -74,6 +75,12 @@ impl From<StageError> for Failure {
 
 impl From<ExportError> for Failure {
     fn from(error: ExportError) -> Self {
+        Self::input(error)
+    }
+}
+
+impl From<FigureError> for Failure {
+    fn from(error: FigureError) -> Self {
         Self::input(error)
     }
 }

@@ -9,17 +9,14 @@
 //! | `view` | the page that shows an avatar, made once or served live |
 //! | `bench` | how fast a model is on this machine |
 //! | [`wav`], [`export`], `import`, `start_pose` | files in and out |
-//! | `avatar`, `picture`, `draw` | the figure that speaks, and pictures of it |
+//! | `draw` | pictures of the figure that speaks (crate `umo_figure`) |
 //! | `retarget` | an animation to another character |
-//! | `bench` | how fast a model is on this machine |
-//! | [`wav`], [`export`], [`import`], `start_pose` | files in and out |
 //! | `bvh`, `glb` | what files of these formats hold |
 //! | `model`, `failure`, `progress` | which model; what is said when something fails; how far the work is |
 #![deny(unsafe_code)]
 
 mod animate;
 pub mod args;
-mod avatar;
 mod bench;
 mod bvh;
 mod convert;
@@ -30,7 +27,6 @@ mod glb;
 pub mod import;
 mod inspect;
 mod model;
-mod picture;
 mod progress;
 mod quantize;
 mod random;

@@ -7,7 +7,6 @@
 //! | `shapes` | how each face channel moves the head |
 
 use super::{children, face_of, root_position};
-use crate::avatar;
 use builder::Builder;
 use gltf_json as json;
 use json::animation::{Animation, Channel, Interpolation, Property, Sampler, Target};
@@ -32,7 +31,7 @@ pub fn write<W: Write>(clip: &Clip, out: W) -> io::Result<()> {
     let skin = add_skin(&mut builder, &joints, &rest);
 
     let figure =
-        avatar::mannequin(&clip.skeleton).map_err(|cause| io::Error::new(io::ErrorKind::InvalidInput, cause))?;
+        umo_figure::mannequin(&clip.skeleton).map_err(|cause| io::Error::new(io::ErrorKind::InvalidInput, cause))?;
     let figure = match clip.face.kind {
         // Expression coefficients leave the jaw to its joint; among ARKit's shapes is the open jaw.
         FaceKind::SmplxExpression => figure.on_the_jaw(),

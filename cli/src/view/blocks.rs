@@ -9,7 +9,7 @@ use umo_core::motion::clip::Clip;
 use umo_core::motion::skeleton::JOINT_NAMES;
 
 use super::scene::{Record, Scene};
-use crate::avatar::Mesh;
+use umo_figure::Mesh;
 
 /// The description. Sizes are counts of vertices and frames.
 #[derive(Serialize)]
@@ -112,7 +112,7 @@ pub(super) fn elements(scene: &Scene) -> serde_json::Result<String> {
 }
 
 fn describe<'a>(scene: &'a Scene, order: &Order) -> Description<'a> {
-    let morph = |morph: &crate::avatar::Morph| MorphInfo { name: morph.name, count: morph.vertices.len() };
+    let morph = |morph: &umo_figure::Morph| MorphInfo { name: morph.name, count: morph.vertices.len() };
     let record = |record: &Record| RecordInfo {
         kinds: &KIND_NAMES,
         experts: record.experts,

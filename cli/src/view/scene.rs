@@ -11,10 +11,10 @@ use umo_core::{Config, Part, PerPart};
 
 use crate::animate::{self, Maker};
 use crate::args::{Making, Page};
-use crate::avatar::{self, Mesh};
 use crate::failure::Failure;
 use crate::wav::Wav;
 use crate::{import, model};
+use umo_figure::Mesh;
 
 /// Longest motion of a page: what browsers open without trouble, at a few MB a minute.
 const MAX_SECONDS: f64 = 1800.0;
@@ -115,7 +115,7 @@ impl Scene {
     }
 
     fn new(path: &Path, clip: Clip) -> Result<Self, Failure> {
-        let mesh = avatar::mannequin(&clip.skeleton)?;
+        let mesh = umo_figure::mannequin(&clip.skeleton)?;
         Ok(Self {
             title: path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned(),
             notice: String::new(),

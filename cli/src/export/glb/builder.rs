@@ -1,8 +1,6 @@
 //! The binary buffer and the glTF objects that refer into it.
 
 use super::shapes::Shape;
-use crate::avatar::Mesh as Figure;
-use crate::picture::linear;
 use gltf_json as json;
 use json::accessor::{ComponentType, GenericComponentType, IndexComponentType, Type, sparse};
 use json::mesh::{Mesh, MorphTarget, Primitive, Semantic};
@@ -11,6 +9,8 @@ use json::{Accessor, Index, Node, buffer, material};
 use std::collections::BTreeMap;
 use std::io::{self, Write};
 use std::ops::Range;
+use umo_figure::Mesh as Figure;
+use umo_figure::picture::linear;
 
 /// An index into one of the root's lists.
 pub(super) fn index<T>(at: usize) -> Index<T> {

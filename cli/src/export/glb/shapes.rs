@@ -1,7 +1,7 @@
 //! Which of the figure's shapes each face channel moves.
 
-use crate::avatar::{Mesh, Morph};
 use std::collections::BTreeMap;
+use umo_figure::{Mesh, Morph};
 
 /// One channel's shape: vertices of the head, ascending, counted from its first, and what is added to them.
 pub(super) struct Shape {

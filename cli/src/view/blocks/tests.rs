@@ -1,9 +1,9 @@
 use umo_core::config::FaceKind;
 
 use super::*;
-use crate::avatar::Morph;
 use crate::sample;
 use crate::view::scene::tests::scene;
+use umo_figure::Morph;
 
 /// Three vertices, of which the last and the first are moved.
 fn mesh() -> Mesh {

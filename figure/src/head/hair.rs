@@ -4,10 +4,10 @@ use super::base::Base;
 use super::eye::mix_color;
 use super::sheet::Sheet;
 use super::{Kind, mouth};
-use crate::avatar::field::Join::{Cut, Union};
-use crate::avatar::field::{Shape, Solid};
-use crate::avatar::nets::{self, Grid, planes};
-use crate::avatar::vector::{V, add, curve, ramp, scale, sub, unit};
+use crate::field::Join::{Cut, Union};
+use crate::field::{Shape, Solid};
+use crate::nets::{self, Grid, planes};
+use crate::vector::{V, add, curve, ramp, scale, sub, unit};
 use std::f32::consts::PI;
 
 const BROWN: [u8; 3] = [74, 50, 38];

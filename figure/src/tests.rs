@@ -4,7 +4,6 @@ use super::*;
 use crate::sample;
 use std::collections::{HashMap, HashSet};
 use std::sync::LazyLock;
-use umo_core::config::FaceKind;
 use umo_core::motion::skeleton::ARKIT_NAMES;
 use vector::{distance, mirrored, sub};
 
@@ -13,7 +12,7 @@ mod mouth;
 
 /// On the sample skeleton, and on one of a smaller person with other proportions.
 static FIGURES: LazyLock<[Mesh; 2]> = LazyLock::new(|| {
-    let first = sample::clip(FaceKind::Arkit, 1, 0).skeleton;
+    let first = sample::skeleton();
     let mut other = first.clone();
     for offset in &mut other.offsets_m {
         *offset = [offset[0] * 0.94, offset[1] * 0.86, offset[2] * 0.9];
@@ -84,7 +83,7 @@ fn cloth_and_hands_are_closed_and_face_outwards() {
 
 #[test]
 fn the_same_skeleton_gives_the_same_mesh() {
-    let skeleton = sample::clip(FaceKind::Arkit, 1, 0).skeleton;
+    let skeleton = sample::skeleton();
     let [a, b] = [(); 2].map(|()| mannequin(&skeleton).unwrap());
     assert_eq!(a.positions, b.positions);
     assert_eq!(a.indices, b.indices);
@@ -93,7 +92,7 @@ fn the_same_skeleton_gives_the_same_mesh() {
 
 #[test]
 fn a_skeleton_without_lengths_still_gives_a_mesh() {
-    let mut skeleton = sample::clip(FaceKind::Arkit, 1, 0).skeleton;
+    let mut skeleton = sample::skeleton();
     skeleton.offsets_m.fill([0.0; 3]);
     let mesh = mannequin(&skeleton).unwrap();
     assert!(mesh.positions.as_flattened().iter().chain(mesh.normals.as_flattened()).all(|x| x.is_finite()));

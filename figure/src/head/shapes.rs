@@ -4,7 +4,7 @@ use super::eye::Eye;
 use super::lids::Motion;
 use super::lips::{self, WIDE, anchor, below, closed, jaw, line, opened};
 use super::{Kind, Vertex};
-use crate::avatar::vector::{V, add, ramp, scale, sub};
+use crate::vector::{V, add, ramp, scale, sub};
 
 /// Which vertices a push may move.
 #[derive(Clone, Copy, PartialEq, Eq)]

@@ -1,7 +1,7 @@
 //! The left half of a surface in the making, and its mirror image.
 
 use super::{Kind, Vertex};
-use crate::avatar::vector::{V, add, cross, dot, length, mirrored, scale, sub, unit};
+use crate::vector::{V, add, cross, dot, length, mirrored, scale, sub, unit};
 
 /// Vertices and triangles; those at X = 0 belong to both halves.
 #[derive(Default)]

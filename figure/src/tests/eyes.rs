@@ -2,7 +2,7 @@ use super::*;
 
 /// Vertices of the skin that blinking moves, with the ring nearest to the opening last.
 fn lids(mesh: &Mesh, side: &str) -> (V, Vec<usize>) {
-    let skeleton = sample::clip(FaceKind::Arkit, 1, 0).skeleton;
+    let skeleton = sample::skeleton();
     let eye = Rest::new(&skeleton).unwrap().side(&side.to_lowercase(), "eye");
     let moved = &morph(mesh, &format!("eyeBlink{side}")).vertices;
     (eye, moved.iter().map(|&v| v as usize).collect())

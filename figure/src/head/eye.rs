@@ -4,7 +4,7 @@ use super::base::Base;
 use super::lids::{Lid, Point, Turn};
 use super::sheet::Sheet;
 use super::{Kind, mouth};
-use crate::avatar::vector::{V, add, mix, scale};
+use crate::vector::{V, add, mix, scale};
 use std::f32::consts::TAU;
 
 /// The left eye.

@@ -2,9 +2,9 @@
 //!
 //! Here and in the other modules of the head: metres of a head of size 1, from the middle between the eyes.
 
-use crate::avatar::field::Join::{Cut, Union};
-use crate::avatar::field::{Shape, Solid};
-use crate::avatar::vector::{V, add, curve, ramp, scale};
+use crate::field::Join::{Cut, Union};
+use crate::field::{Shape, Solid};
+use crate::vector::{V, add, curve, ramp, scale};
 
 /// The rays that find the skin start on an upright line at this depth.
 const AXIS: f32 = -0.060;

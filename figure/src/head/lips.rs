@@ -1,7 +1,7 @@
 //! Where the lips are, which parts follow the jaw, and how the jaw opens.
 
 use super::Kind;
-use crate::avatar::vector::{V, ramp, scale, sub, turn_x};
+use crate::vector::{V, ramp, scale, sub, turn_x};
 
 /// A vertex of a lip or of the mouth behind it.
 #[derive(Clone, Copy, Debug)]

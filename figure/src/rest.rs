@@ -1,7 +1,7 @@
 //! Where the joints are at rest, and the body's measures that follow from it.
 
 use super::vector::{V, add, distance, length, mix, scale, sub};
-use crate::failure::Failure;
+use crate::FigureError;
 use umo_core::config::Skeleton;
 use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS};
 
@@ -33,9 +33,9 @@ const SIZES: (f32, f32) = (0.3, 3.0);
 impl Rest {
     /// # Errors
     /// A skeleton that has not the 55 joints, or whose offsets are not finite.
-    pub(super) fn new(skeleton: &Skeleton) -> Result<Self, Failure> {
+    pub(super) fn new(skeleton: &Skeleton) -> Result<Self, FigureError> {
         if skeleton.parents.len() != JOINTS || skeleton.offsets_m.len() != JOINTS {
-            return Err(Failure::input("the figure needs a skeleton of 55 joints"));
+            return Err(FigureError::Joints { found: skeleton.offsets_m.len().min(skeleton.parents.len()) });
         }
         let mut places: Vec<V> = Vec::with_capacity(JOINTS);
         for (&parent, &offset) in skeleton.parents.iter().zip(&skeleton.offsets_m) {
@@ -43,7 +43,7 @@ impl Rest {
             places.push(add(from.unwrap_or_default(), offset));
         }
         if places.as_flattened().iter().any(|x| !x.is_finite()) {
-            return Err(Failure::input("the skeleton's offsets are not finite"));
+            return Err(FigureError::Offsets);
         }
         let mut rest = Self { places, size: 1.0, head: 1.0 };
         let tall = rest.between("left_hip", "neck") + rest.between("left_hip", "left_ankle");

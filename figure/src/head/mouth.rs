@@ -5,7 +5,7 @@ use super::base::Base;
 use super::eye::mix_color;
 use super::lips::{Point, WIDE, line};
 use super::sheet::Sheet;
-use crate::avatar::vector::{V, ramp};
+use crate::vector::{V, ramp};
 use std::f32::consts::{FRAC_PI_2, PI};
 
 /// Steps from the middle of the lips to their corner.

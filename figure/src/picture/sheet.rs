@@ -2,7 +2,7 @@
 
 use super::letters::write;
 use super::{Camera, Picture};
-use crate::avatar::{Mesh, Morph};
+use crate::{Mesh, Morph};
 use umo_core::config::{Face, FaceKind, Skeleton};
 use umo_core::motion::pose::Assembly;
 use umo_core::motion::rotation::IDENTITY;
@@ -14,7 +14,7 @@ const FACE: [usize; 2] = [118, 128];
 const LINE: usize = 13;
 
 /// The face at rest, then each shape at 1 (`mouthClose` with `jawOpen`, as it is made to be used).
-pub(crate) fn shapes(mesh: &Mesh, skeleton: &Skeleton) -> Picture {
+pub fn shapes(mesh: &Mesh, skeleton: &Skeleton) -> Picture {
     let rows = (ARKIT_NAMES.len() + 1).div_ceil(COLUMNS);
     let mut picture = Picture::new(COLUMNS * FACE[0], rows * (FACE[1] + LINE));
     let eyes = face_of(mesh);

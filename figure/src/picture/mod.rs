@@ -1,25 +1,25 @@
 //! Pictures of the figure without a graphics card: a depth buffer, one light and the sky's.
 
 mod letters;
-pub(crate) mod sheet;
+pub mod sheet;
 
-use crate::avatar::Mesh;
-use crate::avatar::posed::Posed;
+use crate::Mesh;
+use crate::posed::Posed;
 use std::io::{self, Write};
 
 /// Looks along a line from `eye` to `target`, without perspective, Y up.
 #[derive(Clone, Copy)]
-pub(crate) struct Camera {
+pub struct Camera {
     /// Metres.
-    pub(crate) eye: [f32; 3],
+    pub eye: [f32; 3],
     /// What is in the middle of the picture.
-    pub(crate) target: [f32; 3],
+    pub target: [f32; 3],
     /// Height of what the picture shows at the target, metres.
-    pub(crate) height: f32,
+    pub height: f32,
 }
 
 /// A picture in the making: twice as fine as it will be.
-pub(crate) struct Picture {
+pub struct Picture {
     width: usize,
     height: usize,
     /// `[2 height, 2 width]`, linear light.
@@ -36,7 +36,7 @@ const BACKGROUND: [u8; 3] = [238, 240, 243];
 const KEY: [f32; 3] = [-0.45, 0.62, 0.64];
 
 /// A part of the picture: left, top, width, height in pixels.
-pub(crate) type Frame = [usize; 4];
+pub type Frame = [usize; 4];
 
 type V = [f32; 3];
 
@@ -65,13 +65,14 @@ struct Corner {
 }
 
 impl Picture {
-    pub(crate) fn new(width: usize, height: usize) -> Self {
+    /// An empty picture of `width` by `height` pixels.
+    pub fn new(width: usize, height: usize) -> Self {
         let samples = width * height * FINE * FINE;
         Self { width, height, light: vec![BACKGROUND.map(linear); samples], depth: vec![f32::MAX; samples] }
     }
 
-    /// Draws a posed mesh into a part of the picture.
-    pub(crate) fn draw(&mut self, mesh: &Mesh, posed: &Posed, camera: Camera, frame: Frame) {
+    /// Draws a posed mesh into a part of the picture. `posed` is `mesh` in a pose.
+    pub fn draw(&mut self, mesh: &Mesh, posed: &Posed, camera: Camera, frame: Frame) {
         let [left, top, width, height] = frame.map(|x| (x * FINE) as f32);
         let towards = unit(sub(camera.eye, camera.target));
         let right = unit(cross([0.0, 1.0, 0.0], towards));
@@ -146,7 +147,10 @@ impl Picture {
     }
 
     /// Writes the picture as PNG.
-    pub(crate) fn write<W: Write>(&self, out: W) -> io::Result<()> {
+    ///
+    /// # Errors
+    /// Those of `out`, and a side of more than `u32::MAX` pixels.
+    pub fn write<W: Write>(&self, out: W) -> io::Result<()> {
         let (width, height) = (size(self.width)?, size(self.height)?);
         let mut encoder = png::Encoder::new(out, width, height);
         encoder.set_color(png::ColorType::Rgb);
@@ -190,7 +194,7 @@ fn shade(color: [u8; 3], seen: V, up: f32, key: f32) -> V {
 }
 
 /// sRGB to linear light.
-pub(crate) fn linear(value: u8) -> f32 {
+pub fn linear(value: u8) -> f32 {
     let x = f32::from(value) / 255.0;
     if x <= 0.04045 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) }
 }

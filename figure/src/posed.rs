@@ -7,16 +7,16 @@ use umo_core::motion::rotation::{IDENTITY, Quat, product, rotate};
 use umo_core::motion::skeleton::JOINTS;
 
 /// Where every vertex is, and its normal.
-pub(crate) struct Posed {
+pub struct Posed {
     /// `[vertices]`, metres.
-    pub(crate) positions: Vec<V>,
+    pub positions: Vec<V>,
     /// Unit length.
-    pub(crate) normals: Vec<V>,
+    pub normals: Vec<V>,
 }
 
 impl Mesh {
     /// The rest pose with the shapes at `weights` (one for each morph, or none).
-    pub(crate) fn shaped(&self, weights: &[f32]) -> Posed {
+    pub fn shaped(&self, weights: &[f32]) -> Posed {
         let mut posed = Posed { positions: self.positions.clone(), normals: self.normals.clone() };
         for (morph, &weight) in self.morphs.iter().zip(weights) {
             if weight == 0.0 {
@@ -34,13 +34,7 @@ impl Mesh {
     }
 
     /// In a pose: joints turned by `rotations`, the root moved by `translation`, shapes at `weights`.
-    pub(crate) fn posed(
-        &self,
-        skeleton: &Skeleton,
-        rotations: &[Quat; JOINTS],
-        translation: V,
-        weights: &[f32],
-    ) -> Posed {
+    pub fn posed(&self, skeleton: &Skeleton, rotations: &[Quat; JOINTS], translation: V, weights: &[f32]) -> Posed {
         let mut posed = self.shaped(weights);
         let (mut rest, mut places, mut turned) = ([[0.0; 3]; JOINTS], [translation; JOINTS], [IDENTITY; JOINTS]);
         for (joint, (&parent, &offset)) in skeleton.parents.iter().zip(&skeleton.offsets_m).enumerate() {

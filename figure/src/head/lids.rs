@@ -1,7 +1,7 @@
 //! The lids: rings on the eyeball that open and close by turning about its centre.
 
 use super::eye::RADIUS;
-use crate::avatar::vector::{V, blend};
+use crate::vector::{V, blend};
 
 /// A direction from the eye's centre, degrees to the temple and up.
 #[derive(Clone, Copy, Debug)]

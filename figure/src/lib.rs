@@ -1,65 +1,98 @@
 //! The figure that speaks: a clothed mannequin made by code on a skeleton's own bones, smooth-skinned, with the 52 ARKit
-//! shapes.
+//! shapes, and pictures of it without a graphics card.
+//!
+//! [`mannequin`] makes the mesh, [`Mesh::posed`] puts it in a pose, [`picture::Picture`] draws it.
 //!
 //! | module | what it makes |
 //! |---|---|
 //! | `body` | sweater, trousers, shoes and hands: solids of `field`, meshed by `nets` |
+//! | `head` | face, eyes, mouth, hair, and the shapes |
 //! | `skin` | which joints each vertex follows |
 //! | `posed` | the mesh in a pose, on the processor |
+//! | [`picture`] | a depth buffer, light, PNG files |
 //! | `rest`, `vector` | the skeleton's measures; points |
+#![forbid(unsafe_code)]
 
-use crate::failure::Failure;
+use std::fmt;
+
 use umo_core::config::Skeleton;
 
 mod body;
 mod field;
 mod head;
 mod nets;
-pub(crate) mod posed;
+pub mod picture;
+mod posed;
 mod rest;
+pub mod sample;
 mod skin;
 #[cfg(test)]
 mod tests;
-pub(crate) mod vector;
+mod vector;
 
+pub use posed::Posed;
 use rest::Rest;
 use skin::Weights;
 use vector::V;
 
+/// Why no figure can be made on a skeleton.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum FigureError {
+    /// The skeleton does not have the model's 55 joints.
+    Joints {
+        /// Joints that it has.
+        found: usize,
+    },
+    /// An offset is not finite.
+    Offsets,
+}
+
+impl fmt::Display for FigureError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Joints { found } => write!(f, "the figure needs a skeleton of 55 joints, this one has {found}"),
+            Self::Offsets => f.write_str("the skeleton's offsets are not finite"),
+        }
+    }
+}
+
+impl std::error::Error for FigureError {}
+
 /// A skinned mesh with morph targets, in the rest pose, metres, Y up, facing +Z (as the model's skeleton has it).
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Mesh {
+pub struct Mesh {
     /// `[vertices]`, as the next four.
-    pub(crate) positions: Vec<[f32; 3]>,
+    pub positions: Vec<[f32; 3]>,
     /// Unit length.
-    pub(crate) normals: Vec<[f32; 3]>,
+    pub normals: Vec<[f32; 3]>,
     /// sRGB and 255: skin, lips, teeth, tongue, eye white, iris, brows, cloth.
-    pub(crate) colors: Vec<[u8; 4]>,
+    pub colors: Vec<[u8; 4]>,
     /// Up to four joints; 0 where the weight is 0.
-    pub(crate) joints: Vec<[u8; 4]>,
+    pub joints: Vec<[u8; 4]>,
     /// Weights of those joints; their sum is 1.
-    pub(crate) weights: Vec<[f32; 4]>,
+    pub weights: Vec<[f32; 4]>,
     /// Triangles, counter-clockwise from outside.
-    pub(crate) indices: Vec<u32>,
+    pub indices: Vec<u32>,
     /// How much each vertex follows the jaw where its joint opens the mouth and not a shape, 0..=1. `[vertices]`
-    pub(crate) jaw: Vec<f32>,
+    pub jaw: Vec<f32>,
     /// The first vertex of the head: shapes move none before it, and no triangle has corners on both sides.
-    pub(crate) head: usize,
+    pub head: usize,
     /// One for each of the 52 ARKit channels, in the channels' order.
-    pub(crate) morphs: Vec<Morph>,
+    pub morphs: Vec<Morph>,
 }
 
 /// How one channel at 1 moves the mesh; only the vertices that move.
 #[derive(Clone, Debug)]
-pub(crate) struct Morph {
+pub struct Morph {
     /// The channel's name.
-    pub(crate) name: &'static str,
+    pub name: &'static str,
     /// Ascending.
-    pub(crate) vertices: Vec<u32>,
+    pub vertices: Vec<u32>,
     /// What is added to those vertices' positions, metres.
-    pub(crate) positions: Vec<[f32; 3]>,
+    pub positions: Vec<[f32; 3]>,
     /// What is added to their normals.
-    pub(crate) normals: Vec<[f32; 3]>,
+    pub normals: Vec<[f32; 3]>,
 }
 
 /// A piece of surface.
@@ -102,7 +135,7 @@ impl Mesh {
     }
 
     /// The same mesh for animations that open the mouth by the jaw joint: chin, lower lip and teeth, and tongue follow it.
-    pub(crate) fn on_the_jaw(mut self) -> Self {
+    pub fn on_the_jaw(mut self) -> Self {
         let jaw = skin::number("jaw");
         for (vertex, &share) in self.jaw.iter().enumerate() {
             if share > 0.0 {
@@ -126,7 +159,7 @@ const SOLES: [u8; 3] = [150, 120, 96];
 ///
 /// # Errors
 /// A skeleton that has not 55 joints, or whose offsets are not finite.
-pub(crate) fn mannequin(skeleton: &Skeleton) -> Result<Mesh, Failure> {
+pub fn mannequin(skeleton: &Skeleton) -> Result<Mesh, FigureError> {
     let rest = Rest::new(skeleton)?;
     let mut mesh = Mesh::default();
     // Head and body take as long as each other.

@@ -1,68 +1,68 @@
 //! Points and directions: `[x, y, z]`, metres; X to the body's left, Y up, Z forward.
 
-pub(super) type V = [f32; 3];
+pub(crate) type V = [f32; 3];
 
-pub(super) fn add(a: V, b: V) -> V {
+pub(crate) fn add(a: V, b: V) -> V {
     [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
 }
 
-pub(super) fn sub(a: V, b: V) -> V {
+pub(crate) fn sub(a: V, b: V) -> V {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
-pub(super) fn scale(a: V, by: f32) -> V {
+pub(crate) fn scale(a: V, by: f32) -> V {
     a.map(|x| x * by)
 }
 
-pub(super) fn dot(a: V, b: V) -> f32 {
+pub(crate) fn dot(a: V, b: V) -> f32 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-pub(super) fn cross(a: V, b: V) -> V {
+pub(crate) fn cross(a: V, b: V) -> V {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
-pub(super) fn length(a: V) -> f32 {
+pub(crate) fn length(a: V) -> f32 {
     dot(a, a).sqrt()
 }
 
-pub(super) fn distance(a: V, b: V) -> f32 {
+pub(crate) fn distance(a: V, b: V) -> f32 {
     length(sub(a, b))
 }
 
 /// Up where `a` has no length.
-pub(super) fn unit(a: V) -> V {
+pub(crate) fn unit(a: V) -> V {
     let size = length(a);
     if size > 1e-12 { scale(a, 1.0 / size) } else { [0.0, 1.0, 0.0] }
 }
 
-pub(super) fn mix(a: V, b: V, t: f32) -> V {
+pub(crate) fn mix(a: V, b: V, t: f32) -> V {
     add(scale(a, 1.0 - t), scale(b, t))
 }
 
-pub(super) fn blend(a: f32, b: f32, t: f32) -> f32 {
+pub(crate) fn blend(a: f32, b: f32, t: f32) -> f32 {
     a + (b - a) * t
 }
 
 /// 0 up to `from`, 1 beyond `to`, smooth between; `from` may be the larger.
-pub(super) fn ramp(from: f32, to: f32, x: f32) -> f32 {
+pub(crate) fn ramp(from: f32, to: f32, x: f32) -> f32 {
     let t = ((x - from) / (to - from)).clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)
 }
 
 /// `p` turned by `angle` radians about the X axis through `centre`: positive from Y towards Z.
-pub(super) fn turn_x(p: V, centre: V, angle: f32) -> V {
+pub(crate) fn turn_x(p: V, centre: V, angle: f32) -> V {
     let (sin, cos) = angle.sin_cos();
     let [x, y, z] = sub(p, centre);
     add(centre, [x, y * cos - z * sin, y * sin + z * cos])
 }
 
-pub(super) fn mirrored(a: V) -> V {
+pub(crate) fn mirrored(a: V) -> V {
     [-a[0], a[1], a[2]]
 }
 
 /// The value at `x` of a smooth curve through `points` (`x` ascending), level beyond its ends.
-pub(super) fn curve(points: &[(f32, f32)], x: f32) -> f32 {
+pub(crate) fn curve(points: &[(f32, f32)], x: f32) -> f32 {
     let last = points.len() - 1;
     let above = points.iter().position(|point| point.0 > x);
     match above {
