@@ -1,6 +1,6 @@
 //! Which model, which processor, how many threads.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use umo_core::config::Skeleton;
 use umo_core::{Config, ModelFile, Team};
@@ -9,27 +9,83 @@ use umo_kernels::Isa;
 use crate::args::Compute;
 use crate::failure::Failure;
 
-/// The model in the program.
-static DEFAULT: &[u8] = include_bytes!("../../models/umo-small/model.safetensors");
+/// The default model, where the build has put it into the program: see `build.rs`.
+#[cfg(umo_embedded_model)]
+static EMBEDDED: Option<&[u8]> = Some(include_bytes!(env!("UMO_EMBED_MODEL")));
+#[cfg(not(umo_embedded_model))]
+static EMBEDDED: Option<&[u8]> = None;
 
-/// The model at `path`, or the one in the program; says on standard error what the model wants said.
+/// Names the default model's file, before what is in the program or installed.
+const VARIABLE: &str = "UMO_MODEL";
+/// The default model's name where it is installed.
+const FILE: &str = "umo-small.safetensors";
+
+/// The model at `path`, or the default model; prints the model's notice to standard error.
+///
+/// # Errors
+/// [`Failure::Input`] naming the file; where there is no default model, the places that it was looked for in.
 pub(crate) fn open(path: Option<&Path>) -> Result<ModelFile, Failure> {
     let file = open_quietly(path)?;
     announce(file.config());
     Ok(file)
 }
 
-/// The same without a word, for whoever wants to know no more than its bones.
+/// [`open`] without the notice, for readers of the skeleton alone.
 pub(crate) fn open_quietly(path: Option<&Path>) -> Result<ModelFile, Failure> {
     match path {
-        Some(path) => ModelFile::open(path).map_err(|error| Failure::input(format!("{}: {error}", path.display()))),
-        None => Ok(ModelFile::from_static(DEFAULT)?),
+        Some(path) => open_file(path),
+        None => default(std::env::var_os(VARIABLE).map(PathBuf::from), EMBEDDED, &installed()),
     }
 }
 
-/// The bones of the model in the program.
+fn open_file(path: &Path) -> Result<ModelFile, Failure> {
+    ModelFile::open(path).map_err(|error| Failure::input(format!("{}: {error}", path.display())))
+}
+
+/// The default model: the file that the environment names, the one in the program, or the first that is installed.
+fn default(
+    named: Option<PathBuf>,
+    embedded: Option<&'static [u8]>,
+    installed: &[PathBuf],
+) -> Result<ModelFile, Failure> {
+    if let Some(path) = named.filter(|path| !path.as_os_str().is_empty()) {
+        return open_file(&path);
+    }
+    if let Some(bytes) = embedded {
+        return Ok(ModelFile::from_static(bytes)?);
+    }
+    match installed.iter().find(|path| path.is_file()) {
+        Some(path) => open_file(path),
+        None => {
+            let places: Vec<_> = installed.iter().map(|path| path.display().to_string()).collect();
+            Err(Failure::Input(format!(
+                "no default model: give --model FILE, set {VARIABLE}=FILE, or install it as one of {}",
+                places.join(", ")
+            )))
+        }
+    }
+}
+
+/// Where an installed default model is: beside the program, as `scripts/install` and packages lay it out, or in the user's
+/// and the system's data folders.
+fn installed() -> Vec<PathBuf> {
+    let mut places = Vec::new();
+    let program = std::env::current_exe().ok();
+    if let Some(folder) = program.as_deref().and_then(Path::parent) {
+        places.push(folder.join(FILE));
+        places.push(folder.join("../share/umo/models").join(FILE));
+    }
+    let home = std::env::var_os("HOME").map(|home| PathBuf::from(home).join(".local/share"));
+    if let Some(data) = std::env::var_os("XDG_DATA_HOME").map(PathBuf::from).or(home) {
+        places.push(data.join("umo/models").join(FILE));
+    }
+    places.push(Path::new("/usr/share/umo/models").join(FILE));
+    places
+}
+
+/// The default model's skeleton.
 pub(crate) fn skeleton() -> Result<Skeleton, Failure> {
-    Ok(ModelFile::from_static(DEFAULT)?.config().skeleton.clone())
+    Ok(open_quietly(None)?.config().skeleton.clone())
 }
 
 fn announce(config: &Config) {
@@ -61,4 +117,34 @@ pub(crate) fn threads(compute: &Compute) -> Result<usize, Failure> {
 pub(crate) fn team(compute: &Compute) -> Result<Team, Failure> {
     let threads = threads(compute)?;
     Team::new(threads).map_err(|error| Failure::machine(format!("cannot start {threads} threads: {error}")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_default_model_is_the_named_the_embedded_or_the_installed_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/golden/mel_k2_arkit/model.safetensors");
+        let installed = [folder.path().join("missing"), folder.path().join(FILE)];
+        let name = |file: Result<ModelFile, Failure>| file.unwrap().config().name.clone();
+
+        let Failure::Input(text) = default(None, None, &installed).unwrap_err() else {
+            panic!("the input is at fault")
+        };
+        assert!(text.contains("--model") && text.contains(VARIABLE) && text.contains(FILE), "{text}");
+
+        std::fs::copy(&golden, &installed[1]).unwrap();
+        let small = name(default(None, None, &installed));
+        assert_eq!(small, ModelFile::open(&golden).unwrap().config().name);
+        let embedded = name(default(None, EMBEDDED, &installed));
+        assert_ne!(embedded, small, "what is in the program goes before what is installed");
+        assert_eq!(name(default(Some(golden.clone()), EMBEDDED, &[])), small, "and what is named before both");
+        assert_eq!(name(default(Some(PathBuf::new()), EMBEDDED, &[])), embedded, "an empty variable names nothing");
+        assert!(
+            default(Some(folder.path().join("missing")), EMBEDDED, &installed).is_err(),
+            "a wrong name is no default"
+        );
+    }
 }

@@ -14,7 +14,7 @@ use crate::failure::Failure;
 use crate::whole;
 
 /// The small text vocabulary of random models.
-static TEXT_MODEL: &[u8] = include_bytes!("../../models/umo-small/text.model");
+static TEXT_MODEL: &[u8] = include_bytes!("../assets/text.model");
 
 /// Writes a random model; the same bytes for the same arguments.
 pub(crate) fn run(args: &MakeRandom) -> Result<(), Failure> {

@@ -40,7 +40,7 @@ def sentences() -> list[str]:
 
 
 def main() -> None:
-    out = sys.argv[1] if len(sys.argv) > 1 else "models/umo-small/text.model"
+    out = sys.argv[1] if len(sys.argv) > 1 else "cli/assets/text.model"
     model = io.BytesIO()
     spm.SentencePieceTrainer.train(
         sentence_iterator=iter(sentences()),
