@@ -24,6 +24,32 @@ use crate::pack::{PANEL, PackedI8, QUAD};
 /// Longest row whose sum cannot overflow: `k * 128 * 128 <= i32::MAX`.
 pub const MAX_K: usize = 131_071;
 
+/// How a back-end cuts the product: rows that it multiplies at once, and inputs per step. Tests draw their shapes from it.
+#[doc(hidden)]
+#[derive(Clone, Copy, Debug)]
+pub struct Tiling {
+    pub rows: usize,
+    pub inputs: usize,
+}
+
+/// The [`Tiling`] of a back-end.
+#[doc(hidden)]
+pub fn tiling(isa: Isa) -> Tiling {
+    match isa.0 {
+        Backend::Scalar => Tiling { rows: 1, inputs: QUAD },
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx2 => Tiling { rows: avx2::ROWS, inputs: QUAD },
+        #[cfg(target_arch = "x86_64")]
+        Backend::AvxVnni => Tiling { rows: avxvnni::ROWS, inputs: QUAD },
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx512Vnni => Tiling { rows: avx512vnni::ROWS, inputs: QUAD },
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx512Bf16 => Tiling { rows: avx512bf16::ROWS, inputs: QUAD },
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        Backend::Amx => Tiling { rows: amx::ROWS, inputs: amx::INPUTS },
+    }
+}
+
 /// Quantised rows: `value = step * scale[row]`.
 #[derive(Clone, Copy, Debug)]
 pub struct QuantRows<'a> {

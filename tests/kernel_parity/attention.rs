@@ -323,11 +323,20 @@ fn encoder_attention_bf16_is_near_f64(isa: Isa) {
 
 /// The same bits as the scalar back-end, whatever the shape, and as a row alone. What is denormal may be 0.
 fn encoder_attention_bf16_has_scalar_bits(isa: Isa) {
-    let scores = prop_oneof![Just(Fill::Uniform(1.0)), Just(Fill::Uniform(9.0)), fill()];
-    proptest!(cases(64), |(shape in shape(), scores in scores, values in fill(), long in any::<bool>())| {
+    // Scores within a few tenths of their maximum too: there the fraction of a power of 2 has more bits than f32 keeps, and
+    // how it is rounded shows. Scores further apart leave it exact, or their weights too small to see it.
+    let scores = prop_oneof![
+        2 => Just(Fill::Uniform(0.2)),
+        1 => Just(Fill::Uniform(1.0)),
+        1 => Just(Fill::Uniform(9.0)),
+        1 => fill(),
+    ];
+    let bias = prop_oneof![Just(0.01_f32), Just(0.5), Just(40.0)];
+    let cases = cases(96);
+    proptest!(cases, |(shape in shape(), scores in scores, values in fill(), long in any::<bool>(), bias in bias)| {
         let n = if long && shape.n > 100 { shape.n + 256 } else { shape.n };
         let shape = Shape { mask: Mask::Encoder, n, ..shape };
-        let case = shape.case(scores, values, 0.7, |noise| noise.float(40.0));
+        let case = shape.case(scores, values, 0.7, |noise| noise.float(bias));
         let got = run_rounded(&case, isa, 0..shape.m, (shape.gap, shape.offset));
         let want = run_rounded(&case, Isa::SCALAR, 0..shape.m, (0, 0));
         for (i, (got, want)) in got.iter().zip(&want).enumerate() {
@@ -341,6 +350,17 @@ fn encoder_attention_bf16_has_scalar_bits(isa: Isa) {
             }
         }
     });
+}
+
+/// One query and two keys whose scores differ by less than 1: the fraction of the smaller weight's exponent is rounded to the
+/// nearest float, neither down nor up.
+fn encoder_attention_bf16_rounds_to_nearest(isa: Isa) {
+    let q = Mat::new(&[0.084_338_43], 1, 1).unwrap();
+    let (k, v) = ([0.040_887_237, 0.125_846_5], [-0.984_375, -0.746_093_75]);
+    let (k, v) = (Mat::new(&k, 2, 1).unwrap(), Mat::new(&v, 2, 1).unwrap());
+    let mut y = Guarded::new(1, 1, 0, 0);
+    encoder_attention_bf16(isa, q, k, v, 1.0, None, y.mat()).unwrap();
+    assert_eq!(y.checked(), [[-0.864_481_7]]);
 }
 
 /// Where something is not finite, what depends on it is not either, and nothing else changes.
@@ -419,6 +439,7 @@ for_each_isa!(
     encoder_attention_keeps_every_bit,
     encoder_attention_bf16_is_near_f64,
     encoder_attention_bf16_has_scalar_bits,
+    encoder_attention_bf16_rounds_to_nearest,
     encoder_attention_bf16_keeps_what_is_not_finite,
     attention_bf16_is_attention_over_widened_keys_and_values,
     attention_rows_are_independent,

@@ -21,7 +21,9 @@ use core::ops::Range;
 /// Rows that VNNI multiplies sooner.
 const FEW_ROWS: usize = 6;
 /// Rows of inputs in work.
-const ROWS: usize = 2 * TILE;
+pub(super) const ROWS: usize = 2 * TILE;
+/// Inputs of one instruction.
+pub(super) const INPUTS: usize = BYTES;
 /// Panels in work, of which gated products need an even number.
 const WIDTH: usize = 2;
 /// Tiles of inputs gathered at once: 256 rows of 768 inputs are 192 KiB.

@@ -17,7 +17,7 @@ use crate::prefetch;
 use core::arch::x86_64::*;
 
 /// Rows of the largest tile: 6 rows x 2 registers of sums leave four, for two of weights, an input and a product.
-const ROWS: usize = 6;
+pub(super) const ROWS: usize = 6;
 /// Quads of inputs converted at once: 6 rows are 24 KiB, in L1 beside the weights that stream through.
 const QUADS: usize = 512;
 /// Quads between a multiplication and the prefetch of its weights: panels are read one after another, from end to end, so that memory's

@@ -15,7 +15,7 @@ use crate::prefetch;
 use core::arch::x86_64::*;
 
 /// Rows that are multiplied sooner than their weights arrive.
-const ROWS: usize = 8;
+pub(super) const ROWS: usize = 8;
 /// Quads between a multiplication and the prefetch of weights.
 const AHEAD: usize = 256;
 

@@ -15,7 +15,7 @@ use core::arch::asm;
 use core::arch::x86_64::*;
 
 /// Rows of the largest tile: 9 rows x 3 panels are 27 sums, which leaves three registers of weights and two to spare.
-const ROWS: usize = 9;
+pub(super) const ROWS: usize = 9;
 /// Rows of the largest tile of an even number of panels, as gated products need: 6 rows x 4 panels.
 const EVEN_ROWS: usize = 6;
 /// Quads of inputs converted at once: 9 rows are 37 KiB.

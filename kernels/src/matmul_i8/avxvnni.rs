@@ -14,7 +14,7 @@ use crate::prefetch;
 use core::arch::x86_64::*;
 
 /// Rows of the largest tile: 6 rows x 1 panel are 12 sums, which leaves two registers of weights and an input.
-const ROWS: usize = 6;
+pub(super) const ROWS: usize = 6;
 /// Panels of few rows in one group, 12 sums of one row; an even number, as gated products need.
 const WIDE: usize = 6;
 /// Panels of more rows in one group: a gate and an up panel.

@@ -32,22 +32,26 @@ macro_rules! for_each_isa {
     };
 }
 
-/// Values at `offset` elements from wherever the allocator put them.
-#[derive(Clone)]
+/// Values at `offset` elements behind a cache line's start, so that an offset of 0 is an aligned one.
 pub(crate) struct Shifted<T> {
     data: Vec<T>,
-    offset: usize,
+    start: usize,
+    len: usize,
 }
+
+/// Bytes of a cache line.
+const LINE: usize = 64;
 
 impl<T: Copy + Default> Shifted<T> {
     pub(crate) fn new(values: &[T], offset: usize) -> Self {
-        let mut data = vec![T::default(); offset];
-        data.extend_from_slice(values);
-        Self { data, offset }
+        let mut data = vec![T::default(); offset + LINE + values.len()];
+        let start = data.as_ptr().align_offset(LINE) + offset;
+        data[start..start + values.len()].copy_from_slice(values);
+        Self { data, start, len: values.len() }
     }
 
     pub(crate) fn get(&self) -> &[T] {
-        &self.data[self.offset..]
+        &self.data[self.start..self.start + self.len]
     }
 }
 

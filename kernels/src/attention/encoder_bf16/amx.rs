@@ -348,9 +348,9 @@ fn pack_values(v: Mat<f32>, packed: &mut Values) {
 #[inline]
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
 fn power(t: __m512) -> __m512 {
-    // What is above the next lower integer; that integer is the power by which `scalef` scales. Processors with tiles round to the
-    // nearest number, a Zen 5 downwards: back-ends without tiles subtract.
-    let r = _mm512_reduce_ps::<1>(t);
+    // The fraction above the next lower integer, by which `scalef` scales. Not by `vreduceps`, which rounds the difference in the
+    // same direction as the integer, downwards; the scalar reference rounds it to nearest.
+    let r = _mm512_sub_ps(t, _mm512_roundscale_ps::<{ _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC }>(t));
     let mut power = _mm512_set1_ps(POWER[0]);
     for &c in &POWER[1..] {
         power = _mm512_fmadd_ps(power, r, _mm512_set1_ps(c));
