@@ -81,7 +81,7 @@ impl MotionDecoder {
 
     /// Frames that a scratch needs room for where a [`MotionStream`] of these limits uses it.
     pub fn stream_rows(&self, max_push: usize, max_lookahead: usize) -> usize {
-        max_push + (2 * self.reach()).max(max_lookahead + 1 + self.root.reach())
+        max_push + (3 * self.reach()).max(max_lookahead + 1 + 2 * self.root.reach())
     }
 
     /// Frames on each side that any part's channels depend on: a lookahead of as many gives the body of a whole decode.

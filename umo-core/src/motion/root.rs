@@ -63,13 +63,29 @@ impl RootNet {
     /// # Errors
     /// [`StepError`] where `lower` is no whole number of frames or `scratch` has no room for so many.
     pub fn run<'a>(&self, cx: Compute, scratch: &'a mut MotionScratch, lower: &[f32]) -> Result<&'a [f32], StepError> {
+        self.run_held(cx, scratch, lower, 0)
+    }
+
+    /// [`run`](Self::run) as if the last frame came `held` times more; gives `[T + held, channels]`.
+    ///
+    /// # Errors
+    /// As `run`.
+    pub(super) fn run_held<'a>(
+        &self,
+        cx: Compute,
+        scratch: &'a mut MotionScratch,
+        lower: &[f32],
+        held: usize,
+    ) -> Result<&'a [f32], StepError> {
         let channels = self.codec.channels;
-        let rows = lower.len() / channels;
-        if rows * channels != lower.len() {
-            return Err(StepError::Disagree("the lower body's channels are no whole number of frames"));
+        let frames = lower.len() / channels;
+        if frames * channels != lower.len() {
+            return Err(StepError::Disagree("the lower body's channels are not a whole number of frames"));
         }
+        let rows = if frames == 0 { 0 } else { frames + held };
         let input = scratch.0.input(rows, channels)?;
-        for (row, out) in lower.chunks_exact(channels).zip(input.chunks_exact_mut(channels)) {
+        let last = lower.rchunks_exact(channels).next().into_iter().cycle();
+        for (row, out) in lower.chunks_exact(channels).chain(last).zip(input.chunks_exact_mut(channels)) {
             out.copy_from_slice(row);
             out[..ROTATION_CHANNELS].as_chunks_mut().0.iter_mut().for_each(|six| *six = orthonormal_six(*six));
             out[VELOCITY_X..FIRST_CONTACT].fill(0.0);

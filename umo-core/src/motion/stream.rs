@@ -27,11 +27,31 @@ pub struct FrameRef<'a> {
     pub channels: PerPart<&'a [f32]>,
 }
 
+/// What follows the newest code.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Future {
+    /// Codes that are not known yet: the newest is held in their place. A decoder that is cut off sees zeros instead, which
+    /// is no motion; where a stream begins with few codes, its root then starts far below its height.
+    Held,
+    /// Nothing, as at the end of a whole decode.
+    End,
+}
+
+impl Future {
+    /// Frames that the newest code is held for, where a network sees `reach` frames ahead.
+    fn frames(self, reach: usize) -> usize {
+        match self {
+            Self::Held => reach,
+            Self::End => 0,
+        }
+    }
+}
+
 /// One stream's state: what of its past the decoders still need, and where its root is.
 ///
 /// A part's row is *settled* once the codes of its decoder's whole reach behind it are known; its bits are then those of
-/// decoding the whole stream at once. Rows after the last settled one are decoded as if the stream ended at the newest
-/// code, and again when more is known. Where one of these was put out, the next row begins a seam: the difference between
+/// decoding the whole stream at once. Rows after the last settled one are decoded as if the newest code went on, and again
+/// when more is known; at the end of the stream as if nothing came after it. Where one of these was put out, the next row begins a seam: the difference between
 /// the row that was put out last and the same row decoded anew is added to the rows that follow, fading linearly to zero
 /// over `reach - lookahead + 2` frames. The root's velocity is summed and cannot jump; its height is smoothed likewise.
 #[derive(Debug)]
@@ -162,11 +182,11 @@ impl MotionStream {
         }
         if frames > 0 {
             for part in Part::ALL {
-                self.extend(cx, decoder, scratch, part, codes[part])?;
+                self.extend(cx, decoder, scratch, part, codes[part], Future::Held)?;
             }
             self.known += frames;
         }
-        self.emit(cx, decoder, scratch, self.known.saturating_sub(lookahead), lookahead, out)
+        self.emit(cx, decoder, scratch, self.known.saturating_sub(lookahead), (lookahead, Future::Held), out)
     }
 
     /// Puts out the frames up to `total`; the stream then wants [`reset`](Self::reset). Never allocates.
@@ -184,10 +204,16 @@ impl MotionStream {
         if total > self.known {
             return Err(StepError::TooLong { what: "frames of a stream", got: total, limit: self.known });
         }
-        self.emit(cx, decoder, scratch, total, 0, out)
+        if total > self.emitted {
+            for part in Part::ALL {
+                self.extend(cx, decoder, scratch, part, &[], Future::End)?;
+            }
+        }
+        self.emit(cx, decoder, scratch, total, (0, Future::End), out)
     }
 
-    /// Decodes everything of `part` that new `codes` change: the rows that were not settled, and the new ones.
+    /// Decodes everything of `part` that new `codes` and what follows them change: the rows that were not settled, and the
+    /// new ones.
     fn extend(
         &mut self,
         cx: Compute,
@@ -195,6 +221,7 @@ impl MotionStream {
         scratch: &mut MotionScratch,
         part: Part,
         codes: &[u16],
+        future: Future,
     ) -> Result<(), StepError> {
         let keep = self.oldest(decoder, part);
         let state = &mut self.parts[part];
@@ -203,10 +230,13 @@ impl MotionStream {
         let first = settled.saturating_sub(state.reach);
         state.codes.forget(first);
         state.codes.append(codes);
-        let decoded = decoder.parts[part].decode(cx, scratch, state.codes.all())?;
+        let known = state.codes.all();
+        let channels = decoder.parts[part].channels();
+        let decoded = decoder.parts[part].decode_held(cx, scratch, known, future.frames(state.reach))?;
+        let rows = (settled - first) * channels..known.len() * channels;
         state.rows.forget(keep.min(settled));
         state.rows.truncate(settled);
-        state.rows.append(&decoded[(settled - first) * decoder.parts[part].channels()..]);
+        state.rows.append(&decoded[rows]);
         Ok(())
     }
 
@@ -223,7 +253,7 @@ impl MotionStream {
         decoder: &MotionDecoder,
         scratch: &mut MotionScratch,
         until: usize,
-        lookahead: usize,
+        (lookahead, future): (usize, Future),
         out: &mut dyn FnMut(FrameRef),
     ) -> Result<(), StepError> {
         if until <= self.emitted {
@@ -231,7 +261,8 @@ impl MotionStream {
         }
         let first = self.oldest(decoder, Part::Lower);
         let lower = self.parts.lower.rows.range(first..self.known);
-        let root = Root { rows: decoder.root.run(cx, scratch, lower)?, first, channels: decoder.root.channels() };
+        let rows = decoder.root.run_held(cx, scratch, lower, future.frames(decoder.root.reach()))?;
+        let root = Root { rows, first, channels: decoder.root.channels() };
         let start = self.emitted;
         let height_seam = if start == 0 { 0.0 } else { self.height - finite(root.row(start - 1)[HEIGHT]) };
         let height_fade = Fade::new(decoder.root.reach(), lookahead);

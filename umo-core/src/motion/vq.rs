@@ -101,12 +101,28 @@ impl VqDecoder {
         scratch: &'a mut MotionScratch,
         codes: &[u16],
     ) -> Result<&'a [f32], StepError> {
-        let input = scratch.0.input(codes.len(), self.codebook.width)?;
-        for (&code, row) in codes.iter().zip(input.chunks_exact_mut(self.codebook.width)) {
+        self.decode_held(cx, scratch, codes, 0)
+    }
+
+    /// [`decode`](Self::decode) as if the last code came `held` times more; gives `[T + held, channels]`.
+    ///
+    /// # Errors
+    /// As `decode`.
+    pub(super) fn decode_held<'a>(
+        &self,
+        cx: Compute,
+        scratch: &'a mut MotionScratch,
+        codes: &[u16],
+        held: usize,
+    ) -> Result<&'a [f32], StepError> {
+        let frames = if codes.is_empty() { 0 } else { codes.len() + held };
+        let input = scratch.0.input(frames, self.codebook.width)?;
+        let last = codes.last().copied().into_iter().cycle();
+        for (code, row) in codes.iter().copied().chain(last).zip(input.chunks_exact_mut(self.codebook.width)) {
             row.copy_from_slice(self.codebook.row(code)?);
         }
-        self.stack.run(cx, &mut scratch.0, codes.len())?;
-        Ok(scratch.0.output(codes.len(), self.codec.channels))
+        self.stack.run(cx, &mut scratch.0, frames)?;
+        Ok(scratch.0.output(frames, self.codec.channels))
     }
 }
 

@@ -1,0 +1,90 @@
+//! The root of a stream beside the root of the same codes decoded as a whole: the pelvis stands at its height from the first
+//! frame on, at every target and lookahead, and the body goes where the whole decode says.
+
+use std::path::Path;
+
+use umo_core::animation::Animation;
+use umo_core::avatar::AvatarConfig;
+use umo_core::lm::sampler::Sampler;
+use umo_core::model::Model;
+use umo_core::{Compute, ModelFile, Part, PerPart, Precision, Team};
+use umo_kernels::Isa;
+use umo_tests::Noise;
+
+/// Largest distance of the pelvis from the whole decode's height, metres.
+const HEIGHT: f32 = 0.015;
+/// Largest distance of the pelvis in the first frame from the height that it has most of the time, metres.
+const FIRST_HEIGHT: f32 = 0.02;
+/// Largest distance over the ground from the whole decode's path, metres.
+const PATH: f32 = 0.04;
+
+const FRAMES: usize = 150;
+
+/// Translations of the stream, and of the whole decode of its codes.
+fn translations(model: &Model, cx: Compute, config: &AvatarConfig, audio: &[f32]) -> [Vec<[f32; 3]>; 2] {
+    let mut animation = Animation::new(model, config).unwrap();
+    animation.keep_record(model.config());
+    animation.push_audio(audio).unwrap();
+    animation.finish(FRAMES);
+    let (mut streamed, mut codes) = (Vec::new(), PerPart::<Vec<u16>>::default());
+    let mut take = |frame: umo_core::motion::FrameRef| streamed.push(frame.pose.translation);
+    while animation.step(model, cx, &mut take).unwrap() {
+        if let Some(chunk) = animation.chunk() {
+            Part::ALL.into_iter().for_each(|part| codes[part].extend_from_slice(chunk.codes[part]));
+        }
+    }
+    assert_eq!(streamed.len(), FRAMES);
+    let whole = model.motion().decode(cx, PerPart::from_fn(|part| &*codes[part])).unwrap();
+    [streamed, whole.translation]
+}
+
+/// The model and recordings: speech, and noise that begins after a pause and ends before another.
+fn each(check: impl Fn(&Model, Compute, &str, &[f32])) {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let file = ModelFile::open(&root.join("models/umo-small/model.safetensors")).unwrap();
+    let model = Model::load(&file, Precision::Stored, Isa::detect()).unwrap();
+    let team = Team::new(1).unwrap();
+    let cx = Compute { isa: model.isa(), team: &team };
+    let samples = FRAMES * model.config().audio.sample_rate / model.config().frame_rate;
+    let mut speech: Vec<f32> = hound::WavReader::open(root.join("assets/hello.wav"))
+        .unwrap()
+        .samples::<i16>()
+        .map(|sample| f32::from(sample.unwrap()) / 32_768.0)
+        .collect();
+    speech.resize(samples, 0.0);
+    let mut noise = Noise::new(5);
+    let bursts: Vec<f32> = (0..samples)
+        .map(
+            |i| if (samples / 4..samples / 2).contains(&i) { noise.float(0.3) * (i as f32 * 0.001).sin() } else { 0.0 },
+        )
+        .collect();
+    check(&model, cx, "speech", &speech);
+    check(&model, cx, "bursts", &bursts);
+}
+
+#[test]
+fn the_pelvis_stands_at_its_height_from_the_first_frame_at_every_setting() {
+    each(|model, cx, name, audio| {
+        let defaults = AvatarConfig::new(model.config());
+        for target in [1, 2, 5] {
+            for lookahead in [0, 1, 2, 3, 4, 9] {
+                for seed in 0..3 {
+                    let sampler = Sampler { seed, ..defaults.sampler };
+                    let config = AvatarConfig { target, lookahead, sampler, ..defaults.clone() };
+                    let [streamed, whole] = translations(model, cx, &config, audio);
+                    let case = format!("{name}, target {target}, lookahead {lookahead}, seed {seed}");
+                    let mut heights: Vec<f32> = whole.iter().map(|place| place[1]).collect();
+                    heights.sort_by(f32::total_cmp);
+                    let (first, usual) = (streamed[0][1], heights[heights.len() / 2]);
+                    assert!((first - usual).abs() <= FIRST_HEIGHT, "{case}: starts at {first} m, not at {usual} m");
+                    for (frame, (streamed, whole)) in streamed.iter().zip(&whole).enumerate() {
+                        let off = (streamed[1] - whole[1]).abs();
+                        assert!(off <= HEIGHT, "{case}, frame {frame}: height {} m, not {} m", streamed[1], whole[1]);
+                        let off = (streamed[0] - whole[0]).hypot(streamed[2] - whole[2]);
+                        assert!(off <= PATH, "{case}, frame {frame}: {streamed:?} is {off} m from {whole:?}");
+                    }
+                }
+            }
+        }
+    });
+}
