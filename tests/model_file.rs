@@ -12,7 +12,7 @@ use umo_core::lm::text::TOKENIZER;
 use umo_core::model::Model;
 use umo_core::motion::MotionEncoder;
 use umo_core::weights::Loader;
-use umo_core::{LoadError, ModelFile, Precision};
+use umo_core::{Compute, LoadError, ModelFile, Precision, StepError, Team};
 use umo_kernels::Isa;
 use umo_tests::{Noise, cases};
 
@@ -158,6 +158,72 @@ fn every_weight_must_be_finite() {
             count += 1;
         }
         assert!(count > 50, "{name}: {count} tensors of floats");
+    }
+}
+
+/// The largest finite value of a type, or nearly.
+fn huge(dtype: &str) -> Option<Vec<u8>> {
+    match dtype {
+        "F32" => Some(3e38_f32.to_le_bytes().to_vec()),
+        "BF16" => Some(vec![0x60, 0x7f]),
+        "F16" => Some(vec![0xff, 0x7b]),
+        _ => None,
+    }
+}
+
+/// Animates two seconds; the frames that come out are finite, and an error is one that says that the weights are defective.
+fn animate(model: &Model) -> Result<(), StepError> {
+    let team = Team::new(1).unwrap();
+    let cx = Compute { isa: model.isa(), team: &team };
+    let config = AvatarConfig { target: 2, ..AvatarConfig::new(model.config()) };
+    let mut animation = Animation::new(model, &config).unwrap();
+    let mut noise = Noise::new(1);
+    let samples: Vec<f32> = (0..2 * model.config().audio.sample_rate).map(|_| noise.float(0.3)).collect();
+    animation.push_audio(&samples).unwrap();
+    animation.finish(60);
+    let mut sound = |frame: umo_core::motion::FrameRef| {
+        let values = frame.pose.rotations.as_flattened().iter().chain(&frame.pose.translation).chain(frame.face);
+        assert!(values.into_iter().all(|v| v.is_finite() && v.abs() < 1e4), "a frame that no body has was played");
+    };
+    while animation.step(model, cx, &mut sound)? {}
+    Ok(())
+}
+
+#[test]
+fn a_huge_weight_is_refused_or_named_by_its_stage() {
+    let mut noise = Noise::new(12);
+    for precision in [Precision::Stored, Precision::F32] {
+        let (mut refused, mut failed, mut played) = (0, 0, 0);
+        for name in MOST {
+            let model = ModelBytes::open(name);
+            for (tensor, stored) in &model.tensors {
+                let Some(huge) = huge(&stored.dtype) else { continue };
+                let values = stored.bytes.len() / huge.len();
+                let mut spoilt = model.clone();
+                let changed = spoilt.tensors.get_mut(tensor).unwrap();
+                let at = noise.below(values);
+                changed.bytes[at * huge.len()..(at + 1) * huge.len()].copy_from_slice(&huge);
+                let file = ModelFile::from_bytes(spoilt.bytes()).unwrap();
+                match Model::load(&file, precision, Isa::detect()) {
+                    Err(error) => {
+                        let text = error.to_string();
+                        assert!(text.contains("finite") && text.contains(&format!("`{tensor}`")), "{tensor}: {text}");
+                        refused += 1;
+                    }
+                    Ok(model) => match animate(&model) {
+                        Ok(()) => played += 1,
+                        Err(error @ (StepError::NotFinite(_) | StepError::Implausible(_))) => {
+                            assert!(error.to_string().contains("the model's weights are defective"));
+                            failed += 1;
+                        }
+                        Err(error) => panic!("{tensor}: {error}"),
+                    },
+                }
+            }
+        }
+        // A norm divides a huge value away, and an expert may never be chosen.
+        println!("{precision:?}: {refused} refused, {failed} failed with their stage, {played} played");
+        assert!(refused > 20 && failed > 20 && played > 20);
     }
 }
 

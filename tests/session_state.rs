@@ -468,7 +468,17 @@ fn sign(state: &mut [u8]) {
     state[12..16].copy_from_slice(&(!crc).to_le_bytes());
 }
 
-/// A session with a forged state may move wrongly or fail; it may not panic, hang, or harm another.
+/// A frame that a host can show: rotations are unit quaternions, all else is finite.
+fn is_shown(frame: FrameView) {
+    for q in &frame.pose.rotations {
+        let length: f32 = q.iter().map(|v| v * v).sum();
+        assert!((length - 1.0).abs() < 2e-2, "a forged state gave the rotation {q:?}");
+    }
+    let values = frame.pose.translation.iter().chain(frame.face);
+    assert!(values.into_iter().all(|v| v.is_finite()), "a forged state gave a frame that is not finite");
+}
+
+/// A session with a forged state may move wrongly or fail; it may not panic, hang, show what is not finite, or harm another.
 fn survive(timed: &Timed, session: &Session) {
     let is_sound = |result: Result<(), SessionError>| {
         assert!(result != Err(SessionError::Panicked), "a forged state made the computation panic");
@@ -484,12 +494,12 @@ fn survive(timed: &Timed, session: &Session) {
     for round in 0..3 {
         is_sound(session.push_audio(&[0.2; 9_000]).map(drop));
         polls();
-        is_sound(session.sample_pose(f64::from(round) / 3.0, |_| ()).map(drop));
-        is_sound(session.pull_frames(10, |_| ()).map(drop));
+        is_sound(session.sample_pose(f64::from(round) / 3.0, is_shown).map(drop));
+        is_sound(session.pull_frames(10, is_shown).map(drop));
         is_sound(session.ready_frames().map(drop));
         timed.nanos.fetch_add(400_000_000, Ordering::SeqCst);
-        is_sound(session.sample_pose(f64::from(round) * 3.0, |_| ()).map(drop));
-        is_sound(session.pull_frames(1_000, |_| ()).map(drop));
+        is_sound(session.sample_pose(f64::from(round) * 3.0, is_shown).map(drop));
+        is_sound(session.pull_frames(1_000, is_shown).map(drop));
         polls();
         match round {
             0 => is_sound(session.finish()),
@@ -497,7 +507,7 @@ fn survive(timed: &Timed, session: &Session) {
             _ => is_sound(session.reset()),
         }
         polls();
-        is_sound(session.pull_frames(1_000, |_| ()).map(drop));
+        is_sound(session.pull_frames(1_000, is_shown).map(drop));
     }
 }
 
@@ -554,6 +564,15 @@ fn forged_states_do_no_harm() {
                 let mut forged = state.clone();
                 let other = [value.wrapping_add(1), value.wrapping_sub(1), 2 * value + 7][draw(3)];
                 forged[at..at + 8].copy_from_slice(&other.to_le_bytes());
+                attempt(&mut forged);
+            }
+        }
+        // Floats: what is no number, and what is too large for a body, wherever a float may stand.
+        for at in 24..state.len() - 4 {
+            if draw(150) == 0 {
+                let mut forged = state.clone();
+                let values = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, -1e38, 1e11];
+                forged[at..at + 4].copy_from_slice(&values[draw(values.len())].to_le_bytes());
                 attempt(&mut forged);
             }
         }

@@ -5,7 +5,6 @@ mod plan;
 mod source;
 
 use std::cell::RefCell;
-use std::fs;
 use std::io;
 use std::path::Path;
 
@@ -72,7 +71,7 @@ fn config(args: &Convert) -> Result<Config, Failure> {
 }
 
 fn read(path: &Path) -> Result<Vec<u8>, Failure> {
-    fs::read(path).map_err(|cause| Failure::input(format!("cannot read `{}`: {cause}", path.display())))
+    umo_core::file::read(path).map_err(|cause| Failure::input(format!("cannot read `{}`: {cause}", path.display())))
 }
 
 /// The new tensor; its values are made when they are written, and what is wrong with them is left in `failed`.

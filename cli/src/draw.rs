@@ -1,6 +1,6 @@
 //! `umo draw`: frames of an animation as one picture, or the figure in each of its shapes.
 
-use std::fs::{self, File};
+use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
 
@@ -30,7 +30,7 @@ pub(crate) fn run(args: &Draw) -> Result<(), Failure> {
 
 fn read(path: &Path) -> Result<Clip, Failure> {
     let cannot = |cause: &dyn std::fmt::Display| Failure::input(format!("cannot read `{}`: {cause}", path.display()));
-    let text = fs::read_to_string(path).map_err(|cause| cannot(&cause))?;
+    let text = umo_core::file::read_to_string(path).map_err(|cause| cannot(&cause))?;
     jsonl::read(&text).map_err(|cause| cannot(&cause))
 }
 

@@ -91,7 +91,7 @@ fn read(path: &Path) -> Result<Vec<u8>, Failure> {
     if size > MAX_BYTES {
         return Err(wrong(format!("it is larger than {} GiB", MAX_BYTES >> 30)));
     }
-    std::fs::read(path).map_err(|error| wrong(error.to_string()))
+    umo_core::file::read(path).map_err(|error| wrong(error.to_string()))
 }
 
 /// The animation of a recording, or one that was made before.

@@ -36,5 +36,5 @@ pub(crate) fn run(args: &Stage) -> Result<(), Failure> {
 }
 
 fn read(path: &Path) -> Result<Vec<u8>, Failure> {
-    std::fs::read(path).map_err(|error| Failure::input(format!("cannot read {}: {error}", path.display())))
+    umo_core::file::read(path).map_err(|error| Failure::input(format!("cannot read {}: {error}", path.display())))
 }

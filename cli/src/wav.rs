@@ -4,7 +4,6 @@
 //! allocated from a number in the header. [`parse`] is a pure function of the bytes.
 
 use std::fmt;
-use std::fs::File;
 use std::io::{self, Read};
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
@@ -89,6 +88,8 @@ impl fmt::Display for Note {
 pub enum WavError {
     /// No `RIFF….WAVE` at the start.
     NotWav,
+    /// The start of another audio format, which is named.
+    OtherFormat(&'static str),
     /// The audio comes before its format, or there is no format.
     NoFormat,
     /// The format chunk contradicts itself or is cut.
@@ -114,6 +115,7 @@ impl fmt::Display for WavError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::NotWav => f.write_str("not a WAV file: it does not start with RIFF and WAVE"),
+            Self::OtherFormat(name) => write!(f, "it is {name}, and umo reads WAV: convert it first"),
             Self::NoFormat => f.write_str("no format chunk before the audio"),
             Self::BadFormat(what) => write!(f, "bad format chunk: {what}"),
             Self::Encoding { tag, bits } => {
@@ -138,8 +140,6 @@ impl std::error::Error for WavError {}
 pub enum ReadError {
     /// The file system's answer.
     Io(PathBuf, io::Error),
-    /// A directory where a file was wanted.
-    Directory(PathBuf),
     /// The file's contents.
     Wav(PathBuf, WavError),
 }
@@ -151,8 +151,13 @@ impl fmt::Display for ReadError {
                 write!(f, "cannot read `{}`: no such file", path.display())
             }
             Self::Io(path, cause) => write!(f, "cannot read `{}`: {cause}", path.display()),
-            Self::Directory(path) => {
-                write!(f, "cannot read `{}`: it is a directory", path.display())
+            Self::Wav(path, WavError::OtherFormat(name)) => {
+                let (from, to) = (path.display(), path.with_extension("wav"));
+                write!(
+                    f,
+                    "cannot read `{from}`: it is {name}, and umo reads WAV: convert it with `ffmpeg -i {from} {}`",
+                    to.display()
+                )
             }
             Self::Wav(path, cause) => write!(f, "cannot read `{}`: {cause}", path.display()),
         }
@@ -168,14 +173,11 @@ impl std::error::Error for ReadError {}
 pub fn read(path: &Path) -> Result<Wav, ReadError> {
     let io = |cause| ReadError::Io(path.to_owned(), cause);
     let wav = |cause| ReadError::Wav(path.to_owned(), cause);
-    let mut file = File::open(path).map_err(io)?;
-    if file.metadata().map_err(io)?.is_dir() {
-        return Err(ReadError::Directory(path.to_owned()));
-    }
-    // The start alone first: an endless or huge file that is no WAV must not fill the memory.
+    let mut file = umo_core::file::open(path).map_err(io)?;
+    // The start alone first: a huge file that is no WAV must not fill the memory.
     let mut bytes = Vec::new();
     file.by_ref().take(12).read_to_end(&mut bytes).map_err(io)?;
-    check_start(&bytes).map_err(wav)?;
+    check_start(&bytes).map_err(|error| wav(named_by_extension(path).unwrap_or(error)))?;
     file.read_to_end(&mut bytes).map_err(io)?;
     parse(&bytes).map_err(wav)
 }
@@ -208,7 +210,45 @@ pub fn parse(bytes: &[u8]) -> Result<Wav, WavError> {
 fn check_start(bytes: &[u8]) -> Result<(), WavError> {
     let form = bytes.get(..4).ok_or(WavError::NotWav)?;
     let kind = bytes.get(8..12).ok_or(WavError::NotWav)?;
-    if matches!(form, b"RIFF" | b"RF64" | b"BW64") && kind == b"WAVE" { Ok(()) } else { Err(WavError::NotWav) }
+    if matches!(form, b"RIFF" | b"RF64" | b"BW64") && kind == b"WAVE" {
+        return Ok(());
+    }
+    Err(other_format(bytes).map_or(WavError::NotWav, WavError::OtherFormat))
+}
+
+/// The audio format, not WAV, that a file starts as.
+fn other_format(start: &[u8]) -> Option<&'static str> {
+    Some(match start {
+        [b'f', b'L', b'a', b'C', ..] => "FLAC",
+        [b'O', b'g', b'g', b'S', ..] => "Ogg (Vorbis or Opus)",
+        [b'I', b'D', b'3', ..] => "MP3",
+        // An MPEG audio frame without tags: eleven bits of synchronisation and a layer that there is; AAC's layer is 0.
+        [0xFF, second, ..] if second & 0xE0 == 0xE0 && second & 0x06 != 0 => "MP3",
+        [0xFF, second, ..] if second & 0xF6 == 0xF0 => "AAC",
+        [_, _, _, _, b'f', b't', b'y', b'p', ..] => "MPEG-4 audio (M4A, AAC or ALAC)",
+        [b'F', b'O', b'R', b'M', _, _, _, _, b'A', b'I', b'F', b'F' | b'C', ..] => "AIFF",
+        [b'c', b'a', b'f', b'f', ..] => "Core Audio (CAF)",
+        [0x1A, 0x45, 0xDF, 0xA3, ..] => "WebM or Matroska",
+        [b'#', b'!', b'A', b'M', b'R', ..] => "AMR",
+        [b'.', b's', b'n', b'd', ..] => "AU",
+        _ => return None,
+    })
+}
+
+/// What a file's extension says that it is, where its start does not.
+fn named_by_extension(path: &Path) -> Option<WavError> {
+    let extension = path.extension()?.to_str()?.to_ascii_lowercase();
+    Some(WavError::OtherFormat(match extension.as_str() {
+        "flac" => "FLAC",
+        "mp3" => "MP3",
+        "ogg" | "oga" | "opus" => "Ogg (Vorbis or Opus)",
+        "m4a" | "mp4" | "aac" | "alac" => "MPEG-4 audio (M4A, AAC or ALAC)",
+        "aif" | "aiff" | "aifc" => "AIFF",
+        "caf" => "Core Audio (CAF)",
+        "webm" | "mkv" => "WebM or Matroska",
+        "wma" => "Windows Media Audio",
+        _ => return None,
+    }))
 }
 
 /// Walks the chunks to the format and the audio's bytes, with a note where their length is not as claimed.

@@ -87,6 +87,19 @@ pub enum StepError {
     Missing(&'static str),
     /// A call in the wrong order, as audio after the end.
     Order(&'static str),
+    /// A stage of the model gave infinite or NaN values: its weights are damaged or were never trained to an end.
+    NotFinite(&'static str),
+    /// A stage of the model gave values that no body has: its weights are damaged or were never trained to an end.
+    Implausible(&'static str),
+}
+
+/// That all values are finite; `what` names them.
+///
+/// # Errors
+/// [`StepError::NotFinite`].
+pub(crate) fn check_finite(values: &[f32], what: &'static str) -> Result<(), StepError> {
+    // Without an early end, so that many values are compared at once.
+    if values.iter().fold(true, |finite, v| finite & v.is_finite()) { Ok(()) } else { Err(StepError::NotFinite(what)) }
 }
 
 impl From<ShapeError> for StepError {
@@ -105,6 +118,8 @@ impl fmt::Display for StepError {
             Self::Disagree(problem) => write!(f, "{problem}"),
             Self::Missing(what) => write!(f, "this model has no {what}"),
             Self::Order(problem) => write!(f, "{problem}"),
+            Self::NotFinite(what) => write!(f, "{what} are not finite: the model's weights are defective"),
+            Self::Implausible(problem) => write!(f, "{problem}: the model's weights are defective"),
         }
     }
 }

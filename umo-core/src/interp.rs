@@ -7,7 +7,7 @@ use umo_kernels::matmul_f32::Epilogue;
 use umo_kernels::norm::layer_norm;
 use umo_kernels::{Mat, MatMut};
 
-use crate::error::{LoadError, StepError};
+use crate::error::{LoadError, StepError, check_finite};
 use crate::linear::{Compute, Linear};
 use crate::part::{Part, PerPart};
 use crate::weights::{Loader, Table};
@@ -155,8 +155,7 @@ impl Interp {
         }
         self.predict(cx, scratch, frames)?;
         scratch.frames = frames;
-        self.choose(cx, scratch, codes);
-        Ok(())
+        self.choose(cx, scratch, codes)
     }
 
     /// The number of frames, where everything about `codes` is as it must be.
@@ -220,15 +219,17 @@ impl Interp {
     }
 
     /// The likeliest code of each masked frame.
-    fn choose(&self, cx: Compute, scratch: &InterpScratch, mut codes: PerPart<&mut [u16]>) {
+    fn choose(&self, cx: Compute, scratch: &InterpScratch, mut codes: PerPart<&mut [u16]>) -> Result<(), StepError> {
         for part in Part::ALL {
             let logits = scratch.logits(part).chunks_exact(self.codes);
             for (code, logits) in codes[part].iter_mut().zip(logits) {
                 if self.is_mask(*code) {
+                    check_finite(logits, "interpolation logits")?;
                     let best = argmax(cx.isa, logits).unwrap_or(0);
                     *code = u16::try_from(best).expect("the config allows no more codes than a u16 holds");
                 }
             }
         }
+        Ok(())
     }
 }

@@ -13,6 +13,9 @@ use std::fmt;
 const MAGIC: [u8; 8] = *b"umostate";
 /// The version of the format that this library reads and writes.
 const VERSION: u32 = 1;
+/// Largest size of a number in a state: beyond what any field comes to, and its sums and products stay finite. Comparisons
+/// with it are false for what is no number.
+const LARGEST: f64 = 1e12;
 /// Where the checksum begins to count.
 const CHECKED: usize = 16;
 /// Bytes before the fields.
@@ -287,11 +290,12 @@ impl<'a> StatePass<'a> {
         Ok((self.now + after).saturating_sub(before))
     }
 
-    /// A float of any bits.
+    /// A float of a size that sessions have.
     pub(crate) fn float(&mut self, field: &mut f64) -> Result<(), StateError> {
-        let value = self.word(field.to_bits())?;
+        let value = f64::from_bits(self.word(field.to_bits())?);
+        self.must(value.abs() <= LARGEST, "numbers")?;
         if self.loads() {
-            *field = f64::from_bits(value);
+            *field = value;
         }
         Ok(())
     }
@@ -314,14 +318,26 @@ impl<'a> StatePass<'a> {
         }
     }
 
-    /// Floats of any bits.
+    /// Floats of sizes that sessions have.
     pub(crate) fn f32s(&mut self, values: &mut [f32]) -> Result<(), StateError> {
-        self.slice(values, f32::to_le_bytes, f32::from_le_bytes, |_| true, "floats")
+        self.slice(values, f32::to_le_bytes, f32::from_le_bytes, |value| f64::from(value).abs() <= LARGEST, "numbers")
     }
 
-    /// Floats of any bits.
+    /// Rotations: unit quaternions.
+    pub(crate) fn rotations(&mut self, values: &mut [[f32; 4]]) -> Result<(), StateError> {
+        let to = |q: [f32; 4]| {
+            let mut bytes = [0; 16];
+            bytes.as_chunks_mut().0.iter_mut().zip(q).for_each(|(bytes, value)| *bytes = value.to_le_bytes());
+            bytes
+        };
+        let from = |bytes: [u8; 16]| std::array::from_fn(|i| f32::from_le_bytes(part(&bytes, 4 * i)));
+        let is_unit = |q: [f32; 4]| (q.iter().map(|v| v * v).sum::<f32>() - 1.0).abs() < 1e-2;
+        self.slice(values, to, from, is_unit, "rotations")
+    }
+
+    /// Floats of sizes that sessions have.
     pub(crate) fn f64s(&mut self, values: &mut [f64]) -> Result<(), StateError> {
-        self.slice(values, f64::to_le_bytes, f64::from_le_bytes, |_| true, "floats")
+        self.slice(values, f64::to_le_bytes, f64::from_le_bytes, |value| value.abs() <= LARGEST, "numbers")
     }
 
     /// Ids of any value.

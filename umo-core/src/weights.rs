@@ -196,6 +196,11 @@ impl ModelFile {
             return Err(LoadError::tensor(scale.name, "expected F32, got I8"));
         }
         scale.read(&mut values)?;
+        // A weight is an int8 value times its scale.
+        if let Some(row) = values.iter().position(|scale| !(scale * 128.0).is_finite()) {
+            let problem = format!("value [{row}] is {:e}: the weights of its row would not be finite", values[row]);
+            return Err(LoadError::tensor(scale.name, problem));
+        }
         Ok(values)
     }
 

@@ -34,7 +34,7 @@ pub(crate) const MAX_FRAMES: usize = 3600 * 240;
 pub fn read(path: &Path) -> Result<Clip, Failure> {
     let wrong = |problem: String| Failure::input(format!("{}: {problem}", path.display()));
     let format = Format::from_extension(path)?;
-    let bytes = || std::fs::read(path).map_err(|error| wrong(error.to_string()));
+    let bytes = || umo_core::file::read(path).map_err(|error| wrong(error.to_string()));
     let clip = match format {
         Format::Npz => npz::read(path).map_err(wrong)?,
         Format::Glb => glb::read(&bytes()?).map_err(wrong)?,

@@ -28,7 +28,7 @@ type Array = (Vec<usize>, Vec<f32>);
 /// # Errors
 /// What the system says; that it is no such file.
 pub(crate) fn open(path: &Path) -> Result<Archive, String> {
-    let file = File::open(path).map_err(|error| error.to_string())?;
+    let file = umo_core::file::open(path).map_err(|error| error.to_string())?;
     ZipArchive::new(BufReader::new(file)).map_err(|error| format!("not an npz file: {error}"))
 }
 

@@ -51,7 +51,7 @@ impl Given {
     /// Where in it something is not as it should be.
     pub(crate) fn read(path: &Path) -> Result<Self, Failure> {
         let wrong = |problem: String| Failure::input(format!("{}: {problem}", path.display()));
-        let text = std::fs::read_to_string(path).map_err(|error| wrong(error.to_string()))?;
+        let text = umo_core::file::read_to_string(path).map_err(|error| wrong(error.to_string()))?;
         let json = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json"));
         Self::parse(&text, json).map_err(wrong)
     }

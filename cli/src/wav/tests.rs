@@ -218,7 +218,7 @@ fn read_names_the_path_and_the_cause() {
     let message = read(&missing).unwrap_err().to_string();
     assert_eq!(message, format!("cannot read `{}`: no such file", missing.display()));
     let message = read(folder.path()).unwrap_err().to_string();
-    assert!(message.ends_with("it is a directory"), "{message}");
+    assert!(message.ends_with("it is a directory, not a regular file"), "{message}");
     let text = folder.path().join("text.wav");
     std::fs::write(&text, "hello").unwrap();
     let message = read(&text).unwrap_err().to_string();

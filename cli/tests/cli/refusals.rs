@@ -35,6 +35,77 @@ fn recordings_without_sound_are_refused() {
 }
 
 #[test]
+fn recordings_in_other_formats_are_named_with_how_to_convert_them() {
+    let folder = Folder::new();
+    let out = folder.at("motion.npz");
+    // What each begins with; then names alone, of files whose start says nothing.
+    for (name, start, format) in [
+        ("a.flac", &b"fLaC\0\0\0\x22............"[..], "FLAC"),
+        ("b.ogg", b"OggS\0\x02..............", "Ogg"),
+        ("c.mp3", b"ID3\x04\0\0............", "MP3"),
+        ("d.mp3", b"\xff\xfb\x90\x64............", "MP3"),
+        ("e.m4a", b"\0\0\0\x20ftypM4A ........", "M4A"),
+        ("f.aiff", b"FORM\0\0\0\0AIFF........", "AIFF"),
+        ("g.webm", b"\x1a\x45\xdf\xa3............", "WebM"),
+        ("h.wav", b"fLaC............", "FLAC"),
+        ("i.opus", b"????????????????", "Ogg"),
+        ("j.M4A", b"????????????????", "M4A"),
+    ] {
+        let recording = folder.file(name, start);
+        for command in ["animate", "view"] {
+            let line = folder.refused(&[command, &recording, "-o", &out]);
+            let converted = format!("ffmpeg -i {recording} {}", recording.rsplit_once('.').unwrap().0);
+            assert!(line.contains(format) && line.contains(&converted), "{line}");
+        }
+    }
+}
+
+#[test]
+fn what_is_not_a_regular_file_is_refused_at_once() {
+    let folder = Folder::new();
+    let (out, speech, fifo) = (folder.at("motion.npz"), folder.speech(), folder.at("fifo"));
+    assert!(std::process::Command::new("mkfifo").arg(&fifo).status().unwrap().success());
+    let onto = folder.at("moved.glb");
+    for (path, kind) in
+        [(fifo.as_str(), "a FIFO"), ("/dev/zero", "a character device"), ("/dev/null", "a character device")]
+    {
+        for args in [
+            &["animate", path, "-o", &out][..],
+            &["animate", &speech, "--model", path, "-o", &out],
+            &["animate", &speech, "--start-pose", path, "-o", &out],
+            &["inspect", path],
+            &["view", path, "-o", &out],
+            &["quantize", path, "--weights", "int8", "-o", &out],
+            &["stage", "encoder", "--in", path, "--out", &out],
+            &["retarget", &speech, "--onto", path, "-o", &onto],
+            &["draw", path, "-o", &out],
+        ] {
+            let line = folder.refused(args);
+            assert!(line.contains(path) && line.contains(&format!("it is {kind}, not a regular file")), "{line}");
+        }
+    }
+}
+
+#[test]
+fn a_model_whose_weights_are_defective_says_where() {
+    let folder = Folder::new();
+    let mut bytes = std::fs::read(golden("mel_k2_arkit")).unwrap();
+    let name = "lm.decoder.final_layer_norm.weight";
+    let range = {
+        let tensors = safetensors::SafeTensors::deserialize(&bytes).unwrap();
+        let data = tensors.tensor(name).unwrap().data();
+        let start = data.as_ptr().addr() - bytes.as_ptr().addr();
+        start..start + data.len()
+    };
+    for value in bytes[range].as_chunks_mut::<4>().0 {
+        *value = 3e38_f32.to_le_bytes();
+    }
+    let model = folder.file("defective.safetensors", &bytes);
+    let line = folder.refused(&["animate", &folder.speech(), "--model", &model, "-o", &folder.at("motion.npz")]);
+    assert!(line.contains("face logits are not finite: the model's weights are defective"), "{line}");
+}
+
+#[test]
 fn outputs_that_cannot_be_written_are_refused_before_the_work() {
     let folder = Folder::new();
     let (speech, model) = (folder.speech(), golden("mel_k2_arkit"));

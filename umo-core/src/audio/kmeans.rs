@@ -4,7 +4,7 @@ use umo_kernels::activation::argmax;
 use umo_kernels::matmul_f32::Epilogue;
 use umo_kernels::{Mat, MatMut};
 
-use crate::error::{LoadError, StepError};
+use crate::error::{LoadError, StepError, check_finite};
 use crate::linear::{Compute, Linear, Ready};
 use crate::weights::Loader;
 
@@ -41,6 +41,8 @@ impl Kmeans {
         let x = Mat::new(features, units.len(), self.product.inputs())?;
         let y = MatMut::new(scores, units.len(), self.units())?;
         self.product.apply(cx, Ready::Float(x), None, 0..self.units(), Epilogue::STORE, y)?;
+        // A score is as little finite as its feature: features need not be looked at.
+        check_finite(&scores[..units.len() * self.units()], "audio features")?;
         for (unit, scores) in units.iter_mut().zip(scores.chunks_exact(self.units())) {
             let best = argmax(cx.isa, scores).unwrap_or(0);
             *unit = u32::try_from(best).expect("a config has at most 2^16 units");

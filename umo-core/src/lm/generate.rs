@@ -6,9 +6,13 @@ use super::decoder::Sequence;
 use super::sampler::Sampler;
 use super::{Lm, LmScratch};
 use crate::config::{Config, Modality};
-use crate::error::StepError;
+use crate::error::{StepError, check_finite};
 use crate::linear::Compute;
 use crate::part::{Part, PerPart};
+
+/// What the decoder's output of each part is called in errors.
+const LOGITS: PerPart<&str> =
+    PerPart { face: "face logits", hands: "hands logits", upper: "upper body logits", lower: "lower body logits" };
 
 /// What generating chunks needs beside the model: the ids of markers, and scratch.
 #[derive(Debug)]
@@ -114,6 +118,7 @@ impl Generator {
     ) -> Result<bool, StepError> {
         let part = Part::ALL[place.part];
         lm.code_logits(cx, scratch, row, part, &mut self.logits)?;
+        check_finite(&self.logits, LOGITS[part])?;
         let position = place.part * draw.target + place.index;
         let code = draw.sampler.sample(&self.logits, &mut self.order, draw.chunk, position as u32);
         codes[part][place.index] = code as u16;

@@ -4,9 +4,9 @@ use std::ops::Range;
 
 use super::MotionDecoder;
 use super::pose::Pose;
-use super::root::{HEIGHT, Travel, finite};
+use super::root::{HEIGHT, Travel, VELOCITY_X, VELOCITY_Z, finite};
 use super::vq::MotionScratch;
-use crate::error::StepError;
+use crate::error::{StepError, check_finite};
 use crate::linear::Compute;
 use crate::part::{Part, PerPart};
 use crate::state::{StateError, StatePass};
@@ -26,6 +26,12 @@ pub struct FrameRef<'a> {
     /// What the pose was made from: each part's channels, smoothed over a seam.
     pub channels: PerPart<&'a [f32]>,
 }
+
+/// Bounds of the root's motion, m/s and metres: far above what a body does, far below what a damaged weight gives.
+const MAX_SPEED: f32 = 50.0;
+/// Bound of a part's channels: rows of rotations, metres a second, expression coefficients.
+const MAX_CHANNEL: f32 = 1000.0;
+const MAX_HEIGHT: f32 = 100.0;
 
 /// What follows the newest code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -234,6 +240,7 @@ impl MotionStream {
         let channels = decoder.parts[part].channels();
         let decoded = decoder.parts[part].decode_held(cx, scratch, known, future.frames(state.reach))?;
         let rows = (settled - first) * channels..known.len() * channels;
+        check_channels(&decoded[rows.clone()])?;
         state.rows.forget(keep.min(settled));
         state.rows.truncate(settled);
         state.rows.append(&decoded[rows]);
@@ -259,11 +266,11 @@ impl MotionStream {
         if until <= self.emitted {
             return Ok(());
         }
-        let first = self.oldest(decoder, Part::Lower);
+        let (first, start) = (self.oldest(decoder, Part::Lower), self.emitted);
         let lower = self.parts.lower.rows.range(first..self.known);
         let rows = decoder.root.run_held(cx, scratch, lower, future.frames(decoder.root.reach()))?;
         let root = Root { rows, first, channels: decoder.root.channels() };
-        let start = self.emitted;
+        root.check(start, until)?;
         let height_seam = if start == 0 { 0.0 } else { self.height - finite(root.row(start - 1)[HEIGHT]) };
         let height_fade = Fade::new(decoder.root.reach(), lookahead);
         if start > 0 {
@@ -317,9 +324,20 @@ impl PartState {
     }
 }
 
-/// `value + seam * weight`; `value` to the last bit where there is no seam.
+/// That channels are of a body's size.
+fn check_channels(channels: &[f32]) -> Result<(), StepError> {
+    // Without an early end, so that many values are compared at once.
+    if channels.iter().fold(true, |good, v| good & (v.abs() <= MAX_CHANNEL)) {
+        return Ok(());
+    }
+    check_finite(channels, "motion channels")?;
+    Err(StepError::Implausible("a motion channel is larger than 1000"))
+}
+
+/// `value + seam * weight`; `value` to the last bit where there is no seam, or one that is no number of a body's.
 fn added(value: f32, seam: f32, weight: f32) -> f32 {
-    if seam == 0.0 || weight == 0.0 { value } else { value + seam * weight }
+    let sum = value + seam * weight;
+    if seam == 0.0 || weight == 0.0 || !sum.is_finite() { value } else { sum }
 }
 
 /// A seam's weight over the frames that follow it.
@@ -350,6 +368,22 @@ struct Root<'a> {
 impl Root<'_> {
     fn row(&self, index: usize) -> &[f32] {
         &self.rows[(index - self.first) * self.channels..][..self.channels]
+    }
+
+    /// That the frames `start..until`, and the one before them, move as a body may.
+    fn check(&self, start: usize, until: usize) -> Result<(), StepError> {
+        for index in start.saturating_sub(1)..until {
+            let row = self.row(index);
+            let moves = [row[VELOCITY_X], row[HEIGHT], row[VELOCITY_Z]];
+            check_finite(&moves, "root velocity and height")?;
+            if row[VELOCITY_X].hypot(row[VELOCITY_Z]) > MAX_SPEED {
+                return Err(StepError::Implausible("the root moves faster than 50 m/s"));
+            }
+            if row[HEIGHT].abs() > MAX_HEIGHT {
+                return Err(StepError::Implausible("the root is more than 100 m from the ground"));
+            }
+        }
+        Ok(())
     }
 }
 

@@ -98,7 +98,7 @@ impl Shown {
     fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         pass.number("frame index", &mut self.index, 2 * MOST_INDEX)?;
         pass.number("frame's sample", &mut self.sample, 2 * MOST_SAMPLE)?;
-        pass.f32s(self.pose.rotations.as_flattened_mut())?;
+        pass.rotations(&mut self.pose.rotations)?;
         pass.f32s(&mut self.pose.translation)?;
         pass.f32s(&mut self.face)
     }

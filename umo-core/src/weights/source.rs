@@ -1,7 +1,6 @@
 //! Where a model's bytes live. The memory map is one of the two places outside the kernels that hold `unsafe`.
 #![expect(unsafe_code, reason = "a memory map is shared with whoever may change the file")]
 
-use std::fs::File;
 use std::path::Path;
 
 use memmap2::{Mmap, UncheckedAdvice};
@@ -19,12 +18,8 @@ pub(super) enum Source {
 impl Source {
     pub(super) fn open(path: &Path) -> Result<Self, LoadError> {
         let io = |cause| LoadError::Io { path: path.to_owned(), cause };
-        let file = File::open(path).map_err(io)?;
-        let metadata = file.metadata().map_err(io)?;
-        if metadata.is_dir() {
-            return Err(io(std::io::Error::other("it is a directory")));
-        }
-        if metadata.len() == 0 {
+        let file = crate::file::open(path).map_err(io)?;
+        if file.metadata().map_err(io)?.len() == 0 {
             return Err(LoadError::File("the file is empty".to_owned()));
         }
         // SAFETY: the map is read-only and private to this process. Another process that rewrites the file in place
