@@ -161,6 +161,38 @@ fn every_weight_must_be_finite() {
     }
 }
 
+/// The default model with some bits flipped, anywhere in its tensors or config: each is refused as damaged.
+#[test]
+fn a_flipped_bit_anywhere_is_seen() {
+    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/umo-small/model.safetensors");
+    let mut bytes = std::fs::read(path).unwrap();
+    assert!(ModelFile::from_bytes(bytes.clone()).unwrap().verify().unwrap(), "the default model has a checksum");
+    let header = 8 + usize::try_from(u64::from_le_bytes(*bytes.first_chunk().unwrap())).unwrap();
+    let config = bytes.windows(10).position(|window| window == b"\"config\":\"").unwrap() + 10;
+    let mut noise = Noise::new(21);
+    for case in 0..60 {
+        // The last bit of a digit of the config gives another digit: what is read is good JSON, and another model.
+        let digit = |at: &usize| bytes[*at].is_ascii_digit() && bytes[*at] < b'8';
+        let (at, bit) = match case % 6 {
+            0 => ((config + noise.below(4_000)..).find(digit).unwrap(), 0),
+            _ => (header + noise.below(bytes.len() - header), noise.below(8)),
+        };
+        bytes[at] ^= 1 << bit;
+        let error = ModelFile::from_bytes(bytes.clone()).expect_err("a damaged file was read").to_string();
+        assert!(at < header || error.contains("it is damaged: its checksum is crc32:"), "byte {at}: {error}");
+        bytes[at] ^= 1 << bit;
+    }
+    let sum = bytes.windows(6).position(|window| window == b"crc32:").unwrap();
+    bytes[sum + 6] = b'x';
+    let error = ModelFile::from_bytes(bytes).expect_err("a checksum that is none was taken").to_string();
+    assert!(error.contains("`checksum`") && error.contains("eight hexadecimal digits"), "{error}");
+}
+
+#[test]
+fn a_file_without_a_checksum_reads_and_says_that_it_has_none() {
+    assert!(!ModelFile::from_bytes(ModelBytes::open("mel_k2_arkit").bytes()).unwrap().verify().unwrap());
+}
+
 /// The largest finite value of a type, or nearly.
 fn huge(dtype: &str) -> Option<Vec<u8>> {
     match dtype {

@@ -232,6 +232,9 @@ pub struct Inspect {
     /// The config as the file has it
     #[arg(long)]
     pub config: bool,
+    /// Compare the file with its checksum, and say nothing else
+    #[arg(long, conflicts_with_all = ["tensors", "config"])]
+    pub verify: bool,
 }
 
 /// Write a model of weights that others publish.

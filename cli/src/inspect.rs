@@ -17,6 +17,14 @@ pub(crate) fn run(args: &Inspect) -> Result<(), Failure> {
         println!("{}", serde_json::to_string_pretty(file.config()).map_err(Failure::machine)?);
         return Ok(());
     }
+    if args.verify {
+        match file.verify() {
+            Ok(true) => println!("checksum   right"),
+            Ok(false) => println!("checksum   none: the file cannot be verified"),
+            Err(error) => return Err(error.into()),
+        }
+        return Ok(());
+    }
     summary(file.config());
     sizes(&file);
     if args.tensors {

@@ -1,6 +1,7 @@
 """Writes a trained model as the file that umo reads (SPEC 3)."""
 
 import json
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -46,9 +47,29 @@ def write(path: Path, config: dict[str, Any], named: dict[str, Tensor]) -> None:
     """By renaming: a file that exists is whole."""
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_suffix(".part")
-    about = {"format": "umo", "version": "1", "config": json.dumps(config, separators=(",", ":"))}
+    text = json.dumps(config, separators=(",", ":"))
+    about = {"format": "umo", "version": "1", "config": text, "checksum": checksum(0)}
     save_file(named, part, metadata=about)
+    add_checksum(part, text)
     part.rename(path)
+
+
+def checksum(value: int) -> str:
+    return f"crc32:{value:08x}"
+
+
+def add_checksum(path: Path, config: str) -> None:
+    """Puts the checksum of the config's text and all bytes behind the header in the place of 0."""
+    with path.open("r+b") as file:
+        length = int.from_bytes(file.read(8), "little")
+        header = file.read(length)
+        value = zlib.crc32(config.encode())
+        while piece := file.read(1 << 22):
+            value = zlib.crc32(piece, value)
+        # The config's own quotes are escaped in the header: this stands there once.
+        placed = header.replace(f'"{checksum(0)}"'.encode(), f'"{checksum(value)}"'.encode())
+        file.seek(8)
+        file.write(placed)
 
 
 def save_state(path: Path, state: dict[str, Tensor]) -> None:

@@ -46,7 +46,7 @@ fn quantised() -> ModelFile {
         }
     });
     let mut bytes = Vec::new();
-    writer::write(&mut bytes, file.config(), &tensors.collect::<Vec<_>>()).unwrap();
+    writer::write(&mut std::io::Cursor::new(&mut bytes), file.config(), &tensors.collect::<Vec<_>>()).unwrap();
     ModelFile::from_bytes(bytes).unwrap()
 }
 

@@ -4,7 +4,7 @@ use std::os::unix::fs::PermissionsExt;
 
 use safetensors::tensor::{Dtype, TensorView};
 
-use super::program::{Folder, golden, golden_file, voice};
+use super::program::{Folder, golden, golden_file, umo, voice};
 
 #[test]
 fn recordings_without_sound_are_refused() {
@@ -83,6 +83,21 @@ fn what_is_not_a_regular_file_is_refused_at_once() {
             let line = folder.refused(args);
             assert!(line.contains(path) && line.contains(&format!("it is {kind}, not a regular file")), "{line}");
         }
+    }
+}
+
+#[test]
+fn a_damaged_model_is_told_from_one_without_a_checksum() {
+    let folder = Folder::new();
+    let good = folder.tiny("good", &[]);
+    let (bytes, verify) = (std::fs::read(&good).unwrap(), |model: &str| umo(&["inspect", "--verify", model]));
+    assert_eq!(verify(&good).success().out, "checksum   right\n");
+    assert!(verify(&golden("mel_k2_arkit")).success().out.contains("none"));
+    let mut damaged = bytes.clone();
+    *damaged.last_mut().unwrap() ^= 0x10;
+    let damaged = folder.file("damaged.safetensors", &damaged);
+    for args in [&["inspect", "--verify", &damaged][..], &["inspect", &damaged]] {
+        assert!(folder.refused(args).contains("it is damaged: its checksum is crc32:"));
     }
 }
 

@@ -12,6 +12,7 @@ from safetensors.torch import save_file
 from umo_train.convert import hubert, interp, kmeans, t5, vq
 from umo_train.convert.layout import Config, is_weight, shapes
 from umo_train.convert.sources import SourceError, Tensors, renamed
+from umo_train.export import add_checksum, checksum
 
 FORMAT, VERSION = "umo", "1"
 TOKENIZER = "text.tokenizer"
@@ -91,13 +92,15 @@ def write(path: Path, model: Model, dtype: str = "bf16") -> None:
         raise SourceError(f"values beyond the range of {dtype} in:\n  " + "\n  ".join(large) + "\nuse bf16 or f32")
     if model.tokenizer is not None:
         out[TOKENIZER] = torch.frombuffer(bytearray(model.tokenizer), dtype=torch.uint8)
-    metadata = {"format": FORMAT, "version": VERSION, "config": json.dumps(model.config, ensure_ascii=False)}
+    config = json.dumps(model.config, ensure_ascii=False)
+    metadata = {"format": FORMAT, "version": VERSION, "config": config, "checksum": checksum(0)}
     part = path.with_name(f".{path.name}.part")
     try:
         # The library makes files that only their owner may read; this one is as any other.
         part.touch()
         mode = part.stat().st_mode
         save_file(out, part, metadata)
+        add_checksum(part, config)
         part.chmod(mode)
         part.replace(path)
     finally:

@@ -1,7 +1,7 @@
 //! Writing model files: the same bytes for the same model, every time.
 
 use std::collections::BTreeMap;
-use std::io::{self, Write};
+use std::io::{self, Seek, SeekFrom, Write};
 
 use half::{bf16, f16};
 use rayon::prelude::*;
@@ -9,6 +9,7 @@ use serde::Serialize;
 use umo_kernels::pack::quantize_weight_row;
 
 use super::FORMAT_VERSION;
+use super::checksum::{self, Summed};
 use crate::config::Config;
 
 /// How a tensor's values are stored.
@@ -84,21 +85,35 @@ struct Entry {
     data_offsets: [usize; 2],
 }
 
-/// Writes a model file.
+/// Writes a model file with its checksum, from where `out` stands.
 ///
 /// # Errors
 /// What the system says.
-pub fn write(out: &mut impl Write, config: &Config, tensors: &[NewTensor]) -> io::Result<()> {
-    let header = header(config, tensors)?;
-    out.write_all(&(header.len() as u64).to_le_bytes())?;
-    out.write_all(header.as_bytes())?;
-    tensors.iter().try_for_each(|tensor| write_values(out, tensor))
+pub fn write(out: &mut (impl Write + Seek), config: &Config, tensors: &[NewTensor]) -> io::Result<()> {
+    let start = out.stream_position()?;
+    let config = serde_json::to_string(config)?;
+    let write_header = |out: &mut dyn Write, sum| -> io::Result<()> {
+        let header = header(&config, sum, tensors)?;
+        out.write_all(&(header.len() as u64).to_le_bytes())?;
+        out.write_all(header.as_bytes())
+    };
+    // The sum is known when all is written: the header, which is as long with any sum, is written again then.
+    write_header(out, 0)?;
+    let mut summed = Summed::new(&mut *out, &config);
+    tensors.iter().try_for_each(|tensor| write_values(&mut summed, tensor))?;
+    let sum = summed.finish();
+    let end = out.stream_position()?;
+    out.seek(SeekFrom::Start(start))?;
+    write_header(out, sum)?;
+    out.seek(SeekFrom::Start(end))?;
+    Ok(())
 }
 
-fn header(config: &Config, tensors: &[NewTensor]) -> io::Result<String> {
+fn header(config: &str, sum: u32, tensors: &[NewTensor]) -> io::Result<String> {
     let mut entries = BTreeMap::new();
     let metadata = BTreeMap::from([
-        ("config", serde_json::to_string(config)?),
+        (checksum::KEY, checksum::text(sum)),
+        ("config", config.to_owned()),
         ("format", "umo".to_owned()),
         ("version", FORMAT_VERSION.to_owned()),
     ]);

@@ -1,0 +1,25 @@
+"""The model file as the trainer writes it."""
+
+import json
+import zlib
+from pathlib import Path
+
+import torch
+from safetensors import safe_open
+
+from umo_train import export
+
+
+def test_the_checksum_is_that_of_the_config_and_the_data(tmp_path: Path) -> None:
+    path = tmp_path / "model.safetensors"
+    # A config that holds what the checksum's place looks like before it is known, and letters beyond ASCII.
+    config = {"name": 'the "crc32:00000000" of ümo', "rest": [1, 2, 3]}
+    export.write(path, config, {"b": torch.arange(7.0), "a": torch.ones(3, 5, dtype=torch.bfloat16)})
+    with safe_open(path, "pt") as file:
+        metadata = file.metadata()
+        assert torch.equal(file.get_tensor("b"), torch.arange(7.0))
+    assert json.loads(metadata["config"]) == config
+    whole = path.read_bytes()
+    data = whole[8 + int.from_bytes(whole[:8], "little") :]
+    assert len(data) == 7 * 4 + 15 * 2
+    assert metadata["checksum"] == export.checksum(zlib.crc32(metadata["config"].encode() + data))
