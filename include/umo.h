@@ -524,7 +524,9 @@ UMO_NOEXCEPT;
 // they say `CLOSED`. NULL is fine.
 //
 // Threads: any but the audio thread. Waits for the layer that is being computed, a few milliseconds at most.
-// Errors: `INVALID_HANDLE`, `BUSY` (another thread is in a call on it, as `umo_engine_poll`).
+// Errors: `INVALID_HANDLE`, `BUSY` (a call on it is in progress, as `umo_engine_poll`, or a job that it gave to
+// `umo_jobs.submit`). After `BUSY` the engine takes no other calls, and jobs that have not begun return at once; free it again
+// when those in progress have returned: `while (umo_engine_free(engine) == UMO_STATUS_BUSY) wait_for_my_jobs();`
 UMO_API
 umo_status umo_engine_free(struct umo_engine *engine)
 UMO_NOEXCEPT;
@@ -626,8 +628,10 @@ UMO_NOEXCEPT;
 // Frees a model. Its engines keep what they need of it. NULL is fine.
 //
 // Threads: any but the audio thread. Texts and names of the model are gone with it.
-// Errors: `INVALID_HANDLE`, `BUSY` (another thread is in a call on it).
-UMO_API umo_status umo_model_free(struct umo_model *model) UMO_NOEXCEPT;
+// Errors: `INVALID_HANDLE`, `BUSY` (a call on it is still in progress: call `umo_model_free` again; it takes no other calls).
+UMO_API
+umo_status umo_model_free(struct umo_model *model)
+UMO_NOEXCEPT;
 
 // What a model has.
 //
@@ -780,11 +784,12 @@ umo_status umo_session_new(struct umo_engine *engine,
                            struct umo_session **session)
 UMO_NOEXCEPT;
 
-// Frees a session. NULL is fine.
+// Frees a session. NULL is fine. From here on other calls on it get `INVALID_HANDLE`, so that threads that never pause do
+// not keep it.
 //
-// Threads: any but the audio thread. Never waits: where a chunk of it is just computed, its memory goes back with the next
-// session that is made or freed, or with the engine.
-// Errors: `INVALID_HANDLE`, `BUSY` (another thread is in a call on it: free it when that has returned).
+// Threads: any but the audio thread. Waits a millisecond or so for calls in progress. Where a chunk of it is just computed,
+// its memory goes back with the next session that is made or freed, or with the engine.
+// Errors: `INVALID_HANDLE`, `BUSY` (a call on it is still in progress: call `umo_session_free` again; nothing was freed).
 UMO_API
 umo_status umo_session_free(struct umo_session *session)
 UMO_NOEXCEPT;

@@ -256,7 +256,9 @@ pub unsafe extern "C" fn umo_engine_new(
 /// they say `CLOSED`. NULL is fine.
 ///
 /// Threads: any but the audio thread. Waits for the layer that is being computed, a few milliseconds at most.
-/// Errors: `INVALID_HANDLE`, `BUSY` (another thread is in a call on it, as `umo_engine_poll`).
+/// Errors: `INVALID_HANDLE`, `BUSY` (a call on it is in progress, as `umo_engine_poll`, or a job that it gave to
+/// `umo_jobs.submit`). After `BUSY` the engine takes no other calls, and jobs that have not begun return at once; free it again
+/// when those in progress have returned: `while (umo_engine_free(engine) == UMO_STATUS_BUSY) wait_for_my_jobs();`
 #[unsafe(no_mangle)]
 pub extern "C" fn umo_engine_free(engine: *mut UmoEngine) -> UmoStatus {
     guard(|| {

@@ -9,23 +9,26 @@ use std::sync::atomic::{AtomicPtr, AtomicU64, Ordering};
 use crate::status::{Failure, UMO_STATUS_BUSY, UMO_STATUS_FULL, UMO_STATUS_INVALID_HANDLE};
 
 /// Bits of a slot's word that count the threads in it.
-const USERS: u32 = 23;
+const USERS: u32 = 22;
 const USER: u64 = 1;
 const LIVE: u64 = 1 << USERS;
+/// The object is being freed: nobody new gets it.
+const CLOSING: u64 = LIVE << 1;
 /// One use of the slot.
-const GENERATION: u64 = LIVE << 1;
+const GENERATION: u64 = CLOSING << 1;
 const USERS_MASK: u64 = LIVE - 1;
 
 /// Bits of a handle: its kind, its slot; the rest counts uses.
 const KIND_BITS: u32 = 4;
 const INDEX_BITS: u32 = 16;
 
-/// Times that a free looks again where a stray handle is just looked up in its slot.
+/// Times that a free looks whether the calls that are in progress have returned: at first spinning, then giving up the core.
 const LOOKS: usize = 1000;
+const SPINS: usize = 100;
 
 /// A place for one object.
 pub(crate) struct Slot<T> {
-    /// Uses so far, whether it is in use, and how many threads are in it.
+    /// Uses so far, whether it is being freed, whether it is in use, and how many threads are in it.
     state: AtomicU64,
     object: AtomicPtr<T>,
 }
@@ -109,9 +112,13 @@ impl<T: Send + Sync, const N: usize> Table<T, N> {
     /// The object of a handle, held until the result is dropped. Wait-free.
     pub(crate) fn get(&self, handle: usize) -> Result<Held<'_, T>, Failure> {
         let (index, slot) = self.slot(handle).ok_or_else(|| self.invalid())?;
-        // From here on nobody frees it, if it is there.
+        // Callers of a handle that is gone, or is being freed, do not touch the count: they would keep the free waiting.
+        if !self.is_open(index, slot.state.load(Ordering::Acquire), handle) {
+            return Err(self.invalid());
+        }
+        // From here on nobody frees it, if it is still there.
         let state = slot.state.fetch_add(USER, Ordering::Acquire);
-        if state & LIVE == 0 || self.handle(index, state) != handle {
+        if !self.is_open(index, state, handle) {
             slot.state.fetch_sub(USER, Ordering::Release);
             return Err(self.invalid());
         }
@@ -121,26 +128,48 @@ impl<T: Send + Sync, const N: usize> Table<T, N> {
         Ok(Held { slot, object: unsafe { &*object } })
     }
 
-    /// Takes an object out.
+    /// Whether a slot in this state holds the handle's object, and takes callers.
+    fn is_open(&self, index: usize, state: u64, handle: usize) -> bool {
+        state & (LIVE | CLOSING) == LIVE && self.handle(index, state) == handle
+    }
+
+    /// Takes an object out. From the first call on nobody else gets it; `BUSY` where a call that had it before is still in
+    /// progress after a millisecond or so: then `remove` again.
     pub(crate) fn remove(&self, handle: usize) -> Result<Box<T>, Failure> {
         let (index, slot) = self.slot(handle).ok_or_else(|| self.invalid())?;
-        for _ in 0..LOOKS {
+        for look in 0..LOOKS {
             let state = slot.state.load(Ordering::Acquire);
             if state & LIVE == 0 || self.handle(index, state) != handle {
                 return Err(self.invalid());
             }
+            if state & CLOSING == 0 {
+                // Another object may have come into the slot since: marked only if nothing has changed.
+                let marked = slot.state.compare_exchange(state, state | CLOSING, Ordering::AcqRel, Ordering::Relaxed);
+                if marked.is_err() {
+                    continue;
+                }
+            }
+            let state = state | CLOSING;
             if state & USERS_MASK > 0 {
-                std::hint::spin_loop();
+                if look < SPINS {
+                    std::hint::spin_loop()
+                } else {
+                    std::thread::yield_now()
+                }
                 continue;
             }
-            if slot.state.compare_exchange(state, state - LIVE, Ordering::AcqRel, Ordering::Relaxed).is_ok() {
+            let empty = state & !(LIVE | CLOSING);
+            if slot.state.compare_exchange(state, empty, Ordering::AcqRel, Ordering::Relaxed).is_ok() {
                 let object = slot.object.swap(std::ptr::null_mut(), Ordering::AcqRel);
                 // SAFETY: `insert` put a box's pointer there, and the exchange above made this the only thread that takes
                 // it out, with nobody in it.
                 return Ok(unsafe { Box::from_raw(object) });
             }
         }
-        let what = format_args!("another thread is in a call on this {}: free it when that has returned", self.name);
+        let what = format_args!(
+            "another thread is in a call on this {}: free it again when that has returned; it takes no other calls",
+            self.name
+        );
         Err(Failure::new(UMO_STATUS_BUSY, what))
     }
 }
@@ -174,6 +203,8 @@ mod tests {
         assert_eq!(COUNTED.get(first).ok().unwrap().0, 7);
         let held = COUNTED.get(first).ok().unwrap();
         assert_eq!(COUNTED.remove(first).err().unwrap().status, UMO_STATUS_BUSY);
+        assert_eq!(COUNTED.get(first).err().unwrap().status, UMO_STATUS_INVALID_HANDLE, "it is being freed");
+        assert_eq!(held.0, 7);
         drop(held);
         drop(COUNTED.remove(first).ok().unwrap());
         for stale in [first, first ^ 1, 0, usize::MAX, first + (1 << KIND_BITS), 0x7fff_1234_5678] {
@@ -203,12 +234,41 @@ mod tests {
                     scope.spawn(move || {
                         while let Ok(held) = SHARED.get(handle) {
                             assert!(held.iter().all(|&v| v == round));
-                            drop(held);
-                            std::thread::yield_now();
                         }
                     });
                 }
                 scope.spawn(move || while SHARED.remove(handle).is_err_and(|f| f.status == UMO_STATUS_BUSY) {});
+            });
+        }
+    }
+
+    /// Callers that never pause, before and after: the free marks the object first, and needs nobody's pause.
+    #[test]
+    fn callers_that_never_pause_do_not_keep_an_object() {
+        use std::sync::atomic::AtomicBool;
+        static HAMMERED: Table<Vec<usize>, 2> = Table::new(2, "thing");
+        for _ in 0..20 {
+            let handle = HAMMERED.insert(Box::new(vec![1; 64])).ok().unwrap();
+            let (calls, is_over) = (AtomicUsize::new(0), AtomicBool::new(false));
+            std::thread::scope(|scope| {
+                for _ in 0..3 {
+                    scope.spawn(|| {
+                        while !is_over.load(Ordering::Relaxed) {
+                            // One call is always in progress, or about to be: the next begins before the last has ended.
+                            let first = HAMMERED.get(handle);
+                            let second = HAMMERED.get(handle);
+                            drop(first);
+                            calls.fetch_add(usize::from(second.is_ok()), Ordering::Relaxed);
+                        }
+                    });
+                }
+                while calls.load(Ordering::Relaxed) < 1000 {
+                    std::thread::yield_now();
+                }
+                // A caller that the system has put aside in the middle of its call may need a look or two.
+                let freed = (0..100).any(|_| HAMMERED.remove(handle).is_ok());
+                is_over.store(true, Ordering::Relaxed);
+                assert!(freed, "a hundred times busy");
             });
         }
     }

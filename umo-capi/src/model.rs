@@ -360,7 +360,7 @@ pub unsafe extern "C" fn umo_model_load_memory(
 /// Frees a model. Its engines keep what they need of it. NULL is fine.
 ///
 /// Threads: any but the audio thread. Texts and names of the model are gone with it.
-/// Errors: `INVALID_HANDLE`, `BUSY` (another thread is in a call on it).
+/// Errors: `INVALID_HANDLE`, `BUSY` (a call on it is still in progress: call `umo_model_free` again; it takes no other calls).
 #[unsafe(no_mangle)]
 pub extern "C" fn umo_model_free(model: *mut UmoModel) -> UmoStatus {
     guard(|| {

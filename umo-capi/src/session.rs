@@ -361,11 +361,12 @@ pub unsafe extern "C" fn umo_session_new(
     })
 }
 
-/// Frees a session. NULL is fine.
+/// Frees a session. NULL is fine. From here on other calls on it get `INVALID_HANDLE`, so that threads that never pause do
+/// not keep it.
 ///
-/// Threads: any but the audio thread. Never waits: where a chunk of it is just computed, its memory goes back with the next
-/// session that is made or freed, or with the engine.
-/// Errors: `INVALID_HANDLE`, `BUSY` (another thread is in a call on it: free it when that has returned).
+/// Threads: any but the audio thread. Waits a millisecond or so for calls in progress. Where a chunk of it is just computed,
+/// its memory goes back with the next session that is made or freed, or with the engine.
+/// Errors: `INVALID_HANDLE`, `BUSY` (a call on it is still in progress: call `umo_session_free` again; nothing was freed).
 #[unsafe(no_mangle)]
 pub extern "C" fn umo_session_free(session: *mut UmoSession) -> UmoStatus {
     guard(|| {

@@ -6,15 +6,12 @@
 use std::io::{self, Write};
 
 use crc32fast::Hasher;
-use rayon::prelude::*;
 
 use crate::error::LoadError;
 
 /// The key in the metadata.
 pub(super) const KEY: &str = "checksum";
 const PREFIX: &str = "crc32:";
-/// Bytes that one thread sums at a time.
-const PIECE: usize = 4 << 20;
 
 /// The value of the key.
 pub(super) fn text(sum: u32) -> String {
@@ -32,19 +29,11 @@ pub(super) fn parse(text: &str) -> Result<u32, LoadError> {
     })
 }
 
-/// The sum of a config's text and the data behind the header, by all threads.
+/// The sum of a config's text and the data behind the header. On the calling thread: a process that was forked has no others.
 pub(super) fn sum(config: &str, data: &[u8]) -> u32 {
     let mut sum = Hasher::new();
     sum.update(config.as_bytes());
-    let pieces: Vec<Hasher> = data
-        .par_chunks(PIECE)
-        .map(|piece| {
-            let mut sum = Hasher::new();
-            sum.update(piece);
-            sum
-        })
-        .collect();
-    pieces.iter().for_each(|piece| sum.combine(piece));
+    sum.update(data);
     sum.finalize()
 }
 
