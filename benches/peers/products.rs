@@ -18,8 +18,10 @@ use mkl::{Mkl, Shape};
 use umo_benches::Random;
 use umo_core::weights::AlignedBox;
 use umo_core::{Team, floor};
-use umo_kernels::matmul_f32::{Epilogue, Input, matmul_f32};
-use umo_kernels::matmul_i8::{QuantRows, matmul_i8};
+use umo_kernels::gemm::{Epilogue, Input};
+use umo_kernels::matmul_f32::matmul_f32;
+use umo_kernels::matmul_i8::matmul_i8;
+use umo_kernels::quantize::QuantRows;
 use umo_kernels::pack::{pack, pack_i8, packed_len, packed_len_i8, panels};
 use umo_kernels::{Ahead, Isa, Mat, MatMut, PANEL, PackedF32, PackedI8, peak};
 

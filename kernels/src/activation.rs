@@ -7,9 +7,8 @@ mod avx512vnni;
 mod scalar;
 
 use crate::isa::{Backend, Isa};
-use crate::matmul_f32::Activation;
 
-pub(crate) use scalar::activate;
+pub use crate::math::Activation;
 
 /// Applies `activation` to every element in place.
 ///

@@ -10,9 +10,10 @@
 //! input group by group, `[groups, frames, channels / groups]`, for which [`regroup`] makes the one copy, with the padding.
 
 use crate::error::{ShapeError, expect_len};
+use crate::gemm::{Epilogue, Input};
 use crate::isa::Isa;
 use crate::mat::{Mat, MatMut};
-use crate::matmul_f32::{Epilogue, Input, matmul_f32};
+use crate::matmul_f32::matmul_f32;
 use crate::pack::{PackedF32, packed_len};
 
 /// Frames that a convolution without padding makes of `frames`.

@@ -1,8 +1,8 @@
 //! Grouped expert dispatch: which rows go to which expert, in an order that lets each expert's weights be read once.
 //!
 //! The products themselves are [`crate::matmul_f32`] and its siblings: an expert's gated product *gathers* its rows from
-//! `x` ([`crate::matmul_f32::Input::gather`]) and its down product *scatters* them, weighted, into `y`
-//! ([`crate::matmul_f32::Scatter`]). No row is copied, and an expert without rows is not touched.
+//! `x` ([`crate::gemm::Input::gather`]) and its down product *scatters* them, weighted, into `y`
+//! ([`crate::gemm::Scatter`]). No row is copied, and an expert without rows is not touched.
 
 mod scalar;
 

@@ -27,6 +27,7 @@ pub mod bf16;
 pub mod conv1d;
 pub mod error;
 pub mod experts;
+pub mod gemm;
 pub mod isa;
 mod lanes;
 pub mod mat;
@@ -38,6 +39,7 @@ pub mod norm;
 pub mod pack;
 pub mod peak;
 mod prefetch;
+pub mod quantize;
 
 pub use bf16::Bf16;
 pub use error::ShapeError;

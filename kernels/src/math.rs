@@ -15,6 +15,22 @@ pub(crate) mod avx2;
 #[cfg(target_arch = "x86_64")]
 pub(crate) mod avx512vnni;
 
+/// An element-wise function.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Activation {
+    /// The identity.
+    #[default]
+    None,
+    /// `max(v, 0)`.
+    Relu,
+    /// `v` where positive, else `slope * v`.
+    LeakyRelu(f32),
+    /// `v * (1 + erf(v / sqrt(2))) / 2`.
+    Gelu,
+    /// The tanh approximation of GELU.
+    GeluTanh,
+}
+
 /// Above this, `exp` is infinite.
 const EXP_MAX: f32 = 88.722_84;
 /// Below this, `exp` is 0: a little above the logarithm of the smallest normal number, so that no result is denormal.
@@ -118,14 +134,14 @@ mod tests {
 
     /// Bits of `exp`, both forms of GELU and the other activations, of 16 values by one back-end.
     fn all_bits(isa: Isa, x: [f32; 16]) -> [[u32; 16]; 5] {
-        use crate::matmul_f32::Activation::{self, Gelu, GeluTanh, LeakyRelu, Relu};
+        use crate::math::Activation::{self, Gelu, GeluTanh, LeakyRelu, Relu};
         let activations: [Activation; 4] = [Gelu, GeluTanh, Relu, LeakyRelu(0.2)];
         let mut y = [x; 5];
         match isa.0 {
             Backend::Scalar => {
                 y[0] = x.map(scalar::exp);
                 for (y, activation) in y[1..].iter_mut().zip(activations) {
-                    *y = x.map(|x| crate::activation::activate(activation, x));
+                    *y = x.map(|x| scalar::activate(activation, x));
                 }
             }
             #[cfg(target_arch = "x86_64")]
@@ -143,8 +159,8 @@ mod tests {
 
     #[cfg(target_arch = "x86_64")]
     mod avx2 {
+        use crate::math::Activation;
         use crate::math::avx2::{activate, exp};
-        use crate::matmul_f32::Activation;
         use core::arch::x86_64::*;
 
         #[target_feature(enable = "avx2,fma")]
@@ -168,8 +184,8 @@ mod tests {
 
     #[cfg(target_arch = "x86_64")]
     mod avx512vnni {
+        use crate::math::Activation;
         use crate::math::avx512vnni::{activate, exp};
-        use crate::matmul_f32::Activation;
         use core::arch::x86_64::*;
 
         #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]

@@ -12,10 +12,10 @@ mod scalar;
 
 use crate::bf16::Bf16;
 use crate::error::{ShapeError, expect_len};
+use crate::gemm::{Epilogue, Input, check_product};
 use crate::isa::{Backend, Isa};
 use crate::mat::{Mat, MatMut};
-use crate::matmul_f32::{Epilogue, Input, Panels, check_product};
-use crate::pack::{PAIR, PANEL, PackedBf16};
+use crate::pack::PackedBf16;
 
 /// Matrix product with bf16 weights, `y[t, o] = sum_i x[t, i] * w[o, i]` in f32, then the epilogue.
 ///
@@ -153,17 +153,4 @@ pub fn matmul_bf16_rows(isa: Isa, x: Bf16Rows, w: PackedBf16, end: Epilogue, y: 
         Backend::Amx => unsafe { amx::matmul_rows(x, w, end, y) },
     }
     Ok(())
-}
-
-impl<'a> Panels<'a> for PackedBf16<'a> {
-    type Row = [[Bf16; PAIR]; PANEL];
-    fn n(&self) -> usize {
-        PackedBf16::n(self)
-    }
-    fn k(&self) -> usize {
-        PackedBf16::k(self)
-    }
-    fn panel(&self, p: usize) -> &'a [Self::Row] {
-        PackedBf16::panel(self, p)
-    }
 }

@@ -12,126 +12,19 @@ mod avx512vnni;
 mod avxvnni;
 #[cfg(target_arch = "x86_64")]
 mod chunk;
-mod quantize;
+mod input;
 mod scalar;
 
 use crate::error::{ShapeError, expect_len};
+use crate::gemm::{Epilogue, Input, check_product};
 use crate::isa::{Backend, Isa};
-use crate::mat::{Mat, MatMut};
-use crate::matmul_f32::{Epilogue, Input, Panels, check_product};
-use crate::pack::{PANEL, PackedI8, QUAD};
+use crate::mat::MatMut;
+use crate::pack::PackedI8;
+use crate::quantize::QuantRows;
+use input::QuantInput;
 
 /// Longest row whose sum cannot overflow: `k * 128 * 128 <= i32::MAX`.
 pub const MAX_K: usize = 131_071;
-
-/// Quantised rows: `value = step * scale[row]`.
-#[derive(Clone, Copy, Debug)]
-pub struct QuantRows<'a> {
-    steps: Mat<'a, i8>,
-    scale: &'a [f32],
-}
-
-impl<'a> QuantRows<'a> {
-    /// `steps [m, k]` with the real value of one step per row, `scale [m]`.
-    ///
-    /// # Errors
-    /// [`ShapeError`] where `scale` has another length than `steps` has rows.
-    pub fn new(steps: Mat<'a, i8>, scale: &'a [f32]) -> Result<Self, ShapeError> {
-        expect_len("scale", steps.rows(), scale.len())?;
-        Ok(Self { steps, scale })
-    }
-}
-
-/// Quantises every row symmetrically: `scale[t] = max(abs(x[t])) / 127`, `steps = round(x / scale)`, halves to even.
-///
-/// Shapes: `x [m, k]`, `steps [m, k]`, `scale [m]` (both overwritten).
-/// Numerics: steps lie in -127..=127; an all-zero row has scale 1. `x / scale` is computed as `x * (127 / max)`; the
-/// same bits on every back-end. `x` must be finite.
-///
-/// # Errors
-/// [`ShapeError`] naming the argument whose length disagrees.
-pub fn quantize_rows(isa: Isa, x: Mat<f32>, steps: MatMut<i8>, scale: &mut [f32]) -> Result<(), ShapeError> {
-    expect_len("steps", x.rows(), steps.rows())?;
-    expect_len("steps", x.cols(), steps.cols())?;
-    expect_len("scale", x.rows(), scale.len())?;
-    let mut steps = steps;
-    for (t, scale) in scale.iter_mut().enumerate() {
-        let row = x.row(t);
-        let largest = largest(isa, row);
-        *scale = step_size(largest);
-        round(isa, row, largest, steps.row_mut(t));
-    }
-    Ok(())
-}
-
-/// The largest size of a value in every row, which is what [`quantize_rows`] quantises by: where the columns of wide rows are
-/// in several hands, each finds its own, and the largest of them goes to [`quantize_columns`].
-///
-/// Shapes: `x [m, k]`, `largest [m]` (overwritten). `x` must be finite.
-///
-/// # Errors
-/// [`ShapeError`] naming the argument whose length disagrees.
-pub fn row_maxima(isa: Isa, x: &MatMut<f32>, largest: &mut [f32]) -> Result<(), ShapeError> {
-    expect_len("largest", x.rows(), largest.len())?;
-    for (t, largest) in largest.iter_mut().enumerate() {
-        *largest = self::largest(isa, x.row(t));
-    }
-    Ok(())
-}
-
-/// Quantises some columns of rows of which `largest` says the largest size of a value in any column; the steps are those of
-/// [`quantize_rows`] over all columns, each of the size [`step_size`].
-///
-/// Shapes: `x [m, k]`, `largest [m]`, `steps [m, k]` (overwritten). `x` must be finite.
-///
-/// # Errors
-/// [`ShapeError`] naming the argument whose length disagrees.
-pub fn quantize_columns(isa: Isa, x: &MatMut<f32>, largest: &[f32], mut steps: MatMut<i8>) -> Result<(), ShapeError> {
-    expect_len("largest", x.rows(), largest.len())?;
-    expect_len("steps", x.rows(), steps.rows())?;
-    expect_len("steps", x.cols(), steps.cols())?;
-    for (t, &largest) in largest.iter().enumerate() {
-        round(isa, x.row(t), largest, steps.row_mut(t));
-    }
-    Ok(())
-}
-
-/// The real value of one step of a row whose values are `largest` in size at most.
-pub fn step_size(largest: f32) -> f32 {
-    scalar::per_unit(largest).map_or(1.0, |(_, scale)| scale)
-}
-
-fn largest(isa: Isa, row: &[f32]) -> f32 {
-    match isa.0 {
-        Backend::Scalar => scalar::largest(row),
-        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::AvxVnni => unsafe { quantize::avx2::largest(row) },
-        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { quantize::avx512vnni::largest(row) },
-        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        Backend::Amx => unsafe { quantize::avx512vnni::largest(row) },
-    }
-}
-
-/// The steps of values of a row whose largest is `largest`.
-fn round(isa: Isa, row: &[f32], largest: f32, steps: &mut [i8]) {
-    let Some((per_unit, _)) = scalar::per_unit(largest) else { return steps.fill(0) };
-    match isa.0 {
-        Backend::Scalar => scalar::round(row, per_unit, steps),
-        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::AvxVnni => unsafe { quantize::avx2::round(row, per_unit, steps) },
-        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { quantize::avx512vnni::round(row, per_unit, steps) },
-        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        Backend::Amx => unsafe { quantize::avx512vnni::round(row, per_unit, steps) },
-    }
-}
 
 /// Int8 product with int32 sums: `y[t, o] = x_scale[t] * w_scale[o] * sum_i x[t, i] * w[o, i]`, then the epilogue.
 ///
@@ -212,35 +105,6 @@ pub fn matmul_gated_i8(
     Ok(())
 }
 
-/// A job on int8 weights.
-type Job<'a> = crate::matmul_f32::Job<'a, PackedI8<'a>>;
-
-impl<'a> Panels<'a> for PackedI8<'a> {
-    type Row = [i8; PANEL * QUAD];
-    fn n(&self) -> usize {
-        PackedI8::n(self)
-    }
-    fn k(&self) -> usize {
-        PackedI8::k(self)
-    }
-    fn panel(&self, p: usize) -> &'a [[i8; PANEL * QUAD]] {
-        PackedI8::panel(self, p)
-    }
-}
-
-/// Checked input rows with their scales.
-#[derive(Clone, Copy)]
-pub(crate) struct QuantInput<'a> {
-    rows: Input<'a, i8>,
-    scale: &'a [f32],
-}
-
-impl QuantInput<'_> {
-    fn scale(&self, t: usize) -> f32 {
-        self.scale[self.rows.index.map_or(t, |index| index[t] as usize)]
-    }
-}
-
 fn input<'a>(x: QuantRows<'a>, index: Option<&'a [u32]>) -> Result<QuantInput<'a>, ShapeError> {
     let rows = match index {
         Some(index) => Input::gather(x.steps, index)?,
@@ -252,5 +116,3 @@ fn input<'a>(x: QuantRows<'a>, index: Option<&'a [u32]>) -> Result<QuantInput<'a
 fn check_k(k: usize) -> Result<(), ShapeError> {
     if k <= MAX_K { Ok(()) } else { Err(ShapeError { arg: "k", want: MAX_K, got: k }) }
 }
-
-pub(crate) use scalar::quantize as scalar_quantize;

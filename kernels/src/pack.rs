@@ -298,12 +298,3 @@ pub fn pack_row_i8(row: &[i8], lane: usize, panel: &mut [i8]) -> Result<i32, Sha
 fn check_lane(lane: usize) -> Result<(), ShapeError> {
     if lane < PANEL { Ok(()) } else { Err(ShapeError { arg: "lane", want: PANEL, got: lane }) }
 }
-
-/// Quantises one weight row symmetrically: the step is `max(abs(row)) / 127`, returned; an all-zero row has step 1.
-///
-/// # Errors
-/// [`ShapeError`] where `steps` has another length than `row`.
-pub fn quantize_weight_row(row: &[f32], steps: &mut [i8]) -> Result<f32, ShapeError> {
-    expect_len("steps", row.len(), steps.len())?;
-    Ok(crate::matmul_i8::scalar_quantize(row, steps))
-}

@@ -1,7 +1,7 @@
 //! Quantising rows to int8: the same bits on every back-end.
 
 use proptest::prelude::*;
-use umo_kernels::matmul_i8::{quantize_columns, quantize_rows, row_maxima, step_size};
+use umo_kernels::quantize::{quantize_columns, quantize_rows, row_maxima, step_size};
 use umo_kernels::{Isa, Mat, MatMut};
 use umo_tests::{Fill, Guarded, Noise, Placed, cases, fill, for_each_isa, near, offset};
 

@@ -4,8 +4,9 @@ mod input;
 
 use std::ops::Range;
 
+use umo_kernels::gemm::{Epilogue, Input};
 use umo_kernels::matmul_bf16::{Bf16Rows, matmul_bf16, matmul_bf16_rows, matmul_gated_bf16};
-use umo_kernels::matmul_f32::{Epilogue, Input, matmul_f32, matmul_gated_f32};
+use umo_kernels::matmul_f32::{matmul_f32, matmul_gated_f32};
 use umo_kernels::matmul_i8::{matmul_gated_i8, matmul_i8};
 use umo_kernels::{Ahead, Bf16, Isa, Mat, MatMut, PANEL, PackedBf16, PackedF32, PackedI8, ShapeError};
 

@@ -2,8 +2,8 @@
 
 use super::scalar;
 use crate::lanes::avx2::{HALF, largest, load, load_part, store, store_part};
+use crate::math::Activation;
 use crate::math::avx2::{activate, exp};
-use crate::matmul_f32::Activation;
 use core::arch::x86_64::*;
 
 #[target_feature(enable = "avx2,fma")]

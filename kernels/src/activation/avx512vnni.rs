@@ -3,8 +3,8 @@
 use super::scalar;
 use crate::lanes::LANES;
 use crate::lanes::avx512vnni::{first_lanes, load, load_part, store, store_part};
+use crate::math::Activation;
 use crate::math::avx512vnni::{activate, exp};
-use crate::matmul_f32::Activation;
 use core::arch::x86_64::*;
 
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]

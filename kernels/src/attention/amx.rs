@@ -14,8 +14,8 @@
 
 #![expect(clippy::needless_range_loop, reason = "loops of constant length over registers read best by index")]
 
-use super::Operands;
 use super::avx512vnni::transpose;
+use super::operands::Operands;
 use crate::amx::{TILE as ROWS, Tiles};
 use crate::lanes::LANES;
 use crate::lanes::avx512vnni::{array, first_lanes, load, load_from, load_part, store, store_part};

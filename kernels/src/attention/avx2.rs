@@ -1,8 +1,8 @@
 //! As `avx512vnni.rs`, in registers of 8 lanes: 4 queries x 2 keys are 8 dot products in 8 of the 16 registers; a dot
 //! product has 8 partial sums.
 
-use super::Operands;
 use super::loops::loops;
+use super::operands::Operands;
 use crate::bf16::Bf16;
 use crate::lanes::avx2::{HALF as WIDTH, *};
 use crate::lanes::pairwise;

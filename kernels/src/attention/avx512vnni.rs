@@ -4,8 +4,8 @@
 //! to one register of 16 scores; one query takes 16 keys, two take 8, and every dot product keeps its order of additions.
 //! Values: 4 queries x 64 columns are 16 registers of sums.
 
-use super::Operands;
 use super::loops::loops;
+use super::operands::Operands;
 use crate::bf16::Bf16;
 use crate::lanes::avx512vnni::*;
 use crate::lanes::{LANES as WIDTH, pairwise};

@@ -1,6 +1,6 @@
 //! The specification: a tile of scores at a time, with a running maximum.
 
-use super::{Operands, Widen};
+use super::operands::{Operands, Widen};
 use crate::lanes::{LANES, pairwise};
 use crate::mat::{Mat, MatMut};
 use crate::math::scalar::exp;

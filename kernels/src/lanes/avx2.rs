@@ -1,5 +1,6 @@
 //! Registers of 8 lanes: two of them are the 16.
 
+use super::LANES;
 use crate::bf16::Bf16;
 use core::arch::x86_64::*;
 
@@ -153,4 +154,21 @@ pub(crate) fn load_part_bf16(src: &[Bf16]) -> Register {
     let len = src.len().min(HALF);
     padded[..len].copy_from_slice(&src[..len]);
     load_bf16(&padded)
+}
+
+/// 16 values, in two registers.
+#[inline]
+#[target_feature(enable = "avx2,fma")]
+pub(crate) fn load_two(src: &[f32; LANES]) -> [Register; 2] {
+    let (halves, _) = src.as_chunks::<HALF>();
+    [load(&halves[0]), load(&halves[1])]
+}
+
+/// 16 values, from two registers.
+#[inline]
+#[target_feature(enable = "avx2,fma")]
+pub(crate) fn store_two(dst: &mut [f32; LANES], values: [Register; 2]) {
+    let (halves, _) = dst.as_chunks_mut::<HALF>();
+    store(&mut halves[0], values[0]);
+    store(&mut halves[1], values[1]);
 }

@@ -1,9 +1,9 @@
 //! 8 lanes, operation by operation as in `scalar.rs`.
 
 use super::{
-    EXP, EXP_MAX, EXP_MIN, EXP2, LN_2_HIGH, LN_2_LOW, LOG2_E, ROUND, TAIL, TAIL_MAX, TANH_CUBE, TANH_MAX, TANH_SCALE,
+    Activation, EXP, EXP_MAX, EXP_MIN, EXP2, LN_2_HIGH, LN_2_LOW, LOG2_E, ROUND, TAIL, TAIL_MAX, TANH_CUBE, TANH_MAX,
+    TANH_SCALE,
 };
-use crate::matmul_f32::Activation;
 use core::arch::x86_64::*;
 
 /// `e^x`.
@@ -67,7 +67,7 @@ pub(crate) fn gelu_erf(x: __m256) -> __m256 {
     _mm256_fnmadd_ps(size, tail, _mm256_max_ps(x, _mm256_setzero_ps()))
 }
 
-/// [`Activation`] of 8 values, with the bits of [`crate::activation::activate`].
+/// [`Activation`] of 8 values, with the bits of [`super::scalar::activate`].
 #[inline]
 #[target_feature(enable = "avx2,fma")]
 pub(crate) fn activate(activation: Activation, x: __m256) -> __m256 {

@@ -1,9 +1,9 @@
 //! 16 lanes, operation by operation as in `scalar.rs`.
 
 use super::{
-    EXP, EXP_MAX, EXP_MIN, EXP2, LN_2_HIGH, LN_2_LOW, LOG2_E, ROUND, TAIL, TAIL_MAX, TANH_CUBE, TANH_MAX, TANH_SCALE,
+    Activation, EXP, EXP_MAX, EXP_MIN, EXP2, LN_2_HIGH, LN_2_LOW, LOG2_E, ROUND, TAIL, TAIL_MAX, TANH_CUBE, TANH_MAX,
+    TANH_SCALE,
 };
-use crate::matmul_f32::Activation;
 use core::arch::x86_64::*;
 
 /// `e^x`.
@@ -63,7 +63,7 @@ pub(crate) fn gelu_erf(x: __m512) -> __m512 {
     _mm512_fnmadd_ps(size, tail, _mm512_max_ps(x, _mm512_setzero_ps()))
 }
 
-/// [`Activation`] of 16 values, with the bits of [`crate::activation::activate`].
+/// [`Activation`] of 16 values, with the bits of [`super::scalar::activate`].
 #[inline]
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
 pub(crate) fn activate(activation: Activation, x: __m512) -> __m512 {

@@ -1,7 +1,8 @@
 //! The specification: the order of operations that every back-end keeps.
 
 use super::{
-    EXP, EXP_MAX, EXP_MIN, EXP2, LN_2_HIGH, LN_2_LOW, LOG2_E, ROUND, TAIL, TAIL_MAX, TANH_CUBE, TANH_MAX, TANH_SCALE,
+    Activation, EXP, EXP_MAX, EXP_MIN, EXP2, LN_2_HIGH, LN_2_LOW, LOG2_E, ROUND, TAIL, TAIL_MAX, TANH_CUBE, TANH_MAX,
+    TANH_SCALE,
 };
 
 /// `e^x`.
@@ -64,4 +65,28 @@ pub(crate) fn gelu_erf(x: f32) -> f32 {
     let size = if TAIL_MAX < size { TAIL_MAX } else { size };
     let positive = if x > 0.0 { x } else { 0.0 };
     (-size).mul_add(exp2_in_range(polynomial(&TAIL, size)), positive)
+}
+
+/// [`Activation`] of one value.
+pub(crate) fn activate(activation: Activation, x: f32) -> f32 {
+    match activation {
+        Activation::None => x,
+        // Not `max`, which may keep the sign of a negative zero or not.
+        Activation::Relu => {
+            if x > 0.0 {
+                x
+            } else {
+                0.0
+            }
+        }
+        Activation::LeakyRelu(slope) => {
+            if x >= 0.0 {
+                x
+            } else {
+                slope * x
+            }
+        }
+        Activation::Gelu => gelu_erf(x),
+        Activation::GeluTanh => gelu_tanh(x),
+    }
 }

@@ -16,9 +16,10 @@
 use super::Bf16Rows;
 use crate::amx::{Aligned, TILE, Tiles};
 use crate::bf16::Bf16;
+use crate::gemm::avx512vnni::{finish, finish_gated};
+use crate::gemm::{Epilogue, Input, Job};
+use crate::lanes::avx512vnni::{load, load_part};
 use crate::mat::{Mat, MatMut};
-use crate::matmul_f32::avx512vnni::{finish, finish_gated, load, load_part};
-use crate::matmul_f32::{Epilogue, Input, Job};
 use crate::pack::{PAIR, PANEL, PackedBf16};
 use core::arch::x86_64::*;
 

@@ -1,9 +1,9 @@
 //! The f32 product's loops over weights that are widened as they are loaded.
 
 use crate::bf16::Bf16;
+use crate::gemm::avx2::{Load, run};
+use crate::gemm::{Epilogue, Input, Job};
 use crate::mat::MatMut;
-use crate::matmul_f32::avx2::{Load, run};
-use crate::matmul_f32::{Epilogue, Input, Job};
 use crate::pack::{PAIR, PANEL, PackedBf16};
 use core::arch::x86_64::*;
 

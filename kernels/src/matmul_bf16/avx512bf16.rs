@@ -2,9 +2,9 @@
 
 use crate::bf16::Bf16;
 use crate::bf16::avx512bf16::multiply_pairs;
+use crate::gemm::avx512vnni::{Step, run};
+use crate::gemm::{Epilogue, Input, Job};
 use crate::mat::{Mat, MatMut};
-use crate::matmul_f32::avx512vnni::{Step, run};
-use crate::matmul_f32::{Epilogue, Input, Job};
 use crate::pack::{PAIR, PANEL, PackedBf16};
 use core::arch::x86_64::*;
 

@@ -3,9 +3,9 @@
 //! Not `vdpbf16ps`, which needs rounded inputs, and on Intel's processors does half as many multiply-adds per cycle as `vfmadd231ps`.
 
 use crate::bf16::Bf16;
+use crate::gemm::avx512vnni::{Load, run};
+use crate::gemm::{Epilogue, Input, Job};
 use crate::mat::MatMut;
-use crate::matmul_f32::avx512vnni::{Load, run};
-use crate::matmul_f32::{Epilogue, Input, Job};
 use crate::pack::{PAIR, PANEL, PackedBf16};
 use core::arch::x86_64::*;
 

@@ -2,8 +2,9 @@
 
 use super::Bf16Rows;
 use crate::bf16::Bf16;
+use crate::gemm::scalar::{finish_panel, gated};
+use crate::gemm::{Epilogue, Input};
 use crate::mat::MatMut;
-use crate::matmul_f32::{Epilogue, Input, finish_panel, gated};
 use crate::pack::{PAIR, PANEL, PackedBf16, panels};
 
 pub(super) fn matmul(x: Input<f32>, w: PackedBf16, end: Epilogue, mut y: MatMut<f32>) {

@@ -6,12 +6,13 @@
 //! pair of panels comes to L2. Up to [`FEW_ROWS`] rows, most of a tile would be empty: they are left to VNNI.
 
 use super::avx512vnni::{self, finish};
-use super::{Job, QuantInput};
+use super::input::{Job, QuantInput};
 use crate::amx::{Aligned, BYTES, TILE, Tiles};
+use crate::gemm::Epilogue;
+use crate::lanes::avx512vnni::{load, load_part, store};
 use crate::mat::MatMut;
+use crate::math::Activation;
 use crate::math::avx512vnni::gelu_tanh;
-use crate::matmul_f32::avx512vnni::{load, load_part, store};
-use crate::matmul_f32::{Activation, Epilogue};
 use crate::pack::{PANEL, PackedI8};
 use crate::prefetch;
 use core::arch::x86_64::*;

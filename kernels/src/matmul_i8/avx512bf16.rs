@@ -6,10 +6,10 @@
 
 use super::avx512vnni::{self, BYTES, MOST, QUADS, Steps, convert, finish, load_bytes};
 use super::chunk::expect_end;
-use super::{Job, QuantInput};
+use super::input::{Job, QuantInput};
+use crate::gemm::Epilogue;
+use crate::lanes::avx512vnni::store;
 use crate::mat::MatMut;
-use crate::matmul_f32::Epilogue;
-use crate::matmul_f32::avx512vnni::store;
 use crate::pack::{PANEL, PackedI8, QUAD};
 use crate::prefetch;
 use core::arch::x86_64::*;

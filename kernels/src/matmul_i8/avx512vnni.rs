@@ -4,11 +4,13 @@
 //! multiplied; what that adds, `128 * sum(w)`, is taken from the sums in the end. All of it wraps in 32 bits, so the sums are exact.
 
 use super::chunk::{AHEAD, CHUNK_BYTES, Chunk, FEW_ROWS, expect_end};
-use super::{Job, QuantInput};
+use super::input::{Job, QuantInput};
+use crate::gemm::avx512vnni as float;
+pub(super) use crate::gemm::avx512vnni::MOST;
+use crate::gemm::{Epilogue, tiles};
+use crate::lanes::avx512vnni::{first_lanes, load, load_part, store, store_part};
 use crate::mat::MatMut;
-pub(super) use crate::matmul_f32::avx512vnni::MOST;
-use crate::matmul_f32::avx512vnni::{self as float, lanes, load, load_part, store, store_part};
-use crate::matmul_f32::{Activation, Epilogue, tiles};
+use crate::math::Activation;
 use crate::pack::{PANEL, PackedI8, QUAD};
 use crate::prefetch;
 use core::arch::asm;
@@ -387,5 +389,5 @@ fn load_sums(src: &[f32; PANEL]) -> __m512i {
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
 fn load_sums_part(src: &[i32]) -> __m512i {
     // SAFETY: the mask names the elements of `src` alone; others are not read.
-    unsafe { _mm512_maskz_loadu_epi32(lanes(src.len()), src.as_ptr()) }
+    unsafe { _mm512_maskz_loadu_epi32(first_lanes(src.len()), src.as_ptr()) }
 }

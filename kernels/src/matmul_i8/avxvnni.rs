@@ -5,10 +5,10 @@
 
 use super::avx2::finish;
 use super::chunk::{AHEAD, CHUNK_BYTES, Chunk, expect_end};
-use super::{Job, QuantInput};
+use super::input::{Job, QuantInput};
+use crate::gemm::{Epilogue, tiles};
+use crate::lanes::avx2::{load_two as load, store_two as store};
 use crate::mat::MatMut;
-use crate::matmul_f32::avx2::{load, store};
-use crate::matmul_f32::{Epilogue, tiles};
 use crate::pack::{PANEL, PackedI8, QUAD};
 use crate::prefetch;
 use core::arch::x86_64::*;

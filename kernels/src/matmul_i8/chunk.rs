@@ -1,6 +1,6 @@
 //! Weights in work, which stay in L2 while tiles of rows go by, and the next, which come meanwhile.
 
-use super::Job;
+use super::input::Job;
 use crate::pack::{PANEL, QUAD};
 use crate::prefetch;
 use core::ops::Range;

@@ -1,8 +1,8 @@
 //! Products with weights in bf16 beyond what they share with f32: what is not finite, and rows that are bf16 already.
 
 use proptest::prelude::*;
+use umo_kernels::gemm::{Epilogue, Input};
 use umo_kernels::matmul_bf16::{Bf16Rows, matmul_bf16, matmul_bf16_rows, split};
-use umo_kernels::matmul_f32::{Epilogue, Input};
 use umo_kernels::pack::{PANEL, pack_bf16, packed_len_bf16};
 use umo_kernels::{Bf16, Isa, Mat, MatMut, PackedBf16};
 

@@ -7,10 +7,13 @@ mod bf16;
 mod support;
 
 use proptest::prelude::*;
+use umo_kernels::activation::Activation;
+use umo_kernels::gemm::{Epilogue, Input, Scatter};
 use umo_kernels::matmul_bf16::{matmul_bf16, matmul_gated_bf16};
-use umo_kernels::matmul_f32::{Activation, Epilogue, Input, Scatter, matmul_f32, matmul_gated_f32};
-use umo_kernels::matmul_i8::{MAX_K, QuantRows, matmul_gated_i8, matmul_i8};
+use umo_kernels::matmul_f32::{matmul_f32, matmul_gated_f32};
+use umo_kernels::matmul_i8::{MAX_K, matmul_gated_i8, matmul_i8};
 use umo_kernels::pack::{PANEL, pack, pack_bf16, pack_i8, packed_len, packed_len_bf16, packed_len_i8};
+use umo_kernels::quantize::QuantRows;
 use umo_kernels::{Bf16, Isa, Mat, MatMut, PackedBf16, PackedF32, PackedI8};
 
 use support::{Guarded, Numbers, Shifted, config, for_each_isa, isa, near};

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use umo_kernels::bf16::round_bf16;
 use umo_kernels::matmul_bf16::{Bf16Rows, split};
-use umo_kernels::matmul_i8::{QuantRows, quantize_columns, quantize_rows, row_maxima, step_size};
+use umo_kernels::quantize::{QuantRows, quantize_columns, quantize_rows, row_maxima, step_size};
 use umo_kernels::{Bf16, Isa, Mat, MatMut, ShapeError};
 
 use super::{Compute, Linear};

@@ -6,7 +6,7 @@ use std::time::Instant;
 use rayon::prelude::*;
 use umo_kernels::attention::{Visible, attention_bf16, attention_f32};
 use umo_kernels::bf16::round_bf16;
-use umo_kernels::matmul_f32::Epilogue;
+use umo_kernels::gemm::Epilogue;
 use umo_kernels::{Ahead, Bf16, Isa, Mat, MatMut, ShapeError};
 
 use super::attention::{PositionBias, Projections, for_each_head, projection};

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 use umo_kernels::attention::{encoder_attention_bf16, encoder_attention_f32};
-use umo_kernels::matmul_f32::Epilogue;
+use umo_kernels::gemm::Epilogue;
 use umo_kernels::{MatMut, PANEL};
 
 use super::attention::{PositionBias, Projections, heads_of};

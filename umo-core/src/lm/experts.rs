@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use umo_kernels::experts::{Routing, route};
-use umo_kernels::matmul_f32::{Epilogue, Scatter};
+use umo_kernels::gemm::{Epilogue, Scatter};
 use umo_kernels::{MatMut, PANEL};
 
 use super::norm_input;

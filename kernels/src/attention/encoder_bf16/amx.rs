@@ -16,9 +16,9 @@
 use super::avx512vnni::in_turn;
 use super::{KEYS, POWER, STEP, Softmax};
 use crate::amx::{TILE as ROWS, Tiles};
-use crate::attention::Operands;
 use crate::attention::amx::{MOST_DIM, Packed, Sums, Tile, add, load_pairs};
 use crate::attention::avx512vnni::transpose;
+use crate::attention::operands::Operands;
 use crate::lanes::LANES;
 use crate::lanes::avx512vnni::{array, first_lanes, load, store};
 use crate::mat::{Mat, MatMut};

@@ -2,8 +2,8 @@
 
 use super::loops::{loops, one_value_a_lane};
 use super::{KEYS, LEAST, POWER, STEP, Softmax};
-use crate::attention::Operands;
 use crate::attention::avx2::transpose;
+use crate::attention::operands::Operands;
 use crate::lanes::avx2::{HALF as WIDTH, *};
 use crate::lanes::{LANES, pairwise};
 use crate::mat::{Mat, MatMut};

@@ -4,8 +4,8 @@
 use super::avx512vnni::{divide, in_turn, power};
 use super::loops::loops;
 use super::{KEYS, STEP, Softmax};
-use crate::attention::Operands;
 use crate::attention::avx512vnni::transpose;
+use crate::attention::operands::Operands;
 use crate::bf16::avx512bf16::{multiply_pairs, round_two};
 use crate::lanes::avx512vnni::*;
 use crate::lanes::{LANES, LANES as WIDTH, pairwise};

@@ -2,8 +2,8 @@
 
 use super::loops::{loops, one_value_a_lane};
 use super::{KEYS, LEAST, POWER, STEP, Softmax};
-use crate::attention::Operands;
 use crate::attention::avx512vnni::transpose;
+use crate::attention::operands::Operands;
 use crate::lanes::avx512vnni::*;
 use crate::lanes::{LANES, LANES as WIDTH, pairwise};
 use crate::mat::{Mat, MatMut};

@@ -1,7 +1,7 @@
 //! The specification.
 
 use super::{KEYS, LEAST, POWER, STEP, Softmax};
-use crate::attention::Operands;
+use crate::attention::operands::Operands;
 use crate::bf16::Bf16;
 use crate::lanes::{LANES, pairwise};
 use crate::mat::MatMut;

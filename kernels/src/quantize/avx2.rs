@@ -5,7 +5,7 @@ use core::arch::x86_64::*;
 
 /// The largest size of a value.
 #[target_feature(enable = "avx2,fma")]
-pub(in crate::matmul_i8) fn largest(row: &[f32]) -> f32 {
+pub(super) fn largest(row: &[f32]) -> f32 {
     let (chunks, tail) = row.as_chunks::<HALF>();
     let sign = _mm256_set1_ps(-0.0);
     let mut max = _mm256_andnot_ps(sign, load_part(tail));
@@ -16,7 +16,7 @@ pub(in crate::matmul_i8) fn largest(row: &[f32]) -> f32 {
 }
 
 #[target_feature(enable = "avx2,fma")]
-pub(in crate::matmul_i8) fn round(row: &[f32], per_unit: f32, steps: &mut [i8]) {
+pub(super) fn round(row: &[f32], per_unit: f32, steps: &mut [i8]) {
     let factor = _mm256_set1_ps(per_unit);
     let ((chunks, tail), (step_chunks, step_tail)) = (row.as_chunks::<HALF>(), steps.as_chunks_mut::<HALF>());
     for (chunk, steps) in chunks.iter().zip(step_chunks) {

@@ -6,7 +6,7 @@ use core::arch::x86_64::*;
 
 /// The largest size of a value.
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-pub(in crate::matmul_i8) fn largest(row: &[f32]) -> f32 {
+pub(super) fn largest(row: &[f32]) -> f32 {
     let (chunks, tail) = row.as_chunks::<LANES>();
     let mut max = _mm512_abs_ps(load_part(tail));
     for chunk in chunks {
@@ -16,7 +16,7 @@ pub(in crate::matmul_i8) fn largest(row: &[f32]) -> f32 {
 }
 
 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-pub(in crate::matmul_i8) fn round(row: &[f32], per_unit: f32, steps: &mut [i8]) {
+pub(super) fn round(row: &[f32], per_unit: f32, steps: &mut [i8]) {
     let factor = _mm512_set1_ps(per_unit);
     let ((chunks, tail), (step_chunks, step_tail)) = (row.as_chunks::<LANES>(), steps.as_chunks_mut::<LANES>());
     for (chunk, steps) in chunks.iter().zip(step_chunks) {

@@ -1,0 +1,382 @@
+//! 16 outputs per fused multiply-add, one sum per output in ascending order of inputs.
+
+use super::{Epilogue, Input, Job, Panels, tiles};
+use crate::lanes::avx512vnni::{load, load_part, store, store_part};
+use crate::mat::MatMut;
+use crate::math::Activation;
+use crate::math::avx512vnni::{activate, gelu_tanh};
+use crate::pack::PANEL;
+use crate::prefetch;
+use core::arch::x86_64::*;
+use core::ops::Range;
+
+/// Rows of the largest tile: 8 rows x 3 panels are 24 sums. A ninth row would fit the vector registers, but its address no
+/// longer a scalar one.
+const ROWS: usize = 8;
+/// Rows of the largest tile of an even number of panels, as gated products need: 6 rows x 4 panels.
+const EVEN_ROWS: usize = 6;
+/// Bytes of weights in work at once, which stay in L2 while tiles of rows go by.
+const CHUNK_BYTES: usize = 768 << 10;
+/// Steps between a multiplication and the prefetch of its weights from L2: 8 of 13 cycles.
+const AHEAD: usize = 8;
+/// Steps per turn of the innermost loop: counting them takes one instruction of 25, of two steps one of 13.
+const TURN: usize = 4;
+
+/// How rows of `X` meet the rows of a panel, step by step.
+pub(crate) trait Step<X>: Copy {
+    /// Inputs that a step multiplies.
+    const INPUTS: usize;
+    /// Steps for which a row of a panel has weights.
+    const SHARED: usize;
+    /// The weights of step `i`.
+    /// # Safety
+    /// The processor has the features of this back-end, and those that the implementation names; `panel` points to a whole panel, which ends behind step `i`.
+    unsafe fn weights(panel: *const Self, i: usize) -> __m512;
+    /// The inputs of step `i`, in all lanes.
+    /// # Safety
+    /// As `weights`, but that `row` points to a whole row, which ends behind step `i`.
+    unsafe fn inputs(row: *const X, i: usize) -> __m512;
+    /// The input that begins step `i`, and zeros for those beyond the row.
+    /// # Safety
+    /// As `weights`, but that `row` points to a whole row, which has the first input of step `i`.
+    unsafe fn last(row: *const X, i: usize) -> __m512;
+    /// `sum + x * w`.
+    /// # Safety
+    /// The processor has the features that the implementation names.
+    unsafe fn multiply(sum: __m512, x: __m512, w: __m512) -> __m512;
+}
+
+/// Rows of panels whose weights widen to f32 as they are loaded.
+pub(crate) trait Load: Copy {
+    /// Inputs of one row.
+    const INPUTS: usize;
+    /// The weights of input `i`.
+    /// # Safety
+    /// The processor has the features of this back-end; `panel` points to a whole panel, which ends behind input `i`.
+    unsafe fn load(panel: *const Self, i: usize) -> __m512;
+}
+
+impl<W: Load> Step<f32> for W {
+    const INPUTS: usize = 1;
+    const SHARED: usize = W::INPUTS;
+
+    #[inline]
+    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+    unsafe fn weights(panel: *const Self, i: usize) -> __m512 {
+        // SAFETY: this function enables the features that `load` needs; the panel has an input `i` by its contract.
+        unsafe { W::load(panel, i) }
+    }
+
+    #[inline]
+    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+    unsafe fn inputs(row: *const f32, i: usize) -> __m512 {
+        // SAFETY: the row has an input `i` by this function's contract.
+        _mm512_set1_ps(unsafe { *row.wrapping_add(i) })
+    }
+
+    #[inline]
+    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+    unsafe fn last(row: *const f32, i: usize) -> __m512 {
+        // SAFETY: a step is one input.
+        unsafe { <Self as Step<f32>>::inputs(row, i) }
+    }
+
+    #[inline]
+    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+    unsafe fn multiply(sum: __m512, x: __m512, w: __m512) -> __m512 {
+        _mm512_fmadd_ps(x, w, sum)
+    }
+}
+
+/// The whole product.
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+pub(crate) fn run<'a, X, W: Panels<'a, Row: Step<X>>>(x: Input<X>, job: &Job<'_, W>, mut y: MatMut<f32>) {
+    let most = if matches!(job, Job::Plain(..)) { ROWS } else { EVEN_ROWS };
+    // A multiple of the panels that any tile takes at once, and of gated pairs of them.
+    let panel_bytes = size_of::<W::Row>() * job.k().div_ceil(panel_inputs::<X, W::Row>()).max(1);
+    let width = (CHUNK_BYTES / panel_bytes / 12).max(1) * 12;
+    // Cleared once: clearing them per tile would wait for the stores of the tile before.
+    let mut sums = [[0.0; PANEL]; SUMS];
+    for first in (0..job.slots()).step_by(width) {
+        let slots = first..(first + width).min(job.slots());
+        for (t, rows) in tiles(x.rows(), most) {
+            match rows {
+                1 => tile::<X, W, 1, 4>(&x, t, job, slots.clone(), &mut sums, &mut y),
+                2 => tile::<X, W, 2, 4>(&x, t, job, slots.clone(), &mut sums, &mut y),
+                3 => tile::<X, W, 3, 4>(&x, t, job, slots.clone(), &mut sums, &mut y),
+                4 => tile::<X, W, 4, 4>(&x, t, job, slots.clone(), &mut sums, &mut y),
+                5 => tile::<X, W, 5, 4>(&x, t, job, slots.clone(), &mut sums, &mut y),
+                6 => tile::<X, W, 6, 4>(&x, t, job, slots.clone(), &mut sums, &mut y),
+                7 => tile::<X, W, 7, 3>(&x, t, job, slots.clone(), &mut sums, &mut y),
+                ROWS => tile::<X, W, ROWS, 3>(&x, t, job, slots.clone(), &mut sums, &mut y),
+                rows => unreachable!("a tile of {rows} rows"),
+            }
+        }
+    }
+}
+
+/// The rows from `t` on, `R` of them, with all `slots`, `P` at a time.
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn tile<'a, X, W: Panels<'a, Row: Step<X>>, const R: usize, const P: usize>(
+    x: &Input<X>,
+    t: usize,
+    job: &Job<'_, W>,
+    slots: Range<usize>,
+    sums: &mut [[f32; PANEL]; SUMS],
+    y: &mut MatMut<f32>,
+) {
+    let mut rows = [&[][..]; R];
+    for (r, row) in rows.iter_mut().enumerate() {
+        *row = x.row(t + r);
+    }
+    let mut slot = slots.start;
+    while slot + P <= slots.end {
+        group::<X, W, R, P>(&rows, t, job, slot, sums, y);
+        slot += P;
+    }
+    while slot + 2 <= slots.end {
+        group::<X, W, R, 2>(&rows, t, job, slot, sums, y);
+        slot += 2;
+    }
+    if slot < slots.end {
+        group::<X, W, R, 1>(&rows, t, job, slot, sums, y);
+    }
+}
+
+/// `R` rows with `P` slots from `slot` on, from the first input to the end of the product.
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn group<'a, X, W: Panels<'a, Row: Step<X>>, const R: usize, const P: usize>(
+    rows: &[&[X]; R],
+    t: usize,
+    job: &Job<'_, W>,
+    slot: usize,
+    sums: &mut [[f32; PANEL]; SUMS],
+    y: &mut MatMut<f32>,
+) {
+    // Not by `from_fn`: a closure has this function's features and cannot be inlined into one that has not.
+    let mut panels = [&[][..]; P];
+    for (p, panel) in panels.iter_mut().enumerate() {
+        *panel = job.panel(slot + p);
+    }
+    multiply(rows, panels, sums);
+    let sums = &mut sums[..R * P];
+    match job {
+        Job::Plain(_, end) => finish(sums, P, t, slot * PANEL, end, y),
+        Job::Gated(..) => finish_gated(sums, P / 2, t, slot / 2 * PANEL, y),
+    }
+}
+
+/// Inputs of a row of a panel.
+const fn panel_inputs<X, W: Step<X>>() -> usize {
+    W::INPUTS * W::SHARED
+}
+
+/// The innermost tile: `R x P` sums in registers.
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn multiply<X, W: Step<X>, const R: usize, const P: usize>(
+    rows: &[&[X]; R],
+    panels: [&[W]; P],
+    sums: &mut [[f32; PANEL]; SUMS],
+) {
+    let k = rows[0].len();
+    for row in rows {
+        assert!(row.len() == k);
+    }
+    for panel in panels {
+        assert!(panel.len() == k.div_ceil(panel_inputs::<X, W>()));
+    }
+    // Pointers: slices' lengths take registers that eight rows and three panels need.
+    let (mut x, mut w) = ([core::ptr::null(); R], [core::ptr::null(); P]);
+    for r in 0..R {
+        x[r] = rows[r].as_ptr();
+    }
+    for p in 0..P {
+        w[p] = panels[p].as_ptr();
+    }
+    let mut acc = [[_mm512_setzero_ps(); P]; R];
+    let (whole, mut i) = (k / W::INPUTS, 0);
+    while i + TURN <= whole {
+        for which in 0..TURN {
+            // One prefetch per line, which two inputs of bf16 may share.
+            if which % W::SHARED == 0 {
+                for panel in w {
+                    prefetch::near(panel.wrapping_add((i + which + AHEAD) / W::SHARED));
+                }
+            }
+            // SAFETY: `i + which < i + TURN <= whole`: all rows have the inputs of these steps, and all panels their weights.
+            unsafe { step::<X, W, R, P, true>(&mut acc, &x, &w, i + which) };
+        }
+        i += TURN;
+    }
+    while i < whole {
+        // SAFETY: `i < whole`, as above.
+        unsafe { step::<X, W, R, P, true>(&mut acc, &x, &w, i) };
+        i += 1;
+    }
+    if whole * W::INPUTS < k {
+        // SAFETY: all rows have the first input of this step, and all panels, which end with zeros, the weights of a whole one.
+        unsafe { step::<X, W, R, P, false>(&mut acc, &x, &w, i) };
+    }
+    for r in 0..R {
+        for p in 0..P {
+            store(&mut sums[r * P + p], acc[r][p]);
+        }
+    }
+}
+
+/// Adds the products of step `i` of `R` rows, which have all of its inputs or the first, with the weights of `P` panels.
+/// # Safety
+/// `x` point to rows that have these inputs, and `w` to panels that have the step; the processor has the features that `W` needs.
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+unsafe fn step<X, W: Step<X>, const R: usize, const P: usize, const WHOLE: bool>(
+    acc: &mut [[__m512; P]; R],
+    x: &[*const X; R],
+    w: &[*const W; P],
+    i: usize,
+) {
+    let mut weights = [_mm512_setzero_ps(); P];
+    for p in 0..P {
+        // SAFETY: the panel has the step by this function's contract.
+        weights[p] = unsafe { W::weights(w[p], i) };
+    }
+    for r in 0..R {
+        let x = if WHOLE {
+            // SAFETY: the row has the inputs of the step by this function's contract.
+            unsafe { W::inputs(x[r], i) }
+        } else {
+            // SAFETY: the row has the first input of the step by this function's contract.
+            unsafe { W::last(x[r], i) }
+        };
+        for p in 0..P {
+            // SAFETY: by this function's contract.
+            acc[r][p] = unsafe { W::multiply(acc[r][p], x, weights[p]) };
+        }
+    }
+}
+
+/// Panels of sums in one tile at most.
+const SUMS: usize = ROWS * 3;
+/// Most panels that a tile ends at once.
+pub(crate) const MOST: usize = 4;
+
+/// Ends `values [rows, panels]`: the outputs from `first` on of the rows from `t` on.
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+pub(crate) fn finish(
+    values: &mut [[f32; PANEL]],
+    panels: usize,
+    t: usize,
+    first: usize,
+    end: &Epilogue,
+    y: &mut MatMut<f32>,
+) {
+    let outputs = first..(first + panels * PANEL).min(y.cols());
+    if let Some(bias) = end.bias {
+        add_bias(values, panels, &bias[outputs.clone()]);
+    }
+    if end.activation != Activation::None {
+        activate_all(end.activation, values);
+    }
+    for (t, values) in (t..).zip(values.chunks_exact(panels)) {
+        if let Some(scatter) = end.scatter {
+            let factor = _mm512_set1_ps(scatter.weight[t]);
+            let y = &mut y.row_mut(scatter.rows[t] as usize)[outputs.clone()];
+            combine(values, y, |old, v| _mm512_add_ps(old, _mm512_mul_ps(factor, v)));
+        } else if end.add {
+            combine(values, &mut y.row_mut(t)[outputs.clone()], |old, v| _mm512_add_ps(old, v));
+        } else {
+            write(values, &mut y.row_mut(t)[outputs.clone()]);
+        }
+    }
+}
+
+/// Ends gated `values [rows, 2 * panels]`, in which gate and up panels take turns.
+#[inline(never)]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+pub(crate) fn finish_gated(values: &mut [[f32; PANEL]], panels: usize, t: usize, first: usize, y: &mut MatMut<f32>) {
+    let outputs = first..(first + panels * PANEL).min(y.cols());
+    for (t, values) in (t..).zip(values.chunks_exact_mut(2 * panels)) {
+        for i in 0..panels {
+            let v = _mm512_mul_ps(gelu_tanh(load(&values[2 * i])), load(&values[2 * i + 1]));
+            store(&mut values[i], v);
+        }
+        write(values, &mut y.row_mut(t)[outputs.clone()]);
+    }
+}
+
+/// Kept out of line, as are the activations: most products have neither, and their constants fill registers.
+#[inline(never)]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn add_bias(values: &mut [[f32; PANEL]], panels: usize, bias: &[f32]) {
+    let (bias, tail) = bias.as_chunks::<PANEL>();
+    for values in values.chunks_exact_mut(panels) {
+        for (v, bias) in values.iter_mut().zip(bias) {
+            let sum = _mm512_add_ps(load(v), load(bias));
+            store(v, sum);
+        }
+        if let Some(v) = values.get_mut(bias.len()) {
+            let sum = _mm512_add_ps(load(v), load_part(tail));
+            store(v, sum);
+        }
+    }
+}
+
+#[inline(never)]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn activate_all(activation: Activation, values: &mut [[f32; PANEL]]) {
+    for v in values {
+        let active = activate(activation, load(v));
+        store(v, active);
+    }
+}
+
+/// `y = values`; there may be more values than outputs.
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn write(values: &[[f32; PANEL]], y: &mut [f32]) {
+    let (y, y_tail) = y.as_chunks_mut::<PANEL>();
+    // Number by number: of one loop the compiler makes a call of `memcpy`, which takes longer than so few stores.
+    match (&mut *y, values) {
+        ([a], [v, ..]) => store(a, load(v)),
+        ([a, b], [v, w, ..]) => {
+            store(a, load(v));
+            store(b, load(w));
+        }
+        ([a, b, c], [v, w, x, ..]) => {
+            store(a, load(v));
+            store(b, load(w));
+            store(c, load(x));
+        }
+        ([a, b, c, d], [v, w, x, z, ..]) => {
+            store(a, load(v));
+            store(b, load(w));
+            store(c, load(x));
+            store(d, load(z));
+        }
+        (y, values) => {
+            for (y, v) in y.iter_mut().zip(values) {
+                store(y, load(v));
+            }
+        }
+    }
+    if !y_tail.is_empty() {
+        store_part(y_tail, load(&values[y.len()]));
+    }
+}
+
+/// `y = f(y, values)`; there may be more values than outputs.
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+fn combine(values: &[[f32; PANEL]], y: &mut [f32], f: impl Fn(__m512, __m512) -> __m512) {
+    let (y, y_tail) = y.as_chunks_mut::<PANEL>();
+    for (y, v) in y.iter_mut().zip(values) {
+        let new = f(load(y), load(v));
+        store(y, new);
+    }
+    if !y_tail.is_empty() {
+        let new = f(load_part(y_tail), load(&values[y.len()]));
+        store_part(y_tail, new);
+    }
+}
