@@ -14,6 +14,7 @@ mod registers;
 #[path = "amx/emulated.rs"]
 mod registers;
 
+use crate::isa::Amx;
 use crate::pack::PANEL;
 use core::marker::PhantomData;
 use registers::Registers;
@@ -35,10 +36,9 @@ pub(crate) struct Tiles {
 }
 
 impl Tiles {
-    /// # Safety
-    /// The processor and the system grant tiles: where an `Isa` holds `Amx`.
-    pub(crate) unsafe fn new() -> Self {
-        // SAFETY: tiles are granted by this function's contract, and nothing but this type uses them.
+    /// Configures this thread's tiles.
+    pub(crate) fn new(_token: Amx) -> Self {
+        // SAFETY: the token proves that tiles are granted, and nothing but this type uses them.
         Self { registers: unsafe { Registers::configure() }, thread: PhantomData }
     }
 

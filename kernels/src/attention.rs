@@ -7,17 +7,16 @@ mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512vnni;
 mod encoder_bf16;
-#[cfg(target_arch = "x86_64")]
-mod loops;
 mod operands;
 mod scalar;
 
 use crate::bf16::Bf16;
 use crate::error::ShapeError;
-use crate::isa::{Backend, Isa};
+
+use crate::isa::{Isa, dispatch};
 use crate::mat::{Mat, MatMut};
 use crate::prefetch::Ahead;
-use operands::{Operands, Widen};
+use operands::Operands;
 pub use operands::{RelativeBias, Visible};
 
 /// Attention of one head: `y[i] = sum_j softmax_j(scale * q[i] . k[j] + bias) * v[j]`.
@@ -45,9 +44,9 @@ pub fn attention_f32(
     ahead: Ahead,
     y: MatMut<f32>,
 ) -> Result<(), ShapeError> {
-    let operands = Operands { q, k, v, scale, bias, visible, ahead, in_order: isa.reads_in_order() };
+    let operands = Operands { q, k, v, scale, bias, visible, ahead, in_order: isa.tuning().self_prefetch };
     if operands.check(&y)? {
-        vectors(isa, operands, y);
+        dispatch!(isa, attention(operands, y));
     }
     Ok(())
 }
@@ -69,9 +68,9 @@ pub fn attention_bf16(
     ahead: Ahead,
     y: MatMut<f32>,
 ) -> Result<(), ShapeError> {
-    let operands = Operands { q, k, v, scale, bias, visible, ahead, in_order: isa.reads_in_order() };
+    let operands = Operands { q, k, v, scale, bias, visible, ahead, in_order: isa.tuning().self_prefetch };
     if operands.check(&y)? {
-        vectors(isa, operands, y);
+        dispatch!(isa, attention(operands, y));
     }
     Ok(())
 }
@@ -102,16 +101,14 @@ pub fn encoder_attention_f32(
     if !operands.check(&y)? {
         return Ok(());
     }
-    match isa.0 {
-        // SAFETY: `Isa` holds `Amx` only after detection of every feature that this back-end enables, tiles included.
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        Backend::Amx if amx::pays(&operands) => unsafe { amx::attention(operands, y) },
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        Backend::Amx => vectors(isa, operands, y),
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::AvxVnni | Backend::Avx512Vnni | Backend::Avx512Bf16 => vectors(isa, operands, y),
-        Backend::Scalar => vectors(isa, operands, y),
-    }
+    dispatch!(isa, attention(operands, y), {
+        Scalar: scalar,
+        Avx2: avx2,
+        AvxVnni: avx2,
+        Avx512Vnni: avx512vnni,
+        Avx512Bf16: avx512vnni,
+        Amx: amx,
+    });
     Ok(())
 }
 
@@ -140,49 +137,6 @@ pub fn encoder_attention_bf16(
     if !operands.check(&y)? {
         return Ok(());
     }
-    match isa.0 {
-        Backend::Scalar => encoder_bf16::scalar::attention(operands, y),
-        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::AvxVnni => unsafe { encoder_bf16::avx2::attention(operands, y) },
-        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Vnni => unsafe { encoder_bf16::avx512vnni::attention(operands, y) },
-        // SAFETY: `Isa` holds `Avx512Bf16` only after detection of "avx512bf16", and where it could hold `Avx512Vnni`.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Bf16 => unsafe { encoder_bf16::avx512bf16::attention(operands, y) },
-        // SAFETY: `Isa` holds `Amx` only after detection of every feature that this back-end enables, tiles included.
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        Backend::Amx if encoder_bf16::amx::fits(&operands) => unsafe { encoder_bf16::amx::attention(operands, y) },
-        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        Backend::Amx => unsafe { encoder_bf16::avx512vnni::attention(operands, y) },
-    }
+    encoder_bf16::attention(isa, operands, y);
     Ok(())
 }
-
-/// The back-ends that sum in registers of f32.
-fn vectors<T: Element>(isa: Isa, operands: Operands<T>, y: MatMut<f32>) {
-    match isa.0 {
-        Backend::Scalar => scalar::attention(operands, y),
-        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::AvxVnni => unsafe { avx2::attention(operands, y) },
-        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::attention(operands, y) },
-        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        Backend::Amx => unsafe { avx512vnni::attention(operands, y) },
-    }
-}
-
-/// What keys and values may be stored as: every back-end can widen it.
-#[cfg(target_arch = "x86_64")]
-trait Element: Widen + avx2::Load + avx512vnni::Load {}
-/// What keys and values may be stored as: every back-end can widen it.
-#[cfg(not(target_arch = "x86_64"))]
-trait Element: Widen {}
-
-impl Element for f32 {}
-impl Element for Bf16 {}

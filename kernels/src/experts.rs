@@ -7,7 +7,8 @@
 mod scalar;
 
 use crate::error::{ShapeError, expect_len};
-use crate::isa::{Backend, Isa};
+
+use crate::isa::{Isa, dispatch};
 use crate::mat::MatMut;
 
 /// Most experts of one layer.
@@ -46,15 +47,14 @@ pub fn route(isa: Isa, logits: MatMut<f32>, top_k: usize, routing: &mut Routing)
     expect_len("routing.starts", experts + 1, routing.starts.len())?;
     expect_len("routing.rows", rows * top_k, routing.rows.len())?;
     expect_len("routing.weights", rows * top_k, routing.weights.len())?;
-    match isa.0 {
-        Backend::Scalar => scalar::route(logits, top_k, routing),
-        // None of their own: the logits of a handful of experts fill a quarter of a register.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::AvxVnni | Backend::Avx512Vnni | Backend::Avx512Bf16 => {
-            scalar::route(logits, top_k, routing)
-        }
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        Backend::Amx => scalar::route(logits, top_k, routing),
-    }
+    // The logits of a handful of experts fill a quarter of a register: no back-end has a version of its own.
+    dispatch!(isa, route(logits, top_k, routing), {
+        Scalar: scalar,
+        Avx2: scalar,
+        AvxVnni: scalar,
+        Avx512Vnni: scalar,
+        Avx512Bf16: scalar,
+        Amx: scalar,
+    });
     Ok(())
 }

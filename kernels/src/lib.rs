@@ -18,6 +18,7 @@
 //! A convolution over time is a matrix product: rows of a [`Mat`] may overlap, so that a window of `kernel`
 //! frames with `channels` values each *is* a row of `kernel * channels` values at stride `step * channels`.
 #![no_std]
+#![expect(clippy::duplicate_mod, reason = "the loops of attention are compiled once per instruction set")]
 
 pub mod activation;
 #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
@@ -40,6 +41,7 @@ pub mod pack;
 pub mod peak;
 mod prefetch;
 pub mod quantize;
+pub mod tuning;
 
 pub use bf16::Bf16;
 pub use error::ShapeError;

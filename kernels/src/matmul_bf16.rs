@@ -13,7 +13,8 @@ mod scalar;
 use crate::bf16::Bf16;
 use crate::error::{ShapeError, expect_len};
 use crate::gemm::{Epilogue, Input, check_product};
-use crate::isa::{Backend, Isa};
+
+use crate::isa::{Isa, dispatch};
 use crate::mat::{Mat, MatMut};
 use crate::pack::PackedBf16;
 
@@ -32,18 +33,14 @@ use crate::pack::PackedBf16;
 /// [`ShapeError`] naming the argument whose length disagrees.
 pub fn matmul_bf16(isa: Isa, x: Input<f32>, w: PackedBf16, end: Epilogue, y: MatMut<f32>) -> Result<(), ShapeError> {
     check_product((x.rows(), x.cols()), (w.n(), w.k()), &y, &end)?;
-    match isa.0 {
-        Backend::Scalar => scalar::matmul(x, w, end, y),
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that `avx2` enables.
-        Backend::Avx2 | Backend::AvxVnni => unsafe { avx2::matmul(x, w, end, y) },
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that `avx512vnni` enables.
-        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::matmul(x, w, end, y) },
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        // SAFETY: `Isa` holds `Amx` only after detection of tiles and of every feature that `amx` enables.
-        Backend::Amx => unsafe { amx::matmul(x, w, end, y) },
-    }
+    dispatch!(isa, matmul(x, w, end, y), {
+        Scalar: scalar,
+        Avx2: avx2,
+        AvxVnni: avx2,
+        Avx512Vnni: avx512vnni,
+        Avx512Bf16: avx512vnni,
+        Amx: amx,
+    });
     Ok(())
 }
 
@@ -61,18 +58,14 @@ pub fn matmul_gated_bf16(
     check_product((x.rows(), x.cols()), (gate.n(), gate.k()), &y, &Epilogue::STORE)?;
     expect_len("up", gate.n(), up.n())?;
     expect_len("up", gate.k(), up.k())?;
-    match isa.0 {
-        Backend::Scalar => scalar::matmul_gated(x, gate, up, y),
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that `avx2` enables.
-        Backend::Avx2 | Backend::AvxVnni => unsafe { avx2::matmul_gated(x, gate, up, y) },
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that `avx512vnni` enables.
-        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::matmul_gated(x, gate, up, y) },
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        // SAFETY: `Isa` holds `Amx` only after detection of tiles and of every feature that `amx` enables.
-        Backend::Amx => unsafe { amx::matmul_gated(x, gate, up, y) },
-    }
+    dispatch!(isa, matmul_gated(x, gate, up, y), {
+        Scalar: scalar,
+        Avx2: avx2,
+        AvxVnni: avx2,
+        Avx512Vnni: avx512vnni,
+        Avx512Bf16: avx512vnni,
+        Amx: amx,
+    });
     Ok(())
 }
 
@@ -114,15 +107,15 @@ impl<'a> Bf16Rows<'a> {
 pub fn split(isa: Isa, x: &[f32], high: &mut [Bf16], low: &mut [Bf16]) -> Result<(), ShapeError> {
     expect_len("high", x.len(), high.len())?;
     expect_len("low", x.len(), low.len())?;
-    match isa.0 {
-        Backend::Scalar => scalar::split(x, high, low),
-        // Only tiles gain by such rows: the others have no use for a faster way to make them.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::AvxVnni | Backend::Avx512Vnni | Backend::Avx512Bf16 => scalar::split(x, high, low),
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        // SAFETY: `Isa` holds `Amx` only after detection of tiles and of every feature that `amx` enables.
-        Backend::Amx => unsafe { amx::split(x, high, low) },
-    }
+    // The other back-ends have no use for split rows, so that a faster split would gain nothing.
+    dispatch!(isa, split(x, high, low), {
+        Scalar: scalar,
+        Avx2: scalar,
+        AvxVnni: scalar,
+        Avx512Vnni: scalar,
+        Avx512Bf16: scalar,
+        Amx: amx,
+    });
     Ok(())
 }
 
@@ -137,20 +130,13 @@ pub fn split(isa: Isa, x: &[f32], high: &mut [Bf16], low: &mut [Bf16]) -> Result
 /// [`ShapeError`] naming the argument whose length disagrees.
 pub fn matmul_bf16_rows(isa: Isa, x: Bf16Rows, w: PackedBf16, end: Epilogue, y: MatMut<f32>) -> Result<(), ShapeError> {
     check_product((x.first.rows(), x.first.cols()), (w.n(), w.k()), &y, &end)?;
-    match isa.0 {
-        Backend::Scalar => scalar::matmul_rows(x, w, end, y),
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::AvxVnni | Backend::Avx512Vnni => scalar::matmul_rows(x, w, end, y),
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Bf16 => match x.rest {
-            // SAFETY: `Isa` holds `Avx512Bf16` only after detection of "avx512bf16" and of every feature that it enables.
-            None => unsafe { avx512bf16::matmul_rounded(x.first, w, end, y) },
-            // Two products in place of one of f32, which takes twice as long: nothing is gained.
-            Some(_) => scalar::matmul_rows(x, w, end, y),
-        },
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        // SAFETY: `Isa` holds `Amx` only after detection of tiles and of every feature that `amx` enables.
-        Backend::Amx => unsafe { amx::matmul_rows(x, w, end, y) },
-    }
+    dispatch!(isa, matmul_rows(x, w, end, y), {
+        Scalar: scalar,
+        Avx2: scalar,
+        AvxVnni: scalar,
+        Avx512Vnni: scalar,
+        Avx512Bf16: avx512bf16,
+        Amx: amx,
+    });
     Ok(())
 }

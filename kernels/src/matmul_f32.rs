@@ -8,7 +8,7 @@ mod scalar;
 
 use crate::error::{ShapeError, expect_len};
 use crate::gemm::{Epilogue, Input, check_product};
-use crate::isa::{Backend, Isa};
+use crate::isa::{Isa, dispatch};
 use crate::mat::MatMut;
 use crate::pack::PackedF32;
 
@@ -23,19 +23,7 @@ use crate::pack::PackedF32;
 /// [`ShapeError`] naming the argument whose length disagrees.
 pub fn matmul_f32(isa: Isa, x: Input<f32>, w: PackedF32, end: Epilogue, y: MatMut<f32>) -> Result<(), ShapeError> {
     check_product((x.rows(), x.cols()), (w.n(), w.k()), &y, &end)?;
-    match isa.0 {
-        Backend::Scalar => scalar::matmul(x, w, end, y),
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that `avx2` enables.
-        Backend::Avx2 | Backend::AvxVnni => unsafe { avx2::matmul(x, w, end, y) },
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that `avx512vnni` enables.
-        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::matmul(x, w, end, y) },
-        // Its tiles hold no f32.
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
-        Backend::Amx => unsafe { avx512vnni::matmul(x, w, end, y) },
-    }
+    dispatch!(isa, matmul(x, w, end, y));
     Ok(())
 }
 
@@ -57,18 +45,6 @@ pub fn matmul_gated_f32(
     check_product((x.rows(), x.cols()), (gate.n(), gate.k()), &y, &Epilogue::STORE)?;
     expect_len("up", gate.n(), up.n())?;
     expect_len("up", gate.k(), up.k())?;
-    match isa.0 {
-        Backend::Scalar => scalar::matmul_gated(x, gate, up, y),
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that `avx2` enables.
-        Backend::Avx2 | Backend::AvxVnni => unsafe { avx2::matmul_gated(x, gate, up, y) },
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that `avx512vnni` enables.
-        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::matmul_gated(x, gate, up, y) },
-        // Its tiles hold no f32.
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
-        Backend::Amx => unsafe { avx512vnni::matmul_gated(x, gate, up, y) },
-    }
+    dispatch!(isa, matmul_gated(x, gate, up, y));
     Ok(())
 }

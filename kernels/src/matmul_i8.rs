@@ -5,8 +5,6 @@ mod amx;
 #[cfg(target_arch = "x86_64")]
 mod avx2;
 #[cfg(target_arch = "x86_64")]
-mod avx512bf16;
-#[cfg(target_arch = "x86_64")]
 mod avx512vnni;
 #[cfg(target_arch = "x86_64")]
 mod avxvnni;
@@ -17,7 +15,8 @@ mod scalar;
 
 use crate::error::{ShapeError, expect_len};
 use crate::gemm::{Epilogue, Input, check_product};
-use crate::isa::{Backend, Isa};
+
+use crate::isa::{Isa, dispatch};
 use crate::mat::MatMut;
 use crate::pack::PackedI8;
 use crate::quantize::QuantRows;
@@ -46,24 +45,14 @@ pub fn matmul_i8(
     let x = input(x, index)?;
     check_k(w.k())?;
     check_product((x.rows.rows(), x.rows.cols()), (w.n(), w.k()), &y, &end)?;
-    match isa.0 {
-        Backend::Scalar => scalar::matmul(x, w, end, y),
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that `avx2` enables.
-        Backend::Avx2 => unsafe { avx2::matmul(x, w, end, y) },
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: `Isa` holds `AvxVnni` only after detection of every feature that `avxvnni` enables.
-        Backend::AvxVnni => unsafe { avxvnni::matmul(x, w, end, y) },
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that `avx512vnni` enables.
-        Backend::Avx512Vnni => unsafe { avx512vnni::matmul(x, w, end, y) },
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: `Isa` holds `Avx512Bf16` only where it could hold `Avx512Vnni`.
-        Backend::Avx512Bf16 => unsafe { avx512bf16::matmul(x, w, end, y) },
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        // SAFETY: `Isa` holds `Amx` only after detection of tiles, and where it could hold `Avx512Vnni`.
-        Backend::Amx => unsafe { amx::matmul(x, w, end, y) },
-    }
+    dispatch!(isa, matmul(x, w, end, y, isa.tuning()), {
+        Scalar: scalar,
+        Avx2: avx2,
+        AvxVnni: avxvnni,
+        Avx512Vnni: avx512vnni,
+        Avx512Bf16: avx512vnni,
+        Amx: amx,
+    });
     Ok(())
 }
 
@@ -84,24 +73,14 @@ pub fn matmul_gated_i8(
     check_product((x.rows.rows(), x.rows.cols()), (gate.n(), gate.k()), &y, &Epilogue::STORE)?;
     expect_len("up", gate.n(), up.n())?;
     expect_len("up", gate.k(), up.k())?;
-    match isa.0 {
-        Backend::Scalar => scalar::matmul_gated(x, gate, up, y),
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that `avx2` enables.
-        Backend::Avx2 => unsafe { avx2::matmul_gated(x, gate, up, y) },
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: `Isa` holds `AvxVnni` only after detection of every feature that `avxvnni` enables.
-        Backend::AvxVnni => unsafe { avxvnni::matmul_gated(x, gate, up, y) },
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that `avx512vnni` enables.
-        Backend::Avx512Vnni => unsafe { avx512vnni::matmul_gated(x, gate, up, y) },
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: `Isa` holds `Avx512Bf16` only where it could hold `Avx512Vnni`.
-        Backend::Avx512Bf16 => unsafe { avx512bf16::matmul_gated(x, gate, up, y) },
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        // SAFETY: `Isa` holds `Amx` only after detection of tiles, and where it could hold `Avx512Vnni`.
-        Backend::Amx => unsafe { amx::matmul_gated(x, gate, up, y) },
-    }
+    dispatch!(isa, matmul_gated(x, gate, up, y, isa.tuning()), {
+        Scalar: scalar,
+        Avx2: avx2,
+        AvxVnni: avxvnni,
+        Avx512Vnni: avx512vnni,
+        Avx512Bf16: avx512vnni,
+        Amx: amx,
+    });
     Ok(())
 }
 

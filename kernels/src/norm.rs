@@ -7,7 +7,7 @@ mod avx512vnni;
 mod scalar;
 
 use crate::error::{ShapeError, expect_len};
-use crate::isa::{Backend, Isa};
+use crate::isa::{Isa, dispatch};
 use crate::mat::{Mat, MatMut};
 
 /// RMS norm as T5 has it, without mean and bias: `y = x / sqrt(mean(x^2) + eps) * weight`.
@@ -22,18 +22,7 @@ use crate::mat::{Mat, MatMut};
 pub fn rms_norm(isa: Isa, x: Mat<f32>, weight: &[f32], eps: f32, y: MatMut<f32>) -> Result<(), ShapeError> {
     expect_len("weight", x.cols(), weight.len())?;
     check_same(&x, &y)?;
-    match isa.0 {
-        Backend::Scalar => scalar::rms_norm(x, weight, eps, y),
-        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::AvxVnni => unsafe { avx2::rms_norm(x, weight, eps, y) },
-        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::rms_norm(x, weight, eps, y) },
-        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        Backend::Amx => unsafe { avx512vnni::rms_norm(x, weight, eps, y) },
-    }
+    dispatch!(isa, rms_norm(x, weight, eps, y));
     Ok(())
 }
 
@@ -56,18 +45,7 @@ pub fn layer_norm(
     expect_len("weight", x.cols(), weight.len())?;
     expect_len("bias", x.cols(), bias.len())?;
     check_same(&x, &y)?;
-    match isa.0 {
-        Backend::Scalar => scalar::layer_norm(x, weight, bias, eps, y),
-        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::AvxVnni => unsafe { avx2::layer_norm(x, weight, bias, eps, y) },
-        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::layer_norm(x, weight, bias, eps, y) },
-        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        Backend::Amx => unsafe { avx512vnni::layer_norm(x, weight, bias, eps, y) },
-    }
+    dispatch!(isa, layer_norm(x, weight, bias, eps, y));
     Ok(())
 }
 
@@ -81,18 +59,7 @@ pub fn layer_norm(
 pub fn channel_sums(isa: Isa, x: Mat<f32>, sum: &mut [f64], squares: &mut [f64]) -> Result<(), ShapeError> {
     expect_len("sum", x.cols(), sum.len())?;
     expect_len("squares", x.cols(), squares.len())?;
-    match isa.0 {
-        Backend::Scalar => scalar::channel_sums(x, sum, squares),
-        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::AvxVnni => unsafe { avx2::channel_sums(x, sum, squares) },
-        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::channel_sums(x, sum, squares) },
-        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        Backend::Amx => unsafe { avx512vnni::channel_sums(x, sum, squares) },
-    }
+    dispatch!(isa, channel_sums(x, sum, squares));
     Ok(())
 }
 
@@ -105,18 +72,7 @@ pub fn channel_sums(isa: Isa, x: Mat<f32>, sum: &mut [f64], squares: &mut [f64])
 pub fn channel_affine(isa: Isa, x: MatMut<f32>, scale: &[f32], shift: &[f32]) -> Result<(), ShapeError> {
     expect_len("scale", x.cols(), scale.len())?;
     expect_len("shift", x.cols(), shift.len())?;
-    match isa.0 {
-        Backend::Scalar => scalar::channel_affine(x, scale, shift),
-        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::AvxVnni => unsafe { avx2::channel_affine(x, scale, shift) },
-        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::channel_affine(x, scale, shift) },
-        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        Backend::Amx => unsafe { avx512vnni::channel_affine(x, scale, shift) },
-    }
+    dispatch!(isa, channel_affine(x, scale, shift));
     Ok(())
 }
 

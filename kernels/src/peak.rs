@@ -13,60 +13,42 @@ mod avx512bf16;
 mod avx512vnni;
 #[cfg(target_arch = "x86_64")]
 mod avxvnni;
+mod scalar;
 
 use core::hint::black_box;
 
-use crate::isa::{Backend, Isa};
+use crate::isa::{Isa, dispatch};
 
 /// Int8 multiply-adds with int32 sums, from registers alone: returns how many were done in so many rounds of the back-end's
 /// instruction; none where it has none of its own.
 pub fn int8(isa: Isa, rounds: usize) -> Option<usize> {
-    match isa.0 {
-        Backend::Scalar => None,
-        // SAFETY: `Isa` holds `Avx2` only after detection of every feature `avx2` enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 => Some(unsafe { avx2::int8(rounds) }),
-        // SAFETY: `Isa` holds `AvxVnni` only after detection of every feature `avxvnni` enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::AvxVnni => Some(unsafe { avxvnni::int8(rounds) }),
-        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature `avx512vnni` enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Vnni | Backend::Avx512Bf16 => Some(unsafe { avx512vnni::int8(rounds) }),
-        // SAFETY: `Isa` holds `Amx` only where the processor has int8 tiles and the system granted them.
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        Backend::Amx => Some(unsafe { amx::int8(rounds) }),
-    }
+    dispatch!(isa, int8(rounds), {
+        Scalar: scalar,
+        Avx2: avx2,
+        AvxVnni: avxvnni,
+        Avx512Vnni: avx512vnni,
+        Avx512Bf16: avx512vnni,
+        Amx: amx,
+    })
 }
 
 /// Single-precision multiply-adds from registers alone: returns how many were done in so many rounds of the back-end's
 /// instruction; none where it has none of its own.
 pub fn f32(isa: Isa, rounds: usize) -> Option<usize> {
-    match isa.0 {
-        Backend::Scalar => None,
-        // SAFETY: `Isa` holds `Avx2` only after detection of every feature `avx2` enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::AvxVnni => Some(unsafe { avx2::f32(rounds) }),
-        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature `avx512vnni` enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Vnni | Backend::Avx512Bf16 => Some(unsafe { avx512vnni::f32(rounds) }),
-        // SAFETY: `Isa` holds `Amx` only where all of AVX-512 that `avx512vnni` enables was detected too.
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        Backend::Amx => Some(unsafe { avx512vnni::f32(rounds) }),
-    }
+    dispatch!(isa, f32(rounds))
 }
 
 /// Multiply-adds of pairs of bfloat16 with f32 sums, from registers alone: returns how many were done in so many rounds of the
 /// instruction; none where the back-end has none, as where tiles take its place.
 pub fn pairs(isa: Isa, rounds: usize) -> Option<usize> {
-    match isa.0 {
-        // SAFETY: `Isa` holds `Avx512Bf16` only after detection of "avx512bf16" and of AVX-512.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Bf16 => Some(unsafe { avx512bf16::pairs(rounds) }),
-        _ => {
-            let _ = rounds;
-            None
-        }
-    }
+    dispatch!(isa, pairs(rounds), {
+        Scalar: scalar,
+        Avx2: scalar,
+        AvxVnni: scalar,
+        Avx512Vnni: scalar,
+        Avx512Bf16: avx512bf16,
+        Amx: scalar,
+    })
 }
 
 /// How memory is read: what comes faster differs between processors.
@@ -111,23 +93,10 @@ const TURNS: usize = 4;
 
 /// Reads every byte once.
 pub fn read(isa: Isa, order: Order, bytes: &[i8]) {
-    match isa.0 {
-        Backend::Scalar => {
-            let _ = order;
-            read_scalar(bytes);
-        }
-        // SAFETY: `Isa` holds `Avx2` only after detection of every feature `avx2` enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::AvxVnni => unsafe { avx2::read(order, bytes) },
-        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature `avx512vnni` enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::read(order, bytes) },
-        // SAFETY: `Isa` holds `Amx` only where all of AVX-512 that `avx512vnni` enables was detected too.
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        Backend::Amx => unsafe { avx512vnni::read(order, bytes) },
-    }
+    dispatch!(isa, read(order, bytes))
 }
 
-fn read_scalar(bytes: &[i8]) {
+/// Reads every byte with one sum, as long as it takes.
+fn sum(bytes: &[i8]) {
     black_box(bytes.iter().fold(0_i8, |sum, &byte| sum.wrapping_add(byte)));
 }

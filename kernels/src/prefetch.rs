@@ -31,10 +31,10 @@ impl<'a> Ahead<'a> {
         Self { pieces, len: size_of_val(first).min(size_of_val(second)), streams: STREAMS, memory: PhantomData }
     }
 
-    /// In the order that is faster on the processors that take this back-end.
+    /// In one stream or in several side by side, whichever is faster by the tuning profile of `isa`.
     #[must_use]
     pub const fn as_read_by(mut self, isa: Isa) -> Self {
-        self.streams = if isa.reads_in_order() { 1 } else { STREAMS };
+        self.streams = if isa.tuning().one_stream { 1 } else { STREAMS };
         self
     }
 }

@@ -7,7 +7,7 @@ mod avx512vnni;
 mod scalar;
 
 use crate::error::{ShapeError, expect_len};
-use crate::isa::{Backend, Isa};
+use crate::isa::{Isa, dispatch};
 use crate::mat::{Mat, MatMut};
 
 /// Quantised rows: `value = step * scale[row]`.
@@ -88,35 +88,13 @@ pub fn step_size(largest: f32) -> f32 {
 }
 
 fn largest(isa: Isa, row: &[f32]) -> f32 {
-    match isa.0 {
-        Backend::Scalar => scalar::largest(row),
-        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::AvxVnni => unsafe { avx2::largest(row) },
-        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::largest(row) },
-        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        Backend::Amx => unsafe { avx512vnni::largest(row) },
-    }
+    dispatch!(isa, largest(row))
 }
 
 /// The steps of values of a row whose largest is `largest`.
 fn round(isa: Isa, row: &[f32], largest: f32, steps: &mut [i8]) {
     let Some((per_unit, _)) = scalar::per_unit(largest) else { return steps.fill(0) };
-    match isa.0 {
-        Backend::Scalar => scalar::round(row, per_unit, steps),
-        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::AvxVnni => unsafe { avx2::round(row, per_unit, steps) },
-        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::round(row, per_unit, steps) },
-        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        Backend::Amx => unsafe { avx512vnni::round(row, per_unit, steps) },
-    }
+    dispatch!(isa, round(row, per_unit, steps))
 }
 
 /// Quantises one weight row symmetrically: the step is `max(abs(row)) / 127`, returned; an all-zero row has step 1.

@@ -14,9 +14,10 @@
 
 #![expect(clippy::needless_range_loop, reason = "loops of constant length over registers read best by index")]
 
-use super::avx512vnni::transpose;
+use super::avx512vnni::{self, vector::transpose};
 use super::operands::Operands;
 use crate::amx::{TILE as ROWS, Tiles};
+use crate::isa::{Amx, entry};
 use crate::lanes::LANES;
 use crate::lanes::avx512vnni::{array, first_lanes, load, load_from, load_part, store, store_part};
 use crate::mat::{Mat, MatMut};
@@ -24,6 +25,7 @@ use crate::math::LOG2_E;
 use core::arch::x86_64::*;
 use core::mem::MaybeUninit;
 use core::ops::Range;
+use umo_kernels_features::avx512vnni;
 
 /// Widest head; wider ones are left to AVX-512.
 pub(super) const MOST_DIM: usize = 64;
@@ -95,14 +97,22 @@ struct Softmax {
 }
 
 /// Whether tiles are faster: a question of the keys and their width, never of the number of queries.
-pub(super) fn pays(x: &Operands<f32>) -> bool {
+fn pays(x: &Operands<f32>) -> bool {
     x.k.rows() >= FEWEST_KEYS && x.k.cols() <= MOST_DIM
 }
 
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-pub(super) fn attention(x: Operands<f32>, mut y: MatMut<f32>) {
-    // SAFETY: the dispatch leads here from `Backend::Amx` alone.
-    let tiles = &unsafe { Tiles::new() };
+entry! {
+    pub(super) fn attention(token: Amx, x: Operands<f32>, y: MatMut<f32>) {
+        if pays(&x) {
+            run(&Tiles::new(token), x, y);
+        } else {
+            avx512vnni::attention(token.into(), x, y);
+        }
+    }
+}
+
+#[avx512vnni]
+fn run(tiles: &Tiles, x: Operands<f32>, mut y: MatMut<f32>) {
     let mut work = Work {
         k: [[[Tile::EMPTY; PARTS]; MOST_DIM / PAIRS]; KEYS / ROWS],
         v: [[[Tile::EMPTY; PARTS]; MOST_DIM / LANES]; KEYS / PAIRS],
@@ -127,7 +137,7 @@ pub(super) fn attention(x: Operands<f32>, mut y: MatMut<f32>) {
 /// 32 at a time; while they meet keys, the weights of the 32 before them are taken, and while those meet values, the
 /// scores of these and their first weights, a few registers between any two products. Tiles leave registers one of two
 /// ports, 64 operations for four products; what is more than that comes at a high price, so both halves get as much.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+#[avx512vnni]
 fn queries(
     tiles: &Tiles,
     x: Operands<f32>,
@@ -167,7 +177,7 @@ fn queries(
 }
 
 /// The scores of `next` before they are scaled; meanwhile, weights of `last`.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+#[avx512vnni]
 fn meet_keys<const G: usize>(tiles: &Tiles, q: &mut Queries, k: &Keys, next: &mut Block, last: &mut Block) {
     pack_queries(next.x.q.row_range(next.i..next.i + next.softmaxes.len()), q);
     let (steps, pairs) = (next.x.q.cols().div_ceil(PAIRS), next.keys.div_ceil(PAIRS));
@@ -186,7 +196,7 @@ fn meet_keys<const G: usize>(tiles: &Tiles, q: &mut Queries, k: &Keys, next: &mu
 }
 
 /// The sums of values of `last`; meanwhile, scores of `next`.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+#[avx512vnni]
 fn meet_values<const G: usize>(tiles: &Tiles, v: &Values, last: &mut Block, sums: &mut Sums, next: &mut Block) {
     let (steps, pairs) = (last.x.q.cols().div_ceil(PAIRS), last.keys.div_ceil(PAIRS));
     let pieces = next.softmaxes.len().div_ceil((PRODUCTS * steps).max(1));
@@ -258,7 +268,7 @@ impl<'a> Block<'a> {
     }
 
     /// Turns the dot products of the next `pieces` pairs of a row's tiles into scores.
-    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+    #[avx512vnni]
     fn score(&mut self, pieces: usize) {
         let (Done { rows, pairs, lanes }, all) = (&mut self.scored, self.keys.div_ceil(PAIRS));
         let mut largest = load(lanes);
@@ -279,7 +289,7 @@ impl<'a> Block<'a> {
     }
 
     /// All rows' factors at once: one row by itself would wait for its own.
-    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+    #[avx512vnni]
     fn rescale(&mut self) {
         let mut max = [0.0; GROUPS * ROWS];
         for (max, softmax) in max.iter_mut().zip(&*self.softmaxes) {
@@ -292,7 +302,7 @@ impl<'a> Block<'a> {
 
     /// Turns the scores of the next `pieces` pairs of a row's tiles into the parts of weights `exp(score - max)`, as far as
     /// rows have all their scores.
-    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+    #[avx512vnni]
     fn weigh(&mut self, pieces: usize) {
         let (Done { rows, pairs, lanes }, all) = (&mut self.weighed, self.keys.div_ceil(PAIRS));
         let mut sum = load(lanes);
@@ -322,7 +332,7 @@ impl<'a> Block<'a> {
 }
 
 /// `y = y * shrink + sums[..][r]`, over `total` in the end; without `shrink`, what `y` holds does not count.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+#[avx512vnni]
 pub(super) fn add(sums: &[Tile; MOST_DIM / LANES], r: usize, shrink: Option<f32>, total: Option<f32>, y: &mut [f32]) {
     let sum = |tile: &Tile, y: __m512| {
         let sum = load(&tile.0[r]);
@@ -340,7 +350,7 @@ pub(super) fn add(sums: &[Tile; MOST_DIM / LANES], r: usize, shrink: Option<f32>
 }
 
 /// `x / total`, rounded correctly: one division for a row instead of a slow one per register.
-#[target_feature(enable = "avx512f")]
+#[avx512vnni]
 fn divide(x: __m512, total: f32) -> __m512 {
     let (total, inverse) = (_mm512_set1_ps(total), _mm512_set1_ps(1.0 / total));
     let quotient = _mm512_mul_ps(x, inverse);
@@ -404,7 +414,7 @@ fn finish<const G: usize>(tiles: &Tiles, above: &mut [Tile], below: &mut [Tile])
 /// The parts of 32 values: exact, each by cutting off what a bfloat16 has no room for. Whatever is not finite becomes NaN
 /// in the second part.
 #[inline]
-#[target_feature(enable = "avx512f")]
+#[avx512vnni]
 fn split(a: __m512, b: __m512) -> [__m512; PARTS] {
     let (high_a, high_b) = (upper_half(a), upper_half(b));
     let (rest_a, rest_b) = (_mm512_sub_ps(a, high_a), _mm512_sub_ps(b, high_b));
@@ -415,14 +425,14 @@ fn split(a: __m512, b: __m512) -> [__m512; PARTS] {
 
 /// The upper 16 bits of every value: a bfloat16, rounded towards zero.
 #[inline]
-#[target_feature(enable = "avx512f")]
+#[avx512vnni]
 fn upper_half(x: __m512) -> __m512 {
     _mm512_castsi512_ps(_mm512_and_si512(_mm512_castps_si512(x), _mm512_set1_epi32(!0xffff)))
 }
 
 /// Upper halves of `a` in the lower halves of the lanes, of `b` in the upper ones.
 #[inline]
-#[target_feature(enable = "avx512f")]
+#[avx512vnni]
 fn paired(a: __m512, b: __m512) -> __m512 {
     // `a | b & mask` in one operation; spelled out, the compiler makes a shuffle of it that takes four times as long.
     const OR_AND: i32 = 0b1111_1000;
@@ -432,7 +442,7 @@ fn paired(a: __m512, b: __m512) -> __m512 {
 
 /// 32 values of a row from `at` on, zeros where there are fewer.
 #[inline]
-#[target_feature(enable = "avx512f")]
+#[avx512vnni]
 pub(super) fn load_pairs(row: &[f32], at: usize) -> [__m512; 2] {
     match row.get(at..at + PAIRS) {
         Some(row) => {
@@ -444,7 +454,7 @@ pub(super) fn load_pairs(row: &[f32], at: usize) -> [__m512; 2] {
 }
 
 /// Queries as rows of pairs; rows beyond the last keep what they hold, and nobody reads what becomes of it.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+#[avx512vnni]
 fn pack_queries(q: Mat<f32>, packed: &mut Queries) {
     for r in 0..q.rows() {
         let row = q.row(r);
@@ -458,7 +468,7 @@ fn pack_queries(q: Mat<f32>, packed: &mut Queries) {
 }
 
 /// Keys as columns of pairs; those beyond the last are zeros up to a multiple of 32.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+#[avx512vnni]
 fn pack_keys(k: Mat<f32>, packed: &mut Keys) {
     for (tile, packed) in packed[..2 * k.rows().div_ceil(PAIRS)].iter_mut().enumerate() {
         for (step, to) in packed[..k.cols().div_ceil(PAIRS)].iter_mut().enumerate() {
@@ -482,7 +492,7 @@ fn pack_keys(k: Mat<f32>, packed: &mut Keys) {
 }
 
 /// Values as rows of pairs of keys; those beyond the last are zeros up to a multiple of 32.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+#[avx512vnni]
 fn pack_values(v: Mat<f32>, packed: &mut Values) {
     for (tile, packed) in packed[..v.rows().div_ceil(PAIRS)].iter_mut().enumerate() {
         for pair in 0..LANES {
@@ -505,7 +515,7 @@ fn pack_values(v: Mat<f32>, packed: &mut Values) {
 /// Turns row `r` of the dot products with the keys from `at` on, of `keys`, into scores, hides the rest, and returns the
 /// larger of each lane and `largest`.
 #[inline]
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+#[avx512vnni]
 fn score(
     [left, right, _]: &mut Split,
     r: usize,
@@ -530,7 +540,7 @@ fn score(
 
 /// Turns row `r` of 32 scores into the parts of weights, and returns the sums of these.
 #[inline]
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+#[avx512vnni]
 fn weigh([first, second, third]: &mut Split, r: usize, max: f32) -> __m512 {
     let max = _mm512_set1_ps(max);
     let a = exp(_mm512_sub_ps(load(&first.0[r]), max));
@@ -548,7 +558,7 @@ const POWER: [f32; 6] = [0.000_216_129_16, 0.001_246_784_6, 0.009_675_452, 0.055
 /// `e^x` of differences from a maximum: exactly 1 at 0, otherwise off by a unit of the last place and by 2^-24 of `x`;
 /// 0 below -87.33.
 #[inline]
-#[target_feature(enable = "avx512f,avx512dq")]
+#[avx512vnni]
 fn exp(x: __m512) -> __m512 {
     let x = _mm512_mul_ps(x, _mm512_set1_ps(LOG2_E));
     let normal = _mm512_cmp_ps_mask::<_CMP_NLT_UQ>(x, _mm512_set1_ps(-126.0));

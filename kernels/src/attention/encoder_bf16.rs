@@ -5,18 +5,31 @@
 //! that it does not matter whether an addition is fused. Scores and their maximum are in powers of 2.
 
 #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-pub(super) mod amx;
+mod amx;
 #[cfg(target_arch = "x86_64")]
-pub(super) mod avx2;
+mod avx2;
 #[cfg(target_arch = "x86_64")]
-pub(super) mod avx512bf16;
+mod avx512bf16;
 #[cfg(target_arch = "x86_64")]
-pub(super) mod avx512vnni;
-#[cfg(target_arch = "x86_64")]
-mod loops;
-pub(super) mod scalar;
+mod avx512vnni;
+mod scalar;
 
+use super::operands::Operands;
+
+use crate::isa::{Isa, dispatch};
+use crate::mat::MatMut;
 use crate::math::scalar::exp;
+
+pub(super) fn attention(isa: Isa, operands: Operands<f32>, y: MatMut<f32>) {
+    dispatch!(isa, attention(operands, y), {
+        Scalar: scalar,
+        Avx2: avx2,
+        AvxVnni: avx2,
+        Avx512Vnni: avx512vnni,
+        Avx512Bf16: avx512bf16,
+        Amx: amx,
+    });
+}
 
 /// Keys in work at once, over which a query's largest score does not change.
 const KEYS: usize = 256;

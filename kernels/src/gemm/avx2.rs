@@ -9,6 +9,7 @@ use crate::pack::PANEL;
 use crate::prefetch;
 use core::arch::asm;
 use core::arch::x86_64::*;
+use umo_kernels_features::avx2;
 
 /// Rows of the largest tile: 6 rows x 1 panel are 12 sums, which leaves two registers of weights and two to spare.
 const ROWS: usize = 6;
@@ -32,7 +33,7 @@ pub(crate) trait Load: Copy {
 }
 
 /// The whole product: all rows pass by each group of panels while it is in the cache.
-#[target_feature(enable = "avx2,fma")]
+#[avx2]
 pub(crate) fn run<'a, W: Panels<'a, Row: Load>>(x: Input<f32>, job: &Job<'_, W>, mut y: MatMut<f32>) {
     let mut slot = 0;
     while slot < job.slots() {
@@ -53,7 +54,7 @@ pub(crate) fn run<'a, W: Panels<'a, Row: Load>>(x: Input<f32>, job: &Job<'_, W>,
 }
 
 /// The rows from `t` on, `R` of them, with `width` slots, `WIDTH` in a group, `P` of them at a time.
-#[target_feature(enable = "avx2,fma")]
+#[avx2]
 fn tile<'a, W: Panels<'a, Row: Load>, const R: usize, const P: usize, const WIDTH: usize>(
     x: &Input<f32>,
     t: usize,
@@ -82,7 +83,7 @@ fn tile<'a, W: Panels<'a, Row: Load>, const R: usize, const P: usize, const WIDT
 }
 
 /// `R` rows with `WIDTH` slots from `slot` on, from the first input to the end of the product.
-#[target_feature(enable = "avx2,fma")]
+#[avx2]
 fn group<'a, W: Panels<'a, Row: Load>, const R: usize, const P: usize, const WIDTH: usize>(
     rows: &[&[f32]; R],
     t: usize,
@@ -109,7 +110,7 @@ fn group<'a, W: Panels<'a, Row: Load>, const R: usize, const P: usize, const WID
 /// The innermost tile: `R x P` panels of sums in registers, which go to `sums` from panel `first` on. Kept
 /// out of line: 16 are too few for what stands around it.
 #[inline(never)]
-#[target_feature(enable = "avx2,fma")]
+#[avx2]
 fn multiply<W: Load, const R: usize, const P: usize, const WIDTH: usize>(
     rows: &[&[f32]; R],
     panels: [&[W]; P],
@@ -154,7 +155,7 @@ fn multiply<W: Load, const R: usize, const P: usize, const WIDTH: usize>(
 /// # Safety
 /// `x` point to rows and `w` to panels that have this input.
 #[inline]
-#[target_feature(enable = "avx2,fma")]
+#[avx2]
 unsafe fn step<W: Load, const R: usize, const P: usize>(
     acc: &mut [[[__m256; 2]; P]; R],
     x: &[*const f32; R],
@@ -192,7 +193,7 @@ fn unknown<T>(mut address: *const T) -> *const T {
 
 /// Ends `values [rows, panels]`: the outputs from `first` on of the rows from `t` on.
 #[inline]
-#[target_feature(enable = "avx2,fma")]
+#[avx2]
 pub(crate) fn finish(
     values: &mut [[f32; PANEL]],
     panels: usize,
@@ -223,7 +224,7 @@ pub(crate) fn finish(
 
 /// Ends gated `values [rows, 2 * panels]`, in which gate and up panels take turns.
 #[inline(never)]
-#[target_feature(enable = "avx2,fma")]
+#[avx2]
 pub(crate) fn finish_gated(values: &mut [[f32; PANEL]], panels: usize, t: usize, first: usize, y: &mut MatMut<f32>) {
     let outputs = first..(first + panels * PANEL).min(y.cols());
     for (t, values) in (t..).zip(values.chunks_exact_mut(2 * panels)) {
@@ -238,7 +239,7 @@ pub(crate) fn finish_gated(values: &mut [[f32; PANEL]], panels: usize, t: usize,
 
 /// Kept out of line, as are the activations: most products have neither, and their constants fill registers.
 #[inline(never)]
-#[target_feature(enable = "avx2,fma")]
+#[avx2]
 fn add_bias(values: &mut [[f32; PANEL]], panels: usize, bias: &[f32]) {
     let (bias, tail) = bias.as_chunks::<PANEL>();
     for values in values.chunks_exact_mut(panels) {
@@ -253,7 +254,7 @@ fn add_bias(values: &mut [[f32; PANEL]], panels: usize, bias: &[f32]) {
 }
 
 #[inline(never)]
-#[target_feature(enable = "avx2,fma")]
+#[avx2]
 fn activate_all(activation: Activation, values: &mut [[f32; PANEL]]) {
     for v in values {
         let [low, high] = load(v);
@@ -263,7 +264,7 @@ fn activate_all(activation: Activation, values: &mut [[f32; PANEL]]) {
 
 /// `y = f(y, values)`; there may be more values than outputs.
 #[inline]
-#[target_feature(enable = "avx2,fma")]
+#[avx2]
 fn combine(values: &[[f32; PANEL]], y: &mut [f32], f: impl Fn(__m256, __m256) -> __m256) {
     let (y, y_tail) = y.as_chunks_mut::<PANEL>();
     for (y, v) in y.iter_mut().zip(values) {

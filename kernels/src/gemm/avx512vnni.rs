@@ -9,6 +9,7 @@ use crate::pack::PANEL;
 use crate::prefetch;
 use core::arch::x86_64::*;
 use core::ops::Range;
+use umo_kernels_features::avx512vnni;
 
 /// Rows of the largest tile: 8 rows x 3 panels are 24 sums. A ninth row would fit the vector registers, but its address no
 /// longer a scalar one.
@@ -28,9 +29,11 @@ pub(crate) trait Step<X>: Copy {
     const INPUTS: usize;
     /// Steps for which a row of a panel has weights.
     const SHARED: usize;
+    /// Proof of instructions beyond those of this back-end.
+    type Token: Copy;
     /// The weights of step `i`.
     /// # Safety
-    /// The processor has the features of this back-end, and those that the implementation names; `panel` points to a whole panel, which ends behind step `i`.
+    /// The processor has the features of this back-end; `panel` points to a whole panel, which ends behind step `i`.
     unsafe fn weights(panel: *const Self, i: usize) -> __m512;
     /// The inputs of step `i`, in all lanes.
     /// # Safety
@@ -42,8 +45,8 @@ pub(crate) trait Step<X>: Copy {
     unsafe fn last(row: *const X, i: usize) -> __m512;
     /// `sum + x * w`.
     /// # Safety
-    /// The processor has the features that the implementation names.
-    unsafe fn multiply(sum: __m512, x: __m512, w: __m512) -> __m512;
+    /// The processor has the features of this back-end.
+    unsafe fn multiply(token: Self::Token, sum: __m512, x: __m512, w: __m512) -> __m512;
 }
 
 /// Rows of panels whose weights widen to f32 as they are loaded.
@@ -59,38 +62,44 @@ pub(crate) trait Load: Copy {
 impl<W: Load> Step<f32> for W {
     const INPUTS: usize = 1;
     const SHARED: usize = W::INPUTS;
+    type Token = ();
 
     #[inline]
-    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+    #[avx512vnni]
     unsafe fn weights(panel: *const Self, i: usize) -> __m512 {
         // SAFETY: this function enables the features that `load` needs; the panel has an input `i` by its contract.
         unsafe { W::load(panel, i) }
     }
 
     #[inline]
-    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+    #[avx512vnni]
     unsafe fn inputs(row: *const f32, i: usize) -> __m512 {
         // SAFETY: the row has an input `i` by this function's contract.
         _mm512_set1_ps(unsafe { *row.wrapping_add(i) })
     }
 
     #[inline]
-    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+    #[avx512vnni]
     unsafe fn last(row: *const f32, i: usize) -> __m512 {
         // SAFETY: a step is one input.
         unsafe { <Self as Step<f32>>::inputs(row, i) }
     }
 
     #[inline]
-    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-    unsafe fn multiply(sum: __m512, x: __m512, w: __m512) -> __m512 {
+    #[avx512vnni]
+    unsafe fn multiply((): (), sum: __m512, x: __m512, w: __m512) -> __m512 {
         _mm512_fmadd_ps(x, w, sum)
     }
 }
 
 /// The whole product.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-pub(crate) fn run<'a, X, W: Panels<'a, Row: Step<X>>>(x: Input<X>, job: &Job<'_, W>, mut y: MatMut<f32>) {
+#[avx512vnni]
+pub(crate) fn run<'a, X, W: Panels<'a, Row: Step<X>>>(
+    token: <W::Row as Step<X>>::Token,
+    x: Input<X>,
+    job: &Job<'_, W>,
+    mut y: MatMut<f32>,
+) {
     let most = if matches!(job, Job::Plain(..)) { ROWS } else { EVEN_ROWS };
     // A multiple of the panels that any tile takes at once, and of gated pairs of them.
     let panel_bytes = size_of::<W::Row>() * job.k().div_ceil(panel_inputs::<X, W::Row>()).max(1);
@@ -101,14 +110,14 @@ pub(crate) fn run<'a, X, W: Panels<'a, Row: Step<X>>>(x: Input<X>, job: &Job<'_,
         let slots = first..(first + width).min(job.slots());
         for (t, rows) in tiles(x.rows(), most) {
             match rows {
-                1 => tile::<X, W, 1, 4>(&x, t, job, slots.clone(), &mut sums, &mut y),
-                2 => tile::<X, W, 2, 4>(&x, t, job, slots.clone(), &mut sums, &mut y),
-                3 => tile::<X, W, 3, 4>(&x, t, job, slots.clone(), &mut sums, &mut y),
-                4 => tile::<X, W, 4, 4>(&x, t, job, slots.clone(), &mut sums, &mut y),
-                5 => tile::<X, W, 5, 4>(&x, t, job, slots.clone(), &mut sums, &mut y),
-                6 => tile::<X, W, 6, 4>(&x, t, job, slots.clone(), &mut sums, &mut y),
-                7 => tile::<X, W, 7, 3>(&x, t, job, slots.clone(), &mut sums, &mut y),
-                ROWS => tile::<X, W, ROWS, 3>(&x, t, job, slots.clone(), &mut sums, &mut y),
+                1 => tile::<X, W, 1, 4>(token, &x, t, job, slots.clone(), &mut sums, &mut y),
+                2 => tile::<X, W, 2, 4>(token, &x, t, job, slots.clone(), &mut sums, &mut y),
+                3 => tile::<X, W, 3, 4>(token, &x, t, job, slots.clone(), &mut sums, &mut y),
+                4 => tile::<X, W, 4, 4>(token, &x, t, job, slots.clone(), &mut sums, &mut y),
+                5 => tile::<X, W, 5, 4>(token, &x, t, job, slots.clone(), &mut sums, &mut y),
+                6 => tile::<X, W, 6, 4>(token, &x, t, job, slots.clone(), &mut sums, &mut y),
+                7 => tile::<X, W, 7, 3>(token, &x, t, job, slots.clone(), &mut sums, &mut y),
+                ROWS => tile::<X, W, ROWS, 3>(token, &x, t, job, slots.clone(), &mut sums, &mut y),
                 rows => unreachable!("a tile of {rows} rows"),
             }
         }
@@ -116,8 +125,9 @@ pub(crate) fn run<'a, X, W: Panels<'a, Row: Step<X>>>(x: Input<X>, job: &Job<'_,
 }
 
 /// The rows from `t` on, `R` of them, with all `slots`, `P` at a time.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+#[avx512vnni]
 fn tile<'a, X, W: Panels<'a, Row: Step<X>>, const R: usize, const P: usize>(
+    token: <W::Row as Step<X>>::Token,
     x: &Input<X>,
     t: usize,
     job: &Job<'_, W>,
@@ -131,21 +141,22 @@ fn tile<'a, X, W: Panels<'a, Row: Step<X>>, const R: usize, const P: usize>(
     }
     let mut slot = slots.start;
     while slot + P <= slots.end {
-        group::<X, W, R, P>(&rows, t, job, slot, sums, y);
+        group::<X, W, R, P>(token, &rows, t, job, slot, sums, y);
         slot += P;
     }
     while slot + 2 <= slots.end {
-        group::<X, W, R, 2>(&rows, t, job, slot, sums, y);
+        group::<X, W, R, 2>(token, &rows, t, job, slot, sums, y);
         slot += 2;
     }
     if slot < slots.end {
-        group::<X, W, R, 1>(&rows, t, job, slot, sums, y);
+        group::<X, W, R, 1>(token, &rows, t, job, slot, sums, y);
     }
 }
 
 /// `R` rows with `P` slots from `slot` on, from the first input to the end of the product.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+#[avx512vnni]
 fn group<'a, X, W: Panels<'a, Row: Step<X>>, const R: usize, const P: usize>(
+    token: <W::Row as Step<X>>::Token,
     rows: &[&[X]; R],
     t: usize,
     job: &Job<'_, W>,
@@ -158,7 +169,7 @@ fn group<'a, X, W: Panels<'a, Row: Step<X>>, const R: usize, const P: usize>(
     for (p, panel) in panels.iter_mut().enumerate() {
         *panel = job.panel(slot + p);
     }
-    multiply(rows, panels, sums);
+    multiply::<X, W::Row, R, P>(token, rows, panels, sums);
     let sums = &mut sums[..R * P];
     match job {
         Job::Plain(_, end) => finish(sums, P, t, slot * PANEL, end, y),
@@ -173,8 +184,9 @@ const fn panel_inputs<X, W: Step<X>>() -> usize {
 
 /// The innermost tile: `R x P` sums in registers.
 #[inline]
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+#[avx512vnni]
 fn multiply<X, W: Step<X>, const R: usize, const P: usize>(
+    token: W::Token,
     rows: &[&[X]; R],
     panels: [&[W]; P],
     sums: &mut [[f32; PANEL]; SUMS],
@@ -205,18 +217,18 @@ fn multiply<X, W: Step<X>, const R: usize, const P: usize>(
                 }
             }
             // SAFETY: `i + which < i + TURN <= whole`: all rows have the inputs of these steps, and all panels their weights.
-            unsafe { step::<X, W, R, P, true>(&mut acc, &x, &w, i + which) };
+            unsafe { step::<X, W, R, P, true>(token, &mut acc, &x, &w, i + which) };
         }
         i += TURN;
     }
     while i < whole {
         // SAFETY: `i < whole`, as above.
-        unsafe { step::<X, W, R, P, true>(&mut acc, &x, &w, i) };
+        unsafe { step::<X, W, R, P, true>(token, &mut acc, &x, &w, i) };
         i += 1;
     }
     if whole * W::INPUTS < k {
         // SAFETY: all rows have the first input of this step, and all panels, which end with zeros, the weights of a whole one.
-        unsafe { step::<X, W, R, P, false>(&mut acc, &x, &w, i) };
+        unsafe { step::<X, W, R, P, false>(token, &mut acc, &x, &w, i) };
     }
     for r in 0..R {
         for p in 0..P {
@@ -227,10 +239,11 @@ fn multiply<X, W: Step<X>, const R: usize, const P: usize>(
 
 /// Adds the products of step `i` of `R` rows, which have all of its inputs or the first, with the weights of `P` panels.
 /// # Safety
-/// `x` point to rows that have these inputs, and `w` to panels that have the step; the processor has the features that `W` needs.
+/// `x` point to rows that have these inputs, and `w` to panels that have the step.
 #[inline]
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+#[avx512vnni]
 unsafe fn step<X, W: Step<X>, const R: usize, const P: usize, const WHOLE: bool>(
+    token: W::Token,
     acc: &mut [[__m512; P]; R],
     x: &[*const X; R],
     w: &[*const W; P],
@@ -238,20 +251,20 @@ unsafe fn step<X, W: Step<X>, const R: usize, const P: usize, const WHOLE: bool>
 ) {
     let mut weights = [_mm512_setzero_ps(); P];
     for p in 0..P {
-        // SAFETY: the panel has the step by this function's contract.
+        // SAFETY: the panel has the step by this function's contract, which enables the features.
         weights[p] = unsafe { W::weights(w[p], i) };
     }
     for r in 0..R {
         let x = if WHOLE {
-            // SAFETY: the row has the inputs of the step by this function's contract.
+            // SAFETY: the row has the inputs of the step by this function's contract, which enables the features.
             unsafe { W::inputs(x[r], i) }
         } else {
-            // SAFETY: the row has the first input of the step by this function's contract.
+            // SAFETY: the row has the first input of the step by this function's contract, which enables the features.
             unsafe { W::last(x[r], i) }
         };
         for p in 0..P {
-            // SAFETY: by this function's contract.
-            acc[r][p] = unsafe { W::multiply(acc[r][p], x, weights[p]) };
+            // SAFETY: this function enables the features of this back-end.
+            acc[r][p] = unsafe { W::multiply(token, acc[r][p], x, weights[p]) };
         }
     }
 }
@@ -263,7 +276,7 @@ pub(crate) const MOST: usize = 4;
 
 /// Ends `values [rows, panels]`: the outputs from `first` on of the rows from `t` on.
 #[inline]
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+#[avx512vnni]
 pub(crate) fn finish(
     values: &mut [[f32; PANEL]],
     panels: usize,
@@ -294,7 +307,7 @@ pub(crate) fn finish(
 
 /// Ends gated `values [rows, 2 * panels]`, in which gate and up panels take turns.
 #[inline(never)]
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+#[avx512vnni]
 pub(crate) fn finish_gated(values: &mut [[f32; PANEL]], panels: usize, t: usize, first: usize, y: &mut MatMut<f32>) {
     let outputs = first..(first + panels * PANEL).min(y.cols());
     for (t, values) in (t..).zip(values.chunks_exact_mut(2 * panels)) {
@@ -308,7 +321,7 @@ pub(crate) fn finish_gated(values: &mut [[f32; PANEL]], panels: usize, t: usize,
 
 /// Kept out of line, as are the activations: most products have neither, and their constants fill registers.
 #[inline(never)]
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+#[avx512vnni]
 fn add_bias(values: &mut [[f32; PANEL]], panels: usize, bias: &[f32]) {
     let (bias, tail) = bias.as_chunks::<PANEL>();
     for values in values.chunks_exact_mut(panels) {
@@ -324,7 +337,7 @@ fn add_bias(values: &mut [[f32; PANEL]], panels: usize, bias: &[f32]) {
 }
 
 #[inline(never)]
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+#[avx512vnni]
 fn activate_all(activation: Activation, values: &mut [[f32; PANEL]]) {
     for v in values {
         let active = activate(activation, load(v));
@@ -334,7 +347,7 @@ fn activate_all(activation: Activation, values: &mut [[f32; PANEL]]) {
 
 /// `y = values`; there may be more values than outputs.
 #[inline]
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+#[avx512vnni]
 fn write(values: &[[f32; PANEL]], y: &mut [f32]) {
     let (y, y_tail) = y.as_chunks_mut::<PANEL>();
     // Number by number: of one loop the compiler makes a call of `memcpy`, which takes longer than so few stores.
@@ -368,7 +381,7 @@ fn write(values: &[[f32; PANEL]], y: &mut [f32]) {
 
 /// `y = f(y, values)`; there may be more values than outputs.
 #[inline]
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+#[avx512vnni]
 fn combine(values: &[[f32; PANEL]], y: &mut [f32], f: impl Fn(__m512, __m512) -> __m512) {
     let (y, y_tail) = y.as_chunks_mut::<PANEL>();
     for (y, v) in y.iter_mut().zip(values) {

@@ -5,10 +5,11 @@ use super::{
     TANH_SCALE,
 };
 use core::arch::x86_64::*;
+use umo_kernels_features::avx2;
 
 /// `e^x`.
 #[inline]
-#[target_feature(enable = "avx2,fma")]
+#[avx2]
 pub(crate) fn exp(x: __m256) -> __m256 {
     let small = _mm256_cmp_ps::<_CMP_LT_OQ>(x, _mm256_set1_ps(EXP_MIN));
     let large = _mm256_cmp_ps::<_CMP_GT_OQ>(x, _mm256_set1_ps(EXP_MAX));
@@ -18,7 +19,7 @@ pub(crate) fn exp(x: __m256) -> __m256 {
 }
 
 #[inline]
-#[target_feature(enable = "avx2,fma")]
+#[avx2]
 fn exp_in_range(x: __m256) -> __m256 {
     let round = _mm256_set1_ps(ROUND);
     let shifted = _mm256_add_ps(_mm256_mul_ps(x, _mm256_set1_ps(LOG2_E)), round);
@@ -37,7 +38,7 @@ fn exp_in_range(x: __m256) -> __m256 {
 
 /// The tanh form of GELU.
 #[inline]
-#[target_feature(enable = "avx2,fma")]
+#[avx2]
 pub(crate) fn gelu_tanh(x: __m256) -> __m256 {
     let slope = _mm256_fmadd_ps(_mm256_mul_ps(x, x), _mm256_set1_ps(TANH_CUBE), _mm256_set1_ps(TANH_SCALE));
     let t = _mm256_min_ps(_mm256_set1_ps(TANH_MAX), _mm256_mul_ps(x, slope));
@@ -47,7 +48,7 @@ pub(crate) fn gelu_tanh(x: __m256) -> __m256 {
 
 /// `2^t` for `-126..=126`.
 #[inline]
-#[target_feature(enable = "avx2,fma")]
+#[avx2]
 fn exp2_in_range(t: __m256) -> __m256 {
     let round = _mm256_set1_ps(ROUND);
     let shifted = _mm256_add_ps(t, round);
@@ -59,7 +60,7 @@ fn exp2_in_range(t: __m256) -> __m256 {
 
 /// The erf form of GELU.
 #[inline]
-#[target_feature(enable = "avx2,fma")]
+#[avx2]
 pub(crate) fn gelu_erf(x: __m256) -> __m256 {
     let size = _mm256_andnot_ps(_mm256_set1_ps(-0.0), x);
     let size = _mm256_min_ps(_mm256_set1_ps(TAIL_MAX), size);
@@ -69,7 +70,7 @@ pub(crate) fn gelu_erf(x: __m256) -> __m256 {
 
 /// [`Activation`] of 8 values, with the bits of [`super::scalar::activate`].
 #[inline]
-#[target_feature(enable = "avx2,fma")]
+#[avx2]
 pub(crate) fn activate(activation: Activation, x: __m256) -> __m256 {
     let zero = _mm256_setzero_ps();
     match activation {
@@ -86,7 +87,7 @@ pub(crate) fn activate(activation: Activation, x: __m256) -> __m256 {
 
 /// Horner's rule in fused steps, highest power first.
 #[inline]
-#[target_feature(enable = "avx2,fma")]
+#[avx2]
 fn polynomial<const N: usize>(coefficients: &[f32; N], x: __m256) -> __m256 {
     let mut value = _mm256_set1_ps(coefficients[0]);
     for &c in &coefficients[1..] {

@@ -5,10 +5,11 @@ use super::{
     TANH_SCALE,
 };
 use core::arch::x86_64::*;
+use umo_kernels_features::avx512vnni;
 
 /// `e^x`.
 #[inline]
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+#[avx512vnni]
 pub(crate) fn exp(x: __m512) -> __m512 {
     let small = _mm512_cmp_ps_mask::<_CMP_LT_OQ>(x, _mm512_set1_ps(EXP_MIN));
     let large = _mm512_cmp_ps_mask::<_CMP_GT_OQ>(x, _mm512_set1_ps(EXP_MAX));
@@ -18,7 +19,7 @@ pub(crate) fn exp(x: __m512) -> __m512 {
 }
 
 #[inline]
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+#[avx512vnni]
 fn exp_in_range(x: __m512) -> __m512 {
     let round = _mm512_set1_ps(ROUND);
     let n = _mm512_sub_ps(_mm512_add_ps(_mm512_mul_ps(x, _mm512_set1_ps(LOG2_E)), round), round);
@@ -35,7 +36,7 @@ fn exp_in_range(x: __m512) -> __m512 {
 
 /// The tanh form of GELU.
 #[inline]
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+#[avx512vnni]
 pub(crate) fn gelu_tanh(x: __m512) -> __m512 {
     let slope = _mm512_fmadd_ps(_mm512_mul_ps(x, x), _mm512_set1_ps(TANH_CUBE), _mm512_set1_ps(TANH_SCALE));
     // The smaller in size of the two, with the first one's sign. What becomes of NaN here does not matter: `x` is NaN too.
@@ -45,7 +46,7 @@ pub(crate) fn gelu_tanh(x: __m512) -> __m512 {
 
 /// `2^t` for `-126..=126`.
 #[inline]
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+#[avx512vnni]
 fn exp2_in_range(t: __m512) -> __m512 {
     let round = _mm512_set1_ps(ROUND);
     let n = _mm512_sub_ps(_mm512_add_ps(t, round), round);
@@ -56,7 +57,7 @@ fn exp2_in_range(t: __m512) -> __m512 {
 
 /// The erf form of GELU.
 #[inline]
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+#[avx512vnni]
 pub(crate) fn gelu_erf(x: __m512) -> __m512 {
     let size = _mm512_min_ps(_mm512_set1_ps(TAIL_MAX), _mm512_abs_ps(x));
     let tail = exp2_in_range(polynomial(&TAIL, size));
@@ -65,7 +66,7 @@ pub(crate) fn gelu_erf(x: __m512) -> __m512 {
 
 /// [`Activation`] of 16 values, with the bits of [`super::scalar::activate`].
 #[inline]
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+#[avx512vnni]
 pub(crate) fn activate(activation: Activation, x: __m512) -> __m512 {
     let zero = _mm512_setzero_ps();
     match activation {
@@ -82,7 +83,7 @@ pub(crate) fn activate(activation: Activation, x: __m512) -> __m512 {
 
 /// Horner's rule in fused steps, highest power first.
 #[inline]
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+#[avx512vnni]
 fn polynomial<const N: usize>(coefficients: &[f32; N], x: __m512) -> __m512 {
     let mut value = _mm512_set1_ps(coefficients[0]);
     for &c in &coefficients[1..] {

@@ -18,10 +18,12 @@ use crate::amx::{Aligned, TILE, Tiles};
 use crate::bf16::Bf16;
 use crate::gemm::avx512vnni::{finish, finish_gated};
 use crate::gemm::{Epilogue, Input, Job};
+use crate::isa::{Amx, entry};
 use crate::lanes::avx512vnni::{load, load_part};
 use crate::mat::{Mat, MatMut};
 use crate::pack::{PAIR, PANEL, PackedBf16};
 use core::arch::x86_64::*;
+use umo_kernels_features::avx512bf16;
 
 /// Rows of inputs in work.
 const ROWS: usize = 2 * TILE;
@@ -73,44 +75,41 @@ struct Source<'a> {
     step: usize,
 }
 
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
-pub(super) fn matmul(x: Input<f32>, w: PackedBf16, end: Epilogue, y: MatMut<f32>) {
-    run(&Rows::Whole(x), &Job::Plain(w, end), y);
-}
-
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
-pub(super) fn matmul_gated(x: Input<f32>, gate: PackedBf16, up: PackedBf16, y: MatMut<f32>) {
-    run(&Rows::Whole(x), &Job::Gated(gate, up), y);
-}
-
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
-pub(super) fn matmul_rows(x: Bf16Rows, w: PackedBf16, end: Epilogue, y: MatMut<f32>) {
-    run(&Rows::Ready(x), &Job::Plain(w, end), y);
-}
-
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
-pub(super) fn split(x: &[f32], high: &mut [Bf16], low: &mut [Bf16]) {
-    let ((x, x_tail), (high, high_tail)) = (x.as_chunks::<STEP>(), high.as_chunks_mut::<STEP>());
-    let (low, low_tail) = low.as_chunks_mut::<STEP>();
-    for ((x, high), low) in x.iter().zip(high).zip(low) {
-        let (x, _) = x.as_chunks::<PANEL>();
-        let parts = cut(load(&x[0]), load(&x[1]));
-        store(high, parts[0]);
-        store(low, parts[1]);
+entry! {
+    pub(super) fn matmul(token: Amx, x: Input<f32>, w: PackedBf16, end: Epilogue, y: MatMut<f32>) {
+        run(token, &Rows::Whole(x), &Job::Plain(w, end), y);
     }
-    let (front, back) = x_tail.split_at(x_tail.len().min(PANEL));
-    let parts = cut(load_part(front), load_part(back));
-    for (dst, part) in [high_tail, low_tail].into_iter().zip(parts) {
-        let mut whole = [Bf16(0); STEP];
-        store(&mut whole, part);
-        dst.copy_from_slice(&whole[..dst.len()]);
+
+    pub(super) fn matmul_gated(token: Amx, x: Input<f32>, gate: PackedBf16, up: PackedBf16, y: MatMut<f32>) {
+        run(token, &Rows::Whole(x), &Job::Gated(gate, up), y);
+    }
+
+    pub(super) fn matmul_rows(token: Amx, x: Bf16Rows, w: PackedBf16, end: Epilogue, y: MatMut<f32>) {
+        run(token, &Rows::Ready(x), &Job::Plain(w, end), y);
+    }
+
+    pub(super) fn split(_token: Amx, x: &[f32], high: &mut [Bf16], low: &mut [Bf16]) {
+        let ((x, x_tail), (high, high_tail)) = (x.as_chunks::<STEP>(), high.as_chunks_mut::<STEP>());
+        let (low, low_tail) = low.as_chunks_mut::<STEP>();
+        for ((x, high), low) in x.iter().zip(high).zip(low) {
+            let (x, _) = x.as_chunks::<PANEL>();
+            let parts = cut(load(&x[0]), load(&x[1]));
+            store(high, parts[0]);
+            store(low, parts[1]);
+        }
+        let (front, back) = x_tail.split_at(x_tail.len().min(PANEL));
+        let parts = cut(load_part(front), load_part(back));
+        for (dst, part) in [high_tail, low_tail].into_iter().zip(parts) {
+            let mut whole = [Bf16(0); STEP];
+            store(&mut whole, part);
+            dst.copy_from_slice(&whole[..dst.len()]);
+        }
     }
 }
 
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
-fn run(x: &Rows, job: &Job<PackedBf16>, y: MatMut<f32>) {
-    // SAFETY: only the `Amx` arm of the products leads here.
-    let tiles = unsafe { Tiles::new() };
+#[avx512bf16]
+fn run(token: Amx, x: &Rows, job: &Job<PackedBf16>, y: MatMut<f32>) {
+    let tiles = Tiles::new(token);
     match x {
         Rows::Ready(rows) if lie_well(rows) && rows.rest.is_none() => product_in_place::<1>(&tiles, rows, job, y),
         Rows::Ready(rows) if lie_well(rows) => product_in_place::<2>(&tiles, rows, job, y),
@@ -126,7 +125,7 @@ fn lie_well(x: &Bf16Rows) -> bool {
 }
 
 /// The product of rows that are put into tiles on the stack first.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+#[avx512bf16]
 fn product_from_stack<const PARTS: usize>(tiles: &Tiles, x: &Rows, job: &Job<PackedBf16>, y: MatMut<f32>) {
     if job.k() <= STEPS[0] * STEP {
         product::<{ STEPS[0] }, PARTS>(tiles, x, job, y);
@@ -150,7 +149,7 @@ fn panels(left: usize, rows: usize) -> usize {
 }
 
 /// The product of rows that tiles read where they lie. The last block begins so far before its own rows that it is whole.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+#[avx512bf16]
 fn product_in_place<const PARTS: usize>(tiles: &Tiles, x: &Bf16Rows, job: &Job<PackedBf16>, mut y: MatMut<f32>) {
     let mut sums = Aligned([[[0.0; PANEL]; SUMS]; 2]);
     let [mut now, mut before] = sums.0.each_mut();
@@ -192,7 +191,7 @@ struct Ending {
 impl Ending {
     /// Ends the next `count` rows, or as many as are left.
     #[inline]
-    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+    #[avx512bf16]
     fn rows(&mut self, count: usize, job: &Job<PackedBf16>, sums: &mut [[f32; PANEL]; SUMS], y: &mut MatMut<f32>) {
         let rows = self.done..(self.done + count).min(self.rows);
         if !rows.is_empty() {
@@ -204,7 +203,7 @@ impl Ending {
 }
 
 /// The same, with room on the stack for `MOST` steps at once.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+#[avx512bf16]
 fn product<const MOST: usize, const PARTS: usize>(tiles: &Tiles, x: &Rows, job: &Job<PackedBf16>, mut y: MatMut<f32>) {
     let mut buffer = Aligned([[[[[Bf16(0); STEP]; TILE]; 2]; 2]; MOST]);
     let mut sums = Aligned([[0.0; PANEL]; SUMS]);
@@ -226,7 +225,7 @@ fn product<const MOST: usize, const PARTS: usize>(tiles: &Tiles, x: &Rows, job: 
 
 /// Ends the rows from `t` on of `panels` slots from `slot` on.
 #[inline(never)]
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+#[avx512bf16]
 fn end_block(
     sums: &mut [[f32; PANEL]],
     job: &Job<PackedBf16>,
@@ -254,7 +253,7 @@ fn in_place<'a>(x: &Bf16Rows<'a>, t: usize, rows: usize) -> Source<'a> {
 
 /// The inputs from `first` on of the rows from `t` on, in two parts each, as many steps as `buffer` holds; zeros behind the
 /// last of them, because whatever stood there would meet weights of zero, and infinities have no such product.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+#[avx512bf16]
 fn fill(x: &Rows, t: usize, rows: usize, first: usize, buffer: &mut [Step]) {
     // Rows are stored 4 KiB apart from step to step, which is one set of L1: few steps at a time, so that they stay there.
     for (i, steps) in buffer.chunks_mut(NEAR).enumerate() {
@@ -279,7 +278,7 @@ fn rest<T>(row: &[T], first: usize) -> &[T] {
 }
 
 /// Cuts as many inputs of row `r` as `steps` holds.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+#[avx512bf16]
 fn cut_row(x: &[f32], r: usize, steps: &mut [Step]) {
     let (whole, part) = x.as_chunks::<STEP>();
     for (step, values) in steps.iter_mut().zip(whole) {
@@ -297,7 +296,7 @@ fn cut_row(x: &[f32], r: usize, steps: &mut [Step]) {
 }
 
 /// Copies as many inputs of one part of row `r` as `steps` holds.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+#[avx512bf16]
 fn copy_row(x: &[Bf16], r: usize, which: usize, steps: &mut [Step]) {
     let (whole, part) = x.as_chunks::<STEP>();
     for (step, values) in steps.iter_mut().zip(whole) {
@@ -312,7 +311,7 @@ fn copy_row(x: &[Bf16], r: usize, which: usize, steps: &mut [Step]) {
 
 /// High and low parts of 32 inputs. What is infinite has nothing left, and what is no number remains so in its low part.
 #[inline]
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+#[avx512bf16]
 fn cut(front: __m512, back: __m512) -> [__m512i; 2] {
     const INFINITE: i32 = 0x18;
     let upper = _mm512_set1_epi32(-1 << 16);
@@ -330,7 +329,7 @@ fn cut(front: __m512, back: __m512) -> [__m512i; 2] {
 }
 
 /// The sums of `rows` rows from `t` on with `panels` slots from `slot` on, over all inputs: `sums [rows, panels]`.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+#[avx512bf16]
 fn block<const PARTS: usize>(
     tiles: &Tiles,
     x: &Rows,
@@ -358,7 +357,7 @@ fn block<const PARTS: usize>(
     }
 }
 
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+#[avx512bf16]
 fn multiply_all<const PARTS: usize>(
     tiles: &Tiles,
     (rows, panels): (usize, usize),
@@ -379,7 +378,7 @@ fn multiply_all<const PARTS: usize>(
 
 /// Adds the products of `R` tiles of rows with the pairs of `P` panels to `sums [rows, P]`, or starts them; `between` is called
 /// every [`ENDED`] steps.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+#[avx512bf16]
 fn multiply<const R: usize, const P: usize, const PARTS: usize>(
     tiles: &Tiles,
     source: Source,
@@ -471,7 +470,7 @@ fn step<const R: usize, const P: usize, const PARTS: usize>(
 }
 
 #[inline]
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+#[avx512bf16]
 fn store(dst: &mut [Bf16; STEP], v: __m512i) {
     // SAFETY: `dst` is 64 writable bytes; the store needs no alignment.
     unsafe { _mm512_storeu_si512(dst.as_mut_ptr().cast(), v) }

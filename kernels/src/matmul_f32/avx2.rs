@@ -2,26 +2,28 @@
 
 use crate::gemm::avx2::{Load, run};
 use crate::gemm::{Epilogue, Input, Job};
+use crate::isa::{Avx2, entry};
 use crate::lanes::avx2::load_two;
 use crate::mat::MatMut;
 use crate::pack::{PANEL, PackedF32};
 use core::arch::x86_64::*;
+use umo_kernels_features::avx2;
 
-#[target_feature(enable = "avx2,fma")]
-pub(super) fn matmul(x: Input<f32>, w: PackedF32, end: Epilogue, y: MatMut<f32>) {
-    run(x, &Job::Plain(w, end), y);
-}
+entry! {
+    pub(super) fn matmul(_token: Avx2, x: Input<f32>, w: PackedF32, end: Epilogue, y: MatMut<f32>) {
+        run(x, &Job::Plain(w, end), y);
+    }
 
-#[target_feature(enable = "avx2,fma")]
-pub(super) fn matmul_gated(x: Input<f32>, gate: PackedF32, up: PackedF32, y: MatMut<f32>) {
-    run(x, &Job::Gated(gate, up), y);
+    pub(super) fn matmul_gated(_token: Avx2, x: Input<f32>, gate: PackedF32, up: PackedF32, y: MatMut<f32>) {
+        run(x, &Job::Gated(gate, up), y);
+    }
 }
 
 impl Load for [f32; PANEL] {
     const INPUTS: usize = 1;
 
     #[inline]
-    #[target_feature(enable = "avx2,fma")]
+    #[avx2]
     unsafe fn load(panel: *const Self, i: usize) -> [__m256; 2] {
         // SAFETY: row `i` is inside the panel by this function's contract.
         load_two(unsafe { &*panel.wrapping_add(i) })

@@ -5,19 +5,23 @@
 //! the tiles of one block are multiplied, the sums of the block before are ended, a few rows per step, and the next
 //! pair of panels comes to L2. Up to [`FEW_ROWS`] rows, most of a tile would be empty: they are left to VNNI.
 
-use super::avx512vnni::{self, finish};
+use super::avx512vnni;
+use super::avx512vnni::tiles::finish;
 use super::input::{Job, QuantInput};
 use crate::amx::{Aligned, BYTES, TILE, Tiles};
 use crate::gemm::Epilogue;
+use crate::isa::{Amx, entry};
 use crate::lanes::avx512vnni::{load, load_part, store};
 use crate::mat::MatMut;
 use crate::math::Activation;
 use crate::math::avx512vnni::gelu_tanh;
 use crate::pack::{PANEL, PackedI8};
 use crate::prefetch;
+use crate::tuning::Tuning;
 use core::arch::x86_64::*;
 use core::mem::MaybeUninit;
 use core::ops::Range;
+use umo_kernels_features::avx512vnni;
 
 /// Rows that VNNI multiplies sooner.
 const FEW_ROWS: usize = 6;
@@ -48,28 +52,27 @@ type Inputs = [MaybeUninit<[i8; BYTES]>; TILE];
 /// Sums of one block.
 type Sums = [[f32; PANEL]; SUMS];
 
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-pub(super) fn matmul(x: QuantInput, w: PackedI8, end: Epilogue, y: MatMut<f32>) {
-    if x.rows.rows() <= FEW_ROWS {
-        avx512vnni::matmul(x, w, end, y);
-    } else {
-        run(&x, &Job::Plain(w, end), y);
+entry! {
+    pub(super) fn matmul(token: Amx, x: QuantInput, w: PackedI8, end: Epilogue, y: MatMut<f32>, tuning: Tuning) {
+        if x.rows.rows() <= FEW_ROWS {
+            avx512vnni::matmul(token.into(), x, w, end, y, tuning);
+        } else {
+            run(token, &x, &Job::Plain(w, end), y);
+        }
+    }
+
+    pub(super) fn matmul_gated(token: Amx, x: QuantInput, gate: PackedI8, up: PackedI8, y: MatMut<f32>, tuning: Tuning) {
+        if x.rows.rows() <= FEW_ROWS {
+            avx512vnni::matmul_gated(token.into(), x, gate, up, y, tuning);
+        } else {
+            run(token, &x, &Job::Gated(gate, up), y);
+        }
     }
 }
 
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-pub(super) fn matmul_gated(x: QuantInput, gate: PackedI8, up: PackedI8, y: MatMut<f32>) {
-    if x.rows.rows() <= FEW_ROWS {
-        avx512vnni::matmul_gated(x, gate, up, y);
-    } else {
-        run(&x, &Job::Gated(gate, up), y);
-    }
-}
-
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn run(x: &QuantInput, job: &Job, mut y: MatMut<f32>) {
-    // SAFETY: only the `Amx` arm of the products leads here.
-    let tiles = unsafe { Tiles::new() };
+#[avx512vnni]
+fn run(token: Amx, x: &QuantInput, job: &Job, mut y: MatMut<f32>) {
+    let tiles = Tiles::new(token);
     let mut room = Aligned([const { [const { MaybeUninit::uninit() }; TILE] }; ROOM]);
     let mut sums = Aligned([[[0.0; PANEL]; SUMS]; 2]);
     let [mut sums, mut before] = sums.0.each_mut();
@@ -130,7 +133,7 @@ fn lies_ready(x: &QuantInput, rows: usize) -> bool {
 
 /// The inputs from `first` on of `rows` rows from `t` on, of one block, `steps` steps. Whatever stands behind the last row makes
 /// sums that nobody reads.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+#[avx512vnni]
 fn gather(x: &QuantInput, t: usize, rows: usize, first: usize, steps: usize, room: &mut [Inputs]) {
     let last = (first + steps * BYTES).min(x.rows.cols());
     let (tiles, _) = room[..2 * steps].as_chunks_mut::<2>();
@@ -205,7 +208,7 @@ struct PairEnd {
 
 impl<'a> Pair<'a> {
     /// The slots from `slot` on, below `end`, for `rows` rows; `next` is the slot that will be in work next.
-    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+    #[avx512vnni]
     fn new(job: &Job<'a>, slot: usize, end: usize, next: usize, rows: usize) -> Self {
         let panels = (end - slot).min(WIDTH);
         // Not by `from_fn`: a closure has this function's features and cannot be inlined into one that has not.
@@ -223,7 +226,7 @@ impl<'a> Pair<'a> {
 }
 
 impl PairEnd {
-    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+    #[avx512vnni]
     fn new(job: &Job, slot: usize) -> Self {
         let mut this =
             Self { kind: Kind::Block, scale: [_mm512_setzero_ps(); WIDTH], bias: [_mm512_set1_ps(-0.0); WIDTH] };
@@ -266,7 +269,7 @@ struct Work<'a, 'b> {
 impl Work<'_, '_> {
     /// All inputs at once.
     #[inline]
-    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+    #[avx512vnni]
     fn block(&mut self, inputs: Source, sums: &mut Sums, before: (&mut Ending, &Sums), y: &mut MatMut<f32>) {
         let (pair, quads) = (self.pair, self.pair.quads[0].len());
         let mut ahead = pair.ahead;
@@ -277,7 +280,7 @@ impl Work<'_, '_> {
     }
 
     /// As many inputs at a time as there is room for.
-    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+    #[avx512vnni]
     fn parts(&mut self, room: &mut [Inputs], sums: &mut Sums, before: (&mut Ending, &Sums), y: &mut MatMut<f32>) {
         let (pair, most, all, (ending, before)) = (self.pair, ROOM / 2, self.pair.quads[0].len(), before);
         for first in (0..all).step_by(most * TILE) {
@@ -290,7 +293,7 @@ impl Work<'_, '_> {
     }
 
     #[inline]
-    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+    #[avx512vnni]
     fn steps(&mut self, steps: Steps, sums: &mut Sums, before: (&mut Ending, &Sums), y: &mut MatMut<f32>) {
         match before.0.end.kind {
             Kind::Block => self.shapes::<BLOCK>(steps, sums, before, y),
@@ -302,7 +305,7 @@ impl Work<'_, '_> {
     }
 
     #[inline]
-    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+    #[avx512vnni]
     fn shapes<const KIND: u8>(
         &mut self,
         steps: Steps,
@@ -320,7 +323,7 @@ impl Work<'_, '_> {
 
     /// Adds the products of `R` tiles of rows with the quads of `P` panels to `sums [rows, P]`, or starts them; meanwhile, ends
     /// rows of the block before, which end as `KIND` says.
-    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+    #[avx512vnni]
     fn multiply<const R: usize, const P: usize, const KIND: u8>(
         &mut self,
         steps: Steps,
@@ -473,7 +476,7 @@ struct Ending {
 }
 
 impl Ending {
-    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+    #[avx512vnni]
     fn none() -> Self {
         let zero = [_mm512_setzero_ps(); WIDTH];
         let end = PairEnd { kind: Kind::Block, scale: zero, bias: zero };
@@ -482,7 +485,7 @@ impl Ending {
 
     /// The rows from `t` on with a pair of panels.
     #[inline]
-    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+    #[avx512vnni]
     fn start(&mut self, pair: &Pair, scales: &[f32; ROWS], t: usize, rows: usize) {
         let &Pair { slot, panels, end, .. } = pair;
         *self = Self { t, rows, slot, panels, done: 0, x_scale: *scales, end };
@@ -490,7 +493,7 @@ impl Ending {
 
     /// Ends the next `count` rows, or as many as are left.
     #[inline]
-    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+    #[avx512vnni]
     fn rows<const KIND: u8>(&mut self, count: usize, job: &Job, sums: &Sums, y: &mut MatMut<f32>) {
         let (sums, _) = sums.as_chunks::<WIDTH>();
         let rows = self.done..(self.done + count).min(self.rows);
@@ -531,7 +534,7 @@ impl Ending {
     }
 
     /// Ends all rows that are left.
-    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+    #[avx512vnni]
     fn all(&mut self, x: &QuantInput, job: &Job, sums: &mut Sums, y: &mut MatMut<f32>) {
         match self.end.kind {
             _ if self.rows == self.done => {}

@@ -11,11 +11,14 @@ use super::chunk::{CHUNK_BYTES, Chunk, expect_end};
 use super::input::{Job, QuantInput};
 use crate::gemm::avx2 as float;
 use crate::gemm::{Epilogue, tiles};
+use crate::isa::{Avx2, entry};
 use crate::lanes::avx2::{load_two as load, store_two as store};
 use crate::mat::MatMut;
 use crate::pack::{PANEL, PackedI8, QUAD};
 use crate::prefetch;
+use crate::tuning::Tuning;
 use core::arch::x86_64::*;
+use umo_kernels_features::avx2;
 
 /// Rows of the largest tile: 6 rows x 2 registers of sums leave four, for two of weights, an input and a product.
 const ROWS: usize = 6;
@@ -36,17 +39,17 @@ type Steps = [[i16; QUAD]; QUADS + 8];
 /// A quad of all outputs of a panel.
 type Quads = [i8; PANEL * QUAD];
 
-#[target_feature(enable = "avx2,fma")]
-pub(super) fn matmul(x: QuantInput, w: PackedI8, end: Epilogue, y: MatMut<f32>) {
-    run(&x, &Job::Plain(w, end), y);
+entry! {
+    pub(super) fn matmul(_token: Avx2, x: QuantInput, w: PackedI8, end: Epilogue, y: MatMut<f32>, _tuning: Tuning) {
+        run(&x, &Job::Plain(w, end), y);
+    }
+
+    pub(super) fn matmul_gated(_token: Avx2, x: QuantInput, gate: PackedI8, up: PackedI8, y: MatMut<f32>, _tuning: Tuning) {
+        run(&x, &Job::Gated(gate, up), y);
+    }
 }
 
-#[target_feature(enable = "avx2,fma")]
-pub(super) fn matmul_gated(x: QuantInput, gate: PackedI8, up: PackedI8, y: MatMut<f32>) {
-    run(&x, &Job::Gated(gate, up), y);
-}
-
-#[target_feature(enable = "avx2,fma")]
+#[avx2]
 fn run(x: &QuantInput, job: &Job, mut y: MatMut<f32>) {
     let mut steps = [[[0; QUAD]; QUADS + 8]; ROWS];
     let rows = x.rows.rows();
@@ -73,7 +76,7 @@ fn run(x: &QuantInput, job: &Job, mut y: MatMut<f32>) {
 }
 
 /// The inputs from `first` on of the rows from `t` on, widened, as many of both as `steps` holds.
-#[target_feature(enable = "avx2,fma")]
+#[avx2]
 fn convert(x: &QuantInput, t: usize, first: usize, steps: &mut [Steps]) {
     let inputs = first..(first + QUADS * QUAD).min(x.rows.cols());
     for (t, steps) in (t..).zip(steps.iter_mut()) {
@@ -90,7 +93,7 @@ fn convert(x: &QuantInput, t: usize, first: usize, steps: &mut [Steps]) {
 }
 
 /// Exact sums of the rows from `t` on with one panel.
-#[target_feature(enable = "avx2,fma")]
+#[avx2]
 fn panel<'s>(
     x: &QuantInput,
     t: usize,
@@ -124,7 +127,7 @@ fn panel<'s>(
 }
 
 /// The innermost tile: `R` rows with `H` registers of the panel at a time.
-#[target_feature(enable = "avx2,fma")]
+#[avx2]
 fn multiply<const R: usize, const H: usize>(
     steps: &[Steps],
     quads: &[Quads],
@@ -170,7 +173,7 @@ fn quad_bits(x: [i16; QUAD]) -> i64 {
 
 /// The sums of 8 outputs from the two of each that stand side by side.
 #[inline]
-#[target_feature(enable = "avx2,fma")]
+#[avx2]
 fn add_pairs(low: __m256i, high: __m256i) -> __m256i {
     // Outputs 0 1 4 5 | 2 3 6 7: the addition works on halves.
     _mm256_permute4x64_epi64::<0b11_01_10_00>(_mm256_hadd_epi32(low, high))
@@ -178,7 +181,7 @@ fn add_pairs(low: __m256i, high: __m256i) -> __m256i {
 
 /// Ends the integer sums `[rows, width]`, which lie as bits in the place of the floats that they become: those of the rows from `t`
 /// on with the slots from `slot` on, whose inputs were raised by `OFFSET`.
-#[target_feature(enable = "avx2,fma")]
+#[avx2]
 pub(super) fn finish<const OFFSET: i32>(
     x: &QuantInput,
     t: usize,
@@ -218,28 +221,28 @@ pub(super) fn finish<const OFFSET: i32>(
 
 /// 16 bytes as 16 words.
 #[inline]
-#[target_feature(enable = "avx2,fma")]
+#[avx2]
 fn widen(src: &[i8; 16]) -> __m256i {
     // SAFETY: `src` is 16 readable bytes; the load needs no alignment.
     _mm256_cvtepi8_epi16(unsafe { _mm_loadu_si128(src.as_ptr().cast()) })
 }
 
 #[inline]
-#[target_feature(enable = "avx2,fma")]
+#[avx2]
 fn store_words(dst: &mut [i16; 16], v: __m256i) {
     // SAFETY: `dst` is 32 writable bytes; the store needs no alignment.
     unsafe { _mm256_storeu_si256(dst.as_mut_ptr().cast(), v) }
 }
 
 #[inline]
-#[target_feature(enable = "avx2,fma")]
+#[avx2]
 fn load_sums(src: &[i32; 8]) -> __m256i {
     // SAFETY: `src` is 32 readable bytes; the load needs no alignment.
     unsafe { _mm256_loadu_si256(src.as_ptr().cast()) }
 }
 
 #[inline]
-#[target_feature(enable = "avx2,fma")]
+#[avx2]
 fn store_sums(dst: &mut [i32; 8], v: __m256i) {
     // SAFETY: `dst` is 32 writable bytes; the store needs no alignment.
     unsafe { _mm256_storeu_si256(dst.as_mut_ptr().cast(), v) }

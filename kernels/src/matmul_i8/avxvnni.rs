@@ -7,11 +7,14 @@ use super::avx2::finish;
 use super::chunk::{AHEAD, CHUNK_BYTES, Chunk, expect_end};
 use super::input::{Job, QuantInput};
 use crate::gemm::{Epilogue, tiles};
+use crate::isa::{AvxVnni, entry};
 use crate::lanes::avx2::{load_two as load, store_two as store};
 use crate::mat::MatMut;
 use crate::pack::{PANEL, PackedI8, QUAD};
 use crate::prefetch;
+use crate::tuning::Tuning;
 use core::arch::x86_64::*;
+use umo_kernels_features::avxvnni;
 
 /// Rows of the largest tile: 6 rows x 1 panel are 12 sums, which leaves two registers of weights and an input.
 const ROWS: usize = 6;
@@ -29,23 +32,23 @@ const BYTES: usize = 32;
 /// Unsigned steps of one row, with room for a whole register behind the last; the extra line keeps rows off each other's cache sets.
 type Steps = [[u8; QUAD]; QUADS + 16];
 
-#[target_feature(enable = "avx2,fma,avxvnni")]
-pub(super) fn matmul(x: QuantInput, w: PackedI8, end: Epilogue, y: MatMut<f32>) {
-    run(&x, &Job::Plain(w, end), y);
+entry! {
+    pub(super) fn matmul(_token: AvxVnni, x: QuantInput, w: PackedI8, end: Epilogue, y: MatMut<f32>, _tuning: Tuning) {
+        run(&x, &Job::Plain(w, end), y);
+    }
+
+    pub(super) fn matmul_gated(_token: AvxVnni, x: QuantInput, gate: PackedI8, up: PackedI8, y: MatMut<f32>, _tuning: Tuning) {
+        run(&x, &Job::Gated(gate, up), y);
+    }
 }
 
-#[target_feature(enable = "avx2,fma,avxvnni")]
-pub(super) fn matmul_gated(x: QuantInput, gate: PackedI8, up: PackedI8, y: MatMut<f32>) {
-    run(&x, &Job::Gated(gate, up), y);
-}
-
-#[target_feature(enable = "avx2,fma,avxvnni")]
+#[avxvnni]
 fn run(x: &QuantInput, job: &Job, y: MatMut<f32>) {
     // One row, as in a decoder's step, where clearing the large buffer would show.
     if x.rows.rows() == 1 { product::<1>(x, job, y) } else { product::<ROWS>(x, job, y) }
 }
 
-#[target_feature(enable = "avx2,fma,avxvnni")]
+#[avxvnni]
 fn product<const TILE: usize>(x: &QuantInput, job: &Job, mut y: MatMut<f32>) {
     let mut steps = [[[0; QUAD]; QUADS + 16]; TILE];
     let mut sums = [[0.0; PANEL]; SUMS];
@@ -70,7 +73,7 @@ fn product<const TILE: usize>(x: &QuantInput, job: &Job, mut y: MatMut<f32>) {
 }
 
 /// The inputs from `first` on of the rows from `t` on, made unsigned, as many of both as `steps` holds.
-#[target_feature(enable = "avx2,fma,avxvnni")]
+#[avxvnni]
 fn convert(x: &QuantInput, t: usize, first: usize, steps: &mut [Steps]) {
     let inputs = first..(first + QUADS * QUAD).min(x.rows.cols());
     for (t, steps) in (t..).zip(steps.iter_mut()) {
@@ -87,7 +90,7 @@ fn convert(x: &QuantInput, t: usize, first: usize, steps: &mut [Steps]) {
 }
 
 /// The rows from `t` on, `R` of them, with the slots of `chunk`, `WIDTH` in a group, `P` of them at a time.
-#[target_feature(enable = "avx2,fma,avxvnni")]
+#[avxvnni]
 fn tile<const R: usize, const P: usize, const WIDTH: usize>(
     x: &QuantInput,
     t: usize,
@@ -112,7 +115,7 @@ fn tile<const R: usize, const P: usize, const WIDTH: usize>(
 }
 
 /// `R` rows with `WIDTH` slots from `slot` on, from the first input to the end of the product.
-#[target_feature(enable = "avx2,fma,avxvnni")]
+#[avxvnni]
 fn group<const R: usize, const P: usize, const WIDTH: usize>(
     x: &QuantInput,
     t: usize,
@@ -150,7 +153,7 @@ fn group<const R: usize, const P: usize, const WIDTH: usize>(
 /// The innermost tile: adds the products over the panels' quads to `R x P` of the sums `[R, WIDTH]`, in registers. Weights are
 /// fetched so far `ahead`, and the `next` panel, quad by quad. Kept out of line: 16 registers are too few for what stands around it.
 #[inline(never)]
-#[target_feature(enable = "avx2,fma,avxvnni")]
+#[avxvnni]
 fn multiply<const R: usize, const P: usize, const WIDTH: usize>(
     steps: &[Steps; R],
     panels: [&[[i8; PANEL * QUAD]]; P],
@@ -198,7 +201,7 @@ fn multiply<const R: usize, const P: usize, const WIDTH: usize>(
 
 /// A quad of all outputs of a panel.
 #[inline]
-#[target_feature(enable = "avx2,fma,avxvnni")]
+#[avxvnni]
 fn load_quads(src: &[i8; PANEL * QUAD]) -> [__m256i; 2] {
     let (halves, _) = src.as_chunks::<BYTES>();
     [load_bytes(&halves[0]), load_bytes(&halves[1])]
@@ -206,20 +209,20 @@ fn load_quads(src: &[i8; PANEL * QUAD]) -> [__m256i; 2] {
 
 /// `x + 128`.
 #[inline]
-#[target_feature(enable = "avx2,fma,avxvnni")]
+#[avxvnni]
 fn unsigned(x: &[i8; BYTES]) -> __m256i {
     _mm256_xor_si256(load_bytes(x), _mm256_set1_epi8(i8::MIN))
 }
 
 #[inline]
-#[target_feature(enable = "avx2,fma,avxvnni")]
+#[avxvnni]
 fn load_bytes(src: &[i8; BYTES]) -> __m256i {
     // SAFETY: `src` is 32 readable bytes; the load needs no alignment.
     unsafe { _mm256_loadu_si256(src.as_ptr().cast()) }
 }
 
 #[inline]
-#[target_feature(enable = "avx2,fma,avxvnni")]
+#[avxvnni]
 fn store_bytes(dst: &mut [u8; BYTES], v: __m256i) {
     // SAFETY: `dst` is 32 writable bytes; the store needs no alignment.
     unsafe { _mm256_storeu_si256(dst.as_mut_ptr().cast(), v) }

@@ -5,8 +5,9 @@ use crate::gemm::Epilogue;
 use crate::gemm::scalar::{finish_panel, gated};
 use crate::mat::MatMut;
 use crate::pack::{PANEL, PackedI8, QUAD, panels};
+use crate::tuning::Tuning;
 
-pub(super) fn matmul(x: QuantInput, w: PackedI8, end: Epilogue, mut y: MatMut<f32>) {
+pub(super) fn matmul(x: QuantInput, w: PackedI8, end: Epilogue, mut y: MatMut<f32>, _tuning: Tuning) {
     for p in 0..panels(w.n()) {
         for t in 0..x.rows.rows() {
             finish_panel(scaled(x, t, w, p), t, p * PANEL, end, &mut y);
@@ -14,7 +15,7 @@ pub(super) fn matmul(x: QuantInput, w: PackedI8, end: Epilogue, mut y: MatMut<f3
     }
 }
 
-pub(super) fn matmul_gated(x: QuantInput, gate: PackedI8, up: PackedI8, mut y: MatMut<f32>) {
+pub(super) fn matmul_gated(x: QuantInput, gate: PackedI8, up: PackedI8, mut y: MatMut<f32>, _tuning: Tuning) {
     for p in 0..panels(gate.n()) {
         for t in 0..x.rows.rows() {
             gated(scaled(x, t, gate, p), scaled(x, t, up, p), t, p * PANEL, &mut y);

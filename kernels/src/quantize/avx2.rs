@@ -1,34 +1,36 @@
 //! 8 values at a time.
 
+use crate::isa::{Avx2, entry};
 use crate::lanes::avx2::{self as lanes, HALF, load, load_part};
 use core::arch::x86_64::*;
+use umo_kernels_features::avx2;
 
-/// The largest size of a value.
-#[target_feature(enable = "avx2,fma")]
-pub(super) fn largest(row: &[f32]) -> f32 {
-    let (chunks, tail) = row.as_chunks::<HALF>();
-    let sign = _mm256_set1_ps(-0.0);
-    let mut max = _mm256_andnot_ps(sign, load_part(tail));
-    for chunk in chunks {
-        max = _mm256_max_ps(max, _mm256_andnot_ps(sign, load(chunk)));
+entry! {
+    /// The largest size of a value.
+    pub(super) fn largest(_token: Avx2, row: &[f32]) -> f32 {
+        let (chunks, tail) = row.as_chunks::<HALF>();
+        let sign = _mm256_set1_ps(-0.0);
+        let mut max = _mm256_andnot_ps(sign, load_part(tail));
+        for chunk in chunks {
+            max = _mm256_max_ps(max, _mm256_andnot_ps(sign, load(chunk)));
+        }
+        lanes::largest(max)
     }
-    lanes::largest(max)
-}
 
-#[target_feature(enable = "avx2,fma")]
-pub(super) fn round(row: &[f32], per_unit: f32, steps: &mut [i8]) {
-    let factor = _mm256_set1_ps(per_unit);
-    let ((chunks, tail), (step_chunks, step_tail)) = (row.as_chunks::<HALF>(), steps.as_chunks_mut::<HALF>());
-    for (chunk, steps) in chunks.iter().zip(step_chunks) {
-        *steps = rounded(_mm256_mul_ps(load(chunk), factor));
+    pub(super) fn round(_token: Avx2, row: &[f32], per_unit: f32, steps: &mut [i8]) {
+        let factor = _mm256_set1_ps(per_unit);
+        let ((chunks, tail), (step_chunks, step_tail)) = (row.as_chunks::<HALF>(), steps.as_chunks_mut::<HALF>());
+        for (chunk, steps) in chunks.iter().zip(step_chunks) {
+            *steps = rounded(_mm256_mul_ps(load(chunk), factor));
+        }
+        let last = rounded(_mm256_mul_ps(load_part(tail), factor));
+        step_tail.copy_from_slice(&last[..step_tail.len()]);
     }
-    let last = rounded(_mm256_mul_ps(load_part(tail), factor));
-    step_tail.copy_from_slice(&last[..step_tail.len()]);
 }
 
 /// The nearest steps, halves to even.
 #[inline]
-#[target_feature(enable = "avx2,fma")]
+#[avx2]
 fn rounded(values: __m256) -> [i8; HALF] {
     let steps = _mm256_cvtps_epi32(values);
     let words = _mm_packs_epi32(_mm256_castsi256_si128(steps), _mm256_extracti128_si256::<1>(steps));

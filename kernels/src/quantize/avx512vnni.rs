@@ -1,33 +1,35 @@
 //! 16 values at a time.
 
+use crate::isa::{Avx512Vnni, entry};
 use crate::lanes::LANES;
 use crate::lanes::avx512vnni::{first_lanes, load, load_part};
 use core::arch::x86_64::*;
+use umo_kernels_features::avx512vnni;
 
-/// The largest size of a value.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-pub(super) fn largest(row: &[f32]) -> f32 {
-    let (chunks, tail) = row.as_chunks::<LANES>();
-    let mut max = _mm512_abs_ps(load_part(tail));
-    for chunk in chunks {
-        max = _mm512_max_ps(max, _mm512_abs_ps(load(chunk)));
+entry! {
+    /// The largest size of a value.
+    pub(super) fn largest(_token: Avx512Vnni, row: &[f32]) -> f32 {
+        let (chunks, tail) = row.as_chunks::<LANES>();
+        let mut max = _mm512_abs_ps(load_part(tail));
+        for chunk in chunks {
+            max = _mm512_max_ps(max, _mm512_abs_ps(load(chunk)));
+        }
+        _mm512_reduce_max_ps(max)
     }
-    _mm512_reduce_max_ps(max)
-}
 
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-pub(super) fn round(row: &[f32], per_unit: f32, steps: &mut [i8]) {
-    let factor = _mm512_set1_ps(per_unit);
-    let ((chunks, tail), (step_chunks, step_tail)) = (row.as_chunks::<LANES>(), steps.as_chunks_mut::<LANES>());
-    for (chunk, steps) in chunks.iter().zip(step_chunks) {
-        store_part(steps, _mm512_mul_ps(load(chunk), factor));
+    pub(super) fn round(_token: Avx512Vnni, row: &[f32], per_unit: f32, steps: &mut [i8]) {
+        let factor = _mm512_set1_ps(per_unit);
+        let ((chunks, tail), (step_chunks, step_tail)) = (row.as_chunks::<LANES>(), steps.as_chunks_mut::<LANES>());
+        for (chunk, steps) in chunks.iter().zip(step_chunks) {
+            store_part(steps, _mm512_mul_ps(load(chunk), factor));
+        }
+        store_part(step_tail, _mm512_mul_ps(load_part(tail), factor));
     }
-    store_part(step_tail, _mm512_mul_ps(load_part(tail), factor));
 }
 
 /// Rounds to the nearest steps, halves to even, and stores as many of the 16 as `dst` has room for.
 #[inline]
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+#[avx512vnni]
 fn store_part(dst: &mut [i8], values: __m512) {
     let steps = _mm512_cvtepi32_epi8(_mm512_cvtps_epi32(values));
     // SAFETY: the mask selects no more lanes than `dst` has elements; the others are not written.

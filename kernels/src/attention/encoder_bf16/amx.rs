@@ -13,18 +13,20 @@
 
 #![expect(clippy::needless_range_loop, reason = "loops of constant length over registers read best by index")]
 
-use super::avx512vnni::in_turn;
+use super::avx512vnni::{self, vector::in_turn};
 use super::{KEYS, POWER, STEP, Softmax};
 use crate::amx::{TILE as ROWS, Tiles};
 use crate::attention::amx::{MOST_DIM, Packed, Sums, Tile, add, load_pairs};
-use crate::attention::avx512vnni::transpose;
+use crate::attention::avx512vnni::vector::transpose;
 use crate::attention::operands::Operands;
+use crate::isa::{Amx, entry};
 use crate::lanes::LANES;
 use crate::lanes::avx512vnni::{array, first_lanes, load, store};
 use crate::mat::{Mat, MatMut};
 use crate::math::LOG2_E;
 use core::arch::x86_64::*;
 use core::ops::Range;
+use umo_kernels_features::avx512bf16;
 
 /// Queries whose softmaxes are kept while blocks of keys go by.
 const BLOCK: usize = 512;
@@ -56,10 +58,18 @@ struct Work {
     biases: [f32; BLOCK + KEYS],
 }
 
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
-pub(in super::super) fn attention(x: Operands<f32>, mut y: MatMut<f32>) {
-    // SAFETY: the dispatch leads here from `Backend::Amx` alone.
-    let tiles = &unsafe { Tiles::new() };
+entry! {
+    pub(super) fn attention(token: Amx, x: Operands<f32>, y: MatMut<f32>) {
+        if fits(&x) {
+            run(&Tiles::new(token), x, y);
+        } else {
+            avx512vnni::attention(token.into(), x, y);
+        }
+    }
+}
+
+#[avx512bf16]
+fn run(tiles: &Tiles, x: Operands<f32>, mut y: MatMut<f32>) {
     let mut work = Work {
         k: [[Tile::EMPTY; MOST_DIM / STEP]; KEYS / ROWS],
         v: [[Tile::EMPTY; MOST_DIM / LANES]; KEYS / STEP],
@@ -96,12 +106,12 @@ pub(in super::super) fn attention(x: Operands<f32>, mut y: MatMut<f32>) {
 }
 
 /// Whether there are tiles enough for heads of this width.
-pub(in super::super) fn fits(x: &Operands<f32>) -> bool {
+fn fits(x: &Operands<f32>) -> bool {
     x.q.cols() <= MOST_DIM
 }
 
 /// `count` biases in powers of 2, where there are any.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+#[avx512bf16]
 fn scale_biases(biases: &[f32], count: usize, scaled: &mut [f32; BLOCK + KEYS]) {
     for (scaled, bias) in scaled.iter_mut().zip(biases).take(count) {
         *scaled = bias * LOG2_E;
@@ -123,7 +133,7 @@ impl Block<'_> {
     ///
     /// While queries meet 32 keys, the scores of the 32 keys before are scaled; while the weights of 32 keys meet values, those of the
     /// next are taken: a few registers between any two products.
-    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+    #[avx512bf16]
     fn run<const G: usize>(
         &self,
         tiles: &Tiles,
@@ -194,7 +204,7 @@ impl Block<'_> {
 
     /// The scores of all keys, and the largest of each query by lanes.
     #[inline]
-    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+    #[avx512bf16]
     fn meet_keys<const G: usize>(
         &self,
         tiles: &Tiles,
@@ -251,7 +261,7 @@ impl Block<'_> {
 
     /// Turns the dot products of the queries `rows` with 32 keys into scores, and takes the largest of them in, by lanes.
     #[inline]
-    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+    #[avx512bf16]
     fn score(&self, scores: &mut Scores, rows: Range<usize>, pair: usize, biases: &[f32], largest: &mut Lanes) {
         let (scale, hidden) = (_mm512_set1_ps(self.scale), _mm512_set1_ps(f32::NEG_INFINITY));
         for r in rows {
@@ -275,7 +285,7 @@ impl Block<'_> {
 
 /// Turns query `r`'s scores of 32 keys into weights, and adds them to its `sums`, by lanes.
 #[inline]
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+#[avx512bf16]
 fn weigh(scores: &mut Scores, r: usize, pair: usize, max: f32, sums: &mut Lanes) {
     let ([left, right], max) = (&mut scores[r / ROWS][pair], _mm512_set1_ps(max));
     let a = power(_mm512_sub_ps(load(&left.0[r % ROWS]), max));
@@ -288,7 +298,7 @@ fn weigh(scores: &mut Scores, r: usize, pair: usize, max: f32, sums: &mut Lanes)
 
 /// Two registers as one of bfloat16 values, nearest, ties to even: first those of `a`, then those of `b`.
 #[inline]
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+#[avx512bf16]
 fn rounded(a: __m512, b: __m512) -> __m512 {
     let rounded = _mm512_cvtne2ps_pbh(b, a);
     // SAFETY: both are 64 bytes, and any bits are a value of either.
@@ -296,7 +306,7 @@ fn rounded(a: __m512, b: __m512) -> __m512 {
 }
 
 /// Queries as rows of pairs; rows beyond the last keep what they hold, and nobody reads what becomes of it.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+#[avx512bf16]
 fn pack_queries(q: Mat<f32>, packed: &mut Queries) {
     for r in 0..q.rows() {
         let row = q.row(r);
@@ -308,7 +318,7 @@ fn pack_queries(q: Mat<f32>, packed: &mut Queries) {
 }
 
 /// Keys as columns of pairs; those beyond the last are zeros up to a multiple of 32.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+#[avx512bf16]
 fn pack_keys(k: Mat<f32>, packed: &mut Keys) {
     for (tile, packed) in packed[..2 * k.rows().div_ceil(STEP)].iter_mut().enumerate() {
         for (step, to) in packed[..k.cols().div_ceil(STEP)].iter_mut().enumerate() {
@@ -328,7 +338,7 @@ fn pack_keys(k: Mat<f32>, packed: &mut Keys) {
 }
 
 /// Values as rows of pairs of keys; those beyond the last are zeros up to a multiple of 32.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+#[avx512bf16]
 fn pack_values(v: Mat<f32>, packed: &mut Values) {
     let pair = |a, b| in_turn(_mm512_castps_si512(rounded(a, b)));
     for (tile, packed) in packed[..v.rows().div_ceil(STEP)].iter_mut().enumerate() {
@@ -346,7 +356,7 @@ fn pack_values(v: Mat<f32>, packed: &mut Values) {
 
 /// `2^t` of differences from a maximum; what is denormal is taken as 0 where it is rounded, and vanishes in a sum of at least 1.
 #[inline]
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+#[avx512bf16]
 fn power(t: __m512) -> __m512 {
     // What is above the next lower integer; that integer is the power by which `scalef` scales. Processors with tiles round to the
     // nearest number, a Zen 5 downwards: back-ends without tiles subtract.

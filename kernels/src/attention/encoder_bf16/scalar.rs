@@ -7,7 +7,7 @@ use crate::lanes::{LANES, pairwise};
 use crate::mat::MatMut;
 use crate::math::LOG2_E;
 
-pub(in super::super) fn attention(x: Operands<f32>, mut y: MatMut<f32>) {
+pub(super) fn attention(x: Operands<f32>, mut y: MatMut<f32>) {
     for i in 0..x.q.rows() {
         query(x, i, y.row_mut(i));
     }

@@ -4,50 +4,44 @@
 //! Measured on a Zen 5: one stream that is fetched 16 KiB ahead comes half as fast again as eight beside each other. An Intel Xeon
 //! gives more to eight.
 
-use super::avx512vnni::{self, BYTES, MOST, QUADS, Steps, convert, finish, load_bytes};
-use super::chunk::expect_end;
-use super::input::{Job, QuantInput};
-use crate::gemm::Epilogue;
+use super::tiles::{BYTES, MOST, QUADS, Steps, convert, finish, load_bytes};
 use crate::lanes::avx512vnni::store;
 use crate::mat::MatMut;
-use crate::pack::{PANEL, PackedI8, QUAD};
+use crate::matmul_i8::chunk::expect_end;
+use crate::matmul_i8::input::{Job, QuantInput};
+use crate::pack::{PANEL, QUAD};
 use crate::prefetch;
 use core::arch::x86_64::*;
+use umo_kernels_features::avx512vnni;
 
 /// Rows that are multiplied sooner than their weights arrive.
 const ROWS: usize = 8;
 /// Quads between a multiplication and the prefetch of weights.
 const AHEAD: usize = 256;
 
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-pub(super) fn matmul(x: QuantInput, w: PackedI8, end: Epilogue, y: MatMut<f32>) {
-    run(x, &Job::Plain(w, end), y);
+/// Whether rows are few, and not so long that they would be converted again and again.
+pub(super) fn suits(x: &QuantInput, job: &Job) -> bool {
+    (1..=ROWS).contains(&x.rows.rows()) && job.k() <= QUADS * QUAD
 }
 
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-pub(super) fn matmul_gated(x: QuantInput, gate: PackedI8, up: PackedI8, y: MatMut<f32>) {
-    run(x, &Job::Gated(gate, up), y);
-}
-
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn run(x: QuantInput, job: &Job, y: MatMut<f32>) {
+/// The product of rows that [`suits`].
+#[avx512vnni]
+pub(super) fn run(x: &QuantInput, job: &Job, y: MatMut<f32>) {
     match x.rows.rows() {
-        // Longer rows would have to be converted again and again.
-        _ if job.k() > QUADS * QUAD => avx512vnni::run_in_place(x, job, y),
-        1 => product::<1, 4>(&x, job, y),
-        2 => product::<2, 4>(&x, job, y),
-        3 => product::<3, 4>(&x, job, y),
-        4 => product::<4, 4>(&x, job, y),
-        5 => product::<5, 2>(&x, job, y),
-        6 => product::<6, 2>(&x, job, y),
-        7 => product::<7, 2>(&x, job, y),
-        ROWS => product::<ROWS, 2>(&x, job, y),
-        _ => avx512vnni::run_in_place(x, job, y),
+        1 => product::<1, 4>(x, job, y),
+        2 => product::<2, 4>(x, job, y),
+        3 => product::<3, 4>(x, job, y),
+        4 => product::<4, 4>(x, job, y),
+        5 => product::<5, 2>(x, job, y),
+        6 => product::<6, 2>(x, job, y),
+        7 => product::<7, 2>(x, job, y),
+        ROWS => product::<ROWS, 2>(x, job, y),
+        rows => unreachable!("{rows} rows"),
     }
 }
 
 /// All rows, `R` of them, with one panel after another.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+#[avx512vnni]
 fn product<const R: usize, const SIDES: usize>(x: &QuantInput, job: &Job, mut y: MatMut<f32>) {
     let mut steps = [[[0; QUAD]; QUADS + BYTES / QUAD]; R];
     convert(x, 0, 0, &mut steps);
@@ -73,7 +67,7 @@ fn ahead(job: &Job, slot: usize) -> *const [i8; BYTES] {
 /// The products of `R` rows with a panel, every `SIDES`th quad in a sum of its own, to `sums`, `width` apart. Meanwhile as many quads
 /// are fetched from `ahead` on.
 #[inline(never)]
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+#[avx512vnni]
 fn multiply<const R: usize, const SIDES: usize>(
     steps: &[Steps; R],
     panel: &[[i8; BYTES]],
@@ -121,7 +115,7 @@ fn multiply<const R: usize, const SIDES: usize>(
 /// # Safety
 /// `w` points to a panel and `x` to rows that have this quad.
 #[inline]
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+#[avx512vnni]
 unsafe fn meet<const R: usize>(w: *const [i8; BYTES], x: &[*const [i8; QUAD]; R], q: usize, sums: &mut [__m512i; R]) {
     // SAFETY: the panel has the quad by this function's contract.
     let w = load_bytes(unsafe { &*w.wrapping_add(q) });
