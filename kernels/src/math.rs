@@ -1,12 +1,17 @@
-//! `exp` and the two forms of GELU, one polynomial formulation for every back-end.
+//! Exponentials, the two forms of GELU and the other activations, on every back-end.
 //!
-//! The vector versions follow `scalar.rs` operation by operation, so that all back-ends agree **bit for bit**. Multiplications
-//! and additions of `exp` are rounded one by one, since fused ones cost a library call each in portable scalar code. Not so those of
-//! GELU, which is more work than all else at the end of a product: both forms are fused, and have as few operations as their
-//! bound allows, the tanh form 19 instead of 33, the erf form 21 instead of 41.
+//! | function | bound | used by |
+//! |---|---|---|
+//! | `exp` | 1 ULP; 0 below -87.33 | softmax, and the factor between blocks of attention |
+//! | `softmax_exp` | 1 ULP for `x <= 0`; 0 below -87.33 | attention in f32 |
+//! | `softmax_exp_reduce` | 1.5 ULP plus `1.25 * 2^-24 * abs(x)` of the value for `x <= 0` | attention in f32 on tiles |
+//! | `exp2_bf16`, `exp2_bf16_reduce` | 1.03e-4 of the value for `t <= 0` | attention with bf16 factors |
+//! | `gelu_erf`, `gelu_tanh` | 4 ULP plus `1e-7 * abs(x)` | epilogues of products |
 //!
-//! Error bounds, swept over all exponents: `exp` 1 ULP (results below 1.2e-38 are 0), both forms of GELU 4 ULP plus
-//! `1e-7 * abs(x)`.
+//! `tests.rs` sweeps every bound over all exponents. The vector versions of `exp`, `exp2_bf16` and the activations follow
+//! `scalar.rs` operation by operation, so that all back-ends agree **bit for bit**. Multiplications and additions of `exp` are
+//! rounded one by one, since fused ones cost a library call each in portable scalar code. GELU, most of the work of an epilogue,
+//! is fused: the tanh form has 19 operations, the erf form 21.
 
 pub(crate) mod scalar;
 
@@ -34,18 +39,18 @@ pub enum Activation {
 /// Above this, `exp` is infinite.
 const EXP_MAX: f32 = 88.722_84;
 /// Below this, `exp` is 0: a little above the logarithm of the smallest normal number, so that no result is denormal.
-pub(crate) const EXP_MIN: f32 = -87.33;
+const EXP_MIN: f32 = -87.33;
 
 /// `log2(e)`.
 pub(crate) const LOG2_E: f32 = core::f32::consts::LOG2_E;
 /// Added and subtracted again, rounds to an integer (ties to even), which then stands in the lowest bits of the sum.
 const ROUND: f32 = 12_582_912.0;
 /// `ln(2)` to 9 bits: its product with an exponent is exact.
-pub(crate) const LN_2_HIGH: f32 = 0.693_359_4;
+const LN_2_HIGH: f32 = 0.693_359_4;
 /// What is left of `ln(2)`.
-pub(crate) const LN_2_LOW: f32 = -2.121_944_4e-4;
+const LN_2_LOW: f32 = -2.121_944_4e-4;
 /// Minimax `(exp(r) - 1 - r) / r^2` for `abs(r) <= ln(2) / 2`, highest power first: off by 3.1e-9 in `exp(r)`.
-pub(crate) const EXP: [f32; 5] = [0.001_395_049_2, 0.008_368_89, 0.041_666_206, 0.166_665_18, 0.5];
+const EXP: [f32; 5] = [0.001_395_049_2, 0.008_368_89, 0.041_666_206, 0.166_665_18, 0.5];
 
 /// `-2 * sqrt(2 / pi) * log2(e)`.
 const TANH_SCALE: f32 = -2.302_208_2;
@@ -74,6 +79,18 @@ const TAIL: [f32; 9] = [
     -1.151_107_8,
     -0.999_999_94,
 ];
+
+/// Minimax `(2^r - 1) / r` on `0..=1`, highest power first: off by 2e-9 in `2^r`.
+#[cfg(target_arch = "x86_64")]
+const EXP2_UNIT: [f32; 6] =
+    [0.000_216_129_16, 0.001_246_784_6, 0.009_675_452, 0.055_485_282, 0.240_229_31, 0.693_147_06];
+
+/// Minimax `(2^r - 1) / r` on `0..=1` among those that give 1 at 1, highest power first: off by 1.03e-4 of `2^r`, where rounding
+/// to bfloat16 takes up to 4e-3. A difference a little below 0 has `r` 1, and a weight of 1 as at 0.
+const EXP2_BF16: [f32; 3] = [0.078_267_97, 0.226_307_68, 0.695_424_3];
+
+/// The smallest power of 2 that is not denormal, and so not taken as 0.
+const EXP2_BF16_MIN: f32 = -126.0;
 
 #[cfg(test)]
 mod tests;

@@ -21,7 +21,7 @@ use crate::isa::{Amx, entry};
 use crate::lanes::LANES;
 use crate::lanes::avx512vnni::{array, first_lanes, load, load_from, load_part, store, store_part};
 use crate::mat::{Mat, MatMut};
-use crate::math::LOG2_E;
+use crate::math::avx512vnni::softmax_exp_reduce;
 use core::arch::x86_64::*;
 use core::mem::MaybeUninit;
 use core::ops::Range;
@@ -296,7 +296,7 @@ impl<'a> Block<'a> {
             *max = softmax.max;
         }
         for (shrink, max) in self.shrink.as_chunks_mut().0.iter_mut().zip(max.as_chunks().0) {
-            store(shrink, exp(_mm512_sub_ps(load(shrink), load(max))));
+            store(shrink, softmax_exp_reduce(_mm512_sub_ps(load(shrink), load(max))));
         }
     }
 
@@ -543,30 +543,11 @@ fn score(
 #[avx512vnni]
 fn weigh([first, second, third]: &mut Split, r: usize, max: f32) -> __m512 {
     let max = _mm512_set1_ps(max);
-    let a = exp(_mm512_sub_ps(load(&first.0[r]), max));
-    let b = exp(_mm512_sub_ps(load(&second.0[r]), max));
+    let a = softmax_exp_reduce(_mm512_sub_ps(load(&first.0[r]), max));
+    let b = softmax_exp_reduce(_mm512_sub_ps(load(&second.0[r]), max));
     let parts = split(a, b);
     store(&mut first.0[r], parts[0]);
     store(&mut second.0[r], parts[1]);
     store(&mut third.0[r], parts[2]);
     _mm512_add_ps(a, b)
-}
-
-/// Minimax `(2^r - 1) / r` on `0..=1`, highest power first: off by 2e-9 in `2^r`.
-const POWER: [f32; 6] = [0.000_216_129_16, 0.001_246_784_6, 0.009_675_452, 0.055_485_282, 0.240_229_31, 0.693_147_06];
-
-/// `e^x` of differences from a maximum: exactly 1 at 0, otherwise off by a unit of the last place and by 2^-24 of `x`;
-/// 0 below -87.33.
-#[inline]
-#[avx512vnni]
-fn exp(x: __m512) -> __m512 {
-    let x = _mm512_mul_ps(x, _mm512_set1_ps(LOG2_E));
-    let normal = _mm512_cmp_ps_mask::<_CMP_NLT_UQ>(x, _mm512_set1_ps(-126.0));
-    // What is above the next lower integer; that integer is the power by which `scalef` scales.
-    let r = _mm512_reduce_ps::<1>(x);
-    let mut power = _mm512_set1_ps(POWER[0]);
-    for &c in &POWER[1..] {
-        power = _mm512_fmadd_ps(power, r, _mm512_set1_ps(c));
-    }
-    _mm512_maskz_scalef_ps(normal, _mm512_fmadd_ps(power, r, _mm512_set1_ps(1.0)), x)
 }

@@ -37,13 +37,6 @@ const KEYS: usize = 256;
 /// Products that are summed by themselves: a row of a tile.
 const STEP: usize = 32;
 
-/// Minimax `(2^r - 1) / r` on `0..=1` among those that give 1 at 1, highest power first: off by 1.03e-4 of `2^r`, where rounding
-/// to bfloat16 takes up to 4e-3. A difference a little below 0 has `r` 1, and a weight of 1 as at 0.
-const POWER: [f32; 3] = [0.078_267_97, 0.226_307_68, 0.695_424_3];
-
-/// The smallest power of 2 that is not denormal, and so not taken as 0.
-const LEAST: f32 = -126.0;
-
 /// One query's softmax so far, scores in powers of 2.
 #[derive(Clone, Copy)]
 struct Softmax {

@@ -8,8 +8,8 @@
 #![expect(clippy::needless_range_loop, reason = "loops of constant length over registers read best by index")]
 
 use super::vector::{
-    BLOCK, COLUMNS, ORDER, PAIRS, Register, WIDTH, add, array, exp, features, first_of, fmadd, largest, load,
-    load_bf16, load_from, load_part, load_part_bf16, maximum, mul, set, store, store_part, sub, sums_of, transpose,
+    BLOCK, COLUMNS, ORDER, PAIRS, Register, WIDTH, add, array, features, first_of, fmadd, largest, load, load_bf16,
+    load_from, load_part, load_part_bf16, maximum, mul, set, softmax_exp, store, store_part, sub, sums_of, transpose,
     zero,
 };
 use crate::attention::operands::Operands;
@@ -423,14 +423,14 @@ fn weigh<T: Load, const Q: usize, const ALL: bool>(
         after[r] = score::<ALL>(&mut weights.0[r], seen[r], before[r], x.scale, x.bias(i + r, first));
         softmaxes[r].max = after[r];
     }
-    let shrink = array(exp(sub(load(&before), load(&after))));
+    let shrink = array(softmax_exp(sub(load(&before), load(&after))));
     let mut result = [0.0; Q];
     for r in 0..Q {
         let max = set(after[r]);
         let mut sum = mul(load(&softmaxes[r].sum), set(shrink[r]));
         let seen = if ALL { TILE } else { seen[r] };
         for register in &mut weights.0[r].as_chunks_mut::<WIDTH>().0[..seen.div_ceil(WIDTH)] {
-            let weight = exp(sub(load(register), max));
+            let weight = softmax_exp(sub(load(register), max));
             sum = add(sum, weight);
             store(register, weight);
         }

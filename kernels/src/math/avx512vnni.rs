@@ -1,8 +1,8 @@
 //! 16 lanes, operation by operation as in `scalar.rs`.
 
 use super::{
-    Activation, EXP, EXP_MAX, EXP_MIN, EXP2, LN_2_HIGH, LN_2_LOW, LOG2_E, ROUND, TAIL, TAIL_MAX, TANH_CUBE, TANH_MAX,
-    TANH_SCALE,
+    Activation, EXP, EXP_MAX, EXP_MIN, EXP2, EXP2_BF16, EXP2_BF16_MIN, EXP2_UNIT, LN_2_HIGH, LN_2_LOW, LOG2_E, ROUND,
+    TAIL, TAIL_MAX, TANH_CUBE, TANH_MAX, TANH_SCALE,
 };
 use core::arch::x86_64::*;
 use umo_kernels_features::avx512vnni;
@@ -90,4 +90,64 @@ fn polynomial<const N: usize>(coefficients: &[f32; N], x: __m512) -> __m512 {
         value = _mm512_fmadd_ps(value, x, _mm512_set1_ps(c));
     }
     value
+}
+
+/// `e^x` of a difference from a maximum (`x <= 0`), with fused operations: within 1 ULP, 0 below -87.33.
+#[inline]
+#[avx512vnni]
+pub(crate) fn softmax_exp(x: __m512) -> __m512 {
+    let normal = _mm512_cmp_ps_mask::<_CMP_NLT_UQ>(x, _mm512_set1_ps(EXP_MIN));
+    let n = _mm512_roundscale_ps::<0>(_mm512_mul_ps(x, _mm512_set1_ps(LOG2_E)));
+    let r = _mm512_fnmadd_ps(n, _mm512_set1_ps(LN_2_HIGH), x);
+    let r = _mm512_fnmadd_ps(n, _mm512_set1_ps(LN_2_LOW), r);
+    let mut tail = _mm512_set1_ps(EXP[0]);
+    for &c in &EXP[1..] {
+        tail = _mm512_fmadd_ps(tail, r, _mm512_set1_ps(c));
+    }
+    let power = _mm512_fmadd_ps(tail, _mm512_mul_ps(r, r), r);
+    _mm512_maskz_scalef_ps(normal, _mm512_add_ps(power, _mm512_set1_ps(1.0)), n)
+}
+
+/// `e^x` of a difference from a maximum (`x <= 0`), with the fewest operations: exactly 1 at 0, otherwise within 1.5 ULP plus
+/// `1.25 * 2^-24 * abs(x)` of the value; 0 below -87.33.
+#[inline]
+#[avx512vnni]
+pub(crate) fn softmax_exp_reduce(x: __m512) -> __m512 {
+    let x = _mm512_mul_ps(x, _mm512_set1_ps(LOG2_E));
+    let normal = _mm512_cmp_ps_mask::<_CMP_NLT_UQ>(x, _mm512_set1_ps(-126.0));
+    // What is above the next lower integer; that integer is the power by which `scalef` scales.
+    let r = _mm512_reduce_ps::<1>(x);
+    let mut power = _mm512_set1_ps(EXP2_UNIT[0]);
+    for &c in &EXP2_UNIT[1..] {
+        power = _mm512_fmadd_ps(power, r, _mm512_set1_ps(c));
+    }
+    _mm512_maskz_scalef_ps(normal, _mm512_fmadd_ps(power, r, _mm512_set1_ps(1.0)), x)
+}
+
+/// `2^t` of a difference from a maximum (`t <= 0`) that will be rounded to bf16: within 1.03e-4 of the value, 0 below -126.
+#[inline]
+#[avx512vnni]
+pub(crate) fn exp2_bf16(t: __m512) -> __m512 {
+    let n = _mm512_roundscale_ps::<{ _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC }>(t);
+    let (r, mut power) = (_mm512_sub_ps(t, n), _mm512_set1_ps(EXP2_BF16[0]));
+    for &c in &EXP2_BF16[1..] {
+        power = _mm512_fmadd_ps(power, r, _mm512_set1_ps(c));
+    }
+    let normal = _mm512_cmp_ps_mask::<_CMP_NLT_UQ>(n, _mm512_set1_ps(EXP2_BF16_MIN));
+    _mm512_maskz_scalef_ps(normal, _mm512_fmadd_ps(power, r, _mm512_set1_ps(1.0)), n)
+}
+
+/// [`exp2_bf16`] with fewer operations: denormal below -126, which is taken as 0 where it is rounded, and vanishes in a sum of
+/// at least 1.
+#[inline]
+#[avx512vnni]
+pub(crate) fn exp2_bf16_reduce(t: __m512) -> __m512 {
+    // What is above the next lower integer; that integer is the power by which `scalef` scales. Processors with tiles round to the
+    // nearest number, a Zen 5 downwards: back-ends without tiles subtract.
+    let r = _mm512_reduce_ps::<1>(t);
+    let mut power = _mm512_set1_ps(EXP2_BF16[0]);
+    for &c in &EXP2_BF16[1..] {
+        power = _mm512_fmadd_ps(power, r, _mm512_set1_ps(c));
+    }
+    _mm512_scalef_ps(_mm512_fmadd_ps(power, r, _mm512_set1_ps(1.0)), t)
 }

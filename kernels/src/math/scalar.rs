@@ -1,8 +1,8 @@
 //! The specification: the order of operations that every back-end keeps.
 
 use super::{
-    Activation, EXP, EXP_MAX, EXP_MIN, EXP2, LN_2_HIGH, LN_2_LOW, LOG2_E, ROUND, TAIL, TAIL_MAX, TANH_CUBE, TANH_MAX,
-    TANH_SCALE,
+    Activation, EXP, EXP_MAX, EXP_MIN, EXP2, EXP2_BF16, EXP2_BF16_MIN, LN_2_HIGH, LN_2_LOW, LOG2_E, ROUND, TAIL,
+    TAIL_MAX, TANH_CUBE, TANH_MAX, TANH_SCALE,
 };
 
 /// `e^x`.
@@ -89,4 +89,14 @@ pub(crate) fn activate(activation: Activation, x: f32) -> f32 {
         Activation::Gelu => gelu_erf(x),
         Activation::GeluTanh => gelu_tanh(x),
     }
+}
+
+/// `2^t` of a difference from a maximum (`t <= 0`) that will be rounded to bf16: within 1.03e-4 of the value, 0 below -126.
+pub(crate) fn exp2_bf16(t: f32) -> f32 {
+    let n = t.floor();
+    let r = t - n;
+    let power = EXP2_BF16[1..].iter().fold(EXP2_BF16[0], |power, &c| power.mul_add(r, c)).mul_add(r, 1.0);
+    #[expect(clippy::cast_possible_truncation, reason = "an integer of at least -126, or NaN")]
+    let exponent = (n as i32) << 23;
+    if n < EXP2_BF16_MIN { 0.0 } else { f32::from_bits(power.to_bits().wrapping_add_signed(exponent)) }
 }

@@ -66,9 +66,21 @@ mod back_ends {
         y.map(|y| y.map(|y| if y.is_nan() { f32::NAN.to_bits() } else { y.to_bits() }))
     }
 
+    /// What attention takes of a difference from a maximum: `softmax_exp`, `softmax_exp_reduce`, `exp2_bf16` and
+    /// `exp2_bf16_reduce` of 16 values; a back-end without a version of its own has that of another.
+    pub(super) fn exponentials(isa: Isa, x: [f32; 16]) -> [[f32; 16]; 4] {
+        let mut y = [x; 4];
+        dispatch!(isa, exponentials(&mut y));
+        y
+    }
+
     mod scalar {
         use super::ACTIVATIONS;
-        use crate::math::scalar::{activate, exp};
+        use crate::math::scalar::{activate, exp, exp2_bf16};
+
+        pub(super) fn exponentials(y: &mut [[f32; 16]; 4]) {
+            *y = [y[0].map(exp), y[1].map(exp), y[2].map(exp2_bf16), y[3].map(exp2_bf16)];
+        }
 
         pub(super) fn fill(y: &mut [[f32; 16]; 5]) {
             y[0] = y[0].map(exp);
@@ -83,9 +95,18 @@ mod back_ends {
         use super::ACTIVATIONS;
         use crate::isa::{Avx2, entry};
         use crate::lanes::avx2::{load, store};
-        use crate::math::avx2::{activate, exp};
+        use crate::math::avx2::{activate, exp, exp2_bf16, softmax_exp};
 
         entry! {
+            pub(super) fn exponentials(_token: Avx2, y: &mut [[f32; 16]; 4]) {
+                for (i, y) in y.iter_mut().enumerate() {
+                    for y in y.as_chunks_mut().0 {
+                        let x = load(y);
+                        store(y, if i < 2 { softmax_exp(x) } else { exp2_bf16(x) });
+                    }
+                }
+            }
+
             pub(super) fn fill(_token: Avx2, y: &mut [[f32; 16]; 5]) {
                 for half in 0..2 {
                     let [y, activated @ ..] = y;
@@ -107,9 +128,17 @@ mod back_ends {
         use super::ACTIVATIONS;
         use crate::isa::{Avx512Vnni, entry};
         use crate::lanes::avx512vnni::{load, store};
-        use crate::math::avx512vnni::{activate, exp};
+        use crate::math::avx512vnni::{activate, exp, exp2_bf16, exp2_bf16_reduce, softmax_exp, softmax_exp_reduce};
 
         entry! {
+            pub(super) fn exponentials(_token: Avx512Vnni, y: &mut [[f32; 16]; 4]) {
+                let x = load(&y[0]);
+                let values = [softmax_exp(x), softmax_exp_reduce(x), exp2_bf16(x), exp2_bf16_reduce(x)];
+                for (y, value) in y.iter_mut().zip(values) {
+                    store(y, value);
+                }
+            }
+
             pub(super) fn fill(_token: Avx512Vnni, y: &mut [[f32; 16]; 5]) {
                 let [y, activated @ ..] = y;
                 let value = exp(load(y));
@@ -132,6 +161,51 @@ fn back_ends_agree_bit_for_bit() {
         let want = back_ends::all_bits(Isa::SCALAR, x);
         for isa in Isa::available() {
             assert_eq!(back_ends::all_bits(isa, x), want, "{} {x:?}", isa.name());
+        }
+    }
+}
+
+/// The accuracies that the table of this module's documentation states, for differences from a maximum.
+#[test]
+fn exponentials_of_attention_are_within_their_bounds() {
+    /// The bound of `exp2_bf16`, and the rounding of the polynomial.
+    const BF16: f64 = 1.03e-4 + 2.0 / (1 << 23) as f64;
+    let mut values = sweep(126.0).filter(|x| *x <= 0.0).chain([-0.0]);
+    while let Some(first) = values.next() {
+        let x = core::array::from_fn(|lane| if lane == 0 { first } else { values.next().unwrap_or(-1.0) });
+        for isa in Isa::available() {
+            let y = back_ends::exponentials(isa, x);
+            for (lane, x) in x.map(f64::from).into_iter().enumerate() {
+                let [fused, reduced, bf16, bf16_reduced] = y.map(|y| f64::from(y[lane]));
+                let (name, exact) = (isa.name(), x.exp());
+                if x >= f64::from(super::EXP_MIN) {
+                    assert!((fused - exact).abs() <= ulp(exact), "{name} softmax_exp({x}): {fused}");
+                    let bound = 1.5 * ulp(exact) + 1.25 * exact * x.abs() / (1 << 24) as f64;
+                    assert!((reduced - exact).abs() <= bound, "{name} softmax_exp_reduce({x}): {reduced}");
+                } else if x < -87.34 {
+                    assert_eq!([fused, reduced], [0.0; 2], "{name} of {x}");
+                }
+                let exact = x.exp2();
+                for value in [bf16, bf16_reduced] {
+                    assert!((value - exact).abs() <= exact * BF16, "{name} exp2_bf16({x}): {value}");
+                }
+            }
+        }
+    }
+    for isa in Isa::available() {
+        assert_eq!(back_ends::exponentials(isa, [0.0; 16]), [[1.0; 16]; 4], "{}", isa.name());
+        assert_eq!(back_ends::exponentials(isa, [f32::NEG_INFINITY; 16]), [[0.0; 16]; 4], "{}", isa.name());
+    }
+}
+
+#[test]
+fn exp2_bf16_has_the_scalar_bits() {
+    let mut values = sweep(200.0).filter(|x| *x <= 0.0);
+    while let Some(first) = values.next() {
+        let x = core::array::from_fn(|lane| if lane == 0 { first } else { values.next().unwrap_or(-1.0) });
+        let want = back_ends::exponentials(Isa::SCALAR, x)[2].map(f32::to_bits);
+        for isa in Isa::available() {
+            assert_eq!(back_ends::exponentials(isa, x)[2].map(f32::to_bits), want, "{} {x:?}", isa.name());
         }
     }
 }

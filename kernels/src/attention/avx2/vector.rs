@@ -1,7 +1,7 @@
 //! Registers, tile shapes and shuffles for the loops of attention.
 
 pub(super) use crate::lanes::avx2::{HALF as WIDTH, *};
-use crate::math::{EXP, EXP_MIN, LN_2_HIGH, LN_2_LOW, LOG2_E};
+pub(super) use crate::math::avx2::softmax_exp;
 use core::arch::x86_64::*;
 use umo_kernels_features::avx2;
 pub(super) use umo_kernels_features::avx2 as features;
@@ -60,23 +60,4 @@ pub(super) fn sums_of(sums: [Register; WIDTH]) -> Register {
     }
     let [a, b] = two;
     _mm256_add_ps(_mm256_shuffle_ps::<0x88>(a, b), _mm256_shuffle_ps::<0xdd>(a, b))
-}
-
-/// `e^x` of differences from a maximum, fused: within 1 unit of the last place, 0 below -87.33.
-#[inline]
-#[avx2]
-pub(super) fn exp(x: Register) -> Register {
-    let normal = _mm256_cmp_ps::<_CMP_NLT_UQ>(x, _mm256_set1_ps(EXP_MIN));
-    let n =
-        _mm256_round_ps::<{ _MM_FROUND_TO_NEAREST_INT | _MM_FROUND_NO_EXC }>(_mm256_mul_ps(x, _mm256_set1_ps(LOG2_E)));
-    let r = _mm256_fnmadd_ps(n, _mm256_set1_ps(LN_2_HIGH), x);
-    let r = _mm256_fnmadd_ps(n, _mm256_set1_ps(LN_2_LOW), r);
-    let mut tail = _mm256_set1_ps(EXP[0]);
-    for &c in &EXP[1..] {
-        tail = _mm256_fmadd_ps(tail, r, _mm256_set1_ps(c));
-    }
-    let power = _mm256_fmadd_ps(tail, _mm256_mul_ps(r, r), r);
-    let exponent = _mm256_slli_epi32::<23>(_mm256_cvtps_epi32(n));
-    let power = _mm256_castps_si256(_mm256_add_ps(power, _mm256_set1_ps(1.0)));
-    _mm256_and_ps(normal, _mm256_castsi256_ps(_mm256_add_epi32(power, exponent)))
 }

@@ -2,7 +2,7 @@
 
 pub(super) use crate::lanes::LANES as WIDTH;
 pub(super) use crate::lanes::avx512vnni::*;
-use crate::math::{EXP, EXP_MIN, LN_2_HIGH, LN_2_LOW, LOG2_E};
+pub(super) use crate::math::avx512vnni::softmax_exp;
 use core::arch::x86_64::*;
 use umo_kernels_features::avx512vnni;
 pub(super) use umo_kernels_features::avx512vnni as features;
@@ -72,20 +72,4 @@ pub(super) fn sums_of(sums: [Register; WIDTH]) -> Register {
     }
     let [a, b] = two;
     _mm512_add_ps(_mm512_shuffle_ps::<0x88>(a, b), _mm512_shuffle_ps::<0xdd>(a, b))
-}
-
-/// `e^x` of differences from a maximum, fused: within 1 unit of the last place, 0 below -87.33.
-#[inline]
-#[avx512vnni]
-pub(super) fn exp(x: Register) -> Register {
-    let normal = _mm512_cmp_ps_mask::<_CMP_NLT_UQ>(x, _mm512_set1_ps(EXP_MIN));
-    let n = _mm512_roundscale_ps::<0>(_mm512_mul_ps(x, _mm512_set1_ps(LOG2_E)));
-    let r = _mm512_fnmadd_ps(n, _mm512_set1_ps(LN_2_HIGH), x);
-    let r = _mm512_fnmadd_ps(n, _mm512_set1_ps(LN_2_LOW), r);
-    let mut tail = _mm512_set1_ps(EXP[0]);
-    for &c in &EXP[1..] {
-        tail = _mm512_fmadd_ps(tail, r, _mm512_set1_ps(c));
-    }
-    let power = _mm512_fmadd_ps(tail, _mm512_mul_ps(r, r), r);
-    _mm512_maskz_scalef_ps(normal, _mm512_add_ps(power, _mm512_set1_ps(1.0)), n)
 }

@@ -14,7 +14,7 @@
 #![expect(clippy::needless_range_loop, reason = "loops of constant length over registers read best by index")]
 
 use super::avx512vnni::{self, vector::in_turn};
-use super::{KEYS, POWER, STEP, Softmax};
+use super::{KEYS, STEP, Softmax};
 use crate::amx::{TILE as ROWS, Tiles};
 use crate::attention::amx::{MOST_DIM, Packed, Sums, Tile, add, load_pairs};
 use crate::attention::avx512vnni::vector::transpose;
@@ -24,6 +24,7 @@ use crate::lanes::LANES;
 use crate::lanes::avx512vnni::{array, first_lanes, load, store};
 use crate::mat::{Mat, MatMut};
 use crate::math::LOG2_E;
+use crate::math::avx512vnni::exp2_bf16_reduce;
 use core::arch::x86_64::*;
 use core::ops::Range;
 use umo_kernels_features::avx512bf16;
@@ -288,8 +289,8 @@ impl Block<'_> {
 #[avx512bf16]
 fn weigh(scores: &mut Scores, r: usize, pair: usize, max: f32, sums: &mut Lanes) {
     let ([left, right], max) = (&mut scores[r / ROWS][pair], _mm512_set1_ps(max));
-    let a = power(_mm512_sub_ps(load(&left.0[r % ROWS]), max));
-    let b = power(_mm512_sub_ps(load(&right.0[r % ROWS]), max));
+    let a = exp2_bf16_reduce(_mm512_sub_ps(load(&left.0[r % ROWS]), max));
+    let b = exp2_bf16_reduce(_mm512_sub_ps(load(&right.0[r % ROWS]), max));
     store(&mut left.0[r % ROWS], rounded(a, b));
     let sums = &mut sums[r / ROWS][r % ROWS];
     let so_far = load(sums);
@@ -352,18 +353,4 @@ fn pack_values(v: Mat<f32>, packed: &mut Values) {
             }
         }
     }
-}
-
-/// `2^t` of differences from a maximum; what is denormal is taken as 0 where it is rounded, and vanishes in a sum of at least 1.
-#[inline]
-#[avx512bf16]
-fn power(t: __m512) -> __m512 {
-    // What is above the next lower integer; that integer is the power by which `scalef` scales. Processors with tiles round to the
-    // nearest number, a Zen 5 downwards: back-ends without tiles subtract.
-    let r = _mm512_reduce_ps::<1>(t);
-    let mut power = _mm512_set1_ps(POWER[0]);
-    for &c in &POWER[1..] {
-        power = _mm512_fmadd_ps(power, r, _mm512_set1_ps(c));
-    }
-    _mm512_scalef_ps(_mm512_fmadd_ps(power, r, _mm512_set1_ps(1.0)), t)
 }

@@ -11,8 +11,8 @@
 //! ```
 
 use super::vector::{
-    JOINED, QUERIES, Register, Token, WIDTH, add, divide, factor, features, first_of, fmadd, join, largest, load,
-    load_from, load_part, maximum, mul, multiply_add, power, set, store, store_part, sub, transpose, zero,
+    JOINED, QUERIES, Register, Token, WIDTH, add, divide, exp2_bf16, factor, features, first_of, fmadd, join, largest,
+    load, load_from, load_part, maximum, mul, multiply_add, set, store, store_part, sub, transpose, zero,
 };
 use crate::attention::encoder_bf16::{KEYS, STEP, Softmax};
 use crate::attention::operands::Operands;
@@ -248,7 +248,7 @@ fn weigh(token: Token, scores: &mut [f32], keys: usize, scale: f32, bias: &[f32]
     for step in 0..scores.len() / (2 * HALF) {
         let mut weights = [zero(); 2 * HALF];
         for (i, weight) in weights.iter_mut().enumerate() {
-            *weight = power(sub(load(&scores[step * 2 * HALF + i]), max));
+            *weight = exp2_bf16(sub(load(&scores[step * 2 * HALF + i]), max));
         }
         for h in 0..HALF {
             sums[h] = add(sums[h], add(weights[h], weights[HALF + h]));

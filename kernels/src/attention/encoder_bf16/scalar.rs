@@ -1,11 +1,12 @@
 //! The specification.
 
-use super::{KEYS, LEAST, POWER, STEP, Softmax};
+use super::{KEYS, STEP, Softmax};
 use crate::attention::operands::Operands;
 use crate::bf16::Bf16;
 use crate::lanes::{LANES, pairwise};
 use crate::mat::MatMut;
 use crate::math::LOG2_E;
+use crate::math::scalar::exp2_bf16;
 
 pub(super) fn attention(x: Operands<f32>, mut y: MatMut<f32>) {
     for i in 0..x.q.rows() {
@@ -26,7 +27,7 @@ fn query(x: Operands<f32>, i: usize, y: &mut [f32]) {
             *score = product.mul_add(x.scale * LOG2_E, bias.get(first + j).unwrap_or(&0.0) * LOG2_E);
         }
         softmax.meet(weights.iter().fold(f32::NEG_INFINITY, |max, &score| max.max(score)));
-        weights.iter_mut().for_each(|weight| *weight = power(*weight - softmax.max));
+        weights.iter_mut().for_each(|weight| *weight = exp2_bf16(*weight - softmax.max));
         softmax.add(sum(weights));
         for (c, y) in y.iter_mut().enumerate() {
             let value = |j: usize| rounded(x.v.row(first + j)[c]);
@@ -67,14 +68,4 @@ fn sum(weights: &[f32]) -> f32 {
 /// The nearest bfloat16, ties to even; denormals are 0, as tiles take them.
 fn rounded(x: f32) -> f32 {
     if x.abs() < f32::MIN_POSITIVE { 0.0 } else { Bf16::from_f32(x).to_f32() }
-}
-
-/// `2^t` of differences from a maximum.
-fn power(t: f32) -> f32 {
-    let n = t.floor();
-    let r = t - n;
-    let power = POWER[1..].iter().fold(POWER[0], |power, &c| power.mul_add(r, c)).mul_add(r, 1.0);
-    #[expect(clippy::cast_possible_truncation, reason = "an integer of at least -126, or NaN")]
-    let exponent = (n as i32) << 23;
-    if n < LEAST { 0.0 } else { f32::from_bits(power.to_bits().wrapping_add_signed(exponent)) }
 }

@@ -1,9 +1,9 @@
 //! Registers and operations for the loops of attention over bf16 factors.
 
 pub(super) use crate::attention::avx2::vector::transpose;
-use crate::attention::encoder_bf16::{LEAST, POWER};
 pub(super) use crate::isa::Avx2 as Token;
 pub(super) use crate::lanes::avx2::{HALF as WIDTH, *};
+pub(super) use crate::math::avx2::exp2_bf16;
 use core::arch::x86_64::*;
 use umo_kernels_features::avx2;
 pub(super) use umo_kernels_features::avx2 as features;
@@ -45,21 +45,6 @@ fn rounded(x: Register) -> Register {
     let size = _mm256_andnot_ps(set(-0.0), x);
     let denormal = _mm256_cmp_ps::<_CMP_LT_OQ>(size, set(f32::MIN_POSITIVE));
     _mm256_andnot_ps(denormal, _mm256_castsi256_ps(up))
-}
-
-/// `2^t` of differences from a maximum.
-#[inline]
-#[avx2]
-pub(super) fn power(t: Register) -> Register {
-    let n = _mm256_floor_ps(t);
-    let (r, mut power) = (sub(t, n), set(POWER[0]));
-    for &c in &POWER[1..] {
-        power = fmadd(power, r, set(c));
-    }
-    let normal = _mm256_cmp_ps::<_CMP_NLT_UQ>(n, set(LEAST));
-    let power = _mm256_castps_si256(fmadd(power, r, set(1.0)));
-    let scaled = _mm256_add_epi32(power, _mm256_slli_epi32::<23>(_mm256_cvtps_epi32(n)));
-    _mm256_and_ps(normal, _mm256_castsi256_ps(scaled))
 }
 
 /// `a / b`.

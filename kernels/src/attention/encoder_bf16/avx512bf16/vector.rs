@@ -1,12 +1,13 @@
 //! Registers and operations for the loops of attention over bf16 factors.
 
 pub(super) use crate::attention::avx512vnni::vector::transpose;
+pub(super) use crate::attention::encoder_bf16::avx512vnni::vector::divide;
 use crate::attention::encoder_bf16::avx512vnni::vector::in_turn;
-pub(super) use crate::attention::encoder_bf16::avx512vnni::vector::{divide, power};
 use crate::bf16::avx512bf16::{multiply_pairs, round_two};
 pub(super) use crate::isa::Avx512Bf16 as Token;
 pub(super) use crate::lanes::LANES as WIDTH;
 pub(super) use crate::lanes::avx512vnni::*;
+pub(super) use crate::math::avx512vnni::exp2_bf16;
 use core::arch::x86_64::*;
 use umo_kernels_features::avx512vnni;
 pub(super) use umo_kernels_features::avx512vnni as features;

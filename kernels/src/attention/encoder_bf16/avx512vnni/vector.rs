@@ -1,10 +1,10 @@
 //! Registers and operations for the loops of attention over bf16 factors.
 
 pub(super) use crate::attention::avx512vnni::vector::transpose;
-use crate::attention::encoder_bf16::{LEAST, POWER};
 pub(super) use crate::isa::Avx512Vnni as Token;
 pub(super) use crate::lanes::LANES as WIDTH;
 pub(super) use crate::lanes::avx512vnni::*;
+pub(super) use crate::math::avx512vnni::exp2_bf16;
 use core::arch::x86_64::*;
 use umo_kernels_features::avx512vnni;
 pub(super) use umo_kernels_features::avx512vnni as features;
@@ -55,19 +55,6 @@ pub(in crate::attention::encoder_bf16) fn in_turn(words: __m512i) -> Register {
         16, 0,
     );
     _mm512_castsi512_ps(_mm512_permutexvar_epi16(places, words))
-}
-
-/// `2^t` of differences from a maximum.
-#[inline]
-#[avx512vnni]
-pub(in crate::attention::encoder_bf16) fn power(t: Register) -> Register {
-    let n = _mm512_roundscale_ps::<{ _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC }>(t);
-    let (r, mut power) = (sub(t, n), set(POWER[0]));
-    for &c in &POWER[1..] {
-        power = fmadd(power, r, set(c));
-    }
-    let normal = _mm512_cmp_ps_mask::<_CMP_NLT_UQ>(n, set(LEAST));
-    _mm512_maskz_scalef_ps(normal, fmadd(power, r, set(1.0)), n)
 }
 
 /// `a / b`.
