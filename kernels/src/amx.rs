@@ -75,10 +75,10 @@ impl Tiles {
 
     /// The same, of which L1 keeps nothing: what passes by once does not drive out what is used again.
     #[inline]
-    pub(crate) fn load_rows_past<const T: u8, V>(&self, rows: &[V], stride: usize) {
+    pub(crate) fn load_tile_streaming<const T: u8, V>(&self, rows: &[V], stride: usize) {
         assert!(size_of_val(rows) >= (TILE - 1) * stride * size_of::<V>() + BYTES);
         // SAFETY: the last of 16 rows of 64 bytes ends inside `rows` by the assertion.
-        unsafe { self.registers.load_past::<T>(rows.as_ptr().cast(), stride * size_of::<V>()) }
+        unsafe { self.registers.load_streaming::<T>(rows.as_ptr().cast(), stride * size_of::<V>()) }
     }
 
     /// `tmmC += tmmX * tmmW`, signed bytes with exact sums.

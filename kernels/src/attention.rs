@@ -15,7 +15,7 @@ use crate::error::ShapeError;
 
 use crate::isa::{Isa, dispatch};
 use crate::mat::{Mat, MatMut};
-use crate::prefetch::Ahead;
+use crate::prefetch::PrefetchHint;
 use operands::Operands;
 pub use operands::{RelativeBias, Visible};
 
@@ -26,7 +26,7 @@ pub use operands::{RelativeBias, Visible};
 /// Numerics: f32, with error terms of `head_dim` and `n` sums; on one back-end a row's bits do not depend on the other
 /// rows, nor on keys that it does not see. Scores are never stored beyond a tile of keys.
 /// Cost: `2 * m * n * head_dim` multiply-adds; no allocation. Few queries leave memory idle half of the time: `ahead`, the
-/// next head's keys and values or whatever comes then, is fetched meanwhile; on processors whose memory had rather be read in order,
+/// next head's keys and values or whatever comes then, is fetched between; on processors whose memory had rather be read in order,
 /// keys and values without gaps are, a little before they are read, and `ahead` is not.
 /// Paper: section 3.1; SPEC 2.4.
 ///
@@ -41,10 +41,10 @@ pub fn attention_f32(
     scale: f32,
     bias: Option<RelativeBias>,
     visible: Visible,
-    ahead: Ahead,
+    hint: PrefetchHint,
     y: MatMut<f32>,
 ) -> Result<(), ShapeError> {
-    let operands = Operands { q, k, v, scale, bias, visible, ahead, in_order: isa.tuning().self_prefetch };
+    let operands = Operands { q, k, v, scale, bias, visible, hint, self_prefetch: isa.tuning().self_prefetch };
     if operands.check(&y)? {
         dispatch!(isa, attention(operands, y));
     }
@@ -65,10 +65,10 @@ pub fn attention_bf16(
     scale: f32,
     bias: Option<RelativeBias>,
     visible: Visible,
-    ahead: Ahead,
+    hint: PrefetchHint,
     y: MatMut<f32>,
 ) -> Result<(), ShapeError> {
-    let operands = Operands { q, k, v, scale, bias, visible, ahead, in_order: isa.tuning().self_prefetch };
+    let operands = Operands { q, k, v, scale, bias, visible, hint, self_prefetch: isa.tuning().self_prefetch };
     if operands.check(&y)? {
         dispatch!(isa, attention(operands, y));
     }
@@ -97,7 +97,8 @@ pub fn encoder_attention_f32(
     bias: Option<RelativeBias>,
     y: MatMut<f32>,
 ) -> Result<(), ShapeError> {
-    let operands = Operands { q, k, v, scale, bias, visible: Visible::All, ahead: Ahead::NOTHING, in_order: false };
+    let operands =
+        Operands { q, k, v, scale, bias, visible: Visible::All, hint: PrefetchHint::NONE, self_prefetch: false };
     if !operands.check(&y)? {
         return Ok(());
     }
@@ -133,7 +134,8 @@ pub fn encoder_attention_bf16(
     bias: Option<RelativeBias>,
     y: MatMut<f32>,
 ) -> Result<(), ShapeError> {
-    let operands = Operands { q, k, v, scale, bias, visible: Visible::All, ahead: Ahead::NOTHING, in_order: false };
+    let operands =
+        Operands { q, k, v, scale, bias, visible: Visible::All, hint: PrefetchHint::NONE, self_prefetch: false };
     if !operands.check(&y)? {
         return Ok(());
     }

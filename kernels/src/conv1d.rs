@@ -139,23 +139,23 @@ pub fn conv1d_grouped_f32(
     x: &[f32],
     frames: usize,
     w: GroupedF32,
-    end: Epilogue,
+    epilogue: Epilogue,
     y: MatMut<f32>,
 ) -> Result<(), ShapeError> {
     expect_len("x", w.groups * frames * w.channels, x.len())?;
     expect_len("y", w.groups * w.out, y.cols())?;
     expect_len("y", frames_out(frames, w.kernel, 1), y.rows())?;
-    if let Some(bias) = end.bias {
+    if let Some(bias) = epilogue.bias {
         expect_len("bias", w.groups * w.out, bias.len())?;
     }
-    if let Some(scatter) = end.scatter {
-        return Err(ShapeError { arg: "end", want: 0, got: scatter.rows.len() });
+    if let Some(scatter) = epilogue.scatter {
+        return Err(ShapeError { arg: "epilogue", want: 0, got: scatter.rows.len() });
     }
     let mut rest = y;
     for g in 0..w.groups {
         let (mine, after) = rest.split_columns(w.out);
         let windows = windows(&x[g * frames * w.channels..], frames, w.channels, w.kernel, 1)?;
-        matmul_f32(isa, Input::all(windows), w.group(g), end.outputs(g * w.out..(g + 1) * w.out), mine)?;
+        matmul_f32(isa, Input::all(windows), w.group(g), epilogue.outputs(g * w.out..(g + 1) * w.out), mine)?;
         rest = after;
     }
     Ok(())

@@ -115,15 +115,15 @@ pub(crate) fn check_product(
     x: (usize, usize),
     w: (usize, usize),
     y: &MatMut<f32>,
-    end: &Epilogue,
+    epilogue: &Epilogue,
 ) -> Result<(), ShapeError> {
     let ((m, k), (n, w_k)) = (x, w);
     expect_len("w", k, w_k)?;
     expect_len("y", n, y.cols())?;
-    if let Some(bias) = end.bias {
+    if let Some(bias) = epilogue.bias {
         expect_len("bias", n, bias.len())?;
     }
-    let Some(scatter) = end.scatter else { return expect_len("y", m, y.rows()) };
+    let Some(scatter) = epilogue.scatter else { return expect_len("y", m, y.rows()) };
     expect_len("scatter.rows", m, scatter.rows.len())?;
     expect_len("scatter.weight", m, scatter.weight.len())?;
     match scatter.rows.iter().find(|&&row| row as usize >= y.rows()) {
@@ -184,24 +184,24 @@ impl<'a> Panels<'a> for PackedI8<'a> {
 }
 
 /// What a product multiplies, and how it ends. A *slot* is one panel in the order of work.
-pub(crate) enum Job<'a, W> {
+pub(crate) enum GemmTask<'a, W> {
     /// A product with its end.
     Plain(W, Epilogue<'a>),
     /// Gate and up panels take turns.
     Gated(W, W),
 }
 
-impl<'a, W: Panels<'a>> Job<'_, W> {
+impl<'a, W: Panels<'a>> GemmTask<'_, W> {
     pub(crate) fn k(&self) -> usize {
         match self {
-            Job::Plain(w, _) | Job::Gated(w, _) => w.k(),
+            GemmTask::Plain(w, _) | GemmTask::Gated(w, _) => w.k(),
         }
     }
 
     pub(crate) fn slots(&self) -> usize {
         match self {
-            Job::Plain(w, _) => panels(w.n()),
-            Job::Gated(gate, _) => 2 * panels(gate.n()),
+            GemmTask::Plain(w, _) => panels(w.n()),
+            GemmTask::Gated(gate, _) => 2 * panels(gate.n()),
         }
     }
 
@@ -216,8 +216,8 @@ impl<'a, W: Panels<'a>> Job<'_, W> {
     #[inline]
     pub(crate) fn slot(&self, slot: usize) -> (&W, usize) {
         match self {
-            Job::Plain(w, _) => (w, slot),
-            Job::Gated(gate, up) => (if slot.is_multiple_of(2) { gate } else { up }, slot / 2),
+            GemmTask::Plain(w, _) => (w, slot),
+            GemmTask::Gated(gate, up) => (if slot.is_multiple_of(2) { gate } else { up }, slot / 2),
         }
     }
 }

@@ -142,7 +142,7 @@ impl Isa {
         }
     }
 
-    /// Whether float products with bf16 weights run on tiles, so that [`crate::matmul_bf16::split`] serves them.
+    /// Whether float products with bf16 weights run on tiles, so that [`crate::matmul_bf16::split_bf16x2`] serves them.
     pub const fn has_tiles(self) -> bool {
         match self.backend {
             Backend::Scalar => false,

@@ -48,4 +48,4 @@ pub use error::ShapeError;
 pub use isa::Isa;
 pub use mat::{Mat, MatMut};
 pub use pack::{PANEL, PackedBf16, PackedF32, PackedI8};
-pub use prefetch::{Ahead, Expected};
+pub use prefetch::{PrefetchHint, SharedHint};

@@ -24,16 +24,22 @@ use crate::pack::PackedBf16;
 /// Numerics: weights are widened exactly, so the result has the bits of [`crate::matmul_f32::matmul_f32`] on the same
 /// back-end with the widened weights. Not on `amx`, whose tiles take bf16 on both sides: there an input is the sum of two,
 /// which is off by at most `2^-16` of it, and the sum of 32 inputs is added to a sum at once. Its error is at most
-/// `(k * 2^-23 + 2^-16) * sum(abs(x * w))`, and below `2^-126` inputs, weights, low parts, products and sums count as zero.
+/// `(k * 2^-23 + 2^-16) * sum(abs(x * w))`, and below `2^-126` inputs, weights, lo parts, products and sums count as zero.
 /// Everywhere each output is summed on its own in an order that depends on `k` alone: a row's bits depend neither on the
 /// other rows nor on how outputs are cut into panels.
 /// Cost: `m * n * k` multiply-adds; no allocation.
 ///
 /// # Errors
 /// [`ShapeError`] naming the argument whose length disagrees.
-pub fn matmul_bf16(isa: Isa, x: Input<f32>, w: PackedBf16, end: Epilogue, y: MatMut<f32>) -> Result<(), ShapeError> {
-    check_product((x.rows(), x.cols()), (w.n(), w.k()), &y, &end)?;
-    dispatch!(isa, matmul(x, w, end, y), {
+pub fn matmul_bf16(
+    isa: Isa,
+    x: Input<f32>,
+    w: PackedBf16,
+    epilogue: Epilogue,
+    y: MatMut<f32>,
+) -> Result<(), ShapeError> {
+    check_product((x.rows(), x.cols()), (w.n(), w.k()), &y, &epilogue)?;
+    dispatch!(isa, matmul(x, w, epilogue, y), {
         Scalar: scalar,
         Avx2: avx2,
         AvxVnni: avx2,
@@ -69,46 +75,46 @@ pub fn matmul_gated_bf16(
     Ok(())
 }
 
-/// Rows as products of bf16 take them: each value rounded ([`crate::bf16::round_bf16`]), or cut in two ([`split`]).
+/// Rows as products of bf16 take them: each value rounded ([`crate::bf16::round_bf16`]), or cut in two ([`split_bf16x2`]).
 #[derive(Clone, Copy, Debug)]
 pub struct Bf16Rows<'a> {
-    /// The values, or their high parts.
-    first: Mat<'a, Bf16>,
+    /// The values, or their hi parts.
+    hi: Mat<'a, Bf16>,
     /// Low parts.
-    rest: Option<Mat<'a, Bf16>>,
+    lo: Option<Mat<'a, Bf16>>,
 }
 
 impl<'a> Bf16Rows<'a> {
     /// Rows `[m, k]` of rounded values; they may overlap.
     pub fn rounded(values: Mat<'a, Bf16>) -> Self {
-        Self { first: values, rest: None }
+        Self { hi: values, lo: None }
     }
 
     /// Rows `[m, k]` of which both parts lie in memory in the same way; they may overlap.
     ///
     /// # Errors
     /// [`ShapeError`] where the parts' shapes differ.
-    pub fn split(high: Mat<'a, Bf16>, low: Mat<'a, Bf16>) -> Result<Self, ShapeError> {
-        expect_len("low", high.rows(), low.rows())?;
-        expect_len("low", high.cols(), low.cols())?;
-        expect_len("low", high.stride(), low.stride())?;
-        Ok(Self { first: high, rest: Some(low) })
+    pub fn split(hi: Mat<'a, Bf16>, lo: Mat<'a, Bf16>) -> Result<Self, ShapeError> {
+        expect_len("lo", hi.rows(), lo.rows())?;
+        expect_len("lo", hi.cols(), lo.cols())?;
+        expect_len("lo", hi.stride(), lo.stride())?;
+        Ok(Self { hi, lo: Some(lo) })
     }
 }
 
 /// Cuts every value in two: the upper half of its bits, and what they leave, rounded to bf16.
 ///
-/// Shapes: `x`, `high`, `low` `[n]` (both overwritten).
-/// Numerics: `high + low` is off by at most `2^-16` of `x`; infinities have nothing left, and what is no number remains so
-/// in one part at least. The same bits on every back-end, but that `amx` takes a low part below `2^-126` for zero.
+/// Shapes: `x`, `hi`, `lo` `[n]` (both overwritten).
+/// Numerics: `hi + lo` is off by at most `2^-16` of `x`; infinities have nothing left, and what is no number remains so
+/// in one part at least. The same bits on every back-end, but that `amx` takes a lo part below `2^-126` for zero.
 ///
 /// # Errors
 /// [`ShapeError`] naming the argument whose length disagrees.
-pub fn split(isa: Isa, x: &[f32], high: &mut [Bf16], low: &mut [Bf16]) -> Result<(), ShapeError> {
-    expect_len("high", x.len(), high.len())?;
-    expect_len("low", x.len(), low.len())?;
+pub fn split_bf16x2(isa: Isa, x: &[f32], hi: &mut [Bf16], lo: &mut [Bf16]) -> Result<(), ShapeError> {
+    expect_len("hi", x.len(), hi.len())?;
+    expect_len("lo", x.len(), lo.len())?;
     // The other back-ends have no use for split rows, so that a faster split would gain nothing.
-    dispatch!(isa, split(x, high, low), {
+    dispatch!(isa, split_bf16x2(x, hi, lo), {
         Scalar: scalar,
         Avx2: scalar,
         AvxVnni: scalar,
@@ -128,9 +134,15 @@ pub fn split(isa: Isa, x: &[f32], high: &mut [Bf16], low: &mut [Bf16]) -> Result
 ///
 /// # Errors
 /// [`ShapeError`] naming the argument whose length disagrees.
-pub fn matmul_bf16_rows(isa: Isa, x: Bf16Rows, w: PackedBf16, end: Epilogue, y: MatMut<f32>) -> Result<(), ShapeError> {
-    check_product((x.first.rows(), x.first.cols()), (w.n(), w.k()), &y, &end)?;
-    dispatch!(isa, matmul_rows(x, w, end, y), {
+pub fn matmul_bf16_rows(
+    isa: Isa,
+    x: Bf16Rows,
+    w: PackedBf16,
+    epilogue: Epilogue,
+    y: MatMut<f32>,
+) -> Result<(), ShapeError> {
+    check_product((x.hi.rows(), x.hi.cols()), (w.n(), w.k()), &y, &epilogue)?;
+    dispatch!(isa, matmul_rows(x, w, epilogue, y), {
         Scalar: scalar,
         Avx2: scalar,
         AvxVnni: scalar,

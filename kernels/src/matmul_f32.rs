@@ -21,9 +21,9 @@ use crate::pack::PackedF32;
 ///
 /// # Errors
 /// [`ShapeError`] naming the argument whose length disagrees.
-pub fn matmul_f32(isa: Isa, x: Input<f32>, w: PackedF32, end: Epilogue, y: MatMut<f32>) -> Result<(), ShapeError> {
-    check_product((x.rows(), x.cols()), (w.n(), w.k()), &y, &end)?;
-    dispatch!(isa, matmul(x, w, end, y));
+pub fn matmul_f32(isa: Isa, x: Input<f32>, w: PackedF32, epilogue: Epilogue, y: MatMut<f32>) -> Result<(), ShapeError> {
+    check_product((x.rows(), x.cols()), (w.n(), w.k()), &y, &epilogue)?;
+    dispatch!(isa, matmul(x, w, epilogue, y));
     Ok(())
 }
 

@@ -39,13 +39,13 @@ pub fn matmul_i8(
     x: QuantRows,
     index: Option<&[u32]>,
     w: PackedI8,
-    end: Epilogue,
+    epilogue: Epilogue,
     y: MatMut<f32>,
 ) -> Result<(), ShapeError> {
     let x = input(x, index)?;
     check_k(w.k())?;
-    check_product((x.rows.rows(), x.rows.cols()), (w.n(), w.k()), &y, &end)?;
-    dispatch!(isa, matmul(x, w, end, y, isa.tuning()), {
+    check_product((x.rows.rows(), x.rows.cols()), (w.n(), w.k()), &y, &epilogue)?;
+    dispatch!(isa, matmul(x, w, epilogue, y, isa.tuning()), {
         Scalar: scalar,
         Avx2: avx2,
         AvxVnni: avxvnni,
@@ -86,8 +86,8 @@ pub fn matmul_gated_i8(
 
 fn input<'a>(x: QuantRows<'a>, index: Option<&'a [u32]>) -> Result<QuantInput<'a>, ShapeError> {
     let rows = match index {
-        Some(index) => Input::gather(x.steps, index)?,
-        None => Input::all(x.steps),
+        Some(index) => Input::gather(x.codes, index)?,
+        None => Input::all(x.codes),
     };
     Ok(QuantInput { rows, scale: x.scale })
 }

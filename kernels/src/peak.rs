@@ -79,7 +79,7 @@ const FAR: usize = 2 << 10;
 /// Where the line lies that is fetched while line `i` of a stream is read: behind the stream's end, in the same stream of the next
 /// chunk.
 #[cfg(target_arch = "x86_64")]
-const fn ahead(i: usize) -> usize {
+const fn prefetch_offset(i: usize) -> usize {
     if i + FAR < STREAM { i + FAR } else { i + FAR + (STREAMS - 1) * STREAM }
 }
 

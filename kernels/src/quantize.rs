@@ -13,39 +13,39 @@ use crate::mat::{Mat, MatMut};
 /// Quantised rows: `value = step * scale[row]`.
 #[derive(Clone, Copy, Debug)]
 pub struct QuantRows<'a> {
-    pub(crate) steps: Mat<'a, i8>,
+    pub(crate) codes: Mat<'a, i8>,
     pub(crate) scale: &'a [f32],
 }
 
 impl<'a> QuantRows<'a> {
-    /// `steps [m, k]` with the real value of one step per row, `scale [m]`.
+    /// `codes [m, k]` with the real value of one step per row, `scale [m]`.
     ///
     /// # Errors
-    /// [`ShapeError`] where `scale` has another length than `steps` has rows.
-    pub fn new(steps: Mat<'a, i8>, scale: &'a [f32]) -> Result<Self, ShapeError> {
-        expect_len("scale", steps.rows(), scale.len())?;
-        Ok(Self { steps, scale })
+    /// [`ShapeError`] where `scale` has another length than `codes` has rows.
+    pub fn new(codes: Mat<'a, i8>, scale: &'a [f32]) -> Result<Self, ShapeError> {
+        expect_len("scale", codes.rows(), scale.len())?;
+        Ok(Self { codes, scale })
     }
 }
 
-/// Quantises every row symmetrically: `scale[t] = max(abs(x[t])) / 127`, `steps = round(x / scale)`, halves to even.
+/// Quantises every row symmetrically: `scale[t] = max(abs(x[t])) / 127`, `codes = round(x / scale)`, halves to even.
 ///
-/// Shapes: `x [m, k]`, `steps [m, k]`, `scale [m]` (both overwritten).
-/// Numerics: steps lie in -127..=127; an all-zero row has scale 1. `x / scale` is computed as `x * (127 / max)`; the
+/// Shapes: `x [m, k]`, `codes [m, k]`, `scale [m]` (both overwritten).
+/// Numerics: codes lie in -127..=127; an all-zero row has scale 1. `x / scale` is computed as `x * (127 / max)`; the
 /// same bits on every back-end. `x` must be finite.
 ///
 /// # Errors
 /// [`ShapeError`] naming the argument whose length disagrees.
-pub fn quantize_rows(isa: Isa, x: Mat<f32>, steps: MatMut<i8>, scale: &mut [f32]) -> Result<(), ShapeError> {
-    expect_len("steps", x.rows(), steps.rows())?;
-    expect_len("steps", x.cols(), steps.cols())?;
+pub fn quantize_rows(isa: Isa, x: Mat<f32>, codes: MatMut<i8>, scale: &mut [f32]) -> Result<(), ShapeError> {
+    expect_len("codes", x.rows(), codes.rows())?;
+    expect_len("codes", x.cols(), codes.cols())?;
     expect_len("scale", x.rows(), scale.len())?;
-    let mut steps = steps;
+    let mut codes = codes;
     for (t, scale) in scale.iter_mut().enumerate() {
         let row = x.row(t);
         let largest = largest(isa, row);
-        *scale = step_size(largest);
-        round(isa, row, largest, steps.row_mut(t));
+        *scale = quantization_scale(largest);
+        round(isa, row, largest, codes.row_mut(t));
     }
     Ok(())
 }
@@ -65,25 +65,25 @@ pub fn row_maxima(isa: Isa, x: &MatMut<f32>, largest: &mut [f32]) -> Result<(), 
     Ok(())
 }
 
-/// Quantises some columns of rows of which `largest` says the largest size of a value in any column; the steps are those of
-/// [`quantize_rows`] over all columns, each of the size [`step_size`].
+/// Quantises some columns of rows of which `largest` says the largest size of a value in any column; the codes are those of
+/// [`quantize_rows`] over all columns, each of the size [`quantization_scale`].
 ///
-/// Shapes: `x [m, k]`, `largest [m]`, `steps [m, k]` (overwritten). `x` must be finite.
+/// Shapes: `x [m, k]`, `largest [m]`, `codes [m, k]` (overwritten). `x` must be finite.
 ///
 /// # Errors
 /// [`ShapeError`] naming the argument whose length disagrees.
-pub fn quantize_columns(isa: Isa, x: &MatMut<f32>, largest: &[f32], mut steps: MatMut<i8>) -> Result<(), ShapeError> {
+pub fn quantize_columns(isa: Isa, x: &MatMut<f32>, largest: &[f32], mut codes: MatMut<i8>) -> Result<(), ShapeError> {
     expect_len("largest", x.rows(), largest.len())?;
-    expect_len("steps", x.rows(), steps.rows())?;
-    expect_len("steps", x.cols(), steps.cols())?;
+    expect_len("codes", x.rows(), codes.rows())?;
+    expect_len("codes", x.cols(), codes.cols())?;
     for (t, &largest) in largest.iter().enumerate() {
-        round(isa, x.row(t), largest, steps.row_mut(t));
+        round(isa, x.row(t), largest, codes.row_mut(t));
     }
     Ok(())
 }
 
 /// The real value of one step of a row whose values are `largest` in size at most.
-pub fn step_size(largest: f32) -> f32 {
+pub fn quantization_scale(largest: f32) -> f32 {
     scalar::per_unit(largest).map_or(1.0, |(_, scale)| scale)
 }
 
@@ -91,17 +91,17 @@ fn largest(isa: Isa, row: &[f32]) -> f32 {
     dispatch!(isa, largest(row))
 }
 
-/// The steps of values of a row whose largest is `largest`.
-fn round(isa: Isa, row: &[f32], largest: f32, steps: &mut [i8]) {
-    let Some((per_unit, _)) = scalar::per_unit(largest) else { return steps.fill(0) };
-    dispatch!(isa, round(row, per_unit, steps))
+/// The codes of values of a row whose largest is `largest`.
+fn round(isa: Isa, row: &[f32], largest: f32, codes: &mut [i8]) {
+    let Some((per_unit, _)) = scalar::per_unit(largest) else { return codes.fill(0) };
+    dispatch!(isa, round(row, per_unit, codes))
 }
 
 /// Quantises one weight row symmetrically: the step is `max(abs(row)) / 127`, returned; an all-zero row has step 1.
 ///
 /// # Errors
-/// [`ShapeError`] where `steps` has another length than `row`.
-pub fn quantize_weight_row(row: &[f32], steps: &mut [i8]) -> Result<f32, ShapeError> {
-    expect_len("steps", row.len(), steps.len())?;
-    Ok(scalar::quantize(row, steps))
+/// [`ShapeError`] where `codes` has another length than `row`.
+pub fn quantize_weight_row(row: &[f32], codes: &mut [i8]) -> Result<f32, ShapeError> {
+    expect_len("codes", row.len(), codes.len())?;
+    Ok(scalar::quantize(row, codes))
 }

@@ -6,7 +6,7 @@ use umo_kernels::matmul_i8::{matmul_gated_i8, matmul_i8};
 use umo_kernels::pack::{pack_i8, packed_len_i8};
 use umo_kernels::quantize::QuantRows;
 use umo_kernels::tuning::Tuning;
-use umo_kernels::{Ahead, Bf16, Isa, Mat, MatMut, PackedI8};
+use umo_kernels::{Bf16, Isa, Mat, MatMut, PackedI8, PrefetchHint};
 
 /// Numbers without a pattern.
 fn numbers(seed: u64) -> impl Iterator<Item = u64> {
@@ -70,12 +70,12 @@ fn attention_does_not_depend_on_the_profile() {
             with_every_profile(isa, m * dim, |isa, y| {
                 let [k, v] = [&k, &v].map(|x| Mat::new(x, n, dim).unwrap());
                 let y = MatMut::new(y, m, dim).unwrap();
-                attention_f32(isa, q, k, v, 0.125, None, Visible::All, Ahead::NOTHING, y).unwrap();
+                attention_f32(isa, q, k, v, 0.125, None, Visible::All, PrefetchHint::NONE, y).unwrap();
             });
             with_every_profile(isa, m * dim, |isa, y| {
                 let [k, v] = [&k_bf16, &v_bf16].map(|x| Mat::new(x, n, dim).unwrap());
                 let y = MatMut::new(y, m, dim).unwrap();
-                attention_bf16(isa, q, k, v, 0.125, None, Visible::All, Ahead::NOTHING, y).unwrap();
+                attention_bf16(isa, q, k, v, 0.125, None, Visible::All, PrefetchHint::NONE, y).unwrap();
             });
         }
     }

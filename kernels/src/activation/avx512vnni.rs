@@ -3,7 +3,7 @@
 use super::scalar;
 use crate::isa::{Avx512Vnni, entry};
 use crate::lanes::LANES;
-use crate::lanes::avx512vnni::{first_lanes, load, load_part, store, store_part};
+use crate::lanes::avx512vnni::{lane_mask, load, load_part, store, store_part};
 use crate::math::Activation;
 use crate::math::avx512vnni::{activate, exp};
 use core::arch::x86_64::*;
@@ -45,7 +45,7 @@ fn largest_of(x: &[f32]) -> f32 {
     for x in chunks {
         max = _mm512_max_ps(load(x), max);
     }
-    let max = _mm512_mask_max_ps(max, first_lanes(tail.len()), load_part(tail), max);
+    let max = _mm512_mask_max_ps(max, lane_mask(tail.len()), load_part(tail), max);
     _mm512_reduce_max_ps(max)
 }
 
@@ -59,7 +59,7 @@ entry! {
                 return Some(c * LANES + found.trailing_zeros() as usize);
             }
         }
-        let found = _mm512_mask_cmp_ps_mask::<_CMP_EQ_OQ>(first_lanes(tail.len()), load_part(tail), max);
+        let found = _mm512_mask_cmp_ps_mask::<_CMP_EQ_OQ>(lane_mask(tail.len()), load_part(tail), max);
         (found != 0).then(|| chunks.len() * LANES + found.trailing_zeros() as usize)
     }
 }

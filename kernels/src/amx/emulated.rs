@@ -41,7 +41,7 @@ impl Registers {
     ///
     /// # Safety
     /// 64 bytes of each row are readable.
-    pub(super) unsafe fn load_past<const T: u8>(&self, rows: *const u8, stride: usize) {
+    pub(super) unsafe fn load_streaming<const T: u8>(&self, rows: *const u8, stride: usize) {
         // SAFETY: this function's contract is that one's.
         unsafe { self.load::<T>(rows, stride) }
     }

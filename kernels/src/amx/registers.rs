@@ -58,7 +58,7 @@ impl Registers {
     /// # Safety
     /// 64 bytes of each row are readable.
     #[inline]
-    pub(super) unsafe fn load_past<const T: u8>(&self, rows: *const u8, stride: usize) {
+    pub(super) unsafe fn load_streaming<const T: u8>(&self, rows: *const u8, stride: usize) {
         // SAFETY: tile `T` is configured as 16 rows of 64 bytes, readable by this function's contract.
         unsafe {
             asm!("tileloaddt1 tmm{t}, [{rows} + {stride}]", t = const T, rows = in(reg) rows, stride = in(reg) stride,

@@ -19,7 +19,7 @@ use super::operands::Operands;
 use crate::amx::{TILE as ROWS, Tiles};
 use crate::isa::{Amx, entry};
 use crate::lanes::LANES;
-use crate::lanes::avx512vnni::{array, first_lanes, load, load_from, load_part, store, store_part};
+use crate::lanes::avx512vnni::{lane_mask, load, load_at, load_part, store, store_part, to_array};
 use crate::mat::{Mat, MatMut};
 use crate::math::avx512vnni::softmax_exp_reduce;
 use core::arch::x86_64::*;
@@ -154,15 +154,15 @@ fn queries(
         let mut next = Block::new(x, &keys, start + i * GROUPS * ROWS, softmaxes, free);
         match next.softmaxes.len() {
             0 => {}
-            1..=ROWS => meet_keys::<1>(tiles, q, k, &mut next, &mut last),
-            _ => meet_keys::<2>(tiles, q, k, &mut next, &mut last),
+            1..=ROWS => score_keys::<1>(tiles, q, k, &mut next, &mut last),
+            _ => score_keys::<2>(tiles, q, k, &mut next, &mut last),
         }
-        last.weigh(usize::MAX);
+        last.softmax_weights(usize::MAX);
         last.add_up();
         match last.softmaxes.len() {
             0 => {}
-            1..=ROWS => meet_values::<1>(tiles, v, &mut last, sums, &mut next),
-            _ => meet_values::<2>(tiles, v, &mut last, sums, &mut next),
+            1..=ROWS => apply_values::<1>(tiles, v, &mut last, sums, &mut next),
+            _ => apply_values::<2>(tiles, v, &mut last, sums, &mut next),
         }
         next.score(usize::MAX);
         next.rescale();
@@ -176,9 +176,9 @@ fn queries(
     }
 }
 
-/// The scores of `next` before they are scaled; meanwhile, weights of `last`.
+/// The scores of `next` before they are scaled; between, weights of `last`.
 #[avx512vnni]
-fn meet_keys<const G: usize>(tiles: &Tiles, q: &mut Queries, k: &Keys, next: &mut Block, last: &mut Block) {
+fn score_keys<const G: usize>(tiles: &Tiles, q: &mut Queries, k: &Keys, next: &mut Block, last: &mut Block) {
     pack_queries(next.x.q.row_range(next.i..next.i + next.softmaxes.len()), q);
     let (steps, pairs) = (next.x.q.cols().div_ceil(PAIRS), next.keys.div_ceil(PAIRS));
     // Queries without values have no products.
@@ -188,16 +188,16 @@ fn meet_keys<const G: usize>(tiles: &Tiles, q: &mut Queries, k: &Keys, next: &mu
         tiles.zero();
         for step in 0..steps {
             let (queries, keys) = ([&q[0][step], &q[1][step]], keys.map(|keys| &keys[step]));
-            multiply::<G, _, _>(tiles, queries, keys, || last.weigh(pieces - EARLY));
+            multiply::<G, _, _>(tiles, queries, keys, || last.softmax_weights(pieces - EARLY));
         }
         let [above, below] = &mut *next.scores;
-        finish::<G>(tiles, &mut above[pair], &mut below[pair]);
+        store_sums::<G>(tiles, &mut above[pair], &mut below[pair]);
     }
 }
 
-/// The sums of values of `last`; meanwhile, scores of `next`.
+/// The sums of values of `last`; between, scores of `next`.
 #[avx512vnni]
-fn meet_values<const G: usize>(tiles: &Tiles, v: &Values, last: &mut Block, sums: &mut Sums, next: &mut Block) {
+fn apply_values<const G: usize>(tiles: &Tiles, v: &Values, last: &mut Block, sums: &mut Sums, next: &mut Block) {
     let (steps, pairs) = (last.x.q.cols().div_ceil(PAIRS), last.keys.div_ceil(PAIRS));
     let pieces = next.softmaxes.len().div_ceil((PRODUCTS * steps).max(1));
     let [above, below] = sums;
@@ -208,10 +208,10 @@ fn meet_values<const G: usize>(tiles: &Tiles, v: &Values, last: &mut Block, sums
             let values = [&v[pair][2 * columns], &v[pair][2 * columns + 1]];
             multiply::<G, _, _>(tiles, weights, values, || {
                 next.score(pieces);
-                next.weigh(EARLY);
+                next.softmax_weights(EARLY);
             });
         }
-        finish::<G>(tiles, &mut above[2 * columns..], &mut below[2 * columns..]);
+        store_sums::<G>(tiles, &mut above[2 * columns..], &mut below[2 * columns..]);
     }
 }
 
@@ -235,7 +235,7 @@ struct Block<'a> {
     softmaxes: &'a mut [Softmax],
     scores: &'a mut Scores,
     scored: Done,
-    weighed: Done,
+    exponentiated: Done,
     /// Largest scores before these keys; then the factors for what has been summed up before.
     shrink: [f32; GROUPS * ROWS],
     /// Sums of weights.
@@ -252,7 +252,7 @@ impl<'a> Block<'a> {
     ) -> Self {
         let (first, keys) = (keys.start, keys.len());
         let scored = Done { rows: 0, pairs: 0, lanes: [f32::NEG_INFINITY; 16] };
-        let weighed = Done { rows: 0, pairs: 0, lanes: [0.0; 16] };
+        let exponentiated = Done { rows: 0, pairs: 0, lanes: [0.0; 16] };
         Self {
             x,
             i,
@@ -261,7 +261,7 @@ impl<'a> Block<'a> {
             softmaxes,
             scores,
             scored,
-            weighed,
+            exponentiated,
             shrink: [0.0; GROUPS * ROWS],
             sums: [0.0; GROUPS * ROWS],
         }
@@ -303,8 +303,8 @@ impl<'a> Block<'a> {
     /// Turns the scores of the next `pieces` pairs of a row's tiles into the parts of weights `exp(score - max)`, as far as
     /// rows have all their scores.
     #[avx512vnni]
-    fn weigh(&mut self, pieces: usize) {
-        let (Done { rows, pairs, lanes }, all) = (&mut self.weighed, self.keys.div_ceil(PAIRS));
+    fn softmax_weights(&mut self, pieces: usize) {
+        let (Done { rows, pairs, lanes }, all) = (&mut self.exponentiated, self.keys.div_ceil(PAIRS));
         let mut sum = load(lanes);
         for _ in 0..pieces {
             if *rows == self.scored.rows {
@@ -312,7 +312,7 @@ impl<'a> Block<'a> {
             }
             let softmax = &self.softmaxes[*rows];
             let tiles = &mut self.scores[*rows / ROWS][*pairs];
-            sum = _mm512_add_ps(sum, weigh(tiles, *rows % ROWS, softmax.max));
+            sum = _mm512_add_ps(sum, softmax_weights(tiles, *rows % ROWS, softmax.max));
             *pairs += 1;
             if *pairs == all {
                 self.sums[*rows] = _mm512_reduce_add_ps(sum);
@@ -364,7 +364,7 @@ fn multiply<const G: usize, A, B>(
     tiles: &Tiles,
     [above, below]: [&Split<A>; 2],
     [left, right]: [&Split<B>; 2],
-    mut meanwhile: impl FnMut(),
+    mut between: impl FnMut(),
 ) {
     let mut products = || {
         tiles.multiply_bf16::<0, 4, 6>();
@@ -373,7 +373,7 @@ fn multiply<const G: usize, A, B>(
             tiles.multiply_bf16::<2, 5, 6>();
             tiles.multiply_bf16::<3, 5, 7>();
         }
-        meanwhile();
+        between();
     };
     let queries = |part: usize| {
         tiles.load::<4, _>(&above[part].0);
@@ -382,8 +382,8 @@ fn multiply<const G: usize, A, B>(
         }
     };
     let keys = |part: usize| {
-        tiles.load_rows_past::<6, _>(&left[part].0, 1);
-        tiles.load_rows_past::<7, _>(&right[part].0, 1);
+        tiles.load_tile_streaming::<6, _>(&left[part].0, 1);
+        tiles.load_tile_streaming::<7, _>(&right[part].0, 1);
     };
     queries(0);
     keys(2);
@@ -402,7 +402,7 @@ fn multiply<const G: usize, A, B>(
 
 /// Stores the sums of `G` x 2 tiles, two beside each other.
 #[inline(always)]
-fn finish<const G: usize>(tiles: &Tiles, above: &mut [Tile], below: &mut [Tile]) {
+fn store_sums<const G: usize>(tiles: &Tiles, above: &mut [Tile], below: &mut [Tile]) {
     tiles.store_sum::<0>(&mut above[0].0, 1);
     tiles.store_sum::<1>(&mut above[1].0, 1);
     if G == 2 {
@@ -415,7 +415,7 @@ fn finish<const G: usize>(tiles: &Tiles, above: &mut [Tile], below: &mut [Tile])
 /// in the second part.
 #[inline]
 #[avx512vnni]
-fn split(a: __m512, b: __m512) -> [__m512; PARTS] {
+fn split_bf16x3(a: __m512, b: __m512) -> [__m512; PARTS] {
     let (high_a, high_b) = (upper_half(a), upper_half(b));
     let (rest_a, rest_b) = (_mm512_sub_ps(a, high_a), _mm512_sub_ps(b, high_b));
     let (middle_a, middle_b) = (upper_half(rest_a), upper_half(rest_b));
@@ -449,7 +449,7 @@ pub(super) fn load_pairs(row: &[f32], at: usize) -> [__m512; 2] {
             let (row, _) = row.as_chunks();
             [load(&row[0]), load(&row[1])]
         }
-        None => [load_from(row, at), load_from(row, at + LANES)],
+        None => [load_at(row, at), load_at(row, at + LANES)],
     }
 }
 
@@ -460,8 +460,8 @@ fn pack_queries(q: Mat<f32>, packed: &mut Queries) {
         let row = q.row(r);
         for (step, to) in packed[r / ROWS][..q.cols().div_ceil(PAIRS)].iter_mut().enumerate() {
             let [a, b] = load_pairs(row, step * PAIRS);
-            for (to, part) in to.iter_mut().zip(split(a, b)) {
-                to.0[r % ROWS].write(array(part));
+            for (to, part) in to.iter_mut().zip(split_bf16x3(a, b)) {
+                to.0[r % ROWS].write(to_array(part));
             }
         }
     }
@@ -477,14 +477,14 @@ fn pack_keys(k: Mat<f32>, packed: &mut Keys) {
                 let row = tile * ROWS + j;
                 if row < k.rows() {
                     let [a, b] = load_pairs(k.row(row), step * PAIRS);
-                    for (rows, part) in rows.iter_mut().zip(split(a, b)) {
+                    for (rows, part) in rows.iter_mut().zip(split_bf16x3(a, b)) {
                         rows[j] = part;
                     }
                 }
             }
             for (to, rows) in to.iter_mut().zip(rows) {
                 for (to, column) in to.0.iter_mut().zip(transpose(rows)) {
-                    to.write(array(column));
+                    to.write(to_array(column));
                 }
             }
         }
@@ -501,11 +501,11 @@ fn pack_values(v: Mat<f32>, packed: &mut Values) {
             let (a, b) = (row(first), row(first + LANES));
             for (c, to) in packed.as_chunks_mut::<2>().0[..v.cols().div_ceil(PAIRS)].iter_mut().enumerate() {
                 let ([a, b], [c, d]) = (load_pairs(a, c * PAIRS), load_pairs(b, c * PAIRS));
-                for (to, part) in to[0].iter_mut().zip(split(a, c)) {
-                    to.0[pair].write(array(part));
+                for (to, part) in to[0].iter_mut().zip(split_bf16x3(a, c)) {
+                    to.0[pair].write(to_array(part));
                 }
-                for (to, part) in to[1].iter_mut().zip(split(b, d)) {
-                    to.0[pair].write(array(part));
+                for (to, part) in to[1].iter_mut().zip(split_bf16x3(b, d)) {
+                    to.0[pair].write(to_array(part));
                 }
             }
         }
@@ -530,8 +530,8 @@ fn score(
     let mut a = _mm512_fmadd_ps(load(&left.0[r]), scale, bias_a);
     let mut b = _mm512_fmadd_ps(load(&right.0[r]), scale, bias_b);
     if at + PAIRS > keys {
-        a = _mm512_mask_blend_ps(first_lanes(keys - at), hidden, a);
-        b = _mm512_mask_blend_ps(first_lanes((keys - at).saturating_sub(LANES)), hidden, b);
+        a = _mm512_mask_blend_ps(lane_mask(keys - at), hidden, a);
+        b = _mm512_mask_blend_ps(lane_mask((keys - at).saturating_sub(LANES)), hidden, b);
     }
     store(&mut left.0[r], a);
     store(&mut right.0[r], b);
@@ -541,11 +541,11 @@ fn score(
 /// Turns row `r` of 32 scores into the parts of weights, and returns the sums of these.
 #[inline]
 #[avx512vnni]
-fn weigh([first, second, third]: &mut Split, r: usize, max: f32) -> __m512 {
+fn softmax_weights([first, second, third]: &mut Split, r: usize, max: f32) -> __m512 {
     let max = _mm512_set1_ps(max);
     let a = softmax_exp_reduce(_mm512_sub_ps(load(&first.0[r]), max));
     let b = softmax_exp_reduce(_mm512_sub_ps(load(&second.0[r]), max));
-    let parts = split(a, b);
+    let parts = split_bf16x3(a, b);
     store(&mut first.0[r], parts[0]);
     store(&mut second.0[r], parts[1]);
     store(&mut third.0[r], parts[2]);

@@ -1,8 +1,8 @@
-//! Attention over whole sequences with every factor rounded to bfloat16: what int8 projections leave has no more digits.
+//! Attention over whole sequences with every factor round_to_bf16 to bfloat16: what int8 projections leave has no more digits.
 //!
 //! Sums are f32, and go the way that `tdpbf16ps` goes, on every back-end: of each [`STEP`] products the even ones and the odd
 //! ones by themselves, then both together, then to what the steps before gave. Products of two bfloat16 values are exact, so
-//! that it does not matter whether an addition is fused. Scores and their maximum are in powers of 2.
+//! that it does not matter whether an addition is fused. Scores and their max_lanes are in powers of 2.
 
 #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
 mod amx;
@@ -50,7 +50,7 @@ impl Softmax {
     const START: Self = Self { max: f32::NEG_INFINITY, sum: 0.0, shrink: 0.0 };
 
     /// Takes the largest score of more keys in.
-    fn meet(&mut self, largest: f32) {
+    fn update_max(&mut self, largest: f32) {
         let max = self.max.max(largest);
         // Nothing came before the first keys.
         let first = self.max == f32::NEG_INFINITY;

@@ -8,15 +8,15 @@
 #![expect(clippy::needless_range_loop, reason = "loops of constant length over registers read best by index")]
 
 use super::vector::{
-    BLOCK, COLUMNS, ORDER, PAIRS, Register, WIDTH, add, array, features, first_of, fmadd, largest, load, load_bf16,
-    load_from, load_part, load_part_bf16, maximum, mul, set, softmax_exp, store, store_part, sub, sums_of, transpose,
-    zero,
+    BLOCK, COLUMNS, ORDER, PAIRS, Register, WIDTH, add, features, fmadd, largest, load, load_at, load_bf16, load_part,
+    load_part_bf16, max_lanes, mul, select_first, softmax_exp, splat, store, store_part, sub, sums_of, to_array,
+    transpose, zero,
 };
 use crate::attention::operands::Operands;
 use crate::bf16::Bf16;
 use crate::lanes::pairwise;
 use crate::mat::{Mat, MatMut};
-use crate::prefetch::{Ahead, Fetch, Itself, Meanwhile};
+use crate::prefetch::{HintPrefetch, Prefetch, PrefetchHint, SelfPrefetch};
 
 /// Keys whose scores are held at once: packed keys and values of a tile and 64 columns take 32 KiB of L1.
 const TILE: usize = 64;
@@ -105,15 +105,15 @@ pub(in crate::attention) fn attention<T: Load>(x: Operands<T>, mut y: MatMut<f32
         }
     }
     // What lies behind a row is the next one's only where there are no gaps.
-    let in_order = x.in_order && x.k.stride() == x.k.cols() && x.v.stride() == x.v.cols();
+    let self_prefetch = x.self_prefetch && x.k.stride() == x.k.cols() && x.v.stride() == x.v.cols();
     while i < x.q.rows() {
-        i += if in_order { few::<T, Itself>(x, i, &mut y) } else { few::<T, Fetch>(x, i, &mut y) };
+        i += if self_prefetch { few::<T, SelfPrefetch>(x, i, &mut y) } else { few::<T, HintPrefetch>(x, i, &mut y) };
     }
 }
 
 /// One, two or four queries from `i` on; returns how many.
 #[features]
-fn few<T: Load, F: Meanwhile>(x: Operands<T>, i: usize, y: &mut MatMut<f32>) -> usize {
+fn few<T: Load, F: Prefetch>(x: Operands<T>, i: usize, y: &mut MatMut<f32>) -> usize {
     match x.q.rows() - i {
         1 => group::<T, F, 1, WIDTH, { COLUMNS[0] }>(x, i, y),
         2 | 3 => group::<T, F, 2, { WIDTH / 2 }, { COLUMNS[1] }>(x, i, y),
@@ -139,7 +139,7 @@ fn block<T: Load>(x: Operands<T>, i: usize, count: usize, y: &mut MatMut<f32>) {
     let mut weights = Weights([[0.0; TILE]; 4]);
     let mut pairs = [[[zero(); 2]; 4]; GROUPS];
     let mut softmaxes = [[Softmax::START; 4]; BLOCK / 4];
-    let mut nothing = Fetch::new(Ahead::NOTHING, 1);
+    let mut nothing = HintPrefetch::new(PrefetchHint::NONE, 1);
     let keys = x.keys(i + count - 1);
     for first in (0..keys).step_by(TILE) {
         let range = first..keys.min(first + TILE);
@@ -156,12 +156,12 @@ fn block<T: Load>(x: Operands<T>, i: usize, count: usize, y: &mut MatMut<f32>) {
             if x.keys(i + 3) > first {
                 packed_scores(x.q.row_range(i..i + 4), &packed.k, &mut pairs, &mut weights);
                 let scratch = (&mut weights, &mut nothing);
-                weighted::<T, f32, Fetch, 4, { COLUMNS[2] }>(x, i, first, v, softmaxes, scratch, y);
+                weighted::<T, f32, HintPrefetch, 4, { COLUMNS[2] }>(x, i, first, v, softmaxes, scratch, y);
             }
         }
     }
     for (r, softmax) in softmaxes.as_flattened()[..count].iter().enumerate() {
-        softmax.finish(y.row_mut(i + r));
+        softmax.normalize(y.row_mut(i + r));
     }
 }
 
@@ -216,7 +216,7 @@ fn packed_scores(q: Mat<f32>, k: &[[f32; TILE]; PACKED_DIM], pairs: &mut [Sums; 
                         let keys = k[d].as_chunks().0;
                         let (a, b) = (load(&keys[2 * tile]), load(&keys[2 * tile + 1]));
                         for r in 0..4 {
-                            let q = set(rows[r][d]);
+                            let q = splat(rows[r][d]);
                             chains[half][r][0] = fmadd(q, a, chains[half][r][0]);
                             chains[half][r][1] = fmadd(q, b, chains[half][r][1]);
                         }
@@ -254,7 +254,7 @@ fn packed_scores(q: Mat<f32>, k: &[[f32; TILE]; PACKED_DIM], pairs: &mut [Sums; 
 /// The `Q` queries from `i` on, over all their keys; returns `Q`. `y` holds the sums of values times
 /// `exp(score - max)` until the end. Scores are made `K = WIDTH / Q` keys, values `C` registers of columns at a time.
 #[features]
-fn group<T: Load, F: Meanwhile, const Q: usize, const K: usize, const C: usize>(
+fn group<T: Load, F: Prefetch, const Q: usize, const K: usize, const C: usize>(
     x: Operands<T>,
     i: usize,
     y: &mut MatMut<f32>,
@@ -264,8 +264,8 @@ fn group<T: Load, F: Meanwhile, const Q: usize, const K: usize, const C: usize>(
     // A later query sees at least the keys of an earlier one.
     let keys = x.keys(i + Q - 1);
     // While the last queries meet keys and values.
-    let ahead = if i + Q == x.q.rows() { x.ahead } else { Ahead::NOTHING };
-    let mut fetch = F::new(ahead, 2 * keys.div_ceil(DOTS));
+    let hint = if i + Q == x.q.rows() { x.hint } else { PrefetchHint::NONE };
+    let mut fetch = F::new(hint, 2 * keys.div_ceil(DOTS));
     for first in (0..keys).step_by(TILE) {
         let range = first..keys.min(first + TILE);
         scores::<T, F, Q, K>(x, i, x.k.row_range(range.clone()), &mut fetch, &mut weights);
@@ -273,7 +273,7 @@ fn group<T: Load, F: Meanwhile, const Q: usize, const K: usize, const C: usize>(
         weighted::<T, T, F, Q, C>(x, i, first, v, &mut softmaxes, (&mut weights, &mut fetch), y);
     }
     for (r, softmax) in softmaxes.iter().enumerate() {
-        softmax.finish(y.row_mut(i + r));
+        softmax.normalize(y.row_mut(i + r));
     }
     Q
 }
@@ -281,7 +281,7 @@ fn group<T: Load, F: Meanwhile, const Q: usize, const K: usize, const C: usize>(
 /// Turns the scores of the tile of keys from `first` on into weights, and adds the tile's values to the rows of
 /// `y`, `C` registers of columns at a time.
 #[features]
-fn weighted<T: Load, V: Load, F: Meanwhile, const Q: usize, const C: usize>(
+fn weighted<T: Load, V: Load, F: Prefetch, const Q: usize, const C: usize>(
     x: Operands<T>,
     i: usize,
     first: usize,
@@ -295,9 +295,9 @@ fn weighted<T: Load, V: Load, F: Meanwhile, const Q: usize, const C: usize>(
         seen[r] = x.keys(i + r).saturating_sub(first).min(v.rows());
     }
     let shrink = if seen == [TILE; Q] {
-        weigh::<T, Q, true>(x, i, first, seen, softmaxes, weights)
+        softmax_weights::<T, Q, true>(x, i, first, seen, softmaxes, weights)
     } else {
-        weigh::<T, Q, false>(x, i, first, seen, softmaxes, weights)
+        softmax_weights::<T, Q, false>(x, i, first, seen, softmaxes, weights)
     };
     values::<V, F, Q, C>(&weights.0, 0, v.row_range(0..seen[0]), fetch, shrink, i, y);
     for r in 1..Q {
@@ -311,7 +311,7 @@ fn weighted<T: Load, V: Load, F: Meanwhile, const Q: usize, const C: usize>(
 
 /// The dot products of `Q` queries with every key of `k`; up to `K - 1` more, of no meaning, follow them.
 #[features]
-fn scores<T: Load, F: Meanwhile, const Q: usize, const K: usize>(
+fn scores<T: Load, F: Prefetch, const Q: usize, const K: usize>(
     x: Operands<T>,
     i: usize,
     k: Mat<T>,
@@ -323,14 +323,14 @@ fn scores<T: Load, F: Meanwhile, const Q: usize, const K: usize>(
         let mut sums = [zero(); WIDTH];
         // A few keys at a time, whose addresses stay in registers.
         for from in (0..K).step_by(DOTS) {
-            fetch.some();
+            fetch.advance();
             match (K < DOTS, q.cols() == WHOLE * WIDTH) {
                 (true, _) => dots::<T, F, Q, K, K, 0>(q, k, (first, from), fetch, &mut sums),
                 (_, true) => dots::<T, F, Q, K, DOTS, WHOLE>(q, k, (first, from), fetch, &mut sums),
                 _ => dots::<T, F, Q, K, DOTS, 0>(q, k, (first, from), fetch, &mut sums),
             }
         }
-        let sums = array(sums_of(sums));
+        let sums = to_array(sums_of(sums));
         for (weights, sums) in weights.0.iter_mut().zip(sums.as_chunks::<K>().0) {
             weights[first..first + K].copy_from_slice(sums);
         }
@@ -341,7 +341,7 @@ fn scores<T: Load, F: Meanwhile, const Q: usize, const K: usize>(
 /// registers make a row; 0 stands for any number and a rest.
 #[inline]
 #[features]
-fn dots<T: Load, F: Meanwhile, const Q: usize, const K: usize, const N: usize, const C: usize>(
+fn dots<T: Load, F: Prefetch, const Q: usize, const K: usize, const N: usize, const C: usize>(
     q: Mat<f32>,
     k: Mat<T>,
     (first, from): (usize, usize),
@@ -362,7 +362,7 @@ fn dots<T: Load, F: Meanwhile, const Q: usize, const K: usize, const N: usize, c
         }
         for j in 0..N {
             let k = k.chunk(keys[j], c);
-            fetch.behind(k, c);
+            fetch.touch(k, c);
             let k = widened(k);
             for r in 0..Q {
                 sums[r][j] = fmadd(part[r], k, sums[r][j]);
@@ -398,7 +398,7 @@ impl Softmax {
 
     /// Divides the sums of weighted values by the sum of weights.
     #[features]
-    fn finish(&self, y: &mut [f32]) {
+    fn normalize(&self, y: &mut [f32]) {
         let sum = pairwise(self.sum);
         y.iter_mut().for_each(|y| *y /= sum);
     }
@@ -408,7 +408,7 @@ impl Softmax {
 /// for what the queries have summed up before: 0 in the first tile. `ALL`: all see the whole tile.
 #[inline]
 #[features]
-fn weigh<T: Load, const Q: usize, const ALL: bool>(
+fn softmax_weights<T: Load, const Q: usize, const ALL: bool>(
     x: Operands<T>,
     i: usize,
     first: usize,
@@ -416,18 +416,18 @@ fn weigh<T: Load, const Q: usize, const ALL: bool>(
     softmaxes: &mut [Softmax; Q],
     weights: &mut Weights<Q>,
 ) -> [f32; Q] {
-    // The queries' steps are independent of each other: none waits for another's maximum.
+    // The queries' steps are independent of each other: none waits for another's max_lanes.
     let (mut before, mut after) = ([0.0; WIDTH], [0.0; WIDTH]);
     for r in 0..Q {
         before[r] = softmaxes[r].max;
         after[r] = score::<ALL>(&mut weights.0[r], seen[r], before[r], x.scale, x.bias(i + r, first));
         softmaxes[r].max = after[r];
     }
-    let shrink = array(softmax_exp(sub(load(&before), load(&after))));
+    let shrink = to_array(softmax_exp(sub(load(&before), load(&after))));
     let mut result = [0.0; Q];
     for r in 0..Q {
-        let max = set(after[r]);
-        let mut sum = mul(load(&softmaxes[r].sum), set(shrink[r]));
+        let max = splat(after[r]);
+        let mut sum = mul(load(&softmaxes[r].sum), splat(shrink[r]));
         let seen = if ALL { TILE } else { seen[r] };
         for register in &mut weights.0[r].as_chunks_mut::<WIDTH>().0[..seen.div_ceil(WIDTH)] {
             let weight = softmax_exp(sub(load(register), max));
@@ -446,13 +446,13 @@ fn weigh<T: Load, const Q: usize, const ALL: bool>(
 #[features]
 fn score<const ALL: bool>(weights: &mut [f32; TILE], seen: usize, max: f32, scale: f32, bias: &[f32]) -> f32 {
     let seen = if ALL { TILE } else { seen };
-    let mut highest = set(max);
-    let hidden = set(f32::NEG_INFINITY);
+    let mut highest = splat(max);
+    let hidden = splat(f32::NEG_INFINITY);
     for (c, register) in weights.as_chunks_mut().0[..seen.div_ceil(WIDTH)].iter_mut().enumerate() {
-        let bias = load_from(bias, c * WIDTH);
-        let score = fmadd(load(register), set(scale), bias);
-        let score = first_of(seen - c * WIDTH, score, hidden);
-        highest = maximum(highest, score);
+        let bias = load_at(bias, c * WIDTH);
+        let score = fmadd(load(register), splat(scale), bias);
+        let score = select_first(seen - c * WIDTH, score, hidden);
+        highest = max_lanes(highest, score);
         store(register, score);
     }
     largest(highest)
@@ -460,7 +460,7 @@ fn score<const ALL: bool>(weights: &mut [f32; TILE], seen: usize, max: f32, scal
 
 /// `y[i + r] = y[i + r] * shrink[r] + sum_j weights[r][from + j] * v[j]`.
 #[features]
-fn values<V: Load, F: Meanwhile, const Q: usize, const C: usize>(
+fn values<V: Load, F: Prefetch, const Q: usize, const C: usize>(
     weights: &[[f32; TILE]; Q],
     from: usize,
     v: Mat<V>,
@@ -481,7 +481,7 @@ fn values<V: Load, F: Meanwhile, const Q: usize, const C: usize>(
 
 /// `C` registers of columns from `column` on, or (`PART`) what is left of one; returns the columns done.
 #[features]
-fn columns<V: Load, F: Meanwhile, const Q: usize, const C: usize, const PART: bool>(
+fn columns<V: Load, F: Prefetch, const Q: usize, const C: usize, const PART: bool>(
     weights: &[[f32; TILE]; Q],
     from: usize,
     v: Mat<V>,
@@ -497,14 +497,14 @@ fn columns<V: Load, F: Meanwhile, const Q: usize, const C: usize, const PART: bo
         if shrink[r] != 0.0 {
             let y = &y.row(i + r)[column..end];
             for c in 0..C {
-                sums[r][c] = mul(load_part(&y[c * WIDTH..]), set(shrink[r]));
+                sums[r][c] = mul(load_part(&y[c * WIDTH..]), splat(shrink[r]));
             }
         }
     }
     let v = v.columns(column..end);
     for j in 0..v.rows() {
         if j.is_multiple_of(DOTS) {
-            fetch.some();
+            fetch.advance();
         }
         let mut values = [zero(); C];
         if PART {
@@ -512,12 +512,12 @@ fn columns<V: Load, F: Meanwhile, const Q: usize, const C: usize, const PART: bo
         } else {
             for c in 0..C {
                 let v = v.chunk(j, c);
-                fetch.behind(v, c);
+                fetch.touch(v, c);
                 values[c] = widened(v);
             }
         }
         for r in 0..Q {
-            let weight = set(weights[r][from + j]);
+            let weight = splat(weights[r][from + j]);
             for c in 0..C {
                 sums[r][c] = fmadd(weight, values[c], sums[r][c]);
             }

@@ -3,7 +3,7 @@
 use crate::bf16::Bf16;
 use crate::error::{ShapeError, expect_len};
 use crate::mat::{Mat, MatMut};
-use crate::prefetch::Ahead;
+use crate::prefetch::PrefetchHint;
 
 /// A bias that depends on `key - query` alone: query `i` adds `values[origin + j - i]` to its score of key `j`.
 ///
@@ -55,10 +55,10 @@ pub(super) struct Operands<'a, T> {
     pub(super) bias: Option<RelativeBias<'a>>,
     pub(super) visible: Visible,
     #[cfg_attr(not(target_arch = "x86_64"), expect(dead_code, reason = "nothing is fetched"))]
-    pub(super) ahead: Ahead<'a>,
+    pub(super) hint: PrefetchHint<'a>,
     /// Keys and values themselves are fetched before they are read, and nothing else is.
     #[cfg_attr(not(target_arch = "x86_64"), expect(dead_code, reason = "nothing is fetched"))]
-    pub(super) in_order: bool,
+    pub(super) self_prefetch: bool,
 }
 
 impl<'a, T> Operands<'a, T> {

@@ -1,6 +1,6 @@
 //! 8 outputs per fused multiply-add, one sum per output in ascending order of inputs.
 
-use super::{Epilogue, Input, Job, Panels, tiles};
+use super::{Epilogue, GemmTask, Input, Panels, tiles};
 use crate::lanes::avx2::{load_two as load, store_two as store};
 use crate::mat::MatMut;
 use crate::math::Activation;
@@ -18,7 +18,7 @@ const FULL: usize = 5;
 /// Panels that tiles of more than one row end at once: a gate and an up panel.
 const PAIR: usize = 2;
 /// Rows of a panel between a multiplication and the prefetch of its weights from L2.
-const AHEAD: usize = 16;
+const PREFETCH_DISTANCE: usize = 16;
 /// Most panels that a tile ends at once.
 pub(crate) const MOST: usize = 4;
 
@@ -34,18 +34,18 @@ pub(crate) trait Load: Copy {
 
 /// The whole product: all rows pass by each group of panels while it is in the cache.
 #[avx2]
-pub(crate) fn run<'a, W: Panels<'a, Row: Load>>(x: Input<f32>, job: &Job<'_, W>, mut y: MatMut<f32>) {
+pub(crate) fn run<'a, W: Panels<'a, Row: Load>>(x: Input<f32>, task: &GemmTask<'_, W>, mut y: MatMut<f32>) {
     let mut slot = 0;
-    while slot < job.slots() {
-        let width = if slot + MOST <= job.slots() { MOST } else { PAIR.min(job.slots() - slot) };
+    while slot < task.slots() {
+        let width = if slot + MOST <= task.slots() { MOST } else { PAIR.min(task.slots() - slot) };
         for (t, rows) in tiles(x.rows(), ROWS) {
             match rows {
-                1 => tile::<W, 1, 4, MOST>(&x, t, job, slot, width, &mut y),
-                2 => tile::<W, 2, 2, PAIR>(&x, t, job, slot, width, &mut y),
-                3 => tile::<W, 3, 2, PAIR>(&x, t, job, slot, width, &mut y),
-                4 => tile::<W, 4, 1, PAIR>(&x, t, job, slot, width, &mut y),
-                5 => tile::<W, 5, 1, PAIR>(&x, t, job, slot, width, &mut y),
-                ROWS => tile::<W, ROWS, 1, PAIR>(&x, t, job, slot, width, &mut y),
+                1 => tile::<W, 1, 4, MOST>(&x, t, task, slot, width, &mut y),
+                2 => tile::<W, 2, 2, PAIR>(&x, t, task, slot, width, &mut y),
+                3 => tile::<W, 3, 2, PAIR>(&x, t, task, slot, width, &mut y),
+                4 => tile::<W, 4, 1, PAIR>(&x, t, task, slot, width, &mut y),
+                5 => tile::<W, 5, 1, PAIR>(&x, t, task, slot, width, &mut y),
+                ROWS => tile::<W, ROWS, 1, PAIR>(&x, t, task, slot, width, &mut y),
                 rows => unreachable!("a tile of {rows} rows"),
             }
         }
@@ -58,7 +58,7 @@ pub(crate) fn run<'a, W: Panels<'a, Row: Load>>(x: Input<f32>, job: &Job<'_, W>,
 fn tile<'a, W: Panels<'a, Row: Load>, const R: usize, const P: usize, const WIDTH: usize>(
     x: &Input<f32>,
     t: usize,
-    job: &Job<'_, W>,
+    task: &GemmTask<'_, W>,
     slot: usize,
     width: usize,
     y: &mut MatMut<f32>,
@@ -70,15 +70,15 @@ fn tile<'a, W: Panels<'a, Row: Load>, const R: usize, const P: usize, const WIDT
     let end = slot + width;
     let mut slot = slot;
     while slot + WIDTH <= end {
-        group::<W, R, P, WIDTH>(&rows, t, job, slot, y);
+        group::<W, R, P, WIDTH>(&rows, t, task, slot, y);
         slot += WIDTH;
     }
     while WIDTH > PAIR && slot + PAIR <= end {
-        group::<W, R, PAIR, PAIR>(&rows, t, job, slot, y);
+        group::<W, R, PAIR, PAIR>(&rows, t, task, slot, y);
         slot += PAIR;
     }
     if slot < end {
-        group::<W, R, 1, 1>(&rows, t, job, slot, y);
+        group::<W, R, 1, 1>(&rows, t, task, slot, y);
     }
 }
 
@@ -87,7 +87,7 @@ fn tile<'a, W: Panels<'a, Row: Load>, const R: usize, const P: usize, const WIDT
 fn group<'a, W: Panels<'a, Row: Load>, const R: usize, const P: usize, const WIDTH: usize>(
     rows: &[&[f32]; R],
     t: usize,
-    job: &Job<'_, W>,
+    task: &GemmTask<'_, W>,
     slot: usize,
     y: &mut MatMut<f32>,
 ) {
@@ -96,14 +96,14 @@ fn group<'a, W: Panels<'a, Row: Load>, const R: usize, const P: usize, const WID
         // Not by `from_fn`: a closure has this function's features and cannot be inlined into one that has not.
         let mut panels = [&[][..]; P];
         for (p, panel) in panels.iter_mut().enumerate() {
-            *panel = job.panel(slot + i + p);
+            *panel = task.panel(slot + i + p);
         }
         multiply(rows, panels, &mut sums, i);
     }
     let sums = sums.as_flattened_mut();
-    match job {
-        Job::Plain(_, end) => finish(sums, WIDTH, t, slot * PANEL, end, y),
-        Job::Gated(..) => finish_gated(sums, WIDTH / 2, t, slot / 2 * PANEL, y),
+    match task {
+        GemmTask::Plain(_, epilogue) => store_tile(sums, WIDTH, t, slot * PANEL, epilogue, y),
+        GemmTask::Gated(..) => store_gated_tile(sums, WIDTH / 2, t, slot / 2 * PANEL, y),
     }
 }
 
@@ -165,15 +165,15 @@ unsafe fn step<W: Load, const R: usize, const P: usize>(
     for p in 0..P {
         // One prefetch per line, which two inputs of bf16 share.
         if i.is_multiple_of(W::INPUTS) {
-            prefetch::near(w[p].wrapping_add(i / W::INPUTS + AHEAD));
+            prefetch::to_l1(w[p].wrapping_add(i / W::INPUTS + PREFETCH_DISTANCE));
         }
         // What was loaded for another input or panel is not kept where sums fill the registers.
         let full = R * P >= FULL;
-        let w = if full && !i.is_multiple_of(W::INPUTS) { unknown(w[p]) } else { w[p] };
+        let w = if full && !i.is_multiple_of(W::INPUTS) { opaque(w[p]) } else { w[p] };
         // SAFETY: the panel has the input by this function's contract, and this function enables the features.
         let weights = unsafe { W::load(w, i) };
         for r in 0..R {
-            let x = if full && p > 0 { unknown(x[r]) } else { x[r] };
+            let x = if full && p > 0 { opaque(x[r]) } else { x[r] };
             // SAFETY: the row has the input by this function's contract.
             let x = _mm256_set1_ps(unsafe { *x.wrapping_add(i) });
             acc[r][p][0] = _mm256_fmadd_ps(x, weights[0], acc[r][p][0]);
@@ -185,7 +185,7 @@ unsafe fn step<W: Load, const R: usize, const P: usize>(
 /// The same address, of which the compiler does not know that it is: what is there is loaded again instead of kept.
 #[inline]
 #[expect(clippy::pointers_in_nomem_asm_block, reason = "the address alone is passed, and nothing is read there")]
-fn unknown<T>(mut address: *const T) -> *const T {
+fn opaque<T>(mut address: *const T) -> *const T {
     // SAFETY: no instruction at all.
     unsafe { asm!("/* {0} */", inout(reg) address, options(nomem, nostack, preserves_flags)) };
     address
@@ -194,27 +194,27 @@ fn unknown<T>(mut address: *const T) -> *const T {
 /// Ends `values [rows, panels]`: the outputs from `first` on of the rows from `t` on.
 #[inline]
 #[avx2]
-pub(crate) fn finish(
+pub(crate) fn store_tile(
     values: &mut [[f32; PANEL]],
     panels: usize,
     t: usize,
     first: usize,
-    end: &Epilogue,
+    epilogue: &Epilogue,
     y: &mut MatMut<f32>,
 ) {
     let outputs = first..(first + panels * PANEL).min(y.cols());
-    if let Some(bias) = end.bias {
+    if let Some(bias) = epilogue.bias {
         add_bias(values, panels, &bias[outputs.clone()]);
     }
-    if end.activation != Activation::None {
-        activate_all(end.activation, values);
+    if epilogue.activation != Activation::None {
+        activate_all(epilogue.activation, values);
     }
     for (t, values) in (t..).zip(values.chunks_exact(panels)) {
-        if let Some(scatter) = end.scatter {
+        if let Some(scatter) = epilogue.scatter {
             let factor = _mm256_set1_ps(scatter.weight[t]);
             let y = &mut y.row_mut(scatter.rows[t] as usize)[outputs.clone()];
             combine(values, y, |old, v| _mm256_add_ps(old, _mm256_mul_ps(factor, v)));
-        } else if end.add {
+        } else if epilogue.add {
             combine(values, &mut y.row_mut(t)[outputs.clone()], |old, v| _mm256_add_ps(old, v));
         } else {
             combine(values, &mut y.row_mut(t)[outputs.clone()], |_, v| v);
@@ -225,7 +225,13 @@ pub(crate) fn finish(
 /// Ends gated `values [rows, 2 * panels]`, in which gate and up panels take turns.
 #[inline(never)]
 #[avx2]
-pub(crate) fn finish_gated(values: &mut [[f32; PANEL]], panels: usize, t: usize, first: usize, y: &mut MatMut<f32>) {
+pub(crate) fn store_gated_tile(
+    values: &mut [[f32; PANEL]],
+    panels: usize,
+    t: usize,
+    first: usize,
+    y: &mut MatMut<f32>,
+) {
     let outputs = first..(first + panels * PANEL).min(y.cols());
     for (t, values) in (t..).zip(values.chunks_exact_mut(2 * panels)) {
         for i in 0..panels {

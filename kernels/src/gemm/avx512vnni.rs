@@ -1,6 +1,6 @@
 //! 16 outputs per fused multiply-add, one sum per output in ascending order of inputs.
 
-use super::{Epilogue, Input, Job, Panels, tiles};
+use super::{Epilogue, GemmTask, Input, Panels, tiles};
 use crate::lanes::avx512vnni::{load, load_part, store, store_part};
 use crate::mat::MatMut;
 use crate::math::Activation;
@@ -19,9 +19,9 @@ const EVEN_ROWS: usize = 6;
 /// Bytes of weights in work at once, which stay in L2 while tiles of rows go by.
 const CHUNK_BYTES: usize = 768 << 10;
 /// Steps between a multiplication and the prefetch of its weights from L2: 8 of 13 cycles.
-const AHEAD: usize = 8;
+const PREFETCH_DISTANCE: usize = 8;
 /// Steps per turn of the innermost loop: counting them takes one instruction of 25, of two steps one of 13.
-const TURN: usize = 4;
+const UNROLL: usize = 4;
 
 /// How rows of `X` meet the rows of a panel, step by step.
 pub(crate) trait Step<X>: Copy {
@@ -97,27 +97,27 @@ impl<W: Load> Step<f32> for W {
 pub(crate) fn run<'a, X, W: Panels<'a, Row: Step<X>>>(
     token: <W::Row as Step<X>>::Token,
     x: Input<X>,
-    job: &Job<'_, W>,
+    task: &GemmTask<'_, W>,
     mut y: MatMut<f32>,
 ) {
-    let most = if matches!(job, Job::Plain(..)) { ROWS } else { EVEN_ROWS };
+    let most = if matches!(task, GemmTask::Plain(..)) { ROWS } else { EVEN_ROWS };
     // A multiple of the panels that any tile takes at once, and of gated pairs of them.
-    let panel_bytes = size_of::<W::Row>() * job.k().div_ceil(panel_inputs::<X, W::Row>()).max(1);
+    let panel_bytes = size_of::<W::Row>() * task.k().div_ceil(panel_inputs::<X, W::Row>()).max(1);
     let width = (CHUNK_BYTES / panel_bytes / 12).max(1) * 12;
     // Cleared once: clearing them per tile would wait for the stores of the tile before.
     let mut sums = [[0.0; PANEL]; SUMS];
-    for first in (0..job.slots()).step_by(width) {
-        let slots = first..(first + width).min(job.slots());
+    for first in (0..task.slots()).step_by(width) {
+        let slots = first..(first + width).min(task.slots());
         for (t, rows) in tiles(x.rows(), most) {
             match rows {
-                1 => tile::<X, W, 1, 4>(token, &x, t, job, slots.clone(), &mut sums, &mut y),
-                2 => tile::<X, W, 2, 4>(token, &x, t, job, slots.clone(), &mut sums, &mut y),
-                3 => tile::<X, W, 3, 4>(token, &x, t, job, slots.clone(), &mut sums, &mut y),
-                4 => tile::<X, W, 4, 4>(token, &x, t, job, slots.clone(), &mut sums, &mut y),
-                5 => tile::<X, W, 5, 4>(token, &x, t, job, slots.clone(), &mut sums, &mut y),
-                6 => tile::<X, W, 6, 4>(token, &x, t, job, slots.clone(), &mut sums, &mut y),
-                7 => tile::<X, W, 7, 3>(token, &x, t, job, slots.clone(), &mut sums, &mut y),
-                ROWS => tile::<X, W, ROWS, 3>(token, &x, t, job, slots.clone(), &mut sums, &mut y),
+                1 => tile::<X, W, 1, 4>(token, &x, t, task, slots.clone(), &mut sums, &mut y),
+                2 => tile::<X, W, 2, 4>(token, &x, t, task, slots.clone(), &mut sums, &mut y),
+                3 => tile::<X, W, 3, 4>(token, &x, t, task, slots.clone(), &mut sums, &mut y),
+                4 => tile::<X, W, 4, 4>(token, &x, t, task, slots.clone(), &mut sums, &mut y),
+                5 => tile::<X, W, 5, 4>(token, &x, t, task, slots.clone(), &mut sums, &mut y),
+                6 => tile::<X, W, 6, 4>(token, &x, t, task, slots.clone(), &mut sums, &mut y),
+                7 => tile::<X, W, 7, 3>(token, &x, t, task, slots.clone(), &mut sums, &mut y),
+                ROWS => tile::<X, W, ROWS, 3>(token, &x, t, task, slots.clone(), &mut sums, &mut y),
                 rows => unreachable!("a tile of {rows} rows"),
             }
         }
@@ -130,7 +130,7 @@ fn tile<'a, X, W: Panels<'a, Row: Step<X>>, const R: usize, const P: usize>(
     token: <W::Row as Step<X>>::Token,
     x: &Input<X>,
     t: usize,
-    job: &Job<'_, W>,
+    task: &GemmTask<'_, W>,
     slots: Range<usize>,
     sums: &mut [[f32; PANEL]; SUMS],
     y: &mut MatMut<f32>,
@@ -141,15 +141,15 @@ fn tile<'a, X, W: Panels<'a, Row: Step<X>>, const R: usize, const P: usize>(
     }
     let mut slot = slots.start;
     while slot + P <= slots.end {
-        group::<X, W, R, P>(token, &rows, t, job, slot, sums, y);
+        group::<X, W, R, P>(token, &rows, t, task, slot, sums, y);
         slot += P;
     }
     while slot + 2 <= slots.end {
-        group::<X, W, R, 2>(token, &rows, t, job, slot, sums, y);
+        group::<X, W, R, 2>(token, &rows, t, task, slot, sums, y);
         slot += 2;
     }
     if slot < slots.end {
-        group::<X, W, R, 1>(token, &rows, t, job, slot, sums, y);
+        group::<X, W, R, 1>(token, &rows, t, task, slot, sums, y);
     }
 }
 
@@ -159,7 +159,7 @@ fn group<'a, X, W: Panels<'a, Row: Step<X>>, const R: usize, const P: usize>(
     token: <W::Row as Step<X>>::Token,
     rows: &[&[X]; R],
     t: usize,
-    job: &Job<'_, W>,
+    task: &GemmTask<'_, W>,
     slot: usize,
     sums: &mut [[f32; PANEL]; SUMS],
     y: &mut MatMut<f32>,
@@ -167,13 +167,13 @@ fn group<'a, X, W: Panels<'a, Row: Step<X>>, const R: usize, const P: usize>(
     // Not by `from_fn`: a closure has this function's features and cannot be inlined into one that has not.
     let mut panels = [&[][..]; P];
     for (p, panel) in panels.iter_mut().enumerate() {
-        *panel = job.panel(slot + p);
+        *panel = task.panel(slot + p);
     }
     multiply::<X, W::Row, R, P>(token, rows, panels, sums);
     let sums = &mut sums[..R * P];
-    match job {
-        Job::Plain(_, end) => finish(sums, P, t, slot * PANEL, end, y),
-        Job::Gated(..) => finish_gated(sums, P / 2, t, slot / 2 * PANEL, y),
+    match task {
+        GemmTask::Plain(_, epilogue) => store_tile(sums, P, t, slot * PANEL, epilogue, y),
+        GemmTask::Gated(..) => store_gated_tile(sums, P / 2, t, slot / 2 * PANEL, y),
     }
 }
 
@@ -208,18 +208,18 @@ fn multiply<X, W: Step<X>, const R: usize, const P: usize>(
     }
     let mut acc = [[_mm512_setzero_ps(); P]; R];
     let (whole, mut i) = (k / W::INPUTS, 0);
-    while i + TURN <= whole {
-        for which in 0..TURN {
+    while i + UNROLL <= whole {
+        for which in 0..UNROLL {
             // One prefetch per line, which two inputs of bf16 may share.
             if which % W::SHARED == 0 {
                 for panel in w {
-                    prefetch::near(panel.wrapping_add((i + which + AHEAD) / W::SHARED));
+                    prefetch::to_l1(panel.wrapping_add((i + which + PREFETCH_DISTANCE) / W::SHARED));
                 }
             }
-            // SAFETY: `i + which < i + TURN <= whole`: all rows have the inputs of these steps, and all panels their weights.
+            // SAFETY: `i + which < i + UNROLL <= whole`: all rows have the inputs of these steps, and all panels their weights.
             unsafe { step::<X, W, R, P, true>(token, &mut acc, &x, &w, i + which) };
         }
-        i += TURN;
+        i += UNROLL;
     }
     while i < whole {
         // SAFETY: `i < whole`, as above.
@@ -277,27 +277,27 @@ pub(crate) const MOST: usize = 4;
 /// Ends `values [rows, panels]`: the outputs from `first` on of the rows from `t` on.
 #[inline]
 #[avx512vnni]
-pub(crate) fn finish(
+pub(crate) fn store_tile(
     values: &mut [[f32; PANEL]],
     panels: usize,
     t: usize,
     first: usize,
-    end: &Epilogue,
+    epilogue: &Epilogue,
     y: &mut MatMut<f32>,
 ) {
     let outputs = first..(first + panels * PANEL).min(y.cols());
-    if let Some(bias) = end.bias {
+    if let Some(bias) = epilogue.bias {
         add_bias(values, panels, &bias[outputs.clone()]);
     }
-    if end.activation != Activation::None {
-        activate_all(end.activation, values);
+    if epilogue.activation != Activation::None {
+        activate_all(epilogue.activation, values);
     }
     for (t, values) in (t..).zip(values.chunks_exact(panels)) {
-        if let Some(scatter) = end.scatter {
+        if let Some(scatter) = epilogue.scatter {
             let factor = _mm512_set1_ps(scatter.weight[t]);
             let y = &mut y.row_mut(scatter.rows[t] as usize)[outputs.clone()];
             combine(values, y, |old, v| _mm512_add_ps(old, _mm512_mul_ps(factor, v)));
-        } else if end.add {
+        } else if epilogue.add {
             combine(values, &mut y.row_mut(t)[outputs.clone()], |old, v| _mm512_add_ps(old, v));
         } else {
             write(values, &mut y.row_mut(t)[outputs.clone()]);
@@ -308,7 +308,13 @@ pub(crate) fn finish(
 /// Ends gated `values [rows, 2 * panels]`, in which gate and up panels take turns.
 #[inline(never)]
 #[avx512vnni]
-pub(crate) fn finish_gated(values: &mut [[f32; PANEL]], panels: usize, t: usize, first: usize, y: &mut MatMut<f32>) {
+pub(crate) fn store_gated_tile(
+    values: &mut [[f32; PANEL]],
+    panels: usize,
+    t: usize,
+    first: usize,
+    y: &mut MatMut<f32>,
+) {
     let outputs = first..(first + panels * PANEL).min(y.cols());
     for (t, values) in (t..).zip(values.chunks_exact_mut(2 * panels)) {
         for i in 0..panels {

@@ -162,7 +162,7 @@ mod amx {
         const REQUEST: i64 = 0x1023;
         const TILE_DATA: i64 = 18;
         let result: i64;
-        // SAFETY: this system call takes two numbers and touches no memory of ours; it fails where it is unknown.
+        // SAFETY: this system call takes two numbers and touches no memory of ours; it fails where it is opaque.
         unsafe {
             asm!("syscall", inout("rax") ARCH_PRCTL => result, in("rdi") REQUEST, in("rsi") TILE_DATA,
                 out("rcx") _, out("r11") _, options(nostack));

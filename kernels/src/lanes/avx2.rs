@@ -14,7 +14,7 @@ pub(crate) type Register = __m256;
 /// All bits of the first `len` lanes.
 #[inline]
 #[avx2]
-pub(crate) fn first_lanes(len: usize) -> __m256i {
+pub(crate) fn lane_mask(len: usize) -> __m256i {
     let len = i32::try_from(len).unwrap_or(i32::MAX);
     _mm256_cmpgt_epi32(_mm256_set1_epi32(len), _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7))
 }
@@ -31,7 +31,7 @@ pub(crate) fn load(src: &[f32; HALF]) -> __m256 {
 #[inline]
 #[avx2]
 pub(crate) fn load_part(src: &[f32]) -> __m256 {
-    let mask = first_lanes(src.len());
+    let mask = lane_mask(src.len());
     // SAFETY: `mask` selects no more lanes than `src` has elements; the others are not read.
     unsafe { _mm256_maskload_ps(src.as_ptr(), mask) }
 }
@@ -40,7 +40,7 @@ pub(crate) fn load_part(src: &[f32]) -> __m256 {
 /// not mapped, as an empty slice's may be, even no lanes take a hundred cycles.
 #[inline]
 #[avx2]
-pub(crate) fn load_from(row: &[f32], at: usize) -> Register {
+pub(crate) fn load_at(row: &[f32], at: usize) -> Register {
     match row.get(at..) {
         Some(rest) if !rest.is_empty() => load_part(rest),
         _ => zero(),
@@ -59,7 +59,7 @@ pub(crate) fn store(dst: &mut [f32; HALF], value: __m256) {
 #[inline]
 #[avx2]
 pub(crate) fn store_part(dst: &mut [f32], value: __m256) {
-    let mask = first_lanes(dst.len());
+    let mask = lane_mask(dst.len());
     // SAFETY: `mask` selects no more lanes than `dst` has elements; the others are not written.
     unsafe { _mm256_maskstore_ps(dst.as_mut_ptr(), mask, value) }
 }
@@ -67,7 +67,7 @@ pub(crate) fn store_part(dst: &mut [f32], value: __m256) {
 /// The 8 values as an array.
 #[inline]
 #[avx2]
-pub(crate) fn array(value: __m256) -> [f32; HALF] {
+pub(crate) fn to_array(value: __m256) -> [f32; HALF] {
     let mut lanes = [0.0; HALF];
     store(&mut lanes, value);
     lanes
@@ -92,7 +92,7 @@ pub(crate) fn zero() -> Register {
 /// `value` in every lane.
 #[inline]
 #[avx2]
-pub(crate) fn set(value: f32) -> Register {
+pub(crate) fn splat(value: f32) -> Register {
     _mm256_set1_ps(value)
 }
 
@@ -127,15 +127,15 @@ pub(crate) fn fmadd(a: Register, b: Register, c: Register) -> Register {
 /// The greater of each two; `b` where one is NaN.
 #[inline]
 #[avx2]
-pub(crate) fn maximum(a: Register, b: Register) -> Register {
+pub(crate) fn max_lanes(a: Register, b: Register) -> Register {
     _mm256_max_ps(a, b)
 }
 
 /// The first `len` lanes of `a`, the others of `b`.
 #[inline]
 #[avx2]
-pub(crate) fn first_of(len: usize, a: Register, b: Register) -> Register {
-    _mm256_blendv_ps(b, a, _mm256_castsi256_ps(first_lanes(len)))
+pub(crate) fn select_first(len: usize, a: Register, b: Register) -> Register {
+    _mm256_blendv_ps(b, a, _mm256_castsi256_ps(lane_mask(len)))
 }
 
 /// 8 values, widened.

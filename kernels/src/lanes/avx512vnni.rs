@@ -10,7 +10,7 @@ pub(crate) type Register = __m512;
 
 /// Bits of the first `len` lanes.
 #[inline]
-pub(crate) fn first_lanes(len: usize) -> __mmask16 {
+pub(crate) fn lane_mask(len: usize) -> __mmask16 {
     if len >= LANES { !0 } else { (1 << len) - 1 }
 }
 
@@ -27,14 +27,14 @@ pub(crate) fn load(src: &[f32; LANES]) -> __m512 {
 #[avx512vnni]
 pub(crate) fn load_part(src: &[f32]) -> __m512 {
     // SAFETY: the mask selects no more lanes than `src` has elements; the others are not read.
-    unsafe { _mm512_maskz_loadu_ps(first_lanes(src.len()), src.as_ptr()) }
+    unsafe { _mm512_maskz_loadu_ps(lane_mask(src.len()), src.as_ptr()) }
 }
 
 /// 16 values of a row from `at` on, zeros where there are fewer. Nothing is loaded where there are none: from an address that is
 /// not mapped, as an empty slice's may be, even no lanes take a hundred cycles.
 #[inline]
 #[avx512vnni]
-pub(crate) fn load_from(row: &[f32], at: usize) -> Register {
+pub(crate) fn load_at(row: &[f32], at: usize) -> Register {
     match row.get(at..) {
         Some(rest) if !rest.is_empty() => load_part(rest),
         _ => zero(),
@@ -54,13 +54,13 @@ pub(crate) fn store(dst: &mut [f32; LANES], value: __m512) {
 #[avx512vnni]
 pub(crate) fn store_part(dst: &mut [f32], value: __m512) {
     // SAFETY: the mask selects no more lanes than `dst` has elements; the others are not written.
-    unsafe { _mm512_mask_storeu_ps(dst.as_mut_ptr(), first_lanes(dst.len()), value) }
+    unsafe { _mm512_mask_storeu_ps(dst.as_mut_ptr(), lane_mask(dst.len()), value) }
 }
 
 /// The 16 values as an array.
 #[inline]
 #[avx512vnni]
-pub(crate) fn array(value: __m512) -> [f32; LANES] {
+pub(crate) fn to_array(value: __m512) -> [f32; LANES] {
     let mut lanes = [0.0; LANES];
     store(&mut lanes, value);
     lanes
@@ -76,7 +76,7 @@ pub(crate) fn zero() -> Register {
 /// `value` in every lane.
 #[inline]
 #[avx512vnni]
-pub(crate) fn set(value: f32) -> Register {
+pub(crate) fn splat(value: f32) -> Register {
     _mm512_set1_ps(value)
 }
 
@@ -111,7 +111,7 @@ pub(crate) fn fmadd(a: Register, b: Register, c: Register) -> Register {
 /// The greater of each two; `b` where one is NaN.
 #[inline]
 #[avx512vnni]
-pub(crate) fn maximum(a: Register, b: Register) -> Register {
+pub(crate) fn max_lanes(a: Register, b: Register) -> Register {
     _mm512_max_ps(a, b)
 }
 
@@ -125,8 +125,8 @@ pub(crate) fn largest(value: Register) -> f32 {
 /// The first `len` lanes of `a`, the others of `b`.
 #[inline]
 #[avx512vnni]
-pub(crate) fn first_of(len: usize, a: Register, b: Register) -> Register {
-    _mm512_mask_blend_ps(first_lanes(len), b, a)
+pub(crate) fn select_first(len: usize, a: Register, b: Register) -> Register {
+    _mm512_mask_blend_ps(lane_mask(len), b, a)
 }
 
 /// 16 values, widened.
@@ -142,7 +142,7 @@ pub(crate) fn load_bf16(src: &[Bf16; LANES]) -> Register {
 #[avx512vnni]
 pub(crate) fn load_part_bf16(src: &[Bf16]) -> Register {
     // SAFETY: the mask selects no more lanes than `src` has elements; the others are not read.
-    widen(unsafe { _mm256_maskz_loadu_epi16(first_lanes(src.len()), src.as_ptr().cast()) })
+    widen(unsafe { _mm256_maskz_loadu_epi16(lane_mask(src.len()), src.as_ptr().cast()) })
 }
 
 /// bfloat16 is the upper half of an f32.

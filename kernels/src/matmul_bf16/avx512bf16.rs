@@ -4,7 +4,7 @@ use super::{Bf16Rows, scalar};
 use crate::bf16::Bf16;
 use crate::bf16::avx512bf16::multiply_pairs;
 use crate::gemm::avx512vnni::{Step, run};
-use crate::gemm::{Epilogue, Input, Job};
+use crate::gemm::{Epilogue, GemmTask, Input};
 use crate::isa::{Avx512Bf16, entry};
 use crate::mat::MatMut;
 use crate::pack::{PAIR, PANEL, PackedBf16};
@@ -12,11 +12,11 @@ use core::arch::x86_64::*;
 use umo_kernels_features::avx512vnni;
 
 entry! {
-    pub(super) fn matmul_rows(token: Avx512Bf16, x: Bf16Rows, w: PackedBf16, end: Epilogue, y: MatMut<f32>) {
-        match x.rest {
-            None => run(token, Input::all(x.first), &Job::Plain(w, end), y),
+    pub(super) fn matmul_rows(token: Avx512Bf16, x: Bf16Rows, w: PackedBf16, epilogue: Epilogue, y: MatMut<f32>) {
+        match x.lo {
+            None => run(token, Input::all(x.hi), &GemmTask::Plain(w, epilogue), y),
             // Two products in place of one of f32, which takes twice as long: nothing is gained.
-            Some(_) => scalar::matmul_rows(x, w, end, y),
+            Some(_) => scalar::matmul_rows(x, w, epilogue, y),
         }
     }
 }

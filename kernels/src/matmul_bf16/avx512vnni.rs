@@ -4,7 +4,7 @@
 
 use crate::bf16::Bf16;
 use crate::gemm::avx512vnni::{Load, run};
-use crate::gemm::{Epilogue, Input, Job};
+use crate::gemm::{Epilogue, GemmTask, Input};
 use crate::isa::{Avx512Vnni, entry};
 use crate::mat::MatMut;
 use crate::pack::{PAIR, PANEL, PackedBf16};
@@ -15,12 +15,12 @@ use umo_kernels_features::avx512vnni;
 const UPPER_HALF: i32 = -1 << 16;
 
 entry! {
-    pub(super) fn matmul(_token: Avx512Vnni, x: Input<f32>, w: PackedBf16, end: Epilogue, y: MatMut<f32>) {
-        run((), x, &Job::Plain(w, end), y);
+    pub(super) fn matmul(_token: Avx512Vnni, x: Input<f32>, w: PackedBf16, epilogue: Epilogue, y: MatMut<f32>) {
+        run((), x, &GemmTask::Plain(w, epilogue), y);
     }
 
     pub(super) fn matmul_gated(_token: Avx512Vnni, x: Input<f32>, gate: PackedBf16, up: PackedBf16, y: MatMut<f32>) {
-        run((), x, &Job::Gated(gate, up), y);
+        run((), x, &GemmTask::Gated(gate, up), y);
     }
 }
 

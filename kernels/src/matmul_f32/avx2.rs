@@ -1,7 +1,7 @@
 //! The shared loops over weights that are f32 in memory.
 
 use crate::gemm::avx2::{Load, run};
-use crate::gemm::{Epilogue, Input, Job};
+use crate::gemm::{Epilogue, GemmTask, Input};
 use crate::isa::{Avx2, entry};
 use crate::lanes::avx2::load_two;
 use crate::mat::MatMut;
@@ -10,12 +10,12 @@ use core::arch::x86_64::*;
 use umo_kernels_features::avx2;
 
 entry! {
-    pub(super) fn matmul(_token: Avx2, x: Input<f32>, w: PackedF32, end: Epilogue, y: MatMut<f32>) {
-        run(x, &Job::Plain(w, end), y);
+    pub(super) fn matmul(_token: Avx2, x: Input<f32>, w: PackedF32, epilogue: Epilogue, y: MatMut<f32>) {
+        run(x, &GemmTask::Plain(w, epilogue), y);
     }
 
     pub(super) fn matmul_gated(_token: Avx2, x: Input<f32>, gate: PackedF32, up: PackedF32, y: MatMut<f32>) {
-        run(x, &Job::Gated(gate, up), y);
+        run(x, &GemmTask::Gated(gate, up), y);
     }
 }
 

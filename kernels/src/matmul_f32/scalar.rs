@@ -1,14 +1,14 @@
 //! The specification: one panel of outputs at a time, inputs in ascending order.
 
-use crate::gemm::scalar::{finish_panel, gated};
+use crate::gemm::scalar::{store_gated_panel, store_panel};
 use crate::gemm::{Epilogue, Input};
 use crate::mat::MatMut;
 use crate::pack::{PANEL, PackedF32, panels};
 
-pub(super) fn matmul(x: Input<f32>, w: PackedF32, end: Epilogue, mut y: MatMut<f32>) {
+pub(super) fn matmul(x: Input<f32>, w: PackedF32, epilogue: Epilogue, mut y: MatMut<f32>) {
     for p in 0..panels(w.n()) {
         for t in 0..x.rows() {
-            finish_panel(sums(x.row(t), w.panel(p)), t, p * PANEL, end, &mut y);
+            store_panel(sums(x.row(t), w.panel(p)), t, p * PANEL, epilogue, &mut y);
         }
     }
 }
@@ -17,7 +17,7 @@ pub(super) fn matmul_gated(x: Input<f32>, gate: PackedF32, up: PackedF32, mut y:
     for p in 0..panels(gate.n()) {
         for t in 0..x.rows() {
             let row = x.row(t);
-            gated(sums(row, gate.panel(p)), sums(row, up.panel(p)), t, p * PANEL, &mut y);
+            store_gated_panel(sums(row, gate.panel(p)), sums(row, up.panel(p)), t, p * PANEL, &mut y);
         }
     }
 }

@@ -6,8 +6,8 @@
 //! pair of panels comes to L2. Up to [`FEW_ROWS`] rows, most of a tile would be empty: they are left to VNNI.
 
 use super::avx512vnni;
-use super::avx512vnni::tiles::finish;
-use super::input::{Job, QuantInput};
+use super::avx512vnni::tiles::dequantize_tile;
+use super::input::{GemmTask, QuantInput};
 use crate::amx::{Aligned, BYTES, TILE, Tiles};
 use crate::gemm::Epilogue;
 use crate::isa::{Amx, entry};
@@ -42,7 +42,7 @@ const CHUNK_BYTES: usize = 768 << 10;
 /// Rows gathered at once at most: their scales stand beside them.
 const GROUP: usize = 512;
 
-/// Panels of sums in one block: integers as bits in the place of the floats that they become.
+/// Panels of sums in one block: integers as bits in the sum_index of the floats that they become.
 const SUMS: usize = ROWS * WIDTH;
 
 /// 16 rows of 64 bytes.
@@ -53,11 +53,11 @@ type Inputs = [MaybeUninit<[i8; BYTES]>; TILE];
 type Sums = [[f32; PANEL]; SUMS];
 
 entry! {
-    pub(super) fn matmul(token: Amx, x: QuantInput, w: PackedI8, end: Epilogue, y: MatMut<f32>, tuning: Tuning) {
+    pub(super) fn matmul(token: Amx, x: QuantInput, w: PackedI8, epilogue: Epilogue, y: MatMut<f32>, tuning: Tuning) {
         if x.rows.rows() <= FEW_ROWS {
-            avx512vnni::matmul(token.into(), x, w, end, y, tuning);
+            avx512vnni::matmul(token.into(), x, w, epilogue, y, tuning);
         } else {
-            run(token, &x, &Job::Plain(w, end), y);
+            run(token, &x, &GemmTask::Plain(w, epilogue), y);
         }
     }
 
@@ -65,33 +65,33 @@ entry! {
         if x.rows.rows() <= FEW_ROWS {
             avx512vnni::matmul_gated(token.into(), x, gate, up, y, tuning);
         } else {
-            run(token, &x, &Job::Gated(gate, up), y);
+            run(token, &x, &GemmTask::Gated(gate, up), y);
         }
     }
 }
 
 #[avx512vnni]
-fn run(token: Amx, x: &QuantInput, job: &Job, mut y: MatMut<f32>) {
+fn run(token: Amx, x: &QuantInput, task: &GemmTask, mut y: MatMut<f32>) {
     let tiles = Tiles::new(token);
     let mut room = Aligned([const { [const { MaybeUninit::uninit() }; TILE] }; ROOM]);
     let mut sums = Aligned([[[0.0; PANEL]; SUMS]; 2]);
     let [mut sums, mut before] = sums.0.each_mut();
     let mut scales = [[0.0; ROWS]; GROUP / ROWS];
-    let (rows, steps) = (x.rows.rows(), job.k().div_ceil(BYTES));
-    let reach = size_of::<f32>() * y.stride().max(1) / if matches!(job, Job::Gated(..)) { 2 } else { 1 };
+    let (rows, steps) = (x.rows.rows(), task.k().div_ceil(BYTES));
+    let reach = size_of::<f32>() * y.stride().max(1) / if matches!(task, GemmTask::Gated(..)) { 2 } else { 1 };
     let group = (ROOM / 2 / steps.max(1)).min((REACH / reach / ROWS).max(2)).clamp(1, GROUP / ROWS) * ROWS;
-    let width = (CHUNK_BYTES / (PANEL * job.k().max(1)) / WIDTH).max(1) * WIDTH;
+    let width = (CHUNK_BYTES / (PANEL * task.k().max(1)) / WIDTH).max(1) * WIDTH;
     let whole = steps <= ROOM / 2;
-    let mut ending = Ending::none();
-    for first in (0..job.slots()).step_by(width) {
-        let end = (first + width).min(job.slots());
+    let mut pending = PendingEpilogue::none();
+    for first in (0..task.slots()).step_by(width) {
+        let end = (first + width).min(task.slots());
         for t in (0..rows).step_by(group) {
             let part = (rows - t).min(group);
             for (r, scale) in scales.as_flattened_mut()[..part].iter_mut().enumerate() {
                 *scale = x.scale(t + r);
             }
             let blocks = (t..t + part).step_by(ROWS).map(|t| (t, (rows - t).min(ROWS)));
-            for (block, (t, rows)) in blocks.enumerate().filter(|&(_, (_, rows))| whole && !lies_ready(x, rows)) {
+            for (block, (t, rows)) in blocks.enumerate().filter(|&(_, (_, rows))| whole && !is_tile_loadable(x, rows)) {
                 gather(x, t, rows, 0, steps, &mut room.0[block * 2 * steps..]);
             }
             for slot in (first..end).step_by(WIDTH) {
@@ -99,32 +99,32 @@ fn run(token: Amx, x: &QuantInput, job: &Job, mut y: MatMut<f32>) {
                     next if next < end || t + part == rows => next,
                     _ => first,
                 };
-                let pair = Pair::new(job, slot, end, next, part);
+                let pair = Pair::new(task, slot, end, next, part);
                 for (block, scales) in scales[..part.div_ceil(ROWS)].iter().enumerate() {
                     let (t, rows) = (t + block * ROWS, (part - block * ROWS).min(ROWS));
-                    let mut work = Work { tiles: &tiles, x, job, pair: &pair, t, rows, block };
+                    let mut work = Work { tiles: &tiles, x, task, pair: &pair, t, rows, block };
                     if whole {
-                        let inputs = match lies_ready(x, rows) {
+                        let inputs = match is_tile_loadable(x, rows) {
                             true => Source::rows(x, t, rows),
                             false => Source::gathered(&room.0[block * 2 * steps..][..2 * steps]),
                         };
-                        work.block(inputs, sums, (&mut ending, before), &mut y);
+                        work.block(inputs, sums, (&mut pending, before), &mut y);
                     } else {
-                        work.parts(&mut room.0, sums, (&mut ending, before), &mut y);
+                        work.parts(&mut room.0, sums, (&mut pending, before), &mut y);
                     }
-                    ending.all(x, job, before, &mut y);
-                    ending.start(&pair, scales, t, rows);
+                    pending.all(x, task, before, &mut y);
+                    pending.start(&pair, scales, t, rows);
                     (sums, before) = (before, sums);
                 }
             }
         }
     }
-    ending.all(x, job, before, &mut y);
+    pending.all(x, task, before, &mut y);
 }
 
 /// Whether tiles can be loaded from a block of `rows` rows where they lie: whole ones, whose rows start at cache lines.
 #[inline]
-fn lies_ready(x: &QuantInput, rows: usize) -> bool {
+fn is_tile_loadable(x: &QuantInput, rows: usize) -> bool {
     let mat = &x.rows.mat;
     let (start, whole) =
         (mat.elements().as_ptr().addr(), mat.cols().is_multiple_of(BYTES) && rows.is_multiple_of(TILE));
@@ -182,7 +182,7 @@ impl<'a> Source<'a> {
     #[inline]
     fn load<const T: u8>(&self, tiles: &Tiles, step: usize) {
         let at = step * self.step + if T == 5 { self.tile } else { 0 };
-        tiles.load_rows_past::<T, _>(&self.bytes[at..], self.row);
+        tiles.load_tile_streaming::<T, _>(&self.bytes[at..], self.row);
     }
 }
 
@@ -194,12 +194,12 @@ struct Pair<'a> {
     /// The panels that will be in work next, and how many lines of each of them a step brings to L2.
     ahead: [&'a [[i8; BYTES]]; WIDTH],
     lines: usize,
-    end: PairEnd,
+    epilogue: PairEpilogue,
 }
 
 /// What the sums of a pair of panels end with.
 #[derive(Clone, Copy)]
-struct PairEnd {
+struct PairEpilogue {
     kind: Kind,
     scale: [__m512; WIDTH],
     /// -0 where there is none: it changes no sum.
@@ -209,40 +209,42 @@ struct PairEnd {
 impl<'a> Pair<'a> {
     /// The slots from `slot` on, below `end`, for `rows` rows; `next` is the slot that will be in work next.
     #[avx512vnni]
-    fn new(job: &Job<'a>, slot: usize, end: usize, next: usize, rows: usize) -> Self {
+    fn new(task: &GemmTask<'a>, slot: usize, end: usize, next: usize, rows: usize) -> Self {
         let panels = (end - slot).min(WIDTH);
         // Not by `from_fn`: a closure has this function's features and cannot be inlined into one that has not.
         let (mut quads, mut ahead) = ([&[][..]; WIDTH], [&[][..]; WIDTH]);
         for p in 0..WIDTH {
-            quads[p] = job.panel(slot + p.min(panels - 1));
-            if next + p < job.slots() {
-                ahead[p] = job.panel(next + p);
+            quads[p] = task.panel(slot + p.min(panels - 1));
+            if next + p < task.slots() {
+                ahead[p] = task.panel(next + p);
             }
         }
         // One tile of rows is done as soon as its weights are there: 3 to 8 % slower.
         let lines = if rows <= TILE { 0 } else { TILE.div_ceil(rows.div_ceil(ROWS)) };
-        Self { slot, panels, quads, ahead, lines, end: PairEnd::new(job, slot) }
+        Self { slot, panels, quads, ahead, lines, epilogue: PairEpilogue::new(task, slot) }
     }
 }
 
-impl PairEnd {
+impl PairEpilogue {
     #[avx512vnni]
-    fn new(job: &Job, slot: usize) -> Self {
+    fn new(task: &GemmTask, slot: usize) -> Self {
         let mut this =
             Self { kind: Kind::Block, scale: [_mm512_setzero_ps(); WIDTH], bias: [_mm512_set1_ps(-0.0); WIDTH] };
-        match job {
-            Job::Gated(gate, up) if (slot / 2 + 1) * PANEL <= gate.n() => {
+        match task {
+            GemmTask::Gated(gate, up) if (slot / 2 + 1) * PANEL <= gate.n() => {
                 let outputs = slot / 2 * PANEL..(slot / 2 + 1) * PANEL;
                 this.scale = [load_part(&gate.scale()[outputs.clone()]), load_part(&up.scale()[outputs])];
                 this.kind = Kind::Gated;
             }
-            Job::Plain(w, end) if (slot + WIDTH) * PANEL <= w.n() && end.activation == Activation::None => {
+            GemmTask::Plain(w, epilogue)
+                if (slot + WIDTH) * PANEL <= w.n() && epilogue.activation == Activation::None =>
+            {
                 let (now, then) = (slot * PANEL..(slot + 1) * PANEL, (slot + 1) * PANEL..(slot + 2) * PANEL);
                 this.scale = [load_part(&w.scale()[now.clone()]), load_part(&w.scale()[then.clone()])];
-                if let Some(bias) = end.bias {
+                if let Some(bias) = epilogue.bias {
                     this.bias = [load_part(&bias[now]), load_part(&bias[then])];
                 }
-                this.kind = match end {
+                this.kind = match epilogue {
                     Epilogue { scatter: Some(_), .. } => Kind::Scatter,
                     Epilogue { add: true, .. } => Kind::Add,
                     _ => Kind::Store,
@@ -258,7 +260,7 @@ impl PairEnd {
 struct Work<'a, 'b> {
     tiles: &'a Tiles,
     x: &'a QuantInput<'b>,
-    job: &'a Job<'b>,
+    task: &'a GemmTask<'b>,
     pair: &'a Pair<'b>,
     /// The first row, how many, and which block of those gathered this is.
     t: usize,
@@ -270,7 +272,7 @@ impl Work<'_, '_> {
     /// All inputs at once.
     #[inline]
     #[avx512vnni]
-    fn block(&mut self, inputs: Source, sums: &mut Sums, before: (&mut Ending, &Sums), y: &mut MatMut<f32>) {
+    fn block(&mut self, inputs: Source, sums: &mut Sums, before: (&mut PendingEpilogue, &Sums), y: &mut MatMut<f32>) {
         let (pair, quads) = (self.pair, self.pair.quads[0].len());
         let mut ahead = pair.ahead;
         for ahead in &mut ahead {
@@ -281,21 +283,27 @@ impl Work<'_, '_> {
 
     /// As many inputs at a time as there is room for.
     #[avx512vnni]
-    fn parts(&mut self, room: &mut [Inputs], sums: &mut Sums, before: (&mut Ending, &Sums), y: &mut MatMut<f32>) {
-        let (pair, most, all, (ending, before)) = (self.pair, ROOM / 2, self.pair.quads[0].len(), before);
+    fn parts(
+        &mut self,
+        room: &mut [Inputs],
+        sums: &mut Sums,
+        before: (&mut PendingEpilogue, &Sums),
+        y: &mut MatMut<f32>,
+    ) {
+        let (pair, most, all, (pending, before)) = (self.pair, ROOM / 2, self.pair.quads[0].len(), before);
         for first in (0..all).step_by(most * TILE) {
             gather(self.x, self.t, self.rows, first / TILE * BYTES, most, room);
             let part = first..(first + most * TILE).min(all);
             let quads = [&pair.quads[0][part.clone()], &pair.quads[1][part]];
             let steps = Steps { inputs: Source::gathered(room), quads, ahead: [&[]; WIDTH], start: first == 0 };
-            self.steps(steps, sums, (ending, before), y);
+            self.steps(steps, sums, (pending, before), y);
         }
     }
 
     #[inline]
     #[avx512vnni]
-    fn steps(&mut self, steps: Steps, sums: &mut Sums, before: (&mut Ending, &Sums), y: &mut MatMut<f32>) {
-        match before.0.end.kind {
+    fn steps(&mut self, steps: Steps, sums: &mut Sums, before: (&mut PendingEpilogue, &Sums), y: &mut MatMut<f32>) {
+        match before.0.epilogue.kind {
             Kind::Block => self.shapes::<BLOCK>(steps, sums, before, y),
             Kind::Gated => self.shapes::<GATED>(steps, sums, before, y),
             Kind::Scatter => self.shapes::<SCATTER>(steps, sums, before, y),
@@ -310,7 +318,7 @@ impl Work<'_, '_> {
         &mut self,
         steps: Steps,
         sums: &mut Sums,
-        before: (&mut Ending, &Sums),
+        before: (&mut PendingEpilogue, &Sums),
         y: &mut MatMut<f32>,
     ) {
         match (self.rows <= TILE, self.pair.panels) {
@@ -328,7 +336,7 @@ impl Work<'_, '_> {
         &mut self,
         steps: Steps,
         sums: &mut Sums,
-        (ending, before): (&mut Ending, &Sums),
+        (pending, before): (&mut PendingEpilogue, &Sums),
         y: &mut MatMut<f32>,
     ) {
         if steps.start {
@@ -339,7 +347,7 @@ impl Work<'_, '_> {
         let (first, rest) = steps.quads[0].as_chunks::<TILE>();
         let (second, _) = steps.quads[1].as_chunks::<TILE>();
         assert!(second.len() == first.len());
-        let even = ending.rows.div_ceil(first.len().max(1));
+        let even = pending.rows.div_ceil(first.len().max(1));
         let rows = if KIND == GATED { even.max(GATED_ROWS) } else { even };
         let mut outputs = Outputs::new(self, y, first.len());
         for (i, (first, second)) in first.iter().zip(second).enumerate() {
@@ -350,10 +358,10 @@ impl Work<'_, '_> {
             }
             for ahead in &steps.ahead[..P] {
                 let lines = (i * self.pair.lines).min(ahead.len())..((i + 1) * self.pair.lines).min(ahead.len());
-                ahead[lines].iter().for_each(|line| prefetch::far(line));
+                ahead[lines].iter().for_each(|line| prefetch::to_l2(line));
             }
             if KIND != BLOCK {
-                ending.rows::<KIND>(rows, self.job, before, y);
+                pending.rows::<KIND>(rows, self.task, before, y);
             }
         }
         if !rest.is_empty() {
@@ -386,9 +394,11 @@ struct Outputs<'a> {
 impl<'a> Outputs<'a> {
     #[inline]
     fn new(work: &Work<'a, '_>, y: &MatMut<f32>, steps: usize) -> Self {
-        let (output, two, scatter) = match work.job {
-            Job::Gated(..) => (work.pair.slot / 2 * PANEL, false, None),
-            Job::Plain(_, end) => (work.pair.slot * PANEL, work.pair.panels == WIDTH, end.scatter.map(|to| to.rows)),
+        let (output, two, scatter) = match work.task {
+            GemmTask::Gated(..) => (work.pair.slot / 2 * PANEL, false, None),
+            GemmTask::Plain(_, epilogue) => {
+                (work.pair.slot * PANEL, work.pair.panels == WIDTH, epilogue.scatter.map(|to| to.rows))
+            }
         };
         let t = work.t..work.t + work.rows;
         Self {
@@ -407,9 +417,9 @@ impl<'a> Outputs<'a> {
         for t in self.t.by_ref().take(self.rows) {
             let row = self.scatter.map_or(t, |rows| rows[t] as usize);
             let line = self.first.wrapping_add(row * self.stride);
-            prefetch::written(line);
+            prefetch::for_write(line);
             if self.two {
-                prefetch::written(line.wrapping_add(PANEL));
+                prefetch::for_write(line.wrapping_add(PANEL));
             }
         }
     }
@@ -465,36 +475,36 @@ const ADD: u8 = Kind::Add as u8;
 const STORE: u8 = Kind::Store as u8;
 
 /// A block whose sums are complete, and how much of it has been ended.
-struct Ending {
+struct PendingEpilogue {
     t: usize,
     rows: usize,
     slot: usize,
     panels: usize,
     done: usize,
     x_scale: [f32; ROWS],
-    end: PairEnd,
+    epilogue: PairEpilogue,
 }
 
-impl Ending {
+impl PendingEpilogue {
     #[avx512vnni]
     fn none() -> Self {
         let zero = [_mm512_setzero_ps(); WIDTH];
-        let end = PairEnd { kind: Kind::Block, scale: zero, bias: zero };
-        Self { t: 0, rows: 0, slot: 0, panels: 0, done: 0, x_scale: [0.0; ROWS], end }
+        let epilogue = PairEpilogue { kind: Kind::Block, scale: zero, bias: zero };
+        Self { t: 0, rows: 0, slot: 0, panels: 0, done: 0, x_scale: [0.0; ROWS], epilogue }
     }
 
     /// The rows from `t` on with a pair of panels.
     #[inline]
     #[avx512vnni]
     fn start(&mut self, pair: &Pair, scales: &[f32; ROWS], t: usize, rows: usize) {
-        let &Pair { slot, panels, end, .. } = pair;
-        *self = Self { t, rows, slot, panels, done: 0, x_scale: *scales, end };
+        let &Pair { slot, panels, epilogue, .. } = pair;
+        *self = Self { t, rows, slot, panels, done: 0, x_scale: *scales, epilogue };
     }
 
     /// Ends the next `count` rows, or as many as are left.
     #[inline]
     #[avx512vnni]
-    fn rows<const KIND: u8>(&mut self, count: usize, job: &Job, sums: &Sums, y: &mut MatMut<f32>) {
+    fn rows<const KIND: u8>(&mut self, count: usize, task: &GemmTask, sums: &Sums, y: &mut MatMut<f32>) {
         let (sums, _) = sums.as_chunks::<WIDTH>();
         let rows = self.done..(self.done + count).min(self.rows);
         self.done = rows.end;
@@ -505,19 +515,19 @@ impl Ending {
             let mut v = [_mm512_setzero_ps(); WIDTH];
             for i in 0..WIDTH {
                 let sum = _mm512_cvtepi32_ps(_mm512_castps_si512(load(&sums[r][i])));
-                v[i] = _mm512_mul_ps(sum, _mm512_mul_ps(x_scale, self.end.scale[i]));
+                v[i] = _mm512_mul_ps(sum, _mm512_mul_ps(x_scale, self.epilogue.scale[i]));
             }
             if KIND == GATED {
                 let y = y.row_mut(t + r)[first / 2..].first_chunk_mut().expect("whole panels");
                 store(y, _mm512_mul_ps(gelu_tanh(v[0]), v[1]));
                 continue;
             }
-            for (v, &bias) in v.iter_mut().zip(&self.end.bias) {
+            for (v, &bias) in v.iter_mut().zip(&self.epilogue.bias) {
                 *v = _mm512_add_ps(*v, bias);
             }
             let mut row = t + r;
             if KIND == SCATTER
-                && let Job::Plain(_, Epilogue { scatter: Some(scatter), .. }) = job
+                && let GemmTask::Plain(_, Epilogue { scatter: Some(scatter), .. }) = task
             {
                 let factor = _mm512_set1_ps(scatter.weight[row]);
                 row = scatter.rows[row] as usize;
@@ -535,14 +545,16 @@ impl Ending {
 
     /// Ends all rows that are left.
     #[avx512vnni]
-    fn all(&mut self, x: &QuantInput, job: &Job, sums: &mut Sums, y: &mut MatMut<f32>) {
-        match self.end.kind {
+    fn all(&mut self, x: &QuantInput, task: &GemmTask, sums: &mut Sums, y: &mut MatMut<f32>) {
+        match self.epilogue.kind {
             _ if self.rows == self.done => {}
-            Kind::Block => finish::<0>(x, self.t, &mut sums[..self.rows * self.panels], self.panels, job, self.slot, y),
-            Kind::Gated => self.rows::<GATED>(ROWS, job, sums, y),
-            Kind::Scatter => self.rows::<SCATTER>(ROWS, job, sums, y),
-            Kind::Add => self.rows::<ADD>(ROWS, job, sums, y),
-            Kind::Store => self.rows::<STORE>(ROWS, job, sums, y),
+            Kind::Block => {
+                dequantize_tile::<0>(x, self.t, &mut sums[..self.rows * self.panels], self.panels, task, self.slot, y)
+            }
+            Kind::Gated => self.rows::<GATED>(ROWS, task, sums, y),
+            Kind::Scatter => self.rows::<SCATTER>(ROWS, task, sums, y),
+            Kind::Add => self.rows::<ADD>(ROWS, task, sums, y),
+            Kind::Store => self.rows::<STORE>(ROWS, task, sums, y),
         }
         self.done = self.rows;
     }

@@ -7,8 +7,8 @@
 //! adds up to             o0    o0    o1    o1   ..   o3     two sums per output, added at the end
 //! ```
 
-use super::chunk::{CHUNK_BYTES, Chunk, expect_end};
-use super::input::{Job, QuantInput};
+use super::chunk::{CHUNK_BYTES, Chunk, prefetch_scales};
+use super::input::{GemmTask, QuantInput};
 use crate::gemm::avx2 as float;
 use crate::gemm::{Epilogue, tiles};
 use crate::isa::{Avx2, entry};
@@ -26,7 +26,7 @@ const ROWS: usize = 6;
 const QUADS: usize = 512;
 /// Quads between a multiplication and the prefetch of its weights: panels are read one after another, from end to end, so that memory's
 /// delay is hidden for as long as they are read once.
-const AHEAD: usize = 160;
+const PREFETCH_DISTANCE: usize = 160;
 /// Outputs whose quads fill a register once widened.
 const OUTPUTS: usize = 4;
 /// Registers of a panel.
@@ -35,52 +35,52 @@ const REGISTERS: usize = PANEL / OUTPUTS;
 const WIDTH: usize = 2;
 
 /// Inputs of one row, widened; the extra quads keep rows off each other's cache sets.
-type Steps = [[i16; QUAD]; QUADS + 8];
+type WideRow = [[i16; QUAD]; QUADS + 8];
 /// A quad of all outputs of a panel.
 type Quads = [i8; PANEL * QUAD];
 
 entry! {
-    pub(super) fn matmul(_token: Avx2, x: QuantInput, w: PackedI8, end: Epilogue, y: MatMut<f32>, _tuning: Tuning) {
-        run(&x, &Job::Plain(w, end), y);
+    pub(super) fn matmul(_token: Avx2, x: QuantInput, w: PackedI8, epilogue: Epilogue, y: MatMut<f32>, _tuning: Tuning) {
+        run(&x, &GemmTask::Plain(w, epilogue), y);
     }
 
     pub(super) fn matmul_gated(_token: Avx2, x: QuantInput, gate: PackedI8, up: PackedI8, y: MatMut<f32>, _tuning: Tuning) {
-        run(&x, &Job::Gated(gate, up), y);
+        run(&x, &GemmTask::Gated(gate, up), y);
     }
 }
 
 #[avx2]
-fn run(x: &QuantInput, job: &Job, mut y: MatMut<f32>) {
-    let mut steps = [[[0; QUAD]; QUADS + 8]; ROWS];
+fn run(x: &QuantInput, task: &GemmTask, mut y: MatMut<f32>) {
+    let mut buffer = [[[0; QUAD]; QUADS + 8]; ROWS];
     let rows = x.rows.rows();
-    let width = (CHUNK_BYTES / (PANEL * job.k().max(1)) / WIDTH).max(1) * WIDTH;
-    for first in (0..job.slots()).step_by(width) {
-        let mut chunk = Chunk::new(job, first..first + width, rows, (rows.div_ceil(ROWS), WIDTH));
+    let width = (CHUNK_BYTES / (PANEL * task.k().max(1)) / WIDTH).max(1) * WIDTH;
+    for first in (0..task.slots()).step_by(width) {
+        let mut chunk = Chunk::new(task, first..first + width, rows, (rows.div_ceil(ROWS), WIDTH));
         for (t, rows) in tiles(rows, ROWS) {
-            let steps = &mut steps[..rows];
-            convert(x, t, 0, steps);
+            let buffer = &mut buffer[..rows];
+            convert(x, t, 0, buffer);
             for slot in chunk.slots.clone().step_by(WIDTH) {
                 let width = WIDTH.min(chunk.slots.end - slot);
-                let next = chunk.fetch(job.panel(slot));
+                let next = chunk.fetch(task.panel(slot));
                 let mut sums = [[0.0; PANEL]; ROWS * WIDTH];
                 let sums = &mut sums[..rows * width];
                 for (i, next) in next[..width].iter().enumerate() {
-                    let fetch = (AHEAD, *next);
-                    expect_end(job, slot + i);
-                    panel(x, t, steps, job.panel(slot + i), fetch, sums[i..].iter_mut().step_by(width));
+                    let fetch = (PREFETCH_DISTANCE, *next);
+                    prefetch_scales(task, slot + i);
+                    panel(x, t, buffer, task.panel(slot + i), fetch, sums[i..].iter_mut().step_by(width));
                 }
-                finish::<0>(x, t, sums, width, job, slot, &mut y);
+                dequantize_tile::<0>(x, t, sums, width, task, slot, &mut y);
             }
         }
     }
 }
 
-/// The inputs from `first` on of the rows from `t` on, widened, as many of both as `steps` holds.
+/// The inputs from `first` on of the rows from `t` on, widened, as many of both as `buffer` holds.
 #[avx2]
-fn convert(x: &QuantInput, t: usize, first: usize, steps: &mut [Steps]) {
+fn convert(x: &QuantInput, t: usize, first: usize, buffer: &mut [WideRow]) {
     let inputs = first..(first + QUADS * QUAD).min(x.rows.cols());
-    for (t, steps) in (t..).zip(steps.iter_mut()) {
-        let (wide, _) = steps.as_flattened_mut().as_chunks_mut::<16>();
+    for (t, buffer) in (t..).zip(buffer.iter_mut()) {
+        let (wide, _) = buffer.as_flattened_mut().as_chunks_mut::<16>();
         let (x, x_tail) = x.rows.row(t)[inputs.clone()].as_chunks::<16>();
         for (x, wide) in x.iter().zip(wide.iter_mut()) {
             store_words(wide, widen(x));
@@ -97,25 +97,25 @@ fn convert(x: &QuantInput, t: usize, first: usize, steps: &mut [Steps]) {
 fn panel<'s>(
     x: &QuantInput,
     t: usize,
-    steps: &mut [Steps],
+    buffer: &mut [WideRow],
     quads: &[Quads],
     fetch: (usize, *const Quads),
     sums: impl Iterator<Item = &'s mut [f32; PANEL]>,
 ) {
     let mut partial = [[[0; 8]; REGISTERS]; ROWS];
-    let partial = &mut partial[..steps.len()];
+    let partial = &mut partial[..buffer.len()];
     for (i, quads) in quads.chunks(QUADS).enumerate() {
         let fetch = (fetch.0, fetch.1.wrapping_add(i * QUADS));
         if x.rows.cols() > QUADS * QUAD {
-            convert(x, t, i * QUADS * QUAD, steps);
+            convert(x, t, i * QUADS * QUAD, buffer);
         }
-        match steps.len() {
-            1 => multiply::<1, 4>(steps, quads, fetch, partial),
-            2 => multiply::<2, 4>(steps, quads, fetch, partial),
-            3 => multiply::<3, 2>(steps, quads, fetch, partial),
-            4 => multiply::<4, 2>(steps, quads, fetch, partial),
-            5 => multiply::<5, 2>(steps, quads, fetch, partial),
-            ROWS => multiply::<ROWS, 2>(steps, quads, fetch, partial),
+        match buffer.len() {
+            1 => multiply::<1, 4>(buffer, quads, fetch, partial),
+            2 => multiply::<2, 4>(buffer, quads, fetch, partial),
+            3 => multiply::<3, 2>(buffer, quads, fetch, partial),
+            4 => multiply::<4, 2>(buffer, quads, fetch, partial),
+            5 => multiply::<5, 2>(buffer, quads, fetch, partial),
+            ROWS => multiply::<ROWS, 2>(buffer, quads, fetch, partial),
             rows => unreachable!("a tile of {rows} rows"),
         }
     }
@@ -129,28 +129,28 @@ fn panel<'s>(
 /// The innermost tile: `R` rows with `H` registers of the panel at a time.
 #[avx2]
 fn multiply<const R: usize, const H: usize>(
-    steps: &[Steps],
+    buffer: &[WideRow],
     quads: &[Quads],
     (ahead, next): (usize, *const Quads),
     partial: &mut [[[i32; 8]; REGISTERS]],
 ) {
-    let steps: &[Steps; R] = steps.first_chunk().expect("R is the number of rows");
-    let partial: &mut [_; R] = partial.first_chunk_mut().expect("one row of sums for each row of steps");
+    let buffer: &[WideRow; R] = buffer.first_chunk().expect("R is the number of rows");
+    let partial: &mut [_; R] = partial.first_chunk_mut().expect("one row of sums for each row of buffer");
     assert!(quads.len() <= QUADS);
     for first in (0..REGISTERS).step_by(H) {
         let mut acc = [[_mm256_setzero_si256(); H]; R];
         for (q, quad) in quads.iter().enumerate() {
             let (outputs, _) = quad.as_chunks::<16>();
-            prefetch::near(quads.as_ptr().wrapping_add(q + ahead));
+            prefetch::to_l1(quads.as_ptr().wrapping_add(q + ahead));
             if R > 2 && first == 0 {
-                prefetch::far(next.wrapping_add(q));
+                prefetch::to_l2(next.wrapping_add(q));
             }
             let mut w = [_mm256_setzero_si256(); H];
             for h in 0..H {
                 w[h] = widen(&outputs[first + h]);
             }
             for r in 0..R {
-                let x = _mm256_set1_epi64x(quad_bits(steps[r][q]));
+                let x = _mm256_set1_epi64x(quad_bits(buffer[r][q]));
                 for h in 0..H {
                     acc[r][h] = _mm256_add_epi32(acc[r][h], _mm256_madd_epi16(w[h], x));
                 }
@@ -179,20 +179,20 @@ fn add_pairs(low: __m256i, high: __m256i) -> __m256i {
     _mm256_permute4x64_epi64::<0b11_01_10_00>(_mm256_hadd_epi32(low, high))
 }
 
-/// Ends the integer sums `[rows, width]`, which lie as bits in the place of the floats that they become: those of the rows from `t`
+/// Ends the integer sums `[rows, width]`, which lie as bits in the sum_index of the floats that they become: those of the rows from `t`
 /// on with the slots from `slot` on, whose inputs were raised by `OFFSET`.
 #[avx2]
-pub(super) fn finish<const OFFSET: i32>(
+pub(super) fn dequantize_tile<const OFFSET: i32>(
     x: &QuantInput,
     t: usize,
     sums: &mut [[f32; PANEL]],
     width: usize,
-    job: &Job,
+    task: &GemmTask,
     slot: usize,
     y: &mut MatMut<f32>,
 ) {
     for i in 0..width {
-        let (w, p) = job.slot(slot + i);
+        let (w, p) = task.slot(slot + i);
         let outputs = p * PANEL..((p + 1) * PANEL).min(w.n());
         let mut w_scale = [0.0; PANEL];
         w_scale[..outputs.len()].copy_from_slice(&w.scale()[outputs.clone()]);
@@ -213,9 +213,9 @@ pub(super) fn finish<const OFFSET: i32>(
             store(sum, value);
         }
     }
-    match job {
-        Job::Plain(_, end) => float::finish(sums, width, t, slot * PANEL, end, y),
-        Job::Gated(..) => float::finish_gated(sums, width / 2, t, slot / 2 * PANEL, y),
+    match task {
+        GemmTask::Plain(_, epilogue) => float::store_tile(sums, width, t, slot * PANEL, epilogue, y),
+        GemmTask::Gated(..) => float::store_gated_tile(sums, width / 2, t, slot / 2 * PANEL, y),
     }
 }
 

@@ -6,7 +6,7 @@
 mod one_stream;
 pub(super) mod tiles;
 
-use super::input::{Job, QuantInput};
+use super::input::{GemmTask, QuantInput};
 use crate::gemm::Epilogue;
 use crate::isa::{Avx512Vnni, entry};
 use crate::mat::MatMut;
@@ -15,8 +15,8 @@ use crate::tuning::Tuning;
 use umo_kernels_features::avx512vnni;
 
 entry! {
-    pub(super) fn matmul(_token: Avx512Vnni, x: QuantInput, w: PackedI8, end: Epilogue, y: MatMut<f32>, tuning: Tuning) {
-        run(x, &Job::Plain(w, end), y, tuning);
+    pub(super) fn matmul(_token: Avx512Vnni, x: QuantInput, w: PackedI8, epilogue: Epilogue, y: MatMut<f32>, tuning: Tuning) {
+        run(x, &GemmTask::Plain(w, epilogue), y, tuning);
     }
 
     pub(super) fn matmul_gated(
@@ -27,17 +27,17 @@ entry! {
         y: MatMut<f32>,
         tuning: Tuning,
     ) {
-        run(x, &Job::Gated(gate, up), y, tuning);
+        run(x, &GemmTask::Gated(gate, up), y, tuning);
     }
 }
 
 #[avx512vnni]
-fn run(x: QuantInput, job: &Job, y: MatMut<f32>, tuning: Tuning) {
-    if tuning.one_stream && one_stream::suits(&x, job) {
-        one_stream::run(&x, job, y);
+fn run(x: QuantInput, task: &GemmTask, y: MatMut<f32>, tuning: Tuning) {
+    if tuning.one_stream && one_stream::suits(&x, task) {
+        one_stream::run(&x, task, y);
     } else if tuning.offset_on_load {
-        tiles::run_in_place(x, job, y);
+        tiles::run_in_place(x, task, y);
     } else {
-        tiles::run(x, job, y);
+        tiles::run(x, task, y);
     }
 }

@@ -3,9 +3,9 @@
 //! As there, input rows are made unsigned (`x + 128`) a tile of rows at a time, and what that adds, `128 * sum(w)`, is taken from
 //! the sums at the end. A panel's quad is two registers.
 
-use super::avx2::finish;
-use super::chunk::{AHEAD, CHUNK_BYTES, Chunk, expect_end};
-use super::input::{Job, QuantInput};
+use super::avx2::dequantize_tile;
+use super::chunk::{CHUNK_BYTES, Chunk, PREFETCH_DISTANCE, prefetch_scales};
+use super::input::{GemmTask, QuantInput};
 use crate::gemm::{Epilogue, tiles};
 use crate::isa::{AvxVnni, entry};
 use crate::lanes::avx2::{load_two as load, store_two as store};
@@ -29,63 +29,63 @@ const QUADS: usize = 1024;
 /// Bytes in a register.
 const BYTES: usize = 32;
 
-/// Unsigned steps of one row, with room for a whole register behind the last; the extra line keeps rows off each other's cache sets.
-type Steps = [[u8; QUAD]; QUADS + 16];
+/// Unsigned buffer of one row, with room for a whole register behind the last; the extra line keeps rows off each other's cache sets.
+type BiasedRow = [[u8; QUAD]; QUADS + 16];
 
 entry! {
-    pub(super) fn matmul(_token: AvxVnni, x: QuantInput, w: PackedI8, end: Epilogue, y: MatMut<f32>, _tuning: Tuning) {
-        run(&x, &Job::Plain(w, end), y);
+    pub(super) fn matmul(_token: AvxVnni, x: QuantInput, w: PackedI8, epilogue: Epilogue, y: MatMut<f32>, _tuning: Tuning) {
+        run(&x, &GemmTask::Plain(w, epilogue), y);
     }
 
     pub(super) fn matmul_gated(_token: AvxVnni, x: QuantInput, gate: PackedI8, up: PackedI8, y: MatMut<f32>, _tuning: Tuning) {
-        run(&x, &Job::Gated(gate, up), y);
+        run(&x, &GemmTask::Gated(gate, up), y);
     }
 }
 
 #[avxvnni]
-fn run(x: &QuantInput, job: &Job, y: MatMut<f32>) {
+fn run(x: &QuantInput, task: &GemmTask, y: MatMut<f32>) {
     // One row, as in a decoder's step, where clearing the large buffer would show.
-    if x.rows.rows() == 1 { product::<1>(x, job, y) } else { product::<ROWS>(x, job, y) }
+    if x.rows.rows() == 1 { product::<1>(x, task, y) } else { product::<ROWS>(x, task, y) }
 }
 
 #[avxvnni]
-fn product<const TILE: usize>(x: &QuantInput, job: &Job, mut y: MatMut<f32>) {
-    let mut steps = [[[0; QUAD]; QUADS + 16]; TILE];
+fn product<const TILE: usize>(x: &QuantInput, task: &GemmTask, mut y: MatMut<f32>) {
+    let mut buffer = [[[0; QUAD]; QUADS + 16]; TILE];
     let mut sums = [[0.0; PANEL]; SUMS];
     let rows = x.rows.rows();
-    let width = (CHUNK_BYTES / (PANEL * job.k().max(1)) / WIDE).max(1) * WIDE;
-    for first in (0..job.slots()).step_by(width) {
-        let mut chunk = Chunk::new(job, first..first + width, rows, (rows.div_ceil(TILE), PAIR));
+    let width = (CHUNK_BYTES / (PANEL * task.k().max(1)) / WIDE).max(1) * WIDE;
+    for first in (0..task.slots()).step_by(width) {
+        let mut chunk = Chunk::new(task, first..first + width, rows, (rows.div_ceil(TILE), PAIR));
         for (t, rows) in tiles(rows, TILE) {
-            let steps = &mut steps[..rows];
-            convert(x, t, 0, steps);
+            let buffer = &mut buffer[..rows];
+            convert(x, t, 0, buffer);
             match rows {
-                1 => tile::<1, 6, WIDE>(x, t, steps, &mut chunk, &mut sums, &mut y),
-                2 => tile::<2, 3, WIDE>(x, t, steps, &mut chunk, &mut sums, &mut y),
-                3 => tile::<3, 2, PAIR>(x, t, steps, &mut chunk, &mut sums, &mut y),
-                4 => tile::<4, 1, PAIR>(x, t, steps, &mut chunk, &mut sums, &mut y),
-                5 => tile::<5, 1, PAIR>(x, t, steps, &mut chunk, &mut sums, &mut y),
-                ROWS => tile::<ROWS, 1, PAIR>(x, t, steps, &mut chunk, &mut sums, &mut y),
+                1 => tile::<1, 6, WIDE>(x, t, buffer, &mut chunk, &mut sums, &mut y),
+                2 => tile::<2, 3, WIDE>(x, t, buffer, &mut chunk, &mut sums, &mut y),
+                3 => tile::<3, 2, PAIR>(x, t, buffer, &mut chunk, &mut sums, &mut y),
+                4 => tile::<4, 1, PAIR>(x, t, buffer, &mut chunk, &mut sums, &mut y),
+                5 => tile::<5, 1, PAIR>(x, t, buffer, &mut chunk, &mut sums, &mut y),
+                ROWS => tile::<ROWS, 1, PAIR>(x, t, buffer, &mut chunk, &mut sums, &mut y),
                 rows => unreachable!("a tile of {rows} rows"),
             }
         }
     }
 }
 
-/// The inputs from `first` on of the rows from `t` on, made unsigned, as many of both as `steps` holds.
+/// The inputs from `first` on of the rows from `t` on, made unsigned, as many of both as `buffer` holds.
 #[avxvnni]
-fn convert(x: &QuantInput, t: usize, first: usize, steps: &mut [Steps]) {
+fn convert(x: &QuantInput, t: usize, first: usize, buffer: &mut [BiasedRow]) {
     let inputs = first..(first + QUADS * QUAD).min(x.rows.cols());
-    for (t, steps) in (t..).zip(steps.iter_mut()) {
-        let (steps, _) = steps.as_flattened_mut().as_chunks_mut::<BYTES>();
+    for (t, buffer) in (t..).zip(buffer.iter_mut()) {
+        let (buffer, _) = buffer.as_flattened_mut().as_chunks_mut::<BYTES>();
         let (x, x_tail) = x.rows.row(t)[inputs.clone()].as_chunks::<BYTES>();
-        for (x, steps) in x.iter().zip(steps.iter_mut()) {
-            store_bytes(steps, unsigned(x));
+        for (x, buffer) in x.iter().zip(buffer.iter_mut()) {
+            store_bytes(buffer, unsigned(x));
         }
         // Whatever stands behind the last input meets weights that are zero.
         let mut last = [0; BYTES];
         last[..x_tail.len()].copy_from_slice(x_tail);
-        store_bytes(&mut steps[x.len()], unsigned(&last));
+        store_bytes(&mut buffer[x.len()], unsigned(&last));
     }
 }
 
@@ -94,23 +94,23 @@ fn convert(x: &QuantInput, t: usize, first: usize, steps: &mut [Steps]) {
 fn tile<const R: usize, const P: usize, const WIDTH: usize>(
     x: &QuantInput,
     t: usize,
-    steps: &mut [Steps],
+    buffer: &mut [BiasedRow],
     chunk: &mut Chunk,
     sums: &mut [[f32; PANEL]; SUMS],
     y: &mut MatMut<f32>,
 ) {
-    let steps: &mut [Steps; R] = steps.first_chunk_mut().expect("R was chosen by the number of rows");
+    let buffer: &mut [BiasedRow; R] = buffer.first_chunk_mut().expect("R was chosen by the number of rows");
     let (mut slot, end) = (chunk.slots.start, chunk.slots.end);
     while slot + WIDTH <= end {
-        group::<R, P, WIDTH>(x, t, steps, chunk, slot, sums, y);
+        group::<R, P, WIDTH>(x, t, buffer, chunk, slot, sums, y);
         slot += WIDTH;
     }
     while WIDTH > PAIR && slot + PAIR <= end {
-        group::<R, PAIR, PAIR>(x, t, steps, chunk, slot, sums, y);
+        group::<R, PAIR, PAIR>(x, t, buffer, chunk, slot, sums, y);
         slot += PAIR;
     }
     if slot < end {
-        group::<R, 1, 1>(x, t, steps, chunk, slot, sums, y);
+        group::<R, 1, 1>(x, t, buffer, chunk, slot, sums, y);
     }
 }
 
@@ -119,35 +119,35 @@ fn tile<const R: usize, const P: usize, const WIDTH: usize>(
 fn group<const R: usize, const P: usize, const WIDTH: usize>(
     x: &QuantInput,
     t: usize,
-    steps: &mut [Steps; R],
+    buffer: &mut [BiasedRow; R],
     chunk: &mut Chunk,
     slot: usize,
     sums: &mut [[f32; PANEL]; SUMS],
     y: &mut MatMut<f32>,
 ) {
-    let job = chunk.job;
-    let next = chunk.fetch(job.panel(slot));
-    (slot..slot + WIDTH).for_each(|slot| expect_end(job, slot));
-    for first in (0..job.k().max(1)).step_by(QUADS * QUAD) {
-        if job.k() > QUADS * QUAD {
-            convert(x, t, first, steps);
+    let task = chunk.task;
+    let next = chunk.fetch(task.panel(slot));
+    (slot..slot + WIDTH).for_each(|slot| prefetch_scales(task, slot));
+    for first in (0..task.k().max(1)).step_by(QUADS * QUAD) {
+        if task.k() > QUADS * QUAD {
+            convert(x, t, first, buffer);
         }
         for i in (0..WIDTH).step_by(P) {
             // Not by `from_fn`: a closure has this function's features and cannot be inlined into one that has not.
             let mut panels = [&[][..]; P];
             for (p, panel) in panels.iter_mut().enumerate() {
-                let quads = job.panel(slot + i + p);
+                let quads = task.panel(slot + i + p);
                 *panel = &quads[first / QUAD..(first / QUAD + QUADS).min(quads.len())];
             }
             let fetch = (chunk.ahead, next[i % next.len()].wrapping_add(first / QUAD));
-            multiply::<R, P, WIDTH>(steps, panels, fetch, first == 0, &mut sums[i..]);
+            multiply::<R, P, WIDTH>(buffer, panels, fetch, first == 0, &mut sums[i..]);
         }
     }
     // The next group's first weights arrive while this one ends.
-    for slot in slot + WIDTH..(slot + 2 * WIDTH).min(job.slots()) {
-        job.panel(slot).iter().take(chunk.ahead).for_each(|line| prefetch::near(line));
+    for slot in slot + WIDTH..(slot + 2 * WIDTH).min(task.slots()) {
+        task.panel(slot).iter().take(chunk.ahead).for_each(|line| prefetch::to_l1(line));
     }
-    finish::<128>(x, t, &mut sums[..R * WIDTH], WIDTH, job, slot, y);
+    dequantize_tile::<128>(x, t, &mut sums[..R * WIDTH], WIDTH, task, slot, y);
 }
 
 /// The innermost tile: adds the products over the panels' quads to `R x P` of the sums `[R, WIDTH]`, in registers. Weights are
@@ -155,7 +155,7 @@ fn group<const R: usize, const P: usize, const WIDTH: usize>(
 #[inline(never)]
 #[avxvnni]
 fn multiply<const R: usize, const P: usize, const WIDTH: usize>(
-    steps: &[Steps; R],
+    buffer: &[BiasedRow; R],
     panels: [&[[i8; PANEL * QUAD]]; P],
     (ahead, next): (usize, *const [i8; PANEL * QUAD]),
     start: bool,
@@ -164,7 +164,7 @@ fn multiply<const R: usize, const P: usize, const WIDTH: usize>(
     let quads = panels[0].len();
     assert!(quads <= QUADS);
     // Known to the compiler where it matters: a decoder's step.
-    let ahead = if R == 1 { AHEAD[0] } else { ahead };
+    let ahead = if R == 1 { PREFETCH_DISTANCE[0] } else { ahead };
     for panel in panels {
         assert!(panel.len() == quads);
     }
@@ -179,13 +179,13 @@ fn multiply<const R: usize, const P: usize, const WIDTH: usize>(
     }
     for q in 0..quads {
         if R > 2 {
-            prefetch::far(next.wrapping_add(q));
+            prefetch::to_l2(next.wrapping_add(q));
         }
         for p in 0..P {
-            prefetch::near(panels[p].as_ptr().wrapping_add(q + ahead));
+            prefetch::to_l1(panels[p].as_ptr().wrapping_add(q + ahead));
             let w = load_quads(&panels[p][q]);
             for r in 0..R {
-                let x = _mm256_set1_epi32(i32::from_ne_bytes(steps[r][q]));
+                let x = _mm256_set1_epi32(i32::from_ne_bytes(buffer[r][q]));
                 acc[r][p][0] = _mm256_dpbusd_avx_epi32(acc[r][p][0], x, w[0]);
                 acc[r][p][1] = _mm256_dpbusd_avx_epi32(acc[r][p][1], x, w[1]);
             }

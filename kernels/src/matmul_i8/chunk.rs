@@ -1,6 +1,6 @@
 //! Weights in work, which stay in L2 while tiles of rows go by, and the next, which come meanwhile.
 
-use super::input::Job;
+use super::input::GemmTask;
 use crate::pack::{PANEL, QUAD};
 use crate::prefetch;
 use core::ops::Range;
@@ -11,11 +11,11 @@ pub(super) const FEW_ROWS: usize = 4;
 pub(super) const CHUNK_BYTES: usize = 256 << 10;
 /// Quads between a multiplication and the prefetch of its weights: from L2, where 8 steps of 13 cycles are longer than it takes, and
 /// where several rows meet each weight but once, and it comes from further away.
-pub(super) const AHEAD: [usize; 2] = [8, 32];
+pub(super) const PREFETCH_DISTANCE: [usize; 2] = [8, 32];
 
-/// Some of a job's panels, for a group of them at a time to be multiplied.
+/// Some of a task's panels, for a group of them at a time to be multiplied.
 pub(super) struct Chunk<'a> {
-    pub(super) job: &'a Job<'a>,
+    pub(super) task: &'a GemmTask<'a>,
     /// In L2 while tiles of rows go by.
     pub(super) slots: Range<usize>,
     /// Quads between a multiplication and its own weights' prefetch.
@@ -28,21 +28,22 @@ pub(super) struct Chunk<'a> {
 
 impl<'a> Chunk<'a> {
     /// These slots, as far as there are any, for so many rows in `tiles`, each of which meets `group` panels at a time.
-    pub(super) fn new(job: &'a Job, slots: Range<usize>, rows: usize, (tiles, group): (usize, usize)) -> Self {
-        let slots = slots.start..slots.end.min(job.slots());
-        let next = slots.end..(slots.end + slots.len()).min(job.slots());
+    pub(super) fn new(task: &'a GemmTask, slots: Range<usize>, rows: usize, (tiles, group): (usize, usize)) -> Self {
+        let slots = slots.start..slots.end.min(task.slots());
+        let next = slots.end..(slots.end + slots.len()).min(task.slots());
         let groups = tiles * slots.len().div_ceil(group);
-        let (each, ahead) = (next.len().div_ceil(groups.max(1)).min(2), AHEAD[usize::from(tiles == 1 && rows > 1)]);
-        Self { job, slots, ahead, next, each }
+        let (each, ahead) =
+            (next.len().div_ceil(groups.max(1)).min(2), PREFETCH_DISTANCE[usize::from(tiles == 1 && rows > 1)]);
+        Self { task, slots, ahead, next, each }
     }
 
     /// Panels of the next chunk to be fetched now; where there are none, `panel`, which is here.
     #[inline]
     pub(super) fn fetch(&mut self, panel: &[[i8; PANEL * QUAD]]) -> [*const [i8; PANEL * QUAD]; 2] {
         let mut some = [panel.as_ptr(); 2];
-        for place in &mut some[..self.each] {
+        for sum_index in &mut some[..self.each] {
             if let Some(slot) = self.next.next() {
-                *place = self.job.panel(slot).as_ptr();
+                *sum_index = self.task.panel(slot).as_ptr();
             }
         }
         some
@@ -51,8 +52,8 @@ impl<'a> Chunk<'a> {
 
 /// Fetches what ends the sums of a slot's panel, while it is multiplied.
 #[inline]
-pub(super) fn expect_end(job: &Job, slot: usize) {
-    let (w, p) = job.slot(slot);
-    prefetch::near(w.scale().as_ptr().wrapping_add(p * PANEL));
-    prefetch::near(w.sum().as_ptr().wrapping_add(p * PANEL));
+pub(super) fn prefetch_scales(task: &GemmTask, slot: usize) {
+    let (w, p) = task.slot(slot);
+    prefetch::to_l1(w.scale().as_ptr().wrapping_add(p * PANEL));
+    prefetch::to_l1(w.sum().as_ptr().wrapping_add(p * PANEL));
 }

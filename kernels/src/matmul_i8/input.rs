@@ -6,7 +6,7 @@ use crate::pack::PackedI8;
 
 /// A product with int8 weights.
 #[cfg(target_arch = "x86_64")]
-pub(super) type Job<'a> = crate::gemm::Job<'a, PackedI8<'a>>;
+pub(super) type GemmTask<'a> = crate::gemm::GemmTask<'a, PackedI8<'a>>;
 
 /// Checked input rows with their scales.
 #[derive(Clone, Copy)]

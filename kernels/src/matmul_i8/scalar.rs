@@ -2,15 +2,15 @@
 
 use super::input::QuantInput;
 use crate::gemm::Epilogue;
-use crate::gemm::scalar::{finish_panel, gated};
+use crate::gemm::scalar::{store_gated_panel, store_panel};
 use crate::mat::MatMut;
 use crate::pack::{PANEL, PackedI8, QUAD, panels};
 use crate::tuning::Tuning;
 
-pub(super) fn matmul(x: QuantInput, w: PackedI8, end: Epilogue, mut y: MatMut<f32>, _tuning: Tuning) {
+pub(super) fn matmul(x: QuantInput, w: PackedI8, epilogue: Epilogue, mut y: MatMut<f32>, _tuning: Tuning) {
     for p in 0..panels(w.n()) {
         for t in 0..x.rows.rows() {
-            finish_panel(scaled(x, t, w, p), t, p * PANEL, end, &mut y);
+            store_panel(scaled(x, t, w, p), t, p * PANEL, epilogue, &mut y);
         }
     }
 }
@@ -18,7 +18,7 @@ pub(super) fn matmul(x: QuantInput, w: PackedI8, end: Epilogue, mut y: MatMut<f3
 pub(super) fn matmul_gated(x: QuantInput, gate: PackedI8, up: PackedI8, mut y: MatMut<f32>, _tuning: Tuning) {
     for p in 0..panels(gate.n()) {
         for t in 0..x.rows.rows() {
-            gated(scaled(x, t, gate, p), scaled(x, t, up, p), t, p * PANEL, &mut y);
+            store_gated_panel(scaled(x, t, gate, p), scaled(x, t, up, p), t, p * PANEL, &mut y);
         }
     }
 }

@@ -9,7 +9,7 @@ use core::arch::x86_64::{
 use core::hint::black_box;
 use umo_kernels_features::avx2;
 
-use super::{FAR_WHOLE, Order, STREAM, STREAMS, TURNS, ahead};
+use super::{FAR_WHOLE, Order, STREAM, STREAMS, TURNS, prefetch_offset};
 use crate::prefetch;
 
 /// Independent sums: with two operands they leave two of 16 registers.
@@ -69,7 +69,7 @@ fn read_whole(bytes: &[i8]) {
     let (turns, rest) = bytes.as_chunks::<{ TURNS * 32 }>();
     for turn in turns {
         for (sum, part) in sums.iter_mut().zip(turn.as_chunks().0) {
-            prefetch::near(part.as_ptr().wrapping_add(FAR_WHOLE));
+            prefetch::to_l1(part.as_ptr().wrapping_add(FAR_WHOLE));
             *sum = _mm256_add_epi32(*sum, load(part));
         }
     }
@@ -86,7 +86,7 @@ fn read_streams(bytes: &[i8]) {
         for i in (0..STREAM).step_by(32) {
             for (sum, stream) in sums.iter_mut().zip(streams) {
                 if i % 64 == 0 {
-                    prefetch::far(stream.as_ptr().wrapping_add(ahead(i)));
+                    prefetch::to_l2(stream.as_ptr().wrapping_add(prefetch_offset(i)));
                 }
                 *sum = _mm256_add_epi32(*sum, load(stream[i..].first_chunk().expect("whole registers")));
             }

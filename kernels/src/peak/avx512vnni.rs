@@ -8,7 +8,7 @@ use core::arch::x86_64::{
 use core::hint::black_box;
 use umo_kernels_features::avx512vnni;
 
-use super::{FAR_WHOLE, Order, STREAM, STREAMS, TURNS, ahead};
+use super::{FAR_WHOLE, Order, STREAM, STREAMS, TURNS, prefetch_offset};
 use crate::prefetch;
 
 /// Independent sums: far more than an instruction's delay, and with two operands fewer than 32 registers.
@@ -54,7 +54,7 @@ fn read_whole(bytes: &[i8]) {
     let (turns, rest) = bytes.as_chunks::<{ TURNS * 64 }>();
     for turn in turns {
         for (sum, part) in sums.iter_mut().zip(turn.as_chunks().0) {
-            prefetch::near(part.as_ptr().wrapping_add(FAR_WHOLE));
+            prefetch::to_l1(part.as_ptr().wrapping_add(FAR_WHOLE));
             *sum = _mm512_add_epi32(*sum, load(part));
         }
     }
@@ -70,7 +70,7 @@ fn read_streams(bytes: &[i8]) {
         let (streams, _) = chunk.as_chunks::<STREAM>();
         for i in (0..STREAM).step_by(64) {
             for (sum, stream) in sums.iter_mut().zip(streams) {
-                prefetch::far(stream.as_ptr().wrapping_add(ahead(i)));
+                prefetch::to_l2(stream.as_ptr().wrapping_add(prefetch_offset(i)));
                 *sum = _mm512_add_epi32(*sum, load(stream[i..].first_chunk().expect("whole registers")));
             }
         }

@@ -17,22 +17,22 @@ entry! {
         lanes::largest(max)
     }
 
-    pub(super) fn round(_token: Avx2, row: &[f32], per_unit: f32, steps: &mut [i8]) {
+    pub(super) fn round(_token: Avx2, row: &[f32], per_unit: f32, codes: &mut [i8]) {
         let factor = _mm256_set1_ps(per_unit);
-        let ((chunks, tail), (step_chunks, step_tail)) = (row.as_chunks::<HALF>(), steps.as_chunks_mut::<HALF>());
-        for (chunk, steps) in chunks.iter().zip(step_chunks) {
-            *steps = rounded(_mm256_mul_ps(load(chunk), factor));
+        let ((chunks, tail), (code_chunks, code_tail)) = (row.as_chunks::<HALF>(), codes.as_chunks_mut::<HALF>());
+        for (chunk, codes) in chunks.iter().zip(code_chunks) {
+            *codes = rounded(_mm256_mul_ps(load(chunk), factor));
         }
         let last = rounded(_mm256_mul_ps(load_part(tail), factor));
-        step_tail.copy_from_slice(&last[..step_tail.len()]);
+        code_tail.copy_from_slice(&last[..code_tail.len()]);
     }
 }
 
-/// The nearest steps, halves to even.
+/// The nearest codes, halves to even.
 #[inline]
 #[avx2]
 fn rounded(values: __m256) -> [i8; HALF] {
-    let steps = _mm256_cvtps_epi32(values);
-    let words = _mm_packs_epi32(_mm256_castsi256_si128(steps), _mm256_extracti128_si256::<1>(steps));
+    let codes = _mm256_cvtps_epi32(values);
+    let words = _mm_packs_epi32(_mm256_castsi256_si128(codes), _mm256_extracti128_si256::<1>(codes));
     _mm_cvtsi128_si64(_mm_packs_epi16(words, words)).to_le_bytes().map(|byte| byte.cast_signed())
 }

@@ -1,12 +1,12 @@
 //! The reference: one row at a time.
 
 /// Quantises one row, returns the real value of one step.
-pub(crate) fn quantize(row: &[f32], steps: &mut [i8]) -> f32 {
+pub(crate) fn quantize(row: &[f32], codes: &mut [i8]) -> f32 {
     let Some((per_unit, scale)) = per_unit(largest(row)) else {
-        steps.fill(0);
+        codes.fill(0);
         return 1.0;
     };
-    round(row, per_unit, steps);
+    round(row, per_unit, codes);
     scale
 }
 
@@ -15,11 +15,11 @@ pub(super) fn largest(row: &[f32]) -> f32 {
     row.iter().fold(0.0, |max, x| max.max(x.abs()))
 }
 
-/// The nearest steps, halves to even.
+/// The nearest codes, halves to even.
 #[expect(clippy::cast_possible_truncation, reason = "rounded values lie in -127..=127")]
-pub(super) fn round(row: &[f32], per_unit: f32, steps: &mut [i8]) {
-    for (step, x) in steps.iter_mut().zip(row) {
-        *step = (x * per_unit).round_ties_even() as i8;
+pub(super) fn round(row: &[f32], per_unit: f32, codes: &mut [i8]) {
+    for (code, x) in codes.iter_mut().zip(row) {
+        *code = (x * per_unit).round_ties_even() as i8;
     }
 }
 

@@ -1,4 +1,4 @@
-//! Every product on every back-end against its scalar twin: sizes around all tile edges, any alignment, gathered and
+//! Every product on every back-end against its scalar reference: sizes around all tile edges, any alignment, gathered and
 //! scattered rows, all ends, extremes; and the two promises that callers build on, that a row's bits depend neither on
 //! the rows beside it nor on how the outputs are cut.
 #![expect(clippy::cast_possible_truncation, reason = "sizes of cases are far below 2^32")]

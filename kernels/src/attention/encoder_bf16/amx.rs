@@ -13,7 +13,7 @@
 
 #![expect(clippy::needless_range_loop, reason = "loops of constant length over registers read best by index")]
 
-use super::avx512vnni::{self, vector::in_turn};
+use super::avx512vnni::{self, vector::interleave_halves};
 use super::{KEYS, STEP, Softmax};
 use crate::amx::{TILE as ROWS, Tiles};
 use crate::attention::amx::{MOST_DIM, Packed, Sums, Tile, add, load_pairs};
@@ -21,7 +21,7 @@ use crate::attention::avx512vnni::vector::transpose;
 use crate::attention::operands::Operands;
 use crate::isa::{Amx, entry};
 use crate::lanes::LANES;
-use crate::lanes::avx512vnni::{array, first_lanes, load, store};
+use crate::lanes::avx512vnni::{lane_mask, load, store, to_array};
 use crate::mat::{Mat, MatMut};
 use crate::math::LOG2_E;
 use crate::math::avx512vnni::exp2_bf16_reduce;
@@ -147,9 +147,9 @@ impl Block<'_> {
         let (steps, pairs) = (self.q.cols().div_ceil(STEP), self.keys.div_ceil(STEP));
         pack_queries(self.q, q);
         lanes.as_flattened_mut().fill([f32::NEG_INFINITY; LANES]);
-        self.meet_keys::<G>(tiles, q, k, scores, &biases[self.biases..], lanes);
+        self.score_keys::<G>(tiles, q, k, scores, &biases[self.biases..], lanes);
         for (r, softmax) in softmaxes.iter_mut().enumerate() {
-            softmax.meet(_mm512_reduce_max_ps(load(&lanes[r / ROWS][r % ROWS])));
+            softmax.update_max(_mm512_reduce_max_ps(load(&lanes[r / ROWS][r % ROWS])));
         }
         let mut max = [f32::NEG_INFINITY; GROUPS * ROWS];
         for (max, softmax) in max.iter_mut().zip(&*softmaxes) {
@@ -157,35 +157,35 @@ impl Block<'_> {
         }
         lanes.as_flattened_mut().fill([0.0; LANES]);
         for r in 0..self.q.rows() {
-            weigh(scores, r, 0, max[r], lanes);
+            softmax_weights(scores, r, 0, max[r], lanes);
         }
         for columns in 0..steps {
             tiles.zero();
             for pair in 0..pairs {
                 tiles.load::<4, _>(&scores[0][pair][0].0);
-                tiles.load_rows_past::<6, _>(&v[pair][2 * columns].0, 1);
-                tiles.load_rows_past::<7, _>(&v[pair][2 * columns + 1].0, 1);
+                tiles.load_tile_streaming::<6, _>(&v[pair][2 * columns].0, 1);
+                tiles.load_tile_streaming::<7, _>(&v[pair][2 * columns + 1].0, 1);
                 if G == 2 {
                     tiles.load::<5, _>(&scores[1][pair][0].0);
                 }
                 let mut r = 0;
-                let mut meanwhile = || {
+                let mut between = || {
                     if columns == 0 && pair + 1 < pairs {
                         for r in r..self.q.rows().min(r + ROWS / 2) {
-                            weigh(scores, r, pair + 1, max[r], lanes);
+                            softmax_weights(scores, r, pair + 1, max[r], lanes);
                         }
                         r += ROWS / 2;
                     }
                 };
                 tiles.multiply_bf16::<0, 4, 6>();
-                meanwhile();
+                between();
                 tiles.multiply_bf16::<1, 4, 7>();
-                meanwhile();
+                between();
                 if G == 2 {
                     tiles.multiply_bf16::<2, 5, 6>();
-                    meanwhile();
+                    between();
                     tiles.multiply_bf16::<3, 5, 7>();
-                    meanwhile();
+                    between();
                 }
             }
             let [above, below] = &mut *sums;
@@ -206,7 +206,7 @@ impl Block<'_> {
     /// The scores of all keys, and the largest of each query by lanes.
     #[inline]
     #[avx512bf16]
-    fn meet_keys<const G: usize>(
+    fn score_keys<const G: usize>(
         &self,
         tiles: &Tiles,
         q: &Queries,
@@ -227,27 +227,27 @@ impl Block<'_> {
             let mut r = if pair > 0 { 0 } else { self.q.rows() };
             for half in 0..2 {
                 let keys = &k[2 * pair + half];
-                let mut meanwhile = || {
+                let mut between = || {
                     self.score(scores, r..self.q.rows().min(r + some), pair.wrapping_sub(1), biases, largest);
                     r += some;
                 };
                 tiles.zero_two();
                 if steps > 0 {
-                    tiles.load_rows_past::<2, _>(&keys[0].0, 1);
+                    tiles.load_tile_streaming::<2, _>(&keys[0].0, 1);
                     tiles.multiply_bf16::<0, 4, 2>();
-                    meanwhile();
+                    between();
                     if G == 2 {
                         tiles.multiply_bf16::<1, 6, 2>();
-                        meanwhile();
+                        between();
                     }
                 }
                 if steps > 1 {
-                    tiles.load_rows_past::<3, _>(&keys[1].0, 1);
+                    tiles.load_tile_streaming::<3, _>(&keys[1].0, 1);
                     tiles.multiply_bf16::<0, 5, 3>();
-                    meanwhile();
+                    between();
                     if G == 2 {
                         tiles.multiply_bf16::<1, 7, 3>();
-                        meanwhile();
+                        between();
                     }
                 }
                 let [above, below] = &mut *scores;
@@ -272,8 +272,8 @@ impl Block<'_> {
             let mut b = _mm512_fmadd_ps(load(&right.0[r % ROWS]), scale, load(&biases[1]));
             if (pair + 1) * STEP > self.keys {
                 let rest = self.keys - pair * STEP;
-                a = _mm512_mask_blend_ps(first_lanes(rest), hidden, a);
-                b = _mm512_mask_blend_ps(first_lanes(rest.saturating_sub(LANES)), hidden, b);
+                a = _mm512_mask_blend_ps(lane_mask(rest), hidden, a);
+                b = _mm512_mask_blend_ps(lane_mask(rest.saturating_sub(LANES)), hidden, b);
             }
             store(&mut left.0[r % ROWS], a);
             store(&mut right.0[r % ROWS], b);
@@ -287,11 +287,11 @@ impl Block<'_> {
 /// Turns query `r`'s scores of 32 keys into weights, and adds them to its `sums`, by lanes.
 #[inline]
 #[avx512bf16]
-fn weigh(scores: &mut Scores, r: usize, pair: usize, max: f32, sums: &mut Lanes) {
+fn softmax_weights(scores: &mut Scores, r: usize, pair: usize, max: f32, sums: &mut Lanes) {
     let ([left, right], max) = (&mut scores[r / ROWS][pair], _mm512_set1_ps(max));
     let a = exp2_bf16_reduce(_mm512_sub_ps(load(&left.0[r % ROWS]), max));
     let b = exp2_bf16_reduce(_mm512_sub_ps(load(&right.0[r % ROWS]), max));
-    store(&mut left.0[r % ROWS], rounded(a, b));
+    store(&mut left.0[r % ROWS], round_to_bf16(a, b));
     let sums = &mut sums[r / ROWS][r % ROWS];
     let so_far = load(sums);
     store(sums, _mm512_add_ps(so_far, _mm512_add_ps(a, b)));
@@ -300,10 +300,10 @@ fn weigh(scores: &mut Scores, r: usize, pair: usize, max: f32, sums: &mut Lanes)
 /// Two registers as one of bfloat16 values, nearest, ties to even: first those of `a`, then those of `b`.
 #[inline]
 #[avx512bf16]
-fn rounded(a: __m512, b: __m512) -> __m512 {
-    let rounded = _mm512_cvtne2ps_pbh(b, a);
+fn round_to_bf16(a: __m512, b: __m512) -> __m512 {
+    let round_to_bf16 = _mm512_cvtne2ps_pbh(b, a);
     // SAFETY: both are 64 bytes, and any bits are a value of either.
-    unsafe { core::mem::transmute::<__m512bh, __m512>(rounded) }
+    unsafe { core::mem::transmute::<__m512bh, __m512>(round_to_bf16) }
 }
 
 /// Queries as rows of pairs; rows beyond the last keep what they hold, and nobody reads what becomes of it.
@@ -313,7 +313,7 @@ fn pack_queries(q: Mat<f32>, packed: &mut Queries) {
         let row = q.row(r);
         for (step, to) in packed[r / ROWS][..q.cols().div_ceil(STEP)].iter_mut().enumerate() {
             let [a, b] = load_pairs(row, step * STEP);
-            to.0[r % ROWS].write(array(rounded(a, b)));
+            to.0[r % ROWS].write(to_array(round_to_bf16(a, b)));
         }
     }
 }
@@ -328,11 +328,11 @@ fn pack_keys(k: Mat<f32>, packed: &mut Keys) {
                 let row = tile * ROWS + j;
                 if row < k.rows() {
                     let [a, b] = load_pairs(k.row(row), step * STEP);
-                    rows[j] = rounded(a, b);
+                    rows[j] = round_to_bf16(a, b);
                 }
             }
             for (to, column) in to.0.iter_mut().zip(transpose(rows)) {
-                to.write(array(column));
+                to.write(to_array(column));
             }
         }
     }
@@ -341,15 +341,15 @@ fn pack_keys(k: Mat<f32>, packed: &mut Keys) {
 /// Values as rows of pairs of keys; those beyond the last are zeros up to a multiple of 32.
 #[avx512bf16]
 fn pack_values(v: Mat<f32>, packed: &mut Values) {
-    let pair = |a, b| in_turn(_mm512_castps_si512(rounded(a, b)));
+    let pair = |a, b| interleave_halves(_mm512_castps_si512(round_to_bf16(a, b)));
     for (tile, packed) in packed[..v.rows().div_ceil(STEP)].iter_mut().enumerate() {
         for r in 0..ROWS {
             let row = |row: usize| if row < v.rows() { v.row(row) } else { &[] };
             let (even, odd) = (row(tile * STEP + 2 * r), row(tile * STEP + 2 * r + 1));
             for (c, to) in packed.as_chunks_mut::<2>().0[..v.cols().div_ceil(STEP)].iter_mut().enumerate() {
                 let ([a, b], [c, d]) = (load_pairs(even, c * STEP), load_pairs(odd, c * STEP));
-                to[0].0[r].write(array(pair(a, c)));
-                to[1].0[r].write(array(pair(b, d)));
+                to[0].0[r].write(to_array(pair(a, c)));
+                to[1].0[r].write(to_array(pair(b, d)));
             }
         }
     }

@@ -11,8 +11,8 @@
 //! ```
 
 use super::vector::{
-    JOINED, QUERIES, Register, Token, WIDTH, add, divide, exp2_bf16, factor, features, first_of, fmadd, join, largest,
-    load, load_from, load_part, maximum, mul, multiply_add, set, store, store_part, sub, transpose, zero,
+    JOINED, QUERIES, Register, Token, WIDTH, add, divide, exp2_bf16, factor, features, fmadd, join, largest, load,
+    load_at, load_part, max_lanes, mul, multiply_add, select_first, splat, store, store_part, sub, transpose, zero,
 };
 use crate::attention::encoder_bf16::{KEYS, STEP, Softmax};
 use crate::attention::operands::Operands;
@@ -47,7 +47,7 @@ struct Work<const N: usize> {
     v: [[f32; WIDE / JOINED]; N],
     /// Rounded and joined.
     q: [[f32; WIDE / JOINED]; BLOCK],
-    /// Dot products, then scores, then weights, rounded and joined.
+    /// Dot products, then scores, then weights, round_to_bf16 and joined.
     scores: [[f32; N]; BLOCK],
 }
 
@@ -96,7 +96,7 @@ fn run<const N: usize>(token: Token, x: Operands<f32>, mut y: MatMut<f32>) {
                 }
                 for (r, softmax) in softmaxes.iter_mut().enumerate() {
                     let bias = x.bias(start + block + r, first);
-                    weigh(token, &mut scores[r], keys.len(), x.scale * LOG2_E, bias, softmax);
+                    softmax_weights(token, &mut scores[r], keys.len(), x.scale * LOG2_E, bias, softmax);
                 }
                 let (_, mut y) = y.reborrow().split_rows(start + block);
                 for at in (0..x.v.cols()).step_by(WIDE) {
@@ -110,18 +110,18 @@ fn run<const N: usize>(token: Token, x: Operands<f32>, mut y: MatMut<f32>) {
     }
 }
 
-/// As many values of `row` from `at` on as a register has when they are rounded and joined, then zeros.
+/// As many values of `row` from `at` on as a register has when they are round_to_bf16 and joined, then zeros.
 #[inline]
 #[features]
 fn factor_from(token: Token, row: &[f32], at: usize) -> Register {
     let mut values = [zero(); JOINED];
     for (i, values) in values.iter_mut().enumerate() {
-        *values = load_from(row, at + i * WIDTH);
+        *values = load_at(row, at + i * WIDTH);
     }
     factor(token, values)
 }
 
-/// The columns `at ..` of `k`, as many as there is room for, rounded and joined, as rows; zeros where there are none, up to a whole step.
+/// The columns `at ..` of `k`, as many as there is room for, round_to_bf16 and joined, as rows; zeros where there are none, up to a whole step.
 #[features]
 fn pack_keys(token: Token, k: Mat<f32>, at: usize, packed: &mut [[f32; PANEL]]) {
     let columns = WIDE.min(k.cols() - at).next_multiple_of(STEP);
@@ -139,12 +139,12 @@ fn pack_keys(token: Token, k: Mat<f32>, at: usize, packed: &mut [[f32; PANEL]]) 
     }
 }
 
-/// The columns `at ..` of `v`, as many as there is room for, rounded and joined; zeros where there are none, up to a whole step of keys.
+/// The columns `at ..` of `v`, as many as there is room for, round_to_bf16 and joined; zeros where there are none, up to a whole step of keys.
 #[features]
 fn pack_values<const N: usize>(token: Token, v: Mat<f32>, at: usize, packed: &mut [[f32; PANEL]]) {
     let value = |j: usize, c: usize| {
         let row = if j < v.rows() { &v.row(j)[at..] } else { &[] };
-        load_from(row, c * WIDTH)
+        load_at(row, c * WIDTH)
     };
     for row in 0..v.rows().next_multiple_of(STEP) / JOINED {
         let j = row / 2 * 2 * JOINED + row % 2;
@@ -187,7 +187,7 @@ fn multiply<const N: usize>(
                 for r in 0..QUERIES {
                     inputs[r] = &rows[r].as_chunks().0[step];
                 }
-                meet(token, &inputs, k, &mut sums);
+                dot_step(token, &inputs, k, &mut sums);
             }
             for (sums, scores) in sums.iter().zip(scores) {
                 let (scores, _) = scores.as_chunks_mut();
@@ -201,7 +201,7 @@ fn multiply<const N: usize>(
 /// Adds one step's products of rows with a panel.
 #[inline]
 #[features]
-fn meet(
+fn dot_step(
     token: Token,
     rows: &[&[f32; ROWS]; QUERIES],
     panel: &[[f32; PANEL]; ROWS],
@@ -213,7 +213,7 @@ fn meet(
             let (values, _) = panel[2 * i + odd].as_chunks();
             let (a, b) = (load(&values[0]), load(&values[1]));
             for r in 0..QUERIES {
-                let x = set(rows[r][2 * i + odd]);
+                let x = splat(rows[r][2 * i + odd]);
                 both[odd][r][0] = multiply_add(token, x, a, both[odd][r][0]);
                 both[odd][r][1] = multiply_add(token, x, b, both[odd][r][1]);
             }
@@ -226,24 +226,24 @@ fn meet(
     }
 }
 
-/// Turns the dot products of one query with `keys` keys into scores and these into weights, rounded and joined, zeros up to a
+/// Turns the dot products of one query with `keys` keys into scores and these into weights, round_to_bf16 and joined, zeros up to a
 /// whole step.
 #[features]
-fn weigh(token: Token, scores: &mut [f32], keys: usize, scale: f32, bias: &[f32], softmax: &mut Softmax) {
-    let hidden = set(f32::NEG_INFINITY);
+fn softmax_weights(token: Token, scores: &mut [f32], keys: usize, scale: f32, bias: &[f32], softmax: &mut Softmax) {
+    let hidden = splat(f32::NEG_INFINITY);
     let mut max = hidden;
     let (scores, _) = scores[..keys.next_multiple_of(STEP)].as_chunks_mut();
     let (whole, _) = bias.as_chunks();
     for (c, scores) in scores.iter_mut().enumerate() {
-        let bias = if let Some(bias) = whole.get(c) { load(bias) } else { load_from(bias, c * WIDTH) };
-        let all = fmadd(load(scores), set(scale), mul(bias, set(LOG2_E)));
+        let bias = if let Some(bias) = whole.get(c) { load(bias) } else { load_at(bias, c * WIDTH) };
+        let all = fmadd(load(scores), splat(scale), mul(bias, splat(LOG2_E)));
         let unseen = (c + 1) * WIDTH > keys;
-        let seen = if unseen { first_of(keys.saturating_sub(c * WIDTH), all, hidden) } else { all };
+        let seen = if unseen { select_first(keys.saturating_sub(c * WIDTH), all, hidden) } else { all };
         store(scores, seen);
-        max = maximum(max, seen);
+        max = max_lanes(max, seen);
     }
-    softmax.meet(largest(max));
-    let max = set(softmax.max);
+    softmax.update_max(largest(max));
+    let max = splat(softmax.max);
     let mut sums = [zero(); HALF];
     for step in 0..scores.len() / (2 * HALF) {
         let mut weights = [zero(); 2 * HALF];
@@ -290,16 +290,16 @@ fn add_values<const N: usize>(
                 for r in 0..QUERIES {
                     inputs[r] = &rows[r].as_chunks().0[step];
                 }
-                meet(token, &inputs, v, &mut sums);
+                dot_step(token, &inputs, v, &mut sums);
             }
             for (r, softmax) in softmaxes[first..first + count].iter().enumerate() {
                 let y = &mut y.row_mut(first + r)[column..];
                 for (y, mut sum) in y.chunks_mut(WIDTH).zip(sums[r]) {
                     if others {
-                        sum = fmadd(load_part(y), set(softmax.shrink), sum);
+                        sum = fmadd(load_part(y), splat(softmax.shrink), sum);
                     }
                     if last {
-                        sum = divide(sum, set(softmax.sum));
+                        sum = divide(sum, splat(softmax.sum));
                     }
                     store_part(y, sum);
                 }

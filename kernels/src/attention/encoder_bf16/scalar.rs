@@ -23,15 +23,15 @@ fn query(x: Operands<f32>, i: usize, y: &mut [f32]) {
         let weights = &mut weights[..KEYS.min(x.k.rows() - first)];
         for (j, score) in weights.iter_mut().enumerate() {
             let k = x.k.row(first + j);
-            let product = sum_of_products(q.len(), |d| rounded(q[d]) * rounded(k[d]));
+            let product = sum_of_products(q.len(), |d| round_to_bf16(q[d]) * round_to_bf16(k[d]));
             *score = product.mul_add(x.scale * LOG2_E, bias.get(first + j).unwrap_or(&0.0) * LOG2_E);
         }
-        softmax.meet(weights.iter().fold(f32::NEG_INFINITY, |max, &score| max.max(score)));
+        softmax.update_max(weights.iter().fold(f32::NEG_INFINITY, |max, &score| max.max(score)));
         weights.iter_mut().for_each(|weight| *weight = exp2_bf16(*weight - softmax.max));
         softmax.add(sum(weights));
         for (c, y) in y.iter_mut().enumerate() {
-            let value = |j: usize| rounded(x.v.row(first + j)[c]);
-            let sum = sum_of_products(weights.len(), |j| rounded(weights[j]) * value(j));
+            let value = |j: usize| round_to_bf16(x.v.row(first + j)[c]);
+            let sum = sum_of_products(weights.len(), |j| round_to_bf16(weights[j]) * value(j));
             *y = if first > 0 { y.mul_add(softmax.shrink, sum) } else { sum };
         }
     }
@@ -66,6 +66,6 @@ fn sum(weights: &[f32]) -> f32 {
 }
 
 /// The nearest bfloat16, ties to even; denormals are 0, as tiles take them.
-fn rounded(x: f32) -> f32 {
+fn round_to_bf16(x: f32) -> f32 {
     if x.abs() < f32::MIN_POSITIVE { 0.0 } else { Bf16::from_f32(x).to_f32() }
 }

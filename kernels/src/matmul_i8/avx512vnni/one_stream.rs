@@ -4,11 +4,11 @@
 //! Measured on a Zen 5: one stream that is fetched 16 KiB ahead comes half as fast again as eight beside each other. An Intel Xeon
 //! gives more to eight.
 
-use super::tiles::{BYTES, MOST, QUADS, Steps, convert, finish, load_bytes};
+use super::tiles::{BYTES, BiasedRow, MOST, QUADS, convert, dequantize_tile, load_bytes};
 use crate::lanes::avx512vnni::store;
 use crate::mat::MatMut;
-use crate::matmul_i8::chunk::expect_end;
-use crate::matmul_i8::input::{Job, QuantInput};
+use crate::matmul_i8::chunk::prefetch_scales;
+use crate::matmul_i8::input::{GemmTask, QuantInput};
 use crate::pack::{PANEL, QUAD};
 use crate::prefetch;
 use core::arch::x86_64::*;
@@ -17,59 +17,59 @@ use umo_kernels_features::avx512vnni;
 /// Rows that are multiplied sooner than their weights arrive.
 const ROWS: usize = 8;
 /// Quads between a multiplication and the prefetch of weights.
-const AHEAD: usize = 256;
+const PREFETCH_DISTANCE: usize = 256;
 
 /// Whether rows are few, and not so long that they would be converted again and again.
-pub(super) fn suits(x: &QuantInput, job: &Job) -> bool {
-    (1..=ROWS).contains(&x.rows.rows()) && job.k() <= QUADS * QUAD
+pub(super) fn suits(x: &QuantInput, task: &GemmTask) -> bool {
+    (1..=ROWS).contains(&x.rows.rows()) && task.k() <= QUADS * QUAD
 }
 
 /// The product of rows that [`suits`].
 #[avx512vnni]
-pub(super) fn run(x: &QuantInput, job: &Job, y: MatMut<f32>) {
+pub(super) fn run(x: &QuantInput, task: &GemmTask, y: MatMut<f32>) {
     match x.rows.rows() {
-        1 => product::<1, 4>(x, job, y),
-        2 => product::<2, 4>(x, job, y),
-        3 => product::<3, 4>(x, job, y),
-        4 => product::<4, 4>(x, job, y),
-        5 => product::<5, 2>(x, job, y),
-        6 => product::<6, 2>(x, job, y),
-        7 => product::<7, 2>(x, job, y),
-        ROWS => product::<ROWS, 2>(x, job, y),
+        1 => product::<1, 4>(x, task, y),
+        2 => product::<2, 4>(x, task, y),
+        3 => product::<3, 4>(x, task, y),
+        4 => product::<4, 4>(x, task, y),
+        5 => product::<5, 2>(x, task, y),
+        6 => product::<6, 2>(x, task, y),
+        7 => product::<7, 2>(x, task, y),
+        ROWS => product::<ROWS, 2>(x, task, y),
         rows => unreachable!("{rows} rows"),
     }
 }
 
 /// All rows, `R` of them, with one panel after another.
 #[avx512vnni]
-fn product<const R: usize, const SIDES: usize>(x: &QuantInput, job: &Job, mut y: MatMut<f32>) {
-    let mut steps = [[[0; QUAD]; QUADS + BYTES / QUAD]; R];
-    convert(x, 0, 0, &mut steps);
+fn product<const R: usize, const ACCUMULATORS: usize>(x: &QuantInput, task: &GemmTask, mut y: MatMut<f32>) {
+    let mut buffer = [[[0; QUAD]; QUADS + BYTES / QUAD]; R];
+    convert(x, 0, 0, &mut buffer);
     let mut sums = [[0.0; PANEL]; ROWS * MOST];
-    for slot in (0..job.slots()).step_by(MOST) {
-        let width = MOST.min(job.slots() - slot);
+    for slot in (0..task.slots()).step_by(MOST) {
+        let width = MOST.min(task.slots() - slot);
         for i in 0..width {
-            expect_end(job, slot + i);
-            multiply::<R, SIDES>(&steps, job.panel(slot + i), ahead(job, slot + i), &mut sums[i..], width);
+            prefetch_scales(task, slot + i);
+            multiply::<R, ACCUMULATORS>(&buffer, task.panel(slot + i), ahead(task, slot + i), &mut sums[i..], width);
         }
-        finish::<128>(x, 0, &mut sums[..R * width], width, job, slot, &mut y);
+        dequantize_tile::<128>(x, 0, &mut sums[..R * width], width, task, slot, &mut y);
     }
 }
 
 /// Where the quads start that are fetched while the panel of a slot is multiplied: as many as it has, none beyond the weight's last panel.
 #[inline]
-fn ahead(job: &Job, slot: usize) -> *const [i8; BYTES] {
-    let (w, p) = job.slot(slot);
+fn ahead(task: &GemmTask, slot: usize) -> *const [i8; BYTES] {
+    let (w, p) = task.slot(slot);
     let last = w.panel(w.n().div_ceil(PANEL) - 1).as_ptr();
-    w.panel(p).as_ptr().wrapping_add(AHEAD).min(last)
+    w.panel(p).as_ptr().wrapping_add(PREFETCH_DISTANCE).min(last)
 }
 
-/// The products of `R` rows with a panel, every `SIDES`th quad in a sum of its own, to `sums`, `width` apart. Meanwhile as many quads
+/// The products of `R` rows with a panel, every `ACCUMULATORS`th quad in a sum of its own, to `sums`, `width` apart. Prefetch as many quads
 /// are fetched from `ahead` on.
 #[inline(never)]
 #[avx512vnni]
-fn multiply<const R: usize, const SIDES: usize>(
-    steps: &[Steps; R],
+fn multiply<const R: usize, const ACCUMULATORS: usize>(
+    buffer: &[BiasedRow; R],
     panel: &[[i8; BYTES]],
     ahead: *const [i8; BYTES],
     sums: &mut [[f32; PANEL]],
@@ -80,25 +80,25 @@ fn multiply<const R: usize, const SIDES: usize>(
     // more of them are on their way.
     let (w, mut x) = (panel.as_ptr(), [core::ptr::null(); R]);
     for r in 0..R {
-        x[r] = steps[r].as_ptr();
+        x[r] = buffer[r].as_ptr();
     }
-    let mut acc = [[_mm512_setzero_si512(); R]; SIDES];
+    let mut acc = [[_mm512_setzero_si512(); R]; ACCUMULATORS];
     // One row has so little to do with a line that the loop's own instructions count.
     let turns = if R == 1 { 4 } else { 1 };
-    let whole = panel.len() / (turns * SIDES) * (turns * SIDES);
-    for first in (0..whole).step_by(turns * SIDES) {
+    let whole = panel.len() / (turns * ACCUMULATORS) * (turns * ACCUMULATORS);
+    for first in (0..whole).step_by(turns * ACCUMULATORS) {
         for turn in 0..turns {
             for (side, sums) in acc.iter_mut().enumerate() {
-                let q = first + turn * SIDES + side;
-                prefetch::near(ahead.wrapping_add(q));
+                let q = first + turn * ACCUMULATORS + side;
+                prefetch::to_l1(ahead.wrapping_add(q));
                 // SAFETY: `q < whole <= panel.len() <= QUADS`: the panel and all rows have this quad.
-                unsafe { meet(w, &x, q, sums) };
+                unsafe { dot_step(w, &x, q, sums) };
             }
         }
     }
     for q in whole..panel.len() {
         // SAFETY: `q < panel.len() <= QUADS`, as above.
-        unsafe { meet(w, &x, q, &mut acc[0]) };
+        unsafe { dot_step(w, &x, q, &mut acc[0]) };
     }
     let mut total = acc[0];
     for side in &acc[1..] {
@@ -116,7 +116,12 @@ fn multiply<const R: usize, const SIDES: usize>(
 /// `w` points to a panel and `x` to rows that have this quad.
 #[inline]
 #[avx512vnni]
-unsafe fn meet<const R: usize>(w: *const [i8; BYTES], x: &[*const [i8; QUAD]; R], q: usize, sums: &mut [__m512i; R]) {
+unsafe fn dot_step<const R: usize>(
+    w: *const [i8; BYTES],
+    x: &[*const [i8; QUAD]; R],
+    q: usize,
+    sums: &mut [__m512i; R],
+) {
     // SAFETY: the panel has the quad by this function's contract.
     let w = load_bytes(unsafe { &*w.wrapping_add(q) });
     for r in 0..R {

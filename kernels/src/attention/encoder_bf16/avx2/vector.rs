@@ -16,13 +16,13 @@ pub(super) const JOINED: usize = 1;
 #[inline]
 #[avx2]
 pub(super) fn join(_: Token, value: Register, _: Register) -> Register {
-    rounded(value)
+    round_to_bf16(value)
 }
 
 #[inline]
 #[avx2]
 pub(super) fn factor(_: Token, [values]: [Register; JOINED]) -> Register {
-    rounded(values)
+    round_to_bf16(values)
 }
 
 #[inline]
@@ -34,7 +34,7 @@ pub(super) fn multiply_add(_: Token, x: Register, w: Register, sum: Register) ->
 /// The nearest bfloat16, ties to even; denormals are 0.
 #[inline]
 #[avx2]
-fn rounded(x: Register) -> Register {
+fn round_to_bf16(x: Register) -> Register {
     const QUIET: i32 = 0x40_0000;
     let bits = _mm256_castps_si256(x);
     let odd = _mm256_and_si256(_mm256_srli_epi32::<16>(bits), _mm256_set1_epi32(1));
@@ -42,8 +42,8 @@ fn rounded(x: Register) -> Register {
     let quiet = _mm256_or_si256(bits, _mm256_set1_epi32(QUIET));
     let nan = _mm256_castps_si256(_mm256_cmp_ps::<_CMP_UNORD_Q>(x, x));
     let up = _mm256_and_si256(_mm256_blendv_epi8(up, quiet, nan), _mm256_set1_epi32(!0xffff));
-    let size = _mm256_andnot_ps(set(-0.0), x);
-    let denormal = _mm256_cmp_ps::<_CMP_LT_OQ>(size, set(f32::MIN_POSITIVE));
+    let size = _mm256_andnot_ps(splat(-0.0), x);
+    let denormal = _mm256_cmp_ps::<_CMP_LT_OQ>(size, splat(f32::MIN_POSITIVE));
     _mm256_andnot_ps(denormal, _mm256_castsi256_ps(up))
 }
 

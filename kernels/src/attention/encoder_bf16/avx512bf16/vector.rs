@@ -2,7 +2,7 @@
 
 pub(super) use crate::attention::avx512vnni::vector::transpose;
 pub(super) use crate::attention::encoder_bf16::avx512vnni::vector::divide;
-use crate::attention::encoder_bf16::avx512vnni::vector::in_turn;
+use crate::attention::encoder_bf16::avx512vnni::vector::interleave_halves;
 use crate::bf16::avx512bf16::{multiply_pairs, round_two};
 pub(super) use crate::isa::Avx512Bf16 as Token;
 pub(super) use crate::lanes::LANES as WIDTH;
@@ -23,7 +23,7 @@ pub(super) const JOINED: usize = 2;
 #[avx512vnni]
 pub(super) fn join(token: Token, first: Register, second: Register) -> Register {
     let words = round_two(token, second, first);
-    in_turn(words)
+    interleave_halves(words)
 }
 
 /// Of each four values the first and the third in the first lane, the second and the fourth in the second; the earlier in the upper half.

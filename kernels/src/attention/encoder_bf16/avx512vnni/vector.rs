@@ -17,13 +17,13 @@ pub(super) const JOINED: usize = 1;
 #[inline]
 #[avx512vnni]
 pub(super) fn join(_: Token, value: Register, _: Register) -> Register {
-    rounded(value)
+    round_to_bf16(value)
 }
 
 #[inline]
 #[avx512vnni]
 pub(super) fn factor(_: Token, [values]: [Register; JOINED]) -> Register {
-    rounded(values)
+    round_to_bf16(values)
 }
 
 #[inline]
@@ -35,7 +35,7 @@ pub(super) fn multiply_add(_: Token, x: Register, w: Register, sum: Register) ->
 /// The nearest bfloat16, ties to even; denormals are 0.
 #[inline]
 #[avx512vnni]
-fn rounded(x: Register) -> Register {
+fn round_to_bf16(x: Register) -> Register {
     const QUIET: i32 = 0x40_0000;
     let bits = _mm512_castps_si512(x);
     let odd = _mm512_and_si512(_mm512_srli_epi32::<16>(bits), _mm512_set1_epi32(1));
@@ -49,7 +49,7 @@ fn rounded(x: Register) -> Register {
 /// The words of the register's lower half and those of its upper one, in turn.
 #[inline]
 #[avx512vnni]
-pub(in crate::attention::encoder_bf16) fn in_turn(words: __m512i) -> Register {
+pub(in crate::attention::encoder_bf16) fn interleave_halves(words: __m512i) -> Register {
     let places = _mm512_set_epi16(
         31, 15, 30, 14, 29, 13, 28, 12, 27, 11, 26, 10, 25, 9, 24, 8, 23, 7, 22, 6, 21, 5, 20, 4, 19, 3, 18, 2, 17, 1,
         16, 0,
