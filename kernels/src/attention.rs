@@ -25,13 +25,14 @@ pub use operands::{RelativeBias, Visible};
 /// a head is a column range of the projections.
 /// Numerics: f32, with error terms of `head_dim` and `n` sums; on one back-end a row's bits do not depend on the other
 /// rows, nor on keys that it does not see. Scores are never stored beyond a tile of keys.
-/// Cost: `2 * m * n * head_dim` multiply-adds; no allocation. Few queries leave memory idle half of the time: `ahead`, the
-/// next head's keys and values or whatever comes then, is fetched between; on processors whose memory had rather be read in order,
-/// keys and values without gaps are, a little before they are read, and `ahead` is not.
+/// Cost: `2 * m * n * head_dim` multiply-adds; no allocation. Few queries leave memory
+/// bandwidth unused: `hint`, the operands of the operation that follows, is prefetched
+/// meanwhile. On processors tuned for one stream ([`crate::tuning`]), contiguous keys and
+/// values are themselves prefetched shortly before they are read, and `hint` is ignored.
 /// Paper: section 3.1; SPEC 2.4.
 ///
 /// # Errors
-/// [`ShapeError`] naming the argument whose length disagrees; `k` where there is no key for some query.
+/// [`ShapeError`] naming the argument whose length disagrees; `k` if a query has no key.
 #[expect(clippy::too_many_arguments, reason = "the operands of one fused operation, each named")]
 pub fn attention_f32(
     isa: Isa,
@@ -51,8 +52,9 @@ pub fn attention_f32(
     Ok(())
 }
 
-/// The same over keys and values stored as bfloat16, which take half the reading. They are widened as they are loaded:
-/// factors and sums are f32, and the bits those of [`attention_f32`] over the widened values.
+/// [`attention_f32`] over keys and values stored as bf16, which halves the memory traffic. They
+/// are widened when loaded: factors and sums are f32, and the bits are those of
+/// [`attention_f32`] over the widened values.
 ///
 /// # Errors
 /// As [`attention_f32`].
@@ -77,14 +79,15 @@ pub fn attention_bf16(
 
 /// Attention of one head over a whole sequence at once, as in an encoder: every query sees every key.
 ///
-/// The same as [`attention_f32`] with [`Visible::All`], but for its bits: where the processor has tiles for bfloat16, this
-/// takes them, and what repays them is a sequence of queries. Here too a row's bits do not depend on the other rows: which
-/// road a call takes is decided by the number of keys and by `head_dim`. A decoder's rows, which come alone as well as
-/// together, are what [`attention_f32`] is for; keep to one of the two per attention of a network.
+/// [`attention_f32`] with [`Visible::All`], except for its bits: on processors with bf16 tiles,
+/// long sequences run on tiles. A row's bits do not depend on the other rows: the number of
+/// keys and `head_dim` alone select the path. A decoder, whose rows arrive one at a time or
+/// several together, uses [`attention_f32`]; use one of the two for each attention of a
+/// network.
 ///
-/// Numerics: as [`attention_f32`]. On the `amx` back-end every factor is exactly the sum of three bfloat16 values, each product
-/// is off by at most 2^-21 of its size, and denormals are taken as zero. Where an input is not finite, what
-/// depends on it is NaN.
+/// Numerics: as [`attention_f32`]. On `amx` every factor is split exactly into three bf16
+/// values, each product has a relative error of at most 2^-21, and denormals are flushed to
+/// zero. If an input is not finite, the outputs that depend on it are NaN.
 ///
 /// # Errors
 /// As [`attention_f32`].
@@ -113,15 +116,15 @@ pub fn encoder_attention_f32(
     Ok(())
 }
 
-/// The same with every factor rounded to bfloat16: queries, keys, values, and weights `exp(score - max)` before they are divided by
-/// their sum. Sums, and what is made of them, are f32.
+/// [`encoder_attention_f32`] with every factor rounded to bf16: queries, keys, values, and
+/// weights `exp(score - max)` before their normalization. Sums and scores are f32.
 ///
-/// For projections that are int8 themselves: a value that has passed a product of bytes has no more than these eight bits to
-/// offer, and tiles take a sixth of the products of [`encoder_attention_f32`].
+/// Meant for int8 projections, whose outputs have no more precision than bf16's 8 bits; tiles
+/// need a sixth of the products of [`encoder_attention_f32`].
 ///
-/// Numerics: all back-ends agree bit for bit, but where a product or sum is denormal, which tiles take as zero. A row's bits
-/// do not depend on the other rows. Weights are off by up to 2^-7.9 of their size. Where an input is not finite, no value that
-/// depends on it is.
+/// Numerics: all back-ends agree bit for bit, except where a product or sum is denormal, which
+/// tiles flush to zero. A row's bits do not depend on the other rows. Weights have a relative
+/// error of at most 2^-7.9. If an input is not finite, no output that depends on it is.
 ///
 /// # Errors
 /// As [`attention_f32`].

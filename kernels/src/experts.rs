@@ -1,4 +1,5 @@
-//! Grouped expert dispatch: which rows go to which expert, in an order that lets each expert's weights be read once.
+//! Grouped expert dispatch: a routing of rows to experts in an order that reads each expert's
+//! weights once.
 //!
 //! The products themselves are [`crate::matmul_f32`] and its siblings: an expert's gated product *gathers* its rows from
 //! `x` ([`crate::gemm::Input::gather`]) and its down product *scatters* them, weighted, into `y`

@@ -13,7 +13,7 @@ use crate::mat::{Mat, MatMut};
 use crate::math::Activation;
 use crate::pack::{PAIR, PANEL, PackedBf16, PackedF32, PackedI8, QUAD, panels};
 
-/// The rows that a product reads: all rows of a matrix in order, or those that an index names.
+/// The rows that a product reads: all rows of a matrix in order, or those named by an index.
 #[derive(Clone, Copy, Debug)]
 pub struct Input<'a, T> {
     pub(crate) mat: Mat<'a, T>,
@@ -30,7 +30,7 @@ impl<'a, T> Input<'a, T> {
     /// Row `index[i]` of `mat` as input row `i`, without a copy.
     ///
     /// # Errors
-    /// [`ShapeError`] where an index lies beyond the rows of `mat`.
+    /// [`ShapeError`] if an index is beyond the rows of `mat`.
     pub fn gather(mat: Mat<'a, T>, index: &'a [u32]) -> Result<Self, ShapeError> {
         match index.iter().find(|&&i| i as usize >= mat.rows()) {
             Some(&i) => Err(ShapeError { arg: "index", want: mat.rows(), got: i as usize }),
@@ -103,7 +103,7 @@ impl<'a> Epilogue<'a> {
         Self { add: true, ..self }
     }
 
-    /// The outputs `range` of a product whose epilogue this is.
+    /// This epilogue restricted to the outputs `range`.
     #[must_use]
     pub fn outputs(self, range: core::ops::Range<usize>) -> Self {
         Self { bias: self.bias.map(|bias| &bias[range]), ..self }
@@ -132,9 +132,11 @@ pub(crate) fn check_product(
     }
 }
 
-/// Packed weights of any type, for what is the same of them all; and for back-ends whose loops differ in nothing but the load.
+/// Packed weights of any type, so that tasks, and back-ends whose loops differ only in the
+/// load, are written once.
 pub(crate) trait Panels<'a>: Copy {
-    /// What a panel has for as many inputs as stand together in memory: one, or a pair.
+    /// The weights of a panel that are adjacent in memory: those of one input, or of a
+    /// pair.
     type Row: Copy + 'a;
     /// Outputs.
     fn n(&self) -> usize;
@@ -183,11 +185,12 @@ impl<'a> Panels<'a> for PackedI8<'a> {
     }
 }
 
-/// What a product multiplies, and how it ends. A *slot* is one panel in the order of work.
+/// The weights of a product and its epilogue. A *slot* is a panel's position in the order of
+/// processing.
 pub(crate) enum GemmTask<'a, W> {
-    /// A product with its end.
+    /// A product with its epilogue.
     Plain(W, Epilogue<'a>),
-    /// Gate and up panels take turns.
+    /// Gate and up panels alternate.
     Gated(W, W),
 }
 

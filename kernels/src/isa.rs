@@ -62,7 +62,8 @@ impl Backend {
         }
     }
 
-    /// The profile of the processors on which this back-end is the fastest: each was measured with it.
+    /// The profile of the processors that select this back-end: each back-end was measured
+    /// with it.
     const fn tuning(self) -> Tuning {
         match self {
             Backend::Scalar => Tuning::XEON,
@@ -153,7 +154,8 @@ impl Isa {
         }
     }
 
-    /// The same without tiles, which take no f32: for float products whose inputs may not be rounded.
+    /// The same instruction set without tiles, which do not take f32: for float products
+    /// whose inputs may not be rounded.
     #[must_use]
     pub fn without_tiles(self) -> Self {
         match self.backend {

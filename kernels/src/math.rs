@@ -28,7 +28,7 @@ pub enum Activation {
     None,
     /// `max(v, 0)`.
     Relu,
-    /// `v` where positive, else `slope * v`.
+    /// `v` if positive, else `slope * v`.
     LeakyRelu(f32),
     /// `v * (1 + erf(v / sqrt(2))) / 2`.
     Gelu,
@@ -43,7 +43,8 @@ const EXP_MIN: f32 = -87.33;
 
 /// `log2(e)`.
 pub(crate) const LOG2_E: f32 = core::f32::consts::LOG2_E;
-/// Added and subtracted again, rounds to an integer (ties to even), which then stands in the lowest bits of the sum.
+/// Adding and subtracting it rounds to an integer (ties to even), which the lowest bits of the
+/// sum hold.
 const ROUND: f32 = 12_582_912.0;
 /// `ln(2)` to 9 bits: its product with an exponent is exact.
 const LN_2_HIGH: f32 = 0.693_359_4;
@@ -56,18 +57,19 @@ const EXP: [f32; 5] = [0.001_395_049_2, 0.008_368_89, 0.041_666_206, 0.166_665_1
 const TANH_SCALE: f32 = -2.302_208_2;
 /// The same times the cube's share in the tanh form, 0.044715.
 const TANH_CUBE: f32 = -0.102_943_24;
-/// The tanh form's power of 2 stops here, on either side: its result is normal, and the sigmoid or what it lacks to 1 below
-/// 1.2e-38.
+/// The exponent of the tanh form is clamped to this size: the power is normal, and the sigmoid
+/// is within 1.2e-38 of 0 or 1.
 const TANH_MAX: f32 = 126.0;
-/// Minimax `(2^f - 1) / f` for `abs(f) <= 1 / 2`, highest power first: off by 1.1e-7 in `2^f`, of which a quarter at most arrives
-/// in the sigmoid, and half in the normal distribution's tail.
+/// Minimax `(2^f - 1) / f` for `abs(f) <= 1 / 2`, highest power first: error 1.1e-7 in `2^f`,
+/// at most a quarter of that in the sigmoid, and half in the normal distribution's tail.
 #[expect(clippy::approx_constant, reason = "the last coefficient is fitted, and happens to lie near ln(2)")]
 const EXP2: [f32; 5] = [0.001_326_472_7, 0.009_671_513, 0.055_507_336, 0.240_222_42, 0.693_147];
 
-/// Beyond this the normal distribution's tail is taken as constant: 3e-16.
+/// Beyond this the normal distribution's tail is constant: 3e-16.
 const TAIL_MAX: f32 = 8.0;
-/// Minimax of `log2(erfc(a / sqrt(2)) / 2)` on `0..=8`, weighted by the tail itself and 3e-8 more, highest power first: off by 2e-8 in
-/// the tail. A polynomial in the exponent needs no division, and is never wrong in the tail's size.
+/// Minimax of `log2(erfc(a / sqrt(2)) / 2)` on `0..=8`, weighted by the tail plus 3e-8, highest
+/// power first: error 2e-8 in the tail. A polynomial in the exponent needs no division and
+/// keeps the tail's magnitude.
 const TAIL: [f32; 9] = [
     -1.533_552_1e-6,
     2.541_39e-5,
@@ -85,11 +87,12 @@ const TAIL: [f32; 9] = [
 const EXP2_UNIT: [f32; 6] =
     [0.000_216_129_16, 0.001_246_784_6, 0.009_675_452, 0.055_485_282, 0.240_229_31, 0.693_147_06];
 
-/// Minimax `(2^r - 1) / r` on `0..=1` among those that give 1 at 1, highest power first: off by 1.03e-4 of `2^r`, where rounding
-/// to bfloat16 takes up to 4e-3. A difference a little below 0 has `r` 1, and a weight of 1 as at 0.
+/// Minimax `(2^r - 1) / r` on `0..=1` with the value 1 at 1, highest power first: error 1.03e-4
+/// of `2^r`, where rounding to bf16 has up to 4e-3. A difference slightly below 0 rounds to `r
+/// = 1`, and its weight to 1, as at 0.
 const EXP2_BF16: [f32; 3] = [0.078_267_97, 0.226_307_68, 0.695_424_3];
 
-/// The smallest power of 2 that is not denormal, and so not taken as 0.
+/// The smallest exponent of a normal power of 2; smaller powers are flushed to 0.
 const EXP2_BF16_MIN: f32 = -126.0;
 
 #[cfg(test)]

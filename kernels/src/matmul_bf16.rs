@@ -21,12 +21,14 @@ use crate::pack::PackedBf16;
 /// Matrix product with bf16 weights, `y[t, o] = sum_i x[t, i] * w[o, i]` in f32, then the epilogue.
 ///
 /// Shapes: `x [m, k]`, `w [n, k]` packed, `y [m, n]`; with a scatter, `y [any, n]`.
-/// Numerics: weights are widened exactly, so the result has the bits of [`crate::matmul_f32::matmul_f32`] on the same
-/// back-end with the widened weights. Not on `amx`, whose tiles take bf16 on both sides: there an input is the sum of two,
-/// which is off by at most `2^-16` of it, and the sum of 32 inputs is added to a sum at once. Its error is at most
-/// `(k * 2^-23 + 2^-16) * sum(abs(x * w))`, and below `2^-126` inputs, weights, lo parts, products and sums count as zero.
-/// Everywhere each output is summed on its own in an order that depends on `k` alone: a row's bits depend neither on the
-/// other rows nor on how outputs are cut into panels.
+/// Numerics: weights are widened exactly, so that the bits are those of
+/// [`crate::matmul_f32::matmul_f32`] on the same back-end with the widened weights. Exception:
+/// the tiles of `amx` take bf16 on both sides. There an input is the sum of two bf16 values,
+/// with a relative error of at most `2^-16`, and products of 32 inputs are summed before they
+/// are added. The error is at most `(k * 2^-23 + 2^-16) * sum(abs(x * w))`, and inputs,
+/// weights, low parts, products and sums below `2^-126` are flushed to zero. On every back-end
+/// each output is summed on its own in an order that depends on `k` alone: a row's bits depend
+/// neither on the other rows nor on the split of outputs into panels.
 /// Cost: `m * n * k` multiply-adds; no allocation.
 ///
 /// # Errors
@@ -75,7 +77,8 @@ pub fn matmul_gated_bf16(
     Ok(())
 }
 
-/// Rows as products of bf16 take them: each value rounded ([`crate::bf16::round_bf16`]), or cut in two ([`split_bf16x2`]).
+/// Rows for bf16 products: each value rounded ([`crate::bf16::round_bf16`]), or split in two
+/// ([`split_bf16x2`]).
 #[derive(Clone, Copy, Debug)]
 pub struct Bf16Rows<'a> {
     /// The values, or their hi parts.
@@ -90,10 +93,10 @@ impl<'a> Bf16Rows<'a> {
         Self { hi: values, lo: None }
     }
 
-    /// Rows `[m, k]` of which both parts lie in memory in the same way; they may overlap.
+    /// Rows `[m, k]` whose two parts have the same layout in memory; they may overlap.
     ///
     /// # Errors
-    /// [`ShapeError`] where the parts' shapes differ.
+    /// [`ShapeError`] if the parts' shapes differ.
     pub fn split(hi: Mat<'a, Bf16>, lo: Mat<'a, Bf16>) -> Result<Self, ShapeError> {
         expect_len("lo", hi.rows(), lo.rows())?;
         expect_len("lo", hi.cols(), lo.cols())?;
@@ -102,18 +105,19 @@ impl<'a> Bf16Rows<'a> {
     }
 }
 
-/// Cuts every value in two: the upper half of its bits, and what they leave, rounded to bf16.
+/// Splits every value in two: the upper half of its bits, and the rest rounded to bf16.
 ///
 /// Shapes: `x`, `hi`, `lo` `[n]` (both overwritten).
-/// Numerics: `hi + lo` is off by at most `2^-16` of `x`; infinities have nothing left, and what is no number remains so
-/// in one part at least. The same bits on every back-end, but that `amx` takes a lo part below `2^-126` for zero.
+/// Numerics: `hi + lo` has a relative error of at most `2^-16`; the low part of an infinity is
+/// zero, and at least one part of a NaN is NaN. The same bits on every back-end, except that
+/// `amx` flushes a low part below `2^-126` to zero.
 ///
 /// # Errors
 /// [`ShapeError`] naming the argument whose length disagrees.
 pub fn split_bf16x2(isa: Isa, x: &[f32], hi: &mut [Bf16], lo: &mut [Bf16]) -> Result<(), ShapeError> {
     expect_len("hi", x.len(), hi.len())?;
     expect_len("lo", x.len(), lo.len())?;
-    // The other back-ends have no use for split rows, so that a faster split would gain nothing.
+    // The other back-ends do not gain from split rows, so that they need no faster split.
     dispatch!(isa, split_bf16x2(x, hi, lo), {
         Scalar: scalar,
         Avx2: scalar,
@@ -125,12 +129,13 @@ pub fn split_bf16x2(isa: Isa, x: &[f32], hi: &mut [Bf16], lo: &mut [Bf16]) -> Re
     Ok(())
 }
 
-/// [`matmul_bf16`] of rows that are bf16 already, for rows that overlap or that several threads read. Of rows that were cut
-/// in two it has, on `amx`, the bits of the product of the rows as they were.
+/// [`matmul_bf16`] of rows that are bf16 already, for rows that overlap or that several threads
+/// read. On `amx`, split rows have the bits of the product of the original rows.
 ///
-/// Shapes, numerics: as [`matmul_bf16`], of the values that the rows have. `avx512bf16` adds rounded rows' products pair by pair, the
-/// second of each first, and takes what is below `2^-126` for zero. Other back-ends without tiles, and it with rows that were cut in
-/// two, put rows together again, and are slow.
+/// Shapes, numerics: as [`matmul_bf16`], of the values of the rows. `avx512bf16` adds the
+/// products of rounded rows pair by pair, the second of each pair first, and flushes values
+/// below `2^-126` to zero. Back-ends without tiles, and `avx512bf16` for split rows, use a slow
+/// portable loop.
 ///
 /// # Errors
 /// [`ShapeError`] naming the argument whose length disagrees.

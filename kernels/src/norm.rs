@@ -52,7 +52,8 @@ pub fn layer_norm(
 /// Adds every channel's sum and sum of squares over time: the running statistics of a group norm over a stream.
 ///
 /// Shapes: `x [time, channels]`, `sum`, `squares` `[channels]` (added to).
-/// Numerics: f64, in ascending time, so that any cut of the stream into calls gives the same bits.
+/// Numerics: f64, in ascending time, so that any division of the stream into calls gives the
+/// same bits.
 ///
 /// # Errors
 /// [`ShapeError`] naming the argument whose length disagrees.

@@ -1,7 +1,8 @@
-//! What this processor can do at most: products from registers, and reading memory.
+//! The peak rates of this processor: products from registers, and reading memory.
 //!
-//! Each function does a known amount of work and nothing else; divided by the time that the best of many calls took it
-//! gives the rates that no kernel exceeds. They are for measurements: nothing in the model calls them.
+//! Each function does a known amount of work and nothing else; that divided by the fastest time
+//! of many calls is a rate that no kernel exceeds. They are for measurements: the model does
+//! not call them.
 
 #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
 mod amx;
@@ -19,8 +20,8 @@ use core::hint::black_box;
 
 use crate::isa::{Isa, dispatch};
 
-/// Int8 multiply-adds with int32 sums, from registers alone: returns how many were done in so many rounds of the back-end's
-/// instruction; none where it has none of its own.
+/// Int8 multiply-adds with int32 sums, from registers alone: returns the number done in
+/// `rounds` rounds of the back-end's instruction, or `None` if it has none.
 pub fn int8(isa: Isa, rounds: usize) -> Option<usize> {
     dispatch!(isa, int8(rounds), {
         Scalar: scalar,
@@ -32,14 +33,14 @@ pub fn int8(isa: Isa, rounds: usize) -> Option<usize> {
     })
 }
 
-/// Single-precision multiply-adds from registers alone: returns how many were done in so many rounds of the back-end's
-/// instruction; none where it has none of its own.
+/// Single-precision multiply-adds from registers alone: returns the number done in `rounds`
+/// rounds of the back-end's instruction, or `None` if it has none.
 pub fn f32(isa: Isa, rounds: usize) -> Option<usize> {
     dispatch!(isa, f32(rounds))
 }
 
-/// Multiply-adds of pairs of bfloat16 with f32 sums, from registers alone: returns how many were done in so many rounds of the
-/// instruction; none where the back-end has none, as where tiles take its place.
+/// Multiply-adds of pairs of bf16 with f32 sums, from registers alone: returns the number done
+/// in `rounds` rounds of the instruction, or `None` if the back-end has none, or tiles instead.
 pub fn pairs(isa: Isa, rounds: usize) -> Option<usize> {
     dispatch!(isa, pairs(rounds), {
         Scalar: scalar,
@@ -51,10 +52,10 @@ pub fn pairs(isa: Isa, rounds: usize) -> Option<usize> {
     })
 }
 
-/// How memory is read: what comes faster differs between processors.
+/// The order in which memory is read; the faster one depends on the processor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Order {
-    /// Several streams beside each other.
+    /// Several streams side by side.
     Streams,
     /// From end to end.
     Whole,
@@ -65,29 +66,30 @@ impl Order {
     pub const ALL: [Self; 2] = [Self::Streams, Self::Whole];
 }
 
-/// Streams that are read beside each other, as some products with one row read their panels, and the bytes of each: an Intel Xeon's memory
-/// gives up to half as much again as to one stream.
+/// Streams that are read side by side, and the bytes of each: an Intel Xeon has up to 1.5 times
+/// the bandwidth of one stream.
 #[cfg(target_arch = "x86_64")]
 const STREAMS: usize = 8;
 #[cfg(target_arch = "x86_64")]
 const STREAM: usize = 12 << 10;
 
-/// Bytes between a read and the prefetch in its stream: the first line of a page comes no later than the others.
+/// Prefetch distance in bytes: long enough for the first line of a page.
 #[cfg(target_arch = "x86_64")]
 const FAR: usize = 2 << 10;
 
-/// Where the line lies that is fetched while line `i` of a stream is read: behind the stream's end, in the same stream of the next
-/// chunk.
+/// Offset of the line that is prefetched while line `i` of a stream is read: past the stream's
+/// end, in the same stream of the next chunk.
 #[cfg(target_arch = "x86_64")]
 const fn prefetch_offset(i: usize) -> usize {
     if i + FAR < STREAM { i + FAR } else { i + FAR + (STREAMS - 1) * STREAM }
 }
 
-/// Bytes between a read and the prefetch where there is one stream: an AMD Zen 5 gives half as much again as to eight.
+/// Prefetch distance in bytes for one stream: an AMD Zen 5 has 1.5 times the bandwidth of
+/// eight.
 #[cfg(target_arch = "x86_64")]
 const FAR_WHOLE: usize = 16 << 10;
 
-/// Sums that take turns where there is one stream.
+/// Accumulators for one stream.
 #[cfg(target_arch = "x86_64")]
 const TURNS: usize = 4;
 
@@ -96,7 +98,7 @@ pub fn read(isa: Isa, order: Order, bytes: &[i8]) {
     dispatch!(isa, read(order, bytes))
 }
 
-/// Reads every byte with one sum, as long as it takes.
+/// Reads every byte with one sum.
 fn sum(bytes: &[i8]) {
     black_box(bytes.iter().fold(0_i8, |sum, &byte| sum.wrapping_add(byte)));
 }

@@ -1,5 +1,5 @@
-//! Lines of memory that are wanted soon. An address may lie anywhere, even beyond what it points into. Where there is no
-//! instruction for it, nothing is fetched.
+//! Prefetching. An address may be anywhere, even beyond the object that it was derived from. On
+//! targets without a prefetch instruction, nothing is done.
 
 use crate::isa::Isa;
 #[cfg(target_arch = "x86_64")]
@@ -7,16 +7,17 @@ use core::arch::x86_64::{_MM_HINT_T0, _MM_HINT_T1, _mm_prefetch};
 use core::marker::PhantomData;
 use core::sync::atomic::{AtomicPtr, AtomicUsize, Ordering};
 
-/// Streams beside each other, of which an Intel Xeon's memory gives half as much again as of one.
+/// Streams side by side: an Intel Xeon has 1.5 times the bandwidth of one.
 const STREAMS: usize = 4;
 
-/// Memory that will be read next, and may come into cache while something else is computed: a hint that changes no result.
+/// Memory that will be read next and may be prefetched while something else is computed: a hint
+/// that changes no result.
 #[derive(Clone, Copy, Debug)]
 pub struct PrefetchHint<'a> {
     pieces: [*const u8; 2],
     /// Bytes of each.
     len: usize,
-    /// Streams beside each other, of each.
+    /// Streams side by side in each piece.
     streams: usize,
     memory: PhantomData<&'a [u8]>,
 }
@@ -25,7 +26,7 @@ impl<'a> PrefetchHint<'a> {
     /// Nothing is known.
     pub const NONE: Self = Self { pieces: [core::ptr::null(); 2], len: 0, streams: STREAMS, memory: PhantomData };
 
-    /// Two pieces, as the keys and the values of the head that follows, as to_l2 as the shorter one reaches.
+    /// Two pieces, as the keys and the values of the head that follows, as far as the shorter one reaches.
     pub fn new<T>(first: &'a [T], second: &'a [T]) -> Self {
         let pieces = [first.as_ptr().cast(), second.as_ptr().cast()];
         Self { pieces, len: size_of_val(first).min(size_of_val(second)), streams: STREAMS, memory: PhantomData }
@@ -57,8 +58,9 @@ impl SharedHint {
         self.streams.store(hint.streams, Ordering::Relaxed);
     }
 
-    /// Fetches until all has been fetched or `is_over` returns true, which is asked for every few lines. What was set meanwhile may
-    /// be fetched or not; an address is never read.
+    /// Prefetches until everything has been, or `is_over` returns true, which is called
+    /// every few lines. A hint that is set meanwhile may be used or not; an address is
+    /// never read.
     pub fn fetch(&self, mut is_over: impl FnMut() -> bool) {
         let [first, second] = &self.pieces;
         let pieces = [first, second].map(|piece| piece.load(Ordering::Relaxed).cast_const());
@@ -100,7 +102,7 @@ pub(crate) fn for_write<T>(line: *const T) {
     unsafe { core::arch::asm!("prefetchw [{}]", in(reg) line, options(nostack, preserves_flags)) }
 }
 
-/// What is fetched while an operation that leaves memory idle goes on.
+/// Prefetching during an operation that leaves memory bandwidth unused.
 #[cfg(target_arch = "x86_64")]
 pub(crate) trait Prefetch {
     /// All of `hint` in so many calls of [`Self::advance`], unless something else is fetched.
@@ -109,17 +111,18 @@ pub(crate) trait Prefetch {
     /// The next lines.
     fn advance(&mut self);
 
-    /// What lies behind the register `c` of a row, which is read now, where that begins a line.
+    /// Called when register `c` of a row is read: may prefetch what follows it, if the
+    /// register begins a line.
     fn touch<T, const N: usize>(&self, register: &[T; N], c: usize);
 }
 
-/// Nothing but what is read itself, a little before: for memory that had rather be read in order.
+/// Prefetches only what is read itself, shortly before: for processors tuned for one stream.
 #[cfg(target_arch = "x86_64")]
 pub(crate) struct SelfPrefetch;
 
 #[cfg(target_arch = "x86_64")]
 impl SelfPrefetch {
-    /// Bytes from what is read to what is fetched.
+    /// Prefetch distance in bytes.
     const LEAD: usize = 4096;
 }
 
@@ -141,10 +144,10 @@ impl Prefetch for SelfPrefetch {
     }
 }
 
-/// How to_l2 [`PrefetchHint`] has come: little by little, and in streams beside each other.
+/// Prefetches a [`PrefetchHint`] step by step, in several streams.
 #[cfg(target_arch = "x86_64")]
 pub(crate) struct HintPrefetch {
-    /// Where the next lines of the first streams lie.
+    /// The next lines of the first streams.
     pieces: [*const u8; 2],
     /// Bytes from one stream of a piece to the next, of each that are left, and of each that a call fetches.
     stream: usize,

@@ -10,7 +10,7 @@ use crate::error::{ShapeError, expect_len};
 use crate::isa::{Isa, dispatch};
 use crate::mat::{Mat, MatMut};
 
-/// Quantised rows: `value = step * scale[row]`.
+/// Quantized rows: `value = code * scale[row]`.
 #[derive(Clone, Copy, Debug)]
 pub struct QuantRows<'a> {
     pub(crate) codes: Mat<'a, i8>,
@@ -18,21 +18,22 @@ pub struct QuantRows<'a> {
 }
 
 impl<'a> QuantRows<'a> {
-    /// `codes [m, k]` with the real value of one step per row, `scale [m]`.
+    /// `codes [m, k]` with the scale of each row, `scale [m]`.
     ///
     /// # Errors
-    /// [`ShapeError`] where `scale` has another length than `codes` has rows.
+    /// [`ShapeError`] if `scale` has another length than `codes` has rows.
     pub fn new(codes: Mat<'a, i8>, scale: &'a [f32]) -> Result<Self, ShapeError> {
         expect_len("scale", codes.rows(), scale.len())?;
         Ok(Self { codes, scale })
     }
 }
 
-/// Quantises every row symmetrically: `scale[t] = max(abs(x[t])) / 127`, `codes = round(x / scale)`, halves to even.
+/// Quantizes every row symmetrically: `scale[t] = max(abs(x[t])) / 127`, `codes = round(x /
+/// scale)`, ties to even.
 ///
 /// Shapes: `x [m, k]`, `codes [m, k]`, `scale [m]` (both overwritten).
-/// Numerics: codes lie in -127..=127; an all-zero row has scale 1. `x / scale` is computed as `x * (127 / max)`; the
-/// same bits on every back-end. `x` must be finite.
+/// Numerics: codes are in -127..=127; an all-zero row has scale 1. `x / scale` is computed as
+/// `x * (127 / max)`; the same bits on every back-end. `x` must be finite.
 ///
 /// # Errors
 /// [`ShapeError`] naming the argument whose length disagrees.
@@ -50,8 +51,9 @@ pub fn quantize_rows(isa: Isa, x: Mat<f32>, codes: MatMut<i8>, scale: &mut [f32]
     Ok(())
 }
 
-/// The largest size of a value in every row, which is what [`quantize_rows`] quantises by: where the columns of wide rows are
-/// in several hands, each finds its own, and the largest of them goes to [`quantize_columns`].
+/// The largest absolute value of every row, by which [`quantize_rows`] scales. If the columns
+/// of wide rows are divided among threads, each computes its own, and the largest of them is
+/// passed to [`quantize_columns`].
 ///
 /// Shapes: `x [m, k]`, `largest [m]` (overwritten). `x` must be finite.
 ///
@@ -65,8 +67,9 @@ pub fn row_maxima(isa: Isa, x: &MatMut<f32>, largest: &mut [f32]) -> Result<(), 
     Ok(())
 }
 
-/// Quantises some columns of rows of which `largest` says the largest size of a value in any column; the codes are those of
-/// [`quantize_rows`] over all columns, each of the size [`quantization_scale`].
+/// Quantizes some columns of rows whose largest absolute value over all columns is `largest`;
+/// the codes are those of [`quantize_rows`] over all columns, with the scale
+/// [`quantization_scale`].
 ///
 /// Shapes: `x [m, k]`, `largest [m]`, `codes [m, k]` (overwritten). `x` must be finite.
 ///
@@ -82,7 +85,7 @@ pub fn quantize_columns(isa: Isa, x: &MatMut<f32>, largest: &[f32], mut codes: M
     Ok(())
 }
 
-/// The real value of one step of a row whose values are `largest` in size at most.
+/// The scale of a row whose largest absolute value is `largest`.
 pub fn quantization_scale(largest: f32) -> f32 {
     scalar::per_unit(largest).map_or(1.0, |(_, scale)| scale)
 }
@@ -91,16 +94,17 @@ fn largest(isa: Isa, row: &[f32]) -> f32 {
     dispatch!(isa, largest(row))
 }
 
-/// The codes of values of a row whose largest is `largest`.
+/// The codes of a row whose largest absolute value is `largest`.
 fn round(isa: Isa, row: &[f32], largest: f32, codes: &mut [i8]) {
     let Some((per_unit, _)) = scalar::per_unit(largest) else { return codes.fill(0) };
     dispatch!(isa, round(row, per_unit, codes))
 }
 
-/// Quantises one weight row symmetrically: the step is `max(abs(row)) / 127`, returned; an all-zero row has step 1.
+/// Quantizes one weight row symmetrically and returns its scale, `max(abs(row)) / 127`; that of
+/// an all-zero row is 1.
 ///
 /// # Errors
-/// [`ShapeError`] where `codes` has another length than `row`.
+/// [`ShapeError`] if `codes` has another length than `row`.
 pub fn quantize_weight_row(row: &[f32], codes: &mut [i8]) -> Result<f32, ShapeError> {
     expect_len("codes", row.len(), codes.len())?;
     Ok(scalar::quantize(row, codes))

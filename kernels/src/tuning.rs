@@ -1,7 +1,7 @@
-//! Tuning profiles: what makes a family of processors fast, apart from its instruction set. A profile decides the order of
-//! memory accesses and of exact operations, and never a result.
+//! Tuning profiles: the properties of a family of processors other than its instruction set. A
+//! profile decides the order of memory accesses and of exact operations, and never a result.
 
-/// What makes a family of processors fast.
+/// The properties that decide how a family of processors is fast.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Tuning {
     /// Memory is read in one stream, prefetched far ahead; otherwise in several streams side by side.

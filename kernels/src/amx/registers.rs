@@ -25,7 +25,7 @@ static CONFIG: Config = Config {
 
 impl Registers {
     /// # Safety
-    /// The processor and the system grant tiles, and nobody else uses this thread's.
+    /// The processor and the system grant tiles, and nothing else uses this thread's.
     pub(super) unsafe fn configure() -> Self {
         // SAFETY: tiles are granted by this function's contract; `CONFIG` is 64 readable bytes that describe what palette 1
         // allows.
@@ -53,7 +53,7 @@ impl Registers {
         }
     }
 
-    /// The same, of which L1 keeps nothing.
+    /// [`Registers::load`] with a streaming hint: L1 need not keep the rows.
     ///
     /// # Safety
     /// 64 bytes of each row are readable.
@@ -66,7 +66,7 @@ impl Registers {
         }
     }
 
-    /// 16 rows, `stride` bytes apart, become those of `tmmT`.
+    /// Stores `tmmT` as 16 rows, `stride` bytes apart.
     ///
     /// # Safety
     /// 64 bytes of each row are writable.
@@ -102,7 +102,8 @@ impl Registers {
 
 impl Drop for Registers {
     fn drop(&mut self) {
-        // SAFETY: tiles are configured, so the processor has them; whoever needs them next configures them again.
+        // SAFETY: tiles are configured, so the processor has them; each later use
+        // configures them again.
         unsafe { asm!("tilerelease", options(nostack, preserves_flags, nomem)) }
     }
 }

@@ -1,16 +1,19 @@
 //! 32 queries at a time over 256 keys, on tiles of bfloat16 pairs, with the accuracy of f32.
 //!
-//! `tdpbf16ps` multiplies 16 times as much per cycle as registers of f32 do, but takes bfloat16, with 8 bits of mantissa.
-//! An f32 has 24: it is exactly the sum of three bfloat16 values, [`PARTS`]: its leading bits, the next ones and the last.
-//! A product is then six: those whose size is at least 2^-16 of the largest. What is left out is below f32's own rounding.
+//! `tdpbf16ps` has 16 times the multiply-adds per cycle of f32 registers, but takes bf16, with
+//! 8 bits of mantissa. An f32 has 24: it is exactly the sum of three bf16 values ([`PARTS`]),
+//! from its leading, middle and last bits. Of the nine products of two such sums the six are
+//! computed whose size is at least 2^-16 of the largest; the others are below the rounding of
+//! f32.
 //!
 //! ```text
 //!               keys or columns: tmm6 tmm7
 //! queries  0..16: tmm4             tmm0 tmm1
 //!         16..32: tmm5             tmm2 tmm3
 //! ```
-//! Scores of 32 queries stand in tiles of 16 keys; softmax turns two tiles of scores into three of the parts of weights.
-//! Every query takes this road, however few there are: the bits of a row do not depend on the others.
+//! Scores of 32 queries are stored in tiles of 16 keys; softmax replaces two tiles of scores by
+//! three tiles of weight parts. Every query is computed so, however few there are: a row's bits
+//! do not depend on the other rows.
 
 #![expect(clippy::needless_range_loop, reason = "loops of constant length over registers read best by index")]
 
@@ -32,9 +35,9 @@ pub(super) const MOST_DIM: usize = 64;
 /// Fewest keys that repay the packing.
 const FEWEST_KEYS: usize = 65;
 
-/// Keys in work at once: packed keys and values take 96 KiB each of L2, scores 48 KiB.
+/// Keys per block: packed keys and values take 96 KiB of L2 each, scores 48 KiB.
 const KEYS: usize = 256;
-/// Queries whose softmaxes are kept while blocks of keys go by.
+/// Queries whose softmax states are kept while blocks of keys are processed.
 const BLOCK: usize = 512;
 /// Bfloat16 values in a row of a tile: lane `i` of a register holds the values `i` and `16 + i`.
 const PAIRS: usize = 2 * LANES;
@@ -48,7 +51,8 @@ impl Tile {
     pub(super) const ZERO: Self = Self([[0.0; 16]; ROWS]);
 }
 
-/// A row that is only written here and read by tiles: not cleared first, so that what nobody reads costs nothing.
+/// A row that is written here and read by tiles only. It is not initialized first: rows that
+/// nothing reads cost nothing.
 pub(super) type Packed = MaybeUninit<[f32; 16]>;
 
 impl Tile<Packed> {
@@ -62,10 +66,11 @@ type Split<Row = [f32; 16]> = [Tile<Row>; PARTS];
 /// Products of two splits.
 const PRODUCTS: usize = 6;
 
-/// Weights taken early, in pieces after each four products with values; a weight costs as much as four scores.
+/// Pieces of exponentials computed early, after each four products with values; a weight costs
+/// as much as four scores.
 const EARLY: usize = 2;
 
-/// Groups of 16 queries in work at once.
+/// Groups of 16 queries processed at once.
 const GROUPS: usize = 2;
 
 /// By 16 keys and 32 of `head_dim`: rows of pairs, a key per column.
@@ -76,15 +81,15 @@ type Values = [[Split<Packed>; MOST_DIM / LANES]; KEYS / PAIRS];
 type Queries = [[Split<Packed>; MOST_DIM / PAIRS]; GROUPS];
 /// By 16 queries and 32 keys: two tiles of scores, then the parts of their weights.
 type Scores = [[Split; KEYS / PAIRS]; GROUPS];
-/// By 16 queries and 16 of `head_dim`: values summed up over the keys in work.
+/// By 16 queries and 16 of `head_dim`: weighted sums of values over the current block of keys.
 pub(super) type Sums = [[Tile; MOST_DIM / LANES]; GROUPS];
 
-/// What one call keeps between its loops.
+/// The buffers of one call.
 struct Work {
     k: Keys,
     v: Values,
     q: Queries,
-    /// Of the queries that meet keys, and of those that meet values.
+    /// Of the queries whose scores are computed, and of those whose values are summed.
     scores: [Scores; 2],
     sums: Sums,
 }
@@ -132,11 +137,14 @@ fn run(tiles: &Tiles, x: Operands<f32>, mut y: MatMut<f32>) {
     }
 }
 
-/// The queries from `start` on, as many as there are softmaxes, with the keys and values `keys`.
+/// Processes the queries from `start` on, as many as there are softmax states, with the keys
+/// and values `keys`.
 ///
-/// 32 at a time; while they meet keys, the weights of the 32 before them are taken, and while those meet values, the
-/// scores of these and their first weights, a few registers between any two products. Tiles leave registers one of two
-/// ports, 64 operations for four products; what is more than that comes at a high price, so both halves get as much.
+/// Software pipeline over blocks of 32 queries: while the tiles compute the scores of a block,
+/// the registers compute weights of the block before; while the tiles sum the values of that
+/// block, the registers scale the scores of the next and compute its first weights. Tiles leave
+/// one of two vector ports, 64 operations for four products; more operations stall both, so
+/// that they are spread evenly over both halves.
 #[avx512vnni]
 fn queries(
     tiles: &Tiles,
@@ -176,7 +184,7 @@ fn queries(
     }
 }
 
-/// The scores of `next` before they are scaled; between, weights of `last`.
+/// Computes the unscaled scores of `next`; meanwhile, weights of `last`.
 #[avx512vnni]
 fn score_keys<const G: usize>(tiles: &Tiles, q: &mut Queries, k: &Keys, next: &mut Block, last: &mut Block) {
     pack_queries(next.x.q.row_range(next.i..next.i + next.softmaxes.len()), q);
@@ -195,7 +203,7 @@ fn score_keys<const G: usize>(tiles: &Tiles, q: &mut Queries, k: &Keys, next: &m
     }
 }
 
-/// The sums of values of `last`; between, scores of `next`.
+/// Computes the weighted sums of values of `last`; meanwhile, scores of `next`.
 #[avx512vnni]
 fn apply_values<const G: usize>(tiles: &Tiles, v: &Values, last: &mut Block, sums: &mut Sums, next: &mut Block) {
     let (steps, pairs) = (last.x.q.cols().div_ceil(PAIRS), last.keys.div_ceil(PAIRS));
@@ -215,16 +223,16 @@ fn apply_values<const G: usize>(tiles: &Tiles, v: &Values, last: &mut Block, sum
     }
 }
 
-/// How far a pass over the scores of a block has come.
+/// Progress of a pass over the scores of a block.
 struct Done {
     rows: usize,
-    /// Pairs of tiles in the row behind these.
+    /// Pairs of tiles done in the next row.
     pairs: usize,
     /// The largest score or the sum of weights in them, by lanes.
     lanes: [f32; 16],
 }
 
-/// Up to 32 queries and the keys in work.
+/// Up to 32 queries and the current block of keys.
 struct Block<'a> {
     x: Operands<'a, f32>,
     /// The first query.
@@ -236,7 +244,7 @@ struct Block<'a> {
     scores: &'a mut Scores,
     scored: Done,
     exponentiated: Done,
-    /// Largest scores before these keys; then the factors for what has been summed up before.
+    /// Largest scores before these keys; then the factors that rescale earlier sums.
     shrink: [f32; GROUPS * ROWS],
     /// Sums of weights.
     sums: [f32; GROUPS * ROWS],
@@ -288,7 +296,8 @@ impl<'a> Block<'a> {
         store(lanes, largest);
     }
 
-    /// All rows' factors at once: one row by itself would wait for its own.
+    /// Computes the factors of all rows at once: the latency of a single row's would not be
+    /// hidden.
     #[avx512vnni]
     fn rescale(&mut self) {
         let mut max = [0.0; GROUPS * ROWS];
@@ -323,7 +332,7 @@ impl<'a> Block<'a> {
         store(lanes, sum);
     }
 
-    /// Adds the sums of weights to those of the keys before.
+    /// Adds the sums of weights to those of earlier keys.
     fn add_up(&mut self) {
         for ((softmax, sum), shrink) in self.softmaxes.iter_mut().zip(&self.sums).zip(&self.shrink) {
             softmax.sum = softmax.sum * shrink + sum;
@@ -331,7 +340,8 @@ impl<'a> Block<'a> {
     }
 }
 
-/// `y = y * shrink + sums[..][r]`, over `total` in the end; without `shrink`, what `y` holds does not count.
+/// `y = y * shrink + sums[..][r]`, divided by `total` after the last block; without `shrink`,
+/// the old `y` is ignored.
 #[avx512vnni]
 pub(super) fn add(sums: &[Tile; MOST_DIM / LANES], r: usize, shrink: Option<f32>, total: Option<f32>, y: &mut [f32]) {
     let sum = |tile: &Tile, y: __m512| {
@@ -357,8 +367,8 @@ fn divide(x: __m512, total: f32) -> __m512 {
     _mm512_fmadd_ps(_mm512_fnmadd_ps(quotient, total, x), inverse, quotient)
 }
 
-/// Adds the products of `G` x 2 tiles, and does something else after each. From each to the next, one side stays where
-/// it is.
+/// Adds the products of `G` x 2 tiles, and calls `between` after each. Consecutive products
+/// share one operand.
 #[inline(always)]
 fn multiply<const G: usize, A, B>(
     tiles: &Tiles,
@@ -400,7 +410,7 @@ fn multiply<const G: usize, A, B>(
     products();
 }
 
-/// Stores the sums of `G` x 2 tiles, two beside each other.
+/// Stores the sums of `G` x 2 adjacent tiles.
 #[inline(always)]
 fn store_sums<const G: usize>(tiles: &Tiles, above: &mut [Tile], below: &mut [Tile]) {
     tiles.store_sum::<0>(&mut above[0].0, 1);
@@ -411,8 +421,8 @@ fn store_sums<const G: usize>(tiles: &Tiles, above: &mut [Tile], below: &mut [Ti
     }
 }
 
-/// The parts of 32 values: exact, each by cutting off what a bfloat16 has no room for. Whatever is not finite becomes NaN
-/// in the second part.
+/// Splits 32 values exactly into bf16 parts by truncation. The second part of a value that is
+/// not finite is NaN.
 #[inline]
 #[avx512vnni]
 fn split_bf16x3(a: __m512, b: __m512) -> [__m512; PARTS] {
@@ -434,13 +444,14 @@ fn upper_half(x: __m512) -> __m512 {
 #[inline]
 #[avx512vnni]
 fn paired(a: __m512, b: __m512) -> __m512 {
-    // `a | b & mask` in one operation; spelled out, the compiler makes a shuffle of it that takes four times as long.
+    // `a | b & mask` in one operation; otherwise the compiler emits a shuffle of four times
+    // the cost.
     const OR_AND: i32 = 0b1111_1000;
     let (a, b) = (_mm512_srli_epi32::<16>(_mm512_castps_si512(a)), _mm512_castps_si512(b));
     _mm512_castsi512_ps(_mm512_ternarylogic_epi32::<OR_AND>(a, b, _mm512_set1_epi32(!0xffff)))
 }
 
-/// 32 values of a row from `at` on, zeros where there are fewer.
+/// 32 values of a row from `at` on, padded with zeros.
 #[inline]
 #[avx512vnni]
 pub(super) fn load_pairs(row: &[f32], at: usize) -> [__m512; 2] {
@@ -453,7 +464,8 @@ pub(super) fn load_pairs(row: &[f32], at: usize) -> [__m512; 2] {
     }
 }
 
-/// Queries as rows of pairs; rows beyond the last keep what they hold, and nobody reads what becomes of it.
+/// Packs queries as rows of pairs; rows beyond the last keep their old contents, whose results
+/// nothing reads.
 #[avx512vnni]
 fn pack_queries(q: Mat<f32>, packed: &mut Queries) {
     for r in 0..q.rows() {
@@ -467,7 +479,7 @@ fn pack_queries(q: Mat<f32>, packed: &mut Queries) {
     }
 }
 
-/// Keys as columns of pairs; those beyond the last are zeros up to a multiple of 32.
+/// Packs keys as columns of pairs, padded with zeros to a multiple of 32.
 #[avx512vnni]
 fn pack_keys(k: Mat<f32>, packed: &mut Keys) {
     for (tile, packed) in packed[..2 * k.rows().div_ceil(PAIRS)].iter_mut().enumerate() {
@@ -491,7 +503,7 @@ fn pack_keys(k: Mat<f32>, packed: &mut Keys) {
     }
 }
 
-/// Values as rows of pairs of keys; those beyond the last are zeros up to a multiple of 32.
+/// Packs values as rows of pairs of keys, padded with zeros to a multiple of 32.
 #[avx512vnni]
 fn pack_values(v: Mat<f32>, packed: &mut Values) {
     for (tile, packed) in packed[..v.rows().div_ceil(PAIRS)].iter_mut().enumerate() {

@@ -1,8 +1,9 @@
 //! Four queries at a time over a tile of keys, 16 lanes along `head_dim`.
 //!
-//! Scores: 4 queries x 4 keys are 16 dot products in 16 registers of partial sums, which a tree of shuffles then adds up
-//! to one register of 16 scores; one query takes 16 keys, two take 8, and every dot product keeps its order of additions.
-//! Values: 4 queries x 64 columns are 16 registers of sums.
+//! Scores: 4 queries x 4 keys are 16 dot products in 16 registers of partial sums, which a tree
+//! of shuffles reduces to one register of 16 scores. One query uses 16 keys, two use 8; every
+//! dot product keeps its order of additions. Values: 4 queries x 64 columns are 16 registers of
+//! sums.
 
 #[path = "loops.rs"]
 mod loops;

@@ -1,8 +1,10 @@
-//! Attention over whole sequences with every factor round_to_bf16 to bfloat16: what int8 projections leave has no more digits.
+//! Attention over whole sequences with every factor rounded to bf16, for int8 projections,
+//! which have no more precision.
 //!
-//! Sums are f32, and go the way that `tdpbf16ps` goes, on every back-end: of each [`STEP`] products the even ones and the odd
-//! ones by themselves, then both together, then to what the steps before gave. Products of two bfloat16 values are exact, so
-//! that it does not matter whether an addition is fused. Scores and their max_lanes are in powers of 2.
+//! Sums are f32 and follow the order of `tdpbf16ps` on every back-end: of each [`STEP`]
+//! products the even and the odd ones are summed separately, then added, then added to the
+//! running sum. Products of two bf16 values are exact, so that fused and separate additions
+//! agree. Scores and their maximum are in powers of 2.
 
 #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
 mod amx;
@@ -31,10 +33,10 @@ pub(super) fn attention(isa: Isa, operands: Operands<f32>, y: MatMut<f32>) {
     });
 }
 
-/// Keys in work at once, over which a query's largest score does not change.
+/// Keys per block, during which a query's maximum does not change.
 const KEYS: usize = 256;
 
-/// Products that are summed by themselves: a row of a tile.
+/// Products that are summed separately: a row of a tile.
 const STEP: usize = 32;
 
 /// One query's softmax so far, scores in powers of 2.
@@ -42,7 +44,7 @@ const STEP: usize = 32;
 struct Softmax {
     max: f32,
     sum: f32,
-    /// The factor for what was summed up before the latest keys.
+    /// The factor that rescales the sums of earlier keys.
     shrink: f32,
 }
 

@@ -18,7 +18,8 @@ use crate::lanes::pairwise;
 use crate::mat::{Mat, MatMut};
 use crate::prefetch::{HintPrefetch, Prefetch, PrefetchHint, SelfPrefetch};
 
-/// Keys whose scores are held at once: packed keys and values of a tile and 64 columns take 32 KiB of L1.
+/// Keys whose scores are held at once: packed keys and values of a tile with 64 columns take 32
+/// KiB of L1.
 const TILE: usize = 64;
 
 /// Most columns of packed keys and values; wider heads are computed without packing.
@@ -27,7 +28,7 @@ const PACKED_DIM: usize = 64;
 /// Fewest queries that repay the packing of keys and values.
 const PACKED_QUERIES: usize = 8;
 
-/// Keys whose dot products are made at once.
+/// Keys whose dot products are computed at once.
 const DOTS: usize = 4;
 
 /// Registers in a row of the usual width, 64.
@@ -38,7 +39,7 @@ pub(in crate::attention) trait Load: Copy {
     /// # Safety
     /// The processor has the features of this back-end.
     unsafe fn load(src: &[Self; WIDTH]) -> Register;
-    /// The first values, zeros where there are fewer than a register has lanes.
+    /// The first values, padded with zeros.
     /// # Safety
     /// The processor has the features of this back-end.
     unsafe fn load_part(src: &[Self]) -> Register;
@@ -104,7 +105,7 @@ pub(in crate::attention) fn attention<T: Load>(x: Operands<T>, mut y: MatMut<f32
             i += count;
         }
     }
-    // What lies behind a row is the next one's only where there are no gaps.
+    // Prefetching past a row reaches the next row only if rows are contiguous.
     let self_prefetch = x.self_prefetch && x.k.stride() == x.k.cols() && x.v.stride() == x.v.cols();
     while i < x.q.rows() {
         i += if self_prefetch { few::<T, SelfPrefetch>(x, i, &mut y) } else { few::<T, HintPrefetch>(x, i, &mut y) };
@@ -165,7 +166,8 @@ fn block<T: Load>(x: Operands<T>, i: usize, count: usize, y: &mut MatMut<f32>) {
     }
 }
 
-/// Transposes the rows of `k` into the columns of `packed`; columns beyond keep what they hold.
+/// Transposes the rows of `k` into the columns of `packed`; columns beyond keep their old
+/// contents.
 #[features]
 fn pack_keys<T: Load>(k: Mat<T>, packed: &mut [[f32; TILE]; PACKED_DIM]) {
     for first in (0..k.rows()).step_by(WIDTH) {
@@ -251,8 +253,9 @@ fn packed_scores(q: Mat<f32>, k: &[[f32; TILE]; PACKED_DIM], pairs: &mut [Sums; 
     }
 }
 
-/// The `Q` queries from `i` on, over all their keys; returns `Q`. `y` holds the sums of values times
-/// `exp(score - max)` until the end. Scores are made `K = WIDTH / Q` keys, values `C` registers of columns at a time.
+/// Processes the `Q` queries from `i` on, over all their keys; returns `Q`. `y` holds the sums
+/// of values times `exp(score - max)` until the end. Scores are computed `K = WIDTH / Q` keys,
+/// values `C` registers of columns at a time.
 #[features]
 fn group<T: Load, F: Prefetch, const Q: usize, const K: usize, const C: usize>(
     x: Operands<T>,
@@ -263,7 +266,7 @@ fn group<T: Load, F: Prefetch, const Q: usize, const K: usize, const C: usize>(
     let mut softmaxes = [Softmax::START; Q];
     // A later query sees at least the keys of an earlier one.
     let keys = x.keys(i + Q - 1);
-    // While the last queries meet keys and values.
+    // The hint is prefetched during the last queries.
     let hint = if i + Q == x.q.rows() { x.hint } else { PrefetchHint::NONE };
     let mut fetch = F::new(hint, 2 * keys.div_ceil(DOTS));
     for first in (0..keys).step_by(TILE) {
@@ -337,8 +340,8 @@ fn scores<T: Load, F: Prefetch, const Q: usize, const K: usize>(
     }
 }
 
-/// Partial sums of the dot products of `Q` queries with `N` keys from `first + from` on, of the `K` from `first` on. `C`
-/// registers make a row; 0 stands for any number and a rest.
+/// Partial sums of the dot products of `Q` queries with `N` keys from `first + from` on, of the
+/// `K` from `first` on. A row has `C` registers; if `C` is 0, any number and a remainder.
 #[inline]
 #[features]
 fn dots<T: Load, F: Prefetch, const Q: usize, const K: usize, const N: usize, const C: usize>(
@@ -352,7 +355,7 @@ fn dots<T: Load, F: Prefetch, const Q: usize, const K: usize, const N: usize, co
     let mut sums = [[zero(); N]; Q];
     let mut keys = [0; N];
     for j in 0..N {
-        // Past the end, the last key stands in.
+        // Past the end, the last key is repeated.
         keys[j] = (first + from + j).min(k.rows() - 1);
     }
     for c in 0..chunks {
@@ -404,8 +407,9 @@ impl Softmax {
     }
 }
 
-/// Turns the first `seen[r]` dot products of query `i + r` into weights `exp(score - max)`; returns the factors
-/// for what the queries have summed up before: 0 in the first tile. `ALL`: all see the whole tile.
+/// Turns the first `seen[r]` dot products of query `i + r` into weights `exp(score - max)`;
+/// returns the factors that rescale earlier sums: 0 in the first tile. `ALL`: all queries see
+/// the whole tile.
 #[inline]
 #[features]
 fn softmax_weights<T: Load, const Q: usize, const ALL: bool>(
@@ -416,7 +420,7 @@ fn softmax_weights<T: Load, const Q: usize, const ALL: bool>(
     softmaxes: &mut [Softmax; Q],
     weights: &mut Weights<Q>,
 ) -> [f32; Q] {
-    // The queries' steps are independent of each other: none waits for another's max_lanes.
+    // The queries are independent of each other: none waits for another's maximum.
     let (mut before, mut after) = ([0.0; WIDTH], [0.0; WIDTH]);
     for r in 0..Q {
         before[r] = softmaxes[r].max;
@@ -440,8 +444,8 @@ fn softmax_weights<T: Load, const Q: usize, const ALL: bool>(
     result
 }
 
-/// Turns the first `seen` dot products into scores, hides the rest of their last register, and returns the
-/// largest. `ALL`: that is all.
+/// Turns the first `seen` dot products into scores, masks the rest of their last register, and
+/// returns the largest. `ALL`: the whole tile is seen.
 #[inline]
 #[features]
 fn score<const ALL: bool>(weights: &mut [f32; TILE], seen: usize, max: f32, scale: f32, bias: &[f32]) -> f32 {
@@ -479,7 +483,8 @@ fn values<V: Load, F: Prefetch, const Q: usize, const C: usize>(
     }
 }
 
-/// `C` registers of columns from `column` on, or (`PART`) what is left of one; returns the columns done.
+/// Processes `C` registers of columns from `column` on, or (`PART`) the rest of one; returns
+/// the number of columns.
 #[features]
 fn columns<V: Load, F: Prefetch, const Q: usize, const C: usize, const PART: bool>(
     weights: &[[f32; TILE]; Q],

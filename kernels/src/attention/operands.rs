@@ -1,4 +1,4 @@
-//! The checked operands of one call, as the back-ends take them.
+//! The checked operands of one call, as the back-ends receive them.
 
 use crate::bf16::Bf16;
 use crate::error::{ShapeError, expect_len};
@@ -7,7 +7,7 @@ use crate::prefetch::PrefetchHint;
 
 /// A bias that depends on `key - query` alone: query `i` adds `values[origin + j - i]` to its score of key `j`.
 ///
-/// All of one query's biases stand side by side, so that no `[m, n]` matrix of them is ever made.
+/// All biases of one query are contiguous, so that no `[m, n]` matrix of them exists.
 #[derive(Clone, Copy, Debug)]
 pub struct RelativeBias<'a> {
     /// One value per distance, ascending.
@@ -56,7 +56,7 @@ pub(super) struct Operands<'a, T> {
     pub(super) visible: Visible,
     #[cfg_attr(not(target_arch = "x86_64"), expect(dead_code, reason = "nothing is fetched"))]
     pub(super) hint: PrefetchHint<'a>,
-    /// Keys and values themselves are fetched before they are read, and nothing else is.
+    /// Prefetch the keys and values themselves, and ignore the hint.
     #[cfg_attr(not(target_arch = "x86_64"), expect(dead_code, reason = "nothing is fetched"))]
     pub(super) self_prefetch: bool,
 }
@@ -102,7 +102,8 @@ impl<'a, T> Operands<'a, T> {
         }
     }
 
-    /// Query `i`'s biases from key `first` on, at least for all keys; none at all where there is no bias.
+    /// Query `i`'s biases from key `first` on, at least for all keys; empty if there is no
+    /// bias.
     pub(super) fn bias(&self, i: usize, first: usize) -> &'a [f32] {
         self.bias.map_or(&[], |bias| &bias.values[bias.origin - i + first..])
     }

@@ -1,4 +1,4 @@
-//! The specification: a tile of scores at a time, with a running max_lanes.
+//! The specification: a tile of scores at a time, with a running maximum.
 
 use super::operands::{Operands, Widen};
 use crate::lanes::{LANES, pairwise};

@@ -11,7 +11,8 @@ use umo_kernels_features::avx512vnni;
 #[inline]
 #[avx512vnni]
 pub(crate) fn multiply_pairs(_token: Avx512Bf16, x: __m512, w: __m512, mut sum: __m512) -> __m512 {
-    // SAFETY: the token proves that the processor has the instruction, which reads and writes these registers alone.
+    // SAFETY: the token proves that the processor has the instruction, which reads and
+    // writes only these registers.
     unsafe {
         asm!("vdpbf16ps {sum}, {x}, {w}", sum = inout(zmm_reg) sum, x = in(zmm_reg) x, w = in(zmm_reg) w,
             options(pure, nomem, nostack, preserves_flags));
@@ -24,7 +25,8 @@ pub(crate) fn multiply_pairs(_token: Avx512Bf16, x: __m512, w: __m512, mut sum: 
 #[avx512vnni]
 pub(crate) fn round_two(_token: Avx512Bf16, first: __m512, second: __m512) -> __m512i {
     let words;
-    // SAFETY: the token proves that the processor has the instruction, which reads and writes these registers alone.
+    // SAFETY: the token proves that the processor has the instruction, which reads and
+    // writes only these registers.
     unsafe {
         asm!("vcvtne2ps2bf16 {words}, {second}, {first}", words = out(zmm_reg) words, second = in(zmm_reg) second,
             first = in(zmm_reg) first, options(pure, nomem, nostack, preserves_flags));

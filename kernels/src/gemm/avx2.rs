@@ -11,24 +11,26 @@ use core::arch::asm;
 use core::arch::x86_64::*;
 use umo_kernels_features::avx2;
 
-/// Rows of the largest tile: 6 rows x 1 panel are 12 sums, which leaves two registers of weights and two to spare.
+/// Rows of the largest tile: 6 rows x 1 panel are 12 sums, which leaves two registers for
+/// weights and two others.
 const ROWS: usize = 6;
-/// Rows times panels whose sums leave no registers for what could be loaded again.
+/// Rows times panels whose sums leave no registers for values that could be loaded again.
 const FULL: usize = 5;
-/// Panels that tiles of more than one row end at once: a gate and an up panel.
+/// Panels whose epilogue tiles of more than one row run at once: a gate and an up panel.
 const PAIR: usize = 2;
-/// Rows of a panel between a multiplication and the prefetch of its weights from L2.
+/// Prefetch distance from L2 in rows of a panel.
 const PREFETCH_DISTANCE: usize = 16;
-/// Most panels that a tile ends at once.
+/// Most panels whose epilogue runs at once.
 pub(crate) const MOST: usize = 4;
 
-/// Rows of panels whose weights widen to f32 as they are loaded.
+/// Rows of panels whose weights are widened to f32 when loaded.
 pub(crate) trait Load: Copy {
     /// Inputs of one row.
     const INPUTS: usize;
     /// The weights of input `i`.
     /// # Safety
-    /// The processor has the features of this back-end; `panel` points to a whole panel, which ends behind input `i`.
+    /// The processor has the features of this back-end; `panel` points to a whole panel
+    /// that contains input `i`.
     unsafe fn load(panel: *const Self, i: usize) -> [__m256; 2];
 }
 
@@ -107,8 +109,8 @@ fn group<'a, W: Panels<'a, Row: Load>, const R: usize, const P: usize, const WID
     }
 }
 
-/// The innermost tile: `R x P` panels of sums in registers, which go to `sums` from panel `first` on. Kept
-/// out of line: 16 are too few for what stands around it.
+/// The innermost tile: `R x P` panels of sums in registers, stored to `sums` from panel `first`
+/// on. Kept out of line: 16 registers are too few for the surrounding code.
 #[inline(never)]
 #[avx2]
 fn multiply<W: Load, const R: usize, const P: usize, const WIDTH: usize>(
@@ -133,7 +135,7 @@ fn multiply<W: Load, const R: usize, const P: usize, const WIDTH: usize>(
         w[p] = panels[p].as_ptr();
     }
     let mut acc = [[[_mm256_setzero_ps(); 2]; P]; R];
-    // Two at a time, so that it is known which of a pair each is.
+    // Unrolled by two, so that the position in a pair is a constant.
     for i in (0..k - k % 2).step_by(2) {
         for which in 0..2 {
             // SAFETY: `i + which < k`: all rows and all panels have this input.
@@ -167,7 +169,8 @@ unsafe fn step<W: Load, const R: usize, const P: usize>(
         if i.is_multiple_of(W::INPUTS) {
             prefetch::to_l1(w[p].wrapping_add(i / W::INPUTS + PREFETCH_DISTANCE));
         }
-        // What was loaded for another input or panel is not kept where sums fill the registers.
+        // Values loaded for another input or panel are not kept if sums fill the
+        // registers.
         let full = R * P >= FULL;
         let w = if full && !i.is_multiple_of(W::INPUTS) { opaque(w[p]) } else { w[p] };
         // SAFETY: the panel has the input by this function's contract, and this function enables the features.
@@ -182,7 +185,8 @@ unsafe fn step<W: Load, const R: usize, const P: usize>(
     }
 }
 
-/// The same address, of which the compiler does not know that it is: what is there is loaded again instead of kept.
+/// The same address, opaque to the compiler: it loads the value again instead of keeping it in
+/// a register.
 #[inline]
 #[expect(clippy::pointers_in_nomem_asm_block, reason = "the address alone is passed, and nothing is read there")]
 fn opaque<T>(mut address: *const T) -> *const T {
@@ -222,7 +226,8 @@ pub(crate) fn store_tile(
     }
 }
 
-/// Ends gated `values [rows, 2 * panels]`, in which gate and up panels take turns.
+/// Applies the gate to `values [rows, 2 * panels]`, in which gate and up panels alternate, and
+/// stores the products.
 #[inline(never)]
 #[avx2]
 pub(crate) fn store_gated_tile(

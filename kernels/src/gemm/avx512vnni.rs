@@ -16,32 +16,35 @@ use umo_kernels_features::avx512vnni;
 const ROWS: usize = 8;
 /// Rows of the largest tile of an even number of panels, as gated products need: 6 rows x 4 panels.
 const EVEN_ROWS: usize = 6;
-/// Bytes of weights in work at once, which stay in L2 while tiles of rows go by.
+/// Bytes of weights per chunk, which stay in L2 while tiles of rows pass.
 const CHUNK_BYTES: usize = 768 << 10;
-/// Steps between a multiplication and the prefetch of its weights from L2: 8 of 13 cycles.
+/// Prefetch distance from L2 in steps: 8 of 13 cycles.
 const PREFETCH_DISTANCE: usize = 8;
-/// Steps per turn of the innermost loop: counting them takes one instruction of 25, of two steps one of 13.
+/// Unrolling of the innermost loop: the loop counter is one instruction of 25 (of 13 when
+/// unrolled by two).
 const UNROLL: usize = 4;
 
-/// How rows of `X` meet the rows of a panel, step by step.
+/// How the dot products of rows of `X` with rows of a panel are computed, step by step.
 pub(crate) trait Step<X>: Copy {
-    /// Inputs that a step multiplies.
+    /// Inputs per step.
     const INPUTS: usize;
-    /// Steps for which a row of a panel has weights.
+    /// Steps that share a row of a panel.
     const SHARED: usize;
     /// Proof of instructions beyond those of this back-end.
     type Token: Copy;
     /// The weights of step `i`.
     /// # Safety
-    /// The processor has the features of this back-end; `panel` points to a whole panel, which ends behind step `i`.
+    /// The processor has the features of this back-end; `panel` points to a whole panel
+    /// that contains step `i`.
     unsafe fn weights(panel: *const Self, i: usize) -> __m512;
     /// The inputs of step `i`, in all lanes.
     /// # Safety
-    /// As `weights`, but that `row` points to a whole row, which ends behind step `i`.
+    /// As `weights`, with `row` pointing to a whole row that contains step `i`.
     unsafe fn inputs(row: *const X, i: usize) -> __m512;
-    /// The input that begins step `i`, and zeros for those beyond the row.
+    /// The first input of step `i`, with zeros for the inputs beyond the row.
     /// # Safety
-    /// As `weights`, but that `row` points to a whole row, which has the first input of step `i`.
+    /// As `weights`, with `row` pointing to a whole row that contains the first input of
+    /// step `i`.
     unsafe fn last(row: *const X, i: usize) -> __m512;
     /// `sum + x * w`.
     /// # Safety
@@ -49,13 +52,14 @@ pub(crate) trait Step<X>: Copy {
     unsafe fn multiply(token: Self::Token, sum: __m512, x: __m512, w: __m512) -> __m512;
 }
 
-/// Rows of panels whose weights widen to f32 as they are loaded.
+/// Rows of panels whose weights are widened to f32 when loaded.
 pub(crate) trait Load: Copy {
     /// Inputs of one row.
     const INPUTS: usize;
     /// The weights of input `i`.
     /// # Safety
-    /// The processor has the features of this back-end; `panel` points to a whole panel, which ends behind input `i`.
+    /// The processor has the features of this back-end; `panel` points to a whole panel
+    /// that contains input `i`.
     unsafe fn load(panel: *const Self, i: usize) -> __m512;
 }
 
@@ -101,7 +105,7 @@ pub(crate) fn run<'a, X, W: Panels<'a, Row: Step<X>>>(
     mut y: MatMut<f32>,
 ) {
     let most = if matches!(task, GemmTask::Plain(..)) { ROWS } else { EVEN_ROWS };
-    // A multiple of the panels that any tile takes at once, and of gated pairs of them.
+    // A multiple of the panels per tile, and of gated pairs of them.
     let panel_bytes = size_of::<W::Row>() * task.k().div_ceil(panel_inputs::<X, W::Row>()).max(1);
     let width = (CHUNK_BYTES / panel_bytes / 12).max(1) * 12;
     // Cleared once: clearing them per tile would wait for the stores of the tile before.
@@ -198,7 +202,8 @@ fn multiply<X, W: Step<X>, const R: usize, const P: usize>(
     for panel in panels {
         assert!(panel.len() == k.div_ceil(panel_inputs::<X, W>()));
     }
-    // Pointers: slices' lengths take registers that eight rows and three panels need.
+    // Pointers: the lengths of slices would occupy registers that eight rows and three
+    // panels need.
     let (mut x, mut w) = ([core::ptr::null(); R], [core::ptr::null(); P]);
     for r in 0..R {
         x[r] = rows[r].as_ptr();
@@ -227,7 +232,8 @@ fn multiply<X, W: Step<X>, const R: usize, const P: usize>(
         i += 1;
     }
     if whole * W::INPUTS < k {
-        // SAFETY: all rows have the first input of this step, and all panels, which end with zeros, the weights of a whole one.
+        // SAFETY: all rows have the first input of this step, and all panels, which are
+        // padded with zeros, all of its weights.
         unsafe { step::<X, W, R, P, false>(token, &mut acc, &x, &w, i) };
     }
     for r in 0..R {
@@ -237,7 +243,8 @@ fn multiply<X, W: Step<X>, const R: usize, const P: usize>(
     }
 }
 
-/// Adds the products of step `i` of `R` rows, which have all of its inputs or the first, with the weights of `P` panels.
+/// Adds the products of step `i` of `R` rows, which have all of its inputs or the first, with
+/// the weights of `P` panels.
 /// # Safety
 /// `x` point to rows that have these inputs, and `w` to panels that have the step.
 #[inline]
@@ -271,7 +278,7 @@ unsafe fn step<X, W: Step<X>, const R: usize, const P: usize, const WHOLE: bool>
 
 /// Panels of sums in one tile at most.
 const SUMS: usize = ROWS * 3;
-/// Most panels that a tile ends at once.
+/// Most panels whose epilogue runs at once.
 pub(crate) const MOST: usize = 4;
 
 /// Ends `values [rows, panels]`: the outputs from `first` on of the rows from `t` on.
@@ -305,7 +312,8 @@ pub(crate) fn store_tile(
     }
 }
 
-/// Ends gated `values [rows, 2 * panels]`, in which gate and up panels take turns.
+/// Applies the gate to `values [rows, 2 * panels]`, in which gate and up panels alternate, and
+/// stores the products.
 #[inline(never)]
 #[avx512vnni]
 pub(crate) fn store_gated_tile(
@@ -356,7 +364,8 @@ fn activate_all(activation: Activation, values: &mut [[f32; PANEL]]) {
 #[avx512vnni]
 fn write(values: &[[f32; PANEL]], y: &mut [f32]) {
     let (y, y_tail) = y.as_chunks_mut::<PANEL>();
-    // Number by number: of one loop the compiler makes a call of `memcpy`, which takes longer than so few stores.
+    // One match arm per count: the compiler turns a loop into a call of `memcpy`, which
+    // takes longer than so few stores.
     match (&mut *y, values) {
         ([a], [v, ..]) => store(a, load(v)),
         ([a, b], [v, w, ..]) => {

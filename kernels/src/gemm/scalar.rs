@@ -5,7 +5,7 @@ use crate::mat::MatMut;
 use crate::math::scalar::{activate, gelu_tanh};
 use crate::pack::PANEL;
 
-/// Ends the outputs `first..` of row `t`, whose sums are given.
+/// Applies the epilogue to the sums of the outputs `first..` of row `t`.
 pub(crate) fn store_panel(sums: [f32; PANEL], t: usize, first: usize, epilogue: Epilogue, y: &mut MatMut<f32>) {
     let outputs = first..(first + PANEL).min(y.cols());
     let value = |lane: usize| {

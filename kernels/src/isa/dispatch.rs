@@ -1,5 +1,5 @@
-//! From an [`Isa`](super::Isa) to a function compiled for it: the only place where one is called from code without its
-//! target features.
+//! From an [`Isa`](super::Isa) to a function compiled for it: the only place that calls such
+//! functions from code without its target features.
 
 /// Calls a function of the module that answers for the back-end of `$isa`, with the back-end's token before the other
 /// arguments (the scalar module takes none).

@@ -114,8 +114,9 @@ pub(super) fn backends() -> impl Iterator<Item = (&'static str, Option<Backend>)
     .into_iter()
 }
 
-/// Whether `vdpbf16ps` multiplies and adds the upper halves of a lane first and rounds after each of the two additions, which its
-/// description leaves open in part. The other back-ends round so.
+/// Whether `vdpbf16ps` first adds the product of the upper halves of a lane and rounds after
+/// each of the two additions, which its description leaves open in part. The other back-ends do
+/// so.
 #[target_feature(enable = "avx512f,avx512bf16")]
 fn dot_product_rounds_each_addition() -> bool {
     const ONE: i32 = 0x3f80;
@@ -128,11 +129,12 @@ fn dot_product_rounds_each_addition() -> bool {
         let [x, w] = [x, w].map(|words| unsafe { core::mem::transmute::<__m512i, __m512bh>(words) });
         _mm512_cvtss_f32(_mm512_dpbf16_ps(_mm512_set1_ps(start), x, w))
     };
-    // Half an ulp twice: each is lost by itself, both together are not. 1 - 1 + half an ulp: lost in the other order.
+    // Half an ulp twice: each addition rounds to 1, their sum would not. 1 - 1 + half an
+    // ulp: lost in the other order.
     dot(1.0, HALF_ULP_OF_ONE, HALF_ULP_OF_ONE) == 1.0 && dot(1.0, MINUS_ONE, HALF_ULP_OF_ONE) == f32::EPSILON / 2.0
 }
 
-/// AMX, which the processor must have and the system must grant.
+/// AMX, which requires both the processor and the permission of the system.
 #[cfg(target_os = "linux")]
 mod amx {
     use core::arch::asm;
@@ -162,7 +164,8 @@ mod amx {
         const REQUEST: i64 = 0x1023;
         const TILE_DATA: i64 = 18;
         let result: i64;
-        // SAFETY: this system call takes two numbers and touches no memory of ours; it fails where it is opaque.
+        // SAFETY: this system call takes two numbers and touches no memory of ours;
+        // where it is unknown, it fails.
         unsafe {
             asm!("syscall", inout("rax") ARCH_PRCTL => result, in("rdi") REQUEST, in("rsi") TILE_DATA,
                 out("rcx") _, out("r11") _, options(nostack));

@@ -27,7 +27,7 @@ pub(crate) fn load(src: &[f32; HALF]) -> __m256 {
     unsafe { _mm256_loadu_ps(src.as_ptr()) }
 }
 
-/// The first 8 values, zeros where there are fewer.
+/// The first 8 values, padded with zeros.
 #[inline]
 #[avx2]
 pub(crate) fn load_part(src: &[f32]) -> __m256 {
@@ -36,8 +36,9 @@ pub(crate) fn load_part(src: &[f32]) -> __m256 {
     unsafe { _mm256_maskload_ps(src.as_ptr(), mask) }
 }
 
-/// 8 values of a row from `at` on, zeros where there are fewer. Nothing is loaded where there are none: from an address that is
-/// not mapped, as an empty slice's may be, even no lanes take a hundred cycles.
+/// 8 values of a row from `at` on, padded with zeros. An empty range is not loaded: a masked
+/// load from an unmapped address, as of an empty slice, takes a hundred cycles even with no
+/// lane selected.
 #[inline]
 #[avx2]
 pub(crate) fn load_at(row: &[f32], at: usize) -> Register {
@@ -124,7 +125,7 @@ pub(crate) fn fmadd(a: Register, b: Register, c: Register) -> Register {
     _mm256_fmadd_ps(a, b, c)
 }
 
-/// The greater of each two; `b` where one is NaN.
+/// The greater of each two lanes; `b` if one is NaN.
 #[inline]
 #[avx2]
 pub(crate) fn max_lanes(a: Register, b: Register) -> Register {
@@ -147,7 +148,8 @@ pub(crate) fn load_bf16(src: &[Bf16; HALF]) -> Register {
     _mm256_castsi256_ps(_mm256_slli_epi32::<16>(_mm256_cvtepu16_epi32(words)))
 }
 
-/// The first 8 values, widened, zeros where there are fewer. There is no masked load of words: a copy pads them.
+/// The first 8 values, widened, padded with zeros. AVX2 has no masked load of words: a copy
+/// pads them.
 #[inline]
 #[avx2]
 pub(crate) fn load_part_bf16(src: &[Bf16]) -> Register {

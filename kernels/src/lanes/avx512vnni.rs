@@ -22,7 +22,7 @@ pub(crate) fn load(src: &[f32; LANES]) -> __m512 {
     unsafe { _mm512_loadu_ps(src.as_ptr()) }
 }
 
-/// The first 16 values, zeros where there are fewer.
+/// The first 16 values, padded with zeros.
 #[inline]
 #[avx512vnni]
 pub(crate) fn load_part(src: &[f32]) -> __m512 {
@@ -30,8 +30,9 @@ pub(crate) fn load_part(src: &[f32]) -> __m512 {
     unsafe { _mm512_maskz_loadu_ps(lane_mask(src.len()), src.as_ptr()) }
 }
 
-/// 16 values of a row from `at` on, zeros where there are fewer. Nothing is loaded where there are none: from an address that is
-/// not mapped, as an empty slice's may be, even no lanes take a hundred cycles.
+/// 16 values of a row from `at` on, padded with zeros. An empty range is not loaded: a masked
+/// load from an unmapped address, as of an empty slice, takes a hundred cycles even with no
+/// lane selected.
 #[inline]
 #[avx512vnni]
 pub(crate) fn load_at(row: &[f32], at: usize) -> Register {
@@ -108,7 +109,7 @@ pub(crate) fn fmadd(a: Register, b: Register, c: Register) -> Register {
     _mm512_fmadd_ps(a, b, c)
 }
 
-/// The greater of each two; `b` where one is NaN.
+/// The greater of each two lanes; `b` if one is NaN.
 #[inline]
 #[avx512vnni]
 pub(crate) fn max_lanes(a: Register, b: Register) -> Register {
@@ -137,7 +138,7 @@ pub(crate) fn load_bf16(src: &[Bf16; LANES]) -> Register {
     widen(unsafe { _mm256_loadu_si256(src.as_ptr().cast()) })
 }
 
-/// The first 16 values, widened, zeros where there are fewer.
+/// The first 16 values, widened, padded with zeros.
 #[inline]
 #[avx512vnni]
 pub(crate) fn load_part_bf16(src: &[Bf16]) -> Register {

@@ -13,7 +13,7 @@ use umo_kernels_features::avx512vnni;
 pub(crate) fn exp(x: __m512) -> __m512 {
     let small = _mm512_cmp_ps_mask::<_CMP_LT_OQ>(x, _mm512_set1_ps(EXP_MIN));
     let large = _mm512_cmp_ps_mask::<_CMP_GT_OQ>(x, _mm512_set1_ps(EXP_MAX));
-    // NaN lanes stay NaN by themselves: every step of theirs is arithmetic.
+    // NaN lanes stay NaN: every operation on them is arithmetic.
     let power = _mm512_mask_blend_ps(large, exp_in_range(x), _mm512_set1_ps(f32::INFINITY));
     _mm512_mask_blend_ps(small, power, _mm512_setzero_ps())
 }
@@ -115,7 +115,7 @@ pub(crate) fn softmax_exp(x: __m512) -> __m512 {
 pub(crate) fn softmax_exp_reduce(x: __m512) -> __m512 {
     let x = _mm512_mul_ps(x, _mm512_set1_ps(LOG2_E));
     let normal = _mm512_cmp_ps_mask::<_CMP_NLT_UQ>(x, _mm512_set1_ps(-126.0));
-    // What is above the next lower integer; that integer is the power by which `scalef` scales.
+    // The fraction above the next lower integer, by which `scalef` scales.
     let r = _mm512_reduce_ps::<1>(x);
     let mut power = _mm512_set1_ps(EXP2_UNIT[0]);
     for &c in &EXP2_UNIT[1..] {
@@ -142,8 +142,8 @@ pub(crate) fn exp2_bf16(t: __m512) -> __m512 {
 #[inline]
 #[avx512vnni]
 pub(crate) fn exp2_bf16_reduce(t: __m512) -> __m512 {
-    // What is above the next lower integer; that integer is the power by which `scalef` scales. Processors with tiles round to the
-    // nearest number, a Zen 5 downwards: back-ends without tiles subtract.
+    // The fraction above the next lower integer, by which `scalef` scales. Processors with
+    // tiles round it to nearest, a Zen 5 down; the back-ends without tiles subtract.
     let r = _mm512_reduce_ps::<1>(t);
     let mut power = _mm512_set1_ps(EXP2_BF16[0]);
     for &c in &EXP2_BF16[1..] {

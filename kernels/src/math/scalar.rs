@@ -71,7 +71,7 @@ pub(crate) fn gelu_erf(x: f32) -> f32 {
 pub(crate) fn activate(activation: Activation, x: f32) -> f32 {
     match activation {
         Activation::None => x,
-        // Not `max`, which may keep the sign of a negative zero or not.
+        // Not `max`, which may or may not keep the sign of a negative zero.
         Activation::Relu => {
             if x > 0.0 {
                 x

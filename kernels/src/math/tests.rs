@@ -66,8 +66,9 @@ mod back_ends {
         y.map(|y| y.map(|y| if y.is_nan() { f32::NAN.to_bits() } else { y.to_bits() }))
     }
 
-    /// What attention takes of a difference from a maximum: `softmax_exp`, `softmax_exp_reduce`, `exp2_bf16` and
-    /// `exp2_bf16_reduce` of 16 values; a back-end without a version of its own has that of another.
+    /// The exponentials of attention, of 16 values: `softmax_exp`, `softmax_exp_reduce`,
+    /// `exp2_bf16` and `exp2_bf16_reduce`; a back-end without one of them runs another of
+    /// the same bound.
     pub(super) fn exponentials(isa: Isa, x: [f32; 16]) -> [[f32; 16]; 4] {
         let mut y = [x; 4];
         dispatch!(isa, exponentials(&mut y));

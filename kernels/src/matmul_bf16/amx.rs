@@ -1,17 +1,20 @@
 //! 16 x 16 outputs and 32 inputs per instruction: `tdpbf16ps`, bf16 by bf16 with f32 sums.
 //!
-//! Inputs are mostly f32: each is cut into two of bf16, `x = hi + lo + rest`, and both are multiplied with the weights. The hi
-//! part is the upper half of `x` as it stands, the lo part what that leaves, rounded; so `rest` is at most 2^-16 of `x`.
+//! Inputs are usually f32: each is split into two bf16 values, `x = hi + lo + error`, and both
+//! are multiplied with the weights. The high part is the upper half of the bits of `x`, the low
+//! part is the rest, rounded; the error is at most 2^-16 of `x`.
 //!
 //! ```text
 //!   x  s eeeeeeee mmmmmmm mmmmmmmmmmmmmmmm      per step of 32 inputs, for each tile of 16 rows and each panel:
-//!      '---- hi ------' '- lo, 8 bits'       sums += hi . w;  sums += lo . w
+//!      '---- hi ------' '- lo, 8 bits'         sums += hi . w;  sums += lo . w
 //! ```
-//! Parts are made in tiles on the stack, 32 rows at a time, for all panels of a chunk. A row goes through the same steps
-//! whichever rows are beside it: few rows leave a tile empty, and weights arrive from memory no sooner for that.
+//! Parts are written to tiles on the stack, 32 rows at a time, for all panels of a chunk. A
+//! row's steps do not depend on the other rows. Few rows leave a tile partly empty, which costs
+//! nothing: weights arrive no sooner.
 //!
-//! Rows that are bf16 already, two parts or one, are read where they lie, and a block of them is ended while the next one is
-//! multiplied: tiles and registers work at the same time.
+//! Rows that are bf16 already, in one part or two, are loaded from where they are, and the
+//! epilogue of a block runs while the next block is multiplied: tiles and registers work at the
+//! same time.
 
 use super::Bf16Rows;
 use crate::amx::{Aligned, TILE, Tiles};
@@ -25,32 +28,32 @@ use crate::pack::{PAIR, PANEL, PackedBf16};
 use core::arch::x86_64::*;
 use umo_kernels_features::avx512bf16;
 
-/// Rows of inputs in work.
+/// Rows per block.
 const ROWS: usize = 2 * TILE;
-/// Inputs of one step: a row of a tile.
+/// Inputs per step: a row of a tile.
 const STEP: usize = TILE * PAIR;
-/// Steps of inputs cut at once, where there are few inputs and where there are many.
+/// Steps of inputs split at once, for few inputs and for many.
 const STEPS: [usize; 2] = [24, 64];
-/// Steps of a row that are cut one after the other.
+/// Consecutive steps of a row that are split together.
 const NEAR: usize = 4;
-/// Bytes of weights in work at once, which stay in L2 while blocks of rows go by.
+/// Bytes of weights per chunk, which stay in L2 while blocks of rows pass.
 const CHUNK_BYTES: usize = 768 << 10;
 /// Panels of sums in one block.
 const SUMS: usize = ROWS * 2;
-/// Rows of a block that are ended at once, after as many steps of the next block.
+/// Rows whose epilogue runs after as many steps of the next block.
 const ENDED: usize = 2;
 
 /// 16 rows of inputs.
 type Tile = [[Bf16; STEP]; TILE];
-/// The inputs of one step: hi and lo parts of two tiles of rows.
+/// The inputs of one step: high and low parts of two tiles of rows.
 type Step = [[Tile; 2]; 2];
 /// Pairs of weights of 16 outputs: a row of a tile.
 type Pairs = [[Bf16; PAIR]; PANEL];
 
-/// Rows of inputs, as they come to a product.
+/// The rows of inputs of a product.
 #[derive(Clone, Copy)]
 enum Rows<'a> {
-    /// To be cut.
+    /// To be split.
     Whole(Input<'a, f32>),
     /// As they are: rounded, or hi and lo parts.
     Ready(Bf16Rows<'a>),
@@ -65,13 +68,14 @@ impl Rows<'_> {
     }
 }
 
-/// Where the parts of a block of rows lie: those of a part `stride` elements apart, each from its first input.
+/// Where the parts of a block of rows are: the rows of a part are `stride` elements apart, each
+/// starting at its first input.
 #[derive(Clone, Copy)]
 struct Source<'a> {
     /// High and lo parts of two tiles of rows.
     parts: [[&'a [Bf16]; 2]; 2],
     stride: usize,
-    /// Elements from the inputs of one step to those of the next.
+    /// Elements between the inputs of consecutive steps.
     step: usize,
 }
 
@@ -120,7 +124,8 @@ fn run(token: Amx, x: &Rows, task: &GemmTask<PackedBf16>, y: MatMut<f32>) {
     }
 }
 
-/// Whether tiles can read rows where they lie: at least one tile of them, of whole steps.
+/// Whether tiles can be loaded directly from the rows: at least one tile of them, of whole
+/// steps.
 fn is_tile_loadable(x: &Bf16Rows) -> bool {
     let (rows, inputs) = (x.hi.rows(), x.hi.cols());
     rows >= TILE && inputs > 0 && inputs.is_multiple_of(STEP)
@@ -136,7 +141,8 @@ fn product_from_stack<const PARTS: usize>(tiles: &Tiles, x: &Rows, task: &GemmTa
     }
 }
 
-/// Slots whose weights stay in L2 while blocks of rows go by: a multiple of the panels that any block takes at once.
+/// Slots of a chunk, whose weights stay in L2 while blocks of rows pass: a multiple of the
+/// panels per block.
 fn chunk(task: &GemmTask<PackedBf16>) -> usize {
     (CHUNK_BYTES / (size_of::<Pairs>() * task.k().div_ceil(PAIR).max(1)) / 4).max(1) * 4
 }
@@ -150,7 +156,7 @@ fn panels(left: usize, rows: usize) -> usize {
     }
 }
 
-/// The product of rows that tiles read where they lie. The last block begins so far before its own rows that it is whole.
+/// The product of rows loaded directly. The last block starts early enough to be complete.
 #[avx512bf16]
 fn product_in_place<const PARTS: usize>(tiles: &Tiles, x: &Bf16Rows, task: &GemmTask<PackedBf16>, mut y: MatMut<f32>) {
     let mut sums = Aligned([[[0.0; PANEL]; SUMS]; 2]);
@@ -180,7 +186,8 @@ fn product_in_place<const PARTS: usize>(tiles: &Tiles, x: &Bf16Rows, task: &Gemm
     pending.rows(ROWS, task, before, &mut y);
 }
 
-/// A block whose sums are complete, and how many of its rows have been ended: they are while the next block is multiplied.
+/// A block whose sums are complete, and the number of rows whose epilogue has run: the rest run
+/// while the next block is multiplied.
 struct PendingEpilogue {
     /// Its first row in the product.
     start: usize,
@@ -210,7 +217,7 @@ impl PendingEpilogue {
     }
 }
 
-/// The same, with room on the stack for `MOST` steps at once.
+/// The product of rows copied to the stack, `MOST` steps at once.
 #[avx512bf16]
 fn product<const MOST: usize, const PARTS: usize>(
     tiles: &Tiles,
@@ -252,23 +259,25 @@ fn end_block(
     }
 }
 
-/// The pairs of `panels` slots from `slot` on; the last of them again in what is left of four.
+/// The pairs of `panels` slots from `slot` on; the last one is repeated up to four.
 fn pairs<'a>(task: &GemmTask<PackedBf16<'a>>, slot: usize, panels: usize) -> [&'a [Pairs]; 4] {
     [0, 1, 2, 3].map(|p: usize| task.panel(slot + p.min(panels - 1)))
 }
 
-/// One or two tiles of rows from `t` on where they lie.
+/// One or two tiles of rows from `t` on, loaded directly.
 fn in_place<'a>(x: &Bf16Rows<'a>, t: usize, rows: usize) -> Source<'a> {
     let part = |part: &Mat<'a, Bf16>| [t, t + rows - TILE].map(|t| part.row_range(t..t + TILE).elements());
     let parts = [part(&x.hi), x.lo.as_ref().map_or([&[]; 2], part)];
     Source { parts, stride: x.hi.stride(), step: STEP }
 }
 
-/// The inputs from `first` on of the rows from `t` on, in two parts each, as many steps as `buffer` holds; zeros behind the
-/// last of them, because whatever stood there would meet weights of zero, and infinities have no such product.
+/// Fills `buffer` with the inputs from `first` on of the rows from `t` on, in two parts each,
+/// padded with zeros: old contents would be multiplied by zero weights, and the product of an
+/// infinity with zero is NaN.
 #[avx512bf16]
 fn fill(x: &Rows, t: usize, rows: usize, first: usize, buffer: &mut [Step]) {
-    // Rows are stored 4 KiB apart from step to step, which is one set of L1: few steps at a time, so that they stay there.
+    // Rows of consecutive steps are 4 KiB apart, in one set of L1: a few steps at a time
+    // stay there.
     for (i, steps) in buffer.chunks_mut(NEAR).enumerate() {
         for r in 0..rows {
             let first = first + i * NEAR * STEP;
@@ -285,12 +294,12 @@ fn fill(x: &Rows, t: usize, rows: usize, first: usize, buffer: &mut [Step]) {
     }
 }
 
-/// What stands from `first` on, nothing where the row ends before.
+/// The elements from `first` on, empty if the row is shorter.
 fn rest<T>(row: &[T], first: usize) -> &[T] {
     &row[first.min(row.len())..]
 }
 
-/// Cuts as many inputs of row `r` as `steps` holds.
+/// Splits as many inputs of row `r` as `steps` holds.
 #[avx512bf16]
 fn split_row(x: &[f32], r: usize, steps: &mut [Step]) {
     let (whole, part) = x.as_chunks::<STEP>();
@@ -322,7 +331,7 @@ fn copy_row(x: &[Bf16], r: usize, which: usize, steps: &mut [Step]) {
     }
 }
 
-/// High and lo parts of 32 inputs. What is infinite has nothing left, and what is no number remains so in its lo part.
+/// High and low parts of 32 inputs. The low part of an infinity is zero, that of a NaN is NaN.
 #[inline]
 #[avx512bf16]
 fn split_lanes(front: __m512, back: __m512) -> [__m512i; 2] {
@@ -389,8 +398,8 @@ fn multiply_all<const PARTS: usize>(
     }
 }
 
-/// Adds the products of `R` tiles of rows with the pairs of `P` panels to `sums [rows, P]`, or starts them; `between` is called
-/// every [`ENDED`] steps.
+/// Adds the products of `R` tiles of rows with the pairs of `P` panels to `sums [rows, P]`, or
+/// starts them; calls `between` every [`ENDED`] steps.
 #[avx512bf16]
 fn multiply<const R: usize, const P: usize, const PARTS: usize>(
     tiles: &Tiles,
@@ -425,7 +434,7 @@ fn multiply<const R: usize, const P: usize, const PARTS: usize>(
     tiles.store_sums::<R, P>(sums);
 }
 
-/// 32 inputs of `R` tiles of rows with `P` panels; in every sum the hi parts come first.
+/// 32 inputs of `R` tiles of rows with `P` panels; in every sum the high parts are added first.
 #[inline]
 fn step<const R: usize, const P: usize, const PARTS: usize>(
     tiles: &Tiles,

@@ -9,7 +9,7 @@ use crate::pack::{PAIR, PANEL, PackedBf16};
 use core::arch::x86_64::*;
 use umo_kernels_features::avx2;
 
-/// The bits of the second of a pair, where an f32 has them.
+/// Mask of the second value of a pair, whose bits are in the place of an f32's.
 const UPPER_HALF: i32 = -1 << 16;
 
 entry! {

@@ -15,7 +15,7 @@ entry! {
     pub(super) fn matmul_rows(token: Avx512Bf16, x: Bf16Rows, w: PackedBf16, epilogue: Epilogue, y: MatMut<f32>) {
         match x.lo {
             None => run(token, Input::all(x.hi), &GemmTask::Plain(w, epilogue), y),
-            // Two products in place of one of f32, which takes twice as long: nothing is gained.
+            // Two bf16 products would take as long as one of f32.
             Some(_) => scalar::matmul_rows(x, w, epilogue, y),
         }
     }

@@ -1,6 +1,7 @@
-//! The f32 product's loops over weights that are widened as they are loaded.
+//! The shared loops over weights that are widened to f32 when loaded.
 //!
-//! Not `vdpbf16ps`, which needs rounded inputs, and on Intel's processors does half as many multiply-adds per cycle as `vfmadd231ps`.
+//! Not `vdpbf16ps`, which needs rounded inputs and has half the multiply-adds per cycle of
+//! `vfmadd231ps` on Intel's processors.
 
 use crate::bf16::Bf16;
 use crate::gemm::avx512vnni::{Load, run};
@@ -11,7 +12,7 @@ use crate::pack::{PAIR, PANEL, PackedBf16};
 use core::arch::x86_64::*;
 use umo_kernels_features::avx512vnni;
 
-/// The bits of the second of a pair, where an f32 has them.
+/// Mask of the second value of a pair, whose bits are in the place of an f32's.
 const UPPER_HALF: i32 = -1 << 16;
 
 entry! {

@@ -1,9 +1,11 @@
-//! 16 x 16 outputs and 64 inputs per instruction: `tdpbssd`, signed by signed bytes, so that nothing needs correction.
+//! 16 x 16 outputs and 64 inputs per instruction: `tdpbssd`, signed by signed bytes, which
+//! needs no correction.
 //!
-//! The packed weights are the instruction's own layout: 16 quads of one panel, 1 KiB, are one tile. Rows of inputs are
-//! gathered into tiles on the stack, as many as there is room for, and pass by each pair of panels, block by block. While
-//! the tiles of one block are multiplied, the sums of the block before are ended, a few rows per step, and the next
-//! pair of panels comes to L2. Up to [`FEW_ROWS`] rows, most of a tile would be empty: they are left to VNNI.
+//! The packed weights have the instruction's layout: 16 quads of one panel, 1 KiB, are one
+//! tile. Rows of inputs are gathered into tiles on the stack, as many as fit, and pass each
+//! pair of panels block by block. While the tiles of one block are multiplied, the epilogue of
+//! the block before runs, a few rows per step, and the next pair of panels is prefetched to L2.
+//! Up to [`FEW_ROWS`] rows would leave most of a tile empty and are computed with VNNI.
 
 use super::avx512vnni;
 use super::avx512vnni::tiles::dequantize_tile;
@@ -25,21 +27,22 @@ use umo_kernels_features::avx512vnni;
 
 /// Rows that VNNI multiplies sooner.
 const FEW_ROWS: usize = 6;
-/// Rows of inputs in work.
+/// Rows per block.
 const ROWS: usize = 2 * TILE;
-/// Panels in work, of which gated products need an even number.
+/// Panels per block; gated products need an even number.
 const WIDTH: usize = 2;
 /// Tiles of inputs gathered at once: 256 rows of 768 inputs are 192 KiB.
 const ROOM: usize = 256;
-/// Bytes of outputs that the rows gathered at once reach over at most, where there are more than two blocks of them:
-/// each pair of panels writes two lines of each row, whose neighbours are to be in L2 still when the next pair comes.
+/// Limit on the bytes between the first and the last output row of a group of more than two
+/// blocks: each pair of panels writes two lines of each row, whose neighbours should still be
+/// in L2 for the next pair.
 const REACH: usize = 512 << 10;
-/// Fewest gated rows ended in one step: their divisions wait for each other less than three rows in every step would.
+/// Minimum of gated rows per step of the epilogue: the latencies of their divisions overlap.
 const GATED_ROWS: usize = 6;
-/// Bytes of weights in work at once, which stay in L2 while blocks of rows go by.
+/// Bytes of weights per chunk, which stay in L2 while blocks of rows pass.
 const CHUNK_BYTES: usize = 768 << 10;
 
-/// Rows gathered at once at most: their scales stand beside them.
+/// Most rows gathered at once; their scales are stored too.
 const GROUP: usize = 512;
 
 /// Panels of sums in one block: integers as bits in the sum_index of the floats that they become.
@@ -47,7 +50,8 @@ const SUMS: usize = ROWS * WIDTH;
 
 /// 16 rows of 64 bytes.
 type Tile = [[i8; BYTES]; TILE];
-/// The same of inputs: not cleared before rows are gathered, so that what nobody multiplies or reads costs nothing.
+/// A tile of inputs. It is not initialized before rows are gathered: rows that nothing reads
+/// cost nothing.
 type Inputs = [MaybeUninit<[i8; BYTES]>; TILE];
 /// Sums of one block.
 type Sums = [[f32; PANEL]; SUMS];
@@ -122,7 +126,8 @@ fn run(token: Amx, x: &QuantInput, task: &GemmTask, mut y: MatMut<f32>) {
     pending.all(x, task, before, &mut y);
 }
 
-/// Whether tiles can be loaded from a block of `rows` rows where they lie: whole ones, whose rows start at cache lines.
+/// Whether tiles can be loaded directly from a block of `rows` rows: whole tiles, whose rows
+/// start at cache lines.
 #[inline]
 fn is_tile_loadable(x: &QuantInput, rows: usize) -> bool {
     let mat = &x.rows.mat;
@@ -131,8 +136,8 @@ fn is_tile_loadable(x: &QuantInput, rows: usize) -> bool {
     x.rows.index.is_none() && whole && start.is_multiple_of(BYTES) && mat.stride().is_multiple_of(BYTES)
 }
 
-/// The inputs from `first` on of `rows` rows from `t` on, of one block, `steps` steps. Whatever stands behind the last row makes
-/// sums that nobody reads.
+/// Gathers the inputs from `first` on of `rows` rows from `t` on, `steps` steps of one block.
+/// The contents behind the last row produce sums that nothing reads.
 #[avx512vnni]
 fn gather(x: &QuantInput, t: usize, rows: usize, first: usize, steps: usize, room: &mut [Inputs]) {
     let last = (first + steps * BYTES).min(x.rows.cols());
@@ -150,11 +155,12 @@ fn gather(x: &QuantInput, t: usize, rows: usize, first: usize, steps: usize, roo
     }
 }
 
-/// Where the inputs of a block stand.
+/// Where the inputs of a block are.
 #[derive(Clone, Copy)]
 struct Source<'a> {
     bytes: &'a [MaybeUninit<i8>],
-    /// From one row of a tile to the next, from the upper tile to the lower, and from a step to the next.
+    /// Distances between the rows of a tile, between the upper and the lower tile, and
+    /// between steps.
     row: usize,
     tile: usize,
     step: usize,
@@ -164,21 +170,23 @@ impl<'a> Source<'a> {
     /// Pairs of tiles.
     fn gathered(inputs: &'a [Inputs]) -> Self {
         let (start, len) = (inputs.as_ptr().cast(), size_of_val(inputs));
-        // SAFETY: these are the bytes of `inputs`, any of which may be uninitialised in both types.
+        // SAFETY: these are the bytes of `inputs`, which may be uninitialized in both
+        // types.
         let bytes = unsafe { core::slice::from_raw_parts(start, len) };
         Self { bytes, row: BYTES, tile: TILE * BYTES, step: 2 * TILE * BYTES }
     }
 
-    /// The rows from `t` on where they lie.
+    /// The rows from `t` on, loaded directly.
     fn rows(x: &QuantInput<'a>, t: usize, rows: usize) -> Self {
         let mat = x.rows.mat.row_range(t..t + rows);
         let elements = mat.elements();
-        // SAFETY: these are the bytes of `elements`; what is initialised may be taken for what need not be.
+        // SAFETY: these are the bytes of `elements`; initialized bytes are valid as
+        // `MaybeUninit`.
         let bytes = unsafe { core::slice::from_raw_parts(elements.as_ptr().cast(), elements.len()) };
         Self { bytes, row: mat.stride(), tile: TILE * mat.stride(), step: BYTES }
     }
 
-    /// The upper tile of a step becomes `tmm4`, the lower one of `R` 2 `tmm5`.
+    /// Loads the upper tile of a step to `tmm4`, or the lower one (if `R` is 2) to `tmm5`.
     #[inline]
     fn load<const T: u8>(&self, tiles: &Tiles, step: usize) {
         let at = step * self.step + if T == 5 { self.tile } else { 0 };
@@ -191,23 +199,24 @@ struct Pair<'a> {
     slot: usize,
     panels: usize,
     quads: [&'a [[i8; BYTES]]; WIDTH],
-    /// The panels that will be in work next, and how many lines of each of them a step brings to L2.
+    /// The panels of the next pair, and the lines of each that a step prefetches to L2.
     ahead: [&'a [[i8; BYTES]]; WIDTH],
     lines: usize,
     epilogue: PairEpilogue,
 }
 
-/// What the sums of a pair of panels end with.
+/// The epilogue of a pair of panels.
 #[derive(Clone, Copy)]
 struct PairEpilogue {
     kind: Kind,
     scale: [__m512; WIDTH],
-    /// -0 where there is none: it changes no sum.
+    /// -0 if there is none: adding it changes no sum.
     bias: [__m512; WIDTH],
 }
 
 impl<'a> Pair<'a> {
-    /// The slots from `slot` on, below `end`, for `rows` rows; `next` is the slot that will be in work next.
+    /// The slots from `slot` on, below `end`, for `rows` rows; `next` is the next slot to
+    /// be processed.
     #[avx512vnni]
     fn new(task: &GemmTask<'a>, slot: usize, end: usize, next: usize, rows: usize) -> Self {
         let panels = (end - slot).min(WIDTH);
@@ -262,7 +271,7 @@ struct Work<'a, 'b> {
     x: &'a QuantInput<'b>,
     task: &'a GemmTask<'b>,
     pair: &'a Pair<'b>,
-    /// The first row, how many, and which block of those gathered this is.
+    /// The first row, the number of rows, and the block's index among those gathered.
     t: usize,
     rows: usize,
     block: usize,
@@ -329,8 +338,9 @@ impl Work<'_, '_> {
         }
     }
 
-    /// Adds the products of `R` tiles of rows with the quads of `P` panels to `sums [rows, P]`, or starts them; meanwhile, ends
-    /// rows of the block before, which end as `KIND` says.
+    /// Adds the products of `R` tiles of rows with the quads of `P` panels to `sums [rows,
+    /// P]`, or starts them; meanwhile, runs the epilogue of rows of the block before, of
+    /// kind `KIND`.
     #[avx512vnni]
     fn multiply<const R: usize, const P: usize, const KIND: u8>(
         &mut self,
@@ -352,7 +362,7 @@ impl Work<'_, '_> {
         let mut outputs = Outputs::new(self, y, first.len());
         for (i, (first, second)) in first.iter().zip(second).enumerate() {
             step::<R, P>(self.tiles, (&steps.inputs, i), [first, second]);
-            // Few rows wait for their weights, which take all that memory gives.
+            // Few rows are bound by the bandwidth of their weights.
             if R == 2 {
                 outputs.fetch_some();
             }
@@ -375,19 +385,19 @@ impl Work<'_, '_> {
     }
 }
 
-/// Outputs of a block, which come into L1 while it is multiplied and are written while the next one is: until then another core or
-/// the last-level cache may have them.
+/// Outputs of a block, prefetched to L1 while it is multiplied and written while the next one
+/// is: another core or the last-level cache may hold them.
 struct Outputs<'a> {
     /// Those of row 0, and elements from a row to the next.
     first: *const f32,
     stride: usize,
     /// The block's rows that are left.
     t: Range<usize>,
-    /// The rows that they go to, where these are others.
+    /// The destination rows of a scatter.
     scatter: Option<&'a [u32]>,
     /// Whether a row has outputs of two panels.
     two: bool,
-    /// Rows per step.
+    /// Rows prefetched per step.
     rows: usize,
 }
 
@@ -433,8 +443,8 @@ struct Steps<'a> {
     start: bool,
 }
 
-/// 64 inputs of `R` tiles of rows with `P` panels. Rows pass L1 by, in which the panels stay for the next block: four tiles from
-/// L2 take longer than four products, two do not.
+/// 64 inputs of `R` tiles of rows with `P` panels. Rows bypass L1, where the panels stay for
+/// the next block: four tiles from L2 take longer than four products, two do not.
 #[inline]
 fn step<const R: usize, const P: usize>(tiles: &Tiles, (x, i): (&Source, usize), w: [&Tile; WIDTH]) {
     x.load::<4>(tiles, i);
@@ -457,7 +467,7 @@ fn step<const R: usize, const P: usize>(tiles: &Tiles, (x, i): (&Source, usize),
     }
 }
 
-/// How the rows of a block end.
+/// The epilogue of a block's rows.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Kind {
     /// All at once.
@@ -474,7 +484,7 @@ const SCATTER: u8 = Kind::Scatter as u8;
 const ADD: u8 = Kind::Add as u8;
 const STORE: u8 = Kind::Store as u8;
 
-/// A block whose sums are complete, and how much of it has been ended.
+/// A block whose sums are complete, and the progress of its epilogue.
 struct PendingEpilogue {
     t: usize,
     rows: usize,

@@ -1,5 +1,5 @@
-//! Bytes widened to 16 bits and multiplied in pairs: `vpmaddwd`, which is exact. (`vpmaddubsw` would take twice as many
-//! at once, but saturates.)
+//! Bytes widened to 16 bits and multiplied in pairs: `vpmaddwd`, which is exact. (`vpmaddubsw`
+//! has twice the rate, but saturates.)
 //!
 //! ```text
 //! a quad of a panel    o0 o0 o0 o0 o1 o1 o1 o1 o2 .. o3     16 bytes, widened: one register
@@ -22,16 +22,16 @@ use umo_kernels_features::avx2;
 
 /// Rows of the largest tile: 6 rows x 2 registers of sums leave four, for two of weights, an input and a product.
 const ROWS: usize = 6;
-/// Quads of inputs converted at once: 6 rows are 24 KiB, in L1 beside the weights that stream through.
+/// Quads of inputs converted at once: 6 rows are 24 KiB, which fit in L1 beside the weights.
 const QUADS: usize = 512;
-/// Quads between a multiplication and the prefetch of its weights: panels are read one after another, from end to end, so that memory's
-/// delay is hidden for as long as they are read once.
+/// Prefetch distance in quads: panels are read in order, so that a long distance hides the
+/// latency of memory while weights are read once.
 const PREFETCH_DISTANCE: usize = 160;
-/// Outputs whose quads fill a register once widened.
+/// Outputs whose quads fill a register when widened.
 const OUTPUTS: usize = 4;
 /// Registers of a panel.
 const REGISTERS: usize = PANEL / OUTPUTS;
-/// Panels that are ended at once, as a gate and an up panel.
+/// Panels whose epilogue runs at once: a gate and an up panel.
 const WIDTH: usize = 2;
 
 /// Inputs of one row, widened; the extra quads keep rows off each other's cache sets.
@@ -85,7 +85,7 @@ fn convert(x: &QuantInput, t: usize, first: usize, buffer: &mut [WideRow]) {
         for (x, wide) in x.iter().zip(wide.iter_mut()) {
             store_words(wide, widen(x));
         }
-        // Whatever stands behind the last input meets weights that are zero.
+        // Values behind the last input are multiplied by zero weights.
         for (x, wide) in x_tail.iter().zip(&mut wide[x.len()]) {
             *wide = i16::from(*x);
         }
@@ -171,7 +171,7 @@ fn quad_bits(x: [i16; QUAD]) -> i64 {
     x.iter().rev().fold(0, |bits, &x| bits << 16 | i64::from(x.cast_unsigned()))
 }
 
-/// The sums of 8 outputs from the two of each that stand side by side.
+/// The sums of 8 outputs from two adjacent partial sums each.
 #[inline]
 #[avx2]
 fn add_pairs(low: __m256i, high: __m256i) -> __m256i {
@@ -179,8 +179,9 @@ fn add_pairs(low: __m256i, high: __m256i) -> __m256i {
     _mm256_permute4x64_epi64::<0b11_01_10_00>(_mm256_hadd_epi32(low, high))
 }
 
-/// Ends the integer sums `[rows, width]`, which lie as bits in the sum_index of the floats that they become: those of the rows from `t`
-/// on with the slots from `slot` on, whose inputs were raised by `OFFSET`.
+/// Scales the integer sums `[rows, width]` of the rows from `t` on with the slots from `slot`
+/// on to floats, and applies the epilogue. The sums are stored as bits of floats; their inputs
+/// were offset by `OFFSET`.
 #[avx2]
 pub(super) fn dequantize_tile<const OFFSET: i32>(
     x: &QuantInput,

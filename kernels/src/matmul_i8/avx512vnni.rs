@@ -1,7 +1,8 @@
 //! Four inputs of 16 outputs per instruction: `vpdpbusd`, which multiplies unsigned by signed bytes.
 //!
-//! Input rows are made unsigned (`x + 128`) in a small buffer on the stack, a tile of rows at a time, or quad by quad as they are
-//! multiplied; what that adds, `128 * sum(w)`, is taken from the sums in the end. All of it wraps in 32 bits, so the sums are exact.
+//! Inputs are offset to unsigned (`x + 128`), either beforehand in a buffer on the stack, a
+//! tile of rows at a time, or when they are loaded. The excess, `128 * sum(w)`, is subtracted
+//! from the sums at the end. All of it wraps in 32 bits, so that the sums are exact.
 
 mod one_stream;
 pub(super) mod tiles;

@@ -1,7 +1,9 @@
-//! Four inputs of 8 outputs per instruction: `vpdpbusd` in registers of 32 bytes, which many processors have without AVX-512.
+//! Four inputs of 8 outputs per instruction: `vpdpbusd` in registers of 32 bytes, which many
+//! processors without AVX-512 have.
 //!
-//! As there, input rows are made unsigned (`x + 128`) a tile of rows at a time, and what that adds, `128 * sum(w)`, is taken from
-//! the sums at the end. A panel's quad is two registers.
+//! As in `avx512vnni.rs`, inputs are offset to unsigned (`x + 128`), a tile of rows at a time,
+//! and the excess, `128 * sum(w)`, is subtracted from the sums at the end. A panel's quad is
+//! two registers.
 
 use super::avx2::dequantize_tile;
 use super::chunk::{CHUNK_BYTES, Chunk, PREFETCH_DISTANCE, prefetch_scales};
@@ -16,20 +18,22 @@ use crate::tuning::Tuning;
 use core::arch::x86_64::*;
 use umo_kernels_features::avxvnni;
 
-/// Rows of the largest tile: 6 rows x 1 panel are 12 sums, which leaves two registers of weights and an input.
+/// Rows of the largest tile: 6 rows x 1 panel are 12 sums, which leaves two registers for
+/// weights and one for an input.
 const ROWS: usize = 6;
 /// Panels of few rows in one group, 12 sums of one row; an even number, as gated products need.
 const WIDE: usize = 6;
 /// Panels of more rows in one group: a gate and an up panel.
 const PAIR: usize = 2;
-/// Panels of sums that a group ends.
+/// Panels of sums of a group.
 const SUMS: usize = ROWS * PAIR;
-/// Quads of inputs converted at once: 6 rows are 24 KiB, in L1 beside the weights that stream through.
+/// Quads of inputs converted at once: 6 rows are 24 KiB, which fit in L1 beside the weights.
 const QUADS: usize = 1024;
 /// Bytes in a register.
 const BYTES: usize = 32;
 
-/// Unsigned buffer of one row, with room for a whole register behind the last; the extra line keeps rows off each other's cache sets.
+/// Inputs of one row, offset to unsigned, padded to a whole register; the extra line avoids
+/// conflicts between rows in cache sets.
 type BiasedRow = [[u8; QUAD]; QUADS + 16];
 
 entry! {
@@ -44,7 +48,7 @@ entry! {
 
 #[avxvnni]
 fn run(x: &QuantInput, task: &GemmTask, y: MatMut<f32>) {
-    // One row, as in a decoder's step, where clearing the large buffer would show.
+    // One row, as in a decoder's step, where clearing the large buffer would be measurable.
     if x.rows.rows() == 1 { product::<1>(x, task, y) } else { product::<ROWS>(x, task, y) }
 }
 
@@ -72,7 +76,8 @@ fn product<const TILE: usize>(x: &QuantInput, task: &GemmTask, mut y: MatMut<f32
     }
 }
 
-/// The inputs from `first` on of the rows from `t` on, made unsigned, as many of both as `buffer` holds.
+/// Converts the inputs from `first` on of the rows from `t` on to unsigned, as many of both as
+/// `buffer` holds.
 #[avxvnni]
 fn convert(x: &QuantInput, t: usize, first: usize, buffer: &mut [BiasedRow]) {
     let inputs = first..(first + QUADS * QUAD).min(x.rows.cols());
@@ -82,7 +87,7 @@ fn convert(x: &QuantInput, t: usize, first: usize, buffer: &mut [BiasedRow]) {
         for (x, buffer) in x.iter().zip(buffer.iter_mut()) {
             store_bytes(buffer, unsigned(x));
         }
-        // Whatever stands behind the last input meets weights that are zero.
+        // Values behind the last input are multiplied by zero weights.
         let mut last = [0; BYTES];
         last[..x_tail.len()].copy_from_slice(x_tail);
         store_bytes(&mut buffer[x.len()], unsigned(&last));
@@ -143,15 +148,17 @@ fn group<const R: usize, const P: usize, const WIDTH: usize>(
             multiply::<R, P, WIDTH>(buffer, panels, fetch, first == 0, &mut sums[i..]);
         }
     }
-    // The next group's first weights arrive while this one ends.
+    // The first weights of the next group are prefetched while the epilogue of this one
+    // runs.
     for slot in slot + WIDTH..(slot + 2 * WIDTH).min(task.slots()) {
         task.panel(slot).iter().take(chunk.ahead).for_each(|line| prefetch::to_l1(line));
     }
     dequantize_tile::<128>(x, t, &mut sums[..R * WIDTH], WIDTH, task, slot, y);
 }
 
-/// The innermost tile: adds the products over the panels' quads to `R x P` of the sums `[R, WIDTH]`, in registers. Weights are
-/// fetched so far `ahead`, and the `next` panel, quad by quad. Kept out of line: 16 registers are too few for what stands around it.
+/// The innermost tile: adds the products of the panels' quads to `R x P` of the sums `[R,
+/// WIDTH]`, in registers. Prefetches weights at the distance `ahead`, and the `next` panel,
+/// quad by quad. Kept out of line: 16 registers are too few for the surrounding code.
 #[inline(never)]
 #[avxvnni]
 fn multiply<const R: usize, const P: usize, const WIDTH: usize>(
@@ -163,7 +170,7 @@ fn multiply<const R: usize, const P: usize, const WIDTH: usize>(
 ) {
     let quads = panels[0].len();
     assert!(quads <= QUADS);
-    // Known to the compiler where it matters: a decoder's step.
+    // A constant for one row, a decoder's step, where it matters.
     let ahead = if R == 1 { PREFETCH_DISTANCE[0] } else { ahead };
     for panel in panels {
         assert!(panel.len() == quads);

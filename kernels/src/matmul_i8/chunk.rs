@@ -1,16 +1,18 @@
-//! Weights in work, which stay in L2 while tiles of rows go by, and the next, which come meanwhile.
+//! Chunks of weights that stay in L2 while tiles of rows pass; the next chunk is prefetched
+//! meanwhile.
 
 use super::input::GemmTask;
 use crate::pack::{PANEL, QUAD};
 use crate::prefetch;
 use core::ops::Range;
 
-/// Rows of a tile that is bound by memory, where clearing a large buffer would show, and fetching further weights does not pay.
+/// Rows of a tile that is bound by memory: there, clearing a large buffer is measurable, and
+/// prefetching further weights does not pay.
 pub(super) const FEW_ROWS: usize = 4;
-/// Bytes of weights in work at once, beside the next: half of a small L2.
+/// Bytes of weights per chunk, which share a small L2 with the next chunk.
 pub(super) const CHUNK_BYTES: usize = 256 << 10;
-/// Quads between a multiplication and the prefetch of its weights: from L2, where 8 steps of 13 cycles are longer than it takes, and
-/// where several rows meet each weight but once, and it comes from further away.
+/// Prefetch distances in quads: 8 steps of 13 cycles hide the latency of L2; the longer
+/// distance is for one tile of several rows, whose weights are read once, from memory.
 pub(super) const PREFETCH_DISTANCE: [usize; 2] = [8, 32];
 
 /// Some of a task's panels, for a group of them at a time to be multiplied.
@@ -22,12 +24,13 @@ pub(super) struct Chunk<'a> {
     pub(super) ahead: usize,
     /// Not yet fetched, of the chunk after this.
     next: Range<usize>,
-    /// How many of those a group fetches.
+    /// Panels of it that a group prefetches.
     each: usize,
 }
 
 impl<'a> Chunk<'a> {
-    /// These slots, as far as there are any, for so many rows in `tiles`, each of which meets `group` panels at a time.
+    /// These slots, as far as there are any, for `rows` rows in `tiles`, each of which
+    /// processes `group` panels at a time.
     pub(super) fn new(task: &'a GemmTask, slots: Range<usize>, rows: usize, (tiles, group): (usize, usize)) -> Self {
         let slots = slots.start..slots.end.min(task.slots());
         let next = slots.end..(slots.end + slots.len()).min(task.slots());
@@ -37,7 +40,8 @@ impl<'a> Chunk<'a> {
         Self { task, slots, ahead, next, each }
     }
 
-    /// Panels of the next chunk to be fetched now; where there are none, `panel`, which is here.
+    /// Panels of the next chunk to be prefetched now; if there are none, `panel`, which is
+    /// in cache.
     #[inline]
     pub(super) fn fetch(&mut self, panel: &[[i8; PANEL * QUAD]]) -> [*const [i8; PANEL * QUAD]; 2] {
         let mut some = [panel.as_ptr(); 2];
@@ -50,7 +54,7 @@ impl<'a> Chunk<'a> {
     }
 }
 
-/// Fetches what ends the sums of a slot's panel, while it is multiplied.
+/// Prefetches the scales and sums that the epilogue of a slot's panel reads.
 #[inline]
 pub(super) fn prefetch_scales(task: &GemmTask, slot: usize) {
     let (w, p) = task.slot(slot);

@@ -1,4 +1,4 @@
-//! The operands of an int8 product, as its back-ends take them.
+//! The operands of an int8 product, as its back-ends receive them.
 
 use crate::gemm::Input;
 #[cfg(target_arch = "x86_64")]

@@ -16,8 +16,8 @@ use crate::prefetch;
 pub(super) const SUMS: usize = 12;
 
 entry! {
-    /// `vpmaddwd` and an addition, which is what an exact product takes: bytes were widened before. By name, or the compiler
-    /// would see that every product is the same.
+    /// `vpmaddwd` and an addition, the cost of an exact product of widened bytes. In
+    /// assembly, or the compiler would merge the equal products.
     pub(super) fn int8(_token: Avx2, rounds: usize) -> Option<usize> {
         if rounds == 0 {
             return Some(0);

@@ -1,6 +1,6 @@
 //! The reference: one row at a time.
 
-/// Quantises one row, returns the real value of one step.
+/// Quantizes one row and returns its scale.
 pub(crate) fn quantize(row: &[f32], codes: &mut [i8]) -> f32 {
     let Some((per_unit, scale)) = per_unit(largest(row)) else {
         codes.fill(0);
@@ -23,10 +23,12 @@ pub(super) fn round(row: &[f32], per_unit: f32, codes: &mut [i8]) {
     }
 }
 
-/// Steps per unit and the size of a step, for a row whose largest value is `max`; none for a row of zeros.
+/// The reciprocal of the scale, and the scale, of a row whose largest absolute value is `max`;
+/// none for a row of zeros.
 #[inline]
 pub(super) fn per_unit(max: f32) -> Option<(f32, f32)> {
     let per_unit = 127.0 / max;
-    // Nor where a denormal maximum makes the quotient infinite: such a row is zero to any precision that matters.
+    // Nor if a denormal maximum makes the quotient infinite: such a row is zero to any
+    // precision that matters.
     per_unit.is_finite().then_some((per_unit, max / 127.0))
 }

@@ -6,13 +6,14 @@ use core::arch::x86_64::*;
 use umo_kernels_features::avx2;
 pub(super) use umo_kernels_features::avx2 as features;
 
-/// Registers of columns that one, two and four queries take at once: 8 sums of values.
+/// Registers of columns per pass for one, two and four queries: 8 sums of values.
 pub(super) const COLUMNS: [usize; 3] = [8, 4, 2];
 
-/// Queries that share one packing: their softmaxes take 9 KiB.
+/// Queries that share one packing: their softmax states take 9 KiB.
 pub(super) const BLOCK: usize = 256;
 
-/// The pairs of partial sums, each named by its first, so that neighbours are what [`pairwise`](crate::lanes::pairwise) adds next.
+/// The pairs of partial sums, each named by its first, in the order in which
+/// [`pairwise`](crate::lanes::pairwise) adds neighbours.
 pub(super) const ORDER: [usize; WIDTH / 2] = [0, 2, 1, 3];
 
 /// Pairs of partial sums that are added while they are in registers: two would spill.

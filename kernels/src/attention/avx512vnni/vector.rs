@@ -7,13 +7,14 @@ use core::arch::x86_64::*;
 use umo_kernels_features::avx512vnni;
 pub(super) use umo_kernels_features::avx512vnni as features;
 
-/// Registers of columns that one, two and four queries take at once: up to 16 sums of values.
+/// Registers of columns per pass for one, two and four queries: up to 16 sums of values.
 pub(super) const COLUMNS: [usize; 3] = [4; 3];
 
-/// Queries that share one packing: their softmaxes take 17 KiB.
+/// Queries that share one packing: their softmax states take 17 KiB.
 pub(super) const BLOCK: usize = 256;
 
-/// The pairs of partial sums, each named by its first, so that neighbours are what [`pairwise`](crate::lanes::pairwise) adds next.
+/// The pairs of partial sums, each named by its first, in the order in which
+/// [`pairwise`](crate::lanes::pairwise) adds neighbours.
 pub(super) const ORDER: [usize; WIDTH / 2] = [0, 4, 2, 6, 1, 5, 3, 7];
 
 /// Pairs of partial sums that are added while they are in registers.
@@ -56,7 +57,8 @@ pub(super) fn sums_of(sums: [Register; WIDTH]) -> Register {
     // Four rounds halve the registers: [8 lanes of a, b], [4 of a, b, c, d], [2 of each in every 128 bits], ...
     let mut eight = [_mm512_setzero_ps(); 8];
     for t in 0..8 {
-        // The rounds would leave register `f` in lane `f % 4 * 4 + f / 4`; so `f` takes what belongs there.
+        // The rounds move register `f` to lane `f % 4 * 4 + f / 4`; the inputs are
+        // permuted to undo that.
         let (a, b) = (sums[t % 2 * 8 + t / 2], sums[t % 2 * 8 + 4 + t / 2]);
         eight[t] = _mm512_add_ps(_mm512_shuffle_f32x4::<0x44>(a, b), _mm512_shuffle_f32x4::<0xee>(a, b));
     }

@@ -1,15 +1,15 @@
 //! 32 queries at a time over 256 keys, on tiles of bfloat16 pairs.
 //!
 //! ```text
-//! queries meet keys:  keys, one tile of 16 for each 32 of `head_dim`: tmm2, then tmm3
+//! scores:  keys, one tile of 16 for each 32 of `head_dim`: tmm2, then tmm3
 //!   queries  0..16: tmm4 tmm5 (by `head_dim`)    scores tmm0
 //!           16..32: tmm6 tmm7                           tmm1
-//! weights meet values:    values, 16 columns each: tmm6 tmm7
+//! values:  values, 16 columns each: tmm6 tmm7
 //!   queries  0..16: tmm4                          tmm0 tmm1
 //!           16..32: tmm5                          tmm2 tmm3
 //! ```
-//! Scores of 32 queries stand in tiles of 16 keys; softmax turns two of them into one tile of weights, in place: 32 KiB, which stay in
-//! L1 while keys and values pass by.
+//! Scores of 32 queries are stored in tiles of 16 keys; softmax replaces two of them by one
+//! tile of weights, in place: 32 KiB, which stay in L1 while keys and values stream through.
 
 #![expect(clippy::needless_range_loop, reason = "loops of constant length over registers read best by index")]
 
@@ -29,10 +29,10 @@ use core::arch::x86_64::*;
 use core::ops::Range;
 use umo_kernels_features::avx512bf16;
 
-/// Queries whose softmaxes are kept while blocks of keys go by.
+/// Queries whose softmax states are kept while blocks of keys are processed.
 const BLOCK: usize = 512;
 
-/// Groups of 16 queries in work at once.
+/// Groups of 16 queries processed at once.
 const GROUPS: usize = 2;
 
 /// By 16 keys and 32 of `head_dim`: rows of pairs, a key per column.
@@ -47,7 +47,7 @@ type Scores = [[[Tile; 2]; KEYS / STEP]; GROUPS];
 /// A register for each query.
 type Lanes = [[[f32; LANES]; ROWS]; GROUPS];
 
-/// What one call keeps between its loops.
+/// The buffers of one call.
 struct Work {
     scores: Scores,
     k: Keys,
@@ -111,7 +111,7 @@ fn fits(x: &Operands<f32>) -> bool {
     x.q.cols() <= MOST_DIM
 }
 
-/// `count` biases in powers of 2, where there are any.
+/// Converts `count` biases to powers of 2, if there are any.
 #[avx512bf16]
 fn scale_biases(biases: &[f32], count: usize, scaled: &mut [f32; BLOCK + KEYS]) {
     for (scaled, bias) in scaled.iter_mut().zip(biases).take(count) {
@@ -119,21 +119,22 @@ fn scale_biases(biases: &[f32], count: usize, scaled: &mut [f32; BLOCK + KEYS]) 
     }
 }
 
-/// Up to 32 queries and the keys in work.
+/// Up to 32 queries and the current block of keys.
 struct Block<'a> {
     q: Mat<'a, f32>,
     scale: f32,
-    /// Where the last query's biases begin; those of each query before it, one further on.
+    /// Offset of the last query's biases; those of each earlier query start one further on.
     biases: usize,
     keys: usize,
 }
 
 impl Block<'_> {
-    /// Adds what these keys give to the first rows of `y`, in `G` groups of queries. `others` came before these keys, or they are
-    /// the `last`.
+    /// Adds the contribution of these keys to the first rows of `y`, in `G` groups of
+    /// queries. `others`: there were keys before these; `last`: there are none after.
     ///
-    /// While queries meet 32 keys, the scores of the 32 keys before are scaled; while the weights of 32 keys meet values, those of the
-    /// next are taken: a few registers between any two products.
+    /// While the tiles compute the scores of 32 keys, the registers scale those of the 32
+    /// keys before; while the tiles sum the values of 32 keys, the registers compute the
+    /// weights of the next.
     #[avx512bf16]
     fn run<const G: usize>(
         &self,
@@ -260,7 +261,8 @@ impl Block<'_> {
         self.score(scores, 0..self.q.rows(), pairs - 1, biases, largest);
     }
 
-    /// Turns the dot products of the queries `rows` with 32 keys into scores, and takes the largest of them in, by lanes.
+    /// Turns the dot products of the queries `rows` with 32 keys into scores, and updates
+    /// the largest of each lane.
     #[inline]
     #[avx512bf16]
     fn score(&self, scores: &mut Scores, rows: Range<usize>, pair: usize, biases: &[f32], largest: &mut Lanes) {
@@ -297,7 +299,8 @@ fn softmax_weights(scores: &mut Scores, r: usize, pair: usize, max: f32, sums: &
     store(sums, _mm512_add_ps(so_far, _mm512_add_ps(a, b)));
 }
 
-/// Two registers as one of bfloat16 values, nearest, ties to even: first those of `a`, then those of `b`.
+/// Rounds two registers to one of bf16 values, to nearest, ties to even: those of `a`, then
+/// those of `b`.
 #[inline]
 #[avx512bf16]
 fn round_to_bf16(a: __m512, b: __m512) -> __m512 {
@@ -306,7 +309,8 @@ fn round_to_bf16(a: __m512, b: __m512) -> __m512 {
     unsafe { core::mem::transmute::<__m512bh, __m512>(round_to_bf16) }
 }
 
-/// Queries as rows of pairs; rows beyond the last keep what they hold, and nobody reads what becomes of it.
+/// Packs queries as rows of pairs; rows beyond the last keep their old contents, whose results
+/// nothing reads.
 #[avx512bf16]
 fn pack_queries(q: Mat<f32>, packed: &mut Queries) {
     for r in 0..q.rows() {
@@ -318,7 +322,7 @@ fn pack_queries(q: Mat<f32>, packed: &mut Queries) {
     }
 }
 
-/// Keys as columns of pairs; those beyond the last are zeros up to a multiple of 32.
+/// Packs keys as columns of pairs, padded with zeros to a multiple of 32.
 #[avx512bf16]
 fn pack_keys(k: Mat<f32>, packed: &mut Keys) {
     for (tile, packed) in packed[..2 * k.rows().div_ceil(STEP)].iter_mut().enumerate() {
@@ -338,7 +342,7 @@ fn pack_keys(k: Mat<f32>, packed: &mut Keys) {
     }
 }
 
-/// Values as rows of pairs of keys; those beyond the last are zeros up to a multiple of 32.
+/// Packs values as rows of pairs of keys, padded with zeros to a multiple of 32.
 #[avx512bf16]
 fn pack_values(v: Mat<f32>, packed: &mut Values) {
     let pair = |a, b| interleave_halves(_mm512_castps_si512(round_to_bf16(a, b)));

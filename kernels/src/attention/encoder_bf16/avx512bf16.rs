@@ -1,5 +1,6 @@
-//! As `avx512vnni.rs`, but that a lane of a factor holds two values of one sum, which `vdpbf16ps` adds one after the other: the
-//! upper one first, each product round_to_bf16 with its addition, as two fused operations do ([`Isa`](crate::Isa) asks the processor).
+//! As `avx512vnni.rs`, but a lane of a factor holds two values of one sum, which `vdpbf16ps`
+//! adds in sequence: the upper one first, each product rounded with its addition, as two fused
+//! operations do (`isa` checks that at detection).
 
 #[path = "loops.rs"]
 mod loops;

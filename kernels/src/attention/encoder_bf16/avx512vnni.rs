@@ -1,4 +1,5 @@
-//! 4 queries x 32 keys, or 32 columns, are 8 registers of even products, of odd ones, and of what was summed before.
+//! 4 queries x 32 keys, or 32 columns, are 8 registers of even products, 8 of odd ones, and 8
+//! of running sums.
 
 #[path = "loops.rs"]
 mod loops;

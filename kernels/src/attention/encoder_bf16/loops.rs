@@ -5,7 +5,7 @@
 //! `join`, which rounds and joins values of two rows, and `multiply_add`.
 //!
 //! ```text
-//! a step of 32      e0 o0 e1 o1 e2 o2 e3 o3 ...        even and odd values are summed by themselves
+//! a step of 32      e0 o0 e1 o1 e2 o2 e3 o3 ...        even and odd values are summed separately
 //! JOINED 1          e0 | o0 | e1 | o1 | ...            rows of a panel, and lanes of a row of queries or weights
 //! JOINED 2          e0 e1 | o0 o1 | e2 e3 | ...        the same, half as many
 //! ```
@@ -20,7 +20,7 @@ use crate::lanes::{LANES, pairwise};
 use crate::mat::{Mat, MatMut};
 use crate::math::LOG2_E;
 
-/// Queries in work at once, whose scores stay in L1.
+/// Queries per block, whose scores stay in L1.
 const BLOCK: usize = 16;
 
 /// Queries that share one packing of keys and values.
@@ -29,16 +29,16 @@ const GROUP: usize = 256;
 /// Columns packed at once.
 const WIDE: usize = 64;
 
-/// Keys, or columns of values, that lie beside each other: two registers.
+/// Adjacent keys, or columns of values: two registers.
 const PANEL: usize = 2 * WIDTH;
 
-/// Rows of a panel that a step has.
+/// Rows of a panel per step.
 const ROWS: usize = STEP / JOINED;
 
-/// Registers whose lanes are those of a sum of weights.
+/// Registers that hold the lanes of a sum of weights.
 const HALF: usize = LANES / WIDTH;
 
-/// What one call keeps between its loops, at the start of a cache line each.
+/// The buffers of one call, each aligned to a cache line.
 #[repr(align(64))]
 struct Work<const N: usize> {
     /// Rounded and joined, as rows of [`PANEL`]: `[N / PANEL, WIDE / JOINED, PANEL]`.
@@ -47,11 +47,11 @@ struct Work<const N: usize> {
     v: [[f32; WIDE / JOINED]; N],
     /// Rounded and joined.
     q: [[f32; WIDE / JOINED]; BLOCK],
-    /// Dot products, then scores, then weights, round_to_bf16 and joined.
+    /// Dot products, then scores, then weights, rounded and joined.
     scores: [[f32; N]; BLOCK],
 }
 
-/// Keys of a short sequence, for which less is cleared.
+/// Keys of a short sequence, for which smaller buffers are cleared.
 const FEW: usize = 64;
 
 #[features]
@@ -81,7 +81,8 @@ fn run<const N: usize>(token: Token, x: Operands<f32>, mut y: MatMut<f32>) {
                 let queries = BLOCK.min(count - block);
                 let (scores, softmaxes) = (&mut scores[..queries], &mut softmaxes[block..block + queries]);
                 for at in (0..x.q.cols()).step_by(WIDE) {
-                    // What is packed serves all blocks where nothing else takes its place.
+                    // The packing is reused by all blocks unless another
+                    // range of columns replaces it.
                     if block == 0 || x.q.cols() > WIDE {
                         pack_keys(token, x.k.row_range(keys.clone()), at, k);
                     }
@@ -110,7 +111,7 @@ fn run<const N: usize>(token: Token, x: Operands<f32>, mut y: MatMut<f32>) {
     }
 }
 
-/// As many values of `row` from `at` on as a register has when they are round_to_bf16 and joined, then zeros.
+/// A register of values of `row` from `at` on, rounded and joined, padded with zeros.
 #[inline]
 #[features]
 fn factor_from(token: Token, row: &[f32], at: usize) -> Register {
@@ -121,7 +122,8 @@ fn factor_from(token: Token, row: &[f32], at: usize) -> Register {
     factor(token, values)
 }
 
-/// The columns `at ..` of `k`, as many as there is room for, round_to_bf16 and joined, as rows; zeros where there are none, up to a whole step.
+/// Packs the columns `at ..` of `k`, at most [`WIDE`], rounded and joined, as rows, padded with
+/// zeros to a whole step.
 #[features]
 fn pack_keys(token: Token, k: Mat<f32>, at: usize, packed: &mut [[f32; PANEL]]) {
     let columns = WIDE.min(k.cols() - at).next_multiple_of(STEP);
@@ -139,7 +141,8 @@ fn pack_keys(token: Token, k: Mat<f32>, at: usize, packed: &mut [[f32; PANEL]]) 
     }
 }
 
-/// The columns `at ..` of `v`, as many as there is room for, round_to_bf16 and joined; zeros where there are none, up to a whole step of keys.
+/// Packs the columns `at ..` of `v`, at most [`WIDE`], rounded and joined, padded with zeros to
+/// a whole step of keys.
 #[features]
 fn pack_values<const N: usize>(token: Token, v: Mat<f32>, at: usize, packed: &mut [[f32; PANEL]]) {
     let value = |j: usize, c: usize| {
@@ -156,8 +159,9 @@ fn pack_values<const N: usize>(token: Token, v: Mat<f32>, at: usize, packed: &mu
     }
 }
 
-/// The dot products of queries with as many columns and keys; added to the scores where there are `more` columns before.
-/// Even and odd products of a step, and what the steps before gave, are sums side by side.
+/// Computes the dot products of queries with as many columns and keys; `more`: adds them to the
+/// scores of earlier columns. Even and odd products of a step and the running sums are separate
+/// registers.
 #[features]
 fn multiply<const N: usize>(
     token: Token,
@@ -226,8 +230,8 @@ fn dot_step(
     }
 }
 
-/// Turns the dot products of one query with `keys` keys into scores and these into weights, round_to_bf16 and joined, zeros up to a
-/// whole step.
+/// Turns the dot products of one query with `keys` keys into scores and these into weights,
+/// rounded and joined, padded with zeros to a whole step.
 #[features]
 fn softmax_weights(token: Token, scores: &mut [f32], keys: usize, scale: f32, bias: &[f32], softmax: &mut Softmax) {
     let hidden = splat(f32::NEG_INFINITY);
@@ -253,7 +257,7 @@ fn softmax_weights(token: Token, scores: &mut [f32], keys: usize, scale: f32, bi
         for h in 0..HALF {
             sums[h] = add(sums[h], add(weights[h], weights[HALF + h]));
         }
-        // Where scores were, which have been read.
+        // Overwrites the scores, which have been read.
         for (i, weights) in weights.as_chunks().0.iter().enumerate() {
             store(&mut scores[step * 2 * HALF / JOINED + i], factor(token, *weights));
         }

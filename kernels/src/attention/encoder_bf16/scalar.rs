@@ -54,7 +54,7 @@ fn sum_of_products(len: usize, product: impl Fn(usize) -> f32) -> f32 {
     sum
 }
 
-/// The sum of weights, those of 16 keys added to those of the next 16 first.
+/// The sum of weights: those of 16 keys are added to those of the next 16 first.
 fn sum(weights: &[f32]) -> f32 {
     let mut lanes = [0.0; LANES];
     for step in weights.chunks(STEP) {
@@ -65,7 +65,7 @@ fn sum(weights: &[f32]) -> f32 {
     pairwise(lanes)
 }
 
-/// The nearest bfloat16, ties to even; denormals are 0, as tiles take them.
+/// The nearest bf16, ties to even; denormals are flushed to 0, as on tiles.
 fn round_to_bf16(x: f32) -> f32 {
     if x.abs() < f32::MIN_POSITIVE { 0.0 } else { Bf16::from_f32(x).to_f32() }
 }

@@ -1,8 +1,7 @@
-//! Few rows on processors that read memory fastest from end to end: `vpdpbusd`, a panel at a time, its quads dealt to several sums, so
-//! that none waits for the one before. Exact sums may be added in any order. More rows are left to the VNNI back-end, where they lie.
-//!
-//! Measured on a Zen 5: one stream that is fetched 16 KiB ahead comes half as fast again as eight beside each other. An Intel Xeon
-//! gives more to eight.
+//! Few rows on processors with the highest bandwidth in one stream
+//! ([`Tuning`](crate::tuning::Tuning)): one panel after another, its quads distributed over
+//! several accumulators, so that their latencies overlap. Integer sums are exact in any order.
+//! More rows are computed in tiles.
 
 use super::tiles::{BYTES, BiasedRow, MOST, QUADS, convert, dequantize_tile, load_bytes};
 use crate::lanes::avx512vnni::store;
@@ -16,7 +15,7 @@ use umo_kernels_features::avx512vnni;
 
 /// Rows that are multiplied sooner than their weights arrive.
 const ROWS: usize = 8;
-/// Quads between a multiplication and the prefetch of weights.
+/// Prefetch distance in quads: 16 KiB.
 const PREFETCH_DISTANCE: usize = 256;
 
 /// Whether rows are few, and not so long that they would be converted again and again.
@@ -64,8 +63,8 @@ fn ahead(task: &GemmTask, slot: usize) -> *const [i8; BYTES] {
     w.panel(p).as_ptr().wrapping_add(PREFETCH_DISTANCE).min(last)
 }
 
-/// The products of `R` rows with a panel, every `ACCUMULATORS`th quad in a sum of its own, to `sums`, `width` apart. Prefetch as many quads
-/// are fetched from `ahead` on.
+/// The products of `R` rows with a panel, every `ACCUMULATORS`th quad in an accumulator of its
+/// own, stored to `sums`, `width` apart. As many quads are prefetched from `ahead` on.
 #[inline(never)]
 #[avx512vnni]
 fn multiply<const R: usize, const ACCUMULATORS: usize>(
@@ -76,8 +75,8 @@ fn multiply<const R: usize, const ACCUMULATORS: usize>(
     width: usize,
 ) {
     assert!(panel.len() <= QUADS);
-    // Pointers: lengths are known to agree, and what is not asked is not waited for. The fewer instructions stand between two lines, the
-    // more of them are on their way.
+    // Pointers: lengths are known to agree. The fewer instructions there are between two
+    // lines, the more loads are in flight.
     let (w, mut x) = (panel.as_ptr(), [core::ptr::null(); R]);
     for r in 0..R {
         x[r] = buffer[r].as_ptr();
@@ -125,7 +124,8 @@ unsafe fn dot_step<const R: usize>(
     // SAFETY: the panel has the quad by this function's contract.
     let w = load_bytes(unsafe { &*w.wrapping_add(q) });
     for r in 0..R {
-        // SAFETY: the row has the quad by this function's contract; it is read as it lies.
+        // SAFETY: the row has the quad by this function's contract; the read needs no
+        // alignment.
         let x = unsafe { x[r].wrapping_add(q).cast::<i32>().read_unaligned() };
         sums[r] = _mm512_dpbusd_epi32(sums[r], _mm512_set1_epi32(x), w);
     }

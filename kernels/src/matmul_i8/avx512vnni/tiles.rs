@@ -14,7 +14,8 @@ use core::arch::asm;
 use core::arch::x86_64::*;
 use umo_kernels_features::avx512vnni;
 
-/// Rows of the largest tile: 9 rows x 3 panels are 27 sums, which leaves three registers of weights and two to spare.
+/// Rows of the largest tile: 9 rows x 3 panels are 27 sums, which leaves three registers for
+/// weights and two others.
 const ROWS: usize = 9;
 /// Rows of the largest tile of an even number of panels, as gated products need: 6 rows x 4 panels.
 const EVEN_ROWS: usize = 6;
@@ -26,8 +27,8 @@ const SUMS: usize = ROWS * 3;
 /// Bytes in a register.
 pub(super) const BYTES: usize = 64;
 
-/// Unsigned buffer of one row as bits, with room for a whole register behind the last; the extra line keeps rows off each
-/// other's cache sets.
+/// Inputs of one row, offset to unsigned, as bits, padded to a whole register; the extra line
+/// avoids conflicts between rows in cache sets.
 pub(super) type BiasedRow = [[i8; QUAD]; QUADS + BYTES / QUAD];
 
 #[avx512vnni]
@@ -39,9 +40,8 @@ pub(super) fn run(x: QuantInput, task: &GemmTask, y: MatMut<f32>) {
     }
 }
 
-/// The same of more than a few rows where they lie, each quad made unsigned on its way from memory to all lanes: nothing has to be made
-/// room for, converted and read again. Costs nothing on a Zen 5, which has as many instructions to spare, and a quarter of the time on
-/// an Intel.
+/// The product with inputs offset when they are loaded, unless rows are few: no buffer is
+/// written and read. This is free on a Zen 5, and takes a quarter longer on an Intel Xeon.
 #[avx512vnni]
 pub(super) fn run_in_place(x: QuantInput, task: &GemmTask, y: MatMut<f32>) {
     match task {
@@ -59,8 +59,8 @@ fn product<const TILE: usize, const CONVERTED: usize>(x: QuantInput, task: &Gemm
     let mut sums = [[0.0; PANEL]; SUMS];
     let (rows, panel_bytes) = (x.rows.rows(), PANEL * task.k().max(1));
     let count = rows.div_ceil(TILE);
-    // A multiple of the panels that any tile takes at once, and of gated pairs of them. Tiles of few rows take four, which 6 is not,
-    // but where there are several tiles they have more.
+    // A multiple of the panels per tile, and of gated pairs of them. Tiles of few rows use
+    // four, which does not divide 6, but products of several tiles have more rows in each.
     let granule = if count > 1 && 12 * panel_bytes > CHUNK_BYTES { 6 } else { 12 };
     let width = (CHUNK_BYTES / panel_bytes / granule).max(1) * granule;
     for first in (0..task.slots()).step_by(width) {
@@ -84,7 +84,8 @@ fn product<const TILE: usize, const CONVERTED: usize>(x: QuantInput, task: &Gemm
     }
 }
 
-/// The inputs from `first` on of the rows from `t` on, made unsigned, as many of both as `buffer` holds.
+/// Converts the inputs from `first` on of the rows from `t` on to unsigned, as many of both as
+/// `buffer` holds.
 #[avx512vnni]
 pub(super) fn convert(x: &QuantInput, t: usize, first: usize, buffer: &mut [BiasedRow]) {
     let inputs = first..(first + QUADS * QUAD).min(x.rows.cols());
@@ -103,7 +104,7 @@ fn unsigned(x: &[i8], buffer: &mut BiasedRow) {
     for (x, buffer) in x.iter().zip(buffer.iter_mut()) {
         store_bytes(buffer, _mm512_xor_si512(load_bytes(x), flip));
     }
-    // Whatever stands behind the last input meets weights that are zero.
+    // Values behind the last input are multiplied by zero weights.
     store_bytes(&mut buffer[x.len()], _mm512_xor_si512(load_bytes_part(x_tail), flip));
 }
 
@@ -176,7 +177,7 @@ fn group<const R: usize, const P: usize>(
             multiply::<R, P, true>(converted(buffer), part, ahead, first == 0, sums);
         }
     }
-    // The next tile's first weights arrive while this one ends.
+    // The first weights of the next tile are prefetched while the epilogue of this one runs.
     for slot in slot + P..(slot + 2 * P).min(task.slots()) {
         task.panel(slot).iter().take(chunk.ahead).for_each(|line| prefetch::to_l1(line));
     }
@@ -186,7 +187,7 @@ fn group<const R: usize, const P: usize>(
     }
 }
 
-/// The first `R` rows of what was converted.
+/// The first `R` converted rows.
 #[inline]
 fn converted<const R: usize>(buffer: &[BiasedRow]) -> [&[[i8; QUAD]]; R] {
     let mut rows = [&[][..]; R];
@@ -196,15 +197,16 @@ fn converted<const R: usize>(buffer: &[BiasedRow]) -> [&[[i8; QUAD]]; R] {
     rows
 }
 
-/// Where the sum of row `r` and panel `p` lies: [`MOST`] panels of all rows, then the next.
+/// Index of the sum of row `r` and panel `p`: [`MOST`] panels of all rows, then the next.
 #[inline]
 const fn sum_index<const R: usize, const P: usize>(r: usize, p: usize) -> usize {
     let width = if P < MOST { P } else { MOST };
     p / width * width * R + r * width + p % width
 }
 
-/// The innermost tile: adds the products of quads of `rows`, which are `BIASED` or will be, with those of panels to `R x P` sums in
-/// registers. Weights are fetched so far `ahead`, and the `next` panels, quad by quad.
+/// The innermost tile: adds the products of quads of `rows`, which are `BIASED` or will be,
+/// with those of panels to `R x P` sums in registers. Prefetches weights at the distance
+/// `ahead`, and the `next` panels, quad by quad.
 #[inline]
 #[avx512vnni]
 fn multiply<const R: usize, const P: usize, const BIASED: bool>(
@@ -215,14 +217,14 @@ fn multiply<const R: usize, const P: usize, const BIASED: bool>(
     sums: &mut [[f32; PANEL]; SUMS],
 ) {
     let quads = panels[0].len();
-    // Pointers: slices' lengths take registers.
+    // Pointers: the lengths of slices would occupy registers.
     let mut x = [core::ptr::null(); R];
     for r in 0..R {
         assert!(rows[r].len() >= quads);
         x[r] = rows[r].as_ptr();
     }
     let flip = _mm512_set1_epi8(i8::MIN);
-    // Known to the compiler where it matters: a decoder's step.
+    // A constant for one row, a decoder's step, where it matters.
     let ahead = if R == 1 { PREFETCH_DISTANCE[0] } else { ahead };
     for panel in panels {
         assert!(panel.len() == quads);
@@ -250,7 +252,8 @@ fn multiply<const R: usize, const P: usize, const BIASED: bool>(
         }
         for r in 0..R {
             let quad = if BIASED {
-                // SAFETY: all rows have as many quads as the panels, and `q` is below that; a quad is read as it lies.
+                // SAFETY: all rows have as many quads as the panels, and `q` is
+                // below that; the read needs no alignment.
                 _mm512_set1_epi32(unsafe { x[r].wrapping_add(q).cast::<i32>().read_unaligned() })
             } else {
                 // SAFETY: as above, all rows have that quad.
@@ -268,8 +271,8 @@ fn multiply<const R: usize, const P: usize, const BIASED: bool>(
     }
 }
 
-/// Quad `q` of `row` in all lanes with the bits of `flip` turned, in one instruction: compilers turn them before the quad goes to all
-/// lanes, which takes a shuffle then, in the sum_index of a product.
+/// Broadcasts quad `q` of `row` and flips the bits of `flip`, in one instruction: compilers
+/// flip them before the broadcast, which then needs a shuffle, in the port of a product.
 ///
 /// # Safety
 /// The row has more than `q` quads.
@@ -277,7 +280,8 @@ fn multiply<const R: usize, const P: usize, const BIASED: bool>(
 #[avx512vnni]
 unsafe fn load_biased_quad(row: *const [i8; QUAD], q: usize, flip: __m512i) -> __m512i {
     let quad;
-    // SAFETY: the instruction reads the four bytes of a quad, which the caller says is there, and writes this register alone.
+    // SAFETY: the instruction reads the four bytes of a quad, which this function's contract
+    // guarantees, and writes only this register.
     unsafe {
         asm!("vpxord {quad}, {flip}, dword ptr [{row} + 4 * {q}]{{1to16}}", quad = out(zmm_reg) quad, flip = in(zmm_reg) flip,
             row = in(reg) row, q = in(reg) q, options(pure, readonly, nostack, preserves_flags));
@@ -285,7 +289,8 @@ unsafe fn load_biased_quad(row: *const [i8; QUAD], q: usize, flip: __m512i) -> _
     quad
 }
 
-/// Ends the integer sums `[rows, width]` of the rows from `t` on with the slots from `slot` on, whose inputs were raised by `OFFSET`.
+/// Scales the integer sums `[rows, width]` of the rows from `t` on with the slots from `slot`
+/// on to floats, and applies the epilogue. Their inputs were offset by `OFFSET`.
 #[avx512vnni]
 pub(in crate::matmul_i8) fn dequantize_tile<const OFFSET: i32>(
     x: &QuantInput,
@@ -366,7 +371,7 @@ fn store_bytes(dst: &mut [i8; BYTES], v: __m512i) {
     unsafe { _mm512_storeu_si512(dst.as_mut_ptr().cast(), v) }
 }
 
-/// Integer sums, which lie as bits in the sum_index of the floats that they become.
+/// Integer sums, stored as bits in place of the floats that replace them.
 #[inline]
 #[avx512vnni]
 fn load_sums(src: &[f32; PANEL]) -> __m512i {

@@ -18,7 +18,8 @@ pub(super) const QUERIES: usize = 4;
 /// Values of a lane.
 pub(super) const JOINED: usize = 2;
 
-/// Each lane's value of one row in its upper half, where the first value is, and of the other in its lower.
+/// Joins two rows: each lane holds the value of the first row in its upper half, of the second
+/// in its lower.
 #[inline]
 #[avx512vnni]
 pub(super) fn join(token: Token, first: Register, second: Register) -> Register {

@@ -46,7 +46,7 @@ fn round_to_bf16(x: Register) -> Register {
     _mm512_castsi512_ps(_mm512_maskz_and_epi32(!denormal, up, _mm512_set1_epi32(!0xffff)))
 }
 
-/// The words of the register's lower half and those of its upper one, in turn.
+/// Interleaves the words of the register's lower and upper halves.
 #[inline]
 #[avx512vnni]
 pub(in crate::attention::encoder_bf16) fn interleave_halves(words: __m512i) -> Register {
