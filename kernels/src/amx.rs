@@ -29,7 +29,13 @@ pub(crate) const BYTES: usize = 64;
 #[repr(C, align(64))]
 pub(crate) struct Aligned<T>(pub(crate) T);
 
-/// The proof that this thread's tiles are configured, all of them 16 rows of 64 bytes; dropping it releases them.
+/// The proof that this thread's tiles are configured, all of them 16 rows of 64 bytes; dropping it
+/// releases them. One at a time per thread: two would overwrite each other's sums.
+///
+/// Tile registers keep their values from one `asm!` block to the next, which inline assembly cannot
+/// declare. That is sound as long as no other code of the process uses tiles on the thread: the
+/// compiler emits no tile instruction by itself, no feature is enabled that would allow it to, and
+/// the system saves tiles when it switches threads.
 pub(crate) struct Tiles {
     registers: Registers,
     /// Tiles belong to a thread.

@@ -1,4 +1,5 @@
-//! Fused attention of one head: scores, relative-position bias, mask, softmax and values in one pass.
+//! Fused attention of one head: scores, relative-position bias, mask, softmax and values in one
+//! pass.
 
 #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
 mod amx;
@@ -21,10 +22,11 @@ pub use operands::{RelativeBias, Visible};
 
 /// Attention of one head: `y[i] = sum_j softmax_j(scale * q[i] . k[j] + bias) * v[j]`.
 ///
-/// Shapes: `q [m, head_dim]`, `k [n, head_dim]`, `v [n, head_dim]`, `y [m, head_dim]` (overwritten); all strided, so that
-/// a head is a column range of the projections.
-/// Numerics: f32, with error terms of `head_dim` and `n` sums; on one back-end a row's bits do not depend on the other
-/// rows, nor on keys that it does not see. Scores are never stored beyond a tile of keys.
+/// Shapes: `q [m, head_dim]`, `k [n, head_dim]`, `v [n, head_dim]`, `y [m, head_dim]`
+/// (overwritten); all strided, so that a head is a column range of the projections.
+/// Numerics: f32, with error terms of `head_dim` and `n` sums; on one back-end a row's bits do not
+/// depend on the other rows, nor on keys that it does not see. Scores are never stored beyond a
+/// tile of keys.
 /// Cost: `2 * m * n * head_dim` multiply-adds; no allocation. Few queries leave memory
 /// bandwidth unused: `hint`, the operands of the operation that follows, is prefetched
 /// meanwhile. On processors tuned for one stream ([`crate::tuning`]), contiguous keys and
@@ -77,7 +79,8 @@ pub fn attention_bf16(
     Ok(())
 }
 
-/// Attention of one head over a whole sequence at once, as in an encoder: every query sees every key.
+/// Attention of one head over a whole sequence at once, as in an encoder: every query sees every
+/// key.
 ///
 /// [`attention_f32`] with [`Visible::All`], except for its bits: on processors with bf16 tiles,
 /// long sequences run on tiles. A row's bits do not depend on the other rows: the number of

@@ -12,7 +12,8 @@ use crate::error::{ShapeError, expect_len};
 use crate::isa::{Isa, dispatch};
 use crate::mat::{Mat, MatMut};
 
-/// One bfloat16 value, stored as its 16 bits. Conversion to `f32` is exact; from `f32` it rounds to nearest, ties to even.
+/// One bfloat16 value, stored as its 16 bits. Conversion to `f32` is exact; from `f32` it rounds to
+/// nearest, ties to even.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(transparent)]
 pub struct Bf16(pub u16);

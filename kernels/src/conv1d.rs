@@ -1,4 +1,5 @@
-//! Convolutions over time as matrix products: a window of frames is a row of a [`Mat`] whose rows overlap.
+//! Convolutions over time as matrix products: a window of frames is a row of a [`Mat`] whose rows
+//! overlap.
 //!
 //! ```text
 //! x [frames, channels]            windows, kernel 3, step 2           weight [out, k * in]
@@ -22,8 +23,8 @@ pub const fn frames_out(frames: usize, kernel: usize, step: usize) -> usize {
     if frames < kernel { 0 } else { (frames - kernel) / step + 1 }
 }
 
-/// The windows of `x [frames, channels]`, dense: `[frames_out, kernel * channels]`, window `t` starting at frame
-/// `t * step`.
+/// The windows of `x [frames, channels]`, dense: `[frames_out, kernel * channels]`, window `t`
+/// starting at frame `t * step`.
 ///
 /// # Errors
 /// [`ShapeError`] if `x` is shorter than `frames * channels`, or `kernel` or `step` is 0.
@@ -132,7 +133,8 @@ impl<'a> GroupedF32<'a> {
 /// Grouped convolution of step 1, as in HuBERT's positional embedding: `y[t, g, o] = sum_kc
 /// x[g, t + k, c] * w[g, o, k, c]`, then the epilogue (its bias is `[groups * out]`).
 ///
-/// Shapes: `x [groups, frames, channels / groups]` as [`regroup`] makes it, `y [frames - kernel + 1, out]`.
+/// Shapes: `x [groups, frames, channels / groups]` as [`regroup`] makes it, `y [frames - kernel +
+/// 1, out]`.
 /// Numerics, cost: as [`matmul_f32`] with `k = kernel * channels / groups`, once per group.
 /// Paper: section 3 (audio tokenizer); SPEC 2.1.
 ///

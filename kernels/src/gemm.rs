@@ -1,5 +1,6 @@
-//! What the matrix products of all element types share: rows of inputs, epilogues, panels of weights, and the
-//! micro-kernels that differ between element types in nothing but the load of a weight.
+//! What the matrix products of all element types share: rows of inputs, epilogues, panels of
+//! weights, and the micro-kernels that differ between element types in nothing but the load of a
+//! weight.
 
 #[cfg(target_arch = "x86_64")]
 pub(crate) mod avx2;
@@ -59,7 +60,8 @@ impl<'a, T> Input<'a, T> {
     }
 }
 
-/// Where the rows of a product go: output row `i` is added to row `rows[i]` of `y`, times `weight[i]`.
+/// Where the rows of a product go: output row `i` is added to row `rows[i]` of `y`, times
+/// `weight[i]`.
 #[derive(Clone, Copy, Debug)]
 pub struct Scatter<'a> {
     /// Row of `y` for each output row.

@@ -1,6 +1,7 @@
 //! Which instruction sets this processor has, detected once.
 
-// For processor detection only; linking it also gives `f32` its `sqrt` and friends. `Vec` and `Box` stay out of reach.
+// For processor detection only; linking it also gives `f32` its `sqrt` and friends. `Vec` and `Box`
+// stay out of reach.
 extern crate std;
 
 mod dispatch;
@@ -77,7 +78,8 @@ impl Backend {
     }
 }
 
-/// Every back-end of this target: its name, and the back-end itself if this processor supports it; slowest first.
+/// Every back-end of this target: its name, and the back-end itself if this processor supports it;
+/// slowest first.
 fn backends() -> impl Iterator<Item = (&'static str, Option<Backend>)> {
     let scalar = [("scalar", Some(Backend::Scalar))];
     #[cfg(target_arch = "x86_64")]
@@ -129,8 +131,9 @@ impl Isa {
         self.backend
     }
 
-    /// Whether rows rounded to bf16 are multiplied faster than f32 ([`crate::matmul_bf16::matmul_bf16_rows`]), so that
-    /// [`crate::bf16::round_bf16`] serves products that need no more digits.
+    /// Whether rows rounded to bf16 are multiplied faster than f32
+    /// ([`crate::matmul_bf16::matmul_bf16_rows`]), so that [`crate::bf16::round_bf16`] serves
+    /// products that need no more digits.
     pub const fn multiplies_bf16(self) -> bool {
         match self.backend {
             Backend::Scalar => false,
@@ -143,7 +146,8 @@ impl Isa {
         }
     }
 
-    /// Whether float products with bf16 weights run on tiles, so that [`crate::matmul_bf16::split_bf16x2`] serves them.
+    /// Whether float products with bf16 weights run on tiles, so that
+    /// [`crate::matmul_bf16::split_bf16x2`] serves them.
     pub const fn has_tiles(self) -> bool {
         match self.backend {
             Backend::Scalar => false,

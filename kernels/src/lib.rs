@@ -18,8 +18,9 @@
 //! | [`mat`], [`pack`], [`error`] | views, weight layouts, the one error | |
 //! | [`isa`], [`tuning`] | instruction sets: detection, tokens that prove them, dispatch; profiles of processors | |
 //!
-//! A convolution over time is a matrix product: rows of a [`Mat`] may overlap, so that a window of `kernel`
-//! frames with `channels` values each *is* a row of `kernel * channels` values at stride `step * channels`.
+//! A convolution over time is a matrix product: rows of a [`Mat`] may overlap, so that a window of
+//! `kernel` frames with `channels` values each *is* a row of `kernel * channels` values at stride
+//! `step * channels`.
 #![no_std]
 #![expect(clippy::duplicate_mod, reason = "the loops of attention are compiled once per instruction set")]
 

@@ -99,7 +99,8 @@ impl<'a, T> Mat<'a, T> {
     }
 }
 
-/// A writable matrix, `[rows, cols]`, row-major; `stride >= cols`, so that no two rows share an element.
+/// A writable matrix, `[rows, cols]`, row-major; `stride >= cols`, so that no two rows share an
+/// element.
 ///
 /// It can be split into disjoint pieces by rows or by columns, each of which can be sent to
 /// another thread.
@@ -166,7 +167,8 @@ impl<'a, T> MatMut<'a, T> {
         // SAFETY: `i < rows`, and the constructor checked that every row is inside the
         // borrowed slice.
         let start = unsafe { self.start.add(i * self.stride) };
-        // SAFETY: `cols` elements from there are inside the slice, initialised, and borrowed by `self`.
+        // SAFETY: `cols` elements from there are inside the slice, initialised, and borrowed by
+        // `self`.
         unsafe { core::slice::from_raw_parts(start.as_ptr(), self.cols) }
     }
 
@@ -177,8 +179,8 @@ impl<'a, T> MatMut<'a, T> {
         // SAFETY: `i < rows`, and the constructor checked that every row is inside the
         // borrowed slice.
         let start = unsafe { self.start.add(i * self.stride) };
-        // SAFETY: `cols` elements from there are inside the slice and no other live reference reaches them:
-        // `self` is borrowed exclusively, and pieces cut from one view are disjoint.
+        // SAFETY: `cols` elements from there are inside the slice and no other live reference
+        // reaches them: `self` is borrowed exclusively, and pieces cut from one view are disjoint.
         unsafe { core::slice::from_raw_parts_mut(start.as_ptr(), self.cols) }
     }
 
@@ -187,8 +189,8 @@ impl<'a, T> MatMut<'a, T> {
     #[inline]
     pub fn dense(&self) -> Mat<'_, T> {
         assert!(self.cols == self.stride || self.rows <= 1, "{} columns at stride {}", self.cols, self.stride);
-        // SAFETY: the constructor checked that `rows` rows lie inside the slice; without gaps all elements up to the end of the
-        // last row are this view's, which is borrowed.
+        // SAFETY: the constructor checked that `rows` rows lie inside the slice; without gaps all
+        // elements up to the end of the last row are this view's, which is borrowed.
         let data = unsafe { core::slice::from_raw_parts(self.start.as_ptr(), self.rows * self.cols) };
         Mat { data, rows: self.rows, cols: self.cols, stride: self.cols }
     }
@@ -198,8 +200,8 @@ impl<'a, T> MatMut<'a, T> {
     #[inline]
     pub fn column_mut(&mut self) -> &mut [T] {
         assert!(self.cols == 1 && self.stride == 1, "{} columns at stride {}", self.cols, self.stride);
-        // SAFETY: the constructor checked that `rows` elements lie inside the slice, one after the other, and `self` is
-        // borrowed exclusively.
+        // SAFETY: the constructor checked that `rows` elements lie inside the slice, one after the
+        // other, and `self` is borrowed exclusively.
         unsafe { core::slice::from_raw_parts_mut(self.start.as_ptr(), self.rows) }
     }
 
@@ -232,7 +234,8 @@ impl<'a, T> MatMut<'a, T> {
     }
 }
 
-/// Elements from the first of row 0 to the last of the last row; saturates, so that absurd shapes fail the check.
+/// Elements from the first of row 0 to the last of the last row; saturates, so that absurd shapes
+/// fail the check.
 #[inline]
 fn extent(rows: usize, cols: usize, stride: usize) -> usize {
     if rows == 0 || cols == 0 { 0 } else { (rows - 1).saturating_mul(stride).saturating_add(cols) }

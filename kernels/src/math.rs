@@ -8,10 +8,11 @@
 //! | `exp2_bf16`, `exp2_bf16_reduce` | 1.03e-4 of the value for `t <= 0` | attention with bf16 factors |
 //! | `gelu_erf`, `gelu_tanh` | 4 ULP plus `1e-7 * abs(x)` | epilogues of products |
 //!
-//! `tests.rs` sweeps every bound over all exponents. The vector versions of `exp`, `exp2_bf16` and the activations follow
-//! `scalar.rs` operation by operation, so that all back-ends agree **bit for bit**. Multiplications and additions of `exp` are
-//! rounded one by one, since fused ones cost a library call each in portable scalar code. GELU, most of the work of an epilogue,
-//! is fused: the tanh form has 19 operations, the erf form 21.
+//! `tests.rs` sweeps every bound over all exponents. The vector versions of `exp`, `exp2_bf16` and
+//! the activations follow `scalar.rs` operation by operation, so that all back-ends agree **bit for
+//! bit**. Multiplications and additions of `exp` are rounded one by one, since fused ones cost a
+//! library call each in portable scalar code. GELU, most of the work of an epilogue, is fused: the
+//! tanh form has 19 operations, the erf form 21.
 
 pub(crate) mod scalar;
 
@@ -38,7 +39,8 @@ pub enum Activation {
 
 /// Above this, `exp` is infinite.
 const EXP_MAX: f32 = 88.722_84;
-/// Below this, `exp` is 0: a little above the logarithm of the smallest normal number, so that no result is denormal.
+/// Below this, `exp` is 0: a little above the logarithm of the smallest normal number, so that no
+/// result is denormal.
 const EXP_MIN: f32 = -87.33;
 
 /// `log2(e)`.
@@ -50,7 +52,8 @@ const ROUND: f32 = 12_582_912.0;
 const LN_2_HIGH: f32 = 0.693_359_4;
 /// What is left of `ln(2)`.
 const LN_2_LOW: f32 = -2.121_944_4e-4;
-/// Minimax `(exp(r) - 1 - r) / r^2` for `abs(r) <= ln(2) / 2`, highest power first: off by 3.1e-9 in `exp(r)`.
+/// Minimax `(exp(r) - 1 - r) / r^2` for `abs(r) <= ln(2) / 2`, highest power first: off by 3.1e-9
+/// in `exp(r)`.
 const EXP: [f32; 5] = [0.001_395_049_2, 0.008_368_89, 0.041_666_206, 0.166_665_18, 0.5];
 
 /// `-2 * sqrt(2 / pi) * log2(e)`.

@@ -1,4 +1,5 @@
-//! Int8 matrix product: int8 weights per output row, activations quantised per row on the fly, int32 sums.
+//! Int8 matrix product: int8 weights per output row, activations quantised per row on the fly,
+//! int32 sums.
 
 #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
 mod amx;
@@ -25,11 +26,13 @@ use input::QuantInput;
 /// Longest row whose sum cannot overflow: `k * 128 * 128 <= i32::MAX`.
 pub const MAX_K: usize = 131_071;
 
-/// Int8 product with int32 sums: `y[t, o] = x_scale[t] * w_scale[o] * sum_i x[t, i] * w[o, i]`, then the epilogue.
+/// Int8 product with int32 sums: `y[t, o] = x_scale[t] * w_scale[o] * sum_i x[t, i] * w[o, i]`,
+/// then the epilogue.
 ///
-/// Shapes: `x [m, k]`, `w [n, k]` packed, `y [m, n]`; with an `index`, row `t` is `x[index[t]]`; with a scatter, `y [any, n]`.
-/// Numerics: sums are exact for `k <= MAX_K` over all int8 values; `v = sum as f32 * (x_scale * w_scale)`; all
-/// back-ends agree bit for bit.
+/// Shapes: `x [m, k]`, `w [n, k]` packed, `y [m, n]`; with an `index`, row `t` is `x[index[t]]`;
+/// with a scatter, `y [any, n]`.
+/// Numerics: sums are exact for `k <= MAX_K` over all int8 values; `v = sum as f32 * (x_scale *
+/// w_scale)`; all back-ends agree bit for bit.
 /// Cost: `m * n * k` multiply-adds; no allocation.
 ///
 /// # Errors

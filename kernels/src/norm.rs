@@ -13,8 +13,8 @@ use crate::mat::{Mat, MatMut};
 /// RMS norm as T5 has it, without mean and bias: `y = x / sqrt(mean(x^2) + eps) * weight`.
 ///
 /// Shapes: `x [rows, dim]`, `weight [dim]`, `y [rows, dim]` (overwritten).
-/// Numerics: the mean in f32 over 16 partial sums; relative error at most `(dim / 2 + 5) * 2^-23`; all back-ends agree bit
-/// for bit.
+/// Numerics: the mean in f32 over 16 partial sums; relative error at most `(dim / 2 + 5) * 2^-23`;
+/// all back-ends agree bit for bit.
 /// Paper: section 3.2 (backbone); SPEC 2.4.
 ///
 /// # Errors
@@ -26,10 +26,12 @@ pub fn rms_norm(isa: Isa, x: Mat<f32>, weight: &[f32], eps: f32, y: MatMut<f32>)
     Ok(())
 }
 
-/// Layer norm: `y = (x - mean(x)) / sqrt(var(x) + eps) * weight + bias`, variance over the row, biased.
+/// Layer norm: `y = (x - mean(x)) / sqrt(var(x) + eps) * weight + bias`, variance over the row,
+/// biased.
 ///
 /// Shapes: `x [rows, dim]`, `weight`, `bias` `[dim]`, `y [rows, dim]` (overwritten).
-/// Numerics: mean, then the mean of squared differences, each in f32 over 16 partial sums; all back-ends agree bit for bit.
+/// Numerics: mean, then the mean of squared differences, each in f32 over 16 partial sums; all
+/// back-ends agree bit for bit.
 /// Paper: section 3 (audio tokenizer); SPEC 2.1.
 ///
 /// # Errors
@@ -49,7 +51,8 @@ pub fn layer_norm(
     Ok(())
 }
 
-/// Adds every channel's sum and sum of squares over time: the running statistics of a group norm over a stream.
+/// Adds every channel's sum and sum of squares over time: the running statistics of a group norm
+/// over a stream.
 ///
 /// Shapes: `x [time, channels]`, `sum`, `squares` `[channels]` (added to).
 /// Numerics: f64, in ascending time, so that any division of the stream into calls gives the

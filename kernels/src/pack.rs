@@ -220,7 +220,8 @@ pub fn pack(w: Mat<f32>, packed: &mut [f32]) -> Result<(), ShapeError> {
     (0..w.rows()).try_for_each(|o| pack_row(w.row(o), o % PANEL, &mut packed[o / PANEL * panel_len..][..panel_len]))
 }
 
-/// Packs one row as output `lane` of its panel `[k, PANEL]`; the other outputs are left as they are.
+/// Packs one row as output `lane` of its panel `[k, PANEL]`; the other outputs are left as they
+/// are.
 ///
 /// # Errors
 /// [`ShapeError`] if `panel` is not a panel of the row's length, or `lane` is not one of its
@@ -263,7 +264,8 @@ pub fn pack_row_bf16(row: &[f32], lane: usize, panel: &mut [Bf16]) -> Result<(),
     Ok(())
 }
 
-/// Packs `w [n, k]` into panels of quads and sums every row; every element of `packed` and `sum` is written.
+/// Packs `w [n, k]` into panels of quads and sums every row; every element of `packed` and `sum` is
+/// written.
 ///
 /// # Errors
 /// [`ShapeError`] if the length of `packed` is not [`packed_len_i8`], or that of `sum` not `n`.

@@ -26,13 +26,15 @@ impl<'a> PrefetchHint<'a> {
     /// Nothing is known.
     pub const NONE: Self = Self { pieces: [core::ptr::null(); 2], len: 0, streams: STREAMS, memory: PhantomData };
 
-    /// Two pieces, as the keys and the values of the head that follows, as far as the shorter one reaches.
+    /// Two pieces, as the keys and the values of the head that follows, as far as the shorter one
+    /// reaches.
     pub fn new<T>(first: &'a [T], second: &'a [T]) -> Self {
         let pieces = [first.as_ptr().cast(), second.as_ptr().cast()];
         Self { pieces, len: size_of_val(first).min(size_of_val(second)), streams: STREAMS, memory: PhantomData }
     }
 
-    /// In one stream or in several side by side, whichever is faster by the tuning profile of `isa`.
+    /// In one stream or in several side by side, whichever is faster by the tuning profile of
+    /// `isa`.
     #[must_use]
     pub const fn tuned_for(mut self, isa: Isa) -> Self {
         self.streams = if isa.tuning().one_stream { 1 } else { STREAMS };
@@ -98,7 +100,8 @@ pub(crate) fn to_l2<T>(line: *const T) {
 #[cfg(target_arch = "x86_64")]
 #[inline]
 pub(crate) fn for_write<T>(line: *const T) {
-    // SAFETY: a prefetch is a hint: it changes nothing that the program can see and never faults. Processors without it do nothing.
+    // SAFETY: a prefetch is a hint: it changes nothing that the program can see and never faults.
+    // Processors without it do nothing.
     unsafe { core::arch::asm!("prefetchw [{}]", in(reg) line, options(nostack, preserves_flags)) }
 }
 
@@ -149,7 +152,8 @@ impl Prefetch for SelfPrefetch {
 pub(crate) struct HintPrefetch {
     /// The next lines of the first streams.
     pieces: [*const u8; 2],
-    /// Bytes from one stream of a piece to the next, of each that are left, and of each that a call fetches.
+    /// Bytes from one stream of a piece to the next, of each that are left, and of each that a call
+    /// fetches.
     stream: usize,
     left: usize,
     step: usize,

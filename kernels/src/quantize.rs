@@ -1,4 +1,5 @@
-//! Symmetric quantization of rows to int8: a maximum, one product, one rounding to even, in any order.
+//! Symmetric quantization of rows to int8: a maximum, one product, one rounding to even, in any
+//! order.
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;

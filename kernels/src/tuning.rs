@@ -4,19 +4,22 @@
 /// The properties that decide how a family of processors is fast.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Tuning {
-    /// Memory is read in one stream, prefetched far ahead; otherwise in several streams side by side.
+    /// Memory is read in one stream, prefetched far ahead; otherwise in several streams side by
+    /// side.
     pub(crate) one_stream: bool,
-    /// Attention prefetches the keys and values that it reads itself; otherwise the operands of the operation that follows.
+    /// Attention prefetches the keys and values that it reads itself; otherwise the operands of the
+    /// operation that follows.
     pub(crate) self_prefetch: bool,
     /// Int8 inputs are offset to unsigned as they are loaded; otherwise beforehand, in a buffer.
     pub(crate) offset_on_load: bool,
-    /// `vdpbf16ps` is issued as often as `vfmadd231ps`, so that it doubles the rate of multiply-adds.
+    /// `vdpbf16ps` is issued as often as `vfmadd231ps`, so that it doubles the rate of
+    /// multiply-adds.
     pub(crate) fast_bf16_dot: bool,
 }
 
 impl Tuning {
-    /// Intel Xeon: eight streams have up to 1.5 times the bandwidth of one; `vdpbf16ps` is issued a quarter as often as
-    /// `vfmadd231ps`.
+    /// Intel Xeon: eight streams have up to 1.5 times the bandwidth of one; `vdpbf16ps` is issued a
+    /// quarter as often as `vfmadd231ps`.
     pub const XEON: Self =
         Self { one_stream: false, self_prefetch: false, offset_on_load: false, fast_bf16_dot: false };
 

@@ -1,4 +1,5 @@
-//! A tuning profile changes the order of memory accesses and of exact operations, and never a bit of a result.
+//! A tuning profile changes the order of memory accesses and of exact operations, and never a bit
+//! of a result.
 
 use umo_kernels::attention::{Visible, attention_bf16, attention_f32};
 use umo_kernels::gemm::Epilogue;
@@ -37,7 +38,8 @@ fn with_every_profile(isa: Isa, len: usize, f: impl Fn(Isa, &mut [f32])) -> Vec<
 
 #[test]
 fn int8_products_do_not_depend_on_the_profile() {
-    // Rows around the 8 that one stream takes, inputs around the 4096 that it takes, and a part of a quad.
+    // Rows around the 8 that one stream takes, inputs around the 4096 that it takes, and a part of
+    // a quad.
     for (m, n, k) in [(1, 100, 64), (1, 16, 4100), (2, 33, 257), (5, 48, 130), (8, 70, 96), (9, 70, 96), (12, 20, 4097)]
     {
         let (x, w, scale) = (bytes(1, m * k), bytes(2, n * k), floats(3, m.max(n)));

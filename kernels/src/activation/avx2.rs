@@ -1,4 +1,5 @@
-//! 8 elements at a time, with the scalar bits: `exp` and the activations are the same operations, sums have the same lanes.
+//! 8 elements at a time, with the scalar bits: `exp` and the activations are the same operations,
+//! sums have the same lanes.
 
 use super::scalar;
 use crate::isa::{Avx2, entry};

@@ -101,7 +101,8 @@ struct Softmax {
     sum: f32,
 }
 
-/// Whether tiles are faster: a question of the keys and their width, never of the number of queries.
+/// Whether tiles are faster: a question of the keys and their width, never of the number of
+/// queries.
 fn pays(x: &Operands<f32>) -> bool {
     x.k.rows() >= FEWEST_KEYS && x.k.cols() <= MOST_DIM
 }
@@ -309,8 +310,8 @@ impl<'a> Block<'a> {
         }
     }
 
-    /// Turns the scores of the next `pieces` pairs of a row's tiles into the parts of weights `exp(score - max)`, as far as
-    /// rows have all their scores.
+    /// Turns the scores of the next `pieces` pairs of a row's tiles into the parts of weights
+    /// `exp(score - max)`, as far as rows have all their scores.
     #[avx512vnni]
     fn softmax_weights(&mut self, pieces: usize) {
         let (Done { rows, pairs, lanes }, all) = (&mut self.exponentiated, self.keys.div_ceil(PAIRS));
@@ -524,8 +525,8 @@ fn pack_values(v: Mat<f32>, packed: &mut Values) {
     }
 }
 
-/// Turns row `r` of the dot products with the keys from `at` on, of `keys`, into scores, hides the rest, and returns the
-/// larger of each lane and `largest`.
+/// Turns row `r` of the dot products with the keys from `at` on, of `keys`, into scores, hides the
+/// rest, and returns the larger of each lane and `largest`.
 #[inline]
 #[avx512vnni]
 fn score(

@@ -1,5 +1,5 @@
-//! As `avx512vnni.rs`, in registers of 8 lanes: 4 queries x 2 keys are 8 dot products in 8 of the 16 registers; a dot
-//! product has 8 partial sums.
+//! As `avx512vnni.rs`, in registers of 8 lanes: 4 queries x 2 keys are 8 dot products in 8 of the
+//! 16 registers; a dot product has 8 partial sums.
 
 #[path = "loops.rs"]
 mod loops;

@@ -1,9 +1,10 @@
-//! The loops of the vector back-ends, compiled once per instruction set: every back-end includes this file as its module
-//! `loops`. What differs stands in its module `vector`: the register with its operations, `WIDTH` lanes of it, the tile
-//! shapes (`BLOCK`, `COLUMNS`, `ORDER`, `PAIRS`), the shuffles `transpose` and `sums_of`, and the attribute `features`.
+//! The loops of the vector back-ends, compiled once per instruction set: every back-end includes
+//! this file as its module `loops`. What differs stands in its module `vector`: the register with
+//! its operations, `WIDTH` lanes of it, the tile shapes (`BLOCK`, `COLUMNS`, `ORDER`, `PAIRS`), the
+//! shuffles `transpose` and `sums_of`, and the attribute `features`.
 //!
-//! Not functions over a trait of registers: `[f32; S::WIDTH]` is no type in stable Rust, and a trait's methods cannot enable
-//! target features and be safe.
+//! Not functions over a trait of registers: `[f32; S::WIDTH]` is not a type in stable Rust, and a
+//! trait's methods cannot enable target features and be safe.
 
 #![expect(clippy::needless_range_loop, reason = "loops of constant length over registers read best by index")]
 
@@ -89,8 +90,8 @@ fn widened_part<T: Load>(src: &[T]) -> Register {
     unsafe { T::load_part(src) }
 }
 
-/// Scores of a tile, then weights, for `Q` queries. Aligned, as [`Packed`] is, so that no load crosses a cache
-/// line.
+/// Scores of a tile, then weights, for `Q` queries. Aligned, as [`Packed`] is, so that no load
+/// crosses a cache line.
 #[repr(align(64))]
 struct Weights<const Q: usize>([[f32; TILE]; Q]);
 
@@ -122,8 +123,8 @@ fn few<T: Load, F: Prefetch>(x: Operands<T>, i: usize, y: &mut MatMut<f32>) -> u
     }
 }
 
-/// A tile of keys, transposed, and of values, dense: neither strides across the sets of L1 as the projections
-/// do.
+/// A tile of keys, transposed, and of values, dense: neither strides across the sets of L1 as the
+/// projections do.
 #[repr(align(64))]
 struct Packed {
     /// `[head_dim, TILE]`.
@@ -132,7 +133,8 @@ struct Packed {
     v: [f32; TILE * PACKED_DIM],
 }
 
-/// `count` queries from `i` on, a multiple of 4 and at most [`BLOCK`], tile by tile of packed keys and values.
+/// `count` queries from `i` on, a multiple of 4 and at most [`BLOCK`], tile by tile of packed keys
+/// and values.
 #[features]
 fn block<T: Load>(x: Operands<T>, i: usize, count: usize, y: &mut MatMut<f32>) {
     let dim = x.q.cols();
@@ -191,9 +193,9 @@ const GROUPS: usize = WIDTH / 2 / PAIRS;
 /// Sums for 4 queries x 2 registers of keys.
 type Sums = [[Register; 2]; 4];
 
-/// The dot products of 4 queries with a packed tile, lanes along the keys. Each partial sum of [`scores`] is
-/// here one chain of multiply-adds, and the chains are added in the same tree, so that the bits are the same.
-/// `pairs` is scratch.
+/// The dot products of 4 queries with a packed tile, lanes along the keys. Each partial sum of
+/// [`scores`] is here one chain of multiply-adds, and the chains are added in the same tree, so
+/// that the bits are the same. `pairs` is scratch.
 #[features]
 fn packed_scores(q: Mat<f32>, k: &[[f32; TILE]; PACKED_DIM], pairs: &mut [Sums; GROUPS], weights: &mut Weights<4>) {
     let mut padded = [[0.0; PACKED_DIM]; 4];
@@ -281,8 +283,8 @@ fn group<T: Load, F: Prefetch, const Q: usize, const K: usize, const C: usize>(
     Q
 }
 
-/// Turns the scores of the tile of keys from `first` on into weights, and adds the tile's values to the rows of
-/// `y`, `C` registers of columns at a time.
+/// Turns the scores of the tile of keys from `first` on into weights, and adds the tile's values to
+/// the rows of `y`, `C` registers of columns at a time.
 #[features]
 fn weighted<T: Load, V: Load, F: Prefetch, const Q: usize, const C: usize>(
     x: Operands<T>,
@@ -312,7 +314,8 @@ fn weighted<T: Load, V: Load, F: Prefetch, const Q: usize, const C: usize>(
     }
 }
 
-/// The dot products of `Q` queries with every key of `k`; up to `K - 1` more, of no meaning, follow them.
+/// The dot products of `Q` queries with every key of `k`; up to `K - 1` more, of no meaning, follow
+/// them.
 #[features]
 fn scores<T: Load, F: Prefetch, const Q: usize, const K: usize>(
     x: Operands<T>,

@@ -5,7 +5,8 @@ use crate::error::{ShapeError, expect_len};
 use crate::mat::{Mat, MatMut};
 use crate::prefetch::PrefetchHint;
 
-/// A bias that depends on `key - query` alone: query `i` adds `values[origin + j - i]` to its score of key `j`.
+/// A bias that depends on `key - query` alone: query `i` adds `values[origin + j - i]` to its score
+/// of key `j`.
 ///
 /// All biases of one query are contiguous, so that no `[m, n]` matrix of them exists.
 #[derive(Clone, Copy, Debug)]

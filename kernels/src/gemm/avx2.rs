@@ -55,7 +55,8 @@ pub(crate) fn run<'a, W: Panels<'a, Row: Load>>(x: Input<f32>, task: &GemmTask<'
     }
 }
 
-/// The rows from `t` on, `R` of them, with `width` slots, `WIDTH` in a group, `P` of them at a time.
+/// The rows from `t` on, `R` of them, with `width` slots, `WIDTH` in a group, `P` of them at a
+/// time.
 #[avx2]
 fn tile<'a, W: Panels<'a, Row: Load>, const R: usize, const P: usize, const WIDTH: usize>(
     x: &Input<f32>,
@@ -95,7 +96,8 @@ fn group<'a, W: Panels<'a, Row: Load>, const R: usize, const P: usize, const WID
 ) {
     let mut sums = [[[0.0; PANEL]; WIDTH]; R];
     for i in (0..WIDTH).step_by(P) {
-        // Not by `from_fn`: a closure has this function's features and cannot be inlined into one that has not.
+        // Not by `from_fn`: a closure has this function's features and cannot be inlined into one
+        // that has not.
         let mut panels = [&[][..]; P];
         for (p, panel) in panels.iter_mut().enumerate() {
             *panel = task.panel(slot + i + p);
@@ -173,7 +175,8 @@ unsafe fn step<W: Load, const R: usize, const P: usize>(
         // registers.
         let full = R * P >= FULL;
         let w = if full && !i.is_multiple_of(W::INPUTS) { opaque(w[p]) } else { w[p] };
-        // SAFETY: the panel has the input by this function's contract, and this function enables the features.
+        // SAFETY: the panel has the input by this function's contract, and this function enables
+        // the features.
         let weights = unsafe { W::load(w, i) };
         for r in 0..R {
             let x = if full && p > 0 { opaque(x[r]) } else { x[r] };
@@ -248,7 +251,8 @@ pub(crate) fn store_gated_tile(
     }
 }
 
-/// Kept out of line, as are the activations: most products have neither, and their constants fill registers.
+/// Kept out of line, as are the activations: most products have neither, and their constants fill
+/// registers.
 #[inline(never)]
 #[avx2]
 fn add_bias(values: &mut [[f32; PANEL]], panels: usize, bias: &[f32]) {

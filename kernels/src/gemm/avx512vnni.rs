@@ -11,8 +11,8 @@ use core::arch::x86_64::*;
 use core::ops::Range;
 use umo_kernels_features::avx512vnni;
 
-/// Rows of the largest tile: 8 rows x 3 panels are 24 sums. A ninth row would fit the vector registers, but its address no
-/// longer a scalar one.
+/// Rows of the largest tile: 8 rows x 3 panels are 24 sums. A ninth row would fit the vector
+/// registers, but its address no longer a scalar one.
 const ROWS: usize = 8;
 /// Rows of the largest tile of an even number of panels, as gated products need: 6 rows x 4 panels.
 const EVEN_ROWS: usize = 6;
@@ -71,7 +71,8 @@ impl<W: Load> Step<f32> for W {
     #[inline]
     #[avx512vnni]
     unsafe fn weights(panel: *const Self, i: usize) -> __m512 {
-        // SAFETY: this function enables the features that `load` needs; the panel has an input `i` by its contract.
+        // SAFETY: this function enables the features that `load` needs; the panel has an input `i`
+        // by its contract.
         unsafe { W::load(panel, i) }
     }
 
@@ -168,7 +169,8 @@ fn group<'a, X, W: Panels<'a, Row: Step<X>>, const R: usize, const P: usize>(
     sums: &mut [[f32; PANEL]; SUMS],
     y: &mut MatMut<f32>,
 ) {
-    // Not by `from_fn`: a closure has this function's features and cannot be inlined into one that has not.
+    // Not by `from_fn`: a closure has this function's features and cannot be inlined into one that
+    // has not.
     let mut panels = [&[][..]; P];
     for (p, panel) in panels.iter_mut().enumerate() {
         *panel = task.panel(slot + p);
@@ -221,7 +223,8 @@ fn multiply<X, W: Step<X>, const R: usize, const P: usize>(
                     prefetch::to_l1(panel.wrapping_add((i + which + PREFETCH_DISTANCE) / W::SHARED));
                 }
             }
-            // SAFETY: `i + which < i + UNROLL <= whole`: all rows have the inputs of these steps, and all panels their weights.
+            // SAFETY: `i + which < i + UNROLL <= whole`: all rows have the inputs of these steps,
+            // and all panels their weights.
             unsafe { step::<X, W, R, P, true>(token, &mut acc, &x, &w, i + which) };
         }
         i += UNROLL;
@@ -263,10 +266,12 @@ unsafe fn step<X, W: Step<X>, const R: usize, const P: usize, const WHOLE: bool>
     }
     for r in 0..R {
         let x = if WHOLE {
-            // SAFETY: the row has the inputs of the step by this function's contract, which enables the features.
+            // SAFETY: the row has the inputs of the step by this function's contract, which enables
+            // the features.
             unsafe { W::inputs(x[r], i) }
         } else {
-            // SAFETY: the row has the first input of the step by this function's contract, which enables the features.
+            // SAFETY: the row has the first input of the step by this function's contract, which
+            // enables the features.
             unsafe { W::last(x[r], i) }
         };
         for p in 0..P {
@@ -333,7 +338,8 @@ pub(crate) fn store_gated_tile(
     }
 }
 
-/// Kept out of line, as are the activations: most products have neither, and their constants fill registers.
+/// Kept out of line, as are the activations: most products have neither, and their constants fill
+/// registers.
 #[inline(never)]
 #[avx512vnni]
 fn add_bias(values: &mut [[f32; PANEL]], panels: usize, bias: &[f32]) {

@@ -1,4 +1,5 @@
-//! A product as the vector back-ends process it: panels of any element type in the order of work, and tiles of rows.
+//! A product as the vector back-ends process it: panels of any element type in the order of work,
+//! and tiles of rows.
 
 use super::Epilogue;
 use crate::bf16::Bf16;

@@ -1,11 +1,11 @@
 //! From an [`Isa`](super::Isa) to a function compiled for it: the only place that calls such
 //! functions from code without its target features.
 
-/// Calls a function of the module that answers for the back-end of `$isa`, with the back-end's token before the other
-/// arguments (the scalar module takes none).
+/// Calls a function of the module that answers for the back-end of `$isa`, with the back-end's
+/// token before the other arguments (the scalar module takes none).
 ///
-/// The short form is for operations with the modules `scalar`, `avx2` and `avx512vnni`: the other back-ends have no better
-/// instructions for them. The long form names a module for every back-end.
+/// The short form is for operations with the modules `scalar`, `avx2` and `avx512vnni`: the other
+/// back-ends have no better instructions for them. The long form names a module for every back-end.
 macro_rules! dispatch {
     (@call scalar $function:ident $token:ident ($($argument:expr),*)) => {{
         let _ = $token;
@@ -48,9 +48,11 @@ macro_rules! dispatch {
     };
 }
 
-/// Makes functions that run with the features of their first parameter, a token, safe to call from anywhere.
+/// Makes functions that run with the features of their first parameter, a token, safe to call from
+/// anywhere.
 ///
-/// `fn f(token: Avx2, x: X) { .. }` becomes a function without target features that calls one with them.
+/// `fn f(token: Avx2, x: X) { .. }` becomes a function without target features that calls one with
+/// them.
 #[cfg(target_arch = "x86_64")]
 macro_rules! entry {
     (@features Avx2 $($function:tt)*) => { #[umo_kernels_features::avx2] $($function)* };
@@ -70,8 +72,8 @@ macro_rules! entry {
                 @features $Token
                 fn with_features $(<$generic: $bound>)? ($token: $Token $(, $argument: $type)*) $(-> $result)? $body
             }
-            // SAFETY: the token exists only where the processor has the features of `with_features`, which
-            // `isa::x86_64` detected: the attributes above enable the same.
+            // SAFETY: the token exists only where the processor has the features of
+            // `with_features`, which `isa::x86_64` detected: the attributes above enable the same.
             unsafe { with_features($token $(, $argument)*) }
         }
     )*};

@@ -14,8 +14,9 @@ macro_rules! tokens {
     )*};
 }
 
-// A token proves that the processor has every feature that the attribute of the same name in `umo_kernels_features`
-// enables. The constructors are private to this module, each in the function that detects them.
+// A token proves that the processor has every feature that the attribute of the same name in
+// `umo_kernels_features` enables. The constructors are private to this module, each in the function
+// that detects them.
 tokens! {
     /// AVX2 and FMA.
     Avx2,
@@ -23,9 +24,11 @@ tokens! {
     AvxVnni,
     /// The features of [`Avx2`], AVX-512 F, BW, DQ, VL and VNNI.
     Avx512Vnni,
-    /// The features of [`Avx512Vnni`] and AVX512-BF16, whose `vdpbf16ps` rounds like two fused multiply-adds.
+    /// The features of [`Avx512Vnni`] and AVX512-BF16, whose `vdpbf16ps` rounds like two fused
+    /// multiply-adds.
     Avx512Bf16,
-    /// The features of [`Avx512Vnni`], AVX512-BF16, and tiles with products of int8 and bf16, granted by the system.
+    /// The features of [`Avx512Vnni`], AVX512-BF16, and tiles with products of int8 and bf16,
+    /// granted by the system.
     #[cfg(target_os = "linux")]
     Amx,
 }
@@ -157,7 +160,8 @@ mod amx {
             && permitted()
     }
 
-    /// Asks Linux for the tiles' data, once for the whole process: it saves 8 KiB more per thread from then on.
+    /// Asks Linux for the tiles' data, once for the whole process: it saves 8 KiB more per thread
+    /// from then on.
     fn permitted() -> bool {
         /// `arch_prctl(ARCH_REQ_XCOMP_PERM, XFEATURE_XTILEDATA)`.
         const ARCH_PRCTL: i64 = 158;

@@ -96,7 +96,8 @@ fn polynomial<const N: usize>(coefficients: &[f32; N], x: __m256) -> __m256 {
     value
 }
 
-/// `e^x` of a difference from a maximum (`x <= 0`), with fused operations: within 1 ULP, 0 below -87.33.
+/// `e^x` of a difference from a maximum (`x <= 0`), with fused operations: within 1 ULP, 0 below
+/// -87.33.
 #[inline]
 #[avx2]
 pub(crate) fn softmax_exp(x: __m256) -> __m256 {
@@ -115,7 +116,8 @@ pub(crate) fn softmax_exp(x: __m256) -> __m256 {
     _mm256_and_ps(normal, _mm256_castsi256_ps(_mm256_add_epi32(power, exponent)))
 }
 
-/// `2^t` of a difference from a maximum (`t <= 0`) that will be rounded to bf16: within 1.03e-4 of the value, 0 below -126.
+/// `2^t` of a difference from a maximum (`t <= 0`) that will be rounded to bf16: within 1.03e-4 of
+/// the value, 0 below -126.
 #[inline]
 #[avx2]
 pub(crate) fn exp2_bf16(t: __m256) -> __m256 {

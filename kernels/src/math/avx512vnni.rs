@@ -30,7 +30,8 @@ fn exp_in_range(x: __m512) -> __m512 {
         tail = _mm512_add_ps(_mm512_mul_ps(tail, r), _mm512_set1_ps(c));
     }
     let power = _mm512_add_ps(_mm512_mul_ps(tail, _mm512_mul_ps(r, r)), r);
-    // The result is normal, so this scaling is exact, as is scalar's addition to the exponent's bits.
+    // The result is normal, so this scaling is exact, as is scalar's addition to the exponent's
+    // bits.
     _mm512_scalef_ps(_mm512_add_ps(power, _mm512_set1_ps(1.0)), n)
 }
 
@@ -39,7 +40,8 @@ fn exp_in_range(x: __m512) -> __m512 {
 #[avx512vnni]
 pub(crate) fn gelu_tanh(x: __m512) -> __m512 {
     let slope = _mm512_fmadd_ps(_mm512_mul_ps(x, x), _mm512_set1_ps(TANH_CUBE), _mm512_set1_ps(TANH_SCALE));
-    // The smaller in size of the two, with the first one's sign. What becomes of NaN here does not matter: `x` is NaN too.
+    // The smaller in size of the two, with the first one's sign. What becomes of NaN here does not
+    // matter: `x` is NaN too.
     let t = _mm512_range_ps::<2>(_mm512_mul_ps(x, slope), _mm512_set1_ps(TANH_MAX));
     _mm512_div_ps(x, _mm512_add_ps(exp2_in_range(t), _mm512_set1_ps(1.0)))
 }
@@ -51,7 +53,8 @@ fn exp2_in_range(t: __m512) -> __m512 {
     let round = _mm512_set1_ps(ROUND);
     let n = _mm512_sub_ps(_mm512_add_ps(t, round), round);
     let f = _mm512_sub_ps(t, n);
-    // The result is normal, so this scaling is exact, as is scalar's addition to the exponent's bits.
+    // The result is normal, so this scaling is exact, as is scalar's addition to the exponent's
+    // bits.
     _mm512_scalef_ps(_mm512_fmadd_ps(polynomial(&EXP2, f), f, _mm512_set1_ps(1.0)), n)
 }
 
@@ -92,7 +95,8 @@ fn polynomial<const N: usize>(coefficients: &[f32; N], x: __m512) -> __m512 {
     value
 }
 
-/// `e^x` of a difference from a maximum (`x <= 0`), with fused operations: within 1 ULP, 0 below -87.33.
+/// `e^x` of a difference from a maximum (`x <= 0`), with fused operations: within 1 ULP, 0 below
+/// -87.33.
 #[inline]
 #[avx512vnni]
 pub(crate) fn softmax_exp(x: __m512) -> __m512 {
@@ -108,8 +112,8 @@ pub(crate) fn softmax_exp(x: __m512) -> __m512 {
     _mm512_maskz_scalef_ps(normal, _mm512_add_ps(power, _mm512_set1_ps(1.0)), n)
 }
 
-/// `e^x` of a difference from a maximum (`x <= 0`), with the fewest operations: exactly 1 at 0, otherwise within 1.5 ULP plus
-/// `1.25 * 2^-24 * abs(x)` of the value; 0 below -87.33.
+/// `e^x` of a difference from a maximum (`x <= 0`), with the fewest operations: exactly 1 at 0,
+/// otherwise within 1.5 ULP plus `1.25 * 2^-24 * abs(x)` of the value; 0 below -87.33.
 #[inline]
 #[avx512vnni]
 pub(crate) fn softmax_exp_reduce(x: __m512) -> __m512 {
@@ -124,7 +128,8 @@ pub(crate) fn softmax_exp_reduce(x: __m512) -> __m512 {
     _mm512_maskz_scalef_ps(normal, _mm512_fmadd_ps(power, r, _mm512_set1_ps(1.0)), x)
 }
 
-/// `2^t` of a difference from a maximum (`t <= 0`) that will be rounded to bf16: within 1.03e-4 of the value, 0 below -126.
+/// `2^t` of a difference from a maximum (`t <= 0`) that will be rounded to bf16: within 1.03e-4 of
+/// the value, 0 below -126.
 #[inline]
 #[avx512vnni]
 pub(crate) fn exp2_bf16(t: __m512) -> __m512 {
@@ -137,8 +142,8 @@ pub(crate) fn exp2_bf16(t: __m512) -> __m512 {
     _mm512_maskz_scalef_ps(normal, _mm512_fmadd_ps(power, r, _mm512_set1_ps(1.0)), n)
 }
 
-/// [`exp2_bf16`] with fewer operations: denormal below -126, which is taken as 0 where it is rounded, and vanishes in a sum of
-/// at least 1.
+/// [`exp2_bf16`] with fewer operations: denormal below -126, which is taken as 0 where it is
+/// rounded, and vanishes in a sum of at least 1.
 #[inline]
 #[avx512vnni]
 pub(crate) fn exp2_bf16_reduce(t: __m512) -> __m512 {

@@ -33,7 +33,8 @@ fn exp_in_range(x: f32) -> f32 {
     f32::from_bits(power.to_bits().wrapping_add(shifted.to_bits() << 23))
 }
 
-/// `x * (1 + tanh(u)) / 2` with `u = sqrt(2 / pi) * (x + 0.044715 x^3)`, written as `x / (1 + 2^t)` with `t = -2 u log2(e)`.
+/// `x * (1 + tanh(u)) / 2` with `u = sqrt(2 / pi) * (x + 0.044715 x^3)`, written as `x / (1 + 2^t)`
+/// with `t = -2 u log2(e)`.
 #[inline]
 pub(crate) fn gelu_tanh(x: f32) -> f32 {
     let t = x * (x * x).mul_add(TANH_CUBE, TANH_SCALE);
@@ -57,8 +58,8 @@ fn polynomial<const N: usize>(coefficients: &[f32; N], x: f32) -> f32 {
     coefficients[1..].iter().fold(coefficients[0], |value, &c| value.mul_add(x, c))
 }
 
-/// `x * (1 + erf(x / sqrt(2))) / 2`, written as `max(x, 0) - abs(x) * tail(abs(x))`. A tail of NaN may have any bits: its product
-/// is NaN.
+/// `x * (1 + erf(x / sqrt(2))) / 2`, written as `max(x, 0) - abs(x) * tail(abs(x))`. A tail of NaN
+/// may have any bits: its product is NaN.
 #[inline]
 pub(crate) fn gelu_erf(x: f32) -> f32 {
     let size = x.abs();
@@ -91,7 +92,8 @@ pub(crate) fn activate(activation: Activation, x: f32) -> f32 {
     }
 }
 
-/// `2^t` of a difference from a maximum (`t <= 0`) that will be rounded to bf16: within 1.03e-4 of the value, 0 below -126.
+/// `2^t` of a difference from a maximum (`t <= 0`) that will be rounded to bf16: within 1.03e-4 of
+/// the value, 0 below -126.
 pub(crate) fn exp2_bf16(t: f32) -> f32 {
     let n = t.floor();
     let r = t - n;

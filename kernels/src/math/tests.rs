@@ -6,7 +6,8 @@ fn sweep(limit: f32) -> impl Iterator<Item = f32> {
     (0..=limit.to_bits()).step_by(509).flat_map(|bits| [f32::from_bits(bits), -f32::from_bits(bits)])
 }
 
-/// Error function in f64: `2/sqrt(pi) * exp(-x^2) * sum_n 2^n x^(2n+1) / (1 * 3 * .. * (2n+1))`, no cancellation.
+/// Error function in f64: `2/sqrt(pi) * exp(-x^2) * sum_n 2^n x^(2n+1) / (1 * 3 * .. * (2n+1))`, no
+/// cancellation.
 fn erf(x: f64) -> f64 {
     let size = x.abs();
     if size >= 6.0 {
@@ -166,7 +167,8 @@ fn back_ends_agree_bit_for_bit() {
     }
 }
 
-/// The accuracies that the table of this module's documentation states, for differences from a maximum.
+/// The accuracies that the table of this module's documentation states, for differences from a
+/// maximum.
 #[test]
 fn exponentials_of_attention_are_within_their_bounds() {
     /// The bound of `exp2_bf16`, and the rounding of the polynomial.

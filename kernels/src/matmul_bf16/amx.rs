@@ -350,7 +350,8 @@ fn split_lanes(front: __m512, back: __m512) -> [__m512i; 2] {
     [words, unsafe { core::mem::transmute::<__m512bh, __m512i>(rounded) }]
 }
 
-/// The sums of `rows` rows from `t` on with `panels` slots from `slot` on, over all inputs: `sums [rows, panels]`.
+/// The sums of `rows` rows from `t` on with `panels` slots from `slot` on, over all inputs: `sums
+/// [rows, panels]`.
 #[avx512bf16]
 fn block<const PARTS: usize>(
     tiles: &Tiles,

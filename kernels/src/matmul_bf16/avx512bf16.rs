@@ -1,4 +1,5 @@
-//! `vdpbf16ps`: rows and weights in bf16 by pairs, 32 multiply-adds with f32 sums, in the f32 product's loops.
+//! `vdpbf16ps`: rows and weights in bf16 by pairs, 32 multiply-adds with f32 sums, in the f32
+//! product's loops.
 
 use super::{Bf16Rows, scalar};
 use crate::bf16::Bf16;
@@ -30,7 +31,8 @@ impl Step<Bf16> for [[Bf16; PAIR]; PANEL] {
     #[inline]
     #[avx512vnni]
     unsafe fn weights(panel: *const Self, i: usize) -> __m512 {
-        // SAFETY: row `i` is inside the panel by this function's contract; the load needs no alignment.
+        // SAFETY: row `i` is inside the panel by this function's contract; the load needs no
+        // alignment.
         unsafe { _mm512_loadu_ps(panel.wrapping_add(i).cast()) }
     }
 

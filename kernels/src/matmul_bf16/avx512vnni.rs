@@ -32,7 +32,8 @@ impl Load for [[Bf16; PAIR]; PANEL] {
     #[inline]
     #[avx512vnni]
     unsafe fn load(panel: *const Self, i: usize) -> __m512 {
-        // SAFETY: the pairs of input `i` are inside the panel by this function's contract; the load needs no alignment.
+        // SAFETY: the pairs of input `i` are inside the panel by this function's contract; the load
+        // needs no alignment.
         let pairs = unsafe { _mm512_loadu_si512(panel.wrapping_add(i / PAIR).cast()) };
         _mm512_castsi512_ps(if i.is_multiple_of(PAIR) {
             _mm512_slli_epi32::<16>(pairs)

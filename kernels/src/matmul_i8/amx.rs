@@ -220,7 +220,8 @@ impl<'a> Pair<'a> {
     #[avx512vnni]
     fn new(task: &GemmTask<'a>, slot: usize, end: usize, next: usize, rows: usize) -> Self {
         let panels = (end - slot).min(WIDTH);
-        // Not by `from_fn`: a closure has this function's features and cannot be inlined into one that has not.
+        // Not by `from_fn`: a closure has this function's features and cannot be inlined into one
+        // that has not.
         let (mut quads, mut ahead) = ([&[][..]; WIDTH], [&[][..]; WIDTH]);
         for p in 0..WIDTH {
             quads[p] = task.panel(slot + p.min(panels - 1));

@@ -20,7 +20,8 @@ use crate::tuning::Tuning;
 use core::arch::x86_64::*;
 use umo_kernels_features::avx2;
 
-/// Rows of the largest tile: 6 rows x 2 registers of sums leave four, for two of weights, an input and a product.
+/// Rows of the largest tile: 6 rows x 2 registers of sums leave four, for two of weights, an input
+/// and a product.
 const ROWS: usize = 6;
 /// Quads of inputs converted at once: 6 rows are 24 KiB, which fit in L1 beside the weights.
 const QUADS: usize = 512;

@@ -1,4 +1,5 @@
-//! Four inputs of 16 outputs per instruction: `vpdpbusd`, which multiplies unsigned by signed bytes.
+//! Four inputs of 16 outputs per instruction: `vpdpbusd`, which multiplies unsigned by signed
+//! bytes.
 //!
 //! Inputs are offset to unsigned (`x + 128`), either beforehand in a buffer on the stack, a
 //! tile of rows at a time, or when they are loaded. The excess, `128 * sum(w)`, is subtracted

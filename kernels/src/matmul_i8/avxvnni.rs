@@ -94,7 +94,8 @@ fn convert(x: &QuantInput, t: usize, first: usize, buffer: &mut [BiasedRow]) {
     }
 }
 
-/// The rows from `t` on, `R` of them, with the slots of `chunk`, `WIDTH` in a group, `P` of them at a time.
+/// The rows from `t` on, `R` of them, with the slots of `chunk`, `WIDTH` in a group, `P` of them at
+/// a time.
 #[avxvnni]
 fn tile<const R: usize, const P: usize, const WIDTH: usize>(
     x: &QuantInput,
@@ -138,7 +139,8 @@ fn group<const R: usize, const P: usize, const WIDTH: usize>(
             convert(x, t, first, buffer);
         }
         for i in (0..WIDTH).step_by(P) {
-            // Not by `from_fn`: a closure has this function's features and cannot be inlined into one that has not.
+            // Not by `from_fn`: a closure has this function's features and cannot be inlined into
+            // one that has not.
             let mut panels = [&[][..]; P];
             for (p, panel) in panels.iter_mut().enumerate() {
                 let quads = task.panel(slot + i + p);

@@ -22,7 +22,8 @@ entry! {
         if rounds == 0 {
             return Some(0);
         }
-        // SAFETY: this function enables AVX2, and only registers are touched, all of them named; `rounds` is at least 1.
+        // SAFETY: this function enables AVX2, and only registers are touched, all of them named;
+        // `rounds` is at least 1.
         unsafe {
             asm!(
                 "2:",

@@ -11,7 +11,8 @@ use umo_kernels_features::avx512vnni;
 use super::{FAR_WHOLE, Order, STREAM, STREAMS, TURNS, prefetch_offset};
 use crate::prefetch;
 
-/// Independent sums: far more than an instruction's delay, and with two operands fewer than 32 registers.
+/// Independent sums: far more than an instruction's delay, and with two operands fewer than 32
+/// registers.
 pub(super) const SUMS: usize = 24;
 
 entry! {

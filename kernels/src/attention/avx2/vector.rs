@@ -44,7 +44,8 @@ pub(in crate::attention) fn transpose(rows: [Register; WIDTH]) -> [Register; WID
     columns
 }
 
-/// The sum of each of 8 registers, `sums[i]` in lane `i`, each added pairwise as [`pairwise`](crate::lanes::pairwise) does.
+/// The sum of each of 8 registers, `sums[i]` in lane `i`, each added pairwise as
+/// [`pairwise`](crate::lanes::pairwise) does.
 #[inline]
 #[avx2]
 pub(super) fn sums_of(sums: [Register; WIDTH]) -> Register {

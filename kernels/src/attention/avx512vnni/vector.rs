@@ -50,11 +50,13 @@ pub(in crate::attention) fn transpose(rows: [Register; WIDTH]) -> [Register; WID
     columns
 }
 
-/// The sum of each of 16 registers, `sums[i]` in lane `i`, each added pairwise as [`pairwise`](crate::lanes::pairwise) does.
+/// The sum of each of 16 registers, `sums[i]` in lane `i`, each added pairwise as
+/// [`pairwise`](crate::lanes::pairwise) does.
 #[inline]
 #[avx512vnni]
 pub(super) fn sums_of(sums: [Register; WIDTH]) -> Register {
-    // Four rounds halve the registers: [8 lanes of a, b], [4 of a, b, c, d], [2 of each in every 128 bits], ...
+    // Four rounds halve the registers: [8 lanes of a, b], [4 of a, b, c, d], [2 of each in every
+    // 128 bits], ...
     let mut eight = [_mm512_setzero_ps(); 8];
     for t in 0..8 {
         // The rounds move register `f` to lane `f % 4 * 4 + f / 4`; the inputs are

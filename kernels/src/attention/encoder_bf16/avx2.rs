@@ -1,4 +1,5 @@
-//! As `avx512vnni.rs`, in registers of 8 lanes: 2 queries x 16 keys or columns are 4 registers each.
+//! As `avx512vnni.rs`, in registers of 8 lanes: 2 queries x 16 keys or columns are 4 registers
+//! each.
 
 #[path = "loops.rs"]
 mod loops;

@@ -1,8 +1,9 @@
-//! The loops of the vector back-ends, lanes along keys and then along columns, compiled once per instruction set: every
-//! back-end includes this file as its module `loops`. What differs stands in its module `vector`: the register with its
-//! operations, `WIDTH` lanes of it, `QUERIES`, the attribute `features` and a `Token` that proves the instructions; and what a
-//! lane of a factor holds: `JOINED` values of one sum, 1 or 2, with `factor`, which rounds and joins neighbours in a row,
-//! `join`, which rounds and joins values of two rows, and `multiply_add`.
+//! The loops of the vector back-ends, lanes along keys and then along columns, compiled once per
+//! instruction set: every back-end includes this file as its module `loops`. What differs stands in
+//! its module `vector`: the register with its operations, `WIDTH` lanes of it, `QUERIES`, the
+//! attribute `features` and a `Token` that proves the instructions; and what a lane of a factor
+//! holds: `JOINED` values of one sum, 1 or 2, with `factor`, which rounds and joins neighbours in a
+//! row, `join`, which rounds and joins values of two rows, and `multiply_add`.
 //!
 //! ```text
 //! a step of 32      e0 o0 e1 o1 e2 o2 e3 o3 ...        even and odd values are summed separately
@@ -269,8 +270,8 @@ fn softmax_weights(token: Token, scores: &mut [f32], keys: usize, scale: f32, bi
     softmax.add(pairwise(lanes));
 }
 
-/// Adds the columns `at ..` of values, weighted, to the first rows of `y`, one for each of `weights`. `others` came before
-/// these keys, or they are the `last`.
+/// Adds the columns `at ..` of values, weighted, to the first rows of `y`, one for each of
+/// `weights`. `others` came before these keys, or they are the `last`.
 #[features]
 fn add_values<const N: usize>(
     token: Token,

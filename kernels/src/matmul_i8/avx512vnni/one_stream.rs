@@ -55,7 +55,8 @@ fn product<const R: usize, const ACCUMULATORS: usize>(x: &QuantInput, task: &Gem
     }
 }
 
-/// Where the quads start that are fetched while the panel of a slot is multiplied: as many as it has, none beyond the weight's last panel.
+/// Where the quads start that are fetched while the panel of a slot is multiplied: as many as it
+/// has, none beyond the weight's last panel.
 #[inline]
 fn ahead(task: &GemmTask, slot: usize) -> *const [i8; BYTES] {
     let (w, p) = task.slot(slot);
@@ -90,7 +91,8 @@ fn multiply<const R: usize, const ACCUMULATORS: usize>(
             for (side, sums) in acc.iter_mut().enumerate() {
                 let q = first + turn * ACCUMULATORS + side;
                 prefetch::to_l1(ahead.wrapping_add(q));
-                // SAFETY: `q < whole <= panel.len() <= QUADS`: the panel and all rows have this quad.
+                // SAFETY: `q < whole <= panel.len() <= QUADS`: the panel and all rows have this
+                // quad.
                 unsafe { dot_step(w, &x, q, sums) };
             }
         }

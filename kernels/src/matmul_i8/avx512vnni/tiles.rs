@@ -21,8 +21,8 @@ const ROWS: usize = 9;
 const EVEN_ROWS: usize = 6;
 /// Quads of inputs converted at once: 9 rows are 37 KiB.
 pub(super) const QUADS: usize = 1024;
-/// Panels of sums in one tile at most. They are cleared once per product: clearing them per tile would wait for the
-/// stores of the tile before.
+/// Panels of sums in one tile at most. They are cleared once per product: clearing them per tile
+/// would wait for the stores of the tile before.
 const SUMS: usize = ROWS * 3;
 /// Bytes in a register.
 pub(super) const BYTES: usize = 64;
@@ -108,7 +108,8 @@ fn unsigned(x: &[i8], buffer: &mut BiasedRow) {
     store_bytes(&mut buffer[x.len()], _mm512_xor_si512(load_bytes_part(x_tail), flip));
 }
 
-/// The rows from `t` on, `R` of them, with the slots of `chunk`, `P` at a time; `buffer` has them converted, or nothing.
+/// The rows from `t` on, `R` of them, with the slots of `chunk`, `P` at a time; `buffer` has them
+/// converted, or nothing.
 #[avx512vnni]
 fn tile<const R: usize, const P: usize>(
     x: &QuantInput,
@@ -148,7 +149,8 @@ fn group<const R: usize, const P: usize>(
     y: &mut MatMut<f32>,
 ) {
     let task = chunk.task;
-    // Not by `from_fn`: a closure has this function's features and cannot be inlined into one that has not.
+    // Not by `from_fn`: a closure has this function's features and cannot be inlined into one that
+    // has not.
     let mut panels = [&[][..]; P];
     for (p, panel) in panels.iter_mut().enumerate() {
         *panel = task.panel(slot + p);

@@ -27,7 +27,8 @@ pub(super) fn join(token: Token, first: Register, second: Register) -> Register 
     interleave_halves(words)
 }
 
-/// Of each four values the first and the third in the first lane, the second and the fourth in the second; the earlier in the upper half.
+/// Of each four values the first and the third in the first lane, the second and the fourth in the
+/// second; the earlier in the upper half.
 #[inline]
 #[avx512vnni]
 pub(super) fn factor(token: Token, [first, second]: [Register; JOINED]) -> Register {
