@@ -3,7 +3,7 @@
 
 use super::scalar;
 use crate::isa::{Avx2, entry};
-use crate::lanes::avx2::{HALF, largest, load, load_part, store, store_part};
+use crate::lanes::avx2::{HALF, load, load_part, reduce_max, store, store_part};
 use crate::math::Activation;
 use crate::math::avx2::{activate, exp};
 use core::arch::x86_64::*;
@@ -45,7 +45,7 @@ fn largest_of(x: &[f32]) -> f32 {
     for x in chunks {
         max = _mm256_max_ps(load(x), max);
     }
-    tail.iter().fold(largest(max), |max, &x| if x > max { x } else { max })
+    tail.iter().fold(reduce_max(max), |max, &x| if x > max { x } else { max })
 }
 
 entry! {

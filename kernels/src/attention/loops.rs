@@ -9,9 +9,9 @@
 #![expect(clippy::needless_range_loop, reason = "loops of constant length over registers read best by index")]
 
 use super::vector::{
-    BLOCK, COLUMNS, ORDER, PAIRS, Register, WIDTH, add, features, fmadd, largest, load, load_at, load_bf16, load_part,
-    load_part_bf16, max_lanes, mul, select_first, softmax_exp, splat, store, store_part, sub, sums_of, to_array,
-    transpose, zero,
+    BLOCK, COLUMNS, ORDER, PAIRS, Register, WIDTH, add, features, fmadd, load, load_at, load_bf16, load_part,
+    load_part_bf16, max_lanes, mul, reduce_max, select_first, softmax_exp, splat, store, store_part, sub, sums_of,
+    to_array, transpose, zero,
 };
 use crate::attention::operands::Operands;
 use crate::bf16::Bf16;
@@ -462,7 +462,7 @@ fn score<const ALL: bool>(weights: &mut [f32; TILE], seen: usize, max: f32, scal
         highest = max_lanes(highest, score);
         store(register, score);
     }
-    largest(highest)
+    reduce_max(highest)
 }
 
 /// `y[i + r] = y[i + r] * shrink[r] + sum_j weights[r][from + j] * v[j]`.

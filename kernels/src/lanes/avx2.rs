@@ -77,7 +77,7 @@ pub(crate) fn to_array(value: __m256) -> [f32; HALF] {
 /// The largest of the 8 values.
 #[inline]
 #[avx2]
-pub(crate) fn largest(value: __m256) -> f32 {
+pub(crate) fn reduce_max(value: __m256) -> f32 {
     let four = _mm_max_ps(_mm256_castps256_ps128(value), _mm256_extractf128_ps::<1>(value));
     let two = _mm_max_ps(four, _mm_movehl_ps(four, four));
     _mm_cvtss_f32(_mm_max_ss(two, _mm_movehdup_ps(two)))

@@ -119,7 +119,7 @@ pub(crate) fn max_lanes(a: Register, b: Register) -> Register {
 /// The largest of the 16 values.
 #[inline]
 #[avx512vnni]
-pub(crate) fn largest(value: Register) -> f32 {
+pub(crate) fn reduce_max(value: Register) -> f32 {
     _mm512_reduce_max_ps(value)
 }
 

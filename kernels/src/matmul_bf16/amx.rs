@@ -35,13 +35,13 @@ const STEP: usize = TILE * PAIR;
 /// Steps of inputs split at once, for few inputs and for many.
 const STEPS: [usize; 2] = [24, 64];
 /// Consecutive steps of a row that are split together.
-const NEAR: usize = 4;
+const SPLIT_STEPS: usize = 4;
 /// Bytes of weights per chunk, which stay in L2 while blocks of rows pass.
 const CHUNK_BYTES: usize = 768 << 10;
 /// Panels of sums in one block.
 const SUMS: usize = ROWS * 2;
 /// Rows whose epilogue runs after as many steps of the next block.
-const ENDED: usize = 2;
+const EPILOGUE_ROWS: usize = 2;
 
 /// 16 rows of inputs.
 type Tile = [[Bf16; STEP]; TILE];
@@ -173,8 +173,16 @@ fn product_in_place<const PARTS: usize>(tiles: &Tiles, x: &Bf16Rows, task: &Gemm
             let mut slot = first;
             while slot < end {
                 let panels = panels(end - slot, rows);
-                let end_some = || pending.rows(ENDED, task, before, &mut y);
-                multiply_all::<PARTS>(tiles, (rows, panels), source, &pairs(task, slot, panels), true, now, end_some);
+                let advance_epilogue = || pending.rows(EPILOGUE_ROWS, task, before, &mut y);
+                multiply_all::<PARTS>(
+                    tiles,
+                    (rows, panels),
+                    source,
+                    &pairs(task, slot, panels),
+                    true,
+                    now,
+                    advance_epilogue,
+                );
                 pending.rows(ROWS, task, before, &mut y);
                 pending = PendingEpilogue { start, slot, panels, done: t - start, rows };
                 (now, before) = (before, now);
@@ -212,7 +220,7 @@ impl PendingEpilogue {
         if !rows.is_empty() {
             self.done = rows.end;
             let sums = &mut sums[rows.start * self.panels..rows.end * self.panels];
-            end_block(sums, task, self.start + rows.start, (self.slot, self.panels), y);
+            store_block(sums, task, self.start + rows.start, (self.slot, self.panels), y);
         }
     }
 }
@@ -236,7 +244,7 @@ fn product<const MOST: usize, const PARTS: usize>(
             while slot < end {
                 let panels = panels(end - slot, rows);
                 block::<PARTS>(tiles, x, (t, rows), &mut buffer.0, task, (slot, panels), &mut sums.0);
-                end_block(&mut sums.0[..rows * panels], task, t, (slot, panels), &mut y);
+                store_block(&mut sums.0[..rows * panels], task, t, (slot, panels), &mut y);
                 slot += panels;
             }
         }
@@ -246,7 +254,7 @@ fn product<const MOST: usize, const PARTS: usize>(
 /// Ends the rows from `t` on of `panels` slots from `slot` on.
 #[inline(never)]
 #[avx512bf16]
-fn end_block(
+fn store_block(
     sums: &mut [[f32; PANEL]],
     task: &GemmTask<PackedBf16>,
     t: usize,
@@ -278,9 +286,9 @@ fn in_place<'a>(x: &Bf16Rows<'a>, t: usize, rows: usize) -> Source<'a> {
 fn fill(x: &Rows, t: usize, rows: usize, first: usize, buffer: &mut [Step]) {
     // Rows of consecutive steps are 4 KiB apart, in one set of L1: a few steps at a time
     // stay there.
-    for (i, steps) in buffer.chunks_mut(NEAR).enumerate() {
+    for (i, steps) in buffer.chunks_mut(SPLIT_STEPS).enumerate() {
         for r in 0..rows {
-            let first = first + i * NEAR * STEP;
+            let first = first + i * SPLIT_STEPS * STEP;
             match x {
                 Rows::Whole(x) => split_row(rest(x.row(t + r), first), r, steps),
                 Rows::Ready(x) => {
@@ -400,7 +408,7 @@ fn multiply_all<const PARTS: usize>(
 }
 
 /// Adds the products of `R` tiles of rows with the pairs of `P` panels to `sums [rows, P]`, or
-/// starts them; calls `between` every [`ENDED`] steps.
+/// starts them; calls `between` every [`EPILOGUE_ROWS`] steps.
 #[avx512bf16]
 fn multiply<const R: usize, const P: usize, const PARTS: usize>(
     tiles: &Tiles,
@@ -421,7 +429,7 @@ fn multiply<const R: usize, const P: usize, const PARTS: usize>(
     let (steps, rest) = (first.len(), rest.len());
     for i in 0..steps {
         step::<R, P, PARTS>(tiles, &source, i, [&first[i], &second[i], &third[i], &fourth[i]]);
-        if i % ENDED == ENDED - 1 {
+        if i % EPILOGUE_ROWS == EPILOGUE_ROWS - 1 {
             between();
         }
     }

@@ -32,11 +32,11 @@ const ROWS: usize = 2 * TILE;
 /// Panels per block; gated products need an even number.
 const WIDTH: usize = 2;
 /// Tiles of inputs gathered at once: 256 rows of 768 inputs are 192 KiB.
-const ROOM: usize = 256;
+const GATHERED_TILES: usize = 256;
 /// Limit on the bytes between the first and the last output row of a group of more than two
 /// blocks: each pair of panels writes two lines of each row, whose neighbours should still be
 /// in L2 for the next pair.
-const REACH: usize = 512 << 10;
+const OUTPUT_SPAN: usize = 512 << 10;
 /// Minimum of gated rows per step of the epilogue: the latencies of their divisions overlap.
 const GATED_ROWS: usize = 6;
 /// Bytes of weights per chunk, which stay in L2 while blocks of rows pass.
@@ -77,15 +77,16 @@ entry! {
 #[avx512vnni]
 fn run(token: Amx, x: &QuantInput, task: &GemmTask, mut y: MatMut<f32>) {
     let tiles = Tiles::new(token);
-    let mut room = Aligned([const { [const { MaybeUninit::uninit() }; TILE] }; ROOM]);
+    let mut gathered_tiles = Aligned([const { [const { MaybeUninit::uninit() }; TILE] }; GATHERED_TILES]);
     let mut sums = Aligned([[[0.0; PANEL]; SUMS]; 2]);
     let [mut sums, mut before] = sums.0.each_mut();
     let mut scales = [[0.0; ROWS]; GROUP / ROWS];
     let (rows, steps) = (x.rows.rows(), task.k().div_ceil(BYTES));
-    let reach = size_of::<f32>() * y.stride().max(1) / if matches!(task, GemmTask::Gated(..)) { 2 } else { 1 };
-    let group = (ROOM / 2 / steps.max(1)).min((REACH / reach / ROWS).max(2)).clamp(1, GROUP / ROWS) * ROWS;
+    let row_bytes = size_of::<f32>() * y.stride().max(1) / if matches!(task, GemmTask::Gated(..)) { 2 } else { 1 };
+    let group =
+        (GATHERED_TILES / 2 / steps.max(1)).min((OUTPUT_SPAN / row_bytes / ROWS).max(2)).clamp(1, GROUP / ROWS) * ROWS;
     let width = (CHUNK_BYTES / (PANEL * task.k().max(1)) / WIDTH).max(1) * WIDTH;
-    let whole = steps <= ROOM / 2;
+    let whole = steps <= GATHERED_TILES / 2;
     let mut pending = PendingEpilogue::none();
     for first in (0..task.slots()).step_by(width) {
         let end = (first + width).min(task.slots());
@@ -96,7 +97,7 @@ fn run(token: Amx, x: &QuantInput, task: &GemmTask, mut y: MatMut<f32>) {
             }
             let blocks = (t..t + part).step_by(ROWS).map(|t| (t, (rows - t).min(ROWS)));
             for (block, (t, rows)) in blocks.enumerate().filter(|&(_, (_, rows))| whole && !is_tile_loadable(x, rows)) {
-                gather(x, t, rows, 0, steps, &mut room.0[block * 2 * steps..]);
+                gather(x, t, rows, 0, steps, &mut gathered_tiles.0[block * 2 * steps..]);
             }
             for slot in (first..end).step_by(WIDTH) {
                 let next = match slot + WIDTH {
@@ -106,15 +107,15 @@ fn run(token: Amx, x: &QuantInput, task: &GemmTask, mut y: MatMut<f32>) {
                 let pair = Pair::new(task, slot, end, next, part);
                 for (block, scales) in scales[..part.div_ceil(ROWS)].iter().enumerate() {
                     let (t, rows) = (t + block * ROWS, (part - block * ROWS).min(ROWS));
-                    let mut work = Work { tiles: &tiles, x, task, pair: &pair, t, rows, block };
+                    let mut work = BlockProduct { tiles: &tiles, x, task, pair: &pair, t, rows, block };
                     if whole {
                         let inputs = match is_tile_loadable(x, rows) {
                             true => Source::rows(x, t, rows),
-                            false => Source::gathered(&room.0[block * 2 * steps..][..2 * steps]),
+                            false => Source::gathered(&gathered_tiles.0[block * 2 * steps..][..2 * steps]),
                         };
-                        work.block(inputs, sums, (&mut pending, before), &mut y);
+                        work.multiply_block(inputs, sums, (&mut pending, before), &mut y);
                     } else {
-                        work.parts(&mut room.0, sums, (&mut pending, before), &mut y);
+                        work.multiply_in_parts(&mut gathered_tiles.0, sums, (&mut pending, before), &mut y);
                     }
                     pending.all(x, task, before, &mut y);
                     pending.start(&pair, scales, t, rows);
@@ -139,9 +140,9 @@ fn is_tile_loadable(x: &QuantInput, rows: usize) -> bool {
 /// Gathers the inputs from `first` on of `rows` rows from `t` on, `steps` steps of one block.
 /// The contents behind the last row produce sums that nothing reads.
 #[avx512vnni]
-fn gather(x: &QuantInput, t: usize, rows: usize, first: usize, steps: usize, room: &mut [Inputs]) {
+fn gather(x: &QuantInput, t: usize, rows: usize, first: usize, steps: usize, gathered_tiles: &mut [Inputs]) {
     let last = (first + steps * BYTES).min(x.rows.cols());
-    let (tiles, _) = room[..2 * steps].as_chunks_mut::<2>();
+    let (tiles, _) = gathered_tiles[..2 * steps].as_chunks_mut::<2>();
     for r in 0..rows {
         let (whole, part) = x.rows.row(t + r)[first..last].as_chunks::<BYTES>();
         for (tiles, whole) in tiles.iter_mut().zip(whole) {
@@ -208,7 +209,7 @@ struct Pair<'a> {
 /// The epilogue of a pair of panels.
 #[derive(Clone, Copy)]
 struct PairEpilogue {
-    kind: Kind,
+    kind: EpilogueKind,
     scale: [__m512; WIDTH],
     /// -0 if there is none: adding it changes no sum.
     bias: [__m512; WIDTH],
@@ -238,13 +239,16 @@ impl<'a> Pair<'a> {
 impl PairEpilogue {
     #[avx512vnni]
     fn new(task: &GemmTask, slot: usize) -> Self {
-        let mut this =
-            Self { kind: Kind::Block, scale: [_mm512_setzero_ps(); WIDTH], bias: [_mm512_set1_ps(-0.0); WIDTH] };
+        let mut this = Self {
+            kind: EpilogueKind::Block,
+            scale: [_mm512_setzero_ps(); WIDTH],
+            bias: [_mm512_set1_ps(-0.0); WIDTH],
+        };
         match task {
             GemmTask::Gated(gate, up) if (slot / 2 + 1) * PANEL <= gate.n() => {
                 let outputs = slot / 2 * PANEL..(slot / 2 + 1) * PANEL;
                 this.scale = [load_part(&gate.scale()[outputs.clone()]), load_part(&up.scale()[outputs])];
-                this.kind = Kind::Gated;
+                this.kind = EpilogueKind::Gated;
             }
             GemmTask::Plain(w, epilogue)
                 if (slot + WIDTH) * PANEL <= w.n() && epilogue.activation == Activation::None =>
@@ -255,9 +259,9 @@ impl PairEpilogue {
                     this.bias = [load_part(&bias[now]), load_part(&bias[then])];
                 }
                 this.kind = match epilogue {
-                    Epilogue { scatter: Some(_), .. } => Kind::Scatter,
-                    Epilogue { add: true, .. } => Kind::Add,
-                    _ => Kind::Store,
+                    Epilogue { scatter: Some(_), .. } => EpilogueKind::Scatter,
+                    Epilogue { add: true, .. } => EpilogueKind::Add,
+                    _ => EpilogueKind::Store,
                 };
             }
             _ => {}
@@ -267,7 +271,7 @@ impl PairEpilogue {
 }
 
 /// One block of rows with a pair of panels.
-struct Work<'a, 'b> {
+struct BlockProduct<'a, 'b> {
     tiles: &'a Tiles,
     x: &'a QuantInput<'b>,
     task: &'a GemmTask<'b>,
@@ -278,53 +282,66 @@ struct Work<'a, 'b> {
     block: usize,
 }
 
-impl Work<'_, '_> {
+impl BlockProduct<'_, '_> {
     /// All inputs at once.
     #[inline]
     #[avx512vnni]
-    fn block(&mut self, inputs: Source, sums: &mut Sums, before: (&mut PendingEpilogue, &Sums), y: &mut MatMut<f32>) {
+    fn multiply_block(
+        &mut self,
+        inputs: Source,
+        sums: &mut Sums,
+        before: (&mut PendingEpilogue, &Sums),
+        y: &mut MatMut<f32>,
+    ) {
         let (pair, quads) = (self.pair, self.pair.quads[0].len());
         let mut ahead = pair.ahead;
         for ahead in &mut ahead {
             *ahead = &ahead[(self.block * pair.lines * quads / TILE).min(ahead.len())..];
         }
-        self.steps(Steps { inputs, quads: pair.quads, ahead, start: true }, sums, before, y);
+        self.by_epilogue(Steps { inputs, quads: pair.quads, ahead, start: true }, sums, before, y);
     }
 
-    /// As many inputs at a time as there is room for.
+    /// As many inputs at a time as fit into the buffer.
     #[avx512vnni]
-    fn parts(
+    fn multiply_in_parts(
         &mut self,
-        room: &mut [Inputs],
+        gathered_tiles: &mut [Inputs],
         sums: &mut Sums,
         before: (&mut PendingEpilogue, &Sums),
         y: &mut MatMut<f32>,
     ) {
-        let (pair, most, all, (pending, before)) = (self.pair, ROOM / 2, self.pair.quads[0].len(), before);
+        let (pair, most, all, (pending, before)) = (self.pair, GATHERED_TILES / 2, self.pair.quads[0].len(), before);
         for first in (0..all).step_by(most * TILE) {
-            gather(self.x, self.t, self.rows, first / TILE * BYTES, most, room);
+            gather(self.x, self.t, self.rows, first / TILE * BYTES, most, gathered_tiles);
             let part = first..(first + most * TILE).min(all);
             let quads = [&pair.quads[0][part.clone()], &pair.quads[1][part]];
-            let steps = Steps { inputs: Source::gathered(room), quads, ahead: [&[]; WIDTH], start: first == 0 };
-            self.steps(steps, sums, (pending, before), y);
+            let steps =
+                Steps { inputs: Source::gathered(gathered_tiles), quads, ahead: [&[]; WIDTH], start: first == 0 };
+            self.by_epilogue(steps, sums, (pending, before), y);
         }
     }
 
     #[inline]
     #[avx512vnni]
-    fn steps(&mut self, steps: Steps, sums: &mut Sums, before: (&mut PendingEpilogue, &Sums), y: &mut MatMut<f32>) {
+    fn by_epilogue(
+        &mut self,
+        steps: Steps,
+        sums: &mut Sums,
+        before: (&mut PendingEpilogue, &Sums),
+        y: &mut MatMut<f32>,
+    ) {
         match before.0.epilogue.kind {
-            Kind::Block => self.shapes::<BLOCK>(steps, sums, before, y),
-            Kind::Gated => self.shapes::<GATED>(steps, sums, before, y),
-            Kind::Scatter => self.shapes::<SCATTER>(steps, sums, before, y),
-            Kind::Add => self.shapes::<ADD>(steps, sums, before, y),
-            Kind::Store => self.shapes::<STORE>(steps, sums, before, y),
+            EpilogueKind::Block => self.by_shape::<BLOCK>(steps, sums, before, y),
+            EpilogueKind::Gated => self.by_shape::<GATED>(steps, sums, before, y),
+            EpilogueKind::Scatter => self.by_shape::<SCATTER>(steps, sums, before, y),
+            EpilogueKind::Add => self.by_shape::<ADD>(steps, sums, before, y),
+            EpilogueKind::Store => self.by_shape::<STORE>(steps, sums, before, y),
         }
     }
 
     #[inline]
     #[avx512vnni]
-    fn shapes<const KIND: u8>(
+    fn by_shape<const KIND: u8>(
         &mut self,
         steps: Steps,
         sums: &mut Sums,
@@ -365,7 +382,7 @@ impl Work<'_, '_> {
             step::<R, P>(self.tiles, (&steps.inputs, i), [first, second]);
             // Few rows are bound by the bandwidth of their weights.
             if R == 2 {
-                outputs.fetch_some();
+                outputs.prefetch_rows();
             }
             for ahead in &steps.ahead[..P] {
                 let lines = (i * self.pair.lines).min(ahead.len())..((i + 1) * self.pair.lines).min(ahead.len());
@@ -404,7 +421,7 @@ struct Outputs<'a> {
 
 impl<'a> Outputs<'a> {
     #[inline]
-    fn new(work: &Work<'a, '_>, y: &MatMut<f32>, steps: usize) -> Self {
+    fn new(work: &BlockProduct<'a, '_>, y: &MatMut<f32>, steps: usize) -> Self {
         let (output, two, scatter) = match work.task {
             GemmTask::Gated(..) => (work.pair.slot / 2 * PANEL, false, None),
             GemmTask::Plain(_, epilogue) => {
@@ -424,7 +441,7 @@ impl<'a> Outputs<'a> {
 
     /// Those of the next rows.
     #[inline]
-    fn fetch_some(&mut self) {
+    fn prefetch_rows(&mut self) {
         for t in self.t.by_ref().take(self.rows) {
             let row = self.scatter.map_or(t, |rows| rows[t] as usize);
             let line = self.first.wrapping_add(row * self.stride);
@@ -470,7 +487,7 @@ fn step<const R: usize, const P: usize>(tiles: &Tiles, (x, i): (&Source, usize),
 
 /// The epilogue of a block's rows.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Kind {
+enum EpilogueKind {
     /// All at once.
     Block,
     Gated,
@@ -479,11 +496,11 @@ enum Kind {
     Store,
 }
 
-const BLOCK: u8 = Kind::Block as u8;
-const GATED: u8 = Kind::Gated as u8;
-const SCATTER: u8 = Kind::Scatter as u8;
-const ADD: u8 = Kind::Add as u8;
-const STORE: u8 = Kind::Store as u8;
+const BLOCK: u8 = EpilogueKind::Block as u8;
+const GATED: u8 = EpilogueKind::Gated as u8;
+const SCATTER: u8 = EpilogueKind::Scatter as u8;
+const ADD: u8 = EpilogueKind::Add as u8;
+const STORE: u8 = EpilogueKind::Store as u8;
 
 /// A block whose sums are complete, and the progress of its epilogue.
 struct PendingEpilogue {
@@ -500,7 +517,7 @@ impl PendingEpilogue {
     #[avx512vnni]
     fn none() -> Self {
         let zero = [_mm512_setzero_ps(); WIDTH];
-        let epilogue = PairEpilogue { kind: Kind::Block, scale: zero, bias: zero };
+        let epilogue = PairEpilogue { kind: EpilogueKind::Block, scale: zero, bias: zero };
         Self { t: 0, rows: 0, slot: 0, panels: 0, done: 0, x_scale: [0.0; ROWS], epilogue }
     }
 
@@ -559,13 +576,13 @@ impl PendingEpilogue {
     fn all(&mut self, x: &QuantInput, task: &GemmTask, sums: &mut Sums, y: &mut MatMut<f32>) {
         match self.epilogue.kind {
             _ if self.rows == self.done => {}
-            Kind::Block => {
+            EpilogueKind::Block => {
                 dequantize_tile::<0>(x, self.t, &mut sums[..self.rows * self.panels], self.panels, task, self.slot, y)
             }
-            Kind::Gated => self.rows::<GATED>(ROWS, task, sums, y),
-            Kind::Scatter => self.rows::<SCATTER>(ROWS, task, sums, y),
-            Kind::Add => self.rows::<ADD>(ROWS, task, sums, y),
-            Kind::Store => self.rows::<STORE>(ROWS, task, sums, y),
+            EpilogueKind::Gated => self.rows::<GATED>(ROWS, task, sums, y),
+            EpilogueKind::Scatter => self.rows::<SCATTER>(ROWS, task, sums, y),
+            EpilogueKind::Add => self.rows::<ADD>(ROWS, task, sums, y),
+            EpilogueKind::Store => self.rows::<STORE>(ROWS, task, sums, y),
         }
         self.done = self.rows;
     }

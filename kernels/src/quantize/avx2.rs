@@ -14,7 +14,7 @@ entry! {
         for chunk in chunks {
             max = _mm256_max_ps(max, _mm256_andnot_ps(sign, load(chunk)));
         }
-        lanes::largest(max)
+        lanes::reduce_max(max)
     }
 
     pub(super) fn round(_token: Avx2, row: &[f32], per_unit: f32, codes: &mut [i8]) {

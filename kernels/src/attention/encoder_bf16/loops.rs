@@ -12,8 +12,8 @@
 //! ```
 
 use super::vector::{
-    JOINED, QUERIES, Register, Token, WIDTH, add, divide, exp2_bf16, factor, features, fmadd, join, largest, load,
-    load_at, load_part, max_lanes, mul, multiply_add, select_first, splat, store, store_part, sub, transpose, zero,
+    JOINED, QUERIES, Register, Token, WIDTH, add, divide, exp2_bf16, factor, features, fmadd, join, load, load_at,
+    load_part, max_lanes, mul, multiply_add, reduce_max, select_first, splat, store, store_part, sub, transpose, zero,
 };
 use crate::attention::encoder_bf16::{KEYS, STEP, Softmax};
 use crate::attention::operands::Operands;
@@ -247,7 +247,7 @@ fn softmax_weights(token: Token, scores: &mut [f32], keys: usize, scale: f32, bi
         store(scores, seen);
         max = max_lanes(max, seen);
     }
-    softmax.update_max(largest(max));
+    softmax.update_max(reduce_max(max));
     let max = splat(softmax.max);
     let mut sums = [zero(); HALF];
     for step in 0..scores.len() / (2 * HALF) {
