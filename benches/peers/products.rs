@@ -21,9 +21,9 @@ use umo_core::{Team, floor};
 use umo_kernels::gemm::{Epilogue, Input};
 use umo_kernels::matmul_f32::matmul_f32;
 use umo_kernels::matmul_i8::matmul_i8;
-use umo_kernels::quantize::QuantRows;
 use umo_kernels::pack::{pack, pack_i8, packed_len, packed_len_i8, panels};
-use umo_kernels::{PrefetchHint, Isa, Mat, MatMut, PANEL, PackedF32, PackedI8, peak};
+use umo_kernels::quantize::QuantRows;
+use umo_kernels::{Isa, Mat, MatMut, PANEL, PackedF32, PackedI8, PrefetchHint, peak};
 
 const WEIGHT_BYTES: usize = 32 << 20;
 const SHAPES: [(usize, usize); 4] = [(2048, 768), (768, 2048), (768, 768), (3072, 768)];
