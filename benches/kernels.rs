@@ -1,7 +1,7 @@
 //! Every operation on every back-end at the base model's shapes and an awkward one: `<op>/<isa>/<shape>`, each beside its floor, what one
 //! thread of the processor can do at most: multiply-adds from registers, or reading as many bytes as the call reads and writes.
 //!
-//! Each is compared with the scalar twin before it is timed. Operands are the same in every call, so they are hot: what reads
+//! Each is compared with the scalar reference before it is timed. Operands are the same in every call, so they are hot: what reads
 //! weights from memory is timed in `step.rs` and by `benches/peers`.
 
 use std::cell::RefCell;
@@ -12,19 +12,21 @@ use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_m
 use umo_benches::{Random, is_test};
 use umo_core::floor;
 use umo_core::weights::AlignedBox;
-use umo_kernels::activation::{apply, argmax, softmax};
+use umo_kernels::activation::{Activation, apply, argmax, softmax};
 use umo_kernels::attention::{
     RelativeBias, Visible, attention_bf16, attention_f32, encoder_attention_bf16, encoder_attention_f32,
 };
 use umo_kernels::bf16::round_bf16;
 use umo_kernels::conv1d::{GroupedF32, conv1d_grouped_f32, frames_out, windows};
 use umo_kernels::experts::{Routing, route};
+use umo_kernels::gemm::{Epilogue, Input, Scatter};
 use umo_kernels::matmul_bf16::{Bf16Rows, matmul_bf16, matmul_bf16_rows, matmul_gated_bf16};
-use umo_kernels::matmul_f32::{Activation, Epilogue, Input, Scatter, matmul_f32, matmul_gated_f32};
-use umo_kernels::matmul_i8::{QuantRows, matmul_gated_i8, matmul_i8, quantize_rows};
+use umo_kernels::matmul_f32::{matmul_f32, matmul_gated_f32};
+use umo_kernels::matmul_i8::{matmul_gated_i8, matmul_i8};
 use umo_kernels::norm::{channel_affine, channel_sums, layer_norm, rms_norm};
 use umo_kernels::pack::{pack, pack_bf16, pack_i8, packed_len, packed_len_bf16, packed_len_i8};
-use umo_kernels::{Ahead, Bf16, Isa, Mat, MatMut, PackedBf16, PackedF32, PackedI8, ShapeError};
+use umo_kernels::quantize::{QuantRows, quantize_rows};
+use umo_kernels::{Bf16, Isa, Mat, MatMut, PackedBf16, PackedF32, PackedI8, PrefetchHint, ShapeError};
 
 /// Rows, outputs and inputs: one token, a pass with markers, a window; feed-forward in, out, attention; and odd ones.
 const PRODUCTS: [(usize, usize, usize); 9] = [
@@ -381,12 +383,12 @@ fn attention(bench: &mut Bench) {
         let work = |unit, each| Work { unit, macs: 2 * m * n * width, bytes: 2 * n * width * each };
         bench.compare(("attention_f32", &shape), work(Unit::Float, 4), (m * width, sums(width)), |isa, out| {
             let (q, k, v) = (view(&q), view(&k), view(&v));
-            attention_f32(isa, q, k, v, 0.125, Some(bias), Visible::All, Ahead::NOTHING, matrix(out, m, width))
+            attention_f32(isa, q, k, v, 0.125, Some(bias), Visible::All, PrefetchHint::NONE, matrix(out, m, width))
                 .expect(SHAPES);
         });
         bench.compare(("attention_bf16", &shape), work(Unit::Float, 2), (m * width, sums(width)), |isa, out| {
             let (q, k, v) = (view(&q), view_bf16(&k), view_bf16(&v));
-            attention_bf16(isa, q, k, v, 0.125, Some(bias), Visible::All, Ahead::NOTHING, matrix(out, m, width))
+            attention_bf16(isa, q, k, v, 0.125, Some(bias), Visible::All, PrefetchHint::NONE, matrix(out, m, width))
                 .expect(SHAPES);
         });
         if m == n {

@@ -27,7 +27,7 @@ use umo_core::weights::Loader;
 use umo_core::weights::layout::{self, Kind, Spec};
 use umo_core::weights::writer::{self, NewTensor, Storage, Values};
 use umo_core::{Compute, Config, ModelFile, Part, PerPart, Precision, Team};
-use umo_kernels::pack::quantize_weight_row;
+use umo_kernels::quantize::quantize_weight_row;
 use umo_kernels::{Bf16, Mat};
 
 type Done = Result<(), Box<dyn Error>>;

@@ -18,10 +18,12 @@ use mkl::{Mkl, Shape};
 use umo_benches::Random;
 use umo_core::weights::AlignedBox;
 use umo_core::{Team, floor};
-use umo_kernels::matmul_f32::{Epilogue, Input, matmul_f32};
-use umo_kernels::matmul_i8::{QuantRows, matmul_i8};
+use umo_kernels::gemm::{Epilogue, Input};
+use umo_kernels::matmul_f32::matmul_f32;
+use umo_kernels::matmul_i8::matmul_i8;
 use umo_kernels::pack::{pack, pack_i8, packed_len, packed_len_i8, panels};
-use umo_kernels::{Ahead, Isa, Mat, MatMut, PANEL, PackedF32, PackedI8, peak};
+use umo_kernels::quantize::QuantRows;
+use umo_kernels::{Isa, Mat, MatMut, PANEL, PackedF32, PackedI8, PrefetchHint, peak};
 
 const WEIGHT_BYTES: usize = 32 << 20;
 const SHAPES: [(usize, usize); 4] = [(2048, 768), (768, 2048), (768, 768), (3072, 768)];
@@ -114,7 +116,7 @@ impl Bench {
                 let panel = len / panels(n);
                 let first = &next[outputs.start / PANEL * panel..][..panel * AHEAD.min(outputs.len().div_ceil(PANEL))];
                 let (left, right) = first.split_at(first.len() / 2);
-                Ahead::new(left, right).as_read_by(isa)
+                PrefetchHint::new(left, right).tuned_for(isa)
             });
             team.columns(y, PANEL, m * n * k, part).expect(OK);
         };

@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
 use umo_kernels::attention::{RelativeBias, Visible, attention_f32, encoder_attention_bf16, encoder_attention_f32};
-use umo_kernels::{Ahead, Isa, Mat, MatMut};
+use umo_kernels::{Isa, Mat, MatMut, PrefetchHint};
 
 struct Request {
     isa: Isa,
@@ -96,7 +96,7 @@ fn measure(request: &Request) -> Vec<f64> {
                 attention(isa, q, k, v, 0.125, Some(bias), mine).expect("shapes agree");
             } else {
                 let of = |data| Mat::new(cached(data, head), keys, head_dim).expect("sized above");
-                attention_f32(isa, q, of(&k), of(&v), 0.125, Some(bias), Visible::All, Ahead::NOTHING, mine)
+                attention_f32(isa, q, of(&k), of(&v), 0.125, Some(bias), Visible::All, PrefetchHint::NONE, mine)
                     .expect("shapes agree");
             }
             y = after;

@@ -11,10 +11,12 @@
 
 use std::hint::black_box;
 use std::time::Instant;
+use umo_kernels::gemm::{Epilogue, Input};
 use umo_kernels::matmul_bf16::matmul_bf16;
-use umo_kernels::matmul_f32::{Epilogue, Input, matmul_f32, matmul_gated_f32};
-use umo_kernels::matmul_i8::{QuantRows, matmul_gated_i8, matmul_i8};
+use umo_kernels::matmul_f32::{matmul_f32, matmul_gated_f32};
+use umo_kernels::matmul_i8::{matmul_gated_i8, matmul_i8};
 use umo_kernels::pack::{pack, pack_bf16, pack_i8, packed_len, packed_len_bf16, packed_len_i8};
+use umo_kernels::quantize::QuantRows;
 use umo_kernels::{Bf16, Isa, Mat, MatMut, PackedBf16, PackedF32, PackedI8, peak};
 
 /// Weights gone round in the cold figures.

@@ -3,11 +3,10 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use umo_kernels::activation::{apply, argmax, softmax};
+use umo_kernels::activation::{Activation, apply, argmax, softmax};
 use umo_kernels::experts::{Routing, route};
-use umo_kernels::matmul_f32::Activation;
-use umo_kernels::matmul_i8::quantize_rows;
 use umo_kernels::norm::{channel_affine, channel_sums, layer_norm, rms_norm};
+use umo_kernels::quantize::quantize_rows;
 use umo_kernels::{Isa, Mat, MatMut};
 
 const ROWS: usize = 256;

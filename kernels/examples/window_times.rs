@@ -5,8 +5,9 @@
 use std::hint::black_box;
 use std::time::Instant;
 
+use umo_kernels::activation::Activation;
+use umo_kernels::gemm::Epilogue;
 use umo_kernels::matmul_bf16::{Bf16Rows, matmul_bf16_rows};
-use umo_kernels::matmul_f32::{Activation, Epilogue};
 use umo_kernels::pack::{pack_bf16, packed_len_bf16};
 use umo_kernels::{Bf16, Isa, Mat, MatMut, PackedBf16, peak};
 

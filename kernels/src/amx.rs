@@ -1,19 +1,20 @@
-//! AMX: eight tiles of 16 rows of 64 bytes, which products use in one way:
+//! AMX: eight tiles of 16 rows of 64 bytes. All products use them in one way:
 //!
 //! ```text
 //!                  w: tmm6  tmm7    one panel each
 //! x: tmm4 (rows  0..16)  tmm0  tmm1
 //!    tmm5 (rows 16..32)  tmm2  tmm3
 //! ```
-//! or, where no more than 16 rows are left, one tile of rows with four panels.
+//! or, if at most 16 rows are left, one tile of rows with four panels.
 
 #[cfg(not(umo_emulated_tiles))]
 mod registers;
-// A build of its own, for tests of what is written for tiles where there are none: exact, and slow.
+// For tests on processors without tiles: an exact and slow emulation.
 #[cfg(umo_emulated_tiles)]
 #[path = "amx/emulated.rs"]
 mod registers;
 
+use crate::isa::Amx;
 use crate::pack::PANEL;
 use core::marker::PhantomData;
 use registers::Registers;
@@ -23,11 +24,18 @@ pub(crate) const TILE: usize = 16;
 /// Bytes of a tile's row.
 pub(crate) const BYTES: usize = 64;
 
-/// Something at the start of a line: a tile's row that crosses two takes twice as long to load.
+/// A value aligned to a cache line: a tile row that crosses two lines takes twice as long to
+/// load.
 #[repr(C, align(64))]
 pub(crate) struct Aligned<T>(pub(crate) T);
 
-/// The proof that this thread's tiles are configured, all of them 16 rows of 64 bytes; dropping it releases them.
+/// The proof that this thread's tiles are configured, all of them 16 rows of 64 bytes; dropping it
+/// releases them. One at a time per thread: two would overwrite each other's sums.
+///
+/// Tile registers keep their values from one `asm!` block to the next, which inline assembly cannot
+/// declare. That is sound as long as no other code of the process uses tiles on the thread: the
+/// compiler emits no tile instruction by itself, no feature is enabled that would allow it to, and
+/// the system saves tiles when it switches threads.
 pub(crate) struct Tiles {
     registers: Registers,
     /// Tiles belong to a thread.
@@ -35,10 +43,9 @@ pub(crate) struct Tiles {
 }
 
 impl Tiles {
-    /// # Safety
-    /// The processor and the system grant tiles: where an `Isa` holds `Amx`.
-    pub(crate) unsafe fn new() -> Self {
-        // SAFETY: tiles are granted by this function's contract, and nothing but this type uses them.
+    /// Configures this thread's tiles.
+    pub(crate) fn new(_token: Amx) -> Self {
+        // SAFETY: the token proves that tiles are granted, and nothing but this type uses them.
         Self { registers: unsafe { Registers::configure() }, thread: PhantomData }
     }
 
@@ -61,7 +68,7 @@ impl Tiles {
     #[inline]
     pub(crate) fn load<const T: u8, Row>(&self, tile: &[Row; TILE]) {
         const { assert!(size_of::<Row>() == BYTES) };
-        // SAFETY: `tile` holds 16 rows of 64 bytes, one behind the other.
+        // SAFETY: `tile` holds 16 contiguous rows of 64 bytes.
         unsafe { self.registers.load::<T>(tile.as_ptr().cast(), BYTES) }
     }
 
@@ -73,12 +80,13 @@ impl Tiles {
         unsafe { self.registers.load::<T>(rows.as_ptr().cast(), stride * size_of::<V>()) }
     }
 
-    /// The same, of which L1 keeps nothing: what passes by once does not drive out what is used again.
+    /// [`Tiles::load_rows`] with a streaming hint (`tileloaddt1`): the rows do not displace
+    /// in L1 what is used again.
     #[inline]
-    pub(crate) fn load_rows_past<const T: u8, V>(&self, rows: &[V], stride: usize) {
+    pub(crate) fn load_tile_streaming<const T: u8, V>(&self, rows: &[V], stride: usize) {
         assert!(size_of_val(rows) >= (TILE - 1) * stride * size_of::<V>() + BYTES);
         // SAFETY: the last of 16 rows of 64 bytes ends inside `rows` by the assertion.
-        unsafe { self.registers.load_past::<T>(rows.as_ptr().cast(), stride * size_of::<V>()) }
+        unsafe { self.registers.load_streaming::<T>(rows.as_ptr().cast(), stride * size_of::<V>()) }
     }
 
     /// `tmmC += tmmX * tmmW`, signed bytes with exact sums.
@@ -100,7 +108,7 @@ impl Tiles {
         unsafe { self.registers.load::<C>(sums.as_ptr().cast(), stride * size_of::<[f32; PANEL]>()) }
     }
 
-    /// 16 rows of sums, `stride` apart, become those of tile `C`.
+    /// Stores tile `C` as 16 rows of sums, `stride` apart.
     #[inline]
     pub(crate) fn store_sum<const C: u8>(&self, sums: &mut [[f32; PANEL]], stride: usize) {
         assert!(sums.len() > (TILE - 1) * stride);
@@ -127,7 +135,8 @@ impl Tiles {
         }
     }
 
-    /// Stores the sums of `R` tiles of rows with `P` panels as `[rows, P]`: tile `P * r + p` has those of row tile `r`.
+    /// Stores the sums of `R` tiles of rows with `P` panels as `[rows, P]`: tile `P * r +
+    /// p` holds those of row tile `r`.
     #[inline]
     pub(crate) fn store_sums<const R: usize, const P: usize>(&self, sums: &mut [[f32; PANEL]]) {
         self.store_sum::<0>(sums, P);

@@ -1,4 +1,5 @@
-//! Fused attention of one head: scores, relative-position bias, mask, softmax and values in one pass.
+//! Fused attention of one head: scores, relative-position bias, mask, softmax and values in one
+//! pass.
 
 #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
 mod amx;
@@ -7,52 +8,33 @@ mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512vnni;
 mod encoder_bf16;
-#[cfg(target_arch = "x86_64")]
-mod loops;
+mod operands;
 mod scalar;
 
 use crate::bf16::Bf16;
-use crate::error::{ShapeError, expect_len};
-use crate::isa::{Backend, Isa};
+use crate::error::ShapeError;
+
+use crate::isa::{Isa, dispatch};
 use crate::mat::{Mat, MatMut};
-use crate::prefetch::Ahead;
-
-/// A bias that depends on `key - query` alone: query `i` adds `values[origin + j - i]` to its score of key `j`.
-///
-/// All of one query's biases stand side by side, so that no `[m, n]` matrix of them is ever made.
-#[derive(Clone, Copy, Debug)]
-pub struct RelativeBias<'a> {
-    /// One value per distance, ascending.
-    pub values: &'a [f32],
-    /// Index of query 0's bias for key 0.
-    pub origin: usize,
-}
-
-/// Which keys a query sees.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Visible {
-    /// Every query sees every key.
-    All,
-    /// Query `i` sees the keys `0..=first + i`.
-    Causal {
-        /// The last key that query 0 sees.
-        first: usize,
-    },
-}
+use crate::prefetch::PrefetchHint;
+use operands::Operands;
+pub use operands::{RelativeBias, Visible};
 
 /// Attention of one head: `y[i] = sum_j softmax_j(scale * q[i] . k[j] + bias) * v[j]`.
 ///
-/// Shapes: `q [m, head_dim]`, `k [n, head_dim]`, `v [n, head_dim]`, `y [m, head_dim]` (overwritten); all strided, so that
-/// a head is a column range of the projections.
-/// Numerics: f32, with error terms of `head_dim` and `n` sums; on one back-end a row's bits do not depend on the other
-/// rows, nor on keys that it does not see. Scores are never stored beyond a tile of keys.
-/// Cost: `2 * m * n * head_dim` multiply-adds; no allocation. Few queries leave memory idle half of the time: `ahead`, the
-/// next head's keys and values or whatever comes then, is fetched meanwhile; on processors whose memory had rather be read in order,
-/// keys and values without gaps are, a little before they are read, and `ahead` is not.
+/// Shapes: `q [m, head_dim]`, `k [n, head_dim]`, `v [n, head_dim]`, `y [m, head_dim]`
+/// (overwritten); all strided, so that a head is a column range of the projections.
+/// Numerics: f32, with error terms of `head_dim` and `n` sums; on one back-end a row's bits do not
+/// depend on the other rows, nor on keys that it does not see. Scores are never stored beyond a
+/// tile of keys.
+/// Cost: `2 * m * n * head_dim` multiply-adds; no allocation. Few queries leave memory
+/// bandwidth unused: `hint`, the operands of the operation that follows, is prefetched
+/// meanwhile. On processors tuned for one stream ([`crate::tuning`]), contiguous keys and
+/// values are themselves prefetched shortly before they are read, and `hint` is ignored.
 /// Paper: section 3.1; SPEC 2.4.
 ///
 /// # Errors
-/// [`ShapeError`] naming the argument whose length disagrees; `k` where there is no key for some query.
+/// [`ShapeError`] naming the argument whose length disagrees; `k` if a query has no key.
 #[expect(clippy::too_many_arguments, reason = "the operands of one fused operation, each named")]
 pub fn attention_f32(
     isa: Isa,
@@ -62,18 +44,19 @@ pub fn attention_f32(
     scale: f32,
     bias: Option<RelativeBias>,
     visible: Visible,
-    ahead: Ahead,
+    hint: PrefetchHint,
     y: MatMut<f32>,
 ) -> Result<(), ShapeError> {
-    let operands = Operands { q, k, v, scale, bias, visible, ahead, in_order: isa.reads_in_order() };
+    let operands = Operands { q, k, v, scale, bias, visible, hint, self_prefetch: isa.tuning().self_prefetch };
     if operands.check(&y)? {
-        vectors(isa, operands, y);
+        dispatch!(isa, attention(operands, y));
     }
     Ok(())
 }
 
-/// The same over keys and values stored as bfloat16, which take half the reading. They are widened as they are loaded:
-/// factors and sums are f32, and the bits those of [`attention_f32`] over the widened values.
+/// [`attention_f32`] over keys and values stored as bf16, which halves the memory traffic. They
+/// are widened when loaded: factors and sums are f32, and the bits are those of
+/// [`attention_f32`] over the widened values.
 ///
 /// # Errors
 /// As [`attention_f32`].
@@ -86,26 +69,28 @@ pub fn attention_bf16(
     scale: f32,
     bias: Option<RelativeBias>,
     visible: Visible,
-    ahead: Ahead,
+    hint: PrefetchHint,
     y: MatMut<f32>,
 ) -> Result<(), ShapeError> {
-    let operands = Operands { q, k, v, scale, bias, visible, ahead, in_order: isa.reads_in_order() };
+    let operands = Operands { q, k, v, scale, bias, visible, hint, self_prefetch: isa.tuning().self_prefetch };
     if operands.check(&y)? {
-        vectors(isa, operands, y);
+        dispatch!(isa, attention(operands, y));
     }
     Ok(())
 }
 
-/// Attention of one head over a whole sequence at once, as in an encoder: every query sees every key.
+/// Attention of one head over a whole sequence at once, as in an encoder: every query sees every
+/// key.
 ///
-/// The same as [`attention_f32`] with [`Visible::All`], but for its bits: where the processor has tiles for bfloat16, this
-/// takes them, and what repays them is a sequence of queries. Here too a row's bits do not depend on the other rows: which
-/// road a call takes is decided by the number of keys and by `head_dim`. A decoder's rows, which come alone as well as
-/// together, are what [`attention_f32`] is for; keep to one of the two per attention of a network.
+/// [`attention_f32`] with [`Visible::All`], except for its bits: on processors with bf16 tiles,
+/// long sequences run on tiles. A row's bits do not depend on the other rows: the number of
+/// keys and `head_dim` alone select the path. A decoder, whose rows arrive one at a time or
+/// several together, uses [`attention_f32`]; use one of the two for each attention of a
+/// network.
 ///
-/// Numerics: as [`attention_f32`]. On the `amx` back-end every factor is exactly the sum of three bfloat16 values, each product
-/// is off by at most 2^-21 of its size, and denormals are taken as zero. Where an input is not finite, what
-/// depends on it is NaN.
+/// Numerics: as [`attention_f32`]. On `amx` every factor is split exactly into three bf16
+/// values, each product has a relative error of at most 2^-21, and denormals are flushed to
+/// zero. If an input is not finite, the outputs that depend on it are NaN.
 ///
 /// # Errors
 /// As [`attention_f32`].
@@ -118,32 +103,31 @@ pub fn encoder_attention_f32(
     bias: Option<RelativeBias>,
     y: MatMut<f32>,
 ) -> Result<(), ShapeError> {
-    let operands = Operands { q, k, v, scale, bias, visible: Visible::All, ahead: Ahead::NOTHING, in_order: false };
+    let operands =
+        Operands { q, k, v, scale, bias, visible: Visible::All, hint: PrefetchHint::NONE, self_prefetch: false };
     if !operands.check(&y)? {
         return Ok(());
     }
-    match isa.0 {
-        // SAFETY: `Isa` holds `Amx` only after detection of every feature that this back-end enables, tiles included.
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        Backend::Amx if amx::pays(&operands) => unsafe { amx::attention(operands, y) },
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        Backend::Amx => vectors(isa, operands, y),
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::AvxVnni | Backend::Avx512Vnni | Backend::Avx512Bf16 => vectors(isa, operands, y),
-        Backend::Scalar => vectors(isa, operands, y),
-    }
+    dispatch!(isa, attention(operands, y), {
+        Scalar: scalar,
+        Avx2: avx2,
+        AvxVnni: avx2,
+        Avx512Vnni: avx512vnni,
+        Avx512Bf16: avx512vnni,
+        Amx: amx,
+    });
     Ok(())
 }
 
-/// The same with every factor rounded to bfloat16: queries, keys, values, and weights `exp(score - max)` before they are divided by
-/// their sum. Sums, and what is made of them, are f32.
+/// [`encoder_attention_f32`] with every factor rounded to bf16: queries, keys, values, and
+/// weights `exp(score - max)` before their normalization. Sums and scores are f32.
 ///
-/// For projections that are int8 themselves: a value that has passed a product of bytes has no more than these eight bits to
-/// offer, and tiles take a sixth of the products of [`encoder_attention_f32`].
+/// Meant for int8 projections, whose outputs have no more precision than bf16's 8 bits; tiles
+/// need a sixth of the products of [`encoder_attention_f32`].
 ///
-/// Numerics: all back-ends agree bit for bit, but where a product or sum is denormal, which tiles take as zero. A row's bits
-/// do not depend on the other rows. Weights are off by up to 2^-7.9 of their size. Where an input is not finite, no value that
-/// depends on it is.
+/// Numerics: all back-ends agree bit for bit, except where a product or sum is denormal, which
+/// tiles flush to zero. A row's bits do not depend on the other rows. Weights have a relative
+/// error of at most 2^-7.9. If an input is not finite, no output that depends on it is.
 ///
 /// # Errors
 /// As [`attention_f32`].
@@ -156,133 +140,11 @@ pub fn encoder_attention_bf16(
     bias: Option<RelativeBias>,
     y: MatMut<f32>,
 ) -> Result<(), ShapeError> {
-    let operands = Operands { q, k, v, scale, bias, visible: Visible::All, ahead: Ahead::NOTHING, in_order: false };
+    let operands =
+        Operands { q, k, v, scale, bias, visible: Visible::All, hint: PrefetchHint::NONE, self_prefetch: false };
     if !operands.check(&y)? {
         return Ok(());
     }
-    match isa.0 {
-        Backend::Scalar => encoder_bf16::scalar::attention(operands, y),
-        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::AvxVnni => unsafe { encoder_bf16::avx2::attention(operands, y) },
-        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Vnni => unsafe { encoder_bf16::avx512vnni::attention(operands, y) },
-        // SAFETY: `Isa` holds `Avx512Bf16` only after detection of "avx512bf16", and where it could hold `Avx512Vnni`.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Bf16 => unsafe { encoder_bf16::avx512bf16::attention(operands, y) },
-        // SAFETY: `Isa` holds `Amx` only after detection of every feature that this back-end enables, tiles included.
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        Backend::Amx if encoder_bf16::amx::fits(&operands) => unsafe { encoder_bf16::amx::attention(operands, y) },
-        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        Backend::Amx => unsafe { encoder_bf16::avx512vnni::attention(operands, y) },
-    }
+    encoder_bf16::attention(isa, operands, y);
     Ok(())
-}
-
-/// The back-ends that sum in registers of f32.
-fn vectors<T: Element>(isa: Isa, operands: Operands<T>, y: MatMut<f32>) {
-    match isa.0 {
-        Backend::Scalar => scalar::attention(operands, y),
-        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::AvxVnni => unsafe { avx2::attention(operands, y) },
-        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::attention(operands, y) },
-        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        Backend::Amx => unsafe { avx512vnni::attention(operands, y) },
-    }
-}
-
-/// A stored number as f32.
-trait Widen: Copy {
-    fn widen(self) -> f32;
-}
-
-impl Widen for f32 {
-    fn widen(self) -> f32 {
-        self
-    }
-}
-
-impl Widen for Bf16 {
-    fn widen(self) -> f32 {
-        self.to_f32()
-    }
-}
-
-/// What keys and values may be stored as: every back-end can widen it.
-#[cfg(target_arch = "x86_64")]
-trait Element: Widen + avx2::Load + avx512vnni::Load {}
-/// What keys and values may be stored as: every back-end can widen it.
-#[cfg(not(target_arch = "x86_64"))]
-trait Element: Widen {}
-
-impl Element for f32 {}
-impl Element for Bf16 {}
-
-/// The checked inputs of one call.
-#[derive(Clone, Copy)]
-struct Operands<'a, T> {
-    q: Mat<'a, f32>,
-    k: Mat<'a, T>,
-    v: Mat<'a, T>,
-    scale: f32,
-    bias: Option<RelativeBias<'a>>,
-    visible: Visible,
-    #[cfg_attr(not(target_arch = "x86_64"), expect(dead_code, reason = "nothing is fetched"))]
-    ahead: Ahead<'a>,
-    /// Keys and values themselves are fetched before they are read, and nothing else is.
-    #[cfg_attr(not(target_arch = "x86_64"), expect(dead_code, reason = "nothing is fetched"))]
-    in_order: bool,
-}
-
-impl<'a, T> Operands<'a, T> {
-    /// Whether the shapes agree, and whether there is anything to do.
-    fn check(&self, y: &MatMut<f32>) -> Result<bool, ShapeError> {
-        let Self { q, k, v, .. } = self;
-        expect_len("k", q.cols(), k.cols())?;
-        expect_len("v", k.rows(), v.rows())?;
-        expect_len("v", q.cols(), v.cols())?;
-        expect_len("y", q.rows(), y.rows())?;
-        expect_len("y", q.cols(), y.cols())?;
-        if q.rows() == 0 {
-            return Ok(false);
-        }
-        if k.rows() == 0 {
-            return Err(ShapeError { arg: "k", want: 1, got: 0 });
-        }
-        if let Visible::Causal { first } = self.visible {
-            let want = first.saturating_add(q.rows());
-            if k.rows() < want {
-                return Err(ShapeError { arg: "k", want, got: k.rows() });
-            }
-        }
-        if let Some(bias) = self.bias {
-            let want = bias.origin.saturating_add(k.rows());
-            if bias.origin + 1 < q.rows() {
-                return Err(ShapeError { arg: "bias.origin", want: q.rows() - 1, got: bias.origin });
-            }
-            if bias.values.len() < want {
-                return Err(ShapeError { arg: "bias.values", want, got: bias.values.len() });
-            }
-        }
-        Ok(true)
-    }
-
-    /// How many keys, from the first on, query `i` sees.
-    fn keys(&self, i: usize) -> usize {
-        match self.visible {
-            Visible::All => self.k.rows(),
-            Visible::Causal { first } => first + i + 1,
-        }
-    }
-
-    /// Query `i`'s biases from key `first` on, at least for all keys; none at all where there is no bias.
-    fn bias(&self, i: usize, first: usize) -> &'a [f32] {
-        self.bias.map_or(&[], |bias| &bias.values[bias.origin - i + first..])
-    }
 }

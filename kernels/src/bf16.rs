@@ -9,10 +9,11 @@ mod avx512vnni;
 mod scalar;
 
 use crate::error::{ShapeError, expect_len};
-use crate::isa::{Backend, Isa};
+use crate::isa::{Isa, dispatch};
 use crate::mat::{Mat, MatMut};
 
-/// One bfloat16 value, stored as its 16 bits. Conversion to `f32` is exact; from `f32` it rounds to nearest, ties to even.
+/// One bfloat16 value, stored as its 16 bits. Conversion to `f32` is exact; from `f32` it rounds to
+/// nearest, ties to even.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(transparent)]
 pub struct Bf16(pub u16);
@@ -41,17 +42,6 @@ impl Bf16 {
 pub fn round_bf16(isa: Isa, x: Mat<f32>, y: MatMut<Bf16>) -> Result<(), ShapeError> {
     expect_len("y", x.rows(), y.rows())?;
     expect_len("y", x.cols(), y.cols())?;
-    match isa.0 {
-        Backend::Scalar => scalar::round(x, y),
-        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::AvxVnni => unsafe { avx2::round(x, y) },
-        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::round(x, y) },
-        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        Backend::Amx => unsafe { avx512vnni::round(x, y) },
-    }
+    dispatch!(isa, round(x, y));
     Ok(())
 }

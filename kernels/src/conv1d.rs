@@ -1,4 +1,5 @@
-//! Convolutions over time as matrix products: a window of frames is a row of a [`Mat`] whose rows overlap.
+//! Convolutions over time as matrix products: a window of frames is a row of a [`Mat`] whose rows
+//! overlap.
 //!
 //! ```text
 //! x [frames, channels]            windows, kernel 3, step 2           weight [out, k * in]
@@ -6,25 +7,27 @@
 //!                                 row 1:       f2 f3 f4
 //!                                 row 2:             f4 f5 f6
 //! ```
-//! Nothing is copied: `y = windows . weight^T` is an ordinary product with any weight type. A grouped convolution takes its
-//! input group by group, `[groups, frames, channels / groups]`, for which [`regroup`] makes the one copy, with the padding.
+//! Nothing is copied: `y = windows . weight^T` is an ordinary product with any weight type. A
+//! grouped convolution reads its input group by group, `[groups, frames, channels / groups]`;
+//! [`regroup`] makes that copy, with the padding.
 
 use crate::error::{ShapeError, expect_len};
+use crate::gemm::{Epilogue, Input};
 use crate::isa::Isa;
 use crate::mat::{Mat, MatMut};
-use crate::matmul_f32::{Epilogue, Input, matmul_f32};
+use crate::matmul_f32::matmul_f32;
 use crate::pack::{PackedF32, packed_len};
 
-/// Frames that a convolution without padding makes of `frames`.
+/// Output frames of a convolution of `frames` without padding.
 pub const fn frames_out(frames: usize, kernel: usize, step: usize) -> usize {
     if frames < kernel { 0 } else { (frames - kernel) / step + 1 }
 }
 
-/// The windows of `x [frames, channels]`, dense: `[frames_out, kernel * channels]`, window `t` starting at frame
-/// `t * step`.
+/// The windows of `x [frames, channels]`, dense: `[frames_out, kernel * channels]`, window `t`
+/// starting at frame `t * step`.
 ///
 /// # Errors
-/// [`ShapeError`] where `x` is shorter than `frames * channels`, or `kernel` or `step` is 0.
+/// [`ShapeError`] if `x` is shorter than `frames * channels`, or `kernel` or `step` is 0.
 pub fn windows<T>(
     x: &[T],
     frames: usize,
@@ -44,10 +47,11 @@ pub fn windows<T>(
     Mat::with_stride(&x[..len], frames_out(frames, kernel, step), kernel * channels, step * channels)
 }
 
-/// Reorders a weight as PyTorch has it, `[out, channels, kernel]`, to the order of a window, `[out, kernel, channels]`.
+/// Reorders a weight from PyTorch's order, `[out, channels, kernel]`, to that of a window,
+/// `[out, kernel, channels]`.
 ///
 /// # Errors
-/// [`ShapeError`] where a length is not `out * channels * kernel`.
+/// [`ShapeError`] if a length is not `out * channels * kernel`.
 pub fn reorder_weight<T: Copy>(
     weight: &[T],
     out: usize,
@@ -67,11 +71,11 @@ pub fn reorder_weight<T: Copy>(
     Ok(())
 }
 
-/// Lays `x [frames, channels]` out group by group with zeros around: `[groups, before + frames + after, channels / groups]`;
-/// every element of `grouped` is written.
+/// Copies `x [frames, channels]` group by group with zero padding: `[groups, before + frames +
+/// after, channels / groups]`; every element of `grouped` is written.
 ///
 /// # Errors
-/// [`ShapeError`] where `groups` does not divide the channels, or `grouped` has another length.
+/// [`ShapeError`] if `groups` does not divide the channels, or `grouped` has another length.
 pub fn regroup(x: Mat<f32>, groups: usize, before: usize, after: usize, grouped: &mut [f32]) -> Result<(), ShapeError> {
     let channels = group_channels("x", x.cols(), groups)?;
     let frames = before + x.rows() + after;
@@ -86,7 +90,8 @@ pub fn regroup(x: Mat<f32>, groups: usize, before: usize, after: usize, grouped:
     Ok(())
 }
 
-/// A weight whose groups are packed one after the other: group `g`'s outputs read only that group's channels.
+/// A weight whose groups are packed one after the other: the outputs of group `g` read only
+/// that group's channels.
 #[derive(Clone, Copy, Debug)]
 pub struct GroupedF32<'a> {
     data: &'a [f32],
@@ -99,11 +104,12 @@ pub struct GroupedF32<'a> {
 }
 
 impl<'a> GroupedF32<'a> {
-    /// A view of `groups` weights `[out / groups, kernel * channels / groups]`, each packed by itself
-    /// (`groups` times [`packed_len`]).
+    /// A view of `groups` weights `[out / groups, kernel * channels / groups]`, each packed
+    /// separately (`groups` times [`packed_len`]).
     ///
     /// # Errors
-    /// [`ShapeError`] where `groups` does not divide `out` or `channels`, or `data` has another length.
+    /// [`ShapeError`] if `groups` does not divide `out` or `channels`, or `data` has
+    /// another length.
     pub fn new(data: &'a [f32], groups: usize, out: usize, channels: usize, kernel: usize) -> Result<Self, ShapeError> {
         let out = group_channels("out", out, groups)?;
         let channels = group_channels("channels", channels, groups)?;
@@ -124,43 +130,44 @@ impl<'a> GroupedF32<'a> {
     }
 }
 
-/// Grouped convolution of step 1, as HuBERT embeds positions: `y[t, g, o] = sum_kc x[g, t + k, c] * w[g, o, k, c]`, then the
-/// epilogue (its bias is `[groups * out]`).
+/// Grouped convolution of step 1, as in HuBERT's positional embedding: `y[t, g, o] = sum_kc
+/// x[g, t + k, c] * w[g, o, k, c]`, then the epilogue (its bias is `[groups * out]`).
 ///
-/// Shapes: `x [groups, frames, channels / groups]` as [`regroup`] makes it, `y [frames - kernel + 1, out]`.
+/// Shapes: `x [groups, frames, channels / groups]` as [`regroup`] makes it, `y [frames - kernel +
+/// 1, out]`.
 /// Numerics, cost: as [`matmul_f32`] with `k = kernel * channels / groups`, once per group.
 /// Paper: section 3 (audio tokenizer); SPEC 2.1.
 ///
 /// # Errors
-/// [`ShapeError`] naming the argument whose length disagrees; `end` where it scatters.
+/// [`ShapeError`] naming the argument whose length disagrees; `epilogue` if it scatters.
 pub fn conv1d_grouped_f32(
     isa: Isa,
     x: &[f32],
     frames: usize,
     w: GroupedF32,
-    end: Epilogue,
+    epilogue: Epilogue,
     y: MatMut<f32>,
 ) -> Result<(), ShapeError> {
     expect_len("x", w.groups * frames * w.channels, x.len())?;
     expect_len("y", w.groups * w.out, y.cols())?;
     expect_len("y", frames_out(frames, w.kernel, 1), y.rows())?;
-    if let Some(bias) = end.bias {
+    if let Some(bias) = epilogue.bias {
         expect_len("bias", w.groups * w.out, bias.len())?;
     }
-    if let Some(scatter) = end.scatter {
-        return Err(ShapeError { arg: "end", want: 0, got: scatter.rows.len() });
+    if let Some(scatter) = epilogue.scatter {
+        return Err(ShapeError { arg: "epilogue", want: 0, got: scatter.rows.len() });
     }
     let mut rest = y;
     for g in 0..w.groups {
         let (mine, after) = rest.split_columns(w.out);
         let windows = windows(&x[g * frames * w.channels..], frames, w.channels, w.kernel, 1)?;
-        matmul_f32(isa, Input::all(windows), w.group(g), end.outputs(g * w.out..(g + 1) * w.out), mine)?;
+        matmul_f32(isa, Input::all(windows), w.group(g), epilogue.outputs(g * w.out..(g + 1) * w.out), mine)?;
         rest = after;
     }
     Ok(())
 }
 
-/// `total / groups`, where `groups` divides it.
+/// `total / groups`, if `groups` divides it.
 fn group_channels(arg: &'static str, total: usize, groups: usize) -> Result<usize, ShapeError> {
     if groups == 0 || !total.is_multiple_of(groups) {
         return Err(ShapeError { arg, want: groups, got: total });

@@ -2,7 +2,8 @@
 
 use core::fmt;
 
-/// An argument whose length disagrees with the other arguments. `Copy`, so that reporting it allocates nothing.
+/// An argument whose length disagrees with the other arguments. `Copy`, so that reporting it
+/// does not allocate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ShapeError {
     /// Name of the argument in the operation's signature.
@@ -21,7 +22,7 @@ impl fmt::Display for ShapeError {
 
 impl core::error::Error for ShapeError {}
 
-/// `Ok` where `got == want`, otherwise the error that names `arg`.
+/// `Ok` if `got == want`, otherwise the error that names `arg`.
 #[inline]
 pub(crate) fn expect_len(arg: &'static str, want: usize, got: usize) -> Result<(), ShapeError> {
     if want == got { Ok(()) } else { Err(ShapeError { arg, want, got }) }

@@ -1,8 +1,8 @@
 //! Compute kernels of umo: slices in, slices out, nothing allocated.
 //!
-//! Every operation is one module: its contract, its shape checks and the dispatch over [`Isa`] stand in
-//! `<op>.rs`, its back-ends in `<op>/<isa>.rs`. `scalar.rs` is the specification that every other back-end is
-//! held to, and the back-end of every processor that has no vector version.
+//! Every operation is one module: `<op>.rs` has its contract, its shape checks and the dispatch
+//! over [`Isa`], `<op>/<isa>.rs` its back-ends. `scalar.rs` is the reference for all other
+//! back-ends, and the back-end of every processor without a vector version.
 //!
 //! | module | what it computes | SPEC |
 //! |---|---|---|
@@ -12,12 +12,17 @@
 //! | [`conv1d`] | windows over time as the rows of a product, grouped convolution | 2.1, 2.7 |
 //! | [`norm`] | RMS norm, layer norm, per-channel statistics over time | 2.1, 2.4 |
 //! | [`activation`] | GELU (erf and tanh forms), softmax, argmax | 2.4, 2.5 |
-//! | [`peak`] | what this processor can do at most, for measurements | |
-//! | [`mat`], [`pack`], [`isa`], [`error`] | views, weight layouts, processor detection, the one error | |
+//! | [`quantize`] | rows quantized to int8 | 2.4 |
+//! | [`gemm`] | what all products share: inputs, epilogues, panels, micro-kernels | |
+//! | [`peak`] | peak rates of this processor, for measurements | |
+//! | [`mat`], [`pack`], [`error`] | views, weight layouts, the one error | |
+//! | [`isa`], [`tuning`] | instruction sets: detection, tokens that prove them, dispatch; profiles of processors | |
 //!
-//! A convolution over time is a matrix product: rows of a [`Mat`] may overlap, so that a window of `kernel`
-//! frames with `channels` values each *is* a row of `kernel * channels` values at stride `step * channels`.
+//! A convolution over time is a matrix product: rows of a [`Mat`] may overlap, so that a window of
+//! `kernel` frames with `channels` values each *is* a row of `kernel * channels` values at stride
+//! `step * channels`.
 #![no_std]
+#![expect(clippy::duplicate_mod, reason = "the loops of attention are compiled once per instruction set")]
 
 pub mod activation;
 #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
@@ -27,6 +32,7 @@ pub mod bf16;
 pub mod conv1d;
 pub mod error;
 pub mod experts;
+pub mod gemm;
 pub mod isa;
 mod lanes;
 pub mod mat;
@@ -38,10 +44,12 @@ pub mod norm;
 pub mod pack;
 pub mod peak;
 mod prefetch;
+pub mod quantize;
+pub mod tuning;
 
 pub use bf16::Bf16;
 pub use error::ShapeError;
 pub use isa::Isa;
 pub use mat::{Mat, MatMut};
 pub use pack::{PANEL, PackedBf16, PackedF32, PackedI8};
-pub use prefetch::{Ahead, Expected};
+pub use prefetch::{PrefetchHint, SharedHint};

@@ -1,4 +1,4 @@
-//! Matrix views with checked shapes: every row of a view is known to lie inside its slice.
+//! Matrix views with checked shapes: every row of a view is inside its slice.
 
 use core::marker::PhantomData;
 use core::ops::Range;
@@ -29,13 +29,13 @@ impl<'a, T> Mat<'a, T> {
     /// A view whose row `i` starts at `data[i * stride]`; rows may overlap.
     ///
     /// # Errors
-    /// [`ShapeError`] where the last row would end beyond `data`.
+    /// [`ShapeError`] if the last row ends beyond `data`.
     pub fn with_stride(data: &'a [T], rows: usize, cols: usize, stride: usize) -> Result<Self, ShapeError> {
         let want = extent(rows, cols, stride);
         if data.len() < want {
             return Err(ShapeError { arg: "data", want, got: data.len() });
         }
-        // Rows of nothing lie nowhere, however far apart.
+        // An empty matrix has no extent, whatever its stride.
         Ok(Self { data, rows, cols, stride: if cols == 0 { 0 } else { stride } })
     }
 
@@ -57,18 +57,20 @@ impl<'a, T> Mat<'a, T> {
         self.stride
     }
 
-    /// Row `i`, `cols` long. Panics where `i >= rows`.
+    /// Row `i`, of `cols` elements. Panics if `i >= rows`.
     #[inline]
     pub fn row(&self, i: usize) -> &'a [T] {
         assert!(i < self.rows, "row {i} of {}", self.rows);
         &self.data[i * self.stride..i * self.stride + self.cols]
     }
 
-    /// The elements from `N * chunk` on of row `i`. Panics where they are not all there.
+    /// The elements from `N * chunk` on of row `i`. Panics if they are not all in the row.
+    #[cfg(target_arch = "x86_64")]
     #[inline]
     pub(crate) fn chunk<const N: usize>(&self, i: usize, chunk: usize) -> &'a [T; N] {
         assert!(i < self.rows && chunk < self.cols / N);
-        // SAFETY: every row lies inside `data`, as the constructor checked, and the chunk inside its row.
+        // SAFETY: every row is inside `data`, as the constructor checked, and the chunk
+        // inside its row.
         let start = unsafe { self.data.as_ptr().add(i * self.stride + chunk * N) };
         // SAFETY: these are `N` elements of `data`, and an array of them is aligned as one is.
         unsafe { &*start.cast() }
@@ -80,7 +82,7 @@ impl<'a, T> Mat<'a, T> {
         &self.data[..extent(self.rows, self.cols, self.stride)]
     }
 
-    /// The columns `range` of every row. Panics where `range` ends beyond `cols`.
+    /// The columns `range` of every row. Panics if `range` ends beyond `cols`.
     #[inline]
     pub fn columns(&self, range: Range<usize>) -> Mat<'a, T> {
         assert!(range.start <= range.end && range.end <= self.cols, "columns {range:?} of {}", self.cols);
@@ -88,7 +90,7 @@ impl<'a, T> Mat<'a, T> {
         Mat { data, rows: self.rows, cols: range.end - range.start, stride: self.stride }
     }
 
-    /// The rows `range`. Panics where `range` ends beyond `rows`.
+    /// The rows `range`. Panics if `range` ends beyond `rows`.
     #[inline]
     pub fn row_range(&self, range: Range<usize>) -> Mat<'a, T> {
         assert!(range.start <= range.end && range.end <= self.rows, "rows {range:?} of {}", self.rows);
@@ -97,9 +99,11 @@ impl<'a, T> Mat<'a, T> {
     }
 }
 
-/// A writable matrix, `[rows, cols]`, row-major; `stride >= cols`, so that no two rows share an element.
+/// A writable matrix, `[rows, cols]`, row-major; `stride >= cols`, so that no two rows share an
+/// element.
 ///
-/// It can be cut into disjoint pieces by rows or by columns, each of which may go to its own thread.
+/// It can be split into disjoint pieces by rows or by columns, each of which can be sent to
+/// another thread.
 #[derive(Debug)]
 pub struct MatMut<'a, T> {
     start: NonNull<T>,
@@ -156,43 +160,48 @@ impl<'a, T> MatMut<'a, T> {
         self.stride
     }
 
-    /// Row `i`. Panics where `i >= rows`.
+    /// Row `i`. Panics if `i >= rows`.
     #[inline]
     pub fn row(&self, i: usize) -> &[T] {
         assert!(i < self.rows, "row {i} of {}", self.rows);
-        // SAFETY: `i < rows`, and the constructor checked that every row lies inside the borrowed slice.
+        // SAFETY: `i < rows`, and the constructor checked that every row is inside the
+        // borrowed slice.
         let start = unsafe { self.start.add(i * self.stride) };
-        // SAFETY: `cols` elements from there are inside the slice, initialised, and borrowed by `self`.
+        // SAFETY: `cols` elements from there are inside the slice, initialised, and borrowed by
+        // `self`.
         unsafe { core::slice::from_raw_parts(start.as_ptr(), self.cols) }
     }
 
-    /// Row `i`, writable. Panics where `i >= rows`.
+    /// Row `i`, writable. Panics if `i >= rows`.
     #[inline]
     pub fn row_mut(&mut self, i: usize) -> &mut [T] {
         assert!(i < self.rows, "row {i} of {}", self.rows);
-        // SAFETY: `i < rows`, and the constructor checked that every row lies inside the borrowed slice.
+        // SAFETY: `i < rows`, and the constructor checked that every row is inside the
+        // borrowed slice.
         let start = unsafe { self.start.add(i * self.stride) };
-        // SAFETY: `cols` elements from there are inside the slice and no other live reference reaches them:
-        // `self` is borrowed exclusively, and pieces cut from one view are disjoint.
+        // SAFETY: `cols` elements from there are inside the slice and no other live reference
+        // reaches them: `self` is borrowed exclusively, and pieces cut from one view are disjoint.
         unsafe { core::slice::from_raw_parts_mut(start.as_ptr(), self.cols) }
     }
 
-    /// The same rows, to read. Panics where there are gaps between them, which are not this view's.
+    /// The same rows, read-only. Panics if there are gaps between them, which do not belong
+    /// to this view.
     #[inline]
     pub fn dense(&self) -> Mat<'_, T> {
         assert!(self.cols == self.stride || self.rows <= 1, "{} columns at stride {}", self.cols, self.stride);
-        // SAFETY: the constructor checked that `rows` rows lie inside the slice; without gaps all elements up to the end of the
-        // last row are this view's, which is borrowed.
+        // SAFETY: the constructor checked that `rows` rows lie inside the slice; without gaps all
+        // elements up to the end of the last row are this view's, which is borrowed.
         let data = unsafe { core::slice::from_raw_parts(self.start.as_ptr(), self.rows * self.cols) };
         Mat { data, rows: self.rows, cols: self.cols, stride: self.cols }
     }
 
-    /// All elements of a matrix of one column without gaps. Panics where it has several columns or a stride.
+    /// All elements of a contiguous matrix of one column. Panics if it has several columns
+    /// or a stride.
     #[inline]
     pub fn column_mut(&mut self) -> &mut [T] {
         assert!(self.cols == 1 && self.stride == 1, "{} columns at stride {}", self.cols, self.stride);
-        // SAFETY: the constructor checked that `rows` elements lie inside the slice, one after the other, and `self` is
-        // borrowed exclusively.
+        // SAFETY: the constructor checked that `rows` elements lie inside the slice, one after the
+        // other, and `self` is borrowed exclusively.
         unsafe { core::slice::from_raw_parts_mut(self.start.as_ptr(), self.rows) }
     }
 
@@ -202,7 +211,7 @@ impl<'a, T> MatMut<'a, T> {
         MatMut { start: self.start, rows: self.rows, cols: self.cols, stride: self.stride, borrow: PhantomData }
     }
 
-    /// Cuts into the rows before `at` and those from `at` on. Panics where `at > rows`.
+    /// Splits into the rows before `at` and those from `at` on. Panics if `at > rows`.
     #[inline]
     pub fn split_rows(self, at: usize) -> (MatMut<'a, T>, MatMut<'a, T>) {
         assert!(at <= self.rows, "row {at} of {}", self.rows);
@@ -213,7 +222,7 @@ impl<'a, T> MatMut<'a, T> {
         (piece(self.start, at), piece(below, self.rows - at))
     }
 
-    /// Cuts into the columns before `at` and those from `at` on. Panics where `at > cols`.
+    /// Splits into the columns before `at` and those from `at` on. Panics if `at > cols`.
     #[inline]
     pub fn split_columns(self, at: usize) -> (MatMut<'a, T>, MatMut<'a, T>) {
         assert!(at <= self.cols, "column {at} of {}", self.cols);
@@ -225,7 +234,8 @@ impl<'a, T> MatMut<'a, T> {
     }
 }
 
-/// Elements from the first of row 0 to the last of the last row; saturates, so that absurd shapes fail the check.
+/// Elements from the first of row 0 to the last of the last row; saturates, so that absurd shapes
+/// fail the check.
 #[inline]
 fn extent(rows: usize, cols: usize, stride: usize) -> usize {
     if rows == 0 || cols == 0 { 0 } else { (rows - 1).saturating_mul(stride).saturating_add(cols) }

@@ -12,38 +12,43 @@ mod scalar;
 
 use crate::bf16::Bf16;
 use crate::error::{ShapeError, expect_len};
-use crate::isa::{Backend, Isa};
+use crate::gemm::{Epilogue, Input, check_product};
+
+use crate::isa::{Isa, dispatch};
 use crate::mat::{Mat, MatMut};
-use crate::matmul_f32::{Epilogue, Input, Panels, check_product};
-use crate::pack::{PAIR, PANEL, PackedBf16};
+use crate::pack::PackedBf16;
 
 /// Matrix product with bf16 weights, `y[t, o] = sum_i x[t, i] * w[o, i]` in f32, then the epilogue.
 ///
 /// Shapes: `x [m, k]`, `w [n, k]` packed, `y [m, n]`; with a scatter, `y [any, n]`.
-/// Numerics: weights are widened exactly, so the result has the bits of [`crate::matmul_f32::matmul_f32`] on the same
-/// back-end with the widened weights. Not on `amx`, whose tiles take bf16 on both sides: there an input is the sum of two,
-/// which is off by at most `2^-16` of it, and the sum of 32 inputs is added to a sum at once. Its error is at most
-/// `(k * 2^-23 + 2^-16) * sum(abs(x * w))`, and below `2^-126` inputs, weights, low parts, products and sums count as zero.
-/// Everywhere each output is summed on its own in an order that depends on `k` alone: a row's bits depend neither on the
-/// other rows nor on how outputs are cut into panels.
+/// Numerics: weights are widened exactly, so that the bits are those of
+/// [`crate::matmul_f32::matmul_f32`] on the same back-end with the widened weights. Exception:
+/// the tiles of `amx` take bf16 on both sides. There an input is the sum of two bf16 values,
+/// with a relative error of at most `2^-16`, and products of 32 inputs are summed before they
+/// are added. The error is at most `(k * 2^-23 + 2^-16) * sum(abs(x * w))`, and inputs,
+/// weights, low parts, products and sums below `2^-126` are flushed to zero. On every back-end
+/// each output is summed on its own in an order that depends on `k` alone: a row's bits depend
+/// neither on the other rows nor on the split of outputs into panels.
 /// Cost: `m * n * k` multiply-adds; no allocation.
 ///
 /// # Errors
 /// [`ShapeError`] naming the argument whose length disagrees.
-pub fn matmul_bf16(isa: Isa, x: Input<f32>, w: PackedBf16, end: Epilogue, y: MatMut<f32>) -> Result<(), ShapeError> {
-    check_product((x.rows(), x.cols()), (w.n(), w.k()), &y, &end)?;
-    match isa.0 {
-        Backend::Scalar => scalar::matmul(x, w, end, y),
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that `avx2` enables.
-        Backend::Avx2 | Backend::AvxVnni => unsafe { avx2::matmul(x, w, end, y) },
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that `avx512vnni` enables.
-        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::matmul(x, w, end, y) },
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        // SAFETY: `Isa` holds `Amx` only after detection of tiles and of every feature that `amx` enables.
-        Backend::Amx => unsafe { amx::matmul(x, w, end, y) },
-    }
+pub fn matmul_bf16(
+    isa: Isa,
+    x: Input<f32>,
+    w: PackedBf16,
+    epilogue: Epilogue,
+    y: MatMut<f32>,
+) -> Result<(), ShapeError> {
+    check_product((x.rows(), x.cols()), (w.n(), w.k()), &y, &epilogue)?;
+    dispatch!(isa, matmul(x, w, epilogue, y), {
+        Scalar: scalar,
+        Avx2: avx2,
+        AvxVnni: avx2,
+        Avx512Vnni: avx512vnni,
+        Avx512Bf16: avx512vnni,
+        Amx: amx,
+    });
     Ok(())
 }
 
@@ -61,109 +66,94 @@ pub fn matmul_gated_bf16(
     check_product((x.rows(), x.cols()), (gate.n(), gate.k()), &y, &Epilogue::STORE)?;
     expect_len("up", gate.n(), up.n())?;
     expect_len("up", gate.k(), up.k())?;
-    match isa.0 {
-        Backend::Scalar => scalar::matmul_gated(x, gate, up, y),
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that `avx2` enables.
-        Backend::Avx2 | Backend::AvxVnni => unsafe { avx2::matmul_gated(x, gate, up, y) },
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that `avx512vnni` enables.
-        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::matmul_gated(x, gate, up, y) },
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        // SAFETY: `Isa` holds `Amx` only after detection of tiles and of every feature that `amx` enables.
-        Backend::Amx => unsafe { amx::matmul_gated(x, gate, up, y) },
-    }
+    dispatch!(isa, matmul_gated(x, gate, up, y), {
+        Scalar: scalar,
+        Avx2: avx2,
+        AvxVnni: avx2,
+        Avx512Vnni: avx512vnni,
+        Avx512Bf16: avx512vnni,
+        Amx: amx,
+    });
     Ok(())
 }
 
-/// Rows as products of bf16 take them: each value rounded ([`crate::bf16::round_bf16`]), or cut in two ([`split`]).
+/// Rows for bf16 products: each value rounded ([`crate::bf16::round_bf16`]), or split in two
+/// ([`split_bf16x2`]).
 #[derive(Clone, Copy, Debug)]
 pub struct Bf16Rows<'a> {
-    /// The values, or their high parts.
-    first: Mat<'a, Bf16>,
+    /// The values, or their hi parts.
+    hi: Mat<'a, Bf16>,
     /// Low parts.
-    rest: Option<Mat<'a, Bf16>>,
+    lo: Option<Mat<'a, Bf16>>,
 }
 
 impl<'a> Bf16Rows<'a> {
     /// Rows `[m, k]` of rounded values; they may overlap.
     pub fn rounded(values: Mat<'a, Bf16>) -> Self {
-        Self { first: values, rest: None }
+        Self { hi: values, lo: None }
     }
 
-    /// Rows `[m, k]` of which both parts lie in memory in the same way; they may overlap.
+    /// Rows `[m, k]` whose two parts have the same layout in memory; they may overlap.
     ///
     /// # Errors
-    /// [`ShapeError`] where the parts' shapes differ.
-    pub fn split(high: Mat<'a, Bf16>, low: Mat<'a, Bf16>) -> Result<Self, ShapeError> {
-        expect_len("low", high.rows(), low.rows())?;
-        expect_len("low", high.cols(), low.cols())?;
-        expect_len("low", high.stride(), low.stride())?;
-        Ok(Self { first: high, rest: Some(low) })
+    /// [`ShapeError`] if the parts' shapes differ.
+    pub fn split(hi: Mat<'a, Bf16>, lo: Mat<'a, Bf16>) -> Result<Self, ShapeError> {
+        expect_len("lo", hi.rows(), lo.rows())?;
+        expect_len("lo", hi.cols(), lo.cols())?;
+        expect_len("lo", hi.stride(), lo.stride())?;
+        Ok(Self { hi, lo: Some(lo) })
     }
 }
 
-/// Cuts every value in two: the upper half of its bits, and what they leave, rounded to bf16.
+/// Splits every value in two: the upper half of its bits, and the rest rounded to bf16.
 ///
-/// Shapes: `x`, `high`, `low` `[n]` (both overwritten).
-/// Numerics: `high + low` is off by at most `2^-16` of `x`; infinities have nothing left, and what is no number remains so
-/// in one part at least. The same bits on every back-end, but that `amx` takes a low part below `2^-126` for zero.
+/// Shapes: `x`, `hi`, `lo` `[n]` (both overwritten).
+/// Numerics: `hi + lo` has a relative error of at most `2^-16`; the low part of an infinity is
+/// zero, and at least one part of a NaN is NaN. The same bits on every back-end, except that
+/// `amx` flushes a low part below `2^-126` to zero.
 ///
 /// # Errors
 /// [`ShapeError`] naming the argument whose length disagrees.
-pub fn split(isa: Isa, x: &[f32], high: &mut [Bf16], low: &mut [Bf16]) -> Result<(), ShapeError> {
-    expect_len("high", x.len(), high.len())?;
-    expect_len("low", x.len(), low.len())?;
-    match isa.0 {
-        Backend::Scalar => scalar::split(x, high, low),
-        // Only tiles gain by such rows: the others have no use for a faster way to make them.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::AvxVnni | Backend::Avx512Vnni | Backend::Avx512Bf16 => scalar::split(x, high, low),
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        // SAFETY: `Isa` holds `Amx` only after detection of tiles and of every feature that `amx` enables.
-        Backend::Amx => unsafe { amx::split(x, high, low) },
-    }
+pub fn split_bf16x2(isa: Isa, x: &[f32], hi: &mut [Bf16], lo: &mut [Bf16]) -> Result<(), ShapeError> {
+    expect_len("hi", x.len(), hi.len())?;
+    expect_len("lo", x.len(), lo.len())?;
+    // The other back-ends do not gain from split rows, so that they need no faster split.
+    dispatch!(isa, split_bf16x2(x, hi, lo), {
+        Scalar: scalar,
+        Avx2: scalar,
+        AvxVnni: scalar,
+        Avx512Vnni: scalar,
+        Avx512Bf16: scalar,
+        Amx: amx,
+    });
     Ok(())
 }
 
-/// [`matmul_bf16`] of rows that are bf16 already, for rows that overlap or that several threads read. Of rows that were cut
-/// in two it has, on `amx`, the bits of the product of the rows as they were.
+/// [`matmul_bf16`] of rows that are bf16 already, for rows that overlap or that several threads
+/// read. On `amx`, split rows have the bits of the product of the original rows.
 ///
-/// Shapes, numerics: as [`matmul_bf16`], of the values that the rows have. `avx512bf16` adds rounded rows' products pair by pair, the
-/// second of each first, and takes what is below `2^-126` for zero. Other back-ends without tiles, and it with rows that were cut in
-/// two, put rows together again, and are slow.
+/// Shapes, numerics: as [`matmul_bf16`], of the values of the rows. `avx512bf16` adds the
+/// products of rounded rows pair by pair, the second of each pair first, and flushes values
+/// below `2^-126` to zero. Back-ends without tiles, and `avx512bf16` for split rows, use a slow
+/// portable loop.
 ///
 /// # Errors
 /// [`ShapeError`] naming the argument whose length disagrees.
-pub fn matmul_bf16_rows(isa: Isa, x: Bf16Rows, w: PackedBf16, end: Epilogue, y: MatMut<f32>) -> Result<(), ShapeError> {
-    check_product((x.first.rows(), x.first.cols()), (w.n(), w.k()), &y, &end)?;
-    match isa.0 {
-        Backend::Scalar => scalar::matmul_rows(x, w, end, y),
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::AvxVnni | Backend::Avx512Vnni => scalar::matmul_rows(x, w, end, y),
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Bf16 => match x.rest {
-            // SAFETY: `Isa` holds `Avx512Bf16` only after detection of "avx512bf16" and of every feature that it enables.
-            None => unsafe { avx512bf16::matmul_rounded(x.first, w, end, y) },
-            // Two products in place of one of f32, which takes twice as long: nothing is gained.
-            Some(_) => scalar::matmul_rows(x, w, end, y),
-        },
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        // SAFETY: `Isa` holds `Amx` only after detection of tiles and of every feature that `amx` enables.
-        Backend::Amx => unsafe { amx::matmul_rows(x, w, end, y) },
-    }
+pub fn matmul_bf16_rows(
+    isa: Isa,
+    x: Bf16Rows,
+    w: PackedBf16,
+    epilogue: Epilogue,
+    y: MatMut<f32>,
+) -> Result<(), ShapeError> {
+    check_product((x.hi.rows(), x.hi.cols()), (w.n(), w.k()), &y, &epilogue)?;
+    dispatch!(isa, matmul_rows(x, w, epilogue, y), {
+        Scalar: scalar,
+        Avx2: scalar,
+        AvxVnni: scalar,
+        Avx512Vnni: scalar,
+        Avx512Bf16: avx512bf16,
+        Amx: amx,
+    });
     Ok(())
-}
-
-impl<'a> Panels<'a> for PackedBf16<'a> {
-    type Row = [[Bf16; PAIR]; PANEL];
-    fn n(&self) -> usize {
-        PackedBf16::n(self)
-    }
-    fn k(&self) -> usize {
-        PackedBf16::k(self)
-    }
-    fn panel(&self, p: usize) -> &'a [Self::Row] {
-        PackedBf16::panel(self, p)
-    }
 }

@@ -1,175 +1,30 @@
 //! Single-precision matrix product with packed weights.
 
 #[cfg(target_arch = "x86_64")]
-pub(crate) mod avx2;
+mod avx2;
 #[cfg(target_arch = "x86_64")]
-pub(crate) mod avx512vnni;
+mod avx512vnni;
 mod scalar;
 
 use crate::error::{ShapeError, expect_len};
-use crate::isa::{Backend, Isa};
-use crate::mat::{Mat, MatMut};
-use crate::pack::{PANEL, PackedF32};
-
-/// The rows that a product reads: all rows of a matrix in order, or those that an index names.
-#[derive(Clone, Copy, Debug)]
-pub struct Input<'a, T> {
-    pub(crate) mat: Mat<'a, T>,
-    pub(crate) index: Option<&'a [u32]>,
-}
-
-impl<'a, T> Input<'a, T> {
-    /// Every row of `mat`.
-    #[inline]
-    pub fn all(mat: Mat<'a, T>) -> Self {
-        Self { mat, index: None }
-    }
-
-    /// Row `index[i]` of `mat` as input row `i`, without a copy.
-    ///
-    /// # Errors
-    /// [`ShapeError`] where an index lies beyond the rows of `mat`.
-    pub fn gather(mat: Mat<'a, T>, index: &'a [u32]) -> Result<Self, ShapeError> {
-        match index.iter().find(|&&i| i as usize >= mat.rows()) {
-            Some(&i) => Err(ShapeError { arg: "index", want: mat.rows(), got: i as usize }),
-            None => Ok(Self { mat, index: Some(index) }),
-        }
-    }
-
-    /// Number of input rows.
-    #[inline]
-    pub fn rows(&self) -> usize {
-        self.index.map_or(self.mat.rows(), <[u32]>::len)
-    }
-
-    /// Inputs per row.
-    #[inline]
-    pub fn cols(&self) -> usize {
-        self.mat.cols()
-    }
-
-    /// Input row `i`.
-    #[inline]
-    pub fn row(&self, i: usize) -> &'a [T] {
-        self.mat.row(self.index.map_or(i, |index| index[i] as usize))
-    }
-}
-
-/// What happens to a product before it is stored.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub enum Activation {
-    /// The product itself.
-    #[default]
-    None,
-    /// `max(v, 0)`.
-    Relu,
-    /// `v` where positive, else `slope * v`.
-    LeakyRelu(f32),
-    /// `v * (1 + erf(v / sqrt(2))) / 2`.
-    Gelu,
-    /// The tanh approximation of GELU.
-    GeluTanh,
-}
-
-/// Where the rows of a product go: output row `i` is added to row `rows[i]` of `y`, times `weight[i]`.
-#[derive(Clone, Copy, Debug)]
-pub struct Scatter<'a> {
-    /// Row of `y` for each output row.
-    pub rows: &'a [u32],
-    /// Factor for each output row.
-    pub weight: &'a [f32],
-}
-
-/// The end of a product: `v = activation(sum + bias)`, then stored, added, or scattered.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Epilogue<'a> {
-    /// `[n]`, added to every row's sums.
-    pub bias: Option<&'a [f32]>,
-    /// Applied after the bias.
-    pub activation: Activation,
-    /// `y += v` instead of `y = v`.
-    pub add: bool,
-    /// Output rows are weighted and added to other rows (implies `add`).
-    pub scatter: Option<Scatter<'a>>,
-}
-
-impl<'a> Epilogue<'a> {
-    /// Stores the sums as they are.
-    pub const STORE: Epilogue<'static> =
-        Epilogue { bias: None, activation: Activation::None, add: false, scatter: None };
-    /// Adds the sums to `y`: a residual connection.
-    pub const ADD: Epilogue<'static> = Epilogue { add: true, ..Epilogue::STORE };
-
-    /// Stores `sum + bias`.
-    pub const fn bias(bias: &'a [f32]) -> Self {
-        Self { bias: Some(bias), ..Epilogue::STORE }
-    }
-
-    /// The same with an activation.
-    #[must_use]
-    pub const fn then(self, activation: Activation) -> Self {
-        Self { activation, ..self }
-    }
-
-    /// The same, added to `y`.
-    #[must_use]
-    pub const fn added(self) -> Self {
-        Self { add: true, ..self }
-    }
-
-    /// The outputs `range` of a product whose epilogue this is.
-    #[must_use]
-    pub fn outputs(self, range: core::ops::Range<usize>) -> Self {
-        Self { bias: self.bias.map(|bias| &bias[range]), ..self }
-    }
-}
-
-/// Checks one product: `x [m, k]`, `w [n, k]`, `y [m, n]` (or scattered), `bias [n]`.
-pub(crate) fn check_product(
-    x: (usize, usize),
-    w: (usize, usize),
-    y: &MatMut<f32>,
-    end: &Epilogue,
-) -> Result<(), ShapeError> {
-    let ((m, k), (n, w_k)) = (x, w);
-    expect_len("w", k, w_k)?;
-    expect_len("y", n, y.cols())?;
-    if let Some(bias) = end.bias {
-        expect_len("bias", n, bias.len())?;
-    }
-    let Some(scatter) = end.scatter else { return expect_len("y", m, y.rows()) };
-    expect_len("scatter.rows", m, scatter.rows.len())?;
-    expect_len("scatter.weight", m, scatter.weight.len())?;
-    match scatter.rows.iter().find(|&&row| row as usize >= y.rows()) {
-        Some(&row) => Err(ShapeError { arg: "scatter.rows", want: y.rows(), got: row as usize }),
-        None => Ok(()),
-    }
-}
+use crate::gemm::{Epilogue, Input, check_product};
+use crate::isa::{Isa, dispatch};
+use crate::mat::MatMut;
+use crate::pack::PackedF32;
 
 /// Matrix product `y[t, o] = sum_i x[t, i] * w[o, i]`, then the epilogue.
 ///
 /// Shapes: `x [m, k]`, `w [n, k]` packed, `y [m, n]`; with a scatter, `y [any, n]`.
-/// Numerics: each output is summed on its own over ascending `i`; a row's bits do not depend on the other rows, nor on
-/// how outputs are cut into panels. Error at most `k * 2^-23 * sum(abs(x * w))`.
+/// Numerics: each output is summed on its own over ascending `i`; a row's bits depend neither
+/// on the other rows nor on the split of outputs into panels. Error at most `k * 2^-23 *
+/// sum(abs(x * w))`.
 /// Cost: `m * n * k` multiply-adds; no allocation.
 ///
 /// # Errors
 /// [`ShapeError`] naming the argument whose length disagrees.
-pub fn matmul_f32(isa: Isa, x: Input<f32>, w: PackedF32, end: Epilogue, y: MatMut<f32>) -> Result<(), ShapeError> {
-    check_product((x.rows(), x.cols()), (w.n(), w.k()), &y, &end)?;
-    match isa.0 {
-        Backend::Scalar => scalar::matmul(x, w, end, y),
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that `avx2` enables.
-        Backend::Avx2 | Backend::AvxVnni => unsafe { avx2::matmul(x, w, end, y) },
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that `avx512vnni` enables.
-        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::matmul(x, w, end, y) },
-        // Its tiles hold no f32.
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
-        Backend::Amx => unsafe { avx512vnni::matmul(x, w, end, y) },
-    }
+pub fn matmul_f32(isa: Isa, x: Input<f32>, w: PackedF32, epilogue: Epilogue, y: MatMut<f32>) -> Result<(), ShapeError> {
+    check_product((x.rows(), x.cols()), (w.n(), w.k()), &y, &epilogue)?;
+    dispatch!(isa, matmul(x, w, epilogue, y));
     Ok(())
 }
 
@@ -191,90 +46,6 @@ pub fn matmul_gated_f32(
     check_product((x.rows(), x.cols()), (gate.n(), gate.k()), &y, &Epilogue::STORE)?;
     expect_len("up", gate.n(), up.n())?;
     expect_len("up", gate.k(), up.k())?;
-    match isa.0 {
-        Backend::Scalar => scalar::matmul_gated(x, gate, up, y),
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that `avx2` enables.
-        Backend::Avx2 | Backend::AvxVnni => unsafe { avx2::matmul_gated(x, gate, up, y) },
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that `avx512vnni` enables.
-        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::matmul_gated(x, gate, up, y) },
-        // Its tiles hold no f32.
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
-        Backend::Amx => unsafe { avx512vnni::matmul_gated(x, gate, up, y) },
-    }
+    dispatch!(isa, matmul_gated(x, gate, up, y));
     Ok(())
-}
-
-pub(crate) use scalar::{finish_panel, gated};
-
-/// Packed weights of any type, for what is the same of them all; and for back-ends whose loops differ in nothing but the load.
-pub(crate) trait Panels<'a>: Copy {
-    /// What a panel has for as many inputs as stand together in memory: one, or a pair.
-    type Row: Copy + 'a;
-    /// Outputs.
-    fn n(&self) -> usize;
-    /// Inputs.
-    fn k(&self) -> usize;
-    /// Panel `p`, all inputs.
-    fn panel(&self, p: usize) -> &'a [Self::Row];
-}
-
-impl<'a> Panels<'a> for PackedF32<'a> {
-    type Row = [f32; PANEL];
-    fn n(&self) -> usize {
-        PackedF32::n(self)
-    }
-    fn k(&self) -> usize {
-        PackedF32::k(self)
-    }
-    fn panel(&self, p: usize) -> &'a [[f32; PANEL]] {
-        PackedF32::panel(self, p)
-    }
-}
-
-/// What a product multiplies, and how it ends. A *slot* is one panel in the order of work.
-pub(crate) enum Job<'a, W> {
-    /// A product with its end.
-    Plain(W, Epilogue<'a>),
-    /// Gate and up panels take turns.
-    Gated(W, W),
-}
-
-impl<'a, W: Panels<'a>> Job<'_, W> {
-    pub(crate) fn k(&self) -> usize {
-        match self {
-            Job::Plain(w, _) | Job::Gated(w, _) => w.k(),
-        }
-    }
-
-    pub(crate) fn slots(&self) -> usize {
-        match self {
-            Job::Plain(w, _) => crate::pack::panels(w.n()),
-            Job::Gated(gate, _) => 2 * crate::pack::panels(gate.n()),
-        }
-    }
-
-    /// The panel of a slot.
-    #[inline]
-    pub(crate) fn panel(&self, slot: usize) -> &'a [W::Row] {
-        let (w, p) = self.slot(slot);
-        w.panel(p)
-    }
-
-    /// The weight of a slot, and the panel's place in it.
-    #[inline]
-    pub(crate) fn slot(&self, slot: usize) -> (&W, usize) {
-        match self {
-            Job::Plain(w, _) => (w, slot),
-            Job::Gated(gate, up) => (if slot.is_multiple_of(2) { gate } else { up }, slot / 2),
-        }
-    }
-}
-
-/// First row and number of rows of each tile: as few tiles as possible, as equal as possible.
-pub(crate) fn tiles(rows: usize, most: usize) -> impl Iterator<Item = (usize, usize)> {
-    let count = rows.div_ceil(most);
-    (0..count).map(move |i| (i * rows / count, (i + 1) * rows / count - i * rows / count))
 }

@@ -7,14 +7,14 @@ mod avx512vnni;
 mod scalar;
 
 use crate::error::{ShapeError, expect_len};
-use crate::isa::{Backend, Isa};
+use crate::isa::{Isa, dispatch};
 use crate::mat::{Mat, MatMut};
 
 /// RMS norm as T5 has it, without mean and bias: `y = x / sqrt(mean(x^2) + eps) * weight`.
 ///
 /// Shapes: `x [rows, dim]`, `weight [dim]`, `y [rows, dim]` (overwritten).
-/// Numerics: the mean in f32 over 16 partial sums; relative error at most `(dim / 2 + 5) * 2^-23`; all back-ends agree bit
-/// for bit.
+/// Numerics: the mean in f32 over 16 partial sums; relative error at most `(dim / 2 + 5) * 2^-23`;
+/// all back-ends agree bit for bit.
 /// Paper: section 3.2 (backbone); SPEC 2.4.
 ///
 /// # Errors
@@ -22,25 +22,16 @@ use crate::mat::{Mat, MatMut};
 pub fn rms_norm(isa: Isa, x: Mat<f32>, weight: &[f32], eps: f32, y: MatMut<f32>) -> Result<(), ShapeError> {
     expect_len("weight", x.cols(), weight.len())?;
     check_same(&x, &y)?;
-    match isa.0 {
-        Backend::Scalar => scalar::rms_norm(x, weight, eps, y),
-        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::AvxVnni => unsafe { avx2::rms_norm(x, weight, eps, y) },
-        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::rms_norm(x, weight, eps, y) },
-        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        Backend::Amx => unsafe { avx512vnni::rms_norm(x, weight, eps, y) },
-    }
+    dispatch!(isa, rms_norm(x, weight, eps, y));
     Ok(())
 }
 
-/// Layer norm: `y = (x - mean(x)) / sqrt(var(x) + eps) * weight + bias`, variance over the row, biased.
+/// Layer norm: `y = (x - mean(x)) / sqrt(var(x) + eps) * weight + bias`, variance over the row,
+/// biased.
 ///
 /// Shapes: `x [rows, dim]`, `weight`, `bias` `[dim]`, `y [rows, dim]` (overwritten).
-/// Numerics: mean, then the mean of squared differences, each in f32 over 16 partial sums; all back-ends agree bit for bit.
+/// Numerics: mean, then the mean of squared differences, each in f32 over 16 partial sums; all
+/// back-ends agree bit for bit.
 /// Paper: section 3 (audio tokenizer); SPEC 2.1.
 ///
 /// # Errors
@@ -56,43 +47,23 @@ pub fn layer_norm(
     expect_len("weight", x.cols(), weight.len())?;
     expect_len("bias", x.cols(), bias.len())?;
     check_same(&x, &y)?;
-    match isa.0 {
-        Backend::Scalar => scalar::layer_norm(x, weight, bias, eps, y),
-        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::AvxVnni => unsafe { avx2::layer_norm(x, weight, bias, eps, y) },
-        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::layer_norm(x, weight, bias, eps, y) },
-        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        Backend::Amx => unsafe { avx512vnni::layer_norm(x, weight, bias, eps, y) },
-    }
+    dispatch!(isa, layer_norm(x, weight, bias, eps, y));
     Ok(())
 }
 
-/// Adds every channel's sum and sum of squares over time: the running statistics of a group norm over a stream.
+/// Adds every channel's sum and sum of squares over time: the running statistics of a group norm
+/// over a stream.
 ///
 /// Shapes: `x [time, channels]`, `sum`, `squares` `[channels]` (added to).
-/// Numerics: f64, in ascending time, so that any cut of the stream into calls gives the same bits.
+/// Numerics: f64, in ascending time, so that any division of the stream into calls gives the
+/// same bits.
 ///
 /// # Errors
 /// [`ShapeError`] naming the argument whose length disagrees.
 pub fn channel_sums(isa: Isa, x: Mat<f32>, sum: &mut [f64], squares: &mut [f64]) -> Result<(), ShapeError> {
     expect_len("sum", x.cols(), sum.len())?;
     expect_len("squares", x.cols(), squares.len())?;
-    match isa.0 {
-        Backend::Scalar => scalar::channel_sums(x, sum, squares),
-        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::AvxVnni => unsafe { avx2::channel_sums(x, sum, squares) },
-        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::channel_sums(x, sum, squares) },
-        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        Backend::Amx => unsafe { avx512vnni::channel_sums(x, sum, squares) },
-    }
+    dispatch!(isa, channel_sums(x, sum, squares));
     Ok(())
 }
 
@@ -105,18 +76,7 @@ pub fn channel_sums(isa: Isa, x: Mat<f32>, sum: &mut [f64], squares: &mut [f64])
 pub fn channel_affine(isa: Isa, x: MatMut<f32>, scale: &[f32], shift: &[f32]) -> Result<(), ShapeError> {
     expect_len("scale", x.cols(), scale.len())?;
     expect_len("shift", x.cols(), shift.len())?;
-    match isa.0 {
-        Backend::Scalar => scalar::channel_affine(x, scale, shift),
-        // SAFETY: `Isa` holds `Avx2` only after detection of every feature that this back-end enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::AvxVnni => unsafe { avx2::channel_affine(x, scale, shift) },
-        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature that this back-end enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::channel_affine(x, scale, shift) },
-        // SAFETY: `Isa` holds `Amx` only where it could hold `Avx512Vnni`.
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        Backend::Amx => unsafe { avx512vnni::channel_affine(x, scale, shift) },
-    }
+    dispatch!(isa, channel_affine(x, scale, shift));
     Ok(())
 }
 

@@ -1,4 +1,5 @@
-//! Weights re-laid for the products: panels of [`PANEL`] output rows, so that one load feeds that many outputs.
+//! Packed weights of the products: panels of [`PANEL`] output rows, so that one load feeds as
+//! many outputs.
 //!
 //! ```text
 //! w [n, k] row-major   packed f32                  packed bf16                         packed i8
@@ -6,8 +7,8 @@
 //! n     │      ──▶              k=1: w[0..16][1]            k=2..4: w[0][2..4] …                k=4..8: w[0][4..8] …
 //! └─────┘              panel 1: …                  panel 1: …                          panel 1: …
 //! ```
-//! So that, but for f32, a row of 64 bytes is what a row of an AMX tile holds. Outputs beyond `n` and (bf16, int8) inputs
-//! beyond `k` are zeros. All back-ends read the same layout.
+//! Except for f32, a row of 64 bytes is a row of an AMX tile. Outputs beyond `n` and (bf16,
+//! int8) inputs beyond `k` are zeros. All back-ends read the same layout.
 
 use crate::bf16::Bf16;
 use crate::error::{ShapeError, expect_len};
@@ -17,10 +18,10 @@ use core::ops::Range;
 /// Outputs in one panel: one AVX-512 register of sums, two of AVX2, four of SSE2 or NEON.
 pub const PANEL: usize = 16;
 
-/// Inputs that a bf16 dot-product instruction takes at once.
+/// Inputs of one lane of a bf16 dot-product instruction.
 pub const PAIR: usize = 2;
 
-/// Inputs that an int8 dot-product instruction takes at once.
+/// Inputs of one lane of an int8 dot-product instruction.
 pub const QUAD: usize = 4;
 
 /// Number of panels that hold `n` outputs.
@@ -55,7 +56,7 @@ impl<'a> PackedF32<'a> {
     /// A view of packed data: `[panels(n), k, PANEL]`.
     ///
     /// # Errors
-    /// [`ShapeError`] where `data` has another length than [`packed_len`].
+    /// [`ShapeError`] if the length of `data` is not [`packed_len`].
     pub fn new(data: &'a [f32], n: usize, k: usize) -> Result<Self, ShapeError> {
         expect_len("data", packed_len(n, k), data.len())?;
         Ok(Self { data, n, k })
@@ -80,7 +81,7 @@ impl<'a> PackedF32<'a> {
         self.data[p * len..(p + 1) * len].as_chunks().0
     }
 
-    /// The outputs `range`, which starts at a panel. Panics where it does not, or ends beyond `n`.
+    /// The outputs `range`. Panics if `range` does not start at a panel or ends beyond `n`.
     #[inline]
     pub fn outputs(&self, range: Range<usize>) -> Self {
         assert!(range.start.is_multiple_of(PANEL) && range.start <= range.end && range.end <= self.n);
@@ -102,7 +103,7 @@ impl<'a> PackedBf16<'a> {
     /// A view of packed data: `[panels(n), ceil(k / PAIR), PANEL, PAIR]`.
     ///
     /// # Errors
-    /// [`ShapeError`] where `data` has another length than [`packed_len_bf16`].
+    /// [`ShapeError`] if the length of `data` is not [`packed_len_bf16`].
     pub fn new(data: &'a [Bf16], n: usize, k: usize) -> Result<Self, ShapeError> {
         expect_len("data", packed_len_bf16(n, k), data.len())?;
         Ok(Self { data, n, k })
@@ -127,7 +128,7 @@ impl<'a> PackedBf16<'a> {
         self.data[p * len..(p + 1) * len].as_chunks().0.as_chunks().0
     }
 
-    /// The outputs `range`, which starts at a panel. Panics where it does not, or ends beyond `n`.
+    /// The outputs `range`. Panics if `range` does not start at a panel or ends beyond `n`.
     #[inline]
     pub fn outputs(&self, range: Range<usize>) -> Self {
         assert!(range.start.is_multiple_of(PANEL) && range.start <= range.end && range.end <= self.n);
@@ -137,7 +138,7 @@ impl<'a> PackedBf16<'a> {
     }
 }
 
-/// An int8 weight `[n, k]` in panels of quads, with the real size of one step and the sum of each output row.
+/// An int8 weight `[n, k]` in panels of quads, with the scale and the sum of each output row.
 #[derive(Clone, Copy, Debug)]
 pub struct PackedI8<'a> {
     data: &'a [i8],
@@ -148,11 +149,12 @@ pub struct PackedI8<'a> {
 }
 
 impl<'a> PackedI8<'a> {
-    /// A view of packed data `[panels(n), ceil(k / QUAD), PANEL, QUAD]`, `scale [n]` (real value of one step of
-    /// output row `o`) and `sum [n]` (sum of row `o`'s steps: what an unsigned-by-signed instruction must correct for).
+    /// A view of packed data `[panels(n), ceil(k / QUAD), PANEL, QUAD]`, `scale [n]` (value
+    /// of one unit of output row `o`) and `sum [n]` (sum of row `o`, which corrects for
+    /// inputs that are offset to unsigned).
     ///
     /// # Errors
-    /// [`ShapeError`] where a length disagrees with `n` and `k`.
+    /// [`ShapeError`] if a length disagrees with `n` and `k`.
     pub fn new(data: &'a [i8], scale: &'a [f32], sum: &'a [i32], n: usize, k: usize) -> Result<Self, ShapeError> {
         expect_len("data", packed_len_i8(n, k), data.len())?;
         expect_len("scale", n, scale.len())?;
@@ -172,13 +174,13 @@ impl<'a> PackedI8<'a> {
         self.k
     }
 
-    /// Real value of one step, per output.
+    /// Value of one unit, per output.
     #[inline]
     pub fn scale(&self) -> &'a [f32] {
         self.scale
     }
 
-    /// Sum of the steps of each output row.
+    /// Sum of each output row.
     #[inline]
     pub fn sum(&self) -> &'a [i32] {
         self.sum
@@ -191,7 +193,7 @@ impl<'a> PackedI8<'a> {
         self.data[p * len..(p + 1) * len].as_chunks().0
     }
 
-    /// The outputs `range`, which starts at a panel. Panics where it does not, or ends beyond `n`.
+    /// The outputs `range`. Panics if `range` does not start at a panel or ends beyond `n`.
     #[inline]
     pub fn outputs(&self, range: Range<usize>) -> Self {
         assert!(range.start.is_multiple_of(PANEL) && range.start <= range.end && range.end <= self.n);
@@ -210,7 +212,7 @@ impl<'a> PackedI8<'a> {
 /// Packs `w [n, k]` into panels; every element of `packed` is written.
 ///
 /// # Errors
-/// [`ShapeError`] where `packed` has another length than [`packed_len`].
+/// [`ShapeError`] if the length of `packed` is not [`packed_len`].
 pub fn pack(w: Mat<f32>, packed: &mut [f32]) -> Result<(), ShapeError> {
     expect_len("packed", packed_len(w.rows(), w.cols()), packed.len())?;
     packed.fill(0.0);
@@ -218,10 +220,12 @@ pub fn pack(w: Mat<f32>, packed: &mut [f32]) -> Result<(), ShapeError> {
     (0..w.rows()).try_for_each(|o| pack_row(w.row(o), o % PANEL, &mut packed[o / PANEL * panel_len..][..panel_len]))
 }
 
-/// Packs one row as output `lane` of its panel `[k, PANEL]`; the other outputs are left as they are.
+/// Packs one row as output `lane` of its panel `[k, PANEL]`; the other outputs are left as they
+/// are.
 ///
 /// # Errors
-/// [`ShapeError`] where `panel` is no panel of the row's length, or `lane` none of its outputs.
+/// [`ShapeError`] if `panel` is not a panel of the row's length, or `lane` is not one of its
+/// outputs.
 pub fn pack_row(row: &[f32], lane: usize, panel: &mut [f32]) -> Result<(), ShapeError> {
     expect_len("panel", packed_len(1, row.len()), panel.len())?;
     check_lane(lane)?;
@@ -234,7 +238,7 @@ pub fn pack_row(row: &[f32], lane: usize, panel: &mut [f32]) -> Result<(), Shape
 /// Rounds `w [n, k]` and packs it into panels of pairs; every element of `packed` is written.
 ///
 /// # Errors
-/// [`ShapeError`] where `packed` has another length than [`packed_len_bf16`].
+/// [`ShapeError`] if the length of `packed` is not [`packed_len_bf16`].
 pub fn pack_bf16(w: Mat<f32>, packed: &mut [Bf16]) -> Result<(), ShapeError> {
     expect_len("packed", packed_len_bf16(w.rows(), w.cols()), packed.len())?;
     packed.fill(Bf16::default());
@@ -243,11 +247,12 @@ pub fn pack_bf16(w: Mat<f32>, packed: &mut [Bf16]) -> Result<(), ShapeError> {
         .try_for_each(|o| pack_row_bf16(w.row(o), o % PANEL, &mut packed[o / PANEL * panel_len..][..panel_len]))
 }
 
-/// Rounds one row and packs it as output `lane` of its panel `[ceil(k / PAIR), PANEL, PAIR]`. The other outputs, and
-/// inputs beyond `k`, are left as they are: zeros in new memory.
+/// Rounds one row and packs it as output `lane` of its panel `[ceil(k / PAIR), PANEL, PAIR]`.
+/// The other outputs, and the padding beyond `k`, are left as they are: zeros in new memory.
 ///
 /// # Errors
-/// [`ShapeError`] where `panel` is no panel of the row's length, or `lane` none of its outputs.
+/// [`ShapeError`] if `panel` is not a panel of the row's length, or `lane` is not one of its
+/// outputs.
 pub fn pack_row_bf16(row: &[f32], lane: usize, panel: &mut [Bf16]) -> Result<(), ShapeError> {
     expect_len("panel", packed_len_bf16(1, row.len()), panel.len())?;
     check_lane(lane)?;
@@ -259,10 +264,11 @@ pub fn pack_row_bf16(row: &[f32], lane: usize, panel: &mut [Bf16]) -> Result<(),
     Ok(())
 }
 
-/// Packs `w [n, k]` into panels of quads and sums every row; every element of `packed` and `sum` is written.
+/// Packs `w [n, k]` into panels of quads and sums every row; every element of `packed` and `sum` is
+/// written.
 ///
 /// # Errors
-/// [`ShapeError`] where `packed` has another length than [`packed_len_i8`], or `sum` than `n`.
+/// [`ShapeError`] if the length of `packed` is not [`packed_len_i8`], or that of `sum` not `n`.
 pub fn pack_i8(w: Mat<i8>, packed: &mut [i8], sum: &mut [i32]) -> Result<(), ShapeError> {
     let (n, k) = (w.rows(), w.cols());
     expect_len("packed", packed_len_i8(n, k), packed.len())?;
@@ -275,11 +281,13 @@ pub fn pack_i8(w: Mat<i8>, packed: &mut [i8], sum: &mut [i32]) -> Result<(), Sha
     Ok(())
 }
 
-/// Packs one row as output `lane` of its panel `[ceil(k / QUAD), PANEL, QUAD]` and returns the sum of its steps. The
-/// other outputs, and inputs beyond `k`, are left as they are: zeros in new memory.
+/// Packs one row as output `lane` of its panel `[ceil(k / QUAD), PANEL, QUAD]` and returns the
+/// row's sum. The other outputs, and the padding beyond `k`, are left as they are: zeros in new
+/// memory.
 ///
 /// # Errors
-/// [`ShapeError`] where `panel` is no panel of the row's length, or `lane` none of its outputs.
+/// [`ShapeError`] if `panel` is not a panel of the row's length, or `lane` is not one of its
+/// outputs.
 pub fn pack_row_i8(row: &[i8], lane: usize, panel: &mut [i8]) -> Result<i32, ShapeError> {
     expect_len("panel", packed_len_i8(1, row.len()), panel.len())?;
     check_lane(lane)?;
@@ -297,13 +305,4 @@ pub fn pack_row_i8(row: &[i8], lane: usize, panel: &mut [i8]) -> Result<i32, Sha
 
 fn check_lane(lane: usize) -> Result<(), ShapeError> {
     if lane < PANEL { Ok(()) } else { Err(ShapeError { arg: "lane", want: PANEL, got: lane }) }
-}
-
-/// Quantises one weight row symmetrically: the step is `max(abs(row)) / 127`, returned; an all-zero row has step 1.
-///
-/// # Errors
-/// [`ShapeError`] where `steps` has another length than `row`.
-pub fn quantize_weight_row(row: &[f32], steps: &mut [i8]) -> Result<f32, ShapeError> {
-    expect_len("steps", row.len(), steps.len())?;
-    Ok(crate::matmul_i8::scalar_quantize(row, steps))
 }

@@ -1,7 +1,8 @@
-//! What this processor can do at most: products from registers, and reading memory.
+//! The peak rates of this processor: products from registers, and reading memory.
 //!
-//! Each function does a known amount of work and nothing else; divided by the time that the best of many calls took it
-//! gives the rates that no kernel exceeds. They are for measurements: nothing in the model calls them.
+//! Each function does a known amount of work and nothing else; that divided by the fastest time
+//! of many calls is a rate that no kernel exceeds. They are for measurements: the model does
+//! not call them.
 
 #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
 mod amx;
@@ -13,66 +14,48 @@ mod avx512bf16;
 mod avx512vnni;
 #[cfg(target_arch = "x86_64")]
 mod avxvnni;
+mod scalar;
 
 use core::hint::black_box;
 
-use crate::isa::{Backend, Isa};
+use crate::isa::{Isa, dispatch};
 
-/// Int8 multiply-adds with int32 sums, from registers alone: returns how many were done in so many rounds of the back-end's
-/// instruction; none where it has none of its own.
+/// Int8 multiply-adds with int32 sums, from registers alone: returns the number done in
+/// `rounds` rounds of the back-end's instruction, or `None` if it has none.
 pub fn int8(isa: Isa, rounds: usize) -> Option<usize> {
-    match isa.0 {
-        Backend::Scalar => None,
-        // SAFETY: `Isa` holds `Avx2` only after detection of every feature `avx2` enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 => Some(unsafe { avx2::int8(rounds) }),
-        // SAFETY: `Isa` holds `AvxVnni` only after detection of every feature `avxvnni` enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::AvxVnni => Some(unsafe { avxvnni::int8(rounds) }),
-        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature `avx512vnni` enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Vnni | Backend::Avx512Bf16 => Some(unsafe { avx512vnni::int8(rounds) }),
-        // SAFETY: `Isa` holds `Amx` only where the processor has int8 tiles and the system granted them.
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        Backend::Amx => Some(unsafe { amx::int8(rounds) }),
-    }
+    dispatch!(isa, int8(rounds), {
+        Scalar: scalar,
+        Avx2: avx2,
+        AvxVnni: avxvnni,
+        Avx512Vnni: avx512vnni,
+        Avx512Bf16: avx512vnni,
+        Amx: amx,
+    })
 }
 
-/// Single-precision multiply-adds from registers alone: returns how many were done in so many rounds of the back-end's
-/// instruction; none where it has none of its own.
+/// Single-precision multiply-adds from registers alone: returns the number done in `rounds`
+/// rounds of the back-end's instruction, or `None` if it has none.
 pub fn f32(isa: Isa, rounds: usize) -> Option<usize> {
-    match isa.0 {
-        Backend::Scalar => None,
-        // SAFETY: `Isa` holds `Avx2` only after detection of every feature `avx2` enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::AvxVnni => Some(unsafe { avx2::f32(rounds) }),
-        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature `avx512vnni` enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Vnni | Backend::Avx512Bf16 => Some(unsafe { avx512vnni::f32(rounds) }),
-        // SAFETY: `Isa` holds `Amx` only where all of AVX-512 that `avx512vnni` enables was detected too.
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        Backend::Amx => Some(unsafe { avx512vnni::f32(rounds) }),
-    }
+    dispatch!(isa, f32(rounds))
 }
 
-/// Multiply-adds of pairs of bfloat16 with f32 sums, from registers alone: returns how many were done in so many rounds of the
-/// instruction; none where the back-end has none, as where tiles take its place.
+/// Multiply-adds of pairs of bf16 with f32 sums, from registers alone: returns the number done
+/// in `rounds` rounds of the instruction, or `None` if the back-end has none, or tiles instead.
 pub fn pairs(isa: Isa, rounds: usize) -> Option<usize> {
-    match isa.0 {
-        // SAFETY: `Isa` holds `Avx512Bf16` only after detection of "avx512bf16" and of AVX-512.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Bf16 => Some(unsafe { avx512bf16::pairs(rounds) }),
-        _ => {
-            let _ = rounds;
-            None
-        }
-    }
+    dispatch!(isa, pairs(rounds), {
+        Scalar: scalar,
+        Avx2: scalar,
+        AvxVnni: scalar,
+        Avx512Vnni: scalar,
+        Avx512Bf16: avx512bf16,
+        Amx: scalar,
+    })
 }
 
-/// How memory is read: what comes faster differs between processors.
+/// The order in which memory is read; the faster one depends on the processor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Order {
-    /// Several streams beside each other.
+    /// Several streams side by side.
     Streams,
     /// From end to end.
     Whole,
@@ -83,51 +66,39 @@ impl Order {
     pub const ALL: [Self; 2] = [Self::Streams, Self::Whole];
 }
 
-/// Streams that are read beside each other, as some products with one row read their panels, and the bytes of each: an Intel Xeon's memory
-/// gives up to half as much again as to one stream.
+/// Streams that are read side by side, and the bytes of each: an Intel Xeon has up to 1.5 times
+/// the bandwidth of one stream.
 #[cfg(target_arch = "x86_64")]
 const STREAMS: usize = 8;
 #[cfg(target_arch = "x86_64")]
 const STREAM: usize = 12 << 10;
 
-/// Bytes between a read and the prefetch in its stream: the first line of a page comes no later than the others.
+/// Prefetch distance in bytes: long enough for the first line of a page.
 #[cfg(target_arch = "x86_64")]
 const FAR: usize = 2 << 10;
 
-/// Where the line lies that is fetched while line `i` of a stream is read: behind the stream's end, in the same stream of the next
-/// chunk.
+/// Offset of the line that is prefetched while line `i` of a stream is read: past the stream's
+/// end, in the same stream of the next chunk.
 #[cfg(target_arch = "x86_64")]
-const fn ahead(i: usize) -> usize {
+const fn prefetch_offset(i: usize) -> usize {
     if i + FAR < STREAM { i + FAR } else { i + FAR + (STREAMS - 1) * STREAM }
 }
 
-/// Bytes between a read and the prefetch where there is one stream: an AMD Zen 5 gives half as much again as to eight.
+/// Prefetch distance in bytes for one stream: an AMD Zen 5 has 1.5 times the bandwidth of
+/// eight.
 #[cfg(target_arch = "x86_64")]
 const FAR_WHOLE: usize = 16 << 10;
 
-/// Sums that take turns where there is one stream.
+/// Accumulators for one stream.
 #[cfg(target_arch = "x86_64")]
 const TURNS: usize = 4;
 
 /// Reads every byte once.
 pub fn read(isa: Isa, order: Order, bytes: &[i8]) {
-    match isa.0 {
-        Backend::Scalar => {
-            let _ = order;
-            read_scalar(bytes);
-        }
-        // SAFETY: `Isa` holds `Avx2` only after detection of every feature `avx2` enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx2 | Backend::AvxVnni => unsafe { avx2::read(order, bytes) },
-        // SAFETY: `Isa` holds `Avx512Vnni` only after detection of every feature `avx512vnni` enables.
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Vnni | Backend::Avx512Bf16 => unsafe { avx512vnni::read(order, bytes) },
-        // SAFETY: `Isa` holds `Amx` only where all of AVX-512 that `avx512vnni` enables was detected too.
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        Backend::Amx => unsafe { avx512vnni::read(order, bytes) },
-    }
+    dispatch!(isa, read(order, bytes))
 }
 
-fn read_scalar(bytes: &[i8]) {
+/// Reads every byte with one sum.
+fn sum(bytes: &[i8]) {
     black_box(bytes.iter().fold(0_i8, |sum, &byte| sum.wrapping_add(byte)));
 }

@@ -1,5 +1,5 @@
-//! Lines of memory that are wanted soon. An address may lie anywhere, even beyond what it points into. Where there is no
-//! instruction for it, nothing is fetched.
+//! Prefetching. An address may be anywhere, even beyond the object that it was derived from. On
+//! targets without a prefetch instruction, nothing is done.
 
 use crate::isa::Isa;
 #[cfg(target_arch = "x86_64")]
@@ -7,79 +7,83 @@ use core::arch::x86_64::{_MM_HINT_T0, _MM_HINT_T1, _mm_prefetch};
 use core::marker::PhantomData;
 use core::sync::atomic::{AtomicPtr, AtomicUsize, Ordering};
 
-/// Streams beside each other, of which an Intel Xeon's memory gives half as much again as of one.
+/// Streams side by side: an Intel Xeon has 1.5 times the bandwidth of one.
 const STREAMS: usize = 4;
 
-/// Memory that will be read next, and may come into cache while something else is computed: a hint that changes no result.
+/// Memory that will be read next and may be prefetched while something else is computed: a hint
+/// that changes no result.
 #[derive(Clone, Copy, Debug)]
-pub struct Ahead<'a> {
+pub struct PrefetchHint<'a> {
     pieces: [*const u8; 2],
     /// Bytes of each.
     len: usize,
-    /// Streams beside each other, of each.
+    /// Streams side by side in each piece.
     streams: usize,
     memory: PhantomData<&'a [u8]>,
 }
 
-impl<'a> Ahead<'a> {
+impl<'a> PrefetchHint<'a> {
     /// Nothing is known.
-    pub const NOTHING: Self = Self { pieces: [core::ptr::null(); 2], len: 0, streams: STREAMS, memory: PhantomData };
+    pub const NONE: Self = Self { pieces: [core::ptr::null(); 2], len: 0, streams: STREAMS, memory: PhantomData };
 
-    /// Two pieces, as the keys and the values of the head that follows, as far as the shorter one reaches.
+    /// Two pieces, as the keys and the values of the head that follows, as far as the shorter one
+    /// reaches.
     pub fn new<T>(first: &'a [T], second: &'a [T]) -> Self {
         let pieces = [first.as_ptr().cast(), second.as_ptr().cast()];
         Self { pieces, len: size_of_val(first).min(size_of_val(second)), streams: STREAMS, memory: PhantomData }
     }
 
-    /// In the order that is faster on the processors that take this back-end.
+    /// In one stream or in several side by side, whichever is faster by the tuning profile of
+    /// `isa`.
     #[must_use]
-    pub const fn as_read_by(mut self, isa: Isa) -> Self {
-        self.streams = if isa.reads_in_order() { 1 } else { STREAMS };
+    pub const fn tuned_for(mut self, isa: Isa) -> Self {
+        self.streams = if isa.tuning().one_stream { 1 } else { STREAMS };
         self
     }
 }
 
 /// What a thread may fetch while it waits: told by another thread, at any time.
 #[derive(Debug, Default)]
-pub struct Expected {
+pub struct SharedHint {
     pieces: [AtomicPtr<u8>; 2],
     len: AtomicUsize,
     streams: AtomicUsize,
 }
 
-impl Expected {
-    /// From now on, `ahead`.
-    pub fn set(&self, ahead: Ahead) {
-        for (piece, start) in self.pieces.iter().zip(ahead.pieces) {
+impl SharedHint {
+    /// From now on, `hint`.
+    pub fn set(&self, hint: PrefetchHint) {
+        for (piece, start) in self.pieces.iter().zip(hint.pieces) {
             piece.store(start.cast_mut(), Ordering::Relaxed);
         }
-        self.len.store(ahead.len, Ordering::Relaxed);
-        self.streams.store(ahead.streams, Ordering::Relaxed);
+        self.len.store(hint.len, Ordering::Relaxed);
+        self.streams.store(hint.streams, Ordering::Relaxed);
     }
 
-    /// Fetches until all has been fetched or `is_over` returns true, which is asked for every few lines. What was set meanwhile may
-    /// be fetched or not; an address is never read.
+    /// Prefetches until everything has been, or `is_over` returns true, which is called
+    /// every few lines. A hint that is set meanwhile may be used or not; an address is
+    /// never read.
     pub fn fetch(&self, mut is_over: impl FnMut() -> bool) {
         let [first, second] = &self.pieces;
         let pieces = [first, second].map(|piece| piece.load(Ordering::Relaxed).cast_const());
         let [len, streams] = [&self.len, &self.streams].map(|number| number.load(Ordering::Relaxed));
-        let ahead = Ahead { pieces, len, streams: streams.max(1), memory: PhantomData };
+        let hint = PrefetchHint { pieces, len, streams: streams.max(1), memory: PhantomData };
         #[cfg(target_arch = "x86_64")]
         {
-            let mut fetch = Fetch::new(ahead, usize::MAX);
+            let mut fetch = HintPrefetch::new(hint, usize::MAX);
             while fetch.left > 0 && !is_over() {
-                fetch.some();
+                fetch.advance();
             }
         }
         #[cfg(not(target_arch = "x86_64"))]
-        let _ = (ahead, &mut is_over);
+        let _ = (hint, &mut is_over);
     }
 }
 
 /// Fetches a line into L1.
 #[cfg(target_arch = "x86_64")]
 #[inline]
-pub(crate) fn near<T>(line: *const T) {
+pub(crate) fn to_l1<T>(line: *const T) {
     // SAFETY: a prefetch is a hint: it reads nothing that the program can see and never faults.
     unsafe { _mm_prefetch::<_MM_HINT_T0>(line.cast()) }
 }
@@ -87,7 +91,7 @@ pub(crate) fn near<T>(line: *const T) {
 /// Fetches a line into L2.
 #[cfg(target_arch = "x86_64")]
 #[inline]
-pub(crate) fn far<T>(line: *const T) {
+pub(crate) fn to_l2<T>(line: *const T) {
     // SAFETY: a prefetch is a hint: it reads nothing that the program can see and never faults.
     unsafe { _mm_prefetch::<_MM_HINT_T1>(line.cast()) }
 }
@@ -95,58 +99,61 @@ pub(crate) fn far<T>(line: *const T) {
 /// Fetches a line into L1 that will be written, so that no other core has it any more.
 #[cfg(target_arch = "x86_64")]
 #[inline]
-pub(crate) fn written<T>(line: *const T) {
-    // SAFETY: a prefetch is a hint: it changes nothing that the program can see and never faults. Processors without it do nothing.
+pub(crate) fn for_write<T>(line: *const T) {
+    // SAFETY: a prefetch is a hint: it changes nothing that the program can see and never faults.
+    // Processors without it do nothing.
     unsafe { core::arch::asm!("prefetchw [{}]", in(reg) line, options(nostack, preserves_flags)) }
 }
 
-/// What is fetched while an operation that leaves memory idle goes on.
+/// Prefetching during an operation that leaves memory bandwidth unused.
 #[cfg(target_arch = "x86_64")]
-pub(crate) trait Meanwhile {
-    /// All of `ahead` in so many calls of [`Self::some`], unless something else is fetched.
-    fn new(ahead: Ahead, calls: usize) -> Self;
+pub(crate) trait Prefetch {
+    /// All of `hint` in so many calls of [`Self::advance`], unless something else is fetched.
+    fn new(hint: PrefetchHint, calls: usize) -> Self;
 
     /// The next lines.
-    fn some(&mut self);
+    fn advance(&mut self);
 
-    /// What lies behind the register `c` of a row, which is read now, where that begins a line.
-    fn behind<T, const N: usize>(&self, register: &[T; N], c: usize);
+    /// Called when register `c` of a row is read: may prefetch what follows it, if the
+    /// register begins a line.
+    fn touch<T, const N: usize>(&self, register: &[T; N], c: usize);
 }
 
-/// Nothing but what is read itself, a little before: for memory that had rather be read in order.
+/// Prefetches only what is read itself, shortly before: for processors tuned for one stream.
 #[cfg(target_arch = "x86_64")]
-pub(crate) struct Itself;
+pub(crate) struct SelfPrefetch;
 
 #[cfg(target_arch = "x86_64")]
-impl Itself {
-    /// Bytes from what is read to what is fetched.
+impl SelfPrefetch {
+    /// Prefetch distance in bytes.
     const LEAD: usize = 4096;
 }
 
 #[cfg(target_arch = "x86_64")]
-impl Meanwhile for Itself {
+impl Prefetch for SelfPrefetch {
     #[inline]
-    fn new(_: Ahead, _: usize) -> Self {
+    fn new(_: PrefetchHint, _: usize) -> Self {
         Self
     }
 
     #[inline]
-    fn some(&mut self) {}
+    fn advance(&mut self) {}
 
     #[inline]
-    fn behind<T, const N: usize>(&self, register: &[T; N], c: usize) {
-        if (c * size_of::<[T; N]>()).is_multiple_of(Fetch::LINE) {
-            near(register.as_ptr().wrapping_byte_add(Self::LEAD));
+    fn touch<T, const N: usize>(&self, register: &[T; N], c: usize) {
+        if (c * size_of::<[T; N]>()).is_multiple_of(HintPrefetch::LINE) {
+            to_l1(register.as_ptr().wrapping_byte_add(Self::LEAD));
         }
     }
 }
 
-/// How far [`Ahead`] has come: little by little, and in streams beside each other.
+/// Prefetches a [`PrefetchHint`] step by step, in several streams.
 #[cfg(target_arch = "x86_64")]
-pub(crate) struct Fetch {
-    /// Where the next lines of the first streams lie.
+pub(crate) struct HintPrefetch {
+    /// The next lines of the first streams.
     pieces: [*const u8; 2],
-    /// Bytes from one stream of a piece to the next, of each that are left, and of each that a call fetches.
+    /// Bytes from one stream of a piece to the next, of each that are left, and of each that a call
+    /// fetches.
     stream: usize,
     left: usize,
     step: usize,
@@ -154,20 +161,20 @@ pub(crate) struct Fetch {
 }
 
 #[cfg(target_arch = "x86_64")]
-impl Fetch {
+impl HintPrefetch {
     const LINE: usize = 64;
 }
 
 #[cfg(target_arch = "x86_64")]
-impl Meanwhile for Fetch {
-    fn new(ahead: Ahead, calls: usize) -> Self {
-        let lines = ahead.len / Self::LINE / ahead.streams;
+impl Prefetch for HintPrefetch {
+    fn new(hint: PrefetchHint, calls: usize) -> Self {
+        let lines = hint.len / Self::LINE / hint.streams;
         let (stream, step) = (lines * Self::LINE, lines.div_ceil(calls.max(1)) * Self::LINE);
-        Self { pieces: ahead.pieces, stream, left: stream, step, streams: ahead.streams }
+        Self { pieces: hint.pieces, stream, left: stream, step, streams: hint.streams }
     }
 
     #[inline]
-    fn some(&mut self) {
+    fn advance(&mut self) {
         if self.left == 0 {
             return;
         }
@@ -176,7 +183,7 @@ impl Meanwhile for Fetch {
         for piece in &mut self.pieces {
             for line in (0..step).step_by(Self::LINE) {
                 for stream in 0..self.streams {
-                    far(piece.wrapping_add(line + stream * self.stream));
+                    to_l2(piece.wrapping_add(line + stream * self.stream));
                 }
             }
             *piece = piece.wrapping_add(step);
@@ -184,7 +191,7 @@ impl Meanwhile for Fetch {
     }
 
     #[inline]
-    fn behind<T, const N: usize>(&self, _: &[T; N], _: usize) {}
+    fn touch<T, const N: usize>(&self, _: &[T; N], _: usize) {}
 }
 
 #[cfg(all(test, target_arch = "x86_64"))]
@@ -197,8 +204,8 @@ mod tests {
         for len in [0, 1, 255, 256, 1000, 4096, 65_536] {
             let memory = &[0_u8; 65_536][..len];
             for calls in [1, 2, 7, 128] {
-                let mut fetch = Fetch::new(Ahead::new(memory, memory), calls);
-                (0..calls).for_each(|_| fetch.some());
+                let mut fetch = HintPrefetch::new(PrefetchHint::new(memory, memory), calls);
+                (0..calls).for_each(|_| fetch.advance());
                 assert_eq!(fetch.left, 0);
                 let end = memory.as_ptr().wrapping_add(len / 256 * 64);
                 assert_eq!(fetch.pieces, [end; 2]);
@@ -208,9 +215,9 @@ mod tests {
 
     #[test]
     fn waiting_ends_when_it_is_over() {
-        let (memory, expected) = ([0_u8; 4096], Expected::default());
+        let (memory, expected) = ([0_u8; 4096], SharedHint::default());
         expected.fetch(|| panic!("nothing is expected"));
-        expected.set(Ahead::new(&memory, &memory));
+        expected.set(PrefetchHint::new(&memory, &memory));
         let mut asked = 0;
         expected.fetch(|| {
             asked += 1;

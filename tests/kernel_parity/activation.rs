@@ -2,8 +2,7 @@
 
 use proptest::prelude::*;
 use umo_kernels::Isa;
-use umo_kernels::activation::{apply, argmax, softmax};
-use umo_kernels::matmul_f32::Activation;
+use umo_kernels::activation::{Activation, apply, argmax, softmax};
 use umo_tests::{EPSILON, Guarded, Noise, Placed, SMALLEST_POWER, bits, cases, fill, for_each_isa, near, offset, ulp};
 
 /// `activation` of every value of `x`, in a buffer that starts `offset` elements in.

@@ -4,7 +4,7 @@ use proptest::prelude::*;
 use umo_kernels::attention::{
     RelativeBias, Visible, attention_bf16, attention_f32, encoder_attention_bf16, encoder_attention_f32,
 };
-use umo_kernels::{Ahead, Bf16, Isa, Mat, ShapeError};
+use umo_kernels::{Bf16, Isa, Mat, PrefetchHint, ShapeError};
 use umo_tests::{EPSILON, Fill, Guarded, Noise, Placed, bits, cases, fill, for_each_isa, near, offset};
 
 /// The operands of one call.
@@ -100,7 +100,7 @@ impl Case {
         let result = if self.encoder {
             encoder_attention_f32(isa, q, k, v, self.scale, bias, y.mat())
         } else {
-            attention_f32(isa, q, k, v, self.scale, bias, visible, Ahead::NOTHING, y.mat())
+            attention_f32(isa, q, k, v, self.scale, bias, visible, PrefetchHint::NONE, y.mat())
         };
         result.expect("shapes agree");
     }
@@ -416,7 +416,7 @@ fn attention_bf16_is_attention_over_widened_keys_and_values(isa: Isa) {
         let q = case.q.mat();
         let bias = |i| case.bias.as_ref().map(|(values, origin)| RelativeBias { values, origin: origin - i });
         // A hint that changes nothing, whatever it names.
-        let ahead = Ahead::new(k.mat().elements(), v.mat().elements());
+        let ahead = PrefetchHint::new(k.mat().elements(), v.mat().elements());
         let mut together = Guarded::new(shape.m, shape.dim, shape.gap, shape.offset);
         attention_bf16(isa, q, k.mat(), v.mat(), case.scale, bias(0), case.visible, ahead, together.mat()).expect("shapes agree");
         prop_assert_eq!(bits(&together.checked()), bits(&widened));
@@ -455,7 +455,7 @@ fn attention_rejects_shapes_that_disagree() {
     let none = input.mat().row_range(0..0);
     let call = |q, k, v, bias, visible| {
         let mut y = Guarded::new(3, 4, 0, 0);
-        attention_f32(Isa::SCALAR, q, k, v, 1.0, bias, visible, Ahead::NOTHING, y.mat())
+        attention_f32(Isa::SCALAR, q, k, v, 1.0, bias, visible, PrefetchHint::NONE, y.mat())
             .map_err(|error: ShapeError| error.arg)
     };
     let short = Some(RelativeBias { values: &[0.0; 4], origin: 2 });

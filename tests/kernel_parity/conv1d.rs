@@ -2,7 +2,8 @@
 
 use proptest::prelude::*;
 use umo_kernels::conv1d::{GroupedF32, conv1d_grouped_f32, frames_out, regroup, reorder_weight, windows};
-use umo_kernels::matmul_f32::{Epilogue, Input, matmul_f32};
+use umo_kernels::gemm::{Epilogue, Input};
+use umo_kernels::matmul_f32::matmul_f32;
 use umo_kernels::pack::{pack, packed_len};
 use umo_kernels::{Isa, Mat, PackedF32};
 use umo_tests::{EPSILON, Fill, Guarded, Noise, Placed, cases, for_each_isa};

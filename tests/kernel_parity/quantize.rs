@@ -1,7 +1,7 @@
 //! Quantising rows to int8: the same bits on every back-end.
 
 use proptest::prelude::*;
-use umo_kernels::matmul_i8::{quantize_columns, quantize_rows, row_maxima, step_size};
+use umo_kernels::quantize::{quantization_scale, quantize_columns, quantize_rows, row_maxima};
 use umo_kernels::{Isa, Mat, MatMut};
 use umo_tests::{Fill, Guarded, Noise, Placed, cases, fill, for_each_isa, near, offset};
 
@@ -80,7 +80,7 @@ fn quantize_columns_has_the_bits_of_rows(isa: Isa) {
         let (to_left, to_right) = steps.mat().split_columns(at);
         quantize_columns(isa, &left, &largest, to_left).expect("shapes agree");
         quantize_columns(isa, &right, &largest, to_right).expect("shapes agree");
-        let scale = largest.iter().map(|&largest| step_size(largest).to_bits());
+        let scale = largest.iter().map(|&largest| quantization_scale(largest).to_bits());
         let got: Vec<_> = steps.checked().into_iter().zip(scale).collect();
         prop_assert_eq!(got, run(Isa::SCALAR, x.mat(), 0, 0));
     });
@@ -97,9 +97,9 @@ fn quantize_columns_says_which_length_disagrees() {
     let to = MatMut::new(&mut steps, 2, 2).expect("four values");
     assert_eq!(quantize_columns(isa, &x, &[4.0], to).map_err(|e| e.arg), Err("largest"));
     let to = MatMut::new(&mut steps, 1, 2).expect("two values");
-    assert_eq!(quantize_columns(isa, &x, &[4.0, 4.0], to).map_err(|e| e.arg), Err("steps"));
+    assert_eq!(quantize_columns(isa, &x, &[4.0, 4.0], to).map_err(|e| e.arg), Err("codes"));
     let to = MatMut::new(&mut steps, 2, 1).expect("two values");
-    assert_eq!(quantize_columns(isa, &x, &[4.0, 4.0], to).map_err(|e| e.arg), Err("steps"));
+    assert_eq!(quantize_columns(isa, &x, &[4.0, 4.0], to).map_err(|e| e.arg), Err("codes"));
     assert_eq!(steps, [9; 4]);
 }
 

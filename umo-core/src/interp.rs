@@ -3,7 +3,7 @@
 mod layer;
 
 use umo_kernels::activation::argmax;
-use umo_kernels::matmul_f32::Epilogue;
+use umo_kernels::gemm::Epilogue;
 use umo_kernels::norm::layer_norm;
 use umo_kernels::{Mat, MatMut};
 

@@ -15,7 +15,7 @@
 //! | [`record`] | what a chunk was made of: codes, experts | |
 //! | [`stage`] | one stage alone, for checking a model | 3.1 |
 //! | [`retarget`] | poses on other skeletons, face channels on other shapes | |
-//! | [`part`], [`error`], [`file`] | the four parts; what can go wrong; opening files | 1 |
+//! | [`part`], [`error`], [`mod@file`] | the four parts; what can go wrong; opening files | 1 |
 #![deny(unsafe_code)]
 
 pub mod animation;

@@ -4,10 +4,11 @@ mod input;
 
 use std::ops::Range;
 
+use umo_kernels::gemm::{Epilogue, Input};
 use umo_kernels::matmul_bf16::{Bf16Rows, matmul_bf16, matmul_bf16_rows, matmul_gated_bf16};
-use umo_kernels::matmul_f32::{Epilogue, Input, matmul_f32, matmul_gated_f32};
+use umo_kernels::matmul_f32::{matmul_f32, matmul_gated_f32};
 use umo_kernels::matmul_i8::{matmul_gated_i8, matmul_i8};
-use umo_kernels::{Ahead, Bf16, Isa, Mat, MatMut, PANEL, PackedBf16, PackedF32, PackedI8, ShapeError};
+use umo_kernels::{Bf16, Isa, Mat, MatMut, PANEL, PackedBf16, PackedF32, PackedI8, PrefetchHint, ShapeError};
 
 use crate::error::StepError;
 use crate::team::Team;
@@ -136,11 +137,11 @@ impl Linear {
     }
 
     /// What a product with few rows reads first for the outputs `range`: eight panels.
-    pub fn ahead(&self, range: Range<usize>) -> Ahead<'_> {
-        fn of<T>(data: &[T], outputs: usize, range: Range<usize>) -> Ahead<'_> {
+    pub fn ahead(&self, range: Range<usize>) -> PrefetchHint<'_> {
+        fn of<T>(data: &[T], outputs: usize, range: Range<usize>) -> PrefetchHint<'_> {
             let first = first_panels(data, outputs, range, PANELS_AHEAD);
             let (left, right) = first.split_at(first.len() / 2);
-            Ahead::new(left, right)
+            PrefetchHint::new(left, right)
         }
         match &self.weight {
             Weight::F32(data) => of(data, self.outputs, range),
@@ -150,27 +151,27 @@ impl Linear {
     }
 
     /// The same of a gated product: as many panels of both together.
-    fn ahead_gated<'a>(&'a self, up: &'a Self, range: Range<usize>) -> Ahead<'a> {
-        fn of<'a, T>(gate: &'a [T], up: &'a [T], outputs: usize, range: Range<usize>) -> Ahead<'a> {
+    fn ahead_gated<'a>(&'a self, up: &'a Self, range: Range<usize>) -> PrefetchHint<'a> {
+        fn of<'a, T>(gate: &'a [T], up: &'a [T], outputs: usize, range: Range<usize>) -> PrefetchHint<'a> {
             let first = |data| first_panels(data, outputs, range.clone(), PANELS_AHEAD / 2);
-            Ahead::new(first(gate), first(up))
+            PrefetchHint::new(first(gate), first(up))
         }
         match (&self.weight, &up.weight) {
             (Weight::F32(gate), Weight::F32(up)) => of(gate, up, self.outputs, range),
             (Weight::Bf16(gate), Weight::Bf16(up)) => of(gate, up, self.outputs, range),
             (Weight::I8 { steps: gate, .. }, Weight::I8 { steps: up, .. }) => of(gate, up, self.outputs, range),
-            _ => Ahead::NOTHING,
+            _ => PrefetchHint::NONE,
         }
     }
 
     /// Tells the threads that the gated product with all outputs comes after the next job.
     pub fn expect_gated(&self, up: &Self, cx: Compute) {
-        cx.team.expect(self.outputs, PANEL, |range| self.ahead_gated(up, range).as_read_by(cx.isa));
+        cx.team.expect(self.outputs, PANEL, |range| self.ahead_gated(up, range).tuned_for(cx.isa));
     }
 
     /// Tells the threads that the product with all outputs comes after the next job.
     pub fn expect(&self, cx: Compute) {
-        cx.team.expect(self.outputs, PANEL, |range| self.ahead(range).as_read_by(cx.isa));
+        cx.team.expect(self.outputs, PANEL, |range| self.ahead(range).tuned_for(cx.isa));
     }
 
     /// Bytes that one product reads.

@@ -14,7 +14,7 @@ pub mod text;
 use std::ops::AddAssign;
 use std::time::{Duration, Instant};
 
-use umo_kernels::matmul_f32::Epilogue;
+use umo_kernels::gemm::Epilogue;
 use umo_kernels::norm::rms_norm;
 use umo_kernels::{Mat, MatMut};
 

@@ -21,7 +21,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use atomic_wait::{wait, wake_all, wake_one};
-use umo_kernels::{Ahead, Expected, MatMut};
+use umo_kernels::{MatMut, PrefetchHint, SharedHint};
 
 use crate::error::StepError;
 
@@ -108,7 +108,7 @@ struct Shared {
     /// Odd while guests are welcome; a change sends those that came before home.
     invitation: AtomicU32,
     /// What each of the team's own threads will read next.
-    expected: Box<[Expected]>,
+    expected: Box<[SharedHint]>,
 }
 
 impl Team {
@@ -226,7 +226,7 @@ impl Team {
 
     /// Says what the job behind the next one reads first: `ahead(piece)` for each piece of its `total` columns or rows, cut as
     /// [`Self::split`] cuts little work. Threads that wait fetch it: memory is idle then, and most of a token's time goes into reading.
-    pub fn expect<'a>(&self, total: usize, granule: usize, ahead: impl Fn(Range<usize>) -> Ahead<'a>) {
+    pub fn expect<'a>(&self, total: usize, granule: usize, ahead: impl Fn(Range<usize>) -> PrefetchHint<'a>) {
         if self.threads == 1 || self.is_lent {
             return;
         }
@@ -235,7 +235,7 @@ impl Team {
         let mut start = 0;
         for (expected, end) in self.shared.expected.iter().zip(ends) {
             let end = (end * granule).min(total);
-            expected.set(if start < end { ahead(start..end) } else { Ahead::NOTHING });
+            expected.set(if start < end { ahead(start..end) } else { PrefetchHint::NONE });
             start = end;
         }
     }
@@ -435,7 +435,7 @@ impl Shared {
             ticket: AtomicU64::new(threads as u64),
             threads: threads as u64,
             invitation: AtomicU32::new(0),
-            expected: (0..threads).map(|_| Expected::default()).collect(),
+            expected: (0..threads).map(|_| SharedHint::default()).collect(),
         }
     }
 
@@ -668,7 +668,7 @@ mod tests {
             let (expected, seen) = (std::sync::Mutex::new(vec![]), std::sync::Mutex::new(vec![]));
             team.expect(100, 16, |range| {
                 expected.lock().unwrap().push(range);
-                Ahead::new(&data, &data)
+                PrefetchHint::new(&data, &data)
             });
             for _ in 0..3 {
                 seen.lock().unwrap().clear();

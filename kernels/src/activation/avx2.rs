@@ -1,40 +1,43 @@
-//! 8 elements at a time, with the scalar bits: `exp` and the activations are the same operations, sums have the same lanes.
+//! 8 elements at a time, with the scalar bits: `exp` and the activations are the same operations,
+//! sums have the same lanes.
 
 use super::scalar;
-use crate::lanes::avx2::{HALF, largest, load, load_part, store, store_part};
+use crate::isa::{Avx2, entry};
+use crate::lanes::avx2::{HALF, load, load_part, reduce_max, store, store_part};
+use crate::math::Activation;
 use crate::math::avx2::{activate, exp};
-use crate::matmul_f32::Activation;
 use core::arch::x86_64::*;
+use umo_kernels_features::avx2;
 
-#[target_feature(enable = "avx2,fma")]
-pub(super) fn apply(activation: Activation, x: &mut [f32]) {
-    if activation == Activation::None {
-        return;
+entry! {
+    pub(super) fn apply(_token: Avx2, activation: Activation, x: &mut [f32]) {
+        if activation == Activation::None {
+            return;
+        }
+        let (chunks, tail) = x.as_chunks_mut::<HALF>();
+        for x in chunks {
+            let value = activate(activation, load(x));
+            store(x, value);
+        }
+        let value = activate(activation, load_part(tail));
+        store_part(tail, value);
     }
-    let (chunks, tail) = x.as_chunks_mut::<HALF>();
-    for x in chunks {
-        let value = activate(activation, load(x));
-        store(x, value);
-    }
-    let value = activate(activation, load_part(tail));
-    store_part(tail, value);
-}
 
-#[target_feature(enable = "avx2,fma")]
-pub(super) fn softmax(x: &mut [f32]) {
-    let max = _mm256_set1_ps(largest_of(x));
-    let (chunks, tail) = x.as_chunks_mut::<HALF>();
-    for x in chunks {
-        let value = exp(_mm256_sub_ps(load(x), max));
-        store(x, value);
+    pub(super) fn softmax(_token: Avx2, x: &mut [f32]) {
+        let max = _mm256_set1_ps(largest_of(x));
+        let (chunks, tail) = x.as_chunks_mut::<HALF>();
+        for x in chunks {
+            let value = exp(_mm256_sub_ps(load(x), max));
+            store(x, value);
+        }
+        let value = exp(_mm256_sub_ps(load_part(tail), max));
+        store_part(tail, value);
+        scalar::divide(x);
     }
-    let value = exp(_mm256_sub_ps(load_part(tail), max));
-    store_part(tail, value);
-    scalar::divide(x);
 }
 
 /// The largest value that is not a NaN; minus infinity where there is none.
-#[target_feature(enable = "avx2,fma")]
+#[avx2]
 fn largest_of(x: &[f32]) -> f32 {
     let (chunks, tail) = x.as_chunks::<HALF>();
     // The second operand is what `max` returns where one is a NaN.
@@ -42,19 +45,20 @@ fn largest_of(x: &[f32]) -> f32 {
     for x in chunks {
         max = _mm256_max_ps(load(x), max);
     }
-    tail.iter().fold(largest(max), |max, &x| if x > max { x } else { max })
+    tail.iter().fold(reduce_max(max), |max, &x| if x > max { x } else { max })
 }
 
-#[target_feature(enable = "avx2,fma")]
-pub(super) fn argmax(x: &[f32]) -> Option<usize> {
-    let value = largest_of(x);
-    let max = _mm256_set1_ps(value);
-    let (chunks, tail) = x.as_chunks::<HALF>();
-    for (c, chunk) in chunks.iter().enumerate() {
-        let found = _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_EQ_OQ>(load(chunk), max));
-        if found != 0 {
-            return Some(c * HALF + found.trailing_zeros() as usize);
+entry! {
+    pub(super) fn argmax(_token: Avx2, x: &[f32]) -> Option<usize> {
+        let value = largest_of(x);
+        let max = _mm256_set1_ps(value);
+        let (chunks, tail) = x.as_chunks::<HALF>();
+        for (c, chunk) in chunks.iter().enumerate() {
+            let found = _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_EQ_OQ>(load(chunk), max));
+            if found != 0 {
+                return Some(c * HALF + found.trailing_zeros() as usize);
+            }
         }
+        tail.iter().position(|&x| x == value).map(|i| chunks.len() * HALF + i)
     }
-    tail.iter().position(|&x| x == value).map(|i| chunks.len() * HALF + i)
 }

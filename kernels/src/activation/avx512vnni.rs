@@ -1,41 +1,44 @@
-//! 16 elements at a time, with the scalar bits: `exp` and the activations are the same operations, sums have the same lanes.
+//! 16 elements at a time, with the scalar bits: `exp` and the activations are the same operations,
+//! sums have the same lanes.
 
 use super::scalar;
+use crate::isa::{Avx512Vnni, entry};
 use crate::lanes::LANES;
-use crate::lanes::avx512vnni::{first_lanes, load, load_part, store, store_part};
+use crate::lanes::avx512vnni::{lane_mask, load, load_part, store, store_part};
+use crate::math::Activation;
 use crate::math::avx512vnni::{activate, exp};
-use crate::matmul_f32::Activation;
 use core::arch::x86_64::*;
+use umo_kernels_features::avx512vnni;
 
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-pub(super) fn apply(activation: Activation, x: &mut [f32]) {
-    if activation == Activation::None {
-        return;
+entry! {
+    pub(super) fn apply(_token: Avx512Vnni, activation: Activation, x: &mut [f32]) {
+        if activation == Activation::None {
+            return;
+        }
+        let (chunks, tail) = x.as_chunks_mut::<LANES>();
+        for x in chunks {
+            let value = activate(activation, load(x));
+            store(x, value);
+        }
+        let value = activate(activation, load_part(tail));
+        store_part(tail, value);
     }
-    let (chunks, tail) = x.as_chunks_mut::<LANES>();
-    for x in chunks {
-        let value = activate(activation, load(x));
-        store(x, value);
-    }
-    let value = activate(activation, load_part(tail));
-    store_part(tail, value);
-}
 
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-pub(super) fn softmax(x: &mut [f32]) {
-    let max = _mm512_set1_ps(largest_of(x));
-    let (chunks, tail) = x.as_chunks_mut::<LANES>();
-    for x in chunks {
-        let value = exp(_mm512_sub_ps(load(x), max));
-        store(x, value);
+    pub(super) fn softmax(_token: Avx512Vnni, x: &mut [f32]) {
+        let max = _mm512_set1_ps(largest_of(x));
+        let (chunks, tail) = x.as_chunks_mut::<LANES>();
+        for x in chunks {
+            let value = exp(_mm512_sub_ps(load(x), max));
+            store(x, value);
+        }
+        let value = exp(_mm512_sub_ps(load_part(tail), max));
+        store_part(tail, value);
+        scalar::divide(x);
     }
-    let value = exp(_mm512_sub_ps(load_part(tail), max));
-    store_part(tail, value);
-    scalar::divide(x);
 }
 
 /// The largest value that is not a NaN; minus infinity where there is none.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+#[avx512vnni]
 fn largest_of(x: &[f32]) -> f32 {
     let (chunks, tail) = x.as_chunks::<LANES>();
     // The second operand is what `max` returns where one is a NaN.
@@ -43,20 +46,21 @@ fn largest_of(x: &[f32]) -> f32 {
     for x in chunks {
         max = _mm512_max_ps(load(x), max);
     }
-    let max = _mm512_mask_max_ps(max, first_lanes(tail.len()), load_part(tail), max);
+    let max = _mm512_mask_max_ps(max, lane_mask(tail.len()), load_part(tail), max);
     _mm512_reduce_max_ps(max)
 }
 
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-pub(super) fn argmax(x: &[f32]) -> Option<usize> {
-    let max = _mm512_set1_ps(largest_of(x));
-    let (chunks, tail) = x.as_chunks::<LANES>();
-    for (c, chunk) in chunks.iter().enumerate() {
-        let found = _mm512_cmp_ps_mask::<_CMP_EQ_OQ>(load(chunk), max);
-        if found != 0 {
-            return Some(c * LANES + found.trailing_zeros() as usize);
+entry! {
+    pub(super) fn argmax(_token: Avx512Vnni, x: &[f32]) -> Option<usize> {
+        let max = _mm512_set1_ps(largest_of(x));
+        let (chunks, tail) = x.as_chunks::<LANES>();
+        for (c, chunk) in chunks.iter().enumerate() {
+            let found = _mm512_cmp_ps_mask::<_CMP_EQ_OQ>(load(chunk), max);
+            if found != 0 {
+                return Some(c * LANES + found.trailing_zeros() as usize);
+            }
         }
+        let found = _mm512_mask_cmp_ps_mask::<_CMP_EQ_OQ>(lane_mask(tail.len()), load_part(tail), max);
+        (found != 0).then(|| chunks.len() * LANES + found.trailing_zeros() as usize)
     }
-    let found = _mm512_mask_cmp_ps_mask::<_CMP_EQ_OQ>(first_lanes(tail.len()), load_part(tail), max);
-    (found != 0).then(|| chunks.len() * LANES + found.trailing_zeros() as usize)
 }

@@ -1,38 +1,14 @@
 //! The specification of the element-wise functions.
 
 use crate::lanes::sum_of;
-use crate::math::scalar::{exp, gelu_erf, gelu_tanh};
-use crate::matmul_f32::Activation;
+use crate::math::Activation;
+use crate::math::scalar::{activate, exp};
 
 pub(super) fn apply(activation: Activation, x: &mut [f32]) {
     if activation != Activation::None {
         for x in x {
             *x = activate(activation, *x);
         }
-    }
-}
-
-/// One element.
-pub(crate) fn activate(activation: Activation, x: f32) -> f32 {
-    match activation {
-        Activation::None => x,
-        // Not `max`, which may keep the sign of a negative zero or not.
-        Activation::Relu => {
-            if x > 0.0 {
-                x
-            } else {
-                0.0
-            }
-        }
-        Activation::LeakyRelu(slope) => {
-            if x >= 0.0 {
-                x
-            } else {
-                slope * x
-            }
-        }
-        Activation::Gelu => gelu_erf(x),
-        Activation::GeluTanh => gelu_tanh(x),
     }
 }
 

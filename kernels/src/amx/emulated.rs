@@ -1,4 +1,5 @@
-//! Tiles as memory, for processors that have none: each method does what Intel's manual says of the instruction.
+//! Tiles in memory, for processors without AMX: each method follows Intel's description of the
+//! instruction.
 
 use super::{BYTES, TILE};
 use core::array::from_fn;
@@ -32,27 +33,27 @@ impl Registers {
     /// # Safety
     /// 64 bytes of each row are readable.
     pub(super) unsafe fn load<const T: u8>(&self, rows: *const u8, stride: usize) {
-        // SAFETY: readable by this function's contract; bytes lie anywhere.
+        // SAFETY: readable by this function's contract; bytes need no alignment.
         let row = |r: usize| unsafe { rows.wrapping_add(r * stride).cast::<[u8; BYTES]>().read() };
         self.tile::<T>().set(from_fn(row));
     }
 
-    /// The same, of which L1 keeps nothing.
+    /// [`Registers::load`], with the streaming hint ignored.
     ///
     /// # Safety
     /// 64 bytes of each row are readable.
-    pub(super) unsafe fn load_past<const T: u8>(&self, rows: *const u8, stride: usize) {
+    pub(super) unsafe fn load_streaming<const T: u8>(&self, rows: *const u8, stride: usize) {
         // SAFETY: this function's contract is that one's.
         unsafe { self.load::<T>(rows, stride) }
     }
 
-    /// 16 rows, `stride` bytes apart, become those of `tmmT`.
+    /// Stores `tmmT` as 16 rows, `stride` bytes apart.
     ///
     /// # Safety
     /// 64 bytes of each row are writable.
     pub(super) unsafe fn store<const T: u8>(&self, rows: *mut u8, stride: usize) {
         for (r, row) in self.tile::<T>().get().into_iter().enumerate() {
-            // SAFETY: writable by this function's contract; bytes lie anywhere.
+            // SAFETY: writable by this function's contract; bytes need no alignment.
             unsafe { rows.wrapping_add(r * stride).cast::<[u8; BYTES]>().write(row) }
         }
     }
@@ -72,8 +73,10 @@ impl Registers {
         self.tile::<C>().set(bytes(sums, i32::to_le_bytes));
     }
 
-    /// `tmmC += tmmX * tmmW`, pairs of bf16 with f32 sums: those of the first and of the second numbers of all pairs, which are
-    /// added to one another and then to `tmmC`. A product of two bf16 has no digit too many; numbers below the normal ones are zeros.
+    /// `tmmC += tmmX * tmmW`, pairs of bf16 with f32 sums: the products of the first and of
+    /// the second numbers of all pairs are summed separately, these two sums are added, and
+    /// the total is added to `tmmC`. A product of two bf16 numbers is exact in f32;
+    /// denormals are flushed to zero.
     pub(super) fn multiply_bf16<const C: u8, const X: u8, const W: u8>(&self) {
         let pair = |[a, b, c, d]: [u8; 4]| [[0, 0, a, b], [0, 0, c, d]].map(|bytes| flush(f32::from_le_bytes(bytes)));
         let (x, w) = (numbers(self.tile::<X>(), pair), numbers(self.tile::<W>(), pair));
@@ -93,7 +96,7 @@ impl Registers {
     }
 }
 
-/// What `f` makes of a tile's numbers of four bytes.
+/// Applies `f` to the four-byte numbers of a tile.
 fn numbers<T>(tile: &Cell<Tile>, f: impl Fn([u8; 4]) -> T) -> [[T; WIDE]; TILE] {
     tile.get().map(|row| from_fn(|n| f(from_fn(|i| row[4 * n + i]))))
 }

@@ -25,10 +25,10 @@ static CONFIG: Config = Config {
 
 impl Registers {
     /// # Safety
-    /// The processor and the system grant tiles, and nobody else uses this thread's.
+    /// The processor and the system grant tiles, and nothing else uses this thread's.
     pub(super) unsafe fn configure() -> Self {
-        // SAFETY: tiles are granted by this function's contract; `CONFIG` is 64 readable bytes that describe what palette 1
-        // allows.
+        // SAFETY: tiles are granted by this function's contract; `CONFIG` is 64 readable bytes that
+        // describe what palette 1 allows.
         unsafe { asm!("ldtilecfg [{}]", in(reg) &raw const CONFIG, options(nostack, preserves_flags, readonly)) }
         Self(())
     }
@@ -46,33 +46,36 @@ impl Registers {
     /// 64 bytes of each row are readable.
     #[inline]
     pub(super) unsafe fn load<const T: u8>(&self, rows: *const u8, stride: usize) {
-        // SAFETY: tile `T` is configured as 16 rows of 64 bytes, readable by this function's contract.
+        // SAFETY: tile `T` is configured as 16 rows of 64 bytes, readable by this function's
+        // contract.
         unsafe {
             asm!("tileloadd tmm{t}, [{rows} + {stride}]", t = const T, rows = in(reg) rows, stride = in(reg) stride,
                 options(nostack, preserves_flags, readonly));
         }
     }
 
-    /// The same, of which L1 keeps nothing.
+    /// [`Registers::load`] with a streaming hint: L1 need not keep the rows.
     ///
     /// # Safety
     /// 64 bytes of each row are readable.
     #[inline]
-    pub(super) unsafe fn load_past<const T: u8>(&self, rows: *const u8, stride: usize) {
-        // SAFETY: tile `T` is configured as 16 rows of 64 bytes, readable by this function's contract.
+    pub(super) unsafe fn load_streaming<const T: u8>(&self, rows: *const u8, stride: usize) {
+        // SAFETY: tile `T` is configured as 16 rows of 64 bytes, readable by this function's
+        // contract.
         unsafe {
             asm!("tileloaddt1 tmm{t}, [{rows} + {stride}]", t = const T, rows = in(reg) rows, stride = in(reg) stride,
                 options(nostack, preserves_flags, readonly));
         }
     }
 
-    /// 16 rows, `stride` bytes apart, become those of `tmmT`.
+    /// Stores `tmmT` as 16 rows, `stride` bytes apart.
     ///
     /// # Safety
     /// 64 bytes of each row are writable.
     #[inline]
     pub(super) unsafe fn store<const T: u8>(&self, rows: *mut u8, stride: usize) {
-        // SAFETY: tile `T` is configured as 16 rows of 64 bytes, writable by this function's contract.
+        // SAFETY: tile `T` is configured as 16 rows of 64 bytes, writable by this function's
+        // contract.
         unsafe {
             asm!("tilestored [{rows} + {stride}], tmm{t}", t = const T, rows = in(reg) rows, stride = in(reg) stride,
                 options(nostack, preserves_flags));
@@ -82,7 +85,8 @@ impl Registers {
     /// `tmmC += tmmX * tmmW`, signed bytes with exact sums.
     #[inline]
     pub(super) fn multiply_i8<const C: u8, const X: u8, const W: u8>(&self) {
-        // SAFETY: the three tiles are configured with sizes that fit each other; nothing but this type's methods uses them.
+        // SAFETY: the three tiles are configured with sizes that fit each other; nothing but this
+        // type's methods uses them.
         unsafe {
             asm!("tdpbssd tmm{c}, tmm{x}, tmm{w}", c = const C, x = const X, w = const W,
                 options(nostack, preserves_flags, nomem));
@@ -92,7 +96,8 @@ impl Registers {
     /// `tmmC += tmmX * tmmW`, pairs of bf16 with f32 sums.
     #[inline]
     pub(super) fn multiply_bf16<const C: u8, const X: u8, const W: u8>(&self) {
-        // SAFETY: the three tiles are configured with sizes that fit each other; nothing but this type's methods uses them.
+        // SAFETY: the three tiles are configured with sizes that fit each other; nothing but this
+        // type's methods uses them.
         unsafe {
             asm!("tdpbf16ps tmm{c}, tmm{x}, tmm{w}", c = const C, x = const X, w = const W,
                 options(nostack, preserves_flags, nomem));
@@ -102,7 +107,8 @@ impl Registers {
 
 impl Drop for Registers {
     fn drop(&mut self) {
-        // SAFETY: tiles are configured, so the processor has them; whoever needs them next configures them again.
+        // SAFETY: tiles are configured, so the processor has them; each later use
+        // configures them again.
         unsafe { asm!("tilerelease", options(nostack, preserves_flags, nomem)) }
     }
 }

@@ -1,38 +1,43 @@
 //! 32 queries at a time over 256 keys, on tiles of bfloat16 pairs, with the accuracy of f32.
 //!
-//! `tdpbf16ps` multiplies 16 times as much per cycle as registers of f32 do, but takes bfloat16, with 8 bits of mantissa.
-//! An f32 has 24: it is exactly the sum of three bfloat16 values, [`PARTS`]: its leading bits, the next ones and the last.
-//! A product is then six: those whose size is at least 2^-16 of the largest. What is left out is below f32's own rounding.
+//! `tdpbf16ps` has 16 times the multiply-adds per cycle of f32 registers, but takes bf16, with
+//! 8 bits of mantissa. An f32 has 24: it is exactly the sum of three bf16 values ([`PARTS`]),
+//! from its leading, middle and last bits. Of the nine products of two such sums the six are
+//! computed whose size is at least 2^-16 of the largest; the others are below the rounding of
+//! f32.
 //!
 //! ```text
 //!               keys or columns: tmm6 tmm7
 //! queries  0..16: tmm4             tmm0 tmm1
 //!         16..32: tmm5             tmm2 tmm3
 //! ```
-//! Scores of 32 queries stand in tiles of 16 keys; softmax turns two tiles of scores into three of the parts of weights.
-//! Every query takes this road, however few there are: the bits of a row do not depend on the others.
+//! Scores of 32 queries are stored in tiles of 16 keys; softmax replaces two tiles of scores by
+//! three tiles of weight parts. Every query is computed so, however few there are: a row's bits
+//! do not depend on the other rows.
 
 #![expect(clippy::needless_range_loop, reason = "loops of constant length over registers read best by index")]
 
-use super::Operands;
-use super::avx512vnni::transpose;
+use super::avx512vnni::{self, vector::transpose};
+use super::operands::Operands;
 use crate::amx::{TILE as ROWS, Tiles};
+use crate::isa::{Amx, entry};
 use crate::lanes::LANES;
-use crate::lanes::avx512vnni::{array, first_lanes, load, load_from, load_part, store, store_part};
+use crate::lanes::avx512vnni::{lane_mask, load, load_at, load_part, store, store_part, to_array};
 use crate::mat::{Mat, MatMut};
-use crate::math::LOG2_E;
+use crate::math::avx512vnni::softmax_exp_reduce;
 use core::arch::x86_64::*;
 use core::mem::MaybeUninit;
 use core::ops::Range;
+use umo_kernels_features::avx512vnni;
 
 /// Widest head; wider ones are left to AVX-512.
 pub(super) const MOST_DIM: usize = 64;
 /// Fewest keys that repay the packing.
 const FEWEST_KEYS: usize = 65;
 
-/// Keys in work at once: packed keys and values take 96 KiB each of L2, scores 48 KiB.
+/// Keys per block: packed keys and values take 96 KiB of L2 each, scores 48 KiB.
 const KEYS: usize = 256;
-/// Queries whose softmaxes are kept while blocks of keys go by.
+/// Queries whose softmax states are kept while blocks of keys are processed.
 const BLOCK: usize = 512;
 /// Bfloat16 values in a row of a tile: lane `i` of a register holds the values `i` and `16 + i`.
 const PAIRS: usize = 2 * LANES;
@@ -46,7 +51,8 @@ impl Tile {
     pub(super) const ZERO: Self = Self([[0.0; 16]; ROWS]);
 }
 
-/// A row that is only written here and read by tiles: not cleared first, so that what nobody reads costs nothing.
+/// A row that is written here and read by tiles only. It is not initialized first: rows that
+/// nothing reads cost nothing.
 pub(super) type Packed = MaybeUninit<[f32; 16]>;
 
 impl Tile<Packed> {
@@ -60,10 +66,11 @@ type Split<Row = [f32; 16]> = [Tile<Row>; PARTS];
 /// Products of two splits.
 const PRODUCTS: usize = 6;
 
-/// Weights taken early, in pieces after each four products with values; a weight costs as much as four scores.
+/// Pieces of exponentials computed early, after each four products with values; a weight costs
+/// as much as four scores.
 const EARLY: usize = 2;
 
-/// Groups of 16 queries in work at once.
+/// Groups of 16 queries processed at once.
 const GROUPS: usize = 2;
 
 /// By 16 keys and 32 of `head_dim`: rows of pairs, a key per column.
@@ -74,15 +81,15 @@ type Values = [[Split<Packed>; MOST_DIM / LANES]; KEYS / PAIRS];
 type Queries = [[Split<Packed>; MOST_DIM / PAIRS]; GROUPS];
 /// By 16 queries and 32 keys: two tiles of scores, then the parts of their weights.
 type Scores = [[Split; KEYS / PAIRS]; GROUPS];
-/// By 16 queries and 16 of `head_dim`: values summed up over the keys in work.
+/// By 16 queries and 16 of `head_dim`: weighted sums of values over the current block of keys.
 pub(super) type Sums = [[Tile; MOST_DIM / LANES]; GROUPS];
 
-/// What one call keeps between its loops.
+/// The buffers of one call.
 struct Work {
     k: Keys,
     v: Values,
     q: Queries,
-    /// Of the queries that meet keys, and of those that meet values.
+    /// Of the queries whose scores are computed, and of those whose values are summed.
     scores: [Scores; 2],
     sums: Sums,
 }
@@ -94,15 +101,24 @@ struct Softmax {
     sum: f32,
 }
 
-/// Whether tiles are faster: a question of the keys and their width, never of the number of queries.
-pub(super) fn pays(x: &Operands<f32>) -> bool {
+/// Whether tiles are faster: a question of the keys and their width, never of the number of
+/// queries.
+fn pays(x: &Operands<f32>) -> bool {
     x.k.rows() >= FEWEST_KEYS && x.k.cols() <= MOST_DIM
 }
 
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-pub(super) fn attention(x: Operands<f32>, mut y: MatMut<f32>) {
-    // SAFETY: the dispatch leads here from `Backend::Amx` alone.
-    let tiles = &unsafe { Tiles::new() };
+entry! {
+    pub(super) fn attention(token: Amx, x: Operands<f32>, y: MatMut<f32>) {
+        if pays(&x) {
+            run(&Tiles::new(token), x, y);
+        } else {
+            avx512vnni::attention(token.into(), x, y);
+        }
+    }
+}
+
+#[avx512vnni]
+fn run(tiles: &Tiles, x: Operands<f32>, mut y: MatMut<f32>) {
     let mut work = Work {
         k: [[[Tile::EMPTY; PARTS]; MOST_DIM / PAIRS]; KEYS / ROWS],
         v: [[[Tile::EMPTY; PARTS]; MOST_DIM / LANES]; KEYS / PAIRS],
@@ -122,12 +138,15 @@ pub(super) fn attention(x: Operands<f32>, mut y: MatMut<f32>) {
     }
 }
 
-/// The queries from `start` on, as many as there are softmaxes, with the keys and values `keys`.
+/// Processes the queries from `start` on, as many as there are softmax states, with the keys
+/// and values `keys`.
 ///
-/// 32 at a time; while they meet keys, the weights of the 32 before them are taken, and while those meet values, the
-/// scores of these and their first weights, a few registers between any two products. Tiles leave registers one of two
-/// ports, 64 operations for four products; what is more than that comes at a high price, so both halves get as much.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+/// Software pipeline over blocks of 32 queries: while the tiles compute the scores of a block,
+/// the registers compute weights of the block before; while the tiles sum the values of that
+/// block, the registers scale the scores of the next and compute its first weights. Tiles leave
+/// one of two vector ports, 64 operations for four products; more operations stall both, so
+/// that they are spread evenly over both halves.
+#[avx512vnni]
 fn queries(
     tiles: &Tiles,
     x: Operands<f32>,
@@ -144,15 +163,15 @@ fn queries(
         let mut next = Block::new(x, &keys, start + i * GROUPS * ROWS, softmaxes, free);
         match next.softmaxes.len() {
             0 => {}
-            1..=ROWS => meet_keys::<1>(tiles, q, k, &mut next, &mut last),
-            _ => meet_keys::<2>(tiles, q, k, &mut next, &mut last),
+            1..=ROWS => score_keys::<1>(tiles, q, k, &mut next, &mut last),
+            _ => score_keys::<2>(tiles, q, k, &mut next, &mut last),
         }
-        last.weigh(usize::MAX);
+        last.softmax_weights(usize::MAX);
         last.add_up();
         match last.softmaxes.len() {
             0 => {}
-            1..=ROWS => meet_values::<1>(tiles, v, &mut last, sums, &mut next),
-            _ => meet_values::<2>(tiles, v, &mut last, sums, &mut next),
+            1..=ROWS => apply_values::<1>(tiles, v, &mut last, sums, &mut next),
+            _ => apply_values::<2>(tiles, v, &mut last, sums, &mut next),
         }
         next.score(usize::MAX);
         next.rescale();
@@ -166,9 +185,9 @@ fn queries(
     }
 }
 
-/// The scores of `next` before they are scaled; meanwhile, weights of `last`.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn meet_keys<const G: usize>(tiles: &Tiles, q: &mut Queries, k: &Keys, next: &mut Block, last: &mut Block) {
+/// Computes the unscaled scores of `next`; meanwhile, weights of `last`.
+#[avx512vnni]
+fn score_keys<const G: usize>(tiles: &Tiles, q: &mut Queries, k: &Keys, next: &mut Block, last: &mut Block) {
     pack_queries(next.x.q.row_range(next.i..next.i + next.softmaxes.len()), q);
     let (steps, pairs) = (next.x.q.cols().div_ceil(PAIRS), next.keys.div_ceil(PAIRS));
     // Queries without values have no products.
@@ -178,16 +197,16 @@ fn meet_keys<const G: usize>(tiles: &Tiles, q: &mut Queries, k: &Keys, next: &mu
         tiles.zero();
         for step in 0..steps {
             let (queries, keys) = ([&q[0][step], &q[1][step]], keys.map(|keys| &keys[step]));
-            multiply::<G, _, _>(tiles, queries, keys, || last.weigh(pieces - EARLY));
+            multiply::<G, _, _>(tiles, queries, keys, || last.softmax_weights(pieces - EARLY));
         }
         let [above, below] = &mut *next.scores;
-        finish::<G>(tiles, &mut above[pair], &mut below[pair]);
+        store_sums::<G>(tiles, &mut above[pair], &mut below[pair]);
     }
 }
 
-/// The sums of values of `last`; meanwhile, scores of `next`.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn meet_values<const G: usize>(tiles: &Tiles, v: &Values, last: &mut Block, sums: &mut Sums, next: &mut Block) {
+/// Computes the weighted sums of values of `last`; meanwhile, scores of `next`.
+#[avx512vnni]
+fn apply_values<const G: usize>(tiles: &Tiles, v: &Values, last: &mut Block, sums: &mut Sums, next: &mut Block) {
     let (steps, pairs) = (last.x.q.cols().div_ceil(PAIRS), last.keys.div_ceil(PAIRS));
     let pieces = next.softmaxes.len().div_ceil((PRODUCTS * steps).max(1));
     let [above, below] = sums;
@@ -198,23 +217,23 @@ fn meet_values<const G: usize>(tiles: &Tiles, v: &Values, last: &mut Block, sums
             let values = [&v[pair][2 * columns], &v[pair][2 * columns + 1]];
             multiply::<G, _, _>(tiles, weights, values, || {
                 next.score(pieces);
-                next.weigh(EARLY);
+                next.softmax_weights(EARLY);
             });
         }
-        finish::<G>(tiles, &mut above[2 * columns..], &mut below[2 * columns..]);
+        store_sums::<G>(tiles, &mut above[2 * columns..], &mut below[2 * columns..]);
     }
 }
 
-/// How far a pass over the scores of a block has come.
+/// Progress of a pass over the scores of a block.
 struct Done {
     rows: usize,
-    /// Pairs of tiles in the row behind these.
+    /// Pairs of tiles done in the next row.
     pairs: usize,
     /// The largest score or the sum of weights in them, by lanes.
     lanes: [f32; 16],
 }
 
-/// Up to 32 queries and the keys in work.
+/// Up to 32 queries and the current block of keys.
 struct Block<'a> {
     x: Operands<'a, f32>,
     /// The first query.
@@ -225,8 +244,8 @@ struct Block<'a> {
     softmaxes: &'a mut [Softmax],
     scores: &'a mut Scores,
     scored: Done,
-    weighed: Done,
-    /// Largest scores before these keys; then the factors for what has been summed up before.
+    exponentiated: Done,
+    /// Largest scores before these keys; then the factors that rescale earlier sums.
     shrink: [f32; GROUPS * ROWS],
     /// Sums of weights.
     sums: [f32; GROUPS * ROWS],
@@ -242,7 +261,7 @@ impl<'a> Block<'a> {
     ) -> Self {
         let (first, keys) = (keys.start, keys.len());
         let scored = Done { rows: 0, pairs: 0, lanes: [f32::NEG_INFINITY; 16] };
-        let weighed = Done { rows: 0, pairs: 0, lanes: [0.0; 16] };
+        let exponentiated = Done { rows: 0, pairs: 0, lanes: [0.0; 16] };
         Self {
             x,
             i,
@@ -251,14 +270,14 @@ impl<'a> Block<'a> {
             softmaxes,
             scores,
             scored,
-            weighed,
+            exponentiated,
             shrink: [0.0; GROUPS * ROWS],
             sums: [0.0; GROUPS * ROWS],
         }
     }
 
     /// Turns the dot products of the next `pieces` pairs of a row's tiles into scores.
-    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+    #[avx512vnni]
     fn score(&mut self, pieces: usize) {
         let (Done { rows, pairs, lanes }, all) = (&mut self.scored, self.keys.div_ceil(PAIRS));
         let mut largest = load(lanes);
@@ -278,23 +297,24 @@ impl<'a> Block<'a> {
         store(lanes, largest);
     }
 
-    /// All rows' factors at once: one row by itself would wait for its own.
-    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+    /// Computes the factors of all rows at once: the latency of a single row's would not be
+    /// hidden.
+    #[avx512vnni]
     fn rescale(&mut self) {
         let mut max = [0.0; GROUPS * ROWS];
         for (max, softmax) in max.iter_mut().zip(&*self.softmaxes) {
             *max = softmax.max;
         }
         for (shrink, max) in self.shrink.as_chunks_mut().0.iter_mut().zip(max.as_chunks().0) {
-            store(shrink, exp(_mm512_sub_ps(load(shrink), load(max))));
+            store(shrink, softmax_exp_reduce(_mm512_sub_ps(load(shrink), load(max))));
         }
     }
 
-    /// Turns the scores of the next `pieces` pairs of a row's tiles into the parts of weights `exp(score - max)`, as far as
-    /// rows have all their scores.
-    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-    fn weigh(&mut self, pieces: usize) {
-        let (Done { rows, pairs, lanes }, all) = (&mut self.weighed, self.keys.div_ceil(PAIRS));
+    /// Turns the scores of the next `pieces` pairs of a row's tiles into the parts of weights
+    /// `exp(score - max)`, as far as rows have all their scores.
+    #[avx512vnni]
+    fn softmax_weights(&mut self, pieces: usize) {
+        let (Done { rows, pairs, lanes }, all) = (&mut self.exponentiated, self.keys.div_ceil(PAIRS));
         let mut sum = load(lanes);
         for _ in 0..pieces {
             if *rows == self.scored.rows {
@@ -302,7 +322,7 @@ impl<'a> Block<'a> {
             }
             let softmax = &self.softmaxes[*rows];
             let tiles = &mut self.scores[*rows / ROWS][*pairs];
-            sum = _mm512_add_ps(sum, weigh(tiles, *rows % ROWS, softmax.max));
+            sum = _mm512_add_ps(sum, softmax_weights(tiles, *rows % ROWS, softmax.max));
             *pairs += 1;
             if *pairs == all {
                 self.sums[*rows] = _mm512_reduce_add_ps(sum);
@@ -313,7 +333,7 @@ impl<'a> Block<'a> {
         store(lanes, sum);
     }
 
-    /// Adds the sums of weights to those of the keys before.
+    /// Adds the sums of weights to those of earlier keys.
     fn add_up(&mut self) {
         for ((softmax, sum), shrink) in self.softmaxes.iter_mut().zip(&self.sums).zip(&self.shrink) {
             softmax.sum = softmax.sum * shrink + sum;
@@ -321,8 +341,9 @@ impl<'a> Block<'a> {
     }
 }
 
-/// `y = y * shrink + sums[..][r]`, over `total` in the end; without `shrink`, what `y` holds does not count.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+/// `y = y * shrink + sums[..][r]`, divided by `total` after the last block; without `shrink`,
+/// the old `y` is ignored.
+#[avx512vnni]
 pub(super) fn add(sums: &[Tile; MOST_DIM / LANES], r: usize, shrink: Option<f32>, total: Option<f32>, y: &mut [f32]) {
     let sum = |tile: &Tile, y: __m512| {
         let sum = load(&tile.0[r]);
@@ -340,21 +361,21 @@ pub(super) fn add(sums: &[Tile; MOST_DIM / LANES], r: usize, shrink: Option<f32>
 }
 
 /// `x / total`, rounded correctly: one division for a row instead of a slow one per register.
-#[target_feature(enable = "avx512f")]
+#[avx512vnni]
 fn divide(x: __m512, total: f32) -> __m512 {
     let (total, inverse) = (_mm512_set1_ps(total), _mm512_set1_ps(1.0 / total));
     let quotient = _mm512_mul_ps(x, inverse);
     _mm512_fmadd_ps(_mm512_fnmadd_ps(quotient, total, x), inverse, quotient)
 }
 
-/// Adds the products of `G` x 2 tiles, and does something else after each. From each to the next, one side stays where
-/// it is.
+/// Adds the products of `G` x 2 tiles, and calls `between` after each. Consecutive products
+/// share one operand.
 #[inline(always)]
 fn multiply<const G: usize, A, B>(
     tiles: &Tiles,
     [above, below]: [&Split<A>; 2],
     [left, right]: [&Split<B>; 2],
-    mut meanwhile: impl FnMut(),
+    mut between: impl FnMut(),
 ) {
     let mut products = || {
         tiles.multiply_bf16::<0, 4, 6>();
@@ -363,7 +384,7 @@ fn multiply<const G: usize, A, B>(
             tiles.multiply_bf16::<2, 5, 6>();
             tiles.multiply_bf16::<3, 5, 7>();
         }
-        meanwhile();
+        between();
     };
     let queries = |part: usize| {
         tiles.load::<4, _>(&above[part].0);
@@ -372,8 +393,8 @@ fn multiply<const G: usize, A, B>(
         }
     };
     let keys = |part: usize| {
-        tiles.load_rows_past::<6, _>(&left[part].0, 1);
-        tiles.load_rows_past::<7, _>(&right[part].0, 1);
+        tiles.load_tile_streaming::<6, _>(&left[part].0, 1);
+        tiles.load_tile_streaming::<7, _>(&right[part].0, 1);
     };
     queries(0);
     keys(2);
@@ -390,9 +411,9 @@ fn multiply<const G: usize, A, B>(
     products();
 }
 
-/// Stores the sums of `G` x 2 tiles, two beside each other.
+/// Stores the sums of `G` x 2 adjacent tiles.
 #[inline(always)]
-fn finish<const G: usize>(tiles: &Tiles, above: &mut [Tile], below: &mut [Tile]) {
+fn store_sums<const G: usize>(tiles: &Tiles, above: &mut [Tile], below: &mut [Tile]) {
     tiles.store_sum::<0>(&mut above[0].0, 1);
     tiles.store_sum::<1>(&mut above[1].0, 1);
     if G == 2 {
@@ -401,11 +422,11 @@ fn finish<const G: usize>(tiles: &Tiles, above: &mut [Tile], below: &mut [Tile])
     }
 }
 
-/// The parts of 32 values: exact, each by cutting off what a bfloat16 has no room for. Whatever is not finite becomes NaN
-/// in the second part.
+/// Splits 32 values exactly into bf16 parts by truncation. The second part of a value that is
+/// not finite is NaN.
 #[inline]
-#[target_feature(enable = "avx512f")]
-fn split(a: __m512, b: __m512) -> [__m512; PARTS] {
+#[avx512vnni]
+fn split_bf16x3(a: __m512, b: __m512) -> [__m512; PARTS] {
     let (high_a, high_b) = (upper_half(a), upper_half(b));
     let (rest_a, rest_b) = (_mm512_sub_ps(a, high_a), _mm512_sub_ps(b, high_b));
     let (middle_a, middle_b) = (upper_half(rest_a), upper_half(rest_b));
@@ -415,50 +436,52 @@ fn split(a: __m512, b: __m512) -> [__m512; PARTS] {
 
 /// The upper 16 bits of every value: a bfloat16, rounded towards zero.
 #[inline]
-#[target_feature(enable = "avx512f")]
+#[avx512vnni]
 fn upper_half(x: __m512) -> __m512 {
     _mm512_castsi512_ps(_mm512_and_si512(_mm512_castps_si512(x), _mm512_set1_epi32(!0xffff)))
 }
 
 /// Upper halves of `a` in the lower halves of the lanes, of `b` in the upper ones.
 #[inline]
-#[target_feature(enable = "avx512f")]
+#[avx512vnni]
 fn paired(a: __m512, b: __m512) -> __m512 {
-    // `a | b & mask` in one operation; spelled out, the compiler makes a shuffle of it that takes four times as long.
+    // `a | b & mask` in one operation; otherwise the compiler emits a shuffle of four times
+    // the cost.
     const OR_AND: i32 = 0b1111_1000;
     let (a, b) = (_mm512_srli_epi32::<16>(_mm512_castps_si512(a)), _mm512_castps_si512(b));
     _mm512_castsi512_ps(_mm512_ternarylogic_epi32::<OR_AND>(a, b, _mm512_set1_epi32(!0xffff)))
 }
 
-/// 32 values of a row from `at` on, zeros where there are fewer.
+/// 32 values of a row from `at` on, padded with zeros.
 #[inline]
-#[target_feature(enable = "avx512f")]
+#[avx512vnni]
 pub(super) fn load_pairs(row: &[f32], at: usize) -> [__m512; 2] {
     match row.get(at..at + PAIRS) {
         Some(row) => {
             let (row, _) = row.as_chunks();
             [load(&row[0]), load(&row[1])]
         }
-        None => [load_from(row, at), load_from(row, at + LANES)],
+        None => [load_at(row, at), load_at(row, at + LANES)],
     }
 }
 
-/// Queries as rows of pairs; rows beyond the last keep what they hold, and nobody reads what becomes of it.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+/// Packs queries as rows of pairs; rows beyond the last keep their old contents, whose results
+/// nothing reads.
+#[avx512vnni]
 fn pack_queries(q: Mat<f32>, packed: &mut Queries) {
     for r in 0..q.rows() {
         let row = q.row(r);
         for (step, to) in packed[r / ROWS][..q.cols().div_ceil(PAIRS)].iter_mut().enumerate() {
             let [a, b] = load_pairs(row, step * PAIRS);
-            for (to, part) in to.iter_mut().zip(split(a, b)) {
-                to.0[r % ROWS].write(array(part));
+            for (to, part) in to.iter_mut().zip(split_bf16x3(a, b)) {
+                to.0[r % ROWS].write(to_array(part));
             }
         }
     }
 }
 
-/// Keys as columns of pairs; those beyond the last are zeros up to a multiple of 32.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+/// Packs keys as columns of pairs, padded with zeros to a multiple of 32.
+#[avx512vnni]
 fn pack_keys(k: Mat<f32>, packed: &mut Keys) {
     for (tile, packed) in packed[..2 * k.rows().div_ceil(PAIRS)].iter_mut().enumerate() {
         for (step, to) in packed[..k.cols().div_ceil(PAIRS)].iter_mut().enumerate() {
@@ -467,22 +490,22 @@ fn pack_keys(k: Mat<f32>, packed: &mut Keys) {
                 let row = tile * ROWS + j;
                 if row < k.rows() {
                     let [a, b] = load_pairs(k.row(row), step * PAIRS);
-                    for (rows, part) in rows.iter_mut().zip(split(a, b)) {
+                    for (rows, part) in rows.iter_mut().zip(split_bf16x3(a, b)) {
                         rows[j] = part;
                     }
                 }
             }
             for (to, rows) in to.iter_mut().zip(rows) {
                 for (to, column) in to.0.iter_mut().zip(transpose(rows)) {
-                    to.write(array(column));
+                    to.write(to_array(column));
                 }
             }
         }
     }
 }
 
-/// Values as rows of pairs of keys; those beyond the last are zeros up to a multiple of 32.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+/// Packs values as rows of pairs of keys, padded with zeros to a multiple of 32.
+#[avx512vnni]
 fn pack_values(v: Mat<f32>, packed: &mut Values) {
     for (tile, packed) in packed[..v.rows().div_ceil(PAIRS)].iter_mut().enumerate() {
         for pair in 0..LANES {
@@ -491,21 +514,21 @@ fn pack_values(v: Mat<f32>, packed: &mut Values) {
             let (a, b) = (row(first), row(first + LANES));
             for (c, to) in packed.as_chunks_mut::<2>().0[..v.cols().div_ceil(PAIRS)].iter_mut().enumerate() {
                 let ([a, b], [c, d]) = (load_pairs(a, c * PAIRS), load_pairs(b, c * PAIRS));
-                for (to, part) in to[0].iter_mut().zip(split(a, c)) {
-                    to.0[pair].write(array(part));
+                for (to, part) in to[0].iter_mut().zip(split_bf16x3(a, c)) {
+                    to.0[pair].write(to_array(part));
                 }
-                for (to, part) in to[1].iter_mut().zip(split(b, d)) {
-                    to.0[pair].write(array(part));
+                for (to, part) in to[1].iter_mut().zip(split_bf16x3(b, d)) {
+                    to.0[pair].write(to_array(part));
                 }
             }
         }
     }
 }
 
-/// Turns row `r` of the dot products with the keys from `at` on, of `keys`, into scores, hides the rest, and returns the
-/// larger of each lane and `largest`.
+/// Turns row `r` of the dot products with the keys from `at` on, of `keys`, into scores, hides the
+/// rest, and returns the larger of each lane and `largest`.
 #[inline]
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+#[avx512vnni]
 fn score(
     [left, right, _]: &mut Split,
     r: usize,
@@ -520,8 +543,8 @@ fn score(
     let mut a = _mm512_fmadd_ps(load(&left.0[r]), scale, bias_a);
     let mut b = _mm512_fmadd_ps(load(&right.0[r]), scale, bias_b);
     if at + PAIRS > keys {
-        a = _mm512_mask_blend_ps(first_lanes(keys - at), hidden, a);
-        b = _mm512_mask_blend_ps(first_lanes((keys - at).saturating_sub(LANES)), hidden, b);
+        a = _mm512_mask_blend_ps(lane_mask(keys - at), hidden, a);
+        b = _mm512_mask_blend_ps(lane_mask((keys - at).saturating_sub(LANES)), hidden, b);
     }
     store(&mut left.0[r], a);
     store(&mut right.0[r], b);
@@ -530,33 +553,14 @@ fn score(
 
 /// Turns row `r` of 32 scores into the parts of weights, and returns the sums of these.
 #[inline]
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn weigh([first, second, third]: &mut Split, r: usize, max: f32) -> __m512 {
+#[avx512vnni]
+fn softmax_weights([first, second, third]: &mut Split, r: usize, max: f32) -> __m512 {
     let max = _mm512_set1_ps(max);
-    let a = exp(_mm512_sub_ps(load(&first.0[r]), max));
-    let b = exp(_mm512_sub_ps(load(&second.0[r]), max));
-    let parts = split(a, b);
+    let a = softmax_exp_reduce(_mm512_sub_ps(load(&first.0[r]), max));
+    let b = softmax_exp_reduce(_mm512_sub_ps(load(&second.0[r]), max));
+    let parts = split_bf16x3(a, b);
     store(&mut first.0[r], parts[0]);
     store(&mut second.0[r], parts[1]);
     store(&mut third.0[r], parts[2]);
     _mm512_add_ps(a, b)
-}
-
-/// Minimax `(2^r - 1) / r` on `0..=1`, highest power first: off by 2e-9 in `2^r`.
-const POWER: [f32; 6] = [0.000_216_129_16, 0.001_246_784_6, 0.009_675_452, 0.055_485_282, 0.240_229_31, 0.693_147_06];
-
-/// `e^x` of differences from a maximum: exactly 1 at 0, otherwise off by a unit of the last place and by 2^-24 of `x`;
-/// 0 below -87.33.
-#[inline]
-#[target_feature(enable = "avx512f,avx512dq")]
-fn exp(x: __m512) -> __m512 {
-    let x = _mm512_mul_ps(x, _mm512_set1_ps(LOG2_E));
-    let normal = _mm512_cmp_ps_mask::<_CMP_NLT_UQ>(x, _mm512_set1_ps(-126.0));
-    // What is above the next lower integer; that integer is the power by which `scalef` scales.
-    let r = _mm512_reduce_ps::<1>(x);
-    let mut power = _mm512_set1_ps(POWER[0]);
-    for &c in &POWER[1..] {
-        power = _mm512_fmadd_ps(power, r, _mm512_set1_ps(c));
-    }
-    _mm512_maskz_scalef_ps(normal, _mm512_fmadd_ps(power, r, _mm512_set1_ps(1.0)), x)
 }

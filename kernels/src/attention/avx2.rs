@@ -1,86 +1,17 @@
-//! As `avx512vnni.rs`, in registers of 8 lanes: 4 queries x 2 keys are 8 dot products in 8 of the 16 registers; a dot
-//! product has 8 partial sums.
+//! As `avx512vnni.rs`, in registers of 8 lanes: 4 queries x 2 keys are 8 dot products in 8 of the
+//! 16 registers; a dot product has 8 partial sums.
 
-use super::Operands;
-use super::loops::loops;
-use crate::bf16::Bf16;
-use crate::lanes::avx2::{HALF as WIDTH, *};
-use crate::lanes::pairwise;
-use crate::mat::{Mat, MatMut};
-use crate::math::{EXP, EXP_MIN, LN_2_HIGH, LN_2_LOW, LOG2_E};
-use crate::prefetch::{Ahead, Fetch, Itself, Meanwhile};
-use core::arch::x86_64::*;
+#[path = "loops.rs"]
+mod loops;
+pub(super) mod vector;
 
-/// Registers of columns that one, two and four queries take at once: 8 sums of values.
-const COLUMNS: [usize; 3] = [8, 4, 2];
+use super::operands::Operands;
+use crate::isa::{Avx2, entry};
+use crate::mat::MatMut;
+pub(super) use loops::Load;
 
-/// Queries that share one packing: their softmaxes take 9 KiB.
-const BLOCK: usize = 256;
-
-/// The pairs of partial sums, each named by its first, so that neighbours are what [`pairwise`] adds next.
-const ORDER: [usize; WIDTH / 2] = [0, 2, 1, 3];
-
-/// Pairs of partial sums that are added while they are in registers: two would spill.
-const PAIRS: usize = 1;
-
-loops!("avx2,fma");
-
-/// Rows to columns.
-#[target_feature(enable = "avx2,fma")]
-pub(super) fn transpose(rows: [Register; WIDTH]) -> [Register; WIDTH] {
-    let mut pairs = rows;
-    for t in 0..4 {
-        let (a, b) = (rows[2 * t], rows[2 * t + 1]);
-        (pairs[2 * t], pairs[2 * t + 1]) = (_mm256_unpacklo_ps(a, b), _mm256_unpackhi_ps(a, b));
+entry! {
+    pub(super) fn attention<T: Load>(_token: Avx2, x: Operands<T>, y: MatMut<f32>) {
+        loops::attention(x, y);
     }
-    // `fours[4 g + c]`: of the rows `4 g ..` the columns c and 4 + c, 128 bits each.
-    let mut fours = rows;
-    for t in 0..4 {
-        let (g, h) = (t / 2, t % 2);
-        let (a, b) = (_mm256_castps_pd(pairs[4 * g + h]), _mm256_castps_pd(pairs[4 * g + 2 + h]));
-        fours[4 * g + 2 * h] = _mm256_castpd_ps(_mm256_unpacklo_pd(a, b));
-        fours[4 * g + 2 * h + 1] = _mm256_castpd_ps(_mm256_unpackhi_pd(a, b));
-    }
-    let mut columns = rows;
-    for c in 0..4 {
-        columns[c] = _mm256_permute2f128_ps::<0x20>(fours[c], fours[4 + c]);
-        columns[4 + c] = _mm256_permute2f128_ps::<0x31>(fours[c], fours[4 + c]);
-    }
-    columns
-}
-
-/// The sum of each of 8 registers, `sums[i]` in lane `i`, each added pairwise as [`pairwise`] does.
-#[target_feature(enable = "avx2,fma")]
-fn sums_of(sums: [Register; WIDTH]) -> Register {
-    // Three rounds halve the registers: [4 lanes of a, b], [2 of a, c; of b, d], ...
-    let mut four = [_mm256_setzero_ps(); 4];
-    for t in 0..4 {
-        let (a, b) = (sums[t], sums[4 + t]);
-        four[t] = _mm256_add_ps(_mm256_permute2f128_ps::<0x20>(a, b), _mm256_permute2f128_ps::<0x31>(a, b));
-    }
-    let mut two = [_mm256_setzero_ps(); 2];
-    for t in 0..2 {
-        let (a, b) = (four[2 * t], four[2 * t + 1]);
-        two[t] = _mm256_add_ps(_mm256_shuffle_ps::<0x44>(a, b), _mm256_shuffle_ps::<0xee>(a, b));
-    }
-    let [a, b] = two;
-    _mm256_add_ps(_mm256_shuffle_ps::<0x88>(a, b), _mm256_shuffle_ps::<0xdd>(a, b))
-}
-
-/// `e^x` of differences from a maximum, fused: within 1 unit of the last place, 0 below -87.33.
-#[target_feature(enable = "avx2,fma")]
-fn exp(x: Register) -> Register {
-    let normal = _mm256_cmp_ps::<_CMP_NLT_UQ>(x, _mm256_set1_ps(EXP_MIN));
-    let n =
-        _mm256_round_ps::<{ _MM_FROUND_TO_NEAREST_INT | _MM_FROUND_NO_EXC }>(_mm256_mul_ps(x, _mm256_set1_ps(LOG2_E)));
-    let r = _mm256_fnmadd_ps(n, _mm256_set1_ps(LN_2_HIGH), x);
-    let r = _mm256_fnmadd_ps(n, _mm256_set1_ps(LN_2_LOW), r);
-    let mut tail = _mm256_set1_ps(EXP[0]);
-    for &c in &EXP[1..] {
-        tail = _mm256_fmadd_ps(tail, r, _mm256_set1_ps(c));
-    }
-    let power = _mm256_fmadd_ps(tail, _mm256_mul_ps(r, r), r);
-    let exponent = _mm256_slli_epi32::<23>(_mm256_cvtps_epi32(n));
-    let power = _mm256_castps_si256(_mm256_add_ps(power, _mm256_set1_ps(1.0)));
-    _mm256_and_ps(normal, _mm256_castsi256_ps(_mm256_add_epi32(power, exponent)))
 }

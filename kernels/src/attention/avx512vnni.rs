@@ -1,98 +1,21 @@
 //! Four queries at a time over a tile of keys, 16 lanes along `head_dim`.
 //!
-//! Scores: 4 queries x 4 keys are 16 dot products in 16 registers of partial sums, which a tree of shuffles then adds up
-//! to one register of 16 scores; one query takes 16 keys, two take 8, and every dot product keeps its order of additions.
-//! Values: 4 queries x 64 columns are 16 registers of sums.
+//! Scores: 4 queries x 4 keys are 16 dot products in 16 registers of partial sums, which a tree
+//! of shuffles reduces to one register of 16 scores. One query uses 16 keys, two use 8; every
+//! dot product keeps its order of additions. Values: 4 queries x 64 columns are 16 registers of
+//! sums.
 
-use super::Operands;
-use super::loops::loops;
-use crate::bf16::Bf16;
-use crate::lanes::avx512vnni::*;
-use crate::lanes::{LANES as WIDTH, pairwise};
-use crate::mat::{Mat, MatMut};
-use crate::math::{EXP, EXP_MIN, LN_2_HIGH, LN_2_LOW, LOG2_E};
-use crate::prefetch::{Ahead, Fetch, Itself, Meanwhile};
-use core::arch::x86_64::*;
+#[path = "loops.rs"]
+mod loops;
+pub(super) mod vector;
 
-/// Registers of columns that one, two and four queries take at once: up to 16 sums of values.
-const COLUMNS: [usize; 3] = [4; 3];
+use super::operands::Operands;
+use crate::isa::{Avx512Vnni, entry};
+use crate::mat::MatMut;
+pub(super) use loops::Load;
 
-/// Queries that share one packing: their softmaxes take 17 KiB.
-const BLOCK: usize = 256;
-
-/// The pairs of partial sums, each named by its first, so that neighbours are what [`pairwise`] adds next.
-const ORDER: [usize; WIDTH / 2] = [0, 4, 2, 6, 1, 5, 3, 7];
-
-/// Pairs of partial sums that are added while they are in registers.
-const PAIRS: usize = 2;
-
-loops!("avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni");
-
-/// Rows to columns.
-#[inline]
-#[target_feature(enable = "avx512f")]
-pub(super) fn transpose(rows: [Register; WIDTH]) -> [Register; WIDTH] {
-    let mut pairs = rows;
-    for t in 0..8 {
-        let (a, b) = (rows[2 * t], rows[2 * t + 1]);
-        (pairs[2 * t], pairs[2 * t + 1]) = (_mm512_unpacklo_ps(a, b), _mm512_unpackhi_ps(a, b));
+entry! {
+    pub(super) fn attention<T: Load>(_token: Avx512Vnni, x: Operands<T>, y: MatMut<f32>) {
+        loops::attention(x, y);
     }
-    // `fours[4 g + c]`: of the rows `4 g ..` the columns c, 4 + c, 8 + c and 12 + c, 128 bits each.
-    let mut fours = rows;
-    for t in 0..8 {
-        let (g, h) = (t / 2, t % 2);
-        let (a, b) = (_mm512_castps_pd(pairs[4 * g + h]), _mm512_castps_pd(pairs[4 * g + 2 + h]));
-        fours[4 * g + 2 * h] = _mm512_castpd_ps(_mm512_unpacklo_pd(a, b));
-        fours[4 * g + 2 * h + 1] = _mm512_castpd_ps(_mm512_unpackhi_pd(a, b));
-    }
-    let mut columns = rows;
-    for c in 0..4 {
-        let (a, b, d, e) = (fours[c], fours[4 + c], fours[8 + c], fours[12 + c]);
-        let (low, high) = (_mm512_shuffle_f32x4::<0x88>(a, b), _mm512_shuffle_f32x4::<0x88>(d, e));
-        columns[c] = _mm512_shuffle_f32x4::<0x88>(low, high);
-        columns[8 + c] = _mm512_shuffle_f32x4::<0xdd>(low, high);
-        let (low, high) = (_mm512_shuffle_f32x4::<0xdd>(a, b), _mm512_shuffle_f32x4::<0xdd>(d, e));
-        columns[4 + c] = _mm512_shuffle_f32x4::<0x88>(low, high);
-        columns[12 + c] = _mm512_shuffle_f32x4::<0xdd>(low, high);
-    }
-    columns
-}
-
-/// The sum of each of 16 registers, `sums[i]` in lane `i`, each added pairwise as [`pairwise`] does.
-#[target_feature(enable = "avx512f")]
-fn sums_of(sums: [Register; WIDTH]) -> Register {
-    // Four rounds halve the registers: [8 lanes of a, b], [4 of a, b, c, d], [2 of each in every 128 bits], ...
-    let mut eight = [_mm512_setzero_ps(); 8];
-    for t in 0..8 {
-        // The rounds would leave register `f` in lane `f % 4 * 4 + f / 4`; so `f` takes what belongs there.
-        let (a, b) = (sums[t % 2 * 8 + t / 2], sums[t % 2 * 8 + 4 + t / 2]);
-        eight[t] = _mm512_add_ps(_mm512_shuffle_f32x4::<0x44>(a, b), _mm512_shuffle_f32x4::<0xee>(a, b));
-    }
-    let mut four = [_mm512_setzero_ps(); 4];
-    for t in 0..4 {
-        let (a, b) = (eight[2 * t], eight[2 * t + 1]);
-        four[t] = _mm512_add_ps(_mm512_shuffle_f32x4::<0x88>(a, b), _mm512_shuffle_f32x4::<0xdd>(a, b));
-    }
-    let mut two = [_mm512_setzero_ps(); 2];
-    for t in 0..2 {
-        let (a, b) = (four[2 * t], four[2 * t + 1]);
-        two[t] = _mm512_add_ps(_mm512_shuffle_ps::<0x44>(a, b), _mm512_shuffle_ps::<0xee>(a, b));
-    }
-    let [a, b] = two;
-    _mm512_add_ps(_mm512_shuffle_ps::<0x88>(a, b), _mm512_shuffle_ps::<0xdd>(a, b))
-}
-
-/// `e^x` of differences from a maximum, fused: within 1 unit of the last place, 0 below -87.33.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn exp(x: Register) -> Register {
-    let normal = _mm512_cmp_ps_mask::<_CMP_NLT_UQ>(x, _mm512_set1_ps(EXP_MIN));
-    let n = _mm512_roundscale_ps::<0>(_mm512_mul_ps(x, _mm512_set1_ps(LOG2_E)));
-    let r = _mm512_fnmadd_ps(n, _mm512_set1_ps(LN_2_HIGH), x);
-    let r = _mm512_fnmadd_ps(n, _mm512_set1_ps(LN_2_LOW), r);
-    let mut tail = _mm512_set1_ps(EXP[0]);
-    for &c in &EXP[1..] {
-        tail = _mm512_fmadd_ps(tail, r, _mm512_set1_ps(c));
-    }
-    let power = _mm512_fmadd_ps(tail, _mm512_mul_ps(r, r), r);
-    _mm512_maskz_scalef_ps(normal, _mm512_add_ps(power, _mm512_set1_ps(1.0)), n)
 }

@@ -1,42 +1,50 @@
-//! Attention over whole sequences with every factor rounded to bfloat16: what int8 projections leave has no more digits.
+//! Attention over whole sequences with every factor rounded to bf16, for int8 projections,
+//! which have no more precision.
 //!
-//! Sums are f32, and go the way that `tdpbf16ps` goes, on every back-end: of each [`STEP`] products the even ones and the odd
-//! ones by themselves, then both together, then to what the steps before gave. Products of two bfloat16 values are exact, so
-//! that it does not matter whether an addition is fused. Scores and their maximum are in powers of 2.
+//! Sums are f32 and follow the order of `tdpbf16ps` on every back-end: of each [`STEP`]
+//! products the even and the odd ones are summed separately, then added, then added to the
+//! running sum. Products of two bf16 values are exact, so that fused and separate additions
+//! agree. Scores and their maximum are in powers of 2.
 
 #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-pub(super) mod amx;
+mod amx;
 #[cfg(target_arch = "x86_64")]
-pub(super) mod avx2;
+mod avx2;
 #[cfg(target_arch = "x86_64")]
-pub(super) mod avx512bf16;
+mod avx512bf16;
 #[cfg(target_arch = "x86_64")]
-pub(super) mod avx512vnni;
-#[cfg(target_arch = "x86_64")]
-mod loops;
-pub(super) mod scalar;
+mod avx512vnni;
+mod scalar;
 
+use super::operands::Operands;
+
+use crate::isa::{Isa, dispatch};
+use crate::mat::MatMut;
 use crate::math::scalar::exp;
 
-/// Keys in work at once, over which a query's largest score does not change.
+pub(super) fn attention(isa: Isa, operands: Operands<f32>, y: MatMut<f32>) {
+    dispatch!(isa, attention(operands, y), {
+        Scalar: scalar,
+        Avx2: avx2,
+        AvxVnni: avx2,
+        Avx512Vnni: avx512vnni,
+        Avx512Bf16: avx512bf16,
+        Amx: amx,
+    });
+}
+
+/// Keys per block, during which a query's maximum does not change.
 const KEYS: usize = 256;
 
-/// Products that are summed by themselves: a row of a tile.
+/// Products that are summed separately: a row of a tile.
 const STEP: usize = 32;
-
-/// Minimax `(2^r - 1) / r` on `0..=1` among those that give 1 at 1, highest power first: off by 1.03e-4 of `2^r`, where rounding
-/// to bfloat16 takes up to 4e-3. A difference a little below 0 has `r` 1, and a weight of 1 as at 0.
-const POWER: [f32; 3] = [0.078_267_97, 0.226_307_68, 0.695_424_3];
-
-/// The smallest power of 2 that is not denormal, and so not taken as 0.
-const LEAST: f32 = -126.0;
 
 /// One query's softmax so far, scores in powers of 2.
 #[derive(Clone, Copy)]
 struct Softmax {
     max: f32,
     sum: f32,
-    /// The factor for what was summed up before the latest keys.
+    /// The factor that rescales the sums of earlier keys.
     shrink: f32,
 }
 
@@ -44,7 +52,7 @@ impl Softmax {
     const START: Self = Self { max: f32::NEG_INFINITY, sum: 0.0, shrink: 0.0 };
 
     /// Takes the largest score of more keys in.
-    fn meet(&mut self, largest: f32) {
+    fn update_max(&mut self, largest: f32) {
         let max = self.max.max(largest);
         // Nothing came before the first keys.
         let first = self.max == f32::NEG_INFINITY;

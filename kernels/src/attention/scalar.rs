@@ -1,6 +1,6 @@
 //! The specification: a tile of scores at a time, with a running maximum.
 
-use super::{Operands, Widen};
+use super::operands::{Operands, Widen};
 use crate::lanes::{LANES, pairwise};
 use crate::mat::{Mat, MatMut};
 use crate::math::scalar::exp;
@@ -15,7 +15,8 @@ pub(super) fn attention<T: Widen>(x: Operands<T>, mut y: MatMut<f32>) {
     }
 }
 
-/// One query over all its keys; `y` holds the sum of values scaled by `exp(score - max)` until the end.
+/// One query over all its keys; `y` holds the sum of values scaled by `exp(score - max)` until the
+/// end.
 fn query<T: Widen>(q: &[f32], k: Mat<T>, v: Mat<T>, scale: f32, bias: &[f32], y: &mut [f32]) {
     let (mut max, mut sum) = (f32::NEG_INFINITY, 0.0_f32);
     y.fill(0.0);

@@ -1,9 +1,11 @@
 //! The scalar loop, compiled for this instruction set.
 
 use super::{Bf16, scalar};
+use crate::isa::{Avx2, entry};
 use crate::mat::{Mat, MatMut};
 
-#[target_feature(enable = "avx2,fma")]
-pub(super) fn round(x: Mat<f32>, y: MatMut<Bf16>) {
-    scalar::round(x, y);
+entry! {
+    pub(super) fn round(_token: Avx2, x: Mat<f32>, y: MatMut<Bf16>) {
+        scalar::round(x, y);
+    }
 }

@@ -1,4 +1,4 @@
-//! The specification, without branches, so that compilers make vectors of it.
+//! The reference, without branches, so that compilers vectorize it.
 
 use super::Bf16;
 use crate::mat::{Mat, MatMut};
@@ -12,7 +12,8 @@ pub(super) fn round(x: Mat<f32>, mut y: MatMut<Bf16>) {
     }
 }
 
-/// What is cut off carries into the upper half where it is more than half of a unit there, or half and the unit odd.
+/// The discarded bits carry into the upper half if they exceed half a unit of it, or equal half
+/// and the unit is odd.
 #[inline(always)]
 #[expect(clippy::cast_possible_truncation, reason = "the upper half of 32 bits has 16")]
 fn nearest(value: f32) -> Bf16 {

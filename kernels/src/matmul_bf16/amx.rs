@@ -1,41 +1,47 @@
 //! 16 x 16 outputs and 32 inputs per instruction: `tdpbf16ps`, bf16 by bf16 with f32 sums.
 //!
-//! Inputs are mostly f32: each is cut into two of bf16, `x = high + low + rest`, and both are multiplied with the weights. The high
-//! part is the upper half of `x` as it stands, the low part what that leaves, rounded; so `rest` is at most 2^-16 of `x`.
+//! Inputs are usually f32: each is split into two bf16 values, `x = hi + lo + error`, and both
+//! are multiplied with the weights. The high part is the upper half of the bits of `x`, the low
+//! part is the rest, rounded; the error is at most 2^-16 of `x`.
 //!
 //! ```text
 //!   x  s eeeeeeee mmmmmmm mmmmmmmmmmmmmmmm      per step of 32 inputs, for each tile of 16 rows and each panel:
-//!      '---- high ------' '- low, 8 bits'       sums += high . w;  sums += low . w
+//!      '---- hi ------' '- lo, 8 bits'         sums += hi . w;  sums += lo . w
 //! ```
-//! Parts are made in tiles on the stack, 32 rows at a time, for all panels of a chunk. A row goes through the same steps
-//! whichever rows are beside it: few rows leave a tile empty, and weights arrive from memory no sooner for that.
+//! Parts are written to tiles on the stack, 32 rows at a time, for all panels of a chunk. A
+//! row's steps do not depend on the other rows. Few rows leave a tile partly empty, which costs
+//! nothing: weights arrive no sooner.
 //!
-//! Rows that are bf16 already, two parts or one, are read where they lie, and a block of them is ended while the next one is
-//! multiplied: tiles and registers work at the same time.
+//! Rows that are bf16 already, in one part or two, are loaded from where they are, and the
+//! epilogue of a block runs while the next block is multiplied: tiles and registers work at the
+//! same time.
 
 use super::Bf16Rows;
 use crate::amx::{Aligned, TILE, Tiles};
 use crate::bf16::Bf16;
+use crate::gemm::avx512vnni::{store_gated_tile, store_tile};
+use crate::gemm::{Epilogue, GemmTask, Input};
+use crate::isa::{Amx, entry};
+use crate::lanes::avx512vnni::{load, load_part};
 use crate::mat::{Mat, MatMut};
-use crate::matmul_f32::avx512vnni::{finish, finish_gated, load, load_part};
-use crate::matmul_f32::{Epilogue, Input, Job};
 use crate::pack::{PAIR, PANEL, PackedBf16};
 use core::arch::x86_64::*;
+use umo_kernels_features::avx512bf16;
 
-/// Rows of inputs in work.
+/// Rows per block.
 const ROWS: usize = 2 * TILE;
-/// Inputs of one step: a row of a tile.
+/// Inputs per step: a row of a tile.
 const STEP: usize = TILE * PAIR;
-/// Steps of inputs cut at once, where there are few inputs and where there are many.
+/// Steps of inputs split at once, for few inputs and for many.
 const STEPS: [usize; 2] = [24, 64];
-/// Steps of a row that are cut one after the other.
-const NEAR: usize = 4;
-/// Bytes of weights in work at once, which stay in L2 while blocks of rows go by.
+/// Consecutive steps of a row that are split together.
+const SPLIT_STEPS: usize = 4;
+/// Bytes of weights per chunk, which stay in L2 while blocks of rows pass.
 const CHUNK_BYTES: usize = 768 << 10;
 /// Panels of sums in one block.
 const SUMS: usize = ROWS * 2;
-/// Rows of a block that are ended at once, after as many steps of the next block.
-const ENDED: usize = 2;
+/// Rows whose epilogue runs after as many steps of the next block.
+const EPILOGUE_ROWS: usize = 2;
 
 /// 16 rows of inputs.
 type Tile = [[Bf16; STEP]; TILE];
@@ -44,12 +50,12 @@ type Step = [[Tile; 2]; 2];
 /// Pairs of weights of 16 outputs: a row of a tile.
 type Pairs = [[Bf16; PAIR]; PANEL];
 
-/// Rows of inputs, as they come to a product.
+/// The rows of inputs of a product.
 #[derive(Clone, Copy)]
 enum Rows<'a> {
-    /// To be cut.
+    /// To be split.
     Whole(Input<'a, f32>),
-    /// As they are: rounded, or high and low parts.
+    /// As they are: rounded, or hi and lo parts.
     Ready(Bf16Rows<'a>),
 }
 
@@ -57,86 +63,88 @@ impl Rows<'_> {
     fn count(&self) -> usize {
         match self {
             Rows::Whole(x) => x.rows(),
-            Rows::Ready(x) => x.first.rows(),
+            Rows::Ready(x) => x.hi.rows(),
         }
     }
 }
 
-/// Where the parts of a block of rows lie: those of a part `stride` elements apart, each from its first input.
+/// Where the parts of a block of rows are: the rows of a part are `stride` elements apart, each
+/// starting at its first input.
 #[derive(Clone, Copy)]
 struct Source<'a> {
-    /// High and low parts of two tiles of rows.
+    /// High and lo parts of two tiles of rows.
     parts: [[&'a [Bf16]; 2]; 2],
     stride: usize,
-    /// Elements from the inputs of one step to those of the next.
+    /// Elements between the inputs of consecutive steps.
     step: usize,
 }
 
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
-pub(super) fn matmul(x: Input<f32>, w: PackedBf16, end: Epilogue, y: MatMut<f32>) {
-    run(&Rows::Whole(x), &Job::Plain(w, end), y);
-}
-
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
-pub(super) fn matmul_gated(x: Input<f32>, gate: PackedBf16, up: PackedBf16, y: MatMut<f32>) {
-    run(&Rows::Whole(x), &Job::Gated(gate, up), y);
-}
-
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
-pub(super) fn matmul_rows(x: Bf16Rows, w: PackedBf16, end: Epilogue, y: MatMut<f32>) {
-    run(&Rows::Ready(x), &Job::Plain(w, end), y);
-}
-
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
-pub(super) fn split(x: &[f32], high: &mut [Bf16], low: &mut [Bf16]) {
-    let ((x, x_tail), (high, high_tail)) = (x.as_chunks::<STEP>(), high.as_chunks_mut::<STEP>());
-    let (low, low_tail) = low.as_chunks_mut::<STEP>();
-    for ((x, high), low) in x.iter().zip(high).zip(low) {
-        let (x, _) = x.as_chunks::<PANEL>();
-        let parts = cut(load(&x[0]), load(&x[1]));
-        store(high, parts[0]);
-        store(low, parts[1]);
+entry! {
+    pub(super) fn matmul(token: Amx, x: Input<f32>, w: PackedBf16, epilogue: Epilogue, y: MatMut<f32>) {
+        run(token, &Rows::Whole(x), &GemmTask::Plain(w, epilogue), y);
     }
-    let (front, back) = x_tail.split_at(x_tail.len().min(PANEL));
-    let parts = cut(load_part(front), load_part(back));
-    for (dst, part) in [high_tail, low_tail].into_iter().zip(parts) {
-        let mut whole = [Bf16(0); STEP];
-        store(&mut whole, part);
-        dst.copy_from_slice(&whole[..dst.len()]);
+
+    pub(super) fn matmul_gated(token: Amx, x: Input<f32>, gate: PackedBf16, up: PackedBf16, y: MatMut<f32>) {
+        run(token, &Rows::Whole(x), &GemmTask::Gated(gate, up), y);
+    }
+
+    pub(super) fn matmul_rows(token: Amx, x: Bf16Rows, w: PackedBf16, epilogue: Epilogue, y: MatMut<f32>) {
+        run(token, &Rows::Ready(x), &GemmTask::Plain(w, epilogue), y);
+    }
+
+    pub(super) fn split_bf16x2(_token: Amx, x: &[f32], hi: &mut [Bf16], lo: &mut [Bf16]) {
+        let ((x, x_tail), (hi, high_tail)) = (x.as_chunks::<STEP>(), hi.as_chunks_mut::<STEP>());
+        let (lo, low_tail) = lo.as_chunks_mut::<STEP>();
+        for ((x, hi), lo) in x.iter().zip(hi).zip(lo) {
+            let (x, _) = x.as_chunks::<PANEL>();
+            let parts = split_lanes(load(&x[0]), load(&x[1]));
+            store(hi, parts[0]);
+            store(lo, parts[1]);
+        }
+        let (front, back) = x_tail.split_at(x_tail.len().min(PANEL));
+        let parts = split_lanes(load_part(front), load_part(back));
+        for (dst, part) in [high_tail, low_tail].into_iter().zip(parts) {
+            let mut whole = [Bf16(0); STEP];
+            store(&mut whole, part);
+            dst.copy_from_slice(&whole[..dst.len()]);
+        }
     }
 }
 
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
-fn run(x: &Rows, job: &Job<PackedBf16>, y: MatMut<f32>) {
-    // SAFETY: only the `Amx` arm of the products leads here.
-    let tiles = unsafe { Tiles::new() };
+#[avx512bf16]
+fn run(token: Amx, x: &Rows, task: &GemmTask<PackedBf16>, y: MatMut<f32>) {
+    let tiles = Tiles::new(token);
     match x {
-        Rows::Ready(rows) if lie_well(rows) && rows.rest.is_none() => product_in_place::<1>(&tiles, rows, job, y),
-        Rows::Ready(rows) if lie_well(rows) => product_in_place::<2>(&tiles, rows, job, y),
-        Rows::Ready(Bf16Rows { rest: None, .. }) => product_from_stack::<1>(&tiles, x, job, y),
-        _ => product_from_stack::<2>(&tiles, x, job, y),
+        Rows::Ready(rows) if is_tile_loadable(rows) && rows.lo.is_none() => {
+            product_in_place::<1>(&tiles, rows, task, y)
+        }
+        Rows::Ready(rows) if is_tile_loadable(rows) => product_in_place::<2>(&tiles, rows, task, y),
+        Rows::Ready(Bf16Rows { lo: None, .. }) => product_from_stack::<1>(&tiles, x, task, y),
+        _ => product_from_stack::<2>(&tiles, x, task, y),
     }
 }
 
-/// Whether tiles can read rows where they lie: at least one tile of them, of whole steps.
-fn lie_well(x: &Bf16Rows) -> bool {
-    let (rows, inputs) = (x.first.rows(), x.first.cols());
+/// Whether tiles can be loaded directly from the rows: at least one tile of them, of whole
+/// steps.
+fn is_tile_loadable(x: &Bf16Rows) -> bool {
+    let (rows, inputs) = (x.hi.rows(), x.hi.cols());
     rows >= TILE && inputs > 0 && inputs.is_multiple_of(STEP)
 }
 
 /// The product of rows that are put into tiles on the stack first.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
-fn product_from_stack<const PARTS: usize>(tiles: &Tiles, x: &Rows, job: &Job<PackedBf16>, y: MatMut<f32>) {
-    if job.k() <= STEPS[0] * STEP {
-        product::<{ STEPS[0] }, PARTS>(tiles, x, job, y);
+#[avx512bf16]
+fn product_from_stack<const PARTS: usize>(tiles: &Tiles, x: &Rows, task: &GemmTask<PackedBf16>, y: MatMut<f32>) {
+    if task.k() <= STEPS[0] * STEP {
+        product::<{ STEPS[0] }, PARTS>(tiles, x, task, y);
     } else {
-        product::<{ STEPS[1] }, PARTS>(tiles, x, job, y);
+        product::<{ STEPS[1] }, PARTS>(tiles, x, task, y);
     }
 }
 
-/// Slots whose weights stay in L2 while blocks of rows go by: a multiple of the panels that any block takes at once.
-fn chunk(job: &Job<PackedBf16>) -> usize {
-    (CHUNK_BYTES / (size_of::<Pairs>() * job.k().div_ceil(PAIR).max(1)) / 4).max(1) * 4
+/// Slots of a chunk, whose weights stay in L2 while blocks of rows pass: a multiple of the
+/// panels per block.
+fn chunk(task: &GemmTask<PackedBf16>) -> usize {
+    (CHUNK_BYTES / (size_of::<Pairs>() * task.k().div_ceil(PAIR).max(1)) / 4).max(1) * 4
 }
 
 /// Panels of the next block, with so many slots left.
@@ -148,15 +156,15 @@ fn panels(left: usize, rows: usize) -> usize {
     }
 }
 
-/// The product of rows that tiles read where they lie. The last block begins so far before its own rows that it is whole.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
-fn product_in_place<const PARTS: usize>(tiles: &Tiles, x: &Bf16Rows, job: &Job<PackedBf16>, mut y: MatMut<f32>) {
+/// The product of rows loaded directly. The last block starts early enough to be complete.
+#[avx512bf16]
+fn product_in_place<const PARTS: usize>(tiles: &Tiles, x: &Bf16Rows, task: &GemmTask<PackedBf16>, mut y: MatMut<f32>) {
     let mut sums = Aligned([[[0.0; PANEL]; SUMS]; 2]);
     let [mut now, mut before] = sums.0.each_mut();
-    let mut ending = Ending { start: 0, slot: 0, panels: 1, done: 0, rows: 0 };
-    let count = x.first.rows();
-    for first in (0..job.slots()).step_by(chunk(job)) {
-        let end = (first + chunk(job)).min(job.slots());
+    let mut pending = PendingEpilogue { start: 0, slot: 0, panels: 1, done: 0, rows: 0 };
+    let count = x.hi.rows();
+    for first in (0..task.slots()).step_by(chunk(task)) {
+        let end = (first + chunk(task)).min(task.slots());
         let mut t = 0;
         while t < count {
             let rows = if count < ROWS || count - t <= TILE { TILE } else { ROWS };
@@ -165,21 +173,30 @@ fn product_in_place<const PARTS: usize>(tiles: &Tiles, x: &Bf16Rows, job: &Job<P
             let mut slot = first;
             while slot < end {
                 let panels = panels(end - slot, rows);
-                let end_some = || ending.rows(ENDED, job, before, &mut y);
-                multiply_all::<PARTS>(tiles, (rows, panels), source, &pairs(job, slot, panels), true, now, end_some);
-                ending.rows(ROWS, job, before, &mut y);
-                ending = Ending { start, slot, panels, done: t - start, rows };
+                let advance_epilogue = || pending.rows(EPILOGUE_ROWS, task, before, &mut y);
+                multiply_all::<PARTS>(
+                    tiles,
+                    (rows, panels),
+                    source,
+                    &pairs(task, slot, panels),
+                    true,
+                    now,
+                    advance_epilogue,
+                );
+                pending.rows(ROWS, task, before, &mut y);
+                pending = PendingEpilogue { start, slot, panels, done: t - start, rows };
                 (now, before) = (before, now);
                 slot += panels;
             }
             t = start + rows;
         }
     }
-    ending.rows(ROWS, job, before, &mut y);
+    pending.rows(ROWS, task, before, &mut y);
 }
 
-/// A block whose sums are complete, and how many of its rows have been ended: they are while the next block is multiplied.
-struct Ending {
+/// A block whose sums are complete, and the number of rows whose epilogue has run: the rest run
+/// while the next block is multiplied.
+struct PendingEpilogue {
     /// Its first row in the product.
     start: usize,
     slot: usize,
@@ -188,35 +205,46 @@ struct Ending {
     rows: usize,
 }
 
-impl Ending {
+impl PendingEpilogue {
     /// Ends the next `count` rows, or as many as are left.
     #[inline]
-    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
-    fn rows(&mut self, count: usize, job: &Job<PackedBf16>, sums: &mut [[f32; PANEL]; SUMS], y: &mut MatMut<f32>) {
+    #[avx512bf16]
+    fn rows(
+        &mut self,
+        count: usize,
+        task: &GemmTask<PackedBf16>,
+        sums: &mut [[f32; PANEL]; SUMS],
+        y: &mut MatMut<f32>,
+    ) {
         let rows = self.done..(self.done + count).min(self.rows);
         if !rows.is_empty() {
             self.done = rows.end;
             let sums = &mut sums[rows.start * self.panels..rows.end * self.panels];
-            end_block(sums, job, self.start + rows.start, (self.slot, self.panels), y);
+            store_block(sums, task, self.start + rows.start, (self.slot, self.panels), y);
         }
     }
 }
 
-/// The same, with room on the stack for `MOST` steps at once.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
-fn product<const MOST: usize, const PARTS: usize>(tiles: &Tiles, x: &Rows, job: &Job<PackedBf16>, mut y: MatMut<f32>) {
+/// The product of rows copied to the stack, `MOST` steps at once.
+#[avx512bf16]
+fn product<const MOST: usize, const PARTS: usize>(
+    tiles: &Tiles,
+    x: &Rows,
+    task: &GemmTask<PackedBf16>,
+    mut y: MatMut<f32>,
+) {
     let mut buffer = Aligned([[[[[Bf16(0); STEP]; TILE]; 2]; 2]; MOST]);
     let mut sums = Aligned([[0.0; PANEL]; SUMS]);
-    for first in (0..job.slots()).step_by(chunk(job)) {
-        let end = (first + chunk(job)).min(job.slots());
+    for first in (0..task.slots()).step_by(chunk(task)) {
+        let end = (first + chunk(task)).min(task.slots());
         for t in (0..x.count()).step_by(ROWS) {
             let rows = (x.count() - t).min(ROWS);
             fill(x, t, rows, 0, &mut buffer.0);
             let mut slot = first;
             while slot < end {
                 let panels = panels(end - slot, rows);
-                block::<PARTS>(tiles, x, (t, rows), &mut buffer.0, job, (slot, panels), &mut sums.0);
-                end_block(&mut sums.0[..rows * panels], job, t, (slot, panels), &mut y);
+                block::<PARTS>(tiles, x, (t, rows), &mut buffer.0, task, (slot, panels), &mut sums.0);
+                store_block(&mut sums.0[..rows * panels], task, t, (slot, panels), &mut y);
                 slot += panels;
             }
         }
@@ -225,46 +253,48 @@ fn product<const MOST: usize, const PARTS: usize>(tiles: &Tiles, x: &Rows, job: 
 
 /// Ends the rows from `t` on of `panels` slots from `slot` on.
 #[inline(never)]
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
-fn end_block(
+#[avx512bf16]
+fn store_block(
     sums: &mut [[f32; PANEL]],
-    job: &Job<PackedBf16>,
+    task: &GemmTask<PackedBf16>,
     t: usize,
     (slot, panels): (usize, usize),
     y: &mut MatMut<f32>,
 ) {
-    match job {
-        Job::Plain(_, end) => finish(sums, panels, t, slot * PANEL, end, y),
-        Job::Gated(..) => finish_gated(sums, panels / 2, t, slot / 2 * PANEL, y),
+    match task {
+        GemmTask::Plain(_, epilogue) => store_tile(sums, panels, t, slot * PANEL, epilogue, y),
+        GemmTask::Gated(..) => store_gated_tile(sums, panels / 2, t, slot / 2 * PANEL, y),
     }
 }
 
-/// The pairs of `panels` slots from `slot` on; the last of them again in what is left of four.
-fn pairs<'a>(job: &Job<PackedBf16<'a>>, slot: usize, panels: usize) -> [&'a [Pairs]; 4] {
-    [0, 1, 2, 3].map(|p: usize| job.panel(slot + p.min(panels - 1)))
+/// The pairs of `panels` slots from `slot` on; the last one is repeated up to four.
+fn pairs<'a>(task: &GemmTask<PackedBf16<'a>>, slot: usize, panels: usize) -> [&'a [Pairs]; 4] {
+    [0, 1, 2, 3].map(|p: usize| task.panel(slot + p.min(panels - 1)))
 }
 
-/// One or two tiles of rows from `t` on where they lie.
+/// One or two tiles of rows from `t` on, loaded directly.
 fn in_place<'a>(x: &Bf16Rows<'a>, t: usize, rows: usize) -> Source<'a> {
     let part = |part: &Mat<'a, Bf16>| [t, t + rows - TILE].map(|t| part.row_range(t..t + TILE).elements());
-    let parts = [part(&x.first), x.rest.as_ref().map_or([&[]; 2], part)];
-    Source { parts, stride: x.first.stride(), step: STEP }
+    let parts = [part(&x.hi), x.lo.as_ref().map_or([&[]; 2], part)];
+    Source { parts, stride: x.hi.stride(), step: STEP }
 }
 
-/// The inputs from `first` on of the rows from `t` on, in two parts each, as many steps as `buffer` holds; zeros behind the
-/// last of them, because whatever stood there would meet weights of zero, and infinities have no such product.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+/// Fills `buffer` with the inputs from `first` on of the rows from `t` on, in two parts each,
+/// padded with zeros: old contents would be multiplied by zero weights, and the product of an
+/// infinity with zero is NaN.
+#[avx512bf16]
 fn fill(x: &Rows, t: usize, rows: usize, first: usize, buffer: &mut [Step]) {
-    // Rows are stored 4 KiB apart from step to step, which is one set of L1: few steps at a time, so that they stay there.
-    for (i, steps) in buffer.chunks_mut(NEAR).enumerate() {
+    // Rows of consecutive steps are 4 KiB apart, in one set of L1: a few steps at a time
+    // stay there.
+    for (i, steps) in buffer.chunks_mut(SPLIT_STEPS).enumerate() {
         for r in 0..rows {
-            let first = first + i * NEAR * STEP;
+            let first = first + i * SPLIT_STEPS * STEP;
             match x {
-                Rows::Whole(x) => cut_row(rest(x.row(t + r), first), r, steps),
+                Rows::Whole(x) => split_row(rest(x.row(t + r), first), r, steps),
                 Rows::Ready(x) => {
-                    copy_row(rest(x.first.row(t + r), first), r, 0, steps);
-                    if let Some(low) = &x.rest {
-                        copy_row(rest(low.row(t + r), first), r, 1, steps);
+                    copy_row(rest(x.hi.row(t + r), first), r, 0, steps);
+                    if let Some(lo) = &x.lo {
+                        copy_row(rest(lo.row(t + r), first), r, 1, steps);
                     }
                 }
             }
@@ -272,31 +302,31 @@ fn fill(x: &Rows, t: usize, rows: usize, first: usize, buffer: &mut [Step]) {
     }
 }
 
-/// What stands from `first` on, nothing where the row ends before.
+/// The elements from `first` on, empty if the row is shorter.
 fn rest<T>(row: &[T], first: usize) -> &[T] {
     &row[first.min(row.len())..]
 }
 
-/// Cuts as many inputs of row `r` as `steps` holds.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
-fn cut_row(x: &[f32], r: usize, steps: &mut [Step]) {
+/// Splits as many inputs of row `r` as `steps` holds.
+#[avx512bf16]
+fn split_row(x: &[f32], r: usize, steps: &mut [Step]) {
     let (whole, part) = x.as_chunks::<STEP>();
     for (step, values) in steps.iter_mut().zip(whole) {
         let (values, _) = values.as_chunks::<PANEL>();
-        let [high, low] = cut(load(&values[0]), load(&values[1]));
-        store(&mut step[0][r / TILE][r % TILE], high);
-        store(&mut step[1][r / TILE][r % TILE], low);
+        let [hi, lo] = split_lanes(load(&values[0]), load(&values[1]));
+        store(&mut step[0][r / TILE][r % TILE], hi);
+        store(&mut step[1][r / TILE][r % TILE], lo);
     }
     if let Some(step) = steps.get_mut(whole.len()).filter(|_| !part.is_empty()) {
         let (front, back) = part.split_at(part.len().min(PANEL));
-        let [high, low] = cut(load_part(front), load_part(back));
-        store(&mut step[0][r / TILE][r % TILE], high);
-        store(&mut step[1][r / TILE][r % TILE], low);
+        let [hi, lo] = split_lanes(load_part(front), load_part(back));
+        store(&mut step[0][r / TILE][r % TILE], hi);
+        store(&mut step[1][r / TILE][r % TILE], lo);
     }
 }
 
 /// Copies as many inputs of one part of row `r` as `steps` holds.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+#[avx512bf16]
 fn copy_row(x: &[Bf16], r: usize, which: usize, steps: &mut [Step]) {
     let (whole, part) = x.as_chunks::<STEP>();
     for (step, values) in steps.iter_mut().zip(whole) {
@@ -309,37 +339,38 @@ fn copy_row(x: &[Bf16], r: usize, which: usize, steps: &mut [Step]) {
     }
 }
 
-/// High and low parts of 32 inputs. What is infinite has nothing left, and what is no number remains so in its low part.
+/// High and low parts of 32 inputs. The low part of an infinity is zero, that of a NaN is NaN.
 #[inline]
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
-fn cut(front: __m512, back: __m512) -> [__m512i; 2] {
+#[avx512bf16]
+fn split_lanes(front: __m512, back: __m512) -> [__m512i; 2] {
     const INFINITE: i32 = 0x18;
     let upper = _mm512_set1_epi32(-1 << 16);
-    let high = |x| _mm512_castsi512_ps(_mm512_and_si512(_mm512_castps_si512(x), upper));
-    let low = |x| _mm512_maskz_sub_ps(!_mm512_fpclass_ps_mask::<INFINITE>(x), x, high(x));
+    let hi = |x| _mm512_castsi512_ps(_mm512_and_si512(_mm512_castps_si512(x), upper));
+    let lo = |x| _mm512_maskz_sub_ps(!_mm512_fpclass_ps_mask::<INFINITE>(x), x, hi(x));
     // The upper words, of the first register and of the second.
     let odd = _mm512_set_epi16(
         63, 61, 59, 57, 55, 53, 51, 49, 47, 45, 43, 41, 39, 37, 35, 33, 31, 29, 27, 25, 23, 21, 19, 17, 15, 13, 11, 9,
         7, 5, 3, 1,
     );
     let words = _mm512_permutex2var_epi16(_mm512_castps_si512(front), odd, _mm512_castps_si512(back));
-    let rounded = _mm512_cvtne2ps_pbh(low(back), low(front));
+    let rounded = _mm512_cvtne2ps_pbh(lo(back), lo(front));
     // SAFETY: both are 64 bytes of 32 words, and any bits are a value of either.
     [words, unsafe { core::mem::transmute::<__m512bh, __m512i>(rounded) }]
 }
 
-/// The sums of `rows` rows from `t` on with `panels` slots from `slot` on, over all inputs: `sums [rows, panels]`.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+/// The sums of `rows` rows from `t` on with `panels` slots from `slot` on, over all inputs: `sums
+/// [rows, panels]`.
+#[avx512bf16]
 fn block<const PARTS: usize>(
     tiles: &Tiles,
     x: &Rows,
     (t, rows): (usize, usize),
     buffer: &mut [Step],
-    job: &Job<PackedBf16>,
+    task: &GemmTask<PackedBf16>,
     (slot, panels): (usize, usize),
     sums: &mut [[f32; PANEL]; SUMS],
 ) {
-    let pairs = pairs(job, slot, panels);
+    let pairs = pairs(task, slot, panels);
     let blocks = pairs[0].len().div_ceil(buffer.len() * TILE).max(1);
     for i in 0..blocks {
         if blocks > 1 {
@@ -357,7 +388,7 @@ fn block<const PARTS: usize>(
     }
 }
 
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+#[avx512bf16]
 fn multiply_all<const PARTS: usize>(
     tiles: &Tiles,
     (rows, panels): (usize, usize),
@@ -376,9 +407,9 @@ fn multiply_all<const PARTS: usize>(
     }
 }
 
-/// Adds the products of `R` tiles of rows with the pairs of `P` panels to `sums [rows, P]`, or starts them; `between` is called
-/// every [`ENDED`] steps.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+/// Adds the products of `R` tiles of rows with the pairs of `P` panels to `sums [rows, P]`, or
+/// starts them; calls `between` every [`EPILOGUE_ROWS`] steps.
+#[avx512bf16]
 fn multiply<const R: usize, const P: usize, const PARTS: usize>(
     tiles: &Tiles,
     source: Source,
@@ -398,7 +429,7 @@ fn multiply<const R: usize, const P: usize, const PARTS: usize>(
     let (steps, rest) = (first.len(), rest.len());
     for i in 0..steps {
         step::<R, P, PARTS>(tiles, &source, i, [&first[i], &second[i], &third[i], &fourth[i]]);
-        if i % ENDED == ENDED - 1 {
+        if i % EPILOGUE_ROWS == EPILOGUE_ROWS - 1 {
             between();
         }
     }
@@ -412,7 +443,7 @@ fn multiply<const R: usize, const P: usize, const PARTS: usize>(
     tiles.store_sums::<R, P>(sums);
 }
 
-/// 32 inputs of `R` tiles of rows with `P` panels; in every sum the high parts come first.
+/// 32 inputs of `R` tiles of rows with `P` panels; in every sum the high parts are added first.
 #[inline]
 fn step<const R: usize, const P: usize, const PARTS: usize>(
     tiles: &Tiles,
@@ -420,12 +451,12 @@ fn step<const R: usize, const P: usize, const PARTS: usize>(
     i: usize,
     w: [&[Pairs; TILE]; 4],
 ) {
-    let [high, low] = &source.parts;
+    let [hi, lo] = &source.parts;
     let (at, stride) = (i * source.step, source.stride);
     if R == 1 {
-        tiles.load_rows::<4, _>(&high[0][at..], stride);
+        tiles.load_rows::<4, _>(&hi[0][at..], stride);
         if PARTS > 1 {
-            tiles.load_rows::<5, _>(&low[0][at..], stride);
+            tiles.load_rows::<5, _>(&lo[0][at..], stride);
         }
         tiles.load::<6, _>(w[0]);
         tiles.multiply_bf16::<0, 4, 6>();
@@ -456,7 +487,7 @@ fn step<const R: usize, const P: usize, const PARTS: usize>(
         if P > 1 {
             tiles.load::<7, _>(w[1]);
         }
-        for part in [high, low].into_iter().take(PARTS) {
+        for part in [hi, lo].into_iter().take(PARTS) {
             tiles.load_rows::<4, _>(&part[0][at..], stride);
             tiles.load_rows::<5, _>(&part[1][at..], stride);
             tiles.multiply_bf16::<0, 4, 6>();
@@ -470,7 +501,7 @@ fn step<const R: usize, const P: usize, const PARTS: usize>(
 }
 
 #[inline]
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+#[avx512bf16]
 fn store(dst: &mut [Bf16; STEP], v: __m512i) {
     // SAFETY: `dst` is 64 writable bytes; the store needs no alignment.
     unsafe { _mm512_storeu_si512(dst.as_mut_ptr().cast(), v) }

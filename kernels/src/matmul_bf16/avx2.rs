@@ -1,23 +1,25 @@
 //! The f32 product's loops over weights that are widened as they are loaded.
 
 use crate::bf16::Bf16;
+use crate::gemm::avx2::{Load, run};
+use crate::gemm::{Epilogue, GemmTask, Input};
+use crate::isa::{Avx2, entry};
 use crate::mat::MatMut;
-use crate::matmul_f32::avx2::{Load, run};
-use crate::matmul_f32::{Epilogue, Input, Job};
 use crate::pack::{PAIR, PANEL, PackedBf16};
 use core::arch::x86_64::*;
+use umo_kernels_features::avx2;
 
-/// The bits of the second of a pair, where an f32 has them.
+/// Mask of the second value of a pair, whose bits are in the place of an f32's.
 const UPPER_HALF: i32 = -1 << 16;
 
-#[target_feature(enable = "avx2,fma")]
-pub(super) fn matmul(x: Input<f32>, w: PackedBf16, end: Epilogue, y: MatMut<f32>) {
-    run(x, &Job::Plain(w, end), y);
-}
+entry! {
+    pub(super) fn matmul(_token: Avx2, x: Input<f32>, w: PackedBf16, epilogue: Epilogue, y: MatMut<f32>) {
+        run(x, &GemmTask::Plain(w, epilogue), y);
+    }
 
-#[target_feature(enable = "avx2,fma")]
-pub(super) fn matmul_gated(x: Input<f32>, gate: PackedBf16, up: PackedBf16, y: MatMut<f32>) {
-    run(x, &Job::Gated(gate, up), y);
+    pub(super) fn matmul_gated(_token: Avx2, x: Input<f32>, gate: PackedBf16, up: PackedBf16, y: MatMut<f32>) {
+        run(x, &GemmTask::Gated(gate, up), y);
+    }
 }
 
 impl Load for [[Bf16; PAIR]; PANEL] {
@@ -25,7 +27,7 @@ impl Load for [[Bf16; PAIR]; PANEL] {
 
     /// A lane holds a pair, the first of it in its lower half.
     #[inline]
-    #[target_feature(enable = "avx2,fma")]
+    #[avx2]
     unsafe fn load(panel: *const Self, i: usize) -> [__m256; 2] {
         // SAFETY: the row of input `i` is inside the panel by this function's contract.
         let (halves, _) = unsafe { &*panel.wrapping_add(i / PAIR) }.as_chunks::<8>();
@@ -34,7 +36,7 @@ impl Load for [[Bf16; PAIR]; PANEL] {
 }
 
 #[inline]
-#[target_feature(enable = "avx2,fma")]
+#[avx2]
 fn widen(src: &[[Bf16; PAIR]; 8], which: usize) -> __m256 {
     // SAFETY: `src` is 32 readable bytes; the load needs no alignment.
     let pairs = unsafe { _mm256_loadu_si256(src.as_ptr().cast()) };

@@ -1,34 +1,43 @@
-//! `vdpbf16ps`: rows and weights in bf16 by pairs, 32 multiply-adds with f32 sums, in the f32 product's loops.
+//! `vdpbf16ps`: rows and weights in bf16 by pairs, 32 multiply-adds with f32 sums, in the f32
+//! product's loops.
 
+use super::{Bf16Rows, scalar};
 use crate::bf16::Bf16;
 use crate::bf16::avx512bf16::multiply_pairs;
-use crate::mat::{Mat, MatMut};
-use crate::matmul_f32::avx512vnni::{Step, run};
-use crate::matmul_f32::{Epilogue, Input, Job};
+use crate::gemm::avx512vnni::{Step, run};
+use crate::gemm::{Epilogue, GemmTask, Input};
+use crate::isa::{Avx512Bf16, entry};
+use crate::mat::MatMut;
 use crate::pack::{PAIR, PANEL, PackedBf16};
 use core::arch::x86_64::*;
+use umo_kernels_features::avx512vnni;
 
-/// # Safety
-/// The processor has `vdpbf16ps`.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-pub(super) unsafe fn matmul_rounded(x: Mat<Bf16>, w: PackedBf16, end: Epilogue, y: MatMut<f32>) {
-    run(Input::all(x), &Job::Plain(w, end), y);
+entry! {
+    pub(super) fn matmul_rows(token: Avx512Bf16, x: Bf16Rows, w: PackedBf16, epilogue: Epilogue, y: MatMut<f32>) {
+        match x.lo {
+            None => run(token, Input::all(x.hi), &GemmTask::Plain(w, epilogue), y),
+            // Two bf16 products would take as long as one of f32.
+            Some(_) => scalar::matmul_rows(x, w, epilogue, y),
+        }
+    }
 }
 
-/// A lane of 32 bits holds a pair, the first of it in its lower half. Needs the feature "avx512bf16".
+/// A lane of 32 bits holds a pair, the first of it in its lower half.
 impl Step<Bf16> for [[Bf16; PAIR]; PANEL] {
     const INPUTS: usize = PAIR;
     const SHARED: usize = 1;
+    type Token = Avx512Bf16;
 
     #[inline]
-    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+    #[avx512vnni]
     unsafe fn weights(panel: *const Self, i: usize) -> __m512 {
-        // SAFETY: row `i` is inside the panel by this function's contract; the load needs no alignment.
+        // SAFETY: row `i` is inside the panel by this function's contract; the load needs no
+        // alignment.
         unsafe { _mm512_loadu_ps(panel.wrapping_add(i).cast()) }
     }
 
     #[inline]
-    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+    #[avx512vnni]
     unsafe fn inputs(row: *const Bf16, i: usize) -> __m512 {
         // SAFETY: the row has both inputs of step `i` by this function's contract.
         let pair = unsafe { row.wrapping_add(PAIR * i).cast::<i32>().read_unaligned() };
@@ -36,7 +45,7 @@ impl Step<Bf16> for [[Bf16; PAIR]; PANEL] {
     }
 
     #[inline]
-    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+    #[avx512vnni]
     unsafe fn last(row: *const Bf16, i: usize) -> __m512 {
         // SAFETY: the row has the first input of step `i` by this function's contract.
         let first = unsafe { *row.wrapping_add(PAIR * i) };
@@ -44,9 +53,8 @@ impl Step<Bf16> for [[Bf16; PAIR]; PANEL] {
     }
 
     #[inline]
-    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-    unsafe fn multiply(sum: __m512, x: __m512, w: __m512) -> __m512 {
-        // SAFETY: by this function's contract.
-        unsafe { multiply_pairs(x, w, sum) }
+    #[avx512vnni]
+    unsafe fn multiply(token: Avx512Bf16, sum: __m512, x: __m512, w: __m512) -> __m512 {
+        multiply_pairs(token, x, w, sum)
     }
 }

@@ -1,25 +1,28 @@
-//! The f32 product's loops over weights that are widened as they are loaded.
+//! The shared loops over weights that are widened to f32 when loaded.
 //!
-//! Not `vdpbf16ps`, which needs rounded inputs, and on Intel's processors does half as many multiply-adds per cycle as `vfmadd231ps`.
+//! Not `vdpbf16ps`, which needs rounded inputs and has half the multiply-adds per cycle of
+//! `vfmadd231ps` on Intel's processors.
 
 use crate::bf16::Bf16;
+use crate::gemm::avx512vnni::{Load, run};
+use crate::gemm::{Epilogue, GemmTask, Input};
+use crate::isa::{Avx512Vnni, entry};
 use crate::mat::MatMut;
-use crate::matmul_f32::avx512vnni::{Load, run};
-use crate::matmul_f32::{Epilogue, Input, Job};
 use crate::pack::{PAIR, PANEL, PackedBf16};
 use core::arch::x86_64::*;
+use umo_kernels_features::avx512vnni;
 
-/// The bits of the second of a pair, where an f32 has them.
+/// Mask of the second value of a pair, whose bits are in the place of an f32's.
 const UPPER_HALF: i32 = -1 << 16;
 
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-pub(super) fn matmul(x: Input<f32>, w: PackedBf16, end: Epilogue, y: MatMut<f32>) {
-    run(x, &Job::Plain(w, end), y);
-}
+entry! {
+    pub(super) fn matmul(_token: Avx512Vnni, x: Input<f32>, w: PackedBf16, epilogue: Epilogue, y: MatMut<f32>) {
+        run((), x, &GemmTask::Plain(w, epilogue), y);
+    }
 
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-pub(super) fn matmul_gated(x: Input<f32>, gate: PackedBf16, up: PackedBf16, y: MatMut<f32>) {
-    run(x, &Job::Gated(gate, up), y);
+    pub(super) fn matmul_gated(_token: Avx512Vnni, x: Input<f32>, gate: PackedBf16, up: PackedBf16, y: MatMut<f32>) {
+        run((), x, &GemmTask::Gated(gate, up), y);
+    }
 }
 
 impl Load for [[Bf16; PAIR]; PANEL] {
@@ -27,9 +30,10 @@ impl Load for [[Bf16; PAIR]; PANEL] {
 
     /// A lane holds a pair, the first of it in its lower half.
     #[inline]
-    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+    #[avx512vnni]
     unsafe fn load(panel: *const Self, i: usize) -> __m512 {
-        // SAFETY: the pairs of input `i` are inside the panel by this function's contract; the load needs no alignment.
+        // SAFETY: the pairs of input `i` are inside the panel by this function's contract; the load
+        // needs no alignment.
         let pairs = unsafe { _mm512_loadu_si512(panel.wrapping_add(i / PAIR).cast()) };
         _mm512_castsi512_ps(if i.is_multiple_of(PAIR) {
             _mm512_slli_epi32::<16>(pairs)

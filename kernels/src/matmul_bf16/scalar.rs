@@ -2,14 +2,15 @@
 
 use super::Bf16Rows;
 use crate::bf16::Bf16;
+use crate::gemm::scalar::{store_gated_panel, store_panel};
+use crate::gemm::{Epilogue, Input};
 use crate::mat::MatMut;
-use crate::matmul_f32::{Epilogue, Input, finish_panel, gated};
 use crate::pack::{PAIR, PANEL, PackedBf16, panels};
 
-pub(super) fn matmul(x: Input<f32>, w: PackedBf16, end: Epilogue, mut y: MatMut<f32>) {
+pub(super) fn matmul(x: Input<f32>, w: PackedBf16, epilogue: Epilogue, mut y: MatMut<f32>) {
     for p in 0..panels(w.n()) {
         for t in 0..x.rows() {
-            finish_panel(sums(x.row(t), w.panel(p)), t, p * PANEL, end, &mut y);
+            store_panel(sums(x.row(t), w.panel(p)), t, p * PANEL, epilogue, &mut y);
         }
     }
 }
@@ -18,32 +19,32 @@ pub(super) fn matmul_gated(x: Input<f32>, gate: PackedBf16, up: PackedBf16, mut 
     for p in 0..panels(gate.n()) {
         for t in 0..x.rows() {
             let row = x.row(t);
-            gated(sums(row, gate.panel(p)), sums(row, up.panel(p)), t, p * PANEL, &mut y);
+            store_gated_panel(sums(row, gate.panel(p)), sums(row, up.panel(p)), t, p * PANEL, &mut y);
         }
     }
 }
 
-pub(super) fn split(x: &[f32], high: &mut [Bf16], low: &mut [Bf16]) {
-    for ((&x, high), low) in x.iter().zip(high).zip(low) {
+pub(super) fn split_bf16x2(x: &[f32], hi: &mut [Bf16], lo: &mut [Bf16]) {
+    for ((&x, hi), lo) in x.iter().zip(hi).zip(lo) {
         let upper = Bf16((x.to_bits() >> 16) as u16);
-        *high = upper;
-        *low = if x.is_infinite() { Bf16::default() } else { Bf16::from_f32(x - upper.to_f32()) };
+        *hi = upper;
+        *lo = if x.is_infinite() { Bf16::default() } else { Bf16::from_f32(x - upper.to_f32()) };
     }
 }
 
-/// Rows that were cut in two are put together again.
-pub(super) fn matmul_rows(x: Bf16Rows, w: PackedBf16, end: Epilogue, mut y: MatMut<f32>) {
+/// The two parts of split rows are added again.
+pub(super) fn matmul_rows(x: Bf16Rows, w: PackedBf16, epilogue: Epilogue, mut y: MatMut<f32>) {
     for p in 0..panels(w.n()) {
-        for t in 0..x.first.rows() {
+        for t in 0..x.hi.rows() {
             let mut sums = [0.0; PANEL];
-            let rest = x.rest.as_ref().map(|rest| rest.row(t));
-            for (i, x) in x.first.row(t).iter().enumerate() {
+            let rest = x.lo.as_ref().map(|rest| rest.row(t));
+            for (i, x) in x.hi.row(t).iter().enumerate() {
                 let x = x.to_f32() + rest.map_or(0.0, |rest| rest[i].to_f32());
                 for (sum, pair) in sums.iter_mut().zip(&w.panel(p)[i / PAIR]) {
                     *sum += x * pair[i % PAIR].to_f32();
                 }
             }
-            finish_panel(sums, t, p * PANEL, end, &mut y);
+            store_panel(sums, t, p * PANEL, epilogue, &mut y);
         }
     }
 }

@@ -1,140 +1,150 @@
-//! 16 x 16 outputs and 64 inputs per instruction: `tdpbssd`, signed by signed bytes, so that nothing needs correction.
+//! 16 x 16 outputs and 64 inputs per instruction: `tdpbssd`, signed by signed bytes, which
+//! needs no correction.
 //!
-//! The packed weights are the instruction's own layout: 16 quads of one panel, 1 KiB, are one tile. Rows of inputs are
-//! gathered into tiles on the stack, as many as there is room for, and pass by each pair of panels, block by block. While
-//! the tiles of one block are multiplied, the sums of the block before are ended, a few rows per step, and the next
-//! pair of panels comes to L2. Up to [`FEW_ROWS`] rows, most of a tile would be empty: they are left to VNNI.
+//! The packed weights have the instruction's layout: 16 quads of one panel, 1 KiB, are one
+//! tile. Rows of inputs are gathered into tiles on the stack, as many as fit, and pass each
+//! pair of panels block by block. While the tiles of one block are multiplied, the epilogue of
+//! the block before runs, a few rows per step, and the next pair of panels is prefetched to L2.
+//! Up to [`FEW_ROWS`] rows would leave most of a tile empty and are computed with VNNI.
 
-use super::avx512vnni::{self, finish};
-use super::{Job, QuantInput};
+use super::avx512vnni;
+use super::avx512vnni::tiles::dequantize_tile;
+use super::input::{GemmTask, QuantInput};
 use crate::amx::{Aligned, BYTES, TILE, Tiles};
+use crate::gemm::Epilogue;
+use crate::isa::{Amx, entry};
+use crate::lanes::avx512vnni::{load, load_part, store};
 use crate::mat::MatMut;
+use crate::math::Activation;
 use crate::math::avx512vnni::gelu_tanh;
-use crate::matmul_f32::avx512vnni::{load, load_part, store};
-use crate::matmul_f32::{Activation, Epilogue};
 use crate::pack::{PANEL, PackedI8};
 use crate::prefetch;
+use crate::tuning::Tuning;
 use core::arch::x86_64::*;
 use core::mem::MaybeUninit;
 use core::ops::Range;
+use umo_kernels_features::avx512vnni;
 
 /// Rows that VNNI multiplies sooner.
 const FEW_ROWS: usize = 6;
-/// Rows of inputs in work.
+/// Rows per block.
 pub(super) const ROWS: usize = 2 * TILE;
-/// Inputs of one instruction.
+/// Inputs per instruction.
 pub(super) const INPUTS: usize = BYTES;
-/// Panels in work, of which gated products need an even number.
+/// Panels per block; gated products need an even number.
 const WIDTH: usize = 2;
 /// Tiles of inputs gathered at once: 256 rows of 768 inputs are 192 KiB.
-const ROOM: usize = 256;
-/// Bytes of outputs that the rows gathered at once reach over at most, where there are more than two blocks of them:
-/// each pair of panels writes two lines of each row, whose neighbours are to be in L2 still when the next pair comes.
-const REACH: usize = 512 << 10;
-/// Fewest gated rows ended in one step: their divisions wait for each other less than three rows in every step would.
+const GATHERED_TILES: usize = 256;
+/// Limit on the bytes between the first and the last output row of a group of more than two
+/// blocks: each pair of panels writes two lines of each row, whose neighbours should still be
+/// in L2 for the next pair.
+const OUTPUT_SPAN: usize = 512 << 10;
+/// Minimum of gated rows per step of the epilogue: the latencies of their divisions overlap.
 const GATED_ROWS: usize = 6;
-/// Bytes of weights in work at once, which stay in L2 while blocks of rows go by.
+/// Bytes of weights per chunk, which stay in L2 while blocks of rows pass.
 const CHUNK_BYTES: usize = 768 << 10;
 
-/// Rows gathered at once at most: their scales stand beside them.
+/// Most rows gathered at once; their scales are stored too.
 const GROUP: usize = 512;
 
-/// Panels of sums in one block: integers as bits in the place of the floats that they become.
+/// Panels of sums in one block: integers as bits in the sum_index of the floats that they become.
 const SUMS: usize = ROWS * WIDTH;
 
 /// 16 rows of 64 bytes.
 type Tile = [[i8; BYTES]; TILE];
-/// The same of inputs: not cleared before rows are gathered, so that what nobody multiplies or reads costs nothing.
+/// A tile of inputs. It is not initialized before rows are gathered: rows that nothing reads
+/// cost nothing.
 type Inputs = [MaybeUninit<[i8; BYTES]>; TILE];
 /// Sums of one block.
 type Sums = [[f32; PANEL]; SUMS];
 
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-pub(super) fn matmul(x: QuantInput, w: PackedI8, end: Epilogue, y: MatMut<f32>) {
-    if x.rows.rows() <= FEW_ROWS {
-        avx512vnni::matmul(x, w, end, y);
-    } else {
-        run(&x, &Job::Plain(w, end), y);
+entry! {
+    pub(super) fn matmul(token: Amx, x: QuantInput, w: PackedI8, epilogue: Epilogue, y: MatMut<f32>, tuning: Tuning) {
+        if x.rows.rows() <= FEW_ROWS {
+            avx512vnni::matmul(token.into(), x, w, epilogue, y, tuning);
+        } else {
+            run(token, &x, &GemmTask::Plain(w, epilogue), y);
+        }
+    }
+
+    pub(super) fn matmul_gated(token: Amx, x: QuantInput, gate: PackedI8, up: PackedI8, y: MatMut<f32>, tuning: Tuning) {
+        if x.rows.rows() <= FEW_ROWS {
+            avx512vnni::matmul_gated(token.into(), x, gate, up, y, tuning);
+        } else {
+            run(token, &x, &GemmTask::Gated(gate, up), y);
+        }
     }
 }
 
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-pub(super) fn matmul_gated(x: QuantInput, gate: PackedI8, up: PackedI8, y: MatMut<f32>) {
-    if x.rows.rows() <= FEW_ROWS {
-        avx512vnni::matmul_gated(x, gate, up, y);
-    } else {
-        run(&x, &Job::Gated(gate, up), y);
-    }
-}
-
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn run(x: &QuantInput, job: &Job, mut y: MatMut<f32>) {
-    // SAFETY: only the `Amx` arm of the products leads here.
-    let tiles = unsafe { Tiles::new() };
-    let mut room = Aligned([const { [const { MaybeUninit::uninit() }; TILE] }; ROOM]);
+#[avx512vnni]
+fn run(token: Amx, x: &QuantInput, task: &GemmTask, mut y: MatMut<f32>) {
+    let tiles = Tiles::new(token);
+    let mut gathered_tiles = Aligned([const { [const { MaybeUninit::uninit() }; TILE] }; GATHERED_TILES]);
     let mut sums = Aligned([[[0.0; PANEL]; SUMS]; 2]);
     let [mut sums, mut before] = sums.0.each_mut();
     let mut scales = [[0.0; ROWS]; GROUP / ROWS];
-    let (rows, steps) = (x.rows.rows(), job.k().div_ceil(BYTES));
-    let reach = size_of::<f32>() * y.stride().max(1) / if matches!(job, Job::Gated(..)) { 2 } else { 1 };
-    let group = (ROOM / 2 / steps.max(1)).min((REACH / reach / ROWS).max(2)).clamp(1, GROUP / ROWS) * ROWS;
-    let width = (CHUNK_BYTES / (PANEL * job.k().max(1)) / WIDTH).max(1) * WIDTH;
-    let whole = steps <= ROOM / 2;
-    let mut ending = Ending::none();
-    for first in (0..job.slots()).step_by(width) {
-        let end = (first + width).min(job.slots());
+    let (rows, steps) = (x.rows.rows(), task.k().div_ceil(BYTES));
+    let row_bytes = size_of::<f32>() * y.stride().max(1) / if matches!(task, GemmTask::Gated(..)) { 2 } else { 1 };
+    let group =
+        (GATHERED_TILES / 2 / steps.max(1)).min((OUTPUT_SPAN / row_bytes / ROWS).max(2)).clamp(1, GROUP / ROWS) * ROWS;
+    let width = (CHUNK_BYTES / (PANEL * task.k().max(1)) / WIDTH).max(1) * WIDTH;
+    let whole = steps <= GATHERED_TILES / 2;
+    let mut pending = PendingEpilogue::none();
+    for first in (0..task.slots()).step_by(width) {
+        let end = (first + width).min(task.slots());
         for t in (0..rows).step_by(group) {
             let part = (rows - t).min(group);
             for (r, scale) in scales.as_flattened_mut()[..part].iter_mut().enumerate() {
                 *scale = x.scale(t + r);
             }
             let blocks = (t..t + part).step_by(ROWS).map(|t| (t, (rows - t).min(ROWS)));
-            for (block, (t, rows)) in blocks.enumerate().filter(|&(_, (_, rows))| whole && !lies_ready(x, rows)) {
-                gather(x, t, rows, 0, steps, &mut room.0[block * 2 * steps..]);
+            for (block, (t, rows)) in blocks.enumerate().filter(|&(_, (_, rows))| whole && !is_tile_loadable(x, rows)) {
+                gather(x, t, rows, 0, steps, &mut gathered_tiles.0[block * 2 * steps..]);
             }
             for slot in (first..end).step_by(WIDTH) {
                 let next = match slot + WIDTH {
                     next if next < end || t + part == rows => next,
                     _ => first,
                 };
-                let pair = Pair::new(job, slot, end, next, part);
+                let pair = Pair::new(task, slot, end, next, part);
                 for (block, scales) in scales[..part.div_ceil(ROWS)].iter().enumerate() {
                     let (t, rows) = (t + block * ROWS, (part - block * ROWS).min(ROWS));
-                    let mut work = Work { tiles: &tiles, x, job, pair: &pair, t, rows, block };
+                    let mut work = BlockProduct { tiles: &tiles, x, task, pair: &pair, t, rows, block };
                     if whole {
-                        let inputs = match lies_ready(x, rows) {
+                        let inputs = match is_tile_loadable(x, rows) {
                             true => Source::rows(x, t, rows),
-                            false => Source::gathered(&room.0[block * 2 * steps..][..2 * steps]),
+                            false => Source::gathered(&gathered_tiles.0[block * 2 * steps..][..2 * steps]),
                         };
-                        work.block(inputs, sums, (&mut ending, before), &mut y);
+                        work.multiply_block(inputs, sums, (&mut pending, before), &mut y);
                     } else {
-                        work.parts(&mut room.0, sums, (&mut ending, before), &mut y);
+                        work.multiply_in_parts(&mut gathered_tiles.0, sums, (&mut pending, before), &mut y);
                     }
-                    ending.all(x, job, before, &mut y);
-                    ending.start(&pair, scales, t, rows);
+                    pending.all(x, task, before, &mut y);
+                    pending.start(&pair, scales, t, rows);
                     (sums, before) = (before, sums);
                 }
             }
         }
     }
-    ending.all(x, job, before, &mut y);
+    pending.all(x, task, before, &mut y);
 }
 
-/// Whether tiles can be loaded from a block of `rows` rows where they lie: whole ones, whose rows start at cache lines.
+/// Whether tiles can be loaded directly from a block of `rows` rows: whole tiles, whose rows
+/// start at cache lines.
 #[inline]
-fn lies_ready(x: &QuantInput, rows: usize) -> bool {
+fn is_tile_loadable(x: &QuantInput, rows: usize) -> bool {
     let mat = &x.rows.mat;
     let (start, whole) =
         (mat.elements().as_ptr().addr(), mat.cols().is_multiple_of(BYTES) && rows.is_multiple_of(TILE));
     x.rows.index.is_none() && whole && start.is_multiple_of(BYTES) && mat.stride().is_multiple_of(BYTES)
 }
 
-/// The inputs from `first` on of `rows` rows from `t` on, of one block, `steps` steps. Whatever stands behind the last row makes
-/// sums that nobody reads.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-fn gather(x: &QuantInput, t: usize, rows: usize, first: usize, steps: usize, room: &mut [Inputs]) {
+/// Gathers the inputs from `first` on of `rows` rows from `t` on, `steps` steps of one block.
+/// The contents behind the last row produce sums that nothing reads.
+#[avx512vnni]
+fn gather(x: &QuantInput, t: usize, rows: usize, first: usize, steps: usize, gathered_tiles: &mut [Inputs]) {
     let last = (first + steps * BYTES).min(x.rows.cols());
-    let (tiles, _) = room[..2 * steps].as_chunks_mut::<2>();
+    let (tiles, _) = gathered_tiles[..2 * steps].as_chunks_mut::<2>();
     for r in 0..rows {
         let (whole, part) = x.rows.row(t + r)[first..last].as_chunks::<BYTES>();
         for (tiles, whole) in tiles.iter_mut().zip(whole) {
@@ -148,11 +158,12 @@ fn gather(x: &QuantInput, t: usize, rows: usize, first: usize, steps: usize, roo
     }
 }
 
-/// Where the inputs of a block stand.
+/// Where the inputs of a block are.
 #[derive(Clone, Copy)]
 struct Source<'a> {
     bytes: &'a [MaybeUninit<i8>],
-    /// From one row of a tile to the next, from the upper tile to the lower, and from a step to the next.
+    /// Distances between the rows of a tile, between the upper and the lower tile, and
+    /// between steps.
     row: usize,
     tile: usize,
     step: usize,
@@ -162,25 +173,27 @@ impl<'a> Source<'a> {
     /// Pairs of tiles.
     fn gathered(inputs: &'a [Inputs]) -> Self {
         let (start, len) = (inputs.as_ptr().cast(), size_of_val(inputs));
-        // SAFETY: these are the bytes of `inputs`, any of which may be uninitialised in both types.
+        // SAFETY: these are the bytes of `inputs`, which may be uninitialized in both
+        // types.
         let bytes = unsafe { core::slice::from_raw_parts(start, len) };
         Self { bytes, row: BYTES, tile: TILE * BYTES, step: 2 * TILE * BYTES }
     }
 
-    /// The rows from `t` on where they lie.
+    /// The rows from `t` on, loaded directly.
     fn rows(x: &QuantInput<'a>, t: usize, rows: usize) -> Self {
         let mat = x.rows.mat.row_range(t..t + rows);
         let elements = mat.elements();
-        // SAFETY: these are the bytes of `elements`; what is initialised may be taken for what need not be.
+        // SAFETY: these are the bytes of `elements`; initialized bytes are valid as
+        // `MaybeUninit`.
         let bytes = unsafe { core::slice::from_raw_parts(elements.as_ptr().cast(), elements.len()) };
         Self { bytes, row: mat.stride(), tile: TILE * mat.stride(), step: BYTES }
     }
 
-    /// The upper tile of a step becomes `tmm4`, the lower one of `R` 2 `tmm5`.
+    /// Loads the upper tile of a step to `tmm4`, or the lower one (if `R` is 2) to `tmm5`.
     #[inline]
     fn load<const T: u8>(&self, tiles: &Tiles, step: usize) {
         let at = step * self.step + if T == 5 { self.tile } else { 0 };
-        tiles.load_rows_past::<T, _>(&self.bytes[at..], self.row);
+        tiles.load_tile_streaming::<T, _>(&self.bytes[at..], self.row);
     }
 }
 
@@ -189,61 +202,68 @@ struct Pair<'a> {
     slot: usize,
     panels: usize,
     quads: [&'a [[i8; BYTES]]; WIDTH],
-    /// The panels that will be in work next, and how many lines of each of them a step brings to L2.
+    /// The panels of the next pair, and the lines of each that a step prefetches to L2.
     ahead: [&'a [[i8; BYTES]]; WIDTH],
     lines: usize,
-    end: PairEnd,
+    epilogue: PairEpilogue,
 }
 
-/// What the sums of a pair of panels end with.
+/// The epilogue of a pair of panels.
 #[derive(Clone, Copy)]
-struct PairEnd {
-    kind: Kind,
+struct PairEpilogue {
+    kind: EpilogueKind,
     scale: [__m512; WIDTH],
-    /// -0 where there is none: it changes no sum.
+    /// -0 if there is none: adding it changes no sum.
     bias: [__m512; WIDTH],
 }
 
 impl<'a> Pair<'a> {
-    /// The slots from `slot` on, below `end`, for `rows` rows; `next` is the slot that will be in work next.
-    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-    fn new(job: &Job<'a>, slot: usize, end: usize, next: usize, rows: usize) -> Self {
+    /// The slots from `slot` on, below `end`, for `rows` rows; `next` is the next slot to
+    /// be processed.
+    #[avx512vnni]
+    fn new(task: &GemmTask<'a>, slot: usize, end: usize, next: usize, rows: usize) -> Self {
         let panels = (end - slot).min(WIDTH);
-        // Not by `from_fn`: a closure has this function's features and cannot be inlined into one that has not.
+        // Not by `from_fn`: a closure has this function's features and cannot be inlined into one
+        // that has not.
         let (mut quads, mut ahead) = ([&[][..]; WIDTH], [&[][..]; WIDTH]);
         for p in 0..WIDTH {
-            quads[p] = job.panel(slot + p.min(panels - 1));
-            if next + p < job.slots() {
-                ahead[p] = job.panel(next + p);
+            quads[p] = task.panel(slot + p.min(panels - 1));
+            if next + p < task.slots() {
+                ahead[p] = task.panel(next + p);
             }
         }
         // One tile of rows is done as soon as its weights are there: 3 to 8 % slower.
         let lines = if rows <= TILE { 0 } else { TILE.div_ceil(rows.div_ceil(ROWS)) };
-        Self { slot, panels, quads, ahead, lines, end: PairEnd::new(job, slot) }
+        Self { slot, panels, quads, ahead, lines, epilogue: PairEpilogue::new(task, slot) }
     }
 }
 
-impl PairEnd {
-    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-    fn new(job: &Job, slot: usize) -> Self {
-        let mut this =
-            Self { kind: Kind::Block, scale: [_mm512_setzero_ps(); WIDTH], bias: [_mm512_set1_ps(-0.0); WIDTH] };
-        match job {
-            Job::Gated(gate, up) if (slot / 2 + 1) * PANEL <= gate.n() => {
+impl PairEpilogue {
+    #[avx512vnni]
+    fn new(task: &GemmTask, slot: usize) -> Self {
+        let mut this = Self {
+            kind: EpilogueKind::Block,
+            scale: [_mm512_setzero_ps(); WIDTH],
+            bias: [_mm512_set1_ps(-0.0); WIDTH],
+        };
+        match task {
+            GemmTask::Gated(gate, up) if (slot / 2 + 1) * PANEL <= gate.n() => {
                 let outputs = slot / 2 * PANEL..(slot / 2 + 1) * PANEL;
                 this.scale = [load_part(&gate.scale()[outputs.clone()]), load_part(&up.scale()[outputs])];
-                this.kind = Kind::Gated;
+                this.kind = EpilogueKind::Gated;
             }
-            Job::Plain(w, end) if (slot + WIDTH) * PANEL <= w.n() && end.activation == Activation::None => {
+            GemmTask::Plain(w, epilogue)
+                if (slot + WIDTH) * PANEL <= w.n() && epilogue.activation == Activation::None =>
+            {
                 let (now, then) = (slot * PANEL..(slot + 1) * PANEL, (slot + 1) * PANEL..(slot + 2) * PANEL);
                 this.scale = [load_part(&w.scale()[now.clone()]), load_part(&w.scale()[then.clone()])];
-                if let Some(bias) = end.bias {
+                if let Some(bias) = epilogue.bias {
                     this.bias = [load_part(&bias[now]), load_part(&bias[then])];
                 }
-                this.kind = match end {
-                    Epilogue { scatter: Some(_), .. } => Kind::Scatter,
-                    Epilogue { add: true, .. } => Kind::Add,
-                    _ => Kind::Store,
+                this.kind = match epilogue {
+                    Epilogue { scatter: Some(_), .. } => EpilogueKind::Scatter,
+                    Epilogue { add: true, .. } => EpilogueKind::Add,
+                    _ => EpilogueKind::Store,
                 };
             }
             _ => {}
@@ -253,62 +273,81 @@ impl PairEnd {
 }
 
 /// One block of rows with a pair of panels.
-struct Work<'a, 'b> {
+struct BlockProduct<'a, 'b> {
     tiles: &'a Tiles,
     x: &'a QuantInput<'b>,
-    job: &'a Job<'b>,
+    task: &'a GemmTask<'b>,
     pair: &'a Pair<'b>,
-    /// The first row, how many, and which block of those gathered this is.
+    /// The first row, the number of rows, and the block's index among those gathered.
     t: usize,
     rows: usize,
     block: usize,
 }
 
-impl Work<'_, '_> {
+impl BlockProduct<'_, '_> {
     /// All inputs at once.
     #[inline]
-    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-    fn block(&mut self, inputs: Source, sums: &mut Sums, before: (&mut Ending, &Sums), y: &mut MatMut<f32>) {
+    #[avx512vnni]
+    fn multiply_block(
+        &mut self,
+        inputs: Source,
+        sums: &mut Sums,
+        before: (&mut PendingEpilogue, &Sums),
+        y: &mut MatMut<f32>,
+    ) {
         let (pair, quads) = (self.pair, self.pair.quads[0].len());
         let mut ahead = pair.ahead;
         for ahead in &mut ahead {
             *ahead = &ahead[(self.block * pair.lines * quads / TILE).min(ahead.len())..];
         }
-        self.steps(Steps { inputs, quads: pair.quads, ahead, start: true }, sums, before, y);
+        self.by_epilogue(Steps { inputs, quads: pair.quads, ahead, start: true }, sums, before, y);
     }
 
-    /// As many inputs at a time as there is room for.
-    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-    fn parts(&mut self, room: &mut [Inputs], sums: &mut Sums, before: (&mut Ending, &Sums), y: &mut MatMut<f32>) {
-        let (pair, most, all, (ending, before)) = (self.pair, ROOM / 2, self.pair.quads[0].len(), before);
+    /// As many inputs at a time as fit into the buffer.
+    #[avx512vnni]
+    fn multiply_in_parts(
+        &mut self,
+        gathered_tiles: &mut [Inputs],
+        sums: &mut Sums,
+        before: (&mut PendingEpilogue, &Sums),
+        y: &mut MatMut<f32>,
+    ) {
+        let (pair, most, all, (pending, before)) = (self.pair, GATHERED_TILES / 2, self.pair.quads[0].len(), before);
         for first in (0..all).step_by(most * TILE) {
-            gather(self.x, self.t, self.rows, first / TILE * BYTES, most, room);
+            gather(self.x, self.t, self.rows, first / TILE * BYTES, most, gathered_tiles);
             let part = first..(first + most * TILE).min(all);
             let quads = [&pair.quads[0][part.clone()], &pair.quads[1][part]];
-            let steps = Steps { inputs: Source::gathered(room), quads, ahead: [&[]; WIDTH], start: first == 0 };
-            self.steps(steps, sums, (ending, before), y);
+            let steps =
+                Steps { inputs: Source::gathered(gathered_tiles), quads, ahead: [&[]; WIDTH], start: first == 0 };
+            self.by_epilogue(steps, sums, (pending, before), y);
         }
     }
 
     #[inline]
-    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-    fn steps(&mut self, steps: Steps, sums: &mut Sums, before: (&mut Ending, &Sums), y: &mut MatMut<f32>) {
-        match before.0.end.kind {
-            Kind::Block => self.shapes::<BLOCK>(steps, sums, before, y),
-            Kind::Gated => self.shapes::<GATED>(steps, sums, before, y),
-            Kind::Scatter => self.shapes::<SCATTER>(steps, sums, before, y),
-            Kind::Add => self.shapes::<ADD>(steps, sums, before, y),
-            Kind::Store => self.shapes::<STORE>(steps, sums, before, y),
-        }
-    }
-
-    #[inline]
-    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-    fn shapes<const KIND: u8>(
+    #[avx512vnni]
+    fn by_epilogue(
         &mut self,
         steps: Steps,
         sums: &mut Sums,
-        before: (&mut Ending, &Sums),
+        before: (&mut PendingEpilogue, &Sums),
+        y: &mut MatMut<f32>,
+    ) {
+        match before.0.epilogue.kind {
+            EpilogueKind::Block => self.by_shape::<BLOCK>(steps, sums, before, y),
+            EpilogueKind::Gated => self.by_shape::<GATED>(steps, sums, before, y),
+            EpilogueKind::Scatter => self.by_shape::<SCATTER>(steps, sums, before, y),
+            EpilogueKind::Add => self.by_shape::<ADD>(steps, sums, before, y),
+            EpilogueKind::Store => self.by_shape::<STORE>(steps, sums, before, y),
+        }
+    }
+
+    #[inline]
+    #[avx512vnni]
+    fn by_shape<const KIND: u8>(
+        &mut self,
+        steps: Steps,
+        sums: &mut Sums,
+        before: (&mut PendingEpilogue, &Sums),
         y: &mut MatMut<f32>,
     ) {
         match (self.rows <= TILE, self.pair.panels) {
@@ -319,14 +358,15 @@ impl Work<'_, '_> {
         }
     }
 
-    /// Adds the products of `R` tiles of rows with the quads of `P` panels to `sums [rows, P]`, or starts them; meanwhile, ends
-    /// rows of the block before, which end as `KIND` says.
-    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+    /// Adds the products of `R` tiles of rows with the quads of `P` panels to `sums [rows,
+    /// P]`, or starts them; meanwhile, runs the epilogue of rows of the block before, of
+    /// kind `KIND`.
+    #[avx512vnni]
     fn multiply<const R: usize, const P: usize, const KIND: u8>(
         &mut self,
         steps: Steps,
         sums: &mut Sums,
-        (ending, before): (&mut Ending, &Sums),
+        (pending, before): (&mut PendingEpilogue, &Sums),
         y: &mut MatMut<f32>,
     ) {
         if steps.start {
@@ -337,21 +377,21 @@ impl Work<'_, '_> {
         let (first, rest) = steps.quads[0].as_chunks::<TILE>();
         let (second, _) = steps.quads[1].as_chunks::<TILE>();
         assert!(second.len() == first.len());
-        let even = ending.rows.div_ceil(first.len().max(1));
+        let even = pending.rows.div_ceil(first.len().max(1));
         let rows = if KIND == GATED { even.max(GATED_ROWS) } else { even };
         let mut outputs = Outputs::new(self, y, first.len());
         for (i, (first, second)) in first.iter().zip(second).enumerate() {
             step::<R, P>(self.tiles, (&steps.inputs, i), [first, second]);
-            // Few rows wait for their weights, which take all that memory gives.
+            // Few rows are bound by the bandwidth of their weights.
             if R == 2 {
-                outputs.fetch_some();
+                outputs.prefetch_rows();
             }
             for ahead in &steps.ahead[..P] {
                 let lines = (i * self.pair.lines).min(ahead.len())..((i + 1) * self.pair.lines).min(ahead.len());
-                ahead[lines].iter().for_each(|line| prefetch::far(line));
+                ahead[lines].iter().for_each(|line| prefetch::to_l2(line));
             }
             if KIND != BLOCK {
-                ending.rows::<KIND>(rows, self.job, before, y);
+                pending.rows::<KIND>(rows, self.task, before, y);
             }
         }
         if !rest.is_empty() {
@@ -365,28 +405,30 @@ impl Work<'_, '_> {
     }
 }
 
-/// Outputs of a block, which come into L1 while it is multiplied and are written while the next one is: until then another core or
-/// the last-level cache may have them.
+/// Outputs of a block, prefetched to L1 while it is multiplied and written while the next one
+/// is: another core or the last-level cache may hold them.
 struct Outputs<'a> {
     /// Those of row 0, and elements from a row to the next.
     first: *const f32,
     stride: usize,
     /// The block's rows that are left.
     t: Range<usize>,
-    /// The rows that they go to, where these are others.
+    /// The destination rows of a scatter.
     scatter: Option<&'a [u32]>,
     /// Whether a row has outputs of two panels.
     two: bool,
-    /// Rows per step.
+    /// Rows prefetched per step.
     rows: usize,
 }
 
 impl<'a> Outputs<'a> {
     #[inline]
-    fn new(work: &Work<'a, '_>, y: &MatMut<f32>, steps: usize) -> Self {
-        let (output, two, scatter) = match work.job {
-            Job::Gated(..) => (work.pair.slot / 2 * PANEL, false, None),
-            Job::Plain(_, end) => (work.pair.slot * PANEL, work.pair.panels == WIDTH, end.scatter.map(|to| to.rows)),
+    fn new(work: &BlockProduct<'a, '_>, y: &MatMut<f32>, steps: usize) -> Self {
+        let (output, two, scatter) = match work.task {
+            GemmTask::Gated(..) => (work.pair.slot / 2 * PANEL, false, None),
+            GemmTask::Plain(_, epilogue) => {
+                (work.pair.slot * PANEL, work.pair.panels == WIDTH, epilogue.scatter.map(|to| to.rows))
+            }
         };
         let t = work.t..work.t + work.rows;
         Self {
@@ -401,13 +443,13 @@ impl<'a> Outputs<'a> {
 
     /// Those of the next rows.
     #[inline]
-    fn fetch_some(&mut self) {
+    fn prefetch_rows(&mut self) {
         for t in self.t.by_ref().take(self.rows) {
             let row = self.scatter.map_or(t, |rows| rows[t] as usize);
             let line = self.first.wrapping_add(row * self.stride);
-            prefetch::written(line);
+            prefetch::for_write(line);
             if self.two {
-                prefetch::written(line.wrapping_add(PANEL));
+                prefetch::for_write(line.wrapping_add(PANEL));
             }
         }
     }
@@ -421,8 +463,8 @@ struct Steps<'a> {
     start: bool,
 }
 
-/// 64 inputs of `R` tiles of rows with `P` panels. Rows pass L1 by, in which the panels stay for the next block: four tiles from
-/// L2 take longer than four products, two do not.
+/// 64 inputs of `R` tiles of rows with `P` panels. Rows bypass L1, where the panels stay for
+/// the next block: four tiles from L2 take longer than four products, two do not.
 #[inline]
 fn step<const R: usize, const P: usize>(tiles: &Tiles, (x, i): (&Source, usize), w: [&Tile; WIDTH]) {
     x.load::<4>(tiles, i);
@@ -445,9 +487,9 @@ fn step<const R: usize, const P: usize>(tiles: &Tiles, (x, i): (&Source, usize),
     }
 }
 
-/// How the rows of a block end.
+/// The epilogue of a block's rows.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Kind {
+enum EpilogueKind {
     /// All at once.
     Block,
     Gated,
@@ -456,43 +498,43 @@ enum Kind {
     Store,
 }
 
-const BLOCK: u8 = Kind::Block as u8;
-const GATED: u8 = Kind::Gated as u8;
-const SCATTER: u8 = Kind::Scatter as u8;
-const ADD: u8 = Kind::Add as u8;
-const STORE: u8 = Kind::Store as u8;
+const BLOCK: u8 = EpilogueKind::Block as u8;
+const GATED: u8 = EpilogueKind::Gated as u8;
+const SCATTER: u8 = EpilogueKind::Scatter as u8;
+const ADD: u8 = EpilogueKind::Add as u8;
+const STORE: u8 = EpilogueKind::Store as u8;
 
-/// A block whose sums are complete, and how much of it has been ended.
-struct Ending {
+/// A block whose sums are complete, and the progress of its epilogue.
+struct PendingEpilogue {
     t: usize,
     rows: usize,
     slot: usize,
     panels: usize,
     done: usize,
     x_scale: [f32; ROWS],
-    end: PairEnd,
+    epilogue: PairEpilogue,
 }
 
-impl Ending {
-    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+impl PendingEpilogue {
+    #[avx512vnni]
     fn none() -> Self {
         let zero = [_mm512_setzero_ps(); WIDTH];
-        let end = PairEnd { kind: Kind::Block, scale: zero, bias: zero };
-        Self { t: 0, rows: 0, slot: 0, panels: 0, done: 0, x_scale: [0.0; ROWS], end }
+        let epilogue = PairEpilogue { kind: EpilogueKind::Block, scale: zero, bias: zero };
+        Self { t: 0, rows: 0, slot: 0, panels: 0, done: 0, x_scale: [0.0; ROWS], epilogue }
     }
 
     /// The rows from `t` on with a pair of panels.
     #[inline]
-    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
+    #[avx512vnni]
     fn start(&mut self, pair: &Pair, scales: &[f32; ROWS], t: usize, rows: usize) {
-        let &Pair { slot, panels, end, .. } = pair;
-        *self = Self { t, rows, slot, panels, done: 0, x_scale: *scales, end };
+        let &Pair { slot, panels, epilogue, .. } = pair;
+        *self = Self { t, rows, slot, panels, done: 0, x_scale: *scales, epilogue };
     }
 
     /// Ends the next `count` rows, or as many as are left.
     #[inline]
-    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-    fn rows<const KIND: u8>(&mut self, count: usize, job: &Job, sums: &Sums, y: &mut MatMut<f32>) {
+    #[avx512vnni]
+    fn rows<const KIND: u8>(&mut self, count: usize, task: &GemmTask, sums: &Sums, y: &mut MatMut<f32>) {
         let (sums, _) = sums.as_chunks::<WIDTH>();
         let rows = self.done..(self.done + count).min(self.rows);
         self.done = rows.end;
@@ -503,19 +545,19 @@ impl Ending {
             let mut v = [_mm512_setzero_ps(); WIDTH];
             for i in 0..WIDTH {
                 let sum = _mm512_cvtepi32_ps(_mm512_castps_si512(load(&sums[r][i])));
-                v[i] = _mm512_mul_ps(sum, _mm512_mul_ps(x_scale, self.end.scale[i]));
+                v[i] = _mm512_mul_ps(sum, _mm512_mul_ps(x_scale, self.epilogue.scale[i]));
             }
             if KIND == GATED {
                 let y = y.row_mut(t + r)[first / 2..].first_chunk_mut().expect("whole panels");
                 store(y, _mm512_mul_ps(gelu_tanh(v[0]), v[1]));
                 continue;
             }
-            for (v, &bias) in v.iter_mut().zip(&self.end.bias) {
+            for (v, &bias) in v.iter_mut().zip(&self.epilogue.bias) {
                 *v = _mm512_add_ps(*v, bias);
             }
             let mut row = t + r;
             if KIND == SCATTER
-                && let Job::Plain(_, Epilogue { scatter: Some(scatter), .. }) = job
+                && let GemmTask::Plain(_, Epilogue { scatter: Some(scatter), .. }) = task
             {
                 let factor = _mm512_set1_ps(scatter.weight[row]);
                 row = scatter.rows[row] as usize;
@@ -532,15 +574,17 @@ impl Ending {
     }
 
     /// Ends all rows that are left.
-    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
-    fn all(&mut self, x: &QuantInput, job: &Job, sums: &mut Sums, y: &mut MatMut<f32>) {
-        match self.end.kind {
+    #[avx512vnni]
+    fn all(&mut self, x: &QuantInput, task: &GemmTask, sums: &mut Sums, y: &mut MatMut<f32>) {
+        match self.epilogue.kind {
             _ if self.rows == self.done => {}
-            Kind::Block => finish::<0>(x, self.t, &mut sums[..self.rows * self.panels], self.panels, job, self.slot, y),
-            Kind::Gated => self.rows::<GATED>(ROWS, job, sums, y),
-            Kind::Scatter => self.rows::<SCATTER>(ROWS, job, sums, y),
-            Kind::Add => self.rows::<ADD>(ROWS, job, sums, y),
-            Kind::Store => self.rows::<STORE>(ROWS, job, sums, y),
+            EpilogueKind::Block => {
+                dequantize_tile::<0>(x, self.t, &mut sums[..self.rows * self.panels], self.panels, task, self.slot, y)
+            }
+            EpilogueKind::Gated => self.rows::<GATED>(ROWS, task, sums, y),
+            EpilogueKind::Scatter => self.rows::<SCATTER>(ROWS, task, sums, y),
+            EpilogueKind::Add => self.rows::<ADD>(ROWS, task, sums, y),
+            EpilogueKind::Store => self.rows::<STORE>(ROWS, task, sums, y),
         }
         self.done = self.rows;
     }

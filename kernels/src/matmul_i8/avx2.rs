@@ -1,5 +1,5 @@
-//! Bytes widened to 16 bits and multiplied in pairs: `vpmaddwd`, which is exact. (`vpmaddubsw` would take twice as many
-//! at once, but saturates.)
+//! Bytes widened to 16 bits and multiplied in pairs: `vpmaddwd`, which is exact. (`vpmaddubsw`
+//! has twice the rate, but saturates.)
 //!
 //! ```text
 //! a quad of a panel    o0 o0 o0 o0 o1 o1 o1 o1 o2 .. o3     16 bytes, widened: one register
@@ -7,81 +7,86 @@
 //! adds up to             o0    o0    o1    o1   ..   o3     two sums per output, added at the end
 //! ```
 
-use super::chunk::{CHUNK_BYTES, Chunk, expect_end};
-use super::{Job, QuantInput};
+use super::chunk::{CHUNK_BYTES, Chunk, prefetch_scales};
+use super::input::{GemmTask, QuantInput};
+use crate::gemm::avx2 as float;
+use crate::gemm::{Epilogue, tiles};
+use crate::isa::{Avx2, entry};
+use crate::lanes::avx2::{load_two as load, store_two as store};
 use crate::mat::MatMut;
-use crate::matmul_f32::avx2::{self as float, load, store};
-use crate::matmul_f32::{Epilogue, tiles};
 use crate::pack::{PANEL, PackedI8, QUAD};
 use crate::prefetch;
+use crate::tuning::Tuning;
 use core::arch::x86_64::*;
+use umo_kernels_features::avx2;
 
-/// Rows of the largest tile: 6 rows x 2 registers of sums leave four, for two of weights, an input and a product.
+/// Rows of the largest tile: 6 rows x 2 registers of sums leave four, for two of weights, an input
+/// and a product.
 pub(super) const ROWS: usize = 6;
-/// Quads of inputs converted at once: 6 rows are 24 KiB, in L1 beside the weights that stream through.
+/// Quads of inputs converted at once: 6 rows are 24 KiB, which fit in L1 beside the weights.
 const QUADS: usize = 512;
-/// Quads between a multiplication and the prefetch of its weights: panels are read one after another, from end to end, so that memory's
-/// delay is hidden for as long as they are read once.
-const AHEAD: usize = 160;
-/// Outputs whose quads fill a register once widened.
+/// Prefetch distance in quads: panels are read in order, so that a long distance hides the
+/// latency of memory while weights are read once.
+const PREFETCH_DISTANCE: usize = 160;
+/// Outputs whose quads fill a register when widened.
 const OUTPUTS: usize = 4;
 /// Registers of a panel.
 const REGISTERS: usize = PANEL / OUTPUTS;
-/// Panels that are ended at once, as a gate and an up panel.
+/// Panels whose epilogue runs at once: a gate and an up panel.
 const WIDTH: usize = 2;
 
 /// Inputs of one row, widened; the extra quads keep rows off each other's cache sets.
-type Steps = [[i16; QUAD]; QUADS + 8];
+type WideRow = [[i16; QUAD]; QUADS + 8];
 /// A quad of all outputs of a panel.
 type Quads = [i8; PANEL * QUAD];
 
-#[target_feature(enable = "avx2,fma")]
-pub(super) fn matmul(x: QuantInput, w: PackedI8, end: Epilogue, y: MatMut<f32>) {
-    run(&x, &Job::Plain(w, end), y);
+entry! {
+    pub(super) fn matmul(_token: Avx2, x: QuantInput, w: PackedI8, epilogue: Epilogue, y: MatMut<f32>, _tuning: Tuning) {
+        run(&x, &GemmTask::Plain(w, epilogue), y);
+    }
+
+    pub(super) fn matmul_gated(_token: Avx2, x: QuantInput, gate: PackedI8, up: PackedI8, y: MatMut<f32>, _tuning: Tuning) {
+        run(&x, &GemmTask::Gated(gate, up), y);
+    }
 }
 
-#[target_feature(enable = "avx2,fma")]
-pub(super) fn matmul_gated(x: QuantInput, gate: PackedI8, up: PackedI8, y: MatMut<f32>) {
-    run(&x, &Job::Gated(gate, up), y);
-}
-
-#[target_feature(enable = "avx2,fma")]
-fn run(x: &QuantInput, job: &Job, mut y: MatMut<f32>) {
-    let mut steps = [[[0; QUAD]; QUADS + 8]; ROWS];
+#[avx2]
+fn run(x: &QuantInput, task: &GemmTask, mut y: MatMut<f32>) {
+    let mut buffer = [[[0; QUAD]; QUADS + 8]; ROWS];
     let rows = x.rows.rows();
-    let width = (CHUNK_BYTES / (PANEL * job.k().max(1)) / WIDTH).max(1) * WIDTH;
-    for first in (0..job.slots()).step_by(width) {
-        let mut chunk = Chunk::new(job, first..first + width, rows, (rows.div_ceil(ROWS), WIDTH));
+    let width = (CHUNK_BYTES / (PANEL * task.k().max(1)) / WIDTH).max(1) * WIDTH;
+    for first in (0..task.slots()).step_by(width) {
+        let mut chunk = Chunk::new(task, first..first + width, rows, (rows.div_ceil(ROWS), WIDTH));
         for (t, rows) in tiles(rows, ROWS) {
-            let steps = &mut steps[..rows];
-            convert(x, t, 0, steps);
+            let buffer = &mut buffer[..rows];
+            convert(x, t, 0, buffer);
             for slot in chunk.slots.clone().step_by(WIDTH) {
                 let width = WIDTH.min(chunk.slots.end - slot);
-                let next = chunk.fetch(job.panel(slot));
+                let next = chunk.fetch(task.panel(slot));
                 let mut sums = [[0.0; PANEL]; ROWS * WIDTH];
                 let sums = &mut sums[..rows * width];
                 for (i, next) in next[..width].iter().enumerate() {
-                    let fetch = (AHEAD, *next);
-                    expect_end(job, slot + i);
-                    panel(x, t, steps, job.panel(slot + i), fetch, sums[i..].iter_mut().step_by(width));
+                    let fetch = (PREFETCH_DISTANCE, *next);
+                    prefetch_scales(task, slot + i);
+                    panel(x, t, buffer, task.panel(slot + i), fetch, sums[i..].iter_mut().step_by(width));
                 }
-                finish::<0>(x, t, sums, width, job, slot, &mut y);
+                dequantize_tile::<0>(x, t, sums, width, task, slot, &mut y);
             }
         }
     }
 }
 
-/// The inputs from `first` on of the rows from `t` on, widened, as many of both as `steps` holds.
-#[target_feature(enable = "avx2,fma")]
-fn convert(x: &QuantInput, t: usize, first: usize, steps: &mut [Steps]) {
+/// The inputs from `first` on of the rows from `t` on, widened, as many of both as `buffer` holds.
+#[avx2]
+fn convert(x: &QuantInput, t: usize, first: usize, buffer: &mut [WideRow]) {
     let inputs = first..(first + QUADS * QUAD).min(x.rows.cols());
-    for (t, steps) in (t..).zip(steps.iter_mut()) {
-        let (wide, _) = steps.as_flattened_mut().as_chunks_mut::<16>();
+    for (t, buffer) in (t..).zip(buffer.iter_mut()) {
+        let (wide, _) = buffer.as_flattened_mut().as_chunks_mut::<16>();
         let (x, x_tail) = x.rows.row(t)[inputs.clone()].as_chunks::<16>();
         for (x, wide) in x.iter().zip(wide.iter_mut()) {
             store_words(wide, widen(x));
         }
-        // Whatever stands behind the last input meets weights that are zero.
+        // Values behind the last input are multiplied by zero weights.
         for (x, wide) in x_tail.iter().zip(&mut wide[x.len()]) {
             *wide = i16::from(*x);
         }
@@ -89,29 +94,29 @@ fn convert(x: &QuantInput, t: usize, first: usize, steps: &mut [Steps]) {
 }
 
 /// Exact sums of the rows from `t` on with one panel.
-#[target_feature(enable = "avx2,fma")]
+#[avx2]
 fn panel<'s>(
     x: &QuantInput,
     t: usize,
-    steps: &mut [Steps],
+    buffer: &mut [WideRow],
     quads: &[Quads],
     fetch: (usize, *const Quads),
     sums: impl Iterator<Item = &'s mut [f32; PANEL]>,
 ) {
     let mut partial = [[[0; 8]; REGISTERS]; ROWS];
-    let partial = &mut partial[..steps.len()];
+    let partial = &mut partial[..buffer.len()];
     for (i, quads) in quads.chunks(QUADS).enumerate() {
         let fetch = (fetch.0, fetch.1.wrapping_add(i * QUADS));
         if x.rows.cols() > QUADS * QUAD {
-            convert(x, t, i * QUADS * QUAD, steps);
+            convert(x, t, i * QUADS * QUAD, buffer);
         }
-        match steps.len() {
-            1 => multiply::<1, 4>(steps, quads, fetch, partial),
-            2 => multiply::<2, 4>(steps, quads, fetch, partial),
-            3 => multiply::<3, 2>(steps, quads, fetch, partial),
-            4 => multiply::<4, 2>(steps, quads, fetch, partial),
-            5 => multiply::<5, 2>(steps, quads, fetch, partial),
-            ROWS => multiply::<ROWS, 2>(steps, quads, fetch, partial),
+        match buffer.len() {
+            1 => multiply::<1, 4>(buffer, quads, fetch, partial),
+            2 => multiply::<2, 4>(buffer, quads, fetch, partial),
+            3 => multiply::<3, 2>(buffer, quads, fetch, partial),
+            4 => multiply::<4, 2>(buffer, quads, fetch, partial),
+            5 => multiply::<5, 2>(buffer, quads, fetch, partial),
+            ROWS => multiply::<ROWS, 2>(buffer, quads, fetch, partial),
             rows => unreachable!("a tile of {rows} rows"),
         }
     }
@@ -123,30 +128,30 @@ fn panel<'s>(
 }
 
 /// The innermost tile: `R` rows with `H` registers of the panel at a time.
-#[target_feature(enable = "avx2,fma")]
+#[avx2]
 fn multiply<const R: usize, const H: usize>(
-    steps: &[Steps],
+    buffer: &[WideRow],
     quads: &[Quads],
     (ahead, next): (usize, *const Quads),
     partial: &mut [[[i32; 8]; REGISTERS]],
 ) {
-    let steps: &[Steps; R] = steps.first_chunk().expect("R is the number of rows");
-    let partial: &mut [_; R] = partial.first_chunk_mut().expect("one row of sums for each row of steps");
+    let buffer: &[WideRow; R] = buffer.first_chunk().expect("R is the number of rows");
+    let partial: &mut [_; R] = partial.first_chunk_mut().expect("one row of sums for each row of buffer");
     assert!(quads.len() <= QUADS);
     for first in (0..REGISTERS).step_by(H) {
         let mut acc = [[_mm256_setzero_si256(); H]; R];
         for (q, quad) in quads.iter().enumerate() {
             let (outputs, _) = quad.as_chunks::<16>();
-            prefetch::near(quads.as_ptr().wrapping_add(q + ahead));
+            prefetch::to_l1(quads.as_ptr().wrapping_add(q + ahead));
             if R > 2 && first == 0 {
-                prefetch::far(next.wrapping_add(q));
+                prefetch::to_l2(next.wrapping_add(q));
             }
             let mut w = [_mm256_setzero_si256(); H];
             for h in 0..H {
                 w[h] = widen(&outputs[first + h]);
             }
             for r in 0..R {
-                let x = _mm256_set1_epi64x(quad_bits(steps[r][q]));
+                let x = _mm256_set1_epi64x(quad_bits(buffer[r][q]));
                 for h in 0..H {
                     acc[r][h] = _mm256_add_epi32(acc[r][h], _mm256_madd_epi16(w[h], x));
                 }
@@ -167,28 +172,29 @@ fn quad_bits(x: [i16; QUAD]) -> i64 {
     x.iter().rev().fold(0, |bits, &x| bits << 16 | i64::from(x.cast_unsigned()))
 }
 
-/// The sums of 8 outputs from the two of each that stand side by side.
+/// The sums of 8 outputs from two adjacent partial sums each.
 #[inline]
-#[target_feature(enable = "avx2,fma")]
+#[avx2]
 fn add_pairs(low: __m256i, high: __m256i) -> __m256i {
     // Outputs 0 1 4 5 | 2 3 6 7: the addition works on halves.
     _mm256_permute4x64_epi64::<0b11_01_10_00>(_mm256_hadd_epi32(low, high))
 }
 
-/// Ends the integer sums `[rows, width]`, which lie as bits in the place of the floats that they become: those of the rows from `t`
-/// on with the slots from `slot` on, whose inputs were raised by `OFFSET`.
-#[target_feature(enable = "avx2,fma")]
-pub(super) fn finish<const OFFSET: i32>(
+/// Scales the integer sums `[rows, width]` of the rows from `t` on with the slots from `slot`
+/// on to floats, and applies the epilogue. The sums are stored as bits of floats; their inputs
+/// were offset by `OFFSET`.
+#[avx2]
+pub(super) fn dequantize_tile<const OFFSET: i32>(
     x: &QuantInput,
     t: usize,
     sums: &mut [[f32; PANEL]],
     width: usize,
-    job: &Job,
+    task: &GemmTask,
     slot: usize,
     y: &mut MatMut<f32>,
 ) {
     for i in 0..width {
-        let (w, p) = job.slot(slot + i);
+        let (w, p) = task.slot(slot + i);
         let outputs = p * PANEL..((p + 1) * PANEL).min(w.n());
         let mut w_scale = [0.0; PANEL];
         w_scale[..outputs.len()].copy_from_slice(&w.scale()[outputs.clone()]);
@@ -209,36 +215,36 @@ pub(super) fn finish<const OFFSET: i32>(
             store(sum, value);
         }
     }
-    match job {
-        Job::Plain(_, end) => float::finish(sums, width, t, slot * PANEL, end, y),
-        Job::Gated(..) => float::finish_gated(sums, width / 2, t, slot / 2 * PANEL, y),
+    match task {
+        GemmTask::Plain(_, epilogue) => float::store_tile(sums, width, t, slot * PANEL, epilogue, y),
+        GemmTask::Gated(..) => float::store_gated_tile(sums, width / 2, t, slot / 2 * PANEL, y),
     }
 }
 
 /// 16 bytes as 16 words.
 #[inline]
-#[target_feature(enable = "avx2,fma")]
+#[avx2]
 fn widen(src: &[i8; 16]) -> __m256i {
     // SAFETY: `src` is 16 readable bytes; the load needs no alignment.
     _mm256_cvtepi8_epi16(unsafe { _mm_loadu_si128(src.as_ptr().cast()) })
 }
 
 #[inline]
-#[target_feature(enable = "avx2,fma")]
+#[avx2]
 fn store_words(dst: &mut [i16; 16], v: __m256i) {
     // SAFETY: `dst` is 32 writable bytes; the store needs no alignment.
     unsafe { _mm256_storeu_si256(dst.as_mut_ptr().cast(), v) }
 }
 
 #[inline]
-#[target_feature(enable = "avx2,fma")]
+#[avx2]
 fn load_sums(src: &[i32; 8]) -> __m256i {
     // SAFETY: `src` is 32 readable bytes; the load needs no alignment.
     unsafe { _mm256_loadu_si256(src.as_ptr().cast()) }
 }
 
 #[inline]
-#[target_feature(enable = "avx2,fma")]
+#[avx2]
 fn store_sums(dst: &mut [i32; 8], v: __m256i) {
     // SAFETY: `dst` is 32 writable bytes; the store needs no alignment.
     unsafe { _mm256_storeu_si256(dst.as_mut_ptr().cast(), v) }

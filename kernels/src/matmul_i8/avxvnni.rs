@@ -1,158 +1,170 @@
-//! Four inputs of 8 outputs per instruction: `vpdpbusd` in registers of 32 bytes, which many processors have without AVX-512.
+//! Four inputs of 8 outputs per instruction: `vpdpbusd` in registers of 32 bytes, which many
+//! processors without AVX-512 have.
 //!
-//! As there, input rows are made unsigned (`x + 128`) a tile of rows at a time, and what that adds, `128 * sum(w)`, is taken from
-//! the sums at the end. A panel's quad is two registers.
+//! As in `avx512vnni.rs`, inputs are offset to unsigned (`x + 128`), a tile of rows at a time,
+//! and the excess, `128 * sum(w)`, is subtracted from the sums at the end. A panel's quad is
+//! two registers.
 
-use super::avx2::finish;
-use super::chunk::{AHEAD, CHUNK_BYTES, Chunk, expect_end};
-use super::{Job, QuantInput};
+use super::avx2::dequantize_tile;
+use super::chunk::{CHUNK_BYTES, Chunk, PREFETCH_DISTANCE, prefetch_scales};
+use super::input::{GemmTask, QuantInput};
+use crate::gemm::{Epilogue, tiles};
+use crate::isa::{AvxVnni, entry};
+use crate::lanes::avx2::{load_two as load, store_two as store};
 use crate::mat::MatMut;
-use crate::matmul_f32::avx2::{load, store};
-use crate::matmul_f32::{Epilogue, tiles};
 use crate::pack::{PANEL, PackedI8, QUAD};
 use crate::prefetch;
+use crate::tuning::Tuning;
 use core::arch::x86_64::*;
+use umo_kernels_features::avxvnni;
 
-/// Rows of the largest tile: 6 rows x 1 panel are 12 sums, which leaves two registers of weights and an input.
+/// Rows of the largest tile: 6 rows x 1 panel are 12 sums, which leaves two registers for
+/// weights and one for an input.
 pub(super) const ROWS: usize = 6;
 /// Panels of few rows in one group, 12 sums of one row; an even number, as gated products need.
 const WIDE: usize = 6;
 /// Panels of more rows in one group: a gate and an up panel.
 const PAIR: usize = 2;
-/// Panels of sums that a group ends.
+/// Panels of sums of a group.
 const SUMS: usize = ROWS * PAIR;
-/// Quads of inputs converted at once: 6 rows are 24 KiB, in L1 beside the weights that stream through.
+/// Quads of inputs converted at once: 6 rows are 24 KiB, which fit in L1 beside the weights.
 const QUADS: usize = 1024;
 /// Bytes in a register.
 const BYTES: usize = 32;
 
-/// Unsigned steps of one row, with room for a whole register behind the last; the extra line keeps rows off each other's cache sets.
-type Steps = [[u8; QUAD]; QUADS + 16];
+/// Inputs of one row, offset to unsigned, padded to a whole register; the extra line avoids
+/// conflicts between rows in cache sets.
+type BiasedRow = [[u8; QUAD]; QUADS + 16];
 
-#[target_feature(enable = "avx2,fma,avxvnni")]
-pub(super) fn matmul(x: QuantInput, w: PackedI8, end: Epilogue, y: MatMut<f32>) {
-    run(&x, &Job::Plain(w, end), y);
+entry! {
+    pub(super) fn matmul(_token: AvxVnni, x: QuantInput, w: PackedI8, epilogue: Epilogue, y: MatMut<f32>, _tuning: Tuning) {
+        run(&x, &GemmTask::Plain(w, epilogue), y);
+    }
+
+    pub(super) fn matmul_gated(_token: AvxVnni, x: QuantInput, gate: PackedI8, up: PackedI8, y: MatMut<f32>, _tuning: Tuning) {
+        run(&x, &GemmTask::Gated(gate, up), y);
+    }
 }
 
-#[target_feature(enable = "avx2,fma,avxvnni")]
-pub(super) fn matmul_gated(x: QuantInput, gate: PackedI8, up: PackedI8, y: MatMut<f32>) {
-    run(&x, &Job::Gated(gate, up), y);
+#[avxvnni]
+fn run(x: &QuantInput, task: &GemmTask, y: MatMut<f32>) {
+    // One row, as in a decoder's step, where clearing the large buffer would be measurable.
+    if x.rows.rows() == 1 { product::<1>(x, task, y) } else { product::<ROWS>(x, task, y) }
 }
 
-#[target_feature(enable = "avx2,fma,avxvnni")]
-fn run(x: &QuantInput, job: &Job, y: MatMut<f32>) {
-    // One row, as in a decoder's step, where clearing the large buffer would show.
-    if x.rows.rows() == 1 { product::<1>(x, job, y) } else { product::<ROWS>(x, job, y) }
-}
-
-#[target_feature(enable = "avx2,fma,avxvnni")]
-fn product<const TILE: usize>(x: &QuantInput, job: &Job, mut y: MatMut<f32>) {
-    let mut steps = [[[0; QUAD]; QUADS + 16]; TILE];
+#[avxvnni]
+fn product<const TILE: usize>(x: &QuantInput, task: &GemmTask, mut y: MatMut<f32>) {
+    let mut buffer = [[[0; QUAD]; QUADS + 16]; TILE];
     let mut sums = [[0.0; PANEL]; SUMS];
     let rows = x.rows.rows();
-    let width = (CHUNK_BYTES / (PANEL * job.k().max(1)) / WIDE).max(1) * WIDE;
-    for first in (0..job.slots()).step_by(width) {
-        let mut chunk = Chunk::new(job, first..first + width, rows, (rows.div_ceil(TILE), PAIR));
+    let width = (CHUNK_BYTES / (PANEL * task.k().max(1)) / WIDE).max(1) * WIDE;
+    for first in (0..task.slots()).step_by(width) {
+        let mut chunk = Chunk::new(task, first..first + width, rows, (rows.div_ceil(TILE), PAIR));
         for (t, rows) in tiles(rows, TILE) {
-            let steps = &mut steps[..rows];
-            convert(x, t, 0, steps);
+            let buffer = &mut buffer[..rows];
+            convert(x, t, 0, buffer);
             match rows {
-                1 => tile::<1, 6, WIDE>(x, t, steps, &mut chunk, &mut sums, &mut y),
-                2 => tile::<2, 3, WIDE>(x, t, steps, &mut chunk, &mut sums, &mut y),
-                3 => tile::<3, 2, PAIR>(x, t, steps, &mut chunk, &mut sums, &mut y),
-                4 => tile::<4, 1, PAIR>(x, t, steps, &mut chunk, &mut sums, &mut y),
-                5 => tile::<5, 1, PAIR>(x, t, steps, &mut chunk, &mut sums, &mut y),
-                ROWS => tile::<ROWS, 1, PAIR>(x, t, steps, &mut chunk, &mut sums, &mut y),
+                1 => tile::<1, 6, WIDE>(x, t, buffer, &mut chunk, &mut sums, &mut y),
+                2 => tile::<2, 3, WIDE>(x, t, buffer, &mut chunk, &mut sums, &mut y),
+                3 => tile::<3, 2, PAIR>(x, t, buffer, &mut chunk, &mut sums, &mut y),
+                4 => tile::<4, 1, PAIR>(x, t, buffer, &mut chunk, &mut sums, &mut y),
+                5 => tile::<5, 1, PAIR>(x, t, buffer, &mut chunk, &mut sums, &mut y),
+                ROWS => tile::<ROWS, 1, PAIR>(x, t, buffer, &mut chunk, &mut sums, &mut y),
                 rows => unreachable!("a tile of {rows} rows"),
             }
         }
     }
 }
 
-/// The inputs from `first` on of the rows from `t` on, made unsigned, as many of both as `steps` holds.
-#[target_feature(enable = "avx2,fma,avxvnni")]
-fn convert(x: &QuantInput, t: usize, first: usize, steps: &mut [Steps]) {
+/// Converts the inputs from `first` on of the rows from `t` on to unsigned, as many of both as
+/// `buffer` holds.
+#[avxvnni]
+fn convert(x: &QuantInput, t: usize, first: usize, buffer: &mut [BiasedRow]) {
     let inputs = first..(first + QUADS * QUAD).min(x.rows.cols());
-    for (t, steps) in (t..).zip(steps.iter_mut()) {
-        let (steps, _) = steps.as_flattened_mut().as_chunks_mut::<BYTES>();
+    for (t, buffer) in (t..).zip(buffer.iter_mut()) {
+        let (buffer, _) = buffer.as_flattened_mut().as_chunks_mut::<BYTES>();
         let (x, x_tail) = x.rows.row(t)[inputs.clone()].as_chunks::<BYTES>();
-        for (x, steps) in x.iter().zip(steps.iter_mut()) {
-            store_bytes(steps, unsigned(x));
+        for (x, buffer) in x.iter().zip(buffer.iter_mut()) {
+            store_bytes(buffer, unsigned(x));
         }
-        // Whatever stands behind the last input meets weights that are zero.
+        // Values behind the last input are multiplied by zero weights.
         let mut last = [0; BYTES];
         last[..x_tail.len()].copy_from_slice(x_tail);
-        store_bytes(&mut steps[x.len()], unsigned(&last));
+        store_bytes(&mut buffer[x.len()], unsigned(&last));
     }
 }
 
-/// The rows from `t` on, `R` of them, with the slots of `chunk`, `WIDTH` in a group, `P` of them at a time.
-#[target_feature(enable = "avx2,fma,avxvnni")]
+/// The rows from `t` on, `R` of them, with the slots of `chunk`, `WIDTH` in a group, `P` of them at
+/// a time.
+#[avxvnni]
 fn tile<const R: usize, const P: usize, const WIDTH: usize>(
     x: &QuantInput,
     t: usize,
-    steps: &mut [Steps],
+    buffer: &mut [BiasedRow],
     chunk: &mut Chunk,
     sums: &mut [[f32; PANEL]; SUMS],
     y: &mut MatMut<f32>,
 ) {
-    let steps: &mut [Steps; R] = steps.first_chunk_mut().expect("R was chosen by the number of rows");
+    let buffer: &mut [BiasedRow; R] = buffer.first_chunk_mut().expect("R was chosen by the number of rows");
     let (mut slot, end) = (chunk.slots.start, chunk.slots.end);
     while slot + WIDTH <= end {
-        group::<R, P, WIDTH>(x, t, steps, chunk, slot, sums, y);
+        group::<R, P, WIDTH>(x, t, buffer, chunk, slot, sums, y);
         slot += WIDTH;
     }
     while WIDTH > PAIR && slot + PAIR <= end {
-        group::<R, PAIR, PAIR>(x, t, steps, chunk, slot, sums, y);
+        group::<R, PAIR, PAIR>(x, t, buffer, chunk, slot, sums, y);
         slot += PAIR;
     }
     if slot < end {
-        group::<R, 1, 1>(x, t, steps, chunk, slot, sums, y);
+        group::<R, 1, 1>(x, t, buffer, chunk, slot, sums, y);
     }
 }
 
 /// `R` rows with `WIDTH` slots from `slot` on, from the first input to the end of the product.
-#[target_feature(enable = "avx2,fma,avxvnni")]
+#[avxvnni]
 fn group<const R: usize, const P: usize, const WIDTH: usize>(
     x: &QuantInput,
     t: usize,
-    steps: &mut [Steps; R],
+    buffer: &mut [BiasedRow; R],
     chunk: &mut Chunk,
     slot: usize,
     sums: &mut [[f32; PANEL]; SUMS],
     y: &mut MatMut<f32>,
 ) {
-    let job = chunk.job;
-    let next = chunk.fetch(job.panel(slot));
-    (slot..slot + WIDTH).for_each(|slot| expect_end(job, slot));
-    for first in (0..job.k().max(1)).step_by(QUADS * QUAD) {
-        if job.k() > QUADS * QUAD {
-            convert(x, t, first, steps);
+    let task = chunk.task;
+    let next = chunk.fetch(task.panel(slot));
+    (slot..slot + WIDTH).for_each(|slot| prefetch_scales(task, slot));
+    for first in (0..task.k().max(1)).step_by(QUADS * QUAD) {
+        if task.k() > QUADS * QUAD {
+            convert(x, t, first, buffer);
         }
         for i in (0..WIDTH).step_by(P) {
-            // Not by `from_fn`: a closure has this function's features and cannot be inlined into one that has not.
+            // Not by `from_fn`: a closure has this function's features and cannot be inlined into
+            // one that has not.
             let mut panels = [&[][..]; P];
             for (p, panel) in panels.iter_mut().enumerate() {
-                let quads = job.panel(slot + i + p);
+                let quads = task.panel(slot + i + p);
                 *panel = &quads[first / QUAD..(first / QUAD + QUADS).min(quads.len())];
             }
             let fetch = (chunk.ahead, next[i % next.len()].wrapping_add(first / QUAD));
-            multiply::<R, P, WIDTH>(steps, panels, fetch, first == 0, &mut sums[i..]);
+            multiply::<R, P, WIDTH>(buffer, panels, fetch, first == 0, &mut sums[i..]);
         }
     }
-    // The next group's first weights arrive while this one ends.
-    for slot in slot + WIDTH..(slot + 2 * WIDTH).min(job.slots()) {
-        job.panel(slot).iter().take(chunk.ahead).for_each(|line| prefetch::near(line));
+    // The first weights of the next group are prefetched while the epilogue of this one
+    // runs.
+    for slot in slot + WIDTH..(slot + 2 * WIDTH).min(task.slots()) {
+        task.panel(slot).iter().take(chunk.ahead).for_each(|line| prefetch::to_l1(line));
     }
-    finish::<128>(x, t, &mut sums[..R * WIDTH], WIDTH, job, slot, y);
+    dequantize_tile::<128>(x, t, &mut sums[..R * WIDTH], WIDTH, task, slot, y);
 }
 
-/// The innermost tile: adds the products over the panels' quads to `R x P` of the sums `[R, WIDTH]`, in registers. Weights are
-/// fetched so far `ahead`, and the `next` panel, quad by quad. Kept out of line: 16 registers are too few for what stands around it.
+/// The innermost tile: adds the products of the panels' quads to `R x P` of the sums `[R,
+/// WIDTH]`, in registers. Prefetches weights at the distance `ahead`, and the `next` panel,
+/// quad by quad. Kept out of line: 16 registers are too few for the surrounding code.
 #[inline(never)]
-#[target_feature(enable = "avx2,fma,avxvnni")]
+#[avxvnni]
 fn multiply<const R: usize, const P: usize, const WIDTH: usize>(
-    steps: &[Steps; R],
+    buffer: &[BiasedRow; R],
     panels: [&[[i8; PANEL * QUAD]]; P],
     (ahead, next): (usize, *const [i8; PANEL * QUAD]),
     start: bool,
@@ -160,8 +172,8 @@ fn multiply<const R: usize, const P: usize, const WIDTH: usize>(
 ) {
     let quads = panels[0].len();
     assert!(quads <= QUADS);
-    // Known to the compiler where it matters: a decoder's step.
-    let ahead = if R == 1 { AHEAD[0] } else { ahead };
+    // A constant for one row, a decoder's step, where it matters.
+    let ahead = if R == 1 { PREFETCH_DISTANCE[0] } else { ahead };
     for panel in panels {
         assert!(panel.len() == quads);
     }
@@ -176,13 +188,13 @@ fn multiply<const R: usize, const P: usize, const WIDTH: usize>(
     }
     for q in 0..quads {
         if R > 2 {
-            prefetch::far(next.wrapping_add(q));
+            prefetch::to_l2(next.wrapping_add(q));
         }
         for p in 0..P {
-            prefetch::near(panels[p].as_ptr().wrapping_add(q + ahead));
+            prefetch::to_l1(panels[p].as_ptr().wrapping_add(q + ahead));
             let w = load_quads(&panels[p][q]);
             for r in 0..R {
-                let x = _mm256_set1_epi32(i32::from_ne_bytes(steps[r][q]));
+                let x = _mm256_set1_epi32(i32::from_ne_bytes(buffer[r][q]));
                 acc[r][p][0] = _mm256_dpbusd_avx_epi32(acc[r][p][0], x, w[0]);
                 acc[r][p][1] = _mm256_dpbusd_avx_epi32(acc[r][p][1], x, w[1]);
             }
@@ -198,7 +210,7 @@ fn multiply<const R: usize, const P: usize, const WIDTH: usize>(
 
 /// A quad of all outputs of a panel.
 #[inline]
-#[target_feature(enable = "avx2,fma,avxvnni")]
+#[avxvnni]
 fn load_quads(src: &[i8; PANEL * QUAD]) -> [__m256i; 2] {
     let (halves, _) = src.as_chunks::<BYTES>();
     [load_bytes(&halves[0]), load_bytes(&halves[1])]
@@ -206,20 +218,20 @@ fn load_quads(src: &[i8; PANEL * QUAD]) -> [__m256i; 2] {
 
 /// `x + 128`.
 #[inline]
-#[target_feature(enable = "avx2,fma,avxvnni")]
+#[avxvnni]
 fn unsigned(x: &[i8; BYTES]) -> __m256i {
     _mm256_xor_si256(load_bytes(x), _mm256_set1_epi8(i8::MIN))
 }
 
 #[inline]
-#[target_feature(enable = "avx2,fma,avxvnni")]
+#[avxvnni]
 fn load_bytes(src: &[i8; BYTES]) -> __m256i {
     // SAFETY: `src` is 32 readable bytes; the load needs no alignment.
     unsafe { _mm256_loadu_si256(src.as_ptr().cast()) }
 }
 
 #[inline]
-#[target_feature(enable = "avx2,fma,avxvnni")]
+#[avxvnni]
 fn store_bytes(dst: &mut [u8; BYTES], v: __m256i) {
     // SAFETY: `dst` is 32 writable bytes; the store needs no alignment.
     unsafe { _mm256_storeu_si256(dst.as_mut_ptr().cast(), v) }

@@ -1,53 +1,24 @@
 //! The specification: exact integer sums, then one fixed order of roundings.
 
-use super::QuantInput;
+use super::input::QuantInput;
+use crate::gemm::Epilogue;
+use crate::gemm::scalar::{store_gated_panel, store_panel};
 use crate::mat::MatMut;
-use crate::matmul_f32::{Epilogue, finish_panel, gated};
 use crate::pack::{PANEL, PackedI8, QUAD, panels};
+use crate::tuning::Tuning;
 
-/// Quantises one row, returns the real value of one step.
-pub(crate) fn quantize(row: &[f32], steps: &mut [i8]) -> f32 {
-    let Some((per_unit, scale)) = per_unit(largest(row)) else {
-        steps.fill(0);
-        return 1.0;
-    };
-    round(row, per_unit, steps);
-    scale
-}
-
-/// The largest size of a value.
-pub(super) fn largest(row: &[f32]) -> f32 {
-    row.iter().fold(0.0, |max, x| max.max(x.abs()))
-}
-
-/// The nearest steps, halves to even.
-#[expect(clippy::cast_possible_truncation, reason = "rounded values lie in -127..=127")]
-pub(super) fn round(row: &[f32], per_unit: f32, steps: &mut [i8]) {
-    for (step, x) in steps.iter_mut().zip(row) {
-        *step = (x * per_unit).round_ties_even() as i8;
-    }
-}
-
-/// Steps per unit and the size of a step, for a row whose largest value is `max`; none for a row of zeros.
-#[inline]
-pub(super) fn per_unit(max: f32) -> Option<(f32, f32)> {
-    let per_unit = 127.0 / max;
-    // Nor where a denormal maximum makes the quotient infinite: such a row is zero to any precision that matters.
-    per_unit.is_finite().then_some((per_unit, max / 127.0))
-}
-
-pub(super) fn matmul(x: QuantInput, w: PackedI8, end: Epilogue, mut y: MatMut<f32>) {
+pub(super) fn matmul(x: QuantInput, w: PackedI8, epilogue: Epilogue, mut y: MatMut<f32>, _tuning: Tuning) {
     for p in 0..panels(w.n()) {
         for t in 0..x.rows.rows() {
-            finish_panel(scaled(x, t, w, p), t, p * PANEL, end, &mut y);
+            store_panel(scaled(x, t, w, p), t, p * PANEL, epilogue, &mut y);
         }
     }
 }
 
-pub(super) fn matmul_gated(x: QuantInput, gate: PackedI8, up: PackedI8, mut y: MatMut<f32>) {
+pub(super) fn matmul_gated(x: QuantInput, gate: PackedI8, up: PackedI8, mut y: MatMut<f32>, _tuning: Tuning) {
     for p in 0..panels(gate.n()) {
         for t in 0..x.rows.rows() {
-            gated(scaled(x, t, gate, p), scaled(x, t, up, p), t, p * PANEL, &mut y);
+            store_gated_panel(scaled(x, t, gate, p), scaled(x, t, up, p), t, p * PANEL, &mut y);
         }
     }
 }

@@ -1,10 +1,10 @@
-//! The specification of the norms. Their loops run over independent elements or in 16 lanes, so that the vector
-//! back-ends are these same functions, compiled for their instruction set.
+//! The reference of the norms. Its loops run over independent elements or in 16 lanes, so that
+//! the vector back-ends are the same functions, compiled for their instruction set.
 
 use crate::lanes::sum_of;
 use crate::mat::{Mat, MatMut};
 
-/// Channels whose sums stay in registers while time goes by.
+/// Channels whose sums stay in registers over all of the time.
 const CHANNELS: usize = 16;
 
 #[expect(clippy::cast_precision_loss, reason = "row lengths are far below 2^24")]

@@ -1,8 +1,8 @@
 //! Products with weights in bf16 beyond what they share with f32: what is not finite, and rows that are bf16 already.
 
 use proptest::prelude::*;
-use umo_kernels::matmul_bf16::{Bf16Rows, matmul_bf16, matmul_bf16_rows, split};
-use umo_kernels::matmul_f32::{Epilogue, Input};
+use umo_kernels::gemm::{Epilogue, Input};
+use umo_kernels::matmul_bf16::{Bf16Rows, matmul_bf16, matmul_bf16_rows, split_bf16x2};
 use umo_kernels::pack::{PANEL, pack_bf16, packed_len_bf16};
 use umo_kernels::{Bf16, Isa, Mat, MatMut, PackedBf16};
 
@@ -53,7 +53,7 @@ fn rows_in_bf16_give_the_same(isa: Isa) {
 
         let nearest: Vec<Bf16> = x.iter().map(|&x| Bf16::from_f32(x)).collect();
         let (mut high, mut low) = (vec![Bf16(0); len], vec![Bf16(0); len]);
-        split(isa, &x, &mut high, &mut low).unwrap();
+        split_bf16x2(isa, &x, &mut high, &mut low).unwrap();
         for ((&x, high), low) in x.iter().zip(&high).zip(&low) {
             let rest = f64::from(x) - f64::from(high.to_f32()) - f64::from(low.to_f32());
             prop_assert!(rest.abs() <= f64::from(x.abs()) * f64::from(2.0_f32.powi(-16)) + f64::from(f32::MIN_POSITIVE));

@@ -1,4 +1,4 @@
-//! Every product on every back-end against its scalar twin: sizes around all tile edges, any alignment, gathered and
+//! Every product on every back-end against its scalar reference: sizes around all tile edges, any alignment, gathered and
 //! scattered rows, all ends, extremes; and the two promises that callers build on, that a row's bits depend neither on
 //! the rows beside it nor on how the outputs are cut. Shapes of the int8 product's own tiles are in `tiles`.
 #![expect(clippy::cast_possible_truncation, reason = "sizes of cases are far below 2^32")]
@@ -8,10 +8,13 @@ mod support;
 mod tiles;
 
 use proptest::prelude::*;
+use umo_kernels::activation::Activation;
+use umo_kernels::gemm::{Epilogue, Input, Scatter};
 use umo_kernels::matmul_bf16::{matmul_bf16, matmul_gated_bf16};
-use umo_kernels::matmul_f32::{Activation, Epilogue, Input, Scatter, matmul_f32, matmul_gated_f32};
-use umo_kernels::matmul_i8::{MAX_K, QuantRows, matmul_gated_i8, matmul_i8};
+use umo_kernels::matmul_f32::{matmul_f32, matmul_gated_f32};
+use umo_kernels::matmul_i8::{MAX_K, matmul_gated_i8, matmul_i8};
 use umo_kernels::pack::{PANEL, pack, pack_bf16, pack_i8, packed_len, packed_len_bf16, packed_len_i8};
+use umo_kernels::quantize::QuantRows;
 use umo_kernels::{Bf16, Isa, Mat, MatMut, PackedBf16, PackedF32, PackedI8};
 
 use support::{Guarded, Numbers, Shifted, config, for_each_isa, isa, near};

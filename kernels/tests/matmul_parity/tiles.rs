@@ -3,9 +3,11 @@
 //! several blocks at once.
 
 use proptest::prelude::*;
-use umo_kernels::matmul_f32::{Activation, Epilogue, Scatter};
-use umo_kernels::matmul_i8::{QuantRows, Tiling, matmul_gated_i8, matmul_i8, tiling};
+use umo_kernels::activation::Activation;
+use umo_kernels::gemm::{Epilogue, Scatter};
+use umo_kernels::matmul_i8::{Tiling, matmul_gated_i8, matmul_i8, tiling};
 use umo_kernels::pack::{PANEL, pack_i8, packed_len_i8};
+use umo_kernels::quantize::QuantRows;
 use umo_kernels::{Isa, Mat, PackedI8};
 
 use crate::support::{Guarded, Numbers, Shifted, config, for_each_isa, isa, near};

@@ -7,8 +7,9 @@
 
 use rayon::prelude::*;
 use umo_kernels::activation;
+use umo_kernels::activation::Activation;
 use umo_kernels::attention::{encoder_attention_bf16, encoder_attention_f32};
-use umo_kernels::matmul_f32::{Activation, Epilogue};
+use umo_kernels::gemm::Epilogue;
 use umo_kernels::norm::{channel_affine, channel_sums, layer_norm};
 use umo_kernels::{Isa, Mat, MatMut, PANEL};
 

@@ -1,7 +1,7 @@
 //! Nearest centroid of each feature.
 
 use umo_kernels::activation::argmax;
-use umo_kernels::matmul_f32::Epilogue;
+use umo_kernels::gemm::Epilogue;
 use umo_kernels::{Mat, MatMut};
 
 use crate::error::{LoadError, StepError, check_finite};

@@ -5,7 +5,8 @@ use std::sync::Arc;
 
 use realfft::num_complex::Complex;
 use realfft::{RealFftPlanner, RealToComplex};
-use umo_kernels::matmul_f32::{Activation, Epilogue};
+use umo_kernels::activation::Activation;
+use umo_kernels::gemm::Epilogue;
 use umo_kernels::{Mat, MatMut};
 
 use crate::config;

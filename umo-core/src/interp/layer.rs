@@ -2,8 +2,9 @@
 
 use std::ops::Range;
 
+use umo_kernels::activation::Activation;
 use umo_kernels::attention::encoder_attention_f32;
-use umo_kernels::matmul_f32::{Activation, Epilogue};
+use umo_kernels::gemm::Epilogue;
 use umo_kernels::norm::layer_norm;
 use umo_kernels::{Isa, Mat, MatMut};
 

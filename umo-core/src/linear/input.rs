@@ -3,8 +3,8 @@
 use std::ops::Range;
 
 use umo_kernels::bf16::round_bf16;
-use umo_kernels::matmul_bf16::{Bf16Rows, split};
-use umo_kernels::matmul_i8::{QuantRows, quantize_columns, quantize_rows, row_maxima, step_size};
+use umo_kernels::matmul_bf16::{Bf16Rows, split_bf16x2};
+use umo_kernels::quantize::{QuantRows, quantization_scale, quantize_columns, quantize_rows, row_maxima};
 use umo_kernels::{Bf16, Isa, Mat, MatMut, ShapeError};
 
 use super::{Compute, Linear};
@@ -157,7 +157,7 @@ impl QuantScratch {
         let (largest, others) = self.largest[..pieces * rows].split_at_mut(rows);
         for (t, largest) in largest.iter_mut().enumerate() {
             *largest = others.iter().skip(t).step_by(rows).fold(*largest, |largest, &other| largest.max(other));
-            self.scale[t] = step_size(*largest);
+            self.scale[t] = quantization_scale(*largest);
         }
         let (steps, largest) = (MatMut::with_stride(&mut self.steps, rows, width, stride(width))?, &*largest);
         let cut = both(MatMut::split_columns, MatMut::split_columns);
@@ -268,7 +268,7 @@ impl QuantScratch {
         let [first, rest] = &mut self.parts;
         let (high, low) = (MatMut::new(first, values.len(), 1)?, MatMut::new(rest, values.len(), 1)?);
         cx.team.rows_of_two(high, low, values.len(), |range, mut high, mut low| {
-            Ok(split(cx.isa, &values[range], high.column_mut(), low.column_mut())?)
+            Ok(split_bf16x2(cx.isa, &values[range], high.column_mut(), low.column_mut())?)
         })?;
         Ok(Bf16Values { first: &first[..values.len()], rest: Some(&rest[..values.len()]) })
     }

@@ -6,8 +6,8 @@ use std::time::Instant;
 use rayon::prelude::*;
 use umo_kernels::attention::{Visible, attention_bf16, attention_f32};
 use umo_kernels::bf16::round_bf16;
-use umo_kernels::matmul_f32::Epilogue;
-use umo_kernels::{Ahead, Bf16, Isa, Mat, MatMut, ShapeError};
+use umo_kernels::gemm::Epilogue;
+use umo_kernels::{Bf16, Isa, Mat, MatMut, PrefetchHint, ShapeError};
 
 use super::attention::{PositionBias, Projections, for_each_head, projection};
 use super::experts::Experts;
@@ -118,9 +118,9 @@ impl DecoderCache {
     }
 
     /// What attention with all of a head's keys reads first.
-    fn cross_ahead(&self, isa: Isa, layer: usize, head: usize) -> Ahead<'_> {
+    fn cross_ahead(&self, isa: Isa, layer: usize, head: usize) -> PrefetchHint<'_> {
         match &self.cross {
-            Cross::F32(_) => Ahead::NOTHING,
+            Cross::F32(_) => PrefetchHint::NONE,
             Cross::Bf16(cross) => ahead(isa, self.cross_head(cross, layer, head)),
         }
     }
@@ -331,7 +331,7 @@ impl Decoder {
             let first = sequence.cache.own_len;
             let (cache, rows) = (&sequence.cache, first + sequence.count);
             let next = heads.clone().nth(1);
-            let ahead = next.map_or(Ahead::NOTHING, |head| ahead(cx.isa, cache.own_head(index, head, rows)));
+            let ahead = next.map_or(PrefetchHint::NONE, |head| ahead(cx.isa, cache.own_head(index, head, rows)));
             let [k, v] = cache.own_head(index, heads.start, rows).map(|values| Mat::new(values, rows, self.d_kv));
             let bias = Some(self.bias.of(heads.start, first));
             attention_f32(cx.isa, q, k?, v?, 1.0, bias, Visible::Causal { first }, ahead, y)
@@ -356,7 +356,9 @@ impl Decoder {
         let x = norm_input(cx, hidden, (&layer.cross_norm, self.eps), normed, (input, quant), none, 0, no_more)?;
         // Of the first sequence, each thread's first head.
         cx.team.expect(inner, self.d_kv, |columns| {
-            sequences.first().map_or(Ahead::NOTHING, |s| s.cache.cross_ahead(cx.isa, index, columns.start / self.d_kv))
+            sequences
+                .first()
+                .map_or(PrefetchHint::NONE, |s| s.cache.cross_ahead(cx.isa, index, columns.start / self.d_kv))
         });
         input.apply(cx, x, None, 0..inner, Epilogue::STORE, MatMut::new(qkv, rows, inner)?)?;
 
@@ -385,11 +387,21 @@ impl Decoder {
             Cross::F32(cross) => {
                 let kv = Mat::new(&cross[cache.cross_start(index)..], rows, cache.width)?;
                 let of = |column: usize| kv.columns(column * d_kv..(column + 1) * d_kv);
-                attention_f32(cx.isa, q, of(head), of(self.heads + head), 1.0, None, Visible::All, Ahead::NOTHING, y)
+                attention_f32(
+                    cx.isa,
+                    q,
+                    of(head),
+                    of(self.heads + head),
+                    1.0,
+                    None,
+                    Visible::All,
+                    PrefetchHint::NONE,
+                    y,
+                )
             }
             Cross::Bf16(cross) => {
                 let next = heads.clone().nth(1);
-                let ahead = next.map_or(Ahead::NOTHING, |head| ahead(cx.isa, cache.cross_head(cross, index, head)));
+                let ahead = next.map_or(PrefetchHint::NONE, |head| ahead(cx.isa, cache.cross_head(cross, index, head)));
                 let [k, v] = cache.cross_head(cross, index, head).map(|values| Mat::new(values, rows, d_kv));
                 attention_bf16(cx.isa, q, k?, v?, 1.0, None, Visible::All, ahead, y)
             }
@@ -417,8 +429,8 @@ impl Decoder {
 }
 
 /// Keys and values that are read next.
-fn ahead<T>(isa: Isa, [keys, values]: [&[T]; 2]) -> Ahead<'_> {
-    Ahead::new(keys, values).as_read_by(isa)
+fn ahead<T>(isa: Isa, [keys, values]: [&[T]; 2]) -> PrefetchHint<'_> {
+    PrefetchHint::new(keys, values).tuned_for(isa)
 }
 
 /// Appends each sequence's new keys and values, rows of `kv`, to its cache of one layer.

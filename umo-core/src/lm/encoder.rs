@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 use umo_kernels::attention::{encoder_attention_bf16, encoder_attention_f32};
-use umo_kernels::matmul_f32::Epilogue;
+use umo_kernels::gemm::Epilogue;
 use umo_kernels::{MatMut, PANEL};
 
 use super::attention::{PositionBias, Projections, heads_of};
@@ -87,7 +87,7 @@ impl Encoder {
         let then = || {
             if let Some(next) = self.layers.get(index + 1) {
                 let input = &next.attention.input;
-                cx.team.expect(self.heads * self.d_kv, self.d_kv, |columns| input.ahead(columns).as_read_by(cx.isa));
+                cx.team.expect(self.heads * self.d_kv, self.d_kv, |columns| input.ahead(columns).tuned_for(cx.isa));
             }
         };
         layer.experts.forward(cx, (quant, inside), experts, &mut hidden[..rows * d], &mut normed[..rows * d], then)?;

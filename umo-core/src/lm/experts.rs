@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use umo_kernels::experts::{Routing, route};
-use umo_kernels::matmul_f32::{Epilogue, Scatter};
+use umo_kernels::gemm::{Epilogue, Scatter};
 use umo_kernels::{MatMut, PANEL};
 
 use super::norm_input;
@@ -137,7 +137,7 @@ impl Experts {
 
     /// Tells the thread that will compute them that norm and router come after the next job.
     pub(super) fn expect(&self, cx: Compute) {
-        cx.team.expect(1, 1, |_| self.router.ahead(0..self.experts.len()).as_read_by(cx.isa));
+        cx.team.expect(1, 1, |_| self.router.ahead(0..self.experts.len()).tuned_for(cx.isa));
     }
 
     /// Calls `f` for every expert that has rows, with the next one that has, and its slots.

@@ -4,7 +4,8 @@
 //! last: the window of a convolution over three frames is then three rows that follow each other, a row of an
 //! overlapping [`Mat`], and every layer pads with zeros as its training did.
 
-use umo_kernels::matmul_f32::{Activation, Epilogue};
+use umo_kernels::activation::Activation;
+use umo_kernels::gemm::Epilogue;
 use umo_kernels::{Mat, MatMut};
 
 use crate::config::Codec;

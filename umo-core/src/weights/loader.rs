@@ -4,9 +4,8 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use rayon::prelude::*;
-use umo_kernels::pack::{
-    PANEL, pack_row, pack_row_bf16, pack_row_i8, packed_len, packed_len_bf16, packed_len_i8, quantize_weight_row,
-};
+use umo_kernels::pack::{PANEL, pack_row, pack_row_bf16, pack_row_i8, packed_len, packed_len_bf16, packed_len_i8};
+use umo_kernels::quantize::quantize_weight_row;
 use umo_kernels::{Bf16, Isa, ShapeError};
 
 use super::aligned::{AlignedBox, Plain, Pool};

@@ -6,7 +6,7 @@ use std::io::{self, Seek, SeekFrom, Write};
 use half::{bf16, f16};
 use rayon::prelude::*;
 use serde::Serialize;
-use umo_kernels::pack::quantize_weight_row;
+use umo_kernels::quantize::quantize_weight_row;
 
 use super::FORMAT_VERSION;
 use super::checksum::{self, Summed};

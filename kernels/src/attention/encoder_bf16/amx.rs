@@ -1,35 +1,38 @@
 //! 32 queries at a time over 256 keys, on tiles of bfloat16 pairs.
 //!
 //! ```text
-//! queries meet keys:  keys, one tile of 16 for each 32 of `head_dim`: tmm2, then tmm3
+//! scores:  keys, one tile of 16 for each 32 of `head_dim`: tmm2, then tmm3
 //!   queries  0..16: tmm4 tmm5 (by `head_dim`)    scores tmm0
 //!           16..32: tmm6 tmm7                           tmm1
-//! weights meet values:    values, 16 columns each: tmm6 tmm7
+//! values:  values, 16 columns each: tmm6 tmm7
 //!   queries  0..16: tmm4                          tmm0 tmm1
 //!           16..32: tmm5                          tmm2 tmm3
 //! ```
-//! Scores of 32 queries stand in tiles of 16 keys; softmax turns two of them into one tile of weights, in place: 32 KiB, which stay in
-//! L1 while keys and values pass by.
+//! Scores of 32 queries are stored in tiles of 16 keys; softmax replaces two of them by one
+//! tile of weights, in place: 32 KiB, which stay in L1 while keys and values stream through.
 
 #![expect(clippy::needless_range_loop, reason = "loops of constant length over registers read best by index")]
 
-use super::avx512vnni::in_turn;
-use super::{KEYS, POWER, STEP, Softmax};
+use super::avx512vnni::{self, vector::interleave_halves};
+use super::{KEYS, STEP, Softmax};
 use crate::amx::{TILE as ROWS, Tiles};
-use crate::attention::Operands;
 use crate::attention::amx::{MOST_DIM, Packed, Sums, Tile, add, load_pairs};
-use crate::attention::avx512vnni::transpose;
+use crate::attention::avx512vnni::vector::transpose;
+use crate::attention::operands::Operands;
+use crate::isa::{Amx, entry};
 use crate::lanes::LANES;
-use crate::lanes::avx512vnni::{array, first_lanes, load, store};
+use crate::lanes::avx512vnni::{lane_mask, load, store, to_array};
 use crate::mat::{Mat, MatMut};
 use crate::math::LOG2_E;
+use crate::math::avx512vnni::exp2_bf16_unmasked;
 use core::arch::x86_64::*;
 use core::ops::Range;
+use umo_kernels_features::avx512bf16;
 
-/// Queries whose softmaxes are kept while blocks of keys go by.
+/// Queries whose softmax states are kept while blocks of keys are processed.
 const BLOCK: usize = 512;
 
-/// Groups of 16 queries in work at once.
+/// Groups of 16 queries processed at once.
 const GROUPS: usize = 2;
 
 /// By 16 keys and 32 of `head_dim`: rows of pairs, a key per column.
@@ -44,7 +47,7 @@ type Scores = [[[Tile; 2]; KEYS / STEP]; GROUPS];
 /// A register for each query.
 type Lanes = [[[f32; LANES]; ROWS]; GROUPS];
 
-/// What one call keeps between its loops.
+/// The buffers of one call.
 struct Work {
     scores: Scores,
     k: Keys,
@@ -56,10 +59,18 @@ struct Work {
     biases: [f32; BLOCK + KEYS],
 }
 
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
-pub(in super::super) fn attention(x: Operands<f32>, mut y: MatMut<f32>) {
-    // SAFETY: the dispatch leads here from `Backend::Amx` alone.
-    let tiles = &unsafe { Tiles::new() };
+entry! {
+    pub(super) fn attention(token: Amx, x: Operands<f32>, y: MatMut<f32>) {
+        if fits(&x) {
+            run(&Tiles::new(token), x, y);
+        } else {
+            avx512vnni::attention(token.into(), x, y);
+        }
+    }
+}
+
+#[avx512bf16]
+fn run(tiles: &Tiles, x: Operands<f32>, mut y: MatMut<f32>) {
     let mut work = Work {
         k: [[Tile::EMPTY; MOST_DIM / STEP]; KEYS / ROWS],
         v: [[Tile::EMPTY; MOST_DIM / LANES]; KEYS / STEP],
@@ -96,34 +107,35 @@ pub(in super::super) fn attention(x: Operands<f32>, mut y: MatMut<f32>) {
 }
 
 /// Whether there are tiles enough for heads of this width.
-pub(in super::super) fn fits(x: &Operands<f32>) -> bool {
+fn fits(x: &Operands<f32>) -> bool {
     x.q.cols() <= MOST_DIM
 }
 
-/// `count` biases in powers of 2, where there are any.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+/// Converts `count` biases to powers of 2, if there are any.
+#[avx512bf16]
 fn scale_biases(biases: &[f32], count: usize, scaled: &mut [f32; BLOCK + KEYS]) {
     for (scaled, bias) in scaled.iter_mut().zip(biases).take(count) {
         *scaled = bias * LOG2_E;
     }
 }
 
-/// Up to 32 queries and the keys in work.
+/// Up to 32 queries and the current block of keys.
 struct Block<'a> {
     q: Mat<'a, f32>,
     scale: f32,
-    /// Where the last query's biases begin; those of each query before it, one further on.
+    /// Offset of the last query's biases; those of each earlier query start one further on.
     biases: usize,
     keys: usize,
 }
 
 impl Block<'_> {
-    /// Adds what these keys give to the first rows of `y`, in `G` groups of queries. `others` came before these keys, or they are
-    /// the `last`.
+    /// Adds the contribution of these keys to the first rows of `y`, in `G` groups of
+    /// queries. `others`: there were keys before these; `last`: there are none after.
     ///
-    /// While queries meet 32 keys, the scores of the 32 keys before are scaled; while the weights of 32 keys meet values, those of the
-    /// next are taken: a few registers between any two products.
-    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+    /// While the tiles compute the scores of 32 keys, the registers scale those of the 32
+    /// keys before; while the tiles sum the values of 32 keys, the registers compute the
+    /// weights of the next.
+    #[avx512bf16]
     fn run<const G: usize>(
         &self,
         tiles: &Tiles,
@@ -136,9 +148,9 @@ impl Block<'_> {
         let (steps, pairs) = (self.q.cols().div_ceil(STEP), self.keys.div_ceil(STEP));
         pack_queries(self.q, q);
         lanes.as_flattened_mut().fill([f32::NEG_INFINITY; LANES]);
-        self.meet_keys::<G>(tiles, q, k, scores, &biases[self.biases..], lanes);
+        self.score_keys::<G>(tiles, q, k, scores, &biases[self.biases..], lanes);
         for (r, softmax) in softmaxes.iter_mut().enumerate() {
-            softmax.meet(_mm512_reduce_max_ps(load(&lanes[r / ROWS][r % ROWS])));
+            softmax.update_max(_mm512_reduce_max_ps(load(&lanes[r / ROWS][r % ROWS])));
         }
         let mut max = [f32::NEG_INFINITY; GROUPS * ROWS];
         for (max, softmax) in max.iter_mut().zip(&*softmaxes) {
@@ -146,35 +158,35 @@ impl Block<'_> {
         }
         lanes.as_flattened_mut().fill([0.0; LANES]);
         for r in 0..self.q.rows() {
-            weigh(scores, r, 0, max[r], lanes);
+            softmax_weights(scores, r, 0, max[r], lanes);
         }
         for columns in 0..steps {
             tiles.zero();
             for pair in 0..pairs {
                 tiles.load::<4, _>(&scores[0][pair][0].0);
-                tiles.load_rows_past::<6, _>(&v[pair][2 * columns].0, 1);
-                tiles.load_rows_past::<7, _>(&v[pair][2 * columns + 1].0, 1);
+                tiles.load_tile_streaming::<6, _>(&v[pair][2 * columns].0, 1);
+                tiles.load_tile_streaming::<7, _>(&v[pair][2 * columns + 1].0, 1);
                 if G == 2 {
                     tiles.load::<5, _>(&scores[1][pair][0].0);
                 }
                 let mut r = 0;
-                let mut meanwhile = || {
+                let mut between = || {
                     if columns == 0 && pair + 1 < pairs {
                         for r in r..self.q.rows().min(r + ROWS / 2) {
-                            weigh(scores, r, pair + 1, max[r], lanes);
+                            softmax_weights(scores, r, pair + 1, max[r], lanes);
                         }
                         r += ROWS / 2;
                     }
                 };
                 tiles.multiply_bf16::<0, 4, 6>();
-                meanwhile();
+                between();
                 tiles.multiply_bf16::<1, 4, 7>();
-                meanwhile();
+                between();
                 if G == 2 {
                     tiles.multiply_bf16::<2, 5, 6>();
-                    meanwhile();
+                    between();
                     tiles.multiply_bf16::<3, 5, 7>();
-                    meanwhile();
+                    between();
                 }
             }
             let [above, below] = &mut *sums;
@@ -194,8 +206,8 @@ impl Block<'_> {
 
     /// The scores of all keys, and the largest of each query by lanes.
     #[inline]
-    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
-    fn meet_keys<const G: usize>(
+    #[avx512bf16]
+    fn score_keys<const G: usize>(
         &self,
         tiles: &Tiles,
         q: &Queries,
@@ -216,27 +228,27 @@ impl Block<'_> {
             let mut r = if pair > 0 { 0 } else { self.q.rows() };
             for half in 0..2 {
                 let keys = &k[2 * pair + half];
-                let mut meanwhile = || {
+                let mut between = || {
                     self.score(scores, r..self.q.rows().min(r + some), pair.wrapping_sub(1), biases, largest);
                     r += some;
                 };
                 tiles.zero_two();
                 if steps > 0 {
-                    tiles.load_rows_past::<2, _>(&keys[0].0, 1);
+                    tiles.load_tile_streaming::<2, _>(&keys[0].0, 1);
                     tiles.multiply_bf16::<0, 4, 2>();
-                    meanwhile();
+                    between();
                     if G == 2 {
                         tiles.multiply_bf16::<1, 6, 2>();
-                        meanwhile();
+                        between();
                     }
                 }
                 if steps > 1 {
-                    tiles.load_rows_past::<3, _>(&keys[1].0, 1);
+                    tiles.load_tile_streaming::<3, _>(&keys[1].0, 1);
                     tiles.multiply_bf16::<0, 5, 3>();
-                    meanwhile();
+                    between();
                     if G == 2 {
                         tiles.multiply_bf16::<1, 7, 3>();
-                        meanwhile();
+                        between();
                     }
                 }
                 let [above, below] = &mut *scores;
@@ -249,9 +261,10 @@ impl Block<'_> {
         self.score(scores, 0..self.q.rows(), pairs - 1, biases, largest);
     }
 
-    /// Turns the dot products of the queries `rows` with 32 keys into scores, and takes the largest of them in, by lanes.
+    /// Turns the dot products of the queries `rows` with 32 keys into scores, and updates
+    /// the largest of each lane.
     #[inline]
-    #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+    #[avx512bf16]
     fn score(&self, scores: &mut Scores, rows: Range<usize>, pair: usize, biases: &[f32], largest: &mut Lanes) {
         let (scale, hidden) = (_mm512_set1_ps(self.scale), _mm512_set1_ps(f32::NEG_INFINITY));
         for r in rows {
@@ -261,8 +274,8 @@ impl Block<'_> {
             let mut b = _mm512_fmadd_ps(load(&right.0[r % ROWS]), scale, load(&biases[1]));
             if (pair + 1) * STEP > self.keys {
                 let rest = self.keys - pair * STEP;
-                a = _mm512_mask_blend_ps(first_lanes(rest), hidden, a);
-                b = _mm512_mask_blend_ps(first_lanes(rest.saturating_sub(LANES)), hidden, b);
+                a = _mm512_mask_blend_ps(lane_mask(rest), hidden, a);
+                b = _mm512_mask_blend_ps(lane_mask(rest.saturating_sub(LANES)), hidden, b);
             }
             store(&mut left.0[r % ROWS], a);
             store(&mut right.0[r % ROWS], b);
@@ -275,40 +288,42 @@ impl Block<'_> {
 
 /// Turns query `r`'s scores of 32 keys into weights, and adds them to its `sums`, by lanes.
 #[inline]
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
-fn weigh(scores: &mut Scores, r: usize, pair: usize, max: f32, sums: &mut Lanes) {
+#[avx512bf16]
+fn softmax_weights(scores: &mut Scores, r: usize, pair: usize, max: f32, sums: &mut Lanes) {
     let ([left, right], max) = (&mut scores[r / ROWS][pair], _mm512_set1_ps(max));
-    let a = power(_mm512_sub_ps(load(&left.0[r % ROWS]), max));
-    let b = power(_mm512_sub_ps(load(&right.0[r % ROWS]), max));
-    store(&mut left.0[r % ROWS], rounded(a, b));
+    let a = exp2_bf16_unmasked(_mm512_sub_ps(load(&left.0[r % ROWS]), max));
+    let b = exp2_bf16_unmasked(_mm512_sub_ps(load(&right.0[r % ROWS]), max));
+    store(&mut left.0[r % ROWS], round_to_bf16(a, b));
     let sums = &mut sums[r / ROWS][r % ROWS];
     let so_far = load(sums);
     store(sums, _mm512_add_ps(so_far, _mm512_add_ps(a, b)));
 }
 
-/// Two registers as one of bfloat16 values, nearest, ties to even: first those of `a`, then those of `b`.
+/// Rounds two registers to one of bf16 values, to nearest, ties to even: those of `a`, then
+/// those of `b`.
 #[inline]
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
-fn rounded(a: __m512, b: __m512) -> __m512 {
-    let rounded = _mm512_cvtne2ps_pbh(b, a);
+#[avx512bf16]
+fn round_to_bf16(a: __m512, b: __m512) -> __m512 {
+    let round_to_bf16 = _mm512_cvtne2ps_pbh(b, a);
     // SAFETY: both are 64 bytes, and any bits are a value of either.
-    unsafe { core::mem::transmute::<__m512bh, __m512>(rounded) }
+    unsafe { core::mem::transmute::<__m512bh, __m512>(round_to_bf16) }
 }
 
-/// Queries as rows of pairs; rows beyond the last keep what they hold, and nobody reads what becomes of it.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+/// Packs queries as rows of pairs; rows beyond the last keep their old contents, whose results
+/// nothing reads.
+#[avx512bf16]
 fn pack_queries(q: Mat<f32>, packed: &mut Queries) {
     for r in 0..q.rows() {
         let row = q.row(r);
         for (step, to) in packed[r / ROWS][..q.cols().div_ceil(STEP)].iter_mut().enumerate() {
             let [a, b] = load_pairs(row, step * STEP);
-            to.0[r % ROWS].write(array(rounded(a, b)));
+            to.0[r % ROWS].write(to_array(round_to_bf16(a, b)));
         }
     }
 }
 
-/// Keys as columns of pairs; those beyond the last are zeros up to a multiple of 32.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+/// Packs keys as columns of pairs, padded with zeros to a multiple of 32.
+#[avx512bf16]
 fn pack_keys(k: Mat<f32>, packed: &mut Keys) {
     for (tile, packed) in packed[..2 * k.rows().div_ceil(STEP)].iter_mut().enumerate() {
         for (step, to) in packed[..k.cols().div_ceil(STEP)].iter_mut().enumerate() {
@@ -317,43 +332,29 @@ fn pack_keys(k: Mat<f32>, packed: &mut Keys) {
                 let row = tile * ROWS + j;
                 if row < k.rows() {
                     let [a, b] = load_pairs(k.row(row), step * STEP);
-                    rows[j] = rounded(a, b);
+                    rows[j] = round_to_bf16(a, b);
                 }
             }
             for (to, column) in to.0.iter_mut().zip(transpose(rows)) {
-                to.write(array(column));
+                to.write(to_array(column));
             }
         }
     }
 }
 
-/// Values as rows of pairs of keys; those beyond the last are zeros up to a multiple of 32.
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
+/// Packs values as rows of pairs of keys, padded with zeros to a multiple of 32.
+#[avx512bf16]
 fn pack_values(v: Mat<f32>, packed: &mut Values) {
-    let pair = |a, b| in_turn(_mm512_castps_si512(rounded(a, b)));
+    let pair = |a, b| interleave_halves(_mm512_castps_si512(round_to_bf16(a, b)));
     for (tile, packed) in packed[..v.rows().div_ceil(STEP)].iter_mut().enumerate() {
         for r in 0..ROWS {
             let row = |row: usize| if row < v.rows() { v.row(row) } else { &[] };
             let (even, odd) = (row(tile * STEP + 2 * r), row(tile * STEP + 2 * r + 1));
             for (c, to) in packed.as_chunks_mut::<2>().0[..v.cols().div_ceil(STEP)].iter_mut().enumerate() {
                 let ([a, b], [c, d]) = (load_pairs(even, c * STEP), load_pairs(odd, c * STEP));
-                to[0].0[r].write(array(pair(a, c)));
-                to[1].0[r].write(array(pair(b, d)));
+                to[0].0[r].write(to_array(pair(a, c)));
+                to[1].0[r].write(to_array(pair(b, d)));
             }
         }
     }
-}
-
-/// `2^t` of differences from a maximum; what is denormal is taken as 0 where it is rounded, and vanishes in a sum of at least 1.
-#[inline]
-#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16")]
-fn power(t: __m512) -> __m512 {
-    // The fraction above the next lower integer, by which `scalef` scales. Not by `vreduceps`, which rounds the difference in the
-    // same direction as the integer, downwards; the scalar reference rounds it to nearest.
-    let r = _mm512_sub_ps(t, _mm512_roundscale_ps::<{ _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC }>(t));
-    let mut power = _mm512_set1_ps(POWER[0]);
-    for &c in &POWER[1..] {
-        power = _mm512_fmadd_ps(power, r, _mm512_set1_ps(c));
-    }
-    _mm512_scalef_ps(_mm512_fmadd_ps(power, r, _mm512_set1_ps(1.0)), t)
 }

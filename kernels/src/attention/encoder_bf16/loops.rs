@@ -1,325 +1,314 @@
-//! The loops of the vector back-ends, lanes along keys and then along columns.
-//!
-//! The module that calls it has, besides loads and stores: `WIDTH` lanes of a `Register`; `QUERIES`; the operations
-//! `zero`, `set`, `add`, `sub`, `mul`, `fmadd`, `divide`, `maximum`, `largest`, `first_of`, `power`; `transpose`; and
-//! what a lane of a factor holds: `JOINED` values of one sum, 1 or 2, with `factor`, which rounds and joins what stands beside each other
-//! in a row, `join`, which does so with what stands in two rows, and `multiply_add`.
+//! The loops of the vector back-ends, lanes along keys and then along columns, compiled once per
+//! instruction set: every back-end includes this file as its module `loops`. What differs stands in
+//! its module `vector`: the register with its operations, `WIDTH` lanes of it, `QUERIES`, the
+//! attribute `features` and a `Token` that proves the instructions; and what a lane of a factor
+//! holds: `JOINED` values of one sum, 1 or 2, with `factor`, which rounds and joins neighbours in a
+//! row, `join`, which rounds and joins values of two rows, and `multiply_add`.
 //!
 //! ```text
-//! a step of 32      e0 o0 e1 o1 e2 o2 e3 o3 ...        even and odd values are summed by themselves
+//! a step of 32      e0 o0 e1 o1 e2 o2 e3 o3 ...        even and odd values are summed separately
 //! JOINED 1          e0 | o0 | e1 | o1 | ...            rows of a panel, and lanes of a row of queries or weights
 //! JOINED 2          e0 e1 | o0 o1 | e2 e3 | ...        the same, half as many
 //! ```
 
-macro_rules! loops {
-    ($features:literal) => {
-        /// Queries in work at once, whose scores stay in L1.
-        const BLOCK: usize = 16;
+use super::vector::{
+    JOINED, QUERIES, Register, Token, WIDTH, add, divide, exp2_bf16, factor, features, fmadd, join, load, load_at,
+    load_part, max_lanes, mul, multiply_add, reduce_max, select_first, splat, store, store_part, sub, transpose, zero,
+};
+use crate::attention::encoder_bf16::{KEYS, STEP, Softmax};
+use crate::attention::operands::Operands;
+use crate::lanes::{LANES, pairwise};
+use crate::mat::{Mat, MatMut};
+use crate::math::LOG2_E;
 
-        /// Queries that share one packing of keys and values.
-        const GROUP: usize = 256;
+/// Queries per block, whose scores stay in L1.
+const BLOCK: usize = 16;
 
-        /// Columns packed at once.
-        const WIDE: usize = 64;
+/// Queries that share one packing of keys and values.
+const GROUP: usize = 256;
 
-        /// Keys, or columns of values, that lie beside each other: two registers.
-        const PANEL: usize = 2 * WIDTH;
+/// Columns packed at once.
+const WIDE: usize = 64;
 
-        /// Rows of a panel that a step has.
-        const ROWS: usize = STEP / JOINED;
+/// Adjacent keys, or columns of values: two registers.
+const PANEL: usize = 2 * WIDTH;
 
-        /// Registers whose lanes are those of a sum of weights.
-        const HALF: usize = LANES / WIDTH;
+/// Rows of a panel per step.
+const ROWS: usize = STEP / JOINED;
 
-        /// What one call keeps between its loops, at the start of a cache line each.
-        #[repr(align(64))]
-        struct Work<const N: usize> {
-            /// Rounded and joined, as rows of [`PANEL`]: `[N / PANEL, WIDE / JOINED, PANEL]`.
-            k: [[f32; N]; WIDE / JOINED],
-            /// Rounded and joined, as rows of [`PANEL`]: `[WIDE / PANEL, N / JOINED, PANEL]`.
-            v: [[f32; WIDE / JOINED]; N],
-            /// Rounded and joined.
-            q: [[f32; WIDE / JOINED]; BLOCK],
-            /// Dot products, then scores, then weights, rounded and joined.
-            scores: [[f32; N]; BLOCK],
-        }
+/// Registers that hold the lanes of a sum of weights.
+const HALF: usize = LANES / WIDTH;
 
-        /// Keys of a short sequence, for which less is cleared.
-        const FEW: usize = 64;
+/// The buffers of one call, each aligned to a cache line.
+#[repr(align(64))]
+struct Work<const N: usize> {
+    /// Rounded and joined, as rows of [`PANEL`]: `[N / PANEL, WIDE / JOINED, PANEL]`.
+    k: [[f32; N]; WIDE / JOINED],
+    /// Rounded and joined, as rows of [`PANEL`]: `[WIDE / PANEL, N / JOINED, PANEL]`.
+    v: [[f32; WIDE / JOINED]; N],
+    /// Rounded and joined.
+    q: [[f32; WIDE / JOINED]; BLOCK],
+    /// Dot products, then scores, then weights, rounded and joined.
+    scores: [[f32; N]; BLOCK],
+}
 
-        #[target_feature(enable = $features)]
-        pub(in super::super) fn attention(x: Operands<f32>, y: MatMut<f32>) {
-            if x.k.rows() <= FEW { run::<FEW>(x, y) } else { run::<KEYS>(x, y) }
-        }
+/// Keys of a short sequence, for which smaller buffers are cleared.
+const FEW: usize = 64;
 
-        /// `N` keys at a time.
-        #[target_feature(enable = $features)]
-        fn run<const N: usize>(x: Operands<f32>, mut y: MatMut<f32>) {
-            let mut work = Work {
-                k: [[0.0; N]; WIDE / JOINED],
-                v: [[0.0; WIDE / JOINED]; N],
-                q: [[0.0; WIDE / JOINED]; BLOCK],
-                scores: [[0.0; N]; BLOCK],
-            };
-            let Work { k, v, q, scores } = &mut work;
-            let (k, _) = k.as_flattened_mut().as_chunks_mut();
-            let (v, _) = v.as_flattened_mut().as_chunks_mut();
-            for start in (0..x.q.rows()).step_by(GROUP) {
-                let count = GROUP.min(x.q.rows() - start);
-                let mut softmaxes = [Softmax::START; GROUP];
-                for first in (0..x.k.rows()).step_by(N) {
-                    let keys = first..x.k.rows().min(first + N);
-                    let place = (first > 0, keys.end == x.k.rows());
-                    for block in (0..count).step_by(BLOCK) {
-                        let queries = BLOCK.min(count - block);
-                        let (scores, softmaxes) = (&mut scores[..queries], &mut softmaxes[block..block + queries]);
-                        for at in (0..x.q.cols()).step_by(WIDE) {
-                            // What is packed serves all blocks where nothing else takes its place.
-                            if block == 0 || x.q.cols() > WIDE {
-                                pack_keys(x.k.row_range(keys.clone()), at, k);
-                            }
-                            for (r, to) in q[..queries].iter_mut().enumerate() {
-                                let row = &x.q.row(start + block + r)[at..];
-                                for (c, to) in to.as_chunks_mut().0.iter_mut().enumerate() {
-                                    store(to, factor_from(row, c * WIDTH * JOINED));
-                                }
-                            }
-                            let columns = WIDE.min(x.q.cols() - at);
-                            multiply(&q[..queries], k, (columns, keys.len()), at > 0, scores);
-                        }
-                        for (r, softmax) in softmaxes.iter_mut().enumerate() {
-                            let bias = x.bias(start + block + r, first);
-                            weigh(&mut scores[r], keys.len(), x.scale * LOG2_E, bias, softmax);
-                        }
-                        let (_, mut y) = y.reborrow().split_rows(start + block);
-                        for at in (0..x.v.cols()).step_by(WIDE) {
-                            if block == 0 || x.v.cols() > WIDE {
-                                pack_values::<N>(x.v.row_range(keys.clone()), at, v);
-                            }
-                            add_values(v, at, keys.len(), scores, softmaxes, place, &mut y);
+#[features]
+pub(in crate::attention) fn attention(token: Token, x: Operands<f32>, y: MatMut<f32>) {
+    if x.k.rows() <= FEW { run::<FEW>(token, x, y) } else { run::<KEYS>(token, x, y) }
+}
+
+/// `N` keys at a time.
+#[features]
+fn run<const N: usize>(token: Token, x: Operands<f32>, mut y: MatMut<f32>) {
+    let mut work = Work {
+        k: [[0.0; N]; WIDE / JOINED],
+        v: [[0.0; WIDE / JOINED]; N],
+        q: [[0.0; WIDE / JOINED]; BLOCK],
+        scores: [[0.0; N]; BLOCK],
+    };
+    let Work { k, v, q, scores } = &mut work;
+    let (k, _) = k.as_flattened_mut().as_chunks_mut();
+    let (v, _) = v.as_flattened_mut().as_chunks_mut();
+    for start in (0..x.q.rows()).step_by(GROUP) {
+        let count = GROUP.min(x.q.rows() - start);
+        let mut softmaxes = [Softmax::START; GROUP];
+        for first in (0..x.k.rows()).step_by(N) {
+            let keys = first..x.k.rows().min(first + N);
+            let place = (first > 0, keys.end == x.k.rows());
+            for block in (0..count).step_by(BLOCK) {
+                let queries = BLOCK.min(count - block);
+                let (scores, softmaxes) = (&mut scores[..queries], &mut softmaxes[block..block + queries]);
+                for at in (0..x.q.cols()).step_by(WIDE) {
+                    // The packing is reused by all blocks unless another
+                    // range of columns replaces it.
+                    if block == 0 || x.q.cols() > WIDE {
+                        pack_keys(token, x.k.row_range(keys.clone()), at, k);
+                    }
+                    for (r, to) in q[..queries].iter_mut().enumerate() {
+                        let row = &x.q.row(start + block + r)[at..];
+                        for (c, to) in to.as_chunks_mut().0.iter_mut().enumerate() {
+                            store(to, factor_from(token, row, c * WIDTH * JOINED));
                         }
                     }
+                    let columns = WIDE.min(x.q.cols() - at);
+                    multiply(token, &q[..queries], k, (columns, keys.len()), at > 0, scores);
+                }
+                for (r, softmax) in softmaxes.iter_mut().enumerate() {
+                    let bias = x.bias(start + block + r, first);
+                    softmax_weights(token, &mut scores[r], keys.len(), x.scale * LOG2_E, bias, softmax);
+                }
+                let (_, mut y) = y.reborrow().split_rows(start + block);
+                for at in (0..x.v.cols()).step_by(WIDE) {
+                    if block == 0 || x.v.cols() > WIDE {
+                        pack_values::<N>(token, x.v.row_range(keys.clone()), at, v);
+                    }
+                    add_values(token, v, (at, keys.len()), scores, softmaxes, place, &mut y);
                 }
             }
         }
+    }
+}
 
-        /// As many values of `row` from `at` on as a register has when they are rounded and joined, then zeros.
-        #[inline]
-        #[target_feature(enable = $features)]
-        fn factor_from(row: &[f32], at: usize) -> Register {
-            let mut values = [zero(); JOINED];
-            for (i, values) in values.iter_mut().enumerate() {
-                *values = load_from(row, at + i * WIDTH);
+/// A register of values of `row` from `at` on, rounded and joined, padded with zeros.
+#[inline]
+#[features]
+fn factor_from(token: Token, row: &[f32], at: usize) -> Register {
+    let mut values = [zero(); JOINED];
+    for (i, values) in values.iter_mut().enumerate() {
+        *values = load_at(row, at + i * WIDTH);
+    }
+    factor(token, values)
+}
+
+/// Packs the columns `at ..` of `k`, at most [`WIDE`], rounded and joined, as rows, padded with
+/// zeros to a whole step.
+#[features]
+fn pack_keys(token: Token, k: Mat<f32>, at: usize, packed: &mut [[f32; PANEL]]) {
+    let columns = WIDE.min(k.cols() - at).next_multiple_of(STEP);
+    for first in (0..k.rows()).step_by(WIDTH) {
+        let panel = &mut packed[first / PANEL * (WIDE / JOINED)..][..columns / JOINED];
+        for (d, panel) in panel.chunks_exact_mut(WIDTH).enumerate() {
+            let mut rows = [zero(); WIDTH];
+            for j in 0..WIDTH.min(k.rows() - first) {
+                rows[j] = factor_from(token, k.row(first + j), at + d * WIDTH * JOINED);
             }
-            factor(values)
-        }
-
-        /// The columns `at ..` of `k`, as many as there is room for, rounded and joined, as rows; zeros where there are none, up to a whole step.
-        #[target_feature(enable = $features)]
-        fn pack_keys(k: Mat<f32>, at: usize, packed: &mut [[f32; PANEL]]) {
-            let columns = WIDE.min(k.cols() - at).next_multiple_of(STEP);
-            for first in (0..k.rows()).step_by(WIDTH) {
-                let panel = &mut packed[first / PANEL * (WIDE / JOINED)..][..columns / JOINED];
-                for (d, panel) in panel.chunks_exact_mut(WIDTH).enumerate() {
-                    let mut rows = [zero(); WIDTH];
-                    for j in 0..WIDTH.min(k.rows() - first) {
-                        rows[j] = factor_from(k.row(first + j), at + d * WIDTH * JOINED);
-                    }
-                    for (to, column) in panel.iter_mut().zip(transpose(rows)) {
-                        store(&mut to.as_chunks_mut().0[first / WIDTH % 2], column);
-                    }
-                }
-            }
-        }
-
-        /// The columns `at ..` of `v`, as many as there is room for, rounded and joined; zeros where there are none, up to a whole step of keys.
-        #[target_feature(enable = $features)]
-        fn pack_values<const N: usize>(v: Mat<f32>, at: usize, packed: &mut [[f32; PANEL]]) {
-            let value = |j: usize, c: usize| {
-                let row = if j < v.rows() { &v.row(j)[at..] } else { &[] };
-                load_from(row, c * WIDTH)
-            };
-            for row in 0..v.rows().next_multiple_of(STEP) / JOINED {
-                let j = row / 2 * 2 * JOINED + row % 2;
-                for c in 0..WIDE / WIDTH {
-                    let second = if JOINED == 2 { value(j + 2, c) } else { zero() };
-                    let joined = join(value(j, c), second);
-                    store(&mut packed[c / 2 * (N / JOINED) + row].as_chunks_mut().0[c % 2], joined);
-                }
+            for (to, column) in panel.iter_mut().zip(transpose(rows)) {
+                store(&mut to.as_chunks_mut().0[first / WIDTH % 2], column);
             }
         }
+    }
+}
 
-        /// The dot products of queries with as many columns and keys; added to the scores where there are `more` columns before.
-        /// Even and odd products of a step, and what the steps before gave, are sums side by side.
-        #[target_feature(enable = $features)]
-        fn multiply<const N: usize>(
-            q: &[[f32; WIDE / JOINED]],
-            k: &[[f32; PANEL]],
-            (columns, keys): (usize, usize),
-            more: bool,
-            scores: &mut [[f32; N]],
-        ) {
-            for t in 0..keys.div_ceil(PANEL) {
-                let panel = &k[t * (WIDE / JOINED)..][..columns.next_multiple_of(STEP) / JOINED];
-                let (steps, _) = panel.as_chunks::<ROWS>();
-                for (q, scores) in q.chunks(QUERIES).zip(scores.chunks_mut(QUERIES)) {
-                    let mut rows = [&q[0]; QUERIES];
-                    for (row, q) in rows.iter_mut().zip(q) {
-                        *row = q;
-                    }
-                    let mut sums = [[zero(); 2]; QUERIES];
-                    if more {
-                        for (sums, scores) in sums.iter_mut().zip(scores.iter()) {
-                            let (scores, _) = scores.as_chunks();
-                            *sums = [load(&scores[2 * t]), load(&scores[2 * t + 1])];
-                        }
-                    }
-                    for (step, k) in steps.iter().enumerate() {
-                        let mut inputs = [&[0.0; ROWS]; QUERIES];
-                        for r in 0..QUERIES {
-                            inputs[r] = &rows[r].as_chunks().0[step];
-                        }
-                        meet(&inputs, k, &mut sums);
-                    }
-                    for (sums, scores) in sums.iter().zip(scores) {
-                        let (scores, _) = scores.as_chunks_mut();
-                        store(&mut scores[2 * t], sums[0]);
-                        store(&mut scores[2 * t + 1], sums[1]);
-                    }
+/// Packs the columns `at ..` of `v`, at most [`WIDE`], rounded and joined, padded with zeros to
+/// a whole step of keys.
+#[features]
+fn pack_values<const N: usize>(token: Token, v: Mat<f32>, at: usize, packed: &mut [[f32; PANEL]]) {
+    let value = |j: usize, c: usize| {
+        let row = if j < v.rows() { &v.row(j)[at..] } else { &[] };
+        load_at(row, c * WIDTH)
+    };
+    for row in 0..v.rows().next_multiple_of(STEP) / JOINED {
+        let j = row / 2 * 2 * JOINED + row % 2;
+        for c in 0..WIDE / WIDTH {
+            let second = if JOINED == 2 { value(j + 2, c) } else { zero() };
+            let joined = join(token, value(j, c), second);
+            store(&mut packed[c / 2 * (N / JOINED) + row].as_chunks_mut().0[c % 2], joined);
+        }
+    }
+}
+
+/// Computes the dot products of queries with as many columns and keys; `more`: adds them to the
+/// scores of earlier columns. Even and odd products of a step and the running sums are separate
+/// registers.
+#[features]
+fn multiply<const N: usize>(
+    token: Token,
+    q: &[[f32; WIDE / JOINED]],
+    k: &[[f32; PANEL]],
+    (columns, keys): (usize, usize),
+    more: bool,
+    scores: &mut [[f32; N]],
+) {
+    for t in 0..keys.div_ceil(PANEL) {
+        let panel = &k[t * (WIDE / JOINED)..][..columns.next_multiple_of(STEP) / JOINED];
+        let (steps, _) = panel.as_chunks::<ROWS>();
+        for (q, scores) in q.chunks(QUERIES).zip(scores.chunks_mut(QUERIES)) {
+            let mut rows = [&q[0]; QUERIES];
+            for (row, q) in rows.iter_mut().zip(q) {
+                *row = q;
+            }
+            let mut sums = [[zero(); 2]; QUERIES];
+            if more {
+                for (sums, scores) in sums.iter_mut().zip(scores.iter()) {
+                    let (scores, _) = scores.as_chunks();
+                    *sums = [load(&scores[2 * t]), load(&scores[2 * t + 1])];
                 }
+            }
+            for (step, k) in steps.iter().enumerate() {
+                let mut inputs = [&[0.0; ROWS]; QUERIES];
+                for r in 0..QUERIES {
+                    inputs[r] = &rows[r].as_chunks().0[step];
+                }
+                dot_step(token, &inputs, k, &mut sums);
+            }
+            for (sums, scores) in sums.iter().zip(scores) {
+                let (scores, _) = scores.as_chunks_mut();
+                store(&mut scores[2 * t], sums[0]);
+                store(&mut scores[2 * t + 1], sums[1]);
             }
         }
+    }
+}
 
-        /// Adds one step's products of rows with a panel.
-        #[inline]
-        #[target_feature(enable = $features)]
-        fn meet(rows: &[&[f32; ROWS]; QUERIES], panel: &[[f32; PANEL]; ROWS], sums: &mut [[Register; 2]; QUERIES]) {
-            let mut both = [[[zero(); 2]; QUERIES]; 2];
-            for i in 0..ROWS / 2 {
-                for odd in 0..2 {
-                    let (values, _) = panel[2 * i + odd].as_chunks();
-                    let (a, b) = (load(&values[0]), load(&values[1]));
-                    for r in 0..QUERIES {
-                        let x = set(rows[r][2 * i + odd]);
-                        both[odd][r][0] = multiply_add(x, a, both[odd][r][0]);
-                        both[odd][r][1] = multiply_add(x, b, both[odd][r][1]);
-                    }
-                }
-            }
+/// Adds one step's products of rows with a panel.
+#[inline]
+#[features]
+fn dot_step(
+    token: Token,
+    rows: &[&[f32; ROWS]; QUERIES],
+    panel: &[[f32; PANEL]; ROWS],
+    sums: &mut [[Register; 2]; QUERIES],
+) {
+    let mut both = [[[zero(); 2]; QUERIES]; 2];
+    for i in 0..ROWS / 2 {
+        for odd in 0..2 {
+            let (values, _) = panel[2 * i + odd].as_chunks();
+            let (a, b) = (load(&values[0]), load(&values[1]));
             for r in 0..QUERIES {
-                for side in 0..2 {
-                    sums[r][side] = add(sums[r][side], add(both[0][r][side], both[1][r][side]));
-                }
+                let x = splat(rows[r][2 * i + odd]);
+                both[odd][r][0] = multiply_add(token, x, a, both[odd][r][0]);
+                both[odd][r][1] = multiply_add(token, x, b, both[odd][r][1]);
             }
         }
-
-        /// Turns the dot products of one query with `keys` keys into scores and these into weights, rounded and joined, zeros up to a
-        /// whole step.
-        #[target_feature(enable = $features)]
-        fn weigh(scores: &mut [f32], keys: usize, scale: f32, bias: &[f32], softmax: &mut Softmax) {
-            let hidden = set(f32::NEG_INFINITY);
-            let mut max = hidden;
-            let (scores, _) = scores[..keys.next_multiple_of(STEP)].as_chunks_mut();
-            let (whole, _) = bias.as_chunks();
-            for (c, scores) in scores.iter_mut().enumerate() {
-                let bias = if let Some(bias) = whole.get(c) { load(bias) } else { load_from(bias, c * WIDTH) };
-                let all = fmadd(load(scores), set(scale), mul(bias, set(LOG2_E)));
-                let unseen = (c + 1) * WIDTH > keys;
-                let seen = if unseen { first_of(keys.saturating_sub(c * WIDTH), all, hidden) } else { all };
-                store(scores, seen);
-                max = maximum(max, seen);
-            }
-            softmax.meet(largest(max));
-            let max = set(softmax.max);
-            let mut sums = [zero(); HALF];
-            for step in 0..scores.len() / (2 * HALF) {
-                let mut weights = [zero(); 2 * HALF];
-                for (i, weight) in weights.iter_mut().enumerate() {
-                    *weight = power(sub(load(&scores[step * 2 * HALF + i]), max));
-                }
-                for h in 0..HALF {
-                    sums[h] = add(sums[h], add(weights[h], weights[HALF + h]));
-                }
-                // Where scores were, which have been read.
-                for (i, weights) in weights.as_chunks().0.iter().enumerate() {
-                    store(&mut scores[step * 2 * HALF / JOINED + i], factor(*weights));
-                }
-            }
-            let mut lanes = [0.0; LANES];
-            for (to, sum) in lanes.as_chunks_mut().0.iter_mut().zip(sums) {
-                store(to, sum);
-            }
-            softmax.add(pairwise(lanes));
+    }
+    for r in 0..QUERIES {
+        for side in 0..2 {
+            sums[r][side] = add(sums[r][side], add(both[0][r][side], both[1][r][side]));
         }
-
-        /// Adds the columns `at ..` of values, weighted, to the first rows of `y`, one for each of `weights`. `others` came before
-        /// these keys, or they are the `last`.
-        #[target_feature(enable = $features)]
-        fn add_values<const N: usize>(
-            v: &[[f32; PANEL]],
-            at: usize,
-            keys: usize,
-            weights: &[[f32; N]],
-            softmaxes: &[Softmax],
-            (others, last): (bool, bool),
-            y: &mut MatMut<f32>,
-        ) {
-            for (panel, column) in (at..y.cols().min(at + WIDE)).step_by(PANEL).enumerate() {
-                let panel = &v[panel * (N / JOINED)..][..keys.next_multiple_of(STEP) / JOINED];
-                let (steps, _) = panel.as_chunks::<ROWS>();
-                for first in (0..weights.len()).step_by(QUERIES) {
-                    let count = QUERIES.min(weights.len() - first);
-                    let mut rows = [&weights[first]; QUERIES];
-                    rows[..count].iter_mut().zip(&weights[first..]).for_each(|(row, weights)| *row = weights);
-                    let mut sums = [[zero(); 2]; QUERIES];
-                    for (step, v) in steps.iter().enumerate() {
-                        let mut inputs = [&[0.0; ROWS]; QUERIES];
-                        for r in 0..QUERIES {
-                            inputs[r] = &rows[r].as_chunks().0[step];
-                        }
-                        meet(&inputs, v, &mut sums);
-                    }
-                    for (r, softmax) in softmaxes[first..first + count].iter().enumerate() {
-                        let y = &mut y.row_mut(first + r)[column..];
-                        for (y, mut sum) in y.chunks_mut(WIDTH).zip(sums[r]) {
-                            if others {
-                                sum = fmadd(load_part(y), set(softmax.shrink), sum);
-                            }
-                            if last {
-                                sum = divide(sum, set(softmax.sum));
-                            }
-                            store_part(y, sum);
-                        }
-                    }
-                }
-            }
-        }
-    };
+    }
 }
 
-/// What [`loops`] asks of a module whose registers hold one value of a factor in each lane.
-macro_rules! one_value_a_lane {
-    ($features:literal) => {
-        const JOINED: usize = 1;
-
-        #[inline]
-        #[target_feature(enable = $features)]
-        fn join(value: Register, _: Register) -> Register {
-            rounded(value)
+/// Turns the dot products of one query with `keys` keys into scores and these into weights,
+/// rounded and joined, padded with zeros to a whole step.
+#[features]
+fn softmax_weights(token: Token, scores: &mut [f32], keys: usize, scale: f32, bias: &[f32], softmax: &mut Softmax) {
+    let hidden = splat(f32::NEG_INFINITY);
+    let mut max = hidden;
+    let (scores, _) = scores[..keys.next_multiple_of(STEP)].as_chunks_mut();
+    let (whole, _) = bias.as_chunks();
+    for (c, scores) in scores.iter_mut().enumerate() {
+        let bias = if let Some(bias) = whole.get(c) { load(bias) } else { load_at(bias, c * WIDTH) };
+        let all = fmadd(load(scores), splat(scale), mul(bias, splat(LOG2_E)));
+        let unseen = (c + 1) * WIDTH > keys;
+        let seen = if unseen { select_first(keys.saturating_sub(c * WIDTH), all, hidden) } else { all };
+        store(scores, seen);
+        max = max_lanes(max, seen);
+    }
+    softmax.update_max(reduce_max(max));
+    let max = splat(softmax.max);
+    let mut sums = [zero(); HALF];
+    for step in 0..scores.len() / (2 * HALF) {
+        let mut weights = [zero(); 2 * HALF];
+        for (i, weight) in weights.iter_mut().enumerate() {
+            *weight = exp2_bf16(sub(load(&scores[step * 2 * HALF + i]), max));
         }
-
-        #[inline]
-        #[target_feature(enable = $features)]
-        fn factor([values]: [Register; JOINED]) -> Register {
-            rounded(values)
+        for h in 0..HALF {
+            sums[h] = add(sums[h], add(weights[h], weights[HALF + h]));
         }
-
-        #[inline]
-        #[target_feature(enable = $features)]
-        fn multiply_add(x: Register, w: Register, sum: Register) -> Register {
-            fmadd(x, w, sum)
+        // Overwrites the scores, which have been read.
+        for (i, weights) in weights.as_chunks().0.iter().enumerate() {
+            store(&mut scores[step * 2 * HALF / JOINED + i], factor(token, *weights));
         }
-    };
+    }
+    let mut lanes = [0.0; LANES];
+    for (to, sum) in lanes.as_chunks_mut().0.iter_mut().zip(sums) {
+        store(to, sum);
+    }
+    softmax.add(pairwise(lanes));
 }
 
-pub(super) use {loops, one_value_a_lane};
+/// Adds the columns `at ..` of values, weighted, to the first rows of `y`, one for each of
+/// `weights`. `others` came before these keys, or they are the `last`.
+#[features]
+fn add_values<const N: usize>(
+    token: Token,
+    v: &[[f32; PANEL]],
+    (at, keys): (usize, usize),
+    weights: &[[f32; N]],
+    softmaxes: &[Softmax],
+    (others, last): (bool, bool),
+    y: &mut MatMut<f32>,
+) {
+    for (panel, column) in (at..y.cols().min(at + WIDE)).step_by(PANEL).enumerate() {
+        let panel = &v[panel * (N / JOINED)..][..keys.next_multiple_of(STEP) / JOINED];
+        let (steps, _) = panel.as_chunks::<ROWS>();
+        for first in (0..weights.len()).step_by(QUERIES) {
+            let count = QUERIES.min(weights.len() - first);
+            let mut rows = [&weights[first]; QUERIES];
+            rows[..count].iter_mut().zip(&weights[first..]).for_each(|(row, weights)| *row = weights);
+            let mut sums = [[zero(); 2]; QUERIES];
+            for (step, v) in steps.iter().enumerate() {
+                let mut inputs = [&[0.0; ROWS]; QUERIES];
+                for r in 0..QUERIES {
+                    inputs[r] = &rows[r].as_chunks().0[step];
+                }
+                dot_step(token, &inputs, v, &mut sums);
+            }
+            for (r, softmax) in softmaxes[first..first + count].iter().enumerate() {
+                let y = &mut y.row_mut(first + r)[column..];
+                for (y, mut sum) in y.chunks_mut(WIDTH).zip(sums[r]) {
+                    if others {
+                        sum = fmadd(load_part(y), splat(softmax.shrink), sum);
+                    }
+                    if last {
+                        sum = divide(sum, splat(softmax.sum));
+                    }
+                    store_part(y, sum);
+                }
+            }
+        }
+    }
+}

@@ -1,13 +1,14 @@
 //! The specification.
 
-use super::{KEYS, LEAST, POWER, STEP, Softmax};
-use crate::attention::Operands;
+use super::{KEYS, STEP, Softmax};
+use crate::attention::operands::Operands;
 use crate::bf16::Bf16;
 use crate::lanes::{LANES, pairwise};
 use crate::mat::MatMut;
 use crate::math::LOG2_E;
+use crate::math::scalar::exp2_bf16;
 
-pub(in super::super) fn attention(x: Operands<f32>, mut y: MatMut<f32>) {
+pub(super) fn attention(x: Operands<f32>, mut y: MatMut<f32>) {
     for i in 0..x.q.rows() {
         query(x, i, y.row_mut(i));
     }
@@ -22,15 +23,15 @@ fn query(x: Operands<f32>, i: usize, y: &mut [f32]) {
         let weights = &mut weights[..KEYS.min(x.k.rows() - first)];
         for (j, score) in weights.iter_mut().enumerate() {
             let k = x.k.row(first + j);
-            let product = sum_of_products(q.len(), |d| rounded(q[d]) * rounded(k[d]));
+            let product = sum_of_products(q.len(), |d| round_to_bf16(q[d]) * round_to_bf16(k[d]));
             *score = product.mul_add(x.scale * LOG2_E, bias.get(first + j).unwrap_or(&0.0) * LOG2_E);
         }
-        softmax.meet(weights.iter().fold(f32::NEG_INFINITY, |max, &score| max.max(score)));
-        weights.iter_mut().for_each(|weight| *weight = power(*weight - softmax.max));
+        softmax.update_max(weights.iter().fold(f32::NEG_INFINITY, |max, &score| max.max(score)));
+        weights.iter_mut().for_each(|weight| *weight = exp2_bf16(*weight - softmax.max));
         softmax.add(sum(weights));
         for (c, y) in y.iter_mut().enumerate() {
-            let value = |j: usize| rounded(x.v.row(first + j)[c]);
-            let sum = sum_of_products(weights.len(), |j| rounded(weights[j]) * value(j));
+            let value = |j: usize| round_to_bf16(x.v.row(first + j)[c]);
+            let sum = sum_of_products(weights.len(), |j| round_to_bf16(weights[j]) * value(j));
             *y = if first > 0 { y.mul_add(softmax.shrink, sum) } else { sum };
         }
     }
@@ -53,7 +54,7 @@ fn sum_of_products(len: usize, product: impl Fn(usize) -> f32) -> f32 {
     sum
 }
 
-/// The sum of weights, those of 16 keys added to those of the next 16 first.
+/// The sum of weights: those of 16 keys are added to those of the next 16 first.
 fn sum(weights: &[f32]) -> f32 {
     let mut lanes = [0.0; LANES];
     for step in weights.chunks(STEP) {
@@ -64,17 +65,7 @@ fn sum(weights: &[f32]) -> f32 {
     pairwise(lanes)
 }
 
-/// The nearest bfloat16, ties to even; denormals are 0, as tiles take them.
-fn rounded(x: f32) -> f32 {
+/// The nearest bf16, ties to even; denormals are flushed to 0, as on tiles.
+fn round_to_bf16(x: f32) -> f32 {
     if x.abs() < f32::MIN_POSITIVE { 0.0 } else { Bf16::from_f32(x).to_f32() }
-}
-
-/// `2^t` of differences from a maximum.
-fn power(t: f32) -> f32 {
-    let n = t.floor();
-    let r = t - n;
-    let power = POWER[1..].iter().fold(POWER[0], |power, &c| power.mul_add(r, c)).mul_add(r, 1.0);
-    #[expect(clippy::cast_possible_truncation, reason = "an integer of at least -126, or NaN")]
-    let exponent = (n as i32) << 23;
-    if n < LEAST { 0.0 } else { f32::from_bits(power.to_bits().wrapping_add_signed(exponent)) }
 }

@@ -1,0 +1,84 @@
+//! From an [`Isa`](super::Isa) to a function compiled for it: the only place that calls such
+//! functions from code without its target features.
+
+/// Calls a function of the module that answers for the back-end of `$isa`, with the back-end's
+/// token before the other arguments (the scalar module takes none).
+///
+/// The short form is for operations with the modules `scalar`, `avx2` and `avx512vnni`: the other
+/// back-ends have no better instructions for them. The long form names a module for every back-end.
+macro_rules! dispatch {
+    (@call scalar $function:ident $token:ident ($($argument:expr),*)) => {{
+        let _ = $token;
+        scalar::$function($($argument),*)
+    }};
+    (@call $module:ident $function:ident $token:ident ($($argument:expr),*)) => {
+        $module::$function($token.into(), $($argument),*)
+    };
+    ($isa:expr, $function:ident($($argument:expr),* $(,)?)) => {
+        $crate::isa::dispatch!($isa, $function($($argument),*), {
+            Scalar: scalar,
+            Avx2: avx2,
+            AvxVnni: avx2,
+            Avx512Vnni: avx512vnni,
+            Avx512Bf16: avx512vnni,
+            Amx: avx512vnni,
+        })
+    };
+    ($isa:expr, $function:ident($($argument:expr),* $(,)?), {
+        Scalar: $scalar:ident,
+        Avx2: $avx2:ident,
+        AvxVnni: $avxvnni:ident,
+        Avx512Vnni: $avx512vnni:ident,
+        Avx512Bf16: $avx512bf16:ident,
+        Amx: $amx:ident $(,)?
+    }) => {
+        match $isa.backend() {
+            $crate::isa::Backend::Scalar => $scalar::$function($($argument),*),
+            #[cfg(target_arch = "x86_64")]
+            $crate::isa::Backend::Avx2(token) => $crate::isa::dispatch!(@call $avx2 $function token ($($argument),*)),
+            #[cfg(target_arch = "x86_64")]
+            $crate::isa::Backend::AvxVnni(token) => $crate::isa::dispatch!(@call $avxvnni $function token ($($argument),*)),
+            #[cfg(target_arch = "x86_64")]
+            $crate::isa::Backend::Avx512Vnni(token) => $crate::isa::dispatch!(@call $avx512vnni $function token ($($argument),*)),
+            #[cfg(target_arch = "x86_64")]
+            $crate::isa::Backend::Avx512Bf16(token) => $crate::isa::dispatch!(@call $avx512bf16 $function token ($($argument),*)),
+            #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+            $crate::isa::Backend::Amx(token) => $crate::isa::dispatch!(@call $amx $function token ($($argument),*)),
+        }
+    };
+}
+
+/// Makes functions that run with the features of their first parameter, a token, safe to call from
+/// anywhere.
+///
+/// `fn f(token: Avx2, x: X) { .. }` becomes a function without target features that calls one with
+/// them.
+#[cfg(target_arch = "x86_64")]
+macro_rules! entry {
+    (@features Avx2 $($function:tt)*) => { #[umo_kernels_features::avx2] $($function)* };
+    (@features AvxVnni $($function:tt)*) => { #[umo_kernels_features::avxvnni] $($function)* };
+    (@features Avx512Vnni $($function:tt)*) => { #[umo_kernels_features::avx512vnni] $($function)* };
+    // `vdpbf16ps` is issued by name (`bf16::avx512bf16`), so that the loops of AVX-512 are shared.
+    (@features Avx512Bf16 $($function:tt)*) => { #[umo_kernels_features::avx512vnni] $($function)* };
+    (@features Amx $($function:tt)*) => { #[umo_kernels_features::avx512bf16] $($function)* };
+    ($(
+        $(#[$meta:meta])*
+        $visibility:vis fn $name:ident $(<$generic:ident: $bound:path>)?
+            ($token:ident: $Token:ident $(, $argument:ident: $type:ty)* $(,)?) $(-> $result:ty)? $body:block
+    )*) => {$(
+        $(#[$meta])*
+        $visibility fn $name $(<$generic: $bound>)? ($token: $Token $(, $argument: $type)*) $(-> $result)? {
+            $crate::isa::entry! {
+                @features $Token
+                fn with_features $(<$generic: $bound>)? ($token: $Token $(, $argument: $type)*) $(-> $result)? $body
+            }
+            // SAFETY: the token exists only where the processor has the features of
+            // `with_features`, which `isa::x86_64` detected: the attributes above enable the same.
+            unsafe { with_features($token $(, $argument)*) }
+        }
+    )*};
+}
+
+pub(crate) use dispatch;
+#[cfg(target_arch = "x86_64")]
+pub(crate) use entry;

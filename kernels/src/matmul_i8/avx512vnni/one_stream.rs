@@ -1,0 +1,134 @@
+//! Few rows on processors with the highest bandwidth in one stream
+//! ([`Tuning`](crate::tuning::Tuning)): one panel after another, its quads distributed over
+//! several accumulators, so that their latencies overlap. Integer sums are exact in any order.
+//! More rows are computed in tiles.
+
+use super::tiles::{BYTES, BiasedRow, MOST, QUADS, convert, dequantize_tile, load_bytes};
+use crate::lanes::avx512vnni::store;
+use crate::mat::MatMut;
+use crate::matmul_i8::chunk::prefetch_scales;
+use crate::matmul_i8::input::{GemmTask, QuantInput};
+use crate::pack::{PANEL, QUAD};
+use crate::prefetch;
+use core::arch::x86_64::*;
+use umo_kernels_features::avx512vnni;
+
+/// Rows that are multiplied sooner than their weights arrive.
+const ROWS: usize = 8;
+/// Prefetch distance in quads: 16 KiB.
+const PREFETCH_DISTANCE: usize = 256;
+
+/// Whether rows are few, and not so long that they would be converted again and again.
+pub(super) fn suits(x: &QuantInput, task: &GemmTask) -> bool {
+    (1..=ROWS).contains(&x.rows.rows()) && task.k() <= QUADS * QUAD
+}
+
+/// The product of rows that [`suits`].
+#[avx512vnni]
+pub(super) fn run(x: &QuantInput, task: &GemmTask, y: MatMut<f32>) {
+    match x.rows.rows() {
+        1 => product::<1, 4>(x, task, y),
+        2 => product::<2, 4>(x, task, y),
+        3 => product::<3, 4>(x, task, y),
+        4 => product::<4, 4>(x, task, y),
+        5 => product::<5, 2>(x, task, y),
+        6 => product::<6, 2>(x, task, y),
+        7 => product::<7, 2>(x, task, y),
+        ROWS => product::<ROWS, 2>(x, task, y),
+        rows => unreachable!("{rows} rows"),
+    }
+}
+
+/// All rows, `R` of them, with one panel after another.
+#[avx512vnni]
+fn product<const R: usize, const ACCUMULATORS: usize>(x: &QuantInput, task: &GemmTask, mut y: MatMut<f32>) {
+    let mut buffer = [[[0; QUAD]; QUADS + BYTES / QUAD]; R];
+    convert(x, 0, 0, &mut buffer);
+    let mut sums = [[0.0; PANEL]; ROWS * MOST];
+    for slot in (0..task.slots()).step_by(MOST) {
+        let width = MOST.min(task.slots() - slot);
+        for i in 0..width {
+            prefetch_scales(task, slot + i);
+            multiply::<R, ACCUMULATORS>(&buffer, task.panel(slot + i), ahead(task, slot + i), &mut sums[i..], width);
+        }
+        dequantize_tile::<128>(x, 0, &mut sums[..R * width], width, task, slot, &mut y);
+    }
+}
+
+/// Where the quads start that are fetched while the panel of a slot is multiplied: as many as it
+/// has, none beyond the weight's last panel.
+#[inline]
+fn ahead(task: &GemmTask, slot: usize) -> *const [i8; BYTES] {
+    let (w, p) = task.slot(slot);
+    let last = w.panel(w.n().div_ceil(PANEL) - 1).as_ptr();
+    w.panel(p).as_ptr().wrapping_add(PREFETCH_DISTANCE).min(last)
+}
+
+/// The products of `R` rows with a panel, every `ACCUMULATORS`th quad in an accumulator of its
+/// own, stored to `sums`, `width` apart. As many quads are prefetched from `ahead` on.
+#[inline(never)]
+#[avx512vnni]
+fn multiply<const R: usize, const ACCUMULATORS: usize>(
+    buffer: &[BiasedRow; R],
+    panel: &[[i8; BYTES]],
+    ahead: *const [i8; BYTES],
+    sums: &mut [[f32; PANEL]],
+    width: usize,
+) {
+    assert!(panel.len() <= QUADS);
+    // Pointers: lengths are known to agree. The fewer instructions there are between two
+    // lines, the more loads are in flight.
+    let (w, mut x) = (panel.as_ptr(), [core::ptr::null(); R]);
+    for r in 0..R {
+        x[r] = buffer[r].as_ptr();
+    }
+    let mut acc = [[_mm512_setzero_si512(); R]; ACCUMULATORS];
+    // One row has so little to do with a line that the loop's own instructions count.
+    let turns = if R == 1 { 4 } else { 1 };
+    let whole = panel.len() / (turns * ACCUMULATORS) * (turns * ACCUMULATORS);
+    for first in (0..whole).step_by(turns * ACCUMULATORS) {
+        for turn in 0..turns {
+            for (side, sums) in acc.iter_mut().enumerate() {
+                let q = first + turn * ACCUMULATORS + side;
+                prefetch::to_l1(ahead.wrapping_add(q));
+                // SAFETY: `q < whole <= panel.len() <= QUADS`: the panel and all rows have this
+                // quad.
+                unsafe { dot_step(w, &x, q, sums) };
+            }
+        }
+    }
+    for q in whole..panel.len() {
+        // SAFETY: `q < panel.len() <= QUADS`, as above.
+        unsafe { dot_step(w, &x, q, &mut acc[0]) };
+    }
+    let mut total = acc[0];
+    for side in &acc[1..] {
+        for r in 0..R {
+            total[r] = _mm512_add_epi32(total[r], side[r]);
+        }
+    }
+    for r in 0..R {
+        store(&mut sums[r * width], _mm512_castsi512_ps(total[r]));
+    }
+}
+
+/// Adds the products of all rows' quad `q`.
+/// # Safety
+/// `w` points to a panel and `x` to rows that have this quad.
+#[inline]
+#[avx512vnni]
+unsafe fn dot_step<const R: usize>(
+    w: *const [i8; BYTES],
+    x: &[*const [i8; QUAD]; R],
+    q: usize,
+    sums: &mut [__m512i; R],
+) {
+    // SAFETY: the panel has the quad by this function's contract.
+    let w = load_bytes(unsafe { &*w.wrapping_add(q) });
+    for r in 0..R {
+        // SAFETY: the row has the quad by this function's contract; the read needs no
+        // alignment.
+        let x = unsafe { x[r].wrapping_add(q).cast::<i32>().read_unaligned() };
+        sums[r] = _mm512_dpbusd_epi32(sums[r], _mm512_set1_epi32(x), w);
+    }
+}

@@ -1,0 +1,23 @@
+//! The operands of an int8 product, as its back-ends receive them.
+
+use crate::gemm::Input;
+#[cfg(target_arch = "x86_64")]
+use crate::pack::PackedI8;
+
+/// A product with int8 weights.
+#[cfg(target_arch = "x86_64")]
+pub(super) type GemmTask<'a> = crate::gemm::GemmTask<'a, PackedI8<'a>>;
+
+/// Checked input rows with their scales.
+#[derive(Clone, Copy)]
+pub(super) struct QuantInput<'a> {
+    pub(super) rows: Input<'a, i8>,
+    pub(super) scale: &'a [f32],
+}
+
+impl QuantInput<'_> {
+    /// The scale of input row `t`.
+    pub(super) fn scale(&self, t: usize) -> f32 {
+        self.scale[self.rows.index.map_or(t, |index| index[t] as usize)]
+    }
+}
