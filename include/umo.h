@@ -398,6 +398,11 @@ typedef struct umo_latency {
     double compute_p999;
     // Its largest.
     double compute_max;
+    // Samples, at the session's rate, by which the newest frame is behind the newest audio now, beyond
+    // `algorithmic_samples`: 0 while the engine keeps up.
+    uint64_t backlog_samples;
+    // The largest backlog since the session was made.
+    uint64_t backlog_max_samples;
 } umo_latency;
 
 // What a session went through. Set `struct_size`, the rest is written by `umo_session_stats`.

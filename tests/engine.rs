@@ -358,6 +358,43 @@ fn latency_says_what_a_frame_waits_for() {
     assert!(session.latency().compute_max >= Duration::from_secs(4));
 }
 
+/// A backlog is what was pushed and has no frame yet, beyond what every frame needs of its future; it rises while nobody
+/// computes, falls to nothing, and what it was at most stays.
+#[test]
+fn a_backlog_is_told_now_and_at_most() {
+    for rate in [16_000, 48_000] {
+        let (engine, _) = timed(3);
+        let config = SessionConfig { sample_rate: rate, ..config(engine.model(), 2, 3, 1) };
+        let session = engine.session(&config).unwrap();
+        let algorithmic = session.latency().algorithmic_samples;
+        let backlog = || (session.latency().backlog_samples, session.latency().backlog_max_samples);
+        assert_eq!(backlog(), (0, 0));
+        // Audio in real time: the engine keeps up, whatever a frame waits for.
+        let samples = audio(6 * rate, 1, 1);
+        for piece in samples[..2 * rate].chunks(rate / 50) {
+            session.push_audio(piece).unwrap();
+            settle(&engine);
+            assert_eq!(backlog(), (0, 0));
+        }
+        // Nobody computes for two seconds: all of them are behind, less what may be missing for the next frame.
+        let covered = session.ready_frames().unwrap() as usize * rate / 30;
+        session.push_audio(&samples[2 * rate..4 * rate]).unwrap();
+        let behind = (4 * rate - covered - algorithmic) as u64;
+        assert!(behind as usize + algorithmic / 2 >= 2 * rate - algorithmic, "{behind} of {rate} Hz");
+        assert_eq!(backlog(), (behind, behind));
+        settle(&engine);
+        assert_eq!(backlog(), (0, behind));
+        // A new stream has no backlog of the old one's.
+        session.push_audio(&samples[4 * rate..]).unwrap();
+        assert!(backlog().0 > 0);
+        session.reset().unwrap();
+        session.push_audio(&samples[..10]).unwrap();
+        assert_eq!(backlog(), (0, backlog().1));
+        settle(&engine);
+        assert_eq!(backlog().0, 0);
+    }
+}
+
 /// Audio, frames and cues from three threads at once; sanitizers and the eyes of the assertions watch.
 #[test]
 fn three_threads_at_once() {

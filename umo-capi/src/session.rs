@@ -88,6 +88,11 @@ pub struct UmoLatency {
     pub compute_p999: f64,
     /// Its largest.
     pub compute_max: f64,
+    /// Samples, at the session's rate, by which the newest frame is behind the newest audio now, beyond
+    /// `algorithmic_samples`: 0 while the engine keeps up.
+    pub backlog_samples: u64,
+    /// The largest backlog since the session was made.
+    pub backlog_max_samples: u64,
 }
 
 // SAFETY: `repr(C)`, starts with its size, numbers.

@@ -82,6 +82,11 @@ pub struct Latency {
     pub compute_p999: Duration,
     /// Its largest.
     pub compute_max: Duration,
+    /// Samples, at the session's rate, by which the newest frame is behind the newest audio now, beyond
+    /// [`algorithmic_samples`](Self::algorithmic_samples): 0 while the engine keeps up.
+    pub backlog_samples: u64,
+    /// The largest backlog since the session was made.
+    pub backlog_max_samples: u64,
 }
 
 /// One avatar. Every call may come from any thread; two threads in the same call at once get [`SessionError::Busy`].
@@ -373,12 +378,15 @@ impl Session {
     /// How far motion is behind speech.
     pub fn latency(&self) -> Latency {
         let delays = &self.shared.delays;
+        let (backlog_samples, backlog_max_samples) = self.shared.backlog();
         Latency {
             algorithmic_samples: self.shared.algorithmic_samples,
             compute_p50: delays.quantile(0.5),
             compute_p99: delays.quantile(0.99),
             compute_p999: delays.quantile(0.999),
             compute_max: delays.largest(),
+            backlog_samples,
+            backlog_max_samples,
         }
     }
 }

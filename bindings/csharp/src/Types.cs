@@ -222,6 +222,8 @@ namespace Umo
         public double ComputeP99;
         public double ComputeP999;
         public double ComputeMax;
+        public ulong BacklogSamples;
+        public ulong BacklogMaxSamples;
     }
 
     [StructLayout(LayoutKind.Sequential)]

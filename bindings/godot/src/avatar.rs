@@ -290,7 +290,8 @@ impl UmoAvatar3D {
     }
 
     /// How far motion is behind speech: `samples` of future audio that a frame needs, the same in `seconds`, and what
-    /// computing adds, seconds: `compute_p50`, `compute_p99`, `compute_p999`, `compute_max`.
+    /// computing adds, seconds: `compute_p50`, `compute_p99`, `compute_p999`, `compute_max`; and by how many seconds frames
+    /// are further behind than that, because the engine does not keep up: `backlog` now, `backlog_max` at most.
     #[func]
     fn latency(&mut self) -> VarDictionary {
         let rate = self.session.as_ref().map_or(1, |session| session.sample_rate);
@@ -302,6 +303,8 @@ impl UmoAvatar3D {
             "compute_p99" => latency.compute_p99,
             "compute_p999" => latency.compute_p999,
             "compute_max" => latency.compute_max,
+            "backlog" => latency.backlog_samples as f64 / f64::from(rate),
+            "backlog_max" => latency.backlog_max_samples as f64 / f64::from(rate),
         }
     }
 

@@ -112,6 +112,8 @@ pub(crate) struct Latency {
     pub(crate) compute_p99: f64,
     pub(crate) compute_p999: f64,
     pub(crate) compute_max: f64,
+    pub(crate) backlog_samples: u64,
+    pub(crate) backlog_max_samples: u64,
 }
 
 #[repr(C)]
@@ -239,6 +241,6 @@ const _: () = {
     assert!(size_of::<ModelInfo>() == 64 && offset_of!(ModelInfo, has_notice) == 52);
     assert!(size_of::<SessionConfig>() == 64 && offset_of!(SessionConfig, seed) == 40);
     assert!(size_of::<Sampled>() == 24 && offset_of!(Sampled, newest) == 16);
-    assert!(size_of::<Latency>() == 48 && offset_of!(Latency, compute_max) == 40);
+    assert!(size_of::<Latency>() == 64 && offset_of!(Latency, backlog_max_samples) == 56);
     assert!(size_of::<Stats>() == 56 && offset_of!(Stats, silenced) == 48);
 };

@@ -12,5 +12,5 @@ _Static_assert(sizeof(umo_frame_layout) == 48 && offsetof(umo_frame_layout, vise
 _Static_assert(sizeof(umo_model_info) == 64 && offsetof(umo_model_info, has_notice) == 52, "model info");
 _Static_assert(sizeof(umo_session_config) == 64 && offsetof(umo_session_config, seed) == 40, "session config");
 _Static_assert(sizeof(umo_sampled) == 24 && offsetof(umo_sampled, newest) == 16, "sampled");
-_Static_assert(sizeof(umo_latency) == 48 && offsetof(umo_latency, compute_max) == 40, "latency");
+_Static_assert(sizeof(umo_latency) == 64 && offsetof(umo_latency, backlog_max_samples) == 56, "latency");
 _Static_assert(sizeof(umo_stats) == 56 && offsetof(umo_stats, silenced) == 48, "stats");

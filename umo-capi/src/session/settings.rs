@@ -117,6 +117,8 @@ pub unsafe extern "C" fn umo_session_latency(session: *const UmoSession, latency
             compute_p99: found.compute_p99.as_secs_f64(),
             compute_p999: found.compute_p999.as_secs_f64(),
             compute_max: found.compute_max.as_secs_f64(),
+            backlog_samples: found.backlog_samples,
+            backlog_max_samples: found.backlog_max_samples,
         };
         // SAFETY: by this function's own clause.
         unsafe { ffi::write(latency, "latency", &value) }

@@ -100,6 +100,10 @@ impl FrameSink for Out {
         write_frame(&mut self.words, self.cue, index, sample, frame.pose, frame.face);
         let written = self.shared.frames.push(self.words.iter().copied());
         debug_assert_eq!(written, self.words.len(), "a chunk is computed only where its frames have room");
+        // A stream that has begun since has a backlog of its own.
+        if self.shared.cue().number == self.cue {
+            self.shared.cover(sample + self.sample_rate / self.frame_rate);
+        }
         self.frames += 1;
     }
 }

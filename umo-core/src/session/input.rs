@@ -84,6 +84,7 @@ impl Input {
         if pass.loads() {
             shared.total.store(if finished { self.frames() } else { super::ENDLESS }, Ordering::SeqCst);
             shared.sample_base.store(base, Ordering::Relaxed);
+            shared.begin_backlog(taken - base);
             shared.heard_from.store(heard_from, Ordering::Relaxed);
             shared.heard_cue.store(self.cue.number, Ordering::SeqCst);
         }
@@ -110,6 +111,7 @@ impl Input {
         self.cue = cue;
         shared.total.store(super::ENDLESS, Ordering::Relaxed);
         shared.sample_base.store(self.taken, Ordering::Relaxed);
+        shared.begin_backlog(0);
         shared.heard_from.store(shared.audio.written(), Ordering::Relaxed);
         // What is written above is there for those who see the number.
         shared.heard_cue.store(cue.number, Ordering::SeqCst);
@@ -145,6 +147,7 @@ impl Input {
                 break;
             }
         }
+        shared.pushed.store(self.taken - self.base, Ordering::Relaxed);
         Ok(pushed)
     }
 

@@ -92,6 +92,11 @@ pub(crate) struct Shared {
     pub(crate) heard_from: AtomicU64,
     /// Sample frames pushed before that cue, at the session's rate.
     pub(crate) sample_base: AtomicU64,
+    /// Sample frames pushed since that cue, and up to which of them there are frames.
+    pub(super) pushed: AtomicU64,
+    covered: AtomicU64,
+    /// The largest backlog that was seen, in sample frames.
+    largest_backlog: AtomicU64,
     /// Frames of the stream in all since that cue, or [`ENDLESS`].
     pub(crate) total: AtomicU64,
     /// Position in `audio` at which the next chunk is due, or [`NOBODY`].
@@ -186,6 +191,27 @@ impl Shared {
         }
     }
 
+    /// A stream begins with so much audio pushed.
+    pub(super) fn begin_backlog(&self, pushed: u64) {
+        self.pushed.store(pushed, Ordering::Relaxed);
+        self.covered.store(pushed, Ordering::Relaxed);
+    }
+
+    /// There are frames of the stream up to sample frame `sample`. How far behind they were until now is remembered.
+    pub(crate) fn cover(&self, sample: u64) {
+        self.backlog();
+        self.covered.store(sample, Ordering::Relaxed);
+    }
+
+    /// Sample frames by which the newest frame is behind the newest audio, beyond what every frame needs of its future: now,
+    /// and the most so far.
+    pub(super) fn backlog(&self) -> (u64, u64) {
+        let pushed = self.pushed.load(Ordering::Relaxed);
+        let promised = self.covered.load(Ordering::Relaxed) + self.algorithmic_samples as u64;
+        let backlog = pushed.saturating_sub(promised);
+        (backlog, self.largest_backlog.fetch_max(backlog, Ordering::Relaxed).max(backlog))
+    }
+
     /// Tells the engine to look, where it waits for what is now in `audio`.
     pub(super) fn notify(&self) {
         let due = self.due_at.load(Ordering::SeqCst);
@@ -243,6 +269,9 @@ impl Shared {
             heard_cue: AtomicU32::new(0),
             heard_from: AtomicU64::new(0),
             sample_base: AtomicU64::new(0),
+            pushed: AtomicU64::new(0),
+            covered: AtomicU64::new(0),
+            largest_backlog: AtomicU64::new(0),
             total: AtomicU64::new(ENDLESS),
             due_at: AtomicU64::new(NOBODY),
             audio_time: AtomicU64::new(clock.nanos()),

@@ -142,6 +142,8 @@ class Latency(ctypes.Structure):
         ("reserved", c_uint32),
         ("algorithmic_samples", c_uint64),
         *((name, c_double) for name in ("compute_p50", "compute_p99", "compute_p999", "compute_max")),
+        ("backlog_samples", c_uint64),
+        ("backlog_max_samples", c_uint64),
     ]
 
 

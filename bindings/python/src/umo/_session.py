@@ -44,6 +44,10 @@ class Latency(NamedTuple):
     """Its 99.9th percentile."""
     compute_max: float
     """Its largest."""
+    backlog_samples: int
+    """Samples by which the newest frame is behind the newest audio now, beyond `algorithmic_samples`."""
+    backlog_max_samples: int
+    """The largest backlog since the session was made."""
 
 
 class Stats(NamedTuple):
