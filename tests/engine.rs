@@ -377,10 +377,11 @@ fn a_backlog_is_told_now_and_at_most() {
             assert_eq!(backlog(), (0, 0));
         }
         // Nobody computes for two seconds: all of them are behind, less what may be missing for the next frame.
-        let covered = session.ready_frames().unwrap() as usize * rate / 30;
+        let covered = session.ready_frames().unwrap() * rate / 30;
         session.push_audio(&samples[2 * rate..4 * rate]).unwrap();
-        let behind = (4 * rate - covered - algorithmic) as u64;
-        assert!(behind as usize + algorithmic / 2 >= 2 * rate - algorithmic, "{behind} of {rate} Hz");
+        let behind = 4 * rate - covered - algorithmic;
+        assert!(behind + algorithmic / 2 >= 2 * rate - algorithmic, "{behind} of {rate} Hz");
+        let behind = behind as u64;
         assert_eq!(backlog(), (behind, behind));
         settle(&engine);
         assert_eq!(backlog(), (0, behind));

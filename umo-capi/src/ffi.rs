@@ -267,7 +267,8 @@ mod tests {
         sized::<UmoSessionConfig>(64);
         sized::<UmoFrameLayout>(48);
         sized::<UmoParameterInfo>(40);
-        sized::<UmoLatency>(64);
+        // Grown since its first version.
+        assert_eq!((size_of::<UmoLatency>(), UmoLatency::FIRST), (64, 48));
         sized::<UmoStats>(56);
         sized::<UmoSampled>(24);
         assert_eq!((size_of::<UmoAllocator>(), size_of::<UmoJobs>(), size_of::<UmoLog>()), (24, 16, 16));
