@@ -470,7 +470,8 @@ typedef struct umo_stats {
 // The session's engine was freed: it gives no more frames. Free it.
 #define UMO_STATUS_CLOSED -14
 
-// A defect of this library was caught; the session concerned is good for nothing more. Free it, and report the defect.
+// A defect of this library was caught, and printed nothing; the session concerned is good for nothing more. Free it, and
+// report the defect: `umo_session_last_error` (or `umo_last_error`) has the panic's text and its place in the source.
 #define UMO_STATUS_PANIC -15
 
 // This model, processor or engine cannot do that.

@@ -24,6 +24,10 @@
 #![no_std]
 #![expect(clippy::duplicate_mod, reason = "the loops of attention are compiled once per instruction set")]
 
+/// The path of this source file, from which callers tell panics of this crate from others.
+#[doc(hidden)]
+pub const SOURCE: &str = file!();
+
 pub mod activation;
 #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
 mod amx;

@@ -1,11 +1,11 @@
 //! What stands between C and Rust: pointers checked, structures of any age read and written, panics kept in.
 
 use std::ffi::{CStr, c_char};
-use std::panic::{AssertUnwindSafe, catch_unwind};
+
+use umo_core::defect::{contain_quietly, keep_quiet};
 
 use crate::status::{
-    Failure, Text, UMO_STATUS_BUFFER_TOO_SMALL, UMO_STATUS_OK, UMO_STATUS_PANIC, UMO_STATUS_STRUCT_SIZE, UmoStatus,
-    remember,
+    Failure, Text, UMO_STATUS_BUFFER_TOO_SMALL, UMO_STATUS_OK, UMO_STATUS_STRUCT_SIZE, UmoStatus, remember,
 };
 
 /// Longest text that is taken from C, bytes.
@@ -17,8 +17,9 @@ const MAX_BYTES: usize = isize::MAX as usize;
 
 /// Runs a call that names no session; its failure's detail is kept for `umo_last_error`.
 pub(crate) fn guard(call: impl FnOnce() -> Result<(), Failure>) -> UmoStatus {
+    keep_quiet(&[file!()]);
     // What a caught panic leaves behind is behind a handle: a session is poisoned, an engine and a model are not changed.
-    let result = catch_unwind(AssertUnwindSafe(call)).unwrap_or_else(|_| Err(Failure::plain(UMO_STATUS_PANIC)));
+    let result = contain_quietly(call).unwrap_or_else(|defect| Err(Failure::defect(&defect)));
     match result {
         Ok(()) => UMO_STATUS_OK,
         Err(failure) => {

@@ -9,11 +9,11 @@ pub mod state;
 
 use std::cell::UnsafeCell;
 use std::ffi::c_char;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
+use umo_core::defect::contain;
 use umo_core::session::{Session, SessionConfig};
 
 use crate::engine::{self, EngineHandle, UmoEngine};
@@ -198,12 +198,16 @@ fn on(session: *const UmoSession, call: impl FnOnce(&SessionHandle) -> Result<()
     if handle.poisoned.load(Ordering::Relaxed) {
         return UMO_STATUS_PANIC;
     }
-    let failure = match catch_unwind(AssertUnwindSafe(|| call(&handle))) {
+    let failure = match contain(|| call(&handle)) {
         Ok(Ok(())) => return UMO_STATUS_OK,
+        // The engine's thread knows what it panicked with.
+        Ok(Err(failure)) if failure.status == UMO_STATUS_PANIC => {
+            handle.session.defect().map_or(failure, Failure::defect)
+        }
         Ok(Err(failure)) => failure,
-        Err(_) => {
+        Err(defect) => {
             handle.poisoned.store(true, Ordering::Relaxed);
-            Failure::plain(UMO_STATUS_PANIC)
+            Failure::defect(&defect)
         }
     };
     handle.detail.with(|text| *text = failure.detail);
@@ -448,17 +452,29 @@ mod tests {
         // SAFETY: the buffer is as long as it says.
         let asked = unsafe { umo_session_last_error(first, text.as_mut_ptr().cast(), text.len(), &raw mut length) };
         assert_eq!(asked, UMO_STATUS_OK);
-        assert!(String::from_utf8_lossy(&text[..length]).contains("defect"));
+        let text = String::from_utf8_lossy(&text[..length]).into_owned();
+        assert!(text.contains("defect") && text.contains("session.rs:") && text.contains("planned"), "{text}");
         assert_eq!(stream::umo_session_finish(second), UMO_STATUS_OK);
 
         assert_eq!(guard(|| panic!("planned")), UMO_STATUS_PANIC);
         // SAFETY: never NULL, and it ends.
         let last = unsafe { std::ffi::CStr::from_ptr(crate::status::umo_last_error()) };
-        assert!(last.to_string_lossy().contains("defect"));
+        let last = last.to_string_lossy();
+        assert!(last.contains("defect") && last.contains("session.rs:") && last.contains("planned"), "{last}");
 
         assert_eq!(umo_session_free(first), UMO_STATUS_OK);
         assert_eq!(umo_session_free(second), UMO_STATUS_OK);
         assert_eq!(umo_engine_free(engine), UMO_STATUS_OK);
         assert_eq!(umo_model_free(model), UMO_STATUS_OK);
+    }
+
+    #[test]
+    fn a_panic_prints_nothing() {
+        let this = std::env::current_exe().unwrap();
+        let name = "session::tests::a_panic_becomes_a_status_and_poisons_that_session_alone";
+        let output = std::process::Command::new(this).args(["--exact", name, "--nocapture"]).output().unwrap();
+        let (printed, errors) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+        assert!(output.status.success() && printed.contains("1 passed"), "{printed}{errors}");
+        assert!(!errors.contains("panicked") && !printed.contains("panicked"), "{printed}{errors}");
     }
 }

@@ -4,9 +4,9 @@ use std::cell::UnsafeCell;
 use std::ffi::{CStr, c_char};
 use std::fmt::{self, Write as _};
 
-use umo_core::LoadError;
 use umo_core::engine::{EngineError, PollError};
 use umo_core::session::SessionError;
+use umo_core::{Defect, LoadError};
 
 /// What a call came to: `UMO_STATUS_OK`, or below zero what went wrong. Numbers are never used again for anything else.
 pub type UmoStatus = i32;
@@ -41,7 +41,8 @@ pub const UMO_STATUS_FINISHED: UmoStatus = -12;
 pub const UMO_STATUS_FAILED: UmoStatus = -13;
 /// The session's engine was freed: it gives no more frames. Free it.
 pub const UMO_STATUS_CLOSED: UmoStatus = -14;
-/// A defect of this library was caught; the session concerned is good for nothing more. Free it, and report the defect.
+/// A defect of this library was caught, and printed nothing; the session concerned is good for nothing more. Free it, and
+/// report the defect: `umo_session_last_error` (or `umo_last_error`) has the panic's text and its place in the source.
 pub const UMO_STATUS_PANIC: UmoStatus = -15;
 /// This model, processor or engine cannot do that.
 pub const UMO_STATUS_UNSUPPORTED: UmoStatus = -16;
@@ -100,6 +101,16 @@ impl Failure {
         Self { status, detail: Text::from(format_args!("{detail}")) }
     }
 
+    /// A panic that was caught.
+    pub(crate) fn defect(defect: &Defect) -> Self {
+        let place = if defect.place().is_empty() { "an unknown place" } else { defect.place() };
+        let what = format_args!(
+            "a defect of this library was caught at {place}: {}. Free the session, and report the defect",
+            defect.message()
+        );
+        Self::new(UMO_STATUS_PANIC, what)
+    }
+
     pub(crate) fn null(what: &str) -> Self {
         Self::new(UMO_STATUS_NULL_POINTER, format_args!("`{what}` is NULL"))
     }
@@ -126,6 +137,7 @@ impl From<EngineError> for Failure {
             EngineError::Thread(_) => UMO_STATUS_THREAD,
             EngineError::Full { .. } => UMO_STATUS_FULL,
             EngineError::Rest(_) => UMO_STATUS_MODEL,
+            EngineError::Panicked(defect) => return Self::defect(&defect),
         };
         Self::new(status, error)
     }

@@ -8,9 +8,8 @@ mod core;
 mod worker;
 
 use std::fmt;
-use std::panic::AssertUnwindSafe;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
-use std::sync::{Arc, Mutex, TryLockError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError, TryLockError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -18,12 +17,13 @@ use atomic_wait::{wait, wake_one};
 
 use crate::avatar::{Avatar, StageTimes};
 use crate::clock::Clock;
+use crate::defect::{Defect, contain_quietly};
 use crate::error::{LoadError, StepError};
 use crate::linear::Compute;
 use crate::model::Model;
 use crate::motion::Pose;
 use crate::part::PerPart;
-use crate::session::{Making, Session, SessionConfig, Shared, Shown, state_size};
+use crate::session::{Failure, Making, Session, SessionConfig, Shared, Shown, state_size};
 use crate::team::{Guests, MAX_THREADS, Team};
 pub(crate) use core::Core;
 use worker::Worker;
@@ -99,6 +99,8 @@ pub enum EngineError {
     },
     /// The model gives no pose of rest.
     Rest(StepError),
+    /// The engine's thread panicked: a defect of this library.
+    Panicked(Defect),
 }
 
 impl fmt::Display for EngineError {
@@ -108,6 +110,7 @@ impl fmt::Display for EngineError {
             Self::Thread(error) => write!(f, "cannot start a thread: {error}"),
             Self::Full { sessions } => write!(f, "all {sessions} sessions of the engine are taken: drop one first"),
             Self::Rest(error) => write!(f, "the model's rest codes give no pose: {error}"),
+            Self::Panicked(defect) => write!(f, "the engine's thread ended by a defect of this library: {defect}"),
         }
     }
 }
@@ -184,21 +187,21 @@ impl Signal {
 #[derive(Debug, Default)]
 struct Started {
     done: AtomicU32,
-    error: Mutex<Option<std::io::Error>>,
+    error: Mutex<Option<EngineError>>,
 }
 
 impl Started {
-    fn tell(&self, made: std::io::Result<()>) {
-        *self.error.lock().unwrap_or_else(std::sync::PoisonError::into_inner) = made.err();
+    fn tell(&self, made: Result<(), EngineError>) {
+        *self.error.lock().unwrap_or_else(PoisonError::into_inner) = made.err();
         self.done.store(1, Ordering::Release);
         wake_one(&raw const self.done);
     }
 
-    fn wait(&self) -> std::io::Result<()> {
+    fn wait(&self) -> Result<(), EngineError> {
         while self.done.load(Ordering::Acquire) == 0 {
             wait(&self.done, 0);
         }
-        self.error.lock().unwrap_or_else(std::sync::PoisonError::into_inner).take().map_or(Ok(()), Err)
+        self.error.lock().unwrap_or_else(PoisonError::into_inner).take().map_or(Ok(()), Err)
     }
 }
 
@@ -219,6 +222,8 @@ struct Inner {
     signal: Arc<Signal>,
     stop: AtomicBool,
     started: Started,
+    /// The panic that ended the engine's thread.
+    defect: OnceLock<Defect>,
     clock: Clock,
     /// Pose of rest.
     rest: Shown,
@@ -244,6 +249,15 @@ impl Inner {
         let shared = Arc::new(Shared::new(making, config)?);
         let core = Core::new(avatar, Arc::clone(&shared), model, config.sample_rate);
         Ok((shared, core))
+    }
+
+    /// Ends every session that has a place: nobody computes any more.
+    fn fail(&self, defect: &Defect) {
+        for slot in &self.slots {
+            if let Some(core) = &*slot.core.lock().unwrap_or_else(PoisonError::into_inner) {
+                core.fail(Failure::Defect(defect.clone()));
+            }
+        }
     }
 
     /// Frees the places of dropped sessions that are not in a batch.
@@ -335,6 +349,7 @@ impl Engine {
             signal: Arc::default(),
             stop: AtomicBool::new(false),
             started: Started::default(),
+            defect: OnceLock::new(),
             clock: config.clock.clone(),
             model,
             rest,
@@ -349,8 +364,10 @@ impl Engine {
         let (shared, config) = (Arc::clone(&inner), config.clone());
         let life = move || {
             let make = || Worker::new(&shared, &config, threads);
-            let made = std::panic::catch_unwind(AssertUnwindSafe(make))
-                .unwrap_or_else(|_| Err(std::io::Error::other("the engine's thread panicked while it started")));
+            let made = match contain_quietly(make) {
+                Ok(made) => made.map_err(EngineError::Thread),
+                Err(defect) => Err(EngineError::Panicked(defect)),
+            };
             // Whoever waits may count allocations from then on.
             drop(config);
             match made {
@@ -362,7 +379,7 @@ impl Engine {
             }
         };
         let thread = std::thread::Builder::new().name("umo-0".to_owned()).spawn(life).map_err(EngineError::Thread)?;
-        inner.started.wait().map_err(EngineError::Thread)?;
+        inner.started.wait()?;
         Ok(Self { inner, worker: None, guests: None, thread: Some(thread) })
     }
 
@@ -377,6 +394,9 @@ impl Engine {
     /// [`EngineError`] where a number is out of range or every place is taken.
     pub fn session(&self, config: &SessionConfig) -> Result<Session, EngineError> {
         let inner = &self.inner;
+        if let Some(defect) = inner.defect.get() {
+            return Err(EngineError::Panicked(defect.clone()));
+        }
         inner.sweep();
         let (shared, mut core) = inner.make(config)?;
         let state_size = state_size(&shared, &mut core, &inner.model);
@@ -388,6 +408,10 @@ impl Engine {
             Err(poisoned) => *poisoned.into_inner() = Some(core),
         }
         inner.signal.notify();
+        // The engine's thread may have ended before it saw the place.
+        if let Some(defect) = inner.defect.get() {
+            inner.fail(defect);
+        }
         Ok(Session::new(shared, Place { inner: Arc::clone(inner), index }, state_size))
     }
 
@@ -401,7 +425,7 @@ impl Engine {
 
     /// Time spent in each stage so far, as of the last batch that was done.
     pub fn stage_times(&self) -> StageTimes {
-        *self.inner.times.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+        *self.inner.times.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Computes until nothing is due or `budget` is used up: it returns at most one layer's time later. A budget of zero
@@ -455,11 +479,11 @@ impl Drop for Engine {
             drop(thread.join());
         }
         if let Some(worker) = self.worker.take() {
-            let mut worker = worker.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
+            let mut worker = worker.into_inner().unwrap_or_else(PoisonError::into_inner);
             worker.put_back(&self.inner);
         }
         for slot in &self.inner.slots {
-            let core = slot.core.lock().unwrap_or_else(std::sync::PoisonError::into_inner).take();
+            let core = slot.core.lock().unwrap_or_else(PoisonError::into_inner).take();
             if let Some(core) = core {
                 core.close();
             }
@@ -472,11 +496,15 @@ fn run(mut worker: Worker, inner: &Inner) {
     while !inner.stop.load(Ordering::SeqCst) {
         let seen = inner.signal.count();
         // A defect outside of what `turn` itself catches ends the engine, not the process.
-        let turn = std::panic::catch_unwind(AssertUnwindSafe(|| worker.turn(inner)));
-        match turn {
+        match contain_quietly(|| worker.turn(inner)) {
             Ok(true) => {}
             Ok(false) => inner.signal.sleep(seen),
-            Err(_) => break,
+            Err(defect) => {
+                let _ = inner.defect.set(defect.clone());
+                worker.put_back(inner);
+                inner.fail(&defect);
+                return;
+            }
         }
     }
     worker.put_back(inner);
@@ -502,4 +530,51 @@ fn rest(model: &Model) -> Result<Shown, StepError> {
     assembly.turn_eyes(&face, &mut pose.rotations);
     (pose.translation[0], pose.translation[2]) = (0.0, 0.0);
     Ok(Shown::new(pose, &face))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::defect::keep_quiet;
+    use crate::session::SessionError;
+
+    fn polled() -> Engine {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../models/umo-small/model.safetensors");
+        let file = crate::ModelFile::open(path.as_ref()).unwrap();
+        let model = Model::load(&file, crate::Precision::Stored, umo_kernels::Isa::detect()).unwrap();
+        let config = EngineConfig { threads: Threads::Host(0), ..EngineConfig::default() };
+        Engine::new(Arc::new(model), &config).unwrap()
+    }
+
+    #[test]
+    fn a_panic_of_a_step_ends_its_session_alone_and_is_kept_with_its_place() {
+        keep_quiet(&[]);
+        let engine = polled();
+        let config = SessionConfig::new(&engine.model().config);
+        let (bad, good) = (engine.session(&config).unwrap(), engine.session(&config).unwrap());
+        bad.place().with_core(|core, _| core.plant_defect()).unwrap();
+        for session in [&bad, &good] {
+            session.push_audio(&vec![0.0; 2 * config.sample_rate]).unwrap();
+        }
+        while engine.poll(Duration::from_secs(1)) != Ok(Poll::Idle) {}
+        assert_eq!(bad.pull_frames(1, |_| ()), Err(SessionError::Panicked));
+        let defect = bad.defect().unwrap();
+        assert!(defect.place().contains("core.rs:"), "{defect}");
+        assert!(defect.message().contains("divide by zero"), "{defect}");
+        assert!(good.ready_frames().unwrap() > 0);
+        assert_eq!(good.defect(), None);
+    }
+
+    #[test]
+    fn sessions_of_an_engine_whose_thread_has_ended_say_why() {
+        let engine = polled();
+        let config = SessionConfig::new(&engine.model().config);
+        let session = engine.session(&config).unwrap();
+        let defect = crate::defect::contain(|| panic!("planned")).unwrap_err();
+        let _ = engine.inner.defect.set(defect.clone());
+        engine.inner.fail(&defect);
+        assert_eq!(session.push_audio(&[0.0]), Err(SessionError::Panicked));
+        assert_eq!(session.defect().unwrap().message(), "planned");
+        assert!(matches!(engine.session(&config), Err(EngineError::Panicked(_))));
+    }
 }

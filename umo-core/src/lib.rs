@@ -15,7 +15,7 @@
 //! | [`record`] | what a chunk was made of: codes, experts | |
 //! | [`stage`] | one stage alone, for checking a model | 3.1 |
 //! | [`retarget`] | poses on other skeletons, face channels on other shapes | |
-//! | [`part`], [`error`], [`mod@file`] | the four parts; what can go wrong; opening files | 1 |
+//! | [`part`], [`error`], [`defect`], [`mod@file`] | the four parts; what can go wrong; panics, contained; opening files | 1 |
 #![deny(unsafe_code)]
 
 pub mod animation;
@@ -24,6 +24,7 @@ pub mod avatar;
 pub mod batch;
 pub mod clock;
 pub mod config;
+pub mod defect;
 pub mod engine;
 pub mod error;
 pub mod file;
@@ -45,6 +46,7 @@ pub mod team;
 pub mod weights;
 
 pub use config::Config;
+pub use defect::Defect;
 pub use error::{LoadError, StepError};
 pub use linear::{Compute, Linear, Precision, QuantScratch};
 pub use part::{Part, PerPart};

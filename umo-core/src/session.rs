@@ -25,6 +25,7 @@ use std::sync::{Arc, MutexGuard};
 use std::time::Duration;
 
 use crate::config::Sampling;
+use crate::defect::Defect;
 use crate::engine::Place;
 use crate::lm::layout::MAX_PROMPT_TOKENS;
 use crate::part::Part;
@@ -33,7 +34,7 @@ pub use config::{AUDIO_SECONDS, Idle, MAX_CHANNELS, MAX_EASE, MAX_GAIN, MAX_RATE
 pub use error::SessionError;
 pub use output::{FrameView, Sampled};
 pub(crate) use output::{Shown, words as frame_words, write as write_frame};
-pub(crate) use shared::{Cue, ENDLESS, Making, NOBODY, Shared};
+pub(crate) use shared::{Cue, ENDLESS, Failure, Making, NOBODY, Shared};
 use shared::{Settings, try_lock};
 pub(crate) use state::state_size;
 
@@ -190,6 +191,16 @@ impl Session {
     pub fn ready_frames(&self) -> Result<usize, SessionError> {
         let mut output = try_lock(&self.shared.output).ok_or(SessionError::Busy(OUTPUT))?;
         Ok(output.ready(&self.shared))
+    }
+
+    #[cfg(test)]
+    pub(crate) fn place(&self) -> &Place {
+        &self.place
+    }
+
+    /// What the panic said that ended the session with [`SessionError::Panicked`], and where it was.
+    pub fn defect(&self) -> Option<&Defect> {
+        self.shared.defect()
     }
 
     /// Whether [`Self::finish`] was called and every frame up to the end was handed out.

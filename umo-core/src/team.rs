@@ -14,15 +14,15 @@ mod shares;
 
 use std::cell::UnsafeCell;
 use std::ops::Range;
-use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicU32, AtomicU64, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use atomic_wait::{wait, wake_all, wake_one};
 use umo_kernels::{MatMut, PrefetchHint, SharedHint};
 
+use crate::defect::{Defect, contain, contain_quietly, resume};
 use crate::error::StepError;
 
 /// Most threads of a team.
@@ -88,8 +88,9 @@ struct Shared {
     job: AtomicPtr<()>,
     /// Workers that have not finished the job; the caller sleeps on it.
     pending: AtomicU32,
-    /// A worker panicked in the job.
+    /// A piece of the job panicked, and what the first one said.
     panicked: AtomicBool,
+    defect: Mutex<Option<Defect>>,
     /// The team is being dropped.
     stop: AtomicBool,
     /// A job is under way.
@@ -136,7 +137,8 @@ impl Team {
                 if core.is_some_and(|core| !bind(core)) {
                     shared.unbound.store(true, Ordering::Relaxed);
                 }
-                work(&shared, index);
+                // A piece that panics is caught before this: here it is only kept from being printed.
+                let _ = contain_quietly(|| work(&shared, index));
             };
             team.workers.push(std::thread::Builder::new().name(name).spawn(life)?);
         }
@@ -199,14 +201,9 @@ impl Team {
         }
         shared.pending.store(self.workers.len().try_into().expect("at most 64"), Ordering::Relaxed);
         shared.signal();
-        let own = catch_unwind(AssertUnwindSafe(|| job(0)));
+        shared.contained(|| job(0));
         shared.wait_for_workers();
-        let panicked = shared.panicked.swap(false, Ordering::Relaxed);
-        shared.busy.store(false, Ordering::Release);
-        if let Err(payload) = own {
-            std::panic::resume_unwind(payload);
-        }
-        assert!(!panicked, "a worker thread panicked");
+        shared.end_job();
     }
 
     /// Runs the job with whoever of the guests is there.
@@ -219,9 +216,7 @@ impl Team {
         shared.signal();
         while shared.help() {}
         shared.wait_for_workers();
-        let panicked = shared.panicked.swap(false, Ordering::Relaxed);
-        shared.busy.store(false, Ordering::Release);
-        assert!(!panicked, "a piece of work panicked");
+        shared.end_job();
     }
 
     /// Says what the job behind the next one reads first: `ahead(piece)` for each piece of its `total` columns or rows, cut as
@@ -426,6 +421,7 @@ impl Shared {
             job: AtomicPtr::new(std::ptr::null_mut()),
             pending: AtomicU32::new(0),
             panicked: AtomicBool::new(false),
+            defect: Mutex::new(None),
             stop: AtomicBool::new(false),
             busy: AtomicBool::new(false),
             asleep: AtomicU32::new(0),
@@ -473,10 +469,26 @@ impl Shared {
         // this thread has seen (release and acquire through `epoch` and `ticket`, whose number keeps an old one from being
         // taken), and it does not return before `pending`, which counts this piece, reaches 0 below.
         let job: &Job = unsafe { *job };
-        if catch_unwind(AssertUnwindSafe(|| job(index))).is_err() {
-            self.panicked.store(true, Ordering::Relaxed);
-        }
+        self.contained(|| job(index));
         self.done();
+    }
+
+    /// Runs a piece of the job; the job's first panic is kept for [`Self::end_job`].
+    fn contained(&self, piece: impl FnOnce()) {
+        if let Err(defect) = contain(piece) {
+            self.panicked.store(true, Ordering::Relaxed);
+            self.defect.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(defect);
+        }
+    }
+
+    /// Ends the job that every thread is done with. Panics where a piece of it did.
+    fn end_job(&self) {
+        let panicked = self.panicked.swap(false, Ordering::Relaxed);
+        let defect = if panicked { self.defect.lock().unwrap_or_else(PoisonError::into_inner).take() } else { None };
+        self.busy.store(false, Ordering::Release);
+        if let Some(defect) = defect {
+            resume(defect);
+        }
     }
 
     /// Spins, then sleeps, until no worker has the job any more.
@@ -750,8 +762,8 @@ mod tests {
     #[test]
     fn a_panic_in_a_worker_reaches_the_caller_and_the_team_lives_on() {
         let team = Team::new(2).unwrap();
-        let result = catch_unwind(AssertUnwindSafe(|| team.run(&|i| assert!(i == 0, "planned"))));
-        assert!(result.is_err());
+        let defect = contain(|| team.run(&|i| assert!(i == 0, "planned"))).unwrap_err();
+        assert_eq!(defect.message(), "planned");
         let count = AtomicU32::new(0);
         team.run(&|_| {
             count.fetch_add(1, Ordering::Relaxed);

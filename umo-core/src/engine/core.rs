@@ -6,10 +6,9 @@ use std::time::Duration;
 
 use crate::avatar::{Avatar, Due};
 use crate::batch::{FrameSink, Member};
-use crate::error::StepError;
 use crate::model::Model;
 use crate::motion::FrameRef;
-use crate::session::{Cue, ENDLESS, Idle, NOBODY, Shared, frame_words, write_frame};
+use crate::session::{Cue, ENDLESS, Failure, Idle, NOBODY, Shared, frame_words, write_frame};
 use crate::state::{StateError, StatePass};
 
 /// Frames that a restored session may go on for before the position of one does not fit a word.
@@ -148,8 +147,14 @@ impl Core {
     }
 
     /// The session gives no more frames.
-    pub(super) fn fail(&self, error: Option<StepError>) {
-        self.out.shared.fail(error);
+    pub(super) fn fail(&self, failure: Failure) {
+        self.out.shared.fail(failure);
+    }
+
+    /// Makes the next frame panic.
+    #[cfg(test)]
+    pub(super) fn plant_defect(&mut self) {
+        self.out.frame_rate = 0;
     }
 
     /// What a state must have in common with this session, beside the model.

@@ -1,13 +1,14 @@
 //! What computes: which sessions come next, and one layer of their batch after the other.
 
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 
 use super::core::Core;
 use super::{EngineConfig, Inner, Threads};
 use crate::avatar::Due;
 use crate::batch::Batch;
+use crate::defect::contain;
 use crate::linear::Compute;
+use crate::session::Failure;
 use crate::team::{Guests, Team};
 
 /// A batch, and the sessions in it.
@@ -63,8 +64,8 @@ impl Worker {
         }
         let Self { team, batch, members, .. } = self;
         let cx = Compute { isa: inner.model.isa, team };
-        let result = catch_unwind(AssertUnwindSafe(|| batch.step(&inner.model, cx, members)));
-        let error = match result {
+        let result = contain(|| batch.step(&inner.model, cx, members));
+        let failure = match result {
             Ok(Ok(true)) => return true,
             Ok(Ok(false)) => {
                 let now = inner.clock.nanos();
@@ -76,13 +77,13 @@ impl Worker {
                 self.put_back(inner);
                 return true;
             }
-            Ok(Err(error)) => Some(error),
-            Err(_) => None,
+            Ok(Err(error)) => Failure::Step(error),
+            Err(defect) => Failure::Defect(defect),
         };
         match self.batch.exclude() {
-            Some(member) => self.members[member].fail(error),
+            Some(member) => self.members[member].fail(failure),
             None => {
-                self.members.iter().for_each(|core| core.fail(error));
+                self.members.iter().for_each(|core| core.fail(failure.clone()));
                 self.put_back(inner);
             }
         }

@@ -23,7 +23,8 @@ pub enum SessionError {
     Range(&'static str),
     /// The avatar's computation failed: the session gives no more frames.
     Failed(StepError),
-    /// The avatar's computation panicked: the session gives no more frames.
+    /// The avatar's computation panicked: the session gives no more frames. [`Session::defect`](super::Session::defect) says
+    /// what the panic said.
     Panicked,
     /// The engine is gone; frames that were ready can still be pulled.
     Closed,

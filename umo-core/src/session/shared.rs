@@ -11,6 +11,7 @@ use super::output::{Output, Shown, words as frame_words};
 use crate::avatar::AvatarConfig;
 use crate::clock::Clock;
 use crate::config::Config;
+use crate::defect::Defect;
 use crate::engine::Signal;
 use crate::error::{LoadError, StepError};
 use crate::lm::layout::MAX_PROMPT_TOKENS;
@@ -76,8 +77,16 @@ pub(crate) const ENDLESS: u64 = u64::MAX;
 /// How a session's computation ended, if it did.
 const RUNNING: u8 = 0;
 const FAILED: u8 = 1;
-const PANICKED: u8 = 2;
-const CLOSED: u8 = 3;
+const CLOSED: u8 = 2;
+
+/// Why the engine cannot go on with a session.
+#[derive(Clone, Debug)]
+pub(crate) enum Failure {
+    /// A step could not be taken.
+    Step(StepError),
+    /// A step panicked.
+    Defect(Defect),
+}
 
 /// What the sides of a session share.
 #[derive(Debug)]
@@ -110,7 +119,7 @@ pub(crate) struct Shared {
     /// The host has dropped the session.
     pub(crate) dropped: AtomicBool,
     pub(super) state: AtomicU8,
-    pub(super) failure: OnceLock<StepError>,
+    pub(super) failure: OnceLock<Failure>,
     pub(crate) idle: AtomicU8,
     /// How much each part moves, as the bits of floats.
     pub(crate) gains: PerPart<AtomicU32>,
@@ -163,13 +172,18 @@ impl Shared {
     }
 
     /// The engine cannot go on with this session.
-    pub(crate) fn fail(&self, error: Option<StepError>) {
-        if let Some(error) = error {
-            // The first failure stays.
-            let _ = self.failure.set(error);
+    pub(crate) fn fail(&self, failure: Failure) {
+        // The first failure stays.
+        let _ = self.failure.set(failure);
+        self.state.store(FAILED, Ordering::Release);
+    }
+
+    /// The panic that ended the session.
+    pub(super) fn defect(&self) -> Option<&Defect> {
+        match self.failure.get() {
+            Some(Failure::Defect(defect)) => Some(defect),
+            _ => None,
         }
-        let state = if error.is_some() { FAILED } else { PANICKED };
-        self.state.store(state, Ordering::Release);
     }
 
     /// The engine is gone.
@@ -184,8 +198,10 @@ impl Shared {
 
     pub(super) fn check(&self) -> Result<(), SessionError> {
         match self.state.load(Ordering::Acquire) {
-            FAILED => Err(self.failure.get().map_or(SessionError::Panicked, |&error| SessionError::Failed(error))),
-            PANICKED => Err(SessionError::Panicked),
+            FAILED => match self.failure.get() {
+                Some(&Failure::Step(error)) => Err(SessionError::Failed(error)),
+                _ => Err(SessionError::Panicked),
+            },
             CLOSED => Err(SessionError::Closed),
             _ => Ok(()),
         }

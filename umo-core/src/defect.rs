@@ -1,0 +1,166 @@
+//! Panics of this library that were caught: what they said and where, kept for the caller instead of printed.
+//!
+//! A panic is a defect of this library. [`contain`] keeps it from its caller; [`keep_quiet`] keeps it from the process's
+//! standard error, where a host's users would see it.
+
+use std::any::Any;
+use std::cell::Cell;
+use std::fmt;
+use std::panic::{AssertUnwindSafe, Location, PanicHookInfo, catch_unwind};
+use std::sync::{Mutex, Once, PoisonError};
+
+/// A panic that was caught.
+#[derive(Clone, PartialEq, Eq)]
+pub struct Defect {
+    place: String,
+    message: String,
+}
+
+impl Defect {
+    fn new(place: Option<&Location>, payload: &(dyn Any + Send)) -> Self {
+        let message = match (payload.downcast_ref::<&str>(), payload.downcast_ref::<String>()) {
+            (Some(message), _) => message,
+            (_, Some(message)) => message.as_str(),
+            _ => "a panic without a message",
+        };
+        let place = place.map_or_else(String::new, |place| format!("{}:{}", place.file(), place.line()));
+        Self { place, message: message.to_owned() }
+    }
+
+    /// The file and line that panicked; empty where that is not known, because [`keep_quiet`] was not called before.
+    pub fn place(&self) -> &str {
+        &self.place
+    }
+
+    /// What the panic said.
+    pub fn message(&self) -> &str {
+        &self.message
+    }
+}
+
+impl fmt::Display for Defect {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.place() {
+            "" => write!(f, "{}", self.message),
+            place => write!(f, "{place}: {}", self.message),
+        }
+    }
+}
+
+impl fmt::Debug for Defect {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Defect({self})")
+    }
+}
+
+/// The last panics that the hook saw: what was caught has no place of its own.
+static LAST: Mutex<Last> = Mutex::new(Last { defects: [const { None }; 8], next: 0 });
+
+struct Last {
+    defects: [Option<Defect>; 8],
+    /// Where the next one is kept.
+    next: usize,
+}
+
+impl Last {
+    fn keep(&mut self, defect: Defect) {
+        self.defects[self.next] = Some(defect);
+        self.next = (self.next + 1) % self.defects.len();
+    }
+
+    fn take(&mut self, message: &str) -> Option<Defect> {
+        self.defects.iter_mut().find_map(|kept| kept.take_if(|kept| kept.message == *message))
+    }
+}
+
+thread_local! {
+    /// How many calls of [`contain_quietly`] the thread is in. Without a destructor.
+    static DEPTH: Cell<u32> = const { Cell::new(0) };
+}
+
+/// Runs `work`, and gives its panic as a value.
+///
+/// # Errors
+/// [`Defect`] where `work` panicked.
+pub fn contain<R>(work: impl FnOnce() -> R) -> Result<R, Defect> {
+    catch_unwind(AssertUnwindSafe(work)).map_err(|payload| {
+        let payload = match payload.downcast::<Defect>() {
+            Ok(defect) => return *defect,
+            Err(payload) => payload,
+        };
+        let caught = Defect::new(None, &*payload);
+        LAST.lock().unwrap_or_else(PoisonError::into_inner).take(&caught.message).unwrap_or(caught)
+    })
+}
+
+/// As [`contain`], and nothing that panics in it on this thread is printed, wherever in other libraries that is, once
+/// [`keep_quiet`] was called. Touches the thread's own storage, which the system may allocate at the thread's first call.
+///
+/// # Errors
+/// As [`contain`].
+pub fn contain_quietly<R>(work: impl FnOnce() -> R) -> Result<R, Defect> {
+    DEPTH.set(DEPTH.get() + 1);
+    let result = contain(work);
+    DEPTH.set(DEPTH.get() - 1);
+    result
+}
+
+/// Goes on with a panic that was caught on another thread, for [`contain`] to catch again. Prints nothing.
+pub(crate) fn resume(defect: Defect) -> ! {
+    std::panic::resume_unwind(Box::new(defect))
+}
+
+/// From now on, panics of this library are not printed: panics in its source files and in [`contain_quietly`]. All others
+/// go to the panic hook that was set before. Source files in the folders of
+/// `files` count as this library's too.
+///
+/// Only the first call does anything. It is meant for libraries that hide this one behind another interface.
+pub fn keep_quiet(files: &'static [&'static str]) {
+    static HOOK: Once = Once::new();
+    HOOK.call_once(|| {
+        let previous = std::panic::take_hook();
+        std::panic::set_hook(Box::new(move |info| {
+            if is_own(info, files) {
+                let defect = Defect::new(info.location(), info.payload());
+                LAST.lock().unwrap_or_else(PoisonError::into_inner).keep(defect);
+            } else {
+                previous(info);
+            }
+        }));
+    });
+}
+
+fn is_own(info: &PanicHookInfo, files: &[&str]) -> bool {
+    let file = info.location().map_or("", Location::file);
+    let own = [file!(), umo_kernels::SOURCE];
+    // At a thread's end its storage may be gone; nothing of this library runs then.
+    DEPTH.try_with(Cell::get).is_ok_and(|depth| depth > 0)
+        || own.iter().chain(files).any(|own| file.starts_with(folder(own)))
+}
+
+/// The folder of a source file, its separator included.
+fn folder(file: &str) -> &str {
+    &file[..file.rfind(['/', '\\']).map_or(0, |at| at + 1)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_panic_is_kept_with_its_place() {
+        keep_quiet(&[]);
+        let line = line!() + 1;
+        let defect = contain(|| panic!("planned {}", 1)).unwrap_err();
+        assert_eq!((defect.message(), defect.place()), ("planned 1", &*format!("{}:{line}", file!())));
+        assert_eq!(contain(|| 7), Ok(7));
+    }
+
+    #[test]
+    fn a_panic_on_another_thread_keeps_its_place() {
+        keep_quiet(&[]);
+        let other = std::thread::spawn(|| contain(|| panic!("planned elsewhere")).unwrap_err()).join().unwrap();
+        assert!(other.place().contains("defect.rs"), "{other}");
+        assert_eq!(contain(|| resume(other.clone())).map(drop), Err(other));
+    }
+}
