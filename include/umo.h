@@ -16,7 +16,10 @@
  * - A structure starts with struct_size: its initialiser, or sizeof, sets it. Later versions only add fields at the end.
  * - Texts are UTF-8. Times are seconds, lengths metres, angles unit quaternions x y z w, sound is full scale at 1, unless
  *   a name says otherwise.
- * - No call throws, exits or aborts. Nothing of the library runs on a thread that is not its own or in a call of it.
+ * - No call throws or exits, and none aborts: what a model file or a configuration makes large is allocated fallibly, and a
+ *   refusal is UMO_STATUS_OUT_OF_MEMORY. What remains: pieces of some kilobytes while something is made, for which the
+ *   memory is looked for before; where another thread takes it in between, the process ends, as with any Rust library.
+ * - Nothing of the library runs on a thread that is not its own or in a call of it.
  * - Allocation happens in _load, _new, _free, and where a comment says so; never on the way from audio to frames.
  *
  * Threads of a session:        audio thread             any thread                    game thread

@@ -77,6 +77,12 @@ fn run(program: &Path, arguments: &[&Path]) {
     assert!(done.status.success(), "{}: {:?}\n{said}", program.display(), done.status);
 }
 
+#[cfg(target_os = "linux")]
+#[test]
+fn no_limit_of_memory_ends_the_host() {
+    run(&compile("tests/capi/memory_limit.c", Link::Static), &[MODEL.as_ref()]);
+}
+
 #[test]
 fn the_header_compiles_alone() {
     let check = |mut cc: Command, language: &str, standard: &str| {

@@ -10,6 +10,8 @@ use std::ffi::c_void;
 use std::sync::RwLock;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use umo_core::memory::in_block;
+
 use crate::status::{Failure, UMO_STATUS_FULL, UMO_STATUS_OUT_OF_MEMORY};
 
 /// Where a session's memory comes from. Both functions are needed. They are called by `umo_session_new`,
@@ -244,7 +246,7 @@ impl Drop for Restore {
 pub(crate) fn measure<T>(make: impl FnOnce() -> Result<T, Failure>) -> Result<Layout, Failure> {
     let mut bump = Bump::new(size_of::<Block>());
     let restore = Restore(ROUTE.replace(Route::Measured(&raw mut bump)));
-    let made = make();
+    let made = in_block(make);
     ROUTE.set(Route::System);
     drop(restore);
     drop(made?);
@@ -306,7 +308,7 @@ impl Making {
     /// Runs `make` with everything that it allocates in the block.
     pub(crate) fn run<T>(&self, make: impl FnOnce() -> T) -> T {
         let _restore = Restore(ROUTE.replace(Route::Block(self.0)));
-        make()
+        in_block(make)
     }
 }
 
@@ -315,20 +317,6 @@ impl Drop for Making {
         // SAFETY: the maker's own count keeps the block alive until here.
         unsafe { release_one(self.0) };
     }
-}
-
-/// Whether the system would give that much at all.
-pub(crate) fn check(size: usize) -> Result<(), Failure> {
-    let gone = || Failure::new(UMO_STATUS_OUT_OF_MEMORY, format_args!("no memory for {size} bytes"));
-    let layout = Layout::from_size_align(size.max(1), LEAST_ALIGNMENT).map_err(|_| gone())?;
-    // SAFETY: the size is not 0.
-    let memory = unsafe { System.alloc(layout) };
-    if memory.is_null() {
-        return Err(gone());
-    }
-    // SAFETY: got above.
-    unsafe { System.dealloc(memory, layout) };
-    Ok(())
 }
 
 #[cfg(test)]
@@ -426,6 +414,5 @@ mod tests {
         assert_eq!(Making::new(layout, Some(hooks)).err().unwrap().status, UMO_STATUS_OUT_OF_MEMORY);
         let half = UmoAllocator { release: None, ..hooks };
         assert!(Making::new(layout, Some(half)).is_err());
-        assert!(check(usize::MAX).is_err());
     }
 }

@@ -8,6 +8,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use umo_core::config::FaceKind;
 use umo_core::lm::layout::MAX_PROMPT_TOKENS;
+use umo_core::memory;
 use umo_core::model::Model;
 use umo_core::motion::skeleton::JOINTS;
 use umo_core::motion::visemes::{VISEMES, Visemes};
@@ -18,7 +19,6 @@ use crate::UMO_ABI_VERSION;
 use crate::ffi::{self, Sized32, guard, put, wanted};
 use crate::handle::{Held, Table};
 use crate::log::{Log, UMO_LOG_INFO, UMO_LOG_WARNING, UmoLog};
-use crate::memory;
 use crate::status::{Failure, UMO_STATUS_VERSION, UmoStatus};
 
 /// A loaded model. A handle, never a pointer to memory.
@@ -209,11 +209,17 @@ unsafe fn read_config(config: *const UmoModelConfig) -> Result<(Precision, Isa, 
     Ok((precision(config.precision)?, isa(config.isa)?, log))
 }
 
+/// Address space that glibc's allocator reserves for a new thread where it can, twice over while it aligns it.
+const THREAD_HEAP: usize = 256 << 20;
+
 /// Loads with threads that are gone when it is done, so that the library can be unloaded.
 fn load(file: &ModelFile, precision: Precision, isa: Isa, log: Log) -> Result<Arc<ModelHandle>, Failure> {
-    memory::check(file.len())?;
     let start = std::time::Instant::now();
-    let count = std::thread::available_parallelism().map_or(1, usize::from);
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    // Where memory is short, one thread finds the end of it without taking it from others.
+    let plenty = file.len().saturating_mul(8).saturating_add(cores.saturating_mul(THREAD_HEAP));
+    let count = if memory::check(plenty).is_ok() { cores } else { 1 };
+    memory::check(count * memory::THREAD + memory::SPARE)?;
     let threads = Mutex::new(Vec::with_capacity(count));
     let pool = rayon::ThreadPoolBuilder::new().num_threads(count).spawn_handler(|thread| {
         let name = format!("umo-load-{}", thread.index());
@@ -221,7 +227,11 @@ fn load(file: &ModelFile, precision: Precision, isa: Isa, log: Log) -> Result<Ar
         threads.lock().unwrap_or_else(PoisonError::into_inner).push(started);
         Ok(())
     });
-    let no_thread = |error| Failure::new(crate::status::UMO_STATUS_THREAD, error);
+    // A system that has no memory for a thread says only that it did not start it.
+    let no_thread = |error| match memory::check(memory::THREAD + memory::SPARE) {
+        Ok(()) => Failure::new(crate::status::UMO_STATUS_THREAD, error),
+        Err(missing) => missing.into(),
+    };
     let pool = pool.build().map_err(no_thread)?;
     let model = pool.install(|| Model::load(file, precision, isa));
     drop(pool);

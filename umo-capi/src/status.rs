@@ -5,6 +5,7 @@ use std::ffi::{CStr, c_char};
 use std::fmt::{self, Write as _};
 
 use umo_core::engine::{EngineError, PollError};
+use umo_core::memory::OutOfMemory;
 use umo_core::session::SessionError;
 use umo_core::{Defect, LoadError};
 
@@ -124,6 +125,7 @@ impl From<LoadError> for Failure {
     fn from(error: LoadError) -> Self {
         let status = match error {
             LoadError::Io { .. } => UMO_STATUS_IO,
+            LoadError::Memory(_) => UMO_STATUS_OUT_OF_MEMORY,
             _ => UMO_STATUS_MODEL,
         };
         Self::new(status, error)
@@ -137,9 +139,16 @@ impl From<EngineError> for Failure {
             EngineError::Thread(_) => UMO_STATUS_THREAD,
             EngineError::Full { .. } => UMO_STATUS_FULL,
             EngineError::Rest(_) => UMO_STATUS_MODEL,
+            EngineError::Memory(_) => UMO_STATUS_OUT_OF_MEMORY,
             EngineError::Panicked(defect) => return Self::defect(&defect),
         };
         Self::new(status, error)
+    }
+}
+
+impl From<OutOfMemory> for Failure {
+    fn from(missing: OutOfMemory) -> Self {
+        Self::new(UMO_STATUS_OUT_OF_MEMORY, missing)
     }
 }
 

@@ -10,6 +10,7 @@ use umo_kernels::ShapeError;
 use crate::config::AudioKind;
 use crate::error::{LoadError, StepError};
 use crate::linear::Compute;
+use crate::memory::filled;
 use crate::state::{StateError, StatePass};
 use crate::weights::Loader;
 use hubert::Hubert;
@@ -185,7 +186,7 @@ impl Tokenizer {
             return Err(StepError::Empty("audio feature"));
         }
         let count = (audio.len() - self.field()) / self.hop + 1;
-        let mut features = vec![0.0; count * self.width];
+        let mut features = filled(0.0, count * self.width);
         match &self.network {
             Network::Hubert(hubert) => hubert.features(cx, audio, self.hop, &mut features)?,
             Network::Mel(mel) => {
@@ -194,8 +195,8 @@ impl Tokenizer {
                 mel.extract(cx, &mut past, &mut scratch, audio, &mut features)?;
             }
         }
-        let mut units = vec![0; count];
-        let mut scores = vec![0.0; count.min(BLOCK) * self.kmeans.units()];
+        let mut units = filled(0, count);
+        let mut scores = filled(0.0, count.min(BLOCK) * self.kmeans.units());
         for (features, units) in features.chunks(BLOCK * self.width).zip(units.chunks_mut(BLOCK)) {
             self.kmeans.nearest(cx, features, &mut scores, units)?;
         }
@@ -210,11 +211,11 @@ impl Tokenizer {
     /// [`StepError`] where the network fails.
     pub fn whole_file(&self, cx: Compute, samples: &[f32]) -> Result<(Vec<u32>, u32), StepError> {
         let count = samples.len().div_ceil(self.hop);
-        let mut padded = vec![0.0; self.reach + count.max(1) * self.hop];
+        let mut padded = filled(0.0, self.reach + count.max(1) * self.hop);
         padded[self.reach..self.reach + samples.len()].copy_from_slice(samples);
         let (_, mut units) = self.features(cx, &padded)?;
         units.truncate(count);
-        let (_, silence) = self.features(cx, &vec![0.0; self.field()])?;
+        let (_, silence) = self.features(cx, &filled(0.0, self.field()))?;
         Ok((units, silence[0]))
     }
 
@@ -225,8 +226,8 @@ impl Tokenizer {
     pub fn stream(&self, window: usize, max_new: usize) -> AudioStream {
         assert!((1..=window).contains(&max_new), "{max_new} new tokens per call in a window of {window}");
         AudioStream {
-            features: vec![0.0; window * self.width].into(),
-            recent: vec![0.0; self.reach].into(),
+            features: filled(0.0, window * self.width).into(),
+            recent: filled(0.0, self.reach).into(),
             window,
             max_new,
             started: false,
@@ -240,8 +241,8 @@ impl Tokenizer {
     /// Room for streams of at most `window` tokens and `max_new` tokens per call.
     pub fn scratch(&self, window: usize, max_new: usize) -> AudioScratch {
         AudioScratch {
-            samples: vec![0.0; self.reach + max_new.max(1) * self.hop].into(),
-            scores: vec![0.0; window * self.kmeans.units()].into(),
+            samples: filled(0.0, self.reach + max_new.max(1) * self.hop).into(),
+            scores: filled(0.0, window * self.kmeans.units()).into(),
             window,
             max_new,
             network: match &self.network {

@@ -12,6 +12,7 @@ use crate::lm::LayerTimes;
 use crate::lm::generate::Draw;
 use crate::lm::layout::{MAX_PROMPT_TOKENS, Prompt, Template, window_tokens};
 use crate::lm::sampler::Sampler;
+use crate::memory::filled;
 use crate::model::Model;
 use crate::motion::MotionStream;
 use crate::part::PerPart;
@@ -164,12 +165,12 @@ impl Avatar {
             sampler: config.sampler,
             template,
             template_name: template_name.0,
-            text: vec![0; MAX_PROMPT_TOKENS].into(),
+            text: filled(0, MAX_PROMPT_TOKENS).into(),
             text_len: 0,
             chunk: 0,
             total: None,
             audio,
-            units: vec![0; window].into(),
+            units: filled(0, window).into(),
             whole: None,
             history: History::new(c, config.target),
             motion: MotionStream::new(&model.motion, config.target * c.keyframe_stride, config.lookahead),

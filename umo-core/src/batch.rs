@@ -23,6 +23,7 @@ use crate::lm::decoder::Sequence;
 use crate::lm::generate::{Generator, Place};
 use crate::lm::layout::{max_encoder_tokens, window_tokens};
 use crate::lm::{Lengths, LmScratch};
+use crate::memory::filled;
 use crate::model::Model;
 use crate::motion::{FrameRef, MotionScratch};
 use crate::record::{Chunk, Codes};
@@ -120,13 +121,13 @@ impl Batch {
             generator: Generator::new(config),
             interp: model.interp.scratch(frames),
             motion: model.motion.scratch(rows),
-            samples: vec![0.0; config.max_target * config.samples_per_keyframe()].into(),
-            ids: vec![0; width * max_encoder_tokens(config)].into(),
-            states: vec![0.0; width * lengths.encoder * config.lm.d_model].into(),
-            lengths: vec![0; width].into(),
+            samples: filled(0.0, config.max_target * config.samples_per_keyframe()).into(),
+            ids: filled(0, width * max_encoder_tokens(config)).into(),
+            states: filled(0.0, width * lengths.encoder * config.lm.d_model).into(),
+            lengths: filled(0, width).into(),
             sequences: (0..width).map(|_| Sequence::new(config, lengths, model.lm.cross_storage())).collect(),
-            places: vec![Place::default(); width].into(),
-            due: vec![Due::Nothing; width].into(),
+            places: filled(Place::default(), width).into(),
+            due: filled(Due::Nothing, width).into(),
             members: 0,
             phase: Phase::Idle,
             times: StageTimes::default(),

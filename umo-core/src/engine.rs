@@ -20,6 +20,7 @@ use crate::clock::Clock;
 use crate::defect::{Defect, contain_quietly};
 use crate::error::{LoadError, StepError};
 use crate::linear::Compute;
+use crate::memory::{self, OutOfMemory, filled, with_capacity};
 use crate::model::Model;
 use crate::motion::Pose;
 use crate::part::PerPart;
@@ -99,6 +100,8 @@ pub enum EngineError {
     },
     /// The model gives no pose of rest.
     Rest(StepError),
+    /// There is no memory for it.
+    Memory(OutOfMemory),
     /// The engine's thread panicked: a defect of this library.
     Panicked(Defect),
 }
@@ -110,12 +113,29 @@ impl fmt::Display for EngineError {
             Self::Thread(error) => write!(f, "cannot start a thread: {error}"),
             Self::Full { sessions } => write!(f, "all {sessions} sessions of the engine are taken: drop one first"),
             Self::Rest(error) => write!(f, "the model's rest codes give no pose: {error}"),
+            Self::Memory(missing) => write!(f, "{missing}"),
             Self::Panicked(defect) => write!(f, "the engine's thread ended by a defect of this library: {defect}"),
         }
     }
 }
 
 impl std::error::Error for EngineError {}
+
+impl From<OutOfMemory> for EngineError {
+    fn from(missing: OutOfMemory) -> Self {
+        Self::Memory(missing)
+    }
+}
+
+impl EngineError {
+    /// Why a thread was not started: a system that has no memory for it says only that it did not.
+    fn thread(error: std::io::Error) -> Self {
+        match memory::check(memory::THREAD) {
+            Ok(()) => Self::Thread(error),
+            Err(missing) => Self::Memory(missing),
+        }
+    }
+}
 
 impl From<LoadError> for EngineError {
     fn from(error: LoadError) -> Self {
@@ -330,6 +350,10 @@ impl Engine {
     /// # Errors
     /// [`EngineError`] where a number is out of range or a thread cannot be started.
     pub fn new(model: Arc<Model>, config: &EngineConfig) -> Result<Self, EngineError> {
+        memory::catch(|| Self::start(model, config))?
+    }
+
+    fn start(model: Arc<Model>, config: &EngineConfig) -> Result<Self, EngineError> {
         let range = |key: &str, got: usize, to: usize| {
             if (1..=to).contains(&got) {
                 return Ok(());
@@ -344,8 +368,10 @@ impl Engine {
         };
         range("threads", threads, MAX_THREADS)?;
         let rest = rest(&model).map_err(EngineError::Rest)?;
+        let mut slots = with_capacity(config.max_sessions);
+        slots.resize_with(config.max_sessions, Slot::default);
         let inner = Arc::new(Inner {
-            slots: (0..config.max_sessions).map(|_| Slot::default()).collect(),
+            slots: slots.into(),
             signal: Arc::default(),
             stop: AtomicBool::new(false),
             started: Started::default(),
@@ -356,16 +382,16 @@ impl Engine {
             times: Mutex::default(),
         });
         if !own {
-            let worker = Worker::new(&inner, config, threads).map_err(EngineError::Thread)?;
+            let worker = Worker::new(&inner, config, threads).map_err(EngineError::thread)?;
             let guests = config.lender.clone().map(|lender| (worker.guests(), lender));
             return Ok(Self { inner, worker: Some(Mutex::new(worker)), guests, thread: None });
         }
         // The thread makes its worker itself, so that the first core is its own.
         let (shared, config) = (Arc::clone(&inner), config.clone());
         let life = move || {
-            let make = || Worker::new(&shared, &config, threads);
+            let make = || memory::catch(|| Worker::new(&shared, &config, threads).map_err(EngineError::thread));
             let made = match contain_quietly(make) {
-                Ok(made) => made.map_err(EngineError::Thread),
+                Ok(made) => made.unwrap_or_else(|missing| Err(missing.into())),
                 Err(defect) => Err(EngineError::Panicked(defect)),
             };
             // Whoever waits may count allocations from then on.
@@ -378,8 +404,13 @@ impl Engine {
                 Err(error) => shared.started.tell(Err(error)),
             }
         };
-        let thread = std::thread::Builder::new().name("umo-0".to_owned()).spawn(life).map_err(EngineError::Thread)?;
-        inner.started.wait()?;
+        memory::require(memory::THREAD);
+        let thread = std::thread::Builder::new().name("umo-0".to_owned()).spawn(life).map_err(EngineError::thread)?;
+        if let Err(error) = inner.started.wait() {
+            // It ends by itself; the library must not be unloaded before.
+            drop(thread.join());
+            return Err(error);
+        }
         Ok(Self { inner, worker: None, guests: None, thread: Some(thread) })
     }
 
@@ -398,8 +429,11 @@ impl Engine {
             return Err(EngineError::Panicked(defect.clone()));
         }
         inner.sweep();
-        let (shared, mut core) = inner.make(config)?;
-        let state_size = state_size(&shared, &mut core, &inner.model);
+        let (shared, core, state_size) = memory::catch(|| {
+            let (shared, mut core) = inner.make(config)?;
+            let state_size = state_size(&shared, &mut core, &inner.model);
+            Ok::<_, EngineError>((shared, core, state_size))
+        })??;
         let free = |slot: &Slot| slot.taken.compare_exchange(false, true, Ordering::AcqRel, Ordering::Relaxed).is_ok();
         let index = inner.slots.iter().position(free);
         let index = index.ok_or(EngineError::Full { sessions: inner.slots.len() })?;
@@ -420,7 +454,7 @@ impl Engine {
     /// # Errors
     /// [`EngineError`] where a number is out of range.
     pub fn check(&self, config: &SessionConfig) -> Result<(), EngineError> {
-        self.inner.make(config).map(drop)
+        memory::catch(|| self.inner.make(config).map(drop))?
     }
 
     /// Time spent in each stage so far, as of the last batch that was done.
@@ -516,7 +550,7 @@ fn rest(model: &Model) -> Result<Shown, StepError> {
     let team = Team::new(1).map_err(|_| StepError::Missing("thread"))?;
     let frames = 2 * model.motion.reach() + 1;
     #[expect(clippy::cast_possible_truncation, reason = "codes fit 16 bits by the config's checks")]
-    let codes = PerPart::from_fn(|part| vec![config.rest[part] as u16; frames]);
+    let codes = PerPart::from_fn(|part| filled(config.rest[part] as u16, frames));
     let decoded =
         model.motion.decode(Compute { isa: model.isa, team: &team }, PerPart::from_fn(|part| &*codes[part]))?;
     let (middle, assembly) = (frames / 2, model.motion.assembly());
@@ -524,7 +558,7 @@ fn rest(model: &Model) -> Result<Shown, StepError> {
         let width = model.motion.channels(part);
         &decoded.channels[part][middle * width..(middle + 1) * width]
     });
-    let mut face = vec![0.0; assembly.face_values()];
+    let mut face = filled(0.0, assembly.face_values());
     assembly.face(channels.face, &mut face);
     let mut pose = Pose { rotations: assembly.rotations(channels), translation: decoded.translation[middle] };
     assembly.turn_eyes(&face, &mut pose.rotations);

@@ -5,6 +5,8 @@ use std::path::PathBuf;
 
 use umo_kernels::ShapeError;
 
+use crate::memory::OutOfMemory;
+
 /// A model file that cannot be used, and what in it is wrong.
 #[derive(Debug)]
 pub enum LoadError {
@@ -15,6 +17,8 @@ pub enum LoadError {
         /// What the system said.
         cause: std::io::Error,
     },
+    /// There is no memory for the model.
+    Memory(OutOfMemory),
     /// The file is not a safetensors file, is cut short, or is not a umo model of a known version.
     File(String),
     /// A number or name of the config is missing, out of range, or disagrees with another.
@@ -43,10 +47,17 @@ impl LoadError {
     }
 }
 
+impl From<OutOfMemory> for LoadError {
+    fn from(missing: OutOfMemory) -> Self {
+        Self::Memory(missing)
+    }
+}
+
 impl fmt::Display for LoadError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Io { path, cause } => write!(f, "cannot read model {}: {cause}", path.display()),
+            Self::Memory(missing) => write!(f, "cannot load the model: {missing}"),
             Self::File(problem) => write!(f, "not a usable model file: {problem}"),
             Self::Config { key, problem } => write!(f, "config `{key}`: {problem}"),
             Self::Tensor { name, problem } => write!(f, "tensor `{name}`: {problem}"),

@@ -9,6 +9,7 @@ use umo_kernels::{Mat, MatMut};
 
 use crate::error::{LoadError, StepError, check_finite};
 use crate::linear::{Compute, Linear};
+use crate::memory::filled;
 use crate::part::{Part, PerPart};
 use crate::weights::{Loader, Table};
 use layer::{EPS, Layer, LayerScratch, Norm};
@@ -111,7 +112,7 @@ impl Interp {
     pub fn scratch(&self, frames: usize) -> InterpScratch {
         let max_frames = frames.min(self.max_frames);
         let rows = max_frames * PARTS;
-        let room = |rows: usize, cols: usize| vec![0.0; rows * cols].into_boxed_slice();
+        let room = |rows: usize, cols: usize| filled(0.0, rows * cols).into_boxed_slice();
         let ffn = self.temporal.iter().chain(&self.part).map(Layer::ffn_dim).max().unwrap_or(0);
         InterpScratch {
             hidden: room(max_frames, self.dim),

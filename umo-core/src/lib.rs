@@ -32,6 +32,7 @@ pub mod floor;
 pub mod interp;
 pub mod linear;
 pub mod lm;
+pub mod memory;
 pub mod model;
 pub mod motion;
 pub mod part;

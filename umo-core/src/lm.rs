@@ -21,6 +21,7 @@ use umo_kernels::{Mat, MatMut};
 use crate::config::Config;
 use crate::error::{LoadError, StepError};
 use crate::linear::{Compute, Linear, QuantScratch, Ready};
+use crate::memory::filled;
 use crate::part::{Part, PerPart};
 use crate::weights::{AlignedBox, Loader, Table};
 use decoder::{CrossStorage, Decoder, Sequence};
@@ -298,7 +299,7 @@ impl Lm {
         head: &Linear,
         rows: usize,
     ) -> Result<Vec<f32>, StepError> {
-        let mut logits = vec![0.0; rows * self.vocab];
+        let mut logits = filled(0.0, rows * self.vocab);
         let states = Mat::new(&scratch.normed, rows, self.d_model)?;
         let y = MatMut::new(&mut logits, rows, self.vocab)?;
         head.forward(cx, &mut scratch.quant, states, Epilogue::STORE, y)?;

@@ -9,6 +9,7 @@ use crate::interp::Interp;
 use crate::linear::Precision;
 use crate::lm::text::TextTokenizer;
 use crate::lm::{Lengths, Lm};
+use crate::memory;
 use crate::motion::MotionDecoder;
 use crate::weights::{Loader, ModelFile};
 
@@ -30,8 +31,14 @@ impl Model {
     /// Loads and packs every tensor that the config asks for.
     ///
     /// # Errors
-    /// [`LoadError`] naming the tensor or key.
+    /// [`LoadError`] naming the tensor or key, or where there is too little memory.
     pub fn load(file: &ModelFile, precision: Precision, isa: Isa) -> Result<Self, LoadError> {
+        memory::catch(|| Self::load_all(file, precision, isa))?
+    }
+
+    fn load_all(file: &ModelFile, precision: Precision, isa: Isa) -> Result<Self, LoadError> {
+        // The config's text, and the layers' own structures.
+        memory::require(memory::SPARE);
         let loader = Loader::new(file, precision, isa);
         Ok(Self {
             fingerprint: file.fingerprint(precision.name()),

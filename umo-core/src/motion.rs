@@ -27,6 +27,7 @@ pub use vq::MotionScratch;
 use crate::config::Config;
 use crate::error::{LoadError, StepError};
 use crate::linear::Compute;
+use crate::memory::{copied, with_capacity};
 use crate::part::{Part, PerPart};
 use crate::weights::Loader;
 use conv::ConvScratch;
@@ -115,20 +116,21 @@ impl MotionDecoder {
         }
         let mut scratch = self.scratch(frames);
         let channels = PerPart::try_from_fn(|part| {
-            Ok::<_, StepError>(self.parts[part].decode(cx, &mut scratch, codes[part])?.to_vec())
+            Ok::<_, StepError>(copied(self.parts[part].decode(cx, &mut scratch, codes[part])?))
         })?;
         let row = |frame: usize| {
             PerPart::from_fn(|part| &channels[part][frame * self.channels(part)..(frame + 1) * self.channels(part)])
         };
-        let rotations = (0..frames).map(|f| self.assembly.rotations(row(f)).map(quat_to_axis_angle)).collect();
+        let mut rotations = with_capacity(frames);
+        rotations.extend((0..frames).map(|f| self.assembly.rotations(row(f)).map(quat_to_axis_angle)));
         let root = self.root.run(cx, &mut scratch, &channels.lower)?;
         let mut travel = Travel::default();
-        let translation = root.chunks_exact(self.root.channels()).map(|row| {
+        let mut translation = with_capacity(frames);
+        translation.extend(root.chunks_exact(self.root.channels()).map(|row| {
             let place = travel.place(row[HEIGHT]);
             travel.advance(row, self.frame_seconds);
             place
-        });
-        let translation = translation.collect();
+        }));
         Ok(Decoded { channels, rotations, translation })
     }
 

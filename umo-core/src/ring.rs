@@ -9,6 +9,7 @@
 //! two threads to push at once, words would be mixed up, and no more than that. [`Session`](crate::session::Session) keeps
 //! each side to one thread at a time.
 
+use crate::memory::with_capacity;
 use crate::state::{Span, StateError, StatePass};
 use crate::sync::{AtomicU32, AtomicU64, Ordering};
 
@@ -29,8 +30,9 @@ impl Ring {
     /// An empty ring for `capacity` words.
     pub(crate) fn new(capacity: usize) -> Self {
         assert!(capacity > 0, "a ring has room for at least one word");
-        let words = (0..capacity).map(|_| AtomicU32::new(0)).collect();
-        Self { words, written: AtomicU64::new(0), read: AtomicU64::new(0) }
+        let mut words = with_capacity(capacity);
+        words.resize_with(capacity, || AtomicU32::new(0));
+        Self { words: words.into(), written: AtomicU64::new(0), read: AtomicU64::new(0) }
     }
 
     pub(crate) fn capacity(&self) -> usize {

@@ -24,6 +24,7 @@ use umo_kernels::{MatMut, PrefetchHint, SharedHint};
 
 use crate::defect::{Defect, contain, contain_quietly, resume};
 use crate::error::StepError;
+use crate::memory;
 
 /// Most threads of a team.
 pub const MAX_THREADS: usize = 64;
@@ -140,11 +141,14 @@ impl Team {
                 // A piece that panics is caught before this: here it is only kept from being printed.
                 let _ = contain_quietly(|| work(&shared, index));
             };
+            memory::require(memory::THREAD);
             team.workers.push(std::thread::Builder::new().name(name).spawn(life)?);
         }
         let bound = caller.is_none_or(bind);
         // A thread allocates while it starts: it has done so when it has finished a job.
         team.run(&|_| {});
+        // The threads' heaps may have taken what was left.
+        memory::require(memory::SPARE);
         if !bound || team.shared.unbound.load(Ordering::Relaxed) {
             return Err(std::io::Error::other(format!("a thread cannot be bound to core {caller:?} or {cores:?}")));
         }

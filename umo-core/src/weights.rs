@@ -20,6 +20,7 @@ pub use loader::{Loader, Table};
 
 use crate::config::Config;
 use crate::error::LoadError;
+use crate::memory::{self, SPARE, filled};
 use crate::state::Fingerprint;
 use source::Source;
 use writer::Storage;
@@ -69,6 +70,9 @@ impl ModelFile {
 
     fn from_source(source: Source) -> Result<Self, LoadError> {
         let bytes = source.bytes();
+        // What a header of so many bytes becomes, several times over: the names, maps and config in it.
+        let header_len = bytes.first_chunk().map_or(0, |len| u64::from_le_bytes(*len)).min(bytes.len() as u64);
+        memory::check(16 * usize::try_from(header_len).unwrap_or(usize::MAX / 16) + SPARE)?;
         header::check(bytes)?;
         let (header_len, metadata) = SafeTensors::read_metadata(bytes).map_err(|e| LoadError::File(e.to_string()))?;
         let data_start = header_len + 8;
@@ -145,7 +149,8 @@ impl ModelFile {
         let mut sum = Fingerprint::new();
         sum.add(usage.as_bytes());
         sum.add(&serde_json::to_vec(&self.config).expect("a config came from such a text"));
-        let mut tensors: Vec<_> = self.tensors.iter().collect();
+        let mut tensors = memory::with_capacity(self.tensors.len());
+        tensors.extend(&self.tensors);
         tensors.sort_unstable_by_key(|(name, _)| *name);
         for (name, info) in tensors {
             sum.add(name.as_bytes());
@@ -225,7 +230,7 @@ impl ModelFile {
 
     fn scales(&self, name: &str, rows: usize) -> Result<Vec<f32>, LoadError> {
         let scale = self.tensor(&format!("{name}.scale"), &[rows])?;
-        let mut values = vec![0.0; rows];
+        let mut values = filled(0.0, rows);
         if matches!(scale.data, Data::I8(..)) {
             return Err(LoadError::tensor(scale.name, "expected F32, got I8"));
         }

@@ -2,6 +2,7 @@
 
 use std::ffi::c_char;
 
+use umo_core::memory;
 use umo_core::model::Model;
 use umo_core::motion::axes::Axes;
 use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS};
@@ -194,5 +195,7 @@ pub(crate) fn encode(model: &Model, text: &[u8]) -> Result<Vec<u32>, Failure> {
         return Ok(Vec::new());
     }
     let none = || Failure::new(UMO_STATUS_UNSUPPORTED, "this model takes no texts");
+    // Its normalised form, and a step of the search for each byte of it.
+    memory::check(128 * text.len() + memory::SPARE)?;
     model.text().ok_or_else(none)?.encode(text).map_err(Failure::argument)
 }

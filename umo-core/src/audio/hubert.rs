@@ -16,6 +16,7 @@ use umo_kernels::{Isa, Mat, MatMut, PANEL};
 use crate::config;
 use crate::error::{LoadError, StepError};
 use crate::linear::{Compute, Linear, QuantScratch, Ready};
+use crate::memory::{filled, with_capacity};
 use crate::state::{StateError, StatePass};
 use crate::team::both;
 use crate::weights::{AlignedBox, Loader};
@@ -187,7 +188,7 @@ impl Layer {
     fn load(loader: &Loader, name: &str, sizes: &config::Hubert) -> Result<Self, LoadError> {
         let (hidden, eps) = (sizes.hidden_size, sizes.layer_norm_eps);
         let projections = ["q_proj", "k_proj", "v_proj"].map(|p| format!("{name}.attention.{p}"));
-        let mut bias = Vec::with_capacity(3 * hidden);
+        let mut bias = with_capacity(3 * hidden);
         for projection in &projections {
             bias.extend_from_slice(&loader.vector(&format!("{projection}.bias"), hidden)?);
         }
@@ -243,7 +244,7 @@ impl Hubert {
 
     /// Statistics of no audio.
     pub(super) fn statistics(&self) -> Statistics {
-        let channels = vec![0.0; 2 * self.sizes.conv_dim[0]].into();
+        let channels = filled(0.0, 2 * self.sizes.conv_dim[0]).into();
         Statistics { normalise: self.sizes.do_normalize, samples: 0, wave: [0.0; 2], outputs: 0, channels }
     }
 
@@ -286,8 +287,8 @@ impl Hubert {
         Scratch {
             even: zeros(len[0]),
             odd: zeros(len[1]),
-            scale: vec![0.0; sizes.conv_dim[0]].into(),
-            shift: vec![0.0; sizes.conv_dim[0]].into(),
+            scale: filled(0.0, sizes.conv_dim[0]).into(),
+            shift: filled(0.0, sizes.conv_dim[0]).into(),
             padded: zeros(padded * sizes.hidden_size),
             sum: zeros(window * sizes.hidden_size),
             hidden: zeros(window * sizes.hidden_size),

@@ -6,6 +6,7 @@ use umo_kernels::{Mat, MatMut};
 
 use crate::error::{LoadError, StepError, check_finite};
 use crate::linear::{Compute, Linear, Ready};
+use crate::memory::with_capacity;
 use crate::weights::Loader;
 
 /// Centroids as a product: `|x - c|^2` is least where `x . c - |c|^2 / 2` is largest.
@@ -19,8 +20,9 @@ impl Kmeans {
     pub(super) fn load(loader: &Loader, units: usize, width: usize) -> Result<Self, LoadError> {
         let name = "audio.kmeans.centroids";
         let centroids = loader.values(name, &[units, width])?;
-        let bias = centroids.chunks_exact(width).map(half_square).collect();
-        Ok(Self { product: loader.linear(&[name.to_owned()], &[units], width)?.with_bias(bias) })
+        let mut bias = with_capacity(units);
+        bias.extend(centroids.chunks_exact(width).map(half_square));
+        Ok(Self { product: loader.linear(&[name.to_owned()], &[units], width)?.with_bias(bias.into()) })
     }
 
     /// Number of different units.

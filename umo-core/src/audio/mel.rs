@@ -12,6 +12,7 @@ use umo_kernels::{Mat, MatMut};
 use crate::config;
 use crate::error::{LoadError, StepError};
 use crate::linear::{Compute, Linear, Ready};
+use crate::memory::filled;
 use crate::state::{StateError, StatePass};
 use crate::weights::Loader;
 
@@ -99,8 +100,8 @@ impl Mel {
     /// What a stream remembers; [`Mel::begin`] makes it that of a new stream.
     pub(super) fn past(&self) -> Past {
         Past {
-            differences: vec![0.0; self.sizes.deltas * 2 * self.sizes.bands].into(),
-            rows: vec![0.0; self.back() * self.sizes.bands_width()].into(),
+            differences: filled(0.0, self.sizes.deltas * 2 * self.sizes.bands).into(),
+            rows: filled(0.0, self.back() * self.sizes.bands_width()).into(),
         }
     }
 
@@ -116,10 +117,10 @@ impl Mel {
             frame: self.fft.make_input_vec().into(),
             spectrum: self.fft.make_output_vec().into(),
             work: self.fft.make_scratch_vec().into(),
-            power: vec![0.0; frames * bins].into(),
-            energy: vec![0.0; frames * self.sizes.bands].into(),
-            rows: vec![0.0; (self.back() + frames) * self.sizes.bands_width()].into(),
-            layers: [(); 2].map(|()| vec![0.0; frames * self.widest()].into()),
+            power: filled(0.0, frames * bins).into(),
+            energy: filled(0.0, frames * self.sizes.bands).into(),
+            rows: filled(0.0, (self.back() + frames) * self.sizes.bands_width()).into(),
+            layers: [(); 2].map(|()| filled(0.0, frames * self.widest()).into()),
         }
     }
 

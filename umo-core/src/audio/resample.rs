@@ -5,6 +5,7 @@ use rubato::{Fft, FixedSync, Resampler as _, WindowFunction};
 
 use super::LOUDEST;
 use crate::error::StepError;
+use crate::memory::{self, filled, with_capacity};
 use crate::state::{Span, StateError, StatePass};
 
 /// Lowest sample rate that is taken, per second.
@@ -165,11 +166,14 @@ impl Filter {
         let (unit_in, unit_out) = (rate_in / divisor, rate_out / divisor);
         // An even number of units: half a block, the delay, is then a whole number of samples at both rates.
         let blocks = FILTER.div_ceil(unit_in.min(unit_out)).next_multiple_of(2);
+        // The plan of the transforms is another crate's: both blocks, in and out, and their twiddle factors, as complex numbers
+        // of 16 bytes, a few times each.
+        memory::require(256 * blocks * (unit_in + unit_out));
         let window = WindowFunction::BlackmanHarris2;
         let fft = Fft::new_custom(rate_in, rate_out, blocks * unit_in, 1, 1, window, FixedSync::Both)
             .expect("rates and block are above zero");
-        let room = || Vec::with_capacity(fft.fft_size_in());
-        let (waiting, last, block) = (room(), room(), vec![0.0; fft.fft_size_out()].into());
+        let room = || with_capacity(fft.fft_size_in());
+        let (waiting, last, block) = (room(), room(), filled(0.0, fft.fft_size_out()).into());
         Self { delay: fft.output_delay(), fft, waiting, last, block }
     }
 

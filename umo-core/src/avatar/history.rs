@@ -2,6 +2,7 @@
 
 use crate::config::Config;
 use crate::error::StepError;
+use crate::memory::filled;
 use crate::part::{Part, PerPart};
 use crate::state::{StateError, StatePass};
 
@@ -27,8 +28,8 @@ impl History {
         let (prefix, stride) = (config.prefix, config.keyframe_stride);
         let len = (prefix + target - 1) * stride + 1;
         Self {
-            keyframes: PerPart::from_fn(|part| vec![config.rest[part] as u16; prefix + target].into()),
-            frames: PerPart::from_fn(|_| vec![0; len].into()),
+            keyframes: PerPart::from_fn(|part| filled(config.rest[part] as u16, prefix + target).into()),
+            frames: PerPart::from_fn(|_| filled(0, len).into()),
             prefix,
             target,
             stride,

@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use crate::avatar::{Avatar, Due};
 use crate::batch::{FrameSink, Member};
+use crate::memory::filled;
 use crate::model::Model;
 use crate::motion::FrameRef;
 use crate::session::{Cue, ENDLESS, Failure, Idle, NOBODY, Shared, frame_words, write_frame};
@@ -119,7 +120,7 @@ impl Core {
             avatar,
             out: Out {
                 shared,
-                words: vec![0; frame_words(face_values)].into(),
+                words: filled(0, frame_words(face_values)).into(),
                 cue: 0,
                 sample_rate: sample_rate as u64,
                 model_rate: config.audio.sample_rate as u64,

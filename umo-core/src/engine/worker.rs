@@ -8,6 +8,7 @@ use crate::avatar::Due;
 use crate::batch::Batch;
 use crate::defect::contain;
 use crate::linear::Compute;
+use crate::memory::with_capacity;
 use crate::session::Failure;
 use crate::team::{Guests, Team};
 
@@ -40,10 +41,10 @@ impl Worker {
         Ok(Self {
             team: Arc::new(team),
             batch: Batch::new(&inner.model, width),
-            members: Vec::with_capacity(width),
-            places: Vec::with_capacity(width),
-            candidates: Vec::with_capacity(config.max_sessions),
-            due: Vec::with_capacity(width),
+            members: with_capacity(width),
+            places: with_capacity(width),
+            candidates: with_capacity(config.max_sessions),
+            due: with_capacity(width),
         })
     }
 

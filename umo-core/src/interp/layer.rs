@@ -11,6 +11,7 @@ use umo_kernels::{Isa, Mat, MatMut};
 use crate::config;
 use crate::error::{LoadError, StepError};
 use crate::linear::{Compute, Linear, QuantScratch};
+use crate::memory::filled;
 use crate::weights::Loader;
 
 /// Added to variances: PyTorch's default.
@@ -59,7 +60,7 @@ pub(super) struct LayerScratch {
 
 impl LayerScratch {
     pub(super) fn new(rows: usize, dim: usize, ffn_dim: usize) -> Self {
-        let room = |cols: usize| vec![0.0; rows * cols].into_boxed_slice();
+        let room = |cols: usize| filled(0.0, rows * cols).into_boxed_slice();
         Self {
             normed: room(dim),
             qkv: room(3 * dim),

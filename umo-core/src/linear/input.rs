@@ -9,6 +9,7 @@ use umo_kernels::{Bf16, Isa, Mat, MatMut, ShapeError};
 
 use super::{Compute, Linear};
 use crate::error::StepError;
+use crate::memory::filled;
 use crate::team::{MAX_PIECES, both};
 use crate::weights::AlignedBox;
 
@@ -91,7 +92,7 @@ impl QuantScratch {
     /// Room for at most `rows` rows and `values` values in all.
     pub fn with_values(rows: usize, values: usize) -> Self {
         let parts = [(); 2].map(|()| AlignedBox::zeroed(0));
-        let (steps, scale) = (AlignedBox::zeroed(values + rows * LINE), vec![0.0; rows].into());
+        let (steps, scale) = (AlignedBox::zeroed(values + rows * LINE), filled(0.0, rows).into());
         Self { steps, scale, parts, largest: AlignedBox::zeroed(0) }
     }
 

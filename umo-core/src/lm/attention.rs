@@ -8,6 +8,7 @@ use umo_kernels::{MatMut, ShapeError};
 use crate::config::Lm;
 use crate::error::{LoadError, StepError};
 use crate::linear::{Compute, Linear};
+use crate::memory::filled;
 use crate::weights::Loader;
 
 /// Projections of one attention: as few products as inputs are shared, and the output.
@@ -34,7 +35,7 @@ impl Projections {
 pub(super) fn projection(loader: &Loader, name: &str, lm: &Lm, which: &[&str]) -> Result<Linear, LoadError> {
     let inner = lm.num_heads * lm.d_kv;
     let names: Vec<String> = which.iter().map(|w| format!("{name}.{w}.weight")).collect();
-    loader.linear(&names, &vec![inner; which.len()], lm.d_model)
+    loader.linear(&names, &filled(inner, which.len()), lm.d_model)
 }
 
 /// Relative position bias of every head, laid out by distance so that one query's biases stand side by side.
@@ -57,7 +58,7 @@ impl PositionBias {
         let (buckets, heads) = (lm.relative_attention_num_buckets, lm.num_heads);
         let table = loader.values(name, &[buckets, heads])?;
         let width = 2 * positions - 1;
-        let mut values = vec![0.0; heads * width].into_boxed_slice();
+        let mut values = filled(0.0, heads * width).into_boxed_slice();
         for (head, values) in values.chunks_exact_mut(width).enumerate() {
             for (i, value) in values.iter_mut().enumerate() {
                 let distance = i.cast_signed() - (positions - 1).cast_signed();

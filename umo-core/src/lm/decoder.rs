@@ -15,6 +15,7 @@ use super::{Lengths, LmScratch, no_more, norm, norm_input};
 use crate::config::Config;
 use crate::error::{LoadError, StepError};
 use crate::linear::{Compute, Linear};
+use crate::memory::filled;
 use crate::weights::{AlignedBox, Loader};
 
 /// Multiply-adds that rounding one value to bfloat16 and storing it takes as long as, roughly.
@@ -144,7 +145,7 @@ impl Sequence {
     /// Room for sequences of at most `lengths`; no ids yet. What `storage` suits a model,
     /// [`Lm::cross_storage`](super::Lm::cross_storage) says.
     pub fn new(config: &Config, lengths: Lengths, storage: CrossStorage) -> Self {
-        Self { ids: vec![0; lengths.decoder].into(), count: 0, cache: DecoderCache::new(config, lengths, storage) }
+        Self { ids: filled(0, lengths.decoder).into(), count: 0, cache: DecoderCache::new(config, lengths, storage) }
     }
 
     /// The ids that the next pass decodes; with none, the pass leaves the sequence alone.

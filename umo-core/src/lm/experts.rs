@@ -10,6 +10,7 @@ use super::norm_input;
 use crate::config::Lm;
 use crate::error::{LoadError, StepError};
 use crate::linear::{Compute, Linear, QuantScratch, Ready};
+use crate::memory::filled;
 use crate::weights::{AlignedBox, Loader};
 
 /// One layer's norm, router and experts.
@@ -50,10 +51,10 @@ impl ExpertScratch {
     pub(super) fn new(lm: &Lm, rows: usize) -> Self {
         let slots = rows * lm.top_k;
         Self {
-            logits: vec![0.0; rows * lm.experts].into(),
-            starts: vec![0; lm.experts + 1].into(),
-            rows: vec![0; slots].into(),
-            weights: vec![0.0; slots].into(),
+            logits: filled(0.0, rows * lm.experts).into(),
+            starts: filled(0, lm.experts + 1).into(),
+            rows: filled(0, slots).into(),
+            weights: filled(0.0, slots).into(),
             hidden: AlignedBox::zeroed(slots * lm.d_ff),
         }
     }

@@ -8,6 +8,7 @@ use super::{Lm, LmScratch};
 use crate::config::{Config, Modality};
 use crate::error::{StepError, check_finite};
 use crate::linear::Compute;
+use crate::memory::filled;
 use crate::part::{Part, PerPart};
 
 /// What the decoder's output of each part is called in errors.
@@ -50,8 +51,8 @@ impl Generator {
         Self {
             start: config.vocab.decoder_start as u32,
             parts: PerPart::from_fn(|part| config.vocab[part]),
-            logits: vec![0.0; config.vq.codes].into(),
-            order: vec![0; config.vq.codes].into(),
+            logits: filled(0.0, config.vq.codes).into(),
+            order: filled(0, config.vq.codes).into(),
         }
     }
 

@@ -2,6 +2,7 @@
 
 use super::experts::ExpertScratch;
 use crate::config::{Modality, Vocab};
+use crate::memory::filled;
 use crate::part::Part;
 
 /// Kinds of tokens: text, audio units, and the four parts.
@@ -27,7 +28,7 @@ impl Tally {
     pub(super) fn new(vocab: &Vocab, layers: usize, experts: usize, rows: usize) -> Self {
         let [face, hands, upper, lower] = Part::ALL.map(|part| vocab[part]);
         Self {
-            counts: vec![0; layers * KINDS * experts].into(),
+            counts: filled(0, layers * KINDS * experts).into(),
             kinds: Vec::with_capacity(rows),
             spoken: [vocab.audio, face, hands, upper, lower],
             experts,

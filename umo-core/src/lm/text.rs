@@ -14,6 +14,7 @@ use unigram::Unigram;
 
 use super::layout::MAX_PROMPT_TOKENS;
 use crate::error::{LoadError, StepError};
+use crate::memory;
 use crate::weights::ModelFile;
 
 /// Name of the tensor that holds a SentencePiece model.
@@ -37,6 +38,8 @@ impl TextTokenizer {
         if !file.has(TOKENIZER) {
             return Ok(None);
         }
+        // Its pieces, each in maps and strings of its own.
+        memory::require(8 * file.raw(TOKENIZER)?.len());
         Self::from_bytes(file.raw(TOKENIZER)?, file.config().vocab.size).map(Some)
     }
 

@@ -10,6 +10,7 @@ use super::widest;
 use crate::config::{Config, Face, Skeleton};
 use crate::error::{LoadError, StepError};
 use crate::linear::Compute;
+use crate::memory::filled;
 use crate::part::{Part, PerPart};
 use crate::weights::Loader;
 
@@ -92,7 +93,7 @@ impl Clip {
         let last = self.len() - 1;
         // The small part is for a last frame that rounding would lose.
         let frames = (last as f64 / step + 1e-6) as usize + 1;
-        let mut face = vec![0.0; self.face.names.len()];
+        let mut face = filled(0.0, self.face.names.len());
         for index in 0..frames {
             let time = (index as f64 * step).min(last as f64);
             let (a, share) = (time as usize, time.fract() as f32);
@@ -117,7 +118,7 @@ impl Clip {
     /// moves less than 1 cm to the next frame. The velocity is the one that decoding sums: from a frame to its next, m/s;
     /// the last frame repeats that of the one before.
     pub fn channels(&self) -> PerPart<Vec<f32>> {
-        let mut channels = PerPart::from_fn(|part| vec![0.0; self.len() * self.channels_of(part)]);
+        let mut channels = PerPart::from_fn(|part| filled(0.0, self.len() * self.channels_of(part)));
         for (part, index) in Part::ALL.into_iter().flat_map(|part| (0..self.len()).map(move |index| (part, index))) {
             let width = self.channels_of(part);
             let row = &mut channels[part][index * width..(index + 1) * width];
@@ -198,7 +199,7 @@ impl MotionEncoder {
         }
         let mut scratch = MotionScratch(ConvScratch::new(frames, self.width));
         PerPart::try_from_fn(|part| {
-            let mut codes = vec![0; frames];
+            let mut codes = filled(0, frames);
             self.parts[part].encode(cx, &mut scratch, channels[part], &mut codes)?;
             Ok(codes)
         })

@@ -11,6 +11,7 @@ use umo_kernels::{Mat, MatMut};
 use crate::config::Codec;
 use crate::error::{LoadError, StepError};
 use crate::linear::{Compute, Linear, QuantScratch};
+use crate::memory::filled;
 use crate::weights::Loader;
 
 /// Frames that a convolution sees.
@@ -32,7 +33,7 @@ pub(super) struct ConvScratch {
 impl ConvScratch {
     /// Room for `rows` frames of stacks that are at most `width` wide.
     pub(super) fn new(rows: usize, width: usize) -> Self {
-        let buffer = || vec![0.0; (rows + 2) * width].into_boxed_slice();
+        let buffer = || filled(0.0, (rows + 2) * width).into_boxed_slice();
         Self { front: buffer(), back: buffer(), quant: QuantScratch::new(rows, KERNEL * width), rows }
     }
 

@@ -8,6 +8,7 @@ use super::root::{HEIGHT, Travel, VELOCITY_X, VELOCITY_Z, finite};
 use super::vq::MotionScratch;
 use crate::error::{StepError, check_finite};
 use crate::linear::Compute;
+use crate::memory::filled;
 use crate::part::{Part, PerPart};
 use crate::state::{StateError, StatePass};
 
@@ -100,11 +101,11 @@ impl MotionStream {
                 reach,
                 codes: Tail::new(2 * reach + max_push, 1),
                 rows: Tail::new(reach.max(max_lookahead + 1 + past) + max_push, channels),
-                last: vec![0.0; channels].into(),
-                seam: vec![0.0; channels].into(),
+                last: filled(0.0, channels).into(),
+                seam: filled(0.0, channels).into(),
             }
         });
-        let face = vec![0.0; decoder.assembly.face_values()].into();
+        let face = filled(0.0, decoder.assembly.face_values()).into();
         let (travel, height) = (Travel::default(), 0.0);
         Self { parts, known: 0, emitted: 0, travel, height, pose: Pose::REST, face, max_push, max_lookahead }
     }
@@ -401,7 +402,7 @@ struct Tail<T> {
 
 impl<T: Copy + Default> Tail<T> {
     fn new(capacity: usize, width: usize) -> Self {
-        Self { data: vec![T::default(); capacity * width].into(), width, start: 0, end: 0 }
+        Self { data: filled(T::default(), capacity * width).into(), width, start: 0, end: 0 }
     }
 
     fn clear(&mut self) {

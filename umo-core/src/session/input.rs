@@ -7,6 +7,7 @@ use crate::audio::resample::{Resampler, mix};
 use crate::audio::silence_unusable;
 use crate::config::Config;
 use crate::error::StepError;
+use crate::memory::filled;
 use crate::state::{StateError, StatePass};
 
 /// Sample frames that no session is given: at 192 kHz, 180 years.
@@ -44,7 +45,7 @@ impl Input {
             channels,
             sample_rate,
             frame_rate: config.frame_rate,
-            interleaved: vec![0.0; PIECE * channels].into(),
+            interleaved: filled(0.0, PIECE * channels).into(),
             cue: Cue::default(),
             taken: 0,
             base: 0,

@@ -7,6 +7,7 @@ use std::time::Duration;
 use super::gain::Gained;
 use super::{Cue, Idle, SessionConfig, Shared};
 use crate::config::Config;
+use crate::memory::filled;
 use crate::motion::Pose;
 use crate::motion::rotation::{Quat, slerp};
 use crate::motion::skeleton::JOINTS;
@@ -211,7 +212,7 @@ impl Output {
             seam_at: None,
             time: 0.0,
             was_idle: false,
-            words: vec![0; words(face_values)].into(),
+            words: filled(0, words(face_values)).into(),
             chunk_frames,
             frame_rate: config.frame_rate as f64,
             idle_after: session.idle_after,

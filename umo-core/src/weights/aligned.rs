@@ -2,7 +2,7 @@
 //! With the memory map, one of the places outside the kernels that hold `unsafe`.
 #![expect(unsafe_code, reason = "the standard library's boxes take no alignment, and pages need advice before use")]
 
-use std::alloc::{Layout, alloc_zeroed, dealloc, handle_alloc_error};
+use std::alloc::{Layout, alloc_zeroed, dealloc};
 use std::fmt;
 use std::ops::{Deref, DerefMut};
 use std::ptr::NonNull;
@@ -10,6 +10,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use memmap2::{MmapMut, MmapOptions};
 use umo_kernels::Bf16;
+
+use crate::memory::{refuse, spare};
 
 /// A cache line, and the widest vector register.
 const LINE: usize = 64;
@@ -140,8 +142,13 @@ impl Region {
         }
         let layout = Layout::from_size_align(len.max(1), LINE).expect("less than half of the address space");
         // SAFETY: the layout has at least one byte.
-        let start = NonNull::new(unsafe { alloc_zeroed(layout) }).unwrap_or_else(|| handle_alloc_error(layout));
-        Self { start, len, memory: Memory::Heap(layout) }
+        let start = NonNull::new(unsafe { alloc_zeroed(layout) }).unwrap_or_else(|| refuse(layout.size()));
+        let region = Self { start, len, memory: Memory::Heap(layout) };
+        if spare().is_err() {
+            drop(region);
+            refuse(len);
+        }
+        region
     }
 
     /// Pages of the system, huge ones where it has them; untouched pages cost nothing.

@@ -13,6 +13,7 @@ use super::writer::Storage;
 use super::{ModelFile, Tensor};
 use crate::error::LoadError;
 use crate::linear::{Linear, Precision, Weight};
+use crate::memory::filled;
 
 /// Loads the parts of one model at one precision for one processor.
 #[derive(Clone, Debug)]
@@ -125,7 +126,7 @@ impl<'a> Loader<'a> {
     /// [`LoadError`] naming the tensor.
     pub fn values(&self, name: &str, shape: &[usize]) -> Result<Box<[f32]>, LoadError> {
         let tensor = self.file.tensor(name, shape)?;
-        let mut values = vec![0.0; tensor.rows() * tensor.cols()].into_boxed_slice();
+        let mut values = filled(0.0, tensor.rows() * tensor.cols()).into_boxed_slice();
         tensor.read(&mut values)?;
         Ok(values)
     }
@@ -161,7 +162,9 @@ impl<'a> Loader<'a> {
     /// [`LoadError`] naming the tensor.
     pub fn check_values(&self, name: &str, rows: usize, cols: usize) -> Result<(), LoadError> {
         let tensor = self.file.tensor(name, &[rows, cols])?;
-        (0..rows).into_par_iter().try_for_each_init(|| vec![0.0; cols], |values, row| tensor.read_row(row, values))?;
+        (0..rows)
+            .into_par_iter()
+            .try_for_each_init(|| filled(0.0, cols), |values, row| tensor.read_row(row, values))?;
         self.file.release(&tensor);
         Ok(())
     }
@@ -238,11 +241,11 @@ impl<'a> Loader<'a> {
         let cols = tensor.cols();
         let mut values = self.pool.zeroed::<P>(tensor.rows() * cols);
         values.par_chunks_mut(cols.max(1)).enumerate().with_min_len(64).try_for_each_init(
-            || vec![0.0; cols],
+            || filled(0.0, cols),
             |row, (r, out)| {
                 tensor.read_row(r, row)?;
                 out.iter_mut().zip(row).for_each(|(out, v)| *out = convert(*v));
-                Ok(())
+                Ok::<_, LoadError>(())
             },
         )?;
         Ok(values)
@@ -282,7 +285,7 @@ impl<'a> Loader<'a> {
                     let row = rows.floats(p * PANEL + lane, buffer)?;
                     pack_row(row, lane, panel).expect("one panel per chunk");
                 }
-                Ok(())
+                Ok::<_, LoadError>(())
             },
         )?;
         Ok(packed)
@@ -292,7 +295,7 @@ impl<'a> Loader<'a> {
     fn pack_int8(&self, rows: &Rows) -> Result<Weight, LoadError> {
         let (n, k) = (rows.n, rows.cols());
         let mut steps = self.pool.zeroed(packed_len_i8(n, k));
-        let (mut scale, mut sum) = (vec![0.0; n].into_boxed_slice(), vec![0; n].into_boxed_slice());
+        let (mut scale, mut sum) = (filled(0.0, n).into_boxed_slice(), filled(0, n).into_boxed_slice());
         let outputs = scale.par_chunks_mut(PANEL).zip(sum.par_chunks_mut(PANEL));
         let panels = steps.par_chunks_mut(packed_len_i8(1, k).max(1)).zip(outputs).enumerate();
         panels.try_for_each_init(
@@ -302,7 +305,7 @@ impl<'a> Loader<'a> {
                     let row = rows.steps(p * PANEL + lane, buffer, scale)?;
                     *sum = pack_row_i8(row, lane, panel).expect("one panel per chunk");
                 }
-                Ok(())
+                Ok::<_, LoadError>(())
             },
         )?;
         Ok(Weight::I8 { steps, scale, sum })
@@ -326,7 +329,7 @@ struct RowBuffer {
 
 impl RowBuffer {
     fn new(k: usize) -> Self {
-        Self { stored: vec![0.0; k], sorted: vec![0.0; k], steps: vec![0; k] }
+        Self { stored: filled(0.0, k), sorted: filled(0.0, k), steps: filled(0, k) }
     }
 }
 

@@ -6,6 +6,7 @@ use std::path::Path;
 use memmap2::{Mmap, UncheckedAdvice};
 
 use crate::error::LoadError;
+use crate::memory::OutOfMemory;
 
 /// A model's bytes.
 #[derive(Debug)]
@@ -17,7 +18,10 @@ pub(super) enum Source {
 
 impl Source {
     pub(super) fn open(path: &Path) -> Result<Self, LoadError> {
-        let io = |cause| LoadError::Io { path: path.to_owned(), cause };
+        let io = |cause: std::io::Error| match cause.kind() {
+            std::io::ErrorKind::OutOfMemory => LoadError::Memory(OutOfMemory { bytes: file_len(path) }),
+            _ => LoadError::Io { path: path.to_owned(), cause },
+        };
         let file = crate::file::open(path).map_err(io)?;
         if file.metadata().map_err(io)?.len() == 0 {
             return Err(LoadError::File("the file is empty".to_owned()));
@@ -50,6 +54,11 @@ impl Source {
             drop(dropped);
         }
     }
+}
+
+/// Bytes of a file that cannot be mapped.
+fn file_len(path: &Path) -> usize {
+    path.metadata().ok().and_then(|found| usize::try_from(found.len()).ok()).unwrap_or_default()
 }
 
 /// Bytes as signed numbers.

@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 
 use super::proto::{Kind, Proto};
+use crate::memory::{filled, refuse};
 
 /// How much less likely an unknown character is than the least likely piece, as SentencePiece has it.
 const UNKNOWN_PENALTY: f32 = 10.0;
@@ -41,6 +42,9 @@ impl Unigram {
             return Err(format!("expected one of type 1, unigram, got type {}", proto.model_type));
         }
         let (mut pieces, mut unknown) = (HashMap::<Box<str>, Scored>::new(), None);
+        if pieces.try_reserve(proto.pieces.len()).is_err() {
+            refuse(proto.pieces.len() * size_of::<(Box<str>, Scored)>());
+        }
         let (mut least, mut best) = (f32::MAX, f32::MIN_POSITIVE);
         for (piece, id) in proto.pieces.iter().zip(0_u32..) {
             let user_defined = piece.kind == Kind::UserDefined;
@@ -80,7 +84,7 @@ impl Unigram {
 
     /// The best way to each place, from the front.
     fn steps(&self, text: &str) -> Vec<Step> {
-        let mut steps = vec![Step::default(); text.len() + 1];
+        let mut steps = filled(Step::default(), text.len() + 1);
         for (start, c) in text.char_indices() {
             let so_far = steps[start].score;
             let mut offer = |end: usize, piece: Scored, score: f32| {

@@ -1,0 +1,89 @@
+/* Every limit of address space from nothing to plenty, a little more each time: loading a model, making engines and sessions
+ * and streaming either work or say OUT_OF_MEMORY; the process never ends by itself. */
+
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "check.h"
+
+enum { STEP = 512 << 10, STEPS = 600 };
+
+/* What a child came to: its exit code. */
+enum { DONE = 10, NO_MODEL, NO_ENGINE, NO_SESSION, OUTCOMES };
+
+/* Bytes of address space that this process has. */
+static size_t address_space(void) {
+    size_t pages = 0;
+    FILE *file = fopen("/proc/self/statm", "r");
+    CHECK(file != NULL && fscanf(file, "%zu", &pages) == 1);
+    fclose(file);
+    return pages * (size_t)sysconf(_SC_PAGESIZE);
+}
+
+static int refused(umo_status status, int outcome) {
+    CHECK(status == UMO_STATUS_OUT_OF_MEMORY);
+    CHECK(strstr(umo_last_error(), "memory") != NULL);
+    return outcome;
+}
+
+static int live(const char *path, size_t limit, int own_threads) {
+    struct rlimit most = {limit, limit};
+    umo_model *model = NULL;
+    umo_engine *engine = NULL;
+    umo_session *session = NULL;
+    umo_engine_config config;
+    static float samples[16000];
+    umo_status status;
+
+    CHECK(setrlimit(RLIMIT_AS, &most) == 0);
+    status = umo_model_load(UMO_ABI_VERSION, path, NULL, &model);
+    if (status != UMO_STATUS_OK)
+        return refused(status, NO_MODEL);
+    OK(umo_engine_config_init(&config, sizeof config));
+    config.mode = own_threads ? UMO_ENGINE_THREADS : UMO_ENGINE_POLLED;
+    config.threads = 2;
+    status = umo_engine_new(model, &config, &engine);
+    if (status != UMO_STATUS_OK)
+        return refused(status, NO_ENGINE);
+    status = umo_session_new(engine, NULL, &session);
+    if (status != UMO_STATUS_OK)
+        return refused(status, NO_SESSION);
+    speak(samples, 16000, 0);
+    OK(umo_session_push_audio(session, samples, 16000, NULL));
+    OK(umo_session_finish(session));
+    if (!own_threads) {
+        uint32_t more = 1;
+        while (more)
+            OK(umo_engine_poll(engine, 1000000, &more));
+    }
+    OK(umo_session_free(session));
+    OK(umo_engine_free(engine));
+    OK(umo_model_free(model));
+    return DONE;
+}
+
+int main(int count, char **arguments) {
+    CHECK(count == 2);
+    for (int own_threads = 0; own_threads < 2; own_threads++) {
+        int seen[OUTCOMES] = {0};
+        size_t start = address_space();
+        for (int step = 0; step < STEPS && seen[DONE] < 3; step++) {
+            int status = 0;
+            pid_t child = fork();
+            CHECK(child >= 0);
+            if (child == 0)
+                _exit(live(arguments[1], start + (size_t)step * STEP, own_threads));
+            CHECK(waitpid(child, &status, 0) == child);
+            if (!WIFEXITED(status) || WEXITSTATUS(status) < DONE || WEXITSTATUS(status) >= OUTCOMES) {
+                fprintf(stderr, "with %d KiB more the process ended with %x\n", step * (STEP >> 10), (unsigned)status);
+                return 1;
+            }
+            seen[WEXITSTATUS(status)]++;
+        }
+        fprintf(stderr, "refused: %d models, %d engines, %d sessions; done: %d\n", seen[NO_MODEL], seen[NO_ENGINE],
+                seen[NO_SESSION], seen[DONE]);
+        CHECK(seen[NO_MODEL] > 0 && seen[NO_ENGINE] > 0 && seen[DONE] > 0);
+    }
+    return 0;
+}

@@ -1,0 +1,129 @@
+//! Every large allocation of loading a model, making an engine and making a session fails once, and all from it on: each call
+//! gives an error and frees what it had made; none ends the process.
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicI64, Ordering};
+
+use umo_core::engine::{Engine, EngineConfig, EngineError, Threads};
+use umo_core::model::Model;
+use umo_core::session::SessionConfig;
+use umo_core::{LoadError, ModelFile, Precision};
+use umo_kernels::Isa;
+
+/// What a model's file or a configuration makes large is at least this large in the small model, bytes.
+const LARGE: usize = 8 << 10;
+
+/// Large allocations until one fails; below 0 none does.
+static LEFT: AtomicI64 = AtomicI64::new(-1);
+/// Whether all after it fail too.
+static ALL: AtomicI64 = AtomicI64::new(0);
+/// Bytes in large allocations.
+static HELD: AtomicI64 = AtomicI64::new(0);
+
+struct Failing;
+
+#[global_allocator]
+static ALLOCATOR: Failing = Failing;
+
+impl Failing {
+    fn fails(size: usize) -> bool {
+        if size < LARGE || LEFT.load(Ordering::Relaxed) < 0 {
+            return false;
+        }
+        match LEFT.fetch_sub(1, Ordering::Relaxed) {
+            0 if ALL.load(Ordering::Relaxed) == 1 => {
+                LEFT.store(0, Ordering::Relaxed);
+                true
+            }
+            left => left == 0,
+        }
+    }
+
+    fn count(size: usize, sign: i64) {
+        if size >= LARGE {
+            HELD.fetch_add(sign * i64::try_from(size).unwrap_or_default(), Ordering::Relaxed);
+        }
+    }
+}
+
+// SAFETY: hands everything on to the system, or gives nothing.
+unsafe impl GlobalAlloc for Failing {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        if Self::fails(layout.size()) {
+            return std::ptr::null_mut();
+        }
+        Self::count(layout.size(), 1);
+        // SAFETY: by the caller's clause.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        Self::count(layout.size(), -1);
+        // SAFETY: by the caller's clause.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+/// Fails each large allocation of `make` in turn; how many there were. `make` says whether it was refused for memory.
+fn fail_each(make: impl Fn() -> bool) -> i64 {
+    // What is allocated once and kept, by this and by other libraries.
+    assert!(!make());
+    for all in [0, 1] {
+        ALL.store(all, Ordering::Relaxed);
+        // All of the first hundred, then every thirteenth: the many rows of a tensor are alike.
+        for n in (0..100).chain((100..).step_by(13)) {
+            let before = HELD.load(Ordering::Relaxed);
+            LEFT.store(n, Ordering::Relaxed);
+            let refused = make();
+            let reached = LEFT.swap(-1, Ordering::Relaxed) < 0 || (all == 1 && refused);
+            assert_eq!(refused, reached, "allocation {n}");
+            assert_eq!(HELD.load(Ordering::Relaxed), before, "allocation {n}");
+            if !reached {
+                assert!(n > 5, "{n}");
+                if all == 1 {
+                    return n;
+                }
+                break;
+            }
+        }
+    }
+    unreachable!("the loop ends where no allocation is left to fail")
+}
+
+#[test]
+fn no_large_allocation_ends_the_process() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../models/umo-small/model.safetensors");
+    let file = ModelFile::open(path.as_ref()).unwrap();
+    let load = || Model::load(&file, Precision::Stored, Isa::detect());
+    let loads = fail_each(|| match load() {
+        Ok(_) => false,
+        Err(LoadError::Memory(missing)) => {
+            assert!(missing.bytes >= 1 && missing.to_string().contains("not enough memory"));
+            true
+        }
+        Err(other) => panic!("{other}"),
+    });
+    let model = Arc::new(load().unwrap());
+    for threads in [Threads::Host(0), Threads::Own(2)] {
+        let config = EngineConfig { threads, ..EngineConfig::default() };
+        let engines = fail_each(|| match Engine::new(Arc::clone(&model), &config) {
+            Ok(_) => false,
+            Err(EngineError::Memory(_)) => true,
+            Err(other) => panic!("{other}"),
+        });
+        let engine = Engine::new(Arc::clone(&model), &config).unwrap();
+        let mut config = SessionConfig::new(model.config());
+        // The resampler's transforms are planned by another crate, after a check that their memory is there.
+        config.sample_rate = model.config().audio.sample_rate;
+        let sessions = fail_each(|| match engine.session(&config) {
+            Ok(session) => {
+                drop(session);
+                false
+            }
+            Err(EngineError::Memory(_)) => true,
+            Err(other) => panic!("{other}"),
+        });
+        println!("{loads} large allocations of a model, {engines} of an engine, {sessions} of a session");
+    }
+}

@@ -1,0 +1,180 @@
+//! Memory that may not be there: what a model file or a configuration can make large is allocated fallibly.
+//!
+//! The standard library aborts the process where it gets no memory. So what grows with the sizes in a file or a configuration
+//! is allocated here: [`filled`] and [`with_capacity`] unwind to the [`catch`] around the call instead, which frees what was
+//! made so far and gives [`OutOfMemory`]. They also leave [`SPARE`] bytes free, enough for the small pieces that the
+//! standard library and other crates allocate in between. Outside of [`catch`] they end the process, as the standard library
+//! does.
+
+use std::alloc::{Layout, handle_alloc_error};
+use std::any::Any;
+use std::cell::Cell;
+use std::fmt;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::sync::{Mutex, PoisonError};
+
+/// Bytes that are free after each large piece, for the small ones before the next. More than they take: glibc's allocator asks
+/// the system for at least a megabyte where its heap cannot grow in place.
+pub const SPARE: usize = (1 << 20) + (128 << 10);
+/// Bytes that a new thread needs while it starts: the standard library's stack, and what else the system sets up, without
+/// which it ends the process.
+pub const THREAD: usize = 3 << 20;
+/// A large piece, in bytes: after these, that [`SPARE`] is left is looked at.
+const LARGE: usize = 4 << 10;
+
+/// The system or the host has no memory for a piece of this size.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct OutOfMemory {
+    /// Bytes that were asked for.
+    pub bytes: usize,
+}
+
+impl fmt::Display for OutOfMemory {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "not enough memory: no {} bytes could be allocated", self.bytes)
+    }
+}
+
+impl std::error::Error for OutOfMemory {}
+
+/// What unwinding allocates comes out of this, which [`refuse`] frees: kept while a thread is in [`catch`].
+static RESERVE: Mutex<Option<Vec<u8>>> = Mutex::new(None);
+const RESERVED: usize = 32 << 10;
+
+thread_local! {
+    /// How many calls of [`catch`] the thread is in.
+    static DEPTH: Cell<u32> = const { Cell::new(0) };
+    /// Whether the thread's allocations come out of a block that is large enough for all of them.
+    static IN_BLOCK: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Runs `make`, and gives a piece of memory that it did not get as a value; panics go on.
+///
+/// # Errors
+/// [`OutOfMemory`] where a function of this module, on this thread or on one that hands its panics on, got no memory.
+pub fn catch<R>(make: impl FnOnce() -> R) -> Result<R, OutOfMemory> {
+    if !IN_BLOCK.get() {
+        let mut reserve = Vec::new();
+        reserve.try_reserve_exact(RESERVED).map_err(|_| OutOfMemory { bytes: RESERVED })?;
+        *RESERVE.lock().unwrap_or_else(PoisonError::into_inner) = Some(reserve);
+    }
+    DEPTH.set(DEPTH.get() + 1);
+    let made = catch_unwind(AssertUnwindSafe(make));
+    DEPTH.set(DEPTH.get() - 1);
+    if DEPTH.get() == 0 {
+        drop(RESERVE.lock().unwrap_or_else(PoisonError::into_inner).take());
+    }
+    made.map_err(|payload: Box<dyn Any + Send>| match payload.downcast::<OutOfMemory>() {
+        Ok(missing) => *missing,
+        Err(panic) => resume_unwind(panic),
+    })
+}
+
+/// Unwinds to [`catch`]. Prints nothing. Ends the process where there is no [`catch`].
+pub fn refuse(bytes: usize) -> ! {
+    // A pool's thread hands it to the thread that uses the pool.
+    if DEPTH.get() == 0 && rayon::current_thread_index().is_none() {
+        handle_alloc_error(Layout::array::<u8>(bytes).unwrap_or(Layout::new::<u8>()));
+    }
+    drop(RESERVE.lock().unwrap_or_else(PoisonError::into_inner).take());
+    resume_unwind(Box::new(OutOfMemory { bytes }))
+}
+
+/// Whether `bytes` more can be allocated now; they are given back at once.
+///
+/// # Errors
+/// [`OutOfMemory`].
+pub fn check(bytes: usize) -> Result<(), OutOfMemory> {
+    let mut piece = Vec::<u8>::new();
+    let got = piece.try_reserve_exact(bytes);
+    // Otherwise the compiler may leave the allocation out.
+    std::hint::black_box(&mut piece);
+    got.map_err(|_| OutOfMemory { bytes })
+}
+
+/// Runs `make`, whose allocations come out of a block that has room for all of them: what is left is not looked at.
+pub fn in_block<R>(make: impl FnOnce() -> R) -> R {
+    struct Restore(bool);
+    impl Drop for Restore {
+        fn drop(&mut self) {
+            IN_BLOCK.set(self.0);
+        }
+    }
+    let _restore = Restore(IN_BLOCK.replace(true));
+    make()
+}
+
+/// Whether [`SPARE`] is left for small pieces.
+pub(crate) fn spare() -> Result<(), OutOfMemory> {
+    if IN_BLOCK.get() { Ok(()) } else { check(SPARE) }
+}
+
+/// That `bytes` more can be allocated now, by code that would end the process otherwise.
+///
+/// Unwinds to [`catch`] where they cannot.
+pub fn require(bytes: usize) {
+    if !IN_BLOCK.get() && check(bytes).is_err() {
+        refuse(bytes);
+    }
+}
+
+/// An empty vector with room for `len` values.
+///
+/// Unwinds to [`catch`] where there is no memory.
+pub fn with_capacity<T>(len: usize) -> Vec<T> {
+    let bytes = len.saturating_mul(size_of::<T>());
+    let mut values = Vec::new();
+    if values.try_reserve_exact(len).is_err() {
+        refuse(bytes);
+    }
+    if bytes >= LARGE && spare().is_err() {
+        // What is freed here is what unwinding needs.
+        drop(values);
+        refuse(bytes);
+    }
+    values
+}
+
+/// A copy of `values`.
+///
+/// Unwinds to [`catch`] where there is no memory.
+pub fn copied<T: Copy>(values: &[T]) -> Vec<T> {
+    let mut copy = with_capacity(values.len());
+    copy.extend_from_slice(values);
+    copy
+}
+
+/// `len` copies of `value`.
+///
+/// Unwinds to [`catch`] where there is no memory.
+pub fn filled<T: Copy>(value: T, len: usize) -> Vec<T> {
+    let mut values = with_capacity(len);
+    values.resize(len, value);
+    values
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_piece_that_is_too_large_is_an_error() {
+        let bytes = isize::MAX as usize - 63;
+        assert_eq!(check(bytes), Err(OutOfMemory { bytes }));
+        assert_eq!(catch(|| drop(with_capacity::<u64>(bytes / 8))), Err(OutOfMemory { bytes: bytes / 8 * 8 }));
+        assert_eq!(catch(|| filled(3_u8, 5)), Ok(vec![3; 5]));
+        assert_eq!(catch(|| drop(filled(1_u64, usize::MAX))), Err(OutOfMemory { bytes: usize::MAX }));
+    }
+
+    #[test]
+    fn a_panic_goes_on() {
+        let panic = catch_unwind(|| catch(|| resume_unwind(Box::new(7)))).unwrap_err();
+        assert_eq!(panic.downcast_ref(), Some(&7));
+    }
+
+    #[test]
+    fn a_refusal_crosses_threads_of_a_pool() {
+        let refused = catch(|| rayon::join(|| refuse(5), || ()));
+        assert_eq!(refused.map(|((), ())| ()), Err(OutOfMemory { bytes: 5 }));
+    }
+}
