@@ -260,7 +260,7 @@ impl ModelHandle {
             target: count(config.target),
             max_target: count(config.max_target),
             lookahead: count(config.lookahead),
-            latency_frames: count((config.target + 1) * config.keyframe_stride - 1 + config.lookahead),
+            latency_frames: count(config.latency_frames(config.target, config.lookahead)),
             max_prompt: count(MAX_PROMPT_TOKENS),
             has_text: u32::from(model.text().is_some()),
             has_notice: u32::from(!notice.is_empty()),
