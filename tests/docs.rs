@@ -1,70 +1,13 @@
 //! Numbers in the documentation that follow from the default model's settings, beside what the library computes.
 
-use std::path::{Path, PathBuf};
-
 use umo_core::ModelFile;
 use umo_core::avatar::AvatarConfig;
 use umo_core::config::Config;
 use umo_core::session::SessionConfig;
-
-/// A table of a page: its place, and its rows of cells, the header first.
-struct Table {
-    place: String,
-    rows: Vec<Vec<String>>,
-}
-
-fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
-}
+use umo_tests::pages::{Table, root, tables};
 
 fn default_model() -> Config {
     ModelFile::open(&root().join("models/umo-small/model.safetensors")).unwrap().config().clone()
-}
-
-/// The Markdown files of a folder and of the folders in it, build outputs left out.
-fn pages(folder: &Path, found: &mut Vec<PathBuf>) {
-    for entry in std::fs::read_dir(folder).unwrap() {
-        let path = entry.unwrap().path();
-        let name = path.file_name().unwrap().to_str().unwrap();
-        if path.is_dir() && !name.starts_with('.') && !["target", "node_modules"].contains(&name) {
-            pages(&path, found);
-        } else if path.extension().is_some_and(|extension| extension == "md") {
-            found.push(path);
-        }
-    }
-}
-
-/// Every table of the documentation whose header begins with `first`.
-fn tables(first: &str) -> Vec<Table> {
-    let (root, mut paths) = (root(), vec![]);
-    for folder in ["docs", "bindings", "packaging", "models", "training", "cli", "umo-core", "umo-capi"] {
-        pages(&root.join(folder), &mut paths);
-    }
-    paths.push(root.join("README.md"));
-    let mut tables: Vec<Table> = vec![];
-    for path in paths {
-        let text = std::fs::read_to_string(&path).unwrap();
-        let mut inside = false;
-        for (line, row) in text.lines().enumerate() {
-            let row = row.trim().strip_prefix('|').and_then(|row| row.strip_suffix('|'));
-            let cells: Option<Vec<_>> = row.map(|row| row.split('|').map(|cell| cell.trim().to_owned()).collect());
-            match cells {
-                None => inside = false,
-                Some(cells) if inside => tables.last_mut().unwrap().rows.push(cells),
-                Some(cells) if cells[0] == first => {
-                    inside = true;
-                    tables.push(Table { place: format!("{}:{}", path.display(), line + 1), rows: vec![cells] });
-                }
-                Some(_) => {}
-            }
-        }
-    }
-    for table in &mut tables {
-        assert!(table.rows.len() > 2, "{}: a table without rows", table.place);
-        // The line below the header.
-        table.rows.remove(1);
-    }
-    tables
 }
 
 /// The number that a cell begins with.
@@ -85,7 +28,7 @@ fn latency(config: &Config, target: usize, lookahead: usize, sample_rate: usize)
 fn latencies_are_those_that_sessions_have() {
     let config = default_model();
     let mut rows = 0;
-    for Table { place, rows: table } in tables("`target`, `lookahead`") {
+    for Table { place, rows: table } in tables(|header| header[0] == "`target`, `lookahead`") {
         let rates: Vec<usize> = table[0][1..]
             .iter()
             .map(|header| {
@@ -110,8 +53,7 @@ fn latencies_are_those_that_sessions_have() {
 #[test]
 fn chunks_are_as_long_as_the_model_makes_them() {
     let config = default_model();
-    let mut tables = tables("`target`");
-    tables.retain(|table| table.rows[0][1] == "a chunk is");
+    let tables = tables(|header| header[0] == "`target`" && header[1] == "a chunk is");
     assert!(!tables.is_empty(), "the documentation has no table of chunks");
     for Table { place, rows } in tables {
         assert_eq!(rows[0][3], "chunks a second", "{place}");
