@@ -269,8 +269,9 @@ typedef struct umo_model_config {
     uint32_t struct_size;
     // One of `UMO_PRECISION_…`.
     uint32_t precision;
-    // The fastest instructions that may be used: one of `UMO_ISA_…`. Sessions have the same bits on every one of them
-    // where all products are int8; float products round differently.
+    // The fastest instructions that may be used: one of `UMO_ISA_…`. Float products round
+    // differently on some of them, so that a session can give other frames: docs/spec.md, section 2.9, says which give
+    // the same.
     uint32_t isa;
     // Zero.
     uint32_t reserved;

@@ -334,6 +334,7 @@ fn latency_says_what_a_frame_waits_for() {
         let config = SessionConfig { sample_rate: rate, ..config(engine.model(), target, lookahead, 1) };
         let session = engine.session(&config).unwrap();
         let said = session.latency().algorithmic_samples;
+        assert_eq!(config.latency_samples(engine.model().config()).unwrap(), said);
         let worst = worst_wait(&session, rate, 50, || settle(&engine));
         assert!(
             worst <= said + 50 && worst + rate / 20 > said,

@@ -14,6 +14,8 @@ mod experts;
 mod norm;
 #[path = "kernel_parity/quantize.rs"]
 mod quantize;
+#[path = "kernel_parity/same_bits.rs"]
+mod same_bits;
 
 use umo_kernels::Isa;
 

@@ -4,6 +4,9 @@
 //! name. A processor that lacks a back-end prints `SKIPPED`, unless the environment variable `UMO_TEST_REQUIRE` (names
 //! with commas between) demands it: then the test fails.
 
+#[path = "pages.rs"]
+pub mod pages;
+
 use std::fmt::Debug;
 use std::io::Write;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -58,8 +58,9 @@ pub struct UmoModelConfig {
     pub struct_size: u32,
     /// One of `UMO_PRECISION_…`.
     pub precision: u32,
-    /// The fastest instructions that may be used: one of `UMO_ISA_…`. Sessions have the same bits on every one of them
-    /// where all products are int8; float products round differently.
+    /// The fastest instructions that may be used: one of `UMO_ISA_…`. Float products round
+    /// differently on some of them, so that a session can give other frames: docs/spec.md, section 2.9, says which give
+    /// the same.
     pub isa: u32,
     /// Zero.
     pub reserved: u32,
@@ -270,7 +271,7 @@ impl ModelHandle {
             target: count(config.target),
             max_target: count(config.max_target),
             lookahead: count(config.lookahead),
-            latency_frames: count((config.target + 1) * config.keyframe_stride - 1 + config.lookahead),
+            latency_frames: count(config.latency_frames(config.target, config.lookahead)),
             max_prompt: count(MAX_PROMPT_TOKENS),
             has_text: u32::from(model.text().is_some()),
             has_notice: u32::from(!notice.is_empty()),

@@ -50,6 +50,21 @@ impl AvatarConfig {
             text: Vec::new(),
         }
     }
+
+    /// Refuses a target or a lookahead that the model does not allow.
+    pub(crate) fn check(&self, config: &Config) -> Result<(), LoadError> {
+        if !(1..=config.max_target).contains(&self.target) {
+            return Err(LoadError::config(
+                "target",
+                format!("expected 1 to {}, got {}", config.max_target, self.target),
+            ));
+        }
+        let most = config.keyframe_stride * config.prefix;
+        if self.lookahead > most {
+            return Err(LoadError::config("lookahead", format!("expected 0 to {most}, got {}", self.lookahead)));
+        }
+        Ok(())
+    }
 }
 
 /// Time spent in each stage (the rows of the paper's runtime table).
@@ -147,13 +162,7 @@ impl Avatar {
     /// [`LoadError::Config`] where the template is missing or a number is out of range.
     pub fn new(model: &Model, config: &AvatarConfig) -> Result<Self, LoadError> {
         let c = &model.config;
-        if !(1..=c.max_target).contains(&config.target) {
-            return Err(LoadError::config("target", format!("expected 1 to {}, got {}", c.max_target, config.target)));
-        }
-        let most = c.keyframe_stride * c.prefix;
-        if config.lookahead > most {
-            return Err(LoadError::config("lookahead", format!("expected 0 to {most}, got {}", config.lookahead)));
-        }
+        config.check(c)?;
         let template = Template::new(c, &config.template)?;
         let (window, new) = (window_tokens(c, config.target), config.target * c.tokens_per_keyframe());
         let audio = template.has_audio().then(|| model.tokenizer.stream(window, new));
@@ -279,12 +288,6 @@ impl Avatar {
     /// Most frames that one chunk makes final.
     pub fn chunk_frames(&self, config: &Config) -> usize {
         self.target * config.keyframe_stride + self.lookahead
-    }
-
-    /// Frames of future audio that a frame needs at most: the rest of its chunk, the way to the chunk's last keyframe,
-    /// and the frames that are held back.
-    pub fn latency_frames(&self, config: &Config) -> usize {
-        (self.target + 1) * config.keyframe_stride - 1 + self.lookahead
     }
 
     /// Chunks in all, once the end is known: as many as it takes to reach the keyframe at or after the last frame.

@@ -400,6 +400,12 @@ impl Config {
         self.tokens_per_keyframe() * self.hop()
     }
 
+    /// Frames of future speech that a frame needs at most, with so many keyframes per chunk and frames held back: the rest
+    /// of its chunk, the next chunk where the frame is behind the last keyframe of its own, and the frames held back.
+    pub fn latency_frames(&self, target: usize, lookahead: usize) -> usize {
+        (target + 1) * self.keyframe_stride - 1 + lookahead
+    }
+
     /// Samples before `hop * j` that feature `j` of a stream covers.
     pub fn feature_reach_back(&self) -> usize {
         let window = match (&self.audio.hubert, &self.audio.mel) {

@@ -261,8 +261,7 @@ impl Inner {
             assembly: model.motion.assembly(),
             rest: self.rest.clone(),
             chunk_frames: avatar.chunk_frames(&model.config),
-            latency_frames: avatar.latency_frames(&model.config),
-            chunk_samples: avatar.chunk_samples(&model.config),
+            has_audio: avatar.has_audio(),
             clock: self.clock.clone(),
             signal: Arc::clone(&self.signal),
         };

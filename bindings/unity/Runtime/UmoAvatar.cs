@@ -37,7 +37,7 @@ namespace Umo.Unity
         public bool moveHips = true;
 
         [Header("Taken over when it is enabled")]
-        [Tooltip("Keyframes per step, five a second: fewer answer sooner, more see more at once. 0: the model's default.")]
+        [Tooltip("Keyframes per step, ten a second in the default model: fewer answer sooner, more see more at once. 0: the model's default.")]
         [Min(0)] public int target = 2;
         [Tooltip("Frames held back for smoother seams, that much later. -1: the model's default.")]
         [Min(-1)] public int lookahead = 0;

@@ -2,8 +2,11 @@
 
 use std::time::Duration;
 
+use crate::audio::resample::Resampler;
 use crate::avatar::AvatarConfig;
 use crate::config::Config;
+use crate::error::LoadError;
+use crate::lm::layout::Template;
 
 /// Least seconds of audio that wait for the engine before [`Session::push_audio`](super::Session::push_audio) takes no more.
 pub const AUDIO_SECONDS: usize = 10;
@@ -61,5 +64,26 @@ impl SessionConfig {
             ease: Duration::from_millis(500),
             queue_frames: 4 * config.max_target * config.keyframe_stride,
         }
+    }
+
+    /// Samples of future audio, at the session's rate, that a frame needs at most, resampling included: the
+    /// [`algorithmic_samples`](super::Latency::algorithmic_samples) of a session made with this.
+    ///
+    /// # Errors
+    /// [`LoadError::Config`] where the template is missing, or the target, the lookahead or the rate is out of range.
+    pub fn latency_samples(&self, config: &Config) -> Result<usize, LoadError> {
+        self.avatar.check(config)?;
+        let has_audio = Template::new(config, &self.avatar.template)?.has_audio();
+        let resampler = Resampler::new(self.sample_rate, config.audio.sample_rate)
+            .map_err(|error| LoadError::config("sample_rate", error.to_string()))?;
+        Ok(self.latency_with(config, has_audio, &resampler))
+    }
+
+    /// [`Self::latency_samples`], with the resampler of the session's rate.
+    pub(super) fn latency_with(&self, config: &Config, has_audio: bool, resampler: &Resampler) -> usize {
+        let AvatarConfig { target, lookahead, .. } = self.avatar;
+        let frames = config.latency_frames(target, lookahead);
+        let delay = if has_audio { resampler.most_delay(target * config.samples_per_keyframe()) } else { 0 };
+        (frames * self.sample_rate).div_ceil(config.frame_rate) + delay
     }
 }

@@ -57,9 +57,8 @@ impl Input {
         self.channels
     }
 
-    /// Samples by which resampling delays the end of a chunk at most.
-    pub(super) fn most_delay(&self, chunk: usize) -> usize {
-        self.resampler.most_delay(chunk)
+    pub(super) fn resampler(&self) -> &Resampler {
+        &self.resampler
     }
 
     /// Room that the end of a stream may take.

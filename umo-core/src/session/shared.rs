@@ -252,18 +252,17 @@ pub(crate) struct Making<'a> {
     pub(crate) config: &'a Config,
     pub(crate) assembly: &'a Assembly,
     pub(crate) rest: Shown,
-    /// Most frames of one chunk, and frames of future audio that a frame needs.
+    /// Most frames of one chunk.
     pub(crate) chunk_frames: usize,
-    pub(crate) latency_frames: usize,
-    /// Samples of one chunk, none where it needs no audio.
-    pub(crate) chunk_samples: usize,
+    /// Whether speech moves the avatar.
+    pub(crate) has_audio: bool,
     pub(crate) clock: Clock,
     pub(crate) signal: Arc<Signal>,
 }
 
 impl Shared {
     pub(crate) fn new(making: Making, session: &SessionConfig) -> Result<Self, LoadError> {
-        let Making { config, assembly, rest, chunk_frames, latency_frames, chunk_samples, clock, signal } = making;
+        let Making { config, assembly, rest, chunk_frames, has_audio, clock, signal } = making;
         let range = |key: &str, got: usize, from: usize, to: usize| {
             if (from..=to).contains(&got) {
                 return Ok(());
@@ -276,8 +275,8 @@ impl Shared {
         let (rate, face_values) = (config.audio.sample_rate, assembly.face_values());
         let input = Input::new(session.sample_rate, session.channels, config)
             .map_err(|error| LoadError::config("sample_rate", error.to_string()))?;
+        let algorithmic_samples = session.latency_with(config, has_audio, input.resampler());
         let chunk = config.max_target * config.samples_per_keyframe();
-        let delay = if chunk_samples > 0 { input.most_delay(chunk_samples) } else { 0 };
         Ok(Self {
             audio: Ring::new((AUDIO_SECONDS * rate).max(2 * chunk) + input.most_left()),
             frames: Ring::new(session.queue_frames * frame_words(face_values)),
@@ -304,7 +303,7 @@ impl Shared {
             input: Mutex::new(input),
             stats: Counters::default(),
             delays: Delays::new(),
-            algorithmic_samples: (latency_frames * session.sample_rate).div_ceil(config.frame_rate) + delay,
+            algorithmic_samples,
             channels: session.channels,
             frame_rate: config.frame_rate,
             clock,

@@ -1,0 +1,101 @@
+//! Numbers in the documentation that follow from the default model's settings, beside what the library computes.
+
+use umo_core::ModelFile;
+use umo_core::avatar::AvatarConfig;
+use umo_core::config::Config;
+use umo_core::session::SessionConfig;
+use umo_tests::pages::{Table, root, tables};
+
+fn default_model() -> Config {
+    ModelFile::open(&root().join("models/umo-small/model.safetensors")).unwrap().config().clone()
+}
+
+/// The number that a cell begins with.
+fn number<T: std::str::FromStr>(cell: &str, place: &str) -> T {
+    let digits = cell.split([' ', ',']).next().unwrap();
+    digits.parse().ok().unwrap_or_else(|| panic!("{place}: \"{cell}\" does not begin with a number"))
+}
+
+/// The latency of a session of this rate, in seconds as the documentation writes them.
+fn latency(config: &Config, target: usize, lookahead: usize, sample_rate: usize) -> String {
+    let avatar = AvatarConfig { target, lookahead, ..AvatarConfig::new(config) };
+    let session = SessionConfig { avatar, sample_rate, ..SessionConfig::new(config) };
+    let seconds = session.latency_samples(config).unwrap() as f64 / sample_rate as f64;
+    format!("{seconds:.3} s")
+}
+
+#[test]
+fn latencies_are_those_that_sessions_have() {
+    let config = default_model();
+    let mut rows = 0;
+    for Table { place, rows: table } in tables(|header| header[0] == "`target`, `lookahead`") {
+        let rates: Vec<usize> = table[0][1..]
+            .iter()
+            .map(|header| {
+                let kilohertz = header.strip_prefix("audio of ").and_then(|header| header.strip_suffix(" kHz"));
+                let kilohertz = kilohertz.unwrap_or_else(|| panic!("{place}: \"{header}\" names no rate"));
+                1000 * number::<usize>(kilohertz, &place)
+            })
+            .collect();
+        for row in &table[1..] {
+            let (target, lookahead) = row[0].split_once(", ").unwrap_or_else(|| panic!("{place}: \"{}\"", row[0]));
+            let (target, lookahead) = (number(target, &place), number(lookahead, &place));
+            let default = (target, lookahead) == (config.target, config.lookahead);
+            assert_eq!(row[0].contains("default"), default, "{place}: \"{}\"", row[0]);
+            let seconds: Vec<_> = rates.iter().map(|&rate| latency(&config, target, lookahead, rate)).collect();
+            assert_eq!(row[1..], seconds, "{place}: target {target}, lookahead {lookahead}");
+            rows += 1;
+        }
+    }
+    assert!(rows >= 3, "the documentation has no table of latencies");
+}
+
+#[test]
+fn chunks_are_as_long_as_the_model_makes_them() {
+    let config = default_model();
+    let tables = tables(|header| header[0] == "`target`" && header[1] == "a chunk is");
+    assert!(!tables.is_empty(), "the documentation has no table of chunks");
+    for Table { place, rows } in tables {
+        assert_eq!(rows[0][3], "chunks a second", "{place}");
+        for row in &rows[1..] {
+            let target = number::<usize>(&row[0], &place);
+            assert_eq!(row[0].contains("default"), target == config.target, "{place}: \"{}\"", row[0]);
+            let seconds = (target * config.keyframe_stride) as f64 / config.frame_rate as f64;
+            assert_eq!((&row[1], &row[3]), (&format!("{seconds:.1} s"), &format!("{:.0}", 1.0 / seconds)), "{place}");
+        }
+    }
+}
+
+#[test]
+fn the_default_model_has_the_size_that_is_said() {
+    let size = std::fs::metadata(root().join("models/umo-small/model.safetensors")).unwrap().len();
+    let megabytes = size as f64 / 1e6;
+    for (page, said) in [
+        ("bindings/godot/README.md", format!("model ({megabytes:.0} MB)")),
+        ("cli/README.md", format!("is a file of {megabytes:.0} MB")),
+        ("models/umo-small/README.md", format!("{megabytes:.1} MB")),
+    ] {
+        let text = std::fs::read_to_string(root().join(page)).unwrap();
+        assert!(text.contains(&said), "{page} does not say \"{said}\"");
+    }
+}
+
+/// A session at a rate, a target or a lookahead that do not exist has no latency.
+#[test]
+fn latency_refuses_what_a_session_refuses() {
+    let config = default_model();
+    let with = |target, lookahead, sample_rate| {
+        let avatar = AvatarConfig { target, lookahead, ..AvatarConfig::new(&config) };
+        SessionConfig { avatar, sample_rate, ..SessionConfig::new(&config) }.latency_samples(&config)
+    };
+    assert!(with(5, 9, 16_000).is_ok());
+    for (key, found) in [
+        ("target", with(0, 0, 16_000)),
+        ("target", with(usize::MAX, 0, 16_000)),
+        ("lookahead", with(5, usize::MAX, 16_000)),
+        ("sample_rate", with(5, 9, 0)),
+    ] {
+        let error = found.unwrap_err().to_string();
+        assert!(error.contains(key), "{error}");
+    }
+}

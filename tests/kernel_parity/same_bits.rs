@@ -1,0 +1,432 @@
+//! Which back-ends give the same bits, function by function: the table in docs/kernels.md, row by row.
+
+use proptest::prelude::*;
+use umo_kernels::activation::{Activation, apply, softmax};
+use umo_kernels::attention::{
+    RelativeBias, Visible, attention_bf16, attention_f32, encoder_attention_bf16, encoder_attention_f32,
+};
+use umo_kernels::bf16::round_bf16;
+use umo_kernels::conv1d::{GroupedF32, conv1d_grouped_f32, frames_out};
+use umo_kernels::experts::{Routing, route};
+use umo_kernels::gemm::{Epilogue, Input, Scatter};
+use umo_kernels::matmul_bf16::{Bf16Rows, matmul_bf16, matmul_bf16_rows, matmul_gated_bf16, split_bf16x2};
+use umo_kernels::matmul_f32::{matmul_f32, matmul_gated_f32};
+use umo_kernels::matmul_i8::{matmul_gated_i8, matmul_i8};
+use umo_kernels::norm::{channel_affine, channel_sums, layer_norm, rms_norm};
+use umo_kernels::pack::{pack, pack_bf16, pack_i8, packed_len, packed_len_bf16, packed_len_i8};
+use umo_kernels::quantize::{QuantRows, quantize_rows};
+use umo_kernels::{Bf16, Isa, Mat, MatMut, PackedBf16, PackedF32, PackedI8, PrefetchHint};
+use umo_tests::pages::same_bits;
+use umo_tests::{Noise, cases};
+
+/// A call with sizes and values that follow from a seed; the bits of its results.
+type Call = fn(Isa, u64) -> Vec<u64>;
+
+/// By the names of the documentation.
+const CALLS: [(&str, Call); 22] = [
+    ("matmul_i8", plain_i8),
+    ("matmul_gated_i8", gated_i8),
+    ("quantize_rows", quantized),
+    ("activation::apply", activated),
+    ("softmax", softmaxed),
+    ("rms_norm", rms),
+    ("layer_norm", layer),
+    ("channel_sums", sums),
+    ("channel_affine", affine),
+    ("route", routed),
+    ("round_bf16", rounded),
+    ("split_bf16x2", split),
+    ("encoder_attention_bf16", |isa, seed| Attention::new(seed).encoder(isa, encoder_attention_bf16)),
+    ("matmul_f32", |isa, seed| Product::new(seed).f32(isa)),
+    ("matmul_gated_f32", |isa, seed| Product::new(seed).gated_f32(isa)),
+    ("conv1d_grouped_f32", convolved),
+    ("matmul_bf16", |isa, seed| Product::new(seed).bf16(isa)),
+    ("matmul_gated_bf16", |isa, seed| Product::new(seed).gated_bf16(isa)),
+    ("matmul_bf16_rows", |isa, seed| Product::new(seed).rounded_rows(isa)),
+    ("attention_f32", |isa, seed| Attention::new(seed).f32(isa)),
+    ("attention_bf16", |isa, seed| Attention::new(seed).bf16(isa)),
+    ("encoder_attention_f32", |isa, seed| Attention::new(seed).encoder(isa, encoder_attention_f32)),
+];
+
+fn bits(values: &[f32]) -> Vec<u64> {
+    values.iter().map(|value| value.to_bits().into()).collect()
+}
+
+fn floats(noise: &mut Noise, count: usize) -> Vec<f32> {
+    (0..count).map(|_| noise.float(1.0)).collect()
+}
+
+/// Positive numbers of the size of a quantisation's scale.
+fn scales(noise: &mut Noise, count: usize) -> Vec<f32> {
+    (0..count).map(|_| noise.float(0.01).abs() + 1e-3).collect()
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "a byte")]
+fn steps(noise: &mut Noise, count: usize) -> Vec<i8> {
+    (0..count).map(|_| noise.below(256) as u8 as i8).collect()
+}
+
+fn mat<T: Copy>(data: &[T], rows: usize, cols: usize) -> Mat<'_, T> {
+    Mat::new(data, rows, cols).unwrap()
+}
+
+/// What a product ends with: one of all bias, activation, addition and scatter.
+struct End {
+    bias: Option<Vec<f32>>,
+    activation: Activation,
+    add: bool,
+    scatter: Option<(Vec<u32>, Vec<f32>)>,
+}
+
+impl End {
+    fn new(noise: &mut Noise, rows: usize, outputs: usize) -> Self {
+        Self {
+            bias: (noise.below(2) == 0).then(|| floats(noise, outputs)),
+            activation: [Activation::None, Activation::Gelu, Activation::GeluTanh][noise.below(3)],
+            add: noise.below(2) == 0,
+            scatter: (noise.below(3) == 0)
+                .then(|| ((0..rows).map(|t| u32::try_from(t / 2).unwrap()).collect(), floats(noise, rows))),
+        }
+    }
+
+    fn epilogue(&self) -> Epilogue<'_> {
+        Epilogue {
+            bias: self.bias.as_deref(),
+            activation: self.activation,
+            add: self.add,
+            scatter: self.scatter.as_ref().map(|(rows, weight)| Scatter { rows, weight }),
+        }
+    }
+}
+
+/// Sizes of a product: every kind of row count, and inner sizes of which the last block is whole or not.
+fn sizes(noise: &mut Noise) -> (usize, usize, usize) {
+    let rows = [1, 2, 7, 33, 65][noise.below(5)];
+    (rows, 1 + noise.below(80), if noise.below(2) == 0 { 64 * (1 + noise.below(6)) } else { 1 + noise.below(300) })
+}
+
+/// The operands of a float product.
+struct Product {
+    rows: usize,
+    outputs: usize,
+    inputs: usize,
+    x: Vec<f32>,
+    w: [Vec<f32>; 2],
+    y: Vec<f32>,
+    end: End,
+}
+
+impl Product {
+    fn new(seed: u64) -> Self {
+        let mut noise = Noise::new(seed);
+        let (rows, outputs, inputs) = sizes(&mut noise);
+        let x = floats(&mut noise, rows * inputs);
+        let w = [floats(&mut noise, outputs * inputs), floats(&mut noise, outputs * inputs)];
+        let y = floats(&mut noise, rows * outputs);
+        let end = End::new(&mut noise, rows, outputs);
+        Self { rows, outputs, inputs, x, w, y, end }
+    }
+
+    fn input(&self) -> Input<'_, f32> {
+        Input::all(mat(&self.x, self.rows, self.inputs))
+    }
+
+    fn result(&self, product: impl FnOnce(MatMut<f32>)) -> Vec<u64> {
+        let mut y = self.y.clone();
+        product(MatMut::new(&mut y, self.rows, self.outputs).unwrap());
+        bits(&y)
+    }
+
+    fn packed(&self) -> [Vec<f32>; 2] {
+        self.w.each_ref().map(|w| {
+            let mut packed = vec![0.0; packed_len(self.outputs, self.inputs)];
+            pack(mat(w, self.outputs, self.inputs), &mut packed).unwrap();
+            packed
+        })
+    }
+
+    fn packed_bf16(&self) -> [Vec<Bf16>; 2] {
+        self.w.each_ref().map(|w| {
+            let mut packed = vec![Bf16::default(); packed_len_bf16(self.outputs, self.inputs)];
+            pack_bf16(mat(w, self.outputs, self.inputs), &mut packed).unwrap();
+            packed
+        })
+    }
+
+    fn f32(&self, isa: Isa) -> Vec<u64> {
+        let [w, _] = self.packed();
+        let w = PackedF32::new(&w, self.outputs, self.inputs).unwrap();
+        self.result(|y| matmul_f32(isa, self.input(), w, self.end.epilogue(), y).unwrap())
+    }
+
+    fn gated_f32(&self, isa: Isa) -> Vec<u64> {
+        let packed = self.packed();
+        let [gate, up] = packed.each_ref().map(|w| PackedF32::new(w, self.outputs, self.inputs).unwrap());
+        self.result(|y| matmul_gated_f32(isa, self.input(), gate, up, y).unwrap())
+    }
+
+    fn bf16(&self, isa: Isa) -> Vec<u64> {
+        let [w, _] = self.packed_bf16();
+        let w = PackedBf16::new(&w, self.outputs, self.inputs).unwrap();
+        self.result(|y| matmul_bf16(isa, self.input(), w, self.end.epilogue(), y).unwrap())
+    }
+
+    fn gated_bf16(&self, isa: Isa) -> Vec<u64> {
+        let packed = self.packed_bf16();
+        let [gate, up] = packed.each_ref().map(|w| PackedBf16::new(w, self.outputs, self.inputs).unwrap());
+        self.result(|y| matmul_gated_bf16(isa, self.input(), gate, up, y).unwrap())
+    }
+
+    fn rounded_rows(&self, isa: Isa) -> Vec<u64> {
+        let [w, _] = self.packed_bf16();
+        let w = PackedBf16::new(&w, self.outputs, self.inputs).unwrap();
+        let x: Vec<_> = self.x.iter().map(|&x| Bf16::from_f32(x)).collect();
+        let x = Bf16Rows::rounded(mat(&x, self.rows, self.inputs));
+        self.result(|y| matmul_bf16_rows(isa, x, w, self.end.epilogue(), y).unwrap())
+    }
+}
+
+fn int8(isa: Isa, seed: u64, gated: bool) -> Vec<u64> {
+    let mut noise = Noise::new(seed);
+    let (rows, outputs, inputs) = sizes(&mut noise);
+    let (x, x_scale) = (steps(&mut noise, rows * inputs), scales(&mut noise, rows));
+    let x = QuantRows::new(mat(&x, rows, inputs), &x_scale).unwrap();
+    let weights = [(); 2].map(|()| {
+        let (w, scale) = (steps(&mut noise, outputs * inputs), scales(&mut noise, outputs));
+        let (mut packed, mut sum) = (vec![0; packed_len_i8(outputs, inputs)], vec![0; outputs]);
+        pack_i8(mat(&w, outputs, inputs), &mut packed, &mut sum).unwrap();
+        (packed, scale, sum)
+    });
+    let [a, b] =
+        weights.each_ref().map(|(packed, scale, sum)| PackedI8::new(packed, scale, sum, outputs, inputs).unwrap());
+    let end = End::new(&mut noise, rows, outputs);
+    let mut y = floats(&mut noise, rows * outputs);
+    let out = MatMut::new(&mut y, rows, outputs).unwrap();
+    if gated {
+        matmul_gated_i8(isa, x, None, a, b, out).unwrap();
+    } else {
+        matmul_i8(isa, x, None, a, end.epilogue(), out).unwrap();
+    }
+    bits(&y)
+}
+
+fn plain_i8(isa: Isa, seed: u64) -> Vec<u64> {
+    int8(isa, seed, false)
+}
+
+fn gated_i8(isa: Isa, seed: u64) -> Vec<u64> {
+    int8(isa, seed, true)
+}
+
+/// Rows of floats of this seed: how many, how long, and the generator for what else is needed.
+fn rows(seed: u64) -> (usize, usize, Vec<f32>, Noise) {
+    let mut noise = Noise::new(seed);
+    let (rows, cols) = (1 + noise.below(5), 1 + noise.below(300));
+    let x = floats(&mut noise, rows * cols);
+    (rows, cols, x, noise)
+}
+
+#[expect(clippy::cast_sign_loss, reason = "the bits of a byte")]
+fn quantized(isa: Isa, seed: u64) -> Vec<u64> {
+    let (rows, cols, x, _) = rows(seed);
+    let (mut codes, mut scale) = (vec![0; rows * cols], vec![0.0; rows]);
+    quantize_rows(isa, mat(&x, rows, cols), MatMut::new(&mut codes, rows, cols).unwrap(), &mut scale).unwrap();
+    codes.iter().map(|&code| u64::from(code as u8)).chain(bits(&scale)).collect()
+}
+
+fn activated(isa: Isa, seed: u64) -> Vec<u64> {
+    let (_, _, x, _) = rows(seed);
+    let all = [Activation::Gelu, Activation::GeluTanh, Activation::Relu, Activation::LeakyRelu(0.2)];
+    let of = |activation| {
+        let mut x: Vec<f32> = x.iter().map(|x| 6.0 * x).collect();
+        apply(isa, activation, &mut x);
+        bits(&x)
+    };
+    all.into_iter().flat_map(of).collect()
+}
+
+fn softmaxed(isa: Isa, seed: u64) -> Vec<u64> {
+    let (_, _, mut x, _) = rows(seed);
+    x.iter_mut().for_each(|x| *x *= 9.0);
+    softmax(isa, &mut x);
+    bits(&x)
+}
+
+fn norm(isa: Isa, seed: u64, layer: bool) -> Vec<u64> {
+    let (rows, cols, x, mut noise) = rows(seed);
+    let (weight, bias) = (floats(&mut noise, cols), floats(&mut noise, cols));
+    let mut y = vec![0.0; rows * cols];
+    let (x, out) = (mat(&x, rows, cols), MatMut::new(&mut y, rows, cols).unwrap());
+    if layer {
+        layer_norm(isa, x, &weight, &bias, 1e-5, out).unwrap();
+    } else {
+        rms_norm(isa, x, &weight, 1e-6, out).unwrap();
+    }
+    bits(&y)
+}
+
+fn rms(isa: Isa, seed: u64) -> Vec<u64> {
+    norm(isa, seed, false)
+}
+
+fn layer(isa: Isa, seed: u64) -> Vec<u64> {
+    norm(isa, seed, true)
+}
+
+fn sums(isa: Isa, seed: u64) -> Vec<u64> {
+    let (rows, cols, x, _) = rows(seed);
+    let (mut sum, mut squares) = (vec![0.0; cols], vec![0.0; cols]);
+    channel_sums(isa, mat(&x, rows, cols), &mut sum, &mut squares).unwrap();
+    sum.iter().chain(&squares).map(|value| value.to_bits()).collect()
+}
+
+fn affine(isa: Isa, seed: u64) -> Vec<u64> {
+    let (rows, cols, mut x, mut noise) = rows(seed);
+    let (scale, shift) = (floats(&mut noise, cols), floats(&mut noise, cols));
+    channel_affine(isa, MatMut::new(&mut x, rows, cols).unwrap(), &scale, &shift).unwrap();
+    bits(&x)
+}
+
+fn routed(isa: Isa, seed: u64) -> Vec<u64> {
+    let mut noise = Noise::new(seed);
+    let (rows, experts) = (1 + noise.below(40), 2 + noise.below(6));
+    let top_k = 1 + noise.below(2);
+    let mut logits = floats(&mut noise, rows * experts);
+    let (mut starts, mut order, mut weights) = (vec![0; experts + 1], vec![0; rows * top_k], vec![0.0; rows * top_k]);
+    let mut routing = Routing { starts: &mut starts, rows: &mut order, weights: &mut weights };
+    route(isa, MatMut::new(&mut logits, rows, experts).unwrap(), top_k, &mut routing).unwrap();
+    starts.iter().chain(&order).map(|&place| place.into()).chain(bits(&weights)).chain(bits(&logits)).collect()
+}
+
+fn rounded(isa: Isa, seed: u64) -> Vec<u64> {
+    let (rows, cols, x, _) = rows(seed);
+    let mut y = vec![Bf16::default(); x.len()];
+    round_bf16(isa, mat(&x, rows, cols), MatMut::new(&mut y, rows, cols).unwrap()).unwrap();
+    y.iter().map(|y| y.0.into()).collect()
+}
+
+fn split(isa: Isa, seed: u64) -> Vec<u64> {
+    let (_, _, x, _) = rows(seed);
+    let (mut hi, mut lo) = (vec![Bf16::default(); x.len()], vec![Bf16::default(); x.len()]);
+    split_bf16x2(isa, &x, &mut hi, &mut lo).unwrap();
+    hi.iter().chain(&lo).map(|part| part.0.into()).collect()
+}
+
+fn convolved(isa: Isa, seed: u64) -> Vec<u64> {
+    let mut noise = Noise::new(seed);
+    let (groups, out, channels, kernel) =
+        (1 + noise.below(3), 1 + noise.below(20), 1 + noise.below(4), 1 + noise.below(40));
+    let frames = kernel + noise.below(40);
+    let x = floats(&mut noise, groups * frames * channels);
+    let mut packed = vec![];
+    for _ in 0..groups {
+        let w = floats(&mut noise, out * kernel * channels);
+        let mut group = vec![0.0; packed_len(out, kernel * channels)];
+        pack(mat(&w, out, kernel * channels), &mut group).unwrap();
+        packed.extend(group);
+    }
+    let w = GroupedF32::new(&packed, groups, groups * out, groups * channels, kernel).unwrap();
+    let rows = frames_out(frames, kernel, 1);
+    let mut y = vec![0.0; rows * groups * out];
+    let out = MatMut::new(&mut y, rows, groups * out).unwrap();
+    conv1d_grouped_f32(isa, &x, frames, w, Epilogue::STORE, out).unwrap();
+    bits(&y)
+}
+
+/// The operands of attention.
+struct Attention {
+    queries: usize,
+    keys: usize,
+    dim: usize,
+    q: Vec<f32>,
+    k: Vec<f32>,
+    v: Vec<f32>,
+    bias: Option<Vec<f32>>,
+    causal: bool,
+}
+
+type EncoderAttention = fn(
+    Isa,
+    Mat<f32>,
+    Mat<f32>,
+    Mat<f32>,
+    f32,
+    Option<RelativeBias>,
+    MatMut<f32>,
+) -> Result<(), umo_kernels::ShapeError>;
+
+impl Attention {
+    fn new(seed: u64) -> Self {
+        let mut noise = Noise::new(seed);
+        let queries = [1, 3, 17, 40][noise.below(4)];
+        let keys = queries + noise.below(300);
+        let dim = [8, 32, 33, 64][noise.below(4)];
+        Self {
+            queries,
+            keys,
+            dim,
+            q: floats(&mut noise, queries * dim),
+            k: floats(&mut noise, keys * dim),
+            v: floats(&mut noise, keys * dim),
+            bias: (noise.below(2) == 0).then(|| floats(&mut noise, queries + keys)),
+            causal: noise.below(2) == 0,
+        }
+    }
+
+    fn bias(&self) -> Option<RelativeBias<'_>> {
+        self.bias.as_ref().map(|values| RelativeBias { values, origin: self.queries })
+    }
+
+    fn visible(&self) -> Visible {
+        if self.causal { Visible::Causal { first: self.keys - self.queries } } else { Visible::All }
+    }
+
+    fn result(&self, attention: impl FnOnce(MatMut<f32>)) -> Vec<u64> {
+        let mut y = vec![0.0; self.q.len()];
+        attention(MatMut::new(&mut y, self.queries, self.dim).unwrap());
+        bits(&y)
+    }
+
+    fn encoder(&self, isa: Isa, attention: EncoderAttention) -> Vec<u64> {
+        let [q, k, v] = [&self.q, &self.k, &self.v].map(|data| mat(data, data.len() / self.dim, self.dim));
+        self.result(|y| attention(isa, q, k, v, 0.5, self.bias(), y).unwrap())
+    }
+
+    fn f32(&self, isa: Isa) -> Vec<u64> {
+        let [q, k, v] = [&self.q, &self.k, &self.v].map(|data| mat(data, data.len() / self.dim, self.dim));
+        let (bias, visible) = (self.bias(), self.visible());
+        self.result(|y| attention_f32(isa, q, k, v, 0.5, bias, visible, PrefetchHint::NONE, y).unwrap())
+    }
+
+    fn bf16(&self, isa: Isa) -> Vec<u64> {
+        let [k, v] = [&self.k, &self.v].map(|data| data.iter().map(|&x| Bf16::from_f32(x)).collect::<Vec<_>>());
+        let (k, v) = (mat(&k, self.keys, self.dim), mat(&v, self.keys, self.dim));
+        let (q, bias, visible) = (mat(&self.q, self.queries, self.dim), self.bias(), self.visible());
+        self.result(|y| attention_bf16(isa, q, k, v, 0.5, bias, visible, PrefetchHint::NONE, y).unwrap())
+    }
+}
+
+/// The table names every function once, and what it says of each is so on the back-ends that this processor has.
+#[test]
+fn functions_have_the_same_bits_where_the_table_says_so() {
+    let mut documented = vec![];
+    for (cell, groups) in same_bits("function") {
+        for name in cell.split(", ").map(|name| name.trim_matches('`')) {
+            let &(name, call) = CALLS.iter().find(|(known, _)| *known == name).unwrap_or_else(|| panic!("no `{name}`"));
+            documented.push(name);
+            proptest!(cases(128), |(seed in any::<u64>())| {
+                for group in &groups {
+                    let Some((&first, others)) = group.split_first() else { continue };
+                    let wanted = call(first, seed);
+                    for &isa in others {
+                        prop_assert!(call(isa, seed) == wanted, "{name}: {} is not {}", isa.name(), first.name());
+                    }
+                }
+            });
+        }
+    }
+    documented.sort_unstable();
+    let mut known = CALLS.map(|(name, _)| name);
+    known.sort_unstable();
+    assert_eq!(documented, known, "the table does not name every function once");
+}

@@ -1,0 +1,102 @@
+//! Tables of the documentation, for tests that hold them to what the code does.
+
+use std::path::{Path, PathBuf};
+
+use umo_kernels::Isa;
+
+/// A table of a page: its place, and its rows of cells, the header first.
+#[derive(Clone, Debug)]
+pub struct Table {
+    /// The page and the line of the header.
+    pub place: String,
+    /// Header and rows, without the line between them.
+    pub rows: Vec<Vec<String>>,
+}
+
+/// The repository.
+pub fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
+}
+
+/// The Markdown files of a folder and of the folders in it, build outputs left out.
+fn pages(folder: &Path, found: &mut Vec<PathBuf>) {
+    for entry in std::fs::read_dir(folder).expect("the documentation can be read") {
+        let path = entry.expect("the documentation can be read").path();
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        if path.is_dir() && !name.starts_with('.') && !["target", "node_modules"].contains(&&*name) {
+            pages(&path, found);
+        } else if path.extension().is_some_and(|extension| extension == "md") {
+            found.push(path);
+        }
+    }
+}
+
+/// Every table of the documentation with such a header.
+pub fn tables(wanted: impl Fn(&[String]) -> bool) -> Vec<Table> {
+    let (root, mut paths) = (root(), vec![]);
+    for folder in ["docs", "bindings", "packaging", "models", "training", "cli", "umo-core", "umo-capi"] {
+        pages(&root.join(folder), &mut paths);
+    }
+    paths.push(root.join("README.md"));
+    let mut tables: Vec<Table> = vec![];
+    for path in paths {
+        let text = std::fs::read_to_string(&path).expect("the documentation can be read");
+        // The table of the lines before, if there is one and it is wanted.
+        let mut table: Option<Table> = None;
+        let mut inside = false;
+        for (line, row) in text.lines().enumerate() {
+            let row = row.trim().strip_prefix('|').and_then(|row| row.strip_suffix('|'));
+            let cells: Option<Vec<_>> = row.map(|row| row.split('|').map(|cell| cell.trim().to_owned()).collect());
+            match cells {
+                None => {
+                    tables.extend(table.take());
+                    inside = false;
+                }
+                Some(cells) if inside => {
+                    if let Some(table) = &mut table {
+                        table.rows.push(cells);
+                    }
+                }
+                Some(cells) => {
+                    inside = true;
+                    let place = format!("{}:{}", path.display(), line + 1);
+                    table = wanted(&cells).then(|| Table { place, rows: vec![cells] });
+                }
+            }
+        }
+        tables.extend(table);
+    }
+    for table in &mut tables {
+        assert!(table.rows.len() > 2, "{}: a table without rows", table.place);
+        // The line below the header.
+        table.rows.remove(1);
+    }
+    tables
+}
+
+/// The rows of the one table whose header is `first` and "the same bits on": first cells, and the groups of back-ends.
+pub fn same_bits(first: &str) -> Vec<(String, Vec<Vec<Isa>>)> {
+    let mut found = tables(|header| header == [first, "the same bits on"]);
+    assert_eq!(found.len(), 1, "one table of \"{first}\"");
+    let Table { place, rows } = found.remove(0);
+    rows[1..].iter().map(|row| (row[0].clone(), groups(&row[1], &place))).collect()
+}
+
+/// The back-ends in a cell, "scalar; avx2, avxvnni; …" or "all", of which those that this processor has. Every back-end is
+/// in one group.
+fn groups(cell: &str, place: &str) -> Vec<Vec<Isa>> {
+    let every: Vec<_> = Isa::names().collect();
+    let groups: Vec<Vec<&str>> = match cell {
+        "all" => vec![every.clone()],
+        _ => cell.split("; ").map(|group| group.split(", ").collect()).collect(),
+    };
+    let mut named = groups.concat();
+    named.sort_unstable();
+    // Another target has fewer back-ends than the page names.
+    let known = named.iter().filter(|name| every.contains(name)).count();
+    named.dedup();
+    let all_known = !cfg!(all(target_arch = "x86_64", target_os = "linux")) || named.len() == every.len();
+    let once = known == every.len() && every.iter().all(|name| named.contains(name));
+    assert!(once && all_known, "{place}: \"{cell}\" does not name every back-end once");
+    groups.iter().map(|group| group.iter().filter_map(|name| Isa::from_name(name)).collect()).collect()
+}
