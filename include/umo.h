@@ -4,6 +4,8 @@
  * SPDX-License-Identifier: MIT OR Apache-2.0
  * This file is written by cbindgen from umo-capi/src: change it there.
  *
+ * C99 or newer, or C++11 or newer.
+ *
  * Everything holds everywhere that is not said otherwise:
  *
  * - A fallible call returns a umo_status: UMO_STATUS_OK (0), or below zero what went wrong. umo_status_message says what a
@@ -235,12 +237,16 @@ typedef struct umo_engine_config {
 // Where a frame's values go in memory of the host's own, in bytes from the frame's start. A value whose offset is
 // `UMO_ABSENT` is not written; bytes between values are left alone, so that frames can be the host's own structures.
 // Start it with `umo_frame_layout_init`.
+//
+// Offsets and strides are multiples of the alignment that C gives the values: 4, and for `index` and `sample` that of
+// `uint64_t`, which `frame_stride` then has too. No two values overlap, not in one byte; values of one kind may lie between
+// those of another. A layout that breaks this is `INVALID_ARGUMENT`, and `umo_last_error` names the fields.
 typedef struct umo_frame_layout {
     // `sizeof(umo_frame_layout)`.
     uint32_t struct_size;
     // One of `UMO_AXES_…`.
     uint32_t axes;
-    // Bytes from one frame to the next.
+    // Bytes from one frame to the next, at least the end of the last value.
     uint32_t frame_stride;
     // `uint64_t`: the frame's number since the start or the last reset, `umo_model_info.frame_rate` a second.
     uint32_t index;
@@ -259,7 +265,7 @@ typedef struct umo_frame_layout {
     uint32_t channel_stride;
     // `float[UMO_VISEME_COUNT]`: how much the mouth is each of the visemes; they add up to 1.
     uint32_t visemes;
-    // Zero.
+    // Zero, as `umo_frame_layout_init` sets it: anything else is `INVALID_ARGUMENT`.
     uint32_t reserved;
 } umo_frame_layout;
 

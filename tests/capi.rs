@@ -105,6 +105,48 @@ fn the_header_compiles_alone() {
     }
 }
 
+/// The C programs of a page.
+fn programs(page: &str) -> Vec<String> {
+    let text = std::fs::read_to_string(format!("{ROOT}/{page}")).expect("the page is there");
+    let blocks = text.split("\n```c\n").skip(1);
+    blocks.map(|rest| rest.split_once("```").expect("a block ends").0.to_owned()).collect()
+}
+
+#[test]
+fn the_c_programs_of_the_documentation_compile_as_c99_and_run() {
+    let Built { folder, place } = &*BUILT;
+    let mut compilers = vec![std::env::var("CC").unwrap_or_else(|_| "cc".to_owned())];
+    let there = |name: &&str| Command::new(name).arg("--version").output().is_ok();
+    compilers.extend(["gcc", "clang"].iter().filter(|name| there(name)).map(ToString::to_string));
+    let mut pages = vec!["README.md".to_owned()];
+    for entry in std::fs::read_dir(format!("{ROOT}/docs")).expect("docs is there") {
+        let name = entry.expect("it can be read").file_name().into_string().expect("names are ASCII");
+        // The reference has declarations of umo.h, which is compiled by itself.
+        if name.ends_with(".md") && name != "c-reference.md" {
+            pages.push(format!("docs/{name}"));
+        }
+    }
+    let mut compiled = 0;
+    for (page, number, source) in
+        pages.iter().flat_map(|page| programs(page).into_iter().enumerate().map(move |(i, text)| (page, i, text)))
+    {
+        let file = place.path().join(format!("{}-{number}.c", page.replace('/', "-")));
+        std::fs::write(&file, &source).expect("there is room");
+        for compiler in &compilers {
+            let program = file.with_extension("program");
+            let mut cc = Command::new(compiler);
+            cc.args(["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-I"]).arg(format!("{ROOT}/include"));
+            cc.arg(&file).arg("-o").arg(&program).arg("-L").arg(folder).arg("-lumo");
+            cc.arg(format!("-Wl,-rpath,{}", place.path().display()));
+            let done = cc.output().expect("there is a C compiler");
+            assert!(done.status.success(), "{page}, {compiler}: {}", String::from_utf8_lossy(&done.stderr));
+            run(&program, &[MODEL.as_ref()]);
+        }
+        compiled += 1;
+    }
+    assert!(compiled >= 2 && programs("README.md").len() == 1, "{compiled} programs");
+}
+
 /// Names of functions that the header declares.
 fn declared() -> BTreeSet<String> {
     let header = std::fs::read_to_string(format!("{ROOT}/include/umo.h")).expect("it is there");
@@ -129,6 +171,32 @@ fn the_library_exports_what_the_header_declares_and_nothing_else() {
     let declared = declared();
     assert!(declared.len() > 40);
     assert_eq!(exported, declared);
+}
+
+/// Major and minor number of a version.
+fn version(text: &str) -> (u32, u32) {
+    let mut numbers = text.split('.').map(|part| part.parse().expect("a number"));
+    (numbers.next().expect("a major number"), numbers.next().unwrap_or(0))
+}
+
+#[test]
+#[cfg(all(target_os = "linux", target_env = "gnu"))]
+fn the_library_needs_the_glibc_that_is_said() {
+    let library = BUILT.folder.join("libumo.so");
+    let listed = Command::new("nm").args(["-D", "--undefined-only"]).arg(&library).output().expect("there is nm");
+    let listed = String::from_utf8(listed.stdout).expect("names are ASCII");
+    let needed = listed.lines().filter_map(|line| Some(version(line.split_once("@GLIBC_")?.1.trim()))).max();
+    let needed = needed.expect("it calls the C library");
+    let page = std::fs::read_to_string(format!("{ROOT}/packaging/README.md")).expect("it is there");
+    let said = page.split_once("libumo needs glibc ").expect("it says which").1.split_once(" or newer").expect("so");
+    let own = Command::new("getconf").arg("GNU_LIBC_VERSION").output().expect("there is getconf");
+    let own = String::from_utf8(own.stdout).expect("ASCII");
+    // A newer glibc gives functions newer symbol versions, an older one has no newer ones than its own.
+    if version(own.trim().trim_start_matches("glibc ")) != (2, 36) {
+        eprintln!("SKIPPED: what the page says is of a library that was built on glibc 2.36, not {}", own.trim());
+        return;
+    }
+    assert_eq!(needed, version(said.0), "the library needs another glibc than packaging/README.md says");
 }
 
 #[test]

@@ -92,6 +92,7 @@ static void engines_refuse(void) {
     config.cores = &core;
     config.core_count = 1;
     FAILS(THREAD, umo_engine_new(model, &config, &none));
+    CHECK(strstr(umo_last_error(), "cores 100000: ") && !strstr(umo_last_error(), "Some"));
     umo_jobs jobs = {NULL, NULL};
     OK(umo_engine_config_init(&config, sizeof config));
     config.jobs = &jobs;
@@ -184,6 +185,44 @@ static void sessions_refuse_calls(void) {
     WITH(INVALID_ARGUMENT, rotation_stride, UINT32_MAX);
     WITH(INVALID_ARGUMENT, channel_stride, 0);
     WITH(INVALID_ARGUMENT, channels, layout.frame_stride);
+    CHECK(strstr(umo_last_error(), "frame_stride"));
+    WITH(INVALID_ARGUMENT, reserved, 1);
+    CHECK(strstr(umo_last_error(), "`reserved` is 1") && strstr(umo_last_error(), "umo_frame_layout_init"));
+    WITH(INVALID_ARGUMENT, index, 4);
+    CHECK(strstr(umo_last_error(), "index at byte 4") && strstr(umo_last_error(), "multiple of 8"));
+    WITH(INVALID_ARGUMENT, translation, layout.translation + 1);
+    CHECK(strstr(umo_last_error(), "translation") && strstr(umo_last_error(), "multiple of 4"));
+    WITH(INVALID_ARGUMENT, rotation_stride, 18);
+    CHECK(strstr(umo_last_error(), "rotations") && strstr(umo_last_error(), "stride of 18"));
+    WITH(INVALID_ARGUMENT, frame_stride, layout.frame_stride + 4);
+    CHECK(strstr(umo_last_error(), "frame_stride") && strstr(umo_last_error(), "multiple of 8"));
+    WITH(INVALID_ARGUMENT, sample, layout.index);
+    CHECK(strstr(umo_last_error(), "index and sample overlap at byte 0"));
+    WITH(INVALID_ARGUMENT, translation, layout.rotations + 16);
+    CHECK(strstr(umo_last_error(), "translation and rotations overlap"));
+    WITH(INVALID_ARGUMENT, channels, layout.rotations + 16 * UMO_JOINT_COUNT - 4);
+    CHECK(strstr(umo_last_error(), "rotations and channels overlap"));
+    WITH(INVALID_ARGUMENT, visemes, layout.channels + 8);
+    CHECK(strstr(umo_last_error(), "channels and visemes overlap") && strstr(umo_last_error(), "UMO_ABSENT"));
+    /* Values that are not written need no place. */
+    umo_frame_layout few = layout;
+    few.index = few.sample = UMO_ABSENT;
+    few.channels = UMO_ABSENT;
+    few.channel_stride = 3;
+    few.visemes = layout.channels;
+    few.frame_stride = layout.frame_stride + 4;
+    OK(umo_frame_layout_check(&few, model, sizeof frames, NULL));
+    /* A channel between each joint's rotation and the next is no overlap; with another stride they meet at the second. */
+    umo_frame_layout woven = layout;
+    woven.rotations = 32;
+    woven.rotation_stride = woven.channel_stride = 24;
+    woven.channels = 48;
+    woven.visemes = 32 + 24 * UMO_JOINT_COUNT;
+    woven.frame_stride = 2048;
+    OK(umo_frame_layout_check(&woven, model, sizeof frames, NULL));
+    woven.channel_stride = 20;
+    FAILS(INVALID_ARGUMENT, umo_frame_layout_check(&woven, model, sizeof frames, NULL));
+    CHECK(strstr(umo_last_error(), "rotations and channels overlap at byte 68"));
     OK(umo_frame_layout_check(&layout, model, 10 * (size_t)layout.frame_stride, &count));
     CHECK(count == 10);
 

@@ -4,6 +4,8 @@
  * SPDX-License-Identifier: MIT OR Apache-2.0
  * This file is written by cbindgen from umo-capi/src: change it there.
  *
+ * C99 or newer, or C++11 or newer.
+ *
  * Everything holds everywhere that is not said otherwise:
  *
  * - A fallible call returns a umo_status: UMO_STATUS_OK (0), or below zero what went wrong. umo_status_message says what a

@@ -17,6 +17,10 @@ pub const UMO_ABSENT: u32 = 0xffff_ffff;
 /// Where a frame's values go in memory of the host's own, in bytes from the frame's start. A value whose offset is
 /// `UMO_ABSENT` is not written; bytes between values are left alone, so that frames can be the host's own structures.
 /// Start it with `umo_frame_layout_init`.
+///
+/// Offsets and strides are multiples of the alignment that C gives the values: 4, and for `index` and `sample` that of
+/// `uint64_t`, which `frame_stride` then has too. No two values overlap, not in one byte; values of one kind may lie between
+/// those of another. A layout that breaks this is `INVALID_ARGUMENT`, and `umo_last_error` names the fields.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct UmoFrameLayout {
@@ -24,7 +28,7 @@ pub struct UmoFrameLayout {
     pub struct_size: u32,
     /// One of `UMO_AXES_…`.
     pub axes: u32,
-    /// Bytes from one frame to the next.
+    /// Bytes from one frame to the next, at least the end of the last value.
     pub frame_stride: u32,
     /// `uint64_t`: the frame's number since the start or the last reset, `umo_model_info.frame_rate` a second.
     pub index: u32,
@@ -43,7 +47,7 @@ pub struct UmoFrameLayout {
     pub channel_stride: u32,
     /// `float[UMO_VISEME_COUNT]`: how much the mouth is each of the visemes; they add up to 1.
     pub visemes: u32,
-    /// Zero.
+    /// Zero, as `umo_frame_layout_init` sets it: anything else is `INVALID_ARGUMENT`.
     pub reserved: u32,
 }
 
@@ -65,25 +69,88 @@ pub(crate) struct Layout<'a> {
     extent: usize,
 }
 
-/// A run of values: where it starts, how far apart they are, how many, and how large each is.
+/// A run of values: where it starts, how far apart they are, how many, how large each is, and its alignment.
 struct Run {
     name: &'static str,
     offset: u32,
     stride: u32,
     count: usize,
     size: u32,
+    align: usize,
 }
+
+impl Run {
+    /// Whether anything of it is written.
+    const fn is_written(&self) -> bool {
+        self.offset != UMO_ABSENT && self.count > 0
+    }
+
+    /// Where value number `index` starts.
+    const fn start(&self, index: usize) -> usize {
+        self.offset as usize + index * self.stride as usize
+    }
+
+    /// Where its last value ends.
+    const fn end(&self) -> usize {
+        self.start(self.count - 1) + self.size as usize
+    }
+
+    /// Checks the run by itself: its place and stride.
+    fn check(&self) -> Result<(), Failure> {
+        let Self { name, offset, stride, size, align, .. } = *self;
+        if offset > MOST || stride > MOST {
+            return Err(Failure::argument(format_args!(
+                "layout: {name} at byte {offset} with a stride of {stride}: both must be at most {MOST}"
+            )));
+        }
+        if stride < size {
+            return Err(Failure::argument(format_args!(
+                "layout: {name} has a stride of {stride}: it must be at least {size}, the size of one value"
+            )));
+        }
+        if !(offset as usize).is_multiple_of(align) || !(stride as usize).is_multiple_of(align) {
+            return Err(Failure::argument(format_args!(
+                "layout: {name} at byte {offset} with a stride of {stride}: both must be a multiple of {align}"
+            )));
+        }
+        Ok(())
+    }
+
+    /// The first byte that two runs share. Each is in order and has no overlaps of its own, so one pass along both tells.
+    fn overlap(&self, other: &Self) -> Option<usize> {
+        if self.end() <= other.start(0) || other.end() <= self.start(0) {
+            return None;
+        }
+        let (mut i, mut j) = (0, 0);
+        while i < self.count && j < other.count {
+            let (a, b) = (self.start(i), other.start(j));
+            if a + self.size as usize <= b {
+                i += 1;
+            } else if b + other.size as usize <= a {
+                j += 1;
+            } else {
+                return Some(a.max(b));
+            }
+        }
+        None
+    }
+}
+
+/// Alignment of a `float` and of a `uint64_t` in the host's structures, bytes.
+const FLOAT_ALIGN: usize = align_of::<f32>();
+const COUNT_ALIGN: usize = align_of::<u64>();
 
 impl UmoFrameLayout {
     fn runs(&self, channels: usize) -> [Run; 6] {
-        let run = |name, offset, stride, count, size| Run { name, offset, stride, count, size };
+        let counter = |name, offset| Run { name, offset, stride: 8, count: 1, size: 8, align: COUNT_ALIGN };
+        let floats = |name, offset, stride, count, size| Run { name, offset, stride, count, size, align: FLOAT_ALIGN };
         [
-            run("index", self.index, 8, 1, 8),
-            run("sample", self.sample, 8, 1, 8),
-            run("translation", self.translation, 12, 1, 12),
-            run("rotations", self.rotations, self.rotation_stride, JOINTS, 16),
-            run("channels", self.channels, self.channel_stride, channels, 4),
-            run("visemes", self.visemes, 4, VISEMES, 4),
+            counter("index", self.index),
+            counter("sample", self.sample),
+            floats("translation", self.translation, 12, 1, 12),
+            floats("rotations", self.rotations, self.rotation_stride, JOINTS, 16),
+            floats("channels", self.channels, self.channel_stride, channels, 4),
+            floats("visemes", self.visemes, 4, VISEMES, 4),
         ]
     }
 
@@ -115,30 +182,50 @@ impl UmoFrameLayout {
 }
 
 impl<'a> Layout<'a> {
-    /// Checks a layout, so that no value of a frame is written outside of it.
+    /// Checks a layout, so that no value of a frame is written outside of it, over another one, or unaligned in it.
     pub(crate) fn new(given: UmoFrameLayout, model: &'a ModelHandle) -> Result<Self, Failure> {
         let axes = crate::axes(given.axes)?;
-        let mut extent = 0;
-        for Run { name, offset, stride, count, size } in given.runs(model.model.config().face.names.len()) {
-            if offset == UMO_ABSENT || count == 0 {
-                continue;
+        if given.reserved != 0 {
+            let what = format_args!(
+                "layout: `reserved` is {}: it must be 0; start the layout with umo_frame_layout_init",
+                given.reserved
+            );
+            return Err(Failure::argument(what));
+        }
+        let (mut extent, mut align) = (0, 1);
+        let runs = given.runs(model.model.config().face.names.len());
+        let written = || runs.iter().filter(|run| run.is_written());
+        for run in written() {
+            run.check()?;
+            extent = extent.max(run.end());
+            align = align.max(run.align);
+        }
+        for (i, run) in written().enumerate() {
+            for other in written().skip(i + 1) {
+                let Some(byte) = run.overlap(other) else { continue };
+                let what = format_args!(
+                    "layout: {} and {} overlap at byte {byte}: move one, or set an offset that is not wanted to UMO_ABSENT",
+                    run.name, other.name
+                );
+                return Err(Failure::argument(what));
             }
-            if offset > MOST || stride > MOST {
-                return Err(Failure::argument(format_args!("layout: {name} lies more than {MOST} bytes apart")));
-            }
-            if stride < size {
-                return Err(Failure::argument(format_args!(
-                    "layout: {name} has a stride of {stride}, less than {size}"
-                )));
-            }
-            extent = extent.max(offset as usize + (count - 1) * stride as usize + size as usize);
         }
         if given.visemes != UMO_ABSENT && model.visemes.is_none() {
             let what = "layout: visemes are wanted, but this model's face has no ARKit channels";
             return Err(Failure::new(UMO_STATUS_UNSUPPORTED, what));
         }
         if given.frame_stride > MOST || extent > given.frame_stride as usize {
-            let what = format_args!("layout: a frame has {extent} bytes, its stride is {}", given.frame_stride);
+            let what = format_args!(
+                "layout: a frame has {extent} bytes: frame_stride is {}, and must be at least that and at most {MOST}",
+                given.frame_stride
+            );
+            return Err(Failure::argument(what));
+        }
+        if !(given.frame_stride as usize).is_multiple_of(align) {
+            let what = format_args!(
+                "layout: frame_stride is {}: it must be a multiple of {align}, so that every frame's values are aligned",
+                given.frame_stride
+            );
             return Err(Failure::argument(what));
         }
         Ok(Self { given, axes, model, extent })

@@ -150,7 +150,7 @@ impl Team {
         // The threads' heaps may have taken what was left.
         memory::require(memory::SPARE);
         if !bound || team.shared.unbound.load(Ordering::Relaxed) {
-            return Err(std::io::Error::other(format!("a thread cannot be bound to core {caller:?} or {cores:?}")));
+            return Err(std::io::Error::other(binding_error(caller, cores)));
         }
         Ok(team)
     }
@@ -551,6 +551,21 @@ fn bind(core: usize) -> bool {
     known && core_affinity::set_for_current(core_affinity::CoreId { id: core })
 }
 
+/// Why threads could not be bound to cores: those that were asked for, and those that there are.
+fn binding_error(caller: Option<usize>, cores: &[usize]) -> String {
+    let list =
+        |cores: &mut dyn Iterator<Item = usize>| cores.map(|core| core.to_string()).collect::<Vec<_>>().join(", ");
+    let asked = list(&mut caller.into_iter().chain(cores.iter().copied()));
+    let usable = core_affinity::get_core_ids().unwrap_or_default();
+    match usable.as_slice() {
+        [] => format!("cores {asked}: this system cannot bind threads to cores; leave `cores` empty"),
+        ids => {
+            let usable = list(&mut ids.iter().map(|id| id.id));
+            format!("cores {asked}: a thread cannot be bound to one of them; this process may use cores {usable}")
+        }
+    }
+}
+
 /// A worker's life: wait for the epoch to change, run the job, report.
 fn work(shared: &Shared, index: usize) {
     let mut seen = 0;
@@ -609,6 +624,17 @@ impl<T> Piece<T> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_core_that_does_not_exist_is_named_with_those_that_do() {
+        for (caller, cores, asked) in [(Some(9999), &[][..], "cores 9999:"), (None, &[9998, 9999], "cores 9998, 9999:")]
+        {
+            let Err(error) = Team::on_cores(3, caller, cores) else { panic!("there is no such core") };
+            let error = error.to_string();
+            assert!(error.starts_with(asked), "{error}");
+            assert!(!error.contains("Some") && !error.contains("None"), "{error}");
+        }
+    }
 
     #[test]
     fn every_piece_is_visited_once_on_any_thread_count() {

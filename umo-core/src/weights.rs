@@ -134,7 +134,7 @@ impl ModelFile {
             .iter()
             .map(|(name, info)| {
                 let bytes = info.data_offsets.1 - info.data_offsets.0;
-                (name.as_str(), format!("{:?}", info.dtype), info.shape.as_slice(), bytes)
+                (name.as_str(), info.dtype.to_string(), info.shape.as_slice(), bytes)
             })
             .collect();
         list.sort_unstable_by_key(|(name, ..)| *name);
@@ -186,7 +186,7 @@ impl ModelFile {
             Dtype::BF16 => Ok(Storage::Bf16),
             Dtype::I8 => Ok(Storage::Int8),
             Dtype::U8 => Ok(Storage::Bytes),
-            other => Err(LoadError::tensor(name, format!("expected F32, F16, BF16, I8 or U8, got {other:?}"))),
+            other => Err(LoadError::tensor(name, format!("expected F32, F16, BF16, I8 or U8, got {other}"))),
         }
     }
 
@@ -199,7 +199,7 @@ impl ModelFile {
         if info.dtype != Dtype::U8 || info.shape.len() != 1 {
             return Err(LoadError::tensor(
                 name,
-                format!("expected U8 of one dimension, got {:?} {:?}", info.dtype, info.shape),
+                format!("expected U8 of one dimension, got {} {:?}", info.dtype, info.shape),
             ));
         }
         Ok(self.slice(info))
@@ -221,7 +221,7 @@ impl ModelFile {
             Dtype::BF16 => Data::Bf16(bytes.as_chunks().0),
             Dtype::I8 => Data::I8(source::signed(bytes), self.scales(name, shape.first().copied().unwrap_or(1))?),
             other => {
-                return Err(LoadError::tensor(name, format!("expected F32, F16, BF16 or I8, got {other:?}")));
+                return Err(LoadError::tensor(name, format!("expected F32, F16, BF16 or I8, got {other}")));
             }
         };
         let rows = shape.first().copied().unwrap_or(1);

@@ -325,12 +325,14 @@ impl Session {
         /// Floats before a frame's own, for its index.
         const HEAD: usize = 2;
         frame.resize(HEAD + self.model.frame_floats(), 0.0);
-        let layout = ffi::FrameLayout { index: 0, ..self.model.layout(4 * HEAD) };
+        let layout = self.model.layout(4 * HEAD);
+        // Frames whose index is wanted are aligned as the index is, even if there is only one.
+        let layout = ffi::FrameLayout { index: 0, frame_stride: layout.frame_stride.next_multiple_of(8), ..layout };
         let size = ffi::size::<ffi::Sampled>();
         let mut sampled = ffi::Sampled { struct_size: size, ..ffi::Sampled::default() };
         let sample = self.model.library.session_sample_pose;
         let (into, bytes) = (frame.as_mut_ptr(), 4 * frame.len());
-        // SAFETY: `frame` has `bytes` bytes, and values need no alignment.
+        // SAFETY: `frame` has `bytes` bytes, and its start needs no alignment.
         let status = unsafe { sample(self.session, seconds, &layout, into, bytes, &mut sampled) };
         self.check(status)?;
         let mut index = [0; 8];

@@ -12,16 +12,19 @@ from conftest import ROOT
 HERE = ROOT / "bindings/python"
 
 
-def test_the_readme_s_programs_run(monkeypatch, model):
+def test_the_readme_s_programs_run(monkeypatch, model, tmp_path):
     programs = re.findall(r"^```python\n(.*?)^```$", (HERE / "README.md").read_text("utf-8"), re.MULTILINE | re.DOTALL)
     assert len(programs) == 3
-    monkeypatch.chdir(ROOT)
+    # They read assets and write files.
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "assets").symlink_to(ROOT / "assets")
     names = {}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         # One after the other: each goes on where the one before ended.
         for program in programs:
             exec(compile(program, "README.md", "exec"), names)
+    assert sorted(file.name for file in tmp_path.glob("hello.*")) == ["hello.csv", "hello.jsonl", "hello.npz"]
     assert names["frame"].index == 228 and names["pose"].rotations.shape == (55, 4)
 
 

@@ -1,5 +1,6 @@
 """Live avatars: threads, settings, errors, ends."""
 
+import errno
 import gc
 import os
 import pickle
@@ -147,9 +148,9 @@ def test_prompts_are_texts_or_ids(engine):
 
 
 def test_errors_are_in_umo_s_own_words(model, engine, tmp_path):
-    with pytest.raises(umo.Error, match="nothing-here") as caught:
-        umo.Model(tmp_path / "nothing-here.safetensors")
-    assert caught.value.status is umo.Status.IO
+    (tmp_path / "empty.safetensors").write_bytes(b"")
+    with pytest.raises(umo.Error, match="empty") as caught:
+        umo.Model(tmp_path / "empty.safetensors")
     with pytest.raises(umo.Error) as caught:
         umo.Model(b"no model at all")
     assert caught.value.status is umo.Status.MODEL and len(str(caught.value)) > 10
@@ -167,6 +168,73 @@ def test_errors_are_in_umo_s_own_words(model, engine, tmp_path):
         with pytest.raises(umo.Error) as caught:
             session.push(np.zeros(10, np.float32))
         assert caught.value.status is umo.Status.FINISHED and "finish" in str(caught.value)
+
+
+def test_a_model_file_that_cannot_be_opened_is_python_s_own_exception(tmp_path):
+    missing = tmp_path / "nothing-here.safetensors"
+    with pytest.raises(FileNotFoundError) as caught:
+        umo.Model(missing)
+    assert (caught.value.errno, caught.value.filename) == (errno.ENOENT, str(missing))
+    with pytest.raises(IsADirectoryError) as caught:
+        umo.Model(str(tmp_path))
+    assert (caught.value.errno, caught.value.filename) == (errno.EISDIR, str(tmp_path))
+    # What exists and is no regular file is refused in umo's own words.
+    with pytest.raises(umo.Error, match="null"):
+        umo.Model(os.devnull)
+
+
+def test_a_misspelt_attribute_is_refused_with_the_nearest_name(engine, model, whole):
+    with engine.session(16000) as session:
+        for thing, name, near in [
+            (session, "gain_hand", "gain_hands"),
+            (session, "Temperature", "temperature"),
+            (whole, "frame", "frames"),
+        ]:
+            with pytest.raises(AttributeError, match=f"no attribute '{name}': did you mean '{near}'"):
+                setattr(thing, name, 0.5)
+            assert not hasattr(thing, name)
+        with pytest.raises(AttributeError, match="no attribute 'xyzzy': expected one of gain_face, gain_hands"):
+            session.xyzzy = 1
+        for thing, name in [(session, "push"), (session, "rate"), (session, "engine"), (engine, "model"), (model, "name")]:
+            with pytest.raises(AttributeError, match=f"cannot set '{name}'"):
+                setattr(thing, name, 1)
+        with pytest.raises(AttributeError, match="umo.Engine has no attribute 'threads'"):
+            engine.threads = 3
+        session.gain_hands = 0.5
+        assert session.gain_hands == 0.5
+    with pytest.raises(ValueError, match="parameter 'gain_hand': did you mean 'gain_hands'"):
+        umo.animate(np.zeros(1600), 16000, model=model, parameters={"gain_hand": 1})
+
+
+def test_a_subclass_has_attributes_of_its_own(model):
+    class Named(umo.Engine):
+        label: str
+        count = 0
+
+    with Named(model) as engine:
+        engine.label, engine.count = "one", 3
+        with pytest.raises(AttributeError, match="did you mean 'label'"):
+            engine.lable = "two"
+
+
+def test_audio_with_channels_first_is_refused_with_what_to_pass(engine, model):
+    stereo = np.zeros((2, 16000), np.float32)
+    with engine.session(16000, 2) as session:
+        for call in (lambda: session.push(stereo), lambda: umo.animate(stereo, 16000, model=model)):
+            with pytest.raises(ValueError, match=r"shape \(2, 16000\).*\[samples, channels\].*audio\.T .*audio\.mean\(axis=0\)"):
+                call()
+        # The mean of int16 samples is no int16.
+        with pytest.raises(ValueError, match=r"audio\.mean\(axis=0\)\.astype\(np\.int16\) for mono"):
+            session.push(stereo.astype(np.int16))
+        # Few enough samples to be channels, but not those of the session.
+        with pytest.raises(ValueError, match=r"shape \(2, 40\): expected \[samples, 2\].*audio\.T"):
+            session.push(stereo[:, :40])
+        with pytest.raises(ValueError, match=r"shape \(5, 0\)"):
+            session.push(np.zeros((5, 0), np.float32))
+        assert session.push(stereo.T) > 0
+    with engine.session(16000) as session:
+        assert session.push(stereo.mean(axis=0)) > 0
+        assert session.push(stereo.astype(np.int16).mean(axis=0).astype(np.int16)) > 0
 
 
 def test_what_umo_cannot_see_is_checked_before_it(engine, model):
@@ -239,7 +307,7 @@ def test_forgotten_objects_are_freed(model, hello):
         session = engine.session(hello[1])
         session.push(hello[0][:4000])
         # A circle, which only the collector can undo.
-        session.itself = session
+        session._itself = session
         gone = weakref.ref(session)
         del session
         gc.collect()

@@ -89,7 +89,9 @@ impl Plan<'_> {
 pub(super) fn check(plan: &Plan, storage: Storage, values: Vec<f32>) -> Result<Vec<f32>, Failure> {
     let large = |v: &&f32| !v.is_finite() || storage == Storage::F16 && !f16::from_f32(**v).is_finite();
     match values.iter().find(large) {
-        Some(value) => Err(Failure::input(format!("tensor `{}`: {value} is beyond {storage:?}", plan.spec.name))),
+        Some(value) => {
+            Err(Failure::input(format!("tensor `{}`: {value} is beyond {}", plan.spec.name, storage.dtype())))
+        }
         None => Ok(values),
     }
 }

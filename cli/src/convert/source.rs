@@ -83,7 +83,7 @@ impl Source {
             // As a k-means may be.
             #[expect(clippy::cast_possible_truncation, reason = "a value too large becomes infinite and is refused")]
             Dtype::F64 => bytes.as_chunks().0.iter().map(|v| f64::from_le_bytes(*v) as f32).collect(),
-            other => return Err(failure(&format_args!("expected F32, F16, BF16 or F64, got {other:?}"))),
+            other => return Err(failure(&format_args!("expected F32, F16, BF16 or F64, got {other}"))),
         };
         match values.iter().find(|v| !v.is_finite()) {
             Some(value) => Err(failure(&format_args!("{value} among the values, not a finite number"))),

@@ -75,7 +75,7 @@ impl<'a> Inputs<'a> {
             return Ok(view);
         }
         let (got, shape) = (view.dtype(), view.shape());
-        Err(self.error(name, format!("expected {dtype:?} of one dimension, got {got:?} {shape:?}")))
+        Err(self.error(name, format!("expected {dtype} of one dimension, got {got} {shape:?}")))
     }
 
     fn error(&self, name: &str, problem: String) -> StageError {

@@ -23,7 +23,7 @@ pub(super) fn check(bytes: &[u8]) -> Result<(), LoadError> {
         let bits = info.shape.iter().try_fold(info.dtype.bitsize(), |bits, &n| bits.checked_mul(n));
         if bits != Some(8 * (end - start)) {
             let problem =
-                format!("{:?} {:?} does not take the {} bytes that it has", info.dtype, info.shape, end - start);
+                format!("{} {:?} does not take the {} bytes that it has", info.dtype, info.shape, end - start);
             return Err(LoadError::tensor(name, problem));
         }
     }

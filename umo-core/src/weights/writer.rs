@@ -28,7 +28,8 @@ pub enum Storage {
 }
 
 impl Storage {
-    const fn dtype(self) -> &'static str {
+    /// Its name in a model file's header, as `BF16`.
+    pub const fn dtype(self) -> &'static str {
         match self {
             Self::F32 => "F32",
             Self::F16 => "F16",

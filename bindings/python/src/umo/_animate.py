@@ -7,6 +7,7 @@ from typing import Any, Optional
 
 import numpy.typing as npt
 
+from . import _library
 from ._engine import Engine
 from ._model import Model
 from ._motion import Frame, Motion
@@ -37,7 +38,7 @@ def _run(session: Session, chunks: Iterable[npt.ArrayLike]) -> Iterator[Motion]:
 def _ready(session: Session, prompt: Optional[str], parameters: Mapping[str, float]) -> Session:
     for name, value in parameters.items():
         if name not in Session.parameters():
-            raise ValueError(f"parameter {name!r}: expected one of {', '.join(Session.parameters())}")
+            raise ValueError(f"parameter {name!r}: {_library.suggestion(name, Session.parameters())}")
         setattr(session, name, value)
     if prompt is not None:
         session.set_prompt(prompt)

@@ -30,15 +30,19 @@ class Engine(_library.Handle):
         max_batch: Optional[int] = None,
         cores: Sequence[int] = (),
     ) -> None:
-        self.model = model or default_model()
-        """What it computes with."""
+        self._model = model or default_model()
         config, handle = _library.EngineConfig(), ctypes.c_void_p()
         _library.check(lib.umo_engine_config_init(config, ctypes.sizeof(config)))
         mode = _library.ENGINE_POLLED if polled else _library.ENGINE_THREADS
         _library.set_fields(config, mode=mode, threads=threads, max_sessions=max_sessions, max_batch=max_batch)
         _library.set_fields(config, core_count=len(cores), cores=(ctypes.c_uint32 * len(cores))(*cores))
-        _library.check(lib.umo_engine_new(self.model._handle, config, byref(handle)))
+        _library.check(lib.umo_engine_new(self._model._handle, config, byref(handle)))
         super().__init__(handle.value or 0, lib.umo_engine_free)
+
+    @property
+    def model(self) -> Model:
+        """What it computes with."""
+        return self._model
 
     def session(self, rate: Optional[int] = None, channels: int = 1, **settings: Any) -> Session:
         """A session of this engine: the arguments are those of `Session`."""

@@ -6,13 +6,16 @@ ctypes gives the interpreter's lock away in every call, so other Python threads 
 from __future__ import annotations
 
 import ctypes
+import difflib
 import enum
+import functools
 import sys
 import time
 import weakref
+from collections.abc import Iterable
 from ctypes import POINTER, byref, c_char_p, c_double, c_float, c_int32, c_size_t, c_uint32, c_uint64, c_void_p
 from pathlib import Path
-from typing import Any, Callable, TypeVar
+from typing import TYPE_CHECKING, Any, Callable, TypeVar
 
 FOLDER = Path(__file__).resolve().parent
 MODEL = FOLDER / "umo-small.safetensors"
@@ -22,6 +25,7 @@ ABSENT = 0xFFFF_FFFF
 JOINT_COUNT = 55
 VISEME_COUNT = 15
 ERROR_SIZE = 512
+MAX_CHANNELS = 64
 ENGINE_THREADS, ENGINE_POLLED = 0, 1
 MODEL_NAME, MODEL_LICENSE, MODEL_NOTICE, MODEL_ISA = 1, 2, 3, 4
 PARAMETER_WHOLE = 1
@@ -266,10 +270,49 @@ def filled(kind: Any, fill: Callable[[Any], int]) -> Any:
     return structure
 
 
+def suggestion(name: str, among: Iterable[str]) -> str:
+    """A question with the nearest of some names, or all of them where none is near."""
+    among = sorted(among)
+    near = difflib.get_close_matches(name, among, 1)
+    if near:
+        return f"did you mean {near[0]!r}?"
+    return f"expected one of {', '.join(among)}" if among else "it has none that can be set"
+
+
+class Strict:
+    """Refuses attributes that its class does not declare: a misspelt setting would be lost otherwise.
+
+    Declared are properties that can be set, and annotated names; names that start with `_` are free.
+    """
+
+    # Unseen by type checkers, which would allow any name otherwise.
+    if not TYPE_CHECKING:
+
+        def __setattr__(self, name, value):
+            kind = type(self)
+            if not (name.startswith("_") or name in settable(kind)):
+                problem = "cannot set" if hasattr(kind, name) else "has no attribute"
+                raise AttributeError(f"umo.{kind.__name__} {problem} {name!r}: {suggestion(name, settable(kind))}")
+            super().__setattr__(name, value)
+
+
+@functools.lru_cache(maxsize=None)
+def settable(kind: type) -> frozenset[str]:
+    """Names of attributes that may be set from outside. A subclass elsewhere has its own, annotated or with a value."""
+    names: set[str] = set()
+    for base in kind.__mro__:
+        names |= set(getattr(base, "__annotations__", ()))
+        for name, value in vars(base).items():
+            writes = value.fset is not None if isinstance(value, property) else hasattr(type(value), "__set__")
+            if writes or (base.__module__.split(".")[0] != "umo" and not callable(value)):
+                names.add(name)
+    return frozenset(name for name in names if not name.startswith("_"))
+
+
 def chosen(what: str, among: dict[str, int], name: str) -> int:
     """The number of a name."""
     if name not in among:
-        raise ValueError(f"{what} {name!r}: expected one of {', '.join(among)}")
+        raise ValueError(f"{what} {name!r}: {suggestion(name, among)}")
     return among[name]
 
 
@@ -300,7 +343,7 @@ def _free(free: Callable[[int], int], handle: int) -> None:
 Self = TypeVar("Self", bound="Handle")
 
 
-class Handle:
+class Handle(Strict):
     """An object of the library, freed when it is closed, left (`with`), forgotten, or when Python ends."""
 
     def __init__(self, handle: int, free: Callable[[int], int]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import errno
 import functools
 import os
 import warnings
@@ -19,9 +20,10 @@ from ._library import lib
 class Model(_library.Handle):
     """A loaded model: immutable, to be shared by any number of engines and threads.
 
-    `source` is a path, the bytes of a model file, or None for the model that comes with the package. `precision` is
-    `"stored"`, `"f32"`, `"bf16"` or `"int8"`; `isa` caps the instructions: `"best"`, `"scalar"`, `"avx2"`, `"avxvnni"`,
-    `"avx512vnni"`, `"avx512bf16"` or `"amx"`. Where users must be told something about the model, that is a warning.
+    `source` is a path, the bytes of a model file, or None for the model that comes with the package; a path without a file
+    is `FileNotFoundError`. `precision` is `"stored"`, `"f32"`, `"bf16"` or `"int8"`; `isa` caps the instructions: `"best"`,
+    `"scalar"`, `"avx2"`, `"avxvnni"`, `"avx512vnni"`, `"avx512bf16"` or `"amx"`. Where users must be told something about the
+    model, that is a warning.
     """
 
     def __init__(
@@ -39,10 +41,14 @@ class Model(_library.Handle):
             data = np.frombuffer(source, np.uint8)
             status = lib.umo_model_load_memory(_library.ABI_VERSION, data.ctypes.data, data.size, config, byref(handle))
         else:
-            path = os.fspath(_library.MODEL if source is None else source).encode()
-            if b"\0" in path:
+            path = os.fspath(_library.MODEL if source is None else source)
+            if "\0" in path:
                 raise ValueError("a path has no zero bytes")
-            status = lib.umo_model_load(_library.ABI_VERSION, path, config, byref(handle))
+            status = lib.umo_model_load(_library.ABI_VERSION, path.encode(), config, byref(handle))
+            if status == _library.Status.IO:
+                detail = lib.umo_last_error().decode()
+                _check_readable(path)
+                raise _library.error(status, detail)
         _library.check(status)
         super().__init__(handle.value or 0, lib.umo_model_free)
         # Read once: they do not change, and are still there when the model is closed.
@@ -156,6 +162,14 @@ class Model(_library.Handle):
         pointer = ids.ctypes.data_as(ctypes.POINTER(ctypes.c_uint32))
         _library.check(lib.umo_model_encode_text(self._handle, bytes_, len(bytes_), pointer, ids.size, byref(count)))
         return ids[: count.value]
+
+
+def _check_readable(path: str) -> None:
+    """Raises Python's own exception where a file is missing, is a directory, or may not be read."""
+    os.stat(path)
+    for wrong, number in ((os.path.isdir(path), errno.EISDIR), (not os.access(path, os.R_OK), errno.EACCES)):
+        if wrong:
+            raise OSError(number, os.strerror(number), path)
 
 
 @functools.lru_cache(maxsize=None)

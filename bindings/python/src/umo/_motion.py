@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Optional, Union, overload
@@ -10,10 +11,12 @@ from typing import Any, Optional, Union, overload
 import numpy as np
 import numpy.typing as npt
 
-from . import _library
+from . import _library, _save
 from ._library import lib
 
 Floats = npt.NDArray[np.float32]
+# Each joint's parent [55], and where it is in its parent's frame at rest [55, 3].
+Skeleton = tuple[npt.NDArray[np.int32], Floats]
 
 JOINTS: tuple[str, ...] = tuple(lib.umo_joint_name(i).decode() for i in range(_library.JOINT_COUNT))
 VISEMES: tuple[str, ...] = tuple(lib.umo_viseme_name(i).decode() for i in range(_library.VISEME_COUNT))
@@ -39,16 +42,34 @@ class Frame:
     """[15]: how much the mouth is each of `umo.VISEMES`; None where the model has no ARKit channels."""
 
 
-class Motion:
+class Motion(_library.Strict):
     """Frames in a row: arrays over one block of memory, not copied."""
 
-    def __init__(self, frames: npt.NDArray[Any], rate: int, names: tuple[str, ...]) -> None:
+    frames: npt.NDArray[Any]
+    """The structured array: fields index, sample, translation, rotations, face and, with ARKit channels, visemes."""
+    rate: int
+    """Frames per second."""
+    names: tuple[str, ...]
+    """The face channels."""
+    axes: str
+    """Whose axes and units: `"gltf"`, `"unreal"` or `"unity"`."""
+    skeleton: Optional[Skeleton]
+    """`Model.skeleton` in those axes; None of a motion that was made without one."""
+
+    def __init__(
+        self,
+        frames: npt.NDArray[Any],
+        rate: int,
+        names: tuple[str, ...],
+        *,
+        axes: str = "gltf",
+        skeleton: Optional[Skeleton] = None,
+    ) -> None:
         self.frames = frames
-        """The structured array: fields index, sample, translation, rotations, face and, with ARKit channels, visemes."""
         self.rate = rate
-        """Frames per second."""
         self.names = names
-        """The face channels."""
+        self.axes = axes
+        self.skeleton = skeleton
 
     @property
     def index(self) -> npt.NDArray[np.uint64]:
@@ -97,6 +118,15 @@ class Motion:
             raise KeyError(f"{name}: the joints are {', '.join(JOINTS)}")
         return self.rotations[:, JOINTS.index(name)]
 
+    def save(self, path: Union[str, os.PathLike[str]]) -> None:
+        """Writes the frames as `umo animate` does; the suffix chooses the format, and the first frame is at second 0.
+
+        `.npz` are SMPL-X arrays, with an ARKit face as `arkit`; `.csv` is the face and the head's angles, as Live Link Face
+        records them, of ARKit channels; `.jsonl` is everything, one frame a line. The file appears whole or not at all.
+        `ValueError` says what cannot be written: another suffix, no frames, other axes than glTF's.
+        """
+        _save.save(self, path)
+
     def __len__(self) -> int:
         return len(self.frames)
 
@@ -109,7 +139,7 @@ class Motion:
     def __getitem__(self, key: slice) -> Motion: ...
     def __getitem__(self, key: Union[int, slice]) -> Union[Frame, Motion]:
         if isinstance(key, slice):
-            return Motion(self.frames[key], self.rate, self.names)
+            return Motion(self.frames[key], self.rate, self.names, axes=self.axes, skeleton=self.skeleton)
         frame = self.frames[key]
         return Frame(
             int(frame["index"]),
@@ -135,6 +165,8 @@ class Layout:
         self.raw = layout
         self.rate = model.frame_rate
         self.names = model.channels
+        self.axes = axes
+        self.skeleton = model.skeleton(axes)
         fields = {
             "index": (np.uint64, layout.index),
             "sample": (np.uint64, layout.sample),
@@ -158,7 +190,7 @@ class Layout:
         return np.zeros(count, self.dtype)
 
     def motion(self, frames: npt.NDArray[Any]) -> Motion:
-        return Motion(frames, self.rate, self.names)
+        return Motion(frames, self.rate, self.names, axes=self.axes, skeleton=self.skeleton)
 
     def joined(self, parts: list[Motion]) -> Motion:
         """One motion of several. Copied into room of this layout: numpy's own concatenation would close the gaps."""

@@ -154,8 +154,7 @@ class Session(_library.Handle):
         queue: Optional[int] = None,
         template: Optional[str] = None,
     ) -> None:
-        self.engine = engine
-        """Who computes it."""
+        self._engine = engine
         config, handle = _library.SessionConfig(), ctypes.c_void_p()
         _library.check(lib.umo_session_config_init(config, ctypes.sizeof(config), engine.model._handle))
         _library.set_fields(config, sample_rate=rate, channels=channels, target=target, lookahead=lookahead, seed=seed)
@@ -175,6 +174,11 @@ class Session(_library.Handle):
         return {name: value for name, value in vars(Session).items() if isinstance(value, Parameter)}
 
     @property
+    def engine(self) -> Engine:
+        """Who computes it."""
+        return self._engine
+
+    @property
     def rate(self) -> int:
         """Samples per second of the audio that is pushed."""
         return self._rate
@@ -191,7 +195,8 @@ class Session(_library.Handle):
         """
         array = audio(samples)
         if array.ndim == 2 and array.shape[1] != self._channels:
-            raise ValueError(f"audio of {array.shape[1]} channels for a session of {self._channels}")
+            what = f"audio of shape {array.shape}: expected [samples, {self._channels}], the session's channels"
+            raise ValueError(f"{what}. {channels_first(array)}" if array.shape[0] == self._channels else what)
         taken = ctypes.c_size_t()
         push = lib.umo_session_push_audio_i16 if array.dtype == np.int16 else lib.umo_session_push_audio
         self._check(push(self._handle, array.ctypes.data, array.size, byref(taken)))
@@ -288,7 +293,18 @@ def audio(samples: npt.ArrayLike) -> npt.NDArray[Any]:
         array = array.astype(np.float32, copy=False)
     if array.ndim not in (1, 2):
         raise ValueError(f"audio of shape {array.shape}: expected [samples] or [samples, channels]")
+    if array.ndim == 2 and not 1 <= array.shape[1] <= _library.MAX_CHANNELS:
+        expected = f"[samples] or [samples, channels] with 1 to {_library.MAX_CHANNELS} channels"
+        what = f"audio of shape {array.shape}: expected {expected}"
+        raise ValueError(f"{what}. {channels_first(array)}" if 1 <= array.shape[0] <= _library.MAX_CHANNELS else what)
     return np.ascontiguousarray(array)
+
+
+def channels_first(array: npt.NDArray[Any]) -> str:
+    """What to do with audio of shape [channels, samples]."""
+    # The mean of int16 samples would be floats that are not of full scale 1.
+    mono = "audio.mean(axis=0).astype(np.int16)" if array.dtype == np.int16 else "audio.mean(axis=0)"
+    return f"If channels come first in it, pass audio.T for all of them or {mono} for mono"
 
 
 def _ms(seconds: Optional[float]) -> Optional[int]:

@@ -1,0 +1,230 @@
+"""Motions to files: those that `umo animate` writes, value for value."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Callable, Union
+
+import numpy as np
+import numpy.typing as npt
+
+from ._library import JOINT_COUNT
+
+if TYPE_CHECKING:
+    from ._motion import Motion
+
+Doubles = npt.NDArray[np.float64]
+
+# What SMPL-X tools expect: shape coefficients of the neutral body, and expression coefficients per frame.
+BETAS, EXPRESSIONS = 300, 100
+
+# The columns of the Live Link Face app, in its order and spelling.
+SHAPES = (
+    *("EyeBlinkLeft", "EyeLookDownLeft", "EyeLookInLeft", "EyeLookOutLeft", "EyeLookUpLeft", "EyeSquintLeft"),
+    *("EyeWideLeft", "EyeBlinkRight", "EyeLookDownRight", "EyeLookInRight", "EyeLookOutRight", "EyeLookUpRight"),
+    *("EyeSquintRight", "EyeWideRight", "JawForward", "JawRight", "JawLeft", "JawOpen", "MouthClose", "MouthFunnel"),
+    *("MouthPucker", "MouthRight", "MouthLeft", "MouthSmileLeft", "MouthSmileRight", "MouthFrownLeft"),
+    *("MouthFrownRight", "MouthDimpleLeft", "MouthDimpleRight", "MouthStretchLeft", "MouthStretchRight"),
+    *("MouthRollLower", "MouthRollUpper", "MouthShrugLower", "MouthShrugUpper", "MouthPressLeft", "MouthPressRight"),
+    *("MouthLowerDownLeft", "MouthLowerDownRight", "MouthUpperUpLeft", "MouthUpperUpRight", "BrowDownLeft"),
+    *("BrowDownRight", "BrowInnerUp", "BrowOuterUpLeft", "BrowOuterUpRight", "CheekPuff", "CheekSquintLeft"),
+    *("CheekSquintRight", "NoseSneerLeft", "NoseSneerRight", "TongueOut"),
+)
+ANGLES = (
+    *("HeadYaw", "HeadPitch", "HeadRoll", "LeftEyeYaw", "LeftEyePitch", "LeftEyeRoll"),
+    *("RightEyeYaw", "RightEyePitch", "RightEyeRoll"),
+)
+
+
+def save(motion: Motion, path: Union[str, os.PathLike[str]]) -> None:
+    """Writes a motion in the format that the path's suffix names."""
+    path = Path(path)
+    write = WRITERS.get(path.suffix.lower())
+    if write is None:
+        wrong = f"suffix `{path.suffix}` is unknown" if path.suffix else "it has no suffix"
+        known = ", ".join(WRITERS)
+        raise ValueError(f"cannot save `{path}`: {wrong}; expected one of {known}. `umo animate` writes .glb and .bvh, too")
+    if motion.axes != "gltf":
+        raise ValueError(f"cannot save `{path}`: files have glTF's axes, this motion {motion.axes}'s; make it with axes='gltf'")
+    if not len(motion):
+        raise ValueError(f"cannot save `{path}`: the motion has no frames")
+    if not all(np.isfinite(values).all() for values in (motion.rotations, motion.translation, motion.face)):
+        raise ValueError(f"cannot save `{path}`: the motion has a value that is not a finite number")
+    content = write(motion)
+    # Beside its place and then renamed: a failed run leaves what was there before.
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        part.write_bytes(content)
+        os.replace(part, path)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        # Of the path that the caller knows.
+        raise OSError(error.errno, error.strerror, str(path)) from None
+
+
+def shape_columns(names: tuple[str, ...]) -> list[int]:
+    """For each of `SHAPES`, its place among the face channels; `ValueError` names one that is missing."""
+    places = {name.lower(): place for place, name in enumerate(names)}
+    for shape in SHAPES:
+        if shape.lower() not in places:
+            raise ValueError(f"csv needs the 52 ARKit blendshapes: this model's face lacks `{shape}`; save .npz or .jsonl")
+    return [places[shape.lower()] for shape in SHAPES]
+
+
+def is_arkit(names: tuple[str, ...]) -> bool:
+    return {name.lower() for name in names} == {shape.lower() for shape in SHAPES}
+
+
+def npz(motion: Motion) -> bytes:
+    """SMPL-X arrays, and the channels of an ARKit face."""
+    frames, arkit = len(motion), is_arkit(motion.names)
+    expressions = np.zeros((frames, EXPRESSIONS), np.float32)
+    if not arkit:
+        used = min(EXPRESSIONS, len(motion.names))
+        expressions[:, :used] = motion.face[:, :used]
+    whole = float(motion.rate).is_integer()
+    arrays: dict[str, npt.NDArray[Any]] = {
+        "betas": np.zeros(BETAS, np.float32),
+        "poses": axis_angles(motion.rotations).reshape(frames, 3 * JOINT_COUNT),
+        "expressions": expressions,
+        "trans": np.ascontiguousarray(motion.translation),
+        "model": np.array("smplx2020"),
+        "gender": np.array("neutral"),
+        "mocap_frame_rate": np.array(int(motion.rate), "<i8") if whole else np.array(motion.rate, "<f8"),
+    }
+    if arkit:
+        arrays["arkit"] = np.ascontiguousarray(motion.face)
+        arrays["arkit_names"] = np.array(motion.names)
+    file = io.BytesIO()
+    np.savez(file, **arrays)  # type: ignore[arg-type, unused-ignore]
+    return file.getvalue()
+
+
+def csv(motion: Motion) -> bytes:
+    """The face and the head's angles, as Live Link Face writes them."""
+    from ._motion import JOINTS
+
+    places = shape_columns(motion.names)
+    joints = ("neck", "head", "left_eye", "right_eye")
+    neck, head, left, right = (matrices(motion.rotations[:, JOINTS.index(joint)]) for joint in joints)
+    angles = np.concatenate([euler_yxz(part) for part in (product(neck, head), left, right)], 1)
+    lines = [",".join(("Timecode", "BlendShapeCount", *SHAPES, *ANGLES))]
+    for frame in range(len(motion)):
+        values = [*motion.face[frame, places].tolist(), *angles[frame].tolist()]
+        columns = (timecode(frame, motion.rate), str(len(SHAPES) + len(ANGLES)), *(f"{value:.6f}" for value in values))
+        lines.append(",".join(columns))
+    return ("\n".join(lines) + "\n").encode()
+
+
+def timecode(frame: int, rate: float) -> str:
+    """`HH:MM:SS:FF.mmm`: frames within the second, then thousandths of a frame."""
+    seconds = math.floor(frame / rate + 1e-9)
+    within = max(frame - seconds * rate, 0.0)
+    return f"{seconds // 3600:02d}:{seconds // 60 % 60:02d}:{seconds % 60:02d}:{within:06.3f}"
+
+
+def jsonl(motion: Motion) -> bytes:
+    """Everything, every number as computed."""
+    return b"".join(line.encode() + b"\n" for line in json_lines(motion))
+
+
+def json_lines(motion: Motion) -> Iterator[str]:
+    from ._motion import JOINTS
+
+    if motion.skeleton is None:
+        raise ValueError("jsonl needs a skeleton, and a Motion that was not made by umo has none; save .npz or .csv")
+    parents, offsets = motion.skeleton
+    names = {"kind": "arkit" if is_arkit(motion.names) else "smplx_expression", "names": motion.names}
+    units = {
+        "time": "seconds",
+        "offsets": "metres, from the parent joint",
+        "translation": "metres, added to the root's offset",
+        "rotations": "unit quaternions x y z w, relative to the parent",
+    }
+    axes = {"x": "left of the body", "y": "up", "z": "forward", "handedness": "right"}
+    yield (
+        f'{{"format":"umo-animation","version":1,"frame_rate":{float(motion.rate)},"frames":{len(motion)},'
+        f'"joints":{compact(JOINTS)},"parents":{compact(parents.tolist())},"offsets":{numbers(offsets)},'
+        f'"face":{compact(names)},"units":{compact(units)},"axes":{compact(axes)}}}'
+    )
+    for frame in range(len(motion)):
+        yield (
+            f'{{"frame":{frame},"time":{frame / float(motion.rate)},"translation":{numbers(motion.translation[frame])},'
+            f'"rotations":{numbers(motion.rotations[frame])},"face":{numbers(motion.face[frame])}}}'
+        )
+
+
+def compact(value: Any) -> str:
+    return json.dumps(value, ensure_ascii=False, separators=(",", ":"))
+
+
+def numbers(values: npt.NDArray[np.float32]) -> str:
+    """A JSON list, nested as the array is, of the shortest decimals that read as the same floats."""
+    if values.ndim > 1:
+        return f"[{','.join(map(numbers, values))}]"
+    return f"[{','.join(map(number, values))}]"
+
+
+def number(value: np.float32) -> str:
+    """One number as the program `umo` writes it: with an exponent below 1e-6 and from 1e13 on."""
+    if value == 0 or 1e-6 <= abs(value) < 1e13:
+        return np.format_float_positional(value, unique=True, trim="0")
+    return np.format_float_scientific(value, unique=True, trim="-", exp_digits=1)
+
+
+def normalized(rotations: npt.NDArray[np.float32]) -> tuple[Doubles, ...]:
+    """x, y, z, w of quaternions [..., 4]. Sums are in one order, so that every digit is that of the program `umo`."""
+    x, y, z, w = np.moveaxis(rotations.astype(np.float64), -1, 0)
+    length = np.sqrt(x * x + y * y + z * z + w * w)
+    return x / length, y / length, z / length, w / length
+
+
+def arctan2(y: Doubles, x: Doubles) -> Doubles:
+    """The C library's: numpy's own may differ in the last digit."""
+    return np.asarray(np.frompyfunc(math.atan2, 2, 1)(y, x), np.float64)
+
+
+def axis_angles(rotations: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Rotation vectors [..., 3]: the axis times the angle in radians, at most pi."""
+    x, y, z, w = normalized(rotations)
+    sine, sign = np.sqrt(x * x + y * y + z * z), np.copysign(1.0, w)
+    # Near no rotation the angle is twice the vector part; the quotient would be 0 / 0.
+    small = sine < 1e-12
+    scale = np.where(small, 2.0 * sign, 2.0 * arctan2(sine, np.abs(w)) * sign / np.where(small, 1.0, sine))
+    return np.stack([x * scale, y * scale, z * scale], -1).astype(np.float32)
+
+
+def matrices(rotations: npt.NDArray[np.float32]) -> Doubles:
+    """Rotation matrices [T, 3, 3], for column vectors."""
+    x, y, z, w = normalized(rotations)
+    rows = [
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), -1, 0)
+
+
+def product(a: Doubles, b: Doubles) -> Doubles:
+    """First `b`, then `a`."""
+    columns = [a[:, :, k, None] * b[:, None, k, :] for k in range(3)]
+    return columns[0] + columns[1] + columns[2]  # type: ignore[no-any-return, unused-ignore]
+
+
+def euler_yxz(m: Doubles) -> Doubles:
+    """Angles [T, 3] in radians, with `m = Y(y) * X(x) * Z(z)`: yaw, pitch, roll."""
+    cosine = np.hypot(m[:, 1, 1], m[:, 1, 0])
+    pitch = arctan2(-m[:, 1, 2], cosine)
+    # Where the middle angle is a right one, the other two turn about one axis.
+    locked = cosine < 1e-9
+    yaw = np.where(locked, arctan2(-m[:, 2, 0], m[:, 0, 0]), arctan2(m[:, 0, 2], m[:, 2, 2]))
+    roll = np.where(locked, 0.0, arctan2(m[:, 1, 0], m[:, 1, 1]))
+    return np.stack([yaw, pitch, roll], 1)
+
+
+WRITERS: dict[str, Callable[[Motion], bytes]] = {".npz": npz, ".csv": csv, ".jsonl": jsonl}

@@ -1,0 +1,106 @@
+"""`Motion.save` writes what `umo animate` writes."""
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import umo
+
+
+@pytest.fixture(scope="module")
+def reference():
+    """The files of `umo animate`: without a suffix."""
+    return Path(os.environ["UMO_REFERENCE"]).with_suffix("")
+
+
+def arrays(path):
+    with np.load(path) as file:
+        return {name: file[name] for name in file.files}
+
+
+@pytest.mark.parametrize("suffix", [".jsonl", ".csv"])
+def test_texts_are_those_of_umo_animate_to_the_byte(whole, reference, tmp_path, suffix):
+    whole.save(tmp_path / f"motion{suffix}")
+    mine, wanted = (tmp_path / f"motion{suffix}").read_bytes(), reference.with_suffix(suffix).read_bytes()
+    differ = next((i for i, (a, b) in enumerate(zip(mine.splitlines(), wanted.splitlines())) if a != b), None)
+    assert differ is None, f"line {differ}"
+    assert mine == wanted
+
+
+def test_arrays_are_those_of_umo_animate(whole, reference, tmp_path):
+    whole.save(str(tmp_path / "motion.NPZ"))
+    mine, wanted = arrays(tmp_path / "motion.NPZ"), arrays(reference.with_suffix(".npz"))
+    assert list(mine) == list(wanted) and len(mine) == 9
+    for name, array in wanted.items():
+        assert (mine[name].dtype, mine[name].shape) == (array.dtype, array.shape), name
+        assert mine[name].tobytes() == array.tobytes(), name
+    assert [path.name for path in tmp_path.iterdir()] == ["motion.NPZ"]
+
+
+def test_a_part_of_a_motion_starts_at_second_0(whole, tmp_path):
+    whole[50:60].save(tmp_path / "part.jsonl")
+    header, *frames = map(json.loads, (tmp_path / "part.jsonl").read_text("utf-8").splitlines())
+    assert header["frames"] == len(frames) == 10
+    assert [frame["frame"] for frame in frames] == list(range(10)) and frames[3]["time"] == 0.1
+    assert np.array_equal(np.array(frames[0]["face"], np.float32), whole.face[50])
+
+
+def test_numbers_of_every_size_read_back_as_the_same_bits(tmp_path):
+    from umo import _save
+
+    texts = {1e-6: "0.000001", 9.9e-7: "9.9e-7", 1e12: "1000000000000.0", 0.1: "0.1", -0.0: "-0.0", 3: "3.0", -2e-30: "-2e-30"}
+    for value, text in texts.items():
+        assert _save.number(np.float32(value)) == text
+    bits = np.random.default_rng(1).integers(0, 1 << 32, 5000, np.uint32).view(np.float32)
+    values = bits[np.isfinite(bits)]
+    assert np.array(json.loads(_save.numbers(values)), np.float32).tobytes() == values.tobytes()
+
+
+def by_hand(names, count=2):
+    fields = [("rotations", np.float32, (55, 4)), ("translation", np.float32, 3), ("face", np.float32, len(names))]
+    frames = np.zeros(count, fields)
+    frames["rotations"][..., 3] = 1
+    frames["face"] = 0.25
+    return umo.Motion(frames, 30, tuple(names))
+
+
+def test_a_face_of_coefficients_is_padded_in_arrays_and_has_no_csv(model, tmp_path):
+    motion = by_hand([f"expression{i}" for i in range(10)])
+    motion.save(tmp_path / "face.npz")
+    saved = arrays(tmp_path / "face.npz")
+    assert "arkit" not in saved and saved["expressions"].shape == (2, 100)
+    assert (saved["expressions"][:, :10] == 0.25).all() and (saved["expressions"][:, 10:] == 0).all()
+    assert (saved["poses"] == 0).all()
+    with pytest.raises(ValueError, match="EyeBlinkLeft.*save .npz or .jsonl"):
+        motion.save(tmp_path / "face.csv")
+    with pytest.raises(ValueError, match="skeleton"):
+        motion.save(tmp_path / "face.jsonl")
+    motion.skeleton = model.skeleton()
+    motion.save(tmp_path / "face.jsonl")
+    assert json.loads((tmp_path / "face.jsonl").read_text("utf-8").splitlines()[0])["face"]["kind"] == "smplx_expression"
+
+
+def test_what_cannot_be_saved_says_why_and_leaves_nothing(whole, model, tmp_path):
+    with pytest.raises(ValueError, match=r"`\.fbx` is unknown; expected one of \.npz, \.csv, \.jsonl.*umo animate"):
+        whole.save(tmp_path / "motion.fbx")
+    with pytest.raises(ValueError, match="no suffix; expected one of"):
+        whole.save(tmp_path / "motion")
+    with pytest.raises(ValueError, match="no frames"):
+        whole[:0].save(tmp_path / "motion.npz")
+    with pytest.raises(ValueError, match="unity.*axes='gltf'"):
+        umo.animate(np.zeros(16000), 16000, model=model, axes="unity").save(tmp_path / "motion.npz")
+    broken = by_hand(["a"])
+    broken.translation[1, 2] = np.nan
+    with pytest.raises(ValueError, match="not a finite number"):
+        broken.save(tmp_path / "motion.npz")
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(FileNotFoundError) as caught:
+        whole.save(tmp_path / "nowhere" / "motion.npz")
+    assert caught.value.filename == str(tmp_path / "nowhere" / "motion.npz")
+    (tmp_path / "motion.csv").mkdir()
+    with pytest.raises(IsADirectoryError):
+        whole.save(tmp_path / "motion.csv")
+    assert [path.name for path in tmp_path.iterdir()] == ["motion.csv"]
