@@ -1,8 +1,10 @@
-//! What the calls of the audio and game threads cost, from C and from Rust: 10 ms of sound in, a pose out, at three rates.
+//! What the calls of the audio and game threads cost, from C and from Rust: 10 ms of sound in, a
+//! pose out, at three rates; the live mouth; and the layers over the decoders' frames.
 
 use std::hint::black_box;
 use std::ptr::null_mut;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use criterion::{Criterion, criterion_group, criterion_main};
@@ -16,10 +18,13 @@ use umo::session::settings::umo_session_get_parameter;
 use umo::session::stream::{umo_session_push_audio, umo_session_reset, umo_session_sample_pose};
 use umo::session::{UmoSession, UmoSessionConfig, umo_session_config_init, umo_session_new};
 use umo::status::UMO_STATUS_OK;
+use umo_core::clock::Clock;
 use umo_core::engine::{Engine, EngineConfig, Threads};
 use umo_core::model::Model;
+use umo_core::mouth::{Mouth, MouthStream};
 use umo_core::session::{Session, SessionConfig};
-use umo_core::{ModelFile, Precision};
+use umo_core::weights::Loader;
+use umo_core::{Layer, LifeConfig, ModelFile, Precision};
 use umo_kernels::Isa;
 
 static MODEL: &[u8] = include_bytes!("../models/umo-small/model.safetensors");
@@ -47,12 +52,14 @@ impl Avatar {
         // SAFETY: the pointer is to a value of this function, and the size is that value's.
         ok(unsafe { umo_engine_config_init(&raw mut config, size_of::<UmoEngineConfig>()) });
         (config.mode, config.threads) = (UMO_ENGINE_POLLED, 1);
-        // SAFETY: the configuration was initialised, and the pointers are to values of this function.
+        // SAFETY: the configuration was initialised, and the pointers are to values of this
+        // function.
         ok(unsafe { umo_engine_new(model, &raw const config, &raw mut engine) });
         // SAFETY: the pointer is to a value of this function, and the size is that value's.
         ok(unsafe { umo_session_config_init(&raw mut asked, size_of::<UmoSessionConfig>(), model) });
         asked.sample_rate = rate;
-        // SAFETY: the configuration was initialised, and the pointers are to values of this function.
+        // SAFETY: the configuration was initialised, and the pointers are to values of this
+        // function.
         ok(unsafe { umo_session_new(engine, &raw const asked, &raw mut session) });
         // SAFETY: the pointer is to a value of this function, and the size is that value's.
         ok(unsafe { umo_frame_layout_init(&raw mut layout, size_of::<UmoFrameLayout>(), model) });
@@ -84,6 +91,29 @@ fn rust(rate: usize) -> (Engine, Session) {
     let config = SessionConfig { sample_rate: rate, ..SessionConfig::new(engine.model().config()) };
     let session = engine.session(&config).expect("there is a place");
     (engine, session)
+}
+
+/// What the layers cost: a tick of a figure that stands, every layer on and only one, and the pose
+/// between two ticks.
+fn layers(c: &mut Criterion) {
+    let file = ModelFile::from_static(MODEL).expect("it is the default model");
+    let model = Arc::new(Model::load(&file, Precision::Stored, Isa::detect()).expect("it is whole"));
+    let nanos = Arc::new(AtomicU64::new(0));
+    let clock = Clock::Manual(Arc::clone(&nanos));
+    let config = EngineConfig { threads: Threads::Host(0), clock, ..EngineConfig::default() };
+    let engine = Engine::new(model, &config).expect("one thread is enough");
+    let one = |layer| (format!("{} alone", Layer::name(layer)), LifeConfig::OFF.with(layer, 1.0));
+    for (name, life) in [("all".to_owned(), LifeConfig::ON)].into_iter().chain(Layer::ALL.map(one)) {
+        let mut config = SessionConfig::new(engine.model().config());
+        config.avatar.life = life;
+        let session = engine.session(&config).expect("there is a place");
+        c.bench_function(&format!("layers/{name}, and a pose between two ticks"), |b| {
+            b.iter(|| {
+                nanos.fetch_add(1_000_000_000 / 30, Ordering::Relaxed);
+                session.sample_pose(0.0, |frame| _ = black_box(frame.pose.translation))
+            });
+        });
+    }
 }
 
 fn calls(c: &mut Criterion) {
@@ -131,5 +161,23 @@ fn calls(c: &mut Criterion) {
     });
 }
 
-criterion_group!(benches, calls);
+/// The live mouth: one frame's worth of sound, three rows and one run of the network.
+fn mouth(c: &mut Criterion) {
+    let file = ModelFile::from_static(MODEL).expect("it is the default model");
+    let isa = Isa::detect();
+    let mouth = Mouth::load(&Loader::new(&file, Precision::Stored, isa)).expect("it is whole");
+    let mouth = mouth.expect("the default model has a live mouth");
+    let mut stream = MouthStream::new(&mouth);
+    // A third of the pushes has a sample more, so that three of them are a tenth of a second.
+    let samples: Vec<f32> = (0..1600_u16).map(|i| 0.2 * (f32::from(i) * 0.08).sin()).collect();
+    let mut pieces = [&samples[..533], &samples[533..1066], &samples[1066..]].into_iter().cycle();
+    c.bench_function(&format!("live_mouth/{}/33 ms", isa.name()), |b| {
+        b.iter(|| {
+            let piece = pieces.next().expect("they go round");
+            stream.push(&mouth, isa, black_box(piece), |frame| _ = black_box(frame.channels[0]))
+        });
+    });
+}
+
+criterion_group!(benches, calls, mouth, layers);
 criterion_main!(benches);

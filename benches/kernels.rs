@@ -1,8 +1,10 @@
-//! Every operation on every back-end at the base model's shapes and an awkward one: `<op>/<isa>/<shape>`, each beside its floor, what one
-//! thread of the processor can do at most: multiply-adds from registers, or reading as many bytes as the call reads and writes.
+//! Every operation on every back-end at the base model's shapes and an awkward one:
+//! `<op>/<isa>/<shape>`, each beside its floor, what one thread of the processor can do at most:
+//! multiply-adds from registers, or reading as many bytes as the call reads and writes.
 //!
-//! Each is compared with the scalar reference before it is timed. Operands are the same in every call, so they are hot: what reads
-//! weights from memory is timed in `step.rs` and by `benches/peers`.
+//! Each is compared with the scalar reference before it is timed. Operands are the same in every
+//! call, so they are hot: what reads weights from memory is timed in `step.rs` and by
+//! `benches/peers`.
 
 use std::cell::RefCell;
 use std::collections::HashMap;
@@ -28,7 +30,8 @@ use umo_kernels::pack::{pack, pack_bf16, pack_i8, packed_len, packed_len_bf16, p
 use umo_kernels::quantize::{QuantRows, quantize_rows};
 use umo_kernels::{Bf16, Isa, Mat, MatMut, PackedBf16, PackedF32, PackedI8, PrefetchHint, ShapeError};
 
-/// Rows, outputs and inputs: one token, a pass with markers, a window; feed-forward in, out, attention; and odd ones.
+/// Rows, outputs and inputs: one token, a pass with markers, a window; feed-forward in, out,
+/// attention; and odd ones.
 const PRODUCTS: [(usize, usize, usize); 9] = [
     (1, 2048, 768),
     (1, 768, 2048),
@@ -87,7 +90,8 @@ fn steps(random: &mut Random, len: usize) -> AlignedBox<i8> {
 enum Unit {
     Int8,
     Float,
-    /// Both factors in bfloat16, where the back-end multiplies those faster; on tiles in so many products.
+    /// Both factors in bfloat16, where the back-end multiplies those faster; on tiles in so many
+    /// products.
     Rounded(u8),
     /// f32, which tiles take in so many products of parts in bfloat16.
     Parts(u8),
@@ -149,7 +153,8 @@ struct Bench<'a> {
 }
 
 impl Bench<'_> {
-    /// Runs `op` on every back-end, compares its `len` outputs with the scalar one's, times it, and prints its share.
+    /// Runs `op` on every back-end, compares its `len` outputs with the scalar one's, times it, and
+    /// prints its share.
     fn compare(
         &mut self,
         (op, shape): (&str, &str),
@@ -325,8 +330,8 @@ fn gated(bench: &mut Bench) {
     }
 }
 
-/// Rows to two of four experts each: the router's softmax and sorting, then each expert's gated product of the rows that it gathers,
-/// and the product that it scatters.
+/// Rows to two of four experts each: the router's softmax and sorting, then each expert's gated
+/// product of the rows that it gathers, and the product that it scatters.
 fn experts(bench: &mut Bench) {
     const EACH: usize = 2;
     for (m, inner, outer) in chosen(EXPERTS) {
@@ -431,7 +436,8 @@ fn convolutions(bench: &mut Bench) {
             matmul_i8(isa, rows, None, w.int8(), Epilogue::STORE, matrix(out, m, n)).expect(SHAPES);
         });
     }
-    // HuBERT's convolution of positions, over 3 s of frames with as many zeros around as it needs; and an odd one.
+    // HuBERT's convolution of positions, over 3 s of frames with as many zeros around as it needs;
+    // and an odd one.
     for (frames, dim, groups, kernel) in [(277, 768, 16, 128), (19, 15, 3, 5)] {
         let (m, group) = (frames_out(frames, kernel, 1), dim / groups);
         if !is_timed(m * dim * kernel * group) {
@@ -476,7 +482,8 @@ fn rows(bench: &mut Bench) {
                 *out = both;
             }
         });
-        // What works where its values lie gets them by a copy first, which is timed with it and counts for all that must be moved.
+        // What works where its values lie gets them by a copy first, which is timed with it and
+        // counts for all that must be moved.
         let in_place = through;
         bench.compare(("channel_affine", &shape), in_place, (m * n, 1e-5), |isa, out| {
             out.copy_from_slice(&values);

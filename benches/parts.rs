@@ -1,8 +1,10 @@
-//! The parts of a chunk that are timed: encoding, one step of the decoder, both together, and HuBERT.
+//! The parts of a chunk that are timed: encoding, one step of the decoder, both together, HuBERT,
+//! and in layout `frames` the depth network.
 
 use umo_core::audio::Tokenizer;
 use umo_core::lm::decoder::Sequence;
-use umo_core::lm::generate::{Draw, Generator};
+use umo_core::lm::depth::{DepthNet, DepthScratch, Task};
+use umo_core::lm::generate::{ChunkSampling, Generator};
 use umo_core::lm::sampler::Sampler;
 use umo_core::lm::{Lengths, Lm, LmScratch};
 use umo_core::weights::{AlignedBox, Loader};
@@ -80,8 +82,8 @@ impl Language {
         self.at += 1;
     }
 
-    /// Encodes the tokens and generates as many codes as a chunk has greedily, one after the other and nothing else: what a
-    /// decoder without markers does.
+    /// Encodes the tokens and generates as many codes as a chunk has greedily, one after the other
+    /// and nothing else: what a decoder without markers does.
     pub fn steps(&mut self, cx: Compute) {
         self.encode(cx);
         let states = Mat::new(&self.hidden, TOKENS, self.lm.d_model()).expect(OK);
@@ -98,16 +100,58 @@ impl Language {
         self.at = self.lengths.decoder;
     }
 
-    /// Encodes the tokens and generates a chunk's codes greedily, with the markers that stand between its parts.
+    /// Encodes the tokens and generates a chunk's codes greedily, with the markers that stand
+    /// between its parts.
     pub fn chunk(&mut self, cx: Compute) {
         self.encode(cx);
         let states = Mat::new(&self.hidden, TOKENS, self.lm.d_model()).expect(OK);
         let PerPart { face, hands, upper, lower } = &mut self.codes;
         let codes = PerPart { face: &mut **face, hands: &mut **hands, upper: &mut **upper, lower: &mut **lower };
-        let draw = Draw { sampler: Sampler::GREEDY, chunk: 0, target: self.config.target };
+        let draw = ChunkSampling { sampler: Sampler::GREEDY, chunk: 0, target: self.config.target };
         let Self { lm, scratch, sequence, generator, .. } = self;
         generator.generate(cx, lm, scratch, states, sequence, draw, codes).expect(OK);
         self.at = self.lengths.decoder;
+    }
+}
+
+/// The depth network with one random state of the decoder for each avatar.
+#[derive(Debug)]
+pub struct Depth {
+    net: DepthNet,
+    scratch: DepthScratch,
+    /// `[avatars, d_model]`
+    states: Vec<f32>,
+    tasks: Vec<Task>,
+}
+
+impl Depth {
+    /// Loads the model's depth network as the file has it, for so many avatars.
+    pub fn load(file: &ModelFile, avatars: usize) -> Self {
+        let config = file.config();
+        let mut random = Random::new(6);
+        let net = DepthNet::load(&Loader::new(file, Precision::Stored, isa())).expect(OK);
+        let sampler = Sampler { sampling: config.sampling, seed: 7 };
+        let task = |row| Task { member: row, row, unprompted: None, guidance: 1.0, sampler, chunk: 0, keyframe: 0 };
+        Self {
+            scratch: net.scratch(avatars),
+            states: (0..avatars * config.lm.d_model).map(|_| random.normal()).collect(),
+            tasks: (0..avatars).map(task).collect(),
+            net,
+        }
+    }
+
+    /// Codes of a keyframe.
+    pub fn codes(&self) -> usize {
+        self.net.codes()
+    }
+
+    /// Draws the codes of one keyframe of every avatar, as a stream does.
+    pub fn draw(&mut self, cx: Compute) {
+        let mut first = 0;
+        while first < self.tasks.len() {
+            let tasks = &self.tasks[first..];
+            first += self.net.draw(cx, &mut self.scratch, &self.states, tasks, |_, _| ()).expect(OK);
+        }
     }
 }
 
@@ -139,7 +183,8 @@ impl Audio {
     }
 }
 
-/// Memory that is read as fast as it can be, by the same threads: what a decoder's step is measured against.
+/// Memory that is read as fast as it can be, by the same threads: what a decoder's step is measured
+/// against.
 #[derive(Debug)]
 pub struct Reading {
     memory: AlignedBox<i8>,

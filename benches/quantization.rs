@@ -19,7 +19,7 @@ use std::path::Path;
 use umo_benches::Random;
 use umo_core::audio::{Tokenizer, resample};
 use umo_core::lm::decoder::Sequence;
-use umo_core::lm::generate::{Draw, Generator};
+use umo_core::lm::generate::{ChunkSampling, Generator};
 use umo_core::lm::layout::{Prompt, Template, window_tokens};
 use umo_core::lm::sampler::Sampler;
 use umo_core::lm::{Lengths, Lm, LmScratch};
@@ -62,7 +62,8 @@ fn relative(pairs: impl Iterator<Item = (f64, f64)>) -> f64 {
 #[derive(Default)]
 struct Kinds {
     tensors: usize,
-    /// Weights in bf16 and int8, then products with bf16 weights, int8 weights, int8 both, int8 both with outliers.
+    /// Weights in bf16 and int8, then products with bf16 weights, int8 weights, int8 both, int8
+    /// both with outliers.
     errors: [f64; 6],
 }
 
@@ -128,7 +129,8 @@ fn errors(file: &ModelFile) -> Done {
     Ok(())
 }
 
-/// What a product reads: normed rows, or in the second half of a gated feed-forward a product of two such numbers.
+/// What a product reads: normed rows, or in the second half of a gated feed-forward a product of
+/// two such numbers.
 fn input(random: &mut Random, gated: bool) -> f32 {
     if !gated {
         return random.normal();
@@ -153,8 +155,9 @@ fn products(x: &[f32], w: &[f32], k: usize) -> Vec<f64> {
     x.chunks_exact(k).flat_map(|x| w.chunks_exact(k).map(move |w| dot(x, w))).collect()
 }
 
-/// Writes a model whose feed-forwards have a few hidden channels [`FACTOR`] times as large as before, and weights behind
-/// them as much smaller: powers of two, so that in f32 it is the same function.
+/// Writes a model whose feed-forwards have a few hidden channels [`FACTOR`] times as large as
+/// before, and weights behind them as much smaller: powers of two, so that in f32 it is the same
+/// function.
 fn plant(file: &ModelFile, out: &str) -> Done {
     let specs = layout::specs(file.config(), true);
     let tensor = |spec: &Spec| -> Result<NewTensor, Box<dyn Error>> {
@@ -285,7 +288,7 @@ fn answer(loader: &Loader, team: &Team) -> Result<Answers, Box<dyn Error>> {
         let mut codes = PerPart::from_fn(|_| vec![0; config.target]);
         let PerPart { face, hands, upper, lower } = &mut codes;
         let slices = PerPart { face: &mut **face, hands: &mut **hands, upper: &mut **upper, lower: &mut **lower };
-        let draw = Draw { sampler: Sampler::GREEDY, chunk: prompt, target: config.target };
+        let draw = ChunkSampling { sampler: Sampler::GREEDY, chunk: prompt, target: config.target };
         generator.generate(cx, &lm, &mut scratch, states, &mut sequence, draw, slices)?;
         Part::ALL.into_iter().for_each(|part| answers.codes.extend_from_slice(&codes[part]));
         answers.hidden.append(&mut hidden);
@@ -323,7 +326,7 @@ fn forced_ids(config: &Config, random: &mut Random) -> (Vec<u32>, Vec<(Part, usi
 
 /// Prints how many audio units of a recording differ from the first model's.
 fn units(models: &[&str], wav: &str) -> Done {
-    let wav = umo_cli::wav::read(Path::new(wav))?;
+    let wav = umo_audio_file::wav::read(Path::new(wav))?;
     let team = Team::new(2)?;
     let mut first: Option<(Vec<f32>, Vec<u32>)> = None;
     println!("| model | features | units |");

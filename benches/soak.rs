@@ -1,9 +1,11 @@
-//! Avatars that speak for a long time: is any frame late, does memory grow, how long do chunks take?
+//! Avatars that speak for a long time: is any frame late, does memory grow, how long do chunks
+//! take?
 //!
-//! `soak [--seconds S] [--sessions N] [--threads T] [--model M] [--real]`: with `--real` as an application would do it, an
-//! audio thread and a game thread beside the engine's own threads. Without it, on a simulated clock that runs while the engine
-//! computes and jumps to the next event when it has nothing to do: an hour takes a minute or two. Ends with exit code 1
-//! where a frame was late or memory has grown.
+//! `soak [--seconds S] [--sessions N] [--threads T] [--model M] [--real]`: with `--real` as an
+//! application would do it, an audio thread and a game thread beside the engine's own threads.
+//! Without it, on a simulated clock that runs while the engine computes and jumps to the next event
+//! when it has nothing to do: an hour takes a minute or two. Ends with exit code 1 where a frame
+//! was late or memory has grown.
 
 #[path = "../umo-core/tests/counting/mod.rs"]
 mod counting;
@@ -151,7 +153,8 @@ struct Soak {
 }
 
 impl Soak {
-    /// Time goes on by what computing takes, a layer at a time; where there is nothing to compute, to the next event.
+    /// Time goes on by what computing takes, a layer at a time; where there is nothing to compute,
+    /// to the next event.
     fn simulated(&self) {
         let (mut now, mut audio, mut frame) = (0, 0, 0);
         while now < self.end {
@@ -173,7 +176,8 @@ impl Soak {
         }
     }
 
-    /// An audio thread and a game thread; calls of the allocator from the first push to the last pull.
+    /// An audio thread and a game thread; calls of the allocator from the first push to the last
+    /// pull.
     fn real(&self) -> usize {
         let (gate, speaking) = (&Barrier::new(3), &AtomicBool::new(true));
         std::thread::scope(|scope| {
@@ -243,7 +247,8 @@ impl Soak {
     }
 }
 
-/// Calls `work` with the nanoseconds since the start, every `period` of them, as long as it says so.
+/// Calls `work` with the nanoseconds since the start, every `period` of them, as long as it says
+/// so.
 fn every(period: u64, mut work: impl FnMut(u64) -> bool) {
     let start = Instant::now();
     let mut now = 0;

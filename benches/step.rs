@@ -1,15 +1,17 @@
-//! The parts of a chunk at base size, in int8, on one and two threads, beside the floor of each: the bytes that it must
-//! read at the bandwidth, and the multiply-adds that it must do at the peak, measured in the same run.
+//! The parts of a chunk at base size, in int8, on one and two threads, beside the floor of each:
+//! the bytes that it must read at the bandwidth, and the multiply-adds that it must do at the peak,
+//! measured in the same run.
 //!
-//! The model is that of `UMO_BENCH_MODEL`, or a random one that is made once under `target/`; where benches run as tests
-//! it is small, and the floors are left out.
+//! The models are those of `UMO_BENCH_MODEL` and, for the depth network, `UMO_BENCH_FRAMES`, or
+//! random ones that are made once under `target/`; where benches run as tests they are small, and
+//! the floors are left out.
 
 use std::cell::RefCell;
 use std::time::Instant;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use umo_benches::parts::{Audio, Language, TOKENS};
-use umo_benches::{machine, model};
+use umo_benches::parts::{Audio, Depth, Language, TOKENS};
+use umo_benches::{frames_model, machine, model};
 use umo_core::floor::{self, Floor, Machine, Stored};
 use umo_core::{Compute, ModelFile, Team};
 use umo_kernels::Isa;
@@ -78,10 +80,24 @@ fn tokenizer(c: &mut Criterion, file: &ModelFile) {
     }
 }
 
+/// The codes of a keyframe: of one avatar, and of as many as one thread takes through the network
+/// together.
+fn depth(c: &mut Criterion) {
+    let (file, machine) = (frames_model(), machine(1));
+    let (team, isa) = (Team::new(1).expect("one thread"), Isa::detect());
+    for avatars in [1, 8] {
+        let mut depth = Depth::load(&file, avatars);
+        let floor = floor::depth(file.config(), Stored::Int8, 1) * avatars;
+        let name = format!("depth_{}/avatars{avatars}", depth.codes());
+        time(c, &name, machine.as_ref(), &[floor], || depth.draw(Compute { isa, team: &team }));
+    }
+}
+
 fn step(c: &mut Criterion) {
     let file = model();
     language_model(c, &file);
     tokenizer(c, &file);
+    depth(c);
 }
 
 criterion_group! {

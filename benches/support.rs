@@ -1,4 +1,5 @@
-//! What the benches and measurements share: random numbers, models, and what the processor can do at most.
+//! What the benches and measurements share: random numbers, models, and what the processor can do
+//! at most.
 
 pub mod parts;
 
@@ -70,34 +71,45 @@ pub fn machine(threads: usize) -> Option<Machine> {
     (!is_test()).then(|| Machine::measure(threads, isa(), READ_BYTES))
 }
 
-/// The model at `UMO_BENCH_MODEL`, or a random one of int8 weights: of base size, or small where benches run as tests.
+/// The model of layout `parts` at `UMO_BENCH_MODEL`, or a random one of int8 weights: of base size,
+/// or small where benches run as tests.
 pub fn model() -> ModelFile {
-    if let Some(path) = std::env::var_os("UMO_BENCH_MODEL") {
-        return ModelFile::open(Path::new(&path)).unwrap_or_else(|error| panic!("UMO_BENCH_MODEL: {error}"));
+    open("UMO_BENCH_MODEL", "parts", "bench-base-int8.safetensors")
+}
+
+/// The same of layout `frames`, at `UMO_BENCH_FRAMES`.
+pub fn frames_model() -> ModelFile {
+    open("UMO_BENCH_FRAMES", "frames", "bench-base-frames-int8.safetensors")
+}
+
+fn open(variable: &str, layout: &str, name: &str) -> ModelFile {
+    if let Some(path) = std::env::var_os(variable) {
+        return ModelFile::open(Path::new(&path)).unwrap_or_else(|error| panic!("{variable}: {error}"));
     }
     if is_test() {
         let folder = tempfile::tempdir().expect("a folder for temporary files");
         let path = folder.path().join("small.safetensors");
-        make("small", &path);
+        make("small", layout, &path);
         let bytes = std::fs::read(path).expect("it was just written");
         return ModelFile::from_bytes(bytes).expect("it was just written");
     }
-    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../target/bench-base-int8.safetensors");
+    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../target").join(name);
     if !path.exists() {
-        make("base", &path);
+        make("base", layout, &path);
     }
     ModelFile::open(&path).unwrap_or_else(|error| panic!("{error}"))
 }
 
 /// Writes a random model: bf16, then its products in int8 as `umo quantize` chooses.
-fn make(size: &str, path: &Path) {
+fn make(size: &str, layout: &str, path: &Path) {
     let float = path.with_extension("float");
     let run = |args: &[&std::ffi::OsStr]| {
         let args = std::iter::once("umo".as_ref()).chain(args.iter().copied()).map(Into::into);
         let code = umo_cli::main(args);
         assert_eq!(format!("{code:?}"), format!("{:?}", std::process::ExitCode::SUCCESS), "no model was made");
     };
-    run(&["make-random".as_ref(), "--size".as_ref(), size.as_ref(), "-o".as_ref(), float.as_ref()]);
+    let random = ["make-random", "--size", size, "--layout", layout, "-o"].map(AsRef::as_ref);
+    run(&[&random[..], &[float.as_ref()]].concat());
     run(&["quantize".as_ref(), float.as_ref(), "--weights".as_ref(), "int8".as_ref(), "-o".as_ref(), path.as_ref()]);
     std::fs::remove_file(float).expect("it was just written");
 }

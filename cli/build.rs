@@ -1,5 +1,5 @@
-//! Puts the default model into the program where `UMO_EMBED_MODEL` names its file, as the repository's
-//! `.cargo/config.toml` does. Without it the program looks for an installed one.
+//! Puts the default model into the program where `UMO_EMBED_MODEL` names its file, as the
+//! repository's `.cargo/config.toml` does. Without it the program looks for an installed one.
 
 fn main() {
     println!("cargo::rerun-if-changed=build.rs");

@@ -1,28 +1,28 @@
 /*
- * umo: a living avatar from speech. Samples in; face, hands, upper and lower body out, 30 frames a second.
+ * umo: real-time full-body animation from speech. Samples in; poses of face, hands, upper and lower body out, 30 a second.
  *
  * SPDX-License-Identifier: MIT OR Apache-2.0
  * This file is written by cbindgen from umo-capi/src: change it there.
  *
  * C99 or newer, or C++11 or newer.
  *
- * Everything holds everywhere that is not said otherwise:
+ * Unless stated otherwise:
  *
- * - A fallible call returns a umo_status: UMO_STATUS_OK (0), or below zero what went wrong. umo_status_message says what a
- *   status means and what to do; umo_last_error, and for calls on a session umo_session_last_error, says what exactly.
+ * - A fallible call returns a umo_status: UMO_STATUS_OK (0), or a negative error code. umo_status_message describes a
+ *   status and what to do about it; umo_last_error, and for calls on a session umo_session_last_error, give the details.
  *   A call that fails changes nothing and writes no result.
- * - Models, engines and sessions are handles. NULL, freed and made-up handles are errors, not crashes. What is in use on
- *   another thread is not freed: free says UMO_STATUS_BUSY.
- * - A model outlives its engines by itself, and an engine its sessions: free them in any order.
- * - Arguments come in this order: the object, what goes in, what comes out. Lengths are elements, sizes are bytes.
+ * - Models, engines and sessions are handles. NULL, freed and invalid handles are errors, not crashes. An object in use on
+ *   another thread is not freed: its free function returns UMO_STATUS_BUSY.
+ * - Models, engines and sessions may be freed in any order.
+ * - Order of arguments: the object, inputs, outputs. Lengths are in elements, sizes in bytes.
  * - A structure starts with struct_size: its initialiser, or sizeof, sets it. Later versions only add fields at the end.
  * - Texts are UTF-8. Times are seconds, lengths metres, angles unit quaternions x y z w, sound is full scale at 1, unless
  *   a name says otherwise.
  * - No call throws or exits, and none aborts: what a model file or a configuration makes large is allocated fallibly, and a
- *   refusal is UMO_STATUS_OUT_OF_MEMORY. What remains: pieces of some kilobytes while something is made, for which the
- *   memory is looked for before; where another thread takes it in between, the process ends, as with any Rust library.
- * - Nothing of the library runs on a thread that is not its own or in a call of it.
- * - Allocation happens in _load, _new, _free, and where a comment says so; never on the way from audio to frames.
+ *   failure is UMO_STATUS_OUT_OF_MEMORY. Exception: small allocations (kilobytes) of _load and _new. That their memory is
+ *   free is checked first; if another thread takes it in between, the process ends, as any Rust program does.
+ * - The library runs only on its own threads and inside calls.
+ * - _load, _new and _free allocate, and functions whose comment says so; the path from audio to frames never does.
  *
  * Threads of a session:        audio thread             any thread                    game thread
  *                              umo_session_push_audio   umo_session_interrupt, set_…   umo_session_pull_frames
@@ -57,14 +57,16 @@
 #define UMO_MUST_USE
 #endif
 
-// The version of this interface: its major number in the upper 16 bits, its minor number in the lower. A library serves
-// programs of the same major number and no larger minor one.
+// The version of this interface: its major number in the upper 16 bits, its minor number in the
+// lower. A library serves programs of the same major number and no larger minor one.
 #define UMO_ABI_VERSION 1
 
-// Y up, right-handed, metres; the avatar looks along +Z, its left hand is towards +X. glTF's and Godot's.
+// Y up, right-handed, metres; the avatar looks along +Z, its left hand is towards +X. glTF's and
+// Godot's.
 #define UMO_AXES_GLTF 0
 
-// Z up, left-handed, centimetres; the avatar looks along +X, its right hand is towards +Y. Unreal's.
+// Z up, left-handed, centimetres; the avatar looks along +X, its right hand is towards +Y.
+// Unreal's.
 #define UMO_AXES_UNREAL 1
 
 // Y up, left-handed, metres; the avatar looks along +Z, its right hand is towards +X. Unity's.
@@ -76,16 +78,40 @@
 // The host computes by `umo_engine_poll`.
 #define UMO_ENGINE_POLLED 1
 
-// An offset that says: not wanted.
+// Offset of a value that is not wanted.
 #define UMO_ABSENT 4294967295
 
-// Something worth knowing.
+// The right hand; for a place to point at, the hand that is nearer to it.
+#define UMO_SIDE_AUTO 0
+
+// The left hand; the whole gesture is mirrored.
+#define UMO_SIDE_LEFT 1
+
+// The right hand.
+#define UMO_SIDE_RIGHT 2
+
+// Both hands, where a gesture of one hand can be done by both; else as `UMO_SIDE_AUTO`.
+#define UMO_SIDE_BOTH 3
+
+// Neck and head.
+#define UMO_GESTURE_HEAD 1
+
+// Spine.
+#define UMO_GESTURE_TRUNK 2
+
+// From the left collar to the fingers.
+#define UMO_GESTURE_LEFT_ARM 4
+
+// From the right collar to the fingers.
+#define UMO_GESTURE_RIGHT_ARM 8
+
+// Log level: information.
 #define UMO_LOG_INFO 1
 
-// Something that may not be what was meant.
+// Log level: warning.
 #define UMO_LOG_WARNING 2
 
-// Something that failed.
+// Log level: error.
 #define UMO_LOG_ERROR 3
 
 // Weights as the file has them.
@@ -127,7 +153,7 @@
 // Licence of its weights.
 #define UMO_MODEL_LICENSE 2
 
-// What users must be told about it; empty where there is nothing.
+// Notice that must be shown to users; may be empty.
 #define UMO_MODEL_NOTICE 3
 
 // The instructions that it was packed for, as `avx512vnni`.
@@ -139,13 +165,13 @@
 // Joints of every model.
 #define UMO_JOINT_COUNT 55
 
-// How freely codes are drawn: 0 takes the likeliest always; the model says what it was tuned for.
+// Sampling temperature: 0 always takes the likeliest code; the model says what it was tuned for.
 #define UMO_PARAMETER_TEMPERATURE 1
 
-// Only this many of the likeliest codes are drawn from; 0 is all.
+// Top-k sampling: from this many of the likeliest codes; 0 is all.
 #define UMO_PARAMETER_TOP_K 2
 
-// Only the likeliest codes that together reach this probability are drawn from.
+// Top-p sampling: from the likeliest codes that together reach this probability.
 #define UMO_PARAMETER_TOP_P 3
 
 // What is shown while no audio comes: one of `UMO_IDLE_…`.
@@ -163,6 +189,65 @@
 // How much pelvis and legs move, and the body through the world.
 #define UMO_PARAMETER_GAIN_LOWER 19
 
+// What the avatar attends to: one of `UMO_ATTENTION_…`.
+#define UMO_PARAMETER_ATTENTION 5
+
+// Strength of the layer of blinks, gaze and lids over the model's motion, 0 to 1.
+#define UMO_PARAMETER_LAYER_GAZE 32
+
+// Strength of breath, sway, weight shifts and fingers.
+#define UMO_PARAMETER_LAYER_IDLE 33
+
+// Strength of the differences between the face's left and right.
+#define UMO_PARAMETER_LAYER_ASYMMETRY 34
+
+// Strength of nods on accents, and while listening.
+#define UMO_PARAMETER_LAYER_NODS 35
+
+// Strength of the mood's face and posture; without a mood, of what takes away a frown that nothing
+// asked for.
+#define UMO_PARAMETER_LAYER_MOOD 36
+
+// Strength of planted feet, steps, and the root's way back to where it stood.
+#define UMO_PARAMETER_LAYER_FEET 37
+
+// Speaking while its own audio is heard, listening while `umo_session_push_other_audio`'s is, else
+// idle.
+#define UMO_ATTENTION_AUTO 0
+
+// Nothing in particular.
+#define UMO_ATTENTION_IDLE 1
+
+// Who speaks to it: it looks there, nods and raises its brows at pauses.
+#define UMO_ATTENTION_LISTENING 2
+
+// An answer: it looks away.
+#define UMO_ATTENTION_THINKING 3
+
+// What it says.
+#define UMO_ATTENTION_SPEAKING 4
+
+// No mood: the model's face without its frown.
+#define UMO_MOOD_NEUTRAL 0
+
+// Joy.
+#define UMO_MOOD_JOY 1
+
+// Sadness.
+#define UMO_MOOD_SAD 2
+
+// Anger.
+#define UMO_MOOD_ANGRY 3
+
+// Surprise.
+#define UMO_MOOD_SURPRISED 4
+
+// Disgust.
+#define UMO_MOOD_DISGUSTED 5
+
+// Fear.
+#define UMO_MOOD_AFRAID 6
+
 // The last pose is held.
 #define UMO_IDLE_HOLD 0
 
@@ -174,6 +259,14 @@
 
 // Only whole numbers are allowed.
 #define UMO_PARAMETER_WHOLE 1
+
+// The mouth moves with the body, later than the sound by the session's latency.
+#define UMO_VOICE_DELAYED 0
+
+// The mouth moves as the sound is heard, later by `umo_latency.mouth_samples`: with the default model
+// 56 ms at 16 kHz, 101 ms at 48 kHz. The body follows by the session's latency, and the stream has as
+// many more frames at its end. For a microphone, or a voice that is played as it comes.
+#define UMO_VOICE_LIVE 1
 
 // Bytes that an error's detail may have, its end included.
 #define UMO_ERROR_SIZE 512
@@ -187,13 +280,15 @@ typedef struct umo_model umo_model;
 // A session: one avatar. A handle, never a pointer to memory.
 typedef struct umo_session umo_session;
 
-// What a call came to: `UMO_STATUS_OK`, or below zero what went wrong. Numbers are never used again for anything else.
+// Result of a call: `UMO_STATUS_OK`, or a negative error code. Numbers are never used
+// again for anything else.
 typedef int32_t umo_status;
 
-// Lends the host's threads to an engine: its job system's. Each `umo_engine_poll` then calls `submit` for every thread but
-// its own; the host runs `job(context)` on another thread as soon as it can, which computes until the poll is over and
-// returns. It needs 1 MiB of stack. A job that is run late, or never, costs speed and nothing else; one that is run after
-// the engine was freed returns at once.
+// Lends the threads of the host's job system to an engine. Each `umo_engine_poll` then calls
+// `submit` for every thread but its own; the host runs `job(context)` on another thread as soon as
+// it can, which computes until the poll is over and returns. It needs 1 MiB of stack. A job that
+// is run late, or never, costs speed and nothing else; one that is run after the engine was freed
+// returns at once.
 typedef struct umo_jobs {
     // Given to `submit`.
     void *userdata;
@@ -201,8 +296,9 @@ typedef struct umo_jobs {
     void (*submit)(void *userdata, void (*job)(void *context), void *context);
 } umo_jobs;
 
-// Who is told. Called only by the functions that make and free models, engines and sessions, on their thread; never by the
-// audio thread's or the game thread's calls, nor by the engine's threads.
+// A log callback. Called only by the functions that make and free models, engines and sessions, on
+// their thread; never by the audio thread's or the game thread's calls, nor by the engine's
+// threads.
 typedef struct umo_log {
     // Given to `write`.
     void *userdata;
@@ -210,37 +306,40 @@ typedef struct umo_log {
     void (*write)(void *userdata, uint32_t level, const char *message);
 } umo_log;
 
-// What an engine is made with. Start it with `umo_engine_config_init`.
+// Configuration of an engine. Start it with `umo_engine_config_init`.
 typedef struct umo_engine_config {
     // `sizeof(umo_engine_config)`.
     uint32_t struct_size;
     // `UMO_ENGINE_THREADS` or `UMO_ENGINE_POLLED`.
     uint32_t mode;
-    // Threads that compute, 1 to 64: the engine's own, or, where the host polls, the polling thread and as many more of
-    // the engine's own as make up the number.
+    // Threads that compute, 1 to 64: the engine's own, or, where the host polls, the polling
+    // thread and as many more of the engine's own as make up the number.
     uint32_t threads;
     // Most sessions at once, 1 to 4,096.
     uint32_t max_sessions;
-    // Most sessions that are computed together, 1 to 64: more read the weights less often and need memory.
+    // Most sessions that are computed together, 1 to 64: more read the weights less often and need
+    // memory.
     uint32_t max_batch;
     // How many `cores` there are, 0 to 64.
     uint32_t core_count;
-    // Processor numbers that the engine's own threads are bound to, one each, as far as they go; NULL leaves that to the
-    // system.
+    // Processor numbers that the engine's own threads are bound to, one each, as far as they go;
+    // NULL leaves that to the system.
     const uint32_t *cores;
-    // The host's threads, where they are to compute in place of the engine's own, or NULL. Only with `UMO_ENGINE_POLLED`.
+    // The host's threads, where they are to compute in place of the engine's own, or NULL. Only
+    // with `UMO_ENGINE_POLLED`.
     const struct umo_jobs *jobs;
-    // Who is told about this engine and its sessions, or NULL.
+    // Log callback for this engine and its sessions, or NULL.
     const struct umo_log *log;
 } umo_engine_config;
 
-// Where a frame's values go in memory of the host's own, in bytes from the frame's start. A value whose offset is
-// `UMO_ABSENT` is not written; bytes between values are left alone, so that frames can be the host's own structures.
-// Start it with `umo_frame_layout_init`.
+// Where a frame's values go in memory of the host's own, in bytes from the frame's start. A value
+// whose offset is `UMO_ABSENT` is not written; bytes between values are left alone, so that frames
+// can be the host's own structures. Start it with `umo_frame_layout_init`.
 //
-// Offsets and strides are multiples of the alignment that C gives the values: 4, and for `index` and `sample` that of
-// `uint64_t`, which `frame_stride` then has too. No two values overlap, not in one byte; values of one kind may lie between
-// those of another. A layout that breaks this is `INVALID_ARGUMENT`, and `umo_last_error` names the fields.
+// Offsets and strides are multiples of the alignment that C gives the values: 4, and for `index`
+// and `sample` that of `uint64_t`, which `frame_stride` then has too. No two values overlap, not
+// in one byte; values of one kind may lie between those of another. A layout that breaks this is
+// `INVALID_ARGUMENT`, and `umo_last_error` names the fields.
 typedef struct umo_frame_layout {
     // `sizeof(umo_frame_layout)`.
     uint32_t struct_size;
@@ -248,14 +347,16 @@ typedef struct umo_frame_layout {
     uint32_t axes;
     // Bytes from one frame to the next, at least the end of the last value.
     uint32_t frame_stride;
-    // `uint64_t`: the frame's number since the start or the last reset, `umo_model_info.frame_rate` a second.
+    // `uint64_t`: the frame's number since the start or the last reset,
+    // `umo_model_info.frame_rate` a second.
     uint32_t index;
     // `uint64_t`: the sample of each channel of the pushed audio that the frame belongs to.
     uint32_t sample;
-    // `float[3]`: where the root is, to be added to the first joint's offset in `umo_model_get_skeleton`. The floor is at 0
-    // where the model's is.
+    // `float[3]`: where the root is, to be added to the first joint's offset in
+    // `umo_model_get_skeleton`. The floor is at 0 where the model's is.
     uint32_t translation;
-    // `float[4]` of the first joint: its rotation in its parent's frame, a unit quaternion x, y, z, w.
+    // `float[4]` of the first joint: its rotation in its parent's frame, a unit quaternion x, y,
+    // z, w.
     uint32_t rotations;
     // Bytes from one joint's rotation to the next, at least 16.
     uint32_t rotation_stride;
@@ -269,6 +370,49 @@ typedef struct umo_frame_layout {
     uint32_t reserved;
 } umo_frame_layout;
 
+// How a gesture is played. Start it with `umo_gesture_options_init`.
+typedef struct umo_gesture_options {
+    // `sizeof(umo_gesture_options)`.
+    uint32_t struct_size;
+    // Which hand: one of `UMO_SIDE_…`.
+    uint32_t side;
+    // Axes and units of `target`: one of `UMO_AXES_…`.
+    uint32_t axes;
+    // 1 where there is a `target`, else 0.
+    uint32_t has_target;
+    // Seconds of the motion at which the stroke falls; the preparation begins that much earlier.
+    // Negative: as soon as no other gesture has its parts.
+    double at;
+    // How fast, 0.5 to 2.
+    float speed;
+    // How much of it, 0 to 1: less is nearer to what the model does.
+    float strength;
+    // A place in the avatar's space, for gestures that point; without one they point ahead.
+    float target[3];
+    // Zero.
+    uint32_t reserved;
+} umo_gesture_options;
+
+// A clip of the host's own that becomes a gesture. Start it with `umo_gesture_clip_init`.
+typedef struct umo_gesture_clip {
+    // `sizeof(umo_gesture_clip)`.
+    uint32_t struct_size;
+    // Axes of the rotations: one of `UMO_AXES_…`.
+    uint32_t axes;
+    // Parts that it moves: a sum of `UMO_GESTURE_…`. Where the body stands and goes stays the
+    // model's.
+    uint32_t parts;
+    // Frames, 2 to 3,600.
+    uint32_t frame_count;
+    // Frames a second, 1 to 240.
+    float rate;
+    // Seconds from the first frame to the stroke.
+    float stroke;
+    // `float[frame_count][UMO_JOINT_COUNT][4]`: each joint's rotation in its parent's frame, a
+    // quaternion x, y, z, w; all joints at rest are a T-pose. Read during the call.
+    const float *rotations;
+} umo_gesture_clip;
+
 // How a model is loaded. Start it with `umo_model_config_init`.
 typedef struct umo_model_config {
     // `sizeof(umo_model_config)`.
@@ -281,7 +425,7 @@ typedef struct umo_model_config {
     uint32_t isa;
     // Zero.
     uint32_t reserved;
-    // Who is told about this model, or NULL. Read while the model is loaded.
+    // Log callback for this model, or NULL. Read while the model is loaded.
     const struct umo_log *log;
 } umo_model_config;
 
@@ -291,13 +435,14 @@ typedef struct umo_model_info {
     uint32_t struct_size;
     // Frames per second: 30.
     uint32_t frame_rate;
-    // Samples per second that the model hears; sessions take any rate and resample.
+    // Samples per second of the model's input; sessions take any rate and resample.
     uint32_t sample_rate;
     // Joints of the body: 55, as SMPL-X has them.
     uint32_t joints;
     // Face channels.
     uint32_t channels;
-    // 1 where face channels are the 52 ARKit blendshapes, 0 to 1; 0 where they are SMPL-X expression coefficients.
+    // 1 where face channels are the 52 ARKit blendshapes, 0 to 1; 0 where they are SMPL-X
+    // expression coefficients.
     uint32_t is_arkit;
     // Frames from one keyframe to the next.
     uint32_t keyframe_stride;
@@ -313,10 +458,15 @@ typedef struct umo_model_info {
     uint32_t max_prompt;
     // 1 where texts can be prompts, so that `umo_session_set_prompt` works.
     uint32_t has_text;
-    // 1 where users must be told something, `UMO_MODEL_NOTICE`: that the model was never trained, say.
+    // 1 if `UMO_MODEL_NOTICE` must be shown to users: that the model was never trained,
+    // say.
     uint32_t has_notice;
     // Bytes of the model file.
     uint64_t file_size;
+    // 1 where the model has a mouth network, so that sessions may have `UMO_VOICE_LIVE`.
+    uint32_t has_mouth;
+    // Zero.
+    uint32_t reserved;
 } umo_model_info;
 
 // What a parameter is. Set `struct_size`, the rest is written by `umo_parameter_get_info`.
@@ -337,9 +487,10 @@ typedef struct umo_parameter_info {
     const char *name;
 } umo_parameter_info;
 
-// Where a session's memory comes from. Both functions are needed. They are called by `umo_session_new`,
-// `umo_session_free` and, where a session was freed while a chunk of it was computed, by the next of these or
-// `umo_engine_free`; never by another thread than the one in that call.
+// Where a session's memory comes from. Both functions are needed. They are called by
+// `umo_session_new`, `umo_session_free` and, where a session was freed while a chunk of it was
+// computed, by the next of these or `umo_engine_free`; never by another thread than the one in
+// that call.
 typedef struct umo_allocator {
     // Given to both.
     void *userdata;
@@ -349,7 +500,7 @@ typedef struct umo_allocator {
     void (*release)(void *userdata, void *memory, size_t size, size_t alignment);
 } umo_allocator;
 
-// What a session is made with. Start it with `umo_session_config_init`.
+// Configuration of a session. Start it with `umo_session_config_init`.
 typedef struct umo_session_config {
     // `sizeof(umo_session_config)`.
     uint32_t struct_size;
@@ -357,11 +508,12 @@ typedef struct umo_session_config {
     uint32_t sample_rate;
     // Interleaved channels of that audio, 1 to 64; they are mixed.
     uint32_t channels;
-    // Keyframes predicted per chunk, 1 to `umo_model_info.max_target`: fewer answer sooner, more see more at once.
+    // Keyframes predicted per chunk, 1 to `umo_model_info.max_target`: fewer answer sooner, more
+    // see more at once.
     uint32_t target;
     // Frames held back until the next chunk, for smoother seams: that much later, too.
     uint32_t lookahead;
-    // What is shown while no audio comes: one of `UMO_IDLE_…`.
+    // What is shown during silence: one of `UMO_IDLE_…`.
     uint32_t idle;
     // Milliseconds without audio after which that begins.
     uint32_t idle_after_ms;
@@ -369,18 +521,29 @@ typedef struct umo_session_config {
     uint32_t ease_ms;
     // Frames that wait for the host before the engine stops computing: at least two chunks' worth.
     uint32_t queue_frames;
-    // Zero.
-    uint32_t reserved;
+    // When the mouth moves: one of `UMO_VOICE_…`.
+    uint32_t voice;
     // Seed of all draws: the same seed and audio give the same frames.
     uint64_t seed;
     // Which of the model's templates: NULL for `audio_to_motion`; `text_to_motion` needs no audio.
     const char *template_name;
-    // Where the session's memory comes from, or NULL for the system's. Read while the session is made; what it names must
-    // live until the engine is freed.
+    // Where the session's memory comes from, or NULL for the system's. Read while the session is
+    // made; what it names must live until the engine is freed.
     const struct umo_allocator *allocator;
+    // Standard deviation of the low-pass of the body's motion, frames, 0 to 1.5: 0 for the model's own
+    // motion. It looks two standard deviations ahead, 3 frames at most, where `lookahead` is less.
+    float smoothing;
+    // How strongly the prompt steers, 1 to 3, with models of layout `frames`: 1 is the prompt alone,
+    // at half the cost of other values. Else 1.
+    float guidance;
+    // Keyframes of audio behind a chunk that it waits for, where the model was made to hear ahead:
+    // that much later, too. Else 0.
+    uint32_t horizon;
+    // Zero.
+    uint32_t reserved;
 } umo_session_config;
 
-// Which times `umo_session_sample_pose` could choose from. Set `struct_size`, the rest is written.
+// The range of times that `umo_session_sample_pose` could sample. Set `struct_size`, the rest is written.
 typedef struct umo_sampled {
     // `sizeof(umo_sampled)`.
     uint32_t struct_size;
@@ -392,15 +555,19 @@ typedef struct umo_sampled {
     double newest;
 } umo_sampled;
 
-// How far motion is behind speech. Set `struct_size`, the rest is written by `umo_session_latency`.
+// How far motion is behind speech. Set `struct_size`, the rest is written by
+// `umo_session_latency`.
 typedef struct umo_latency {
     // `sizeof(umo_latency)`.
     uint32_t struct_size;
     // Zero.
     uint32_t reserved;
-    // Samples of future audio, at the session's rate, that a frame needs at most: what no processor can shorten.
+    // Samples of future audio, at the session's rate, that a frame needs at most: what no
+    // processor can shorten. The configuration's `target`, `lookahead`, `smoothing`, `horizon` and
+    // `sample_rate` make it.
     uint64_t algorithmic_samples;
-    // Seconds from a chunk's last sample, or the end of the chunk before where that is later, to its frames: median.
+    // Seconds from a chunk's last sample, or the end of the chunk before where that is later, to
+    // its frames: median.
     double compute_p50;
     // Its 99th percentile.
     double compute_p99;
@@ -408,14 +575,17 @@ typedef struct umo_latency {
     double compute_p999;
     // Its largest.
     double compute_max;
-    // Samples, at the session's rate, by which the newest frame is behind the newest audio now, beyond
-    // `algorithmic_samples`: 0 while the engine keeps up.
+    // Samples, at the session's rate, by which the newest frame is behind the newest audio now,
+    // beyond `algorithmic_samples`: 0 while the engine keeps up.
     uint64_t backlog_samples;
     // The largest backlog since the session was made.
     uint64_t backlog_max_samples;
+    // Samples of future audio, at the session's rate, that a frame's mouth needs at most:
+    // `algorithmic_samples`, or less with `UMO_VOICE_LIVE`.
+    uint64_t mouth_samples;
 } umo_latency;
 
-// What a session went through. Set `struct_size`, the rest is written by `umo_session_stats`.
+// Statistics of a session. Set `struct_size`, the rest is written by `umo_session_stats`.
 typedef struct umo_stats {
     // `sizeof(umo_stats)`.
     uint32_t struct_size;
@@ -431,26 +601,26 @@ typedef struct umo_stats {
     uint64_t dropped_frames;
     // Samples of each channel that were not taken because there was no room.
     uint64_t overruns;
-    // Samples that were no usable number and became silence.
+    // Samples that were NaN, infinite or beyond 1e6, and became silence.
     uint64_t silenced;
 } umo_stats;
 
-// It worked.
+// Success.
 #define UMO_STATUS_OK 0
 
-// A pointer is NULL where something is needed.
+// A required pointer is NULL.
 #define UMO_STATUS_NULL_POINTER -1
 
-// A handle was never given out, or was freed, or is of another kind.
+// An unknown or freed handle, or one of another kind.
 #define UMO_STATUS_INVALID_HANDLE -2
 
-// An argument is out of its range.
+// An argument is out of range.
 #define UMO_STATUS_INVALID_ARGUMENT -3
 
-// A structure's `struct_size` is none that this library knows: call its initialiser.
+// Unknown `struct_size`: call the structure's initializer, or set it to `sizeof`.
 #define UMO_STATUS_STRUCT_SIZE -4
 
-// A buffer is too small for what is to be written.
+// A buffer is too small for the output.
 #define UMO_STATUS_BUFFER_TOO_SMALL -5
 
 // The program was compiled with the header of another, incompatible version.
@@ -459,13 +629,13 @@ typedef struct umo_stats {
 // A file cannot be read.
 #define UMO_STATUS_IO -7
 
-// The bytes are no usable model.
+// Not a usable model file.
 #define UMO_STATUS_MODEL -8
 
 // There is not enough memory, or the host's allocator gave none.
 #define UMO_STATUS_OUT_OF_MEMORY -9
 
-// All places are taken: free something first.
+// No free slot: free a model, an engine or a session first.
 #define UMO_STATUS_FULL -10
 
 // Another thread is in a call that excludes this one: call again. Nothing was done.
@@ -480,17 +650,18 @@ typedef struct umo_stats {
 // The session's engine was freed: it gives no more frames. Free it.
 #define UMO_STATUS_CLOSED -14
 
-// A defect of this library was caught, and printed nothing; the session concerned is good for nothing more. Free it, and
-// report the defect: `umo_session_last_error` (or `umo_last_error`) has the panic's text and its place in the source.
+// A panic of this library was caught, without output; the session concerned can not be used any
+// more. Free it, and report the defect: `umo_session_last_error` (or `umo_last_error`) has
+// the panic's text and its place in the source.
 #define UMO_STATUS_PANIC -15
 
 // This model, processor or engine cannot do that.
 #define UMO_STATUS_UNSUPPORTED -16
 
-// The bytes are no state of such a session. Nothing was changed.
+// Not a state of such a session. Nothing was changed.
 #define UMO_STATUS_STATE -17
 
-// The system starts no thread, or does not let it have its core.
+// A worker thread could not be created or pinned.
 #define UMO_STATUS_THREAD -18
 
 #ifdef __cplusplus
@@ -507,8 +678,8 @@ UMO_API uint32_t umo_abi_version(void) UMO_NOEXCEPT;
 // Threads: any. Never allocates, never waits.
 UMO_API const char *umo_version(void) UMO_NOEXCEPT;
 
-// Fills an engine configuration with its defaults: two threads of its own (one where there is one core), 64 sessions, 8 of
-// them together. `size` is `sizeof *config`.
+// Fills an engine configuration with its defaults: two threads of its own (one where there is one
+// core), 64 sessions, 8 of them together. `size` is `sizeof *config`.
 //
 // Threads: any. Never allocates, never waits.
 // Errors: `NULL_POINTER`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (not aligned).
@@ -521,14 +692,17 @@ umo_status umo_engine_config_init(struct umo_engine_config *config,
                                   size_t size)
 UMO_NOEXCEPT;
 
-// Makes an engine for a model, which may be freed before it. `config` may be NULL.
+// Creates an engine for a model, which may be freed before it. `config` may be NULL.
 //
-// Threads: any but the audio thread. Allocates everything that computing will need, and starts the engine's threads.
-// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (`umo_last_error` says which number), `STRUCT_SIZE`,
-// `THREAD`, `MODEL` (the model gives no pose of rest), `FULL` (1,024 engines).
+// Threads: any but the audio thread. Allocates everything that computing will need, and starts the
+// engine's threads.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (`umo_last_error` says which
+// number), `STRUCT_SIZE`, `THREAD`, `MODEL` (the model has no rest pose), `FULL` (1,024
+// engines).
 //
 // Pointers:
-// `config` is NULL or as long as its `struct_size` says, with `cores`, `jobs` and `log` as described; `engine` is NULL or writable.
+// `config` is NULL or as long as its `struct_size` says, with `cores`, `jobs` and `log` as
+// described; `engine` is NULL or writable.
 UMO_API
 UMO_MUST_USE
 umo_status umo_engine_new(const struct umo_model *model,
@@ -536,24 +710,25 @@ umo_status umo_engine_new(const struct umo_model *model,
                           struct umo_engine **engine)
 UMO_NOEXCEPT;
 
-// Stops an engine's threads and frees it. Its sessions live on without it: frames that were ready can be pulled, then
-// they say `CLOSED`. NULL is fine.
+// Stops an engine's threads and frees it. Its sessions live on without it: frames that were ready
+// can be pulled, then they say `CLOSED`. NULL is fine.
 //
-// Threads: any but the audio thread. Waits for the layer that is being computed, a few milliseconds at most.
-// Errors: `INVALID_HANDLE`, `BUSY` (a call on it is in progress, as `umo_engine_poll`, or a job that it gave to
-// `umo_jobs.submit`). After `BUSY` the engine takes no other calls, and jobs that have not begun return at once; free it again
-// when those in progress have returned: `while (umo_engine_free(engine) == UMO_STATUS_BUSY) wait_for_my_jobs();`
-UMO_API
-umo_status umo_engine_free(struct umo_engine *engine)
-UMO_NOEXCEPT;
+// Threads: any but the audio thread. Waits for the layer that is being computed, a few
+// milliseconds at most.
+// Errors: `INVALID_HANDLE`, `BUSY` (a call on it is in progress, as `umo_engine_poll`, or a job
+// that it gave to `umo_jobs.submit`). After `BUSY` the engine takes no other calls, and jobs that
+// have not begun return at once; free it again when those in progress have returned:
+// `while (umo_engine_free(engine) == UMO_STATUS_BUSY) wait_for_my_jobs();`
+UMO_API umo_status umo_engine_free(struct umo_engine *engine) UMO_NOEXCEPT;
 
 // Computes on the calling thread, where the engine was made with `UMO_ENGINE_POLLED`: until nothing is due, or for
 // `budget` microseconds and at most one layer's time longer. With a budget of 0 it computes one layer. `more`, which may
 // be NULL, becomes 1 where there is more to do, else 0.
 //
-// Threads: one at a time, with at least 1 MiB of stack; not the audio thread. Never allocates; waits only for the engine's
-// own threads and for work that lent ones have begun.
-// Errors: `INVALID_HANDLE`, `BUSY` (another thread polls), `UNSUPPORTED` (the engine has threads of its own).
+// Threads: one at a time, with at least 1 MiB of stack; not the audio thread. Never allocates;
+// waits only for the engine's own threads and for work that lent ones have begun.
+// Errors: `INVALID_HANDLE`, `BUSY` (another thread polls), `UNSUPPORTED` (the engine has threads
+// of its own).
 //
 // Pointers:
 // `more` is NULL or writable.
@@ -564,8 +739,8 @@ umo_status umo_engine_poll(struct umo_engine *engine,
                            uint32_t *more)
 UMO_NOEXCEPT;
 
-// Fills a layout with that of frames without gaps in glTF's axes: index, sample, translation, rotations, channels, and
-// visemes where the model has ARKit channels. `size` is `sizeof *layout`.
+// Fills a layout with that of frames without gaps in glTF's axes: index, sample, translation,
+// rotations, channels, and visemes where the model has ARKit channels. `size` is `sizeof *layout`.
 //
 // Threads: any. Never allocates, never waits.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`.
@@ -579,10 +754,11 @@ umo_status umo_frame_layout_init(struct umo_frame_layout *layout,
                                  const struct umo_model *model)
 UMO_NOEXCEPT;
 
-// Whether a layout can be used with a model, and how many frames `size` bytes have room for.
+// Checks a layout against a model, and computes how many frames `size` bytes have room for.
 //
 // Threads: any. Never allocates, never waits.
-// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `INVALID_ARGUMENT`, `UNSUPPORTED`: `umo_last_error` says what.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `INVALID_ARGUMENT`, `UNSUPPORTED`:
+// `umo_last_error` says what.
 //
 // Pointers:
 // `layout` is NULL or as long as its `struct_size` says; `frames` is NULL or writable.
@@ -592,6 +768,113 @@ umo_status umo_frame_layout_check(const struct umo_frame_layout *layout,
                                   const struct umo_model *model,
                                   size_t size,
                                   size_t *frames)
+UMO_NOEXCEPT;
+
+// Fills the options of a gesture with their defaults: as soon as possible, at its own speed, whole.
+// `size` is `sizeof *options`.
+//
+// Threads: any. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (not aligned).
+//
+// Pointers:
+// `options` is NULL or has `size` writable bytes.
+UMO_API
+UMO_MUST_USE
+umo_status umo_gesture_options_init(struct umo_gesture_options *options,
+                                    size_t size)
+UMO_NOEXCEPT;
+
+// Fills a clip with its defaults: every part, 30 frames a second, no frames yet. `size` is
+// `sizeof *clip`.
+//
+// Threads: any. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (not aligned).
+//
+// Pointers:
+// `clip` is NULL or has `size` writable bytes.
+UMO_API
+UMO_MUST_USE
+umo_status umo_gesture_clip_init(struct umo_gesture_clip *clip,
+                                 size_t size)
+UMO_NOEXCEPT;
+
+// Adds a gesture of the host's own to those that sessions of an engine know which are made from now
+// on; one of the same name is replaced. `name` is 1 to 64 letters, digits, `_`, `-` and spaces.
+// The clip comes in over its first 0.4 seconds, or up to its stroke if that is earlier, and goes
+// out over its last 0.55 seconds. An engine takes 256.
+//
+// Threads: any but the audio thread. Allocates.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (`umo_last_error`
+// says which field).
+//
+// Pointers:
+// `name` is NULL or ends with a zero byte; `clip` is NULL or as long as its `struct_size` says,
+// with `rotations` as described.
+UMO_API
+UMO_MUST_USE
+umo_status umo_engine_add_gesture(struct umo_engine *engine,
+                                  const char *name,
+                                  const struct umo_gesture_clip *clip)
+UMO_NOEXCEPT;
+
+// Adds a gesture as `umo_engine_add_gesture` does, of the animation in a `.glb` or `.vrm` file of any
+// character with the bones of a human: Mixamo's, VRM's, Unreal's, Unity's, Godot's or
+// `umo animate`'s names are known. The motion is brought to the model's skeleton.
+//
+// `path` is UTF-8. `animation` is the name of one in the file, or NULL for its first, of at most two
+// minutes. `parts` is a sum of `UMO_GESTURE_…`. `stroke` is seconds from its start to the stroke;
+// negative: its middle.
+//
+// Threads: any but the audio thread. Allocates.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `IO`, `OUT_OF_MEMORY`, `INVALID_ARGUMENT`
+// (`umo_last_error` says what of the file is wrong, which bones were not found, or which
+// argument).
+//
+// Pointers:
+// `name` and `path` are NULL or end with a zero byte; so does `animation`.
+UMO_API
+UMO_MUST_USE
+umo_status umo_engine_add_gesture_file(struct umo_engine *engine,
+                                       const char *name,
+                                       const char *path,
+                                       const char *animation,
+                                       uint32_t parts,
+                                       float stroke)
+UMO_NOEXCEPT;
+
+// The same for a file's `size` bytes in memory, read during the call.
+//
+// Threads: any but the audio thread. Allocates.
+// Errors: as `umo_engine_add_gesture_file`, but for `IO`.
+//
+// Pointers:
+// `name` is NULL or ends with a zero byte; so does `animation`. `data` is NULL or has `size`
+// readable bytes.
+UMO_API
+UMO_MUST_USE
+umo_status umo_engine_add_gesture_memory(struct umo_engine *engine,
+                                         const char *name,
+                                         const void *data,
+                                         size_t size,
+                                         const char *animation,
+                                         uint32_t parts,
+                                         float stroke)
+UMO_NOEXCEPT;
+
+// The name of a gesture that sessions of an engine know: built-in ones first, in a fixed order,
+// then the host's. Good until the engine is freed. To list them, count `index` up from 0 until
+// `INVALID_ARGUMENT`.
+//
+// Threads: any but the audio thread. Waits for another thread's `umo_engine_add_gesture`.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (no such index).
+//
+// Pointers:
+// `name` is NULL or writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_engine_get_gesture_name(const struct umo_engine *engine,
+                                       uint32_t index,
+                                       const char **name)
 UMO_NOEXCEPT;
 
 // Fills a model configuration with its defaults. `size` is `sizeof *config`.
@@ -609,14 +892,14 @@ UMO_NOEXCEPT;
 
 // Loads a model from a file. `abi` is `UMO_ABI_VERSION`; `path` is UTF-8; `config` may be NULL.
 //
-// Threads: any but the audio thread. Allocates, reads the file, starts threads for as long as it takes, and waits for
-// them: a base-size int8 model takes some 0.3 s.
-// Errors: `VERSION`, `NULL_POINTER`, `IO`, `MODEL` (`umo_last_error` names the tensor or key), `OUT_OF_MEMORY`, `FULL`
-// (1,024 models), `THREAD`, `INVALID_ARGUMENT`, `STRUCT_SIZE`.
+// Threads: any but the audio thread. Allocates, reads the file, starts threads for as long as it
+// takes, and waits for them: a base-size int8 model takes some 0.3 s.
+// Errors: `VERSION`, `NULL_POINTER`, `IO`, `MODEL` (`umo_last_error` names the tensor or key),
+// `OUT_OF_MEMORY`, `FULL` (1,024 models), `THREAD`, `INVALID_ARGUMENT`, `STRUCT_SIZE`.
 //
 // Pointers:
-// `path` is NULL or ends with a zero byte; `config` is NULL or as long as its `struct_size` says; `model` is NULL or
-// writable.
+// `path` is NULL or ends with a zero byte; `config` is NULL or as long as its `struct_size` says;
+// `model` is NULL or writable.
 UMO_API
 UMO_MUST_USE
 umo_status umo_model_load(uint32_t abi,
@@ -625,8 +908,8 @@ umo_status umo_model_load(uint32_t abi,
                           struct umo_model **model)
 UMO_NOEXCEPT;
 
-// Loads a model from memory, which is not copied and not needed any more when the call returns: weights are laid out anew
-// for the processor.
+// Loads a model from memory, which is not copied and not needed any more when the call returns:
+// weights are repacked for the processor.
 //
 // Threads, errors: as `umo_model_load`, but for `IO`.
 //
@@ -643,11 +926,10 @@ UMO_NOEXCEPT;
 
 // Frees a model. Its engines keep what they need of it. NULL is fine.
 //
-// Threads: any but the audio thread. Texts and names of the model are gone with it.
-// Errors: `INVALID_HANDLE`, `BUSY` (a call on it is still in progress: call `umo_model_free` again; it takes no other calls).
-UMO_API
-umo_status umo_model_free(struct umo_model *model)
-UMO_NOEXCEPT;
+// Threads: any but the audio thread. Texts and names of the model are freed with it.
+// Errors: `INVALID_HANDLE`, `BUSY` (a call on it is still in progress: call `umo_model_free`
+// again; it takes no other calls).
+UMO_API umo_status umo_model_free(struct umo_model *model) UMO_NOEXCEPT;
 
 // What a model has.
 //
@@ -676,7 +958,8 @@ umo_status umo_model_get_text(const struct umo_model *model,
                               const char **text)
 UMO_NOEXCEPT;
 
-// The name of a face channel, as `jawOpen`, good until the model is freed. `index` is below `umo_model_info.channels`.
+// The name of a face channel, as `jawOpen`, good until the model is freed. `index` is below
+// `umo_model_info.channels`.
 //
 // Threads: any. Never allocates, never waits.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT`.
@@ -695,22 +978,23 @@ UMO_NOEXCEPT;
 // Threads: any. Never allocates, never waits.
 UMO_API const char *umo_joint_name(uint32_t index) UMO_NOEXCEPT;
 
-// The name of a viseme of the Oculus set, as `PP`: static, NULL where `index` is not below `UMO_VISEME_COUNT`.
+// The name of a viseme of the Oculus set, as `PP`: static, NULL where `index` is not below
+// `UMO_VISEME_COUNT`.
 //
 // Threads: any. Never allocates, never waits.
-UMO_API
-const char *umo_viseme_name(uint32_t index)
-UMO_NOEXCEPT;
+UMO_API const char *umo_viseme_name(uint32_t index) UMO_NOEXCEPT;
 
-// The bones: for each joint its parent's index, -1 for the first, and where it is in its parent's frame at rest, x y z, in
-// `which` axes (one of `UMO_AXES_…`) and their unit. Either may be NULL; `joints` is how many there is room for, at least
-// `UMO_JOINT_COUNT`. With rotations all identity the body stands in a T.
+// The bones: for each joint its parent's index, -1 for the first, and where it is in its parent's
+// frame at rest, x y z, in `which` axes (one of `UMO_AXES_…`) and their unit. Either may be NULL;
+// `joints` is how many there is room for, at least `UMO_JOINT_COUNT`. With rotations all identity
+// the body stands in a T-pose.
 //
 // Threads: any. Never allocates, never waits.
 // Errors: `INVALID_HANDLE`, `INVALID_ARGUMENT`, `BUFFER_TOO_SMALL`.
 //
 // Pointers:
-// `parents` is NULL or has room for `joints` values; `offsets` is NULL or has room for `3 * joints` values.
+// `parents` is NULL or has room for `joints` values; `offsets` is NULL or has room for
+// `3 * joints` values.
 UMO_API
 UMO_MUST_USE
 umo_status umo_model_get_skeleton(const struct umo_model *model,
@@ -720,16 +1004,16 @@ umo_status umo_model_get_skeleton(const struct umo_model *model,
                                   size_t joints)
 UMO_NOEXCEPT;
 
-// The ids of a prompt, for `umo_session_set_prompt_ids`: at most `umo_model_info.max_prompt` of them. `count` is written
-// even where there is no room for them all.
+// The ids of a prompt, for `umo_session_set_prompt_ids`: at most `umo_model_info.max_prompt` of
+// them. `count` is written even where there is no room for them all.
 //
 // Threads: any but the audio thread. Allocates.
-// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `UNSUPPORTED` (the model takes no texts), `INVALID_ARGUMENT` (too long),
-// `BUFFER_TOO_SMALL`.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `UNSUPPORTED` (the model takes no texts),
+// `INVALID_ARGUMENT` (too long), `BUFFER_TOO_SMALL`.
 //
 // Pointers:
-// `text` is NULL or has `length` readable bytes; `ids` is NULL or has room for `capacity` values; `count` is NULL or
-// writable.
+// `text` is NULL or has `length` readable bytes; `ids` is NULL or has room for `capacity` values;
+// `count` is NULL or writable.
 UMO_API
 UMO_MUST_USE
 umo_status umo_model_encode_text(const struct umo_model *model,
@@ -753,7 +1037,8 @@ umo_status umo_parameter_get_info(uint32_t index,
                                   struct umo_parameter_info *info)
 UMO_NOEXCEPT;
 
-// Fills a session configuration with the model's defaults: mono audio at the model's rate. `size` is `sizeof *config`.
+// Fills a session configuration with the model's defaults: mono audio at the model's rate. `size`
+// is `sizeof *config`.
 //
 // Threads: any. Allocates for a moment.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (not aligned).
@@ -767,10 +1052,10 @@ umo_status umo_session_config_init(struct umo_session_config *config,
                                    const struct umo_model *model)
 UMO_NOEXCEPT;
 
-// How much memory `umo_session_new` takes from the allocator for such a session, in one piece: bytes and alignment. Either
-// may be NULL.
+// How much memory `umo_session_new` takes from the allocator for such a session, in one piece:
+// bytes and alignment. Either may be NULL.
 //
-// Threads: any but the audio thread. Allocates as much for a moment.
+// Threads: any but the audio thread. Allocates what `umo_session_new` takes from the system.
 // Errors: as `umo_session_new`.
 //
 // Pointers:
@@ -783,16 +1068,20 @@ umo_status umo_session_memory(const struct umo_engine *engine,
                               size_t *alignment)
 UMO_NOEXCEPT;
 
-// Makes a session: one avatar at the start of its stream. `config` may be NULL.
+// Creates a session: one avatar at the start of its stream. `config` may be NULL.
 //
-// Threads: any but the audio thread. Allocates everything that the session will ever need, in one piece from the
-// configuration's allocator (and as much from the system for a moment, to find out how much that is).
-// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (`umo_last_error` says which number), `STRUCT_SIZE`,
-// `FULL` (the engine's places, or 16,384 sessions in all), `OUT_OF_MEMORY`.
+// Threads: any but the audio thread. Allocates everything that the session will ever need, in one
+// piece from the configuration's allocator, of the size that `umo_session_memory` gives. The system
+// gives less than 1 KiB for the time of the call, and for the first session of a `sample_rate` that
+// is not the model's the filter that converts it, which the engine keeps: to 16,000 samples per
+// second at most 90 KiB from 44,100 or 48,000, and 32 MiB from a rate without a common divisor.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (`umo_last_error` says which
+// number), `STRUCT_SIZE`, `FULL` (the engine's places, or 16,384 sessions in all),
+// `OUT_OF_MEMORY`.
 //
 // Pointers:
-// `config` is NULL or as long as its `struct_size` says, with `template_name` and `allocator` as described; `session` is
-// NULL or writable.
+// `config` is NULL or as long as its `struct_size` says, with `template_name` and `allocator` as
+// described; `session` is NULL or writable.
 UMO_API
 UMO_MUST_USE
 umo_status umo_session_new(struct umo_engine *engine,
@@ -800,18 +1089,19 @@ umo_status umo_session_new(struct umo_engine *engine,
                            struct umo_session **session)
 UMO_NOEXCEPT;
 
-// Frees a session. NULL is fine. From here on other calls on it get `INVALID_HANDLE`, so that threads that never pause do
-// not keep it.
+// Frees a session. NULL is fine. From here on other calls on it get `INVALID_HANDLE`, so that
+// threads that never pause do not keep it.
 //
-// Threads: any but the audio thread. Waits a millisecond or so for calls in progress. Where a chunk of it is just computed,
-// its memory goes back with the next session that is made or freed, or with the engine.
-// Errors: `INVALID_HANDLE`, `BUSY` (a call on it is still in progress: call `umo_session_free` again; nothing was freed).
-UMO_API
-umo_status umo_session_free(struct umo_session *session)
-UMO_NOEXCEPT;
+// Threads: any but the audio thread. Waits a millisecond or so for calls in progress. Where a
+// chunk of it is just computed, its memory goes back with the next session that is made or freed,
+// or with the engine.
+// Errors: `INVALID_HANDLE`, `BUSY` (a call on it is still in progress: call `umo_session_free`
+// again; nothing was freed).
+UMO_API umo_status umo_session_free(struct umo_session *session) UMO_NOEXCEPT;
 
-// The detail of the last call on the session that failed, from whatever thread: a copy in `buffer`, which has `size`
-// bytes; `UMO_ERROR_SIZE` are enough. `length`, which may be NULL, gets its length without the end.
+// The detail of the last failed call on the session, from any thread: a copy in
+// `buffer`, which has `size` bytes; `UMO_ERROR_SIZE` are enough. `length`, which may be NULL, gets
+// its length without the end.
 //
 // Threads: any. Never allocates, never waits.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `BUFFER_TOO_SMALL`, `BUSY` (a call is just failing).
@@ -826,14 +1116,14 @@ umo_status umo_session_last_error(const struct umo_session *session,
                                   size_t *length)
 UMO_NOEXCEPT;
 
-// Takes audio for the avatar to speak: `count` interleaved samples, full scale 1, a whole number of the session's
-// channels. `taken`, which may be NULL, gets how many of them there was room for: the rest is to be pushed again later.
-// Samples that are no number, or beyond 1e6, become silence.
+// Takes audio for the avatar to speak: `count` interleaved samples, full scale 1, a multiple
+// of the session's channel count. `taken`, which may be NULL, gets how many of them there was room for:
+// the rest is to be pushed again later. Samples that are NaN, or beyond 1e6, become silence.
 //
-// Threads: one at a time, meant for the audio thread. Never allocates, never waits; at most one system call, to wake the
-// engine.
-// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (no whole number of channels), `BUSY` (another thread
-// pushes), `FINISHED`, `FAILED`, `CLOSED`, `PANIC`.
+// Threads: one at a time, meant for the audio thread. Never allocates, never waits; at most one
+// system call, to wake the engine.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (not a multiple of the channel count),
+// `BUSY` (another thread pushes), `FINISHED`, `FAILED`, `CLOSED`, `PANIC`.
 //
 // Pointers:
 // `samples` is NULL or has `count` readable values; `taken` is NULL or writable.
@@ -845,7 +1135,7 @@ umo_status umo_session_push_audio(struct umo_session *session,
                                   size_t *taken)
 UMO_NOEXCEPT;
 
-// The same for 16-bit samples, whose full scale is 32,768.
+// `umo_session_push_audio` for 16-bit samples, whose full scale is 32,768.
 //
 // Threads, errors: as `umo_session_push_audio`.
 //
@@ -859,19 +1149,37 @@ umo_status umo_session_push_audio_i16(struct umo_session *session,
                                       size_t *taken)
 UMO_NOEXCEPT;
 
-// No more audio: the tail is completed, and `floor(seconds * 30)` frames come out in all. A second call changes nothing.
+// Takes audio of who speaks to the avatar, so that it listens: `count` interleaved samples at the
+// session's rate and channels, full scale 1. Only their loudness is used; samples that are no
+// number count as silence.
 //
-// Threads: any; not beside a push. Never allocates, never waits.
-// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `BUSY` (another thread pushes), `FAILED`, `CLOSED`, `PANIC`.
+// Threads: one at a time, beside any other call; meant for the thread that records. Never
+// allocates, never waits, makes no system call.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (not a multiple of the channel
+// count), `BUSY` (another thread is in this call), `FAILED`, `CLOSED`, `PANIC`.
+//
+// Pointers:
+// `samples` is NULL or has `count` readable values.
 UMO_API
 UMO_MUST_USE
-umo_status umo_session_finish(struct umo_session *session)
+umo_status umo_session_push_other_audio(struct umo_session *session,
+                                        const float *samples,
+                                        size_t count)
 UMO_NOEXCEPT;
 
-// Drops everything that is not shown yet and eases to the rest pose within `ease_ms` milliseconds, at most 10,000:
-// somebody has interrupted the avatar. Audio pushed from now on starts a new stream, whose frames follow the ease; the
-// frame index goes on, and the avatar stays where it stands: the new stream's first frame is number `last + 1 + ease`,
-// where `last` is the last frame that was handed out, by a pull or by a sample, and the ease takes
+// No more audio: the tail is completed, and `floor(seconds * 30)` frames come out in all. A second
+// call changes nothing.
+//
+// Threads: any; not beside a push. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `BUSY` (another thread pushes), `FAILED`, `CLOSED`,
+// `PANIC`.
+UMO_API UMO_MUST_USE umo_status umo_session_finish(struct umo_session *session) UMO_NOEXCEPT;
+
+// Drops everything that is not shown yet and eases to the rest pose within `ease_ms` milliseconds,
+// at most 10,000: barge-in. Audio pushed from now on starts a new
+// stream, whose frames follow the ease; the frame index goes on, and the avatar stays where it
+// stands: the new stream's first frame is number `last + 1 + ease`, where `last` is the last frame
+// that was handed out, by a pull or by a sample, and the ease takes
 // `ceil(ease_ms * frame_rate / 1000)` frames. Sample from that time on to see it from its start.
 //
 // Threads: any. Never allocates, never waits.
@@ -882,27 +1190,25 @@ umo_status umo_session_interrupt(struct umo_session *session,
                                  uint32_t ease_ms)
 UMO_NOEXCEPT;
 
-// Back to the start: everything that was pushed and not shown is dropped, the frame index starts at 0, and what follows is
-// what a new session with the same settings gives.
+// Back to the start: everything that was pushed and not shown is dropped, the frame index starts
+// at 0, and what follows is what a new session with the same settings gives.
 //
 // Threads: any. Never allocates, never waits.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `FAILED`, `CLOSED`, `PANIC`.
-UMO_API
-UMO_MUST_USE
-umo_status umo_session_reset(struct umo_session *session)
-UMO_NOEXCEPT;
+UMO_API UMO_MUST_USE umo_status umo_session_reset(struct umo_session *session) UMO_NOEXCEPT;
 
-// Takes frames that are ready, in order, each once: as many as there are and as `size` bytes have room for in `layout`.
-// `count` gets how many there were, 0 where none is ready.
+// Takes frames that are ready, in order, each once: as many as there are and as `size` bytes have
+// room for in `layout`. `count` gets how many there were, 0 where none is ready.
 //
 // Threads: one at a time, beside any other call. Never allocates, never waits.
-// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (the layout), `UNSUPPORTED` (the layout
-// wants visemes that the model does not have), `BUFFER_TOO_SMALL` (not one frame fits), `BUSY` (another thread pulls);
-// `FAILED`, `CLOSED`, `PANIC` when all that was ready has been pulled.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (the layout),
+// `UNSUPPORTED` (the layout wants visemes that the model does not have), `BUFFER_TOO_SMALL` (not
+// one frame fits), `BUSY` (another thread pulls); `FAILED`, `CLOSED`, `PANIC` when all that was
+// ready has been pulled.
 //
 // Pointers:
-// `layout` is NULL or as long as its `struct_size` says; `frames` is NULL or has `size` writable bytes; `count` is NULL or
-// writable.
+// `layout` is NULL or as long as its `struct_size` says; `frames` is NULL or has `size` writable
+// bytes; `count` is NULL or writable.
 UMO_API
 UMO_MUST_USE
 umo_status umo_session_pull_frames(struct umo_session *session,
@@ -925,33 +1231,48 @@ umo_status umo_session_ready_frames(struct umo_session *session,
                                     size_t *count)
 UMO_NOEXCEPT;
 
-// Whether the stream has ended: `done` becomes 1 when `umo_session_finish` was called and every frame was handed out, by
-// pulls or by samples; before that 0. A session whose frames are only sampled learns here that no more will come.
+// Whether the stream has ended: `done` becomes 1 when `umo_session_finish` was called and every
+// frame was handed out, by pulls or by samples; before that 0. A session whose frames are only
+// sampled learns here that no more will come.
 //
 // Threads: any; not beside a pull. Never allocates, never waits.
-// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `BUSY` (another thread pulls); `FAILED`, `CLOSED`, `PANIC` where the rest will
-// never come.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `BUSY` (another thread pulls); `FAILED`, `CLOSED`,
+// `PANIC` where the rest will never come.
 //
 // Pointers:
 // `done` is NULL or writable.
+UMO_API UMO_MUST_USE umo_status umo_session_is_done(struct umo_session *session, uint32_t *done) UMO_NOEXCEPT;
+
+// What time it is for the host, in seconds from any moment on, 0 to 1e9: from the first call on, what
+// moves while no frames come, eases to it and back, and `idle_after_ms` go by this time, and no
+// longer by the system's clock. For hosts that render slower or faster than real time, pause, or
+// replay: call it with every picture, before `umo_session_sample_pose`. Times that go back are
+// held; `umo_session_restore` goes back to the state's.
+//
+// Threads: one at a time, beside any other call but a pull or a sample. Never allocates, never
+// waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (not in 0 to 1e9), `BUSY` (another
+// thread pulls), `PANIC`.
 UMO_API
 UMO_MUST_USE
-umo_status umo_session_is_done(struct umo_session *session,
-                               uint32_t *done)
+umo_status umo_session_set_clock(struct umo_session *session,
+                                 double seconds)
 UMO_NOEXCEPT;
 
-// The pose at `seconds` of the motion (frame index / 30), for a renderer at a rate of its own: rotations turn the shorter
-// way, all else is linear. Frames before that time are taken as `umo_session_pull_frames` takes them. A time that is
-// earlier than the oldest frame gives the oldest; one that is later than the newest gives what the idle mode says; times
-// that go back are held. `sampled` may be NULL.
+// The pose at `seconds` of the motion (frame index / 30), for a renderer at a rate of its own:
+// rotations turn the shorter way, all else is linear. Frames before that time are taken as
+// `umo_session_pull_frames` takes them. A time that is earlier than the oldest frame gives the
+// oldest; one that is later than the newest gives what the idle mode says; times that go back are
+// held. `sampled` may be NULL.
 //
 // Threads: one at a time, beside any other call but a pull. Never allocates, never waits.
-// Errors: as `umo_session_pull_frames`, and `INVALID_ARGUMENT` for a time that is no number; but a session that failed, or
-// whose engine is gone, goes on to give its last pose: `umo_session_is_done` says so.
+// Errors: as `umo_session_pull_frames`, and `INVALID_ARGUMENT` for a time that is NaN or infinite;
+// but a session that failed, or whose engine is gone, goes on to give its last pose:
+// `umo_session_is_done` says so.
 //
 // Pointers:
-// `layout` is NULL or as long as its `struct_size` says; `frame` is NULL or has `size` writable bytes; `sampled` is NULL or
-// as long as its `struct_size` says, and writable.
+// `layout` is NULL or as long as its `struct_size` says; `frame` is NULL or has `size` writable
+// bytes; `sampled` is NULL or as long as its `struct_size` says, and writable.
 UMO_API
 UMO_MUST_USE
 umo_status umo_session_sample_pose(struct umo_session *session,
@@ -962,11 +1283,12 @@ umo_status umo_session_sample_pose(struct umo_session *session,
                                    struct umo_sampled *sampled)
 UMO_NOEXCEPT;
 
-// What the avatar is told, from the next chunk on: `length` bytes of UTF-8, at most 128 ids' worth. No bytes end it.
+// Sets the prompt from the next chunk on: `length` bytes of UTF-8, at most 128 ids'
+// worth. No bytes end it.
 //
 // Threads: any but the audio thread. Allocates: `umo_session_set_prompt_ids` does not.
-// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `UNSUPPORTED` (the model takes no texts), `INVALID_ARGUMENT` (no UTF-8, too
-// long), `BUSY`, `FAILED`, `CLOSED`, `PANIC`.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `UNSUPPORTED` (the model takes no texts),
+// `INVALID_ARGUMENT` (no UTF-8, too long), `BUSY`, `FAILED`, `CLOSED`, `PANIC`.
 //
 // Pointers:
 // `text` is NULL or has `length` readable bytes.
@@ -980,8 +1302,8 @@ UMO_NOEXCEPT;
 // The same as ids, as `umo_model_encode_text` gives them.
 //
 // Threads: any. Never allocates; waits at most for another thread's setter.
-// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (too many, or one that the model does not have), `BUSY`,
-// `FAILED`, `CLOSED`, `PANIC`.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (too many, or one that the model
+// does not have), `BUSY`, `FAILED`, `CLOSED`, `PANIC`.
 //
 // Pointers:
 // `ids` is NULL or has `count` readable values.
@@ -992,17 +1314,19 @@ umo_status umo_session_set_prompt_ids(struct umo_session *session,
                                       size_t count)
 UMO_NOEXCEPT;
 
-// The seed of draws from the next chunk on.
+// The seed of sampling from the next chunk on.
 //
 // Threads: any. Never allocates; waits at most for another thread's setter.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `BUSY`, `FAILED`, `CLOSED`, `PANIC`.
 UMO_API UMO_MUST_USE umo_status umo_session_set_seed(struct umo_session *session, uint64_t seed) UMO_NOEXCEPT;
 
-// Sets a parameter, one of `UMO_PARAMETER_…`, within the range that `umo_parameter_get_info` says. Sampling changes with
-// the next chunk, the idle mode and gains with the next frame that is handed out.
+// Sets a parameter, one of `UMO_PARAMETER_…`, within the range that `umo_parameter_get_info` says.
+// Sampling changes with the next chunk, the idle mode and gains with the next frame that is handed
+// out.
 //
 // Threads: any. Never allocates; waits at most for another thread's setter.
-// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT`, `BUSY`, `FAILED`, `CLOSED`, `PANIC`.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT`, `BUSY`, `FAILED`, `CLOSED`,
+// `PANIC`.
 UMO_API
 UMO_MUST_USE
 umo_status umo_session_set_parameter(struct umo_session *session,
@@ -1024,6 +1348,58 @@ umo_status umo_session_get_parameter(const struct umo_session *session,
                                      double *value)
 UMO_NOEXCEPT;
 
+// Looks at a point from the next frame on: `point` is three coordinates in the avatar's space, in
+// the axes and units of `axes` (`UMO_AXES_…`), `strength` 0 to 1. The eyes turn first, then the
+// head, then the trunk, as far as a body turns. A strength of 0 ends it. The point may be set anew
+// for every frame.
+//
+// Threads: any. Never allocates; waits at most for another thread's setter.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (unknown axes, a coordinate that is
+// not finite or beyond 10 km, a strength outside 0 to 1), `BUSY`, `FAILED`, `CLOSED`, `PANIC`.
+//
+// Pointers:
+// `point` is NULL or has three readable values.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_look_at(struct umo_session *session,
+                               uint32_t axes,
+                               const float *point,
+                               float strength)
+UMO_NOEXCEPT;
+
+// Sets the mood of face and posture from the next frame on: `mood` is one of `UMO_MOOD_…`,
+// `strength` 0 to 1. Changes are blended over a second.
+//
+// Threads: any. Never allocates; waits at most for another thread's setter.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT`, `BUSY`, `FAILED`, `CLOSED`,
+// `PANIC`.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_set_mood(struct umo_session *session,
+                                uint32_t mood,
+                                float strength)
+UMO_NOEXCEPT;
+
+// Plays a gesture over what the model does: its parts of the body ease to it and back, the others
+// go on. `name` is one that `umo_engine_get_gesture_name` lists; upper case counts as lower case,
+// and spaces and hyphens as underscores. Gestures of the same parts follow each other in the order
+// of the calls; one with a time takes their place. `umo_session_interrupt` lets go of what plays
+// and waits. `options` may be NULL.
+//
+// Threads: any. Never allocates; waits at most for another thread's setter.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (no gesture has the
+// name, or an option is out of its range), `BUSY` (eight gestures wait already: call again when
+// one has begun; or another thread is in a setter), `FAILED`, `CLOSED`, `PANIC`.
+//
+// Pointers:
+// `name` is NULL or ends with a zero byte; `options` is NULL or as long as its `struct_size` says.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_play_gesture(struct umo_session *session,
+                                    const char *name,
+                                    const struct umo_gesture_options *options)
+UMO_NOEXCEPT;
+
 // How far motion is behind speech.
 //
 // Threads: any. Never allocates, never waits.
@@ -1037,7 +1413,7 @@ umo_status umo_session_latency(const struct umo_session *session,
                                struct umo_latency *latency)
 UMO_NOEXCEPT;
 
-// What the session went through so far.
+// Statistics of the session.
 //
 // Threads: any. Never allocates, never waits.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `PANIC`.
@@ -1063,13 +1439,15 @@ umo_status umo_session_state_size(const struct umo_session *session,
                                   size_t *size)
 UMO_NOEXCEPT;
 
-// Writes everything that the session is to `state`, which has `size` bytes, at least `umo_session_state_size`: audio that
-// waits, frames that wait, history, settings. `written` gets how many bytes that took. They hold no address: they can be
-// kept in a file, sent, and restored in another process. The session goes on as if nothing had happened.
+// Writes everything that the session is to `state`, which has `size` bytes, at least
+// `umo_session_state_size`: audio that waits, frames that wait, history, settings. `written` gets
+// how many bytes that took. They hold no address: they can be kept in a file, sent, and restored
+// in another process. The session goes on as if nothing had happened.
 //
 // Threads: one at a time; not beside a push, a pull or a setter. Never allocates, never waits.
-// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (too few bytes), `BUSY` (a chunk of the session is just
-// computed, or another thread is in a call on it: save again later), `FAILED`, `CLOSED`, `PANIC`.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (too few bytes), `BUSY` (a chunk of
+// the session is just computed, or another thread is in a call on it: save again later), `FAILED`,
+// `CLOSED`, `PANIC`.
 //
 // Pointers:
 // `state` is NULL or has `size` writable bytes; `written` is NULL or writable.
@@ -1081,12 +1459,14 @@ umo_status umo_session_save(struct umo_session *session,
                             size_t *written)
 UMO_NOEXCEPT;
 
-// Makes the session what it, or another one of the same model and configuration, was when it was saved: the same calls
-// then give the same frames, bit for bit, on any number of threads. `size` is what `umo_session_save` wrote.
+// Makes the session what it, or another one of the same model and configuration, was when it was
+// saved: the same calls then give the same frames, bit for bit, on any number of threads. `size`
+// is what `umo_session_save` wrote.
 //
 // Threads: one at a time; not beside a push, a pull or a setter. Never allocates, never waits.
-// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STATE` (the bytes are no state of such a session: `umo_session_last_error`
-// says what disagrees), `BUSY` (as `umo_session_save`), `FAILED`, `CLOSED`, `PANIC`.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STATE` (the bytes are no state of such a session:
+// `umo_session_last_error` says what disagrees), `BUSY` (as `umo_session_save`), `FAILED`,
+// `CLOSED`, `PANIC`.
 //
 // Pointers:
 // `state` is NULL or has `size` readable bytes.
@@ -1102,14 +1482,13 @@ UMO_NOEXCEPT;
 // Threads: any. Never allocates, never waits.
 UMO_API const char *umo_status_message(umo_status status) UMO_NOEXCEPT;
 
-// The detail of this thread's last failed call of a function that names no session; with it, which key, file, tensor or
-// argument. Never NULL; in fixed storage of the thread's own, which the thread's next failure overwrites.
+// The detail of this thread's last failed call of a function that names no session; with it, which
+// key, file, tensor or argument. Never NULL; in fixed storage of the thread's own, which the
+// thread's next failure overwrites.
 //
-// Threads: any but the audio thread. Never waits. Calls on sessions keep their detail with the session:
-// `umo_session_last_error`.
-UMO_API
-const char *umo_last_error(void)
-UMO_NOEXCEPT;
+// Threads: any but the audio thread. Never waits. Calls on sessions keep their detail with the
+// session: `umo_session_last_error`.
+UMO_API const char *umo_last_error(void) UMO_NOEXCEPT;
 
 #ifdef __cplusplus
 }  // extern "C"

@@ -16,6 +16,7 @@
 #ifndef UMO_HPP
 #define UMO_HPP
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <string>
@@ -149,6 +150,41 @@ public:
         const umo_status status = umo_engine_poll(get(), budget_us, &more);
         return {status, more != 0};
     }
+
+    static umo_gesture_clip clip_defaults() noexcept {
+        umo_gesture_clip clip{};
+        (void)!umo_gesture_clip_init(&clip, sizeof clip);
+        return clip;
+    }
+    /// A gesture of the host's own, for sessions that are made from now on.
+    [[nodiscard]] umo_status add_gesture(const char *name, const umo_gesture_clip &clip) {
+        return umo_engine_add_gesture(get(), name, &clip);
+    }
+    /// The same of the animation in a `.glb` or `.vrm` file of any character with a human's bones: the one of a name,
+    /// or its first. A negative stroke is its middle.
+    [[nodiscard]] umo_status add_gesture_file(const char *name, const char *path, const char *animation = nullptr,
+                                              std::uint32_t parts = UMO_GESTURE_HEAD | UMO_GESTURE_TRUNK |
+                                                                    UMO_GESTURE_LEFT_ARM | UMO_GESTURE_RIGHT_ARM,
+                                              float stroke = -1) {
+        return umo_engine_add_gesture_file(get(), name, path, animation, parts, stroke);
+    }
+    /// The same of a file's bytes.
+    [[nodiscard]] umo_status add_gesture_memory(const char *name, const void *data, std::size_t size,
+                                                const char *animation = nullptr,
+                                                std::uint32_t parts = UMO_GESTURE_HEAD | UMO_GESTURE_TRUNK |
+                                                                      UMO_GESTURE_LEFT_ARM | UMO_GESTURE_RIGHT_ARM,
+                                                float stroke = -1) {
+        return umo_engine_add_gesture_memory(get(), name, data, size, animation, parts, stroke);
+    }
+    /// Names of the gestures that sessions made now know.
+    std::vector<std::string> gesture_names() const {
+        std::vector<std::string> names;
+        const char *name = nullptr;
+        while (umo_engine_get_gesture_name(get(), static_cast<std::uint32_t>(names.size()), &name) == UMO_STATUS_OK) {
+            names.emplace_back(name);
+        }
+        return names;
+    }
 };
 
 /// One frame of `frames`.
@@ -227,6 +263,10 @@ public:
         const umo_status status = umo_session_push_audio_i16(get(), samples, count, &taken);
         return {status, taken};
     }
+    /// Who speaks to the avatar: it listens.
+    [[nodiscard]] umo_status push_other_audio(const float *samples, std::size_t count) noexcept {
+        return umo_session_push_other_audio(get(), samples, count);
+    }
     [[nodiscard]] umo_status finish() noexcept { return umo_session_finish(get()); }
     [[nodiscard]] umo_status interrupt(std::uint32_t ease_ms) noexcept { return umo_session_interrupt(get(), ease_ms); }
     [[nodiscard]] umo_status reset_stream() noexcept { return umo_session_reset(get()); }
@@ -248,6 +288,8 @@ public:
         const umo_status status = umo_session_is_done(get(), &done);
         return {status, done != 0};
     }
+    /// What time it is for the host, in seconds: what moves while no frames come goes by it from then on.
+    [[nodiscard]] umo_status set_clock(double seconds) noexcept { return umo_session_set_clock(get(), seconds); }
     /// The pose at a time, in the first of `frames`.
     result<umo_sampled> sample(double seconds, frames &frames) noexcept {
         umo_sampled sampled{};
@@ -261,6 +303,24 @@ public:
         return umo_session_set_prompt(get(), text.data(), text.size());
     }
     [[nodiscard]] umo_status set_seed(std::uint64_t seed) noexcept { return umo_session_set_seed(get(), seed); }
+    /// Looks at a point in the avatar's space; a strength of 0 ends it.
+    [[nodiscard]] umo_status look_at(const std::array<float, 3> &point, float strength = 1,
+                                     std::uint32_t axes = UMO_AXES_GLTF) noexcept {
+        return umo_session_look_at(get(), axes, point.data(), strength);
+    }
+    /// `UMO_MOOD_…`
+    [[nodiscard]] umo_status set_mood(std::uint32_t mood, float strength = 1) noexcept {
+        return umo_session_set_mood(get(), mood, strength);
+    }
+    static umo_gesture_options gesture_defaults() noexcept {
+        umo_gesture_options options{};
+        (void)!umo_gesture_options_init(&options, sizeof options);
+        return options;
+    }
+    /// One of `engine::gesture_names`; as soon as possible, and at its own speed, where there are no options.
+    [[nodiscard]] umo_status play_gesture(const char *name, const umo_gesture_options *options = nullptr) noexcept {
+        return umo_session_play_gesture(get(), name, options);
+    }
     [[nodiscard]] umo_status set(std::uint32_t parameter, double value) noexcept {
         return umo_session_set_parameter(get(), parameter, value);
     }

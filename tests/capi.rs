@@ -1,5 +1,6 @@
-//! The C interface, from C: programs in `tests/capi` and `examples/c`, compiled by the machine's C compiler against the
-//! header and the libraries as they are built. What needs more than that is in `scripts/test-hosts`.
+//! The C interface, from C: programs in `tests/capi` and `examples/c`, compiled by the machine's C
+//! compiler against the header and the libraries as they are built. What needs more than that is in
+//! `scripts/test-hosts`.
 #![cfg(unix)]
 
 use std::collections::BTreeSet;
@@ -12,7 +13,8 @@ use tempfile::TempDir;
 const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
 const MODEL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../models/umo-small/model.safetensors");
 
-/// Where the libraries and the program are, built as this test is, and a place for what is compiled.
+/// Where the libraries and the program are, built as this test is, and a place for what is
+/// compiled.
 struct Built {
     folder: PathBuf,
     place: TempDir,
@@ -191,7 +193,8 @@ fn the_library_needs_the_glibc_that_is_said() {
     let said = page.split_once("libumo needs glibc ").expect("it says which").1.split_once(" or newer").expect("so");
     let own = Command::new("getconf").arg("GNU_LIBC_VERSION").output().expect("there is getconf");
     let own = String::from_utf8(own.stdout).expect("ASCII");
-    // A newer glibc gives functions newer symbol versions, an older one has no newer ones than its own.
+    // A newer glibc gives functions newer symbol versions, an older one has no newer ones than its
+    // own.
     if version(own.trim().trim_start_matches("glibc ")) != (2, 36) {
         eprintln!("SKIPPED: what the page says is of a library that was built on glibc 2.36, not {}", own.trim());
         return;
@@ -206,13 +209,20 @@ fn structures_have_the_layout_that_bindings_know_and_may_grow() {
 
 #[test]
 fn wrong_calls_are_errors() {
-    run(&compile("tests/capi/calls.c", Link::Shared), &[MODEL.as_ref()]);
-    run(&compile("tests/capi/calls.c", Link::Static), &[MODEL.as_ref()]);
+    let salute = format!("{ROOT}/tests/capi/salute.glb");
+    run(&compile("tests/capi/calls.c", Link::Shared), &[MODEL.as_ref(), salute.as_ref()]);
+    run(&compile("tests/capi/calls.c", Link::Static), &[MODEL.as_ref(), salute.as_ref()]);
 }
 
 #[test]
 fn frames_go_where_the_host_wants_them() {
     run(&compile("tests/capi/frames.c", Link::Shared), &[MODEL.as_ref()]);
+}
+
+#[test]
+fn a_live_mouth_does_not_wait() {
+    let model = format!("{ROOT}/tests/golden/mel_k2_arkit/model.safetensors");
+    run(&compile("tests/capi/live.c", Link::Shared), &[model.as_ref()]);
 }
 
 #[test]

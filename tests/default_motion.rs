@@ -1,8 +1,9 @@
-//! The motion of the default model, value for value: a few frames of `assets/hello.wav` beside those that are recorded in
-//! `tests/golden/default_motion.json`.
+//! The motion of the default model, value for value: a few frames of `assets/hello.wav` beside
+//! those that are recorded in `tests/golden/default_motion.json`.
 //!
-//! Codes are drawn from logits that instruction sets round differently, so each of them has frames of its own. After a change
-//! that is meant to change the motion, write the file anew and look at the difference before it is committed:
+//! Codes are drawn from logits that instruction sets round differently, so each of them has frames
+//! of its own. After a change that is meant to change the motion, write the file anew and look at
+//! the difference before it is committed:
 //!
 //! ```sh
 //! UMO_RECORD_MOTION=1 cargo test --release -p umo-tests --test default_motion

@@ -1,4 +1,5 @@
-//! Numbers in the documentation that follow from the default model's settings, beside what the library computes.
+//! Numbers in the documentation that follow from the default model's settings, beside what the
+//! library computes.
 
 use umo_core::ModelFile;
 use umo_core::avatar::AvatarConfig;
@@ -18,8 +19,9 @@ fn number<T: std::str::FromStr>(cell: &str, place: &str) -> T {
 
 /// The latency of a session of this rate, in seconds as the documentation writes them.
 fn latency(config: &Config, target: usize, lookahead: usize, sample_rate: usize) -> String {
-    let avatar = AvatarConfig { target, lookahead, ..AvatarConfig::new(config) };
-    let session = SessionConfig { avatar, sample_rate, ..SessionConfig::new(config) };
+    let defaults = SessionConfig::new(config);
+    let avatar = AvatarConfig { target, lookahead, ..defaults.avatar.clone() };
+    let session = SessionConfig { avatar, sample_rate, ..defaults };
     let seconds = session.latency_samples(config).unwrap() as f64 / sample_rate as f64;
     format!("{seconds:.3} s")
 }
@@ -78,6 +80,24 @@ fn the_default_model_has_the_size_that_is_said() {
         let text = std::fs::read_to_string(root().join(page)).unwrap();
         assert!(text.contains(&said), "{page} does not say \"{said}\"");
     }
+}
+
+/// The low-pass holds back as many frames as it looks ahead.
+#[test]
+fn smoothing_is_part_of_the_latency() {
+    let config = default_model();
+    let defaults = SessionConfig::new(&config);
+    let frames = |smoothing, lookahead| {
+        AvatarConfig { smoothing, lookahead, target: 1, ..defaults.avatar.clone() }.latency_frames(&config)
+    };
+    assert!(defaults.avatar.smoothing > 0.0, "a session that says nothing trembles");
+    let without = config.latency_frames(1, 0);
+    assert_eq!(frames(0.0, 0), without);
+    assert_eq!([frames(0.5, 0), frames(1.0, 0), frames(1.5, 0)], [without + 1, without + 2, without + 3]);
+    assert_eq!(frames(1.5, 9), without + 9);
+    let avatar = AvatarConfig { smoothing: 1.6, ..defaults.avatar.clone() };
+    let error = SessionConfig { avatar, ..defaults }.latency_samples(&config).unwrap_err().to_string();
+    assert!(error.contains("smoothing"), "{error}");
 }
 
 /// A session at a rate, a target or a lookahead that do not exist has no latency.

@@ -1,17 +1,22 @@
-//! What must hold of an engine and its sessions: the frames of a stream are those of the recording, whoever computes them
-//! and however the audio comes; and every wrong use has the answer that its documentation promises.
+//! What must hold of an engine and its sessions: the frames of a stream are those of the recording,
+//! whoever computes them and however the audio comes; and every wrong use has the answer that its
+//! documentation promises.
 
-#[path = "engine/cues.rs"]
-mod cues;
+#[path = "engine/epochs.rs"]
+mod epochs;
+#[path = "engine/gestures.rs"]
+mod gestures;
 #[path = "engine/idle.rs"]
 mod idle;
 #[path = "engine/limits.rs"]
 mod limits;
+#[path = "engine/live.rs"]
+mod live;
 mod model_bytes;
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, LazyLock};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use model_bytes::ModelBytes;
 use proptest::prelude::*;
@@ -20,35 +25,41 @@ use umo_core::audio::resample;
 use umo_core::avatar::AvatarConfig;
 use umo_core::clock::Clock;
 use umo_core::engine::{Engine, EngineConfig, EngineError, Poll, PollError, Threads};
+use umo_core::life::LifeConfig;
 use umo_core::model::Model;
 use umo_core::motion::Pose;
-use umo_core::session::{FrameView, Idle, Session, SessionConfig, SessionError};
+use umo_core::session::{Frame, Idle, Session, SessionConfig, SessionError};
 use umo_core::{Compute, ModelFile, Precision, Team};
 use umo_kernels::Isa;
 use umo_tests::{Ends, Noise};
 
 const NAMES: [&str; 4] = ["hubert_k1_smplx", "hubert_k3_i8", "mel_k1_upcycled", "mel_k2_arkit"];
 
-/// The golden models, in f32 and in int8.
+/// Those of layout `frames`.
+const FRAMES: [&str; 2] = ["frames_four", "frames_seven"];
+
+/// The golden models, in f32 and in int8; then those of layout `frames`.
 static MODELS: LazyLock<Vec<Arc<Model>>> = LazyLock::new(|| {
     let load = |name: &&str, precision| {
         let file = ModelFile::from_bytes(ModelBytes::open(name).bytes()).unwrap();
         Arc::new(Model::load(&file, precision, Isa::detect()).unwrap())
     };
     let floats = NAMES.iter().map(|name| load(name, Precision::F32));
-    floats.chain(NAMES.iter().map(|name| load(name, Precision::Int8))).collect()
+    let parts = floats.chain(NAMES.iter().map(|name| load(name, Precision::Int8)));
+    let frames = |precision| FRAMES.iter().map(move |name| load(name, precision));
+    parts.chain(frames(Precision::F32)).chain(frames(Precision::Int8)).collect()
 });
 
 /// A frame as bits, with what it is stamped with.
 #[derive(Clone, Debug, PartialEq)]
-struct Frame {
+struct FrameBits {
     index: u64,
     sample: u64,
     bits: Vec<u32>,
 }
 
-impl Frame {
-    fn of(frame: FrameView) -> Self {
+impl FrameBits {
+    fn of(frame: Frame) -> Self {
         Self { index: frame.index, sample: frame.sample, bits: bits(frame.pose, frame.face) }
     }
 }
@@ -69,6 +80,19 @@ fn config(model: &Model, target: usize, lookahead: usize, seed: u64) -> SessionC
     session.avatar.target = target.min(model.config().max_target);
     session.avatar.lookahead = lookahead;
     session.avatar.sampler.seed = seed;
+    // Layout `frames` hears ahead, and follows a text more or less; some sessions of it do.
+    let places = model.config().audio.ahead + 1;
+    session.avatar.horizon = usize::try_from(seed % 64).unwrap() % places;
+    if FRAMES[1..].iter().any(|name| model.config().name.ends_with(name)) && !seed.is_multiple_of(3) {
+        session.avatar.text = vec![5, 6, 7];
+        session.avatar.guidance = if seed % 3 == 1 { 2.5 } else { 1.0 };
+    }
+    session
+}
+
+/// The same without layers, which go on over an interrupt and while no audio comes.
+fn without_layers(mut session: SessionConfig) -> SessionConfig {
+    session.avatar.life = LifeConfig::OFF;
     session
 }
 
@@ -112,18 +136,42 @@ struct Drive<'a> {
     /// Frames per push, over and over.
     pushes: &'a [usize],
     turn: usize,
-    frames: Vec<Frame>,
+    frames: Vec<FrameBits>,
     wanted: usize,
+    /// When samples were last taken or frames last came.
+    progress: Instant,
 }
+
+/// Time without progress after which a stream is stuck.
+const STUCK: Duration = Duration::from_secs(60);
 
 impl Drive<'_> {
     fn is_done(&self) -> bool {
-        self.frames.len() == self.wanted
+        self.frames.len() >= self.wanted
+    }
+
+    /// Panics with the stream's state where it is stuck.
+    fn check_progress(&mut self, before: (usize, usize)) {
+        if before != (self.samples.len(), self.frames.len()) || self.is_done() {
+            self.progress = Instant::now();
+        }
+        assert!(
+            self.progress.elapsed() < STUCK,
+            "no progress in {STUCK:?}: {} samples to push, {} of {} frames, {:?} ready, done: {:?}, {:?}, {:?}",
+            self.samples.len(),
+            self.frames.len(),
+            self.wanted,
+            self.session.ready_frames(),
+            self.session.is_done(),
+            self.session.stats(),
+            self.session.latency(),
+        );
     }
 
     /// Pushes the next piece, or ends the stream, and pulls what is there.
     fn go_on(&mut self) {
         let size = self.pushes[self.turn % self.pushes.len()] * self.channels;
+        let before = (self.samples.len(), self.frames.len());
         self.turn += 1;
         if self.samples.is_empty() {
             self.session.finish().unwrap();
@@ -134,11 +182,12 @@ impl Drive<'_> {
             self.samples = &self.samples[pushed.taken * self.channels..];
         }
         let frames = &mut self.frames;
-        self.session.pull_frames(self.turn % 5, |frame| frames.push(Frame::of(frame))).unwrap();
+        self.session.pull_frames(self.turn % 5, |frame| frames.push(FrameBits::of(frame))).unwrap();
+        self.check_progress(before);
     }
 }
 
-fn check(frames: &[Frame], wanted: &[Vec<u32>], rate: usize) {
+fn check(frames: &[FrameBits], wanted: &[Vec<u32>], rate: usize) {
     assert_eq!(frames.len(), wanted.len());
     for (i, (frame, wanted)) in frames.iter().zip(wanted).enumerate() {
         assert_eq!(frame.index, i as u64);
@@ -154,10 +203,11 @@ fn any_threads() -> impl Strategy<Value = Threads> {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 24, ..ProptestConfig::default() })]
 
-    /// Any model, number of avatars, rate, channels, cut of the audio, who computes, how many together.
+    /// Any model, number of avatars, rate, channels, cut of the audio, who computes, how many
+    /// together.
     #[test]
     fn a_stream_gives_the_frames_of_the_recording(
-        which in 0..2 * NAMES.len(),
+        which in 0..2 * (NAMES.len() + FRAMES.len()),
         threads in any_threads(),
         max_batch in 1_usize..5,
         avatars in prop::collection::vec(
@@ -175,7 +225,7 @@ proptest! {
                 let config = SessionConfig { sample_rate: *rate, channels: *channels, ..config(model, *target, *lookahead, *seed) };
                 let frames = offline(model, &config, samples);
                 let session = engine.session(&config).unwrap();
-                let drive = Drive { session, samples, channels: *channels, pushes, turn: 0, frames: Vec::new(), wanted: frames.len() };
+                let drive = Drive { session, samples, channels: *channels, pushes, turn: 0, frames: Vec::new(), wanted: frames.len(), progress: Instant::now() };
                 (drive, frames, *rate)
             })
             .collect();
@@ -192,7 +242,12 @@ proptest! {
 /// Sample by sample, and beside fifteen others.
 #[test]
 fn single_samples_and_sixteen_avatars_change_nothing() {
-    let model = &MODELS[5];
+    for which in [5, 9] {
+        single_samples_and_sixteen_avatars(&MODELS[which]);
+    }
+}
+
+fn single_samples_and_sixteen_avatars(model: &Arc<Model>) {
     let session = config(model, 2, 4, 77);
     let samples = audio(9_000, 1, 5);
     let wanted = offline(model, &session, &samples);
@@ -208,6 +263,7 @@ fn single_samples_and_sixteen_avatars_change_nothing() {
             turn: 0,
             frames: Vec::new(),
             wanted: wanted.len(),
+            progress: Instant::now(),
         };
         while !drive.is_done() {
             let at = samples.len() - drive.samples.len();
@@ -228,9 +284,9 @@ fn settle(engine: &Engine) {
     while engine.poll(Duration::from_secs(1)).unwrap() == Poll::More {}
 }
 
-fn pull(session: &Session) -> Vec<Frame> {
+fn pull(session: &Session) -> Vec<FrameBits> {
     let mut frames = Vec::new();
-    while session.pull_frames(7, |frame| frames.push(Frame::of(frame))).unwrap() > 0 {}
+    while session.pull_frames(7, |frame| frames.push(FrameBits::of(frame))).unwrap() > 0 {}
     frames
 }
 
@@ -329,6 +385,18 @@ fn worst_wait(session: &Session, rate: usize, piece: usize, settle: impl Fn()) -
 
 #[test]
 fn latency_says_what_a_frame_waits_for() {
+    let (ahead, _) = timed(9);
+    for (target, lookahead, horizon, rate) in [(1, 0, 3, 48_000), (2, 3, 1, 44_100), (2, 0, 2, 16_000)] {
+        let mut config = SessionConfig { sample_rate: rate, ..config(ahead.model(), target, lookahead, 1) };
+        config.avatar.horizon = 0;
+        let heard = config.latency_samples(ahead.model().config()).unwrap();
+        config.avatar.horizon = horizon;
+        let session = ahead.session(&config).unwrap();
+        let said = session.latency().algorithmic_samples;
+        assert_eq!(said, heard + horizon * rate / 5, "a keyframe lasts a fifth of a second");
+        let worst = worst_wait(&session, rate, 50, || settle(&ahead));
+        assert!(worst <= said + 50 && worst + rate / 20 > said, "{target} {horizon} {rate}: {worst}, {said} was said");
+    }
     let (engine, nanos) = timed(2);
     for (target, lookahead, rate) in [(1, 0, 48_000), (2, 3, 44_100), (3, 0, 8_000), (1, 2, 22_050)] {
         let config = SessionConfig { sample_rate: rate, ..config(engine.model(), target, lookahead, 1) };
@@ -359,10 +427,10 @@ fn latency_says_what_a_frame_waits_for() {
     assert!(session.latency().compute_max >= Duration::from_secs(4));
 }
 
-/// A backlog is what was pushed and has no frame yet, beyond what every frame needs of its future; it rises while nobody
-/// computes, falls to nothing, and what it was at most stays.
+/// A backlog is what was pushed and has no frame yet, beyond what every frame needs of its future;
+/// it rises while nobody computes, falls to nothing, and what it was at most stays.
 #[test]
-fn a_backlog_is_told_now_and_at_most() {
+fn latency_reports_current_and_largest_backlog() {
     for rate in [16_000, 48_000] {
         let (engine, _) = timed(3);
         let config = SessionConfig { sample_rate: rate, ..config(engine.model(), 2, 3, 1) };
@@ -377,7 +445,8 @@ fn a_backlog_is_told_now_and_at_most() {
             settle(&engine);
             assert_eq!(backlog(), (0, 0));
         }
-        // Nobody computes for two seconds: all of them are behind, less what may be missing for the next frame.
+        // Nobody computes for two seconds: all of them are behind, less what may be missing for the
+        // next frame.
         let covered = session.ready_frames().unwrap() * rate / 30;
         session.push_audio(&samples[2 * rate..4 * rate]).unwrap();
         let behind = 4 * rate - covered - algorithmic;
@@ -397,7 +466,8 @@ fn a_backlog_is_told_now_and_at_most() {
     }
 }
 
-/// Audio, frames and cues from three threads at once; sanitizers and the eyes of the assertions watch.
+/// Audio, frames and epochs from three threads at once; sanitizers and the eyes of the assertions
+/// watch.
 #[test]
 fn three_threads_at_once() {
     let engine = engine(&MODELS[4], Threads::Own(2), 4);

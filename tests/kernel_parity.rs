@@ -1,4 +1,5 @@
-//! Every kernel held to its contract, on every back-end that this processor has. Products are tested beside the kernels.
+//! Every kernel held to its contract, on every back-end that this processor has. Shapes are
+//! drawn around the tile sizes that the back-ends themselves list (`umo_kernels::tiling`).
 
 #[path = "kernel_parity/activation.rs"]
 mod activation;
@@ -6,12 +7,16 @@ mod activation;
 mod attention;
 #[path = "kernel_parity/bf16.rs"]
 mod bf16;
+#[path = "kernel_parity/bf16_rows.rs"]
+mod bf16_rows;
 #[path = "kernel_parity/conv1d.rs"]
 mod conv1d;
 #[path = "kernel_parity/experts.rs"]
 mod experts;
 #[path = "kernel_parity/norm.rs"]
 mod norm;
+#[path = "kernel_parity/products.rs"]
+mod products;
 #[path = "kernel_parity/quantize.rs"]
 mod quantize;
 #[path = "kernel_parity/same_bits.rs"]

@@ -1,5 +1,5 @@
-//! Model files that are cut, wrong or hostile: each is refused with an error that names what is wrong, and nothing
-//! panics or takes memory for numbers that the file only claims.
+//! Model files that are cut, wrong or hostile: each is refused with an error that names what is
+//! wrong, and nothing panics or takes memory for numbers that the file only claims.
 
 mod model_bytes;
 
@@ -12,15 +12,15 @@ use umo_core::lm::text::TOKENIZER;
 use umo_core::model::Model;
 use umo_core::motion::MotionEncoder;
 use umo_core::weights::Loader;
-use umo_core::{Compute, LoadError, ModelFile, Precision, StepError, Team};
+use umo_core::{Compute, Config, LoadError, ModelFile, Part, Precision, StepError, Team};
 use umo_kernels::Isa;
 use umo_tests::{Noise, cases};
 
 /// One model of each kind of tokenizer, storage and face; the last has encoders and text.
-const NAMES: [&str; 4] = ["mel_k1_upcycled", "hubert_k1_smplx", "hubert_k3_i8", "mel_k2_arkit"];
+const NAMES: [&str; 5] = ["mel_k1_upcycled", "hubert_k1_smplx", "hubert_k3_i8", "mel_k2_arkit", "frames_seven"];
 
-/// Two of them that have every tensor there is, for tests that load a model for each.
-const MOST: [&str; 2] = ["hubert_k3_i8", "mel_k2_arkit"];
+/// Three of them that have every tensor there is, for tests that load a model for each.
+const MODELS: [&str; 3] = ["hubert_k3_i8", "mel_k2_arkit", "frames_seven"];
 
 /// Reads everything that any command would.
 fn load(bytes: Vec<u8>) -> Result<Model, LoadError> {
@@ -42,7 +42,7 @@ fn refused(bytes: Vec<u8>, wanted: &str) -> String {
 }
 
 #[test]
-fn the_models_are_good_before_they_are_spoilt() {
+fn test_models_load_before_they_are_damaged() {
     for name in NAMES {
         let model = ModelBytes::open(name);
         load(model.bytes()).unwrap_or_else(|error| panic!("{name}: {error}"));
@@ -71,7 +71,7 @@ fn optional(name: &str) -> bool {
 
 #[test]
 fn every_tensor_must_be_there() {
-    for name in MOST {
+    for name in MODELS {
         let model = ModelBytes::open(name);
         for tensor in model.tensors.keys().filter(|tensor| !optional(tensor)) {
             let mut spoilt = model.clone();
@@ -86,7 +86,7 @@ fn every_tensor_must_be_there() {
 
 #[test]
 fn every_shape_must_be_the_configs() {
-    for name in MOST {
+    for name in MODELS {
         let model = ModelBytes::open(name);
         for (tensor, stored) in model.tensors.iter().filter(|(tensor, _)| !optional(tensor)) {
             let row = stored.bytes.len() / stored.shape[0];
@@ -110,7 +110,7 @@ fn every_shape_must_be_the_configs() {
 
 #[test]
 fn every_type_must_be_one_of_weights() {
-    for name in MOST {
+    for name in MODELS {
         let model = ModelBytes::open(name);
         for (tensor, stored) in &model.tensors {
             let count: usize = stored.shape.iter().product();
@@ -161,7 +161,8 @@ fn every_weight_must_be_finite() {
     }
 }
 
-/// The default model with some bits flipped, anywhere in its tensors or config: each is refused as damaged.
+/// The default model with some bits flipped, anywhere in its tensors or config: each is refused as
+/// damaged.
 #[test]
 fn a_flipped_bit_anywhere_is_seen() {
     let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/umo-small/model.safetensors");
@@ -171,7 +172,8 @@ fn a_flipped_bit_anywhere_is_seen() {
     let config = bytes.windows(10).position(|window| window == b"\"config\":\"").unwrap() + 10;
     let mut noise = Noise::new(21);
     for case in 0..60 {
-        // The last bit of a digit of the config gives another digit: what is read is good JSON, and another model.
+        // The last bit of a digit of the config gives another digit: what is read is good JSON, and
+        // another model.
         let digit = |at: &usize| bytes[*at].is_ascii_digit() && bytes[*at] < b'8';
         let (at, bit) = match case % 6 {
             0 => ((config + noise.below(4_000)..).find(digit).unwrap(), 0),
@@ -203,7 +205,8 @@ fn huge(dtype: &str) -> Option<Vec<u8>> {
     }
 }
 
-/// Animates two seconds; the frames that come out are finite, and an error is one that says that the weights are defective.
+/// Animates two seconds; the frames that come out are finite, and an error is one that says that
+/// the weights are defective.
 fn animate(model: &Model) -> Result<(), StepError> {
     let team = Team::new(1).unwrap();
     let cx = Compute { isa: model.isa(), team: &team };
@@ -226,7 +229,7 @@ fn a_huge_weight_is_refused_or_named_by_its_stage() {
     let mut noise = Noise::new(12);
     for precision in [Precision::Stored, Precision::F32] {
         let (mut refused, mut failed, mut played) = (0, 0, 0);
-        for name in MOST {
+        for name in MODELS {
             let model = ModelBytes::open(name);
             for (tensor, stored) in &model.tensors {
                 let Some(huge) = huge(&stored.dtype) else { continue };
@@ -310,7 +313,7 @@ fn names(error: &LoadError, path: &str) -> bool {
 
 #[test]
 fn every_number_of_the_config_is_checked() {
-    for name in MOST {
+    for name in MODELS {
         let model = ModelBytes::open(name);
         let (header, data) = (model.header(), model.data());
         let mut paths = Vec::new();
@@ -334,7 +337,8 @@ fn every_number_of_the_config_is_checked() {
             }
             for other in [0_u64, 1, 2, 255, 256, 65_535, 1 << 16, 1 << 20, 1 << 22, 1 << 31, 1 << 32] {
                 match load(json!(other)) {
-                    // A size that another disagrees with may be named by the other, or by a tensor of that shape.
+                    // A size that another disagrees with may be named by the other, or by a tensor
+                    // of that shape.
                     Err(error) => assert!(named(&error).is_some(), "{name}: {path} = {other}: {error}"),
                     Ok(model) => {
                         drop(Animation::new(&model, &AvatarConfig::new(model.config())).unwrap());
@@ -362,14 +366,15 @@ fn every_key_of_the_config_is_needed_and_known() {
         "/vq",
         "/vq/root",
         "/face",
+        "/mouth",
         "/rest",
         "/sampling",
         "/skeleton",
     ];
     for pointer in objects {
         let keys: Vec<String> = model.config.pointer(pointer).unwrap().as_object().unwrap().keys().cloned().collect();
-        // Mel features may be what units are of.
-        for key in keys.into_iter().filter(|key| key != "network") {
+        // Mel features may be what units are of, and a model may do without a live mouth.
+        for key in keys.into_iter().filter(|key| !["network", "mouth"].contains(&key.as_str())) {
             let mut config = model.config.clone();
             config.pointer_mut(pointer).unwrap().as_object_mut().unwrap().remove(&key);
             let error = load(&config).err().unwrap_or_else(|| panic!("{pointer}/{key} is not needed")).to_string();
@@ -380,6 +385,157 @@ fn every_key_of_the_config_is_needed_and_known() {
         let error = load(&config).err().unwrap_or_else(|| panic!("{pointer}: any key is taken")).to_string();
         assert!(error.contains("speling"), "{error}");
     }
+}
+
+#[test]
+fn parts_of_layout_frames_are_checked() {
+    let model = ModelBytes::open("frames_seven");
+    let (header, data) = (model.header(), model.data());
+    let refused = |path: &str, value: Value, key: &str| {
+        let config = set(&model.config, path, value);
+        let error = load(with_config(&model, &header, &data, &config)).err().unwrap_or_else(|| panic!("{path}"));
+        let text = error.to_string();
+        assert!(text.contains(&format!("config `{key}")), "{path}: {text}");
+        text
+    };
+    let without = |pointer: &str, name: &str, key: &str| {
+        let mut config = model.config.clone();
+        config.pointer_mut(pointer).unwrap().as_object_mut().unwrap().remove(name);
+        let error = load(with_config(&model, &header, &data, &config)).err().unwrap_or_else(|| panic!("{name}"));
+        assert!(error.to_string().contains(&format!("config `{key}")), "{name}: {error}");
+    };
+    let with = |pointer: &str, name: &str, value: Value, key: &str| {
+        let mut config = model.config.clone();
+        config.pointer_mut(pointer).unwrap().as_object_mut().unwrap().insert(name.to_owned(), value);
+        let error = load(with_config(&model, &header, &data, &config)).err().unwrap_or_else(|| panic!("{name}"));
+        assert!(error.to_string().contains(&format!("config `{key}")), "{name}: {error}");
+    };
+    refused("layout", json!("parts"), "depth");
+    refused("layout", json!("rows"), "layout");
+    refused("parts", json!([]), "parts");
+    for name in ["", "Torso", "root", "a-b", "arms"] {
+        refused("parts[1].name", json!(name), "parts[");
+    }
+    for (key, value) in [
+        ("codes", json!(257)),
+        ("codes", json!(0)),
+        ("levels", json!(17)),
+        ("levels", json!(0)),
+        ("rest", json!([0])),
+        ("rest", json!([0, 0, 11])),
+        ("width", json!(0)),
+        ("layers", json!(0)),
+    ] {
+        refused(&format!("parts[1].{key}"), value, &format!("parts[1].{key}"));
+    }
+    assert!(refused("parts[1].channels[0]", json!("tail"), "parts[1].channels").contains("\"tail\""));
+    assert!(refused("parts[1].channels[0]", json!("jaw"), "parts[1].channels").contains("several"));
+    assert!(refused("parts[1].channels[0]", json!("neck"), "parts[1].channels").contains("second time"));
+    assert!(refused("parts[5].channels", json!(["left_index1"]), "parts").contains("no part has the channel"));
+    refused("audio.ahead", json!(8), "audio.ahead");
+    refused("depth.num_heads", json!(4), "depth.num_heads");
+    refused("templates.audio_to_motion[5]", json!("face"), "templates.audio_to_motion[5]");
+    without("", "depth", "depth");
+    without("/parts/1", "rest", "parts[1]");
+    with("/vocab", "face", model.config["vocab"]["audio"].clone(), "vocab.face");
+    with("/vq", "face", json!({ "channels": 58, "layers": 1 }), "vq.face");
+    with("/vq", "codes", json!(256), "vq.codes");
+    with("", "rest", json!({ "face": 0, "hands": 0, "upper": 0, "lower": 0 }), "rest");
+    with("/parts/0", "width", json!(3), "parts[0].width");
+    with("/parts/1", "sampling", json!({ "temperature": -1, "top_k": 0, "top_p": 1 }), "parts[1].sampling.temperature");
+    // The paper's layout has none of these keys.
+    let paper = ModelBytes::open("mel_k2_arkit");
+    let (header, data) = (paper.header(), paper.data());
+    for (pointer, name, value) in [("", "depth", model.config["depth"].clone()), ("/audio", "ahead", json!(1))] {
+        let mut config = paper.config.clone();
+        config.pointer_mut(pointer).unwrap().as_object_mut().unwrap().insert(name.to_owned(), value);
+        let error = load(with_config(&paper, &header, &data, &config)).expect_err(name).to_string();
+        assert!(error.contains(name), "{error}");
+    }
+}
+
+/// A golden model of the paper's layout with its four parts as a list.
+fn listed(name: &str) -> ModelBytes {
+    let mut model = ModelBytes::open(name);
+    let config = Config::parse(&model.config.to_string()).unwrap();
+    model.config["parts"] = serde_json::to_value(config.part_list()).unwrap();
+    for part in Part::ALL {
+        model.config["vq"].as_object_mut().unwrap().remove(part.name());
+    }
+    model.config["vq"].as_object_mut().unwrap().remove("codes");
+    model.config.as_object_mut().unwrap().remove("rest");
+    model
+}
+
+#[test]
+fn the_four_parts_may_be_listed() {
+    for name in ["mel_k1_upcycled", "hubert_k1_smplx", "hubert_k3_i8", "mel_k2_arkit"] {
+        let run = |bytes: Vec<u8>| {
+            let file = ModelFile::from_bytes(bytes).unwrap();
+            let model = Model::load(&file, Precision::Stored, Isa::detect()).unwrap();
+            let team = Team::new(1).unwrap();
+            let mut animation = Animation::new(&model, &AvatarConfig::new(model.config())).unwrap();
+            animation.push_audio(&(0..20_000).map(|i| 0.3 * (i as f32 * 0.07).sin()).collect::<Vec<_>>()).unwrap();
+            animation.finish(30);
+            let mut bits = Vec::new();
+            let cx = Compute { isa: model.isa(), team: &team };
+            let mut take = |frame: umo_core::motion::FrameRef| {
+                bits.extend(frame.pose.rotations.as_flattened().iter().chain(frame.face).map(|value| value.to_bits()));
+            };
+            while animation.step(&model, cx, &mut take).unwrap() {}
+            bits
+        };
+        let plain = run(ModelBytes::open(name).bytes());
+        assert_eq!(plain, run(listed(name).bytes()), "{name}");
+        // A part's own sampling is in force: greedy on all parts is not what the seed draws.
+        let mut greedy = listed(name);
+        for part in greedy.config["parts"].as_array_mut().unwrap() {
+            part["sampling"] = json!({ "temperature": 0, "top_k": 0, "top_p": 1 });
+        }
+        assert_ne!(plain, run(greedy.bytes()), "{name}");
+    }
+}
+
+#[test]
+fn other_lists_than_the_four_parts_are_refused_in_layout_parts() {
+    let model = listed("mel_k2_arkit");
+    let (header, data) = (model.header(), model.data());
+    let refused = |change: &dyn Fn(&mut Value), key: &str, wanted: &str| {
+        let mut config = model.config.clone();
+        change(&mut config);
+        let error = load(with_config(&model, &header, &data, &config)).err().unwrap_or_else(|| panic!("{key}"));
+        let text = error.to_string();
+        assert!(text.contains(&format!("config `{key}")) && text.contains(wanted), "{text}");
+    };
+    refused(&|c| c["parts"].as_array_mut().unwrap().swap(0, 1), "parts", "hands, face, upper, lower");
+    refused(
+        &|c| {
+            c["parts"]
+                .as_array_mut()
+                .unwrap()
+                .push(json!({ "name": "intent", "channels": [], "codes": 3, "levels": 1, "rest": [0] }))
+        },
+        "parts",
+        "lower, intent",
+    );
+    refused(
+        &|c| (c["parts"][2]["levels"], c["parts"][2]["rest"]) = (2.into(), json!([0, 0])),
+        "parts[2].levels",
+        "frames",
+    );
+    refused(&|c| c["parts"][1]["codes"] = 200.into(), "parts[1].codes", "200");
+    refused(
+        &|c| {
+            let names = ["face", "hands", "upper", "lower"];
+            let parts = c["parts"].as_array_mut().unwrap();
+            parts.swap(0, 1);
+            parts.iter_mut().zip(names).for_each(|(part, name)| part["name"] = name.into());
+        },
+        "parts[0].channels",
+        "all channels of face",
+    );
+    refused(&|c| c["vq"]["codes"] = 256.into(), "vq.codes", "without `parts`");
+    refused(&|c| c["rest"] = json!({ "face": 0, "hands": 0, "upper": 0, "lower": 0 }), "rest", "without `parts`");
 }
 
 #[test]
@@ -414,6 +570,10 @@ fn names_and_ids_of_the_config_are_checked() {
         ("lm.feed_forward_proj", json!("relu")),
         ("lm.tie_word_embeddings", json!(1)),
         ("rest.hands", json!(256)),
+        ("mouth.channels", json!([])),
+        ("mouth.channels[1]", json!("jawOpen")),
+        ("mouth.channels[1]", json!("jawOpens")),
+        ("mouth.dilations", json!(vec![1; 17])),
         ("skeleton.parents[3]", json!(3)),
         ("skeleton.parents", json!([-1])),
         ("audio.token_rate", json!(37)),
@@ -447,7 +607,7 @@ fn another_format_or_version_is_refused() {
 }
 
 #[test]
-fn a_header_that_lies_is_refused() {
+fn inconsistent_header_is_refused() {
     let model = ModelBytes::open("mel_k1_upcycled");
     let (header, data) = (model.header(), model.data());
     let bytes = model.bytes();

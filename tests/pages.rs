@@ -74,7 +74,8 @@ pub fn tables(wanted: impl Fn(&[String]) -> bool) -> Vec<Table> {
     tables
 }
 
-/// The rows of the one table whose header is `first` and "the same bits on": first cells, and the groups of back-ends.
+/// The rows of the one table whose header is `first` and "the same bits on": first cells, and the
+/// groups of back-ends.
 pub fn same_bits(first: &str) -> Vec<(String, Vec<Vec<Isa>>)> {
     let mut found = tables(|header| header == [first, "the same bits on"]);
     assert_eq!(found.len(), 1, "one table of \"{first}\"");
@@ -82,8 +83,8 @@ pub fn same_bits(first: &str) -> Vec<(String, Vec<Vec<Isa>>)> {
     rows[1..].iter().map(|row| (row[0].clone(), groups(&row[1], &place))).collect()
 }
 
-/// The back-ends in a cell, "scalar; avx2, avxvnni; …" or "all", of which those that this processor has. Every back-end is
-/// in one group.
+/// The back-ends in a cell, "scalar; avx2, avxvnni; …" or "all", of which those that this processor
+/// has. Every back-end is in one group.
 fn groups(cell: &str, place: &str) -> Vec<Vec<Isa>> {
     let every: Vec<_> = Isa::names().collect();
     let groups: Vec<Vec<&str>> = match cell {

@@ -1,4 +1,5 @@
-//! What must hold of the whole pipeline, audio in and poses out, whatever the weights: the golden models drive it.
+//! What must hold of the whole pipeline, audio in and poses out, whatever the weights: the golden
+//! models drive it.
 
 mod model_bytes;
 
@@ -11,7 +12,7 @@ use umo_core::animation::Animation;
 use umo_core::avatar::AvatarConfig;
 use umo_core::lm::sampler::Sampler;
 use umo_core::model::Model;
-use umo_core::motion::{FrameRef, Pose};
+use umo_core::motion::{FrameRef, Latents, MotionStream, Pose, Smoothing};
 use umo_core::stage::{self, Inputs, Options, Output, Stage, Values};
 use umo_core::weights::Loader;
 use umo_core::{Compute, ModelFile, Part, PerPart, Precision, StepError, Team};
@@ -21,9 +22,13 @@ use umo_tests::{Noise, cases};
 const NAMES: [&str; 4] = ["hubert_k1_smplx", "hubert_k3_i8", "mel_k1_upcycled", "mel_k2_arkit"];
 /// A mel model with a text tokenizer, ARKit face, two of five experts.
 const ARKIT: usize = 3;
+/// Those of layout `frames` too.
+const ALL: [&str; 6] = [NAMES[0], NAMES[1], NAMES[2], NAMES[3], "frames_four", "frames_seven"];
+/// Layout `frames`, and otherwise like [`ARKIT`].
+const FRAMES: usize = 5;
 
 static MODELS: LazyLock<Vec<Model>> =
-    LazyLock::new(|| NAMES.map(|name| load(&ModelBytes::open(name), Precision::F32, Isa::detect())).into());
+    LazyLock::new(|| ALL.map(|name| load(&ModelBytes::open(name), Precision::F32, Isa::detect())).into());
 
 fn load(bytes: &ModelBytes, precision: Precision, isa: Isa) -> Model {
     Model::load(&ModelFile::from_bytes(bytes.bytes()).unwrap(), precision, isa).unwrap()
@@ -141,7 +146,7 @@ proptest! {
 
     #[test]
     fn any_chunk_and_lookahead_give_every_frame_finite(
-        which in 0..NAMES.len(), target in 1_usize..100, lookahead in 0_usize..100,
+        which in 0..ALL.len(), target in 1_usize..100, lookahead in 0_usize..100,
         samples in prop_oneof![Just(534_usize), 534..40_000_usize, (1..12_usize).prop_map(|n| n * 3200)],
         seed in any::<u64>(), pushes in pushes(),
     ) {
@@ -150,6 +155,7 @@ proptest! {
         let config = AvatarConfig {
             target: 1 + target % c.max_target,
             lookahead: lookahead % (c.keyframe_stride * c.prefix + 1),
+            horizon: target % (c.audio.ahead + 1),
             sampler: Sampler { seed, ..defaults(model).sampler },
             ..defaults(model)
         };
@@ -159,7 +165,7 @@ proptest! {
 
     #[test]
     fn how_audio_is_pushed_does_not_matter(
-        which in 0..NAMES.len(), samples in 534..30_000_usize, seed in any::<u64>(), pushes in pushes(),
+        which in 0..ALL.len(), samples in 534..30_000_usize, seed in any::<u64>(), pushes in pushes(),
     ) {
         let model = &MODELS[which];
         let audio = audio(samples, seed);
@@ -171,7 +177,7 @@ proptest! {
 
 #[test]
 fn the_number_of_threads_changes_no_bit() {
-    for (name, model) in NAMES.iter().zip(&*MODELS) {
+    for (name, model) in ALL.iter().zip(&*MODELS) {
         let audio = audio(14_000, 1);
         let one = Run::of(model).stream(defaults(model), &audio);
         for threads in [2, 3, 5] {
@@ -183,7 +189,7 @@ fn the_number_of_threads_changes_no_bit() {
 
 #[test]
 fn a_seed_says_which_motion() {
-    for (name, model) in NAMES.iter().zip(&*MODELS) {
+    for (name, model) in ALL.iter().zip(&*MODELS) {
         let audio = audio(10_000, 2);
         let run = |seed| {
             let sampler = Sampler { seed, ..defaults(model).sampler };
@@ -203,14 +209,23 @@ fn a_seed_says_which_motion() {
 #[test]
 fn history_and_text_and_audio_change_what_comes() {
     let mut told_apart = 0;
-    for (name, model) in NAMES.iter().zip(&*MODELS) {
+    for (name, model) in ALL.iter().zip(&*MODELS) {
         let config = || defaults(model);
         let (sound, other) = (audio(10_000, 3), [audio(4000, 4), vec![0.0; 6000]].concat());
         let plain = Run::of(model).stream(config(), &sound);
         let codes = PerPart::from_fn(|part| vec![90 + part as u16, 3, 200, 17]);
-        let run = Run { history: Some(&codes), ..Run::of(model) };
-        assert!(run.stream(config(), &sound) != plain, "{name}: history");
-        // Random centroids may lie so that all sounds have one unit; then the body cannot know them apart.
+        let mut keyframes = Animation::new(model, &config()).unwrap();
+        let other_history = if model.config().is_frames() {
+            let count = model.config().codes_per_keyframe();
+            let codes: Vec<u16> = (0..4 * count).map(|i| u16::try_from(i * 7 % 4).unwrap()).collect();
+            keyframes.avatar_mut().set_keyframes(&codes).unwrap();
+            Run::of(model).drive(&mut keyframes, &sound)
+        } else {
+            Run { history: Some(&codes), ..Run::of(model) }.stream(config(), &sound)
+        };
+        assert!(other_history != plain, "{name}: history");
+        // Random centroids may lie so that all sounds have one unit; then the body cannot know them
+        // apart.
         let team = Team::new(1).unwrap();
         let cx = Compute { isa: model.isa(), team: &team };
         let units = |audio: &[f32]| model.tokenizer().whole_file(cx, audio).unwrap().0;
@@ -218,19 +233,134 @@ fn history_and_text_and_audio_change_what_comes() {
         told_apart += usize::from(heard);
         assert_eq!(Run::of(model).stream(config(), &other) != plain, heard, "{name}: audio");
     }
-    assert!(told_apart >= 2, "{told_apart} models tell sounds apart");
-    let model = &MODELS[ARKIT];
+    assert!(told_apart >= 3, "{told_apart} models tell sounds apart");
+    for which in [ARKIT, FRAMES] {
+        let model = &MODELS[which];
+        let text = model.text().unwrap().encode("wave with both hands").unwrap();
+        let sound = audio(10_000, 3);
+        let plain = Run::of(model).stream(defaults(model), &sound);
+        assert!(Run::of(model).stream(AvatarConfig { text, ..defaults(model) }, &sound) != plain);
+    }
+}
+
+/// A strength of 1 is the text alone, other strengths are other motion, and without a text there is
+/// nothing to follow.
+#[test]
+fn guidance_steers_with_the_text() {
+    let model = &MODELS[FRAMES];
     let text = model.text().unwrap().encode("wave with both hands").unwrap();
     let sound = audio(10_000, 3);
-    let plain = Run::of(model).stream(defaults(model), &sound);
-    assert!(Run::of(model).stream(AvatarConfig { text, ..defaults(model) }, &sound) != plain);
+    let run = |text: &[u32], guidance: f32, threads: usize| {
+        let config = AvatarConfig { text: text.to_vec(), guidance, ..defaults(model) };
+        Run { threads, ..Run::of(model) }.stream(config, &sound)
+    };
+    let once = run(&text, 1.0, 1);
+    assert!(run(&text, 1.0 + f32::EPSILON, 1) == once, "the same logits but for their last bits");
+    assert!(run(&text, 3.0, 1) != once);
+    assert!(run(&text, 3.0, 1) == run(&text, 3.0, 3));
+    assert!(run(&[], 3.0, 1) == run(&[], 1.0, 1));
+}
+
+/// Vectors that come bit by bit, frames held back for the whole reach: the channels of decoding all
+/// of them at once, for parts of any reach, levels and place on the body.
+#[test]
+fn a_stream_of_vectors_is_the_whole_decode() {
+    for which in [FRAMES - 1, FRAMES] {
+        let model = &MODELS[which];
+        let (motion, team, mut noise) = (model.motion(), Team::new(1).unwrap(), Noise::new(12));
+        let cx = Compute { isa: model.isa(), team: &team };
+        const FRAMES: usize = 60;
+        let mut codes = Vec::new();
+        for decoder in motion.decoders() {
+            let book = decoder.codebook();
+            codes.push(
+                (0..FRAMES * book.levels())
+                    .map(|_| u16::try_from(noise.below(book.codes())).unwrap())
+                    .collect::<Vec<_>>(),
+            );
+        }
+        let latents: Vec<_> = codes.iter().map(|codes| Latents::Codes(codes)).collect();
+        let whole = motion.decode_list(cx, &latents).unwrap();
+        let mut vectors = Vec::new();
+        for (decoder, codes) in motion.decoders().iter().zip(&codes) {
+            let book = decoder.codebook();
+            let mut rows = vec![0.0; FRAMES * book.width()];
+            for (codes, row) in codes.chunks(book.levels()).zip(rows.chunks_mut(book.width())) {
+                book.vector(codes, row).unwrap();
+            }
+            vectors.push(rows);
+        }
+        let lookahead = motion.reach();
+        let mut stream = MotionStream::of_vectors(motion, 17, lookahead, Smoothing::OFF);
+        let mut scratch = motion.scratch(motion.stream_rows(17, lookahead));
+        let mut streamed = Frames::default();
+        let mut at = 0;
+        for count in [1, 17, 3, 0, 5, 17, 17] {
+            let piece: Vec<_> = motion
+                .decoders()
+                .iter()
+                .zip(&vectors)
+                .map(|(decoder, vectors)| {
+                    let width = decoder.codebook().width();
+                    Latents::Vectors(&vectors[at * width..(at + count) * width])
+                })
+                .collect();
+            stream
+                .push_latents(cx, motion, &mut scratch, &piece, lookahead, &mut |frame| streamed.take(frame))
+                .unwrap();
+            at += count;
+        }
+        assert_eq!(at, FRAMES);
+        stream.finish(cx, motion, &mut scratch, FRAMES, &mut |frame| streamed.take(frame)).unwrap();
+        for part in Part::ALL {
+            let wanted: Vec<u32> = whole.channels[part].iter().map(|v| v.to_bits()).collect();
+            assert!(streamed.channels[part] == wanted, "{}: {}", ALL[which], part.name());
+        }
+        let wrong = stream.push_latents(cx, motion, &mut scratch, &latents, 0, &mut |_| ());
+        assert!(matches!(wrong, Err(StepError::Disagree(_))), "codes to a stream of vectors: {wrong:?}");
+    }
+}
+
+/// What is behind a chunk and within the horizon changes its motion; what is beyond does not.
+#[test]
+fn a_horizon_hears_so_far_and_no_further() {
+    for which in [FRAMES - 1, FRAMES] {
+        let model = &MODELS[which];
+        let c = model.config();
+        // The first chunk has two keyframes, the horizon is one more; each lasts 3,200 samples.
+        let early = |horizon: usize, samples: &[f32]| {
+            let config = AvatarConfig { horizon, lookahead: 0, ..defaults(model) };
+            let mut frames = Run::of(model).stream(config, samples);
+            frames.poses.truncate(c.keyframe_stride + 1);
+            frames.poses
+        };
+        let heard = audio(16_000, 9);
+        let changed = |from: usize| {
+            let mut samples = heard.clone();
+            samples[from..].copy_from_slice(&audio(16_000, 10)[from..].iter().map(|v| 2.0 * v).collect::<Vec<_>>());
+            samples
+        };
+        assert!(early(0, &heard) == early(0, &changed(6_400)), "{}: not heard", c.name);
+        assert!(early(1, &heard) == early(1, &changed(9_600)), "{}: beyond the horizon", c.name);
+        let heard_ahead = (0..4).any(|i| early(1, &heard) != early(1, &changed(6_400 + 320 * i)));
+        assert!(heard_ahead, "{}: within the horizon", c.name);
+    }
 }
 
 #[test]
 fn a_history_of_rest_codes_is_no_history() {
     for model in &*MODELS {
-        let rest = PerPart::from_fn(|part| vec![u16::try_from(model.config().rest[part]).unwrap()]);
         let sound = audio(7000, 5);
+        if model.config().is_frames() {
+            let parts = model.config().part_list();
+            let codes: Vec<u16> =
+                parts.iter().flat_map(|p| &p.rest).map(|&code| u16::try_from(code).unwrap()).collect();
+            let mut animation = Animation::new(model, &defaults(model)).unwrap();
+            animation.avatar_mut().set_keyframes(&codes).unwrap();
+            assert!(Run::of(model).drive(&mut animation, &sound) == Run::of(model).stream(defaults(model), &sound));
+            continue;
+        }
+        let rest = PerPart::from_fn(|part| vec![u16::try_from(model.config().rest[part]).unwrap()]);
         let run = Run { history: Some(&rest), ..Run::of(model) };
         assert!(run.stream(defaults(model), &sound) == Run::of(model).stream(defaults(model), &sound));
     }
@@ -238,7 +368,12 @@ fn a_history_of_rest_codes_is_no_history() {
 
 #[test]
 fn text_alone_moves_a_body() {
-    let model = &MODELS[ARKIT];
+    for which in [ARKIT, FRAMES] {
+        text_alone_moves(&MODELS[which]);
+    }
+}
+
+fn text_alone_moves(model: &Model) {
     let run = |words: &str| {
         let text = model.text().unwrap().encode(words).unwrap();
         let template = "text_to_motion".to_owned();
@@ -255,7 +390,7 @@ fn text_alone_moves_a_body() {
 
 #[test]
 fn a_stream_of_mel_features_has_the_units_of_the_whole_file() {
-    for which in [2, ARKIT] {
+    for which in [2, ARKIT, FRAMES - 1, FRAMES] {
         let model = &MODELS[which];
         let team = Team::new(1).unwrap();
         let cx = Compute { isa: model.isa(), team: &team };
@@ -266,14 +401,14 @@ fn a_stream_of_mel_features_has_the_units_of_the_whole_file() {
             let mut animation = Animation::new(model, &defaults(model)).unwrap();
             animation.avatar_mut().use_whole_file_units(units, silence);
             Run::of(model).drive(&mut animation, &audio).check(frames_of(samples));
-            assert_eq!(animation.avatar().unit_disagreement(), Some((samples.div_ceil(320), 0)), "{}", NAMES[which]);
+            assert_eq!(animation.avatar().unit_disagreement(), Some((samples.div_ceil(320), 0)), "{}", ALL[which]);
         }
     }
 }
 
 #[test]
 fn every_precision_moves_a_body() {
-    for name in NAMES {
+    for name in ALL {
         let bytes = ModelBytes::open(name);
         for precision in [Precision::F32, Precision::Bf16, Precision::Int8] {
             let model = load(&bytes, precision, Isa::detect());
@@ -301,8 +436,9 @@ fn prompt(file: &ModelFile, seed: u64) -> Vec<i64> {
     (0..60).map(|_| i64::try_from(noise.below(file.config().vocab.size)).unwrap()).collect()
 }
 
-/// Products, norms and the encoder's attention have the same bits everywhere. What is left are f32 sums of the router and of the
-/// decoder's attention, whose order belongs to the instruction set: where two codes are as good as equal, either may be chosen.
+/// Products, norms and the encoder's attention have the same bits everywhere. What is left are f32
+/// sums of the router and of the decoder's attention, whose order belongs to the instruction set:
+/// where two codes are as good as equal, either may be chosen.
 #[test]
 fn int8_gives_the_same_codes_on_every_instruction_set() {
     const PROMPTS: u64 = 32;
@@ -321,6 +457,55 @@ fn int8_gives_the_same_codes_on_every_instruction_set() {
         // One in fifty; where a back-end were wrong, nearly all of them would differ.
         let most = usize::try_from(PROMPTS).unwrap() * NAMES.len() / 50;
         assert!(others.len() <= most, "{}: other codes for {others:?}", isa.name());
+    }
+}
+
+/// The logits of every prompt, none left out: what differs in their codes above may only be two
+/// that are as good as equal.
+#[test]
+fn int8_gives_near_logits_on_every_instruction_set() {
+    // A code of an input is at most one step of 127 apart where a sum before it was rounded
+    // differently. In few rows another expert is chosen, as good as equal, whose outputs are
+    // others.
+    const TOLERANCE: f32 = 2.0 / 127.0;
+    const SWITCH: f32 = 0.125;
+    let isas: Vec<Isa> = Isa::available().collect();
+    for name in NAMES {
+        let file = ModelFile::from_bytes(ModelBytes::open(name).bytes()).unwrap();
+        let (vocab, mut far, mut rows) = (file.config().vocab.size, vec![0; isas.len()], 0);
+        for seed in 0..32 {
+            let integers = |name: &str, ids: Vec<i64>| Output {
+                name: name.to_owned(),
+                shape: vec![ids.len()],
+                values: Values::Integers(ids),
+            };
+            let forced = prompt(&file, seed + 1000)[..24].to_vec();
+            let tensors = [integers("input_ids", prompt(&file, seed)), integers("decoder_input_ids", forced)];
+            let bytes = stage::serialize(&tensors).unwrap();
+            let logits = |isa| {
+                let options = Options { target: None, sampler: Sampler::GREEDY };
+                let (loader, team) = (Loader::new(&file, Precision::Int8, isa), Team::new(1).unwrap());
+                let inputs = Inputs::new(&bytes, "").unwrap();
+                match stage::run(Stage::Decoder, &loader, &team, &inputs, options).unwrap().remove(0).values {
+                    Values::Floats(values) => values,
+                    Values::Integers(_) => panic!("logits are floats"),
+                }
+            };
+            let wanted = logits(Isa::SCALAR);
+            let largest = wanted.iter().fold(0.0_f32, |largest, value| largest.max(value.abs()));
+            for (isa, far) in isas.iter().zip(&mut far) {
+                let got = logits(*isa);
+                for (got, wanted) in got.chunks(vocab).zip(wanted.chunks(vocab)) {
+                    let apart = got.iter().zip(wanted).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+                    assert!(apart <= SWITCH * largest, "{}, {name}, {seed}: {apart} of {largest}", isa.name());
+                    *far += usize::from(apart > TOLERANCE * largest);
+                    rows += 1;
+                }
+            }
+        }
+        for (isa, far) in isas.iter().zip(far) {
+            assert!(far * isas.len() * 50 <= rows, "{}, {name}: {far} rows of {}", isa.name(), rows / isas.len());
+        }
     }
 }
 
@@ -365,7 +550,7 @@ fn equal_experts_are_the_dense_model_to_the_bit() {
 }
 
 #[test]
-fn equal_experts_of_which_two_are_chosen_say_what_the_dense_model_says() {
+fn top2_of_identical_experts_matches_dense() {
     let upcycled = ModelBytes::open("mel_k1_upcycled");
     let mut both = upcycled.clone();
     both.config["lm"]["top_k"] = json!(2);
@@ -416,6 +601,30 @@ fn a_session_refuses_what_it_was_not_made_for() {
     assert!(refused(&|c| c.lookahead = 37).contains("`lookahead`"));
     assert!(refused(&|c| c.lookahead = usize::MAX).contains("`lookahead`"));
     assert!(refused(&|c| c.template = "dance".to_owned()).contains("dance"));
+    assert!(refused(&|c| c.horizon = 1).contains("`horizon`"));
+    assert!(refused(&|c| c.guidance = 1.5).contains("`guidance`"));
+    let frames = |change: &dyn Fn(&mut AvatarConfig)| {
+        let mut config = defaults(&MODELS[FRAMES]);
+        change(&mut config);
+        Animation::new(&MODELS[FRAMES], &config).unwrap_err().to_string()
+    };
+    assert!(frames(&|c| c.horizon = 4).contains("`horizon`: expected 0 to 3"));
+    for guidance in [0.5, 3.5, f32::NAN] {
+        assert!(frames(&|c| c.guidance = guidance).contains("`guidance`: expected 1 to 3"));
+    }
+    let mut keyframes = Animation::new(&MODELS[FRAMES], &defaults(&MODELS[FRAMES])).unwrap();
+    let count = MODELS[FRAMES].config().codes_per_keyframe();
+    assert!(matches!(keyframes.avatar_mut().set_keyframes(&[]), Err(StepError::Empty(_))));
+    assert!(matches!(keyframes.avatar_mut().set_keyframes(&vec![0; count + 1]), Err(StepError::Disagree(_))));
+    assert!(matches!(keyframes.avatar_mut().set_keyframes(&vec![9; count]), Err(StepError::OutOfRange { .. })));
+    assert!(keyframes.avatar_mut().set_history(PerPart::from_fn(|_| &[0][..])).is_err());
+    // An id that no text has would be a keyframe's.
+    let text = vec![u32::try_from(MODELS[FRAMES].config().vocab.size).unwrap()];
+    let mut forged = Animation::new(&MODELS[FRAMES], &AvatarConfig { text, ..defaults(&MODELS[FRAMES]) }).unwrap();
+    forged.push_audio(&audio(10_000, 1)).unwrap();
+    let (isa, team) = (MODELS[FRAMES].isa(), Team::new(1).unwrap());
+    let step = forged.step(&MODELS[FRAMES], Compute { isa, team: &team }, &mut |_| ());
+    assert!(matches!(step, Ok(false) | Err(StepError::OutOfRange { what: "token id", .. })), "{step:?}");
     let mut animation = Animation::new(model, &defaults(model)).unwrap();
     let codes = |code: u16| PerPart::from_fn(|_| vec![code]);
     let set = |animation: &mut Animation, codes: PerPart<Vec<u16>>| {

@@ -1,5 +1,5 @@
-//! The record of what chunks were made of: it changes nothing, its codes are those of the frames, and its experts took every
-//! token once in every layer.
+//! The record of what chunks were made of: it changes nothing, its codes are those of the frames,
+//! and its experts took every token once in every layer.
 
 mod model_bytes;
 
@@ -7,13 +7,15 @@ use model_bytes::ModelBytes;
 use umo_core::animation::Animation;
 use umo_core::avatar::AvatarConfig;
 use umo_core::lm::layout::window_tokens;
-use umo_core::lm::tally::{KIND_NAMES, KINDS};
+use umo_core::lm::tally::kind_names;
 use umo_core::model::Model;
+use umo_core::motion::Latents;
 use umo_core::{Compute, Config, ModelFile, Part, PerPart, Precision, Team};
 use umo_kernels::Isa;
 use umo_tests::Noise;
 
-const NAMES: [&str; 4] = ["hubert_k1_smplx", "hubert_k3_i8", "mel_k1_upcycled", "mel_k2_arkit"];
+const NAMES: [&str; 6] =
+    ["hubert_k1_smplx", "hubert_k3_i8", "mel_k1_upcycled", "mel_k2_arkit", "frames_four", "frames_seven"];
 const FRAMES: usize = 100;
 
 /// What a run gave.
@@ -22,6 +24,10 @@ struct Run {
     /// Channels of every part, one frame after the other.
     channels: PerPart<Vec<u32>>,
     codes: PerPart<Vec<u16>>,
+    /// `[keyframes, codes of a keyframe]`, in layout `frames`.
+    keyframes: Vec<u16>,
+    /// Frames that the chunks made known.
+    known: usize,
     /// First frame of each chunk, and its counts.
     chunks: Vec<(usize, Vec<u32>)>,
 }
@@ -47,6 +53,9 @@ fn run(model: &Model, cx: Compute, config: &AvatarConfig, keep: bool) -> Run {
         let Some(chunk) = animation.chunk() else { continue };
         assert_eq!(chunk.index, run.chunks.len() as u64);
         run.chunks.push((chunk.first_frame, chunk.tally.counts().to_vec()));
+        assert_eq!(chunk.first_frame, run.known);
+        run.known += chunk.frames;
+        run.keyframes.extend_from_slice(chunk.keyframes);
         Part::ALL.into_iter().for_each(|part| run.codes[part].extend_from_slice(chunk.codes[part]));
     }
     run
@@ -75,6 +84,11 @@ fn keeping_a_record_changes_no_bit() {
 #[test]
 fn recorded_codes_are_those_of_the_frames() {
     each(|name, model, cx, _, kept| {
+        if model.config().is_frames() {
+            assert!(kept.codes.lower.is_empty(), "{name}");
+            return;
+        }
+        assert!(kept.keyframes.is_empty(), "{name}");
         let whole = model.motion().decode(cx, PerPart::from_fn(|part| &*kept.codes[part])).unwrap();
         let sure = FRAMES - model.motion().reach();
         for part in Part::ALL {
@@ -83,6 +97,43 @@ fn recorded_codes_are_those_of_the_frames() {
             assert!(decoded.eq(kept.channels[part][..values].iter().copied()), "{name}, {}", part.name());
         }
     });
+}
+
+/// With a keyframe in every frame there is nothing between them, so that the frames are those of the
+/// recorded codes.
+#[test]
+fn recorded_keyframes_are_those_of_the_frames() {
+    let mut bytes = ModelBytes::open("frames_seven");
+    bytes.config["frame_rate"] = bytes.config["audio"]["token_rate"].clone();
+    bytes.config["keyframe_stride"] = 1.into();
+    bytes.config["lookahead"] = 0.into();
+    let file = ModelFile::from_bytes(bytes.bytes()).unwrap();
+    let model = Model::load(&file, Precision::F32, Isa::detect()).unwrap();
+    let team = Team::new(1).unwrap();
+    let cx = Compute { isa: model.isa(), team: &team };
+    let config = AvatarConfig { target: 2, lookahead: model.config().prefix, ..AvatarConfig::new(model.config()) };
+    let kept = run(&model, cx, &config, true);
+    let (list, count) = (model.config().part_list(), model.config().codes_per_keyframe());
+    assert_eq!(kept.keyframes.len(), kept.known * count);
+    assert!(kept.known >= FRAMES);
+    let (mut codes, mut first) = (Vec::new(), 0);
+    for part in &list {
+        if !part.is_annotation() {
+            let rows = kept.keyframes.chunks(count);
+            codes.push(rows.flat_map(|row| row[first..first + part.levels].to_vec()).collect::<Vec<_>>());
+        }
+        first += part.levels;
+    }
+    let latents: Vec<_> = codes.iter().map(|codes| Latents::Codes(codes)).collect();
+    let whole = model.motion().decode_list(cx, &latents).unwrap();
+    // Frames within the decoders' reach of a chunk's end had the newest repeated; the first have no
+    // end near them.
+    let sure = config.lookahead.saturating_sub(model.motion().reach()) + 1;
+    for part in Part::ALL {
+        let values = sure * model.motion().channels(part);
+        let decoded = whole.channels[part][..values].iter().map(|v| v.to_bits());
+        assert!(decoded.eq(kept.channels[part][..values].iter().copied()), "{}", part.name());
+    }
 }
 
 #[test]
@@ -94,20 +145,31 @@ fn chunks_follow_each_other_from_keyframe_to_keyframe() {
             assert_eq!(*first, wanted, "{name}");
         }
         let known = kept.chunks.len() * config.target * stride + 1 - stride;
-        assert_eq!(kept.codes.lower.len(), known, "{name}");
+        assert_eq!(kept.known, known, "{name}");
+        match model.config().is_frames() {
+            true => assert_eq!(
+                kept.keyframes.len(),
+                kept.chunks.len() * config.target * model.config().codes_per_keyframe(),
+                "{name}"
+            ),
+            false => assert_eq!(kept.codes.lower.len(), known, "{name}"),
+        }
         assert!(known >= FRAMES);
     });
 }
 
 /// Rows of each kind that a layer of the encoder, or of the decoder, sees in a chunk.
-fn rows(config: &Config, target: usize, encoder: bool) -> [usize; KINDS] {
+fn rows(config: &Config, target: usize, encoder: bool) -> Vec<usize> {
     let p = config.prefix + 2;
     let template = &config.templates["audio_to_motion"];
     let text = template.iter().filter(|item| matches!(item, umo_core::config::TemplateItem::Id(_))).count();
-    match encoder {
-        true => [text, window_tokens(config, target) + 2, p, p, p, p],
+    let audio = window_tokens(config, target) + 2;
+    match (config.is_frames(), encoder) {
+        (true, true) => vec![text, audio, config.prefix, 0],
+        (true, false) => vec![0, 0, 0, target],
+        (false, true) => vec![text, audio, p, p, p, p],
         // The last code and its marker are never read.
-        false => [1, 0, target + 2, target + 2, target + 2, target],
+        (false, false) => vec![1, 0, target + 2, target + 2, target + 2, target],
     }
 }
 
@@ -116,13 +178,18 @@ fn experts_take_every_token_in_every_layer() {
     each(|name, model, _, config, kept| {
         let (c, target) = (model.config(), config.target);
         for (_, counts) in &kept.chunks {
-            let layers: Vec<&[u32]> = counts.chunks(KINDS * c.lm.experts).collect();
+            let layers: Vec<&[u32]> = counts.chunks(kind_names(c).len() * c.lm.experts).collect();
             assert_eq!(layers.len(), c.lm.num_layers + c.lm.num_decoder_layers);
             for (layer, counts) in layers.iter().enumerate() {
                 let wanted = rows(c, target, layer < c.lm.num_layers);
                 for (kind, counts) in counts.chunks(c.lm.experts).enumerate() {
                     let sum: u32 = counts.iter().sum();
-                    assert_eq!(sum as usize, wanted[kind] * c.lm.top_k, "{name}, layer {layer}, {}", KIND_NAMES[kind]);
+                    assert_eq!(
+                        sum as usize,
+                        wanted[kind] * c.lm.top_k,
+                        "{name}, layer {layer}, {}",
+                        kind_names(c)[kind]
+                    );
                 }
             }
         }

@@ -1,5 +1,6 @@
-//! The root of a stream beside the root of the same codes decoded as a whole: the pelvis stands at its height from the first
-//! frame on, at every target and lookahead, and the body goes where the whole decode says.
+//! The root of a stream beside the root of the same codes decoded as a whole: the pelvis stands at
+//! its height from the first frame on, at every target and lookahead, and the body goes where the
+//! whole decode says.
 
 use std::path::Path;
 
@@ -13,7 +14,8 @@ use umo_tests::Noise;
 
 /// Largest distance of the pelvis from the whole decode's height, metres.
 const HEIGHT: f32 = 0.015;
-/// Largest distance of the pelvis in the first frame from the height that it has most of the time, metres.
+/// Largest distance of the pelvis in the first frame from the height that it has most of the time,
+/// metres.
 const FIRST_HEIGHT: f32 = 0.02;
 /// Largest distance over the ground from the whole decode's path, metres.
 const PATH: f32 = 0.04;
@@ -60,6 +62,60 @@ fn each(check: impl Fn(&Model, Compute, &str, &[f32])) {
         .collect();
     check(&model, cx, "speech", &speech);
     check(&model, cx, "bursts", &bursts);
+}
+
+/// What a live host sees first: with few keyframes and any lookahead, the figure stands as it does
+/// at rest.
+#[test]
+fn the_first_frame_of_a_live_setting_has_the_height_of_rest() {
+    each(|model, cx, name, audio| {
+        let defaults = AvatarConfig::new(model.config());
+        let codes = Part::ALL.map(|part| vec![u16::try_from(model.config().rest[part]).unwrap(); 30]);
+        let [face, hands, upper, lower] = codes.each_ref().map(Vec::as_slice);
+        let rest = model.motion().decode(cx, PerPart { face, hands, upper, lower }).unwrap().translation[15][1];
+        for target in [1, 2] {
+            for lookahead in 0..10 {
+                for seed in 0..5 {
+                    let sampler = Sampler { seed, ..defaults.sampler };
+                    let config = AvatarConfig { target, lookahead, sampler, ..defaults.clone() };
+                    let mut animation = Animation::new(model, &config).unwrap();
+                    animation.push_audio(&audio[..16_000]).unwrap();
+                    let mut heights = Vec::new();
+                    while heights.is_empty() {
+                        let mut take = |frame: umo_core::motion::FrameRef| heights.push(frame.pose.translation[1]);
+                        assert!(animation.step(model, cx, &mut take).unwrap(), "a second has frames");
+                    }
+                    let first = heights[0];
+                    let case = format!("{name}, target {target}, lookahead {lookahead}, seed {seed}");
+                    assert!((first - rest).abs() <= FIRST_HEIGHT, "{case}: starts at {first} m, rest is at {rest} m");
+                }
+            }
+        }
+    });
+}
+
+/// The order in which [`Clip::channels`](umo_core::motion::clip::Clip::channels) writes contacts is
+/// that of the model's own: a side's ankle and foot go together.
+#[test]
+fn contacts_of_a_side_go_together() {
+    each(|model, cx, name, audio| {
+        let (mut within, mut across) = (0.0, 0.0);
+        for seed in 0..8 {
+            let defaults = AvatarConfig::new(model.config());
+            let sampler = Sampler { seed, ..defaults.sampler };
+            let mut animation = Animation::new(model, &AvatarConfig { sampler, ..defaults }).unwrap();
+            animation.push_audio(audio).unwrap();
+            animation.finish(FRAMES);
+            let mut take = |frame: umo_core::motion::FrameRef| {
+                let contacts = &frame.channels.lower[umo_core::motion::root::FIRST_CONTACT..];
+                let apart = |a: usize, b: usize| (contacts[a] - contacts[b]).abs();
+                within += apart(0, 1) + apart(2, 3);
+                across += apart(0, 2) + apart(1, 3);
+            };
+            while animation.step(model, cx, &mut take).unwrap() {}
+        }
+        assert!(within < 0.6 * across, "{name}: {within} within a side, {across} between them");
+    });
 }
 
 #[test]

@@ -1,5 +1,5 @@
-//! What must hold of a session's state as bytes: restored anywhere, it goes on with the same bits; and bytes that are no
-//! state of the session change nothing.
+//! What must hold of a session's state as bytes: restored anywhere, it goes on with the same bits;
+//! and bytes that are no state of the session change nothing.
 
 mod model_bytes;
 
@@ -11,13 +11,15 @@ use model_bytes::ModelBytes;
 use proptest::prelude::*;
 use umo_core::clock::Clock;
 use umo_core::engine::{Engine, EngineConfig, Poll, Threads};
+use umo_core::life::{Attention, GestureOptions, Layer, Mood, Side};
 use umo_core::model::Model;
-use umo_core::session::{FrameView, Idle, Session, SessionConfig, SessionError, StateError};
+use umo_core::session::{Frame, Idle, Session, SessionConfig, SessionError, StateError, Voice};
 use umo_core::{ModelFile, Part, Precision};
 use umo_kernels::Isa;
 use umo_tests::{Ends, Noise};
 
-const NAMES: [&str; 4] = ["hubert_k1_smplx", "hubert_k3_i8", "mel_k1_upcycled", "mel_k2_arkit"];
+const NAMES: [&str; 6] =
+    ["hubert_k1_smplx", "hubert_k3_i8", "mel_k1_upcycled", "mel_k2_arkit", "frames_four", "frames_seven"];
 
 /// The golden models.
 static MODELS: LazyLock<Vec<Arc<Model>>> =
@@ -49,6 +51,10 @@ fn settle(engine: &Engine) {
 fn config(model: &Model, target: usize, lookahead: usize) -> SessionConfig {
     let mut session = SessionConfig::new(model.config());
     (session.avatar.target, session.avatar.lookahead, session.avatar.sampler.seed) = (target, lookahead, 7);
+    session.avatar.horizon = lookahead.min(model.config().audio.ahead);
+    if model.config().name.ends_with("frames_seven") {
+        session.avatar.guidance = 2.0;
+    }
     session
 }
 
@@ -67,7 +73,17 @@ enum Call {
     Temperature(f32),
     Gain(Part, f32),
     SetIdle(Idle),
+    LookAt([f32; 3], f32),
+    Attend(Attention),
+    SetMood(Mood, f32),
+    SetLayer(Layer, f32),
+    /// The gesture of this number, so many seconds after what was shown last, if at a time.
+    Gesture(usize, Option<f64>, Side),
+    /// So many samples of who speaks to the avatar, and how loud.
+    Other(usize, f32),
     Wait(u64),
+    /// The host's time is so many milliseconds later.
+    Clock(u32),
     Settle,
 }
 
@@ -88,7 +104,15 @@ fn any_call() -> impl Strategy<Value = Call> {
         1 => (0.0_f32..2.0).prop_map(Call::Temperature),
         2 => (prop::sample::select(Part::ALL.to_vec()), 0.0_f32..2.0).prop_map(|(part, gain)| Call::Gain(part, gain)),
         1 => any_idle().prop_map(Call::SetIdle),
+        1 => ([-2.0_f32..2.0, 0.0_f32..2.0, 0.5_f32..3.0], 0.0_f32..=1.0).prop_map(|(at, much)| Call::LookAt(at, much)),
+        1 => prop::sample::select(Attention::ALL.to_vec()).prop_map(Call::Attend),
+        1 => (prop::sample::select(Mood::ALL.to_vec()), 0.0_f32..=1.0).prop_map(|(mood, much)| Call::SetMood(mood, much)),
+        1 => (prop::sample::select(Layer::ALL.to_vec()), 0.0_f32..=1.0).prop_map(|(layer, gain)| Call::SetLayer(layer, gain)),
+        2 => (0_usize..40, prop::option::of(0.0..3.0), prop::sample::select(Side::ALL.to_vec()))
+            .prop_map(|(which, at, side)| Call::Gesture(which, at, side)),
+        2 => (0_usize..9_000, 0.0_f32..0.5).prop_map(|(count, level)| Call::Other(count, level)),
         2 => (0_u64..700).prop_map(Call::Wait),
+        2 => (0_u32..700).prop_map(Call::Clock),
         6 => Just(Call::Settle),
     ]
 }
@@ -98,14 +122,15 @@ struct Run<'a> {
     timed: &'a Timed,
     session: Session,
     channels: usize,
-    /// Sample frames pushed, and the time of the last pose.
+    /// Sample frames pushed, the time of the last pose, and that of the host, if it was ever said.
     pushed: u64,
     time: f64,
+    clock: f64,
     /// Everything that the calls have said and shown, as bits.
     seen: Vec<u64>,
 }
 
-fn show(frame: FrameView, seen: &mut Vec<u64>) {
+fn show(frame: Frame, seen: &mut Vec<u64>) {
     seen.extend([frame.index, frame.sample]);
     let values = frame.pose.rotations.as_flattened().iter().chain(&frame.pose.translation).chain(frame.face);
     seen.extend(values.map(|value| u64::from(value.to_bits())));
@@ -114,12 +139,12 @@ fn show(frame: FrameView, seen: &mut Vec<u64>) {
 impl<'a> Run<'a> {
     fn new(timed: &'a Timed, config: &SessionConfig) -> Self {
         let (session, channels) = (timed.engine.session(config).unwrap(), config.channels);
-        Self { timed, session, channels, pushed: 0, time: 0.0, seen: Vec::new() }
+        Self { timed, session, channels, pushed: 0, time: 0.0, clock: 0.0, seen: Vec::new() }
     }
 
     #[expect(clippy::cast_precision_loss, reason = "a short stream")]
     fn call(&mut self, call: &Call) {
-        let Self { timed, session, channels, pushed, time, seen } = self;
+        let Self { timed, session, channels, pushed, time, clock, seen } = self;
         match call {
             Call::Push(frames) => {
                 let mut noise = Noise::new(*pushed);
@@ -135,7 +160,7 @@ impl<'a> Run<'a> {
             }
             Call::Finish => session.finish().unwrap(),
             Call::Pull(most) => {
-                let shown = |frame: FrameView| {
+                let shown = |frame: Frame| {
                     *time = time.max(frame.index as f64 / 30.0);
                     show(frame, seen);
                 };
@@ -159,18 +184,37 @@ impl<'a> Run<'a> {
             }
             Call::Gain(part, gain) => session.set_gain(*part, *gain).unwrap(),
             Call::SetIdle(idle) => session.set_idle(*idle),
+            Call::LookAt(point, strength) => session.look_at(*point, *strength).unwrap(),
+            Call::Attend(attention) => session.set_attention(*attention).unwrap(),
+            Call::SetMood(mood, strength) => session.set_mood(*mood, *strength).unwrap(),
+            Call::SetLayer(layer, gain) => session.set_layer(*layer, *gain).unwrap(),
+            Call::Gesture(which, at, side) => {
+                let names: Vec<&str> = session.gesture_names().collect();
+                let mut options = GestureOptions::default().side(*side);
+                options.at = at.map(|after| *time + after);
+                match session.play_gesture(names[which % names.len()], &options) {
+                    Ok(()) => seen.push(1),
+                    Err(error) => assert_eq!(error, SessionError::GesturesFull),
+                }
+            }
+            Call::Other(count, level) => session.push_other_audio(&vec![*level; count * *channels]).unwrap(),
             Call::Wait(ms) => drop(timed.nanos.fetch_add(ms * 1_000_000, Ordering::SeqCst)),
+            Call::Clock(ms) => {
+                *clock += f64::from(*ms) / 1e3;
+                session.set_clock(*clock).unwrap();
+            }
             Call::Settle => settle(&timed.engine),
         }
         let stats = session.stats();
         seen.extend([stats.chunks, stats.frames, stats.late_frames, stats.dropped_frames, stats.overruns]);
     }
 
-    /// Goes on from a state with these calls: everything that they say and show, and the state that they lead to.
-    fn replay(&mut self, state: &[u8], pushed: u64, time: f64, calls: &[Call]) -> (Vec<u64>, Vec<u8>) {
+    /// Goes on from a state with these calls: everything that they say and show, and the state that
+    /// they lead to.
+    fn replay(&mut self, state: &[u8], (pushed, time, clock): (u64, f64, f64), calls: &[Call]) -> (Vec<u64>, Vec<u8>) {
         self.session.restore(state).unwrap();
         assert!(save(&self.session) == state, "a restored session saves the state that it was restored from");
-        (self.pushed, self.time) = (pushed, time);
+        (self.pushed, self.time, self.clock) = (pushed, time, clock);
         self.seen.clear();
         calls.iter().for_each(|call| self.call(call));
         settle(&self.timed.engine);
@@ -189,7 +233,8 @@ fn save(session: &Session) -> Vec<u8> {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 128, ..ProptestConfig::default() })]
 
-    /// Any model, rate, cut of the script, idle mode; rolled back in place, and in another session with a past of its own.
+    /// Any model, rate, cut of the script, idle mode; rolled back in place, and in another session
+    /// with a past of its own.
     #[test]
     fn a_restored_session_goes_on_with_the_same_bits(
         which in 0..NAMES.len(),
@@ -197,7 +242,7 @@ proptest! {
         lookahead in 0_usize..10,
         (sample_rate, channels) in prop::sample::select(vec![(16_000, 1), (48_000, 2), (8_000, 1), (44_100, 3), (22_050, 1)]),
         idle in any_idle(),
-        text in any::<bool>(),
+        (text, live) in (any::<bool>(), any::<bool>()),
         calls in prop::collection::vec(any_call(), 1..40),
         past in prop::collection::vec(any_call(), 0..10),
         cut in any::<prop::sample::Index>(),
@@ -208,59 +253,64 @@ proptest! {
         if text && model.config().templates.contains_key("text_to_motion") {
             (config.avatar.template, config.avatar.text) = ("text_to_motion".to_owned(), vec![3, 4]);
         }
+        if live && model.mouth().is_some() && config.avatar.text.is_empty() {
+            config.voice = Voice::Live;
+        }
         let here = timed(model, 0, 2, 0);
         let there = timed(model, 1, 4, 55_000_000_000);
         let (mut first, mut other) = (Run::new(&here, &config), Run::new(&there, &config));
         let (before, after) = calls.split_at(cut.index(calls.len()));
         before.iter().for_each(|call| first.call(call));
         let state = save(&first.session);
-        let (pushed, time) = (first.pushed, first.time);
+        let times = (first.pushed, first.time, first.clock);
         first.seen.clear();
         after.iter().for_each(|call| first.call(call));
         settle(&here.engine);
         let wanted = (std::mem::take(&mut first.seen), save(&first.session));
-        let rolled_back = first.replay(&state, pushed, time, after);
+        let rolled_back = first.replay(&state, times, after);
         prop_assert!(rolled_back == wanted, "rolled back");
         past.iter().for_each(|call| other.call(call));
         settle(&there.engine);
-        let elsewhere = other.replay(&state, pushed, time, after);
+        let elsewhere = other.replay(&state, times, after);
         prop_assert!(elsewhere == wanted, "in another session");
     }
 }
 
-/// Every place where a cue can be on its way: given, heard by the audio side, seen by the frame side, by the engine.
+/// Every place where a epoch can be on its way: given, heard by the audio side, seen by the frame
+/// side, by the engine.
 #[test]
-fn a_cue_on_its_way_arrives_after_a_restore() {
+fn an_epoch_on_its_way_arrives_after_a_restore() {
     use Call::{Finish, Interrupt, Pull, Push, Reset, Sample, Settle};
     let model = &MODELS[2];
     let (here, there) = (timed(model, 0, 2, 0), timed(model, 0, 2, 0));
     let config = config(model, 2, 3);
     let start = [Push(20_000), Settle, Pull(7)];
     let after = [Push(15_000), Settle, Pull(9), Sample(2.5), Finish, Settle, Pull(1000)];
-    for cue in [Interrupt(200), Reset] {
+    for epoch in [Interrupt(200), Reset] {
         for seen in
             [vec![], vec![Push(100)], vec![Pull(2)], vec![Settle], vec![Push(100), Pull(1)], vec![Pull(1), Settle]]
         {
-            // The session that takes the state over has had more cues, or none, or as many of the other kind.
+            // The session that takes the state over has had more epochs, or none, or as many of the
+            // other kind.
             for past in [vec![], vec![Reset], vec![Interrupt(0), Push(7_000), Reset, Settle, Interrupt(100)]] {
                 let (mut first, mut other) = (Run::new(&here, &config), Run::new(&there, &config));
-                let before = start.iter().chain([&cue]).chain(&seen);
+                let before = start.iter().chain([&epoch]).chain(&seen);
                 before.for_each(|call| first.call(call));
                 let state = save(&first.session);
-                let (pushed, time) = (first.pushed, first.time);
-                let wanted = first.replay(&state, pushed, time, &after);
+                let times = (first.pushed, first.time, first.clock);
+                let wanted = first.replay(&state, times, &after);
                 assert!(wanted.0.len() > 20 * 220, "frames came");
                 [Reset, Push(9_000), Settle, Interrupt(50)].iter().for_each(|call| first.call(call));
-                assert!(first.replay(&state, pushed, time, &after) == wanted, "{cue:?}, {seen:?}");
+                assert!(first.replay(&state, times, &after) == wanted, "{epoch:?}, {seen:?}");
                 past.iter().for_each(|call| other.call(call));
-                assert!(other.replay(&state, pushed, time, &after) == wanted, "{cue:?}, {seen:?}, {past:?}");
+                assert!(other.replay(&state, times, &after) == wanted, "{epoch:?}, {seen:?}, {past:?}");
             }
         }
     }
 }
 
-/// Silence that the engine fills in, frames that come late, speech faster than it plays, and the way back from rest: cut at
-/// every place.
+/// Silence that the engine fills in, frames that come late, speech faster than it plays, and the
+/// way back from rest: cut at every place.
 #[test]
 fn time_goes_on_where_it_was() {
     use Call::{Finish, Interrupt, Pull, Push, Sample, SetIdle, Settle, Wait};
@@ -294,14 +344,14 @@ fn time_goes_on_where_it_was() {
         let (mut first, mut other) = (Run::new(&here, &config), Run::new(&there, &config));
         let (before, after) = script.split_at(cut);
         before.iter().for_each(|call| first.call(call));
-        let (state, pushed, time) = (save(&first.session), first.pushed, first.time);
+        let (state, times) = (save(&first.session), (first.pushed, first.time, first.clock));
         first.seen.clear();
         after.iter().for_each(|call| first.call(call));
         settle(&here.engine);
         let wanted = (std::mem::take(&mut first.seen), save(&first.session));
         late = first.session.stats().late_frames;
-        assert!(first.replay(&state, pushed, time, after) == wanted, "rolled back to {cut}");
-        assert!(other.replay(&state, pushed, time, after) == wanted, "elsewhere from {cut}");
+        assert!(first.replay(&state, times, after) == wanted, "rolled back to {cut}");
+        assert!(other.replay(&state, times, after) == wanted, "elsewhere from {cut}");
     }
     assert!((10..100).contains(&late), "{late}");
 }
@@ -349,7 +399,7 @@ fn a_session_in_work_is_busy() {
     }
     assert!(cut > 10 && session.ready_frames().unwrap() > 0);
     let state = save(&session);
-    let refused = |_: FrameView| {
+    let refused = |_: Frame| {
         let mut bytes = vec![0; session.state_size()];
         assert!(matches!(session.save(&mut bytes), Err(SessionError::Busy(_))));
         assert!(matches!(session.restore(&state), Err(SessionError::Busy(_))));
@@ -382,7 +432,9 @@ fn a_state_of_another_model_or_config_is_refused_by_name() {
     assert_eq!(refused(&|c| c.sample_rate = 48_000), "sample rate");
     assert_eq!(refused(&|c| c.channels = 1), "number of channels");
     assert_eq!(refused(&|c| c.avatar.target = 1), "target");
-    assert_eq!(refused(&|c| c.avatar.lookahead = 0), "lookahead");
+    assert_eq!(refused(&|c| c.avatar.lookahead = 9), "lookahead");
+    assert_eq!(refused(&|c| c.avatar.smoothing = 0.0), "lookahead");
+    assert_eq!(refused(&|c| c.avatar.smoothing = 1.4), "smoothing");
     assert_eq!(refused(&|c| c.avatar.template = "text_to_motion".to_owned()), "template");
     assert_eq!(refused(&|c| c.queue_frames += 1), "queue of frames");
     assert_eq!(refused(&|c| c.idle_after *= 2), "time until idle");
@@ -469,7 +521,7 @@ fn sign(state: &mut [u8]) {
 }
 
 /// A frame that a host can show: rotations are unit quaternions, all else is finite.
-fn is_shown(frame: FrameView) {
+fn is_shown(frame: Frame) {
     for q in &frame.pose.rotations {
         let length: f32 = q.iter().map(|v| v * v).sum();
         assert!((length - 1.0).abs() < 2e-2, "a forged state gave the rotation {q:?}");
@@ -478,7 +530,8 @@ fn is_shown(frame: FrameView) {
     assert!(values.into_iter().all(|v| v.is_finite()), "a forged state gave a frame that is not finite");
 }
 
-/// A session with a forged state may move wrongly or fail; it may not panic, hang, show what is not finite, or harm another.
+/// A session with a forged state may move wrongly or fail; it may not panic, hang, show what is not
+/// finite, or harm another.
 fn survive(timed: &Timed, session: &Session) {
     let is_sound = |result: Result<(), SessionError>| {
         assert!(result != Err(SessionError::Panicked), "a forged state made the computation panic");
@@ -543,7 +596,8 @@ fn forged_states_do_no_harm() {
             }
         };
         let numbers = [0, 1, 2, 5, 40, 255, 65_535, 1 << 20, 1 << 33, 1 << 40, 1 << 49, 1 << 60, 1 << 62, u64::MAX];
-        // Fields stand at the start, between the rings, and at the end: where they are, depends on the model.
+        // Fields stand at the start, between the rings, and at the end: where they are, depends on
+        // the model.
         for _ in 0..700 {
             let mut forged = state.clone();
             let at = match draw(3) {
@@ -556,7 +610,8 @@ fn forged_states_do_no_harm() {
             }
             attempt(&mut forged);
         }
-        // Every small number in a state is a field, a count or a code: many of them, each in turn, are another.
+        // Every small number in a state is a field, a count or a code: many of them, each in turn,
+        // are another.
         for at in 24..state.len() - 8 {
             let value = u64::from_le_bytes(state[at..at + 8].try_into().unwrap());
             let is_tried = if at + 700 > state.len() { at % 2 == 0 } else { draw(12) == 0 };
@@ -637,7 +692,9 @@ fn engines_of_their_own_threads_go_on_with_each_others_states() {
 #[test]
 fn saving_all_the_time_keeps_no_chunk_from_the_engine() {
     let engine = own(1);
-    let session = engine.session(&config(&MODELS[2], 1, 0)).unwrap();
+    let mut config = config(&MODELS[2], 1, 0);
+    config.avatar.smoothing = 0.0;
+    let session = engine.session(&config).unwrap();
     let done = AtomicBool::new(false);
     std::thread::scope(|scope| {
         let _end = Ends(&done);
@@ -665,7 +722,8 @@ fn saving_all_the_time_keeps_no_chunk_from_the_engine() {
 #[test]
 fn restores_beside_audio_frames_and_cues() {
     let engine = own(2);
-    let config = config(&MODELS[2], 1, 0);
+    let mut config = config(&MODELS[2], 1, 0);
+    config.avatar.smoothing = 0.0;
     let session = engine.session(&config).unwrap();
     let mut state = vec![0; session.state_size()];
     session.push_audio(&[0.1; 5_000]).unwrap();

@@ -1,8 +1,10 @@
-//! What the kernel tests share: one test per instruction set, guarded buffers, and inputs that seek out edges.
+//! What the kernel tests share: one test per instruction set, guarded buffers, and inputs that seek
+//! out edges.
 //!
-//! A property takes an [`Isa`]; [`for_each_isa!`] makes one test of it per back-end, with the back-end in the test's
-//! name. A processor that lacks a back-end prints `SKIPPED`, unless the environment variable `UMO_TEST_REQUIRE` (names
-//! with commas between) demands it: then the test fails.
+//! A property takes an [`Isa`]; [`for_each_isa!`] makes one test of it per back-end, with the
+//! back-end in the test's name. A processor that lacks a back-end prints `SKIPPED`, unless the
+//! environment variable `UMO_TEST_REQUIRE` (names with commas between) demands it: then the test
+//! fails.
 
 #[path = "pages.rs"]
 pub mod pages;
@@ -26,8 +28,8 @@ impl Drop for Ends<'_> {
     }
 }
 
-/// One test per instruction set for each property: `for_each_isa!(softmax_is_exact => scalar, avx2);` makes the tests
-/// `softmax_is_exact::scalar` and `softmax_is_exact::avx2`.
+/// One test per instruction set for each property: `for_each_isa!(softmax_is_exact => scalar,
+/// avx2);` makes the tests `softmax_is_exact::scalar` and `softmax_is_exact::avx2`.
 #[macro_export]
 macro_rules! for_each_isa {
     ($($property:ident),+ => $isas:tt) => {
@@ -71,12 +73,23 @@ pub fn near(tile: usize, most: usize) -> impl Strategy<Value = usize> {
     (0..=most, 0..3_usize).prop_map(move |(n, more)| (n * tile + more).saturating_sub(1))
 }
 
-/// Where a slice starts in its allocation, in elements.
+/// Sizes around whole multiples of these: as often the multiple itself as one less or one more, up
+/// to twelve of it, and now and then any remainder or nothing at all.
+pub fn around(tiles: &'static [usize]) -> impl Strategy<Value = usize> {
+    let count = prop_oneof![4 => 1..=2_usize, 3 => 3..=5_usize, 1 => 6..=12_usize];
+    (prop::sample::select(tiles), count).prop_flat_map(|(tile, count)| {
+        let size = tile * count;
+        prop_oneof![20 => Just(size), 9 => Just(size - 1), 9 => Just(size + 1), 9 => 1..=size + tile, 1 => Just(0)]
+    })
+}
+
+/// Where a slice starts behind a cache line's start, in elements.
 pub fn offset() -> impl Strategy<Value = usize> {
     0..64_usize
 }
 
-/// A small generator (SplitMix64): proptest shrinks its seed and the sizes, not thousands of single values.
+/// A small generator (SplitMix64): proptest shrinks its seed and the sizes, not thousands of single
+/// values.
 #[derive(Clone, Debug)]
 pub struct Noise(u64);
 
@@ -100,6 +113,11 @@ impl Noise {
         usize::try_from(self.bits() % end as u64).expect("a remainder of a usize fits one")
     }
 
+    /// Any int8.
+    pub fn code(&mut self) -> i8 {
+        self.bits().to_le_bytes()[0].cast_signed()
+    }
+
     /// A number in `-size..size`.
     pub fn float(&mut self, size: f32) -> f32 {
         let unit = u32::try_from(self.bits() >> 40).expect("24 bits") as f32 / 8_388_608.0;
@@ -120,7 +138,8 @@ pub enum Fill {
     Uniform(f32),
     /// Integers in `-size..=size`: sums of their products are exact in f32.
     Integer(i16),
-    /// Mostly small, with a few values a thousand times larger, as in transformers' outlier channels.
+    /// Mostly small, with a few values a thousand times larger, as in transformers' outlier
+    /// channels.
     Outliers,
     /// One value everywhere.
     Constant(f32),
@@ -154,36 +173,82 @@ pub fn fill() -> impl Strategy<Value = Fill> {
     ]
 }
 
-/// A row-major input of any stride whose last element is the last of its allocation, so that a read beyond it is a read
-/// beyond the heap block, and whose first is `offset` elements into it.
-#[derive(Clone, Debug)]
+/// Bytes of a cache line.
+pub const LINE: usize = 64;
+
+/// A row-major input of any stride whose first element is `offset` elements behind the start of a
+/// cache line, and whose last is the last of its allocation, so that a read beyond it is a read
+/// beyond the heap block.
+#[derive(Debug)]
 pub struct Placed<T> {
     data: Vec<T>,
+    start: usize,
     offset: usize,
     rows: usize,
     cols: usize,
     stride: usize,
 }
 
-impl<T: Copy> Placed<T> {
-    /// `[rows, cols]` of values from `next`, rows `cols + gap` apart.
+impl<T: Copy + Default> Placed<T> {
+    /// `[rows, cols]` of values from `next`, rows `cols + gap` apart; what is between them is from
+    /// `next` too.
     pub fn new(rows: usize, cols: usize, gap: usize, offset: usize, mut next: impl FnMut() -> T) -> Self {
         let stride = cols + gap;
         let len = if rows == 0 { 0 } else { (rows - 1) * stride + cols };
-        let mut data = Vec::with_capacity(offset + len);
-        data.extend((0..offset + len).map(|_| next()));
-        Self { data, offset, rows, cols, stride }
+        let (mut data, start) = allocate(offset, len);
+        data.resize(start, T::default());
+        data.extend((0..len).map(|_| next()));
+        Self { data, start, offset, rows, cols, stride }
+    }
+
+    /// One row of these values.
+    pub fn copy_of(values: &[T], offset: usize) -> Self {
+        let mut values = values.iter();
+        Self::new(1, values.len(), 0, offset, || *values.next().expect("as many as there are"))
     }
 
     /// The matrix.
     pub fn mat(&self) -> Mat<'_, T> {
-        Mat::with_stride(&self.data[self.offset..], self.rows, self.cols, self.stride).expect("sized by new")
+        Mat::with_stride(&self.data[self.start..], self.rows, self.cols, self.stride).expect("sized by new")
+    }
+
+    /// All elements, with what is between rows.
+    pub fn elements(&self) -> &[T] {
+        &self.data[self.start..]
     }
 
     /// All of a one-row input.
     pub fn row(&self) -> &[T] {
         if self.rows == 0 { &[] } else { self.mat().row(0) }
     }
+}
+
+impl<T: Copy + Default> Clone for Placed<T> {
+    fn clone(&self) -> Self {
+        let mut elements = self.elements().iter();
+        let next = || *elements.next().expect("as many as there are");
+        Self::new(self.rows, self.cols, self.stride - self.cols, self.offset, next)
+    }
+}
+
+/// An empty vector, and where to start in it, `offset` elements behind a cache line's start, for
+/// `len` elements to end where the allocation does. Where the next allocation starts is not known
+/// before: the place of one of this size is tried for another. Should none of them fit, some room
+/// is left behind the end.
+fn allocate<T>(offset: usize, len: usize) -> (Vec<T>, usize) {
+    let (mut tried, mut front) = (vec![], 0);
+    for _ in 0..16 {
+        let data: Vec<T> = Vec::with_capacity(front + offset + len);
+        let found = data.as_ptr().align_offset(LINE);
+        if found == front {
+            return (data, front + offset);
+        }
+        front = found;
+        tried.push(data);
+    }
+    let data: Vec<T> = Vec::with_capacity(LINE / size_of::<T>() + offset + len);
+    let start = data.as_ptr().align_offset(LINE) + offset;
+    (data, start)
 }
 
 /// A type with a value that no kernel writes by chance.
@@ -216,10 +281,20 @@ pub struct Guarded<T> {
 }
 
 impl<T: Canary> Guarded<T> {
-    /// `[rows, cols]`, rows `cols + gap` apart, all canaries; it starts `offset` elements after the first guard.
+    /// `[rows, cols]`, rows `cols + gap` apart, all canaries; it starts `offset` elements after the
+    /// first guard.
     pub fn new(rows: usize, cols: usize, gap: usize, offset: usize) -> Self {
         let stride = cols + gap;
         Self { data: vec![T::CANARY; GUARD + offset + rows * stride + GUARD], offset, rows, cols, stride }
+    }
+
+    /// The same with `value` in all its rows, for operations that add to them.
+    pub fn filled(rows: usize, cols: usize, gap: usize, offset: usize, value: T) -> Self {
+        let mut filled = Self::new(rows, cols, gap, offset);
+        for t in 0..rows {
+            filled.mat().row_mut(t).fill(value);
+        }
+        filled
     }
 
     /// One row of `len` elements.
@@ -285,8 +360,14 @@ pub fn ulp(exact: f64) -> f64 {
     2.0_f64.powf(size.log2().floor() - 23.0)
 }
 
-/// How many cases a property tries: `PROPTEST_CASES`, or `cases`. Failures print their seed and are not written to files.
+/// How many cases a property tries: `PROPTEST_CASES`, or `cases`. Failures print their seed and are
+/// not written to files.
 pub fn cases(cases: u32) -> ProptestConfig {
     let cases = std::env::var("PROPTEST_CASES").ok().and_then(|given| given.parse().ok()).unwrap_or(cases);
     ProptestConfig { cases, failure_persistence: None, ..ProptestConfig::default() }
 }
+
+/// The README's example, compiled as a test.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

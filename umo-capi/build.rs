@@ -1,5 +1,5 @@
-//! The name under which programs look the shared library up: its major version, so that an incompatible one is not taken
-//! for this.
+//! The name under which programs look the shared library up: its major version, so that an
+//! incompatible one is not taken for this.
 
 fn main() {
     println!("cargo::rerun-if-changed=build.rs");

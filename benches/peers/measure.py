@@ -1,7 +1,8 @@
 """Times us beside the peers, side by side in turn, and writes a row for each pair to benches/results/<cpu>.csv.
 
 `run` calls it; `--only` runs one group of measurements, whose rows then replace those of the same name in the file, and
-`--table` measures nothing and puts the files of all processors into docs/performance.md.
+`--table` measures nothing; it puts the tables of one processor into docs/performance.md, those of the others
+into benches/notes.
 """
 
 import argparse
@@ -14,6 +15,7 @@ import re
 import statistics
 import subprocess
 import sys
+import textwrap
 import time
 
 HERE = pathlib.Path(__file__).resolve().parent
@@ -28,6 +30,9 @@ REST = 0.1
 NAMES = {"onnxruntime": "ONNX Runtime", "ctranslate2": "CTranslate2", "pytorch": "PyTorch"}
 PACKAGES = {"pytorch": "torch"}
 READING = "reading as many bytes"
+# What the documentation calls the processors of the files, and which of them docs/performance.md has.
+PROCESSORS = {"amd-epyc": "AMD EPYC (Zen 5)", "intel-xeon-processor": "Intel Xeon (Sapphire Rapids, busy host)"}
+SHOWN = "amd-epyc"
 # What is timed: the part, threads, and the peers with the precision of their weights.
 PARTS = [
     ("encoder", 2, ["onnxruntime int8", "ctranslate2 int8", "pytorch int8", "onnxruntime f32", "pytorch f32"]),
@@ -191,20 +196,56 @@ def show(row):
 HEADER = "| what | ours | threads | ms | peer | ms | peer's / ours | floor, ms | share |\n" + "| --- " * 9 + "|"
 
 
-def tables(rows):
-    """What docs/performance.md quotes: parts and attention row by row, products beside MKL as ratios."""
-    lines = [HEADER, *[show(row) for row in rows if not row["what"].startswith("product")], ""]
-    ratios = {}
+def bare(peer):
+    """A peer's name without its version."""
+    return re.sub(r" \d[\w.+]*", "", peer)
+
+
+def grid(head, rows):
+    return "\n".join("| " + " | ".join(cells) + " |" for cells in [head, ["---"] * len(head), *rows])
+
+
+def beside(rows):
+    """A row for each measurement, a column for each peer: its time, and that over ours."""
+    peers = list(dict.fromkeys(bare(row["peer"]) for row in rows))
+    found = {}
     for row in rows:
-        if row["what"].startswith("product") and row["peer"].startswith("MKL"):
-            _, shape, count = row["what"].split("; ")
-            key = row["ours"], row["threads"], shape
-            ratios.setdefault(key, {})[count] = row["ratio"]
-    counts = list(dict.fromkeys(count for found in ratios.values() for count in found))
-    lines.append("| product, MKL's time / ours | threads | outputs x inputs | " + " | ".join(counts) + " |")
-    lines.append("| --- " * (3 + len(counts)) + "|")
-    lines += ["| " + " | ".join([*key, *[found[count] for count in counts]]) + " |" for key, found in ratios.items()]
-    return "\n".join(lines)
+        found.setdefault((row["what"], row["ours"], row["threads"]), {})[bare(row["peer"])] = row
+    lines = []
+    for key, by_peer in found.items():
+        first = next(iter(by_peer.values()))
+        share = 100 * float(first["floor_ms"]) / float(first["our_ms"])
+        times = [f"{row['peer_ms']} ({row['ratio']})" if (row := by_peer.get(peer)) else "–" for peer in peers]
+        lines.append([*key, first["our_ms"], f"{share:.0f} %", *times])
+    return grid(["what", "ours", "threads", "ms", "of the floor", *peers], lines)
+
+
+def products_beside(rows, peers):
+    """A row for each peer: its time over ours, from the least to the greatest of all shapes."""
+    found = {}
+    for row in rows:
+        if bare(row["peer"]).split()[0] in peers:
+            count = row["what"].split("; ")[2]
+            key = row["ours"], row["threads"], bare(row["peer"])
+            found.setdefault(key, {}).setdefault(count, []).append(float(row["ratio"]))
+    counts = list(dict.fromkeys(count for ratios in found.values() for count in ratios))
+    lines = [
+        [*key, *[f"{min(ratios[count]):.2f} to {max(ratios[count]):.2f}" for count in counts]]
+        for key, ratios in found.items()
+    ]
+    return grid(["product", "threads", "peer's time / ours", *counts], lines)
+
+
+def tables(name, rows):
+    """What docs/performance.md has of a processor: parts, attention, products."""
+    kinds = {kind: [row for row in rows if row["what"].startswith(kind)] for kind in ["attention", "product"]}
+    parts = [row for row in rows if not row["what"].startswith(tuple(kinds))]
+    return "\n\n".join([beside(parts), beside(kinds["attention"]), products_beside(kinds["product"], product_peers(name))])
+
+
+def product_peers(name):
+    """MKL takes a path without VNNI and AVX-512 on AMD's processors, and is no peer there."""
+    return ["faer"] if name.startswith("amd") else ["MKL", "faer"]
 
 
 def read(path):
@@ -214,18 +255,34 @@ def read(path):
         return {(r["what"], r["ours"], r["peer"], r["threads"]): r for r in csv.DictReader(file)}
 
 
+def section(path):
+    """The tables of a processor's file; its newest date."""
+    rows = list(read(path).values())
+    dates = sorted({row["date"] for row in rows})
+    versions = {found[0] for row in rows if (found := re.match(r".+? \d[\d.]*", row["peer"]))}
+    peers = ", ".join(sorted(peer for peer in versions if not peer.startswith("MKL") or "MKL" in product_peers(path.stem)))
+    measured = " to ".join(dict.fromkeys([dates[0], dates[-1]]))
+    # As seen from docs/ and from benches/notes/.
+    folder = "../benches/results" if path.stem == SHOWN else "../results"
+    link = f"Rows: [{path.name}]({folder}/{path.name})."
+    heading = textwrap.fill(f"Measured {measured}, with {peers}.", 100)
+    return f"{heading}\n\n{link}\n\n{tables(path.stem, rows)}\n", dates[-1]
+
+
 def document(paths):
-    """Puts the tables of each processor's file in their place in the documentation."""
+    """Puts the tables of one processor in their place in the documentation, those of the others into notes."""
     page = ROOT / "docs" / "performance.md"
     begin, end = "<!-- made by benches/peers/run --table -->\n", "<!-- end -->"
-    before, rest = page.read_text().split(begin)
-    after = rest.split(end)[1]
-    parts = []
     for path in paths:
-        rows = list(read(path).values())
-        versions = ", ".join(sorted({f"umo {row['version']} on {row['date']}" for row in rows}))
-        parts.append(f"`{path.name}`: {versions}.\n\n{tables(rows)}\n")
-    page.write_text(begin.join([before, "\n".join(parts) + end + after]))
+        text, date = section(path)
+        title = PROCESSORS.get(path.stem, path.stem)
+        if path.stem == SHOWN:
+            before, rest = page.read_text().split(begin)
+            after = rest.split(end)[1]
+            page.write_text(f"{before}{begin}### {title}\n\n{text}{end}{after}")
+        else:
+            note = HERE.parent / "notes" / f"{date}-peers-{path.stem}.md"
+            note.write_text(f"# Beside the peers: {title}\n\n```sh\nbenches/peers/run\n```\n\n{text}")
 
 
 def main():

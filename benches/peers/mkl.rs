@@ -74,7 +74,8 @@ impl Mkl {
         macro_rules! function {
             ($type:ty, $name:literal) => {{
                 let symbol = find($name);
-                // SAFETY: function pointers are as large as pointers; the type is that of mkl_cblas.h with 32-bit integers.
+                // SAFETY: function pointers are as large as pointers; the type is that of
+                // mkl_cblas.h with 32-bit integers.
                 unsafe { transmute_copy::<*mut c_void, $type>(&symbol) }
             }};
         }
@@ -101,7 +102,8 @@ impl Mkl {
         let mut memory = AlignedBox::<i8>::zeroed(size * copies);
         for copy in memory.chunks_exact_mut(size) {
             let to = copy.as_mut_ptr().cast();
-            // SAFETY: `to` has as many bytes as the library asked for; `w` is `[n, k]` by the assertion.
+            // SAFETY: `to` has as many bytes as the library asked for; `w` is `[n, k]` by the
+            // assertion.
             unsafe { (self.pack_i8)(COL_MAJOR, A_MATRIX, TRANS, n, m, k, w.as_ptr(), k, to) };
         }
         Packed { shape, copies: memory, size }
@@ -129,7 +131,8 @@ impl Mkl {
         let mut memory = AlignedBox::zeroed(size * copies);
         for copy in memory.chunks_exact_mut(size) {
             let to = copy.as_mut_ptr();
-            // SAFETY: `to` has as many bytes as the library asked for; `w` is `[n, k]` by the assertion.
+            // SAFETY: `to` has as many bytes as the library asked for; `w` is `[n, k]` by the
+            // assertion.
             unsafe { (self.pack_f32)(COL_MAJOR, A_MATRIX, TRANS, n, m, k, 1.0, w.as_ptr(), k, to) };
         }
         Packed { shape, copies: memory, size }

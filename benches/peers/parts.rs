@@ -1,9 +1,12 @@
-//! Times the parts of a chunk for whoever asks on standard input, so that a peer can be timed in between.
+//! Times the parts of a chunk for whoever asks on standard input, so that a peer can be timed in
+//! between.
 //!
-//! After `ready`, each line `part kind threads repetitions` is answered by the milliseconds of as many calls, as `peer.py` answers; `kind`
-//! is what the model's file has, int8. `floor` instead of repetitions is answered by the milliseconds that the part must take
-//! at the peaks of this processor, which are measured anew for that. `reading` reads as many bytes as a step must. Other questions in place of a part: `peaks` for people to
-//! read, `f32` for GMAC/s in single precision, `isa` for the back-end in use, which `UMO_ISA` names where it shall not be the fastest.
+//! After `ready`, each line `part kind threads repetitions` is answered by the milliseconds of as
+//! many calls, as `peer.py` answers; `kind` is what the model's file has, int8. `floor` instead of
+//! repetitions is answered by the milliseconds that the part must take at the peaks of this
+//! processor, which are measured anew for that. `reading` reads as many bytes as a step must. Other
+//! questions in place of a part: `peaks` for people to read, `f32` for GMAC/s in single precision,
+//! `isa` for the back-end in use, which `UMO_ISA` names where it shall not be the fastest.
 
 use std::collections::BTreeMap;
 use std::io::BufRead;

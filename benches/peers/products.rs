@@ -1,13 +1,15 @@
-//! Times int8 and f32 products beside Intel MKL's packed ones (where `UMO_MKL` names its `libmkl_rt.so`) and beside the
-//! crates `gemm`, `faer` and `matrixmultiply`.
+//! Times int8 and f32 products beside Intel MKL's packed ones (where `UMO_MKL` names its
+//! `libmkl_rt.so`) and beside the crates `gemm`, `faer` and `matrixmultiply`.
 //!
-//! Usage: `products ISA THREADS [SECONDS [FILTER]]`: seconds per contestant and shape, and part of a name such as
-//! `int8 2048 x 768, 64 rows`. `MATMUL_NUM_THREADS` must agree with the threads. Every line is
-//! `name,peer,threads,ours,peer's,floor` in milliseconds, medians. Weights go round 32 MiB, far beyond L2.
+//! Usage: `products ISA THREADS [SECONDS [FILTER]]`: seconds per contestant and shape, and part of
+//! a name such as `int8 2048 x 768, 64 rows`. `MATMUL_NUM_THREADS` must agree with the threads.
+//! Every line is `name,peer,threads,ours,peer's,floor` in milliseconds, medians. Weights go round
+//! 32 MiB, far beyond L2.
 //!
-//! Sides take turns of some ten milliseconds with a pause between them, in which the other's threads come to rest
-//! (`KMP_BLOCKTIME` must be shorter); the first calls of a turn, which wake them, do not count. Inputs and outputs of all sides
-//! start at a cache line, as the engine's do: a few bytes beside it, every store of ours touches two.
+//! Sides take turns of some ten milliseconds with a pause between them, in which the other's
+//! threads come to rest (`KMP_BLOCKTIME` must be shorter); the first calls of a turn, which wake
+//! them, do not count. Inputs and outputs of all sides start at a cache line, as the engine's do: a
+//! few bytes beside it, every store of ours touches two.
 
 mod mkl;
 

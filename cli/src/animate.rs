@@ -9,14 +9,15 @@ use umo_core::avatar::AvatarConfig;
 use umo_core::lm::sampler::Sampler;
 use umo_core::model::Model;
 use umo_core::motion::clip::Clip;
+use umo_core::session::SessionConfig;
 use umo_core::weights::Loader;
-use umo_core::{Compute, Config, ModelFile, Precision, StepError, Team};
+use umo_core::{Compute, Config, Layer, ModelFile, Precision, StepError, Team};
 
-use crate::args::{Animate, Making, Output};
+use crate::args::{Animate, GenerateArgs, Output};
 use crate::export::{self, Format};
 use crate::failure::Failure;
-use crate::wav::{self, Wav};
-use crate::{model, progress, start_pose};
+use crate::{gestures, model, progress, start_pose};
+use umo_audio_file::wav::{self, Wav};
 
 /// Animates a recording.
 pub(crate) fn run(args: &Animate) -> Result<(), Failure> {
@@ -56,7 +57,7 @@ pub(crate) fn speech(path: &Path, repair: bool) -> Result<Wav, Failure> {
 
 /// A loaded model and threads.
 pub(crate) struct Maker<'a> {
-    args: &'a Making,
+    args: &'a GenerateArgs,
     file: ModelFile,
     pub(crate) model: Model,
     load_time: Duration,
@@ -65,7 +66,7 @@ pub(crate) struct Maker<'a> {
 
 impl<'a> Maker<'a> {
     /// Loads the model of `file`.
-    pub(crate) fn new(args: &'a Making, file: ModelFile) -> Result<Self, Failure> {
+    pub(crate) fn new(args: &'a GenerateArgs, file: ModelFile) -> Result<Self, Failure> {
         let isa = model::isa(&args.compute)?;
         let start = Instant::now();
         Ok(Self {
@@ -104,12 +105,16 @@ impl<'a> Maker<'a> {
         let config = self.model.config();
         let ids = text.map(|text| prompt(&self.model, text)).transpose()?.unwrap_or_default();
         let template = named(config, template, text.is_some())?;
-        let mut animation = Animation::new(&self.model, &AvatarConfig { template, text: ids, ..self.avatar() })?;
+        let gestures = gestures::known(&self.args.gesture_clip, &config.skeleton)?;
+        let avatar = AvatarConfig { template, text: ids, gestures: gestures.clone(), ..self.avatar() };
+        let mut animation = Animation::new(&self.model, &avatar)?;
         if let Some(path) = &self.args.start_pose {
             let precision = self.args.compute.precision(Precision::Stored);
             let loader = Loader::new(&self.file, precision, self.model.isa());
-            let codes = start_pose::codes(self.compute(), &loader, path)?;
-            animation.avatar_mut().set_history(start_pose::as_slices(&codes))?;
+            start_pose::begin(self.compute(), &loader, path, &mut animation)?;
+        }
+        for gesture in &self.args.gesture {
+            gestures::play(&mut animation, &gestures, &gesture.name, &gesture.options)?;
         }
         Ok(animation)
     }
@@ -136,13 +141,23 @@ impl<'a> Maker<'a> {
 }
 
 /// An avatar as the arguments want it, speech to motion.
-pub(crate) fn avatar(args: &Making, config: &Config) -> AvatarConfig {
-    let defaults = AvatarConfig::new(config);
+pub(crate) fn avatar(args: &GenerateArgs, config: &Config) -> AvatarConfig {
+    let defaults = SessionConfig::new(config).avatar;
+    let mut life = defaults.life;
+    for &(layer, gain) in &args.life {
+        for &layer in layer.as_ref().map_or(&Layer::ALL[..], std::slice::from_ref) {
+            life = life.with(layer, gain);
+        }
+    }
     let sampler = if args.greedy { Sampler::GREEDY } else { Sampler { seed: args.seed, ..defaults.sampler } };
     AvatarConfig {
         target: args.target.unwrap_or(defaults.target),
         lookahead: args.lookahead.unwrap_or(defaults.lookahead),
+        horizon: args.horizon,
+        guidance: args.guidance,
+        smoothing: args.smoothing.unwrap_or(defaults.smoothing),
         sampler,
+        life,
         ..defaults
     }
 }
@@ -160,13 +175,13 @@ impl<'a> Job<'a> {
         let format = args.format.as_deref().map(Format::parse).transpose()?;
         let formats = args.output.iter().map(|path| format.map_or_else(|| Format::from_extension(path), Ok));
         let formats = formats.collect::<Result<Vec<_>, _>>()?;
-        let file: ModelFile = model::open(args.making.model.as_deref())?;
+        let file: ModelFile = model::open(args.generate.model.as_deref())?;
         for format in &formats {
             format.check_face(&file.config().face)?;
         }
         let outputs = args.output.iter().zip(formats).map(|(path, format)| export::Output::create(path, format));
         let outputs = outputs.collect::<Result<_, _>>()?;
-        Ok(Self { args, maker: Maker::new(&args.making, file)?, outputs })
+        Ok(Self { args, maker: Maker::new(&args.generate, file)?, outputs })
     }
 
     /// Runs the animation to its end and writes every output.
@@ -176,7 +191,7 @@ impl<'a> Job<'a> {
         let clip = self.maker.clip(animation, frames, |_| ())?;
         let (seconds, took) = (frames as f64 / config.frame_rate as f64, start.elapsed().as_secs_f64());
         for output in self.outputs {
-            output.write(&clip).map_err(Failure::machine)?;
+            output.write(&clip).map_err(Failure::environment)?;
         }
         let names: Vec<_> = self.args.output.iter().map(|path| path.display().to_string()).collect();
         println!("{}: {frames} frames, {seconds:.2} s, made in {took:.2} s", names.join(", "));
@@ -197,9 +212,13 @@ fn print_times(load: Duration, animation: &Animation, config: &Config) {
         ("tokenizer", times.tokenizer),
         ("encoder", times.encoder),
         ("decoder", times.decoder),
+        ("depth", times.depth),
         ("interp", times.interp),
         ("motion", times.motion),
-    ] {
+    ]
+    .into_iter()
+    .filter(|&(stage, _)| stage != "depth" || config.is_frames())
+    {
         let ms = 1e3 * time.as_secs_f64();
         println!("{stage:<10} {ms:>12.1} {:>12.2}", ms / chunks as f64);
     }

@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 
 use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
-use umo_core::Precision;
 use umo_core::weights::writer::Storage;
+use umo_core::{GestureOptions, GestureParts, Layer, Precision, Side};
 
 /// Speech in, a moving body out: face, hands, upper and lower body at 30 frames a second.
 #[derive(Debug, Parser)]
@@ -20,8 +20,10 @@ pub struct Args {
 pub enum Command {
     /// Animate a speech recording
     Animate(Animate),
-    /// Animate a description, with models that can
+    /// Animate a description: an action that the model or the table of gestures knows
     Text(Text),
+    /// List the gestures that `animate --gesture` and `text` know
+    Gestures,
     /// Run one stage of a model alone, tensors in and tensors out
     Stage(Stage),
     /// Say what a model holds
@@ -53,7 +55,7 @@ pub struct Output {
     pub format: Option<String>,
     #[command(flatten)]
     #[expect(missing_docs, reason = "clap would print a doc comment as help")]
-    pub making: Making,
+    pub generate: GenerateArgs,
     /// Say how long each stage took
     #[arg(long)]
     pub timings: bool,
@@ -61,7 +63,7 @@ pub struct Output {
 
 /// How an animation is made.
 #[derive(Debug, ClapArgs)]
-pub struct Making {
+pub struct GenerateArgs {
     /// Model file; the one in the program where not given
     #[arg(long, value_name = "FILE")]
     pub model: Option<PathBuf>,
@@ -71,6 +73,19 @@ pub struct Making {
     /// Frames held back for smooth seams between chunks
     #[arg(long, value_name = "FRAMES")]
     pub lookahead: Option<usize>,
+    /// Keyframes of speech behind a chunk to wait for, where the model hears ahead
+    #[arg(long, value_name = "KEYFRAMES", default_value_t = 0)]
+    pub horizon: usize,
+    /// How strongly the prompt steers, 1 to 3, in models of layout `frames`
+    #[arg(long, value_name = "STRENGTH", default_value_t = 1.0)]
+    pub guidance: f32,
+    /// Low-pass of the body's motion: standard deviation in frames, 0 to 1.5; 0 for none
+    #[arg(long, value_name = "FRAMES")]
+    pub smoothing: Option<f32>,
+    /// How strong the layers over the model's motion are, 0 to 1: one number for all, or
+    /// LAYER=GAIN for one of gaze, idle, asymmetry, nods, mood and feet
+    #[arg(long, value_name = "GAIN", value_delimiter = ',', value_parser = life_gain)]
+    pub life: Vec<(Option<Layer>, f32)>,
     /// Seed of the draws; the same seed gives the same motion
     #[arg(long, value_name = "NUMBER", default_value_t = 0)]
     pub seed: u64,
@@ -80,9 +95,105 @@ pub struct Making {
     /// Begin in this pose: SMPL-X motion whose last keyframes become the history
     #[arg(long, value_name = "FILE.npz")]
     pub start_pose: Option<PathBuf>,
+    /// Play a gesture over the motion: its name, the time of its stroke in seconds (`wave@2.5`; as
+    /// soon as may be without), and after commas left, right or both, speed=0.5 to 2, strength=0 to
+    /// 1, and to=X:Y:Z, a place in metres to point at; may be given several times
+    #[arg(long, value_name = "NAME[@SECONDS][,OPTION]", value_parser = gesture)]
+    pub gesture: Vec<GestureArg>,
+    /// A gesture of your own for --gesture: an animation that umo reads (glb, bvh, npz, jsonl), and
+    /// after commas the time of its stroke and the parts that it moves, all where none is named:
+    /// head, trunk, left-arm, right-arm (`salute=salute.glb,0.6,right-arm`)
+    #[arg(long, value_name = "NAME=FILE[,SECONDS][,PART]", value_parser = gesture_clip)]
+    pub gesture_clip: Vec<GestureClip>,
     #[command(flatten)]
     #[expect(missing_docs, reason = "clap would print a doc comment as help")]
     pub compute: Compute,
+}
+
+/// A gain of all layers, or of one.
+fn life_gain(text: &str) -> Result<(Option<Layer>, f32), String> {
+    let (layer, gain) = match text.split_once('=') {
+        Some((name, gain)) => {
+            let known = || Layer::ALL.map(Layer::name).join(", ");
+            let layer = Layer::ALL.into_iter().find(|layer| layer.name() == name);
+            (Some(layer.ok_or_else(|| format!("no layer is called {name}; there are {}", known()))?), gain)
+        }
+        None => (None, text),
+    };
+    match gain.parse() {
+        Ok(gain) if (0.0..=1.0).contains(&gain) => Ok((layer, gain)),
+        _ => Err("expected a gain of 0 to 1, or LAYER=GAIN".to_owned()),
+    }
+}
+
+/// A gesture to play.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GestureArg {
+    /// Its name.
+    pub name: String,
+    /// How.
+    pub options: GestureOptions,
+}
+
+fn gesture(text: &str) -> Result<GestureArg, String> {
+    let mut words = text.split(',');
+    let what = words.next().unwrap_or_default();
+    let (name, at) = what.split_once('@').map_or((what, None), |(name, at)| (name, Some(at)));
+    let mut options = GestureOptions::default();
+    let number = |text: &str| text.parse::<f32>().map_err(|_| format!("`{text}` is no number"));
+    if let Some(at) = at {
+        options.at = Some(at.parse().map_err(|_| format!("`{at}` is no number of seconds"))?);
+    }
+    for word in words {
+        match word.split_once('=') {
+            None if word == "left" => options.side = Side::Left,
+            None if word == "right" => options.side = Side::Right,
+            None if word == "both" => options.side = Side::Both,
+            Some(("speed", value)) => options.speed = number(value)?,
+            Some(("strength", value)) => options.strength = number(value)?,
+            Some(("to", value)) => {
+                let place = value.split(':').map(number).collect::<Result<Vec<_>, _>>()?;
+                options.target = Some(place.try_into().map_err(|_| format!("`{value}` is no place X:Y:Z"))?);
+            }
+            _ => return Err(format!("`{word}`: expected left, right, both, speed=, strength= or to=X:Y:Z")),
+        }
+    }
+    Ok(GestureArg { name: name.to_owned(), options })
+}
+
+/// A gesture out of a file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GestureClip {
+    /// Its name.
+    pub name: String,
+    /// Its frames.
+    pub file: PathBuf,
+    /// Seconds of its stroke; its middle where not given.
+    pub stroke: Option<f32>,
+    /// What it moves.
+    pub parts: GestureParts,
+}
+
+fn gesture_clip(text: &str) -> Result<GestureClip, String> {
+    let (name, rest) = text.split_once('=').ok_or("expected NAME=FILE")?;
+    let mut words = rest.split(',');
+    let file = PathBuf::from(words.next().unwrap_or_default());
+    let (mut stroke, mut parts) = (None, None);
+    for word in words {
+        let part = match word {
+            "head" => GestureParts::HEAD,
+            "trunk" => GestureParts::TRUNK,
+            "left-arm" => GestureParts::LEFT_ARM,
+            "right-arm" => GestureParts::RIGHT_ARM,
+            _ => {
+                let problem = || format!("`{word}`: expected seconds, head, trunk, left-arm or right-arm");
+                stroke = Some(word.parse().map_err(|_| problem())?);
+                continue;
+            }
+        };
+        parts = Some(parts.map_or(part, |parts: GestureParts| parts.union(part)));
+    }
+    Ok(GestureClip { name: name.to_owned(), file, stroke, parts: parts.unwrap_or(GestureParts::ALL) })
 }
 
 /// How products are computed.
@@ -133,16 +244,17 @@ impl From<PrecisionArg> for Precision {
 /// Animate a speech recording.
 #[derive(Debug, ClapArgs)]
 pub struct Animate {
-    /// WAV file: 8 to 32 bit or float, any rate, 1 to 8 channels
+    /// Recording: WAV, FLAC, MP3, Ogg Vorbis, M4A or AAC; any rate, 1 to 8 channels
     pub speech: PathBuf,
     /// Free text for models that take one: a style, an emotion, an action
     #[arg(long, value_name = "TEXT")]
     pub prompt: Option<String>,
-    /// Take what can be used of a damaged recording: what is there of one that was cut, silence for samples that are no
-    /// numbers
+    /// Take what can be used of a damaged recording: what is there of one that was cut, silence for
+    /// samples that are no numbers
     #[arg(long)]
     pub repair: bool,
-    /// Tokenise the whole recording at once, as the paper does offline, and say how far that differs from the stream
+    /// Tokenise the whole recording at once, as the paper does offline, and say how far that
+    /// differs from the stream
     #[arg(long)]
     pub whole_file_units: bool,
     #[command(flatten)]
@@ -153,21 +265,27 @@ pub struct Animate {
 /// Look at it.
 #[derive(Debug, ClapArgs)]
 pub struct Page {
-    /// WAV file; or a .glb, .npz or .jsonl made before; with --live a WAV file, or nothing for the microphone alone
+    /// Recording; or a .glb, .npz or .jsonl made before; with --live a recording, or nothing for
+    /// the microphone alone
     #[arg(required_unless_present = "live")]
     pub input: Option<PathBuf>,
     /// Page to write; beside the input where not given
     #[arg(short, long, value_name = "FILE.html", conflicts_with = "live")]
     pub output: Option<PathBuf>,
     /// The speech of an animation that was made before
-    #[arg(long, value_name = "FILE.wav", conflicts_with = "live")]
+    #[arg(long, value_name = "FILE", conflicts_with = "live")]
     pub audio: Option<PathBuf>,
-    /// Serve the page to browsers of this machine, and stream the recording or their microphone through the engine
+    /// Serve the page to browsers of this machine, and stream the recording or their microphone
+    /// through the engine
     #[arg(long)]
     pub live: bool,
     /// Port to serve at; any that is free where not given
     #[arg(long, value_name = "N", requires = "live")]
     pub port: Option<u16>,
+    /// When the mouth moves: with the sound, if the model has a mouth network, or with the body;
+    /// live for the microphone and delayed for a recording where not given
+    #[arg(long, value_name = "WHEN", requires = "live")]
+    pub voice: Option<VoiceArg>,
     /// Open no browser
     #[arg(long)]
     pub no_open: bool,
@@ -176,7 +294,16 @@ pub struct Page {
     pub repair: bool,
     #[command(flatten)]
     #[expect(missing_docs, reason = "clap would print a doc comment as help")]
-    pub making: Making,
+    pub generate: GenerateArgs,
+}
+
+/// When the mouth moves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum VoiceArg {
+    /// As the sound is heard; the body follows
+    Live,
+    /// With the body
+    Delayed,
 }
 
 /// Animate a description.
@@ -195,7 +322,7 @@ pub struct Text {
 /// Run one stage alone.
 #[derive(Debug, ClapArgs)]
 pub struct Stage {
-    /// Which: hubert, mel, encoder, decoder, generate, interp or motion
+    /// Which: hubert, mel, encoder, decoder, generate, depth, interp, motion or mouth
     #[arg(value_name = "STAGE")]
     pub stage: String,
     /// Model file; the one in the program where not given
@@ -239,7 +366,8 @@ pub struct Inspect {
 
 /// Write a model of weights that others publish.
 ///
-/// Sources are safetensors files, or folders whose safetensors files belong together; each may be given several times.
+/// Sources are safetensors files, or folders whose safetensors files belong together; each may be
+/// given several times.
 #[derive(Debug, ClapArgs)]
 pub struct Convert {
     /// Every dimension of the model, JSON; `umo inspect --config` prints one to begin with
@@ -254,9 +382,13 @@ pub struct Convert {
     /// Hugging Face's T5 1.1 or Flan-T5, or the one that Language of Motion trained
     #[arg(long, value_name = "FILE", required = true)]
     pub t5: Vec<PathBuf>,
-    /// Motion codecs of EMAGE, one a file, or of Language of Motion
+    /// Motion codecs of EMAGE, one a file, or of Language of Motion; those of a list of parts by its
+    /// names
     #[arg(long, value_name = "FILE", required = true)]
     pub vq: Vec<PathBuf>,
+    /// Depth network and tables of keyframes of layout `frames`, which training/ makes
+    #[arg(long, value_name = "FILE")]
+    pub depth: Vec<PathBuf>,
     /// Interpolation network, which training/ makes
     #[arg(long, value_name = "FILE")]
     pub interp: PathBuf,
@@ -319,7 +451,8 @@ pub struct Quantize {
     /// File to write
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
-    /// How the weights of products are stored; tables, norms, the router and what decides codes stay as they are
+    /// How the weights of products are stored; tables, norms, the router and what decides codes
+    /// stay as they are
     #[arg(long, value_enum)]
     pub weights: WeightsArg,
     /// Tensors that stay as they are, as `*.moe.experts.*.wo.*`; may be given several times
@@ -342,7 +475,8 @@ pub enum WeightsArg {
 /// Bring an animation to another character.
 #[derive(Debug, ClapArgs)]
 pub struct Retarget {
-    /// Speech, .wav; or an animation that umo wrote: .npz, .glb, .bvh or .jsonl
+    /// Speech, .wav, .flac, .mp3, .ogg, .m4a or .aac; or an animation that umo wrote: .npz, .glb,
+    /// .bvh or .jsonl
     #[arg(required_unless_present = "print_mapping")]
     pub input: Option<PathBuf>,
     /// The character: .glb or .vrm, or a skeleton, .bvh
@@ -362,7 +496,7 @@ pub struct Retarget {
     pub repair: bool,
     #[command(flatten)]
     #[expect(missing_docs, reason = "clap would print a doc comment as help")]
-    pub making: Making,
+    pub generate: GenerateArgs,
 }
 
 /// Measure a model on this machine.
@@ -403,6 +537,9 @@ pub struct MakeRandom {
     /// Dimensions: `base` is the paper's, `small` the default model's
     #[arg(long, value_enum, default_value_t = Size::Small)]
     pub size: Size,
+    /// What one position of the decoder stands for
+    #[arg(long, value_enum, default_value_t = LayoutArg::Parts)]
+    pub layout: LayoutArg,
     /// File to write
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
@@ -425,10 +562,20 @@ pub enum Size {
     Tiny,
 }
 
+/// Layout of a random model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum LayoutArg {
+    /// The paper's: a code of one of four parts
+    Parts,
+    /// A keyframe of more parts with several levels, whose codes a depth network writes
+    Frames,
+}
+
 /// Draw the figure as a PNG picture: frames of an animation, or each of its 52 shapes.
 #[derive(Debug, ClapArgs)]
 pub struct Draw {
-    /// Animation as `animate -o FILE.jsonl` writes it; the shapes, each under its name, where not given
+    /// Animation as `animate -o FILE.jsonl` writes it; the shapes, each under its name, where not
+    /// given
     pub animation: Option<PathBuf>,
     /// Picture to write
     #[arg(short, long, value_name = "FILE.png")]

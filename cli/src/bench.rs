@@ -1,4 +1,5 @@
-//! `umo bench`: a model's speed on this machine, in a real engine (the paper's runtime table, section 4).
+//! `umo bench`: a model's speed on this machine, in a real engine (the paper's runtime table,
+//! section 4).
 
 mod plot;
 mod report;
@@ -20,14 +21,15 @@ use crate::failure::Failure;
 use crate::model;
 use report::{Crowd, Report};
 
-/// How often a frame is looked for while it is waited for: rarely enough to leave the cores to the engine.
+/// How often a frame is looked for while it is waited for: rarely enough to leave the cores to the
+/// engine.
 const LOOK: Duration = Duration::from_micros(100);
 /// Longest wait for a chunk.
 const PATIENCE: Duration = Duration::from_secs(120);
 /// Audio of one call in real time, 10 ms.
 const CALLS_PER_SECOND: usize = 100;
 /// Most memory that the bandwidth is measured over.
-const MOST_READ: usize = 384 << 20;
+const MAX_READ: usize = 384 << 20;
 /// A product that every model has.
 const PRODUCT: &str = "lm.encoder.block.0.layer.0.SelfAttention.q.weight";
 
@@ -67,7 +69,7 @@ pub(crate) fn run(args: &Bench) -> Result<(), Failure> {
     let (chunks, frames) = bench.chunks(args.chunks)?;
     let times = Times::between(before, bench.engine.stage_times(), args.chunks);
     let memory = peak_memory();
-    let peaks = || Machine::measure(threads, isa, usize::min(weights, MOST_READ));
+    let peaks = || Machine::measure(threads, isa, usize::min(weights, MAX_READ));
     let machine = peaks();
     let crowd = if args.seconds > 0.0 { Some(bench.crowd(args.sessions, args.seconds)?) } else { None };
     let machine = machine.best(peaks());
@@ -92,13 +94,13 @@ pub(crate) fn run(args: &Bench) -> Result<(), Failure> {
         print!("{report}")
     }
     if let Some(path) = &args.plot {
-        plot::draw(&report, path).map_err(|error| Failure::machine(format!("{}: {error}", path.display())))?;
+        plot::draw(&report, path).map_err(|error| Failure::environment(format!("{}: {error}", path.display())))?;
     }
     Ok(())
 }
 
-/// How the weights of products are stored while they are computed with. One product stands for all: those that a file
-/// stores with more bytes only make the floor lower than it has to be.
+/// How the weights of products are stored while they are computed with. One product stands for all:
+/// those that a file stores with more bytes only make the floor lower than it has to be.
 fn stored(file: &ModelFile, precision: Precision) -> Result<Stored, Failure> {
     Ok(match precision {
         Precision::F32 => Stored::F32,
@@ -138,18 +140,23 @@ fn stages(times: Times, floors: &floor::Stages, machine: &Machine) -> Vec<Stage>
         let floor = machine.time_in_turn(floors);
         Stage { name, time: time / chunks, floor }
     };
-    vec![
+    let mut stages = vec![
         stage("audio tokenizer", t.tokenizer, &[floors.tokenizer]),
         stage("encoder attention", t.encoder_layers.attention, &[floors.encoder_attention]),
         stage("encoder experts", t.encoder_layers.experts, &[floors.encoder_experts]),
         stage("decoder attention", t.decoder_layers.attention + cross(&t), &[floors.cross, floors.decoder_attention]),
         stage("decoder experts", t.decoder_layers.experts, &[floors.decoder_experts]),
+        stage("depth network", t.depth, &[floors.depth]),
         stage("interpolation", t.interp, &[floors.interp]),
         stage("motion decoders", t.motion, &[floors.motion]),
-    ]
+    ];
+    // Layout `parts` has no depth network.
+    stages.retain(|stage| stage.name != "depth network" || stage.floor > Duration::ZERO);
+    stages
 }
 
-/// What the decoder does beside its layers: the keys and values of the encoder's states, and the output heads.
+/// What the decoder does beside its layers: the keys and values of the encoder's states, and the
+/// output heads.
 fn cross(times: &StageTimes) -> Duration {
     times.decoder - times.decoder_layers.attention - times.decoder_layers.experts
 }
@@ -171,18 +178,19 @@ impl Runner<'_> {
         self.session.avatar.target * self.config.samples_per_keyframe()
     }
 
-    /// Pushes one chunk of audio, and waits until its last frame is there; the time to the first one, and how many.
+    /// Pushes one chunk of audio, and waits until its last frame is there; the time to the first
+    /// one, and how many.
     fn one(&self, session: &Session, chunk: usize) -> Result<(Duration, usize), Failure> {
         let at = (chunk * self.chunk()) % (self.speech.len() - self.chunk());
         let wanted = session.stats().chunks + 1;
         let start = Instant::now();
-        let pushed = session.push_audio(&self.speech[at..at + self.chunk()]).map_err(Failure::machine)?;
+        let pushed = session.push_audio(&self.speech[at..at + self.chunk()]).map_err(Failure::environment)?;
         if pushed.taken < self.chunk() {
-            return Err(Failure::machine("the engine does not keep up with one avatar"));
+            return Err(Failure::environment("the engine does not keep up with one avatar"));
         }
-        while session.ready_frames().map_err(Failure::machine)? == 0 {
+        while session.ready_frames().map_err(Failure::environment)? == 0 {
             if start.elapsed() > PATIENCE {
-                return Err(Failure::machine(format!("no frame after {} s", PATIENCE.as_secs())));
+                return Err(Failure::environment(format!("no frame after {} s", PATIENCE.as_secs())));
             }
             std::thread::sleep(LOOK);
         }
@@ -190,7 +198,7 @@ impl Runner<'_> {
         while session.stats().chunks < wanted && start.elapsed() < PATIENCE {
             std::thread::sleep(LOOK);
         }
-        Ok((time, session.pull_frames(usize::MAX, |_| ()).map_err(Failure::machine)?))
+        Ok((time, session.pull_frames(usize::MAX, |_| ()).map_err(Failure::environment)?))
     }
 
     /// Times to the first frame of fresh streams, their audio pushed at once.
@@ -199,13 +207,14 @@ impl Runner<'_> {
         // Once to touch all memory.
         self.one(&session, 0)?;
         let time = |i| {
-            session.reset().map_err(Failure::machine)?;
+            session.reset().map_err(Failure::environment)?;
             Ok(self.one(&session, i)?.0)
         };
         (0..count).map(time).collect()
     }
 
-    /// Times of the chunks of one stream, each pushed when the last one is done; and all their frames.
+    /// Times of the chunks of one stream, each pushed when the last one is done; and all their
+    /// frames.
     fn chunks(&self, count: usize) -> Result<(Vec<Duration>, usize), Failure> {
         let session = self.session()?;
         self.one(&session, 0)?;
@@ -231,9 +240,9 @@ impl Runner<'_> {
                 // Their chunks do not fall together: the first is late by a share of a chunk.
                 if call >= i * calls_per_chunk / count {
                     let at = (call * piece + i * self.chunk()) % (self.speech.len() - piece);
-                    session.push_audio(&self.speech[at..at + piece]).map_err(Failure::machine)?;
+                    session.push_audio(&self.speech[at..at + piece]).map_err(Failure::environment)?;
                 }
-                session.pull_frames(usize::MAX, |_| ()).map_err(Failure::machine)?;
+                session.pull_frames(usize::MAX, |_| ()).map_err(Failure::environment)?;
             }
             let next = Duration::from_secs_f64((call + 1) as f64 / CALLS_PER_SECOND as f64);
             std::thread::sleep(next.saturating_sub(start.elapsed()));
@@ -256,7 +265,8 @@ impl Runner<'_> {
     }
 }
 
-/// Half a minute of something between a voice and a siren; how long computing takes does not depend on it.
+/// Half a minute of something between a voice and a siren; how long computing takes does not depend
+/// on it.
 fn speech(config: &Config) -> Vec<f32> {
     let rate = config.audio.sample_rate;
     let sample = |i: usize| {

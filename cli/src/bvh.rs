@@ -220,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_said() {
+    fn errors_name_the_defect() {
         let broken = |from: &str, to: &str| {
             assert!(TWO.contains(from));
             Bvh::parse(&TWO.replace(from, to)).unwrap_err()

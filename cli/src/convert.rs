@@ -1,4 +1,5 @@
-//! `umo convert`: published weights, safetensors already, as one model; one tensor in memory at a time.
+//! `umo convert`: published weights, safetensors already, as one model; one tensor in memory at a
+//! time.
 
 mod catalogue;
 mod plan;
@@ -13,8 +14,8 @@ use umo_core::weights::writer::{self, NewTensor, Storage, Values};
 use umo_core::{Config, LoadError};
 
 use crate::args::Convert;
+use crate::atomic_file;
 use crate::failure::Failure;
-use crate::whole;
 use catalogue::Catalogue;
 use plan::Plan;
 
@@ -27,7 +28,7 @@ pub(crate) fn run(args: &Convert) -> Result<(), Failure> {
         config.notice = Some("The rows of its new tokens are not trained.".to_owned());
     }
     let tokenizer = args.tokenizer.as_deref().map(read).transpose()?;
-    let output = whole::create(&args.output)?;
+    let output = atomic_file::create(&args.output)?;
 
     let failed = RefCell::new(None);
     let mut tensors: Vec<NewTensor> =
@@ -40,7 +41,7 @@ pub(crate) fn run(args: &Convert) -> Result<(), Failure> {
             values: Values::Bytes(bytes),
         });
     }
-    whole::commit(output, |out| writer::write(out, &config, &tensors))
+    atomic_file::commit(output, |out| writer::write(out, &config, &tensors))
         .map_err(|failure| failed.take().unwrap_or(failure))?;
 
     let parameters: usize = plans.iter().map(|plan| plan.spec.len()).sum();
@@ -66,7 +67,7 @@ fn config(args: &Convert) -> Result<Config, Failure> {
     }
     config.lm.experts = args.experts.unwrap_or(config.lm.experts);
     config.lm.top_k = args.top_k.unwrap_or(config.lm.top_k);
-    let text = serde_json::to_string(&config).map_err(Failure::machine)?;
+    let text = serde_json::to_string(&config).map_err(Failure::environment)?;
     Config::parse(&text).map_err(named)
 }
 
@@ -74,7 +75,8 @@ fn read(path: &Path) -> Result<Vec<u8>, Failure> {
     umo_core::file::read(path).map_err(|cause| Failure::input(format!("cannot read `{}`: {cause}", path.display())))
 }
 
-/// The new tensor; its values are made when they are written, and what is wrong with them is left in `failed`.
+/// The new tensor; its values are made when they are written, and what is wrong with them is left
+/// in `failed`.
 fn tensor<'a>(
     plan: &'a Plan,
     catalogue: &'a Catalogue,

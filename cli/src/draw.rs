@@ -23,7 +23,7 @@ pub(crate) fn run(args: &Draw) -> Result<(), Failure> {
             sheet::shapes(&umo_figure::mannequin(&skeleton)?, &skeleton)
         }
     };
-    let cannot = |cause| Failure::machine(format!("cannot write `{}`: {cause}", args.output.display()));
+    let cannot = |cause| Failure::environment(format!("cannot write `{}`: {cause}", args.output.display()));
     let mut out = BufWriter::new(File::create(&args.output).map_err(cannot)?);
     picture.write(&mut out).and_then(|()| out.flush()).map_err(cannot)
 }

@@ -1,12 +1,11 @@
-//! What is said when something fails: one line, and whose fault it is.
+//! Errors of the program: one line, and an exit code that says whether the input or the environment
+//! is at fault.
 
 use std::fmt;
 
 use umo_core::stage::StageError;
 use umo_core::{LoadError, StepError};
 use umo_figure::FigureError;
-
-use crate::export::ExportError;
 
 /// Why the program stops.
 #[derive(Debug, PartialEq, Eq)]
@@ -32,7 +31,7 @@ impl Failure {
     }
 
     /// The machine is at fault.
-    pub fn machine(problem: impl fmt::Display) -> Self {
+    pub fn environment(problem: impl fmt::Display) -> Self {
         Self::Machine(problem.to_string())
     }
 }
@@ -58,7 +57,7 @@ impl From<LoadError> for Failure {
 impl From<StepError> for Failure {
     fn from(error: StepError) -> Self {
         match error {
-            StepError::Shape(_) => Self::machine(error),
+            StepError::Shape(_) => Self::environment(error),
             _ => Self::input(error),
         }
     }
@@ -70,12 +69,6 @@ impl From<StageError> for Failure {
             StageError::Step(error) => error.into(),
             error => Self::input(error),
         }
-    }
-}
-
-impl From<ExportError> for Failure {
-    fn from(error: ExportError) -> Self {
-        Self::input(error)
     }
 }
 

@@ -14,7 +14,7 @@ use crate::model;
 pub(crate) fn run(args: &Inspect) -> Result<(), Failure> {
     let file = model::open(args.model.as_deref())?;
     if args.config {
-        println!("{}", serde_json::to_string_pretty(file.config()).map_err(Failure::machine)?);
+        println!("{}", serde_json::to_string_pretty(file.config()).map_err(Failure::environment)?);
         return Ok(());
     }
     if args.verify {
@@ -68,11 +68,35 @@ fn summary(c: &Config) {
         c.vocab.size
     );
     println!("between    {} + {} layers of {}, {} heads", i.temporal_layers, i.part_layers, i.d_model, i.num_heads);
-    println!("motion     codes of {}, {} {face}", c.vq.width, c.face.names.len());
+    if let Some(depth) = &c.depth {
+        println!(
+            "depth      {} layers of {}, {} heads, feed-forward {}, {} codes a keyframe",
+            depth.num_layers,
+            depth.d_model,
+            depth.num_heads,
+            depth.d_ff,
+            c.codes_per_keyframe()
+        );
+    }
+    if c.parts.is_none() {
+        println!("motion     codes of {}, {} {face}", c.vq.width, c.face.names.len());
+    } else {
+        let parts: Vec<_> = c.part_list().into_iter().map(|p| format!("{} {}x{}", p.name, p.levels, p.codes)).collect();
+        println!("motion     {}; {} {face}", parts.join(", "), c.face.names.len());
+    }
     println!(
         "chunk      {} keyframes from {}, one every {} frames at {} a second, {} frames of lookahead",
         c.target, c.prefix, c.keyframe_stride, c.frame_rate, c.lookahead
     );
+    if let Some(m) = &c.mouth {
+        let ahead = (1000 * m.ahead).div_ceil(m.rows * c.frame_rate);
+        println!(
+            "mouth      {} channels, {} blocks of {}, {ahead} ms ahead",
+            m.channels.len(),
+            m.dilations.len(),
+            m.width
+        );
+    }
     let templates: Vec<_> = c.templates.keys().map(String::as_str).collect();
     println!("templates  {}", templates.join(", "));
 }

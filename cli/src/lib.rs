@@ -3,27 +3,28 @@
 //! | module | what it does |
 //! |---|---|
 //! | [`args`] | the command line |
-//! | `animate`, `text` | speech, or a text, to an animation |
+//! | `animate`, `text`, `gestures` | speech, or a text, to an animation; the gestures over it |
 //! | `stage`, `inspect`, `random` | one stage alone; what a model holds; a model of random weights |
 //! | `convert`, `quantize` | a model of published weights; the same model with smaller ones |
 //! | `view` | the page that shows an avatar, made once or served live |
 //! | `bench` | how fast a model is on this machine |
-//! | [`wav`], [`export`], `import`, `start_pose` | files in and out |
+//! | [`export`], `import`, `start_pose` | files in and out |
 //! | `draw` | pictures of the figure that speaks (crate `umo_figure`) |
 //! | `retarget` | an animation to another character |
-//! | `bvh`, `glb` | what files of these formats hold |
+//! | `bvh` | what files of this format hold |
 //! | `model`, `failure`, `progress` | which model; what is said when something fails; how far the work is |
 #![deny(unsafe_code)]
 
 mod animate;
 pub mod args;
+pub mod atomic_file;
 mod bench;
 mod bvh;
 mod convert;
 mod draw;
 pub mod export;
 mod failure;
-mod glb;
+mod gestures;
 pub mod import;
 mod inspect;
 mod model;
@@ -37,8 +38,6 @@ mod stage;
 mod start_pose;
 mod text;
 mod view;
-pub mod wav;
-pub mod whole;
 
 use std::ffi::OsString;
 use std::process::ExitCode;
@@ -48,7 +47,8 @@ use clap::Parser;
 use args::{Args, Command};
 pub use failure::Failure;
 
-/// Runs the program and says how it ended: 0, 2 where the input is at fault, 1 where the machine is.
+/// Runs the program and says how it ended: 0, 2 where the input is at fault, 1 where the machine
+/// is.
 pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     let args = match Args::try_parse_from(args) {
         Ok(args) => args,
@@ -71,6 +71,7 @@ fn run(command: Command) -> Result<(), Failure> {
     match command {
         Command::Animate(args) => animate::run(&args),
         Command::Text(args) => text::run(&args),
+        Command::Gestures => gestures::run(),
         Command::Stage(args) => stage::run(&args),
         Command::Inspect(args) => inspect::run(&args),
         Command::Convert(args) => convert::run(&args),

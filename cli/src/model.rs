@@ -23,7 +23,8 @@ const FILE: &str = "umo-small.safetensors";
 /// The model at `path`, or the default model; prints the model's notice to standard error.
 ///
 /// # Errors
-/// [`Failure::Input`] naming the file; where there is no default model, the places that it was looked for in.
+/// [`Failure::Input`] naming the file; where there is no default model, the places that it was
+/// looked for in.
 pub(crate) fn open(path: Option<&Path>) -> Result<ModelFile, Failure> {
     let file = open_quietly(path)?;
     announce(file.config());
@@ -42,7 +43,8 @@ fn open_file(path: &Path) -> Result<ModelFile, Failure> {
     ModelFile::open(path).map_err(|error| Failure::input(format!("{}: {error}", path.display())))
 }
 
-/// The default model: the file that the environment names, the one in the program, or the first that is installed.
+/// The default model: the file that the environment names, the one in the program, or the first
+/// that is installed.
 fn default(
     named: Option<PathBuf>,
     embedded: Option<&'static [u8]>,
@@ -66,8 +68,8 @@ fn default(
     }
 }
 
-/// Where an installed default model is: beside the program, as `scripts/install` and packages lay it out, or in the user's
-/// and the system's data folders.
+/// Where an installed default model is: beside the program, as `scripts/install` and packages lay
+/// it out, or in the user's and the system's data folders.
 fn installed() -> Vec<PathBuf> {
     let mut places = Vec::new();
     let program = std::env::current_exe().ok();
@@ -116,7 +118,7 @@ pub(crate) fn threads(compute: &Compute) -> Result<usize, Failure> {
 /// The threads that were asked for, or one per core.
 pub(crate) fn team(compute: &Compute) -> Result<Team, Failure> {
     let threads = threads(compute)?;
-    Team::new(threads).map_err(|error| Failure::machine(format!("cannot start {threads} threads: {error}")))
+    Team::new(threads).map_err(|error| Failure::environment(format!("cannot start {threads} threads: {error}")))
 }
 
 #[cfg(test)]

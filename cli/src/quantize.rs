@@ -13,12 +13,13 @@ use umo_core::weights::writer::{self, NewTensor, Storage, Values};
 use umo_core::{LoadError, ModelFile};
 
 use crate::args::{Quantize, StorageArg, WeightsArg};
+use crate::atomic_file;
 use crate::failure::Failure;
-use crate::whole;
 
 /// Products that lose more by int8 than they gain; `docs/quantization.md` has the measurements.
 const DEFAULT_KEPT: [&str; 5] = [
-    // The second and third convolution have three quarters of the arithmetic; each of the others would cost as much accuracy.
+    // The second and third convolution have three quarters of the arithmetic; each of the others
+    // would cost as much accuracy.
     "audio.hubert.feature_extractor.conv_layers.[!12].*",
     "audio.hubert.feature_extractor.conv_layers.[0-9][0-9]*",
     "audio.hubert.encoder.pos_conv_embed.*",
@@ -28,24 +29,24 @@ const DEFAULT_KEPT: [&str; 5] = [
     "vq.[fhul]*.encoder.*",
 ];
 
-/// Writes the quantised model.
+/// Writes the quantized model.
 pub(crate) fn run(args: &Quantize) -> Result<(), Failure> {
     let file =
         ModelFile::open(&args.input).map_err(|error| Failure::input(format!("{}: {error}", args.input.display())))?;
     let rules = Rules::new(args)?;
     let plans = plan(&file, &rules)?;
-    let output = whole::create(&args.output)?;
+    let output = atomic_file::create(&args.output)?;
 
     let failed = RefCell::new(None);
     let int8 = |name: &str| plans.iter().any(|plan| plan.name == name && plan.storage == Storage::Int8);
     let tensors: Vec<NewTensor> =
         plans.iter().map(|plan| tensor(&file, plan, &int8, &failed)).collect::<Result<_, _>>()?;
-    whole::commit(output, |out| writer::write(out, file.config(), &tensors))
+    atomic_file::commit(output, |out| writer::write(out, file.config(), &tensors))
         .map_err(|failure| failed.take().map_or(failure, |error: LoadError| named(args, error)))?;
 
     let small = plans.iter().filter(|plan| plan.storage == Storage::Int8).map(Plan::len).sum::<usize>();
     let all = plans.iter().map(Plan::len).sum::<usize>();
-    let bytes = std::fs::metadata(&args.output).map_err(Failure::machine)?.len();
+    let bytes = std::fs::metadata(&args.output).map_err(Failure::environment)?.len();
     println!(
         "{}: {bytes} bytes of {}, {:.1} % of the values in int8",
         args.output.display(),
@@ -155,7 +156,8 @@ fn plan(file: &ModelFile, rules: &Rules) -> Result<Vec<Plan>, Failure> {
     list.iter().map(plan).collect()
 }
 
-/// The new tensor; its values are read when they are written, and what is wrong with them is left in `failed`.
+/// The new tensor; its values are read when they are written, and what is wrong with them is left
+/// in `failed`.
 fn tensor<'a>(
     file: &'a ModelFile,
     plan: &'a Plan,

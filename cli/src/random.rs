@@ -1,5 +1,6 @@
 //! `umo make-random`: a model of the right shape whose weights mean nothing.
 
+mod frames;
 mod sizes;
 
 use std::cell::RefCell;
@@ -9,17 +10,20 @@ use umo_core::weights::layout::{self, Kind, Spec};
 use umo_core::weights::writer::{self, NewTensor, Storage, Values};
 use umo_core::{Config, Part};
 
-use crate::args::{MakeRandom, StorageArg};
+use crate::args::{LayoutArg, MakeRandom, StorageArg};
+use crate::atomic_file;
 use crate::failure::Failure;
-use crate::whole;
 
 /// The small text vocabulary of random models.
 static TEXT_MODEL: &[u8] = include_bytes!("../assets/text.model");
 
 /// Writes a random model; the same bytes for the same arguments.
 pub(crate) fn run(args: &MakeRandom) -> Result<(), Failure> {
-    let config = sizes::config(args.size);
-    let output = whole::create(&args.output)?;
+    let config = match args.layout {
+        LayoutArg::Parts => sizes::config(args.size),
+        LayoutArg::Frames => frames::config(args.size),
+    };
+    let output = atomic_file::create(&args.output)?;
     let specs = layout::specs(&config, true);
     let mut tensors: Vec<NewTensor> =
         specs.iter().enumerate().map(|(i, spec)| tensor(&config, spec, args, i as u64)).collect();
@@ -29,10 +33,16 @@ pub(crate) fn run(args: &MakeRandom) -> Result<(), Failure> {
         storage: Storage::Bytes,
         values: Values::Bytes(TEXT_MODEL),
     });
-    whole::commit(output, |out| writer::write(out, &config, &tensors))?;
+    atomic_file::commit(output, |out| writer::write(out, &config, &tensors))?;
     let parameters: usize = specs.iter().map(Spec::len).sum();
     println!("{}: {parameters} parameters", args.output.display());
     Ok(())
+}
+
+/// The config of the least model, for tests.
+#[cfg(test)]
+pub(crate) fn tiny() -> Config {
+    sizes::config(crate::args::Size::Tiny)
 }
 
 fn tensor<'a>(config: &'a Config, spec: &'a Spec, args: &MakeRandom, index: u64) -> NewTensor<'a> {
@@ -46,7 +56,8 @@ fn tensor<'a>(config: &'a Config, spec: &'a Spec, args: &MakeRandom, index: u64)
     NewTensor { name: spec.name.clone(), shape: spec.shape.clone(), storage, values }
 }
 
-/// Values of about the size that trained ones have, so that activations stay of order 1 through all layers.
+/// Values of about the size that trained ones have, so that activations stay of order 1 through all
+/// layers.
 #[expect(clippy::cast_precision_loss, reason = "widths are far below 2^24")]
 fn values(config: &Config, spec: &Spec, seed: u64, index: u64) -> Vec<f32> {
     let random = RefCell::new(Random::new(seed, index));
@@ -68,8 +79,8 @@ fn values(config: &Config, spec: &Spec, seed: u64, index: u64) -> Vec<f32> {
     }
 }
 
-/// T5 does not scale its attention scores, so its queries are small; what is added to a residual stream is damped; poses
-/// stay near rest.
+/// T5 does not scale its attention scores, so its queries are small; what is added to a residual
+/// stream is damped; poses stay near rest.
 fn gain(config: &Config, name: &str) -> f32 {
     match name {
         _ if name.starts_with("lm.") && name.ends_with(".q.weight") => 0.2,
@@ -83,27 +94,32 @@ fn gain(config: &Config, name: &str) -> f32 {
 /// The last convolution of a motion decoder, by its part's name.
 fn last_convolution<'a>(config: &Config, name: &'a str) -> Option<&'a str> {
     let (part, rest) = name.strip_prefix("vq.")?.split_once(".decoder.main.")?;
-    let layers = match Part::ALL.into_iter().find(|p| p.name() == part) {
-        Some(part) => config.vq[part].layers,
+    let layers = match config.part_list().into_iter().find(|spec| spec.name == part) {
+        Some(spec) => spec.layers,
         None => config.vq.root.layers,
     };
     let index: usize = rest.split('.').next()?.parse().ok()?;
     (index == 2 + 2 * layers).then_some(part)
 }
 
-/// The bias of a decoder's last convolution: no rotation, a face at rest, and a root that stands on the ground.
+/// The bias of a decoder's last convolution: no rotation, a face at rest, and a root that stands on
+/// the ground.
 fn rest(config: &Config, name: &str) -> Option<Vec<f32>> {
     const NO_ROTATION: [f32; 6] = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
     const PELVIS_HEIGHT_M: f32 = 0.93;
     let part = last_convolution(config, name).filter(|_| name.ends_with(".bias"))?;
-    let part = Part::ALL.into_iter().find(|p| p.name() == part);
-    let mut bias = vec![0.0; part.map_or(config.vq.root.channels, |part| config.vq[part].channels)];
-    let rotations = 6 * joints_of(part.unwrap_or(Part::Lower)).count();
-    bias[..rotations].as_chunks_mut().0.fill(NO_ROTATION);
-    if part.is_none() {
+    let spec = config.part_list().into_iter().find(|spec| spec.name == part);
+    let rotations = |part: Part| 6 * joints_of(part).count();
+    let Some(places) = spec.as_ref().and_then(|spec| spec.channels(&config.face)) else {
+        let mut bias = vec![0.0; config.vq.root.channels];
+        let rotations = rotations(Part::Lower);
+        bias[..rotations].as_chunks_mut().0.fill(NO_ROTATION);
         bias[rotations + 1] = PELVIS_HEIGHT_M;
-    }
-    Some(bias)
+        return Some(bias);
+    };
+    let rotations = rotations(places.part);
+    let value = |channel: usize| if channel < rotations { NO_ROTATION[channel % 6] } else { 0.0 };
+    Some(places.ranges.into_iter().flatten().map(value).collect())
 }
 
 /// Uniform numbers of variance 1: SplitMix64 (Steele, Lea, Flood 2014), a stream per tensor.

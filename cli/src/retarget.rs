@@ -4,7 +4,7 @@
 //! | --- | --- |
 //! | `character` | a character in a `.glb` file, and the animation in it |
 //! | `splice` | JSON changed in some places, and as it was in all others |
-//! | `vrm` | bones and expressions as VRM files list them |
+//! | `vrm` | expressions as VRM files list them |
 //! | `faces` | which shapes of which mesh move |
 //! | `bvh` | a skeleton in a `.bvh` file, and the animation on it |
 //! | `mapping` | the file that says which bone is what |
@@ -19,7 +19,7 @@ use umo_core::retarget::{Floor, Mapping, Retarget, Rig};
 
 use crate::args;
 use crate::failure::Failure;
-use crate::{animate, import, model, whole};
+use crate::{animate, atomic_file, import, model};
 use character::Character;
 use faces::Faces;
 use mapping::Given;
@@ -73,14 +73,14 @@ pub(crate) fn run(args: &args::Retarget) -> Result<(), Failure> {
     checked?;
     let (Some(input), Some(output)) = (&args.input, &args.output) else { return Ok(()) };
     target.check_output(output)?;
-    let out = whole::create(output)?;
+    let out = atomic_file::create(output)?;
     let clip = clip(input, args)?;
     let faces = target.faces(&clip.face, &given).map_err(wrong)?;
     let mut retarget = prepare(&clip.skeleton, target.rig(), &mapping, target.floor()).map_err(wrong)?;
     faces.release_bones(&clip.face, &mapping, &mut retarget);
     let motion = motion(&retarget, &clip)?;
     let bytes = target.animated(&retarget, &motion, &faces, &clip).map_err(wrong)?;
-    whole::commit(out, |out| std::io::Write::write_all(out, &bytes))?;
+    atomic_file::commit(out, |out| std::io::Write::write_all(out, &bytes))?;
     tell(output, &clip, &mapping, &convention, &faces);
     Ok(())
 }
@@ -94,13 +94,17 @@ fn read(path: &Path) -> Result<Vec<u8>, Failure> {
     umo_core::file::read(path).map_err(|error| wrong(error.to_string()))
 }
 
+/// Extensions of recordings.
+const RECORDINGS: [&str; 8] = ["wav", "flac", "mp3", "ogg", "oga", "m4a", "mp4", "aac"];
+
 /// The animation of a recording, or one that was made before.
 fn clip(input: &Path, args: &args::Retarget) -> Result<Clip, Failure> {
-    if input.extension().is_none_or(|extension| !extension.eq_ignore_ascii_case("wav")) {
+    let extension = input.extension().unwrap_or_default();
+    if !RECORDINGS.iter().any(|recording| extension.eq_ignore_ascii_case(recording)) {
         return import::read(input);
     }
     let wav = animate::speech(input, args.repair)?;
-    let maker = animate::Maker::new(&args.making, model::open(args.making.model.as_deref())?)?;
+    let maker = animate::Maker::new(&args.generate, model::open(args.generate.model.as_deref())?)?;
     let (samples, frames) = maker.hear(input, &wav)?;
     let mut animation = maker.animation("audio_to_motion", None)?;
     animation.push_audio(&samples)?;
@@ -148,7 +152,8 @@ impl Target {
         }
     }
 
-    /// What is what, by the file's own table or by names, and what the mapping file says over that; and who names so.
+    /// What is what, by the file's own table or by names, and what the mapping file says over that;
+    /// and who names so.
     fn mapping(&self, given: &Given) -> Result<(Mapping, String), String> {
         let table = match self {
             Self::Character(character) => character.vrm_bones()?,
@@ -174,14 +179,16 @@ impl Target {
 
     /// A file holds what its name says.
     fn check_output(&self, output: &Path) -> Result<(), Failure> {
-        let known = match self {
-            Self::Character(_) => &["glb", "vrm"][..],
-            Self::Skeleton(_) => &["bvh"],
-        };
-        let is = |known: &&str| output.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(known));
-        match known.iter().any(is) {
-            true => Ok(()),
-            false => Err(Failure::input(format!("{}: expected .{}, as the character", output.display(), known[0]))),
+        let wrong = |problem: &str| Err(Failure::input(format!("{}: {problem}", output.display())));
+        let is = |known: &str| output.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(known));
+        match self {
+            Self::Character(character) if is("vrm") && !character.is_vrm() => {
+                wrong("the character is no VRM file, so the output is none: name it .glb")
+            }
+            Self::Character(_) if is("glb") || is("vrm") => Ok(()),
+            Self::Character(_) => wrong("expected .glb, or .vrm where the character is one"),
+            Self::Skeleton(_) if is("bvh") => Ok(()),
+            Self::Skeleton(_) => wrong("expected .bvh, as the skeleton"),
         }
     }
 

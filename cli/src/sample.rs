@@ -4,7 +4,8 @@ use umo_core::config::{Face, FaceKind};
 use umo_core::motion::clip::Clip;
 use umo_core::motion::skeleton::ARKIT_NAMES;
 
-/// Every joint swings by up to `amount` radians about a wandering axis; every face channel comes and goes.
+/// Every joint swings by up to `amount` radians about a wandering axis; every face channel comes
+/// and goes.
 pub(crate) fn clip(kind: FaceKind, frames: usize, amount: u8) -> Clip {
     let names: Vec<String> = match kind {
         FaceKind::Arkit => ARKIT_NAMES.map(str::to_owned).to_vec(),

@@ -10,7 +10,7 @@ use umo_core::weights::Loader;
 
 use crate::args::Stage;
 use crate::failure::Failure;
-use crate::{model, whole};
+use crate::{atomic_file, model};
 
 /// Runs a stage.
 pub(crate) fn run(args: &Stage) -> Result<(), Failure> {
@@ -23,12 +23,12 @@ pub(crate) fn run(args: &Stage) -> Result<(), Failure> {
     let file = model::open(args.model.as_deref())?;
     let sampling = file.config().sampling;
     let sampler = if args.greedy { Sampler::GREEDY } else { Sampler { sampling, seed: args.seed } };
-    let output = whole::create(&args.output)?;
+    let output = atomic_file::create(&args.output)?;
     let loader = Loader::new(&file, args.compute.precision(Precision::F32), model::isa(&args.compute)?);
     let team = model::team(&args.compute)?;
     let tensors = stage::run(stage, &loader, &team, &inputs, Options { target: args.target, sampler })?;
     let bytes = stage::serialize(&tensors)?;
-    whole::commit(output, |out| out.write_all(&bytes))?;
+    atomic_file::commit(output, |out| out.write_all(&bytes))?;
     for tensor in &tensors {
         println!("{} {:?}", tensor.name, tensor.shape);
     }

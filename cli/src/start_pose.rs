@@ -2,15 +2,16 @@
 
 use std::path::Path;
 
+use umo_core::animation::Animation;
 use umo_core::motion::clip::{Clip, MotionEncoder};
 use umo_core::weights::Loader;
-use umo_core::{Compute, Config, Part, PerPart, Precision};
+use umo_core::{Compute, Config, PerPart, Precision};
 
 use crate::failure::Failure;
 use crate::import::npz;
 
-/// Codes of the keyframes that end with the file's last frame, oldest first.
-pub(crate) fn codes(cx: Compute, loader: &Loader, path: &Path) -> Result<PerPart<Vec<u16>>, Failure> {
+/// Makes the keyframes that end with the file's last frame the history.
+pub(crate) fn begin(cx: Compute, loader: &Loader, path: &Path, animation: &mut Animation) -> Result<(), Failure> {
     let config = loader.file().config();
     let wrong = |problem: String| Failure::input(format!("{}: {problem}", path.display()));
     // A choice among codes, like the tokenizer's, is made in full precision.
@@ -18,13 +19,23 @@ pub(crate) fn codes(cx: Compute, loader: &Loader, path: &Path) -> Result<PerPart
     let encoder = MotionEncoder::load(&loader)?
         .ok_or_else(|| Failure::input("this model cannot start from a pose: it has no `vq.*.encoder` tensors"))?;
     let clip = read(path, config).map_err(wrong)?;
-    let codes = encoder.encode_clip(cx, &clip)?;
-    let stride = config.keyframe_stride;
-    Ok(PerPart::from_fn(|part| {
-        let mut keyframes: Vec<u16> = codes[part].iter().rev().step_by(stride).take(config.prefix).copied().collect();
-        keyframes.reverse();
-        keyframes
-    }))
+    // `[T, levels]` of each part.
+    let codes = encoder.encode_clip_list(cx, &clip)?;
+    let levels: Vec<usize> = config.part_list().iter().map(|part| part.levels).collect();
+    let frames = codes[0].len() / levels[0];
+    let mut keyframes: Vec<usize> = (0..frames).rev().step_by(config.keyframe_stride).take(config.prefix).collect();
+    keyframes.reverse();
+    let row = |part: usize, frame: usize| &codes[part][frame * levels[part]..(frame + 1) * levels[part]];
+    if config.is_frames() {
+        let parts = 0..codes.len();
+        let rows = keyframes.iter().flat_map(|&frame| parts.clone().flat_map(move |part| row(part, frame)));
+        animation.avatar_mut().set_keyframes(&rows.copied().collect::<Vec<u16>>())?;
+    } else {
+        let of = |part: usize| keyframes.iter().flat_map(|&frame| row(part, frame)).copied().collect::<Vec<u16>>();
+        let (face, hands, upper, lower) = (of(0), of(1), of(2), of(3));
+        animation.avatar_mut().set_history(PerPart { face: &face, hands: &hands, upper: &upper, lower: &lower })?;
+    }
+    Ok(())
 }
 
 /// The motion in an SMPL-X `.npz` file, with the model's bones and face, at the model's rate.
@@ -32,9 +43,4 @@ fn read(path: &Path, config: &Config) -> Result<Clip, String> {
     let empty = Clip::new(config);
     let wanted = empty.frame_rate;
     Ok(npz::fill(&mut npz::open(path)?, empty)?.at_rate(wanted))
-}
-
-/// The codes of every part as slices.
-pub(crate) fn as_slices(codes: &PerPart<Vec<u16>>) -> PerPart<&[u16]> {
-    PerPart::from_fn(|part: Part| codes[part].as_slice())
 }

@@ -1,11 +1,21 @@
-//! `umo text`: a description to an animation.
+//! `umo text`: a description to an animation, by the model or by the table of gestures.
+
+use umo_core::animation::Animation;
+use umo_core::config::Config;
+use umo_core::lm::layout::Template;
+use umo_core::{GestureOptions, Gestures};
 
 use crate::animate::Job;
 use crate::args::Text;
 use crate::failure::Failure;
+use crate::gestures;
 
 /// Longest animation: an hour.
 const MAX_SECONDS: f64 = 3600.0;
+/// Template of a text alone.
+const TEXT: &str = "text_to_motion";
+/// Seconds of the model's own motion before a gesture begins.
+const BEFORE: f64 = 0.3;
 
 /// Animates a description.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked against MAX_SECONDS")]
@@ -14,8 +24,84 @@ pub(crate) fn run(args: &Text) -> Result<(), Failure> {
         return Err(Failure::input(format!("--seconds {}: expected more than 0, at most {MAX_SECONDS}", args.seconds)));
     }
     let job = Job::new(&args.output)?;
-    let frames = (args.seconds * job.maker.model.config().frame_rate as f64).floor().max(1.0) as usize;
-    let mut animation = job.maker.animation("text_to_motion", Some(&args.text))?;
+    let config = job.maker.model.config();
+    let frames = (args.seconds * config.frame_rate as f64).floor().max(1.0) as usize;
+    let gestures = Gestures::new();
+    let mut animation = match action(config, job.maker.model.text().is_some(), &gestures, &args.text)? {
+        Action::Prompt => job.maker.animation(TEXT, Some(&args.text))?,
+        Action::Gesture(name) => {
+            eprintln!("note: the gesture `{name}`; the model has no prompt for it");
+            let mut animation = quiet(&job, frames)?;
+            // Room for all of it where the animation is short.
+            let least = gestures.stroke(name).unwrap_or_default();
+            let options = GestureOptions::default().at(least + BEFORE.min(0.25 * args.seconds));
+            gestures::play(&mut animation, &gestures, name, &options)?;
+            animation
+        }
+    };
     animation.finish(frames);
     job.finish(&mut animation, frames)
+}
+
+/// Who knows what a text says.
+#[derive(Debug, PartialEq, Eq)]
+enum Action<'a> {
+    /// The model.
+    Prompt,
+    /// The table of gestures, by this name.
+    Gesture(&'a str),
+}
+
+/// What to do for a text: the model's own prompts come first, then the gestures.
+fn action<'a>(config: &Config, has_text: bool, gestures: &'a Gestures, text: &str) -> Result<Action<'a>, Failure> {
+    let takes_text = has_text && Template::new(config, TEXT).is_ok_and(|template| template.has_text());
+    let is_prompt = |known: &String| known.eq_ignore_ascii_case(text.trim());
+    if takes_text && config.prompts.as_ref().is_none_or(|prompts| prompts.iter().any(is_prompt)) {
+        return Ok(Action::Prompt);
+    }
+    if let Some(name) = gestures.in_text(text) {
+        return Ok(Action::Gesture(name));
+    }
+    let prompts = match &config.prompts {
+        Some(prompts) if takes_text => {
+            let named: Vec<&str> = prompts.iter().map(String::as_str).filter(|prompt| !prompt.is_empty()).collect();
+            format!("the model's prompts are {}", named.join(", "))
+        }
+        _ => "the model takes no text".to_owned(),
+    };
+    let gestures = gestures::list(gestures);
+    Err(Failure::Input(format!("`{text}` is no action that is known: {prompts}; the gestures are {gestures}")))
+}
+
+/// The model without speech.
+fn quiet(job: &Job, frames: usize) -> Result<Animation, Failure> {
+    let config = job.maker.model.config();
+    let name = if config.templates.contains_key("audio_to_motion") { "audio_to_motion" } else { TEXT };
+    let mut animation = job.maker.animation(name, None)?;
+    let rate = config.audio.sample_rate;
+    animation.push_audio(&vec![0.0; (frames * rate).div_ceil(config.frame_rate)])?;
+    Ok(animation)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn prompts_come_before_gestures_and_what_nobody_knows_is_refused() {
+        let gestures = Gestures::new();
+        let mut config = crate::random::tiny();
+        let act = |config: &Config, text: &str| action(config, true, &gestures, text);
+        assert_eq!(act(&config, "a backflip"), Ok(Action::Prompt));
+        config.prompts = Some(vec![String::new(), "calm".to_owned(), "waves".to_owned()]);
+        assert_eq!(act(&config, " Calm"), Ok(Action::Prompt));
+        assert_eq!(act(&config, "waves"), Ok(Action::Prompt));
+        assert_eq!(act(&config, "a person waves"), Ok(Action::Gesture("wave")));
+        let Err(Failure::Input(line)) = act(&config, "a backflip") else { panic!("it is refused") };
+        for word in ["backflip", "calm, waves", "thumbs_up"] {
+            assert!(line.contains(word), "{line}");
+        }
+        let Err(Failure::Input(line)) = action(&config, false, &gestures, "calm") else { panic!("it is refused") };
+        assert!(line.contains("takes no text"), "{line}");
+    }
 }

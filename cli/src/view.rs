@@ -1,4 +1,5 @@
-//! `umo view`: one HTML page with the avatar, its speech, and how each frame was made; or the same page served live.
+//! `umo view`: one HTML page with the avatar, its speech, and how each frame was made; or the same
+//! page served live.
 //!
 //! | module | part |
 //! | --- | --- |
@@ -18,8 +19,8 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use crate::args::Page;
+use crate::atomic_file;
 use crate::failure::Failure;
-use crate::whole;
 use scene::Scene;
 
 /// Makes the page and opens it, or serves it.
@@ -29,7 +30,7 @@ pub(crate) fn run(args: &Page) -> Result<(), Failure> {
     }
     let input = args.input.as_deref().ok_or_else(|| Failure::input("expected a recording or an animation to view"))?;
     let path = args.output.clone().unwrap_or_else(|| beside(input));
-    let output = whole::create(&path)?;
+    let output = atomic_file::create(&path)?;
     let scene = if is_animation(input) {
         Scene::of_animation(input, args)?
     } else if args.audio.is_some() {
@@ -38,7 +39,7 @@ pub(crate) fn run(args: &Page) -> Result<(), Failure> {
         Scene::of_speech(input, args)?
     };
     let html = page::html(&scene)?;
-    whole::commit(output, |out| out.write_all(html.as_bytes()))?;
+    atomic_file::commit(output, |out| out.write_all(html.as_bytes()))?;
     println!("{}: {} frames, {:.1} MB", path.display(), scene.clip.len(), html.len() as f64 / 1e6);
     if !args.no_open {
         browser::open(&browser::address(&path));

@@ -1,4 +1,5 @@
-//! The program as a user runs it: files in, files out, exit codes, and what it says on standard error.
+//! The program as a user runs it: files in, files out, exit codes, and what it says on standard
+//! error.
 
 #[path = "cli/program.rs"]
 mod program;

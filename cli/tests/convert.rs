@@ -1,4 +1,5 @@
-//! `umo convert` as a user runs it, on files with the names that Hugging Face, EMAGE and Language of Motion give.
+//! `umo convert` as a user runs it, on files with the names that Hugging Face, EMAGE and Language
+//! of Motion give.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -7,11 +8,11 @@ use std::process::{Command, Output};
 use half::f16;
 use safetensors::Dtype;
 use safetensors::tensor::TensorView;
-use serde_json::Value;
+use serde_json::{Value, json};
 use tempfile::TempDir;
-use umo_core::ModelFile;
 use umo_core::weights::layout::{self, Kind};
 use umo_core::weights::writer::Storage;
+use umo_core::{Config, ModelFile};
 
 const POSITION: &str = "encoder.pos_conv_embed.conv";
 const ROUTER: &str = "lm.encoder.block.1.layer.1.moe.router.weight";
@@ -59,6 +60,45 @@ impl Place {
         Self { folder: TempDir::new().unwrap(), files, config }
     }
 
+    /// The same for a model of layout `frames`: HuBERT before the parts of a random model, of which
+    /// the hands are two of as many channels.
+    fn frames() -> Self {
+        let folder = TempDir::new().unwrap();
+        let path = folder.path().join("random");
+        let args = ["make-random", "--size", "tiny", "--layout", "frames", "-o"];
+        let mut command = Command::new(env!("CARGO_BIN_EXE_umo"));
+        assert!(command.args(args).arg(&path).output().unwrap().status.success());
+        let mut config = serde_json::to_value(ModelFile::open(&path).unwrap().config()).unwrap();
+        config.as_object_mut().unwrap().remove("notice");
+        config["audio"] = serde_json::to_value(&golden().config().audio).unwrap();
+        config["audio"]["ahead"] = 1.into();
+        let first = config["vocab"]["audio"]["first"].as_u64().unwrap();
+        let (units, end) = (config["audio"]["units"].clone(), first + config["audio"]["units"].as_u64().unwrap());
+        config["vocab"]["audio"] =
+            json!({ "first": first, "codes": units, "start": end, "end": end + 1, "mask": end + 2 });
+        config["vocab"]["size"] = (end + 3).into();
+        let parts = config["parts"].as_array_mut().unwrap();
+        let hands = parts.iter().position(|part| part["name"] == "hands").unwrap();
+        let hands = parts.remove(hands);
+        for side in ["left", "right"] {
+            let mut hand = hands.clone();
+            hand["name"] = format!("hand_{side}").into();
+            hand["channels"].as_array_mut().unwrap().retain(|name| name.as_str().unwrap().starts_with(side));
+            parts.push(hand);
+        }
+        let mut files: BTreeMap<String, Tensors> = BTreeMap::new();
+        let parsed = Config::parse(&config.to_string()).unwrap();
+        for (i, spec) in layout::specs(&parsed, false).into_iter().enumerate() {
+            if let Some((file, name)) = published(&spec.name) {
+                let values = (0..spec.len()).map(|at| ((at * 37 + i * 101) % 251) as f32 / 256.0 - 0.5).collect();
+                files.entry(file).or_default().insert(name, (spec.shape.clone(), values));
+            }
+        }
+        unfold(files.get_mut("hubert").unwrap());
+        files.get_mut("t5").unwrap().insert("lm_head.weight".to_owned(), (vec![3, 4], vec![0.0; 12]));
+        Self { folder: TempDir::new().unwrap(), files, config }
+    }
+
     fn path(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }
@@ -80,7 +120,8 @@ impl Place {
         std::fs::write(self.path("config.json"), self.config.to_string()).unwrap();
         let mut args = vec!["convert".to_owned(), "--config".to_owned(), "config.json".to_owned()];
         for name in self.files.keys() {
-            let option = if matches!(&**name, "hubert" | "centroids" | "t5" | "interp") { name } else { "vq" };
+            let option =
+                if matches!(&**name, "hubert" | "centroids" | "t5" | "interp" | "depth") { name } else { "vq" };
             args.extend([format!("--{option}"), format!("{name}.safetensors")]);
         }
         args.extend(["-o", "model"].iter().chain(more).map(|&arg| arg.to_owned()));
@@ -106,7 +147,8 @@ impl Place {
     }
 }
 
-/// The file and name under which a tensor is published; experts but the first, and routers, are not.
+/// The file and name under which a tensor is published; experts but the first, and routers, are
+/// not.
 fn published(name: &str) -> Option<(String, String)> {
     let (stage, rest) = name.split_once('.').unwrap();
     Some(match stage {
@@ -118,6 +160,7 @@ fn published(name: &str) -> Option<(String, String)> {
             let (block, part) = rest.split_once(".moe.experts.0.")?;
             ("t5".to_owned(), format!("{block}.DenseReluDense.{part}"))
         }
+        "lm" if rest.starts_with("frames.") => ("depth".to_owned(), name.to_owned()),
         "lm" => ("t5".to_owned(), rest.to_owned()),
         "vq" => {
             let (part, rest) = rest.split_once('.').unwrap();
@@ -348,7 +391,42 @@ fn a_config_that_cannot_be_converted_to_is_refused() {
 }
 
 #[test]
-fn the_text_vocabulary_comes_along() {
+fn a_model_of_layout_frames_is_converted() {
+    let mut place = Place::frames();
+    place.refused(&[], "a codec of 90 channels may be of hand_left or hand_right: put the part's name before");
+    place.rename("hand_left", |name| format!("hand_left.{name}"));
+    place.rename("hand_right", |name| format!("vq.hand_right.{name}"));
+    let file = place.convert(&["--dtype", "f32"]);
+    assert!(file.config().is_frames() && file.config().codes_per_keyframe() == 16);
+    let mut checked = 0;
+    for spec in layout::specs(file.config(), false) {
+        let folded = spec.name.contains("pos_conv_embed.conv.weight");
+        if spec.kind == Kind::Router || spec.name.contains(".experts.") || folded {
+            continue;
+        }
+        let (source, name) = published(&spec.name).unwrap();
+        let tensors = &place.files[&source];
+        let named = [name.clone(), format!("{source}.{name}"), format!("vq.{source}.{name}")];
+        let wanted = named.iter().find_map(|name| tensors.get(name)).unwrap();
+        assert_eq!(values(&file, &spec.name, &spec.shape), wanted.1, "{}", spec.name);
+        checked += 1;
+    }
+    assert!(checked > 100, "{checked}");
+    // It is a model that moves.
+    let wav = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/hello.wav");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_umo"));
+    command.arg("animate").arg(wav).args(["--model", "model", "-o", "out.npz"]);
+    assert!(command.current_dir(place.folder.path()).output().unwrap().status.success());
+    std::fs::remove_file(place.path("model")).unwrap();
+    place.files.remove("depth").unwrap();
+    let said = place.run(&[], 2);
+    assert!(said.contains("tensor `depth.input.weight`: missing from the sources"), "{said}");
+    place.files.insert("depth".to_owned(), BTreeMap::from([("weight".to_owned(), (vec![1], vec![0.0]))]));
+    place.refused(&[], "depth.safetensors: no depth network in it");
+}
+
+#[test]
+fn text_vocabulary_is_converted() {
     let place = Place::new();
     std::fs::write(place.path("spiece.model"), b"pieces").unwrap();
     let file = place.convert(&["--tokenizer", "spiece.model"]);

@@ -69,14 +69,14 @@ fn int8_takes_products_to_half_a_step_and_nothing_else() {
     let place = Place::new();
     let (before, after) = (place.open("model"), place.quantize("small", &["--weights", "int8"]));
     assert!(after.len() < before.len());
-    let mut quantised = 0;
+    let mut quantized = 0;
     for spec in layout::specs(before.config(), true) {
         let (was, is) = (values(&before, &spec.name, &spec.shape), values(&after, &spec.name, &spec.shape));
         if after.storage(&spec.name).unwrap() != Storage::Int8 {
             assert_eq!(was, is, "{}", spec.name);
             continue;
         }
-        quantised += 1;
+        quantized += 1;
         assert_eq!(spec.kind, Kind::Product, "{}", spec.name);
         if EVENED.iter().any(|end| spec.name.starts_with("lm.") && spec.name.ends_with(end)) {
             continue;
@@ -88,7 +88,7 @@ fn int8_takes_products_to_half_a_step_and_nothing_else() {
             }
         }
     }
-    assert!(quantised > 20, "only {quantised} tensors");
+    assert!(quantized > 20, "only {quantized} tensors");
     for kept in ["lm.lm_head.weight", "lm.shared.weight", "lm.encoder.block.0.layer.1.moe.router.weight"] {
         assert_eq!(after.storage(kept).unwrap(), Storage::F32, "{kept}");
     }
@@ -142,8 +142,8 @@ fn the_last_set_counts_then_keep_then_the_default() {
     assert_eq!(head.storage("lm.lm_head.weight").unwrap(), Storage::Int8);
 }
 
-/// What passes from values to the attention's output, and from one half of a feed-forward to its end, is evened out by
-/// powers of two that are taken back at once.
+/// What passes from values to the attention's output, and from one half of a feed-forward to its
+/// end, is evened out by powers of two that are taken back at once.
 #[test]
 fn channels_are_evened_out_without_a_change_of_the_function() {
     let place = Place::new();
@@ -196,7 +196,8 @@ fn a_model_is_run_as_it_is_stored() {
     // Not `assert_eq!`, which would print both animations.
     assert!(stored == moves("i8", &["--precision", "int8"]));
     assert!(stored != moves("i8", &["--precision", "f32"]));
-    // Back-ends with tiles cut the inputs of bf16 products in two; others widen the weights, as f32 does.
+    // Back-ends with tiles cut the inputs of bf16 products in two; others widen the weights, as f32
+    // does.
     let plain = ["--isa", "scalar"];
     assert!(moves("b16", &plain) == moves("b16", &["--isa", "scalar", "--precision", "f32"]));
     assert!(moves("b16", &[]) == moves("b16", &["--precision", "bf16"]));
@@ -218,7 +219,7 @@ fn uneven_types_are_computed() {
 }
 
 #[test]
-fn what_is_int8_already_is_refused() {
+fn quantized_models_are_refused() {
     let place = Place::new();
     place.quantize("small", &["--weights", "int8"]);
     let before = place.files();
@@ -228,7 +229,7 @@ fn what_is_int8_already_is_refused() {
 }
 
 #[test]
-fn a_slip_in_a_glob_is_told() {
+fn bad_globs_are_refused() {
     let place = Place::new();
     for (args, wanted) in [
         (["--keep", "lm.nothing.*"], "`lm.nothing.*` matches no tensor"),
@@ -246,7 +247,8 @@ fn a_slip_in_a_glob_is_told() {
 #[test]
 fn a_weight_that_is_no_number_is_named_and_nothing_is_written() {
     let place = Place::new();
-    // Tensors are written in the order of their names, so the last bytes are the last value of the last name.
+    // Tensors are written in the order of their names, so the last bytes are the last value of the
+    // last name.
     place.quantize("sorted", &["--weights", "bf16"]);
     let mut bytes = std::fs::read(place.path("sorted")).unwrap();
     let end = bytes.len() - 4;

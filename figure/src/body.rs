@@ -10,7 +10,8 @@ use super::vector::{V, add, mix, scale, sub};
 pub(super) const FINGERS: [&str; 5] = ["thumb", "index", "middle", "ring", "pinky"];
 const SIDES: [&str; 2] = ["left", "right"];
 
-/// Heights of a body of size 1 over its pelvis joint: hips, pelvis, spine1, spine2, spine3, collars, neck.
+/// Heights of a body of size 1 over its pelvis joint: hips, pelvis, spine1, spine2, spine3,
+/// collars, neck.
 const HEIGHTS: [f32; 7] = [-0.085, 0.0, 0.11, 0.24, 0.30, 0.41, 0.50];
 
 /// A curve over those heights, moved to where this skeleton has them.
@@ -31,7 +32,8 @@ fn trunk_curve(rest: &Rest, points: &[(f32, f32)]) -> Vec<(f32, f32)> {
         at[next - 1] + share * (at[next] - at[next - 1])
     };
     let mut moved: Vec<(f32, f32)> = points.iter().map(|&(y, value)| (height(y), value * rest.size)).collect();
-    // A skeleton may have joints at one height or the other way round; a curve needs its heights in order.
+    // A skeleton may have joints at one height or the other way round; a curve needs its heights in
+    // order.
     for k in 1..moved.len() {
         moved[k].0 = moved[k].0.max(moved[k - 1].0 + 1e-3);
     }

@@ -10,7 +10,8 @@ pub(super) enum Shape {
     Ellipsoid { centre: V, radii: V },
     /// Level sections: height, half width, half depth and place forward, as curves over the height.
     Stack { x: f32, width: Vec<(f32, f32)>, depth: Vec<(f32, f32)>, forward: Vec<(f32, f32)> },
-    /// Lies round an upright line: half axes along X and Z, rise for a metre forward, and its own radius.
+    /// Lies round an upright line: half axes along X and Z, rise for a metre forward, and its own
+    /// radius.
     Ring { centre: V, radii: [f32; 2], slope: f32, thick: f32 },
     /// All that is on the side of the plane that `normal` points away from.
     Below { point: V, normal: V },

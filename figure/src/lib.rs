@@ -1,5 +1,5 @@
-//! The figure that speaks: a clothed mannequin made by code on a skeleton's own bones, smooth-skinned, with the 52 ARKit
-//! shapes, and pictures of it without a graphics card.
+//! The figure that speaks: a clothed mannequin made by code on a skeleton's own bones,
+//! smooth-skinned, with the 52 ARKit shapes, and pictures of it without a graphics card.
 //!
 //! [`mannequin`] makes the mesh, [`Mesh::posed`] puts it in a pose, [`picture::Picture`] draws it.
 //!
@@ -8,6 +8,7 @@
 //! | `body` | sweater, trousers, shoes and hands: solids of `field`, meshed by `nets` |
 //! | `head` | face, eyes, mouth, hair, and the shapes |
 //! | `skin` | which joints each vertex follows |
+//! | [`palette`] | the colours as a texture |
 //! | `posed` | the mesh in a pose, on the processor |
 //! | [`picture`] | a depth buffer, light, PNG files |
 //! | `rest`, `vector` | the skeleton's measures; points |
@@ -21,6 +22,7 @@ mod body;
 mod field;
 mod head;
 mod nets;
+pub mod palette;
 pub mod picture;
 mod posed;
 mod rest;
@@ -59,7 +61,8 @@ impl fmt::Display for FigureError {
 
 impl std::error::Error for FigureError {}
 
-/// A skinned mesh with morph targets, in the rest pose, metres, Y up, facing +Z (as the model's skeleton has it).
+/// A skinned mesh with morph targets, in the rest pose, metres, Y up, facing +Z (as the model's
+/// skeleton has it).
 #[derive(Clone, Debug, Default)]
 pub struct Mesh {
     /// `[vertices]`, as the next four.
@@ -74,9 +77,11 @@ pub struct Mesh {
     pub weights: Vec<[f32; 4]>,
     /// Triangles, counter-clockwise from outside.
     pub indices: Vec<u32>,
-    /// How much each vertex follows the jaw where its joint opens the mouth and not a shape, 0..=1. `[vertices]`
+    /// How much each vertex follows the jaw where its joint opens the mouth and not a shape, 0..=1.
+    /// `[vertices]`
     pub jaw: Vec<f32>,
-    /// The first vertex of the head: shapes move none before it, and no triangle has corners on both sides.
+    /// The first vertex of the head: shapes move none before it, and no triangle has corners on
+    /// both sides.
     pub head: usize,
     /// One for each of the 52 ARKit channels, in the channels' order.
     pub morphs: Vec<Morph>,
@@ -134,7 +139,8 @@ impl Mesh {
         self.indices.extend(part.indices.iter().map(|i| i + first));
     }
 
-    /// The same mesh for animations that open the mouth by the jaw joint: chin, lower lip and teeth, and tongue follow it.
+    /// The same mesh for animations that open the mouth by the jaw joint: chin, lower lip and
+    /// teeth, and tongue follow it.
     pub fn on_the_jaw(mut self) -> Self {
         let jaw = skin::number("jaw");
         for (vertex, &share) in self.jaw.iter().enumerate() {

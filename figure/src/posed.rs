@@ -33,7 +33,8 @@ impl Mesh {
         posed
     }
 
-    /// In a pose: joints turned by `rotations`, the root moved by `translation`, shapes at `weights`.
+    /// In a pose: joints turned by `rotations`, the root moved by `translation`, shapes at
+    /// `weights`.
     pub fn posed(&self, skeleton: &Skeleton, rotations: &[Quat; JOINTS], translation: V, weights: &[f32]) -> Posed {
         let mut posed = self.shaped(weights);
         let (mut rest, mut places, mut turned) = ([[0.0; 3]; JOINTS], [translation; JOINTS], [IDENTITY; JOINTS]);

@@ -19,7 +19,7 @@ pub(super) struct Skin {
 }
 
 /// Weights below this are left out.
-const LEAST: f32 = 0.02;
+const MIN_WEIGHT: f32 = 0.02;
 
 /// Up to four joints, 0 where the weight is 0; the weights' sum is 1.
 pub(super) type Weights = ([u8; 4], [f32; 4]);
@@ -62,7 +62,7 @@ impl Skin {
 pub(super) fn normalized(mut all: Vec<(f32, u8)>) -> Weights {
     all.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
     let sum: f32 = all.iter().take(4).map(|one| one.0).sum();
-    all.retain(|one| one.0 >= LEAST * sum);
+    all.retain(|one| one.0 >= MIN_WEIGHT * sum);
     all.truncate(4);
     let sum: f32 = all.iter().map(|one| one.0).sum();
     let (mut joints, mut weights) = ([0; 4], [0.0; 4]);
@@ -136,12 +136,13 @@ pub(super) fn foot(rest: &Rest, side: &str) -> Skin {
         .bone(&format!("{side}_foot"), foot, toes, 0.035 * size)
 }
 
-/// The bones of one hand.
+/// The bones of one hand, and the forearm's for what of it is within the sleeve.
 pub(super) fn hand(rest: &Rest, side: &str, fingers: &[&str; 5]) -> Skin {
     let at = |name: &str| rest.side(side, name);
     let (wrist, wide) = (at("wrist"), rest.between(&format!("{side}_wrist"), &format!("{side}_middle1")) / 0.095);
     let mut skin = Skin::new(0.0055 * wide);
     let wrist_name = format!("{side}_wrist");
+    skin = skin.bone(&format!("{side}_elbow"), at("elbow"), wrist, 0.0099 * wide);
     for finger in fingers {
         let [a, b, c] = [1, 2, 3].map(|bone| at(&format!("{finger}{bone}")));
         let radius = 0.009 * wide;

@@ -174,6 +174,43 @@ fn brows_cheeks_and_nose_go_where_their_names_say() {
     assert!(lips * 4 < moved.len(), "a frown leaves the mouth alone");
 }
 
+/// The hand begins within the sleeve; a wrist may bend as far as people's without its showing.
+#[test]
+fn the_skin_under_the_sleeve_goes_with_the_forearm() {
+    let skeleton = sample::skeleton();
+    let (mesh, rest) = (&FIGURES[0], rest::Rest::new(&skeleton).unwrap());
+    let (wrist, elbow) = (rest.side("left", "wrist"), rest.side("left", "elbow"));
+    let along = vector::unit(sub(wrist, elbow));
+    // Further up the arm than the cuff, which ends a twentieth of the forearm before the wrist and is
+    // 7 mm wider than the skin.
+    let cuff = -0.06 * rest.between("left_wrist", "left_elbow");
+    let joint = usize::from(skin::number("left_wrist"));
+    let is_hidden = |p: V| {
+        let from = sub(p, wrist);
+        (-0.05..cuff).contains(&vector::dot(from, along)) && vector::length(from) < 0.06
+    };
+    let is_skin = |vertex: usize| mesh.colors[vertex][..3] == SKIN;
+    let hidden: Vec<usize> =
+        (0..mesh.head).filter(|&vertex| is_skin(vertex) && is_hidden(mesh.positions[vertex])).collect();
+    assert!(hidden.len() > 20, "{}", hidden.len());
+    for axis in 0..3 {
+        for angle in [-1.0_f32, 1.0] {
+            let mut rotations = [umo_core::motion::rotation::IDENTITY; umo_core::motion::skeleton::JOINTS];
+            rotations[joint][axis] = (0.5 * angle).sin();
+            rotations[joint][3] = (0.5 * angle).cos();
+            let posed = mesh.posed(&skeleton, &rotations, [0.0; 3], &[]);
+            for &vertex in &hidden {
+                let thickness = |p: V| {
+                    let from = sub(p, wrist);
+                    vector::length(sub(from, vector::scale(along, vector::dot(from, along))))
+                };
+                let out = thickness(posed.positions[vertex]) - thickness(mesh.positions[vertex]);
+                assert!(out < 5e-3, "vertex {vertex} comes out by {out} m when the wrist turns about axis {axis}");
+            }
+        }
+    }
+}
+
 #[test]
 fn the_jaw_joint_moves_chin_and_lower_lip_only() {
     let mesh = FIGURES[0].clone();

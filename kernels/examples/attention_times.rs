@@ -1,9 +1,12 @@
-//! Times `attention_f32` for whoever asks on standard input, so that a peer can be timed in between.
+//! Times `attention_f32` for whoever asks on standard input, so that a peer can be timed in
+//! between.
 //!
-//! Each line `isa queries keys heads head_dim threads repetitions` is answered by the fastest and the median time of one
-//! call for all heads with a bias, in microseconds; heads are dealt to the threads evenly. As in a model the heads of a whole sequence
-//! (as many queries as keys) are column ranges of `[rows, heads * head_dim]`, while a decoder's few rows find keys and values head by head,
-//! `[heads, rows, head_dim]`. `bf16` behind the numbers: a whole sequence with every factor rounded to bfloat16.
+//! Each line `isa queries keys heads head_dim threads repetitions` is answered by the fastest and
+//! the median time of one call for all heads with a bias, in microseconds; heads are dealt to the
+//! threads evenly. As in a model the heads of a whole sequence (as many queries as keys) are column
+//! ranges of `[rows, heads * head_dim]`, while a decoder's few rows find keys and values head by
+//! head, `[heads, rows, head_dim]`. `bf16` behind the numbers: a whole sequence with every factor
+//! rounded to bfloat16.
 
 use std::hint::spin_loop;
 use std::io::BufRead;

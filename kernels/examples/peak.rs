@@ -1,10 +1,11 @@
-//! Times every product against what the processor can do, parity asserted first; beside Intel MKL where `UMO_MKL`
-//! names its `libmkl_rt.so`. Usage: `peak [seconds per figure] [filter]`.
+//! Times every product against what the processor can do, parity asserted first; beside Intel MKL
+//! where `UMO_MKL` names its `libmkl_rt.so`. Usage: `peak [seconds per figure] [filter]`.
 //!
-//! Each line is one operation, back-end and shape: median and best microseconds, GMAC/s, GB/s of weights read, and the
-//! share of the floor, the greater of arithmetic from registers and reading the same bytes from the same place.
-//! `hot` uses one weight matrix over and over; `cold` goes round 32 MiB of them, far beyond L2. At one row the gated product
-//! goes round the same ones in between, and what it has read may be near: `benches/peers/products` times one row by itself.
+//! Each line is one operation, back-end and shape: median and best microseconds, GMAC/s, GB/s of
+//! weights read, and the share of the floor, the greater of arithmetic from registers and reading
+//! the same bytes from the same place. `hot` uses one weight matrix over and over; `cold` goes
+//! round 32 MiB of them, far beyond L2. At one row the gated product goes round the same ones in
+//! between, and what it has read may be near: `benches/peers/products` times one row by itself.
 
 #![expect(clippy::cast_possible_truncation, reason = "sizes are small, and random bytes are cut from wider numbers")]
 #![expect(clippy::missing_transmute_annotations, reason = "the fields that the symbols go to carry the signatures")]
@@ -174,7 +175,8 @@ struct Floors {
     cold: f64,
 }
 
-/// The peaks of AVX-512 where the processor has it, so that shares can be compared between back-ends.
+/// The peaks of AVX-512 where the processor has it, so that shares can be compared between
+/// back-ends.
 fn floors(memory: &mut Huge<u8>) -> Floors {
     let best = |f: &mut dyn FnMut() -> usize| {
         (0..50)
@@ -250,7 +252,8 @@ fn timed() -> impl Iterator<Item = Isa> {
     Isa::available().skip(1).filter(move |isa| one.as_deref().is_none_or(|one| one == isa.name()))
 }
 
-/// The copy of the weights at which a contestant starts: what another has just read is no longer near when it comes to it.
+/// The copy of the weights at which a contestant starts: what another has just read is no longer
+/// near when it comes to it.
 fn start(contestant: usize, copies: usize) -> usize {
     contestant * copies / 8 % copies
 }

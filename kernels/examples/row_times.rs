@@ -1,4 +1,5 @@
-//! Times the operations over rows at the base model's shapes on every back-end: microseconds, the fastest of many.
+//! Times the operations over rows at the base model's shapes on every back-end: microseconds, the
+//! fastest of many.
 
 use std::hint::black_box;
 use std::time::Instant;

@@ -1,5 +1,6 @@
-//! What a step of the int8 tile loop takes, four products of 16 x 16 outputs with 64 inputs: alone, with its four tiles loaded
-//! from L1 or L2, and beside so many 512-bit register operations. Nanoseconds, best of many; `docs/kernels.md` quotes them.
+//! What a step of the int8 tile loop takes, four products of 16 x 16 outputs with 64 inputs: alone,
+//! with its four tiles loaded from L1 or L2, and beside so many 512-bit register operations.
+//! Nanoseconds, best of many; `benches/notes/2026-11-22-tiles.md` quotes them.
 
 #[cfg(not(all(target_arch = "x86_64", target_os = "linux")))]
 fn main() {
@@ -37,7 +38,8 @@ mod tiles {
 
     macro_rules! step {
         ($rows:expr, $panels:expr, $x:literal, $registers:expr) => {{
-            // SAFETY: the tiles are configured, and 4096 bytes at both places are readable; every register used is named.
+            // SAFETY: the tiles are configured, and 4096 bytes at both places are readable; every
+            // register used is named.
             unsafe {
                 asm!(
                     concat!($x, " tmm4, [{rows} + {line}]"),
@@ -51,8 +53,8 @@ mod tiles {
                     rows = in(reg) $rows, panels = in(reg) $panels, line = in(reg) 64_usize, options(nostack, readonly),
                 );
             }
-            // Zeros, which take no port: what the compiler left there may be too small to be multiplied without help of microcode.
-            // SAFETY: registers alone, all of them named.
+            // Zeros, which take no port: what the compiler left there may be too small to be
+            // multiplied without help of microcode. SAFETY: registers alone, all of them named.
             unsafe {
                 asm!(
                     "vpxord zmm0, zmm0, zmm0", "vpxord zmm1, zmm1, zmm1", "vpxord zmm2, zmm2, zmm2",

@@ -17,8 +17,23 @@ use crate::error::ShapeError;
 use crate::isa::{Isa, dispatch};
 use crate::mat::{Mat, MatMut};
 use crate::prefetch::PrefetchHint;
+use crate::tiling::Tiling;
 use operands::Operands;
 pub use operands::{RelativeBias, Visible};
+
+/// The [`Tiling`]s of a back-end: of attention, and of the encoder's in f32 and in bf16.
+#[doc(hidden)]
+pub fn tilings(isa: Isa) -> [Tiling; 3] {
+    let encoder_f32 = dispatch!(isa, tiling(), {
+        Scalar: scalar,
+        Avx2: avx2,
+        AvxVnni: avx2,
+        Avx512Vnni: avx512vnni,
+        Avx512Bf16: avx512vnni,
+        Amx: amx,
+    });
+    [dispatch!(isa, tiling()), encoder_f32, encoder_bf16::tiling(isa)]
+}
 
 /// Attention of one head: `y[i] = sum_j softmax_j(scale * q[i] . k[j] + bias) * v[j]`.
 ///

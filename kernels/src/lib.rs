@@ -49,6 +49,8 @@ pub mod pack;
 pub mod peak;
 mod prefetch;
 pub mod quantize;
+#[doc(hidden)]
+pub mod tiling;
 pub mod tuning;
 
 pub use bf16::Bf16;

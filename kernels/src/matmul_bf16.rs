@@ -17,6 +17,20 @@ use crate::gemm::{Epilogue, Input, check_product};
 use crate::isa::{Isa, dispatch};
 use crate::mat::{Mat, MatMut};
 use crate::pack::PackedBf16;
+use crate::tiling::Tiling;
+
+/// The [`Tiling`] of a back-end's product.
+#[doc(hidden)]
+pub fn tiling(isa: Isa) -> Tiling {
+    dispatch!(isa, tiling(), {
+        Scalar: scalar,
+        Avx2: avx2,
+        AvxVnni: avx2,
+        Avx512Vnni: avx512vnni,
+        Avx512Bf16: avx512vnni,
+        Amx: amx,
+    })
+}
 
 /// Matrix product with bf16 weights, `y[t, o] = sum_i x[t, i] * w[o, i]` in f32, then the epilogue.
 ///

@@ -11,6 +11,13 @@ use crate::gemm::{Epilogue, Input, check_product};
 use crate::isa::{Isa, dispatch};
 use crate::mat::MatMut;
 use crate::pack::PackedF32;
+use crate::tiling::Tiling;
+
+/// The [`Tiling`] of a back-end's product.
+#[doc(hidden)]
+pub fn tiling(isa: Isa) -> Tiling {
+    dispatch!(isa, tiling())
+}
 
 /// Matrix product `y[t, o] = sum_i x[t, i] * w[o, i]`, then the epilogue.
 ///

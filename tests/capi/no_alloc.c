@@ -12,31 +12,40 @@ extern void *__libc_realloc(void *memory, size_t size);
 extern void *__libc_memalign(size_t alignment, size_t size);
 extern void __libc_free(void *memory);
 
-static atomic_size_t calls;
+/* Calls, and pieces that were not freed. */
+static atomic_size_t calls, held;
 
 void *malloc(size_t size) {
     atomic_fetch_add(&calls, 1);
+    atomic_fetch_add(&held, 1);
     return __libc_malloc(size);
 }
 void *calloc(size_t count, size_t size) {
     atomic_fetch_add(&calls, 1);
+    atomic_fetch_add(&held, 1);
     return __libc_calloc(count, size);
 }
 void *realloc(void *memory, size_t size) {
     atomic_fetch_add(&calls, 1);
+    if (!memory) atomic_fetch_add(&held, 1);
     return __libc_realloc(memory, size);
 }
 void *aligned_alloc(size_t alignment, size_t size) {
     atomic_fetch_add(&calls, 1);
+    atomic_fetch_add(&held, 1);
     return __libc_memalign(alignment, size);
 }
 int posix_memalign(void **memory, size_t alignment, size_t size) {
     atomic_fetch_add(&calls, 1);
+    atomic_fetch_add(&held, 1);
     *memory = __libc_memalign(alignment, size);
     return *memory ? 0 : 12;
 }
 void free(void *memory) {
-    if (memory) atomic_fetch_add(&calls, 1);
+    if (memory) {
+        atomic_fetch_add(&calls, 1);
+        atomic_fetch_sub(&held, 1);
+    }
     __libc_free(memory);
 }
 
@@ -67,6 +76,52 @@ static void *audio(void *argument) {
     return NULL;
 }
 
+/* A host's allocator: one block at a time, aligned to a cache line. */
+static _Alignas(64) char room[8 << 20];
+static int taken_room;
+
+static void *take_room(void *userdata, size_t size, size_t alignment) {
+    (void)userdata;
+    CHECK(size <= sizeof room && 64 % alignment == 0 && !taken_room);
+    taken_room = 1;
+    return room;
+}
+
+static void give_room(void *userdata, void *memory, size_t size, size_t alignment) {
+    (void)userdata, (void)size, (void)alignment;
+    CHECK(memory == room && taken_room);
+    taken_room = 0;
+}
+
+/* Sessions take all that they have from the host. The system gives a rate's filter, once, and for the time of a call two
+ * small pieces that the configuration is read into. */
+static void sessions_allocate_nothing(umo_engine *engine) {
+    static const uint32_t rates[] = {16000, 48000, 44100};
+    umo_allocator allocator = {NULL, take_room, give_room};
+    for (uint32_t voice = UMO_VOICE_DELAYED; voice <= UMO_VOICE_LIVE; voice++) {
+        for (int i = 0; i < 3; i++) {
+            umo_session_config config;
+            umo_session *session = NULL;
+            size_t size = 0;
+            OK(umo_session_config_init(&config, sizeof config, model));
+            config.sample_rate = rates[i];
+            config.voice = voice;
+            config.allocator = &allocator;
+            umo_status known = umo_session_memory(engine, &config, &size, NULL);
+            CHECK(known == UMO_STATUS_OK || voice == UMO_VOICE_LIVE); /* not every model has a live mouth */
+            if (known != UMO_STATUS_OK) return;
+            size_t before = atomic_load(&calls), had = atomic_load(&held);
+            OK(umo_session_memory(engine, &config, &size, NULL));
+            CHECK(atomic_load(&held) == had && atomic_load(&calls) - before <= 4);
+            OK(umo_session_new(engine, &config, &session));
+            CHECK(taken_room && atomic_load(&held) == had && atomic_load(&calls) - before <= 8);
+            before = atomic_load(&calls);
+            OK(umo_session_free(session));
+            CHECK(!taken_room && atomic_load(&calls) == before);
+        }
+    }
+}
+
 static size_t pull(const umo_frame_layout *layout) {
     size_t count = 0;
     OK(umo_session_pull_frames(avatar, layout, frames, sizeof frames, &count));
@@ -87,6 +142,7 @@ int main(int argc, char **argv) {
     model = load_model(argv[1]);
     CHECK(atomic_load(&calls) > before + 100); /* the library's calls too */
     OK(umo_engine_new(model, NULL, &engine));
+    sessions_allocate_nothing(engine);
     OK(umo_session_new(engine, NULL, &avatar));
     OK(umo_frame_layout_init(&layout, sizeof layout, model));
     uint32_t ids[128];
@@ -110,6 +166,15 @@ int main(int argc, char **argv) {
         OK(umo_session_get_parameter(avatar, UMO_PARAMETER_TEMPERATURE, &value));
         OK(umo_session_set_prompt_ids(avatar, ids, id_count));
         OK(umo_session_set_seed(avatar, shown));
+        const float place[3] = {(float)(shown % 3), 1.5f, 2};
+        OK(umo_session_look_at(avatar, UMO_AXES_GLTF, place, 1));
+        FAILS(INVALID_ARGUMENT, umo_session_look_at(avatar, UMO_AXES_GLTF, place, 2));
+        OK(umo_session_set_mood(avatar, (uint32_t)shown % 7, 0.5f));
+        OK(umo_session_set_parameter(avatar, UMO_PARAMETER_ATTENTION, (double)(shown % 5)));
+        OK(umo_session_push_other_audio(avatar, speech, 533));
+        umo_status played = umo_session_play_gesture(avatar, "wave", NULL);
+        CHECK(played == UMO_STATUS_OK || played == UMO_STATUS_BUSY); /* eight wait */
+        FAILS(INVALID_ARGUMENT, umo_session_play_gesture(avatar, "no such gesture", NULL));
         OK(umo_session_latency(avatar, &latency));
         OK(umo_session_stats(avatar, &stats));
         FAILS(INVALID_ARGUMENT, umo_session_set_parameter(avatar, 1000, 0));

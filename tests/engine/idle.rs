@@ -2,11 +2,99 @@
 
 use super::*;
 
+/// With layers an avatar is never still: before its first frame, while nobody speaks, and on the way
+/// between. Nothing jumps.
 #[test]
-fn while_no_audio_comes_an_avatar_does_what_idle_says() {
+fn layers_go_on_while_no_audio_comes() {
+    for idle in [Idle::Hold, Idle::Rest] {
+        let (engine, nanos) = timed(3);
+        let session = engine.session(&SessionConfig { idle, ..config(engine.model(), 2, 0, 4) }).unwrap();
+        let (mut poses, mut time) = (Vec::new(), 0.0);
+        let mut sample = |poses: &mut Vec<Vec<u32>>, count: usize| {
+            for _ in 0..count {
+                nanos.fetch_add(16_666_667, Ordering::Relaxed);
+                time += 1.0 / 60.0;
+                let mut pose = Vec::new();
+                session.sample_pose(time, |frame| pose = bits(frame.pose, frame.face)).unwrap();
+                poses.push(pose);
+            }
+        };
+        sample(&mut poses, 90);
+        session.push_audio(&audio(12_800, 1, 2)).unwrap();
+        settle(&engine);
+        sample(&mut poses, 300);
+        let value = |pose: &[u32], at: usize| f32::from_bits(pose[at]);
+        let (still, speech) = ([&poses[..90], &poses[200..]].concat(), &poses[90..200]);
+        let moves = still.windows(2).filter(|pair| pair[0] != pair[1]).count();
+        assert!(moves > 350 - 90, "{moves} of {} poses move", still.len());
+        let step = |pair: &[Vec<u32>]| {
+            (0..4 * 55).map(|at| (value(&pair[0], at) - value(&pair[1], at)).abs()).fold(0.0, f32::max)
+        };
+        let largest = still[..90].windows(2).chain(still[91..].windows(2)).map(step).fold(0.0, f32::max);
+        assert!(largest < 0.1, "{idle:?}: a jump of {largest}");
+        assert!(speech.windows(2).any(|pair| pair[0] != pair[1]));
+    }
+}
+
+/// Poses of a session that goes by the host's time, which is `from` at its start and goes on by
+/// `step` seconds a picture, with a pause of two seconds after the speech.
+fn by_host_time(from: f64, step: f64, wait: impl Fn()) -> Vec<Vec<u32>> {
+    let (engine, nanos) = timed(3);
+    let session = engine.session(&SessionConfig { idle: Idle::Rest, ..config(engine.model(), 2, 0, 4) }).unwrap();
+    let mut poses = Vec::new();
+    for picture in 0..120 {
+        // The engine's clock does what it likes.
+        nanos.fetch_add(picture * picture * 1_000_000, Ordering::Relaxed);
+        wait();
+        let time = f64::from(u32::try_from(picture).unwrap()) * step;
+        session.set_clock(from + time).unwrap();
+        if picture == 30 {
+            session.push_audio(&audio(6_400, 1, 2)).unwrap();
+            settle(&engine);
+        }
+        session.sample_pose(time, |frame| poses.push(bits(frame.pose, frame.face))).unwrap();
+    }
+    poses
+}
+
+#[test]
+fn a_host_that_gives_its_time_gets_the_same_poses_however_long_its_pictures_take() {
+    let poses = by_host_time(0.0, 1.0 / 30.0, || ());
+    assert!(poses[90..].windows(2).filter(|pair| pair[0] != pair[1]).count() > 20, "it is alive");
+    // From another moment on, and with threads that wait.
+    assert!(by_host_time(4096.0, 1.0 / 30.0, || std::thread::sleep(Duration::from_micros(300))) == poses);
+    assert!(by_host_time(0.0, 1.0 / 24.0, || ()) != poses);
+}
+
+#[test]
+fn a_host_whose_time_stands_still_sees_an_avatar_that_stands_still() {
+    let (engine, nanos) = timed(3);
+    let session = engine.session(&config(engine.model(), 2, 0, 4)).unwrap();
+    let show = || {
+        nanos.fetch_add(16_666_667, Ordering::Relaxed);
+        let mut pose = Vec::new();
+        session.sample_pose(0.0, |frame| pose = bits(frame.pose, frame.face)).unwrap();
+        pose
+    };
+    assert!((0..60).map(|_| show()).collect::<std::collections::HashSet<_>>().len() > 30, "by the clock");
+    session.set_clock(12.0).unwrap();
+    let still = show();
+    assert!((0..30).all(|_| show() == still));
+    // A time that goes back is held.
+    session.set_clock(3.0).unwrap();
+    assert!(show() == still);
+    session.set_clock(12.5).unwrap();
+    assert!(show() != still);
+    for wrong in [f64::NAN, f64::INFINITY, -1.0, 2e9] {
+        assert!(matches!(session.set_clock(wrong), Err(SessionError::Range(_))));
+    }
+}
+
+#[test]
+fn idle_modes_during_silence() {
     for idle in [Idle::Hold, Idle::Rest, Idle::Live] {
         let (engine, nanos) = timed(3);
-        let config = SessionConfig { idle, ..config(engine.model(), 2, 0, 4) };
+        let config = SessionConfig { idle, ..without_layers(config(engine.model(), 2, 0, 4)) };
         let session = engine.session(&config).unwrap();
         session.push_audio(&audio(12_800, 1, 2)).unwrap();
         settle(&engine);
@@ -18,7 +106,8 @@ fn while_no_audio_comes_an_avatar_does_what_idle_says() {
         let (mut poses, mut ahead) = (vec![before.clone()], 0);
         for step in 1..=40 {
             let mut pose = Vec::new();
-            // The ease to rest goes by the clock, also where the host's own time is that of a sound that stands still.
+            // The ease to rest goes by the clock, also where the host's own time is that of a sound
+            // that stands still.
             nanos.fetch_add(33_333_333, Ordering::Relaxed);
             let time = if idle == Idle::Rest { 0.5 } else { f64::from(step) } / 30.0;
             let sampled = session.sample_pose(end + time, |frame| pose = bits(frame.pose, frame.face)).unwrap();
@@ -89,9 +178,10 @@ fn the_way_back_from_rest_is_smooth() {
     assert!(largest <= 1.5 * own + 0.1, "a step of {largest}, where the motion's own are {own}");
 }
 
-/// The model ran on silence beyond the end of what was pushed, and holds frames back that came before it.
+/// The model ran on silence beyond the end of what was pushed, and holds frames back that came
+/// before it.
 #[test]
-fn an_end_that_lies_behind_lets_the_engine_rest() {
+fn end_in_the_past_leaves_the_engine_idle() {
     let (engine, nanos) = timed(4);
     let mut config = config(engine.model(), 1, 10, 4);
     config.idle = Idle::Live;

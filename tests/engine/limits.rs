@@ -25,7 +25,7 @@ fn wrong_use_is_refused_and_changes_nothing() {
     session.push_audio(&audio(16_000, 2, 1)).unwrap();
     session.finish().unwrap();
     settle(&engine);
-    let inner = |_: FrameView| assert!(matches!(session.pull_frames(1, |_| ()), Err(SessionError::Busy(_))));
+    let inner = |_: Frame| assert!(matches!(session.pull_frames(1, |_| ()), Err(SessionError::Busy(_))));
     assert_eq!(session.pull_frames(1, inner), Ok(1));
 
     let refused = |change: &dyn Fn(&mut SessionConfig)| {
@@ -123,7 +123,7 @@ fn sessions_outlive_their_engine() {
 #[test]
 fn settings_count_from_the_next_chunk() {
     let engine = hosted(3);
-    let with_seed = |seed| config(engine.model(), 2, 0, seed);
+    let with_seed = |seed| without_layers(config(engine.model(), 2, 0, seed));
     let samples = audio(20_000, 1, 1);
     let wanted = offline(engine.model(), &with_seed(11), &samples);
     let other = offline(engine.model(), &with_seed(3), &samples);

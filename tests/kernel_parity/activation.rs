@@ -3,6 +3,7 @@
 use proptest::prelude::*;
 use umo_kernels::Isa;
 use umo_kernels::activation::{Activation, apply, argmax, softmax};
+use umo_kernels::tiling::LANES;
 use umo_tests::{EPSILON, Guarded, Noise, Placed, SMALLEST_POWER, bits, cases, fill, for_each_isa, near, offset, ulp};
 
 /// `activation` of every value of `x`, in a buffer that starts `offset` elements in.
@@ -13,8 +14,8 @@ fn applied(isa: Isa, activation: Activation, x: &[f32], offset: usize) -> Vec<f3
     y.checked().remove(0)
 }
 
-/// `(x, Phi(x))` for the multiples of 1/1024 in -12..12, Phi the integral of the normal density by Simpson's rule from
-/// the left: its error of about 1e-16 per cell adds up to 1e-12.
+/// `(x, Phi(x))` for the multiples of 1/1024 in -12..12, Phi the integral of the normal density by
+/// Simpson's rule from the left: its error of about 1e-16 per cell adds up to 1e-12.
 fn normal_integral() -> Vec<(f32, f64)> {
     let density = |x: f64| (-0.5 * x * x).exp() / (2.0 * std::f64::consts::PI).sqrt();
     let mut sum = 0.0;
@@ -57,7 +58,7 @@ fn gelu_tanh_is_near_f64(isa: Isa) {
 }
 
 fn piecewise_activations_are_exact(isa: Isa) {
-    proptest!(cases(96), |(len in near(16, 6), offset in offset(), fill in fill(), seed in any::<u64>())| {
+    proptest!(cases(96), |(len in near(LANES, 6), offset in offset(), fill in fill(), seed in any::<u64>())| {
         let mut noise = Noise::new(seed);
         let x: Vec<f32> = (0..len).map(|_| fill.next(&mut noise)).collect();
         prop_assert_eq!(&applied(isa, Activation::None, &x, offset), &x);
@@ -70,7 +71,7 @@ fn piecewise_activations_are_exact(isa: Isa) {
 
 /// Whatever stands beside an element, it has the same bits.
 fn activations_of_an_element_are_the_same_anywhere(isa: Isa) {
-    proptest!(cases(48), |(len in near(16, 6), offset in offset(), fill in fill(), seed in any::<u64>())| {
+    proptest!(cases(48), |(len in near(LANES, 6), offset in offset(), fill in fill(), seed in any::<u64>())| {
         let mut noise = Noise::new(seed);
         let x: Vec<f32> = (0..len).map(|_| fill.next(&mut noise)).collect();
         for activation in [Activation::Gelu, Activation::GeluTanh, Activation::LeakyRelu(0.1)] {
@@ -81,9 +82,10 @@ fn activations_of_an_element_are_the_same_anywhere(isa: Isa) {
     });
 }
 
-/// A term's error: the difference from the maximum is rounded once, `exp` is within 3 units, and the sum has `len` terms.
+/// A term's error: the difference from the maximum is rounded once, `exp` is within 3 units, and
+/// the sum has `len` terms.
 fn softmax_is_near_f64(isa: Isa) {
-    let len = prop_oneof![near(16, 6), near(64, 4)];
+    let len = prop_oneof![near(LANES, 6), near(4 * LANES, 4)];
     proptest!(cases(96), |(len in len, offset in offset(), fill in fill(), seed in any::<u64>())| {
         let mut noise = Noise::new(seed);
         let x: Vec<f32> = (0..len).map(|_| fill.next(&mut noise)).collect();
@@ -103,7 +105,7 @@ fn softmax_is_near_f64(isa: Isa) {
 
 fn argmax_finds_the_first_largest(isa: Isa) {
     let special = [f32::NAN, f32::NEG_INFINITY, f32::INFINITY, 0.0, -0.0, 1.0, -1.0, f32::MIN, 1e-45];
-    let len = prop_oneof![near(16, 6), near(64, 4)];
+    let len = prop_oneof![near(LANES, 6), near(4 * LANES, 4)];
     proptest!(cases(256), |(len in len, offset in offset(), kinds in 1..=special.len(), seed in any::<u64>())| {
         let mut noise = Noise::new(seed);
         let x = Placed::new(1, len, 0, offset, || match noise.below(3) {
@@ -119,7 +121,7 @@ fn argmax_finds_the_first_largest(isa: Isa) {
 }
 
 fn activations_and_softmax_have_the_scalar_bits(isa: Isa) {
-    proptest!(cases(96), |(len in near(16, 9), offset in offset(), fill in fill(), seed in any::<u64>())| {
+    proptest!(cases(96), |(len in near(LANES, 9), offset in offset(), fill in fill(), seed in any::<u64>())| {
         let mut noise = Noise::new(seed);
         let x: Vec<f32> = (0..len).map(|_| fill.next(&mut noise)).collect();
         for activation in [Activation::Gelu, Activation::GeluTanh, Activation::Relu, Activation::LeakyRelu(0.1)] {

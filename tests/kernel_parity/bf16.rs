@@ -2,6 +2,7 @@
 
 use proptest::prelude::*;
 use umo_kernels::bf16::round_bf16;
+use umo_kernels::tiling::LANES;
 use umo_kernels::{Bf16, Isa, Mat, MatMut};
 use umo_tests::{Noise, Placed, cases, for_each_isa, near, offset};
 
@@ -13,7 +14,7 @@ fn any_bits(noise: &mut Noise) -> f32 {
 }
 
 fn round_bf16_is_from_f32(isa: Isa) {
-    let sizes = (near(8, 2), near(32, 4), 0..9_usize, offset(), any::<u64>());
+    let sizes = (near(8, 2), near(2 * LANES, 4), 0..9_usize, offset(), any::<u64>());
     proptest!(cases(64), |((rows, cols, gap, offset, seed) in sizes)| {
         let mut noise = Noise::new(seed);
         let x = Placed::new(rows, cols, gap, offset, || any_bits(&mut noise));

@@ -2,6 +2,7 @@
 
 use proptest::prelude::*;
 use umo_kernels::experts::{MAX_EXPERTS, Routing, route};
+use umo_kernels::tiling::LANES;
 use umo_kernels::{Isa, Mat};
 use umo_tests::{EPSILON, Fill, Guarded, Noise, Placed, SMALLEST_POWER, cases, for_each_isa, near, offset};
 
@@ -59,8 +60,8 @@ fn logits() -> impl Strategy<Value = (Placed<f32>, usize, usize, usize)> {
         Just(Load::AllToOne),
         Just(Load::NoneToFirst)
     ];
-    let experts = prop_oneof![4 => 1..=16_usize, 1 => near(16, 4).prop_map(|e| e.clamp(1, MAX_EXPERTS))];
-    let rows = prop_oneof![near(16, 2), near(4, 3)];
+    let experts = prop_oneof![4 => 1..=16_usize, 1 => near(LANES, 4).prop_map(|e| e.clamp(1, MAX_EXPERTS))];
+    let rows = prop_oneof![near(LANES, 2), near(4, 3)];
     (rows, experts, load, any::<prop::sample::Index>(), 0..20_usize, offset(), any::<u64>()).prop_map(
         |(rows, experts, load, top_k, gap, offset, seed)| {
             let mut noise = Noise::new(seed);
@@ -82,8 +83,8 @@ fn logits() -> impl Strategy<Value = (Placed<f32>, usize, usize, usize)> {
     )
 }
 
-/// A probability's error: the difference from the maximum is rounded once, `exp` is within 3 units, and the sum has
-/// `experts` terms.
+/// A probability's error: the difference from the maximum is rounded once, `exp` is within 3 units,
+/// and the sum has `experts` terms.
 fn route_has_the_right_probabilities(isa: Isa) {
     proptest!(cases(96), |((logits, top_k, gap, offset) in logits())| {
         let routed = Routed::run(isa, logits.mat(), top_k, gap, offset);

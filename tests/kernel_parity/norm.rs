@@ -2,6 +2,7 @@
 
 use proptest::prelude::*;
 use umo_kernels::norm::{channel_affine, channel_sums, layer_norm, rms_norm};
+use umo_kernels::tiling::LANES;
 use umo_kernels::{Isa, Mat};
 use umo_tests::{EPSILON, Fill, Guarded, Noise, Placed, bits, cases, fill, for_each_isa, near, offset};
 
@@ -17,7 +18,7 @@ struct Case {
 const EPS: f32 = 1e-5;
 
 fn case() -> impl Strategy<Value = Case> {
-    let dim = prop_oneof![near(16, 5), near(64, 3), Just(512), Just(768)];
+    let dim = prop_oneof![near(LANES, 5), near(4 * LANES, 3), Just(512), Just(768)];
     (near(4, 2), dim, prop_oneof![Just(0), 0..40_usize], offset(), fill(), any::<u64>()).prop_map(
         |(rows, dim, gap, offset, fill, seed)| {
             let mut noise = Noise::new(seed);
@@ -63,7 +64,8 @@ impl Case {
     }
 }
 
-/// The mean of squares is a sum of `dim` terms; its error is halved by the root; four roundings follow.
+/// The mean of squares is a sum of `dim` terms; its error is halved by the root; four roundings
+/// follow.
 fn rms_norm_is_near_f64(isa: Isa) {
     proptest!(cases(64), |(case in case())| {
         let x = case.x.mat();
@@ -81,8 +83,9 @@ fn rms_norm_is_near_f64(isa: Isa) {
     });
 }
 
-/// The mean is off by at most `dim` roundings of the mean size; each difference by that and its own rounding, `d`; the
-/// variance by twice the mean of `difference * d`, by `d * d`, and by its own roundings.
+/// The mean is off by at most `dim` roundings of the mean size; each difference by that and its own
+/// rounding, `d`; the variance by twice the mean of `difference * d`, by `d * d`, and by its own
+/// roundings.
 fn layer_norm_is_near_f64(isa: Isa) {
     proptest!(cases(64), |(case in case())| {
         let x = case.x.mat();

@@ -2,6 +2,7 @@
 
 use proptest::prelude::*;
 use umo_kernels::quantize::{quantization_scale, quantize_columns, quantize_rows, row_maxima};
+use umo_kernels::tiling::LANES;
 use umo_kernels::{Isa, Mat, MatMut};
 use umo_tests::{Fill, Guarded, Noise, Placed, cases, fill, for_each_isa, near, offset};
 
@@ -20,7 +21,7 @@ fn values() -> impl Strategy<Value = Fill> {
 }
 
 fn quantize_rows_has_the_scalar_bits(isa: Isa) {
-    let dim = prop_oneof![near(16, 5), near(64, 3), Just(768)];
+    let dim = prop_oneof![near(LANES, 5), near(4 * LANES, 3), Just(768)];
     let place = (prop_oneof![Just(0), 0..40_usize], offset());
     proptest!(cases(96), |(rows in near(4, 2), dim in dim, (gap, offset) in place, fill in values(), seed in any::<u64>())| {
         let mut noise = Noise::new(seed);
@@ -31,7 +32,7 @@ fn quantize_rows_has_the_scalar_bits(isa: Isa) {
 
 /// Two roundings stand between `x` and `x / scale`, and one in `scale` itself; then half a step.
 fn quantize_rows_is_within_half_a_step(isa: Isa) {
-    proptest!(cases(96), |(dim in near(16, 9), fill in fill(), seed in any::<u64>())| {
+    proptest!(cases(96), |(dim in near(LANES, 9), fill in fill(), seed in any::<u64>())| {
         let mut noise = Noise::new(seed);
         let x = Placed::new(2, dim, 0, 0, || fill.next(&mut noise));
         for (t, (steps, scale)) in run(isa, x.mat(), 0, 0).into_iter().enumerate() {
@@ -60,7 +61,7 @@ fn quantize_rows_of_a_row_are_the_same_among_500(isa: Isa) {
 
 /// Pieces of columns, each with the largest value of all pieces, give the steps of the whole rows.
 fn quantize_columns_has_the_bits_of_rows(isa: Isa) {
-    let dim = prop_oneof![near(16, 5), near(64, 3), Just(768)];
+    let dim = prop_oneof![near(LANES, 5), near(4 * LANES, 3), Just(768)];
     proptest!(cases(96), |(rows in near(4, 2), dim in dim, cut in any::<prop::sample::Index>(), fill in values(), seed in any::<u64>())| {
         let mut noise = Noise::new(seed);
         let x = Placed::new(rows, dim, 0, 0, || fill.next(&mut noise));

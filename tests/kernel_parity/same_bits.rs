@@ -1,4 +1,5 @@
-//! Which back-ends give the same bits, function by function: the table in docs/kernels.md, row by row.
+//! Which back-ends give the same bits, function by function: the table in docs/kernels.md, row by
+//! row.
 
 use proptest::prelude::*;
 use umo_kernels::activation::{Activation, apply, softmax};
@@ -8,24 +9,24 @@ use umo_kernels::attention::{
 use umo_kernels::bf16::round_bf16;
 use umo_kernels::conv1d::{GroupedF32, conv1d_grouped_f32, frames_out};
 use umo_kernels::experts::{Routing, route};
-use umo_kernels::gemm::{Epilogue, Input, Scatter};
-use umo_kernels::matmul_bf16::{Bf16Rows, matmul_bf16, matmul_bf16_rows, matmul_gated_bf16, split_bf16x2};
-use umo_kernels::matmul_f32::{matmul_f32, matmul_gated_f32};
-use umo_kernels::matmul_i8::{matmul_gated_i8, matmul_i8};
+use umo_kernels::gemm::Epilogue;
+use umo_kernels::matmul_bf16::{Bf16Rows, matmul_bf16_rows, split_bf16x2};
 use umo_kernels::norm::{channel_affine, channel_sums, layer_norm, rms_norm};
-use umo_kernels::pack::{pack, pack_bf16, pack_i8, packed_len, packed_len_bf16, packed_len_i8};
-use umo_kernels::quantize::{QuantRows, quantize_rows};
-use umo_kernels::{Bf16, Isa, Mat, MatMut, PackedBf16, PackedF32, PackedI8, PrefetchHint};
+use umo_kernels::pack::{pack, pack_bf16, packed_len, packed_len_bf16};
+use umo_kernels::quantize::quantize_rows;
+use umo_kernels::{Bf16, Isa, Mat, MatMut, PackedBf16, PrefetchHint};
 use umo_tests::pages::same_bits;
 use umo_tests::{Noise, cases};
+
+use crate::products::{Case, Kind, Operands};
 
 /// A call with sizes and values that follow from a seed; the bits of its results.
 type Call = fn(Isa, u64) -> Vec<u64>;
 
 /// By the names of the documentation.
 const CALLS: [(&str, Call); 22] = [
-    ("matmul_i8", plain_i8),
-    ("matmul_gated_i8", gated_i8),
+    ("matmul_i8", |isa, seed| plain(Kind::I8, isa, seed)),
+    ("matmul_gated_i8", |isa, seed| gated(Kind::I8, isa, seed)),
     ("quantize_rows", quantized),
     ("activation::apply", activated),
     ("softmax", softmaxed),
@@ -37,12 +38,12 @@ const CALLS: [(&str, Call); 22] = [
     ("round_bf16", rounded),
     ("split_bf16x2", split),
     ("encoder_attention_bf16", |isa, seed| Attention::new(seed).encoder(isa, encoder_attention_bf16)),
-    ("matmul_f32", |isa, seed| Product::new(seed).f32(isa)),
-    ("matmul_gated_f32", |isa, seed| Product::new(seed).gated_f32(isa)),
+    ("matmul_f32", |isa, seed| plain(Kind::F32, isa, seed)),
+    ("matmul_gated_f32", |isa, seed| gated(Kind::F32, isa, seed)),
     ("conv1d_grouped_f32", convolved),
-    ("matmul_bf16", |isa, seed| Product::new(seed).bf16(isa)),
-    ("matmul_gated_bf16", |isa, seed| Product::new(seed).gated_bf16(isa)),
-    ("matmul_bf16_rows", |isa, seed| Product::new(seed).rounded_rows(isa)),
+    ("matmul_bf16", |isa, seed| plain(Kind::Bf16, isa, seed)),
+    ("matmul_gated_bf16", |isa, seed| gated(Kind::Bf16, isa, seed)),
+    ("matmul_bf16_rows", rounded_rows),
     ("attention_f32", |isa, seed| Attention::new(seed).f32(isa)),
     ("attention_bf16", |isa, seed| Attention::new(seed).bf16(isa)),
     ("encoder_attention_f32", |isa, seed| Attention::new(seed).encoder(isa, encoder_attention_f32)),
@@ -56,166 +57,29 @@ fn floats(noise: &mut Noise, count: usize) -> Vec<f32> {
     (0..count).map(|_| noise.float(1.0)).collect()
 }
 
-/// Positive numbers of the size of a quantisation's scale.
-fn scales(noise: &mut Noise, count: usize) -> Vec<f32> {
-    (0..count).map(|_| noise.float(0.01).abs() + 1e-3).collect()
-}
-
-#[expect(clippy::cast_possible_truncation, reason = "a byte")]
-fn steps(noise: &mut Noise, count: usize) -> Vec<i8> {
-    (0..count).map(|_| noise.below(256) as u8 as i8).collect()
-}
-
 fn mat<T: Copy>(data: &[T], rows: usize, cols: usize) -> Mat<'_, T> {
     Mat::new(data, rows, cols).unwrap()
 }
 
-/// What a product ends with: one of all bias, activation, addition and scatter.
-struct End {
-    bias: Option<Vec<f32>>,
-    activation: Activation,
-    add: bool,
-    scatter: Option<(Vec<u32>, Vec<f32>)>,
+fn plain(kind: Kind, isa: Isa, seed: u64) -> Vec<u64> {
+    Operands::new(&Case::sample(kind, seed)).bits(isa, false)
 }
 
-impl End {
-    fn new(noise: &mut Noise, rows: usize, outputs: usize) -> Self {
-        Self {
-            bias: (noise.below(2) == 0).then(|| floats(noise, outputs)),
-            activation: [Activation::None, Activation::Gelu, Activation::GeluTanh][noise.below(3)],
-            add: noise.below(2) == 0,
-            scatter: (noise.below(3) == 0)
-                .then(|| ((0..rows).map(|t| u32::try_from(t / 2).unwrap()).collect(), floats(noise, rows))),
-        }
-    }
-
-    fn epilogue(&self) -> Epilogue<'_> {
-        Epilogue {
-            bias: self.bias.as_deref(),
-            activation: self.activation,
-            add: self.add,
-            scatter: self.scatter.as_ref().map(|(rows, weight)| Scatter { rows, weight }),
-        }
-    }
+fn gated(kind: Kind, isa: Isa, seed: u64) -> Vec<u64> {
+    Operands::new(&Case::sample(kind, seed)).bits(isa, true)
 }
 
-/// Sizes of a product: every kind of row count, and inner sizes of which the last block is whole or not.
-fn sizes(noise: &mut Noise) -> (usize, usize, usize) {
-    let rows = [1, 2, 7, 33, 65][noise.below(5)];
-    (rows, 1 + noise.below(80), if noise.below(2) == 0 { 64 * (1 + noise.below(6)) } else { 1 + noise.below(300) })
-}
-
-/// The operands of a float product.
-struct Product {
-    rows: usize,
-    outputs: usize,
-    inputs: usize,
-    x: Vec<f32>,
-    w: [Vec<f32>; 2],
-    y: Vec<f32>,
-    end: End,
-}
-
-impl Product {
-    fn new(seed: u64) -> Self {
-        let mut noise = Noise::new(seed);
-        let (rows, outputs, inputs) = sizes(&mut noise);
-        let x = floats(&mut noise, rows * inputs);
-        let w = [floats(&mut noise, outputs * inputs), floats(&mut noise, outputs * inputs)];
-        let y = floats(&mut noise, rows * outputs);
-        let end = End::new(&mut noise, rows, outputs);
-        Self { rows, outputs, inputs, x, w, y, end }
-    }
-
-    fn input(&self) -> Input<'_, f32> {
-        Input::all(mat(&self.x, self.rows, self.inputs))
-    }
-
-    fn result(&self, product: impl FnOnce(MatMut<f32>)) -> Vec<u64> {
-        let mut y = self.y.clone();
-        product(MatMut::new(&mut y, self.rows, self.outputs).unwrap());
-        bits(&y)
-    }
-
-    fn packed(&self) -> [Vec<f32>; 2] {
-        self.w.each_ref().map(|w| {
-            let mut packed = vec![0.0; packed_len(self.outputs, self.inputs)];
-            pack(mat(w, self.outputs, self.inputs), &mut packed).unwrap();
-            packed
-        })
-    }
-
-    fn packed_bf16(&self) -> [Vec<Bf16>; 2] {
-        self.w.each_ref().map(|w| {
-            let mut packed = vec![Bf16::default(); packed_len_bf16(self.outputs, self.inputs)];
-            pack_bf16(mat(w, self.outputs, self.inputs), &mut packed).unwrap();
-            packed
-        })
-    }
-
-    fn f32(&self, isa: Isa) -> Vec<u64> {
-        let [w, _] = self.packed();
-        let w = PackedF32::new(&w, self.outputs, self.inputs).unwrap();
-        self.result(|y| matmul_f32(isa, self.input(), w, self.end.epilogue(), y).unwrap())
-    }
-
-    fn gated_f32(&self, isa: Isa) -> Vec<u64> {
-        let packed = self.packed();
-        let [gate, up] = packed.each_ref().map(|w| PackedF32::new(w, self.outputs, self.inputs).unwrap());
-        self.result(|y| matmul_gated_f32(isa, self.input(), gate, up, y).unwrap())
-    }
-
-    fn bf16(&self, isa: Isa) -> Vec<u64> {
-        let [w, _] = self.packed_bf16();
-        let w = PackedBf16::new(&w, self.outputs, self.inputs).unwrap();
-        self.result(|y| matmul_bf16(isa, self.input(), w, self.end.epilogue(), y).unwrap())
-    }
-
-    fn gated_bf16(&self, isa: Isa) -> Vec<u64> {
-        let packed = self.packed_bf16();
-        let [gate, up] = packed.each_ref().map(|w| PackedBf16::new(w, self.outputs, self.inputs).unwrap());
-        self.result(|y| matmul_gated_bf16(isa, self.input(), gate, up, y).unwrap())
-    }
-
-    fn rounded_rows(&self, isa: Isa) -> Vec<u64> {
-        let [w, _] = self.packed_bf16();
-        let w = PackedBf16::new(&w, self.outputs, self.inputs).unwrap();
-        let x: Vec<_> = self.x.iter().map(|&x| Bf16::from_f32(x)).collect();
-        let x = Bf16Rows::rounded(mat(&x, self.rows, self.inputs));
-        self.result(|y| matmul_bf16_rows(isa, x, w, self.end.epilogue(), y).unwrap())
-    }
-}
-
-fn int8(isa: Isa, seed: u64, gated: bool) -> Vec<u64> {
+fn rounded_rows(isa: Isa, seed: u64) -> Vec<u64> {
     let mut noise = Noise::new(seed);
-    let (rows, outputs, inputs) = sizes(&mut noise);
-    let (x, x_scale) = (steps(&mut noise, rows * inputs), scales(&mut noise, rows));
-    let x = QuantRows::new(mat(&x, rows, inputs), &x_scale).unwrap();
-    let weights = [(); 2].map(|()| {
-        let (w, scale) = (steps(&mut noise, outputs * inputs), scales(&mut noise, outputs));
-        let (mut packed, mut sum) = (vec![0; packed_len_i8(outputs, inputs)], vec![0; outputs]);
-        pack_i8(mat(&w, outputs, inputs), &mut packed, &mut sum).unwrap();
-        (packed, scale, sum)
-    });
-    let [a, b] =
-        weights.each_ref().map(|(packed, scale, sum)| PackedI8::new(packed, scale, sum, outputs, inputs).unwrap());
-    let end = End::new(&mut noise, rows, outputs);
-    let mut y = floats(&mut noise, rows * outputs);
-    let out = MatMut::new(&mut y, rows, outputs).unwrap();
-    if gated {
-        matmul_gated_i8(isa, x, None, a, b, out).unwrap();
-    } else {
-        matmul_i8(isa, x, None, a, end.epilogue(), out).unwrap();
-    }
+    let Case { m, n, k, .. } = Case::sample(Kind::Bf16, seed);
+    let x: Vec<_> = floats(&mut noise, m * k).into_iter().map(Bf16::from_f32).collect();
+    let (w, bias, mut y) = (floats(&mut noise, n * k), floats(&mut noise, n), floats(&mut noise, m * n));
+    let mut packed = vec![Bf16::default(); packed_len_bf16(n, k)];
+    pack_bf16(mat(&w, n, k), &mut packed).unwrap();
+    let w = PackedBf16::new(&packed, n, k).unwrap();
+    let epilogue = Epilogue { bias: Some(&bias), activation: Activation::Gelu, add: true, scatter: None };
+    matmul_bf16_rows(isa, Bf16Rows::rounded(mat(&x, m, k)), w, epilogue, MatMut::new(&mut y, m, n).unwrap()).unwrap();
     bits(&y)
-}
-
-fn plain_i8(isa: Isa, seed: u64) -> Vec<u64> {
-    int8(isa, seed, false)
-}
-
-fn gated_i8(isa: Isa, seed: u64) -> Vec<u64> {
-    int8(isa, seed, true)
 }
 
 /// Rows of floats of this seed: how many, how long, and the generator for what else is needed.
@@ -406,9 +270,10 @@ impl Attention {
     }
 }
 
-/// The table names every function once, and what it says of each is so on the back-ends that this processor has.
+/// The table names every function once, and what it says of each is so on the back-ends that this
+/// processor has.
 #[test]
-fn functions_have_the_same_bits_where_the_table_says_so() {
+fn functions_match_the_same_bits_table() {
     let mut documented = vec![];
     for (cell, groups) in same_bits("function") {
         for name in cell.split(", ").map(|name| name.trim_matches('`')) {

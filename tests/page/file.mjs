@@ -17,6 +17,8 @@ export function prepare({ run, at, speech }) {
   run("view", speech, "-o", at("hello.html"), "--no-open");
   run("view", at("hello.npz"), "--audio", speech, "-o", at("npz.html"), "--no-open");
   run("view", at("hello.glb"), "-o", at("glb.html"), "--no-open");
+  run("make-random", "--size", "tiny", "--layout", "frames", "-o", at("frames.safetensors"));
+  run("view", speech, "--model", at("frames.safetensors"), "-o", at("frames.html"), "--no-open");
   truth = read(at("hello.jsonl"));
 }
 
@@ -80,6 +82,19 @@ export const tests = [
   ["bones and morph weights are the frames'", (context) => showsFrames(context, "hello.html", 2e-6)],
   ["an .npz shows the same", (context) => showsFrames(context, "npz.html", 2e-5)],
   ["a .glb shows the same", (context) => showsFrames(context, "glb.html", 2e-5)],
+
+  [
+    "parts and levels of layout frames have lanes of their own",
+    async (context) => {
+      const page = await opened(context, "frames.html");
+      const parts = await page.value("umo.scene.record.parts.map(({ name, levels }) => `${name} ${levels}`)");
+      assert.deepEqual(parts, ["lower 2", "intent 1", "brows 1", "hands 3", "jaw 4", "upper 2"]);
+      const [places, keyframes] = await page.value("[umo.scene.record.codes.length, Math.ceil(umo.frames / umo.scene.record.every)]");
+      assert.equal(places, 13 * keyframes);
+      await page.value("umo.seek(1)");
+      await closed(page);
+    },
+  ],
 
   [
     "the figure is drawn where its bones are",

@@ -170,6 +170,18 @@ def add_motion(cases: Cases, lengths: tuple[int, ...]) -> None:
         cases.add(f"motion{i}", "motion", partial(propose, frames), run)
 
 
+def add_mouth(cases: Cases, lengths: tuple[int, ...]) -> None:
+    def propose(samples: int, generator: torch.Generator) -> Tensors:
+        return {"audio": weights.audio(samples, generator)}
+
+    def run(reference: Reference, inputs: Tensors, margin: Margin) -> Tensors:
+        channels, voiced = reference.mouth(inputs["audio"], margin)
+        return {"channels": channels, "voiced": voiced}
+
+    for i, samples in enumerate(lengths):
+        cases.add(f"mouth{i}", "mouth", partial(propose, samples), run)
+
+
 def add_encoders(cases: Cases, config: Config, lengths: tuple[int, ...]) -> None:
     def propose(frames: int, generator: torch.Generator) -> Tensors:
         return {

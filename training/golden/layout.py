@@ -25,11 +25,27 @@ ARKIT = (
 assert len(ARKIT) == 52
 
 
-def vocabulary(text: int, units: int) -> Config:
+def moving(config: Config) -> list[Config]:
+    """The parts of layout `frames` that have channels."""
+    return [part for part in config["parts"] if part["channels"]]
+
+
+def channel_count(config: Config, part: Config) -> int:
+    """Channels of a part of layout `frames`: a joint's rotation has 6, a face channel 1."""
+    widths = {"root_velocity": 3, "contacts": 4} | dict.fromkeys(config["face"]["names"], 1)
+    return sum(widths.get(name, 6) for name in part["channels"])
+
+
+def is_frames(config: Config) -> bool:
+    """Whether a position of the decoder is a keyframe."""
+    return config.get("layout") == "frames"
+
+
+def vocabulary(text: int, units: int, parts: tuple[str, ...] = PARTS) -> Config:
     """Text ids, 3 motion ids, 259 for each part, then the audio units, 2 unused ids and 3 markers."""
     vocab: Config = {"size": 0, "pad": 0, "eos": 1, "decoder_start": 0}
     first = text + 3
-    for name, codes, unused in (*((part, CODES, 0) for part in PARTS), ("audio", units, 2)):
+    for name, codes, unused in (*((part, CODES, 0) for part in parts), ("audio", units, 2)):
         start = first + codes + unused
         vocab[name] = {"first": first, "codes": codes, "start": start, "end": start + 1, "mask": start + 2}
         first = start + 3
@@ -76,8 +92,10 @@ def shapes(config: Config, *, encoders: bool) -> Shapes:
         **audio,
         "audio.kmeans.centroids": units,
         **lm_shapes(config),
+        **(depth_shapes(config) if is_frames(config) else {}),
         **interp_shapes(config),
         **motion_shapes(config, encoders=encoders),
+        **(mouth_shapes(config["mouth"]) if "mouth" in config else {}),
     }
 
 
@@ -127,11 +145,30 @@ def mel_shapes(config: Config) -> Shapes:
     return out
 
 
+def mouth_shapes(mouth: Config) -> Shapes:
+    bands, width, channels = mouth["bands"], mouth["width"], len(mouth["channels"])
+    out: Shapes = {
+        "window.weight": (mouth["window"],),
+        "filters.weight": (bands, mouth["fft"] // 2 + 1),
+        "mean": (bands + 2,),
+        "scale": (bands + 2,),
+        "rest": (channels,),
+        **_affine("input", width, bands + 2, mouth["taps"]),
+        **_affine("head", channels + 1, width, 1),
+    }
+    for i in range(len(mouth["dilations"])):
+        out |= _affine(f"blocks.{i}.0", width, width, mouth["kernel"]) | _affine(f"blocks.{i}.1", width, width, 1)
+    return {f"mouth.{name}": shape for name, shape in out.items()}
+
+
 def lm_shapes(config: Config) -> Shapes:
     lm, vocab = config["lm"], config["vocab"]["size"]
     d, ffn, inner = lm["d_model"], lm["d_ff"], lm["num_heads"] * lm["d_kv"]
     out: Shapes = {"shared.weight": (vocab, d)}
-    if not lm["tie_word_embeddings"]:
+    if is_frames(config):
+        out["frames.type.weight"] = (2, d)
+        out |= {f"frames.embed.{part['name']}.weight": (_codes(part), d) for part in config["parts"]}
+    elif not lm["tie_word_embeddings"]:
         out["lm_head.weight"] = (vocab, d)
     for stack, layers in (("encoder", lm["num_layers"]), ("decoder", lm["num_decoder_layers"])):
         attentions = ["SelfAttention"] + (["EncDecAttention"] if stack == "decoder" else [])
@@ -155,13 +192,39 @@ def lm_shapes(config: Config) -> Shapes:
     return {f"lm.{name}": shape for name, shape in out.items()}
 
 
+def _codes(part: Config) -> int:
+    return int(part["levels"] * part["codes"])
+
+
+def depth_shapes(config: Config) -> Shapes:
+    sizes = config["depth"]
+    d, ffn = sizes["d_model"], sizes["d_ff"]
+    slots = sum(part["levels"] for part in config["parts"])
+    out: Shapes = {"input.weight": (d, config["lm"]["d_model"]), "position.weight": (slots, d), "norm.weight": (d,)}
+    for i in range(sizes["num_layers"]):
+        layer = f"layers.{i}"
+        out |= {f"{layer}.attention.{name}.weight": (d, d) for name in "qkvo"}
+        out[f"{layer}.attention_norm.weight"] = out[f"{layer}.feed_forward_norm.weight"] = (d,)
+        out[f"{layer}.feed_forward.wi_0.weight"] = out[f"{layer}.feed_forward.wi_1.weight"] = (ffn, d)
+        out[f"{layer}.feed_forward.wo.weight"] = (d, ffn)
+    for part in config["parts"]:
+        out[f"embed.{part['name']}.weight"] = out[f"head.{part['name']}.weight"] = (_codes(part), d)
+    return {f"depth.{name}": shape for name, shape in out.items()}
+
+
 def interp_shapes(config: Config) -> Shapes:
     interp = config["interp"]
     d, ffn = interp["d_model"], interp["d_ff"]
     out: Shapes = {"frame_type.weight": (3, d), "position.weight": (interp["max_frames"], d)}
-    for part in PARTS:
-        out[f"embed.{part}.weight"] = (CODES + 1, d)
-        out |= _affine(f"head.{part}", CODES, d)
+    if is_frames(config):
+        out["mask.weight"] = (len(moving(config)), d)
+        for part in moving(config):
+            out |= _affine(f"input.{part['name']}", d, part["width"])
+            out |= _affine(f"head.{part['name']}", part["width"], d)
+    else:
+        for name in PARTS:
+            out[f"embed.{name}.weight"] = (CODES + 1, d)
+            out |= _affine(f"head.{name}", CODES, d)
     out |= _affine("norm", d)
     for group in ("temporal", "part"):
         for i in range(interp[f"{group}_layers"]):
@@ -197,11 +260,17 @@ def _motion_decoder(name: str, width: int, channels: int, layers: int) -> Shapes
 def motion_shapes(config: Config, *, encoders: bool) -> Shapes:
     vq = config["vq"]
     out: Shapes = {}
-    for name in (*PARTS, "root"):
-        sizes = (vq["width"], vq[name]["channels"], vq[name]["layers"])
+    parts = {name: (vq["width"], vq[name]["channels"], vq[name]["layers"], CODES) for name in PARTS if name in vq}
+    if is_frames(config):
+        parts = {
+            part["name"]: (part["width"], channel_count(config, part), part["layers"], _codes(part))
+            for part in moving(config)
+        }
+    parts["root"] = (vq["width"], vq["root"]["channels"], vq["root"]["layers"], 0)
+    for name, (*sizes, codes) in parts.items():
         out |= _motion_decoder(f"vq.{name}.decoder.main", *sizes)
         if encoders or name == "root":
             out |= _motion_encoder(f"vq.{name}.encoder.main", *sizes)
         if name != "root":
-            out[f"vq.{name}.quantizer.embedding.weight"] = (CODES, vq["width"])
+            out[f"vq.{name}.quantizer.embedding.weight"] = (codes, sizes[0])
     return out

@@ -11,11 +11,13 @@ import torch
 from torch import Tensor
 
 import cases
+import frame_cases
 import layout
 import store
 import text
 import weights
 from audio import Mel, front_end
+from frames import FrameReference, ResidualMotion
 from models import MODELS, Model
 from motion import Motion
 from reference import Reference
@@ -46,6 +48,9 @@ def fit(model: Model, tensors: dict[str, Tensor]) -> None:
     tensors["audio.kmeans.centroids"] = weights.pick_rows(rows, model.config["audio"]["units"], generator)
     if not model.encoders:
         return
+    if layout.is_frames(model.config):
+        fit_levels(model, tensors, ResidualMotion(model.config, stored))
+        return
     motion = Motion(model.config, stored)
     for part, joints in weights.PART_JOINTS.items():
         generator = weights.seeded(SEED, model.name, "codebook", part)
@@ -54,7 +59,20 @@ def fit(model: Model, tensors: dict[str, Tensor]) -> None:
         tensors[f"vq.{part}.quantizer.embedding.weight"] = book
 
 
-def make_model(model: Model, folder: Path, tokenizer: bytes) -> Reference:
+def fit_levels(model: Model, tensors: dict[str, Tensor], motion: ResidualMotion) -> None:
+    """Each level's codebook from what the levels before it leave of real latents."""
+    body = weights.body(model.config, CALIBRATION_FRAMES, weights.seeded(SEED, model.name, "codebook"))
+    for part in motion.parts:
+        left, books = motion.latents(part["name"], motion.own(body, part)), []
+        for level in range(part["levels"]):
+            generator = weights.seeded(SEED, model.name, "codebook", part["name"], level)
+            book = weights.pick_rows(left, part["codes"], generator)
+            left = left - book[torch.cdist(left, book).argmin(1)]
+            books.append(book)
+        tensors[f"vq.{part['name']}.quantizer.embedding.weight"] = torch.cat(books)
+
+
+def make_model(model: Model, folder: Path, tokenizer: bytes) -> Reference | FrameReference:
     """Writes the model file and loads what was written into the reference implementations."""
     shapes = layout.shapes(model.config, encoders=model.encoders)
     tensors = weights.draw(model.config, shapes, SEED)
@@ -68,20 +86,28 @@ def make_model(model: Model, folder: Path, tokenizer: bytes) -> Reference:
     store.write(path, packed, {"format": "umo", "version": "1", "config": json.dumps(model.config)})
     config, stored = store.read_model(path, shapes, model.storage)
     assert config == model.config
+    if layout.is_frames(config):
+        return FrameReference(config, stored)
     return Reference(config, stored, dense=model.upcycled)
 
 
-def make_cases(model: Model, reference: Reference, folder: Path) -> None:
+def make_cases(model: Model, reference: Reference | FrameReference, folder: Path) -> None:
     """Writes inputs and expected outputs; the first two models have the long lists."""
     made = cases.Cases(SEED, reference, copy.deepcopy(reference).double())
     thorough = not model.upcycled and model.storage != "I8"
     kind = model.config["audio"]["kind"]
     cases.add_audio(made, kind, (400, 5000, 16421) if thorough else (6007,))
-    cases.add_language_model(made, model.config, (3, 1) if thorough else (2,))
-    cases.add_interpolation(made, model.config, (13, 16, 1) if thorough else (9,))
-    cases.add_motion(made, (1, 5, 40) if thorough else (11,))
-    if model.encoders:
-        cases.add_encoders(made, model.config, (1, 23))
+    if layout.is_frames(model.config):
+        frame_cases.add(made, model.config, encoders=model.encoders)
+    else:
+        cases.add_language_model(made, model.config, (3, 1) if thorough else (2,))
+        cases.add_interpolation(made, model.config, (13, 16, 1) if thorough else (9,))
+        cases.add_motion(made, (1, 5, 40) if thorough else (11,))
+        if model.encoders:
+            cases.add_encoders(made, model.config, (1, 23))
+    if "mouth" in model.config:
+        # One frame; the end within a row; silence in between.
+        cases.add_mouth(made, (534, 5000, 20011))
     metadata = {
         "format": "umo-golden",
         "model": model.name,

@@ -1,9 +1,9 @@
-"""The four small models: sizes that divide by nothing, and between them every branch of the format."""
+"""The small models: sizes that divide by nothing, and between them every branch of the format."""
 
 from dataclasses import dataclass
 
 import skeleton
-from layout import PARTS, Config, face, motion, vocabulary
+from layout import ARKIT, PARTS, Config, face, motion, vocabulary
 
 
 @dataclass(frozen=True)
@@ -53,6 +53,7 @@ def _config(
     layers: tuple[int, int, int, int, int],
     templates: Config,
     rest: tuple[int, int, int, int],
+    mouth: Config | None = None,
 ) -> Config:
     prefix, target, lookahead = window
     return {
@@ -74,6 +75,7 @@ def _config(
         "rest": dict(zip(PARTS, rest, strict=True)),
         "sampling": {"temperature": 1.0, "top_k": 50, "top_p": 1.0},
         "skeleton": {"parents": skeleton.PARENTS, "offsets_m": skeleton.OFFSETS_M},
+        **({"mouth": mouth} if mouth else {}),
     }
 
 
@@ -135,6 +137,19 @@ MEL_K2_ARKIT = Model(
             "text_to_motion": [15, 6, "text", *PARTS, 1],
         },
         rest=(0, 41, 255, 128),
+        mouth={
+            "window": 230,
+            "fft": 256,
+            "bands": 11,
+            "floor": 1e-7,
+            "rows": 2,
+            "ahead": 3,
+            "taps": 5,
+            "width": 19,
+            "kernel": 3,
+            "dilations": [1, 3],
+            "channels": ["jawOpen", "mouthClose", "tongueOut", "mouthFunnel", "jawForward"],
+        },
     ),
     encoders=True,
     tokenizer=True,
@@ -189,4 +204,133 @@ HUBERT_K3_I8 = Model(
     ),
 )
 
-MODELS = (HUBERT_K1_SMPLX, MEL_K2_ARKIT, MEL_K1_UPCYCLED, HUBERT_K3_I8)
+
+def _part(name: str, channels: list[str], codes: int, levels: int, width: int, layers: int) -> Config:
+    part: Config = {"name": name, "channels": channels, "codes": codes, "levels": levels}
+    if channels:
+        part |= {"width": width, "layers": layers}
+    return part | {"rest": [(3 * level + 1) % codes for level in range(levels)]}
+
+
+def _joints(of: tuple[int, ...], wanted: str = "") -> list[str]:
+    return [skeleton.NAMES[joint] for joint in of if wanted in skeleton.NAMES[joint]]
+
+
+LOWER = [*_joints(skeleton.LOWER), "root_velocity", "contacts"]
+ARMS = tuple(joint for joint in skeleton.UPPER if joint >= 16)
+TORSO = tuple(joint for joint in skeleton.UPPER if joint < 16)
+
+
+def _frames(
+    name: str, *, parts: list[Config], depth: Config, ahead: int, expressions: int | None, root: Config, **rest: Config
+) -> Config:
+    """A config of layout `frames`."""
+    config: Config = _config(
+        name,
+        expressions=expressions,
+        width=root["width"],
+        layers=(1, 1, 1, 1, root["layers"]),
+        rest=(0, 0, 0, 0),
+        **rest,  # type: ignore[arg-type]
+    )
+    for key in ("codes", *PARTS):
+        del config["vq"][key]
+    del config["rest"]
+    config["audio"]["ahead"] = ahead
+    config["vocab"] = vocabulary(rest["text"], config["audio"]["units"], ())  # type: ignore[arg-type]
+    return config | {"layout": "frames", "parts": parts, "depth": depth | {"layer_norm_epsilon": 1e-6}}
+
+
+FRAMES_FOUR = Model(
+    "frames_four",
+    "F16",
+    _frames(
+        "golden frames_four",
+        parts=[
+            _part("lower", LOWER, 17, 2, 9, 2),
+            _part("hands", _joints(skeleton.HANDS), 5, 3, 11, 1),
+            _part("face", ["jaw", "expression_0", "expression_1", "expression_2"], 256, 1, 6, 1),
+            _part("upper", _joints(skeleton.UPPER), 9, 4, 8, 3),
+        ],
+        depth={"d_model": 14, "num_heads": 2, "d_ff": 19, "num_layers": 2},
+        ahead=2,
+        expressions=3,
+        root={"width": 10, "layers": 1},
+        text=97,
+        window=(5, 3, 0),
+        audio=_mel(19, 11, 0),
+        lm=_lm(6, 13, d_model=22, d_kv=5, d_ff=35, num_heads=5, num_layers=2, num_decoder_layers=2, experts=4, top_k=1),
+        interp={"d_model": 14, "num_heads": 2, "d_ff": 29, "temporal_layers": 1, "part_layers": 1, "max_frames": 60},
+        templates={"audio_to_motion": ["audio", "history", 1]},
+    ),
+)
+
+FRAMES_SEVEN = Model(
+    "frames_seven",
+    "BF16",
+    _frames(
+        "golden frames_seven",
+        parts=[
+            _part("intent", [], 4, 1, 0, 0),
+            _part("torso", _joints(TORSO), 11, 3, 7, 2),
+            _part("arms", _joints(ARMS), 13, 4, 9, 1),
+            _part("mouth", ["jaw", *ARKIT[14:40], *ARKIT[45:]], 23, 2, 10, 1),
+            _part("eyes", [*ARKIT[:14], *ARKIT[40:45]], 6, 1, 5, 2),
+            _part("hands", _joints(skeleton.HANDS), 12, 2, 8, 1),
+            _part("lower", LOWER, 15, 3, 12, 2),
+        ],
+        depth={"d_model": 21, "num_heads": 3, "d_ff": 26, "num_layers": 3},
+        ahead=3,
+        expressions=None,
+        root={"width": 11, "layers": 2},
+        text=403,
+        window=(7, 2, 5),
+        audio=_mel(23, 13, 2, {"taps": 4, "widths": [17, 9]}),
+        lm=_lm(
+            10,
+            33,
+            d_model=30,
+            d_kv=9,
+            d_ff=41,
+            num_heads=3,
+            num_layers=2,
+            num_decoder_layers=3,
+            experts=5,
+            top_k=2,
+        ),
+        interp={"d_model": 21, "num_heads": 3, "d_ff": 37, "temporal_layers": 1, "part_layers": 2, "max_frames": 91},
+        templates={
+            "audio_to_motion": [9, "text", 40, "audio", 12, "history", 1],
+            "text_to_motion": [15, 6, "text", "history", 1],
+        },
+    ),
+    encoders=True,
+    tokenizer=True,
+)
+
+# As few parts and levels as there can be: every channel is in one part, and a part is of one body part.
+FRAMES_ONE = Model(
+    "frames_one",
+    "I8",
+    _frames(
+        "golden frames_one",
+        parts=[
+            _part("face", ["jaw", "expression_0", "expression_1"], 19, 1, 7, 1),
+            _part("hands", _joints(skeleton.HANDS), 23, 1, 6, 1),
+            _part("upper", _joints(skeleton.UPPER), 256, 1, 5, 2),
+            _part("lower", LOWER, 3, 1, 8, 1),
+        ],
+        depth={"d_model": 12, "num_heads": 3, "d_ff": 15, "num_layers": 1},
+        ahead=0,
+        expressions=2,
+        root={"width": 9, "layers": 1},
+        text=61,
+        window=(4, 1, 0),
+        audio=_mel(17, 9, 1),
+        lm=_lm(8, 20, d_model=18, d_kv=5, d_ff=21, num_heads=3, num_layers=1, num_decoder_layers=1, experts=3, top_k=3),
+        interp={"d_model": 12, "num_heads": 2, "d_ff": 19, "temporal_layers": 1, "part_layers": 1, "max_frames": 50},
+        templates={"audio_to_motion": [5, "audio", "history", 1]},
+    ),
+)
+
+MODELS = (HUBERT_K1_SMPLX, MEL_K2_ARKIT, MEL_K1_UPCYCLED, HUBERT_K3_I8, FRAMES_ONE, FRAMES_FOUR, FRAMES_SEVEN)

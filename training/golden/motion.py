@@ -43,7 +43,7 @@ def decoder(width: int, channels: int, layers: int) -> nn.Sequential:
     return nn.Sequential(Residual(width), Residual(width), *widen, _conv(channels, channels))
 
 
-def _load(module: nn.Module, prefix: str, tensors: dict[str, Tensor]) -> nn.Module:
+def load(module: nn.Module, prefix: str, tensors: dict[str, Tensor]) -> nn.Module:
     module.load_state_dict({k.removeprefix(prefix): t for k, t in tensors.items() if k.startswith(prefix)})
     return module
 
@@ -57,12 +57,12 @@ class Motion(nn.Module):
         self.decoders, self.encoders, self.codebooks = nn.ModuleDict(), nn.ModuleDict(), nn.ModuleDict()
         for name in (*PARTS, "root"):
             sizes = (vq["width"], vq[name]["channels"], vq[name]["layers"])
-            self.decoders[name] = _load(decoder(*sizes), f"vq.{name}.decoder.main.", tensors)
+            self.decoders[name] = load(decoder(*sizes), f"vq.{name}.decoder.main.", tensors)
             if f"vq.{name}.encoder.main.0.weight" in tensors:
-                self.encoders[name] = _load(encoder(*sizes), f"vq.{name}.encoder.main.", tensors)
+                self.encoders[name] = load(encoder(*sizes), f"vq.{name}.encoder.main.", tensors)
             if name != "root":
                 book = nn.Embedding(vq["codes"], vq["width"])
-                self.codebooks[name] = _load(book, f"vq.{name}.quantizer.embedding.", tensors)
+                self.codebooks[name] = load(book, f"vq.{name}.quantizer.embedding.", tensors)
         self.eval()
 
     def latents(self, part: str, channels: Tensor) -> Tensor:

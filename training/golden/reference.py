@@ -8,6 +8,7 @@ from interp import Interpolation
 from layout import Config
 from lm import LanguageModel
 from motion import Motion
+from mouth import Mouth
 
 
 class Reference(nn.Module):
@@ -22,6 +23,7 @@ class Reference(nn.Module):
         self.lm = LanguageModel(config, tensors, dense=dense)
         self.interp = Interpolation(config, tensors)
         self.motion = Motion(config, tensors)
+        self.mouth = Mouth(config, tensors) if "mouth" in config else None
 
     @property
     def dtype(self) -> torch.dtype:

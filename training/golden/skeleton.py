@@ -61,4 +61,15 @@ OFFSETS_M: list[list[float]] = [
     *_fingers(-1.0),
 ]
 
-assert len(PARENTS) == len(OFFSETS_M) == JOINTS
+NAMES = (
+    "pelvis left_hip right_hip spine1 left_knee right_knee spine2 left_ankle right_ankle spine3 left_foot right_foot "
+    "neck left_collar right_collar head left_shoulder right_shoulder left_elbow right_elbow left_wrist right_wrist "
+    "jaw left_eye right_eye"
+).split() + [
+    f"{side}_{finger}{bone}"
+    for side in ("left", "right")
+    for finger in ("index", "middle", "pinky", "ring", "thumb")
+    for bone in (1, 2, 3)
+]
+
+assert len(PARENTS) == len(OFFSETS_M) == len(NAMES) == JOINTS

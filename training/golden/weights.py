@@ -6,7 +6,7 @@ import zlib
 import torch
 from torch import Tensor
 
-from layout import CODES, PARTS, Config, Shapes, bands_width
+from layout import CODES, PARTS, Config, Shapes, bands_width, is_frames, moving
 
 # Factors on the usual 1/sqrt(fan in). Routers are sharp so that choices are clear; query weights of T5,
 # which has no attention scaling, are divided by sqrt(d_kv) below.
@@ -14,6 +14,7 @@ GAINS = {
     ".router.weight": 3.0,
     ".SelfAttention.q.weight": 1.5,
     ".EncDecAttention.q.weight": 1.5,
+    "attention.q.weight": 1.5,
     ".wi_0.weight": 1.3,
     ".wo.weight": 1.6,
     ".conv.weight": 1.6,
@@ -25,6 +26,11 @@ EMBEDDINGS = {
     "lm.shared.weight": 1.0,
     "relative_attention_bias.weight": 1.0,
     "interp.embed": 0.5,
+    "interp.mask": 0.5,
+    "lm.frames.embed": 0.4,
+    "lm.frames.type": 1.0,
+    "depth.embed": 0.7,
+    "depth.position": 0.7,
     "interp.frame_type": 0.6,
     "interp.position": 0.8,
     "quantizer.embedding": 1.0,
@@ -39,9 +45,17 @@ def seeded(*key: object) -> torch.Generator:
 def draw(config: Config, shapes: Shapes, seed: int) -> dict[str, Tensor]:
     """All float tensors but those that need data (centroids, mel normalisation), which start at zero."""
     tensors = {name: _draw(config, name, shape, seed) for name, shape in shapes.items()}
+    rate = config["audio"]["sample_rate"]
     if config["audio"]["kind"] == "mel":
-        tensors |= mel_constants(config)
-    for part in (*PARTS, "root"):
+        width = bands_width(config)
+        tensors |= mel_constants("audio.mel", config["audio"]["mel"], rate)
+        tensors |= {"audio.mel.mean": torch.zeros(width), "audio.mel.scale": torch.ones(width)}
+    if "mouth" in config:
+        tensors |= mel_constants("mouth", config["mouth"], rate)
+        _centre_on_speech(tensors)
+    if is_frames(config):
+        _centre_parts_on_rest(config, tensors)
+    for part in ("root",) if is_frames(config) else (*PARTS, "root"):
         _centre_on_rest(config, part, tensors)
     return tensors
 
@@ -58,9 +72,23 @@ def _draw(config: Config, name: str, shape: tuple[int, ...], seed: int) -> Tenso
     gain = next((gain for suffix, gain in GAINS.items() if name.endswith(suffix)), 1.0)
     if name.startswith("interp.head."):
         gain = 2.0
+    if name.startswith("depth.head."):
+        gain = 1.5
     if name.endswith("Attention.q.weight"):
         gain /= math.sqrt(config["lm"]["d_kv"])
     return noise * gain / math.sqrt(math.prod(shape[1:]))
+
+
+def _centre_parts_on_rest(config: Config, tensors: dict[str, Tensor]) -> None:
+    """The same for the parts of layout `frames`, whose channels begin with their joints' rotations."""
+    for part in moving(config):
+        last = f"vq.{part['name']}.decoder.main.{2 + 2 * part['layers']}"
+        # A vector is the sum of one per level, each as large as the only one of layout `parts`.
+        tensors[f"{last}.weight"] *= 0.12
+        single = {*config["face"]["names"], "root_velocity", "contacts"}
+        joints = sum(name not in single for name in part["channels"])
+        assert not any(name in single for name in part["channels"][:joints]), "joints come first"
+        tensors[f"{last}.bias"][: 6 * joints] += torch.tensor([1.0, 0.0, 0.0, 0.0, 1.0, 0.0]).repeat(joints)
 
 
 def _centre_on_rest(config: Config, part: str, tensors: dict[str, Tensor]) -> None:
@@ -75,20 +103,26 @@ def _centre_on_rest(config: Config, part: str, tensors: dict[str, Tensor]) -> No
         bias[55] += 0.9
 
 
-def mel_constants(config: Config) -> dict[str, Tensor]:
+def _centre_on_speech(tensors: dict[str, Tensor]) -> None:
+    """Rows of order 1, channels around the middle of their range, a voice that comes and goes."""
+    width = len(tensors["mouth.mean"])
+    tensors["mouth.mean"], tensors["mouth.scale"] = torch.full((width,), -4.0), torch.full((width,), 0.3)
+    tensors["mouth.rest"] = tensors["mouth.rest"].sub(1.0).abs()
+    tensors["mouth.head.weight"][:-1] *= 0.3
+    tensors["mouth.head.bias"][:-1] += 0.4
+    tensors["mouth.head.weight"][-1] *= 3.0
+
+
+def mel_constants(name: str, mel: Config, sample_rate: int) -> dict[str, Tensor]:
     """A Hann window and triangles that are even on the mel scale, from 50 Hz to 7,600 Hz."""
-    mel = config["audio"]["mel"]
     low, high = (2595.0 * math.log10(1.0 + hz / 700.0) for hz in (50.0, 7600.0))
     edges = 700.0 * (10.0 ** (torch.linspace(low, high, mel["bands"] + 2, dtype=torch.float64) / 2595.0) - 1.0)
-    bins = torch.arange(mel["fft"] // 2 + 1, dtype=torch.float64) * config["audio"]["sample_rate"] / mel["fft"]
+    bins = torch.arange(mel["fft"] // 2 + 1, dtype=torch.float64) * sample_rate / mel["fft"]
     rising = (bins[None] - edges[:-2, None]) / (edges[1:-1] - edges[:-2])[:, None]
     falling = (edges[2:, None] - bins[None]) / (edges[2:] - edges[1:-1])[:, None]
-    width = bands_width(config)
     return {
-        "audio.mel.window.weight": torch.hann_window(mel["window"]),
-        "audio.mel.filters.weight": torch.minimum(rising, falling).clamp(min=0.0).float(),
-        "audio.mel.mean": torch.zeros(width),
-        "audio.mel.scale": torch.ones(width),
+        f"{name}.window.weight": torch.hann_window(mel["window"]),
+        f"{name}.filters.weight": torch.minimum(rising, falling).clamp(min=0.0).float(),
     }
 
 
@@ -129,6 +163,13 @@ def motion(frames: int, channels: int, joints: int, generator: torch.Generator) 
     rest = torch.zeros(channels)
     rest[: 6 * joints] = torch.tensor([1.0, 0.0, 0.0, 0.0, 1.0, 0.0]).repeat(joints)
     return rest + 0.5 * smooth
+
+
+def body(config: Config, frames: int, generator: torch.Generator) -> dict[str, Tensor]:
+    """Smooth channels of the four body parts."""
+    names = len(config["face"]["names"])
+    widths = {"face": 6 + names, "hands": 180, "upper": 78, "lower": 61}
+    return {part: motion(frames, widths[part], joints, generator) for part, joints in PART_JOINTS.items()}
 
 
 def codes(count: int, generator: torch.Generator) -> Tensor:

@@ -1,6 +1,7 @@
 """A run of the smoke plan with random networks in place of trained ones: what the last step makes a model file of."""
 
 from pathlib import Path
+from typing import Any
 
 import torch
 import yaml
@@ -11,6 +12,8 @@ from umo_train.audio.tokens import Tokenizer
 from umo_train.interp.model import Interpolation
 from umo_train.lm.model import LanguageModel
 from umo_train.motion.networks import RootNetwork, VqVae
+from umo_train.mouth.features import Front, sizes_of
+from umo_train.mouth.network import MouthNetwork
 from umo_train.skeleton import CHANNELS, PARTS, VELOCITY
 from umo_train.state import Saved
 
@@ -43,6 +46,25 @@ def make(work: Path) -> pipeline.Run:
     Saved(run.folder / "interp.pt", model=Interpolation(config)).save(1)
     export.save_state(run.folder / "lm_stage2.safetensors", LanguageModel(config).state_dict())
     return run
+
+
+MOUTH_FEATURES = {"window": 230, "fft": 256, "bands": 9, "floor": 1e-8, "rows": 2, "ahead": 3, "taps": 7}
+MOUTH_NETWORK = {"width": 12, "kernel": 3, "dilations": [1, 3]}
+MOUTH_CHANNELS = ["jawOpen", "mouthClose", "tongueOut"]
+
+
+@torch.no_grad()
+def mouth() -> tuple[dict[str, Any], dict[str, torch.Tensor]]:
+    """A live mouth of random weights: its config and its tensors."""
+    torch.manual_seed(5)
+    front = Front(sizes_of(MOUTH_FEATURES))
+    timing = {name: MOUTH_FEATURES[name] for name in ("rows", "taps")}
+    network = MouthNetwork(front.width, len(MOUTH_CHANNELS), **timing, **MOUTH_NETWORK)
+    network.mean.fill_(-4.0)
+    network.scale.fill_(0.3)
+    network.head.weight.mul_(5.0)
+    about = {**MOUTH_FEATURES, **MOUTH_NETWORK, "channels": MOUTH_CHANNELS}
+    return about, network.tensors(torch.float32) | front.tensors() | {"mouth.rest": torch.tensor([0.1, 0.2, 0.3])}
 
 
 def _rest(part: str) -> torch.Tensor:

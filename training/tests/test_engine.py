@@ -19,6 +19,9 @@ from umo_train.interp.model import Interpolation
 from umo_train.interp.train import fill
 from umo_train.lm.model import LanguageModel
 from umo_train.motion.networks import RootNetwork, VqVae
+from umo_train.mouth import part as mouth_part
+from umo_train.mouth.gate import gate, gated
+from umo_train.mouth.run import Mouth
 from umo_train.skeleton import CHANNELS, JOINTS_OF, PARTS, VELOCITY, matrices, rotation_6d
 
 PROGRAM = os.environ.get("UMO_PROGRAM")
@@ -152,6 +155,31 @@ def _root(run: pipeline.Run, out: dict[str, Tensor]) -> None:
     place[1:] = found[:-1].cumsum(0) / 30
     place[:, 1] = found[:, 1]
     _close(out["translation"], place)
+
+
+def test_mouth(run: pipeline.Run, tmp_path: Path) -> None:
+    """Added to a model, the live mouth is what our modules compute, and the rest of the model is as before."""
+    about, tensors = made_run.mouth()
+    mouth_part.write(tmp_path / "mouth.safetensors", about, tensors)
+    model = tmp_path / "model.safetensors"
+    mouth_part.add(_model(run), tmp_path / "mouth.safetensors", model)
+    assert "right" in _umo("inspect", "--verify", model)
+    t = torch.arange(50_011) / 16_000
+    samples = 0.3 * torch.sin(900 * t) * torch.sin(8 * t).clamp(min=0)
+    save_file({"audio": samples}, tmp_path / "in.safetensors")
+    _umo("stage", "mouth", "--model", model, "--in", tmp_path / "in.safetensors", "--out", tmp_path / "out.safetensors")
+    out = load_file(tmp_path / "out.safetensors")
+    mouth = Mouth(about, tensors)
+    outputs = mouth.outputs(samples.numpy())
+    _close(out["channels"], torch.from_numpy(gated(outputs, mouth.rest)).float())
+    _close(out["voiced"], torch.from_numpy(gate(outputs[:, -1])).float())
+    codes = {f"codes.{name}": torch.arange(9) for name in PARTS}
+    before = _stage(run, "motion", codes, tmp_path)
+    save_file(codes, tmp_path / "in.safetensors")
+    common = ("--precision", "f32", "--threads", 1, "--model", model)
+    _umo("stage", "motion", *common, "--in", tmp_path / "in.safetensors", "--out", tmp_path / "after.safetensors")
+    after = load_file(tmp_path / "after.safetensors")
+    assert all(torch.equal(before[name], after[name]) for name in before)
 
 
 def test_animate(run: pipeline.Run, tmp_path: Path) -> None:

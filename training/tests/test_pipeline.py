@@ -12,6 +12,9 @@ import made_run
 from umo_train import export, model_config, pipeline
 from umo_train.convert.layout import shapes
 from umo_train.data.corpus import SpeechPlan
+from umo_train.frames import steps as frame_steps
+from umo_train.frames.interp import VectorPlan
+from umo_train.frames.tokenizers import plan_of
 from umo_train.interp.train import InterpPlan
 from umo_train.lm.train import StagePlan
 from umo_train.skeleton import PARTS
@@ -40,6 +43,25 @@ def test_plans_hold_what_stages_read(smoke: bool) -> None:
     # A keyframe has a whole number of audio tokens, and a window fits the interpolation network.
     window = run.plan["window"]
     assert window["keyframe_stride"] * 50 % 30 == 0
+    assert window["keyframe_stride"] * (window["max_target"] + window["prefix"]) <= run.plan["interp"]["max_frames"]
+
+
+@pytest.mark.parametrize("smoke", [False, True])
+def test_plans_of_layout_frames_hold_what_stages_read(smoke: bool) -> None:
+    run = pipeline.Run.read(made_run.SMALL.with_name("frames.yaml"), Path("w"), smoke=smoke)
+    SpeechPlan(**run.plan["speech"])
+    VectorPlan(**run.plan["interp_training"])
+    assert frame_steps.root_plan(run).steps > 0
+    order = frame_steps.parts_of(run)
+    assert [part.name for part in order if not part.moves] == ["intent"] and len(frame_steps.moving(run)) == 7
+    if not smoke:
+        assert all((part.codes, part.levels) == (256, 4) for part in frame_steps.moving(run))
+    for entry in run.plan["parts"]:
+        assert plan_of(run.plan["tokenizers"], entry, 3, 0).steps > 0
+    stages = [frame_steps.stage_plan(run, stage) for stage in run.plan["stages"]]
+    assert [(s.dense, s.balance) for s in stages] == [(True, 0.0), (False, 0.01)]
+    window, ahead = run.plan["window"], run.plan["audio"]["ahead"]
+    assert 0 < ahead <= window["prefix"]
     assert window["keyframe_stride"] * (window["max_target"] + window["prefix"]) <= run.plan["interp"]["max_frames"]
 
 

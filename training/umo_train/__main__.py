@@ -33,7 +33,7 @@ def main(arguments: list[str] | None = None) -> None:
     torch.set_num_threads(options.threads)
     settings = pipeline.Run.read(options.config, options.work, smoke=options.smoke)
     if options.only:
-        pipeline.step_tokenizers(settings, (options.only,))
+        pipeline.only(settings, options.only)
         return
     pipeline.run(settings, tuple(options.steps))
 

@@ -9,8 +9,6 @@ import torch
 from safetensors.torch import load_file, save_file
 from torch import Tensor
 
-from umo_train.skeleton import PARTS
-
 
 def tensors(
     audio: dict[str, Tensor],
@@ -23,10 +21,12 @@ def tensors(
     """Every tensor under its name; matrices in `dtype`, what decides nearest neighbours and routes in f32."""
     out = {name: tensor.float() for name, tensor in audio.items()}
     for name, tensor in language.items():
-        out[f"lm.{name}"] = tensor.float() if "router" in name or "relative" in name else tensor.to(dtype)
+        # The depth network of layout `frames` is a network of its own.
+        full = name if name.startswith("depth.") else f"lm.{name}"
+        out[full] = tensor.float() if "router" in name or "relative" in name else tensor.to(dtype)
     out |= {f"interp.{name}": tensor.to(dtype) for name, tensor in interpolation.items()}
-    for part in (*PARTS, "root"):
-        for name, tensor in motion[part].items():
+    for part, network in motion.items():
+        for name, tensor in network.items():
             out[f"vq.{part}.{name}"] = tensor.float() if "quantizer" in name else tensor.to(dtype)
     out = {name: tensor.detach().contiguous().clone() for name, tensor in out.items()}
     if text is not None:

@@ -8,18 +8,19 @@ import sentencepiece
 import yaml
 
 from umo_train.audio import tokens
+from umo_train.performer.style import PROMPTS
 from umo_train.plan import Config, Run
 from umo_train.skeleton import ARKIT, CHANNELS, JOINTS_OF, OFFSETS_M, PARENTS, PARTS
 
 # Text ids that mark the tasks in templates; they name no piece that prompts need.
 AUDIO_TASK, MOTION_TASK, TEXT_TASK, TEXT_END = 8, 9, 10, 11
-_END = 1
+END = 1
 # Templates that the program uses; a plan may have more, of tasks that only training has.
 _OF_THE_PROGRAM = ("audio_to_motion", "audio_to_motion_with_text", "text_to_motion")
 _MARKED = {
-    "audio_to_motion": [AUDIO_TASK, "audio", MOTION_TASK, *PARTS, _END],
-    "audio_to_motion_with_text": [AUDIO_TASK, "audio", MOTION_TASK, TEXT_TASK, "text", TEXT_END, *PARTS, _END],
-    "text_to_motion": [TEXT_TASK, "text", TEXT_END, *PARTS, _END],
+    "audio_to_motion": [AUDIO_TASK, "audio", MOTION_TASK, *PARTS, END],
+    "audio_to_motion_with_text": [AUDIO_TASK, "audio", MOTION_TASK, TEXT_TASK, "text", TEXT_END, *PARTS, END],
+    "text_to_motion": [TEXT_TASK, "text", TEXT_END, *PARTS, END],
 }
 
 
@@ -36,14 +37,14 @@ def channels(plan: Config) -> dict[str, int]:
     return CHANNELS | {"face": 6 * len(JOINTS_OF["face"]) + len(face(plan)["names"])}
 
 
-def vocabulary(s: Run) -> Config:
-    """Text, then motion and audio in Language of Motion's order."""
+def vocabulary(s: Run, parts: tuple[str, ...] = PARTS) -> Config:
+    """Text, then the parts' codes and audio in Language of Motion's order."""
     # T5's vocabulary has ids that its SentencePiece model has no pieces for.
     text = pieces(s).get_piece_size() + s.plan.get("text", {}).get("extra_ids", 0)
-    vocab: Config = {"size": 0, "pad": 0, "eos": _END, "decoder_start": 0}
+    vocab: Config = {"size": 0, "pad": 0, "eos": END, "decoder_start": 0}
     first = text + 3
     codes = s.plan["tokenizers"]["codes"]
-    for name, count, unused in (*((part, codes, 0) for part in PARTS), ("audio", s.plan["audio"]["units"], 2)):
+    for name, count, unused in (*((part, codes, 0) for part in parts), ("audio", s.plan["audio"]["units"], 2)):
         start = first + count + unused
         vocab[name] = {"first": first, "codes": count, "start": start, "end": start + 1, "mask": start + 2}
         first = start + 3
@@ -68,8 +69,26 @@ def templates(s: Run) -> dict[str, list[Any]]:
         ids: list[Any] = []
         for i, piece in enumerate(re.split(r"\{(\w+)\}", sentence)):
             ids += [piece] if i % 2 else pieces(s).encode(piece.strip())
-        out[name] = [*ids, _END]
+        out[name] = [*ids, END]
     return _MARKED | out
+
+
+def common_sizes(s: Run, parts: tuple[str, ...]) -> Config:
+    """What configs of both layouts have; `parts` are those with ids in the vocabulary."""
+    plan = s.plan
+    return {
+        "name": plan["name"],
+        "license": plan["license"],
+        "frame_rate": 30,
+        **plan["window"],
+        "audio": tokens.model_config(plan["audio"]),
+        "vocab": vocabulary(s, parts),
+        "lm": {key: value for key, value in plan["lm"].items() if key != "init"},
+        "interp": plan["interp"],
+        "face": face(plan),
+        "sampling": plan["sampling"],
+        "skeleton": {"parents": list(PARENTS), "offsets_m": [[round(float(x), 4) for x in row] for row in OFFSETS_M]},
+    }
 
 
 def sizes(s: Run) -> Config:
@@ -80,23 +99,13 @@ def sizes(s: Run) -> Config:
         width = channels(plan)["lower" if name == "root" else name]
         vq[name] = {"channels": width, "layers": plan["tokenizers"][name]["layers"]}
     every = templates(s)
-    return {
-        "name": plan["name"],
-        "license": plan["license"],
-        "frame_rate": 30,
-        **plan["window"],
-        "audio": tokens.model_config(plan["audio"]),
-        "vocab": vocabulary(s),
-        "lm": {key: value for key, value in plan["lm"].items() if key != "init"},
-        "interp": plan["interp"],
-        "vq": vq,
-        "face": face(plan),
-        "templates": {name: every[name] for name in _OF_THE_PROGRAM},
-        "sampling": plan["sampling"],
-        "skeleton": {"parents": list(PARENTS), "offsets_m": [[round(float(x), 4) for x in row] for row in OFFSETS_M]},
-    }
+    return common_sizes(s, PARTS) | {"vq": vq, "templates": {name: every[name] for name in _OF_THE_PROGRAM}}
 
 
 def model_file_config(s: Run) -> Config:
     """`config` of the model file."""
-    return sizes(s) | {"rest": yaml.safe_load((s.folder / "rest.yaml").read_text())}
+    config = sizes(s) | {"rest": yaml.safe_load((s.folder / "rest.yaml").read_text())}
+    # A model of the performer's motion knows the performer's prompts and no others.
+    if "speech" in s.plan:
+        config["prompts"] = [prompt for prompts in PROMPTS.values() for prompt in prompts if prompt]
+    return config

@@ -1,5 +1,6 @@
 """From nothing to a model file, step by step. Each step goes on where it stopped and is skipped where it is done."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from umo_train.audio import tokens
 from umo_train.convert import vq
 from umo_train.data import corpus
 from umo_train.device import best
+from umo_train.frames import steps as frame_steps
 from umo_train.interp.model import Interpolation
 from umo_train.interp.train import InterpPlan
 from umo_train.interp.train import train as train_interp
@@ -29,18 +31,47 @@ from umo_train.plan import Config, Run
 from umo_train.skeleton import CHANNELS, PARTS
 from umo_train.speech.utterance import FRAME_RATE, SAMPLE_RATE, SILENCE, Phone, Utterance
 
-STEPS = ("import", "voices", "speech", "motion", "audio", "tokenizers", "codes", "lm", "interp", "export")
+STEPS = (
+    "import",
+    "voices",
+    "speech",
+    "motion",
+    "audio",
+    "tokenizers",
+    "report",
+    "codes",
+    "lm",
+    "interp",
+    "export",
+    "mouth",
+)
+# Steps of which a plan of layout `frames` has its own, and what a plan runs that names none.
+_OF_FRAMES = ("tokenizers", "report", "codes", "lm", "interp", "export")
+_FRAMES_STEPS = ("speech", "motion", "audio", *_OF_FRAMES)
 # Of a plan that names none: speech and motion are made.
 _STEPS = ("speech", "motion", "audio", "tokenizers", "codes", "lm", "interp", "export")
+
+
+def only(settings: Run, name: str) -> None:
+    """The step `tokenizers` for one network alone."""
+    _step("tokenizers", frames=settings.plan.get("layout") == "frames")(settings, (name,))
 
 
 def run(settings: Run, steps: tuple[str, ...] = ()) -> None:
     """The steps given, or all of the plan. Of several processes (`accelerate launch`) the first makes everything but
     the language model, which all train."""
-    for step in steps or settings.plan.get("steps", _STEPS):
+    frames = settings.plan.get("layout") == "frames"
+    for step in steps or settings.plan.get("steps", _FRAMES_STEPS if frames else _STEPS):
         if step == "lm" or processes.is_first():
-            globals()[f"step_{step}"](settings)
+            _step(step, frames=frames)(settings)
         processes.wait()
+
+
+def _step(name: str, *, frames: bool) -> Callable[..., None]:
+    """The function of a step: those of layout `frames` are in its own package."""
+    if frames and name in _OF_FRAMES:
+        return getattr(frame_steps, f"step_{name}")
+    return globals()[f"step_{name}"]
 
 
 def step_import(s: Run) -> None:
@@ -265,6 +296,18 @@ def step_interp(s: Run) -> None:
     codes = [np.load(s.folder / "codes" / f"{name}.npy").astype(np.int64) for name in names]
     books = {part: model.quantizer.embedding.weight.detach() for part, model in tokenizers(s).items()}
     train_interp(InterpPlan(**s.plan["interp_training"], seed=s.plan["seed"]), config, codes, s.folder, books)
+
+
+def step_report(s: Run) -> None:
+    """Of layout `frames` alone."""
+    raise ValueError("the step `report` is of plans with `layout: frames`")
+
+
+def step_mouth(s: Run) -> None:
+    """`run/mouth.safetensors`: the live mouth, a part of its own."""
+    from umo_train.mouth.make import make
+
+    make(s)
 
 
 def step_export(s: Run, interpolation: Interpolation | None = None) -> None:

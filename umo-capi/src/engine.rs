@@ -9,7 +9,8 @@ use std::time::Duration;
 use umo_core::engine::{Engine, EngineConfig, Lender, Poll, Threads};
 
 use crate::ffi::{self, Sized32, guard, put, put_if_wanted, wanted};
-use crate::handle::{Held, Table};
+use crate::gesture::Known;
+use crate::handle::{self, Held, Table};
 use crate::log::{Log, UMO_LOG_INFO, UmoLog};
 use crate::model::{self, ModelHandle, UmoModel};
 use crate::status::{Failure, UmoStatus};
@@ -27,10 +28,11 @@ pub const UMO_ENGINE_POLLED: u32 = 1;
 /// Most cores that threads can be bound to.
 const MAX_CORES: usize = 64;
 
-/// Lends the host's threads to an engine: its job system's. Each `umo_engine_poll` then calls `submit` for every thread but
-/// its own; the host runs `job(context)` on another thread as soon as it can, which computes until the poll is over and
-/// returns. It needs 1 MiB of stack. A job that is run late, or never, costs speed and nothing else; one that is run after
-/// the engine was freed returns at once.
+/// Lends the threads of the host's job system to an engine. Each `umo_engine_poll` then calls
+/// `submit` for every thread but its own; the host runs `job(context)` on another thread as soon as
+/// it can, which computes until the poll is over and returns. It needs 1 MiB of stack. A job that
+/// is run late, or never, costs speed and nothing else; one that is run after the engine was freed
+/// returns at once.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct UmoJobs {
@@ -46,7 +48,7 @@ pub struct UmoJobs {
     >,
 }
 
-/// What an engine is made with. Start it with `umo_engine_config_init`.
+/// Configuration of an engine. Start it with `umo_engine_config_init`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct UmoEngineConfig {
@@ -54,21 +56,23 @@ pub struct UmoEngineConfig {
     pub struct_size: u32,
     /// `UMO_ENGINE_THREADS` or `UMO_ENGINE_POLLED`.
     pub mode: u32,
-    /// Threads that compute, 1 to 64: the engine's own, or, where the host polls, the polling thread and as many more of
-    /// the engine's own as make up the number.
+    /// Threads that compute, 1 to 64: the engine's own, or, where the host polls, the polling
+    /// thread and as many more of the engine's own as make up the number.
     pub threads: u32,
     /// Most sessions at once, 1 to 4,096.
     pub max_sessions: u32,
-    /// Most sessions that are computed together, 1 to 64: more read the weights less often and need memory.
+    /// Most sessions that are computed together, 1 to 64: more read the weights less often and need
+    /// memory.
     pub max_batch: u32,
     /// How many `cores` there are, 0 to 64.
     pub core_count: u32,
-    /// Processor numbers that the engine's own threads are bound to, one each, as far as they go; NULL leaves that to the
-    /// system.
+    /// Processor numbers that the engine's own threads are bound to, one each, as far as they go;
+    /// NULL leaves that to the system.
     pub cores: *const u32,
-    /// The host's threads, where they are to compute in place of the engine's own, or NULL. Only with `UMO_ENGINE_POLLED`.
+    /// The host's threads, where they are to compute in place of the engine's own, or NULL. Only
+    /// with `UMO_ENGINE_POLLED`.
     pub jobs: *const UmoJobs,
-    /// Who is told about this engine and its sessions, or NULL.
+    /// Log callback for this engine and its sessions, or NULL.
     pub log: *const UmoLog,
 }
 
@@ -83,6 +87,8 @@ pub(crate) struct EngineHandle {
     engine: ManuallyDrop<Engine>,
     pub(crate) model: Arc<ModelHandle>,
     pub(crate) log: Log,
+    /// What sessions that are made from now on know.
+    pub(crate) gestures: Known,
     process: u32,
 }
 
@@ -105,7 +111,7 @@ impl EngineHandle {
 
 impl Drop for EngineHandle {
     fn drop(&mut self) {
-        // A fork has the engine's memory, but not its threads: there is nobody to wait for.
+        // A forked process has the engine's memory, but not its threads: there is none to wait for.
         if self.process == std::process::id() {
             // SAFETY: it is dropped once, here.
             unsafe { ManuallyDrop::drop(&mut self.engine) };
@@ -137,7 +143,7 @@ impl UmoEngineConfig {
         if self.core_count as usize > MAX_CORES {
             return Err(Failure::argument(format_args!("core_count {}: expected 0 to {MAX_CORES}", self.core_count)));
         }
-        // SAFETY: by this function's own clause.
+        // SAFETY: guaranteed by the caller (see # Safety).
         let cores = unsafe { ffi::slice(self.cores, self.core_count as usize, "cores")? };
         let threads = match (self.mode, self.threads as usize) {
             (UMO_ENGINE_THREADS, threads) => Threads::Own(threads),
@@ -145,7 +151,7 @@ impl UmoEngineConfig {
             (UMO_ENGINE_POLLED, 0) => return Err(Failure::argument("threads 0: the one that polls counts")),
             (mode, _) => return Err(Failure::argument(format_args!("mode {mode} is none of UMO_ENGINE_…"))),
         };
-        // SAFETY: by this function's own clause.
+        // SAFETY: guaranteed by the caller (see # Safety).
         let lender = match (self.mode, unsafe { crate::read_if_given(self.jobs, "config.jobs")? }) {
             (_, None) => None,
             (UMO_ENGINE_POLLED, Some(UmoJobs { submit: None, .. })) => {
@@ -179,7 +185,7 @@ unsafe impl Send for Jobs {}
 unsafe impl Sync for Jobs {}
 
 impl Jobs {
-    /// Hands one job over, which knows its engine by its handle: one that comes late finds it gone.
+    /// Submits one job, which refers to its engine by handle: a late job finds it freed and returns.
     fn submit(&self, engine: usize) {
         let UmoJobs { userdata, submit: Some(submit) } = self.0 else { return };
         // SAFETY: the host's own function, called as its description says.
@@ -198,8 +204,8 @@ unsafe extern "C" fn work(context: *mut c_void) {
     });
 }
 
-/// Fills an engine configuration with its defaults: two threads of its own (one where there is one core), 64 sessions, 8 of
-/// them together. `size` is `sizeof *config`.
+/// Fills an engine configuration with its defaults: two threads of its own (one where there is one
+/// core), 64 sessions, 8 of them together. `size` is `sizeof *config`.
 ///
 /// Threads: any. Never allocates, never waits.
 /// Errors: `NULL_POINTER`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (not aligned).
@@ -209,18 +215,21 @@ unsafe extern "C" fn work(context: *mut c_void) {
 #[unsafe(no_mangle)]
 #[must_use]
 pub unsafe extern "C" fn umo_engine_config_init(config: *mut UmoEngineConfig, size: usize) -> UmoStatus {
-    // SAFETY: by this function's own clause.
+    // SAFETY: guaranteed by the caller (see # Safety).
     guard(|| unsafe { ffi::initialise(config, size, "config", &UmoEngineConfig::defaults()) })
 }
 
-/// Makes an engine for a model, which may be freed before it. `config` may be NULL.
+/// Creates an engine for a model, which may be freed before it. `config` may be NULL.
 ///
-/// Threads: any but the audio thread. Allocates everything that computing will need, and starts the engine's threads.
-/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (`umo_last_error` says which number), `STRUCT_SIZE`,
-/// `THREAD`, `MODEL` (the model gives no pose of rest), `FULL` (1,024 engines).
+/// Threads: any but the audio thread. Allocates everything that computing will need, and starts the
+/// engine's threads.
+/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (`umo_last_error` says which
+/// number), `STRUCT_SIZE`, `THREAD`, `MODEL` (the model has no rest pose), `FULL` (1,024
+/// engines).
 ///
 /// # Safety
-/// `config` is NULL or as long as its `struct_size` says, with `cores`, `jobs` and `log` as described; `engine` is NULL or writable.
+/// `config` is NULL or as long as its `struct_size` says, with `cores`, `jobs` and `log` as
+/// described; `engine` is NULL or writable.
 #[unsafe(no_mangle)]
 #[must_use]
 pub unsafe extern "C" fn umo_engine_new(
@@ -234,31 +243,39 @@ pub unsafe extern "C" fn umo_engine_new(
         let config = if config.is_null() {
             UmoEngineConfig::defaults()
         } else {
-            // SAFETY: by this function's own clause.
+            // SAFETY: guaranteed by the caller (see # Safety).
             unsafe { ffi::read(config, "config")? }
         };
-        // SAFETY: by this function's own clause.
+        // SAFETY: guaranteed by the caller (see # Safety).
         let log = Log(unsafe { crate::read_if_given(config.log, "config.log")? });
         let known = Arc::new(AtomicUsize::new(0));
-        // SAFETY: by this function's own clause.
+        // SAFETY: guaranteed by the caller (see # Safety).
         let wanted = unsafe { config.read(&known)? };
         let made = Engine::new(Arc::clone(&model.model), &wanted)?;
         log.say(UMO_LOG_INFO, format_args!("engine of {} with {} threads", model.model.config().name, config.threads));
-        let handle = EngineHandle { engine: ManuallyDrop::new(made), model, log, process: std::process::id() };
-        let handle = ENGINES.insert(Box::new(handle))?;
+        let engine_handle = EngineHandle {
+            engine: ManuallyDrop::new(made),
+            model,
+            log,
+            gestures: Known::new(),
+            process: std::process::id(),
+        };
+        let handle = ENGINES.insert(handle::boxed(engine_handle)?)?;
         known.store(handle, Ordering::Relaxed);
-        // SAFETY: by this function's own clause.
+        // SAFETY: guaranteed by the caller (see # Safety).
         unsafe { put(engine, "engine", std::ptr::without_provenance_mut(handle)) }
     })
 }
 
-/// Stops an engine's threads and frees it. Its sessions live on without it: frames that were ready can be pulled, then
-/// they say `CLOSED`. NULL is fine.
+/// Stops an engine's threads and frees it. Its sessions live on without it: frames that were ready
+/// can be pulled, then they say `CLOSED`. NULL is fine.
 ///
-/// Threads: any but the audio thread. Waits for the layer that is being computed, a few milliseconds at most.
-/// Errors: `INVALID_HANDLE`, `BUSY` (a call on it is in progress, as `umo_engine_poll`, or a job that it gave to
-/// `umo_jobs.submit`). After `BUSY` the engine takes no other calls, and jobs that have not begun return at once; free it again
-/// when those in progress have returned: `while (umo_engine_free(engine) == UMO_STATUS_BUSY) wait_for_my_jobs();`
+/// Threads: any but the audio thread. Waits for the layer that is being computed, a few
+/// milliseconds at most.
+/// Errors: `INVALID_HANDLE`, `BUSY` (a call on it is in progress, as `umo_engine_poll`, or a job
+/// that it gave to `umo_jobs.submit`). After `BUSY` the engine takes no other calls, and jobs that
+/// have not begun return at once; free it again when those in progress have returned:
+/// `while (umo_engine_free(engine) == UMO_STATUS_BUSY) wait_for_my_jobs();`
 #[unsafe(no_mangle)]
 pub extern "C" fn umo_engine_free(engine: *mut UmoEngine) -> UmoStatus {
     guard(|| {
@@ -275,9 +292,10 @@ pub extern "C" fn umo_engine_free(engine: *mut UmoEngine) -> UmoStatus {
 /// `budget` microseconds and at most one layer's time longer. With a budget of 0 it computes one layer. `more`, which may
 /// be NULL, becomes 1 where there is more to do, else 0.
 ///
-/// Threads: one at a time, with at least 1 MiB of stack; not the audio thread. Never allocates; waits only for the engine's
-/// own threads and for work that lent ones have begun.
-/// Errors: `INVALID_HANDLE`, `BUSY` (another thread polls), `UNSUPPORTED` (the engine has threads of its own).
+/// Threads: one at a time, with at least 1 MiB of stack; not the audio thread. Never allocates;
+/// waits only for the engine's own threads and for work that lent ones have begun.
+/// Errors: `INVALID_HANDLE`, `BUSY` (another thread polls), `UNSUPPORTED` (the engine has threads
+/// of its own).
 ///
 /// # Safety
 /// `more` is NULL or writable.
@@ -287,7 +305,7 @@ pub unsafe extern "C" fn umo_engine_poll(engine: *mut UmoEngine, budget: u32, mo
     guard(|| {
         let engine = get(engine)?;
         let left = engine.engine().poll(Duration::from_micros(budget.into()))?;
-        // SAFETY: by this function's own clause.
+        // SAFETY: guaranteed by the caller (see # Safety).
         unsafe { put_if_wanted(more, "more", u32::from(left == Poll::More)) }
     })
 }

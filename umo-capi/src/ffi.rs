@@ -1,4 +1,5 @@
-//! What stands between C and Rust: pointers checked, structures of any age read and written, panics kept in.
+//! What stands between C and Rust: pointers checked, structures of any age read and written, panics
+//! kept in.
 
 use std::ffi::{CStr, c_char};
 
@@ -18,7 +19,8 @@ const MAX_BYTES: usize = isize::MAX as usize;
 /// Runs a call that names no session; its failure's detail is kept for `umo_last_error`.
 pub(crate) fn guard(call: impl FnOnce() -> Result<(), Failure>) -> UmoStatus {
     keep_quiet(&[file!()]);
-    // What a caught panic leaves behind is behind a handle: a session is poisoned, an engine and a model are not changed.
+    // What a caught panic leaves behind is behind a handle: a session is poisoned, an engine and a
+    // model are not changed.
     let result = contain_quietly(call).unwrap_or_else(|defect| Err(Failure::defect(&defect)));
     match result {
         Ok(()) => UMO_STATUS_OK,
@@ -38,7 +40,7 @@ pub(crate) unsafe fn put<T>(out: *mut T, what: &str, value: T) -> Result<(), Fai
         return Err(Failure::null(what));
     }
     check_alignment(out.cast_const(), what)?;
-    // SAFETY: not NULL, aligned, and writable by this function's own clause.
+    // SAFETY: not NULL, aligned, and writable guaranteed by the caller (see # Safety).
     unsafe { out.write(value) };
     Ok(())
 }
@@ -51,7 +53,7 @@ pub(crate) unsafe fn put_if_wanted<T>(out: *mut T, what: &str, value: T) -> Resu
     if out.is_null() {
         return Ok(());
     }
-    // SAFETY: writable by this function's own clause.
+    // SAFETY: writable guaranteed by the caller (see # Safety).
     unsafe { put(out, what, value) }
 }
 
@@ -73,26 +75,28 @@ fn check_alignment<T>(pointer: *const T, what: &str) -> Result<(), Failure> {
 /// `len` values.
 ///
 /// # Safety
-/// `values` is NULL or has `len` readable values that nobody writes while the slice lives.
+/// `values` is NULL or has `len` readable values that no thread writes while the slice lives.
 pub(crate) unsafe fn slice<'a, T>(values: *const T, len: usize, what: &str) -> Result<&'a [T], Failure> {
     if len == 0 {
         return Ok(&[]);
     }
     check_len::<T>(values, len, what)?;
-    // SAFETY: not NULL, aligned, of a length that a slice may have, and readable by this function's own clause.
+    // SAFETY: not NULL, aligned, of a length that a slice may have, and readable: guaranteed by
+    // the caller (see # Safety).
     Ok(unsafe { std::slice::from_raw_parts(values, len) })
 }
 
 /// `len` values that can be written.
 ///
 /// # Safety
-/// `values` is NULL or has `len` writable values that nobody else touches while the slice lives.
+/// `values` is NULL or has `len` writable values that no other thread accesses while the slice lives.
 pub(crate) unsafe fn slice_mut<'a, T>(values: *mut T, len: usize, what: &str) -> Result<&'a mut [T], Failure> {
     if len == 0 {
         return Ok(&mut []);
     }
     check_len::<T>(values, len, what)?;
-    // SAFETY: not NULL, aligned, of a length that a slice may have, and writable by this function's own clause.
+    // SAFETY: not NULL, aligned, of a length that a slice may have, and writable: guaranteed by
+    // the caller (see # Safety).
     Ok(unsafe { std::slice::from_raw_parts_mut(values, len) })
 }
 
@@ -117,7 +121,8 @@ pub(crate) unsafe fn string<'a>(text: *const c_char, what: &str) -> Result<&'a s
         return Err(Failure::null(what));
     }
     for len in 0..MAX_TEXT {
-        // SAFETY: no byte before this one was zero, so the text, readable by this function's own clause, reaches here.
+        // SAFETY: no byte before this one was zero, so the text, readable by this function's own
+        // clause, reaches here.
         let byte = unsafe { text.add(len) };
         // SAFETY: as above.
         if unsafe { *byte } == 0 {
@@ -129,11 +134,12 @@ pub(crate) unsafe fn string<'a>(text: *const c_char, what: &str) -> Result<&'a s
     Err(Failure::argument(format_args!("`{what}` has more than {MAX_TEXT} bytes")))
 }
 
-/// A structure whose first field is its size, a `u32`, so that it can grow: every field that an older or a newer program
-/// does not have counts as zero.
+/// A structure whose first field is its size, a `u32`, so that it can grow: every field that an
+/// older or a newer program does not have counts as zero.
 ///
 /// # Safety
-/// The type is `repr(C)`, starts with `struct_size: u32`, and every pattern of bits is a value of it.
+/// The type is `repr(C)`, starts with `struct_size: u32`, and every pattern of bits is a value of
+/// it.
 pub(crate) unsafe trait Sized32: Copy {
     /// Bytes of the structure in the first release that had it.
     const FIRST: usize;
@@ -144,7 +150,7 @@ pub(crate) unsafe trait Sized32: Copy {
 /// # Safety
 /// `from` is NULL or has as many readable bytes as its `struct_size` says.
 pub(crate) unsafe fn read<T: Sized32>(from: *const T, what: &str) -> Result<T, Failure> {
-    // SAFETY: by this function's own clause.
+    // SAFETY: guaranteed by the caller (see # Safety).
     let size = unsafe { struct_size(from, what)? };
     // SAFETY: every pattern of bits is a value, zeros among them.
     let mut value: T = unsafe { std::mem::zeroed() };
@@ -167,7 +173,7 @@ pub(crate) unsafe fn read<T: Sized32>(from: *const T, what: &str) -> Result<T, F
 /// # Safety
 /// `to` is NULL or has as many writable bytes as its `struct_size` says.
 pub(crate) unsafe fn write<T: Sized32>(to: *mut T, what: &str, value: &T) -> Result<(), Failure> {
-    // SAFETY: by this function's own clause.
+    // SAFETY: guaranteed by the caller (see # Safety).
     let size = unsafe { struct_size(to.cast_const(), what)? };
     let (head, known) = (size_of::<u32>(), size.min(size_of::<T>()));
     // SAFETY: at least `FIRST` bytes are there, which are more than the head.
@@ -188,7 +194,7 @@ unsafe fn struct_size<T: Sized32>(from: *const T, what: &str) -> Result<usize, F
         return Err(Failure::null(what));
     }
     check_alignment(from, what)?;
-    // SAFETY: not NULL, aligned, and readable by this function's own clause.
+    // SAFETY: not NULL, aligned, and readable guaranteed by the caller (see # Safety).
     let size = unsafe { from.cast::<u32>().read() } as usize;
     if !(T::FIRST..=MAX_STRUCT).contains(&size) {
         let what = format_args!("`{what}`: struct_size is {size}, but the structure has {} bytes", size_of::<T>());
@@ -210,7 +216,7 @@ pub(crate) unsafe fn initialise<T: Sized32>(to: *mut T, size: usize, what: &str,
         let what = format_args!("`{what}`: a size of {size} was given, but the structure has {} bytes", size_of::<T>());
         return Err(Failure::new(UMO_STATUS_STRUCT_SIZE, what));
     }
-    // SAFETY: `size` bytes are writable by this function's own clause.
+    // SAFETY: `size` bytes are writable guaranteed by the caller (see # Safety).
     unsafe { to.cast::<u8>().write_bytes(0, size) };
     let size = u32::try_from(size).map_err(|_| Failure::argument("a structure's size"))?;
     // SAFETY: not NULL, aligned, and at least `FIRST` bytes are writable.
@@ -230,7 +236,7 @@ pub(crate) unsafe fn copy_text(
     length: *mut usize,
 ) -> Result<(), Failure> {
     let bytes = text.as_c_str().to_bytes_with_nul();
-    // SAFETY: by this function's own clause.
+    // SAFETY: guaranteed by the caller (see # Safety).
     unsafe { put_if_wanted(length, "length", bytes.len() - 1)? };
     if size == 0 {
         return Ok(());
@@ -238,7 +244,7 @@ pub(crate) unsafe fn copy_text(
     if size < bytes.len() {
         return Err(Failure::plain(UMO_STATUS_BUFFER_TOO_SMALL));
     }
-    // SAFETY: by this function's own clause.
+    // SAFETY: guaranteed by the caller (see # Safety).
     let buffer = unsafe { slice_mut(buffer.cast::<u8>(), size, "buffer")? };
     buffer[..bytes.len()].copy_from_slice(bytes);
     Ok(())
@@ -249,6 +255,7 @@ mod tests {
     use super::Sized32;
     use crate::engine::{UmoEngineConfig, UmoJobs};
     use crate::frame::UmoFrameLayout;
+    use crate::gesture::{UmoGestureClip, UmoGestureOptions};
     use crate::log::UmoLog;
     use crate::memory::UmoAllocator;
     use crate::model::{UmoModelConfig, UmoModelInfo};
@@ -263,20 +270,24 @@ mod tests {
             assert_eq!((size_of::<T>(), T::FIRST), (bytes, bytes));
         }
         sized::<UmoModelConfig>(24);
-        sized::<UmoModelInfo>(64);
         sized::<UmoEngineConfig>(48);
-        sized::<UmoSessionConfig>(64);
         sized::<UmoFrameLayout>(48);
         sized::<UmoParameterInfo>(40);
-        // Grown since its first version.
-        assert_eq!((size_of::<UmoLatency>(), UmoLatency::FIRST), (64, 48));
+        // Grown since their first version.
+        assert_eq!((size_of::<UmoSessionConfig>(), UmoSessionConfig::FIRST), (80, 64));
+        assert_eq!((size_of::<UmoModelInfo>(), UmoModelInfo::FIRST), (72, 64));
+        assert_eq!((size_of::<UmoLatency>(), UmoLatency::FIRST), (72, 48));
         sized::<UmoStats>(56);
         sized::<UmoSampled>(24);
+        sized::<UmoGestureOptions>(48);
+        sized::<UmoGestureClip>(32);
         assert_eq!((size_of::<UmoAllocator>(), size_of::<UmoJobs>(), size_of::<UmoLog>()), (24, 16, 16));
         assert_eq!(offset_of!(UmoModelInfo, file_size), 56);
         assert_eq!(offset_of!(UmoEngineConfig, jobs), 32);
         assert_eq!(offset_of!(UmoSessionConfig, seed), 40);
         assert_eq!(offset_of!(UmoSessionConfig, template_name), 48);
+        assert_eq!(offset_of!(UmoSessionConfig, smoothing), 64);
+        assert_eq!(offset_of!(UmoSessionConfig, horizon), 72);
         assert_eq!(offset_of!(UmoFrameLayout, visemes), 40);
         assert_eq!(offset_of!(UmoParameterInfo, minimum), 16);
         assert_eq!(offset_of!(UmoLatency, algorithmic_samples), 8);

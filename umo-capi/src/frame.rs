@@ -5,22 +5,23 @@ use std::ffi::c_void;
 use umo_core::motion::axes::Axes;
 use umo_core::motion::skeleton::JOINTS;
 use umo_core::motion::visemes::VISEMES;
-use umo_core::session::FrameView;
+use umo_core::session::Frame;
 
 use crate::ffi::{self, Sized32, guard};
 use crate::model::{self, ModelHandle, UmoModel};
 use crate::status::{Failure, UMO_STATUS_BUFFER_TOO_SMALL, UMO_STATUS_UNSUPPORTED, UmoStatus};
 
-/// An offset that says: not wanted.
+/// Offset of a value that is not wanted.
 pub const UMO_ABSENT: u32 = 0xffff_ffff;
 
-/// Where a frame's values go in memory of the host's own, in bytes from the frame's start. A value whose offset is
-/// `UMO_ABSENT` is not written; bytes between values are left alone, so that frames can be the host's own structures.
-/// Start it with `umo_frame_layout_init`.
+/// Where a frame's values go in memory of the host's own, in bytes from the frame's start. A value
+/// whose offset is `UMO_ABSENT` is not written; bytes between values are left alone, so that frames
+/// can be the host's own structures. Start it with `umo_frame_layout_init`.
 ///
-/// Offsets and strides are multiples of the alignment that C gives the values: 4, and for `index` and `sample` that of
-/// `uint64_t`, which `frame_stride` then has too. No two values overlap, not in one byte; values of one kind may lie between
-/// those of another. A layout that breaks this is `INVALID_ARGUMENT`, and `umo_last_error` names the fields.
+/// Offsets and strides are multiples of the alignment that C gives the values: 4, and for `index`
+/// and `sample` that of `uint64_t`, which `frame_stride` then has too. No two values overlap, not
+/// in one byte; values of one kind may lie between those of another. A layout that breaks this is
+/// `INVALID_ARGUMENT`, and `umo_last_error` names the fields.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct UmoFrameLayout {
@@ -30,14 +31,16 @@ pub struct UmoFrameLayout {
     pub axes: u32,
     /// Bytes from one frame to the next, at least the end of the last value.
     pub frame_stride: u32,
-    /// `uint64_t`: the frame's number since the start or the last reset, `umo_model_info.frame_rate` a second.
+    /// `uint64_t`: the frame's number since the start or the last reset,
+    /// `umo_model_info.frame_rate` a second.
     pub index: u32,
     /// `uint64_t`: the sample of each channel of the pushed audio that the frame belongs to.
     pub sample: u32,
-    /// `float[3]`: where the root is, to be added to the first joint's offset in `umo_model_get_skeleton`. The floor is at 0
-    /// where the model's is.
+    /// `float[3]`: where the root is, to be added to the first joint's offset in
+    /// `umo_model_get_skeleton`. The floor is at 0 where the model's is.
     pub translation: u32,
-    /// `float[4]` of the first joint: its rotation in its parent's frame, a unit quaternion x, y, z, w.
+    /// `float[4]` of the first joint: its rotation in its parent's frame, a unit quaternion x, y,
+    /// z, w.
     pub rotations: u32,
     /// Bytes from one joint's rotation to the next, at least 16.
     pub rotation_stride: u32,
@@ -57,7 +60,7 @@ unsafe impl Sized32 for UmoFrameLayout {
 }
 
 /// Largest stride or offset, bytes.
-const MOST: u32 = 1 << 24;
+const MAX_OFFSET: u32 = 1 << 24;
 
 /// A layout that was checked for a model.
 #[derive(Clone, Copy)]
@@ -69,7 +72,8 @@ pub(crate) struct Layout<'a> {
     extent: usize,
 }
 
-/// A run of values: where it starts, how far apart they are, how many, how large each is, and its alignment.
+/// A run of values: where it starts, how far apart they are, how many, how large each is, and its
+/// alignment.
 struct Run {
     name: &'static str,
     offset: u32,
@@ -98,9 +102,9 @@ impl Run {
     /// Checks the run by itself: its place and stride.
     fn check(&self) -> Result<(), Failure> {
         let Self { name, offset, stride, size, align, .. } = *self;
-        if offset > MOST || stride > MOST {
+        if offset > MAX_OFFSET || stride > MAX_OFFSET {
             return Err(Failure::argument(format_args!(
-                "layout: {name} at byte {offset} with a stride of {stride}: both must be at most {MOST}"
+                "layout: {name} at byte {offset} with a stride of {stride}: both must be at most {MAX_OFFSET}"
             )));
         }
         if stride < size {
@@ -116,7 +120,8 @@ impl Run {
         Ok(())
     }
 
-    /// The first byte that two runs share. Each is in order and has no overlaps of its own, so one pass along both tells.
+    /// The first byte that two runs share. Each is in order and has no overlaps of its own, so one
+    /// pass along both tells.
     fn overlap(&self, other: &Self) -> Option<usize> {
         if self.end() <= other.start(0) || other.end() <= self.start(0) {
             return None;
@@ -154,7 +159,8 @@ impl UmoFrameLayout {
         ]
     }
 
-    /// Frames without gaps: index, sample, translation, rotations, channels, and visemes where the model has them.
+    /// Frames without gaps: index, sample, translation, rotations, channels, and visemes where the
+    /// model has them.
     #[expect(clippy::cast_possible_truncation, reason = "a frame has a few thousand bytes")]
     fn packed(model: &ModelHandle) -> Self {
         let rotations = 8 + 8 + 12;
@@ -182,7 +188,8 @@ impl UmoFrameLayout {
 }
 
 impl<'a> Layout<'a> {
-    /// Checks a layout, so that no value of a frame is written outside of it, over another one, or unaligned in it.
+    /// Checks a layout, so that no value of a frame is written outside of it, over another one, or
+    /// unaligned in it.
     pub(crate) fn new(given: UmoFrameLayout, model: &'a ModelHandle) -> Result<Self, Failure> {
         let axes = crate::axes(given.axes)?;
         if given.reserved != 0 {
@@ -214,9 +221,9 @@ impl<'a> Layout<'a> {
             let what = "layout: visemes are wanted, but this model's face has no ARKit channels";
             return Err(Failure::new(UMO_STATUS_UNSUPPORTED, what));
         }
-        if given.frame_stride > MOST || extent > given.frame_stride as usize {
+        if given.frame_stride > MAX_OFFSET || extent > given.frame_stride as usize {
             let what = format_args!(
-                "layout: a frame has {extent} bytes: frame_stride is {}, and must be at least that and at most {MOST}",
+                "layout: a frame has {extent} bytes: frame_stride is {}, and must be at least that and at most {MAX_OFFSET}",
                 given.frame_stride
             );
             return Err(Failure::argument(what));
@@ -252,9 +259,9 @@ impl<'a> Layout<'a> {
     /// Writes frame number `number` of those in `bytes`.
     ///
     /// # Safety
-    /// `bytes` has as many writable bytes as [`Self::room`] was asked about, `number` is below what it said, and nobody
-    /// else touches them.
-    pub(crate) unsafe fn write(&self, bytes: *mut u8, number: usize, frame: FrameView) {
+    /// `bytes` has as many writable bytes as [`Self::room`] was asked about, `number` is below what
+    /// it said, and nobody else touches them.
+    pub(crate) unsafe fn write(&self, bytes: *mut u8, number: usize, frame: Frame) {
         let given = &self.given;
         let stride = given.frame_stride as usize;
         // SAFETY: frames up to `number` lie within the bytes.
@@ -263,8 +270,8 @@ impl<'a> Layout<'a> {
             if offset == UMO_ABSENT {
                 return;
             }
-            // SAFETY: `new` has checked that every value lies within the frame, and the caller that the frame lies within
-            // the bytes.
+            // SAFETY: `new` has checked that every value lies within the frame, and the caller that
+            // the frame lies within the bytes.
             let place = unsafe { start.add(offset as usize + index * stride as usize) };
             // SAFETY: as above; bytes need no alignment, and the value is this library's own.
             unsafe { place.copy_from_nonoverlapping(value.as_ptr(), value.len()) };
@@ -292,12 +299,12 @@ impl<'a> Layout<'a> {
 /// # Safety
 /// `layout` is NULL or as long as its `struct_size` says.
 pub(crate) unsafe fn read<'a>(layout: *const UmoFrameLayout, model: &'a ModelHandle) -> Result<Layout<'a>, Failure> {
-    // SAFETY: by this function's own clause.
+    // SAFETY: guaranteed by the caller (see # Safety).
     Layout::new(unsafe { ffi::read(layout, "layout")? }, model)
 }
 
-/// Fills a layout with that of frames without gaps in glTF's axes: index, sample, translation, rotations, channels, and
-/// visemes where the model has ARKit channels. `size` is `sizeof *layout`.
+/// Fills a layout with that of frames without gaps in glTF's axes: index, sample, translation,
+/// rotations, channels, and visemes where the model has ARKit channels. `size` is `sizeof *layout`.
 ///
 /// Threads: any. Never allocates, never waits.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`.
@@ -313,15 +320,16 @@ pub unsafe extern "C" fn umo_frame_layout_init(
 ) -> UmoStatus {
     guard(|| {
         let packed = UmoFrameLayout::packed(&*model::get(model)?);
-        // SAFETY: by this function's own clause.
+        // SAFETY: guaranteed by the caller (see # Safety).
         unsafe { ffi::initialise(layout, size, "layout", &packed) }
     })
 }
 
-/// Whether a layout can be used with a model, and how many frames `size` bytes have room for.
+/// Checks a layout against a model, and computes how many frames `size` bytes have room for.
 ///
 /// Threads: any. Never allocates, never waits.
-/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `INVALID_ARGUMENT`, `UNSUPPORTED`: `umo_last_error` says what.
+/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `INVALID_ARGUMENT`, `UNSUPPORTED`:
+/// `umo_last_error` says what.
 ///
 /// # Safety
 /// `layout` is NULL or as long as its `struct_size` says; `frames` is NULL or writable.
@@ -335,9 +343,9 @@ pub unsafe extern "C" fn umo_frame_layout_check(
 ) -> UmoStatus {
     guard(|| {
         let model = model::get(model)?;
-        // SAFETY: by this function's own clause.
+        // SAFETY: guaranteed by the caller (see # Safety).
         let room = unsafe { read(layout, &model)? }.room(size);
-        // SAFETY: by this function's own clause.
+        // SAFETY: guaranteed by the caller (see # Safety).
         unsafe { ffi::put_if_wanted(frames, "frames", room) }
     })
 }

@@ -1,10 +1,13 @@
-//! Handles: what a host holds instead of pointers. Each is a place in a table and the number of its use, so that a handle
-//! that was freed, or is of another kind, or was made up, is told from a good one, and nothing is freed under a thread
-//! that uses it.
+//! Handles: what a host holds instead of pointers. Each is a slot of a table and the slot's
+//! generation, so that freed handles, handles of another kind and invalid values are detected, and
+//! no object is freed while a thread uses it.
 
 use std::ops::Deref;
+use std::ptr::NonNull;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicPtr, AtomicU64, Ordering};
+
+use umo_core::memory::{self, Arena, Boxed};
 
 use crate::status::{Failure, UMO_STATUS_BUSY, UMO_STATUS_FULL, UMO_STATUS_INVALID_HANDLE};
 
@@ -12,7 +15,7 @@ use crate::status::{Failure, UMO_STATUS_BUSY, UMO_STATUS_FULL, UMO_STATUS_INVALI
 const USERS: u32 = 22;
 const USER: u64 = 1;
 const LIVE: u64 = 1 << USERS;
-/// The object is being freed: nobody new gets it.
+/// The object is being freed: no further call gets it.
 const CLOSING: u64 = LIVE << 1;
 /// One use of the slot.
 const GENERATION: u64 = CLOSING << 1;
@@ -22,13 +25,18 @@ const USERS_MASK: u64 = LIVE - 1;
 const KIND_BITS: u32 = 4;
 const INDEX_BITS: u32 = 16;
 
-/// Times that a free looks whether the calls that are in progress have returned: at first spinning, then giving up the core.
-const LOOKS: usize = 1000;
+/// Most sessions at once, of all engines.
+pub(crate) const MAX_SESSIONS: usize = 16_384;
+
+/// Times that a free checks whether the calls in progress have returned: first spinning, then
+/// yielding.
+const CHECKS: usize = 1000;
 const SPINS: usize = 100;
 
-/// A place for one object.
+/// A slot for one object.
 pub(crate) struct Slot<T> {
-    /// Uses so far, whether it is being freed, whether it is in use, and how many threads are in it.
+    /// Uses so far, whether it is being freed, whether it is in use, and how many threads are in
+    /// it.
     state: AtomicU64,
     object: AtomicPtr<T>,
 }
@@ -48,6 +56,11 @@ pub(crate) struct Table<T: 'static, const N: usize> {
     name: &'static str,
     /// The slot to try first.
     next: Mutex<usize>,
+}
+
+/// `object` in memory of the system's, for [`Table::insert`].
+pub(crate) fn boxed<T>(object: T) -> Result<Boxed<T>, Failure> {
+    Ok(memory::catch(|| Arena::system().boxed(object))?)
 }
 
 /// An object that is in use by this thread, so that it is not freed.
@@ -77,7 +90,7 @@ impl<T: Send + Sync, const N: usize> Table<T, N> {
     }
 
     /// The handle of a new object.
-    pub(crate) fn insert(&self, object: Box<T>) -> Result<usize, Failure> {
+    pub(crate) fn insert(&self, object: Boxed<T>) -> Result<usize, Failure> {
         let mut next = self.next.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
         let free = |&index: &usize| self.slots[index].state.load(Ordering::Acquire) & LIVE == 0;
         let index = (0..N).map(|i| (*next + i) % N).find(free);
@@ -89,7 +102,7 @@ impl<T: Send + Sync, const N: usize> Table<T, N> {
         };
         *next = (index + 1) % N;
         let slot = &self.slots[index];
-        slot.object.store(Box::into_raw(object), Ordering::Release);
+        slot.object.store(object.into_raw().as_ptr(), Ordering::Release);
         let state = slot.state.fetch_add(GENERATION | LIVE, Ordering::AcqRel) + (GENERATION | LIVE);
         Ok(self.handle(index, state))
     }
@@ -112,19 +125,20 @@ impl<T: Send + Sync, const N: usize> Table<T, N> {
     /// The object of a handle, held until the result is dropped. Wait-free.
     pub(crate) fn get(&self, handle: usize) -> Result<Held<'_, T>, Failure> {
         let (index, slot) = self.slot(handle).ok_or_else(|| self.invalid())?;
-        // Callers of a handle that is gone, or is being freed, do not touch the count: they would keep the free waiting.
+        // Callers of a freed handle, or of one that is being freed, do not touch the count: they would
+        // keep the free waiting.
         if !self.is_open(index, slot.state.load(Ordering::Acquire), handle) {
             return Err(self.invalid());
         }
-        // From here on nobody frees it, if it is still there.
+        // From here on it is not freed, if it still exists.
         let state = slot.state.fetch_add(USER, Ordering::Acquire);
         if !self.is_open(index, state, handle) {
             slot.state.fetch_sub(USER, Ordering::Release);
             return Err(self.invalid());
         }
         let object = slot.object.load(Ordering::Acquire);
-        // SAFETY: the slot is live, so `insert` put a box's pointer there, and `remove` does not take it out while we are
-        // counted among its users.
+        // SAFETY: the slot is live, so `insert` put a box's pointer there, and `remove` does not
+        // take it out while we are counted among its users.
         Ok(Held { slot, object: unsafe { &*object } })
     }
 
@@ -133,17 +147,18 @@ impl<T: Send + Sync, const N: usize> Table<T, N> {
         state & (LIVE | CLOSING) == LIVE && self.handle(index, state) == handle
     }
 
-    /// Takes an object out. From the first call on nobody else gets it; `BUSY` where a call that had it before is still in
-    /// progress after a millisecond or so: then `remove` again.
-    pub(crate) fn remove(&self, handle: usize) -> Result<Box<T>, Failure> {
+    /// Takes an object out. From the first call on no other call gets it; `BUSY` if a call that
+    /// had it before is still in progress after a millisecond or so: then `remove` again.
+    pub(crate) fn remove(&self, handle: usize) -> Result<Boxed<T>, Failure> {
         let (index, slot) = self.slot(handle).ok_or_else(|| self.invalid())?;
-        for look in 0..LOOKS {
+        for look in 0..CHECKS {
             let state = slot.state.load(Ordering::Acquire);
             if state & LIVE == 0 || self.handle(index, state) != handle {
                 return Err(self.invalid());
             }
             if state & CLOSING == 0 {
-                // Another object may have come into the slot since: marked only if nothing has changed.
+                // Another object may have come into the slot since: marked only if nothing has
+                // changed.
                 let marked = slot.state.compare_exchange(state, state | CLOSING, Ordering::AcqRel, Ordering::Relaxed);
                 if marked.is_err() {
                     continue;
@@ -161,9 +176,10 @@ impl<T: Send + Sync, const N: usize> Table<T, N> {
             let empty = state & !(LIVE | CLOSING);
             if slot.state.compare_exchange(state, empty, Ordering::AcqRel, Ordering::Relaxed).is_ok() {
                 let object = slot.object.swap(std::ptr::null_mut(), Ordering::AcqRel);
-                // SAFETY: `insert` put a box's pointer there, and the exchange above made this the only thread that takes
-                // it out, with nobody in it.
-                return Ok(unsafe { Box::from_raw(object) });
+                let object = NonNull::new(object).expect("a live slot has an object");
+                // SAFETY: `insert` put a box's pointer there, and the exchange above made this the
+                // only thread that takes it out, with no call in progress.
+                return Ok(unsafe { Boxed::from_raw(object) });
             }
         }
         let what = format_args!(
@@ -185,9 +201,9 @@ mod tests {
     struct Counted(usize);
 
     impl Counted {
-        fn boxed(value: usize) -> Box<Self> {
+        fn boxed(value: usize) -> Boxed<Self> {
             ALIVE.fetch_add(1, Ordering::Relaxed);
-            Box::new(Self(value))
+            Arena::system().boxed(Self(value))
         }
     }
 
@@ -228,7 +244,7 @@ mod tests {
     fn nothing_is_freed_under_a_thread_that_uses_it() {
         static SHARED: Table<Vec<usize>, 2> = Table::new(1, "thing");
         for round in 0..100 {
-            let handle = SHARED.insert(Box::new(vec![round; 64])).ok().unwrap();
+            let handle = SHARED.insert(Arena::system().boxed(vec![round; 64])).ok().unwrap();
             std::thread::scope(|scope| {
                 for _ in 0..2 {
                     scope.spawn(move || {
@@ -242,19 +258,21 @@ mod tests {
         }
     }
 
-    /// Callers that never pause, before and after: the free marks the object first, and needs nobody's pause.
+    /// Callers that never pause, before and after: the free marks the object first, and needs
+    /// a pause of the callers.
     #[test]
     fn callers_that_never_pause_do_not_keep_an_object() {
         use std::sync::atomic::AtomicBool;
         static HAMMERED: Table<Vec<usize>, 2> = Table::new(2, "thing");
         for _ in 0..20 {
-            let handle = HAMMERED.insert(Box::new(vec![1; 64])).ok().unwrap();
+            let handle = HAMMERED.insert(Arena::system().boxed(vec![1; 64])).ok().unwrap();
             let (calls, is_over) = (AtomicUsize::new(0), AtomicBool::new(false));
             std::thread::scope(|scope| {
                 for _ in 0..3 {
                     scope.spawn(|| {
                         while !is_over.load(Ordering::Relaxed) {
-                            // One call is always in progress, or about to be: the next begins before the last has ended.
+                            // One call is always in progress, or about to be: the next begins
+                            // before the last has ended.
                             let first = HAMMERED.get(handle);
                             let second = HAMMERED.get(handle);
                             drop(first);
@@ -265,7 +283,8 @@ mod tests {
                 while calls.load(Ordering::Relaxed) < 1000 {
                     std::thread::yield_now();
                 }
-                // A caller that the system has put aside in the middle of its call may need a look or two.
+                // A caller that the system has put aside in the middle of its call may need a look
+                // or two.
                 let freed = (0..100).any(|_| HAMMERED.remove(handle).is_ok());
                 is_over.store(true, Ordering::Relaxed);
                 assert!(freed, "a hundred times busy");

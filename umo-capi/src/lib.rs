@@ -6,6 +6,7 @@
 //! | [`engine`] | engines: who computes |
 //! | [`session`] | sessions: audio in, frames out |
 //! | [`frame`] | where a frame's values go in the host's memory |
+//! | [`gesture`] | gestures on command |
 //! | [`parameter`] | what can be set while a session runs |
 //! | [`status`], [`log`] | what went wrong, and who is told |
 //! | [`memory`] | one block of memory for each session; the host's allocator |
@@ -15,6 +16,7 @@
 pub mod engine;
 mod ffi;
 pub mod frame;
+pub mod gesture;
 mod handle;
 pub mod log;
 pub mod memory;
@@ -29,13 +31,15 @@ use umo_core::motion::axes::Axes;
 
 use status::Failure;
 
-/// The version of this interface: its major number in the upper 16 bits, its minor number in the lower. A library serves
-/// programs of the same major number and no larger minor one.
+/// The version of this interface: its major number in the upper 16 bits, its minor number in the
+/// lower. A library serves programs of the same major number and no larger minor one.
 pub const UMO_ABI_VERSION: u32 = 1;
 
-/// Y up, right-handed, metres; the avatar looks along +Z, its left hand is towards +X. glTF's and Godot's.
+/// Y up, right-handed, metres; the avatar looks along +Z, its left hand is towards +X. glTF's and
+/// Godot's.
 pub const UMO_AXES_GLTF: u32 = 0;
-/// Z up, left-handed, centimetres; the avatar looks along +X, its right hand is towards +Y. Unreal's.
+/// Z up, left-handed, centimetres; the avatar looks along +X, its right hand is towards +Y.
+/// Unreal's.
 pub const UMO_AXES_UNREAL: u32 = 1;
 /// Y up, left-handed, metres; the avatar looks along +Z, its right hand is towards +X. Unity's.
 pub const UMO_AXES_UNITY: u32 = 2;
@@ -57,7 +61,7 @@ pub(crate) unsafe fn read_if_given<T: Copy>(from: *const T, what: &str) -> Resul
     if from.is_null() {
         return Ok(None);
     }
-    // SAFETY: one value is readable by this function's own clause.
+    // SAFETY: one value is readable guaranteed by the caller (see # Safety).
     Ok(unsafe { ffi::slice(from, 1, what)? }.first().copied())
 }
 

@@ -3,15 +3,16 @@
 use std::ffi::{CString, c_char, c_void};
 use std::fmt::Display;
 
-/// Something worth knowing.
+/// Log level: information.
 pub const UMO_LOG_INFO: u32 = 1;
-/// Something that may not be what was meant.
+/// Log level: warning.
 pub const UMO_LOG_WARNING: u32 = 2;
-/// Something that failed.
+/// Log level: error.
 pub const UMO_LOG_ERROR: u32 = 3;
 
-/// Who is told. Called only by the functions that make and free models, engines and sessions, on their thread; never by the
-/// audio thread's or the game thread's calls, nor by the engine's threads.
+/// A log callback. Called only by the functions that make and free models, engines and sessions, on
+/// their thread; never by the audio thread's or the game thread's calls, nor by the engine's
+/// threads.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct UmoLog {

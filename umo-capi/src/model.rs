@@ -12,12 +12,13 @@ use umo_core::memory;
 use umo_core::model::Model;
 use umo_core::motion::skeleton::JOINTS;
 use umo_core::motion::visemes::{VISEMES, Visemes};
+use umo_core::session::SessionConfig;
 use umo_core::{LoadError, ModelFile, Precision};
 use umo_kernels::Isa;
 
 use crate::UMO_ABI_VERSION;
 use crate::ffi::{self, Sized32, guard, put, wanted};
-use crate::handle::{Held, Table};
+use crate::handle::{self, Held, Table};
 use crate::log::{Log, UMO_LOG_INFO, UMO_LOG_WARNING, UmoLog};
 use crate::status::{Failure, UMO_STATUS_VERSION, UmoStatus};
 
@@ -64,7 +65,7 @@ pub struct UmoModelConfig {
     pub isa: u32,
     /// Zero.
     pub reserved: u32,
-    /// Who is told about this model, or NULL. Read while the model is loaded.
+    /// Log callback for this model, or NULL. Read while the model is loaded.
     pub log: *const UmoLog,
 }
 
@@ -81,13 +82,14 @@ pub struct UmoModelInfo {
     pub struct_size: u32,
     /// Frames per second: 30.
     pub frame_rate: u32,
-    /// Samples per second that the model hears; sessions take any rate and resample.
+    /// Samples per second of the model's input; sessions take any rate and resample.
     pub sample_rate: u32,
     /// Joints of the body: 55, as SMPL-X has them.
     pub joints: u32,
     /// Face channels.
     pub channels: u32,
-    /// 1 where face channels are the 52 ARKit blendshapes, 0 to 1; 0 where they are SMPL-X expression coefficients.
+    /// 1 where face channels are the 52 ARKit blendshapes, 0 to 1; 0 where they are SMPL-X
+    /// expression coefficients.
     pub is_arkit: u32,
     /// Frames from one keyframe to the next.
     pub keyframe_stride: u32,
@@ -103,10 +105,15 @@ pub struct UmoModelInfo {
     pub max_prompt: u32,
     /// 1 where texts can be prompts, so that `umo_session_set_prompt` works.
     pub has_text: u32,
-    /// 1 where users must be told something, `UMO_MODEL_NOTICE`: that the model was never trained, say.
+    /// 1 if `UMO_MODEL_NOTICE` must be shown to users: that the model was never trained,
+    /// say.
     pub has_notice: u32,
     /// Bytes of the model file.
     pub file_size: u64,
+    /// 1 where the model has a mouth network, so that sessions may have `UMO_VOICE_LIVE`.
+    pub has_mouth: u32,
+    /// Zero.
+    pub reserved: u32,
 }
 
 // SAFETY: `repr(C)`, starts with its size, integers.
@@ -118,7 +125,7 @@ unsafe impl Sized32 for UmoModelInfo {
 pub const UMO_MODEL_NAME: u32 = 1;
 /// Licence of its weights.
 pub const UMO_MODEL_LICENSE: u32 = 2;
-/// What users must be told about it; empty where there is nothing.
+/// Notice that must be shown to users; may be empty.
 pub const UMO_MODEL_NOTICE: u32 = 3;
 /// The instructions that it was packed for, as `avx512vnni`.
 pub const UMO_MODEL_ISA: u32 = 4;
@@ -152,7 +159,8 @@ pub(crate) fn get(model: *const UmoModel) -> Result<Held<'static, Arc<ModelHandl
     MODELS.get(model.addr())
 }
 
-/// Whether a program that was compiled with `abi` can use this library: the same major version, and no newer minor one.
+/// Whether a program that was compiled with `abi` can use this library: the same major version, and
+/// no newer minor one.
 pub(crate) fn check_abi(abi: u32) -> Result<(), Failure> {
     if abi >> 16 == UMO_ABI_VERSION >> 16 && abi & 0xffff <= UMO_ABI_VERSION & 0xffff {
         return Ok(());
@@ -194,26 +202,28 @@ fn isa(number: u32) -> Result<Isa, Failure> {
 }
 
 /// # Safety
-/// `config` is NULL or has as many readable bytes as its `struct_size` says; its `log` is NULL or readable.
+/// `config` is NULL or has as many readable bytes as its `struct_size` says; its `log` is NULL or
+/// readable.
 unsafe fn read_config(config: *const UmoModelConfig) -> Result<(Precision, Isa, Log), Failure> {
     let config = if config.is_null() {
         UmoModelConfig::DEFAULT
     } else {
-        // SAFETY: by this function's own clause.
+        // SAFETY: guaranteed by the caller (see # Safety).
         unsafe { ffi::read(config, "config")? }
     };
     if config.reserved != 0 {
         return Err(Failure::argument("`config.reserved` is not 0"));
     }
-    // SAFETY: by this function's own clause.
+    // SAFETY: guaranteed by the caller (see # Safety).
     let log = Log(unsafe { crate::read_if_given(config.log, "config.log")? });
     Ok((precision(config.precision)?, isa(config.isa)?, log))
 }
 
-/// Address space that glibc's allocator reserves for a new thread where it can, twice over while it aligns it.
+/// Address space that glibc's allocator reserves for a new thread where it can, twice over while it
+/// aligns it.
 const THREAD_HEAP: usize = 256 << 20;
 
-/// Loads with threads that are gone when it is done, so that the library can be unloaded.
+/// Loads with threads that end with it, so that the library can be unloaded.
 fn load(file: &ModelFile, precision: Precision, isa: Isa, log: Log) -> Result<Arc<ModelHandle>, Failure> {
     let start = std::time::Instant::now();
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
@@ -271,11 +281,13 @@ impl ModelHandle {
             target: count(config.target),
             max_target: count(config.max_target),
             lookahead: count(config.lookahead),
-            latency_frames: count(config.latency_frames(config.target, config.lookahead)),
+            latency_frames: count(SessionConfig::new(config).avatar.latency_frames(config)),
             max_prompt: count(MAX_PROMPT_TOKENS),
             has_text: u32::from(model.text().is_some()),
             has_notice: u32::from(!notice.is_empty()),
             file_size: file.len() as u64,
+            has_mouth: u32::from(model.mouth().is_some()),
+            reserved: 0,
         };
         Ok(Self {
             visemes: Visemes::new(&config.face),
@@ -303,20 +315,20 @@ impl ModelHandle {
 #[unsafe(no_mangle)]
 #[must_use]
 pub unsafe extern "C" fn umo_model_config_init(config: *mut UmoModelConfig, size: usize) -> UmoStatus {
-    // SAFETY: by this function's own clause.
+    // SAFETY: guaranteed by the caller (see # Safety).
     guard(|| unsafe { ffi::initialise(config, size, "config", &UmoModelConfig::DEFAULT) })
 }
 
 /// Loads a model from a file. `abi` is `UMO_ABI_VERSION`; `path` is UTF-8; `config` may be NULL.
 ///
-/// Threads: any but the audio thread. Allocates, reads the file, starts threads for as long as it takes, and waits for
-/// them: a base-size int8 model takes some 0.3 s.
-/// Errors: `VERSION`, `NULL_POINTER`, `IO`, `MODEL` (`umo_last_error` names the tensor or key), `OUT_OF_MEMORY`, `FULL`
-/// (1,024 models), `THREAD`, `INVALID_ARGUMENT`, `STRUCT_SIZE`.
+/// Threads: any but the audio thread. Allocates, reads the file, starts threads for as long as it
+/// takes, and waits for them: a base-size int8 model takes some 0.3 s.
+/// Errors: `VERSION`, `NULL_POINTER`, `IO`, `MODEL` (`umo_last_error` names the tensor or key),
+/// `OUT_OF_MEMORY`, `FULL` (1,024 models), `THREAD`, `INVALID_ARGUMENT`, `STRUCT_SIZE`.
 ///
 /// # Safety
-/// `path` is NULL or ends with a zero byte; `config` is NULL or as long as its `struct_size` says; `model` is NULL or
-/// writable.
+/// `path` is NULL or ends with a zero byte; `config` is NULL or as long as its `struct_size` says;
+/// `model` is NULL or writable.
 #[unsafe(no_mangle)]
 #[must_use]
 pub unsafe extern "C" fn umo_model_load(
@@ -328,18 +340,18 @@ pub unsafe extern "C" fn umo_model_load(
     guard(|| {
         check_abi(abi)?;
         wanted(model, "model")?;
-        // SAFETY: by this function's own clause.
+        // SAFETY: guaranteed by the caller (see # Safety).
         let path = unsafe { ffi::string(path, "path")? };
-        // SAFETY: by this function's own clause.
+        // SAFETY: guaranteed by the caller (see # Safety).
         let (precision, isa, log) = unsafe { read_config(config)? };
         let loaded = load(&ModelFile::open(Path::new(path))?, precision, isa, log)?;
-        // SAFETY: by this function's own clause.
-        unsafe { put(model, "model", std::ptr::without_provenance_mut(MODELS.insert(Box::new(loaded))?)) }
+        // SAFETY: guaranteed by the caller (see # Safety).
+        unsafe { put(model, "model", std::ptr::without_provenance_mut(MODELS.insert(handle::boxed(loaded)?)?)) }
     })
 }
 
-/// Loads a model from memory, which is not copied and not needed any more when the call returns: weights are laid out anew
-/// for the processor.
+/// Loads a model from memory, which is not copied and not needed any more when the call returns:
+/// weights are repacked for the processor.
 ///
 /// Threads, errors: as `umo_model_load`, but for `IO`.
 ///
@@ -357,21 +369,23 @@ pub unsafe extern "C" fn umo_model_load_memory(
     guard(|| {
         check_abi(abi)?;
         wanted(model, "model")?;
-        // SAFETY: the bytes are readable while this call lasts, by this function's own clause, and the file that borrows
-        // them as static is dropped before it returns; a `Model` keeps nothing of its file.
+        // SAFETY: the bytes are readable while this call lasts, guaranteed by the caller (see #
+        // Safety), and the file that borrows them as static is dropped before it returns; a `Model`
+        // keeps nothing of its file.
         let bytes: &'static [u8] = unsafe { ffi::slice(data.cast::<u8>(), size, "data")? };
-        // SAFETY: by this function's own clause.
+        // SAFETY: guaranteed by the caller (see # Safety).
         let (precision, isa, log) = unsafe { read_config(config)? };
         let loaded = load(&ModelFile::from_static(bytes)?, precision, isa, log)?;
-        // SAFETY: by this function's own clause.
-        unsafe { put(model, "model", std::ptr::without_provenance_mut(MODELS.insert(Box::new(loaded))?)) }
+        // SAFETY: guaranteed by the caller (see # Safety).
+        unsafe { put(model, "model", std::ptr::without_provenance_mut(MODELS.insert(handle::boxed(loaded)?)?)) }
     })
 }
 
 /// Frees a model. Its engines keep what they need of it. NULL is fine.
 ///
-/// Threads: any but the audio thread. Texts and names of the model are gone with it.
-/// Errors: `INVALID_HANDLE`, `BUSY` (a call on it is still in progress: call `umo_model_free` again; it takes no other calls).
+/// Threads: any but the audio thread. Texts and names of the model are freed with it.
+/// Errors: `INVALID_HANDLE`, `BUSY` (a call on it is still in progress: call `umo_model_free`
+/// again; it takes no other calls).
 #[unsafe(no_mangle)]
 pub extern "C" fn umo_model_free(model: *mut UmoModel) -> UmoStatus {
     guard(|| {

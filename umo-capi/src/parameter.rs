@@ -3,17 +3,18 @@
 use std::ffi::{CStr, c_char};
 
 use umo_core::config::Sampling;
+use umo_core::life::{Attention, Layer, Mood};
 use umo_core::part::Part;
 use umo_core::session::{Idle, MAX_GAIN, Session};
 
 use crate::ffi::{self, Sized32, guard};
 use crate::status::{Failure, UmoStatus};
 
-/// How freely codes are drawn: 0 takes the likeliest always; the model says what it was tuned for.
+/// Sampling temperature: 0 always takes the likeliest code; the model says what it was tuned for.
 pub const UMO_PARAMETER_TEMPERATURE: u32 = 1;
-/// Only this many of the likeliest codes are drawn from; 0 is all.
+/// Top-k sampling: from this many of the likeliest codes; 0 is all.
 pub const UMO_PARAMETER_TOP_K: u32 = 2;
-/// Only the likeliest codes that together reach this probability are drawn from.
+/// Top-p sampling: from the likeliest codes that together reach this probability.
 pub const UMO_PARAMETER_TOP_P: u32 = 3;
 /// What is shown while no audio comes: one of `UMO_IDLE_…`.
 pub const UMO_PARAMETER_IDLE: u32 = 4;
@@ -25,6 +26,49 @@ pub const UMO_PARAMETER_GAIN_HANDS: u32 = 17;
 pub const UMO_PARAMETER_GAIN_UPPER: u32 = 18;
 /// How much pelvis and legs move, and the body through the world.
 pub const UMO_PARAMETER_GAIN_LOWER: u32 = 19;
+
+/// What the avatar attends to: one of `UMO_ATTENTION_…`.
+pub const UMO_PARAMETER_ATTENTION: u32 = 5;
+/// Strength of the layer of blinks, gaze and lids over the model's motion, 0 to 1.
+pub const UMO_PARAMETER_LAYER_GAZE: u32 = 32;
+/// Strength of breath, sway, weight shifts and fingers.
+pub const UMO_PARAMETER_LAYER_IDLE: u32 = 33;
+/// Strength of the differences between the face's left and right.
+pub const UMO_PARAMETER_LAYER_ASYMMETRY: u32 = 34;
+/// Strength of nods on accents, and while listening.
+pub const UMO_PARAMETER_LAYER_NODS: u32 = 35;
+/// Strength of the mood's face and posture; without a mood, of what takes away a frown that nothing
+/// asked for.
+pub const UMO_PARAMETER_LAYER_MOOD: u32 = 36;
+/// Strength of planted feet, steps, and the root's way back to where it stood.
+pub const UMO_PARAMETER_LAYER_FEET: u32 = 37;
+
+/// Speaking while its own audio is heard, listening while `umo_session_push_other_audio`'s is, else
+/// idle.
+pub const UMO_ATTENTION_AUTO: u32 = 0;
+/// Nothing in particular.
+pub const UMO_ATTENTION_IDLE: u32 = 1;
+/// Who speaks to it: it looks there, nods and raises its brows at pauses.
+pub const UMO_ATTENTION_LISTENING: u32 = 2;
+/// An answer: it looks away.
+pub const UMO_ATTENTION_THINKING: u32 = 3;
+/// What it says.
+pub const UMO_ATTENTION_SPEAKING: u32 = 4;
+
+/// No mood: the model's face without its frown.
+pub const UMO_MOOD_NEUTRAL: u32 = 0;
+/// Joy.
+pub const UMO_MOOD_JOY: u32 = 1;
+/// Sadness.
+pub const UMO_MOOD_SAD: u32 = 2;
+/// Anger.
+pub const UMO_MOOD_ANGRY: u32 = 3;
+/// Surprise.
+pub const UMO_MOOD_SURPRISED: u32 = 4;
+/// Disgust.
+pub const UMO_MOOD_DISGUSTED: u32 = 5;
+/// Fear.
+pub const UMO_MOOD_AFRAID: u32 = 6;
 
 /// The last pose is held.
 pub const UMO_IDLE_HOLD: u32 = 0;
@@ -68,17 +112,24 @@ struct Parameter {
     flags: u32,
 }
 
-/// Every parameter, in the order of their numbers; all begin at 0.
+/// Every parameter, in the order of their numbers; the ranges of all begin at 0.
 #[rustfmt::skip]
-const PARAMETERS: [Parameter; 8] = [
+const PARAMETERS: [Parameter; 15] = [
     Parameter { id: UMO_PARAMETER_TEMPERATURE, name: c"temperature", maximum: 100.0, flags: 0 },
     Parameter { id: UMO_PARAMETER_TOP_K, name: c"top_k", maximum: 65535.0, flags: UMO_PARAMETER_WHOLE },
     Parameter { id: UMO_PARAMETER_TOP_P, name: c"top_p", maximum: 1.0, flags: 0 },
     Parameter { id: UMO_PARAMETER_IDLE, name: c"idle", maximum: UMO_IDLE_LIVE as f64, flags: UMO_PARAMETER_WHOLE },
+    Parameter { id: UMO_PARAMETER_ATTENTION, name: c"attention", maximum: UMO_ATTENTION_SPEAKING as f64, flags: UMO_PARAMETER_WHOLE },
     Parameter { id: UMO_PARAMETER_GAIN_FACE, name: c"gain_face", maximum: MAX_GAIN as f64, flags: 0 },
     Parameter { id: UMO_PARAMETER_GAIN_HANDS, name: c"gain_hands", maximum: MAX_GAIN as f64, flags: 0 },
     Parameter { id: UMO_PARAMETER_GAIN_UPPER, name: c"gain_upper", maximum: MAX_GAIN as f64, flags: 0 },
     Parameter { id: UMO_PARAMETER_GAIN_LOWER, name: c"gain_lower", maximum: MAX_GAIN as f64, flags: 0 },
+    Parameter { id: UMO_PARAMETER_LAYER_GAZE, name: c"layer_gaze", maximum: 1.0, flags: 0 },
+    Parameter { id: UMO_PARAMETER_LAYER_IDLE, name: c"layer_idle", maximum: 1.0, flags: 0 },
+    Parameter { id: UMO_PARAMETER_LAYER_ASYMMETRY, name: c"layer_asymmetry", maximum: 1.0, flags: 0 },
+    Parameter { id: UMO_PARAMETER_LAYER_NODS, name: c"layer_nods", maximum: 1.0, flags: 0 },
+    Parameter { id: UMO_PARAMETER_LAYER_MOOD, name: c"layer_mood", maximum: 1.0, flags: 0 },
+    Parameter { id: UMO_PARAMETER_LAYER_FEET, name: c"layer_feet", maximum: 1.0, flags: 0 },
 ];
 
 fn find(id: u32) -> Result<&'static Parameter, Failure> {
@@ -94,6 +145,24 @@ pub(crate) fn idle(number: u32) -> Result<Idle, Failure> {
         UMO_IDLE_LIVE => Ok(Idle::Live),
         _ => Err(Failure::argument(format_args!("idle {number} is none of UMO_IDLE_…"))),
     }
+}
+
+/// What is attended to, by its number.
+fn attention(number: u32) -> Result<Attention, Failure> {
+    let unknown = || Failure::argument(format_args!("attention {number} is none of UMO_ATTENTION_…"));
+    Attention::ALL.get(number as usize).copied().ok_or_else(unknown)
+}
+
+/// The mood of a number.
+pub(crate) fn mood(number: u32) -> Result<Mood, Failure> {
+    let unknown = || Failure::argument(format_args!("mood {number} is none of UMO_MOOD_…"));
+    Mood::ALL.get(number as usize).copied().ok_or_else(unknown)
+}
+
+/// The layer that a parameter is the strength of.
+fn layer(id: u32) -> Option<Layer> {
+    let number = id.checked_sub(UMO_PARAMETER_LAYER_GAZE)?;
+    Layer::ALL.get(number as usize).copied()
 }
 
 fn part(id: u32) -> Part {
@@ -122,7 +191,11 @@ pub(crate) fn set(session: &Session, id: u32, value: f64) -> Result<(), Failure>
         }
         UMO_PARAMETER_TOP_K => session.set_sampling(Sampling { top_k: value as usize, ..session.sampling()? })?,
         UMO_PARAMETER_TOP_P => session.set_sampling(Sampling { top_p: value as f32, ..session.sampling()? })?,
-        _ => session.set_gain(part(id), value as f32)?,
+        UMO_PARAMETER_ATTENTION => session.set_attention(attention(value as u32)?)?,
+        _ => match layer(id) {
+            Some(layer) => session.set_layer(layer, value as f32)?,
+            None => session.set_gain(part(id), value as f32)?,
+        },
     }
     Ok(())
 }
@@ -135,7 +208,11 @@ pub(crate) fn get(session: &Session, id: u32) -> Result<f64, Failure> {
         UMO_PARAMETER_TEMPERATURE => session.sampling()?.temperature.into(),
         UMO_PARAMETER_TOP_K => session.sampling()?.top_k as f64,
         UMO_PARAMETER_TOP_P => session.sampling()?.top_p.into(),
-        _ => session.gain(part(id)).into(),
+        UMO_PARAMETER_ATTENTION => f64::from(session.attention()? as u8),
+        _ => match layer(id) {
+            Some(layer) => session.layer(layer)?.into(),
+            None => session.gain(part(id)).into(),
+        },
     })
 }
 
@@ -161,7 +238,7 @@ pub unsafe extern "C" fn umo_parameter_get_info(index: u32, info: *mut UmoParame
             maximum: parameter.maximum,
             name: parameter.name.as_ptr(),
         };
-        // SAFETY: by this function's own clause.
+        // SAFETY: guaranteed by the caller (see # Safety).
         unsafe { ffi::write(info, "info", &value) }
     })
 }

@@ -7,6 +7,7 @@ pub mod settings;
 
 pub mod state;
 
+use std::alloc::Layout;
 use std::cell::UnsafeCell;
 use std::ffi::c_char;
 use std::sync::Arc;
@@ -14,25 +15,33 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use umo_core::defect::contain;
-use umo_core::session::{Session, SessionConfig};
+use umo_core::memory::{Arena, Boxed, HostMemory};
+use umo_core::session::{Session, SessionConfig, Voice};
 
 use crate::engine::{self, EngineHandle, UmoEngine};
 use crate::ffi::{self, Sized32, guard, put, put_if_wanted, wanted};
-use crate::handle::{Held, Table};
+use crate::handle::{Held, MAX_SESSIONS, Table};
 use crate::log::{Log, UMO_LOG_ERROR};
-use crate::memory::{self, Making, UmoAllocator};
+use crate::memory::UmoAllocator;
 use crate::model::{self, ModelHandle, UmoModel};
 use crate::parameter;
 use crate::status::{
     Failure, Text, UMO_STATUS_BUSY, UMO_STATUS_NULL_POINTER, UMO_STATUS_OK, UMO_STATUS_PANIC, UmoStatus,
 };
 
+/// The mouth moves with the body, later than the sound by the session's latency.
+pub const UMO_VOICE_DELAYED: u32 = 0;
+/// The mouth moves as the sound is heard, later by `umo_latency.mouth_samples`: with the default model
+/// 56 ms at 16 kHz, 101 ms at 48 kHz. The body follows by the session's latency, and the stream has as
+/// many more frames at its end. For a microphone, or a voice that is played as it comes.
+pub const UMO_VOICE_LIVE: u32 = 1;
+
 /// A session: one avatar. A handle, never a pointer to memory.
 pub struct UmoSession {
     _opaque: [u8; 0],
 }
 
-/// What a session is made with. Start it with `umo_session_config_init`.
+/// Configuration of a session. Start it with `umo_session_config_init`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct UmoSessionConfig {
@@ -42,11 +51,12 @@ pub struct UmoSessionConfig {
     pub sample_rate: u32,
     /// Interleaved channels of that audio, 1 to 64; they are mixed.
     pub channels: u32,
-    /// Keyframes predicted per chunk, 1 to `umo_model_info.max_target`: fewer answer sooner, more see more at once.
+    /// Keyframes predicted per chunk, 1 to `umo_model_info.max_target`: fewer answer sooner, more
+    /// see more at once.
     pub target: u32,
     /// Frames held back until the next chunk, for smoother seams: that much later, too.
     pub lookahead: u32,
-    /// What is shown while no audio comes: one of `UMO_IDLE_…`.
+    /// What is shown during silence: one of `UMO_IDLE_…`.
     pub idle: u32,
     /// Milliseconds without audio after which that begins.
     pub idle_after_ms: u32,
@@ -54,23 +64,39 @@ pub struct UmoSessionConfig {
     pub ease_ms: u32,
     /// Frames that wait for the host before the engine stops computing: at least two chunks' worth.
     pub queue_frames: u32,
-    /// Zero.
-    pub reserved: u32,
+    /// When the mouth moves: one of `UMO_VOICE_…`.
+    pub voice: u32,
     /// Seed of all draws: the same seed and audio give the same frames.
     pub seed: u64,
     /// Which of the model's templates: NULL for `audio_to_motion`; `text_to_motion` needs no audio.
     pub template_name: *const c_char,
-    /// Where the session's memory comes from, or NULL for the system's. Read while the session is made; what it names must
-    /// live until the engine is freed.
+    /// Where the session's memory comes from, or NULL for the system's. Read while the session is
+    /// made; what it names must live until the engine is freed.
     pub allocator: *const UmoAllocator,
+    /// Standard deviation of the low-pass of the body's motion, frames, 0 to 1.5: 0 for the model's own
+    /// motion. It looks two standard deviations ahead, 3 frames at most, where `lookahead` is less.
+    pub smoothing: f32,
+    /// How strongly the prompt steers, 1 to 3, with models of layout `frames`: 1 is the prompt alone,
+    /// at half the cost of other values. Else 1.
+    pub guidance: f32,
+    /// Keyframes of audio behind a chunk that it waits for, where the model was made to hear ahead:
+    /// that much later, too. Else 0.
+    pub horizon: u32,
+    /// Zero.
+    pub reserved: u32,
 }
 
-// SAFETY: `repr(C)`, starts with its size, integers and pointers that may be NULL.
+// SAFETY: `repr(C)`, starts with its size, numbers and pointers that may be NULL.
 unsafe impl Sized32 for UmoSessionConfig {
     const FIRST: usize = 48 + 2 * size_of::<*const c_char>();
 }
 
-/// How far motion is behind speech. Set `struct_size`, the rest is written by `umo_session_latency`.
+/// Bytes of a configuration that has `smoothing`, `guidance` and `horizon`; a shorter one has their
+/// defaults.
+const WITH_SMOOTHING: usize = UmoSessionConfig::FIRST + 16;
+
+/// How far motion is behind speech. Set `struct_size`, the rest is written by
+/// `umo_session_latency`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct UmoLatency {
@@ -78,9 +104,12 @@ pub struct UmoLatency {
     pub struct_size: u32,
     /// Zero.
     pub reserved: u32,
-    /// Samples of future audio, at the session's rate, that a frame needs at most: what no processor can shorten.
+    /// Samples of future audio, at the session's rate, that a frame needs at most: what no
+    /// processor can shorten. The configuration's `target`, `lookahead`, `smoothing`, `horizon` and
+    /// `sample_rate` make it.
     pub algorithmic_samples: u64,
-    /// Seconds from a chunk's last sample, or the end of the chunk before where that is later, to its frames: median.
+    /// Seconds from a chunk's last sample, or the end of the chunk before where that is later, to
+    /// its frames: median.
     pub compute_p50: f64,
     /// Its 99th percentile.
     pub compute_p99: f64,
@@ -88,11 +117,14 @@ pub struct UmoLatency {
     pub compute_p999: f64,
     /// Its largest.
     pub compute_max: f64,
-    /// Samples, at the session's rate, by which the newest frame is behind the newest audio now, beyond
-    /// `algorithmic_samples`: 0 while the engine keeps up.
+    /// Samples, at the session's rate, by which the newest frame is behind the newest audio now,
+    /// beyond `algorithmic_samples`: 0 while the engine keeps up.
     pub backlog_samples: u64,
     /// The largest backlog since the session was made.
     pub backlog_max_samples: u64,
+    /// Samples of future audio, at the session's rate, that a frame's mouth needs at most:
+    /// `algorithmic_samples`, or less with `UMO_VOICE_LIVE`.
+    pub mouth_samples: u64,
 }
 
 // SAFETY: `repr(C)`, starts with its size, numbers.
@@ -100,7 +132,7 @@ unsafe impl Sized32 for UmoLatency {
     const FIRST: usize = 48;
 }
 
-/// What a session went through. Set `struct_size`, the rest is written by `umo_session_stats`.
+/// Statistics of a session. Set `struct_size`, the rest is written by `umo_session_stats`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct UmoStats {
@@ -118,7 +150,7 @@ pub struct UmoStats {
     pub dropped_frames: u64,
     /// Samples of each channel that were not taken because there was no room.
     pub overruns: u64,
-    /// Samples that were no usable number and became silence.
+    /// Samples that were NaN, infinite or beyond 1e6, and became silence.
     pub silenced: u64,
 }
 
@@ -127,7 +159,7 @@ unsafe impl Sized32 for UmoStats {
     const FIRST: usize = 56;
 }
 
-/// Which times `umo_session_sample_pose` could choose from. Set `struct_size`, the rest is written.
+/// The range of times that `umo_session_sample_pose` could sample. Set `struct_size`, the rest is written.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct UmoSampled {
@@ -146,9 +178,7 @@ unsafe impl Sized32 for UmoSampled {
     const FIRST: usize = 24;
 }
 
-/// Most sessions at once, of all engines.
-pub(crate) const MAX_HANDLES: usize = 16_384;
-static SESSIONS: Table<SessionHandle, MAX_HANDLES> = Table::new(3, "session");
+static SESSIONS: Table<SessionHandle, MAX_SESSIONS> = Table::new(3, "session");
 
 /// What a session's handle stands for.
 struct SessionHandle {
@@ -160,13 +190,14 @@ struct SessionHandle {
     detail: Detail,
 }
 
-/// The detail of a session's last failure, kept without waiting: of two that fail at once, one is kept.
+/// The detail of a session's last failure, kept without waiting: of two that fail at once, one is
+/// kept.
 struct Detail {
     taken: AtomicBool,
     text: UnsafeCell<Text>,
 }
 
-// SAFETY: the text is touched by whoever set `taken`, alone.
+// SAFETY: only the thread that set `taken` accesses the text.
 unsafe impl Sync for Detail {}
 
 impl Detail {
@@ -174,7 +205,7 @@ impl Detail {
         if self.taken.swap(true, Ordering::Acquire) {
             return None;
         }
-        // SAFETY: `taken` was false, so nobody else is here.
+        // SAFETY: `taken` was false, so no other thread is here.
         let result = touch(unsafe { &mut *self.text.get() });
         self.taken.store(false, Ordering::Release);
         Some(result)
@@ -188,8 +219,9 @@ fn get(session: *const UmoSession) -> Result<Held<'static, SessionHandle>, UmoSt
     SESSIONS.get(session.addr()).map_err(|failure| failure.status)
 }
 
-/// Runs a call on a session; its failure's detail is kept with the session. Touches nothing that belongs to a thread, so
-/// that the first call on an audio thread makes the system allocate nothing.
+/// Runs a call on a session; its failure's detail is kept with the session. Touches nothing that
+/// belongs to a thread, so that the first call on an audio thread makes the system allocate
+/// nothing.
 fn on(session: *const UmoSession, call: impl FnOnce(&SessionHandle) -> Result<(), Failure>) -> UmoStatus {
     let handle = match get(session) {
         Ok(handle) => handle,
@@ -216,7 +248,7 @@ fn on(session: *const UmoSession, call: impl FnOnce(&SessionHandle) -> Result<()
 
 impl UmoSessionConfig {
     fn defaults(model: &ModelHandle) -> Self {
-        let SessionConfig { avatar, sample_rate, channels, idle, idle_after, ease, queue_frames } =
+        let SessionConfig { avatar, sample_rate, channels, voice, idle, idle_after, ease, queue_frames } =
             SessionConfig::new(model.model.config());
         let count = |value: usize| u32::try_from(value).unwrap_or(u32::MAX);
         let ms = |time: Duration| u32::try_from(time.as_millis()).unwrap_or(u32::MAX);
@@ -230,66 +262,95 @@ impl UmoSessionConfig {
             idle_after_ms: ms(idle_after),
             ease_ms: ms(ease),
             queue_frames: count(queue_frames),
-            reserved: 0,
+            voice: voice as u32,
             seed: avatar.sampler.seed,
             template_name: std::ptr::null(),
             allocator: std::ptr::null(),
+            smoothing: avatar.smoothing,
+            guidance: avatar.guidance,
+            horizon: count(avatar.horizon),
+            reserved: 0,
         }
     }
 }
 
 /// # Safety
-/// `config` is NULL or as long as its `struct_size` says; its template ends with a zero byte, its allocator is readable.
+/// `config` is NULL or as long as its `struct_size` says; its template ends with a zero byte, its
+/// allocator is readable.
 unsafe fn read_config(
     config: *const UmoSessionConfig,
-    model: &ModelHandle,
-) -> Result<(SessionConfig, Option<UmoAllocator>), Failure> {
+    engine: &EngineHandle,
+) -> Result<(SessionConfig, Option<HostMemory>), Failure> {
+    let model = &engine.model;
     let given = if config.is_null() {
         UmoSessionConfig::defaults(model)
     } else {
-        // SAFETY: by this function's own clause.
+        // SAFETY: guaranteed by the caller (see # Safety).
         unsafe { ffi::read(config, "config")? }
     };
-    if given.reserved != 0 {
-        return Err(Failure::argument("`config.reserved` is not 0"));
-    }
     let mut wanted = SessionConfig::new(model.model.config());
     (wanted.sample_rate, wanted.channels) = (given.sample_rate as usize, given.channels as usize);
     (wanted.avatar.target, wanted.avatar.lookahead) = (given.target as usize, given.lookahead as usize);
+    if given.struct_size as usize >= WITH_SMOOTHING || config.is_null() {
+        (wanted.avatar.smoothing, wanted.avatar.guidance) = (given.smoothing, given.guidance);
+        wanted.avatar.horizon = given.horizon as usize;
+    }
+    if given.reserved != 0 {
+        return Err(Failure::argument("`config.reserved` is not 0"));
+    }
     wanted.avatar.sampler.seed = given.seed;
+    wanted.avatar.gestures = engine.gestures.gestures();
+    wanted.voice = match given.voice {
+        UMO_VOICE_DELAYED => Voice::Delayed,
+        UMO_VOICE_LIVE => Voice::Live,
+        voice => return Err(Failure::argument(format_args!("voice {voice} is none of UMO_VOICE_…"))),
+    };
     wanted.idle = parameter::idle(given.idle)?;
     wanted.idle_after = Duration::from_millis(given.idle_after_ms.into());
     wanted.ease = Duration::from_millis(given.ease_ms.into());
     wanted.queue_frames = given.queue_frames as usize;
     if !given.template_name.is_null() {
-        // SAFETY: by this function's own clause.
+        // SAFETY: guaranteed by the caller (see # Safety).
         let name = unsafe { ffi::string(given.template_name, "config.template_name")? };
         name.clone_into(&mut wanted.avatar.template);
     }
-    // SAFETY: by this function's own clause.
-    Ok((wanted, unsafe { crate::read_if_given(given.allocator, "config.allocator")? }))
+    // SAFETY: guaranteed by the caller (see # Safety).
+    let allocator = unsafe { crate::read_if_given::<UmoAllocator>(given.allocator, "config.allocator")? };
+    // SAFETY: guaranteed by the caller (see # Safety).
+    let allocator = allocator.map(|allocator| unsafe { allocator.host_memory() }).transpose()?;
+    Ok((wanted, allocator))
+}
+
+/// The block that a session needs.
+fn plan(engine: &EngineHandle, config: &SessionConfig) -> Result<Layout, Failure> {
+    let plan = Arena::plan();
+    engine.engine().plan_session(config, &plan)?;
+    plan.plan_boxed::<SessionHandle>();
+    Ok(plan.layout()?)
 }
 
 /// A session in a block of its own.
 fn make(
     engine: &EngineHandle,
     config: &SessionConfig,
-    hooks: Option<UmoAllocator>,
-) -> Result<Box<SessionHandle>, Failure> {
-    let layout = memory::measure(|| Ok(engine.engine().check(config)?))?;
-    let making = Making::new(layout, hooks)?;
-    making.run(|| {
-        Ok(Box::new(SessionHandle {
-            session: engine.engine().session(config)?,
-            model: Arc::clone(&engine.model),
-            log: engine.log,
-            poisoned: AtomicBool::new(false),
-            detail: Detail { taken: AtomicBool::new(false), text: UnsafeCell::new(Text::EMPTY) },
-        }))
-    })
+    allocator: Option<HostMemory>,
+) -> Result<Boxed<SessionHandle>, Failure> {
+    let layout = plan(engine, config)?;
+    let block = match allocator {
+        Some(allocator) => Arena::host_block(layout, allocator)?,
+        None => Arena::block(layout)?,
+    };
+    Ok(block.boxed(SessionHandle {
+        session: engine.engine().session_in(config, &block)?,
+        model: Arc::clone(&engine.model),
+        log: engine.log,
+        poisoned: AtomicBool::new(false),
+        detail: Detail { taken: AtomicBool::new(false), text: UnsafeCell::new(Text::EMPTY) },
+    }))
 }
 
-/// Fills a session configuration with the model's defaults: mono audio at the model's rate. `size` is `sizeof *config`.
+/// Fills a session configuration with the model's defaults: mono audio at the model's rate. `size`
+/// is `sizeof *config`.
 ///
 /// Threads: any. Allocates for a moment.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (not aligned).
@@ -305,15 +366,15 @@ pub unsafe extern "C" fn umo_session_config_init(
 ) -> UmoStatus {
     guard(|| {
         let defaults = UmoSessionConfig::defaults(&*model::get(model)?);
-        // SAFETY: by this function's own clause.
+        // SAFETY: guaranteed by the caller (see # Safety).
         unsafe { ffi::initialise(config, size, "config", &defaults) }
     })
 }
 
-/// How much memory `umo_session_new` takes from the allocator for such a session, in one piece: bytes and alignment. Either
-/// may be NULL.
+/// How much memory `umo_session_new` takes from the allocator for such a session, in one piece:
+/// bytes and alignment. Either may be NULL.
 ///
-/// Threads: any but the audio thread. Allocates as much for a moment.
+/// Threads: any but the audio thread. Allocates what `umo_session_new` takes from the system.
 /// Errors: as `umo_session_new`.
 ///
 /// # Safety
@@ -328,26 +389,30 @@ pub unsafe extern "C" fn umo_session_memory(
 ) -> UmoStatus {
     guard(|| {
         let engine = engine::get(engine)?;
-        // SAFETY: by this function's own clause.
-        let (config, _) = unsafe { read_config(config, &engine.model)? };
-        let layout = memory::measure(|| Ok(engine.engine().check(&config)?))?;
-        // SAFETY: by this function's own clause.
+        // SAFETY: guaranteed by the caller (see # Safety).
+        let (config, _) = unsafe { read_config(config, &engine)? };
+        let layout = plan(&engine, &config)?;
+        // SAFETY: guaranteed by the caller (see # Safety).
         unsafe { put_if_wanted(size, "size", layout.size())? };
-        // SAFETY: by this function's own clause.
+        // SAFETY: guaranteed by the caller (see # Safety).
         unsafe { put_if_wanted(alignment, "alignment", layout.align()) }
     })
 }
 
-/// Makes a session: one avatar at the start of its stream. `config` may be NULL.
+/// Creates a session: one avatar at the start of its stream. `config` may be NULL.
 ///
-/// Threads: any but the audio thread. Allocates everything that the session will ever need, in one piece from the
-/// configuration's allocator (and as much from the system for a moment, to find out how much that is).
-/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (`umo_last_error` says which number), `STRUCT_SIZE`,
-/// `FULL` (the engine's places, or 16,384 sessions in all), `OUT_OF_MEMORY`.
+/// Threads: any but the audio thread. Allocates everything that the session will ever need, in one
+/// piece from the configuration's allocator, of the size that `umo_session_memory` gives. The system
+/// gives less than 1 KiB for the time of the call, and for the first session of a `sample_rate` that
+/// is not the model's the filter that converts it, which the engine keeps: to 16,000 samples per
+/// second at most 90 KiB from 44,100 or 48,000, and 32 MiB from a rate without a common divisor.
+/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (`umo_last_error` says which
+/// number), `STRUCT_SIZE`, `FULL` (the engine's places, or 16,384 sessions in all),
+/// `OUT_OF_MEMORY`.
 ///
 /// # Safety
-/// `config` is NULL or as long as its `struct_size` says, with `template_name` and `allocator` as described; `session` is
-/// NULL or writable.
+/// `config` is NULL or as long as its `struct_size` says, with `template_name` and `allocator` as
+/// described; `session` is NULL or writable.
 #[unsafe(no_mangle)]
 #[must_use]
 pub unsafe extern "C" fn umo_session_new(
@@ -358,24 +423,26 @@ pub unsafe extern "C" fn umo_session_new(
     guard(|| {
         wanted(session, "session")?;
         let engine = engine::get(engine)?;
-        // SAFETY: by this function's own clause.
-        let (config, hooks) = unsafe { read_config(config, &engine.model)? };
-        let handle = make(&engine, &config, hooks).and_then(|made| SESSIONS.insert(made));
+        // SAFETY: guaranteed by the caller (see # Safety).
+        let (config, allocator) = unsafe { read_config(config, &engine)? };
+        let handle = make(&engine, &config, allocator).and_then(|made| SESSIONS.insert(made));
         let handle = handle.inspect_err(|failure| {
             let detail = String::from_utf8_lossy(failure.detail.as_bytes());
             engine.log.say(UMO_LOG_ERROR, format_args!("no session: {detail}"));
         })?;
-        // SAFETY: by this function's own clause.
+        // SAFETY: guaranteed by the caller (see # Safety).
         unsafe { put(session, "session", std::ptr::without_provenance_mut(handle)) }
     })
 }
 
-/// Frees a session. NULL is fine. From here on other calls on it get `INVALID_HANDLE`, so that threads that never pause do
-/// not keep it.
+/// Frees a session. NULL is fine. From here on other calls on it get `INVALID_HANDLE`, so that
+/// threads that never pause do not keep it.
 ///
-/// Threads: any but the audio thread. Waits a millisecond or so for calls in progress. Where a chunk of it is just computed,
-/// its memory goes back with the next session that is made or freed, or with the engine.
-/// Errors: `INVALID_HANDLE`, `BUSY` (a call on it is still in progress: call `umo_session_free` again; nothing was freed).
+/// Threads: any but the audio thread. Waits a millisecond or so for calls in progress. Where a
+/// chunk of it is just computed, its memory goes back with the next session that is made or freed,
+/// or with the engine.
+/// Errors: `INVALID_HANDLE`, `BUSY` (a call on it is still in progress: call `umo_session_free`
+/// again; nothing was freed).
 #[unsafe(no_mangle)]
 pub extern "C" fn umo_session_free(session: *mut UmoSession) -> UmoStatus {
     guard(|| {
@@ -390,8 +457,9 @@ pub extern "C" fn umo_session_free(session: *mut UmoSession) -> UmoStatus {
     })
 }
 
-/// The detail of the last call on the session that failed, from whatever thread: a copy in `buffer`, which has `size`
-/// bytes; `UMO_ERROR_SIZE` are enough. `length`, which may be NULL, gets its length without the end.
+/// The detail of the last failed call on the session, from any thread: a copy in
+/// `buffer`, which has `size` bytes; `UMO_ERROR_SIZE` are enough. `length`, which may be NULL, gets
+/// its length without the end.
 ///
 /// Threads: any. Never allocates, never waits.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `BUFFER_TOO_SMALL`, `BUSY` (a call is just failing).
@@ -410,7 +478,7 @@ pub unsafe extern "C" fn umo_session_last_error(
         Ok(handle) => handle,
         Err(status) => return status,
     };
-    // SAFETY: by this function's own clause.
+    // SAFETY: guaranteed by the caller (see # Safety).
     let copied = handle.detail.with(|text| unsafe { ffi::copy_text(text, buffer, size, length) });
     match copied {
         Some(Ok(())) => UMO_STATUS_OK,
@@ -439,7 +507,8 @@ mod tests {
         // SAFETY: the size is the value's.
         assert_eq!(unsafe { umo_engine_config_init(&raw mut config, size_of::<UmoEngineConfig>()) }, UMO_STATUS_OK);
         (config.mode, config.threads) = (UMO_ENGINE_POLLED, 1);
-        // SAFETY: the configuration was initialised, and the pointer is to a value of this function.
+        // SAFETY: the configuration was initialised, and the pointer is to a value of this
+        // function.
         assert_eq!(unsafe { umo_engine_new(model, &raw const config, &raw mut engine) }, UMO_STATUS_OK);
         for session in [&mut first, &mut second] {
             // SAFETY: the pointer is to a value of this function.

@@ -9,30 +9,31 @@ use umo_core::memory::OutOfMemory;
 use umo_core::session::SessionError;
 use umo_core::{Defect, LoadError};
 
-/// What a call came to: `UMO_STATUS_OK`, or below zero what went wrong. Numbers are never used again for anything else.
+/// Result of a call: `UMO_STATUS_OK`, or a negative error code. Numbers are never used
+/// again for anything else.
 pub type UmoStatus = i32;
 
-/// It worked.
+/// Success.
 pub const UMO_STATUS_OK: UmoStatus = 0;
-/// A pointer is NULL where something is needed.
+/// A required pointer is NULL.
 pub const UMO_STATUS_NULL_POINTER: UmoStatus = -1;
-/// A handle was never given out, or was freed, or is of another kind.
+/// An unknown or freed handle, or one of another kind.
 pub const UMO_STATUS_INVALID_HANDLE: UmoStatus = -2;
-/// An argument is out of its range.
+/// An argument is out of range.
 pub const UMO_STATUS_INVALID_ARGUMENT: UmoStatus = -3;
-/// A structure's `struct_size` is none that this library knows: call its initialiser.
+/// Unknown `struct_size`: call the structure's initializer, or set it to `sizeof`.
 pub const UMO_STATUS_STRUCT_SIZE: UmoStatus = -4;
-/// A buffer is too small for what is to be written.
+/// A buffer is too small for the output.
 pub const UMO_STATUS_BUFFER_TOO_SMALL: UmoStatus = -5;
 /// The program was compiled with the header of another, incompatible version.
 pub const UMO_STATUS_VERSION: UmoStatus = -6;
 /// A file cannot be read.
 pub const UMO_STATUS_IO: UmoStatus = -7;
-/// The bytes are no usable model.
+/// Not a usable model file.
 pub const UMO_STATUS_MODEL: UmoStatus = -8;
 /// There is not enough memory, or the host's allocator gave none.
 pub const UMO_STATUS_OUT_OF_MEMORY: UmoStatus = -9;
-/// All places are taken: free something first.
+/// No free slot: free a model, an engine or a session first.
 pub const UMO_STATUS_FULL: UmoStatus = -10;
 /// Another thread is in a call that excludes this one: call again. Nothing was done.
 pub const UMO_STATUS_BUSY: UmoStatus = -11;
@@ -42,42 +43,41 @@ pub const UMO_STATUS_FINISHED: UmoStatus = -12;
 pub const UMO_STATUS_FAILED: UmoStatus = -13;
 /// The session's engine was freed: it gives no more frames. Free it.
 pub const UMO_STATUS_CLOSED: UmoStatus = -14;
-/// A defect of this library was caught, and printed nothing; the session concerned is good for nothing more. Free it, and
-/// report the defect: `umo_session_last_error` (or `umo_last_error`) has the panic's text and its place in the source.
+/// A panic of this library was caught, without output; the session concerned can not be used any
+/// more. Free it, and report the defect: `umo_session_last_error` (or `umo_last_error`) has
+/// the panic's text and its place in the source.
 pub const UMO_STATUS_PANIC: UmoStatus = -15;
 /// This model, processor or engine cannot do that.
 pub const UMO_STATUS_UNSUPPORTED: UmoStatus = -16;
-/// The bytes are no state of such a session. Nothing was changed.
+/// Not a state of such a session. Nothing was changed.
 pub const UMO_STATUS_STATE: UmoStatus = -17;
-/// The system starts no thread, or does not let it have its core.
+/// A worker thread could not be created or pinned.
 pub const UMO_STATUS_THREAD: UmoStatus = -18;
 
 /// What a status says, and what to do about it.
 fn text(status: UmoStatus) -> &'static CStr {
     match status {
         UMO_STATUS_OK => c"no error",
-        UMO_STATUS_NULL_POINTER => c"a pointer is NULL where something is needed",
-        UMO_STATUS_INVALID_HANDLE => c"the handle was never given out, or was freed, or is of another kind",
-        UMO_STATUS_INVALID_ARGUMENT => c"an argument is out of its range",
-        UMO_STATUS_STRUCT_SIZE => {
-            c"struct_size is none that this library knows: call the structure's initialiser, or set it to sizeof"
-        }
+        UMO_STATUS_NULL_POINTER => c"a required pointer is NULL",
+        UMO_STATUS_INVALID_HANDLE => c"unknown or freed handle, or one of another kind",
+        UMO_STATUS_INVALID_ARGUMENT => c"an argument is out of range",
+        UMO_STATUS_STRUCT_SIZE => c"unknown struct_size: call the structure's initializer, or set it to sizeof",
         UMO_STATUS_BUFFER_TOO_SMALL => c"the buffer is too small",
         UMO_STATUS_VERSION => {
             c"the program was compiled with the umo.h of an incompatible version: compile it with this library's"
         }
         UMO_STATUS_IO => c"the file cannot be read",
-        UMO_STATUS_MODEL => c"the bytes are no usable umo model",
+        UMO_STATUS_MODEL => c"not a usable umo model",
         UMO_STATUS_OUT_OF_MEMORY => c"there is not enough memory",
-        UMO_STATUS_FULL => c"all places are taken: free something first",
+        UMO_STATUS_FULL => c"no free slot: free a model, an engine or a session first",
         UMO_STATUS_BUSY => c"another thread is in a call that excludes this one: call again",
         UMO_STATUS_FINISHED => c"audio was pushed after finish: reset or interrupt the session first",
         UMO_STATUS_FAILED => c"the session's computation failed, it gives no more frames: free it",
         UMO_STATUS_CLOSED => c"the session's engine was freed, it gives no more frames: free it",
         UMO_STATUS_PANIC => c"a defect of this library was caught: free the session, and report the defect",
         UMO_STATUS_UNSUPPORTED => c"this model, processor or engine cannot do that",
-        UMO_STATUS_STATE => c"the bytes are no state of such a session",
-        UMO_STATUS_THREAD => c"the system starts no thread, or does not let it have its core",
+        UMO_STATUS_STATE => c"not a state of such a session",
+        UMO_STATUS_THREAD => c"a worker thread could not be created or pinned",
         _ => c"not a status of this library",
     }
 }
@@ -155,9 +155,11 @@ impl From<OutOfMemory> for Failure {
 impl From<SessionError> for Failure {
     fn from(error: SessionError) -> Self {
         let status = match error {
-            SessionError::Busy(_) => UMO_STATUS_BUSY,
+            SessionError::Busy(_) | SessionError::GesturesFull => UMO_STATUS_BUSY,
             SessionError::Finished => UMO_STATUS_FINISHED,
-            SessionError::Uneven { .. } | SessionError::Range(_) => UMO_STATUS_INVALID_ARGUMENT,
+            SessionError::Uneven { .. } | SessionError::Range(_) | SessionError::UnknownGesture => {
+                UMO_STATUS_INVALID_ARGUMENT
+            }
             SessionError::Failed(_) => UMO_STATUS_FAILED,
             SessionError::Panicked => UMO_STATUS_PANIC,
             SessionError::Closed => UMO_STATUS_CLOSED,
@@ -177,7 +179,8 @@ impl From<PollError> for Failure {
     }
 }
 
-/// A text of fixed storage that ends with a zero byte. Writing one allocates nothing; what does not fit is cut.
+/// A text of fixed storage that ends with a zero byte. Writing one allocates nothing; what does not
+/// fit is cut.
 #[derive(Clone, Copy)]
 pub(crate) struct Text {
     bytes: [u8; UMO_ERROR_SIZE],
@@ -227,14 +230,16 @@ impl fmt::Write for Text {
 }
 
 thread_local! {
-    /// The detail of the thread's last failure. Without a destructor, so that it costs threads nothing that never fail.
+    /// The detail of the thread's last failure. Without a destructor, so that it costs threads
+    /// nothing that never fail.
     static LAST: UnsafeCell<Text> = const { UnsafeCell::new(Text::EMPTY) };
 }
 
 /// Keeps a failure's detail for `umo_last_error`.
 pub(crate) fn remember(detail: &Text) {
     LAST.with(|last| {
-        // SAFETY: the cell is this thread's own, and nothing called here calls back, so no other reference to it lives.
+        // SAFETY: the cell is this thread's own, and nothing called here calls back, so no other
+        // reference to it lives.
         unsafe { *last.get() = *detail };
     });
 }
@@ -247,11 +252,12 @@ pub extern "C" fn umo_status_message(status: UmoStatus) -> *const c_char {
     text(status).as_ptr()
 }
 
-/// The detail of this thread's last failed call of a function that names no session; with it, which key, file, tensor or
-/// argument. Never NULL; in fixed storage of the thread's own, which the thread's next failure overwrites.
+/// The detail of this thread's last failed call of a function that names no session; with it, which
+/// key, file, tensor or argument. Never NULL; in fixed storage of the thread's own, which the
+/// thread's next failure overwrites.
 ///
-/// Threads: any but the audio thread. Never waits. Calls on sessions keep their detail with the session:
-/// `umo_session_last_error`.
+/// Threads: any but the audio thread. Never waits. Calls on sessions keep their detail with the
+/// session: `umo_session_last_error`.
 #[unsafe(no_mangle)]
 pub extern "C" fn umo_last_error() -> *const c_char {
     LAST.with(|last| last.get().cast::<c_char>().cast_const())

@@ -1,16 +1,18 @@
-//! Samples to audio units (SPEC 2.1): HuBERT or log-mel features, then the nearest of a set of centroids.
+//! Samples to audio units (SPEC 2.1): HuBERT or log-mel features, then the nearest of a set of
+//! centroids.
 
 mod hubert;
 mod kmeans;
 mod mel;
 pub mod resample;
+pub(crate) mod spectrum;
 
 use umo_kernels::ShapeError;
 
 use crate::config::AudioKind;
 use crate::error::{LoadError, StepError};
 use crate::linear::Compute;
-use crate::memory::filled;
+use crate::memory::{Arena, Slice, filled};
 use crate::state::{StateError, StatePass};
 use crate::weights::Loader;
 use hubert::Hubert;
@@ -21,21 +23,23 @@ use mel::Mel;
 const BLOCK: usize = 128;
 
 /// Largest sample that is taken for one; full scale is 1. Sums over louder ones would overflow.
-pub const LOUDEST: f32 = 1e6;
+pub const MAX_AMPLITUDE: f32 = 1e6;
 
-/// Makes every sample that is no number, or louder than [`LOUDEST`], silence, and says how many there were.
+/// Makes every sample that is NaN or infinite, or louder than [`MAX_AMPLITUDE`], silence, and says how
+/// many there were.
 pub fn silence_unusable(samples: &mut [f32]) -> usize {
     let mut count = 0;
     // NaN is within no range.
-    for sample in samples.iter_mut().filter(|sample| !(-LOUDEST..=LOUDEST).contains(*sample)) {
+    for sample in samples.iter_mut().filter(|sample| !(-MAX_AMPLITUDE..=MAX_AMPLITUDE).contains(*sample)) {
         *sample = 0.0;
         count += 1;
     }
     count
 }
 
-/// The audio tokenizer of one model. HuBERT's products follow the model's precision, but for the first and the position
-/// convolution; which centroid is nearest, and mel features, are computed in full precision always.
+/// The audio tokenizer of one model. HuBERT's products follow the model's precision, but for the
+/// first and the position convolution; which centroid is nearest, and mel features, are computed in
+/// full precision always.
 #[derive(Debug)]
 pub struct Tokenizer {
     network: Network,
@@ -57,9 +61,9 @@ enum Network {
 #[derive(Debug)]
 pub struct AudioStream {
     /// Features before any layer that looks around, oldest first: `[window, width]`.
-    features: Box<[f32]>,
+    features: Slice<f32>,
     /// The last samples, which the next feature reaches back to: `[reach]`.
-    recent: Box<[f32]>,
+    recent: Slice<f32>,
     window: usize,
     max_new: usize,
     started: bool,
@@ -107,16 +111,17 @@ impl AudioStream {
         self.started = false;
     }
 
-    /// What the units of the last call came from: HuBERT's projected convolution features, or the mel features.
+    /// What the units of the last call came from: HuBERT's projected convolution features, or the
+    /// mel features.
     ///
     /// Shape: `[window, width]`, oldest first.
     pub fn features(&self) -> &[f32] {
         &self.features
     }
 
-    /// Describes the stream between two calls, after `heard` samples.
-    pub(crate) fn state(&mut self, pass: &mut StatePass, heard: u64) -> Result<(), StateError> {
-        let started = heard > 0;
+    /// Describes the stream between two calls, after `consumed` samples.
+    pub(crate) fn state(&mut self, pass: &mut StatePass, consumed: u64) -> Result<(), StateError> {
+        let started = consumed > 0;
         if pass.loads() {
             self.started = started;
         }
@@ -127,7 +132,7 @@ impl AudioStream {
         pass.f32s(&mut self.features)?;
         pass.f32s(&mut self.recent)?;
         match &mut self.state {
-            State::Hubert(statistics) => statistics.state(pass, heard),
+            State::Hubert(statistics) => statistics.state(pass, consumed),
             State::Mel(past) => past.state(pass),
         }
     }
@@ -177,7 +182,8 @@ impl Tokenizer {
 
     /// The plain network on a whole clip: features `[T, width]` and their units `[T]`. Allocates.
     ///
-    /// Feature `j` covers the samples `hop * j .. hop * j + field`; all statistics are those of the clip.
+    /// Feature `j` covers the samples `hop * j .. hop * j + field`; all statistics are those of the
+    /// clip.
     ///
     /// # Errors
     /// [`StepError::Empty`] where the clip is too short for one feature.
@@ -190,7 +196,7 @@ impl Tokenizer {
         match &self.network {
             Network::Hubert(hubert) => hubert.features(cx, audio, self.hop, &mut features)?,
             Network::Mel(mel) => {
-                let (mut past, mut scratch) = (mel.past(), mel.scratch(count));
+                let (mut past, mut scratch) = (mel.past(&Arena::system()), mel.scratch(count));
                 mel.begin(&mut past);
                 mel.extract(cx, &mut past, &mut scratch, audio, &mut features)?;
             }
@@ -205,7 +211,8 @@ impl Tokenizer {
 
     /// Units of a whole recording at once, one per hop, and the unit of silence. Allocates.
     ///
-    /// Unit `j` is that of the stream's feature `j`, but for statistics and layers that see the whole recording.
+    /// Unit `j` is that of the stream's feature `j`, but for statistics and layers that see the
+    /// whole recording.
     ///
     /// # Errors
     /// [`StepError`] where the network fails.
@@ -219,21 +226,30 @@ impl Tokenizer {
         Ok((units, silence[0]))
     }
 
-    /// A new stream whose window is `window` tokens and which takes at most `max_new` tokens per call, `1..=window`.
+    /// A new stream whose window is `window` tokens and which takes at most `max_new` tokens per
+    /// call, `1..=window`.
     ///
     /// # Panics
     /// Where `max_new` is outside that range.
     pub fn stream(&self, window: usize, max_new: usize) -> AudioStream {
+        self.stream_in(window, max_new, &Arena::system())
+    }
+
+    /// The same in memory of `arena`.
+    ///
+    /// # Panics
+    /// As [`Self::stream`].
+    pub fn stream_in(&self, window: usize, max_new: usize, arena: &Arena) -> AudioStream {
         assert!((1..=window).contains(&max_new), "{max_new} new tokens per call in a window of {window}");
         AudioStream {
-            features: filled(0.0, window * self.width).into(),
-            recent: filled(0.0, self.reach).into(),
+            features: arena.filled(0.0, window * self.width),
+            recent: arena.filled(0.0, self.reach),
             window,
             max_new,
             started: false,
             state: match &self.network {
-                Network::Hubert(hubert) => State::Hubert(hubert.statistics()),
-                Network::Mel(mel) => State::Mel(mel.past()),
+                Network::Hubert(hubert) => State::Hubert(hubert.statistics(arena)),
+                Network::Mel(mel) => State::Mel(mel.past(arena)),
             },
         }
     }
@@ -254,15 +270,18 @@ impl Tokenizer {
         }
     }
 
-    /// Appends one chunk of audio and writes the units of the whole window that it ends. Never allocates.
+    /// Appends one chunk of audio and writes the units of the whole window that it ends. Never
+    /// allocates.
     ///
-    /// Shapes: `samples` a multiple of the hop, at most `max_new` hops; `units [window]`.
-    /// Feature `j` covers the samples `hop * j - reach .. hop * j + hop` of the stream. Its convolutions are computed in
-    /// the call that brings its samples, under the statistics of all audio up to that call's end; layers that look
-    /// around are computed over the window in every call. Time before the stream is silence.
+    /// Shapes: `samples` a multiple of the hop, at most `max_new` hops; `units [window]`. Feature
+    /// `j` covers the samples `hop * j - reach .. hop * j + hop` of the stream. Its convolutions
+    /// are computed in the call that brings its samples, under the statistics of all audio up to
+    /// that call's end; layers that look around are computed over the window in every call. Time
+    /// before the stream is silence.
     ///
     /// # Errors
-    /// [`StepError`] where a length disagrees, or `stream` or `scratch` were made for less or by another tokenizer.
+    /// [`StepError`] where a length disagrees, or `stream` or `scratch` were made for less or by
+    /// another tokenizer.
     pub fn advance(
         &self,
         cx: Compute,
@@ -291,9 +310,9 @@ impl Tokenizer {
         if first {
             stream.recent.fill(0.0);
         }
-        let heard = &mut scratch.samples[..reach + samples.len()];
-        heard[..reach].copy_from_slice(&stream.recent);
-        heard[reach..].copy_from_slice(samples);
+        let waveform = &mut scratch.samples[..reach + samples.len()];
+        waveform[..reach].copy_from_slice(&stream.recent);
+        waveform[reach..].copy_from_slice(samples);
         // A call brings at least one hop, which is no shorter than the reach.
         stream.recent.copy_from_slice(&samples[samples.len() - reach..]);
         stream.features.copy_within(new * self.width.., 0);
@@ -301,8 +320,8 @@ impl Tokenizer {
         Ok(Call { new, first, step: 0 })
     }
 
-    /// Computes one more piece of a call - a block of features, or a layer - and says whether there is more to do; with
-    /// the last one, `units [window]` are written. Never allocates.
+    /// Computes one more piece of a call - a block of features, or a layer - and says whether there
+    /// is more to do; with the last one, `units [window]` are written. Never allocates.
     ///
     /// # Errors
     /// As [`Self::advance`]; the stream then wants [`AudioStream::reset`].
@@ -318,7 +337,7 @@ impl Tokenizer {
             return Err(ShapeError { arg: "units", want: stream.window, got: units.len() }.into());
         }
         let (reach, window, Call { new, first, step }) = (self.reach, stream.window, *call);
-        let heard = &mut scratch.samples[..reach + new * self.hop];
+        let waveform = &mut scratch.samples[..reach + new * self.hop];
         let (old, fresh) = stream.features.split_at_mut((window - new) * self.width);
         let scores = &mut scratch.scores[..window * self.kmeans.units()];
         call.step += 1;
@@ -329,16 +348,16 @@ impl Tokenizer {
                     if first {
                         statistics.clear();
                     }
-                    statistics.listen(&heard[reach..]);
+                    statistics.add_waveform(&waveform[reach..]);
                     if first {
-                        heard[..reach].fill(statistics.silence());
+                        waveform[..reach].fill(statistics.silence());
                     }
-                    hubert.count(cx, statistics, room, heard, reach)?;
+                    hubert.add_conv_outputs(cx, statistics, room, waveform, reach)?;
                 } else if step <= blocks {
-                    hubert.extract(cx, statistics, room, heard, self.hop, step - 1, fresh)?;
+                    hubert.extract(cx, statistics, room, waveform, self.hop, step - 1, fresh)?;
                 } else if step == blocks + 1 {
                     if first {
-                        let silence = &mut heard[..reach + self.hop];
+                        let silence = &mut waveform[..reach + self.hop];
                         silence.fill(statistics.silence());
                         hubert.fill(cx, statistics, room, silence, old)?;
                     }
@@ -356,7 +375,7 @@ impl Tokenizer {
                     mel.begin(past);
                     mel.fill(cx, room, old)?;
                 }
-                mel.extract(cx, past, room, heard, fresh)?;
+                mel.extract(cx, past, room, waveform, fresh)?;
                 self.kmeans.nearest(cx, &stream.features, scores, units)?;
             }
             _ => return Err(StepError::Order("an audio stream or scratch of another tokenizer")),

@@ -1,57 +1,99 @@
-//! One avatar's stream: windows, history and where its motion stands (paper section 3.1; SPEC 2, 2.8). A
-//! [`Batch`](crate::batch::Batch) computes its chunks.
+//! One avatar's state between two chunks: windows, history, motion (paper section 3.1; SPEC 2, 2.8).
+//! A [`Batch`](crate::batch::Batch) computes its chunks.
 
 mod history;
+mod keyframes;
 
 use std::time::Duration;
 
 use crate::audio::AudioStream;
 use crate::config::Config;
 use crate::error::{LoadError, StepError};
+use crate::life::{Gestures, LifeConfig};
 use crate::lm::LayerTimes;
-use crate::lm::generate::Draw;
-use crate::lm::layout::{MAX_PROMPT_TOKENS, Prompt, Template, window_tokens};
+use crate::lm::depth;
+use crate::lm::generate::ChunkSampling;
+use crate::lm::layout::{FramePrompt, MAX_PROMPT_TOKENS, Prompt, Template, window_tokens};
 use crate::lm::sampler::Sampler;
-use crate::memory::filled;
+use crate::memory::{Arena, Slice};
 use crate::model::Model;
-use crate::motion::MotionStream;
+use crate::motion::{MotionStream, Smoothing};
 use crate::part::PerPart;
 use crate::state::{Fingerprint, StateError, StatePass};
 use history::History;
+use keyframes::Keyframes;
 
-/// Chunks that no stream comes to: at five a second, 6,900 years.
-const MOST_CHUNKS: u64 = 1 << 40;
-/// Frames that no recording has.
-const MOST_FRAMES: u64 = 1 << 50;
+/// Upper bound of a stream's chunks: 6,900 years at five a second.
+const MAX_CHUNKS: u64 = 1 << 40;
+/// Upper bound of a stream's frames.
+const MAX_FRAMES: u64 = 1 << 50;
 
 /// What an avatar is made with.
 #[derive(Clone, Debug)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct AvatarConfig {
     /// Keyframes per chunk, `1..=max_target`.
     pub target: usize,
-    /// Frames held back until the next chunk (SPEC 2.8).
+    /// Frames held back until the next chunk (SPEC 2.8); as many at least as [`Self::smoothing`]
+    /// looks ahead.
     pub lookahead: usize,
+    /// Standard deviation of the low-pass of the body's motion, frames, 0 to 1.5: 0 for the
+    /// decoders' own motion, bit for bit. It looks two standard deviations ahead, 3 frames at most.
+    /// The face is not smoothed.
+    pub smoothing: f32,
     /// How codes are drawn.
     pub sampler: Sampler,
     /// Name of the encoder's template.
     pub template: String,
     /// Ids of a free text, for templates that have room for one.
     pub text: Vec<u32>,
+    /// Keyframes of audio behind a chunk that it waits for, `0..=audio.ahead`: the motion knows
+    /// what is about to be said, and is later by as much (SPEC 2.15).
+    pub horizon: usize,
+    /// How strongly the text steers, 1 to 3: logits are moved from those without the text towards
+    /// and beyond those with it. 1 is the logits with the text alone, at half the cost of other
+    /// values (SPEC 2.16).
+    pub guidance: f32,
+    /// How strong each layer over the decoders' frames is.
+    pub life: LifeConfig,
+    /// The gestures that it knows.
+    pub gestures: Gestures,
 }
 
+/// The largest [`AvatarConfig::guidance`].
+pub const MAX_GUIDANCE: f32 = 3.0;
+
 impl AvatarConfig {
-    /// The model's own defaults, speech to motion.
+    /// The model's own defaults, speech to motion: the decoders' motion without smoothing and
+    /// layers.
     pub fn new(config: &Config) -> Self {
         Self {
             target: config.target,
             lookahead: config.lookahead,
+            smoothing: 0.0,
             sampler: Sampler { sampling: config.sampling, seed: 0 },
             template: "audio_to_motion".to_owned(),
             text: Vec::new(),
+            horizon: 0,
+            guidance: 1.0,
+            life: LifeConfig::OFF,
+            gestures: Gestures::new(),
         }
     }
 
-    /// Refuses a target or a lookahead that the model does not allow.
+    /// Frames of future speech that a frame needs at most, with these settings: those of
+    /// [`Config::latency_frames`], where smoothing may hold back more frames than `lookahead`, and
+    /// those of the horizon.
+    pub fn latency_frames(&self, config: &Config) -> usize {
+        config.latency_frames(self.target, self.held_back()) + self.horizon * config.keyframe_stride
+    }
+
+    /// Frames held back until the next chunk, those that smoothing needs included.
+    pub(crate) fn held_back(&self) -> usize {
+        self.lookahead.max(Smoothing::new(self.smoothing).map_or(0, |smoothing| smoothing.radius()))
+    }
+
+    /// Refuses a target or a lookahead that the model does not allow, and a smoothing that is none.
     pub(crate) fn check(&self, config: &Config) -> Result<(), LoadError> {
         if !(1..=config.max_target).contains(&self.target) {
             return Err(LoadError::config(
@@ -63,12 +105,21 @@ impl AvatarConfig {
         if self.lookahead > most {
             return Err(LoadError::config("lookahead", format!("expected 0 to {most}, got {}", self.lookahead)));
         }
-        Ok(())
+        let ahead = config.audio.ahead;
+        if self.horizon > ahead {
+            return Err(LoadError::config("horizon", format!("expected 0 to {ahead}, got {}", self.horizon)));
+        }
+        let most = if depth::is_guidable(config) { MAX_GUIDANCE } else { 1.0 };
+        if !(1.0..=most).contains(&self.guidance) {
+            return Err(LoadError::config("guidance", format!("expected 1 to {most}, got {}", self.guidance)));
+        }
+        Smoothing::new(self.smoothing).map(drop)
     }
 }
 
 /// Time spent in each stage (the rows of the paper's runtime table).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct StageTimes {
     /// Audio tokenizer.
     pub tokenizer: Duration,
@@ -80,6 +131,8 @@ pub struct StageTimes {
     pub interp: Duration,
     /// VQ decoders and root network.
     pub motion: Duration,
+    /// Depth network, in layout `frames`.
+    pub depth: Duration,
     /// Layers of the encoder; part of `encoder`.
     pub encoder_layers: LayerTimes,
     /// Layers of the decoder; part of `decoder`.
@@ -89,7 +142,7 @@ pub struct StageTimes {
 impl StageTimes {
     /// All stages together.
     pub fn total(&self) -> Duration {
-        self.tokenizer + self.encoder + self.decoder + self.interp + self.motion
+        self.tokenizer + self.encoder + self.decoder + self.depth + self.interp + self.motion
     }
 
     /// What was added since `before`.
@@ -101,6 +154,7 @@ impl StageTimes {
             decoder: self.decoder - before.decoder,
             interp: self.interp - before.interp,
             motion: self.motion - before.motion,
+            depth: self.depth - before.depth,
             encoder_layers: self.encoder_layers.since(before.encoder_layers),
             decoder_layers: self.decoder_layers.since(before.decoder_layers),
         }
@@ -111,24 +165,99 @@ impl StageTimes {
 #[derive(Debug)]
 pub struct Avatar {
     pub(crate) target: usize,
+    /// Frames held back, those that smoothing needs included.
     pub(crate) lookahead: usize,
+    /// Keyframes of audio behind the chunk.
+    horizon: usize,
+    pub(crate) guidance: f32,
+    /// Standard deviation of the low-pass, frames.
+    smoothing: f32,
     pub(crate) sampler: Sampler,
     template: Template,
     /// Tells the template's name from others.
     template_name: u64,
     /// `[MAX_PROMPT_TOKENS]`, of which `text_len` count.
-    text: Box<[u32]>,
+    text: Slice<u32>,
     text_len: usize,
     /// Chunks done.
     pub(crate) chunk: u64,
     /// Frames in all, once the end is known.
     pub(crate) total: Option<usize>,
     pub(crate) audio: Option<AudioStream>,
-    /// Units of the window, `[(P + N) * tokens_per_keyframe]`.
-    pub(crate) units: Box<[u32]>,
+    /// Audio of the next chunk, silence where the stream has ended: room for that of the first,
+    /// which begins with the keyframes up to the horizon.
+    samples: Slice<f32>,
+    /// Samples between two keyframes, 0 without audio.
+    keyframe_samples: usize,
+    /// Units of the window, `[(P + N + horizon) * tokens_per_keyframe]`.
+    pub(crate) units: Slice<u32>,
+    /// Tokens of the window that are behind the horizon.
+    hidden_units: usize,
     whole: Option<WholeFile>,
-    pub(crate) history: History,
+    pub(crate) history: Window,
     pub(crate) motion: MotionStream,
+}
+
+/// The codes of the window.
+#[derive(Debug)]
+pub(crate) enum Window {
+    /// Of four parts, frame by frame.
+    Codes(History),
+    /// Of keyframes, with vectors between them.
+    Keyframes(Keyframes),
+}
+
+impl Window {
+    /// A window of `target` new keyframes, with a history of rest codes.
+    pub(crate) fn new_in(config: &Config, target: usize, arena: &Arena) -> Self {
+        match config.is_frames() {
+            true => Self::Keyframes(Keyframes::new_in(config, target, arena)),
+            false => Self::Codes(History::new_in(config, target, arena)),
+        }
+    }
+
+    /// Rest codes again.
+    pub(crate) fn rest(&mut self) {
+        match self {
+            Self::Codes(history) => history.rest(),
+            Self::Keyframes(keyframes) => keyframes.rest(),
+        }
+    }
+
+    /// Keyframes of the history.
+    fn prefix(&self) -> usize {
+        match self {
+            Self::Codes(history) => history.prefix().face.len(),
+            Self::Keyframes(keyframes) => keyframes.prefix().len(),
+        }
+    }
+
+    /// Writes `codes [keyframes, codes of a keyframe]`, from keyframe `first` of the window on.
+    fn put(&mut self, first: usize, codes: &[u16]) {
+        match self {
+            Self::Codes(history) => history.put(first, codes),
+            Self::Keyframes(keyframes) => keyframes.put(first, codes),
+        }
+    }
+
+    /// Writes the codes of the first new keyframes.
+    pub(crate) fn write(&mut self, codes: &[u16]) {
+        self.put(self.prefix(), codes);
+    }
+
+    /// Writes the codes of the last `keyframes` of the history.
+    pub(crate) fn correct(&mut self, codes: &[u16], keyframes: usize) {
+        self.put(self.prefix() - keyframes, codes);
+    }
+
+    /// Reads the codes of the last keyframes of the history, as many as `codes` has room for.
+    pub(crate) fn last(&self, keyframes: usize, codes: &mut [u16]) {
+        let first = self.prefix() - keyframes;
+        match self {
+            Self::Codes(history) => history.get(first, codes),
+            Self::Keyframes(history) => history.get(first, codes),
+        }
+    }
 }
 
 /// Units of a whole recording, used in place of the stream's.
@@ -148,8 +277,8 @@ pub enum Due {
     /// A chunk can be computed.
     Chunk,
     /// All chunks are done; frames that were held back at the end can be given.
-    Rest,
-    /// Audio that has not come yet.
+    Flush,
+    /// More audio.
     Audio,
     /// Nothing: every frame was given.
     Nothing,
@@ -161,34 +290,63 @@ impl Avatar {
     /// # Errors
     /// [`LoadError::Config`] where the template is missing or a number is out of range.
     pub fn new(model: &Model, config: &AvatarConfig) -> Result<Self, LoadError> {
+        Self::new_in(model, config, &Arena::system())
+    }
+
+    /// The same in memory of `arena`.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn new_in(model: &Model, config: &AvatarConfig, arena: &Arena) -> Result<Self, LoadError> {
         let c = &model.config;
         config.check(c)?;
-        let template = Template::new(c, &config.template)?;
-        let (window, new) = (window_tokens(c, config.target), config.target * c.tokens_per_keyframe());
-        let audio = template.has_audio().then(|| model.tokenizer.stream(window, new));
+        let (got, limit) = (config.text.len(), MAX_PROMPT_TOKENS);
+        if got > limit {
+            return Err(LoadError::config(
+                "text",
+                StepError::TooLong { what: "prompt tokens", got, limit }.to_string(),
+            ));
+        }
+        let template = Template::new_in(c, &config.template, arena)?;
+        let (tokens, new) = (c.tokens_per_keyframe(), (config.target + config.horizon) * c.tokens_per_keyframe());
+        let hidden_units = (c.audio.ahead - config.horizon) * tokens;
+        let window = window_tokens(c, config.target) - hidden_units;
+        let audio = template.has_audio().then(|| model.tokenizer.stream_in(window, new, arena));
+        let lookahead = config.held_back();
         let mut template_name = Fingerprint::new();
         template_name.add(config.template.as_bytes());
-        let mut avatar = Self {
+        Ok(Self {
             target: config.target,
-            lookahead: config.lookahead,
+            lookahead,
+            horizon: config.horizon,
+            guidance: config.guidance,
+            smoothing: config.smoothing,
             sampler: config.sampler,
             template,
             template_name: template_name.0,
-            text: filled(0, MAX_PROMPT_TOKENS).into(),
-            text_len: 0,
+            text: arena.collect_len(MAX_PROMPT_TOKENS, config.text.iter().copied().chain(std::iter::repeat(0))),
+            text_len: config.text.len(),
             chunk: 0,
             total: None,
+            samples: arena.filled(0.0, if audio.is_some() { new * c.hop() } else { 0 }),
+            keyframe_samples: if audio.is_some() { c.samples_per_keyframe() } else { 0 },
             audio,
-            units: filled(0, window).into(),
+            units: arena.filled(0, window),
+            hidden_units,
             whole: None,
-            history: History::new(c, config.target),
-            motion: MotionStream::new(&model.motion, config.target * c.keyframe_stride, config.lookahead),
-        };
-        avatar.set_text(&config.text).map_err(|error| LoadError::config("text", error.to_string()))?;
-        Ok(avatar)
+            history: Window::new_in(c, config.target, arena),
+            motion: MotionStream::new_in(
+                &model.motion,
+                (config.target * c.keyframe_stride, lookahead),
+                Smoothing::new(config.smoothing)?,
+                c.is_frames(),
+                arena,
+            ),
+        })
     }
 
-    /// Back to the start of a stream, with rest codes as history; texts and draws stay as they are set. Never allocates.
+    /// Back to the start of a stream, with rest codes as history; texts and draws stay as they are
+    /// set. Never allocates.
     pub fn reset(&mut self) {
         (self.chunk, self.total, self.whole) = (0, None, None);
         if let Some(audio) = &mut self.audio {
@@ -202,32 +360,42 @@ impl Avatar {
     pub(crate) fn identity(&self, pass: &mut StatePass) -> Result<(), StateError> {
         pass.same("target", self.target as u64)?;
         pass.same("lookahead", self.lookahead as u64)?;
-        pass.same("template", self.template_name)
+        pass.same("smoothing", self.smoothing.to_bits().into())?;
+        pass.same("template", self.template_name)?;
+        // Sessions of layout `parts` have neither.
+        if let Window::Keyframes(_) = &self.history {
+            pass.same("horizon", self.horizon as u64)?;
+            pass.same("guidance", self.guidance.to_bits().into())?;
+        }
+        Ok(())
     }
 
-    /// Describes everything that the last chunk leaves behind for the next; samples of audio so far. Units are written by
-    /// each chunk before they are read, and those of a whole recording no session has.
+    /// Describes everything that the last chunk leaves behind for the next; samples of audio so
+    /// far. Units are written by each chunk before they are read, and those of a whole recording no
+    /// session has.
     #[expect(clippy::cast_possible_truncation, reason = "what a session counts fits its memory's words")]
     pub(crate) fn state(&mut self, pass: &mut StatePass, model: &Model) -> Result<u64, StateError> {
         let config = &model.config;
-        let samples = self.chunk_samples(config);
-        let chunk = pass.number("chunks", &mut self.chunk, MOST_CHUNKS)?;
+        let chunk = pass.number("chunks", &mut self.chunk, MAX_CHUNKS)?;
         let mut total = self.total.map(|total| total as u64);
-        pass.maybe("frames in all", &mut total, MOST_FRAMES)?;
+        pass.maybe("frames in all", &mut total, MAX_FRAMES)?;
         let text = pass.count("prompt", self.text_len, MAX_PROMPT_TOKENS)?;
         if pass.loads() {
             (self.total, self.text_len) = (total.map(|total| total as usize), text);
         }
         pass.ids(&mut self.text[..text])?;
         self.sampler.state(pass)?;
-        let heard = chunk * samples as u64;
+        let consumed = self.consumed(chunk);
         if let Some(audio) = &mut self.audio {
-            audio.state(pass, heard)?;
+            audio.state(pass, consumed)?;
         }
-        self.history.state(pass)?;
+        match &mut self.history {
+            Window::Codes(history) => history.state(pass)?,
+            Window::Keyframes(keyframes) => keyframes.state(pass)?,
+        }
         // The state's chunks, which are not this avatar's while the state is checked.
         self.motion.state(pass, &model.motion, self.known_frames(config, chunk))?;
-        Ok(heard)
+        Ok(consumed)
     }
 
     /// Whether speech moves it.
@@ -252,8 +420,8 @@ impl Avatar {
         self.sampler = sampler;
     }
 
-    /// The last codes before the stream starts, oldest first, in place of the rest codes; of more than `P` codes the
-    /// last `P` count, of fewer the first is repeated in front.
+    /// The last codes before the stream starts, oldest first, in place of the rest codes; of more
+    /// than `P` codes the last `P` count, of fewer the first is repeated in front.
     ///
     /// # Errors
     /// [`StepError`] after the first chunk, where there is no code, or one out of range.
@@ -261,16 +429,34 @@ impl Avatar {
         if self.chunk > 0 {
             return Err(StepError::Order("history can only be set before the first chunk"));
         }
-        self.history.set(codes)
+        match &mut self.history {
+            Window::Codes(history) => history.set(codes),
+            Window::Keyframes(_) => Err(StepError::Missing("history of four parts: its layout is frames")),
+        }
     }
 
-    /// Takes the units of a whole recording instead of the stream's: the paper's offline setting. The stream's are
-    /// still computed, to be compared ([`Self::unit_disagreement`]).
+    /// The same in layout `frames`: `codes [T, codes of a keyframe]` of the last keyframes.
+    ///
+    /// # Errors
+    /// As [`Self::set_history`].
+    pub fn set_keyframes(&mut self, codes: &[u16]) -> Result<(), StepError> {
+        if self.chunk > 0 {
+            return Err(StepError::Order("history can only be set before the first chunk"));
+        }
+        match &mut self.history {
+            Window::Keyframes(keyframes) => keyframes.set(codes),
+            Window::Codes(_) => Err(StepError::Missing("history of keyframes: its layout is parts")),
+        }
+    }
+
+    /// Takes the units of a whole recording instead of the stream's: the paper's offline setting.
+    /// The stream's are still computed, to be compared ([`Self::unit_disagreement`]).
     pub fn use_whole_file_units(&mut self, units: Vec<u32>, silence: u32) {
         self.whole = Some(WholeFile { units, silence, compared: 0, differed: 0 });
     }
 
-    /// Units of the stream that were compared with those of the whole recording, and how many differed.
+    /// Units of the stream that were compared with those of the whole recording, and how many
+    /// differed.
     pub fn unit_disagreement(&self) -> Option<(usize, usize)> {
         self.whole.as_ref().map(|whole| (whole.compared, whole.differed))
     }
@@ -280,9 +466,27 @@ impl Avatar {
         self.total = Some(frames);
     }
 
-    /// Samples that a chunk takes; none without audio.
-    pub fn chunk_samples(&self, config: &Config) -> usize {
-        if self.has_audio() { self.target * config.samples_per_keyframe() } else { 0 }
+    /// Samples that the next chunk takes; none without audio.
+    pub fn chunk_samples(&self) -> usize {
+        (self.target + if self.chunk == 0 { self.horizon } else { 0 }) * self.keyframe_samples
+    }
+
+    /// Room for them.
+    pub(crate) fn samples_mut(&mut self) -> &mut [f32] {
+        let count = self.chunk_samples();
+        &mut self.samples[..count]
+    }
+
+    /// The audio stream, the next chunk's samples and the units of its window.
+    pub(crate) fn audio_parts(&mut self) -> Option<(&mut AudioStream, &[f32], &mut [u32])> {
+        let count = self.chunk_samples();
+        self.audio.as_mut().map(|audio| (audio, &self.samples[..count], &mut *self.units))
+    }
+
+    /// Samples that so many chunks have taken.
+    pub(crate) fn consumed(&self, chunks: u64) -> u64 {
+        let ahead = if chunks == 0 { 0 } else { self.horizon as u64 };
+        (chunks * self.target as u64 + ahead) * self.keyframe_samples as u64
     }
 
     /// Most frames that one chunk makes final.
@@ -290,7 +494,13 @@ impl Avatar {
         self.target * config.keyframe_stride + self.lookahead
     }
 
-    /// Chunks in all, once the end is known: as many as it takes to reach the keyframe at or after the last frame.
+    /// Frames of the audio behind a chunk that it waits for.
+    pub(crate) fn horizon_frames(&self, config: &Config) -> usize {
+        self.horizon * config.keyframe_stride
+    }
+
+    /// Chunks in all, once the end is known: as many as it takes to reach the keyframe at or after
+    /// the last frame.
     pub fn chunks(&self, config: &Config) -> Option<u64> {
         let last = match self.total? {
             0 => return Some(0),
@@ -303,43 +513,63 @@ impl Avatar {
     pub fn due(&self, config: &Config, available: usize) -> Due {
         match (self.total, self.chunks(config)) {
             (Some(_), Some(chunks)) if self.chunk < chunks => Due::Chunk,
-            (Some(total), _) if self.chunk > 0 && self.motion.emitted() < total => Due::Rest,
+            (Some(total), _) if self.chunk > 0 && self.motion.emitted() < total => Due::Flush,
             (Some(_), _) => Due::Nothing,
-            (None, _) if available >= self.chunk_samples(config) => Due::Chunk,
+            (None, _) if available >= self.chunk_samples() => Due::Chunk,
             (None, _) => Due::Audio,
         }
     }
 
-    /// Frames whose codes so many chunks have made known: up to the last keyframe of the last chunk.
+    /// Frames whose codes so many chunks have made known: up to the last keyframe of the last
+    /// chunk.
     #[expect(clippy::cast_possible_truncation, reason = "what a session counts fits its memory's words")]
     pub(crate) fn known_frames(&self, config: &Config, chunks: u64) -> usize {
         let frames = chunks as usize * self.target * config.keyframe_stride;
         if chunks == 0 { 0 } else { frames + 1 - config.keyframe_stride }
     }
 
-    /// Writes the encoder's ids of the present window.
-    pub(crate) fn prompt(&self, ids: &mut [u32]) -> Result<usize, StepError> {
-        let text = &self.text[..self.text_len];
-        self.template.write(Prompt { units: &self.units, history: self.history.prefix(), text }, ids)
+    /// Writes the encoder's ids of the present window, with the text where it is `prompted`; in
+    /// layout `frames` the ids from `keyframes` on are those of the history.
+    pub(crate) fn prompt(&self, prompted: bool, keyframes: usize, ids: &mut [u32]) -> Result<usize, StepError> {
+        let text = if prompted { &self.text[..self.text_len] } else { &[] };
+        match &self.history {
+            Window::Codes(history) => {
+                self.template.write(Prompt { units: &self.units, history: history.prefix(), text }, ids)
+            }
+            Window::Keyframes(history) => {
+                let prompt = Prompt { units: &self.units, history: PerPart::default(), text };
+                #[expect(clippy::cast_possible_truncation, reason = "ids and rows of a batch are far below 2^32")]
+                let (first, count) = (keyframes as u32, history.prefix().len() as u32);
+                let frames = FramePrompt { keyframes: first..first + count, hidden_units: self.hidden_units };
+                self.template.write_frames(prompt, &frames, ids)
+            }
+        }
     }
 
-    pub(crate) fn draw(&self) -> Draw {
-        Draw { sampler: self.sampler, chunk: self.chunk, target: self.target }
+    /// Whether its logits are combined with those without the text.
+    pub(crate) fn is_guided(&self) -> bool {
+        self.guidance > 1.0 && self.text_len > 0 && self.template.has_text()
+    }
+
+    pub(crate) fn chunk_sampling(&self) -> ChunkSampling {
+        ChunkSampling { sampler: self.sampler, chunk: self.chunk, target: self.target }
     }
 
     /// Puts the whole recording's units in the place of the window's, where there are any.
     pub(crate) fn replace_units(&mut self, config: &Config) {
         if let Some(whole) = &mut self.whole {
             let new = self.target * config.tokens_per_keyframe();
-            whole.replace(&mut self.units, self.chunk, new);
+            whole.replace(&mut self.units, self.chunk, new, self.horizon * config.tokens_per_keyframe());
         }
     }
 }
 
 impl WholeFile {
-    /// Replaces the window's units, counting how many of its `new` last ones differ from the stream's.
-    fn replace(&mut self, units: &mut [u32], chunk: u64, new: usize) {
+    /// Replaces the window's units, counting how many of its `new` last ones differ from the
+    /// stream's; the window ends `ahead` units behind the chunk.
+    fn replace(&mut self, units: &mut [u32], chunk: u64, new: usize, ahead: usize) {
         let end = (usize::try_from(chunk).unwrap_or(usize::MAX)).saturating_add(1).saturating_mul(new);
+        let end = end.saturating_add(ahead);
         let window = units.len();
         for (i, unit) in units.iter_mut().enumerate() {
             let at = (end + i).checked_sub(window).and_then(|token| self.units.get(token));

@@ -1,53 +1,48 @@
-//! The next chunk of one or many avatars, computed together, a layer at a time (paper section 3.1; SPEC 2).
+//! The next chunk of one or many avatars, computed together, a layer at a time (paper section 3.1;
+//! SPEC 2).
 //!
 //! ```text
-//! avatar 0: listen ─┐                                              ┌─ fill, move
-//! avatar 1: listen ─┼─ encode (all rows) ─ attend ─ decode (N x 4) ─┼─ fill, move
-//! avatar 2: listen ─┘                                              └─ fill, move
+//! avatar 0: tokenize ─┐                                              ┌─ interpolate, decode motion
+//! avatar 1: tokenize ─┼─ encode (all rows) ─ attend ─ decode (N x 4) ─┼─ interpolate, decode motion
+//! avatar 2: tokenize ─┘                                              └─ interpolate, decode motion
 //! ```
-//! Encoder and decoder read their weights once for all avatars. Every step in the picture is cut into layers, and between
-//! two layers the work can be put down and taken up again on another thread. What is computed does not depend on who is in
-//! the batch, or on where the work was cut (SPEC 2.9).
+//! Encoder and decoder read their weights once for all avatars. Every step in the picture is cut
+//! into layers, and between two layers the work can be put down and taken up again on another
+//! thread. What is computed does not depend on who is in the batch, or on where the work was cut
+//! (SPEC 2.9).
+//!
+//! In layout `frames` a decoder pass is one keyframe, and the depth network writes its codes before
+//! the next (SPEC 2.13); a guided avatar has two sequences, with its text and without (SPEC 2.16).
 
 use std::time::Instant;
 
 use umo_kernels::Mat;
 
 use crate::audio::{AudioScratch, Call};
-use crate::avatar::{Avatar, Due, StageTimes};
+use crate::avatar::{Avatar, Due, StageTimes, Window};
 use crate::config::Config;
 use crate::error::StepError;
 use crate::interp::InterpScratch;
+use crate::interp::vectors::VectorScratch;
 use crate::linear::Compute;
 use crate::lm::decoder::Sequence;
-use crate::lm::generate::{Generator, Place};
+use crate::lm::depth::{DepthScratch, Task, is_guidable};
+use crate::lm::generate::{Generator, Position};
 use crate::lm::layout::{max_encoder_tokens, window_tokens};
 use crate::lm::{Lengths, LmScratch};
-use crate::memory::filled;
-use crate::model::Model;
+use crate::memory::{filled, with_capacity};
+use crate::model::{Between, Model};
 use crate::motion::{FrameRef, MotionScratch};
 use crate::record::{Chunk, Codes};
 
-/// An avatar in a batch, where its audio comes from and where its frames go.
-pub trait Member {
-    /// The avatar.
-    fn avatar(&mut self) -> &mut Avatar;
-
-    /// Writes the next samples of its audio, silence where it has ended.
-    fn listen(&mut self, samples: &mut [f32]);
-
-    /// The avatar, with what takes its frames.
-    fn frames(&mut self) -> (&mut Avatar, &mut dyn FrameSink);
-}
-
-/// What takes the frames of an avatar, in order.
+/// What takes the frames of a batch's avatars, each avatar's in order.
 pub trait FrameSink {
-    /// Takes the next one.
-    fn frame(&mut self, frame: FrameRef);
+    /// Takes the next frame of the avatar that is number `member` in the batch.
+    fn frame(&mut self, member: usize, frame: FrameRef);
 }
 
 impl<F: FnMut(FrameRef)> FrameSink for F {
-    fn frame(&mut self, frame: FrameRef) {
+    fn frame(&mut self, _: usize, frame: FrameRef) {
         self(frame);
     }
 }
@@ -58,50 +53,71 @@ enum Phase {
     /// No batch is under way.
     Idle,
     /// A piece of the audio tokenizer's work for one member.
-    Listen { member: usize },
+    Tokenize { member: usize },
     /// One layer of the encoder.
     Encode { layer: usize },
-    /// The decoder's keys and values of one member's encoder states, in one layer.
-    Attend { member: usize, layer: usize },
+    /// The decoder's keys and values of one sequence's encoder states, in one layer.
+    Attend { sequence: usize, layer: usize },
     /// One layer of a decoder pass.
     Decode { layer: usize },
+    /// The depth network, for the tasks from `first` on.
+    Draw { first: usize },
     /// The interpolation network of one member.
-    Fill { member: usize },
+    Interpolate { member: usize },
     /// The motion decoders of one member.
-    Move { member: usize },
+    DecodeMotion { member: usize },
 }
 
 /// Room for the chunks of at most `width` avatars of one model, and the state of the batch in work.
 #[derive(Debug)]
 pub struct Batch {
     audio: AudioScratch,
-    /// The audio of the member that is listened to, where that has begun.
+    /// The tokenizer's work for the member that is tokenized, where that has begun.
     call: Option<Call>,
     lm: LmScratch,
-    generator: Generator,
-    interp: InterpScratch,
+    between: BetweenScratch,
     motion: MotionScratch,
-    /// One chunk of audio.
-    samples: Box<[f32]>,
-    /// Encoder ids of all members, one behind the other.
+    /// Encoder ids of all sequences, one behind the other.
     ids: Box<[u32]>,
-    /// Encoder states of all members, `[rows, d_model]`.
+    /// Encoder states of all sequences, `[rows, d_model]`.
     states: Box<[f32]>,
-    /// Encoder rows of each member; none for one that has no chunk to compute.
+    /// Encoder rows of each sequence; none for one that has no chunk to compute.
     lengths: Box<[usize]>,
-    /// One per member.
+    /// `per_member` of each member: with its text, and where it is guided without.
     sequences: Box<[Sequence]>,
-    places: Box<[Place]>,
+    per_member: usize,
+    positions: Box<[Position]>,
     due: Box<[Due]>,
     members: usize,
     phase: Phase,
     times: StageTimes,
-    /// Codes of the last chunk, where somebody wants to know; for batches of one.
+    /// Codes of the last chunk, if a record is kept; for batches of one.
     codes: Option<Codes>,
 }
 
+/// Room for what follows the language model.
+#[derive(Debug)]
+enum BetweenScratch {
+    Codes {
+        generator: Generator,
+        interp: InterpScratch,
+    },
+    Vectors {
+        depth: DepthScratch,
+        interp: VectorScratch,
+        /// One per member at most.
+        tasks: Vec<Task>,
+        /// Keyframe that the decoder pass is of.
+        keyframe: usize,
+    },
+}
+
+/// A model was taken up with room for one of the other layout.
+const OTHER_LAYOUT: StepError = StepError::Disagree("a batch was taken up with another model");
+
 impl Batch {
-    /// Room for `width` avatars with at most the model's `max_target`; everything that is needed is allocated here.
+    /// Room for `width` avatars with at most the model's `max_target`; everything that is needed is
+    /// allocated here.
     ///
     /// # Panics
     /// Where `width` is 0.
@@ -109,24 +125,39 @@ impl Batch {
         assert!(width > 0, "a batch has at least one member");
         let config = &model.config;
         let lengths = Lengths::of(config);
+        let per_member = if is_guidable(config) { 2 } else { 1 };
+        let sequences = width * per_member;
+        // The history's keyframes, and the one that the decoder reads.
+        let given = if config.is_frames() { width * (config.prefix + 1) } else { 0 };
         let window = window_tokens(config, config.max_target);
         let frames = config.keyframe_stride * (config.prefix + config.max_target - 1) + 1;
         let rows = model
             .motion
             .stream_rows(config.max_target * config.keyframe_stride, config.prefix * config.keyframe_stride);
         Self {
-            audio: model.tokenizer.scratch(window, config.max_target * config.tokens_per_keyframe()),
+            audio: model
+                .tokenizer
+                .scratch(window, (config.max_target + config.audio.ahead) * config.tokens_per_keyframe()),
             call: None,
-            lm: LmScratch::new(config, width * lengths.encoder.max(lengths.decoder)),
-            generator: Generator::new(config),
-            interp: model.interp.scratch(frames),
+            lm: LmScratch::with_given(config, sequences * lengths.encoder.max(lengths.decoder), given),
+            between: match &model.between {
+                Between::Codes(interp) => {
+                    BetweenScratch::Codes { generator: Generator::new(config), interp: interp.scratch(frames) }
+                }
+                Between::Vectors { depth, interp } => BetweenScratch::Vectors {
+                    depth: depth.scratch(width),
+                    interp: interp.scratch(frames),
+                    tasks: with_capacity(width),
+                    keyframe: 0,
+                },
+            },
             motion: model.motion.scratch(rows),
-            samples: filled(0.0, config.max_target * config.samples_per_keyframe()).into(),
-            ids: filled(0, width * max_encoder_tokens(config)).into(),
-            states: filled(0.0, width * lengths.encoder * config.lm.d_model).into(),
-            lengths: filled(0, width).into(),
-            sequences: (0..width).map(|_| Sequence::new(config, lengths, model.lm.cross_storage())).collect(),
-            places: filled(Place::default(), width).into(),
+            ids: filled(0, sequences * max_encoder_tokens(config)).into(),
+            states: filled(0.0, sequences * lengths.encoder * config.lm.d_model).into(),
+            lengths: filled(0, sequences).into(),
+            sequences: (0..sequences).map(|_| Sequence::new(config, lengths, model.lm.cross_storage())).collect(),
+            per_member,
+            positions: filled(Position::default(), width).into(),
             due: filled(Due::Nothing, width).into(),
             members: 0,
             phase: Phase::Idle,
@@ -148,7 +179,7 @@ impl Batch {
 
     /// Most members.
     pub fn width(&self) -> usize {
-        self.sequences.len()
+        self.due.len()
     }
 
     /// Whether a batch is under way.
@@ -161,8 +192,8 @@ impl Batch {
         self.times
     }
 
-    /// Starts a batch of `members` members, `1..=width`, all of which are due ([`Avatar::due`]): the ones with
-    /// [`Due::Rest`] only get their last frames.
+    /// Starts a batch of `members` members, `1..=width`, all of which are due ([`Avatar::due`]):
+    /// the ones with [`Due::Flush`] only get their last frames.
     ///
     /// # Errors
     /// [`StepError`] where another batch is under way, or there are too many members.
@@ -180,18 +211,18 @@ impl Batch {
             tally.clear();
         }
         self.due.iter_mut().zip(due).for_each(|(slot, due)| *slot = due);
-        self.phase = self.listen(0);
+        self.phase = self.tokenize_from(0);
         Ok(())
     }
 
-    /// After a step that failed: leaves out the member that it was about, and says which; the others go on. None where the
-    /// step was about all of them, which ends the batch.
+    /// After a failed step: removes the member that failed and returns its number; the others
+    /// continue. None if the step was for all members, which ends the batch.
     pub fn exclude(&mut self) -> Option<usize> {
         let (member, next) = match self.phase {
-            Phase::Listen { member } => (member, self.listen(member + 1)),
-            Phase::Fill { member } => (member, self.filling(member + 1)),
-            Phase::Move { member } => (member, self.moving(member + 1)),
-            Phase::Idle | Phase::Encode { .. } | Phase::Attend { .. } | Phase::Decode { .. } => {
+            Phase::Tokenize { member } => (member, self.tokenize_from(member + 1)),
+            Phase::Interpolate { member } => (member, self.interpolate_from(member + 1)),
+            Phase::DecodeMotion { member } => (member, self.decode_motion_from(member + 1)),
+            Phase::Idle | Phase::Encode { .. } | Phase::Attend { .. } | Phase::Decode { .. } | Phase::Draw { .. } => {
                 self.abandon();
                 return None;
             }
@@ -200,35 +231,44 @@ impl Batch {
         self.call = None;
         // Where it was the last with a chunk, there is nothing to encode or to fill.
         self.phase = match next {
-            Phase::Encode { .. } if self.next_chunk(0).is_none() => self.moving(0),
+            Phase::Encode { .. } if self.next_chunk(0).is_none() => self.decode_motion_from(0),
             next => next,
         };
         Some(member)
     }
 
-    /// Puts the batch down for good; its members are in no defined state and want [`Avatar::reset`].
+    /// Puts the batch down for good; its members are in no defined state and want
+    /// [`Avatar::reset`].
     pub fn abandon(&mut self) {
         (self.phase, self.call) = (Phase::Idle, None);
     }
 
-    /// Computes one more layer, and says whether there is more to do. `members` are those that the batch was started
-    /// with, in the same order. Never allocates.
+    /// Computes one more layer, and says whether there is more to do. `avatars` are those that the
+    /// batch was started with, in the same order, each with the audio of its chunk in
+    /// `Avatar::samples`; frames go to `sink` as they become final. Never allocates.
     ///
     /// # Errors
     /// [`StepError`], after which the batch wants [`Self::exclude`] or [`Self::abandon`].
-    pub fn step<M: Member>(&mut self, model: &Model, cx: Compute, members: &mut [M]) -> Result<bool, StepError> {
-        if members.len() != self.members {
+    pub fn step(
+        &mut self,
+        model: &Model,
+        cx: Compute,
+        avatars: &mut [Avatar],
+        sink: &mut (impl FrameSink + ?Sized),
+    ) -> Result<bool, StepError> {
+        if avatars.len() != self.members {
             return Err(StepError::Disagree("a batch was taken up with other members"));
         }
         let (start, layers, phase) = (Instant::now(), self.lm.times, self.phase);
         let next = match phase {
             Phase::Idle => return Ok(false),
-            Phase::Listen { member } => self.listen_to(model, cx, &mut members[member], member),
+            Phase::Tokenize { member } => self.tokenize(model, cx, &mut avatars[member], member),
             Phase::Encode { layer } => self.encode(model, cx, layer),
-            Phase::Attend { member, layer } => self.attend(model, cx, member, layer),
-            Phase::Decode { layer } => self.decode(model, cx, members, layer),
-            Phase::Fill { member } => self.fill(model, cx, &mut members[member], member),
-            Phase::Move { member } => self.move_on(model, cx, &mut members[member], member),
+            Phase::Attend { sequence, layer } => self.attend(model, cx, sequence, layer),
+            Phase::Decode { layer } => self.decode(model, cx, avatars, layer),
+            Phase::Draw { first } => self.draw(model, cx, avatars, first),
+            Phase::Interpolate { member } => self.interpolate(model, cx, &mut avatars[member], member),
+            Phase::DecodeMotion { member } => self.decode_motion(model, cx, &mut avatars[member], member, sink),
         };
         match phase {
             Phase::Encode { .. } => self.times.encoder_layers += self.lm.times.since(layers),
@@ -236,11 +276,12 @@ impl Batch {
             _ => {}
         }
         let time = match phase {
-            Phase::Listen { .. } | Phase::Idle => &mut self.times.tokenizer,
+            Phase::Tokenize { .. } | Phase::Idle => &mut self.times.tokenizer,
             Phase::Encode { .. } => &mut self.times.encoder,
             Phase::Attend { .. } | Phase::Decode { .. } => &mut self.times.decoder,
-            Phase::Fill { .. } => &mut self.times.interp,
-            Phase::Move { .. } => &mut self.times.motion,
+            Phase::Draw { .. } => &mut self.times.depth,
+            Phase::Interpolate { .. } => &mut self.times.interp,
+            Phase::DecodeMotion { .. } => &mut self.times.motion,
         };
         *time += start.elapsed();
         self.phase = next?;
@@ -252,63 +293,66 @@ impl Batch {
         (first..self.members).find(|&member| self.due[member] == Due::Chunk)
     }
 
-    /// Listening to the first member from `first` on that has a chunk, or what follows when there is none.
-    fn listen(&self, first: usize) -> Phase {
+    /// Tokenizing of the first member from `first` on that has a chunk, or what follows when there
+    /// is none.
+    fn tokenize_from(&self, first: usize) -> Phase {
         match self.next_chunk(first) {
-            Some(member) => Phase::Listen { member },
+            Some(member) => Phase::Tokenize { member },
             None if self.next_chunk(0).is_some() => Phase::Encode { layer: 0 },
-            None => self.moving(0),
+            None => self.decode_motion_from(0),
         }
     }
 
-    fn moving(&self, member: usize) -> Phase {
-        if member < self.members { Phase::Move { member } } else { Phase::Idle }
+    fn decode_motion_from(&self, member: usize) -> Phase {
+        if member < self.members { Phase::DecodeMotion { member } } else { Phase::Idle }
     }
 
     /// One more piece of turning a member's next samples into the units of its window.
-    fn listen_to(
-        &mut self,
-        model: &Model,
-        cx: Compute,
-        of: &mut impl Member,
-        member: usize,
-    ) -> Result<Phase, StepError> {
-        let samples = &mut self.samples[..of.avatar().chunk_samples(&model.config)];
-        if self.call.is_none() && !samples.is_empty() {
-            of.listen(samples);
-        }
-        let avatar = of.avatar();
-        if let Some(audio) = &mut avatar.audio {
+    fn tokenize(&mut self, model: &Model, cx: Compute, avatar: &mut Avatar, member: usize) -> Result<Phase, StepError> {
+        if let Some((audio, samples, units)) = avatar.audio_parts() {
             let mut call = match self.call.take() {
                 Some(call) => call,
                 None => model.tokenizer.begin(audio, &mut self.audio, samples)?,
             };
-            if model.tokenizer.step(cx, audio, &mut self.audio, &mut call, &mut avatar.units)? {
+            if model.tokenizer.step(cx, audio, &mut self.audio, &mut call, units)? {
                 self.call = Some(call);
-                return Ok(Phase::Listen { member });
+                return Ok(Phase::Tokenize { member });
             }
             avatar.replace_units(&model.config);
         }
-        let start = self.rows(member);
-        self.lengths[member] = avatar.prompt(&mut self.ids[start..])?;
-        Ok(self.listen(member + 1))
+        let (first, prefix) = (member * self.per_member, model.config.prefix);
+        if let (Some(frames), Window::Keyframes(history)) = (model.lm.frames(), &avatar.history) {
+            for (row, codes) in history.prefix().enumerate() {
+                frames.history(codes, self.lm.given_mut(member * prefix + row))?;
+            }
+        }
+        for (sequence, prompted) in (first..first + self.per_member).zip([true, false]) {
+            let start = self.rows(sequence);
+            self.lengths[sequence] = match prompted || avatar.is_guided() {
+                true => avatar.prompt(prompted, model.config.vocab.size + member * prefix, &mut self.ids[start..])?,
+                false => 0,
+            };
+        }
+        Ok(self.tokenize_from(member + 1))
     }
 
-    /// Encoder rows of the members before `member` that have a chunk.
-    fn rows(&self, member: usize) -> usize {
-        (0..member).filter(|&m| self.due[m] == Due::Chunk).map(|m| self.lengths[m]).sum()
+    /// Encoder rows of the sequences before `sequence` whose members have a chunk.
+    fn rows(&self, sequence: usize) -> usize {
+        let has_chunk = |&s: &usize| self.due[s / self.per_member] == Due::Chunk;
+        (0..sequence).filter(has_chunk).map(|s| self.lengths[s]).sum()
     }
 
     fn encode(&mut self, model: &Model, cx: Compute, layer: usize) -> Result<Phase, StepError> {
-        let (lm, rows) = (&model.lm, self.rows(self.members));
+        let sequences = self.members * self.per_member;
+        let (lm, rows) = (&model.lm, self.rows(sequences));
         if layer == 0 {
-            for member in 0..self.members {
-                if self.due[member] != Due::Chunk {
-                    self.lengths[member] = 0;
+            for sequence in 0..sequences {
+                if self.due[sequence / self.per_member] != Due::Chunk {
+                    self.lengths[sequence] = 0;
                 }
             }
         }
-        let lengths = &self.lengths[..self.members];
+        let lengths = &self.lengths[..sequences];
         if layer == 0 {
             lm.begin_encode(&mut self.lm, &self.ids[..rows], lengths)?;
         }
@@ -317,41 +361,48 @@ impl Batch {
             return Ok(Phase::Encode { layer: layer + 1 });
         }
         lm.end_encode(cx, &self.lm, lengths, &mut self.states[..rows * lm.d_model()])?;
-        for member in 0..self.members {
-            self.sequences[member].set_ids(&[])?;
+        for sequence in 0..sequences {
+            self.sequences[sequence].set_ids(&[])?;
         }
-        Ok(self.attending(0))
+        if let BetweenScratch::Vectors { keyframe, .. } = &mut self.between {
+            *keyframe = 0;
+        }
+        Ok(self.attend_from(0))
     }
 
-    /// Attending of the first member from `first` on that has a chunk, or decoding where there is none.
-    fn attending(&self, first: usize) -> Phase {
-        self.next_chunk(first).map_or(Phase::Decode { layer: 0 }, |member| Phase::Attend { member, layer: 0 })
+    /// Keys and values of the first sequence from `first` on that has encoder states, or decoding
+    /// where there is none.
+    fn attend_from(&self, first: usize) -> Phase {
+        let next = (first..self.members * self.per_member).find(|&sequence| self.lengths[sequence] > 0);
+        next.map_or(Phase::Decode { layer: 0 }, |sequence| Phase::Attend { sequence, layer: 0 })
     }
 
-    fn attend(&mut self, model: &Model, cx: Compute, member: usize, layer: usize) -> Result<Phase, StepError> {
+    fn attend(&mut self, model: &Model, cx: Compute, index: usize, layer: usize) -> Result<Phase, StepError> {
         let (lm, width) = (&model.lm, model.lm.d_model());
-        let (start, rows) = (self.rows(member), self.lengths[member]);
-        let sequence = &mut self.sequences[member];
+        let (start, rows) = (self.rows(index), self.lengths[index]);
+        let sequence = &mut self.sequences[index];
         if layer == 0 {
             lm.begin_attend(sequence, rows)?;
         }
         let states = Mat::new(&self.states[start * width..], rows, width)?;
         lm.attend_layer(cx, &mut self.lm, layer, states, sequence)?;
         if layer + 1 < lm.decoder_layers() {
-            return Ok(Phase::Attend { member, layer: layer + 1 });
+            return Ok(Phase::Attend { sequence: index, layer: layer + 1 });
         }
-        self.places[member] = self.generator.begin(sequence)?;
-        Ok(self.attending(member + 1))
+        let member = index / self.per_member;
+        match &self.between {
+            BetweenScratch::Codes { generator, .. } => self.positions[member] = generator.begin(sequence)?,
+            BetweenScratch::Vectors { .. } => {
+                let frames = lm.frames().ok_or(OTHER_LAYOUT)?;
+                frames.start(self.lm.given_mut(self.due.len() * model.config.prefix + member));
+                sequence.set_ids(&[keyframe_id(model, self.due.len(), member)])?;
+            }
+        }
+        Ok(self.attend_from(index + 1))
     }
 
-    fn decode<M: Member>(
-        &mut self,
-        model: &Model,
-        cx: Compute,
-        members: &mut [M],
-        layer: usize,
-    ) -> Result<Phase, StepError> {
-        let (lm, sequences) = (&model.lm, &mut self.sequences[..self.members]);
+    fn decode(&mut self, model: &Model, cx: Compute, avatars: &mut [Avatar], layer: usize) -> Result<Phase, StepError> {
+        let (lm, sequences) = (&model.lm, &mut self.sequences[..self.members * self.per_member]);
         if layer == 0 {
             lm.begin_decode(&mut self.lm, sequences)?;
         }
@@ -360,55 +411,170 @@ impl Batch {
             return Ok(Phase::Decode { layer: layer + 1 });
         }
         lm.end_decode(cx, &mut self.lm, sequences)?;
+        let generator = match &mut self.between {
+            BetweenScratch::Codes { generator, .. } => generator,
+            BetweenScratch::Vectors { .. } => {
+                self.list_tasks(avatars);
+                return Ok(Phase::Draw { first: 0 });
+            }
+        };
         let (mut row, mut more) = (0, false);
-        for ((sequence, place), member) in sequences.iter_mut().zip(&mut self.places).zip(members) {
+        for ((sequence, position), avatar) in sequences.iter_mut().zip(&mut self.positions).zip(avatars) {
             let count = sequence.ids().len();
             if count == 0 {
                 continue;
             }
+            let sampling = avatar.chunk_sampling();
+            let Window::Codes(history) = &mut avatar.history else { return Err(OTHER_LAYOUT) };
             row += count;
-            let avatar = member.avatar();
-            let (draw, mut codes) = (avatar.draw(), avatar.history.target());
-            more |= self.generator.write(cx, lm, &mut self.lm, row - 1, draw, place, &mut codes, sequence)?;
+            let mut codes = history.target();
+            more |= generator.write(cx, lm, &mut self.lm, row - 1, sampling, position, &mut codes, sequence)?;
         }
-        Ok(if more { Phase::Decode { layer: 0 } } else { self.filling(0) })
+        Ok(if more { Phase::Decode { layer: 0 } } else { self.interpolate_from(0) })
     }
 
-    /// Filling of the first member from `first` on that has a chunk, or what follows when there is none.
-    fn filling(&self, first: usize) -> Phase {
-        self.next_chunk(first).map_or_else(|| self.moving(0), |member| Phase::Fill { member })
+    /// One task for each member of the decoder pass, whose rows are those of its sequences.
+    fn list_tasks(&mut self, avatars: &[Avatar]) {
+        let BetweenScratch::Vectors { tasks, keyframe, .. } = &mut self.between else { return };
+        tasks.clear();
+        let mut row = 0;
+        for (member, (sequences, avatar)) in self.sequences.chunks_exact(self.per_member).zip(avatars).enumerate() {
+            let rows = sequences.iter().filter(|sequence| !sequence.ids().is_empty()).count();
+            if rows > 0 {
+                let sampling = avatar.chunk_sampling();
+                tasks.push(Task {
+                    member,
+                    row,
+                    unprompted: (rows > 1).then_some(row + 1),
+                    guidance: avatar.guidance,
+                    sampler: sampling.sampler,
+                    chunk: sampling.chunk,
+                    keyframe: u32::try_from(*keyframe).unwrap_or(u32::MAX),
+                });
+            }
+            row += rows;
+        }
     }
 
-    fn fill(&mut self, model: &Model, cx: Compute, of: &mut impl Member, member: usize) -> Result<Phase, StepError> {
-        let history = &mut of.avatar().history;
-        history.lay_out();
-        model.interp.fill(cx, &mut self.interp, history.frames())?;
-        Ok(self.filling(member + 1))
+    /// The codes of the keyframe that the decoder pass was of, for as many members as one step
+    /// takes, and what the next pass reads.
+    fn draw(&mut self, model: &Model, cx: Compute, avatars: &mut [Avatar], first: usize) -> Result<Phase, StepError> {
+        let (Between::Vectors { depth, .. }, BetweenScratch::Vectors { depth: scratch, tasks, keyframe, .. }) =
+            (&model.between, &mut self.between)
+        else {
+            return Err(OTHER_LAYOUT);
+        };
+        let done = depth.draw(cx, scratch, self.lm.states(), &tasks[first..], |task, codes| {
+            if let Window::Keyframes(history) = &mut avatars[task.member].history {
+                history.write(*keyframe, codes);
+            }
+        })?;
+        if first + done < tasks.len() {
+            return Ok(Phase::Draw { first: first + done });
+        }
+        let (frames, width, next) = (model.lm.frames().ok_or(OTHER_LAYOUT)?, self.due.len(), *keyframe + 1);
+        let mut more = false;
+        for task in tasks.iter() {
+            let avatar = &avatars[task.member];
+            let Window::Keyframes(history) = &avatar.history else { return Err(OTHER_LAYOUT) };
+            let goes_on = next < avatar.target;
+            if goes_on {
+                let given = self.lm.given_mut(width * model.config.prefix + task.member);
+                frames.keyframe(history.target(*keyframe), given)?;
+            }
+            let id = [keyframe_id(model, width, task.member)];
+            for sequence in &mut self.sequences[task.member * self.per_member..(task.member + 1) * self.per_member] {
+                if !sequence.ids().is_empty() {
+                    sequence.set_ids(if goes_on { &id } else { &[] })?;
+                }
+            }
+            more |= goes_on;
+        }
+        *keyframe = next;
+        Ok(if more { Phase::Decode { layer: 0 } } else { self.interpolate_from(0) })
     }
 
-    fn move_on(&mut self, model: &Model, cx: Compute, of: &mut impl Member, member: usize) -> Result<Phase, StepError> {
-        let (avatar, frames) = of.frames();
+    /// Interpolation for the first member from `first` on that has a chunk, or what follows when
+    /// there is none.
+    fn interpolate_from(&self, first: usize) -> Phase {
+        self.next_chunk(first).map_or_else(|| self.decode_motion_from(0), |member| Phase::Interpolate { member })
+    }
+
+    fn interpolate(
+        &mut self,
+        model: &Model,
+        cx: Compute,
+        avatar: &mut Avatar,
+        member: usize,
+    ) -> Result<Phase, StepError> {
+        match (&model.between, &mut self.between, &mut avatar.history) {
+            (Between::Codes(interp), BetweenScratch::Codes { interp: scratch, .. }, Window::Codes(history)) => {
+                history.lay_out();
+                interp.fill(cx, scratch, history.frames())?;
+            }
+            (
+                Between::Vectors { interp, .. },
+                BetweenScratch::Vectors { interp: scratch, .. },
+                Window::Keyframes(history),
+            ) => {
+                let (vectors, known) = history.lay_out(model.motion.decoders())?;
+                interp.fill(cx, scratch, vectors, known)?;
+            }
+            _ => return Err(OTHER_LAYOUT),
+        }
+        Ok(self.interpolate_from(member + 1))
+    }
+
+    fn decode_motion(
+        &mut self,
+        model: &Model,
+        cx: Compute,
+        avatar: &mut Avatar,
+        member: usize,
+        sink: &mut (impl FrameSink + ?Sized),
+    ) -> Result<Phase, StepError> {
         if self.due[member] == Due::Nothing {
-            return Ok(self.moving(member + 1));
+            return Ok(self.decode_motion_from(member + 1));
         }
         if self.due[member] == Due::Chunk {
-            let fresh = avatar.history.fresh(avatar.chunk == 0);
-            if let Some(codes) = &mut self.codes {
-                codes.keep(avatar.chunk, avatar.known_frames(&model.config, avatar.chunk), fresh);
-            }
-            let total = avatar.total;
+            let (total, first) = (avatar.total, avatar.chunk == 0);
             let mut within = |f: FrameRef| {
                 if total.is_none_or(|total| f.index < total) {
-                    frames.frame(f);
+                    sink.frame(member, f);
                 }
             };
-            avatar.motion.push(cx, &model.motion, &mut self.motion, fresh, avatar.lookahead, &mut within)?;
-            avatar.history.advance();
+            let known = avatar.known_frames(&model.config, avatar.chunk);
+            match &mut avatar.history {
+                Window::Codes(history) => {
+                    let fresh = history.fresh(first);
+                    if let Some(codes) = &mut self.codes {
+                        codes.keep(avatar.chunk, known, fresh);
+                    }
+                    let motion = &mut avatar.motion;
+                    motion.push(cx, &model.motion, &mut self.motion, fresh, avatar.lookahead, &mut within)?;
+                    history.advance();
+                }
+                Window::Keyframes(history) => {
+                    if let Some(codes) = &mut self.codes {
+                        codes.keep_keyframes(avatar.chunk, known, history.fresh_frames(first), history.targets());
+                    }
+                    let (fresh, parts) = history.fresh(first);
+                    let (motion, fresh) = (&mut avatar.motion, &fresh[..parts]);
+                    motion.push_latents(cx, &model.motion, &mut self.motion, fresh, avatar.lookahead, &mut within)?;
+                    history.advance();
+                }
+            }
             avatar.chunk += 1;
         }
         if let (Some(total), true) = (avatar.total, Some(avatar.chunk) >= avatar.chunks(&model.config)) {
-            avatar.motion.finish(cx, &model.motion, &mut self.motion, total, &mut |f| frames.frame(f))?;
+            avatar.motion.finish(cx, &model.motion, &mut self.motion, total, &mut |f| sink.frame(member, f))?;
         }
-        Ok(self.moving(member + 1))
+        Ok(self.decode_motion_from(member + 1))
     }
+}
+
+/// The id of what a member's decoder reads, behind the history's keyframes of all `width` members.
+#[expect(clippy::cast_possible_truncation, reason = "ids and rows of a batch are far below 2^32")]
+fn keyframe_id(model: &Model, width: usize, member: usize) -> u32 {
+    (model.config.vocab.size + width * model.config.prefix + member) as u32
 }

@@ -4,12 +4,13 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-/// What [`Clock::nanos`] counts from: a moment before the clock's start, which a restored session may remember, has a number
-/// too.
+/// What [`Clock::nanos`] counts from: a moment before the clock's start, which a restored session
+/// may remember, has a number too.
 const START: u64 = 1 << 62;
 
 /// A clock that never goes back.
 #[derive(Clone, Debug)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Clock {
     /// The system's, counted from the moment given.
     System(Instant),

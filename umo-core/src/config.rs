@@ -1,5 +1,6 @@
 //! Every dimension of a model, read from its file and checked once.
 
+mod body;
 mod check;
 
 use std::collections::BTreeMap;
@@ -8,10 +9,14 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::LoadError;
 use crate::part::PerPart;
+pub use body::{Channels, channel_names};
+pub(crate) use check::MAX_PARTS;
 
-/// The `config` text of a model file (SPEC 3). [`Config::parse`] is the only way to one that code may rely on.
+/// The `config` text of a model file (SPEC 3). [`Config::parse`] is the only way to one that code
+/// may rely on.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct Config {
     /// Name of the model.
     pub name: String,
@@ -32,26 +37,120 @@ pub struct Config {
     pub max_target: usize,
     /// Frames held back by default until the next chunk (SPEC 2.8).
     pub lookahead: usize,
+    /// What one position of the decoder stands for.
+    #[serde(default, skip_serializing_if = "Layout::is_parts")]
+    pub layout: Layout,
+    /// Parts with codes of their own, in order; absent for the paper's four parts of one level,
+    /// which are the only ones of layout `parts`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub parts: Option<Vec<PartSpec>>,
     /// Audio tokenizer.
     pub audio: Audio,
     /// Ids of the language model.
     pub vocab: Vocab,
     /// Language model.
     pub lm: Lm,
+    /// Depth network, in layout `frames`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub depth: Option<Depth>,
     /// Interpolation network.
     pub interp: Interp,
     /// Motion codecs.
     pub vq: Vq,
     /// Face channels.
     pub face: Face,
+    /// The live mouth, where the model has one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mouth: Option<Mouth>,
     /// Encoder inputs by name: `audio_to_motion`, `text_to_motion`.
     pub templates: BTreeMap<String, Vec<TemplateItem>>,
-    /// Codes that stand for the time before the first frame.
+    /// The texts that the model was trained with, where it knows no others; absent where it takes
+    /// any text, or none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub prompts: Option<Vec<String>>,
+    /// Codes that stand for the time before the first frame; with [`parts`](Self::parts) each
+    /// part's are its `rest` instead.
+    #[serde(default = "no_rest", skip_serializing_if = "is_no_rest")]
     pub rest: PerPart<usize>,
     /// Default sampling.
     pub sampling: Sampling,
     /// Bones.
     pub skeleton: Skeleton,
+}
+
+/// What one position of the decoder stands for (SPEC 2.5, 2.13).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Layout {
+    /// A code of one part: the paper's layout.
+    #[default]
+    Parts,
+    /// A keyframe, whose codes a depth network writes.
+    Frames,
+}
+
+impl Layout {
+    #[expect(clippy::trivially_copy_pass_by_ref, reason = "as serde calls it")]
+    fn is_parts(&self) -> bool {
+        *self == Self::Parts
+    }
+}
+
+/// A part with codes of its own (SPEC 2.12).
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct PartSpec {
+    /// Its name in tensors: lowercase letters, digits and `_`.
+    pub name: String,
+    /// Names of its channels, all of one of the four body parts; an annotation has none.
+    pub channels: Vec<String>,
+    /// Codes of each level, 1 to 256.
+    pub codes: usize,
+    /// Levels of residual quantization, 1 to 16.
+    pub levels: usize,
+    /// Width of a code's vector and of the hidden convolutions; absent in an annotation.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub width: usize,
+    /// Convolutions between the residual blocks and the last one; absent in an annotation.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub layers: usize,
+    /// Codes that stand for the time before the first frame, one per level.
+    pub rest: Vec<usize>,
+    /// How its codes are drawn, where that differs from the session's sampling.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sampling: Option<Sampling>,
+}
+
+/// Depth network (SPEC 2.13).
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Depth {
+    /// Width.
+    pub d_model: usize,
+    /// Heads of each attention.
+    pub num_heads: usize,
+    /// Width inside a feed-forward.
+    pub d_ff: usize,
+    /// Layers.
+    pub num_layers: usize,
+    /// Added to mean squares.
+    pub layer_norm_epsilon: f32,
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "as serde calls it")]
+fn is_zero(value: &usize) -> bool {
+    *value == 0
+}
+
+/// Stands for an absent `rest`: no code has this number.
+const NO_CODE: usize = usize::MAX;
+
+fn no_rest() -> PerPart<usize> {
+    PerPart::from_fn(|_| NO_CODE)
+}
+
+fn is_no_rest(rest: &PerPart<usize>) -> bool {
+    *rest == no_rest()
 }
 
 /// Audio tokenizer (SPEC 2.1).
@@ -66,6 +165,9 @@ pub struct Audio {
     pub token_rate: usize,
     /// Number of different audio tokens.
     pub units: usize,
+    /// Keyframes of audio behind the chunk that the encoder has places for (SPEC 2.15).
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub ahead: usize,
     /// Dimensions of the HuBERT tokenizer, where that is the kind.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub hubert: Option<Hubert>,
@@ -174,12 +276,16 @@ pub struct Vocab {
     /// First id that the decoder is given.
     pub decoder_start: usize,
     /// Codes of the face.
+    #[serde(default, skip_serializing_if = "Modality::is_absent")]
     pub face: Modality,
     /// Codes of the hands.
+    #[serde(default, skip_serializing_if = "Modality::is_absent")]
     pub hands: Modality,
     /// Codes of the upper body.
+    #[serde(default, skip_serializing_if = "Modality::is_absent")]
     pub upper: Modality,
     /// Codes of the lower body.
+    #[serde(default, skip_serializing_if = "Modality::is_absent")]
     pub lower: Modality,
     /// Audio units.
     pub audio: Modality,
@@ -198,8 +304,8 @@ impl std::ops::Index<crate::part::Part> for Vocab {
     }
 }
 
-/// The ids of one kind of token.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
+/// The ids of one kind of token. The parts have none in layout `frames`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Modality {
     /// Id of code 0.
@@ -212,6 +318,12 @@ pub struct Modality {
     pub end: usize,
     /// Marker of a masked code.
     pub mask: usize,
+}
+
+impl Modality {
+    fn is_absent(&self) -> bool {
+        *self == Self::default()
+    }
 }
 
 /// T5 with expert feed-forwards (SPEC 2.4), with Hugging Face's names.
@@ -268,17 +380,23 @@ pub struct Interp {
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Vq {
-    /// Codes of each part.
+    /// Codes of each part; absent where [`Config::parts`] is given.
+    #[serde(default, skip_serializing_if = "is_zero")]
     pub codes: usize,
-    /// Width of a code's vector and of the hidden convolutions.
+    /// Width of a code's vector and of the hidden convolutions; where [`Config::parts`] is given,
+    /// of the root network alone.
     pub width: usize,
     /// Jaw and expression.
+    #[serde(default, skip_serializing_if = "Codec::is_absent")]
     pub face: Codec,
     /// Finger joints.
+    #[serde(default, skip_serializing_if = "Codec::is_absent")]
     pub hands: Codec,
     /// Upper body joints.
+    #[serde(default, skip_serializing_if = "Codec::is_absent")]
     pub upper: Codec,
     /// Lower body joints, root velocity and foot contact.
+    #[serde(default, skip_serializing_if = "Codec::is_absent")]
     pub lower: Codec,
     /// Root network.
     pub root: Codec,
@@ -297,8 +415,8 @@ impl std::ops::Index<crate::part::Part> for Vq {
     }
 }
 
-/// One motion codec.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
+/// One motion codec. The four parts have none where [`Config::parts`] is given.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Codec {
     /// Values per frame.
@@ -308,12 +426,18 @@ pub struct Codec {
 }
 
 impl Codec {
-    /// Frames on each side that a decoded frame depends on: two residual blocks of two convolutions, `layers`, and one.
+    fn is_absent(&self) -> bool {
+        *self == Self::default()
+    }
+
+    /// Frames on each side that a decoded frame depends on: two residual blocks of two
+    /// convolutions, `layers`, and one.
     pub fn decoder_reach(&self) -> usize {
         4 + self.layers + 1
     }
 
-    /// Frames on each side that an encoded frame depends on: per layer one convolution and a residual block of two.
+    /// Frames on each side that an encoded frame depends on: per layer one convolution and a
+    /// residual block of two.
     pub fn encoder_reach(&self) -> usize {
         3 * self.layers
     }
@@ -322,6 +446,7 @@ impl Codec {
 /// Face channels (SPEC 2.7, 3).
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct Face {
     /// What the channels after the jaw's six are.
     pub kind: FaceKind,
@@ -329,9 +454,50 @@ pub struct Face {
     pub names: Vec<String>,
 }
 
+/// The live mouth (SPEC 2.10): log-mel rows, then causal convolutions at the frame rate.
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Mouth {
+    /// Samples per window.
+    pub window: usize,
+    /// Length of the Fourier transform; the window is padded with zeros.
+    pub fft: usize,
+    /// Mel bands.
+    pub bands: usize,
+    /// Least energy of a band before the logarithm.
+    pub floor: f32,
+    /// Rows of features per frame.
+    pub rows: usize,
+    /// Rows after a frame's time that the frame is computed from: its latency.
+    pub ahead: usize,
+    /// Rows that the first layer takes, of which the last is the newest.
+    pub taps: usize,
+    /// Outputs of every layer but the last.
+    pub width: usize,
+    /// Frames that a dilated convolution takes.
+    pub kernel: usize,
+    /// Frames from one of these to the next, of each block.
+    pub dilations: Vec<usize>,
+    /// Face channels that it gives, by their names in `face.names`.
+    pub channels: Vec<String>,
+}
+
+impl Mouth {
+    /// Values per row of features.
+    pub fn features(&self) -> usize {
+        self.bands + crate::mouth::LEVEL_FEATURES
+    }
+
+    /// Outputs of the last layer: the channels and the voice activity.
+    pub fn outputs(&self) -> usize {
+        self.channels.len() + 1
+    }
+}
+
 /// The kinds of face channels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "snake_case")]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum FaceKind {
     /// SMPL-X expression coefficients, unbounded.
     SmplxExpression,
@@ -345,7 +511,7 @@ pub enum FaceKind {
 pub enum TemplateItem {
     /// A token id.
     Id(usize),
-    /// `audio`, `text`, or a part.
+    /// `audio`, `text`, or a part; in layout `frames` `history` in the place of the parts.
     Name(String),
 }
 
@@ -364,6 +530,7 @@ pub struct Sampling {
 /// Bones: 55 SMPL-X joints.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct Skeleton {
     /// Parent of each joint; -1 for the first.
     pub parents: Vec<i32>,
@@ -400,8 +567,10 @@ impl Config {
         self.tokens_per_keyframe() * self.hop()
     }
 
-    /// Frames of future speech that a frame needs at most, with so many keyframes per chunk and frames held back: the rest
-    /// of its chunk, the next chunk where the frame is behind the last keyframe of its own, and the frames held back.
+    /// Frames of future speech that a frame needs at most, with so many keyframes per chunk and
+    /// frames held back: the rest of its chunk, the next chunk where the frame is behind the last
+    /// keyframe of its own, and the frames held back. Of an avatar's settings that is
+    /// [`AvatarConfig::latency_frames`](crate::avatar::AvatarConfig::latency_frames).
     pub fn latency_frames(&self, target: usize, lookahead: usize) -> usize {
         (target + 1) * self.keyframe_stride - 1 + lookahead
     }

@@ -1,7 +1,8 @@
-//! Panics of this library that were caught: what they said and where, kept for the caller instead of printed.
+//! Panics of this library that were caught: what they said and where, kept for the caller instead
+//! of printed.
 //!
-//! A panic is a defect of this library. [`contain`] keeps it from its caller; [`keep_quiet`] keeps it from the process's
-//! standard error, where a host's users would see it.
+//! A panic is a defect of this library. [`contain`] keeps it from its caller; [`keep_quiet`] keeps
+//! it from the process's standard error, where a host's users would see it.
 
 use std::any::Any;
 use std::cell::Cell;
@@ -23,11 +24,12 @@ impl Defect {
             (_, Some(message)) => message.as_str(),
             _ => "a panic without a message",
         };
-        let place = place.map_or_else(String::new, |place| format!("{}:{}", place.file(), place.line()));
+        let place = place.map_or_else(String::new, |place| format!("{}:{}", plain(place.file()), place.line()));
         Self { place, message: message.to_owned() }
     }
 
-    /// The file and line that panicked; empty where that is not known, because [`keep_quiet`] was not called before.
+    /// The file and line that panicked; empty where that is not known, because the process's own
+    /// panic hook reported it.
     pub fn place(&self) -> &str {
         &self.place
     }
@@ -93,8 +95,9 @@ pub fn contain<R>(work: impl FnOnce() -> R) -> Result<R, Defect> {
     })
 }
 
-/// As [`contain`], and nothing that panics in it on this thread is printed, wherever in other libraries that is, once
-/// [`keep_quiet`] was called. Touches the thread's own storage, which the system may allocate at the thread's first call.
+/// As [`contain`], and nothing that panics in it on this thread is printed, wherever in other
+/// libraries that is, once [`keep_quiet`] was called. Touches the thread's own storage, which the
+/// system may allocate at the thread's first call.
 ///
 /// # Errors
 /// As [`contain`].
@@ -105,16 +108,18 @@ pub fn contain_quietly<R>(work: impl FnOnce() -> R) -> Result<R, Defect> {
     result
 }
 
-/// Goes on with a panic that was caught on another thread, for [`contain`] to catch again. Prints nothing.
+/// Goes on with a panic that was caught on another thread, for [`contain`] to catch again. Prints
+/// nothing.
 pub(crate) fn resume(defect: Defect) -> ! {
     std::panic::resume_unwind(Box::new(defect))
 }
 
-/// From now on, panics of this library are not printed: panics in its source files and in [`contain_quietly`]. All others
-/// go to the panic hook that was set before. Source files in the folders of
-/// `files` count as this library's too.
+/// From now on, panics of this library are not printed: panics in its source files and in
+/// [`contain_quietly`]. All others go to the panic hook that was set before. Source files in the
+/// folders of `files` count as this library's too.
 ///
-/// Only the first call does anything. It is meant for libraries that hide this one behind another interface.
+/// Only the first call does anything. It is meant for libraries that hide this one behind another
+/// interface.
 pub fn keep_quiet(files: &'static [&'static str]) {
     static HOOK: Once = Once::new();
     HOOK.call_once(|| {
@@ -132,10 +137,15 @@ pub fn keep_quiet(files: &'static [&'static str]) {
 
 fn is_own(info: &PanicHookInfo, files: &[&str]) -> bool {
     let file = info.location().map_or("", Location::file);
-    let own = [file!(), umo_kernels::SOURCE];
+    let own = [crate::SOURCE, umo_kernels::SOURCE];
     // At a thread's end its storage may be gone; nothing of this library runs then.
     DEPTH.try_with(Cell::get).is_ok_and(|depth| depth > 0)
         || own.iter().chain(files).any(|own| file.starts_with(folder(own)))
+}
+
+/// A source file without the `./` that its place in the tree of modules gives it.
+fn plain(file: &str) -> String {
+    file.replace("/./", "/").replace(r"\.\", r"\")
 }
 
 /// The folder of a source file, its separator included.
@@ -152,7 +162,7 @@ mod tests {
         keep_quiet(&[]);
         let line = line!() + 1;
         let defect = contain(|| panic!("planned {}", 1)).unwrap_err();
-        assert_eq!((defect.message(), defect.place()), ("planned 1", &*format!("{}:{line}", file!())));
+        assert_eq!((defect.message(), defect.place()), ("planned 1", &*format!("{}:{line}", plain(file!()))));
         assert_eq!(contain(|| 7), Ok(7));
     }
 

@@ -1,32 +1,30 @@
 //! Threads, and which avatars they compute next (SPEC 2.9).
 //!
-//! An engine has one model, one [`Batch`](crate::batch::Batch) and places for sessions. Its worker looks at every place
-//! for a chunk whose audio is there, takes the ones with the earliest deadlines into a batch, computes the batch layer by
-//! layer, and looks again. The worker is a thread of the engine's own, or whoever calls [`Engine::poll`].
+//! An engine has one model, one [`Batch`](crate::batch::Batch) and slots for sessions. Its worker
+//! searches all slots for chunks whose audio is complete, takes those with the earliest deadlines
+//! into a batch, computes the batch layer by layer, and searches again. The worker runs on a thread
+//! of the engine, or in [`Engine::poll`].
 
-mod core;
 mod worker;
 
 use std::fmt;
-use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError, TryLockError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
 use atomic_wait::{wait, wake_one};
 
+use crate::audio::resample::{self, FilterPlan, Resampler};
 use crate::avatar::{Avatar, StageTimes};
 use crate::clock::Clock;
 use crate::defect::{Defect, contain_quietly};
 use crate::error::{LoadError, StepError};
-use crate::linear::Compute;
-use crate::memory::{self, OutOfMemory, filled, with_capacity};
+use crate::memory::{self, Arena, Counted, OutOfMemory};
 use crate::model::Model;
-use crate::motion::Pose;
-use crate::part::PerPart;
-use crate::session::{Failure, Making, Session, SessionConfig, Shared, Shown, state_size};
-use crate::team::{Guests, MAX_THREADS, Team};
-pub(crate) use core::Core;
+use crate::session::{Failure, Member, Session, SessionConfig, SessionInit, Shared, Slots, state_size};
+use crate::stream::{OwnedFrame, Signal};
+use crate::team::{ExternalWorkers, MAX_THREADS};
 use worker::Worker;
 
 /// Most sessions of an engine.
@@ -34,16 +32,18 @@ pub const MAX_SESSIONS: usize = 4096;
 /// Most avatars of a batch.
 pub const MAX_BATCH: usize = 64;
 
-/// Who computes, and for how many.
+/// Threads and capacity of an engine.
 #[derive(Clone, Debug)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct EngineConfig {
     /// Who computes.
     pub threads: Threads,
-    /// Cores that the threads are bound to, one each, as far as they go; with none the system chooses.
+    /// Cores to pin the threads to, one each; threads beyond the list are not pinned.
     pub cores: Vec<usize>,
     /// Most sessions at once, `1..=MAX_SESSIONS`.
     pub max_sessions: usize,
-    /// Most avatars that are computed together, `1..=MAX_BATCH`: more read the weights less often, and need memory.
+    /// Most avatars that are computed together, `1..=MAX_BATCH`: more read the weights less often,
+    /// and need memory.
     pub max_batch: usize,
     /// The host's threads, in place of the engine's own, where the host polls.
     pub lender: Option<Lender>,
@@ -51,8 +51,8 @@ pub struct EngineConfig {
     pub clock: Clock,
 }
 
-/// Asks the host for threads: called by the thread that polls, with how many are wanted. Each that the host finds calls
-/// [`Engine::lend`]; late ones and missing ones cost speed and nothing else.
+/// Asks the host for threads: called by the thread that polls, with how many are wanted. Each that
+/// the host finds calls [`Engine::lend`]; late ones and missing ones cost speed and nothing else.
 #[derive(Clone)]
 pub struct Lender(pub Arc<dyn Fn(usize) + Send + Sync>);
 
@@ -64,6 +64,7 @@ impl fmt::Debug for Lender {
 
 /// Who computes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Threads {
     /// As many threads of the engine's own, `1..=MAX_THREADS`.
     Own(usize),
@@ -88,6 +89,7 @@ impl Default for EngineConfig {
 
 /// Why an engine or a session cannot be made.
 #[derive(Debug)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum EngineError {
     /// A number is out of its range.
     Config(LoadError),
@@ -119,7 +121,17 @@ impl fmt::Display for EngineError {
     }
 }
 
-impl std::error::Error for EngineError {}
+impl std::error::Error for EngineError {
+    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        match self {
+            Self::Config(error) => Some(error),
+            Self::Thread(error) => Some(error),
+            Self::Rest(error) => Some(error),
+            Self::Memory(missing) => Some(missing),
+            Self::Full { .. } | Self::Panicked(_) => None,
+        }
+    }
+}
 
 impl From<OutOfMemory> for EngineError {
     fn from(missing: OutOfMemory) -> Self {
@@ -128,7 +140,8 @@ impl From<OutOfMemory> for EngineError {
 }
 
 impl EngineError {
-    /// Why a thread was not started: a system that has no memory for it says only that it did not.
+    /// The error of a thread that was not started: the system does not report missing memory as
+    /// such.
     fn thread(error: std::io::Error) -> Self {
         match memory::check(memory::THREAD) {
             Ok(()) => Self::Thread(error),
@@ -145,6 +158,7 @@ impl From<LoadError> for EngineError {
 
 /// What an [`Engine::poll`] left to do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Poll {
     /// Nothing, until more audio comes or frames are pulled.
     Idle,
@@ -154,6 +168,7 @@ pub enum Poll {
 
 /// A poll that could not be done.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum PollError {
     /// Another thread polls.
     Busy,
@@ -172,37 +187,6 @@ impl fmt::Display for PollError {
 
 impl std::error::Error for PollError {}
 
-/// Wakes the engine's thread.
-#[derive(Debug, Default)]
-pub(crate) struct Signal {
-    /// Counts reasons to look; the thread sleeps on it.
-    count: AtomicU32,
-    asleep: AtomicBool,
-}
-
-impl Signal {
-    /// There is something to look at. Wait-free; a system call only where the thread sleeps.
-    pub(crate) fn notify(&self) {
-        self.count.fetch_add(1, Ordering::SeqCst);
-        if self.asleep.load(Ordering::SeqCst) {
-            wake_one(&raw const self.count);
-        }
-    }
-
-    /// Sleeps until the count differs from `seen`.
-    fn sleep(&self, seen: u32) {
-        self.asleep.store(true, Ordering::SeqCst);
-        while self.count.load(Ordering::SeqCst) == seen {
-            wait(&self.count, seen);
-        }
-        self.asleep.store(false, Ordering::SeqCst);
-    }
-
-    fn count(&self) -> u32 {
-        self.count.load(Ordering::SeqCst)
-    }
-}
-
 /// Whether the engine's thread has made its worker.
 #[derive(Debug, Default)]
 struct Started {
@@ -211,7 +195,7 @@ struct Started {
 }
 
 impl Started {
-    fn tell(&self, made: Result<(), EngineError>) {
+    fn set(&self, made: Result<(), EngineError>) {
         *self.error.lock().unwrap_or_else(PoisonError::into_inner) = made.err();
         self.done.store(1, Ordering::Release);
         wake_one(&raw const self.done);
@@ -225,110 +209,79 @@ impl Started {
     }
 }
 
-/// A place for a session.
-#[derive(Debug, Default)]
-struct Slot {
-    /// Whether a session has the place. It is given back only by the host's threads: memory is never freed by the worker.
-    taken: AtomicBool,
-    /// What the worker computes with; not here while it is in a batch.
-    core: Mutex<Option<Core>>,
-}
-
-/// What the engine, its worker and its sessions share.
+/// What the engine and its worker share.
 #[derive(Debug)]
 struct Inner {
-    model: Arc<Model>,
-    slots: Box<[Slot]>,
-    signal: Arc<Signal>,
-    stop: AtomicBool,
+    slots: Arc<Slots>,
     started: Started,
     /// The panic that ended the engine's thread.
     defect: OnceLock<Defect>,
     clock: Clock,
     /// Pose of rest.
-    rest: Shown,
+    rest: OwnedFrame,
     /// Time spent in each stage, as of the last batch that was done.
     times: Mutex<StageTimes>,
+    /// What sessions whose rate is not the model's share, of each rate.
+    filter_plans: Mutex<Vec<Arc<FilterPlan>>>,
 }
 
 impl Inner {
-    /// What a session and the worker share, and what the worker computes with.
-    fn make(&self, config: &SessionConfig) -> Result<(Arc<Shared>, Core), EngineError> {
-        let model = &self.model;
-        let avatar = Avatar::new(model, &config.avatar)?;
-        let making = Making {
-            config: &model.config,
+    fn model(&self) -> &Model {
+        &self.slots.model
+    }
+
+    fn signal(&self) -> &Signal {
+        &self.slots.signal
+    }
+
+    /// What resamplers from a session's rate share: made at its first use, and kept as long as no
+    /// other is made while no session has it. None for the model's own rate.
+    fn filter_plan(&self, sample_rate: usize) -> Result<Option<Arc<FilterPlan>>, EngineError> {
+        let rates = (sample_rate, self.model().config.audio.sample_rate);
+        let mut plans = self.filter_plans.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(plan) = plans.iter().find(|plan| plan.rates() == rates) {
+            return Ok(Some(Arc::clone(plan)));
+        }
+        if rates.0 == rates.1 {
+            return Ok(None);
+        }
+        plans.retain(|plan| Arc::strong_count(plan) > 1);
+        let plan = memory::catch(|| resample::plan(rates.0, rates.1))?
+            .map_err(|error| LoadError::config("sample_rate", error.to_string()))?;
+        plans.extend(plan.clone());
+        Ok(plan)
+    }
+
+    /// What a session and the worker share, and what the worker computes with; all of it from
+    /// `arena`, but for the plan of a rate's first session.
+    fn make(&self, config: &SessionConfig, arena: &Arena) -> Result<(Counted<Shared>, Member), EngineError> {
+        let model = self.model();
+        config.check()?;
+        let plan = self.filter_plan(config.sample_rate)?;
+        let avatar = Avatar::new_in(model, &config.avatar, arena)?;
+        let init = SessionInit {
+            model: &self.slots.model,
             assembly: model.motion.assembly(),
-            rest: self.rest.clone(),
+            rest: &self.rest,
             chunk_frames: avatar.chunk_frames(&model.config),
             has_audio: avatar.has_audio(),
             clock: self.clock.clone(),
-            signal: Arc::clone(&self.signal),
+            signal: Arc::clone(&self.slots.signal),
+            resampler: Resampler::new_in(config.sample_rate, model.config.audio.sample_rate, plan, arena),
+            arena,
         };
-        let shared = Arc::new(Shared::new(making, config)?);
-        let core = Core::new(avatar, Arc::clone(&shared), model, config.sample_rate);
-        Ok((shared, core))
+        let shared = arena.counted(Shared::new(init, config)?);
+        let member = Member::new_in(avatar, Counted::clone(&shared), &model.config, config.sample_rate, arena);
+        Ok((shared, member))
     }
 
-    /// Ends every session that has a place: nobody computes any more.
+    /// Ends every session: its frames are no longer computed.
     fn fail(&self, defect: &Defect) {
-        for slot in &self.slots {
-            if let Some(core) = &*slot.core.lock().unwrap_or_else(PoisonError::into_inner) {
-                core.fail(Failure::Defect(defect.clone()));
+        self.slots.for_each(|member| {
+            if let Some(member) = member {
+                member.schedule.fail(Failure::Defect(defect.clone()));
             }
-        }
-    }
-
-    /// Frees the places of dropped sessions that are not in a batch.
-    fn sweep(&self) {
-        for slot in &self.slots {
-            slot.sweep();
-        }
-        // The worker looks at no place that somebody holds: it looks again.
-        self.signal.notify();
-    }
-}
-
-impl Slot {
-    fn sweep(&self) {
-        if !self.taken.load(Ordering::Acquire) {
-            return;
-        }
-        let core = match self.core.try_lock() {
-            Ok(mut core) => core.take_if(|core| core.is_dropped()),
-            Err(TryLockError::Poisoned(poisoned)) => poisoned.into_inner().take_if(|core| core.is_dropped()),
-            Err(TryLockError::WouldBlock) => None,
-        };
-        if core.is_some() {
-            drop(core);
-            self.taken.store(false, Ordering::Release);
-        }
-    }
-}
-
-/// A session's place in its engine, as the session knows it.
-#[derive(Debug)]
-pub(crate) struct Place {
-    inner: Arc<Inner>,
-    index: usize,
-}
-
-impl Place {
-    /// Frees the place of a session that was dropped, where its core is not in a batch.
-    pub(crate) fn sweep(&self) {
-        self.inner.slots[self.index].sweep();
-        self.inner.signal.notify();
-    }
-
-    /// The engine's side of the session, and its model, for as long as `f` takes; none where it is in a batch or the engine is
-    /// just looking at it. The caller notifies the engine afterwards, which may have passed the place over.
-    pub(crate) fn with_core<R>(&self, f: impl FnOnce(&mut Core, &Model) -> R) -> Option<R> {
-        let mut core = match self.inner.slots[self.index].core.try_lock() {
-            Ok(core) => core,
-            Err(TryLockError::Poisoned(poisoned)) => poisoned.into_inner(),
-            Err(TryLockError::WouldBlock) => return None,
-        };
-        core.as_mut().map(|core| f(core, &self.inner.model))
+        });
     }
 }
 
@@ -339,7 +292,7 @@ pub struct Engine {
     /// Where the host polls.
     worker: Option<Mutex<Worker>>,
     /// Where the host lends its threads.
-    guests: Option<(Guests, Lender)>,
+    external_workers: Option<(ExternalWorkers, Lender)>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -366,24 +319,20 @@ impl Engine {
             Threads::Host(more) => (false, more + 1),
         };
         range("threads", threads, MAX_THREADS)?;
-        let rest = rest(&model).map_err(EngineError::Rest)?;
-        let mut slots = with_capacity(config.max_sessions);
-        slots.resize_with(config.max_sessions, Slot::default);
+        let rest = model.rest().map_err(EngineError::Rest)?;
         let inner = Arc::new(Inner {
-            slots: slots.into(),
-            signal: Arc::default(),
-            stop: AtomicBool::new(false),
+            slots: Arc::new(Slots::new(model, config.max_sessions)),
             started: Started::default(),
             defect: OnceLock::new(),
             clock: config.clock.clone(),
-            model,
             rest,
             times: Mutex::default(),
+            filter_plans: Mutex::default(),
         });
         if !own {
             let worker = Worker::new(&inner, config, threads).map_err(EngineError::thread)?;
-            let guests = config.lender.clone().map(|lender| (worker.guests(), lender));
-            return Ok(Self { inner, worker: Some(Mutex::new(worker)), guests, thread: None });
+            let external_workers = config.lender.clone().map(|lender| (worker.external_workers(), lender));
+            return Ok(Self { inner, worker: Some(Mutex::new(worker)), external_workers, thread: None });
         }
         // The thread makes its worker itself, so that the first core is its own.
         let (shared, config) = (Arc::clone(&inner), config.clone());
@@ -393,14 +342,14 @@ impl Engine {
                 Ok(made) => made.unwrap_or_else(|missing| Err(missing.into())),
                 Err(defect) => Err(EngineError::Panicked(defect)),
             };
-            // Whoever waits may count allocations from then on.
+            // `Engine::new` returns after this: nothing is allocated from then on.
             drop(config);
             match made {
                 Ok(worker) => {
-                    shared.started.tell(Ok(()));
+                    shared.started.set(Ok(()));
                     run(worker, &shared);
                 }
-                Err(error) => shared.started.tell(Err(error)),
+                Err(error) => shared.started.set(Err(error)),
             }
         };
         memory::require(memory::THREAD);
@@ -410,12 +359,12 @@ impl Engine {
             drop(thread.join());
             return Err(error);
         }
-        Ok(Self { inner, worker: None, guests: None, thread: Some(thread) })
+        Ok(Self { inner, worker: None, external_workers: None, thread: Some(thread) })
     }
 
     /// The model.
     pub fn model(&self) -> &Model {
-        &self.inner.model
+        self.inner.model()
     }
 
     /// A new session. Everything that it will need is allocated here.
@@ -423,37 +372,44 @@ impl Engine {
     /// # Errors
     /// [`EngineError`] where a number is out of range or every place is taken.
     pub fn session(&self, config: &SessionConfig) -> Result<Session, EngineError> {
+        let plan = Arena::plan();
+        self.inner.make(config, &plan)?;
+        self.make_session(config, &Arena::block(plan.layout()?)?)
+    }
+
+    /// Adds up to `plan` what [`Self::session_in`] takes for such a session. Allocates nothing, but at
+    /// the first use of a sample rate what all sessions of that rate share.
+    ///
+    /// # Errors
+    /// [`EngineError`] where a number is out of range.
+    #[cfg(feature = "internals")]
+    pub fn plan_session(&self, config: &SessionConfig, plan: &Arena) -> Result<(), EngineError> {
+        self.inner.make(config, plan).map(drop)
+    }
+
+    /// A new session in memory of `arena`.
+    ///
+    /// # Errors
+    /// As [`Self::session`].
+    #[cfg(feature = "internals")]
+    pub fn session_in(&self, config: &SessionConfig, arena: &Arena) -> Result<Session, EngineError> {
+        self.make_session(config, arena)
+    }
+
+    fn make_session(&self, config: &SessionConfig, arena: &Arena) -> Result<Session, EngineError> {
         let inner = &self.inner;
         if let Some(defect) = inner.defect.get() {
             return Err(EngineError::Panicked(defect.clone()));
         }
-        inner.sweep();
-        let (shared, core, state_size) = memory::catch(|| {
-            let (shared, mut core) = inner.make(config)?;
-            let state_size = state_size(&shared, &mut core, &inner.model);
-            Ok::<_, EngineError>((shared, core, state_size))
-        })??;
-        let free = |slot: &Slot| slot.taken.compare_exchange(false, true, Ordering::AcqRel, Ordering::Relaxed).is_ok();
-        let index = inner.slots.iter().position(free);
-        let index = index.ok_or(EngineError::Full { sessions: inner.slots.len() })?;
-        match inner.slots[index].core.lock() {
-            Ok(mut slot) => *slot = Some(core),
-            Err(poisoned) => *poisoned.into_inner() = Some(core),
-        }
-        inner.signal.notify();
+        inner.slots.sweep();
+        let (shared, mut member) = inner.make(config, arena)?;
+        let state_size = state_size(&shared, &mut member, inner.model());
+        let slot = inner.slots.insert(member).ok_or(EngineError::Full { sessions: inner.slots.len() })?;
         // The engine's thread may have ended before it saw the place.
         if let Some(defect) = inner.defect.get() {
             inner.fail(defect);
         }
-        Ok(Session::new(shared, Place { inner: Arc::clone(inner), index }, state_size))
-    }
-
-    /// Makes what a session has and drops it again: whether it can be made, and for who counts allocations what it needs.
-    ///
-    /// # Errors
-    /// [`EngineError`] where a number is out of range.
-    pub fn check(&self, config: &SessionConfig) -> Result<(), EngineError> {
-        memory::catch(|| self.inner.make(config).map(drop))?
+        Ok(Session::new(shared, slot, state_size))
     }
 
     /// Time spent in each stage so far, as of the last batch that was done.
@@ -461,8 +417,8 @@ impl Engine {
         *self.inner.times.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Computes until nothing is due or `budget` is used up: it returns at most one layer's time later. A budget of zero
-    /// computes one layer.
+    /// Computes until nothing is due or `budget` is used up: it returns at most one layer's time
+    /// later. A budget of zero computes one layer.
     ///
     /// # Errors
     /// [`PollError`] where the engine has threads of its own, or another thread polls.
@@ -479,10 +435,10 @@ impl Engine {
         }
         // There is something to compute: threads are asked for until the poll is over.
         let team = worker.team();
-        let invitation = self.guests.as_ref().filter(|_| team.threads() > 1).map(|(_, Lender(lend))| {
-            let invitation = team.invite();
+        let joining = self.external_workers.as_ref().filter(|_| team.threads() > 1).map(|(_, Lender(lend))| {
+            let joining = team.admit();
             lend(team.threads() - 1);
-            invitation
+            joining
         });
         let mut left = Poll::More;
         while left == Poll::More && start.elapsed() < budget {
@@ -490,23 +446,22 @@ impl Engine {
                 left = Poll::Idle;
             }
         }
-        drop(invitation);
+        drop(joining);
         Ok(left)
     }
 
-    /// Computes on the calling thread, which the host lends, until the poll that is under way is over; returns at once
-    /// where none is, or where the engine wants no threads. Never allocates.
+    /// Computes on the calling thread, which the host lends, until the poll that is under way is
+    /// over; returns at once where none is, or where the engine wants no threads. Never allocates.
     pub fn lend(&self) {
-        if let Some((guests, _)) = &self.guests {
-            guests.work();
+        if let Some((external_workers, _)) = &self.external_workers {
+            external_workers.work();
         }
     }
 }
 
 impl Drop for Engine {
     fn drop(&mut self) {
-        self.inner.stop.store(true, Ordering::SeqCst);
-        self.inner.signal.notify();
+        self.inner.signal().stop();
         if let Some(thread) = self.thread.take() {
             // It catches the panics of what it computes.
             drop(thread.join());
@@ -515,23 +470,21 @@ impl Drop for Engine {
             let mut worker = worker.into_inner().unwrap_or_else(PoisonError::into_inner);
             worker.put_back(&self.inner);
         }
-        for slot in &self.inner.slots {
-            let core = slot.core.lock().unwrap_or_else(PoisonError::into_inner).take();
-            if let Some(core) = core {
-                core.close();
+        self.inner.slots.for_each(|member| {
+            if let Some(member) = member.take() {
+                member.close();
             }
-        }
+        });
     }
 }
 
 /// The life of an engine's own thread.
 fn run(mut worker: Worker, inner: &Inner) {
-    while !inner.stop.load(Ordering::SeqCst) {
-        let seen = inner.signal.count();
+    while let Some(seen) = inner.signal().begin_turn() {
         // A defect outside of what `turn` itself catches ends the engine, not the process.
         match contain_quietly(|| worker.turn(inner)) {
             Ok(true) => {}
-            Ok(false) => inner.signal.sleep(seen),
+            Ok(false) => inner.signal().sleep(seen),
             Err(defect) => {
                 let _ = inner.defect.set(defect.clone());
                 worker.put_back(inner);
@@ -541,28 +494,6 @@ fn run(mut worker: Worker, inner: &Inner) {
         }
     }
     worker.put_back(inner);
-}
-
-/// The pose that the model's codes of rest decode to, away from a clip's ends.
-fn rest(model: &Model) -> Result<Shown, StepError> {
-    let config = &model.config;
-    let team = Team::new(1).map_err(|_| StepError::Missing("thread"))?;
-    let frames = 2 * model.motion.reach() + 1;
-    #[expect(clippy::cast_possible_truncation, reason = "codes fit 16 bits by the config's checks")]
-    let codes = PerPart::from_fn(|part| filled(config.rest[part] as u16, frames));
-    let decoded =
-        model.motion.decode(Compute { isa: model.isa, team: &team }, PerPart::from_fn(|part| &*codes[part]))?;
-    let (middle, assembly) = (frames / 2, model.motion.assembly());
-    let channels = PerPart::from_fn(|part| {
-        let width = model.motion.channels(part);
-        &decoded.channels[part][middle * width..(middle + 1) * width]
-    });
-    let mut face = filled(0.0, assembly.face_values());
-    assembly.face(channels.face, &mut face);
-    let mut pose = Pose { rotations: assembly.rotations(channels), translation: decoded.translation[middle] };
-    assembly.turn_eyes(&face, &mut pose.rotations);
-    (pose.translation[0], pose.translation[2]) = (0.0, 0.0);
-    Ok(Shown::new(pose, &face))
 }
 
 #[cfg(test)]
@@ -585,14 +516,14 @@ mod tests {
         let engine = polled();
         let config = SessionConfig::new(&engine.model().config);
         let (bad, good) = (engine.session(&config).unwrap(), engine.session(&config).unwrap());
-        bad.place().with_core(|core, _| core.plant_defect()).unwrap();
+        bad.slot().with_member(|member, _| member.plant_defect()).unwrap();
         for session in [&bad, &good] {
             session.push_audio(&vec![0.0; 2 * config.sample_rate]).unwrap();
         }
         while engine.poll(Duration::from_secs(1)) != Ok(Poll::Idle) {}
         assert_eq!(bad.pull_frames(1, |_| ()), Err(SessionError::Panicked));
         let defect = bad.defect().unwrap();
-        assert!(defect.place().contains("core.rs:"), "{defect}");
+        assert!(defect.place().contains("schedule.rs:"), "{defect}");
         assert!(defect.message().contains("divide by zero"), "{defect}");
         assert!(good.ready_frames().unwrap() > 0);
         assert_eq!(good.defect(), None);

@@ -9,6 +9,7 @@ use crate::memory::OutOfMemory;
 
 /// A model file that cannot be used, and what in it is wrong.
 #[derive(Debug)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum LoadError {
     /// The file cannot be opened or mapped.
     Io {
@@ -28,7 +29,7 @@ pub enum LoadError {
         /// What was found and what was wanted.
         problem: String,
     },
-    /// A tensor is missing, has another shape or type, or holds a value that is no number.
+    /// A tensor is missing, has another shape or type, or holds a value that is NaN or infinite.
     Tensor {
         /// The tensor's name in the file.
         name: String,
@@ -65,10 +66,19 @@ impl fmt::Display for LoadError {
     }
 }
 
-impl std::error::Error for LoadError {}
+impl std::error::Error for LoadError {
+    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        match self {
+            Self::Io { cause, .. } => Some(cause),
+            Self::Memory(missing) => Some(missing),
+            Self::File(_) | Self::Config { .. } | Self::Tensor { .. } => None,
+        }
+    }
+}
 
 /// A step that could not be taken. `Copy`: reporting one allocates nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum StepError {
     /// A kernel was called with lengths that disagree: a defect of this library.
     Shape(ShapeError),
@@ -98,9 +108,11 @@ pub enum StepError {
     Missing(&'static str),
     /// A call in the wrong order, as audio after the end.
     Order(&'static str),
-    /// A stage of the model gave infinite or NaN values: its weights are damaged or were never trained to an end.
+    /// A stage of the model gave infinite or NaN values: its weights are damaged or were never
+    /// trained to an end.
     NotFinite(&'static str),
-    /// A stage of the model gave values that no body has: its weights are damaged or were never trained to an end.
+    /// A stage of the model gave values that no body has: its weights are damaged or were never
+    /// trained to an end.
     Implausible(&'static str),
 }
 
@@ -135,4 +147,11 @@ impl fmt::Display for StepError {
     }
 }
 
-impl std::error::Error for StepError {}
+impl std::error::Error for StepError {
+    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        match self {
+            Self::Shape(error) => Some(error),
+            _ => None,
+        }
+    }
+}

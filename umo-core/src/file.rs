@@ -1,7 +1,7 @@
 //! Opening files that callers name: regular ones only.
 //!
-//! Opening a FIFO waits until somebody writes to it, and a device may never end. A caller who names one by mistake gets an
-//! error at once.
+//! Opening a FIFO waits until somebody writes to it, and a device may never end. A caller who names
+//! one by mistake gets an error at once.
 
 use std::fs::{File, FileType, OpenOptions};
 use std::io::{self, Read};
@@ -10,12 +10,13 @@ use std::path::Path;
 /// Opens a regular file for reading.
 ///
 /// # Errors
-/// What the system says; [`io::ErrorKind::InvalidInput`], with a text that says what it is, where the path names a directory,
-/// a FIFO, a socket or a device. Never waits for another program.
+/// What the system says; [`io::ErrorKind::InvalidInput`], with a text that says what it is, where
+/// the path names a directory, a FIFO, a socket or a device. Never waits for another program.
 pub fn open(path: &Path) -> io::Result<File> {
     let mut options = OpenOptions::new();
     options.read(true);
-    // A FIFO that nobody writes to is opened, and seen to be one, instead of waited for. Regular files are read as ever.
+    // A FIFO that nobody writes to is opened, and seen to be one, instead of waited for. Regular
+    // files are read as ever.
     #[cfg(unix)]
     std::os::unix::fs::OpenOptionsExt::custom_flags(&mut options, libc::O_NONBLOCK);
     let file = match options.open(path) {

@@ -1,9 +1,11 @@
-//! What each stage of a chunk must do at least, and how long this processor takes for it at its measured peaks.
+//! What each stage of a chunk must do at least, and how long this processor takes for it at its
+//! measured peaks.
 //!
-//! A floor is the greater of two times: the bytes that must be read once (weights, keys and values), over the bandwidth;
-//! and the multiply-adds of the products, over the peak of the back-end's instructions. Norms, activations, drawing,
-//! quantising and moving data count nothing, and every token is taken to choose the same expert in the decoder: nothing
-//! can be faster, and what is as fast as its floor has nothing left to gain.
+//! A floor is the greater of two times: the bytes that must be read once (weights, keys and
+//! values), over the bandwidth; and the multiply-adds of the products, over the peak of the
+//! back-end's instructions. Norms, activations, drawing, quantising and moving data count nothing,
+//! and every token is taken to choose the same expert in the decoder: nothing can be faster, and
+//! what is as fast as its floor has nothing left to gain.
 
 use std::fmt;
 use std::ops::{Add, Mul};
@@ -12,17 +14,18 @@ use std::time::{Duration, Instant};
 
 use umo_kernels::{Isa, peak};
 
+use crate::aligned::AlignedBox;
 use crate::config::{Codec, Config, TemplateItem};
 use crate::lm::layout::window_tokens;
 use crate::part::Part;
-use crate::weights::AlignedBox;
 
 /// What one call must do at least.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Floor {
     /// Weights, keys and values that are read once.
     pub bytes: usize,
-    /// Multiply-adds of products with int8 weights, and of attention: as fast as int8 products at best.
+    /// Multiply-adds of products with int8 weights, and of attention: as fast as int8 products at
+    /// best.
     pub macs: usize,
     /// Multiply-adds of products with float weights.
     pub float_macs: usize,
@@ -94,6 +97,8 @@ pub struct Stages {
     pub decoder_attention: Floor,
     /// Experts of the decoder.
     pub decoder_experts: Floor,
+    /// Depth network, in layout `frames`: its layers are read once, and then from a cache.
+    pub depth: Floor,
     /// Interpolation network.
     pub interp: Floor,
     /// Motion decoders and root network.
@@ -103,14 +108,16 @@ pub struct Stages {
 impl Stages {
     /// Of a chunk of one avatar that speaks, `target` keyframes.
     pub fn of(config: &Config, stored: Stored, target: usize) -> Self {
-        let (tokens, codes) = (encoder_tokens(config, target), 4 * target);
+        let tokens = encoder_tokens(config, target);
+        let steps = if config.is_frames() { target } else { 4 * target };
         let (encoder_attention, encoder_experts) = encoder(config, stored, tokens);
-        // Two ids start a chunk, two markers come between parts, and the last code is not decoded any more.
-        let rows = codes + 7;
+        // Two ids start a chunk, two markers come between parts, and the last code is not decoded
+        // any more. A keyframe is one row.
+        let rows = if config.is_frames() { steps } else { steps + 7 };
         let (attention, experts) = step(config, stored, tokens);
         let more_rows = |floor: Floor| Floor {
-            macs: floor.macs / codes * rows,
-            float_macs: floor.float_macs / codes * rows,
+            macs: floor.macs / steps * rows,
+            float_macs: floor.float_macs / steps * rows,
             ..floor
         };
         Self {
@@ -118,8 +125,9 @@ impl Stages {
             encoder_attention,
             encoder_experts,
             cross: cross(config, stored, tokens),
-            decoder_attention: more_rows(attention * codes) + head(config) * codes,
-            decoder_experts: more_rows(experts * codes),
+            decoder_attention: more_rows(attention * steps) + head(config) * steps,
+            decoder_experts: more_rows(experts * steps),
+            depth: depth(config, stored, target),
             interp: interp(config, stored, target),
             motion: motion(config, stored, target),
         }
@@ -133,6 +141,7 @@ pub fn encoder_tokens(config: &Config, target: usize) -> usize {
         TemplateItem::Id(_) => 1,
         TemplateItem::Name(name) if name == "audio" => window_tokens(config, target) + 2,
         TemplateItem::Name(name) if name == "text" => 0,
+        TemplateItem::Name(name) if name == "history" => config.prefix,
         TemplateItem::Name(_) => config.prefix + 2,
     };
     items.iter().map(len).sum()
@@ -162,8 +171,9 @@ pub fn cross(config: &Config, stored: Stored, tokens: usize) -> Floor {
     stored.product(tokens, projections(config) / 2) * config.lm.num_decoder_layers
 }
 
-/// The decoder's attention and its experts in a step of one row; keys and values of the encoder's states are read as
-/// bfloat16 by int8 models and as f32 by others, the few of the decoder's own rows are not counted.
+/// The decoder's attention and its experts in a step of one row; keys and values of the encoder's
+/// states are read as bfloat16 by int8 models and as f32 by others, the few of the decoder's own
+/// rows are not counted.
 pub fn step(config: &Config, stored: Stored, tokens: usize) -> (Floor, Floor) {
     let lm = &config.lm;
     let cached = 2 * tokens * lm.num_heads * lm.d_kv;
@@ -174,20 +184,34 @@ pub fn step(config: &Config, stored: Stored, tokens: usize) -> (Floor, Floor) {
     (attention * lm.num_decoder_layers, stored.product(1, lm.top_k * expert(config)) * lm.num_decoder_layers)
 }
 
-/// The scores of one part's codes, whose weights are brain floats always.
-pub fn head(config: &Config) -> Floor {
-    Stored::Bf16.product(1, config.vq.codes * config.lm.d_model)
+/// The depth network of every keyframe of a chunk: each code goes through all layers and its head.
+pub fn depth(config: &Config, stored: Stored, target: usize) -> Floor {
+    let Some(sizes) = &config.depth else { return Floor::default() };
+    let (d, codes) = (sizes.d_model, config.codes_per_keyframe());
+    let layers = sizes.num_layers * (4 * d * d + 3 * d * sizes.d_ff);
+    let heads: usize = config.part_list().iter().map(|part| part.levels * part.codes * d).sum();
+    let rest = stored.product(target, heads + d * config.lm.d_model);
+    let layers = Floor { bytes: layers * stored.bytes(), ..stored.product(target * codes, layers) };
+    layers + rest
 }
 
-/// Encoding `tokens` and generating `codes` in as many steps: the encoder, keys and values of its states, and the steps, each of which
-/// begins when the one before has ended.
+/// The scores of one part's codes, whose weights are brain floats always; none in layout `frames`.
+pub fn head(config: &Config) -> Floor {
+    if config.is_frames() {
+        return Floor::default();
+    }
+    Stored::Bf16.product(1, config.part_codes() * config.lm.d_model)
+}
+
+/// Encoding `tokens` and generating `codes` in as many steps: the encoder, keys and values of its
+/// states, and the steps, each of which begins when the one before has ended.
 pub fn chunk(config: &Config, stored: Stored, tokens: usize, codes: usize) -> [Floor; 3] {
     let (encoder, step) = (encoder(config, stored, tokens), step(config, stored, tokens));
     [encoder.0 + encoder.1, cross(config, stored, tokens), (step.0 + step.1 + head(config)) * codes]
 }
 
-/// HuBERT on `samples`, its transformer over `window` features; all of it at the speed of the products, which its
-/// convolutions do not have to have.
+/// HuBERT on `samples`, its transformer over `window` features; all of it at the speed of the
+/// products, which its convolutions do not have to have.
 pub fn hubert(config: &Config, stored: Stored, samples: usize, window: Option<usize>) -> Floor {
     let Some(h) = &config.audio.hubert else { return Floor::default() };
     let (mut rows, mut channels, mut all) = (samples, 1, Floor::default());
@@ -204,7 +228,8 @@ pub fn hubert(config: &Config, stored: Stored, samples: usize, window: Option<us
     all + (stored.product(rows, 4 * d * d + 2 * d * h.intermediate_size) + pairs) * h.num_hidden_layers
 }
 
-/// The audio of a chunk: HuBERT, or mel bands without the Fourier transform; and the nearest centroids.
+/// The audio of a chunk: HuBERT, or mel bands without the Fourier transform; and the nearest
+/// centroids.
 fn tokenizer(config: &Config, stored: Stored, target: usize) -> Floor {
     let new = target * config.tokens_per_keyframe();
     let window = window_tokens(config, target);
@@ -219,7 +244,8 @@ fn tokenizer(config: &Config, stored: Stored, target: usize) -> Floor {
     Stored::F32.product(new, mel.bands * (mel.fft / 2 + 1) + network + config.audio.units * mel.width())
 }
 
-/// The interpolation network: over time for the whole window, over parts and to codes for the frames that are filled.
+/// The interpolation network: over time for the whole window, over parts and to codes for the
+/// frames that are filled.
 fn interp(config: &Config, stored: Stored, target: usize) -> Floor {
     let (sizes, stride) = (&config.interp, config.keyframe_stride);
     let frames = (config.prefix + target - 1) * stride + 1;
@@ -228,17 +254,23 @@ fn interp(config: &Config, stored: Stored, target: usize) -> Floor {
         let pairs = Floor { macs: 2 * rows * group * d, ..Floor::default() };
         stored.product(rows, 4 * d * d + 2 * d * sizes.d_ff) + pairs
     };
-    let parts = Part::ALL.len();
-    let heads = stored.product(new, d * config.vq.codes) * parts;
+    let moving = config.part_list().into_iter().filter(|part| !part.is_annotation());
+    let (parts, heads) = match config.is_frames() {
+        true => (moving.clone().count(), moving.map(|part| 2 * part.width * d).sum()),
+        false => (Part::ALL.len(), Part::ALL.len() * d * config.part_codes()),
+    };
+    let heads = stored.product(new, heads);
     layer(frames, frames) * sizes.temporal_layers + layer(new * parts, parts) * sizes.part_layers + heads
 }
 
-/// Weights of a stack that encodes: per layer a convolution over three frames and a residual block of two.
+/// Weights of a stack that encodes: per layer a convolution over three frames and a residual block
+/// of two.
 fn encoder_stack(codec: Codec, width: usize) -> usize {
     3 * width * (codec.channels + (codec.layers - 1) * width + 2 * codec.layers * width)
 }
 
-/// Weights of a stack that decodes: two residual blocks, convolutions of which the last widens, and one more.
+/// Weights of a stack that decodes: two residual blocks, convolutions of which the last widens, and
+/// one more.
 fn decoder_stack(codec: Codec, width: usize) -> usize {
     3 * (width * ((4 + codec.layers - 1) * width + codec.channels) + codec.channels * codec.channels)
 }
@@ -246,9 +278,10 @@ fn decoder_stack(codec: Codec, width: usize) -> usize {
 /// The motion decoders: the new frames, and those before whose future has become known.
 fn motion(config: &Config, stored: Stored, target: usize) -> Floor {
     let (vq, new) = (&config.vq, target * config.keyframe_stride);
-    let parts = Part::ALL.iter().map(|&part| {
-        let codec = vq[part];
-        stored.product(new + codec.decoder_reach(), decoder_stack(codec, vq.width))
+    let list = config.part_list();
+    let parts = list.iter().filter_map(|part| {
+        let codec = part.codec(part.channels(&config.face)?.count());
+        Some(stored.product(new + codec.decoder_reach(), decoder_stack(codec, part.width)))
     });
     let root = vq.root;
     let rows = new + root.encoder_reach() + root.decoder_reach();
@@ -271,8 +304,9 @@ pub struct Machine {
 }
 
 impl Machine {
-    /// Measures, in a few tenths of a second, with so many threads. Reading is measured over `bytes` of memory, as much as
-    /// the weights take: small ones are read from the processor's caches.
+    /// Measures, in a few tenths of a second, with so many threads. Reading is measured over
+    /// `bytes` of memory, as much as the weights take: small ones are read from the processor's
+    /// caches.
     pub fn measure(threads: usize, isa: Isa, bytes: usize) -> Self {
         Self {
             threads,
@@ -283,7 +317,8 @@ impl Machine {
         }
     }
 
-    /// The better of two measurements with as many threads: on a shared machine peaks move, and floors are below all of them.
+    /// The better of two measurements with as many threads: on a shared machine peaks move, and
+    /// floors are below all of them.
     #[must_use]
     pub fn best(self, other: Self) -> Self {
         let better = |a: Option<f64>, b: Option<f64>| a.zip(b).map(|(a, b)| a.max(b));
@@ -324,31 +359,35 @@ impl fmt::Display for Machine {
     }
 }
 
-/// Int8 multiply-adds per second of `threads` threads, where the back-end has instructions for them.
+/// Int8 multiply-adds per second of `threads` threads, where the back-end has instructions for
+/// them.
 pub fn int8(threads: usize, isa: Isa) -> Option<f64> {
     // Some hundred microseconds, whatever the back-end does in a round.
     let rounds = 300_000_000 / peak::int8(isa, 1)?;
     Some(best(threads, |_| peak::int8(isa, rounds).unwrap_or(0)))
 }
 
-/// Single-precision multiply-adds per second of `threads` threads, where the back-end has instructions for them.
+/// Single-precision multiply-adds per second of `threads` threads, where the back-end has
+/// instructions for them.
 pub fn f32(threads: usize, isa: Isa) -> Option<f64> {
     let rounds = 100_000_000 / peak::f32(isa, 1)?;
     Some(best(threads, |_| peak::f32(isa, rounds).unwrap_or(0)))
 }
 
-/// Bytes per second that `threads` threads read together from `bytes` of memory in huge pages, in whichever order is faster.
+/// Bytes per second that `threads` threads read together from `bytes` of memory in huge pages, in
+/// whichever order is faster.
 pub fn read(threads: usize, isa: Isa, bytes: usize) -> f64 {
     faster_order(threads, isa, bytes).1
 }
 
-/// The order in which `threads` threads together read `bytes` of memory in huge pages faster, and how many per second.
+/// The order in which `threads` threads together read `bytes` of memory in huge pages faster, and
+/// how many per second.
 pub fn faster_order(threads: usize, isa: Isa, bytes: usize) -> (peak::Order, f64) {
     /// Less would be read within the time that starting together takes.
-    const LEAST: usize = 64 << 20;
+    const MIN_BYTES: usize = 64 << 20;
     let mut memory = AlignedBox::<i8>::zeroed(bytes);
     memory.fill(1);
-    let (share, times) = (bytes / threads, LEAST.div_ceil(bytes.max(1)));
+    let (share, times) = (bytes / threads, MIN_BYTES.div_ceil(bytes.max(1)));
     let speeds = peak::Order::ALL.map(|order| {
         best(threads, |thread| {
             (0..times).for_each(|_| peak::read(isa, order, &memory[thread * share..(thread + 1) * share]));
@@ -359,8 +398,9 @@ pub fn faster_order(threads: usize, isa: Isa, bytes: usize) -> (peak::Order, f64
     if speeds[0] > speeds[1] { (streams, speeds[0]) } else { (whole, speeds[1]) }
 }
 
-/// The best of many rounds: work that all threads together have done per second, from the first start to the last end. A thread that
-/// works while others do not has their share of the memory too.
+/// The best of many rounds: work that all threads together have done per second, from the first
+/// start to the last end. A thread that works while others do not has their share of the memory
+/// too.
 fn best(threads: usize, work: impl Fn(usize) -> usize + Sync) -> f64 {
     let round = || {
         let ready = AtomicUsize::new(0);
@@ -412,10 +452,16 @@ mod tests {
     fn peaks_are_measured_on_every_back_end() {
         for isa in Isa::available() {
             let machine = Machine::measure(2, isa, 1 << 20);
-            assert!(machine.bytes_per_second > 1e8, "{machine}");
+            assert!(machine.bytes_per_second.is_finite() && machine.bytes_per_second > 0.0, "{machine}");
             for peak in [machine.int8_per_second, machine.f32_per_second] {
                 assert_eq!(peak.is_none(), isa == Isa::SCALAR, "{machine}");
-                assert!(peak.is_none_or(|peak| peak > 1e8), "{machine}");
+                assert!(peak.is_none_or(|peak| peak.is_finite() && peak > 0.0), "{machine}");
+            }
+            // What is counted, apart from the time that it takes: as much again in each round.
+            for count in [peak::int8, peak::f32] {
+                let one = count(isa, 1);
+                assert_eq!(count(isa, 7), one.map(|one| 7 * one), "{}", isa.name());
+                assert!(one.is_none_or(|one| one > 0), "{}", isa.name());
             }
         }
     }

@@ -10,22 +10,24 @@ use umo_kernels::matmul_f32::{matmul_f32, matmul_gated_f32};
 use umo_kernels::matmul_i8::{matmul_gated_i8, matmul_i8};
 use umo_kernels::{Bf16, Isa, Mat, MatMut, PANEL, PackedBf16, PackedF32, PackedI8, PrefetchHint, ShapeError};
 
+use crate::aligned::AlignedBox;
 use crate::error::StepError;
 use crate::team::Team;
-use crate::weights::AlignedBox;
-pub use input::{Bf16Values, Columns, QuantScratch, Quantised, Ready};
+pub use input::{Bf16Values, Columns, QuantScratch, Quantized, Ready};
 
 /// How products are computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Precision {
     /// Weights as the file has them, f32 activations and sums.
     F32,
     /// Weights rounded to bfloat16, f32 sums, and activations with at least 16 bits of f32's 24.
     Bf16,
-    /// Int8 weights per output row, activations quantised per row, int32 sums.
+    /// Int8 weights per output row, activations quantized per row, int32 sums.
     Int8,
-    /// Each product as the file has its weights: as [`Precision::Int8`] where they are I8, as [`Precision::Bf16`] where
-    /// they are BF16, otherwise as [`Precision::F32`]. Around int8 products less may do, where [`Linear::rounded`] says so.
+    /// Each product as the file has its weights: as [`Precision::Int8`] where they are I8, as
+    /// [`Precision::Bf16`] where they are BF16, otherwise as [`Precision::F32`]. Around int8
+    /// products less may do.
     Stored,
 }
 
@@ -107,8 +109,8 @@ impl Linear {
         Self { activations: Activations::Exact, ..self }
     }
 
-    /// The same with float activations rounded to bf16 where the back-end multiplies them, unless it is exact: for networks whose other
-    /// products are int8, which leaves no more digits.
+    /// The same with float activations rounded to bf16 where the back-end multiplies them, unless
+    /// it is exact: for networks whose other products are int8, which leaves no more digits.
     #[must_use]
     pub fn rounded(self) -> Self {
         match self.activations {
@@ -117,8 +119,8 @@ impl Linear {
         }
     }
 
-    fn isa(&self, cx: Compute) -> Isa {
-        if self.activations == Activations::Exact { cx.isa.without_tiles() } else { cx.isa }
+    fn isa(&self, isa: Isa) -> Isa {
+        if self.activations == Activations::Exact { isa.without_tiles() } else { isa }
     }
 
     /// Outputs.
@@ -131,7 +133,7 @@ impl Linear {
         self.inputs
     }
 
-    /// Whether activations are quantised for it.
+    /// Whether activations are quantized for it.
     pub fn is_int8(&self) -> bool {
         matches!(self.weight, Weight::I8 { .. })
     }
@@ -164,12 +166,14 @@ impl Linear {
         }
     }
 
-    /// Tells the threads that the gated product with all outputs comes after the next job.
+    /// Hints that the gated product with all outputs follows the next job, so that idle threads
+    /// prefetch it.
     pub fn expect_gated(&self, up: &Self, cx: Compute) {
         cx.team.expect(self.outputs, PANEL, |range| self.ahead_gated(up, range).tuned_for(cx.isa));
     }
 
-    /// Tells the threads that the product with all outputs comes after the next job.
+    /// Hints that the product with all outputs follows the next job, so that idle threads prefetch
+    /// it.
     pub fn expect(&self, cx: Compute) {
         cx.team.expect(self.outputs, PANEL, |range| self.ahead(range).tuned_for(cx.isa));
     }
@@ -200,7 +204,8 @@ impl Linear {
         self.forward_outputs(cx, quant, x, 0..self.outputs, end, y)
     }
 
-    /// The outputs `range` alone, which starts at a multiple of [`PANEL`]: as the rows of one part in the output head.
+    /// The outputs `range` alone, which starts at a multiple of [`PANEL`]: as the rows of one part
+    /// in the output head.
     ///
     /// # Errors
     /// [`StepError`] where a length disagrees.
@@ -245,8 +250,9 @@ impl Linear {
         }
     }
 
-    /// Whether `rows` rows, of `values` values in all, are made bf16 before the product: always where that rounds them, so
-    /// that a row is the same among others; where it cuts them in two, only for many rows, since few would gain nothing.
+    /// Whether `rows` rows, of `values` values in all, are made bf16 before the product: always
+    /// where that rounds them, so that a row is the same among others; where it cuts them in two,
+    /// only for many rows, since few would gain nothing.
     fn goes_as_bf16(&self, isa: Isa, rows: usize, values: usize, quant: &QuantScratch) -> bool {
         match self.parts(isa) {
             0 => false,
@@ -321,7 +327,7 @@ impl Linear {
         match (&self.weight, x) {
             (Weight::F32(_), Ready::Float(x)) => matmul_f32(cx.isa, gather(x, index)?, self.f32(range)?, end, y)?,
             (Weight::Bf16(_), Ready::Float(x)) => {
-                matmul_bf16(self.isa(cx), gather(x, index)?, self.bf16(range)?, end, y)?;
+                matmul_bf16(self.isa(cx.isa), gather(x, index)?, self.bf16(range)?, end, y)?;
             }
             (Weight::I8 { .. }, Ready::Quant(x)) => matmul_i8(cx.isa, x.view()?, index, self.i8(range)?, end, y)?,
             _ => return Err(MISMATCH),
@@ -329,8 +335,23 @@ impl Linear {
         Ok(())
     }
 
-    /// `y = gelu_tanh(x . self^T) * (x . up^T)` for the outputs `range`, over the rows that `index` names (or all), on this
-    /// thread alone.
+    /// The product of float rows with all outputs on the calling thread, which needs no team;
+    /// `end.bias` is set by this call.
+    ///
+    /// # Errors
+    /// [`StepError`] where a length disagrees, or the weights are int8.
+    pub(crate) fn apply_alone(&self, isa: Isa, x: Mat<f32>, end: Epilogue, y: MatMut<f32>) -> Result<(), StepError> {
+        let (x, all, end) = (Input::all(x), 0..self.outputs, Epilogue { bias: self.bias.as_deref(), ..end });
+        match &self.weight {
+            Weight::F32(_) => matmul_f32(isa, x, self.f32(all)?, end, y)?,
+            Weight::Bf16(_) => matmul_bf16(self.isa(isa), x, self.bf16(all)?, end, y)?,
+            Weight::I8 { .. } => return Err(MISMATCH),
+        }
+        Ok(())
+    }
+
+    /// `y = gelu_tanh(x . self^T) * (x . up^T)` for the outputs `range`, over the rows that `index`
+    /// names (or all), on this thread alone.
     ///
     /// # Errors
     /// [`StepError`] where a length disagrees.
@@ -349,7 +370,7 @@ impl Linear {
             }
             (Weight::Bf16(_), Weight::Bf16(_), Ready::Float(x)) => {
                 let x = gather(x, index)?;
-                matmul_gated_bf16(self.isa(cx), x, self.bf16(range.clone())?, up.bf16(range)?, y)?;
+                matmul_gated_bf16(self.isa(cx.isa), x, self.bf16(range.clone())?, up.bf16(range)?, y)?;
             }
             (Weight::I8 { .. }, Weight::I8 { .. }, Ready::Quant(x)) => {
                 matmul_gated_i8(cx.isa, x.view()?, index, self.i8(range.clone())?, up.i8(range)?, y)?;
@@ -359,7 +380,8 @@ impl Linear {
         Ok(())
     }
 
-    /// Makes `x` ready for this product and all others of the same precision: quantises it where they are int8.
+    /// Makes `x` ready for this product and all others of the same precision: quantises it where
+    /// they are int8.
     ///
     /// # Errors
     /// [`StepError`] where `quant` is too small.
@@ -393,11 +415,12 @@ fn first_panels<T>(data: &[T], outputs: usize, range: Range<usize>, most: usize)
     &all[..all.len().min(most * panel)]
 }
 
-/// Weights of one precision met input of another: a defect of this library.
-const MISMATCH: StepError = StepError::Shape(ShapeError { arg: "precision", want: 0, got: 1 });
+/// Weights of one precision and input of another: a defect of this library.
+const MISMATCH: StepError = StepError::Disagree("weights and input of different precisions");
 
-/// Whether threads share the rows of a product, not its outputs, as suits HuBERT's convolutions: with half as many rows as outputs or more,
-/// a thread had better read all weights than rows that another has computed. Tiles were measured with outputs shared.
+/// Whether threads share the rows of a product, not its outputs, as suits HuBERT's convolutions:
+/// with half as many rows as outputs or more, a thread had better read all weights than rows that
+/// another has computed. Tiles were measured with outputs shared.
 fn shares_rows(cx: Compute, rows: usize, outputs: usize, end: Epilogue) -> bool {
     2 * rows > outputs && end.scatter.is_none() && !cx.isa.has_tiles()
 }

@@ -1,10 +1,12 @@
-//! The language model: T5 with expert feed-forwards, its inputs, and the codes that it writes (paper sections 3.1, 3.2;
-//! SPEC 2.2 to 2.5).
+//! The language model: T5 with expert feed-forwards, its inputs, and the codes that it writes
+//! (paper sections 3.1, 3.2; SPEC 2.2 to 2.5).
 
 pub mod attention;
 pub mod decoder;
+pub mod depth;
 pub mod encoder;
 pub mod experts;
+pub mod frames;
 pub mod generate;
 pub mod layout;
 pub mod sampler;
@@ -26,6 +28,7 @@ use crate::part::{Part, PerPart};
 use crate::weights::{AlignedBox, Loader, Table};
 use decoder::{CrossStorage, Decoder, Sequence};
 use encoder::Encoder;
+use frames::FrameTables;
 use tally::Tally;
 
 /// The longest sequences that a model is loaded for.
@@ -50,11 +53,22 @@ pub struct Lm {
     embedding: Table,
     encoder: Encoder,
     decoder: Decoder,
-    heads: PerPart<Linear>,
-    /// What hidden states are multiplied by before the head: `d_model^-0.5` where it is tied to the embedding.
+    output: Output,
+    /// What hidden states are multiplied by before the head: `d_model^-0.5` where it is tied to the
+    /// embedding.
     head_scale: f32,
     d_model: usize,
     vocab: usize,
+}
+
+/// What the decoder's states are for.
+#[derive(Debug)]
+#[expect(clippy::large_enum_variant, reason = "one per model")]
+enum Output {
+    /// Logits of one code (SPEC 2.5).
+    Codes(PerPart<Linear>),
+    /// The depth network; what keyframes are as inputs (SPEC 2.13).
+    Keyframes(FrameTables),
 }
 
 impl Lm {
@@ -70,14 +84,19 @@ impl Lm {
             let m = &config.vocab[part];
             loader.exact().linear_rows(head_name(config), vocab, m.first..m.first + m.codes, d_model)
         };
-        if !config.lm.tie_word_embeddings {
-            loader.check_values(head_name(config), vocab, d_model)?;
-        }
+        let output = if config.is_frames() {
+            Output::Keyframes(FrameTables::load(loader)?)
+        } else {
+            if !config.lm.tie_word_embeddings {
+                loader.check_values(head_name(config), vocab, d_model)?;
+            }
+            Output::Codes(PerPart::try_from_fn(head)?)
+        };
         Ok(Self {
             embedding: loader.table("lm.shared.weight", vocab, d_model)?,
             encoder: Encoder::load(loader, lengths.encoder)?,
             decoder: Decoder::load(loader, lengths.decoder)?,
-            heads: PerPart::try_from_fn(head)?,
+            output,
             head_scale: if config.lm.tie_word_embeddings { (d_model as f32).sqrt().recip() } else { 1.0 },
             d_model,
             vocab,
@@ -87,6 +106,14 @@ impl Lm {
     /// Width of the hidden states.
     pub fn d_model(&self) -> usize {
         self.d_model
+    }
+
+    /// What keyframes are as inputs, in layout `frames`.
+    pub fn frames(&self) -> Option<&FrameTables> {
+        match &self.output {
+            Output::Keyframes(tables) => Some(tables),
+            Output::Codes(_) => None,
+        }
     }
 
     /// What this model's sequences store the encoder's keys and values as.
@@ -99,7 +126,8 @@ impl Lm {
     /// Shapes: `ids [rows]`, `lengths` sum to `rows`, `hidden [rows, d_model]` (overwritten).
     ///
     /// # Errors
-    /// [`StepError`] where an id is outside the vocabulary, or there are more rows than `scratch` was made for.
+    /// [`StepError`] where an id is outside the vocabulary, or there are more rows than `scratch`
+    /// was made for.
     pub fn encode(
         &self,
         cx: Compute,
@@ -113,7 +141,8 @@ impl Lm {
         self.end_encode(cx, scratch, lengths, hidden)
     }
 
-    /// Layers of the encoder: [`Self::encode`] is [`Self::begin_encode`], each layer in turn, [`Self::end_encode`].
+    /// Layers of the encoder: [`Self::encode`] is [`Self::begin_encode`], each layer in turn,
+    /// [`Self::end_encode`].
     pub fn encoder_layers(&self) -> usize {
         self.encoder.layers()
     }
@@ -129,7 +158,7 @@ impl Lm {
             tally.begin_pass();
             tally.add_rows(ids);
         }
-        self.embed(ids, &mut scratch.hidden)
+        self.embed(ids, &scratch.given, &mut scratch.hidden)
     }
 
     /// One layer of an encoder pass.
@@ -177,7 +206,8 @@ impl Lm {
         (0..self.decoder_layers()).try_for_each(|layer| self.attend_layer(cx, scratch, layer, hidden, sequence))
     }
 
-    /// Layers of the decoder: [`Self::attend_to`] is [`Self::begin_attend`] and each of [`Self::attend_layer`].
+    /// Layers of the decoder: [`Self::attend_to`] is [`Self::begin_attend`] and each of
+    /// [`Self::attend_layer`].
     pub fn decoder_layers(&self) -> usize {
         self.decoder.layers()
     }
@@ -205,11 +235,12 @@ impl Lm {
         self.decoder.attend_to(cx, scratch, layer, hidden, sequence)
     }
 
-    /// Runs the decoder over the new ids of each sequence; the states after the final norm stay in `scratch`, one row
-    /// per new id in order.
+    /// Runs the decoder over the new ids of each sequence; the states after the final norm stay in
+    /// `scratch`, one row per new id in order.
     ///
     /// # Errors
-    /// [`StepError`] where an id is outside the vocabulary, a cache is full, or there are too many rows.
+    /// [`StepError`] where an id is outside the vocabulary, a cache is full, or there are too many
+    /// rows.
     pub fn decode(&self, cx: Compute, scratch: &mut LmScratch, sequences: &mut [Sequence]) -> Result<(), StepError> {
         self.begin_decode(scratch, sequences)?;
         (0..self.decoder_layers()).try_for_each(|layer| self.decode_layer(cx, scratch, layer, sequences))?;
@@ -230,7 +261,7 @@ impl Lm {
         let mut hidden = &mut scratch.hidden[..];
         for sequence in sequences {
             let (rows, rest) = hidden.split_at_mut(sequence.ids().len() * self.d_model);
-            self.embed(sequence.ids(), rows)?;
+            self.embed(sequence.ids(), &scratch.given, rows)?;
             hidden = rest;
         }
         Ok(())
@@ -277,7 +308,10 @@ impl Lm {
         part: Part,
         logits: &mut [f32],
     ) -> Result<(), StepError> {
-        let head = &self.heads[part];
+        let Output::Codes(heads) = &self.output else {
+            return Err(StepError::Missing("output head: its layout is frames"));
+        };
+        let head = &heads[part];
         let state = Mat::new(&scratch.normed[row * self.d_model..], 1, self.d_model)?;
         let y = MatMut::new(logits, 1, head.outputs())?;
         head.forward(cx, &mut scratch.quant, state, Epilogue::STORE, y)?;
@@ -287,8 +321,8 @@ impl Lm {
         Ok(())
     }
 
-    /// Logits of the whole vocabulary for the first `rows` rows of the last [`Self::decode`]; `head` is from
-    /// [`full_head`]. For checking a model, not for the stream.
+    /// Logits of the whole vocabulary for the first `rows` rows of the last [`Self::decode`];
+    /// `head` is from [`full_head`]. For checking a model, not for the stream.
     ///
     /// # Errors
     /// [`StepError`] where a length disagrees.
@@ -307,13 +341,19 @@ impl Lm {
         Ok(logits)
     }
 
-    fn embed(&self, ids: &[u32], hidden: &mut [f32]) -> Result<(), StepError> {
+    /// Rows of the embedding table, and behind them the rows of `given`.
+    fn embed(&self, ids: &[u32], given: &[f32], hidden: &mut [f32]) -> Result<(), StepError> {
         for (&id, hidden) in ids.iter().zip(hidden.chunks_exact_mut(self.d_model)) {
             let id = id as usize;
-            if id >= self.vocab {
-                return Err(StepError::OutOfRange { what: "token id", got: id, limit: self.vocab });
+            match id.checked_sub(self.vocab) {
+                None => self.embedding.gather(id, hidden),
+                Some(row) => {
+                    let limit = self.vocab + given.len() / self.d_model;
+                    let values = given.get(row * self.d_model..(row + 1) * self.d_model);
+                    let wrong = StepError::OutOfRange { what: "token id", got: id, limit };
+                    hidden.copy_from_slice(values.ok_or(wrong)?);
+                }
             }
-            self.embedding.gather(id, hidden);
         }
         Ok(())
     }
@@ -322,14 +362,16 @@ impl Lm {
 /// Multiply-adds that norming one value costs, roughly.
 const NORM_WORK: usize = 4;
 
-/// RMS norm of the first `rows` rows of `x` into `y`, each as wide as the factors; the threads share the rows.
+/// RMS norm of the first `rows` rows of `x` into `y`, each as wide as the factors; the threads
+/// share the rows.
 fn norm(cx: Compute, x: &[f32], rows: usize, (factors, eps): (&[f32], f32), y: &mut [f32]) -> Result<(), StepError> {
     let d = factors.len();
     let (x, y) = (Mat::new(x, rows, d)?, MatMut::new(y, rows, d)?);
     cx.team.rows(y, rows * d * NORM_WORK, |range, y| Ok(rms_norm(cx.isa, x.row_range(range), factors, eps, y)?))
 }
 
-/// The same, ready for `next`; where it is at hand, `f` computes the rows of `also` from the normed ones, `work` multiply-adds a row.
+/// The same, ready for `next`; where it is at hand, `f` computes the rows of `also` from the normed
+/// ones, `work` multiply-adds a row.
 #[expect(clippy::too_many_arguments, reason = "one phase of a layer, each operand named")]
 fn norm_input<'a>(
     cx: Compute,
@@ -373,6 +415,9 @@ pub fn full_head(loader: &Loader) -> Result<Linear, LoadError> {
 pub struct LmScratch {
     /// Residual stream, `[rows, d_model]`.
     pub(crate) hidden: AlignedBox<f32>,
+    /// Inputs that are no rows of the embedding table, `[given, d_model]`: the ids from the
+    /// vocabulary's size on name them.
+    pub(crate) given: Box<[f32]>,
     /// Normed rows, `[rows, d_model]`; after a pass, the final states.
     pub(crate) normed: AlignedBox<f32>,
     /// Queries, keys and values, `[rows, 3 * heads * d_kv]`.
@@ -381,9 +426,9 @@ pub struct LmScratch {
     pub(crate) context: AlignedBox<f32>,
     /// Routing and the experts' hidden rows.
     pub(crate) experts: experts::ExpertScratch,
-    /// Quantised rows: what a layer's halves start from, and what the decoder's attention puts out.
+    /// Quantized rows: what a layer's halves start from, and what the decoder's attention puts out.
     pub(crate) quant: QuantScratch,
-    /// Quantised rows of what the encoder's attention and the experts compute in their middle.
+    /// Quantized rows of what the encoder's attention and the experts compute in their middle.
     pub(crate) middle: QuantScratch,
     /// Time spent in layers since it was made.
     pub(crate) times: LayerTimes,
@@ -424,12 +469,18 @@ impl AddAssign for LayerTimes {
 impl LmScratch {
     /// Room for passes over at most `rows` rows in all.
     pub fn new(config: &Config, rows: usize) -> Self {
+        Self::with_given(config, rows, 0)
+    }
+
+    /// The same, with `given` rows of inputs that are not looked up.
+    pub fn with_given(config: &Config, rows: usize, given: usize) -> Self {
         let lm = &config.lm;
         let inner = lm.num_heads * lm.d_kv;
         let (slots, widest) = (rows * lm.top_k, lm.d_model.max(inner));
         let zeros = AlignedBox::zeroed;
         Self {
             hidden: zeros(rows * lm.d_model),
+            given: filled(0.0, given * lm.d_model).into(),
             normed: zeros(rows * lm.d_model),
             qkv: zeros(rows * 3 * inner),
             context: zeros(rows * inner),
@@ -445,7 +496,26 @@ impl LmScratch {
     /// Counts from now on which experts rows are sent to. Allocates, once.
     pub(crate) fn keep_tally(&mut self, config: &Config) {
         let layers = config.lm.num_layers + config.lm.num_decoder_layers;
-        self.tally = Some(Tally::new(&config.vocab, layers, config.lm.experts, self.rows));
+        self.tally = Some(Tally::new(config, layers, self.rows));
+    }
+
+    /// Row `row` of the inputs that are not looked up.
+    ///
+    /// # Panics
+    /// Where there is none.
+    pub fn given_mut(&mut self, row: usize) -> &mut [f32] {
+        let width = self.hidden.len() / self.rows;
+        &mut self.given[row * width..(row + 1) * width]
+    }
+
+    /// How many inputs that are not looked up there are.
+    pub fn given_rows(&self) -> usize {
+        self.given.len() / (self.hidden.len() / self.rows)
+    }
+
+    /// The states of the last pass, `[rows, d_model]`.
+    pub fn states(&self) -> &[f32] {
+        &self.normed
     }
 
     fn count(&mut self, layer: usize) {

@@ -1,10 +1,16 @@
-//! Memory that may not be there: what a model file or a configuration can make large is allocated fallibly.
+//! Memory that may not be there: what a model file or a configuration can make large is allocated
+//! fallibly.
 //!
-//! The standard library aborts the process where it gets no memory. So what grows with the sizes in a file or a configuration
-//! is allocated here: [`filled`] and [`with_capacity`] unwind to the [`catch`] around the call instead, which frees what was
-//! made so far and gives [`OutOfMemory`]. They also leave [`SPARE`] bytes free, enough for the small pieces that the
-//! standard library and other crates allocate in between. Outside of [`catch`] they end the process, as the standard library
-//! does.
+//! The standard library aborts the process where it gets no memory. So what grows with the sizes in
+//! a file or a configuration is allocated here: [`filled`] and [`with_capacity`] unwind to the
+//! [`catch`] around the call instead, which frees what was made so far and gives [`OutOfMemory`].
+//! They also leave [`SPARE`] bytes free, enough for the small pieces that the standard library and
+//! other crates allocate in between. Outside of [`catch`] they end the process, as the standard
+//! library does.
+//!
+//! What a session has comes out of one block, an [`Arena`]'s.
+
+mod arena;
 
 use std::alloc::{Layout, handle_alloc_error};
 use std::any::Any;
@@ -13,11 +19,14 @@ use std::fmt;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::{Mutex, PoisonError};
 
-/// Bytes that are free after each large piece, for the small ones before the next. More than they take: glibc's allocator asks
-/// the system for at least a megabyte where its heap cannot grow in place.
+pub use arena::{Arena, BlockError, Boxed, Counted, HostMemory, Slice};
+
+/// Bytes that are free after each large piece, for the small ones before the next. More than they
+/// take: glibc's allocator asks the system for at least a megabyte where its heap cannot grow in
+/// place.
 pub const SPARE: usize = (1 << 20) + (128 << 10);
-/// Bytes that a new thread needs while it starts: the standard library's stack, and what else the system sets up, without
-/// which it ends the process.
+/// Bytes that a new thread needs while it starts: the standard library's stack, and what else the
+/// system sets up, without which it ends the process.
 pub const THREAD: usize = 3 << 20;
 /// A large piece, in bytes: after these, that [`SPARE`] is left is looked at.
 const LARGE: usize = 4 << 10;
@@ -37,27 +46,25 @@ impl fmt::Display for OutOfMemory {
 
 impl std::error::Error for OutOfMemory {}
 
-/// What unwinding allocates comes out of this, which [`refuse`] frees: kept while a thread is in [`catch`].
+/// What unwinding allocates comes out of this, which [`refuse`] frees: kept while a thread is in
+/// [`catch`].
 static RESERVE: Mutex<Option<Vec<u8>>> = Mutex::new(None);
 const RESERVED: usize = 32 << 10;
 
 thread_local! {
     /// How many calls of [`catch`] the thread is in.
     static DEPTH: Cell<u32> = const { Cell::new(0) };
-    /// Whether the thread's allocations come out of a block that is large enough for all of them.
-    static IN_BLOCK: Cell<bool> = const { Cell::new(false) };
 }
 
 /// Runs `make`, and gives a piece of memory that it did not get as a value; panics go on.
 ///
 /// # Errors
-/// [`OutOfMemory`] where a function of this module, on this thread or on one that hands its panics on, got no memory.
+/// [`OutOfMemory`] where a function of this module, on this thread or on one that hands its panics
+/// on, got no memory.
 pub fn catch<R>(make: impl FnOnce() -> R) -> Result<R, OutOfMemory> {
-    if !IN_BLOCK.get() {
-        let mut reserve = Vec::new();
-        reserve.try_reserve_exact(RESERVED).map_err(|_| OutOfMemory { bytes: RESERVED })?;
-        *RESERVE.lock().unwrap_or_else(PoisonError::into_inner) = Some(reserve);
-    }
+    let mut reserve = Vec::new();
+    reserve.try_reserve_exact(RESERVED).map_err(|_| OutOfMemory { bytes: RESERVED })?;
+    *RESERVE.lock().unwrap_or_else(PoisonError::into_inner) = Some(reserve);
     DEPTH.set(DEPTH.get() + 1);
     let made = catch_unwind(AssertUnwindSafe(make));
     DEPTH.set(DEPTH.get() - 1);
@@ -92,28 +99,16 @@ pub fn check(bytes: usize) -> Result<(), OutOfMemory> {
     got.map_err(|_| OutOfMemory { bytes })
 }
 
-/// Runs `make`, whose allocations come out of a block that has room for all of them: what is left is not looked at.
-pub fn in_block<R>(make: impl FnOnce() -> R) -> R {
-    struct Restore(bool);
-    impl Drop for Restore {
-        fn drop(&mut self) {
-            IN_BLOCK.set(self.0);
-        }
-    }
-    let _restore = Restore(IN_BLOCK.replace(true));
-    make()
-}
-
 /// Whether [`SPARE`] is left for small pieces.
 pub(crate) fn spare() -> Result<(), OutOfMemory> {
-    if IN_BLOCK.get() { Ok(()) } else { check(SPARE) }
+    check(SPARE)
 }
 
 /// That `bytes` more can be allocated now, by code that would end the process otherwise.
 ///
 /// Unwinds to [`catch`] where they cannot.
 pub fn require(bytes: usize) {
-    if !IN_BLOCK.get() && check(bytes).is_err() {
+    if check(bytes).is_err() {
         refuse(bytes);
     }
 }

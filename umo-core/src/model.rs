@@ -1,16 +1,25 @@
 //! A loaded model: immutable, shared by every session.
 
+use std::path::Path;
+
 use umo_kernels::Isa;
 
 use crate::audio::Tokenizer;
 use crate::config::Config;
-use crate::error::LoadError;
+use crate::error::{LoadError, StepError};
 use crate::interp::Interp;
-use crate::linear::Precision;
+use crate::interp::vectors::VectorInterp;
+use crate::linear::{Compute, Precision};
+use crate::lm::depth::DepthNet;
 use crate::lm::text::TextTokenizer;
 use crate::lm::{Lengths, Lm};
-use crate::memory;
-use crate::motion::MotionDecoder;
+use crate::memory::{self, filled};
+use crate::motion::{MotionDecoder, Pose};
+use crate::mouth::Mouth;
+use crate::packet::PacketLayout;
+use crate::part::PerPart;
+use crate::stream::OwnedFrame;
+use crate::team::Team;
 use crate::weights::{Loader, ModelFile};
 
 /// Every network of a model, packed for one processor at one precision.
@@ -20,14 +29,39 @@ pub struct Model {
     pub(crate) isa: Isa,
     pub(crate) tokenizer: Tokenizer,
     pub(crate) lm: Lm,
-    pub(crate) interp: Interp,
+    pub(crate) between: Between,
     pub(crate) motion: MotionDecoder,
+    pub(crate) mouth: Option<Mouth>,
     text: Option<TextTokenizer>,
     /// Tells it from other models, and from itself at other precisions.
     pub(crate) fingerprint: u64,
 }
 
+/// What follows the language model, up to the frames between keyframes.
+#[derive(Debug)]
+#[expect(clippy::large_enum_variant, reason = "one per model")]
+pub(crate) enum Between {
+    /// Layout `parts`: codes of the frames between.
+    Codes(Interp),
+    /// Layout `frames`: the codes of a keyframe, and vectors of the frames between.
+    Vectors {
+        /// What says the codes.
+        depth: Box<DepthNet>,
+        /// What fills the frames between.
+        interp: VectorInterp,
+    },
+}
+
 impl Model {
+    /// Loads a model file at its stored precision for this processor: [`ModelFile::open`] and
+    /// [`Self::load`] in one.
+    ///
+    /// # Errors
+    /// As those.
+    pub fn open(path: &Path) -> Result<Self, LoadError> {
+        Self::load(&ModelFile::open(path)?, Precision::Stored, Isa::detect())
+    }
+
     /// Loads and packs every tensor that the config asks for.
     ///
     /// # Errors
@@ -46,10 +80,44 @@ impl Model {
             isa,
             tokenizer: Tokenizer::load(&loader)?,
             lm: Lm::load(&loader, Lengths::of(file.config()))?,
-            interp: Interp::load(&loader)?,
+            between: match file.config().is_frames() {
+                true => {
+                    Between::Vectors { depth: Box::new(DepthNet::load(&loader)?), interp: VectorInterp::load(&loader)? }
+                }
+                false => Between::Codes(Interp::load(&loader)?),
+            },
             motion: MotionDecoder::load(&loader)?,
-            text: TextTokenizer::load(file)?,
+            mouth: Mouth::load(&loader)?,
+            text: {
+                // Its pieces are many, and each is small.
+                memory::require(memory::SPARE);
+                TextTokenizer::load(file)?
+            },
         })
+    }
+
+    /// The pose that the model's codes of rest decode to, away from a clip's ends.
+    pub(crate) fn rest(&self) -> Result<OwnedFrame, StepError> {
+        let motion = &self.motion;
+        let team = Team::new(1).map_err(|_| StepError::Missing("thread"))?;
+        let frames = 2 * motion.reach() + 1;
+        let decoded = motion.decode_rest(Compute { isa: self.isa, team: &team }, frames)?;
+        let (middle, assembly) = (frames / 2, motion.assembly());
+        let channels = PerPart::from_fn(|part| {
+            let width = motion.channels(part);
+            &decoded.channels[part][middle * width..(middle + 1) * width]
+        });
+        let mut face = filled(0.0, assembly.face_values());
+        assembly.face(channels.face, &mut face);
+        let mut pose = Pose { rotations: assembly.rotations(channels), translation: decoded.translation[middle] };
+        assembly.turn_eyes(&face, &mut pose.rotations);
+        (pose.translation[0], pose.translation[2]) = (0.0, 0.0);
+        Ok(OwnedFrame::new(pose, &face))
+    }
+
+    /// How packets of its avatars are laid out (SPEC 2.18).
+    pub fn packets(&self) -> PacketLayout {
+        PacketLayout::new(&self.config, self.fingerprint)
     }
 
     /// Every dimension.
@@ -63,13 +131,21 @@ impl Model {
     }
 
     /// The audio tokenizer.
+    #[cfg(feature = "internals")]
     pub fn tokenizer(&self) -> &Tokenizer {
         &self.tokenizer
     }
 
     /// The motion codecs.
+    #[cfg(feature = "internals")]
     pub fn motion(&self) -> &MotionDecoder {
         &self.motion
+    }
+
+    /// The live mouth, where the model has one.
+    #[cfg(feature = "internals")]
+    pub fn mouth(&self) -> Option<&Mouth> {
+        self.mouth.as_ref()
     }
 
     /// The text tokenizer, where the model has one.

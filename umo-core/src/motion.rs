@@ -2,9 +2,10 @@
 //!
 //! | module | what it holds |
 //! |---|---|
-//! | [`vq`], [`root`] | the codecs of the four parts, the root network |
+//! | [`vq`], [`root`] | the codecs of the parts, the root network |
 //! | [`rotation`], [`skeleton`], [`pose`] | rotations, the 55 joints, channels as one frame's pose |
 //! | [`stream`] | frames from codes that become known bit by bit |
+//! | [`smoothing`] | the low-pass of the body |
 //! | [`axes`], [`visemes`] | poses in an engine's axes and units; mouth shapes |
 //! | [`clip`] | a whole motion, and its way back to channels and codes |
 
@@ -15,36 +16,45 @@ pub mod pose;
 pub mod root;
 pub mod rotation;
 pub mod skeleton;
+pub mod smoothing;
 pub mod stream;
 pub mod visemes;
 pub mod vq;
 
 pub use clip::{Clip, MotionEncoder};
 pub use pose::{Assembly, Pose};
+pub use smoothing::Smoothing;
 pub use stream::{FrameRef, MotionStream};
-pub use vq::MotionScratch;
+pub use vq::{Latents, MotionScratch};
 
-use crate::config::Config;
+use crate::config::{Config, Face, channel_names};
 use crate::error::{LoadError, StepError};
 use crate::linear::Compute;
-use crate::memory::{copied, with_capacity};
+use crate::memory::{filled, with_capacity};
 use crate::part::{Part, PerPart};
 use crate::weights::Loader;
 use conv::ConvScratch;
-use root::{HEIGHT, RootNet, Travel};
+use root::{HEIGHT, RootNet, Travel, VELOCITY_X, VELOCITY_Z};
 use rotation::quat_to_axis_angle;
 use skeleton::JOINTS;
+use smoothing::MAX_PAST;
 use vq::VqDecoder;
 
-/// The four VQ decoders and the root network.
+/// The parts' VQ decoders and the root network.
 #[derive(Debug)]
 pub struct MotionDecoder {
-    parts: PerPart<VqDecoder>,
+    /// Of the config's parts that have channels, in order.
+    decoders: Vec<VqDecoder>,
+    /// Values per frame of the body parts.
+    channels: PerPart<usize>,
+    /// Whether the decoders are the paper's: one for each body part, of one level.
+    is_paper: bool,
+    /// What stands for the time before the first frame, `[levels]` for each decoder.
+    rest: Vec<Vec<u16>>,
     root: RootNet,
     assembly: Assembly,
     frame_seconds: f64,
     width: usize,
-    codes: usize,
 }
 
 /// A whole motion as the networks give it.
@@ -65,13 +75,23 @@ impl MotionDecoder {
     /// [`LoadError`] naming the tensor.
     pub fn load(loader: &Loader) -> Result<Self, LoadError> {
         let config = loader.file().config();
+        let (mut decoders, mut rest) = (Vec::new(), Vec::new());
+        for part in config.part_list() {
+            if let Some(channels) = part.channels(&config.face) {
+                decoders.push(VqDecoder::load(loader, &part, channels)?);
+                #[expect(clippy::cast_possible_truncation, reason = "codes fit 16 bits by the config's checks")]
+                rest.push(part.rest.iter().map(|&code| code as u16).collect());
+            }
+        }
         Ok(Self {
-            parts: PerPart::try_from_fn(|part| VqDecoder::load(loader, part))?,
+            decoders,
+            channels: PerPart::from_fn(|part| body_channels(part, &config.face)),
+            is_paper: config.parts.is_none() || !config.is_frames(),
+            rest,
             root: RootNet::load(loader)?,
             assembly: Assembly::new(&config.face),
             frame_seconds: frame_seconds(config),
             width: widest(config),
-            codes: config.vq.codes,
         })
     }
 
@@ -82,22 +102,38 @@ impl MotionDecoder {
 
     /// Frames that a scratch needs room for where a [`MotionStream`] of these limits uses it.
     pub fn stream_rows(&self, max_push: usize, max_lookahead: usize) -> usize {
-        max_push + (3 * self.reach()).max(max_lookahead + 1 + 2 * self.root.reach())
+        max_push + (3 * self.reach()).max(max_lookahead.max(MAX_PAST) + 1 + MAX_PAST + 2 * self.root.reach())
     }
 
-    /// Frames on each side that any part's channels depend on: a lookahead of as many gives the body of a whole decode.
+    /// Frames on each side that any part's channels depend on: a lookahead of as many gives the
+    /// body of a whole decode.
     pub fn reach(&self) -> usize {
-        Part::ALL.iter().map(|&part| self.parts[part].reach()).max().unwrap_or(0)
+        self.decoders.iter().map(VqDecoder::reach).max().unwrap_or(0)
+    }
+
+    /// The same of the decoders of one body part.
+    pub fn reach_of(&self, part: Part) -> usize {
+        self.decoders_of(part).map(|(_, decoder)| decoder.reach()).max().unwrap_or(0)
     }
 
     /// Frames on each side that the root's motion depends on.
     pub fn root_reach(&self) -> usize {
-        self.parts.lower.reach() + self.root.reach()
+        self.reach_of(Part::Lower) + self.root.reach()
     }
 
-    /// Values per frame of `part`.
+    /// Values per frame of a body part.
     pub fn channels(&self, part: Part) -> usize {
-        self.parts[part].channels()
+        self.channels[part]
+    }
+
+    /// The decoders of the config's parts that have channels, in order.
+    pub fn decoders(&self) -> &[VqDecoder] {
+        &self.decoders
+    }
+
+    /// The decoders that a body part's channels come from, and their places in the list.
+    fn decoders_of(&self, part: Part) -> impl Iterator<Item = (usize, &VqDecoder)> {
+        self.decoders.iter().enumerate().filter(move |(_, decoder)| decoder.places().part == part)
     }
 
     /// How channels become poses.
@@ -105,19 +141,37 @@ impl MotionDecoder {
         &self.assembly
     }
 
-    /// Decodes a whole motion at once; allocates as it needs.
+    /// Decodes a whole motion of a model of the paper's four parts at once, from codes `[T]` of each
+    /// part; allocates as it needs.
     ///
     /// # Errors
-    /// [`StepError`] where there are no codes, the parts have different numbers of them, or one is no code.
+    /// [`StepError`] where there are no codes, the parts have different numbers of them, one is out
+    /// of range, or the model has other parts.
     pub fn decode(&self, cx: Compute, codes: PerPart<&[u16]>) -> Result<Decoded, StepError> {
-        let frames = self.check_codes(codes)?;
+        if !self.is_paper {
+            return Err(StepError::Missing("codes of the four parts: its config lists others"));
+        }
+        self.decode_list(cx, &Part::ALL.map(|part| Latents::Codes(codes[part])))
+    }
+
+    /// Decodes a whole motion at once, from codes or vectors of each of [`Self::decoders`];
+    /// allocates as it needs.
+    ///
+    /// # Errors
+    /// [`StepError`] where there are none, the parts have different numbers of frames, or a code is
+    /// out of range.
+    pub fn decode_list(&self, cx: Compute, latents: &[Latents]) -> Result<Decoded, StepError> {
+        let frames = self.check(latents)?;
         if frames == 0 {
             return Err(StepError::Empty("motion codes"));
         }
         let mut scratch = self.scratch(frames);
-        let channels = PerPart::try_from_fn(|part| {
-            Ok::<_, StepError>(copied(self.parts[part].decode(cx, &mut scratch, codes[part])?))
-        })?;
+        let mut channels = PerPart::from_fn(|part| filled(0.0, frames * self.channels(part)));
+        for (decoder, &latents) in self.decoders.iter().zip(latents) {
+            let rows = decoder.decode(cx, &mut scratch, latents)?;
+            let part = decoder.places().part;
+            scatter(decoder, rows, self.channels(part), &mut channels[part]);
+        }
         let row = |frame: usize| {
             PerPart::from_fn(|part| &channels[part][frame * self.channels(part)..(frame + 1) * self.channels(part)])
         };
@@ -128,25 +182,54 @@ impl MotionDecoder {
         let mut translation = with_capacity(frames);
         translation.extend(root.chunks_exact(self.root.channels()).map(|row| {
             let place = travel.place(row[HEIGHT]);
-            travel.advance(row, self.frame_seconds);
+            travel.advance([row[VELOCITY_X], row[VELOCITY_Z]], self.frame_seconds);
             place
         }));
         Ok(Decoded { channels, rotations, translation })
     }
 
-    /// The number of frames that `codes` have, which are as many codes of each part.
-    fn check_codes(&self, codes: PerPart<&[u16]>) -> Result<usize, StepError> {
-        let frames = codes.face.len();
-        for part in Part::ALL {
-            if codes[part].len() != frames {
+    /// Decodes `frames` frames of rest; allocates as it needs.
+    ///
+    /// # Errors
+    /// [`StepError`] where there are none.
+    pub fn decode_rest(&self, cx: Compute, frames: usize) -> Result<Decoded, StepError> {
+        let codes: Vec<Vec<u16>> = self.rest.iter().map(|rest| rest.repeat(frames)).collect();
+        let latents: Vec<_> = codes.iter().map(|codes| Latents::Codes(codes)).collect();
+        self.decode_list(cx, &latents)
+    }
+
+    /// The number of frames that `latents` have, which are as many of each part.
+    fn check(&self, latents: &[Latents]) -> Result<usize, StepError> {
+        if latents.len() != self.decoders.len() {
+            return Err(StepError::Disagree("there are codes of another number of parts than the model's"));
+        }
+        let mut frames = None;
+        for (decoder, &latents) in self.decoders.iter().zip(latents) {
+            let count = decoder.frames(latents)?;
+            if *frames.get_or_insert(count) != count {
                 return Err(StepError::Disagree("the parts have different numbers of motion codes"));
             }
-            if let Some(&code) = codes[part].iter().find(|&&code| usize::from(code) >= self.codes) {
-                return Err(StepError::OutOfRange { what: "motion code", got: code.into(), limit: self.codes });
-            }
         }
-        Ok(frames)
+        Ok(frames.unwrap_or(0))
     }
+}
+
+/// Writes `rows [T, channels]` of one decoder to its places in `body [T, width]`.
+fn scatter(decoder: &VqDecoder, rows: &[f32], width: usize, body: &mut [f32]) {
+    let ranges = &decoder.places().ranges;
+    for (row, body) in rows.chunks_exact(decoder.channels()).zip(body.chunks_exact_mut(width)) {
+        let mut rest = row;
+        for range in ranges {
+            let (values, more) = rest.split_at(range.len());
+            body[range.clone()].copy_from_slice(values);
+            rest = more;
+        }
+    }
+}
+
+/// Values per frame of a body part.
+fn body_channels(part: Part, face: &Face) -> usize {
+    channel_names(part, face).last().map_or(0, |(_, last)| last.end)
 }
 
 fn frame_seconds(config: &Config) -> f64 {
@@ -155,6 +238,7 @@ fn frame_seconds(config: &Config) -> f64 {
 
 /// The widest activation of any codec.
 fn widest(config: &Config) -> usize {
-    let channels = Part::ALL.iter().map(|&part| config.vq[part].channels).max().unwrap_or(0);
-    channels.max(config.vq.root.channels).max(config.vq.width)
+    let parts = config.part_list();
+    let codecs = parts.iter().filter_map(|part| Some(part.channels(&config.face)?.count().max(part.width)));
+    codecs.max().unwrap_or(0).max(config.vq.root.channels).max(config.vq.width)
 }

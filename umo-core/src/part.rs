@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 /// One part of the body with a code stream of its own (paper section 3; SPEC 1).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Part {
     /// Jaw and expression.
     Face,

@@ -1,4 +1,5 @@
-//! What a chunk was made of, for those who want to look inside: its codes, and which experts its tokens were sent to.
+//! What a chunk was made of, for those who want to look inside: its codes, and which experts its
+//! tokens were sent to.
 
 use crate::config::Config;
 use crate::lm::tally::Tally;
@@ -9,12 +10,18 @@ use crate::part::{Part, PerPart};
 pub struct Chunk<'a> {
     /// Its number in the stream.
     pub index: u64,
-    /// Frame of the first code.
+    /// The first frame that the chunk made known.
     pub first_frame: usize,
-    /// Codes of the frames that the chunk made known, every `keyframe_stride`-th of them from the language model and the
-    /// others from the interpolation network: a frame is a keyframe where its number is a multiple of the stride. The last
-    /// chunk's may go beyond the end of the stream.
+    /// Frames that the chunk made known; the last chunk's may go beyond the end of the stream.
+    pub frames: usize,
+    /// Codes of the frames that the chunk made known, every `keyframe_stride`-th of them from the
+    /// language model and the others from the interpolation network: a frame is a keyframe where
+    /// its number is a multiple of the stride. Empty in layout `frames`, which has vectors between
+    /// keyframes.
     pub codes: PerPart<&'a [u16]>,
+    /// Codes `[keyframes, codes of a keyframe]` of the chunk's keyframes, the first of which is the
+    /// first among its frames. Empty in layout `parts`.
+    pub keyframes: &'a [u16],
     /// Rows of the chunk's encoder and decoder passes by layer, kind of token and expert.
     pub tally: &'a Tally,
 }
@@ -24,32 +31,50 @@ pub struct Chunk<'a> {
 pub(crate) struct Codes {
     index: u64,
     first_frame: usize,
+    /// None before the first chunk, and after a step that had none.
+    frames: usize,
     /// Empty before the first chunk, and after a step that had none.
     codes: PerPart<Vec<u16>>,
+    keyframes: Vec<u16>,
 }
 
 impl Codes {
     /// Room for the chunks of any target.
     pub(crate) fn new(config: &Config) -> Self {
-        let most = config.max_target * config.keyframe_stride;
-        Self { index: 0, first_frame: 0, codes: PerPart::from_fn(|_| Vec::with_capacity(most)) }
+        let most = if config.is_frames() { 0 } else { config.max_target * config.keyframe_stride };
+        let keyframes = if config.is_frames() { config.max_target * config.codes_per_keyframe() } else { 0 };
+        Self {
+            index: 0,
+            first_frame: 0,
+            frames: 0,
+            codes: PerPart::from_fn(|_| Vec::with_capacity(most)),
+            keyframes: Vec::with_capacity(keyframes),
+        }
     }
 
     pub(crate) fn clear(&mut self) {
+        self.frames = 0;
+        self.keyframes.clear();
         Part::ALL.into_iter().for_each(|part| self.codes[part].clear());
     }
 
     pub(crate) fn keep(&mut self, index: u64, first_frame: usize, codes: PerPart<&[u16]>) {
-        (self.index, self.first_frame) = (index, first_frame);
+        (self.index, self.first_frame, self.frames) = (index, first_frame, codes.face.len());
         for part in Part::ALL {
             self.codes[part].clear();
             self.codes[part].extend_from_slice(codes[part]);
         }
     }
 
+    pub(crate) fn keep_keyframes(&mut self, index: u64, first_frame: usize, frames: usize, codes: &[u16]) {
+        (self.index, self.first_frame, self.frames) = (index, first_frame, frames);
+        self.keyframes.clear();
+        self.keyframes.extend_from_slice(codes);
+    }
+
     pub(crate) fn chunk<'a>(&'a self, tally: &'a Tally) -> Option<Chunk<'a>> {
         let codes = PerPart::from_fn(|part| &*self.codes[part]);
-        let Self { index, first_frame, .. } = *self;
-        (!codes.face.is_empty()).then_some(Chunk { index, first_frame, codes, tally })
+        let Self { index, first_frame, frames, .. } = *self;
+        (frames > 0).then_some(Chunk { index, first_frame, frames, codes, keyframes: &self.keyframes, tally })
     }
 }

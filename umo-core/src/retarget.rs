@@ -1,4 +1,5 @@
-//! The 55 joints' motion on another skeleton: other bones, other axes, another rest pose, another size.
+//! The 55 joints' motion on another skeleton: other bones, other axes, another rest pose, another
+//! size.
 //!
 //! | module | what it holds |
 //! |---|---|
@@ -6,23 +7,25 @@
 //! | [`Mapping`] | which bone follows which joint: found by name, or given |
 //! | `names` | what bones are called, by whom |
 //! | `align` | rest poses brought together |
+//! | `back` | the way back: a rig's motion as that of the joints |
 //! | `ground` | size, and feet on the floor |
 //! | [`face`] | face channels to the shapes that a character has |
 //! | [`RetargetError`] | why a skeleton cannot be moved |
 //!
-//! A bone follows its joint in the world, not in its parent's frame, so that it does not matter what hangs between two
-//! bones, nor how many there are. With the source's rotation `S` of a joint in the world (identity at rest), the turn `B`
-//! from the source's axes to those in which the rig stands, the bone's rotation `T` in the world at rest, and the turn `C`
-//! that brings its rest direction to the source's:
+//! A bone follows its joint in the world, not in its parent's frame, so that it does not matter
+//! what hangs between two bones, nor how many there are. With the source's rotation `S` of a joint
+//! in the world (identity at rest), the turn `B` from the source's axes to those in which the rig
+//! stands, the bone's rotation `T` in the world at rest, and the turn `C` that brings its rest
+//! direction to the source's:
 //!
 //! ```text
 //! world = B * S * inverse(B) * C * T        local = inverse(parent's world) * world
 //! ```
 //!
-//! A rest direction `d` of the rig becomes `B * S * inverse(B) * C * d`, and `C * d` is `B` times the source's, so a limb
-//! points where the source's does, whatever the rest pose. Bones of a spine are spread evenly over the source's three: the
-//! `k`-th of `n` takes the source's world rotation at `3 k / n` of the way from the pelvis (0) to `spine3` (3).
-//! `docs/retarget.md` has the rest.
+//! A rest direction `d` of the rig becomes `B * S * inverse(B) * C * d`, and `C * d` is `B` times
+//! the source's, so a limb points where the source's does, whatever the rest pose. Bones of a spine
+//! are spread evenly over the source's three: the `k`-th of `n` takes the source's world rotation
+//! at `3 k / n` of the way from the pelvis (0) to `spine3` (3). `docs/retarget.md` has the rest.
 //!
 //! ```
 //! use umo_core::config::Skeleton;
@@ -50,6 +53,7 @@
 //! ```
 
 mod align;
+mod back;
 mod error;
 pub mod face;
 mod ground;
@@ -58,7 +62,7 @@ mod names;
 mod rig;
 
 pub use error::RetargetError;
-pub use mapping::Mapping;
+pub use mapping::{Follow, Mapping};
 pub use rig::{Bone, MAX_BONES, Rig};
 
 use crate::config::Skeleton;
@@ -72,6 +76,7 @@ use rig::World;
 
 /// Where the floor is under a rig.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Floor {
     /// Where it stands at rest.
     #[default]
@@ -118,8 +123,8 @@ impl Retarget {
     /// From a skeleton of 55 joints without rotations at rest, in a T, to a rig.
     ///
     /// # Errors
-    /// [`RetargetError`]: as [`Mapping::check`]; bones that are scaled unevenly above others that move; a body whose up or
-    /// left cannot be told; a source that is no skeleton.
+    /// [`RetargetError`]: as [`Mapping::check`]; bones that are scaled unevenly above others that
+    /// move; a body whose up or left cannot be told; a source that is no skeleton.
     pub fn new(source: &Skeleton, rig: &Rig, mapping: &Mapping, floor: Floor) -> Result<Self, RetargetError> {
         mapping.check(rig)?;
         let mapped = (0..JOINTS).filter_map(|joint| mapping.bone(joint));
@@ -132,20 +137,9 @@ impl Retarget {
         let (axes, short) = align::axes(rig, mapping)?;
         let turns = Alignment { rig, mapping, rest: &rest, axes, short }.turns();
         let mut driven = vec![None; rig.len()];
-        let mut drive = |bone: usize, joints: [usize; 2], share: f32| {
+        for Follow { bone, joints, share } in mapping.follows() {
             let turn = product(turns[joints[1]], rig.rotation(bone));
             driven[bone] = Some(Driven { joints, share, rest: product(inverse(axes), turn) });
-        };
-        for joint in 0..JOINTS {
-            if let Some(bone) = mapping.bone(joint) {
-                drive(bone, [joint; 2], 1.0);
-            }
-        }
-        for (chain, joints) in [(mapping.spine(), &[0, 3, 6, 9][..]), (mapping.neck(), &[9, 12])] {
-            for (k, &bone) in chain.iter().enumerate() {
-                let (pair, share) = spread(k + 1, chain.len(), joints);
-                drive(bone, pair, share);
-            }
         }
         let ground = Ground::new(rig, mapping, &rest, axes, floor)?;
         Ok(Self {
@@ -175,7 +169,8 @@ impl Retarget {
         self.hips
     }
 
-    /// Whether a bone follows the source; all others stay as they are at rest. Panics where there is none.
+    /// Whether a bone follows the source; all others stay as they are at rest. Panics where there
+    /// is none.
     pub fn is_driven(&self, bone: usize) -> bool {
         self.driven[bone].is_some()
     }
@@ -190,8 +185,9 @@ impl Retarget {
         self.driven[bone] = None;
     }
 
-    /// Writes each bone's rotation in its parent's frame, unit quaternions in the rig's order, and returns the place of the
-    /// hips' bone in its parent's frame, in the rig's unit. Never allocates.
+    /// Writes each bone's rotation in its parent's frame, unit quaternions in the rig's order, and
+    /// returns the place of the hips' bone in its parent's frame, in the rig's unit. Never
+    /// allocates.
     ///
     /// # Errors
     /// [`StepError::Disagree`] where `scratch` or `rotations` is another rig's.
@@ -247,17 +243,6 @@ impl Driven {
     fn rotation(&self, source: &[World; JOINTS]) -> Quat {
         let [from, to] = self.joints.map(|joint| source[joint].rotation);
         if self.share < 1.0 { slerp(from, to, self.share) } else { to }
-    }
-}
-
-/// For the `k`-th of `n` bones, counted from 1, the joints between which it lies and how near to the second.
-#[expect(clippy::cast_precision_loss, reason = "a chain has far fewer than 2^24 bones")]
-fn spread(k: usize, n: usize, joints: &[usize]) -> ([usize; 2], f32) {
-    let steps = (joints.len() - 1) * k;
-    let (from, rest) = (steps / n, steps % n);
-    match rest {
-        0 => ([joints[from]; 2], 1.0),
-        rest => ([joints[from], joints[from + 1]], rest as f32 / n as f32),
     }
 }
 

@@ -1,59 +1,93 @@
-//! One avatar of an [`Engine`](crate::engine::Engine), as its host sees it: audio goes in on one thread, frames come out on
-//! another, and neither ever waits (SPEC 2, 2.8).
+//! One avatar of an [`Engine`](crate::engine::Engine), as its host sees it: audio goes in on one
+//! thread, frames come out on another, and neither thread waits (SPEC 2, 2.8).
 //!
 //! ```text
 //!  audio thread            any thread                  game thread
 //!  push_audio, finish      interrupt, reset, set_*     pull_frames, sample_pose
-//!       │                        │ cue                      ▲
+//!       │                        │ epoch                    ▲
 //!       ▼                        ▼                          │
 //!  mix, resample ──ring──► engine: chunks of many avatars ──ring──► ease, place, interpolate
 //! ```
-//! A *cue* is a number that [`Session::interrupt`] and [`Session::reset`] change: each of the three sides compares it with
-//! the one that it saw last and starts anew by itself, so that nobody waits for anybody.
+//!
+//! | module | part |
+//! |---|---|
+//! | `input`, `other`, `output`, `schedule` | the sides of the host's audio thread, of its game thread, and of the engine |
+//! | `shared` | the state they share; their protocol is in `stream` |
+//! | `slots` | where the engine finds its sessions |
+//! | `state` | all of it as bytes |
+//! | `config`, `error`, `delay`, `gain` | what a session is made with, what it refuses, how late it was, how much it moves |
 
 mod config;
 pub(crate) mod delay;
 mod error;
 mod gain;
 mod input;
+mod other;
 mod output;
+mod schedule;
 mod shared;
+mod slots;
 mod state;
+mod voice;
 
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, MutexGuard};
+use std::sync::{Mutex, MutexGuard};
 use std::time::Duration;
 
 use crate::config::Sampling;
 use crate::defect::Defect;
-use crate::engine::Place;
+use crate::life::gesture::Request;
+use crate::life::{Attention, Controls, GestureOptions, Layer, Mood};
 use crate::lm::layout::MAX_PROMPT_TOKENS;
+use crate::memory::Counted;
 use crate::part::Part;
 pub use crate::state::StateError;
+use crate::stream::Epoch;
 pub use config::{AUDIO_SECONDS, Idle, MAX_CHANNELS, MAX_EASE, MAX_GAIN, MAX_RATE, MIN_RATE, SessionConfig};
 pub use error::SessionError;
-pub use output::{FrameView, Sampled};
-pub(crate) use output::{Shown, words as frame_words, write as write_frame};
-pub(crate) use shared::{Cue, ENDLESS, Failure, Making, NOBODY, Shared};
+pub use output::{Frame, Sampled};
+pub(crate) use schedule::{Member, Schedule};
+pub(crate) use shared::{Failure, SessionInit, Shared};
 use shared::{Settings, try_lock};
+pub(crate) use slots::{SlotHandle, Slots};
 pub(crate) use state::state_size;
+pub use voice::Voice;
 
 /// The calls that exclude each other, as [`SessionError::Busy`] names them.
 const INPUT: &str = "push_audio, finish, save or restore";
-const OUTPUT: &str = "pull_frames, sample_pose, save or restore";
+const OTHER: &str = "push_other_audio";
+const OUTPUT: &str = "pull_frames, sample_pose, set_clock, save or restore";
 const SETTER: &str = "a setter, save or restore";
+
+/// Furthest coordinate of a point to look at, metres.
+const MAX_DISTANCE: f32 = 10_000.0;
+
+/// A lock that the engine or the output holds for no longer than a copy takes.
+fn spin_lock<T>(mutex: &Mutex<T>) -> Result<MutexGuard<'_, T>, SessionError> {
+    const ATTEMPTS: usize = 10_000;
+    for _ in 0..ATTEMPTS {
+        if let Some(guard) = try_lock(mutex) {
+            return Ok(guard);
+        }
+        std::hint::spin_loop();
+    }
+    Err(SessionError::Busy(SETTER))
+}
 
 /// What a [`Session::push_audio`] took.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct Pushed {
-    /// Sample frames (one sample of each channel) taken; what is left was not, because the engine is that far behind.
+    /// Sample frames (one sample of each channel) taken; what is left was not, because the engine
+    /// is that far behind.
     pub taken: usize,
-    /// Samples among them that were no usable number and became silence.
+    /// Samples among them that were NaN, infinite or too loud, and became silence.
     pub silenced: usize,
 }
 
 /// What a session went through.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct Stats {
     /// Chunks computed.
     pub chunks: u64,
@@ -65,17 +99,19 @@ pub struct Stats {
     pub dropped_frames: u64,
     /// Sample frames that were not taken because there was no room.
     pub overruns: u64,
-    /// Samples that were no usable number.
+    /// Samples that were NaN, infinite or too loud.
     pub silenced: u64,
 }
 
 /// How far motion is behind speech.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct Latency {
-    /// Samples of future audio, at the session's rate, that a frame needs at most, resampling included: what no processor
-    /// can shorten.
+    /// Samples of future audio, at the session's rate, that a frame needs at most, resampling
+    /// included: what no processor can shorten.
     pub algorithmic_samples: usize,
-    /// Time from a chunk's last sample, or the end of the chunk before where that is later, to its frames: median.
+    /// Time from a chunk's last sample, or the end of the chunk before where that is later, to its
+    /// frames: median.
     pub compute_p50: Duration,
     /// Its 99th percentile.
     pub compute_p99: Duration,
@@ -83,37 +119,43 @@ pub struct Latency {
     pub compute_p999: Duration,
     /// Its largest.
     pub compute_max: Duration,
-    /// Samples, at the session's rate, by which the newest frame is behind the newest audio now, beyond
-    /// [`algorithmic_samples`](Self::algorithmic_samples): 0 while the engine keeps up.
+    /// Samples, at the session's rate, by which the newest frame is behind the newest audio now,
+    /// beyond [`algorithmic_samples`](Self::algorithmic_samples): 0 while the engine keeps up.
     pub backlog_samples: u64,
     /// The largest backlog since the session was made.
     pub backlog_max_samples: u64,
+    /// Samples of future audio, at the session's rate, that a frame's mouth needs at most:
+    /// [`algorithmic_samples`](Self::algorithmic_samples), or less with [`Voice::Live`].
+    pub mouth_samples: usize,
 }
 
-/// One avatar. Every call may come from any thread; two threads in the same call at once get [`SessionError::Busy`].
+/// One avatar. Every call may come from any thread; two threads in the same call at once get
+/// [`SessionError::Busy`].
 ///
 /// After it is made, no call allocates, waits, or makes a system call, but to wake the engine.
 #[derive(Debug)]
 pub struct Session {
-    shared: Arc<Shared>,
+    shared: Counted<Shared>,
     /// Where the engine's side of it is.
-    place: Place,
+    slot: SlotHandle,
     /// Most bytes of a state.
     state_size: usize,
 }
 
 impl Session {
-    pub(crate) fn new(shared: Arc<Shared>, place: Place, state_size: usize) -> Self {
-        Self { shared, place, state_size }
+    pub(crate) fn new(shared: Counted<Shared>, slot: SlotHandle, state_size: usize) -> Self {
+        Self { shared, slot, state_size }
     }
 
-    /// Takes interleaved samples, full scale 1, for the avatar to speak: as many as there is room for.
+    /// Takes interleaved samples, full scale 1, for the avatar to speak: as many as there is room
+    /// for.
     ///
     /// Wait-free: meant for a real-time audio thread. Samples that are no number, or louder than
-    /// [`LOUDEST`](crate::audio::LOUDEST), become silence and are counted.
+    /// [`MAX_AMPLITUDE`](crate::MAX_AMPLITUDE), become silence and are counted.
     ///
     /// # Errors
-    /// [`SessionError`] where the samples are no whole frames, after [`Self::finish`], or where another thread pushes.
+    /// [`SessionError`] where the samples are no whole frames, after [`Self::finish`], or where
+    /// another thread pushes.
     pub fn push_audio(&self, samples: &[f32]) -> Result<Pushed, SessionError> {
         self.push(samples, |&sample| sample)
     }
@@ -138,15 +180,29 @@ impl Session {
         shared.stats.overruns.fetch_add((frames - pushed.taken) as u64, Ordering::Relaxed);
         shared.stats.silenced.fetch_add(pushed.silenced as u64, Ordering::Relaxed);
         if pushed.taken > 0 {
-            shared.audio_time.store(shared.clock.nanos(), Ordering::Relaxed);
-            shared.wants_silence.store(false, Ordering::Relaxed);
-            shared.notify();
+            shared.link.audio_pushed(shared.clock.nanos());
+            shared.heard.store(shared.now(), Ordering::Relaxed);
         }
         Ok(pushed)
     }
 
-    /// No more audio: the tail is completed, and `floor(seconds * 30)` frames come out in all. A second call changes
-    /// nothing.
+    /// Takes interleaved samples of who speaks to the avatar, at the session's rate and channels, so
+    /// that it listens: it looks at the listener's place, nods and raises its brows at the pauses.
+    /// Only their loudness is used. Samples that are no number count as silence.
+    ///
+    /// Wait-free, from any thread beside any other call, meant for the thread that records.
+    ///
+    /// # Errors
+    /// [`SessionError::Uneven`] where the samples are no whole frames, [`SessionError::Busy`] where
+    /// another thread is in this call.
+    pub fn push_other_audio(&self, samples: &[f32]) -> Result<(), SessionError> {
+        let shared = &*self.shared;
+        shared.check()?;
+        try_lock(&shared.other).ok_or(SessionError::Busy(OTHER))?.push(shared, samples)
+    }
+
+    /// No more audio: the tail is completed, and `floor(seconds * 30)` frames come out in all. A
+    /// second call changes nothing.
     ///
     /// # Errors
     /// [`SessionError::Busy`] where another thread pushes at this moment.
@@ -154,22 +210,19 @@ impl Session {
         let shared = &*self.shared;
         shared.check()?;
         let mut input = try_lock(&shared.input).ok_or(SessionError::Busy(INPUT))?;
-        if input.finish(shared) {
-            // What is left of the last chunk is due from now on.
-            shared.audio_time.store(shared.clock.nanos(), Ordering::Relaxed);
-        }
-        shared.notify();
+        input.finish(shared);
         Ok(())
     }
 
-    /// Takes up to `most` frames that are ready, in order, and gives each to `frame`; says how many there were.
+    /// Takes up to `most` frames that are ready, in order, and gives each to `frame`; says how many
+    /// there were.
     ///
     /// Never waits. A frame's index counts from 0 at the start or the last reset.
     ///
     /// # Errors
-    /// [`SessionError::Busy`] where another thread pulls; [`SessionError::Failed`] or `Closed` when all that was ready
-    /// has been pulled.
-    pub fn pull_frames(&self, most: usize, mut frame: impl FnMut(FrameView)) -> Result<usize, SessionError> {
+    /// [`SessionError::Busy`] where another thread pulls; [`SessionError::Failed`] or `Closed` when
+    /// all that was ready has been pulled.
+    pub fn pull_frames(&self, most: usize, mut frame: impl FnMut(Frame)) -> Result<usize, SessionError> {
         let shared = &*self.shared;
         let mut output = try_lock(&shared.output).ok_or(SessionError::Busy(OUTPUT))?;
         let mut count = 0;
@@ -194,11 +247,12 @@ impl Session {
     }
 
     #[cfg(test)]
-    pub(crate) fn place(&self) -> &Place {
-        &self.place
+    pub(crate) fn slot(&self) -> &SlotHandle {
+        &self.slot
     }
 
-    /// What the panic said that ended the session with [`SessionError::Panicked`], and where it was.
+    /// Message and location of the panic that ended the session with
+    /// [`SessionError::Panicked`].
     pub fn defect(&self) -> Option<&Defect> {
         self.shared.defect()
     }
@@ -206,15 +260,14 @@ impl Session {
     /// Whether [`Self::finish`] was called and every frame up to the end was handed out.
     ///
     /// # Errors
-    /// [`SessionError::Busy`] where another thread pulls; [`SessionError::Failed`], `Panicked` or `Closed` where the rest
-    /// will never come.
+    /// [`SessionError::Busy`] where another thread pulls; [`SessionError::Failed`], `Panicked` or
+    /// `Closed` if the remaining frames will never be computed.
     pub fn is_done(&self) -> Result<bool, SessionError> {
         let shared = &*self.shared;
         let mut output = try_lock(&shared.output).ok_or(SessionError::Busy(OUTPUT))?;
-        let total = shared.total.load(Ordering::SeqCst);
-        // Before the audio side has seen an interrupt or a reset, the end is that of the stream before.
-        let heard = shared.heard_cue.load(Ordering::SeqCst) == shared.cue().number;
-        if heard && total != ENDLESS && output.is_done(shared, total) {
+        if let Some(total) = shared.link.total()
+            && output.is_done(shared, total)
+        {
             return Ok(true);
         }
         if output.ready(shared) == 0 {
@@ -223,15 +276,17 @@ impl Session {
         Ok(false)
     }
 
-    /// The pose at `seconds` of the motion (frame index / 30), for a renderer at its own rate: rotations turn the shorter
-    /// way, all else is linear. Frames before that time are taken as [`Self::pull_frames`] takes them.
+    /// The pose at `seconds` of the motion (frame index / 30), for a renderer at its own rate:
+    /// rotations turn the shorter way, all else is linear. Frames before that time are taken as
+    /// [`Self::pull_frames`] takes them.
     ///
-    /// Earlier than the oldest frame gives the oldest; later than the newest gives what [`Idle`] says. Times that go back
-    /// are held.
+    /// Earlier than the oldest frame gives the oldest; later than the newest gives what [`Idle`]
+    /// says. Times that go back are held.
     ///
     /// # Errors
-    /// [`SessionError::Busy`] where another thread pulls; [`SessionError::Range`] where the time is no number.
-    pub fn sample_pose(&self, seconds: f64, mut frame: impl FnMut(FrameView)) -> Result<Sampled, SessionError> {
+    /// [`SessionError::Busy`] where another thread pulls; [`SessionError::Range`] where the time is
+    /// no number.
+    pub fn sample_pose(&self, seconds: f64, mut frame: impl FnMut(Frame)) -> Result<Sampled, SessionError> {
         if !seconds.is_finite() {
             return Err(SessionError::Range("the time of a pose must be a number"));
         }
@@ -242,9 +297,29 @@ impl Session {
         Ok(sampled)
     }
 
-    /// Drops everything that is not shown yet and eases to the rest pose within `ease`, at most [`MAX_EASE`]: somebody
-    /// has interrupted the avatar. Audio pushed from now on starts a new stream, whose frames follow the ease; the frame
-    /// index goes on, and the avatar stays where it stands.
+    /// What time it is for the host, in seconds from any moment on, 0 to 1e9: from the first call on,
+    /// what moves while no frames come, eases to it and back, and [`SessionConfig::idle_after`] go
+    /// by this time, and no longer by the clock. A host that renders slower than real time, or
+    /// pauses, gives it with every picture, before [`Self::sample_pose`]. Times that go back are
+    /// held, but for [`Self::restore`], which goes back to the state's.
+    ///
+    /// # Errors
+    /// [`SessionError::Busy`] where another thread pulls; [`SessionError::Range`] where the time is
+    /// not in 0 to 1e9.
+    pub fn set_clock(&self, seconds: f64) -> Result<(), SessionError> {
+        if !(0.0..=1e9).contains(&seconds) {
+            return Err(SessionError::Range("the host's time must be 0 to 1e9 seconds"));
+        }
+        let shared = &*self.shared;
+        let mut output = try_lock(&shared.output).ok_or(SessionError::Busy(OUTPUT))?;
+        output.set_clock(shared, Duration::from_secs_f64(seconds));
+        Ok(())
+    }
+
+    /// Drops everything that is not shown yet and eases to the rest pose within `ease`, at most
+    /// [`MAX_EASE`], for barge-in. Audio pushed from now on starts a new
+    /// stream, whose frames follow the ease; the frame index goes on, and the avatar stays where it
+    /// stands.
     ///
     /// # Errors
     /// [`SessionError::Range`] for a longer time.
@@ -255,30 +330,23 @@ impl Session {
         self.shared.check()?;
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most 10 seconds of frames")]
         let frames = (ease.as_secs_f64() * self.shared.frame_rate as f64).ceil() as u16;
-        self.give_cue(|cue| Cue { number: cue.number.wrapping_add(1), ease: frames, ..cue });
+        self.shared.link.begin_epoch(|epoch| epoch.interrupted(frames));
         Ok(())
     }
 
-    /// Back to the start: everything that was pushed and not shown is dropped, the frame index starts at 0, and what
-    /// follows is what a new session with the same settings gives.
+    /// Back to the start: everything that was pushed and not shown is dropped, the frame index
+    /// starts at 0, and what follows is what a new session with the same settings gives.
     ///
     /// # Errors
     /// [`SessionError`] where the session has failed.
     pub fn reset(&self) -> Result<(), SessionError> {
         self.shared.check()?;
-        self.give_cue(|cue| Cue { number: cue.number.wrapping_add(1), resets: cue.resets.wrapping_add(1), ease: 0 });
+        self.shared.link.begin_epoch(Epoch::reset);
         Ok(())
     }
 
-    fn give_cue(&self, change: impl Fn(Cue) -> Cue) {
-        let update = |word| Some(change(Cue::unpack(word)).pack());
-        // The closure never refuses.
-        let _ = self.shared.cue.fetch_update(Ordering::SeqCst, Ordering::SeqCst, update);
-        self.shared.signal.notify();
-    }
-
-    /// The ids of the free text from the next chunk on, as [`TextTokenizer::encode`](crate::lm::text::TextTokenizer)
-    /// gives them.
+    /// The ids of the free text from the next chunk on, as
+    /// [`TextTokenizer::encode`](crate::lm::text::TextTokenizer) gives them.
     ///
     /// # Errors
     /// [`SessionError::Range`] for more than [`MAX_PROMPT_TOKENS`] ids.
@@ -292,7 +360,8 @@ impl Session {
         })
     }
 
-    /// The seed of draws from the next chunk on.
+    /// The seed of draws from the next chunk on. The layers keep the one that the session was made
+    /// with.
     ///
     /// # Errors
     /// [`SessionError::Busy`] where another thread sets something at this moment.
@@ -303,7 +372,8 @@ impl Session {
     /// How codes are drawn from the next chunk on.
     ///
     /// # Errors
-    /// [`SessionError::Range`] where the temperature is negative or no number, or `top_p` is outside 0 to 1.
+    /// [`SessionError::Range`] where the temperature is negative or no number, or `top_p` is
+    /// outside 0 to 1.
     pub fn set_sampling(&self, sampling: Sampling) -> Result<(), SessionError> {
         if !(0.0..=100.0).contains(&sampling.temperature) || !(0.0..=1.0).contains(&sampling.top_p) {
             return Err(SessionError::Range("temperature must be 0 to 100, and top_p 0 to 1"));
@@ -316,12 +386,13 @@ impl Session {
         self.shared.idle.store(idle as u8, Ordering::Relaxed);
     }
 
-    /// How much `part` moves, from the next frame that is handed out: 0 keeps it at rest, 1 shows it as it is computed, up
-    /// to [`MAX_GAIN`] exaggerates. A change takes up to a quarter of a second, so that nothing jumps. The lower body's
-    /// gain also holds for where the avatar goes, the face's for jaw and eyes.
+    /// How much `part` moves, from the next frame that is handed out: 0 keeps it at rest, 1 shows
+    /// it as it is computed, up to [`MAX_GAIN`] exaggerates. A change takes up to a quarter of a
+    /// second, so that nothing jumps. The lower body's gain also holds for where the avatar goes,
+    /// the face's for jaw and eyes.
     ///
     /// # Errors
-    /// [`SessionError::Range`] where the gain is no number from 0 to [`MAX_GAIN`].
+    /// [`SessionError::Range`] where the gain is not in 0 to [`MAX_GAIN`].
     pub fn set_gain(&self, part: Part, gain: f32) -> Result<(), SessionError> {
         if !(0.0..=MAX_GAIN).contains(&gain) {
             return Err(SessionError::Range("the gain of a part must be 0 to 2"));
@@ -333,6 +404,105 @@ impl Session {
     /// The gain that was set.
     pub fn gain(&self, part: Part) -> f32 {
         f32::from_bits(self.shared.gains[part].load(Ordering::Relaxed))
+    }
+
+    /// How strong a layer over the decoders' frames is, 0 to 1, from the next frame on; 0 leaves
+    /// what the layers before it gave.
+    ///
+    /// # Errors
+    /// [`SessionError::Range`] where the gain is not in 0 to 1, [`SessionError::Busy`] where another
+    /// thread sets something at this moment.
+    pub fn set_layer(&self, layer: Layer, gain: f32) -> Result<(), SessionError> {
+        if !(0.0..=1.0).contains(&gain) {
+            return Err(SessionError::Range("the gain of a layer must be 0 to 1"));
+        }
+        self.control(|controls| controls.layers = controls.layers.with(layer, gain))
+    }
+
+    /// Looks at a point in the avatar's space, metres, with a strength of 0 to 1, from the next
+    /// frame on: the eyes first, then the head, then the trunk, as far as a body turns. A strength
+    /// of 0 looks away from it again. The point may be set anew for every frame.
+    ///
+    /// # Errors
+    /// [`SessionError::Range`] where a number is not finite or the strength is not in 0 to 1,
+    /// [`SessionError::Busy`] where another thread sets something at this moment.
+    pub fn look_at(&self, point: [f32; 3], strength: f32) -> Result<(), SessionError> {
+        if !point.iter().all(|value| value.abs() <= MAX_DISTANCE) || !(0.0..=1.0).contains(&strength) {
+            return Err(SessionError::Range("a look-at needs a point within 10 km and a strength of 0 to 1"));
+        }
+        self.control(|controls| (controls.look_at, controls.look_at_strength) = (point, strength))
+    }
+
+    /// What the avatar attends to from the next frame on; changes are blended over half a second.
+    ///
+    /// # Errors
+    /// [`SessionError::Busy`] where another thread sets something at this moment.
+    pub fn set_attention(&self, attention: Attention) -> Result<(), SessionError> {
+        self.control(|controls| controls.attention = attention)
+    }
+
+    /// The mood of face and posture from the next frame on, with a strength of 0 to 1; changes are
+    /// blended over a second.
+    ///
+    /// # Errors
+    /// [`SessionError::Range`] where the strength is not in 0 to 1, [`SessionError::Busy`] where
+    /// another thread sets something at this moment.
+    pub fn set_mood(&self, mood: Mood, strength: f32) -> Result<(), SessionError> {
+        if !(0.0..=1.0).contains(&strength) {
+            return Err(SessionError::Range("the strength of a mood must be 0 to 1"));
+        }
+        self.control(|controls| (controls.mood, controls.mood_strength) = (mood, strength))
+    }
+
+    /// Plays a gesture over what the model does, from the next frame on or at a time: its parts of
+    /// the body ease to it and back, the others go on. Gestures of the same parts follow each other
+    /// in the order in which they were asked for; one with a time takes their place. An
+    /// [`interrupt`](Self::interrupt) lets go of what plays, with an ease, and of what waits;
+    /// a [`reset`](Self::reset) of all at once. While no frames come, gestures without a time play on
+    /// and times of the motion stand still.
+    ///
+    /// # Errors
+    /// [`SessionError::UnknownGesture`], [`SessionError::GesturesFull`] where
+    /// [`MAX_PENDING_GESTURES`](crate::MAX_PENDING_GESTURES) wait, [`SessionError::Range`] where an
+    /// option is out of its range, [`SessionError::Busy`] where another thread sets something at
+    /// this moment.
+    pub fn play_gesture(&self, name: &str, options: &GestureOptions) -> Result<(), SessionError> {
+        let shared = &*self.shared;
+        shared.check()?;
+        let epoch = shared.link.epoch().number;
+        let request = Request::new(&shared.gestures, name, options, shared.frame_rate, epoch)?;
+        let begun = shared.begun_gestures.load(Ordering::Acquire);
+        spin_lock(&shared.controls)?.gestures.push(request, begun)?;
+        shared.unseen_controls.store(true, Ordering::Release);
+        Ok(())
+    }
+
+    /// Names of the gestures that the avatar knows.
+    pub fn gesture_names(&self) -> impl Iterator<Item = &str> {
+        self.shared.gestures.names()
+    }
+
+    fn control(&self, change: impl FnOnce(&mut Controls)) -> Result<(), SessionError> {
+        self.shared.check()?;
+        change(&mut *spin_lock(&self.shared.controls)?);
+        self.shared.unseen_controls.store(true, Ordering::Release);
+        Ok(())
+    }
+
+    /// The gain of a layer that was set last.
+    ///
+    /// # Errors
+    /// [`SessionError::Busy`] where another thread sets something at this moment.
+    pub fn layer(&self, layer: Layer) -> Result<f32, SessionError> {
+        Ok(spin_lock(&self.shared.controls)?.layers.gain(layer))
+    }
+
+    /// What the avatar attends to, as it was set last.
+    ///
+    /// # Errors
+    /// [`SessionError::Busy`] where another thread sets something at this moment.
+    pub fn attention(&self) -> Result<Attention, SessionError> {
+        Ok(spin_lock(&self.shared.controls)?.attention)
     }
 
     /// What is shown while no audio comes.
@@ -357,14 +527,7 @@ impl Session {
 
     /// The settings; the engine holds them for no longer than it takes to copy them.
     fn settings(&self) -> Result<MutexGuard<'_, Settings>, SessionError> {
-        const ATTEMPTS: usize = 10_000;
-        for _ in 0..ATTEMPTS {
-            if let Some(settings) = try_lock(&self.shared.settings) {
-                return Ok(settings);
-            }
-            std::hint::spin_loop();
-        }
-        Err(SessionError::Busy(SETTER))
+        spin_lock(&self.shared.settings)
     }
 
     /// Interleaved channels of the audio that it takes.
@@ -392,6 +555,7 @@ impl Session {
         let (backlog_samples, backlog_max_samples) = self.shared.backlog();
         Latency {
             algorithmic_samples: self.shared.algorithmic_samples,
+            mouth_samples: self.shared.mouth_samples,
             compute_p50: delays.quantile(0.5),
             compute_p99: delays.quantile(0.99),
             compute_p999: delays.quantile(0.999),
@@ -405,6 +569,6 @@ impl Session {
 impl Drop for Session {
     fn drop(&mut self) {
         self.shared.dropped.store(true, Ordering::SeqCst);
-        self.place.sweep();
+        self.slot.sweep();
     }
 }

@@ -1,6 +1,7 @@
-//! One stage alone, tensors in and tensors out: what whoever ports a checkpoint compares with the framework that it came
-//! from (SPEC 3.1).
+//! One stage alone, tensors in and tensors out: what whoever ports a checkpoint compares with the
+//! framework that it came from (SPEC 3.1).
 
+mod frames;
 mod tensors;
 
 use std::fmt;
@@ -13,11 +14,12 @@ use crate::error::{LoadError, StepError};
 use crate::interp::Interp;
 use crate::linear::Compute;
 use crate::lm::decoder::Sequence;
-use crate::lm::generate::{Draw, Generator};
+use crate::lm::generate::{ChunkSampling, Generator};
 use crate::lm::sampler::Sampler;
 use crate::lm::{Lengths, Lm, LmScratch, full_head};
-use crate::motion::MotionDecoder;
 use crate::motion::skeleton::JOINTS;
+use crate::motion::{Decoded, MotionDecoder};
+use crate::mouth::{Mouth, MouthFrame, MouthStream};
 use crate::part::{Part, PerPart};
 use crate::team::Team;
 use crate::weights::Loader;
@@ -36,16 +38,29 @@ pub enum Stage {
     Decoder,
     /// Encoder and decoder: ids to codes.
     Generate,
+    /// Depth network under teacher forcing: states and codes to logits.
+    Depth,
     /// Interpolation network: codes with masks to codes.
     Interp,
     /// Motion decoders: codes to poses.
     Motion,
+    /// Live mouth: samples to face channels.
+    Mouth,
 }
 
 impl Stage {
     /// All stages.
-    pub const ALL: [Self; 7] =
-        [Self::Hubert, Self::Mel, Self::Encoder, Self::Decoder, Self::Generate, Self::Interp, Self::Motion];
+    pub const ALL: [Self; 9] = [
+        Self::Hubert,
+        Self::Mel,
+        Self::Encoder,
+        Self::Decoder,
+        Self::Generate,
+        Self::Depth,
+        Self::Interp,
+        Self::Motion,
+        Self::Mouth,
+    ];
 
     /// The name used on the command line.
     pub const fn name(self) -> &'static str {
@@ -55,8 +70,10 @@ impl Stage {
             Self::Encoder => "encoder",
             Self::Decoder => "decoder",
             Self::Generate => "generate",
+            Self::Depth => "depth",
             Self::Interp => "interp",
             Self::Motion => "motion",
+            Self::Mouth => "mouth",
         }
     }
 
@@ -101,7 +118,16 @@ impl fmt::Display for StageError {
     }
 }
 
-impl std::error::Error for StageError {}
+impl std::error::Error for StageError {
+    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        match self {
+            // Their own texts are this error's: what is behind them is its source.
+            Self::Load(error) => error.source(),
+            Self::Step(error) => error.source(),
+            Self::Input { .. } => None,
+        }
+    }
+}
 
 impl From<LoadError> for StageError {
     fn from(error: LoadError) -> Self {
@@ -133,7 +159,13 @@ pub fn run(
     options: Options,
 ) -> Result<Vec<Output>, StageError> {
     let cx = Compute { isa: loader.isa(), team };
+    if loader.file().config().is_frames()
+        && let Some(outputs) = frames::run(stage, cx, loader, inputs, options)
+    {
+        return outputs;
+    }
     match stage {
+        Stage::Depth => Err(LoadError::config("layout", "this model has no depth network: its layout is parts").into()),
         Stage::Hubert => audio(cx, loader, inputs, AudioKind::Hubert),
         Stage::Mel => audio(cx, loader, inputs, AudioKind::Mel),
         Stage::Encoder => encoder(cx, loader, inputs),
@@ -141,6 +173,7 @@ pub fn run(
         Stage::Generate => generate(cx, loader, inputs, options),
         Stage::Interp => interp(cx, loader, inputs),
         Stage::Motion => motion(cx, loader, inputs),
+        Stage::Mouth => mouth(loader, inputs),
     }
 }
 
@@ -208,8 +241,8 @@ fn generate(cx: Compute, loader: &Loader, inputs: &Inputs, options: Options) -> 
         upper: &mut *codes.upper,
         lower: &mut *codes.lower,
     };
-    let draw = Draw { sampler: options.sampler, chunk: 0, target };
-    Generator::new(config).generate(cx, &lm, &mut scratch, states, &mut sequence, draw, slots)?;
+    let sampling = ChunkSampling { sampler: options.sampler, chunk: 0, target };
+    Generator::new(config).generate(cx, &lm, &mut scratch, states, &mut sequence, sampling, slots)?;
     Ok(Part::ALL.into_iter().map(|part| Output::codes(part, &codes[part])).collect())
 }
 
@@ -237,7 +270,12 @@ fn motion(cx: Compute, loader: &Loader, inputs: &Inputs) -> Result<Vec<Output>, 
     let decoder = MotionDecoder::load(loader)?;
     let codes = codes(inputs)?;
     let decoded = decoder.decode(cx, PerPart::from_fn(|part| codes[part].as_slice()))?;
-    let frames = codes.face.len();
+    Ok(poses(&decoder, &decoded))
+}
+
+/// The outputs of decoded motion.
+fn poses(decoder: &MotionDecoder, decoded: &Decoded) -> Vec<Output> {
+    let frames = decoded.translation.len();
     let channels = |part: Part| {
         let values = decoded.channels[part].clone();
         Output::floats(&format!("channels.{}", part.name()), &[frames, decoder.channels(part)], values)
@@ -246,5 +284,20 @@ fn motion(cx: Compute, loader: &Loader, inputs: &Inputs) -> Result<Vec<Output>, 
     let rotations = decoded.rotations.iter().flatten().flatten().copied().collect();
     outputs.push(Output::floats("rotations", &[frames, JOINTS, 3], rotations));
     outputs.push(Output::floats("translation", &[frames, 3], decoded.translation.as_flattened().to_vec()));
-    Ok(outputs)
+    outputs
+}
+
+fn mouth(loader: &Loader, inputs: &Inputs) -> Result<Vec<Output>, StageError> {
+    let mouth = Mouth::load(loader)?.ok_or(StepError::Missing("live mouth"))?;
+    let samples = inputs.floats("audio")?;
+    let mut stream = MouthStream::new(&mouth);
+    let (mut channels, mut voiced) = (Vec::new(), Vec::new());
+    let mut take = |frame: MouthFrame| {
+        channels.extend_from_slice(frame.channels);
+        voiced.push(frame.voiced);
+    };
+    stream.push(&mouth, loader.isa(), &samples, &mut take)?;
+    stream.finish(&mouth, loader.isa(), &mut take)?;
+    let (frames, width) = (voiced.len(), mouth.channels().len());
+    Ok(vec![Output::floats("channels", &[frames, width], channels), Output::floats("voiced", &[frames], voiced)])
 }

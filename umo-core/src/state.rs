@@ -1,20 +1,23 @@
-//! How a session becomes bytes and bytes a session: each part describes its fields once, to a [`StatePass`] that measures,
-//! writes, checks or reads them, so that saving and restoring cannot drift apart.
+//! How a session becomes bytes and bytes a session: each part describes its fields once, to a
+//! [`StatePass`] that measures, writes, checks or reads them, so that saving and restoring cannot
+//! drift apart.
 //!
 //! ```text
 //! bytes   0  magic "umostate"       12  CRC-32 of all from byte 16 on
 //!         8  format version         16  length of the whole           24  model, config of the session, fields
 //! ```
-//! Everything is little-endian. No field is an address or a moment of a clock: moments are written as times from now.
+//! Everything is little-endian. No field is an address or a moment of a clock: moments are written
+//! as times from now.
 
 use std::fmt;
+use std::ops::RangeInclusive;
 
 /// What every state begins with.
 const MAGIC: [u8; 8] = *b"umostate";
 /// The version of the format that this library reads and writes.
-const VERSION: u32 = 1;
-/// Largest size of a number in a state: beyond what any field comes to, and its sums and products stay finite. Comparisons
-/// with it are false for what is no number.
+const VERSION: u32 = 2;
+/// Upper bound of numbers in a state: larger than any field, and its sums and products
+/// stay finite. Comparisons with it are false for NaN.
 const LARGEST: f64 = 1e12;
 /// Where the checksum begins to count.
 const CHECKED: usize = 16;
@@ -24,8 +27,10 @@ const HEADER: usize = 24;
 /// Furthest moment from now that a state tells from others, nanoseconds: 36 years.
 const FURTHEST: u64 = 1 << 60;
 
-/// A state that cannot be restored, and what of it disagrees. `Copy`: reporting one allocates nothing.
+/// A state that cannot be restored, and what of it disagrees. `Copy`: reporting one allocates
+/// nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum StateError {
     /// The bytes do not begin as a session's state does.
     Foreign,
@@ -82,15 +87,16 @@ impl std::error::Error for StateError {}
 
 /// One pass over the fields of a session.
 ///
-/// Every operation takes the field's present value and returns the one in force: the present one while a state is measured or
-/// written, the state's while it is checked or read. What fields must have to do with each other is written once, of the
-/// values in force.
+/// Every operation takes the field's present value and returns the one in force: the present one
+/// while a state is measured or written, the state's while it is checked or read. What fields must
+/// have to do with each other is written once, of the values in force.
 #[derive(Debug)]
 pub(crate) struct StatePass<'a> {
     mode: Mode<'a>,
     at: usize,
-    /// What time it is, nanoseconds.
+    /// What time it is, nanoseconds: by the engine's clock, and by what the host's side goes by.
     now: u64,
+    host_now: u64,
 }
 
 #[derive(Debug)]
@@ -119,12 +125,12 @@ pub(crate) enum Span<'s> {
 impl<'a> StatePass<'a> {
     /// Measures.
     pub(crate) fn size() -> Self {
-        Self { mode: Mode::Size, at: HEADER, now: 0 }
+        Self { mode: Mode::Size, at: HEADER, now: 0, host_now: 0 }
     }
 
     /// Writes to `bytes`, which are at least as many as a state can have.
-    pub(crate) fn save(bytes: &'a mut [u8], now: u64) -> Self {
-        Self { mode: Mode::Save(bytes), at: HEADER, now }
+    pub(crate) fn save(bytes: &'a mut [u8], now: u64, host_now: u64) -> Self {
+        Self { mode: Mode::Save(bytes), at: HEADER, now, host_now }
     }
 
     /// Checks the header of `bytes`, and then whatever it is given.
@@ -147,12 +153,13 @@ impl<'a> StatePass<'a> {
         if u32::from_le_bytes(part(header, 12)) != crc32fast::hash(&bytes[CHECKED..]) {
             return Err(StateError::Checksum);
         }
-        Ok(Self { mode: Mode::Check(bytes), at: HEADER, now })
+        Ok(Self { mode: Mode::Check(bytes), at: HEADER, now, host_now: now })
     }
 
-    /// After [`Self::check`] and its fields: reads the same bytes into them.
+    /// After [`Self::check`] and its fields: reads the same bytes into them. Where the host gives the
+    /// time, that is `now` from here on.
     pub(crate) fn load(bytes: &'a [u8], now: u64) -> Self {
-        Self { mode: Mode::Load(bytes), at: HEADER, now }
+        Self { mode: Mode::Load(bytes), at: HEADER, now, host_now: now }
     }
 
     /// Ends the pass after the last field: the length of the state, or the most that it can have.
@@ -171,6 +178,11 @@ impl<'a> StatePass<'a> {
             }
         }
         Ok(length)
+    }
+
+    /// What time it is by the engine's clock, nanoseconds.
+    pub(crate) fn now(&self) -> u64 {
+        self.now
     }
 
     /// Whether values in force are to be taken over.
@@ -279,15 +291,25 @@ impl<'a> StatePass<'a> {
         Ok(value)
     }
 
-    /// A moment of the session's clock: as long before or after now in the state as it is here.
+    /// A moment of the engine's clock: as long before or after now in the state as it is here.
     pub(crate) fn moment(&mut self, what: &'static str, present: u64) -> Result<u64, StateError> {
-        // Moments further away are as good as the furthest, so that a state says the same once it was restored.
+        self.moment_of(self.now, what, present)
+    }
+
+    /// The same of what the host's side goes by.
+    pub(crate) fn host_moment(&mut self, what: &'static str, present: u64) -> Result<u64, StateError> {
+        self.moment_of(self.host_now, what, present)
+    }
+
+    fn moment_of(&mut self, now: u64, what: &'static str, present: u64) -> Result<u64, StateError> {
+        // Moments further away are as good as the furthest, so that a state says the same once it
+        // was restored.
         let age = |from: u64, to: u64| to.saturating_sub(from).min(FURTHEST);
-        let (before, after) = (age(present, self.now), age(self.now, present));
+        let (before, after) = (age(present, now), age(now, present));
         let before = self.limited(what, before, FURTHEST)?;
         let after = self.limited(what, after, FURTHEST)?;
         self.must(before == 0 || after == 0, what)?;
-        Ok((self.now + after).saturating_sub(before))
+        Ok((now + after).saturating_sub(before))
     }
 
     /// A float of a size that sessions have.
@@ -321,6 +343,17 @@ impl<'a> StatePass<'a> {
     /// Floats of sizes that sessions have.
     pub(crate) fn f32s(&mut self, values: &mut [f32]) -> Result<(), StateError> {
         self.slice(values, f32::to_le_bytes, f32::from_le_bytes, |value| f64::from(value).abs() <= LARGEST, "numbers")
+    }
+
+    /// A share of 0 to 1.
+    pub(crate) fn share(&mut self, value: &mut f32) -> Result<(), StateError> {
+        self.within(value, 0.0..=1.0)
+    }
+
+    /// A float of a range.
+    pub(crate) fn within(&mut self, value: &mut f32, range: RangeInclusive<f32>) -> Result<(), StateError> {
+        let values = std::slice::from_mut(value);
+        self.slice(values, f32::to_le_bytes, f32::from_le_bytes, |value| range.contains(&value), "shares")
     }
 
     /// Rotations: unit quaternions.
@@ -392,8 +425,25 @@ impl Fingerprint {
 
     /// Adds bytes, and how many there are.
     pub(crate) fn add(&mut self, bytes: &[u8]) {
-        for &byte in bytes.iter().chain(&(bytes.len() as u64).to_le_bytes()) {
+        self.extend(bytes);
+        self.extend(&(bytes.len() as u64).to_le_bytes());
+    }
+
+    fn extend(&mut self, bytes: &[u8]) {
+        for &byte in bytes {
             self.0 = (self.0 ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01B3);
         }
+    }
+}
+
+/// Bytes that are written are added, without how many there are.
+impl std::io::Write for Fingerprint {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        self.extend(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
     }
 }

@@ -1,6 +1,50 @@
-//! The atomics of what threads share: the standard ones, or loom's, which tries every interleaving.
+//! What threads share: the standard atomics, or loom's, which tries every interleaving.
 
 #[cfg(loom)]
-pub(crate) use loom::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+pub(crate) use loom::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering, fence};
 #[cfg(not(loom))]
-pub(crate) use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+pub(crate) use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering, fence};
+
+/// A thread that waits for a word to change.
+#[cfg(not(loom))]
+#[derive(Debug, Default)]
+pub(crate) struct Parking;
+
+#[cfg(not(loom))]
+impl Parking {
+    /// Sleeps while the word is `seen`; may wake for no reason.
+    #[expect(clippy::unused_self, reason = "loom's version has a lock")]
+    pub(crate) fn wait(&self, word: &AtomicU32, seen: u32) {
+        atomic_wait::wait(word, seen);
+    }
+
+    /// Wakes the thread that waits for the word.
+    #[expect(clippy::unused_self, reason = "loom's version has a lock")]
+    pub(crate) fn wake(&self, word: &AtomicU32) {
+        atomic_wait::wake_one(word);
+    }
+}
+
+/// The same with what loom knows: a wake-up that never comes is a deadlock, which it reports.
+#[cfg(loom)]
+#[derive(Debug, Default)]
+pub(crate) struct Parking {
+    lock: loom::sync::Mutex<()>,
+    changed: loom::sync::Condvar,
+}
+
+#[cfg(loom)]
+impl Parking {
+    pub(crate) fn wait(&self, word: &AtomicU32, seen: u32) {
+        let guard = self.lock.lock().unwrap();
+        // As the system call does: it sleeps only where the word is still the same.
+        if word.load(Ordering::SeqCst) == seen {
+            drop(self.changed.wait(guard).unwrap());
+        }
+    }
+
+    pub(crate) fn wake(&self, _: &AtomicU32) {
+        drop(self.lock.lock().unwrap());
+        self.changed.notify_one();
+    }
+}

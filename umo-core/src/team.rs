@@ -1,15 +1,21 @@
-//! Fork-join over a few threads: the work of one product is cut by columns or rows, each piece by the same arithmetic,
-//! so that neither the number of threads nor where the cuts are ever changes a bit.
+//! Fork-join over a few threads: the work of one product is cut by columns or rows, each piece by
+//! the same arithmetic, so that neither the number of threads nor where the cuts are ever changes a
+//! bit.
 //!
-//! Cores are not equally fast: some have a neighbour on the same core or another program, some are small. A thread's share
-//! of a job follows the time that it took for its pieces of those before, and the last pieces of a large job are dealt to whoever
-//! is done first.
+//! Cores are not equally fast: some have a neighbour on the same core or another program, some are
+//! small. A thread's share of a job follows the time that it took for its pieces of those before,
+//! and the last pieces of a large job go to the thread that is done first (a dynamic schedule).
 //!
-//! A token costs 80 to 100 joins, so waking a sleeping thread for each (15 to 35 us) is out of the question: workers spin
-//! for a bounded time and only then sleep, and so does the caller that waits for them. Nothing here allocates or locks once
-//! the team is made, and the only system calls are those that put a thread to sleep and wake it.
-#![expect(unsafe_code, reason = "a job borrows the caller's stack while the caller waits for it")]
+//! A token costs 80 to 100 joins, so waking a sleeping thread for each (15 to 35 us) is out of the
+//! question: workers spin for a bounded time and only then sleep, and so does the caller that waits
+//! for them. Nothing here allocates or locks once the team is made, and the only system calls are
+//! those that put a thread to sleep and wake it.
+#![expect(
+    unsafe_code,
+    reason = "a job borrows the caller's stack while the caller waits for it, and the system binds threads"
+)]
 
+mod cores;
 mod shares;
 
 use std::cell::UnsafeCell;
@@ -29,23 +35,25 @@ use crate::memory;
 /// Most threads of a team.
 pub const MAX_THREADS: usize = 64;
 
-/// Pieces of a large job for whoever is done first.
-const DEALT: usize = 4;
+/// Extra pieces of a large job, taken by the threads that finish first.
+const DYNAMIC_CHUNKS: usize = 4;
 
 /// Most pieces of a job.
-pub const MAX_PIECES: usize = MAX_THREADS + DEALT;
+pub const MAX_PIECES: usize = MAX_THREADS + DYNAMIC_CHUNKS;
 
-/// Multiply-adds from which a job is worth dealing: pieces of a smaller one are too short.
-const WORTH_DEALING: usize = 1 << 24;
+/// Multiply-adds from which a job is worth a dynamic schedule: pieces of a smaller one are too
+/// short.
+const DYNAMIC_THRESHOLD: usize = 1 << 24;
 
 /// Threads of which the pieces of a job are kept in little memory.
 const FEW_THREADS: usize = 4;
 
 /// Multiply-adds below which a job is not worth sharing: about a microsecond of one core.
-const WORTH_SHARING: usize = 1 << 15;
+const PARALLEL_THRESHOLD: usize = 1 << 15;
 
-/// Times that a worker looks for a job, and the caller for a job's end, before it sleeps: 20 to 100 us, as long as the
-/// processor's pause is. With more threads than cores, the one that it waits for may need just that core.
+/// Times that a worker looks for a job, and the caller for a job's end, before it sleeps: 20 to 100
+/// us, as long as the processor's pause is. With more threads than cores, the one that it waits for
+/// may need just that core.
 const SPINS_BEFORE_SLEEP: u32 = 2_000;
 
 /// A job: called once per thread with the thread's index.
@@ -59,13 +67,13 @@ pub struct Team {
     threads: usize,
     /// Each thread's share of a job, f32 as bits.
     shares: Box<[AtomicU32]>,
-    /// Whether threads that are not its own take part: then whoever comes first takes the next piece.
+    /// Whether external workers take part: the first free one then takes the next piece.
     is_lent: bool,
 }
 
 /// Cuts two things in two at the same place.
 #[expect(clippy::type_complexity, reason = "a pair of pairs, and a type of its own would say no more")]
-pub fn both<A, B>(
+pub fn zip_split<A, B>(
     cut: impl Fn(A, usize) -> (A, A),
     and: impl Fn(B, usize) -> (B, B),
 ) -> impl Fn((A, B), usize) -> ((A, B), (A, B)) {
@@ -75,9 +83,9 @@ pub fn both<A, B>(
     }
 }
 
-/// Where threads that are not the team's own come to work.
+/// Entry point of external workers: threads that the team does not own.
 #[derive(Clone, Debug)]
-pub struct Guests {
+pub(crate) struct ExternalWorkers {
     shared: Arc<Shared>,
 }
 
@@ -102,19 +110,20 @@ struct Shared {
     waiting: AtomicBool,
     /// Whether a worker did not get its core.
     unbound: AtomicBool,
-    /// The job's number in the upper half, and in the lower the next piece that a guest or the caller may take; as many as
-    /// there are threads where none is left.
+    /// The job's number in the upper half, and in the lower the next piece that an external worker
+    /// or the caller may take; as many as there are threads where none is left.
     ticket: AtomicU64,
     /// Pieces of a job.
     threads: u64,
-    /// Odd while guests are welcome; a change sends those that came before home.
-    invitation: AtomicU32,
+    /// Odd while external workers may join; a change ends the work of those that joined before.
+    joining: AtomicU32,
     /// What each of the team's own threads will read next.
     expected: Box<[SharedHint]>,
 }
 
 impl Team {
-    /// A team of `threads` threads (1 to [`MAX_THREADS`]), of which the caller is one; with 1 everything runs inline.
+    /// A team of `threads` threads (1 to [`MAX_THREADS`]), of which the caller is one; with 1
+    /// everything runs inline.
     ///
     /// # Errors
     /// What the system says when it cannot start a thread.
@@ -122,7 +131,8 @@ impl Team {
         Self::on_cores(threads, None, &[])
     }
 
-    /// The same, with the calling thread bound to one core, and the others to one each of `cores`, as far as they go.
+    /// The same, with the calling thread bound to one core, and the others to one each of `cores`,
+    /// as far as they go.
     ///
     /// # Errors
     /// As [`Self::new`], and where the system does not let a thread have its core.
@@ -135,16 +145,17 @@ impl Team {
             let name = format!("umo-{index}");
             let core = cores.get(index - 1).copied();
             let life = move || {
-                if core.is_some_and(|core| !bind(core)) {
+                if core.is_some_and(|core| !cores::bind(core)) {
                     shared.unbound.store(true, Ordering::Relaxed);
                 }
-                // A piece that panics is caught before this: here it is only kept from being printed.
+                // A piece that panics is caught before this: here it is only kept from being
+                // printed.
                 let _ = contain_quietly(|| work(&shared, index));
             };
             memory::require(memory::THREAD);
             team.workers.push(std::thread::Builder::new().name(name).spawn(life)?);
         }
-        let bound = caller.is_none_or(bind);
+        let bound = caller.is_none_or(cores::bind);
         // A thread allocates while it starts: it has done so when it has finished a job.
         team.run(&|_| {});
         // The threads' heaps may have taken what was left.
@@ -155,10 +166,15 @@ impl Team {
         Ok(team)
     }
 
-    /// A team of `threads` without threads of its own: the caller, and whoever comes to work at [`Self::guests`] while it
-    /// is [`Self::invite`]d. Without guests the caller does everything.
-    pub fn of_guests(threads: usize) -> Self {
+    /// A team of `threads` that owns none: the caller, and external workers that join while they are
+    /// admitted (`admit`). Without external workers the caller computes everything.
+    pub(crate) fn with_external_workers(threads: usize) -> Self {
         Self::bare(threads.clamp(1, MAX_THREADS), true)
+    }
+
+    /// A team of the calling thread.
+    pub(crate) fn alone() -> Self {
+        Self::bare(1, false)
     }
 
     /// Without workers.
@@ -167,15 +183,15 @@ impl Team {
         Self { shared: Arc::new(Shared::new(threads)), workers: Vec::new(), threads, shares, is_lent }
     }
 
-    /// Where guests come to work.
-    pub fn guests(&self) -> Guests {
-        Guests { shared: Arc::clone(&self.shared) }
+    /// The entry point of external workers.
+    pub(crate) fn external_workers(&self) -> ExternalWorkers {
+        ExternalWorkers { shared: Arc::clone(&self.shared) }
     }
 
-    /// Lets guests in until the result is dropped.
-    pub fn invite(&self) -> Invitation<'_> {
-        self.shared.invitation.fetch_or(1, Ordering::SeqCst);
-        Invitation(&self.shared)
+    /// Lets external workers in until the result is dropped.
+    pub(crate) fn admit(&self) -> JoinGuard<'_> {
+        self.shared.joining.fetch_or(1, Ordering::SeqCst);
+        JoinGuard(&self.shared)
     }
 
     /// Number of threads, the caller included.
@@ -185,12 +201,15 @@ impl Team {
 
     /// Most pieces that a job is cut into.
     pub(crate) fn pieces(&self) -> usize {
-        if self.threads == 1 { 1 } else { self.threads + DEALT }
+        if self.threads == 1 { 1 } else { self.threads + DYNAMIC_CHUNKS }
     }
 
-    /// Runs `job(i)` for every `i` below the number of threads, each on its own thread, and waits for all.
+    /// Runs `job(i)` for every `i` below the number of threads, each on its own thread, and waits
+    /// for all.
     ///
-    /// A call while another is under way runs all of them on the calling thread. Panics where `job` did.
+    /// A call while another is under way runs all of them on the calling thread. Panics where `job`
+    /// did.
+    #[cfg_attr(not(feature = "internals"), doc(hidden))]
     pub fn run(&self, job: &Job) {
         let alone = self.threads == 1 || self.shared.busy.swap(true, Ordering::Acquire);
         if alone {
@@ -210,11 +229,11 @@ impl Team {
         shared.end_job();
     }
 
-    /// Runs the job with whoever of the guests is there.
+    /// Runs the job with the external workers that have joined.
     fn share_out(&self) {
         let shared = &*self.shared;
         shared.pending.store(self.threads.try_into().expect("at most 64"), Ordering::Relaxed);
-        // The caller may have to wait for the last piece, whoever does it.
+        // The caller may have to wait for another thread's last piece.
         let number = (shared.ticket.load(Ordering::Relaxed) >> 32) + 1;
         shared.ticket.store(number << 32, Ordering::Release);
         shared.signal();
@@ -223,8 +242,10 @@ impl Team {
         shared.end_job();
     }
 
-    /// Says what the job behind the next one reads first: `ahead(piece)` for each piece of its `total` columns or rows, cut as
-    /// [`Self::split`] cuts little work. Threads that wait fetch it: memory is idle then, and most of a token's time goes into reading.
+    /// Says what the job behind the next one reads first: `ahead(piece)` for each piece of its
+    /// `total` columns or rows, cut as `split` cuts little work. Threads that wait fetch it: memory
+    /// is idle then, and most of a token's time goes into reading.
+    #[cfg_attr(not(feature = "internals"), doc(hidden))]
     pub fn expect<'a>(&self, total: usize, granule: usize, ahead: impl Fn(Range<usize>) -> PrefetchHint<'a>) {
         if self.threads == 1 || self.is_lent {
             return;
@@ -247,11 +268,13 @@ impl Team {
         shares::cut(shares, granules, ends);
     }
 
-    /// Cuts the columns of `y` into one piece per thread, each a multiple of `granule` wide (but the last), and calls
-    /// `f(columns, piece)` for each. `work` is the job's multiply-adds: little work is not shared.
+    /// Cuts the columns of `y` into one piece per thread, each a multiple of `granule` wide (but
+    /// the last), and calls `f(columns, piece)` for each. `work` is the job's multiply-adds: little
+    /// work is not shared.
     ///
     /// # Errors
     /// One of the errors that `f` returned.
+    #[cfg_attr(not(feature = "internals"), doc(hidden))]
     pub fn columns<'a, T: Send>(
         &self,
         y: MatMut<'a, T>,
@@ -267,7 +290,7 @@ impl Team {
     ///
     /// # Errors
     /// One of the errors that `f` returned.
-    pub fn rows<'a, T: Send>(
+    pub(crate) fn rows<'a, T: Send>(
         &self,
         y: MatMut<'a, T>,
         work: usize,
@@ -281,7 +304,7 @@ impl Team {
     ///
     /// # Errors
     /// One of the errors that `f` returned.
-    pub fn rows_of_two<'a, T: Send, U: Send>(
+    pub(crate) fn rows_of_two<'a, T: Send, U: Send>(
         &self,
         y: MatMut<'a, T>,
         z: MatMut<'a, U>,
@@ -290,16 +313,17 @@ impl Team {
     ) -> Result<(), StepError> {
         assert_eq!(y.rows(), z.rows(), "outputs of different heights");
         let total = y.rows();
-        let cut = both(MatMut::split_rows, MatMut::split_rows);
+        let cut = zip_split(MatMut::split_rows, MatMut::split_rows);
         self.split((y, z), total, 1, work, cut, |range, (y, z)| f(range, y, z))
     }
 
-    /// Cuts `y` by `cut` into one piece per thread, each a multiple of `granule` of the `total` wide or high (but the last), and
-    /// calls `f` for each. `work` is the job's multiply-adds: little work is not shared.
+    /// Cuts `y` by `cut` into one piece per thread, each a multiple of `granule` of the `total`
+    /// wide or high (but the last), and calls `f` for each. `work` is the job's multiply-adds:
+    /// little work is not shared.
     ///
     /// # Errors
     /// One of the errors that `f` returned.
-    pub fn split<Y: Send>(
+    pub(crate) fn split<Y: Send>(
         &self,
         y: Y,
         total: usize,
@@ -308,41 +332,41 @@ impl Team {
         cut: impl Fn(Y, usize) -> (Y, Y),
         f: impl Fn(Range<usize>, Y) -> Result<(), StepError> + Sync,
     ) -> Result<(), StepError> {
-        if self.threads == 1 || work < WORTH_SHARING || total <= granule {
+        if self.threads == 1 || work < PARALLEL_THRESHOLD || total <= granule {
             return f(0..total, y);
         }
-        let deal = work >= WORTH_DEALING;
+        let is_dynamic = work >= DYNAMIC_THRESHOLD;
         if self.threads <= FEW_THREADS {
-            self.share::<Y, { FEW_THREADS + DEALT }>(y, total, granule, deal, cut, f)
+            self.share::<Y, { FEW_THREADS + DYNAMIC_CHUNKS }>(y, total, granule, is_dynamic, cut, f)
         } else {
-            self.share::<Y, MAX_PIECES>(y, total, granule, deal, cut, f)
+            self.share::<Y, MAX_PIECES>(y, total, granule, is_dynamic, cut, f)
         }
     }
 
-    /// Hands `total` rows or columns out to the threads, in at most `MOST` pieces: one for each thread, and, where it is worth
-    /// it, a few more for whoever is done first.
-    fn share<Y: Send, const MOST: usize>(
+    /// Hands `total` rows or columns out to the threads, in at most `CAPACITY` pieces: one for each
+    /// thread and, if the job is large, a few more for the threads that finish first.
+    fn share<Y: Send, const CAPACITY: usize>(
         &self,
         y: Y,
         total: usize,
         granule: usize,
-        deal: bool,
+        is_dynamic: bool,
         cut: impl Fn(Y, usize) -> (Y, Y),
         f: impl Fn(Range<usize>, Y) -> Result<(), StepError> + Sync,
     ) -> Result<(), StepError> {
         let threads = self.threads;
-        let (mut shares, mut ends) = ([1.0; MOST], [0; MOST]);
+        let (mut shares, mut ends) = ([1.0; CAPACITY], [0; CAPACITY]);
         let shares = &mut shares[..threads];
         let granules = total.div_ceil(granule);
-        let dealt = if deal { shares::dealt(granules) } else { 0 };
-        let count = threads + if dealt > 0 { DEALT } else { 0 };
+        let chunk = if is_dynamic { shares::dynamic_chunk(granules) } else { 0 };
+        let count = threads + if chunk > 0 { DYNAMIC_CHUNKS } else { 0 };
         let ends = &mut ends[..count];
-        self.cut(granules - dealt * (count - threads), shares, &mut ends[..threads]);
+        self.cut(granules - chunk * (count - threads), shares, &mut ends[..threads]);
         for piece in threads..count {
-            ends[piece] = ends[piece - 1] + dealt;
+            ends[piece] = ends[piece - 1] + chunk;
         }
         ends.iter_mut().for_each(|end| *end = (*end * granule).min(total));
-        let pieces: [Piece<Y>; MOST] = std::array::from_fn(|_| Piece::empty());
+        let pieces: [Piece<Y>; CAPACITY] = std::array::from_fn(|_| Piece::empty());
         let (mut rest, mut start) = (y, 0);
         for (piece, &end) in pieces.iter().zip(&*ends) {
             let (head, tail) = cut(rest, end - start);
@@ -361,12 +385,12 @@ impl Team {
                 i = next.fetch_add(1, Ordering::Relaxed);
             }
         });
-        let (mut times, mut error) = ([Duration::ZERO; MOST], None);
+        let (mut times, mut error) = ([Duration::ZERO; CAPACITY], None);
         for (time, piece) in times.iter_mut().zip(&pieces) {
             let end = piece.end();
             (*time, error) = (end.1, error.or(end.0));
         }
-        // Pieces of guests are anybody's.
+        // Any external worker may take any piece.
         if !self.is_lent && shares::learn(shares, &times[..threads]) {
             for (share, known) in shares.iter().zip(&self.shares) {
                 known.store(share.to_bits(), Ordering::Relaxed);
@@ -388,29 +412,30 @@ impl Drop for Team {
     }
 }
 
-/// Guests are welcome while it lives.
+/// Lets external workers join while it lives.
 #[derive(Debug)]
-pub struct Invitation<'a>(&'a Shared);
+pub(crate) struct JoinGuard<'a>(&'a Shared);
 
-impl Drop for Invitation<'_> {
+impl Drop for JoinGuard<'_> {
     fn drop(&mut self) {
-        self.0.invitation.fetch_add(1, Ordering::SeqCst);
+        self.0.joining.fetch_add(1, Ordering::SeqCst);
         self.0.signal();
     }
 }
 
-impl Guests {
-    /// Works for the team until the invitation that is in force ends; returns at once where none is. Never allocates.
-    pub fn work(&self) {
+impl ExternalWorkers {
+    /// Works for the team until joining ends; returns at once where none
+    /// is. Never allocates.
+    pub(crate) fn work(&self) {
         let shared = &*self.shared;
-        let invitation = shared.invitation.load(Ordering::SeqCst);
-        if invitation & 1 == 0 {
+        let joining = shared.joining.load(Ordering::SeqCst);
+        if joining & 1 == 0 {
             return;
         }
         loop {
             let seen = shared.epoch.load(Ordering::SeqCst);
             while shared.help() {}
-            if shared.invitation.load(Ordering::SeqCst) != invitation {
+            if shared.joining.load(Ordering::SeqCst) != joining {
                 return;
             }
             shared.next_epoch(seen);
@@ -434,14 +459,15 @@ impl Shared {
             // No job, so nothing to take.
             ticket: AtomicU64::new(threads as u64),
             threads: threads as u64,
-            invitation: AtomicU32::new(0),
+            joining: AtomicU32::new(0),
             expected: (0..threads).map(|_| SharedHint::default()).collect(),
         }
     }
 
-    /// Tells everybody who waits for a job that there is something to look at.
+    /// Wakes the threads that wait for a job.
     fn signal(&self) {
-        // SeqCst pairs with the worker's: either it sees the new epoch before it sleeps, or we see that it sleeps.
+        // SeqCst pairs with the worker's: either it sees the new epoch before it sleeps, or we see
+        // that it sleeps.
         self.epoch.fetch_add(1, Ordering::SeqCst);
         if self.asleep.load(Ordering::SeqCst) > 0 {
             wake_all(&raw const self.epoch);
@@ -466,12 +492,14 @@ impl Shared {
         true
     }
 
-    /// Does a piece of the job that `pending` counts: this thread's own, or one that it took a ticket for.
+    /// Does a piece of the job that `pending` counts: this thread's own, or one that it took a
+    /// ticket for.
     fn piece(&self, index: usize) {
         let job = self.job.load(Ordering::Relaxed).cast::<&Job>();
-        // SAFETY: `run` stored a pointer to its own `job` argument before it raised the epoch, or gave out the ticket, that
-        // this thread has seen (release and acquire through `epoch` and `ticket`, whose number keeps an old one from being
-        // taken), and it does not return before `pending`, which counts this piece, reaches 0 below.
+        // SAFETY: `run` stored a pointer to its own `job` argument before it raised the epoch, or
+        // gave out the ticket, that this thread has seen (release and acquire through `epoch` and
+        // `ticket`, whose number keeps an old one from being taken), and it does not return before
+        // `pending`, which counts this piece, reaches 0 below.
         let job: &Job = unsafe { *job };
         self.contained(|| job(index));
         self.done();
@@ -504,7 +532,8 @@ impl Shared {
             }
             std::hint::spin_loop();
         }
-        // SeqCst pairs with the last worker's: either it sees that we wait, or we see that it is done.
+        // SeqCst pairs with the last worker's: either it sees that we wait, or we see that it is
+        // done.
         self.waiting.store(true, Ordering::SeqCst);
         loop {
             match self.pending.load(Ordering::SeqCst) {
@@ -544,23 +573,16 @@ impl Shared {
     }
 }
 
-/// Binds the calling thread to a core; whether the system let it.
-fn bind(core: usize) -> bool {
-    // A number far beyond the processor's would end the process inside `set_for_current`.
-    let known = core_affinity::get_core_ids().is_some_and(|ids| ids.iter().any(|id| id.id == core));
-    known && core_affinity::set_for_current(core_affinity::CoreId { id: core })
-}
-
 /// Why threads could not be bound to cores: those that were asked for, and those that there are.
 fn binding_error(caller: Option<usize>, cores: &[usize]) -> String {
     let list =
         |cores: &mut dyn Iterator<Item = usize>| cores.map(|core| core.to_string()).collect::<Vec<_>>().join(", ");
     let asked = list(&mut caller.into_iter().chain(cores.iter().copied()));
-    let usable = core_affinity::get_core_ids().unwrap_or_default();
+    let usable = cores::usable();
     match usable.as_slice() {
         [] => format!("cores {asked}: this system cannot bind threads to cores; leave `cores` empty"),
-        ids => {
-            let usable = list(&mut ids.iter().map(|id| id.id));
+        usable => {
+            let usable = list(&mut usable.iter().copied());
             format!("cores {asked}: a thread cannot be bound to one of them; this process may use cores {usable}")
         }
     }
@@ -586,8 +608,9 @@ struct Piece<T> {
     end: UnsafeCell<(Option<StepError>, Duration)>,
 }
 
-// SAFETY: during `run` the cells of piece `i` are touched by one thread alone, thread `i`, or, where there is no such thread,
-// the one that was given the number `i`; before and after it by the caller alone, and `run` orders the two.
+// SAFETY: during `run` the cells of piece `i` are touched by one thread alone, thread `i`, or,
+// where there is no such thread, the one that was given the number `i`; before and after it by the
+// caller alone, and `run` orders the two.
 unsafe impl<T: Send> Sync for Piece<T> {}
 
 impl<T> Piece<T> {
@@ -644,7 +667,7 @@ mod tests {
                 let mut data = vec![0_u32; 3 * cols];
                 for round in 0..50 {
                     let y = MatMut::new(&mut data, 3, cols).unwrap();
-                    let work = if round % 2 == 0 { WORTH_SHARING } else { WORTH_DEALING };
+                    let work = if round % 2 == 0 { PARALLEL_THRESHOLD } else { DYNAMIC_THRESHOLD };
                     team.columns(y, 16, work, |range, mut y| {
                         assert_eq!(range.len(), y.cols());
                         assert!(range.start.is_multiple_of(16) && (range.end.is_multiple_of(16) || range.end == cols));
@@ -661,7 +684,7 @@ mod tests {
     }
 
     #[test]
-    fn every_piece_is_visited_once_whatever_the_shares() {
+    fn every_piece_is_visited_once_for_any_shares() {
         for threads in [2, 3, 8] {
             let team = Team::new(threads).unwrap();
             for (i, share) in team.shares.iter().enumerate() {
@@ -681,11 +704,11 @@ mod tests {
     }
 
     #[test]
-    fn what_is_dealt_goes_to_whoever_is_done() {
+    fn dynamic_pieces_go_to_idle_threads() {
         let team = Team::new(2).unwrap();
         let (mut data, others) = ([0_u32; 96], AtomicU32::new(0));
         let y = MatMut::new(&mut data, 1, 96).unwrap();
-        team.columns(y, 1, WORTH_DEALING, |range, _| {
+        team.columns(y, 1, DYNAMIC_THRESHOLD, |range, _| {
             if range.start > 0 {
                 others.fetch_add(1, Ordering::Relaxed);
                 return Ok(());
@@ -702,11 +725,11 @@ mod tests {
     }
 
     #[test]
-    fn what_is_expected_is_cut_as_the_job_is() {
+    fn prefetch_hints_are_split_like_the_job() {
         let data = [0_u8; 4096];
         for threads in [1, 2, 3] {
             let team = Team::new(threads).unwrap();
-            let work = WORTH_SHARING;
+            let work = PARALLEL_THRESHOLD;
             let (expected, seen) = (std::sync::Mutex::new(vec![]), std::sync::Mutex::new(vec![]));
             team.expect(100, 16, |range| {
                 expected.lock().unwrap().push(range);
@@ -729,7 +752,7 @@ mod tests {
     }
 
     #[test]
-    fn an_error_of_any_piece_comes_back() {
+    fn errors_of_pieces_are_returned() {
         let team = Team::new(4).unwrap();
         let mut data = vec![0.0_f32; 4];
         let y = MatMut::new(&mut data, 4, 1).unwrap();
@@ -752,41 +775,41 @@ mod tests {
     }
 
     #[test]
-    fn guests_that_come_and_go_change_nothing() {
-        let team = Team::of_guests(4);
+    fn external_workers_that_join_and_leave_change_nothing() {
+        let team = Team::with_external_workers(4);
         let done: Vec<AtomicU32> = (0..4).map(|_| AtomicU32::new(0)).collect();
         let stop = AtomicBool::new(false);
-        let by_guests = AtomicU32::new(0);
+        let by_external = AtomicU32::new(0);
         std::thread::scope(|scope| {
             let caller = std::thread::current().id();
             for _ in 0..3 {
-                let guests = team.guests();
+                let external_workers = team.external_workers();
                 scope.spawn(|| {
-                    let guests = guests;
+                    let external_workers = external_workers;
                     while !stop.load(Ordering::Relaxed) {
-                        guests.work();
+                        external_workers.work();
                         std::thread::yield_now();
                     }
                 });
             }
             for round in 0..2_000 {
                 // Some jobs have nobody but the caller.
-                let invitation = (round % 5 > 0).then(|| team.invite());
+                let joining = (round % 5 > 0).then(|| team.admit());
                 for _ in 0..5 {
                     team.run(&|index| {
                         done[index].fetch_add(1, Ordering::Relaxed);
-                        by_guests.fetch_add(u32::from(std::thread::current().id() != caller), Ordering::Relaxed);
+                        by_external.fetch_add(u32::from(std::thread::current().id() != caller), Ordering::Relaxed);
                         (0..200).for_each(|_| std::hint::spin_loop());
                     });
                     let first = done[0].load(Ordering::Relaxed);
                     assert!(done.iter().all(|count| count.load(Ordering::Relaxed) == first));
                 }
-                drop(invitation);
+                drop(joining);
             }
             stop.store(true, Ordering::Relaxed);
         });
         assert_eq!(done[0].load(Ordering::Relaxed), 10_000);
-        assert!(by_guests.load(Ordering::Relaxed) > 0);
+        assert!(by_external.load(Ordering::Relaxed) > 0);
     }
 
     #[test]

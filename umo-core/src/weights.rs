@@ -1,6 +1,5 @@
 //! The only reader of model files: bytes to checked tensors, each error naming what is wrong.
 
-mod aligned;
 mod checksum;
 mod header;
 pub mod layout;
@@ -15,7 +14,7 @@ use half::{bf16, f16};
 use safetensors::SafeTensors;
 use safetensors::tensor::{Dtype, Metadata, TensorInfo};
 
-pub use aligned::{AlignedBox, Plain};
+pub use crate::aligned::{AlignedBox, Plain};
 pub use loader::{Loader, Table};
 
 use crate::config::Config;
@@ -39,8 +38,8 @@ pub struct ModelFile {
     checksum: Option<(u32, String)>,
 }
 
-/// Files up to this size are compared with their checksum when they are opened: 2 ms for the default model. Larger ones,
-/// whose bytes would be read twice, by [`ModelFile::verify`].
+/// Files up to this size are compared with their checksum when they are opened: 2 ms for the
+/// default model. Larger ones, whose bytes would be read twice, by [`ModelFile::verify`].
 const CHECKED_WHEN_OPENED: usize = 256 << 20;
 
 impl ModelFile {
@@ -70,7 +69,8 @@ impl ModelFile {
 
     fn from_source(source: Source) -> Result<Self, LoadError> {
         let bytes = source.bytes();
-        // What a header of so many bytes becomes, several times over: the names, maps and config in it.
+        // What a header of so many bytes becomes, several times over: the names, maps and config in
+        // it.
         let header_len = bytes.first_chunk().map_or(0, |len| u64::from_le_bytes(*len)).min(bytes.len() as u64);
         memory::check(16 * usize::try_from(header_len).unwrap_or(usize::MAX / 16) + SPARE)?;
         header::check(bytes)?;
@@ -118,16 +118,19 @@ impl ModelFile {
     }
 
     /// Bytes of the whole file.
+    #[cfg_attr(not(feature = "internals"), doc(hidden))]
     pub fn len(&self) -> usize {
         self.source.bytes().len()
     }
 
     /// Whether the file has no bytes; never so for a file that was opened.
+    #[cfg_attr(not(feature = "internals"), doc(hidden))]
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
     /// Name, type name, shape and bytes of every tensor, by name.
+    #[cfg_attr(not(feature = "internals"), doc(hidden))]
     pub fn tensors(&self) -> Vec<(&str, String, &[usize], usize)> {
         let mut list: Vec<_> = self
             .tensors
@@ -141,14 +144,14 @@ impl ModelFile {
         list
     }
 
-    /// A number that tells this model, used in the way that `usage` names, from others: of its config, and of some bytes of
-    /// every tensor, evenly spread. Cheap beside loading it.
+    /// A number that tells this model, used in the way that `usage` names, from others: of its
+    /// config, and of some bytes of every tensor, evenly spread. Cheap beside loading it.
     pub(crate) fn fingerprint(&self, usage: &str) -> u64 {
         /// Of this many places, and as many bytes at each.
         const PLACES: usize = 16;
         let mut sum = Fingerprint::new();
         sum.add(usage.as_bytes());
-        sum.add(&serde_json::to_vec(&self.config).expect("a config came from such a text"));
+        serde_json::to_writer(&mut sum, &self.config).expect("a config came from such a text");
         let mut tensors = memory::with_capacity(self.tensors.len());
         tensors.extend(&self.tensors);
         tensors.sort_unstable_by_key(|(name, _)| *name);
@@ -166,11 +169,13 @@ impl ModelFile {
     }
 
     /// Whether the file has a tensor of this name.
+    #[cfg_attr(not(feature = "internals"), doc(hidden))]
     pub fn has(&self, name: &str) -> bool {
         self.tensors.contains_key(name)
     }
 
     /// Whether the file has a tensor whose name starts so.
+    #[cfg_attr(not(feature = "internals"), doc(hidden))]
     pub fn has_any(&self, prefix: &str) -> bool {
         self.tensors.keys().any(|name| name.starts_with(prefix))
     }
@@ -179,6 +184,7 @@ impl ModelFile {
     ///
     /// # Errors
     /// [`LoadError::Tensor`] where it is missing or of a type that no umo model has.
+    #[cfg_attr(not(feature = "internals"), doc(hidden))]
     pub fn storage(&self, name: &str) -> Result<Storage, LoadError> {
         match self.info(name)?.dtype {
             Dtype::F32 => Ok(Storage::F32),
@@ -194,6 +200,7 @@ impl ModelFile {
     ///
     /// # Errors
     /// [`LoadError::Tensor`] where it is missing or of another type.
+    #[cfg_attr(not(feature = "internals"), doc(hidden))]
     pub fn raw(&self, name: &str) -> Result<&[u8], LoadError> {
         let info = self.info(name)?;
         if info.dtype != Dtype::U8 || info.shape.len() != 1 {
@@ -209,6 +216,7 @@ impl ModelFile {
     ///
     /// # Errors
     /// [`LoadError::Tensor`] where it is missing or of another shape or type.
+    #[cfg_attr(not(feature = "internals"), doc(hidden))]
     pub fn tensor(&self, name: &str, shape: &[usize]) -> Result<Tensor<'_>, LoadError> {
         let info = self.info(name)?;
         if info.shape != shape {
@@ -252,6 +260,7 @@ impl ModelFile {
     }
 
     /// Tells the system that the pages of `tensor` were read and need not stay in memory.
+    #[cfg_attr(not(feature = "internals"), doc(hidden))]
     pub fn release(&self, tensor: &Tensor) {
         let (start, len) = tensor.extent();
         self.source.release(start as usize - self.source.bytes().as_ptr() as usize, len);

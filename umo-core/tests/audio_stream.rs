@@ -22,8 +22,9 @@ fn load(file: &ModelFile) -> Tokenizer {
     Tokenizer::load(&Loader::new(file, Precision::F32, Isa::detect())).unwrap()
 }
 
-/// HuBERT as a quantised base model has it: layers and two convolutions in int8, the others in bfloat16, whose inputs tiles take rounded.
-fn quantised() -> ModelFile {
+/// HuBERT as a quantized base model has it: layers and two convolutions in int8, the others in
+/// bfloat16, whose inputs tiles take rounded.
+fn quantized() -> ModelFile {
     let file = open("hubert_k1_smplx");
     let specs = layout::specs(file.config(), true);
     let tensors = specs.iter().filter(|spec| file.has(&spec.name)).map(|spec| {
@@ -50,10 +51,10 @@ fn quantised() -> ModelFile {
     ModelFile::from_bytes(bytes).unwrap()
 }
 
-/// Tokenizers of every kind, in float and as [`quantised`].
+/// Tokenizers of every kind, in float and as [`quantized`].
 fn tokenizers() -> impl Iterator<Item = (&'static str, Tokenizer)> {
-    let stored = Tokenizer::load(&Loader::new(&quantised(), Precision::Stored, Isa::detect())).unwrap();
-    MODELS.into_iter().map(|model| (model, load(&open(model)))).chain([("quantised hubert_k1_smplx", stored)])
+    let stored = Tokenizer::load(&Loader::new(&quantized(), Precision::Stored, Isa::detect())).unwrap();
+    MODELS.into_iter().map(|model| (model, load(&open(model)))).chain([("quantized hubert_k1_smplx", stored)])
 }
 
 /// Two drifting tones over noise, with an offset; loudness changes, so that statistics do too.
@@ -206,7 +207,8 @@ impl Definition {
     }
 }
 
-/// Each chunk's features under the statistics up to that chunk's end, silence before the start under the first's.
+/// Each chunk's features under the statistics up to that chunk's end, silence before the start
+/// under the first's.
 #[test]
 fn hubert_features_are_those_of_the_definition() {
     for model in ["hubert_k1_smplx", "hubert_k3_i8"] {
@@ -231,7 +233,8 @@ fn hubert_features_are_those_of_the_definition() {
     }
 }
 
-/// A stream's mel features are those of the clip with the reach's silence before it, and so are the units.
+/// A stream's mel features are those of the clip with the reach's silence before it, and so are the
+/// units.
 #[test]
 fn mel_stream_equals_the_whole_clip() {
     let team = Team::new(1).unwrap();
@@ -296,10 +299,11 @@ fn a_larger_and_used_scratch_changes_nothing() {
     }
 }
 
-/// Convolutions with rounded inputs and attention with rounded factors, beside sums of what was not rounded.
+/// Convolutions with rounded inputs and attention with rounded factors, beside sums of what was not
+/// rounded.
 #[test]
-fn quantised_features_are_near_on_every_back_end() {
-    let (file, audio, team) = (quantised(), audio(60 * HOP), Team::new(2).unwrap());
+fn quantized_features_are_near_on_every_back_end() {
+    let (file, audio, team) = (quantized(), audio(60 * HOP), Team::new(2).unwrap());
     let features = |file: &ModelFile, precision, isa| {
         let tokenizer = Tokenizer::load(&Loader::new(file, precision, isa)).unwrap();
         tokenizer.features(Compute { isa, team: &team }, &audio).unwrap().0

@@ -13,7 +13,7 @@ fn weights(file: &ModelFile, wanted: impl Fn(&str) -> bool) -> usize {
 
 #[test]
 fn floors_read_every_weight_of_a_stage_once() {
-    for name in ["hubert_k1_smplx", "hubert_k3_i8", "mel_k1_upcycled", "mel_k2_arkit"] {
+    for name in ["hubert_k1_smplx", "hubert_k3_i8", "mel_k1_upcycled", "mel_k2_arkit", "frames_seven"] {
         let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/golden").join(name);
         let file = ModelFile::open(&folder.join("model.safetensors")).unwrap();
         let config = file.config();
@@ -26,7 +26,9 @@ fn floors_read_every_weight_of_a_stage_once() {
         let experts = weights(&file, |n| encoder(n) && n.contains(".experts."));
         assert_eq!(stages.encoder_experts.bytes, experts, "{name}");
 
-        let (codes, tokens) = (4 * config.target, floor::encoder_tokens(config, config.target));
+        let frames = config.is_frames();
+        let steps = if frames { config.target } else { 4 * config.target };
+        let (codes, tokens) = (steps, floor::encoder_tokens(config, config.target));
         let lm = &config.lm;
         // Keys and values of the encoder's states are made once, all else is read for every code.
         let decoder = of("lm.decoder.block");
@@ -35,13 +37,15 @@ fn floors_read_every_weight_of_a_stage_once() {
         let often = weights(&file, |n| decoder(n) && attention(n) && !made_once(n));
         // Int8 models keep them as bfloat16.
         let cached = 2 * 2 * tokens * lm.num_heads * lm.d_kv * lm.num_decoder_layers;
-        let head = 2 * config.vq.codes * lm.d_model;
+        let head = if frames { 0 } else { 2 * config.vq.codes * lm.d_model };
         assert_eq!(stages.cross.bytes, once, "{name}");
         assert_eq!(stages.decoder_attention.bytes, codes * (often + cached + head), "{name}");
         let experts = weights(&file, |n| decoder(n) && n.contains(".experts.")) / lm.experts * lm.top_k;
         assert_eq!(stages.decoder_experts.bytes, codes * experts, "{name}");
 
-        let interp = ["interp.temporal", "interp.part", "interp.head"];
+        let depth = |n: &str| n.starts_with("depth.") && !n.contains(".embed.") && !n.contains(".position.");
+        assert_eq!(stages.depth.bytes, weights(&file, depth), "{name}");
+        let interp = ["interp.temporal", "interp.part", "interp.head", "interp.input"];
         let interp = weights(&file, |n| interp.iter().any(|part| n.starts_with(part)));
         assert_eq!(stages.interp.bytes, interp, "{name}");
         let motion = weights(&file, |n| n.starts_with("vq.") && (n.contains(".decoder.") || n.contains(".root.")));

@@ -1,5 +1,5 @@
-//! What must hold of the interpolation network and the motion codecs whatever their weights. That they compute what
-//! PyTorch computes is shown by the golden tests.
+//! What must hold of the interpolation network and the motion codecs whatever their weights. That
+//! they compute what PyTorch computes is shown by the golden tests.
 
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
@@ -8,7 +8,7 @@ use proptest::prelude::*;
 use umo_core::config::FaceKind;
 use umo_core::interp::Interp;
 use umo_core::motion::rotation::quat_to_axis_angle;
-use umo_core::motion::{Clip, MotionDecoder, MotionEncoder, MotionStream, Pose};
+use umo_core::motion::{Clip, MotionDecoder, MotionEncoder, MotionStream, Pose, Smoothing};
 use umo_core::weights::Loader;
 use umo_core::{Compute, ModelFile, Part, PerPart, Precision, StepError, Team};
 use umo_kernels::Isa;
@@ -81,9 +81,21 @@ struct Streamed {
 
 /// Pushes `codes` in pieces of `sizes` (over and over), then ends after `total` frames.
 fn stream(model: &Model, cx: Compute, codes: &Codes, sizes: &[usize], lookahead: usize, total: usize) -> Streamed {
+    smoothed_stream(model, cx, codes, sizes, (lookahead, Smoothing::OFF), total)
+}
+
+/// The same with a low-pass.
+fn smoothed_stream(
+    model: &Model,
+    cx: Compute,
+    codes: &Codes,
+    sizes: &[usize],
+    (lookahead, smoothing): (usize, Smoothing),
+    total: usize,
+) -> Streamed {
     let decoder = &model.decoder;
     let max_push = *sizes.iter().max().unwrap();
-    let mut state = MotionStream::new(decoder, max_push, lookahead);
+    let mut state = MotionStream::new(decoder, max_push, lookahead, smoothing);
     let mut scratch = decoder.scratch(decoder.stream_rows(max_push, lookahead));
     let mut out = Streamed::default();
     let (mut at, mut size) = (0, sizes.iter().cycle());
@@ -99,7 +111,7 @@ fn stream(model: &Model, cx: Compute, codes: &Codes, sizes: &[usize], lookahead:
         let end = (at + size.next().unwrap()).min(codes.face.len());
         let piece = PerPart::from_fn(|part| &codes[part][at..end]);
         state.push(cx, decoder, &mut scratch, piece, lookahead, &mut take).unwrap();
-        assert_eq!(state.emitted(), end.saturating_sub(lookahead));
+        assert_eq!(state.emitted(), end.saturating_sub(lookahead.max(smoothing.radius())));
         at = end;
     }
     state.finish(cx, decoder, &mut scratch, total, &mut take).unwrap();
@@ -134,7 +146,8 @@ proptest! {
         let total = frames - trim.min(frames - 1);
         with_compute(1, |cx| {
             let whole = model.decoder.decode(cx, slices(&codes)).unwrap();
-            // No pushed frame may be put out that the end then cuts off: that needs as much lookahead as is trimmed.
+            // No pushed frame may be put out that the end then cuts off: that needs as much
+            // lookahead as is trimmed.
             let got = stream(model, cx, &codes, &sizes, lookahead, total);
             assert_eq!(got.poses.len(), total);
             for part in Part::ALL {
@@ -239,7 +252,7 @@ fn a_stream_starts_anew_after_a_reset() {
         let want = stream(model, cx, &codes, &[30], 3, 30);
         let decoder = &model.decoder;
         let mut scratch = decoder.scratch(decoder.stream_rows(50, 9));
-        let mut state = MotionStream::new(decoder, 50, 9);
+        let mut state = MotionStream::new(decoder, 50, 9, Smoothing::OFF);
         state.push(cx, decoder, &mut scratch, slices(&first), 0, &mut |_| ()).unwrap();
         state.reset();
         let mut poses = Vec::new();
@@ -250,7 +263,8 @@ fn a_stream_starts_anew_after_a_reset() {
     });
 }
 
-/// The largest step of the root from one frame to the next, along the ground, and the largest of its height.
+/// The largest step of the root from one frame to the next, along the ground, and the largest of
+/// its height.
 fn largest_steps(poses: &[Pose]) -> (f32, f32) {
     poses.windows(2).fold((0.0, 0.0), |(ground, height), pair| {
         let [a, b] = [pair[0].translation, pair[1].translation];
@@ -279,7 +293,8 @@ fn a_seam_is_no_jump() {
 fn a_seam_fades_linearly_to_the_whole_decode() {
     const CUT: usize = 60;
     for model in &*ALL {
-        // One code, then another: the first was held where the second came, so that each part has a seam at the cut.
+        // One code, then another: the first was held where the second came, so that each part has a
+        // seam at the cut.
         let [first, second] = [11, 12].map(|seed| random_codes(1, seed));
         let codes = PerPart::from_fn(|part| [vec![first[part][0]; CUT], vec![second[part][0]; 2 * CUT]].concat());
         let (whole, cut) = with_compute(1, |cx| {
@@ -317,6 +332,65 @@ fn a_seam_fades_linearly_to_the_whole_decode() {
     }
 }
 
+/// With a lookahead of the decoders' reach and the filter's, pieces give the bits of one piece; the
+/// body's rows are then the whole decode's, filtered, and the face's are not filtered.
+#[test]
+fn a_smoothed_stream_is_the_whole_decode_filtered_whatever_the_pieces() {
+    const FRAMES: usize = 90;
+    for model in &*ALL {
+        let codes = random_codes(FRAMES, 21);
+        for sigma in [0.5_f32, 1.0, 1.5] {
+            let smoothing = Smoothing::new(sigma).unwrap();
+            let radius = smoothing.radius();
+            let lookahead = model.decoder.reach() + radius;
+            with_compute(1, |cx| {
+                let whole = model.decoder.decode(cx, slices(&codes)).unwrap();
+                let run = |sizes: &[usize]| smoothed_stream(model, cx, &codes, sizes, (lookahead, smoothing), FRAMES);
+                let got = run(&[FRAMES]);
+                for sizes in [&[1][..], &[6, 13], &[30]] {
+                    let pieces = run(sizes);
+                    assert_eq!(pieces.face, got.face, "{} {sigma} {sizes:?}", model.name);
+                    for part in Part::ALL {
+                        let same = bits(&pieces.channels[part]) == bits(&got.channels[part]);
+                        assert!(same, "{} {sigma} {sizes:?} {}", model.name, part.name());
+                    }
+                }
+                assert_eq!(bits(&got.channels.face), bits(&whole.channels.face), "the face is not filtered");
+                let width = model.decoder.channels(Part::Upper);
+                for frame in 0..FRAMES {
+                    let there = frame.saturating_sub(radius)..(frame + radius + 1).min(FRAMES);
+                    let weight =
+                        |other: usize| (-0.5 * (frame.abs_diff(other) as f64 / f64::from(sigma)).powi(2)).exp();
+                    let sum: f64 = there.clone().map(weight).sum();
+                    for channel in 0..width {
+                        let value = |other: usize| f64::from(whole.channels.upper[other * width + channel]);
+                        let want = there.clone().map(|other| weight(other) * value(other)).sum::<f64>() / sum;
+                        let found = f64::from(got.channels.upper[frame * width + channel]);
+                        assert!((found - want).abs() < 1e-5 * want.abs().max(1.0), "{} {frame}", model.name);
+                    }
+                }
+            });
+        }
+    }
+}
+
+/// A seam of a smoothed stream goes on with the speed that the motion had.
+#[test]
+fn a_smoothed_seam_has_no_corner() {
+    for model in &*ALL {
+        let codes = random_codes(120, 22);
+        let worst = |smoothing: Smoothing| {
+            let got = with_compute(1, |cx| smoothed_stream(model, cx, &codes, &[6], (3, smoothing), 120));
+            let width = model.decoder.channels(Part::Upper);
+            let second =
+                got.channels.upper.windows(2 * width + 1).map(|w| (w[2 * width] - 2.0 * w[width] + w[0]).powi(2));
+            second.sum::<f32>()
+        };
+        let [rough, smooth] = [Smoothing::OFF, Smoothing::new(1.5).unwrap()].map(worst);
+        assert!(smooth < 0.1 * rough, "{}: {smooth} of {rough} is left", model.name);
+    }
+}
+
 #[test]
 fn bad_codes_are_refused_and_change_nothing() {
     let model = &ALL[0];
@@ -330,7 +404,7 @@ fn bad_codes_are_refused_and_change_nothing() {
         assert!(matches!(decoder.decode(cx, slices(&short)), Err(StepError::Disagree(_))));
         assert!(matches!(decoder.decode(cx, slices(&outside)), Err(StepError::OutOfRange { got: 256, .. })));
         assert!(matches!(decoder.decode(cx, slices(&random_codes(0, 0))), Err(StepError::Empty(_))));
-        let mut state = MotionStream::new(decoder, 10, 9);
+        let mut state = MotionStream::new(decoder, 10, 9, Smoothing::OFF);
         let mut scratch = decoder.scratch(decoder.stream_rows(10, 9));
         for bad in [&short, &outside, &random_codes(11, 0)] {
             assert!(state.push(cx, decoder, &mut scratch, slices(bad), 0, &mut |_| ()).is_err());

@@ -107,3 +107,38 @@ fn channels_are_averaged() {
     mix(&[f32::MAX; 8], 8, &mut out);
     assert_eq!(out[0], f32::MAX);
 }
+
+/// The filter was rubato's once: models were tuned with its bits.
+#[test]
+fn the_filter_is_rubatos_bit_for_bit() {
+    use rubato::audioadapter_buffers::direct::SequentialSlice;
+    use rubato::{Fft, FixedSync, Resampler as _, WindowFunction};
+    for (rate_in, rate_out) in RATES.map(|rate| (rate, OUT)).into_iter().chain([(OUT, 8_000), (OUT, 44_100)]) {
+        if rate_in == rate_out {
+            continue;
+        }
+        let divisor = (1..=rate_in.min(rate_out)).rev().find(|d| rate_in % d == 0 && rate_out % d == 0).unwrap();
+        let blocks = 480_usize.div_ceil((rate_in / divisor).min(rate_out / divisor)).next_multiple_of(2);
+        let chunk = blocks * (rate_in / divisor);
+        let window = WindowFunction::BlackmanHarris2;
+        let mut theirs = Fft::<f64>::new_custom(rate_in, rate_out, chunk, 1, 1, window, FixedSync::Both).unwrap();
+        let samples = sine(rate_in, 3 * chunk + chunk / 3, 0.31 * rate_in.min(rate_out) as f64);
+        let mut out = Vec::new();
+        for part in samples.chunks(chunk) {
+            let mut block: Vec<f64> = part.iter().map(|&v| f64::from(v)).collect();
+            block.resize(chunk, 0.0);
+            let mut made = vec![0.0; theirs.output_frames_next()];
+            let input = SequentialSlice::new(&block[..], 1, chunk).unwrap();
+            let len = made.len();
+            let mut output = SequentialSlice::new_mut(&mut made[..], 1, len).unwrap();
+            theirs.process_into_buffer(&input, &mut output, None).unwrap();
+            #[expect(clippy::cast_possible_truncation, reason = "rounded to the precision of samples")]
+            out.extend(made.iter().map(|&v| v as f32));
+        }
+        let ours = resample(rate_in, rate_out, &samples);
+        let theirs = &out[theirs.output_delay()..];
+        let len = ours.len().min(theirs.len());
+        assert!(len > 2 * chunk * rate_out / rate_in, "{rate_in} Hz to {rate_out} Hz: {len} samples to compare");
+        assert!(ours[..len] == theirs[..len], "{rate_in} Hz to {rate_out} Hz");
+    }
+}

@@ -1,4 +1,5 @@
-//! Retargeting: limbs point where the source's do, on rigs of every convention, turned, scaled and posed any way.
+//! Retargeting: limbs point where the source's do, on rigs of every convention, turned, scaled and
+//! posed any way.
 
 #[path = "retarget/hostile.rs"]
 mod hostile;
@@ -146,7 +147,36 @@ proptest! {
         prop_assert!(less(hips, want).iter().all(|x| x.abs() < 1e-5), "{hips:?} {want:?}");
     }
 
-    /// However many bones a spine and a neck have, chest and head are turned as the source's, relative to rest.
+    /// What a rig was posed by is found again from the rig, whatever its axes and rest pose: the
+    /// rotation in the world of every joint that has a bone of its own.
+    #[test]
+    fn a_rigs_pose_gives_back_the_sources(
+        pose in pose(), naming in 0..ALL.len(), axes in quaternion(), droop in 0.0_f32..1.2, stands in right_angles(),
+    ) {
+        let body = ALL[naming].body(&|_| 1.0, droop);
+        let rig = body.rig(stands, 100.0, 1.0, &|_| axes);
+        let (mapping, _) = Mapping::guess(&rig).unwrap();
+        let retarget = Retarget::new(&source(), &rig, &mapping, Floor::AtRest).unwrap();
+        let mut scratch = retarget.scratch();
+        let mut rotations = vec![IDENTITY; rig.len()];
+        retarget.apply(&mut scratch, &pose, &mut rotations).unwrap();
+        let back = retarget.joints(&mut scratch, &rotations).unwrap();
+        let parents = source().parents;
+        let turned = |rotations: &[Quat; JOINTS]| {
+            let mut turned = *rotations;
+            for joint in 1..JOINTS {
+                turned[joint] = product(turned[usize::try_from(parents[joint]).unwrap()], rotations[joint]);
+            }
+            turned
+        };
+        let (want, got) = (turned(&pose.rotations), turned(&back));
+        for joint in (0..JOINTS).filter(|&joint| mapping.bone(joint).is_some()).chain([9]) {
+            prop_assert!(apart(got[joint], want[joint]) < 1e-3, "joint {joint}: {}", apart(got[joint], want[joint]));
+        }
+    }
+
+    /// However many bones a spine and a neck have, chest and head are turned as the source's,
+    /// relative to rest.
     #[test]
     fn chest_and_head_turn_as_the_sources(pose in pose(), naming in 0..ALL.len(), axes in quaternion()) {
         let body = ALL[naming].body(&|_| 1.0, 0.4);
@@ -243,7 +273,8 @@ fn every_convention_is_known_by_its_names() {
     }
 }
 
-/// Worked out by hand: a lone half turn of the source's chest, spread over five bones, turns by a fifth each.
+/// Worked out by hand: a lone half turn of the source's chest, spread over five bones, turns by a
+/// fifth each.
 #[test]
 fn a_spine_of_other_length_shares_the_turn() {
     let body = MAKEHUMAN.body(&|_| 1.0, 0.0);
@@ -263,7 +294,8 @@ fn a_spine_of_other_length_shares_the_turn() {
     assert!(apart(rotations[mapping.neck()[0]], IDENTITY) < 1e-6);
 }
 
-/// Bones that nothing follows keep their places; what is missing is made up for by what hangs below.
+/// Bones that nothing follows keep their places; what is missing is made up for by what hangs
+/// below.
 #[test]
 fn joints_without_bones_are_folded_or_dropped() {
     for naming in [&POSER, &UNITY] {
@@ -309,7 +341,8 @@ fn hips_at_the_origin_stand_on_the_floor_where_it_is_at_zero() {
     let retarget = Retarget::new(&source(), &rig, &mapping, Floor::AtZero).unwrap();
     let pose = Pose { translation: standing(&source())[0], ..Pose::REST };
     let (places, _) = moved(&retarget, &rig, &pose);
-    // The rig has ankles only, which are 8 cm above the floor; a sole as thin as the source's is all that it knows.
+    // The rig has ankles only, which are 8 cm above the floor; a sole as thin as the source's is
+    // all that it knows.
     assert!((places[0][1] - (height - 6.0)).abs() < 0.01, "{places:?}");
 }
 

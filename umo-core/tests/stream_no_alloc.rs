@@ -1,5 +1,6 @@
-//! Ten simulated minutes of a stream allocate nothing, from the first sample on: speech, silence in which the host asks for
-//! frames, more audio than there is room for, interrupts, resets, refused calls; on the engine's threads and on the host's.
+//! Ten simulated minutes of a stream allocate nothing, from the first sample on: speech, silence in
+//! which the host asks for frames, more audio than there is room for, interrupts, resets, refused
+//! calls; on the engine's threads and on the host's.
 
 mod counting;
 
@@ -11,13 +12,14 @@ use std::time::Duration;
 use counting::{allocated, allocator_calls, check_counter};
 use umo_core::clock::Clock;
 use umo_core::engine::{Engine, EngineConfig, Poll, Threads};
+use umo_core::life::GestureOptions;
 use umo_core::model::Model;
 use umo_core::session::{Idle, Session, SessionConfig, SessionError};
 use umo_core::{ModelFile, Precision};
 use umo_kernels::Isa;
 
 /// Simulated seconds: of each model in turn, on each kind of threads.
-const SECONDS: usize = 600 / 8;
+const SECONDS: usize = 600 / 10;
 /// How many times as long it goes on where the engine's own threads got no processor in that time.
 const PATIENCE: usize = 50;
 /// Audio of one call, 48 kHz stereo.
@@ -26,7 +28,7 @@ const PIECE: usize = 480 * 2;
 fn main() {
     check_counter();
     let audio: Vec<f32> = (0_u32..48_000 * 2 / 3).map(|i| (i as f32 * 0.013).sin() * 0.4).collect();
-    for name in ["hubert_k1_smplx", "hubert_k3_i8", "mel_k1_upcycled", "mel_k2_arkit"] {
+    for name in ["hubert_k1_smplx", "hubert_k3_i8", "mel_k1_upcycled", "mel_k2_arkit", "frames_seven"] {
         let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/golden").join(name);
         let file = ModelFile::open(&folder.join("model.safetensors")).expect("a golden model");
         let model = Arc::new(Model::load(&file, Precision::Stored, Isa::detect()).expect("a golden model"));
@@ -35,7 +37,7 @@ fn main() {
         }
     }
     println!("no allocation in ten minutes of streams");
-    for name in ["hubert_k3_i8", "mel_k2_arkit"] {
+    for name in ["hubert_k3_i8", "mel_k2_arkit", "frames_seven"] {
         rolled_back(name, &audio);
     }
     println!("no allocation in 1,000 saves and restores");
@@ -71,6 +73,10 @@ fn run(model: &Arc<Model>, threads: Threads, audio: &[f32], name: &str) {
     let mut session = SessionConfig::new(model.config());
     (session.sample_rate, session.channels, session.idle) = (48_000, 2, Idle::Live);
     session.avatar.target = 2;
+    if model.config().depth.is_some() {
+        (session.avatar.horizon, session.avatar.guidance) = (2, 2.0);
+        session.avatar.text = vec![5, 6, 7];
+    }
     let before = allocated();
     let sessions = [0, 1, 2].map(|_| engine.session(&session).expect("a place"));
     let state = (allocated() - before) / sessions.len();
@@ -148,6 +154,15 @@ fn play(avatar: &Session, audio: &[f32], piece: usize, which: usize) {
         assert!(avatar.interrupt(Duration::MAX).is_err());
         avatar.set_seed(piece as u64).expect("nobody else sets it");
         avatar.set_prompt(&[1, 2, 3]).expect("nobody else sets it");
+        assert_eq!(avatar.play_gesture("fly", &GestureOptions::default()), Err(SessionError::UnknownGesture));
+    }
+    if piece % 150 == 33 {
+        let names = ["wave", "nod", "point", "shrug", "count", "bow", "clap"];
+        let options = GestureOptions::default().target([1.0, 1.5, 2.0]);
+        match avatar.play_gesture(names[piece / 150 % names.len()], &options) {
+            Ok(()) | Err(SessionError::GesturesFull) => {}
+            Err(error) => panic!("{error}"),
+        }
     }
     if which == 1 {
         match piece % 1000 {
@@ -156,6 +171,10 @@ fn play(avatar: &Session, audio: &[f32], piece: usize, which: usize) {
             900 => avatar.reset().expect("it runs"),
             _ => {}
         }
+    }
+    if which == 0 && piece > 300 {
+        avatar.set_clock(piece as f64 / 100.0).expect("nobody else pulls");
+        assert!(avatar.set_clock(f64::NAN).is_err());
     }
     match which {
         0 => drop(avatar.sample_pose(piece as f64 / 100.0, |_| ()).expect("nobody else pulls")),

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-// Tests MODEL WAV LAYOUT FRAMES-GLTF FRAMES-UNITY: LAYOUT is what tests/layout printed, FRAMES what tests/reference did.
+// Tests MODEL WAV LAYOUT FRAMES-GLTF FRAMES-UNITY MOUTH: LAYOUT is what tests/layout printed, FRAMES what tests/reference did,
+// MOUTH a model with a mouth network.
 
 using System;
 using System.Collections.Generic;
@@ -14,7 +15,7 @@ using ParameterInfo = Umo.ParameterInfo;
 
 internal static unsafe class Tests
 {
-    private static string modelPath, layoutPath;
+    private static string modelPath, layoutPath, mouthPath, salute;
     private static string[] framesPaths;
     private static short[] speech;
     private static Model model;
@@ -29,6 +30,8 @@ internal static unsafe class Tests
         Buffer.BlockCopy(wav, 44, speech, 0, 2 * speech.Length);
         layoutPath = args[2];
         framesPaths = new[] { args[3], args[4] };
+        mouthPath = args[5];
+        salute = args[6];
         model = Model.Load(modelPath);
         engine = new Engine(model);
 
@@ -122,7 +125,8 @@ internal static unsafe class Tests
         {
             { "STATUS", typeof(Status) }, { "AXES", typeof(Axes) }, { "ENGINE", typeof(EngineMode) }, { "LOG", typeof(LogLevel) },
             { "PRECISION", typeof(Precision) }, { "ISA", typeof(Isa) }, { "MODEL", typeof(ModelText) }, { "IDLE", typeof(Idle) },
-            { "PARAMETER", typeof(Parameter) },
+            { "PARAMETER", typeof(Parameter) }, { "ATTENTION", typeof(Attention) }, { "MOOD", typeof(Mood) }, { "VOICE", typeof(Voice) },
+            { "SIDE", typeof(Side) }, { "GESTURE", typeof(Gesture) },
         };
         int enumerated = 0;
         foreach (string[] item in Layout("constant"))
@@ -316,6 +320,36 @@ internal static unsafe class Tests
             Equal(Status.Ok, session.Set(Parameter.GainFace, 0.5));
             Equal(Status.Ok, session.Get(Parameter.GainFace, out value));
             Equal(0.5, value);
+            Equal(Status.Ok, session.Set(Parameter.Attention, (double)Attention.Thinking));
+            Equal(Status.InvalidArgument, session.Set(Parameter.Attention, 5));
+            Equal(Status.InvalidArgument, session.Set(Parameter.LayerGaze, 1.5));
+            Equal(Status.Ok, session.Set(Parameter.LayerFeet, 0.25));
+            Equal(Status.Ok, session.Get(Parameter.LayerFeet, out value));
+            Equal(0.25, value);
+            Equal(Status.InvalidArgument, session.PushOtherAudio(new float[3], 0, 3));
+            Equal(Status.InvalidArgument, session.PushOtherAudio(new float[4], 2, 4));
+            Equal(Status.NullPointer, session.PushOtherAudio(null, 0, 0));
+            Equal(Status.Ok, session.PushOtherAudio(new float[4], 4, 0));
+            Equal(Status.Ok, session.PushOtherAudio(new float[8], 2, 4));
+            Equal(Status.InvalidArgument, session.LookAt(Axes.Unity, 0, float.NaN, 1, 1));
+            Equal(Status.InvalidArgument, session.LookAt((Axes)9, 0, 1, 1, 1));
+            Equal(Status.InvalidArgument, session.LookAt(Axes.Unity, 0, 1, 1, 1.5f));
+            Equal(Status.Ok, session.LookAt(Axes.Unity, 0, 1, 1, 1));
+            Equal(Status.InvalidArgument, session.SetMood((Mood)7, 1));
+            Equal(Status.InvalidArgument, session.SetMood(Mood.Joy, -1));
+            Equal(Status.Ok, session.SetMood(Mood.Joy, 0.5f));
+            Equal(Status.NullPointer, session.PlayGesture(null));
+            Equal(Status.InvalidArgument, session.PlayGesture("somersault"));
+            True(session.LastError().Contains("somersault"), session.LastError());
+            GestureOptions options = Session.GestureDefaults;
+            options.Speed = 9;
+            Equal(Status.InvalidArgument, session.PlayGesture("nod", options));
+            options = Session.GestureDefaults;
+            options.PointAt(Axes.Unity, 1, float.NaN, 2);
+            Equal(Status.InvalidArgument, session.PlayGesture("point", options));
+            options.PointAt(Axes.Unity, 1, 1.5f, 2);
+            Equal(Status.Ok, session.PlayGesture("point", options));
+            Equal(Status.Ok, session.PlayGesture("nod"));
             Equal(Status.InvalidArgument, session.Interrupt(10001));
             Equal(Status.Unsupported, engine.Poll(0, out more));
             Equal(Status.InvalidArgument, session.SetPromptIds(new uint[] { uint.MaxValue }));
@@ -347,6 +381,107 @@ internal static unsafe class Tests
             Equal(Status.Closed, session.PushAudio(speech, 0, 160, out taken));
         }
         Equal(Status.InvalidHandle, Throws<UmoException>(() => new Session(brief)).Status);
+    }
+
+    [Test]
+    private static void hosts_give_their_time()
+    {
+        using (Session session = new Session(engine))
+        {
+            Frames frame = new Frames(model, 1, Axes.Unity);
+            float[] first = new float[4 * Native.JointCount], second = new float[4 * Native.JointCount];
+            Sampled sampled;
+            Equal(Status.InvalidArgument, session.SetClock(-1));
+            Equal(Status.Ok, session.SetClock(7));
+            for (int i = 0; i < 3; i++) Equal(Status.Ok, session.SamplePose(0, frame, out sampled));
+            frame.Rotations(0, first);
+            System.Threading.Thread.Sleep(50);
+            Equal(Status.Ok, session.SamplePose(0, frame, out sampled));
+            frame.Rotations(0, second);
+            True(first.SequenceEqual(second), "it stands still with its host's time");
+            Equal(Status.Ok, session.SetClock(7.5));
+            Equal(Status.Ok, session.SamplePose(0, frame, out sampled));
+            frame.Rotations(0, second);
+            True(!first.SequenceEqual(second), "it goes on with its host's time");
+        }
+    }
+
+    [Test]
+    private static void settings_of_the_motion_make_the_latency()
+    {
+        SessionConfig config = Session.Defaults(model);
+        True(config.Smoothing > 0 && config.Guidance == 1 && config.Horizon == 0, "the defaults");
+        config.Lookahead = 0;
+        ulong[] samples = new ulong[2];
+        for (int i = 0; i < 2; i++)
+        {
+            Latency latency;
+            using (Session session = new Session(engine, config)) session.GetLatency(out latency);
+            samples[i] = latency.AlgorithmicSamples;
+            config.Smoothing = 0;
+        }
+        Equal(samples[1] + 3 * config.SampleRate / 30, samples[0]);
+        config.Guidance = 9;
+        True(Throws<UmoException>(() => new Session(engine, config)).Message.Contains("guidance"), "it says which");
+    }
+
+    [Test]
+    private static void hosts_add_gestures()
+    {
+        using (Engine own = new Engine(model))
+        {
+            string[] names = own.GestureNames();
+            True(names.Contains("wave") && names.Contains("point"), string.Join(" ", names));
+            float[] still = new float[31 * 4 * Native.JointCount];
+            for (int i = 3; i < still.Length; i += 4) still[i] = 1;
+            UmoException error = Throws<UmoException>(() => own.AddGesture("late", still, 30, 2, Gesture.Head, Axes.Unity));
+            Equal(Status.InvalidArgument, error.Status);
+            True(error.Message.Contains("stroke"), error.Message);
+            Throws<ArgumentException>(() => own.AddGesture("part", new float[5], 30, 0, Gesture.Head, Axes.Unity));
+            own.AddGesture("salute", still, 30, 0.5f, Gesture.Head | Gesture.RightArm, Axes.Unity);
+            Equal("salute", own.GestureNames().Last());
+            using (Session session = new Session(own)) Equal(Status.Ok, session.PlayGesture("salute"));
+
+            byte[] file = File.ReadAllBytes(salute);
+            own.AddGestureFile("greet", salute, null, Gesture.RightArm);
+            own.AddGestureFile("look", file, "turn", Gesture.Head, 0.5f);
+            Equal("greet look", string.Join(" ", own.GestureNames().Skip(names.Length + 1)));
+            Equal(Status.Io, Throws<UmoException>(() => own.AddGestureFile("greet", "/no/such/file.glb")).Status);
+            error = Throws<UmoException>(() => own.AddGestureFile("greet", file, "wave"));
+            True(error.Status == Status.InvalidArgument && error.Message.Contains("salute"), error.Message);
+            error = Throws<UmoException>(() => own.AddGestureFile("greet", new byte[0]));
+            True(error.Message.Contains("no glb file"), error.Message);
+            Throws<ArgumentNullException>(() => own.AddGestureFile("greet", (byte[])null));
+            using (Session session = new Session(own)) Equal(Status.Ok, session.PlayGesture("look"));
+        }
+    }
+
+    [Test]
+    private static void a_live_mouth_waits_for_no_computing()
+    {
+        EngineConfig config = Engine.Defaults;
+        config.Mode = EngineMode.Polled;
+        using (Model mouth = Model.Load(mouthPath))
+        using (Engine polled = new Engine(mouth, config))
+        {
+            Equal(1u, mouth.Info.HasMouth);
+            SessionConfig wanted = Session.Defaults(mouth);
+            Equal(Voice.Delayed, wanted.Voice);
+            wanted.Voice = (Voice)2;
+            Equal(Status.InvalidArgument, Throws<UmoException>(() => new Session(polled, wanted)).Status);
+            wanted.Voice = Voice.Live;
+            using (Session session = new Session(polled, wanted))
+            {
+                Latency latency;
+                int taken, ready;
+                Equal(Status.Ok, session.GetLatency(out latency));
+                True(latency.MouthSamples > 0 && latency.MouthSamples <= Rate / 10, latency.MouthSamples + " samples");
+                True(latency.MouthSamples < latency.AlgorithmicSamples, "the mouth is ahead of the body");
+                Equal(Status.Ok, session.PushAudio(speech, 0, Rate, out taken));
+                Equal(Status.Ok, session.ReadyFrames(out ready));
+                True(ready >= 27, ready + " frames of a second");
+            }
+        }
     }
 
     [Test]

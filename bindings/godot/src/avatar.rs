@@ -5,13 +5,13 @@ mod follow;
 use std::path::PathBuf;
 use std::rc::Rc;
 
-use godot::classes::{FileAccess, INode3D, Node3D, Os, ProjectSettings};
+use godot::classes::{AudioStreamWav, FileAccess, INode3D, Node3D, Os, ProjectSettings};
 use godot::prelude::*;
 
 use crate::ffi;
 use crate::rig::{Face, Rig};
-use crate::source::Source;
-use crate::umo::{Engine, Model, Session, Settings, Shown};
+use crate::source::{self, Source};
+use crate::umo::{Engine, FileGesture, Model, Play, Session, Settings, Shown};
 
 /// Where a project keeps umo's library, beside this one.
 const ADDON: &str = "res://addons/umo/bin/";
@@ -23,6 +23,8 @@ const LIBRARY: &str = "libumo.dylib";
 const LIBRARY: &str = "libumo.so";
 
 const IDLE_REST: i32 = 1;
+const VOICE_AUTO: i32 = 0;
+const VOICE_LIVE: i32 = 2;
 /// What the player plays, and which time of the motion belongs to it.
 struct Line {
     stream: Variant,
@@ -47,7 +49,7 @@ pub(crate) struct UmoAvatar3D {
     /// The player that is heard: an AudioStreamPlayer, 2D or 3D.
     #[export]
     audio_player: NodePath,
-    /// The Skeleton3D whose bones are moved: named as umo's joints or as Godot's humanoid profile.
+    /// The Skeleton3D whose bones are moved: named as `docs/retarget.md` lists.
     #[export]
     skeleton: NodePath,
     /// MeshInstance3Ds whose blend shapes are moved: named as ARKit's.
@@ -57,13 +59,27 @@ pub(crate) struct UmoAvatar3D {
     #[export]
     #[init(val = true)]
     move_root: bool,
-    /// Keyframes predicted per chunk: fewer answer sooner; 0 is the model's own number. From the next open on.
+    /// Keyframes predicted per chunk: fewer answer sooner; 0 is the model's own number. From the
+    /// next open on.
     #[export]
+    #[init(val = 1)]
     target: i32,
     /// Frames held back for smoother seams; -1 is the model's own number. From the next open on.
     #[export]
     #[init(val = -1)]
     lookahead: i32,
+    /// Low-pass of the body's motion, standard deviation in frames: 0 is the model's own motion, -1
+    /// the default. From the next open on.
+    #[export(range = (-1.0, 1.5, 0.1))]
+    #[init(val = -1.0)]
+    smoothing: f64,
+    /// How strongly the prompt steers, for models that can be guided. From the next open on.
+    #[export(range = (1.0, 3.0, 0.1))]
+    #[init(val = 1.0)]
+    guidance: f64,
+    /// Keyframes of sound that it hears ahead, for models that were made to. From the next open on.
+    #[export]
+    horizon: i32,
     /// What is shown while no audio comes.
     #[export(enum = (Hold = 0, Rest = 1, Live = 2))]
     #[var(set = set_idle)]
@@ -89,6 +105,57 @@ pub(crate) struct UmoAvatar3D {
     #[var(set = set_gain_lower)]
     #[init(val = 1.0)]
     gain_lower: f64,
+    /// Strength of blinks, gaze and lids over the model's motion.
+    #[export(range = (0.0, 1.0, 0.01))]
+    #[var(set = set_layer_gaze)]
+    #[init(val = 1.0)]
+    layer_gaze: f64,
+    /// Strength of breath, sway, weight shifts and fingers.
+    #[export(range = (0.0, 1.0, 0.01))]
+    #[var(set = set_layer_idle)]
+    #[init(val = 1.0)]
+    layer_idle: f64,
+    /// Strength of the differences between the face's left and right.
+    #[export(range = (0.0, 1.0, 0.01))]
+    #[var(set = set_layer_asymmetry)]
+    #[init(val = 1.0)]
+    layer_asymmetry: f64,
+    /// Strength of nods on accents, and while listening.
+    #[export(range = (0.0, 1.0, 0.01))]
+    #[var(set = set_layer_nods)]
+    #[init(val = 1.0)]
+    layer_nods: f64,
+    /// Strength of the mood's face and posture.
+    #[export(range = (0.0, 1.0, 0.01))]
+    #[var(set = set_layer_mood)]
+    #[init(val = 1.0)]
+    layer_mood: f64,
+    /// Strength of planted feet, steps, and the way back home.
+    #[export(range = (0.0, 1.0, 0.01))]
+    #[var(set = set_layer_feet)]
+    #[init(val = 1.0)]
+    layer_feet: f64,
+    /// What the avatar attends to; `Auto`: it speaks while its audio is heard, listens while
+    /// `push_other_audio`'s is, else idles.
+    #[export(enum = (Auto = 0, Idle = 1, Listening = 2, Thinking = 3, Speaking = 4))]
+    #[var(set = set_attention)]
+    attention: i32,
+    /// The mood of face and posture.
+    #[export(enum = (Neutral = 0, Joy = 1, Sad = 2, Angry = 3, Surprised = 4, Disgusted = 5, Afraid = 6))]
+    #[var(set = set_mood)]
+    mood: i32,
+    #[export(range = (0.0, 1.0, 0.01))]
+    #[var(set = set_mood_strength)]
+    #[init(val = 1.0)]
+    mood_strength: f64,
+    /// A Node3D that the avatar looks at, as the camera; empty for none.
+    #[export]
+    gaze_target: NodePath,
+    /// When the mouth moves. `Auto`: with the sound, and before the body, where the player's sound
+    /// is not known ahead, as a microphone's; with the body otherwise. `Live` needs a model with a
+    /// mouth network; with others it is `Delayed`. From the next open on.
+    #[export(enum = (Auto = 0, Delayed = 1, Live = 2))]
+    voice: i32,
     /// What the avatar is told, where the model takes texts.
     #[export(multiline)]
     #[var(set = set_prompt)]
@@ -98,7 +165,8 @@ pub(crate) struct UmoAvatar3D {
     #[var(set = set_seed)]
     #[init(val = -1)]
     seed: i64,
-    /// Samples per second of `push_audio`; 0 is the model's own. From the next open on; a player has its own.
+    /// Samples per second of `push_audio`; 0 is the model's own. From the next open on; a player
+    /// has its own.
     #[export]
     sample_rate: i32,
     /// Interleaved channels of `push_audio`. From the next open on.
@@ -116,6 +184,14 @@ pub(crate) struct UmoAvatar3D {
     shown: Shown,
     frame: Vec<f32>,
     rig: Option<Rig>,
+    /// The game's time, seconds since the session was opened.
+    clock: f64,
+    /// Gestures of the game's own.
+    own_gestures: Vec<FileGesture>,
+    /// Whether it looks at the target.
+    gazes: bool,
+    /// What was said of a skeleton whose bones' names make no body.
+    told_of_bones: Option<String>,
     faces: Vec<Option<Face>>,
     base: Base<Node3D>,
 }
@@ -133,14 +209,19 @@ impl INode3D for UmoAvatar3D {
             return;
         }
         let player = self.base().get_node_or_null(&self.audio_player);
-        let told = self.follow(player, delta).and_then(|()| self.show());
+        self.clock += delta;
+        let clock = self.clock;
+        // What moves while nothing is said goes by the game's time: it may render slower, or pause.
+        let told = self.session.as_ref().map_or(Ok(()), |session| session.set_clock(clock));
+        let told = told.and_then(|()| self.follow(player, delta)).and_then(|()| self.show());
         if let Err(error) = told {
             self.fail(&error);
         }
     }
 
     fn exit_tree(&mut self) {
-        // The effect on the player's bus goes; what the player plays when the avatar comes back is a new line.
+        // The effect on the player's bus goes; what the player plays when the avatar comes back is
+        // a new line.
         self.line = None;
     }
 }
@@ -151,12 +232,13 @@ impl UmoAvatar3D {
     #[signal]
     fn opened();
 
-    /// Something did not work: umo's words, which are in Godot's log too. Where it is not `is_open()` now, the avatar keeps
-    /// still until it is opened again.
+    /// Something did not work: umo's words, which are in Godot's log too. Where it is not
+    /// `is_open()` now, the avatar keeps still until it is opened again.
     #[signal]
     fn failed(message: GString);
 
-    /// Loads the model, or takes the one that another avatar has loaded, and starts anew with the properties as they are.
+    /// Loads the model, or takes the one that another avatar has loaded, and starts anew with the
+    /// properties as they are.
     #[func]
     fn open(&mut self) -> bool {
         self.close();
@@ -186,11 +268,120 @@ impl UmoAvatar3D {
         self.session.is_some()
     }
 
-    /// Takes interleaved samples, full scale 1; how many of them there was room for: push the rest later.
+    /// Takes interleaved samples, full scale 1; how many of them there was room for: push the rest
+    /// later.
     #[func]
     fn push_audio(&mut self, samples: PackedFloat32Array) -> i64 {
         self.heard = true;
         self.tell(|session| session.push(samples.as_slice())).unwrap_or(0) as i64
+    }
+
+    /// Takes interleaved samples, full scale 1, of who speaks to the avatar, so that it listens: at
+    /// the rate and channels of its own audio.
+    #[func]
+    fn push_other_audio(&mut self, samples: PackedFloat32Array) {
+        self.tell(|session| session.push_other(samples.as_slice()));
+    }
+
+    /// Looks at a point of the world from the next frame on, the eyes first; a strength of 0 ends
+    /// it. Where there is a `gaze_target`, that counts.
+    #[func]
+    fn gaze_at(&mut self, point: Vector3, strength: f64) {
+        let point = self.to_avatar(point);
+        #[expect(clippy::cast_possible_truncation, reason = "a strength is 0 to 1")]
+        self.tell(|session| session.look_at(point, strength as f32));
+    }
+
+    /// Plays a gesture over what the avatar does: one of `get_gesture_names()`, as `wave`, `nod` or
+    /// `thumbs_up`. Its stroke falls on `at`, a time of the motion in seconds, or as soon as
+    /// possible where that is negative; `side` is 0 for the nearer hand, 1 left, 2 right, 3 both.
+    /// False where there is none of that name, or eight wait.
+    #[func]
+    fn play_gesture(
+        &mut self,
+        gesture: GString,
+        #[opt(default = -1.0)] at: f64,
+        #[opt(default = 0)] side: i32,
+        #[opt(default = 1.0)] strength: f64,
+    ) -> bool {
+        self.play(&gesture, at, side, strength, None)
+    }
+
+    /// The same for gestures that point, at a point of the world.
+    #[func]
+    fn play_gesture_at(
+        &mut self,
+        gesture: GString,
+        point: Vector3,
+        #[opt(default = -1.0)] at: f64,
+        #[opt(default = 0)] side: i32,
+        #[opt(default = 1.0)] strength: f64,
+    ) -> bool {
+        self.play(&gesture, at, side, strength, Some(self.to_avatar(point)))
+    }
+
+    /// Makes the avatar know a gesture of the game's own, from the next `open()` on: the animation
+    /// in a `.glb` or `.vrm` file of any character with a human's bones. `animation` is its name in
+    /// the file, empty for the first; `parts` is a sum of 1 (head), 2 (trunk), 4 (left arm) and 8
+    /// (right arm); `stroke` is seconds from its start to the stroke, negative for its middle.
+    #[func]
+    fn add_gesture(&mut self, gesture: GString, file: GString, animation: GString, parts: i32, stroke: f64) -> bool {
+        let bytes = FileAccess::get_file_as_bytes(&file);
+        if bytes.is_empty() {
+            let error = FileAccess::get_open_error();
+            self.complain(&format!("the gesture's file `{file}` cannot be read: {error:?}"));
+            return false;
+        }
+        #[expect(clippy::cast_possible_truncation, reason = "seconds of a gesture")]
+        let added = FileGesture {
+            name: gesture.to_string(),
+            bytes: bytes.to_vec(),
+            animation: (!animation.is_empty()).then(|| animation.to_string()),
+            parts: u32::try_from(parts).unwrap_or(u32::MAX),
+            stroke: stroke as f32,
+        };
+        if let Some(Err(error)) = self.shared.as_ref().map(|model| model.add_gesture(&added)) {
+            self.complain(&format!("{file}: {error}"));
+            return false;
+        }
+        self.own_gestures.retain(|known| known.name != added.name);
+        self.own_gestures.push(added);
+        true
+    }
+
+    /// What time it is for the game, in seconds that never go back, for avatars without an audio
+    /// player: what moves while nothing is said goes by it from then on. With a player the node does
+    /// so by itself.
+    #[func]
+    fn set_clock(&mut self, seconds: f64) {
+        self.tell(|session| session.set_clock(seconds));
+    }
+
+    /// Names of the gestures that the avatar knows.
+    #[func]
+    fn get_gesture_names(&self) -> PackedStringArray {
+        let names = self.shared.as_ref().map(|model| model.gesture_names()).unwrap_or_default();
+        names.iter().map(GString::from).collect()
+    }
+
+    /// Whether the mouth moves with the sound.
+    #[func]
+    fn is_live(&self) -> bool {
+        self.session.as_ref().is_some_and(|session| session.is_live)
+    }
+
+    /// The samples of a WAV, however it was imported, as `push_audio` takes them: interleaved, full
+    /// scale 1; at the stream's `mix_rate`, two channels where it is `stereo`. Empty where it
+    /// cannot be decoded.
+    #[func]
+    fn decode(&self, stream: Gd<AudioStreamWav>) -> PackedFloat32Array {
+        match source::samples(&stream) {
+            Ok(samples) => samples.into(),
+            Err(error) => {
+                self.complain(&error);
+                PackedFloat32Array::new()
+            }
+        }
     }
 
     /// No more audio is pushed: the last frames come.
@@ -199,8 +390,9 @@ impl UmoAvatar3D {
         self.tell(Session::finish);
     }
 
-    /// All frames that are ready, each once: `get_frame_floats()` numbers each, which are the root's translation (3), the
-    /// joints' rotations (4 each: x y z w), the channels, and the visemes where the model has them.
+    /// All frames that are ready, each once: `get_frame_floats()` numbers each, which are the
+    /// root's translation (3), the joints' rotations (4 each: x y z w), the channels, and the
+    /// visemes where the model has them.
     #[func]
     fn pull_frames(&mut self) -> PackedFloat32Array {
         self.tell(Session::pull).map(PackedFloat32Array::from).unwrap_or_default()
@@ -227,9 +419,13 @@ impl UmoAvatar3D {
         }
     }
 
-    /// Shows the pose at a time of the motion, seconds, on skeleton and meshes: for a clock of your own, without a player.
+    /// Shows the pose at a time of the motion, seconds, on skeleton and meshes: for a clock of your
+    /// own, without a player.
     #[func]
     fn drive(&mut self, seconds: f64) {
+        if let Err(error) = self.gaze() {
+            self.complain(&error);
+        }
         if !self.sample_pose(seconds).is_empty() {
             self.apply();
         }
@@ -241,7 +437,8 @@ impl UmoAvatar3D {
         self.time
     }
 
-    /// Drops what is not shown yet and eases to rest. What the player plays is not heard until it starts again.
+    /// Drops what is not shown yet and eases to rest. What the player plays is not heard until it
+    /// starts again.
     #[func]
     fn interrupt(&mut self, milliseconds: i64) {
         let milliseconds = u32::try_from(milliseconds).unwrap_or(u32::MAX);
@@ -261,21 +458,23 @@ impl UmoAvatar3D {
         self.start_clock();
     }
 
-    /// Whether every frame was shown or pulled after `finish`, or after the end of what the player played.
+    /// Whether every frame was shown or pulled after `finish`, or after the end of what the player
+    /// played.
     #[func]
     fn is_done(&self) -> bool {
         self.tell(Session::is_done).unwrap_or(false)
     }
 
-    /// Everything that the avatar's stream is, for `restore_state`; empty where a chunk of it is just computed: try again
-    /// in the next frame.
+    /// Everything that the avatar's stream is, for `restore_state`; empty where a chunk of it is
+    /// just computed: try again in the next frame.
     #[func]
     fn save_state(&self) -> PackedByteArray {
         self.tell(Session::save).unwrap_or_default()
     }
 
-    /// Goes on as the stream did that was saved, of this avatar or of one with the same properties: the same audio then
-    /// gives the same bits. What the player plays is not heard until it starts again.
+    /// Goes on as the stream did that was saved, of this avatar or of one with the same properties:
+    /// the same audio then gives the same bits. What the player plays is not heard until it starts
+    /// again.
     #[func]
     fn restore_state(&mut self, state: PackedByteArray) -> bool {
         if self.tell(|session| session.restore(state.as_slice())).is_none() {
@@ -289,9 +488,11 @@ impl UmoAvatar3D {
         true
     }
 
-    /// How far motion is behind speech: `samples` of future audio that a frame needs, the same in `seconds`, and what
-    /// computing adds, seconds: `compute_p50`, `compute_p99`, `compute_p999`, `compute_max`; and by how many seconds frames
-    /// are further behind than that, because the engine does not keep up: `backlog` now, `backlog_max` at most.
+    /// How far motion is behind speech: `samples` of future audio that a frame needs, the same in
+    /// `seconds`, and what computing adds, seconds: `compute_p50`, `compute_p99`, `compute_p999`,
+    /// `compute_max`; by how many seconds frames are further behind than that, because the
+    /// engine does not keep up: `backlog` now, `backlog_max` at most; and the `mouth_seconds` of
+    /// future audio that a mouth needs, fewer where it `is_live()`.
     #[func]
     fn latency(&mut self) -> VarDictionary {
         let rate = self.session.as_ref().map_or(1, |session| session.sample_rate);
@@ -299,6 +500,7 @@ impl UmoAvatar3D {
         vdict! {
             "samples" => latency.algorithmic_samples as i64,
             "seconds" => latency.algorithmic_samples as f64 / f64::from(rate),
+            "mouth_seconds" => latency.mouth_samples as f64 / f64::from(rate),
             "compute_p50" => latency.compute_p50,
             "compute_p99" => latency.compute_p99,
             "compute_p999" => latency.compute_p999,
@@ -308,7 +510,8 @@ impl UmoAvatar3D {
         }
     }
 
-    /// What the session went through: `chunks`, `frames`, `late_frames`, `dropped_frames`, `overruns`, `silenced`.
+    /// What the session went through: `chunks`, `frames`, `late_frames`, `dropped_frames`,
+    /// `overruns`, `silenced`.
     #[func]
     fn stats(&mut self) -> VarDictionary {
         let Some(stats) = self.tell(Session::stats) else { return VarDictionary::new() };
@@ -396,6 +599,69 @@ impl UmoAvatar3D {
     }
 
     #[func]
+    fn set_layer_gaze(&mut self, strength: f64) {
+        if self.set(ffi::PARAMETER_LAYER_GAZE, strength) {
+            self.layer_gaze = strength;
+        }
+    }
+
+    #[func]
+    fn set_layer_idle(&mut self, strength: f64) {
+        if self.set(ffi::PARAMETER_LAYER_IDLE, strength) {
+            self.layer_idle = strength;
+        }
+    }
+
+    #[func]
+    fn set_layer_asymmetry(&mut self, strength: f64) {
+        if self.set(ffi::PARAMETER_LAYER_ASYMMETRY, strength) {
+            self.layer_asymmetry = strength;
+        }
+    }
+
+    #[func]
+    fn set_layer_nods(&mut self, strength: f64) {
+        if self.set(ffi::PARAMETER_LAYER_NODS, strength) {
+            self.layer_nods = strength;
+        }
+    }
+
+    #[func]
+    fn set_layer_mood(&mut self, strength: f64) {
+        if self.set(ffi::PARAMETER_LAYER_MOOD, strength) {
+            self.layer_mood = strength;
+        }
+    }
+
+    #[func]
+    fn set_layer_feet(&mut self, strength: f64) {
+        if self.set(ffi::PARAMETER_LAYER_FEET, strength) {
+            self.layer_feet = strength;
+        }
+    }
+
+    #[func]
+    fn set_attention(&mut self, attention: i32) {
+        if self.set(ffi::PARAMETER_ATTENTION, f64::from(attention)) {
+            self.attention = attention;
+        }
+    }
+
+    #[func]
+    fn set_mood(&mut self, mood: i32) {
+        if self.send_mood(mood, self.mood_strength) {
+            self.mood = mood;
+        }
+    }
+
+    #[func]
+    fn set_mood_strength(&mut self, strength: f64) {
+        if self.send_mood(self.mood, strength) {
+            self.mood_strength = strength;
+        }
+    }
+
+    #[func]
     fn set_prompt(&mut self, prompt: GString) {
         let told = self.tell(|session| session.set_prompt(&prompt.to_string()));
         if told.is_some() || self.session.is_none() {
@@ -425,25 +691,33 @@ impl UmoAvatar3D {
             Ok(bytes)
         };
         let engine = Engine { threads: setting("umo/threads"), max_sessions: setting("umo/max_avatars") };
-        self.shared = Some(Model::shared(&path.to_string(), &places(), engine, read)?);
-        self.open_session(None)
+        let model = Model::shared(&path.to_string(), &places(), engine, read)?;
+        self.own_gestures.iter().try_for_each(|gesture| model.add_gesture(gesture))?;
+        self.shared = Some(model);
+        self.open_session(None, self.voice == VOICE_LIVE)
     }
 
-    /// A session for samples of that rate and channels, or of those that the properties say.
-    fn open_session(&mut self, format: Option<(u32, u32)>) -> Result<(), String> {
+    /// A session for samples of that rate and channels, or of those that the properties say; whose
+    /// mouth moves with the sound, if that is wanted and the model can.
+    fn open_session(&mut self, format: Option<(u32, u32)>, is_live: bool) -> Result<(), String> {
         let Some(model) = &self.shared else { return Ok(()) };
         let given = |value: i32| u32::try_from(value).ok().filter(|&value| value > 0);
         let (sample_rate, channels) = match format {
             Some((rate, channels)) => (Some(rate), channels),
             None => (given(self.sample_rate), u32::try_from(self.channels).unwrap_or(0)),
         };
+        #[expect(clippy::cast_possible_truncation, reason = "small numbers")]
         let settings = Settings {
             sample_rate,
             channels,
             target: given(self.target),
             lookahead: u32::try_from(self.lookahead).ok(),
             seed: u64::try_from(self.seed).ok(),
+            smoothing: (self.smoothing >= 0.0).then_some(self.smoothing as f32),
+            guidance: self.guidance as f32,
+            horizon: u32::try_from(self.horizon).unwrap_or(0),
             idle: u32::try_from(self.idle).unwrap_or(u32::MAX),
+            is_live,
         };
         let session = Session::open(model, settings)?;
         let gains = [
@@ -451,20 +725,32 @@ impl UmoAvatar3D {
             (ffi::PARAMETER_GAIN_HANDS, self.gain_hands),
             (ffi::PARAMETER_GAIN_UPPER, self.gain_upper),
             (ffi::PARAMETER_GAIN_LOWER, self.gain_lower),
+            (ffi::PARAMETER_LAYER_GAZE, self.layer_gaze),
+            (ffi::PARAMETER_LAYER_IDLE, self.layer_idle),
+            (ffi::PARAMETER_LAYER_ASYMMETRY, self.layer_asymmetry),
+            (ffi::PARAMETER_LAYER_NODS, self.layer_nods),
+            (ffi::PARAMETER_LAYER_MOOD, self.layer_mood),
+            (ffi::PARAMETER_LAYER_FEET, self.layer_feet),
+            (ffi::PARAMETER_ATTENTION, f64::from(self.attention)),
         ];
         for (parameter, gain) in gains {
             session.set_parameter(parameter, gain)?;
+        }
+        if self.mood != 0 {
+            #[expect(clippy::cast_possible_truncation, reason = "a strength is 0 to 1")]
+            session.set_mood(u32::try_from(self.mood).unwrap_or(u32::MAX), self.mood_strength as f32)?;
         }
         if !self.prompt.is_empty() {
             session.set_prompt(&self.prompt.to_string())?;
         }
         self.session = Some(session);
+        self.gazes = false;
         self.start_clock();
         Ok(())
     }
 
     fn start_clock(&mut self) {
-        (self.heard, self.time, self.shown) = (false, 0.0, Shown::default());
+        (self.heard, self.time, self.clock, self.shown) = (false, 0.0, 0.0, Shown::default());
     }
 
     /// A call on the session, whose error is told; nothing where there is no session or it fails.
@@ -480,7 +766,8 @@ impl UmoAvatar3D {
 
     fn complain(&self, error: &str) {
         godot_error!("umo: {error}");
-        // Later: whoever made this node may not have connected the signal yet, or is still in a call of it.
+        // Later: whoever made this node may not have connected the signal yet, or is still in a
+        // call of it.
         self.to_gd().call_deferred("emit_signal", vslice!["failed", error]);
     }
 
@@ -490,9 +777,32 @@ impl UmoAvatar3D {
         self.complain(error);
     }
 
-    /// Whether the session takes a parameter's value; without a session any is taken until the next open.
+    /// Whether the session takes a parameter's value; without a session any is taken until the next
+    /// open.
     fn set(&self, parameter: u32, value: f64) -> bool {
         self.session.is_none() || self.tell(|session| session.set_parameter(parameter, value)).is_some()
+    }
+
+    fn play(&self, gesture: &GString, at: f64, side: i32, strength: f64, target: Option<[f32; 3]>) -> bool {
+        let side = u32::try_from(side).unwrap_or(u32::MAX);
+        #[expect(clippy::cast_possible_truncation, reason = "a strength is 0 to 1")]
+        let play = Play { at: (at >= 0.0).then_some(at), side, strength: strength as f32, target };
+        self.tell(|session| session.play_gesture(&gesture.to_string(), play)).is_some()
+    }
+
+    fn send_mood(&self, mood: i32, strength: f64) -> bool {
+        let mood = u32::try_from(mood).unwrap_or(u32::MAX);
+        #[expect(clippy::cast_possible_truncation, reason = "a strength is 0 to 1")]
+        let strength = strength as f32;
+        self.session.is_none() || self.tell(|session| session.set_mood(mood, strength)).is_some()
+    }
+
+    /// A point of the world in the avatar's space: the skeleton's, or, without one, the node's.
+    fn to_avatar(&self, point: Vector3) -> [f32; 3] {
+        let skeleton = if self.skeleton.is_empty() { None } else { self.base().get_node_or_null(&self.skeleton) };
+        let space = skeleton.and_then(|node| node.try_cast::<Node3D>().ok()).unwrap_or_else(|| self.to_gd().upcast());
+        let Vector3 { x, y, z } = space.get_global_transform().affine_inverse() * point;
+        [x, y, z]
     }
 
     fn names(&self, count: usize, name: impl Fn(&Model, u32) -> String) -> PackedStringArray {

@@ -1,5 +1,5 @@
-//! What `umo.h` declares, as far as it is used here, and the library itself, opened while the game runs: a project without
-//! it still starts, and its avatars say what is missing.
+//! What `umo.h` declares, as far as it is used here, and the library itself, opened while the game
+//! runs: a project without it still starts, and its avatars say what is missing.
 //!
 //! `tests/layout.c` holds the sizes and offsets at the end of this file against the header.
 
@@ -12,10 +12,19 @@ pub(crate) const AXES_GLTF: u32 = 0;
 pub(crate) const ABSENT: u32 = u32::MAX;
 pub(crate) const MODEL_NOTICE: u32 = 3;
 pub(crate) const PARAMETER_IDLE: u32 = 4;
+pub(crate) const PARAMETER_ATTENTION: u32 = 5;
 pub(crate) const PARAMETER_GAIN_FACE: u32 = 16;
 pub(crate) const PARAMETER_GAIN_HANDS: u32 = 17;
 pub(crate) const PARAMETER_GAIN_UPPER: u32 = 18;
 pub(crate) const PARAMETER_GAIN_LOWER: u32 = 19;
+pub(crate) const PARAMETER_LAYER_GAZE: u32 = 32;
+pub(crate) const PARAMETER_LAYER_IDLE: u32 = 33;
+pub(crate) const PARAMETER_LAYER_ASYMMETRY: u32 = 34;
+pub(crate) const PARAMETER_LAYER_NODS: u32 = 35;
+pub(crate) const PARAMETER_LAYER_MOOD: u32 = 36;
+pub(crate) const PARAMETER_LAYER_FEET: u32 = 37;
+pub(crate) const VOICE_DELAYED: u32 = 0;
+pub(crate) const VOICE_LIVE: u32 = 1;
 pub(crate) const JOINTS: usize = 55;
 pub(crate) const VISEMES: usize = 15;
 pub(crate) const ERROR_SIZE: usize = 512;
@@ -73,6 +82,8 @@ pub(crate) struct ModelInfo {
     pub(crate) has_text: u32,
     pub(crate) has_notice: u32,
     pub(crate) file_size: u64,
+    pub(crate) has_mouth: u32,
+    pub(crate) reserved: u32,
 }
 
 #[repr(C)]
@@ -87,10 +98,28 @@ pub(crate) struct SessionConfig {
     pub(crate) idle_after_ms: u32,
     pub(crate) ease_ms: u32,
     pub(crate) queue_frames: u32,
-    pub(crate) reserved: u32,
+    pub(crate) voice: u32,
     pub(crate) seed: u64,
     pub(crate) template_name: *const c_char,
     pub(crate) allocator: *const c_void,
+    pub(crate) smoothing: f32,
+    pub(crate) guidance: f32,
+    pub(crate) horizon: u32,
+    pub(crate) reserved: u32,
+}
+
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub(crate) struct GestureOptions {
+    pub(crate) struct_size: u32,
+    pub(crate) side: u32,
+    pub(crate) axes: u32,
+    pub(crate) has_target: u32,
+    pub(crate) at: f64,
+    pub(crate) speed: f32,
+    pub(crate) strength: f32,
+    pub(crate) target: [f32; 3],
+    pub(crate) reserved: u32,
 }
 
 #[repr(C)]
@@ -114,6 +143,7 @@ pub(crate) struct Latency {
     pub(crate) compute_max: f64,
     pub(crate) backlog_samples: u64,
     pub(crate) backlog_max_samples: u64,
+    pub(crate) mouth_samples: u64,
 }
 
 #[repr(C)]
@@ -145,7 +175,8 @@ macro_rules! library {
                 Ok(Self {
                     $($name: {
                         let name = concat!("umo_", stringify!($name), "\0").as_bytes();
-                        // SAFETY: `umo.h` declares the function with these types; versions are checked before any call.
+                        // SAFETY: `umo.h` declares the function with these types; versions are
+                        // checked before any call.
                         *unsafe { file.get::<unsafe extern "C" fn($($argument),*) $(-> $result)?>(name) }
                             .map_err(|error| error.to_string())?
                     },)*
@@ -165,6 +196,9 @@ library! {
     engine_config_init(*mut EngineConfig, usize) -> Status;
     engine_new(Handle, *const EngineConfig, *mut Handle) -> Status;
     engine_free(Handle) -> Status;
+    engine_add_gesture_memory(Handle, *const c_char, *const u8, usize, *const c_char, u32, f32) -> Status;
+    engine_get_gesture_name(Handle, u32, *mut *const c_char) -> Status;
+    gesture_options_init(*mut GestureOptions, usize) -> Status;
     model_load_memory(u32, *const u8, usize, *const c_void, *mut Handle) -> Status;
     model_free(Handle) -> Status;
     model_get_info(Handle, *mut ModelInfo) -> Status;
@@ -177,15 +211,20 @@ library! {
     session_last_error(Handle, *mut c_char, usize, *mut usize) -> Status;
     session_push_audio(Handle, *const f32, usize, *mut usize) -> Status;
     session_push_audio_i16(Handle, *const i16, usize, *mut usize) -> Status;
+    session_push_other_audio(Handle, *const f32, usize) -> Status;
     session_finish(Handle) -> Status;
     session_interrupt(Handle, u32) -> Status;
     session_reset(Handle) -> Status;
     session_pull_frames(Handle, *const FrameLayout, *mut f32, usize, *mut usize) -> Status;
     session_ready_frames(Handle, *mut usize) -> Status;
     session_is_done(Handle, *mut u32) -> Status;
+    session_set_clock(Handle, f64) -> Status;
     session_sample_pose(Handle, f64, *const FrameLayout, *mut f32, usize, *mut Sampled) -> Status;
     session_set_prompt(Handle, *const u8, usize) -> Status;
     session_set_seed(Handle, u64) -> Status;
+    session_look_at(Handle, u32, *const f32, f32) -> Status;
+    session_set_mood(Handle, u32, f32) -> Status;
+    session_play_gesture(Handle, *const c_char, *const GestureOptions) -> Status;
     session_set_parameter(Handle, u32, f64) -> Status;
     session_state_size(Handle, *mut usize) -> Status;
     session_save(Handle, *mut u8, usize, *mut usize) -> Status;
@@ -229,7 +268,7 @@ pub(crate) unsafe fn text(text: *const c_char) -> String {
     if text.is_null() {
         return String::new();
     }
-    // SAFETY: by this function's own clause.
+    // SAFETY: guaranteed by the caller (see # Safety).
     unsafe { CStr::from_ptr(text) }.to_string_lossy().into_owned()
 }
 
@@ -238,9 +277,11 @@ const _: () = {
     use std::mem::{offset_of, size_of};
     assert!(size_of::<EngineConfig>() == 48 && offset_of!(EngineConfig, cores) == 24);
     assert!(size_of::<FrameLayout>() == 48 && offset_of!(FrameLayout, visemes) == 40);
-    assert!(size_of::<ModelInfo>() == 64 && offset_of!(ModelInfo, has_notice) == 52);
-    assert!(size_of::<SessionConfig>() == 64 && offset_of!(SessionConfig, seed) == 40);
+    assert!(size_of::<ModelInfo>() == 72 && offset_of!(ModelInfo, has_mouth) == 64);
+    assert!(size_of::<SessionConfig>() == 80 && offset_of!(SessionConfig, seed) == 40);
+    assert!(offset_of!(SessionConfig, voice) == 36 && offset_of!(SessionConfig, horizon) == 72);
+    assert!(size_of::<GestureOptions>() == 48 && offset_of!(GestureOptions, target) == 32);
     assert!(size_of::<Sampled>() == 24 && offset_of!(Sampled, newest) == 16);
-    assert!(size_of::<Latency>() == 64 && offset_of!(Latency, backlog_max_samples) == 56);
+    assert!(size_of::<Latency>() == 72 && offset_of!(Latency, mouth_samples) == 64);
     assert!(size_of::<Stats>() == 56 && offset_of!(Stats, silenced) == 48);
 };

@@ -5,32 +5,22 @@ use std::collections::HashMap;
 use godot::classes::{ArrayMesh, Mesh, MeshInstance3D, Skeleton3D};
 use godot::prelude::*;
 
+use umo_core::{Follow, Mapping, RetargetError};
+
 use crate::ffi::JOINTS;
 use crate::umo::{CHANNELS_AT, Model};
 
-/// The bones of Godot's humanoid profile, in the order of umo's joints.
-#[rustfmt::skip]
-const HUMANOID: [&str; JOINTS] = [
-    "Hips", "LeftUpperLeg", "RightUpperLeg", "Spine", "LeftLowerLeg", "RightLowerLeg", "Chest", "LeftFoot", "RightFoot",
-    "UpperChest", "LeftToes", "RightToes", "Neck", "LeftShoulder", "RightShoulder", "Head", "LeftUpperArm",
-    "RightUpperArm", "LeftLowerArm", "RightLowerArm", "LeftHand", "RightHand", "Jaw", "LeftEye", "RightEye",
-    "LeftIndexProximal", "LeftIndexIntermediate", "LeftIndexDistal", "LeftMiddleProximal", "LeftMiddleIntermediate",
-    "LeftMiddleDistal", "LeftLittleProximal", "LeftLittleIntermediate", "LeftLittleDistal", "LeftRingProximal",
-    "LeftRingIntermediate", "LeftRingDistal", "LeftThumbMetacarpal", "LeftThumbProximal", "LeftThumbDistal",
-    "RightIndexProximal", "RightIndexIntermediate", "RightIndexDistal", "RightMiddleProximal",
-    "RightMiddleIntermediate", "RightMiddleDistal", "RightLittleProximal", "RightLittleIntermediate",
-    "RightLittleDistal", "RightRingProximal", "RightRingIntermediate", "RightRingDistal", "RightThumbMetacarpal",
-    "RightThumbProximal", "RightThumbDistal",
-];
 const ANKLES: [usize; 2] = [7, 8];
-/// Shoulder and elbow, with the joint that each points to: arms are turned from how the skeleton rests to umo's T.
+/// Shoulder and elbow, with the joint that each points to: arms are turned from how the skeleton
+/// rests to umo's T.
 const ARMS: [(usize, usize); 4] = [(16, 18), (17, 19), (18, 20), (19, 21)];
 const ELBOWS: [usize; 2] = [18, 19];
 
 /// A bone that a joint moves, or that lies between such bones.
 struct Bone {
     bone: i32,
-    joint: Option<usize>,
+    /// Where it is known by its name.
+    joint: Option<Follow>,
     /// Where its parent is among these.
     parent: Option<usize>,
     /// How it is turned in the skeleton while the body stands in a T.
@@ -44,25 +34,26 @@ pub(crate) struct Rig {
     /// Parents first.
     bones: Vec<Bone>,
     parents: [i32; JOINTS],
-    /// The hips; where umo's origin, on the floor, is in the skeleton; from there to the hips' parent; a metre of umo's.
+    /// The hips; where umo's origin, on the floor, is in the skeleton; from there to the hips'
+    /// parent; a metre of umo's.
     root: Option<(i32, Vector3, Transform3D, f32)>,
     turned: Vec<Quaternion>,
+    problem: Option<String>,
 }
 
 impl Rig {
+    /// Moves the bones whose names are known, few or many.
     pub(crate) fn new(skeleton: &Gd<Skeleton3D>, model: &Model) -> Self {
-        let mut bone_of = [None; JOINTS];
-        let mut joint_of = HashMap::new();
-        for (joint, bone) in bone_of.iter_mut().enumerate() {
-            *bone = find_bone(skeleton, model, joint);
-            if let Some(bone) = *bone {
-                joint_of.insert(bone, joint);
-            }
-        }
+        let (mapping, problem) =
+            names(skeleton).unwrap_or_else(|problem| (Mapping::default(), Some(problem.to_string())));
+        let index = |bone: usize| i32::try_from(bone).ok();
+        let bone_of: [Option<i32>; JOINTS] = std::array::from_fn(|joint| mapping.bone(joint).and_then(index));
+        let follows = || mapping.follows().filter_map(|follow| Some((index(follow.bone)?, follow)));
+        let joint_of: HashMap<i32, Follow> = follows().collect();
         let corrections = corrections(skeleton, model, &bone_of);
         let mut bones: Vec<Bone> = Vec::new();
         let mut places = HashMap::new();
-        for &bone in bone_of.iter().flatten() {
+        for (bone, _) in follows() {
             let mut path = vec![bone];
             while let Some(&last) = path.last()
                 && skeleton.get_bone_parent(last) >= 0
@@ -77,7 +68,7 @@ impl Rig {
                 let joint = joint_of.get(&bone).copied();
                 let parent = places.get(&skeleton.get_bone_parent(bone)).copied();
                 let rest = rotation(&skeleton.get_bone_global_rest(bone));
-                let rest = joint.map_or(rest, |joint| corrections[joint] * rest);
+                let rest = joint.map_or(rest, |follow| corrections[follow.joints[1]] * rest);
                 bones.push(Bone { bone, joint, parent, rest });
             }
         }
@@ -88,16 +79,18 @@ impl Rig {
             parents: model.parents,
             root: root(skeleton, model, &bone_of),
             turned: Vec::new(),
+            problem,
         }
+    }
+
+    /// Why the names make no body, where they do not.
+    pub(crate) fn problem(&self) -> Option<&str> {
+        self.problem.as_deref()
     }
 
     /// Whether it still describes that skeleton.
     pub(crate) fn is_of(&self, skeleton: &Gd<Skeleton3D>) -> bool {
         self.skeleton == skeleton.instance_id() && self.version == skeleton.get_version()
-    }
-
-    pub(crate) fn is_empty(&self) -> bool {
-        self.bones.is_empty()
     }
 
     /// Shows a frame.
@@ -114,7 +107,10 @@ impl Rig {
         for Bone { bone, joint, parent, rest } in &self.bones {
             let parent = parent.map_or_else(Quaternion::default, |parent| self.turned[parent]);
             let turned = match joint {
-                Some(joint) => body[*joint] * *rest,
+                Some(Follow { joints: [from, to], share, .. }) if *share < 1.0 => {
+                    body[*from].slerp(body[*to], *share) * *rest
+                }
+                Some(follow) => body[follow.joints[1]] * *rest,
                 // Whoever else moves it may: what hangs on it is where umo wants it.
                 None => parent * skeleton.get_bone_pose_rotation(*bone),
             };
@@ -130,12 +126,18 @@ impl Rig {
     }
 }
 
-/// umo's own name, SMPL-X's where it differs, or the humanoid profile's. Letter by letter: `left_foot` is SMPL-X's toes, and
-/// `LeftFoot` the profile's ankle.
-fn find_bone(skeleton: &Gd<Skeleton3D>, model: &Model, joint: usize) -> Option<i32> {
-    let name = model.joint_name(u32::try_from(joint).ok()?);
-    let names = [&name, &format!("{name}_smplhf"), HUMANOID[joint]];
-    names.into_iter().map(|name| skeleton.find_bone(name)).find(|&bone| bone >= 0)
+/// What the best of umo's tables of names finds among a skeleton's bones, and why that is not
+/// enough for a body, where it is not.
+fn names(skeleton: &Gd<Skeleton3D>) -> Result<(Mapping, Option<String>), RetargetError> {
+    let bones = (0..skeleton.get_bone_count()).map(|bone| {
+        let parent = usize::try_from(skeleton.get_bone_parent(bone)).ok();
+        // Where bones are does not matter to names.
+        umo_core::Bone::new(skeleton.get_bone_name(bone).to_string(), parent, [0.0; 3])
+    });
+    let rig = umo_core::Rig::new(bones.collect())?;
+    let (mapping, _) = Mapping::closest(&rig);
+    let problem = mapping.check(&rig).err().map(|problem| problem.to_string());
+    Ok((mapping, problem))
 }
 
 fn rotation(transform: &Transform3D) -> Quaternion {
@@ -150,8 +152,8 @@ fn offset(model: &Model, joint: usize) -> Vector3 {
     Vector3::new(x, y, z)
 }
 
-/// How far each joint's bone is turned from the skeleton's rest to umo's T: arms only, for whose rest artists choose
-/// anything from a T to an A; hands and fingers go along.
+/// How far each joint's bone is turned from the skeleton's rest to umo's T: arms only, for whose
+/// rest artists choose anything from a T to an A; hands and fingers go along.
 fn corrections(skeleton: &Gd<Skeleton3D>, model: &Model, bone_of: &[Option<i32>; JOINTS]) -> [Quaternion; JOINTS] {
     let mut corrections = [Quaternion::default(); JOINTS];
     for (joint, child) in ARMS {
@@ -253,7 +255,8 @@ impl Face {
     }
 }
 
-/// `jawOpen`, `JawOpen`, `jaw_open` and `face.jawOpen` are one name, and so are `eyeBlinkLeft` and `eyeBlink_L`.
+/// `jawOpen`, `JawOpen`, `jaw_open` and `face.jawOpen` are one name, and so are `eyeBlinkLeft` and
+/// `eyeBlink_L`.
 fn plain(name: &str) -> String {
     let name = name.rsplit('.').next().unwrap_or(name);
     let name = match (name.strip_suffix("_L"), name.strip_suffix("_R")) {

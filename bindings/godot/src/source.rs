@@ -1,14 +1,13 @@
 //! Where the samples of an audio player come from.
 
-use godot::classes::audio_stream_wav::Format;
 use godot::classes::{AudioEffect, AudioEffectCapture, AudioServer, AudioStream, AudioStreamWav, Node};
 use godot::prelude::*;
 
 use crate::umo::Session;
+use crate::wave::{Coding, Wave};
 
-/// Samples that are handed over at a time.
-const PIECE: usize = 2048;
-/// Starts before this many seconds are starts from the beginning: the player was a little ahead of the frame that saw it.
+/// Starts before this many seconds are starts from the beginning: the player was a little ahead of
+/// the frame that saw it.
 const FROM_START: f64 = 0.25;
 /// Seconds that a capture keeps while no frame is drawn.
 const CAPTURE_SECONDS: f32 = 1.0;
@@ -25,32 +24,29 @@ pub(crate) enum Source {
 
 pub(crate) struct Wav {
     data: PackedByteArray,
-    bytes: usize,
-    channels: usize,
+    wave: Wave,
     rate: u32,
-    /// The next byte to hand over.
-    at: usize,
+    /// Samples that were decoded, and how many of them were handed over.
+    decoded: Vec<i16>,
+    taken: usize,
     is_finished: bool,
 }
 
 impl Wav {
-    fn new(stream: &Gd<AudioStreamWav>) -> Option<Self> {
-        let bytes = match stream.get_format() {
-            Format::FORMAT_8_BITS => 1,
-            Format::FORMAT_16_BITS => 2,
-            _ => return None,
-        };
+    /// None where a later Godot writes samples in a way that is not known here.
+    fn new(stream: &Gd<AudioStreamWav>) -> Result<Option<Self>, String> {
+        // By name: the getter knows no formats but those of the oldest Godot, and panics at others.
+        let format = stream.get("format").try_to::<i64>().unwrap_or(-1);
+        let rate = u32::try_from(stream.get_mix_rate()).ok();
+        let Some((coding, rate)) = Coding::of(format).zip(rate) else { return Ok(None) };
         let channels = if stream.is_stereo() { 2 } else { 1 };
-        let rate = u32::try_from(stream.get_mix_rate()).ok()?;
-        Some(Self { data: stream.get_data(), bytes, channels, rate, at: 0, is_finished: false })
-    }
-
-    fn frame(&self) -> usize {
-        self.bytes * self.channels
+        let data = stream.get_data();
+        let wave = Wave::new(coding, channels, data.as_slice()).map_err(|problem| wrong(stream, &problem))?;
+        Ok(Some(Self { data, wave, rate, decoded: Vec::new(), taken: 0, is_finished: false }))
     }
 
     pub(crate) fn seconds(&self) -> f64 {
-        (self.data.len() / self.frame()) as f64 / f64::from(self.rate)
+        self.wave.frames() as f64 / f64::from(self.rate)
     }
 
     /// Goes to a position of the player; the seconds that were really gone to.
@@ -60,34 +56,52 @@ impl Wav {
             return 0.0;
         }
         let frame = (position.min(self.seconds()) * f64::from(self.rate)) as usize;
-        self.at = frame * self.frame();
+        self.wave.seek(frame, self.data.as_slice());
         frame as f64 / f64::from(self.rate)
     }
 
     /// Hands over as much as there is room for, and ends the stream after the last sample.
     fn feed(&mut self, session: &Session) -> Result<(), String> {
-        let end = self.data.len() / self.frame() * self.frame();
-        let data = self.data.as_slice();
-        let mut piece = Vec::with_capacity(PIECE);
-        while self.at < end {
-            let bytes = &data[self.at..end.min(self.at + PIECE * self.bytes)];
-            piece.clear();
-            match self.bytes {
-                1 => piece.extend(bytes.iter().map(|&byte| i16::from(byte.cast_signed()) << 8)),
-                _ => piece.extend(bytes.chunks_exact(2).map(|pair| i16::from_le_bytes([pair[0], pair[1]]))),
+        while !self.is_finished {
+            if self.taken == self.decoded.len() {
+                self.taken = 0;
+                self.decoded.clear();
+                self.wave
+                    .read(self.data.as_slice(), &mut self.decoded)
+                    .map_err(|problem| format!("the WAV: {problem}"))?;
             }
-            let taken = session.push_i16(&piece)?;
-            self.at += taken * self.bytes;
-            if taken < piece.len() {
+            if self.decoded.is_empty() {
+                self.is_finished = true;
+                return session.finish();
+            }
+            self.taken += session.push_i16(&self.decoded[self.taken..])?;
+            if self.taken < self.decoded.len() {
                 return Ok(());
             }
         }
-        if !self.is_finished {
-            self.is_finished = true;
-            session.finish()?;
-        }
         Ok(())
     }
+}
+
+/// All samples of a stream, interleaved, full scale 1.
+pub(crate) fn samples(stream: &Gd<AudioStreamWav>) -> Result<Vec<f32>, String> {
+    let unknown = || wrong(stream, "its format is not known");
+    let mut wav = Wav::new(stream)?.ok_or_else(unknown)?;
+    let mut samples = Vec::new();
+    loop {
+        wav.decoded.clear();
+        wav.wave.read(wav.data.as_slice(), &mut wav.decoded).map_err(|problem| wrong(stream, &problem))?;
+        if wav.decoded.is_empty() {
+            return Ok(samples);
+        }
+        samples.extend(wav.decoded.iter().map(|&sample| f32::from(sample) / 32768.0));
+    }
+}
+
+fn wrong(stream: &Gd<AudioStreamWav>, problem: &str) -> String {
+    let path = stream.get_path();
+    let name = if path.is_empty() { "an AudioStreamWAV".to_owned() } else { format!("`{path}`") };
+    format!("{name}: {problem}; import the WAV again")
 }
 
 /// An effect of our own on a bus, which is taken away again.
@@ -150,7 +164,7 @@ impl Source {
     pub(crate) fn of(player: &Gd<Node>, position: f64) -> Result<(Self, f64), String> {
         let stream = player.get("stream").try_to::<Option<Gd<AudioStream>>>().ok().flatten();
         let wav = stream.and_then(|stream| stream.try_cast::<AudioStreamWav>().ok());
-        if let Some(mut wav) = wav.as_ref().and_then(Wav::new) {
+        if let Some(mut wav) = wav.as_ref().map(Wav::new).transpose()?.flatten() {
             let start = wav.seek(position);
             return Ok((Self::Wav(wav), start));
         }
@@ -160,7 +174,7 @@ impl Source {
     /// Samples per second and channels that its session must have.
     pub(crate) fn format(&self) -> Option<(u32, u32)> {
         match self {
-            Self::Wav(wav) => Some((wav.rate, if wav.channels == 2 { 2 } else { 1 })),
+            Self::Wav(wav) => Some((wav.rate, if wav.wave.channels() == 2 { 2 } else { 1 })),
             Self::Capture(capture) => Some((capture.rate, 2)),
             Self::Dropped => None,
         }

@@ -4,6 +4,7 @@
 
 use std::cell::RefCell;
 use std::collections::HashMap;
+use std::ffi::CString;
 use std::path::PathBuf;
 use std::ptr::null_mut;
 use std::rc::{Rc, Weak};
@@ -149,6 +150,40 @@ impl Model {
         unsafe { ffi::text(text) }
     }
 
+    /// Whether sessions may be live.
+    pub(crate) fn has_mouth(&self) -> bool {
+        self.info.has_mouth == 1
+    }
+
+    /// Names of the gestures that its sessions know.
+    pub(crate) fn gesture_names(&self) -> Vec<String> {
+        let mut names = Vec::new();
+        for index in 0.. {
+            let mut name = std::ptr::null();
+            // SAFETY: `name` is writable.
+            let status = unsafe { (self.library.engine_get_gesture_name)(self.engine, index, &mut name) };
+            if status != 0 {
+                break;
+            }
+            // SAFETY: good until the engine is freed.
+            names.push(unsafe { ffi::text(name) });
+        }
+        names
+    }
+
+    /// Makes sessions know a gesture that are opened from now on, of the animation in a `.glb` or
+    /// `.vrm` file: the one of a name, or the first.
+    pub(crate) fn add_gesture(&self, gesture: &FileGesture) -> Result<(), String> {
+        let text = |text: &str| CString::new(text).map_err(|_| "a gesture's name has no zero bytes".to_owned());
+        let (name, clip) = (text(&gesture.name)?, gesture.animation.as_deref().map(text).transpose()?);
+        let clip = clip.as_ref().map_or(std::ptr::null(), |clip| clip.as_ptr());
+        let (data, size) = (gesture.bytes.as_ptr(), gesture.bytes.len());
+        let add = self.library.engine_add_gesture_memory;
+        // SAFETY: both texts end with a zero byte, or the second is NULL; `data` has `size` bytes.
+        let status = unsafe { add(self.engine, name.as_ptr(), data, size, clip, gesture.parts, gesture.stroke) };
+        check(self.library, status)
+    }
+
     pub(crate) fn joint_name(&self, joint: u32) -> String {
         // SAFETY: takes any index.
         let name = unsafe { (self.library.joint_name)(joint) };
@@ -163,7 +198,8 @@ impl Model {
         unsafe { ffi::text(name) }
     }
 
-    /// Floats of a frame: translation, rotations, channels, visemes where the model has ARKit's channels.
+    /// Floats of a frame: translation, rotations, channels, visemes where the model has ARKit's
+    /// channels.
     pub(crate) fn frame_floats(&self) -> usize {
         CHANNELS_AT + self.channels.len() + if self.info.is_arkit == 1 { VISEMES } else { 0 }
     }
@@ -192,7 +228,8 @@ impl Model {
 
 impl Drop for Model {
     fn drop(&mut self) {
-        // SAFETY: NULL is fine; sessions keep their `Rc` of this, so none is left, and no other thread is in a call.
+        // SAFETY: NULL is fine; sessions keep their `Rc` of this, so none is left, and no other
+        // thread is in a call.
         unsafe { (self.library.engine_free)(self.engine) };
         // SAFETY: as above.
         unsafe { (self.library.model_free)(self.model) };
@@ -207,7 +244,35 @@ pub(crate) struct Settings {
     pub(crate) target: Option<u32>,
     pub(crate) lookahead: Option<u32>,
     pub(crate) seed: Option<u64>,
+    /// Standard deviation of the body's low-pass, frames.
+    pub(crate) smoothing: Option<f32>,
+    /// How strongly the prompt steers.
+    pub(crate) guidance: f32,
+    /// Keyframes of sound that it hears ahead.
+    pub(crate) horizon: u32,
     pub(crate) idle: u32,
+    /// Whether the mouth moves with the sound, where the model has a mouth network.
+    pub(crate) is_live: bool,
+}
+
+/// A gesture out of a file.
+pub(crate) struct FileGesture {
+    pub(crate) name: String,
+    pub(crate) bytes: Vec<u8>,
+    pub(crate) animation: Option<String>,
+    pub(crate) parts: u32,
+    /// Seconds from its start to the stroke; negative in its middle.
+    pub(crate) stroke: f32,
+}
+
+/// How a gesture is played.
+#[derive(Clone, Copy)]
+pub(crate) struct Play {
+    pub(crate) at: Option<f64>,
+    pub(crate) side: u32,
+    pub(crate) strength: f32,
+    /// The avatar's space, metres.
+    pub(crate) target: Option<[f32; 3]>,
 }
 
 /// What `Session::sample` showed.
@@ -224,7 +289,9 @@ pub(crate) struct Session {
     /// What it was made with, filled in.
     pub(crate) sample_rate: u32,
     pub(crate) channels: u32,
-    /// Seconds beyond the newest frame in which the pose of rest is reached, where the idle mode is that.
+    pub(crate) is_live: bool,
+    /// Seconds beyond the newest frame in which the pose of rest is reached, where the idle mode is
+    /// that.
     pub(crate) rest_seconds: f64,
 }
 
@@ -243,14 +310,18 @@ impl Session {
         config.target = settings.target.unwrap_or(config.target);
         config.lookahead = settings.lookahead.unwrap_or(config.lookahead);
         config.seed = settings.seed.unwrap_or(config.seed);
+        config.smoothing = settings.smoothing.unwrap_or(config.smoothing);
+        (config.guidance, config.horizon) = (settings.guidance, settings.horizon);
         config.idle = settings.idle;
+        let is_live = settings.is_live && model.has_mouth();
+        config.voice = if is_live { ffi::VOICE_LIVE } else { ffi::VOICE_DELAYED };
         let mut session = null_mut();
         // SAFETY: no template name or allocator is given.
         let status = unsafe { (library.session_new)(model.engine, &config, &mut session) };
         check(library, status)?;
         let rest_seconds = f64::from(config.idle_after_ms + config.ease_ms) / 1000.0;
         let (sample_rate, channels) = (config.sample_rate, config.channels);
-        Ok(Self { model: Rc::clone(model), session, sample_rate, channels, rest_seconds })
+        Ok(Self { model: Rc::clone(model), session, sample_rate, channels, is_live, rest_seconds })
     }
 
     fn check(&self, status: Status) -> Result<(), String> {
@@ -284,6 +355,50 @@ impl Session {
         self.check(status).map(|()| taken)
     }
 
+    /// Takes interleaved samples of who speaks to the avatar.
+    pub(crate) fn push_other(&self, samples: &[f32]) -> Result<(), String> {
+        let push = self.model.library.session_push_other_audio;
+        // SAFETY: `samples` has its length.
+        let status = unsafe { push(self.session, samples.as_ptr(), samples.len()) };
+        self.check(status)
+    }
+
+    /// Looks at a point of the avatar's space, metres.
+    pub(crate) fn look_at(&self, point: [f32; 3], strength: f32) -> Result<(), String> {
+        let look_at = self.model.library.session_look_at;
+        // SAFETY: `point` has three values.
+        let status = unsafe { look_at(self.session, ffi::AXES_GLTF, point.as_ptr(), strength) };
+        self.check(status)
+    }
+
+    /// Plays a gesture; `at` is when its stroke falls, seconds, None as soon as possible.
+    pub(crate) fn play_gesture(&self, name: &str, play: Play) -> Result<(), String> {
+        let library = self.model.library;
+        let name = CString::new(name).map_err(|_| "a gesture's name has no zero bytes".to_owned())?;
+        let mut options = std::mem::MaybeUninit::uninit();
+        let size = size_of::<ffi::GestureOptions>();
+        // SAFETY: `options` is writable for its size.
+        let status = unsafe { (library.gesture_options_init)(options.as_mut_ptr(), size) };
+        check(library, status)?;
+        // SAFETY: just initialised.
+        let mut options: ffi::GestureOptions = unsafe { options.assume_init() };
+        options.at = play.at.unwrap_or(options.at);
+        options.side = play.side;
+        options.strength = play.strength;
+        if let Some(target) = play.target {
+            (options.axes, options.has_target, options.target) = (ffi::AXES_GLTF, 1, target);
+        }
+        // SAFETY: the name ends with a zero byte, the options say their own size.
+        let status = unsafe { (library.session_play_gesture)(self.session, name.as_ptr(), &options) };
+        self.check(status)
+    }
+
+    pub(crate) fn set_mood(&self, mood: u32, strength: f32) -> Result<(), String> {
+        // SAFETY: takes no pointers but the handle.
+        let status = unsafe { (self.model.library.session_set_mood)(self.session, mood, strength) };
+        self.check(status)
+    }
+
     pub(crate) fn finish(&self) -> Result<(), String> {
         // SAFETY: takes no pointers but the handle.
         let status = unsafe { (self.model.library.session_finish)(self.session) };
@@ -309,7 +424,8 @@ impl Session {
         // SAFETY: `ready` is writable.
         let status = unsafe { (library.session_ready_frames)(self.session, &mut ready) };
         self.check(status)?;
-        // One at least: a pull that finds nothing asks for motion on silence, and says what has failed.
+        // One at least: a pull that finds nothing asks for motion on silence, and says what has
+        // failed.
         let mut frames = vec![0.0; ready.max(1) * width];
         let (layout, size, mut count) = (self.model.layout(0), 4 * frames.len(), 0);
         let pull = library.session_pull_frames;
@@ -343,7 +459,8 @@ impl Session {
         Ok(Shown { index, newest: sampled.newest })
     }
 
-    /// Whether all frames of a finished stream were handed out; an error where the rest will never come.
+    /// Whether all frames of a finished stream were handed out; an error where the rest will never
+    /// come.
     pub(crate) fn is_done(&self) -> Result<bool, String> {
         let mut done = 0;
         // SAFETY: `done` is writable.
@@ -378,6 +495,13 @@ impl Session {
     pub(crate) fn set_prompt(&self, text: &str) -> Result<(), String> {
         // SAFETY: `text` has its length.
         let status = unsafe { (self.model.library.session_set_prompt)(self.session, text.as_ptr(), text.len()) };
+        self.check(status)
+    }
+
+    /// What time it is for the game, seconds.
+    pub(crate) fn set_clock(&self, seconds: f64) -> Result<(), String> {
+        // SAFETY: takes any number.
+        let status = unsafe { (self.model.library.session_set_clock)(self.session, seconds) };
         self.check(status)
     }
 

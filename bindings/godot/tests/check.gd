@@ -5,6 +5,7 @@ const Body := preload("res://body.gd")
 const MODEL := "res://addons/umo/umo-small.safetensors"
 ## Bones are computed in f32 with a few products more than the frames.
 const CLOSE := 1e-4
+const LAYERS := ["layer_gaze", "layer_idle", "layer_asymmetry", "layer_nods", "layer_mood", "layer_feet"]
 ## Seconds that a busy machine may take for what takes an idle one a moment.
 const PATIENCE := 60.0
 
@@ -39,6 +40,9 @@ func expect(holds: bool, what: String) -> void:
 func make(properties := {}) -> UmoAvatar3D:
 	var avatar := UmoAvatar3D.new()
 	avatar.model = MODEL
+	# Layers go by the clock while there are no frames: off where poses are compared.
+	for layer in LAYERS:
+		avatar.set(layer, 0.0)
 	for property in properties:
 		avatar.set(property, properties[property])
 	avatar.failed.connect(func(message: String) -> void: told.append(message))
@@ -255,10 +259,11 @@ func test_another_rig_stands_where_the_frames_say() -> void:
 		avatar.drive(time)
 		var wanted := places(avatar, at_time(avatar.get_motion_time()))
 		for joint in bones:
-			# Above the missing chest nothing bends where umo bends: compare directions, from each bone's parent.
+			# Above the missing chest nothing bends where umo bends: compare directions, from each bone's parent. The spine's two
+			# bones share what three turn.
 			var bone: int = bones[joint]
 			var up := skeleton.get_bone_parent(bone)
-			if up < 0 or skeleton.get_bone_name(up) == "LeftTwist" or parents[joint] not in bones or turn < 20:
+			if up < 0 or skeleton.get_bone_name(up) == "LeftTwist" or parents[joint] not in bones or turn < 20 or joint_names[joint] == "spine2":
 				continue
 			var shown := skeleton.get_bone_global_pose(bone).origin - skeleton.get_bone_global_pose(up).origin
 			worst = maxf(worst, (shown * 2 - (wanted[joint].origin - wanted[parents[joint]].origin)).length())
@@ -267,6 +272,94 @@ func test_another_rig_stands_where_the_frames_say() -> void:
 	var hips := skeleton.get_bone_global_pose(0).origin * 2
 	var root_place := places(avatar, at_time(avatar.get_motion_time()))[0].origin
 	expect((hips - root_place).length() < CLOSE, "hips where the frames say at half the size, got %s for %s" % [hips, root_place])
+
+
+## A body whose bones are called so, their own axes umo's; the avatar is told of it.
+func named(avatar: UmoAvatar3D, name_of: Callable) -> Skeleton3D:
+	var skeleton := Skeleton3D.new()
+	skeleton.name = "Body"
+	root.add_child(skeleton)
+	for joint in 55:
+		skeleton.add_bone(name_of.call(avatar.get_joint_names()[joint]))
+		skeleton.set_bone_parent(joint, avatar.get_joint_parents()[joint])
+		skeleton.set_bone_rest(joint, Transform3D(Basis.IDENTITY, avatar.get_joint_offsets()[joint]))
+	skeleton.reset_bone_poses()
+	return skeleton
+
+
+## Mixamo's name of a joint; Ready Player Me has the same without the prefix.
+func mixamo(joint: String) -> String:
+	var parts := {"pelvis": "Hips", "spine1": "Spine", "spine2": "Spine1", "spine3": "Spine2", "neck": "Neck", "head": "Head",
+		"jaw": "Jaw", "hip": "UpLeg", "knee": "Leg", "ankle": "Foot", "foot": "ToeBase", "collar": "Shoulder", "shoulder": "Arm",
+		"elbow": "ForeArm", "wrist": "Hand", "eye": "Eye"}
+	var side := "Left" if joint.begins_with("left_") else "Right" if joint.begins_with("right_") else ""
+	var part := joint.trim_prefix("left_").trim_prefix("right_")
+	return side + (parts[part] if part in parts else "Hand" + part.capitalize().replace(" ", ""))
+
+
+func test_bones_of_mixamo_and_ready_player_me_are_found() -> void:
+	for prefix: String in ["mixamorig_", "mixamorig1_", ""]:
+		var avatar := make({"skeleton": ^"/root/Body"})
+		var skeleton := named(avatar, func(joint: String) -> String: return prefix + mixamo(joint))
+		avatar.push_audio(hello())
+		avatar.finish()
+		expect(await until(func() -> bool: return avatar.stats().frames > 60), "frames")
+		avatar.drive(1.5)
+		var frame := avatar.sample_pose(1.5)
+		var worst := 0.0
+		for joint in 55:
+			worst = maxf(worst, skeleton.get_bone_pose_rotation(joint).angle_to(quaternion(frame, joint).normalized()))
+		expect(worst < 2e-3, "%s: every bone as its joint, got %f rad" % [mixamo("left_elbow"), worst])
+		await process_frame
+		expect(told.is_empty(), "nothing to complain of, got %s" % [told])
+		avatar.free()
+		skeleton.free()
+
+
+func test_too_few_bones_are_told_once() -> void:
+	var avatar := make({"skeleton": ^"/root/Body"})
+	named(avatar, func(joint: String) -> String: return "Head" if joint == "head" else "Thing " + joint.replace("_", "").md5_text())
+	avatar.push_audio(hello())
+	for turn in 20:
+		avatar.drive(turn / 30.0)
+		await process_frame
+	expect(told.size() == 1 and told[0].contains("`Body`") and told[0].contains("left_shoulder"), "one error, got %s" % [told])
+	expect(avatar.is_open(), "an avatar that goes on")
+
+
+## As the editor imports a WAV: QOA, and IMA-ADPCM.
+func test_compressed_wavs_are_decoded() -> void:
+	var wanted := hello()
+	for file: String in ["res://qoa.wav", "res://ima.wav"]:
+		var stream: AudioStreamWAV = load(file)
+		expect(stream != null and stream.format == (3 if file.contains("qoa") else 2), "%s as it is imported" % file)
+		var avatar := make({"audio_player": ^"/root/Voice"})
+		var samples := avatar.decode(stream)
+		# IMA-ADPCM begins with a header of eight silent samples.
+		var late := 0 if file.contains("qoa") else 8
+		var signal_power := 0.0
+		var noise := 0.0
+		for i in mini(wanted.size(), samples.size() - late):
+			signal_power += wanted[i] ** 2
+			noise += (wanted[i] - samples[i + late]) ** 2
+		expect(absi(samples.size() - wanted.size()) < 16, "%s: %d samples, got %d" % [file, wanted.size(), samples.size()])
+		expect(signal_power > 100 * noise, "%s: 20 dB over the noise, got %f" % [file, 10 * log(signal_power / noise) / log(10)])
+		var voice := player(stream)
+		voice.play()
+		expect(await until(func() -> bool: return avatar.stats().frames > 100), "%s: frames, got %s" % [file, avatar.stats()])
+		expect(told.is_empty(), "%s: no errors, got %s" % [file, told])
+		voice.free()
+		avatar.free()
+
+
+func test_a_damaged_wav_is_told_once() -> void:
+	var stream := AudioStreamWAV.new()
+	stream.format = 3
+	stream.data = "no QOA at all".to_ascii_buffer()
+	var avatar := make()
+	expect(avatar.decode(stream).is_empty(), "no samples")
+	await process_frame
+	expect(told.size() == 1 and told[0].contains("QOA"), "one error, got %s" % [told])
 
 
 func test_a_second_line_goes_on_where_the_first_ended() -> void:
@@ -399,6 +492,51 @@ func test_freed_nodes_and_changed_scenes_are_no_crash() -> void:
 	await until(func() -> bool: return current_scene.get_node("Avatar").stats().frames > 0)
 	expect(current_scene.get_node("Avatar").stats().frames > 0, "an avatar that speaks in the scene that was changed to")
 	unload_current_scene()
+
+
+func test_it_looks_listens_and_gestures() -> void:
+	var avatar := make({"mood": 1, "mood_strength": 0.5, "attention": 3, "layer_gaze": 1.0})
+	expect(avatar.is_open() and not avatar.is_live(), "an avatar whose mouth moves with its body")
+	expect(avatar.get_gesture_names().has("wave"), "a wave among %s" % [avatar.get_gesture_names()])
+	expect(avatar.play_gesture("wave"), "a wave")
+	expect(avatar.play_gesture_at("point", Vector3(1, 1, 2)), "a finger that points")
+	avatar.gaze_at(Vector3(1, 1.5, 2), 1.0)
+	avatar.push_other_audio(PackedFloat32Array([0.1, -0.1, 0.1]))
+	await process_frame
+	expect(told.is_empty(), "no complaint, got %s" % [told])
+	expect(not avatar.play_gesture("somersault"), "a gesture that it does not know refused")
+	avatar.attention = 99
+	avatar.layer_feet = 2.0
+	expect(avatar.attention == 3 and avatar.layer_feet == 0.0, "properties as they were before what was refused")
+	await process_frame
+	expect(told.size() == 3, "each of these told, got %s" % [told])
+
+
+func test_gestures_of_ones_own_come_out_of_files() -> void:
+	var avatar := make({"smoothing": 0.0, "lookahead": 0, "target": 1})
+	var rough: float = avatar.latency().seconds
+	expect(avatar.add_gesture("greet", "res://salute.bytes", "", 8, -1.0), "a gesture out of a file")
+	avatar.smoothing = -1.0
+	expect(avatar.open(), "an avatar that knows it")
+	expect(absf(avatar.latency().seconds - rough - 0.1) < 1e-6, "a low-pass that looks three frames ahead")
+	expect(avatar.get_gesture_names().has("greet") and avatar.play_gesture("greet"), "a greeting")
+	await process_frame
+	expect(told.is_empty(), "no complaint, got %s" % [told])
+	expect(not avatar.add_gesture("greet", "res://salute.bytes", "wave", 8, -1.0), "an animation that the file has not refused")
+	expect(not avatar.add_gesture("greet", "res://nothing.bytes", "", 8, -1.0), "a file that is not there refused")
+	await process_frame
+	expect(told.size() == 2 and "salute" in told[0] and "nothing.bytes" in told[1], "both told, got %s" % [told])
+
+
+func test_what_moves_in_silence_goes_by_the_games_time() -> void:
+	var avatar := make({"layer_idle": 1.0})
+	avatar.set_clock(3.0)
+	var poses := []
+	for i in 3:
+		poses.append(avatar.sample_pose(0.0))
+	expect(poses[1] == poses[2], "an avatar that stands still with the game's time")
+	avatar.set_clock(3.5)
+	expect(avatar.sample_pose(0.0) != poses[2], "an avatar that goes on with it")
 
 
 func test_bad_arguments_are_errors_and_no_crash() -> void:

@@ -40,7 +40,10 @@ func check_meshes(scene: Node, header: Dictionary) -> void:
 		expect(instance.skin != null and instance.skin.get_bind_count() == 55, "%s is skinned" % instance.name)
 		expect(instance.get_node_or_null(instance.skeleton) == skeleton, "%s is on the skeleton" % instance.name)
 		var arrays := instance.mesh.surface_get_arrays(0)
-		expect(arrays[Mesh.ARRAY_COLOR] != null, "%s has colours" % instance.name)
+		expect(arrays[Mesh.ARRAY_TEX_UV] != null, "%s has texture coordinates" % instance.name)
+		expect(arrays[Mesh.ARRAY_COLOR] == null, "%s has no colours in its vertices, which renderers show differently" % instance.name)
+		var material: BaseMaterial3D = instance.mesh.surface_get_material(0)
+		expect(material.albedo_texture != null, "%s has a texture" % instance.name)
 		expect(arrays[Mesh.ARRAY_VERTEX].size() > 4000, "%s has vertices" % instance.name)
 		if instance.name == "face":
 			var shapes: Array = range(instance.get_blend_shape_count()).map(

@@ -32,7 +32,13 @@ int main(int argc, char **argv) {
     check(umo_engine_new(model, NULL, &engine));
     check(umo_session_config_init(&config, sizeof config, model));
     memcpy(&config.sample_rate, head + 24, 4);
+    /* The default of the node, which is for live use. */
+    config.target = 1;
     check(umo_session_new(engine, &config, &session));
+    /* Layers go by the clock while there are no frames: off where poses are compared. */
+    for (uint32_t layer = UMO_PARAMETER_LAYER_GAZE; layer <= UMO_PARAMETER_LAYER_FEET; layer++) {
+        check(umo_session_set_parameter(session, layer, 0));
+    }
     check(umo_frame_layout_init(&layout, sizeof layout, model));
     layout.index = layout.sample = UMO_ABSENT;
     layout.translation = 0;

@@ -35,5 +35,13 @@ def model():
 
 
 @pytest.fixture(scope="session")
+def mouth_model():
+    """A small model of random weights that has a mouth network."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        return umo.Model(ROOT / "tests/golden/mel_k2_arkit/model.safetensors")
+
+
+@pytest.fixture(scope="session")
 def whole(hello, model):
     return umo.animate(*hello, model=model)

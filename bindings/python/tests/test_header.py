@@ -40,8 +40,9 @@ def test_structures_lie_as_the_compiler_lays_them(prefix, tmp_path):
 def test_constants_are_the_header_s(prefix, tmp_path):
     names = {f"UMO_STATUS_{status.name}": int(status) for status in umo.Status}
     names |= {f"UMO_IDLE_{idle.name}": int(idle) for idle in umo.Idle}
-    for group in ("PARAMETERS", "AXES", "PRECISIONS", "ISAS"):
-        stem = {"PRECISIONS": "PRECISION", "ISAS": "ISA", "AXES": "AXES", "PARAMETERS": "PARAMETER"}[group]
+    names |= {f"UMO_ATTENTION_{state.name}": int(state) for state in umo.Attention}
+    for group in ("PARAMETERS", "AXES", "PRECISIONS", "ISAS", "MOODS", "VOICES", "SIDES", "GESTURE_PARTS"):
+        stem = {"AXES": "AXES", "GESTURE_PARTS": "GESTURE"}.get(group, group[:-1])
         names |= {f"UMO_{stem}_{name.upper()}": value for name, value in getattr(_library, group).items()}
     for name in ("ABI_VERSION", "ABSENT", "JOINT_COUNT", "VISEME_COUNT", "ERROR_SIZE", "ENGINE_THREADS", "ENGINE_POLLED"):
         names[f"UMO_{name}"] = getattr(_library, name)
@@ -52,8 +53,12 @@ def test_constants_are_the_header_s(prefix, tmp_path):
 
 def test_every_constant_is_known(header):
     known = {f"UMO_STATUS_{status.name}" for status in umo.Status} | {f"UMO_IDLE_{idle.name}" for idle in umo.Idle}
+    known |= {f"UMO_ATTENTION_{state.name}" for state in umo.Attention}
     known |= {f"UMO_PARAMETER_{name.upper()}" for name in umo.Session.parameters()}
-    used = ("STATUS", "IDLE", "PARAMETER")
+    known |= {f"UMO_MOOD_{name.upper()}" for name in _library.MOODS} | {f"UMO_VOICE_{name.upper()}" for name in _library.VOICES}
+    known |= {f"UMO_SIDE_{name.upper()}" for name in _library.SIDES}
+    known |= {f"UMO_GESTURE_{name.upper()}" for name in _library.GESTURE_PARTS}
+    used = ("STATUS", "IDLE", "PARAMETER", "ATTENTION", "MOOD", "VOICE", "SIDE", "GESTURE")
     found = {name for name in re.findall(r"#define (UMO_\w+)", header) if name.split("_")[1] in used}
     assert found - known == {"UMO_PARAMETER_WHOLE"}
 

@@ -8,12 +8,16 @@ import subprocess
 import sys
 import threading
 import time
+import warnings
 import weakref
 
 import numpy as np
 import pytest
 
 import umo
+from conftest import ROOT
+
+SALUTE = ROOT / "tests/capi/salute.glb"
 
 
 @pytest.fixture()
@@ -134,6 +138,170 @@ def test_parameters_are_properties_with_ranges(engine):
         assert "gain_face" in umo.Session.gain_face.name and umo.Session.gain_face.__doc__
 
 
+def test_the_live_voice_gives_frames_for_what_was_heard(mouth_model, hello):
+    samples, rate = hello
+    assert mouth_model.has_mouth
+    with umo.Engine(mouth_model, polled=True) as engine:
+        with engine.session(rate, voice="live") as live, engine.session(rate, voice="delayed") as delayed:
+            latency = live.latency()
+            assert 0 < latency.mouth_samples <= 0.1 * rate < latency.algorithmic_samples
+            assert delayed.latency().mouth_samples == delayed.latency().algorithmic_samples
+            heard = latency.algorithmic_samples
+            for session in (live, delayed):
+                assert session.push(samples[:heard]) == heard
+            # Nothing was computed: the mouth does not wait for that.
+            assert live.ready >= (heard - latency.mouth_samples) * 30 // rate - 1 and delayed.ready == 0
+            assert not np.array_equal(*live.pull().face[[0, -1]])
+            with pytest.raises(ValueError, match="voice 'loud'"):
+                engine.session(rate, voice="loud")
+        short = samples[: 2 * rate]
+        spoken = umo.animate(short, rate, model=mouth_model)
+        followed = umo.animate(short, rate, model=mouth_model, voice="live")
+        assert len(spoken) == 60 and len(followed) == 62 + -(-latency.algorithmic_samples * 30 // rate)
+
+
+def test_a_model_without_a_mouth_network_has_no_live_voice(hello):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        model = umo.Model(ROOT / "tests/golden/hubert_k1_smplx/model.safetensors")
+    assert not model.has_mouth
+    with umo.Engine(model, polled=True) as engine, pytest.raises(umo.Error, match="voice") as caught:
+        engine.session(hello[1], voice="live")
+    assert caught.value.status is umo.Status.INVALID_ARGUMENT
+
+
+def test_it_looks_listens_and_has_moods(model, hello):
+    samples, rate = hello
+    short = samples[: 2 * rate]
+
+    def spoken(prepare):
+        with umo.Engine(model, polled=True, threads=1) as engine:
+            with engine.session(rate, idle=umo.Idle.HOLD) as session:
+                prepare(session)
+                session.push(short)
+                session.finish()
+                engine.poll()
+                return session.pull()
+
+    plain = spoken(lambda session: None)
+    assert plain.rotations.tobytes() == umo.animate(short, rate, model=model).rotations.tobytes()
+    head = umo.JOINTS.index("head")
+    turned = {}
+    for name, side in (("left", 1.0), ("right", -1.0)):
+        turned[name] = spoken(lambda session: session.look_at([2 * side, 1.5, 1.0]))
+    # Positive about Y is to the avatar's left.
+    yaw = {name: 2 * np.arctan2(motion.rotations[-1, head, 1], motion.rotations[-1, head, 3]) for name, motion in turned.items()}
+    assert yaw["left"] > yaw["right"] + 0.1
+    smile = "mouthSmileLeft"
+    happy = spoken(lambda session: session.set_mood("joy"))
+    assert happy.channel(smile)[-1] > plain.channel(smile)[-1] + 0.05
+    assert umo.animate(short, rate, model=model, mood="joy").face.tobytes() == happy.face.tobytes()
+    with umo.Engine(model, polled=True) as engine, engine.session(rate, 2) as session:
+        session.push_other(np.zeros((480, 2), np.float32))
+        session.push_other(np.zeros(480, np.int16))
+        for wrong in (lambda: session.push_other(np.zeros(3)), lambda: session.look_at([0, 0, np.nan])):
+            with pytest.raises(umo.Error) as caught:
+                wrong()
+            assert caught.value.status is umo.Status.INVALID_ARGUMENT
+        with pytest.raises(umo.Error, match="mood"):
+            session.set_mood("sad", 1.5)
+        with pytest.raises(ValueError, match="mood 'sadd': did you mean 'sad'"):
+            session.set_mood("sadd")
+        with pytest.raises(ValueError, match="3 coordinates"):
+            session.look_at([1, 2])
+        session.attention = umo.Attention.THINKING
+        assert session.attention == umo.Attention.THINKING
+
+
+def test_settings_of_the_motion_make_the_latency(model):
+    with umo.Engine(model, polled=True, threads=1) as engine:
+        samples = []
+        for smoothing in (None, 0.0):
+            with engine.session(30_000, lookahead=0, smoothing=smoothing, guidance=1.0, horizon=0) as session:
+                samples.append(session.latency().algorithmic_samples)
+        assert samples[0] == samples[1] + 3 * 1000
+        for wrong in ({"smoothing": 2.0}, {"guidance": 9.0}, {"horizon": 1000}):
+            with pytest.raises(umo.Error, match=next(iter(wrong))):
+                engine.session(16_000, **wrong)
+
+
+def test_what_moves_in_silence_goes_by_the_hosts_time(model):
+    with umo.Engine(model, polled=True, threads=1) as engine, engine.session() as session:
+        session.set_clock(5.0)
+        poses = [session.sample(0.0).frame.rotations.copy() for _ in range(3)]
+        assert np.array_equal(poses[1], poses[2])
+        session.set_clock(5.5)
+        assert not np.array_equal(session.sample(0.0).frame.rotations, poses[2])
+        with pytest.raises(umo.Error, match="time"):
+            session.set_clock(-1.0)
+
+
+def test_gestures_play_at_their_time_and_hosts_add_theirs(model, hello):
+    samples, rate = hello
+    wrist, shoulder = umo.JOINTS.index("right_wrist"), umo.JOINTS.index("right_shoulder")
+
+    def spoken(engine, gesture=None, **options):
+        with engine.session(rate, idle=umo.Idle.HOLD) as session:
+            if gesture:
+                session.play_gesture(gesture, **options)
+            session.push(samples[: 4 * rate])
+            session.finish()
+            parts = []
+            while not session.is_done:
+                engine.poll()
+                parts.append(session.pull().rotations)
+            return np.concatenate(parts)
+
+    with umo.Engine(model, polled=True, threads=1) as engine:
+        assert {"nod", "wave", "point", "thumbs_up"} <= set(engine.gestures)
+        plain, waved = spoken(engine), spoken(engine, "wave", at=2.0)
+        moved = np.abs(waved - plain).max(axis=(1, 2))
+        assert moved[60] > 0.1 and moved[:20].max() < 1e-3
+        left = spoken(engine, "wave", at=2.0, side="left")
+        assert np.abs(left[60, shoulder] - plain[60, shoulder]).max() < 0.05 < np.abs(waved[60, shoulder] - plain[60, shoulder]).max()
+        aside = spoken(engine, "point", at=2.0, target=[-2.0, 1.0, 0.5])
+        ahead = spoken(engine, "point", at=2.0, target=[0.0, 1.0, 3.0])
+        assert np.abs(aside[60] - ahead[60]).max() > 0.05
+
+        still = np.zeros((31, len(umo.JOINTS), 4), np.float32)
+        still[..., 3] = 1
+        engine.add_gesture("salute", still, stroke=0.5, parts=["right_arm"])
+        assert engine.gestures[-1] == "salute"
+        saluted = spoken(engine, "salute", at=2.0)
+        assert np.abs(saluted[60, [shoulder, wrist]] - [0, 0, 0, 1]).max() < 0.02
+        head = umo.JOINTS.index("head")
+        assert np.array_equal(saluted[:, head], plain[:, head])
+
+        engine.add_gesture_file("greet", SALUTE, parts=["right_arm"])
+        engine.add_gesture_file("look", SALUTE.read_bytes(), animation="turn", stroke=0.5, parts=["head"])
+        assert engine.gestures[-2:] == ("greet", "look")
+        greeted = spoken(engine, "greet", at=2.0)
+        assert np.abs(greeted[60] - plain[60])[shoulder].max() > 0.2 and np.array_equal(greeted[:, head], plain[:, head])
+        with pytest.raises(FileNotFoundError):
+            engine.add_gesture_file("greet", "/no/such/file.glb")
+        with pytest.raises(umo.Error, match="salute"):
+            engine.add_gesture_file("greet", SALUTE, animation="wave")
+        with pytest.raises(umo.Error, match="no glb file"):
+            engine.add_gesture_file("greet", b"RIFF")
+        with pytest.raises(umo.Error, match="stroke"):
+            engine.add_gesture("late", still, stroke=2.0)
+        with pytest.raises(ValueError, match="part 'leg'"):
+            engine.add_gesture("kick", still, stroke=0.5, parts=["leg"])
+        with pytest.raises(ValueError, match="shape"):
+            engine.add_gesture("flat", still[0], stroke=0.5)
+        with engine.session(rate) as session:
+            with pytest.raises(umo.Error, match="somersault"):
+                session.play_gesture("somersault")
+            with pytest.raises(umo.Error, match="speed"):
+                session.play_gesture("nod", speed=9)
+            with pytest.raises(ValueError, match="side"):
+                session.play_gesture("nod", side="up")
+            with pytest.raises(umo.Error) as caught:
+                for _ in range(20):
+                    session.play_gesture("nod", at=100)
+            assert caught.value.status is umo.Status.BUSY
+
+
 def test_prompts_are_texts_or_ids(engine):
     ids = engine.model.encode_text("a person waves")
     assert ids.dtype == np.uint32 and len(ids) > 0
@@ -193,7 +361,7 @@ def test_a_misspelt_attribute_is_refused_with_the_nearest_name(engine, model, wh
             with pytest.raises(AttributeError, match=f"no attribute '{name}': did you mean '{near}'"):
                 setattr(thing, name, 0.5)
             assert not hasattr(thing, name)
-        with pytest.raises(AttributeError, match="no attribute 'xyzzy': expected one of gain_face, gain_hands"):
+        with pytest.raises(AttributeError, match="no attribute 'xyzzy': expected one of attention, gain_face"):
             session.xyzzy = 1
         for thing, name in [(session, "push"), (session, "rate"), (session, "engine"), (engine, "model"), (model, "name")]:
             with pytest.raises(AttributeError, match=f"cannot set '{name}'"):

@@ -61,6 +61,8 @@ namespace Umo.Unity
 
         public int Count { get { return transforms.Count; } }
 
+        public Transform Root { get { return root; } }
+
         /// <summary>Rotations and places as they are now, in the root's frame.</summary>
         public void Capture(out Quaternion[] rotations, out Vector3[] places)
         {

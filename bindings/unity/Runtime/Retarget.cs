@@ -173,6 +173,12 @@ namespace Umo.Unity
             return stand + scale * (pelvis + new Vec(translation[0], translation[1], translation[2]));
         }
 
+        /// <summary>Where a place of the figure, in its root's frame, is for the model.</summary>
+        public Vec Place(Vec figure)
+        {
+            return 1 / scale * (figure - stand);
+        }
+
         /// <summary>
         /// The joints that a back of so many bones follows, from the lowest up: the highest bone carries neck and arms, and
         /// follows what they are on.

@@ -9,7 +9,8 @@ namespace Umo.Unity
 {
     /// <summary>
     /// Moves a humanoid and the shapes of its face to what its AudioSource plays. Motion needs to hear a little of the
-    /// future, so the voice is delayed until its motion is there.
+    /// future, so the voice is delayed until its motion is there. With the live voice, as for a microphone, it is not: the
+    /// mouth moves at once, and the body follows.
     /// </summary>
     [AddComponentMenu("Audio/umo Avatar")]
     [DisallowMultipleComponent]
@@ -35,16 +36,46 @@ namespace Umo.Unity
         public string prompt = "";
         [Tooltip("Whether the hips move, or only turn.")]
         public bool moveHips = true;
+        [Tooltip("What the avatar attends to. Auto: it speaks while its voice is heard, listens while the other source is, else idles.")]
+        public Attention attention = Attention.Auto;
+        [Tooltip("The mood of face and posture.")]
+        public Mood mood = Mood.Neutral;
+        [Range(0, 1)] public float moodStrength = 1;
+        [Tooltip("What the avatar looks at, as the player's head.")]
+        public Transform lookAt;
+        [Range(0, 1)] public float lookAtStrength = 1;
+        [Tooltip("Who speaks to the avatar: it listens while this source is heard.")]
+        public AudioSource otherSource;
+
+        [Header("Layers over the model's motion, taken over while it runs")]
+        [Range(0, 1)] public float gazeLayer = 1;
+        [Range(0, 1)] public float idleLayer = 1;
+        [Range(0, 1)] public float asymmetryLayer = 1;
+        [Range(0, 1)] public float nodsLayer = 1;
+        [Range(0, 1)] public float moodLayer = 1;
+        [Range(0, 1)] public float feetLayer = 1;
 
         [Header("Taken over when it is enabled")]
         [Tooltip("Keyframes per step, ten a second in the default model: fewer answer sooner, more see more at once. 0: the model's default.")]
-        [Min(0)] public int target = 2;
+        [Min(0)] public int target = 1;
         [Tooltip("Frames held back for smoother seams, that much later. -1: the model's default.")]
-        [Min(-1)] public int lookahead = 0;
+        [Min(-1)] public int lookahead = -1;
         [Tooltip("The voice is heard when its motion is there. Without, it is heard at once and motion follows late.")]
         public bool delayVoice = true;
+        [Tooltip("The voice is heard at once, the mouth moves with it, and the body follows: needs a model with a mouth network. UseMicrophone does so by itself.")]
+        public bool liveVoice = false;
+        [Tooltip("Whether what a microphone hears is played, too.")]
+        public bool playMicrophone = false;
         [Tooltip("Seconds for the processor, on top of what the model needs to hear.")]
         [Range(0, 1)] public float margin = 0.1f;
+        [Tooltip("Low-pass of the body's motion, standard deviation in frames: 0 is the model's own motion. -1: the default.")]
+        [Range(-1, 1.5f)] public float smoothing = -1;
+        [Tooltip("How strongly the prompt steers, for models that can be guided.")]
+        [Range(1, 3)] public float guidance = 1;
+        [Tooltip("Keyframes of voice that it hears ahead, for models that were made to; that much later.")]
+        [Min(0)] public int horizon = 0;
+        [Tooltip("Gestures of your own, for PlayGesture.")]
+        public UmoGesture[] gestures = new UmoGesture[0];
         [Tooltip("The same seed and voice give the same motion.")]
         public int seed = 0;
         [Tooltip("Which of the model's templates. Empty: speech to motion.")]
@@ -62,13 +93,20 @@ namespace Umo.Unity
         private Retarget retarget;
         private float[] rotations, translation, face;
         private Quat[] turned;
-        private int rate, channels, lag;
-        private double quiet, restLength;
+        private int rate, channels, lag, bodyLag;
+        private double quiet, restLength, hostTime;
         private int blocks;
         private bool any, restart;
-        private readonly double[] sent = new double[4];
+        private readonly double[] sent = new double[11];
         private Idle sentIdle;
         private string sentPrompt;
+        private Mood sentMood;
+        private float sentMoodStrength;
+        private bool looks;
+        private readonly float[] otherHeard = new float[4096];
+        private float[] otherSamples;
+        private bool usesMicrophone;
+        private string microphone;
         /// The pose of rest is that of the first time: later ones are animated. Kept when code is loaded anew.
         private Quaternion[] restRotations;
         private Vector3[] restPlaces;
@@ -86,6 +124,9 @@ namespace Umo.Unity
         /// <summary>Seconds by which voice and motion are behind what the AudioSource plays.</summary>
         public float Delay { get { return rate == 0 ? 0 : lag / (float)rate; } }
 
+        /// <summary>Whether the mouth moves as the sound is heard: where the live voice is wanted, and the model has a mouth network.</summary>
+        public bool IsLive { get; private set; }
+
         /// <summary>The session, for what this component does not do; null where there is none.</summary>
         public Session Session { get { return session; } }
 
@@ -100,6 +141,7 @@ namespace Umo.Unity
         {
             AudioSettings.OnAudioConfigurationChanged -= ConfigurationChanged;
             StopAllCoroutines();
+            StopMicrophone();
             End();
         }
 
@@ -127,6 +169,60 @@ namespace Umo.Unity
         }
 
         private AudioClip spoken;
+
+        /// <summary>
+        /// Speaks what a microphone hears, the system's own where no name is given: with the live voice, where the model has a
+        /// mouth network. Begins a new session.
+        /// </summary>
+        public void UseMicrophone(string device = null)
+        {
+            StopMicrophone();
+            AudioClip clip = Microphone.Start(device, true, 1, AudioSettings.outputSampleRate);
+            if (clip == null)
+            {
+                Debug.LogWarning("umo: the microphone cannot be opened: is one connected, and allowed to be used?", this);
+                return;
+            }
+            source.Stop();
+            source.clip = clip;
+            source.loop = true;
+            microphone = device;
+            usesMicrophone = true;
+            restart = true;
+        }
+
+        /// <summary>Ends what UseMicrophone began.</summary>
+        public void StopMicrophone()
+        {
+            if (!usesMicrophone) return;
+            usesMicrophone = false;
+            restart = true;
+            source.Stop();
+            source.clip = null;
+            source.loop = false;
+            Microphone.End(microphone);
+        }
+
+        /// <summary>
+        /// Plays a gesture over what it does, as soon as possible: one of GestureNames, as wave, nod, thumbs_up, or point, which
+        /// points at the target. False where there is no such gesture, or eight wait already.
+        /// </summary>
+        public bool PlayGesture(string gesture, Transform target = null, Side side = Side.Auto, float strength = 1)
+        {
+            if (session == null) return false;
+            GestureOptions options = Session.GestureDefaults;
+            options.Side = side;
+            options.Strength = Mathf.Clamp(strength, 0, 1);
+            Vec place;
+            if (target != null && Place(target.position, out place)) options.PointAt(Axes.Unity, place.X, place.Y, place.Z);
+            Status status = session.PlayGesture(gesture, options);
+            if (status == Status.Ok) return true;
+            Debug.LogWarning("umo: " + session.LastError(), this);
+            return false;
+        }
+
+        /// <summary>Names of the gestures that it knows; none where there is no session.</summary>
+        public string[] GestureNames { get { return session == null ? new string[0] : session.Engine.GestureNames(); } }
 
         /// <summary>Somebody talks over the avatar: it falls silent at once and eases to rest. What is said next is a new speech.</summary>
         public void Interrupt(float easeSeconds = 0.3f)
@@ -202,6 +298,12 @@ namespace Umo.Unity
             config.Seed = (ulong)seed;
             if (target > 0) config.Target = (uint)target;
             if (lookahead >= 0) config.Lookahead = (uint)lookahead;
+            IsLive = (liveVoice || usesMicrophone) && loaded.Info.HasMouth != 0;
+            config.Voice = IsLive ? Voice.Live : Voice.Delayed;
+            if (smoothing >= 0) config.Smoothing = Mathf.Clamp(smoothing, 0, 1.5f);
+            config.Guidance = Mathf.Clamp(guidance, 1, 3);
+            config.Horizon = (uint)Math.Max(horizon, 0);
+            foreach (UmoGesture gesture in gestures) if (gesture != null) gesture.AddTo(engine);
             Session made = new Session(engine, config, string.IsNullOrEmpty(template) ? null : template);
 
             Latency latency;
@@ -210,9 +312,11 @@ namespace Umo.Unity
             AudioSettings.GetDSPBufferSize(out length, out count);
             int delay = (int)latency.AlgorithmicSamples + Mathf.CeilToInt(margin * rate);
             // What the mixer gets is heard when its buffers have been played.
-            lag = delay + length * count;
+            bodyLag = delay + length * count;
+            lag = IsLive ? Math.Max((int)latency.MouthSamples, length * count) : bodyLag;
             restLength = (config.IdleAfterMs + config.EaseMs) / 1000.0;
             quiet = double.MaxValue;
+            hostTime = 0;
             any = false;
 
             Notice = loaded.Notice;
@@ -223,10 +327,15 @@ namespace Umo.Unity
             face = new float[frame.Channels];
             FindFigure(loaded);
             for (int i = 0; i < sent.Length; i++) sent[i] = 1;
+            sent[AttentionIndex] = (double)Attention.Auto;
             sentIdle = config.Idle;
             sentPrompt = "";
+            sentMood = Mood.Neutral;
+            sentMoodStrength = 1;
+            looks = false;
+            otherSamples = new float[otherHeard.Length * channels];
             session = made;
-            line = new VoiceLine(made, rate, channels, delayVoice ? delay : 0);
+            line = new VoiceLine(made, rate, channels, delayVoice && !IsLive ? delay : 0, usesMicrophone && !playMicrophone);
         }
 
         private void FindFigure(Model loaded)
@@ -285,13 +394,24 @@ namespace Umo.Unity
                 Begin(seen);
                 if (session == null) return;
             }
-            if (!Send() || !Works(line.Status)) return;
-            Tick(Time.unscaledDeltaTime);
+            if (!Send() || !Look() || !Listen() || !Works(line.Status)) return;
+            if (usesMicrophone && !source.isPlaying) PlayMicrophone();
+            double seconds = FrameSeconds;
+            Tick(seconds);
+            // What moves while nothing is said goes by the pictures, however long they take to render.
+            hostTime += seconds;
+            if (!Works(session.SetClock(hostTime))) return;
             Sampled sampled;
             if (!Works(session.SamplePose(clock.Time, frame, out sampled))) return;
             if (sampled.IsAhead == 0) any = true;
             if (any) clock.Follow(frame.Index(0), frame.Sample(0));
             Show();
+        }
+
+        /// Seconds of a picture: those of the film where pictures are captured, real ones else.
+        private static double FrameSeconds
+        {
+            get { return Time.captureFramerate > 0 ? 1.0 / Time.captureFramerate : Time.unscaledDeltaTime; }
         }
 
         private void Tick(double seconds)
@@ -309,7 +429,7 @@ namespace Umo.Unity
             if (quiet < 0.2) blocks = line.Blocks;
             else if (blocks == line.Blocks) line.Clear();
             else blocks = -1;
-            double tail = lag / (double)rate + 0.1;
+            double tail = bodyLag / (double)rate + 0.1;
             bool feeds = idle == Idle.Live || quiet < tail;
             if (feeds)
             {
@@ -323,11 +443,67 @@ namespace Umo.Unity
             }
         }
 
+        /// Begins to play a microphone's clip a little behind where it is written.
+        private void PlayMicrophone()
+        {
+            int written = Microphone.GetPosition(microphone), length = source.clip.samples;
+            if (written <= 0) return;
+            source.Play();
+            source.timeSamples = (written + length - source.clip.frequency / 50) % length;
+        }
+
+        /// Looks at what it is to look at, in the model's own size.
+        private bool Look()
+        {
+            if (lookAt == null && !looks) return true;
+            looks = lookAt != null;
+            if (!looks) return Works(session.LookAt(Axes.Unity, 0, 0, 0, 0));
+            Vec at;
+            if (!Place(lookAt.position, out at)) return true;
+            return Works(session.LookAt(Axes.Unity, at.X, at.Y, at.Z, Mathf.Clamp(lookAtStrength, 0, 1)));
+        }
+
+        /// A place of the world in the model's own size and space; false where it is none.
+        private bool Place(Vector3 world, out Vec at)
+        {
+            Vector3 place = (figure == null ? transform : figure.Root).InverseTransformPoint(world);
+            at = new Vec(place.x, place.y, place.z);
+            if (figure != null) at = retarget.Place(at);
+            float distance = at.Length;
+            // The library takes places within 10 km.
+            if (distance > 9000) at = 9000 / distance * at;
+            return distance < float.PositiveInfinity;
+        }
+
+        /// Hands on what the other said since the last frame: one channel of it, since only its loudness counts.
+        private bool Listen()
+        {
+            if (otherSource == null || !otherSource.isPlaying) return true;
+            int count = Math.Min(Mathf.RoundToInt((float)(FrameSeconds * rate)), otherHeard.Length);
+            otherSource.GetOutputData(otherHeard, 0);
+            for (int i = 0; i < count * channels; i++) otherSamples[i] = otherHeard[otherHeard.Length - count + i / channels];
+            return Works(session.PushOtherAudio(otherSamples, 0, count * channels));
+        }
+
+        /// Where the attention is in `sent`.
+        private const int AttentionIndex = 10;
+
         /// Hands on what was changed in the inspector or by a script.
         private bool Send()
         {
-            bool works = Send(0, Parameter.GainFace, faceGain) && Send(1, Parameter.GainHands, handsGain)
-                && Send(2, Parameter.GainUpper, upperGain) && Send(3, Parameter.GainLower, lowerGain);
+            bool works = Send(0, Parameter.GainFace, faceGain, 2) && Send(1, Parameter.GainHands, handsGain, 2)
+                && Send(2, Parameter.GainUpper, upperGain, 2) && Send(3, Parameter.GainLower, lowerGain, 2)
+                && Send(4, Parameter.LayerGaze, gazeLayer, 1) && Send(5, Parameter.LayerIdle, idleLayer, 1)
+                && Send(6, Parameter.LayerAsymmetry, asymmetryLayer, 1) && Send(7, Parameter.LayerNods, nodsLayer, 1)
+                && Send(8, Parameter.LayerMood, moodLayer, 1) && Send(9, Parameter.LayerFeet, feetLayer, 1)
+                && Send(AttentionIndex, Parameter.Attention, (float)attention, (float)Attention.Speaking);
+            float strength = Mathf.Clamp(moodStrength, 0, 1);
+            if (works && (mood != sentMood || strength != sentMoodStrength))
+            {
+                works = Works(session.SetMood(mood, strength));
+                sentMood = mood;
+                sentMoodStrength = strength;
+            }
             // Live is silence that this component puts in, so that sound and motion keep one clock.
             Idle wanted = idle == Idle.Rest ? Idle.Rest : Idle.Hold;
             if (works && wanted != sentIdle)
@@ -346,9 +522,9 @@ namespace Umo.Unity
             return works;
         }
 
-        private bool Send(int index, Parameter parameter, float value)
+        private bool Send(int index, Parameter parameter, float value, float most)
         {
-            double wanted = Mathf.Clamp(value, 0, 2);
+            double wanted = Mathf.Clamp(value, 0, most);
             if (wanted == sent[index]) return true;
             sent[index] = wanted;
             return Works(session.Set(parameter, wanted));

@@ -19,6 +19,7 @@ namespace Umo.Unity
         private readonly int rate, channels;
         private readonly float[] line;
         private readonly float[] silence;
+        private readonly bool mutes;
         private int at;
         private long pushed;
         private long next;
@@ -26,8 +27,10 @@ namespace Umo.Unity
         private volatile bool playing;
 
         /// <param name="delay">Samples of each channel by which sound is delayed; 0 leaves it alone.</param>
-        public VoiceLine(Session session, int sampleRate, int channels, int delay)
+        /// <param name="mutes">Whether no sound comes out.</param>
+        public VoiceLine(Session session, int sampleRate, int channels, int delay, bool mutes = false)
         {
+            this.mutes = mutes;
             this.session = session;
             this.channels = channels;
             rate = sampleRate;
@@ -73,7 +76,8 @@ namespace Umo.Unity
                     Volatile.Write(ref inside, 0);
                 }
             }
-            Delay(data);
+            if (mutes) Array.Clear(data, 0, data.Length);
+            else Delay(data);
         }
 
         /// <summary>Silence instead of sound, on the game thread.</summary>

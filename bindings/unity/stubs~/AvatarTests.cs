@@ -208,6 +208,8 @@ namespace Umo.Unity.Tests
         [Test]
         public void a_pose_is_the_one_that_the_library_gives_for_that_moment()
         {
+            // Layers go by the clock while there are no frames.
+            avatar.gazeLayer = avatar.idleLayer = avatar.asymmetryLayer = avatar.nodsLayer = avatar.moodLayer = avatar.feetLayer = 0;
             Enable();
             Play(speech);
             Run(3);
@@ -217,9 +219,10 @@ namespace Umo.Unity.Tests
             config.SampleRate = 48000;
             config.Channels = 2;
             config.Target = (uint)avatar.target;
-            config.Lookahead = (uint)avatar.lookahead;
+            if (avatar.lookahead >= 0) config.Lookahead = (uint)avatar.lookahead;
             using (Session session = new Session(engine, config))
             {
+                for (uint layer = (uint)Parameter.LayerGaze; layer <= (uint)Parameter.LayerFeet; layer++) session.Set((Parameter)layer, 0);
                 int taken;
                 // A block's samples may have been left out while the component saw that it plays; none were, or it would differ.
                 session.PushAudio(speech, 0, 2 * 3 * 48000, out taken);
@@ -485,6 +488,172 @@ namespace Umo.Unity.Tests
         }
 
         [Test]
+        public void a_live_voice_is_not_delayed_and_the_mouth_moves_with_it()
+        {
+            avatar.liveVoice = true;
+            avatar.model = Runner.Arguments[2];
+            Enable();
+            Assert.AreEqual("", avatar.Error);
+            Assert.IsTrue(avatar.IsLive, "the model has a mouth network");
+            Latency latency;
+            avatar.Session.GetLatency(out latency);
+            Assert.AreEqual(Math.Max(latency.MouthSamples, 4 * 1024ul) / 48000.0, avatar.Delay, 1e-6, "behind the mixer");
+            Play(speech);
+            HashSet<float> jaws = new HashSet<float>();
+            Run(2, () => jaws.Add(Jaw));
+            Assert.IsTrue(jaws.Count > 20, jaws.Count + " jaws");
+            Assert.IsTrue(heard.Take(48000).SequenceEqual(speech.Take(48000)), "the voice was changed");
+            Assert.AreEqual(2 - avatar.Delay, Clock, 0.06, "the motion's");
+            InStep();
+            Disable();
+        }
+
+        [Test]
+        public void a_microphone_has_the_live_voice_where_the_model_has_a_mouth_network()
+        {
+            foreach (string model in new[] { Runner.Arguments[2], Runner.Arguments[0] })
+            {
+                avatar.model = model;
+                Enable();
+                Assert.IsTrue(!avatar.IsLive, "nothing asked for it");
+                bool hasMouth = avatar.Session.Engine.Model.Info.HasMouth == 1;
+                playing = speech;
+                played = 0;
+                avatar.UseMicrophone();
+                Assert.AreEqual("default", Microphone.Open);
+                Run(0.1);
+                Assert.AreEqual(hasMouth, avatar.IsLive, "the live voice");
+                Assert.IsTrue(!source.isPlaying, "nothing was recorded yet");
+                Microphone.Written = 480;
+                heard.Clear();
+                HashSet<float> jaws = new HashSet<float>();
+                Run(2, () => jaws.Add(Jaw));
+                Assert.IsTrue(source.isPlaying && source.timeSamples == 48000 + 480 - 960, "it plays what was just recorded");
+                Assert.IsTrue(jaws.Count > 20, jaws.Count + " jaws");
+                Assert.IsTrue(heard.All(s => s == 0), "it is not to be heard");
+                avatar.StopMicrophone();
+                Assert.AreEqual(null, Microphone.Open);
+                Run(0.1);
+                Assert.IsTrue(!avatar.IsLive && !source.isPlaying, "as before");
+                Disable();
+            }
+            avatar.UseMicrophone("none");
+            Assert.IsTrue(Debug.Said.Last().Contains("microphone"), Debug.Said.Last());
+        }
+
+        /// How far the head is turned to the side after a while.
+        private float Turned(float x)
+        {
+            // The figure looks along -Z.
+            avatar.lookAt.localPosition = figure.transform.TransformPoint(new Vector3(x, 1.4f, 1));
+            Enable();
+            Play(speech);
+            Run(1.5);
+            Quaternion head = Quaternion.Inverse(figure.transform.rotation) * animator.Bones[HumanBodyBones.Head].rotation;
+            source.Stop();
+            Disable();
+            return head.y;
+        }
+
+        [Test]
+        public void it_looks_where_it_is_to_look()
+        {
+            avatar.lookAt = new GameObject("player").transform;
+            float right = Turned(2), left = Turned(-2);
+            Assert.IsTrue(right > left + 0.1f, "the head's turn: " + right + " to the right, " + left + " to the left");
+            // A place that the library would refuse.
+            avatar.lookAt.localPosition = new Vector3(1e6f, 0, float.NaN);
+            Enable();
+            Run(0.1);
+            avatar.lookAt.localPosition = new Vector3(1e6f, 0, 0);
+            Run(0.1);
+            avatar.lookAt = null;
+            Run(0.1);
+            Assert.AreEqual("", avatar.Error);
+            Disable();
+        }
+
+        [Test]
+        public void gestures_are_played_by_name()
+        {
+            Assert.IsTrue(!avatar.PlayGesture("wave") && avatar.GestureNames.Length == 0, "there is no session");
+            Enable();
+            Assert.IsTrue(avatar.GestureNames.Contains("wave"), string.Join(" ", avatar.GestureNames));
+            Assert.IsTrue(avatar.PlayGesture("wave"), "it waves");
+            Assert.IsTrue(avatar.PlayGesture("point", new GameObject("player").transform, Side.Left, 0.5f), "it points");
+            NothingSaid();
+            Assert.IsTrue(!avatar.PlayGesture("somersault"), "it does not know that");
+            Assert.IsTrue(Debug.Said.Single().Contains("somersault"), Debug.Said[0]);
+            float hand = animator.Bones[HumanBodyBones.LeftHand].position.y, highest = hand;
+            Assert.IsTrue(avatar.PlayGesture("stop", null, Side.Left), "it stops somebody");
+            avatar.idle = Idle.Live;
+            Run(6, () => highest = Math.Max(highest, animator.Bones[HumanBodyBones.LeftHand].position.y));
+            Assert.IsTrue(highest > hand + 0.2f, "the hand rose from " + hand + " to " + highest);
+            Disable();
+        }
+
+        [Test]
+        public void gestures_of_ones_own_come_out_of_files()
+        {
+            UmoGesture salute = ScriptableObject.CreateInstance<UmoGesture>();
+            salute.name = "greet";
+            salute.file = new TextAsset { bytes = File.ReadAllBytes(Runner.Arguments[3]) };
+            salute.movesHead = salute.movesTrunk = salute.movesLeftArm = false;
+            avatar.gestures = new[] { salute, null };
+            Enable();
+            NothingSaid();
+            Assert.IsTrue(avatar.GestureNames.Contains("greet"), string.Join(" ", avatar.GestureNames));
+            Assert.IsTrue(avatar.PlayGesture("greet"), "it greets");
+            Disable();
+            salute.animationName = "wave";
+            Enable();
+            Assert.IsTrue(avatar.Error.Contains("no animation `wave`") && avatar.Error.Contains("salute"), avatar.Error);
+            Disable();
+        }
+
+        [Test]
+        public void a_film_that_is_captured_goes_by_its_own_time()
+        {
+            Enable();
+            Run(1);
+            Time.captureFramerate = 10;
+            Run(0.5);
+            Quaternion before = Of(HumanBodyBones.Chest).transform.localRotation;
+            // A picture of the film is a tenth of a second, however short it took to render.
+            Run(Frame * 1.5);
+            float moved = Angle(before, Of(HumanBodyBones.Chest).transform.localRotation);
+            Time.captureFramerate = 0;
+            Assert.IsTrue(moved > 0, "it moves by " + moved);
+            Disable();
+            NothingSaid();
+        }
+
+        private static float Angle(Quaternion a, Quaternion b)
+        {
+            return Math.Abs(a.x - b.x) + Math.Abs(a.y - b.y) + Math.Abs(a.z - b.z) + Math.Abs(a.w - b.w);
+        }
+
+        [Test]
+        public void attention_mood_and_layers_are_handed_on()
+        {
+            avatar.otherSource = new GameObject("other").AddComponent<AudioSource>();
+            avatar.otherSource.Play();
+            avatar.attention = Attention.Thinking;
+            avatar.mood = Mood.Joy;
+            avatar.moodStrength = 0.5f;
+            avatar.feetLayer = 0.25f;
+            Enable();
+            Run(0.2);
+            double value;
+            Assert.AreEqual(Status.Ok, avatar.Session.Get(Parameter.Attention, out value));
+            Assert.AreEqual((double)Attention.Thinking, value);
+            Assert.AreEqual(Status.Ok, avatar.Session.Get(Parameter.LayerFeet, out value));
+            Assert.AreEqual(0.25, value);
+            Assert.AreEqual("", avatar.Error);
+            Disable();
+        }
+
+        [Test]
         public void a_model_in_an_archive_is_fetched()
         {
             Application.streamingAssetsPath = "file://" + Application.streamingAssetsPath;
@@ -522,6 +691,9 @@ namespace Umo.Unity.Tests
             BindingFlags own = BindingFlags.NonPublic | BindingFlags.Instance;
             Action<float[], int> filter = (Action<float[], int>)Delegate.CreateDelegate(typeof(Action<float[], int>), avatar, typeof(UmoAvatar).GetMethod("OnAudioFilterRead", own));
             Action update = (Action)Delegate.CreateDelegate(typeof(Action), avatar, typeof(UmoAvatar).GetMethod("LateUpdate", own));
+            avatar.lookAt = new GameObject("player").transform;
+            avatar.otherSource = new GameObject("other").AddComponent<AudioSource>();
+            avatar.otherSource.Play();
             Enable();
             Play(speech);
             Run(1.5);

@@ -9,6 +9,8 @@ using System.Reflection;
 
 namespace UnityEngine
 {
+    [AttributeUsage(AttributeTargets.Class)]
+    public sealed class CreateAssetMenuAttribute : Attribute { public string menuName { get; set; } public string fileName { get; set; } }
     [AttributeUsage(AttributeTargets.All)] public sealed class TooltipAttribute : Attribute { public TooltipAttribute(string tooltip) { } }
     [AttributeUsage(AttributeTargets.All)] public sealed class HeaderAttribute : Attribute { public HeaderAttribute(string header) { } }
     [AttributeUsage(AttributeTargets.All)] public sealed class RangeAttribute : Attribute { public RangeAttribute(float min, float max) { } }
@@ -62,7 +64,21 @@ namespace UnityEngine
     }
 
     public static class Application { public static string streamingAssetsPath { get; set; } }
-    public static class Time { public static float unscaledDeltaTime { get; set; } }
+    public static class Time
+    {
+        public static float unscaledDeltaTime { get; set; }
+        public static int captureFramerate { get; set; }
+    }
+
+    public class ScriptableObject : Object
+    {
+        public static T CreateInstance<T>() where T : ScriptableObject { return (T)System.Activator.CreateInstance(typeof(T)); }
+    }
+
+    public sealed class TextAsset : Object
+    {
+        public byte[] bytes { get; set; }
+    }
 
     public class Object
     {
@@ -235,8 +251,24 @@ namespace UnityEngine
         public bool isPlaying { get; private set; }
         public bool loop { get; set; }
         public AudioClip clip { get; set; }
+        public int timeSamples { get; set; }
         public void Play() { isPlaying = true; }
         public void Stop() { isPlaying = false; }
+        public void GetOutputData(float[] samples, int channel) { for (int i = 0; i < samples.Length; i++) samples[i] = 0.3f * (i % 3 - 1); }
+    }
+
+    public static class Microphone
+    {
+        public static string Open;
+        public static int Written;
+        public static AudioClip Start(string deviceName, bool loop, int lengthSec, int frequency)
+        {
+            Open = deviceName ?? "default";
+            Written = 0;
+            return deviceName == "none" ? null : AudioClip.Create("microphone", lengthSec * frequency, 1, frequency, false);
+        }
+        public static int GetPosition(string deviceName) { return Written; }
+        public static void End(string deviceName) { Open = null; }
     }
 
     public static class GUILayout

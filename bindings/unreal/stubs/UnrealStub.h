@@ -142,6 +142,7 @@ template <class T> struct TVector {
     template <class U> explicit TVector(const TVector<U> &);
     TVector &operator+=(const TVector &);
     TVector operator+(const TVector &) const;
+    TVector operator-(const TVector &) const;
     TVector operator*(T) const;
     static const TVector ZeroVector;
 };
@@ -151,6 +152,9 @@ struct FQuat {
     double X, Y, Z, W;
     FQuat(double, double, double, double);
     static FQuat Slerp(const FQuat &, const FQuat &, double);
+};
+struct FRotator {
+    FVector UnrotateVector(const FVector &) const;
 };
 struct FTransform {
     FTransform(const FQuat &, const FVector &);
@@ -310,10 +314,16 @@ public:
     FActorComponentTickFunction PrimaryComponentTick;
     bool bAutoActivate;
 };
-class USkeletalMeshComponent : public UActorComponent {};
+class USceneComponent : public UActorComponent {
+public:
+    FVector GetComponentLocation() const;
+};
+class USkeletalMeshComponent : public USceneComponent {};
 class AActor : public UObject {
 public:
     template <class T> T *FindComponentByClass() const;
+    FVector GetActorLocation() const;
+    FRotator GetActorRotation() const;
 };
 template <class T> class TInlineComponentArray {
 public:

@@ -1,5 +1,5 @@
 // A character that speaks assets/hello.wav with the real library: the frames are the library's own, the lips go with the
-// sound, nothing is allocated, and two threads do it. Arguments: the model, the recording.
+// sound, nothing is allocated, and two threads do it. Arguments: the model, the recording, a model with a mouth network.
 // SPDX-License-Identifier: MIT OR Apache-2.0
 
 #include <algorithm>
@@ -52,6 +52,13 @@ std::vector<float> recording(const char *path) {
     return samples;
 }
 
+/// Layers never stand still, and go by the clock while there are no frames: off where poses are compared.
+template <class T> void without_layers(T &to) {
+    for (std::uint32_t layer = UMO_PARAMETER_LAYER_GAZE; layer <= UMO_PARAMETER_LAYER_FEET; ++layer) {
+        EXPECT(to.set(layer, 0) == UMO_STATUS_OK);
+    }
+}
+
 /// What the library gives for the whole recording, to be sampled at any rising time.
 struct Reference {
     umo::session session;
@@ -59,6 +66,7 @@ struct Reference {
 
     Reference(Host &host, const std::vector<float> &samples)
         : session(make(host, samples.size())), frame(host.model, 1, UMO_AXES_UNREAL) {
+        without_layers(session);
         const auto pushed = session.push_audio(samples.data(), samples.size());
         EXPECT(pushed && *pushed == samples.size());
         EXPECT(session.finish() == UMO_STATUS_OK);
@@ -103,6 +111,9 @@ void frames_are_the_library_s_and_go_with_the_sound(const std::shared_ptr<Host> 
     const auto avatar = Avatar::make(host, plain(), problem);
     EXPECT(avatar != nullptr);
     if (!avatar) return;
+    without_layers(*avatar);
+    // The layers that were shown before are eased out by the game's time.
+    for (int i = 0; i < 90; ++i) EXPECT(avatar->show(0, 100, 1 / 30.0) == UMO_STATUS_OK);
     Reference reference(*host, samples);
 
     constexpr std::size_t block = 160;
@@ -155,6 +166,42 @@ void frames_are_the_library_s_and_go_with_the_sound(const std::shared_ptr<Host> 
     EXPECT(avatar->stats().overruns == 0 && avatar->failure().empty());
     std::printf("%zu poses compared bit for bit, lips within %.1f ms of the sound, which is heard %.2f s late\n", compared,
                 1000 * worst, avatar->delay());
+}
+
+/// Speech is heard at once, and the mouth's frames are those of what is heard, computed or not.
+void a_live_mouth_goes_with_the_sound(const char *model, const std::vector<float> &samples) {
+    std::string problem;
+    Hosts hosts;
+    const auto host = hosts.open(model, 1, problem);
+    EXPECT(host != nullptr && host->info.has_mouth == 1);
+    if (!host) return;
+    Settings settings = plain();
+    EXPECT(!Avatar::make(host, settings, problem)->is_live());
+    settings.delays_speech = false;
+    settings.has_live_voice = false;
+    EXPECT(!Avatar::make(host, settings, problem)->is_live());
+    settings.has_live_voice = true;
+    const auto avatar = Avatar::make(host, settings, problem);
+    EXPECT(avatar != nullptr && avatar->is_live() && avatar->delay() > 0 && avatar->delay() <= 0.1);
+    if (!avatar) return;
+    constexpr std::size_t block = 160;
+    double now = 100, worst = 0;
+    std::size_t moved = 0;
+    std::vector<float> last;
+    for (std::size_t at = 0; at + block <= 3 * rate; at += block, now += static_cast<double>(block) / rate) {
+        float heard[block];
+        std::copy_n(samples.data() + at, block, heard);
+        avatar->hear(heard, block, 1, rate, now);
+        EXPECT(std::memcmp(heard, samples.data() + at, sizeof heard) == 0);
+        EXPECT(avatar->show(0.01, now) == UMO_STATUS_OK);
+        if (at > rate) worst = std::fmax(worst, std::fabs(avatar->shown() - avatar->heard(now)));
+        moved += last == avatar->pose().channels ? 0 : 1;
+        last = avatar->pose().channels;
+    }
+    EXPECT_NEAR(worst, 0, 1.0 / 30);
+    EXPECT(moved > 30);
+    EXPECT(avatar->failure().empty());
+    std::printf("live: the mouth within %.1f ms of the sound, %.0f ms behind it\n", 1000 * worst, 1000 * avatar->delay());
 }
 
 double wall() {
@@ -214,6 +261,19 @@ void two_threads_speak_are_interrupted_and_end(const std::shared_ptr<Host> &host
     EXPECT(avatar->set(UMO_PARAMETER_GAIN_FACE, 0.5) == UMO_STATUS_OK);
     EXPECT(avatar->set(UMO_PARAMETER_GAIN_FACE, -1) == UMO_STATUS_INVALID_ARGUMENT);
     EXPECT(!avatar->last_error().empty());
+    EXPECT(avatar->set(UMO_PARAMETER_ATTENTION, UMO_ATTENTION_THINKING) == UMO_STATUS_OK);
+    EXPECT(avatar->look_at({200, 50, 160}, 1) == UMO_STATUS_OK);
+    EXPECT(avatar->look_at({200, 50, 160}, 2) == UMO_STATUS_INVALID_ARGUMENT);
+    EXPECT(avatar->set_mood(UMO_MOOD_JOY, 0.5F) == UMO_STATUS_OK);
+    EXPECT(avatar->set_mood(99, 0.5F) == UMO_STATUS_INVALID_ARGUMENT);
+    const std::vector<std::string> names = avatar->gesture_names();
+    EXPECT(std::find(names.begin(), names.end(), "wave") != names.end());
+    EXPECT(avatar->play_gesture("wave", UMO_SIDE_LEFT, 1, nullptr) == UMO_STATUS_OK);
+    const std::array<float, 3> target{300, 50, 100};
+    EXPECT(avatar->play_gesture("point", UMO_SIDE_AUTO, 0.5F, &target) == UMO_STATUS_OK);
+    EXPECT(avatar->play_gesture("somersault", UMO_SIDE_AUTO, 1, nullptr) == UMO_STATUS_INVALID_ARGUMENT);
+    EXPECT(avatar->last_error().find("somersault") != std::string::npos);
+    EXPECT(avatar->push_other_audio(samples.data(), 480) == UMO_STATUS_OK);
     EXPECT(avatar->set_prompt("be calm") == UMO_STATUS_OK);
     EXPECT(avatar->set_idle(UMO_IDLE_REST) == UMO_STATUS_OK);
     avatar->close();
@@ -234,6 +294,8 @@ void idle_modes_go_on_without_audio(const std::shared_ptr<Host> &host) {
     const auto avatar = Avatar::make(host, settings, problem);
     EXPECT(avatar != nullptr);
     if (!avatar) return;
+    without_layers(*avatar);
+    EXPECT(avatar->show(0.01, wall()) == UMO_STATUS_OK);
     const Pose rest = avatar->pose();
     const auto run = [&](double seconds) {
         double last = wall();
@@ -287,6 +349,42 @@ void hosts_are_shared_and_errors_say_what(const char *model) {
     EXPECT(hosts.count() == 0);
 }
 
+/// A film is rendered picture by picture, however long that takes; a game that is paused stands still.
+void what_moves_in_silence_goes_by_the_game_s_time(const std::shared_ptr<Host> &host) {
+    std::string problem;
+    const auto avatar = Avatar::make(host, plain(), problem);
+    EXPECT(avatar != nullptr);
+    if (!avatar) return;
+    const auto shown = [&](double game_step) {
+        EXPECT(avatar->show(0, 100, game_step) == UMO_STATUS_OK);
+        return std::vector<float>(avatar->pose().rotations, avatar->pose().rotations + 4 * joint_count);
+    };
+    for (int i = 0; i < 60; ++i) shown(1 / 30.0);
+    const std::vector<float> paused = shown(0);
+    std::this_thread::sleep_for(std::chrono::milliseconds(60));
+    EXPECT(shown(0) == paused);
+    EXPECT(shown(1 / 24.0) != paused);
+}
+
+void gestures_and_settings_are_the_host_s(const std::shared_ptr<Host> &host, const char *salute) {
+    std::string problem;
+    const auto before = Avatar::make(host, plain(), problem);
+    EXPECT(before && before->add_gesture("greet", salute, "", UMO_GESTURE_RIGHT_ARM, -1) == UMO_STATUS_OK);
+    EXPECT(before && before->add_gesture("greet", salute, "wave", UMO_GESTURE_RIGHT_ARM, -1) == UMO_STATUS_INVALID_ARGUMENT);
+    EXPECT(std::string(umo_last_error()).find("salute") != std::string::npos);
+    Settings settings = plain();
+    settings.lookahead = 0;
+    settings.smoothing = 0;
+    const auto rough = Avatar::make(host, settings, problem);
+    settings.smoothing = -1;
+    const auto smooth = Avatar::make(host, settings, problem);
+    EXPECT(smooth && smooth->play_gesture("greet", UMO_SIDE_AUTO, 1, nullptr) == UMO_STATUS_OK);
+    // The low-pass looks three frames ahead.
+    EXPECT(rough && smooth && std::abs(smooth->delay() - rough->delay() - 0.1) < 1e-9);
+    settings.guidance = 9;
+    EXPECT(!Avatar::make(host, settings, problem) && problem.find("guidance") != std::string::npos);
+}
+
 void a_lost_engine_is_told_once(const char *model) {
     std::string problem;
     Hosts hosts;
@@ -305,7 +403,7 @@ void a_lost_engine_is_told_once(const char *model) {
 } // namespace
 
 int main(int count, char **arguments) {
-    if (count != 3) return EXIT_FAILURE;
+    if (count != 5) return EXIT_FAILURE;
     const std::vector<float> samples = recording(arguments[2]);
     EXPECT(samples.size() > 100000);
     allocations = 0;
@@ -313,6 +411,7 @@ int main(int count, char **arguments) {
     EXPECT(allocations == 1);
     hosts_are_shared_and_errors_say_what(arguments[1]);
     a_lost_engine_is_told_once(arguments[1]);
+    a_live_mouth_goes_with_the_sound(arguments[3], samples);
     Hosts hosts;
     std::string problem;
     const auto host = hosts.open(arguments[1], 0, problem);
@@ -321,6 +420,8 @@ int main(int count, char **arguments) {
         frames_are_the_library_s_and_go_with_the_sound(host, samples);
         two_threads_speak_are_interrupted_and_end(host, samples);
         idle_modes_go_on_without_audio(host);
+        what_moves_in_silence_goes_by_the_game_s_time(host);
+        gestures_and_settings_are_the_host_s(host, arguments[4]);
     }
     return verdict("avatar");
 }

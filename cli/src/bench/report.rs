@@ -47,8 +47,8 @@ pub(super) struct Crowd {
 }
 
 impl Crowd {
-    /// How many avatars there would be if the engine computed all the time, each taking the share that it takes now; more
-    /// in a batch take less.
+    /// How many avatars there would be if the engine computed all the time, each taking the share
+    /// that it takes now; more in a batch take less.
     fn at_full_load(&self) -> usize {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of avatars")]
         let count = (self.sessions as f64 / self.busy.max(1e-6)) as usize;

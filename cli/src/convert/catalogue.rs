@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use umo_core::{Config, Part};
+use umo_core::Config;
 
 use super::source::Source;
 use crate::args::Convert;
@@ -25,7 +25,8 @@ const CODECS: [(&str, &str); 11] = [
     ("vq_model_lower.", "lower"),
     ("global_motion.", "root"),
 ];
-/// What else a checkpoint of Language of Motion has: the language model, bodies to measure with, and measures.
+/// What else a checkpoint of Language of Motion has: the language model, bodies to measure with,
+/// and measures.
 const OTHERS: [&str; 6] = ["lm.", "smplx.", "flame.", "_losses.", "metrics.", "Metrics."];
 const CODEBOOK: &str = "quantizer.embedding.weight";
 const CENTROIDS: &str = "audio.kmeans.centroids";
@@ -56,6 +57,9 @@ impl Catalogue {
         catalogue.t5(open(&args.t5)?)?;
         for source in open(&args.vq)? {
             catalogue.vq(source, config)?;
+        }
+        for source in open(&args.depth)? {
+            catalogue.depth(source)?;
         }
         for source in Source::open_all(&args.interp)? {
             catalogue.interp(source)?;
@@ -104,6 +108,10 @@ impl Catalogue {
     }
 
     fn vq(&mut self, source: Source, config: &Config) -> Result<(), Failure> {
+        let listed = |name: &str| listed_codec(name, config);
+        if config.parts.is_some() && source.tensors().iter().any(|(name, _)| listed(name).is_some()) {
+            return self.add(source, listed);
+        }
         let several = source.tensors().iter().any(|(name, _)| codec(name).is_some());
         if several {
             return self.add(source, |name| match codec(name) {
@@ -114,6 +122,17 @@ impl Catalogue {
         }
         let part = only_codec(&source, config)?;
         self.add(source, |name| Some(format!("vq.{part}.{}", bare(name))))
+    }
+
+    /// `depth.*` and `lm.frames.*` of any file.
+    fn depth(&mut self, source: Source) -> Result<(), Failure> {
+        let path = source.path().to_owned();
+        let ours = |name: &str| ["depth.", "lm.frames."].iter().any(|prefix| name.starts_with(prefix));
+        if !source.tensors().iter().any(|(name, _)| ours(name)) {
+            let problem = "no depth network in it: neither depth.* nor lm.frames.*";
+            return Err(Failure::input(format!("{}: {problem}", path.display())));
+        }
+        self.add(source, |name| ours(name).then(|| name.to_owned()))
     }
 
     fn interp(&mut self, source: Source) -> Result<(), Failure> {
@@ -153,13 +172,24 @@ fn codec(name: &str) -> Option<(&'static str, &str)> {
     CODECS.iter().find_map(|(prefix, part)| Some((*part, name.strip_prefix(prefix)?)))
 }
 
+/// A model's name of a tensor that is called by a part of the config's list, or by `root`, with or
+/// without `vq.` before it.
+fn listed_codec(name: &str, config: &Config) -> Option<String> {
+    let own = name.strip_prefix("vq.").unwrap_or(name);
+    let (part, rest) = own.split_once('.')?;
+    let is_codec = ["quantizer.", "encoder.main.", "decoder.main."].iter().any(|start| rest.starts_with(start));
+    let is_listed = part == "root" || config.part_list().iter().any(|listed| listed.name == part);
+    (is_codec && is_listed).then(|| format!("vq.{own}"))
+}
+
 /// A name without what PyTorch's `DataParallel` puts before it.
 fn bare(name: &str) -> &str {
     name.strip_prefix("module.").unwrap_or(name)
 }
 
-/// The part of a file with one codec: by the channels of its last convolution, and the root network's lack of a codebook.
-fn only_codec(source: &Source, config: &Config) -> Result<&'static str, Failure> {
+/// The part of a file with one codec: by the channels of its last convolution, and the root
+/// network's lack of a codebook.
+fn only_codec(source: &Source, config: &Config) -> Result<String, Failure> {
     let tensors = source.tensors();
     let failure = |problem: String| Failure::input(format!("{}: {problem}", source.path().display()));
     let last = |name: &str| bare(name).strip_prefix("decoder.main.")?.strip_suffix(".bias")?.parse::<usize>().ok();
@@ -168,11 +198,23 @@ fn only_codec(source: &Source, config: &Config) -> Result<&'static str, Failure>
         return Err(failure("no motion codec in it: no decoder.main.*".to_owned()));
     };
     if !tensors.iter().any(|(name, _)| bare(name) == CODEBOOK) {
-        return Ok("root");
+        return Ok("root".to_owned());
     }
-    let part = Part::ALL.into_iter().find(|&part| config.vq[part].channels == channels);
-    part.map(Part::name).ok_or_else(|| {
-        let sizes = Part::ALL.map(|part| format!("{} {}", part.name(), config.vq[part].channels)).join(", ");
-        failure(format!("a codec of {channels} channels, where the config has {sizes}"))
-    })
+    let list = config.part_list().into_iter();
+    let list: Vec<_> = list.filter_map(|part| Some((part.channels(&config.face)?.count(), part.name))).collect();
+    let fitting: Vec<_> = list.iter().filter(|(count, _)| *count == channels).map(|(_, name)| name).collect();
+    match fitting[..] {
+        [name] => Ok(name.clone()),
+        [] => {
+            let sizes = list.iter().map(|(count, name)| format!("{name} {count}")).collect::<Vec<_>>().join(", ");
+            Err(failure(format!("a codec of {channels} channels, where the config has {sizes}")))
+        }
+        [first, ..] => {
+            let names = fitting.iter().map(|name| name.as_str()).collect::<Vec<_>>().join(" or ");
+            Err(failure(format!(
+                "a codec of {channels} channels may be of {names}: put the part's name before its tensors' names, as \
+                 `{first}.decoder.main.0.model.0.weight`"
+            )))
+        }
+    }
 }

@@ -15,8 +15,8 @@ use crate::random::Random;
 
 /// Small beside a hidden state of order 1, so that every expert is tried when training starts.
 const ROUTER_DEVIATION: f32 = 0.02;
-/// Problems of which each is told.
-const MOST_TOLD: usize = 12;
+/// Most problems that are listed.
+const MAX_LISTED: usize = 12;
 
 const POSITION: &str = "audio.hubert.encoder.pos_conv_embed.conv";
 /// Scale and direction of a weight norm, as Hugging Face named them at first and names them now.
@@ -26,7 +26,8 @@ const WEIGHT_NORM: [(&str, &str); 2] =
 const TIED: [&str; 2] = ["lm.encoder.embed_tokens.weight", "lm.decoder.embed_tokens.weight"];
 const TABLE: &str = "lm.shared.weight";
 const HEAD: &str = "lm.lm_head.weight";
-/// What only training needs, what stands on features in other tasks, and a table of old T5 that no layer reads.
+/// What only training needs, what stands on features in other tasks, and a table of old T5 that no
+/// layer reads.
 const UNUSED: [&str; 8] = [
     "audio.hubert.masked_spec_embed",
     "audio.hubert.lm_head.*",
@@ -96,9 +97,11 @@ pub(super) fn check(plan: &Plan, storage: Storage, values: Vec<f32>) -> Result<V
     }
 }
 
-/// Every tensor that `config` asks for. What the sources lack, have too much, or have in another shape is refused.
+/// Every tensor that `config` asks for. What the sources lack, have too much, or have in another
+/// shape is refused.
 pub(super) fn plan<'a>(config: &Config, catalogue: &'a Catalogue, args: &Convert) -> Result<Vec<Plan<'a>>, Failure> {
-    let encoders = catalogue.get("vq.face.encoder.main.0.weight").is_some();
+    let encoder = |name: &str| catalogue.get(&format!("vq.{name}.encoder.main.0.weight")).is_some();
+    let encoders = config.part_list().iter().any(|part| encoder(&part.name));
     let (mut plans, mut problems, mut used) = (Vec::new(), Vec::new(), BTreeSet::new());
     for (stream, spec) in layout::specs(config, encoders).into_iter().enumerate() {
         match recipe(catalogue, &spec, stream as u64, args.new_rows, &mut used) {
@@ -108,6 +111,9 @@ pub(super) fn plan<'a>(config: &Config, catalogue: &'a Catalogue, args: &Convert
     }
     let layers = config.audio.hubert.as_ref().map_or(0, |hubert| hubert.num_hidden_layers);
     for name in catalogue.names().filter(|name| !used.contains(*name) && !unused(name, layers)) {
+        if config.is_frames() && name == HEAD {
+            continue;
+        }
         if TIED.contains(&name) || config.lm.tie_word_embeddings && name == HEAD {
             problems.extend(differs(catalogue, name)?);
         } else if let Some(entry) = catalogue.get(name) {
@@ -115,15 +121,15 @@ pub(super) fn plan<'a>(config: &Config, catalogue: &'a Catalogue, args: &Convert
         }
     }
     // Experts share what is missing.
-    let mut told = BTreeSet::new();
-    problems.retain(|problem| told.insert(problem.clone()));
+    let mut seen = BTreeSet::new();
+    problems.retain(|problem| seen.insert(problem.clone()));
     if problems.is_empty() { Ok(plans) } else { Err(Failure::input(list(&problems))) }
 }
 
 fn list(problems: &[String]) -> String {
-    let mut text = problems.iter().take(MOST_TOLD).cloned().collect::<Vec<_>>().join("\n");
-    if problems.len() > MOST_TOLD {
-        text += &format!("\nand {} more", problems.len() - MOST_TOLD);
+    let mut text = problems.iter().take(MAX_LISTED).cloned().collect::<Vec<_>>().join("\n");
+    if problems.len() > MAX_LISTED {
+        text += &format!("\nand {} more", problems.len() - MAX_LISTED);
     }
     text
 }

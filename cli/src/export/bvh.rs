@@ -7,8 +7,8 @@ use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS};
 
 const CM: f64 = 100.0;
 
-/// Writes hierarchy and motion. Rotation channels are Z, X, Y: a joint's matrix is `Z * X * Y`. The root's
-/// position channels hold its whole position, so its own offset is 0.
+/// Writes hierarchy and motion. Rotation channels are Z, X, Y: a joint's matrix is `Z * X * Y`. The
+/// root's position channels hold its whole position, so its own offset is 0.
 ///
 /// # Errors
 /// Those of `out`.
@@ -35,7 +35,8 @@ pub fn write<W: Write>(clip: &Clip, mut out: W) -> io::Result<()> {
     Ok(())
 }
 
-/// Writes a joint and all below it, and appends them to `order`: motion comes in the hierarchy's order.
+/// Writes a joint and all below it, and appends them to `order`: motion comes in the hierarchy's
+/// order.
 fn write_joint<W: Write>(
     clip: &Clip,
     joint: usize,

@@ -90,8 +90,8 @@ pub(super) fn columns(face: &Face) -> Result<Vec<usize>, FaceError> {
     COLUMNS.into_iter().map(place).collect()
 }
 
-/// Writes one row per frame. Head angles are those of neck and head together, relative to the chest: yaw
-/// about Y, pitch about X, roll about Z, the rotation being `yaw * pitch * roll`.
+/// Writes one row per frame. Head angles are those of neck and head together, relative to the
+/// chest: yaw about Y, pitch about X, roll about Z, the rotation being `yaw * pitch * roll`.
 ///
 /// # Errors
 /// Those of `out`; [`FaceError`] within one where the face does not suit.

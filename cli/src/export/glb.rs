@@ -1,5 +1,5 @@
-//! `.glb`: glTF 2.0 with the skeleton, the figure in two meshes, body and head, one shape per face channel, and the
-//! animation of all three.
+//! `.glb`: glTF 2.0 with the skeleton, the figure in two meshes, body and head, one shape per face
+//! channel, and the animation of all three.
 //!
 //! | module | part |
 //! | --- | --- |
@@ -16,6 +16,7 @@ use std::io::{self, Write};
 use umo_core::config::FaceKind;
 use umo_core::motion::clip::Clip;
 use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS};
+use umo_figure::palette::Palette;
 
 mod builder;
 mod shapes;
@@ -37,12 +38,13 @@ pub fn write<W: Write>(clip: &Clip, out: W) -> io::Result<()> {
         FaceKind::SmplxExpression => figure.on_the_jaw(),
         FaceKind::Arkit => figure,
     };
-    let material = builder.material("figure");
-    let cloth = builder.surface(&figure, 0..figure.head);
+    let palette = Palette::new(&figure);
+    let material = builder.material("figure", &palette)?;
+    let cloth = builder.surface(&figure, &palette, 0..figure.head);
     let mesh = builder.mesh("body", primitive(cloth, material), &[]);
     let body = builder.skinned("body", mesh, skin);
 
-    let mut front = primitive(builder.surface(&figure, figure.head..figure.positions.len()), material);
+    let mut front = primitive(builder.surface(&figure, &palette, figure.head..figure.positions.len()), material);
     let names = &clip.face.names;
     if !names.is_empty() {
         let count = figure.positions.len() - figure.head;
@@ -153,8 +155,8 @@ fn add_animation(builder: &mut Builder, clip: &Clip, joints: &[Index<Node>], fac
     builder.root.push(animation);
 }
 
-/// A joint's rotations, each of exact length and on the same side as the one before: not every program
-/// takes the shorter way between two quaternions.
+/// A joint's rotations, each of exact length and on the same side as the one before: not every
+/// program takes the shorter way between two quaternions.
 fn track(clip: &Clip, joint: usize) -> Vec<[f32; 4]> {
     let mut before = [0.0, 0.0, 0.0, 1.0];
     let rotations = clip.rotations.iter().map(|frame| {

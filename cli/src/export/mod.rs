@@ -17,6 +17,8 @@ use umo_core::config::Face;
 use umo_core::motion::clip::Clip;
 use umo_core::motion::skeleton::JOINTS;
 
+use crate::failure::Failure;
+
 pub mod bvh;
 pub mod csv;
 pub mod glb;
@@ -133,6 +135,12 @@ impl fmt::Display for ExportError {
     }
 }
 
+impl From<ExportError> for Failure {
+    fn from(error: ExportError) -> Self {
+        Self::input(error)
+    }
+}
+
 impl std::error::Error for ExportError {}
 
 /// What keeps a face out of a Live Link Face file.
@@ -165,7 +173,8 @@ impl From<FaceError> for io::Error {
     }
 }
 
-/// Refuses an animation that no format could hold: the writers index and divide without asking again.
+/// Refuses an animation that no format could hold: the writers index and divide without asking
+/// again.
 pub(crate) fn check(clip: &Clip) -> Result<(), &'static str> {
     let frames = clip.rotations.len();
     let tree = &clip.skeleton;
@@ -210,7 +219,8 @@ fn children(clip: &Clip, joint: usize) -> impl Iterator<Item = usize> {
     (joint + 1..JOINTS).filter(move |&child| parent(clip, child) == Some(joint))
 }
 
-/// Where a bone without children ends, from its joint: half as long again as the bone that leads there.
+/// Where a bone without children ends, from its joint: half as long again as the bone that leads
+/// there.
 fn tip(clip: &Clip, joint: usize) -> [f32; 3] {
     let half = clip.skeleton.offsets_m[joint].map(|x| x * 0.5);
     let length = half.iter().map(|x| x * x).sum::<f32>().sqrt();

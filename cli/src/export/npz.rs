@@ -14,8 +14,9 @@ const BETAS: usize = 300;
 /// Expression coefficients per frame; a face with fewer is padded with 0, one with more is cut.
 const EXPRESSIONS: usize = 100;
 
-/// Writes `betas [300]`, `poses [T, 165]` (axis-angle), `expressions [T, 100]`, `trans [T, 3]`, `model`,
-/// `gender` and `mocap_frame_rate`; of an ARKit face also `arkit [T, 52]` and `arkit_names [52]`.
+/// Writes `betas [300]`, `poses [T, 165]` (axis-angle), `expressions [T, 100]`, `trans [T, 3]`,
+/// `model`, `gender` and `mocap_frame_rate`; of an ARKit face also `arkit [T, 52]` and
+/// `arkit_names [52]`.
 ///
 /// # Errors
 /// Those of `out`.
@@ -52,8 +53,8 @@ fn poses(clip: &Clip) -> impl Iterator<Item = f32> {
     rotations.flat_map(|&q| rotation::axis_angle(q).map(|x| x as f32))
 }
 
-/// A zip file of `.npy` files, uncompressed as NumPy's `savez` leaves them. It is made in memory: on a
-/// failing file, `ZipWriter` would print a message of its own.
+/// A zip file of `.npy` files, uncompressed as NumPy's `savez` leaves them. It is made in memory:
+/// on a failing file, `ZipWriter` would print a message of its own.
 struct Archive(ZipWriter<Cursor<Vec<u8>>>);
 
 impl Archive {
@@ -79,7 +80,8 @@ impl Archive {
         }
     }
 
-    /// One array of `dtype`, in NumPy's notation. `values` are as many as `shape` holds, in C order.
+    /// One array of `dtype`, in NumPy's notation. `values` are as many as `shape` holds, in C
+    /// order.
     fn array<T: Element>(
         &mut self,
         name: &str,

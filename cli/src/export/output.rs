@@ -1,7 +1,7 @@
 //! An animation file that is to be written in one of the formats.
 
 use super::{ExportError, Format, bvh, check, csv, glb, jsonl, npz};
-use crate::whole::Whole;
+use crate::atomic_file::AtomicFile;
 use std::path::Path;
 use umo_core::motion::clip::Clip;
 
@@ -10,7 +10,7 @@ use umo_core::motion::clip::Clip;
 #[derive(Debug)]
 pub struct Output {
     format: Format,
-    file: Whole,
+    file: AtomicFile,
 }
 
 impl Output {
@@ -19,7 +19,7 @@ impl Output {
     /// # Errors
     /// [`ExportError::Io`] where `path` is no place for a file.
     pub fn create(path: &Path, format: Format) -> Result<Self, ExportError> {
-        let file = Whole::create(path).map_err(|cause| ExportError::Io(path.to_owned(), cause))?;
+        let file = AtomicFile::create(path).map_err(|cause| ExportError::Io(path.to_owned(), cause))?;
         Ok(Self { format, file })
     }
 

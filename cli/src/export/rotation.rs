@@ -35,7 +35,8 @@ pub(crate) fn product(a: &Matrix, b: &Matrix) -> Matrix {
     std::array::from_fn(|i| std::array::from_fn(|j| (0..3).map(|k| a[i][k] * b[k][j]).sum()))
 }
 
-/// Angles in radians of a rotation about three different axes, the first the outermost: `m = A(a) * B(b) * C(c)`.
+/// Angles in radians of a rotation about three different axes, the first the outermost:
+/// `m = A(a) * B(b) * C(c)`.
 pub(crate) fn euler(m: &Matrix, [i, j, k]: [usize; 3]) -> [f64; 3] {
     // X Y Z and what goes round with it; the others are mirrored.
     let sign = if (i + 1) % 3 == j { 1.0 } else { -1.0 };

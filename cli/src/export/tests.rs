@@ -57,7 +57,8 @@ fn multiply([x, y, z, w]: [f64; 4], [a, b, c, d]: [f64; 4]) -> [f64; 4] {
     ]
 }
 
-/// Joint positions of a frame from the quaternions, metres: the truth that skeleton formats must agree with.
+/// Joint positions of a frame from the quaternions, metres: the truth that skeleton formats must
+/// agree with.
 fn positions(clip: &Clip, frame: usize) -> Vec<Point> {
     let mut turned: Vec<[f64; 4]> = Vec::new();
     let mut places: Vec<Point> = Vec::new();

@@ -6,9 +6,9 @@ use umo_core::motion::rotation::{IDENTITY, normalized};
 use umo_core::motion::skeleton::JOINTS;
 
 use super::MAX_FRAMES;
-use crate::glb::Glb;
-use crate::glb::accessor::floats;
-use crate::glb::document::{Animation, Document};
+use umo_core::glb::Glb;
+use umo_core::glb::accessor::floats;
+use umo_core::glb::document::{Animation, Document};
 
 pub(super) fn read(bytes: &[u8]) -> Result<Clip, String> {
     let file = Glb::split(bytes)?;

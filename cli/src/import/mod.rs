@@ -24,10 +24,11 @@ pub(crate) mod npz;
 /// Longest motion that is read: an hour at 240 frames a second.
 pub(crate) const MAX_FRAMES: usize = 3600 * 240;
 
-/// The motion in a file that `umo` wrote: `.npz`, `.glb`, `.bvh` or `.jsonl`, by its extension. It has at least one
-/// frame, 55 joints whose parents come first, and finite numbers.
+/// The motion in a file that `umo` wrote: `.npz`, `.glb`, `.bvh` or `.jsonl`, by its extension. It
+/// has at least one frame, 55 joints whose parents come first, and finite numbers.
 ///
-/// A `.npz` file has no skeleton: it gets the one of the model in the program. A `.bvh` file has no face.
+/// A `.npz` file has no skeleton: it gets the one of the model in the program. A `.bvh` file has no
+/// face.
 ///
 /// # Errors
 /// What is wrong with the file, with its name.
@@ -63,7 +64,8 @@ fn joints<'a>(names: impl Iterator<Item = Option<&'a str>>) -> Result<[usize; JO
     Ok(places)
 }
 
-/// The parents of the 55 joints of which `places` says where they are among the `parents` of a file's.
+/// The parents of the 55 joints of which `places` says where they are among the `parents` of a
+/// file's.
 fn parents(places: &[usize; JOINTS], parents: &[Option<usize>]) -> Result<Vec<i32>, String> {
     let number = |joint: usize| i32::try_from(joint).expect("there are 55 joints");
     let parent = |(joint, &place): (usize, &usize)| match parents[place] {

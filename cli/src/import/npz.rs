@@ -32,8 +32,8 @@ pub(crate) fn open(path: &Path) -> Result<Archive, String> {
     ZipArchive::new(BufReader::new(file)).map_err(|error| format!("not an npz file: {error}"))
 }
 
-/// The motion, on the skeleton of the model in the program: `poses` and, where there, `trans`, `arkit` or
-/// `expressions`, the frame rate.
+/// The motion, on the skeleton of the model in the program: `poses` and, where there, `trans`,
+/// `arkit` or `expressions`, the frame rate.
 pub(super) fn read(path: &Path) -> Result<Clip, String> {
     let mut archive = open(path)?;
     let skeleton = crate::model::skeleton().map_err(|error| error.to_string())?;
@@ -48,7 +48,8 @@ pub(super) fn read(path: &Path) -> Result<Clip, String> {
     fill(&mut archive, Clip { frame_rate: 30.0, skeleton, face, rotations, translation, face_values })
 }
 
-/// The file's motion in a clip of no frames, whose bones and face it gets, and whose rate where the file says none.
+/// The file's motion in a clip of no frames, whose bones and face it gets, and whose rate where the
+/// file says none.
 pub(crate) fn fill(archive: &mut Archive, mut clip: Clip) -> Result<Clip, String> {
     let (shape, poses) = array(archive, "poses")?.ok_or("it has no array `poses`")?;
     if shape.len() != 2 || shape[1] != 3 * JOINTS || poses.is_empty() {
@@ -72,7 +73,8 @@ pub(crate) fn fill(archive: &mut Archive, mut clip: Clip) -> Result<Clip, String
     Ok(clip)
 }
 
-/// `width` values per frame: those of an array, cut or padded with zeros; all zeros where it is missing.
+/// `width` values per frame: those of an array, cut or padded with zeros; all zeros where it is
+/// missing.
 fn rows(archive: &mut Archive, name: &str, frames: usize, width: usize) -> Result<Vec<f32>, String> {
     let mut values = vec![0.0; frames * width];
     let Some((shape, array)) = array(archive, name)? else { return Ok(values) };

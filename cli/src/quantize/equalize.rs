@@ -1,10 +1,12 @@
-//! Evening out the channels between two products, so that one loud channel does not take the int8 steps of all others.
+//! Evening out the channels between two products, so that one loud channel does not take the int8
+//! steps of all others.
 //!
-//! Where a channel passes from the rows of one weight to the columns of the next through nothing but products and sums
-//! (T5's `wi_1` to `wo`, and values to the attention's output), its rows may be divided and its columns multiplied by
-//! any factor: the function stays. The factor that makes both ranges equal costs both the same (Nagel et al. 2019,
-//! "Data-Free Quantization Through Weight Equalization and Bias Correction", section 4.1); powers of two change no bit
-//! of a float weight's mantissa.
+//! Where a channel passes from the rows of one weight to the columns of the next through nothing
+//! but products and sums (T5's `wi_1` to `wo`, and values to the attention's output), its rows may
+//! be divided and its columns multiplied by any factor: the function stays. The factor that makes
+//! both ranges equal costs both the same (Nagel et al. 2019, "Data-Free Quantization Through Weight
+//! Equalization and Bias Correction", section 4.1); powers of two change no bit of a float weight's
+//! mantissa.
 
 use umo_core::{LoadError, ModelFile};
 
@@ -51,7 +53,8 @@ fn read(file: &ModelFile, name: &str, shape: [usize; 2]) -> Result<Vec<f32>, Loa
     Ok(values)
 }
 
-/// What the rows of `made [channels, _]` are multiplied by, and the columns of `taken [_, channels]` divided by.
+/// What the rows of `made [channels, _]` are multiplied by, and the columns of
+/// `taken [_, channels]` divided by.
 fn factors(made: &[f32], taken: &[f32], channels: usize) -> Vec<f32> {
     let mut ranges = vec![0.0_f32; channels];
     for row in taken.chunks_exact(channels) {

@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 use std::f32::consts::PI;
 
 use umo_core::config::{
-    Audio, AudioKind, Codec, Face, FaceKind, Hubert, Interp, Lm, Mel, Modality, Sampling, Skeleton, TemplateItem,
-    Vocab, Vq,
+    Audio, AudioKind, Codec, Face, FaceKind, Hubert, Interp, Layout, Lm, Mel, Modality, Sampling, Skeleton,
+    TemplateItem, Vocab, Vq,
 };
 use umo_core::motion::skeleton::ARKIT_NAMES;
 use umo_core::{Config, PerPart};
@@ -37,13 +37,18 @@ pub(super) fn config(size: Size) -> Config {
         target: 5,
         max_target: 10,
         lookahead: 9,
+        layout: Layout::Parts,
+        parts: None,
         audio,
         vocab,
         lm: lm(size),
+        depth: None,
         interp: interp(size),
         vq: vq(size),
         face: face(size),
+        mouth: None,
         templates: templates(),
+        prompts: None,
         rest: PerPart::default(),
         sampling: Sampling { temperature: 1.0, top_k: 50, top_p: 1.0 },
         skeleton: skeleton(),
@@ -64,15 +69,24 @@ fn hubert() -> Audio {
         layer_norm_eps: 1e-5,
         do_normalize: false,
     };
-    Audio { kind: AudioKind::Hubert, sample_rate: 16_000, token_rate: 50, units: 500, hubert: Some(hubert), mel: None }
+    Audio {
+        kind: AudioKind::Hubert,
+        sample_rate: 16_000,
+        token_rate: 50,
+        units: 500,
+        ahead: 0,
+        hubert: Some(hubert),
+        mel: None,
+    }
 }
 
 fn mel(bands: usize, units: usize) -> Audio {
     let mel = Mel { window: 400, fft: 512, bands, floor: 1e-5, deltas: 1, network: None };
-    Audio { kind: AudioKind::Mel, sample_rate: 16_000, token_rate: 50, units, hubert: None, mel: Some(mel) }
+    Audio { kind: AudioKind::Mel, sample_rate: 16_000, token_rate: 50, units, ahead: 0, hubert: None, mel: Some(mel) }
 }
 
-/// Text ids, three ids of `motion`, the parts' codes with three markers each, then `audio_ids` of audio.
+/// Text ids, three ids of `motion`, the parts' codes with three markers each, then `audio_ids` of
+/// audio.
 fn vocab(text_ids: usize, codes: usize, units: usize, audio_ids: usize) -> Vocab {
     let block = |first: usize, codes: usize, ids: usize| {
         let marker = first + ids - 3;
@@ -217,7 +231,8 @@ fn skeleton() -> Skeleton {
         [0.0, 0.09, 0.03], [0.10, 0.04, -0.01], [-0.10, 0.04, -0.01], [0.26, -0.01, -0.02], [-0.26, -0.01, -0.02],
         [0.25, 0.01, 0.0], [-0.25, 0.01, 0.0], [0.0, 0.0, 0.02], [0.03, 0.06, 0.06], [-0.03, 0.06, 0.06],
     ];
-    // Index, middle, pinky, ring, thumb: the first joint from the wrist, then two bones along the finger.
+    // Index, middle, pinky, ring, thumb: the first joint from the wrist, then two bones along the
+    // finger.
     let fingers: [([f32; 3], f32); 5] = [
         ([0.10, -0.01, 0.02], 0.033), ([0.11, 0.0, 0.0], 0.034), ([0.09, -0.02, -0.04], 0.022),
         ([0.10, -0.01, -0.02], 0.030), ([0.04, -0.02, 0.03], 0.031),

@@ -1,4 +1,5 @@
-//! A skeleton in a `.bvh` file, and the animation on it: the file's hierarchy as it was, then new frames.
+//! A skeleton in a `.bvh` file, and the animation on it: the file's hierarchy as it was, then new
+//! frames.
 
 use std::fmt::Write;
 
@@ -101,8 +102,9 @@ impl Target {
         self.channels_of(at, self.bvh.joints[at].offset.map(f64::from))
     }
 
-    /// Whether a joint's position channels stand in place of its offset, as some programs write them, rather than being
-    /// added to it: so where the file's first frame repeats the offset. A root's are added.
+    /// Whether a joint's position channels stand in place of its offset, as some programs write
+    /// them, rather than being added to it: so where the file's first frame repeats the offset. A
+    /// root's are added.
     fn replaces(&self, at: usize) -> bool {
         let joint = &self.bvh.joints[at];
         let first: usize = self.bvh.joints[..at].iter().map(|joint| joint.channels.len()).sum();

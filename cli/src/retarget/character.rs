@@ -1,28 +1,33 @@
-//! A character in a `.glb` file, and the animation in it. Everything that the file held stays as it was.
+//! A character in a `.glb` file, and the animation in it. Everything that the file held stays as it
+//! was.
 
 use serde_json::json;
 use serde_json::value::RawValue;
+use umo_core::glb::document::Document;
+use umo_core::glb::{self, Glb, transform};
 use umo_core::motion::clip::Clip;
-use umo_core::motion::rotation::{IDENTITY, Matrix, Quat, matrix_to_quat};
-use umo_core::retarget::{Bone, Mapping, Retarget, Rig};
+use umo_core::motion::rotation::Quat;
+use umo_core::retarget::Retarget;
 
+use super::Motion;
 use super::faces::Faces;
 use super::splice::{Members, raw};
-use super::{Motion, vrm};
-use crate::glb::Glb;
-use crate::glb::document::{Document, Node};
 
 /// glTF's number for 32-bit floats.
 const FLOAT: u32 = 5126;
 
-/// How far from a rotation and a scale a matrix may be.
-const SHEAR: f64 = 1e-3;
-
 /// A `.glb` file with nodes to move.
 pub(super) struct Character {
     bytes: Vec<u8>,
-    document: Document,
-    rig: Rig,
+    read: glb::Character,
+}
+
+impl std::ops::Deref for Character {
+    type Target = glb::Character;
+
+    fn deref(&self) -> &glb::Character {
+        &self.read
+    }
 }
 
 impl Character {
@@ -31,27 +36,12 @@ impl Character {
     /// # Errors
     /// What of it is not as the format has it, or cannot be moved.
     pub(super) fn read(bytes: Vec<u8>) -> Result<Self, String> {
-        let file = Glb::split(&bytes)?;
-        let document = Document::parse(file.json)?;
-        check_buffer(&document, file.bin)?;
-        let rig = rig(&document)?;
-        Ok(Self { bytes, document, rig })
+        Ok(Self { read: glb::Character::read(&bytes)?, bytes })
     }
 
-    pub(super) fn rig(&self) -> &Rig {
-        &self.rig
-    }
-
-    pub(super) fn document(&self) -> &Document {
-        &self.document
-    }
-
-    /// The bones of a VRM file's own table.
-    pub(super) fn vrm_bones(&self) -> Result<Option<(Mapping, &'static str)>, String> {
-        vrm::bones(&self.document)
-    }
-
-    /// The file with one animation more.
+    /// The file with one animation more, as its first: what plays a file plays that. Nodes that the
+    /// bind pose has elsewhere than the file, and that the motion does not drive, are in the bind
+    /// pose in it.
     ///
     /// # Errors
     /// A file that would be larger than the format allows; JSON that is not as the format has it.
@@ -69,7 +59,14 @@ impl Character {
         let mut tracks = Tracks { first: accessors.len(), view: views.len(), ..Tracks::default() };
         let times: Vec<f32> = (0..motion.hips.len()).map(|frame| frame as f32 / motion.frame_rate).collect();
         let input = tracks.add(&times, 1, json!({ "min": [times.first()], "max": [times.last()] }));
-        let driven = (0..self.rig.len()).filter(|&node| retarget.is_driven(node));
+        let driven = (0..self.rig().len()).filter(|&node| retarget.is_driven(node));
+        let mut placed = self.placed(retarget).peekable();
+        if placed.peek().is_some() {
+            let start = tracks.add(&[0.0], 1, json!({ "min": [0.0], "max": [0.0] }));
+            for (node, path, value) in placed {
+                tracks.channel(start, node, path, &value, value.len());
+            }
+        }
         for node in driven.clone() {
             let values = continued(motion.rotations.iter().map(|frame| frame[node]));
             tracks.channel(input, node, "rotation", values.as_flattened(), 4);
@@ -86,79 +83,33 @@ impl Character {
         let name = self.new_name();
         let animation = json!({ "name": name, "channels": tracks.channels, "samplers": tracks.samplers });
         let animations = members.list("animations")?;
-        add(&mut members, "animations", animations, &[animation]);
+        members.set_list("animations", &[vec![raw(&animation)], animations].concat());
         set_length(&mut members, total)?;
-        decompose(&mut members, &self.document, driven)?;
+        decompose(&mut members, self.document(), driven.chain(self.bound().keys().copied()))?;
         let mut bin = file.bin.to_vec();
         bin.resize(start, 0);
         bin.extend(tracks.bytes);
         container(members.text().into_bytes(), &bin, file.more)
     }
 
+    /// What the bind pose has elsewhere than the file and the motion does not set: node, path and
+    /// value.
+    fn placed(&self, retarget: &Retarget) -> impl Iterator<Item = (usize, &'static str, Vec<f32>)> {
+        self.bound().iter().flat_map(|(&node, &(translation, rotation, scale))| {
+            let is_set = [node == retarget.hips(), retarget.is_driven(node), false];
+            let values =
+                [("translation", translation.to_vec()), ("rotation", rotation.to_vec()), ("scale", scale.to_vec())];
+            let left = values.into_iter().zip(is_set).filter(|(_, is_set)| !is_set);
+            left.map(move |((path, value), _)| (node, path, value))
+        })
+    }
+
     /// `speech`, or where an animation has that name, with a number.
     fn new_name(&self) -> String {
-        let taken = |name: &str| self.document.animations.iter().any(|known| known.name.as_deref() == Some(name));
+        let taken = |name: &str| self.document().animations.iter().any(|known| known.name.as_deref() == Some(name));
         let numbered = (2..).map(|number| format!("speech {number}"));
         std::iter::once("speech".to_owned()).chain(numbered).find(|name| !taken(name)).unwrap_or_default()
     }
-}
-
-/// The buffer that grows must be the one in the file.
-fn check_buffer(document: &Document, bin: &[u8]) -> Result<(), String> {
-    match document.buffers.first() {
-        None => Ok(()),
-        Some(first) if first.uri.is_some() => {
-            Err("its first buffer is in another file: pack it into the .glb first".to_owned())
-        }
-        Some(first) if first.byte_length > bin.len() => Err("the file is cut short".to_owned()),
-        Some(_) => Ok(()),
-    }
-}
-
-fn rig(document: &Document) -> Result<Rig, String> {
-    let parents = document.parents()?;
-    let mut bones = Vec::with_capacity(document.nodes.len());
-    for (node, parent) in document.nodes.iter().zip(parents) {
-        // A matrix that is none of these is as a scale to nothing: refused where bones move below it.
-        let (translation, rotation, scale) = transform(node).unwrap_or(([0.0; 3], IDENTITY, [0.0; 3]));
-        let name = node.name.clone().unwrap_or_default();
-        bones.push(Bone { name, parent, translation, rotation, scale, deforms: false });
-    }
-    for &joint in document.skins.iter().flat_map(|skin| &skin.joints) {
-        let bone = bones.get_mut(joint).ok_or_else(|| format!("a skin's joint: there is no node {joint}"))?;
-        bone.deforms = true;
-    }
-    Rig::new(bones).map_err(|error| error.to_string())
-}
-
-type Transform = ([f32; 3], Quat, [f32; 3]);
-
-#[expect(clippy::cast_possible_truncation, reason = "bones are kept in f32; what overflows the rig refuses")]
-fn transform(node: &Node) -> Result<Transform, String> {
-    let narrow = |v: [f64; 3]| v.map(|x| x as f32);
-    let Some(m) = node.matrix else {
-        let rotation = node.rotation.unwrap_or([0.0, 0.0, 0.0, 1.0]).map(|x| x as f32);
-        return Ok((narrow(node.translation.unwrap_or([0.0; 3])), rotation, narrow(node.scale.unwrap_or([1.0; 3]))));
-    };
-    let column = |at: usize| [m[4 * at], m[4 * at + 1], m[4 * at + 2]];
-    let [x, y, z] = [column(0), column(1), column(2)];
-    let dot = |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-    let length = |v: [f64; 3]| dot(v, v).sqrt();
-    let mut scale = [length(x), length(y), length(z)];
-    let volume = dot(x, [y[1] * z[2] - y[2] * z[1], y[2] * z[0] - y[0] * z[2], y[0] * z[1] - y[1] * z[0]]);
-    let size = scale[0] * scale[1] * scale[2];
-    if !(size.is_finite() && size > 0.0) {
-        return Err("its matrix has no inverse".to_owned());
-    }
-    if (1.0 - volume.abs() / size) > SHEAR {
-        return Err("its matrix shears".to_owned());
-    }
-    if volume < 0.0 {
-        scale[0] = -scale[0];
-    }
-    let unit = [(x, scale[0]), (y, scale[1]), (z, scale[2])].map(|(v, scale)| v.map(|a| a / scale));
-    let rows: Matrix = std::array::from_fn(|i| std::array::from_fn(|j| unit[j][i] as f32));
-    Ok((narrow([m[12], m[13], m[14]]), matrix_to_quat(rows), narrow(scale)))
 }
 
 /// An animation in the making.
@@ -197,7 +148,8 @@ impl Tracks {
     }
 }
 
-/// Each rotation on the side of the one before: not every program takes the shorter way between two quaternions.
+/// Each rotation on the side of the one before: not every program takes the shorter way between two
+/// quaternions.
 fn continued(rotations: impl Iterator<Item = Quat>) -> Vec<Quat> {
     let mut before = [0.0, 0.0, 0.0, 1.0];
     let rotations = rotations.map(|q| {
@@ -230,7 +182,8 @@ fn set_length(members: &mut Members, length: usize) -> Result<(), String> {
     Ok(())
 }
 
-/// Writes the matrices of nodes that move as translation, rotation and scale: the format wants it so.
+/// Writes the matrices of nodes that move as translation, rotation and scale: the format wants it
+/// so.
 fn decompose(members: &mut Members, document: &Document, driven: impl Iterator<Item = usize>) -> Result<(), String> {
     let matrices: Vec<_> = driven.filter(|&node| document.nodes[node].matrix.is_some()).collect();
     if matrices.is_empty() {

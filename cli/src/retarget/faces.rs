@@ -6,7 +6,7 @@ use umo_core::retarget::{Mapping, Retarget};
 
 use super::mapping::Given;
 use super::vrm::{self, Expression};
-use crate::glb::document::Document;
+use umo_core::glb::document::Document;
 
 const JAW: usize = 22;
 const EYES: [usize; 2] = [23, 24];
@@ -35,11 +35,12 @@ pub(super) struct Faces {
 }
 
 impl Faces {
-    /// Finds the shapes that a face's channels move, by their names, by the expressions of a VRM file, and as a mapping
-    /// file says.
+    /// Finds the shapes that a face's channels move, by their names, by the expressions of a VRM
+    /// file, and as a mapping file says.
     ///
     /// # Errors
-    /// A mapping file's channel or shape that is not there; a mesh with more shapes than any face has.
+    /// A mapping file's channel or shape that is not there; a mesh with more shapes than any face
+    /// has.
     pub(super) fn find(document: &Document, face: &Face, given: &Given) -> Result<Self, String> {
         let mut meshes = Vec::new();
         for (at, node) in document.nodes.iter().enumerate() {
@@ -98,7 +99,8 @@ impl Faces {
                     mesh.map.release(shape);
                     linked.push((at, shape));
                 }
-                // A face of another kind has no such channel; then nothing moves, which is said at the end.
+                // A face of another kind has no such channel; then nothing moves, which is said at
+                // the end.
                 if !mesh.map.link(face, channel, shape, share) && face.kind == umo_core::config::FaceKind::Arkit {
                     return Err(format!("`{channel}` of the mapping is no face channel"));
                 }
@@ -193,7 +195,8 @@ impl Track<'_> {
         self.mesh.node
     }
 
-    /// The weights of all of its shapes for a frame's face values, those that nothing moves as they are at rest.
+    /// The weights of all of its shapes for a frame's face values, those that nothing moves as they
+    /// are at rest.
     pub(super) fn weights(&self, values: &[f32]) -> Vec<f32> {
         let mut weights = self.mesh.rest.clone();
         if let Some(map) = self.expressions {

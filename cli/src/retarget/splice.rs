@@ -90,7 +90,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_not_touched_stays_letter_for_letter() {
+    fn untouched_json_keeps_its_bytes() {
         let text = r#"{ "a" : [1.50, {"x" : 1e-3 }], "ü\"" : "\u00e9",  "b":12345678901234567890 }"#;
         let mut object = Members::parse(text).unwrap();
         assert_eq!(object.text(), r#"{"a":[1.50, {"x" : 1e-3 }],"ü\"":"\u00e9","b":12345678901234567890}"#);

@@ -3,6 +3,7 @@
 mod character;
 mod files;
 
+use glam::{DMat4, DQuat, DVec3};
 use proptest::prelude::*;
 use serde_json::{Value, json};
 use umo_core::config::FaceKind;
@@ -11,11 +12,11 @@ use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS, joint_places};
 
 use super::splice::Members;
 use super::*;
-use crate::glb::Glb;
-use crate::glb::accessor::floats;
-use crate::glb::document::Document;
 use crate::sample;
 use character::{Made, mixamo, vrm};
+use umo_core::glb::Glb;
+use umo_core::glb::accessor::floats;
+use umo_core::glb::document::Document;
 
 pub(super) type Vector = [f32; 3];
 
@@ -66,9 +67,9 @@ impl Moved {
         self.document.nodes.iter().position(|node| node.name.as_deref() == Some(name)).unwrap()
     }
 
-    /// The values of a node in the last animation.
+    /// The values of a node in the first animation.
     fn values(&self, node: usize, path: &str, kind: &str) -> Option<Vec<f32>> {
-        let animation = self.document.animations.last()?;
+        let animation = self.document.animations.first()?;
         let channel = animation.channels.iter().find(|c| c.target.node == Some(node) && c.target.path == path)?;
         let output = animation.samplers[channel.sampler].output;
         Some(floats(&self.document, Glb::split(&self.bytes).unwrap().bin, output, kind).unwrap())
@@ -83,14 +84,18 @@ impl Moved {
         let parents = self.document.parents().unwrap();
         let (from, turned, size) = parents[node].map_or(([0.0; 3], IDENTITY, 1.0), |parent| self.world(parent, frame));
         let of = &self.document.nodes[node];
+        // A track of one key holds it.
+        fn at<T: Copy>(values: &[T], frame: usize) -> T {
+            values[frame.min(values.len() - 1)]
+        }
         let narrow = |v: f64| format!("{v}").parse::<f32>().unwrap();
         let mut place = of.translation.unwrap_or([0.0; 3]).map(narrow);
         if let Some(values) = self.values(node, "translation", "VEC3") {
-            place = values.as_chunks().0[frame];
+            place = at(values.as_chunks().0, frame);
         }
         let mut rotation = of.rotation.unwrap_or([0.0, 0.0, 0.0, 1.0]).map(narrow);
         if let Some(values) = self.values(node, "rotation", "VEC4") {
-            rotation = values.as_chunks().0[frame];
+            rotation = at(values.as_chunks().0, frame);
         }
         let step = rotate(turned, place.map(|x| x * size));
         let scale = of.scale.map_or(1.0, |scale| narrow(scale[0]));
@@ -117,15 +122,25 @@ fn joint(name: &str) -> usize {
 
 /// Demands that limbs point where the clip's do; `ahead` turns the clip's axes to the character's.
 fn check_limbs(moved: &Moved, made: &Made, clip: &Clip, ahead: Quat) {
+    check_limbs_turned(moved, made, clip, ahead, &limbs());
+}
+
+fn check_limbs_turned(moved: &Moved, made: &Made, clip: &Clip, ahead: Quat, limbs: &[(&str, &str)]) {
     for frame in 0..clip.len() {
         let want = joint_places(&clip.skeleton, &clip.pose(frame));
-        for (from, to) in limbs() {
+        for (from, to) in limbs {
             let place = |name: &str| moved.place(moved.node(&made.name(joint(name))), frame);
             let wanted = rotate(ahead, less(want[joint(to)], want[joint(from)]));
             let angle = angle_between(less(place(to), place(from)), wanted);
             assert!(angle < TOLERANCE, "{from} to {to}: {angle} rad");
         }
     }
+}
+
+/// [`check_limbs`] but for the one that ends in `joint`.
+fn check_limbs_but(moved: &Moved, made: &Made, clip: &Clip, joint: &str) {
+    let limbs: Vec<_> = limbs().into_iter().filter(|(_, to)| *to != joint).collect();
+    check_limbs_turned(moved, made, clip, IDENTITY, &limbs);
 }
 
 #[test]
@@ -164,6 +179,81 @@ fn vrm_files_of_both_versions_move_by_their_own_tables() {
     }
 }
 
+/// A mesh made in the scene's space, in the armature's, and in one whose z axis is up.
+fn frames() -> [(&'static str, DMat4); 3] {
+    let turned = DQuat::from_rotation_x(-std::f64::consts::FRAC_PI_2);
+    [
+        ("scene", DMat4::IDENTITY),
+        ("armature", DMat4::from_scale(DVec3::splat(0.01))),
+        ("z up", DMat4::from_quat(turned)),
+    ]
+}
+
+#[test]
+fn a_character_exported_in_mid_animation_moves_from_its_bind_pose() {
+    let clip = sample::clip(FaceKind::Arkit, 3, 5);
+    let mut made = mixamo();
+    // Bones that nothing drives are in the bind pose too.
+    for node in made.json["nodes"].as_array_mut().unwrap() {
+        let name = node["name"].as_str().unwrap().replace("LeftHand", "Odd");
+        node["name"] = name.into();
+    }
+    for (space, frame) in frames() {
+        let mut bound = made.clone();
+        bound.bind(frame);
+        if space == "z up" {
+            let face = bound.index("Face");
+            bound.json["nodes"][face]["rotation"] = json!(DQuat::from_mat4(&frame).to_array());
+        }
+        let want = moved(&bound, &clip);
+        check_limbs_but(&want, &bound, &clip, "left_wrist");
+        // The whole pose, and a root alone that is far away.
+        for (turn, step) in [(0.5, [430.0, -20.0, 100.0]), (0.0, [430.0, 0.0, 0.0])] {
+            let mut posed = bound.clone();
+            posed.pose(turn, step);
+            let found = moved(&posed, &clip);
+            for (node, frame) in (1..=JOINTS).flat_map(|node| (0..clip.len()).map(move |frame| (node, frame))) {
+                let [(place, rotation, _), (wanted, turned, _)] = [&found, &want].map(|file| file.world(node, frame));
+                let apart = less(place, wanted).iter().fold(0.0_f32, |most, v| most.max(v.abs()));
+                assert!(apart < 1e-4, "{space}, {turn}: node {node} is {apart} m away");
+                let dot: f32 = rotation.iter().zip(turned).map(|(a, b)| a * b).sum();
+                assert!(dot.abs() > 1.0 - 1e-5, "{space}, {turn}: node {node} is turned");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_character_whose_nodes_are_in_the_bind_pose_stays_where_it_was_placed() {
+    let clip = sample::clip(FaceKind::Arkit, 2, 6);
+    let mut placed = mixamo();
+    placed.bind(DMat4::IDENTITY);
+    let want = moved(&mixamo(), &clip);
+    for step in [[0.0; 3], [0.0, 0.4, 0.0]] {
+        // Somewhere else in the scene, as a whole.
+        placed.json["nodes"][0]["translation"] = json!(step);
+        let found = moved(&placed, &clip);
+        let channels = |file: &Moved| file.document.animations[0].channels.len();
+        assert_eq!(channels(&found), channels(&want));
+        let lifted = less(found.place(20, 1), want.place(20, 1));
+        assert!(lifted.iter().zip(step).all(|(&a, b)| (f64::from(a) - b).abs() < 1e-4), "{lifted:?}");
+    }
+}
+
+#[test]
+fn only_a_vrm_character_is_written_as_vrm() {
+    let check = |made: Made, output: &str| {
+        let target = Target::read("a.glb".as_ref(), made.bytes()).unwrap();
+        target.check_output(output.as_ref())
+    };
+    check(vrm(0), "out.vrm").unwrap();
+    check(vrm(1), "out.VRM").unwrap();
+    check(vrm(1), "out.glb").unwrap();
+    check(mixamo(), "out.glb").unwrap();
+    assert!(check(mixamo(), "out.vrm").unwrap_err().to_string().contains("name it .glb"));
+    assert!(check(mixamo(), "out.bvh").unwrap_err().to_string().contains("expected .glb"));
+}
+
 #[test]
 fn all_else_in_the_file_stays_as_it_was() {
     let clip = sample::clip(FaceKind::Arkit, 3, 1);
@@ -177,10 +267,13 @@ fn all_else_in_the_file_stays_as_it_was() {
         for (name, value) in &old.0 {
             let now = &new.0.iter().find(|(known, _)| known == name).unwrap().1;
             match name.as_str() {
+                // The new animation is the first, what else is new is at the end.
                 "accessors" | "bufferViews" | "animations" => {
-                    let (old, new) = (old.list(name).unwrap(), new.list(name).unwrap());
-                    let same = old.iter().zip(&new).all(|(old, new)| old.get() == new.get());
-                    assert!(same && new.len() > old.len(), "{name}");
+                    let (old, mut new) = (old.list(name).unwrap(), new.list(name).unwrap());
+                    let added = new.len() - old.len();
+                    assert!(added > 0, "{name}");
+                    new.rotate_left(if name == "animations" { added } else { 0 });
+                    assert!(old.iter().zip(&new).all(|(old, new)| old.get() == new.get()), "{name}");
                 }
                 "buffers" => assert_eq!(before.json["buffers"][0]["name"], moved.json["buffers"][0]["name"]),
                 _ => assert_eq!(value.get(), now.get(), "{name}"),
@@ -189,7 +282,8 @@ fn all_else_in_the_file_stays_as_it_was() {
     }
 }
 
-/// Where the Khronos validator is installed, as `scripts/validate-glb` does it, it looks at what comes out.
+/// Where the Khronos validator is installed, as `scripts/validate-glb` does it, it looks at what
+/// comes out.
 #[test]
 fn the_validator_finds_nothing_wrong() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
@@ -201,7 +295,10 @@ fn the_validator_finds_nothing_wrong() {
     let clip = sample::clip(FaceKind::Arkit, 4, 1);
     let mut command = std::process::Command::new(root.join("scripts/validate-glb"));
     // Not VRM 0.x: the name of its extension is no name that the validator allows.
-    for (name, made) in [("mixamo", mixamo()), ("vrm1", vrm(1))] {
+    let mut posed = mixamo();
+    posed.bind(DMat4::IDENTITY);
+    posed.pose(0.3, [430.0, 0.0, 0.0]);
+    for (name, made) in [("mixamo", mixamo()), ("posed", posed), ("vrm1", vrm(1))] {
         for (kind, bytes) in [("before", made.bytes()), ("after", moved(&made, &clip).bytes)] {
             let path = folder.path().join(format!("{name}-{kind}.glb"));
             std::fs::write(&path, bytes).unwrap();
@@ -288,7 +385,7 @@ proptest! {
 
     /// Whatever is changed in a file, it is refused or taken, and never worse.
     #[test]
-    fn spoilt_files_never_panic(at in 0.0_f64..1.0, byte in any::<u8>(), cut in any::<bool>()) {
+    fn corrupt_files_do_not_panic(at in 0.0_f64..1.0, byte in any::<u8>(), cut in any::<bool>()) {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a place in a small file")]
         fn spoil(bytes: &mut Vec<u8>, at: f64, byte: u8, cut: bool) {
             let place = (at * bytes.len() as f64) as usize;

@@ -1,28 +1,8 @@
-//! Bones and expressions as VRM files list them, 1.0 and 0.x.
+//! Expressions as VRM files list them, 1.0 and 0.x.
 
 use serde::Deserialize;
 use serde_json::{Map, Value};
-use umo_core::retarget::{Mapping, RetargetError};
-
-use crate::glb::document::Document;
-
-/// VRM's names for the joints that are one bone each; `{}` is the side. Thumbs are named differently in the two versions.
-const BODY: [(&str, &str); 3] = [("hips", "pelvis"), ("head", "head"), ("jaw", "jaw")];
-const SIDED: [(&str, &str); 9] = [
-    ("Shoulder", "collar"),
-    ("UpperArm", "shoulder"),
-    ("LowerArm", "elbow"),
-    ("Hand", "wrist"),
-    ("UpperLeg", "hip"),
-    ("LowerLeg", "knee"),
-    ("Foot", "ankle"),
-    ("Toes", "foot"),
-    ("Eye", "eye"),
-];
-const FINGERS: [(&str, &str); 5] =
-    [("Index", "index"), ("Middle", "middle"), ("Little", "pinky"), ("Ring", "ring"), ("Thumb", "thumb")];
-const BONES: [&str; 3] = ["Proximal", "Intermediate", "Distal"];
-const THUMB_OF_1: [&str; 3] = ["Metacarpal", "Proximal", "Distal"];
+use umo_core::glb::document::Document;
 
 /// An expression, and the shapes that it is made of.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,84 +12,8 @@ pub(super) struct Expression {
     pub(super) shapes: Vec<(usize, usize, f32)>,
 }
 
-/// The file's table of bones, and its version; none where it is no VRM file.
-///
-/// # Errors
-/// A table that is not as VRM has it.
-pub(super) fn bones(document: &Document) -> Result<Option<(Mapping, &'static str)>, String> {
-    let (table, version) = match (extension(document, "VRMC_vrm"), extension(document, "VRM")) {
-        (Some(vrm), _) => (table_of_1(vrm)?, "VRM 1.0"),
-        (None, Some(vrm)) => (table_of_0(vrm)?, "VRM 0.x"),
-        (None, None) => return Ok(None),
-    };
-    if let Some((name, node)) = table.iter().find(|(_, node)| *node >= document.nodes.len()) {
-        return Err(format!("{version}: bone `{name}`: there is no node {node}"));
-    }
-    let thumbs = if version == "VRM 1.0" { THUMB_OF_1 } else { BONES };
-    let mapping = mapping(&table, thumbs).map_err(|error| error.to_string())?;
-    Ok(Some((mapping, version)))
-}
-
-/// VRM's names in a table, and their nodes, as joints and their bones.
-fn mapping(table: &[(String, usize)], thumbs: [&str; 3]) -> Result<Mapping, RetargetError> {
-    let find = |name: &&str| table.iter().find(|(known, _)| known == name).map(|(_, node)| *node);
-    let mut mapping = Mapping::default();
-    let mut put = |joint: &str, names: &[&str]| {
-        let found: Vec<_> = names.iter().filter_map(find).collect();
-        if found.is_empty() { Ok(()) } else { mapping.put(joint, &found) }
-    };
-    put("spine", &["spine", "chest", "upperChest"])?;
-    put("neck", &["neck"])?;
-    for (name, joint) in BODY {
-        put(joint, &[name])?;
-    }
-    for side in ["left", "right"] {
-        for (name, joint) in SIDED {
-            put(&format!("{side}_{joint}"), &[format!("{side}{name}").as_str()])?;
-        }
-        for (finger, joint) in FINGERS {
-            let bones = if finger == "Thumb" { thumbs } else { BONES };
-            for (number, bone) in (1..).zip(bones) {
-                put(&format!("{side}_{joint}{number}"), &[format!("{side}{finger}{bone}").as_str()])?;
-            }
-        }
-    }
-    Ok(mapping)
-}
-
 fn extension<'a>(document: &'a Document, name: &str) -> Option<&'a Value> {
     document.extensions.get(name)
-}
-
-/// `humanBones: { "hips": { "node": 1 }, … }`
-fn table_of_1(vrm: &Value) -> Result<Vec<(String, usize)>, String> {
-    #[derive(Deserialize)]
-    struct Bone {
-        node: usize,
-    }
-    let bones = vrm.pointer("/humanoid/humanBones").and_then(Value::as_object);
-    let bones = bones.ok_or("VRM 1.0: it has no `humanoid.humanBones`")?;
-    let bone = |(name, bone): (&String, &Value)| match Bone::deserialize(bone) {
-        Ok(bone) => Ok((name.clone(), bone.node)),
-        Err(error) => Err(format!("VRM 1.0: bone `{name}`: {error}")),
-    };
-    bones.iter().map(bone).collect()
-}
-
-/// `humanBones: [ { "bone": "hips", "node": 1 }, … ]`
-fn table_of_0(vrm: &Value) -> Result<Vec<(String, usize)>, String> {
-    #[derive(Deserialize)]
-    struct Bone {
-        bone: String,
-        node: usize,
-    }
-    let bones = vrm.pointer("/humanoid/humanBones").and_then(Value::as_array);
-    let bones = bones.ok_or("VRM 0.x: it has no `humanoid.humanBones`")?;
-    let bone = |bone: &Value| match Bone::deserialize(bone) {
-        Ok(bone) => Ok((bone.bone, bone.node)),
-        Err(error) => Err(format!("VRM 0.x: a bone: {error}")),
-    };
-    bones.iter().map(bone).collect()
 }
 
 /// The file's expressions; what of them is not as VRM has it is left out.

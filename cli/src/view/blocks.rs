@@ -2,13 +2,11 @@
 
 use data_encoding::BASE64;
 use serde::Serialize;
-use umo_core::Part;
 use umo_core::config::FaceKind;
-use umo_core::lm::tally::KIND_NAMES;
 use umo_core::motion::clip::Clip;
 use umo_core::motion::skeleton::JOINT_NAMES;
 
-use super::scene::{Record, Scene};
+use super::scene::{self, Record, Scene};
 use umo_figure::Mesh;
 
 /// The description. Sizes are counts of vertices and frames.
@@ -21,11 +19,10 @@ struct Description<'a> {
     parents: &'a [i32],
     offsets: &'a [[f32; 3]],
     face: Face<'a>,
-    parts: [&'static str; 4],
     model: Option<Model<'a>>,
     mesh: MeshInfo,
     audio: Option<AudioInfo>,
-    record: Option<RecordInfo>,
+    record: Option<RecordInfo<'a>>,
     live: Option<Live>,
     rest: Option<Rest<'a>>,
 }
@@ -63,12 +60,21 @@ struct AudioInfo {
 
 #[derive(Serialize)]
 #[serde(rename_all = "camelCase")]
-struct RecordInfo {
+struct RecordInfo<'a> {
+    parts: Vec<CodedPart<'a>>,
     kinds: &'static [&'static str],
+    every: usize,
     experts: usize,
     encoder_layers: usize,
     decoder_layers: usize,
     chunks: Vec<Chunk>,
+}
+
+#[derive(Serialize)]
+struct CodedPart<'a> {
+    name: &'a str,
+    levels: usize,
+    codes: usize,
 }
 
 #[derive(Serialize)]
@@ -104,8 +110,7 @@ pub(super) fn elements(scene: &Scene) -> serde_json::Result<String> {
         page.block("audio", audio.samples.iter().copied().flat_map(i16::to_le_bytes));
     }
     if let Some(record) = &scene.record {
-        let codes = Part::ALL.into_iter().flat_map(|part| record.codes[part].iter().copied());
-        page.block("codes", codes.flat_map(u16::to_le_bytes));
+        page.block("codes", record.codes.iter().flatten().copied().flat_map(u16::to_le_bytes));
         page.block("routed", record.routed.iter().copied().flat_map(u32::to_le_bytes));
     }
     Ok(page.0)
@@ -113,8 +118,11 @@ pub(super) fn elements(scene: &Scene) -> serde_json::Result<String> {
 
 fn describe<'a>(scene: &'a Scene, order: &Order) -> Description<'a> {
     let morph = |morph: &umo_figure::Morph| MorphInfo { name: morph.name, count: morph.vertices.len() };
-    let record = |record: &Record| RecordInfo {
-        kinds: &KIND_NAMES,
+    let part = |part: &'a scene::CodedPart| CodedPart { name: &part.name, levels: part.levels, codes: part.codes };
+    let record = |record: &'a Record| RecordInfo {
+        parts: record.parts.iter().map(part).collect(),
+        kinds: record.kinds,
+        every: record.every,
         experts: record.experts,
         encoder_layers: record.encoder_layers,
         decoder_layers: record.decoder_layers,
@@ -134,7 +142,6 @@ fn describe<'a>(scene: &'a Scene, order: &Order) -> Description<'a> {
             },
             names: &clip.face.names,
         },
-        parts: Part::ALL.map(Part::name),
         model: scene.model.as_ref().map(|model| Model { name: &model.name, stride: model.stride }),
         mesh: MeshInfo { moving: order.moving, morphs: scene.mesh.morphs.iter().map(morph).collect() },
         audio: scene.audio.as_ref().map(|audio| AudioInfo { sample_rate: audio.sample_rate }),

@@ -1,4 +1,5 @@
-//! `umo view --live`: the page on loopback, and streams of a recording or of a browser's microphone through an engine.
+//! `umo view --live`: the page on loopback, and streams of a recording or of a browser's microphone
+//! through an engine.
 //!
 //! | module | part |
 //! | --- | --- |
@@ -19,20 +20,20 @@ use std::time::Duration;
 use umo_core::audio::resample;
 use umo_core::engine::{Engine, EngineConfig, Threads};
 use umo_core::model::Model;
-use umo_core::session::{MAX_RATE, MIN_RATE, SessionConfig};
+use umo_core::session::{MAX_RATE, MIN_RATE, SessionConfig, Voice};
 use umo_core::{Config, Precision};
 
 use super::scene::{Audio, LiveInfo, Scene};
 use super::{browser, page};
-use crate::args::{Making, Page};
+use crate::args::{GenerateArgs, Page, VoiceArg};
 use crate::failure::Failure;
 use crate::{animate, model};
 use http::{Answer, Request};
 
 /// Streams at once.
-const MOST_STREAMS: usize = 4;
+const MAX_STREAMS: usize = 4;
 /// Connections at once, those included that only fetch the page.
-const MOST_CONNECTIONS: usize = 16;
+const MAX_CONNECTIONS: usize = 16;
 /// How often the door is looked at.
 const LOOK: Duration = Duration::from_millis(20);
 /// Rate that a recording is brought to whose own no session takes.
@@ -42,6 +43,8 @@ const OTHER_RATE: usize = 48_000;
 pub(super) struct Host {
     engine: Engine,
     session: SessionConfig,
+    /// When the mouth moves, where that was asked for.
+    voice: Option<VoiceArg>,
     /// Samples a second, and mono samples.
     recording: Option<(usize, Vec<f32>)>,
     page: String,
@@ -50,23 +53,23 @@ pub(super) struct Host {
     stop: Arc<AtomicBool>,
 }
 
-/// Serves until somebody presses Ctrl-C.
+/// Serves until Ctrl-C.
 pub(super) fn run(args: &Page) -> Result<(), Failure> {
-    if args.making.start_pose.is_some() {
+    if args.generate.start_pose.is_some() {
         return Err(Failure::input("--start-pose does not go with --live"));
     }
     let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, args.port.unwrap_or(0)))
-        .map_err(|error| Failure::machine(format!("cannot listen at port {}: {error}", args.port.unwrap_or(0))))?;
+        .map_err(|error| Failure::environment(format!("cannot listen at port {}: {error}", args.port.unwrap_or(0))))?;
     let host = Host::new(args, &listener)?;
     let stop = Arc::clone(&host.stop);
     ctrlc::set_handler(move || stop.store(true, Ordering::SeqCst))
-        .map_err(|error| Failure::machine(format!("cannot listen to Ctrl-C: {error}")))?;
+        .map_err(|error| Failure::environment(format!("cannot listen to Ctrl-C: {error}")))?;
     let address = format!("http://127.0.0.1:{}/", host.port);
     println!("{address} (Ctrl-C ends it)");
     if !args.no_open {
         browser::open(&address);
     }
-    host.serve(&listener).map_err(Failure::machine)
+    host.serve(&listener).map_err(Failure::environment)
 }
 
 impl Host {
@@ -74,35 +77,35 @@ impl Host {
         let wav = args.input.as_deref().map(|path| animate::speech(path, args.repair)).transpose()?;
         let audio = wav.as_ref().map(Audio::new).transpose()?;
         let recording = wav.map(|wav| for_session(wav.sample_rate as usize, wav.mono())).transpose()?;
-        let file = model::open(args.making.model.as_deref())?;
-        let isa = model::isa(&args.making.compute)?;
-        let loaded = Arc::new(Model::load(&file, args.making.compute.precision(Precision::Stored), isa)?);
+        let file = model::open(args.generate.model.as_deref())?;
+        let isa = model::isa(&args.generate.compute)?;
+        let loaded = Arc::new(Model::load(&file, args.generate.compute.precision(Precision::Stored), isa)?);
         drop(file);
-        let threads = Threads::Own(model::threads(&args.making.compute)?);
-        let config = EngineConfig {
-            threads,
-            max_sessions: MOST_STREAMS + 1,
-            max_batch: MOST_STREAMS,
-            ..EngineConfig::default()
-        };
+        let threads = Threads::Own(model::threads(&args.generate.compute)?);
+        let config =
+            EngineConfig { threads, max_sessions: MAX_STREAMS + 1, max_batch: MAX_STREAMS, ..EngineConfig::default() };
         let engine = Engine::new(loaded, &config).map_err(Failure::input)?;
-        let session = session(&args.making, engine.model().config());
+        if args.voice == Some(VoiceArg::Live) && engine.model().mouth().is_none() {
+            return Err(Failure::input("--voice live needs a model with a mouth network: `umo inspect` tells"));
+        }
+        let session = session(&args.generate, engine.model().config());
         let title = args.input.as_deref().map_or_else(|| "microphone".to_owned(), |path| path.display().to_string());
         let live = rest(&engine, &session)?;
-        let mut scene = Scene::of_stream(&title, engine.model().config(), &args.making, live)?;
+        let mut scene = Scene::of_stream(&title, engine.model().config(), &args.generate, live)?;
         scene.audio = audio;
         Ok(Self {
             page: page::html(&scene)?,
             engine,
             session,
+            voice: args.voice,
             recording,
-            port: listener.local_addr().map_err(Failure::machine)?.port(),
+            port: listener.local_addr().map_err(Failure::environment)?.port(),
             streams: AtomicUsize::new(0),
             stop: Arc::new(AtomicBool::new(false)),
         })
     }
 
-    /// Answers who comes, each in a thread, until it is time to stop.
+    /// Accepts connections, one thread each, until it is stopped.
     fn serve(&self, listener: &TcpListener) -> io::Result<()> {
         listener.set_nonblocking(true)?;
         let connections = AtomicUsize::new(0);
@@ -110,13 +113,13 @@ impl Host {
             while !self.is_over() {
                 let stream = match listener.accept() {
                     Ok((stream, _)) => stream,
-                    // Nobody, or somebody who left again.
+                    // No connection, or one that was closed again.
                     Err(_) => {
                         std::thread::sleep(LOOK);
                         continue;
                     }
                 };
-                if connections.fetch_add(1, Ordering::SeqCst) >= MOST_CONNECTIONS {
+                if connections.fetch_add(1, Ordering::SeqCst) >= MAX_CONNECTIONS {
                     connections.fetch_sub(1, Ordering::SeqCst);
                     continue;
                 }
@@ -129,6 +132,12 @@ impl Host {
             }
         });
         Ok(())
+    }
+
+    /// When the mouth moves in a stream of the microphone or of the recording.
+    fn voice(&self, is_microphone: bool) -> Voice {
+        let is_live = self.voice.map_or(is_microphone, |voice| voice == VoiceArg::Live);
+        if is_live && self.engine.model().mouth().is_some() { Voice::Live } else { Voice::Delayed }
     }
 
     /// Whether it is time to stop.
@@ -145,7 +154,7 @@ impl Host {
         match Request::parse(&head).map_or(Answer::Refuse("400 Bad Request"), |request| request.answer(self.port)) {
             Answer::Page => http::send_page(&mut stream, length, &self.page),
             Answer::Refuse(status) => http::refuse(&mut stream, length, status),
-            Answer::Stream if self.streams.fetch_add(1, Ordering::SeqCst) >= MOST_STREAMS => {
+            Answer::Stream if self.streams.fetch_add(1, Ordering::SeqCst) >= MAX_STREAMS => {
                 self.streams.fetch_sub(1, Ordering::SeqCst);
                 http::refuse(&mut stream, length, "503 Service Unavailable")
             }
@@ -166,8 +175,14 @@ fn for_session(rate: usize, mono: Vec<f32>) -> Result<(usize, Vec<f32>), Failure
     Ok((OTHER_RATE, resample::to_rate(&mono, rate, OTHER_RATE)?))
 }
 
-fn session(making: &Making, config: &Config) -> SessionConfig {
-    SessionConfig { avatar: animate::avatar(making, config), ..SessionConfig::new(config) }
+/// Keyframes per chunk of a live stream: the least latency at which the model's own lookahead keeps
+/// the seams smooth.
+const LIVE_TARGET: usize = 1;
+
+fn session(generate: &GenerateArgs, config: &Config) -> SessionConfig {
+    let mut avatar = animate::avatar(generate, config);
+    avatar.target = generate.target.unwrap_or(LIVE_TARGET);
+    SessionConfig { avatar, ..SessionConfig::new(config) }
 }
 
 /// What a page shows before its stream begins, and how long that will take.
@@ -175,8 +190,8 @@ fn rest(engine: &Engine, config: &SessionConfig) -> Result<LiveInfo, Failure> {
     let session = engine.session(config).map_err(Failure::input)?;
     let algorithmic = session.latency().algorithmic_samples as f64 / config.sample_rate as f64;
     let mut rest = None;
-    session.sample_pose(0.0, |frame| rest = Some((*frame.pose, frame.face.to_vec()))).map_err(Failure::machine)?;
-    let (rest, rest_face) = rest.ok_or_else(|| Failure::machine("internal: a session without a pose"))?;
+    session.sample_pose(0.0, |frame| rest = Some((*frame.pose, frame.face.to_vec()))).map_err(Failure::environment)?;
+    let (rest, rest_face) = rest.ok_or_else(|| Failure::environment("internal: a session without a pose"))?;
     Ok(LiveInfo { algorithmic_seconds: algorithmic, rest, rest_face })
 }
 

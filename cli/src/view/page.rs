@@ -1,4 +1,5 @@
-//! The HTML file: the sources in `page/`, put into one that opens from disk and asks no network for anything.
+//! The HTML file: the sources in `page/`, put into one that opens from disk and asks no network for
+//! anything.
 
 use super::blocks;
 use super::scene::Scene;
@@ -22,7 +23,7 @@ const MODULES: [(&str, &str); 21] = modules!(
 
 /// A page that shows a scene.
 pub(super) fn html(scene: &Scene) -> Result<String, Failure> {
-    let data = blocks::elements(scene).map_err(Failure::machine)?;
+    let data = blocks::elements(scene).map_err(Failure::environment)?;
     let connect = if scene.live.is_some() { "'self' ws://127.0.0.1:* ws://localhost:*" } else { "'none'" };
     Ok(fill(
         TEMPLATE,

@@ -4,16 +4,17 @@ use std::path::Path;
 
 use umo_core::animation::Animation;
 use umo_core::audio::resample;
-use umo_core::config::FaceKind;
+use umo_core::config::{FaceKind, PartSpec};
+use umo_core::lm::tally::kind_names;
 use umo_core::motion::clip::Clip;
 use umo_core::motion::pose::Pose;
-use umo_core::{Config, Part, PerPart};
+use umo_core::{Config, Part};
 
 use crate::animate::{self, Maker};
-use crate::args::{Making, Page};
+use crate::args::{GenerateArgs, Page};
 use crate::failure::Failure;
-use crate::wav::Wav;
 use crate::{import, model};
+use umo_audio_file::wav::Wav;
 use umo_figure::Mesh;
 
 /// Longest motion of a page: what browsers open without trouble, at a few MB a minute.
@@ -53,15 +54,29 @@ pub(super) struct ModelInfo {
 /// How every frame was made.
 #[derive(Default)]
 pub(super) struct Record {
+    /// What codes are of, in order.
+    pub(super) parts: Vec<CodedPart>,
+    /// Names of the kinds of tokens.
+    pub(super) kinds: &'static [&'static str],
+    /// Frames from one that has codes to the next.
+    pub(super) every: usize,
     pub(super) experts: usize,
     pub(super) encoder_layers: usize,
     pub(super) decoder_layers: usize,
     /// First frame of each chunk, and how many of them it made known.
     pub(super) chunks: Vec<(usize, usize)>,
-    /// Of all frames.
-    pub(super) codes: PerPart<Vec<u16>>,
+    /// Each code of a keyframe, levels ascending within a part, of all frames that have codes.
+    pub(super) codes: Vec<Vec<u16>>,
     /// `[chunks, layers, kinds, experts]`.
     pub(super) routed: Vec<u32>,
+}
+
+/// A part that has codes.
+pub(super) struct CodedPart {
+    pub(super) name: String,
+    pub(super) levels: usize,
+    /// Codes of each level.
+    pub(super) codes: usize,
 }
 
 /// What a live page knows before its stream begins.
@@ -78,7 +93,7 @@ impl Scene {
     pub(super) fn of_speech(path: &Path, args: &Page) -> Result<Self, Failure> {
         let wav = animate::speech(path, args.repair)?;
         check_length(path, wav.seconds())?;
-        let maker = Maker::new(&args.making, model::open(args.making.model.as_deref())?)?;
+        let maker = Maker::new(&args.generate, model::open(args.generate.model.as_deref())?)?;
         let config = maker.model.config();
         let (samples, frames) = maker.hear(path, &wav)?;
         let mut animation = maker.animation("audio_to_motion", None)?;
@@ -91,7 +106,7 @@ impl Scene {
         let mut scene = Self::new(path, clip)?;
         scene.audio = Some(Audio::new(&wav)?);
         scene.record = Some(record);
-        scene.set_model(config, &args.making);
+        scene.set_model(config, &args.generate);
         Ok(scene)
     }
 
@@ -107,10 +122,15 @@ impl Scene {
     }
 
     /// A page of which the frames are still to come.
-    pub(super) fn of_stream(title: &str, config: &Config, making: &Making, live: LiveInfo) -> Result<Self, Failure> {
+    pub(super) fn of_stream(
+        title: &str,
+        config: &Config,
+        generate: &GenerateArgs,
+        live: LiveInfo,
+    ) -> Result<Self, Failure> {
         let mut scene = Self::new(Path::new(title), Clip::new(config))?;
         scene.live = Some(live);
-        scene.set_model(config, making);
+        scene.set_model(config, generate);
         Ok(scene)
     }
 
@@ -129,9 +149,9 @@ impl Scene {
         })
     }
 
-    fn set_model(&mut self, config: &Config, making: &Making) {
-        let avatar = animate::avatar(making, config);
-        let draw = if making.greedy { "greedy".to_owned() } else { format!("seed {}", making.seed) };
+    fn set_model(&mut self, config: &Config, generate: &GenerateArgs) {
+        let avatar = animate::avatar(generate, config);
+        let draw = if generate.greedy { "greedy".to_owned() } else { format!("seed {}", generate.seed) };
         self.about += &format!(
             " · model {} · {} keyframes a chunk, one every {} frames · {} frames held back · {draw}",
             config.name, avatar.target, config.keyframe_stride, avatar.lookahead
@@ -166,7 +186,13 @@ impl Audio {
 
 impl Record {
     fn new(config: &Config) -> Self {
+        let part = |part: PartSpec| CodedPart { name: part.name, levels: part.levels, codes: part.codes };
         Self {
+            parts: config.part_list().into_iter().map(part).collect(),
+            kinds: kind_names(config),
+            // Layout `frames` has vectors between keyframes.
+            every: if config.is_frames() { config.keyframe_stride } else { 1 },
+            codes: vec![Vec::new(); config.codes_per_keyframe()],
             experts: config.lm.experts,
             encoder_layers: config.lm.num_layers,
             decoder_layers: config.lm.num_decoder_layers,
@@ -176,17 +202,22 @@ impl Record {
 
     fn keep(&mut self, animation: &Animation) {
         let Some(chunk) = animation.chunk() else { return };
-        self.chunks.push((chunk.first_frame, chunk.codes.face.len()));
-        for part in Part::ALL {
-            self.codes[part].extend_from_slice(chunk.codes[part]);
+        self.chunks.push((chunk.first_frame, chunk.frames));
+        let places = self.codes.len();
+        for (place, codes) in self.codes.iter_mut().enumerate() {
+            codes.extend(chunk.keyframes.iter().skip(place).step_by(places));
+        }
+        // Empty in layout `frames`.
+        for (codes, part) in self.codes.iter_mut().zip(Part::ALL) {
+            codes.extend_from_slice(chunk.codes[part]);
         }
         self.routed.extend_from_slice(chunk.tally.counts());
     }
 
     /// Leaves out the codes beyond the end.
     fn cut(&mut self, frames: usize) {
-        for part in Part::ALL {
-            self.codes[part].truncate(frames);
+        for codes in &mut self.codes {
+            codes.truncate(frames.div_ceil(self.every));
         }
         for (first, count) in &mut self.chunks {
             *count = (*count).min(frames.saturating_sub(*first));

@@ -38,6 +38,22 @@ fn one_run_writes_every_format() {
 }
 
 #[test]
+fn compressed_recordings_are_animated() {
+    let (folder, model) = (Folder::new(), golden("mel_k2_arkit"));
+    let mut of_wav = None;
+    for name in ["hello.wav", "hello.flac", "hello.mp3", "hello.ogg", "hello.m4a"] {
+        let speech = format!("{}/../audio-file/test-files/{name}", env!("CARGO_MANIFEST_DIR"));
+        umo(&["animate", &speech, "--model", &model, "-o", &folder.at("motion.jsonl")]).success();
+        let motion = folder.read("motion.jsonl");
+        let wav = of_wav.get_or_insert_with(|| motion.clone());
+        assert_eq!(lines(&motion), lines(wav), "{name}");
+        if name == "hello.flac" {
+            assert!(motion == *wav, "lossless audio gives another motion");
+        }
+    }
+}
+
+#[test]
 fn the_same_seed_gives_the_same_files() {
     let folder = Folder::new();
     let first = animate(&folder, "a", &["--seed", "3", "--threads", "1"]);
@@ -50,7 +66,7 @@ fn the_same_seed_gives_the_same_files() {
 }
 
 #[test]
-fn the_format_may_be_told() {
+fn format_option_overrides_the_extension() {
     let folder = Folder::new();
     let (speech, model) = (folder.speech(), golden("mel_k2_arkit"));
     let (dat, jsonl) = (folder.at("motion.dat"), folder.at("motion.jsonl"));
@@ -82,30 +98,85 @@ fn a_start_pose_changes_what_follows() {
 #[test]
 fn a_prompt_changes_what_follows() {
     let folder = Folder::new();
-    let plain = animate(&folder, "plain", &["--seed", "1"]);
-    assert!(plain != animate(&folder, "told", &["--seed", "1", "--prompt", "wave with both hands, happily"]));
+    let of = |name: &str, prompt: &[&str]| animate(&folder, name, &[&["--seed", "1"], prompt].concat());
+    let plain = of("plain", &[]);
+    let waving = of("waving", &["--prompt", "wave with both hands, happily"]);
+    assert!(plain != waving);
+    assert!(waving == of("again", &["--prompt", "wave with both hands, happily"]));
+    let walking = of("walking", &["--prompt", "walk"]);
+    assert!(walking != waving && walking != plain);
 }
 
 #[test]
-fn chunks_lookahead_and_precision_may_be_told() {
+fn chunk_lookahead_and_precision_options_work() {
     let folder = Folder::new();
+    let mut motions = vec![];
     for precision in ["f32", "bf16", "int8"] {
         for (target, lookahead) in [("1", "0"), ("7", "42"), ("3", "9")] {
             let more = ["--precision", precision, "--target", target, "--lookahead", lookahead];
-            assert_eq!(lines(&animate(&folder, "motion", &more)[3]), FRAMES + 1);
+            let files = animate(&folder, "motion", &more);
+            assert_eq!(lines(&files[3]), FRAMES + 1);
+            motions.push(moved(&files[4], FRAMES));
         }
     }
+    // Chunks of another size are another motion, and so are weights and inputs of 8 bits. Those of
+    // 16 are near f32.
+    let (f32, int8) = (&motions[..3], &motions[6..]);
+    for (i, motion) in f32.iter().enumerate() {
+        assert!(!f32[..i].contains(motion), "--target changes nothing");
+        assert!(motion != &int8[i], "--precision changes nothing");
+        let apart = motion.iter().flatten().zip(motions[3 + i].iter().flatten()).map(|(a, b)| (a - b).abs());
+        assert!(apart.fold(0.0, f64::max) < 0.1, "bf16 is far from f32");
+    }
+}
+
+#[test]
+fn lookahead_changes_the_audio_horizon() {
+    let folder = Folder::new();
+    let (speech, model, out) = (folder.speech(), golden("hubert_k1_smplx"), folder.at("motion.jsonl"));
+    let of = |lookahead: &str| {
+        umo(&["animate", &speech, "--model", &model, "--lookahead", lookahead, "-o", &out]).success();
+        folder.read("motion.jsonl")
+    };
+    let (none, some) = (of("0"), of("9"));
+    assert!(none != some && none == of("0"));
+}
+
+/// The numbers of every frame of a `.jsonl` file, one of which at least is another in some later
+/// frame. Rotations are quaternions of length 1.
+fn moved(jsonl: &[u8], frames: usize) -> Vec<Vec<f64>> {
+    let text = std::str::from_utf8(jsonl).unwrap();
+    let lines = text.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap());
+    let numbers = |list: &serde_json::Value| -> Vec<f64> {
+        list.as_array().unwrap().iter().map(|number| number.as_f64().expect("a finite number")).collect()
+    };
+    let frame = |line: serde_json::Value| {
+        let mut all = numbers(&line["translation"]);
+        for rotation in line["rotations"].as_array().unwrap() {
+            let rotation = numbers(rotation);
+            let length = rotation.iter().map(|x| x * x).sum::<f64>();
+            assert!((length - 1.0).abs() < 1e-3 && rotation.len() == 4, "{rotation:?}");
+            all.extend(rotation);
+        }
+        all
+    };
+    let motion: Vec<Vec<f64>> = lines.filter(|line| line.get("frame").is_some()).map(frame).collect();
+    assert_eq!(motion.len(), frames);
+    assert!(motion.iter().any(|frame| *frame != motion[0]), "nothing moves");
+    motion
 }
 
 #[test]
 fn the_models_default_size_and_stores_move() {
     let folder = Folder::new();
     let speech = folder.speech();
-    for store in ["f32", "bf16", "int8"] {
-        let (model, out) = (folder.tiny(store, &["--store", store]), folder.at("motion.npz"));
+    let motions = ["f32", "bf16", "int8"].map(|store| {
+        let (model, out) = (folder.tiny(store, &["--store", store]), folder.at("motion.jsonl"));
         let ended = umo(&["animate", &speech, "--model", &model, "-o", &out]).success();
         assert!(ended.err.contains("note: untrained model"), "{}", ended.err);
-    }
+        moved(&folder.read("motion.jsonl"), FRAMES)
+    });
+    assert!(motions[0] != motions[2], "int8 has the motion of f32");
 }
 
 #[test]
@@ -171,5 +242,45 @@ fn the_first_command_needs_no_model() {
     let folder = Folder::new();
     let (speech, out) = (folder.speech(), folder.at("hello.glb"));
     umo(&["animate", &speech, "-o", &out]).success();
-    assert!(folder.read("hello.glb").starts_with(b"glTF"));
+    let (first, model) =
+        (folder.read("hello.glb"), concat!(env!("CARGO_MANIFEST_DIR"), "/../models/umo-small/model.safetensors"));
+    umo(&["animate", &speech, "--model", model, "-o", &out]).success();
+    assert!(first == folder.read("hello.glb"), "not the model that ships");
+    let gltf = gltf::Gltf::from_slice(&first).unwrap();
+    let inputs = gltf.animations().flat_map(|animation| animation.channels().collect::<Vec<_>>());
+    let keys: Vec<usize> = inputs.map(|channel| channel.sampler().input().count()).collect();
+    assert!(keys.len() > 20 && keys.contains(&FRAMES), "{keys:?}");
+}
+
+#[test]
+fn gestures_are_listed_and_played_at_their_times() {
+    let folder = Folder::new();
+    let listed = umo(&["gestures"]).success().out;
+    assert!(["nod", "wave", "thumbs_up", "count_five"].iter().all(|name| listed.contains(name)), "{listed}");
+    let (speech, model) = (folder.speech(), folder.tiny("tiny.safetensors", &[]));
+    let made = |name: &str, more: &[&str]| {
+        let out = folder.at(name);
+        umo(&[&["animate", &speech, "--model", &model, "-o", &out][..], more].concat()).success();
+        let text = String::from_utf8(folder.read(name)).unwrap();
+        text.lines().skip(1).map(str::to_owned).collect::<Vec<_>>()
+    };
+    let plain = made("plain.jsonl", &[]);
+    let nodded = made("nodded.jsonl", &["--gesture", "nod@0.5"]);
+    let differs = |other: &[String]| (0..plain.len()).filter(|&i| plain[i] != other[i]).collect::<Vec<_>>();
+    let nods = differs(&nodded);
+    assert!(!nods.is_empty() && nods[0] >= 4 && plain[0] == nodded[0], "{nods:?}");
+    // The frames of one animation are the gesture of another.
+    let clip = format!("bob={},0.3,head", folder.at("nodded.jsonl"));
+    let bobbed = made("bobbed.jsonl", &["--gesture-clip", &clip, "--gesture", "bob@0.5,strength=0.5"]);
+    assert!(!differs(&bobbed).is_empty());
+}
+
+/// A model that takes no text does what the table of gestures knows.
+#[test]
+fn a_text_that_names_a_gesture_is_that_gesture() {
+    let folder = Folder::new();
+    let (model, out) = (golden("hubert_k1_smplx"), folder.at("waved.npz"));
+    let done = umo(&["text", "A person waves", "--seconds", "2", "--model", &model, "-o", &out]).success();
+    assert!(done.err.contains("`wave`"), "{}", done.err);
+    assert!(done.out.contains("60 frames"), "{}", done.out);
 }

@@ -49,9 +49,23 @@ fn bench_writes_json_with_every_stage_beside_its_floor_and_a_picture() {
 #[test]
 fn bench_prints_a_table_for_people() {
     let ended = umo(&[&QUICK[..], &["--target", "2", "--isa", "scalar"]].concat()).success();
-    for words in ["time to the first frame", "frames per second", "decoder experts", "floor", "could speak", "scalar"] {
-        assert!(ended.out.contains(words), "no `{words}` in {}", ended.out);
-    }
+    let of = |name: &str| -> Vec<f64> {
+        let line = ended.out.lines().find_map(|line| line.strip_prefix(name));
+        let line = line.unwrap_or_else(|| panic!("no line `{name}` in {}", ended.out));
+        line.split_whitespace().filter_map(|word| word.parse().ok()).collect()
+    };
+    let (first, rate, chunk) = (of("time to the first frame")[0], of("frames per second")[0], of("a chunk")[0]);
+    // Two keyframes a chunk; both are printed to a tenth.
+    assert!(first > 0.0 && chunk > 0.0 && rate > 0.0, "{}", ended.out);
+    // Milliseconds, share, floor and floor by time, of each stage and of all.
+    let stages = ["audio tokenizer", "encoder attention", "encoder experts", "decoder attention", "decoder experts"];
+    let stages = stages.into_iter().chain(["interpolation", "motion decoders"]).map(of);
+    let sums = stages.fold([0.0; 3], |sums, stage| std::array::from_fn(|i| sums[i] + stage[i]));
+    let all = of("all ");
+    assert!((sums[0] - all[0]).abs() < 0.1 && (sums[1] - 100.0).abs() < 0.5, "{}", ended.out);
+    assert!((sums[2] - all[1]).abs() < 0.1, "{}", ended.out);
+    assert!(ended.out.contains("peaks of") && ended.out.contains("with scalar: int8 unknown"), "{}", ended.out);
+    assert!(ended.out.contains("could speak"), "{}", ended.out);
 }
 
 #[test]

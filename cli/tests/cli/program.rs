@@ -99,8 +99,8 @@ impl Folder {
         self.wav("speech.wav", &voice(9000))
     }
 
-    /// Demands that the program refuses these arguments with exit code 2 and one line of error, and leaves the folder as
-    /// it was. Returns the line.
+    /// Demands that the program refuses these arguments with exit code 2 and one line of error, and
+    /// leaves the folder as it was. Returns the line.
     pub(crate) fn refused(&self, args: &[&str]) -> String {
         let before = self.names();
         let ended = umo(args);

@@ -39,17 +39,14 @@ fn recordings_in_other_formats_are_named_with_how_to_convert_them() {
     let folder = Folder::new();
     let out = folder.at("motion.npz");
     // What each begins with; then names alone, of files whose start says nothing.
+    let opus = [&b"OggS\0\x02"[..], &[0; 22], b"OpusHead"].concat();
     for (name, start, format) in [
-        ("a.flac", &b"fLaC\0\0\0\x22............"[..], "FLAC"),
-        ("b.ogg", b"OggS\0\x02..............", "Ogg"),
-        ("c.mp3", b"ID3\x04\0\0............", "MP3"),
-        ("d.mp3", b"\xff\xfb\x90\x64............", "MP3"),
-        ("e.m4a", b"\0\0\0\x20ftypM4A ........", "M4A"),
-        ("f.aiff", b"FORM\0\0\0\0AIFF........", "AIFF"),
-        ("g.webm", b"\x1a\x45\xdf\xa3............", "WebM"),
-        ("h.wav", b"fLaC............", "FLAC"),
-        ("i.opus", b"????????????????", "Ogg"),
-        ("j.M4A", b"????????????????", "M4A"),
+        ("a.ogg", &opus[..], "Ogg Opus"),
+        ("b.aiff", b"FORM\0\0\0\0AIFF........", "AIFF"),
+        ("c.webm", b"\x1a\x45\xdf\xa3............", "WebM"),
+        ("d.wav", b"caff............", "Core Audio"),
+        ("e.opus", b"????????????????", "Ogg Opus"),
+        ("f.WMA", b"????????????????", "Windows Media Audio"),
     ] {
         let recording = folder.file(name, start);
         for command in ["animate", "view"] {
@@ -61,7 +58,28 @@ fn recordings_in_other_formats_are_named_with_how_to_convert_them() {
 }
 
 #[test]
-fn what_is_not_a_regular_file_is_refused_at_once() {
+fn damaged_recordings_in_formats_that_are_read_are_refused() {
+    let folder = Folder::new();
+    let out = folder.at("motion.npz");
+    for (name, start, format) in [
+        ("a.flac", &b"fLaC\0\0\0\x22............"[..], "FLAC"),
+        ("b.ogg", b"OggS\0\x02..............", "Ogg"),
+        ("c.mp3", b"ID3\x04\0\0............", "MP3"),
+        ("d.mp3", b"\xff\xfb\x90\x64............", "MP3"),
+        ("e.m4a", b"\0\0\0\x20ftypM4A ........", "MPEG-4"),
+        ("f.wav", b"fLaC............", "FLAC"),
+        ("g.M4A", b"????????????????", "MPEG-4"),
+    ] {
+        let recording = folder.file(name, start);
+        for command in ["animate", "view"] {
+            let line = folder.refused(&[command, &recording, "-o", &out]);
+            assert!(line.contains(&recording) && line.contains(&format!("not a whole {format}")), "{line}");
+        }
+    }
+}
+
+#[test]
+fn only_regular_files_are_opened() {
     let folder = Folder::new();
     let (out, speech, fifo) = (folder.at("motion.npz"), folder.speech(), folder.at("fifo"));
     assert!(std::process::Command::new("mkfifo").arg(&fifo).status().unwrap().success());
@@ -87,17 +105,19 @@ fn what_is_not_a_regular_file_is_refused_at_once() {
 }
 
 #[test]
-fn a_damaged_model_is_told_from_one_without_a_checksum() {
+fn damaged_model_differs_from_one_without_checksum() {
     let folder = Folder::new();
-    let good = folder.tiny("good", &[]);
-    let (bytes, verify) = (std::fs::read(&good).unwrap(), |model: &str| umo(&["inspect", "--verify", model]));
-    assert_eq!(verify(&good).success().out, "checksum   right\n");
+    let verify = |model: &str| umo(&["inspect", "--verify", model]);
     assert!(verify(&golden("mel_k2_arkit")).success().out.contains("none"));
-    let mut damaged = bytes.clone();
-    *damaged.last_mut().unwrap() ^= 0x10;
-    let damaged = folder.file("damaged.safetensors", &damaged);
-    for args in [&["inspect", "--verify", &damaged][..], &["inspect", &damaged]] {
-        assert!(folder.refused(args).contains("it is damaged: its checksum is crc32:"));
+    for (name, more) in [("parts", &[][..]), ("frames", &["--layout", "frames"])] {
+        let good = folder.tiny(name, more);
+        assert_eq!(verify(&good).success().out, "checksum   right\n", "{name}");
+        let mut damaged = std::fs::read(&good).unwrap();
+        *damaged.last_mut().unwrap() ^= 0x10;
+        let damaged = folder.file("damaged.safetensors", &damaged);
+        for args in [&["inspect", "--verify", &damaged][..], &["inspect", &damaged]] {
+            assert!(folder.refused(args).contains("it is damaged: its checksum is crc32:"), "{name}");
+        }
     }
 }
 
@@ -210,6 +230,11 @@ fn arguments_that_make_no_sense_are_refused() {
         &["animate", &speech],
         &["animate", "-o", &out],
         &["dance"],
+        &["animate", &speech, "-o", &out, "--gesture", "wave@soon"],
+        &["animate", &speech, "-o", &out, "--gesture", "wave,up"],
+        &["animate", &speech, "-o", &out, "--gesture", "point,to=1:2"],
+        &["animate", &speech, "-o", &out, "--gesture-clip", "salute"],
+        &["animate", &speech, "-o", &out, "--gesture-clip", "salute=a.glb,leg"],
     ] {
         // Usage follows the error, on lines of its own.
         let ended = super::umo(args);
@@ -228,7 +253,21 @@ fn what_a_model_cannot_do_is_refused() {
     assert!(folder.refused(&["animate", &speech, "--model", &tiny, "-o", &npz, "-o", &csv]).contains("ARKit"));
     let line = folder.refused(&["animate", &speech, "--model", &smplx, "--prompt", "happily", "-o", &npz]);
     assert!(line.contains("text"), "{line}");
-    assert!(folder.refused(&["text", "a wave", "--model", &smplx, "-o", &npz]).contains("text"));
+    let line = folder.refused(&["text", "a backflip", "--model", &smplx, "-o", &npz]);
+    for word in ["backflip", "the model takes no text", "wave", "thumbs_up"] {
+        assert!(line.contains(word), "{line}");
+    }
+    for (gesture, problem) in [("fly@1", "thumbs_up"), ("wave@1,speed=9", "speed"), ("wave@-1", "time")] {
+        let line = folder.refused(&["animate", &speech, "--model", &tiny, "-o", &npz, "--gesture", gesture]);
+        assert!(line.contains(gesture.split(['@', ',']).next().unwrap()) && line.contains(problem), "{line}");
+    }
+    let clip = ["animate", &speech, "--model", &tiny, "-o", &npz, "--gesture-clip"];
+    for (given, problem) in
+        [(format!("salute={speech}"), "speech.wav"), ("salute=missing.glb".to_owned(), "missing.glb")]
+    {
+        let line = folder.refused(&[&clip[..], &[given.as_str()]].concat());
+        assert!(line.contains(problem), "{line}");
+    }
 }
 
 #[test]

@@ -62,10 +62,16 @@ fn every_stage_gives_what_the_reference_gives() {
         check("hubert_k1_smplx", case, &[]);
     }
     check("mel_k2_arkit", "mel1", &[]);
+    for (model, cases) in [
+        ("frames_four", ["encoder0", "decoder0", "depth0", "generate0", "interp0", "motion0"]),
+        ("frames_seven", ["encoder1", "decoder1", "depth1", "generate1", "interp1", "motion1"]),
+    ] {
+        cases.into_iter().for_each(|case| check(model, case, &[]));
+    }
 }
 
 #[test]
-fn a_stage_may_be_told_how_to_compute() {
+fn stage_takes_precision_and_isa() {
     check("mel_k2_arkit", "encoder1", &["--isa", "scalar", "--threads", "3", "--precision", "f32"]);
     check("mel_k1_upcycled", "mel0", &["--precision", "int8"]);
 }

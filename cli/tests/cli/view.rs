@@ -1,4 +1,5 @@
-//! `umo view`: the pages that it writes, and what it refuses. What they show is tested in a browser (`scripts/test-page`).
+//! `umo view`: the pages that it writes, and what it refuses. What they show is tested in a browser
+//! (`scripts/test-page`).
 
 use super::program::{Ended, Folder, golden, umo};
 
@@ -7,7 +8,7 @@ fn view(args: &[&str]) -> Ended {
 }
 
 #[test]
-fn a_page_lies_beside_its_recording() {
+fn page_is_written_beside_its_recording() {
     let folder = Folder::new();
     let speech = folder.speech();
     let ended = view(&[&speech]).success();
@@ -18,6 +19,27 @@ fn a_page_lies_beside_its_recording() {
     assert_eq!(folder.names(), ["speech.html", "speech.wav"]);
     view(&[&speech, "-o", &folder.at("again.html"), "--seed", "0"]).success();
     assert_eq!(folder.read("again.html"), page.as_bytes(), "the same seed gives the same page");
+}
+
+#[test]
+fn parts_and_levels_of_a_model_are_named() {
+    let folder = Folder::new();
+    let speech = folder.speech();
+    for (model, wanted) in [
+        ("mel_k2_arkit", r#""parts":[{"name":"face","levels":1,"codes":256},{"name":"hands""#),
+        ("frames_seven", r#""parts":[{"name":"intent","levels":1,"codes":4},{"name":"torso","levels":3,"codes":11},"#),
+    ] {
+        umo(&["view", "--no-open", &speech, "-o", &folder.at("page.html"), "--model", &golden(model)]).success();
+        let page = String::from_utf8(folder.read("page.html")).unwrap();
+        assert!(
+            page.contains(wanted),
+            "{model}: {}",
+            page.split("\"record\":").nth(1).unwrap_or("no record").split("<").next().unwrap()
+        );
+        let kinds = if model == "frames_seven" { r#""history","chunk"]"# } else { r#""upper","lower"]"# };
+        let every = if model == "frames_seven" { r#""every":6"# } else { r#""every":1"# };
+        assert!(page.contains(kinds) && page.contains(every), "{model}");
+    }
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! The head without eyes, mouth, ears and hair: a solid, and a map of its skin.
 //!
-//! Here and in the other modules of the head: metres of a head of size 1, from the middle between the eyes.
+//! Here and in the other modules of the head: metres of a head of size 1, from the middle between
+//! the eyes.
 
 use crate::field::Join::{Cut, Union};
 use crate::field::{Shape, Solid};

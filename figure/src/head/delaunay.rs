@@ -53,7 +53,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn no_point_lies_within_a_triangles_circle() {
+    fn no_point_is_inside_a_circumcircle() {
         let points: Vec<Point> = (0..60_u32)
             .map(|i| {
                 let (a, b) = (i.wrapping_mul(2_654_435_761) >> 8, i.wrapping_mul(40_503) % 977);

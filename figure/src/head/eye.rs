@@ -18,7 +18,8 @@ pub(super) const RADIUS: f32 = 0.0170;
 const AROUND: usize = 36;
 /// Rings of the lids, from the opening outwards.
 pub(super) const RINGS: usize = 7;
-/// Half width and half height of where the outer rings lie on the face, to the nose, to the temple, up, down; metres.
+/// Half width and half height of where the outer rings lie on the face, to the nose, to the temple,
+/// up, down; metres.
 const OUTER: [[f32; 4]; 4] = [
     [0.0168, 0.0188, 0.0140, 0.0134],
     [0.0182, 0.0216, 0.0168, 0.0162],
@@ -99,7 +100,8 @@ pub(super) fn mix_color(a: [u8; 3], b: [u8; 3], t: f32) -> [u8; 3] {
     std::array::from_fn(|i| (f32::from(a[i]) * (1.0 - t) + f32::from(b[i]) * t).round() as u8)
 }
 
-/// Rings of the eyeball from the pupil back: degrees from ahead, and the colour up to there and from there on.
+/// Rings of the eyeball from the pupil back: degrees from ahead, and the colour up to there and
+/// from there on.
 const BALL: [(f32, [u8; 3], Option<[u8; 3]>); 12] = [
     (6.0, PUPIL, None),
     (11.0, PUPIL, Some(IRIS_INNER)),

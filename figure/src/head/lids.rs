@@ -34,8 +34,8 @@ const LOW: f32 = 21.5;
 const SLANT: f32 = 5.0;
 /// The opening's middle is towards the temple.
 const ASIDE: f32 = 4.0;
-/// Of each ring: beyond the opening in width and height, degrees; over the eyeball, metres; share of the face; how much
-/// of the edge's turn it takes part in.
+/// Of each ring: beyond the opening in width and height, degrees; over the eyeball, metres; share
+/// of the face; how much of the edge's turn it takes part in.
 const RINGS: [(f32, f32, f32, f32, f32); 7] = [
     (-1.0, -2.0, 0.0003, 0.0, 1.0),
     (0.0, 0.0, 0.0016, 0.0, 1.0),

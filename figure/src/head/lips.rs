@@ -32,7 +32,8 @@ pub(super) fn line(x: f32) -> f32 {
 /// The mouth's corners follow the jaw by this share.
 const CORNER: f32 = 0.38;
 
-/// 0 above the mouth, 1 below it; on the lips nearer to each other the nearer to a corner, beyond which they are one.
+/// 0 above the mouth, 1 below it; on the lips nearer to each other the nearer to a corner, beyond
+/// which they are one.
 pub(super) fn side(p: V, upper: Option<bool>) -> f32 {
     let x = p[0].abs();
     let rise = p[1] - line(x);

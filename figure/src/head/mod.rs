@@ -1,4 +1,5 @@
-//! The head: skin with eyes and mouth let in, eyeballs, brows, ears, hair, teeth and tongue, and the 52 shapes.
+//! The head: skin with eyes and mouth let in, eyeballs, brows, ears, hair, teeth and tongue, and
+//! the 52 shapes.
 //!
 //! | module | what it makes |
 //! |---|---|
@@ -55,7 +56,7 @@ struct Vertex {
 }
 
 /// A shape moves no vertex less than this, metres.
-const LEAST: f32 = 3e-5;
+const MIN_MOVE: f32 = 3e-5;
 
 /// Head and neck with their shapes.
 pub(super) struct Head {
@@ -126,7 +127,7 @@ fn morph(name: &'static str, sheet: &Sheet, eye: &eye::Eye, places: &[V], facing
     let mut morph = Morph { name, vertices: Vec::new(), positions: Vec::new(), normals: Vec::new() };
     for (vertex, &by) in moves.iter().enumerate() {
         let turn = sub(turned[vertex], normals[vertex]);
-        if by.iter().any(|x| x.abs() > LEAST) || turn.iter().any(|x| x.abs() > 0.02) {
+        if by.iter().any(|x| x.abs() > MIN_MOVE) || turn.iter().any(|x| x.abs() > 0.02) {
             morph.vertices.push(number(vertex));
             morph.positions.push(by);
             morph.normals.push(turn);

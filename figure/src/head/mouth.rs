@@ -30,7 +30,8 @@ pub(super) fn skin_color(p: V) -> [u8; 3] {
     mix_color(SKIN, BLUSH, red * ahead)
 }
 
-/// A ring of the lips: how far up from the line, forward from the skin and, at the corner, to the side; metres.
+/// A ring of the lips: how far up from the line, forward from the skin and, at the corner, to the
+/// side; metres.
 struct Ring {
     number: i8,
     up: f32,
@@ -68,7 +69,8 @@ const WITHIN: [(i8, f32, f32, f32, [u8; 3]); 5] = [
     (-5, 0.0080, -0.0480, 0.50, DEEP),
 ];
 
-/// Half the lips and the mouth behind them; the outermost ring's vertices from the middle above to the middle below.
+/// Half the lips and the mouth behind them; the outermost ring's vertices from the middle above to
+/// the middle below.
 pub(super) fn add_lips(sheet: &mut Sheet, base: &Base) -> Vec<usize> {
     let mut inner: Vec<usize> = Vec::new();
     for (number, up, forward, wide, color) in WITHIN.into_iter().rev() {

@@ -16,8 +16,8 @@ enum Where {
     Below,
 }
 
-/// A smooth push of skin, lips and brows: strongest at `at`, a quarter as strong `wide` away and nothing beyond twice that;
-/// metres. A push at the side is that of the left half.
+/// A smooth push of skin, lips and brows: strongest at `at`, a quarter as strong `wide` away and
+/// nothing beyond twice that; metres. A push at the side is that of the left half.
 struct Push {
     part: Where,
     at: V,
@@ -229,7 +229,8 @@ fn aside(vertex: &Vertex, side: f32) -> V {
     scale(push.by, share * push.strength(place))
 }
 
-/// Lips drawn to the middle: share of the width, forward, apart (metres at the lips), and how far out they turn.
+/// Lips drawn to the middle: share of the width, forward, apart (metres at the lips), and how far
+/// out they turn.
 fn gathered(vertex: &Vertex, [narrow, forward, apart]: [f32; 3], full: f32) -> V {
     let (place, share) = match vertex.kind {
         Kind::Lip(_) | Kind::Skin => anchor(vertex.kind, vertex.place),

@@ -22,7 +22,8 @@ impl Sheet {
         self.vertices.len() - 1
     }
 
-    /// Triangles between two rows of vertices; seen from outside `upper` is left of the way along `lower`.
+    /// Triangles between two rows of vertices; seen from outside `upper` is left of the way along
+    /// `lower`.
     pub(super) fn strip(&mut self, lower: &[usize], upper: &[usize]) {
         for (low, high) in lower.windows(2).zip(upper.windows(2)) {
             let (a, b, c, d) = (low[0], low[1], high[1], high[0]);
@@ -64,7 +65,8 @@ impl Sheet {
         self
     }
 
-    /// For each vertex, the sum of the normals around it with the vertices at `places`, by the triangles' angles.
+    /// For each vertex, the sum of the normals around it with the vertices at `places`, by the
+    /// triangles' angles.
     pub(super) fn facing(&self, places: &[V]) -> Vec<V> {
         let mut sums = vec![[0.0; 3]; places.len()];
         for triangle in &self.triangles {
@@ -73,7 +75,8 @@ impl Sheet {
         sums
     }
 
-    /// The same after some vertices have moved `from` one place `to` another: only what is round those is summed again.
+    /// The same after some vertices have moved `from` one place `to` another: only what is round
+    /// those is summed again.
     pub(super) fn facing_after(&self, before: &[V], from: &[V], to: &[V]) -> Vec<V> {
         let mut sums = before.to_vec();
         for triangle in &self.triangles {

@@ -151,12 +151,7 @@ impl Picture {
     /// # Errors
     /// Those of `out`, and a side of more than `u32::MAX` pixels.
     pub fn write<W: Write>(&self, out: W) -> io::Result<()> {
-        let (width, height) = (size(self.width)?, size(self.height)?);
-        let mut encoder = png::Encoder::new(out, width, height);
-        encoder.set_color(png::ColorType::Rgb);
-        encoder.set_compression(png::Compression::Balanced);
-        encoder.write_header()?.write_image_data(&self.pixels())?;
-        Ok(())
+        write_png(self.width, self.height, &self.pixels(), out)
     }
 
     /// `[height, width, 3]`, sRGB.
@@ -176,6 +171,15 @@ impl Picture {
         }
         pixels
     }
+}
+
+/// Writes sRGB pixels, `[height, width, 3]`, as PNG.
+pub(crate) fn write_png<W: Write>(width: usize, height: usize, pixels: &[u8], out: W) -> io::Result<()> {
+    let mut encoder = png::Encoder::new(out, size(width)?, size(height)?);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_compression(png::Compression::Balanced);
+    encoder.write_header()?.write_image_data(pixels)?;
+    Ok(())
 }
 
 fn size(pixels: usize) -> io::Result<u32> {

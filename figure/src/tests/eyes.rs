@@ -15,8 +15,8 @@ fn eyeball(mesh: &Mesh, side: &str, centre: V) -> f32 {
     (0..mesh.positions.len()).filter(on).map(|v| distance(mesh.positions[v], centre)).fold(0.0, f32::max) - 0.0004
 }
 
-/// How wide open the lids are: the largest angle at the eye's centre between neighbours up and down along the middle
-/// that lie next to the eyeball's front, degrees.
+/// How wide open the lids are: the largest angle at the eye's centre between neighbours up and down
+/// along the middle that lie next to the eyeball's front, degrees.
 fn opening(mesh: &Mesh, places: &[V], side: &str) -> f32 {
     let (centre, moved) = lids(mesh, side);
     let radius = eyeball(mesh, side, centre);
@@ -59,7 +59,7 @@ fn a_blink_closes_the_lids_over_the_eyeball() {
 }
 
 #[test]
-fn no_lid_is_inside_the_eyeball_whatever_the_eyes_do() {
+fn lids_stay_outside_the_eyeball() {
     let mesh = &FIGURES[0];
     for side in ["Left", "Right"] {
         let (centre, moved) = lids(mesh, side);

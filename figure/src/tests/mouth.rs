@@ -72,7 +72,7 @@ fn lips_that_gather_grow_narrower_and_come_forward() {
 }
 
 #[test]
-fn each_lip_moves_alone_where_its_shape_says_so() {
+fn lip_shapes_move_only_their_lip() {
     let mesh = &FIGURES[0];
     let pairs = touching(mesh);
     let mean = |name: &str, which: usize| -> f32 {

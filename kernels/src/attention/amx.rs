@@ -25,13 +25,14 @@ use crate::lanes::LANES;
 use crate::lanes::avx512vnni::{lane_mask, load, load_at, load_part, store, store_part, to_array};
 use crate::mat::{Mat, MatMut};
 use crate::math::avx512vnni::softmax_exp_reduce;
+use crate::tiling::Tiling;
 use core::arch::x86_64::*;
 use core::mem::MaybeUninit;
 use core::ops::Range;
 use umo_kernels_features::avx512vnni;
 
 /// Widest head; wider ones are left to AVX-512.
-pub(super) const MOST_DIM: usize = 64;
+pub(super) const MAX_DIM: usize = 64;
 /// Fewest keys that repay the packing.
 const FEWEST_KEYS: usize = 65;
 
@@ -74,15 +75,15 @@ const EARLY: usize = 2;
 const GROUPS: usize = 2;
 
 /// By 16 keys and 32 of `head_dim`: rows of pairs, a key per column.
-type Keys = [[Split<Packed>; MOST_DIM / PAIRS]; KEYS / ROWS];
+type Keys = [[Split<Packed>; MAX_DIM / PAIRS]; KEYS / ROWS];
 /// By 32 keys and 16 of `head_dim`: rows of pairs of keys.
-type Values = [[Split<Packed>; MOST_DIM / LANES]; KEYS / PAIRS];
+type Values = [[Split<Packed>; MAX_DIM / LANES]; KEYS / PAIRS];
 /// By 16 queries and 32 of `head_dim`.
-type Queries = [[Split<Packed>; MOST_DIM / PAIRS]; GROUPS];
+type Queries = [[Split<Packed>; MAX_DIM / PAIRS]; GROUPS];
 /// By 16 queries and 32 keys: two tiles of scores, then the parts of their weights.
 type Scores = [[Split; KEYS / PAIRS]; GROUPS];
 /// By 16 queries and 16 of `head_dim`: weighted sums of values over the current block of keys.
-pub(super) type Sums = [[Tile; MOST_DIM / LANES]; GROUPS];
+pub(super) type Sums = [[Tile; MAX_DIM / LANES]; GROUPS];
 
 /// The buffers of one call.
 struct Work {
@@ -104,7 +105,18 @@ struct Softmax {
 /// Whether tiles are faster: a question of the keys and their width, never of the number of
 /// queries.
 fn pays(x: &Operands<f32>) -> bool {
-    x.k.rows() >= FEWEST_KEYS && x.k.cols() <= MOST_DIM
+    x.k.rows() >= FEWEST_KEYS && x.k.cols() <= MAX_DIM
+}
+
+/// Where the loops change.
+pub(super) fn tiling(_token: Amx) -> Tiling {
+    Tiling {
+        rows: &[ROWS, GROUPS * ROWS, BLOCK],
+        outputs: &[LANES, PAIRS, FEWEST_KEYS, KEYS],
+        inputs: &[LANES, PAIRS, MAX_DIM],
+        held: 0,
+        chunk: 0,
+    }
 }
 
 entry! {
@@ -120,11 +132,11 @@ entry! {
 #[avx512vnni]
 fn run(tiles: &Tiles, x: Operands<f32>, mut y: MatMut<f32>) {
     let mut work = Work {
-        k: [[[Tile::EMPTY; PARTS]; MOST_DIM / PAIRS]; KEYS / ROWS],
-        v: [[[Tile::EMPTY; PARTS]; MOST_DIM / LANES]; KEYS / PAIRS],
-        q: [[[Tile::EMPTY; PARTS]; MOST_DIM / PAIRS]; GROUPS],
+        k: [[[Tile::EMPTY; PARTS]; MAX_DIM / PAIRS]; KEYS / ROWS],
+        v: [[[Tile::EMPTY; PARTS]; MAX_DIM / LANES]; KEYS / PAIRS],
+        q: [[[Tile::EMPTY; PARTS]; MAX_DIM / PAIRS]; GROUPS],
         scores: [[[[Tile::ZERO; PARTS]; KEYS / PAIRS]; GROUPS]; 2],
-        sums: [[Tile::ZERO; MOST_DIM / LANES]; GROUPS],
+        sums: [[Tile::ZERO; MAX_DIM / LANES]; GROUPS],
     };
     for start in (0..x.q.rows()).step_by(BLOCK) {
         let end = x.q.rows().min(start + BLOCK);
@@ -344,7 +356,7 @@ impl<'a> Block<'a> {
 /// `y = y * shrink + sums[..][r]`, divided by `total` after the last block; without `shrink`,
 /// the old `y` is ignored.
 #[avx512vnni]
-pub(super) fn add(sums: &[Tile; MOST_DIM / LANES], r: usize, shrink: Option<f32>, total: Option<f32>, y: &mut [f32]) {
+pub(super) fn add(sums: &[Tile; MAX_DIM / LANES], r: usize, shrink: Option<f32>, total: Option<f32>, y: &mut [f32]) {
     let sum = |tile: &Tile, y: __m512| {
         let sum = load(&tile.0[r]);
         let sum = shrink.map_or(sum, |shrink| _mm512_fmadd_ps(y, _mm512_set1_ps(shrink), sum));

@@ -8,7 +8,13 @@ pub(super) mod vector;
 use super::operands::Operands;
 use crate::isa::{Avx2, entry};
 use crate::mat::MatMut;
+use crate::tiling::Tiling;
 pub(super) use loops::Load;
+
+/// Where the loops change.
+pub(super) fn tiling(_token: Avx2) -> Tiling {
+    loops::TILING
+}
 
 entry! {
     pub(super) fn attention<T: Load>(_token: Avx2, x: Operands<T>, y: MatMut<f32>) {

@@ -12,7 +12,13 @@ pub(super) mod vector;
 use super::operands::Operands;
 use crate::isa::{Avx512Vnni, entry};
 use crate::mat::MatMut;
+use crate::tiling::Tiling;
 pub(super) use loops::Load;
+
+/// Where the loops change.
+pub(super) fn tiling(_token: Avx512Vnni) -> Tiling {
+    loops::TILING
+}
 
 entry! {
     pub(super) fn attention<T: Load>(_token: Avx512Vnni, x: Operands<T>, y: MatMut<f32>) {

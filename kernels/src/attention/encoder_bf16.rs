@@ -21,6 +21,18 @@ use super::operands::Operands;
 use crate::isa::{Isa, dispatch};
 use crate::mat::MatMut;
 use crate::math::scalar::exp;
+use crate::tiling::Tiling;
+
+pub(super) fn tiling(isa: Isa) -> Tiling {
+    dispatch!(isa, tiling(), {
+        Scalar: scalar,
+        Avx2: avx2,
+        AvxVnni: avx2,
+        Avx512Vnni: avx512vnni,
+        Avx512Bf16: avx512bf16,
+        Amx: amx,
+    })
+}
 
 pub(super) fn attention(isa: Isa, operands: Operands<f32>, y: MatMut<f32>) {
     dispatch!(isa, attention(operands, y), {

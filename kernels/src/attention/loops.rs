@@ -18,6 +18,7 @@ use crate::bf16::Bf16;
 use crate::lanes::pairwise;
 use crate::mat::{Mat, MatMut};
 use crate::prefetch::{HintPrefetch, Prefetch, PrefetchHint, SelfPrefetch};
+use crate::tiling::Tiling;
 
 /// Keys whose scores are held at once: packed keys and values of a tile with 64 columns take 32
 /// KiB of L1.
@@ -94,6 +95,15 @@ fn widened_part<T: Load>(src: &[T]) -> Register {
 /// crosses a cache line.
 #[repr(align(64))]
 struct Weights<const Q: usize>([[f32; TILE]; Q]);
+
+/// Where the loops change.
+pub(super) const TILING: Tiling = Tiling {
+    rows: &[4, PACKED_QUERIES, BLOCK],
+    outputs: &[WIDTH, TILE],
+    inputs: &[WIDTH, PACKED_DIM],
+    held: 0,
+    chunk: 0,
+};
 
 #[features]
 pub(in crate::attention) fn attention<T: Load>(x: Operands<T>, mut y: MatMut<f32>) {

@@ -4,9 +4,15 @@ use super::operands::{Operands, Widen};
 use crate::lanes::{LANES, pairwise};
 use crate::mat::{Mat, MatMut};
 use crate::math::scalar::exp;
+use crate::tiling::Tiling;
 
 /// Keys whose scores are held at once.
 const TILE: usize = 64;
+
+/// Where the loops change.
+pub(super) fn tiling() -> Tiling {
+    Tiling { rows: &[1], outputs: &[TILE], inputs: &[LANES], held: 0, chunk: 0 }
+}
 
 pub(super) fn attention<T: Widen>(x: Operands<T>, mut y: MatMut<f32>) {
     for i in 0..x.q.rows() {

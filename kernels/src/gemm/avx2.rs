@@ -1,12 +1,14 @@
 //! 8 outputs per fused multiply-add, one sum per output in ascending order of inputs.
 
 use super::{Epilogue, GemmTask, Input, Panels, tiles};
+use crate::isa::Avx2;
 use crate::lanes::avx2::{load_two as load, store_two as store};
 use crate::mat::MatMut;
 use crate::math::Activation;
 use crate::math::avx2::{activate, gelu_tanh};
-use crate::pack::PANEL;
+use crate::pack::{PANEL, QUAD};
 use crate::prefetch;
+use crate::tiling::Tiling;
 use core::arch::asm;
 use core::arch::x86_64::*;
 use umo_kernels_features::avx2;
@@ -21,7 +23,7 @@ const PAIR: usize = 2;
 /// Prefetch distance from L2 in rows of a panel.
 const PREFETCH_DISTANCE: usize = 16;
 /// Most panels whose epilogue runs at once.
-pub(crate) const MOST: usize = 4;
+pub(crate) const MAX_PANELS: usize = 4;
 
 /// Rows of panels whose weights are widened to f32 when loaded.
 pub(crate) trait Load: Copy {
@@ -34,15 +36,26 @@ pub(crate) trait Load: Copy {
     unsafe fn load(panel: *const Self, i: usize) -> [__m256; 2];
 }
 
+/// Where the loops change.
+pub(crate) fn tiling(_token: Avx2) -> Tiling {
+    Tiling {
+        rows: &[PAIR, ROWS],
+        outputs: &[PANEL, PAIR * PANEL, MAX_PANELS * PANEL],
+        inputs: &[QUAD, PREFETCH_DISTANCE],
+        held: 0,
+        chunk: 0,
+    }
+}
+
 /// The whole product: all rows pass by each group of panels while it is in the cache.
 #[avx2]
 pub(crate) fn run<'a, W: Panels<'a, Row: Load>>(x: Input<f32>, task: &GemmTask<'_, W>, mut y: MatMut<f32>) {
     let mut slot = 0;
     while slot < task.slots() {
-        let width = if slot + MOST <= task.slots() { MOST } else { PAIR.min(task.slots() - slot) };
+        let width = if slot + MAX_PANELS <= task.slots() { MAX_PANELS } else { PAIR.min(task.slots() - slot) };
         for (t, rows) in tiles(x.rows(), ROWS) {
             match rows {
-                1 => tile::<W, 1, 4, MOST>(&x, t, task, slot, width, &mut y),
+                1 => tile::<W, 1, 4, MAX_PANELS>(&x, t, task, slot, width, &mut y),
                 2 => tile::<W, 2, 2, PAIR>(&x, t, task, slot, width, &mut y),
                 3 => tile::<W, 3, 2, PAIR>(&x, t, task, slot, width, &mut y),
                 4 => tile::<W, 4, 1, PAIR>(&x, t, task, slot, width, &mut y),

@@ -1,12 +1,14 @@
 //! 16 outputs per fused multiply-add, one sum per output in ascending order of inputs.
 
 use super::{Epilogue, GemmTask, Input, Panels, tiles};
+use crate::isa::Avx512Vnni;
 use crate::lanes::avx512vnni::{load, load_part, store, store_part};
 use crate::mat::MatMut;
 use crate::math::Activation;
 use crate::math::avx512vnni::{activate, gelu_tanh};
-use crate::pack::PANEL;
+use crate::pack::{PAIR, PANEL};
 use crate::prefetch;
+use crate::tiling::Tiling;
 use core::arch::x86_64::*;
 use core::ops::Range;
 use umo_kernels_features::avx512vnni;
@@ -94,6 +96,17 @@ impl<W: Load> Step<f32> for W {
     #[avx512vnni]
     unsafe fn multiply((): (), sum: __m512, x: __m512, w: __m512) -> __m512 {
         _mm512_fmadd_ps(x, w, sum)
+    }
+}
+
+/// Where the loops change.
+pub(crate) fn tiling(_token: Avx512Vnni) -> Tiling {
+    Tiling {
+        rows: &[EVEN_ROWS, ROWS],
+        outputs: &[PANEL, 3 * PANEL, MAX_PANELS * PANEL],
+        inputs: &[UNROLL, PAIR * UNROLL],
+        held: 0,
+        chunk: CHUNK_BYTES / size_of::<f32>(),
     }
 }
 
@@ -284,7 +297,7 @@ unsafe fn step<X, W: Step<X>, const R: usize, const P: usize, const WHOLE: bool>
 /// Panels of sums in one tile at most.
 const SUMS: usize = ROWS * 3;
 /// Most panels whose epilogue runs at once.
-pub(crate) const MOST: usize = 4;
+pub(crate) const MAX_PANELS: usize = 4;
 
 /// Ends `values [rows, panels]`: the outputs from `first` on of the rows from `t` on.
 #[inline]

@@ -140,7 +140,6 @@ fn dot_product_rounds_each_addition() -> bool {
 /// AMX, which requires both the processor and the permission of the system.
 #[cfg(target_os = "linux")]
 mod amx {
-    use core::arch::asm;
     use core::arch::x86_64::{__cpuid_count, _xgetbv};
 
     /// AMX-TILE, AMX-BF16 and AMX-INT8 in CPUID leaf 7.
@@ -163,17 +162,10 @@ mod amx {
     /// Asks Linux for the tiles' data, once for the whole process: it saves 8 KiB more per thread
     /// from then on.
     fn permitted() -> bool {
-        /// `arch_prctl(ARCH_REQ_XCOMP_PERM, XFEATURE_XTILEDATA)`.
-        const ARCH_PRCTL: i64 = 158;
-        const REQUEST: i64 = 0x1023;
-        const TILE_DATA: i64 = 18;
-        let result: i64;
-        // SAFETY: this system call takes two numbers and touches no memory of ours;
-        // where it is unknown, it fails.
-        unsafe {
-            asm!("syscall", inout("rax") ARCH_PRCTL => result, in("rdi") REQUEST, in("rsi") TILE_DATA,
-                out("rcx") _, out("r11") _, options(nostack));
-        }
-        result == 0
+        const ARCH_REQ_XCOMP_PERM: libc::c_long = 0x1023;
+        const XFEATURE_XTILEDATA: libc::c_long = 18;
+        // SAFETY: this system call takes two numbers and touches no memory of ours; where it is
+        // unknown, it fails.
+        unsafe { libc::syscall(libc::SYS_arch_prctl, ARCH_REQ_XCOMP_PERM, XFEATURE_XTILEDATA) == 0 }
     }
 }

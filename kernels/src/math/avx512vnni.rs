@@ -142,14 +142,14 @@ pub(crate) fn exp2_bf16(t: __m512) -> __m512 {
     _mm512_maskz_scalef_ps(normal, _mm512_fmadd_ps(power, r, _mm512_set1_ps(1.0)), n)
 }
 
-/// [`exp2_bf16`] without its mask: denormal below -126, which is taken as 0 where it is rounded, and
-/// vanishes in a sum of at least 1.
+/// [`exp2_bf16`] without its mask: denormal below -126, which is taken as 0 where it is rounded,
+/// and vanishes in a sum of at least 1.
 #[inline]
 #[avx512vnni]
 pub(crate) fn exp2_bf16_unmasked(t: __m512) -> __m512 {
-    // The fraction above the next lower integer, by which `scalef` scales. Not by `vreduceps`, which
-    // rounds the difference in the same direction as the integer, down; the scalar reference rounds
-    // it to nearest.
+    // The fraction above the next lower integer, by which `scalef` scales. Not by `vreduceps`,
+    // which rounds the difference in the same direction as the integer, down; the scalar reference
+    // rounds it to nearest.
     let r = _mm512_sub_ps(t, _mm512_roundscale_ps::<{ _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC }>(t));
     let mut power = _mm512_set1_ps(EXP2_BF16[0]);
     for &c in &EXP2_BF16[1..] {

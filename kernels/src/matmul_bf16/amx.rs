@@ -25,6 +25,7 @@ use crate::isa::{Amx, entry};
 use crate::lanes::avx512vnni::{load, load_part};
 use crate::mat::{Mat, MatMut};
 use crate::pack::{PAIR, PANEL, PackedBf16};
+use crate::tiling::Tiling;
 use core::arch::x86_64::*;
 use umo_kernels_features::avx512bf16;
 
@@ -108,6 +109,17 @@ entry! {
             store(&mut whole, part);
             dst.copy_from_slice(&whole[..dst.len()]);
         }
+    }
+}
+
+/// Where the loops change.
+pub(super) fn tiling(_token: Amx) -> Tiling {
+    Tiling {
+        rows: &[TILE, ROWS],
+        outputs: &[PANEL, 2 * PANEL, 4 * PANEL],
+        inputs: &[PAIR, STEP, SPLIT_STEPS * STEP, STEPS[0] * STEP, STEPS[1] * STEP],
+        held: 0,
+        chunk: CHUNK_BYTES / size_of::<Bf16>(),
     }
 }
 
@@ -225,15 +237,15 @@ impl PendingEpilogue {
     }
 }
 
-/// The product of rows copied to the stack, `MOST` steps at once.
+/// The product of rows copied to the stack, `MAX_STEPS` steps at once.
 #[avx512bf16]
-fn product<const MOST: usize, const PARTS: usize>(
+fn product<const MAX_STEPS: usize, const PARTS: usize>(
     tiles: &Tiles,
     x: &Rows,
     task: &GemmTask<PackedBf16>,
     mut y: MatMut<f32>,
 ) {
-    let mut buffer = Aligned([[[[[Bf16(0); STEP]; TILE]; 2]; 2]; MOST]);
+    let mut buffer = Aligned([[[[[Bf16(0); STEP]; TILE]; 2]; 2]; MAX_STEPS]);
     let mut sums = Aligned([[0.0; PANEL]; SUMS]);
     for first in (0..task.slots()).step_by(chunk(task)) {
         let end = (first + chunk(task)).min(task.slots());

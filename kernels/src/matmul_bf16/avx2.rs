@@ -1,6 +1,7 @@
 //! The f32 product's loops over weights that are widened as they are loaded.
 
 use crate::bf16::Bf16;
+pub(super) use crate::gemm::avx2::tiling;
 use crate::gemm::avx2::{Load, run};
 use crate::gemm::{Epilogue, GemmTask, Input};
 use crate::isa::{Avx2, entry};

@@ -4,6 +4,7 @@
 //! `vfmadd231ps` on Intel's processors.
 
 use crate::bf16::Bf16;
+pub(super) use crate::gemm::avx512vnni::tiling;
 use crate::gemm::avx512vnni::{Load, run};
 use crate::gemm::{Epilogue, GemmTask, Input};
 use crate::isa::{Avx512Vnni, entry};

@@ -1,5 +1,6 @@
 //! The shared loops over weights that are f32 in memory.
 
+pub(super) use crate::gemm::avx2::tiling;
 use crate::gemm::avx2::{Load, run};
 use crate::gemm::{Epilogue, GemmTask, Input};
 use crate::isa::{Avx2, entry};

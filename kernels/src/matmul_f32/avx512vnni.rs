@@ -1,5 +1,6 @@
 //! The shared loops over weights that are f32 in memory.
 
+pub(super) use crate::gemm::avx512vnni::tiling;
 use crate::gemm::avx512vnni::{Load, run};
 use crate::gemm::{Epilogue, GemmTask, Input};
 use crate::isa::{Avx512Vnni, entry};

@@ -4,6 +4,7 @@ use crate::gemm::scalar::{store_gated_panel, store_panel};
 use crate::gemm::{Epilogue, Input};
 use crate::mat::MatMut;
 use crate::pack::{PANEL, PackedF32, panels};
+pub(super) use crate::tiling::portable as tiling;
 
 pub(super) fn matmul(x: Input<f32>, w: PackedF32, epilogue: Epilogue, mut y: MatMut<f32>) {
     for p in 0..panels(w.n()) {

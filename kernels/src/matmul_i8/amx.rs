@@ -17,8 +17,9 @@ use crate::lanes::avx512vnni::{load, load_part, store};
 use crate::mat::MatMut;
 use crate::math::Activation;
 use crate::math::avx512vnni::gelu_tanh;
-use crate::pack::{PANEL, PackedI8};
+use crate::pack::{PANEL, PackedI8, QUAD};
 use crate::prefetch;
+use crate::tiling::Tiling;
 use crate::tuning::Tuning;
 use core::arch::x86_64::*;
 use core::mem::MaybeUninit;
@@ -28,9 +29,7 @@ use umo_kernels_features::avx512vnni;
 /// Rows that VNNI multiplies sooner.
 const FEW_ROWS: usize = 6;
 /// Rows per block.
-pub(super) const ROWS: usize = 2 * TILE;
-/// Inputs per instruction.
-pub(super) const INPUTS: usize = BYTES;
+const ROWS: usize = 2 * TILE;
 /// Panels per block; gated products need an even number.
 const WIDTH: usize = 2;
 /// Tiles of inputs gathered at once: 256 rows of 768 inputs are 192 KiB.
@@ -73,6 +72,17 @@ entry! {
         } else {
             run(token, &x, &GemmTask::Gated(gate, up), y);
         }
+    }
+}
+
+/// Where the loops change.
+pub(super) fn tiling(_token: Amx) -> Tiling {
+    Tiling {
+        rows: &[FEW_ROWS, TILE, ROWS, GROUP],
+        outputs: &[PANEL, WIDTH * PANEL],
+        inputs: &[QUAD, BYTES, GATHERED_TILES / 2 * BYTES],
+        held: GATHERED_TILES * TILE * BYTES,
+        chunk: CHUNK_BYTES,
     }
 }
 

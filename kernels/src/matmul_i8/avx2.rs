@@ -16,13 +16,14 @@ use crate::lanes::avx2::{load_two as load, store_two as store};
 use crate::mat::MatMut;
 use crate::pack::{PANEL, PackedI8, QUAD};
 use crate::prefetch;
+use crate::tiling::Tiling;
 use crate::tuning::Tuning;
 use core::arch::x86_64::*;
 use umo_kernels_features::avx2;
 
 /// Rows of the largest tile: 6 rows x 2 registers of sums leave four, for two of weights, an input
 /// and a product.
-pub(super) const ROWS: usize = 6;
+const ROWS: usize = 6;
 /// Quads of inputs converted at once: 6 rows are 24 KiB, which fit in L1 beside the weights.
 const QUADS: usize = 512;
 /// Prefetch distance in quads: panels are read in order, so that a long distance hides the
@@ -47,6 +48,17 @@ entry! {
 
     pub(super) fn matmul_gated(_token: Avx2, x: QuantInput, gate: PackedI8, up: PackedI8, y: MatMut<f32>, _tuning: Tuning) {
         run(&x, &GemmTask::Gated(gate, up), y);
+    }
+}
+
+/// Where the loops change.
+pub(super) fn tiling(_token: Avx2) -> Tiling {
+    Tiling {
+        rows: &[ROWS],
+        outputs: &[PANEL, WIDTH * PANEL],
+        inputs: &[QUAD, PANEL, QUADS * QUAD],
+        held: 0,
+        chunk: CHUNK_BYTES,
     }
 }
 

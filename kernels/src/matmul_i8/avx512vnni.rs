@@ -8,11 +8,13 @@
 mod one_stream;
 pub(super) mod tiles;
 
+use super::chunk::{CHUNK_BYTES, FEW_ROWS};
 use super::input::{GemmTask, QuantInput};
 use crate::gemm::Epilogue;
 use crate::isa::{Avx512Vnni, entry};
 use crate::mat::MatMut;
-use crate::pack::PackedI8;
+use crate::pack::{PANEL, PackedI8, QUAD};
+use crate::tiling::Tiling;
 use crate::tuning::Tuning;
 use umo_kernels_features::avx512vnni;
 
@@ -30,6 +32,17 @@ entry! {
         tuning: Tuning,
     ) {
         run(x, &GemmTask::Gated(gate, up), y, tuning);
+    }
+}
+
+/// Where the loops change, with either profile.
+pub(super) fn tiling(_token: Avx512Vnni) -> Tiling {
+    Tiling {
+        rows: &[FEW_ROWS, tiles::EVEN_ROWS, one_stream::ROWS, tiles::ROWS],
+        outputs: &[PANEL, tiles::MAX_PANELS * PANEL, 2 * tiles::MAX_PANELS * PANEL],
+        inputs: &[QUAD, tiles::BYTES, tiles::QUADS * QUAD],
+        held: 0,
+        chunk: CHUNK_BYTES,
     }
 }
 

@@ -14,13 +14,14 @@ use crate::lanes::avx2::{load_two as load, store_two as store};
 use crate::mat::MatMut;
 use crate::pack::{PANEL, PackedI8, QUAD};
 use crate::prefetch;
+use crate::tiling::Tiling;
 use crate::tuning::Tuning;
 use core::arch::x86_64::*;
 use umo_kernels_features::avxvnni;
 
 /// Rows of the largest tile: 6 rows x 1 panel are 12 sums, which leaves two registers for
 /// weights and one for an input.
-pub(super) const ROWS: usize = 6;
+const ROWS: usize = 6;
 /// Panels of few rows in one group, 12 sums of one row; an even number, as gated products need.
 const WIDE: usize = 6;
 /// Panels of more rows in one group: a gate and an up panel.
@@ -43,6 +44,17 @@ entry! {
 
     pub(super) fn matmul_gated(_token: AvxVnni, x: QuantInput, gate: PackedI8, up: PackedI8, y: MatMut<f32>, _tuning: Tuning) {
         run(&x, &GemmTask::Gated(gate, up), y);
+    }
+}
+
+/// Where the loops change.
+pub(super) fn tiling(_token: AvxVnni) -> Tiling {
+    Tiling {
+        rows: &[1, ROWS],
+        outputs: &[PANEL, PAIR * PANEL, WIDE * PANEL],
+        inputs: &[QUAD, BYTES, QUADS * QUAD],
+        held: 0,
+        chunk: CHUNK_BYTES,
     }
 }
 

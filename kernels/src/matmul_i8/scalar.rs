@@ -5,6 +5,7 @@ use crate::gemm::Epilogue;
 use crate::gemm::scalar::{store_gated_panel, store_panel};
 use crate::mat::MatMut;
 use crate::pack::{PANEL, PackedI8, QUAD, panels};
+pub(super) use crate::tiling::portable as tiling;
 use crate::tuning::Tuning;
 
 pub(super) fn matmul(x: QuantInput, w: PackedI8, epilogue: Epilogue, mut y: MatMut<f32>, _tuning: Tuning) {

@@ -1,5 +1,5 @@
-//! Any sequence of calls of the C interface, from up to three threads at once, with handles, sizes, numbers, structures and
-//! texts as they come: statuses, and nothing else.
+//! Any sequence of calls of the C interface, from up to three threads at once, with handles, sizes,
+//! numbers, structures and texts as they come: statuses, and nothing else.
 #![no_main]
 
 use std::ffi::{CStr, c_char, c_void};
@@ -11,9 +11,11 @@ use arbitrary::{Arbitrary, Result, Unstructured};
 use libfuzzer_sys::fuzz_target;
 use umo::engine::*;
 use umo::frame::*;
+use umo::gesture::*;
 use umo::memory::*;
 use umo::model::inspect::*;
 use umo::model::*;
+use umo::parameter::*;
 use umo::session::settings::*;
 use umo::session::state::*;
 use umo::session::stream::*;
@@ -28,7 +30,23 @@ const SAMPLES: usize = 20_000;
 /// Bytes at hand for frames and states.
 const ROOM: usize = 1 << 21;
 
-static MODEL: &[u8] = include_bytes!("../../../models/umo-small/model.safetensors");
+/// A character with two animations.
+static SALUTE: &[u8] = include_bytes!("../../capi/salute.glb");
+/// Names of gestures: known ones, one that may be added, and wrong ones.
+const GESTURES: [&CStr; 8] = [c"wave", c"nod", c"point", c"clap", c"Thumbs Up", c"own", c"no such", c""];
+
+/// The default model, and one of layout `frames` with text.
+static MODELS: [&[u8]; 2] = [
+    include_bytes!("../../../models/umo-small/model.safetensors"),
+    include_bytes!("../../golden/frames_seven/model.safetensors"),
+];
+
+/// Which of them this run loads.
+static CHOSEN: AtomicUsize = AtomicUsize::new(0);
+
+fn model_bytes() -> &'static [u8] {
+    MODELS[CHOSEN.load(Ordering::Relaxed)]
+}
 
 /// Handles of this run: good, freed and made-up ones.
 #[derive(Default)]
@@ -106,6 +124,16 @@ enum Call {
     Save(Which, Size),
     Restore(Which, Size, Option<(u16, u8)>),
     Free(u8),
+    LookAt(Which, u32, [f32; 3], f32),
+    Mood(Which, u32, f32),
+    Other(Which, Size),
+    Clock(Which, f64),
+    Layer(Which, u8, f32),
+    Gesture(Which, u8, Option<Changes>),
+    AddGesture(Which, u8, Changes, Size),
+    AddGestureFile { of: Which, name: u8, animation: u8, parts: u32, stroke: f32, size: Size, change: (u16, u8) },
+    GestureName(Which, u32),
+    Live { of: Which, to: u8, smoothing: f32, guidance: f32, horizon: u32 },
 }
 
 #[derive(Debug)]
@@ -113,17 +141,21 @@ struct Script {
     threads: Vec<Vec<Call>>,
     /// Whether it starts with a model, an engine and a session.
     ready: bool,
+    /// Whether models are of layout `frames`.
+    frames: bool,
 }
 
 impl<'a> Arbitrary<'a> for Script {
     fn arbitrary(u: &mut Unstructured<'a>) -> Result<Self> {
         let ready = u.ratio(7, 8)?;
         let threads = u.int_in_range(1..=3)?;
-        let mut script = Self { threads: vec![Vec::new(); threads], ready };
+        let mut script = Self { threads: vec![Vec::new(); threads], ready, frames: false };
         for _ in 0..u.int_in_range(0..=60)? {
             let thread = u.int_in_range(0..=threads - 1)?;
             script.threads[thread].push(u.arbitrary()?);
         }
+        // Last, so that inputs of the time before this choice mean what they meant.
+        script.frames = u.arbitrary()?;
         Ok(script)
     }
 }
@@ -154,8 +186,8 @@ fn change<T>(value: &mut T, changes: &Changes) {
     let words = size_of::<T>() / 4;
     for &(at, word) in &changes.words[..usize::from(changes.count % 3)] {
         let at = usize::from(at) % words;
-        // The structure must be as long as it says: its size is checked by tests that are not random. Pointers are not for
-        // the library to check.
+        // The structure must be as long as it says: its size is checked by tests that are not
+        // random. Pointers are not for the library to check.
         if at > 0 {
             unsafe { (&raw mut *value).cast::<u32>().add(at).write(word) };
         }
@@ -217,8 +249,8 @@ fn run(call: &Call, handles: &Handles, hands: &mut Hands) {
     let status = match call {
         Call::ModelLoad { to, abi, good_abi, len, changes } => {
             let abi = if *good_abi { UMO_ABI_VERSION } else { *abi };
-            let (len, there) = len.of(MODEL.len());
-            let data = if there { MODEL.as_ptr() } else { null() };
+            let (len, there) = len.of(model_bytes().len());
+            let data = if there { model_bytes().as_ptr() } else { null() };
             let (config, mut made) = (model_config(changes), null_mut());
             let status = unsafe { umo_model_load_memory(abi, data.cast(), len, &config, &mut made) };
             if status == UMO_STATUS_OK {
@@ -352,6 +384,64 @@ fn run(call: &Call, handles: &Handles, hands: &mut Hands) {
             let size = if written > 0 { written } else { size.of(ROOM).0.min(ROOM) };
             unsafe { umo_session_restore(target, hands.room.as_ptr().cast(), size) }
         }
+        Call::LookAt(which, axes, point, strength) => {
+            let point = if axes % 7 == 6 { null() } else { point.as_ptr() };
+            unsafe { umo_session_look_at(session(*which), axes % 4, point, *strength) }
+        }
+        Call::Mood(which, mood, strength) => umo_session_set_mood(session(*which), mood % 9, *strength),
+        Call::Other(which, size) => {
+            let (len, there) = size.of(SAMPLES);
+            let samples = if there { hands.floats.as_ptr() } else { null() };
+            unsafe { umo_session_push_other_audio(session(*which), samples, len) }
+        }
+        Call::Clock(which, seconds) => umo_session_set_clock(session(*which), *seconds),
+        Call::Layer(which, layer, gain) => {
+            let parameter = UMO_PARAMETER_LAYER_GAZE + u32::from(layer % 7);
+            umo_session_set_parameter(session(*which), parameter, f64::from(*gain))
+        }
+        Call::Gesture(which, name, changes) => {
+            let mut options: UmoGestureOptions = unsafe { std::mem::zeroed() };
+            check(unsafe { umo_gesture_options_init(&mut options, size_of::<UmoGestureOptions>()) });
+            let given = changes.as_ref().map_or(null(), |changes| {
+                change(&mut options, changes);
+                &raw const options
+            });
+            unsafe { umo_session_play_gesture(session(*which), gesture(*name), given) }
+        }
+        Call::AddGesture(of, name, changes, size) => {
+            let mut clip: UmoGestureClip = unsafe { std::mem::zeroed() };
+            check(unsafe { umo_gesture_clip_init(&mut clip, size_of::<UmoGestureClip>()) });
+            change(&mut clip, changes);
+            // As many frames as there are floats for, or more with a NULL.
+            let (frames, there) = size.of(SAMPLES / (4 * UMO_JOINT_COUNT as usize));
+            clip.frame_count = u32::try_from(frames).unwrap_or(u32::MAX);
+            clip.rotations = if there { hands.floats.as_ptr() } else { null() };
+            unsafe { umo_engine_add_gesture(engine(*of), gesture(*name), &clip) }
+        }
+        Call::AddGestureFile { of, name, animation, parts, stroke, size, change: (at, value) } => {
+            let mut file = SALUTE.to_vec();
+            file[usize::from(*at) % SALUTE.len()] ^= value;
+            let (size, there) = size.of(file.len());
+            let data = if there { file.as_ptr() } else { null() };
+            let animation = [null(), c"turn".as_ptr(), c"none".as_ptr()][usize::from(animation % 3)];
+            let add = umo_engine_add_gesture_memory;
+            unsafe { add(engine(*of), gesture(*name), data.cast(), size, animation, parts % 18, *stroke) }
+        }
+        Call::GestureName(of, index) => {
+            let mut name = null();
+            unsafe { umo_engine_get_gesture_name(engine(*of), index % 40, &mut name) }
+        }
+        Call::Live { of, to, smoothing, guidance, horizon } => {
+            let mut config = session_config(any_model(), &Changes { words: [(0, 0); 2], count: 0 });
+            config.voice = UMO_VOICE_LIVE;
+            (config.smoothing, config.guidance, config.horizon) = (*smoothing, *guidance, *horizon);
+            let mut made = null_mut();
+            let status = unsafe { umo_session_new(engine(*of), &config, &mut made) };
+            if status == UMO_STATUS_OK {
+                Handles::put(&handles.sessions, *to, made.cast(), |handle| umo_session_free(handle.cast()));
+            }
+            status
+        }
         Call::Free(n) => {
             let which = Which::Session(*n);
             umo_session_free(session(which))
@@ -360,12 +450,17 @@ fn run(call: &Call, handles: &Handles, hands: &mut Hands) {
     check(status);
 }
 
+/// A gesture's name, or NULL.
+fn gesture(n: u8) -> *const c_char {
+    GESTURES.get(usize::from(n) % (GESTURES.len() + 1)).map_or(null(), |name| name.as_ptr())
+}
+
 fn session_config(model: *const UmoModel, changes: &Changes) -> UmoSessionConfig {
     let mut config: UmoSessionConfig = unsafe { std::mem::zeroed() };
-    config.struct_size = 64;
     check(unsafe { umo_session_config_init(&mut config, size_of::<UmoSessionConfig>(), model) });
     change(&mut config, changes);
-    // Filters between rates without a common divisor take seconds to plan under a sanitizer; they are tested elsewhere.
+    // Filters between rates without a common divisor take seconds to plan under a sanitizer; they
+    // are tested elsewhere.
     if config.sample_rate % 50 != 0 {
         config.sample_rate = 48_000;
     }
@@ -373,25 +468,32 @@ fn session_config(model: *const UmoModel, changes: &Changes) -> UmoSessionConfig
     config
 }
 
-/// A model that is loaded once and again when a call has freed it: loading takes longer than all else.
-static KEPT: AtomicUsize = AtomicUsize::new(0);
+/// Each model, loaded once and again when a call has freed it: loading takes longer than all else.
+static KEPT: [AtomicUsize; MODELS.len()] = [const { AtomicUsize::new(0) }; MODELS.len()];
+
+/// That of the models which this run loads.
+fn place() -> &'static AtomicUsize {
+    &KEPT[CHOSEN.load(Ordering::Relaxed)]
+}
 
 fn kept_model() -> usize {
     let mut info = unsafe { std::mem::zeroed::<UmoModelInfo>() };
     info.struct_size = 64;
-    let kept = KEPT.load(Ordering::Relaxed);
+    let kept = place().load(Ordering::Relaxed);
     if unsafe { umo_model_get_info(std::ptr::without_provenance(kept), &mut info) } == UMO_STATUS_OK {
         return kept;
     }
     let mut made = null_mut();
-    let loaded =
-        unsafe { umo_model_load_memory(UMO_ABI_VERSION, MODEL.as_ptr().cast(), MODEL.len(), null(), &mut made) };
+    let loaded = unsafe {
+        umo_model_load_memory(UMO_ABI_VERSION, model_bytes().as_ptr().cast(), model_bytes().len(), null(), &mut made)
+    };
     assert_eq!(loaded, UMO_STATUS_OK);
-    KEPT.store(made.addr(), Ordering::Relaxed);
+    place().store(made.addr(), Ordering::Relaxed);
     made.addr()
 }
 
 fuzz_target!(|script: Script| {
+    CHOSEN.store(usize::from(script.frames), Ordering::Relaxed);
     let handles = Handles::default();
     let none = Changes { words: [(0, 0); 2], count: 0 };
     let hands = || Hands {
@@ -424,7 +526,7 @@ fuzz_target!(|script: Script| {
         threads.into_iter().for_each(|thread| thread.join().expect("calls do not panic"));
     });
     // The model that is kept from run to run is not freed, where no call has done so.
-    let kept = KEPT.load(Ordering::Relaxed);
+    let kept = place().load(Ordering::Relaxed);
     for model in &handles.models {
         let _ = model.compare_exchange(kept, 0, Ordering::Relaxed, Ordering::Relaxed);
     }

@@ -1,4 +1,5 @@
-//! Any bytes as a model file: an error or a model, never a panic, a crash or memory beyond what the file justifies.
+//! Any bytes as a model file: an error or a model, never a panic, a crash or memory beyond what the
+//! file justifies.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

@@ -1,17 +1,18 @@
-//! Any bytes as a WAV file: an error, or samples that are finite numbers and resample to a finite recording.
+//! Any bytes as a WAV file: an error, or samples that are finite numbers and resample to a finite
+//! recording.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use umo_cli::wav;
+use umo_audio_file::wav;
 use umo_core::audio::resample;
 
 /// Longest recording that is resampled here, so that one input does not take seconds.
-const MOST: usize = 2_000;
+const MAX_SAMPLES: usize = 2_000;
 
-/// The model's rate. Filters between rates with a small common divisor are as long as the rate itself and take seconds
-/// to plan under a sanitizer; they are tested elsewhere.
+/// The model's rate. Filters between rates with a small common divisor are as long as the rate
+/// itself and take seconds to plan under a sanitizer; they are tested elsewhere.
 const RATE: usize = 16_000;
-const LEAST_DIVISOR: usize = 50;
+const MIN_DIVISOR: usize = 50;
 
 fuzz_target!(|data: &[u8]| {
     let Ok(wav) = wav::parse(data) else { return };
@@ -20,9 +21,9 @@ fuzz_target!(|data: &[u8]| {
     assert!((1..=8).contains(&wav.channels));
     let mono = wav.mono();
     assert_eq!(mono.len(), wav.samples.len() / usize::from(wav.channels));
-    let mono = &mono[..mono.len().min(MOST)];
+    let mono = &mono[..mono.len().min(MAX_SAMPLES)];
     let rate = wav.sample_rate as usize;
-    if !rate.is_multiple_of(LEAST_DIVISOR) {
+    if !rate.is_multiple_of(MIN_DIVISOR) {
         return;
     }
     let Ok(out) = resample::to_rate(mono, rate, RATE) else { return };

@@ -23,7 +23,7 @@ class Mel:
     ) -> None:
         self.sizes: dict[str, Any] = {"window": window, "fft": fft, "bands": bands, "floor": floor, "deltas": deltas}
         self.window = torch.hann_window(window, periodic=False)
-        self.filters = _filters(fft, bands)
+        self.filters = filters(fft, bands)
         width = bands * (1 + deltas)
         self.mean, self.scale = torch.zeros(width), torch.ones(width)
         self.network: Listener | None = None
@@ -86,7 +86,7 @@ class Mel:
             self.network.load(tensors)
 
 
-def _filters(fft: int, bands: int) -> Tensor:
+def filters(fft: int, bands: int) -> Tensor:
     """Triangles on the mel scale `[bands, fft // 2 + 1]`, each of area 1 so that white noise is flat."""
 
     def mel(hertz: np.ndarray | float) -> np.ndarray:

@@ -16,6 +16,7 @@ def shapes(config: Config, *, encoders: bool = True) -> Shapes:
     """All tensors and their shapes; `encoders` asks for those that only tokenising motion needs."""
     out = audio_shapes(config) | {name: shape for part in (_lm, _interp) for name, shape in part(config)}
     out.update(_codecs(config, encoders))
+    out.update(_mouth(config))
     return out
 
 
@@ -75,6 +76,24 @@ def _mel(config: Config) -> Entries:
         inputs = outputs
     width = network["widths"][-1] if network["widths"] else width
     yield "audio.kmeans.centroids", (config["audio"]["units"], width)
+
+
+def _mouth(config: Config) -> Entries:
+    """The live mouth, if the config has one."""
+    m = config.get("mouth")
+    if m is None:
+        return
+    features, width, channels = m["bands"] + 2, m["width"], len(m["channels"])
+    yield "mouth.window.weight", (m["window"],)
+    yield "mouth.filters.weight", (m["bands"], m["fft"] // 2 + 1)
+    yield "mouth.mean", (features,)
+    yield "mouth.scale", (features,)
+    yield "mouth.rest", (channels,)
+    yield from _affine("mouth.input", width, features, m["taps"])
+    for i in range(len(m["dilations"])):
+        yield from _affine(f"mouth.blocks.{i}.0", width, width, m["kernel"])
+        yield from _affine(f"mouth.blocks.{i}.1", width, width, 1)
+    yield from _affine("mouth.head", channels + 1, width, 1)
 
 
 def _lm(config: Config) -> Entries:

@@ -197,13 +197,27 @@ def _perform_item(job: tuple[Path, Path]) -> None:
     folder, path = job
     item = read_item(path)
     motion = perform(item.utterance, STYLES[item.style], item.seed)
-    write(folder / "motion" / path.name, {name: values.astype(np.float32) for name, values in motion.items()})
+    intent = motion.pop("intent")
+    floats = {name: values.astype(np.float32) for name, values in motion.items()}
+    write(folder / "motion" / path.name, floats | {"intent": intent})
 
 
 def read_motion(folder: Path, name: str, only: tuple[str, ...] = (*PARTS, "height")) -> dict[str, np.ndarray]:
     """`[T, C]` f32 of each part, and `height` `[T]`, metres; or some of these."""
     with np.load(folder / "motion" / f"{name}.npz") as data:
         return {part: data[part] for part in only}
+
+
+def read_intent(folder: Path, name: str) -> np.ndarray:
+    """What the performer's arms are about, `[T]` codes of `performer.intent`.
+
+    Raises `ValueError` where the motion says nothing of it.
+    """
+    path = folder / "motion" / f"{name}.npz"
+    with np.load(path) as data:
+        if "intent" not in data:
+            raise ValueError(f"{path} has no `intent`: remove it and run the step `motion` again")
+        return data["intent"]
 
 
 def hours(folder: Path) -> float:

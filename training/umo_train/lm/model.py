@@ -162,6 +162,55 @@ def _bucket(relative: Tensor, buckets: int, distance: int, *, two_sided: bool) -
     return offset + torch.where(relative < exact, relative, logarithmic.clamp(max=buckets - 1))
 
 
+# Widths of a marked model's places: what all tokens share, the mark of the audio's start, that of what the decoder
+# starts with, and from there on one for each head of the encoder and of the decoder.
+SHARED, BEGINS, STARTS, RESULTS = range(4)
+
+
+@torch.no_grad()
+def mark_heads(stack: Stack, marker: int, score: float, first: int) -> None:
+    """Lets the heads of a stack that have waves of distance see one marker among all tokens, and write a sine of the
+    place, the first of them at width `first`."""
+    attention = stack.block[0].layer[0].SelfAttention
+    heads = attention.heads
+    width = attention.q.weight.shape[0] // heads
+    for head in range(heads - heads // 2, heads):
+        row = head * width
+        for linear in (attention.q, attention.k, attention.v):
+            linear.weight[row : row + width] = 0.0
+        attention.o.weight[:, row : row + width] = 0.0
+        attention.q.weight[row, SHARED] = 1.0
+        attention.k.weight[row, marker] = score / (4.0 * 7.0)
+        attention.v.weight[row, marker] = 1.0
+        attention.o.weight[first + head, row] = 0.6
+
+
+def fixed_weights(
+    places: int, tables: list[Tensor], writers: list[nn.Linear], stacks: tuple[Stack, ...]
+) -> list[tuple[Tensor, Tensor]]:
+    """Weights of a marked model, and which of their values training leaves alone: what makes places and what would
+    cover them."""
+    masks: dict[Tensor, Tensor] = {}
+
+    def mask(weight: Tensor) -> Tensor:
+        return masks.setdefault(weight, torch.zeros_like(weight, dtype=torch.bool))
+
+    for table in tables:
+        mask(table)[:, :places] = True
+    for linear in writers:
+        mask(linear.weight)[:places] = True
+    for stack in stacks:
+        attention = stack.block[0].layer[0].SelfAttention
+        inner = attention.q.weight.shape[0]
+        waves = slice(inner - inner // attention.heads * (attention.heads // 2), inner)
+        for linear in (attention.q, attention.k, attention.v):
+            mask(linear.weight)[waves] = True
+        mask(attention.o.weight)[:, waves] = True
+        table = attention.relative_attention_bias.weight
+        mask(table)[:, attention.heads - attention.heads // 2 :] = True
+    return list(masks.items())
+
+
 class LanguageModel(nn.Module):
     """`config["lm"]` over `config["vocab"]`, with fresh weights. `dense` is T5 itself, before upcycling; `marked` tells
     places from the first step on, which a model that starts from published weights has learned for itself."""
@@ -195,32 +244,18 @@ class LanguageModel(nn.Module):
         makes larger or smaller, writes a sine of the place: a position encoding in T5's own terms. `fixed` says which
         weights must stay so that it stays.
         """
-        shared, begins, starts, results = 0, 1, 2, 3
         table = self.shared.weight
         heads = self.encoder.block[0].layer[0].SelfAttention.heads
         table[:, : self.places] = 0.0
-        table[:, shared] = 4.0
-        table[self.vocab["audio"]["start"], begins] = 8.0
+        table[:, SHARED] = 4.0
+        table[self.vocab["audio"]["start"], BEGINS] = 8.0
         for part in ("face", "hands", "upper", "lower"):
-            table[self.vocab[part]["start"], starts] = 8.0
+            table[self.vocab[part]["start"], STARTS] = 8.0
         for linear in self._writers():
             linear.weight[: self.places] = 0.0
         # A marker's score: about the logarithm of how many tokens it stands among.
-        for stack, marker, score, first in (
-            (self.encoder, begins, 5.3, results),
-            (self.decoder, starts, 1.0, results + heads),
-        ):
-            attention = stack.block[0].layer[0].SelfAttention
-            width = attention.q.weight.shape[0] // heads
-            for head in range(heads - heads // 2, heads):
-                row = head * width
-                for linear in (attention.q, attention.k, attention.v):
-                    linear.weight[row : row + width] = 0.0
-                attention.o.weight[:, row : row + width] = 0.0
-                attention.q.weight[row, shared] = 1.0
-                attention.k.weight[row, marker] = score / (4.0 * 7.0)
-                attention.v.weight[row, marker] = 1.0
-                attention.o.weight[first + head, row] = 0.6
+        mark_heads(self.encoder, BEGINS, 5.3, RESULTS)
+        mark_heads(self.decoder, STARTS, 1.0, RESULTS + heads)
 
     def _writers(self) -> list[nn.Linear]:
         """Every matrix that writes to what the layers pass on."""
@@ -231,24 +266,7 @@ class LanguageModel(nn.Module):
         """Weights, and which of their values training leaves alone: what makes places and what would cover them."""
         if not self.marked:
             return []
-        masks: dict[Tensor, Tensor] = {}
-
-        def mask(weight: Tensor) -> Tensor:
-            return masks.setdefault(weight, torch.zeros_like(weight, dtype=torch.bool))
-
-        mask(self.shared.weight)[:, : self.places] = True
-        for linear in self._writers():
-            mask(linear.weight)[: self.places] = True
-        for stack in (self.encoder, self.decoder):
-            attention = stack.block[0].layer[0].SelfAttention
-            inner = attention.q.weight.shape[0]
-            waves = slice(inner - inner // attention.heads * (attention.heads // 2), inner)
-            for linear in (attention.q, attention.k, attention.v):
-                mask(linear.weight)[waves] = True
-            mask(attention.o.weight)[:, waves] = True
-            table = attention.relative_attention_bias.weight
-            mask(table)[:, attention.heads - attention.heads // 2 :] = True
-        return list(masks.items())
+        return fixed_weights(self.places, [self.shared.weight], self._writers(), (self.encoder, self.decoder))
 
     def encode(self, ids: Tensor, mask: Tensor | None = None) -> Tensor:
         """`[b, n]` ids, and which of them count, to `[b, n, d]`."""

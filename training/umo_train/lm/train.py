@@ -62,7 +62,9 @@ class Master(torch.optim.Optimizer):
     def __init__(self, model: torch.nn.Module, rate: float, betas: tuple[float, float], decay: float) -> None:
         self.model = [p for p in model.parameters() if p.requires_grad]
         self.copies = [p.detach().float().clone().requires_grad_() for p in self.model]
-        fixed = {id(weight): mask for weight, mask in model.fixed()} if isinstance(model, LanguageModel) else {}
+        # Of a language model: a layer alone has no places to keep.
+        found = model.fixed() if hasattr(model, "fixed") else []
+        fixed = {id(weight): mask for weight, mask in found}
         self.moved = [~fixed[id(p)] if id(p) in fixed else None for p in self.model]
         super().__init__(self.copies, {"lr": rate})
         matrices = [p for p in self.copies if p.ndim > 1]

@@ -4,6 +4,7 @@ import numpy as np
 
 from umo_train.performer.arms import BEND, SWIVEL, WRIST
 from umo_train.performer.curves import path
+from umo_train.performer.intent import HOLD, PREPARE, REST, RETRACT, STROKE
 
 # A hand that waits longer than this between two gestures goes to rest meanwhile.
 _PATIENCE_S = 1.3
@@ -22,6 +23,8 @@ class ArmTrack:
         self.idle, self.ready, self.slow, self.stroke_s = idle, ready, slow, stroke_s
         zero = np.zeros_like(idle)
         self.times, self.values, self.rates, self.arcs = [-3.0], [idle], [zero], [zero]
+        # What the arm does on the way to each key.
+        self.phases = [REST]
         self.raised = False
         # The newest key is the recoil of the one before it.
         self._recoils = False
@@ -34,12 +37,25 @@ class ArmTrack:
     def until(self) -> float:
         return self.times[-1]
 
-    def _key(self, at: float, value: np.ndarray, rate: np.ndarray | None = None, arc: np.ndarray | None = None) -> None:
+    @property
+    def _waiting(self) -> int:
+        """What an arm does that has nothing to do."""
+        return HOLD if self.raised else REST
+
+    def _key(
+        self,
+        at: float,
+        value: np.ndarray,
+        phase: int,
+        rate: np.ndarray | None = None,
+        arc: np.ndarray | None = None,
+    ) -> None:
         zero = np.zeros_like(value)
         self.times.append(max(at, self.times[-1] + 0.03))
         self.values.append(value)
         self.rates.append(zero if rate is None else rate)
         self.arcs.append(zero if arc is None else arc)
+        self.phases.append(phase)
 
     def _travel(self, to: np.ndarray) -> float:
         """Seconds to get there unhurried."""
@@ -65,7 +81,7 @@ class ArmTrack:
         stroke_s = self._stroke(prepared, struck)
         ready_by = at - stroke_s - late
         if self._recoils and ready_by - self._travel(prepared) < self.until:
-            for keys in (self.times, self.values, self.rates, self.arcs):
+            for keys in (self.times, self.values, self.rates, self.arcs, self.phases):
                 keys.pop()
         if self.raised and ready_by - self._travel(prepared) - self.until > _PATIENCE_S:
             pause = ready_by - self._travel(prepared) - self.until
@@ -76,29 +92,29 @@ class ArmTrack:
             late = 0.0
         begin = max(ready_by - self._travel(prepared), earliest)
         far = float(np.linalg.norm(prepared[WRIST] - self.now[WRIST]))
-        self._key(begin, self._sunk(0.012) if self.raised else self.now)
+        self._key(begin, self._sunk(0.012) if self.raised else self.now, self._waiting)
         lift, bend = np.zeros_like(prepared), np.zeros_like(prepared)
         lift[WRIST.start + 2], lift[SWIVEL] = 0.12 * far, 0.1 * far
         bend[WRIST.start] = bow
         if late > 0.03:
-            self._key(ready_by, prepared, arc=lift)
-            self._key(at - stroke_s, prepared)
+            self._key(ready_by, prepared, PREPARE, arc=lift)
+            self._key(at - stroke_s, prepared, HOLD)
         else:
             rate = np.zeros_like(prepared)
             rate[WRIST] = swing
-            self._key(at - stroke_s, prepared, rate, lift)
-        self._key(at, struck, arc=bend)
+            self._key(at - stroke_s, prepared, PREPARE, rate, lift)
+        self._key(at, struck, STROKE, arc=bend)
         recoil = struck.copy()
         recoil[WRIST] += _RECOIL * (prepared[WRIST] - struck[WRIST])
         recoil[BEND] += 0.4 * _RECOIL * (prepared[BEND] - struck[BEND])
-        self._key(at + _RECOIL_S, recoil)
+        self._key(at + _RECOIL_S, recoil, HOLD)
         self.raised = self._recoils = True
 
     def rise(self, at: float) -> None:
         """From idle to where the hand waits, before there is anything to stress."""
         if self.ready is not self.idle:
-            self._key(at, self.idle)
-            self._key(at + 1.3 * self._travel(self.ready), self.ready)
+            self._key(at, self.idle, REST)
+            self._key(at + 1.3 * self._travel(self.ready), self.ready, PREPARE)
             self.raised = True
 
     def retract(self, hold_s: float, to: np.ndarray) -> None:
@@ -107,11 +123,11 @@ class ArmTrack:
             return
         self._recoils = False
         travel = 0.2 * self.slow + 1.35 * self._travel(to)
-        self._key(self.until + hold_s, self._sunk(0.015))
+        self._key(self.until + hold_s, self._sunk(0.015), HOLD)
         # Around the hip.
         arc = np.zeros_like(to)
         arc[WRIST.start] = 0.04
-        self._key(self.until + travel, to, arc=arc)
+        self._key(self.until + travel, to, RETRACT, arc=arc)
         self.raised = to is self.ready and to is not self.idle
 
     def _sunk(self, metres: float) -> np.ndarray:
@@ -123,3 +139,8 @@ class ArmTrack:
     def curve(self, t: np.ndarray) -> np.ndarray:
         """`[T, STATE]`."""
         return path(t, *(np.array(keys) for keys in (self.times, self.values, self.rates, self.arcs)))
+
+    def phase(self, t: np.ndarray) -> np.ndarray:
+        """The phase of a gesture that the arm is in, `[T]`."""
+        after = np.searchsorted(self.times, t, side="right")
+        return np.array([*self.phases, self._waiting])[after]

@@ -19,10 +19,12 @@ _COUNTING = ("point", "two", "three")
 
 @dataclass(frozen=True)
 class Gestures:
-    """The arms' states `[2, T, STATE]`, left first, and how far the shoulders are shrugged `[T]`."""
+    """The arms' states `[2, T, STATE]`, left first, how far the shoulders are shrugged `[T]`, and the phases of both
+    arms' gestures `[2, T]`."""
 
     states: np.ndarray
     shrug: np.ndarray
+    phases: np.ndarray
 
 
 def state(
@@ -180,7 +182,8 @@ def gesticulate(prosody: Prosody, style: Style, random: np.random.Generator) -> 
         if track.now is not idle[hand]:
             track.raised = True
             track.retract(1.2, idle[hand])
-    return Gestures(_alive(tracks, t, random), _shrug(t, shrugs, energy))
+    phases = np.stack([track.phase(t) for track in tracks])
+    return Gestures(_alive(tracks, t, random), _shrug(t, shrugs, energy), phases)
 
 
 def _strike(

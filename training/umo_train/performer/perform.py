@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from umo_train.performer import arms, expression, eyes, fingers, gestures, legs, mouth, posture
+from umo_train.performer import arms, expression, eyes, fingers, gestures, intent, legs, mouth, posture
 from umo_train.performer.prosody import listen
 from umo_train.performer.rotation import about, euler
 from umo_train.performer.style import Style
@@ -14,7 +14,8 @@ JAW_OPEN = 0.35
 
 
 def perform(utterance: Utterance, style: Style, seed: int) -> dict[str, np.ndarray]:
-    """Channels of each part `[T, C]`, and under "height" the pelvis' height `[T]`; the same for the same arguments."""
+    """Channels of each part `[T, C]`, under "height" the pelvis' height `[T]` and under "intent" what the arms are
+    about, as `intent` codes it `[T]`; the same for the same arguments."""
     prosody = listen(utterance)
     # Streams of their own, so that a change to one part leaves the others' choices alone.
     choices = np.random.default_rng(seed).spawn(6)
@@ -43,6 +44,7 @@ def perform(utterance: Utterance, style: Style, seed: int) -> dict[str, np.ndarr
     motion["lower"][:, VELOCITY] = FRAME_RATE * np.diff(stance.place, axis=0, append=stance.place[-1:])
     motion["lower"][:, CONTACT] = np.repeat(stance.contact, 2, axis=0).T
     motion["height"] = stance.place[:, 1].astype(np.float32)
+    motion["intent"] = intent.codes(gestured.phases)
     return motion
 
 

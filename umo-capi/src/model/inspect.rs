@@ -46,7 +46,7 @@ const fn names<const N: usize>(texts: [&str; N]) -> [Name; N] {
 #[unsafe(no_mangle)]
 #[must_use]
 pub unsafe extern "C" fn umo_model_get_info(model: *const UmoModel, info: *mut UmoModelInfo) -> UmoStatus {
-    // SAFETY: by this function's own clause.
+    // SAFETY: guaranteed by the caller (see # Safety).
     guard(|| unsafe { ffi::write(info, "info", &get(model)?.info) })
 }
 
@@ -64,12 +64,13 @@ pub unsafe extern "C" fn umo_model_get_text(model: *const UmoModel, which: u32, 
         let model = get(model)?;
         let unknown = || Failure::argument(format_args!("text {which} is none of UMO_MODEL_…"));
         let found = (which as usize).checked_sub(1).and_then(|index| model.texts.get(index)).ok_or_else(unknown)?;
-        // SAFETY: by this function's own clause.
+        // SAFETY: guaranteed by the caller (see # Safety).
         unsafe { put(text, "text", found.as_ptr()) }
     })
 }
 
-/// The name of a face channel, as `jawOpen`, good until the model is freed. `index` is below `umo_model_info.channels`.
+/// The name of a face channel, as `jawOpen`, good until the model is freed. `index` is below
+/// `umo_model_info.channels`.
 ///
 /// Threads: any. Never allocates, never waits.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT`.
@@ -87,7 +88,7 @@ pub unsafe extern "C" fn umo_model_get_channel_name(
         let model = get(model)?;
         let none = || Failure::argument(format_args!("channel {index}: there are {}", model.channels.len()));
         let found = model.channels.get(index as usize).ok_or_else(none)?;
-        // SAFETY: by this function's own clause.
+        // SAFETY: guaranteed by the caller (see # Safety).
         unsafe { put(name, "name", found.as_ptr()) }
     })
 }
@@ -100,7 +101,8 @@ pub extern "C" fn umo_joint_name(index: u32) -> *const c_char {
     JOINT_TEXTS.get(index as usize).map_or(std::ptr::null(), |name| name.as_ptr().cast())
 }
 
-/// The name of a viseme of the Oculus set, as `PP`: static, NULL where `index` is not below `UMO_VISEME_COUNT`.
+/// The name of a viseme of the Oculus set, as `PP`: static, NULL where `index` is not below
+/// `UMO_VISEME_COUNT`.
 ///
 /// Threads: any. Never allocates, never waits.
 #[unsafe(no_mangle)]
@@ -108,15 +110,17 @@ pub extern "C" fn umo_viseme_name(index: u32) -> *const c_char {
     VISEME_TEXTS.get(index as usize).map_or(std::ptr::null(), |name| name.as_ptr().cast())
 }
 
-/// The bones: for each joint its parent's index, -1 for the first, and where it is in its parent's frame at rest, x y z, in
-/// `which` axes (one of `UMO_AXES_…`) and their unit. Either may be NULL; `joints` is how many there is room for, at least
-/// `UMO_JOINT_COUNT`. With rotations all identity the body stands in a T.
+/// The bones: for each joint its parent's index, -1 for the first, and where it is in its parent's
+/// frame at rest, x y z, in `which` axes (one of `UMO_AXES_…`) and their unit. Either may be NULL;
+/// `joints` is how many there is room for, at least `UMO_JOINT_COUNT`. With rotations all identity
+/// the body stands in a T-pose.
 ///
 /// Threads: any. Never allocates, never waits.
 /// Errors: `INVALID_HANDLE`, `INVALID_ARGUMENT`, `BUFFER_TOO_SMALL`.
 ///
 /// # Safety
-/// `parents` is NULL or has room for `joints` values; `offsets` is NULL or has room for `3 * joints` values.
+/// `parents` is NULL or has room for `joints` values; `offsets` is NULL or has room for
+/// `3 * joints` values.
 #[unsafe(no_mangle)]
 #[must_use]
 pub unsafe extern "C" fn umo_model_get_skeleton(
@@ -134,11 +138,11 @@ pub unsafe extern "C" fn umo_model_get_skeleton(
         }
         let skeleton = &model.model.config().skeleton;
         if !parents.is_null() {
-            // SAFETY: by this function's own clause.
+            // SAFETY: guaranteed by the caller (see # Safety).
             unsafe { ffi::slice_mut(parents, JOINTS, "parents")? }.copy_from_slice(&skeleton.parents);
         }
         if !offsets.is_null() {
-            // SAFETY: by this function's own clause.
+            // SAFETY: guaranteed by the caller (see # Safety).
             let offsets = unsafe { ffi::slice_mut(offsets, 3 * JOINTS, "offsets")? };
             for (slot, &offset) in offsets.as_chunks_mut().0.iter_mut().zip(&skeleton.offsets_m) {
                 *slot = Axes::place(axes, offset);
@@ -148,16 +152,16 @@ pub unsafe extern "C" fn umo_model_get_skeleton(
     })
 }
 
-/// The ids of a prompt, for `umo_session_set_prompt_ids`: at most `umo_model_info.max_prompt` of them. `count` is written
-/// even where there is no room for them all.
+/// The ids of a prompt, for `umo_session_set_prompt_ids`: at most `umo_model_info.max_prompt` of
+/// them. `count` is written even where there is no room for them all.
 ///
 /// Threads: any but the audio thread. Allocates.
-/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `UNSUPPORTED` (the model takes no texts), `INVALID_ARGUMENT` (too long),
-/// `BUFFER_TOO_SMALL`.
+/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `UNSUPPORTED` (the model takes no texts),
+/// `INVALID_ARGUMENT` (too long), `BUFFER_TOO_SMALL`.
 ///
 /// # Safety
-/// `text` is NULL or has `length` readable bytes; `ids` is NULL or has room for `capacity` values; `count` is NULL or
-/// writable.
+/// `text` is NULL or has `length` readable bytes; `ids` is NULL or has room for `capacity` values;
+/// `count` is NULL or writable.
 #[unsafe(no_mangle)]
 #[must_use]
 pub unsafe extern "C" fn umo_model_encode_text(
@@ -170,16 +174,16 @@ pub unsafe extern "C" fn umo_model_encode_text(
 ) -> UmoStatus {
     guard(|| {
         wanted(count, "count")?;
-        // SAFETY: by this function's own clause.
+        // SAFETY: guaranteed by the caller (see # Safety).
         let text = unsafe { ffi::slice(text.cast::<u8>(), length, "text")? };
         let found = encode(&get(model)?.model, text)?;
-        // SAFETY: by this function's own clause.
+        // SAFETY: guaranteed by the caller (see # Safety).
         unsafe { put(count, "count", found.len())? };
         if found.len() > capacity {
             let what = format_args!("the text has {} ids, there is room for {capacity}", found.len());
             return Err(Failure::new(UMO_STATUS_BUFFER_TOO_SMALL, what));
         }
-        // SAFETY: by this function's own clause, for a part of the room.
+        // SAFETY: guaranteed by the caller (see # Safety), for a part of the room.
         unsafe { ffi::slice_mut(ids, found.len(), "ids")? }.copy_from_slice(&found);
         Ok(())
     })

@@ -2,16 +2,20 @@
 
 use std::ffi::c_char;
 
+use umo_core::session::SessionError;
+
 use super::{UmoLatency, UmoSession, UmoStats, on};
 use crate::ffi::{self, put};
+use crate::gesture::{self, UmoGestureOptions};
 use crate::status::{Failure, UmoStatus};
 use crate::{model, parameter};
 
-/// What the avatar is told, from the next chunk on: `length` bytes of UTF-8, at most 128 ids' worth. No bytes end it.
+/// Sets the prompt from the next chunk on: `length` bytes of UTF-8, at most 128 ids'
+/// worth. No bytes end it.
 ///
 /// Threads: any but the audio thread. Allocates: `umo_session_set_prompt_ids` does not.
-/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `UNSUPPORTED` (the model takes no texts), `INVALID_ARGUMENT` (no UTF-8, too
-/// long), `BUSY`, `FAILED`, `CLOSED`, `PANIC`.
+/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `UNSUPPORTED` (the model takes no texts),
+/// `INVALID_ARGUMENT` (no UTF-8, too long), `BUSY`, `FAILED`, `CLOSED`, `PANIC`.
 ///
 /// # Safety
 /// `text` is NULL or has `length` readable bytes.
@@ -23,7 +27,7 @@ pub unsafe extern "C" fn umo_session_set_prompt(
     length: usize,
 ) -> UmoStatus {
     on(session, |handle| {
-        // SAFETY: by this function's own clause.
+        // SAFETY: guaranteed by the caller (see # Safety).
         let text = unsafe { ffi::slice(text.cast::<u8>(), length, "text")? };
         Ok(handle.session.set_prompt(&model::inspect::encode(&handle.model.model, text)?)?)
     })
@@ -32,8 +36,8 @@ pub unsafe extern "C" fn umo_session_set_prompt(
 /// The same as ids, as `umo_model_encode_text` gives them.
 ///
 /// Threads: any. Never allocates; waits at most for another thread's setter.
-/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (too many, or one that the model does not have), `BUSY`,
-/// `FAILED`, `CLOSED`, `PANIC`.
+/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (too many, or one that the model
+/// does not have), `BUSY`, `FAILED`, `CLOSED`, `PANIC`.
 ///
 /// # Safety
 /// `ids` is NULL or has `count` readable values.
@@ -45,7 +49,7 @@ pub unsafe extern "C" fn umo_session_set_prompt_ids(
     count: usize,
 ) -> UmoStatus {
     on(session, |handle| {
-        // SAFETY: by this function's own clause.
+        // SAFETY: guaranteed by the caller (see # Safety).
         let ids = unsafe { ffi::slice(ids, count, "ids")? };
         let limit = handle.model.model.config().vocab.size;
         if let Some(id) = ids.iter().find(|&&id| id as usize >= limit) {
@@ -55,7 +59,7 @@ pub unsafe extern "C" fn umo_session_set_prompt_ids(
     })
 }
 
-/// The seed of draws from the next chunk on.
+/// The seed of sampling from the next chunk on.
 ///
 /// Threads: any. Never allocates; waits at most for another thread's setter.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `BUSY`, `FAILED`, `CLOSED`, `PANIC`.
@@ -65,11 +69,13 @@ pub extern "C" fn umo_session_set_seed(session: *mut UmoSession, seed: u64) -> U
     on(session, |handle| Ok(handle.session.set_seed(seed)?))
 }
 
-/// Sets a parameter, one of `UMO_PARAMETER_…`, within the range that `umo_parameter_get_info` says. Sampling changes with
-/// the next chunk, the idle mode and gains with the next frame that is handed out.
+/// Sets a parameter, one of `UMO_PARAMETER_…`, within the range that `umo_parameter_get_info` says.
+/// Sampling changes with the next chunk, the idle mode and gains with the next frame that is handed
+/// out.
 ///
 /// Threads: any. Never allocates; waits at most for another thread's setter.
-/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT`, `BUSY`, `FAILED`, `CLOSED`, `PANIC`.
+/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT`, `BUSY`, `FAILED`, `CLOSED`,
+/// `PANIC`.
 #[unsafe(no_mangle)]
 #[must_use]
 pub extern "C" fn umo_session_set_parameter(session: *mut UmoSession, parameter: u32, value: f64) -> UmoStatus {
@@ -92,8 +98,81 @@ pub unsafe extern "C" fn umo_session_get_parameter(
 ) -> UmoStatus {
     on(session, |handle| {
         let found = parameter::get(&handle.session, parameter)?;
-        // SAFETY: by this function's own clause.
+        // SAFETY: guaranteed by the caller (see # Safety).
         unsafe { put(value, "value", found) }
+    })
+}
+
+/// Looks at a point from the next frame on: `point` is three coordinates in the avatar's space, in
+/// the axes and units of `axes` (`UMO_AXES_…`), `strength` 0 to 1. The eyes turn first, then the
+/// head, then the trunk, as far as a body turns. A strength of 0 ends it. The point may be set anew
+/// for every frame.
+///
+/// Threads: any. Never allocates; waits at most for another thread's setter.
+/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (unknown axes, a coordinate that is
+/// not finite or beyond 10 km, a strength outside 0 to 1), `BUSY`, `FAILED`, `CLOSED`, `PANIC`.
+///
+/// # Safety
+/// `point` is NULL or has three readable values.
+#[unsafe(no_mangle)]
+#[must_use]
+pub unsafe extern "C" fn umo_session_look_at(
+    session: *mut UmoSession,
+    axes: u32,
+    point: *const f32,
+    strength: f32,
+) -> UmoStatus {
+    on(session, |handle| {
+        let axes = crate::axes(axes)?;
+        // SAFETY: guaranteed by the caller (see # Safety).
+        let point = unsafe { ffi::slice(point, 3, "point")? };
+        Ok(handle.session.look_at(axes.place_from([point[0], point[1], point[2]]), strength)?)
+    })
+}
+
+/// Sets the mood of face and posture from the next frame on: `mood` is one of `UMO_MOOD_…`,
+/// `strength` 0 to 1. Changes are blended over a second.
+///
+/// Threads: any. Never allocates; waits at most for another thread's setter.
+/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT`, `BUSY`, `FAILED`, `CLOSED`,
+/// `PANIC`.
+#[unsafe(no_mangle)]
+#[must_use]
+pub extern "C" fn umo_session_set_mood(session: *mut UmoSession, mood: u32, strength: f32) -> UmoStatus {
+    on(session, |handle| Ok(handle.session.set_mood(parameter::mood(mood)?, strength)?))
+}
+
+/// Plays a gesture over what the model does: its parts of the body ease to it and back, the others
+/// go on. `name` is one that `umo_engine_get_gesture_name` lists; upper case counts as lower case,
+/// and spaces and hyphens as underscores. Gestures of the same parts follow each other in the order
+/// of the calls; one with a time takes their place. `umo_session_interrupt` lets go of what plays
+/// and waits. `options` may be NULL.
+///
+/// Threads: any. Never allocates; waits at most for another thread's setter.
+/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (no gesture has the
+/// name, or an option is out of its range), `BUSY` (eight gestures wait already: call again when
+/// one has begun; or another thread is in a setter), `FAILED`, `CLOSED`, `PANIC`.
+///
+/// # Safety
+/// `name` is NULL or ends with a zero byte; `options` is NULL or as long as its `struct_size` says.
+#[unsafe(no_mangle)]
+#[must_use]
+pub unsafe extern "C" fn umo_session_play_gesture(
+    session: *mut UmoSession,
+    name: *const c_char,
+    options: *const UmoGestureOptions,
+) -> UmoStatus {
+    on(session, |handle| {
+        // SAFETY: guaranteed by the caller (see # Safety).
+        let name = unsafe { ffi::string(name, "name")? };
+        // SAFETY: guaranteed by the caller (see # Safety).
+        let options = unsafe { gesture::options(options)? };
+        match handle.session.play_gesture(name, &options) {
+            Err(SessionError::UnknownGesture) => Err(Failure::argument(format_args!(
+                "no gesture has the name `{name}`: umo_engine_get_gesture_name lists those that there are"
+            ))),
+            other => Ok(other?),
+        }
     })
 }
 
@@ -119,13 +198,14 @@ pub unsafe extern "C" fn umo_session_latency(session: *const UmoSession, latency
             compute_max: found.compute_max.as_secs_f64(),
             backlog_samples: found.backlog_samples,
             backlog_max_samples: found.backlog_max_samples,
+            mouth_samples: found.mouth_samples as u64,
         };
-        // SAFETY: by this function's own clause.
+        // SAFETY: guaranteed by the caller (see # Safety).
         unsafe { ffi::write(latency, "latency", &value) }
     })
 }
 
-/// What the session went through so far.
+/// Statistics of the session.
 ///
 /// Threads: any. Never allocates, never waits.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `PANIC`.
@@ -147,7 +227,7 @@ pub unsafe extern "C" fn umo_session_stats(session: *const UmoSession, stats: *m
             overruns: found.overruns,
             silenced: found.silenced,
         };
-        // SAFETY: by this function's own clause.
+        // SAFETY: guaranteed by the caller (see # Safety).
         unsafe { ffi::write(stats, "stats", &value) }
     })
 }

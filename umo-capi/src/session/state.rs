@@ -17,18 +17,20 @@ use crate::status::UmoStatus;
 #[must_use]
 pub unsafe extern "C" fn umo_session_state_size(session: *const UmoSession, size: *mut usize) -> UmoStatus {
     on(session, |handle| {
-        // SAFETY: by this function's own clause.
+        // SAFETY: guaranteed by the caller (see # Safety).
         unsafe { put(size, "size", handle.session.state_size()) }
     })
 }
 
-/// Writes everything that the session is to `state`, which has `size` bytes, at least `umo_session_state_size`: audio that
-/// waits, frames that wait, history, settings. `written` gets how many bytes that took. They hold no address: they can be
-/// kept in a file, sent, and restored in another process. The session goes on as if nothing had happened.
+/// Writes everything that the session is to `state`, which has `size` bytes, at least
+/// `umo_session_state_size`: audio that waits, frames that wait, history, settings. `written` gets
+/// how many bytes that took. They hold no address: they can be kept in a file, sent, and restored
+/// in another process. The session goes on as if nothing had happened.
 ///
 /// Threads: one at a time; not beside a push, a pull or a setter. Never allocates, never waits.
-/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (too few bytes), `BUSY` (a chunk of the session is just
-/// computed, or another thread is in a call on it: save again later), `FAILED`, `CLOSED`, `PANIC`.
+/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (too few bytes), `BUSY` (a chunk of
+/// the session is just computed, or another thread is in a call on it: save again later), `FAILED`,
+/// `CLOSED`, `PANIC`.
 ///
 /// # Safety
 /// `state` is NULL or has `size` writable bytes; `written` is NULL or writable.
@@ -42,20 +44,22 @@ pub unsafe extern "C" fn umo_session_save(
 ) -> UmoStatus {
     on(session, |handle| {
         wanted(written, "written")?;
-        // SAFETY: by this function's own clause.
+        // SAFETY: guaranteed by the caller (see # Safety).
         let bytes = unsafe { ffi::slice_mut(state.cast::<u8>(), size, "state")? };
         let saved = handle.session.save(bytes)?;
-        // SAFETY: by this function's own clause.
+        // SAFETY: guaranteed by the caller (see # Safety).
         unsafe { put(written, "written", saved) }
     })
 }
 
-/// Makes the session what it, or another one of the same model and configuration, was when it was saved: the same calls
-/// then give the same frames, bit for bit, on any number of threads. `size` is what `umo_session_save` wrote.
+/// Makes the session what it, or another one of the same model and configuration, was when it was
+/// saved: the same calls then give the same frames, bit for bit, on any number of threads. `size`
+/// is what `umo_session_save` wrote.
 ///
 /// Threads: one at a time; not beside a push, a pull or a setter. Never allocates, never waits.
-/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STATE` (the bytes are no state of such a session: `umo_session_last_error`
-/// says what disagrees), `BUSY` (as `umo_session_save`), `FAILED`, `CLOSED`, `PANIC`.
+/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STATE` (the bytes are no state of such a session:
+/// `umo_session_last_error` says what disagrees), `BUSY` (as `umo_session_save`), `FAILED`,
+/// `CLOSED`, `PANIC`.
 ///
 /// # Safety
 /// `state` is NULL or has `size` readable bytes.
@@ -63,7 +67,7 @@ pub unsafe extern "C" fn umo_session_save(
 #[must_use]
 pub unsafe extern "C" fn umo_session_restore(session: *mut UmoSession, state: *const c_void, size: usize) -> UmoStatus {
     on(session, |handle| {
-        // SAFETY: by this function's own clause.
+        // SAFETY: guaranteed by the caller (see # Safety).
         let bytes = unsafe { ffi::slice(state.cast::<u8>(), size, "state")? };
         Ok(handle.session.restore(bytes)?)
     })

@@ -1,9 +1,9 @@
 //! HuBERT as Hugging Face's `HubertModel` computes it, up to the layer that the file ends with.
 //!
-//! Convolutions run once per feature, the layers that look around once per window. The group norm of the first
-//! convolution and the waveform's normalisation need statistics over time; both are kept of the samples as they came:
-//! with a bias-free convolution, normalising the waveform to variance 1 only changes what the group norm's epsilon is
-//! measured against.
+//! Convolutions run once per feature, the layers that look around once per window. The group norm
+//! of the first convolution and the waveform's normalisation need statistics over time; both are
+//! kept of the samples as they came: with a bias-free convolution, normalising the waveform to
+//! variance 1 only changes what the group norm's epsilon is measured against.
 
 use rayon::prelude::*;
 use umo_kernels::activation;
@@ -16,14 +16,16 @@ use umo_kernels::{Isa, Mat, MatMut, PANEL};
 use crate::config;
 use crate::error::{LoadError, StepError};
 use crate::linear::{Compute, Linear, QuantScratch, Ready};
-use crate::memory::{filled, with_capacity};
+use crate::memory::{Arena, Slice, filled, with_capacity};
 use crate::state::{StateError, StatePass};
-use crate::team::both;
+use crate::team::zip_split;
 use crate::weights::{AlignedBox, Loader};
 
-/// Added to a channel's variance in the group norm: PyTorch's default, which Hugging Face does not change.
+/// Added to a channel's variance in the group norm: PyTorch's default, which Hugging Face does not
+/// change.
 const GROUP_NORM_EPS: f64 = 1e-5;
-/// Added to the waveform's variance where it is normalised, as Hugging Face's feature extractor does.
+/// Added to the waveform's variance where it is normalised, as Hugging Face's feature extractor
+/// does.
 const WAVE_EPS: f64 = 1e-7;
 /// Features per pass of the convolutions where a whole file is tokenised.
 const BLOCK: usize = 16;
@@ -68,7 +70,8 @@ struct Layer {
     final_norm: Norm,
 }
 
-/// Running statistics of a stream, in f64 and in the order of time: no cut of the stream changes a bit of them.
+/// Running statistics of a stream, in f64 and in the order of time: no cut of the stream changes a
+/// bit of them.
 #[derive(Debug)]
 pub(super) struct Statistics {
     normalise: bool,
@@ -79,7 +82,7 @@ pub(super) struct Statistics {
     /// Outputs of the first convolution so far.
     outputs: usize,
     /// Their sums and sums of squares, `[2, conv_dim[0]]`.
-    channels: Box<[f64]>,
+    channels: Slice<f64>,
 }
 
 /// Room for the convolutions of one call and the layers of one window.
@@ -103,7 +106,7 @@ pub(super) struct Scratch {
     qkv: AlignedBox<f32>,
     /// `[window, intermediate]`.
     inside: AlignedBox<f32>,
-    /// Quantised input of any product.
+    /// Quantized input of any product.
     quant: QuantScratch,
 }
 
@@ -127,7 +130,7 @@ impl Statistics {
     }
 
     /// Adds samples to the waveform's statistics.
-    pub(super) fn listen(&mut self, samples: &[f32]) {
+    pub(super) fn add_waveform(&mut self, samples: &[f32]) {
         self.samples += samples.len();
         if self.normalise {
             for &sample in samples {
@@ -142,7 +145,8 @@ impl Statistics {
         if self.normalise { single(mean(self.wave[0], self.samples)) } else { 0.0 }
     }
 
-    /// What the group norm's epsilon is multiplied by, because it is meant for the normalised waveform.
+    /// What the group norm's epsilon is multiplied by, because it is meant for the normalised
+    /// waveform.
     fn wave_variance(&self) -> f64 {
         if self.normalise { variance(self.wave[0], self.wave[1], self.samples) + WAVE_EPS } else { 1.0 }
     }
@@ -219,7 +223,8 @@ impl Hubert {
         let mut channels = 1;
         let mut convolutions = Vec::with_capacity(sizes.conv_dim.len());
         for (i, (&dim, &kernel)) in sizes.conv_dim.iter().zip(&sizes.conv_kernel).enumerate() {
-            // Ten samples to a channel: nothing to gain, and the statistics of the group norm come from it.
+            // Ten samples to a channel: nothing to gain, and the statistics of the group norm come
+            // from it.
             let loader = if i == 0 { loader.exact() } else { loader.clone() };
             convolutions.push(round(loader.conv(&format!("{extractor}.{i}.conv"), dim, channels, kernel, false)?));
             channels = dim;
@@ -243,12 +248,12 @@ impl Hubert {
     }
 
     /// Statistics of no audio.
-    pub(super) fn statistics(&self) -> Statistics {
-        let channels = filled(0.0, 2 * self.sizes.conv_dim[0]).into();
+    pub(super) fn statistics(&self, arena: &Arena) -> Statistics {
+        let channels = arena.filled(0.0, 2 * self.sizes.conv_dim[0]);
         Statistics { normalise: self.sizes.do_normalize, samples: 0, wave: [0.0; 2], outputs: 0, channels }
     }
 
-    /// Every product whose input may be quantised.
+    /// Every product whose input may be quantized.
     fn products(&self) -> impl Iterator<Item = &Linear> {
         let layers = self.layers.iter().flat_map(|layer| [&layer.qkv, &layer.out, &layer.up, &layer.down]);
         self.convolutions.iter().chain([&self.projection]).chain(layers)
@@ -278,7 +283,7 @@ impl Hubert {
         // The projection's layer norm writes where the last convolution does not.
         let last = self.convolutions.len() % 2;
         len[last] = len[last].max(rows * dim);
-        let quantised = if self.products().any(Linear::is_int8) { most_values.max(rows * dim) } else { 0 };
+        let quantized = if self.products().any(Linear::is_int8) { most_values.max(rows * dim) } else { 0 };
         let padded = window + 2 * (sizes.num_conv_pos_embeddings / 2);
         for group in &self.position {
             need(&mut parts, group, padded * sizes.hidden_size);
@@ -294,40 +299,42 @@ impl Hubert {
             hidden: zeros(window * sizes.hidden_size),
             qkv: zeros(window * 3 * sizes.hidden_size),
             inside: zeros(window * sizes.intermediate_size),
-            quant: QuantScratch::with_values(most_rows.max(rows), quantised).with_parts(parts),
+            quant: QuantScratch::with_values(most_rows.max(rows), quantized).with_parts(parts),
         }
     }
 
-    /// Adds the first convolution's outputs of a stream's new samples to the statistics, those of the waveform being up to
-    /// date. `heard` is `reach` samples from before and the new ones.
-    pub(super) fn count(
+    /// Adds the first convolution's outputs of a stream's new samples to the statistics, those of
+    /// the waveform being up to date. `waveform` is `reach` samples from before and the new ones.
+    pub(super) fn add_conv_outputs(
         &self,
         cx: Compute,
         statistics: &mut Statistics,
         scratch: &mut Scratch,
-        heard: &[f32],
+        waveform: &[f32],
         reach: usize,
     ) -> Result<(), StepError> {
         let (kernel, stride) = (self.sizes.conv_kernel[0], self.sizes.conv_stride[0]);
-        let new = if statistics.samples + reach == heard.len() {
-            // The stream's first samples: windows that begin in the silence before them do not count.
+        let new = if statistics.samples + reach == waveform.len() {
+            // The stream's first samples: windows that begin in the silence before them do not
+            // count.
             reach.div_ceil(stride)
         } else {
             // Windows that ended before the new samples were counted when they came.
             (reach + 1).saturating_sub(kernel).div_ceil(stride)
         };
-        let total = outputs(heard.len(), kernel, stride);
+        let total = outputs(waveform.len(), kernel, stride);
         let (new, dim) = (new.min(total), self.sizes.conv_dim[0]);
         statistics.outputs += total - new;
         if new == total {
             return Ok(());
         }
-        let x = Mat::with_stride(&heard[new * stride..], total - new, kernel, stride)?;
+        let x = Mat::with_stride(&waveform[new * stride..], total - new, kernel, stride)?;
         let (sums, room) = (MatMut::new(&mut statistics.channels, 2, dim)?, &mut scratch.even[..]);
-        // Each thread its own channels, in the order of time, some outputs at a time while they are in cache.
+        // Each thread its own channels, in the order of time, some outputs at a time while they are
+        // in cache.
         let near = NEAR.min(room.len() / dim).max(1);
         let work = x.rows() * dim * (kernel + ELEMENT_WORK);
-        let cut = both(MatMut::split_columns, |room: &'_ mut [f32], at| room.split_at_mut(at * near));
+        let cut = zip_split(MatMut::split_columns, |room: &'_ mut [f32], at| room.split_at_mut(at * near));
         cx.team.split((sums, room), dim, PANEL, work, cut, |columns, (sums, room)| {
             let (mut sum, mut squares) = sums.split_rows(1);
             for start in (0..x.rows()).step_by(near) {
@@ -341,15 +348,15 @@ impl Hubert {
         })
     }
 
-    /// The features of block `block` of a stream's new samples, whose statistics are up to date: `features [n, hidden]` are
-    /// those of all blocks, of which this one's are overwritten.
+    /// The features of block `block` of a stream's new samples, whose statistics are up to date:
+    /// `features [n, hidden]` are those of all blocks, of which this one's are overwritten.
     #[expect(clippy::too_many_arguments, reason = "the stream's state, the scratch, the input, which part, the output")]
     pub(super) fn extract(
         &self,
         cx: Compute,
         statistics: &Statistics,
         scratch: &mut Scratch,
-        heard: &[f32],
+        waveform: &[f32],
         hop: usize,
         block: usize,
         features: &mut [f32],
@@ -358,7 +365,7 @@ impl Hubert {
         let Some(features) = features.chunks_mut(BLOCK * hidden).nth(block) else { return Ok(()) };
         let start = block * BLOCK * hop;
         let end = start + (features.len() / hidden - 1) * hop + self.sizes.receptive_field();
-        self.convolve(cx, statistics, scratch, &heard[start..end], features)
+        self.convolve(cx, statistics, scratch, &waveform[start..end], features)
     }
 
     /// Blocks that so many features are extracted in.
@@ -390,7 +397,8 @@ impl Hubert {
         Ok(())
     }
 
-    /// The whole network on a clip: statistics first, then features in blocks, then the layers. Allocates.
+    /// The whole network on a clip: statistics first, then features in blocks, then the layers.
+    /// Allocates.
     pub(super) fn features(
         &self,
         cx: Compute,
@@ -400,9 +408,9 @@ impl Hubert {
     ) -> Result<(), StepError> {
         let window = features.len() / self.sizes.hidden_size;
         let mut scratch = self.scratch(self.block_samples(window, hop), window);
-        let mut statistics = self.statistics();
-        statistics.listen(audio);
-        self.count(cx, &mut statistics, &mut scratch, audio, 0)?;
+        let mut statistics = self.statistics(&Arena::system());
+        statistics.add_waveform(audio);
+        self.add_conv_outputs(cx, &mut statistics, &mut scratch, audio, 0)?;
         for block in 0..Self::blocks(window) {
             self.extract(cx, &statistics, &mut scratch, audio, hop, block, features)?;
         }
@@ -504,7 +512,8 @@ impl Hubert {
         &scratch.hidden[..window * self.sizes.hidden_size]
     }
 
-    /// `sum = features + gelu(convolution of features)`, `kernel / 2` zeros on each side, and as many rows as before.
+    /// `sum = features + gelu(convolution of features)`, `kernel / 2` zeros on each side, and as
+    /// many rows as before.
     fn add_positions(
         &self,
         cx: Compute,
@@ -560,7 +569,8 @@ impl Hubert {
         layer.final_norm.apply(cx, sum, window, hidden)
     }
 
-    /// Attention of every head: `qkv [window, 3 * hidden]`, which `input` gave, to `y [window, hidden]`.
+    /// Attention of every head: `qkv [window, 3 * hidden]`, which `input` gave, to
+    /// `y [window, hidden]`.
     #[expect(clippy::cast_precision_loss, reason = "a head is at most 2^16 wide")]
     fn attend(&self, cx: Compute, input: &Linear, qkv: Mat<f32>, y: MatMut<f32>) -> Result<(), StepError> {
         let (window, dim) = (y.rows(), self.sizes.hidden_size);

@@ -32,7 +32,8 @@ impl Kmeans {
 
     /// The unit of each feature, the lowest of equally near ones.
     ///
-    /// Shapes: `features [rows, width]`, `scores` at least `[rows, units]` (overwritten), `units [rows]`.
+    /// Shapes: `features [rows, width]`, `scores` at least `[rows, units]` (overwritten),
+    /// `units [rows]`.
     pub(super) fn nearest(
         &self,
         cx: Compute,

@@ -1,10 +1,6 @@
-//! Log-mel features with causal differences, and a small network on the last of them: the tokenizer of small models.
+//! Log-mel features with causal differences, and a small network on the last of them: the tokenizer
+//! of small models.
 
-use std::fmt;
-use std::sync::Arc;
-
-use realfft::num_complex::Complex;
-use realfft::{RealFftPlanner, RealToComplex};
 use umo_kernels::activation::Activation;
 use umo_kernels::gemm::Epilogue;
 use umo_kernels::{Mat, MatMut};
@@ -12,45 +8,37 @@ use umo_kernels::{Mat, MatMut};
 use crate::config;
 use crate::error::{LoadError, StepError};
 use crate::linear::{Compute, Linear, Ready};
-use crate::memory::filled;
+use crate::memory::{Arena, Slice, filled};
 use crate::state::{StateError, StatePass};
 use crate::weights::Loader;
+
+use super::spectrum::{Spectrum, SpectrumScratch};
 
 /// Between the network's layers.
 const RELU: Epilogue<'static> = Epilogue::STORE.then(Activation::Relu);
 
 /// Log-mel features.
-///
-/// Energies of quiet bands stand beside loud ones, and their logarithms count as much: the transform is in f64.
+#[derive(Debug)]
 pub(super) struct Mel {
     sizes: config::Mel,
     hop: usize,
-    /// `[window]`.
-    window: Box<[f32]>,
-    /// `[bands, fft / 2 + 1]`.
-    filters: Linear,
+    spectrum: Spectrum,
     /// `[bands width]`.
     mean: Box<[f32]>,
     /// `[bands width]`.
     scale: Box<[f32]>,
     /// Layers on the last features; none where these are what units are of.
     network: Box<[Linear]>,
-    fft: Arc<dyn RealToComplex<f64>>,
-}
-
-impl fmt::Debug for Mel {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Mel").field("sizes", &self.sizes).field("hop", &self.hop).finish_non_exhaustive()
-    }
 }
 
 /// What a stream remembers.
 #[derive(Debug)]
 pub(super) struct Past {
-    /// The last two rows of every order of differences but the highest: `[deltas, 2, bands]`, older first.
-    differences: Box<[f32]>,
+    /// The last two rows of every order of differences but the highest: `[deltas, 2, bands]`, older
+    /// first.
+    differences: Slice<f32>,
     /// The last features that the network looks back to: `[taps - 1, bands width]`, oldest first.
-    rows: Box<[f32]>,
+    rows: Slice<f32>,
 }
 
 impl Past {
@@ -64,12 +52,7 @@ impl Past {
 /// Room for the frames of one call.
 #[derive(Debug)]
 pub(super) struct Scratch {
-    /// `[fft]`.
-    frame: Box<[f64]>,
-    /// `[fft / 2 + 1]`.
-    spectrum: Box<[Complex<f64>]>,
-    /// The transform's own.
-    work: Box<[Complex<f64>]>,
+    spectrum: SpectrumScratch,
     /// `[frames, fft / 2 + 1]`.
     power: Box<[f32]>,
     /// `[frames, bands]`.
@@ -89,19 +72,17 @@ impl Mel {
             network: network.collect::<Result<_, _>>()?,
             sizes: sizes.clone(),
             hop,
-            window: loader.vector("audio.mel.window.weight", sizes.window)?,
-            filters: loader.linear(&["audio.mel.filters.weight".to_owned()], &[sizes.bands], sizes.fft / 2 + 1)?,
+            spectrum: Spectrum::load(loader, "audio.mel", sizes.window, sizes.fft, sizes.bands)?,
             mean: loader.vector("audio.mel.mean", sizes.bands_width())?,
             scale: loader.vector("audio.mel.scale", sizes.bands_width())?,
-            fft: RealFftPlanner::new().plan_fft_forward(sizes.fft),
         })
     }
 
     /// What a stream remembers; [`Mel::begin`] makes it that of a new stream.
-    pub(super) fn past(&self) -> Past {
+    pub(super) fn past(&self, arena: &Arena) -> Past {
         Past {
-            differences: filled(0.0, self.sizes.deltas * 2 * self.sizes.bands).into(),
-            rows: filled(0.0, self.back() * self.sizes.bands_width()).into(),
+            differences: arena.filled(0.0, self.sizes.deltas * 2 * self.sizes.bands),
+            rows: arena.filled(0.0, self.back() * self.sizes.bands_width()),
         }
     }
 
@@ -112,12 +93,9 @@ impl Mel {
 
     /// Room for `frames` frames per call.
     pub(super) fn scratch(&self, frames: usize) -> Scratch {
-        let bins = self.filters.inputs();
         Scratch {
-            frame: self.fft.make_input_vec().into(),
-            spectrum: self.fft.make_output_vec().into(),
-            work: self.fft.make_scratch_vec().into(),
-            power: filled(0.0, frames * bins).into(),
+            spectrum: self.spectrum.scratch(&Arena::system()),
+            power: filled(0.0, frames * self.spectrum.bins()).into(),
             energy: filled(0.0, frames * self.sizes.bands).into(),
             rows: filled(0.0, (self.back() + frames) * self.sizes.bands_width()).into(),
             layers: [(); 2].map(|()| filled(0.0, frames * self.widest()).into()),
@@ -155,7 +133,8 @@ impl Mel {
         Ok(())
     }
 
-    /// Feature `j` from `samples[hop * j .. hop * j + window]`, as many as `features [n, width]` has rows.
+    /// Feature `j` from `samples[hop * j .. hop * j + window]`, as many as `features [n, width]`
+    /// has rows.
     pub(super) fn extract(
         &self,
         cx: Compute,
@@ -164,15 +143,15 @@ impl Mel {
         samples: &[f32],
         features: &mut [f32],
     ) -> Result<(), StepError> {
-        let (bins, bands, width) = (self.filters.inputs(), self.sizes.bands, self.sizes.bands_width());
+        let (bins, bands, width) = (self.spectrum.bins(), self.sizes.bands, self.sizes.bands_width());
         let count = features.len() / self.sizes.width();
         let frames = Mat::with_stride(samples, count, self.sizes.window, self.hop)?;
         for (t, power) in scratch.power.chunks_exact_mut(bins).take(count).enumerate() {
-            self.power(frames.row(t), &mut scratch.frame, &mut scratch.spectrum, &mut scratch.work, power);
+            self.spectrum.power(&mut scratch.spectrum, frames.row(t), power);
         }
         let power = Mat::new(&scratch.power, count, bins)?;
         let energy = MatMut::new(&mut scratch.energy, count, bands)?;
-        self.filters.apply(cx, Ready::Float(power), None, 0..bands, Epilogue::STORE, energy)?;
+        self.spectrum.filters.apply(cx, Ready::Float(power), None, 0..bands, Epilogue::STORE, energy)?;
         let (back, fresh) = scratch.rows[..(self.back() + count) * width].split_at_mut(past.rows.len());
         for (row, energy) in fresh.chunks_exact_mut(width).zip(scratch.energy.chunks_exact(bands)) {
             for (log, energy) in row.iter_mut().zip(energy) {
@@ -182,11 +161,13 @@ impl Mel {
             self.normalise(row);
         }
         back.copy_from_slice(&past.rows);
-        past.rows.copy_from_slice(&scratch.rows[count * width..][..past.rows.len()]);
+        let rows = &mut *past.rows;
+        rows.copy_from_slice(&scratch.rows[count * width..][..rows.len()]);
         self.listen(cx, scratch, features)
     }
 
-    /// The network's outputs, or the rows themselves, for the last rows of the scratch: `features [n, width]`.
+    /// The network's outputs, or the rows themselves, for the last rows of the scratch:
+    /// `features [n, width]`.
     fn listen(&self, cx: Compute, scratch: &mut Scratch, features: &mut [f32]) -> Result<(), StepError> {
         let (width, count) = (self.sizes.bands_width(), features.len() / self.sizes.width());
         let Some((last, layers)) = self.network.split_last() else {
@@ -205,27 +186,6 @@ impl Mel {
         }
         let y = MatMut::new(features, count, last.outputs())?;
         last.apply(cx, Ready::Float(x), None, 0..last.outputs(), Epilogue::STORE, y)
-    }
-
-    /// The power spectrum of one windowed frame, padded with zeros at its end.
-    #[expect(clippy::cast_possible_truncation, reason = "rounded to the precision of the filters")]
-    fn power(
-        &self,
-        samples: &[f32],
-        frame: &mut [f64],
-        spectrum: &mut [Complex<f64>],
-        work: &mut [Complex<f64>],
-        power: &mut [f32],
-    ) {
-        let (head, padding) = frame.split_at_mut(self.window.len());
-        for ((frame, &sample), &weight) in head.iter_mut().zip(samples).zip(&self.window) {
-            *frame = f64::from(sample) * f64::from(weight);
-        }
-        padding.fill(0.0);
-        self.fft.process_with_scratch(frame, spectrum, work).expect("the buffers are the plan's own");
-        for (power, value) in power.iter_mut().zip(spectrum.iter()) {
-            *power = value.norm_sqr() as f32;
-        }
     }
 
     /// Each order from the one below: half the change over the last two rows.

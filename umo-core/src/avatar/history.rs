@@ -2,7 +2,7 @@
 
 use crate::config::Config;
 use crate::error::StepError;
-use crate::memory::filled;
+use crate::memory::{Arena, Slice};
 use crate::part::{Part, PerPart};
 use crate::state::{StateError, StatePass};
 
@@ -10,38 +10,36 @@ use crate::state::{StateError, StatePass};
 #[derive(Debug)]
 pub(crate) struct History {
     /// `[P + N]` keyframes of each part, oldest first.
-    keyframes: PerPart<Box<[u16]>>,
+    keyframes: PerPart<Slice<u16>>,
     /// `[(P + N - 1) * stride + 1]` frames of each part.
-    frames: PerPart<Box<[u16]>>,
+    frames: PerPart<Slice<u16>>,
     prefix: usize,
     target: usize,
     stride: usize,
     codes: usize,
     /// The codes of rest.
-    rest: PerPart<usize>,
+    rest: PerPart<u16>,
 }
 
 impl History {
     /// A history of rest codes.
-    #[expect(clippy::cast_possible_truncation, reason = "codes fit 16 bits by the config's checks")]
-    pub(crate) fn new(config: &Config, target: usize) -> Self {
+    pub(crate) fn new_in(config: &Config, target: usize, arena: &Arena) -> Self {
         let (prefix, stride) = (config.prefix, config.keyframe_stride);
-        let len = (prefix + target - 1) * stride + 1;
+        let (len, rest) = ((prefix + target - 1) * stride + 1, config.part_rest());
         Self {
-            keyframes: PerPart::from_fn(|part| filled(config.rest[part] as u16, prefix + target).into()),
-            frames: PerPart::from_fn(|_| filled(0, len).into()),
+            keyframes: PerPart::from_fn(|part| arena.filled(rest[part], prefix + target)),
+            frames: PerPart::from_fn(|_| arena.filled(0, len)),
             prefix,
             target,
             stride,
-            codes: config.vq.codes,
-            rest: config.rest,
+            codes: config.part_codes(),
+            rest,
         }
     }
 
     /// Rest codes again.
-    #[expect(clippy::cast_possible_truncation, reason = "codes fit 16 bits by the config's checks")]
     pub(crate) fn rest(&mut self) {
-        Part::ALL.into_iter().for_each(|part| self.keyframes[part].fill(self.rest[part] as u16));
+        Part::ALL.into_iter().for_each(|part| self.keyframes[part].fill(self.rest[part]));
     }
 
     /// Replaces the history by the last of `codes`.
@@ -59,7 +57,8 @@ impl History {
         Ok(())
     }
 
-    /// Describes the history. New keyframes and the frames between are written by each chunk before they are read.
+    /// Describes the history. New keyframes and the frames between are written by each chunk before
+    /// they are read.
     pub(crate) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         let (prefix, codes) = (self.prefix, self.codes);
         Part::ALL.into_iter().try_for_each(|part| pass.codes(&mut self.keyframes[part][..prefix], codes))
@@ -99,11 +98,25 @@ impl History {
         PerPart { face, hands, upper, lower }
     }
 
-    /// The frames that this chunk made known: those after the last keyframe of the history, or in the first chunk those
-    /// from frame 0 on.
+    /// The frames that this chunk made known: those after the last keyframe of the history, or in
+    /// the first chunk those from frame 0 on.
     pub(crate) fn fresh(&self, first: bool) -> PerPart<&[u16]> {
         let start = if first { self.prefix * self.stride } else { (self.prefix - 1) * self.stride + 1 };
         PerPart::from_fn(|part| &self.frames[part][start..])
+    }
+
+    /// Writes `codes [keyframes, parts]`, from keyframe `first` of the window on.
+    pub(crate) fn put(&mut self, first: usize, codes: &[u16]) {
+        for (at, codes) in codes.chunks_exact(Part::ALL.len()).enumerate() {
+            Part::ALL.into_iter().zip(codes).for_each(|(part, &code)| self.keyframes[part][first + at] = code);
+        }
+    }
+
+    /// Reads what [`Self::put`] writes.
+    pub(crate) fn get(&self, first: usize, codes: &mut [u16]) {
+        for (at, codes) in codes.chunks_exact_mut(Part::ALL.len()).enumerate() {
+            Part::ALL.into_iter().zip(codes).for_each(|(part, code)| *code = self.keyframes[part][first + at]);
+        }
     }
 
     /// Moves the window on by one chunk.

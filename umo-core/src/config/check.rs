@@ -1,8 +1,13 @@
 //! The checks that make a parsed config one that code may rely on.
 
-use super::{AudioKind, Config, FaceKind, Hubert, Mel, Modality, TemplateItem};
+use std::ops::Range;
+
+use super::{
+    AudioKind, Codec, Config, FaceKind, Hubert, Mel, Modality, Mouth, PartSpec, Sampling, TemplateItem, channel_names,
+    no_rest,
+};
 use crate::error::LoadError;
-use crate::motion::skeleton::{ARKIT_NAMES, JOINTS};
+use crate::names::{ARKIT_NAMES, JOINTS};
 use crate::part::Part;
 
 /// Largest width of any kind.
@@ -12,6 +17,18 @@ const MAX_LAYERS: usize = 256;
 /// Most rows of the embedding table.
 const MAX_VOCAB: usize = 1 << 22;
 
+/// Most parts of a list, and most codes of a keyframe.
+pub(crate) const MAX_PARTS: usize = 64;
+const MAX_KEYFRAME_CODES: usize = 1024;
+/// Most face channels after the jaw's.
+const MAX_FACE_NAMES: usize = 4096;
+/// Most levels of a part.
+const MAX_LEVELS: usize = 16;
+/// Most codes of one level: a code of a part list fits a byte.
+const MAX_LEVEL_CODES: usize = 256;
+
+/// Largest window and width of the live mouth.
+const MAX_MOUTH: usize = 1 << 12;
 /// Most audio tokens of one window.
 const MAX_WINDOW_TOKENS: usize = 1 << 14;
 
@@ -19,11 +36,13 @@ type Check = Result<(), LoadError>;
 
 pub(super) fn check(config: &Config) -> Check {
     check_time(config)?;
+    check_layout(config)?;
     check_audio(config)?;
     check_vocab(config)?;
     check_lm(config)?;
     check_interp(config)?;
     check_motion(config)?;
+    config.mouth.as_ref().map_or(Ok(()), |mouth| check_mouth(config, mouth))?;
     check_templates(config)?;
     check_sampling(config)?;
     check_skeleton(config)
@@ -52,14 +71,121 @@ fn check_time(c: &Config) -> Check {
     range("prefix", c.prefix, 1, 256)?;
     range("max_target", c.max_target, 1, c.prefix)?;
     range("target", c.target, 1, c.max_target)?;
-    range("lookahead", c.lookahead, 0, c.keyframe_stride * c.prefix)?;
-    range("vq.codes", c.vq.codes, 1, MAX_WIDTH - 1)
+    range("lookahead", c.lookahead, 0, c.keyframe_stride * c.prefix)
+}
+
+/// Which keys a layout and a list of parts want, and which they leave no meaning to.
+fn check_layout(c: &Config) -> Check {
+    let frames = c.is_frames();
+    presence("depth", c.depth.is_some(), frames, "layout \"frames\"")?;
+    for part in Part::ALL {
+        let name = part.name();
+        presence(&format!("vocab.{name}"), !c.vocab[part].is_absent(), !frames, "layout \"parts\"")?;
+        let codec = !c.vq[part].is_absent();
+        presence(&format!("vq.{name}"), codec, c.parts.is_none(), "a model without `parts`")?;
+    }
+    presence("rest", c.rest != no_rest(), c.parts.is_none(), "a model without `parts`")?;
+    match &c.parts {
+        None => range("vq.codes", c.vq.codes, 1, if frames { MAX_LEVEL_CODES } else { MAX_WIDTH - 1 }),
+        Some(parts) => {
+            presence("vq.codes", c.vq.codes != 0, false, "a model without `parts`")?;
+            check_parts(c, parts)?;
+            if frames { Ok(()) } else { check_four(c, parts) }
+        }
+    }
+}
+
+/// What layout `parts` can write: the paper's four parts, whose codes are tokens.
+fn check_four(c: &Config, parts: &[PartSpec]) -> Check {
+    let names = || parts.iter().map(|part| part.name.as_str());
+    require(names().eq(Part::ALL.map(Part::name)), "parts", || {
+        let got = names().collect::<Vec<_>>().join(", ");
+        format!("layout \"parts\" has face, hands, upper and lower in this order, got {got}; \"frames\" has any")
+    })?;
+    for (i, part) in parts.iter().enumerate() {
+        let key = |what: &str| format!("parts[{i}].{what}");
+        require(part.levels == 1, &key("levels"), || {
+            format!("expected 1 in layout \"parts\", got {}; \"frames\" has levels", part.levels)
+        })?;
+        require(part.codes == parts[0].codes, &key("codes"), || {
+            format!("expected {} as {} has, got {}", parts[0].codes, parts[0].name, part.codes)
+        })?;
+        let its_own = part.channels(&c.face).is_some_and(|channels| channels.part.name() == part.name);
+        require(its_own, &key("channels"), || {
+            format!("expected all channels of {} and no others in layout \"parts\"", part.name)
+        })?;
+    }
+    Ok(())
+}
+
+/// That a key is there where it is `wanted`, and only there.
+fn presence(key: &str, there: bool, wanted: bool, of: &str) -> Check {
+    require(there == wanted, key, || {
+        if wanted { format!("missing, and required in {of}") } else { format!("expected none: it is a key of {of}") }
+    })
+}
+
+fn check_parts(c: &Config, parts: &[PartSpec]) -> Check {
+    range("parts", parts.len(), 1, MAX_PARTS)?;
+    range("face.names", c.face.names.len(), 0, MAX_FACE_NAMES)?;
+    let mut owners: Vec<(Part, Range<usize>, &str)> = Vec::new();
+    for (i, part) in parts.iter().enumerate() {
+        let key = |what: &str| format!("parts[{i}].{what}");
+        let letters = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
+        let name = &part.name;
+        let good = (1..=32).contains(&name.len()) && name.chars().all(letters) && name != "root";
+        require(good, &key("name"), || {
+            format!("expected 1 to 32 lowercase letters, digits and _, and not \"root\", got {name:?}")
+        })?;
+        require(parts[..i].iter().all(|other| other.name != *name), &key("name"), || {
+            format!("{name:?} appears a second time")
+        })?;
+        range(&key("codes"), part.codes, 1, MAX_LEVEL_CODES)?;
+        range(&key("levels"), part.levels, 1, MAX_LEVELS)?;
+        range(&key("rest"), part.rest.len(), part.levels, part.levels)?;
+        part.rest.iter().try_for_each(|&code| range(&key("rest"), code, 0, part.codes - 1))?;
+        if let Some(sampling) = part.sampling {
+            check_draws(&key("sampling"), sampling)?;
+        }
+        if part.is_annotation() {
+            range(&key("width"), part.width, 0, 0)?;
+            range(&key("layers"), part.layers, 0, 0)?;
+            continue;
+        }
+        range(&key("width"), part.width, 1, MAX_WIDTH)?;
+        range(&key("layers"), part.layers, 1, 16)?;
+        let known = |name: &String| {
+            Part::ALL.into_iter().any(|part| channel_names(part, &c.face).iter().any(|(known, _)| known == name))
+        };
+        if let Some(unknown) = part.channels.iter().find(|name| !known(name)) {
+            return Err(LoadError::config(key("channels"), format!("there is no channel {unknown:?}")));
+        }
+        let channels = part.channels(&c.face).ok_or_else(|| {
+            LoadError::config(key("channels"), "expected channels of one of face, hands, upper and lower, got several")
+        })?;
+        for (range, channel) in channels.ranges.into_iter().zip(&part.channels) {
+            let twice = owners.iter().any(|(part, other, _)| *part == channels.part && *other == range);
+            require(!twice, &key("channels"), || format!("{channel:?} appears a second time"))?;
+            owners.push((channels.part, range, channel));
+        }
+    }
+    for part in Part::ALL {
+        for (name, range) in channel_names(part, &c.face) {
+            let owned = owners.iter().any(|(owner, at, _)| *owner == part && *at == range);
+            require(owned, "parts", || format!("no part has the channel {name:?}"))?;
+        }
+    }
+    let codes: usize = parts.iter().map(|part| part.levels).sum();
+    require(codes <= MAX_KEYFRAME_CODES, "parts", || {
+        format!("expected at most {MAX_KEYFRAME_CODES} codes of a keyframe, got {codes}")
+    })
 }
 
 fn check_audio(c: &Config) -> Check {
     range("audio.sample_rate", c.audio.sample_rate, 1000, 192_000)?;
     range("audio.token_rate", c.audio.token_rate, 1, 1000)?;
     range("audio.units", c.audio.units, 1, MAX_WIDTH)?;
+    range("audio.ahead", c.audio.ahead, 0, if c.is_frames() { c.prefix } else { 0 })?;
     require(c.audio.sample_rate.is_multiple_of(c.audio.token_rate), "audio.token_rate", || {
         format!("expected a divisor of the sample rate {}, got {}", c.audio.sample_rate, c.audio.token_rate)
     })?;
@@ -70,7 +196,12 @@ fn check_audio(c: &Config) -> Check {
             c.keyframe_stride, c.frame_rate, c.audio.token_rate
         )
     })?;
-    range("keyframe_stride", c.tokens_per_keyframe() * (c.prefix + c.max_target), 1, MAX_WINDOW_TOKENS)?;
+    range(
+        "keyframe_stride",
+        c.tokens_per_keyframe() * (c.prefix + c.max_target + c.audio.ahead),
+        1,
+        MAX_WINDOW_TOKENS,
+    )?;
     match c.audio.kind {
         AudioKind::Hubert => {
             let hubert = c.audio.hubert.as_ref();
@@ -138,14 +269,36 @@ fn check_mel(m: &Mel, hop: usize) -> Check {
     small("audio.mel.floor", m.floor)
 }
 
+fn check_mouth(c: &Config, m: &Mouth) -> Check {
+    range("mouth.window", m.window, 1, MAX_MOUTH)?;
+    range("mouth.fft", m.fft, m.window, MAX_WIDTH)?;
+    range("mouth.bands", m.bands, 1, 1024)?;
+    small("mouth.floor", m.floor)?;
+    range("mouth.rows", m.rows, 1, (c.audio.sample_rate / c.frame_rate).min(64))?;
+    range("mouth.ahead", m.ahead, 1, 64)?;
+    range("mouth.taps", m.taps, 1, 64)?;
+    range("mouth.width", m.width, 1, MAX_MOUTH)?;
+    range("mouth.kernel", m.kernel, 1, 16)?;
+    let blocks = m.dilations.len();
+    require(blocks <= 16, "mouth.dilations", || format!("expected at most 16 blocks, got {blocks}"))?;
+    m.dilations.iter().try_for_each(|&dilation| range("mouth.dilations", dilation, 1, 256))?;
+    require(c.face.kind == FaceKind::Arkit, "mouth", || "expected a face of kind arkit".to_owned())?;
+    require(!m.channels.is_empty(), "mouth.channels", || "expected at least one name".to_owned())?;
+    for (i, name) in m.channels.iter().enumerate() {
+        require(c.face.names.contains(name), "mouth.channels", || format!("`{name}` is none of `face.names`"))?;
+        require(!m.channels[..i].contains(name), "mouth.channels", || format!("`{name}` is listed twice"))?;
+    }
+    Ok(())
+}
+
 fn check_vocab(c: &Config) -> Check {
     let v = &c.vocab;
     range("vocab.size", v.size, 1, MAX_VOCAB)?;
     for (key, id) in [("vocab.pad", v.pad), ("vocab.eos", v.eos), ("vocab.decoder_start", v.decoder_start)] {
         range(key, id, 0, v.size - 1)?;
     }
-    for part in Part::ALL {
-        check_modality(part.name(), &v[part], c.vq.codes, v.size)?;
+    for part in Part::ALL.into_iter().filter(|_| !c.is_frames()) {
+        check_modality(part.name(), &v[part], c.part_codes(), v.size)?;
     }
     check_modality("audio", &v.audio, c.audio.units, v.size)
 }
@@ -179,7 +332,14 @@ fn check_lm(c: &Config) -> Check {
         format!("expected \"gated-gelu\", got {:?}", lm.feed_forward_proj)
     })?;
     range("lm.experts", lm.experts, 1, umo_kernels::experts::MAX_EXPERTS)?;
-    range("lm.top_k", lm.top_k, 1, lm.experts)
+    range("lm.top_k", lm.top_k, 1, lm.experts)?;
+    let Some(depth) = &c.depth else { return Ok(()) };
+    range("depth.d_model", depth.d_model, 1, 4096)?;
+    range("depth.num_heads", depth.num_heads, 1, depth.d_model)?;
+    divides("depth.num_heads", depth.num_heads, depth.d_model)?;
+    range("depth.d_ff", depth.d_ff, 1, MAX_WIDTH)?;
+    range("depth.num_layers", depth.num_layers, 1, MAX_LAYERS)?;
+    small("depth.layer_norm_epsilon", depth.layer_norm_epsilon)
 }
 
 fn check_interp(c: &Config) -> Check {
@@ -196,7 +356,7 @@ fn check_interp(c: &Config) -> Check {
 fn check_motion(c: &Config) -> Check {
     range("vq.width", c.vq.width, 1, MAX_WIDTH)?;
     let names = c.face.names.len();
-    range("face.names", names, 0, 4096)?;
+    range("face.names", names, 0, MAX_FACE_NAMES)?;
     if c.face.kind == FaceKind::Arkit {
         let mut given: Vec<&str> = c.face.names.iter().map(String::as_str).collect();
         let mut wanted = ARKIT_NAMES.to_vec();
@@ -206,6 +366,9 @@ fn check_motion(c: &Config) -> Check {
             format!("expected the 52 ARKit blendshape names, got {names} names{}", first_unknown(&c.face.names))
         })?;
     }
+    if c.parts.is_some() {
+        return check_codec("vq.root", c.vq.root, 61);
+    }
     let sizes = [
         ("vq.face", c.vq.face, 6 + names),
         ("vq.hands", c.vq.hands, 180),
@@ -214,13 +377,17 @@ fn check_motion(c: &Config) -> Check {
         ("vq.root", c.vq.root, 61),
     ];
     for (key, codec, channels) in sizes {
-        range(&format!("{key}.channels"), codec.channels, channels, channels)?;
-        range(&format!("{key}.layers"), codec.layers, 1, 16)?;
+        check_codec(key, codec, channels)?;
     }
     for part in Part::ALL {
         range(&format!("rest.{}", part.name()), c.rest[part], 0, c.vq.codes - 1)?;
     }
     Ok(())
+}
+
+fn check_codec(key: &str, codec: Codec, channels: usize) -> Check {
+    range(&format!("{key}.channels"), codec.channels, channels, channels)?;
+    range(&format!("{key}.layers"), codec.layers, 1, 16)
 }
 
 fn first_unknown(names: &[String]) -> String {
@@ -237,9 +404,13 @@ fn check_templates(c: &Config) -> Check {
             match item {
                 TemplateItem::Id(id) => range(&format!("{key}[{i}]"), *id, 0, c.vocab.size - 1)?,
                 TemplateItem::Name(what) => {
-                    let known = what == "audio" || what == "text" || Part::ALL.iter().any(|part| part.name() == what);
-                    require(known, &format!("{key}[{i}]"), || {
-                        format!("expected a token id, \"audio\", \"text\" or a part, got {what:?}")
+                    let history = match c.is_frames() {
+                        true => what == "history",
+                        false => Part::ALL.iter().any(|part| part.name() == what),
+                    };
+                    require(what == "audio" || what == "text" || history, &format!("{key}[{i}]"), || {
+                        let history = if c.is_frames() { "\"history\"" } else { "a part" };
+                        format!("expected a token id, \"audio\", \"text\" or {history}, got {what:?}")
                     })?;
                     let twice = items[..i].contains(item);
                     require(!twice, &format!("{key}[{i}]"), || format!("{what:?} appears a second time"))?;
@@ -251,11 +422,14 @@ fn check_templates(c: &Config) -> Check {
 }
 
 fn check_sampling(c: &Config) -> Check {
-    let s = &c.sampling;
-    require((0.0..=100.0).contains(&s.temperature), "sampling.temperature", || {
+    check_draws("sampling", c.sampling)
+}
+
+fn check_draws(key: &str, s: Sampling) -> Check {
+    require((0.0..=100.0).contains(&s.temperature), &format!("{key}.temperature"), || {
         format!("expected 0 to 100, got {}", s.temperature)
     })?;
-    require(s.top_p > 0.0 && s.top_p <= 1.0, "sampling.top_p", || {
+    require(s.top_p > 0.0 && s.top_p <= 1.0, &format!("{key}.top_p"), || {
         format!("expected more than 0 and at most 1, got {}", s.top_p)
     })
 }

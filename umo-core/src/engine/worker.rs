@@ -1,26 +1,26 @@
-//! What computes: which sessions come next, and one layer of their batch after the other.
+//! The worker: selects the next sessions and computes their batch layer by layer.
 
 use std::sync::Arc;
 
-use super::core::Core;
 use super::{EngineConfig, Inner, Threads};
-use crate::avatar::Due;
+use crate::avatar::{Avatar, Due};
 use crate::batch::Batch;
 use crate::defect::contain;
 use crate::linear::Compute;
 use crate::memory::with_capacity;
-use crate::session::Failure;
-use crate::team::{Guests, Team};
+use crate::session::{Failure, Member, Schedule};
+use crate::team::{ExternalWorkers, Team};
 
 /// A batch, and the sessions in it.
 #[derive(Debug)]
 pub(super) struct Worker {
     team: Arc<Team>,
     batch: Batch,
-    members: Vec<Core>,
-    /// Places of the members.
-    places: Vec<usize>,
-    /// Deadline and place of every session that is due.
+    /// The members of the batch, in its order: their avatars, their schedules, their slots.
+    avatars: Vec<Avatar>,
+    schedules: Vec<Schedule>,
+    slots: Vec<usize>,
+    /// Deadline and slot of every session that is due.
     candidates: Vec<(u64, usize)>,
     /// What is due of each member.
     due: Vec<Due>,
@@ -35,14 +35,15 @@ impl Worker {
             (_, cores) => (None, cores),
         };
         let team = match (&config.lender, config.threads) {
-            (Some(_), Threads::Host(_)) => Team::of_guests(threads),
+            (Some(_), Threads::Host(_)) => Team::with_external_workers(threads),
             _ => Team::on_cores(threads, own, others)?,
         };
         Ok(Self {
             team: Arc::new(team),
-            batch: Batch::new(&inner.model, width),
-            members: with_capacity(width),
-            places: with_capacity(width),
+            batch: Batch::new(inner.model(), width),
+            avatars: with_capacity(width),
+            schedules: with_capacity(width),
+            slots: with_capacity(width),
             candidates: with_capacity(config.max_sessions),
             due: with_capacity(width),
         })
@@ -54,23 +55,24 @@ impl Worker {
     }
 
     /// Where the host lends its threads.
-    pub(super) fn guests(&self) -> Guests {
-        self.team.guests()
+    pub(super) fn external_workers(&self) -> ExternalWorkers {
+        self.team.external_workers()
     }
 
-    /// Computes one layer, or starts the next batch; whether there was anything to do. Never allocates.
+    /// Computes one layer or starts the next batch; returns whether there was work. Never
+    /// allocates.
     pub(super) fn turn(&mut self, inner: &Inner) -> bool {
         if !self.batch.is_busy() {
             return self.begin(inner);
         }
-        let Self { team, batch, members, .. } = self;
-        let cx = Compute { isa: inner.model.isa, team };
-        let result = contain(|| batch.step(&inner.model, cx, members));
+        let Self { team, batch, avatars, schedules, .. } = self;
+        let cx = Compute { isa: inner.model().isa, team };
+        let result = contain(|| batch.step(inner.model(), cx, avatars, &mut schedules[..]));
         let failure = match result {
             Ok(Ok(true)) => return true,
             Ok(Ok(false)) => {
                 let now = inner.clock.nanos();
-                self.members.iter_mut().for_each(|core| core.end(now));
+                self.schedules.iter_mut().for_each(|schedule| schedule.end(now));
                 // Whoever reads them at this moment gets the last batch's.
                 if let Ok(mut times) = inner.times.try_lock() {
                     *times = self.batch.stage_times();
@@ -82,9 +84,9 @@ impl Worker {
             Err(defect) => Failure::Defect(defect),
         };
         match self.batch.exclude() {
-            Some(member) => self.members[member].fail(failure),
+            Some(member) => self.schedules[member].fail(failure),
             None => {
-                self.members.iter().for_each(|core| core.fail(failure.clone()));
+                self.schedules.iter().for_each(|schedule| schedule.fail(failure.clone()));
                 self.put_back(inner);
             }
         }
@@ -93,46 +95,43 @@ impl Worker {
 
     /// Puts the sessions with the earliest deadlines into a batch.
     fn begin(&mut self, inner: &Inner) -> bool {
-        let now = inner.clock.nanos();
+        let (now, model) = (inner.clock.nanos(), inner.model());
         self.candidates.clear();
-        for (place, slot) in inner.slots.iter().enumerate() {
-            // A place that the host is just filling or freeing is looked at next time: the host notifies.
-            let Ok(mut slot) = slot.core.try_lock() else { continue };
-            if let Some((_, deadline)) = slot.as_mut().and_then(|core| core.due(&inner.model, now)) {
-                self.candidates.push((deadline, place));
+        let candidates = &mut self.candidates;
+        inner.slots.for_each_unlocked(|slot, member| {
+            if let Some((_, deadline)) = member.due(model, now) {
+                candidates.push((deadline, slot));
             }
-        }
+        });
         self.candidates.sort_unstable();
-        for &(_, place) in self.candidates.iter().take(self.batch.width()) {
-            let Ok(mut slot) = inner.slots[place].core.try_lock() else { continue };
+        for &(_, slot) in self.candidates.iter().take(self.batch.width()) {
             // It may have been interrupted or dropped in the meantime.
-            let Some((due, _)) = slot.as_mut().and_then(|core| core.due(&inner.model, now)) else { continue };
-            let Some(mut core) = slot.take() else { continue };
-            core.begin();
-            self.members.push(core);
-            self.places.push(place);
+            let mut due = None;
+            let is_due = |member: &mut Member| {
+                due = member.due(model, now);
+                due.is_some()
+            };
+            let Some(mut member) = inner.slots.take_if(slot, is_due) else { continue };
+            let Some((due, _)) = due else { continue };
+            member.begin(due);
+            self.avatars.push(member.avatar);
+            self.schedules.push(member.schedule);
+            self.slots.push(slot);
             self.due.push(due);
         }
-        if self.members.is_empty() {
+        if self.avatars.is_empty() {
             return false;
         }
         self.batch.begin(self.due.iter().copied()).expect("no batch is under way, and there are no more than fit");
         true
     }
 
-    /// Gives the members back to their places, whatever the batch has come to.
+    /// Ends the batch, finished or not, and returns its members to their slots.
     pub(super) fn put_back(&mut self, inner: &Inner) {
         self.batch.abandon();
-        for (core, place) in self.members.drain(..).zip(self.places.drain(..)) {
-            // The host holds the lock for no longer than it takes to see that the place is empty.
-            let mut slot = loop {
-                match inner.slots[place].core.try_lock() {
-                    Ok(slot) => break slot,
-                    Err(std::sync::TryLockError::Poisoned(poisoned)) => break poisoned.into_inner(),
-                    Err(std::sync::TryLockError::WouldBlock) => std::hint::spin_loop(),
-                }
-            };
-            *slot = Some(core);
+        let members = self.avatars.drain(..).zip(self.schedules.drain(..));
+        for ((avatar, schedule), slot) in members.zip(self.slots.drain(..)) {
+            inner.slots.put_back(slot, Member { avatar, schedule });
         }
         self.due.clear();
     }

@@ -1,4 +1,5 @@
-//! A pre-norm transformer layer as PyTorch's `nn.TransformerEncoderLayer(norm_first=True, activation="gelu")` has it.
+//! A pre-norm transformer layer as PyTorch's
+//! `nn.TransformerEncoderLayer(norm_first=True, activation="gelu")` has it.
 
 use std::ops::Range;
 
@@ -95,7 +96,8 @@ impl Layer {
         self.expand.outputs()
     }
 
-    /// Runs over `x [rows, dim]` in place, each `group` rows on their own: a row attends to those of its group.
+    /// Runs over `x [rows, dim]` in place, each `group` rows on their own: a row attends to those
+    /// of its group.
     pub(super) fn run(&self, cx: Compute, s: &mut LayerScratch, group: usize, x: &mut [f32]) -> Result<(), StepError> {
         let (dim, ffn_dim) = (self.projection.inputs(), self.ffn_dim());
         let rows = x.len() / dim;
@@ -116,7 +118,8 @@ impl Layer {
         self.contract.forward(cx, &mut s.quant, ffn, Epilogue::ADD, MatMut::new(x, rows, dim)?)
     }
 
-    /// Attention of every head within each group of rows: one long group is shared by heads, many by groups.
+    /// Attention of every head within each group of rows: one long group is shared by heads, many
+    /// by groups.
     fn attend(&self, cx: Compute, qkv: Mat<f32>, group: usize, y: &mut [f32]) -> Result<(), StepError> {
         let (rows, dim) = (qkv.rows(), qkv.cols() / 3);
         let work = 2 * rows * group * dim;

@@ -1,4 +1,5 @@
-//! What a product's input is made of beforehand, and the room for it: quantised rows, and values in bf16.
+//! What a product's input is made of beforehand, and the room for it: quantized rows, and values in
+//! bf16.
 
 use std::ops::Range;
 
@@ -8,10 +9,10 @@ use umo_kernels::quantize::{QuantRows, quantization_scale, quantize_columns, qua
 use umo_kernels::{Bf16, Isa, Mat, MatMut, ShapeError};
 
 use super::{Compute, Linear};
+use crate::aligned::AlignedBox;
 use crate::error::StepError;
 use crate::memory::filled;
-use crate::team::{MAX_PIECES, both};
-use crate::weights::AlignedBox;
+use crate::team::{MAX_PIECES, zip_split};
 
 /// Activations as products of bf16 take them.
 #[derive(Clone, Copy, Debug)]
@@ -36,13 +37,15 @@ impl<'a> Bf16Values<'a> {
     }
 }
 
-/// Room for quantised activations, `[rows, inputs]` at most. Rows are an odd number of cache lines apart where they are whole lines:
-/// an even number would put 16 of them, a tile, into few sets of L1.
+/// Room for quantized activations, `[rows, inputs]` at most. Rows are an odd number of cache lines
+/// apart where they are whole lines: an even number would put 16 of them, a tile, into few sets of
+/// L1.
 #[derive(Debug)]
 pub struct QuantScratch {
     steps: AlignedBox<i8>,
     scale: Box<[f32]>,
-    /// Values as products of bf16 take them: rounded, or their high parts; and low parts. Or nothing.
+    /// Values as products of bf16 take them: rounded, or their high parts; and low parts. Or
+    /// nothing.
     parts: [AlignedBox<Bf16>; 2],
     /// The largest size of a value in each row, `[pieces, rows]`, or nothing.
     largest: AlignedBox<f32>,
@@ -56,7 +59,8 @@ fn stride(width: usize) -> usize {
     if width.is_multiple_of(2 * LINE) { width + LINE } else { width }
 }
 
-/// Rows that are quantised as soon as they are computed, while L1 has them, and then make room for the next.
+/// Rows that are quantized as soon as they are computed, while L1 has them, and then make room for
+/// the next.
 const ROWS_IN_L1: usize = 8;
 
 /// Multiply-adds that quantising one value costs, roughly.
@@ -67,9 +71,10 @@ const QUANTIZE_WORK: usize = 4;
 pub struct Columns<'a> {
     /// `[rows, columns]`.
     pub y: MatMut<'a, f32>,
-    /// What the thread computes them from: as many values for each column as [`QuantScratch::computed`] was told.
+    /// What the thread computes them from: as many values for each column as
+    /// [`QuantScratch::computed`] was told.
     pub room: &'a mut [f32],
-    /// The largest size of a value in each row, where rows are quantised.
+    /// The largest size of a value in each row, where rows are quantized.
     largest: Option<&'a mut [f32]>,
     isa: Isa,
 }
@@ -102,10 +107,11 @@ impl QuantScratch {
         Self { largest: AlignedBox::zeroed(MAX_PIECES * self.scale.len()), ..self }
     }
 
-    /// Calls `f` for each thread's columns of `values [rows, width]`, a multiple of `granule`, and makes the rows ready for
-    /// `next`. Rows are quantised by the thread that has computed them, which has them in its cache: what another thread
-    /// has written comes slower than memory. `f` says of all rows that they are [`Columns::complete`]; `work` is its multiply-adds.
-    /// `room` has as many values for each column as its second part says.
+    /// Calls `f` for each thread's columns of `values [rows, width]`, a multiple of `granule`, and
+    /// makes the rows ready for `next`. Rows are quantized by the thread that has computed them,
+    /// which has them in its cache: what another thread has written comes slower than memory. `f`
+    /// says of all rows that they are [`Columns::complete`]; `work` is its multiply-adds. `room`
+    /// has as many values for each column as its second part says.
     ///
     /// # Errors
     /// [`StepError`] where there is no room, and what `f` returned.
@@ -140,7 +146,7 @@ impl QuantScratch {
             let mine = largest.rows().min(1);
             largest.split_rows(mine)
         }
-        let cut = both(MatMut::split_columns, both(row, |room, at| <[f32]>::split_at_mut(room, at * each)));
+        let cut = zip_split(MatMut::split_columns, zip_split(row, |room, at| <[f32]>::split_at_mut(room, at * each)));
         cx.team.split(
             (y.reborrow(), (largest, room)),
             width,
@@ -161,16 +167,17 @@ impl QuantScratch {
             self.scale[t] = quantization_scale(*largest);
         }
         let (steps, largest) = (MatMut::with_stride(&mut self.steps, rows, width, stride(width))?, &*largest);
-        let cut = both(MatMut::split_columns, MatMut::split_columns);
+        let cut = zip_split(MatMut::split_columns, MatMut::split_columns);
         cx.team.split((y, steps), width, granule, rows * width * QUANTIZE_WORK, cut, |_, (y, steps)| {
             Ok(quantize_columns(cx.isa, &y, largest, steps)?)
         })?;
         self.ready(rows, width)
     }
 
-    /// Calls `f` for rows of `values`, which are as wide as `next`'s input, and of `also`, and makes them ready for `next`. Each thread
-    /// computes its rows some at a time; where they are quantised, these take each other's place in `values`. `work` is `f`'s
-    /// multiply-adds for all rows.
+    /// Calls `f` for rows of `values`, which are as wide as `next`'s input, and of `also`, and
+    /// makes them ready for `next`. Each thread computes its rows some at a time; where they are
+    /// quantized, these take each other's place in `values`. `work` is `f`'s multiply-adds for all
+    /// rows.
     ///
     /// # Errors
     /// [`StepError`] where there is no room, and what `f` returned.
@@ -190,7 +197,10 @@ impl QuantScratch {
             return Ok(Ready::Float(Mat::new(values, rows, width)?));
         }
         let (steps, scale) = self.room(rows, width)?;
-        let cut = both(both(MatMut::split_rows, MatMut::split_rows), both(MatMut::split_rows, MatMut::split_rows));
+        let cut = zip_split(
+            zip_split(MatMut::split_rows, MatMut::split_rows),
+            zip_split(MatMut::split_rows, MatMut::split_rows),
+        );
         let work = work + rows * width * QUANTIZE_WORK;
         let all = ((y.reborrow(), also), (steps, scale));
         cx.team.split(all, rows, 1, work, cut, |range, ((mut y, mut also), (mut steps, mut scale))| {
@@ -222,8 +232,8 @@ impl QuantScratch {
         self.ready(rows, width)
     }
 
-    /// Calls `f` for rows of `x`, quantised, and those of `y`: each thread quantises its own, and has them in its cache. `work` is `f`'s
-    /// multiply-adds for all rows.
+    /// Calls `f` for rows of `x`, quantized, and those of `y`: each thread quantises its own, and
+    /// has them in its cache. `work` is `f`'s multiply-adds for all rows.
     ///
     /// # Errors
     /// [`StepError`] where there is no room for them, and what `f` returned.
@@ -237,12 +247,12 @@ impl QuantScratch {
     ) -> Result<(), StepError> {
         let (rows, width) = (x.rows(), x.cols());
         let (steps, scale) = self.room(rows, width)?;
-        let cut = both(both(MatMut::split_rows, MatMut::split_rows), MatMut::split_rows);
+        let cut = zip_split(zip_split(MatMut::split_rows, MatMut::split_rows), MatMut::split_rows);
         let work = work + rows * width * QUANTIZE_WORK;
         cx.team.split(((steps, scale), y), rows, 1, work, cut, |range, ((mut steps, mut scale), y)| {
             let (scale, values) = (scale.column_mut(), steps.reborrow().split_columns(width).0);
             quantize_rows(cx.isa, x.row_range(range), values, scale)?;
-            f(Ready::Quant(Quantised { steps: steps.dense().columns(0..width), scale }), y)
+            f(Ready::Quant(Quantized { steps: steps.dense().columns(0..width), scale }), y)
         })
     }
 
@@ -279,7 +289,8 @@ impl QuantScratch {
         self.parts.iter().all(|part| part.len() >= values)
     }
 
-    /// Steps and scales of quantised rows, gaps between rows included, so that who has written some can read them.
+    /// Steps and scales of quantized rows, gaps between rows included, so that who has written some
+    /// can read them.
     fn room(&mut self, rows: usize, width: usize) -> Result<(MatMut<'_, i8>, MatMut<'_, f32>), ShapeError> {
         let want = rows * stride(width);
         if self.scale.len() < rows || self.steps.len() < want {
@@ -289,14 +300,14 @@ impl QuantScratch {
         Ok((steps, MatMut::new(&mut self.scale, rows, 1)?))
     }
 
-    /// The rows that have been quantised.
+    /// The rows that have been quantized.
     fn ready(&self, rows: usize, width: usize) -> Result<Ready<'_>, StepError> {
         let steps = Mat::with_stride(&self.steps, rows, width, stride(width))?;
-        Ok(Ready::Quant(Quantised { steps, scale: &self.scale[..rows] }))
+        Ok(Ready::Quant(Quantized { steps, scale: &self.scale[..rows] }))
     }
 
-    /// The same with room for so many values rounded or high parts, and so many low parts: for products of which
-    /// [`Linear::parts`] is not 0.
+    /// The same with room for so many values rounded or high parts, and so many low parts: for
+    /// products of which [`Linear::parts`] is not 0.
     #[must_use]
     pub fn with_parts(self, values: [usize; 2]) -> Self {
         Self { parts: values.map(AlignedBox::zeroed), ..self }
@@ -313,8 +324,8 @@ impl QuantScratch {
 pub enum Ready<'a> {
     /// As they are.
     Float(Mat<'a, f32>),
-    /// Quantised.
-    Quant(Quantised<'a>),
+    /// Quantized.
+    Quant(Quantized<'a>),
 }
 
 impl<'a> Ready<'a> {
@@ -324,7 +335,7 @@ impl<'a> Ready<'a> {
         match self {
             Self::Float(x) => Self::Float(x.row_range(range)),
             Self::Quant(x) => {
-                Self::Quant(Quantised { steps: x.steps.row_range(range.clone()), scale: &x.scale[range] })
+                Self::Quant(Quantized { steps: x.steps.row_range(range.clone()), scale: &x.scale[range] })
             }
         }
     }
@@ -340,14 +351,14 @@ impl<'a> Ready<'a> {
     }
 }
 
-/// Quantised rows in a scratch.
+/// Quantized rows in a scratch.
 #[derive(Clone, Copy, Debug)]
-pub struct Quantised<'a> {
+pub struct Quantized<'a> {
     steps: Mat<'a, i8>,
     scale: &'a [f32],
 }
 
-impl<'a> Quantised<'a> {
+impl<'a> Quantized<'a> {
     pub(super) fn view(&self) -> Result<QuantRows<'a>, ShapeError> {
         QuantRows::new(self.steps, self.scale)
     }

@@ -38,7 +38,8 @@ pub(super) fn projection(loader: &Loader, name: &str, lm: &Lm, which: &[&str]) -
     loader.linear(&names, &filled(inner, which.len()), lm.d_model)
 }
 
-/// Relative position bias of every head, laid out by distance so that one query's biases stand side by side.
+/// Relative position bias of every head, laid out by distance so that one query's biases stand side
+/// by side.
 #[derive(Debug)]
 pub(super) struct PositionBias {
     /// `[heads, 2 * positions - 1]`, from the most negative `key - query` to the most positive.
@@ -81,8 +82,9 @@ impl PositionBias {
     }
 }
 
-/// Bucket of `distance = key - query`: half of the buckets hold one small distance each, the others grow with its
-/// logarithm up to `max_distance`. In f32, as the reference implementation computes it.
+/// Bucket of `distance = key - query`: half of the buckets hold one small distance each, the others
+/// grow with its logarithm up to `max_distance`. In f32, as the reference implementation computes
+/// it.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "bounded by `buckets`")]
 #[expect(clippy::cast_precision_loss, reason = "distances are far below 2^24")]
 fn bucket(distance: isize, two_sided: bool, buckets: usize, max_distance: usize) -> usize {
@@ -98,9 +100,10 @@ fn bucket(distance: isize, two_sided: bool, buckets: usize, max_distance: usize)
     first + (exact + grown as usize).min(side - 1)
 }
 
-/// Calls `f(sequence, heads, rows, y)` for every sequence and head, heads shared by the threads: the first of `heads` is meant, the
-/// others follow it on the same thread. Sequence `i` has the `counts[i]` rows below those of the sequences before it; `y` is where
-/// its outputs of that head go, a piece of `context`.
+/// Calls `f(sequence, heads, rows, y)` for every sequence and head, heads shared by the threads:
+/// the first of `heads` is meant, the others follow it on the same thread. Sequence `i` has the
+/// `counts[i]` rows below those of the sequences before it; `y` is where its outputs of that head
+/// go, a piece of `context`.
 pub(super) fn for_each_head(
     cx: Compute,
     d_kv: usize,
@@ -114,8 +117,9 @@ pub(super) fn for_each_head(
     })
 }
 
-/// Calls `f(sequence, heads, column, rows, y)` for every sequence and the heads that `columns` are, `column` being the first of
-/// the first head's among them; `y` is where its outputs of that head go, a piece of `context`, which holds these columns.
+/// Calls `f(sequence, heads, column, rows, y)` for every sequence and the heads that `columns` are,
+/// `column` being the first of the first head's among them; `y` is where its outputs of that head
+/// go, a piece of `context`, which holds these columns.
 pub(super) fn heads_of(
     columns: Range<usize>,
     d_kv: usize,

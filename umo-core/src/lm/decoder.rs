@@ -21,8 +21,8 @@ use crate::weights::{AlignedBox, Loader};
 /// Multiply-adds that rounding one value to bfloat16 and storing it takes as long as, roughly.
 const ROUND_WORK: usize = 8;
 
-/// Multiply-adds that reading one key's or value's element takes as long as, roughly: it comes from memory, since a pass reads more
-/// weights than caches hold.
+/// Multiply-adds that reading one key's or value's element takes as long as, roughly: it comes from
+/// memory, since a pass reads more weights than caches hold.
 const READ_WORK: usize = 16;
 
 /// The decoder stack.
@@ -61,14 +61,17 @@ pub enum CrossStorage {
 enum Cross {
     /// `[layers, cross_max, 2 * inner]`: keys, then values, as the product writes them.
     F32(AlignedBox<f32>),
-    /// `[layers, 2 * heads, cross_max, d_kv]`: keys of every head, then values, so that a head is read in one stream.
+    /// `[layers, 2 * heads, cross_max, d_kv]`: keys of every head, then values, so that a head is
+    /// read in one stream.
     Bf16(AlignedBox<Bf16>),
 }
 
-/// Keys and values of one sequence: those of the encoder's states, and those of the ids decoded so far.
+/// Keys and values of one sequence: those of the encoder's states, and those of the ids decoded so
+/// far.
 #[derive(Debug)]
 struct DecoderCache {
-    /// `[layers, 2 * heads, own_max, d_kv]`: keys of every head, then values, so that a head is read in one stream.
+    /// `[layers, 2 * heads, own_max, d_kv]`: keys of every head, then values, so that a head is
+    /// read in one stream.
     own: AlignedBox<f32>,
     cross: Cross,
     own_len: usize,
@@ -111,7 +114,8 @@ impl DecoderCache {
         self.of_head(cross, layer, head, self.cross_max, self.cross_len)
     }
 
-    /// The first `rows` of up to `max` keys and values of a head in `all [layers, 2 * heads, max, d_kv]`.
+    /// The first `rows` of up to `max` keys and values of a head in
+    /// `all [layers, 2 * heads, max, d_kv]`.
     fn of_head<'a, T>(&self, all: &'a [T], layer: usize, head: usize, max: usize, rows: usize) -> [&'a [T]; 2] {
         let values = self.width / self.d_kv / 2;
         let start = |row| layer * max * self.width + row * max * self.d_kv;
@@ -198,7 +202,8 @@ impl Decoder {
         })
     }
 
-    /// bfloat16 where the keys and values come out of int8 products, which cost more digits than it does.
+    /// bfloat16 where the keys and values come out of int8 products, which cost more digits than it
+    /// does.
     pub(super) fn cross_storage(&self) -> CrossStorage {
         let int8 = self.layers.iter().all(|layer| layer.cross_kv.is_int8());
         if int8 { CrossStorage::Bf16 } else { CrossStorage::F32 }
@@ -209,8 +214,8 @@ impl Decoder {
         self.layers.len()
     }
 
-    /// Forgets what `sequence` decoded so far and makes room for the keys and values of `rows` encoder states, which
-    /// [`Self::attend_to`] fills in layer by layer.
+    /// Forgets what `sequence` decoded so far and makes room for the keys and values of `rows`
+    /// encoder states, which [`Self::attend_to`] fills in layer by layer.
     pub(super) fn begin(sequence: &mut Sequence, rows: usize) -> Result<(), StepError> {
         let cache = &mut sequence.cache;
         if rows > cache.cross_max {
@@ -268,7 +273,8 @@ impl Decoder {
         Ok(())
     }
 
-    /// Runs layer `index` over `scratch.hidden`, whose rows are the new ids of `sequences` in order.
+    /// Runs layer `index` over `scratch.hidden`, whose rows are the new ids of `sequences` in
+    /// order.
     pub(super) fn layer(
         &self,
         cx: Compute,
@@ -293,7 +299,8 @@ impl Decoder {
         Ok(())
     }
 
-    /// Ends a pass: the new ids become old ones, and the states after the final norm are left in `scratch.normed`.
+    /// Ends a pass: the new ids become old ones, and the states after the final norm are left in
+    /// `scratch.normed`.
     pub(super) fn finish(
         &self,
         cx: Compute,
@@ -409,8 +416,8 @@ impl Decoder {
         }
     }
 
-    /// Calls `f(sequence, heads, queries, output)` for every sequence with new rows and up to `keys` keys, and every head, which is the
-    /// first of `heads`.
+    /// Calls `f(sequence, heads, queries, output)` for every sequence with new rows and up to
+    /// `keys` keys, and every head, which is the first of `heads`.
     fn heads(
         &self,
         cx: Compute,

@@ -14,7 +14,8 @@ use crate::error::{LoadError, StepError};
 use crate::linear::Compute;
 use crate::weights::Loader;
 
-/// Heads whose queries, keys and values a thread computes before it attends with them: 576 KiB of 256 tokens at 64 a head.
+/// Heads whose queries, keys and values a thread computes before it attends with them: 576 KiB of
+/// 256 tokens at 64 a head.
 const HEADS_AT_ONCE: usize = 3;
 
 /// The encoder stack.
@@ -106,8 +107,8 @@ impl Encoder {
         norm(cx, &scratch.hidden, rows, (&self.norm, self.eps), out)
     }
 
-    /// `hidden += o(attention(qkv(norm(hidden))))`, each sequence by itself. A thread computes queries, keys and values of its
-    /// heads, and from them these heads' columns of the context.
+    /// `hidden += o(attention(qkv(norm(hidden))))`, each sequence by itself. A thread computes
+    /// queries, keys and values of its heads, and from them these heads' columns of the context.
     fn attend(&self, cx: Compute, scratch: &mut LmScratch, layer: &Layer, lengths: &[usize]) -> Result<(), StepError> {
         let (d, rows, inner) = (self.norm.len(), lengths.iter().sum::<usize>(), self.heads * self.d_kv);
         let LmScratch { hidden, normed, qkv, context, quant, middle, .. } = scratch;

@@ -73,7 +73,7 @@ impl Experts {
         let all = |which: &[&str]| -> Vec<String> {
             (0..lm.experts).flat_map(|e| which.iter().map(move |which| tensor(e, which))).collect()
         };
-        // All experts share the quantised input, and the products of its two halves are multiplied.
+        // All experts share the quantized input, and the products of its two halves are multiplied.
         let (inside, down) = (loader.alike(&all(&["wi_0", "wi_1"]))?, loader.alike(&all(&["wo"]))?);
         let expert = |e: usize| {
             Ok(Expert {
@@ -92,8 +92,9 @@ impl Experts {
         })
     }
 
-    /// `hidden += moe(norm(hidden))`; `hidden`, `normed` `[rows, d_model]`. Threads share rows of the norm and the router, then
-    /// columns of all experts at once. `then` says what comes behind the last product.
+    /// `hidden += moe(norm(hidden))`; `hidden`, `normed` `[rows, d_model]`. Threads share rows of
+    /// the norm and the router, then columns of all experts at once. `then` says what comes behind
+    /// the last product.
     pub(super) fn forward(
         &self,
         cx: Compute,
@@ -117,7 +118,8 @@ impl Experts {
         let mut routing = Routing { starts, rows: &mut slot_rows[..slots], weights: &mut weights[..slots] };
         route(cx.isa, MatMut::new(logits, rows, experts)?, self.top_k, &mut routing)?;
 
-        // One expert after the other: what it computes in its middle is still in cache when it is read.
+        // One expert after the other: what it computes in its middle is still in cache when it is
+        // read.
         self.each(starts, |expert, next, slots| {
             let (rows_of, weight) = (&slot_rows[slots.clone()], &weights[slots.clone()]);
             let (gated, work) = ((&mut gated[..], slots.len()), 2 * slots.len() * d * self.d_ff);

@@ -1,11 +1,12 @@
-//! A chunk's codes: the decoder's forced block structure, several rows per pass (paper section 3.1; SPEC 2.5).
+//! A chunk's codes: the decoder's forced block structure, several rows per pass (paper section 3.1;
+//! SPEC 2.5).
 
 use umo_kernels::Mat;
 
 use super::decoder::Sequence;
 use super::sampler::Sampler;
 use super::{Lm, LmScratch};
-use crate::config::{Config, Modality};
+use crate::config::{Config, Modality, Sampling};
 use crate::error::{StepError, check_finite};
 use crate::linear::Compute;
 use crate::memory::filled;
@@ -20,6 +21,7 @@ const LOGITS: PerPart<&str> =
 pub struct Generator {
     start: u32,
     parts: PerPart<Modality>,
+    sampling: PerPart<Option<Sampling>>,
     /// `[codes]`.
     logits: Box<[f32]>,
     /// `[codes]`.
@@ -28,7 +30,7 @@ pub struct Generator {
 
 /// How one chunk's codes are drawn, and how many of them there are.
 #[derive(Clone, Copy, Debug)]
-pub struct Draw {
+pub struct ChunkSampling {
     /// Temperature, top-k, top-p and seed.
     pub sampler: Sampler,
     /// Number of the chunk in its stream.
@@ -39,7 +41,7 @@ pub struct Draw {
 
 /// The next code that a sequence writes.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Place {
+pub struct Position {
     part: usize,
     index: usize,
 }
@@ -51,21 +53,22 @@ impl Generator {
         Self {
             start: config.vocab.decoder_start as u32,
             parts: PerPart::from_fn(|part| config.vocab[part]),
-            logits: filled(0.0, config.vq.codes).into(),
-            order: filled(0, config.vq.codes).into(),
+            sampling: config.part_sampling(),
+            logits: filled(0.0, config.part_codes()).into(),
+            order: filled(0, config.part_codes()).into(),
         }
     }
 
     /// Writes `codes`, the same number for every part, from encoder states.
     ///
-    /// Markers are never sampled: `start(face)` joins the first pass, `end(face) start(hands)` the pass of the last face
-    /// code, so that `4N` codes take `4N` passes over the weights.
+    /// Markers are never sampled: `start(face)` joins the first pass, `end(face) start(hands)` the
+    /// pass of the last face code, so that `4N` codes take `4N` passes over the weights.
     ///
     /// # Errors
     /// [`StepError`] where there are more codes than the sequence has room for.
     #[expect(
         clippy::too_many_arguments,
-        reason = "the model, its scratch, its input, its sequence, the draw, the output"
+        reason = "the model, its scratch, its input, its sequence, the sampling, the output"
     )]
     pub fn generate(
         &mut self,
@@ -74,15 +77,15 @@ impl Generator {
         scratch: &mut LmScratch,
         states: Mat<f32>,
         sequence: &mut Sequence,
-        draw: Draw,
+        sampling: ChunkSampling,
         mut codes: PerPart<&mut [u16]>,
     ) -> Result<(), StepError> {
         lm.attend_to(cx, scratch, states, sequence)?;
-        let mut place = self.begin(sequence)?;
+        let mut at = self.begin(sequence)?;
         loop {
             lm.decode(cx, scratch, std::slice::from_mut(sequence))?;
             let row = sequence.ids().len() - 1;
-            if !self.write(cx, lm, scratch, row, draw, &mut place, &mut codes, sequence)? {
+            if !self.write(cx, lm, scratch, row, sampling, &mut at, &mut codes, sequence)? {
                 return Ok(());
             }
         }
@@ -93,48 +96,56 @@ impl Generator {
     /// # Errors
     /// [`StepError`] where the sequence has no room for them.
     #[expect(clippy::cast_possible_truncation, reason = "ids are below the vocabulary's size, at most 2^22")]
-    pub fn begin(&self, sequence: &mut Sequence) -> Result<Place, StepError> {
+    pub fn begin(&self, sequence: &mut Sequence) -> Result<Position, StepError> {
         sequence.set_ids(&[self.start, self.parts[Part::ALL[0]].start as u32])?;
-        Ok(Place::default())
+        Ok(Position::default())
     }
 
-    /// Writes the code that follows a pass whose last row of this sequence was `row`, and gives `sequence` the ids of its
-    /// next pass: the code, and the markers that are forced after it. Returns whether there is a next pass; after the
-    /// last, the sequence has no ids.
+    /// Writes the code that follows a pass whose last row of this sequence was `row`, and gives
+    /// `sequence` the ids of its next pass: the code, and the markers that are forced after it.
+    /// Returns whether there is a next pass; after the last, the sequence has no ids.
     ///
     /// # Errors
     /// [`StepError`] where a length disagrees.
     #[expect(clippy::cast_possible_truncation, reason = "codes and ids fit their types by the config's checks")]
-    #[expect(clippy::too_many_arguments, reason = "the model, its scratch, its row, the draw, the place, the output")]
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "the model, its scratch, its row, the sampling, the position, the output"
+    )]
     pub fn write(
         &mut self,
         cx: Compute,
         lm: &Lm,
         scratch: &mut LmScratch,
         row: usize,
-        draw: Draw,
-        place: &mut Place,
+        sampling: ChunkSampling,
+        at: &mut Position,
         codes: &mut PerPart<&mut [u16]>,
         sequence: &mut Sequence,
     ) -> Result<bool, StepError> {
-        let part = Part::ALL[place.part];
+        let part = Part::ALL[at.part];
         lm.code_logits(cx, scratch, row, part, &mut self.logits)?;
         check_finite(&self.logits, LOGITS[part])?;
-        let position = place.part * draw.target + place.index;
-        let code = draw.sampler.sample(&self.logits, &mut self.order, draw.chunk, position as u32);
-        codes[part][place.index] = code as u16;
+        let position = at.part * sampling.target + at.index;
+        let code = sampling.sampler.of(self.sampling[part]).sample(
+            &self.logits,
+            &mut self.order,
+            sampling.chunk,
+            position as u32,
+        );
+        codes[part][at.index] = code as u16;
         let m = &self.parts[part];
         let id = (m.first + code) as u32;
-        place.index += 1;
-        if place.index < draw.target {
+        at.index += 1;
+        if at.index < sampling.target {
             sequence.set_ids(&[id])?;
             return Ok(true);
         }
-        *place = Place { part: place.part + 1, index: 0 };
-        match Part::ALL.get(place.part) {
+        *at = Position { part: at.part + 1, index: 0 };
+        match Part::ALL.get(at.part) {
             Some(&next) => sequence.set_ids(&[id, m.end as u32, self.parts[next].start as u32])?,
             None => sequence.set_ids(&[])?,
         }
-        Ok(place.part < Part::ALL.len())
+        Ok(at.part < Part::ALL.len())
     }
 }

@@ -1,7 +1,10 @@
 //! What the encoder reads: templates and their placeholders (SPEC 2.2, 2.3).
 
+use std::ops::Range;
+
 use crate::config::{Config, Modality, TemplateItem};
 use crate::error::{LoadError, StepError};
+use crate::memory::{Arena, Slice};
 use crate::part::{Part, PerPart};
 
 /// Most tokens of a free text prompt.
@@ -13,14 +16,16 @@ pub fn max_encoder_tokens(config: &Config) -> usize {
     longest.max().unwrap_or(1)
 }
 
-/// Tokens of the longest chunk: the start id, then four blocks with their markers.
+/// Tokens of the longest chunk: the start id, then four blocks with their markers; in layout `frames`
+/// one per keyframe.
 pub fn max_decoder_tokens(config: &Config) -> usize {
-    1 + 4 * (config.max_target + 2)
+    if config.is_frames() { config.max_target } else { 1 + 4 * (config.max_target + 2) }
 }
 
-/// Audio tokens of the window of a chunk that predicts `target` keyframes.
+/// Audio tokens of the window of a chunk that predicts `target` keyframes, with those of the
+/// keyframes behind it.
 pub fn window_tokens(config: &Config, target: usize) -> usize {
-    (config.prefix + target) * config.tokens_per_keyframe()
+    (config.prefix + target + config.audio.ahead) * config.tokens_per_keyframe()
 }
 
 fn item_len(config: &Config, item: &TemplateItem) -> usize {
@@ -28,6 +33,7 @@ fn item_len(config: &Config, item: &TemplateItem) -> usize {
         TemplateItem::Id(_) => 1,
         TemplateItem::Name(name) if name == "audio" => window_tokens(config, config.max_target) + 2,
         TemplateItem::Name(name) if name == "text" => MAX_PROMPT_TOKENS,
+        TemplateItem::Name(name) if name == "history" => config.prefix,
         TemplateItem::Name(_) => config.prefix + 2,
     }
 }
@@ -39,6 +45,7 @@ enum Slot {
     Audio,
     Text,
     History(Part),
+    Keyframes,
 }
 
 /// What fills the placeholders of a template.
@@ -46,18 +53,31 @@ enum Slot {
 pub struct Prompt<'a> {
     /// Units of the window; not read where the template has no audio.
     pub units: &'a [u32],
-    /// The last codes of each part.
+    /// The last codes of each part; not read in layout `frames`.
     pub history: PerPart<&'a [u16]>,
     /// Ids of a free text; not read where the template has no text.
     pub text: &'a [u32],
 }
 
+/// What layout `frames` fills in beside a [`Prompt`].
+#[derive(Clone, Debug, Default)]
+pub struct FramePrompt {
+    /// Ids of the last keyframes, behind the vocabulary.
+    pub keyframes: Range<u32>,
+    /// Audio tokens that have not been heard, at the end of the window.
+    pub hidden_units: usize,
+}
+
 /// A template that is ready to be written out.
 #[derive(Clone, Debug)]
 pub struct Template {
-    slots: Box<[Slot]>,
+    slots: Slice<Slot>,
+    has_audio: bool,
+    has_text: bool,
     audio: Modality,
     parts: PerPart<Modality>,
+    /// Ids from here on are no text: those of keyframes in layout `frames`.
+    text_ids: u32,
 }
 
 impl Template {
@@ -65,32 +85,45 @@ impl Template {
     ///
     /// # Errors
     /// [`LoadError::Config`] where the model has none of this name.
-    #[expect(clippy::cast_possible_truncation, reason = "ids are below the vocabulary's size, at most 2^22")]
     pub fn new(config: &Config, name: &str) -> Result<Self, LoadError> {
+        Self::new_in(config, name, &Arena::system())
+    }
+
+    /// The same in memory of `arena`.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    #[expect(clippy::cast_possible_truncation, reason = "ids are below the vocabulary's size, at most 2^22")]
+    pub fn new_in(config: &Config, name: &str, arena: &Arena) -> Result<Self, LoadError> {
         let missing = || LoadError::config(format!("templates.{name}"), "missing: this model cannot do that");
         let items = config.templates.get(name).ok_or_else(missing)?;
         let slot = |item: &TemplateItem| match item {
             TemplateItem::Id(id) => Slot::Id(*id as u32),
             TemplateItem::Name(name) if name == "audio" => Slot::Audio,
+            TemplateItem::Name(name) if name == "history" => Slot::Keyframes,
             TemplateItem::Name(name) => {
                 Part::ALL.into_iter().find(|part| part.name() == name).map_or(Slot::Text, Slot::History)
             }
         };
+        let has = |wanted: fn(&Slot) -> bool| items.iter().any(|item| wanted(&slot(item)));
         Ok(Self {
-            slots: items.iter().map(slot).collect(),
+            has_audio: has(|slot| matches!(slot, Slot::Audio)),
+            has_text: has(|slot| matches!(slot, Slot::Text)),
+            slots: arena.collect(items.iter().map(slot)),
             audio: config.vocab.audio,
+            text_ids: if config.is_frames() { config.vocab.size as u32 } else { u32::MAX },
             parts: PerPart::from_fn(|part| config.vocab[part]),
         })
     }
 
     /// Whether the template reads audio.
     pub fn has_audio(&self) -> bool {
-        self.slots.iter().any(|slot| matches!(slot, Slot::Audio))
+        self.has_audio
     }
 
     /// Whether the template reads a free text.
     pub fn has_text(&self) -> bool {
-        self.slots.iter().any(|slot| matches!(slot, Slot::Text))
+        self.has_text
     }
 
     /// Writes the encoder's ids and returns how many there are.
@@ -98,18 +131,34 @@ impl Template {
     /// # Errors
     /// [`StepError`] where `ids` is too short, or a code or unit is out of range.
     pub fn write(&self, prompt: Prompt, ids: &mut [u32]) -> Result<usize, StepError> {
+        self.write_frames(prompt, &FramePrompt::default(), ids)
+    }
+
+    /// The same, in layout `frames`.
+    ///
+    /// # Errors
+    /// As [`Self::write`].
+    pub fn write_frames(&self, prompt: Prompt, frames: &FramePrompt, ids: &mut [u32]) -> Result<usize, StepError> {
         let mut writer = Writer { ids, len: 0 };
         for slot in &self.slots {
             match *slot {
                 Slot::Id(id) => writer.push(id)?,
-                Slot::Text => prompt.text.iter().try_for_each(|&id| writer.push(id))?,
+                Slot::Text => prompt.text.iter().try_for_each(|&id| {
+                    if id >= self.text_ids {
+                        let (got, limit) = (id as usize, self.text_ids as usize);
+                        return Err(StepError::OutOfRange { what: "token id", got, limit });
+                    }
+                    writer.push(id)
+                })?,
                 Slot::Audio => {
-                    writer.block(&self.audio, "audio unit", prompt.units.iter().map(|&unit| unit as usize))?;
+                    let units = prompt.units.iter().map(|&unit| unit as usize);
+                    writer.block(&self.audio, "audio unit", units, frames.hidden_units)?;
                 }
                 Slot::History(part) => {
                     let codes = prompt.history[part].iter().map(|&code| usize::from(code));
-                    writer.block(&self.parts[part], "code", codes)?;
+                    writer.block(&self.parts[part], "code", codes, 0)?;
                 }
+                Slot::Keyframes => frames.keyframes.clone().try_for_each(|id| writer.push(id))?,
             }
         }
         Ok(writer.len)
@@ -130,9 +179,15 @@ impl Writer<'_> {
         Ok(())
     }
 
-    /// Start marker, codes, end marker.
+    /// Start marker, codes, `hidden` masks, end marker.
     #[expect(clippy::cast_possible_truncation, reason = "ids are below the vocabulary's size, at most 2^22")]
-    fn block(&mut self, m: &Modality, what: &'static str, codes: impl Iterator<Item = usize>) -> Result<(), StepError> {
+    fn block(
+        &mut self,
+        m: &Modality,
+        what: &'static str,
+        codes: impl Iterator<Item = usize>,
+        hidden: usize,
+    ) -> Result<(), StepError> {
         self.push(m.start as u32)?;
         for code in codes {
             if code >= m.codes {
@@ -140,6 +195,7 @@ impl Writer<'_> {
             }
             self.push((m.first + code) as u32)?;
         }
+        (0..hidden).try_for_each(|_| self.push(m.mask as u32))?;
         self.push(m.end as u32)
     }
 }

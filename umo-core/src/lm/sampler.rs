@@ -1,5 +1,6 @@
-//! Which code follows from logits: greedy, or drawn by a generator that depends on (seed, chunk, position) alone, so
-//! that neither threads nor other sessions nor the split of the audio change it (SPEC 2.5).
+//! Which code follows from logits: greedy, or drawn by a generator that depends on (seed, chunk,
+//! position) alone, so that neither threads nor other sessions nor the split of the audio change it
+//! (SPEC 2.5).
 
 use crate::config::Sampling;
 use crate::state::{StateError, StatePass};
@@ -16,6 +17,16 @@ pub struct Sampler {
 impl Sampler {
     /// The likeliest code, always.
     pub const GREEDY: Self = Self { sampling: Sampling { temperature: 0.0, top_k: 0, top_p: 1.0 }, seed: 0 };
+
+    /// The sampler of a part that may have a `sampling` of its own, which replaces this one's unless
+    /// this one is greedy.
+    #[must_use]
+    pub fn of(self, own: Option<Sampling>) -> Self {
+        match own {
+            Some(sampling) if self.sampling.temperature > 0.0 => Self { sampling, ..self },
+            _ => self,
+        }
+    }
 
     /// Describes the sampler; it takes numbers of any value.
     #[expect(
@@ -36,24 +47,38 @@ impl Sampler {
 
     /// The code for `logits`, ties to the lower one. `order` is scratch, as long as `logits`.
     ///
-    /// Temperature, then top-k (logits equal to the k-th stay), then top-p (the likeliest whose sum reaches it), as
-    /// Hugging Face's `generate` orders them.
-    #[expect(clippy::cast_possible_truncation, reason = "codes fit 16 bits by the config's checks")]
+    /// Temperature, then top-k (logits equal to the k-th stay), then top-p (the likeliest whose sum
+    /// reaches it), as Hugging Face's `generate` orders them.
+    #[cfg_attr(not(feature = "internals"), doc(hidden))]
     pub fn sample(&self, logits: &[f32], order: &mut [u16], chunk: u64, position: u32) -> usize {
+        self.sample_at(logits, order, chunk, [position, 0])
+    }
+
+    /// The same for a draw that two numbers of a chunk tell from others.
+    #[expect(clippy::cast_possible_truncation, reason = "codes fit 16 bits by the config's checks")]
+    pub(crate) fn sample_at(&self, logits: &[f32], order: &mut [u16], chunk: u64, place: [u32; 2]) -> usize {
         let Sampling { temperature, top_k, top_p } = self.sampling;
         let order = &mut order[..logits.len()];
         order.iter_mut().enumerate().for_each(|(i, slot)| *slot = i as u16);
         let logit = |code: u16| logits[usize::from(code)];
-        order.sort_unstable_by(|&a, &b| logit(b).total_cmp(&logit(a)).then(a.cmp(&b)));
-        let Some(&best) = order.first() else { return 0 };
+        let likelier = |a: &u16, b: &u16| logit(*b).total_cmp(&logit(*a)).then(a.cmp(b));
+        let Some(best) = order.iter().copied().min_by(likelier) else { return 0 };
         if temperature <= 0.0 {
             return usize::from(best);
         }
         let mut kept = order.len();
         if (1..kept).contains(&top_k) {
-            let least = logit(order[top_k - 1]);
-            kept = order.partition_point(|&code| logit(code) >= least);
+            // Sorting all codes would take as long as a product of the depth network.
+            let least = logit(*order.select_nth_unstable_by(top_k - 1, likelier).1);
+            kept = top_k;
+            for at in top_k..order.len() {
+                if logit(order[at]) >= least {
+                    order.swap(kept, at);
+                    kept += 1;
+                }
+            }
         }
+        order[..kept].sort_unstable_by(likelier);
         let weight = |code: u16| ((f64::from(logit(code)) - f64::from(logit(best))) / f64::from(temperature)).exp();
         let mut total: f64 = order[..kept].iter().map(|&code| weight(code)).sum();
         if top_p < 1.0 {
@@ -64,7 +89,7 @@ impl Sampler {
             }
             (kept, total) = (count, sum);
         }
-        let draw = uniform(self.seed, chunk, position) * total;
+        let draw = uniform(self.seed, chunk, place) * total;
         let mut sum = 0.0;
         for &code in &order[..kept] {
             sum += weight(code);
@@ -76,13 +101,13 @@ impl Sampler {
     }
 }
 
-/// A number in `0..1` of 53 bits that depends on its arguments alone: Philox 4x32-10 (Salmon et al. 2011) with the seed
-/// as key and chunk and position as counter.
+/// A number in `0..1` of 53 bits that depends on its arguments alone: Philox 4x32-10 (Salmon et al.
+/// 2011) with the seed as key and chunk and place as counter.
 #[expect(clippy::cast_possible_truncation, reason = "the halves of 64-bit words are what is wanted")]
 #[expect(clippy::cast_precision_loss, reason = "53 bits fit an f64")]
-fn uniform(seed: u64, chunk: u64, position: u32) -> f64 {
+fn uniform(seed: u64, chunk: u64, place: [u32; 2]) -> f64 {
     const SCALE: f64 = 1.0 / (1_u64 << 53) as f64;
-    let counter = [chunk as u32, (chunk >> 32) as u32, position, 0];
+    let counter = [chunk as u32, (chunk >> 32) as u32, place[0], place[1]];
     let [low, high, ..] = philox(counter, [seed as u32, (seed >> 32) as u32]);
     let bits = ((u64::from(high) << 32) | u64::from(low)) >> 11;
     bits as f64 * SCALE
@@ -90,7 +115,7 @@ fn uniform(seed: u64, chunk: u64, position: u32) -> f64 {
 
 /// Ten rounds of Philox 4x32.
 #[expect(clippy::cast_possible_truncation, reason = "the halves of 64-bit products are what is wanted")]
-fn philox(mut c: [u32; 4], mut key: [u32; 2]) -> [u32; 4] {
+pub(crate) fn philox(mut c: [u32; 4], mut key: [u32; 2]) -> [u32; 4] {
     for _ in 0..10 {
         let first = u64::from(c[0]) * 0xD251_1F53;
         let second = u64::from(c[2]) * 0xCD9E_8D57;
@@ -117,6 +142,58 @@ mod tests {
     fn greedy_takes_the_lowest_of_equals() {
         let mut order = [0; 4];
         assert_eq!(Sampler::GREEDY.sample(&[0.0, 2.0, 2.0, 1.0], &mut order, 0, 0), 1);
+    }
+
+    /// The draw as it is defined: all codes in order, then those that are kept.
+    fn sorted(sampler: &Sampler, logits: &[f32], chunk: u64, place: [u32; 2]) -> usize {
+        let Sampling { temperature, top_k, top_p } = sampler.sampling;
+        let mut order: Vec<usize> = (0..logits.len()).collect();
+        order.sort_by(|&a, &b| logits[b].total_cmp(&logits[a]).then(a.cmp(&b)));
+        if temperature <= 0.0 {
+            return order[0];
+        }
+        if (1..order.len()).contains(&top_k) {
+            let least = logits[order[top_k - 1]];
+            order.retain(|&code| logits[code] >= least);
+        }
+        let largest = f64::from(logits[order[0]]);
+        let weight = |&code: &usize| ((f64::from(logits[code]) - largest) / f64::from(temperature)).exp();
+        let wanted = f64::from(top_p) * order.iter().map(weight).sum::<f64>();
+        let (mut sum, mut count) = (0.0, 0);
+        while top_p < 1.0 && count < order.len() && (count == 0 || sum < wanted) {
+            sum += weight(&order[count]);
+            count += 1;
+        }
+        order.truncate(if top_p < 1.0 { count } else { order.len() });
+        let draw = uniform(sampler.seed, chunk, place) * order.iter().map(weight).sum::<f64>();
+        let mut sum = 0.0;
+        let found = order.iter().find(|code| {
+            sum += weight(code);
+            draw < sum
+        });
+        *found.unwrap_or(&order[order.len() - 1])
+    }
+
+    #[test]
+    fn draws_are_those_of_all_codes_in_order() {
+        let mut bits = [1, 2, 3, 4];
+        let mut next = |limit: u32| {
+            bits = philox(bits, [5, 6]);
+            bits[0] % limit
+        };
+        for case in 0..3000 {
+            let count = 1 + next(40) as usize;
+            // Few values, so that many are equal.
+            let logits: Vec<f32> = (0..count).map(|_| next(9) as f32 - 4.0).collect();
+            let sampling = Sampling {
+                temperature: [0.0, 0.7, 1.0][next(3) as usize],
+                top_k: next(45) as usize,
+                top_p: [1.0, 0.9, 0.4][next(3) as usize],
+            };
+            let (sampler, mut order) = (Sampler { sampling, seed: u64::from(next(100)) }, vec![0; count]);
+            let found = sampler.sample_at(&logits, &mut order, case, [7, 8]);
+            assert_eq!(found, sorted(&sampler, &logits, case, [7, 8]), "{sampling:?}, {logits:?}");
+        }
     }
 
     #[test]

@@ -1,41 +1,62 @@
-//! Which experts tokens were sent to, by what the tokens are: counted only where somebody asked for it.
+//! Which experts tokens were sent to, by what the tokens are: counted only where somebody asked for
+//! it.
 
 use super::experts::ExpertScratch;
-use crate::config::{Modality, Vocab};
+use crate::config::{Config, Modality};
 use crate::memory::filled;
 use crate::part::Part;
 
-/// Kinds of tokens: text, audio units, and the four parts.
+/// Kinds of tokens in layout `parts`: text, audio units, and the four parts.
 pub const KINDS: usize = 2 + Part::ALL.len();
 
-/// Names of the kinds of tokens, in order.
+/// Names of the kinds of tokens in layout `parts`, in order.
 pub const KIND_NAMES: [&str; KINDS] = ["text", "audio", "face", "hands", "upper", "lower"];
 
-/// Rows that every expert of every layer took since it was last cleared, by the kind of the row's token.
+/// Names of the kinds of tokens in layout `frames`, in order: the last two are keyframes, of the
+/// history and of the chunk.
+pub const FRAME_KIND_NAMES: [&str; 4] = ["text", "audio", "history", "chunk"];
+
+/// Names of a model's kinds of tokens, in order.
+pub fn kind_names(config: &Config) -> &'static [&'static str] {
+    if config.is_frames() { &FRAME_KIND_NAMES } else { &KIND_NAMES }
+}
+
+/// Rows that every expert of every layer took since it was last cleared, by the kind of the row's
+/// token.
 #[derive(Clone, Debug)]
 pub struct Tally {
-    /// `[encoder layers + decoder layers, KINDS, experts]`.
+    /// `[encoder layers + decoder layers, kinds, experts]`.
     counts: Box<[u32]>,
     /// Kind of each row of the pass in work; room for the longest.
     kinds: Vec<u8>,
     /// Kinds of ids that are no text, in the order of the kinds after it.
-    spoken: [Modality; KINDS - 1],
+    spoken: Vec<Modality>,
+    /// The first id of the history's keyframes and that of the chunk's, in layout `frames`.
+    keyframes: Option<[usize; 2]>,
+    /// How many kinds there are.
+    width: usize,
     experts: usize,
 }
 
 impl Tally {
     /// For stacks of `layers` layers in all, and passes over at most `rows` rows.
-    pub(super) fn new(vocab: &Vocab, layers: usize, experts: usize, rows: usize) -> Self {
-        let [face, hands, upper, lower] = Part::ALL.map(|part| vocab[part]);
+    pub(super) fn new(config: &Config, layers: usize, rows: usize) -> Self {
+        let (vocab, experts, width) = (&config.vocab, config.lm.experts, kind_names(config).len());
+        let mut spoken = vec![vocab.audio];
+        if !config.is_frames() {
+            spoken.extend(Part::ALL.map(|part| vocab[part]));
+        }
         Self {
-            counts: filled(0, layers * KINDS * experts).into(),
+            counts: filled(0, layers * width * experts).into(),
             kinds: Vec::with_capacity(rows),
-            spoken: [vocab.audio, face, hands, upper, lower],
+            spoken,
+            keyframes: config.is_frames().then_some([vocab.size, vocab.size + config.prefix]),
+            width,
             experts,
         }
     }
 
-    /// `[encoder layers + decoder layers, KINDS, experts]`: the encoder's layers first.
+    /// `[encoder layers + decoder layers, kinds, experts]`: the encoder's layers first.
     pub fn counts(&self) -> &[u32] {
         &self.counts
     }
@@ -53,15 +74,19 @@ impl Tally {
     /// More rows of the pass.
     pub(super) fn add_rows(&mut self, ids: &[u32]) {
         for &id in ids {
-            let kind = self.spoken.iter().position(|modality| holds(modality, id as usize));
+            let id = id as usize;
+            let kind = match self.keyframes {
+                Some([history, chunk]) if id >= history => 2 + usize::from(id >= chunk),
+                _ => self.spoken.iter().position(|modality| holds(modality, id)).map_or(0, |kind| kind + 1),
+            };
             // At most `KINDS` of them.
-            self.kinds.push(kind.map_or(0, |kind| u8::try_from(kind + 1).unwrap_or(0)));
+            self.kinds.push(u8::try_from(kind).unwrap_or(0));
         }
     }
 
     /// Counts where the rows of the pass went in `layer`, the decoder's layers after the encoder's.
     pub(super) fn count(&mut self, layer: usize, routed: &ExpertScratch) {
-        let start = layer * KINDS * self.experts;
+        let start = layer * self.width * self.experts;
         for expert in 0..self.experts {
             for &row in routed.rows_of(expert) {
                 let kind = usize::from(self.kinds[row as usize]);

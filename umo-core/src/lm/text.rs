@@ -1,8 +1,9 @@
 //! Free text to ids, by the SentencePiece model in the file (SPEC 2.2, 2.3).
 //!
-//! Only what a T5 vocabulary needs of SentencePiece is here: unigram models with their own table of characters. The
-//! libraries at hand put a Unicode normalisation of their own in the table's place, and take words such as `</s>` in a
-//! text for markers; the ids must be those that the language model was trained with, so the table is read instead.
+//! Only what a T5 vocabulary needs of SentencePiece is here: unigram models with their own table of
+//! characters. The libraries at hand put a Unicode normalisation of their own in the table's place,
+//! and take words such as `</s>` in a text for markers; the ids must be those that the language
+//! model was trained with, so the table is read instead.
 
 mod normalizer;
 mod proto;
@@ -34,6 +35,7 @@ impl TextTokenizer {
     ///
     /// # Errors
     /// [`LoadError`] where the tensor is no SentencePiece model.
+    #[cfg_attr(not(feature = "internals"), doc(hidden))]
     pub fn load(file: &ModelFile) -> Result<Option<Self>, LoadError> {
         if !file.has(TOKENIZER) {
             return Ok(None);
@@ -43,10 +45,12 @@ impl TextTokenizer {
         Self::from_bytes(file.raw(TOKENIZER)?, file.config().vocab.size).map(Some)
     }
 
-    /// A tokenizer from the bytes of a SentencePiece unigram model, for a vocabulary of `limit` ids.
+    /// A tokenizer from the bytes of a SentencePiece unigram model, for a vocabulary of `limit`
+    /// ids.
     ///
     /// # Errors
     /// [`LoadError`] where the bytes are no such model.
+    #[cfg_attr(not(feature = "internals"), doc(hidden))]
     pub fn from_bytes(bytes: &[u8], limit: usize) -> Result<Self, LoadError> {
         let wrong =
             |problem: String| LoadError::tensor(TOKENIZER, format!("expected a SentencePiece model: {problem}"));
@@ -56,6 +60,7 @@ impl TextTokenizer {
     }
 
     /// The ids of a text of any length, without an end marker.
+    #[cfg_attr(not(feature = "internals"), doc(hidden))]
     pub fn split(&self, text: &str) -> Vec<u32> {
         self.unigram.split(&self.normalizer.normalize(text))
     }
@@ -63,7 +68,8 @@ impl TextTokenizer {
     /// The ids of a text that becomes a prompt, without an end marker.
     ///
     /// # Errors
-    /// [`StepError`] where the text has more than [`MAX_PROMPT_TOKENS`] tokens, or one outside the vocabulary.
+    /// [`StepError`] where the text has more than [`MAX_PROMPT_TOKENS`] tokens, or one outside the
+    /// vocabulary.
     pub fn encode(&self, text: &str) -> Result<Vec<u32>, StepError> {
         let ids = self.split(text);
         if ids.len() > MAX_PROMPT_TOKENS {

@@ -1,6 +1,7 @@
 //! Poses in the axes and units of others: which way is up, which hand, how long a unit is.
 //!
-//! umo's own are those of glTF: Y up, right-handed, metres; the avatar looks along +Z, its left hand is towards +X.
+//! umo's own are those of glTF: Y up, right-handed, metres; the avatar looks along +Z, its left
+//! hand is towards +X.
 
 use super::rotation::Quat;
 
@@ -27,13 +28,33 @@ impl Axes {
         }
     }
 
-    /// A rotation, as a quaternion x, y, z, w. An axis of rotation changes its sign where the hand changes, so that the
-    /// same turn is meant.
+    /// The place in umo's own axes of one in these.
+    #[must_use]
+    pub fn place_from(self, [x, y, z]: [f32; 3]) -> [f32; 3] {
+        match self {
+            Self::Gltf => [x, y, z],
+            Self::Unreal => [-y / 100.0, z / 100.0, x / 100.0],
+            Self::Unity => [-x, y, z],
+        }
+    }
+
+    /// A rotation, as a quaternion x, y, z, w. An axis of rotation changes its sign where the hand
+    /// changes, so that the same turn is meant.
     #[must_use]
     pub fn rotation(self, [x, y, z, w]: Quat) -> Quat {
         match self {
             Self::Gltf => [x, y, z, w],
             Self::Unreal => [-z, x, -y, w],
+            Self::Unity => [x, -y, -z, w],
+        }
+    }
+
+    /// The rotation in umo's own axes of one in these.
+    #[must_use]
+    pub fn rotation_from(self, [x, y, z, w]: Quat) -> Quat {
+        match self {
+            Self::Gltf => [x, y, z, w],
+            Self::Unreal => [y, -z, -x, w],
             Self::Unity => [x, -y, -z, w],
         }
     }
@@ -66,8 +87,19 @@ mod tests {
         assert_eq!(Axes::Unity.place([1.0, 2.0, 3.0]), [-1.0, 2.0, 3.0]);
     }
 
-    /// Worked out by hand: the head turns a quarter to the avatar's left. By the right-hand rule about Y (up) that is +90
-    /// degrees; in both left-handed engines a turn to the left about the axis that points up is -90 degrees.
+    #[test]
+    fn places_and_rotations_come_back() {
+        for axes in ALL {
+            let turn = [0.1, 0.2, 0.3, 0.9];
+            assert_eq!(axes.rotation_from(axes.rotation(turn)), turn);
+            let place = axes.place_from(axes.place([1.0, 2.0, 3.0]));
+            assert!(place.iter().zip([1.0, 2.0, 3.0]).all(|(got, want)| (got - want).abs() < 1e-6), "{place:?}");
+        }
+    }
+
+    /// Worked out by hand: the head turns a quarter to the avatar's left. By the right-hand rule
+    /// about Y (up) that is +90 degrees; in both left-handed engines a turn to the left about the
+    /// axis that points up is -90 degrees.
     #[test]
     fn a_look_to_the_left_is_one_in_every_engine() {
         let half = std::f32::consts::FRAC_1_SQRT_2;
@@ -78,8 +110,8 @@ mod tests {
     }
 
     proptest! {
-        /// Turning and then converting is converting and then turning, where the engine's own rule for quaternions is the
-        /// same formula in its axes.
+        /// Turning and then converting is converting and then turning, where the engine's own rule
+        /// for quaternions is the same formula in its axes.
         #[test]
         fn rotations_and_places_belong_together(
             axis in proptest::array::uniform3(-3.0_f32..3.0),

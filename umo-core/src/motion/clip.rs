@@ -1,4 +1,5 @@
-//! A whole motion in memory, and its way back to channels and codes (SPEC 2.7, EMAGE's lower-body channels).
+//! A whole motion in memory, and its way back to channels and codes (SPEC 2.7, EMAGE's lower-body
+//! channels).
 
 use super::conv::ConvScratch;
 use super::pose::{Assembly, FIRST_FACE_VALUE, Pose};
@@ -6,16 +7,16 @@ use super::root::{FIRST_CONTACT, HEIGHT, VELOCITY_X, VELOCITY_Z};
 use super::rotation::{Quat, slerp};
 use super::skeleton::{JOINTS, joint_places};
 use super::vq::{MotionScratch, VqEncoder};
-use super::widest;
-use crate::config::{Config, Face, Skeleton};
+use super::{body_channels, widest};
+use crate::config::{Channels, Config, Face, PartSpec, Skeleton};
 use crate::error::{LoadError, StepError};
 use crate::linear::Compute;
 use crate::memory::filled;
 use crate::part::{Part, PerPart};
 use crate::weights::Loader;
 
-/// Ankles and feet, left before right, in the order of the contact channels.
-const CONTACT_JOINTS: [usize; 4] = [7, 8, 10, 11];
+/// Left ankle and foot, right ankle and foot, in the order of the contact channels.
+const CONTACT_JOINTS: [usize; 4] = [7, 10, 8, 11];
 
 /// A foot joint that moves less than this from one frame to the next stands, metres.
 const STANDING: f32 = 0.01;
@@ -50,7 +51,8 @@ impl Clip {
         }
     }
 
-    /// Adds a frame. Panics where `face` has another number of values than the clip's face has names.
+    /// Adds a frame. Panics where `face` has another number of values than the clip's face has
+    /// names.
     pub fn push(&mut self, pose: &Pose, face: &[f32]) {
         assert_eq!(face.len(), self.face.names.len(), "one value per name of the face");
         self.rotations.push(pose.rotations);
@@ -114,9 +116,9 @@ impl Clip {
 
     /// The channels `[frames, channels]` of each part, as its encoder wants them.
     ///
-    /// Lower body after its rotations: velocity along x, height, velocity along z, then 1 for each ankle and foot that
-    /// moves less than 1 cm to the next frame. The velocity is the one that decoding sums: from a frame to its next, m/s;
-    /// the last frame repeats that of the one before.
+    /// Lower body after its rotations: velocity along x, height, velocity along z, then 1 for each
+    /// ankle and foot that moves less than 1 cm to the next frame. The velocity is the one that
+    /// decoding sums: from a frame to its next, m/s; the last frame repeats that of the one before.
     pub fn channels(&self) -> PerPart<Vec<f32>> {
         let mut channels = PerPart::from_fn(|part| filled(0.0, self.len() * self.channels_of(part)));
         for (part, index) in Part::ALL.into_iter().flat_map(|part| (0..self.len()).map(move |index| (part, index))) {
@@ -166,10 +168,14 @@ fn rate(config: &Config) -> f32 {
     config.frame_rate as f32
 }
 
-/// The VQ encoders of the four parts, where a model has them.
+/// The VQ encoders of the parts, where a model has them.
 #[derive(Debug)]
 pub struct MotionEncoder {
-    parts: PerPart<VqEncoder>,
+    /// In the order of the config's parts; none for an annotation, whose codes of rest stand for
+    /// it.
+    parts: Vec<(PartSpec, Option<(VqEncoder, Channels)>)>,
+    /// Channels of the body parts.
+    widths: PerPart<usize>,
     width: usize,
     frame_rate: f32,
 }
@@ -181,43 +187,124 @@ impl MotionEncoder {
     /// [`LoadError`] naming the tensor, also where only some of them are there.
     pub fn load(loader: &Loader) -> Result<Option<Self>, LoadError> {
         let config = loader.file().config();
-        if !Part::ALL.iter().any(|part| loader.file().has_any(&format!("vq.{}.encoder.", part.name()))) {
+        let parts = config.part_list();
+        if !parts.iter().any(|part| loader.file().has_any(&format!("vq.{}.encoder.", part.name))) {
             return Ok(None);
         }
-        let parts = PerPart::try_from_fn(|part| VqEncoder::load(loader, part))?;
-        Ok(Some(Self { parts, width: widest(config), frame_rate: rate(config) }))
+        let load = |part: PartSpec| {
+            let channels = part.channels(&config.face);
+            let encoder =
+                |channels: Channels| Ok::<_, LoadError>((VqEncoder::load(loader, &part, channels.count())?, channels));
+            let encoder = channels.map(encoder).transpose()?;
+            Ok((part, encoder))
+        };
+        Ok(Some(Self {
+            parts: parts.into_iter().map(load).collect::<Result<_, LoadError>>()?,
+            widths: PerPart::from_fn(|part| body_channels(part, &config.face)),
+            width: widest(config),
+            frame_rate: rate(config),
+        }))
     }
 
-    /// The codes of a whole motion's `channels [T, channels]`; allocates as it needs.
+    /// The codes of a whole motion's `channels [T, channels]` for a model of the paper's four
+    /// parts, `[T]` each; allocates as it needs.
+    ///
+    /// # Errors
+    /// [`StepError`] where there is no frame, the parts have different numbers of them, or the
+    /// model has other parts.
+    pub fn encode(&self, cx: Compute, channels: PerPart<&[f32]>) -> Result<PerPart<Vec<u16>>, StepError> {
+        let mut codes = self.encode_list(cx, channels)?.into_iter();
+        let paper = self.parts.iter().map(|(part, _)| part.name.as_str()).eq(Part::ALL.map(Part::name));
+        if !paper || self.parts.iter().any(|(part, _)| part.levels > 1) {
+            return Err(StepError::Missing("codes of the four parts: its config lists others"));
+        }
+        Ok(PerPart::from_fn(|_| codes.next().unwrap_or_default()))
+    }
+
+    /// The codes `[T, levels]` of each part of the config; an annotation's are those of rest.
+    /// Allocates as it needs.
     ///
     /// # Errors
     /// [`StepError`] where there is no frame, or the parts have different numbers of them.
-    pub fn encode(&self, cx: Compute, channels: PerPart<&[f32]>) -> Result<PerPart<Vec<u16>>, StepError> {
-        let frames = channels.face.len() / self.parts.face.channels();
+    pub fn encode_list(&self, cx: Compute, channels: PerPart<&[f32]>) -> Result<Vec<Vec<u16>>, StepError> {
+        let frames = channels.face.len() / self.widths.face;
         if frames == 0 {
             return Err(StepError::Empty("motion frames"));
         }
         let mut scratch = MotionScratch(ConvScratch::new(frames, self.width));
-        PerPart::try_from_fn(|part| {
-            let mut codes = filled(0, frames);
-            self.parts[part].encode(cx, &mut scratch, channels[part], &mut codes)?;
+        let encode = |(part, encoder): &(PartSpec, Option<(VqEncoder, Channels)>)| {
+            let mut codes = filled(0, frames * part.levels);
+            let Some((encoder, places)) = encoder else {
+                #[expect(clippy::cast_possible_truncation, reason = "codes fit 16 bits by the config's checks")]
+                codes.iter_mut().zip(part.rest.iter().cycle()).for_each(|(code, &rest)| *code = rest as u16);
+                return Ok(codes);
+            };
+            let (all, width) = (channels[places.part], self.widths[places.part]);
+            if all.len() != frames * width {
+                return Err(StepError::Disagree("channels and codes have different numbers of frames"));
+            }
+            let mut own = Vec::with_capacity(frames * encoder.channels());
+            for row in all.chunks_exact(width) {
+                places.ranges.iter().for_each(|range| own.extend_from_slice(&row[range.clone()]));
+            }
+            encoder.encode(cx, &mut scratch, &own, &mut codes)?;
             Ok(codes)
-        })
+        };
+        self.parts.iter().map(encode).collect()
     }
 
     /// The codes of a motion, brought to the model's frame rate first.
     ///
     /// # Errors
-    /// [`StepError`] where there is no frame, the clip's face has another number of values than the model's, or its rate is
-    /// not between 1 and 1000 frames a second.
+    /// [`StepError`] where there is no frame, the clip's face has another number of values than the
+    /// model's, or its rate is not between 1 and 1000 frames a second.
     pub fn encode_clip(&self, cx: Compute, clip: &Clip) -> Result<PerPart<Vec<u16>>, StepError> {
+        let channels = self.channels(clip)?;
+        self.encode(cx, PerPart::from_fn(|part| &*channels[part]))
+    }
+
+    /// The same for a model of any parts, as [`Self::encode_list`].
+    ///
+    /// # Errors
+    /// As [`Self::encode_clip`].
+    pub fn encode_clip_list(&self, cx: Compute, clip: &Clip) -> Result<Vec<Vec<u16>>, StepError> {
+        let channels = self.channels(clip)?;
+        self.encode_list(cx, PerPart::from_fn(|part| &*channels[part]))
+    }
+
+    /// The channels of a clip at the model's frame rate.
+    fn channels(&self, clip: &Clip) -> Result<PerPart<Vec<f32>>, StepError> {
         if !(1.0..=1000.0).contains(&clip.frame_rate) {
             return Err(StepError::Disagree("the motion's frame rate is not between 1 and 1000"));
         }
-        if clip.channels_of(Part::Face) != self.parts.face.channels() {
+        if clip.channels_of(Part::Face) != self.widths.face {
             return Err(StepError::Disagree("the motion's face has another number of values than the model's"));
         }
-        let channels = clip.at_rate(self.frame_rate).channels();
-        self.encode(cx, PerPart::from_fn(|part| &*channels[part]))
+        Ok(clip.at_rate(self.frame_rate).channels())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::rotation::axis_angle_to_quat;
+    use super::*;
+    use crate::ModelFile;
+
+    #[test]
+    fn contacts_are_of_the_left_side_before_the_right() {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../models/umo-small/model.safetensors");
+        let file = ModelFile::open(path.as_ref()).unwrap();
+        let mut clip = Clip::new(file.config());
+        let face = vec![0.0; clip.face.names.len()];
+        for frame in 0_u8..4 {
+            let mut pose = Pose::REST;
+            // The left leg swings from the hip.
+            pose.rotations[1] = axis_angle_to_quat([0.2 * f32::from(frame), 0.0, 0.0]);
+            clip.push(&pose, &face);
+        }
+        let channels = clip.channels();
+        for row in channels.lower.chunks_exact(FIRST_CONTACT + 4) {
+            assert_eq!(row[FIRST_CONTACT..], [0.0, 0.0, 1.0, 1.0]);
+        }
     }
 }

@@ -1,8 +1,9 @@
 //! The convolutional stacks that the codecs and the root network are made of (SPEC 2.7).
 //!
-//! Activations lie in padded buffers, `[1 + rows + 1, channels]` with a row of zeros before the first and after the
-//! last: the window of a convolution over three frames is then three rows that follow each other, a row of an
-//! overlapping [`Mat`], and every layer pads with zeros as its training did.
+//! Activations lie in padded buffers, `[1 + rows + 1, channels]` with a row of zeros before the
+//! first and after the last: the window of a convolution over three frames is then three rows that
+//! follow each other, a row of an overlapping [`Mat`], and every layer pads with zeros as its
+//! training did.
 
 use umo_kernels::activation::Activation;
 use umo_kernels::gemm::Epilogue;
@@ -19,7 +20,7 @@ const KERNEL: usize = 3;
 
 const LEAKY: Activation = Activation::LeakyRelu(0.2);
 
-/// Two padded buffers, between which a stack goes back and forth, and room for quantised windows.
+/// Two padded buffers, between which a stack goes back and forth, and room for quantized windows.
 #[derive(Debug)]
 pub(super) struct ConvScratch {
     /// `[1 + rows + 1, channels]`, the stack's input and, when it is done, its output.
@@ -56,6 +57,11 @@ impl ConvScratch {
     /// The rows `[rows, channels]` that the stack wrote last.
     pub(super) fn output(&self, rows: usize, channels: usize) -> &[f32] {
         &self.front[channels..][..rows * channels]
+    }
+
+    /// The same, to be written.
+    pub(super) fn output_mut(&mut self, rows: usize, channels: usize) -> &mut [f32] {
+        &mut self.front[channels..][..rows * channels]
     }
 }
 
@@ -156,7 +162,8 @@ impl EncoderStack {
     }
 }
 
-/// `width` to `channels`: two residual blocks, convolutions with LeakyReLU of which the last widens, and one more.
+/// `width` to `channels`: two residual blocks, convolutions with LeakyReLU of which the last
+/// widens, and one more.
 #[derive(Debug)]
 pub(super) struct DecoderStack {
     residuals: [Residual; 2],

@@ -1,4 +1,5 @@
-//! One frame of a body: the channels of its four parts as rotations of 55 joints and face values, and back.
+//! One frame of a body: the channels of its four parts as rotations of 55 joints and face values,
+//! and back.
 
 use super::root::finite;
 use super::rotation::{IDENTITY, Quat, axis_angle_to_quat, product, quat_to_six, six_to_quat};
@@ -72,7 +73,8 @@ impl EyeChannels {
 }
 
 impl Assembly {
-    /// For a model's face: with ARKit channels the eyes follow `eyeLook…`, otherwise they stay at rest.
+    /// For a model's face: with ARKit channels the eyes follow `eyeLook…`, otherwise they stay at
+    /// rest.
     pub fn new(face: &Face) -> Self {
         let eyes = match face.kind {
             FaceKind::SmplxExpression => None,

@@ -57,16 +57,19 @@ impl RootNet {
         self.codec.encoder_reach() + self.codec.decoder_reach()
     }
 
-    /// From the lower body's channels `lower [T, channels]`, whose rotations need not be orthonormal and whose velocity
-    /// is not read, to `[T, channels]`, in `scratch`; of it [`VELOCITY_X`], [`HEIGHT`] and [`VELOCITY_Z`] are used.
+    /// From the lower body's channels `lower [T, channels]`, whose rotations need not be
+    /// orthonormal and whose velocity is not read, to `[T, channels]`, in `scratch`; of it
+    /// [`VELOCITY_X`], [`HEIGHT`] and [`VELOCITY_Z`] are used.
     ///
     /// # Errors
-    /// [`StepError`] where `lower` is no whole number of frames or `scratch` has no room for so many.
+    /// [`StepError`] where `lower` is no whole number of frames or `scratch` has no room for so
+    /// many.
     pub fn run<'a>(&self, cx: Compute, scratch: &'a mut MotionScratch, lower: &[f32]) -> Result<&'a [f32], StepError> {
         self.run_held(cx, scratch, lower, 0)
     }
 
-    /// [`run`](Self::run) as if the last frame came `held` times more; gives `[T + held, channels]`.
+    /// [`run`](Self::run) as if the last frame came `held` times more; gives
+    /// `[T + held, channels]`.
     ///
     /// # Errors
     /// As `run`.
@@ -104,10 +107,11 @@ pub(super) struct Travel {
 }
 
 impl Travel {
-    /// Moves by one frame at the velocity that the network gave for the frame before, `seconds` long.
-    pub(super) fn advance(&mut self, row: &[f32], seconds: f64) {
-        self.x += f64::from(finite(row[VELOCITY_X])) * seconds;
-        self.z += f64::from(finite(row[VELOCITY_Z])) * seconds;
+    /// Moves by one frame, `seconds` long, at the velocity along x and z that the network gave for
+    /// the frame before.
+    pub(super) fn advance(&mut self, [x, z]: [f32; 2], seconds: f64) {
+        self.x += f64::from(finite(x)) * seconds;
+        self.z += f64::from(finite(z)) * seconds;
     }
 
     /// Describes where the root is.
@@ -123,7 +127,7 @@ impl Travel {
     }
 }
 
-/// `v`, or 0 where it is no number: one bad value must not stay in a sum for ever.
+/// `v`, or 0 where it is NaN: one bad value must not stay in a sum for ever.
 pub(super) fn finite(v: f32) -> f32 {
     if v.is_finite() { v } else { 0.0 }
 }

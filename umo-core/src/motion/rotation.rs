@@ -1,8 +1,8 @@
 //! Rotations: the 6D form of the networks, matrices, unit quaternions and axis-angle vectors (SPEC 2.7).
 //!
-//! Everything is computed in f64 and rounded once, so that squares neither overflow nor vanish and the forms agree to
-//! f32's precision. Every function gives a valid rotation for every finite input; those that read 6D values do so for
-//! any input at all.
+//! Everything is computed in f64 and rounded once, so that squares neither overflow nor vanish and
+//! the forms agree to f32's precision. Every function gives a valid rotation for every finite
+//! input; those that read 6D values do so for any input at all.
 
 /// A unit quaternion `[x, y, z, w]` with `w >= 0`.
 pub type Quat = [f32; 4];
@@ -15,13 +15,15 @@ pub const IDENTITY: Quat = [0.0, 0.0, 0.0, 1.0];
 
 type Wide = [f64; 3];
 
-/// Shortest part of a row that may give a direction, relative to the row: what is left of shorter ones is rounding.
+/// Shortest part of a row that may give a direction, relative to the row: what is left of shorter
+/// ones is rounding.
 const PARALLEL: f64 = 1e-6;
 
 /// Sine of half an angle below which a quaternion's direction is taken as linear in the angle.
 const SMALL: f64 = 1e-9;
 
-/// Cosine between two quaternions above which they are mixed linearly: the sine that slerp divides by would vanish.
+/// Cosine between two quaternions above which they are mixed linearly: the sine that slerp divides
+/// by would vanish.
 const ALIGNED: f64 = 1.0 - 1e-9;
 
 #[expect(clippy::cast_possible_truncation, reason = "rounding to f32 once is the contract")]
@@ -47,16 +49,17 @@ fn direction(v: Wide, least: f64) -> Option<Wide> {
     (length > least && length.is_finite()).then(|| v.map(|v| v / length))
 }
 
-/// `v` without its part along the unit vector `axis`, at length 1; `None` where nothing but rounding is left.
+/// `v` without its part along the unit vector `axis`, at length 1; `None` where nothing but
+/// rounding is left.
 fn aside(v: Wide, axis: Wide) -> Option<Wide> {
     let along = dot(axis, v);
     let rest = [v[0] - along * axis[0], v[1] - along * axis[1], v[2] - along * axis[2]];
     direction(rest, PARALLEL * dot(v, v).sqrt())
 }
 
-/// The rows of the rotation that two rows of three values stand for: the first at length 1, the second made
-/// perpendicular to it, the third their cross product. A row that is zero, not finite or parallel to the first is
-/// replaced by an axis, so that zeros give the identity.
+/// The rows of the rotation that two rows of three values stand for: the first at length 1, the
+/// second made perpendicular to it, the third their cross product. A row that is zero, not finite
+/// or parallel to the first is replaced by an axis, so that zeros give the identity.
 fn gram_schmidt(six: [f32; 6]) -> [Wide; 3] {
     let six = widen(six);
     let first = direction([six[0], six[1], six[2]], 0.0).unwrap_or([1.0, 0.0, 0.0]);
@@ -69,7 +72,8 @@ fn gram_schmidt(six: [f32; 6]) -> [Wide; 3] {
     [first, second, cross(first, second)]
 }
 
-/// The matrix whose first two rows are `six`, orthonormalised by Gram-Schmidt (Zhou et al. 2019, PyTorch3D's order).
+/// The matrix whose first two rows are `six`, orthonormalised by Gram-Schmidt (Zhou et al. 2019,
+/// PyTorch3D's order).
 pub fn six_to_matrix(six: [f32; 6]) -> Matrix {
     gram_schmidt(six).map(narrow)
 }
@@ -136,7 +140,8 @@ pub fn normalized(q: Quat) -> Quat {
 /// The matrix of a quaternion.
 pub fn quat_to_matrix(q: Quat) -> Matrix {
     let [x, y, z, w] = widen(normalized(q));
-    // Divided by the exact square of the rounded quaternion's length: rows then have length 1 to the last bit.
+    // Divided by the exact square of the rounded quaternion's length: rows then have length 1 to
+    // the last bit.
     let s = 2.0 / dot([x, y, z, w], [x, y, z, w]);
     [
         [1.0 - s * (y * y + z * z), s * (x * y - z * w), s * (x * z + y * w)],
@@ -201,7 +206,8 @@ pub fn slerp(a: Quat, b: Quat, t: f32) -> Quat {
     unit(std::array::from_fn(|i| from * a[i] + sign * to * b[i]))
 }
 
-/// `share` times the turn from `a` to `b`, after `a`: 0 stays at `a`, 1 is `b`, more goes on beyond it.
+/// `share` times the turn from `a` to `b`, after `a`: 0 stays at `a`, 1 is `b`, more goes on beyond
+/// it.
 pub fn scaled(a: Quat, b: Quat, share: f32) -> Quat {
     product(a, axis_angle_to_quat(quat_to_axis_angle(product(inverse(a), b)).map(|v| v * share)))
 }

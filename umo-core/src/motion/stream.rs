@@ -2,21 +2,24 @@
 
 use std::ops::Range;
 
-use super::MotionDecoder;
 use super::pose::Pose;
 use super::root::{HEIGHT, Travel, VELOCITY_X, VELOCITY_Z, finite};
-use super::vq::MotionScratch;
+use super::smoothing::Smoothing;
+use super::vq::{Latents, MotionScratch};
+use super::{MotionDecoder, scatter};
 use crate::error::{StepError, check_finite};
 use crate::linear::Compute;
-use crate::memory::filled;
+use crate::memory::{Arena, Slice};
 use crate::part::{Part, PerPart};
 use crate::state::{StateError, StatePass};
 
-/// Frames by which a seam's fade is longer than the stretch of frames that were decoded without their future.
+/// Frames by which a seam's fade is longer than the stretch of frames that were decoded without
+/// their future.
 const FADE_BEYOND: usize = 2;
 
 /// A frame that comes out of a stream.
 #[derive(Clone, Copy, Debug)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct FrameRef<'a> {
     /// Its number, from 0.
     pub index: usize,
@@ -24,11 +27,13 @@ pub struct FrameRef<'a> {
     pub pose: &'a Pose,
     /// Face values, as the model names them.
     pub face: &'a [f32],
-    /// What the pose was made from: each part's channels, smoothed over a seam.
+    /// What the pose was made from: each part's channels, smoothed as the stream was made to, and
+    /// over a seam.
     pub channels: PerPart<&'a [f32]>,
 }
 
-/// Bounds of the root's motion, m/s and metres: far above what a body does, far below what a damaged weight gives.
+/// Bounds of the root's motion, m/s and metres: far above what a body does, far below what a
+/// damaged weight gives.
 const MAX_SPEED: f32 = 50.0;
 /// Bound of a part's channels: rows of rotations, metres a second, expression coefficients.
 const MAX_CHANNEL: f32 = 1000.0;
@@ -37,8 +42,9 @@ const MAX_HEIGHT: f32 = 100.0;
 /// What follows the newest code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Future {
-    /// Codes that are not known yet: the newest is held in their place. A decoder that is cut off sees zeros instead, which
-    /// is no motion; where a stream begins with few codes, its root then starts far below its height.
+    /// Codes that are not known yet: the newest is held in their place. A decoder that is cut off
+    /// sees zeros instead, which is no motion; where a stream begins with few codes, its root then
+    /// starts far below its height.
     Held,
     /// Nothing, as at the end of a whole decode.
     End,
@@ -56,11 +62,17 @@ impl Future {
 
 /// One stream's state: what of its past the decoders still need, and where its root is.
 ///
-/// A part's row is *settled* once the codes of its decoder's whole reach behind it are known; its bits are then those of
-/// decoding the whole stream at once. Rows after the last settled one are decoded as if the newest code went on, and again
-/// when more is known; at the end of the stream as if nothing came after it. Where one of these was put out, the next row begins a seam: the difference between
-/// the row that was put out last and the same row decoded anew is added to the rows that follow, fading linearly to zero
-/// over `reach - lookahead + 2` frames. The root's velocity is summed and cannot jump; its height is smoothed likewise.
+/// A body part's row is *settled* once the codes of its decoders' whole reach behind it are known;
+/// its bits are then those of decoding the whole stream at once. Rows after the last settled one are
+/// decoded as if the newest code went on, and again when more is known; at the end of the stream as
+/// if nothing came after it. Where one of these was put out, the next row begins a seam: the
+/// difference between the row that was put out last and the same row decoded anew is added to the
+/// rows that follow, fading linearly to zero over `reach - lookahead + 2` frames. The root's
+/// velocity is summed and cannot jump; its height is faded likewise.
+///
+/// With [`Smoothing`], the rows of the body's parts and of the root are filtered before that, the
+/// face's are not: a mouth that is smoothed loses its consonants. As many frames are held back as
+/// the filter looks ahead.
 #[derive(Debug)]
 pub struct MotionStream {
     parts: PerPart<PartState>,
@@ -68,60 +80,143 @@ pub struct MotionStream {
     known: usize,
     /// Frames that were put out.
     emitted: usize,
+    smoothing: Smoothing,
     travel: Travel,
     /// Height of the last frame that was put out.
     height: f32,
     pose: Pose,
-    face: Box<[f32]>,
+    face: Slice<f32>,
     max_push: usize,
     max_lookahead: usize,
 }
 
+/// What one decoder reads of the newest frames.
+#[derive(Debug)]
+enum Known {
+    /// `[frames, levels]`
+    Codes(Tail<u16>),
+    /// `[frames, width]`
+    Vectors(Tail<f32>),
+}
+
+impl Known {
+    fn clear(&mut self) {
+        match self {
+            Self::Codes(tail) => tail.clear(),
+            Self::Vectors(tail) => tail.clear(),
+        }
+    }
+
+    fn forget(&mut self, row: usize) {
+        match self {
+            Self::Codes(tail) => tail.forget(row),
+            Self::Vectors(tail) => tail.forget(row),
+        }
+    }
+
+    fn append(&mut self, latents: Latents) {
+        match (self, latents) {
+            (Self::Codes(tail), Latents::Codes(codes)) => tail.append(codes),
+            (Self::Vectors(tail), Latents::Vectors(vectors)) => tail.append(vectors),
+            // `push` has checked.
+            _ => {}
+        }
+    }
+
+    fn takes(&self, latents: Latents) -> bool {
+        matches!((self, latents), (Self::Codes(_), Latents::Codes(_)) | (Self::Vectors(_), Latents::Vectors(_)))
+    }
+
+    fn all(&self) -> Latents<'_> {
+        match self {
+            Self::Codes(tail) => Latents::Codes(tail.all()),
+            Self::Vectors(tail) => Latents::Vectors(tail.all()),
+        }
+    }
+}
+
 #[derive(Debug)]
 struct PartState {
+    /// The largest of its decoders'.
     reach: usize,
-    /// `[frames, 1]`
-    codes: Tail<u16>,
+    smoothing: Smoothing,
+    /// Of each of its decoders.
+    known: Slice<Known>,
     /// `[frames, channels]`, decoded
     rows: Tail<f32>,
     /// `[channels]`, of the frame that was put out last
-    last: Box<[f32]>,
+    last: Slice<f32>,
+    /// `[channels]`, of the one before it
+    before: Slice<f32>,
     /// `[channels]`, what the seam adds at its start
-    seam: Box<[f32]>,
+    seam: Slice<f32>,
+    /// `[channels]`, how much that grows a frame there; 0 without smoothing
+    growth: Slice<f32>,
 }
 
 impl MotionStream {
-    /// A stream at its start, which takes at most `max_push` frames at a time and holds back at most `max_lookahead`.
-    pub fn new(decoder: &MotionDecoder, max_push: usize, max_lookahead: usize) -> Self {
+    /// A stream at its start, which takes at most `max_push` frames at a time and holds back at
+    /// most `max_lookahead`, or what `smoothing` needs.
+    pub fn new(decoder: &MotionDecoder, max_push: usize, max_lookahead: usize, smoothing: Smoothing) -> Self {
+        Self::new_in(decoder, (max_push, max_lookahead), smoothing, false, &Arena::system())
+    }
+
+    /// The same of frames that come as their codes' vectors.
+    pub fn of_vectors(decoder: &MotionDecoder, max_push: usize, max_lookahead: usize, smoothing: Smoothing) -> Self {
+        Self::new_in(decoder, (max_push, max_lookahead), smoothing, true, &Arena::system())
+    }
+
+    /// Either, in memory of `arena`.
+    pub fn new_in(
+        decoder: &MotionDecoder,
+        (max_push, max_lookahead): (usize, usize),
+        smoothing: Smoothing,
+        of_vectors: bool,
+        arena: &Arena,
+    ) -> Self {
+        let max_lookahead = max_lookahead.max(smoothing.radius());
         let parts = PerPart::from_fn(|part| {
-            let (reach, channels) = (decoder.parts[part].reach(), decoder.parts[part].channels());
-            // The root network looks back from the frame before the first that is not put out yet.
-            let past = if part == Part::Lower { decoder.root.reach() } else { 0 };
+            let (reach, channels) = (decoder.reach_of(part), decoder.channels(part));
+            let smoothing = if part == Part::Face { Smoothing::OFF } else { smoothing };
+            // Seams look back from the frame before the first that is not put out yet, and the root
+            // network from there.
+            let past = smoothing.past() + if part == Part::Lower { decoder.root.reach() } else { 0 };
             PartState {
                 reach,
-                codes: Tail::new(2 * reach + max_push, 1),
-                rows: Tail::new(reach.max(max_lookahead + 1 + past) + max_push, channels),
-                last: filled(0.0, channels).into(),
-                seam: filled(0.0, channels).into(),
+                smoothing,
+                known: arena.collect_len(
+                    decoder.decoders_of(part).count(),
+                    decoder.decoders_of(part).map(|(_, decoder)| match of_vectors {
+                        true => Known::Vectors(Tail::new_in(2 * reach + max_push, decoder.codebook().width(), arena)),
+                        false => Known::Codes(Tail::new_in(2 * reach + max_push, decoder.codebook().levels(), arena)),
+                    }),
+                ),
+                rows: Tail::new_in(reach.max(max_lookahead + 1 + past) + max_push, channels, arena),
+                last: arena.filled(0.0, channels),
+                before: arena.filled(0.0, channels),
+                seam: arena.filled(0.0, channels),
+                growth: arena.filled(0.0, channels),
             }
         });
-        let face = filled(0.0, decoder.assembly.face_values()).into();
+        let face = arena.filled(0.0, decoder.assembly.face_values());
         let (travel, height) = (Travel::default(), 0.0);
-        Self { parts, known: 0, emitted: 0, travel, height, pose: Pose::REST, face, max_push, max_lookahead }
+        Self { parts, known: 0, emitted: 0, smoothing, travel, height, pose: Pose::REST, face, max_push, max_lookahead }
     }
 
     /// Back to the start.
     pub fn reset(&mut self) {
         for part in Part::ALL {
-            self.parts[part].codes.clear();
+            self.parts[part].known.iter_mut().for_each(Known::clear);
             self.parts[part].rows.clear();
             self.parts[part].seam.fill(0.0);
+            self.parts[part].growth.fill(0.0);
         }
         (self.known, self.emitted) = (0, 0);
         self.travel = Travel::default();
     }
 
-    /// Describes the stream after `known` frames. The pose and the face values are written before they are read.
+    /// Describes the stream after `known` frames. The pose and the face values are written before
+    /// they are read.
     pub(crate) fn state(
         &mut self,
         pass: &mut StatePass,
@@ -139,12 +234,21 @@ impl MotionStream {
             let state = &mut self.parts[part];
             // What the next frames are decoded from, and what they are put beside.
             let (codes, settled) = (known.saturating_sub(2 * state.reach), known.saturating_sub(state.reach));
-            let past = if part == Part::Lower { decoder.root.reach() } else { 0 };
+            let past = state.smoothing.past() + if part == Part::Lower { decoder.root.reach() } else { 0 };
             let rows = settled.min(usize::try_from(emitted).unwrap_or(usize::MAX).saturating_sub(1 + past));
-            state.codes.state(pass, codes..known, |pass, values| pass.codes(values, decoder.codes))?;
+            for (tail, (_, decoder)) in state.known.iter_mut().zip(decoder.decoders_of(part)) {
+                match tail {
+                    Known::Codes(tail) => {
+                        tail.state(pass, codes..known, |pass, values| pass.codes(values, decoder.codebook().codes()))?;
+                    }
+                    Known::Vectors(tail) => tail.state(pass, codes..known, |pass, values| pass.f32s(values))?,
+                }
+            }
             state.rows.state(pass, rows..known, |pass, values| pass.f32s(values))?;
             pass.f32s(&mut state.last)?;
+            pass.f32s(&mut state.before)?;
             pass.f32s(&mut state.seam)?;
+            pass.f32s(&mut state.growth)?;
         }
         Ok(())
     }
@@ -154,19 +258,25 @@ impl MotionStream {
         self.known
     }
 
+    /// Where the root is in the frame that was put out last: x and z, metres.
+    pub(crate) fn place(&self) -> [f32; 2] {
+        let [x, _, z] = self.travel.place(0.0);
+        [x, z]
+    }
+
     /// Frames that were put out.
     pub fn emitted(&self) -> usize {
         self.emitted
     }
 
-    /// Takes the codes of the next frames and puts out all frames but the last `lookahead` of those now known.
-    /// Never allocates.
+    /// Takes the codes of the next frames of the paper's four parts and puts out all frames but the
+    /// last `lookahead` of those now known, or as many as smoothing needs. Never allocates.
     ///
     /// `scratch` must have room for [`MotionDecoder::stream_rows`] frames.
     ///
     /// # Errors
-    /// [`StepError`] where the parts have different numbers of codes, a code is no code, or there are more frames than
-    /// the stream was made for; it is then as it was before the call.
+    /// [`StepError`] where the parts have different numbers of codes, a code is out of range, or
+    /// there are more frames than the stream was made for; it is then as it was before the call.
     pub fn push(
         &mut self,
         cx: Compute,
@@ -176,10 +286,31 @@ impl MotionStream {
         lookahead: usize,
         out: &mut dyn FnMut(FrameRef),
     ) -> Result<(), StepError> {
-        let frames = decoder.check_codes(codes)?;
+        self.push_latents(cx, decoder, scratch, &Part::ALL.map(|part| Latents::Codes(codes[part])), lookahead, out)
+    }
+
+    /// The same of codes or vectors of each of [`MotionDecoder::decoders`].
+    ///
+    /// # Errors
+    /// As [`Self::push`].
+    pub fn push_latents(
+        &mut self,
+        cx: Compute,
+        decoder: &MotionDecoder,
+        scratch: &mut MotionScratch,
+        latents: &[Latents],
+        lookahead: usize,
+        out: &mut dyn FnMut(FrameRef),
+    ) -> Result<(), StepError> {
+        let frames = decoder.check(latents)?;
+        let mut takers = Part::ALL.iter().flat_map(|&part| decoder.decoders_of(part).zip(&self.parts[part].known));
+        if !takers.all(|((index, _), known)| known.takes(latents[index])) {
+            return Err(StepError::Disagree("a stream of codes was given vectors, or the other way round"));
+        }
         if frames > self.max_push {
             return Err(StepError::TooLong { what: "frames at once", got: frames, limit: self.max_push });
         }
+        let lookahead = lookahead.max(self.smoothing.radius());
         if lookahead > self.max_lookahead {
             return Err(StepError::TooLong { what: "lookahead", got: lookahead, limit: self.max_lookahead });
         }
@@ -189,14 +320,15 @@ impl MotionStream {
         }
         if frames > 0 {
             for part in Part::ALL {
-                self.extend(cx, decoder, scratch, part, codes[part], Future::Held)?;
+                self.extend(cx, decoder, scratch, part, (latents, frames), Future::Held)?;
             }
             self.known += frames;
         }
         self.emit(cx, decoder, scratch, self.known.saturating_sub(lookahead), (lookahead, Future::Held), out)
     }
 
-    /// Puts out the frames up to `total`; the stream then wants [`reset`](Self::reset). Never allocates.
+    /// Puts out the frames up to `total`; the stream then wants [`reset`](Self::reset). Never
+    /// allocates.
     ///
     /// # Errors
     /// [`StepError`] where the codes of some of them are not known.
@@ -213,44 +345,50 @@ impl MotionStream {
         }
         if total > self.emitted {
             for part in Part::ALL {
-                self.extend(cx, decoder, scratch, part, &[], Future::End)?;
+                self.extend(cx, decoder, scratch, part, (&[], 0), Future::End)?;
             }
         }
         self.emit(cx, decoder, scratch, total, (0, Future::End), out)
     }
 
-    /// Decodes everything of `part` that new `codes` and what follows them change: the rows that were not settled, and the
-    /// new ones.
+    /// Decodes everything of `part` that new `latents` and what follows them change: the rows that
+    /// were not settled, and the `new` ones.
     fn extend(
         &mut self,
         cx: Compute,
         decoder: &MotionDecoder,
         scratch: &mut MotionScratch,
         part: Part,
-        codes: &[u16],
+        (latents, new): (&[Latents], usize),
         future: Future,
     ) -> Result<(), StepError> {
         let keep = self.oldest(decoder, part);
-        let state = &mut self.parts[part];
+        let (known, state) = (self.known + new, &mut self.parts[part]);
         let settled = self.known.saturating_sub(state.reach);
         // Rows nearer than `reach` to a cut in the past would see zeros where codes were.
         let first = settled.saturating_sub(state.reach);
-        state.codes.forget(first);
-        state.codes.append(codes);
-        let known = state.codes.all();
-        let channels = decoder.parts[part].channels();
-        let decoded = decoder.parts[part].decode_held(cx, scratch, known, future.frames(state.reach))?;
-        let rows = (settled - first) * channels..known.len() * channels;
-        check_channels(&decoded[rows.clone()])?;
+        let width = decoder.channels(part);
         state.rows.forget(keep.min(settled));
         state.rows.truncate(settled);
-        state.rows.append(&decoded[rows]);
+        let place = state.rows.grow(known - settled);
+        for (tail, (index, decoder)) in state.known.iter_mut().zip(decoder.decoders_of(part)) {
+            tail.forget(first);
+            if let Some(&latents) = latents.get(index) {
+                tail.append(latents);
+            }
+            let decoded = decoder.decode_held(cx, scratch, tail.all(), future.frames(state.reach))?;
+            let channels = decoder.channels();
+            let rows = &decoded[(settled - first) * channels..(known - first) * channels];
+            check_channels(rows)?;
+            scatter(decoder, rows, width, place);
+        }
         Ok(())
     }
 
-    /// The first row of `part` that the next frame needs: the one before it, or where the root network looks back to.
+    /// The first row of `part` that the next frame needs: the first that the seam before it reads,
+    /// or where the root network looks back to from there.
     fn oldest(&self, decoder: &MotionDecoder, part: Part) -> usize {
-        let past = if part == Part::Lower { decoder.root.reach() } else { 0 };
+        let past = self.parts[part].smoothing.past() + if part == Part::Lower { decoder.root.reach() } else { 0 };
         self.emitted.saturating_sub(1 + past)
     }
 
@@ -270,24 +408,25 @@ impl MotionStream {
         let (first, start) = (self.oldest(decoder, Part::Lower), self.emitted);
         let lower = self.parts.lower.rows.range(first..self.known);
         let rows = decoder.root.run_held(cx, scratch, lower, future.frames(decoder.root.reach()))?;
-        let root = Root { rows, first, channels: decoder.root.channels() };
+        let root = Root { rows, first, end: self.known, channels: decoder.root.channels(), smoothing: self.smoothing };
         root.check(start, until)?;
-        let height_seam = if start == 0 { 0.0 } else { self.height - finite(root.row(start - 1)[HEIGHT]) };
+        let height_seam = if start == 0 { 0.0 } else { self.height - finite(root.moves(start - 1)[1]) };
         let height_fade = Fade::new(decoder.root.reach(), lookahead);
         if start > 0 {
             for part in Part::ALL {
-                self.parts[part].begin_seam(start - 1);
+                self.parts[part].begin_seam(start - 1, self.known);
             }
         }
         for index in start..until {
             if index > 0 {
-                self.travel.advance(root.row(index - 1), decoder.frame_seconds);
+                let [x, _, z] = root.moves(index - 1);
+                self.travel.advance([x, z], decoder.frame_seconds);
             }
             for part in Part::ALL {
                 let fade = Fade::new(self.parts[part].reach, lookahead);
-                self.parts[part].blend(index, fade.weight(index - start));
+                self.parts[part].blend(index, self.known, fade, index - start);
             }
-            let height = finite(root.row(index)[HEIGHT]);
+            let height = finite(root.moves(index)[1]);
             self.height = added(height, height_seam, height_fade.weight(index - start));
             self.assemble(decoder);
             self.emitted = index + 1;
@@ -309,18 +448,31 @@ impl MotionStream {
 
 impl PartState {
     /// The difference between frame `index` as it was put out and as it is decoded now.
-    fn begin_seam(&mut self, index: usize) {
-        let row = self.rows.range(index..index + 1);
-        for ((seam, last), row) in self.seam.iter_mut().zip(&self.last).zip(row) {
-            *seam = finite(last - row);
+    fn begin_seam(&mut self, index: usize, known: usize) {
+        let Self { smoothing, rows, last, before, seam, growth, .. } = self;
+        let row = |row: usize| rows.range(row..row + 1);
+        smoothing.apply(index, 0..known, row, seam);
+        seam.iter_mut().zip(last.iter()).for_each(|(seam, last)| *seam = finite(last - *seam));
+        if smoothing.radius() > 0 && index > 0 {
+            smoothing.apply(index - 1, 0..known, row, growth);
+            for ((growth, before), seam) in growth.iter_mut().zip(before.iter()).zip(seam.iter()) {
+                *growth = finite(seam - (before - *growth));
+            }
         }
     }
 
-    /// Makes `last` the row of frame `index`, with `weight` of the seam.
-    fn blend(&mut self, index: usize, weight: f32) {
-        let row = self.rows.range(index..index + 1);
-        for ((last, seam), row) in self.last.iter_mut().zip(&self.seam).zip(row) {
-            *last = added(*row, *seam, weight);
+    /// Makes `last` the row of frame `index`, with what the seam still adds.
+    fn blend(&mut self, index: usize, known: usize, fade: Fade, after: usize) {
+        let Self { smoothing, rows, last, before, seam, growth, .. } = self;
+        std::mem::swap(last, before);
+        smoothing.apply(index, 0..known, |row| rows.range(row..row + 1), last);
+        if smoothing.radius() == 0 {
+            let weight = fade.weight(after);
+            last.iter_mut().zip(seam.iter()).for_each(|(last, seam)| *last = added(*last, *seam, weight));
+        } else {
+            let (weight, grown) = fade.smooth(after);
+            let seams = seam.iter().zip(growth.iter()).map(|(seam, growth)| seam * weight + growth * grown);
+            last.iter_mut().zip(seams).for_each(|(last, seam)| *last = added(*last, seam, 1.0));
         }
     }
 }
@@ -335,7 +487,8 @@ fn check_channels(channels: &[f32]) -> Result<(), StepError> {
     Err(StepError::Implausible("a motion channel is larger than 1000"))
 }
 
-/// `value + seam * weight`; `value` to the last bit where there is no seam, or one that is no number of a body's.
+/// `value + seam * weight`; `value` to the last bit where there is no seam, or one that is no
+/// number of a body's.
 fn added(value: f32, seam: f32, weight: f32) -> f32 {
     let sum = value + seam * weight;
     if seam == 0.0 || weight == 0.0 || !sum.is_finite() { value } else { sum }
@@ -357,27 +510,49 @@ impl Fade {
         let share = (after + 1).min(self.frames) as f32 / self.frames as f32;
         1.0 - share
     }
+
+    /// Weights of a seam and of its growth a frame, at the first frame after it and later: the cubic
+    /// that goes on with both and ends level.
+    fn smooth(self, after: usize) -> (f32, f32) {
+        let frames = self.frames as f32;
+        let t = (after + 1).min(self.frames) as f32 / frames;
+        let rest = (1.0 - t) * (1.0 - t);
+        (rest * (1.0 + 2.0 * t), rest * t * frames)
+    }
 }
 
 /// What the root network gave for the frames from `first` on.
 struct Root<'a> {
     rows: &'a [f32],
     first: usize,
+    /// One more than the number of the last known frame.
+    end: usize,
     channels: usize,
+    smoothing: Smoothing,
 }
 
 impl Root<'_> {
+    /// Velocity along x, height, and velocity along z at a frame, smoothed.
+    fn moves(&self, index: usize) -> [f32; 3] {
+        let mut moves = [0.0; 3];
+        self.smoothing.apply(index, 0..self.end, |row| &self.row(row)[VELOCITY_X..], &mut moves);
+        moves
+    }
+
     fn row(&self, index: usize) -> &[f32] {
         &self.rows[(index - self.first) * self.channels..][..self.channels]
     }
 
-    /// That the frames `start..until`, and the one before them, move as a body may.
+    /// That the frames `start..until`, the one before them, and those that smoothing reads move as a
+    /// body may.
     fn check(&self, start: usize, until: usize) -> Result<(), StepError> {
-        for index in start.saturating_sub(1)..until {
+        let radius = self.smoothing.radius();
+        for index in start.saturating_sub(1 + radius)..(until + radius).min(self.end) {
             let row = self.row(index);
             let moves = [row[VELOCITY_X], row[HEIGHT], row[VELOCITY_Z]];
             check_finite(&moves, "root velocity and height")?;
-            // Not `hypot`, which would need glibc 2.35. A square that overflows is beyond the limit, too.
+            // Not `hypot`, which would need glibc 2.35. A square that overflows is beyond the
+            // limit, too.
             if row[VELOCITY_X].powi(2) + row[VELOCITY_Z].powi(2) > MAX_SPEED * MAX_SPEED {
                 return Err(StepError::Implausible("the root moves faster than 50 m/s"));
             }
@@ -393,7 +568,7 @@ impl Root<'_> {
 #[derive(Debug)]
 struct Tail<T> {
     /// `[capacity, width]`
-    data: Box<[T]>,
+    data: Slice<T>,
     width: usize,
     /// Number of the row at the start of `data`.
     start: usize,
@@ -402,8 +577,8 @@ struct Tail<T> {
 }
 
 impl<T: Copy + Default> Tail<T> {
-    fn new(capacity: usize, width: usize) -> Self {
-        Self { data: filled(T::default(), capacity * width).into(), width, start: 0, end: 0 }
+    fn new_in(capacity: usize, width: usize, arena: &Arena) -> Self {
+        Self { data: arena.filled(T::default(), capacity * width), width, start: 0, end: 0 }
     }
 
     fn clear(&mut self) {
@@ -436,6 +611,13 @@ impl<T: Copy + Default> Tail<T> {
     /// Drops the rows from `row` on.
     fn truncate(&mut self, row: usize) {
         self.end = row.clamp(self.start, self.end);
+    }
+
+    /// Makes room for `rows` more, whose values are to be written.
+    fn grow(&mut self, rows: usize) -> &mut [T] {
+        let len = (self.end - self.start) * self.width;
+        self.end += rows;
+        &mut self.data[len..len + rows * self.width]
     }
 
     fn append(&mut self, rows: &[T]) {

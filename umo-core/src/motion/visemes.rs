@@ -1,7 +1,7 @@
 //! Mouth shapes for applications that know no ARKit channels: the 15 visemes of the Oculus set.
 //!
-//! Each viseme has a shape: what an ARKit face does when it makes that sound. A frame's weights say how near its mouth is
-//! to each of them: `exp(-distance^2 / (2 WIDTH^2))`, divided by their sum.
+//! Each viseme has a shape: what an ARKit face does when it makes that sound. A frame's weights say
+//! how near its mouth is to each of them: `exp(-distance^2 / (2 WIDTH^2))`, divided by their sum.
 
 use crate::config::{Face, FaceKind};
 
@@ -34,7 +34,8 @@ const FEATURES: [&[&str]; 12] = [
 /// The shape of each viseme, as [`FEATURES`] has them.
 #[rustfmt::skip]
 const SHAPES: [[f32; FEATURES.len()]; VISEMES] = [
-    // jaw, close, press, roll lower and upper, funnel, pucker, stretch, smile, upper up, lower down, tongue
+    // jaw, close, press, roll lower and upper, funnel, pucker, stretch, smile, upper up, lower
+    // down, tongue
     [0.00, 0.00, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], // sil
     [0.10, 0.10, 0.5, 0.3, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], // PP
     [0.08, 0.00, 0.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.3, 0.0, 0.0], // FF

@@ -1,10 +1,9 @@
-//! The codecs of the four parts: codes to channels, and channels to codes (SPEC 2.7).
+//! The codecs of the parts: codes to channels, and channels to codes (SPEC 2.7, 2.12).
 
 use super::conv::{ConvScratch, DecoderStack, EncoderStack};
-use crate::config::Codec;
+use crate::config::{Channels, Codec, PartSpec};
 use crate::error::{LoadError, StepError};
 use crate::linear::Compute;
-use crate::part::Part;
 use crate::weights::Loader;
 
 /// Room for the convolutions of any part and of the root network, for so many frames at once.
@@ -18,35 +17,92 @@ impl MotionScratch {
     }
 }
 
-/// The vectors that a part's codes stand for, `[codes, width]`.
+/// What a decoder reads.
+#[derive(Clone, Copy, Debug)]
+pub enum Latents<'a> {
+    /// Codes `[T, levels]`.
+    Codes(&'a [u16]),
+    /// Their vectors, summed over the levels: `[T, width]`.
+    Vectors(&'a [f32]),
+}
+
+/// The vectors that a part's codes stand for, `[levels, codes, width]`.
 #[derive(Debug)]
-struct Codebook {
+pub struct Codebook {
     values: Box<[f32]>,
     codes: usize,
+    levels: usize,
     width: usize,
 }
 
 impl Codebook {
-    fn load(loader: &Loader, part: Part) -> Result<Self, LoadError> {
-        let (codes, width) = (loader.file().config().vq.codes, loader.file().config().vq.width);
-        let name = format!("vq.{}.quantizer.embedding.weight", part.name());
-        Ok(Self { values: loader.values(&name, &[codes, width])?, codes, width })
+    /// Loads `vq.{part}.quantizer`.
+    ///
+    /// # Errors
+    /// [`LoadError`] naming the tensor.
+    pub fn load(loader: &Loader, part: &PartSpec) -> Result<Self, LoadError> {
+        let PartSpec { codes, levels, width, .. } = *part;
+        let name = format!("vq.{}.quantizer.embedding.weight", part.name);
+        Ok(Self { values: loader.values(&name, &[levels * codes, width])?, codes, levels, width })
     }
 
-    fn row(&self, code: u16) -> Result<&[f32], StepError> {
+    /// Codes of each level.
+    pub fn codes(&self) -> usize {
+        self.codes
+    }
+
+    /// Levels of a frame's codes.
+    pub fn levels(&self) -> usize {
+        self.levels
+    }
+
+    /// Values of a vector.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Writes the sum of the vectors of a frame's `codes [levels]` to `out [width]`.
+    ///
+    /// # Errors
+    /// [`StepError`] where a code is out of range.
+    pub fn vector(&self, codes: &[u16], out: &mut [f32]) -> Result<(), StepError> {
+        for (level, &code) in codes.iter().enumerate() {
+            let row = self.row(level, code)?;
+            match level {
+                0 => out.copy_from_slice(row),
+                _ => out.iter_mut().zip(row).for_each(|(out, v)| *out += v),
+            }
+        }
+        Ok(())
+    }
+
+    fn row(&self, level: usize, code: u16) -> Result<&[f32], StepError> {
         let code = usize::from(code);
         if code >= self.codes {
             return Err(StepError::OutOfRange { what: "motion code", got: code, limit: self.codes });
         }
-        Ok(&self.values[code * self.width..][..self.width])
+        Ok(&self.values[(level * self.codes + code) * self.width..][..self.width])
     }
 
-    /// The code whose vector is nearest by Euclidean distance, the lowest of equals.
-    fn nearest(&self, x: &[f32]) -> u16 {
+    /// Writes the codes of `x [width]`: each level's is the one whose vector is nearest by
+    /// Euclidean distance to what the levels before it left, the lowest of equals. `x` becomes what
+    /// is left.
+    fn encode(&self, x: &mut [f32], codes: &mut [u16]) {
+        let levels = self.values.chunks_exact(self.codes * self.width);
+        for ((values, code), level) in levels.zip(codes).zip(0..) {
+            *code = self.nearest(values, x);
+            if level + 1 < self.levels {
+                let row = &values[usize::from(*code) * self.width..][..self.width];
+                x.iter_mut().zip(row).for_each(|(x, v)| *x -= v);
+            }
+        }
+    }
+
+    fn nearest(&self, values: &[f32], x: &[f32]) -> u16 {
         let distance = |row: &[f32]| -> f64 { row.iter().zip(x).map(|(a, b)| f64::from(a - b).powi(2)).sum() };
         let mut best = (0, f64::INFINITY);
         // The config allows no more codes than a u16 holds.
-        for (row, code) in self.values.chunks_exact(self.width).zip(0_u16..) {
+        for (row, code) in values.chunks_exact(self.width).zip(0_u16..) {
             let distance = distance(row);
             if distance < best.1 {
                 best = (code, distance);
@@ -62,21 +118,18 @@ pub struct VqDecoder {
     codebook: Codebook,
     stack: DecoderStack,
     codec: Codec,
+    channels: Channels,
 }
 
 impl VqDecoder {
-    /// Loads `vq.{part}.quantizer` and `vq.{part}.decoder`.
+    /// Loads `vq.{part}.quantizer` and `vq.{part}.decoder`, of a part that has `channels`.
     ///
     /// # Errors
     /// [`LoadError`] naming the tensor.
-    pub fn load(loader: &Loader, part: Part) -> Result<Self, LoadError> {
-        let vq = &loader.file().config().vq;
-        let name = format!("vq.{}.decoder.main", part.name());
-        Ok(Self {
-            codebook: Codebook::load(loader, part)?,
-            stack: DecoderStack::load(loader, &name, vq[part], vq.width)?,
-            codec: vq[part],
-        })
+    pub fn load(loader: &Loader, part: &PartSpec, channels: Channels) -> Result<Self, LoadError> {
+        let codec = part.codec(channels.count());
+        let stack = DecoderStack::load(loader, &format!("vq.{}.decoder.main", part.name), codec, part.width)?;
+        Ok(Self { codebook: Codebook::load(loader, part)?, stack, codec, channels })
     }
 
     /// Values per frame.
@@ -84,27 +137,62 @@ impl VqDecoder {
         self.codec.channels
     }
 
+    /// Which channels of the body they are.
+    pub fn places(&self) -> &Channels {
+        &self.channels
+    }
+
+    /// The vectors of its codes.
+    pub fn codebook(&self) -> &Codebook {
+        &self.codebook
+    }
+
     /// Frames on each side that a frame depends on.
     pub fn reach(&self) -> usize {
         self.codec.decoder_reach()
     }
 
-    /// Decodes `codes [T]` as if nothing came before or after them; gives `[T, channels]`, in `scratch`.
-    ///
-    /// Numerics: a frame that is [`reach`](Self::reach) or more away from an end has the same bits whatever lies beyond.
+    /// Frames of `latents`; none where they are of no whole number of frames, or a code is out of
+    /// range.
     ///
     /// # Errors
-    /// [`StepError`] where a code is no code or there are more than `scratch` has room for.
+    /// [`StepError`] in these cases.
+    pub(super) fn frames(&self, latents: Latents) -> Result<usize, StepError> {
+        let (values, width) = match latents {
+            Latents::Codes(codes) => {
+                if let Some(&code) = codes.iter().find(|&&code| usize::from(code) >= self.codebook.codes) {
+                    let limit = self.codebook.codes;
+                    return Err(StepError::OutOfRange { what: "motion code", got: code.into(), limit });
+                }
+                (codes.len(), self.codebook.levels)
+            }
+            Latents::Vectors(vectors) => (vectors.len(), self.codebook.width),
+        };
+        match values.is_multiple_of(width) {
+            true => Ok(values / width),
+            false => Err(StepError::Disagree("motion codes or vectors of no whole number of frames")),
+        }
+    }
+
+    /// Decodes `T` frames of latents as if nothing came before or after them; gives
+    /// `[T, channels]`, in `scratch`.
+    ///
+    /// Numerics: a frame that is [`reach`](Self::reach) or more away from an end has the same bits
+    /// whatever lies beyond.
+    ///
+    /// # Errors
+    /// [`StepError`] where a code is out of range or there are more than `scratch` has room for.
     pub fn decode<'a>(
         &self,
         cx: Compute,
         scratch: &'a mut MotionScratch,
-        codes: &[u16],
+        latents: Latents,
     ) -> Result<&'a [f32], StepError> {
-        self.decode_held(cx, scratch, codes, 0)
+        self.decode_held(cx, scratch, latents, 0)
     }
 
-    /// [`decode`](Self::decode) as if the last code came `held` times more; gives `[T + held, channels]`.
+    /// [`decode`](Self::decode) as if the last frame came `held` times more; gives
+    /// `[T + held, channels]`.
     ///
     /// # Errors
     /// As `decode`.
@@ -112,14 +200,23 @@ impl VqDecoder {
         &self,
         cx: Compute,
         scratch: &'a mut MotionScratch,
-        codes: &[u16],
+        latents: Latents,
         held: usize,
     ) -> Result<&'a [f32], StepError> {
-        let frames = if codes.is_empty() { 0 } else { codes.len() + held };
-        let input = scratch.0.input(frames, self.codebook.width)?;
-        let last = codes.last().copied().into_iter().cycle();
-        for (code, row) in codes.iter().copied().chain(last).zip(input.chunks_exact_mut(self.codebook.width)) {
-            row.copy_from_slice(self.codebook.row(code)?);
+        let (given, width) = (self.frames(latents)?, self.codebook.width);
+        let frames = if given == 0 { 0 } else { given + held };
+        let input = scratch.0.input(frames, width)?;
+        let (known, rest) = input.split_at_mut(given * width);
+        match latents {
+            Latents::Vectors(vectors) => known.copy_from_slice(vectors),
+            Latents::Codes(codes) => {
+                for (codes, row) in codes.chunks_exact(self.codebook.levels).zip(known.chunks_exact_mut(width)) {
+                    self.codebook.vector(codes, row)?;
+                }
+            }
+        }
+        if let Some(last) = known.len().checked_sub(width) {
+            rest.chunks_exact_mut(width).for_each(|row| row.copy_from_slice(&known[last..]));
         }
         self.stack.run(cx, &mut scratch.0, frames)?;
         Ok(scratch.0.output(frames, self.codec.channels))
@@ -135,18 +232,14 @@ pub struct VqEncoder {
 }
 
 impl VqEncoder {
-    /// Loads `vq.{part}.quantizer` and `vq.{part}.encoder`.
+    /// Loads `vq.{part}.quantizer` and `vq.{part}.encoder`, of a part that has so many channels.
     ///
     /// # Errors
     /// [`LoadError`] naming the tensor.
-    pub fn load(loader: &Loader, part: Part) -> Result<Self, LoadError> {
-        let vq = &loader.file().config().vq;
-        let name = format!("vq.{}.encoder.main", part.name());
-        Ok(Self {
-            codebook: Codebook::load(loader, part)?,
-            stack: EncoderStack::load(loader, &name, vq[part], vq.width)?,
-            codec: vq[part],
-        })
+    pub fn load(loader: &Loader, part: &PartSpec, channels: usize) -> Result<Self, LoadError> {
+        let codec = part.codec(channels);
+        let stack = EncoderStack::load(loader, &format!("vq.{}.encoder.main", part.name), codec, part.width)?;
+        Ok(Self { codebook: Codebook::load(loader, part)?, stack, codec })
     }
 
     /// Values per frame.
@@ -154,7 +247,13 @@ impl VqEncoder {
         self.codec.channels
     }
 
-    /// Encodes `channels [T, channels]` to `codes [T]`: to each frame the nearest vector of the codebook.
+    /// Levels of a frame's codes.
+    pub fn levels(&self) -> usize {
+        self.codebook.levels
+    }
+
+    /// Encodes `channels [T, channels]` to `codes [T, levels]`: to each frame the nearest vector of
+    /// the codebook, then of the next level's to what is left.
     ///
     /// # Errors
     /// [`StepError`] where the lengths disagree or `scratch` has no room for so many frames.
@@ -165,15 +264,16 @@ impl VqEncoder {
         channels: &[f32],
         codes: &mut [u16],
     ) -> Result<(), StepError> {
-        if channels.len() != codes.len() * self.codec.channels {
+        let frames = codes.len() / self.codebook.levels;
+        if channels.len() != frames * self.codec.channels || frames * self.codebook.levels != codes.len() {
             return Err(StepError::Disagree("channels and codes have different numbers of frames"));
         }
-        scratch.0.input(codes.len(), self.codec.channels)?.copy_from_slice(channels);
-        self.stack.run(cx, &mut scratch.0, codes.len())?;
+        scratch.0.input(frames, self.codec.channels)?.copy_from_slice(channels);
+        self.stack.run(cx, &mut scratch.0, frames)?;
         let width = self.codebook.width;
-        let latents = scratch.0.output(codes.len(), width);
-        for (code, row) in codes.iter_mut().zip(latents.chunks_exact(width)) {
-            *code = self.codebook.nearest(row);
+        let latents = scratch.0.output_mut(frames, width);
+        for (codes, row) in codes.chunks_exact_mut(self.codebook.levels).zip(latents.chunks_exact_mut(width)) {
+            self.codebook.encode(row, codes);
         }
         Ok(())
     }

@@ -49,7 +49,8 @@ fn aside(v: Vector, axis: Vector) -> Vector {
     std::array::from_fn(|i| v[i] - along * axis[i])
 }
 
-/// The shortest turn from one unit vector to another; half a turn is about `axis`, or what of it is aside.
+/// The shortest turn from one unit vector to another; half a turn is about `axis`, or what of it is
+/// aside.
 fn shortest(from: Vector, to: Vector, axis: Vector) -> Quat {
     let side = cross(from, to);
     let sine = length(side);
@@ -95,7 +96,8 @@ fn snapped(v: Vector, least: f32) -> Vector {
     snapped
 }
 
-/// Turns the source's axes (X to the left, Y up, Z ahead) to those in which the rig stands, and how long a bone must be.
+/// Turns the source's axes (X to the left, Y up, Z ahead) to those in which the rig stands, and how
+/// long a bone must be.
 pub(super) fn axes(rig: &Rig, mapping: &Mapping) -> Result<(Quat, f32), RetargetError> {
     let place = |joint: usize| mapping.bone(joint).map(|bone| rig.place(bone));
     let pair = |left: usize, right: usize| place(left).zip(place(right));
@@ -128,8 +130,9 @@ pub(super) struct Alignment<'a> {
 }
 
 impl Alignment<'_> {
-    /// `[55]`. Torso, neck, head, collars, eyes and jaw stay as they are: both bodies are upright at rest, and how their
-    /// bones lie within is a matter of anatomy. Limbs and fingers turn until their directions are the source's.
+    /// `[55]`. Torso, neck, head, collars, eyes and jaw stay as they are: both bodies are upright
+    /// at rest, and how their bones lie within is a matter of anatomy. Limbs and fingers turn until
+    /// their directions are the source's.
     pub(super) fn turns(&self) -> [Quat; JOINTS] {
         let mut turns = [IDENTITY; JOINTS];
         for side in 0..2 {
@@ -142,7 +145,8 @@ impl Alignment<'_> {
         turns
     }
 
-    /// Turns each bone but the last, one after the other, as one would pose them: each takes what hangs on it along.
+    /// Turns each bone but the last, one after the other, as one would pose them: each takes what
+    /// hangs on it along.
     fn limb(&self, turns: &mut [Quat; JOINTS], joints: &[usize]) {
         let mut carried = IDENTITY;
         for pair in joints.windows(2) {
@@ -161,7 +165,8 @@ impl Alignment<'_> {
         product(shortest(rotate(carried, from), to, ahead), carried)
     }
 
-    /// The palm lies as the source's does, and the forearm takes half of what that twists the wrist by.
+    /// The palm lies as the source's does, and the forearm takes half of what that twists the wrist
+    /// by.
     fn hand(&self, turns: &mut [Quat; JOINTS], side: usize) {
         let (wrist, elbow) = (WRISTS[side], 18 + side);
         let first = 25 + 15 * side;
@@ -217,7 +222,8 @@ impl Alignment<'_> {
         direction(less(self.rest[to], self.rest[from]), 1e-6).map(|v| rotate(self.axes, v))
     }
 
-    /// The direction from a joint's bone to the next one's, or where there is none to the bone's end.
+    /// The direction from a joint's bone to the next one's, or where there is none to the bone's
+    /// end.
     fn target(&self, from: usize, to: Option<usize>) -> Option<Vector> {
         let bone = self.mapping.bone(from)?;
         let end = to.and_then(|to| self.mapping.bone(to)).map(|to| self.rig.place(to));

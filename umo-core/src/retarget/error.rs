@@ -4,6 +4,7 @@ use std::fmt;
 
 /// A skeleton or a mapping that cannot be used, and what in it is wrong.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum RetargetError {
     /// More bones than any body has.
     TooMany {
@@ -23,7 +24,8 @@ pub enum RetargetError {
     Cycle(String),
     /// A bone with a number that is not finite, or a rotation without direction.
     NotFinite(String),
-    /// A bone that is scaled unevenly, mirrored or to nothing above bones that move: turning those would shear them.
+    /// A bone that is scaled unevenly, mirrored or to nothing above bones that move: turning those
+    /// would shear them.
     Scale(String),
     /// A name that is no joint of umo's.
     NoJoint(String),
@@ -56,7 +58,8 @@ pub enum RetargetError {
     },
     /// Hips, shoulders or their sides lie in one place: up and left cannot be told.
     Flat,
-    /// The source skeleton has not 55 joints of which parents come first, or has a number that is not finite.
+    /// The source skeleton has not 55 joints of which parents come first, or has a number that is
+    /// not finite.
     Source,
 }
 

@@ -1,9 +1,10 @@
 //! Face channels to the shapes that a character has.
 //!
-//! Shapes are found by name. ARKit's names are taken however they are spelt (`jawOpen`, `JawOpen`, `Head.jaw_open`,
-//! `eyeBlink_L`). Characters without them may have the visemes of the Oculus set, or VRM's five vowels and blinks; those
-//! are made of the ARKit channels. The vowels stand at the corners of three numbers, 0 to 1: how far the jaw is open (`o`),
-//! how round the lips are (`r`), how wide (`w`):
+//! Shapes are found by name. ARKit's names are taken however they are spelt (`jawOpen`, `JawOpen`,
+//! `Head.jaw_open`, `eyeBlink_L`). Characters without them may have the visemes of the Oculus set,
+//! or VRM's five vowels and blinks; those are made of the ARKit channels. The vowels stand at the
+//! corners of three numbers, 0 to 1: how far the jaw is open (`o`), how round the lips are (`r`),
+//! how wide (`w`):
 //!
 //! ```text
 //! aa = o (1-r) (1-w)   ee = o (1-r) w   oh = o r   ou = (1-o) r   ih = (1-o) (1-r) w, only with the jaw open a little
@@ -83,7 +84,8 @@ pub struct FaceMap {
 }
 
 impl FaceMap {
-    /// Finds shapes by name for a face's channels. Only ARKit's channels have names that others know.
+    /// Finds shapes by name for a face's channels. Only ARKit's channels have names that others
+    /// know.
     pub fn new<S: AsRef<str>>(face: &Face, shapes: &[S]) -> Self {
         let mut map = Self {
             shapes: shapes.len(),
@@ -143,7 +145,8 @@ impl FaceMap {
         }
     }
 
-    /// Lets a shape follow `gain` times a channel, with whatever else moves it. Says whether there are both.
+    /// Lets a shape follow `gain` times a channel, with whatever else moves it. Says whether there
+    /// are both.
     pub fn link(&mut self, face: &Face, channel: &str, shape: usize, gain: f32) -> bool {
         let found = face.names.iter().position(|name| name == channel).filter(|_| shape < self.shapes);
         self.causes.extend(found.map(|channel| (shape, Cause::Channel(channel, gain))));
@@ -193,8 +196,8 @@ impl FaceMap {
         causes.collect::<Vec<_>>().join(" + ")
     }
 
-    /// Writes the weights of the shapes that move, 0 to 1, and leaves the others. Never allocates. Panics where there are
-    /// fewer values than channels, or fewer weights than shapes.
+    /// Writes the weights of the shapes that move, 0 to 1, and leaves the others. Never allocates.
+    /// Panics where there are fewer values than channels, or fewer weights than shapes.
     pub fn apply(&self, values: &[f32], weights: &mut [f32]) {
         let (values, weights) = (&values[..self.channels], &mut weights[..self.shapes]);
         let visemes = self.visemes.as_ref().map(|visemes| visemes.weights(values));

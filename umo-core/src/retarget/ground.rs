@@ -6,7 +6,8 @@ use super::{Floor, Mapping, RetargetError, Rig};
 use crate::motion::rotation::{Quat, rotate};
 use crate::motion::skeleton::JOINTS;
 
-/// How far the source's lowest foot joint is above the floor when it stands, metres: the ball of a foot of SMPL-X.
+/// How far the source's lowest foot joint is above the floor when it stands, metres: the ball of a
+/// foot of SMPL-X.
 const SOLE: f32 = 0.02;
 
 /// Ankles and balls of the feet.
@@ -76,8 +77,9 @@ impl Ground {
         std::array::from_fn(|i| self.hips[i] + self.scale * moved[i])
     }
 
-    /// How much higher the hips must be, in the rig's unit, for its lower foot to be as far above where it stands at rest as
-    /// the source's, to scale: legs of other proportions end at other heights.
+    /// How much higher the hips must be, in the rig's unit, for its lower foot to be as far above
+    /// where it stands at rest as the source's, to scale: legs of other proportions end at other
+    /// heights.
     pub(super) fn lift(&self, source: &[World; JOINTS], world: &[World]) -> f32 {
         let least = |height: &dyn Fn(&Foot) -> f32| self.feet.iter().flatten().map(height).reduce(f32::min);
         let wanted = least(&|foot| source[foot.joint].place[1] - foot.joint_height);

@@ -23,7 +23,8 @@ const BELOW: [(usize, usize); 8] = [(7, 4), (8, 5), (10, 7), (11, 8), (20, 18), 
 /// The spine and the neck, which may be any number of bones.
 pub(super) const CHAINS: [&str; 2] = ["spine", "neck"];
 
-/// Bones for joints. Not every joint needs one: its turn then goes to nothing, or to what is mapped below it.
+/// Bones for joints. Not every joint needs one: its turn then goes to nothing, or to what is mapped
+/// below it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Mapping {
     /// Of the rig's bones, the one for each joint.
@@ -42,7 +43,36 @@ impl Default for Mapping {
     }
 }
 
+/// How a bone turns: as a joint does in the world, or between two.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
+pub struct Follow {
+    /// Of the rig's bones.
+    pub bone: usize,
+    /// The two between whose rotations in the world the bone's turn lies.
+    pub joints: [usize; 2],
+    /// How near to the second; 1 is that one's.
+    pub share: f32,
+}
+
 impl Mapping {
+    /// What each bone that has a joint follows. Bones of a spine or a neck are spread evenly over
+    /// the joints: the `k`-th of `n` of a spine takes the rotation at `3 k / n` of the way from the
+    /// pelvis (0) to `spine3` (3).
+    pub fn follows(&self) -> impl Iterator<Item = Follow> + '_ {
+        let bones = self.bones.iter().enumerate();
+        let single = bones.filter_map(|(joint, bone)| Some(Follow { bone: (*bone)?, joints: [joint; 2], share: 1.0 }));
+        let chains = [(&self.spine, &[0, 3, 6, 9][..]), (&self.neck, &[9, 12])];
+        let spread = chains.into_iter().flat_map(|(chain, joints)| {
+            let follow = move |(k, &bone): (usize, &usize)| {
+                let (joints, share) = spread(k + 1, chain.len(), joints);
+                Follow { bone, joints, share }
+            };
+            chain.iter().enumerate().map(follow)
+        });
+        single.chain(spread)
+    }
+
     /// Finds the bones by their names, in the convention of those that are known which fits best.
     ///
     /// # Errors
@@ -67,8 +97,8 @@ impl Mapping {
         best.expect("there are conventions")
     }
 
-    /// Gives a joint its bone, by name: none, one, or for `spine` and `neck` several, from below. With none the joint is
-    /// known to have no bone, and is not looked for.
+    /// Gives a joint its bone, by name: none, one, or for `spine` and `neck` several, from below.
+    /// With none the joint is known to have no bone, and is not looked for.
     ///
     /// # Errors
     /// [`RetargetError`] where there is no such joint or bone.
@@ -118,7 +148,8 @@ impl Mapping {
         Ok(())
     }
 
-    /// The bone of a joint; of spine and neck only where they were given one by one. Panics where there is no such joint.
+    /// The bone of a joint; of spine and neck only where they were given one by one. Panics where
+    /// there is no such joint.
     pub fn bone(&self, joint: usize) -> Option<usize> {
         self.bones[joint]
     }
@@ -133,7 +164,8 @@ impl Mapping {
         &self.neck
     }
 
-    /// What each joint's bones are, in the joints' order; spine and neck as the chains that they are.
+    /// What each joint's bones are, in the joints' order; spine and neck as the chains that they
+    /// are.
     pub fn entries(&self) -> Vec<(&'static str, Vec<usize>)> {
         let mut entries = Vec::new();
         for (joint, name) in JOINT_NAMES.into_iter().enumerate() {
@@ -152,7 +184,8 @@ impl Mapping {
     /// Refuses a mapping that makes no body on `rig`.
     ///
     /// # Errors
-    /// [`RetargetError`]: joints that are needed and missing, a bone of two joints, or one that hangs where it should not.
+    /// [`RetargetError`]: joints that are needed and missing, a bone of two joints, or one that
+    /// hangs where it should not.
     pub fn check(&self, rig: &Rig) -> Result<(), RetargetError> {
         let missing = |&(joint, _): &(usize, Option<usize>)| self.bones[joint].is_none() && !self.waived[joint];
         let missing: Vec<_> = NEEDED.iter().filter(|need| missing(need)).map(|need| JOINT_NAMES[need.0]).collect();
@@ -180,6 +213,18 @@ impl Mapping {
             }
         }
         Ok(())
+    }
+}
+
+/// For the `k`-th of `n` bones, counted from 1, the joints between which it lies and how near to
+/// the second.
+#[expect(clippy::cast_precision_loss, reason = "a chain has far fewer than 2^24 bones")]
+fn spread(k: usize, n: usize, joints: &[usize]) -> ([usize; 2], f32) {
+    let steps = (joints.len() - 1) * k;
+    let (from, rest) = (steps / n, steps % n);
+    match rest {
+        0 => ([joints[from]; 2], 1.0),
+        rest => ([joints[from], joints[from + 1]], rest as f32 / n as f32),
     }
 }
 

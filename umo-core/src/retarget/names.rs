@@ -23,8 +23,8 @@ pub(super) struct Key {
     deforms: bool,
 }
 
-/// Names of one maker or program. Each is one or more alternatives, parted by spaces, the better first; of `spine` and
-/// `neck`, all that are there make a chain.
+/// Names of one maker or program. Each is one or more alternatives, parted by spaces, the better
+/// first; of `spine` and `neck`, all that are there make a chain.
 #[derive(Debug)]
 pub(super) struct Convention {
     pub(super) name: &'static str,
@@ -63,7 +63,8 @@ pub(super) fn keys(rig: &Rig) -> Vec<Key> {
     rig.bones().iter().map(|bone| key(&bone.name)).collect()
 }
 
-/// The bone of one of these names, the first of them that there is; of several one that a mesh follows.
+/// The bone of one of these names, the first of them that there is; of several one that a mesh
+/// follows.
 pub(super) fn find(rig: &Rig, keys: &[Key], side: Side, alternatives: &str) -> Option<usize> {
     alternatives.split(' ').filter(|text| !text.is_empty()).find_map(|text| {
         let named = (0..keys.len()).filter(|&bone| keys[bone].side == side && keys[bone].text == text);

@@ -74,8 +74,8 @@ impl Rig {
     /// Checks bones, which may come in any order, and brings their rotations to length 1.
     ///
     /// # Errors
-    /// [`RetargetError`] where there are more than [`MAX_BONES`], a parent is missing, a bone is its own ancestor, or a
-    /// number is not finite.
+    /// [`RetargetError`] where there are more than [`MAX_BONES`], a parent is missing, a bone is
+    /// its own ancestor, or a number is not finite.
     pub fn new(mut bones: Vec<Bone>) -> Result<Self, RetargetError> {
         if bones.len() > MAX_BONES {
             return Err(RetargetError::TooMany { bones: bones.len(), limit: MAX_BONES });

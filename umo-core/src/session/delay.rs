@@ -3,6 +3,8 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
+use crate::memory::{Arena, Slice};
+
 /// Steps per doubling: a bucket is 4.4 % wide.
 const STEPS: usize = 16;
 /// Doublings from a microsecond: to 18 minutes.
@@ -11,13 +13,14 @@ const DOUBLINGS: usize = 30;
 /// Delays, counted.
 #[derive(Debug)]
 pub(crate) struct Delays {
-    buckets: Box<[AtomicU64]>,
+    buckets: Slice<AtomicU64>,
     largest: AtomicU64,
 }
 
 impl Delays {
-    pub(crate) fn new() -> Self {
-        Self { buckets: (0..STEPS * DOUBLINGS).map(|_| AtomicU64::new(0)).collect(), largest: AtomicU64::new(0) }
+    pub(crate) fn new_in(arena: &Arena) -> Self {
+        let buckets = (0..STEPS * DOUBLINGS).map(|_| AtomicU64::new(0));
+        Self { buckets: arena.collect(buckets), largest: AtomicU64::new(0) }
     }
 
     #[expect(clippy::cast_possible_truncation, reason = "2^64 nanoseconds are 584 years")]
@@ -60,7 +63,7 @@ mod tests {
 
     #[test]
     fn quantiles_are_within_a_bucket() {
-        let delays = Delays::new();
+        let delays = Delays::new_in(&Arena::system());
         assert_eq!(delays.quantile(0.5), Duration::ZERO);
         for ms in 1..=1000 {
             delays.add(Duration::from_millis(ms));

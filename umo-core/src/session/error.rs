@@ -5,14 +5,18 @@ use std::fmt;
 use crate::error::StepError;
 use crate::state::StateError;
 
-/// A call that could not be done; nothing was changed by it. `Copy`: reporting one allocates nothing.
+/// A call that could not be done; nothing was changed by it. `Copy`: reporting one allocates
+/// nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum SessionError {
     /// Another thread is in the same call, or in one that excludes it; the call may be repeated.
     Busy(&'static str),
-    /// Audio was pushed after [`Session::finish`](super::Session::finish); [`Session::reset`](super::Session::reset) or [`Session::interrupt`](super::Session::interrupt) start anew.
+    /// Audio was pushed after [`Session::finish`](super::Session::finish);
+    /// [`Session::reset`](super::Session::reset) or
+    /// [`Session::interrupt`](super::Session::interrupt) start anew.
     Finished,
-    /// The samples are no whole number of the session's channels.
+    /// The sample count is not a multiple of the session's channel count.
     Uneven {
         /// Samples given.
         got: usize,
@@ -23,13 +27,19 @@ pub enum SessionError {
     Range(&'static str),
     /// The avatar's computation failed: the session gives no more frames.
     Failed(StepError),
-    /// The avatar's computation panicked: the session gives no more frames. [`Session::defect`](super::Session::defect) says
-    /// what the panic said.
+    /// The avatar's computation panicked: the session gives no more frames.
+    /// [`Session::defect`](super::Session::defect) says what the panic said.
     Panicked,
     /// The engine is gone; frames that were ready can still be pulled.
     Closed,
     /// A state cannot be restored into this session.
     State(StateError),
+    /// No gesture has this name; [`Session::gesture_names`](super::Session::gesture_names) says
+    /// which there are.
+    UnknownGesture,
+    /// [`MAX_PENDING_GESTURES`](crate::MAX_PENDING_GESTURES) gestures wait already; the call may be
+    /// repeated when one has begun.
+    GesturesFull,
 }
 
 impl fmt::Display for SessionError {
@@ -38,18 +48,28 @@ impl fmt::Display for SessionError {
             Self::Busy(call) => write!(f, "another thread is in {call}: call again"),
             Self::Finished => write!(f, "audio was pushed after finish: reset or interrupt the session first"),
             Self::Uneven { got, channels } => {
-                write!(f, "{got} samples are no whole number of frames of {channels} channels")
+                write!(f, "sample count {got} is not a multiple of the channel count {channels}")
             }
             Self::Range(what) => write!(f, "{what}"),
             Self::Failed(error) => write!(f, "the avatar failed and gives no more frames: {error}"),
             Self::Panicked => write!(f, "the avatar failed by a defect of this library and gives no more frames"),
             Self::Closed => write!(f, "the session's engine is gone"),
             Self::State(error) => write!(f, "{error}"),
+            Self::UnknownGesture => write!(f, "no gesture has this name: list the names that there are"),
+            Self::GesturesFull => write!(f, "eight gestures wait already: call again when one has begun"),
         }
     }
 }
 
-impl std::error::Error for SessionError {}
+impl std::error::Error for SessionError {
+    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        match self {
+            Self::Failed(error) => Some(error),
+            Self::State(error) => Some(error),
+            _ => None,
+        }
+    }
+}
 
 impl From<StateError> for SessionError {
     fn from(error: StateError) -> Self {

@@ -1,13 +1,15 @@
-//! How much each part moves, as the host has set it: applied to what is handed out, and to nothing that is kept.
+//! How much each part moves, as the host has set it: applied to what is handed out, and to nothing
+//! that is kept.
 
 use std::sync::atomic::Ordering;
 
-use super::output::{FrameView, Shown};
+use super::output::Frame;
 use super::{MAX_GAIN, Shared};
 use crate::motion::rotation::scaled;
 use crate::motion::skeleton::{JAW, joints_of};
 use crate::part::{Part, PerPart};
 use crate::state::{StateError, StatePass};
+use crate::stream::OwnedFrame;
 
 /// How fast a gain follows what was set, per second.
 const SPEED: f64 = 8.0;
@@ -20,12 +22,12 @@ pub(super) struct Gained {
     time: f64,
     /// Whether any frame was handed out; the first has its gains at once.
     pub(super) started: bool,
-    frame: Shown,
+    frame: OwnedFrame,
     is_arkit: bool,
 }
 
 impl Gained {
-    pub(super) fn new(frame: Shown, is_arkit: bool) -> Self {
+    pub(super) fn new(frame: OwnedFrame, is_arkit: bool) -> Self {
         Self {
             now: PerPart { face: 1.0, hands: 1.0, upper: 1.0, lower: 1.0 },
             time: 0.0,
@@ -48,8 +50,15 @@ impl Gained {
         Ok(())
     }
 
-    /// `frame`, which is shown at `time`, as far from `rest` as the gains say; the frame itself where they are all 1.
-    pub(super) fn apply<'a>(&'a mut self, shared: &Shared, time: f64, frame: &'a Shown, rest: &Shown) -> FrameView<'a> {
+    /// `frame`, which is shown at `time`, as far from `rest` as the gains say; the frame itself
+    /// where they are all 1.
+    pub(super) fn apply<'a>(
+        &'a mut self,
+        shared: &Shared,
+        time: f64,
+        frame: &'a OwnedFrame,
+        rest: &OwnedFrame,
+    ) -> Frame<'a> {
         self.follow(shared, time);
         if Part::ALL.iter().all(|&part| self.now[part] == 1.0) {
             return frame.view();
@@ -73,7 +82,7 @@ impl Gained {
         self.frame.view()
     }
 
-    fn scale_face(&mut self, rest: &Shown) {
+    fn scale_face(&mut self, rest: &OwnedFrame) {
         if self.now.face == 1.0 {
             return;
         }

@@ -1,64 +1,25 @@
-//! The frame side of a session: frames out of the ring, placed where the avatar stands, eased where it was interrupted, and
-//! the poses between them.
+//! The frame side of a session: frames out of the ring, placed where the avatar stands, eased where
+//! it was interrupted, and the poses between them.
 
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use super::gain::Gained;
-use super::{Cue, Idle, SessionConfig, Shared};
+use super::shared::try_lock;
+use super::voice::LiveVoice;
+use super::{Idle, SessionConfig, Shared};
 use crate::config::Config;
-use crate::memory::filled;
+use crate::life::{Controls, Cue, Life};
+use crate::memory::{Arena, Boxed};
 use crate::motion::Pose;
 use crate::motion::rotation::{Quat, slerp};
-use crate::motion::skeleton::JOINTS;
 use crate::state::{StateError, StatePass};
-
-/// Frames that no session comes to, and samples of the pushed audio: at 240 a second, 145 years; at 192 kHz, 180 years.
-const MOST_INDEX: u64 = 1 << 40;
-const MOST_SAMPLE: u64 = 1 << 50;
-
-/// Words of a frame before its pose: the cue's number, index, sample.
-const HEAD: usize = 5;
-/// Words of a frame before its face values.
-const FACE: usize = HEAD + 4 * JOINTS + 3;
-
-/// Words of a frame in the ring.
-pub(crate) const fn words(face_values: usize) -> usize {
-    FACE + face_values
-}
-
-/// Lays a frame out for the ring.
-pub(crate) fn write(words: &mut [u32], cue: u32, index: u64, sample: u64, pose: &Pose, face: &[f32]) {
-    words[0] = cue;
-    put(&mut words[1..3], index);
-    put(&mut words[3..5], sample);
-    let values = pose.rotations.as_flattened().iter().chain(&pose.translation).chain(face);
-    words[HEAD..].iter_mut().zip(values).for_each(|(word, value)| *word = value.to_bits());
-}
-
-/// Whether words that come from a state are whole frames, and their numbers ones that a session comes to.
-pub(crate) fn are_frames(words: &[[u8; 4]], width: usize) -> bool {
-    let number = |low: usize, frame: &[[u8; 4]]| {
-        u64::from(u32::from_le_bytes(frame[low])) | u64::from(u32::from_le_bytes(frame[low + 1])) << 32
-    };
-    let mut frames = words.chunks_exact(width);
-    let are_known = frames.all(|frame| number(1, frame) <= MOST_INDEX && number(3, frame) <= MOST_SAMPLE);
-    are_known && words.len().is_multiple_of(width)
-}
-
-#[expect(clippy::cast_possible_truncation, reason = "the two halves")]
-fn put(words: &mut [u32], value: u64) {
-    words[0] = value as u32;
-    words[1] = (value >> 32) as u32;
-}
-
-fn get(words: &[u32]) -> u64 {
-    u64::from(words[0]) | u64::from(words[1]) << 32
-}
+use crate::stream::{Epoch, MAX_INDEX, MAX_SAMPLE, OwnedFrame, Stamp};
 
 /// A frame as the host sees it.
 #[derive(Clone, Copy, Debug)]
-pub struct FrameView<'a> {
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
+pub struct Frame<'a> {
     /// Its number since the session's start or last reset, 30 per second.
     pub index: u64,
     /// Sample frame of the pushed audio, at the session's rate, that it belongs to.
@@ -71,6 +32,7 @@ pub struct FrameView<'a> {
 
 /// Which times [`Session::sample_pose`](super::Session::sample_pose) could choose from.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct Sampled {
     /// Seconds of the oldest frame that is still there.
     pub oldest: f64,
@@ -80,33 +42,30 @@ pub struct Sampled {
     pub is_ahead: bool,
 }
 
-/// One frame, owned.
-#[derive(Clone, Debug)]
-pub(crate) struct Shown {
-    pub(super) index: u64,
-    pub(super) sample: u64,
-    pub(super) pose: Pose,
-    pub(super) face: Box<[f32]>,
-}
-
-impl Shown {
-    /// A frame of a pose, at the start.
+impl OwnedFrame {
     pub(crate) fn new(pose: Pose, face: &[f32]) -> Self {
-        Self { index: 0, sample: 0, pose, face: face.into() }
+        Self { index: 0, sample: 0, pose, face: Arena::system().copied(face), cue: Cue::default() }
+    }
+
+    /// A copy in memory of `arena`.
+    pub(crate) fn clone_in(&self, arena: &Arena) -> Self {
+        Self { face: arena.copied(&self.face), ..*self }
     }
 
     /// Describes the frame.
-    fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
-        pass.number("frame index", &mut self.index, 2 * MOST_INDEX)?;
-        pass.number("frame's sample", &mut self.sample, 2 * MOST_SAMPLE)?;
+    pub(super) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
+        pass.number("frame index", &mut self.index, 2 * MAX_INDEX)?;
+        pass.number("frame's sample", &mut self.sample, 2 * MAX_SAMPLE)?;
         pass.rotations(&mut self.pose.rotations)?;
         pass.f32s(&mut self.pose.translation)?;
+        pass.f32s(std::slice::from_mut(&mut self.cue.level))?;
+        pass.f32s(&mut self.cue.contacts)?;
         pass.f32s(&mut self.face)
     }
 
     /// As `other`, without allocating.
     pub(super) fn copy(&mut self, other: &Self) {
-        (self.index, self.sample, self.pose) = (other.index, other.sample, other.pose);
+        (self.index, self.sample, self.pose, self.cue) = (other.index, other.sample, other.pose, other.cue);
         self.face.copy_from_slice(&other.face);
     }
 
@@ -129,8 +88,8 @@ impl Shown {
         self.face.copy_from_slice(&other.face);
     }
 
-    pub(super) fn view(&self) -> FrameView<'_> {
-        FrameView { index: self.index, sample: self.sample, pose: &self.pose, face: &self.face }
+    pub(super) fn view(&self) -> Frame<'_> {
+        Frame { index: self.index, sample: self.sample, pose: &self.pose, face: &self.face }
     }
 }
 
@@ -147,38 +106,68 @@ fn smooth(t: f32) -> f32 {
 /// An ease to rest after an interrupt: frames that stand before the next stream's.
 #[derive(Debug)]
 struct Ease {
-    from: Shown,
+    from: OwnedFrame,
     done: u64,
     frames: u64,
 }
 
+/// Motion while no frames come: ticks of the layers over a pose that stands still.
+#[derive(Debug)]
+struct Still {
+    /// When it began, by what [`Shared::now`] says; none while frames come.
+    since: Option<u64>,
+    /// Ticks since then.
+    ticks: u64,
+    /// The last two.
+    from: OwnedFrame,
+    to: OwnedFrame,
+}
+
+/// The face's share of the time that the way back from idle motion takes.
+const FACE_EASE: f64 = 0.25;
+
+/// Most ticks that one call makes up for: a host that was paused does not wait for all of them.
+const MAX_STILL_TICKS: u64 = 8;
+
+/// Largest time that a host can say, nanoseconds: 36 years, less than the clock counts from.
+const MAX_HOST_TIME: u64 = 1 << 60;
+
 #[derive(Debug)]
 pub(crate) struct Output {
-    cue: Cue,
+    epoch: Epoch,
     /// The frame that was shown last.
-    last: Shown,
+    last: OwnedFrame,
+    /// The same without layers.
+    raw_last: OwnedFrame,
     /// Whether any was since the start.
     any: bool,
     /// The one after it, where it was already taken out of the ring.
-    next_frame: Shown,
+    next_frame: OwnedFrame,
+    /// The same without layers.
+    raw_next: OwnedFrame,
     has_next: bool,
+    life: Life,
+    voice: Option<Boxed<LiveVoice>>,
+    controls: Controls,
+    still: Still,
     /// What `sample` showed last.
-    sampled: Shown,
+    sampled: OwnedFrame,
     /// The model's pose of rest.
-    rest: Shown,
+    rest: OwnedFrame,
     ease: Ease,
     /// Index of the present stream's first frame.
     base: u64,
     /// Where the present stream's origin is, metres: x and z.
     origin: [f32; 2],
-    /// Where the pose of `sample` came from when frames came again after an idle time, and when that was.
-    seam: Shown,
+    /// Where the pose of `sample` came from when frames came again after an idle time, and when
+    /// that was.
+    seam: OwnedFrame,
     seam_at: Option<u64>,
     /// The last time that was asked for.
     time: f64,
+    /// Where the host gives the time: what it counts from, nanoseconds of the clock's count.
+    host_base: u64,
     was_idle: bool,
-    /// One frame of the ring.
-    words: Box<[u32]>,
     gained: Gained,
     chunk_frames: usize,
     frame_rate: f64,
@@ -187,32 +176,41 @@ pub(crate) struct Output {
 }
 
 impl Output {
-    pub(super) fn new(
+    #[expect(clippy::too_many_arguments, reason = "what a session is made of, each named")]
+    pub(super) fn new_in(
         session: &SessionConfig,
         config: &Config,
-        rest: Shown,
+        life: Life,
+        voice: Option<Boxed<LiveVoice>>,
+        rest: &OwnedFrame,
         is_arkit: bool,
         chunk_frames: usize,
+        arena: &Arena,
     ) -> Self {
-        let shown = || rest.clone();
-        let face_values = rest.face.len();
+        let shown = || rest.clone_in(arena);
         Self {
-            cue: Cue::default(),
+            epoch: Epoch::default(),
             last: shown(),
+            raw_last: shown(),
             any: false,
             has_next: false,
             next_frame: shown(),
+            raw_next: shown(),
+            life,
+            voice,
+            controls: Controls::new(session.avatar.life),
+            still: Still { since: None, ticks: 0, from: shown(), to: shown() },
             sampled: shown(),
             ease: Ease { from: shown(), done: 0, frames: 0 },
             seam: shown(),
             gained: Gained::new(shown(), is_arkit),
-            rest,
+            rest: shown(),
             base: 0,
             origin: [0.0; 2],
             seam_at: None,
             time: 0.0,
+            host_base: 0,
             was_idle: false,
-            words: filled(0, words(face_values)).into(),
             chunk_frames,
             frame_rate: config.frame_rate as f64,
             idle_after: session.idle_after,
@@ -220,38 +218,44 @@ impl Output {
         }
     }
 
-    /// Words of a frame in the ring.
-    pub(super) fn width(&self) -> usize {
-        self.words.len()
-    }
-
     /// What a state must have in common with this session, beside the model.
     pub(super) fn identity(&self, pass: &mut StatePass, shared: &Shared) -> Result<(), StateError> {
-        pass.same("queue of frames", (shared.frames.capacity() / self.words.len()) as u64)?;
+        pass.same("queue of frames", shared.link.frames.capacity() as u64)?;
         pass.same("time until idle", u64::try_from(self.idle_after.as_nanos()).unwrap_or(u64::MAX))?;
-        pass.same("ease", self.idle_ease.to_bits())
+        pass.same("ease", self.idle_ease.to_bits())?;
+        pass.same("voice", self.voice.is_some().into())?;
+        self.life.identity(pass)
     }
 
-    /// Describes the frame side. What `sample` shows is made anew by every call, and rest is the model's.
+    /// Describes the frame side. What `sample` shows is made anew by every call, and rest is the
+    /// model's.
     pub(super) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
-        self.cue.state(pass)?;
+        self.epoch.state(pass)?;
         pass.switch("frame shown", &mut self.any)?;
         pass.switch("next frame", &mut self.has_next)?;
         pass.switch("idle time", &mut self.was_idle)?;
         self.last.state(pass)?;
         self.next_frame.state(pass)?;
+        self.raw_last.state(pass)?;
+        self.raw_next.state(pass)?;
+        self.life.state(pass)?;
+        if let Some(voice) = &mut self.voice {
+            voice.state(pass)?;
+        }
+        self.controls.state(pass)?;
+        self.still.state(pass)?;
         self.ease.from.state(pass)?;
         self.seam.state(pass)?;
         let frames = pass.number("ease", &mut self.ease.frames, u16::MAX.into())?;
         pass.number("ease", &mut self.ease.done, frames)?;
-        let base = pass.number("start of the stream", &mut self.base, MOST_INDEX)?;
+        let base = pass.number("start of the stream", &mut self.base, MAX_INDEX)?;
         pass.must(base >= frames, "start of the stream")?;
         pass.f32s(&mut self.origin)?;
         pass.float(&mut self.time)?;
         let there = pass.flag("seam", self.seam_at.is_some())?;
         let mut seam_at = self.seam_at.unwrap_or_default();
         if pass.follows(there) {
-            seam_at = pass.moment("seam", seam_at)?;
+            seam_at = pass.host_moment("seam", seam_at)?;
         }
         if pass.loads() {
             self.seam_at = there.then_some(seam_at);
@@ -259,52 +263,94 @@ impl Output {
         self.gained.state(pass)
     }
 
+    /// Takes over the time that the host says; one that goes back is held.
+    pub(super) fn set_clock(&mut self, shared: &Shared, time: Duration) {
+        #[expect(clippy::cast_possible_truncation, reason = "at most 2^60 nanoseconds")]
+        let nanos = time.as_nanos() as u64;
+        let before = shared.host_time.load(Ordering::Relaxed);
+        if before == 0 {
+            // The host's count goes on from the clock's, so that what has begun goes on, too.
+            let now = shared.clock.nanos();
+            self.host_base = now - nanos;
+            shared.host_time.store(now, Ordering::Relaxed);
+        } else {
+            shared.host_time.store(before.max(self.host_base + nanos), Ordering::Relaxed);
+        }
+    }
+
+    /// Describes the host's time, which is now wherever the state is restored.
+    pub(super) fn clock_state(&mut self, pass: &mut StatePass, shared: &Shared) -> Result<(), StateError> {
+        let time = shared.host_time.load(Ordering::Relaxed);
+        let is_given = pass.flag("host's time", time != 0)?;
+        let mut nanos = time.saturating_sub(self.host_base);
+        if pass.follows(is_given) {
+            nanos = pass.limited("host's time", nanos, MAX_HOST_TIME)?;
+        }
+        if pass.loads() {
+            let now = if is_given { pass.now() } else { 0 };
+            shared.host_time.store(now, Ordering::Relaxed);
+            self.host_base = now.saturating_sub(nanos);
+        }
+        Ok(())
+    }
+
     /// The frame that `next` made the one shown.
-    pub(super) fn shown(&mut self, shared: &Shared) -> FrameView<'_> {
+    pub(super) fn shown(&mut self, shared: &Shared) -> Frame<'_> {
         let time = self.seconds(&self.last);
         self.gained.apply(shared, time, &self.last, &self.rest)
     }
 
     /// The pose that `sample` made.
-    pub(super) fn sampled(&mut self, shared: &Shared) -> FrameView<'_> {
+    pub(super) fn sampled(&mut self, shared: &Shared) -> Frame<'_> {
         self.gained.apply(shared, self.time, &self.sampled, &self.rest)
     }
 
-    /// Starts anew where somebody interrupted or reset the session.
-    fn follow(&mut self, shared: &Shared) {
-        let cue = shared.cue();
-        if cue == self.cue {
+    /// Restarts if the session was interrupted or reset.
+    fn sync_epoch(&mut self, shared: &Shared) {
+        let epoch = shared.link.epoch();
+        if epoch == self.epoch {
             return;
         }
-        if cue.resets != self.cue.resets {
+        self.follow_controls(shared);
+        if epoch.resets != self.epoch.resets {
             self.last.copy(&self.rest);
+            self.raw_last.copy(&self.rest);
             self.sampled.copy(&self.rest);
+            self.life.reset(epoch.number, &self.controls);
+            self.still.since = None;
             (self.base, self.origin, self.any, self.time) = (0, [0.0; 2], false, 0.0);
             self.gained.started = false;
-            // An interrupt that came after the reset, before anything was shown, has nothing to ease from.
+            // An interrupt that came after the reset, before anything was shown, has nothing to
+            // ease from.
             self.ease.frames = 0;
         } else {
             let start = if self.any { self.last.index + 1 } else { 0 };
             // Nothing was shown yet, or the avatar rests: there is nothing to ease from.
-            self.ease.frames = if self.any { u64::from(cue.ease) } else { 0 };
+            self.ease.frames = if self.any { u64::from(epoch.ease) } else { 0 };
+            self.life.interrupt(epoch.number, self.ease.frames, &self.controls);
             self.base = start + self.ease.frames;
-            self.origin = [self.last.pose.translation[0], self.last.pose.translation[2]];
+            self.origin = [self.raw_last.pose.translation[0], self.raw_last.pose.translation[2]];
         }
         if std::mem::take(&mut self.has_next) {
             shared.stats.dropped_frames.fetch_add(1, Ordering::Relaxed);
         }
-        self.ease.from.copy(&self.last);
+        if let Some(voice) = &mut self.voice {
+            voice.begin(&self.rest);
+        }
+        self.publish(shared);
+        self.ease.from.copy(&self.raw_last);
         self.ease.done = 0;
         self.seam_at = None;
-        self.cue = cue;
+        self.epoch = epoch;
     }
 
     /// Makes the next frame the one shown; whether there was one.
     pub(super) fn next(&mut self, shared: &Shared) -> bool {
-        self.follow(shared);
+        self.sync_epoch(shared);
         let there = self.fetch(shared);
         if there {
             std::mem::swap(&mut self.last, &mut self.next_frame);
+            std::mem::swap(&mut self.raw_last, &mut self.raw_next);
             self.has_next = false;
             self.any = true;
             self.time = self.time.max(self.seconds(&self.last));
@@ -327,93 +373,137 @@ impl Output {
             (to[0], to[2]) = (from[0], from[2]);
             frame.index = self.base - self.ease.frames + self.ease.done - 1;
             frame.sample = self.ease.from.sample;
-            self.has_next = true;
+            frame.cue = Cue::default();
+            self.add_layers(shared);
             return true;
         }
-        let width = self.words.len();
-        while shared.frames.len() >= width {
-            shared.frames.pop(&mut self.words);
-            self.make_room(shared);
-            if self.words[0] == self.cue.number {
-                self.read(shared);
-                self.has_next = true;
-                return true;
-            }
-            shared.stats.dropped_frames.fetch_add(1, Ordering::Relaxed);
+        let there = if self.voice.is_some() { self.fetch_live(shared) } else { self.fetch_delayed(shared) };
+        if !there {
+            return false;
         }
-        false
-    }
-
-    /// Tells the engine, where it waits for room and there is enough.
-    fn make_room(&self, shared: &Shared) {
-        let enough = shared.frames.room() >= self.chunk_frames * self.words.len();
-        if enough && shared.wants_room.swap(false, Ordering::SeqCst) {
-            shared.signal.notify();
-        }
-    }
-
-    /// The frame in `words`, where the avatar stands.
-    fn read(&mut self, shared: &Shared) {
         let frame = &mut self.next_frame;
-        frame.index = self.base + get(&self.words[1..3]);
-        frame.sample = shared.sample_base.load(Ordering::Relaxed) + get(&self.words[3..5]);
-        let mut values = self.words[HEAD..].iter().map(|&word| f32::from_bits(word));
-        let pose = frame.pose.rotations.as_flattened_mut().iter_mut().chain(&mut frame.pose.translation);
-        pose.chain(&mut frame.face).zip(&mut values).for_each(|(slot, value)| *slot = value);
         for (axis, origin) in [(0, self.origin[0]), (2, self.origin[1])] {
             // A stream that starts at the origin keeps its bits.
             if origin != 0.0 {
                 frame.pose.translation[axis] += origin;
             }
         }
+        self.add_layers(shared);
+        true
+    }
+
+    /// Makes `next_frame` the engine's next frame, where there is one.
+    fn fetch_delayed(&mut self, shared: &Shared) -> bool {
+        let Some(stamp) = self.drop_other_epochs(shared) else { return false };
+        let frame = &mut self.next_frame;
+        shared.link.frames.pop(frame);
+        shared.link.frame_taken(self.chunk_frames);
+        frame.index = self.base + stamp.index;
+        frame.sample = shared.link.input_base() + stamp.sample;
+        true
+    }
+
+    /// Makes `next_frame` the next frame whose mouth is known, over the body that is due.
+    fn fetch_live(&mut self, shared: &Shared) -> bool {
+        self.drop_other_epochs(shared);
+        let Some(voice) = &mut self.voice else { return false };
+        let Some(index) = voice.next(shared, self.epoch) else { return false };
+        if !voice.take_body(shared, self.epoch, index, self.chunk_frames) {
+            return false;
+        }
+        let frame = &mut self.next_frame;
+        frame.copy(&voice.body);
+        voice.put_mouth(frame);
+        frame.index = self.base + index;
+        frame.sample = shared.link.input_base() + shared.sample_of(index);
+        true
+    }
+
+    /// Completes the next frame: the layers' tick for it.
+    fn add_layers(&mut self, shared: &Shared) {
+        self.raw_next.copy(&self.next_frame);
+        self.follow_controls(shared);
+        self.life.apply(&mut self.next_frame, &self.controls, shared.other_level());
+        self.publish(shared);
+        self.has_next = true;
+    }
+
+    /// Tells the host's setters how many of its gestures began.
+    fn publish(&self, shared: &Shared) {
+        shared.begun_gestures.store(self.life.begun_gestures(), Ordering::Release);
+    }
+
+    /// Takes over what the host asks for; at the next frame where it is just writing that.
+    fn follow_controls(&mut self, shared: &Shared) {
+        if shared.unseen_controls.load(Ordering::Acquire)
+            && let Some(controls) = try_lock(&shared.controls)
+        {
+            shared.unseen_controls.store(false, Ordering::Relaxed);
+            self.controls = *controls;
+        }
+    }
+
+    /// Drops frames of other epochs, which stand before those that count; the stamp of the next
+    /// frame of this one.
+    fn drop_other_epochs(&self, shared: &Shared) -> Option<Stamp> {
+        let frames = &shared.link.frames;
+        while let Some(stamp) = frames.next() {
+            if stamp.epoch == self.epoch.number {
+                return Some(stamp);
+            }
+            frames.skip();
+            shared.link.frame_taken(self.chunk_frames);
+            shared.stats.dropped_frames.fetch_add(1, Ordering::Relaxed);
+        }
+        None
     }
 
     /// Frames that `next` would give, of this stream.
     #[expect(clippy::cast_possible_truncation, reason = "an ease is at most 2^16 frames")]
     pub(super) fn ready(&mut self, shared: &Shared) -> usize {
-        self.follow(shared);
-        let width = self.words.len();
-        // Frames of a stream that was dropped stand before those that count.
-        while shared.frames.len() >= width {
-            shared.frames.peek(&mut self.words[..1]);
-            if self.words[0] == self.cue.number {
-                break;
-            }
-            shared.frames.skip(width);
-            self.make_room(shared);
-            shared.stats.dropped_frames.fetch_add(1, Ordering::Relaxed);
-        }
+        self.sync_epoch(shared);
+        self.drop_other_epochs(shared);
         let eased = (self.ease.frames - self.ease.done) as usize;
-        usize::from(self.has_next) + eased + shared.frames.len() / width
+        usize::from(self.has_next) + eased + self.waiting(shared)
+    }
+
+    /// Frames of this stream that `fetch` would give after an ease.
+    fn waiting(&mut self, shared: &Shared) -> usize {
+        match &mut self.voice {
+            Some(voice) => voice.ready(shared, self.epoch),
+            None => shared.link.frames.len(),
+        }
     }
 
     /// Whether every frame of a stream of `total` frames was shown.
     pub(super) fn is_done(&mut self, shared: &Shared, total: u64) -> bool {
-        self.follow(shared);
+        self.sync_epoch(shared);
         let shown = if self.any { (self.last.index + 1).saturating_sub(self.base) } else { 0 };
-        !self.has_next && self.ease.done == self.ease.frames && shown >= total
+        let tail = self.voice.as_ref().map_or(0, |voice| voice.delay());
+        !self.has_next && self.ease.done == self.ease.frames && shown >= total + if total > 0 { tail } else { 0 }
     }
 
-    /// Asks the engine for motion on silence, where the host waits for frames, wants that, and no audio comes.
+    /// Asks the engine for motion on silence, where the host waits for frames, wants that, and no
+    /// audio comes.
     pub(super) fn want_silence(&self, shared: &Shared) {
-        if shared.idle() == Idle::Live && self.is_silent(shared) && !shared.wants_silence.swap(true, Ordering::SeqCst) {
-            shared.signal.notify();
+        if shared.idle() == Idle::Live && self.is_silent(shared) {
+            shared.link.want_silence();
         }
     }
 
-    /// Whether no audio has come for some time, or none will.
+    /// Whether no audio was pushed for `idle_after`, or the stream has ended.
     fn is_silent(&self, shared: &Shared) -> bool {
-        let since = shared.clock.nanos().saturating_sub(shared.audio_time.load(Ordering::Relaxed));
+        let since = shared.now().saturating_sub(shared.heard.load(Ordering::Relaxed));
         u128::from(since) >= self.idle_after.as_nanos()
     }
 
-    fn seconds(&self, frame: &Shown) -> f64 {
+    fn seconds(&self, frame: &OwnedFrame) -> f64 {
         frame.index as f64 / self.frame_rate
     }
 
     /// Makes `sampled` the pose at a time.
     pub(super) fn sample(&mut self, shared: &Shared, seconds: f64) -> Sampled {
-        self.follow(shared);
+        self.sync_epoch(shared);
         self.time = self.time.max(seconds);
         let time = self.time;
         if !self.any {
@@ -436,14 +526,18 @@ impl Output {
         Sampled { oldest, newest, is_ahead }
     }
 
-    /// Leaves the stream for the rest pose while no audio comes, and comes back to it.
+    /// Leaves the stream while no audio comes, for the rest pose or for the last one with its layers,
+    /// and comes back to it.
     fn idle(&mut self, shared: &Shared, is_ahead: bool) {
-        // By the clock: a host's time stands still where it is that of the sound.
-        let now = shared.clock.nanos();
+        // Not by the time of the pose, which stands still where it is that of the sound.
+        let now = shared.now();
         if is_ahead {
             self.want_silence(shared);
         }
-        let rests = is_ahead && self.any && shared.idle() == Idle::Rest && self.is_silent(shared);
+        self.follow_controls(shared);
+        let is_alive = !self.life.is_off(&self.controls);
+        let rests = is_ahead
+            && if self.any { (is_alive || shared.idle() == Idle::Rest) && self.is_silent(shared) } else { is_alive };
         if rests != self.was_idle {
             // From what was shown a moment ago, whatever that was.
             self.seam_at = Some(now);
@@ -454,7 +548,9 @@ impl Output {
         let Some(start) = self.seam_at else { return };
         let passed = Duration::from_nanos(now.saturating_sub(start)).as_secs_f64();
         let t = smooth(single(passed / self.idle_ease));
-        if rests {
+        if rests && is_alive {
+            self.stand(shared, now);
+        } else if rests {
             let place = self.sampled.pose.translation;
             self.sampled.pose_of(&self.rest);
             (self.sampled.pose.translation[0], self.sampled.pose.translation[2]) = (place[0], place[2]);
@@ -465,24 +561,74 @@ impl Output {
         }
         let from = self.sampled.pose.translation;
         mixed(&mut self.sampled.pose.translation, &from, &target.translation, t);
+        // Speech begins with the mouth: the way back to it is shorter for the face.
+        let t_face = if rests { t } else { smooth(single(passed / (FACE_EASE * self.idle_ease))) };
         for (value, from) in self.sampled.face.iter_mut().zip(&self.seam.face) {
-            *value = from + (*value - from) * t;
+            *value = from + (*value - from) * t_face;
         }
         if t >= 1.0 {
             self.seam.copy(&self.sampled);
             if !rests {
                 self.seam_at = None;
+                self.still.since = None;
             }
         }
     }
 
+    /// Makes `sampled` what the layers show of a figure that stands still at this moment.
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a count of ticks")]
+    fn stand(&mut self, shared: &Shared, now: u64) {
+        let is_new = self.still.since.is_none();
+        let start = *self.still.since.get_or_insert(now);
+        let at = Duration::from_nanos(now.saturating_sub(start)).as_secs_f64() * self.frame_rate;
+        let wanted = at as u64 + 2;
+        if is_new {
+            self.still.ticks = 0;
+        }
+        self.still.ticks = self.still.ticks.max(wanted.saturating_sub(MAX_STILL_TICKS));
+        while self.still.ticks < wanted {
+            let Still { from, to, ticks, .. } = &mut self.still;
+            std::mem::swap(from, to);
+            to.copy(&self.raw_last);
+            to.cue = Cue::default();
+            if !self.any || shared.idle() == Idle::Rest {
+                to.pose_of(&self.rest);
+                let place = self.raw_last.pose.translation;
+                (to.pose.translation[0], to.pose.translation[2]) = (place[0], place[2]);
+            }
+            self.life.apply(to, &self.controls, shared.other_level());
+            shared.begun_gestures.store(self.life.begun_gestures(), Ordering::Release);
+            *ticks += 1;
+            if is_new && *ticks == 1 {
+                from.copy(to);
+            }
+        }
+        self.sampled.between(&self.still.from, &self.still.to, single(at.fract()));
+    }
+
     /// Seconds of the newest frame that is ready.
-    fn newest(&self, shared: &Shared, oldest: f64) -> f64 {
-        let queued = shared.frames.len() / self.words.len();
-        let waiting = usize::from(self.has_next) + queued;
+    fn newest(&mut self, shared: &Shared, oldest: f64) -> f64 {
+        let waiting = usize::from(self.has_next) + self.waiting(shared);
         #[expect(clippy::cast_precision_loss, reason = "a queue is short")]
         let ahead = waiting as f64 + (self.ease.frames - self.ease.done) as f64;
         oldest + ahead / self.frame_rate
+    }
+}
+
+impl Still {
+    /// Describes it.
+    fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
+        let is_on = pass.flag("idle motion", self.since.is_some())?;
+        let mut since = self.since.unwrap_or_default();
+        if pass.follows(is_on) {
+            since = pass.host_moment("idle motion", since)?;
+        }
+        if pass.loads() {
+            self.since = is_on.then_some(since);
+        }
+        pass.number("idle motion", &mut self.ticks, MAX_INDEX)?;
+        self.from.state(pass)?;
+        self.to.state(pass)
     }
 }
 

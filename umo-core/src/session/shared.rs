@@ -1,56 +1,28 @@
-//! What the sides of a session share, and what they tell each other.
+//! State shared by the sides of a session.
 
 use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, TryLockError};
 
-use super::config::{AUDIO_SECONDS, Idle, MAX_CHANNELS, MAX_RATE, MIN_RATE, SessionConfig};
+use super::config::{AUDIO_SECONDS, Idle, MAX_QUEUE, SessionConfig, in_range};
 use super::delay::Delays;
 use super::error::SessionError;
 use super::input::Input;
-use super::output::{Output, Shown, words as frame_words};
+use super::other::OtherInput;
+use super::output::Output;
+use super::voice::{LiveVoice, Voice};
+use crate::audio::resample::Resampler;
 use crate::avatar::AvatarConfig;
 use crate::clock::Clock;
-use crate::config::Config;
 use crate::defect::Defect;
-use crate::engine::Signal;
 use crate::error::{LoadError, StepError};
+use crate::life::{Controls, Gestures, Life};
 use crate::lm::layout::MAX_PROMPT_TOKENS;
 use crate::lm::sampler::Sampler;
+use crate::memory::{Arena, Boxed};
+use crate::model::Model;
 use crate::motion::Assembly;
 use crate::part::PerPart;
-use crate::ring::Ring;
-use crate::state::{StateError, StatePass};
-
-/// What an interrupt or a reset tells the three sides.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Cue {
-    /// Counts all cues.
-    pub(crate) number: u32,
-    /// Counts resets, modulo 2^16.
-    pub(crate) resets: u16,
-    /// Frames to ease in.
-    pub(crate) ease: u16,
-}
-
-impl Cue {
-    pub(super) fn pack(self) -> u64 {
-        u64::from(self.number) << 32 | u64::from(self.resets) << 16 | u64::from(self.ease)
-    }
-
-    #[expect(clippy::cast_possible_truncation, reason = "fields of a word")]
-    pub(super) fn unpack(word: u64) -> Self {
-        Self { number: (word >> 32) as u32, resets: (word >> 16) as u16, ease: word as u16 }
-    }
-
-    /// Describes a cue that one of the sides saw.
-    pub(crate) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
-        let word = pass.word(self.pack())?;
-        if pass.loads() {
-            *self = Self::unpack(word);
-        }
-        Ok(())
-    }
-}
+use crate::stream::{FrameRing, Link, OwnedFrame, Signal};
 
 /// What is set while the session runs, taken over at the next chunk.
 #[derive(Debug)]
@@ -69,17 +41,15 @@ impl Settings {
     }
 }
 
-/// No sample position: nobody waits for audio.
-pub(crate) const NOBODY: u64 = u64::MAX;
-/// No end of the stream is known.
-pub(crate) const ENDLESS: u64 = u64::MAX;
+/// Frames that a live session's body is behind beyond its algorithmic latency: time to compute them.
+const MORE_FRAMES: usize = 2;
 
 /// How a session's computation ended, if it did.
 const RUNNING: u8 = 0;
 const FAILED: u8 = 1;
 const CLOSED: u8 = 2;
 
-/// Why the engine cannot go on with a session.
+/// Why the engine stopped computing a session.
 #[derive(Clone, Debug)]
 pub(crate) enum Failure {
     /// A step could not be taken.
@@ -91,31 +61,14 @@ pub(crate) enum Failure {
 /// What the sides of a session share.
 #[derive(Debug)]
 pub(crate) struct Shared {
-    /// Samples at the model's rate, as the bits of floats.
-    pub(crate) audio: Ring,
-    /// Frames, as [`output`] lays them out.
-    pub(crate) frames: Ring,
-    pub(super) cue: AtomicU64,
-    /// The last cue that the audio side saw, and where in `audio` what came after it starts.
-    pub(crate) heard_cue: AtomicU32,
-    pub(crate) heard_from: AtomicU64,
-    /// Sample frames pushed before that cue, at the session's rate.
-    pub(crate) sample_base: AtomicU64,
-    /// Sample frames pushed since that cue, and up to which of them there are frames.
+    /// The protocol between the sides.
+    pub(crate) link: Link,
+    /// Sample frames pushed since the input's epoch began, and up to which of them there are
+    /// frames.
     pub(super) pushed: AtomicU64,
     covered: AtomicU64,
     /// The largest backlog that was seen, in sample frames.
     largest_backlog: AtomicU64,
-    /// Frames of the stream in all since that cue, or [`ENDLESS`].
-    pub(crate) total: AtomicU64,
-    /// Position in `audio` at which the next chunk is due, or [`NOBODY`].
-    pub(crate) due_at: AtomicU64,
-    /// When audio last came, nanoseconds.
-    pub(crate) audio_time: AtomicU64,
-    /// The engine waits for room in `frames`.
-    pub(crate) wants_room: AtomicBool,
-    /// The host waits for frames while no audio comes.
-    pub(crate) wants_silence: AtomicBool,
     /// The host has dropped the session.
     pub(crate) dropped: AtomicBool,
     pub(super) state: AtomicU8,
@@ -126,16 +79,33 @@ pub(crate) struct Shared {
     pub(super) settings: Mutex<Settings>,
     /// Settings that the engine has not seen.
     pub(super) unseen: AtomicBool,
+    /// What the host asks of the layers, and whether the output has not seen it.
+    pub(super) controls: Mutex<Controls>,
+    pub(super) unseen_controls: AtomicBool,
+    /// Gestures that the avatar knows, and how many that the host asked for began.
+    pub(super) gestures: Gestures,
+    pub(super) begun_gestures: AtomicU64,
+    /// Level of who speaks to the avatar, as the bits of a float.
+    pub(super) other_level: AtomicU32,
+    /// When that was heard, by what [`Self::now`] says.
+    pub(super) other_time: AtomicU64,
+    pub(super) other: Mutex<OtherInput>,
     pub(super) input: Mutex<Input>,
-    pub(super) output: Mutex<Output>,
+    pub(super) output: Mutex<Boxed<Output>>,
     pub(crate) stats: Counters,
     pub(crate) delays: Delays,
     pub(crate) clock: Clock,
-    pub(crate) signal: Arc<Signal>,
+    /// What time it is by the host, nanoseconds of the clock's count; 0 while the clock says it.
+    pub(super) host_time: AtomicU64,
+    /// When audio was pushed last, by what [`Self::now`] says.
+    pub(super) heard: AtomicU64,
     /// Samples at the session's rate that a frame needs at most.
     pub(super) algorithmic_samples: usize,
+    /// Those that its mouth needs.
+    pub(super) mouth_samples: usize,
     pub(super) channels: usize,
     pub(super) frame_rate: usize,
+    sample_rate: usize,
 }
 
 #[derive(Debug, Default)]
@@ -149,10 +119,6 @@ pub(crate) struct Counters {
 }
 
 impl Shared {
-    pub(crate) fn cue(&self) -> Cue {
-        Cue::unpack(self.cue.load(Ordering::SeqCst))
-    }
-
     pub(crate) fn idle(&self) -> Idle {
         match self.idle.load(Ordering::Relaxed) {
             1 => Idle::Rest,
@@ -161,7 +127,8 @@ impl Shared {
         }
     }
 
-    /// Takes settings over, where there are new ones; at the next chunk where the host is just writing them.
+    /// Calls `take` with the settings if they have changed; at the next chunk if the host is
+    /// writing them now.
     pub(crate) fn take_settings(&self, take: impl FnOnce(&Settings)) {
         if self.unseen.load(Ordering::Acquire)
             && let Some(settings) = try_lock(&self.settings)
@@ -171,7 +138,7 @@ impl Shared {
         }
     }
 
-    /// The engine cannot go on with this session.
+    /// Ends the session with a failure; the first one is kept.
     pub(crate) fn fail(&self, failure: Failure) {
         // The first failure stays.
         let _ = self.failure.set(failure);
@@ -196,6 +163,15 @@ impl Shared {
         self.state.load(Ordering::Acquire) == RUNNING
     }
 
+    /// What time it is for what moves while no frames come, nanoseconds: the host's where it gives
+    /// one, else the clock's.
+    pub(super) fn now(&self) -> u64 {
+        match self.host_time.load(Ordering::Relaxed) {
+            0 => self.clock.nanos(),
+            time => time,
+        }
+    }
+
     pub(super) fn check(&self) -> Result<(), SessionError> {
         match self.state.load(Ordering::Acquire) {
             FAILED => match self.failure.get() {
@@ -207,38 +183,35 @@ impl Shared {
         }
     }
 
+    /// The sample frame, at the session's rate, that a frame of the stream belongs to.
+    pub(super) fn sample_of(&self, frame: u64) -> u64 {
+        frame * self.sample_rate as u64 / self.frame_rate as u64
+    }
+
     /// A stream begins with so much audio pushed.
     pub(super) fn begin_backlog(&self, pushed: u64) {
         self.pushed.store(pushed, Ordering::Relaxed);
         self.covered.store(pushed, Ordering::Relaxed);
     }
 
-    /// There are frames of the stream up to sample frame `sample`. How far behind they were until now is remembered.
+    /// There are frames of the stream up to sample frame `sample`. How far behind they were until
+    /// now is remembered.
     pub(crate) fn cover(&self, sample: u64) {
         self.backlog();
         self.covered.store(sample, Ordering::Relaxed);
     }
 
-    /// Sample frames by which the newest frame is behind the newest audio, beyond what every frame needs of its future: now,
-    /// and the most so far.
+    /// Sample frames by which the newest frame is behind the newest audio, beyond what every frame
+    /// needs of its future: now, and the most so far.
     pub(super) fn backlog(&self) -> (u64, u64) {
         let pushed = self.pushed.load(Ordering::Relaxed);
         let promised = self.covered.load(Ordering::Relaxed) + self.algorithmic_samples as u64;
         let backlog = pushed.saturating_sub(promised);
         (backlog, self.largest_backlog.fetch_max(backlog, Ordering::Relaxed).max(backlog))
     }
-
-    /// Tells the engine to look, where it waits for what is now in `audio`.
-    pub(super) fn notify(&self) {
-        let due = self.due_at.load(Ordering::SeqCst);
-        if due != NOBODY && (self.audio.written() >= due || self.total.load(Ordering::Relaxed) != ENDLESS) {
-            self.due_at.store(NOBODY, Ordering::SeqCst);
-            self.signal.notify();
-        }
-    }
 }
 
-/// The lock, where nobody has it. A side that panicked left nothing half done that the next call would trip over.
+/// The lock, if it is free. A side that panicked left its data consistent, so poisoning is ignored.
 pub(super) fn try_lock<T>(mutex: &Mutex<T>) -> Option<MutexGuard<'_, T>> {
     match mutex.try_lock() {
         Ok(guard) => Some(guard),
@@ -248,50 +221,56 @@ pub(super) fn try_lock<T>(mutex: &Mutex<T>) -> Option<MutexGuard<'_, T>> {
 }
 
 /// What an engine knows of a session that is being made.
-pub(crate) struct Making<'a> {
-    pub(crate) config: &'a Config,
+pub(crate) struct SessionInit<'a> {
+    pub(crate) model: &'a Arc<Model>,
     pub(crate) assembly: &'a Assembly,
-    pub(crate) rest: Shown,
+    pub(crate) rest: &'a OwnedFrame,
     /// Most frames of one chunk.
     pub(crate) chunk_frames: usize,
     /// Whether speech moves the avatar.
     pub(crate) has_audio: bool,
     pub(crate) clock: Clock,
     pub(crate) signal: Arc<Signal>,
+    /// Converts the session's rate to the model's.
+    pub(crate) resampler: Resampler,
+    /// Where all of it comes from.
+    pub(crate) arena: &'a Arena,
 }
 
 impl Shared {
-    pub(crate) fn new(making: Making, session: &SessionConfig) -> Result<Self, LoadError> {
-        let Making { config, assembly, rest, chunk_frames, has_audio, clock, signal } = making;
-        let range = |key: &str, got: usize, from: usize, to: usize| {
-            if (from..=to).contains(&got) {
-                return Ok(());
-            }
-            Err(LoadError::config(key, format!("expected {from} to {to}, got {got}")))
-        };
-        range("sample_rate", session.sample_rate, MIN_RATE, MAX_RATE)?;
-        range("channels", session.channels, 1, MAX_CHANNELS)?;
-        range("queue_frames", session.queue_frames, 2 * chunk_frames, 1 << 16)?;
+    pub(crate) fn new(init: SessionInit, session: &SessionConfig) -> Result<Self, LoadError> {
+        let SessionInit { model, assembly, rest, chunk_frames, has_audio, clock, signal, resampler, arena } = init;
+        let config = &model.config;
+        in_range("queue_frames", session.queue_frames, 2 * chunk_frames, MAX_QUEUE)?;
         let (rate, face_values) = (config.audio.sample_rate, assembly.face_values());
-        let input = Input::new(session.sample_rate, session.channels, config)
-            .map_err(|error| LoadError::config("sample_rate", error.to_string()))?;
-        let algorithmic_samples = session.latency_with(config, has_audio, input.resampler());
-        let chunk = config.max_target * config.samples_per_keyframe();
+        let input = Input::new_in(resampler, session.sample_rate, session.channels, config, arena);
+        let algorithmic_samples = session.latency_with(config, has_audio);
+        let mut mouth_samples = algorithmic_samples;
+        let voice = match session.voice {
+            Voice::Delayed => None,
+            Voice::Live => {
+                let frames = (algorithmic_samples * config.frame_rate).div_ceil(session.sample_rate) + MORE_FRAMES;
+                let voice = LiveVoice::new_in(Arc::clone(model), frames as u64, rest, arena).filter(|_| has_audio);
+                let missing = || LoadError::config("voice", "live: the model has no mouth network, or takes no audio");
+                let voice = voice.ok_or_else(missing)?;
+                let delay = voice.latency_samples() * session.sample_rate;
+                mouth_samples = delay.div_ceil(rate) + input.resampler().most_delay(1);
+                Some(arena.boxed(voice))
+            }
+        };
+        let chunk = (config.max_target + config.audio.ahead) * config.samples_per_keyframe();
         Ok(Self {
-            audio: Ring::new((AUDIO_SECONDS * rate).max(2 * chunk) + input.most_left()),
-            frames: Ring::new(session.queue_frames * frame_words(face_values)),
-            cue: AtomicU64::new(0),
-            heard_cue: AtomicU32::new(0),
-            heard_from: AtomicU64::new(0),
-            sample_base: AtomicU64::new(0),
+            link: Link::new_in(
+                (AUDIO_SECONDS * rate).max(2 * chunk) + input.most_left(),
+                voice.is_some(),
+                FrameRing::new_in(session.queue_frames, face_values, arena),
+                clock.nanos(),
+                signal,
+                arena,
+            ),
             pushed: AtomicU64::new(0),
             covered: AtomicU64::new(0),
             largest_backlog: AtomicU64::new(0),
-            total: AtomicU64::new(ENDLESS),
-            due_at: AtomicU64::new(NOBODY),
-            audio_time: AtomicU64::new(clock.nanos()),
-            wants_room: AtomicBool::new(false),
-            wants_silence: AtomicBool::new(false),
             dropped: AtomicBool::new(false),
             state: AtomicU8::new(RUNNING),
             failure: OnceLock::new(),
@@ -299,15 +278,34 @@ impl Shared {
             gains: PerPart::from_fn(|_| AtomicU32::new(1.0_f32.to_bits())),
             settings: Mutex::new(Settings::new(&session.avatar)),
             unseen: AtomicBool::new(false),
-            output: Mutex::new(Output::new(session, config, rest, assembly.is_arkit(), chunk_frames)),
+            controls: Mutex::new(Controls::new(session.avatar.life)),
+            unseen_controls: AtomicBool::new(true),
+            gestures: session.avatar.gestures.clone(),
+            begun_gestures: AtomicU64::new(0),
+            other_level: AtomicU32::new(0.0_f32.to_bits()),
+            other_time: AtomicU64::new(clock.nanos()),
+            other: Mutex::new(OtherInput::new(session.sample_rate, session.channels, config)),
+            output: Mutex::new(arena.boxed(Output::new_in(
+                session,
+                config,
+                Life::new(config, rest, session.avatar.sampler.seed, session.avatar.gestures.clone()),
+                voice,
+                rest,
+                assembly.is_arkit(),
+                chunk_frames,
+                arena,
+            ))),
             input: Mutex::new(input),
             stats: Counters::default(),
-            delays: Delays::new(),
+            delays: Delays::new_in(arena),
             algorithmic_samples,
+            mouth_samples,
             channels: session.channels,
             frame_rate: config.frame_rate,
+            sample_rate: session.sample_rate,
+            host_time: AtomicU64::new(0),
+            heard: AtomicU64::new(clock.nanos()),
             clock,
-            signal,
         })
     }
 }

@@ -1,41 +1,50 @@
-//! A session's whole state as bytes, and back: for replay, for rollback, and to move an avatar to another process.
+//! A session's whole state as bytes, and back: for replay, for rollback, and to move an avatar to
+//! another process.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use super::gain::gain_bits;
 use super::input::Input;
-use super::output::{Output, are_frames};
-use super::shared::{Counters, NOBODY, Settings, Shared, try_lock};
-use super::{INPUT, Idle, OUTPUT, SETTER, Session, SessionError};
-use crate::engine::Core;
+use super::other::OtherInput;
+use super::output::Output;
+use super::schedule::Member;
+use super::shared::{Counters, Settings, Shared, try_lock};
+use super::{INPUT, Idle, OTHER, OUTPUT, SETTER, Session, SessionError};
+use crate::life::Controls;
 use crate::model::Model;
 use crate::part::Part;
 use crate::state::{StateError, StatePass};
 
 /// Every side of a session, each kept from others.
 ///
-/// The rings have one producer and one consumer each. Audio is pushed under the lock of `input` and taken by whoever has the
-/// core; frames are pushed by whoever has the core and taken under the lock of `output`. Who has all three is alone with both
-/// ends of both rings. What others may change at any moment is one word each: the cue and the idle mode, whose change then
-/// counts as before or after.
+/// The rings have one producer and one consumer each. Audio is pushed under the lock of `input` and
+/// taken by the owner of the member; frames are pushed by the owner of the member and taken under the
+/// lock of `output`. Who has all three is alone with both ends of both rings. What others may
+/// change at any moment is one word each: the epoch and the idle mode, whose change then counts as
+/// before or after.
 struct Sides<'a> {
     shared: &'a Shared,
     model: &'a Model,
-    core: &'a mut Core,
+    member: &'a mut Member,
     input: &'a mut Input,
+    other: &'a mut OtherInput,
     output: &'a mut Output,
     settings: &'a mut Settings,
+    controls: &'a mut Controls,
 }
 
 /// Most bytes of a state of a session that is being made.
-pub(crate) fn state_size(shared: &Arc<Shared>, core: &mut Core, model: &Model) -> usize {
+pub(crate) fn state_size(shared: &Shared, member: &mut Member, model: &Model) -> usize {
     let free = "nobody else knows the session yet";
     let (mut input, mut output) = (try_lock(&shared.input).expect(free), try_lock(&shared.output).expect(free));
     let mut settings = try_lock(&shared.settings).expect(free);
-    let (input, output, settings) = (&mut *input, &mut *output, &mut *settings);
+    let mut other = try_lock(&shared.other).expect(free);
+    let mut controls = try_lock(&shared.controls).expect(free);
+    let (input, output, settings, controls) = (&mut *input, &mut **output, &mut *settings, &mut *controls);
     let mut pass = StatePass::size();
-    Sides { shared, model, core, input, output, settings }.state(&mut pass).expect("nothing is checked");
+    Sides { shared, model, member, input, other: &mut other, output, settings, controls }
+        .state(&mut pass)
+        .expect("nothing is checked");
     pass.end().expect("nothing is checked")
 }
 
@@ -45,32 +54,34 @@ impl Session {
         self.state_size
     }
 
-    /// Writes the session's whole state to the start of `bytes`, of which there are at least [`Self::state_size`], and says
-    /// how many it took. The session goes on as if nothing had happened.
+    /// Writes the session's whole state to the start of `bytes`, of which there are at least
+    /// [`Self::state_size`], and says how many it took. The session goes on as if nothing had
+    /// happened.
     ///
-    /// Never waits and never allocates. The bytes hold no address and no moment of the clock: they can be restored in another
-    /// process.
+    /// Never waits and never allocates. The bytes hold no address and no moment of the clock: they
+    /// can be restored in another process.
     ///
     /// # Errors
-    /// [`SessionError::Busy`] while the engine computes a chunk of this session, or another thread is in a call that pushes,
-    /// pulls or sets; [`SessionError::Range`] where there are too few bytes.
+    /// [`SessionError::Busy`] while the engine computes a chunk of this session, or another thread
+    /// is in a call that pushes, pulls or sets; [`SessionError::Range`] where there are too few
+    /// bytes.
     pub fn save(&self, bytes: &mut [u8]) -> Result<usize, SessionError> {
         if bytes.len() < self.state_size {
             return Err(SessionError::Range("a state may take as many bytes as state_size says"));
         }
-        let now = self.shared.clock.nanos();
         self.with_sides(|mut sides| {
-            let mut pass = StatePass::save(bytes, now);
+            let mut pass = StatePass::save(bytes, sides.shared.clock.nanos(), sides.shared.now());
             sides.state(&mut pass)?;
             Ok(pass.end()?)
         })
     }
 
-    /// Makes the session what it, or another one of the same model and config, was when it was saved: from then on it gives
-    /// the same frames to the same calls. Frames and audio of before are gone, settings and statistics are the state's;
-    /// [`Self::latency`] goes on.
+    /// Makes the session what it, or another one of the same model and config, was when it was
+    /// saved: from then on it gives the same frames to the same calls. Frames and audio of before
+    /// are gone, settings and statistics are the state's; [`Self::latency`] goes on.
     ///
-    /// Never waits and never allocates. An interrupt or a reset by another thread counts as before or after.
+    /// Never waits and never allocates. An interrupt or a reset by another thread counts as before
+    /// or after.
     ///
     /// # Errors
     /// [`SessionError::State`] where the bytes are no state, or not one of this model and config;
@@ -83,9 +94,6 @@ impl Session {
             pass.end()?;
             let mut pass = StatePass::load(bytes, now);
             sides.state(&mut pass).expect("these bytes were checked");
-            // Whoever waits for audio or room finds out anew.
-            sides.shared.due_at.store(NOBODY, Ordering::SeqCst);
-            sides.shared.wants_room.store(false, Ordering::SeqCst);
             Ok(())
         })
     }
@@ -95,39 +103,40 @@ impl Session {
         shared.check()?;
         let result = {
             let mut input = try_lock(&shared.input).ok_or(SessionError::Busy(INPUT))?;
+            let mut other = try_lock(&shared.other).ok_or(SessionError::Busy(OTHER))?;
             let mut output = try_lock(&shared.output).ok_or(SessionError::Busy(OUTPUT))?;
             let mut settings = try_lock(&shared.settings).ok_or(SessionError::Busy(SETTER))?;
-            let (input, output, settings) = (&mut *input, &mut *output, &mut *settings);
-            self.place.with_core(|core, model| f(Sides { shared, model, core, input, output, settings }))
+            let mut controls = try_lock(&shared.controls).ok_or(SessionError::Busy(SETTER))?;
+            let (input, output, settings, controls) = (&mut *input, &mut **output, &mut *settings, &mut *controls);
+            self.slot.with_member(|member, model| {
+                f(Sides { shared, model, member, input, other: &mut other, output, settings, controls })
+            })
         };
-        // The engine looks at no place that somebody holds: it looks again now that nobody does.
-        shared.signal.notify();
+        // The engine skips locked slots: it must check again.
+        shared.link.notify();
         result.unwrap_or(Err(SessionError::Busy("a chunk of this session")))
     }
 }
 
 impl Sides<'_> {
     fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
-        let Self { shared, model, core, input, output, settings } = self;
+        let Self { shared, model, member, input, other, output, settings, controls } = self;
         pass.model(model.fingerprint)?;
         input.identity(pass)?;
-        core.identity(pass)?;
+        member.identity(pass)?;
         output.identity(pass, shared)?;
-        // All sides and all frames have the state's cues: whoever was behind then is behind again, and as far.
-        let mut cue = shared.cue();
-        cue.state(pass)?;
-        if pass.loads() {
-            shared.cue.store(cue.pack(), Ordering::SeqCst);
-        }
-        let waiting = shared.audio.state(pass, "waiting audio", |_| true)?;
-        let width = output.width();
-        shared.frames.state(pass, "waiting frames", |words| are_frames(words, width))?;
+        let waiting = shared.link.state(pass)?;
         input.state(pass, shared, waiting)?;
+        other.state(pass)?;
+        output.clock_state(pass, shared)?;
         output.state(pass)?;
-        core.state(pass, model)?;
+        member.state(pass, model)?;
         shared.state(pass)?;
         settings.state(pass)?;
-        switch(pass, "settings", &shared.unseen)
+        controls.state(pass)?;
+        word(pass, &shared.begun_gestures)?;
+        switch(pass, "settings", &shared.unseen)?;
+        switch(pass, "controls", &shared.unseen_controls)
     }
 }
 
@@ -135,17 +144,25 @@ impl Shared {
     /// Describes what belongs to no side.
     fn state(&self, pass: &mut StatePass) -> Result<(), StateError> {
         let idle = pass.limited("idle mode", self.idle.load(Ordering::Relaxed).into(), Idle::Live as u64)?;
-        let audio_time = pass.moment("time of audio", self.audio_time.load(Ordering::Relaxed))?;
         if pass.loads() {
             self.idle.store(u8::try_from(idle).unwrap_or_default(), Ordering::Relaxed);
-            self.audio_time.store(audio_time, Ordering::Relaxed);
         }
-        switch(pass, "wish for silence", &self.wants_silence)?;
+        self.link.waiting_state(pass)?;
         for part in Part::ALL {
             let bits = gain_bits(pass, self.gains[part].load(Ordering::Relaxed))?;
             if pass.loads() {
                 self.gains[part].store(bits, Ordering::Relaxed);
             }
+        }
+        let level = pass.limited("other's level", self.other_level.load(Ordering::Relaxed).into(), u32::MAX.into())?;
+        let level = u32::try_from(level).unwrap_or_default();
+        pass.must(f32::from_bits(level).is_finite(), "other's level")?;
+        let time = pass.host_moment("other's time", self.other_time.load(Ordering::Relaxed))?;
+        let heard = pass.host_moment("time of sound", self.heard.load(Ordering::Relaxed))?;
+        if pass.loads() {
+            self.heard.store(heard, Ordering::Relaxed);
+            self.other_level.store(level, Ordering::Relaxed);
+            self.other_time.store(time, Ordering::Relaxed);
         }
         self.stats.state(pass)
     }

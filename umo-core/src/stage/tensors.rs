@@ -27,8 +27,8 @@ impl<'a> Inputs<'a> {
     /// A vector of F32.
     ///
     /// # Errors
-    /// [`StageError::Input`] where it is missing, of another type, has more than one dimension, or holds a value that is
-    /// no finite number.
+    /// [`StageError::Input`] where it is missing, of another type, has more than one dimension, or
+    /// holds a value that is no finite number.
     pub fn floats(&self, name: &str) -> Result<Vec<f32>, StageError> {
         let view = self.vector(name, Dtype::F32)?;
         let values: Vec<f32> = view.data().as_chunks().0.iter().map(|v| f32::from_le_bytes(*v)).collect();
@@ -36,6 +36,41 @@ impl<'a> Inputs<'a> {
             Some(i) => Err(self.error(name, format!("value [{i}] is {}, not a finite number", values[i]))),
             None => Ok(values),
         }
+    }
+
+    /// Rows of `width` F32 each.
+    ///
+    /// # Errors
+    /// [`StageError::Input`] as [`Self::floats`], but for two dimensions.
+    pub fn float_rows(&self, name: &str, width: usize) -> Result<Vec<f32>, StageError> {
+        let view = self.rows(name, Dtype::F32, width)?;
+        let values: Vec<f32> = view.data().as_chunks().0.iter().map(|v| f32::from_le_bytes(*v)).collect();
+        match values.iter().position(|v| !v.is_finite()) {
+            Some(i) => Err(self.error(name, format!("value [{i}] is {}, not a finite number", values[i]))),
+            None => Ok(values),
+        }
+    }
+
+    /// Rows of `width` codes each, I64.
+    ///
+    /// # Errors
+    /// [`StageError::Input`] as [`Self::codes`], but for two dimensions.
+    pub fn code_rows(&self, name: &str, width: usize) -> Result<Vec<u16>, StageError> {
+        let view = self.rows(name, Dtype::I64, width)?;
+        let values = view.data().as_chunks().0.iter().map(|v| i64::from_le_bytes(*v));
+        let convert =
+            |value: i64| u16::try_from(value).map_err(|_| self.error(name, format!("{value} is out of range")));
+        values.map(convert).collect()
+    }
+
+    fn rows(&self, name: &str, dtype: Dtype, width: usize) -> Result<TensorView<'_>, StageError> {
+        let view = self.tensors.tensor(&format!("{}{name}", self.prefix));
+        let view = view.map_err(|_| self.error(name, "missing".to_owned()))?;
+        if view.dtype() == dtype && view.shape().len() == 2 && view.shape()[1] == width {
+            return Ok(view);
+        }
+        let (got, shape) = (view.dtype(), view.shape());
+        Err(self.error(name, format!("expected {dtype} of shape [T, {width}], got {got} {shape:?}")))
     }
 
     /// A vector of I64.
@@ -58,7 +93,7 @@ impl<'a> Inputs<'a> {
     /// A part's codes.
     ///
     /// # Errors
-    /// [`StageError::Input`] as [`Self::integers`], or where a value is no code.
+    /// [`StageError::Input`] as [`Self::integers`], or where a code is out of range.
     pub fn codes(&self, part: Part) -> Result<Vec<u16>, StageError> {
         self.converted(&format!("codes.{}", part.name()))
     }

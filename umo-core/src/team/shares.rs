@@ -1,16 +1,18 @@
-//! How much of a job each thread gets: as much as its core is fast. Shares are in equal ones, so that 1 is the even share.
+//! How much of a job each thread gets: as much as its core is fast. Shares are in equal ones, so
+//! that 1 is the even share.
 
 use std::time::Duration;
 
 /// Jobs that tell how fast the threads are: the clock shows in shorter ones.
-const TELLING: Duration = Duration::from_micros(5);
-/// How far one job moves a thread's share towards what would have ended all pieces at once; one that was interrupted must not
-/// count for much.
-const LEARNING: f32 = 0.0625;
+const MIN_MEASURABLE: Duration = Duration::from_micros(5);
+/// How far one job moves a thread's share towards what would have ended all pieces at once; one
+/// that was interrupted must not count for much.
+const LEARNING_RATE: f32 = 0.0625;
 /// Least share of a thread, in equal ones, so that it can be seen to be fast again.
-const LEAST_SHARE: f32 = 0.2;
-/// Shares that differ by less are taken for equal: an even cut of the same panels every time is worth a few in a hundred.
-const ALIKE: f32 = 1.25;
+const MIN_SHARE: f32 = 0.2;
+/// Shares that differ by less are taken for equal: an even cut of the same panels every time is
+/// worth a few in a hundred.
+const IMBALANCE_THRESHOLD: f32 = 1.25;
 
 /// Where each thread's piece of `granules` ends, by their shares.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "no more than `granules`")]
@@ -18,7 +20,7 @@ const ALIKE: f32 = 1.25;
 pub(super) fn cut(shares: &[f32], granules: usize, ends: &mut [usize]) {
     let threads = shares.len();
     let (least, most) = shares.iter().fold((f32::MAX, 0.0_f32), |(least, most), &s| (least.min(s), most.max(s)));
-    if most < least * ALIKE {
+    if most < least * IMBALANCE_THRESHOLD {
         let share = granules.div_ceil(threads);
         return ends.iter_mut().enumerate().for_each(|(i, end)| *end = ((i + 1) * share).min(granules));
     }
@@ -30,24 +32,25 @@ pub(super) fn cut(shares: &[f32], granules: usize, ends: &mut [usize]) {
     ends[threads - 1] = granules;
 }
 
-/// Granules of each of the pieces that are dealt out of `granules`, to whoever is done first; 0 where there are too few.
-pub(super) fn dealt(granules: usize) -> usize {
+/// Granules of each of the pieces that a dynamic schedule takes from `granules`; 0
+/// where there are too few.
+pub(super) fn dynamic_chunk(granules: usize) -> usize {
     if granules < 12 { 0 } else { (granules / 24).max(1) }
 }
 
-/// Moves shares towards those with which all of `times` would have been the same; threads without a piece have taken none.
-/// Whether the times told anything.
+/// Moves shares towards those with which all of `times` would have been the same; threads without a
+/// piece have taken none. Whether the times told anything.
 pub(super) fn learn(shares: &mut [f32], times: &[Duration]) -> bool {
-    if times.iter().all(|&time| time < TELLING) {
+    if times.iter().all(|&time| time < MIN_MEASURABLE) {
         return false;
     }
     let worked = || times.iter().filter(|time| !time.is_zero());
     let mean = worked().map(Duration::as_secs_f32).sum::<f32>() / worked().count().max(1) as f32;
     for (share, time) in shares.iter_mut().zip(times).filter(|(_, time)| !time.is_zero()) {
-        *share *= 1.0 + LEARNING * ((mean / time.as_secs_f32()).clamp(0.5, 2.0) - 1.0);
+        *share *= 1.0 + LEARNING_RATE * ((mean / time.as_secs_f32()).clamp(0.5, 2.0) - 1.0);
     }
     let all = shares.iter().sum::<f32>() / shares.len() as f32;
-    shares.iter_mut().for_each(|share| *share = (*share / all).max(LEAST_SHARE));
+    shares.iter_mut().for_each(|share| *share = (*share / all).max(MIN_SHARE));
     true
 }
 
@@ -93,7 +96,7 @@ mod tests {
         for _ in 0..400 {
             learn(&mut shares, &[Duration::from_nanos(1), Duration::from_secs(10)]);
         }
-        assert!(shares[1] >= LEAST_SHARE / 2.0, "{shares:?}");
+        assert!(shares[1] >= MIN_SHARE / 2.0, "{shares:?}");
         // A thread that had nothing to do keeps its share.
         shares = [1.25, 0.75];
         learn(&mut shares, &[Duration::from_micros(10), Duration::ZERO]);

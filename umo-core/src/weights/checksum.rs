@@ -1,7 +1,8 @@
 //! The checksum of a model file: whether its bytes are those that were written.
 //!
-//! `__metadata__` holds `checksum = "crc32:XXXXXXXX"`: CRC-32 of the text of `config`, then of every byte behind the header, in
-//! eight hexadecimal digits. A file without the key is read as ever.
+//! `__metadata__` holds `checksum = "crc32:XXXXXXXX"`: CRC-32 of the text of `config`, then of
+//! every byte behind the header, in eight hexadecimal digits. A file without the key is read as
+//! ever.
 
 use std::io::{self, Write};
 
@@ -29,7 +30,8 @@ pub(super) fn parse(text: &str) -> Result<u32, LoadError> {
     })
 }
 
-/// The sum of a config's text and the data behind the header. On the calling thread: a process that was forked has no others.
+/// The sum of a config's text and the data behind the header. On the calling thread: a process that
+/// was forked has no others.
 pub(super) fn sum(config: &str, data: &[u8]) -> u32 {
     let mut sum = Hasher::new();
     sum.update(config.as_bytes());

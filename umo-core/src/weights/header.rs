@@ -1,4 +1,5 @@
-//! A first look at a file's header, so that a tensor whose bytes cannot be what it claims is called by its name.
+//! A first look at a file's header, so that a tensor whose bytes cannot be what it claims is called
+//! by its name.
 
 use std::collections::BTreeMap;
 
@@ -7,8 +8,8 @@ use serde_json::value::RawValue;
 
 use crate::error::LoadError;
 
-/// Checks each tensor by itself: that its bytes are in the file, and as many as its shape and type need. What is wrong
-/// with the header as a whole is left to its reader.
+/// Checks each tensor by itself: that its bytes are in the file, and as many as its shape and type
+/// need. What is wrong with the header as a whole is left to its reader.
 pub(super) fn check(bytes: &[u8]) -> Result<(), LoadError> {
     let Some((entries, data)) = split(bytes) else { return Ok(()) };
     for (name, entry) in entries.iter().filter(|(name, _)| *name != "__metadata__") {

@@ -1,9 +1,9 @@
 //! Every tensor that a config asks for, with its shape and what kind of values it holds (SPEC 3).
 
-use crate::config::{AudioKind, Config, Hubert, Mel};
+use crate::config::{AudioKind, Config, Hubert, Mel, Mouth};
 use crate::part::Part;
 
-/// What a tensor's values are: how to draw random ones, and whether they may be quantised.
+/// What a tensor's values are: how to draw random ones, and whether they may be quantized.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// Rows of a product; values of about `1 / sqrt(inputs)`.
@@ -18,9 +18,10 @@ pub enum Kind {
     Router,
     /// Added to attention scores.
     PositionBias,
-    /// Window, filters, mean and scale of a mel tokenizer.
+    /// Window, filters, mean and scale of mel features.
     Mel,
-    /// A layer between mel features and units: what is nearest depends on it, so it stays in full precision.
+    /// A small layer after mel features, which stays in full precision: units depend on which
+    /// centroid is nearest to its output, or the face is its output.
     Listener,
     /// Centroids or a codebook: nearest rows are looked for.
     Centroids,
@@ -64,7 +65,8 @@ impl Spec {
     }
 }
 
-/// All tensors of a model, in a fixed order; `encoders` asks for those that only tokenising motion needs.
+/// All tensors of a model, in a fixed order; `encoders` asks for those that only tokenising motion
+/// needs.
 pub fn specs(config: &Config, encoders: bool) -> Vec<Spec> {
     let mut list = List(Vec::new());
     match (config.audio.kind, &config.audio.hubert, &config.audio.mel) {
@@ -73,8 +75,14 @@ pub fn specs(config: &Config, encoders: bool) -> Vec<Spec> {
         _ => {}
     }
     list.lm(config);
-    list.interp(config);
+    if config.is_frames() {
+        list.depth(config);
+        list.vector_interp(config);
+    } else {
+        list.interp(config);
+    }
     list.vq(config, encoders);
+    config.mouth.iter().for_each(|mouth| list.mouth(mouth));
     list.0
 }
 
@@ -135,10 +143,28 @@ impl List {
         self.add("audio.mel.mean", &[m.bands_width()], Kind::Mel);
         self.add("audio.mel.scale", &[m.bands_width()], Kind::Mel);
         for (i, (outputs, inputs)) in m.network.iter().flat_map(|n| n.layers(m.bands_width())).enumerate() {
-            self.add(format!("audio.mel.network.{i}.weight"), &[outputs, inputs], Kind::Listener);
-            self.add(format!("audio.mel.network.{i}.bias"), &[outputs], Kind::Bias);
+            self.listener(&format!("audio.mel.network.{i}"), &[outputs, inputs]);
         }
         self.add("audio.kmeans.centroids", &[units, m.width()], Kind::Centroids);
+    }
+
+    fn mouth(&mut self, m: &Mouth) {
+        self.add("mouth.window.weight", &[m.window], Kind::Mel);
+        self.add("mouth.filters.weight", &[m.bands, m.fft / 2 + 1], Kind::Mel);
+        self.add("mouth.mean", &[m.features()], Kind::Mel);
+        self.add("mouth.scale", &[m.features()], Kind::Mel);
+        self.add("mouth.rest", &[m.channels.len()], Kind::Bias);
+        self.listener("mouth.input", &[m.width, m.features(), m.taps]);
+        for i in 0..m.dilations.len() {
+            self.listener(&format!("mouth.blocks.{i}.0"), &[m.width, m.width, m.kernel]);
+            self.listener(&format!("mouth.blocks.{i}.1"), &[m.width, m.width, 1]);
+        }
+        self.listener("mouth.head", &[m.outputs(), m.width, 1]);
+    }
+
+    fn listener(&mut self, name: &str, shape: &[usize]) {
+        self.add(format!("{name}.weight"), shape, Kind::Listener);
+        self.add(format!("{name}.bias"), &shape[..1], Kind::Bias);
     }
 
     fn lm(&mut self, config: &Config) {
@@ -146,7 +172,13 @@ impl List {
         self.add("lm.shared.weight", &[vocab, lm.d_model], Kind::Table);
         self.stack(config, "encoder", lm.num_layers);
         self.stack(config, "decoder", lm.num_decoder_layers);
-        if !lm.tie_word_embeddings {
+        if config.is_frames() {
+            self.add("lm.frames.type.weight", &[2, lm.d_model], Kind::Table);
+            for part in config.part_list() {
+                let name = format!("lm.frames.embed.{}.weight", part.name);
+                self.add(name, &[part.levels * part.codes, lm.d_model], Kind::Table);
+            }
+        } else if !lm.tie_word_embeddings {
             self.add("lm.lm_head.weight", &[vocab, lm.d_model], Kind::Product);
         }
     }
@@ -181,12 +213,58 @@ impl List {
         self.add(format!("lm.{stack}.final_layer_norm.weight"), &[d], Kind::Norm);
     }
 
+    fn depth(&mut self, config: &Config) {
+        let Some(depth) = &config.depth else { return };
+        let d = depth.d_model;
+        self.add("depth.input.weight", &[d, config.lm.d_model], Kind::Product);
+        self.add("depth.position.weight", &[config.codes_per_keyframe(), d], Kind::Table);
+        for i in 0..depth.num_layers {
+            let layer = format!("depth.layers.{i}");
+            self.add(format!("{layer}.attention_norm.weight"), &[d], Kind::Norm);
+            for which in ["q", "k", "v", "o"] {
+                self.add(format!("{layer}.attention.{which}.weight"), &[d, d], Kind::Product);
+            }
+            self.add(format!("{layer}.feed_forward_norm.weight"), &[d], Kind::Norm);
+            for (which, shape) in [("wi_0", [depth.d_ff, d]), ("wi_1", [depth.d_ff, d]), ("wo", [d, depth.d_ff])] {
+                self.add(format!("{layer}.feed_forward.{which}.weight"), &shape, Kind::Product);
+            }
+        }
+        self.add("depth.norm.weight", &[d], Kind::Norm);
+        for part in config.part_list() {
+            let rows = part.levels * part.codes;
+            self.add(format!("depth.embed.{}.weight", part.name), &[rows, d], Kind::Table);
+            self.add(format!("depth.head.{}.weight", part.name), &[rows, d], Kind::Product);
+        }
+    }
+
+    fn vector_interp(&mut self, config: &Config) {
+        let d = config.interp.d_model;
+        let parts: Vec<_> = config.part_list().into_iter().filter(|part| !part.is_annotation()).collect();
+        for part in &parts {
+            self.linear(&format!("interp.input.{}", part.name), d, part.width);
+        }
+        self.add("interp.mask.weight", &[parts.len(), d], Kind::Table);
+        self.interp_layers(config);
+        for part in &parts {
+            self.linear(&format!("interp.head.{}", part.name), part.width, d);
+        }
+    }
+
     fn interp(&mut self, config: &Config) {
-        let (c, codes) = (&config.interp, config.vq.codes);
-        let d = c.d_model;
+        let (d, codes) = (config.interp.d_model, config.part_codes());
         for part in Part::ALL {
             self.add(format!("interp.embed.{}.weight", part.name()), &[codes + 1, d], Kind::Table);
         }
+        self.interp_layers(config);
+        for part in Part::ALL {
+            self.linear(&format!("interp.head.{}", part.name()), codes, d);
+        }
+    }
+
+    /// What both interpolation networks have between their inputs and their heads.
+    fn interp_layers(&mut self, config: &Config) {
+        let c = &config.interp;
+        let d = c.d_model;
         self.add("interp.frame_type.weight", &[3, d], Kind::Table);
         self.add("interp.position.weight", &[c.max_frames, d], Kind::Table);
         for (stack, layers) in [("temporal", c.temporal_layers), ("part", c.part_layers)] {
@@ -202,20 +280,19 @@ impl List {
             }
         }
         self.norm("interp.norm", d);
-        for part in Part::ALL {
-            self.linear(&format!("interp.head.{}", part.name()), codes, d);
-        }
     }
 
     fn vq(&mut self, config: &Config, encoders: bool) {
         let vq = &config.vq;
-        for part in Part::ALL {
-            let (codec, name) = (vq[part], part.name());
-            self.add(format!("vq.{name}.quantizer.embedding.weight"), &[vq.codes, vq.width], Kind::Centroids);
+        for part in config.part_list() {
+            let Some(channels) = part.channels(&config.face) else { continue };
+            let (name, count) = (format!("vq.{}", part.name), channels.count());
+            let rows = part.levels * part.codes;
+            self.add(format!("{name}.quantizer.embedding.weight"), &[rows, part.width], Kind::Centroids);
             if encoders {
-                self.encoder(&format!("vq.{name}"), codec.channels, vq.width, codec.layers);
+                self.encoder(&name, count, part.width, part.layers);
             }
-            self.decoder(&format!("vq.{name}"), codec.channels, vq.width, codec.layers);
+            self.decoder(&name, count, part.width, part.layers);
         }
         self.encoder("vq.root", vq.root.channels, vq.width, vq.root.layers);
         self.decoder("vq.root", vq.root.channels, vq.width, vq.root.layers);

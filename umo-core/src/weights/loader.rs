@@ -8,9 +8,9 @@ use umo_kernels::pack::{PANEL, pack_row, pack_row_bf16, pack_row_i8, packed_len,
 use umo_kernels::quantize::quantize_weight_row;
 use umo_kernels::{Bf16, Isa, ShapeError};
 
-use super::aligned::{AlignedBox, Plain, Pool};
 use super::writer::Storage;
 use super::{ModelFile, Tensor};
+use crate::aligned::{AlignedBox, Plain, Pool};
 use crate::error::LoadError;
 use crate::linear::{Linear, Precision, Weight};
 use crate::memory::filled;
@@ -38,7 +38,8 @@ enum Form {
 }
 
 impl Form {
-    /// The form of products over tensors that are stored so: nothing is lost beside what the precision asks to lose.
+    /// The form of products over tensors that are stored so: nothing is lost beside what the
+    /// precision asks to lose.
     fn of(precision: Precision, stored: impl Iterator<Item = Storage> + Clone) -> Self {
         let all = |storage| stored.clone().all(|s| s == storage);
         match precision {
@@ -90,20 +91,22 @@ impl<'a> Loader<'a> {
         self.isa
     }
 
-    /// The same file and processor with products in full precision, for the tensors that lose by rounding.
+    /// The same file and processor with products in full precision, for the tensors that lose by
+    /// rounding.
     #[must_use]
     pub fn exact(&self) -> Self {
         Self { exact: true, ..self.float() }
     }
 
-    /// The same file and processor with weights as the file has them, for the tensors that lose by rounding to int8.
+    /// The same file and processor with weights as the file has them, for the tensors that lose by
+    /// rounding to int8.
     #[must_use]
     pub fn float(&self) -> Self {
         Self { precision: Precision::F32, form: None, ..self.clone() }
     }
 
-    /// The same with one form of weights for all of the tensors `names`: products that share their input, or are
-    /// multiplied with each other, must not differ where the file does.
+    /// The same with one form of weights for all of the tensors `names`: products that share their
+    /// input, or are multiplied with each other, must not differ where the file does.
     ///
     /// # Errors
     /// [`LoadError`] naming the tensor.
@@ -178,8 +181,8 @@ impl<'a> Loader<'a> {
         Ok(linear.with_bias(self.vector(&format!("{name}.bias"), outputs)?))
     }
 
-    /// A convolution `[outputs, channels, kernel]` as a product over windows of `[kernel, channels]`; a bias where the
-    /// file has `{name}.bias` and `bias` asks for it.
+    /// A convolution `[outputs, channels, kernel]` as a product over windows of
+    /// `[kernel, channels]`; a bias where the file has `{name}.bias` and `bias` asks for it.
     ///
     /// # Errors
     /// [`LoadError`] naming the tensor.
@@ -196,7 +199,8 @@ impl<'a> Loader<'a> {
         if bias { Ok(linear.with_bias(self.vector(&format!("{name}.bias"), outputs)?)) } else { Ok(linear) }
     }
 
-    /// A convolution in groups, one product per group over windows of `[kernel, channels per group]`.
+    /// A convolution in groups, one product per group over windows of
+    /// `[kernel, channels per group]`.
     ///
     /// # Errors
     /// [`LoadError`] naming the tensor.

@@ -1,9 +1,15 @@
-//! Where a model's bytes live. The memory map is one of the two places outside the kernels that hold `unsafe`.
+//! Where a model's bytes live. The memory map is one of the places outside the kernels that
+//! hold `unsafe`.
 #![expect(unsafe_code, reason = "a memory map is shared with whoever may change the file")]
 
+use std::fs::File;
+use std::io;
 use std::path::Path;
 
-use memmap2::{Mmap, UncheckedAdvice};
+#[cfg(feature = "mmap")]
+use memmap2::Mmap;
+#[cfg(all(feature = "mmap", unix))]
+use memmap2::UncheckedAdvice;
 
 use crate::error::LoadError;
 use crate::memory::OutOfMemory;
@@ -11,6 +17,7 @@ use crate::memory::OutOfMemory;
 /// A model's bytes.
 #[derive(Debug)]
 pub(super) enum Source {
+    #[cfg(feature = "mmap")]
     Mapped(Mmap),
     Owned(Vec<u8>),
     Static(&'static [u8]),
@@ -18,42 +25,64 @@ pub(super) enum Source {
 
 impl Source {
     pub(super) fn open(path: &Path) -> Result<Self, LoadError> {
-        let io = |cause: std::io::Error| match cause.kind() {
-            std::io::ErrorKind::OutOfMemory => LoadError::Memory(OutOfMemory { bytes: file_len(path) }),
+        let io = |cause: io::Error| match cause.kind() {
+            io::ErrorKind::OutOfMemory => LoadError::Memory(OutOfMemory { bytes: file_len(path) }),
             _ => LoadError::Io { path: path.to_owned(), cause },
         };
         let file = crate::file::open(path).map_err(io)?;
         if file.metadata().map_err(io)?.len() == 0 {
             return Err(LoadError::File("the file is empty".to_owned()));
         }
-        // SAFETY: the map is read-only and private to this process. Another process that rewrites the file in place
-        // could change what we read; every value is checked as it is read, indices are never taken from it later, and
-        // the documentation of the model file says to replace model files by renaming.
-        let map = unsafe { Mmap::map(&file) }.map_err(io)?;
+        Self::of_file(&file, path).map_err(io)
+    }
+
+    #[cfg(feature = "mmap")]
+    fn of_file(file: &File, _: &Path) -> io::Result<Self> {
+        // SAFETY: the map is read-only and private to this process. Another process that rewrites
+        // the file in place could change what we read; every value is checked as it is read,
+        // indices are never taken from it later, and the documentation of the model file says to
+        // replace model files by renaming.
+        let map = unsafe { Mmap::map(file) }?;
         Ok(Self::Mapped(map))
+    }
+
+    #[cfg(not(feature = "mmap"))]
+    fn of_file(mut file: &File, path: &Path) -> io::Result<Self> {
+        let mut bytes = Vec::new();
+        bytes.try_reserve_exact(file_len(path) + 1).map_err(|_| io::ErrorKind::OutOfMemory)?;
+        io::Read::read_to_end(&mut file, &mut bytes)?;
+        Ok(Self::Owned(bytes))
     }
 
     pub(super) fn bytes(&self) -> &[u8] {
         match self {
+            #[cfg(feature = "mmap")]
             Self::Mapped(map) => map,
             Self::Owned(bytes) => bytes,
             Self::Static(bytes) => bytes,
         }
     }
 
-    /// Lets the system drop the pages inside `offset..offset + len` from this process; they are read again when needed.
+    /// Lets the system drop the pages inside `offset..offset + len` from this process; they are
+    /// read again when needed.
+    #[cfg(all(feature = "mmap", unix))]
     pub(super) fn release(&self, offset: usize, len: usize) {
         const PAGE: usize = 4096;
         let Self::Mapped(map) = self else { return };
         let start = offset.next_multiple_of(PAGE);
         let end = (offset + len) / PAGE * PAGE;
         if start < end {
-            // SAFETY: the map is read-only and backed by the file, so dropped pages come back with the same bytes.
+            // SAFETY: the map is read-only and backed by the file, so dropped pages come back with
+            // the same bytes.
             let dropped = unsafe { map.unchecked_advise_range(UncheckedAdvice::DontNeed, start, end - start) };
             // Advice is only advice: a system that does not take it keeps the pages.
             drop(dropped);
         }
     }
+
+    /// Nothing: the bytes are in memory, or the system takes no such advice.
+    #[cfg(not(all(feature = "mmap", unix)))]
+    pub(super) fn release(&self, _: usize, _: usize) {}
 }
 
 /// Bytes of a file that cannot be mapped.
@@ -63,6 +92,7 @@ fn file_len(path: &Path) -> usize {
 
 /// Bytes as signed numbers.
 pub(super) fn signed(bytes: &[u8]) -> &[i8] {
-    // SAFETY: both types have one byte and take every value of it; the length and the lifetime stay.
+    // SAFETY: both types have one byte and take every value of it; the length and the lifetime
+    // stay.
     unsafe { std::slice::from_raw_parts(bytes.as_ptr().cast(), bytes.len()) }
 }

@@ -98,7 +98,8 @@ pub fn write(out: &mut (impl Write + Seek), config: &Config, tensors: &[NewTenso
         out.write_all(&(header.len() as u64).to_le_bytes())?;
         out.write_all(header.as_bytes())
     };
-    // The sum is known when all is written: the header, which is as long with any sum, is written again then.
+    // The sum is known when all is written: the header, which is as long with any sum, is written
+    // again then.
     write_header(out, 0)?;
     let mut summed = Summed::new(&mut *out, &config);
     tensors.iter().try_for_each(|tensor| write_values(&mut summed, tensor))?;

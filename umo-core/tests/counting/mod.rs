@@ -22,7 +22,8 @@ unsafe impl GlobalAlloc for Counting {
     unsafe fn dealloc(&self, start: *mut u8, layout: Layout) {
         CALLS.fetch_add(1, Ordering::Relaxed);
         BYTES.fetch_sub(layout.size(), Ordering::Relaxed);
-        // SAFETY: `start` came from `alloc` above with the same `layout`, as our own caller vouches.
+        // SAFETY: `start` came from `alloc` above with the same `layout`, as our own caller
+        // vouches.
         unsafe { System.dealloc(start, layout) }
     }
 }
@@ -42,7 +43,8 @@ pub(crate) fn allocated() -> usize {
     BYTES.load(Ordering::Relaxed)
 }
 
-/// Fails where the counter does not count. Also starts the threads that load models, which allocate while they start.
+/// Fails where the counter does not count. Also starts the threads that load models, which allocate
+/// while they start.
 pub(crate) fn check_counter() {
     rayon::broadcast(|_| ());
     assert!(allocator_calls(|| drop(black_box(vec![0_u8; 64]))) >= 2, "the counter does not count");

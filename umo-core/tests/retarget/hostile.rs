@@ -68,7 +68,7 @@ fn scales_that_would_shear_are_refused_where_they_matter() {
 }
 
 #[test]
-fn what_is_missing_or_in_the_wrong_place_is_named() {
+fn missing_or_misplaced_bones_are_named() {
     let missing = refused(|bones| {
         let arm = at(bones, "LeftArm");
         bones[arm].name = "Wing".to_owned();
@@ -123,14 +123,16 @@ fn another_rigs_room_is_refused() {
     let mut short = vec![IDENTITY; rig.len() - 1];
     let found = retarget.apply(&mut retarget.scratch(), &Pose::REST, &mut short);
     assert!(matches!(found, Err(StepError::Disagree(_))));
+    assert!(matches!(retarget.joints(&mut retarget.scratch(), &short), Err(StepError::Disagree(_))));
 }
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
-    /// Bones without length have no direction, and poses may hold anything: what comes out is a rotation.
+    /// Bones without length have no direction, and poses may hold anything: what comes out is a
+    /// rotation.
     #[test]
-    fn whatever_goes_in_rotations_come_out(
+    fn any_input_gives_unit_rotations(
         pose in pose(),
         naming in 0..ALL.len(),
         flat in prop::collection::vec(any::<bool>(), 90),

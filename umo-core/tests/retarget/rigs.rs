@@ -117,7 +117,8 @@ pub(crate) struct Naming {
 }
 
 impl Naming {
-    /// A body of the source's proportions times `stretch[joint]` for each bone. Arms hang `droop` radians below a T.
+    /// A body of the source's proportions times `stretch[joint]` for each bone. Arms hang `droop`
+    /// radians below a T.
     pub(crate) fn body(&self, stretch: &dyn Fn(usize) -> f32, droop: f32) -> Body {
         let mut skeleton = source();
         for (joint, offset) in skeleton.offsets_m.iter_mut().enumerate() {
@@ -193,8 +194,9 @@ impl Body {
         above
     }
 
-    /// The rig: the body turned by `world` and `unit` times as large, the first bone scaled by `scale` (so that those below
-    /// are `unit / scale` long), and each bone's own axes turned by `axes`.
+    /// The rig: the body turned by `world` and `unit` times as large, the first bone scaled by
+    /// `scale` (so that those below are `unit / scale` long), and each bone's own axes turned by
+    /// `axes`.
     pub(crate) fn rig(&self, world: Quat, unit: f32, scale: f32, axes: &dyn Fn(usize) -> Quat) -> Rig {
         let place = |bone: usize| rotate(world, self.0[bone].place.map(|x| x * unit));
         let turned = |bone: usize| {

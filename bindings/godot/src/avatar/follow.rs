@@ -1,9 +1,10 @@
-//! From a player's sound to the motion that is shown: which line is spoken, which time of it is heard, how it ends.
+//! From a player's sound to the motion that is shown: which line is spoken, which time of it is
+//! heard, how it ends.
 
 use godot::classes::{AudioServer, MeshInstance3D, Node, Skeleton3D};
 use godot::prelude::*;
 
-use super::{IDLE_REST, Line, UmoAvatar3D};
+use super::{IDLE_REST, Line, UmoAvatar3D, VOICE_AUTO, VOICE_LIVE};
 use crate::rig::{Face, Rig};
 use crate::source::Source;
 use crate::umo::Shown;
@@ -51,13 +52,19 @@ impl UmoAvatar3D {
         line.position = position;
         line.source.feed(session)?;
         let server = AudioServer::singleton();
-        // What was mixed is heard after the output's latency; an output that stalls does not play on.
+        // What was mixed is heard after the output's latency; an output that stalls does not play
+        // on.
         let since = server.get_time_since_last_mix().min(STALLED) - server.get_output_latency();
         match &line.source {
             Source::Wav(_) => self.time = self.time.max(line.base + position - line.start + since * pitch),
             Source::Capture(capture) => {
                 let latency = session.latency()?;
-                let behind = latency.algorithmic_samples as f64 / f64::from(session.sample_rate) + latency.compute_p99;
+                let seconds = |samples: u64| samples as f64 / f64::from(session.sample_rate);
+                let behind = if session.is_live {
+                    seconds(latency.mouth_samples)
+                } else {
+                    seconds(latency.algorithmic_samples) + latency.compute_p99
+                };
                 self.time = self.time.max(line.base + capture.seconds() + since - behind);
             }
             Source::Dropped => self.run_on(delta),
@@ -68,8 +75,14 @@ impl UmoAvatar3D {
     pub(super) fn start_line(&mut self, player: &Gd<Node>, stream: Variant, position: f64) -> Result<(), String> {
         let (source, start) = Source::of(player, position)?;
         let Some(session) = &self.session else { return Ok(()) };
-        if source.format().is_some_and(|format| format != (session.sample_rate, session.channels)) {
-            self.open_session(source.format())?;
+        let is_live = match self.voice {
+            VOICE_AUTO => matches!(source, Source::Capture(_)),
+            voice => voice == VOICE_LIVE,
+        };
+        let has_other_voice = session.is_live != (is_live && session.model.has_mouth());
+        let has_other_format = source.format().is_some_and(|format| format != (session.sample_rate, session.channels));
+        if has_other_voice || has_other_format {
+            self.open_session(source.format(), is_live)?;
         }
         let base = self.next_base()?;
         self.heard = true;
@@ -77,7 +90,8 @@ impl UmoAvatar3D {
         Ok(())
     }
 
-    /// Starts a new stream where something was heard before, behind all times that were shown; its first frame's time.
+    /// Starts a new stream where something was heard before, behind all times that were shown; its
+    /// first frame's time.
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "about a second at most")]
     pub(super) fn next_base(&mut self) -> Result<f64, String> {
         let Some(session) = &self.session else { return Ok(0.0) };
@@ -86,7 +100,8 @@ impl UmoAvatar3D {
         }
         let rate = f64::from(session.model.info.frame_rate);
         let last = self.shown.index as f64 / rate;
-        // The ease's frames come before the stream's: as many as the clock ran beyond the last frame.
+        // The ease's frames come before the stream's: as many as the clock ran beyond the last
+        // frame.
         let ease_ms = ((self.time - last).clamp(0.0, 10.0) * 1000.0).ceil();
         session.interrupt(ease_ms as u32)?;
         Ok((self.shown.index as f64 + 1.0 + (ease_ms * rate / 1000.0).ceil()) / rate)
@@ -102,7 +117,8 @@ impl UmoAvatar3D {
         }
     }
 
-    /// While nothing plays the clock runs on: over the rest of the motion, and as far as the pose of rest needs.
+    /// While nothing plays the clock runs on: over the rest of the motion, and as far as the pose
+    /// of rest needs.
     pub(super) fn run_on(&mut self, delta: f64) {
         let Some(session) = &self.session else { return };
         let most = self.shown.newest + AHEAD + if self.idle == IDLE_REST { session.rest_seconds } else { 0.0 };
@@ -116,12 +132,31 @@ impl UmoAvatar3D {
 
     /// Shows the pose at the clock's time.
     pub(super) fn show(&mut self) -> Result<(), String> {
+        self.gaze()?;
         let Some(session) = &self.session else { return Ok(()) };
         let shown = session.sample(self.time, &mut self.frame)?;
         // Samples go on with the last pose where the session has failed.
         session.is_done()?;
         self.saw(self.time, shown);
         self.apply();
+        Ok(())
+    }
+
+    /// Looks at the target, where there is one.
+    pub(super) fn gaze(&mut self) -> Result<(), String> {
+        let Some(session) = &self.session else { return Ok(()) };
+        let target = if self.gaze_target.is_empty() { None } else { self.base().get_node_or_null(&self.gaze_target) };
+        match target.and_then(|node| node.try_cast::<Node3D>().ok()) {
+            Some(target) => {
+                session.look_at(self.to_avatar(target.get_global_position()), 1.0)?;
+                self.gazes = true;
+            }
+            None if self.gazes => {
+                session.look_at([0.0; 3], 0.0)?;
+                self.gazes = false;
+            }
+            None => {}
+        }
         Ok(())
     }
 
@@ -134,10 +169,19 @@ impl UmoAvatar3D {
         if let Some(mut skeleton) = skeleton {
             if !self.rig.as_ref().is_some_and(|rig| rig.is_of(&skeleton)) {
                 let rig = Rig::new(&skeleton, &model);
-                if rig.is_empty() && skeleton.get_bone_count() > 0 {
-                    godot_warn!("umo: no bone of {} has the name of a joint", skeleton.get_name());
-                }
+                let problem = rig.problem().filter(|_| skeleton.get_bone_count() > 0).map(|problem| {
+                    let name = skeleton.get_name();
+                    format!(
+                        "the skeleton `{name}`: {problem}. Rename its bones, or let the importer's Retarget do it \
+                         (Skeleton3D, Bone Map)"
+                    )
+                });
                 self.rig = Some(rig);
+                // Once, however often the same bones are looked at.
+                if problem.is_some() && problem != self.told_of_bones {
+                    self.complain(problem.as_deref().unwrap_or_default());
+                }
+                self.told_of_bones = problem;
             }
             if let Some(rig) = &mut self.rig {
                 rig.pose(&mut skeleton, &self.frame, self.move_root);

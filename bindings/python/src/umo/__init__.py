@@ -13,13 +13,14 @@ from ._engine import Engine
 from ._library import Error, Status, lib as _lib
 from ._model import Model
 from ._motion import JOINTS, VISEMES, Frame, Motion
-from ._session import Idle, Latency, Parameter, Sampled, Session, Stats
+from ._session import Attention, Idle, Latency, Parameter, Sampled, Session, Stats
 
 __version__: str = _lib.umo_version().decode()
 
 __all__ = [
     "JOINTS",
     "VISEMES",
+    "Attention",
     "Engine",
     "Error",
     "Frame",

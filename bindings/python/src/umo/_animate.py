@@ -35,13 +35,15 @@ def _run(session: Session, chunks: Iterable[npt.ArrayLike]) -> Iterator[Motion]:
     yield from ready()
 
 
-def _ready(session: Session, prompt: Optional[str], parameters: Mapping[str, float]) -> Session:
+def _ready(session: Session, prompt: Optional[str], mood: Optional[str], parameters: Mapping[str, float]) -> Session:
     for name, value in parameters.items():
         if name not in Session.parameters():
             raise ValueError(f"parameter {name!r}: {_library.suggestion(name, Session.parameters())}")
         setattr(session, name, value)
     if prompt is not None:
         session.set_prompt(prompt)
+    if mood is not None:
+        session.set_mood(mood)
     return session
 
 
@@ -53,6 +55,7 @@ def animate(
     axes: str = "gltf",
     seed: Optional[int] = None,
     prompt: Optional[str] = None,
+    mood: Optional[str] = None,
     parameters: Mapping[str, float] = {},
     threads: Optional[int] = None,
     **settings: Any,
@@ -60,13 +63,13 @@ def animate(
     """Animates a recording: [samples] or [samples, channels], floats of full scale 1 or int16, `rate` samples per second.
 
     The frames are those of `umo animate`, bit for bit. `parameters` are those of `Session`, as `{"gain_face": 0.5}`;
-    `settings` are its other arguments, as `target`.
+    `mood` is one of `Session.set_mood`; `settings` are the session's other arguments, as `target`.
     """
     recording = audio(samples)
     channels = recording.shape[1] if recording.ndim == 2 else 1
     with Engine(model, threads=threads, polled=True, max_sessions=1, max_batch=1) as engine:
         with Session(engine, rate, channels, axes=axes, seed=seed, **{"idle": Idle.HOLD, **settings}) as session:
-            return session._layout.joined(list(_run(_ready(session, prompt, parameters), [recording])))
+            return session._layout.joined(list(_run(_ready(session, prompt, mood, parameters), [recording])))
 
 
 def stream(
@@ -78,6 +81,7 @@ def stream(
     axes: str = "gltf",
     seed: Optional[int] = None,
     prompt: Optional[str] = None,
+    mood: Optional[str] = None,
     parameters: Mapping[str, float] = {},
     threads: Optional[int] = None,
     **settings: Any,
@@ -89,5 +93,5 @@ def stream(
     """
     with Engine(model, threads=threads, polled=True, max_sessions=1, max_batch=1) as engine:
         with Session(engine, rate, channels, axes=axes, seed=seed, **{"idle": Idle.HOLD, **settings}) as session:
-            for motion in _run(_ready(session, prompt, parameters), chunks):
+            for motion in _run(_ready(session, prompt, mood, parameters), chunks):
                 yield from motion

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import ctypes
+import os
 from collections.abc import Sequence
 from ctypes import byref
-from typing import Any, Optional
+from typing import Any, Optional, Union
+
+import numpy as np
+import numpy.typing as npt
 
 from . import _library
 from ._library import lib
-from ._model import Model, default_model
+from ._model import Model, _check_readable, default_model
 from ._session import Session
 
 
@@ -47,6 +51,76 @@ class Engine(_library.Handle):
     def session(self, rate: Optional[int] = None, channels: int = 1, **settings: Any) -> Session:
         """A session of this engine: the arguments are those of `Session`."""
         return Session(self, rate, channels, **settings)
+
+    @property
+    def gestures(self) -> tuple[str, ...]:
+        """Names of the gestures that its sessions know: the built-in ones, then those that were added."""
+        names: list[str] = []
+        name = ctypes.c_char_p()
+        while (status := lib.umo_engine_get_gesture_name(self._handle, len(names), byref(name))) == _library.Status.OK:
+            names.append((name.value or b"").decode())
+        if status != _library.Status.INVALID_ARGUMENT:
+            _library.check(status)
+        return tuple(names)
+
+    def add_gesture(
+        self,
+        name: str,
+        rotations: npt.ArrayLike,
+        *,
+        stroke: float,
+        rate: float = 30.0,
+        parts: Sequence[str] = tuple(_library.GESTURE_PARTS),
+        axes: str = "gltf",
+    ) -> None:
+        """Adds a gesture for sessions that are made from now on; one of the same name is replaced.
+
+        `rotations` are [frames, 55, 4] as `Motion.rotations`, `rate` of them a second; `stroke` is its time in them, seconds. `parts`
+        are those that it moves: `"head"`, `"trunk"`, `"left_arm"`, `"right_arm"`.
+        """
+        values = np.ascontiguousarray(rotations, np.float32)
+        if values.ndim != 3 or values.shape[1:] != (_library.JOINT_COUNT, 4):
+            raise ValueError(f"rotations of shape {values.shape}: expected [frames, {_library.JOINT_COUNT}, 4]")
+        if "\0" in name:
+            raise ValueError("a gesture's name has no zero bytes")
+        clip = _library.GestureClip()
+        _library.check(lib.umo_gesture_clip_init(clip, ctypes.sizeof(clip)))
+        clip.axes = _library.chosen("axes", _library.AXES, axes)
+        clip.parts = sum({_library.chosen("part", _library.GESTURE_PARTS, part) for part in parts})
+        clip.frame_count, clip.rate, clip.stroke = len(values), rate, stroke
+        clip.rotations = values.ctypes.data_as(ctypes.POINTER(ctypes.c_float))
+        _library.check(lib.umo_engine_add_gesture(self._handle, name.encode(), clip))
+
+    def add_gesture_file(
+        self,
+        name: str,
+        file: Union[str, os.PathLike[str], bytes],
+        *,
+        animation: Optional[str] = None,
+        stroke: Optional[float] = None,
+        parts: Sequence[str] = tuple(_library.GESTURE_PARTS),
+    ) -> None:
+        """The same of the animation in a `.glb` or `.vrm` file of any character with a human's bones: a path, or its bytes.
+
+        `animation` is its name in the file; None is the first. Without a `stroke` it is in the middle.
+        """
+        if "\0" in name or (animation is not None and "\0" in animation):
+            raise ValueError("a name has no zero bytes")
+        bits = sum({_library.chosen("part", _library.GESTURE_PARTS, part) for part in parts})
+        clip = None if animation is None else animation.encode()
+        at = -1.0 if stroke is None else float(stroke)
+        if isinstance(file, bytes):
+            status = lib.umo_engine_add_gesture_memory(self._handle, name.encode(), file, len(file), clip, bits, at)
+        else:
+            path = os.fspath(file)
+            if "\0" in path:
+                raise ValueError("a path has no zero bytes")
+            status = lib.umo_engine_add_gesture_file(self._handle, name.encode(), path.encode(), clip, bits, at)
+            if status == _library.Status.IO:
+                detail = lib.umo_last_error().decode()
+                _check_readable(path)
+                raise _library.error(status, detail)
+        _library.check(status)
 
     def poll(self, budget: Optional[float] = None) -> bool:
         """Computes in this thread until nothing is due, or for `budget` seconds and at most one layer's time longer.

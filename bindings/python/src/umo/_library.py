@@ -34,11 +34,22 @@ PARAMETERS = {
     "top_k": 2,
     "top_p": 3,
     "idle": 4,
+    "attention": 5,
     "gain_face": 16,
     "gain_hands": 17,
     "gain_upper": 18,
     "gain_lower": 19,
+    "layer_gaze": 32,
+    "layer_idle": 33,
+    "layer_asymmetry": 34,
+    "layer_nods": 35,
+    "layer_mood": 36,
+    "layer_feet": 37,
 }
+VOICES = {"delayed": 0, "live": 1}
+MOODS = {"neutral": 0, "joy": 1, "sad": 2, "angry": 3, "surprised": 4, "disgusted": 5, "afraid": 6}
+SIDES = {"auto": 0, "left": 1, "right": 2, "both": 3}
+GESTURE_PARTS = {"head": 1, "trunk": 2, "left_arm": 4, "right_arm": 8}
 AXES = {"gltf": 0, "unreal": 1, "unity": 2}
 PRECISIONS = {"stored": 0, "f32": 1, "bf16": 2, "int8": 3}
 ISAS = {"best": 0, "scalar": 1, "avx2": 2, "avx512vnni": 3, "amx": 4, "avx512bf16": 5, "avxvnni": 6}
@@ -90,7 +101,7 @@ class ModelInfo(ctypes.Structure):
             *("struct_size", "frame_rate", "sample_rate", "joints", "channels", "is_arkit", "keyframe_stride", "target"),
             *("max_target", "lookahead", "latency_frames", "max_prompt", "has_text", "has_notice"),
         )
-    ] + [("file_size", c_uint64)]
+    ] + [("file_size", c_uint64), ("has_mouth", c_uint32), ("reserved", c_uint32)]
 
 
 class EngineConfig(ctypes.Structure):
@@ -108,12 +119,16 @@ class SessionConfig(ctypes.Structure):
             (name, c_uint32)
             for name in (
                 *("struct_size", "sample_rate", "channels", "target", "lookahead", "idle", "idle_after_ms", "ease_ms"),
-                *("queue_frames", "reserved"),
+                *("queue_frames", "voice"),
             )
         ),
         ("seed", c_uint64),
         ("template_name", c_char_p),
         ("allocator", c_void_p),
+        ("smoothing", c_float),
+        ("guidance", c_float),
+        ("horizon", c_uint32),
+        ("reserved", c_uint32),
     ]
 
 
@@ -148,6 +163,7 @@ class Latency(ctypes.Structure):
         *((name, c_double) for name in ("compute_p50", "compute_p99", "compute_p999", "compute_max")),
         ("backlog_samples", c_uint64),
         ("backlog_max_samples", c_uint64),
+        ("mouth_samples", c_uint64),
     ]
 
 
@@ -156,6 +172,26 @@ class Stats(ctypes.Structure):
         ("struct_size", c_uint32),
         ("reserved", c_uint32),
         *((name, c_uint64) for name in ("chunks", "frames", "late_frames", "dropped_frames", "overruns", "silenced")),
+    ]
+
+
+class GestureOptions(ctypes.Structure):
+    _fields_ = [
+        *((name, c_uint32) for name in ("struct_size", "side", "axes", "has_target")),
+        ("at", c_double),
+        ("speed", c_float),
+        ("strength", c_float),
+        ("target", c_float * 3),
+        ("reserved", c_uint32),
+    ]
+
+
+class GestureClip(ctypes.Structure):
+    _fields_ = [
+        *((name, c_uint32) for name in ("struct_size", "axes", "parts", "frame_count")),
+        ("rate", c_float),
+        ("stroke", c_float),
+        ("rotations", POINTER(c_float)),
     ]
 
 
@@ -169,6 +205,8 @@ STRUCTURES = {
     "umo_sampled": Sampled,
     "umo_latency": Latency,
     "umo_stats": Stats,
+    "umo_gesture_options": GestureOptions,
+    "umo_gesture_clip": GestureClip,
 }
 
 _U32, _SIZE, _TEXT, _HANDLE = c_uint32, c_size_t, c_char_p, c_void_p
@@ -195,6 +233,12 @@ _ARGUMENTS: dict[str, list[Any]] = {
     "umo_engine_new": [_HANDLE, POINTER(EngineConfig), _OUT],
     "umo_engine_free": [_HANDLE],
     "umo_engine_poll": [_HANDLE, _U32, POINTER(_U32)],
+    "umo_engine_add_gesture": [_HANDLE, _TEXT, POINTER(GestureClip)],
+    "umo_engine_add_gesture_file": [_HANDLE, _TEXT, _TEXT, _TEXT, _U32, c_float],
+    "umo_engine_add_gesture_memory": [_HANDLE, _TEXT, _HANDLE, _SIZE, _TEXT, _U32, c_float],
+    "umo_engine_get_gesture_name": [_HANDLE, _U32, POINTER(_TEXT)],
+    "umo_gesture_options_init": [POINTER(GestureOptions), _SIZE],
+    "umo_gesture_clip_init": [POINTER(GestureClip), _SIZE],
     "umo_parameter_get_info": [_U32, POINTER(ParameterInfo)],
     "umo_session_config_init": [POINTER(SessionConfig), _SIZE, _HANDLE],
     "umo_session_memory": [_HANDLE, POINTER(SessionConfig), POINTER(_SIZE), POINTER(_SIZE)],
@@ -203,6 +247,7 @@ _ARGUMENTS: dict[str, list[Any]] = {
     "umo_session_last_error": [_HANDLE, _TEXT, _SIZE, POINTER(_SIZE)],
     "umo_session_push_audio": [_HANDLE, c_void_p, _SIZE, POINTER(_SIZE)],
     "umo_session_push_audio_i16": [_HANDLE, c_void_p, _SIZE, POINTER(_SIZE)],
+    "umo_session_push_other_audio": [_HANDLE, c_void_p, _SIZE],
     "umo_session_finish": [_HANDLE],
     "umo_session_interrupt": [_HANDLE, _U32],
     "umo_session_reset": [_HANDLE],
@@ -212,10 +257,14 @@ _ARGUMENTS: dict[str, list[Any]] = {
     "umo_session_state_size": [_HANDLE, POINTER(_SIZE)],
     "umo_session_save": [_HANDLE, c_void_p, _SIZE, POINTER(_SIZE)],
     "umo_session_restore": [_HANDLE, c_void_p, _SIZE],
+    "umo_session_set_clock": [_HANDLE, c_double],
     "umo_session_sample_pose": [_HANDLE, c_double, POINTER(FrameLayout), c_void_p, _SIZE, POINTER(Sampled)],
     "umo_session_set_prompt": [_HANDLE, _TEXT, _SIZE],
     "umo_session_set_prompt_ids": [_HANDLE, POINTER(_U32), _SIZE],
     "umo_session_set_seed": [_HANDLE, c_uint64],
+    "umo_session_look_at": [_HANDLE, _U32, POINTER(c_float), c_float],
+    "umo_session_set_mood": [_HANDLE, _U32, c_float],
+    "umo_session_play_gesture": [_HANDLE, _TEXT, POINTER(GestureOptions)],
     "umo_session_set_parameter": [_HANDLE, _U32, c_double],
     "umo_session_get_parameter": [_HANDLE, _U32, POINTER(c_double)],
     "umo_session_latency": [_HANDLE, POINTER(Latency)],

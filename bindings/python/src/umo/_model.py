@@ -98,6 +98,11 @@ class Model(_library.Handle):
         return bool(self._info.has_text)
 
     @property
+    def has_mouth(self) -> bool:
+        """Whether it has a mouth network, so that a session's voice may be `"live"`."""
+        return bool(self._info.has_mouth)
+
+    @property
     def frame_rate(self) -> int:
         """Frames per second: 30."""
         return int(self._info.frame_rate)

@@ -31,6 +31,21 @@ class Idle(enum.IntEnum):
     """The model runs on silence."""
 
 
+class Attention(enum.IntEnum):
+    """What the avatar attends to."""
+
+    AUTO = 0
+    """Speaking while its own audio is heard, listening while `push_other`'s is, else idle."""
+    IDLE = 1
+    """Nothing in particular."""
+    LISTENING = 2
+    """Who speaks to it: it looks there, nods and raises its brows at pauses."""
+    THINKING = 3
+    """An answer: it looks away."""
+    SPEAKING = 4
+    """What it says."""
+
+
 class Latency(NamedTuple):
     """How far motion is behind speech."""
 
@@ -48,6 +63,8 @@ class Latency(NamedTuple):
     """Samples by which the newest frame is behind the newest audio now, beyond `algorithmic_samples`."""
     backlog_max_samples: int
     """The largest backlog since the session was made."""
+    mouth_samples: int
+    """Samples of future audio that a frame's mouth needs at most: fewer with the voice `"live"`."""
 
 
 class Stats(NamedTuple):
@@ -126,17 +143,27 @@ class Session(_library.Handle):
     `rate` and `channels` are those of the audio; `axes` of the frames: `"gltf"` (and Godot), `"unreal"` or `"unity"`. `target`
     is how many keyframes are predicted per chunk, `lookahead` how many frames are held back for smoother seams; `idle_after`
     and `ease` are seconds; `queue` is how many frames may wait to be pulled. `template` is one of the model's templates:
-    `"text_to_motion"` needs no audio. What is None is the model's default.
+    `"text_to_motion"` needs no audio. With the `voice` `"live"` the mouth moves as the sound is heard and the body follows, for models
+    that have a mouth network (`Model.has_mouth`); `"delayed"` keeps them in step. `smoothing` is the low-pass of the body's motion,
+    standard deviation in frames, 0 to 1.5; `guidance` how strongly the prompt steers, 1 to 3, and `horizon` how many keyframes of
+    speech it hears ahead, with models that can. What is None is the model's default.
     """
 
     temperature = Parameter[float]("temperature", "How freely codes are drawn: 0 takes the likeliest always.")
     top_k = Parameter[int]("top_k", "Only this many of the likeliest codes are drawn from; 0 is all.")
     top_p = Parameter[float]("top_p", "Only the likeliest codes that together reach this probability are drawn from.")
     idle = Parameter[int]("idle", "What is shown while no audio comes: one of `Idle`.")
+    attention = Parameter[int]("attention", "What the avatar attends to: one of `Attention`.")
     gain_face = Parameter[float]("gain_face", "How much the face moves: 0 at rest, 1 as computed, 2 exaggerated.")
     gain_hands = Parameter[float]("gain_hands", "How much the fingers move.")
     gain_upper = Parameter[float]("gain_upper", "How much spine, neck, head and arms move.")
     gain_lower = Parameter[float]("gain_lower", "How much pelvis and legs move, and the body through the world.")
+    layer_gaze = Parameter[float]("layer_gaze", "Strength of blinks, gaze and lids over the model's motion, 0 to 1.")
+    layer_idle = Parameter[float]("layer_idle", "Strength of breath, sway, weight shifts and fingers.")
+    layer_asymmetry = Parameter[float]("layer_asymmetry", "Strength of the differences between the face's left and right.")
+    layer_nods = Parameter[float]("layer_nods", "Strength of nods on accents, and while listening.")
+    layer_mood = Parameter[float]("layer_mood", "Strength of the mood's face and posture.")
+    layer_feet = Parameter[float]("layer_feet", "Strength of planted feet, steps, and the root's way back.")
 
     def __init__(
         self,
@@ -153,17 +180,23 @@ class Session(_library.Handle):
         ease: Optional[float] = None,
         queue: Optional[int] = None,
         template: Optional[str] = None,
+        voice: Optional[str] = None,
+        smoothing: Optional[float] = None,
+        guidance: Optional[float] = None,
+        horizon: Optional[int] = None,
     ) -> None:
         self._engine = engine
         config, handle = _library.SessionConfig(), ctypes.c_void_p()
         _library.check(lib.umo_session_config_init(config, ctypes.sizeof(config), engine.model._handle))
         _library.set_fields(config, sample_rate=rate, channels=channels, target=target, lookahead=lookahead, seed=seed)
         _library.set_fields(config, idle=idle, queue_frames=queue, idle_after_ms=_ms(idle_after), ease_ms=_ms(ease))
+        _library.set_fields(config, voice=None if voice is None else _library.chosen("voice", _library.VOICES, voice))
+        _library.set_fields(config, smoothing=smoothing, guidance=guidance, horizon=horizon)
         _library.set_fields(config, template_name=None if template is None else template.encode())
         self._layout = Layout(engine.model, axes)
         _library.check(lib.umo_session_new(engine._handle, config, byref(handle)))
         super().__init__(handle.value or 0, lib.umo_session_free)
-        self._rate, self._channels = int(config.sample_rate), channels
+        self._rate, self._channels, self._axes = int(config.sample_rate), channels, _library.AXES[axes]
 
     def _check(self, status: int) -> None:
         _library.check_session(self._handle, status)
@@ -201,6 +234,16 @@ class Session(_library.Handle):
         push = lib.umo_session_push_audio_i16 if array.dtype == np.int16 else lib.umo_session_push_audio
         self._check(push(self._handle, array.ctypes.data, array.size, byref(taken)))
         return taken.value // array.shape[1] if array.ndim == 2 else taken.value
+
+    def push_other(self, samples: npt.ArrayLike) -> None:
+        """Takes audio of who speaks to the avatar, in the session's rate and channels, so that it listens.
+
+        [samples] interleaved or [samples, channels]; floats of full scale 1, or int16.
+        """
+        array = audio(samples)
+        if array.dtype == np.int16:
+            array = array.astype(np.float32) / 32768
+        self._check(lib.umo_session_push_other_audio(self._handle, array.ctypes.data, array.size))
 
     def finish(self) -> None:
         """No more audio: the tail is completed, and floor(seconds * 30) frames come out in all."""
@@ -250,6 +293,10 @@ class Session(_library.Handle):
         self._check(lib.umo_session_pull_frames(self._handle, layout, data, frames.nbytes, byref(count)))
         return self._layout.motion(frames[: count.value])
 
+    def set_clock(self, seconds: float) -> None:
+        """What time it is for the host, from any moment on: what moves while no frames come goes by it from then on."""
+        self._check(lib.umo_session_set_clock(self._handle, seconds))
+
     def sample(self, seconds: float) -> Sampled:
         """The pose at `seconds` of the motion, for a renderer at a rate of its own. Frames before that time are taken."""
         frames, sampled = self._layout.empty(1), _library.Sampled(struct_size=ctypes.sizeof(_library.Sampled))
@@ -270,6 +317,48 @@ class Session(_library.Handle):
     def set_seed(self, seed: int) -> None:
         """The seed of draws from the next chunk on."""
         self._check(lib.umo_session_set_seed(self._handle, _library.fitting("seed", seed, ctypes.c_uint64)))
+
+    def look_at(self, point: npt.ArrayLike, strength: float = 1.0) -> None:
+        """Looks at a point in the avatar's space, in the session's axes and units; a strength of 0 ends it."""
+        place = np.ascontiguousarray(point, np.float32)
+        if place.shape != (3,):
+            raise ValueError(f"a point of shape {place.shape}: expected 3 coordinates")
+        pointer = place.ctypes.data_as(ctypes.POINTER(ctypes.c_float))
+        self._check(lib.umo_session_look_at(self._handle, self._axes, pointer, strength))
+
+    def set_mood(self, mood: str, strength: float = 1.0) -> None:
+        """The mood of face and posture: `neutral`, `joy`, `sad`, `angry`, `surprised`, `disgusted` or `afraid`."""
+        number = _library.chosen("mood", _library.MOODS, mood)
+        self._check(lib.umo_session_set_mood(self._handle, number, strength))
+
+    def play_gesture(
+        self,
+        name: str,
+        *,
+        at: Optional[float] = None,
+        speed: float = 1.0,
+        strength: float = 1.0,
+        side: str = "auto",
+        target: Optional[npt.ArrayLike] = None,
+    ) -> None:
+        """Plays a gesture over what the model does: one of `Engine.gestures`.
+
+        `at` is the time of the motion at which its stroke falls, seconds; None is as soon as possible. `side` is `"auto"`, `"left"`,
+        `"right"` or `"both"`; `target` is the place to point at, in the session's axes and units.
+        """
+        options = _library.GestureOptions()
+        _library.check(lib.umo_gesture_options_init(options, ctypes.sizeof(options)))
+        options.side = _library.chosen("side", _library.SIDES, side)
+        options.at = -1.0 if at is None else at
+        options.speed, options.strength, options.axes = speed, strength, self._axes
+        if target is not None:
+            place = np.asarray(target, np.float32)
+            if place.shape != (3,):
+                raise ValueError(f"a target of shape {place.shape}: expected 3 coordinates")
+            options.has_target, options.target = 1, tuple(float(value) for value in place)
+        if "\0" in name:
+            raise ValueError("a gesture's name has no zero bytes")
+        self._check(lib.umo_session_play_gesture(self._handle, name.encode(), options))
 
     def latency(self) -> Latency:
         """How far motion is behind speech."""

@@ -53,6 +53,13 @@ namespace Umo
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_engine_free(IntPtr engine);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_engine_poll(IntPtr engine, uint budget, uint* more);
 
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_gesture_options_init(GestureOptions* options, UIntPtr size);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_gesture_clip_init(GestureClip* clip, UIntPtr size);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_engine_add_gesture(IntPtr engine, byte* name, GestureClip* clip);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_engine_add_gesture_file(IntPtr engine, byte* name, byte* path, byte* animation, Gesture parts, float stroke);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_engine_add_gesture_memory(IntPtr engine, byte* name, void* data, UIntPtr size, byte* animation, Gesture parts, float stroke);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_engine_get_gesture_name(IntPtr engine, uint index, IntPtr* name);
+
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_parameter_get_info(uint index, ParameterInfo* info);
 
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_config_init(SessionConfig* config, UIntPtr size, IntPtr model);
@@ -62,16 +69,21 @@ namespace Umo
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_last_error(IntPtr session, byte* buffer, UIntPtr size, UIntPtr* length);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_push_audio(IntPtr session, float* samples, UIntPtr count, UIntPtr* taken);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_push_audio_i16(IntPtr session, short* samples, UIntPtr count, UIntPtr* taken);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_push_other_audio(IntPtr session, float* samples, UIntPtr count);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_finish(IntPtr session);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_interrupt(IntPtr session, uint easeMs);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_reset(IntPtr session);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_pull_frames(IntPtr session, FrameLayout* layout, void* frames, UIntPtr size, UIntPtr* count);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_ready_frames(IntPtr session, UIntPtr* count);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_is_done(IntPtr session, uint* done);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_set_clock(IntPtr session, double seconds);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_sample_pose(IntPtr session, double seconds, FrameLayout* layout, void* frame, UIntPtr size, Sampled* sampled);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_set_prompt(IntPtr session, byte* text, UIntPtr length);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_set_prompt_ids(IntPtr session, uint* ids, UIntPtr count);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_set_seed(IntPtr session, ulong seed);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_look_at(IntPtr session, Axes axes, float* point, float strength);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_set_mood(IntPtr session, Mood mood, float strength);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_play_gesture(IntPtr session, byte* name, GestureOptions* options);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_set_parameter(IntPtr session, Parameter parameter, double value);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_get_parameter(IntPtr session, Parameter parameter, double* value);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_latency(IntPtr session, Latency* latency);

@@ -6,7 +6,7 @@ using System.Text;
 namespace Umo
 {
     /// <summary>
-    /// One avatar. Only the constructor throws; every other call returns a status and, but for SetPrompt and LastError,
+    /// One avatar. Only the constructor throws; every other call returns a status and, but for SetPrompt, PlayGesture and LastError,
     /// allocates nothing. Calls on a session that was disposed, on whatever thread, return <see cref="Status.InvalidHandle"/>.
     /// </summary>
     public sealed unsafe class Session : IDisposable
@@ -77,6 +77,21 @@ namespace Umo
             return status;
         }
 
+        /// <summary>Takes interleaved samples, full scale 1, of who speaks to the avatar, so that it listens.</summary>
+        public Status PushOtherAudio(float[] samples, int start, int count)
+        {
+            if (samples == null) return Status.NullPointer;
+            if (start < 0 || count < 0 || start > samples.Length - count) return Status.InvalidArgument;
+            Status status;
+            float none = 0;
+            fixed (float* first = samples)
+            {
+                status = Native.umo_session_push_other_audio(handle.Raw, count == 0 ? &none : first + start, (UIntPtr)count);
+            }
+            GC.KeepAlive(this);
+            return status;
+        }
+
         /// <summary>No more audio: the tail is completed.</summary>
         public Status Finish()
         {
@@ -138,6 +153,14 @@ namespace Umo
             return status;
         }
 
+        /// <summary>What time it is for the host, in seconds: what moves while no frames come goes by it from then on.</summary>
+        public Status SetClock(double seconds)
+        {
+            Status status = Native.umo_session_set_clock(handle.Raw, seconds);
+            GC.KeepAlive(this);
+            return status;
+        }
+
         /// <summary>The pose at a time of the motion, into the first of <paramref name="frame"/>.</summary>
         public Status SamplePose(double seconds, Frames frame, out Sampled sampled)
         {
@@ -187,6 +210,51 @@ namespace Umo
         public Status SetSeed(ulong seed)
         {
             Status status = Native.umo_session_set_seed(handle.Raw, seed);
+            GC.KeepAlive(this);
+            return status;
+        }
+
+        /// <summary>Looks at a point in the avatar's space from the next frame on; a strength of 0 ends it.</summary>
+        public Status LookAt(Axes axes, float x, float y, float z, float strength)
+        {
+            float* point = stackalloc float[3];
+            point[0] = x;
+            point[1] = y;
+            point[2] = z;
+            Status status = Native.umo_session_look_at(handle.Raw, axes, point, strength);
+            GC.KeepAlive(this);
+            return status;
+        }
+
+        /// <summary>The mood of face and posture from the next frame on; a strength of 0 to 1.</summary>
+        public Status SetMood(Mood mood, float strength)
+        {
+            Status status = Native.umo_session_set_mood(handle.Raw, mood, strength);
+            GC.KeepAlive(this);
+            return status;
+        }
+
+        /// <summary>How a gesture is played if nothing else is said: as soon as possible, at its own speed, whole.</summary>
+        public static GestureOptions GestureDefaults
+        {
+            get
+            {
+                GestureOptions options;
+                UmoException.Check(Native.umo_gesture_options_init(&options, (UIntPtr)sizeof(GestureOptions)));
+                return options;
+            }
+        }
+
+        /// <summary>Plays a gesture over what the model does: one of <see cref="Engine.GestureNames"/>. Allocates a name.</summary>
+        public Status PlayGesture(string name, GestureOptions? options = null)
+        {
+            if (name == null) return Status.NullPointer;
+            GestureOptions used = options ?? GestureDefaults;
+            Status status;
+            fixed (byte* text = Native.Bytes(name))
+            {
+                status = Native.umo_session_play_gesture(handle.Raw, text, &used);
+            }
             GC.KeepAlive(this);
             return status;
         }

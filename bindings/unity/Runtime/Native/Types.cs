@@ -57,11 +57,34 @@ namespace Umo
         TopK = 2,
         TopP = 3,
         Idle = 4,
+        Attention = 5,
         GainFace = 16,
         GainHands = 17,
         GainUpper = 18,
         GainLower = 19,
+        LayerGaze = 32,
+        LayerIdle = 33,
+        LayerAsymmetry = 34,
+        LayerNods = 35,
+        LayerMood = 36,
+        LayerFeet = 37,
     }
+
+    /// <summary>What the avatar attends to.</summary>
+    public enum Attention : uint { Auto = 0, Idle = 1, Listening = 2, Thinking = 3, Speaking = 4 }
+
+    /// <summary>The mood of face and posture.</summary>
+    public enum Mood : uint { Neutral = 0, Joy = 1, Sad = 2, Angry = 3, Surprised = 4, Disgusted = 5, Afraid = 6 }
+
+    /// <summary>When the mouth moves: with the body, or as the sound is heard.</summary>
+    public enum Voice : uint { Delayed = 0, Live = 1 }
+
+    /// <summary>Which hand does a gesture.</summary>
+    public enum Side : uint { Auto = 0, Left = 1, Right = 2, Both = 3 }
+
+    /// <summary>Parts that a gesture moves.</summary>
+    [Flags]
+    public enum Gesture : uint { Head = 1, Trunk = 2, LeftArm = 4, RightArm = 8 }
 
     [StructLayout(LayoutKind.Sequential)]
     public struct Jobs
@@ -131,6 +154,8 @@ namespace Umo
         public uint HasText;
         public uint HasNotice;
         public ulong FileSize;
+        public uint HasMouth;
+        public uint Reserved;
     }
 
     /// <summary>What an engine is made with. Start with <see cref="Engine.Defaults"/>.</summary>
@@ -164,12 +189,19 @@ namespace Umo
         public uint IdleAfterMs;
         public uint EaseMs;
         public uint QueueFrames;
-        public uint Reserved;
+        public Voice Voice;
         public ulong Seed;
         /// <summary>UTF-8 that ends with a zero byte, or zero: the session's constructor takes a string.</summary>
         public IntPtr TemplateName;
         /// <summary>An <see cref="Umo.Allocator"/>, or zero.</summary>
         public IntPtr Allocator;
+        /// <summary>Low-pass of the body's motion, standard deviation in frames, 0 to 1.5; 0 is the model's own motion.</summary>
+        public float Smoothing;
+        /// <summary>How strongly the prompt steers, 1 to 3, for models of layout `frames`; else 1.</summary>
+        public float Guidance;
+        /// <summary>Keyframes of audio behind a chunk that it waits for, for models that hear ahead; else 0.</summary>
+        public uint Horizon;
+        public uint Reserved;
     }
 
     /// <summary>Where a frame's values go. Start with <see cref="Model.Layout"/>.</summary>
@@ -188,6 +220,50 @@ namespace Umo
         public uint ChannelStride;
         public uint Visemes;
         public uint Reserved;
+    }
+
+    /// <summary>How a gesture is played. Start with <see cref="Session.GestureDefaults"/>.</summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public unsafe struct GestureOptions
+    {
+        public uint StructSize;
+        public Side Side;
+        public Axes Axes;
+        public uint HasTarget;
+        /// <summary>Seconds of the motion at which the stroke falls; negative: as soon as possible.</summary>
+        public double At;
+        public float Speed;
+        public float Strength;
+        /// <summary>x, y, z.</summary>
+        public fixed float Target[3];
+        public uint Reserved;
+
+        /// <summary>Gives the gesture a place to point at.</summary>
+        public void PointAt(Axes axes, float x, float y, float z)
+        {
+            Axes = axes;
+            HasTarget = 1;
+            fixed (float* target = Target)
+            {
+                target[0] = x;
+                target[1] = y;
+                target[2] = z;
+            }
+        }
+    }
+
+    /// <summary>A clip that becomes a gesture: <see cref="Engine.AddGesture"/>.</summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public struct GestureClip
+    {
+        public uint StructSize;
+        public Axes Axes;
+        public Gesture Parts;
+        public uint FrameCount;
+        public float Rate;
+        public float Stroke;
+        /// <summary>float[FrameCount][JointCount][4].</summary>
+        public IntPtr Rotations;
     }
 
     [StructLayout(LayoutKind.Sequential)]
@@ -224,6 +300,7 @@ namespace Umo
         public double ComputeMax;
         public ulong BacklogSamples;
         public ulong BacklogMaxSamples;
+        public ulong MouthSamples;
     }
 
     [StructLayout(LayoutKind.Sequential)]

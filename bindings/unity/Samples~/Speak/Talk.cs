@@ -4,7 +4,7 @@ using UnityEngine;
 
 namespace Umo.Unity.Samples
 {
-    /// <summary>Two buttons: says a clip, and is interrupted.</summary>
+    /// <summary>Buttons: says a clip, is interrupted, says what the microphone hears.</summary>
     [RequireComponent(typeof(UmoAvatar))]
     public sealed class Talk : MonoBehaviour
     {
@@ -15,6 +15,8 @@ namespace Umo.Unity.Samples
             UmoAvatar avatar = GetComponent<UmoAvatar>();
             if (GUILayout.Button("Speak")) avatar.Speak(clip);
             if (GUILayout.Button("Interrupt")) avatar.Interrupt();
+            if (GUILayout.Button("Microphone")) avatar.UseMicrophone();
+            if (GUILayout.Button("No microphone")) avatar.StopMicrophone();
             if (avatar.Error.Length > 0) GUILayout.Label(avatar.Error);
         }
     }

@@ -5,12 +5,12 @@ use gltf_json as json;
 use json::accessor::{ComponentType, GenericComponentType, IndexComponentType, Type, sparse};
 use json::mesh::{Mesh, MorphTarget, Primitive, Semantic};
 use json::validation::{Checked::Valid, USize64};
-use json::{Accessor, Index, Node, buffer, material};
+use json::{Accessor, Index, Node, buffer, image, material, texture};
 use std::collections::BTreeMap;
 use std::io::{self, Write};
 use std::ops::Range;
 use umo_figure::Mesh as Figure;
-use umo_figure::picture::linear;
+use umo_figure::palette::Palette;
 
 /// An index into one of the root's lists.
 pub(super) fn index<T>(at: usize) -> Index<T> {
@@ -41,17 +41,46 @@ struct Layout {
 }
 
 impl Builder {
-    /// Matt; the colours are the vertices'.
-    pub(super) fn material(&mut self, name: &str) -> Index<material::Material> {
-        self.root.push(material::Material {
+    /// Matt; the colours are the palette's.
+    ///
+    /// # Errors
+    /// A palette that no picture can hold.
+    pub(super) fn material(&mut self, name: &str, palette: &Palette) -> io::Result<Index<material::Material>> {
+        let mut png = Vec::new();
+        palette.write(&mut png)?;
+        let view = self.view(&png, None);
+        let source = self.root.push(json::Image {
+            buffer_view: Some(view),
+            mime_type: Some(image::MimeType("image/png".to_owned())),
+            name: Some("colors".to_owned()),
+            uri: None,
+            extensions: None,
+            extras: None,
+        });
+        let sampler = self.root.push(texture::Sampler {
+            mag_filter: Some(Valid(texture::MagFilter::Linear)),
+            min_filter: Some(Valid(texture::MinFilter::Linear)),
+            wrap_s: Valid(texture::WrappingMode::ClampToEdge),
+            wrap_t: Valid(texture::WrappingMode::ClampToEdge),
+            ..texture::Sampler::default()
+        });
+        let index = self.root.push(json::Texture {
+            sampler: Some(sampler),
+            source,
+            name: None,
+            extensions: None,
+            extras: None,
+        });
+        Ok(self.root.push(material::Material {
             name: Some(name.to_owned()),
             pbr_metallic_roughness: material::PbrMetallicRoughness {
                 metallic_factor: material::StrengthFactor(0.0),
                 roughness_factor: material::StrengthFactor(0.8),
+                base_color_texture: Some(texture::Info { index, tex_coord: 0, extensions: None, extras: None }),
                 ..Default::default()
             },
             ..Default::default()
-        })
+        }))
     }
 
     /// A mesh; its shapes' names go where programs look for them.
@@ -79,14 +108,13 @@ impl Builder {
     }
 
     /// The vertices of `range` and the triangles between them.
-    pub(super) fn surface(&mut self, figure: &Figure, range: Range<usize>) -> Attributes {
+    pub(super) fn surface(&mut self, figure: &Figure, palette: &Palette, range: Range<usize>) -> Attributes {
         let target = Some(buffer::Target::ArrayBuffer);
         let positions = self.positions(&figure.positions[range.clone()]);
         let normals = self.floats(&figure.normals[range.clone()], Type::Vec3, target);
         let count = range.len();
         let layout = |component, kind| Layout { component, kind, count, target, normalized: true };
-        let colors: Vec<[u16; 4]> = figure.colors[range.clone()].iter().map(|&color| light(color)).collect();
-        let colors = self.accessor(&little_endian(&colors), layout(ComponentType::U16, Type::Vec4));
+        let places = self.floats(&palette.places[range.clone()], Type::Vec2, target);
         let weights: Vec<[u16; 4]> = figure.weights[range.clone()].iter().map(|&weights| shares(weights)).collect();
         let weights = self.accessor(&little_endian(&weights), layout(ComponentType::U16, Type::Vec4));
         let joints = Layout { normalized: false, ..layout(ComponentType::U8, Type::Vec4) };
@@ -106,7 +134,7 @@ impl Builder {
         let attributes = BTreeMap::from([
             (Valid(Semantic::Positions), positions),
             (Valid(Semantic::Normals), normals),
-            (Valid(Semantic::Colors(0)), colors),
+            (Valid(Semantic::TexCoords(0)), places),
             (Valid(Semantic::Joints(0)), joints),
             (Valid(Semantic::Weights(0)), weights),
         ]);
@@ -289,11 +317,6 @@ fn plain(component: ComponentType, kind: Type, count: usize) -> Accessor {
 
 fn little_endian<const N: usize>(rows: &[[u16; N]]) -> Vec<u8> {
     rows.as_flattened().iter().flat_map(|x| x.to_le_bytes()).collect()
-}
-
-/// sRGB to what glTF has in vertices: linear light, 65,535 for 1.
-fn light([r, g, b, a]: [u8; 4]) -> [u16; 4] {
-    [whole(linear(r)), whole(linear(g)), whole(linear(b)), u16::from(a) * 257]
 }
 
 /// Weights as whole numbers whose sum is 65,535 exactly.

@@ -1,5 +1,7 @@
-//! Characters made in code: a skinned triangle with three shapes, a picture and an animation of its own.
+//! Characters made in code: a skinned triangle with three shapes, a picture and an animation of its
+//! own.
 
+use glam::{DMat4, DQuat, DVec3};
 use serde_json::{Value, json};
 use umo_core::config::FaceKind;
 use umo_core::motion::rotation::{IDENTITY, Quat, axis_angle_to_quat, inverse, product, rotate};
@@ -42,6 +44,50 @@ impl Made {
         serde_json::from_value(self.json["nodes"][node]["translation"].clone()).unwrap()
     }
 
+    /// Inverse bind matrices of the nodes as they are, for a mesh in a space that `frame` brings to
+    /// the scene.
+    pub(super) fn bind(&mut self, frame: DMat4) {
+        let nodes = self.json["nodes"].as_array().unwrap();
+        let mut global = vec![DMat4::IDENTITY; nodes.len()];
+        // Parents come first in files made here.
+        for (at, node) in nodes.iter().enumerate() {
+            global[at] *= local(node);
+            for child in node["children"].as_array().into_iter().flatten() {
+                global[usize::try_from(child.as_u64().unwrap()).unwrap()] = global[at];
+            }
+        }
+        let joints: Vec<usize> = serde_json::from_value(self.json["skins"][0]["joints"].clone()).unwrap();
+        let matrices = joints.iter().map(|&joint| (global[joint].inverse() * frame).as_mat4().to_cols_array());
+        let bytes: Vec<u8> = matrices.flatten().flat_map(f32::to_le_bytes).collect();
+        let list = |json: &mut Value, name: &str, value: Value| {
+            let list = json[name].as_array_mut().unwrap();
+            list.push(value);
+            list.len() - 1
+        };
+        let view = json!({ "buffer": 0, "byteOffset": self.bin.len(), "byteLength": bytes.len() });
+        let view = list(&mut self.json, "bufferViews", view);
+        let accessor = json!({ "bufferView": view, "componentType": 5126, "count": joints.len(), "type": "MAT4" });
+        self.json["skins"][0]["inverseBindMatrices"] = list(&mut self.json, "accessors", accessor).into();
+        self.bin.extend(bytes);
+        self.json["buffers"][0]["byteLength"] = self.bin.len().into();
+    }
+
+    /// Turns every joint and moves the first one: the pose of some moment of an animation.
+    pub(super) fn pose(&mut self, turn: f64, step: [f64; 3]) {
+        let joints: Vec<usize> = serde_json::from_value(self.json["skins"][0]["joints"].clone()).unwrap();
+        for &joint in &joints {
+            let node = &mut self.json["nodes"][joint];
+            let angles = [1.0, 0.7, 0.4].map(|share| turn * (share * joint as f64).sin());
+            let (_, rotation, mut place) = local(node).to_scale_rotation_translation();
+            if joint == joints[0] {
+                place += DVec3::from_array(step);
+            }
+            let rotation = rotation * DQuat::from_scaled_axis(DVec3::from_array(angles));
+            node["rotation"] = json!(rotation.to_array());
+            node["translation"] = json!(place.to_array());
+        }
+    }
+
     /// The file.
     pub(super) fn bytes(&self) -> Vec<u8> {
         let mut text = serde_json::to_vec(&self.json).unwrap();
@@ -61,6 +107,14 @@ impl Made {
         }
         out
     }
+}
+
+/// A node's transform.
+fn local(node: &Value) -> DMat4 {
+    let read = |name: &str, other: &[f64]| serde_json::from_value(node[name].clone()).unwrap_or(other.to_vec());
+    let vector = |name: &str, other: &[f64]| DVec3::from_slice(&read(name, other));
+    let rotation = DQuat::from_slice(&read("rotation", &[0.0, 0.0, 0.0, 1.0]));
+    DMat4::from_scale_rotation_translation(vector("scale", &[1.0; 3]), rotation, vector("translation", &[0.0; 3]))
 }
 
 /// A buffer in the making: each piece a view and an accessor.
@@ -111,7 +165,7 @@ impl Buffer {
 }
 
 /// How a body is made.
-struct Making {
+struct BodySpec {
     names: Vec<String>,
     shapes: [&'static str; 3],
     /// Which way the body faces.
@@ -124,7 +178,7 @@ struct Making {
     twist: f32,
 }
 
-impl Making {
+impl BodySpec {
     fn made(self) -> Made {
         let skeleton = sample::clip(FaceKind::Arkit, 1, 0).skeleton;
         let parent = |joint: usize| usize::try_from(skeleton.parents[joint]).ok();
@@ -235,14 +289,15 @@ pub(super) fn mixamo() -> Made {
     };
     let names = JOINT_NAMES.map(|joint| format!("mixamorig:{}", name(joint))).to_vec();
     let shapes = ["Other", "jawOpen", "eyeBlink_L"];
-    Making { names, shapes, world: IDENTITY, unit: 100.0, droop: 0.8, twist: 1.0 }.made()
+    BodySpec { names, shapes, world: IDENTITY, unit: 100.0, droop: 0.8, twist: 1.0 }.made()
 }
 
-/// A VRM file whose nodes' names say nothing: bones and expressions are in its tables. Version 0 faces backwards.
+/// A VRM file whose nodes' names say nothing: bones and expressions are in its tables. Version 0
+/// faces backwards.
 pub(super) fn vrm(version: u8) -> Made {
     let names = (0..JOINTS).map(|joint| if joint == 22 { "jaw".to_owned() } else { format!("b{joint}") }).collect();
     let world = if version == 0 { [0.0, 1.0, 0.0, 0.0] } else { IDENTITY };
-    let mut made = Making { names, shapes: ["Other", "S1", "S2"], world, unit: 1.0, droop: 0.0, twist: 0.0 }.made();
+    let mut made = BodySpec { names, shapes: ["Other", "S1", "S2"], world, unit: 1.0, droop: 0.0, twist: 0.0 }.made();
     let bones = vrm_bones(version);
     let face = made.index("Face");
     let (name, extension) = if version == 0 {

@@ -8,7 +8,8 @@ use umo_core::motion::rotation::axis_angle_to_quat;
 use super::*;
 use crate::bvh::{Bvh, Channel};
 
-/// Joints in another order than umo's, a spine of one bone, arms that hang, no fingers; where they are, centimetres.
+/// Joints in another order than umo's, a spine of one bone, arms that hang, no fingers; where they
+/// are, centimetres.
 const JOINTS: [(&str, Option<usize>, [f32; 3], &str); 16] = [
     ("Hips", None, [0.0, 0.0, 0.0], "pelvis"),
     ("Chest", Some(0), [0.0, 22.0, 0.0], ""),
@@ -63,7 +64,8 @@ fn on_skeleton(text: &str, clip: &Clip) -> (f32, Bvh, String) {
     (retarget.scale(), Bvh::parse(&text).unwrap(), text)
 }
 
-/// Where joints are in a frame; a place in a channel stands in place of the offset where `replaces`.
+/// Where joints are in a frame; a place in a channel stands in place of the offset where
+/// `replaces`.
 fn places(bvh: &Bvh, frame: usize, replaces: bool) -> Vec<Vector> {
     let mut numbers = bvh.motion[frame * bvh.channels()..].iter();
     let mut world: Vec<(Vector, Quat)> = Vec::new();
@@ -89,7 +91,8 @@ fn places(bvh: &Bvh, frame: usize, replaces: bool) -> Vec<Vector> {
 }
 
 fn check(bvh: &Bvh, clip: &Clip, scale: f32, replaces: bool) {
-    // Ankles are all that the file has of feet: they stand as thick above the floor as the source's soles.
+    // Ankles are all that the file has of feet: they stand as thick above the floor as the source's
+    // soles.
     let rest = joint_places(&clip.skeleton, &umo_core::motion::Pose::REST);
     let sole = [7, 8, 10, 11].map(|joint| rest[joint][1]).into_iter().fold(f32::MAX, f32::min) - 0.02;
     let standing = rest[7][1] - sole;

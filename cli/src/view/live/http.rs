@@ -1,15 +1,15 @@
-//! Requests from browsers of this machine. Other web pages that a browser has open must not get in: what they send says
-//! where it comes from.
+//! Requests from browsers of this machine. Other web pages that a browser has open must not get in:
+//! what they send says where it comes from.
 
 use std::io::{self, Read, Write};
 use std::net::TcpStream;
 use std::time::{Duration, Instant};
 
 /// Most bytes of a request's head.
-const MOST_HEAD: usize = 8 << 10;
+const MAX_HEAD: usize = 8 << 10;
 /// Most headers of a request. Browsers send some twenty.
 const MAX_HEADERS: usize = 64;
-/// How long a request may take to come, and an answer to be taken.
+/// Time limit for receiving a request, and for sending an answer.
 const PATIENCE: Duration = Duration::from_secs(5);
 /// How often an unfinished head is looked at.
 const LOOK: Duration = Duration::from_millis(5);
@@ -36,7 +36,8 @@ pub(super) struct Request<'a> {
 }
 
 impl<'a> Request<'a> {
-    /// The request whose head this is, up to its empty line. `None` where it is not a complete HTTP/1.1 head.
+    /// The request whose head this is, up to its empty line. `None` where it is not a complete
+    /// HTTP/1.1 head.
     pub(super) fn parse(head: &'a str) -> Option<Self> {
         let mut headers = [httparse::EMPTY_HEADER; MAX_HEADERS];
         let mut parsed = httparse::Request::new(&mut headers);
@@ -60,7 +61,8 @@ impl<'a> Request<'a> {
 
     /// What becomes of it, at this port.
     ///
-    /// The host's name keeps out pages whose name was made to lead here; the origin keeps all other pages from the stream.
+    /// The host's name keeps out pages whose name was made to lead here; the origin keeps all other
+    /// pages from the stream.
     pub(super) fn answer(&self, port: u16) -> Answer {
         let names = [format!("127.0.0.1:{port}"), format!("localhost:{port}")];
         let [host] = self.host[..] else { return Answer::Refuse("400 Bad Request") };
@@ -82,15 +84,15 @@ impl<'a> Request<'a> {
     }
 }
 
-/// The head of the request that waits, which is left to be read, and its length; none where it is too long, is no text,
-/// or does not come in time.
+/// The head of the request that waits, which is left to be read, and its length; none where it is
+/// too long, is no text, or does not come in time.
 ///
-/// An error where nothing comes at all: browsers open connections in advance, and would take a refusal for the answer to
-/// the request that they then send.
+/// An error where nothing comes at all: browsers open connections in advance, and would take a
+/// refusal for the answer to the request that they then send.
 pub(super) fn peek_head(stream: &TcpStream, is_over: impl Fn() -> bool) -> io::Result<Option<(String, usize)>> {
     stream.set_read_timeout(Some(Duration::from_millis(200)))?;
     stream.set_write_timeout(Some(PATIENCE))?;
-    let (start, mut bytes, mut is_begun) = (Instant::now(), vec![0; MOST_HEAD], false);
+    let (start, mut bytes, mut is_begun) = (Instant::now(), vec![0; MAX_HEAD], false);
     while start.elapsed() < PATIENCE && !is_over() {
         let count = match stream.peek(&mut bytes) {
             Ok(0) => break,
@@ -103,7 +105,7 @@ pub(super) fn peek_head(stream: &TcpStream, is_over: impl Fn() -> bool) -> io::R
             let length = at + 4;
             return Ok(String::from_utf8(bytes[..length].to_vec()).ok().map(|head| (head, length)));
         }
-        if count == MOST_HEAD {
+        if count == MAX_HEAD {
             return Ok(None);
         }
         std::thread::sleep(LOOK);
@@ -111,7 +113,7 @@ pub(super) fn peek_head(stream: &TcpStream, is_over: impl Fn() -> bool) -> io::R
     if is_begun { Ok(None) } else { Err(io::ErrorKind::TimedOut.into()) }
 }
 
-/// Whether it is only that nothing has come.
+/// Whether the error is only that nothing was received.
 pub(super) fn is_wait(error: &io::Error) -> bool {
     matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut | io::ErrorKind::Interrupted)
 }
@@ -127,7 +129,8 @@ pub(super) fn refuse(stream: &mut TcpStream, length: usize, status: &str) -> io:
 }
 
 fn send(stream: &mut TcpStream, length: usize, status: &str, kind: &str, body: &[u8]) -> io::Result<()> {
-    // Bytes that are left unread would make the system reset the connection before the answer is read.
+    // Bytes that are left unread would make the system reset the connection before the answer is
+    // read.
     stream.read_exact(&mut vec![0; length])?;
     let head = format!(
         "HTTP/1.1 {status}\r\nContent-Type: {kind}\r\nContent-Length: {}\r\nConnection: close\r\nCache-Control: no-store\r\n\

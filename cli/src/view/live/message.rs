@@ -1,13 +1,13 @@
 //! What page and program say to each other: commands, news, samples and frames.
 
 use serde::{Deserialize, Serialize};
-use umo_core::audio::LOUDEST;
-use umo_core::session::{FrameView, Latency, MAX_RATE, MIN_RATE, Stats};
+use umo_core::audio::MAX_AMPLITUDE;
+use umo_core::session::{Frame, Latency, MAX_RATE, MIN_RATE, Stats};
 
 /// Most samples of one message.
-pub(super) const MOST_SAMPLES: usize = 1 << 16;
+pub(super) const MAX_SAMPLES: usize = 1 << 16;
 /// Most bytes of one message.
-pub(super) const MOST_BYTES: usize = 4 * MOST_SAMPLES;
+pub(super) const MAX_BYTES: usize = 4 * MAX_SAMPLES;
 
 /// What a page asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
@@ -15,7 +15,7 @@ pub(super) const MOST_BYTES: usize = 4 * MOST_SAMPLES;
 pub(super) enum Command {
     /// A new stream.
     Start {
-        /// What is heard.
+        /// Source of the audio.
         source: Source,
         /// Samples a second of the microphone.
         rate: Option<u32>,
@@ -24,7 +24,7 @@ pub(super) enum Command {
     Finish,
 }
 
-/// What is heard.
+/// Source of the audio.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum Source {
@@ -34,12 +34,19 @@ pub(super) enum Source {
     Microphone,
 }
 
-/// What a page is told; times in seconds.
+/// A message to the page; times in seconds.
 #[derive(Debug, PartialEq, Serialize)]
 #[serde(tag = "type", rename_all = "camelCase", rename_all_fields = "camelCase")]
 pub(super) enum News<'a> {
-    /// Sound is heard from now on.
-    Started,
+    /// Audio is taken from now on.
+    Started {
+        /// Whether the mouth moves with the sound.
+        live: bool,
+        /// Future audio that a mouth needs at most.
+        mouth_seconds: f64,
+        /// Future audio that a body needs at most.
+        body_seconds: f64,
+    },
     /// How the stream goes.
     Status {
         /// Median time of computing a chunk.
@@ -102,7 +109,7 @@ pub(super) fn samples(bytes: &[u8]) -> Result<Vec<f32>, String> {
         return Err("samples are 32-bit floats: a message has four bytes for each".to_owned());
     };
     let samples: Vec<f32> = samples.iter().map(|&sample| f32::from_le_bytes(sample)).collect();
-    match samples.iter().all(|sample| (-LOUDEST..=LOUDEST).contains(sample)) {
+    match samples.iter().all(|sample| (-MAX_AMPLITUDE..=MAX_AMPLITUDE).contains(sample)) {
         true => Ok(samples),
         false => Err("a sample is not a usable number".to_owned()),
     }
@@ -114,7 +121,7 @@ pub(super) struct Frames(Vec<u8>);
 
 impl Frames {
     #[expect(clippy::cast_possible_truncation, reason = "2^32 frames are four years")]
-    pub(super) fn add(&mut self, frame: FrameView) {
+    pub(super) fn add(&mut self, frame: Frame) {
         if self.0.is_empty() {
             self.0.extend((frame.index as u32).to_le_bytes());
         }

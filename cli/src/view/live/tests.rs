@@ -3,7 +3,7 @@ use std::io::{self, Write};
 use std::net::{Ipv4Addr, TcpListener, TcpStream};
 
 use super::http::{self, Answer, Request};
-use super::message::{Command, MOST_BYTES, Source, command, samples};
+use super::message::{Command, MAX_BYTES, Source, command, samples};
 
 const PORT: u16 = 8123;
 
@@ -16,7 +16,7 @@ const HOST: &str = "Host: 127.0.0.1:8123";
 const UPGRADE: &str = "Upgrade: websocket";
 
 #[test]
-fn the_page_is_for_whoever_knows_its_name() {
+fn page_needs_its_secret_name() {
     assert_eq!(answer("GET", "/", &[HOST]), Answer::Page);
     assert_eq!(answer("GET", "/?x=1", &["host: localhost:8123"]), Answer::Page);
     for host in ["evil.example", "evil.example:8123", "127.0.0.1", "127.0.0.1:80", "127.0.0.1:8123.evil.example", ""] {
@@ -50,7 +50,7 @@ fn the_stream_is_for_the_page_alone() {
 }
 
 #[test]
-fn what_is_no_request_is_refused() {
+fn malformed_requests_are_refused() {
     for head in [
         "",
         "\r\n\r\n",
@@ -87,7 +87,7 @@ fn commands_are_read_and_others_refused() {
     ] {
         assert!(command(bad).is_err(), "{bad}");
     }
-    assert!(command(&"[".repeat(MOST_BYTES)).is_err());
+    assert!(command(&"[".repeat(MAX_BYTES)).is_err());
 }
 
 #[test]
@@ -111,7 +111,8 @@ fn connection() -> (TcpStream, TcpStream) {
 #[test]
 fn a_connection_opened_in_advance_gets_no_answer() {
     let (theirs, ours) = connection();
-    // Nothing comes, until it is time to stop: no refusal, which a browser would take for an answer to what it asks later.
+    // Nothing comes, until it is time to stop: no refusal, which a browser would take for an answer
+    // to what it asks later.
     let looks = Cell::new(0);
     let is_over = || looks.replace(looks.get() + 1) >= 2;
     assert_eq!(http::peek_head(&ours, is_over).unwrap_err().kind(), io::ErrorKind::TimedOut);

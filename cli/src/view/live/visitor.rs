@@ -7,20 +7,20 @@ use std::time::{Duration, Instant};
 use tungstenite::protocol::frame::coding::CloseCode;
 use tungstenite::protocol::{CloseFrame, WebSocketConfig};
 use tungstenite::{Error, Message, WebSocket};
-use umo_core::session::{Session, SessionConfig, SessionError};
+use umo_core::session::{Session, SessionConfig, SessionError, Voice};
 
 use super::Host;
 use super::http::is_wait;
-use super::message::{self, Command, Frames, MOST_BYTES, MOST_SAMPLES, News, Source};
+use super::message::{self, Command, Frames, MAX_BYTES, MAX_SAMPLES, News, Source};
 
 /// How long the page's next message is waited for before frames are looked for.
 const LOOK: Duration = Duration::from_millis(4);
-/// How often the page is told how it goes.
+/// Interval of status messages to the page.
 const NEWS: Duration = Duration::from_millis(250);
 /// How long a page may take to say goodbye.
 const GOODBYE: Duration = Duration::from_secs(1);
 /// Most bytes of a reason.
-const MOST_REASON: usize = 120;
+const MAX_REASON: usize = 120;
 
 /// Why a stream ends.
 enum End {
@@ -56,13 +56,14 @@ impl From<SessionError> for End {
 /// A stream in work.
 struct Stream<'a> {
     session: Session,
+    voice: Voice,
     source: Source,
-    /// What of the recording is still to be heard.
+    /// Rest of the recording.
     rest: &'a [f32],
     rate: usize,
-    heard: usize,
+    pushed: usize,
     start: Instant,
-    told: Instant,
+    reported: Instant,
     finished: bool,
     frames: u64,
 }
@@ -70,8 +71,8 @@ struct Stream<'a> {
 /// Serves one page until its stream or the program ends.
 pub(super) fn run(host: &Host, stream: TcpStream) {
     let limits = WebSocketConfig::default()
-        .max_message_size(Some(MOST_BYTES))
-        .max_frame_size(Some(MOST_BYTES))
+        .max_message_size(Some(MAX_BYTES))
+        .max_frame_size(Some(MAX_BYTES))
         .max_write_buffer_size(64 << 20);
     let _ = stream.set_read_timeout(Some(GOODBYE));
     let Ok(mut socket) = tungstenite::accept_with_config(stream, Some(limits)) else { return };
@@ -92,7 +93,7 @@ fn part(socket: &mut WebSocket<TcpStream>, code: CloseCode, reason: &str) {
     if !reason.is_empty() {
         let _ = socket.send(Message::text(News::Error { reason }.json()));
     }
-    let end = reason.char_indices().map(|(at, c)| at + c.len_utf8()).take_while(|&end| end <= MOST_REASON).last();
+    let end = reason.char_indices().map(|(at, c)| at + c.len_utf8()).take_while(|&end| end <= MAX_REASON).last();
     let reason = reason[..end.unwrap_or(0)].into();
     let _ = socket.close(Some(CloseFrame { code, reason }));
     let start = Instant::now();
@@ -106,8 +107,8 @@ fn part(socket: &mut WebSocket<TcpStream>, code: CloseCode, reason: &str) {
     }
 }
 
-/// Takes what is left of a message that was refused: unread, it would make the system reset the connection before the page
-/// has read why.
+/// Takes what is left of a message that was refused: unread, it would make the system reset the
+/// connection before the page has read why.
 fn drain(stream: &mut TcpStream, start: Instant) {
     let mut unread = [0; 1 << 12];
     while start.elapsed() < GOODBYE {
@@ -127,7 +128,7 @@ fn talk(host: &Host, socket: &mut WebSocket<TcpStream>) -> End {
             return End::Over;
         }
         let step = match socket.read() {
-            Ok(message) => hear(host, socket, &mut stream, &message),
+            Ok(message) => handle(host, socket, &mut stream, &message),
             Err(Error::Io(error)) if is_wait(&error) => Ok(()),
             Err(error) => Err(error.into()),
         };
@@ -139,7 +140,7 @@ fn talk(host: &Host, socket: &mut WebSocket<TcpStream>) -> End {
 }
 
 /// Does what the page says.
-fn hear<'a>(
+fn handle<'a>(
     host: &'a Host,
     socket: &mut WebSocket<TcpStream>,
     stream: &mut Option<Stream<'a>>,
@@ -149,8 +150,8 @@ fn hear<'a>(
         (Message::Text(text), stream) => match (message::command(text).map_err(End::Refused)?, stream.as_mut()) {
             (Command::Start { .. }, Some(_)) => Err(End::Refused("a stream is under way".to_owned())),
             (Command::Start { source, rate }, None) => {
-                *stream = Some(Stream::start(host, source, rate)?);
-                Ok(socket.send(Message::text(News::Started.json()))?)
+                let started = stream.insert(Stream::start(host, source, rate)?);
+                Ok(socket.send(Message::text(started.started().json()))?)
             }
             (Command::Finish, Some(stream)) => stream.finish(),
             (Command::Finish, None) => Err(End::Refused("no stream is under way".to_owned())),
@@ -158,7 +159,9 @@ fn hear<'a>(
         (Message::Binary(bytes), Some(stream)) if stream.source == Source::Microphone && !stream.finished => {
             stream.push(&message::samples(bytes).map_err(End::Refused)?)
         }
-        (Message::Binary(_), _) => Err(End::Refused("samples came where none are heard".to_owned())),
+        (Message::Binary(_), _) => {
+            Err(End::Refused("samples are only accepted after a start with the microphone".to_owned()))
+        }
         (Message::Close(_), _) => Err(End::Left),
         (Message::Ping(_) | Message::Pong(_) | Message::Frame(_), _) => Ok(()),
     }
@@ -171,10 +174,32 @@ impl<'a> Stream<'a> {
             (Source::Recording, Some((rate, samples))) => (*rate, &samples[..]),
             (Source::Recording, None) => return Err(End::Refused("there is no recording".to_owned())),
         };
-        let config = SessionConfig { sample_rate: rate, ..host.session.clone() };
+        let voice = host.voice(source == Source::Microphone);
+        let config = SessionConfig { sample_rate: rate, voice, ..host.session.clone() };
         let session = host.engine.session(&config).map_err(|error| End::Failed(error.to_string()))?;
         let now = Instant::now();
-        Ok(Self { session, source, rest, rate, heard: 0, start: now, told: now, finished: false, frames: 0 })
+        Ok(Self {
+            session,
+            voice,
+            source,
+            rest,
+            rate,
+            pushed: 0,
+            start: now,
+            reported: now,
+            finished: false,
+            frames: 0,
+        })
+    }
+
+    fn started(&self) -> News<'static> {
+        let latency = self.session.latency();
+        let seconds = |samples: usize| samples as f64 / self.rate as f64;
+        News::Started {
+            live: self.voice == Voice::Live,
+            mouth_seconds: seconds(latency.mouth_samples),
+            body_seconds: seconds(latency.algorithmic_samples),
+        }
     }
 
     fn push(&mut self, samples: &[f32]) -> Result<(), End> {
@@ -198,8 +223,8 @@ impl<'a> Stream<'a> {
             socket.send(Message::binary(message))?;
         }
         let done = self.finished && self.session.is_done()?;
-        if done || self.told.elapsed() >= NEWS {
-            self.told = Instant::now();
+        if done || self.reported.elapsed() >= NEWS {
+            self.reported = Instant::now();
             socket.send(Message::text(News::status(&self.session.latency(), &self.session.stats()).json()))?;
         }
         if done {
@@ -212,10 +237,10 @@ impl<'a> Stream<'a> {
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "samples since the start")]
     fn hear_recording(&mut self) -> Result<(), End> {
         let spoken = (self.start.elapsed().as_secs_f64() * self.rate as f64) as usize;
-        let count = (spoken - self.heard.min(spoken)).min(self.rest.len()).min(MOST_SAMPLES);
+        let count = (spoken - self.pushed.min(spoken)).min(self.rest.len()).min(MAX_SAMPLES);
         let taken = self.session.push_audio(&self.rest[..count])?.taken;
         self.rest = &self.rest[taken..];
-        self.heard += taken;
+        self.pushed += taken;
         if self.rest.is_empty() { self.finish() } else { Ok(()) }
     }
 }

@@ -7,6 +7,7 @@ export const RULER = 20;
 const SPEECH = 46;
 const CHUNKS = 17;
 const PART = 15;
+const LEVEL = 4;
 const EXPERTS = 10;
 const TRACK = 40;
 const GAP = 7;
@@ -23,8 +24,8 @@ export function layOut({ scene, record, tracks }) {
   top += GAP;
   if (record.chunks.length > 0) lane("chunks", "chunks", CHUNKS);
   if (record.isKnown) {
-    const parts = record.data ? scene.parts : ["frames"];
-    parts.forEach((name, part) => lane("frames", name, PART, { part }));
+    const parts = record.data ? record.parts : [{ name: "frames", levels: 1 }];
+    parts.forEach(({ name, levels }, part) => lane("frames", name, Math.max(PART, LEVEL * levels + 3), { part }));
     top += GAP;
   }
   if (record.data) {
@@ -91,7 +92,7 @@ function shown(t) {
   return [Math.max(first, Math.floor(t.from * rate)), Math.min(end, Math.ceil((t.from + t.window) * rate) + 1)];
 }
 
-/** Keyframes as tall bars, filled frames as short ones between them; the shade is the code. */
+/** Keyframes as tall bars, filled frames as short ones between them; the shade is the code, level 0 on top. */
 function frames(t, { top, height, part }, color) {
   const { context, motion, record } = t;
   const [from, to] = shown(t);
@@ -100,12 +101,16 @@ function frames(t, { top, height, part }, color) {
   for (let frame = from; frame < to; frame++) {
     const isKey = record.isKeyframe(frame);
     if (!isKey && width < 1.2 && frame % 2 === 1) continue;
-    const code = record.code(part, frame);
-    context.globalAlpha = code === null ? 0.9 : 0.42 + 0.58 * (code / 255);
+    const codes = record.codes(part, frame);
     context.fillStyle = isKey ? key : filled;
     const bar = isKey ? clamp(width - 1, 1.6, 8) : clamp(width - 1.4, 0.8, 8);
     const tall = isKey ? height - 3 : 0.46 * (height - 3);
-    context.fillRect(t.x(frame / motion.rate) - bar / 2, top + height / 2 - tall / 2, bar, tall);
+    const shades = codes.length > 0 ? codes.map((code) => 0.42 + 0.58 * (code / Math.max(record.parts[part].codes - 1, 1))) : [0.9];
+    shades.forEach((shade, level) => {
+      context.globalAlpha = shade;
+      const y = top + (height - tall) / 2 + (level * tall) / shades.length;
+      context.fillRect(t.x(frame / motion.rate) - bar / 2, y, bar, tall / shades.length);
+    });
   }
   context.globalAlpha = 1;
 }

@@ -5,8 +5,10 @@ import { wav } from "umo/scene.js";
 
 /** What is added to what the engine must wait for: the network of one machine, and a slow moment, seconds. */
 const MARGIN = 0.12;
+/** The same for a mouth that waits for no computing: a piece of the microphone's, and a look for frames. */
+const LIVE_MARGIN = 0.04;
 
-/** Time of a stream: behind what is heard by what the engine must wait for. */
+/** Time of a stream: behind what is heard by what the engine, or a live mouth, must wait for. */
 export class LiveClock {
   constructor(scene, motion) {
     this.motion = motion;
@@ -34,8 +36,9 @@ export class LiveClock {
     return (performance.now() - this.start) / 1000;
   }
 
-  /** Sound begins now; the picture follows. */
-  begin() {
+  /** Sound begins now; the picture follows, as late as `started` says. */
+  begin(started) {
+    this.delay = started.live ? started.mouthSeconds + LIVE_MARGIN : started.bodySeconds + MARGIN;
     [this.start, this.at, this.playing] = [performance.now(), 0, true];
   }
 
@@ -57,7 +60,7 @@ export class Live {
   constructor({ scene, motion, clock, tell, changed }) {
     Object.assign(this, { scene, motion, clock, tell, changed });
     /** What happened, for whoever looks: frames in the order of their coming, frames that came too late. */
-    this.log = { received: 0, next: 0, inOrder: true, late: 0, arrivals: [], done: false, error: null, status: null };
+    this.log = { received: 0, next: 0, inOrder: true, late: 0, arrivals: [], done: false, error: null, status: null, started: null };
     this.socket = null;
     if (scene.samples.length > 0) this.audio = new Audio(URL.createObjectURL(wav(scene.samples, scene.audio.sampleRate)));
   }
@@ -71,7 +74,7 @@ export class Live {
     this.stop();
     this.silence();
     this.motion.clear();
-    Object.assign(this.log, { received: 0, next: 0, inOrder: true, late: 0, arrivals: [], done: false, error: null, status: null });
+    Object.assign(this.log, { received: 0, next: 0, inOrder: true, late: 0, arrivals: [], done: false, error: null, status: null, started: null });
     if (source === "microphone") {
       this.mouth = await microphone((samples) => {
         if (this.socket?.readyState === WebSocket.OPEN) this.socket.send(samples);
@@ -118,7 +121,8 @@ export class Live {
   hear(message, source) {
     switch (message.type) {
       case "started":
-        this.clock.begin();
+        this.clock.begin(message);
+        this.log.started = message;
         this.mouth?.listen();
         if (source === "recording") this.playSound();
         break;

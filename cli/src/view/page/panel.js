@@ -23,10 +23,11 @@ export function livePanel(element, { scene, motion, live, $ }) {
   };
   return {
     show() {
-      const { status, received, late, error, done } = live.log;
+      const { started, status, received, late, error, done } = live.log;
       stop.disabled = !live.isRunning;
       recording.disabled = mouth.disabled = live.isRunning;
-      set("#algorithmic", milliseconds(scene.live.algorithmicSeconds));
+      const body = milliseconds(started?.bodySeconds ?? scene.live.algorithmicSeconds);
+      set("#algorithmic", started?.live ? `${milliseconds(started.mouthSeconds)} mouth, ${body} body` : body);
       set("#compute", status ? `${milliseconds(status.computeP50)} / ${milliseconds(status.computeP99)} / ${milliseconds(status.computeMax)}` : "–");
       set("#arrival", milliseconds(live.arrival()));
       set("#behind", milliseconds(live.behind()));

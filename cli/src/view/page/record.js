@@ -4,7 +4,10 @@ export class Record {
   constructor(scene) {
     this.stride = scene.model?.stride ?? 0;
     this.data = scene.record;
-    this.frames = scene.record ? scene.record.codes.length / scene.parts.length : 0;
+    this.parts = scene.record?.parts ?? [];
+    const places = this.parts.reduce((sum, { levels }) => sum + levels, 0);
+    /** How many frames have codes. */
+    this.coded = places > 0 ? scene.record.codes.length / places : 0;
   }
 
   /** Whether it is known how frames were made. */
@@ -16,9 +19,12 @@ export class Record {
     return this.isKnown && frame % this.stride === 0;
   }
 
-  /** The code of a part in a frame, or null where it is not known. */
-  code(part, frame) {
-    return frame < this.frames ? this.data.codes[part * this.frames + frame] : null;
+  /** The codes of a part in a frame, one of each level; none where they are not known or the frame has vectors instead. */
+  codes(part, frame) {
+    const at = this.data ? frame / this.data.every : NaN;
+    if (!Number.isInteger(at) || at >= this.coded) return [];
+    const first = this.parts.slice(0, part).reduce((sum, { levels }) => sum + levels, 0);
+    return Array.from({ length: this.parts[part].levels }, (_, level) => this.data.codes[(first + level) * this.coded + at]);
   }
 
   get chunks() {

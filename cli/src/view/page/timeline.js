@@ -141,12 +141,13 @@ export class Timeline {
 
   /** What is known about a frame, in words. */
   describe(frame) {
-    const { record, scene } = this;
+    const { record } = this;
     const words = [`frame ${frame}`];
     if (record.isKnown) words.push(record.isKeyframe(frame) ? "keyframe" : "interpolated");
     const chunk = record.chunkOf(frame);
     if (chunk >= 0) words.push(`chunk ${chunk + 1}`);
-    if (record.code(0, frame) !== null) words.push(scene.parts.map((name, part) => `${name} ${record.code(part, frame)}`).join(", "));
+    const codes = record.parts.map(({ name }, part) => [name, ...record.codes(part, frame)]);
+    if (codes.some((one) => one.length > 1)) words.push(codes.map((one) => one.join(" ")).join(", "));
     return words.join(" · ");
   }
 

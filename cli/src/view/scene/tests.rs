@@ -20,11 +20,13 @@ fn audio_is_mixed_to_16_bits_within_range() {
 
 #[test]
 fn codes_beyond_the_end_are_left_out() {
-    let codes = PerPart::from_fn(|_| vec![7; 20]);
-    let mut record = Record { chunks: vec![(0, 7), (7, 12), (19, 12)], codes, ..Record::default() };
-    record.cut(17);
-    assert_eq!(record.chunks, [(0, 7), (7, 10), (19, 0)]);
-    assert!(Part::ALL.iter().all(|&part| record.codes[part].len() == 17));
+    for (every, left) in [(1, 17), (6, 3), (8, 3), (16, 2), (17, 1)] {
+        let codes = vec![vec![7; 20]; 3];
+        let mut record = Record { chunks: vec![(0, 7), (7, 12), (19, 12)], codes, every, ..Record::default() };
+        record.cut(17);
+        assert_eq!(record.chunks, [(0, 7), (7, 10), (19, 0)]);
+        assert!(record.codes.iter().all(|codes| codes.len() == left), "every {every}");
+    }
 }
 
 #[test]

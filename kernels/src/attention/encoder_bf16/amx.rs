@@ -16,7 +16,7 @@
 use super::avx512vnni::{self, vector::interleave_halves};
 use super::{KEYS, STEP, Softmax};
 use crate::amx::{TILE as ROWS, Tiles};
-use crate::attention::amx::{MOST_DIM, Packed, Sums, Tile, add, load_pairs};
+use crate::attention::amx::{MAX_DIM, Packed, Sums, Tile, add, load_pairs};
 use crate::attention::avx512vnni::vector::transpose;
 use crate::attention::operands::Operands;
 use crate::isa::{Amx, entry};
@@ -25,6 +25,7 @@ use crate::lanes::avx512vnni::{lane_mask, load, store, to_array};
 use crate::mat::{Mat, MatMut};
 use crate::math::LOG2_E;
 use crate::math::avx512vnni::exp2_bf16_unmasked;
+use crate::tiling::Tiling;
 use core::arch::x86_64::*;
 use core::ops::Range;
 use umo_kernels_features::avx512bf16;
@@ -36,11 +37,11 @@ const BLOCK: usize = 512;
 const GROUPS: usize = 2;
 
 /// By 16 keys and 32 of `head_dim`: rows of pairs, a key per column.
-type Keys = [[Tile<Packed>; MOST_DIM / STEP]; KEYS / ROWS];
+type Keys = [[Tile<Packed>; MAX_DIM / STEP]; KEYS / ROWS];
 /// By 32 keys and 16 of `head_dim`: rows of pairs of keys.
-type Values = [[Tile<Packed>; MOST_DIM / LANES]; KEYS / STEP];
+type Values = [[Tile<Packed>; MAX_DIM / LANES]; KEYS / STEP];
 /// By 16 queries and 32 of `head_dim`.
-type Queries = [[Tile<Packed>; MOST_DIM / STEP]; GROUPS];
+type Queries = [[Tile<Packed>; MAX_DIM / STEP]; GROUPS];
 /// By 16 queries and 32 keys: two tiles of scores; then weights in the first.
 type Scores = [[[Tile; 2]; KEYS / STEP]; GROUPS];
 
@@ -59,6 +60,17 @@ struct Work {
     biases: [f32; BLOCK + KEYS],
 }
 
+/// Where the loops change.
+pub(super) fn tiling(_token: Amx) -> Tiling {
+    Tiling {
+        rows: &[ROWS, GROUPS * ROWS, BLOCK],
+        outputs: &[LANES, STEP, KEYS],
+        inputs: &[LANES, STEP, MAX_DIM],
+        held: 0,
+        chunk: 0,
+    }
+}
+
 entry! {
     pub(super) fn attention(token: Amx, x: Operands<f32>, y: MatMut<f32>) {
         if fits(&x) {
@@ -72,11 +84,11 @@ entry! {
 #[avx512bf16]
 fn run(tiles: &Tiles, x: Operands<f32>, mut y: MatMut<f32>) {
     let mut work = Work {
-        k: [[Tile::EMPTY; MOST_DIM / STEP]; KEYS / ROWS],
-        v: [[Tile::EMPTY; MOST_DIM / LANES]; KEYS / STEP],
-        q: [[Tile::EMPTY; MOST_DIM / STEP]; GROUPS],
+        k: [[Tile::EMPTY; MAX_DIM / STEP]; KEYS / ROWS],
+        v: [[Tile::EMPTY; MAX_DIM / LANES]; KEYS / STEP],
+        q: [[Tile::EMPTY; MAX_DIM / STEP]; GROUPS],
         scores: [[[Tile::ZERO; 2]; KEYS / STEP]; GROUPS],
-        sums: [[Tile::ZERO; MOST_DIM / LANES]; GROUPS],
+        sums: [[Tile::ZERO; MAX_DIM / LANES]; GROUPS],
         lanes: [[[0.0; LANES]; ROWS]; GROUPS],
         biases: [0.0; BLOCK + KEYS],
     };
@@ -108,7 +120,7 @@ fn run(tiles: &Tiles, x: Operands<f32>, mut y: MatMut<f32>) {
 
 /// Whether there are tiles enough for heads of this width.
 fn fits(x: &Operands<f32>) -> bool {
-    x.q.cols() <= MOST_DIM
+    x.q.cols() <= MAX_DIM
 }
 
 /// Converts `count` biases to powers of 2, if there are any.

@@ -9,6 +9,12 @@ pub(super) mod vector;
 use crate::attention::operands::Operands;
 use crate::isa::{Avx512Bf16, entry};
 use crate::mat::MatMut;
+use crate::tiling::Tiling;
+
+/// Where the loops change.
+pub(super) fn tiling(_token: Avx512Bf16) -> Tiling {
+    loops::TILING
+}
 
 entry! {
     pub(super) fn attention(token: Avx512Bf16, x: Operands<f32>, y: MatMut<f32>) {

@@ -8,6 +8,12 @@ pub(super) mod vector;
 use crate::attention::operands::Operands;
 use crate::isa::{Avx512Vnni, entry};
 use crate::mat::MatMut;
+use crate::tiling::Tiling;
+
+/// Where the loops change.
+pub(super) fn tiling(_token: Avx512Vnni) -> Tiling {
+    loops::TILING
+}
 
 entry! {
     pub(super) fn attention(token: Avx512Vnni, x: Operands<f32>, y: MatMut<f32>) {

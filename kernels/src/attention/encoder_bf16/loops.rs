@@ -20,6 +20,7 @@ use crate::attention::operands::Operands;
 use crate::lanes::{LANES, pairwise};
 use crate::mat::{Mat, MatMut};
 use crate::math::LOG2_E;
+use crate::tiling::Tiling;
 
 /// Queries per block, whose scores stay in L1.
 const BLOCK: usize = 16;
@@ -54,6 +55,10 @@ struct Work<const N: usize> {
 
 /// Keys of a short sequence, for which smaller buffers are cleared.
 const FEW: usize = 64;
+
+/// Where the loops change.
+pub(super) const TILING: Tiling =
+    Tiling { rows: &[QUERIES, BLOCK, GROUP], outputs: &[PANEL, FEW, KEYS], inputs: &[STEP, WIDE], held: 0, chunk: 0 };
 
 #[features]
 pub(in crate::attention) fn attention(token: Token, x: Operands<f32>, y: MatMut<f32>) {

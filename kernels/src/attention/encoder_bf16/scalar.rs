@@ -7,6 +7,12 @@ use crate::lanes::{LANES, pairwise};
 use crate::mat::MatMut;
 use crate::math::LOG2_E;
 use crate::math::scalar::exp2_bf16;
+use crate::tiling::Tiling;
+
+/// Where the loops change.
+pub(super) fn tiling() -> Tiling {
+    Tiling { rows: &[1], outputs: &[STEP, KEYS], inputs: &[STEP], held: 0, chunk: 0 }
+}
 
 pub(super) fn attention(x: Operands<f32>, mut y: MatMut<f32>) {
     for i in 0..x.q.rows() {

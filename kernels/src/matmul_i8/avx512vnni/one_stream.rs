@@ -3,7 +3,7 @@
 //! several accumulators, so that their latencies overlap. Integer sums are exact in any order.
 //! More rows are computed in tiles.
 
-use super::tiles::{BYTES, BiasedRow, MOST, QUADS, convert, dequantize_tile, load_bytes};
+use super::tiles::{BYTES, BiasedRow, MAX_PANELS, QUADS, convert, dequantize_tile, load_bytes};
 use crate::lanes::avx512vnni::store;
 use crate::mat::MatMut;
 use crate::matmul_i8::chunk::prefetch_scales;
@@ -14,7 +14,7 @@ use core::arch::x86_64::*;
 use umo_kernels_features::avx512vnni;
 
 /// Rows that are multiplied sooner than their weights arrive.
-const ROWS: usize = 8;
+pub(super) const ROWS: usize = 8;
 /// Prefetch distance in quads: 16 KiB.
 const PREFETCH_DISTANCE: usize = 256;
 
@@ -44,9 +44,9 @@ pub(super) fn run(x: &QuantInput, task: &GemmTask, y: MatMut<f32>) {
 fn product<const R: usize, const ACCUMULATORS: usize>(x: &QuantInput, task: &GemmTask, mut y: MatMut<f32>) {
     let mut buffer = [[[0; QUAD]; QUADS + BYTES / QUAD]; R];
     convert(x, 0, 0, &mut buffer);
-    let mut sums = [[0.0; PANEL]; ROWS * MOST];
-    for slot in (0..task.slots()).step_by(MOST) {
-        let width = MOST.min(task.slots() - slot);
+    let mut sums = [[0.0; PANEL]; ROWS * MAX_PANELS];
+    for slot in (0..task.slots()).step_by(MAX_PANELS) {
+        let width = MAX_PANELS.min(task.slots() - slot);
         for i in 0..width {
             prefetch_scales(task, slot + i);
             multiply::<R, ACCUMULATORS>(&buffer, task.panel(slot + i), ahead(task, slot + i), &mut sums[i..], width);

@@ -1,7 +1,7 @@
 //! Tiles of rows by panels of outputs, as many sums as there are registers.
 
 use crate::gemm::avx512vnni as float;
-pub(in crate::matmul_i8) use crate::gemm::avx512vnni::MOST;
+pub(in crate::matmul_i8) use crate::gemm::avx512vnni::MAX_PANELS;
 use crate::gemm::{Epilogue, tiles};
 use crate::lanes::avx512vnni::{lane_mask, load, load_part, store, store_part};
 use crate::mat::MatMut;
@@ -16,9 +16,9 @@ use umo_kernels_features::avx512vnni;
 
 /// Rows of the largest tile: 9 rows x 3 panels are 27 sums, which leaves three registers for
 /// weights and two others.
-pub(in crate::matmul_i8) const ROWS: usize = 9;
+pub(super) const ROWS: usize = 9;
 /// Rows of the largest tile of an even number of panels, as gated products need: 6 rows x 4 panels.
-const EVEN_ROWS: usize = 6;
+pub(super) const EVEN_ROWS: usize = 6;
 /// Quads of inputs converted at once: 9 rows are 37 KiB.
 pub(super) const QUADS: usize = 1024;
 /// Panels of sums in one tile at most. They are cleared once per product: clearing them per tile
@@ -64,7 +64,7 @@ fn product<const TILE: usize, const CONVERTED: usize>(x: QuantInput, task: &Gemm
     let granule = if count > 1 && 12 * panel_bytes > CHUNK_BYTES { 6 } else { 12 };
     let width = (CHUNK_BYTES / panel_bytes / granule).max(1) * granule;
     for first in (0..task.slots()).step_by(width) {
-        let mut chunk = Chunk::new(task, first..first + width, rows, (count, MOST));
+        let mut chunk = Chunk::new(task, first..first + width, rows, (count, MAX_PANELS));
         for (t, rows) in tiles(rows, TILE) {
             let buffer = &mut buffer[..rows.min(CONVERTED)];
             convert(&x, t, 0, buffer);
@@ -124,9 +124,9 @@ fn tile<const R: usize, const P: usize>(
         group::<R, P>(x, t, buffer, chunk, slot, sums, y);
         slot += P;
     }
-    if P > MOST && slot + MOST <= end {
-        group::<R, MOST>(x, t, buffer, chunk, slot, sums, y);
-        slot += MOST;
+    if P > MAX_PANELS && slot + MAX_PANELS <= end {
+        group::<R, MAX_PANELS>(x, t, buffer, chunk, slot, sums, y);
+        slot += MAX_PANELS;
     }
     while slot + 2 <= end {
         group::<R, 2>(x, t, buffer, chunk, slot, sums, y);
@@ -183,7 +183,7 @@ fn group<const R: usize, const P: usize>(
     for slot in slot + P..(slot + 2 * P).min(task.slots()) {
         task.panel(slot).iter().take(chunk.ahead).for_each(|line| prefetch::to_l1(line));
     }
-    let width = P.min(MOST);
+    let width = P.min(MAX_PANELS);
     for (i, sums) in sums[..R * P].chunks_exact_mut(R * width).enumerate() {
         dequantize_tile::<128>(x, t, sums, width, task, slot + i * width, y);
     }
@@ -199,10 +199,10 @@ fn converted<const R: usize>(buffer: &[BiasedRow]) -> [&[[i8; QUAD]]; R] {
     rows
 }
 
-/// Index of the sum of row `r` and panel `p`: [`MOST`] panels of all rows, then the next.
+/// Index of the sum of row `r` and panel `p`: [`MAX_PANELS`] panels of all rows, then the next.
 #[inline]
 const fn sum_index<const R: usize, const P: usize>(r: usize, p: usize) -> usize {
-    let width = if P < MOST { P } else { MOST };
+    let width = if P < MAX_PANELS { P } else { MAX_PANELS };
     p / width * width * R + r * width + p % width
 }
 
@@ -303,8 +303,8 @@ pub(in crate::matmul_i8) fn dequantize_tile<const OFFSET: i32>(
     slot: usize,
     y: &mut MatMut<f32>,
 ) {
-    let mut correction = [_mm512_setzero_si512(); MOST];
-    let mut w_scale = [_mm512_setzero_ps(); MOST];
+    let mut correction = [_mm512_setzero_si512(); MAX_PANELS];
+    let mut w_scale = [_mm512_setzero_ps(); MAX_PANELS];
     for i in 0..width {
         let (w, p) = task.slot(slot + i);
         let outputs = p * PANEL..((p + 1) * PANEL).min(w.n());

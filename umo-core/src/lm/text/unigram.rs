@@ -5,7 +5,8 @@ use std::collections::HashMap;
 use super::proto::{Kind, Proto};
 use crate::memory::{filled, refuse};
 
-/// How much less likely an unknown character is than the least likely piece, as SentencePiece has it.
+/// How much less likely an unknown character is than the least likely piece, as SentencePiece has
+/// it.
 const UNKNOWN_PENALTY: f32 = 10.0;
 
 /// Pieces and their scores.

@@ -6,8 +6,8 @@ use super::Convention;
 const NONE: [&str; 3] = [""; 3];
 
 /// Every convention that is known.
-pub(in crate::retarget) const CONVENTIONS: [Convention; 11] =
-    [UMO, MIXAMO, HUMANOID, UNREAL, MAKEHUMAN, RIGIFY, BLENDER, BIPED, POSER, CHARACTER_CREATOR, DAZ];
+pub(in super::super) const CONVENTIONS: [Convention; 12] =
+    [UMO, MIXAMO, HUMANOID, GODOT, UNREAL, MAKEHUMAN, RIGIFY, BLENDER, BIPED, POSER, CHARACTER_CREATOR, DAZ];
 
 /// SMPL-X, and umo's own files.
 const UMO: Convention = Convention {
@@ -67,6 +67,19 @@ const HUMANOID: Convention = Convention {
         ["ringproximal ring1", "ringintermediate ring2", "ringdistal ring3"],
         ["thumbproximal thumb1", "thumbintermediate thumb2", "thumbdistal thumb3"],
     ],
+};
+
+/// Godot's humanoid profile: VRM 1.0's names, with thumbs that begin at the metacarpal.
+const GODOT: Convention = Convention {
+    name: "Godot humanoid",
+    fingers: [
+        HUMANOID.fingers[0],
+        HUMANOID.fingers[1],
+        HUMANOID.fingers[2],
+        HUMANOID.fingers[3],
+        ["thumbmetacarpal", "thumbproximal", "thumbdistal"],
+    ],
+    ..HUMANOID
 };
 
 /// The mannequins of Unreal 4 and 5, `MetaHuman`, MakeHuman's rig for game engines.

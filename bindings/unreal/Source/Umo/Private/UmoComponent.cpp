@@ -11,6 +11,7 @@
 #include "HAL/PlatformTime.h"
 #include "ILiveLinkClient.h"
 #include "ISubmixBufferListener.h"
+#include "Misc/Paths.h"
 #include "Sound/SoundSubmix.h"
 
 #include "Core/Avatar.h"
@@ -73,6 +74,11 @@ uint32 ParameterOf(EUmoPart Part)
 }
 }
 
+uint32 FUmoGestureFile::Parts() const
+{
+	return (bHead ? UMO_GESTURE_HEAD : 0) | (bTrunk ? UMO_GESTURE_TRUNK : 0) | (bLeftArm ? UMO_GESTURE_LEFT_ARM : 0) | (bRightArm ? UMO_GESTURE_RIGHT_ARM : 0);
+}
+
 UUmoComponent::UUmoComponent()
 {
 	PrimaryComponentTick.bCanEverTick = true;
@@ -120,15 +126,31 @@ void UUmoComponent::Open(int32 SampleRate)
 		Fail(Reason);
 		return;
 	}
+	for (const FUmoGestureFile& Gesture : Gestures)
+	{
+		const FString File = FPaths::IsRelative(Gesture.File.FilePath) ? FPaths::Combine(FPaths::ProjectContentDir(), Gesture.File.FilePath) : Gesture.File.FilePath;
+		const std::string Animation(TCHAR_TO_UTF8(*Gesture.Animation));
+		const umo_status Status = Host->engine.add_gesture_file(TCHAR_TO_UTF8(*Gesture.Name), TCHAR_TO_UTF8(*FPaths::ConvertRelativePathToFull(File)),
+			Animation.empty() ? nullptr : Animation.c_str(), Gesture.Parts(), Gesture.Stroke);
+		if (Status != UMO_STATUS_OK)
+		{
+			Fail(UTF8_TO_TCHAR(umo_unreal::explain(Status, umo_last_error()).c_str()));
+			return;
+		}
+	}
 	umo_unreal::Settings Settings;
 	Settings.sample_rate = static_cast<uint32>(SampleRate);
 	Settings.target = static_cast<uint32>(FMath::Max(Target, 0));
 	Settings.lookahead = Lookahead;
 	Settings.idle = static_cast<uint32>(Idle);
 	Settings.seed = static_cast<uint64>(Seed);
+	Settings.smoothing = Smoothing;
+	Settings.guidance = FMath::Clamp(Guidance, 1.0f, 3.0f);
+	Settings.horizon = static_cast<uint32>(FMath::Max(Horizon, 0));
 	Settings.margin = Margin;
 	Settings.output_latency = OutputLatency;
 	Settings.delays_speech = bDelaySpeech;
+	Settings.has_live_voice = bLiveVoice;
 	std::string Problem;
 	Avatar = umo_unreal::Avatar::make(Host, Settings, Problem);
 	if (!Avatar)
@@ -150,6 +172,8 @@ void UUmoComponent::Open(int32 SampleRate)
 	SetGain(EUmoPart::Hands, HandsGain);
 	SetGain(EUmoPart::Upper, UpperGain);
 	SetGain(EUmoPart::Lower, LowerGain);
+	SetAttention(Attention);
+	SetMood(Mood, MoodStrength);
 	if (!Prompt.IsEmpty() && !SetPrompt(Prompt))
 	{
 		UE_LOG(LogUmo, Warning, TEXT("%s: the prompt is not used: %s"), *GetOwner()->GetName(), *GetLastError());
@@ -254,7 +278,8 @@ void UUmoComponent::TickComponent(float DeltaTime, ELevelTick TickType, FActorCo
 	}
 	// Sound does not go by the game's time, which may be slowed.
 	const double Now = FPlatformTime::Seconds();
-	Avatar->show(Now - LastTick, Now);
+	// What moves while nothing is said does: so does a film that is rendered picture by picture.
+	Avatar->show(Now - LastTick, Now, DeltaTime);
 	LastTick = Now;
 	const umo_unreal::Pose& Pose = Avatar->pose();
 	FMemory::Memcpy(Frame.Rotations.GetData(), Pose.rotations, sizeof Pose.rotations);
@@ -303,6 +328,73 @@ bool UUmoComponent::SetGain(EUmoPart Part, float Gain)
 bool UUmoComponent::SetIdle(EUmoIdle NewIdle)
 {
 	return Avatar && Avatar->set_idle(static_cast<uint32>(NewIdle)) == UMO_STATUS_OK;
+}
+
+bool UUmoComponent::SetAttention(EUmoAttention NewAttention)
+{
+	return Avatar && Avatar->set(UMO_PARAMETER_ATTENTION, static_cast<double>(NewAttention)) == UMO_STATUS_OK;
+}
+
+bool UUmoComponent::SetMood(EUmoMood NewMood, float Strength)
+{
+	return Avatar && Avatar->set_mood(static_cast<uint32>(NewMood), Strength) == UMO_STATUS_OK;
+}
+
+bool UUmoComponent::SetLayer(EUmoLayer Layer, float Strength)
+{
+	return Avatar && Avatar->set(UMO_PARAMETER_LAYER_GAZE + static_cast<uint32>(Layer), Strength) == UMO_STATUS_OK;
+}
+
+std::array<float, 3> UUmoComponent::InAvatarSpace(const FVector& WorldPoint) const
+{
+	// The actor looks along its X; its meshes may be turned in it, and stand on the floor where its origin need not.
+	const AActor* Owner = GetOwner();
+	FVector Origin = Owner->GetActorLocation();
+	if (const USkeletalMeshComponent* Mesh = Owner->FindComponentByClass<USkeletalMeshComponent>())
+	{
+		Origin = Mesh->GetComponentLocation();
+	}
+	const FVector Point = Owner->GetActorRotation().UnrotateVector(WorldPoint - Origin);
+	return {static_cast<float>(Point.X), static_cast<float>(Point.Y), static_cast<float>(Point.Z)};
+}
+
+bool UUmoComponent::LookAt(const FVector& WorldPoint, float Strength)
+{
+	return Avatar && Avatar->look_at(InAvatarSpace(WorldPoint), Strength) == UMO_STATUS_OK;
+}
+
+bool UUmoComponent::PlayGesture(const FString& Gesture, EUmoSide Side, float Strength)
+{
+	return Avatar && Avatar->play_gesture(TCHAR_TO_UTF8(*Gesture), static_cast<uint32>(Side), Strength, nullptr) == UMO_STATUS_OK;
+}
+
+bool UUmoComponent::PlayGestureAt(const FString& Gesture, const FVector& WorldPoint, EUmoSide Side, float Strength)
+{
+	const std::array<float, 3> Point = InAvatarSpace(WorldPoint);
+	return Avatar && Avatar->play_gesture(TCHAR_TO_UTF8(*Gesture), static_cast<uint32>(Side), Strength, &Point) == UMO_STATUS_OK;
+}
+
+TArray<FString> UUmoComponent::GetGestureNames() const
+{
+	TArray<FString> Names;
+	if (Avatar)
+	{
+		for (const std::string& Name : Avatar->gesture_names())
+		{
+			Names.Add(UTF8_TO_TCHAR(Name.c_str()));
+		}
+	}
+	return Names;
+}
+
+bool UUmoComponent::PushOtherAudio(const TArray<float>& Samples)
+{
+	return Avatar && Avatar->push_other_audio(Samples.GetData(), static_cast<std::size_t>(Samples.Num())) == UMO_STATUS_OK;
+}
+
+bool UUmoComponent::IsLive() const
+{
+	return Avatar && Avatar->is_live();
 }
 
 float UUmoComponent::GetDelay() const

@@ -2,6 +2,7 @@
 
 #pragma once
 
+#include <array>
 #include <memory>
 
 #include "CoreMinimal.h"
@@ -34,6 +35,64 @@ enum class EUmoIdle : uint8
 	Live = 2,
 };
 
+/** What the avatar attends to: the library's UMO_ATTENTION_ numbers. */
+UENUM(BlueprintType)
+enum class EUmoAttention : uint8
+{
+	/** It speaks while its speech is heard, listens while PushOtherAudio's is, else idles. */
+	Auto = 0,
+	/** Nothing in particular. */
+	Idle = 1,
+	/** Who speaks to it. */
+	Listening = 2,
+	/** An answer: it looks away. */
+	Thinking = 3,
+	/** What it says. */
+	Speaking = 4,
+};
+
+/** The mood of face and posture: the library's UMO_MOOD_ numbers. */
+UENUM(BlueprintType)
+enum class EUmoMood : uint8
+{
+	Neutral = 0,
+	Joy = 1,
+	Sad = 2,
+	Angry = 3,
+	Surprised = 4,
+	Disgusted = 5,
+	Afraid = 6,
+};
+
+/** Layers over the model's motion whose strength can be set: the order of the library's UMO_PARAMETER_LAYER_ numbers. */
+UENUM(BlueprintType)
+enum class EUmoLayer : uint8
+{
+	/** Blinks, gaze and lids. */
+	Gaze = 0,
+	/** Breath, sway, weight shifts and fingers. */
+	Idle = 1,
+	/** The face's left and right a little apart. */
+	Asymmetry = 2,
+	/** Nods on accents, and while listening. */
+	Nods = 3,
+	/** The mood's face and posture. */
+	Mood = 4,
+	/** Planted feet, steps, and the way back home. */
+	Feet = 5,
+};
+
+/** Which hand does a gesture: the library's UMO_SIDE_ numbers. */
+UENUM(BlueprintType)
+enum class EUmoSide : uint8
+{
+	/** The right hand; for a point to point at, the hand that is nearer to it. */
+	Auto = 0,
+	Left = 1,
+	Right = 2,
+	Both = 3,
+};
+
 /** Parts whose movement can be scaled. */
 UENUM(BlueprintType)
 enum class EUmoPart : uint8
@@ -42,6 +101,44 @@ enum class EUmoPart : uint8
 	Hands,
 	Upper,
 	Lower,
+};
+
+/** A gesture of your own: the animation of any character with a human's bones, out of a .glb or .vrm file. */
+USTRUCT(BlueprintType)
+struct UMO_API FUmoGestureFile
+{
+	GENERATED_BODY()
+
+	/** What PlayGesture calls it. */
+	UPROPERTY(EditAnywhere, BlueprintReadWrite, Category = "Umo")
+	FString Name;
+
+	/** Relative to Content. */
+	UPROPERTY(EditAnywhere, BlueprintReadWrite, Category = "Umo", meta = (FilePathFilter = "glb"))
+	FFilePath File;
+
+	/** Which of the file's animations; empty for the first. */
+	UPROPERTY(EditAnywhere, BlueprintReadWrite, Category = "Umo")
+	FString Animation;
+
+	/** Seconds from its start to the stroke; -1 is its middle. */
+	UPROPERTY(EditAnywhere, BlueprintReadWrite, Category = "Umo", meta = (ClampMin = "-1"))
+	float Stroke = -1.0f;
+
+	UPROPERTY(EditAnywhere, BlueprintReadWrite, Category = "Umo")
+	bool bHead = true;
+
+	UPROPERTY(EditAnywhere, BlueprintReadWrite, Category = "Umo")
+	bool bTrunk = true;
+
+	UPROPERTY(EditAnywhere, BlueprintReadWrite, Category = "Umo")
+	bool bLeftArm = true;
+
+	UPROPERTY(EditAnywhere, BlueprintReadWrite, Category = "Umo")
+	bool bRightArm = true;
+
+	/** As the library has them. */
+	uint32 Parts() const;
 };
 
 /** A pose on its way to the animation threads. */
@@ -82,11 +179,27 @@ public:
 
 	/** Keyframes per chunk: fewer answer sooner at more work per frame. 0 is the model's default. */
 	UPROPERTY(EditAnywhere, BlueprintReadOnly, Category = "Umo", meta = (ClampMin = "0"))
-	int32 Target = 0;
+	int32 Target = 1;
 
 	/** Frames held back for smoother seams, that much later; -1 is the model's default. */
 	UPROPERTY(EditAnywhere, BlueprintReadOnly, Category = "Umo", meta = (ClampMin = "-1"))
 	int32 Lookahead = -1;
+
+	/** Low-pass of the body's motion, standard deviation in frames: 0 is the model's own motion, -1 the default. */
+	UPROPERTY(EditAnywhere, BlueprintReadOnly, Category = "Umo", meta = (ClampMin = "-1", ClampMax = "1.5"))
+	float Smoothing = -1.0f;
+
+	/** How strongly the prompt steers, for models that can be guided. */
+	UPROPERTY(EditAnywhere, BlueprintReadOnly, Category = "Umo", meta = (ClampMin = "1", ClampMax = "3"))
+	float Guidance = 1.0f;
+
+	/** Keyframes of speech that it hears ahead, that much later, for models that were made to. */
+	UPROPERTY(EditAnywhere, BlueprintReadOnly, Category = "Umo", meta = (ClampMin = "0"))
+	int32 Horizon = 0;
+
+	/** Gestures of your own, for PlayGesture. */
+	UPROPERTY(EditAnywhere, BlueprintReadOnly, Category = "Umo")
+	TArray<FUmoGestureFile> Gestures;
 
 	/** While no audio comes. A silent submix is audio. */
 	UPROPERTY(EditAnywhere, BlueprintReadOnly, Category = "Umo")
@@ -104,6 +217,15 @@ public:
 	UPROPERTY(EditAnywhere, BlueprintReadOnly, Category = "Umo|Gains", meta = (ClampMin = "0", ClampMax = "2"))
 	float LowerGain = 1.0f;
 
+	UPROPERTY(EditAnywhere, BlueprintReadOnly, Category = "Umo")
+	EUmoAttention Attention = EUmoAttention::Auto;
+
+	UPROPERTY(EditAnywhere, BlueprintReadOnly, Category = "Umo")
+	EUmoMood Mood = EUmoMood::Neutral;
+
+	UPROPERTY(EditAnywhere, BlueprintReadOnly, Category = "Umo", meta = (ClampMin = "0", ClampMax = "1"))
+	float MoodStrength = 1.0f;
+
 	/** What the avatar is told: a mood, a style. */
 	UPROPERTY(EditAnywhere, BlueprintReadOnly, Category = "Umo")
 	FString Prompt;
@@ -112,9 +234,16 @@ public:
 	UPROPERTY(EditAnywhere, BlueprintReadOnly, Category = "Umo")
 	int64 Seed = 0;
 
-	/** Speech is heard when its motion is there. Off, motion comes after the sound by GetDelay. */
+	/** Speech is heard when its motion is there. Off, as for a microphone, it is heard at once. */
 	UPROPERTY(EditAnywhere, BlueprintReadOnly, Category = "Umo|Timing")
 	bool bDelaySpeech = true;
+
+	/**
+	 * Where speech is not delayed, the mouth moves with the sound and the body follows: for models with a mouth network. Off,
+	 * mouth and body come after the sound by GetDelay.
+	 */
+	UPROPERTY(EditAnywhere, BlueprintReadOnly, Category = "Umo|Timing", meta = (EditCondition = "!bDelaySpeech"))
+	bool bLiveVoice = true;
 
 	/** Seconds for computing, on top of the future speech that frames need. */
 	UPROPERTY(EditAnywhere, BlueprintReadOnly, Category = "Umo|Timing", meta = (ClampMin = "0", ClampMax = "5"))
@@ -153,6 +282,43 @@ public:
 	UFUNCTION(BlueprintCallable, Category = "Umo")
 	bool SetIdle(EUmoIdle NewIdle);
 
+	UFUNCTION(BlueprintCallable, Category = "Umo")
+	bool SetAttention(EUmoAttention NewAttention);
+
+	/** Changes are blended over a second. */
+	UFUNCTION(BlueprintCallable, Category = "Umo")
+	bool SetMood(EUmoMood NewMood, float Strength = 1.0f);
+
+	/** Strength of a layer over the model's motion, 0 to 1. */
+	UFUNCTION(BlueprintCallable, Category = "Umo")
+	bool SetLayer(EUmoLayer Layer, float Strength);
+
+	/** Looks at a point of the world, eyes first; a strength of 0 ends it. May be called every tick. */
+	UFUNCTION(BlueprintCallable, Category = "Umo")
+	bool LookAt(const FVector& WorldPoint, float Strength = 1.0f);
+
+	/** Plays a gesture over what the avatar does, as soon as possible: one of GetGestureNames, as wave, nod or thumbs_up. */
+	UFUNCTION(BlueprintCallable, Category = "Umo")
+	bool PlayGesture(const FString& Gesture, EUmoSide Side = EUmoSide::Auto, float Strength = 1.0f);
+
+	/** The same for gestures that point, at a point of the world. */
+	UFUNCTION(BlueprintCallable, Category = "Umo")
+	bool PlayGestureAt(const FString& Gesture, const FVector& WorldPoint, EUmoSide Side = EUmoSide::Auto, float Strength = 1.0f);
+
+	UFUNCTION(BlueprintPure, Category = "Umo")
+	TArray<FString> GetGestureNames() const;
+
+	/**
+	 * Audio of who speaks to the avatar, so that it listens: mono, full scale 1, at the rate of its own speech; on the game
+	 * thread. Only its loudness counts.
+	 */
+	UFUNCTION(BlueprintCallable, Category = "Umo")
+	bool PushOtherAudio(const TArray<float>& Samples);
+
+	/** Whether the mouth moves with the sound: speech is not delayed, and the model has a mouth network. */
+	UFUNCTION(BlueprintPure, Category = "Umo")
+	bool IsLive() const;
+
 	/** Seconds from speech that comes in to its motion, and where bDelaySpeech is on to its sound. */
 	UFUNCTION(BlueprintPure, Category = "Umo")
 	float GetDelay() const;
@@ -174,6 +340,7 @@ private:
 	void Close();
 	void Fail(const FString& Reason);
 	bool StartListening();
+	std::array<float, 3> InAvatarSpace(const FVector& WorldPoint) const;
 
 	std::shared_ptr<umo_unreal::Avatar> Avatar;
 	std::shared_ptr<umo_unreal::Ring> Speech;

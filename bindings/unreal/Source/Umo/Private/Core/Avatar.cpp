@@ -72,13 +72,22 @@ std::shared_ptr<Avatar> Avatar::make(std::shared_ptr<Host> host, const Settings 
     if (settings.lookahead >= 0) config.lookahead = static_cast<std::uint32_t>(settings.lookahead);
     config.idle = settings.idle;
     config.seed = settings.seed;
+    if (settings.smoothing >= 0) config.smoothing = settings.smoothing;
+    config.guidance = settings.guidance;
+    config.horizon = settings.horizon;
+    const bool is_live = settings.has_live_voice && !settings.delays_speech && host->info.has_mouth != 0;
+    config.voice = is_live ? UMO_VOICE_LIVE : UMO_VOICE_DELAYED;
     auto session = umo::session::make(host->engine, &config);
     if (!session) {
         problem = detail_of(session.status);
         return nullptr;
     }
-    const double needed = static_cast<double>(session->latency().algorithmic_samples) / settings.sample_rate;
-    auto avatar = std::make_shared<Avatar>(std::move(host), std::move(*session), settings, needed + settings.margin);
+    const umo_latency latency = session->latency();
+    const double rate = settings.sample_rate;
+    // The mouth waits for no computing; what the output takes is added where the sound is heard.
+    const double delay = is_live ? std::max(static_cast<double>(latency.mouth_samples) / rate - settings.output_latency, 0.0)
+                                 : static_cast<double>(latency.algorithmic_samples) / rate + settings.margin;
+    auto avatar = std::make_shared<Avatar>(std::move(host), std::move(*session), settings, is_live, delay);
     avatar->ease_seconds_ = config.ease_ms / 1000.0;
     // Before there is any audio, the pose is that of rest.
     const auto rest = avatar->session_.sample(0, avatar->frame_);
@@ -91,9 +100,9 @@ std::shared_ptr<Avatar> Avatar::make(std::shared_ptr<Host> host, const Settings 
     return avatar;
 }
 
-Avatar::Avatar(std::shared_ptr<Host> host, umo::session session, const Settings &settings, double delay_seconds)
+Avatar::Avatar(std::shared_ptr<Host> host, umo::session session, const Settings &settings, bool is_live, double delay_seconds)
     : host_(std::move(host)), session_(std::move(session)), heard_(session_.get()), settings_(settings),
-      skeleton_(host_->skeleton), delay_seconds_(delay_seconds),
+      skeleton_(host_->skeleton), is_live_(is_live), delay_seconds_(delay_seconds),
       delay_(settings.delays_speech ? static_cast<std::size_t>(std::lround(delay_seconds * settings.sample_rate)) : 0,
              most_channels),
       audio_(settings.sample_rate), motion_(host_->info.frame_rate), frame_(host_->model, 1, UMO_AXES_UNREAL),
@@ -124,7 +133,10 @@ void Avatar::hear(float *samples, std::size_t frames, std::size_t channels, std:
     delay_.run(samples, frames * channels, channels);
 }
 
-umo_status Avatar::show(double step, double now) {
+umo_status Avatar::show(double step, double now, double game_step) {
+    game_time_ += std::max(game_step, 0.0);
+    const umo_status told = session_.set_clock(game_time_);
+    if (told != UMO_STATUS_OK) return note(told);
     const AudioClock::Reading reading = audio_.read(now);
     const double heard = reading.seconds - delay_seconds_ - settings_.output_latency;
     // While no audio comes, idle modes want to be asked for what is not there.
@@ -159,6 +171,23 @@ umo_status Avatar::set_idle(std::uint32_t idle) {
     const umo_status status = set(UMO_PARAMETER_IDLE, idle);
     if (status == UMO_STATUS_OK) idle_ = idle;
     return status;
+}
+
+umo_status Avatar::look_at(const std::array<float, 3> &point, float strength) {
+    return note(session_.look_at(point, strength, UMO_AXES_UNREAL));
+}
+
+umo_status Avatar::play_gesture(const std::string &name, std::uint32_t side, float strength,
+                                const std::array<float, 3> *target) {
+    umo_gesture_options options = umo::session::gesture_defaults();
+    options.side = side;
+    options.strength = strength;
+    if (target != nullptr) {
+        options.axes = UMO_AXES_UNREAL;
+        options.has_target = 1;
+        std::copy(target->begin(), target->end(), options.target);
+    }
+    return note(session_.play_gesture(name.c_str(), &options));
 }
 
 void Avatar::close() {

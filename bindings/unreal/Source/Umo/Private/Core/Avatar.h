@@ -3,6 +3,7 @@
 
 #pragma once
 
+#include <array>
 #include <atomic>
 #include <cstdint>
 #include <memory>
@@ -50,12 +51,20 @@ struct Settings {
     /// `UMO_IDLE_…`
     std::uint32_t idle = UMO_IDLE_LIVE;
     std::uint64_t seed = 0;
+    /// Standard deviation of the body's low-pass, frames; below 0 for the default.
+    float smoothing = -1;
+    /// How strongly the prompt steers, 1 to 3.
+    float guidance = 1;
+    /// Keyframes of speech that it hears ahead.
+    std::uint32_t horizon = 0;
     /// Seconds for computing, on top of the audio that frames need.
     double margin = 0.2;
     /// Seconds from a buffer's callback to the loudspeaker.
     double output_latency = 0.04;
     /// Whether speech is heard only when its motion is there.
     bool delays_speech = true;
+    /// Whether the mouth moves with speech that is not delayed, where the model has a mouth network: the body follows.
+    bool has_live_voice = true;
 };
 
 /// A frame, as the animation threads get it.
@@ -78,8 +87,10 @@ public:
     /// heard now. Never allocates, never waits. `now` is the clock that `show` is asked with.
     void hear(float *samples, std::size_t frames, std::size_t channels, std::uint32_t rate, double now) noexcept;
 
-    /// The game thread: the pose at `now`, `step` seconds after the last. Never allocates, never waits.
-    umo_status show(double step, double now);
+    /// The game thread: the pose at `now`, `step` seconds after the last. What moves while nothing is said is `game_step` seconds
+    /// later, the game's time: a film is rendered slower than it is shown, and a game may pause. Never allocates, never waits.
+    umo_status show(double step, double now, double game_step);
+    umo_status show(double step, double now) { return show(step, now, step); }
     const Pose &pose() const { return pose_; }
 
     /// The game thread. Speech that is not shown yet is neither shown nor heard.
@@ -88,6 +99,23 @@ public:
     umo_status set_prompt(const std::string &text) { return session_.set_prompt(text); }
     umo_status set(std::uint32_t parameter, double value);
     umo_status set_idle(std::uint32_t idle);
+    /// The game thread. A point in the avatar's space: centimetres, X ahead, Y to its right, Z up from the floor.
+    umo_status look_at(const std::array<float, 3> &point, float strength);
+    /// The game thread. `UMO_MOOD_…`
+    umo_status set_mood(std::uint32_t mood, float strength) { return note(session_.set_mood(mood, strength)); }
+    /// The game thread: a gesture by its name. `target` is a point as that of `look_at`, null for none.
+    umo_status play_gesture(const std::string &name, std::uint32_t side, float strength, const std::array<float, 3> *target);
+    /// A gesture of the host's own, for avatars of the same model that are made from now on: see `umo_engine_add_gesture_file`.
+    umo_status add_gesture(const std::string &name, const std::string &path, const std::string &animation, std::uint32_t parts,
+                           float stroke) {
+        return host_->engine.add_gesture_file(name.c_str(), path.c_str(), animation.empty() ? nullptr : animation.c_str(), parts,
+                                              stroke);
+    }
+    std::vector<std::string> gesture_names() const { return host_->engine.gesture_names(); }
+    /// One thread, any: who speaks to the avatar, mono, at the settings' rate. Never allocates, never waits.
+    umo_status push_other_audio(const float *samples, std::size_t count) noexcept {
+        return note(umo_session_push_other_audio(heard_, samples, count));
+    }
     /// The game thread: frees the session and lets go of the host, whatever the audio thread does, so that nothing is left that
     /// the audio thread could not free. It gives no more frames.
     void close();
@@ -98,7 +126,10 @@ public:
     std::string last_error() const { return session_.last_error(); }
     /// Samples per second of audio that came at another rate than the settings', 0 where none did.
     std::uint32_t other_rate() const { return other_rate_.load(std::memory_order_relaxed); }
-    /// Seconds from a sound's callback to the loudspeaker and to the motion, the output's latency left out.
+    /// Whether the mouth moves with the sound.
+    bool is_live() const { return is_live_; }
+    /// Seconds from a sound's callback to the loudspeaker and to the motion, the output's latency left out. With the live
+    /// voice, to the mouth's motion alone.
     double delay() const { return delay_seconds_; }
     /// The second of the audio that the pose belongs to, and that is heard.
     double shown() const { return motion_.shown(); }
@@ -109,7 +140,7 @@ public:
     /// The skeleton with this session's place of rest.
     const SourceSkeleton &skeleton() const { return skeleton_; }
 
-    Avatar(std::shared_ptr<Host> host, umo::session session, const Settings &settings, double delay_seconds);
+    Avatar(std::shared_ptr<Host> host, umo::session session, const Settings &settings, bool is_live, double delay_seconds);
 
 private:
     void keep(const umo::frame &frame);
@@ -121,10 +152,12 @@ private:
     umo_session *const heard_;
     Settings settings_;
     SourceSkeleton skeleton_;
+    bool is_live_;
     double delay_seconds_;
     Delay delay_;
     AudioClock audio_;
     MotionClock motion_;
+    double game_time_ = 0;
     umo::frames frame_;
     Pose pose_;
     double frame_seconds_;

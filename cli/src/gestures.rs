@@ -1,0 +1,78 @@
+//! `umo gestures`, and what a wrong name of one is answered with.
+
+use std::path::Path;
+
+use umo_core::animation::Animation;
+use umo_core::config::Skeleton;
+use umo_core::glb::clip;
+use umo_core::memory;
+use umo_core::motion::skeleton::JOINTS;
+use umo_core::{Gesture, GestureOptions, Gestures, Quat, SessionError};
+
+use crate::args::GestureClip;
+use crate::failure::Failure;
+use crate::import;
+
+/// Lists the gestures, with their other names.
+pub(crate) fn run() -> Result<(), Failure> {
+    let gestures = Gestures::new();
+    for name in gestures.names() {
+        let others: Vec<&str> = gestures.other_names(name).collect();
+        println!("{name:<12} {}", others.join(", "));
+    }
+    Ok(())
+}
+
+/// The built-in gestures, and those out of files, for a model's skeleton.
+pub(crate) fn known(clips: &[GestureClip], skeleton: &Skeleton) -> Result<Gestures, Failure> {
+    let mut gestures = Gestures::new();
+    for GestureClip { name, file, stroke, parts } in clips {
+        let (rate, frames) = frames(file, skeleton).map_err(|failure| match failure {
+            // Not every cause names the file.
+            Failure::Input(problem) if !problem.contains(&*file.to_string_lossy()) => {
+                Failure::Input(format!("--gesture-clip {name}={}: {problem}", file.display()))
+            }
+            other => other,
+        })?;
+        let middle = 0.5 * frames.len().saturating_sub(1) as f32 / rate;
+        gestures.add(Gesture::new(name, rate, &frames, stroke.unwrap_or(middle), *parts)?)?;
+    }
+    Ok(gestures)
+}
+
+/// Rotations of the 55 joints, and how many frames there are a second: of an animation that umo
+/// wrote, or of any character that umo can retarget to.
+fn frames(file: &Path, skeleton: &Skeleton) -> Result<(f32, Vec<[Quat; JOINTS]>), Failure> {
+    let is = |known: &str| file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(known));
+    let own = if is("vrm") { None } else { Some(import::read(file)) };
+    match own {
+        Some(Ok(clip)) => Ok((clip.frame_rate, clip.rotations)),
+        Some(Err(failure)) if !is("glb") => Err(failure),
+        _ => {
+            let wrong = |problem: String| Failure::Input(format!("{}: {problem}", file.display()));
+            let bytes = umo_core::file::read(file).map_err(|error| wrong(error.to_string()))?;
+            let frames = memory::catch(|| clip::read(&bytes, None, skeleton)).map_err(Failure::input)?;
+            Ok((clip::RATE, frames.map_err(wrong)?))
+        }
+    }
+}
+
+/// Plays a gesture over an animation that knows these.
+pub(crate) fn play(
+    animation: &mut Animation,
+    gestures: &Gestures,
+    name: &str,
+    options: &GestureOptions,
+) -> Result<(), Failure> {
+    animation.play_gesture(name, options).map_err(|error| match error {
+        SessionError::UnknownGesture => {
+            Failure::Input(format!("--gesture {name}: no gesture has this name; there are {}", list(gestures)))
+        }
+        error => Failure::input(format!("--gesture {name}: {error}")),
+    })
+}
+
+/// The names in a line.
+pub(crate) fn list(gestures: &Gestures) -> String {
+    gestures.names().collect::<Vec<_>>().join(", ")
+}

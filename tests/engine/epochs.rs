@@ -1,0 +1,141 @@
+//! Interrupts and resets: what is dropped, what follows, what nobody takes of the other's.
+
+use super::*;
+
+#[test]
+fn a_reset_session_is_a_new_one() {
+    let engine = hosted(3);
+    let session = config(engine.model(), 2, 3, 9);
+    let samples = audio(20_000, 1, 1);
+    let wanted = offline(engine.model(), &session, &samples);
+    let session = engine.session(&session).unwrap();
+    for round in 0..4 {
+        // Once in the middle of a chunk, once with frames that nobody pulled, once after the end.
+        assert_eq!(session.push_audio(&samples).unwrap().taken, samples.len());
+        session.finish().unwrap();
+        if round % 2 == 0 {
+            engine.poll(Duration::ZERO).unwrap();
+        } else {
+            settle(&engine);
+        }
+        if round == 3 {
+            check(&pull(&session), &wanted, 16_000);
+        }
+        session.reset().unwrap();
+        assert_eq!(session.ready_frames(), Ok(0));
+    }
+    session.push_audio(&samples).unwrap();
+    session.finish().unwrap();
+    settle(&engine);
+    check(&pull(&session), &wanted, 16_000);
+    assert!(session.stats().dropped_frames > 0);
+}
+
+/// The last chunk of a stream has less audio than it takes; what is pushed while it waits for its
+/// turn is the next stream's.
+#[test]
+fn a_chunk_takes_no_audio_of_the_next_stream() {
+    let engine = hosted(3);
+    let config = config(engine.model(), 2, 3, 9);
+    let (short, next) = (audio(3_000, 1, 1), audio(20_000, 1, 2));
+    let session = engine.session(&config).unwrap();
+    for round in 0..2 {
+        session.push_audio(&short).unwrap();
+        session.finish().unwrap();
+        // Into a batch, and no further.
+        assert_eq!(engine.poll(Duration::ZERO), Ok(Poll::More));
+        if round == 0 {
+            session.reset().unwrap()
+        } else {
+            session.interrupt(Duration::ZERO).unwrap()
+        }
+        session.push_audio(&next).unwrap();
+        session.finish().unwrap();
+        settle(&engine);
+        let wanted = offline(engine.model(), &config, &next);
+        let frames = pull(&session);
+        assert_eq!(frames.len(), wanted.len());
+        // An interrupted avatar stays where it stands: the place differs, the rotations do not.
+        let joints = 55 * 4;
+        assert!(frames.iter().zip(&wanted).all(|(frame, wanted)| frame.bits[..joints] == wanted[..joints]));
+        session.reset().unwrap();
+    }
+}
+
+#[test]
+fn an_interrupt_eases_to_rest_and_starts_a_new_stream_in_place() {
+    let engine = hosted(2);
+    let config = without_layers(config(engine.model(), 2, 0, 4));
+    let samples = audio(20_000, 1, 2);
+    let session = engine.session(&config).unwrap();
+    session.push_audio(&samples).unwrap();
+    settle(&engine);
+    let mut shown = Vec::new();
+    session.pull_frames(10, |frame| shown.push(FrameBits::of(frame))).unwrap();
+    let left = session.ready_frames().unwrap();
+    assert!(left > 0);
+    session.interrupt(Duration::from_millis(200)).unwrap();
+    assert_eq!(session.ready_frames(), Ok(6), "200 ms at 30 frames per second");
+    // What comes now is the new stream's, whoever is faster.
+    let fresh = &samples[..12_800];
+    session.push_audio(fresh).unwrap();
+    session.finish().unwrap();
+    settle(&engine);
+    let eased = pull(&session);
+    assert_eq!(session.stats().dropped_frames, left as u64);
+    let wanted = offline(engine.model(), &config, fresh);
+    assert_eq!(eased.len(), 6 + wanted.len());
+    for (i, frame) in eased.iter().enumerate() {
+        assert_eq!(frame.index, 10 + i as u64, "the index goes on");
+    }
+    let joints = 55 * 4;
+    for (i, (frame, wanted)) in eased[6..].iter().zip(&wanted).enumerate() {
+        assert!(frame.bits[..joints] == wanted[..joints], "the new stream's pose {i}");
+        assert!(frame.bits[joints + 3..] == wanted[joints + 3..], "the new stream's face {i}");
+        assert_eq!(frame.sample, 20_000 + (i * 16_000 / 30) as u64);
+    }
+    // It stands where it stood.
+    let place = |frame: &FrameBits| [0, 2].map(|axis| f32::from_bits(frame.bits[joints + axis]));
+    for frame in &eased[..6] {
+        assert_eq!(place(frame), place(&shown[9]));
+    }
+    // Every step of the ease is a small one, and the last is the pose of rest.
+    let rest = {
+        let other = engine.session(&config).unwrap();
+        let mut rest = Vec::new();
+        other.sample_pose(0.0, |frame| rest = bits(frame.pose, frame.face)).unwrap();
+        rest
+    };
+    assert!(eased[5].bits[..joints] == rest[..joints]);
+    assert!(eased[5].bits[joints + 3..] == rest[joints + 3..]);
+}
+
+#[test]
+fn an_interrupt_before_anything_was_shown_has_nothing_to_ease_from() {
+    let engine = hosted(2);
+    let session = engine.session(&config(engine.model(), 2, 0, 4)).unwrap();
+    session.interrupt(Duration::from_secs(1)).unwrap();
+    assert_eq!(session.ready_frames(), Ok(0));
+    assert!(matches!(session.interrupt(Duration::from_secs(11)), Err(SessionError::Range(_))));
+}
+
+#[test]
+fn an_interrupt_straight_after_a_reset_changes_nothing() {
+    let engine = hosted(4);
+    let config = config(engine.model(), 1, 0, 4);
+    let session = engine.session(&config).unwrap();
+    let samples = audio(24_000, 1, 4);
+    session.push_audio(&samples).unwrap();
+    settle(&engine);
+    assert!(!pull(&session).is_empty());
+    session.reset().unwrap();
+    session.interrupt(Duration::from_millis(200)).unwrap();
+    assert_eq!(session.ready_frames().unwrap(), 0);
+    session.push_audio(&samples).unwrap();
+    session.finish().unwrap();
+    settle(&engine);
+    let frames = pull(&session);
+    let want = offline(engine.model(), &config, &samples);
+    assert!(frames.iter().map(|frame| &frame.bits).eq(&want));
+    assert!(frames.iter().map(|frame| frame.index).eq(0..want.len() as u64));
+}

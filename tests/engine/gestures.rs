@@ -1,0 +1,201 @@
+//! Gestures on command: the same frames streamed and offline, and what a host's calls do to them.
+
+use super::*;
+use umo_core::life::{Gesture, GestureOptions, GestureParts, LifeConfig, MAX_PENDING_GESTURES, Side};
+use umo_core::motion::skeleton::JOINTS;
+
+/// What is asked for in these tests: each with its time, in no order.
+fn asked() -> Vec<(&'static str, GestureOptions)> {
+    let at = |seconds: f64| GestureOptions::default().at(seconds);
+    vec![
+        ("wave", at(1.1).side(Side::Left)),
+        ("nod", at(0.4)),
+        ("point", at(2.4).target([1.0, 1.4, 2.0]).strength(0.8)),
+        ("shrug", at(3.5).speed(1.3)),
+        ("bow", GestureOptions::default()),
+    ]
+}
+
+/// The frames of a recording with gestures, as `umo animate --gesture` makes them.
+fn offline_with(
+    model: &Model,
+    config: &SessionConfig,
+    samples: &[f32],
+    asked: &[(&str, GestureOptions)],
+) -> Vec<Vec<u32>> {
+    let team = Team::new(1).unwrap();
+    let mut animation = Animation::new(model, &config.avatar).unwrap();
+    for (name, options) in asked {
+        animation.play_gesture(name, options).unwrap();
+    }
+    animation.push_audio(samples).unwrap();
+    animation.finish(samples.len() * model.config().frame_rate / model.config().audio.sample_rate);
+    let mut frames = Vec::new();
+    let cx = Compute { isa: model.isa(), team: &team };
+    while animation.step(model, cx, &mut |frame| frames.push(bits(frame.pose, frame.face))).unwrap() {}
+    frames
+}
+
+fn with_layers(mut config: SessionConfig, life: LifeConfig) -> SessionConfig {
+    config.avatar.life = life;
+    config
+}
+
+#[test]
+fn a_stream_with_gestures_gives_the_frames_of_the_recording_with_them() {
+    for life in [LifeConfig::ON, LifeConfig::OFF] {
+        for which in [1, 3] {
+            let engine = hosted(which);
+            let config = with_layers(config(engine.model(), 2, 3, 9), life);
+            let samples = audio(80_000, 1, 1);
+            let wanted = offline_with(engine.model(), &config, &samples, &asked());
+            let plain = offline_with(engine.model(), &config, &samples, &[]);
+            assert!(wanted.iter().zip(&plain).filter(|(a, b)| a != b).count() > 60, "gestures are seen");
+            let session = engine.session(&config).unwrap();
+            for (name, options) in asked() {
+                session.play_gesture(name, &options).unwrap();
+            }
+            let mut frames = Vec::new();
+            for piece in samples.chunks(if which == 1 { 1_700 } else { 9_000 }) {
+                session.push_audio(piece).unwrap();
+                settle(&engine);
+                frames.extend(pull(&session));
+            }
+            session.finish().unwrap();
+            settle(&engine);
+            frames.extend(pull(&session));
+            check(&frames, &wanted, 16_000);
+        }
+    }
+}
+
+/// Before a gesture begins and after it ends, the bits are those without it.
+#[test]
+fn a_gesture_leaves_nothing_behind() {
+    let engine = hosted(3);
+    let config = with_layers(config(engine.model(), 2, 3, 9), LifeConfig::OFF);
+    let samples = audio(80_000, 1, 1);
+    let plain = offline_with(engine.model(), &config, &samples, &[]);
+    let waved = offline_with(engine.model(), &config, &samples, &[("wave", GestureOptions::default().at(2.0))]);
+    let differs: Vec<usize> = (0..plain.len()).filter(|&i| plain[i] != waved[i]).collect();
+    let (first, last) = (differs[0], differs[differs.len() - 1]);
+    assert!((35..60).contains(&first) && (100..140).contains(&last), "{first} to {last}");
+    // The legs and the left arm go on as without it.
+    let kept = (0..plain.len())
+        .all(|i| [1, 4, 7, 16, 18, 20].iter().all(|j| plain[i][4 * j..4 * j + 4] == waved[i][4 * j..4 * j + 4]));
+    assert!(kept);
+}
+
+#[test]
+fn an_interrupt_takes_gestures_away_and_a_reset_forgets_them() {
+    let engine = hosted(3);
+    let config = with_layers(config(engine.model(), 2, 3, 9), LifeConfig::OFF);
+    let samples = audio(40_000, 1, 1);
+    let session = engine.session(&config).unwrap();
+    let run = |frames: usize| {
+        session.push_audio(&samples).unwrap();
+        settle(&engine);
+        let mut seen = Vec::new();
+        session.pull_frames(frames, |frame| seen.push(FrameBits::of(frame))).unwrap();
+        seen
+    };
+    session.play_gesture("wave", &GestureOptions::default()).unwrap();
+    session.play_gesture("wave", &GestureOptions::default()).unwrap();
+    run(40);
+    session.interrupt(Duration::from_millis(400)).unwrap();
+    session.push_audio(&samples).unwrap();
+    session.finish().unwrap();
+    settle(&engine);
+    let after = pull(&session);
+    let alone = engine.session(&config).unwrap();
+    alone.push_audio(&samples).unwrap();
+    alone.finish().unwrap();
+    settle(&engine);
+    let alone = pull(&alone);
+    // The rotations are those of a stream that nobody waved in.
+    let joints = JOINTS * 4;
+    assert_eq!(after.len(), alone.len() + 12);
+    assert!(after[12..].iter().zip(&alone).all(|(a, b)| a.bits[..joints] == b.bits[..joints]));
+    // The ease lets the hand down in small steps.
+    let step = |pair: &[FrameBits]| {
+        let change = |i: usize| (f32::from_bits(pair[0].bits[i]) - f32::from_bits(pair[1].bits[i])).abs();
+        (0..joints).map(change).fold(0.0, f32::max)
+    };
+    assert!(after[..12].windows(2).map(step).fold(0.0, f32::max) < 0.25);
+    session.reset().unwrap();
+    session.play_gesture("nod", &GestureOptions::default().at(0.5)).unwrap();
+    session.reset().unwrap();
+    session.push_audio(&samples).unwrap();
+    session.finish().unwrap();
+    settle(&engine);
+    assert!(pull(&session) == alone, "a reset session has no gestures");
+}
+
+#[test]
+fn requests_that_cannot_be_are_refused() {
+    let engine = hosted(3);
+    let session = engine.session(&config(engine.model(), 2, 3, 9)).unwrap();
+    assert_eq!(session.play_gesture("fly", &GestureOptions::default()), Err(SessionError::UnknownGesture));
+    assert!(session.gesture_names().any(|name| name == "thumbs_up"));
+    for name in session.gesture_names() {
+        assert!(session.play_gesture(name, &GestureOptions::default().speed(3.0)).is_err());
+    }
+    let late = GestureOptions::default().at(60.0);
+    for _ in 0..MAX_PENDING_GESTURES {
+        session.play_gesture("nod", &late).unwrap();
+    }
+    assert_eq!(session.play_gesture("nod", &late), Err(SessionError::GesturesFull));
+    // An interrupt makes room when the output sees it.
+    session.interrupt(Duration::ZERO).unwrap();
+    session.ready_frames().unwrap();
+    session.play_gesture("nod", &late).unwrap();
+}
+
+/// A figure that nobody speaks through does what it is told all the same.
+#[test]
+fn a_gesture_needs_no_speech() {
+    for life in [LifeConfig::ON, LifeConfig::OFF] {
+        let (engine, nanos) = timed(3);
+        let session = engine.session(&with_layers(config(engine.model(), 2, 0, 4), life)).unwrap();
+        let mut heights = Vec::new();
+        session.sample_pose(0.0, |_| ()).unwrap();
+        session.play_gesture("wave", &GestureOptions::default()).unwrap();
+        for step in 0..150 {
+            nanos.fetch_add(33_333_333, Ordering::Relaxed);
+            let shoulder = |frame: Frame| heights.push(frame.pose.rotations[17]);
+            session.sample_pose(f64::from(step) / 30.0, shoulder).unwrap();
+        }
+        let turned = |a: [f32; 4], b: [f32; 4]| 1.0 - a.iter().zip(b).map(|(a, b)| a * b).sum::<f32>().abs();
+        assert!(turned(heights[45], heights[0]) > 0.02, "{life:?}: the arm is up");
+        assert!(turned(heights[149], heights[0]) < 0.01, "{life:?}: and down again");
+        assert!(heights.windows(2).all(|pair| turned(pair[0], pair[1]) < 0.02), "{life:?}: in small steps");
+    }
+}
+
+/// A session in the middle of a gesture goes on elsewhere with it; with other gestures it is refused.
+#[test]
+fn a_restored_session_goes_on_with_its_gesture() {
+    let engine = hosted(3);
+    let config = config(engine.model(), 2, 3, 9);
+    let samples = audio(60_000, 1, 1);
+    let session = engine.session(&config).unwrap();
+    session.play_gesture("point", &GestureOptions::default().at(1.0).target([-1.0, 1.0, 1.0])).unwrap();
+    session.play_gesture("count", &GestureOptions::default()).unwrap();
+    session.push_audio(&samples).unwrap();
+    session.finish().unwrap();
+    settle(&engine);
+    session.pull_frames(33, |_| ()).unwrap();
+    session.play_gesture("bow", &GestureOptions::default()).unwrap();
+    let mut state = vec![0; session.state_size()];
+    let len = session.save(&mut state).unwrap();
+    let other = engine.session(&config).unwrap();
+    other.restore(&state[..len]).unwrap();
+    assert!(pull(&other) == pull(&session));
+    let mut config = config;
+    let clip = Gesture::new("salute", 30.0, &[[[0.0, 0.0, 0.0, 1.0]; JOINTS]; 30], 0.5, GestureParts::ALL).unwrap();
+    config.avatar.gestures.add(clip).unwrap();
+    let other = engine.session(&config).unwrap();
+    let error = other.restore(&state[..len]).unwrap_err().to_string();
+    assert!(error.contains("gestures"), "{error}");
+    other.play_gesture("salute", &GestureOptions::default()).unwrap();
+}

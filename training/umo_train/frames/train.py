@@ -1,0 +1,172 @@
+"""Trains the language model and the depth network of layout `frames`."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import torch
+from accelerate import Accelerator, DistributedDataParallelKwargs
+from torch import Tensor, nn
+from torch.nn import functional
+from tqdm import tqdm
+
+from umo_train.device import has_bf16
+from umo_train.frames.examples import FrameBatch, FrameExamples
+from umo_train.frames.model import FrameModel
+from umo_train.frames.parts import Part
+from umo_train.lm import moe
+from umo_train.lm.train import Master, _experts, rate_at, task_chances
+from umo_train.log import Log
+from umo_train.state import Saved
+
+
+@dataclass(frozen=True)
+class FrameStagePlan:
+    """`tasks` are names to counts as in `StagePlan`, and `balance` is the paper's lambda."""
+
+    name: str
+    steps: int
+    rate: float
+    tasks: dict[str, float] = field(default_factory=lambda: {"a2m": 12.0, "t2m": 0.5})
+    batch: int = 48
+    balance: float = 0.01
+    tau: float = 1.0
+    targets: tuple[int, ...] = (5, 5, 5, 2, 10)
+    # What a level's codes weigh beside those of the level before, and a part's codes at a keyframe at which its first
+    # code is another than at the keyframe before: without, saying the last keyframe again is half the way.
+    level_weight: float = 0.7
+    change_weight: float = 2.0
+    # Weight of what the encoder itself says of a keyframe, from its audio token.
+    heard: float = 0.0
+    dense: bool = False
+    warmup: int = 200
+    final_rate: float = 0.05
+    seed: int = 0
+    betas: tuple[float, float] = (0.9, 0.99)
+    decay: float = 0.05
+    save_every: int = 250
+    bf16: bool = True
+
+
+def code_weights(parts: list[Part], plan: FrameStagePlan, codes: Tensor, before: Tensor) -> Tensor:
+    """What every code of a chunk counts, `[b, N, J]`: `codes` `[b, N, J]`, -1 where nothing is asked, `before` `[b, J]`
+    the keyframe before the chunk."""
+    last = torch.cat([before[:, None], codes[:, :-1]], 1)
+    out, at = [], 0
+    for part in parts:
+        changed = (codes[..., at] != last[..., at]) & (last[..., at] >= 0)
+        levels = plan.level_weight ** torch.arange(part.levels, device=codes.device)
+        out.append(levels * torch.where(changed, plan.change_weight, 1.0)[..., None])
+        at += part.levels
+    return torch.cat(out, -1) * (codes >= 0)
+
+
+def entropy(parts: list[Part], logits: dict[str, Tensor], codes: Tensor, weight: Tensor) -> Tensor:
+    """The weighted mean cross-entropy of codes `[b, N, J]`; `logits` are `[b * N, levels, codes]` of each part."""
+    flat, weights, at = codes.flatten(0, 1), weight.flatten(0, 1), 0
+    total = torch.zeros((), device=codes.device)
+    for part in parts:
+        mine = slice(at, at + part.levels)
+        each = functional.cross_entropy(
+            logits[part.name].float().flatten(0, 1), flat[:, mine].flatten().clamp(min=0), reduction="none"
+        )
+        total = total + (each * weights[:, mine].flatten()).sum()
+        at += part.levels
+    return total / weights.sum().clamp(min=1e-6)
+
+
+class Outputs(nn.Module):
+    """Logits, the encoder's own and the balancing loss in one pass: gradients of several devices are only joined for
+    what a module returns."""
+
+    def __init__(self, model: FrameModel, *, balanced: bool) -> None:
+        super().__init__()
+        self.model, self.balanced = model, balanced
+
+    def forward(
+        self, ids: Tensor, history: Tensor, codes: Tensor, mask: Tensor | None, heard: Tensor | None
+    ) -> tuple[dict[str, Tensor], dict[str, Tensor] | None, Tensor | None]:
+        logits, guess = self.model(ids, history, codes, mask, heard)
+        return logits, guess, moe.balance(self.model) if self.balanced else None
+
+
+def inputs(batch: FrameBatch, device: torch.device) -> tuple[Tensor, Tensor, Tensor, Tensor | None]:
+    """Ids, history, codes and mask of a batch."""
+    ids, history, codes = (torch.from_numpy(x).to(device) for x in (batch.ids, batch.history, batch.codes))
+    return ids, history, codes, None if batch.mask is None else torch.from_numpy(batch.mask).to(device)
+
+
+def train_stage(
+    plan: FrameStagePlan, model: FrameModel, examples: FrameExamples, held_out: FrameExamples, folder: Path
+) -> FrameModel:
+    """Trains `model` in place from wherever the stage's checkpoint stands."""
+    several = DistributedDataParallelKwargs(find_unused_parameters=True)
+    accelerator = Accelerator(kwargs_handlers=[several])
+    device = accelerator.device
+    torch.manual_seed(plan.seed)
+    if plan.bf16 and has_bf16(device):
+        model = model.to(torch.bfloat16)
+    plain = model
+    outputs = accelerator.prepare_model(Outputs(model, balanced=plan.balance > 0))
+    optimizer = Master(plain, plan.rate, plan.betas, plan.decay)
+    saved = Saved(folder / f"lm_{plan.name}.pt", optimizer=optimizer)
+    start = saved.load()
+    log = Log(folder / f"lm_{plan.name}.csv", start) if accelerator.is_main_process else None
+    chances = task_chances(plan.tasks, plan.tau)
+    tasks = list(chances)
+    bar = tqdm(range(start, plan.steps), f"lm {plan.name}", initial=start, total=plan.steps, disable=log is None)
+    for step in bar:
+        # Each step and device draws from a stream of its own, so that a resumed run sees what it would have seen.
+        rng = np.random.default_rng((plan.seed, step, accelerator.process_index))
+        task = tasks[int(np.random.default_rng((plan.seed, step)).choice(len(tasks), p=list(chances.values())))]
+        for group in optimizer.param_groups:
+            group["lr"] = plan.rate * rate_at(step, plan)
+        batch = examples.chunk(plan.batch, int(rng.choice(plan.targets)), rng, task=task)
+        ids, history, codes, mask = inputs(batch, device)
+        listening = plan.heard > 0 and batch.heard is not None
+        heard = torch.from_numpy(batch.heard).to(device) if listening else None
+        logits, guess, balance = outputs(ids, history, codes, mask, heard)
+        weight = code_weights(plain.parts, plan, codes, torch.from_numpy(batch.before).to(device))
+        loss = total = entropy(plain.parts, logits, codes, weight)
+        if balance is not None:
+            total = total + plan.balance * balance
+        if guess is not None:
+            total = total + plan.heard * entropy(plain.parts, guess, codes, weight)
+        accelerator.backward(total)
+        optimizer.step()
+        bar.set_postfix(task=task, loss=f"{loss.item():.3f}")
+        if log is None:
+            continue
+        log.add(step, {f"loss_{task}": loss.item()} | _experts(plain))
+        if (step + 1) % plan.save_every == 0 or step + 1 == plan.steps:
+            saved.save(step + 1)
+            log.add(step, {f"held_out_{k}": v for k, v in evaluate(plain, held_out, plan).items()})
+    if log is not None:
+        log.write(plan.steps - 1)
+    accelerator.wait_for_everyone()
+    return plain
+
+
+@torch.no_grad()
+def evaluate(model: FrameModel, examples: FrameExamples, plan: FrameStagePlan, batches: int = 4) -> dict[str, float]:
+    """On held-out items, teacher forcing: the loss, how many first codes of each part are right, and how many would be
+    by saying the last keyframe again (`copied_`)."""
+    device = next(model.parameters()).device
+    sums: dict[str, list[float]] = {}
+    for i in range(batches):
+        batch = examples.chunk(plan.batch, 5, np.random.default_rng((plan.seed, 1_000_000 + i)))
+        ids, history, codes, mask = inputs(batch, device)
+        logits, _ = model(ids, history, codes, mask)
+        before = torch.from_numpy(batch.before).to(device)
+        weight = code_weights(model.parts, plan, codes, before)
+        sums.setdefault("loss", []).append(entropy(model.parts, logits, codes, weight).item())
+        last, at = torch.cat([before[:, None], codes[:, :-1]], 1), 0
+        for part in model.parts:
+            wanted = codes[..., at].flatten()
+            asked = wanted >= 0
+            right = (logits[part.name][:, 0].argmax(-1) == wanted)[asked].float().mean()
+            copied = (last[..., at].flatten() == wanted)[asked].float().mean()
+            sums.setdefault(part.name, []).append(right.item())
+            sums.setdefault(f"copied_{part.name}", []).append(copied.item())
+            at += part.levels
+    return {name: float(np.mean(values)) for name, values in sums.items()}

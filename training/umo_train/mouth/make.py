@@ -1,0 +1,129 @@
+"""The step `mouth`: examples, training, and the part of the model file."""
+
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from tqdm import tqdm
+
+from umo_train.data import corpus
+from umo_train.mouth import examples as made
+from umo_train.mouth import part
+from umo_train.mouth.examples import Example
+from umo_train.mouth.features import Front, sizes_of
+from umo_train.mouth.recordings import read
+from umo_train.mouth.train import MouthPlan, train
+from umo_train.plan import Run
+from umo_train.skeleton import ARKIT
+from umo_train.speech.utterance import SAMPLE_RATE, Utterance
+
+# Clips of sounds that are no speech are so long, in seconds.
+_UNSPOKEN_S = 8.0
+
+
+def make(s: Run) -> None:
+    """`run/mouth.safetensors`, from the corpus and from recordings, if the plan names any."""
+    plan, out = s.plan["mouth"], s.folder / "mouth.safetensors"
+    if out.exists():
+        return
+    s.folder.mkdir(parents=True, exist_ok=True)
+    front = Front(sizes_of(plan["features"]))
+    names, rest = _channels(s)
+    network = train(
+        MouthPlan(**plan["training"], network=plan["network"], seed=s.plan["seed"]),
+        front,
+        _examples(s, front, [ARKIT.index(name) for name in names], rest),
+        names,
+        rest,
+        s.folder,
+    )
+    tensors = network.tensors(torch.bfloat16) | front.tensors() | {"mouth.rest": torch.from_numpy(rest).float()}
+    part.write(out, {**plan["features"], **plan["network"], "channels": names}, tensors)
+
+
+def _channels(s: Run) -> tuple[list[str], np.ndarray]:
+    """The channels that speech moves, and how they are where nobody speaks."""
+    items = [item for item, _ in zip(_spoken(s), range(8), strict=False)]
+    faces = [made.targets(item.utterance) for item in items]
+    names = made.moved(faces)
+    silence = np.zeros(2 * SAMPLE_RATE, np.float32)
+    still = made.targets(Utterance("", "", silence, (corpus.Phone("pau", 0.0, 2.0),)))
+    return names, still[30, [ARKIT.index(name) for name in names]].astype(np.float32)
+
+
+def _spoken(s: Run) -> Iterator[corpus.Item]:
+    every = s.plan["mouth"].get("every", 1)
+    return (item for i, item in enumerate(corpus.items(s.corpus, "train")) if i % every == 0)
+
+
+def _examples(s: Run, front: Front, channels: list[int], rest: np.ndarray) -> list[Example]:
+    """Made once: `run/mouth_examples.pt`."""
+    path = s.folder / "mouth_examples.pt"
+    if not path.exists():
+        jobs = list(_jobs(s, front, channels, rest))
+        with ProcessPoolExecutor(s.plan["workers"]) as pool:
+            found = list(tqdm(pool.map(_example, jobs, chunksize=4), "mouth examples", len(jobs), unit="clip"))
+        torch.save([tuple(vars(example).values()) for example in found], path)
+    return [Example(*tensors) for tensors in torch.load(path, weights_only=True)]
+
+
+def _jobs(s: Run, front: Front, channels: list[int], rest: np.ndarray) -> Iterator[tuple[Any, ...]]:
+    plan = s.plan["mouth"]
+    shared = (front, channels, rest)
+    versions = range(plan["versions"])
+    paths = corpus.paths(s.corpus, "speech")
+    trained = {entry.name for entry in corpus.entries(s.corpus, "train")}
+    told = [path for path in paths if path.stem in trained][:: plan.get("every", 1)]
+    for name in plan.get("aligned", ()):
+        told += _found(corpus.paths(_folder(s, name), "speech"), s, name)
+    untold = [path for name in plan.get("untold", ()) for path in _found(_sounds(_folder(s, name)), s, name)]
+    for kind, files in (("spoken", told), ("untold", untold)):
+        for i, path in enumerate(files):
+            for version in versions:
+                yield kind, path, (s.plan["seed"], i, version, kind == "untold"), *shared
+    for i in range(round(plan["unspoken_hours"] * 3600 / _UNSPOKEN_S)):
+        yield "unspoken", None, (s.plan["seed"], i, 0, 2), *shared
+
+
+def _folder(s: Run, name: str) -> Path:
+    return s.work / "recordings" / name
+
+
+def _sounds(folder: Path) -> list[Path]:
+    return sorted(path for path in folder.rglob("*") if path.suffix in (".opus", ".flac", ".wav", ".ogg"))
+
+
+def _found(paths: list[Path], s: Run, name: str) -> list[Path]:
+    if not paths:
+        folder = _folder(s, name)
+        raise FileNotFoundError(f"no recordings in {folder}: see training/README.md, or take {name} out of the plan")
+    return paths
+
+
+def _example(job: tuple[str, Path, tuple[int, ...], Front, list[int], np.ndarray]) -> Example:
+    kind, path, seed, front, channels, rest = job
+    torch.set_num_threads(1)
+    rng = np.random.default_rng(seed)
+    if kind == "spoken":
+        utterance = corpus.read_item(path).utterance
+        # Silence before speech, so that it begins at every moment of the level control.
+        before = np.zeros(int(rng.uniform(0.0, 0.5) * SAMPLE_RATE), np.float32)
+        return made.spoken(front, _later(utterance, before), channels, rng)
+    if kind == "untold":
+        return made.untold(front, read(path), rest, rng)
+    return made.unspoken(front, _UNSPOKEN_S, rest, rng)
+
+
+def _later(utterance: Utterance, before: np.ndarray) -> Utterance:
+    """The same after some silence; words, which nobody asks for, are left out."""
+    seconds = len(before) / SAMPLE_RATE
+    phones = [replace(p, start=p.start + seconds, end=p.end + seconds) for p in utterance.phones]
+    if phones[0].name == "pau":
+        phones[0] = replace(phones[0], start=0.0)
+    elif seconds:
+        phones.insert(0, corpus.Phone("pau", 0.0, seconds))
+    return replace(utterance, samples=np.concatenate([before, utterance.samples]), phones=tuple(phones), words=())

@@ -1,0 +1,385 @@
+//! Gestures on command: which there are, those of the host's own, and how one is played.
+
+use std::ffi::{CString, c_char, c_void};
+use std::path::Path;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use umo_core::error::LoadError;
+use umo_core::life::{Gesture, GestureOptions, GestureParts, Gestures, Side};
+use umo_core::motion::skeleton::JOINTS;
+
+use crate::engine::{self, EngineHandle, UmoEngine};
+use crate::ffi::{self, Sized32, guard, put};
+use crate::status::{Failure, UMO_STATUS_IO, UmoStatus};
+
+/// The right hand; for a place to point at, the hand that is nearer to it.
+pub const UMO_SIDE_AUTO: u32 = 0;
+/// The left hand; the whole gesture is mirrored.
+pub const UMO_SIDE_LEFT: u32 = 1;
+/// The right hand.
+pub const UMO_SIDE_RIGHT: u32 = 2;
+/// Both hands, where a gesture of one hand can be done by both; else as `UMO_SIDE_AUTO`.
+pub const UMO_SIDE_BOTH: u32 = 3;
+
+/// Neck and head.
+pub const UMO_GESTURE_HEAD: u32 = 1;
+/// Spine.
+pub const UMO_GESTURE_TRUNK: u32 = 2;
+/// From the left collar to the fingers.
+pub const UMO_GESTURE_LEFT_ARM: u32 = 4;
+/// From the right collar to the fingers.
+pub const UMO_GESTURE_RIGHT_ARM: u32 = 8;
+
+/// How a gesture is played. Start it with `umo_gesture_options_init`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct UmoGestureOptions {
+    /// `sizeof(umo_gesture_options)`.
+    pub struct_size: u32,
+    /// Which hand: one of `UMO_SIDE_…`.
+    pub side: u32,
+    /// Axes and units of `target`: one of `UMO_AXES_…`.
+    pub axes: u32,
+    /// 1 where there is a `target`, else 0.
+    pub has_target: u32,
+    /// Seconds of the motion at which the stroke falls; the preparation begins that much earlier.
+    /// Negative: as soon as no other gesture has its parts.
+    pub at: f64,
+    /// How fast, 0.5 to 2.
+    pub speed: f32,
+    /// How much of it, 0 to 1: less is nearer to what the model does.
+    pub strength: f32,
+    /// A place in the avatar's space, for gestures that point; without one they point ahead.
+    pub target: [f32; 3],
+    /// Zero.
+    pub reserved: u32,
+}
+
+// SAFETY: `repr(C)`, starts with its size, numbers.
+unsafe impl Sized32 for UmoGestureOptions {
+    const FIRST: usize = 48;
+}
+
+/// A clip of the host's own that becomes a gesture. Start it with `umo_gesture_clip_init`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct UmoGestureClip {
+    /// `sizeof(umo_gesture_clip)`.
+    pub struct_size: u32,
+    /// Axes of the rotations: one of `UMO_AXES_…`.
+    pub axes: u32,
+    /// Parts that it moves: a sum of `UMO_GESTURE_…`. Where the body stands and goes stays the
+    /// model's.
+    pub parts: u32,
+    /// Frames, 2 to 3,600.
+    pub frame_count: u32,
+    /// Frames a second, 1 to 240.
+    pub rate: f32,
+    /// Seconds from the first frame to the stroke.
+    pub stroke: f32,
+    /// `float[frame_count][UMO_JOINT_COUNT][4]`: each joint's rotation in its parent's frame, a
+    /// quaternion x, y, z, w; all joints at rest are a T-pose. Read during the call.
+    pub rotations: *const f32,
+}
+
+// SAFETY: `repr(C)`, starts with its size, numbers and a pointer that may be NULL.
+unsafe impl Sized32 for UmoGestureClip {
+    const FIRST: usize = 24 + size_of::<*const f32>();
+}
+
+/// The gestures that an engine's next sessions will know.
+pub(crate) struct Known(Mutex<Set>);
+
+struct Set {
+    gestures: Gestures,
+    /// Their names with their ends. Texts that were handed out stay where they are.
+    names: Vec<CString>,
+}
+
+impl Known {
+    pub(crate) fn new() -> Self {
+        let gestures = Gestures::new();
+        let names = gestures.names().filter_map(|name| CString::new(name).ok()).collect();
+        Self(Mutex::new(Set { gestures, names }))
+    }
+
+    /// Adds one; a name that there is stays where it is.
+    fn add(&self, gesture: Gesture) -> Result<(), LoadError> {
+        let mut set = self.lock();
+        let Set { gestures, names } = &mut *set;
+        gestures.add(gesture)?;
+        let listed = |name: &str| names.iter().any(|known| known.to_bytes() == name.as_bytes());
+        let new = gestures.names().find(|name| !listed(name)).and_then(|name| CString::new(name).ok());
+        names.extend(new);
+        Ok(())
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Set> {
+        // Whoever panicked with it changed nothing, or all.
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// A share of them.
+    pub(crate) fn gestures(&self) -> Gestures {
+        self.lock().gestures.clone()
+    }
+}
+
+impl UmoGestureOptions {
+    fn defaults() -> Self {
+        let GestureOptions { at: _, speed, strength, side, target: _ } = GestureOptions::default();
+        Self {
+            struct_size: 0,
+            side: side as u32,
+            axes: crate::UMO_AXES_GLTF,
+            has_target: 0,
+            at: -1.0,
+            speed,
+            strength,
+            target: [0.0; 3],
+            reserved: 0,
+        }
+    }
+
+    fn read(&self) -> Result<GestureOptions, Failure> {
+        let Self { side, axes, has_target, at, speed, strength, target, reserved, .. } = *self;
+        let axes = crate::axes(axes)?;
+        let unknown = || Failure::argument(format_args!("side {side} is none of UMO_SIDE_…"));
+        let side = Side::ALL.get(side as usize).copied().ok_or_else(unknown)?;
+        let mut options = GestureOptions { speed, strength, side, ..GestureOptions::default() };
+        // What is no number stays, and is refused.
+        options.at = if at < 0.0 { None } else { Some(at) };
+        options.target = match has_target {
+            0 => None,
+            1 => Some(axes.place_from(target)),
+            _ => return Err(Failure::argument(format_args!("has_target {has_target}: expected 0 or 1"))),
+        };
+        if reserved != 0 {
+            return Err(Failure::argument("`options.reserved` is not 0"));
+        }
+        Ok(options)
+    }
+}
+
+/// The options of a call, or the defaults.
+///
+/// # Safety
+/// `options` is NULL or as long as its `struct_size` says.
+pub(crate) unsafe fn options(options: *const UmoGestureOptions) -> Result<GestureOptions, Failure> {
+    if options.is_null() {
+        return Ok(GestureOptions::default());
+    }
+    // SAFETY: guaranteed by the caller (see # Safety).
+    unsafe { ffi::read(options, "options")? }.read()
+}
+
+/// Fills the options of a gesture with their defaults: as soon as possible, at its own speed, whole.
+/// `size` is `sizeof *options`.
+///
+/// Threads: any. Never allocates, never waits.
+/// Errors: `NULL_POINTER`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (not aligned).
+///
+/// # Safety
+/// `options` is NULL or has `size` writable bytes.
+#[unsafe(no_mangle)]
+#[must_use]
+pub unsafe extern "C" fn umo_gesture_options_init(options: *mut UmoGestureOptions, size: usize) -> UmoStatus {
+    // SAFETY: guaranteed by the caller (see # Safety).
+    guard(|| unsafe { ffi::initialise(options, size, "options", &UmoGestureOptions::defaults()) })
+}
+
+/// Fills a clip with its defaults: every part, 30 frames a second, no frames yet. `size` is
+/// `sizeof *clip`.
+///
+/// Threads: any. Never allocates, never waits.
+/// Errors: `NULL_POINTER`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (not aligned).
+///
+/// # Safety
+/// `clip` is NULL or has `size` writable bytes.
+#[unsafe(no_mangle)]
+#[must_use]
+pub unsafe extern "C" fn umo_gesture_clip_init(clip: *mut UmoGestureClip, size: usize) -> UmoStatus {
+    let defaults = UmoGestureClip {
+        struct_size: 0,
+        axes: crate::UMO_AXES_GLTF,
+        parts: GestureParts::ALL.bits(),
+        frame_count: 0,
+        rate: 30.0,
+        stroke: 0.0,
+        rotations: std::ptr::null(),
+    };
+    // SAFETY: guaranteed by the caller (see # Safety).
+    guard(|| unsafe { ffi::initialise(clip, size, "clip", &defaults) })
+}
+
+/// Adds a gesture of the host's own to those that sessions of an engine know which are made from now
+/// on; one of the same name is replaced. `name` is 1 to 64 letters, digits, `_`, `-` and spaces.
+/// The clip comes in over its first 0.4 seconds, or up to its stroke if that is earlier, and goes
+/// out over its last 0.55 seconds. An engine takes 256.
+///
+/// Threads: any but the audio thread. Allocates.
+/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (`umo_last_error`
+/// says which field).
+///
+/// # Safety
+/// `name` is NULL or ends with a zero byte; `clip` is NULL or as long as its `struct_size` says,
+/// with `rotations` as described.
+#[unsafe(no_mangle)]
+#[must_use]
+pub unsafe extern "C" fn umo_engine_add_gesture(
+    engine: *mut UmoEngine,
+    name: *const c_char,
+    clip: *const UmoGestureClip,
+) -> UmoStatus {
+    guard(|| {
+        let engine = engine::get(engine)?;
+        // SAFETY: guaranteed by the caller (see # Safety).
+        let name = unsafe { ffi::string(name, "name")? };
+        // SAFETY: guaranteed by the caller (see # Safety).
+        let clip = unsafe { ffi::read(clip, "clip")? };
+        let axes = crate::axes(clip.axes)?;
+        let parts = parts(clip.parts)?;
+        let values = (clip.frame_count as usize).checked_mul(4 * JOINTS);
+        let values = values.ok_or_else(|| Failure::argument("clip: too many frames"))?;
+        // SAFETY: guaranteed by the caller (see # Safety).
+        let values = unsafe { ffi::slice(clip.rotations, values, "clip.rotations")? };
+        let (values, _) = values.as_chunks::<4>();
+        let (frames, _) = values.as_chunks::<JOINTS>();
+        let frames: Vec<_> = frames.iter().map(|frame| frame.map(|q| axes.rotation_from(q))).collect();
+        let refused = |error: LoadError| Failure::argument(error);
+        let gesture = Gesture::new(name, clip.rate, &frames, clip.stroke, parts).map_err(refused)?;
+        engine.gestures.add(gesture).map_err(refused)
+    })
+}
+
+/// Adds a gesture as `umo_engine_add_gesture` does, of the animation in a `.glb` or `.vrm` file of any
+/// character with the bones of a human: Mixamo's, VRM's, Unreal's, Unity's, Godot's or
+/// `umo animate`'s names are known. The motion is brought to the model's skeleton.
+///
+/// `path` is UTF-8. `animation` is the name of one in the file, or NULL for its first, of at most two
+/// minutes. `parts` is a sum of `UMO_GESTURE_…`. `stroke` is seconds from its start to the stroke;
+/// negative: its middle.
+///
+/// Threads: any but the audio thread. Allocates.
+/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `IO`, `OUT_OF_MEMORY`, `INVALID_ARGUMENT`
+/// (`umo_last_error` says what of the file is wrong, which bones were not found, or which
+/// argument).
+///
+/// # Safety
+/// `name` and `path` are NULL or end with a zero byte; so does `animation`.
+#[unsafe(no_mangle)]
+#[must_use]
+pub unsafe extern "C" fn umo_engine_add_gesture_file(
+    engine: *mut UmoEngine,
+    name: *const c_char,
+    path: *const c_char,
+    animation: *const c_char,
+    parts: u32,
+    stroke: f32,
+) -> UmoStatus {
+    guard(|| {
+        let engine = engine::get(engine)?;
+        // SAFETY: guaranteed by the caller (see # Safety).
+        let path = unsafe { ffi::string(path, "path")? };
+        // SAFETY: guaranteed by the caller (see # Safety).
+        let wanted = unsafe { File::read(name, animation, parts, stroke)? };
+        let unread = |cause| Failure::new(UMO_STATUS_IO, format_args!("cannot read {path}: {cause}"));
+        let bytes = umo_core::file::read(Path::new(path)).map_err(unread)?;
+        wanted.add(&engine, &bytes, path)
+    })
+}
+
+/// The same for a file's `size` bytes in memory, read during the call.
+///
+/// Threads: any but the audio thread. Allocates.
+/// Errors: as `umo_engine_add_gesture_file`, but for `IO`.
+///
+/// # Safety
+/// `name` is NULL or ends with a zero byte; so does `animation`. `data` is NULL or has `size`
+/// readable bytes.
+#[unsafe(no_mangle)]
+#[must_use]
+pub unsafe extern "C" fn umo_engine_add_gesture_memory(
+    engine: *mut UmoEngine,
+    name: *const c_char,
+    data: *const c_void,
+    size: usize,
+    animation: *const c_char,
+    parts: u32,
+    stroke: f32,
+) -> UmoStatus {
+    guard(|| {
+        let engine = engine::get(engine)?;
+        // SAFETY: guaranteed by the caller (see # Safety).
+        let wanted = unsafe { File::read(name, animation, parts, stroke)? };
+        // SAFETY: guaranteed by the caller (see # Safety).
+        wanted.add(&engine, unsafe { ffi::slice(data.cast::<u8>(), size, "data")? }, "data")
+    })
+}
+
+/// What a gesture is made of a file with.
+struct File<'a> {
+    name: &'a str,
+    animation: Option<&'a str>,
+    parts: GestureParts,
+    stroke: Option<f32>,
+}
+
+impl<'a> File<'a> {
+    /// # Safety
+    /// `name` and `animation` are NULL or end with a zero byte, for as long as the result lives.
+    unsafe fn read(name: *const c_char, animation: *const c_char, bits: u32, stroke: f32) -> Result<File<'a>, Failure> {
+        // SAFETY: guaranteed by the caller (see # Safety).
+        let name = unsafe { ffi::string(name, "name")? };
+        let animation = match animation.is_null() {
+            true => None,
+            // SAFETY: guaranteed by the caller (see # Safety).
+            false => Some(unsafe { ffi::string(animation, "animation")? }),
+        };
+        // What is no number stays, and is refused.
+        let stroke = if stroke < 0.0 { None } else { Some(stroke) };
+        Ok(File { name, animation, parts: parts(bits)?, stroke })
+    }
+
+    fn add(&self, engine: &EngineHandle, bytes: &[u8], from: &str) -> Result<(), Failure> {
+        let Self { name, animation, parts, stroke } = *self;
+        let skeleton = &engine.model.model.config().skeleton;
+        let refused = |error: LoadError| match error {
+            LoadError::Config { problem, .. } => Failure::argument(format_args!("{from}: {problem}")),
+            error => error.into(),
+        };
+        let gesture = Gesture::from_glb(name, bytes, animation, skeleton, stroke, parts).map_err(refused)?;
+        engine.gestures.add(gesture).map_err(refused)
+    }
+}
+
+fn parts(bits: u32) -> Result<GestureParts, Failure> {
+    let none = || Failure::argument(format_args!("parts {bits}: expected a sum of UMO_GESTURE_…"));
+    GestureParts::from_bits(bits).ok_or_else(none)
+}
+
+/// The name of a gesture that sessions of an engine know: built-in ones first, in a fixed order,
+/// then the host's. Good until the engine is freed. To list them, count `index` up from 0 until
+/// `INVALID_ARGUMENT`.
+///
+/// Threads: any but the audio thread. Waits for another thread's `umo_engine_add_gesture`.
+/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (no such index).
+///
+/// # Safety
+/// `name` is NULL or writable.
+#[unsafe(no_mangle)]
+#[must_use]
+pub unsafe extern "C" fn umo_engine_get_gesture_name(
+    engine: *const UmoEngine,
+    index: u32,
+    name: *mut *const c_char,
+) -> UmoStatus {
+    guard(|| {
+        let engine = engine::get(engine)?;
+        let known = engine.gestures.lock();
+        let none = || Failure::argument(format_args!("gesture {index}: there are {}", known.names.len()));
+        let found = known.names.get(index as usize).ok_or_else(none)?;
+        // SAFETY: guaranteed by the caller (see # Safety).
+        unsafe { put(name, "name", found.as_ptr()) }
+    })
+}

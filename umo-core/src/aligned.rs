@@ -1,0 +1,211 @@
+//! Memory for weights, caches and scratch: zeroed, aligned to cache lines, in huge pages where
+//! there is enough of it. With the memory map and the arena, one of the places outside the kernels
+//! that hold `unsafe`.
+#![expect(unsafe_code, reason = "the standard library's boxes take no alignment, and pages need advice before use")]
+
+use std::alloc::{Layout, alloc_zeroed, dealloc};
+use std::fmt;
+use std::ops::{Deref, DerefMut};
+use std::ptr::NonNull;
+use std::sync::{Arc, Mutex, PoisonError};
+
+#[cfg(feature = "mmap")]
+use memmap2::{MmapMut, MmapOptions};
+use umo_kernels::Bf16;
+
+use crate::memory::{refuse, spare};
+
+/// A cache line, and the widest vector register.
+const LINE: usize = 64;
+/// The larger pages of x86-64 and of most ARM systems: a thousandth of the address translations.
+const HUGE_PAGE: usize = 2 << 20;
+/// First and largest regions of a pool; each is four times the one before.
+const FIRST_REGION: usize = 64 << 10;
+const LARGEST_REGION: usize = 64 << 20;
+
+/// Numbers that boxes may hold.
+///
+/// # Safety
+/// All-zero bytes must be a value of the type, and its alignment at most 64.
+pub unsafe trait Plain: Copy + Send + Sync + 'static {}
+
+// SAFETY: zero bytes are the number 0; aligned to 1.
+unsafe impl Plain for i8 {}
+// SAFETY: zero bytes are the number 0; aligned to 4.
+unsafe impl Plain for f32 {}
+// SAFETY: zero bits are the number 0; aligned to 2.
+unsafe impl Plain for Bf16 {}
+
+/// A boxed slice of numbers, aligned to 64 bytes.
+pub struct AlignedBox<T: Plain> {
+    /// `len` numbers inside `region`, which no other box has.
+    data: NonNull<T>,
+    len: usize,
+    /// Keeps the memory.
+    _region: Arc<Region>,
+}
+
+// SAFETY: a box is the only way to its numbers, which are `Send`; the region behind it is only
+// kept.
+unsafe impl<T: Plain> Send for AlignedBox<T> {}
+// SAFETY: a shared box gives out shared references alone, to numbers that are `Sync`.
+unsafe impl<T: Plain> Sync for AlignedBox<T> {}
+
+impl<T: Plain> AlignedBox<T> {
+    /// `len` zeros in memory of their own.
+    pub fn zeroed(len: usize) -> Self {
+        let region = Arc::new(Region::new(len * size_of::<T>()));
+        Self { data: region.start.cast(), len, _region: region }
+    }
+}
+
+impl<T: Plain> Deref for AlignedBox<T> {
+    type Target = [T];
+
+    fn deref(&self) -> &[T] {
+        // SAFETY: `data` is the aligned start of `len` numbers that were zeros when the region was
+        // made, that only this box refers to, and that live as long as the region, which this box
+        // keeps.
+        unsafe { std::slice::from_raw_parts(self.data.as_ptr(), self.len) }
+    }
+}
+
+impl<T: Plain> DerefMut for AlignedBox<T> {
+    fn deref_mut(&mut self) -> &mut [T] {
+        // SAFETY: as in `deref`; `self` is borrowed for writing as long as the slice is.
+        unsafe { std::slice::from_raw_parts_mut(self.data.as_ptr(), self.len) }
+    }
+}
+
+impl<T: Plain> fmt::Debug for AlignedBox<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "AlignedBox({} x {} bytes)", self.len, size_of::<T>())
+    }
+}
+
+/// Boxes side by side in large regions, so that weights much smaller than a huge page share them.
+#[derive(Debug, Default)]
+pub(super) struct Pool(Mutex<Option<Open>>);
+
+/// The region that is being filled.
+#[derive(Debug)]
+struct Open {
+    region: Arc<Region>,
+    used: usize,
+}
+
+impl Pool {
+    /// `len` zeros.
+    pub(super) fn zeroed<T: Plain>(&self, len: usize) -> AlignedBox<T> {
+        let bytes = (len * size_of::<T>()).next_multiple_of(LINE);
+        let mut open = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let open = match &mut *open {
+            Some(open) if open.region.len - open.used >= bytes => open,
+            full => {
+                let next = full.as_ref().map_or(FIRST_REGION, |full| (4 * full.region.len).min(LARGEST_REGION));
+                full.insert(Open { region: Arc::new(Region::new(next.max(bytes))), used: 0 })
+            }
+        };
+        let first = open.used;
+        open.used += bytes;
+        // SAFETY: `first + bytes` is at most the region's length.
+        let data = unsafe { open.region.start.add(first) };
+        // Nobody else is given the bytes `first..first + bytes`, whose start is a multiple of
+        // `LINE` after the region's.
+        AlignedBox { data: data.cast(), len, _region: Arc::clone(&open.region) }
+    }
+}
+
+/// Zeroed memory.
+#[derive(Debug)]
+struct Region {
+    /// Aligned to `LINE`, or to `HUGE_PAGE` where it is mapped.
+    start: NonNull<u8>,
+    len: usize,
+    memory: Memory,
+}
+
+#[derive(Debug)]
+enum Memory {
+    /// Pages of the system, zeroed when they are first touched; unmapped when dropped.
+    #[cfg(feature = "mmap")]
+    Mapped { _map: MmapMut },
+    /// From the allocator.
+    Heap(Layout),
+}
+
+// SAFETY: a region is only memory; who may read and write which part of it is the boxes' business.
+unsafe impl Send for Region {}
+// SAFETY: as above; the region itself never reads or writes its memory.
+unsafe impl Sync for Region {}
+
+impl Region {
+    fn new(len: usize) -> Self {
+        #[cfg(feature = "mmap")]
+        if len >= HUGE_PAGE
+            && let Some(region) = Self::mapped(len)
+        {
+            return region;
+        }
+        let layout = Layout::from_size_align(len.max(1), LINE).expect("less than half of the address space");
+        // SAFETY: the layout has at least one byte.
+        let start = NonNull::new(unsafe { alloc_zeroed(layout) }).unwrap_or_else(|| refuse(layout.size()));
+        let region = Self { start, len, memory: Memory::Heap(layout) };
+        if spare().is_err() {
+            drop(region);
+            refuse(len);
+        }
+        region
+    }
+
+    /// Pages of the system, huge ones where it has them; untouched pages cost nothing.
+    #[cfg(feature = "mmap")]
+    fn mapped(len: usize) -> Option<Self> {
+        let mut map = MmapOptions::new().len(len + HUGE_PAGE).map_anon().ok()?;
+        let skipped = map.as_ptr().align_offset(HUGE_PAGE);
+        // Advice is only advice: a system without huge pages gives small ones.
+        #[cfg(target_os = "linux")]
+        drop(map.advise_range(memmap2::Advice::HugePage, skipped, len));
+        let start = NonNull::from(map.get_mut(skipped..)?).cast();
+        Some(Self { start, len, memory: Memory::Mapped { _map: map } })
+    }
+}
+
+impl Drop for Region {
+    fn drop(&mut self) {
+        #[cfg_attr(not(feature = "mmap"), expect(irrefutable_let_patterns, reason = "all memory is the allocator's"))]
+        if let Memory::Heap(layout) = self.memory {
+            // SAFETY: `start` came from the allocator with this layout; the boxes in it are gone,
+            // for they keep the region.
+            unsafe { dealloc(self.start.as_ptr(), layout) }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn boxes_are_zeroed_aligned_and_apart() {
+        let pool = Pool::default();
+        let lens = [0, 1, 63, 64, 65, 100_000, 3 << 20, 5, 70 << 20, 1 << 20];
+        let mut boxes: Vec<AlignedBox<i8>> = lens.into_iter().map(|len| pool.zeroed(len)).collect();
+        boxes.extend(lens.map(AlignedBox::zeroed));
+        for (i, slice) in boxes.iter_mut().enumerate() {
+            assert_eq!(slice.len(), lens[i % lens.len()]);
+            assert!(slice.as_ptr().addr().is_multiple_of(LINE));
+            assert!(slice.iter().all(|&v| v == 0), "box {i} has another's bytes");
+            slice.fill(i8::MAX);
+        }
+    }
+
+    #[test]
+    fn memory_outlives_its_pool() {
+        let pool = Pool::default();
+        let mut kept: AlignedBox<f32> = pool.zeroed(1 << 20);
+        drop((pool.zeroed::<Bf16>(9), pool));
+        kept.fill(2.5);
+        assert_eq!(std::thread::spawn(move || kept.iter().sum::<f32>()).join().ok(), Some(2_621_440.0));
+    }
+}

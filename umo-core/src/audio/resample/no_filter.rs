@@ -1,0 +1,64 @@
+//! In place of the filter where the library is built without the feature `resample`: there is none.
+
+use std::sync::Arc;
+
+use crate::error::StepError;
+use crate::memory::Arena;
+use crate::state::{StateError, StatePass};
+
+/// No value of it exists.
+#[derive(Debug)]
+pub(crate) enum FilterPlan {}
+
+/// Nothing is filtered.
+pub(super) fn block_sizes(_: usize, _: usize) -> (usize, usize) {
+    (1, 1)
+}
+
+impl FilterPlan {
+    /// # Errors
+    /// [`StepError::Disagree`], always.
+    pub(super) fn new(_: usize, _: usize) -> Result<Self, StepError> {
+        Err(StepError::Disagree(
+            "the sample rate must be the model's: this library was built without the feature `resample`",
+        ))
+    }
+
+    pub(crate) fn rates(&self) -> (usize, usize) {
+        match *self {}
+    }
+}
+
+/// No value of it exists.
+#[derive(Debug)]
+pub(super) enum Filter {}
+
+impl Filter {
+    pub(super) fn new_in(plan: Arc<FilterPlan>, _: &Arena) -> Self {
+        match *plan {}
+    }
+
+    pub(super) fn block_sizes(&self) -> (usize, usize) {
+        match *self {}
+    }
+
+    pub(super) fn waiting(&self) -> usize {
+        match *self {}
+    }
+
+    pub(super) fn push(&mut self, _: &[f32], _: impl FnMut(&[f32])) {
+        match *self {}
+    }
+
+    pub(super) fn block(&mut self, _: impl FnMut(&[f32])) {
+        match *self {}
+    }
+
+    pub(super) fn reset(&mut self) {
+        match *self {}
+    }
+
+    pub(super) fn state(&mut self, _: &mut StatePass, _: u64) -> Result<u64, StateError> {
+        match *self {}
+    }
+}

@@ -1,0 +1,84 @@
+//! Reading `.glb`: the container, what of its JSON is needed here, and numbers out of its buffer.
+//!
+//! Files come from anywhere: nothing is believed without a look, and what is not understood is left
+//! alone.
+//!
+//! | module | part |
+//! | --- | --- |
+//! | `document` | the JSON: nodes, meshes, skins, accessors, animations |
+//! | `accessor` | numbers out of the buffer |
+//! | `character` | a character, and its rig |
+//! | `bind` | where its joints were when its mesh was bound to them |
+//! | `vrm` | bones as VRM files list them |
+//! | `clip` | the animation of a character, as motion of the 55 joints |
+
+pub mod accessor;
+mod bind;
+mod character;
+pub mod clip;
+pub mod document;
+mod vrm;
+
+pub use character::{Character, Transform, transform};
+
+const MAGIC: &[u8; 4] = b"glTF";
+const JSON: &[u8; 4] = b"JSON";
+const BIN: &[u8; 4] = b"BIN\0";
+
+/// A file's two chunks.
+#[derive(Clone, Copy, Debug)]
+pub struct Glb<'a> {
+    /// The first.
+    pub json: &'a str,
+    /// The second; empty where there is no such chunk.
+    pub bin: &'a [u8],
+    /// Chunks after that, which nothing here understands.
+    pub more: &'a [u8],
+}
+
+impl<'a> Glb<'a> {
+    /// Cuts a file in its chunks.
+    ///
+    /// # Errors
+    /// What is not as the format has it.
+    pub fn split(bytes: &'a [u8]) -> Result<Self, String> {
+        let (magic, rest) = bytes.split_first_chunk::<4>().ok_or("it is no glb file")?;
+        if magic != MAGIC {
+            return Err("it is no glb file".to_owned());
+        }
+        let (version, rest) = word(rest)?;
+        if version != 2 {
+            return Err(format!("it is glTF version {version}, expected 2"));
+        }
+        let (length, rest) = word(rest)?;
+        let inside = length.checked_sub(12).and_then(|length| rest.get(..length));
+        let (kind, json, rest) = chunk(inside.ok_or("the file is cut short")?)?;
+        if kind != JSON {
+            return Err("its first chunk is not JSON".to_owned());
+        }
+        let json = std::str::from_utf8(json).map_err(|_| "its JSON is not UTF-8")?;
+        let (bin, more) = match chunk(rest) {
+            Ok((kind, bin, more)) if kind == BIN => (bin, more),
+            _ if rest.is_empty() => (rest, rest),
+            Ok(_) => (&[][..], rest),
+            Err(problem) => return Err(problem),
+        };
+        Ok(Self { json, bin, more })
+    }
+}
+
+/// A chunk's kind, its contents, and what follows.
+type Chunk<'a> = (&'a [u8; 4], &'a [u8], &'a [u8]);
+
+/// A little-endian number and what follows.
+fn word(bytes: &[u8]) -> Result<(usize, &[u8]), String> {
+    let (word, rest) = bytes.split_first_chunk().ok_or("the file is cut short")?;
+    Ok((u32::from_le_bytes(*word) as usize, rest))
+}
+
+fn chunk(bytes: &[u8]) -> Result<Chunk<'_>, String> {
+    let (length, rest) = word(bytes)?;
+    let (kind, rest) = rest.split_first_chunk().ok_or("the file is cut short")?;
+    let (inside, rest) = rest.split_at_checked(length).ok_or("the file is cut short")?;
+    Ok((kind, inside, rest))
+}

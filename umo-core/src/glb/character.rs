@@ -1,0 +1,139 @@
+//! A character in a `.glb` or `.vrm` file.
+
+use std::collections::BTreeMap;
+
+use super::bind::bind_pose;
+use super::document::{Document, Node};
+use super::{Glb, vrm};
+use crate::motion::rotation::{IDENTITY, Matrix, Quat, matrix_to_quat};
+use crate::retarget::{Bone, Mapping, Rig};
+
+/// Translation, rotation and scale of a node.
+pub type Transform = ([f32; 3], Quat, [f32; 3]);
+
+/// How far from a rotation and a scale a matrix may be.
+const SHEAR: f64 = 1e-3;
+
+/// A file with nodes to move.
+#[derive(Debug)]
+pub struct Character {
+    document: Document,
+    /// In the bind pose.
+    rig: Rig,
+    /// Nodes whose place in the bind pose is another than in the file.
+    bound: BTreeMap<usize, Transform>,
+}
+
+impl Character {
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// What of it is not as the format has it, or cannot be moved.
+    pub fn read(bytes: &[u8]) -> Result<Self, String> {
+        let file = Glb::split(bytes)?;
+        let document = Document::parse(file.json)?;
+        check_buffer(&document, file.bin)?;
+        let rig = rig(&document)?;
+        let bound = bind_pose(&document, file.bin, &rig)?;
+        let rig = if bound.is_empty() { rig } else { placed(&rig, &bound)? };
+        Ok(Self { document, rig, bound })
+    }
+
+    /// Its nodes, in the bind pose.
+    pub fn rig(&self) -> &Rig {
+        &self.rig
+    }
+
+    /// The file's JSON.
+    pub fn document(&self) -> &Document {
+        &self.document
+    }
+
+    /// Nodes whose place in the bind pose is another than in the file.
+    pub fn bound(&self) -> &BTreeMap<usize, Transform> {
+        &self.bound
+    }
+
+    /// The bones of a VRM file's own table, and its version; none where it is no VRM file.
+    ///
+    /// # Errors
+    /// A table that is not as VRM has it.
+    pub fn vrm_bones(&self) -> Result<Option<(Mapping, &'static str)>, String> {
+        vrm::bones(&self.document)
+    }
+
+    /// Whether it is a VRM file, of either version.
+    pub fn is_vrm(&self) -> bool {
+        vrm::is_vrm(&self.document)
+    }
+}
+
+/// The buffer that grows must be the one in the file.
+fn check_buffer(document: &Document, bin: &[u8]) -> Result<(), String> {
+    match document.buffers.first() {
+        None => Ok(()),
+        Some(first) if first.uri.is_some() => {
+            Err("its first buffer is in another file: pack it into the .glb first".to_owned())
+        }
+        Some(first) if first.byte_length > bin.len() => Err("the file is cut short".to_owned()),
+        Some(_) => Ok(()),
+    }
+}
+
+fn rig(document: &Document) -> Result<Rig, String> {
+    let parents = document.parents()?;
+    let mut bones = Vec::with_capacity(document.nodes.len());
+    for (node, parent) in document.nodes.iter().zip(parents) {
+        // A matrix that is none of these is as a scale to nothing: refused where bones move below
+        // it.
+        let (translation, rotation, scale) = transform(node).unwrap_or(([0.0; 3], IDENTITY, [0.0; 3]));
+        let name = node.name.clone().unwrap_or_default();
+        bones.push(Bone { name, parent, translation, rotation, scale, deforms: false });
+    }
+    for &joint in document.skins.iter().flat_map(|skin| &skin.joints) {
+        let bone = bones.get_mut(joint).ok_or_else(|| format!("a skin's joint: there is no node {joint}"))?;
+        bone.deforms = true;
+    }
+    Rig::new(bones).map_err(|error| error.to_string())
+}
+
+/// The rig with bones at other places.
+fn placed(rig: &Rig, places: &BTreeMap<usize, Transform>) -> Result<Rig, String> {
+    let mut bones = rig.bones().to_vec();
+    for (&node, &(translation, rotation, scale)) in places {
+        bones[node] = Bone { translation, rotation, scale, ..bones[node].clone() };
+    }
+    Rig::new(bones).map_err(|error| error.to_string())
+}
+
+/// A node's place in its parent's frame.
+///
+/// # Errors
+/// A matrix that is more than a translation, a rotation and a scale.
+#[expect(clippy::cast_possible_truncation, reason = "bones are kept in f32; what overflows the rig refuses")]
+pub fn transform(node: &Node) -> Result<Transform, String> {
+    let narrow = |v: [f64; 3]| v.map(|x| x as f32);
+    let Some(m) = node.matrix else {
+        let rotation = node.rotation.unwrap_or([0.0, 0.0, 0.0, 1.0]).map(|x| x as f32);
+        return Ok((narrow(node.translation.unwrap_or([0.0; 3])), rotation, narrow(node.scale.unwrap_or([1.0; 3]))));
+    };
+    let column = |at: usize| [m[4 * at], m[4 * at + 1], m[4 * at + 2]];
+    let [x, y, z] = [column(0), column(1), column(2)];
+    let dot = |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let length = |v: [f64; 3]| dot(v, v).sqrt();
+    let mut scale = [length(x), length(y), length(z)];
+    let volume = dot(x, [y[1] * z[2] - y[2] * z[1], y[2] * z[0] - y[0] * z[2], y[0] * z[1] - y[1] * z[0]]);
+    let size = scale[0] * scale[1] * scale[2];
+    if !(size.is_finite() && size > 0.0) {
+        return Err("its matrix has no inverse".to_owned());
+    }
+    if (1.0 - volume.abs() / size) > SHEAR {
+        return Err("its matrix shears".to_owned());
+    }
+    if volume < 0.0 {
+        scale[0] = -scale[0];
+    }
+    let unit = [(x, scale[0]), (y, scale[1]), (z, scale[2])].map(|(v, scale)| v.map(|a| a / scale));
+    let rows: Matrix = std::array::from_fn(|i| std::array::from_fn(|j| unit[j][i] as f32));
+    Ok((narrow([m[12], m[13], m[14]]), matrix_to_quat(rows), narrow(scale)))
+}

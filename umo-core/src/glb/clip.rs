@@ -1,0 +1,182 @@
+//! The animation that a character's file has, as motion of the 55 joints.
+
+use super::accessor::floats;
+use super::document::{Animation, Document};
+use super::{Character, Glb};
+use crate::config::Skeleton;
+use crate::life::MAX_GESTURE_FRAMES;
+use crate::memory::{self, with_capacity};
+use crate::motion::rotation::{Quat, normalized, slerp};
+use crate::motion::skeleton::JOINTS;
+use crate::retarget::{Floor, Mapping, Retarget};
+
+/// Frames a second of what is read.
+pub const RATE: f32 = 30.0;
+/// Bytes of memory that reading the JSON takes for each byte of it, at most: a node of `{}` and its
+/// comma become a structure of some 400 bytes.
+const MEMORY: usize = 160;
+
+/// The rotations of an animation of a character in a `.glb` or `.vrm` file, [`RATE`] frames a
+/// second: the one of a name, or the first.
+///
+/// Unwinds to [`memory::catch`] where there is no memory.
+///
+/// # Errors
+/// What of the file is not as the format has it, which bones were not found, which animations there
+/// are where none has the name, or that it is longer than a gesture can be.
+pub fn read(bytes: &[u8], name: Option<&str>, skeleton: &Skeleton) -> Result<Vec<[Quat; JOINTS]>, String> {
+    memory::require(MEMORY.saturating_mul(Glb::split(bytes)?.json.len()).saturating_add(memory::SPARE));
+    let character = Character::read(bytes)?;
+    let mapping = match character.vrm_bones()? {
+        Some((mapping, _)) => mapping,
+        None => Mapping::closest(character.rig()).0,
+    };
+    mapping.check(character.rig()).map_err(|error| error.to_string())?;
+    let retarget =
+        Retarget::new(skeleton, character.rig(), &mapping, Floor::AtRest).map_err(|error| error.to_string())?;
+    let file = Glb::split(bytes)?;
+    let document = character.document();
+    let animation = chosen(document, name)?;
+    let tracks = tracks(document, animation, file.bin)?;
+    let ends = tracks.iter().filter_map(|track| track.times.last());
+    let seconds = ends.copied().fold(0.0, f32::max);
+    let longest = (MAX_GESTURE_FRAMES - 1) as f32 / RATE;
+    if !(seconds > 0.0 && seconds <= longest) {
+        return Err(format!("its animation lasts {seconds} s, expected up to {longest:.1} s"));
+    }
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most as many as a gesture has")]
+    let count = (seconds * RATE).ceil() as usize + 1;
+    let rest: Vec<Quat> = character.rig().bones().iter().map(|bone| bone.rotation).collect();
+    let (mut scratch, mut rotations) = (retarget.scratch(), rest.clone());
+    let mut frames = with_capacity(count);
+    for frame in 0..count {
+        rotations.copy_from_slice(&rest);
+        tracks.iter().for_each(|track| rotations[track.node] = track.at(frame as f32 / RATE));
+        frames.push(retarget.joints(&mut scratch, &rotations).map_err(|error| error.to_string())?);
+    }
+    Ok(frames)
+}
+
+fn chosen<'a>(document: &'a Document, name: Option<&str>) -> Result<&'a Animation, String> {
+    let Some(name) = name else { return document.animations.first().ok_or_else(|| "it has no animation".to_owned()) };
+    let named = |animation: &&Animation| animation.name.as_deref() == Some(name);
+    document.animations.iter().find(named).ok_or_else(|| {
+        let names: Vec<_> = document.animations.iter().filter_map(|animation| animation.name.as_deref()).collect();
+        format!("it has no animation `{name}`; there are {names:?}")
+    })
+}
+
+/// The rotations of a node over time.
+struct Track {
+    node: usize,
+    /// Seconds, rising.
+    times: Vec<f32>,
+    values: Vec<Quat>,
+    holds: bool,
+}
+
+impl Track {
+    fn at(&self, time: f32) -> Quat {
+        let after = self.times.partition_point(|&key| key <= time);
+        let Some(from) = after.checked_sub(1) else { return self.values[0] };
+        match self.times.get(after) {
+            Some(&end) if !self.holds => {
+                slerp(self.values[from], self.values[after], (time - self.times[from]) / (end - self.times[from]))
+            }
+            _ => self.values[from],
+        }
+    }
+}
+
+fn tracks(document: &Document, animation: &Animation, bin: &[u8]) -> Result<Vec<Track>, String> {
+    let mut tracks = Vec::new();
+    for channel in animation.channels.iter().filter(|channel| channel.target.path == "rotation") {
+        let Some(node) = channel.target.node else { continue };
+        let wrong = |problem: &str| format!("the rotation of node {node}: {problem}");
+        if node >= document.nodes.len() {
+            return Err(wrong("there is no such node"));
+        }
+        let sampler = animation.samplers.get(channel.sampler).ok_or_else(|| wrong("it has no sampler"))?;
+        let times = floats(document, bin, sampler.input, "SCALAR")?;
+        let values = floats(document, bin, sampler.output, "VEC4")?;
+        let mut values: Vec<Quat> = values.as_chunks().0.iter().map(|&q| normalized(q)).collect();
+        if sampler.interpolation.as_deref() == Some("CUBICSPLINE") {
+            // A key has two tangents beside its value; without them the keys are joined by arcs.
+            values = values.chunks_exact(3).map(|key| key[1]).collect();
+        }
+        if times.is_empty() || times.len() != values.len() || !times.windows(2).all(|pair| pair[0] < pair[1]) {
+            return Err(wrong("its times do not rise, or are not one per value"));
+        }
+        tracks.push(Track { node, times, values, holds: sampler.interpolation.as_deref() == Some("STEP") });
+    }
+    match tracks.is_empty() {
+        true => Err("its animation turns nothing".to_owned()),
+        false => Ok(tracks),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::rotation::{IDENTITY, axis_angle_to_quat};
+
+    fn salute() -> Vec<u8> {
+        std::fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/capi/salute.glb")).unwrap()
+    }
+
+    fn skeleton() -> Skeleton {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../models/umo-small/model.safetensors");
+        crate::ModelFile::open(path.as_ref()).unwrap().config().skeleton.clone()
+    }
+
+    #[test]
+    fn a_characters_animation_is_brought_to_the_joints() {
+        let (skeleton, shoulder, head) = (skeleton(), 17, 15);
+        let is_near = |a: Quat, b: [f32; 3]| {
+            let b = axis_angle_to_quat(b.map(f32::to_radians));
+            // The arms of the two skeletons are some degrees apart in a T-pose.
+            a.iter().zip(b).map(|(a, b)| a * b).sum::<f32>().abs() > 0.998
+        };
+        let frames = read(&salute(), None, &skeleton).unwrap();
+        assert_eq!(frames.len(), 46);
+        assert!(is_near(frames[0][shoulder], [0.0, 0.0, 70.0]), "{:?}", frames[0][shoulder]);
+        assert!(is_near(frames[20][shoulder], [0.0, 0.0, 10.0]), "{:?}", frames[20][shoulder]);
+        assert!(is_near(frames[20][19], [0.0, 120.0, 0.0]) && is_near(frames[20][head], [0.0; 3]));
+        let frames = read(&salute(), Some("turn"), &skeleton).unwrap();
+        assert!(frames.len() == 31 && is_near(frames[15][head], [0.0, 30.0, 0.0]));
+    }
+
+    #[test]
+    fn bad_files_are_refused_with_what_is_wrong() {
+        let (skeleton, file) = (skeleton(), salute());
+        let wrong = |bytes: &[u8], name: Option<&str>| read(bytes, name, &skeleton).unwrap_err();
+        assert_eq!(wrong(b"RIFF", None), "it is no glb file");
+        assert_eq!(wrong(&file[..file.len() - 1], None), "the file is cut short");
+        let other = wrong(&file, Some("wave"));
+        assert!(other.contains("`wave`") && other.contains("salute") && other.contains("turn"), "{other}");
+        // Without the names of an arm.
+        let mut nameless = file.clone();
+        let text = b"mixamorig:RightArm";
+        let at = nameless.windows(text.len()).position(|window| window == text).unwrap();
+        nameless[at..at + text.len()].fill(b'x');
+        let missing = wrong(&nameless, None);
+        assert!(missing.contains("right_shoulder"), "{missing}");
+        // No byte makes it panic.
+        for at in 0..file.len() {
+            let mut changed = file.clone();
+            changed[at] ^= 1 << (at % 8);
+            let _ = read(&changed, None, &skeleton);
+        }
+    }
+
+    #[test]
+    fn keys_are_joined_by_arcs_or_held() {
+        let (a, b) = (IDENTITY, axis_angle_to_quat([0.0, 1.0, 0.0]));
+        let mut track = Track { node: 0, times: vec![1.0, 2.0], values: vec![a, b], holds: false };
+        assert_eq!((track.at(0.0), track.at(1.0), track.at(2.0), track.at(9.0)), (a, a, b, b));
+        let middle = axis_angle_to_quat([0.0, 0.5, 0.0]);
+        assert!(track.at(1.5).iter().zip(middle).all(|(x, y)| (x - y).abs() < 1e-6));
+        track.holds = true;
+        assert_eq!((track.at(1.9), track.at(2.0)), (a, b));
+    }
+}

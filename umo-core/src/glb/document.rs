@@ -1,0 +1,173 @@
+//! What is read of a glTF file's JSON. Everything else in it is passed over.
+#![allow(missing_docs, reason = "fields are named as glTF names them")]
+
+use serde::Deserialize;
+use serde_json::Value;
+
+/// The file.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(rename_all = "camelCase", default)]
+pub struct Document {
+    pub nodes: Vec<Node>,
+    pub meshes: Vec<Mesh>,
+    pub skins: Vec<Skin>,
+    pub accessors: Vec<Accessor>,
+    pub buffer_views: Vec<View>,
+    pub buffers: Vec<Buffer>,
+    pub animations: Vec<Animation>,
+    pub extensions: Value,
+}
+
+impl Document {
+    /// Reads the JSON.
+    ///
+    /// # Errors
+    /// Where in it something is not as the format has it.
+    pub fn parse(json: &str) -> Result<Self, String> {
+        let mut text = serde_json::Deserializer::from_str(json);
+        serde_path_to_error::deserialize(&mut text)
+            .map_err(|error| format!("its JSON at `{}`: {}", error.path(), error.inner()))
+    }
+
+    /// Each node's parent.
+    ///
+    /// # Errors
+    /// A child that is not there, or that has two parents.
+    pub fn parents(&self) -> Result<Vec<Option<usize>>, String> {
+        let mut parents = vec![None; self.nodes.len()];
+        for (parent, node) in self.nodes.iter().enumerate() {
+            for &child in &node.children {
+                let slot = parents.get_mut(child).ok_or_else(|| format!("node {parent}: there is no node {child}"))?;
+                if slot.replace(parent).is_some() {
+                    return Err(format!("node {child} has two parents"));
+                }
+            }
+        }
+        Ok(parents)
+    }
+}
+
+/// A place in the scene. Where `matrix` is given, the three others are not.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(rename_all = "camelCase", default)]
+pub struct Node {
+    pub name: Option<String>,
+    pub children: Vec<usize>,
+    pub matrix: Option<[f64; 16]>,
+    pub translation: Option<[f64; 3]>,
+    pub rotation: Option<[f64; 4]>,
+    pub scale: Option<[f64; 3]>,
+    pub mesh: Option<usize>,
+    pub skin: Option<usize>,
+    pub weights: Option<Vec<f32>>,
+}
+
+/// Surfaces with their shapes.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(default)]
+pub struct Mesh {
+    pub name: Option<String>,
+    pub primitives: Vec<Primitive>,
+    pub weights: Option<Vec<f32>>,
+    pub extras: Value,
+}
+
+impl Mesh {
+    /// Number of shapes.
+    pub fn shapes(&self) -> usize {
+        self.primitives.first().map_or(0, |primitive| primitive.targets.len())
+    }
+
+    /// The names of its shapes, where it has names for all of them.
+    pub fn shape_names(&self) -> Option<Vec<String>> {
+        let places = std::iter::once(&self.extras).chain(self.primitives.iter().map(|primitive| &primitive.extras));
+        let mut lists = places.filter_map(|extras| {
+            let names = extras.get("targetNames")?.as_array()?.iter();
+            names.map(|name| name.as_str().map(str::to_owned)).collect::<Option<Vec<_>>>()
+        });
+        lists.find(|names| !names.is_empty() && names.len() == self.shapes())
+    }
+}
+
+/// A part of a mesh.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(default)]
+pub struct Primitive {
+    pub targets: Vec<Value>,
+    pub extras: Value,
+}
+
+/// The nodes that a mesh follows.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub struct Skin {
+    pub joints: Vec<usize>,
+    /// Accessor of a matrix for each joint, from the mesh's space to the joint's when the mesh was
+    /// bound.
+    pub inverse_bind_matrices: Option<usize>,
+}
+
+/// A list of numbers.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub struct Accessor {
+    pub buffer_view: Option<usize>,
+    #[serde(default)]
+    pub byte_offset: usize,
+    pub component_type: u32,
+    #[serde(default)]
+    pub normalized: bool,
+    pub count: usize,
+    #[serde(rename = "type")]
+    pub kind: String,
+    pub sparse: Option<Value>,
+}
+
+/// A part of a buffer.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub struct View {
+    pub buffer: usize,
+    #[serde(default)]
+    pub byte_offset: usize,
+    pub byte_length: usize,
+    pub byte_stride: Option<usize>,
+}
+
+/// Bytes.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub struct Buffer {
+    pub byte_length: usize,
+    pub uri: Option<String>,
+}
+
+/// Values of nodes over time.
+#[derive(Clone, Debug, Deserialize)]
+pub struct Animation {
+    pub name: Option<String>,
+    pub channels: Vec<Channel>,
+    pub samplers: Vec<Sampler>,
+}
+
+/// What a sampler's values are.
+#[derive(Clone, Debug, Deserialize)]
+pub struct Channel {
+    pub sampler: usize,
+    pub target: Target,
+}
+
+/// A node's transform or weights.
+#[derive(Clone, Debug, Deserialize)]
+pub struct Target {
+    pub node: Option<usize>,
+    pub path: String,
+}
+
+/// Times and the values at them.
+#[derive(Clone, Debug, Deserialize)]
+pub struct Sampler {
+    pub input: usize,
+    pub output: usize,
+    pub interpolation: Option<String>,
+}

@@ -1,0 +1,146 @@
+//! What both interpolation networks have between their inputs and their heads: frame types,
+//! positions, layers over frames and over parts (SPEC 2.6).
+
+use umo_kernels::norm::layer_norm;
+use umo_kernels::{Mat, MatMut};
+
+use super::layer::{EPS, Layer, LayerScratch, Norm};
+use crate::error::{LoadError, StepError};
+use crate::linear::{Compute, QuantScratch};
+use crate::memory::filled;
+use crate::weights::{Loader, Table};
+
+/// What the network is told of a frame: its row in the table of frame types.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum FrameType {
+    /// It is known, and on the grid of keyframes.
+    Keyframe = 0,
+    /// It is to be filled in.
+    Masked = 1,
+    /// It is known, off the grid: the last frame before the masked ones.
+    LastValid = 2,
+}
+
+/// The layers.
+#[derive(Debug)]
+pub(super) struct Trunk {
+    frame_type: Table,
+    position: Table,
+    temporal: Vec<Layer>,
+    part: Vec<Layer>,
+    norm: Norm,
+    parts: usize,
+    dim: usize,
+    stride: usize,
+    max_frames: usize,
+}
+
+/// Room for one run.
+#[derive(Debug)]
+pub(super) struct TrunkScratch {
+    /// `[frames, dim]`, the sum of what is known of each frame, then what the temporal layers make
+    /// of it
+    hidden: Box<[f32]>,
+    /// `[frames * parts, dim]`, each part's token of each frame
+    tokens: Box<[f32]>,
+    /// `[frames * parts, dim]`, the final norm of the tokens
+    normed: Box<[f32]>,
+    layer: LayerScratch,
+}
+
+impl Trunk {
+    /// Loads `interp.frame_type`, `interp.position`, the layers and `interp.norm`.
+    pub(super) fn load(loader: &Loader, parts: usize) -> Result<Self, LoadError> {
+        let config = loader.file().config();
+        let (sizes, dim) = (&config.interp, config.interp.d_model);
+        let layers = |group: &str, count: usize| {
+            (0..count).map(|i| Layer::load(loader, &format!("interp.{group}.{i}"), sizes)).collect::<Result<_, _>>()
+        };
+        Ok(Self {
+            frame_type: loader.table("interp.frame_type.weight", 3, dim)?,
+            position: loader.table("interp.position.weight", sizes.max_frames, dim)?,
+            temporal: layers("temporal", sizes.temporal_layers)?,
+            part: layers("part", sizes.part_layers)?,
+            norm: Norm::load(loader, "interp.norm", dim)?,
+            parts,
+            dim,
+            stride: config.keyframe_stride,
+            max_frames: sizes.max_frames,
+        })
+    }
+
+    pub(super) fn max_frames(&self) -> usize {
+        self.max_frames
+    }
+
+    pub(super) fn scratch(&self, frames: usize) -> TrunkScratch {
+        let rows = frames * self.parts;
+        let room = |rows: usize| filled(0.0, rows * self.dim).into_boxed_slice();
+        let ffn = self.temporal.iter().chain(&self.part).map(Layer::ffn_dim).max().unwrap_or(0);
+        TrunkScratch {
+            hidden: room(frames),
+            tokens: room(rows),
+            normed: room(rows),
+            layer: LayerScratch::new(rows, self.dim, ffn),
+        }
+    }
+
+    /// Writes every token with `token(frame, part, out)`; a frame's sum of them, its type and its
+    /// position go to the hidden rows.
+    pub(super) fn embed(
+        &self,
+        s: &mut TrunkScratch,
+        frames: usize,
+        is_known: impl Fn(usize) -> bool,
+        mut token: impl FnMut(usize, usize, &mut [f32]),
+    ) {
+        let rows = s.hidden.chunks_exact_mut(self.dim).zip(s.tokens.chunks_exact_mut(self.parts * self.dim));
+        for (frame, (hidden, tokens)) in rows.take(frames).enumerate() {
+            hidden.fill(0.0);
+            for (part, out) in tokens.chunks_exact_mut(self.dim).enumerate() {
+                token(frame, part, out);
+                hidden.iter_mut().zip(&*out).for_each(|(hidden, token)| *hidden += token);
+            }
+            let kind = match is_known(frame) {
+                false => FrameType::Masked,
+                true if frame.is_multiple_of(self.stride) => FrameType::Keyframe,
+                true => FrameType::LastValid,
+            };
+            self.frame_type.add(kind as usize, hidden);
+            self.position.add(frame, hidden);
+        }
+    }
+
+    /// Runs the layers over what [`Self::embed`] wrote.
+    pub(super) fn run(&self, cx: Compute, s: &mut TrunkScratch, frames: usize) -> Result<(), StepError> {
+        let (dim, parts) = (self.dim, self.parts);
+        let hidden = &mut s.hidden[..frames * dim];
+        for layer in &self.temporal {
+            layer.run(cx, &mut s.layer, frames, hidden)?;
+        }
+        for (tokens, hidden) in s.tokens.chunks_exact_mut(parts * dim).zip(hidden.chunks_exact(dim)) {
+            for token in tokens.chunks_exact_mut(dim) {
+                token.iter_mut().zip(hidden).for_each(|(token, hidden)| *token += hidden);
+            }
+        }
+        let tokens = &mut s.tokens[..frames * parts * dim];
+        for layer in &self.part {
+            layer.run(cx, &mut s.layer, parts, tokens)?;
+        }
+        let rows = frames * parts;
+        let x = Mat::new(&s.tokens, rows, dim)?;
+        layer_norm(cx.isa, x, &self.norm.weight, &self.norm.bias, EPS, MatMut::new(&mut s.normed, rows, dim)?)?;
+        Ok(())
+    }
+
+    /// The normed tokens `[frames, dim]` of one part, and room to quantize them.
+    pub(super) fn outputs<'a>(
+        &self,
+        s: &'a mut TrunkScratch,
+        frames: usize,
+        part: usize,
+    ) -> Result<(Mat<'a, f32>, &'a mut QuantScratch), StepError> {
+        let x = Mat::with_stride(&s.normed[part * self.dim..], frames, self.dim, self.parts * self.dim)?;
+        Ok((x, s.layer.quant()))
+    }
+}

@@ -1,0 +1,177 @@
+//! Keyframes' code vectors to those of the frames between them (SPEC 2.14): the layers of
+//! [`Interp`](super::Interp) on vectors, which say by how much a frame's vector differs from the
+//! straight line between the known frames on its two sides.
+
+use std::ops::DerefMut;
+
+use umo_kernels::gemm::Epilogue;
+use umo_kernels::{Mat, MatMut};
+
+use super::trunk::{Trunk, TrunkScratch};
+use crate::error::{LoadError, StepError, check_finite};
+use crate::linear::{Compute, Linear, QuantScratch};
+use crate::memory::filled;
+use crate::weights::{Loader, Table};
+
+/// The interpolation network of layout `frames`.
+#[derive(Debug)]
+pub struct VectorInterp {
+    /// Vectors to tokens, of each part with channels.
+    input: Vec<Linear>,
+    /// The token of a masked frame, a row for each part.
+    mask: Table,
+    trunk: Trunk,
+    head: Vec<Linear>,
+    dim: usize,
+}
+
+/// Room for one run of the network.
+#[derive(Debug)]
+pub struct VectorScratch {
+    trunk: TrunkScratch,
+    /// `[frames, dim]` of each part, tokens of known frames.
+    tokens: Vec<Box<[f32]>>,
+    /// `[frames, widest]`, what one part's head gives.
+    change: Box<[f32]>,
+    /// Of vectors, which may be wider than tokens.
+    quant: QuantScratch,
+    max_frames: usize,
+}
+
+impl VectorInterp {
+    /// Loads `interp.*`.
+    ///
+    /// # Errors
+    /// [`LoadError`] naming the tensor.
+    pub fn load(loader: &Loader) -> Result<Self, LoadError> {
+        let config = loader.file().config();
+        let (dim, mut parts) = (config.interp.d_model, config.part_list());
+        parts.retain(|part| !part.is_annotation());
+        let input = |name: &str, width| loader.linear_with_bias(&format!("interp.input.{name}"), dim, width);
+        let head = |name: &str, width| loader.linear_with_bias(&format!("interp.head.{name}"), width, dim);
+        Ok(Self {
+            input: parts.iter().map(|part| input(&part.name, part.width)).collect::<Result<_, _>>()?,
+            mask: loader.table("interp.mask.weight", parts.len(), dim)?,
+            trunk: Trunk::load(loader, parts.len())?,
+            head: parts.iter().map(|part| head(&part.name, part.width)).collect::<Result<_, _>>()?,
+            dim,
+        })
+    }
+
+    /// The most frames of one run.
+    pub fn max_frames(&self) -> usize {
+        self.trunk.max_frames()
+    }
+
+    /// Width of each part's vectors.
+    pub fn widths(&self) -> impl ExactSizeIterator<Item = usize> {
+        self.input.iter().map(Linear::inputs)
+    }
+
+    /// Room for windows of up to `frames` frames, and no more than the model allows.
+    pub fn scratch(&self, frames: usize) -> VectorScratch {
+        let max_frames = frames.min(self.max_frames());
+        let widest = self.widths().max().unwrap_or(0);
+        VectorScratch {
+            trunk: self.trunk.scratch(max_frames),
+            tokens: self.input.iter().map(|_| filled(0.0, max_frames * self.dim).into()).collect(),
+            change: filled(0.0, max_frames * widest).into(),
+            quant: QuantScratch::new(max_frames, widest.max(self.dim)),
+            max_frames,
+        }
+    }
+
+    /// Fills the unknown frames of a window whose first frame is a keyframe; known ones stay as
+    /// they are. Never allocates.
+    ///
+    /// Shapes: `vectors [T, width]` of each part; `known [T]`.
+    ///
+    /// # Errors
+    /// [`StepError`] where there is no frame or more than `scratch` has room for, no frame is
+    /// known, or the parts have other numbers of frames.
+    pub fn fill(
+        &self,
+        cx: Compute,
+        scratch: &mut VectorScratch,
+        vectors: &mut [impl DerefMut<Target = [f32]>],
+        known: &[bool],
+    ) -> Result<(), StepError> {
+        let frames = known.len();
+        if frames == 0 || !known.contains(&true) {
+            return Err(StepError::Empty("known frames to interpolate"));
+        }
+        if frames > scratch.max_frames {
+            return Err(StepError::TooLong { what: "frames to interpolate", got: frames, limit: scratch.max_frames });
+        }
+        let lengths = vectors.iter().map(|vectors| vectors.len());
+        if !lengths.eq(self.widths().map(|width| width * frames)) {
+            return Err(StepError::Disagree("the parts have different numbers of frames to interpolate"));
+        }
+        for ((input, vectors), tokens) in self.input.iter().zip(&*vectors).zip(&mut scratch.tokens) {
+            let x = Mat::new(vectors, frames, input.inputs())?;
+            input.forward(cx, &mut scratch.quant, x, Epilogue::STORE, MatMut::new(tokens, frames, self.dim)?)?;
+        }
+        let VectorScratch { trunk, tokens, change, .. } = scratch;
+        self.trunk.embed(
+            trunk,
+            frames,
+            |frame| known[frame],
+            |frame, part, out| match known[frame] {
+                true => out.copy_from_slice(&tokens[part][frame * self.dim..][..self.dim]),
+                false => self.mask.gather(part, out),
+            },
+        );
+        self.trunk.run(cx, trunk, frames)?;
+        for (part, (head, vectors)) in self.head.iter().zip(vectors).enumerate() {
+            let width = head.outputs();
+            let (x, quant) = self.trunk.outputs(trunk, frames, part)?;
+            head.forward(cx, quant, x, Epilogue::STORE, MatMut::new(change, frames, width)?)?;
+            check_finite(&change[..frames * width], "interpolated vectors")?;
+            lines(known, width, vectors);
+            for ((row, change), _) in rows(vectors, change, width).zip(known).filter(|(_, known)| !**known) {
+                row.iter_mut().zip(change).for_each(|(v, change)| *v += change);
+            }
+        }
+        Ok(())
+    }
+}
+
+fn rows<'a>(a: &'a mut [f32], b: &'a [f32], width: usize) -> impl Iterator<Item = (&'a mut [f32], &'a [f32])> {
+    a.chunks_exact_mut(width).zip(b.chunks_exact(width))
+}
+
+/// Writes the straight lines between known rows of `vectors [T, width]` to the others; before the
+/// first and behind the last known row its values.
+#[expect(clippy::cast_precision_loss, reason = "windows have far fewer than 2^24 frames")]
+fn lines(known: &[bool], width: usize, vectors: &mut [f32]) {
+    let mut before = None;
+    for frame in 0..known.len() {
+        if known[frame] {
+            before = Some(frame);
+            continue;
+        }
+        let after = (frame + 1..known.len()).find(|&frame| known[frame]);
+        let (from, to, share) = match (before, after) {
+            (Some(from), Some(to)) => (from, to, (frame - from) as f32 / (to - from) as f32),
+            (Some(at), None) | (None, Some(at)) => (at, at, 0.0),
+            (None, None) => return,
+        };
+        for i in 0..width {
+            let (a, b) = (vectors[from * width + i], vectors[to * width + i]);
+            vectors[frame * width + i] = a + share * (b - a);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::lines;
+
+    #[test]
+    fn lines_run_between_known_rows_and_are_level_beyond_them() {
+        let known = [false, true, false, false, false, true, false];
+        let mut vectors = [9.0, 9.0, 1.0, -2.0, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0, 3.0, 2.0, 9.0, 9.0];
+        lines(&known, 2, &mut vectors);
+        assert_eq!(vectors, [1.0, -2.0, 1.0, -2.0, 1.5, -1.0, 2.0, 0.0, 2.5, 1.0, 3.0, 2.0, 3.0, 2.0]);
+    }
+}

@@ -1,0 +1,426 @@
+//! The depth network: the codes of one keyframe, one after the other, from a state of the decoder
+//! (SPEC 2.13).
+//!
+//! The same few weights say every code, so that they stay in a core's cache: an avatar's keyframe is
+//! computed by one thread from its first code to its last, avatars are shared by the threads, and
+//! those of one thread go through the network together. A row's bits do not depend on that.
+
+use umo_kernels::attention::{Visible, attention_f32};
+use umo_kernels::gemm::Epilogue;
+use umo_kernels::norm::rms_norm;
+use umo_kernels::{Isa, Mat, MatMut, PrefetchHint};
+
+use super::sampler::Sampler;
+use crate::config::{Config, Sampling, TemplateItem};
+use crate::error::{LoadError, StepError, check_finite};
+use crate::linear::{Compute, Linear, QuantScratch};
+use crate::memory::filled;
+use crate::team::Team;
+use crate::weights::{AlignedBox, Loader, Table};
+
+/// Most tasks that one thread takes through the network together: rows that share a reading of the
+/// weights, and few enough that a step of many avatars stays short.
+const LANE_TASKS: usize = 8;
+/// Most threads that share a step.
+const MAX_LANES: usize = 16;
+/// Rows of a task: prompted and unprompted.
+const TASK_ROWS: usize = 2;
+
+/// The network.
+#[derive(Debug)]
+pub struct DepthNet {
+    /// `[d, d_model]`
+    input: Linear,
+    /// `[codes of a keyframe, d]`
+    position: Table,
+    layers: Vec<Layer>,
+    norm: Box<[f32]>,
+    eps: f32,
+    /// The codes of a keyframe, in order.
+    slots: Vec<Slot>,
+    /// `[levels * codes, d]` of each part.
+    embed: Vec<Table>,
+    heads: usize,
+    d_ff: usize,
+}
+
+#[derive(Debug)]
+struct Layer {
+    attention_norm: Box<[f32]>,
+    /// Queries, keys and values, `[3 d, d]`.
+    projection: Linear,
+    output: Linear,
+    feed_forward_norm: Box<[f32]>,
+    gate: Linear,
+    up: Linear,
+    down: Linear,
+}
+
+/// One code of a keyframe.
+#[derive(Debug)]
+struct Slot {
+    part: usize,
+    /// Row of its code 0 in the part's table.
+    first: usize,
+    head: Linear,
+    sampling: Option<Sampling>,
+}
+
+/// One avatar's keyframe to draw.
+#[derive(Clone, Copy, Debug)]
+pub struct Task {
+    /// Its number in the batch.
+    pub member: usize,
+    /// Row of its state.
+    pub row: usize,
+    /// Row of its state without a prompt, where it is guided.
+    pub unprompted: Option<usize>,
+    /// Strength of the guidance.
+    pub guidance: f32,
+    /// How codes are drawn.
+    pub sampler: Sampler,
+    /// Number of the chunk in its stream.
+    pub chunk: u64,
+    /// Number of the keyframe in its chunk.
+    pub keyframe: u32,
+}
+
+impl Task {
+    fn rows(&self) -> usize {
+        1 + usize::from(self.unprompted.is_some())
+    }
+}
+
+/// Room for the keyframes of a batch.
+#[derive(Debug)]
+pub struct DepthScratch {
+    lanes: Box<[Lane]>,
+    /// Codes of a keyframe.
+    codes: usize,
+}
+
+/// What one thread needs.
+#[derive(Debug)]
+struct Lane {
+    /// Of this thread alone: products within a lane are not shared.
+    alone: Team,
+    /// `[rows, d]`: the states, projected.
+    given: Box<[f32]>,
+    /// `[rows, d]`: the residual stream.
+    hidden: Box<[f32]>,
+    /// `[rows, max(d, d_model)]`
+    normed: Box<[f32]>,
+    /// `[rows, 3 d]`
+    qkv: Box<[f32]>,
+    /// `[rows, d]`
+    context: Box<[f32]>,
+    /// `[rows, d_ff]`
+    inner: Box<[f32]>,
+    /// `[rows, layers, 2 * heads, codes of a keyframe, d / heads]`: keys of every head, then values.
+    cache: AlignedBox<f32>,
+    /// `[rows, most codes of a level]`
+    logits: Box<[f32]>,
+    order: Box<[u16]>,
+    /// `[rows, codes of a keyframe]`
+    codes: Box<[u16]>,
+    quant: QuantScratch,
+}
+
+impl DepthNet {
+    /// Loads `depth.*`.
+    ///
+    /// # Errors
+    /// [`LoadError`] naming the tensor or key.
+    pub fn load(loader: &Loader) -> Result<Self, LoadError> {
+        let config = loader.file().config();
+        let sizes = config.depth.as_ref().ok_or_else(|| LoadError::config("depth", "missing"))?;
+        let (d, d_ff) = (sizes.d_model, sizes.d_ff);
+        let layer = |i: usize| {
+            let name = |which: &str| format!("depth.layers.{i}.{which}.weight");
+            let inside = loader.alike(&[name("feed_forward.wi_0"), name("feed_forward.wi_1")])?;
+            let projections = ["q", "k", "v"].map(|which| name(&format!("attention.{which}")));
+            Ok(Layer {
+                attention_norm: loader.vector(&name("attention_norm"), d)?,
+                projection: loader.linear(&projections, &[d; 3], d)?,
+                output: loader.linear(&[name("attention.o")], &[d], d)?,
+                feed_forward_norm: loader.vector(&name("feed_forward_norm"), d)?,
+                gate: inside.linear(&[name("feed_forward.wi_0")], &[d_ff], d)?,
+                up: inside.linear(&[name("feed_forward.wi_1")], &[d_ff], d)?,
+                down: loader.linear(&[name("feed_forward.wo")], &[d], d_ff)?,
+            })
+        };
+        let (mut slots, mut embed) = (Vec::new(), Vec::new());
+        for (part, spec) in config.part_list().iter().enumerate() {
+            let rows = spec.levels * spec.codes;
+            embed.push(loader.table(&format!("depth.embed.{}.weight", spec.name), rows, d)?);
+            for first in (0..rows).step_by(spec.codes) {
+                let name = format!("depth.head.{}.weight", spec.name);
+                let head = loader.linear_rows(&name, rows, first..first + spec.codes, d)?;
+                slots.push(Slot { part, first, head, sampling: spec.sampling });
+            }
+        }
+        Ok(Self {
+            input: loader.linear(&["depth.input.weight".to_owned()], &[d], config.lm.d_model)?,
+            position: loader.table("depth.position.weight", slots.len(), d)?,
+            layers: (0..sizes.num_layers).map(layer).collect::<Result<_, LoadError>>()?,
+            norm: loader.vector("depth.norm.weight", d)?,
+            eps: sizes.layer_norm_epsilon,
+            slots,
+            embed,
+            heads: sizes.num_heads,
+            d_ff,
+        })
+    }
+
+    /// Codes of a keyframe.
+    pub fn codes(&self) -> usize {
+        self.slots.len()
+    }
+
+    /// Bytes that one code of a keyframe reads beside its head: what has to fit a core's cache.
+    pub fn bytes(&self) -> usize {
+        let layer =
+            |l: &Layer| l.projection.bytes() + l.output.bytes() + l.gate.bytes() + l.up.bytes() + l.down.bytes();
+        self.layers.iter().map(layer).sum()
+    }
+
+    /// Multiply-adds of one keyframe's codes.
+    fn work(&self) -> usize {
+        let (d, codes) = (self.norm.len(), self.slots.len());
+        codes * self.layers.len() * (4 * d * d + 3 * d * self.d_ff)
+    }
+
+    /// Room for batches of `width` avatars.
+    pub fn scratch(&self, width: usize) -> DepthScratch {
+        let lanes = width.min(MAX_LANES);
+        DepthScratch {
+            lanes: (0..lanes).map(|_| Lane::new(self, TASK_ROWS * width.min(LANE_TASKS))).collect(),
+            codes: self.codes(),
+        }
+    }
+
+    /// Draws the codes of the first of `tasks`, as many as there is room for; returns how many.
+    /// Never allocates.
+    ///
+    /// Shapes: `states [rows, d_model]`, the decoder's after its final norm; `write(task, codes)` is
+    /// given each task's codes in the order of the config's parts, their levels ascending.
+    ///
+    /// # Errors
+    /// [`StepError`] where logits are not finite.
+    pub fn draw(
+        &self,
+        cx: Compute,
+        scratch: &mut DepthScratch,
+        states: &[f32],
+        tasks: &[Task],
+        mut write: impl FnMut(&Task, &[u16]),
+    ) -> Result<usize, StepError> {
+        let groups = scratch.lanes.len().min(cx.team.threads()).min(tasks.len()).max(1);
+        let count = tasks.len().min(groups * LANE_TASKS);
+        let bounds = |group: usize| group * count / groups;
+        let lanes = &mut scratch.lanes[..groups];
+        cx.team.split(
+            lanes,
+            groups,
+            1,
+            count * self.work(),
+            |lanes, at| lanes.split_at_mut(at),
+            |range, lanes| {
+                for (lane, group) in lanes.iter_mut().zip(range) {
+                    lane.draw(self, cx.isa, states, &tasks[bounds(group)..bounds(group + 1)])?;
+                }
+                Ok(())
+            },
+        )?;
+        for (group, lane) in scratch.lanes[..groups].iter().enumerate() {
+            let mut row = 0;
+            for task in &tasks[bounds(group)..bounds(group + 1)] {
+                write(task, &lane.codes[row * scratch.codes..(row + 1) * scratch.codes]);
+                row += task.rows();
+            }
+        }
+        Ok(count)
+    }
+
+    /// Logits under teacher forcing, for checking a model: of every code of `codes [rows, codes of a
+    /// keyframe]` given those before it, one vector per code of a keyframe, `[rows, codes of the
+    /// level]`. Allocates.
+    ///
+    /// # Errors
+    /// [`StepError`] where a length disagrees or a code is out of range.
+    pub fn force(&self, isa: Isa, states: &[f32], codes: &[u16]) -> Result<Vec<Vec<f32>>, StepError> {
+        let (rows, count) = (codes.len() / self.codes(), self.codes());
+        if rows == 0 || rows * count != codes.len() || states.len() != rows * self.input.inputs() {
+            return Err(StepError::Disagree("states and codes of another number of keyframes"));
+        }
+        let mut lane = Lane::new(self, rows);
+        let mut logits = vec![Vec::new(); count];
+        lane.project(self, isa, (0..rows).map(|row| &states[row * self.input.inputs()..][..self.input.inputs()]))?;
+        for (j, out) in logits.iter_mut().enumerate() {
+            lane.step(self, isa, j, rows)?;
+            out.extend_from_slice(&lane.logits[..rows * self.slots[j].head.outputs()]);
+            for row in 0..rows {
+                let (code, limit) = (codes[row * count + j], self.slots[j].head.outputs());
+                if usize::from(code) >= limit {
+                    return Err(StepError::OutOfRange { what: "motion code", got: code.into(), limit });
+                }
+                lane.codes[row * count + j] = code;
+            }
+        }
+        Ok(logits)
+    }
+}
+
+impl Lane {
+    fn new(net: &DepthNet, rows: usize) -> Self {
+        let (d, codes) = (net.norm.len(), net.slots.len());
+        let most = net.slots.iter().map(|slot| slot.head.outputs()).max().unwrap_or(0);
+        let widest = d.max(net.input.inputs());
+        let room = |cols: usize| filled(0.0, rows * cols).into_boxed_slice();
+        Self {
+            alone: Team::alone(),
+            given: room(d),
+            hidden: room(d),
+            normed: room(widest),
+            qkv: room(3 * d),
+            context: room(d),
+            inner: room(net.d_ff),
+            cache: AlignedBox::zeroed(rows * net.layers.len() * 2 * d * codes),
+            logits: room(most),
+            order: filled(0, most).into(),
+            codes: filled(0, rows * codes).into(),
+            quant: QuantScratch::new(rows, widest.max(net.d_ff)),
+        }
+    }
+
+    /// Draws the codes of every task.
+    fn draw(&mut self, net: &DepthNet, isa: Isa, states: &[f32], tasks: &[Task]) -> Result<(), StepError> {
+        let (width, count) = (net.input.inputs(), net.slots.len());
+        let state = |row: usize| &states[row * width..(row + 1) * width];
+        let rows = tasks.iter().map(Task::rows).sum();
+        self.project(net, isa, tasks.iter().flat_map(|t| std::iter::once(t.row).chain(t.unprompted)).map(state))?;
+        for (j, slot) in net.slots.iter().enumerate() {
+            self.step(net, isa, j, rows)?;
+            let (mut row, codes) = (0, slot.head.outputs());
+            check_finite(&self.logits[..rows * codes], "depth network's logits")?;
+            for task in tasks {
+                let (logits, below) = self.logits[row * codes..].split_at_mut(codes);
+                if task.unprompted.is_some() {
+                    guide(logits, &below[..codes], task.guidance);
+                }
+                #[expect(clippy::cast_possible_truncation, reason = "codes fit 16 bits by the config's checks")]
+                let place = [task.keyframe, j as u32 + 1];
+                let code = task.sampler.of(slot.sampling).sample_at(logits, &mut self.order, task.chunk, place);
+                for row in row..row + task.rows() {
+                    #[expect(clippy::cast_possible_truncation, reason = "codes fit 16 bits by the config's checks")]
+                    let code = code as u16;
+                    self.codes[row * count + j] = code;
+                }
+                row += task.rows();
+            }
+        }
+        Ok(())
+    }
+
+    /// Projects the states of all rows.
+    fn project<'a>(
+        &mut self,
+        net: &DepthNet,
+        isa: Isa,
+        states: impl Iterator<Item = &'a [f32]>,
+    ) -> Result<(), StepError> {
+        let (d, width, mut rows) = (net.norm.len(), net.input.inputs(), 0);
+        for (out, state) in self.normed.chunks_exact_mut(width).zip(states) {
+            out.copy_from_slice(state);
+            rows += 1;
+        }
+        let x = Mat::new(&self.normed, rows, width)?;
+        let cx = Compute { isa, team: &self.alone };
+        net.input.forward(cx, &mut self.quant, x, Epilogue::STORE, MatMut::new(&mut self.given, rows, d)?)
+    }
+
+    /// The logits of code `j`, `[rows, codes of its level]`, from the states and the codes before.
+    fn step(&mut self, net: &DepthNet, isa: Isa, j: usize, rows: usize) -> Result<(), StepError> {
+        let (d, count) = (net.norm.len(), net.slots.len());
+        for (row, (hidden, given)) in self.hidden.chunks_exact_mut(d).zip(self.given.chunks_exact(d)).enumerate() {
+            if row == rows {
+                break;
+            }
+            hidden.copy_from_slice(given);
+            if let Some(before) = j.checked_sub(1) {
+                let slot = &net.slots[before];
+                net.embed[slot.part].add(slot.first + usize::from(self.codes[row * count + before]), hidden);
+            }
+            net.position.add(j, hidden);
+        }
+        for (index, layer) in net.layers.iter().enumerate() {
+            self.attend(net, isa, (index, layer), j, rows)?;
+            self.feed_forward(net, isa, layer, rows)?;
+        }
+        let (x, head) = (Mat::new(&self.hidden, rows, d)?, &net.slots[j].head);
+        rms_norm(isa, x, &net.norm, net.eps, MatMut::new(&mut self.normed, rows, d)?)?;
+        let (cx, x) = (Compute { isa, team: &self.alone }, Mat::new(&self.normed, rows, d)?);
+        let y = MatMut::new(&mut self.logits, rows, head.outputs())?;
+        head.forward(cx, &mut self.quant, x, Epilogue::STORE, y)
+    }
+
+    /// Causal attention of code `j`'s rows over those of the codes up to it.
+    #[expect(clippy::cast_precision_loss, reason = "widths are far below 2^24")]
+    fn attend(
+        &mut self,
+        net: &DepthNet,
+        isa: Isa,
+        (index, layer): (usize, &Layer),
+        j: usize,
+        rows: usize,
+    ) -> Result<(), StepError> {
+        let (d, count) = (net.norm.len(), net.slots.len());
+        let (width, cx) = (d / net.heads, Compute { isa, team: &self.alone });
+        let x = Mat::new(&self.hidden, rows, d)?;
+        rms_norm(isa, x, &layer.attention_norm, net.eps, MatMut::new(&mut self.normed, rows, d)?)?;
+        let x = Mat::new(&self.normed, rows, d)?;
+        layer.projection.forward(cx, &mut self.quant, x, Epilogue::STORE, MatMut::new(&mut self.qkv, rows, 3 * d)?)?;
+        let scale = 1.0 / (width as f32).sqrt();
+        for row in 0..rows {
+            let (q, kv) = self.qkv[row * 3 * d..(row + 1) * 3 * d].split_at(d);
+            let cache = &mut self.cache[(row * net.layers.len() + index) * 2 * d * count..][..2 * d * count];
+            for (kept, new) in cache.chunks_exact_mut(count * width).zip(kv.chunks_exact(width)) {
+                kept[j * width..(j + 1) * width].copy_from_slice(new);
+            }
+            let (keys, values) = cache.split_at(d * count);
+            for head in 0..net.heads {
+                let [k, v] = [keys, values].map(|kept| Mat::new(&kept[head * count * width..], j + 1, width));
+                let q = Mat::new(&q[head * width..], 1, width)?;
+                let y = MatMut::new(&mut self.context[row * d + head * width..], 1, width)?;
+                attention_f32(isa, q, k?, v?, scale, None, Visible::All, PrefetchHint::NONE, y)?;
+            }
+        }
+        let context = Mat::new(&self.context, rows, d)?;
+        layer.output.forward(cx, &mut self.quant, context, Epilogue::ADD, MatMut::new(&mut self.hidden, rows, d)?)
+    }
+
+    fn feed_forward(&mut self, net: &DepthNet, isa: Isa, layer: &Layer, rows: usize) -> Result<(), StepError> {
+        let (d, cx) = (net.norm.len(), Compute { isa, team: &self.alone });
+        let x = Mat::new(&self.hidden, rows, d)?;
+        rms_norm(isa, x, &layer.feed_forward_norm, net.eps, MatMut::new(&mut self.normed, rows, d)?)?;
+        let x = layer.gate.input(cx, &mut self.quant, Mat::new(&self.normed, rows, d)?)?;
+        let y = MatMut::new(&mut self.inner, rows, net.d_ff)?;
+        layer.gate.apply_gated_here(&layer.up, cx, x, None, 0..net.d_ff, y)?;
+        let inner = Mat::new(&self.inner, rows, net.d_ff)?;
+        layer.down.forward(cx, &mut self.quant, inner, Epilogue::ADD, MatMut::new(&mut self.hidden, rows, d)?)
+    }
+}
+
+/// `logits = plain + strength * (logits - plain)`.
+fn guide(logits: &mut [f32], plain: &[f32], strength: f32) {
+    for (logit, plain) in logits.iter_mut().zip(plain) {
+        *logit = plain + strength * (*logit - plain);
+    }
+}
+
+/// Whether sessions of a model can be guided: its keyframes are drawn by a depth network, and one of
+/// its templates takes a text.
+pub fn is_guidable(config: &Config) -> bool {
+    let text = |item: &TemplateItem| matches!(item, TemplateItem::Name(name) if name == "text");
+    config.is_frames() && config.templates.values().flatten().any(text)
+}

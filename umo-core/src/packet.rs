@@ -1,0 +1,245 @@
+//! Codes as a network format: what one side says of a chunk, and what the other makes of it
+//! (SPEC 2.18).
+//!
+//! The sender runs the language model; [`Decoder`] runs what follows it, interpolation and motion
+//! decoders, at a small part of the cost. Where no packet is lost its frames have the sender's bits.
+
+mod decoder;
+
+use std::fmt;
+
+pub use decoder::{Decoder, Received};
+
+use crate::config::Config;
+use crate::error::StepError;
+
+/// The version of packets that this library writes and reads.
+const VERSION: u8 = 1;
+/// In the first byte beside the version: the stream ends with this packet.
+const LAST: u8 = 0x10;
+/// Bytes before the codes of a packet that is not the last one.
+const HEAD: usize = 26;
+/// Farthest place of a root from the origin, metres: sums of places stay finite.
+const MAX_PLACE: f32 = 1e7;
+/// Bytes of the number of frames, in the last one.
+const TOTAL: usize = 4;
+
+/// Why a packet was not taken. The decoder is then as it was before, but for [`Self::Step`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
+pub enum PacketError {
+    /// It is no packet of this version; what is wrong with it.
+    Malformed(&'static str),
+    /// It was made with another model, or for another number of keyframes a chunk.
+    Other(&'static str),
+    /// Its frames could not be computed; the decoder wants [`Decoder::reset`].
+    Step(StepError),
+}
+
+impl fmt::Display for PacketError {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        match self {
+            Self::Malformed(what) => write!(f, "no packet: {what}"),
+            Self::Other(what) => write!(f, "packet of another {what}: make both sides with the same"),
+            Self::Step(error) => error.fmt(f),
+        }
+    }
+}
+
+impl std::error::Error for PacketError {}
+
+impl From<StepError> for PacketError {
+    fn from(error: StepError) -> Self {
+        Self::Step(error)
+    }
+}
+
+/// What a packet says beside codes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PacketHead {
+    /// Number of the stream, modulo 256: it goes up with every reset and interrupt of the sender.
+    pub stream: u8,
+    /// Number of the packet in its stream: that of its chunk.
+    pub sequence: u32,
+    /// Sample of the stream at the model's rate that the first new keyframe belongs to.
+    pub sample: u64,
+    /// Where the root is in the last frame that the chunk makes final: x and z, metres.
+    pub root: [f32; 2],
+    /// New keyframes: the target, or none where the stream ended after its last chunk was sent.
+    pub keyframes: usize,
+    /// Keyframes before these that are said again.
+    pub history: usize,
+    /// Frames of the whole stream, in its last packet.
+    pub total: Option<u32>,
+}
+
+/// How a model's packets are laid out.
+#[derive(Clone, Debug)]
+pub struct PacketLayout {
+    /// Lower bits of the model's fingerprint.
+    model: u16,
+    /// Numbers of codes, by their place in a keyframe.
+    limits: Box<[u16]>,
+    /// Bits of each.
+    bits: Box<[u8]>,
+    keyframe_bits: usize,
+    prefix: usize,
+}
+
+impl PacketLayout {
+    /// That of a config's packets, where `model` tells the model from others.
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "codes fit 16 bits by the config's checks; a tell-tale is short"
+    )]
+    pub(crate) fn new(config: &Config, model: u64) -> Self {
+        let places =
+            config.part_list().into_iter().flat_map(|part| std::iter::repeat_n(part.codes as u16, part.levels));
+        let model = model ^ (model >> 16) ^ (model >> 32) ^ (model >> 48);
+        Self::of(places.collect(), config.prefix, model as u16)
+    }
+
+    /// That of keyframes with so many codes in each place.
+    #[expect(clippy::cast_possible_truncation, reason = "at most 16")]
+    fn of(limits: Box<[u16]>, prefix: usize, model: u16) -> Self {
+        let bits: Box<[u8]> = limits.iter().map(|&codes| (u16::BITS - (codes - 1).leading_zeros()) as u8).collect();
+        let keyframe_bits = bits.iter().map(|&bits| usize::from(bits)).sum();
+        Self { model, limits, bits, keyframe_bits, prefix }
+    }
+
+    /// Codes of a keyframe.
+    pub fn codes(&self) -> usize {
+        self.limits.len()
+    }
+
+    /// Most keyframes of a packet.
+    pub fn max_keyframes(&self) -> usize {
+        self.prefix
+    }
+
+    /// Bytes of a packet of so many keyframes, new and said again.
+    pub fn bytes(&self, keyframes: usize, is_last: bool) -> usize {
+        HEAD + if is_last { TOTAL } else { 0 } + (keyframes * self.keyframe_bits).div_ceil(8)
+    }
+
+    /// Writes a packet with `codes [history + keyframes, codes of a keyframe]`, oldest first;
+    /// returns its length. Never allocates.
+    ///
+    /// # Errors
+    /// [`StepError`] where there is too little room, the numbers of keyframes disagree or are more
+    /// than the model's `prefix`, or a code is out of range.
+    pub fn encode(&self, head: &PacketHead, codes: &[u16], out: &mut [u8]) -> Result<usize, StepError> {
+        let keyframes = head.history + head.keyframes;
+        let limit = self.prefix.min(u8::MAX.into());
+        if keyframes > limit {
+            return Err(StepError::TooLong { what: "keyframes of a packet", got: keyframes, limit });
+        }
+        if codes.len() != keyframes * self.codes() {
+            return Err(StepError::Disagree("a packet's codes and its number of keyframes"));
+        }
+        let wrong = codes.iter().zip(self.limits.iter().cycle()).find(|(code, limit)| code >= limit);
+        if let Some((&code, &limit)) = wrong {
+            return Err(StepError::OutOfRange { what: "code", got: code.into(), limit: limit.into() });
+        }
+        let (want, limit) = (self.bytes(keyframes, head.total.is_some()), out.len());
+        let out = out.get_mut(..want).ok_or(StepError::TooLong { what: "bytes of a packet", got: want, limit })?;
+        out.fill(0);
+        #[expect(clippy::cast_possible_truncation, reason = "at most 255 by the check above")]
+        let counts = [head.keyframes as u8, head.history as u8];
+        out[0] = VERSION | if head.total.is_some() { LAST } else { 0 };
+        out[1] = head.stream;
+        out[2..4].copy_from_slice(&self.model.to_le_bytes());
+        out[4..8].copy_from_slice(&head.sequence.to_le_bytes());
+        out[8..16].copy_from_slice(&head.sample.to_le_bytes());
+        out[16..20].copy_from_slice(&head.root[0].to_le_bytes());
+        out[20..24].copy_from_slice(&head.root[1].to_le_bytes());
+        out[24..26].copy_from_slice(&counts);
+        let mut start = HEAD;
+        if let Some(total) = head.total {
+            out[HEAD..HEAD + TOTAL].copy_from_slice(&total.to_le_bytes());
+            start += TOTAL;
+        }
+        let mut at = 8 * start;
+        for (&code, &bits) in codes.iter().zip(self.bits.iter().cycle()) {
+            for bit in 0..bits {
+                out[at / 8] |= ((code >> bit & 1) as u8) << (at % 8);
+                at += 1;
+            }
+        }
+        Ok(want)
+    }
+
+    /// Reads a packet; its codes go to `codes`, which has room for [`Self::max_keyframes`]. Never
+    /// allocates.
+    ///
+    /// # Errors
+    /// [`PacketError`] where it is no packet of this version and model; `codes` has no meaning then.
+    pub fn decode(&self, bytes: &[u8], codes: &mut [u16]) -> Result<PacketHead, PacketError> {
+        let Some((head, rest)) = bytes.split_at_checked(HEAD) else {
+            return Err(PacketError::Malformed("it is too short"));
+        };
+        match head[0] & 0x0F {
+            VERSION => {}
+            _ => return Err(PacketError::Malformed("its version is not 1")),
+        }
+        if head[0] & !(0x0F | LAST) != 0 {
+            return Err(PacketError::Malformed("it has flags that version 1 does not have"));
+        }
+        if u16::from_le_bytes(field(head, 2)) != self.model {
+            return Err(PacketError::Other("model"));
+        }
+        let (keyframes, history) = (usize::from(head[24]), usize::from(head[25]));
+        let (count, is_last) = (keyframes + history, head[0] & LAST != 0);
+        if count > self.prefix || count * self.codes() > codes.len() {
+            return Err(PacketError::Malformed("it has more keyframes than the model's history"));
+        }
+        if bytes.len() != self.bytes(count, is_last) {
+            return Err(PacketError::Malformed("its length is not that of its keyframes"));
+        }
+        let root = [f32::from_le_bytes(field(head, 16)), f32::from_le_bytes(field(head, 20))];
+        if !root.iter().all(|v| v.abs() <= MAX_PLACE) {
+            return Err(PacketError::Malformed("its root is nowhere on earth"));
+        }
+        if head[4..8] == [0xFF; 4] {
+            return Err(PacketError::Malformed("nothing can follow its sequence number"));
+        }
+        if keyframes == 0 && !is_last {
+            return Err(PacketError::Malformed("it has no keyframes and does not end the stream"));
+        }
+        let total = is_last.then(|| u32::from_le_bytes(field(rest, 0)));
+        let packed = &rest[if is_last { TOTAL } else { 0 }..];
+        let mut at = 0;
+        for ((code, &bits), &limit) in
+            codes[..count * self.codes()].iter_mut().zip(self.bits.iter().cycle()).zip(self.limits.iter().cycle())
+        {
+            *code = 0;
+            for bit in 0..bits {
+                *code |= u16::from(packed[at / 8] >> (at % 8) & 1) << bit;
+                at += 1;
+            }
+            if *code >= limit {
+                return Err(PacketError::Malformed("a code is out of range"));
+            }
+        }
+        if packed.last().is_some_and(|last| at % 8 != 0 && last >> (at % 8) != 0) {
+            return Err(PacketError::Malformed("bits after the codes are not 0"));
+        }
+        Ok(PacketHead {
+            stream: head[1],
+            sequence: u32::from_le_bytes(field(head, 4)),
+            sample: u64::from_le_bytes(field(head, 8)),
+            root,
+            keyframes,
+            history,
+            total,
+        })
+    }
+}
+
+/// `N` bytes from `at` on, which are there.
+fn field<const N: usize>(bytes: &[u8], at: usize) -> [u8; N] {
+    *bytes[at..].first_chunk().expect("lengths were checked")
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,403 @@
+//! The receiving side of a stream of packets.
+
+use super::{PacketError, PacketHead, PacketLayout};
+use crate::avatar::{AvatarConfig, Window};
+use crate::config::Config;
+use crate::error::{LoadError, StepError};
+use crate::interp::InterpScratch;
+use crate::interp::vectors::VectorScratch;
+use crate::linear::Compute;
+use crate::memory::{self, Arena, filled, with_capacity};
+use crate::model::{Between, Model};
+use crate::motion::{FrameRef, MotionScratch, MotionStream, Smoothing};
+
+/// Packets that wait for one before them.
+const WAITING: usize = 4;
+
+/// What came, and what did not.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
+pub struct Received {
+    /// Packets that were taken.
+    pub packets: u64,
+    /// Packets that came after their time or a second time; they changed nothing.
+    pub late: u64,
+    /// Chunks whose packet did not come in time.
+    pub lost: u64,
+    /// Keyframes of these that no other packet said: the last one was held.
+    pub held: u64,
+}
+
+/// Makes frames of one avatar's packets: interpolation and motion decoders, without the language
+/// model. It has the model's config and settings in common with the sender; where no packet is lost
+/// and both have the same instruction set, frames have the same bits as the sender's without layers.
+#[derive(Debug)]
+pub struct Decoder {
+    layout: PacketLayout,
+    window: Window,
+    motion: MotionStream,
+    between: Filling,
+    scratch: MotionScratch,
+    target: usize,
+    prefix: usize,
+    stride: usize,
+    lookahead: usize,
+    /// How many packets may be ahead of one that has not come before it counts as lost.
+    patience: usize,
+    /// Number of the stream, once a packet of it came.
+    stream: Option<u8>,
+    /// The packet that is due.
+    next: u32,
+    is_over: bool,
+    waiting: Vec<Slot>,
+    /// The packet that just came.
+    arrived: Box<[u16]>,
+    /// `[P + N, codes of a keyframe]`: a chunk's codes, as they are put together.
+    chunk: Box<[u16]>,
+    /// The last keyframe.
+    held: Box<[u16]>,
+    /// The codes of rest.
+    rest: Box<[u16]>,
+    /// Whether no chunk was computed since the motion began.
+    is_first: bool,
+    /// Frames before the motion's first one.
+    base: usize,
+    place: Place,
+    received: Received,
+}
+
+/// A packet that came before its time.
+#[derive(Debug)]
+struct Slot {
+    head: Option<PacketHead>,
+    codes: Box<[u16]>,
+}
+
+/// Room for what lies between keyframes.
+#[derive(Debug)]
+enum Filling {
+    Codes(InterpScratch),
+    Vectors(VectorScratch),
+}
+
+/// Where the sender's root is beside ours: after a loss ours has walked another way.
+#[derive(Clone, Copy, Debug, Default)]
+struct Place {
+    /// Added to x and z.
+    offset: [f32; 2],
+    /// What is still to be added, over so many frames.
+    more: [f32; 2],
+    frames: usize,
+    /// How many of them have passed.
+    done: usize,
+    /// The last frame's x and z as they were decoded.
+    own: [f32; 2],
+}
+
+impl Place {
+    fn shift(&self) -> [f32; 2] {
+        #[expect(clippy::cast_precision_loss, reason = "a chunk is short")]
+        let share = if self.frames == 0 { 0.0 } else { self.done as f32 / self.frames as f32 };
+        [0, 1].map(|axis| self.offset[axis] + share * self.more[axis])
+    }
+
+    /// Goes to where the sender's root is, within `frames` frames.
+    fn heal(&mut self, sent: [f32; 2], frames: usize) {
+        let offset = self.shift();
+        let more = [0, 1].map(|axis| sent[axis] - (self.own[axis] + offset[axis]));
+        *self = if more == [0.0; 2] {
+            Self { offset, more, frames: 0, done: 0, own: self.own }
+        } else {
+            Self { offset, more, frames, done: 0, own: self.own }
+        };
+    }
+
+    /// The frame where the sender's is: with the bits that it has, where it is there already.
+    fn put(&mut self, frame: FrameRef, out: &mut dyn FnMut(FrameRef)) {
+        self.own = [frame.pose.translation[0], frame.pose.translation[2]];
+        self.done = (self.done + 1).min(self.frames);
+        let shift = self.shift();
+        if shift == [0.0; 2] {
+            return out(frame);
+        }
+        let mut pose = *frame.pose;
+        pose.translation[0] += shift[0];
+        pose.translation[2] += shift[1];
+        out(FrameRef { pose: &pose, ..frame });
+    }
+}
+
+impl Decoder {
+    /// A decoder at its start, for packets of avatars with this model and these settings, of which
+    /// target, lookahead and smoothing count. With `patience` 0 a packet counts as lost when a later
+    /// one comes; up to 4 later ones may come before it. Everything that it will need is allocated
+    /// here.
+    ///
+    /// # Errors
+    /// [`LoadError::Config`] where a number is out of range; where there is too little memory.
+    pub fn new(model: &Model, config: &AvatarConfig, patience: usize) -> Result<Self, LoadError> {
+        memory::catch(|| Self::make(model, config, patience))?
+    }
+
+    fn make(model: &Model, config: &AvatarConfig, patience: usize) -> Result<Self, LoadError> {
+        let c = &model.config;
+        config.check(c)?;
+        if patience > WAITING {
+            return Err(LoadError::config("patience", format!("expected 0 to {WAITING}, got {patience}")));
+        }
+        let (stride, lookahead) = (c.keyframe_stride, config.held_back());
+        let frames = stride * (c.prefix + config.target - 1) + 1;
+        let (max_push, count) = (config.target * stride, c.codes_per_keyframe());
+        let motion = if c.is_frames() { MotionStream::of_vectors } else { MotionStream::new };
+        let smoothing = Smoothing::new(config.smoothing)?;
+        let mut waiting = with_capacity(WAITING);
+        waiting.extend((0..WAITING).map(|_| Slot { head: None, codes: filled(0, c.prefix * count).into() }));
+        Ok(Self {
+            layout: PacketLayout::new(c, model.fingerprint),
+            window: Window::new_in(c, config.target, &Arena::system()),
+            motion: motion(&model.motion, max_push, lookahead, smoothing),
+            between: match &model.between {
+                Between::Codes(interp) => Filling::Codes(interp.scratch(frames)),
+                Between::Vectors { interp, .. } => Filling::Vectors(interp.scratch(frames)),
+            },
+            scratch: model.motion.scratch(model.motion.stream_rows(max_push, lookahead.max(smoothing.radius()))),
+            target: config.target,
+            prefix: c.prefix,
+            stride,
+            lookahead,
+            patience,
+            stream: None,
+            next: 0,
+            is_over: false,
+            waiting,
+            arrived: filled(0, c.prefix * count).into(),
+            chunk: filled(0, (c.prefix + config.target) * count).into(),
+            held: rest(c).into(),
+            rest: rest(c).into(),
+            is_first: true,
+            base: 0,
+            place: Place::default(),
+            received: Received::default(),
+        })
+    }
+
+    /// What came since the decoder was made.
+    pub fn received(&self) -> Received {
+        self.received
+    }
+
+    /// Whether the last frame of the present stream was given.
+    pub fn is_over(&self) -> bool {
+        self.is_over
+    }
+
+    /// Back to the start, for any stream.
+    pub fn reset(&mut self) {
+        self.stream = None;
+        self.begin();
+    }
+
+    /// The start of a stream.
+    fn begin(&mut self) {
+        self.window.rest();
+        self.motion.reset();
+        self.waiting.iter_mut().for_each(|slot| slot.head = None);
+        self.held.copy_from_slice(&self.rest);
+        (self.next, self.base, self.is_first, self.is_over) = (0, 0, true, false);
+        self.place = Place::default();
+    }
+
+    /// Takes a packet and gives the frames that became final to `frame`, in order. A packet of a
+    /// later stream begins that one. Never allocates.
+    ///
+    /// # Errors
+    /// [`PacketError`]; damaged packets and those of other models change nothing.
+    pub fn push_packet(
+        &mut self,
+        model: &Model,
+        cx: Compute,
+        bytes: &[u8],
+        frame: &mut dyn FnMut(FrameRef),
+    ) -> Result<(), PacketError> {
+        let head = self.layout.decode(bytes, &mut self.arrived)?;
+        if head.keyframes != 0 && head.keyframes != self.target {
+            return Err(PacketError::Other("target"));
+        }
+        match self.stream {
+            // Half of the numbers are later ones.
+            Some(stream) if head.stream.wrapping_sub(stream) >= 128 => {
+                self.received.late += 1;
+                return Ok(());
+            }
+            Some(stream) if head.stream == stream => {}
+            _ => {
+                self.begin();
+                self.stream = Some(head.stream);
+            }
+        }
+        if self.is_over || head.sequence < self.next || self.is_waiting(head.sequence) {
+            self.received.late += 1;
+            return Ok(());
+        }
+        self.received.packets += 1;
+        let ahead = (head.sequence - self.next) as usize;
+        let waiting = self.waiting.iter().filter(|slot| slot.head.is_some()).count();
+        if ahead == 0 || waiting >= self.patience {
+            // Those that wait go first, where they are before it.
+            while let Some(slot) = self.first_waiting(head.sequence) {
+                self.take_waiting(model, cx, slot, frame)?;
+            }
+            self.take(model, cx, &head, None, frame)?;
+        } else if let Some(slot) = self.waiting.iter_mut().find(|slot| slot.head.is_none()) {
+            slot.head = Some(head);
+            slot.codes.copy_from_slice(&self.arrived);
+        }
+        // What follows without a gap need not wait.
+        while let Some(slot) = self.waiting.iter().position(|slot| slot.head.is_some_and(|h| h.sequence == self.next)) {
+            self.take_waiting(model, cx, slot, frame)?;
+        }
+        Ok(())
+    }
+
+    fn is_waiting(&self, sequence: u32) -> bool {
+        self.waiting.iter().any(|slot| slot.head.is_some_and(|head| head.sequence == sequence))
+    }
+
+    /// The first of those that wait and are before `sequence`.
+    fn first_waiting(&self, sequence: u32) -> Option<usize> {
+        let of = |(index, slot): (usize, &Slot)| Some((slot.head?.sequence, index));
+        let first = self.waiting.iter().enumerate().filter_map(of).min();
+        first.filter(|(first, _)| *first < sequence).map(|(_, index)| index)
+    }
+
+    fn take_waiting(
+        &mut self,
+        model: &Model,
+        cx: Compute,
+        slot: usize,
+        frame: &mut dyn FnMut(FrameRef),
+    ) -> Result<(), StepError> {
+        match self.waiting[slot].head.take() {
+            Some(head) => self.take(model, cx, &head, Some(slot), frame),
+            None => Ok(()),
+        }
+    }
+
+    /// Takes the codes of a packet, which are those of a slot or have just arrived; what was lost
+    /// before it is made up for first.
+    fn take(
+        &mut self,
+        model: &Model,
+        cx: Compute,
+        head: &PacketHead,
+        slot: Option<usize>,
+        frame: &mut dyn FnMut(FrameRef),
+    ) -> Result<(), StepError> {
+        let (count, n) = (self.layout.codes(), self.target);
+        let lost = (head.sequence - self.next) as usize;
+        self.received.lost += lost as u64;
+        let keyframes = lost.saturating_mul(n);
+        // Missing keyframes that the packet says again.
+        let said = head.history.min(keyframes);
+        self.received.held += (keyframes - said) as u64;
+        if lost > 0 && keyframes > self.prefix {
+            self.jump(head, slot);
+        } else {
+            for chunk in 0..lost {
+                for i in 0..n {
+                    // Keyframes from this one to the packet's first new one.
+                    let back = keyframes - (chunk * n + i);
+                    if back <= said {
+                        let from = (head.history - back) * count;
+                        let codes = codes_of(&self.waiting, &self.arrived, slot);
+                        self.held.copy_from_slice(&codes[from..from + count]);
+                    }
+                    self.chunk[i * count..(i + 1) * count].copy_from_slice(&self.held);
+                }
+                self.compute(model, cx, n, None, frame)?;
+            }
+            if lost > 0 {
+                let codes = codes_of(&self.waiting, &self.arrived, slot);
+                self.window.correct(&codes[..head.history * count], head.history);
+            }
+        }
+        self.next = head.sequence.wrapping_add(1);
+        let total = head.total.map(|total| (total as usize).saturating_sub(self.base));
+        if head.keyframes > 0 {
+            let codes = codes_of(&self.waiting, &self.arrived, slot);
+            let new = &codes[head.history * count..(head.history + n) * count];
+            self.chunk[..n * count].copy_from_slice(new);
+            self.held.copy_from_slice(&new[(n - 1) * count..]);
+        }
+        self.compute(model, cx, head.keyframes, total, frame)?;
+        self.place.heal(head.root, n * self.stride);
+        self.is_over = head.total.is_some();
+        Ok(())
+    }
+
+    /// Begins anew at a packet that is too far ahead to go on to it.
+    fn jump(&mut self, head: &PacketHead, slot: Option<usize>) {
+        let count = self.layout.codes();
+        let codes = codes_of(&self.waiting, &self.arrived, slot);
+        self.window.rest();
+        self.window.correct(&codes[..head.history * count], head.history);
+        self.motion.reset();
+        (self.is_first, self.base) = (true, head.sequence as usize * self.target * self.stride);
+        self.place = Place { offset: head.root, ..Place::default() };
+    }
+
+    /// Computes a chunk of `keyframes` new keyframes, which are in `chunk`, or of none; with the end
+    /// of the stream where `total` says it.
+    fn compute(
+        &mut self,
+        model: &Model,
+        cx: Compute,
+        keyframes: usize,
+        total: Option<usize>,
+        frame: &mut dyn FnMut(FrameRef),
+    ) -> Result<(), StepError> {
+        let Self { motion, scratch, place, lookahead, base, .. } = self;
+        let mut out = |raw: FrameRef| {
+            if total.is_none_or(|total| raw.index < total) {
+                place.put(FrameRef { index: *base + raw.index, ..raw }, frame);
+            }
+        };
+        if keyframes > 0 {
+            self.window.write(&self.chunk[..keyframes * self.layout.codes()]);
+            match (&model.between, &mut self.between, &mut self.window) {
+                (Between::Codes(interp), Filling::Codes(room), Window::Codes(history)) => {
+                    history.lay_out();
+                    interp.fill(cx, room, history.frames())?;
+                    let fresh = history.fresh(self.is_first);
+                    motion.push(cx, &model.motion, scratch, fresh, *lookahead, &mut out)?;
+                    history.advance();
+                }
+                (Between::Vectors { interp, .. }, Filling::Vectors(room), Window::Keyframes(history)) => {
+                    let (vectors, known) = history.lay_out(model.motion.decoders())?;
+                    interp.fill(cx, room, vectors, known)?;
+                    let (fresh, parts) = history.fresh(self.is_first);
+                    motion.push_latents(cx, &model.motion, scratch, &fresh[..parts], *lookahead, &mut out)?;
+                    history.advance();
+                }
+                _ => return Err(StepError::Disagree("a decoder was given another model")),
+            }
+            self.is_first = false;
+        }
+        if let Some(total) = total {
+            let total = total.min(motion.known());
+            motion.finish(cx, &model.motion, scratch, total, &mut out)?;
+        }
+        Ok(())
+    }
+}
+
+/// The codes of the packet in a slot, or of the one that just came.
+fn codes_of<'a>(waiting: &'a [Slot], arrived: &'a [u16], slot: Option<usize>) -> &'a [u16] {
+    slot.map_or(arrived, |slot| &waiting[slot].codes)
+}
+
+/// The codes of rest, in the order of a keyframe.
+#[expect(clippy::cast_possible_truncation, reason = "codes fit 16 bits by the config's checks")]
+fn rest(config: &Config) -> Vec<u16> {
+    config.part_list().iter().flat_map(|part| part.rest.iter().map(|&code| code as u16).collect::<Vec<_>>()).collect()
+}

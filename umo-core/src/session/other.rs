@@ -1,0 +1,62 @@
+//! Who speaks to the avatar: how loud, and nothing else.
+
+use std::sync::atomic::Ordering;
+
+use super::{SessionError, Shared};
+use crate::audio::MAX_AMPLITUDE;
+use crate::config::Config;
+use crate::state::{StateError, StatePass};
+
+/// Nanoseconds after which a level that is not renewed counts as silence.
+const STALE: u64 = 250_000_000;
+
+/// The level of the other's audio, a frame at a time.
+#[derive(Debug)]
+pub(crate) struct OtherInput {
+    /// Sum of squares of the frame that is not complete, and values in it.
+    sum: f64,
+    count: usize,
+    /// Values of all channels in a frame.
+    frame: usize,
+    channels: usize,
+}
+
+impl OtherInput {
+    pub(super) fn new(sample_rate: usize, channels: usize, config: &Config) -> Self {
+        Self { sum: 0.0, count: 0, frame: (sample_rate * channels / config.frame_rate).max(1), channels }
+    }
+
+    /// Describes the frame that is not complete.
+    pub(super) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
+        pass.float(&mut self.sum)?;
+        pass.length("other's audio", &mut self.count, self.frame as u64 - 1).map(drop)
+    }
+
+    /// Takes interleaved samples; NaN and infinite ones count as silence.
+    pub(super) fn push(&mut self, shared: &Shared, samples: &[f32]) -> Result<(), SessionError> {
+        if !samples.len().is_multiple_of(self.channels) {
+            return Err(SessionError::Uneven { got: samples.len(), channels: self.channels });
+        }
+        for &sample in samples {
+            let value = if (-MAX_AMPLITUDE..=MAX_AMPLITUDE).contains(&sample) { f64::from(sample) } else { 0.0 };
+            self.sum += value * value;
+            self.count += 1;
+            if self.count == self.frame {
+                #[expect(clippy::cast_possible_truncation, reason = "a level's precision is enough")]
+                let level = (self.sum / self.frame as f64).sqrt() as f32;
+                shared.other_level.store(level.to_bits(), Ordering::Relaxed);
+                shared.other_time.store(shared.now(), Ordering::Relaxed);
+                (self.sum, self.count) = (0.0, 0);
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Shared {
+    /// Level of who speaks to the avatar, as of now.
+    pub(super) fn other_level(&self) -> f32 {
+        let age = self.now().saturating_sub(self.other_time.load(Ordering::Relaxed));
+        if age > STALE { 0.0 } else { f32::from_bits(self.other_level.load(Ordering::Relaxed)) }
+    }
+}

@@ -1,0 +1,294 @@
+//! The engine's side of a session: what is due and when, and where its frames go.
+
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+
+use super::{Failure, Idle, Shared};
+use crate::avatar::{Avatar, Due};
+use crate::batch::FrameSink;
+use crate::config::Config;
+use crate::life::Levels;
+use crate::memory::{Arena, Counted};
+use crate::model::Model;
+use crate::motion::FrameRef;
+use crate::state::{StateError, StatePass};
+use crate::stream::{EngineView, Input, Stamp};
+
+/// Frames that a restored session can still produce before a position overflows its word.
+const MORE_FRAMES: u64 = 1 << 32;
+
+/// An avatar, and when it is computed.
+#[derive(Debug)]
+pub(crate) struct Member {
+    pub(crate) avatar: Avatar,
+    pub(crate) schedule: Schedule,
+}
+
+/// When an avatar's chunks are due, and where their frames go.
+#[derive(Debug)]
+pub(crate) struct Schedule {
+    shared: Counted<Shared>,
+    view: EngineView,
+    chunk_frames: usize,
+    /// Nanoseconds that a chunk lasts.
+    period: u64,
+    /// When the next chunk's audio was there, nanoseconds; none while it is not.
+    arrived: Option<u64>,
+    /// When real time begins to show the next chunk.
+    release: u64,
+    /// When the last chunk was done.
+    finished: u64,
+    sample_rate: u64,
+    model_rate: u64,
+    frame_rate: u64,
+    silence: Silence,
+    levels: Levels,
+    /// Frames of the chunk that is computed.
+    frames: u64,
+}
+
+/// Silence that the engine put into the stream, at the model's rate.
+#[derive(Debug, Default)]
+struct Silence {
+    /// The last of it.
+    from: u64,
+    len: u64,
+    /// All before that.
+    before: u64,
+}
+
+impl Silence {
+    fn add(&mut self, from: u64, len: u64) {
+        if self.len > 0 && self.from + self.len == from {
+            self.len += len;
+        } else {
+            *self = Self { from, len, before: self.before + self.len };
+        }
+    }
+
+    /// How much of the stream before `position` was pushed.
+    fn pushed(&self, position: u64) -> u64 {
+        position.saturating_sub(self.before + position.saturating_sub(self.from).min(self.len))
+    }
+}
+
+/// The schedules of a batch's members, in the batch's order.
+impl FrameSink for [Schedule] {
+    fn frame(&mut self, member: usize, frame: FrameRef) {
+        self[member].frame(frame);
+    }
+}
+
+impl Schedule {
+    pub(super) fn new_in(
+        avatar: &Avatar,
+        shared: Counted<Shared>,
+        config: &Config,
+        sample_rate: usize,
+        arena: &Arena,
+    ) -> Self {
+        let frames = (avatar.target * config.keyframe_stride) as f64;
+        Self {
+            shared,
+            view: EngineView::new(),
+            chunk_frames: avatar.chunk_frames(config),
+            period: nanos(Duration::from_secs_f64(frames / config.frame_rate as f64)),
+            arrived: None,
+            release: 0,
+            finished: 0,
+            sample_rate: sample_rate as u64,
+            model_rate: config.audio.sample_rate as u64,
+            frame_rate: config.frame_rate as u64,
+            silence: Silence::default(),
+            levels: Levels::new_in(avatar, config, arena),
+            frames: 0,
+        }
+    }
+
+    /// Ends the session: it produces no more frames.
+    pub(crate) fn fail(&self, failure: Failure) {
+        self.shared.fail(failure);
+    }
+
+    /// Counts a chunk that is done.
+    pub(crate) fn end(&mut self, now: u64) {
+        let Self { shared, arrived, release, period, finished, .. } = self;
+        let (stats, since) = (&shared.stats, arrived.take().unwrap_or(now));
+        shared.delays.add(Duration::from_nanos(now.saturating_sub(since.max(*finished))));
+        stats.chunks.fetch_add(1, Ordering::Relaxed);
+        stats.frames.fetch_add(self.frames, Ordering::Relaxed);
+        *release += *period;
+        if now > *release {
+            stats.late_frames.fetch_add(self.frames, Ordering::Relaxed);
+        }
+        *finished = now;
+    }
+
+    /// Passes a frame on to the host.
+    fn frame(&mut self, frame: FrameRef) {
+        let index = frame.index as u64;
+        let sample = if self.silence.len == 0 {
+            index * self.sample_rate / self.frame_rate
+        } else {
+            self.silence.pushed(index * self.model_rate / self.frame_rate) * self.sample_rate / self.model_rate
+        };
+        let epoch = self.view.epoch.number;
+        let written = self.shared.link.frames.push(
+            Stamp { epoch, index, sample },
+            self.levels.cue(&frame),
+            frame.pose,
+            frame.face,
+        );
+        debug_assert!(written, "a chunk is computed only where its frames have room");
+        // A stream that has begun since then counts its own backlog.
+        if self.shared.link.epoch().number == epoch {
+            self.shared.cover(sample + self.sample_rate / self.frame_rate);
+        }
+        self.frames += 1;
+    }
+
+    /// Describes the silence in a stream of so many samples.
+    fn silence_state(&mut self, pass: &mut StatePass, consumed: u64) -> Result<(), StateError> {
+        let Silence { from, len, before } = &mut self.silence;
+        let from = pass.number("silence", from, consumed)?;
+        let len = pass.number("silence", len, consumed - from.min(consumed))?;
+        let before = pass.number("silence", before, from)?;
+        pass.must(len > 0 || (from, before) == (0, 0), "silence")?;
+        let last = u128::from(consumed) + u128::from(MORE_FRAMES) * u128::from(self.model_rate);
+        pass.must(last * u128::from(self.sample_rate) < 1 << 64, "chunks")
+    }
+}
+
+impl Member {
+    pub(crate) fn new_in(
+        avatar: Avatar,
+        shared: Counted<Shared>,
+        config: &Config,
+        sample_rate: usize,
+        arena: &Arena,
+    ) -> Self {
+        Self { schedule: Schedule::new_in(&avatar, shared, config, sample_rate, arena), avatar }
+    }
+
+    /// Whether the host has dropped the session.
+    pub(crate) fn is_dropped(&self) -> bool {
+        self.schedule.shared.dropped.load(Ordering::SeqCst)
+    }
+
+    /// The engine is gone.
+    pub(crate) fn close(&self) {
+        self.schedule.shared.close();
+    }
+
+    /// Makes the next frame panic.
+    #[cfg(test)]
+    pub(crate) fn plant_defect(&mut self) {
+        self.schedule.frame_rate = 0;
+    }
+
+    /// What a state must have in common with this session, beside the model.
+    pub(super) fn identity(&self, pass: &mut StatePass) -> Result<(), StateError> {
+        self.avatar.identity(pass)
+    }
+
+    /// Describes the engine's side between two chunks. The count of frames and the audio of the
+    /// chunk are set at the start of each.
+    pub(super) fn state(&mut self, pass: &mut StatePass, model: &Model) -> Result<(), StateError> {
+        let schedule = &mut self.schedule;
+        schedule.view.state(pass)?;
+        let there = pass.flag("time of audio", schedule.arrived.is_some())?;
+        let arrived = match pass.follows(there) {
+            true => Some(pass.moment("time of audio", schedule.arrived.unwrap_or_default())?),
+            false => None,
+        };
+        let release = pass.moment("time of release", schedule.release)?;
+        let finished = pass.moment("time of the last chunk", schedule.finished)?;
+        if pass.loads() {
+            (schedule.arrived, schedule.release, schedule.finished) = (arrived, release, finished);
+        }
+        let consumed = self.avatar.state(pass, model)?;
+        schedule.levels.state(pass)?;
+        schedule.silence_state(pass, consumed)
+    }
+
+    /// What can be computed now, and its deadline; none while it waits for audio or room, for which
+    /// the host's side wakes the engine.
+    pub(crate) fn due(&mut self, model: &Model, now: u64) -> Option<(Due, u64)> {
+        if self.is_dropped() || !self.schedule.shared.is_running() {
+            return None;
+        }
+        let shared = Counted::clone(&self.schedule.shared);
+        let mut due = self.next_due(model);
+        if due == Due::Audio {
+            shared.link.wait_for_audio(&self.schedule.view, self.avatar.chunk_samples());
+            due = self.next_due(model);
+        }
+        let is_due = matches!(due, Due::Chunk | Due::Flush) && shared.link.has_room(self.schedule.chunk_frames);
+        is_due.then(|| (due, self.deadline(now)))
+    }
+
+    /// Enters the host's epoch if it is new; returns what is due or waited for.
+    fn next_due(&mut self, model: &Model) -> Due {
+        let Self { avatar, schedule } = self;
+        let shared = &schedule.shared;
+        if schedule.view.sync_epoch(&shared.link) {
+            avatar.reset();
+            schedule.silence = Silence::default();
+            schedule.levels.reset();
+            (schedule.arrived, schedule.release) = (None, 0);
+        }
+        match shared.link.input(&schedule.view) {
+            Input::Behind if avatar.has_audio() => Due::Audio,
+            Input::Behind => Due::Chunk,
+            Input::Here { samples, total } => {
+                if let Some(total) = total {
+                    avatar.finish(usize::try_from(total).unwrap_or(usize::MAX));
+                }
+                let due = avatar.due(&model.config, samples);
+                let silence = due == Due::Audio && shared.idle() == Idle::Live && shared.link.is_silence_wanted();
+                if silence { Due::Chunk } else { due }
+            }
+        }
+    }
+
+    /// When real time has shown the next chunk, which is due.
+    fn deadline(&mut self, now: u64) -> u64 {
+        let Self { avatar, schedule } = self;
+        if schedule.arrived.is_none() {
+            // Silence that the engine fills in, or a chunk without audio, is due from now on,
+            // however long it was quiet.
+            let link = &schedule.shared.link;
+            let is_consumed = avatar.total.is_some() || link.audio.len() >= avatar.chunk_samples();
+            let arrived = if avatar.has_audio() && is_consumed { link.audio_time() } else { now };
+            schedule.arrived = Some(arrived);
+            // Audio pushed faster than real time is not shown early.
+            schedule.release = arrived.max(schedule.release);
+        }
+        schedule.release + schedule.period
+    }
+
+    /// Takes the next chunk's samples, and what was set since the last one.
+    pub(crate) fn begin(&mut self, due: Due) {
+        let Self { avatar, schedule } = self;
+        let Schedule { shared, view, silence, levels, frames, .. } = schedule;
+        *frames = 0;
+        let (start, endless) = (avatar.consumed(avatar.chunk), avatar.total.is_none());
+        let room = if due == Due::Chunk { avatar.samples_mut() } else { &mut [] };
+        let taken = shared.link.take_audio(view, room);
+        room[taken..].fill(0.0);
+        levels.push(room);
+        if taken < room.len() && endless {
+            shared.link.silence_given();
+            silence.add(start + taken as u64, (room.len() - taken) as u64);
+        }
+        shared.take_settings(|settings| {
+            avatar.set_sampler(settings.sampler);
+            avatar.set_text(&settings.text[..settings.text_len]).expect("a prompt was checked when it was set");
+        });
+    }
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "a chunk is seconds long")]
+fn nanos(time: Duration) -> u64 {
+    time.as_nanos() as u64
+}

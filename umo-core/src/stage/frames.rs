@@ -1,0 +1,200 @@
+//! The stages that layout `frames` has of its own (SPEC 3.1).
+
+use umo_kernels::Mat;
+
+use super::{Inputs, Options, Output, Stage, StageError, poses};
+use crate::config::{Config, PartSpec};
+use crate::error::{LoadError, StepError};
+use crate::interp::vectors::VectorInterp;
+use crate::linear::Compute;
+use crate::lm::decoder::Sequence;
+use crate::lm::depth::{DepthNet, Task};
+use crate::lm::frames::FrameTables;
+use crate::lm::{Lengths, Lm, LmScratch};
+use crate::motion::{Latents, MotionDecoder};
+use crate::weights::Loader;
+
+type Outputs = Result<Vec<Output>, StageError>;
+
+/// Runs `stage`, where layout `frames` has one of its own.
+pub(super) fn run(stage: Stage, cx: Compute, loader: &Loader, inputs: &Inputs, options: Options) -> Option<Outputs> {
+    match stage {
+        Stage::Hubert | Stage::Mel | Stage::Mouth => None,
+        Stage::Encoder => Some(encoder(cx, loader, inputs)),
+        Stage::Decoder => Some(decoder(cx, loader, inputs)),
+        Stage::Generate => Some(generate(cx, loader, inputs, options)),
+        Stage::Depth => Some(depth(cx, loader, inputs)),
+        Stage::Interp => Some(interp(cx, loader, inputs)),
+        Stage::Motion => Some(motion(cx, loader, inputs)),
+    }
+}
+
+/// Codes `{group}.{part}` `[T, levels]` of all parts as `[T, codes of a keyframe]`.
+fn keyframes(config: &Config, inputs: &Inputs, group: &str) -> Result<Vec<u16>, StageError> {
+    let parts = config.part_list();
+    let codes = parts.iter().map(|part| inputs.code_rows(&format!("{group}.{}", part.name), part.levels));
+    let codes = codes.collect::<Result<Vec<_>, _>>()?;
+    let frames = codes[0].len() / parts[0].levels;
+    let mut all = Vec::with_capacity(frames * config.codes_per_keyframe());
+    for frame in 0..frames {
+        for (part, codes) in parts.iter().zip(&codes) {
+            let row = codes.get(frame * part.levels..(frame + 1) * part.levels);
+            all.extend_from_slice(row.ok_or(StepError::Disagree("the parts have different numbers of keyframes"))?);
+        }
+    }
+    if all.len() != codes.iter().map(Vec::len).sum::<usize>() {
+        return Err(StepError::Disagree("the parts have different numbers of keyframes").into());
+    }
+    Ok(all)
+}
+
+/// The same, part by part.
+fn split(config: &Config, keyframes: &[u16]) -> Vec<Output> {
+    let (parts, count, mut at) = (config.part_list(), config.codes_per_keyframe(), 0);
+    let output = |part: PartSpec| {
+        let rows = keyframes.chunks_exact(count).flat_map(|row| &row[at..at + part.levels]);
+        let codes: Vec<i64> = rows.map(|&code| i64::from(code)).collect();
+        at += part.levels;
+        Output {
+            shape: vec![codes.len() / part.levels, part.levels],
+            ..Output::integers(&format!("codes.{}", part.name), codes)
+        }
+    };
+    parts.into_iter().map(output).collect()
+}
+
+/// A model of layout `frames`, its encoder states of `input_ids` and `history`, and a sequence that
+/// attends to them.
+struct Encoded {
+    lm: Lm,
+    scratch: LmScratch,
+    hidden: Vec<f32>,
+    rows: usize,
+    lengths: Lengths,
+}
+
+impl Encoded {
+    fn new(cx: Compute, loader: &Loader, inputs: &Inputs, decoder: usize) -> Result<Self, StageError> {
+        let config = loader.file().config();
+        let (ids, history) = (inputs.ids("input_ids")?, keyframes(config, inputs, "history")?);
+        let count = config.codes_per_keyframe();
+        let (rows, given) = (ids.len(), history.len() / count);
+        let lengths = Lengths { encoder: rows.max(1), decoder };
+        let lm = Lm::load(loader, lengths)?;
+        // The row behind the history is the decoder's.
+        let mut scratch = LmScratch::with_given(config, rows.max(decoder), given + 1);
+        for (row, codes) in history.chunks_exact(count).enumerate() {
+            tables(&lm)?.history(codes, scratch.given_mut(row))?;
+        }
+        let mut hidden = vec![0.0; rows * lm.d_model()];
+        lm.encode(cx, &mut scratch, &ids, &[rows], &mut hidden)?;
+        Ok(Self { lm, scratch, hidden, rows, lengths })
+    }
+
+    /// Runs the decoder over `count` keyframes; `state(keyframe, state)` is given each state and
+    /// says the keyframe's codes.
+    fn decode(
+        &mut self,
+        cx: Compute,
+        config: &Config,
+        count: usize,
+        mut state: impl FnMut(usize, &[f32]) -> Result<Vec<u16>, StageError>,
+    ) -> Result<(), StageError> {
+        let Self { lm, scratch, hidden, rows, lengths } = self;
+        let mut sequence = Sequence::new(config, *lengths, lm.cross_storage());
+        lm.attend_to(cx, scratch, Mat::new(hidden, *rows, lm.d_model())?, &mut sequence)?;
+        let row = scratch.given_rows() - 1;
+        tables(lm)?.start(scratch.given_mut(row));
+        let id = u32::try_from(config.vocab.size + row).expect("rows of a stage are few");
+        for keyframe in 0..count {
+            sequence.set_ids(&[id])?;
+            lm.decode(cx, scratch, std::slice::from_mut(&mut sequence))?;
+            let codes = state(keyframe, &scratch.states()[..lm.d_model()])?;
+            tables(lm)?.keyframe(&codes, scratch.given_mut(row))?;
+        }
+        Ok(())
+    }
+}
+
+fn tables(lm: &Lm) -> Result<&FrameTables, StageError> {
+    Ok(lm.frames().ok_or_else(|| LoadError::config("layout", "expected frames"))?)
+}
+
+fn encoder(cx: Compute, loader: &Loader, inputs: &Inputs) -> Outputs {
+    let Encoded { lm, hidden, rows, .. } = Encoded::new(cx, loader, inputs, 1)?;
+    Ok(vec![Output::floats("hidden", &[rows, lm.d_model()], hidden)])
+}
+
+fn decoder(cx: Compute, loader: &Loader, inputs: &Inputs) -> Outputs {
+    let config = loader.file().config();
+    let (codes, count) = (keyframes(config, inputs, "codes")?, config.codes_per_keyframe());
+    let rows = codes.len() / count;
+    let mut encoded = Encoded::new(cx, loader, inputs, rows.max(1))?;
+    let mut states = Vec::new();
+    encoded.decode(cx, config, rows, |keyframe, state| {
+        states.extend_from_slice(state);
+        Ok(codes[keyframe * count..(keyframe + 1) * count].to_vec())
+    })?;
+    Ok(vec![Output::floats("hidden", &[rows, config.lm.d_model], states)])
+}
+
+fn generate(cx: Compute, loader: &Loader, inputs: &Inputs, options: Options) -> Outputs {
+    let config = loader.file().config();
+    let target = options.target.unwrap_or(config.target);
+    if !(1..=config.max_target).contains(&target) {
+        return Err(StepError::OutOfRange { what: "target", got: target, limit: config.max_target + 1 }.into());
+    }
+    let net = DepthNet::load(loader)?;
+    let (mut scratch, mut all) = (net.scratch(1), Vec::new());
+    Encoded::new(cx, loader, inputs, target)?.decode(cx, config, target, |keyframe, state| {
+        let keyframe = u32::try_from(keyframe).expect("chunks have few keyframes");
+        let sampler = options.sampler;
+        let task = Task { member: 0, row: 0, unprompted: None, guidance: 1.0, sampler, chunk: 0, keyframe };
+        let mut drawn = Vec::new();
+        net.draw(cx, &mut scratch, state, &[task], |_, codes| drawn.extend_from_slice(codes))?;
+        all.extend_from_slice(&drawn);
+        Ok(drawn)
+    })?;
+    Ok(split(config, &all))
+}
+
+fn depth(cx: Compute, loader: &Loader, inputs: &Inputs) -> Outputs {
+    let config = loader.file().config();
+    let net = DepthNet::load(loader)?;
+    let states = inputs.float_rows("hidden", config.lm.d_model)?;
+    let codes = keyframes(config, inputs, "codes")?;
+    let mut logits = net.force(cx.isa, &states, &codes)?.into_iter();
+    let rows = codes.len() / net.codes();
+    let output = |part: PartSpec| {
+        let levels: Vec<Vec<f32>> = logits.by_ref().take(part.levels).collect();
+        let of = |row: usize| levels.iter().flat_map(move |level| level[row * part.codes..].iter().take(part.codes));
+        let values = (0..rows).flat_map(of).copied().collect();
+        Output::floats(&format!("logits.{}", part.name), &[rows, part.levels, part.codes], values)
+    };
+    Ok(config.part_list().into_iter().map(output).collect())
+}
+
+/// The parts with channels.
+fn moving(config: &Config) -> Vec<PartSpec> {
+    config.part_list().into_iter().filter(|part| !part.is_annotation()).collect()
+}
+
+fn interp(cx: Compute, loader: &Loader, inputs: &Inputs) -> Outputs {
+    let (network, parts) = (VectorInterp::load(loader)?, moving(loader.file().config()));
+    let known: Vec<bool> = inputs.integers("known")?.into_iter().map(|known| known != 0).collect();
+    let rows = |part: &PartSpec| Ok(inputs.float_rows(&format!("vectors.{}", part.name), part.width)?.into());
+    let mut vectors = parts.iter().map(rows).collect::<Result<Vec<Box<[f32]>>, StageError>>()?;
+    network.fill(cx, &mut network.scratch(known.len()), &mut vectors, &known)?;
+    let output = |(part, vectors): (&PartSpec, Box<[f32]>)| {
+        Output::floats(&format!("vectors.{}", part.name), &[known.len(), part.width], vectors.into())
+    };
+    Ok(parts.iter().zip(vectors).map(output).collect())
+}
+
+fn motion(cx: Compute, loader: &Loader, inputs: &Inputs) -> Outputs {
+    let (decoder, parts) = (MotionDecoder::load(loader)?, moving(loader.file().config()));
+    let rows = |part: &PartSpec| inputs.code_rows(&format!("codes.{}", part.name), part.levels);
+    let codes = parts.iter().map(rows).collect::<Result<Vec<_>, _>>()?;
+    let latents: Vec<_> = codes.iter().map(|codes| Latents::Codes(codes)).collect();
+    Ok(poses(&decoder, &decoder.decode_list(cx, &latents)?))
+}

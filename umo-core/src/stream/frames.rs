@@ -1,0 +1,134 @@
+//! A queue of frames from the engine to the host.
+
+use super::ring::Ring;
+use crate::life::Cue;
+use crate::memory::{Arena, Slice};
+use crate::motion::Pose;
+use crate::motion::skeleton::JOINTS;
+use crate::state::{StateError, StatePass};
+
+/// Upper bounds of frame numbers and of positions in the pushed audio: 145 years at 240 frames a
+/// second, 180 years at 192 kHz.
+pub(crate) const MAX_INDEX: u64 = 1 << 40;
+pub(crate) const MAX_SAMPLE: u64 = 1 << 50;
+
+/// Words of a frame's stamp.
+const HEAD: usize = 5;
+/// Words of a frame before its pose: those of its stamp and its cue.
+const POSE: usize = HEAD + 5;
+/// Words of a frame before its face values.
+const FACE: usize = POSE + 4 * JOINTS + 3;
+
+/// Which frame of which stream.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Stamp {
+    /// Number of the epoch that it belongs to.
+    pub(crate) epoch: u32,
+    /// Its number in the stream.
+    pub(crate) index: u64,
+    /// Sample frame of the stream's audio that it belongs to.
+    pub(crate) sample: u64,
+}
+
+impl Stamp {
+    #[expect(clippy::cast_possible_truncation, reason = "the two halves")]
+    fn words(self) -> [u32; HEAD] {
+        let Self { epoch, index, sample } = self;
+        [epoch, index as u32, (index >> 32) as u32, sample as u32, (sample >> 32) as u32]
+    }
+
+    fn of([epoch, index, index_high, sample, sample_high]: [u32; HEAD]) -> Self {
+        let whole = |low: u32, high: u32| u64::from(low) | u64::from(high) << 32;
+        Self { epoch, index: whole(index, index_high), sample: whole(sample, sample_high) }
+    }
+}
+
+/// A frame that owns its memory.
+#[derive(Clone, Debug)]
+pub(crate) struct OwnedFrame {
+    pub(crate) index: u64,
+    pub(crate) sample: u64,
+    pub(crate) pose: Pose,
+    pub(crate) face: Slice<f32>,
+    pub(crate) cue: Cue,
+}
+
+/// Frames from one producer to one consumer, wait-free.
+#[derive(Debug)]
+pub(crate) struct FrameRing {
+    words: Ring,
+    /// Words of a frame.
+    width: usize,
+}
+
+impl FrameRing {
+    /// An empty ring for `capacity` frames, in memory of `arena`.
+    pub(crate) fn new_in(capacity: usize, face_values: usize, arena: &Arena) -> Self {
+        let width = FACE + face_values;
+        Self { words: Ring::new_in(capacity * width, arena), width }
+    }
+
+    pub(crate) fn capacity(&self) -> usize {
+        self.words.capacity() / self.width
+    }
+
+    /// Frames that wait for the consumer.
+    pub(crate) fn len(&self) -> usize {
+        self.words.len() / self.width
+    }
+
+    /// Frames that the producer can write.
+    pub(crate) fn room(&self) -> usize {
+        self.words.room() / self.width
+    }
+
+    /// Producer: appends a frame if there is room; returns whether there was.
+    pub(crate) fn push(&self, stamp: Stamp, cue: Cue, pose: &Pose, face: &[f32]) -> bool {
+        let cue = [cue.level].into_iter().chain(cue.contacts);
+        let values = pose.rotations.as_flattened().iter().chain(&pose.translation).chain(face);
+        let words = stamp.words().into_iter().chain(cue.chain(values.copied()).map(f32::to_bits));
+        self.words.room() >= self.width && self.words.push_some(self.width, words) == self.width
+    }
+
+    /// Consumer: the oldest frame's stamp.
+    pub(crate) fn next(&self) -> Option<Stamp> {
+        let mut words = [0; HEAD];
+        (self.words.peek(&mut words) == HEAD).then(|| Stamp::of(words))
+    }
+
+    /// Consumer: moves the oldest frame's pose and face to `frame`; returns whether there was one.
+    pub(crate) fn pop(&self, frame: &mut OwnedFrame) -> bool {
+        if self.len() == 0 {
+            return false;
+        }
+        let OwnedFrame { pose, face, cue, .. } = frame;
+        let mut values = std::iter::once(&mut cue.level)
+            .chain(&mut cue.contacts)
+            .chain(pose.rotations.as_flattened_mut().iter_mut().chain(&mut pose.translation).chain(face.iter_mut()));
+        self.words.peek_range(HEAD..self.width, |word| {
+            if let Some(value) = values.next() {
+                *value = f32::from_bits(word);
+            }
+        });
+        self.skip();
+        true
+    }
+
+    /// Consumer: drops the oldest frame.
+    pub(crate) fn skip(&self) {
+        self.words.skip(self.width);
+    }
+
+    /// Describes the frames that wait.
+    pub(crate) fn state(&self, pass: &mut StatePass) -> Result<(), StateError> {
+        let are_frames = |words: &[[u8; 4]]| {
+            let mut frames = words.chunks_exact(self.width);
+            let are_known = frames.all(|frame| {
+                let stamp = Stamp::of(std::array::from_fn(|at| u32::from_le_bytes(frame[at])));
+                stamp.index <= MAX_INDEX && stamp.sample <= MAX_SAMPLE
+            });
+            are_known && words.len().is_multiple_of(self.width)
+        };
+        self.words.state(pass, "waiting frames", are_frames).map(drop)
+    }
+}
