@@ -481,10 +481,10 @@ fn rows_and_outputs_stand_alone(isa: Isa) {
     }
 }
 
-for_each_isa!(products_match_scalar, large_products_match_scalar => (avx2, avxvnni, avx512vnni, avx512bf16, amx));
+for_each_isa!(products_match_scalar, large_products_match_scalar => vector);
 for_each_isa!(
     sums_are_near_f64,
     int8_sums_reach_the_limit,
     rows_and_outputs_stand_alone
-    => (scalar, avx2, avxvnni, avx512vnni, avx512bf16, amx)
+    => every
 );
