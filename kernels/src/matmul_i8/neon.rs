@@ -59,12 +59,12 @@ fn run(x: &QuantInput, task: &GemmTask, mut y: MatMut<f32>) {
             let mut sums = [[0.0; PANEL]; ROWS * WIDTH];
             let sums = &mut sums[..rows * width];
             for i in 0..width {
-                let panel = task.panel(slot + i);
+                let quads = task.panel(slot + i);
                 match (rows, fits) {
-                    (1, true) => multiply::<1, true>(x, t, panel, &mut sums[i..], width),
-                    (1, false) => multiply::<1, false>(x, t, panel, &mut sums[i..], width),
-                    (ROWS, true) => multiply::<ROWS, true>(x, t, panel, &mut sums[i..], width),
-                    (ROWS, false) => multiply::<ROWS, false>(x, t, panel, &mut sums[i..], width),
+                    (1, true) => panel::<1, true>(x, t, quads, &mut sums[i..], width),
+                    (1, false) => panel::<1, false>(x, t, quads, &mut sums[i..], width),
+                    (ROWS, true) => panel::<ROWS, true>(x, t, quads, &mut sums[i..], width),
+                    (ROWS, false) => panel::<ROWS, false>(x, t, quads, &mut sums[i..], width),
                     (rows, _) => unreachable!("a tile of {rows} rows"),
                 }
             }
@@ -84,47 +84,28 @@ fn contains_min(row: &[i8]) -> bool {
     vminvq_s8(least) == i8::MIN || tail.contains(&i8::MIN)
 }
 
-/// The innermost tile: exact sums of the rows from `t` on, `R` of them, with one panel, every
-/// `width`th of `sums`. `PAIRED`: no input is -128.
-#[inline(never)]
+/// Exact sums of the rows from `t` on, `R` of them, with one panel, every `width`th of `sums`.
 #[neon]
-fn multiply<const R: usize, const PAIRED: bool>(
+fn panel<const R: usize, const PAIRED: bool>(
     x: &QuantInput,
     t: usize,
     quads: &[Quads],
     sums: &mut [[f32; PANEL]],
     width: usize,
 ) {
-    let k = x.rows.cols();
-    let (pairs, last) = quads.as_chunks::<2>();
-    assert!(quads.len() == k.div_ceil(QUAD));
-    let (mut rows, mut tails) = ([&[][..]; R], [[0; STEP]; R]);
+    let (mut rows, mut tails) = ([&[][..]; R], [[[0; STEP]; 1]; R]);
     for r in 0..R {
         let tail;
-        (rows[r], tail) = x.rows.row(t + r).as_chunks::<STEP>();
-        assert!(rows[r].len() == k / STEP);
-        tails[r][..tail.len()].copy_from_slice(tail);
+        (rows[r], tail) = x.rows.row(t + r).as_chunks();
+        tails[r][0][..tail.len()].copy_from_slice(tail);
     }
+    let (whole, end) = quads.split_at(2 * rows[0].len());
     let mut acc = [[[vdupq_n_s32(0); 2]; REGISTERS]; R];
-    for (c, pair) in pairs[..k / STEP].iter().enumerate() {
-        let mut inputs = [&tails[0]; R];
-        for r in 0..R {
-            inputs[r] = &rows[r][c];
-        }
-        step::<R, PAIRED>(&mut acc, &inputs, pair);
-    }
-    if !k.is_multiple_of(STEP) {
+    multiply::<R, PAIRED>(&mut acc, &rows, whole.as_chunks().0);
+    if !end.is_empty() {
         let mut pair = [[0; PANEL * QUAD]; 2];
-        if let Some(whole) = pairs.get(k / STEP) {
-            pair = *whole;
-        } else {
-            pair[0] = last[0];
-        }
-        let mut inputs = [&tails[0]; R];
-        for r in 0..R {
-            inputs[r] = &tails[r];
-        }
-        step::<R, PAIRED>(&mut acc, &inputs, &pair);
+        pair[..end.len()].copy_from_slice(end);
+        multiply::<R, PAIRED>(&mut acc, &tails.each_ref().map(|tail| &tail[..]), &[pair]);
     }
     for r in 0..R {
         let mut values = [vdupq_n_s32(0); REGISTERS];
@@ -133,6 +114,30 @@ fn multiply<const R: usize, const PAIRED: bool>(
         }
         store_sums(&mut sums[r * width], values);
     }
+}
+
+/// The innermost tile: adds the products of `R` rows with one panel. `PAIRED`: no input is -128.
+/// Kept out of line, so that all registers are its own.
+#[inline(never)]
+#[neon]
+fn multiply<const R: usize, const PAIRED: bool>(
+    sums: &mut [[[int32x4_t; 2]; REGISTERS]; R],
+    rows: &[&[[i8; STEP]]; R],
+    pairs: &[[Quads; 2]],
+) {
+    let steps = pairs.len();
+    for row in rows {
+        assert!(row.len() == steps);
+    }
+    let mut acc = *sums;
+    for s in 0..steps {
+        let mut inputs = [&[0; STEP]; R];
+        for (input, row) in inputs.iter_mut().zip(rows) {
+            *input = &row[s];
+        }
+        step::<R, PAIRED>(&mut acc, &inputs, &pairs[s]);
+    }
+    *sums = acc;
 }
 
 /// Adds the products of two quads of inputs of each row.
@@ -183,15 +188,27 @@ pub(super) fn load_bytes(src: &[i8; 16]) -> int8x16_t {
 #[inline]
 #[neon]
 pub(super) fn load_sums(src: &[f32; PANEL]) -> [int32x4_t; REGISTERS] {
-    load(src).as_flattened().first_chunk().expect("4 registers").map(|four| vreinterpretq_s32_f32(four))
+    let [low, high] = load(src);
+    [as_integers(low[0]), as_integers(low[1]), as_integers(high[0]), as_integers(high[1])]
 }
 
 /// Integer sums as bits of floats.
 #[inline]
 #[neon]
-pub(super) fn store_sums(dst: &mut [f32; PANEL], sums: [int32x4_t; REGISTERS]) {
-    let [a, b, c, d] = sums.map(|four| vreinterpretq_f32_s32(four));
-    store(dst, [[a, b], [c, d]]);
+pub(super) fn store_sums(dst: &mut [f32; PANEL], [a, b, c, d]: [int32x4_t; REGISTERS]) {
+    store(dst, [[as_floats(a), as_floats(b)], [as_floats(c), as_floats(d)]]);
+}
+
+#[inline]
+#[neon]
+fn as_integers(bits: float32x4_t) -> int32x4_t {
+    vreinterpretq_s32_f32(bits)
+}
+
+#[inline]
+#[neon]
+fn as_floats(bits: int32x4_t) -> float32x4_t {
+    vreinterpretq_f32_s32(bits)
 }
 
 /// Scales the integer sums `[rows, width]` of the rows from `t` on with the slots from `slot`

@@ -2,7 +2,7 @@
 //! where they are, 16 inputs at a time, and the instruction selects the quad.
 
 use super::input::{GemmTask, QuantInput};
-use super::neon::{Quads, REGISTERS, dequantize_tile, load_bytes, store_sums};
+use super::neon::{Quads, REGISTERS, dequantize_tile, load_bytes, load_sums, store_sums};
 use crate::gemm::{Epilogue, tiles};
 use crate::isa::{NeonDotprod, entry};
 use crate::mat::MatMut;
@@ -21,8 +21,9 @@ const ROWS: usize = 6;
 const WIDE: usize = 4;
 /// Panels of more rows in one group: a gate and an up panel.
 const PAIR: usize = 2;
-/// Inputs of a register.
-const BYTES: usize = 16;
+/// Inputs of a register, and quads of them.
+const BYTES: usize = QUADS * QUAD;
+const QUADS: usize = 4;
 /// Prefetch distance in quads for one row, whose weights are read once, from memory.
 const PREFETCH_DISTANCE: usize = 32;
 
@@ -87,102 +88,100 @@ fn group<const R: usize, const P: usize, const WIDTH: usize>(
     y: &mut MatMut<f32>,
 ) {
     let mut rows = [&[][..]; R];
-    for (r, row) in rows.iter_mut().enumerate() {
-        *row = x.rows.row(t + r);
-    }
-    let mut sums = [[[0.0; PANEL]; WIDTH]; R];
-    for i in (0..WIDTH).step_by(P) {
-        let mut panels = [&[][..]; P];
-        for (p, panel) in panels.iter_mut().enumerate() {
-            *panel = task.panel(slot + i + p);
-        }
-        multiply(rows, panels, &mut sums, i);
-    }
-    dequantize_tile(x, t, sums.as_flattened_mut(), WIDTH, task, slot, y);
-}
-
-/// The innermost tile: `R x P` panels of sums in registers, stored to `sums` from panel `first` on.
-/// Kept out of line, so that all registers are its own.
-#[inline(never)]
-#[neon_dotprod]
-fn multiply<const R: usize, const P: usize, const WIDTH: usize>(
-    rows: [&[i8]; R],
-    panels: [&[Quads]; P],
-    sums: &mut [[[f32; PANEL]; WIDTH]; R],
-    first: usize,
-) {
-    let k = rows[0].len();
-    let (mut whole, mut tails, mut last) = ([&[][..]; R], [[0; BYTES]; R], [vdupq_n_s8(0); R]);
+    let mut tails = [[[0; BYTES]; 1]; R];
     for r in 0..R {
         let tail;
-        (whole[r], tail) = rows[r].as_chunks::<BYTES>();
-        assert!(whole[r].len() == k / BYTES);
-        tails[r][..tail.len()].copy_from_slice(tail);
-        last[r] = load_bytes(&tails[r]);
+        (rows[r], tail) = x.rows.row(t + r).as_chunks();
+        tails[r][0][..tail.len()].copy_from_slice(tail);
+    }
+    let mut sums = [[[0.0; PANEL]; WIDTH]; R];
+    let sums = sums.as_flattened_mut();
+    for i in (0..WIDTH).step_by(P) {
+        let mut panels = [&[][..]; P];
+        let mut ends = [[[[0; PANEL * QUAD]; QUADS]; 1]; P];
+        for p in 0..P {
+            let end;
+            (panels[p], end) = task.panel(slot + i + p).as_chunks();
+            // Where the inputs end within the last quads, all of them are whole.
+            if panels[p].len() > rows[0].len() {
+                ends[p][0] = panels[p][rows[0].len()];
+                panels[p] = &panels[p][..rows[0].len()];
+            }
+            ends[p][0][..end.len()].copy_from_slice(end);
+        }
+        multiply(&rows, &panels, true, &mut sums[i..], WIDTH);
+        if !task.k().is_multiple_of(BYTES) {
+            let (mut last, mut end) = ([&[][..]; R], [&[][..]; P]);
+            for (last, tail) in last.iter_mut().zip(&tails) {
+                *last = tail;
+            }
+            for (end, panel) in end.iter_mut().zip(&ends) {
+                *end = panel;
+            }
+            multiply(&last, &end, false, &mut sums[i..], WIDTH);
+        }
+    }
+    dequantize_tile(x, t, sums, WIDTH, task, slot, y);
+}
+
+/// The innermost tile: stores `R x P` panels of sums to the first panels of `sums [R, width]`, or
+/// adds to them unless it is the `start`. Kept out of line, so that all registers are its own.
+#[inline(never)]
+#[neon_dotprod]
+fn multiply<const R: usize, const P: usize>(
+    rows: &[&[[i8; BYTES]]; R],
+    panels: &[&[[Quads; QUADS]]; P],
+    start: bool,
+    sums: &mut [[f32; PANEL]],
+    width: usize,
+) {
+    let steps = rows[0].len();
+    for row in rows {
+        assert!(row.len() == steps);
     }
     for panel in panels {
-        assert!(panel.len() == k.div_ceil(QUAD));
+        assert!(panel.len() == steps);
     }
     let mut acc = [[[vdupq_n_s32(0); REGISTERS]; P]; R];
-    for c in 0..k / BYTES {
-        let inputs = registers(&whole, c);
-        step::<R, P, 0>(&mut acc, &inputs, &panels, 4 * c);
-        step::<R, P, 1>(&mut acc, &inputs, &panels, 4 * c);
-        step::<R, P, 2>(&mut acc, &inputs, &panels, 4 * c);
-        step::<R, P, 3>(&mut acc, &inputs, &panels, 4 * c);
+    if !start {
+        for r in 0..R {
+            for p in 0..P {
+                acc[r][p] = load_sums(&sums[r * width + p]);
+            }
+        }
     }
-    let quads = k / BYTES * 4;
-    match panels[0].len() - quads {
-        0 => {}
-        1 => step::<R, P, 0>(&mut acc, &last, &panels, quads),
-        2 => {
-            step::<R, P, 0>(&mut acc, &last, &panels, quads);
-            step::<R, P, 1>(&mut acc, &last, &panels, quads);
+    for s in 0..steps {
+        let mut inputs = [vdupq_n_s8(0); R];
+        for (input, row) in inputs.iter_mut().zip(rows) {
+            *input = load_bytes(&row[s]);
         }
-        3 => {
-            step::<R, P, 0>(&mut acc, &last, &panels, quads);
-            step::<R, P, 1>(&mut acc, &last, &panels, quads);
-            step::<R, P, 2>(&mut acc, &last, &panels, quads);
-        }
-        _ => {
-            step::<R, P, 0>(&mut acc, &last, &panels, quads);
-            step::<R, P, 1>(&mut acc, &last, &panels, quads);
-            step::<R, P, 2>(&mut acc, &last, &panels, quads);
-            step::<R, P, 3>(&mut acc, &last, &panels, quads);
-        }
+        step::<R, P, 0>(&mut acc, &inputs, panels, s);
+        step::<R, P, 1>(&mut acc, &inputs, panels, s);
+        step::<R, P, 2>(&mut acc, &inputs, panels, s);
+        step::<R, P, 3>(&mut acc, &inputs, panels, s);
     }
     for r in 0..R {
         for p in 0..P {
-            store_sums(&mut sums[r][first + p], acc[r][p]);
+            store_sums(&mut sums[r * width + p], acc[r][p]);
         }
     }
 }
 
-/// Register `c` of each row.
-#[inline]
-#[neon_dotprod]
-fn registers<const R: usize>(rows: &[&[[i8; BYTES]]; R], c: usize) -> [int8x16_t; R] {
-    let mut inputs = [vdupq_n_s8(0); R];
-    for (input, row) in inputs.iter_mut().zip(rows) {
-        *input = load_bytes(&row[c]);
-    }
-    inputs
-}
-
-/// Adds the products of the quad `LANE` of each row's inputs with the panels' quad `first + LANE`.
+/// Adds the products of the quad `LANE` of each row's inputs in step `s`.
 #[inline]
 #[neon_dotprod]
 fn step<const R: usize, const P: usize, const LANE: usize>(
     acc: &mut [[[int32x4_t; REGISTERS]; P]; R],
     inputs: &[int8x16_t; R],
-    panels: &[&[Quads]; P],
-    first: usize,
+    panels: &[&[[Quads; QUADS]]; P],
+    s: usize,
 ) {
     for p in 0..P {
+        let quad = &panels[p][s][LANE];
         if R == 1 {
-            prefetch::to_l1(panels[p].as_ptr().wrapping_add(first + LANE + PREFETCH_DISTANCE));
+            prefetch::to_l1(quad.as_ptr().wrapping_add(PREFETCH_DISTANCE * PANEL * QUAD));
         }
-        let (outputs, _) = panels[p][first + LANE].as_chunks();
+        let (outputs, _) = quad.as_chunks();
         for g in 0..REGISTERS {
             let w = load_bytes(&outputs[g]);
             for r in 0..R {

@@ -9,7 +9,7 @@
 
 use super::chunk::{CHUNK_BYTES, Chunk, prefetch_scales};
 use super::input::{GemmTask, QuantInput};
-use super::neon::{Quads, REGISTERS, dequantize_tile, load_bytes, load_sums, store_sums};
+use super::neon::{Quads, dequantize_tile, load_bytes, load_sums, store_sums};
 use super::neon_dotprod;
 use crate::gemm::{Epilogue, tiles};
 use crate::isa::{NeonI8mm, entry};
@@ -130,87 +130,107 @@ fn panel(
         }
         let fetch = (ahead, next.wrapping_add(i * 2 * STEPS));
         match buffer.len() {
-            2 => multiply::<2>(buffer, quads, fetch, sums, width),
-            3 => multiply::<3>(buffer, quads, fetch, sums, width),
-            4 => multiply::<4>(buffer, quads, fetch, sums, width),
-            5 => multiply::<5>(buffer, quads, fetch, sums, width),
-            PAIRS => multiply::<PAIRS>(buffer, quads, fetch, sums, width),
+            2 => halves::<2>(buffer, quads, fetch, sums, width),
+            3 => halves::<3>(buffer, quads, fetch, sums, width),
+            4 => halves::<4>(buffer, quads, fetch, sums, width),
+            5 => halves::<5>(buffer, quads, fetch, sums, width),
+            PAIRS => halves::<PAIRS>(buffer, quads, fetch, sums, width),
             pairs => unreachable!("a tile of {pairs} pairs of rows"),
         }
     }
 }
 
-/// The innermost tile: adds the products of `N` pairs of rows with one half of the panel after the
-/// other to `sums`.
-#[inline(never)]
+/// Adds the products of `N` pairs of rows with one half of the panel after the other to `sums`.
 #[neon_i8mm]
-fn multiply<const N: usize>(
+fn halves<const N: usize>(
     buffer: &[PairOfRows],
     quads: &[Quads],
-    (ahead, next): (usize, *const Quads),
+    fetch: (usize, *const Quads),
     sums: &mut [[f32; PANEL]],
     width: usize,
 ) {
-    let buffer: &[PairOfRows; N] = buffer.first_chunk().expect("N is the number of pairs");
-    let (steps, last) = quads.as_chunks::<2>();
-    assert!(steps.len() + last.len() <= STEPS);
-    let mut total = [[[vdupq_n_s32(0); REGISTERS]; 2]; N];
+    let (pairs, end) = quads.as_chunks();
+    let mut rows = [&[][..]; N];
+    for (rows, pair) in rows.iter_mut().zip(buffer) {
+        *rows = pair;
+    }
+    let mut last = [[[0; PANEL * QUAD]; 2]];
+    if let [end] = end {
+        last[0][0] = *end;
+    }
     for half in 0..2 {
         let mut acc = [[vdupq_n_s32(0); SUMS]; N];
-        for (s, [first, second]) in steps.iter().enumerate() {
-            if half == 0 {
-                for quad in [2 * s, 2 * s + 1] {
-                    prefetch::to_l1(quads.as_ptr().wrapping_add(quad + ahead));
-                    prefetch::to_l2(next.wrapping_add(quad));
-                }
-            }
-            step(&mut acc, buffer, s, [first, second], half);
+        if half == 0 {
+            multiply::<N, 0, true>(&mut acc, &rows, pairs, fetch);
+        } else {
+            multiply::<N, 1, false>(&mut acc, &rows, pairs, fetch);
         }
-        if let [last] = last {
-            step(&mut acc, buffer, steps.len(), [last, &[0; PANEL * QUAD]], half);
+        if !end.is_empty() {
+            let mut rest = [&[][..]; N];
+            for (rest, rows) in rest.iter_mut().zip(rows) {
+                *rest = &rows[pairs.len()..];
+            }
+            if half == 0 {
+                multiply::<N, 0, true>(&mut acc, &rest, &last, fetch);
+            } else {
+                multiply::<N, 1, false>(&mut acc, &rest, &last, fetch);
+            }
         }
         for n in 0..N {
-            for g in 0..2 {
-                let [low, high] = [acc[n][2 * g], acc[n][2 * g + 1]].map(|sums| vreinterpretq_s64_s32(sums));
-                total[n][0][2 * half + g] = vreinterpretq_s32_s64(vzip1q_s64(low, high));
-                total[n][1][2 * half + g] = vreinterpretq_s32_s64(vzip2q_s64(low, high));
+            for side in 0..2 {
+                let sum = &mut sums[(2 * n + side) * width];
+                let mut values = load_sums(sum);
+                for g in 0..2 {
+                    let (low, high) = (vreinterpretq_s64_s32(acc[n][2 * g]), vreinterpretq_s64_s32(acc[n][2 * g + 1]));
+                    let row = if side == 0 { vzip1q_s64(low, high) } else { vzip2q_s64(low, high) };
+                    values[2 * half + g] = vaddq_s32(values[2 * half + g], vreinterpretq_s32_s64(row));
+                }
+                store_sums(sum, values);
             }
-        }
-    }
-    for n in 0..N {
-        for side in 0..2 {
-            let sum = &mut sums[(2 * n + side) * width];
-            let mut values = load_sums(sum);
-            for g in 0..REGISTERS {
-                values[g] = vaddq_s32(values[g], total[n][side][g]);
-            }
-            store_sums(sum, values);
         }
     }
 }
 
-/// Adds the products of step `s` of all pairs of rows with half of the outputs of two quads.
-#[inline]
+/// The innermost tile: adds the products of `N` pairs of rows with the half `HALF` of a panel.
+/// `FETCH`: prefetches weights at the distance `ahead`, and the `next` panel. Kept out of line, so
+/// that all registers are its own.
+#[inline(never)]
 #[neon_i8mm]
-fn step<const N: usize>(
-    acc: &mut [[int32x4_t; SUMS]; N],
-    buffer: &[PairOfRows; N],
-    s: usize,
-    quads: [&Quads; 2],
-    half: usize,
+fn multiply<const N: usize, const HALF: usize, const FETCH: bool>(
+    sums: &mut [[int32x4_t; SUMS]; N],
+    rows: &[&[[i8; 2 * STEP]]; N],
+    pairs: &[[Quads; 2]],
+    (ahead, next): (usize, *const Quads),
 ) {
-    let mut w = [vdupq_n_s8(0); SUMS];
-    for g in 0..2 {
-        let [a, b] = quads.map(|quads| vreinterpretq_s32_s8(load_bytes(&quads.as_chunks().0[2 * half + g])));
-        w[2 * g] = vreinterpretq_s8_s32(vzip1q_s32(a, b));
-        w[2 * g + 1] = vreinterpretq_s8_s32(vzip2q_s32(a, b));
+    let steps = pairs.len();
+    for row in rows {
+        assert!(row.len() >= steps);
     }
-    for n in 0..N {
-        let x = load_bytes(&buffer[n][s]);
-        for i in 0..SUMS {
-            acc[n][i] = matrix_product(acc[n][i], x, w[i]);
+    let mut acc = *sums;
+    for s in 0..steps {
+        let [first, second] = &pairs[s];
+        if FETCH {
+            for (quad, which) in [(first, 0), (second, 1)] {
+                prefetch::to_l1((&raw const *quad).wrapping_add(ahead));
+                prefetch::to_l2(next.wrapping_add(2 * s + which));
+            }
+        }
+        let ((first, _), (second, _)) = (first.as_chunks(), second.as_chunks());
+        let mut w = [vdupq_n_s8(0); SUMS];
+        for g in 0..2 {
+            let a = vreinterpretq_s32_s8(load_bytes(&first[2 * HALF + g]));
+            let b = vreinterpretq_s32_s8(load_bytes(&second[2 * HALF + g]));
+            w[2 * g] = vreinterpretq_s8_s32(vzip1q_s32(a, b));
+            w[2 * g + 1] = vreinterpretq_s8_s32(vzip2q_s32(a, b));
+        }
+        for n in 0..N {
+            let x = load_bytes(&rows[n][s]);
+            for i in 0..SUMS {
+                acc[n][i] = matrix_product(acc[n][i], x, w[i]);
+            }
         }
     }
+    *sums = acc;
 }
 
 /// Adds the product of two rows of 8 inputs and two outputs' weights. By name: the compiler's
