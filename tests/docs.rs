@@ -127,6 +127,7 @@ fn latency_refuses_what_a_session_refuses() {
 
 /// How far a live mouth is behind its sound, at every rate that a page names.
 #[test]
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a sample rate")]
 fn live_mouths_are_as_late_as_is_said() {
     let path = root().join("models/umo-small/model.safetensors");
     let model = Model::load(&ModelFile::open(&path).unwrap(), Precision::Stored, Isa::detect()).unwrap();
