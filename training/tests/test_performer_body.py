@@ -173,11 +173,11 @@ def test_styles_are_told_apart():
     """A ridge classifier learns on some seeds and an utterance, and is tried on other seeds and another utterance."""
     rows, made = [], (speech(LONG[:8]), speech(LONG[1:9][::-1]))
     for k, spoken in enumerate(made):
-        rows.append([[_statistics(perform(spoken, style, 50 * k + s)) for s in range(8)] for style in STYLES.values()])
-    learn, judge = (np.array(r).reshape(8 * len(STYLES), -1) for r in rows)
+        rows.append([[_statistics(perform(spoken, style, 50 * k + s)) for s in range(12)] for style in STYLES.values()])
+    learn, judge = (np.array(r).reshape(12 * len(STYLES), -1) for r in rows)
     middle, scale = learn.mean(0), learn.std(0) + 1e-4
     learn, judge = (np.c_[(x - middle) / scale, np.ones(len(x))] for x in (learn, judge))
-    label = np.repeat(np.arange(len(STYLES)), 8)
+    label = np.repeat(np.arange(len(STYLES)), 12)
     weights = learn.T @ np.linalg.solve(learn @ learn.T + 30.0 * np.eye(len(learn)), np.eye(len(STYLES))[label])
     assert ((judge @ weights).argmax(1) == label).mean() >= 0.9
 

@@ -33,8 +33,9 @@ class Stance:
     contact: np.ndarray  # [2, T]
 
 
-def stance(prosody: Prosody, style: Style, random: np.random.Generator) -> Stance:
-    """Stands on both feet, the weight now on one, now on the other; sometimes a foot is set anew."""
+def stance(prosody: Prosody, style: Style, trunk: np.ndarray, random: np.random.Generator) -> Stance:
+    """Stands on both feet, the weight now on one, now on the other; sometimes a foot is set anew. The pelvis goes along
+    with how the trunk is turned (pitch, yaw and roll `[T, 3]`)."""
     t = prosody.t
     seconds = len(t) / 30.0
     energy, openness = style.energy, style.openness
@@ -62,7 +63,7 @@ def stance(prosody: Prosody, style: Style, random: np.random.Generator) -> Stanc
     hips = np.zeros((len(t), 3))
     # The side that bears is higher.
     hips[:, 2] = 0.045 * weight
-    hips[:, 1] = -0.05 * weight + 0.015 * wander[:, 2]
+    hips[:, 1] = -0.05 * weight + 0.015 * wander[:, 2] + 0.4 * trunk[:, 1]
     bob = _bob(prosody, style, random)
     straight = STANDING_HEIGHT_M - _EASE_M - 0.008 * energy - bob
     # A smooth least of the two.

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from umo_train.performer import arms, expression, eyes, fingers, gestures, intent, legs, mouth, posture
+from umo_train.performer import arms, bearing, expression, eyes, fingers, gestures, intent, legs, mouth, posture
 from umo_train.performer.prosody import listen
 from umo_train.performer.rotation import about, euler
 from umo_train.performer.style import Style
@@ -18,10 +18,11 @@ def perform(utterance: Utterance, style: Style, seed: int) -> dict[str, np.ndarr
     about, as `intent` codes it `[T]`; the same for the same arguments."""
     prosody = listen(utterance)
     # Streams of their own, so that a change to one part leaves the others' choices alone.
-    choices = np.random.default_rng(seed).spawn(6)
-    stance = legs.stance(prosody, style, choices[0])
+    choices = np.random.default_rng(seed).spawn(7)
+    turned = bearing.bear(prosody, style, choices[6])
+    stance = legs.stance(prosody, style, turned.trunk, choices[0])
     gestured = gestures.gesticulate(prosody, style, choices[2])
-    trunk = posture.stand(prosody, style, stance.hips, gestured, choices[1])
+    trunk = posture.stand(prosody, style, stance.hips, turned, gestured, choices[1])
 
     shapes = mouth.speak(utterance, prosody, style)
     expression.feel(shapes, prosody, style, choices[3])

@@ -1,0 +1,87 @@
+"""The performer's motion beside people's numbers: each a property over several seeds of fixed, made-up speech."""
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter1d
+
+from test_performer_speech import SENTENCES, speech
+from umo_train.performer import STYLES, perform
+from umo_train.performer.bearing import bear
+from umo_train.performer.prosody import listen
+from umo_train.performer.report import Take, measure, world_rotation
+from umo_train.skeleton import JOINT, rotations
+
+LONG = SENTENCES * 6
+SEEDS = range(6)
+
+
+@pytest.fixture(scope="module")
+def spoken():
+    return speech(LONG)
+
+
+@pytest.fixture(scope="module")
+def takes(spoken):
+    """Several takes of each style, by its name."""
+    heard = listen(spoken)
+    return {name: [Take(perform(spoken, style, seed), heard) for seed in SEEDS] for name, style in STYLES.items()}
+
+
+@pytest.fixture(scope="module")
+def numbers(takes):
+    return {name: measure(made) for name, made in takes.items()}
+
+
+@pytest.mark.parametrize(("style", "least"), [("neutral", (2.5, 2.0, 1.5)), ("explaining", (4.0, 3.5, 2.5))])
+def test_head_moves_as_far_as_peoples(numbers, style, least):
+    for name, bar in zip(("yaw", "pitch", "roll"), least, strict=True):
+        # Twice as far as a lively speaker is no talk any more.
+        assert bar <= numbers[style][f"head {name} sd, deg"] < 12.0
+
+
+def test_head_is_hardly_ever_still(numbers):
+    assert numbers["neutral"]["head below 5 deg/s"] < 0.2
+    assert numbers["explaining"]["head below 5 deg/s"] < 0.12
+
+
+def test_nods_fall_on_accents(numbers):
+    for style in ("neutral", "explaining"):
+        assert numbers[style]["nods on accents, own / shifted"] > 1.5
+
+
+def test_head_leads_and_trunk_follows(spoken):
+    """Of all shifts of the trunk's turn the one that fits the head's best is a later one."""
+    heard = listen(spoken)
+    found = []
+    for seed in SEEDS:
+        made = bear(heard, STYLES["explaining"], np.random.default_rng(seed))
+        head, trunk = (np.gradient(gaussian_filter1d(x[:, 1], 3.0)) for x in (made.head, made.trunk))
+        fit = [np.corrcoef(head[: len(head) - k] if k else head, trunk[k:])[0, 1] for k in range(25)]
+        found.append(int(np.argmax(fit)))
+    assert np.median(found) >= 4
+
+
+def test_head_turns_ahead_of_a_phrase(spoken):
+    """More of a new attitude's turn lies before the phrase than where phrases are shifted."""
+    heard = listen(spoken)
+    starts = heard.phrases[1:, 0]
+    own, shifted = [], []
+    for seed in SEEDS:
+        head = bear(heard, STYLES["neutral"], np.random.default_rng(seed)).head
+        speed = np.linalg.norm(np.gradient(gaussian_filter1d(head, 2.0, axis=0), axis=0), axis=1)
+        at = np.round(starts * 30).astype(int)
+        own.append(speed[at[:, None] + np.arange(-6, 6)].mean())
+        shifted.append(speed.mean())
+    assert np.mean(own) > 1.15 * np.mean(shifted)
+
+
+def test_shoulder_blades_take_part(takes):
+    assert measure(takes["explaining"])["collar rms, deg"] > 3.0
+
+
+def test_the_head_looks_ahead_on_average(takes):
+    for made in takes.values():
+        turned = [world_rotation(rotations(take.motion), JOINT["head"])[:, :, 2] for take in made]
+        forward = np.concatenate(turned).mean(axis=0)
+        assert forward[2] > 0.93
+        assert abs(forward[0]) < 0.12
