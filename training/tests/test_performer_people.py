@@ -85,3 +85,23 @@ def test_the_head_looks_ahead_on_average(takes):
         forward = np.concatenate(turned).mean(axis=0)
         assert forward[2] > 0.93
         assert abs(forward[0]) < 0.12
+
+
+def test_gestures_come_in_phrases(numbers):
+    for style in ("neutral", "explaining"):
+        assert 2.0 <= numbers[style]["gesture phrase, median s"] <= 6.0, style
+
+
+def test_hands_move_like_peoples(numbers):
+    for style in ("neutral", "explaining"):
+        found = numbers[style]
+        assert found["both hands still"] < 0.15
+        assert found["strokes a minute"] > 100
+        assert 100.0 <= found["wrist jerk 95 %, m/s3"] <= 400.0
+        assert 0.6 <= found["stroke peak 50 %, m/s"] <= 1.0
+    assert numbers["explaining"]["path of both wrists, m/min"] > 30.0
+
+
+def test_the_body_turns_on_accents(numbers):
+    for style in ("neutral", "explaining", "excited"):
+        assert numbers[style]["body's turns on accents, own / shifted"] > 1.92

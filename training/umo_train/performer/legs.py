@@ -56,7 +56,7 @@ def stance(prosody: Prosody, style: Style, trunk: np.ndarray, random: np.random.
     _step(t, times, weights, home, ankles, contact, tread, energy, random)
 
     wander = drift(random, t, 0.06, 0.3, 3)
-    place = np.empty((len(t), 3))
+    place = np.zeros((len(t), 3))
     middle = ankles.mean(axis=0)
     place[:, 0] = middle[:, 0] + 0.42 * apart * weight * (0.55 + 0.4 * energy) + 0.004 * wander[:, 0]
     place[:, 2] = middle[:, 2] + 0.03 + 0.006 * wander[:, 1]
