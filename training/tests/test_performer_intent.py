@@ -28,7 +28,7 @@ def test_phases_of_one_gesture_by_hand() -> None:
     idle, prepared, struck = (np.full(STATE, value) for value in (0.0, 0.1, 0.16))
     track = ArmTrack(idle, 1.0, strokes.library(), np.random.default_rng(2))
     assert track.stroke(5.0, prepared, struck, wait=0.2)
-    track.retract(0.4)
+    track.retract(0.8)
     stroke = track.made[0].seconds
     at = np.array([0.0, 5.0 - stroke - 0.2 - 0.01, 5.0 - stroke - 0.1, 5.0 - stroke / 2, 5.1, 5.5, 6.0, 20.0])
     assert track.phase(at).tolist() == [REST, PREPARE, HOLD, STROKE, HOLD, HOLD, RETRACT, REST]

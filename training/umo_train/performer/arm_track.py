@@ -17,7 +17,7 @@ RETIME = (0.7, 1.3)
 # Captured movements of one person take longer the longer they are, with this power of the way.
 _POWER = 0.35
 # A hand that has struck rests at least so long before the next preparation, in seconds.
-_HOLD_S = 0.04
+_HOLD_S = 0.02
 # A stroke recoils over this time, by this share of its way, unless the next movement comes sooner.
 _RECOIL_S, _RECOIL = 0.45, 0.16
 # As it turns from preparation into the stroke a hand keeps this share of the two movements' mean velocities.
@@ -122,7 +122,7 @@ class ArmTrack:
         spare = (at - begin) / natural
         if self.raised:
             # A hand that is up anyway takes its time rather than wait.
-            rather = float(np.clip((at - begin - wait - self.random.uniform(0.0, 0.1)) / natural, rather, RETIME[1]))
+            rather = float(np.clip((at - begin - wait - self.random.uniform(0.0, 0.03)) / natural, rather, RETIME[1]))
         factor = min(rather, spare, RETIME[1])
         if factor < RETIME[0]:
             return False

@@ -153,7 +153,7 @@ def plan(prosody: Prosody, style: Style, random: np.random.Generator) -> list[Ph
     """Gesture phrases of some 2 to 6 s, with rests between them that are the shorter the more somebody gestures."""
     accents, rate = prosody.accents, style.gesture_rate
     usual = int(random.random() < 0.7)
-    both = 0.42 + 0.3 * style.openness + 0.15 * style.energy
+    both = 0.6 + 0.25 * style.openness + 0.15 * style.energy
     out: list[Phrase] = []
     index, rest_until = 0, random.exponential(1.5 * (1.0 - rate) ** 2)
     while index < len(accents):
@@ -170,7 +170,7 @@ def plan(prosody: Prosody, style: Style, random: np.random.Generator) -> list[Ph
         leading = usual if random.random() < 0.75 else 1 - usual
         other = 0.0 if random.random() > both else float(random.uniform(0.5, 0.95))
         place = _home(style) + random.normal(0.0, 1.0, 3) * np.array([0.035, 0.035, 0.025])
-        size = (0.5 + 0.84 * style.energy) * random.uniform(0.85, 1.2)
+        size = (0.58 + 0.78 * style.energy) * random.uniform(0.85, 1.2)
         shape = _shape(style, random)
         out.append(
             Phrase(index, last, leading, other, shape, random.choice((-1.05, -0.7, -0.3, 0.1, 0.5)), place, size)
@@ -404,6 +404,9 @@ def _alive(tracks: list[ArmTrack], t: np.ndarray, energy: float, random: np.rand
     # Held up, a hand is less still than hanging.
     up = np.clip((out[..., 1:2] + 0.5) / 0.2, 0.0, 1.0)
     out[..., WRIST] += (0.006 * slow + (0.003 + 0.004 * up) * quick) * lively
+    # The higher, the further ahead: elbows do not fold up.
+    short = 0.15 + 0.4 * np.clip(out[..., 1] + 0.3, 0.0, None) - out[..., 2]
+    out[..., 2] += up[..., 0] * 0.5 * (short + np.sqrt(short**2 + 0.015**2))
     out[..., SWIVEL] += 0.05 * lively * drift(random, t, 0.1, 0.5, 2).T
     out[..., TWIST] += 0.06 * lively * drift(random, t, 0.1, 0.5, 2).T
     out[..., FINGERS] += 0.03 * drift(random, t, 0.05, 0.4, 14).T.reshape(2, 7, len(t)).swapaxes(1, 2)
