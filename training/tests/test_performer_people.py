@@ -5,14 +5,21 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 
 from test_performer_speech import SENTENCES, speech
-from umo_train.performer import STYLES, perform
+from umo_train.performer import STYLES, clearance, gestures, perform
 from umo_train.performer.bearing import bear
 from umo_train.performer.prosody import listen
-from umo_train.performer.report import Take, measure, world_rotation
-from umo_train.skeleton import JOINT, rotations
+from umo_train.performer.report import Take, measure, runs, world_places, world_rotation
+from umo_train.skeleton import CONTACT, JOINT, rotations
+from umo_train.speech.utterance import SAMPLE_RATE, SILENCE, Phone, Utterance
 
 LONG = SENTENCES * 6
 SEEDS = range(6)
+
+
+def chest_heading(motion):
+    """Which way the chest faces `[T]`, radians to the left."""
+    forward = world_rotation(rotations(motion), JOINT["spine3"])[:, :, 2]
+    return np.arctan2(forward[:, 0], forward[:, 2])
 
 
 @pytest.fixture(scope="module")
@@ -105,3 +112,62 @@ def test_hands_move_like_peoples(numbers):
 def test_the_body_turns_on_accents(numbers):
     for style in ("neutral", "explaining", "excited"):
         assert numbers[style]["body's turns on accents, own / shifted"] > 1.92
+
+
+def test_hands_stay_out_of_each_other_and_of_the_trunk(takes):
+    for made in takes.values():
+        for take in made:
+            at = world_places(take.motion)
+            points = clearance.hand_points(at)
+            # Two fingers are as thick as this.
+            assert clearance.between_hands(points).min() > 0.018
+            yaw = chest_heading(take.motion)
+            assert clearance.inside_trunk(points, at, yaw).max() < 0.02
+
+
+def test_hands_that_would_meet_are_parted(spoken, takes, monkeypatch):
+    """Without the clearance some do: the test above can fail."""
+    monkeypatch.setattr(clearance, "clear", lambda states, yaw, solve: states)
+    apart = [
+        clearance.between_hands(clearance.hand_points(world_places(perform(spoken, STYLES["explaining"], seed)))).min()
+        for seed in SEEDS
+    ]
+    assert min(apart) < 0.018
+
+
+def silence(seconds=4.0):
+    count = round(seconds * SAMPLE_RATE)
+    return Utterance("none", "", np.zeros(count, np.float32), (Phone(SILENCE, 0.0, seconds),))
+
+
+def test_rests_are_several_and_no_fig_leaf(monkeypatch):
+    seen = []
+    for kind in gestures.RESTS:
+        monkeypatch.setattr(gestures, "choose_rest", lambda style, random, kind=kind: kind)
+        for seed in range(3):
+            # The crotch is 0.1 m below the pelvis joint.
+            at = world_places(perform(silence(), STYLES["neutral"], seed))
+            points = clearance.hand_points(at) - at[:, 0][None, :, None]
+            middle = np.abs(points[..., 0]) < 0.1
+            assert points[..., 1][middle].min(initial=1.0) > -0.05
+            assert clearance.between_hands(clearance.hand_points(at)).min() > 0.02
+        seen.append((at[:, [JOINT["left_wrist"], JOINT["right_wrist"]]] - at[:, :1]).mean(axis=0))
+    for k, one in enumerate(seen):
+        assert all(np.abs(one - other).max() > 0.04 for other in seen[:k])
+
+
+def test_a_speaker_rests_in_several_ways(spoken):
+    chosen = {gestures.choose_rest(STYLES["neutral"], np.random.default_rng(seed)) for seed in range(200)}
+    assert chosen == set(gestures.RESTS)
+
+
+def test_weight_shifts_and_steps_with_planted_feet(numbers, takes):
+    for style in ("neutral", "explaining"):
+        assert numbers[style]["weight shifts a minute"] > 12
+        assert numbers[style]["pelvis rms, deg"] > 3.5
+        assert numbers[style]["hip rms, deg"] > 5.0
+        assert numbers[style]["planted feet's slide 95 %, cm/s"] < 1.0
+    lifted = [take.motion["lower"][:, CONTACT] < 0.5 for take in takes["explaining"]]
+    steps = sum(len(runs(foot)) for flags in lifted for foot in flags[:, ::2].T)
+    minutes = sum(len(flags) for flags in lifted) / 30 / 60
+    assert 2.0 < steps / minutes < 20.0

@@ -18,6 +18,8 @@ from umo_train.speech.utterance import FRAME_RATE
 LIMITS = {TWIST: (-1.5, 1.5), BEND: (-1.0, 1.1), TILT: (-0.35, 0.4)}
 # Where gesturing hands stay: outward, up and forward of the middle between the shoulders, m.
 _LOW, _HIGH = np.array([0.07, -0.40, 0.19]), np.array([0.37, -0.05, 0.41])
+# Where hands are that have nothing to do.
+RESTS = ("hanging", "clasped", "loose", "across", "hip")
 _COUNTING = ("point", "two", "three")
 # A pause from here on ends a gesture phrase, in seconds.
 _PAUSE_S = 1.1
@@ -65,16 +67,39 @@ def state(
     return out
 
 
-def _rests(style: Style, random: np.random.Generator) -> list[np.ndarray]:
-    """Each arm's idle state."""
+def rest(kind: str, style: Style, random: np.random.Generator) -> list[np.ndarray]:
+    """Both arms, left first, in one of `RESTS`."""
     o = style.openness
-    hang = state((0.215 + 0.11 * o, -0.478 + 0.02 * o, 0.05), swivel=0.5 * o, twist=0.35)
-    idle = [hang.copy(), hang.copy()]
-    for arm in idle:
-        arm[WRIST] += random.normal(0.0, 0.012, 3)
-        arm[TWIST] += random.normal(0.0, 0.1)
+    hang = state((0.205 + 0.09 * o, -0.478 + 0.02 * o, 0.05), swivel=0.4 * o, twist=0.35)
+    one, other = random.permutation(2)
+    out = [hang.copy(), hang.copy()]
+    if kind == "clasped":
+        # Before the belly: one hand lies in the other.
+        out[one] = state((0.115, -0.3, 0.25), swivel=0.15, twist=0.35, bend=0.25)
+        out[other] = state((0.105, -0.33, 0.205), swivel=0.15, twist=0.1, bend=0.3)
+    elif kind == "loose":
+        # Fingertips towards each other, apart.
+        out = [state((0.165, -0.32, 0.235), swivel=0.2, twist=-0.15, bend=0.15) for _ in range(2)]
+        out[one][WRIST] += (0.01, -0.03, -0.02)
+    elif kind == "across":
+        out[one] = state((0.1, -0.31, 0.225), swivel=0.1, twist=0.35, bend=0.1)
+    elif kind == "hip":
+        out[one] = state((0.24, -0.385, 0.0), swivel=1.3, twist=-0.5, bend=0.65, tilt=0.2)
+    elif kind != "hanging":
+        raise KeyError(kind)
+    near = kind == "clasped"
+    for arm in out:
+        arm[WRIST] += random.normal(0.0, 0.004 if near else 0.012, 3)
+        arm[TWIST] += random.normal(0.0, 0.06)
         arm[FINGERS] *= random.uniform(0.8, 1.3)
-    return idle
+    return out
+
+
+def choose_rest(style: Style, random: np.random.Generator) -> str:
+    """A rest that suits the style: the shy hold on to themselves, the open stand openly."""
+    o = style.openness
+    shares = np.array([0.9 + 1.6 * o, 1.0 - 0.6 * o, 0.9, 0.6, 0.35 * o])
+    return str(random.choice(RESTS, p=shares / shares.sum()))
 
 
 def _poses(kind: str, style: Style, size: float, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -175,7 +200,7 @@ def plan(prosody: Prosody, style: Style, random: np.random.Generator) -> list[Ph
         out.append(
             Phrase(index, last, leading, other, shape, random.choice((-1.05, -0.7, -0.3, 0.1, 0.5)), place, size)
         )
-        rest_until = accents[last - 1] + 0.25 + random.exponential(0.3 + 5.4 * (1.0 - rate) ** 1.5)
+        rest_until = accents[last - 1] + 0.25 + random.exponential(0.3 + 8.0 * (1.0 - rate) ** 1.8)
         index = last
     return out
 
@@ -202,13 +227,15 @@ def gesticulate(prosody: Prosody, style: Style, random: np.random.Generator) -> 
     """Goes through the phrases: at each accent a stroke, a smaller beat, or a hold."""
     t, energy = prosody.t, style.energy
     library = strokes.library()
-    idle = _rests(style, random)
+    idle = rest(choose_rest(style, random), style, random)
     tracks = [ArmTrack(idle[k], 1.15 - 0.3 * energy, library, random) for k in (0, 1)]
     shrugs: list[float] = []
     phrases = plan(prosody, style, random)
     for number, phrase in enumerate(phrases):
         _perform(phrase, prosody, style, tracks, shrugs, random)
         following = prosody.accents[phrases[number + 1].first] if number + 1 < len(phrases) else np.inf
+        if following - prosody.accents[phrase.last - 1] > 2.0 and random.random() < 0.5:
+            idle = rest(choose_rest(style, random), style, random)
         # Both go down together, nearly.
         down = max((track.free for track in tracks if track.raised), default=0.0)
         down += random.choice((0.0, 0.0, random.uniform(0.2, 0.8)))
@@ -222,11 +249,11 @@ def gesticulate(prosody: Prosody, style: Style, random: np.random.Generator) -> 
                 # Soon needed again: it only sinks to where it waits.
                 low = _waiting_place(phrase.place, random)
             track.retract(max(down - track.free, 0.0) + random.uniform(0.0, 0.15), low)
-    for track in tracks:
-        track.retract(random.uniform(0.3, 0.6))
-        if track.now is not track.idle:
+    for hand, track in enumerate(tracks):
+        track.retract(random.uniform(0.3, 0.6), idle[hand])
+        if track.now is not idle[hand]:
             track.raised = True
-            track.retract(0.8)
+            track.retract(0.8, idle[hand])
     phases = np.stack([track.phase(t) for track in tracks])
     return Gestures(
         _alive(tracks, t, energy, random), _shrug(t, shrugs, energy), phases, (tracks[0].made, tracks[1].made)
