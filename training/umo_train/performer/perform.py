@@ -30,7 +30,7 @@ def perform(utterance: Utterance, style: Style, seed: int) -> dict[str, np.ndarr
     about, as `intent` codes it `[T]`; the same for the same arguments."""
     prosody = listen(utterance)
     # Streams of their own, so that a change to one part leaves the others' choices alone.
-    choices = np.random.default_rng(seed).spawn(7)
+    choices = np.random.default_rng(seed).spawn(8)
     turned = bearing.bear(prosody, style, choices[6])
     stance = legs.stance(prosody, style, turned.trunk, choices[0])
     gestured = gestures.gesticulate(prosody, style, choices[2])
@@ -38,6 +38,7 @@ def perform(utterance: Utterance, style: Style, seed: int) -> dict[str, np.ndarr
 
     shapes = mouth.speak(utterance, prosody, style)
     expression.feel(shapes, prosody, style, choices[3])
+    expression.unsettle(shapes, prosody, choices[7])
     eyes.look(shapes, prosody, style, trunk.gaze, choices[4])
     eyes.blink(shapes, prosody, choices[5])
     shapes = np.clip(shapes, 0.0, 1.0)
