@@ -182,7 +182,7 @@ class ArmTrack:
     def retract(self, hold_s: float, to: np.ndarray | None = None) -> None:
         """Holds, then goes back to rest, or to another place to wait in."""
         if self.raised:
-            self.move(self.free + hold_s, self.idle if to is None else to, RETRACT, raised=False, slower=1.4)
+            self.move(self.free + hold_s, self.idle if to is None else to, RETRACT, raised=False, slower=1.2)
 
     def _sunk(self, metres: float) -> np.ndarray:
         """A hand that holds sinks a little."""

@@ -82,8 +82,8 @@ def unsettle(out: np.ndarray, prosody: Prosody, random: np.random.Generator) -> 
 
 def _pauses(out: np.ndarray, t: np.ndarray, silent: np.ndarray, random: np.random.Generator) -> None:
     """Closed lips that are not frozen: the jaw moves behind them, they press, roll and swallow now and then."""
-    wander = drift(random, t, 0.25, 0.9, 4)
-    jaw = silent * np.clip(0.04 + 0.026 * wander[:, 0], 0.0, None)
+    wander = drift(random, t, 0.4, 1.4, 4)
+    jaw = silent * np.clip(0.018 + 0.012 * wander[:, 0], 0.0, None)
     times = np.cumsum(random.uniform(3.0, 9.0, len(t) // 90 + 2))
     swallow = bumps(t, times, 0.3, 0.45).max(axis=1) * silent
     jaw += 0.035 * swallow

@@ -238,7 +238,7 @@ def gesticulate(prosody: Prosody, style: Style, random: np.random.Generator) -> 
             idle = rest(choose_rest(style, random), style, random)
         # Both go down together, nearly.
         down = max((track.free for track in tracks if track.raised), default=0.0)
-        down += random.choice((0.0, 0.0, random.uniform(0.2, 0.8)))
+        down += random.uniform(0.2, 0.7) if random.random() < 0.2 else 0.0
         for hand, track in enumerate(tracks):
             gap = following - down
             if gap < _STAY_S + 0.9:
@@ -248,7 +248,7 @@ def gesticulate(prosody: Prosody, style: Style, random: np.random.Generator) -> 
             if gap < 2.0 + 4.0 * max(style.gesture_rate - 0.5, 0.0) and random.random() < style.gesture_rate:
                 # Soon needed again: it only sinks to where it waits.
                 low = _waiting_place(phrase.place, random)
-            track.retract(max(down - track.free, 0.0) + random.uniform(0.0, 0.15), low)
+            track.retract(max(down - track.free, 0.0) + random.uniform(0.0, 0.08), low)
     for hand, track in enumerate(tracks):
         track.retract(random.uniform(0.3, 0.6), idle[hand])
         if track.now is not idle[hand]:
@@ -307,7 +307,7 @@ def _perform(
             _join(tracks[1 - lead], at, start, end, kind, phrase, style, size, random)
             continue
         second = tracks[1 - lead]
-        if second.raised and random.random() < 0.7:
+        if second.raised and random.random() < 0.9:
             # It goes along a little.
             _strike(second, at, *_again(second.struck, 0.5 * size, random), size, random)
         _roam(second, at + 0.3, phrase, random)
@@ -376,12 +376,12 @@ def _inside(place: np.ndarray) -> np.ndarray:
 def _strike(
     track: ArmTrack, at: float, start: np.ndarray, end: np.ndarray, size: float, random: np.random.Generator
 ) -> bool:
-    wait = random.uniform(0.08, 0.25) if random.random() < 0.12 else 0.0
+    wait = random.uniform(0.08, 0.2) if random.random() < 0.08 else 0.0
     if track.raised:
         # The more time, the further the hand draws back.
         more = float(np.clip((at - track.free) / 0.6, 1.0, 1.5 + 0.8 * size))
         start[WRIST] = _inside(end[WRIST] + more * (start[WRIST] - end[WRIST]))
-    swing = np.array([random.normal(0.0, 0.1), random.normal(0.0, 0.06), random.uniform(0.1, 0.3)]) * size
+    swing = np.array([random.normal(0.0, 0.12), random.normal(0.0, 0.06), random.uniform(0.1, 0.32)]) * size
     return track.stroke(at, start, end, wait, swing)
 
 
@@ -429,7 +429,7 @@ def _alive(tracks: list[ArmTrack], t: np.ndarray, energy: float, random: np.rand
     slow = drift(random, t, 0.08, 0.3, 6).T.reshape(2, 3, len(t)).swapaxes(1, 2)
     quick = drift(random, t, 0.35, 0.9, 6).T.reshape(2, 3, len(t)).swapaxes(1, 2)
     # Held up, a hand is less still than hanging.
-    up = np.clip((out[..., 1:2] + 0.5) / 0.2, 0.0, 1.0)
+    up = np.clip((out[..., 1:2] + 0.4) / 0.16, 0.0, 1.0)
     out[..., WRIST] += (0.006 * slow + (0.003 + 0.004 * up) * quick) * lively
     # The higher, the further ahead: elbows do not fold up.
     short = 0.15 + 0.4 * np.clip(out[..., 1] + 0.3, 0.0, None) - out[..., 2]

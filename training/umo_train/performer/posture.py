@@ -43,7 +43,7 @@ def stand(
     breath = _breath(t, random, energy)
     slump = 0.5 - openness
     rhythm = _rhythm(prosody, random)
-    sway = rhythm[:, :3] * np.array([0.028, 0.048, 0.034]) * (0.45 + 0.75 * energy)
+    sway = rhythm[:, :3] * np.array([0.032, 0.055, 0.038]) * (0.45 + 0.75 * energy)
     turn = rhythm[:, 3:] * np.array([0.03, 0.07, 0.05]) * (0.45 + 0.7 * energy)
     nod = _nods(prosody, style, random)
 
