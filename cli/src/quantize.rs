@@ -109,7 +109,8 @@ impl Rules {
             return asked.unwrap_or(was);
         }
         let exact = frames && default(KEPT_OF_FRAMES).matches(name);
-        let kept = exact || self.weights == Storage::Int8 && DEFAULT_KEPT.iter().any(|glob| default(glob).matches(name));
+        let kept =
+            exact || self.weights == Storage::Int8 && DEFAULT_KEPT.iter().any(|glob| default(glob).matches(name));
         if product && !kept { self.weights } else { was }
     }
 

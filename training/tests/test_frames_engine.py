@@ -28,7 +28,7 @@ CONFIGS = Path(__file__).parents[1] / "configs"
 # Less than the smoke plan: what is learned does not matter here.
 LEAST = {
     "speech": {"hours": 0.004, "test_minutes": 0.1, "seconds_per_item": 6},
-    "tokenizers": {"steps": 22, "root": {"steps": 4}},
+    "tokenizers": {"steps": 22},
     "audio": {"listener": {"steps": 4}},
     "interp_training": {"steps": 4},
 }
@@ -108,7 +108,7 @@ def test_the_config_describes_every_tensor(run: pipeline.Run) -> None:
 
 def test_inspect_tells_the_model(run: pipeline.Run) -> None:
     said = _umo("inspect", _model(run))
-    assert "umo-frames-smoke" in said and "15 codes a keyframe" in said and "intent 1x13" in said
+    assert "umo-frames-smoke" in said and "18 codes a keyframe" in said and "intent 1x13" in said
     assert "right" in _umo("inspect", "--verify", _model(run))
 
 
