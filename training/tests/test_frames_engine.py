@@ -44,6 +44,19 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> pipeline.Run:
     return made
 
 
+def test_items_to_choose_by_are_reported_apart(run: pipeline.Run) -> None:
+    items = steps.names(run, "train", spoken=True)
+    assert steps.trained_on(run, spoken=True) == items[:-1]
+    chosen_by, held = ((run.folder / f"tokenizers{name}.md").read_text() for name in ("_validation", ""))
+    assert chosen_by != held and all("| slide_cm_s | at most 0.3 |" in said for said in (chosen_by, held))
+
+
+def test_the_root_network_is_stored_in_full(run: pipeline.Run) -> None:
+    solved = steps.root_network(run).state_dict()
+    with safe_open(_model(run), "pt") as file:
+        assert all(torch.equal(file.get_tensor(f"vq.root.{name}"), values) for name, values in solved.items())
+
+
 def _model(run: pipeline.Run) -> Path:
     return run.folder / f"{run.plan['name']}.safetensors"
 
