@@ -8,6 +8,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use criterion::{Criterion, criterion_group, criterion_main};
+use rubato::audioadapter_buffers::direct::SequentialSlice;
+use rubato::{Async, Fft, FixedAsync, FixedSync, SincInterpolationParameters, SincInterpolationType, WindowFunction};
 use umo::engine::{
     UMO_ENGINE_POLLED, UmoEngine, UmoEngineConfig, umo_engine_config_init, umo_engine_new, umo_engine_poll,
 };
@@ -18,6 +20,7 @@ use umo::session::settings::umo_session_get_parameter;
 use umo::session::stream::{umo_session_push_audio, umo_session_reset, umo_session_sample_pose};
 use umo::session::{UmoSession, UmoSessionConfig, umo_session_config_init, umo_session_new};
 use umo::status::UMO_STATUS_OK;
+use umo_core::audio::resample::Resampler;
 use umo_core::clock::Clock;
 use umo_core::engine::{Engine, EngineConfig, Threads};
 use umo_core::model::Model;
@@ -179,5 +182,43 @@ fn mouth(c: &mut Criterion) {
     });
 }
 
-criterion_group!(benches, calls, mouth, layers);
+/// 10 ms of sound to 16 kHz, beside rubato: its sinc filter of the same length and delay, without
+/// interpolation where the rates have few phases, and its Fourier filter of 10 ms pieces.
+fn resampling(c: &mut Criterion) {
+    for rate in [44_100, 48_000, 48_001] {
+        let samples = vec![0.1; rate / 100];
+        let mut ours = Resampler::new(rate, 16_000).expect("the rate is in range");
+        c.bench_function(&format!("resample/ours/10 ms at {rate}"), |b| {
+            b.iter(|| ours.push(&samples, |piece| _ = black_box(piece)));
+        });
+        let length = 2 * (112 * rate).div_ceil(16_000);
+        let mut parameters = SincInterpolationParameters::new(length, WindowFunction::BlackmanHarris2);
+        (parameters.oversampling_factor, parameters.interpolation) = match rate {
+            48_000 => (1, SincInterpolationType::Nearest),
+            44_100 => (160, SincInterpolationType::Nearest),
+            _ => (512, SincInterpolationType::Linear),
+        };
+        let (ratio, chunk) = (16_000.0 / rate as f64, rate / 100);
+        let sinc = Async::<f32>::new_sinc(ratio, 1.0, &parameters, chunk, 1, FixedAsync::Input);
+        let window = WindowFunction::BlackmanHarris2;
+        let fourier =
+            (rate % 100 == 0).then(|| Fft::<f32>::new_custom(rate, 16_000, chunk, 1, 1, window, FixedSync::Both));
+        let sinc: Box<dyn rubato::Resampler<f32>> = Box::new(sinc.expect("it is within its limits"));
+        let fourier = fourier.map(|it| -> Box<dyn rubato::Resampler<f32>> { Box::new(it.expect("so is this")) });
+        for (name, mut theirs) in [("rubato sinc", Some(sinc)), ("rubato Fourier", fourier)] {
+            let Some(theirs) = &mut theirs else { continue };
+            let (mut made, input) = (vec![0.0; theirs.output_frames_max()], &samples[..theirs.input_frames_next()]);
+            c.bench_function(&format!("resample/{name}/10 ms at {rate}"), |b| {
+                b.iter(|| {
+                    let len = made.len();
+                    let input = SequentialSlice::new(input, 1, input.len()).expect("one channel");
+                    let mut output = SequentialSlice::new_mut(&mut made[..], 1, len).expect("one channel");
+                    theirs.process_into_buffer(&input, &mut output, None).expect("the lengths are its own")
+                });
+            });
+        }
+    }
+}
+
+criterion_group!(benches, calls, mouth, layers, resampling);
 criterion_main!(benches);

@@ -1,10 +1,15 @@
 //! Numbers in the documentation that follow from the default model's settings, beside what the
 //! library computes.
 
-use umo_core::ModelFile;
+use std::sync::Arc;
+
 use umo_core::avatar::AvatarConfig;
 use umo_core::config::Config;
-use umo_core::session::SessionConfig;
+use umo_core::engine::{Engine, EngineConfig, Threads};
+use umo_core::model::Model;
+use umo_core::session::{SessionConfig, Voice};
+use umo_core::{ModelFile, Precision};
+use umo_kernels::Isa;
 use umo_tests::pages::{Table, root, tables};
 
 fn default_model() -> Config {
@@ -118,4 +123,35 @@ fn latency_refuses_what_a_session_refuses() {
         let error = found.unwrap_err().to_string();
         assert!(error.contains(key), "{error}");
     }
+}
+
+/// How far a live mouth is behind its sound, at every rate that a page names.
+#[test]
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a sample rate")]
+fn live_mouths_are_as_late_as_is_said() {
+    let path = root().join("models/umo-small/model.safetensors");
+    let model = Model::load(&ModelFile::open(&path).unwrap(), Precision::Stored, Isa::detect()).unwrap();
+    let engine_config = EngineConfig { threads: Threads::Host(0), ..EngineConfig::default() };
+    let engine = Engine::new(Arc::new(model), &engine_config).unwrap();
+    let mut rows = 0;
+    for Table { place, rows: table } in tables(|header| header[0] == "sample rate, kHz") {
+        for row in &table[1..] {
+            for rate in row[0].split(", ") {
+                let sample_rate = (1000.0 * rate.parse::<f64>().unwrap()).round() as usize;
+                let config =
+                    SessionConfig { sample_rate, voice: Voice::Live, ..SessionConfig::new(engine.model().config()) };
+                let behind =
+                    engine.session(&config).unwrap().latency().mouth_samples as f64 * 1000.0 / sample_rate as f64;
+                assert_eq!(row[1], format!("{behind:.0}"), "{place}: {rate} kHz, {behind} ms");
+                let frame = 1000.0 / 30.0;
+                if let [most, mean] = &row[2..] {
+                    assert_eq!(*most, format!("{:.0}", behind + frame), "{place}: {rate} kHz");
+                    assert_eq!(*mean, format!("{:.0}", behind + frame / 2.0), "{place}: {rate} kHz");
+                }
+                assert!(sample_rate < 16_000 || behind + frame <= 100.0, "{place}: {rate} kHz");
+                rows += 1;
+            }
+        }
+    }
+    assert!(rows >= 10, "the documentation has no table of live mouths");
 }

@@ -68,13 +68,13 @@ unsafe impl GlobalAlloc for Failing {
 
 /// Fails each large allocation of `make` in turn; how many there were, `least` at least. `make` says whether it was
 /// refused for memory.
-fn fail_each(least: i64, make: impl Fn() -> bool) -> i64 {
+fn fail_each(first: i64, least: i64, make: impl Fn() -> bool) -> i64 {
     // What is allocated once and kept, by this and by other libraries.
     assert!(!make());
     for all in [0, 1] {
         ALL.store(all, Ordering::Relaxed);
-        // All of the first hundred, then every thirteenth: the many rows of a tensor are alike.
-        for n in (0..100).chain((100..).step_by(13)) {
+        // All of a hundred, then every thirteenth: the many rows of a tensor are alike.
+        for n in (first..first + 100).chain((first + 100..).step_by(13)) {
             let before = HELD.load(Ordering::Relaxed);
             LEFT.store(n, Ordering::Relaxed);
             let refused = make();
@@ -98,7 +98,7 @@ fn no_large_allocation_ends_the_process() {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../models/umo-small/model.safetensors");
     let file = ModelFile::open(path.as_ref()).unwrap();
     let load = || Model::load(&file, Precision::Stored, Isa::detect());
-    let loads = fail_each(6, || match load() {
+    let loads = fail_each(0, 6, || match load() {
         Ok(_) => false,
         Err(LoadError::Memory(missing)) => {
             assert!(missing.bytes >= 1 && missing.to_string().contains("not enough memory"));
@@ -108,18 +108,16 @@ fn no_large_allocation_ends_the_process() {
     });
     let model = Arc::new(load().unwrap());
     for threads in [Threads::Host(0), Threads::Own(2)] {
-        let config = EngineConfig { threads, ..EngineConfig::default() };
-        let engines = fail_each(6, || match Engine::new(Arc::clone(&model), &config) {
+        let engine_config = EngineConfig { threads, ..EngineConfig::default() };
+        let engines = fail_each(0, 6, || match Engine::new(Arc::clone(&model), &engine_config) {
             Ok(_) => false,
             Err(EngineError::Memory(_)) => true,
             Err(other) => panic!("{other}"),
         });
-        let engine = Engine::new(Arc::clone(&model), &config).unwrap();
+        let engine = Engine::new(Arc::clone(&model), &engine_config).unwrap();
         let mut config = SessionConfig::new(model.config());
-        // The resampler's transforms are planned by another crate, after a check that their memory
-        // is there. All else of a session is one block.
         config.sample_rate = model.config().audio.sample_rate;
-        let sessions = fail_each(1, || match engine.session(&config) {
+        let sessions = fail_each(0, 1, || match engine.session(&config) {
             Ok(session) => {
                 drop(session);
                 false
@@ -127,6 +125,20 @@ fn no_large_allocation_ends_the_process() {
             Err(EngineError::Memory(_)) => true,
             Err(other) => panic!("{other}"),
         });
-        println!("{loads} large allocations of a model, {engines} of an engine, {sessions} of a session");
+        // The engine keeps the filter that converts this rate.
+        let other_rate = SessionConfig { sample_rate: 44_100, ..config };
+        let before = engines - 13;
+        let sessions_of_another_rate = fail_each(before, before + 2, || {
+            let engine = Engine::new(Arc::clone(&model), &engine_config);
+            match engine.and_then(|engine| engine.session(&other_rate).map(drop)) {
+                Ok(()) => false,
+                Err(EngineError::Memory(_)) => true,
+                Err(other) => panic!("{other}"),
+            }
+        });
+        println!(
+            "{loads} large allocations of a model, {engines} of an engine, {sessions} of a session, \
+            {sessions_of_another_rate} of an engine and a session of another rate"
+        );
     }
 }

@@ -32,7 +32,7 @@ use crate::status::{
 /// The mouth moves with the body, later than the sound by the session's latency.
 pub const UMO_VOICE_DELAYED: u32 = 0;
 /// The mouth moves as the sound is heard, later by `umo_latency.mouth_samples`: with the default model
-/// 56 ms at 16 kHz, 101 ms at 48 kHz. The body follows by the session's latency, and the stream has as
+/// 56 ms at 16 kHz, 63 ms at 48 kHz. The body follows by the session's latency, and the stream has as
 /// many more frames at its end. For a microphone, or a voice that is played as it comes.
 pub const UMO_VOICE_LIVE: u32 = 1;
 
@@ -405,7 +405,7 @@ pub unsafe extern "C" fn umo_session_memory(
 /// piece from the configuration's allocator, of the size that `umo_session_memory` gives. The system
 /// gives less than 1 KiB for the time of the call, and for the first session of a `sample_rate` that
 /// is not the model's the filter that converts it, which the engine keeps: to 16,000 samples per
-/// second at most 90 KiB from 44,100 or 48,000, and 32 MiB from a rate without a common divisor.
+/// second 3 KiB from 48,000, 390 KiB from 44,100, and at most 1 MiB from any rate.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (`umo_last_error` says which
 /// number), `STRUCT_SIZE`, `FULL` (the engine's places, or 16,384 sessions in all),
 /// `OUT_OF_MEMORY`.

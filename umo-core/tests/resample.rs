@@ -6,8 +6,10 @@ use umo_core::StepError;
 use umo_core::audio::resample::{Resampler, mix};
 
 const OUT: usize = 16_000;
-const RATES: [usize; 12] =
-    [1_000, 8_000, 11_025, 12_000, 15_999, 22_050, 24_000, 44_100, 48_000, 96_000, 192_000, 384_000];
+const RATES: [usize; 15] = [
+    1_000, 8_000, 11_025, 12_000, 15_999, 22_050, 24_000, 44_100, 48_000, 48_001, 96_000, 192_000, 384_000, 767_999,
+    768_000,
+];
 
 #[expect(clippy::cast_possible_truncation, reason = "rounded to the precision of samples")]
 fn sine(rate: usize, samples: usize, frequency: f64) -> Vec<f32> {
@@ -34,13 +36,11 @@ fn pass_band_is_kept_and_stays_in_time() {
         let mut worst = 0.0_f64;
         for share in [0.001, 0.33, 0.7, 0.9, 0.93] {
             let frequency = share * rate.min(OUT) as f64 / 2.0;
-            // The block of a rate that shares no divisor is two seconds long, others are short.
-            let seconds = if rate == 15_999 { 6 } else { 1 };
-            let out = resample(rate, OUT, &sine(rate, seconds * rate, frequency));
-            let wanted = sine(OUT, seconds * OUT, frequency);
+            let out = resample(rate, OUT, &sine(rate, rate, frequency));
+            let wanted = sine(OUT, OUT, frequency);
             let pairs = middle(&out).iter().zip(middle(&wanted));
             let error = pairs.fold(0.0_f64, |a, (x, y)| a.max(f64::from((x - y).abs())));
-            assert!(error < 1e-3, "{rate} Hz, {frequency} Hz: error {error}");
+            assert!(error < 3e-5, "{rate} Hz, {frequency} Hz: error {error}");
             worst = worst.max(error);
         }
         println!("{rate} Hz to {OUT} Hz: largest error {worst:.2e} up to 0.93 of the band");
@@ -59,13 +59,13 @@ fn what_the_lower_rate_cannot_hold_is_removed() {
             }
         }
         println!("{rate} Hz to {OUT} Hz: largest alias {:.1} dB", 20.0 * worst.log10());
-        assert!(worst < 1e-3, "{rate} Hz: alias {worst}");
+        assert!(worst < 1e-5, "{rate} Hz: alias {worst}");
     }
 }
 
 #[test]
 fn cuts_change_no_bit_and_the_length_is_exact() {
-    for rate in [8_000, 15_999, OUT, 44_100] {
+    for rate in [8_000, 15_999, OUT, 44_100, 48_001] {
         let samples = sine(rate, 20_011, 440.0);
         let mut resampler = Resampler::new(rate, OUT).unwrap();
         for length in [0, 1, 7, 480, 20_011] {
@@ -108,9 +108,9 @@ fn channels_are_averaged() {
     assert_eq!(out[0], f32::MAX);
 }
 
-/// The filter was rubato's once: models were tuned with its bits.
+/// rubato's Fourier filter is 480 samples long and keeps the same band.
 #[test]
-fn the_filter_is_rubatos_bit_for_bit() {
+fn rubato_resamples_alike() {
     use rubato::audioadapter_buffers::direct::SequentialSlice;
     use rubato::{Fft, FixedSync, Resampler as _, WindowFunction};
     for (rate_in, rate_out) in RATES.map(|rate| (rate, OUT)).into_iter().chain([(OUT, 8_000), (OUT, 44_100)]) {
@@ -122,7 +122,7 @@ fn the_filter_is_rubatos_bit_for_bit() {
         let chunk = blocks * (rate_in / divisor);
         let window = WindowFunction::BlackmanHarris2;
         let mut theirs = Fft::<f64>::new_custom(rate_in, rate_out, chunk, 1, 1, window, FixedSync::Both).unwrap();
-        let samples = sine(rate_in, 3 * chunk + chunk / 3, 0.31 * rate_in.min(rate_out) as f64);
+        let samples = sine(rate_in, 8 * chunk + chunk / 3, 0.31 * rate_in.min(rate_out) as f64);
         let mut out = Vec::new();
         for part in samples.chunks(chunk) {
             let mut block: Vec<f64> = part.iter().map(|&v| f64::from(v)).collect();
@@ -136,9 +136,53 @@ fn the_filter_is_rubatos_bit_for_bit() {
             out.extend(made.iter().map(|&v| v as f32));
         }
         let ours = resample(rate_in, rate_out, &samples);
-        let theirs = &out[theirs.output_delay()..];
+        let theirs_delay = theirs.output_delay();
+        let theirs = &out[theirs_delay..];
         let len = ours.len().min(theirs.len());
-        assert!(len > 2 * chunk * rate_out / rate_in, "{rate_in} Hz to {rate_out} Hz: {len} samples to compare");
-        assert!(ours[..len] == theirs[..len], "{rate_in} Hz to {rate_out} Hz");
+        assert!(len > 7 * chunk * rate_out / rate_in, "{rate_in} Hz to {rate_out} Hz: {len} samples to compare");
+        // The stream begins and ends within a wave, which the two filters smooth differently.
+        let edge = theirs_delay + 480 * rate_out.div_ceil(rate_in.min(rate_out));
+        let pairs = ours[edge..len - edge].iter().zip(&theirs[edge..len - edge]);
+        let error = pairs.fold(0.0_f32, |most, (x, y)| most.max((x - y).abs()));
+        println!("{rate_in} Hz to {rate_out} Hz: {error:.1e} from rubato");
+        assert!(error < 2e-5, "{rate_in} Hz to {rate_out} Hz: {error}");
+    }
+}
+
+/// An output is given as soon as the samples that it is made of are there, half a filter after its
+/// time: 7 ms at 16 kHz and 8 samples more at most.
+#[test]
+fn the_delay_is_half_a_filter() {
+    for (rate_in, rate_out) in RATES.map(|rate| (rate, OUT)).into_iter().chain([(OUT, 8_000), (OUT, 44_100)]) {
+        let mut resampler = Resampler::new(rate_in, rate_out).unwrap();
+        let promised = resampler.most_delay();
+        // Half the filter is 112 samples of the lower rate.
+        let half = (112 * rate_in).div_ceil(rate_in.min(rate_out));
+        assert!(promised <= half + 8, "{rate_in} Hz: {promised}");
+        let (mut given, mut latest) = (0, 0.0_f64);
+        for taken in 1..=rate_in.min(50_000) {
+            let most = resampler.most_given(1);
+            let before = given;
+            resampler.push(&[0.5], |piece| given += piece.len());
+            assert!(given - before <= most, "{rate_in} Hz: {} given, {most} expected", given - before);
+            // When the last of them ends.
+            if given > before {
+                latest = latest.max(taken as f64 - (before + 1) as f64 * rate_in as f64 / rate_out as f64);
+            }
+        }
+        println!("{rate_in} Hz to {rate_out} Hz: {latest} of {promised} samples");
+        assert!(latest <= promised as f64 && latest > promised as f64 - 2.0, "{rate_in} Hz: {latest} of {promised}");
+        let (mut left, most) = (0, resampler.most_left());
+        resampler.finish(|piece| left += piece.len());
+        assert!(left <= most, "{rate_in} Hz: {left} left of {most}");
+    }
+}
+
+#[test]
+fn a_constant_stays_the_same_constant() {
+    for rate in RATES {
+        let out = resample(rate, OUT, &vec![0.7; rate]);
+        let error = middle(&out).iter().fold(0.0_f32, |most, value| most.max((value - 0.7).abs()));
+        assert!(error < 1e-6, "{rate} Hz: {error}");
     }
 }

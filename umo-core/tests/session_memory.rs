@@ -23,7 +23,7 @@ const MODELS: [&str; 6] =
 const RATES: [usize; 6] = [8_000, 16_000, 22_050, 44_100, 48_000, 96_000];
 
 /// Sample rates and bytes that their filter takes at most: what umo.h says of them.
-const FILTERS: [(usize, usize); 4] = [(16_000, 0), (44_100, 90 << 10), (48_000, 90 << 10), (191_999, 32 << 20)];
+const FILTERS: [(usize, usize); 4] = [(16_000, 0), (44_100, 400 << 10), (48_000, 4 << 10), (191_999, 1 << 20)];
 
 fn main() {
     check_counter();

@@ -22,8 +22,8 @@ pub const MAX_RATE: usize = 768_000;
 /// A stream of samples at one rate to another, mono.
 ///
 /// The filter's delay is taken off, so that output sample `i` is at the time of input sample
-/// `i * rate_in / rate_out`. Blocks of the Fourier filter are counted from the stream's start: how
-/// samples are cut into pushes changes nothing.
+/// `i * rate_in / rate_out`. Each is a sum over the same inputs in the same order: how samples are
+/// cut into pushes changes nothing.
 #[derive(Debug)]
 pub struct Resampler {
     rate_in: usize,
@@ -71,11 +71,9 @@ impl Resampler {
     /// Of `n` samples taken since the start, `round(n * rate_out / rate_in)` are then given in all.
     pub fn finish(&mut self, mut out: impl FnMut(&[f32])) {
         if let Some(filter) = &mut self.filter {
-            // The delay keeps what is given behind what was taken, so the last block is the only
-            // one to run ahead.
             let mut missing = rounded(self.taken, self.rate_out, self.rate_in) - self.given;
             while missing > 0 {
-                filter.block(|piece| {
+                filter.silence(|piece| {
                     let piece = &piece[..piece.len().min(missing)];
                     missing -= piece.len();
                     out(piece);
@@ -112,24 +110,17 @@ impl Resampler {
 
     /// Most samples that the next `count` samples make it give.
     pub fn most_given(&self, count: usize) -> usize {
-        match &self.filter {
-            None => count,
-            Some(filter) => {
-                let (block_in, block_out) = filter.block_sizes();
-                (filter.waiting() + count) / block_in * block_out
-            }
-        }
+        self.filter.as_ref().map_or(count, |filter| filter.most_given(count))
     }
 
-    /// Most samples, at the rate of the input, by which the filter delays the sample that ends a
-    /// chunk of `chunk` samples of output.
-    pub fn most_delay(&self, chunk: usize) -> usize {
-        most_delay(self.rate_in, self.rate_out, chunk)
+    /// Most samples, at the rate of the input, by which the filter delays a sample of output.
+    pub fn most_delay(&self) -> usize {
+        most_delay(self.rate_in, self.rate_out)
     }
 
     /// Most samples that [`Self::finish`] can give.
     pub fn most_left(&self) -> usize {
-        self.filter.as_ref().map_or(0, |filter| 2 * filter.block_sizes().1)
+        self.filter.as_ref().map_or(0, Filter::most_left)
     }
 }
 
@@ -158,15 +149,9 @@ pub(crate) fn plan(rate_in: usize, rate_out: usize) -> Result<Option<Arc<FilterP
 }
 
 /// [`Resampler::most_delay`] between two rates.
-pub(crate) fn most_delay(rate_in: usize, rate_out: usize, chunk: usize) -> usize {
-    if rate_in == rate_out {
-        return 0;
-    }
-    let (block_in, block_out) = filter::block_sizes(rate_in, rate_out);
-    // Chunks end at every place in a block that comes round.
-    let late = |n: usize| (n * chunk + block_out / 2).next_multiple_of(block_out) - n * chunk;
-    let most = (1..=block_out).map(late).max().unwrap_or(0);
-    (most * block_in).div_ceil(block_out)
+pub(crate) fn most_delay(rate_in: usize, rate_out: usize) -> usize {
+    // A sample ends as much later than it begins as it is long.
+    if rate_in == rate_out { 0 } else { filter::half_length(rate_in, rate_out) + 1 - rate_in / rate_out }
 }
 
 /// A whole recording at another rate, `round(n * rate_out / rate_in)` samples.

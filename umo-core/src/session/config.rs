@@ -107,8 +107,7 @@ impl SessionConfig {
     /// [`Self::latency_samples`] of settings that were checked.
     pub(super) fn latency_with(&self, config: &Config, has_audio: bool) -> usize {
         let frames = self.avatar.latency_frames(config);
-        let chunk = self.avatar.target * config.samples_per_keyframe();
-        let delay = if has_audio { resample::most_delay(self.sample_rate, config.audio.sample_rate, chunk) } else { 0 };
+        let delay = if has_audio { resample::most_delay(self.sample_rate, config.audio.sample_rate) } else { 0 };
         (frames * self.sample_rate).div_ceil(config.frame_rate) + delay
     }
 }

@@ -254,7 +254,7 @@ impl Shared {
                 let missing = || LoadError::config("voice", "live: the model has no mouth network, or takes no audio");
                 let voice = voice.ok_or_else(missing)?;
                 let delay = voice.latency_samples() * session.sample_rate;
-                mouth_samples = delay.div_ceil(rate) + input.resampler().most_delay(1);
+                mouth_samples = delay.div_ceil(rate) + input.resampler().most_delay();
                 Some(arena.boxed(voice))
             }
         };

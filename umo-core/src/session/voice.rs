@@ -40,7 +40,7 @@ pub enum Voice {
     #[default]
     Delayed = 0,
     /// As the sound is heard, later by `Latency::mouth_samples`: with the default model 56 ms at
-    /// 16 kHz, 101 ms at 48 kHz. The body follows by the session's latency. The stream has as many
+    /// 16 kHz, 63 ms at 48 kHz. The body follows by the session's latency. The stream has as many
     /// more frames at its end.
     Live = 1,
 }

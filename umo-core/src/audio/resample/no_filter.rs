@@ -11,8 +11,8 @@ use crate::state::{StateError, StatePass};
 pub(crate) enum FilterPlan {}
 
 /// Nothing is filtered.
-pub(super) fn block_sizes(_: usize, _: usize) -> (usize, usize) {
-    (1, 1)
+pub(super) fn half_length(_: usize, _: usize) -> usize {
+    0
 }
 
 impl FilterPlan {
@@ -38,11 +38,11 @@ impl Filter {
         match *plan {}
     }
 
-    pub(super) fn block_sizes(&self) -> (usize, usize) {
+    pub(super) fn most_given(&self, _: usize) -> usize {
         match *self {}
     }
 
-    pub(super) fn waiting(&self) -> usize {
+    pub(super) fn most_left(&self) -> usize {
         match *self {}
     }
 
@@ -50,7 +50,7 @@ impl Filter {
         match *self {}
     }
 
-    pub(super) fn block(&mut self, _: impl FnMut(&[f32])) {
+    pub(super) fn silence(&mut self, _: impl FnMut(&[f32])) {
         match *self {}
     }
 
