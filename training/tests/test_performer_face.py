@@ -8,9 +8,12 @@ from test_performer_speech import SENTENCES, speech
 from umo_train.performer import STYLES, lip_opening, perform
 from umo_train.performer.lips import CLOSED
 from umo_train.performer.perform import JAW_OPEN
+from umo_train.performer.prosody import listen
+from umo_train.performer.report import Take, measure
 from umo_train.skeleton import SHAPE, matrices
 from umo_train.speech.utterance import SILENCE
 
+PAUSES = "jaw speed in pauses over speech"
 MOUTH = [6 + index for name, index in SHAPE.items() if name.startswith(("mouth", "jaw", "tongue"))]
 
 
@@ -67,13 +70,56 @@ def test_rounding(performed):
     assert np.median(spread) < 0.15
 
 
-def test_mouth_is_still_and_shut_in_pauses(performed):
+def test_mouth_is_shut_and_nearly_still_in_pauses(performed):
     made, motion = performed
     for phone in made.phones:
         if phone.name == SILENCE:
             inner = slice(round(phone.start * 30) + 4, round(phone.end * 30) - 3)
-            assert np.ptp(motion["face"][inner][:, MOUTH], axis=0).max() < 0.02
+            assert np.ptp(motion["face"][inner][:, MOUTH], axis=0).max() < 0.2
             assert lip_opening(motion["face"])[inner].max() < CLOSED
+            assert np.ptp(lip_opening(motion["face"])[inner]) < 0.02
+
+
+def test_mouth_is_not_frozen_in_pauses():
+    """The jaw moves behind closed lips, far less than in speech."""
+    made = speech(SENTENCES * 3, pause=2.0)
+    heard = listen(made)
+    shares = [measure([Take(perform(made, STYLES["neutral"], s), heard)])[PAUSES] for s in range(4)]
+    assert 0.04 < np.mean(shares) < 0.3
+
+
+def test_left_and_right_of_the_face_differ_as_peoples():
+    made = speech(SENTENCES * 3)
+    takes = [Take(perform(made, STYLES["neutral"], seed), listen(made)) for seed in range(4)]
+    assert 0.05 <= measure(takes)["left against right, share of range"] <= 0.2
+
+
+def test_ranges_are_of_the_captured_face():
+    made = speech(SENTENCES * 3)
+    found = measure([Take(perform(made, STYLES["neutral"], seed), listen(made)) for seed in range(4)])
+    # Captured: jaw 0.10 to 0.13, lower lip up to 0.20.
+    assert 0.08 < found["jawOpen sd"] < 0.14
+    assert 0.13 < found["mouthLowerDown sd"] < 0.22
+
+
+def test_shapes_that_hardly_moved_do_so():
+    made = speech(SENTENCES * 6)
+    face = np.concatenate([perform(made, STYLES["explaining"], seed)["face"] for seed in range(3)])[:, 6:]
+    for name in ("jawLeft", "jawRight", "mouthLeft", "mouthRight", "cheekPuff", "noseSneerLeft", "mouthDimpleRight",
+                 "mouthShrugUpper", "mouthShrugLower", "jawForward", "tongueOut"):  # fmt: skip
+        assert face[:, SHAPE[name]].max() > 0.03, name
+
+
+@pytest.mark.parametrize("style", ["neutral", "explaining"])
+def test_without_a_mood_nobody_frowns_or_sneers(style):
+    made = speech(SENTENCES * 6)
+    for seed in range(6):
+        face = perform(made, STYLES[style], seed)["face"][:, 6:]
+        for side in ("Left", "Right"):
+            assert face[:, SHAPE["browDown" + side]].max() < 0.15
+            assert face[:, SHAPE["mouthFrown" + side]].max() < 0.05
+            assert face[:, SHAPE["noseSneer" + side]].max() < 0.2
+            assert face[:, SHAPE["eyeSquint" + side]].mean() < 0.15
 
 
 def test_jaw_turns_as_it_opens(performed):
@@ -105,7 +151,7 @@ def test_ten_keys_a_second_carry_the_mouth(performed):
     keys = np.arange(0, len(face), 3)
     between = CubicSpline(keys, face[keys])(np.arange(keys[-1] + 1))
     error = np.sqrt(np.mean((between - face[: keys[-1] + 1]) ** 2))
-    assert error < 0.25 * face.std()
+    assert error < 0.27 * face.std()
 
 
 def test_blinks_are_quick_and_regular():

@@ -5,7 +5,7 @@ import pytest
 
 from test_performer_speech import SENTENCES, speech
 from umo_train.data import corpus
-from umo_train.performer import STYLES, gestures, intent, perform
+from umo_train.performer import STYLES, gestures, intent, perform, strokes
 from umo_train.performer.arm_track import ArmTrack
 from umo_train.performer.arms import STATE, WRIST
 from umo_train.performer.intent import HOLD, PREPARE, REST, RETRACT, STROKE
@@ -25,15 +25,25 @@ def test_codes_are_of_phase_and_side() -> None:
 
 
 def test_phases_of_one_gesture_by_hand() -> None:
-    idle, prepared, struck = (np.full(STATE, value) for value in (0.0, 0.1, 0.12))
-    track = ArmTrack(idle, idle, 1.0, 0.2)
-    track.gesture(5.0, prepared, struck, 0.2, np.zeros(3), 0.0)
-    track.retract(0.4, idle)
-    stroke = max(0.2, 0.8 * np.linalg.norm(struck[WRIST] - prepared[WRIST]))
-    travel = track._travel(prepared)
+    idle, prepared, struck = (np.full(STATE, value) for value in (0.0, 0.1, 0.16))
+    track = ArmTrack(idle, 1.0, strokes.library(), np.random.default_rng(2))
+    assert track.stroke(5.0, prepared, struck, wait=0.2)
+    track.retract(0.8)
+    stroke = track.made[0].seconds
     at = np.array([0.0, 5.0 - stroke - 0.2 - 0.01, 5.0 - stroke - 0.1, 5.0 - stroke / 2, 5.1, 5.5, 6.0, 20.0])
     assert track.phase(at).tolist() == [REST, PREPARE, HOLD, STROKE, HOLD, HOLD, RETRACT, REST]
-    assert travel > 0
+    assert stroke > 0.1
+    curve = track.curve(np.array([2.0, 5.0 - stroke, 5.0, 20.0]))
+    np.testing.assert_allclose(curve, [idle, prepared, struck, idle], atol=1e-9)
+
+
+def test_a_stroke_without_time_for_it_is_not_made() -> None:
+    idle, prepared, struck = (np.full(STATE, value) for value in (0.0, 0.2, 0.4))
+    track = ArmTrack(idle, 1.0, strokes.library(), np.random.default_rng(2))
+    assert track.stroke(0.0, prepared, struck)
+    made = len(track.times)
+    assert not track.stroke(0.2, prepared, struck)
+    assert len(track.times) == made and len(track.made) == 1
 
 
 @pytest.fixture(scope="module")
@@ -45,15 +55,15 @@ def test_strokes_end_on_accents_and_move_the_hand(spoken) -> None:
     prosody = listen(spoken)
     made = gestures.gesticulate(prosody, STYLES["excited"], np.random.default_rng(3))
     speed = np.linalg.norm(np.gradient(made.states[..., WRIST], axis=1), axis=-1) * FRAME_RATE
-    strokes = made.phases == STROKE
-    ends = np.flatnonzero(strokes[:, :-1] & ~strokes[:, 1:]) % (strokes.shape[1] - 1)
+    striking = made.phases == STROKE
+    ends = np.flatnonzero(striking[:, :-1] & ~striking[:, 1:]) % (striking.shape[1] - 1)
     assert len(ends) > 10
     apart = np.abs((ends[:, None] + 1) / FRAME_RATE - prosody.accents).min(1)
     assert apart.max() < 1.5 / FRAME_RATE
-    assert speed[strokes].mean() > 3 * speed[made.phases == HOLD].mean()
-    assert speed[made.phases == REST].max(initial=0.0) < 0.1
+    assert speed[striking].mean() > 3 * speed[made.phases == HOLD].mean()
+    assert speed[made.phases == REST].max(initial=0.0) < 0.15
     # A stroke follows its preparation, or the hold of a hand that is ready.
-    begins = [(arm, i) for arm, i in zip(*np.nonzero(strokes[:, 1:] & ~strokes[:, :-1]), strict=True)]
+    begins = [(arm, i) for arm, i in zip(*np.nonzero(striking[:, 1:] & ~striking[:, :-1]), strict=True)]
     assert {made.phases[arm, i] for arm, i in begins} <= {PREPARE, HOLD}
 
 

@@ -1,30 +1,59 @@
-"""One arm's course over an utterance: key states in time order, with holds, co-articulation and retraction."""
+"""One arm's course over an utterance: movements in time order, chained into gesture phrases, with holds and retraction.
+
+Each movement takes its duration and its path from one of the stroke library that goes most nearly the same way.
+"""
+
+from dataclasses import dataclass
 
 import numpy as np
 
-from umo_train.performer.arms import BEND, SWIVEL, WRIST
-from umo_train.performer.curves import path
+from umo_train.performer.arms import BEND, STATE, SWIVEL, WRIST
+from umo_train.performer.curves import BENDS, path
 from umo_train.performer.intent import HOLD, PREPARE, REST, RETRACT, STROKE
+from umo_train.performer.strokes import Strokes
 
-# A hand that waits longer than this between two gestures goes to rest meanwhile.
-_PATIENCE_S = 1.3
-# A hand that has struck rests at least so long before the next preparation.
-_HOLD_S = 0.03
-# A stroke recoils over this time, by this share of its way, unless the next gesture comes sooner.
-_RECOIL_S, _RECOIL = 0.34, 0.2
-# Seconds a stroke needs for each metre: peaks stay under 2.4 m/s.
-_S_PER_M = 0.8
+# A movement may be this much quicker or slower than the captured one.
+RETIME = (0.7, 1.3)
+# Captured movements of one person take longer the longer they are, with this power of the way.
+_POWER = 0.35
+# A hand that has struck rests at least so long before the next preparation, in seconds.
+_HOLD_S = 0.02
+# A stroke recoils over this time, by this share of its way, unless the next movement comes sooner.
+_RECOIL_S, _RECOIL = 0.45, 0.16
+# As it turns from preparation into the stroke a hand keeps this share of the two movements' mean velocities.
+_THROUGH = 0.65
+# Seconds a movement needs for each metre: peaks stay under 2.2 m/s.
+_S_PER_M = 0.85
+_SHORTEST_S, _NO_WAY_M = 0.16, 0.015
+
+
+@dataclass(frozen=True)
+class Way:
+    """A captured movement laid between two states: its own seconds, and its bend `[BENDS, STATE]`."""
+
+    seconds: float
+    bend: np.ndarray
+
+
+@dataclass(frozen=True)
+class Made:
+    """A stroke that an arm makes: when it ends, how long it takes, and the captured duration at its length."""
+
+    at: float
+    seconds: float
+    captured: float
 
 
 class ArmTrack:
-    """Keys are added in time order; between keys the arm moves with minimum jerk."""
+    """Keys are added in time order; between keys the arm moves with minimum jerk and the captured bend."""
 
-    def __init__(self, idle: np.ndarray, ready: np.ndarray, slow: float, stroke_s: float) -> None:
-        self.idle, self.ready, self.slow, self.stroke_s = idle, ready, slow, stroke_s
-        zero = np.zeros_like(idle)
-        self.times, self.values, self.rates, self.arcs = [-3.0], [idle], [zero], [zero]
+    def __init__(self, idle: np.ndarray, slow: float, library: Strokes, random: np.random.Generator) -> None:
+        self.idle, self.slow, self.library, self.random = idle, slow, library, random
+        self.times, self.values = [-3.0], [idle]
+        self.rates, self.arcs = [np.zeros(STATE)], [np.zeros((BENDS, STATE))]
         # What the arm does on the way to each key.
         self.phases = [REST]
+        self.made: list[Made] = []
         self.raised = False
         # The newest key is the recoil of the one before it.
         self._recoils = False
@@ -34,8 +63,18 @@ class ArmTrack:
         return self.values[-1]
 
     @property
+    def struck(self) -> np.ndarray:
+        """Where the hand was when it struck last, or is."""
+        return self.values[-2] if self._recoils else self.values[-1]
+
+    @property
     def until(self) -> float:
         return self.times[-1]
+
+    @property
+    def free(self) -> float:
+        """From when on the arm can do something else."""
+        return (self.times[-2] if self._recoils else self.until) + (_HOLD_S if self.raised else 0.0)
 
     @property
     def _waiting(self) -> int:
@@ -43,92 +82,107 @@ class ArmTrack:
         return HOLD if self.raised else REST
 
     def _key(
-        self,
-        at: float,
-        value: np.ndarray,
-        phase: int,
-        rate: np.ndarray | None = None,
-        arc: np.ndarray | None = None,
+        self, at: float, value: np.ndarray, phase: int, rate: np.ndarray | None = None, arc: np.ndarray | None = None
     ) -> None:
-        zero = np.zeros_like(value)
         self.times.append(max(at, self.times[-1] + 0.03))
         self.values.append(value)
-        self.rates.append(zero if rate is None else rate)
-        self.arcs.append(zero if arc is None else arc)
+        self.rates.append(np.zeros(STATE) if rate is None else rate)
+        self.arcs.append(np.zeros((BENDS, STATE)) if arc is None else arc)
         self.phases.append(phase)
 
-    def _travel(self, to: np.ndarray) -> float:
-        """Seconds to get there unhurried."""
-        return self.slow * (0.2 + 0.75 * float(np.linalg.norm(to[WRIST] - self.now[WRIST])))
+    def way(self, start: np.ndarray, end: np.ndarray) -> Way:
+        """A captured movement between two states of the arm."""
+        bend = np.zeros((BENDS, STATE))
+        far = float(np.linalg.norm(end[WRIST] - start[WRIST]))
+        if far < _NO_WAY_M:
+            return Way(0.3, bend)
+        index = self.library.near(start[WRIST], end[WRIST], self.random)
+        long = float(np.linalg.norm(self.library.end[index] - self.library.start[index]))
+        seconds = float(self.library.seconds[index]) * (far / long) ** _POWER
+        bend[:, WRIST] = np.clip(0.8 * self.library.bent(index, start[WRIST], end[WRIST]), -0.3 * far, 0.3 * far)
+        return Way(max(seconds, _SHORTEST_S, _S_PER_M * far), bend)
 
-    def _stroke(self, prepared: np.ndarray, struck: np.ndarray) -> float:
-        return max(self.stroke_s, _S_PER_M * float(np.linalg.norm(struck[WRIST] - prepared[WRIST])))
+    def stroke(
+        self, at: float, prepared: np.ndarray, struck: np.ndarray, wait: float = 0.0, swing: np.ndarray | None = None
+    ) -> bool:
+        """Prepares, strokes so that it ends at `at`, and recoils; whether there was time for it.
 
-    def fits(self, at: float, prepared: np.ndarray, struck: np.ndarray) -> bool:
-        """Whether there is time for a stroke that ends at `at`."""
-        begin = self.times[-2] if self._recoils else self.until
-        spare = at - begin - (_HOLD_S if self.raised else 0.0)
-        return spare >= self._stroke(prepared, struck) + 0.75 * self._travel(prepared)
-
-    def gesture(
-        self, at: float, prepared: np.ndarray, struck: np.ndarray, late: float, swing: np.ndarray, bow: float
-    ) -> None:
-        """Prepares, strokes so that it ends at `at`, and recoils.
-
-        `late` is how long the prepared hand waits; where it does not, `swing` is its velocity as it turns into the
-        stroke, m/s. `bow` is how far the stroke's path bends outward, m.
+        `wait` is how long the prepared hand waits; where it does not, `swing` is its velocity as it turns into the
+        stroke, m/s.
         """
-        stroke_s = self._stroke(prepared, struck)
-        ready_by = at - stroke_s - late
-        if self._recoils and ready_by - self._travel(prepared) < self.until:
-            for keys in (self.times, self.values, self.rates, self.arcs, self.phases):
-                keys.pop()
-        if self.raised and ready_by - self._travel(prepared) - self.until > _PATIENCE_S:
-            pause = ready_by - self._travel(prepared) - self.until
-            self.retract(0.3, self.ready if pause < 3.5 else self.idle)
-        earliest = self.until + (_HOLD_S if self.raised else 0.0)
-        if ready_by - self._travel(prepared) < earliest:
-            ready_by = at - stroke_s
-            late = 0.0
-        begin = max(ready_by - self._travel(prepared), earliest)
-        far = float(np.linalg.norm(prepared[WRIST] - self.now[WRIST]))
-        self._key(begin, self._sunk(0.012) if self.raised else self.now, self._waiting)
-        lift, bend = np.zeros_like(prepared), np.zeros_like(prepared)
-        lift[WRIST.start + 2], lift[SWIVEL] = 0.12 * far, 0.1 * far
-        bend[WRIST.start] = bow
-        if late > 0.03:
-            self._key(ready_by, prepared, PREPARE, arc=lift)
+        there = self.way(prepared, struck)
+        if self._recoils and at - self.until < (there.seconds + self.way(self.now, prepared).seconds) * 1.2:
+            before = self.struck
+        else:
+            before = self.now
+        get_ready = self.way(before, prepared)
+        natural = there.seconds + get_ready.seconds
+        begin = self.free if before is self.struck else self.until + (_HOLD_S if self.raised else 0.0)
+        rather = self.slow * float(self.random.uniform(0.92, 1.08))
+        spare = (at - begin) / natural
+        if self.raised:
+            # A hand that is up anyway takes its time rather than wait.
+            rather = float(np.clip((at - begin - wait - self.random.uniform(0.0, 0.03)) / natural, rather, RETIME[1]))
+        factor = min(rather, spare, RETIME[1])
+        if factor < RETIME[0]:
+            return False
+        if before is not self.now:
+            self.drop_recoil()
+        stroke_s, ready_s = factor * there.seconds, factor * get_ready.seconds
+        wait = wait if at - begin >= stroke_s + ready_s + wait else 0.0
+        start = at - stroke_s - wait - ready_s
+        self._wait(start)
+        lift = get_ready.bend.copy()
+        lift[0, SWIVEL] += 0.1 * float(np.linalg.norm(prepared[WRIST] - self.now[WRIST]))
+        if wait > 0.05:
+            self._key(at - stroke_s - wait, prepared, PREPARE, arc=lift)
             self._key(at - stroke_s, prepared, HOLD)
         else:
-            rate = np.zeros_like(prepared)
-            rate[WRIST] = swing
+            rate = np.zeros(STATE)
+            # Round the turn without a stop.
+            rate[WRIST] = _THROUGH * (
+                (prepared[WRIST] - before[WRIST]) / max(ready_s, 0.2) + (struck[WRIST] - prepared[WRIST]) / stroke_s
+            )
+            if swing is not None:
+                rate[WRIST] += swing
             self._key(at - stroke_s, prepared, PREPARE, rate, lift)
-        self._key(at, struck, STROKE, arc=bend)
+        self._key(at, struck, STROKE, arc=there.bend)
         recoil = struck.copy()
         recoil[WRIST] += _RECOIL * (prepared[WRIST] - struck[WRIST])
         recoil[BEND] += 0.4 * _RECOIL * (prepared[BEND] - struck[BEND])
         self._key(at + _RECOIL_S, recoil, HOLD)
         self.raised = self._recoils = True
+        self.made.append(Made(at, stroke_s, there.seconds))
+        return True
 
-    def rise(self, at: float) -> None:
-        """From idle to where the hand waits, before there is anything to stress."""
-        if self.ready is not self.idle:
-            self._key(at, self.idle, REST)
-            self._key(at + 1.3 * self._travel(self.ready), self.ready, PREPARE)
-            self.raised = True
+    def drop_recoil(self) -> None:
+        """The hand goes on from where it struck."""
+        if self._recoils:
+            for keys in (self.times, self.values, self.rates, self.arcs, self.phases):
+                keys.pop()
+            self._recoils = False
 
-    def retract(self, hold_s: float, to: np.ndarray) -> None:
-        """Holds, then goes back to rest."""
-        if not self.raised:
-            return
+    def move(self, at: float, to: np.ndarray, phase: int, raised: bool, slower: float = 1.25) -> None:
+        """Goes there unhurried, from `at` or as soon as it can."""
+        if at < self.until:
+            self.drop_recoil()
         self._recoils = False
-        travel = 0.2 * self.slow + 1.35 * self._travel(to)
-        self._key(self.until + hold_s, self._sunk(0.015), HOLD)
-        # Around the hip.
-        arc = np.zeros_like(to)
-        arc[WRIST.start] = 0.04
-        self._key(self.until + travel, to, RETRACT, arc=arc)
-        self.raised = to is self.ready and to is not self.idle
+        way = self.way(self.now, to)
+        self._wait(at)
+        self._key(self.until + slower * self.slow * way.seconds, to, phase, arc=0.8 * way.bend)
+        self.raised = raised
+
+    def _wait(self, until: float) -> None:
+        """A hand that holds sinks a little; one that goes on at once does not stop."""
+        if until - self.until > 0.3 and self.raised:
+            self._key(until, self._sunk(0.013), HOLD)
+        elif until - self.until > _HOLD_S:
+            self._key(until, self.now, self._waiting)
+
+    def retract(self, hold_s: float, to: np.ndarray | None = None) -> None:
+        """Holds, then goes back to rest, or to another place to wait in."""
+        if self.raised:
+            self.move(self.free + hold_s, self.idle if to is None else to, RETRACT, raised=False, slower=1.2)
 
     def _sunk(self, metres: float) -> np.ndarray:
         """A hand that holds sinks a little."""

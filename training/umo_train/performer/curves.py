@@ -9,6 +9,17 @@ def ease(s: np.ndarray) -> np.ndarray:
     return s * s * s * (10.0 + s * (6.0 * s - 15.0))
 
 
+# Shapes that a way between two keys may be bent by.
+BENDS = 4
+
+
+def bends(s: np.ndarray) -> np.ndarray:
+    """`[..., BENDS]`: 0 with two derivatives at s = 0 and 1; the first is a bump of height 1, the others turn about."""
+    s = np.asarray(s, float)
+    bump = 64.0 * (s * (1.0 - s)) ** 3
+    return bump[..., None] * np.cos(np.pi * s[..., None] * np.arange(BENDS))
+
+
 def bumps(t: np.ndarray, peaks: np.ndarray, rise: np.ndarray | float, fall: np.ndarray | float) -> np.ndarray:
     """`[T, n]`: each column rises to 1 at its peak and falls again."""
     away = t[:, None] - np.asarray(peaks)[None]
@@ -29,7 +40,7 @@ def path(
     t: np.ndarray, times: np.ndarray, values: np.ndarray, rates: np.ndarray, arcs: np.ndarray | None = None
 ) -> np.ndarray:
     """Through the rows of `values` at `times` (ascending), at each with the velocity in `rates` and no acceleration:
-    minimum jerk where it is at rest. `arcs` bends the way to each row midway."""
+    minimum jerk where it is at rest. `arcs` `[n, BENDS, C]` bend the way to each row."""
     at = np.clip(np.searchsorted(times, t, side="right") - 1, 0, max(len(times) - 2, 0))
     after = np.minimum(at + 1, len(times) - 1)
     span = np.maximum(times[after] - times[at], 1e-6)
@@ -39,7 +50,7 @@ def path(
     out += (span * (s - cubed * (6.0 - s * (8.0 - 3.0 * s))))[:, None] * rates[at]
     out -= (span * cubed * (4.0 - s * (7.0 - 3.0 * s)))[:, None] * rates[after]
     if arcs is not None:
-        out += (64.0 * (s * (1.0 - s)) ** 3)[:, None] * arcs[after]
+        out += np.einsum("tk,tkc->tc", bends(s), arcs[after])
     return out
 
 

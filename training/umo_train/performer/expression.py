@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from umo_train.performer.curves import bumps, drift, hold_steps
+from umo_train.performer.curves import bumps, drift, hold_steps, plateaus
 from umo_train.performer.prosody import Prosody
 from umo_train.performer.style import Style
 from umo_train.skeleton import SHAPE
@@ -19,7 +19,7 @@ def feel(out: np.ndarray, prosody: Prosody, style: Style, random: np.random.Gene
     level = hold_steps(t, np.concatenate([[-9.0], phrases[:, 0]]), levels[:, None], 0.4)[:, 0]
     # A closing or rounding mouth smiles less.
     free = 1.0 - 0.6 * out[:, SHAPE["mouthPucker"]]
-    uneven = random.normal(0.0, 0.06, 4)
+    uneven = random.normal(0.0, 0.03, 4)
     warm, cold = smile * level * free, stern * level
 
     raised = np.zeros(len(t))
@@ -48,3 +48,48 @@ def feel(out: np.ndarray, prosody: Prosody, style: Style, random: np.random.Gene
             out[:, SHAPE[name + side]] += value
     shy = max(0.0, 0.3 - style.openness)
     out[:, SHAPE["browInnerUp"]] += np.clip(raised * 0.9 + 0.1 * smile + 0.8 * shy + alive[:, 1], 0.0, None)
+
+
+def unsettle(out: np.ndarray, prosody: Prosody, random: np.random.Generator) -> None:
+    """What no mouth does alike twice: left and right apart, sideways shifts, breath and swallowing in pauses. Laid over
+    the speaking mouth; lips that touch keep touching."""
+    t = prosody.t
+    talking = plateaus(t, prosody.phrases[:, 0], prosody.phrases[:, 1], 0.15, 0.25) if len(prosody.phrases) else 0.0 * t
+    slow, quick = drift(random, t, 0.08, 0.5, 6), drift(random, t, 0.8, 2.2, 3)
+    # One side leads by so much, which side changes slowly; each channel has a share of its own.
+    bias, habit = 0.02 * slow[:, 0], random.normal(0.0, 0.02)
+    for name in SHAPE:
+        if not name.endswith("Left") or name in ("mouthLeft", "jawLeft") or name.startswith("eye"):
+            continue
+        own = habit + bias + random.normal(0.0, 0.012)
+        out[:, SHAPE[name]] *= 1.0 + own
+        out[:, SHAPE[name[:-4] + "Right"]] *= 1.0 - own
+    shift = talking * (0.035 * slow[:, 1] + 0.02 * quick[:, 0]) + 0.008 * slow[:, 2]
+    grind = talking * (0.025 * slow[:, 3] + 0.012 * quick[:, 1]) + 0.006 * slow[:, 4]
+    for name, value in (("mouth", shift), ("jaw", grind)):
+        out[:, SHAPE[name + "Left"]] += np.clip(value, 0.0, None)
+        out[:, SHAPE[name + "Right"]] += np.clip(-value, 0.0, None)
+    sealed = np.clip(out[:, SHAPE["mouthPressLeft"]] / 0.34, 0.0, 1.0)
+    # Air behind closed lips, a nose that goes along with the upper lip, corners that draw in.
+    out[:, SHAPE["cheekPuff"]] += 0.07 * sealed * talking * np.clip(1.0 + 0.5 * slow[:, 5], 0.2, None)
+    out[:, SHAPE["jawForward"]] += talking * np.clip(0.02 + 0.02 * slow[:, 3] + 0.01 * quick[:, 0], 0.0, None)
+    dimple = np.clip(0.03 + 0.04 * slow[:, 4] + 0.02 * quick[:, 2], 0.0, None)
+    for k, side in enumerate(("Left", "Right")):
+        out[:, SHAPE["noseSneer" + side]] += 0.18 * out[:, SHAPE["mouthUpperUp" + side]]
+        out[:, SHAPE["mouthDimple" + side]] += dimple * talking * (1.0 + 0.08 * (-1) ** k)
+    _pauses(out, t, 1.0 - talking, random)
+
+
+def _pauses(out: np.ndarray, t: np.ndarray, silent: np.ndarray, random: np.random.Generator) -> None:
+    """Closed lips that are not frozen: the jaw moves behind them, they press, roll and swallow now and then."""
+    wander = drift(random, t, 0.4, 1.4, 4)
+    jaw = silent * np.clip(0.018 + 0.012 * wander[:, 0], 0.0, None)
+    times = np.cumsum(random.uniform(3.0, 9.0, len(t) // 90 + 2))
+    swallow = bumps(t, times, 0.3, 0.45).max(axis=1) * silent
+    jaw += 0.035 * swallow
+    out[:, SHAPE["jawOpen"]] += jaw
+    # Lips stay as near as they were.
+    out[:, SHAPE["mouthClose"]] += jaw
+    out[:, SHAPE["mouthShrugLower"]] += silent * (np.clip(0.015 + 0.012 * wander[:, 1], 0.0, None) + 0.12 * swallow)
+    for side, own in (("Left", wander[:, 2]), ("Right", wander[:, 3])):
+        out[:, SHAPE["mouthPress" + side]] += silent * (np.clip(0.015 + 0.012 * own, 0.0, None) + 0.12 * swallow)

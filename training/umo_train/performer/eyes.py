@@ -8,7 +8,7 @@ from umo_train.performer.style import Style
 from umo_train.skeleton import SHAPE
 
 # eyeLook* of 1 is this far, in radians.
-_FULL_LOOK = 0.52
+FULL_LOOK = 0.52
 
 
 def blink(out: np.ndarray, prosody: Prosody, random: np.random.Generator) -> None:
@@ -49,7 +49,7 @@ def look(out: np.ndarray, prosody: Prosody, style: Style, head: np.ndarray, rand
     gaze[:, 1] -= 0.16 * max(0.0, 0.3 - style.openness)
     yaw = gaze[:, 0] - head[:, 1] + 0.004 * drift(random, prosody.t, 0.3, 1.2, 1)[:, 0]
     down = -gaze[:, 1] - head[:, 0]
-    yaw, down = (0.9 * np.tanh(x / _FULL_LOOK / 0.9) for x in (yaw, down))
+    yaw, down = (0.9 * np.tanh(x / FULL_LOOK / 0.9) for x in (yaw, down))
     left, right = np.clip(yaw, 0.0, None), np.clip(-yaw, 0.0, None)
     for name, value in (("OutLeft", left), ("InRight", left), ("InLeft", right), ("OutRight", right)):
         out[:, SHAPE["eyeLook" + name]] = value

@@ -33,42 +33,46 @@ class Stance:
     contact: np.ndarray  # [2, T]
 
 
-def stance(prosody: Prosody, style: Style, random: np.random.Generator) -> Stance:
-    """Stands on both feet, the weight now on one, now on the other; sometimes a foot is set anew."""
+def stance(prosody: Prosody, style: Style, trunk: np.ndarray, random: np.random.Generator) -> Stance:
+    """Stands on both feet, the weight now on one, now on the other; sometimes a foot is set anew. The pelvis goes along
+    with how the trunk is turned (pitch, yaw and roll `[T, 3]`)."""
     t = prosody.t
     seconds = len(t) / 30.0
     energy, openness = style.energy, style.openness
     apart = 0.08 + 0.09 * openness + random.uniform(-0.008, 0.008)
     turned = _SIDES * (0.08 + 0.16 * openness + random.normal(0.0, 0.03, 2))
-    home = np.stack([_SIDES * apart, np.full(2, _ANKLE_M), random.normal(0.0, 0.015, 2)], -1)
+    home = np.stack([_SIDES * apart, np.full(2, _ANKLE_M), random.normal(0.0, 0.03, 2)], -1)
 
     # Weight: -1 right foot .. 1 left foot.
     times, weights = [-2.0], [random.choice((-1.0, 1.0)) * random.uniform(0.0, 0.8)]
     while times[-1] < seconds:
-        times.append(times[-1] + random.uniform(2.5, 7.0) / (0.6 + 0.8 * energy))
+        times.append(times[-1] + random.uniform(1.7, 4.6) / (0.7 + 0.6 * energy))
         weights.append(-np.sign(weights[-1]) * random.uniform(0.1, 1.0))
-    weight = hold_steps(t, np.array(times), np.array(weights)[:, None], np.array(1.3 - 0.4 * energy))[:, 0]
+    weight = hold_steps(
+        t, np.array(times), np.array(weights)[:, None], random.uniform(0.9, 1.3, len(times)) - 0.25 * energy
+    )[:, 0]
 
     ankles = np.repeat(home[:, None], len(t), 1)
+    heading = np.repeat(turned[:, None], len(t), 1)
     contact = np.ones((2, len(t)))
     tread = np.zeros((2, len(t)))
-    _step(t, times, weights, home, ankles, contact, tread, energy, random)
+    _step(t, times, weights, home, ankles, heading, contact, tread, energy, random)
 
     wander = drift(random, t, 0.06, 0.3, 3)
-    place = np.empty((len(t), 3))
+    place = np.zeros((len(t), 3))
     middle = ankles.mean(axis=0)
-    place[:, 0] = middle[:, 0] + 0.42 * apart * weight * (0.55 + 0.4 * energy) + 0.004 * wander[:, 0]
+    place[:, 0] = middle[:, 0] + 0.5 * apart * weight * (0.6 + 0.4 * energy) + 0.005 * wander[:, 0]
     place[:, 2] = middle[:, 2] + 0.03 + 0.006 * wander[:, 1]
     hips = np.zeros((len(t), 3))
     # The side that bears is higher.
-    hips[:, 2] = 0.045 * weight
-    hips[:, 1] = -0.05 * weight + 0.015 * wander[:, 2]
+    hips[:, 2] = 0.1 * weight
+    hips[:, 1] = -0.08 * weight + 0.02 * wander[:, 2] + 0.65 * trunk[:, 1] + 0.5 * heading.mean(axis=0)
+    hips[:, 0] = 0.015 * wander[:, 0] + 0.2 * trunk[:, 0]
     bob = _bob(prosody, style, random)
     straight = STANDING_HEIGHT_M - _EASE_M - 0.008 * energy - bob
     # A smooth least of the two.
     blend = 0.002
     place[:, 1] = -blend * np.logaddexp(-straight / blend, -_reachable(place, hips, ankles) / blend)
-    heading = np.repeat(turned[:, None], len(t), 1)
     return Stance(place, hips, ankles, heading, tread, contact)
 
 
@@ -90,29 +94,32 @@ def _reachable(place: np.ndarray, hips: np.ndarray, ankles: np.ndarray) -> np.nd
 
 
 def _step(
-    t: np.ndarray, times: list[float], weights: list[float], home: np.ndarray, ankles: np.ndarray, contact: np.ndarray,
-    tread: np.ndarray, energy: float, random: np.random.Generator,
+    t: np.ndarray, times: list[float], weights: list[float], home: np.ndarray, ankles: np.ndarray, heading: np.ndarray,
+    contact: np.ndarray, tread: np.ndarray, energy: float, random: np.random.Generator,
 ) -> None:  # fmt: skip
     """While the weight (`weights` from `times` on) rests on one foot, the other may be set elsewhere near its home:
-    written into `ankles`, `contact` and `tread`."""
-    at = home.copy()
+    written into `ankles`, `heading`, `contact` and `tread`."""
+    at, turned = home.copy(), heading[:, 0].copy() if len(t) else np.zeros(2)
+    straight = turned.copy()
     for k in range(1, len(times) - 1):
-        if random.random() > 0.12 + 0.3 * energy or abs(weights[k]) < 0.5:
+        if random.random() > 0.3 + 0.3 * energy or abs(weights[k]) < 0.45:
             continue
         foot = 1 if weights[k] > 0.0 else 0
-        start = times[k] + 1.0
+        start = times[k] + random.uniform(0.75, 0.95)
         length = random.uniform(0.4, 0.55)
         if start + length + 0.1 > times[k + 1]:
             continue
-        target = home[foot] + np.array([1.0, 0.0, 1.0]) * random.normal(0.0, 0.022, 3)
+        target = home[foot] + np.clip(random.normal(0.0, 1.0, 3), -1.6, 1.6) * np.array([0.022, 0.0, 0.045])
+        aim = straight[foot] + random.normal(0.0, 0.07)
         s = (t - start) / length
         moving = (s > 0.0) & (s < 1.0)
         ankles[foot] += ease(s)[:, None] * (target - at[foot])
+        heading[foot] += ease(s) * (aim - turned[foot])
         lift = (4.0 * np.clip(s, 0.0, 1.0) * (1.0 - np.clip(s, 0.0, 1.0))) ** 2
         ankles[foot, :, 1] += 0.035 * lift
         tread[foot] += 0.12 * lift
         contact[foot][moving] = 0.0
-        at[foot] = target
+        at[foot], turned[foot] = target, aim
 
 
 def solve(stance: Stance) -> dict[str, np.ndarray]:

@@ -26,6 +26,9 @@ _CONTACT_S, _TRAVEL_S, _HASTE_S = 0.034, 0.095, 0.065
 _STRESS_GAIN = (0.88, 1.0, 1.15)
 # Vowels are this far below the speech level; so much of a difference goes most of the way to the bounds of the opening.
 _TYPICAL_DB, _DB = 3.0, 4.0
+# People's jaws move less than phones' targets and their lips more: of the captured face, the jaw's deviation is 0.13 of
+# its range with the lips' own shapes beside it.
+_JAW, _LOWER, _UPPER, _SHRUG = 0.72, 1.6, 1.6, 2.0
 # Where a pause's lips begin to part before speech and are together after it, in seconds.
 _ANTICIPATE_S, _RELAX_S = 0.1, 0.13
 
@@ -42,7 +45,7 @@ def speak(utterance: Utterance, prosody: Prosody, style: Style) -> np.ndarray:
     talk = (1.0 - idle)[:, None]
     mouth = REST + talk * (mouth - REST)
     column = {name: mouth[:, index] for name, index in CHANNEL.items()}
-    jaw = column["jawOpen"] * (1.0 + (gain - 1.0) * talk[:, 0]) * (1.0 - 0.45 * shut) * (1.0 - 0.4 * bite)
+    jaw = _JAW * column["jawOpen"] * (1.0 + (gain - 1.0) * talk[:, 0]) * (1.0 - 0.45 * shut) * (1.0 - 0.4 * bite)
     parted = 1.0 - shut
     lips = gain * parted
     sealed = 1.0 - parted * (1.0 - idle)
@@ -60,10 +63,10 @@ def speak(utterance: Utterance, prosody: Prosody, style: Style) -> np.ndarray:
     put("mouthPucker", column["mouthPucker"] * (1.0 - 0.5 * shut))
     put("mouthStretch", column["mouthStretch"] * (1.0 - 0.5 * shut))
     put("mouthSmile", column["mouthSmile"] * (1.0 - 0.5 * shut))
-    put("mouthLowerDown", column["mouthLowerDown"] * lips * (1.0 - bite))
-    put("mouthUpperUp", column["mouthUpperUp"] * lips)
-    put("mouthShrugLower", column["mouthShrugLower"])
-    put("mouthShrugUpper", column["mouthShrugUpper"])
+    put("mouthLowerDown", _LOWER * column["mouthLowerDown"] * lips * (1.0 - bite))
+    put("mouthUpperUp", _UPPER * column["mouthUpperUp"] * lips)
+    put("mouthShrugLower", _SHRUG * column["mouthShrugLower"] + 0.06 * shut)
+    put("mouthShrugUpper", _SHRUG * column["mouthShrugUpper"] + 0.13 * shut)
     put("tongueOut", column["tongueOut"] * parted)
     put("mouthPress", 0.34 * shut + 0.05 * idle)
     put("mouthRollLower", 0.24 * shut + 0.5 * bite + 0.02 * idle)

@@ -2,7 +2,19 @@
 
 import numpy as np
 
-from umo_train.performer import arms, expression, eyes, fingers, gestures, intent, legs, mouth, posture
+from umo_train.performer import (
+    arms,
+    bearing,
+    clearance,
+    expression,
+    eyes,
+    fingers,
+    gestures,
+    intent,
+    legs,
+    mouth,
+    posture,
+)
 from umo_train.performer.prosody import listen
 from umo_train.performer.rotation import about, euler
 from umo_train.performer.style import Style
@@ -18,22 +30,25 @@ def perform(utterance: Utterance, style: Style, seed: int) -> dict[str, np.ndarr
     about, as `intent` codes it `[T]`; the same for the same arguments."""
     prosody = listen(utterance)
     # Streams of their own, so that a change to one part leaves the others' choices alone.
-    choices = np.random.default_rng(seed).spawn(6)
-    stance = legs.stance(prosody, style, choices[0])
+    choices = np.random.default_rng(seed).spawn(8)
+    turned = bearing.bear(prosody, style, choices[6])
+    stance = legs.stance(prosody, style, turned.trunk, choices[0])
     gestured = gestures.gesticulate(prosody, style, choices[2])
-    trunk = posture.stand(prosody, style, stance.hips, gestured, choices[1])
+    trunk = posture.stand(prosody, style, stance.hips, turned, gestured, choices[1])
 
     shapes = mouth.speak(utterance, prosody, style)
     expression.feel(shapes, prosody, style, choices[3])
+    expression.unsettle(shapes, prosody, choices[7])
     eyes.look(shapes, prosody, style, trunk.gaze, choices[4])
     eyes.blink(shapes, prosody, choices[5])
     shapes = np.clip(shapes, 0.0, 1.0)
 
     local = legs.solve(stance)
     local |= _trunk(trunk)
-    local |= _arms(gestured.states, trunk, local)
+    states = _cleared(gestured.states, trunk, local)
+    local |= _arms(states, trunk, local)
     joints = {part: np.stack([local[_NAMES[j]] for j in JOINTS_OF[part]], 1) for part in ("upper", "lower")}
-    joints["hands"] = np.concatenate(list(fingers.pose(gestured.states[..., arms.FINGERS])), axis=1)
+    joints["hands"] = np.concatenate(list(fingers.pose(states[..., arms.FINGERS])), axis=1)
     joints["face"] = about("x", JAW_OPEN * shapes[:, None, SHAPE["jawOpen"]])
     motion = {part: np.zeros((utterance.frames, width), np.float32) for part, width in CHANNELS.items()}
     for part, matrices in joints.items():
@@ -59,11 +74,29 @@ def _trunk(trunk: posture.Posture) -> dict[str, np.ndarray]:
     return out
 
 
+def _heading(trunk: posture.Posture) -> np.ndarray:
+    return trunk.pelvis[:, 1] + sum(angles[:, 1] for angles in trunk.spine)
+
+
+def _cleared(states: np.ndarray, trunk: posture.Posture, local: dict[str, np.ndarray]) -> np.ndarray:
+    """The arms' states without hands in each other or in the body."""
+    turned = np.tile(np.eye(3), (states.shape[1], len(JOINT), 1, 1))
+    for name, matrices in local.items():
+        turned[:, JOINT[name]] = matrices
+    turned[:, JOINTS_OF["hands"]] = np.concatenate(list(fingers.pose(states[..., arms.FINGERS])), axis=1)
+
+    def solve(states: np.ndarray) -> np.ndarray:
+        for name, matrices in _arms(states, trunk, local).items():
+            turned[:, JOINT[name]] = matrices
+        return turned
+
+    return clearance.clear(states, _heading(trunk), solve)
+
+
 def _arms(states: np.ndarray, trunk: posture.Posture, local: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     chest = local["pelvis"] @ local["spine1"] @ local["spine2"] @ local["spine3"]
-    heading = trunk.pelvis[:, 1] + sum(angles[:, 1] for angles in trunk.spine)
     collars = np.stack([local["left_collar"], local["right_collar"]])
-    solved = arms.solve(states, chest, collars, heading)
+    solved = arms.solve(states, chest, collars, _heading(trunk))
     out = {}
     for name, part in zip(("shoulder", "elbow", "wrist"), solved, strict=True):
         out["left_" + name], out["right_" + name] = part

@@ -5,10 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from umo_train.performer.arms import WRIST
-from umo_train.performer.curves import bumps, drift, hold_steps, path
+from umo_train.performer.bearing import Bearing, liveliness
+from umo_train.performer.curves import bumps, drift, path
 from umo_train.performer.gestures import Gestures
 from umo_train.performer.prosody import Prosody
 from umo_train.performer.style import Style
+
+# The head's own turn stays within these: pitch, yaw and roll in radians.
+_NECK_LIMIT = np.array([0.42, 0.6, 0.36])
 
 
 @dataclass(frozen=True)
@@ -30,50 +34,64 @@ class Posture:
         return self.pelvis + sum(self.spine) + self.neck + self.head
 
 
-def stand(prosody: Prosody, style: Style, hips: np.ndarray, gestures: Gestures, random: np.random.Generator) -> Posture:
+def stand(
+    prosody: Prosody, style: Style, hips: np.ndarray, bearing: Bearing, gestures: Gestures, random: np.random.Generator
+) -> Posture:
     """`hips` is the pelvis' own rotation, from the legs; the trunk goes along with the arms a little."""
     t = prosody.t
-    energy, openness = style.energy, style.openness
+    energy, openness, lively = style.energy, style.openness, liveliness(style)
     breath = _breath(t, random, energy)
     slump = 0.5 - openness
-    sway = drift(random, t, 0.03, 0.12, 3) * np.array([0.006, 0.012, 0.006]) * (0.6 + 0.9 * energy)
     rhythm = _rhythm(prosody, random)
-    sway += rhythm[:, :3] * np.array([0.007, 0.012, 0.008]) * (0.5 + 1.1 * energy)
-    turn = rhythm[:, 3:] * np.array([0.035, 0.11, 0.045]) * (0.55 + 0.8 * energy)
-    turn += _idle_turns(prosody, random) * np.array([0.05, 0.14, 0.03])
+    sway = rhythm[:, :3] * np.array([0.032, 0.055, 0.038]) * (0.45 + 0.75 * energy)
+    turn = rhythm[:, 3:] * np.array([0.03, 0.07, 0.05]) * (0.45 + 0.7 * energy)
     nod = _nods(prosody, style, random)
 
-    lean = np.zeros((len(t), 3))
-    lean[:, 0] = 0.05 * slump + 0.05 * (energy - 0.4)
-    lean += sway
-    # Hips that drop to one side are righted by the spine.
-    lean[:, 2] -= 0.5 * hips[:, 2]
-    lean[:, 1] += 0.12 * turn[:, 1]
     wrists = gestures.states[..., WRIST]
-    lean[:, 1] += 0.10 * (wrists[1, :, 2] - wrists[0, :, 2])
-    lean[:, 0] += 0.03 * (wrists[..., 2].mean(axis=0) - 0.05)
-    spine = [lean.copy(), lean.copy(), lean.copy()]
+    trunk = bearing.trunk + sway
+    trunk[:, 0] += 0.15 * slump + 0.13 * (energy - 0.4) + 0.06 * (wrists[..., 2].mean(axis=0) - 0.05)
+    # The side whose hand reaches comes forward.
+    trunk[:, 1] += 0.28 * (wrists[1, :, 2] - wrists[0, :, 2])
+    trunk[:, 2] -= 0.10 * (wrists[1, :, 1] - wrists[0, :, 1])
+    # Hips that drop to one side are righted by the spine.
+    bend = trunk - hips * np.array([0.5, 0.75, 0.85])
+    spine = [share * bend for share in (0.3, 0.34, 0.36)]
     spine[0][:, 0] += 0.02 * slump + 0.05 * nod
     spine[1][:, 0] += 0.05 * slump - 0.004 * breath + 0.06 * nod
-    spine[2][:, 0] += 0.10 * slump - 0.012 * breath + 0.12 * nod
+    spine[2][:, 0] += 0.10 * slump - 0.014 * breath + 0.12 * nod
 
-    trunk = hips + sum(spine)
-    neck = 0.4 * turn - 0.25 * trunk
-    neck[:, 0] += 0.4 * nod + 0.06 * slump
-    head = 0.6 * turn - 0.45 * trunk
+    # What the trunk does not do of it, neck and head do.
+    own = bearing.head + turn
+    own[:, 0] += nod + 0.02 * slump
     # Stern brows lower the head, a shy one hangs.
-    head[:, 0] += 0.6 * nod + 0.10 * max(0.0, 0.35 - style.mood) + 0.8 * max(0.0, 0.25 - openness) * style.mood
-    head[:, 0] -= 0.06 * slump
-    collars = np.zeros((2, len(t), 2))
-    collars[..., 0] = 0.014 * breath + 0.35 * max(0.0, 0.2 - openness)
-    collars[..., 1] = 0.10 * slump
-    # A raised wrist takes its collar along.
-    collars[..., 0] += 0.9 * np.clip(wrists[..., 1] + 0.40, 0.0, None) ** 2 + 0.3 * gestures.shrug
-    collars[..., 1] += 0.25 * np.clip(wrists[..., 2] - 0.20, 0.0, None)
-    tilt = 0.08 * gestures.shrug * random.choice((-1.0, 1.0))
-    head[:, 2] += tilt
-    neck[:, 2] += 0.5 * tilt
-    return Posture(hips, tuple(spine), neck, head, collars, breath)
+    own[:, 0] += 0.10 * max(0.0, 0.35 - style.mood) + 0.8 * max(0.0, 0.25 - openness) * style.mood
+    own[:, 2] += 0.13 * gestures.shrug * random.choice((-1.0, 1.0))
+    own -= (hips + sum(spine)) * np.array([0.8, 0.55, 0.75])
+    own = _NECK_LIMIT * np.tanh(own / _NECK_LIMIT)
+    neck, head = own * np.array([0.42, 0.4, 0.45]), own * np.array([0.58, 0.6, 0.55])
+    return Posture(
+        hips, tuple(spine), neck, head, _collars(wrists, gestures.shrug, breath, style, lively, t, random), breath
+    )
+
+
+def _collars(
+    wrists: np.ndarray, shrug: np.ndarray, breath: np.ndarray, style: Style, lively: float, t: np.ndarray,
+    random: np.random.Generator,
+) -> np.ndarray:  # fmt: skip
+    """A raised or reaching arm takes its shoulder blade along; shoulders breathe and never stand quite still."""
+    out = np.zeros((2, len(t), 2))
+    out[..., 0] = 0.02 * breath + 0.3 * max(0.0, 0.2 - style.openness)
+    out[..., 1] = 0.10 * (0.5 - style.openness)
+    raised, reached, out_ = wrists[..., 1] + 0.46, wrists[..., 2] - 0.08, wrists[..., 0] - 0.22
+    out[..., 0] += 0.42 * _ramp(raised, 0.08) + 0.16 * _ramp(out_, 0.05) + 0.3 * shrug
+    out[..., 1] += 0.55 * _ramp(reached, 0.06) - 0.35 * _ramp(out_, 0.05)
+    idle = drift(random, t, 0.06, 0.3, 4).T.reshape(2, 2, len(t)).swapaxes(1, 2)
+    return out + idle * np.array([0.012, 0.016]) * lively
+
+
+def _ramp(x: np.ndarray, soft: float) -> np.ndarray:
+    """0 below 0 and `x` above it, round in between."""
+    return 0.5 * (x + np.sqrt(x * x + soft * soft)) - 0.5 * soft
 
 
 def _breath(t: np.ndarray, random: np.random.Generator, energy: float) -> np.ndarray:
@@ -108,23 +126,6 @@ def _rhythm(prosody: Prosody, random: np.random.Generator) -> np.ndarray:
         values.append(np.zeros(6))
     values = np.array(values)
     return path(prosody.t, np.array(times), values, np.zeros_like(values))
-
-
-def _idle_turns(prosody: Prosody, random: np.random.Generator) -> np.ndarray:
-    """`[T, 3]` of unit variance: looks around, only in long silences."""
-    times, values = [-1.0], [np.zeros(3)]
-    seconds = len(prosody.t) / 30.0
-    gaps = zip(np.append(0.0, prosody.phrases[:, 1]), np.append(prosody.phrases[:, 0], seconds), strict=True)
-    for start, end in gaps:
-        at = start + random.uniform(1.0, 2.5)
-        while at < end - 1.5:
-            times.append(at)
-            values.append(random.normal(0.0, 1.0, 3))
-            at += random.uniform(2.0, 5.0)
-        if at > start + 2.5:
-            times.append(max(times[-1] + 0.9, end - 0.6))
-            values.append(np.zeros(3))
-    return hold_steps(prosody.t, np.array(times), np.array(values), 0.8)
 
 
 def _nods(prosody: Prosody, style: Style, random: np.random.Generator) -> np.ndarray:

@@ -19,7 +19,7 @@ STYLES = {
     "neutral": Style(),
     "calm": Style(energy=0.15, gesture_rate=0.2, openness=0.3, mood=0.55),
     "excited": Style(energy=1.0, gesture_rate=0.9, openness=0.95, mood=0.9),
-    "explaining": Style(energy=0.6, gesture_rate=1.0, openness=0.6, mood=0.5),
+    "explaining": Style(energy=0.65, gesture_rate=1.0, openness=0.7, mood=0.5),
     "stern": Style(energy=0.4, gesture_rate=0.35, openness=0.15, mood=0.0),
     "shy": Style(energy=0.2, gesture_rate=0.3, openness=0.0, mood=0.65),
 }
