@@ -171,3 +171,13 @@ def test_weight_shifts_and_steps_with_planted_feet(numbers, takes):
     steps = sum(len(runs(foot)) for flags in lifted for foot in flags[:, ::2].T)
     minutes = sum(len(flags) for flags in lifted) / 30 / 60
     assert 2.0 < steps / minutes < 20.0
+
+
+def test_head_and_trunk_never_jump(spoken):
+    """An attitude may come before the one before it is reached."""
+    for seed in range(12):
+        made = bear(listen(spoken), STYLES["excited"], np.random.default_rng(seed))
+        for turned in (made.head, made.trunk):
+            # Between two frames, in rad/s.
+            assert np.abs(np.diff(turned, axis=0)).max() * 30.0 < 2.0
+            assert np.abs(np.diff(turned, n=2, axis=0)).max() * 30.0**2 < 10.0

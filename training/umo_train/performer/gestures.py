@@ -432,8 +432,8 @@ def _alive(tracks: list[ArmTrack], t: np.ndarray, energy: float, random: np.rand
     up = np.clip((out[..., 1:2] + 0.4) / 0.16, 0.0, 1.0)
     out[..., WRIST] += (0.006 * slow + (0.003 + 0.004 * up) * quick) * lively
     # The higher, the further ahead: elbows do not fold up.
-    short = 0.15 + 0.4 * np.clip(out[..., 1] + 0.3, 0.0, None) - out[..., 2]
-    out[..., 2] += up[..., 0] * 0.5 * (short + np.sqrt(short**2 + 0.015**2))
+    short = 0.13 + 0.4 * np.clip(out[..., 1] + 0.3, 0.0, None) - out[..., 2]
+    out[..., 2] += up[..., 0] * 0.5 * (short + np.sqrt(short**2 + 0.06**2))
     out[..., SWIVEL] += 0.05 * lively * drift(random, t, 0.1, 0.5, 2).T
     out[..., TWIST] += 0.06 * lively * drift(random, t, 0.1, 0.5, 2).T
     out[..., FINGERS] += 0.03 * drift(random, t, 0.05, 0.4, 14).T.reshape(2, 7, len(t)).swapaxes(1, 2)
