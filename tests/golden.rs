@@ -132,7 +132,7 @@ fn mel_is_the_reference_at_every_precision(isa: Isa) {
 }
 
 for_each_isa!(every_case_is_the_reference, mel_is_the_reference_at_every_precision =>
-    (scalar, avx2, avxvnni, avx512vnni, avx512bf16, amx));
+    every);
 
 #[test]
 fn every_golden_model_is_tested() {

@@ -28,22 +28,35 @@ impl Drop for Ends<'_> {
     }
 }
 
-/// One test per instruction set for each property: `for_each_isa!(softmax_is_exact => scalar,
-/// avx2);` makes the tests `softmax_is_exact::scalar` and `softmax_is_exact::avx2`.
+/// One test per instruction set of this target for each property: `for_each_isa!(softmax_is_exact =>
+/// every);` makes the tests `softmax_is_exact::scalar`, `softmax_is_exact::avx2` and so on. For
+/// `vector`, `scalar` is left out.
 #[macro_export]
 macro_rules! for_each_isa {
-    ($($property:ident),+ => $isas:tt) => {
-        $($crate::for_each_isa!(@one $property $isas);)+
+    ($($property:ident),+ => $isas:ident) => {
+        $(
+            mod $property {
+                $crate::for_each_isa!(@$isas $property);
+            }
+        )+
     };
-    (@one $property:ident ($($isa:ident),+)) => {
-        mod $property {
-            $(
-                #[test]
-                fn $isa() {
-                    $crate::on_isa(stringify!($isa), super::$property);
-                }
-            )+
-        }
+    (@every $property:ident) => {
+        $crate::for_each_isa!(@tests $property scalar);
+        $crate::for_each_isa!(@vector $property);
+    };
+    (@vector $property:ident) => {
+        #[cfg(target_arch = "x86_64")]
+        $crate::for_each_isa!(@tests $property avx2 avxvnni avx512vnni avx512bf16 amx);
+        #[cfg(target_arch = "aarch64")]
+        $crate::for_each_isa!(@tests $property neon neon_dotprod neon_i8mm);
+    };
+    (@tests $property:ident $($isa:ident)+) => {
+        $(
+            #[test]
+            fn $isa() {
+                $crate::on_isa(stringify!($isa), super::$property);
+            }
+        )+
     };
 }
 

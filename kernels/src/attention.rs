@@ -8,6 +8,8 @@ mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512vnni;
 mod encoder_bf16;
+#[cfg(target_arch = "aarch64")]
+mod neon;
 mod operands;
 mod scalar;
 
@@ -31,6 +33,9 @@ pub fn tilings(isa: Isa) -> [Tiling; 3] {
         Avx512Vnni: avx512vnni,
         Avx512Bf16: avx512vnni,
         Amx: amx,
+        Neon: neon,
+        NeonDotprod: neon,
+        NeonI8mm: neon,
     });
     [dispatch!(isa, tiling()), encoder_f32, encoder_bf16::tiling(isa)]
 }
@@ -130,6 +135,9 @@ pub fn encoder_attention_f32(
         Avx512Vnni: avx512vnni,
         Avx512Bf16: avx512vnni,
         Amx: amx,
+        Neon: neon,
+        NeonDotprod: neon,
+        NeonI8mm: neon,
     });
     Ok(())
 }

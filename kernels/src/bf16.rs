@@ -6,6 +6,8 @@ mod avx2;
 pub(crate) mod avx512bf16;
 #[cfg(target_arch = "x86_64")]
 mod avx512vnni;
+#[cfg(target_arch = "aarch64")]
+mod neon;
 mod scalar;
 
 use crate::error::{ShapeError, expect_len};

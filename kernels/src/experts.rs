@@ -61,6 +61,9 @@ pub fn route(isa: Isa, logits: MatMut<f32>, top_k: usize, routing: &mut Routing)
         Avx512Vnni: scalar,
         Avx512Bf16: scalar,
         Amx: scalar,
+        Neon: scalar,
+        NeonDotprod: scalar,
+        NeonI8mm: scalar,
     });
     Ok(())
 }

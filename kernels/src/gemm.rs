@@ -6,14 +6,16 @@
 pub(crate) mod avx2;
 #[cfg(target_arch = "x86_64")]
 pub(crate) mod avx512vnni;
+#[cfg(target_arch = "aarch64")]
+pub(crate) mod neon;
 pub(crate) mod scalar;
-#[cfg(target_arch = "x86_64")]
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 mod task;
 
 use crate::error::{ShapeError, expect_len};
 use crate::mat::{Mat, MatMut};
 use crate::math::Activation;
-#[cfg(target_arch = "x86_64")]
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 pub(crate) use task::{GemmTask, Panels, tiles};
 
 /// The rows that a product reads: all rows of a matrix in order, or those named by an index.

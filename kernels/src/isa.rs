@@ -4,18 +4,21 @@
 // stay out of reach.
 extern crate std;
 
+#[cfg(target_arch = "aarch64")]
+mod aarch64;
 mod dispatch;
 #[cfg(target_arch = "x86_64")]
 mod x86_64;
 
+#[cfg(target_arch = "aarch64")]
+pub(crate) use aarch64::{Neon, NeonDotprod, NeonI8mm};
 pub(crate) use dispatch::dispatch;
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
+pub(crate) use dispatch::entry;
 #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
 pub(crate) use x86_64::Amx;
 #[cfg(target_arch = "x86_64")]
-pub(crate) use {
-    dispatch::entry,
-    x86_64::{Avx2, Avx512Bf16, Avx512Vnni, AvxVnni},
-};
+pub(crate) use x86_64::{Avx2, Avx512Bf16, Avx512Vnni, AvxVnni};
 
 use crate::tuning::Tuning;
 
@@ -44,6 +47,14 @@ pub(crate) enum Backend {
     Avx512Bf16(Avx512Bf16),
     #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
     Amx(Amx),
+    #[cfg(target_arch = "aarch64")]
+    Neon(Neon),
+    /// [`Backend::Neon`] with int8 dot products.
+    #[cfg(target_arch = "aarch64")]
+    NeonDotprod(NeonDotprod),
+    /// [`Backend::NeonDotprod`] with int8 matrix products.
+    #[cfg(target_arch = "aarch64")]
+    NeonI8mm(NeonI8mm),
 }
 
 impl Backend {
@@ -60,11 +71,17 @@ impl Backend {
             Backend::Avx512Bf16(_) => "avx512bf16",
             #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
             Backend::Amx(_) => "amx",
+            #[cfg(target_arch = "aarch64")]
+            Backend::Neon(_) => "neon",
+            #[cfg(target_arch = "aarch64")]
+            Backend::NeonDotprod(_) => "neon_dotprod",
+            #[cfg(target_arch = "aarch64")]
+            Backend::NeonI8mm(_) => "neon_i8mm",
         }
     }
 
-    /// The profile of the processors that select this back-end: each back-end was measured
-    /// with it.
+    /// The profile of the processors that select this back-end: each back-end of x86-64 was
+    /// measured with it.
     const fn tuning(self) -> Tuning {
         match self {
             Backend::Scalar => Tuning::XEON,
@@ -74,6 +91,8 @@ impl Backend {
             Backend::Avx512Bf16(_) => Tuning::ZEN,
             #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
             Backend::Amx(_) => Tuning::XEON,
+            #[cfg(target_arch = "aarch64")]
+            Backend::Neon(_) | Backend::NeonDotprod(_) | Backend::NeonI8mm(_) => Tuning::ARM,
         }
     }
 }
@@ -84,7 +103,9 @@ fn backends() -> impl Iterator<Item = (&'static str, Option<Backend>)> {
     let scalar = [("scalar", Some(Backend::Scalar))];
     #[cfg(target_arch = "x86_64")]
     return scalar.into_iter().chain(x86_64::backends());
-    #[cfg(not(target_arch = "x86_64"))]
+    #[cfg(target_arch = "aarch64")]
+    return scalar.into_iter().chain(aarch64::backends());
+    #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
     scalar.into_iter()
 }
 
@@ -143,6 +164,8 @@ impl Isa {
             Backend::Avx512Bf16(_) => true,
             #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
             Backend::Amx(_) => true,
+            #[cfg(target_arch = "aarch64")]
+            Backend::Neon(_) | Backend::NeonDotprod(_) | Backend::NeonI8mm(_) => false,
         }
     }
 
@@ -155,6 +178,8 @@ impl Isa {
             Backend::Avx2(_) | Backend::AvxVnni(_) | Backend::Avx512Vnni(_) | Backend::Avx512Bf16(_) => false,
             #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
             Backend::Amx(_) => true,
+            #[cfg(target_arch = "aarch64")]
+            Backend::Neon(_) | Backend::NeonDotprod(_) | Backend::NeonI8mm(_) => false,
         }
     }
 
@@ -168,6 +193,8 @@ impl Isa {
             Backend::Avx2(_) | Backend::AvxVnni(_) | Backend::Avx512Vnni(_) | Backend::Avx512Bf16(_) => self,
             #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
             Backend::Amx(amx) => Self { backend: Backend::Avx512Vnni(amx.into()), ..self },
+            #[cfg(target_arch = "aarch64")]
+            Backend::Neon(_) | Backend::NeonDotprod(_) | Backend::NeonI8mm(_) => self,
         }
     }
 }

@@ -22,7 +22,10 @@
 //! `kernel` frames with `channels` values each *is* a row of `kernel * channels` values at stride
 //! `step * channels`.
 #![no_std]
-#![expect(clippy::duplicate_mod, reason = "the loops of attention are compiled once per instruction set")]
+#![cfg_attr(
+    target_arch = "x86_64",
+    expect(clippy::duplicate_mod, reason = "the loops of attention are compiled once per instruction set")
+)]
 
 /// The path of this source file, from which callers tell panics of this crate from others.
 #[doc(hidden)]

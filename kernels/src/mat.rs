@@ -65,7 +65,7 @@ impl<'a, T> Mat<'a, T> {
     }
 
     /// The elements from `N * chunk` on of row `i`. Panics if they are not all in the row.
-    #[cfg(target_arch = "x86_64")]
+    #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
     #[inline]
     pub(crate) fn chunk<const N: usize>(&self, i: usize, chunk: usize) -> &'a [T; N] {
         assert!(i < self.rows && chunk < self.cols / N);

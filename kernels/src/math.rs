@@ -20,6 +20,8 @@ pub(crate) mod scalar;
 pub(crate) mod avx2;
 #[cfg(target_arch = "x86_64")]
 pub(crate) mod avx512vnni;
+#[cfg(target_arch = "aarch64")]
+pub(crate) mod neon;
 
 /// An element-wise function.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

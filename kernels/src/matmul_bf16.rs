@@ -8,6 +8,8 @@ mod avx2;
 mod avx512bf16;
 #[cfg(target_arch = "x86_64")]
 mod avx512vnni;
+#[cfg(target_arch = "aarch64")]
+mod neon;
 mod scalar;
 
 use crate::bf16::Bf16;
@@ -29,6 +31,9 @@ pub fn tiling(isa: Isa) -> Tiling {
         Avx512Vnni: avx512vnni,
         Avx512Bf16: avx512vnni,
         Amx: amx,
+        Neon: neon,
+        NeonDotprod: neon,
+        NeonI8mm: neon,
     })
 }
 
@@ -62,6 +67,9 @@ pub fn matmul_bf16(
         Avx512Vnni: avx512vnni,
         Avx512Bf16: avx512vnni,
         Amx: amx,
+        Neon: neon,
+        NeonDotprod: neon,
+        NeonI8mm: neon,
     });
     Ok(())
 }
@@ -87,6 +95,9 @@ pub fn matmul_gated_bf16(
         Avx512Vnni: avx512vnni,
         Avx512Bf16: avx512vnni,
         Amx: amx,
+        Neon: neon,
+        NeonDotprod: neon,
+        NeonI8mm: neon,
     });
     Ok(())
 }
@@ -139,6 +150,9 @@ pub fn split_bf16x2(isa: Isa, x: &[f32], hi: &mut [Bf16], lo: &mut [Bf16]) -> Re
         Avx512Vnni: scalar,
         Avx512Bf16: scalar,
         Amx: amx,
+        Neon: scalar,
+        NeonDotprod: scalar,
+        NeonI8mm: scalar,
     });
     Ok(())
 }
@@ -168,6 +182,9 @@ pub fn matmul_bf16_rows(
         Avx512Vnni: scalar,
         Avx512Bf16: avx512bf16,
         Amx: amx,
+        Neon: scalar,
+        NeonDotprod: scalar,
+        NeonI8mm: scalar,
     });
     Ok(())
 }

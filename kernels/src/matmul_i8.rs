@@ -9,9 +9,15 @@ mod avx2;
 mod avx512vnni;
 #[cfg(target_arch = "x86_64")]
 mod avxvnni;
-#[cfg(target_arch = "x86_64")]
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 mod chunk;
 mod input;
+#[cfg(target_arch = "aarch64")]
+mod neon;
+#[cfg(target_arch = "aarch64")]
+mod neon_dotprod;
+#[cfg(target_arch = "aarch64")]
+mod neon_i8mm;
 mod scalar;
 
 use crate::error::{ShapeError, expect_len};
@@ -36,6 +42,9 @@ pub fn tiling(isa: Isa) -> Tiling {
         Avx512Vnni: avx512vnni,
         Avx512Bf16: avx512vnni,
         Amx: amx,
+        Neon: neon,
+        NeonDotprod: neon_dotprod,
+        NeonI8mm: neon_i8mm,
     })
 }
 
@@ -68,6 +77,9 @@ pub fn matmul_i8(
         Avx512Vnni: avx512vnni,
         Avx512Bf16: avx512vnni,
         Amx: amx,
+        Neon: neon,
+        NeonDotprod: neon_dotprod,
+        NeonI8mm: neon_i8mm,
     });
     Ok(())
 }
@@ -96,6 +108,9 @@ pub fn matmul_gated_i8(
         Avx512Vnni: avx512vnni,
         Avx512Bf16: avx512vnni,
         Amx: amx,
+        Neon: neon,
+        NeonDotprod: neon_dotprod,
+        NeonI8mm: neon_i8mm,
     });
     Ok(())
 }

@@ -14,6 +14,12 @@ mod avx512bf16;
 mod avx512vnni;
 #[cfg(target_arch = "x86_64")]
 mod avxvnni;
+#[cfg(target_arch = "aarch64")]
+mod neon;
+#[cfg(target_arch = "aarch64")]
+mod neon_dotprod;
+#[cfg(target_arch = "aarch64")]
+mod neon_i8mm;
 mod scalar;
 
 use core::hint::black_box;
@@ -30,6 +36,9 @@ pub fn int8(isa: Isa, rounds: usize) -> Option<usize> {
         Avx512Vnni: avx512vnni,
         Avx512Bf16: avx512vnni,
         Amx: amx,
+        Neon: neon,
+        NeonDotprod: neon_dotprod,
+        NeonI8mm: neon_i8mm,
     })
 }
 
@@ -49,6 +58,9 @@ pub fn pairs(isa: Isa, rounds: usize) -> Option<usize> {
         Avx512Vnni: scalar,
         Avx512Bf16: avx512bf16,
         Amx: scalar,
+        Neon: scalar,
+        NeonDotprod: scalar,
+        NeonI8mm: scalar,
     })
 }
 
@@ -68,29 +80,29 @@ impl Order {
 
 /// Streams that are read side by side, and the bytes of each: an Intel Xeon has up to 1.5 times
 /// the bandwidth of one stream.
-#[cfg(target_arch = "x86_64")]
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 const STREAMS: usize = 8;
-#[cfg(target_arch = "x86_64")]
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 const STREAM: usize = 12 << 10;
 
 /// Prefetch distance in bytes: long enough for the first line of a page.
-#[cfg(target_arch = "x86_64")]
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 const FAR: usize = 2 << 10;
 
 /// Offset of the line that is prefetched while line `i` of a stream is read: past the stream's
 /// end, in the same stream of the next chunk.
-#[cfg(target_arch = "x86_64")]
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 const fn prefetch_offset(i: usize) -> usize {
     if i + FAR < STREAM { i + FAR } else { i + FAR + (STREAMS - 1) * STREAM }
 }
 
 /// Prefetch distance in bytes for one stream: an AMD Zen 5 has 1.5 times the bandwidth of
 /// eight.
-#[cfg(target_arch = "x86_64")]
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 const FAR_WHOLE: usize = 16 << 10;
 
 /// Accumulators for one stream.
-#[cfg(target_arch = "x86_64")]
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 const TURNS: usize = 4;
 
 /// Reads every byte once.

@@ -68,32 +68,48 @@ impl SharedHint {
         let pieces = [first, second].map(|piece| piece.load(Ordering::Relaxed).cast_const());
         let [len, streams] = [&self.len, &self.streams].map(|number| number.load(Ordering::Relaxed));
         let hint = PrefetchHint { pieces, len, streams: streams.max(1), memory: PhantomData };
-        #[cfg(target_arch = "x86_64")]
+        #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
         {
             let mut fetch = HintPrefetch::new(hint, usize::MAX);
             while fetch.left > 0 && !is_over() {
                 fetch.advance();
             }
         }
-        #[cfg(not(target_arch = "x86_64"))]
+        #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
         let _ = (hint, &mut is_over);
     }
 }
 
 /// Fetches a line into L1.
-#[cfg(target_arch = "x86_64")]
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 #[inline]
 pub(crate) fn to_l1<T>(line: *const T) {
     // SAFETY: a prefetch is a hint: it reads nothing that the program can see and never faults.
-    unsafe { _mm_prefetch::<_MM_HINT_T0>(line.cast()) }
+    #[cfg(target_arch = "x86_64")]
+    unsafe {
+        _mm_prefetch::<_MM_HINT_T0>(line.cast());
+    }
+    // SAFETY: as above.
+    #[cfg(target_arch = "aarch64")]
+    unsafe {
+        core::arch::asm!("prfm pldl1keep, [{}]", in(reg) line, options(nostack, preserves_flags, readonly));
+    }
 }
 
 /// Fetches a line into L2.
-#[cfg(target_arch = "x86_64")]
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 #[inline]
 pub(crate) fn to_l2<T>(line: *const T) {
     // SAFETY: a prefetch is a hint: it reads nothing that the program can see and never faults.
-    unsafe { _mm_prefetch::<_MM_HINT_T1>(line.cast()) }
+    #[cfg(target_arch = "x86_64")]
+    unsafe {
+        _mm_prefetch::<_MM_HINT_T1>(line.cast());
+    }
+    // SAFETY: as above.
+    #[cfg(target_arch = "aarch64")]
+    unsafe {
+        core::arch::asm!("prfm pldl2keep, [{}]", in(reg) line, options(nostack, preserves_flags, readonly));
+    }
 }
 
 /// Fetches a line into L1 that will be written, so that no other core has it any more.
@@ -106,7 +122,7 @@ pub(crate) fn for_write<T>(line: *const T) {
 }
 
 /// Prefetching during an operation that leaves memory bandwidth unused.
-#[cfg(target_arch = "x86_64")]
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 pub(crate) trait Prefetch {
     /// All of `hint` in so many calls of [`Self::advance`], unless something else is fetched.
     fn new(hint: PrefetchHint, calls: usize) -> Self;
@@ -120,16 +136,16 @@ pub(crate) trait Prefetch {
 }
 
 /// Prefetches only what is read itself, shortly before: for processors tuned for one stream.
-#[cfg(target_arch = "x86_64")]
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 pub(crate) struct SelfPrefetch;
 
-#[cfg(target_arch = "x86_64")]
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 impl SelfPrefetch {
     /// Prefetch distance in bytes.
     const LEAD: usize = 4096;
 }
 
-#[cfg(target_arch = "x86_64")]
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 impl Prefetch for SelfPrefetch {
     #[inline]
     fn new(_: PrefetchHint, _: usize) -> Self {
@@ -148,7 +164,7 @@ impl Prefetch for SelfPrefetch {
 }
 
 /// Prefetches a [`PrefetchHint`] step by step, in several streams.
-#[cfg(target_arch = "x86_64")]
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 pub(crate) struct HintPrefetch {
     /// The next lines of the first streams.
     pieces: [*const u8; 2],
@@ -160,12 +176,12 @@ pub(crate) struct HintPrefetch {
     streams: usize,
 }
 
-#[cfg(target_arch = "x86_64")]
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 impl HintPrefetch {
     const LINE: usize = 64;
 }
 
-#[cfg(target_arch = "x86_64")]
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 impl Prefetch for HintPrefetch {
     fn new(hint: PrefetchHint, calls: usize) -> Self {
         let lines = hint.len / Self::LINE / hint.streams;
@@ -194,7 +210,7 @@ impl Prefetch for HintPrefetch {
     fn touch<T, const N: usize>(&self, _: &[T; N], _: usize) {}
 }
 
-#[cfg(all(test, target_arch = "x86_64"))]
+#[cfg(all(test, any(target_arch = "x86_64", target_arch = "aarch64")))]
 mod tests {
     use super::*;
 

@@ -26,7 +26,12 @@ impl Tuning {
     /// AMD from Zen 4 on, measured on a Zen 5: one stream has 1.5 times the bandwidth of eight.
     pub const ZEN: Self = Self { one_stream: true, self_prefetch: true, offset_on_load: true, fast_bf16_dot: true };
 
-    /// Every profile.
+    /// Arm: one stream, which the processors' own prefetchers follow. Not measured.
+    #[cfg(target_arch = "aarch64")]
+    pub(crate) const ARM: Self =
+        Self { one_stream: true, self_prefetch: false, offset_on_load: false, fast_bf16_dot: false };
+
+    /// The measured profiles.
     pub const ALL: [Self; 2] = [Self::XEON, Self::ZEN];
 
     /// The profile of this processor's maker.

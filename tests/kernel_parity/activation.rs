@@ -135,7 +135,7 @@ fn activations_and_softmax_have_the_scalar_bits(isa: Isa) {
     });
 }
 
-for_each_isa!(activations_and_softmax_have_the_scalar_bits => (avx2, avxvnni, avx512vnni, avx512bf16, amx));
+for_each_isa!(activations_and_softmax_have_the_scalar_bits => vector);
 for_each_isa!(
     gelu_is_near_f64,
     gelu_tanh_is_near_f64,
@@ -143,5 +143,5 @@ for_each_isa!(
     activations_of_an_element_are_the_same_anywhere,
     softmax_is_near_f64,
     argmax_finds_the_first_largest
-    => (scalar, avx2, avxvnni, avx512vnni, avx512bf16, amx)
+    => every
 );

@@ -472,7 +472,7 @@ for_each_isa!(
     attention_rows_are_independent,
     attention_row_is_the_same_among_many,
     attention_ignores_hidden_keys
-    => (scalar, avx2, avxvnni, avx512vnni, avx512bf16, amx)
+    => every
 );
 
 #[test]

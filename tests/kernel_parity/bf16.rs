@@ -33,7 +33,7 @@ fn round_bf16_is_from_f32(isa: Isa) {
     });
 }
 
-for_each_isa!(round_bf16_is_from_f32 => (scalar, avx2, avxvnni, avx512vnni, avx512bf16, amx));
+for_each_isa!(round_bf16_is_from_f32 => every);
 
 #[test]
 fn round_bf16_rejects_shapes_that_disagree() {

@@ -142,5 +142,5 @@ for_each_isa!(
     rounded_rows_propagate_nonfinite_values,
     rows_in_bf16_give_the_same,
     bf16_products_propagate_nonfinite_values
-    => (scalar, avx2, avxvnni, avx512vnni, avx512bf16, amx)
+    => every
 );

@@ -127,7 +127,7 @@ fn grouped_convolution_keeps_groups_apart(isa: Isa) {
 for_each_isa!(
     convolution_is_a_product_over_windows,
     grouped_convolution_keeps_groups_apart
-    => (scalar, avx2, avxvnni, avx512vnni, avx512bf16, amx)
+    => every
 );
 
 #[test]

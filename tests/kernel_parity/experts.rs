@@ -136,7 +136,7 @@ for_each_isa!(
     route_has_the_right_probabilities,
     route_follows_its_probabilities,
     route_of_a_row_is_the_same_among_500
-    => (scalar, avx2, avxvnni, avx512vnni, avx512bf16, amx)
+    => every
 );
 
 #[test]

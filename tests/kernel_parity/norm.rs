@@ -169,9 +169,9 @@ for_each_isa!(
     norms_of_a_row_are_the_same_among_500,
     channel_sums_add_in_time_order,
     channel_affine_rounds_twice
-    => (scalar, avx2, avxvnni, avx512vnni, avx512bf16, amx)
+    => every
 );
-for_each_isa!(norms_have_the_scalar_bits => (avx2, avxvnni, avx512vnni, avx512bf16, amx));
+for_each_isa!(norms_have_the_scalar_bits => vector);
 
 #[test]
 fn norms_reject_shapes_that_disagree() {

@@ -104,11 +104,11 @@ fn quantize_columns_says_which_length_disagrees() {
     assert_eq!(steps, [9; 4]);
 }
 
-for_each_isa!(quantize_rows_has_the_scalar_bits => (avx2, avxvnni, avx512vnni, avx512bf16, amx));
+for_each_isa!(quantize_rows_has_the_scalar_bits => vector);
 for_each_isa!(
     quantize_columns_has_the_bits_of_rows,
     quantize_rows_is_within_half_a_step,
     quantize_rows_rounds_halves_to_even,
     quantize_rows_of_a_row_are_the_same_among_500
-    => (scalar, avx2, avxvnni, avx512vnni, avx512bf16, amx)
+    => every
 );

@@ -69,9 +69,16 @@ fn gated(kind: Kind, isa: Isa, seed: u64) -> Vec<u64> {
     Operands::new(&Case::sample(kind, seed)).bits(isa, true)
 }
 
+fn portable(kind: Kind, isa: Isa, seed: u64, gated: bool) -> Vec<u64> {
+    Operands::new(&Case::portable_sample(kind, seed)).bits(isa, gated)
+}
+
 fn rounded_rows(isa: Isa, seed: u64) -> Vec<u64> {
+    rounded_rows_of(isa, seed, &Case::sample(Kind::Bf16, seed))
+}
+
+fn rounded_rows_of(isa: Isa, seed: u64, &Case { m, n, k, .. }: &Case) -> Vec<u64> {
     let mut noise = Noise::new(seed);
-    let Case { m, n, k, .. } = Case::sample(Kind::Bf16, seed);
     let x: Vec<_> = floats(&mut noise, m * k).into_iter().map(Bf16::from_f32).collect();
     let (w, bias, mut y) = (floats(&mut noise, n * k), floats(&mut noise, n), floats(&mut noise, m * n));
     let mut packed = vec![Bf16::default(); packed_len_bf16(n, k)];
@@ -294,4 +301,65 @@ fn functions_match_the_same_bits_table() {
     let mut known = CALLS.map(|(name, _)| name);
     known.sort_unstable();
     assert_eq!(documented, known, "the table does not name every function once");
+}
+
+/// Digests of the functions' results on `scalar` and on `avx2`.
+const DIGESTS: [(&str, [u64; 2]); 22] = [
+    ("matmul_i8", [0x14ae_d55f_7cc7_b5b4, 0x14ae_d55f_7cc7_b5b4]),
+    ("matmul_gated_i8", [0x10c1_f218_ecda_2e27, 0x10c1_f218_ecda_2e27]),
+    ("quantize_rows", [0x52d6_526d_e1e1_8f9d, 0x52d6_526d_e1e1_8f9d]),
+    ("activation::apply", [0xf21f_9a83_6f8b_2dfd, 0xf21f_9a83_6f8b_2dfd]),
+    ("softmax", [0xb67b_ac9c_70a6_3e18, 0xb67b_ac9c_70a6_3e18]),
+    ("rms_norm", [0x8b73_48f1_fd8e_922d, 0x8b73_48f1_fd8e_922d]),
+    ("layer_norm", [0x0717_5c25_eb4b_79fd, 0x0717_5c25_eb4b_79fd]),
+    ("channel_sums", [0xd1c4_306e_8041_3f24, 0xd1c4_306e_8041_3f24]),
+    ("channel_affine", [0xbe9c_a4d4_8b8f_aab6, 0xbe9c_a4d4_8b8f_aab6]),
+    ("route", [0xa738_74e9_42c3_a4b6, 0xa738_74e9_42c3_a4b6]),
+    ("round_bf16", [0xfe67_96be_94be_e963, 0xfe67_96be_94be_e963]),
+    ("split_bf16x2", [0x1bd9_3329_945d_8572, 0x1bd9_3329_945d_8572]),
+    ("encoder_attention_bf16", [0x5962_92f4_e33b_eece, 0x5962_92f4_e33b_eece]),
+    ("matmul_f32", [0xeedc_87bc_1c51_5a23, 0xd26d_b700_185d_02de]),
+    ("matmul_gated_f32", [0x0f7f_c7f9_fc72_e5ba, 0x56f9_be6e_fd18_406c]),
+    ("conv1d_grouped_f32", [0xbd54_f89e_bbea_1bd1, 0x245f_27d9_1741_1ca3]),
+    ("matmul_bf16", [0xa29c_dd6f_8035_3e7f, 0x4604_db10_751e_2e6a]),
+    ("matmul_gated_bf16", [0x9713_b58a_278a_bf78, 0x8f3f_3f59_2320_117d]),
+    ("matmul_bf16_rows", [0xa1f7_304d_8c44_b42e, 0xa1f7_304d_8c44_b42e]),
+    ("attention_f32", [0xc180_cf3f_8cd6_3f1d, 0xaa87_60b2_8d35_722b]),
+    ("attention_bf16", [0xd6c9_b8e5_5b6d_be79, 0xd7e8_5552_1146_fe7d]),
+    ("encoder_attention_f32", [0x4905_c5ff_1968_f10f, 0xb3f1_203b_cf17_b0de]),
+];
+
+/// Of those calls whose sizes follow the processor's back-ends, others of fixed sizes.
+const PORTABLE_CALLS: [(&str, Call); 7] = [
+    ("matmul_i8", |isa, seed| portable(Kind::I8, isa, seed, false)),
+    ("matmul_gated_i8", |isa, seed| portable(Kind::I8, isa, seed, true)),
+    ("matmul_f32", |isa, seed| portable(Kind::F32, isa, seed, false)),
+    ("matmul_gated_f32", |isa, seed| portable(Kind::F32, isa, seed, true)),
+    ("matmul_bf16", |isa, seed| portable(Kind::Bf16, isa, seed, false)),
+    ("matmul_gated_bf16", |isa, seed| portable(Kind::Bf16, isa, seed, true)),
+    ("matmul_bf16_rows", |isa, seed| rounded_rows_of(isa, seed, &Case::portable_sample(Kind::Bf16, seed))),
+];
+
+/// Every processor has the same bits: those of x86-64 and those of 64-bit Arm are compared with the
+/// same numbers.
+#[test]
+fn results_have_the_recorded_bits() {
+    for isa in Isa::available() {
+        let place = match isa.name() {
+            "scalar" => 0,
+            "avx2" | "avxvnni" | "neon" | "neon_dotprod" | "neon_i8mm" => 1,
+            _ => continue,
+        };
+        for ((name, call), (recorded, digests)) in CALLS.iter().zip(DIGESTS) {
+            assert_eq!(*name, recorded, "the two tables have one order");
+            let call = PORTABLE_CALLS.iter().find(|(portable, _)| portable == name).map_or(call, |(_, call)| call);
+            let found = (0..12).flat_map(|seed| call(isa, seed)).fold(0xcbf2_9ce4_8422_2325, digest);
+            assert_eq!(found, digests[place], "{name} on {}: {found:#x}", isa.name());
+        }
+    }
+}
+
+/// FNV-1a over the words of all results.
+fn digest(before: u64, word: u64) -> u64 {
+    word.to_le_bytes().iter().fold(before, |hash, &byte| (hash ^ u64::from(byte)).wrapping_mul(0x100_0000_01b3))
 }

@@ -32,6 +32,24 @@ pub fn avx512bf16(_: TokenStream, function: TokenStream) -> TokenStream {
     enable("avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512bf16", function)
 }
 
+/// NEON, which every 64-bit Arm processor has.
+#[proc_macro_attribute]
+pub fn neon(_: TokenStream, function: TokenStream) -> TokenStream {
+    enable("neon", function)
+}
+
+/// [`macro@neon`] with int8 dot products (`sdot`).
+#[proc_macro_attribute]
+pub fn neon_dotprod(_: TokenStream, function: TokenStream) -> TokenStream {
+    enable("neon,dotprod", function)
+}
+
+/// [`macro@neon_dotprod`] with int8 matrix products (`smmla`).
+#[proc_macro_attribute]
+pub fn neon_i8mm(_: TokenStream, function: TokenStream) -> TokenStream {
+    enable("neon,dotprod,i8mm", function)
+}
+
 fn enable(features: &str, function: TokenStream) -> TokenStream {
     let attribute = format!("#[target_feature(enable = \"{features}\")]");
     let mut result: TokenStream = attribute.parse().expect("an attribute with a string of features");

@@ -14,6 +14,8 @@ mod avx2;
 mod avx512bf16;
 #[cfg(target_arch = "x86_64")]
 mod avx512vnni;
+#[cfg(target_arch = "aarch64")]
+mod neon;
 mod scalar;
 
 use super::operands::Operands;
@@ -31,6 +33,9 @@ pub(super) fn tiling(isa: Isa) -> Tiling {
         Avx512Vnni: avx512vnni,
         Avx512Bf16: avx512bf16,
         Amx: amx,
+        Neon: neon,
+        NeonDotprod: neon,
+        NeonI8mm: neon,
     })
 }
 
@@ -42,6 +47,9 @@ pub(super) fn attention(isa: Isa, operands: Operands<f32>, y: MatMut<f32>) {
         Avx512Vnni: avx512vnni,
         Avx512Bf16: avx512bf16,
         Amx: amx,
+        Neon: neon,
+        NeonDotprod: neon,
+        NeonI8mm: neon,
     });
 }
 

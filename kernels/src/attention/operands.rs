@@ -55,10 +55,16 @@ pub(super) struct Operands<'a, T> {
     pub(super) scale: f32,
     pub(super) bias: Option<RelativeBias<'a>>,
     pub(super) visible: Visible,
-    #[cfg_attr(not(target_arch = "x86_64"), expect(dead_code, reason = "nothing is fetched"))]
+    #[cfg_attr(
+        not(any(target_arch = "x86_64", target_arch = "aarch64")),
+        expect(dead_code, reason = "nothing is fetched")
+    )]
     pub(super) hint: PrefetchHint<'a>,
     /// Prefetch the keys and values themselves, and ignore the hint.
-    #[cfg_attr(not(target_arch = "x86_64"), expect(dead_code, reason = "nothing is fetched"))]
+    #[cfg_attr(
+        not(any(target_arch = "x86_64", target_arch = "aarch64")),
+        expect(dead_code, reason = "nothing is fetched")
+    )]
     pub(super) self_prefetch: bool,
 }
 

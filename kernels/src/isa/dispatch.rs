@@ -4,8 +4,8 @@
 /// Calls a function of the module that answers for the back-end of `$isa`, with the back-end's
 /// token before the other arguments (the scalar module takes none).
 ///
-/// The short form is for operations with the modules `scalar`, `avx2` and `avx512vnni`: the other
-/// back-ends have no better instructions for them. The long form names a module for every back-end.
+/// The short form is for operations with the modules `scalar`, `avx2`, `avx512vnni` and `neon`: the
+/// other back-ends have no better instructions for them. The long form names a module for every back-end.
 macro_rules! dispatch {
     (@call scalar $function:ident $token:ident ($($argument:expr),*)) => {{
         let _ = $token;
@@ -22,6 +22,9 @@ macro_rules! dispatch {
             Avx512Vnni: avx512vnni,
             Avx512Bf16: avx512vnni,
             Amx: avx512vnni,
+            Neon: neon,
+            NeonDotprod: neon,
+            NeonI8mm: neon,
         })
     };
     ($isa:expr, $function:ident($($argument:expr),* $(,)?), {
@@ -30,7 +33,10 @@ macro_rules! dispatch {
         AvxVnni: $avxvnni:ident,
         Avx512Vnni: $avx512vnni:ident,
         Avx512Bf16: $avx512bf16:ident,
-        Amx: $amx:ident $(,)?
+        Amx: $amx:ident,
+        Neon: $neon:ident,
+        NeonDotprod: $neon_dotprod:ident,
+        NeonI8mm: $neon_i8mm:ident $(,)?
     }) => {
         match $isa.backend() {
             $crate::isa::Backend::Scalar => $scalar::$function($($argument),*),
@@ -44,6 +50,12 @@ macro_rules! dispatch {
             $crate::isa::Backend::Avx512Bf16(token) => $crate::isa::dispatch!(@call $avx512bf16 $function token ($($argument),*)),
             #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
             $crate::isa::Backend::Amx(token) => $crate::isa::dispatch!(@call $amx $function token ($($argument),*)),
+            #[cfg(target_arch = "aarch64")]
+            $crate::isa::Backend::Neon(token) => $crate::isa::dispatch!(@call $neon $function token ($($argument),*)),
+            #[cfg(target_arch = "aarch64")]
+            $crate::isa::Backend::NeonDotprod(token) => $crate::isa::dispatch!(@call $neon_dotprod $function token ($($argument),*)),
+            #[cfg(target_arch = "aarch64")]
+            $crate::isa::Backend::NeonI8mm(token) => $crate::isa::dispatch!(@call $neon_i8mm $function token ($($argument),*)),
         }
     };
 }
@@ -53,7 +65,7 @@ macro_rules! dispatch {
 ///
 /// `fn f(token: Avx2, x: X) { .. }` becomes a function without target features that calls one with
 /// them.
-#[cfg(target_arch = "x86_64")]
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 macro_rules! entry {
     (@features Avx2 $($function:tt)*) => { #[umo_kernels_features::avx2] $($function)* };
     (@features AvxVnni $($function:tt)*) => { #[umo_kernels_features::avxvnni] $($function)* };
@@ -61,6 +73,9 @@ macro_rules! entry {
     // `vdpbf16ps` is issued by name (`bf16::avx512bf16`), so that the loops of AVX-512 are shared.
     (@features Avx512Bf16 $($function:tt)*) => { #[umo_kernels_features::avx512vnni] $($function)* };
     (@features Amx $($function:tt)*) => { #[umo_kernels_features::avx512bf16] $($function)* };
+    (@features Neon $($function:tt)*) => { #[umo_kernels_features::neon] $($function)* };
+    (@features NeonDotprod $($function:tt)*) => { #[umo_kernels_features::neon_dotprod] $($function)* };
+    (@features NeonI8mm $($function:tt)*) => { #[umo_kernels_features::neon_i8mm] $($function)* };
     ($(
         $(#[$meta:meta])*
         $visibility:vis fn $name:ident $(<$generic:ident: $bound:path>)?
@@ -73,12 +88,13 @@ macro_rules! entry {
                 fn with_features $(<$generic: $bound>)? ($token: $Token $(, $argument: $type)*) $(-> $result)? $body
             }
             // SAFETY: the token exists only where the processor has the features of
-            // `with_features`, which `isa::x86_64` detected: the attributes above enable the same.
+            // `with_features`, which its constructor in `isa` detected: the attributes above enable the
+            // same.
             unsafe { with_features($token $(, $argument)*) }
         }
     )*};
 }
 
 pub(crate) use dispatch;
-#[cfg(target_arch = "x86_64")]
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 pub(crate) use entry;

@@ -125,6 +125,39 @@ mod back_ends {
         }
     }
 
+    #[cfg(target_arch = "aarch64")]
+    mod neon {
+        use super::ACTIVATIONS;
+        use crate::isa::{Neon, entry};
+        use crate::lanes::neon::{load, store};
+        use crate::math::neon::{activate, exp, exp2_bf16, softmax_exp};
+
+        entry! {
+            pub(super) fn exponentials(_token: Neon, y: &mut [[f32; 16]; 4]) {
+                for (i, y) in y.iter_mut().enumerate() {
+                    for y in y.as_chunks_mut().0 {
+                        let x = load(y);
+                        store(y, if i < 2 { softmax_exp(x) } else { exp2_bf16(x) });
+                    }
+                }
+            }
+
+            pub(super) fn fill(_token: Neon, y: &mut [[f32; 16]; 5]) {
+                for half in 0..2 {
+                    let [y, activated @ ..] = y;
+                    let y = &mut y.as_chunks_mut().0[half];
+                    let value = exp(load(y));
+            store(y, value);
+                    for (y, activation) in activated.iter_mut().zip(ACTIVATIONS) {
+                        let y = &mut y.as_chunks_mut().0[half];
+                        let value = activate(activation, load(y));
+            store(y, value);
+                    }
+                }
+            }
+        }
+    }
+
     #[cfg(target_arch = "x86_64")]
     mod avx512vnni {
         use super::ACTIVATIONS;

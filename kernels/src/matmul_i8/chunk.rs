@@ -8,6 +8,7 @@ use core::ops::Range;
 
 /// Rows of a tile that is bound by memory: there, clearing a large buffer is measurable, and
 /// prefetching further weights does not pay.
+#[cfg(target_arch = "x86_64")]
 pub(super) const FEW_ROWS: usize = 4;
 /// Bytes of weights per chunk, which share a small L2 with the next chunk.
 pub(super) const CHUNK_BYTES: usize = 256 << 10;

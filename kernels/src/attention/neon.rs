@@ -1,0 +1,22 @@
+//! As `avx2.rs`, in pairs of registers of 4 lanes.
+
+#[path = "loops.rs"]
+mod loops;
+pub(super) mod vector;
+
+use super::operands::Operands;
+use crate::isa::{Neon, entry};
+use crate::mat::MatMut;
+use crate::tiling::Tiling;
+pub(super) use loops::Load;
+
+/// Where the loops change.
+pub(super) fn tiling(_token: Neon) -> Tiling {
+    loops::TILING
+}
+
+entry! {
+    pub(super) fn attention<T: Load>(_token: Neon, x: Operands<T>, y: MatMut<f32>) {
+        loops::attention(x, y);
+    }
+}
