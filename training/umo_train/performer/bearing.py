@@ -82,7 +82,8 @@ def _next(now: np.ndarray, random: np.random.Generator) -> np.ndarray:
     side = random.choice((1, 2))
     if random.random() < 0.65 and abs(now[side]) > 0.2:
         aim[side] = -np.copysign(max(abs(aim[side]), 0.6), now[side])
-    return np.clip(aim, -2.0, 2.0)
+    # Far down it would look stern.
+    return np.clip(aim, -2.0, (0.7, 2.0, 2.0))
 
 
 def _look_around(
