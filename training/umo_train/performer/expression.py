@@ -75,7 +75,7 @@ def unsettle(out: np.ndarray, prosody: Prosody, random: np.random.Generator) -> 
     out[:, SHAPE["jawForward"]] += talking * np.clip(0.02 + 0.02 * slow[:, 3] + 0.01 * quick[:, 0], 0.0, None)
     dimple = np.clip(0.03 + 0.04 * slow[:, 4] + 0.02 * quick[:, 2], 0.0, None)
     for k, side in enumerate(("Left", "Right")):
-        out[:, SHAPE["noseSneer" + side]] += 0.14 * out[:, SHAPE["mouthUpperUp" + side]]
+        out[:, SHAPE["noseSneer" + side]] += 0.2 * out[:, SHAPE["mouthUpperUp" + side]]
         out[:, SHAPE["mouthDimple" + side]] += dimple * talking * (1.0 + 0.08 * (-1) ** k)
     _pauses(out, t, 1.0 - talking, random)
 
