@@ -20,9 +20,9 @@ from umo_train.mouth import examples, part, sounds
 from umo_train.mouth.features import Front, Sizes, sizes_of
 from umo_train.mouth.gate import gate, gated
 from umo_train.mouth.make import make
-from umo_train.mouth.recordings import _covering
 from umo_train.mouth.run import Mouth
 from umo_train.mouth.train import MouthPlan, train
+from umo_train.people.align import covering
 from umo_train.plan import Run
 from umo_train.speech.utterance import FRAME_RATE, SAMPLE_RATE, Phone, Utterance
 
@@ -104,7 +104,7 @@ def test_training_learns_when_a_tone_speaks(tmp_path: Path) -> None:
 
 
 def test_gaps_between_aligned_phones_are_silence() -> None:
-    phones = _covering([Phone("pau", 0.0, 0.1), Phone("aa", 0.2, 0.3, 1), Phone("t", 0.3, 9.0)], 0.5)
+    phones = covering([Phone("pau", 0.0, 0.1), Phone("aa", 0.2, 0.3, 1), Phone("t", 0.3, 9.0)], 0.5)
     assert [(p.name, p.start, p.end) for p in phones] == [("pau", 0.0, 0.2), ("aa", 0.2, 0.3), ("t", 0.3, 0.5)]
 
 

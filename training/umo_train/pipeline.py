@@ -35,6 +35,7 @@ STEPS = (
     "import",
     "voices",
     "speech",
+    "people",
     "motion",
     "audio",
     "tokenizers",
@@ -91,6 +92,16 @@ def step_voices(s: Run) -> None:
 def step_speech(s: Run) -> None:
     plan = corpus.SpeechPlan(**s.plan["speech"] | {"held_out": tuple(s.plan["speech"]["held_out"])})
     corpus.make_speech(plan, s.corpus, s.plan["workers"])
+
+
+def step_people(s: Run) -> None:
+    """Recorded people, where the plan names any."""
+    from umo_train.people.make import PeoplePlan, make_people
+
+    plan = s.plan.get("people")
+    if not plan:
+        raise ValueError("the step `people` needs a section `people` in the plan: `root` and `sets`")
+    make_people(PeoplePlan(**plan | {"root": s.work / plan["root"]}), s.corpus, s.plan["workers"])
 
 
 def step_motion(s: Run) -> None:

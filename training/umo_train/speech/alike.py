@@ -16,19 +16,25 @@ _SILENCE = 40
 
 def boundaries(original: Utterance, phrase: Sequence[Word], samples: np.ndarray) -> list[tuple[float, float]]:
     """Times in `samples` and in the original of the start and the end of each word of `phrase`."""
-    first = max(int((phrase[0].start - _MARGIN) * SAMPLE_RATE), 0)
-    ours = original.samples[first : int((phrase[-1].end + _MARGIN) * SAMPLE_RATE)]
+    wanted = np.array([time for word in phrase for time in (word.start, word.end)])
+    return list(zip(heard(original.samples, wanted, samples).tolist(), wanted.tolist(), strict=True))
+
+
+def heard(original: np.ndarray, wanted: np.ndarray, samples: np.ndarray) -> np.ndarray:
+    """Times in `samples` at which is said what `original` says at the times `wanted`, which ascend: the first is where
+    speech begins, the last where it ends."""
+    first = max(int((wanted[0] - _MARGIN) * SAMPLE_RATE), 0)
+    ours = original[first : int((wanted[-1] + _MARGIN) * SAMPLE_RATE)]
     theirs, (begin, end) = librosa.effects.trim(samples, top_db=_SILENCE, frame_length=2 * _HOP, hop_length=_HOP)
     _, path = librosa.sequence.dtw(_features(theirs), _features(ours), metric="euclidean", backtrack=True)
     path = path[::-1]
-    wanted = np.array([time for word in phrase for time in (word.start, word.end)])
     # Several of their frames may be as one of ours: the middle one.
     frames, where = np.unique(path[:, 1], return_inverse=True)
     middle = np.bincount(where, path[:, 0]) / np.bincount(where)
-    heard = np.interp((wanted * SAMPLE_RATE - first) / _HOP, frames, middle) * _HOP / SAMPLE_RATE
+    times = np.interp((wanted * SAMPLE_RATE - first) / _HOP, frames, middle) * _HOP / SAMPLE_RATE
     # The ends are where speech is: likeness says little of silence.
-    heard[0], heard[-1] = 0.0, (end - begin) / SAMPLE_RATE
-    return list(zip((heard + begin / SAMPLE_RATE).tolist(), wanted.tolist(), strict=True))
+    times[0], times[-1] = 0.0, (end - begin) / SAMPLE_RATE
+    return times + begin / SAMPLE_RATE
 
 
 def _features(samples: np.ndarray) -> np.ndarray:

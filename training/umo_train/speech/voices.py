@@ -178,6 +178,12 @@ _ESPEAK = {
     "r-": "r", "R": "r", "R2": "r", "w": "w", "w#": "w", "j": "y", "x": "k", "C": "hh", "?": "t", "m-": "m",
 }  # fmt: skip
 
+# What stands for the sounds that English lacks, and for those that its mnemonics name otherwise.
+_ESPEAK_GERMAN = _ESPEAK | {
+    "a": "aa", "3": "ax", "E:": "eh", "y:": "uw", "y": "uh", "Y:": "er", "W": "er", "W~": "er", "OY": "oy", "UR": "uh",
+    "ts": "s", "pF": "f", "O~": "ao", "A~": "aa", "EI": "ey",
+}  # fmt: skip
+
 
 class Espeak:
     """espeak-ng through its C library, the only way in which it tells times."""
@@ -260,7 +266,7 @@ class Espeak:
                 word += 1
                 text = line.text[max(position - 1, 0) : max(position - 1, 0) + length]
             elif kind == self._PHONEME:
-                rows.append((max(sample / self._rate - self.LATE_S, 0.0), _phone(name), word, text))
+                rows.append((max(sample / self._rate - self.LATE_S, 0.0), self._phone(name), word, text))
         stresses = self._stresses(line.text)
         vowels = [row for row in rows if row[1] in VOWELS]
         # Where the two disagree in number, no vowel is known to be stressed.
@@ -276,6 +282,12 @@ class Espeak:
             segments.insert(0, Segment(SILENCE, rows[0][0], False, False, 0, ""))
         return segments
 
+    def _phone(self, name: str) -> str:
+        """A mnemonic as one of `PHONES`: by the longest known beginning."""
+        known = _ESPEAK_GERMAN if self.voice.startswith("de") else _ESPEAK
+        bare = name.lstrip("',%=_:;|!*")
+        return known.get(bare) or known.get(bare[:2]) or known.get(bare[:1]) or SILENCE
+
     def _stresses(self, text: str) -> list[bool]:
         """Of each vowel of the transcription, whether it carries primary stress."""
         transcribe = self._load().espeak_TextToPhonemes
@@ -286,15 +298,9 @@ class Espeak:
         while rest.value:
             clause = transcribe(ctypes.byref(rest), utf8, separated_by_underscore) or b""
             for name in clause.decode().replace(" ", "_").split("_"):
-                if name and _phone(name) in VOWELS:
+                if name and self._phone(name) in VOWELS:
                     stresses.append(name.startswith("'"))
         return stresses
-
-
-def _phone(name: str) -> str:
-    """An espeak mnemonic as one of `PHONES`: by the longest known beginning."""
-    bare = name.lstrip("',%=_:;|!*")
-    return _ESPEAK.get(bare) or _ESPEAK.get(bare[:2]) or _ESPEAK.get(bare[:1]) or SILENCE
 
 
 def find(name: str) -> Voice:
