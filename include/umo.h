@@ -147,6 +147,15 @@
 // At most AVX2 with VNNI.
 #define UMO_ISA_AVXVNNI 6
 
+// At most NEON, on 64-bit Arm.
+#define UMO_ISA_NEON 7
+
+// At most NEON with dot products of int8.
+#define UMO_ISA_NEON_DOTPROD 8
+
+// At most NEON with dot products and matrix products of int8.
+#define UMO_ISA_NEON_I8MM 9
+
 // Name of the model.
 #define UMO_MODEL_NAME 1
 

@@ -137,3 +137,14 @@ pub(crate) fn check_product(
         None => Ok(()),
     }
 }
+
+/// The same address, opaque to the compiler: it loads the value again instead of keeping it in
+/// a register.
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
+#[inline]
+#[expect(clippy::pointers_in_nomem_asm_block, reason = "the address alone is passed, and nothing is read there")]
+pub(crate) fn opaque<T>(mut address: *const T) -> *const T {
+    // SAFETY: no instruction at all.
+    unsafe { core::arch::asm!("/* {0} */", inout(reg) address, options(nomem, nostack, preserves_flags)) };
+    address
+}

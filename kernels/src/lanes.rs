@@ -1,7 +1,7 @@
 //! Sixteen lanes: the order of additions that all back-ends share, and their loads and stores.
 //!
 //! A long f32 sum is kept in [`LANES`] partial sums, element `i` in lane `i % LANES`, which are
-//! finally added pairwise. That is one AVX-512 register or two of AVX2, and its error bound is
+//! finally added pairwise. That is one AVX-512 register, two of AVX2 or four of NEON, and its error bound is
 //! lower than that of one running sum.
 
 #[cfg(target_arch = "x86_64")]

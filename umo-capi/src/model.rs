@@ -50,6 +50,12 @@ pub const UMO_ISA_AMX: u32 = 4;
 pub const UMO_ISA_AVX512BF16: u32 = 5;
 /// At most AVX2 with VNNI.
 pub const UMO_ISA_AVXVNNI: u32 = 6;
+/// At most NEON, on 64-bit Arm.
+pub const UMO_ISA_NEON: u32 = 7;
+/// At most NEON with dot products of int8.
+pub const UMO_ISA_NEON_DOTPROD: u32 = 8;
+/// At most NEON with dot products and matrix products of int8.
+pub const UMO_ISA_NEON_I8MM: u32 = 9;
 
 /// How a model is loaded. Start it with `umo_model_config_init`.
 #[repr(C)]
@@ -186,7 +192,7 @@ fn precision(number: u32) -> Result<Precision, Failure> {
     }
 }
 
-/// The fastest back-end up to a cap.
+/// The fastest back-end up to a cap; one of another architecture leaves portable code.
 fn isa(number: u32) -> Result<Isa, Failure> {
     let allowed: &[&str] = match number {
         UMO_ISA_BEST => return Ok(Isa::detect()),
@@ -196,6 +202,9 @@ fn isa(number: u32) -> Result<Isa, Failure> {
         UMO_ISA_AVX512VNNI => &["scalar", "avx2", "avxvnni", "avx512vnni"],
         UMO_ISA_AVX512BF16 => &["scalar", "avx2", "avxvnni", "avx512vnni", "avx512bf16"],
         UMO_ISA_AMX => &["scalar", "avx2", "avxvnni", "avx512vnni", "avx512bf16", "amx"],
+        UMO_ISA_NEON => &["scalar", "neon"],
+        UMO_ISA_NEON_DOTPROD => &["scalar", "neon", "neon_dotprod"],
+        UMO_ISA_NEON_I8MM => &["scalar", "neon", "neon_dotprod", "neon_i8mm"],
         _ => return Err(Failure::argument(format_args!("isa {number} is none of UMO_ISA_…"))),
     };
     Ok(Isa::available().filter(|isa| allowed.contains(&isa.name())).last().unwrap_or(Isa::SCALAR))
@@ -411,9 +420,12 @@ mod tests {
         assert!(["scalar", "avx2", "avxvnni"].contains(&name(UMO_ISA_AVXVNNI)));
         assert!(["scalar", "avx2", "avxvnni", "avx512vnni"].contains(&name(UMO_ISA_AVX512VNNI)));
         assert_ne!(name(UMO_ISA_AVX512BF16), "amx");
-        assert_eq!(name(UMO_ISA_AMX), Isa::detect().name());
+        assert!(["scalar", "neon"].contains(&name(UMO_ISA_NEON)));
+        assert!(["scalar", "neon", "neon_dotprod"].contains(&name(UMO_ISA_NEON_DOTPROD)));
+        let highest = if cfg!(target_arch = "aarch64") { UMO_ISA_NEON_I8MM } else { UMO_ISA_AMX };
+        assert_eq!(name(highest), Isa::detect().name());
         assert_eq!(name(UMO_ISA_BEST), Isa::detect().name());
-        for number in [7, 8, u32::MAX] {
+        for number in [10, 11, u32::MAX] {
             assert!(isa(number).is_err(), "{number}");
         }
     }

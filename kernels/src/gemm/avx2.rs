@@ -1,6 +1,6 @@
 //! 8 outputs per fused multiply-add, one sum per output in ascending order of inputs.
 
-use super::{Epilogue, GemmTask, Input, Panels, tiles};
+use super::{Epilogue, GemmTask, Input, Panels, opaque, tiles};
 use crate::isa::Avx2;
 use crate::lanes::avx2::{load_two as load, store_two as store};
 use crate::mat::MatMut;
@@ -9,7 +9,6 @@ use crate::math::avx2::{activate, gelu_tanh};
 use crate::pack::{PANEL, QUAD};
 use crate::prefetch;
 use crate::tiling::Tiling;
-use core::arch::asm;
 use core::arch::x86_64::*;
 use umo_kernels_features::avx2;
 
@@ -199,16 +198,6 @@ unsafe fn step<W: Load, const R: usize, const P: usize>(
             acc[r][p][1] = _mm256_fmadd_ps(x, weights[1], acc[r][p][1]);
         }
     }
-}
-
-/// The same address, opaque to the compiler: it loads the value again instead of keeping it in
-/// a register.
-#[inline]
-#[expect(clippy::pointers_in_nomem_asm_block, reason = "the address alone is passed, and nothing is read there")]
-fn opaque<T>(mut address: *const T) -> *const T {
-    // SAFETY: no instruction at all.
-    unsafe { asm!("/* {0} */", inout(reg) address, options(nomem, nostack, preserves_flags)) };
-    address
 }
 
 /// Ends `values [rows, panels]`: the outputs from `first` on of the rows from `t` on.

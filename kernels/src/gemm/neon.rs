@@ -1,6 +1,6 @@
 //! 8 outputs per fused multiply-add, one sum per output in ascending order of inputs.
 
-use super::{Epilogue, GemmTask, Input, Panels, tiles};
+use super::{Epilogue, GemmTask, Input, Panels, opaque, tiles};
 use crate::isa::Neon;
 use crate::lanes::neon::{Register, add, fmadd, load_two as load, mul, splat, store_two as store, zero};
 use crate::mat::MatMut;
@@ -14,6 +14,8 @@ use umo_kernels_features::neon;
 /// Rows of the largest tile: 6 rows x 1 panel are 24 registers of sums, which leaves 4 for weights
 /// and 4 others.
 const ROWS: usize = 6;
+/// Rows times panels whose sums leave no registers for weights that could be loaded again.
+const FULL: usize = 5;
 /// Panels whose epilogue tiles of more than one row run at once: a gate and an up panel.
 const PAIR: usize = 2;
 /// Prefetch distance from L2 in rows of a panel.
@@ -181,12 +183,16 @@ unsafe fn step<W: Load, const R: usize, const P: usize>(
         if i.is_multiple_of(W::INPUTS) {
             prefetch::to_l1(w[p].wrapping_add(i / W::INPUTS + PREFETCH_DISTANCE));
         }
+        // Values loaded for another input or panel are not kept if sums fill the registers.
+        let full = W::INPUTS > 1 && R * P >= FULL;
+        let w = if full && !i.is_multiple_of(W::INPUTS) { opaque(w[p]) } else { w[p] };
         // SAFETY: the panel has the input by this function's contract, and this function enables
         // the features.
-        let weights = unsafe { W::load(w[p], i) };
+        let weights = unsafe { W::load(w, i) };
         for r in 0..R {
+            let x = if full && p > 0 { opaque(x[r]) } else { x[r] };
             // SAFETY: the row has the input by this function's contract.
-            let x = splat(unsafe { *x[r].wrapping_add(i) });
+            let x = splat(unsafe { *x.wrapping_add(i) });
             acc[r][p][0] = fmadd(x, weights[0], acc[r][p][0]);
             acc[r][p][1] = fmadd(x, weights[1], acc[r][p][1]);
         }

@@ -52,7 +52,18 @@ SIDES = {"auto": 0, "left": 1, "right": 2, "both": 3}
 GESTURE_PARTS = {"head": 1, "trunk": 2, "left_arm": 4, "right_arm": 8}
 AXES = {"gltf": 0, "unreal": 1, "unity": 2}
 PRECISIONS = {"stored": 0, "f32": 1, "bf16": 2, "int8": 3}
-ISAS = {"best": 0, "scalar": 1, "avx2": 2, "avx512vnni": 3, "amx": 4, "avx512bf16": 5, "avxvnni": 6}
+ISAS = {
+    "best": 0,
+    "scalar": 1,
+    "avx2": 2,
+    "avx512vnni": 3,
+    "amx": 4,
+    "avx512bf16": 5,
+    "avxvnni": 6,
+    "neon": 7,
+    "neon_dotprod": 8,
+    "neon_i8mm": 9,
+}
 
 
 class Status(enum.IntEnum):

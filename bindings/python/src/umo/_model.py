@@ -22,8 +22,8 @@ class Model(_library.Handle):
 
     `source` is a path, the bytes of a model file, or None for the model that comes with the package; a path without a file
     is `FileNotFoundError`. `precision` is `"stored"`, `"f32"`, `"bf16"` or `"int8"`; `isa` caps the instructions: `"best"`,
-    `"scalar"`, `"avx2"`, `"avxvnni"`, `"avx512vnni"`, `"avx512bf16"` or `"amx"`. Where users must be told something about the
-    model, that is a warning.
+    `"scalar"`, `"avx2"`, `"avxvnni"`, `"avx512vnni"`, `"avx512bf16"`, `"amx"`, `"neon"`, `"neon_dotprod"` or `"neon_i8mm"`. Where
+    users must be told something about the model, that is a warning.
     """
 
     def __init__(

@@ -42,7 +42,11 @@ namespace Umo
     public enum Precision : uint { Stored = 0, F32 = 1, Bf16 = 2, Int8 = 3 }
 
     /// <summary>The fastest instructions that may be used.</summary>
-    public enum Isa : uint { Best = 0, Scalar = 1, Avx2 = 2, Avx512vnni = 3, Amx = 4, Avx512bf16 = 5, Avxvnni = 6 }
+    public enum Isa : uint
+    {
+        Best = 0, Scalar = 1, Avx2 = 2, Avx512vnni = 3, Amx = 4, Avx512bf16 = 5, Avxvnni = 6,
+        Neon = 7, NeonDotprod = 8, NeonI8mm = 9
+    }
 
     /// <summary>A text that a model has.</summary>
     public enum ModelText : uint { Name = 1, License = 2, Notice = 3, Isa = 4 }
