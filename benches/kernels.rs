@@ -21,6 +21,7 @@ use umo_kernels::attention::{
 use umo_kernels::bf16::round_bf16;
 use umo_kernels::conv1d::{GroupedF32, conv1d_grouped_f32, frames_out, windows};
 use umo_kernels::experts::{Routing, route};
+use umo_kernels::filter::dot;
 use umo_kernels::gemm::{Epilogue, Input, Scatter};
 use umo_kernels::matmul_bf16::{Bf16Rows, matmul_bf16, matmul_bf16_rows, matmul_gated_bf16};
 use umo_kernels::matmul_f32::{matmul_f32, matmul_gated_f32};
@@ -465,6 +466,11 @@ fn rows(bench: &mut Bench) {
         let x = Mat::new(&values, m, n).expect(SHAPES);
         // Read and written.
         let through = Work::floats(2 * m * n);
+        bench.compare(("filter::dot", &shape), Work::floats(m * n + n), (m, 1e-2), |isa, out| {
+            for (t, out) in out.iter_mut().enumerate().take(m) {
+                *out = dot(isa, &weight, x.row(t)).expect(SHAPES);
+            }
+        });
         bench.compare(("rms_norm", &shape), through, (m * n, 1e-5), |isa, out| {
             rms_norm(isa, x, &weight, 1e-6, matrix(out, m, n)).expect(SHAPES);
         });

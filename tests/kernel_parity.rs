@@ -13,6 +13,8 @@ mod bf16_rows;
 mod conv1d;
 #[path = "kernel_parity/experts.rs"]
 mod experts;
+#[path = "kernel_parity/filter.rs"]
+mod filter;
 #[path = "kernel_parity/norm.rs"]
 mod norm;
 #[path = "kernel_parity/products.rs"]

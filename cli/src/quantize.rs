@@ -29,6 +29,9 @@ const DEFAULT_KEPT: [&str; 5] = [
     "vq.[fhul]*.encoder.*",
 ];
 
+/// Of layout `frames`, also kept from bf16: small differences of large values, always computed in f32.
+const KEPT_OF_FRAMES: &str = "vq.root.*";
+
 /// Writes the quantized model.
 pub(crate) fn run(args: &Quantize) -> Result<(), Failure> {
     let file =
@@ -100,12 +103,14 @@ impl Rules {
         Ok(Self { weights, globs })
     }
 
-    /// What `name` is stored as, `was` what it is now.
-    fn storage(&self, name: &str, was: Storage, product: bool) -> Storage {
+    /// What `name` is stored as, `was` what it is now; `frames` of a model of that layout.
+    fn storage(&self, name: &str, was: Storage, product: bool, frames: bool) -> Storage {
         if let Some((_, asked)) = self.globs.iter().find(|(glob, _)| glob.matches(name)) {
             return asked.unwrap_or(was);
         }
-        let kept = self.weights == Storage::Int8 && DEFAULT_KEPT.iter().any(|glob| default(glob).matches(name));
+        let exact = frames && default(KEPT_OF_FRAMES).matches(name);
+        let kept =
+            exact || self.weights == Storage::Int8 && DEFAULT_KEPT.iter().any(|glob| default(glob).matches(name));
         if product && !kept { self.weights } else { was }
     }
 
@@ -145,7 +150,10 @@ fn plan(file: &ModelFile, rules: &Rules) -> Result<Vec<Plan>, Failure> {
         }
         let storage = match was {
             Storage::Bytes => was,
-            _ => rules.storage(name, was, spec.is_some_and(|spec| spec.kind == Kind::Product)),
+            _ => {
+                let product = spec.is_some_and(|spec| spec.kind == Kind::Product);
+                rules.storage(name, was, product, file.config().is_frames())
+            }
         };
         let rows = spec.is_some_and(|spec| matches!(spec.kind, Kind::Product | Kind::Table));
         if storage == Storage::Int8 && !rows {

@@ -112,6 +112,22 @@ fn of_the_convolutions_of_hubert_the_two_of_most_arithmetic_become_int8() {
 }
 
 #[test]
+fn the_root_network_of_layout_frames_stays_as_it_was() {
+    let place = Place::new();
+    place.run(&["make-random", "--size", "tiny", "--layout", "frames", "--store", "f32", "-o", "model"], 0);
+    for weights in ["int8", "bf16"] {
+        let file = place.quantize("small", &["--weights", weights]);
+        let of = |stem: &str| {
+            let specs = layout::specs(file.config(), true);
+            let products = specs.iter().filter(|spec| spec.kind == Kind::Product && spec.name.starts_with(stem));
+            products.map(|spec| file.storage(&spec.name).unwrap()).collect::<Vec<_>>()
+        };
+        assert!(!of("vq.root.").is_empty() && of("vq.root.").iter().all(|&storage| storage == Storage::F32));
+        assert!(of("depth.").iter().all(|&storage| storage != Storage::F32), "{weights}");
+    }
+}
+
+#[test]
 fn bf16_rounds_products_alone() {
     let place = Place::new();
     let file = place.quantize("small", &["--weights", "bf16"]);

@@ -10,6 +10,7 @@
 //! | [`attention`] | softmax(q . k^T + bias) . v for one head | 2.4, 2.1, 2.6 |
 //! | [`experts`] | top-k routing and the counting sort of rows by expert | 2.4 |
 //! | [`conv1d`] | windows over time as the rows of a product, grouped convolution | 2.1, 2.7 |
+//! | [`filter`] | outputs of a finite impulse response: resampling | |
 //! | [`norm`] | RMS norm, layer norm, per-channel statistics over time | 2.1, 2.4 |
 //! | [`activation`] | GELU (erf and tanh forms), softmax, argmax | 2.4, 2.5 |
 //! | [`quantize`] | rows quantized to int8 | 2.4 |
@@ -39,6 +40,7 @@ pub mod bf16;
 pub mod conv1d;
 pub mod error;
 pub mod experts;
+pub mod filter;
 pub mod gemm;
 pub mod isa;
 mod lanes;

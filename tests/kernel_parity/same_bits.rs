@@ -9,6 +9,7 @@ use umo_kernels::attention::{
 use umo_kernels::bf16::round_bf16;
 use umo_kernels::conv1d::{GroupedF32, conv1d_grouped_f32, frames_out};
 use umo_kernels::experts::{Routing, route};
+use umo_kernels::filter::dot;
 use umo_kernels::gemm::Epilogue;
 use umo_kernels::matmul_bf16::{Bf16Rows, matmul_bf16_rows, split_bf16x2};
 use umo_kernels::norm::{channel_affine, channel_sums, layer_norm, rms_norm};
@@ -24,7 +25,7 @@ use crate::products::{Case, Kind, Operands};
 type Call = fn(Isa, u64) -> Vec<u64>;
 
 /// By the names of the documentation.
-const CALLS: [(&str, Call); 22] = [
+const CALLS: [(&str, Call); 23] = [
     ("matmul_i8", |isa, seed| plain(Kind::I8, isa, seed)),
     ("matmul_gated_i8", |isa, seed| gated(Kind::I8, isa, seed)),
     ("quantize_rows", quantized),
@@ -32,6 +33,7 @@ const CALLS: [(&str, Call); 22] = [
     ("softmax", softmaxed),
     ("rms_norm", rms),
     ("layer_norm", layer),
+    ("filter::dot", filtered),
     ("channel_sums", sums),
     ("channel_affine", affine),
     ("route", routed),
@@ -134,6 +136,12 @@ fn norm(isa: Isa, seed: u64, layer: bool) -> Vec<u64> {
         rms_norm(isa, x, &weight, 1e-6, out).unwrap();
     }
     bits(&y)
+}
+
+fn filtered(isa: Isa, seed: u64) -> Vec<u64> {
+    let (rows, cols, x, mut noise) = rows(seed);
+    let taps = floats(&mut noise, cols);
+    (0..rows).map(|t| dot(isa, &taps, mat(&x, rows, cols).row(t)).unwrap().to_bits().into()).collect()
 }
 
 fn rms(isa: Isa, seed: u64) -> Vec<u64> {
@@ -304,7 +312,7 @@ fn functions_match_the_same_bits_table() {
 }
 
 /// Digests of the functions' results on `scalar` and on `avx2`.
-const DIGESTS: [(&str, [u64; 2]); 22] = [
+const DIGESTS: [(&str, [u64; 2]); 23] = [
     ("matmul_i8", [0x14ae_d55f_7cc7_b5b4, 0x14ae_d55f_7cc7_b5b4]),
     ("matmul_gated_i8", [0x10c1_f218_ecda_2e27, 0x10c1_f218_ecda_2e27]),
     ("quantize_rows", [0x52d6_526d_e1e1_8f9d, 0x52d6_526d_e1e1_8f9d]),
@@ -312,6 +320,7 @@ const DIGESTS: [(&str, [u64; 2]); 22] = [
     ("softmax", [0xb67b_ac9c_70a6_3e18, 0xb67b_ac9c_70a6_3e18]),
     ("rms_norm", [0x8b73_48f1_fd8e_922d, 0x8b73_48f1_fd8e_922d]),
     ("layer_norm", [0x0717_5c25_eb4b_79fd, 0x0717_5c25_eb4b_79fd]),
+    ("filter::dot", [0x94c6_b832_a9a0_afa0, 0x94c6_b832_a9a0_afa0]),
     ("channel_sums", [0xd1c4_306e_8041_3f24, 0xd1c4_306e_8041_3f24]),
     ("channel_affine", [0xbe9c_a4d4_8b8f_aab6, 0xbe9c_a4d4_8b8f_aab6]),
     ("route", [0xa738_74e9_42c3_a4b6, 0xa738_74e9_42c3_a4b6]),

@@ -28,7 +28,7 @@ CONFIGS = Path(__file__).parents[1] / "configs"
 # Less than the smoke plan: what is learned does not matter here.
 LEAST = {
     "speech": {"hours": 0.004, "test_minutes": 0.1, "seconds_per_item": 6},
-    "tokenizers": {"steps": 22, "root": {"steps": 4}},
+    "tokenizers": {"steps": 22},
     "audio": {"listener": {"steps": 4}},
     "interp_training": {"steps": 4},
 }
@@ -42,6 +42,19 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> pipeline.Run:
     made.plan = merged(made.plan, LEAST)
     pipeline.run(made)
     return made
+
+
+def test_items_to_choose_by_are_reported_apart(run: pipeline.Run) -> None:
+    items = steps.names(run, "train", spoken=True)
+    assert steps.trained_on(run, spoken=True) == items[:-1]
+    chosen_by, held = ((run.folder / f"tokenizers{name}.md").read_text() for name in ("_validation", ""))
+    assert chosen_by != held and all("| slide_cm_s | at most 0.3 |" in said for said in (chosen_by, held))
+
+
+def test_the_root_network_is_stored_in_full(run: pipeline.Run) -> None:
+    solved = steps.root_network(run).state_dict()
+    with safe_open(_model(run), "pt") as file:
+        assert all(torch.equal(file.get_tensor(f"vq.root.{name}"), values) for name, values in solved.items())
 
 
 def _model(run: pipeline.Run) -> Path:
@@ -108,7 +121,7 @@ def test_the_config_describes_every_tensor(run: pipeline.Run) -> None:
 
 def test_inspect_tells_the_model(run: pipeline.Run) -> None:
     said = _umo("inspect", _model(run))
-    assert "umo-frames-smoke" in said and "15 codes a keyframe" in said and "intent 1x13" in said
+    assert "umo-frames-smoke" in said and "18 codes a keyframe" in said and "intent 1x13" in said
     assert "right" in _umo("inspect", "--verify", _model(run))
 
 

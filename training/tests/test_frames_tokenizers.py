@@ -8,15 +8,21 @@ import numpy as np
 import pytest
 import torch
 
-from umo_train.frames import feet, parts, tokenizers
+from umo_train.frames import chain, feet, parts, root, tokenizers
 from umo_train.frames.networks import ResidualVqVae
 from umo_train.frames.parts import Part
-from umo_train.frames.tokenizers import PartLoss, ResidualPlan, RootItem, RootPlan
-from umo_train.skeleton import CHANNELS, CONTACT, CONTACT_JOINTS, VELOCITY, places, rotations
+from umo_train.frames.root import RootItem, RootPlan
+from umo_train.frames.tokenizers import PartLoss, ResidualPlan
+from umo_train.motion.networks import RootNetwork
+from umo_train.performer.rotation import about, euler
+from umo_train.skeleton import CHANNELS, CONTACT, CONTACT_JOINTS, VELOCITY, places, rotation_6d, rotations
 
 ARM = Part("arm", ("left_shoulder", "left_elbow", "left_wrist"), 16, 3, 8, 2)
 LOWER = Part("lower", tuple(name for name, _ in parts.named([])["lower"]), 16, 2, 8, 2)
+SHAPES = Part("mouth", ("jawOpen", "mouthPucker", "mouthLeft"), 16, 3, 8, 2)
 PLAN = ResidualPlan(steps=40, stride=3, batch=4, frames=24, rate=3e-3)
+# Frames that what errors cost is measured against.
+SPREAD = torch.from_numpy(np.random.default_rng(5).standard_normal((500, 18)).astype(np.float32))
 
 
 def _motions(count: int = 5, channels: int = 18) -> list[np.ndarray]:
@@ -72,7 +78,7 @@ def test_dropout_is_of_levels_and_of_a_share_of_examples() -> None:
 def test_dropout_reaches_the_decoder() -> None:
     """With all levels dropped but the first, the others' vectors have no influence on the loss."""
     x = torch.from_numpy(np.stack([m[:24] for m in _motions(4)]))
-    loss = PartLoss(ARM, PLAN, torch.ones(18))
+    loss = PartLoss(ARM, PLAN, SPREAD)
 
     def of(dropout: float, scale: float) -> float:
         model = _model()
@@ -95,7 +101,7 @@ def _fewer(plan: ResidualPlan, chance: np.random.Generator) -> bool:
 
 def test_every_level_that_is_used_commits_to_what_it_says() -> None:
     x = torch.from_numpy(np.stack([m[:24] for m in _motions(4)]))
-    loss = PartLoss(ARM, PLAN, torch.ones(18))
+    loss = PartLoss(ARM, PLAN, SPREAD)
     model = _model()
     z = model.latents(x).flatten(0, 1)
     codes, _, _ = model.quantized(z)
@@ -120,7 +126,7 @@ def test_codes_out_of_use_are_revived_on_every_level() -> None:
         level.count.zero_()
         level.total.zero_()
     x = torch.from_numpy(np.stack([m[:24] for m in _motions(4)]))
-    loss = PartLoss(ARM, PLAN, torch.ones(18))
+    loss = PartLoss(ARM, PLAN, SPREAD)
     for _ in range(3):
         tokenizers.loss_of(model, PLAN, x, loss, np.random.default_rng(0), coded=True, phase=0)
     for level in model.levels:
@@ -197,14 +203,16 @@ def test_a_resumed_tokenizer_ends_where_an_uninterrupted_one_does(
 
 def test_a_tokenizer_learns_and_every_level_adds_to_it(tmp_path: Path) -> None:
     plan = replace(PLAN, steps=200, rate=5e-3)
-    motions = _motions(12)
+    angles = (motion.reshape(-1, 3, 3) - 0.5 for motion in _motions(12, 9))
+    motions = [rotation_6d(euler(turns)).reshape(-1, 18).astype(np.float32) for turns in angles]
     model = tokenizers.train_part(plan, ARM, motions, tmp_path)
     codes = tokenizers.tokenize(model, motions[0])
     assert codes.shape == (80, 3) and codes.dtype == np.int16
-    weight = parts.weights(ARM)
+    weight, chained = parts.chained_weights(ARM), chain.Chained(ARM)
 
     def error(said: np.ndarray) -> float:
-        return float((weight * np.square(said - motions[0])).sum(1).mean())
+        one, other = (chained(torch.from_numpy(rows)).numpy() for rows in (said, motions[0]))
+        return float((weight * np.square(one - other)).sum(1).mean())
 
     nothing = error(np.repeat(motions[0].mean(0)[None], 80, 0))
     by_level = [error(tokenizers.decoded(model, codes, levels)) for levels in (1, 2, 3)]
@@ -215,8 +223,8 @@ def test_a_tokenizer_learns_and_every_level_adds_to_it(tmp_path: Path) -> None:
 
 def test_errors_of_speed_and_acceleration_count() -> None:
     """A trembling error costs more than a steady one of the same size."""
-    loss = PartLoss(ARM, PLAN, torch.ones(18))
-    x = torch.zeros(1, 30, 18)
+    loss = PartLoss(SHAPES, PLAN, SPREAD[:, :3])
+    x = torch.zeros(1, 30, 3)
     steady = x + 0.01
     trembling = x + 0.01 * (-1.0) ** torch.arange(30)[:, None]
     (one, values), (other, shaken) = loss(steady, x), loss(trembling, x)
@@ -224,6 +232,19 @@ def test_errors_of_speed_and_acceleration_count() -> None:
     # Differences of 2 and 4 times the size.
     wanted = 1 + PLAN.velocity * 4 + PLAN.acceleration * 16
     assert (other / one).item() == pytest.approx(wanted, rel=1e-4)
+
+
+def test_errors_that_undo_each_other_along_a_part_cost_less() -> None:
+    """What counts is where a joint points, not how it is turned on the one before."""
+    loss = PartLoss(ARM, PLAN, SPREAD)
+    still = torch.tensor([1.0, 0, 0, 0, 1, 0]).repeat(1, 30, 3)
+    turn = torch.tensor([np.cos(0.1), np.sin(0.1), 0, -np.sin(0.1), np.cos(0.1), 0]).float()
+    back = turn * torch.tensor([1.0, -1, 1, -1, 1, 1])
+    undone, added = still.clone(), still.clone()
+    undone[..., :6], undone[..., 6:12] = turn, back
+    added[..., :6], added[..., 6:12] = turn, turn
+    one, two = loss(undone, still)[1]["error"], loss(added, still)[1]["error"]
+    assert 0 < one < 0.3 * two
 
 
 def _standing(frames: int) -> dict[str, np.ndarray]:
@@ -246,57 +267,108 @@ def test_feet_are_where_the_skeleton_has_them() -> None:
     np.testing.assert_allclose(found.numpy(), wanted, atol=1e-5)
 
 
+def _turning(lower: np.ndarray, column: int) -> np.ndarray:
+    """The joint of a column turned about the vertical, more and more."""
+    out, angle = lower.copy(), 0.01 * np.arange(len(lower))
+    zero = np.zeros_like(angle)
+    out[:, column : column + 6] = np.stack([np.cos(angle), zero, -np.sin(angle), zero, zero + 1, zero], 1)
+    return out
+
+
 def test_planted_feet_that_slide_cost_and_lifted_ones_do_not() -> None:
-    lower = torch.from_numpy(_standing(20)["lower"])[None]
-    loss = PartLoss(LOWER, PLAN, torch.ones(61))
-    turning = lower.clone()
-    angle = 0.01 * torch.arange(20)
-    turning[0, :, 0], turning[0, :, 2] = angle.cos(), -angle.sin()
-    turning[0, :, 3:6] = torch.tensor([0.0, 1.0, 0.0])
-    _, values = loss(turning, lower)
-    lifted = lower.clone()
-    lifted[..., CONTACT] = 0
-    _, free = loss(turning, lifted)
-    assert values["slide"] > 1e-4 and free["slide"] == 0
-    assert PartLoss(ARM, PLAN, torch.ones(18)).legs is None
+    lower = _standing(20)["lower"]
+    loss = PartLoss(LOWER, PLAN, torch.from_numpy(np.random.default_rng(1).normal(0, 1, (99, 61)).astype(np.float32)))
+    lifted = lower.copy()
+    lifted[:, CONTACT] = 0
+    found = []
+    for planted in (lower, lifted):
+        beside = torch.from_numpy(tokenizers.with_feet(planted, planted))[None]
+        x, y = (torch.from_numpy(rows)[None] for rows in (planted, _turning(planted, 0)))
+        found.append(loss(y, x, beside)[1])
+    assert found[0]["slide"] > 1e-4 and found[1]["slide"] == 0
+    assert tokenizers.feet_of(LOWER) and not tokenizers.feet_of(ARM)
 
 
-def test_sliding_is_the_speed_of_planted_feet() -> None:
-    under = torch.zeros(1, 10, 4, 3)
-    # Feet that go back under a pelvis that goes forth stand still.
-    under[0, :, :, 2] = -0.02 * torch.arange(10)[:, None]
-    velocity = torch.zeros(1, 10, 3)
-    velocity[..., 2] = 0.6
+def test_feet_slide_under_the_pelvis_that_was_said() -> None:
+    """A part of the legs alone is held to the places of the performer's feet, on the pelvis that was said before."""
+    legs = Part("legs", LOWER.channels[1:], 16, 2, 8, 2)
+    lower = _standing(20)["lower"]
+    spread = torch.from_numpy(np.random.default_rng(1).normal(0, 1, (99, 55)).astype(np.float32))
+    loss = PartLoss(legs, PLAN, spread)
+    x = torch.from_numpy(lower[:, 6:])[None]
+    for said, slides in ((lower, False), (_turning(lower, 0), True)):
+        beside = torch.from_numpy(tokenizers.with_feet(lower, said))[None]
+        assert (loss(x, x, beside)[1]["slide"] > 1e-5) == slides
+
+
+def test_feet_that_go_together_are_told_from_those_that_part() -> None:
     planted = torch.ones(1, 10, 4, dtype=torch.bool)
-    assert float(tokenizers.sliding(velocity, under, planted)) == pytest.approx(0, abs=1e-9)
-    velocity[..., 2] = 0.5
-    assert float(tokenizers.sliding(velocity, under, planted)) == pytest.approx(0.01, rel=1e-4)
-    assert float(tokenizers.sliding(velocity, under, ~planted)) == 0
+    error = torch.zeros(1, 10, 4, 3)
+    error[..., 0] = 0.01 * torch.arange(10)[:, None]
+    apart, together = tokenizers.slides(error, planted)
+    assert float(apart) == pytest.approx(0, abs=1e-9) and float(together) == pytest.approx(0.09, rel=1e-3)
+    error[:, :, 2:] *= -1
+    apart, together = tokenizers.slides(error, planted)
+    assert float(apart) == pytest.approx(0.09, rel=1e-3) and float(together) == pytest.approx(0, abs=1e-9)
+    # One foot alone never parts from another.
+    planted[..., 2:] = False
+    assert float(tokenizers.slides(error, planted)[0]) == pytest.approx(0, abs=1e-9)
 
 
 def test_the_root_network_sees_no_velocity() -> None:
     lower = torch.from_numpy(_standing(3)["lower"])[None] * 1.7
     lower[..., VELOCITY] = 9.0
-    seen = tokenizers.rooted(lower)
+    seen = root.rooted(lower)
     assert (seen[..., VELOCITY] == 0).all()
     torch.testing.assert_close(seen[..., :6], torch.tensor([1.0, 0, 0, 0, 1, 0]).expand(1, 3, 6))
     assert (lower[..., VELOCITY] == 9.0).all()
 
 
-def test_a_root_network_learns_from_what_codes_say(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tokenizers, "SAVE_EVERY", 4)
-    rows = _standing(60)["lower"]
-    items = [RootItem(rows, (rows, rows), np.full(60, 0.9, np.float32)) for _ in range(2)]
-    plan = RootPlan(steps=60, width=6, layers=2, batch=2, frames=24, rate=1e-2)
-    whole = tokenizers.train_root(plan, items, tmp_path / "whole")
+def _swaying(frames: int, seed: int) -> RootItem:
+    """A pelvis that sways over feet that stay: hips and ankles turn the other way round."""
+    random = np.random.default_rng(seed)
+    lower = _standing(frames)["lower"]
+    t = np.arange(frames) / 30
+    side, fore = (0.03 * np.sin(t * random.uniform(1, 3) + random.uniform(0, 6)) for _ in range(2))
+    turn = about("z", side) @ about("x", fore)
+    for joint, local in ((1, turn), (2, turn), (5, np.swapaxes(turn, -1, -2)), (6, np.swapaxes(turn, -1, -2))):
+        lower[:, 6 * joint : 6 * joint + 6] = rotation_6d(local)
+    at = feet.places(torch.from_numpy(lower))[:, 0].numpy()
+    lower[:-1, VELOCITY] = -30 * np.diff(at, axis=0)
+    return RootItem(lower, (), 0.02 - at[:, 1])
+
+
+@pytest.mark.parametrize(("width", "layers"), [(6, 1), (11, 3)])
+def test_the_root_goes_as_planted_feet_want(tmp_path: Path, width: int, layers: int) -> None:
+    items = [_swaying(150, seed) for seed in range(6)]
+    model = root.solved(RootPlan(width, layers), items[:-1], tmp_path)
+    new = items[-1]
     with torch.no_grad():
-        y = whole(tokenizers.rooted(torch.from_numpy(rows)[None]))[0, 10:-10]
-    assert float((y[:, VELOCITY.start + 1] - 0.9).abs().max()) < 0.15
-    with monkeypatch.context() as patch:
-        _stopping(patch, 6)
-        with pytest.raises(_Stop):
-            tokenizers.train_root(plan, items, tmp_path / "parts")
-    assert _same(whole, tokenizers.train_root(plan, items, tmp_path / "parts"))
+        y = model(root.rooted(torch.from_numpy(new.lower)[None]))[0].numpy()
+    own = new.lower[:-1, VELOCITY]
+    error = np.abs(y[:-1, VELOCITY] - own)[:, [0, 2]]
+    assert error.mean() < 0.05 * np.abs(own[:, [0, 2]]).mean()
+    assert np.abs(y[:, VELOCITY.start + 1] - new.height).max() < 1e-3
+    # Where a stream ends, the zeros behind it are no motion.
+    assert np.abs(y[-1, VELOCITY]).max() < 1.5
+    again = RootNetwork(width, 61, layers)
+    again.load_state_dict(torch.load(tmp_path / "tokenizer_root.pt", weights_only=True)["model"])
+    assert _same(model, again)
+
+
+def test_the_root_follows_decoded_feet_not_the_performer() -> None:
+    truth, other = (torch.from_numpy(_swaying(60, seed).lower) for seed in (0, 1))
+    wanted, count = root.wanted(other, truth)
+    torch.testing.assert_close(wanted, other[:-1, VELOCITY][:, [0, 2]], atol=1e-4, rtol=1e-3)
+    assert (count == 4).all()
+    lifted = truth.clone()
+    lifted[:, CONTACT] = 0
+    torch.testing.assert_close(root.wanted(other, lifted)[0], truth[:-1, VELOCITY][:, [0, 2]])
+
+
+def test_a_root_too_narrow_to_say_all_is_refused() -> None:
+    with pytest.raises(ValueError, match="at least 6"):
+        root.embed(RootNetwork(5, 61, 2), root.Linear(np.zeros((54, 2)), np.zeros(54), 0.0))
 
 
 def test_a_parts_numbers_lie_over_those_of_all() -> None:

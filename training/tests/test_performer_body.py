@@ -120,7 +120,7 @@ def test_nothing_jerks(performed):
     for motion in performed:
         at = motion["places"][:, UPPER]
         assert np.linalg.norm(np.diff(at, axis=0), axis=-1).max() * 30.0 < 3.5
-        assert np.linalg.norm(np.diff(at, n=3, axis=0), axis=-1).max() * 30.0**3 < 3000.0
+        assert np.linalg.norm(np.diff(at, n=3, axis=0), axis=-1).max() * 30.0**3 < 1500.0
         local = motion["local"]
         step = np.swapaxes(local[:-1], -1, -2) @ local[1:]
         trace = np.clip((np.trace(step, axis1=-2, axis2=-1) - 1.0) / 2.0, -1.0, 1.0)

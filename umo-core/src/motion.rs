@@ -88,7 +88,8 @@ impl MotionDecoder {
             channels: PerPart::from_fn(|part| body_channels(part, &config.face)),
             is_paper: config.parts.is_none() || !config.is_frames(),
             rest,
-            root: RootNet::load(loader)?,
+            // How far feet move in a frame is a thousandth of the rotations that say so.
+            root: RootNet::load(&if config.is_frames() { loader.exact() } else { loader.clone() })?,
             assembly: Assembly::new(&config.face),
             frame_seconds: frame_seconds(config),
             width: widest(config),

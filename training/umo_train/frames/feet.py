@@ -17,6 +17,11 @@ def matrices(six: Tensor) -> Tensor:
     return torch.stack([first, second, torch.linalg.cross(first, second)], -2)
 
 
+def product(a: Tensor, b: Tensor) -> Tensor:
+    """Matrices `[..., 3, 3]` times matrices, or times vectors `[3]`. PyTorch's own is slow for so small ones."""
+    return (a * b).sum(-1) if b.dim() == 1 else (a[..., :, :, None] * b[..., None, :, :]).sum(-2)
+
+
 def places(lower: Tensor) -> Tensor:
     """Lower-body channels `[..., 61]` to the places of the four joints that touch the floor, seen from the pelvis,
     `[..., 4, 3]`, metres."""
@@ -25,6 +30,6 @@ def places(lower: Tensor) -> Tensor:
     world, at = {JOINT["pelvis"]: local[..., 0, :, :]}, {JOINT["pelvis"]: torch.zeros_like(local[..., 0, 0, :])}
     for i, joint in enumerate(_LEGS[1:], 1):
         parent = PARENTS[joint]
-        at[joint] = at[parent] + world[parent] @ offsets[joint]
-        world[joint] = world[parent] @ local[..., i, :, :]
+        at[joint] = at[parent] + product(world[parent], offsets[joint])
+        world[joint] = product(world[parent], local[..., i, :, :])
     return torch.stack([at[joint] for joint in CONTACT_JOINTS], -2)

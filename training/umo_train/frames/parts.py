@@ -18,11 +18,13 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "left_fingers": tuple(name for name in JOINT_NAMES[25:] if name.startswith("left_")),
     "right_fingers": tuple(name for name in JOINT_NAMES[25:] if name.startswith("right_")),
 }
+# Channels that are neither a rotation nor one value.
+_WIDTHS = {"root_velocity": 3, "contacts": 4}
 # Of a channel's squared error, per unit: a shape of the face shows at 0.03, the mouth's own at 0.015 and less.
 _SHAPE, _MOUTH, _LIDS = 30.0**2, 65.0**2, 45.0**2
 _SPOKEN = ("jawOpen", "mouthClose", "mouthFunnel", "mouthPucker", "mouthRoll", "mouthPress", "mouthLower", "mouthUpper")
-# A velocity of the root shows at 2 cm/s, a contact at a fifth.
-_VELOCITY, _CONTACT = 50.0**2, 5.0**2
+# The root network's velocity is what is used; a contact shows at a fifth.
+_VELOCITY, _CONTACT = 5.0**2, 5.0**2
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,7 @@ def named(face: list[str]) -> dict[str, list[tuple[str, int]]]:
     """Every channel of the four body parts in their order: names and how many values each has."""
     joints = {region: [(JOINT_NAMES[joint], 6) for joint in JOINTS_OF[region]] for region in PARTS}
     joints["face"] += [(name, 1) for name in face]
-    joints["lower"] += [("root_velocity", 3), ("contacts", 4)]
+    joints["lower"] += _WIDTHS.items()
     return joints
 
 
@@ -78,6 +80,11 @@ def columns(part: Part, face: list[str]) -> tuple[str, np.ndarray]:
     if len(regions) != 1:
         raise ValueError(f"part `{part.name}`: channels of {' and '.join(sorted(regions))}; a part is of one of them")
     return regions.pop(), np.concatenate([at[name][1] for name in part.channels])
+
+
+def widths(part: Part) -> list[tuple[str, int]]:
+    """A part's channels in their order, and how many values each has."""
+    return [(name, 6 if name in JOINT else _WIDTHS.get(name, 1)) for name in part.channels]
 
 
 def own(part: Part, face: list[str], motion: dict[str, np.ndarray]) -> np.ndarray:
@@ -133,6 +140,27 @@ def reach_m(joint: int) -> float:
 
 # Where a face looks is seen as if the head were so long, in metres.
 _GAZE_M = 0.8
+
+
+def bone_m(joint: int) -> float:
+    """How far from a joint the furthest place is that it moves while all other joints of a part keep their turn in the
+    world, in metres: the next joint, or of one that ends the part all that a person sees turn."""
+    if joint == JOINT["head"]:
+        return _GAZE_M
+    children = [child for child in range(JOINTS) if PARENTS[child] == joint]
+    if joint in (JOINT["left_wrist"], JOINT["right_wrist"]) or not children:
+        return reach_m(joint)
+    return max(float(np.linalg.norm(OFFSETS_M[child])) for child in children)
+
+
+def chained_weights(part: Part) -> np.ndarray:
+    """`[C]`: as `weights`, where rotations are from where the part begins (`chain.Chained`)."""
+    out, first = weights(part), 0
+    for name, width in widths(part):
+        if name in JOINT:
+            out[first : first + width] = (100.0 * bone_m(JOINT[name])) ** 2
+        first += width
+    return out
 
 
 def weights(part: Part) -> np.ndarray:

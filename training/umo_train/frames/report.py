@@ -11,7 +11,8 @@ import torch
 from umo_train.frames import parts
 from umo_train.frames.networks import ResidualVqVae
 from umo_train.frames.parts import Part
-from umo_train.frames.tokenizers import decoded, rooted, tokenize
+from umo_train.frames.root import rooted
+from umo_train.frames.tokenizers import decoded, encode
 from umo_train.metrics import beat
 from umo_train.metrics.item import Item, Motion
 from umo_train.metrics.motion import foot_slide, joint_places
@@ -71,14 +72,13 @@ def through(
     stride: int = 1,
 ) -> dict[str, np.ndarray]:
     """Motion as the first levels' codes say it, or the vectors of every `stride`-th frame with straight lines between
-    them."""
+    them. Codes are those of all levels, part after part."""
     out = {region: np.array(motion[region], np.float32) for region in ("face", "hands", "upper", "lower")}
+    codes, _ = encode(order, models, out, face)
     for part in order:
         if part.moves:
             region, at = parts.columns(part, face)
-            model = models[part.name]
-            codes = tokenize(model, out[region][:, at])
-            out[region][:, at] = decoded(model, codes, levels, stride)
+            out[region][:, at] = decoded(models[part.name], codes[part.name], levels, stride)
     return out
 
 
@@ -170,8 +170,8 @@ def markdown(rows: Sequence[Row]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def write(rows: Sequence[Row], folder: Path) -> None:
-    """`tokenizers.json` and `tokenizers.md`."""
+def write(rows: Sequence[Row], folder: Path, name: str = "tokenizers") -> None:
+    """`NAME.json` and `NAME.md`."""
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "tokenizers.json").write_text(json.dumps([asdict(one) for one in rows], indent=1) + "\n")
-    (folder / "tokenizers.md").write_text(markdown(rows))
+    (folder / f"{name}.json").write_text(json.dumps([asdict(one) for one in rows], indent=1) + "\n")
+    (folder / f"{name}.md").write_text(markdown(rows))

@@ -12,21 +12,21 @@ from umo_train import export, processes
 from umo_train.audio import tokens
 from umo_train.data import corpus
 from umo_train.device import best
-from umo_train.frames import parts, report
+from umo_train.frames import chain, parts, report
 from umo_train.frames.examples import FrameExamples, FrameStream
 from umo_train.frames.interp import VectorInterpolation, VectorPlan
 from umo_train.frames.interp import train as train_interp
 from umo_train.frames.model import FrameModel, for_file
 from umo_train.frames.networks import ResidualVqVae
 from umo_train.frames.parts import Part
+from umo_train.frames.root import RootItem, RootPlan, solved
 from umo_train.frames.tokenizers import (
-    RootItem,
-    RootPlan,
     decoded,
+    encode,
+    feet_of,
     plan_of,
-    tokenize,
     train_part,
-    train_root,
+    with_feet,
 )
 from umo_train.frames.train import FrameStagePlan, train_stage
 from umo_train.lm import moe
@@ -77,36 +77,52 @@ def names(s: Run, split: str, *, spoken: bool) -> list[str]:
 
 
 def step_tokenizers(s: Run, only: tuple[str, ...] = ()) -> None:
-    """Needs one part's motion of every training item in memory."""
+    """Part after part, each on what those before it leave. Needs the body's motion of every training item in memory."""
     given = {entry["name"]: entry for entry in s.plan["parts"]}
     stride, seed = s.plan["window"]["keyframe_stride"], s.plan["seed"]
-    for part in moving(s):
+    order = moving(s)
+    for i, part in enumerate(order):
         if only and part.name not in only:
             continue
-        region, at = parts.columns(part, names_of_face(s))
+        region, _ = parts.columns(part, names_of_face(s))
         # Faces move with speech: where there is none, they are at rest throughout.
-        items = names(s, "train", spoken=region == "face")
-        motions = [corpus.read_motion(s.corpus, item, (region,))[region][:, at] for item in items]
-        train_part(plan_of(s.plan["tokenizers"], given[part.name], stride, seed), part, motions, s.folder)
+        items = trained_on(s, spoken=region == "face")
+        motions, beside = [], []
+        body = region in chain.REGIONS
+        before = chain.before(order[:i], part) if body else []
+        models = tokenizers(s, before)
+        for item in tqdm(items, f"what {part.name} is to say"):
+            motion = corpus.read_motion(s.corpus, item, chain.REGIONS if body else (region,))
+            _, said = encode(before, models, motion, names_of_face(s))
+            motions.append(said.aims(part))
+            if feet_of(part):
+                beside.append(with_feet(motion["lower"], said.channels["lower"]))
+        plan = plan_of(s.plan["tokenizers"], given[part.name], stride, seed)
+        train_part(plan, part, motions, s.folder, beside or None)
     if not only or "root" in only:
-        _train_root(s)
+        _solve_root(s)
 
 
-def _train_root(s: Run) -> None:
+def trained_on(s: Run, *, spoken: bool) -> list[str]:
+    """The training items but for the last few, by which a plan may be chosen (`tokenizers.validation`)."""
+    found = names(s, "train", spoken=spoken)
+    return found[: len(found) - s.plan["tokenizers"].get("validation", 0)]
+
+
+def _solve_root(s: Run) -> None:
     """Needs the lower body's tokenizers: the root follows what their codes say."""
-    models = tokenizers(s, "lower")
-    order, stride = [part for part in moving(s) if part.name in models], s.plan["window"]["keyframe_stride"]
-    items = []
-    for name in tqdm(names(s, "train", spoken=False), "lower body"):
-        motion = corpus.read_motion(s.corpus, name, ("lower", "height"))
-        said: list[np.ndarray] = [motion["lower"].copy() for _ in range(2)]
+    face_names, stride = names_of_face(s), s.plan["window"]["keyframe_stride"]
+    order = [part for part in moving(s) if parts.columns(part, face_names)[0] == "lower"]
+    models, items = tokenizers(s, order), []
+    for name in tqdm(trained_on(s, spoken=False), "lower body"):
+        motion = corpus.read_motion(s.corpus, name, (*chain.REGIONS, "height"))
+        codes, whole = encode(order, models, motion, face_names)
+        said = [whole.channels["lower"], motion["lower"].copy()]
         for part in order:
-            _, at = parts.columns(part, names_of_face(s))
-            codes = tokenize(models[part.name], motion["lower"][:, at])
-            for lower, each in zip(said, (1, stride), strict=True):
-                lower[:, at] = decoded(models[part.name], codes, stride=each)
+            _, at = parts.columns(part, face_names)
+            said[1][:, at] = decoded(models[part.name], codes[part.name], stride=stride)
         items.append(RootItem(motion["lower"], tuple(said), motion["height"]))
-    train_root(root_plan(s), items, s.folder)
+    solved(root_plan(s), items, s.folder)
 
 
 def root_plan(s: Run) -> RootPlan:
@@ -120,15 +136,13 @@ def root_network(s: Run) -> RootNetwork:
     return model.eval()
 
 
-def tokenizers(s: Run, of: str | None = None) -> dict[str, ResidualVqVae]:
-    """Of every part with channels, or of those of one body part."""
+def tokenizers(s: Run, of: list[Part] | None = None) -> dict[str, ResidualVqVae]:
+    """Of every part with channels, or of some parts."""
     out = {}
-    for part in moving(s):
-        region, at = parts.columns(part, names_of_face(s))
-        if of is None or region == of:
-            model = ResidualVqVae(part, len(at))
-            model.load_state_dict(_trained(s.folder / f"tokenizer_{part.name}.pt", "model"))
-            out[part.name] = model.eval()
+    for part in moving(s) if of is None else of:
+        model = ResidualVqVae(part, len(parts.columns(part, names_of_face(s))[1]))
+        model.load_state_dict(_trained(s.folder / f"tokenizer_{part.name}.pt", "model"))
+        out[part.name] = model.eval()
     return out
 
 
@@ -139,29 +153,37 @@ def _trained(path: Path, name: str) -> Config:
 
 
 def step_report(s: Run) -> None:
-    """`run/tokenizers.md` and `.json`: what goes through the tokenizers, on items that none of them was trained on."""
-    items = []
-    for split in ("test_voice", "test_sentence"):
-        for item in corpus.items(s.corpus, split):
-            speech = item.utterance
-            motion = corpus.read_motion(s.corpus, item.name)
-            items.append(Item(item.name, speech.voice, speech.samples, speech.phones, motion, split=split))
-    rows = report.measure(
-        items, tokenizers(s), moving(s), names_of_face(s), root_network(s), s.plan["window"]["keyframe_stride"]
-    )
-    report.write(rows, s.folder)
-    print(report.markdown(rows))
+    """`run/tokenizers.md` and `.json`: what goes through the tokenizers, on items that none of them was trained on and
+    by which nothing was chosen. With `tokenizers.validation`, `run/tokenizers_validation.*` has the same of the items
+    that are there to choose by."""
+    held = [entry for split in ("test_voice", "test_sentence") for entry in names(s, split, spoken=True)]
+    chosen_by = names(s, "train", spoken=True)[len(trained_on(s, spoken=True)) :]
+    models, root = tokenizers(s), root_network(s)
+    for name, wanted in (("tokenizers_validation", chosen_by), ("tokenizers", held)):
+        if wanted:
+            rows = report.measure(
+                [_item(s, item) for item in wanted],
+                models,
+                moving(s),
+                names_of_face(s),
+                root,
+                s.plan["window"]["keyframe_stride"],
+            )
+            report.write(rows, s.folder, name)
+            print(f"{name}: {len(wanted)} items\n\n{report.markdown(rows)}")
+
+
+def _item(s: Run, name: str) -> Item:
+    item = corpus.read_item(s.corpus / "speech" / f"{name}.npz")
+    speech, motion = item.utterance, corpus.read_motion(s.corpus, name)
+    return Item(name, speech.voice, speech.samples, speech.phones, motion, split=item.split)
 
 
 def codes_of(s: Run, order: list[Part], models: dict[str, ResidualVqVae], motion: Motion) -> np.ndarray:
     """Codes of every frame `[T, J]`; those of an annotation are the motion's own."""
-    out = []
-    for part in order:
-        if part.moves:
-            out.append(tokenize(models[part.name], parts.own(part, names_of_face(s), motion)))
-        else:
-            out.append(np.asarray(motion[part.name])[:, None].astype(np.int16))
-    return np.concatenate(out, 1)
+    said, _ = encode(order, models, motion, names_of_face(s))
+    own = {part.name: np.asarray(motion[part.name])[:, None].astype(np.int16) for part in order if not part.moves}
+    return np.concatenate([(said | own)[part.name] for part in order], 1)
 
 
 def step_codes(s: Run) -> None:
@@ -298,4 +320,6 @@ def step_export(s: Run) -> None:
     named = export.tensors(
         audio.tensors(), language, interpolation.state_dict(), motion, s.text_model(), torch.bfloat16
     )
+    # Small differences of large values do not survive rounding.
+    named |= {f"vq.root.{name}": tensor.contiguous() for name, tensor in motion["root"].items()}
     export.write(s.folder / f"{s.plan['name']}.safetensors", config, named)

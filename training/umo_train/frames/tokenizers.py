@@ -1,5 +1,6 @@
-"""Trains the tokenizers of layout `frames`: residual codebooks of every part, and the root network on what they say."""
+"""Trains the tokenizers of layout `frames`: residual codebooks of every part."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,13 +11,13 @@ from torch import Tensor
 from tqdm import tqdm
 
 from umo_train.device import best
-from umo_train.frames import feet, parts
+from umo_train.frames import chain, feet, parts
 from umo_train.frames.networks import ResidualVqVae
 from umo_train.frames.parts import Part
 from umo_train.log import Log
-from umo_train.motion.networks import RootNetwork
+from umo_train.metrics.item import Motion
 from umo_train.motion.train import _between, _crops, _rate
-from umo_train.skeleton import CHANNELS, CONTACT, VELOCITY
+from umo_train.skeleton import CHANNELS, CONTACT
 from umo_train.speech.utterance import FRAME_RATE
 from umo_train.state import Chance, Saved
 
@@ -25,6 +26,9 @@ SAVE_EVERY = 250
 LEAST_SCALE = 0.01
 # Batches whose latents the codebooks start from, and rounds of k-means over them.
 _START_BATCHES, _START_ROUNDS = 6, 8
+# What a joint's own rotation counts beside that in its chain, and feet that slide together beside feet that slide
+# against each other: the root network follows the first.
+LOCAL, TOGETHER = 0.1, 0.1
 
 
 @dataclass(frozen=True)
@@ -50,56 +54,88 @@ class ResidualPlan:
 
 
 class PartLoss:
-    """What the errors of a part's channels cost, as a share of what doing nothing at all would."""
+    """What the errors of a part's channels cost, as a share of what doing nothing at all would. Rotations count as they
+    add up along the part (`chain.Chained`), and a little by themselves, so that what is decoded stays near a rotation.
 
-    def __init__(self, part: Part, plan: ResidualPlan, deviation: Tensor) -> None:
-        weight = torch.from_numpy(parts.weights(part)).to(deviation.device)
-        self.plan = plan
-        self.weight = weight / (weight * deviation**2).sum()
-        self.legs = _legs(part)
+    A part with feet is given the lower body as the parts before it say it, and where the feet are (`with_feet`)."""
 
-    def __call__(self, y: Tensor, x: Tensor) -> tuple[Tensor, dict[str, float]]:
+    def __init__(self, part: Part, plan: ResidualPlan, motions: Tensor) -> None:
+        device = motions.device
+        self.plan, self.part = plan, part
+        self.chained = chain.Chained(part)
+        self.chain_weight = self._shares(parts.chained_weights(part), self.chained(motions))
+        self.weight = self._shares(parts.weights(part), motions)
+        self.feet = feet_of(part)
+        if self.feet:
+            self.at = torch.from_numpy(parts.columns(part, [])[1]).to(device)
+
+    @staticmethod
+    def _shares(weights: np.ndarray, motions: Tensor) -> Tensor:
+        weight = torch.from_numpy(weights).to(motions.device)
+        return weight / (weight * motions.std(0) ** 2).sum()
+
+    def __call__(self, y: Tensor, x: Tensor, beside: Tensor | None = None) -> tuple[Tensor, dict[str, float]]:
         """`[b, t, channels]` of what was decoded and of the motion."""
-        difference = y - x
+        difference = self.chained(y) - self.chained(x)
         terms = [
-            (self.weight * d**2).sum(-1).mean() for d in (difference, *(difference.diff(n=n, dim=1) for n in (1, 2)))
+            (self.chain_weight * d**2).sum(-1).mean()
+            for d in (difference, *(difference.diff(n=n, dim=1) for n in (1, 2)))
         ]
         loss = terms[0] + self.plan.velocity * terms[1] + self.plan.acceleration * terms[2]
+        if self.chained.joints:
+            loss = loss + LOCAL * (self.weight * (y - x) ** 2).sum(-1).mean()
         values = dict(zip(("error", "velocity", "acceleration"), (term.item() for term in terms), strict=True))
-        if self.legs is not None and self.plan.slide > 0:
-            slide = self._slide(y[..., self.legs], x[..., self.legs])
-            loss = loss + self.plan.slide * slide
-            values["slide"] = slide.item()
+        if self.feet and beside is not None and self.plan.slide > 0:
+            width = CHANNELS["lower"]
+            lower = beside[..., :width].index_copy(-1, self.at, y)
+            places, planted = beside[..., width:-4].unflatten(-1, (4, 3)), beside[..., -4:] > 0.5
+            apart, together = slides(feet.places(lower) - places, planted)
+            loss = loss + self.plan.slide * (apart + TOGETHER * together)
+            values |= {"slide": apart.item(), "together": together.item()}
         return loss, values
 
-    def _slide(self, y: Tensor, x: Tensor) -> Tensor:
-        """Squared differences of the speed of planted feet under the pelvis, (m/s)^2, along the floor."""
-        planted = x[..., CONTACT] > 0.5
-        both = (planted[:, 1:] & planted[:, :-1])[..., None]
-        moved = (feet.places(y) - feet.places(x).detach()).diff(dim=1) * FRAME_RATE
-        return (both * moved[..., [0, 2]] ** 2).sum() / both.sum().clamp(min=1)
+
+def feet_of(part: Part) -> bool:
+    """Whether a part moves feet."""
+    return bool(set(part.channels) & {"left_ankle", "right_ankle", "left_foot", "right_foot"})
 
 
-def _legs(part: Part) -> list[int] | None:
-    """Columns of a part that has all of the lower body, in the body's order; None for another part."""
-    if set(part.channels) != {name for name, _ in parts.named([])["lower"]}:
-        return None
-    _, at = parts.columns(part, [])
-    return np.argsort(at).tolist()
+def with_feet(lower: np.ndarray, said: np.ndarray) -> np.ndarray:
+    """`[T, 61 + 12 + 4]`: the lower body as parts before one say it, where the performer's feet are under the pelvis,
+    and which are planted."""
+    places = feet.places(torch.from_numpy(lower)).flatten(1).numpy()
+    return np.concatenate([said, places, lower[:, CONTACT]], 1)
 
 
-def train_part(plan: ResidualPlan, part: Part, motions: list[np.ndarray], folder: Path) -> ResidualVqVae:
-    """`motions` are `[T, channels]`. Resumes from what is in the folder."""
+def slides(error: Tensor, planted: Tensor) -> tuple[Tensor, Tensor]:
+    """How planted feet `[b, t, 4]` move that are `error` `[b, t, 4, 3]` from where they ought to be, along the floor,
+    mean squares in (m/s)^2: against each other, which no way of the pelvis makes good, and together."""
+    both = (planted[:, 1:] & planted[:, :-1])[..., None]
+    moved = (error.diff(dim=1) * FRAME_RATE)[..., [0, 2]] * both
+    together = moved.sum(-2, keepdim=True) / both.sum(-2, keepdim=True).clamp(min=1) * both
+    count = both.sum().clamp(min=1)
+    return (moved - together).pow(2).sum() / count, together.pow(2).sum() / count
+
+
+def train_part(
+    plan: ResidualPlan,
+    part: Part,
+    motions: list[np.ndarray],
+    folder: Path,
+    beside: list[np.ndarray] | None = None,
+) -> ResidualVqVae:
+    """`motions` are `[T, channels]`, `beside` what `with_feet` gives. Resumes from what is in the folder."""
     torch.manual_seed(plan.seed)
     device = best()
     channels = motions[0].shape[1]
+    joined = motions if beside is None else [np.concatenate(pair, 1) for pair in zip(motions, beside, strict=True)]
     model = ResidualVqVae(part, channels)
     everything = torch.from_numpy(np.concatenate(motions[:: max(1, len(motions) // 400)]))
     deviation = everything.std(0)
     model.mean.copy_(everything.mean(0))
     model.scale.copy_(deviation.clamp(min=LEAST_SCALE))
     model.to(device)
-    loss_of_part = PartLoss(part, plan, deviation.to(device))
+    loss_of_part = PartLoss(part, plan, everything.to(device))
     optimizer = torch.optim.AdamW(model.parameters(), plan.rate, betas=(0.9, 0.99), weight_decay=1e-4)
     schedule = torch.optim.lr_scheduler.LambdaLR(optimizer, lambda step: _rate(step, plan.steps))
     chance = np.random.default_rng((plan.seed, 0))
@@ -111,8 +147,11 @@ def train_part(plan: ResidualPlan, part: Part, motions: list[np.ndarray], folder
     for step in tqdm(range(start, plan.steps), f"tokenizer {part.name}", initial=start, total=plan.steps):
         if step == warm:
             start_codebooks(model, plan, motions, chance)
-        x = torch.from_numpy(_crops(motions, plan.batch, plan.frames, chance)).to(device)
-        loss, values = loss_of(model, plan, x, loss_of_part, chance, coded=step >= warm, phase=step % plan.stride)
+        crop = torch.from_numpy(_crops(joined, plan.batch, plan.frames, chance)).to(device)
+        x, more = crop[..., :channels], crop[..., channels:] if beside is not None else None
+        loss, values = loss_of(
+            model, plan, x, loss_of_part, chance, coded=step >= warm, phase=step % plan.stride, beside=more
+        )
         optimizer.zero_grad()
         loss.backward()
         torch.nn.utils.clip_grad_norm_(model.parameters(), 1.0)
@@ -167,13 +206,14 @@ def loss_of(
     *,
     coded: bool,
     phase: int,
+    beside: Tensor | None = None,
 ) -> tuple[Tensor, dict[str, float]]:
     """The objective of one batch `[b, t, channels]`; with `coded` the codebooks follow what they are asked to say."""
     z = model.latents(x)
     used = torch.from_numpy(used_levels(plan, len(model.levels), chance)).to(x.device)
     sparse = torch.from_numpy(chance.random(len(x)) < plan.sparse).to(x.device)
     if not coded:
-        return loss_of_part(model.decode(z), x)
+        return loss_of_part(model.decode(z), x, beside)
     rows = z.flatten(0, 1)
     codes, vectors, asked = model.quantized(rows.detach(), used.repeat_interleave(x.shape[1]))
     spoken = vectors.sum(1).view_as(z)
@@ -181,7 +221,7 @@ def loss_of(
         level.follow(asked[:, i], codes[:, i])
     through = z + (spoken - z).detach()
     mixed = _between(through, plan.stride, phase)
-    loss, values = loss_of_part(model.decode(torch.where(sparse[:, None, None], mixed, through)), x)
+    loss, values = loss_of_part(model.decode(torch.where(sparse[:, None, None], mixed, through)), x, beside)
     # Of each level that is used: what the levels up to it leave.
     levels = torch.arange(1, len(model.levels) + 1, device=x.device)
     uses = (used.repeat_interleave(x.shape[1])[:, None] >= levels).float()
@@ -209,86 +249,17 @@ def decoded(model: ResidualVqVae, codes: np.ndarray, levels: int | None = None, 
     return model.decode(_between(model.vectors(some), stride, 0))[0].cpu().numpy()
 
 
-@dataclass(frozen=True)
-class RootPlan:
-    """Of the root network. `slide` weighs planted feet that slide, (m/s)^2."""
-
-    steps: int
-    width: int
-    layers: int
-    batch: int = 32
-    frames: int = 96
-    rate: float = 1e-3
-    slide: float = 300.0
-    seed: int = 0
-
-
-@dataclass(frozen=True)
-class RootItem:
-    """One item: the lower body as the performer has it `[T, 61]` and as codes say it (each `[T, 61]`), and the pelvis'
-    height `[T]`, metres."""
-
-    lower: np.ndarray
-    said: tuple[np.ndarray, ...]
-    height: np.ndarray
-
-
-def train_root(plan: RootPlan, items: list[RootItem], folder: Path) -> RootNetwork:
-    """The root from the lower body, as it is and as codes say it: the body goes so that planted feet stay."""
-    torch.manual_seed(plan.seed)
-    device = best()
-    model = RootNetwork(plan.width, CHANNELS["lower"], plan.layers).to(device)
-    optimizer = torch.optim.AdamW(model.parameters(), plan.rate, betas=(0.9, 0.99), weight_decay=1e-4)
-    schedule = torch.optim.lr_scheduler.LambdaLR(optimizer, lambda step: _rate(step, plan.steps))
-    chance = np.random.default_rng((plan.seed, 0))
-    path = folder / "tokenizer_root.pt"
-    saved = Saved(path, model=model, optimizer=optimizer, schedule=schedule, chance=Chance(chance))
-    start = saved.load()
-    log = Log(folder / "tokenizer_root.csv", start)
-    width = CHANNELS["lower"]
-    joined = [np.concatenate([lower, item.lower, item.height[:, None]], 1)
-              for item in items for lower in (item.lower, *item.said)]  # fmt: skip
-    weight = torch.ones(width, device=device)
-    weight[VELOCITY] = torch.tensor([30.0, 300.0, 30.0], device=device)
-    weight[CONTACT] = 0.1
-    for step in tqdm(range(start, plan.steps), "tokenizer root", initial=start, total=plan.steps):
-        crop = torch.from_numpy(_crops(joined, plan.batch, plan.frames, chance)).to(device)
-        source, truth = rooted(crop[..., :width]), crop[..., width:-1].clone()
-        y = model(source)
-        slide = sliding(y[..., VELOCITY], feet.places(source), truth[..., CONTACT] > 0.5)
-        truth[..., VELOCITY.start + 1] = crop[..., -1]
-        error = (weight * (y - truth) ** 2).mean()
-        drift = (y - truth)[..., VELOCITY.start :: 2][..., :2].cumsum(1).div(FRAME_RATE).pow(2).mean()
-        loss = error + 30.0 * drift + plan.slide * slide
-        optimizer.zero_grad()
-        loss.backward()
-        torch.nn.utils.clip_grad_norm_(model.parameters(), 1.0)
-        optimizer.step()
-        schedule.step()
-        log.add(step, {"error": error.item(), "drift": drift.item(), "slide": slide.item()})
-        if (step + 1) % SAVE_EVERY == 0 or step + 1 == plan.steps:
-            saved.save(step + 1)
-    log.write(plan.steps - 1)
-    return model.eval()
-
-
-def rooted(lower: Tensor) -> Tensor:
-    """What the root network sees of decoded channels `[..., 61]`: rotations made proper, no velocity (SPEC 2.7)."""
-    joints = len(feet.NAMES)
-    out = lower.clone()
-    proper = feet.matrices(lower[..., : 6 * joints].unflatten(-1, (joints, 6)))[..., :2, :]
-    out[..., : 6 * joints] = proper.flatten(-3)
-    out[..., VELOCITY] = 0.0
-    return out
-
-
-def sliding(velocity: Tensor, under: Tensor, planted: Tensor) -> Tensor:
-    """Mean squared speed along the floor of planted feet, (m/s)^2: `velocity` `[b, t, 3]` of the pelvis, the feet's
-    places under it `[b, t, 4, 3]` and which are planted `[b, t, 4]`. Frame `i + 1` is where frame `i`'s velocity
-    leads."""
-    both = (planted[:, 1:] & planted[:, :-1])[..., None]
-    speed = under.diff(dim=1)[..., [0, 2]] * FRAME_RATE + velocity[:, :-1, None][..., [0, 2]]
-    return (both * speed**2).sum() / both.sum().clamp(min=1)
+@torch.no_grad()
+def encode(
+    order: Sequence[Part], models: dict[str, ResidualVqVae], motion: Motion, face: list[str]
+) -> tuple[dict[str, np.ndarray], chain.Said]:
+    """Codes `[T, levels]` of each part with channels that `models` has, in order, and what they decode to."""
+    said, codes = chain.Said(motion, face), {}
+    for part in order:
+        if part.name in models:
+            codes[part.name] = tokenize(models[part.name], said.aims(part))
+            said.say(part, decoded(models[part.name], codes[part.name]))
+    return codes, said
 
 
 def plan_of(shared: dict[str, Any], own: dict[str, Any], stride: int, seed: int) -> ResidualPlan:

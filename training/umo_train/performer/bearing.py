@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from umo_train.performer.curves import drift, hold_steps
+from umo_train.performer.curves import drift, overlapping_steps
 from umo_train.performer.prosody import Prosody
 from umo_train.performer.style import Style
 from umo_train.speech.utterance import FRAME_RATE
@@ -36,10 +36,10 @@ def bear(prosody: Prosody, style: Style, random: np.random.Generator) -> Bearing
     """The head turns ahead of each stretch of speech; the trunk comes after."""
     t, size = prosody.t, liveliness(style)
     starts, aims = _attitudes(prosody, random)
-    head = hold_steps(t, starts, aims * _HEAD * size, random.uniform(0.55, 1.0, len(starts)))
+    head = overlapping_steps(t, starts, aims * _HEAD * size, random.uniform(0.55, 1.0, len(starts)))
     late = starts + random.uniform(*_LAG_S, len(starts))
     late[1:] = np.maximum(late[1:], late[:-1] + 0.05) if len(late) > 1 else late[1:]
-    trunk = hold_steps(t, late, aims * _HEAD * _TRUNK * size, random.uniform(0.8, 1.4, len(starts)))
+    trunk = overlapping_steps(t, late, aims * _HEAD * _TRUNK * size, random.uniform(0.8, 1.4, len(starts)))
     slow, quick = drift(random, t, 0.08, 0.3, 3), drift(random, t, 0.35, 0.9, 3)
     head = head + (slow * np.array([0.016, 0.02, 0.018]) + quick * np.array([0.012, 0.015, 0.01])) * size
     trunk = trunk + drift(random, t, 0.05, 0.25, 3) * np.array([0.008, 0.016, 0.01]) * size
@@ -82,7 +82,8 @@ def _next(now: np.ndarray, random: np.random.Generator) -> np.ndarray:
     side = random.choice((1, 2))
     if random.random() < 0.65 and abs(now[side]) > 0.2:
         aim[side] = -np.copysign(max(abs(aim[side]), 0.6), now[side])
-    return np.clip(aim, -2.0, 2.0)
+    # Far down it would look stern.
+    return np.clip(aim, -2.0, (0.7, 2.0, 2.0))
 
 
 def _look_around(

@@ -71,3 +71,11 @@ def hold_steps(t: np.ndarray, times: np.ndarray, values: np.ndarray, seconds: np
     seconds = np.broadcast_to(seconds, times.shape)[at]
     before = values[np.maximum(at - 1, 0)]
     return before + ease((t - times[at]) / seconds)[:, None] * (values[at] - before)
+
+
+def overlapping_steps(t: np.ndarray, times: np.ndarray, values: np.ndarray, seconds: np.ndarray | float) -> np.ndarray:
+    """Like `hold_steps` where each row is reached before the next begins; where not, both ways go on together, without
+    a jump."""
+    moved = np.diff(values, axis=0)
+    shares = ease((t[:, None] - times[None, 1:]) / np.broadcast_to(seconds, times.shape)[None, 1:])
+    return values[0] + shares @ moved

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from umo_train.performer.curves import bumps, drift, hold_steps, plateaus
+from umo_train.performer.curves import bumps, drift, overlapping_steps, plateaus
 from umo_train.performer.prosody import Prosody
 from umo_train.performer.style import Style
 from umo_train.skeleton import SHAPE
@@ -16,7 +16,7 @@ def feel(out: np.ndarray, prosody: Prosody, style: Style, random: np.random.Gene
     smile, stern = max(mood, 0.0) ** 0.7 * strength, max(-mood, 0.0) ** 0.7 * strength
     phrases = prosody.phrases
     levels = random.uniform(0.7, 1.15, len(phrases) + 1)
-    level = hold_steps(t, np.concatenate([[-9.0], phrases[:, 0]]), levels[:, None], 0.4)[:, 0]
+    level = overlapping_steps(t, np.concatenate([[-9.0], phrases[:, 0]]), levels[:, None], 0.4)[:, 0]
     # A closing or rounding mouth smiles less.
     free = 1.0 - 0.6 * out[:, SHAPE["mouthPucker"]]
     uneven = random.normal(0.0, 0.03, 4)
@@ -75,7 +75,7 @@ def unsettle(out: np.ndarray, prosody: Prosody, random: np.random.Generator) -> 
     out[:, SHAPE["jawForward"]] += talking * np.clip(0.02 + 0.02 * slow[:, 3] + 0.01 * quick[:, 0], 0.0, None)
     dimple = np.clip(0.03 + 0.04 * slow[:, 4] + 0.02 * quick[:, 2], 0.0, None)
     for k, side in enumerate(("Left", "Right")):
-        out[:, SHAPE["noseSneer" + side]] += 0.18 * out[:, SHAPE["mouthUpperUp" + side]]
+        out[:, SHAPE["noseSneer" + side]] += 0.2 * out[:, SHAPE["mouthUpperUp" + side]]
         out[:, SHAPE["mouthDimple" + side]] += dimple * talking * (1.0 + 0.08 * (-1) ** k)
     _pauses(out, t, 1.0 - talking, random)
 

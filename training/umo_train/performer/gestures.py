@@ -11,6 +11,7 @@ from umo_train.performer.curves import drift, plateaus
 from umo_train.performer.fingers import SHAPES
 from umo_train.performer.intent import PREPARE
 from umo_train.performer.prosody import Prosody
+from umo_train.performer.strokes import Strokes
 from umo_train.performer.style import Style
 from umo_train.speech.utterance import FRAME_RATE
 
@@ -178,14 +179,14 @@ def plan(prosody: Prosody, style: Style, random: np.random.Generator) -> list[Ph
     """Gesture phrases of some 2 to 6 s, with rests between them that are the shorter the more somebody gestures."""
     accents, rate = prosody.accents, style.gesture_rate
     usual = int(random.random() < 0.7)
-    both = 0.6 + 0.25 * style.openness + 0.15 * style.energy
+    both = 0.45 + 0.25 * style.openness + 0.15 * style.energy + 0.3 * rate
     out: list[Phrase] = []
     index, rest_until = 0, random.exponential(1.5 * (1.0 - rate) ** 2)
     while index < len(accents):
         if accents[index] < rest_until:
             index += 1
             continue
-        seconds = float(np.clip(random.lognormal(np.log(4.0 + 0.9 * rate), 0.35), 2.0, 7.5))
+        seconds = float(np.clip(random.lognormal(np.log(3.2 + 1.8 * rate), 0.35), 2.0, 7.5))
         last = index + 1
         while last < len(accents) and accents[last] < accents[index] + seconds and not _paused(prosody, last):
             last += 1
@@ -238,7 +239,7 @@ def gesticulate(prosody: Prosody, style: Style, random: np.random.Generator) -> 
             idle = rest(choose_rest(style, random), style, random)
         # Both go down together, nearly.
         down = max((track.free for track in tracks if track.raised), default=0.0)
-        down += random.uniform(0.2, 0.7) if random.random() < 0.2 else 0.0
+        down += min(float(random.choice(library.hold)), 0.6) if random.random() < 0.5 else 0.0
         for hand, track in enumerate(tracks):
             gap = following - down
             if gap < _STAY_S + 0.9:
@@ -272,7 +273,7 @@ def _perform(
     random: np.random.Generator,
 ) -> None:  # fmt: skip
     """One phrase: strokes of the leading hand, in some of which the other joins."""
-    follows = 0.9 + 0.1 * style.gesture_rate
+    follows = 0.8 + 0.2 * style.gesture_rate
     kind, counted = "", 0
     for number in range(phrase.first, phrase.last):
         at, weight = float(prosody.accents[number]), float(prosody.weights[number])
@@ -292,7 +293,7 @@ def _perform(
         counted = counted % len(_COUNTING) + 1 if kind == "count" else 0
         lead = phrase.leading
         _roam(tracks[lead], at, phrase, random)
-        start, end = _pair(kind, phrase, style, size, tracks[lead], random)
+        start, end, partner = _pair(kind, phrase, style, size, tracks[lead], random)
         if kind == "count":
             start[FINGERS] = end[FINGERS] = SHAPES[_COUNTING[counted - 1]]
         done = _strike(tracks[lead], at, start, end, size, random)
@@ -304,7 +305,7 @@ def _perform(
             shrugs.append(at)
         together = kind in ("frame", "shrug") or (kind != "count" and random.random() < phrase.other)
         if done and together:
-            _join(tracks[1 - lead], at, start, end, kind, phrase, style, size, random)
+            _join(tracks[1 - lead], at, start, end, partner, phrase, size, random)
             continue
         second = tracks[1 - lead]
         if second.raised and random.random() < 0.9:
@@ -329,32 +330,47 @@ def _roam(track: ArmTrack, until: float, phrase: Phrase, random: np.random.Gener
 
 def _pair(
     kind: str, phrase: Phrase, style: Style, size: float, track: ArmTrack, random: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
-    """Where a hand is before and after a stroke."""
+) -> tuple[np.ndarray, np.ndarray, int]:
+    """Where a hand is before and after a stroke, and of a captured one the other arm's movement in the library, or
+    -1."""
     if kind == "again" and track.raised:
-        return _again(track.struck, size, random)
+        return *_again(track.struck, size, random), -1
     if kind in ("captured", "again"):
-        return _captured(phrase, size, track, random)
+        index = _near(phrase, size, track, random)
+        return *_captured(index, phrase, size, track, random), int(track.library.partner[index])
     start, end = _poses(kind, style, size, random)
     shift = 0.8 * (phrase.place - _home(style))
     for pose in (start, end):
         pose[WRIST] = _inside(pose[WRIST] + shift)
-    return start, end
+    return start, end, -1
 
 
-def _captured(
-    phrase: Phrase, size: float, track: ArmTrack, random: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
-    """Start and end of a movement of the library that begins near the hand, drawn in to where speakers gesture."""
-    library = track.library
-    raised = (library.end[:, 1] > -0.36) & (library.start[:, 1] > -0.44)
-    scale = 0.52 + 0.22 * size
-    start, end = (phrase.place + scale * (x - library.end[raised].mean(axis=0)) for x in (library.start, library.end))
+def _raised(library: Strokes) -> np.ndarray:
+    """Which movements are of raised arms."""
+    return (library.end[:, 1] > -0.36) & (library.start[:, 1] > -0.44)
+
+
+def _drawn_in(library: Strokes, phrase: Phrase, size: float) -> tuple[np.ndarray, np.ndarray]:
+    """Starts and ends of all movements, drawn in to where speakers gesture."""
+    scale, middle = 0.52 + 0.22 * size, library.end[_raised(library)].mean(axis=0)
+    return phrase.place + scale * (library.start - middle), phrase.place + scale * (library.end - middle)
+
+
+def _near(phrase: Phrase, size: float, track: ArmTrack, random: np.random.Generator) -> int:
+    """A movement of the library that begins near the hand."""
+    start, end = _drawn_in(track.library, phrase, size)
     here = track.struck[WRIST] if track.raised else phrase.place + np.array([0.0, 0.06, -0.02])
     far = np.linalg.norm(_inside(start) - here, axis=1) + 0.25 * np.linalg.norm(_inside(end) - phrase.place, axis=1)
     # Strokes mostly go down, out or ahead.
-    far += np.where(end[:, 1] - start[:, 1] > 0.06, 0.06, 0.0) + np.where(raised, 0.0, 9.0)
-    index = int(random.choice(np.argpartition(far, 12)[:12]))
+    far += np.where(end[:, 1] - start[:, 1] > 0.06, 0.06, 0.0) + np.where(_raised(track.library), 0.0, 9.0)
+    return int(random.choice(np.argpartition(far, 12)[:12]))
+
+
+def _captured(
+    index: int, phrase: Phrase, size: float, track: ArmTrack, random: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Start and end of a movement of the library."""
+    start, end = _drawn_in(track.library, phrase, size)
     turn = phrase.twist + random.normal(0.0, 0.2)
     out = []
     for place, twist, bend in ((start[index], turn - 0.25, -0.12), (end[index], turn + random.normal(0.1, 0.2), 0.1)):
@@ -386,12 +402,13 @@ def _strike(
 
 
 def _join(
-    track: ArmTrack, at: float, start: np.ndarray, end: np.ndarray, kind: str, phrase: Phrase, style: Style,
-    size: float, random: np.random.Generator,
+    track: ArmTrack, at: float, start: np.ndarray, end: np.ndarray, partner: int, phrase: Phrase, size: float,
+    random: np.random.Generator,
 ) -> None:  # fmt: skip
     """The other hand: alike where a gesture takes both, else with a way of its own, and never the mirror image."""
-    if kind == "captured" and random.random() < 0.5:
-        start, end = _captured(replace(phrase, twist=phrase.twist + random.normal(0.0, 0.3)), 0.8 * size, track, random)
+    if partner >= 0 and random.random() < 0.6:
+        own = replace(phrase, twist=phrase.twist + random.normal(0.0, 0.3))
+        start, end = _captured(partner, own, 0.8 * size, track, random)
     else:
         share = random.uniform(0.6, 1.0)
         start, end = start.copy(), end.copy()
@@ -432,8 +449,8 @@ def _alive(tracks: list[ArmTrack], t: np.ndarray, energy: float, random: np.rand
     up = np.clip((out[..., 1:2] + 0.4) / 0.16, 0.0, 1.0)
     out[..., WRIST] += (0.006 * slow + (0.003 + 0.004 * up) * quick) * lively
     # The higher, the further ahead: elbows do not fold up.
-    short = 0.15 + 0.4 * np.clip(out[..., 1] + 0.3, 0.0, None) - out[..., 2]
-    out[..., 2] += up[..., 0] * 0.5 * (short + np.sqrt(short**2 + 0.015**2))
+    short = 0.13 + 0.4 * np.clip(out[..., 1] + 0.3, 0.0, None) - out[..., 2]
+    out[..., 2] += up[..., 0] * 0.5 * (short + np.sqrt(short**2 + 0.06**2))
     out[..., SWIVEL] += 0.05 * lively * drift(random, t, 0.1, 0.5, 2).T
     out[..., TWIST] += 0.06 * lively * drift(random, t, 0.1, 0.5, 2).T
     out[..., FINGERS] += 0.03 * drift(random, t, 0.05, 0.4, 14).T.reshape(2, 7, len(t)).swapaxes(1, 2)

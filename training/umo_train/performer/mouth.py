@@ -28,7 +28,7 @@ _STRESS_GAIN = (0.88, 1.0, 1.15)
 _TYPICAL_DB, _DB = 3.0, 4.0
 # People's jaws move less than phones' targets and their lips more: of the captured face, the jaw's deviation is 0.13 of
 # its range with the lips' own shapes beside it.
-_JAW, _LOWER, _UPPER, _SHRUG = 0.72, 1.6, 1.6, 2.0
+_JAW, _LOWER, _UPPER, _SHRUG = 0.72, 1.5, 1.3, 2.0
 # Where a pause's lips begin to part before speech and are together after it, in seconds.
 _ANTICIPATE_S, _RELAX_S = 0.1, 0.13
 

@@ -131,3 +131,32 @@ impl Travel {
 pub(super) fn finite(v: f32) -> f32 {
     if v.is_finite() { v } else { 0.0 }
 }
+
+#[cfg(test)]
+mod tests {
+    use umo_kernels::Isa;
+
+    use super::*;
+    use crate::motion::MotionDecoder;
+    use crate::{ModelFile, Precision, Team};
+
+    /// What the root network gives for the same legs at a precision.
+    fn rows(precision: Precision) -> Vec<f32> {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/golden/frames_seven/model.safetensors");
+        let file = ModelFile::open(path.as_ref()).unwrap();
+        let decoder = MotionDecoder::load(&Loader::new(&file, precision, Isa::detect())).unwrap();
+        let (team, frames) = (Team::new(1).unwrap(), 12_u16);
+        let values = (0..frames * 61).map(|i| 1.0 + 0.001 * f32::from(i % 17));
+        let lower: Vec<f32> = values.collect();
+        let cx = Compute { isa: Isa::detect(), team: &team };
+        decoder.root.run(cx, &mut decoder.scratch(usize::from(frames)), &lower).unwrap().to_vec()
+    }
+
+    #[test]
+    fn the_root_of_layout_frames_is_computed_in_full_at_every_precision() {
+        let wanted = rows(Precision::F32);
+        for precision in [Precision::Bf16, Precision::Int8, Precision::Stored] {
+            assert_eq!(rows(precision), wanted, "{precision:?}");
+        }
+    }
+}

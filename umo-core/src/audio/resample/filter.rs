@@ -3,6 +3,9 @@
 use std::f64::consts::PI;
 use std::sync::Arc;
 
+use umo_kernels::Isa;
+use umo_kernels::filter::dot;
+
 use crate::audio::MAX_AMPLITUDE;
 use crate::error::StepError;
 use crate::memory::{self, Arena, Slice};
@@ -16,10 +19,8 @@ const HALF: usize = 112;
 const BETA: f64 = 0.1102 * (ATTENUATION - 8.7);
 const ATTENUATION: f64 = 110.0;
 
-/// Half lengths are multiples of it, so that lengths are multiples of [`LANES`].
-const HALF_STEP: usize = LANES / 2;
-/// Sums of products that are kept side by side.
-const LANES: usize = 16;
+/// Half lengths are multiples of it: a whole filter of a few registers.
+const HALF_STEP: usize = 8;
 
 /// Most values of a table with a row for every phase that occurs: 1 MiB.
 const MAX_TABLE: usize = 1 << 18;
@@ -38,6 +39,7 @@ const PIECE: usize = 256;
 #[derive(Debug)]
 pub(crate) struct FilterPlan {
     rates: (usize, usize),
+    isa: Isa,
     half: usize,
     rows: usize,
     /// `[rows, 2 * half]`, and one more row, for phase 1, where phases fall between rows.
@@ -73,7 +75,7 @@ impl FilterPlan {
         for (q, row) in table.chunks_exact_mut(2 * half).enumerate() {
             windowed_sinc(q as f64 / rows as f64, scale, row);
         }
-        Ok(Self { rates: (rate_in, rate_out), half, rows, table: table.into_boxed_slice() })
+        Ok(Self { rates: (rate_in, rate_out), isa: Isa::detect(), half, rows, table: table.into_boxed_slice() })
     }
 
     /// Rates in and out.
@@ -86,18 +88,20 @@ impl FilterPlan {
         self.table.len() == self.rows * 2 * self.half
     }
 
-    fn row(&self, q: usize) -> &[f32] {
-        &self.table[q * 2 * self.half..][..2 * self.half]
+    /// The sum of products of row `q` and the samples.
+    fn dot(&self, q: usize, samples: &[f32]) -> f32 {
+        let row = &self.table[q * 2 * self.half..][..2 * self.half];
+        dot(self.isa, row, samples).expect("as many samples as taps")
     }
 
     /// The output at `phase / unit_out` behind the sample of which `samples` are the surroundings.
     #[expect(clippy::cast_precision_loss, reason = "phases have 20 bits, their fractions need fewer")]
     fn output(&self, samples: &[f32], phase: usize, unit_out: usize) -> f32 {
         if self.is_exact() {
-            return dot(self.row(phase), samples);
+            return self.dot(phase, samples);
         }
         let (q, rest) = (phase * self.rows / unit_out, phase * self.rows % unit_out);
-        let (before, after) = (dot(self.row(q), samples), dot(self.row(q + 1), samples));
+        let (before, after) = (self.dot(q, samples), self.dot(q + 1, samples));
         before + rest as f32 / unit_out as f32 * (after - before)
     }
 }
@@ -131,21 +135,6 @@ fn bessel_i0(x: f64) -> f64 {
         k += 1.0;
     }
     sum
-}
-
-/// The sum of products, in one order on every machine. Lengths are multiples of [`LANES`].
-fn dot(a: &[f32], b: &[f32]) -> f32 {
-    let mut sums = [0.0_f32; LANES];
-    for (a, b) in a.as_chunks::<LANES>().0.iter().zip(b.as_chunks::<LANES>().0) {
-        sums.iter_mut().zip(a.iter().zip(b)).for_each(|(sum, (a, b))| *sum += a * b);
-    }
-    let mut width = LANES / 2;
-    while width > 0 {
-        let (low, high) = sums.split_at_mut(width);
-        low.iter_mut().zip(high).for_each(|(low, high)| *low += *high);
-        width /= 2;
-    }
-    sums[0]
 }
 
 /// One stream's filter.

@@ -1,0 +1,10 @@
+//! The scalar loop, compiled for this instruction set: the same order of additions, the same bits.
+
+use super::scalar;
+use crate::isa::{Neon, entry};
+
+entry! {
+    pub(super) fn dot(_token: Neon, taps: &[f32], samples: &[f32]) -> f32 {
+        scalar::dot(taps, samples)
+    }
+}
