@@ -2,7 +2,7 @@
 
     python -m umo_train.performer.cut --cmu FOLDER --clips FILE... [-o FILE]
 
-`LICENSE-captures.md` says where both may be had. The performer itself needs the written file alone.
+`LICENSE-captures.txt` says where both may be had. The performer itself needs the written file alone.
 """
 
 import argparse
