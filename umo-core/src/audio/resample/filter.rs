@@ -19,7 +19,7 @@ const HALF: usize = 112;
 const BETA: f64 = 0.1102 * (ATTENUATION - 8.7);
 const ATTENUATION: f64 = 110.0;
 
-/// Half lengths are multiples of it: a whole filter of a few registers.
+/// Half lengths are multiples of it, so that a filter fills registers of 16 values.
 const HALF_STEP: usize = 8;
 
 /// Most values of a table with a row for every phase that occurs: 1 MiB.
