@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from umo_train.performer.style import PROMPTS, STYLES
+from umo_train.performer.style import STYLES, draw
 from umo_train.skeleton import PARTS
 from umo_train.speech import variation, voices
 from umo_train.speech.sentences import sentence
@@ -68,7 +68,7 @@ def _speak_item(job: tuple[SpeechPlan, Path, str, int, str]) -> None:
     # Sentences of the test splits are drawn from seeds that training never sees.
     chance = random.Random(f"{plan.seed} {split} {index}")
     stretch, pitch = chance.uniform(0.85, 1.25), chance.uniform(0.85, 1.2)
-    style = chance.choice(list(STYLES))
+    style, prompt = draw(chance)
     factor = 1.0 if split == "test_voice" or chance.random() < 0.35 else chance.uniform(0.86, 1.2)
     count = max(2, round(plan.seconds_per_item / 3.3))
     lines = [voices.Line(sentence(chance), stretch * chance.uniform(0.95, 1.05), pitch) for _ in range(count)]
@@ -77,7 +77,6 @@ def _speak_item(job: tuple[SpeechPlan, Path, str, int, str]) -> None:
     gaps = [chance.uniform(0.0, 0.5) if chance.random() < 0.8 else chance.uniform(0.8, 3.0) for _ in spoken]
     utterance = variation.joined(spoken, [*gaps, chance.uniform(0.3, 1.5)])
     levelled = replace(utterance, voice=voice, samples=variation.leveled(utterance.samples, 24))
-    prompt = chance.choice(PROMPTS[style])
     write_item(folder, Item(f"{index:05}", split, style, prompt, index, levelled))
 
 

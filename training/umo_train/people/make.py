@@ -16,7 +16,7 @@ from umo_train.data import corpus, recording
 from umo_train.people import align
 from umo_train.people.accents import accented
 from umo_train.people.recordings import Recording, recordings
-from umo_train.performer.style import PROMPTS, STYLES
+from umo_train.performer.style import draw
 from umo_train.speech import variation
 from umo_train.speech.utterance import Utterance
 
@@ -110,8 +110,7 @@ def _make(job: _Job) -> int:
         # Readers pause at their sentences' ends as they do; now and then someone stands and listens.
         gaps = [chance.uniform(0.0, 0.3) if chance.random() < 0.85 else chance.uniform(0.8, 3.0) for _ in spoken]
         utterance = variation.joined(spoken, [*gaps, chance.uniform(0.3, 1.5)])
-        style = chance.choice(list(STYLES))
-        prompt = chance.choice(PROMPTS[style])
+        style, prompt = draw(chance)
         corpus.write_item(job.folder, corpus.Item(f"{index:05}", job.split, style, prompt, index, utterance))
     return len(spoken)
 
