@@ -10,9 +10,12 @@ pub(super) enum Shape {
     Ellipsoid { centre: V, radii: V },
     /// Level sections: height, half width, half depth and place forward, as curves over the height.
     Stack { x: f32, width: Vec<(f32, f32)>, depth: Vec<(f32, f32)>, forward: Vec<(f32, f32)> },
-    /// Lies round an upright line: half axes along X and Z, rise for a metre forward, and its own
-    /// radius.
-    Ring { centre: V, radii: [f32; 2], slope: f32, thick: f32 },
+    /// Lies round an upright line: half axes along X and Z, rise for a metre forward, its own radius,
+    /// and half the height of the band that it is thickened into.
+    Ring { centre: V, radii: [f32; 2], slope: f32, thick: f32, tall: f32 },
+    /// Folds of cloth, to be joined by `Join::Displace`: how far they stand out, metres. Waves along
+    /// `along` within `reach` of the centre.
+    Folds { centre: V, reach: f32, along: V, length: f32, height: f32 },
     /// All that is on the side of the plane that `normal` points away from.
     Below { point: V, normal: V },
 }
@@ -23,6 +26,8 @@ pub(super) enum Join {
     Union(f32),
     Cut(f32),
     Within(f32),
+    /// The surface so far moves out by the shape's value.
+    Displace,
 }
 
 /// What a gradient is measured over, metres.
@@ -45,6 +50,7 @@ impl Solid {
                 Join::Union(width) => smooth_min(field, own, width),
                 Join::Cut(width) => -smooth_min(-field, own, width),
                 Join::Within(width) => -smooth_min(-field, -own, width),
+                Join::Displace => field - own,
             }
         })
     }
@@ -82,6 +88,21 @@ impl Solid {
     }
 }
 
+/// How little light comes to `p` from around `normal`, 0..=1, by how near the solids are (Evans
+/// 2006).
+pub(super) fn occlusion(solids: &[&Solid], p: V, normal: V, reach: f32) -> f32 {
+    let (mut sum, mut most) = (0.0, 0.0);
+    for step in 1..=5_u8 {
+        let out = reach * (f32::from(step) / 5.0).powf(1.5);
+        let at = add(p, scale(normal, out));
+        let free = solids.iter().map(|solid| solid.at(at)).fold(out, f32::min);
+        let weight = 0.75_f32.powi(i32::from(step));
+        sum += weight * (1.0 - (free / out).clamp(0.0, 1.0));
+        most += weight;
+    }
+    sum / most
+}
+
 impl Shape {
     /// A tube whose radius goes evenly from one to the other.
     pub(super) fn cone(a: V, b: V, from: f32, to: f32) -> Self {
@@ -117,11 +138,17 @@ impl Shape {
                 let round = 0.72 * (u + w).sqrt() + 0.28 * (u * u + w * w).sqrt().sqrt();
                 (round - 1.0) * wide.min(deep)
             }
-            Self::Ring { centre, radii, slope, thick } => {
+            Self::Ring { centre, radii, slope, thick, tall } => {
                 let [x, y, z] = sub(p, *centre);
                 let out = (x / radii[0]).hypot(z / radii[1]);
                 let off = (out - 1.0) * radii[0].min(radii[1]);
-                off.hypot(y - slope * z) - thick
+                let up = ((y - slope * z).abs() - tall).max(0.0);
+                off.hypot(up) - thick
+            }
+            Self::Folds { centre, reach, along, length: wave, height } => {
+                let from = sub(p, *centre);
+                let near = (1.0 - dot(from, from) / (reach * reach)).max(0.0);
+                height * near * near * (std::f32::consts::TAU * dot(from, *along) / wave).sin()
             }
             Self::Below { point, normal } => dot(sub(p, *point), *normal),
         }

@@ -21,6 +21,7 @@ use umo_core::config::Skeleton;
 mod body;
 mod field;
 mod head;
+mod look;
 mod nets;
 pub mod palette;
 pub mod picture;
@@ -32,7 +33,10 @@ mod skin;
 mod tests;
 mod vector;
 
+pub use look::{Figure, UnknownFigure};
 pub use posed::Posed;
+use field::Solid;
+use look::{Color, Look, Top};
 use rest::Rest;
 use skin::Weights;
 use vector::V;
@@ -122,9 +126,9 @@ impl Part {
 }
 
 impl Mesh {
-    /// Adds a part whose vertices get colour and weights by their place.
-    fn add(&mut self, part: Part, color: impl Fn(V) -> [u8; 3], weights: impl Fn(V) -> Weights) {
-        let colors: Vec<_> = part.positions.iter().map(|&p| color(p)).collect();
+    /// Adds a part whose vertices get colour by their place and normal, and weights by their place.
+    fn add(&mut self, part: Part, color: impl Fn(V, V) -> Color, weights: impl Fn(V) -> Weights) {
+        let colors: Vec<_> = part.positions.iter().zip(&part.normals).map(|(&p, &n)| color(p, n)).collect();
         let weights: Vec<_> = part.positions.iter().map(|&p| weights(p)).collect();
         self.add_painted(part, &colors, &weights);
     }
@@ -155,40 +159,85 @@ impl Mesh {
     }
 }
 
-const SKIN: [u8; 3] = [232, 184, 156];
-const SWEATER: [u8; 3] = [84, 132, 140];
-const TROUSERS: [u8; 3] = [62, 70, 86];
-const SHOES: [u8; 3] = [226, 221, 212];
-const SOLES: [u8; 3] = [150, 120, 96];
-
-/// The mannequin on a skeleton's rest offsets (55 joints, names as the model's).
+/// The default figure on a skeleton's rest offsets (55 joints, names as the model's).
 ///
 /// # Errors
 /// A skeleton that has not 55 joints, or whose offsets are not finite.
 pub fn mannequin(skeleton: &Skeleton) -> Result<Mesh, FigureError> {
-    let rest = Rest::new(skeleton)?;
-    let mut mesh = Mesh::default();
-    // Head and body take as long as each other.
-    let head = std::thread::scope(|scope| {
-        let head = scope.spawn(|| head::Head::new(&rest));
-        add_body(&mut mesh, &rest);
-        head.join().expect("the head's thread does not panic")
-    });
-    head.add_to(&mut mesh, &rest);
-    Ok(mesh)
+    Figure::default().mesh(skeleton)
+}
+
+impl Figure {
+    /// This figure on a skeleton's rest offsets (55 joints, names as the model's).
+    ///
+    /// # Errors
+    /// A skeleton that has not 55 joints, or whose offsets are not finite.
+    pub fn mesh(self, skeleton: &Skeleton) -> Result<Mesh, FigureError> {
+        let (rest, look) = (Rest::new(skeleton)?, self.look());
+        let mut mesh = Mesh::default();
+        // Head and body take as long as each other.
+        let head = std::thread::scope(|scope| {
+            let head = scope.spawn(|| head::Head::new(&rest, look));
+            add_body(&mut mesh, &rest, look);
+            head.join().expect("the head's thread does not panic")
+        });
+        head.add_to(&mut mesh, &rest);
+        Ok(mesh)
+    }
+}
+
+/// How far light that reaches cloth may be kept away, metres.
+const SHADED: f32 = 0.09;
+
+/// A colour where less light comes.
+fn darker(color: Color, shade: f32) -> Color {
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share of a byte")]
+    color.map(|x| (f32::from(x) * (1.0 - 0.55 * shade)).round() as u8)
 }
 
 /// Cloth, shoes and hands.
-fn add_body(mesh: &mut Mesh, rest: &Rest) {
+fn add_body(mesh: &mut Mesh, rest: &Rest, look: &Look) {
     let upper = skin::upper(rest);
-    mesh.add(body::sweater(rest), |_| SWEATER, |p| upper.weights(p));
     let lower = skin::lower(rest);
-    mesh.add(body::trousers(rest), |_| TROUSERS, |p| lower.weights(p));
-    let sole = body::floor(rest) + 0.018 * rest.size;
+    let top = body::top(rest, look);
+    let trousers = body::trousers(rest, look);
+    let shaded = |color: Color, solids: &[&Solid], p: V, n: V| {
+        darker(color, field::occlusion(solids, p, n, SHADED * rest.size))
+    };
+    let cloth = [&top.solid, &trousers.solid];
+    mesh.add(top.surface(), |p, n| shaded(look.cloth, &cloth[..1], p, n), |p| upper.weights(p));
+    mesh.add(trousers.surface(), |p, n| shaded(look.trousers, &cloth, p, n), |p| lower.weights(p));
+    mesh.add(body::neck_band(rest, look), |_, _| look.cloth, |p| upper.weights(p));
+    if look.top == Top::Shirt {
+        let belt = body::belt(rest, look);
+        let (buttons, buckle) = body::buttons(rest, &top.solid, &belt.solid);
+        mesh.add(body::collar(rest, look), |_, _| look.cloth, |p| upper.weights(p));
+        mesh.add(belt.surface(), |p, n| shaded(look.belt, &[&top.solid, &belt.solid], p, n), |p| lower.weights(p));
+        mesh.add(buttons, |_, _| [228, 222, 210], |p| upper.weights(p));
+        mesh.add(buckle, |_, _| [186, 168, 120], |p| lower.weights(p));
+    }
     for side in ["left", "right"] {
+        // Bands go wholly with the bone that they end.
+        let [elbow, knee] = ["elbow", "knee"].map(|joint| format!("{side}_{joint}"));
+        mesh.add(body::cuff(rest, look, side), |_, _| look.cloth, |_| skin::only(&elbow));
+        mesh.add(body::leg_hem(rest, side), |p, n| shaded(look.trousers, &cloth[1..], p, n), |_| skin::only(&knee));
         let foot = skin::foot(rest, side);
-        mesh.add(body::shoe(rest, side), |p| if p[1] < sole { SOLES } else { SHOES }, |p| foot.weights(p));
-        let hand = skin::hand(rest, side, &body::FINGERS);
-        mesh.add(body::hand(rest, side), |_| SKIN, |p| hand.weights(p));
+        let [shoe, sole, sock] = body::shoe(rest, side);
+        let feet = [&shoe.solid, &sole.solid, &trousers.solid];
+        mesh.add(body::laces(rest, side, &shoe.solid), |_, _| look.soles, |p| foot.weights(p));
+        mesh.add(shoe.surface(), |p, n| shaded(look.shoes, &feet, p, n), |p| foot.weights(p));
+        mesh.add(sole.surface(), |p, n| shaded(look.soles, &feet[1..2], p, n), |p| foot.weights(p));
+        mesh.add(sock.surface(), |p, n| shaded(look.belt, &feet, p, n), |p| skin::sock(rest, side, p));
+        let weights = skin::Hand::new(rest, side, &body::FINGERS);
+        let hand = body::hand(rest, side, look.build);
+        let skin_color = |p: V, n: V| {
+            let dark = field::occlusion(&[&hand.solid, &top.solid], p, n, 0.025 * rest.size);
+            look.skin.toned(0.25, 0.75 * dark)
+        };
+        mesh.add(hand.surface(), skin_color, |p| weights.weights(p));
+        for finger in body::FINGERS {
+            let nail = body::nail(rest, side, finger, look.build, &hand.solid);
+            mesh.add(nail, |_, _| look.skin.nail, |_| skin::only(&format!("{side}_{finger}3")));
+        }
     }
 }

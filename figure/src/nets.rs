@@ -38,14 +38,7 @@ impl Grid {
 pub(super) fn surface(solid: &Solid, grid: &Grid) -> Part {
     let [nx, ny, nz] = grid.sizes();
     let index = |[i, j, k]: [usize; 3]| (i * ny + j) * nz + k;
-    let mut field = vec![0.0; nx * ny * nz];
-    for i in 0..nx {
-        for j in 0..ny {
-            for k in 0..nz {
-                field[index([i, j, k])] = solid.at(grid.corner([i, j, k]));
-            }
-        }
-    }
+    let field = sampled(solid, grid);
     let mut part = Part::default();
     let mut vertex = vec![u32::MAX; nx * ny * nz];
     for i in 0..nx - 1 {
@@ -72,6 +65,37 @@ pub(super) fn surface(solid: &Solid, grid: &Grid) -> Part {
         }
     }
     part
+}
+
+/// Corners along a side of the blocks that are looked at as one.
+const BLOCK: usize = 4;
+/// A block is far from the surface where the field in its middle is this many times its half
+/// diagonal: the field is about a distance, not exactly one.
+const FAR: f32 = 1.8;
+
+/// The field at the grid's corners; far from the surface, that of a place nearby.
+fn sampled(solid: &Solid, grid: &Grid) -> Vec<f32> {
+    let [nx, ny, nz] = grid.sizes();
+    let mut field = vec![0.0; nx * ny * nz];
+    let starts = |n: usize| (0..n).step_by(BLOCK).map(move |from| (from, (from + BLOCK).min(n)));
+    for (i, i_end) in starts(nx) {
+        for (j, j_end) in starts(ny) {
+            for (k, k_end) in starts(nz) {
+                let (low, high) = (grid.corner([i, j, k]), grid.corner([i_end - 1, j_end - 1, k_end - 1]));
+                let middle = solid.at(mix(low, high, 0.5));
+                let far = middle.abs() > FAR * 0.5 * distance(low, high);
+                for i in i..i_end {
+                    for j in j..j_end {
+                        for k in k..k_end {
+                            let at = (i * ny + j) * nz + k;
+                            field[at] = if far { middle } else { solid.at(grid.corner([i, j, k])) };
+                        }
+                    }
+                }
+            }
+        }
+    }
+    field
 }
 
 /// The mean of the places where the cell's edges meet the surface.

@@ -1,7 +1,7 @@
 //! Which joints a vertex follows: the bones near it, smoothly.
 
 use super::rest::{Rest, joint};
-use super::vector::{V, add, dot, length, scale, sub};
+use super::vector::{V, add, dot, length, ramp, scale, sub, unit};
 
 /// A bone as a thick line.
 pub(super) struct Bone {
@@ -95,7 +95,6 @@ pub(super) fn upper(rest: &Rest) -> Skin {
     let chest = add(spine3, scale(sub(neck, spine3), 0.45));
     let [a, b] = across(chest, 0.06);
     skin = skin.bone("spine3", a, b, 0.095 * size);
-    skin = skin.bone("neck", neck, rest.at("head"), 0.055 * size);
     for side in ["left", "right"] {
         let [collar, shoulder, elbow, wrist] = ["collar", "shoulder", "elbow", "wrist"].map(|n| rest.side(side, n));
         let name = |joint: &str| format!("{side}_{joint}");
@@ -103,6 +102,15 @@ pub(super) fn upper(rest: &Rest) -> Skin {
             .bone(&name("collar"), add(collar, scale(sub(shoulder, collar), 0.25)), shoulder, 0.05 * size)
             .bone(&name("shoulder"), add(shoulder, scale(sub(elbow, shoulder), 0.08)), elbow, 0.05 * size)
             .bone(&name("elbow"), elbow, wrist, 0.042 * size);
+    }
+    // The hem goes with the trousers.
+    thighs(skin, rest)
+}
+
+fn thighs(mut skin: Skin, rest: &Rest) -> Skin {
+    for side in ["left", "right"] {
+        let [hip, knee] = ["hip", "knee"].map(|n| rest.side(side, n));
+        skin = skin.bone(&format!("{side}_hip"), add(hip, scale(sub(knee, hip), 0.12)), knee, 0.075 * rest.size);
     }
     skin
 }
@@ -115,15 +123,10 @@ pub(super) fn lower(rest: &Rest) -> Skin {
     let lift = [0.0, 0.045 * size, 0.0];
     skin = skin.bone("pelvis", add(hips[0], lift), add(hips[1], lift), 0.095 * size);
     for side in ["left", "right"] {
-        let [hip, knee, ankle] = ["hip", "knee", "ankle"].map(|n| rest.side(side, n));
-        skin = skin.bone(&format!("{side}_hip"), add(hip, scale(sub(knee, hip), 0.12)), knee, 0.075 * size).bone(
-            &format!("{side}_knee"),
-            knee,
-            ankle,
-            0.055 * size,
-        );
+        let [knee, ankle] = ["knee", "ankle"].map(|n| rest.side(side, n));
+        skin = skin.bone(&format!("{side}_knee"), knee, ankle, 0.055 * size);
     }
-    skin
+    thighs(skin, rest)
 }
 
 /// The bones of one foot.
@@ -136,23 +139,49 @@ pub(super) fn foot(rest: &Rest, side: &str) -> Skin {
         .bone(&format!("{side}_foot"), foot, toes, 0.035 * size)
 }
 
+/// The sock: the foot's at the ankle, the leg's within the trousers.
+pub(super) fn sock(rest: &Rest, side: &str, p: V) -> Weights {
+    let (ankle, size) = (rest.side(side, "ankle"), rest.size);
+    let up = ramp(-0.006 * size, 0.020 * size, p[1] - ankle[1]);
+    normalized(vec![(up, number(&format!("{side}_knee"))), (1.0 - up, number(&format!("{side}_ankle")))])
+}
+
 /// The bones of one hand, and the forearm's for what of it is within the sleeve.
-pub(super) fn hand(rest: &Rest, side: &str, fingers: &[&str; 5]) -> Skin {
-    let at = |name: &str| rest.side(side, name);
-    let (wrist, wide) = (at("wrist"), rest.between(&format!("{side}_wrist"), &format!("{side}_middle1")) / 0.095);
-    let mut skin = Skin::new(0.0055 * wide);
-    let wrist_name = format!("{side}_wrist");
-    skin = skin.bone(&format!("{side}_elbow"), at("elbow"), wrist, 0.0099 * wide);
-    for finger in fingers {
-        let [a, b, c] = [1, 2, 3].map(|bone| at(&format!("{finger}{bone}")));
-        let radius = 0.009 * wide;
-        let name = |bone: u8| format!("{side}_{finger}{bone}");
-        let short = if *finger == "thumb" { 0.6 } else { 0.88 };
-        skin = skin
-            .bone(&wrist_name, wrist, add(wrist, scale(sub(a, wrist), short)), radius * 1.1)
-            .bone(&name(1), a, b, radius)
-            .bone(&name(2), b, c, radius)
-            .bone(&name(3), c, rest.finger_tip(side, finger), radius);
+pub(super) struct Hand {
+    skin: Skin,
+    wrist: V,
+    /// From the elbow to the wrist, of unit length.
+    along: V,
+    size: f32,
+    elbow: u8,
+}
+
+impl Hand {
+    pub(super) fn new(rest: &Rest, side: &str, fingers: &[&str; 5]) -> Self {
+        let at = |name: &str| rest.side(side, name);
+        let (wrist, size) = (at("wrist"), rest.between(&format!("{side}_wrist"), &format!("{side}_middle1")) / 0.095);
+        let mut skin = Skin::new(0.0055 * size);
+        let wrist_name = format!("{side}_wrist");
+        for finger in fingers {
+            let [a, b, c] = [1, 2, 3].map(|bone| at(&format!("{finger}{bone}")));
+            let radius = 0.009 * size;
+            let name = |bone: u8| format!("{side}_{finger}{bone}");
+            let short = if *finger == "thumb" { 0.6 } else { 0.88 };
+            skin = skin
+                .bone(&wrist_name, wrist, add(wrist, scale(sub(a, wrist), short)), radius * 1.1)
+                .bone(&name(1), a, b, radius)
+                .bone(&name(2), b, c, radius)
+                .bone(&name(3), c, rest.finger_tip(side, finger), radius);
+        }
+        let along = unit(sub(wrist, at("elbow")));
+        Self { skin, wrist, along, size, elbow: number(&format!("{side}_elbow")) }
     }
-    skin
+
+    /// All the forearm's from the cuff on, so that no bend of the wrist shows what the sleeve hides.
+    pub(super) fn weights(&self, p: V) -> Weights {
+        let (joints, weights) = self.skin.weights(p);
+        let hand = ramp(-0.0165 * self.size, 0.012 * self.size, dot(sub(p, self.wrist), self.along));
+        let own = joints.into_iter().zip(weights).map(|(joint, weight)| (weight * hand, joint));
+        normalized(own.filter(|one| one.0 > 0.0).chain([(1.0 - hand, self.elbow)]).collect())
+    }
 }

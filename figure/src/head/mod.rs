@@ -9,6 +9,7 @@
 //! | `eye`, `mouth`, `hair` | what their names say |
 //! | `shapes`, `lids`, `lips` | where each channel moves each vertex |
 
+use super::look::Look;
 use super::rest::Rest;
 use super::skin::{self, Weights};
 use super::vector::{V, add, ramp, scale, sub};
@@ -69,7 +70,8 @@ pub(super) struct Head {
 }
 
 impl Head {
-    pub(super) fn new(rest: &Rest) -> Self {
+    pub(super) fn new(rest: &Rest, look: &Look) -> Self {
+        let _ = look;
         let eyes = rest.middle("eye");
         let local = |p: V| scale(sub(p, eyes), 1.0 / rest.head);
         let base = Base::new(local(rest.at("neck")));
@@ -147,8 +149,12 @@ fn follow(vertex: &Vertex) -> Weights {
         Kind::Eyeball => skin::only(if x > 0.0 { "left_eye" } else { "right_eye" }),
         Kind::Skin => {
             // The neck leans back, so that the throat is lower than the nape.
-            let neck = ramp(-0.105, -0.175, y + 0.25 * (z + 0.06));
-            skin::normalized(vec![(1.0 - neck, skin::number("head")), (neck, skin::number("neck"))])
+            let low = y + 0.25 * (z + 0.06);
+            let neck = ramp(-0.105, -0.165, low);
+            // What the collar hides goes with the chest, as the collar does.
+            let chest = ramp(-0.150, -0.200, low);
+            let parts = [("head", 1.0 - neck), ("neck", neck * (1.0 - chest)), ("spine3", neck * chest)];
+            skin::normalized(parts.map(|(joint, weight)| (weight, skin::number(joint))).to_vec())
         }
         _ => skin::only("head"),
     }
