@@ -191,7 +191,7 @@ impl<'a> Job<'a> {
         let clip = self.maker.clip(animation, frames, |_| ())?;
         let (seconds, took) = (frames as f64 / config.frame_rate as f64, start.elapsed().as_secs_f64());
         for output in self.outputs {
-            output.write(&clip).map_err(Failure::environment)?;
+            output.write(&clip, self.args.figure).map_err(Failure::environment)?;
         }
         let names: Vec<_> = self.args.output.iter().map(|path| path.display().to_string()).collect();
         println!("{}: {frames} frames, {seconds:.2} s, made in {took:.2} s", names.join(", "));

@@ -2,9 +2,11 @@
 
 use std::path::PathBuf;
 
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
 use umo_core::weights::writer::Storage;
 use umo_core::{GestureOptions, GestureParts, Layer, Precision, Side};
+use umo_figure::Figure;
 
 /// Speech in, a moving body out: face, hands, upper and lower body at 30 frames a second.
 #[derive(Debug, Parser)]
@@ -59,6 +61,15 @@ pub struct Output {
     /// Say how long each stage took
     #[arg(long)]
     pub timings: bool,
+    /// Figure that wears the motion in .glb files
+    #[arg(long, value_name = "NAME", default_value = Figure::default().name(), value_parser = figure_parser())]
+    pub figure: Figure,
+}
+
+/// The figures' names, with what each looks like.
+fn figure_parser() -> impl TypedValueParser<Value = Figure> {
+    let names = Figure::ALL.map(|figure| PossibleValue::new(figure.name()).help(figure.summary()));
+    PossibleValuesParser::new(names).try_map(|name| name.parse::<Figure>())
 }
 
 /// How an animation is made.
@@ -292,6 +303,9 @@ pub struct Page {
     /// Take what can be used of a damaged recording
     #[arg(long)]
     pub repair: bool,
+    /// Figure that wears the motion on the page
+    #[arg(long, value_name = "NAME", default_value = Figure::default().name(), value_parser = figure_parser())]
+    pub figure: Figure,
     #[command(flatten)]
     #[expect(missing_docs, reason = "clap would print a doc comment as help")]
     pub generate: GenerateArgs,
@@ -586,6 +600,9 @@ pub struct Draw {
     /// What the picture shows
     #[arg(long, value_enum, default_value_t = View::Front, requires = "animation")]
     pub view: View,
+    /// Figure to draw
+    #[arg(long, value_name = "NAME", default_value = Figure::default().name(), value_parser = figure_parser())]
+    pub figure: Figure,
     /// Width of one frame, pixels
     #[arg(long, default_value_t = 360, value_name = "PIXELS", value_parser = pixels)]
     pub width: usize,

@@ -20,7 +20,7 @@ pub(crate) fn run(args: &Draw) -> Result<(), Failure> {
         Some(path) => frames(args, &read(path)?)?,
         None => {
             let skeleton = model::open(None)?.config().skeleton.clone();
-            sheet::shapes(&umo_figure::mannequin(&skeleton)?, &skeleton)
+            sheet::shapes(&args.figure.mesh(&skeleton)?, &skeleton)
         }
     };
     let cannot = |cause| Failure::environment(format!("cannot write `{}`: {cause}", args.output.display()));
@@ -36,7 +36,7 @@ fn read(path: &Path) -> Result<Clip, Failure> {
 
 /// The figure at each of the times, beside one another.
 fn frames(args: &Draw, clip: &Clip) -> Result<Picture, Failure> {
-    let mesh = umo_figure::mannequin(&clip.skeleton)?;
+    let mesh = args.figure.mesh(&clip.skeleton)?;
     let mesh = if clip.face.kind == FaceKind::Arkit { mesh } else { mesh.on_the_jaw() };
     let times = if args.at.is_empty() { &[0.0][..] } else { &args.at };
     let (width, height) = (args.width, args.height);

@@ -3,11 +3,11 @@
 use super::Part;
 use super::field::Join::{Cut, Displace, Union, Within};
 use super::field::{Shape, Solid};
-use super::nets::{self, Grid, even_planes, planes};
-use std::f32::consts::{PI, TAU};
 use super::look::{Build, Look, Top};
+use super::nets::{self, Grid, even_planes, planes};
 use super::rest::Rest;
 use super::vector::{V, add, cross, curve, dot, length, mix, ramp, scale, sub, unit};
+use std::f32::consts::{PI, TAU};
 
 pub(super) const FINGERS: [&str; 5] = ["thumb", "index", "middle", "ring", "pinky"];
 const SIDES: [&str; 2] = ["left", "right"];
@@ -127,23 +127,23 @@ pub(super) fn top(rest: &Rest, look: &Look) -> Piece {
     let arms = rest.side("left", "shoulder")[1];
     let x = even_planes(reach, |x| {
         if x < 0.10 * s {
-            0.0155 * s
+            0.0180 * s
         } else if (x - elbow).abs() < 0.07 * s || x < 0.24 * s {
-            0.0120 * s
+            0.0135 * s
         } else {
-            0.018 * s
+            0.020 * s
         }
     });
     let y = planes(hem - 0.02 * s, crown[1] + 0.05 * s, |y| {
         if (y - arms).abs() < 0.08 * s {
-            0.0105 * s
+            0.0120 * s
         } else if y < hem + 0.02 * s {
             0.009 * s
         } else {
             0.017 * s
         }
     });
-    let z = planes(neck[2] - 0.17 * s, neck[2] + 0.21 * s, |_| 0.0120 * s);
+    let z = planes(neck[2] - 0.17 * s, neck[2] + 0.21 * s, |_| 0.0135 * s);
     Piece { solid, grid: Grid([x, y, z]) }
 }
 
@@ -280,7 +280,10 @@ fn with_sleeve(solid: Solid, rest: &Rest, build: &Build, side: &str) -> Solid {
         .with(tube(elbow, cuff, &[0.0425, 0.0450, 0.0445, 0.0420, 0.0390, 0.0360], r), Union(0.016 * s))
         .with(folds(elbow, [sign, 0.25, 0.5], 0.034, 0.0034, 0.085), Displace)
         .with(folds(mix(elbow, cuff, 0.76), [sign, 0.3, -0.3], 0.030, 0.0022, 0.05), Displace)
-        .with(folds(add(shoulder, [0.02 * sign * s, -0.04 * s, 0.03 * s]), [sign, 0.9, 0.2], 0.036, 0.0022, 0.07), Displace)
+        .with(
+            folds(add(shoulder, [0.02 * sign * s, -0.04 * s, 0.03 * s]), [sign, 0.9, 0.2], 0.036, 0.0022, 0.07),
+            Displace,
+        )
 }
 
 /// The band at the end of a sleeve, open to the hand.
@@ -446,19 +449,16 @@ pub(super) fn trousers(rest: &Rest, look: &Look) -> Piece {
             .with(Shape::ball(add(calf, [0.0, 0.0, -0.022 * s]), 0.038 * s), Union(0.03 * s))
             .with(folds(add(knee, [0.0, 0.0, -0.03 * s]), [0.25 * sign, 1.0, 0.3], 0.045, 0.0040, 0.11), Displace)
             .with(folds(add(cuff, [0.0, 0.075 * s, 0.02 * s]), [0.2 * sign, 1.0, 0.35], 0.042, 0.0042, 0.080), Displace)
-            .with(folds(add(hip, [-0.02 * sign * s, -0.04 * s, 0.07 * s]), [0.8 * sign, 0.9, 0.0], 0.050, 0.0030, 0.09), Displace)
+            .with(
+                folds(add(hip, [-0.02 * sign * s, -0.04 * s, 0.07 * s]), [0.8 * sign, 0.9, 0.0], 0.050, 0.0016, 0.09),
+                Displace,
+            )
             .with(Shape::Below { point: cuff, normal: [0.0, -1.0, 0.0] }, Within(0.004 * s));
     }
     let wide = hips[0].abs() + 0.24 * s;
-    let x = even_planes(wide, |_| 0.0150 * s);
-    let y = planes(low - 0.03 * s, waist + 0.03 * s, |y| {
-        if y > hips[1] - 0.12 * s {
-            0.0155 * s
-        } else {
-            0.0205 * s
-        }
-    });
-    let z = planes(hips[2] - 0.17 * s, hips[2] + 0.17 * s, |_| 0.0150 * s);
+    let x = even_planes(wide, |_| 0.0170 * s);
+    let y = planes(low - 0.03 * s, waist + 0.03 * s, |y| if y > hips[1] - 0.12 * s { 0.0170 * s } else { 0.0225 * s });
+    let z = planes(hips[2] - 0.17 * s, hips[2] + 0.17 * s, |_| 0.0165 * s);
     Piece { solid, grid: Grid([x, y, z]) }
 }
 
@@ -488,9 +488,23 @@ pub(super) fn shoe(rest: &Rest, side: &str) -> [Piece; 3] {
         .with(Shape::Ellipsoid { centre: toe, radii: [0.0450 * s, 0.0285 * s, 0.0600 * s] }, Union(0.028 * s))
         .with(Shape::cone(mouth, at(mix(ankle, foot, 0.62), 0.0, 0.046, 0.0), 0.0370 * s, 0.0300 * s), Union(0.024 * s))
         .with(Shape::cone(mouth, at(ankle, 0.0, 0.045, -0.012), 0.0385 * s, 0.0370 * s), Union(0.020 * s))
-        .with(Shape::cone(at(mix(ankle, foot, 0.30), 0.0, 0.088, 0.0), at(mix(ankle, foot, 0.80), 0.0, 0.062, 0.0), 0.014 * s, 0.015 * s), Union(0.012 * s))
-        .with(Shape::Below { point: add(mouth, [0.0, 0.006 * s, 0.0]), normal: unit([0.0, 1.0, -0.20]) }, Within(0.004 * s))
-        .with(Shape::cone(add(mouth, [0.0, -0.012 * s, 0.0]), add(mouth, [0.0, 0.05 * s, 0.0]), 0.0310 * s, 0.0320 * s), Cut(0.004 * s))
+        .with(
+            Shape::cone(
+                at(mix(ankle, foot, 0.30), 0.0, 0.088, 0.0),
+                at(mix(ankle, foot, 0.80), 0.0, 0.062, 0.0),
+                0.014 * s,
+                0.015 * s,
+            ),
+            Union(0.012 * s),
+        )
+        .with(
+            Shape::Below { point: add(mouth, [0.0, 0.006 * s, 0.0]), normal: unit([0.0, 1.0, -0.20]) },
+            Within(0.004 * s),
+        )
+        .with(
+            Shape::cone(add(mouth, [0.0, -0.012 * s, 0.0]), add(mouth, [0.0, 0.05 * s, 0.0]), 0.0310 * s, 0.0320 * s),
+            Cut(0.004 * s),
+        )
         .with(Shape::Below { point: [0.0, floor + 0.012 * s, 0.0], normal: [0.0, -1.0, 0.0] }, Within(0.004 * s));
     let flat = |p: V| [p[0], floor + 0.012 * s, p[2]];
     let sole = Solid::default()
@@ -499,7 +513,8 @@ pub(super) fn shoe(rest: &Rest, side: &str) -> [Piece; 3] {
         .with(Shape::Below { point: [0.0, floor + 0.023 * s, 0.0], normal: unit([0.0, 1.0, 0.05]) }, Within(0.004 * s))
         .with(Shape::Below { point: [0.0, floor, 0.0], normal: [0.0, -1.0, 0.0] }, Within(0.005 * s));
     let up = add(ankle, scale(sub(knee, ankle), LEG_CUFF + LEG_OPENING + 0.05));
-    let sock = Solid::default().with(Shape::cone(add(ankle, [0.0, -0.015 * s, 0.0]), up, 0.0285 * s, 0.0310 * s), Union(0.0));
+    let sock =
+        Solid::default().with(Shape::cone(add(ankle, [0.0, -0.015 * s, 0.0]), up, 0.0285 * s, 0.0310 * s), Union(0.0));
     [
         Piece { solid: upper, grid: grid(floor - 0.01 * s, ankle[1] + 0.06 * s, [0.0105, 0.0085, 0.0125]) },
         Piece { solid: sole, grid: grid(floor - 0.012 * s, floor + 0.045 * s, [0.0125, 0.0060, 0.0140]) },
@@ -534,8 +549,7 @@ pub(super) fn hand(rest: &Rest, side: &str, build: &Build) -> Piece {
     let r = s * build.hand;
     let arm = add(wrist, scale(sub(elbow, wrist), CUFF + OPENING + 0.03));
     let low = |p: V, by: f32| add(p, [0.0, by * r, 0.0]);
-    let mut palm = Solid::default()
-        .with(Shape::cone(low(arm, 0.0), wrist, 0.0275 * r, 0.0235 * r), Union(0.0));
+    let mut palm = Solid::default().with(Shape::cone(low(arm, 0.0), wrist, 0.0275 * r, 0.0235 * r), Union(0.0));
     let radii = [0.0102, 0.0088, 0.0091, 0.0086, 0.0076];
     for (finger, radius) in FINGERS.iter().zip(radii) {
         let knuckle = at(&format!("{finger}1"));
@@ -549,9 +563,31 @@ pub(super) fn hand(rest: &Rest, side: &str, build: &Build) -> Piece {
     // Ball of the thumb, and the edge of the hand.
     let [thumb, index, pinky] = ["thumb1", "index1", "pinky1"].map(at);
     palm = palm
-        .with(Shape::cone(low(mix(wrist, thumb, 0.55), -0.008), low(mix(thumb, index, 0.35), -0.010), 0.0125 * r, 0.0100 * r), Union(0.014 * s))
-        .with(Shape::cone(low(mix(wrist, pinky, 0.25), -0.007), low(mix(wrist, pinky, 0.75), -0.006), 0.0115 * r, 0.0100 * r), Union(0.012 * s))
-        .with(Shape::Ellipsoid { centre: low(mix(wrist, at("middle1"), 0.58), -0.0205), radii: [0.024 * r, 0.0075 * r, 0.016 * r] }, Cut(0.012 * s));
+        .with(
+            Shape::cone(
+                low(mix(wrist, thumb, 0.55), -0.008),
+                low(mix(thumb, index, 0.35), -0.010),
+                0.0125 * r,
+                0.0100 * r,
+            ),
+            Union(0.014 * s),
+        )
+        .with(
+            Shape::cone(
+                low(mix(wrist, pinky, 0.25), -0.007),
+                low(mix(wrist, pinky, 0.75), -0.006),
+                0.0115 * r,
+                0.0100 * r,
+            ),
+            Union(0.012 * s),
+        )
+        .with(
+            Shape::Ellipsoid {
+                centre: low(mix(wrist, at("middle1"), 0.58), -0.0205),
+                radii: [0.024 * r, 0.0075 * r, 0.016 * r],
+            },
+            Cut(0.012 * s),
+        );
     for (finger, radius) in FINGERS.iter().zip(radii) {
         let [a, b, c] = [1, 2, 3].map(|bone| at(&format!("{finger}{bone}")));
         let tip = rest.finger_tip(side, finger);
@@ -598,7 +634,7 @@ pub(super) fn hand(rest: &Rest, side: &str, build: &Build) -> Piece {
     } else {
         planes(x.0, x.1, |_| 0.0066 * s)
     };
-    Piece { solid: palm, grid: Grid([x, planes(y.0, y.1, |_| 0.0045 * s), planes(z.0, z.1, |_| 0.0042 * s)]) }
+    Piece { solid: palm, grid: Grid([x, planes(y.0, y.1, |_| 0.0048 * s), planes(z.0, z.1, |_| 0.0045 * s)]) }
 }
 
 /// The hand's size beside the one that its measures are of.

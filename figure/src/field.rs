@@ -10,9 +10,6 @@ pub(super) enum Shape {
     Ellipsoid { centre: V, radii: V },
     /// Level sections: height, half width, half depth and place forward, as curves over the height.
     Stack { x: f32, width: Vec<(f32, f32)>, depth: Vec<(f32, f32)>, forward: Vec<(f32, f32)> },
-    /// Lies round an upright line: half axes along X and Z, rise for a metre forward, its own radius,
-    /// and half the height of the band that it is thickened into.
-    Ring { centre: V, radii: [f32; 2], slope: f32, thick: f32, tall: f32 },
     /// Folds of cloth, to be joined by `Join::Displace`: how far they stand out, metres. Waves along
     /// `along` within `reach` of the centre.
     Folds { centre: V, reach: f32, along: V, length: f32, height: f32 },
@@ -137,13 +134,6 @@ impl Shape {
                 let (u, w) = (u * u, w * w);
                 let round = 0.72 * (u + w).sqrt() + 0.28 * (u * u + w * w).sqrt().sqrt();
                 (round - 1.0) * wide.min(deep)
-            }
-            Self::Ring { centre, radii, slope, thick, tall } => {
-                let [x, y, z] = sub(p, *centre);
-                let out = (x / radii[0]).hypot(z / radii[1]);
-                let off = (out - 1.0) * radii[0].min(radii[1]);
-                let up = ((y - slope * z).abs() - tall).max(0.0);
-                off.hypot(up) - thick
             }
             Self::Folds { centre, reach, along, length: wave, height } => {
                 let from = sub(p, *centre);

@@ -1,11 +1,12 @@
-//! The figure that speaks: a clothed mannequin made by code on a skeleton's own bones,
+//! The figure that speaks: a clothed person made by code on a skeleton's own bones,
 //! smooth-skinned, with the 52 ARKit shapes, and pictures of it without a graphics card.
 //!
-//! [`mannequin`] makes the mesh, [`Mesh::posed`] puts it in a pose, [`picture::Picture`] draws it.
+//! [`Figure::mesh`] makes the mesh, [`Mesh::posed`] puts it in a pose, [`picture::Picture`] draws it.
 //!
 //! | module | what it makes |
 //! |---|---|
-//! | `body` | sweater, trousers, shoes and hands: solids of `field`, meshed by `nets` |
+//! | `look` | which figures there are, and what tells them apart |
+//! | `body` | top, trousers, shoes and hands: solids of `field`, meshed by `nets`, and swept bands |
 //! | `head` | face, eyes, mouth, hair, and the shapes |
 //! | `skin` | which joints each vertex follows |
 //! | [`palette`] | the colours as a texture |
@@ -33,10 +34,10 @@ mod skin;
 mod tests;
 mod vector;
 
-pub use look::{Figure, UnknownFigure};
-pub use posed::Posed;
 use field::Solid;
 use look::{Color, Look, Top};
+pub use look::{Figure, UnknownFigure};
+pub use posed::Posed;
 use rest::Rest;
 use skin::Weights;
 use vector::V;
@@ -201,9 +202,8 @@ fn add_body(mesh: &mut Mesh, rest: &Rest, look: &Look) {
     let lower = skin::lower(rest);
     let top = body::top(rest, look);
     let trousers = body::trousers(rest, look);
-    let shaded = |color: Color, solids: &[&Solid], p: V, n: V| {
-        darker(color, field::occlusion(solids, p, n, SHADED * rest.size))
-    };
+    let shaded =
+        |color: Color, solids: &[&Solid], p: V, n: V| darker(color, field::occlusion(solids, p, n, SHADED * rest.size));
     let cloth = [&top.solid, &trousers.solid];
     mesh.add(top.surface(), |p, n| shaded(look.cloth, &cloth[..1], p, n), |p| upper.weights(p));
     mesh.add(trousers.surface(), |p, n| shaded(look.trousers, &cloth, p, n), |p| lower.weights(p));

@@ -133,7 +133,7 @@ fn unit(v: V) -> Option<V> {
 }
 
 /// The connected piece that each vertex is in, as the number of one of its vertices.
-fn pieces(mesh: &Mesh) -> Vec<usize> {
+pub(crate) fn pieces(mesh: &Mesh) -> Vec<usize> {
     fn first(of: &mut [usize], mut vertex: usize) -> usize {
         while of[vertex] != vertex {
             of[vertex] = of[of[vertex]];
@@ -155,7 +155,7 @@ fn pieces(mesh: &Mesh) -> Vec<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{mannequin, sample};
+    use crate::{Figure, sample};
 
     /// The texture between texels, as graphics cards read it.
     fn read(palette: &Palette, [u, v]: [f32; 2]) -> V {
@@ -174,8 +174,13 @@ mod tests {
 
     #[test]
     fn every_vertex_finds_its_colour_and_every_triangle_the_colours_between() {
-        let mesh = mannequin(&sample::skeleton()).unwrap();
-        let palette = Palette::new(&mesh);
+        for figure in Figure::ALL {
+            check(&figure.mesh(&sample::skeleton()).unwrap());
+        }
+    }
+
+    fn check(mesh: &Mesh) {
+        let palette = Palette::new(mesh);
         assert_eq!(palette.pixels.len(), palette.size * palette.size);
         let color = |vertex: u32| {
             let [r, g, b, _] = mesh.colors[vertex as usize];

@@ -16,23 +16,23 @@ use std::io::{self, Write};
 use umo_core::config::FaceKind;
 use umo_core::motion::clip::Clip;
 use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS};
+use umo_figure::Figure;
 use umo_figure::palette::Palette;
 
 mod builder;
 mod shapes;
 
-/// Writes the animation as binary glTF.
+/// Writes the animation as binary glTF, worn by the figure.
 ///
 /// # Errors
 /// Those of `out`; an animation beyond glTF's 4 GiB.
-pub fn write<W: Write>(clip: &Clip, out: W) -> io::Result<()> {
+pub fn write<W: Write>(clip: &Clip, figure: Figure, out: W) -> io::Result<()> {
     let mut builder = Builder::default();
     let joints = add_skeleton(&mut builder, clip);
     let rest = rest_positions(clip);
     let skin = add_skin(&mut builder, &joints, &rest);
 
-    let figure =
-        umo_figure::mannequin(&clip.skeleton).map_err(|cause| io::Error::new(io::ErrorKind::InvalidInput, cause))?;
+    let figure = figure.mesh(&clip.skeleton).map_err(|cause| io::Error::new(io::ErrorKind::InvalidInput, cause))?;
     let figure = match clip.face.kind {
         // Expression coefficients leave the jaw to its joint; among ARKit's shapes is the open jaw.
         FaceKind::SmplxExpression => figure.on_the_jaw(),

@@ -16,6 +16,7 @@ use std::path::{Path, PathBuf};
 use umo_core::config::Face;
 use umo_core::motion::clip::Clip;
 use umo_core::motion::skeleton::JOINTS;
+use umo_figure::Figure;
 
 use crate::failure::Failure;
 
@@ -91,7 +92,7 @@ impl Format {
     }
 }
 
-/// Writes an animation; the format is the extension's where none is given.
+/// Writes an animation, worn by the default figure; the format is the extension's where none is given.
 ///
 /// The file appears whole or not at all.
 ///
@@ -100,7 +101,7 @@ impl Format {
 pub fn write(path: &Path, format: Option<Format>, clip: &Clip) -> Result<(), ExportError> {
     let format = format.map_or_else(|| Format::from_extension(path), Ok)?;
     format.check_face(&clip.face)?;
-    Output::create(path, format)?.write(clip)
+    Output::create(path, format)?.write(clip, Figure::default())
 }
 
 /// Why an animation could not be written.

@@ -4,6 +4,7 @@ use super::{ExportError, Format, bvh, check, csv, glb, jsonl, npz};
 use crate::atomic_file::AtomicFile;
 use std::path::Path;
 use umo_core::motion::clip::Clip;
+use umo_figure::Figure;
 
 /// A file to be written. Made before a long run, it tells at once that the path cannot be written;
 /// dropped without [`Output::write`], it leaves nothing behind.
@@ -23,19 +24,19 @@ impl Output {
         Ok(Self { format, file })
     }
 
-    /// Writes the animation and puts the file in its place.
+    /// Writes the animation, worn by the figure where the format holds one, and puts the file in its place.
     ///
     /// # Errors
     /// [`ExportError`] where the animation contradicts itself or does not suit the format, or the
     /// file system fails; then an earlier file of that name is as it was.
-    pub fn write(self, clip: &Clip) -> Result<(), ExportError> {
+    pub fn write(self, clip: &Clip, figure: Figure) -> Result<(), ExportError> {
         check(clip).map_err(ExportError::Clip)?;
         self.format.check_face(&clip.face)?;
         let path = self.file.path().to_owned();
         let written = self.file.commit(|out| match self.format {
             Format::Npz => npz::write(clip, out),
             Format::Bvh => bvh::write(clip, out),
-            Format::Glb => glb::write(clip, out),
+            Format::Glb => glb::write(clip, figure, out),
             Format::Csv => csv::write(clip, out),
             Format::Jsonl => jsonl::write(clip, out),
         });

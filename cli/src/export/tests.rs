@@ -146,7 +146,7 @@ fn written(format: Format, clip: &Clip, room: usize) -> io::Result<usize> {
     match format {
         Format::Npz => super::npz::write(clip, &mut disk)?,
         Format::Bvh => super::bvh::write(clip, &mut disk)?,
-        Format::Glb => super::glb::write(clip, &mut disk)?,
+        Format::Glb => super::glb::write(clip, Figure::default(), &mut disk)?,
         Format::Csv => super::csv::write(clip, &mut disk)?,
         Format::Jsonl => super::jsonl::write(clip, &mut disk)?,
     }

@@ -91,7 +91,7 @@ impl Host {
         let session = session(&args.generate, engine.model().config());
         let title = args.input.as_deref().map_or_else(|| "microphone".to_owned(), |path| path.display().to_string());
         let live = rest(&engine, &session)?;
-        let mut scene = Scene::of_stream(&title, engine.model().config(), &args.generate, live)?;
+        let mut scene = Scene::of_stream(&title, engine.model().config(), args, live)?;
         scene.audio = audio;
         Ok(Self {
             page: page::html(&scene)?,

@@ -15,7 +15,7 @@ use crate::args::{GenerateArgs, Page};
 use crate::failure::Failure;
 use crate::{import, model};
 use umo_audio_file::wav::Wav;
-use umo_figure::Mesh;
+use umo_figure::{Figure, Mesh};
 
 /// Longest motion of a page: what browsers open without trouble, at a few MB a minute.
 const MAX_SECONDS: f64 = 1800.0;
@@ -103,7 +103,7 @@ impl Scene {
         let mut record = Record::new(config);
         let clip = maker.clip(&mut animation, frames, |animation| record.keep(animation))?;
         record.cut(frames);
-        let mut scene = Self::new(path, clip)?;
+        let mut scene = Self::new(path, clip, args.figure)?;
         scene.audio = Some(Audio::new(&wav)?);
         scene.record = Some(record);
         scene.set_model(config, &args.generate);
@@ -114,7 +114,7 @@ impl Scene {
     pub(super) fn of_animation(path: &Path, args: &Page) -> Result<Self, Failure> {
         let clip = import::read(path)?;
         check_length(path, clip.len() as f64 / f64::from(clip.frame_rate))?;
-        let mut scene = Self::new(path, clip)?;
+        let mut scene = Self::new(path, clip, args.figure)?;
         if let Some(speech) = &args.audio {
             scene.audio = Some(Audio::new(&animate::speech(speech, args.repair)?)?);
         }
@@ -122,20 +122,15 @@ impl Scene {
     }
 
     /// A page of which the frames are still to come.
-    pub(super) fn of_stream(
-        title: &str,
-        config: &Config,
-        generate: &GenerateArgs,
-        live: LiveInfo,
-    ) -> Result<Self, Failure> {
-        let mut scene = Self::new(Path::new(title), Clip::new(config))?;
+    pub(super) fn of_stream(title: &str, config: &Config, args: &Page, live: LiveInfo) -> Result<Self, Failure> {
+        let mut scene = Self::new(Path::new(title), Clip::new(config), args.figure)?;
         scene.live = Some(live);
-        scene.set_model(config, generate);
+        scene.set_model(config, &args.generate);
         Ok(scene)
     }
 
-    fn new(path: &Path, clip: Clip) -> Result<Self, Failure> {
-        let mesh = umo_figure::mannequin(&clip.skeleton)?;
+    fn new(path: &Path, clip: Clip, figure: Figure) -> Result<Self, Failure> {
+        let mesh = figure.mesh(&clip.skeleton)?;
         Ok(Self {
             title: path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned(),
             notice: String::new(),

@@ -4,8 +4,9 @@
 //! the eyes.
 
 use crate::field::Join::{Cut, Union};
-use crate::field::{Shape, Solid};
-use crate::vector::{V, add, curve, ramp, scale};
+use crate::field::{Shape, Solid, occlusion};
+use crate::look::Look;
+use crate::vector::{V, add, curve, ramp, scale, unit};
 
 /// The rays that find the skin start on an upright line at this depth.
 const AXIS: f32 = -0.060;
@@ -13,6 +14,7 @@ const AXIS: f32 = -0.060;
 const ROUND: f32 = 0.075;
 
 pub(super) struct Base {
+    pub(super) look: &'static Look,
     solid: Solid,
     /// Where a ray starts on the line, and how steep it is, by its height in the map.
     start: Vec<(f32, f32)>,
@@ -21,37 +23,62 @@ pub(super) struct Base {
 
 impl Base {
     /// `neck`: the neck joint.
-    pub(super) fn new(neck: V) -> Self {
+    pub(super) fn new(neck: V, look: &'static Look) -> Self {
+        let face = &look.build.face;
+        let (jaw, nose, n) = (face.jaw, face.nose, look.build.neck);
         let mut solid = Solid::default()
             .with(Shape::Ellipsoid { centre: [0.0, 0.020, -0.068], radii: [0.0725, 0.090, 0.089] }, Union(0.0))
-            .with(Shape::Ellipsoid { centre: [0.0, -0.040, -0.036], radii: [0.050, 0.070, 0.053] }, Union(0.03))
-            .with(Shape::cone([0.0, -0.055, -0.080], add(neck, [0.0, -0.05, 0.0]), 0.042, 0.050), Union(0.028))
-            .with(Shape::cone([0.0, -0.045, -0.004], [0.0, -0.088, -0.007], 0.024, 0.021), Union(0.03))
-            .with(Shape::ball([0.0, -0.099, -0.003], 0.0165), Union(0.02));
+            .with(Shape::Ellipsoid { centre: [0.0, -0.038, -0.036], radii: [0.0485 * jaw, 0.068, 0.0525] }, Union(0.03))
+            .with(
+                Shape::cone([0.0, -0.055, -0.080], add(neck, [0.0, -0.05, 0.0]), 0.0415 * n, 0.0480 * n),
+                Union(0.026),
+            )
+            .with(Shape::cone([0.0, -0.045, -0.004], [0.0, -0.086, -0.008], 0.024, 0.020 * jaw), Union(0.03))
+            .with(
+                Shape::Ellipsoid { centre: [0.0, -0.0965, -0.0040], radii: [0.0185 * jaw, 0.0140, 0.0160] },
+                Union(0.020),
+            );
         for x in [1.0, -1.0] {
             let over = |p: V| [p[0] * x, p[1], p[2]];
             solid = solid
+                // Jaw, cheekbone, brow ridge, socket.
                 .with(
-                    Shape::cone(over([0.036, -0.066, -0.052]), over([0.010, -0.096, -0.008]), 0.014, 0.015),
-                    Union(0.03),
+                    Shape::cone(over([0.0430 * jaw, -0.066, -0.050]), over([0.010, -0.097, -0.009]), 0.0115, 0.0130),
+                    Union(0.032),
                 )
-                .with(Shape::ball(over([0.034, -0.032, -0.016]), 0.025), Union(0.03))
+                .with(Shape::ball(over([0.0445 * jaw, -0.048, -0.0440]), 0.0155), Union(0.030))
+                .with(Shape::ball(over([0.0375, -0.026, -0.0165]), 0.0245), Union(0.028))
+                .with(Shape::ball(over([0.030, -0.050, -0.0120]), 0.0200), Union(0.030))
                 .with(
-                    Shape::cone(over([0.010, 0.021, 0.003]), over([0.040, 0.022, -0.016]), 0.0125, 0.011),
-                    Union(0.02),
+                    Shape::cone(
+                        over([0.010, 0.020, 0.0025 + face.brow]),
+                        over([0.042, 0.0225, -0.0150 + face.brow]),
+                        0.0125,
+                        0.0115,
+                    ),
+                    Union(0.018),
                 )
                 .with(
-                    Shape::Ellipsoid { centre: over([0.034, -0.002, 0.014]), radii: [0.019, 0.011, 0.008] },
-                    Cut(0.016),
+                    Shape::Ellipsoid { centre: over([0.0335, -0.001, 0.0145]), radii: [0.0190, 0.0125, 0.0095] },
+                    Cut(0.015),
                 );
         }
         solid = solid
-            .with(Shape::cone([0.0, 0.012, 0.008], [0.0, -0.034, 0.0235], 0.0075, 0.0100), Union(0.014))
-            .with(Shape::ball([0.0, -0.037, 0.0265], 0.0092), Union(0.006));
+            .with(Shape::cone([0.0, 0.014, 0.0068], [0.0, -0.030, 0.0275], 0.0058 * nose, 0.0086 * nose), Union(0.010))
+            .with(Shape::ball([0.0, -0.0365, 0.0300], 0.0100 * nose), Union(0.006))
+            .with(Shape::cone([0.0, -0.0440, 0.0270], [0.0, -0.0480, 0.0200], 0.0036, 0.0040), Union(0.005));
         for x in [1.0, -1.0] {
-            solid = solid.with(Shape::ball([0.0112 * x, -0.0400, 0.0170], 0.0072), Union(0.007));
+            solid = solid.with(
+                Shape::Ellipsoid { centre: [0.0124 * x * nose, -0.0405, 0.0200], radii: [0.0062, 0.0066, 0.0085] },
+                Union(0.0035),
+            );
         }
+        // Groove under the nose, and the one between lip and chin.
+        solid = solid
+            .with(Shape::cone([0.0, -0.0515, 0.0275], [0.0, -0.0590, 0.0278], 0.0022, 0.0030), Cut(0.005))
+            .with(Shape::Ellipsoid { centre: [0.0, -0.0840, 0.0230], radii: [0.0150, 0.0040, 0.0032] }, Cut(0.010));
         Self {
+            look,
             solid,
             start: vec![
                 (-0.24, -0.235),
@@ -142,13 +169,23 @@ impl Base {
         at(z)
     }
 
+    /// The direction away from the head.
+    pub(super) fn normal(&self, p: V) -> V {
+        unit(self.solid.gradient(p))
+    }
+
+    /// How little light comes to the skin at `p`, 0..=1.
+    pub(super) fn shade(&self, p: V) -> f32 {
+        occlusion(&[&self.solid], p, self.normal(p), 0.026)
+    }
+
     /// How far apart vertices are at a place of the map.
     pub(super) fn spacing([u, v]: [f32; 2]) -> f32 {
         let nose = ramp(0.030, 0.016, u) * ramp(-0.062, -0.052, v) * ramp(0.0, -0.014, v);
         let face = ramp(0.105, 0.070, u) * ramp(-0.15, -0.125, v) * ramp(0.055, 0.040, v);
-        0.0135 - 0.0078 * face - 0.0026 * nose
+        0.0135 - 0.0084 * face - 0.0026 * nose
     }
 
     /// The end of the map about the head, its bottom and its top.
-    pub(super) const BOUNDS: (f32, f32, f32) = (std::f32::consts::PI * ROUND, -0.215, 0.085);
+    pub(super) const BOUNDS: (f32, f32, f32) = (std::f32::consts::PI * ROUND, -0.192, 0.085);
 }

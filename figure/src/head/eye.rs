@@ -4,16 +4,18 @@ use super::base::Base;
 use super::lids::{Lid, Point, Turn};
 use super::sheet::Sheet;
 use super::{Kind, mouth};
-use crate::vector::{V, add, mix, scale};
+use crate::look::{Color, Look};
+use crate::vector::{V, add, cross, mix, scale, sub, unit};
 use std::f32::consts::TAU;
 
 /// The left eye.
 pub(super) struct Eye {
     pub(super) centre: V,
+    look: &'static Look,
 }
 
 /// Of the eyeball, metres.
-pub(super) const RADIUS: f32 = 0.0170;
+pub(super) const RADIUS: f32 = 0.0180;
 /// Vertices round the opening: a multiple of four.
 const AROUND: usize = 36;
 /// Rings of the lids, from the opening outwards.
@@ -27,13 +29,8 @@ const OUTER: [[f32; 4]; 4] = [
     [0.0220, 0.0290, 0.0244, 0.0250],
 ];
 
-const LASHES: [u8; 3] = [58, 38, 32];
-const WATERLINE: [u8; 3] = [206, 140, 124];
-const WHITE: [u8; 3] = [244, 242, 238];
-const WHITE_EDGE: [u8; 3] = [222, 214, 210];
-const IRIS_RIM: [u8; 3] = [46, 58, 66];
-const IRIS: [u8; 3] = [84, 122, 132];
-const IRIS_INNER: [u8; 3] = [128, 160, 160];
+const WHITE: [u8; 3] = [228, 224, 220];
+const WHITE_EDGE: [u8; 3] = [206, 196, 191];
 const PUPIL: [u8; 3] = [18, 18, 22];
 const GLINT: [u8; 3] = [255, 255, 255];
 
@@ -44,8 +41,8 @@ pub(super) fn direction(Turn { turn, rise }: Turn) -> V {
 }
 
 impl Eye {
-    pub(super) fn new(centre: V) -> Self {
-        Self { centre }
+    pub(super) fn new(centre: V, look: &'static Look) -> Self {
+        Self { centre, look }
     }
 
     /// Where a lid's vertex is when its place on the eyeball is `turn` instead of its own.
@@ -65,12 +62,15 @@ pub(super) fn add_lids(sheet: &mut Sheet, base: &Base, eye: &Eye) -> Vec<usize> 
                 let lid = Lid::at(angle);
                 let point = lid.point(ring, target(base, eye, ring, angle));
                 let place = eye.lid_place(&point, point.rest);
+                let skin = &base.look.skin;
                 let color = match (ring, lid.upper) {
-                    (0 | 1, true) => LASHES,
-                    (0, false) => WATERLINE,
-                    (1, false) => mix_color(mouth::skin_color(place), WATERLINE, 0.45),
-                    (2, true) => mix_color(mouth::skin_color(place), LASHES, 0.22),
-                    _ => mouth::skin_color(place),
+                    (0 | 1, true) => skin.toned(0.2, 1.05),
+                    (0, false) => skin.toned(0.9, 0.15),
+                    (1, false) => skin.toned(0.7, 0.22),
+                    (2, true) => skin.toned(0.5, 0.42),
+                    (3, true) => skin.toned(0.35, 0.20),
+                    (2, false) => skin.toned(0.4, 0.16),
+                    _ => mouth::skin_color(base, place),
                 };
                 sheet.add(place, Kind::Lid(point), color)
             })
@@ -82,6 +82,43 @@ pub(super) fn add_lids(sheet: &mut Sheet, base: &Base, eye: &Eye) -> Vec<usize> 
         inner = loop_;
     }
     inner
+}
+
+/// Lashes of one lid: how many, and their share of the longest.
+const LASHES: [(bool, usize, f32); 2] = [(true, 30, 1.0), (false, 15, 0.30)];
+
+/// Single lashes along the edges of the lids, longer towards the temple.
+pub(super) fn add_lashes(sheet: &mut Sheet, eye: &Eye) {
+    let face = &eye.look.build.face;
+    let color = mix_color(eye.look.strands[0], PUPIL, 0.55);
+    for (upper, count, share) in LASHES {
+        for k in 0..count {
+            let t = (k as f32 + 0.6) / count as f32;
+            let angle = if upper { 0.06 + (TAU / 2.0 - 0.42) * t } else { -0.10 - (TAU / 2.0 - 0.9) * t };
+            let edge = |off: f32| Lid::at(angle + off).point(1, eye.centre);
+            // Fanned out from the middle of the eye.
+            let out = (angle.cos() * 16.0 + 1.0, if upper { 15.0 } else { -11.0 });
+            let long = share * face.lashes * (0.62 + 0.38 * angle.cos()) * (0.85 + 0.15 * ((k * 7 % 5) as f32 / 4.0));
+            let mut points = [edge(-0.022), edge(0.022), edge(0.0), edge(0.0)];
+            points[2].radius += 0.0007;
+            let tip = &mut points[3];
+            tip.radius += 0.80 * long;
+            tip.rest = Turn { turn: tip.rest.turn + out.0 * long / 0.006, rise: tip.rest.rise + out.1 * long / 0.006 };
+            let at = points.map(|point| sheet.add(eye.lid_place(&point, point.rest), Kind::Lid(point), color));
+            spike(sheet, at);
+        }
+    }
+}
+
+/// A hair: a triangle, and the tip that is its last vertex.
+pub(super) fn spike(sheet: &mut Sheet, [a, b, c, tip]: [usize; 4]) {
+    let at = |i: usize| sheet.vertices[i].place;
+    let facing = cross(sub(at(b), at(a)), sub(at(c), at(a)));
+    let away = unit(sub(at(tip), at(a)));
+    let outside = facing.iter().zip(away).map(|(f, w)| f * w).sum::<f32>() < 0.0;
+    for [p, q] in [[a, b], [b, c], [c, a]] {
+        sheet.triangles.push(if outside { [q, p, tip] } else { [p, q, tip] });
+    }
 }
 
 /// Where an outer ring lies on the face.
@@ -102,20 +139,24 @@ pub(super) fn mix_color(a: [u8; 3], b: [u8; 3], t: f32) -> [u8; 3] {
 
 /// Rings of the eyeball from the pupil back: degrees from ahead, and the colour up to there and
 /// from there on.
-const BALL: [(f32, [u8; 3], Option<[u8; 3]>); 12] = [
-    (6.0, PUPIL, None),
-    (11.0, PUPIL, Some(IRIS_INNER)),
-    (15.0, IRIS, None),
-    (21.0, IRIS, None),
-    (25.0, IRIS_RIM, None),
-    (27.0, IRIS_RIM, Some(WHITE_EDGE)),
-    (32.0, WHITE, None),
-    (44.0, WHITE, None),
-    (58.0, WHITE, None),
-    (74.0, WHITE_EDGE, None),
-    (92.0, WHITE_EDGE, None),
-    (115.0, WHITE_EDGE, None),
-];
+fn ball(look: &Look) -> [(f32, Color, Option<Color>); 12] {
+    let [iris, inner] = look.iris;
+    let rim = mix_color(iris, PUPIL, 0.55);
+    [
+        (6.0, PUPIL, None),
+        (10.5, PUPIL, Some(inner)),
+        (15.0, mix_color(iris, inner, 0.6), None),
+        (21.0, iris, None),
+        (25.0, rim, None),
+        (27.0, rim, Some(WHITE_EDGE)),
+        (32.0, WHITE, None),
+        (44.0, WHITE, None),
+        (58.0, WHITE, None),
+        (74.0, WHITE_EDGE, None),
+        (92.0, WHITE_EDGE, None),
+        (115.0, WHITE_EDGE, None),
+    ]
+}
 const SPOKES: usize = 28;
 /// The light in the eye: degrees to the temple and up, and its size.
 const SPARK: (Turn, f32) = (Turn { turn: 0.0, rise: 13.0 }, 3.6);
@@ -128,7 +169,7 @@ pub(super) fn add_eyeball(sheet: &mut Sheet, eye: &Eye) {
     };
     let middle = sheet.add(at(0.0, 0, RADIUS), Kind::Eyeball, PUPIL);
     let mut inner = vec![middle; SPOKES + 1];
-    for (off, color, beyond) in BALL {
+    for (off, color, beyond) in ball(eye.look) {
         let mut ring: Vec<usize> = (0..SPOKES).map(|k| sheet.add(at(off, k, RADIUS), Kind::Eyeball, color)).collect();
         ring.push(ring[0]);
         sheet.strip(&ring, &inner);

@@ -1,41 +1,68 @@
 //! Brows, ears and hair.
 
 use super::base::Base;
-use super::eye::mix_color;
+use super::eye::{mix_color, spike};
 use super::sheet::Sheet;
 use super::{Kind, mouth};
 use crate::field::Join::{Cut, Union};
 use crate::field::{Shape, Solid};
+use crate::look::{Color, Hair};
 use crate::nets::{self, Grid, planes};
-use crate::vector::{V, add, curve, ramp, scale, sub, unit};
-use std::f32::consts::PI;
+use crate::vector::{V, add, cross, curve, mix, ramp, scale, sub, unit};
+use std::f32::consts::{PI, TAU};
 
-const BROWN: [u8; 3] = [74, 50, 38];
-const BROWN_LIGHT: [u8; 3] = [110, 76, 54];
+/// Of the strands: 0 for their roots' colour, 1 for their tips'.
+fn color(base: &Base, t: f32) -> Color {
+    let [root, tip] = base.look.strands;
+    mix_color(root, tip, t.clamp(0.0, 1.0))
+}
 
-/// The left brow.
+/// A number between 0 and 1 that looks random, the same each time.
+fn random(seed: usize) -> f32 {
+    let x = (seed as f32 * 12.9898).sin() * 43_758.547;
+    x - x.floor()
+}
+
+/// The left brow: single hairs over a thin strip of their colour.
 pub(super) fn add_brow(sheet: &mut Sheet, base: &Base) {
     const LENGTH: usize = 14;
+    const HAIRS: usize = 60;
+    let thick = base.look.build.face.brows;
+    let place = |t: f32, up: f32| {
+        let x = 0.0125 + 0.0395 * t;
+        let y = curve(&[(0.0, 0.0232), (0.35, 0.0262), (0.68, 0.0278), (1.0, 0.0228)], t);
+        let half = thick * curve(&[(0.0, 0.0026), (0.10, 0.0036), (0.5, 0.0034), (1.0, 0.0010)], t);
+        let skin = base.behind(x, y + up * half);
+        (skin, unit(sub(skin, [0.0, 0.01, -0.06])))
+    };
     let mut before: Vec<usize> = Vec::new();
     for step in 0..=LENGTH {
-        let t = step as f32 / LENGTH as f32;
-        let x = 0.0130 + 0.0390 * t;
-        let y = curve(&[(0.0, 0.0272), (0.35, 0.0300), (0.68, 0.0308), (1.0, 0.0258)], t);
-        let half = curve(&[(0.0, 0.0016), (0.08, 0.0032), (0.5, 0.0033), (1.0, 0.0008)], t);
-        let thick = 0.0016 * curve(&[(0.0, 0.2), (0.15, 1.0), (0.6, 1.0), (1.0, 0.25)], t);
-        let row: Vec<usize> = [(-1.0, -0.0006), (-0.7, 0.55), (0.0, 1.0), (0.7, 0.55), (1.0, -0.0006)]
+        let t = 0.03 + 0.94 * step as f32 / LENGTH as f32;
+        let row: Vec<usize> = [(-0.75, -0.0006), (-0.4, 0.0004), (0.0, 0.0007), (0.4, 0.0004), (0.75, -0.0006)]
             .iter()
-            .map(|&(up, out)| {
-                let skin = base.behind(x, y + up * half);
-                let lift = if out < 0.0 { out } else { thick * out };
-                let away = unit(sub(skin, [0.0, 0.01, -0.06]));
-                sheet.add(add(skin, scale(away, lift)), Kind::Brow, mix_color(BROWN, BROWN_LIGHT, 0.25 * (1.0 - t)))
+            .map(|&(up, lift)| {
+                let (skin, away) = place(t, up);
+                sheet.add(add(skin, scale(away, lift)), Kind::Brow, color(base, 0.30 - 0.1 * t))
             })
             .collect();
         if step > 0 {
             sheet.strip(&row, &before);
         }
         before = row;
+    }
+    for hair in 0..HAIRS {
+        let t = 0.94 * (hair as f32 + random(hair)) / HAIRS as f32;
+        let up = [-0.62, 0.30, -0.15, 0.72][hair % 4];
+        let (root, away) = place(t, up);
+        // The inner ones stand up, the outer ones lie along the brow.
+        let lie = ramp(0.0, 0.35, t);
+        let (end, lift) = place((t + 0.05 + 0.11 * lie).min(1.02), up * 0.55 + 1.1 * (1.0 - lie) * (1.0 - 0.3 * up));
+        let tip = add(end, scale(lift, 0.0010));
+        let side = scale(unit(cross(away, sub(tip, root))), 0.00050 + 0.0003 * thick);
+        let shade = color(base, 0.35 * random(hair + 91));
+        let at = [add(root, side), sub(root, side), add(root, scale(away, 0.0011)), tip]
+            .map(|place| sheet.add(place, Kind::Brow, shade));
+        spike(sheet, at);
     }
 }
 
@@ -55,7 +82,7 @@ pub(super) fn add_ear(sheet: &mut Sheet, base: &Base) {
     for &place in &part.positions {
         // The ear stands off the head behind.
         let back = ramp(0.005, -0.022, place[2] - root[2]);
-        sheet.add(add(place, [0.006 * back, 0.0, 0.0]), Kind::Ear, mouth::skin_color(place));
+        sheet.add(add(place, [0.006 * back, 0.0, 0.0]), Kind::Ear, mouth::skin_color(base, place));
     }
     let (triangles, _) = part.indices.as_chunks::<3>();
     sheet.triangles.extend(triangles.iter().map(|t| t.map(|i| first + i as usize)));
@@ -63,45 +90,88 @@ pub(super) fn add_ear(sheet: &mut Sheet, base: &Base) {
 
 /// Where hair ends, as an angle from the crown, by the angle from straight ahead; degrees.
 const HAIRLINE: [(f32, f32); 11] = [
-    (0.0, 50.0),
-    (20.0, 50.5),
-    (38.0, 55.0),
-    (51.0, 66.0),
+    (0.0, 52.0),
+    (20.0, 53.0),
+    (38.0, 57.5),
+    (51.0, 68.0),
     (63.0, 86.0),
     (73.0, 99.0),
-    (84.0, 98.0),
+    (84.0, 97.0),
     (98.0, 89.0),
     (118.0, 104.0),
-    (145.0, 126.0),
-    (180.0, 130.0),
+    (145.0, 124.0),
+    (180.0, 128.0),
 ];
 const CROWN: V = [0.0, 0.020, -0.066];
-const COLUMNS: usize = 40;
-const ROWS: usize = 15;
+const COLUMNS: usize = 44;
 
-/// The left half of the hair: a cap in strands that run from the crown to the hairline.
+/// A row of the cap: share of the way from crown to hairline, and how much of the hair's thickness
+/// there is.
+type Row = (f32, f32);
+
+/// The left half of the hair: a cap, and locks over it.
 pub(super) fn add_hair(sheet: &mut Sheet, base: &Base) {
+    add_cap(sheet, base);
+    match base.look.hair {
+        Hair::Short => add_short(sheet, base),
+        Hair::Bob => add_bob(sheet, base),
+        Hair::Crop => {}
+        Hair::Bun => add_bun(sheet, base),
+    }
+}
+
+/// The place over the skin in a direction from the crown, degrees: from straight ahead, and down.
+fn over(base: &Base, ahead: f32, fall: f32, lift: f32) -> V {
+    let (turn, fall) = (ahead.to_radians(), fall.to_radians());
+    let along = [turn.sin() * fall.sin(), fall.cos(), turn.cos() * fall.sin()];
+    add(base.outermost(CROWN, along), scale(along, lift))
+}
+
+/// How thick the hair is, metres, and how far a strand stands out there, -1..=1.
+fn thickness(hair: Hair, ahead: f32, fall: f32, t: f32) -> (f32, f32) {
+    let front = ramp(70.0, 10.0, ahead);
+    let top = ramp(80.0, 25.0, fall);
+    let edge = ramp(1.0, 0.80, t);
+    let fine = (ahead * 0.30 + 5.0 * t * front).sin() * 0.6 + (ahead * 0.71 + 2.0 * t).sin() * 0.4;
+    let strand = fine * (PI * t.min(0.97)).sin().max(0.15) * ramp(0.0, 0.35, t);
+    match hair {
+        Hair::Short => (0.0022 + edge * (0.0045 + 0.0075 * top + 0.0050 * front * ramp(0.2, 0.8, t)), strand),
+        Hair::Bob => (0.0030 + edge * (0.0080 + 0.0060 * top), strand),
+        Hair::Bun => (0.0020 + edge * (0.0040 + 0.0035 * top), 0.7 * strand),
+        Hair::Crop => {
+            let curl = (ahead * 0.9).sin() * (fall * 0.95).sin() + 0.6 * (ahead * 1.7 + fall * 1.3).sin();
+            (0.0012 + edge * (0.0030 + 0.0035 * top), 0.55 * curl * edge)
+        }
+    }
+}
+
+fn add_cap(sheet: &mut Sheet, base: &Base) {
+    let hair = base.look.hair;
+    let rows = if hair == Hair::Crop { 26 } else { 16 };
     let mut before: Vec<usize> = Vec::new();
-    for row in 0..=ROWS {
-        // The last row is under the skin.
-        let t = (row as f32 / (ROWS - 1) as f32).min(1.0);
+    let list: Vec<Row> = (0..rows).map(|row| (row as f32 / (rows - 1) as f32, 1.0)).chain([(1.0, 0.0)]).collect();
+    for (number, (t, full)) in list.into_iter().enumerate() {
         let ring: Vec<usize> = (0..=COLUMNS)
             .map(|column| {
                 let ahead = 180.0 * column as f32 / COLUMNS as f32;
-                let end = curve(&HAIRLINE, ahead);
-                let from = 6.0 * (1.0 - t) + end * t + if row == ROWS { 1.5 } else { 0.0 };
-                let (place, strand) = hair_place(base, ahead, from, t, row == ROWS);
-                let mut place = place;
+                // The hairline is no smooth curve.
+                let jagged = 1.6 * (ahead * 0.55).sin() + 1.1 * (ahead * 1.21).sin();
+                let end = curve(&HAIRLINE, ahead) + jagged * ramp(0.0, 8.0, ahead) * ramp(180.0, 170.0, ahead);
+                let fall = 6.0 * (1.0 - t) + end * t + 1.5 * (1.0 - full);
+                let (body, strand) = thickness(hair, ahead, fall, t);
+                // The last row is under the skin.
+                let lift = if full > 0.0 { body + 0.0015 * strand } else { -0.003 };
+                let mut place = over(base, ahead, fall, lift);
                 if column == 0 || column == COLUMNS {
                     place[0] = 0.0;
                 }
-                sheet.add(place, Kind::Hair, mix_color(BROWN, BROWN_LIGHT, 0.5 + 0.5 * strand))
+                sheet.add(place, Kind::Hair, color(base, 0.34 + 0.34 * strand - 0.25 * ramp(0.85, 1.0, t)))
             })
             .collect();
-        if row == 0 {
+        if number == 0 {
             let mut top = sheet.vertices[ring[COLUMNS / 2]].place;
             top[0] = 0.0;
-            let top = sheet.add(top, Kind::Hair, BROWN);
+            let top = sheet.add(top, Kind::Hair, color(base, 0.3));
             ring.windows(2).for_each(|pair| sheet.triangles.push([top, pair[0], pair[1]]));
         } else {
             sheet.strip(&ring, &before);
@@ -110,20 +180,191 @@ pub(super) fn add_hair(sheet: &mut Sheet, base: &Base) {
     }
 }
 
-/// A place of the hair, and how far the strand stands out, -1..=1.
-fn hair_place(base: &Base, ahead: f32, from: f32, t: f32, under: bool) -> (V, f32) {
-    let (turn, fall) = (ahead.to_radians(), from.to_radians());
-    let along = [turn.sin() * fall.sin(), fall.cos(), turn.cos() * fall.sin()];
-    let skin = base.outermost(CROWN, along);
-    if under {
-        return (add(skin, scale(along, -0.003)), -1.0);
+/// A lock along a path, `wide` metres across at its widest, flat, from a blunt root to a tip. `out`:
+/// away from the head. `shade`: its place between the strands' colours.
+fn add_lock(sheet: &mut Sheet, base: &Base, path: &[V], out: impl Fn(V) -> V, wide: f32, shade: f32) {
+    const AROUND: usize = 6;
+    let last = path.len() - 1;
+    let mut before: Vec<usize> = Vec::new();
+    for (k, &place) in path.iter().enumerate() {
+        let t = k as f32 / last as f32;
+        let along = unit(sub(path[(k + 1).min(last)], path[k.saturating_sub(1)]));
+        let away = out(place);
+        let side = unit(cross(away, along));
+        let up = cross(along, side);
+        let size = wide * (0.45 + 0.55 * ramp(0.0, 0.35, t)) * (1.0 - ramp(0.62, 1.16, t));
+        let tone = color(base, shade + 0.22 * t);
+        let ring: Vec<usize> = (0..AROUND)
+            .map(|spoke| {
+                let (sin, cos) = (TAU * spoke as f32 / AROUND as f32).sin_cos();
+                let mut at = add(place, add(scale(side, 0.5 * size * cos), scale(up, 0.17 * size * sin)));
+                at[0] = at[0].max(1e-4);
+                sheet.add(at, Kind::Hair, tone)
+            })
+            .collect();
+        let closed: Vec<usize> = ring.iter().copied().chain([ring[0]]).collect();
+        if k > 0 {
+            sheet.strip(&before, &closed);
+        }
+        before = closed;
     }
-    let front = ramp(70.0, 10.0, ahead);
-    let edge = ramp(1.0, 0.72, t);
-    let top = ramp(80.0, 25.0, from);
-    let body = 0.0040 + edge * (0.0050 + 0.0075 * top + 0.0105 * front * ramp(0.2, 0.8, t));
-    // Strands, wider at the back; none at the crown.
-    let wave = (ahead * 0.30 + 5.0 * t * front).sin() * 0.6 + (ahead * 0.71 + 2.0 * t).sin() * 0.4;
-    let strand = wave * (PI * t.min(0.97)).sin().max(0.15) * ramp(0.0, 0.35, t);
-    (add(skin, scale(along, body + 0.0017 * strand)), strand)
+    let tip = sheet.add(path[last], Kind::Hair, color(base, shade + 0.22));
+    before.windows(2).for_each(|pair| sheet.triangles.push([pair[0], pair[1], tip]));
+}
+
+fn from_crown(p: V) -> V {
+    unit(sub(p, CROWN))
+}
+
+/// Swept back from the forehead, short at sides and back.
+fn add_short(sheet: &mut Sheet, base: &Base) {
+    let mut seed = 0;
+    for (row, &(from, to)) in [(1.0, 0.52), (0.86, 0.30), (0.62, 0.10)].iter().enumerate() {
+        let mut ahead = 4.0 + 3.0 * row as f32;
+        while ahead < 66.0 {
+            seed += 1;
+            let turn = ahead + 3.0 * (random(seed) - 0.5);
+            let end = curve(&HAIRLINE, turn);
+            let rise = 0.0055 + 0.0055 * ramp(60.0, 10.0, turn) + 0.003 * random(seed + 40);
+            let path: Vec<V> = (0..=5_u8)
+                .map(|k| {
+                    let t = f32::from(k) / 5.0;
+                    let fall = end * (from + (to - from) * t);
+                    let (body, _) = thickness(Hair::Short, turn, fall, from + (to - from) * t);
+                    let lift = 0.7 * body
+                        + rise * (1.0 - (2.0 * t - 0.75).powi(2)).max(0.0) * if row == 0 { 1.0 } else { 0.55 };
+                    over(base, turn + 9.0 * t, fall, lift)
+                })
+                .collect();
+            add_lock(sheet, base, &path, from_crown, 0.0145, 0.15 + 0.5 * random(seed + 7));
+            ahead += 9.0;
+        }
+    }
+    for (row, &(from, to)) in [(0.30, 0.74), (0.55, 0.98)].iter().enumerate() {
+        let mut ahead = 62.0 + 5.0 * row as f32;
+        while ahead < 178.0 {
+            seed += 1;
+            let turn = ahead + 4.0 * (random(seed) - 0.5);
+            let end = curve(&HAIRLINE, turn);
+            let path: Vec<V> = (0..=4_u8)
+                .map(|k| {
+                    let t = f32::from(k) / 4.0;
+                    let share = from + (to - from) * t;
+                    let (body, _) = thickness(Hair::Short, turn, end * share, share);
+                    over(base, turn + 5.0 * t, end * share, 0.85 * body + 0.0014 * (1.0 - t))
+                })
+                .collect();
+            add_lock(sheet, base, &path, from_crown, 0.0150, 0.10 + 0.45 * random(seed + 7));
+            ahead += 11.0;
+        }
+    }
+}
+
+/// The place of hair that hangs: over the head down to `turn_down` degrees, then straight down,
+/// `long` metres in all beyond there.
+fn hanging(base: &Base, ahead: f32, t: f32, lift: f32, long: f32) -> V {
+    let bend = curve(&[(0.0, 60.0), (60.0, 84.0), (90.0, 88.0), (180.0, 92.0)], ahead);
+    let split = 0.52;
+    let at = over(base, ahead, 7.0 + (bend - 7.0) * (t / split).min(1.0), lift);
+    let down = ((t - split) / (1.0 - split)).max(0.0);
+    // Falls outside of ear and cheek, and turns in at its end.
+    let out = unit([at[0] - CROWN[0], 0.0, at[2] - CROWN[2]]);
+    let away = 0.006 * (PI * down).sin() - 0.012 * down.powi(3);
+    add(add(at, scale(out, away)), [0.0, -long * down, 0.0])
+}
+
+/// Chin-long, parted in the middle.
+fn add_bob(sheet: &mut Sheet, base: &Base) {
+    const ROWS: usize = 12;
+    const WAYS: usize = 16;
+    // A curtain with an inside.
+    let mut before: Vec<usize> = Vec::new();
+    for row in 0..=2 * ROWS {
+        let inside = row > ROWS;
+        let t = if inside { 2 * ROWS - row } else { row } as f32 / ROWS as f32;
+        let t = if inside { t.max(0.35) } else { t };
+        let ring: Vec<usize> = (0..=WAYS)
+            .map(|way| {
+                let ahead = 54.0 + 126.0 * way as f32 / WAYS as f32;
+                let lift = if inside { 0.004 } else { 0.0120 };
+                let strand = (way as f32 * 2.3).sin();
+                let mut place = hanging(base, ahead, t, lift + if inside { 0.0 } else { 0.0014 * strand }, 0.090);
+                if way == WAYS {
+                    place[0] = 0.0;
+                }
+                sheet.add(place, Kind::Hair, color(base, if inside { 0.0 } else { 0.3 + 0.25 * strand }))
+            })
+            .collect();
+        if row > 0 {
+            sheet.strip(&ring, &before);
+        }
+        before = ring;
+    }
+    let mut seed = 0;
+    for layer in 0..2_u8 {
+        let mut ahead = 30.0 + 4.0 * f32::from(layer);
+        while ahead < 178.0 {
+            seed += 1;
+            let turn = ahead + 3.0 * (random(seed) - 0.5);
+            let shift = 26.0 * ramp(70.0, 30.0, turn);
+            let long = 0.106 + 0.008 * random(seed + 3) - 0.006 * f32::from(layer);
+            let path: Vec<V> = (0..=6_u8)
+                .map(|k| {
+                    let t = 0.06 + 0.94 * f32::from(k) / 6.0;
+                    let lift = 0.0125 + 0.0022 * f32::from(layer) - 0.003 * t;
+                    hanging(base, turn + shift * ramp(0.1, 0.75, t), t, lift, long)
+                })
+                .collect();
+            add_lock(sheet, base, &path, from_crown, 0.0200, 0.12 + 0.5 * random(seed + 7));
+            ahead += 9.5;
+        }
+    }
+}
+
+/// Drawn back, with a knot at the back of the head.
+fn add_bun(sheet: &mut Sheet, base: &Base) {
+    let mut seed = 0;
+    let knot = add(over(base, 180.0, 58.0, 0.0), [0.0, 0.010, -0.018]);
+    let mut ahead = 4.0;
+    while ahead < 176.0 {
+        seed += 1;
+        let end = curve(&HAIRLINE, ahead);
+        let start = over(base, ahead, 0.93 * end, 0.0024);
+        let path: Vec<V> = (0..=6_u8)
+            .map(|k| {
+                // Over the head towards the knot.
+                let t = 0.96 * f32::from(k) / 6.0;
+                let straight = mix(start, knot, t);
+                let out = from_crown(straight);
+                let skin = base.outermost(CROWN, out);
+                let mut place = add(skin, scale(out, 0.0030 + 0.0035 * (PI * t).sin()));
+                place[0] = place[0].max(0.002);
+                place
+            })
+            .collect();
+        add_lock(sheet, base, &path, from_crown, 0.0150, 0.10 + 0.42 * random(seed + 7));
+        ahead += 6.2;
+    }
+    // The knot: wound strands.
+    const RINGS: usize = 12;
+    const SPOKES: usize = 12;
+    let mut before: Vec<usize> = Vec::new();
+    for ring in 0..=RINGS {
+        let (out, up) = (PI * ring as f32 / RINGS as f32).sin_cos();
+        let row: Vec<usize> = (0..=SPOKES)
+            .map(|spoke| {
+                let angle = PI * spoke as f32 / SPOKES as f32;
+                let wound = (5.0 * angle + 2.4 * PI * up).sin();
+                let radius = 0.0330 * (1.0 + 0.055 * wound * out);
+                let (sin, cos) = angle.sin_cos();
+                let x = if spoke == 0 || spoke == SPOKES { 0.0 } else { radius * out * sin };
+                let place = add(knot, [x, radius * out * cos, -0.8 * radius * up]);
+                sheet.add(place, Kind::Hair, color(base, 0.36 + 0.34 * wound))
+            })
+            .collect();
+        if ring > 0 {
+            sheet.strip(&row, &before);
+        }
+        before = row;
+    }
 }

@@ -27,9 +27,9 @@ pub(super) struct Point {
 }
 
 /// Half the opening's width, its height over and under the line between the corners, degrees.
-const WIDE: f32 = 57.0;
-const HIGH: f32 = 25.5;
-const LOW: f32 = 21.5;
+const WIDE: f32 = 55.0;
+const HIGH: f32 = 20.5;
+const LOW: f32 = 19.0;
 /// The outer corner is this much higher than the inner one.
 const SLANT: f32 = 5.0;
 /// The opening's middle is towards the temple.
@@ -40,7 +40,7 @@ const RINGS: [(f32, f32, f32, f32, f32); 7] = [
     (-1.0, -2.0, 0.0003, 0.0, 1.0),
     (0.0, 0.0, 0.0016, 0.0, 1.0),
     (4.0, 4.5, 0.0023, 0.0, 0.95),
-    (11.0, 12.0, 0.0024, 0.12, 0.78),
+    (11.0, 12.0, 0.0029, 0.06, 0.78),
     (19.0, 21.0, 0.0022, 0.45, 0.45),
     (30.0, 32.0, 0.0020, 0.80, 0.15),
     (42.0, 44.0, 0.0020, 1.0, 0.0),

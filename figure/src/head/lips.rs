@@ -14,7 +14,7 @@ pub(super) struct Point {
 }
 
 /// Half the mouth's width, metres.
-pub(super) const WIDE: f32 = 0.0238;
+pub(super) const WIDE: f32 = 0.0226;
 /// The jaw's hinge, and how far it turns at `jawOpen` = 1, radians.
 const HINGE: V = [0.0, -0.036, -0.066];
 const OPEN: f32 = 0.27;
@@ -26,7 +26,7 @@ const WITHIN: [f32; 7] = [1.0, 1.0, 0.8, 0.45, 0.1, 0.0, 0.0];
 /// Height of the line between the lips.
 pub(super) fn line(x: f32) -> f32 {
     let t = (x.abs() / WIDE).min(1.2);
-    -0.0668 + 0.0026 * t * t
+    -0.0668 + 0.0014 * t * t
 }
 
 /// The mouth's corners follow the jaw by this share.

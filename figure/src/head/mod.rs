@@ -70,12 +70,11 @@ pub(super) struct Head {
 }
 
 impl Head {
-    pub(super) fn new(rest: &Rest, look: &Look) -> Self {
-        let _ = look;
+    pub(super) fn new(rest: &Rest, look: &'static Look) -> Self {
         let eyes = rest.middle("eye");
         let local = |p: V| scale(sub(p, eyes), 1.0 / rest.head);
-        let base = Base::new(local(rest.at("neck")));
-        let eye = eye::Eye::new(local(rest.at("left_eye")));
+        let base = Base::new(local(rest.at("neck")), look);
+        let eye = eye::Eye::new(local(rest.at("left_eye")), look);
 
         let mut sheet = Sheet::default();
         let eye_ring = eye::add_lids(&mut sheet, &base, &eye);
@@ -85,6 +84,7 @@ impl Head {
         mouth::add_teeth(&mut sheet, &base);
         mouth::add_tongue(&mut sheet, &base);
         eye::add_eyeball(&mut sheet, &eye);
+        eye::add_lashes(&mut sheet, &eye);
         hair::add_brow(&mut sheet, &base);
         hair::add_ear(&mut sheet, &base);
         hair::add_hair(&mut sheet, &base);
@@ -94,6 +94,13 @@ impl Head {
         let facing = sheet.facing(&places);
         let normals = sheet.normals(&facing);
         let morphs = ARKIT_NAMES.iter().map(|&name| morph(name, &sheet, &eye, &places, &facing, &normals)).collect();
+        // The solid's own are smoother than those of its triangles.
+        let smooth = sheet.vertices.iter().zip(normals);
+        let normals = smooth.map(|(vertex, normal)| match vertex.kind {
+            Kind::Skin => base.normal(vertex.place),
+            _ => normal,
+        });
+        let normals = normals.collect();
         Self { sheet, places, normals, morphs }
     }
 
@@ -152,7 +159,7 @@ fn follow(vertex: &Vertex) -> Weights {
             let low = y + 0.25 * (z + 0.06);
             let neck = ramp(-0.105, -0.165, low);
             // What the collar hides goes with the chest, as the collar does.
-            let chest = ramp(-0.150, -0.200, low);
+            let chest = ramp(-0.132, -0.168, low);
             let parts = [("head", 1.0 - neck), ("neck", neck * (1.0 - chest)), ("spine3", neck * chest)];
             skin::normalized(parts.map(|(joint, weight)| (weight, skin::number(joint))).to_vec())
         }
@@ -178,7 +185,7 @@ fn add_skin(sheet: &mut Sheet, base: &Base, eye: &[usize], mouth: &[usize]) {
         if at[0] == 0.0 || at[0] == end {
             place[0] = 0.0;
         }
-        vertices.push(sheet.add(place, Kind::Skin, mouth::skin_color(place)));
+        vertices.push(sheet.add(place, Kind::Skin, mouth::skin_color(base, place)));
         places.push(at);
     };
     let columns = |from: f32, to: f32| {

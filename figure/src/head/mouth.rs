@@ -5,29 +5,55 @@ use super::base::Base;
 use super::eye::mix_color;
 use super::lips::{Point, WIDE, line};
 use super::sheet::Sheet;
+use crate::look::{Color, Look};
 use crate::vector::{V, ramp};
 use std::f32::consts::{FRAC_PI_2, PI};
 
 /// Steps from the middle of the lips to their corner.
 const STEPS: usize = 13;
-const SKIN: [u8; 3] = [232, 184, 156];
-const BLUSH: [u8; 3] = [222, 146, 124];
-const LIP: [u8; 3] = [206, 128, 114];
-const LIP_DARK: [u8; 3] = [158, 84, 80];
 const CAVITY: [u8; 3] = [92, 34, 38];
 const DEEP: [u8; 3] = [38, 14, 18];
 const TEETH: [u8; 3] = [246, 242, 232];
 const GUMS: [u8; 3] = [196, 104, 104];
 const TONGUE: [u8; 3] = [206, 110, 112];
-const NOSTRIL: [u8; 3] = [132, 82, 70];
 
-/// Skin with a little red on cheeks and nose.
-pub(super) fn skin_color(p: V) -> [u8; 3] {
+/// Skin with a little red on cheeks and nose, darker where little light comes.
+pub(super) fn skin_color(base: &Base, p: V) -> Color {
     let spot =
         |x: f32, y: f32, wide: f32, tall: f32| (-((p[0].abs() - x) / wide).powi(2) - ((p[1] - y) / tall).powi(2)).exp();
     let ahead = ramp(-0.03, 0.0, p[2]);
-    let red = 0.42 * spot(0.044, -0.036, 0.018, 0.014) + 0.30 * spot(0.0, -0.036, 0.010, 0.010);
-    mix_color(SKIN, BLUSH, red * ahead)
+    let red = 0.34 * spot(0.042, -0.034, 0.020, 0.014)
+        + 0.34 * spot(0.0, -0.037, 0.011, 0.009)
+        + 0.12 * spot(0.0, -0.103, 0.014, 0.010)
+        + 0.25 * spot(0.030, 0.010, 0.018, 0.006);
+    base.look.skin.toned(red * ahead, 0.55 * base.shade(p) * ramp(-0.125, -0.105, p[1]))
+}
+
+/// What colours a ring of the lips.
+#[derive(Clone, Copy)]
+enum Paint {
+    Skin,
+    Lip,
+    LipDark,
+    Cavity,
+    Deep,
+}
+
+impl Paint {
+    /// The skin's is by its place.
+    fn color(self, look: &Look) -> Color {
+        match self {
+            Self::Skin | Self::Lip => look.skin.lip,
+            Self::LipDark => lip_dark(look),
+            Self::Cavity => CAVITY,
+            Self::Deep => DEEP,
+        }
+    }
+}
+
+/// Where lips touch.
+fn lip_dark(look: &Look) -> Color {
+    mix_color(look.skin.lip, CAVITY, 0.42)
 }
 
 /// A ring of the lips: how far up from the line, forward from the skin and, at the corner, to the
@@ -37,47 +63,47 @@ struct Ring {
     up: f32,
     forward: f32,
     aside: f32,
-    color: [u8; 3],
+    paint: Paint,
 }
 
-const fn ring(number: i8, up: f32, forward: f32, aside: f32, color: [u8; 3]) -> Ring {
-    Ring { number, up, forward, aside, color }
+const fn ring(number: i8, up: f32, forward: f32, aside: f32, paint: Paint) -> Ring {
+    Ring { number, up, forward, aside, paint }
 }
 
 const UPPER: [Ring; 6] = [
-    ring(0, 0.0, 0.0006, 0.0, LIP_DARK),
-    ring(1, 0.0013, 0.0022, 0.0008, LIP),
-    ring(2, 0.0034, 0.0031, 0.0018, LIP),
-    ring(3, 0.0058, 0.0021, 0.0030, LIP),
-    ring(4, 0.0086, 0.0008, 0.0055, SKIN),
-    ring(5, 0.0130, 0.0, 0.0095, SKIN),
+    ring(0, 0.0, 0.0006, 0.0, Paint::LipDark),
+    ring(1, 0.0014, 0.0030, 0.0008, Paint::Lip),
+    ring(2, 0.0036, 0.0040, 0.0018, Paint::Lip),
+    ring(3, 0.0060, 0.0022, 0.0030, Paint::Lip),
+    ring(4, 0.0086, 0.0008, 0.0055, Paint::Skin),
+    ring(5, 0.0130, 0.0, 0.0095, Paint::Skin),
 ];
 const LOWER: [Ring; 6] = [
-    ring(0, 0.0, 0.0006, 0.0, LIP_DARK),
-    ring(1, -0.0015, 0.0024, 0.0008, LIP),
-    ring(2, -0.0044, 0.0037, 0.0018, LIP),
-    ring(3, -0.0074, 0.0022, 0.0030, LIP),
-    ring(4, -0.0112, 0.0002, 0.0055, SKIN),
-    ring(5, -0.0155, 0.0, 0.0095, SKIN),
+    ring(0, 0.0, 0.0006, 0.0, Paint::LipDark),
+    ring(1, -0.0017, 0.0034, 0.0008, Paint::Lip),
+    ring(2, -0.0048, 0.0050, 0.0018, Paint::Lip),
+    ring(3, -0.0080, 0.0026, 0.0030, Paint::Lip),
+    ring(4, -0.0112, 0.0002, 0.0055, Paint::Skin),
+    ring(5, -0.0155, 0.0, 0.0095, Paint::Skin),
 ];
 /// Behind the lips: number, up, forward, share of the width, colour.
-const WITHIN: [(i8, f32, f32, f32, [u8; 3]); 5] = [
-    (-1, 0.0012, -0.0035, 0.99, LIP_DARK),
-    (-2, 0.0045, -0.0070, 0.97, LIP_DARK),
-    (-3, 0.0110, -0.0085, 0.96, CAVITY),
-    (-4, 0.0130, -0.0280, 0.86, CAVITY),
-    (-5, 0.0080, -0.0480, 0.50, DEEP),
+const WITHIN: [(i8, f32, f32, f32, Paint); 5] = [
+    (-1, 0.0012, -0.0035, 0.99, Paint::LipDark),
+    (-2, 0.0045, -0.0070, 0.97, Paint::LipDark),
+    (-3, 0.0110, -0.0085, 0.96, Paint::Cavity),
+    (-4, 0.0130, -0.0280, 0.86, Paint::Cavity),
+    (-5, 0.0080, -0.0480, 0.50, Paint::Deep),
 ];
 
 /// Half the lips and the mouth behind them; the outermost ring's vertices from the middle above to
 /// the middle below.
 pub(super) fn add_lips(sheet: &mut Sheet, base: &Base) -> Vec<usize> {
     let mut inner: Vec<usize> = Vec::new();
-    for (number, up, forward, wide, color) in WITHIN.into_iter().rev() {
+    for (number, up, forward, wide, paint) in WITHIN.into_iter().rev() {
         let row = half_ring(sheet, base, |sheet, upper, x, t, contact| {
             let up = if upper { up } else { -1.15 * up } * (1.0 - t.powi(4));
             let place = [x * wide, contact[1] + up, contact[2] + forward - 0.004 * t * t];
-            sheet.add(place, Kind::Lip(Point { upper, ring: number, contact }), color)
+            sheet.add(place, Kind::Lip(Point { upper, ring: number, contact }), paint.color(base.look))
         });
         match inner.is_empty() {
             true => close(sheet, &row),
@@ -89,13 +115,13 @@ pub(super) fn add_lips(sheet: &mut Sheet, base: &Base) -> Vec<usize> {
         let row = half_ring(sheet, base, |sheet, upper, x, t, contact| {
             let ring = if upper { above } else { under };
             let place = lip_place(base, ring, upper, x, t, contact);
-            let color = if ring.number > 3 { skin_color(place) } else { lip_color(ring.color, t) };
+            let color = if ring.number > 3 { skin_color(base, place) } else { lip_color(base.look, ring.paint, t) };
             sheet.add(place, Kind::Lip(Point { upper, ring: ring.number, contact }), color)
         });
         sheet.strip(&inner, &row);
         if above.number == 3 {
             // Skin begins at the red's edge, sharply.
-            inner = row.iter().map(|&at| sheet.recolored(at, skin_color(sheet.vertices[at].place))).collect();
+            inner = row.iter().map(|&at| sheet.recolored(at, skin_color(base, sheet.vertices[at].place))).collect();
         } else {
             inner = row;
         }
@@ -103,8 +129,8 @@ pub(super) fn add_lips(sheet: &mut Sheet, base: &Base) -> Vec<usize> {
     inner
 }
 
-fn lip_color(color: [u8; 3], t: f32) -> [u8; 3] {
-    mix_color(color, LIP_DARK, 0.5 * ramp(0.8, 1.0, t))
+fn lip_color(look: &Look, paint: Paint, t: f32) -> Color {
+    mix_color(paint.color(look), lip_dark(look), 0.5 * ramp(0.8, 1.0, t))
 }
 
 /// Vertices from the middle above to the corner and to the middle below; the corner is one.
@@ -140,9 +166,10 @@ fn lip_place(base: &Base, ring: &Ring, upper: bool, x: f32, t: f32, contact: V) 
     };
     let bowed = 1.0 + bow * (0.16 * (-((x - 0.0065) / 0.0042).powi(2)).exp() - 0.12 * (-(x / 0.0030).powi(2)).exp());
     let side = x + ring.aside * t.powi(3);
-    let height = contact[1] + ring.up * full * bowed + 0.0004 * t.powi(6);
+    let full_lips = if ring.number < 4 { base.look.build.face.lips } else { 1.0 };
+    let height = contact[1] + ring.up * full_lips * full * bowed + 0.0004 * t.powi(6);
     let skin = base.behind(side, height);
-    [side, height, skin[2] + ring.forward * full]
+    [side, height, skin[2] + ring.forward * full_lips * full]
 }
 
 /// Closes the back of the mouth.
@@ -166,11 +193,12 @@ pub(super) fn add_nostril(sheet: &mut Sheet, base: &Base) {
         let skin = base.onto([0.0063 + x, -0.0475, 0.0215 + z]);
         [skin[0], skin[1] - 0.0003, skin[2] + 0.0003]
     };
-    let middle = sheet.add(place(0.0, 0.0), Kind::Skin, NOSTRIL);
+    let dark = base.look.skin.toned(0.3, 1.15);
+    let middle = sheet.add(place(0.0, 0.0), Kind::Skin, dark);
     let ring: Vec<usize> = (0..AROUND)
         .map(|k| {
             let (sin, cos) = (2.0 * PI * k as f32 / AROUND as f32).sin_cos();
-            sheet.add(place(0.0024 * cos - 0.0008 * sin, 0.0036 * sin), Kind::Skin, NOSTRIL)
+            sheet.add(place(0.0024 * cos - 0.0008 * sin, 0.0036 * sin), Kind::Skin, dark)
         })
         .collect();
     for k in 0..AROUND {
@@ -226,7 +254,7 @@ fn row_of_teeth(sheet: &mut Sheet, widths: &[f32; TEETH_IN_ROW], front: f32, [gu
                 // A parabola-like arch: deeper than wide.
                 let place =
                     [radius * turn.sin(), line(0.0) + height, front - 0.0225 * 1.25 + radius * 1.25 * turn.cos()];
-                let shaded = mix_color(color, GUMS, 0.35 * hollow * ramp(0.9, 0.2, share.abs()));
+                let shaded = mix_color(color, GUMS, 0.45 * hollow * ramp(1.1, 0.2, share.abs()));
                 row.push(sheet.add(place, kind, shaded));
             }
         }
@@ -256,7 +284,7 @@ pub(super) fn add_tongue(sheet: &mut Sheet, base: &Base) {
                 // A groove along the middle of the top.
                 let groove = if cos > 0.0 { 0.0016 * round * (-(sin / 0.35).powi(2)).exp() } else { 0.0 };
                 let place = [wide * sin, centre[1] + thick * cos - groove, centre[2]];
-                sheet.add(place, Kind::Tongue(s), mix_color(LIP_DARK, TONGUE, 0.35 + 0.65 * s))
+                sheet.add(place, Kind::Tongue(s), mix_color(CAVITY, TONGUE, 0.35 + 0.65 * s))
             })
             .collect();
         if section > 0 {

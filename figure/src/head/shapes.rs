@@ -50,7 +50,7 @@ fn pushes(stem: &str) -> Vec<Push> {
             push(Below, [0.014, MOUTH - 0.012, 0.02], [0.014, 0.010, 0.03], [0.0, 0.0016, 0.0010]),
         ],
         "mouthDimple" => vec![
-            push(All, [WIDE + 0.003, MOUTH + 0.001, 0.01], [0.011, 0.011, 0.03], [0.0035, 0.0012, -0.0062]),
+            push(All, [WIDE + 0.003, MOUTH + 0.001, 0.01], [0.012, 0.013, 0.03], [0.0050, 0.0014, -0.0092]),
         ],
         "mouthStretch" => vec![
             push(All, [WIDE, MOUTH - 0.002, 0.012], [0.019, 0.018, 0.03], [0.0088, -0.0026, -0.0052]),
@@ -95,12 +95,12 @@ fn pushes(stem: &str) -> Vec<Push> {
             push(All, [0.0, MOUTH, 0.02], [0.028, 0.016, 0.03], [0.0, 0.0, 0.0018]),
         ],
         "cheekSquint" => vec![
-            push(All, [0.039, -0.030, 0.006], [0.021, 0.016, 0.03], [0.0006, 0.0066, 0.0034]),
+            push(All, [0.039, -0.030, 0.006], [0.022, 0.017, 0.03], [0.0008, 0.0092, 0.0052]),
         ],
         "noseSneer" => vec![
-            push(All, [0.0125, -0.038, 0.020], [0.0105, 0.013, 0.02], [0.0024, 0.0058, 0.0006]),
-            push(Above, [0.016, -0.054, 0.016], [0.014, 0.012, 0.03], [0.0010, 0.0042, 0.0012]),
-            push(All, [0.009, 0.004, 0.012], [0.012, 0.014, 0.03], [-0.0008, -0.0022, 0.0012]),
+            push(All, [0.0125, -0.038, 0.020], [0.0120, 0.014, 0.02], [0.0026, 0.0085, 0.0012]),
+            push(Above, [0.016, -0.054, 0.016], [0.015, 0.013, 0.03], [0.0012, 0.0058, 0.0016]),
+            push(All, [0.009, 0.004, 0.012], [0.013, 0.014, 0.03], [-0.0012, -0.0034, 0.0020]),
         ],
         _ => Vec::new(),
     }
@@ -183,9 +183,9 @@ fn lid_motion(stem: &str) -> Motion {
         "eyeLookOut" => Motion { aside: 4.0, ..still },
         "eyeSquint" => Motion { upper: -7.0, lower: 11.0, ..still },
         "eyeWide" => Motion { upper: 10.0, lower: -4.0, ..still },
-        "cheekSquint" => Motion { lower: 6.0, ..still },
+        "cheekSquint" => Motion { lower: 9.0, ..still },
         "browDown" => Motion { upper: -3.0, ..still },
-        "noseSneer" => Motion { lower: 2.0, ..still },
+        "noseSneer" => Motion { lower: 4.0, ..still },
         "mouthSmile" => Motion { lower: 3.0, ..still },
         _ => still,
     }

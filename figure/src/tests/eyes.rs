@@ -46,8 +46,11 @@ fn a_blink_closes_the_lids_over_the_eyeball() {
         let margin: Vec<usize> = moved.iter().copied().filter(|&v| (0.0012..0.0020).contains(&gap(v))).collect();
         let upper = |v: usize| mesh.positions[v][1] > centre[1] + 0.002;
         let lower = |v: usize| mesh.positions[v][1] < centre[1] - 0.002;
+        // The upper lid's edge is what moves the furthest; skin near the eyeball moves less.
+        let way = |v: usize| distance(mesh.positions[v], shut[v]);
+        let furthest = margin.iter().filter(|&&v| upper(v)).map(|&v| way(v)).fold(0.0, f32::max);
         let mut met = 0;
-        for &v in margin.iter().filter(|&&v| upper(v)) {
+        for &v in margin.iter().filter(|&&v| upper(v) && way(v) > 0.62 * furthest) {
             let nearest = margin.iter().filter(|&&w| lower(w)).map(|&w| distance(shut[v], shut[w])).fold(1.0, f32::min);
             if (mesh.positions[v][0] - centre[0]).abs() < 0.009 {
                 assert!(nearest < 0.001, "the lids are {nearest} m apart");

@@ -12,7 +12,7 @@ struct File {
 
 impl File {
     fn of(clip: &Clip) -> Self {
-        let bytes = bytes_of(|clip, out| super::super::glb::write(clip, out), clip);
+        let bytes = bytes_of(|clip, out| super::super::glb::write(clip, Figure::default(), out), clip);
         let mut gltf = Gltf::from_slice(&bytes).unwrap();
         let bin = gltf.blob.take().unwrap();
         Self { gltf, bin }

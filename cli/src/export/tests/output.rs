@@ -71,8 +71,8 @@ fn two_outputs_of_one_name_do_not_meet() {
     let clip = sample::clip(FaceKind::Arkit, 1, 1);
     let first = Output::create(&path, Format::Bvh).unwrap();
     let second = Output::create(&path, Format::Jsonl).unwrap();
-    first.write(&clip).unwrap();
-    second.write(&clip).unwrap();
+    first.write(&clip, Figure::default()).unwrap();
+    second.write(&clip, Figure::default()).unwrap();
     assert!(fs::read_to_string(&path).unwrap().starts_with('{'));
     assert_eq!(names(&folder), ["out.bvh"]);
 }

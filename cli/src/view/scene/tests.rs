@@ -4,7 +4,7 @@ use super::*;
 
 /// A page of a clip and nothing else.
 pub(crate) fn scene(clip: Clip) -> Scene {
-    Scene::new(Path::new("clip.glb"), clip).unwrap()
+    Scene::new(Path::new("clip.glb"), clip, Figure::default()).unwrap()
 }
 
 #[test]
