@@ -112,7 +112,9 @@ def _fit_mel(folder: Path, plan: Plan, seed: int) -> Tokenizer:
 def _listened(folder: Path, front: Mel, plan: Plan, seed: int) -> list[listener.Heard]:
     """What the listener learns from: every `every`-th item of training, clean and as one recording."""
     about = plan["listener"]
-    names = [entry.name for entry in corpus.entries(folder, "train") if entry.spoken][:: about["every"]]
+    # A listener's mouth says nothing of the voice.
+    entries = [entry for entry in corpus.entries(folder, "train") if entry.spoken and not entry.listens]
+    names = [entry.name for entry in entries][:: about["every"]]
     paths = [path for path in corpus.paths(folder, "speech") if path.stem in set(names)]
     shapes = listener.Shapes.of([corpus.read_motion(folder, path.stem, ("face",))["face"] for path in paths])
     jobs = [(folder, path, front, shapes, about["delay"], seed) for path in paths]

@@ -45,8 +45,8 @@ def look(out: np.ndarray, prosody: Prosody, style: Style, head: np.ndarray, rand
             at += random.uniform(0.5, 1.0) if not near else random.uniform(1.0, 2.6)
     order = np.argsort(times, kind="stable")
     gaze = hold_steps(prosody.t, np.array(times)[order], np.array(aims)[order], 0.07)
-    # Shy eyes rest lower than the listener's.
-    gaze[:, 1] -= 0.16 * max(0.0, 0.3 - style.openness)
+    # Shy eyes rest lower than the listener's, and sad ones.
+    gaze[:, 1] -= 0.16 * max(0.0, 0.3 - style.openness) + (0.08 if style.feeling == "sadness" else 0.0)
     yaw = gaze[:, 0] - head[:, 1] + 0.004 * drift(random, prosody.t, 0.3, 1.2, 1)[:, 0]
     down = -gaze[:, 1] - head[:, 0]
     yaw, down = (0.9 * np.tanh(x / FULL_LOOK / 0.9) for x in (yaw, down))
