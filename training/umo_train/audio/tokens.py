@@ -159,7 +159,7 @@ def tokenize(folder: Path, out: Path, tokenizer: AnyTokenizer, recordings: int, 
             some = jobs[first : first + ahead]
             for (_, target, _), versions in zip(some, pool.map(_versions, some), strict=True):
                 if versions.shape[1]:
-                    _save(target, tokenizer.many(versions))
+                    corpus.write_array(target, tokenizer.many(versions))
 
 
 def _versions(job: tuple[Path, Path, int]) -> np.ndarray:
@@ -177,11 +177,4 @@ def _tokenize_item(job: tuple[Tokenizer, Path, Path, int]) -> None:
     torch.set_num_threads(1)
     versions = _versions((path, out, recordings))
     if versions.shape[1]:
-        _save(out, np.stack([tokenizer(version) for version in versions]))
-
-
-def _save(out: Path, tokens: np.ndarray) -> None:
-    part = out.with_suffix(".part")
-    with part.open("wb") as file:
-        np.save(file, tokens)
-    part.rename(out)
+        corpus.write_array(out, np.stack([tokenizer(version) for version in versions]))

@@ -118,6 +118,14 @@ def write(path: Path, data: dict[str, np.ndarray]) -> None:
     part.rename(path)
 
 
+def write_array(path: Path, values: np.ndarray) -> None:
+    """By renaming: a file that exists is whole."""
+    part = path.with_suffix(".part")
+    with part.open("wb") as file:
+        np.save(file, values)
+    part.rename(path)
+
+
 def read_item(path: Path) -> Item:
     with np.load(path) as data:
         about = json.loads(str(data["about"]))

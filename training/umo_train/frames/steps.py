@@ -1,5 +1,6 @@
 """The steps of a plan of layout `frames`, where they differ from the paper's layout (`umo_train/pipeline.py`)."""
 
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -199,21 +200,15 @@ def step_codes(s: Run) -> None:
     """Every item's motion as codes, `run/codes/NAME.npy` `[T, J]`, and the codes of standing still, `run/rest.yaml`."""
     out = s.folder / "codes"
     out.mkdir(parents=True, exist_ok=True)
-    order, models = parts_of(s), {name: model.to(best()) for name, model in tokenizers(s).items()}
     silent = {entry.name for entry in corpus.entries(s.corpus) if not entry.spoken}
-    of_face = is_face(s)
-    for path in tqdm(corpus.paths(s.corpus, "motion"), "codes"):
-        target = out / f"{path.stem}.npy"
-        if target.exists():
-            continue
-        motion = corpus.read_motion(s.corpus, path.stem)
-        if any(part.name == INTENT for part in order):
-            motion[INTENT] = corpus.read_intent(s.corpus, path.stem)
-        codes = codes_of(s, order, models, motion)
-        if path.stem in silent:
-            # Nobody says what a face does that was not recorded.
-            codes[:, np.repeat(of_face, [part.levels for part in order])] = -1
-        np.save(target, codes)
+    items = [path.stem for path in corpus.paths(s.corpus, "motion")]
+    missing = [name for name in items if not (out / f"{name}.npy").exists()]
+    # One process has a GPU to itself.
+    workers = 1 if best().type == "cuda" else s.plan["workers"]
+    shares = [(s, missing[k::workers], silent) for k in range(workers)]
+    with ThreadPoolExecutor(1) if workers == 1 else ProcessPoolExecutor(workers) as pool:
+        list(pool.map(_encode_items, shares))
+    order, models = parts_of(s), tokenizers(s)
     still = perform(_silence(20.0), STYLES["neutral"], 0)
     codes = codes_of(s, order, models, still)[30:]
     rest, at = {}, 0
@@ -221,6 +216,23 @@ def step_codes(s: Run) -> None:
         rest[part.name] = middle(codes[:, at : at + part.levels], models.get(part.name))
         at += part.levels
     (s.folder / "rest.yaml").write_text(yaml.safe_dump(rest))
+
+
+def _encode_items(share: tuple[Run, list[str], set[str]]) -> None:
+    s, items, silent = share
+    if s.plan["workers"] > 1:
+        torch.set_num_threads(1)
+    order, models = parts_of(s), {name: model.to(best()) for name, model in tokenizers(s).items()}
+    of_face = np.repeat(is_face(s), [part.levels for part in order])
+    for name in tqdm(items, "codes"):
+        motion = corpus.read_motion(s.corpus, name)
+        if any(part.name == INTENT for part in order):
+            motion[INTENT] = corpus.read_intent(s.corpus, name)
+        codes = codes_of(s, order, models, motion)
+        if name in silent:
+            # Nobody says what a face does that was not recorded.
+            codes[:, of_face] = -1
+        corpus.write_array(s.folder / "codes" / f"{name}.npy", codes)
 
 
 def is_face(s: Run) -> list[bool]:
