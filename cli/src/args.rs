@@ -620,6 +620,8 @@ pub enum View {
     ThreeQuarter,
     /// The whole figure from its left
     Side,
+    /// The whole figure from behind
+    Back,
     /// Head and chest
     Bust,
     /// The face alone

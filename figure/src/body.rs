@@ -106,6 +106,9 @@ pub(super) fn top(rest: &Rest, look: &Look) -> Piece {
     };
     for side in SIDES {
         solid = with_sleeve(solid, rest, build, side);
+        if look.top == Top::Sweater {
+            solid = solid.with(Shape::ball(seat(rest, side), 0.079 * s), Union(0.035 * s));
+        }
     }
     let crown = [0.0, neck[1] - 0.010 * s, neck[2] + 0.02 * s];
     solid = solid
@@ -414,6 +417,12 @@ fn tube(a: V, b: V, radii: &[f32], size: f32) -> Shape {
     Shape::Tube { a, b, radii: steps.collect() }
 }
 
+/// The middle of a buttock.
+fn seat(rest: &Rest, side: &str) -> V {
+    let (s, sign) = (rest.size, if side == "left" { 1.0 } else { -1.0 });
+    add(rest.side(side, "hip"), [-0.012 * sign * s, -0.020 * s, -0.046 * s])
+}
+
 /// Trousers.
 pub(super) fn trousers(rest: &Rest, look: &Look) -> Piece {
     let (s, build) = (rest.size, look.build);
@@ -430,7 +439,6 @@ pub(super) fn trousers(rest: &Rest, look: &Look) -> Piece {
         let [hip, knee, ankle] = ["hip", "knee", "ankle"].map(|n| rest.side(side, n));
         let t = s * build.thigh;
         let top = add(hip, [-0.002 * sign * s, -0.025 * s, -0.004 * s]);
-        let seat = add(hip, [-0.012 * sign * s, -0.018 * s, -0.048 * s]);
         // The hem is a band of its own; the leg ends within it.
         let cuff = add(ankle, scale(sub(knee, ankle), LEG_CUFF + 2.4 * LEG_OPENING));
         let calf = mix(knee, cuff, 0.32);
@@ -444,7 +452,7 @@ pub(super) fn trousers(rest: &Rest, look: &Look) -> Piece {
         };
         solid = solid
             .with(tube(top, knee, &[0.078, 0.0805, 0.076, 0.069, 0.0615, 0.0565], t), Union(0.022 * s))
-            .with(Shape::ball(seat, 0.068 * s), Union(0.035 * s))
+            .with(Shape::ball(seat(rest, side), 0.066 * s), Union(0.035 * s))
             .with(tube(knee, cuff, &[0.0565, 0.0565, 0.0560, 0.0535, 0.0515, 0.0510], s), Union(0.02 * s))
             .with(Shape::ball(add(calf, [0.0, 0.0, -0.022 * s]), 0.038 * s), Union(0.03 * s))
             .with(folds(add(knee, [0.0, 0.0, -0.03 * s]), [0.25 * sign, 1.0, 0.3], 0.045, 0.0040, 0.11), Displace)

@@ -26,7 +26,7 @@ fn frames_of_an_animation_stand_beside_one_another() {
     assert_eq!(size(&first), [60, 80]);
     assert_eq!(size(&draw(&["--at", "0", "--at", "0.2", "--at", "0.4"])), [180, 80]);
     assert_eq!(first, draw(&[]), "the first frame where no time is given");
-    for view in ["three-quarter", "side", "bust", "face"] {
+    for view in ["three-quarter", "side", "back", "bust", "face"] {
         assert!(draw(&["--view", view]) != first, "{view} is another picture");
     }
 }
