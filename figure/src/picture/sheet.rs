@@ -10,7 +10,7 @@ use umo_core::motion::skeleton::{ARKIT_NAMES, JOINTS};
 
 const COLUMNS: usize = 8;
 /// Pixels of one face, and of the line under it.
-const FACE: [usize; 2] = [176, 190];
+const FACE: [usize; 2] = [150, 162];
 const LINE: usize = 13;
 
 /// The face at rest, then each shape at 1 (`mouthClose` with `jawOpen`, as it is made to be used).
