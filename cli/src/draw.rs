@@ -70,7 +70,7 @@ fn camera(view: View, skeleton: &Skeleton, at: [f32; 3]) -> Camera {
         View::Front => (-0.10, 1.95, 0.0_f32),
         View::ThreeQuarter => (-0.10, 1.95, 0.6),
         View::Side => (-0.10, 1.95, 1.571),
-        View::Back => (-0.10, 1.95, 3.142),
+        View::Back => (-0.10, 1.95, std::f32::consts::PI),
         View::Bust => (0.40, 0.90, 0.25),
         View::Face => (0.63, 0.30, 0.25),
     };

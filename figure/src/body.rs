@@ -638,11 +638,11 @@ pub(super) fn hand(rest: &Rest, side: &str, build: &Build) -> Piece {
     let (x, y, z) = (range(0, 0.048), range(1, 0.044), range(2, 0.044));
     // Counted from the wrist, so that the other hand's planes are its mirror image.
     let x = if wrist[0] < 0.0 {
-        planes(-x.1, -x.0, |_| 0.0066 * s).into_iter().rev().map(|x| -x).collect()
+        planes(-x.1, -x.0, |_| 0.0074 * s).into_iter().rev().map(|x| -x).collect()
     } else {
-        planes(x.0, x.1, |_| 0.0066 * s)
+        planes(x.0, x.1, |_| 0.0074 * s)
     };
-    Piece { solid: palm, grid: Grid([x, planes(y.0, y.1, |_| 0.0048 * s), planes(z.0, z.1, |_| 0.0045 * s)]) }
+    Piece { solid: palm, grid: Grid([x, planes(y.0, y.1, |_| 0.0048 * s), planes(z.0, z.1, |_| 0.0048 * s)]) }
 }
 
 /// The hand's size beside the one that its measures are of.

@@ -46,7 +46,7 @@ impl Base {
                     Shape::cone(over([0.0430 * jaw, -0.066, -0.050]), over([0.010, -0.097, -0.009]), 0.0115, 0.0130),
                     Union(0.032),
                 )
-                .with(Shape::ball(over([0.0445 * jaw, -0.048, -0.0440]), 0.0155), Union(0.030))
+                .with(Shape::ball(over([0.0415 * jaw, -0.048, -0.0440]), 0.0145), Union(0.030))
                 .with(Shape::ball(over([0.0375, -0.026, -0.0165]), 0.0245), Union(0.028))
                 .with(Shape::ball(over([0.030, -0.050, -0.0120]), 0.0200), Union(0.030))
                 .with(
@@ -69,8 +69,8 @@ impl Base {
             .with(Shape::cone([0.0, -0.0440, 0.0270], [0.0, -0.0480, 0.0200], 0.0036, 0.0040), Union(0.005));
         for x in [1.0, -1.0] {
             solid = solid.with(
-                Shape::Ellipsoid { centre: [0.0124 * x * nose, -0.0405, 0.0200], radii: [0.0062, 0.0066, 0.0085] },
-                Union(0.0035),
+                Shape::Ellipsoid { centre: [0.0128 * x * nose, -0.0405, 0.0205], radii: [0.0060, 0.0066, 0.0080] },
+                Union(0.0042),
             );
         }
         // Groove under the nose, and the one between lip and chin.
@@ -183,7 +183,9 @@ impl Base {
     pub(super) fn spacing([u, v]: [f32; 2]) -> f32 {
         let nose = ramp(0.030, 0.016, u) * ramp(-0.062, -0.052, v) * ramp(0.0, -0.014, v);
         let face = ramp(0.105, 0.070, u) * ramp(-0.15, -0.125, v) * ramp(0.055, 0.040, v);
-        0.0135 - 0.0084 * face - 0.0026 * nose
+        let wing = ramp(0.030, 0.022, u) * ramp(-0.058, -0.053, v) * ramp(-0.026, -0.034, v);
+        let throat = ramp(0.090, 0.060, u) * ramp(-0.165, -0.150, v) * ramp(-0.095, -0.110, v) * (1.0 - face);
+        0.0135 - 0.0084 * face - 0.0026 * nose - 0.0007 * wing - 0.0055 * throat
     }
 
     /// The end of the map about the head, its bottom and its top.

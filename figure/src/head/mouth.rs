@@ -26,7 +26,9 @@ pub(super) fn skin_color(base: &Base, p: V) -> Color {
         + 0.34 * spot(0.0, -0.037, 0.011, 0.009)
         + 0.12 * spot(0.0, -0.103, 0.014, 0.010)
         + 0.25 * spot(0.030, 0.010, 0.018, 0.006);
-    base.look.skin.toned(red * ahead, 0.55 * base.shade(p) * ramp(-0.125, -0.105, p[1]))
+    // Its underside is too steep for a smooth shade.
+    let nose = 1.0 - 0.75 * spot(0.0, -0.045, 0.014, 0.007) * ahead;
+    base.look.skin.toned(red * ahead, 0.55 * base.shade(p) * nose * ramp(-0.125, -0.105, p[1]))
 }
 
 /// What colours a ring of the lips.
@@ -190,7 +192,7 @@ fn close(sheet: &mut Sheet, row: &[usize]) {
 pub(super) fn add_nostril(sheet: &mut Sheet, base: &Base) {
     const AROUND: usize = 12;
     let place = |x: f32, z: f32| {
-        let skin = base.onto([0.0063 + x, -0.0475, 0.0215 + z]);
+        let skin = base.onto([0.0068 + x, -0.0470, 0.0225 + z]);
         [skin[0], skin[1] - 0.0003, skin[2] + 0.0003]
     };
     let dark = base.look.skin.toned(0.3, 1.15);
@@ -198,7 +200,7 @@ pub(super) fn add_nostril(sheet: &mut Sheet, base: &Base) {
     let ring: Vec<usize> = (0..AROUND)
         .map(|k| {
             let (sin, cos) = (2.0 * PI * k as f32 / AROUND as f32).sin_cos();
-            sheet.add(place(0.0024 * cos - 0.0008 * sin, 0.0036 * sin), Kind::Skin, dark)
+            sheet.add(place(0.0028 * cos - 0.0008 * sin, 0.0040 * sin), Kind::Skin, dark)
         })
         .collect();
     for k in 0..AROUND {
