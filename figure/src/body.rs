@@ -114,7 +114,7 @@ pub(super) fn top(rest: &Rest, look: &Look) -> Piece {
     solid = solid
         .with(Shape::Below { point: [0.0, hem, 0.0], normal: [0.0, -1.0, 0.0] }, Within(0.010 * s))
         .with(Shape::Below { point: crown, normal: [0.0, 0.958, 0.287] }, Within(0.008 * s));
-    for (x, y, z, height) in [(0.05, 0.02, 0.09, 0.0030), (-0.08, 0.06, 0.02, 0.0032), (0.09, 0.05, -0.07, 0.0026)] {
+    for (x, y, z, height) in [(0.05, 0.02, 0.09, 0.0024), (-0.08, 0.06, 0.02, 0.0025), (0.09, 0.05, -0.07, 0.0022)] {
         let folds = Shape::Folds {
             centre: [x * s, pelvis[1] + y * s, pelvis[2] + z * s],
             reach: 0.15 * s,

@@ -197,7 +197,7 @@ fn add_lock(sheet: &mut Sheet, base: &Base, path: &[V], out: impl Fn(V) -> V, wi
         let ring: Vec<usize> = (0..AROUND)
             .map(|spoke| {
                 let (sin, cos) = (TAU * spoke as f32 / AROUND as f32).sin_cos();
-                let mut at = add(place, add(scale(side, 0.5 * size * cos), scale(up, 0.17 * size * sin)));
+                let mut at = add(place, add(scale(side, 0.5 * size * cos), scale(up, 0.12 * size * sin)));
                 at[0] = at[0].max(1e-4);
                 sheet.add(at, Kind::Hair, tone)
             })
@@ -221,11 +221,11 @@ fn add_short(sheet: &mut Sheet, base: &Base) {
     let mut seed = 0;
     for (row, &(from, to)) in [(1.0, 0.52), (0.86, 0.30), (0.62, 0.10)].iter().enumerate() {
         let mut ahead = 4.0 + 3.0 * row as f32;
-        while ahead < 66.0 {
+        while ahead < 60.0 {
             seed += 1;
             let turn = ahead + 3.0 * (random(seed) - 0.5);
             let end = curve(&HAIRLINE, turn);
-            let rise = 0.0055 + 0.0055 * ramp(60.0, 10.0, turn) + 0.003 * random(seed + 40);
+            let rise = 0.0030 + 0.0075 * ramp(60.0, 10.0, turn) + 0.003 * random(seed + 40);
             let path: Vec<V> = (0..=5_u8)
                 .map(|k| {
                     let t = f32::from(k) / 5.0;
@@ -233,11 +233,12 @@ fn add_short(sheet: &mut Sheet, base: &Base) {
                     let (body, _) = thickness(Hair::Short, turn, fall, from + (to - from) * t);
                     let lift = 0.7 * body
                         + rise * (1.0 - (2.0 * t - 0.75).powi(2)).max(0.0) * if row == 0 { 1.0 } else { 0.55 };
-                    over(base, turn + 9.0 * t, fall, lift)
+                    // Roots are in the skin.
+                    over(base, turn + 9.0 * t, fall, lift * ramp(-0.06, 0.28, t))
                 })
                 .collect();
-            add_lock(sheet, base, &path, from_crown, 0.0145, 0.15 + 0.5 * random(seed + 7));
-            ahead += 9.0;
+            add_lock(sheet, base, &path, from_crown, 0.0125, 0.15 + 0.5 * random(seed + 7));
+            ahead += 7.4;
         }
     }
     for (row, &(from, to)) in [(0.30, 0.74), (0.55, 0.98)].iter().enumerate() {

@@ -130,7 +130,7 @@ impl Shape {
         match (self.stem, self.side == 0.0) {
             ("jawOpen", _) => scale(opened(place), jaw(kind, place)),
             ("jawForward", _) => scale([0.0, -0.0010, 0.0095], jaw(kind, place)),
-            ("jaw", _) => scale([0.0085 * self.side, 0.0, 0.0], jaw(kind, place)),
+            ("jaw", _) => scale([0.0110 * self.side, 0.0, 0.0], jaw(kind, place)),
             ("mouth", _) => aside(vertex, self.side),
             ("mouthClose", _) => closed(kind, place),
             ("mouthFunnel", _) => gathered(vertex, [0.34, 0.0100, 0.0066], 0.0044),
