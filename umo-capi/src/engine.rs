@@ -258,13 +258,8 @@ pub unsafe extern "C" fn umo_engine_new(
         let wanted = unsafe { config.read(&known)? };
         let made = Engine::new(Arc::clone(&model.model), &wanted)?;
         log.say(UMO_LOG_INFO, format_args!("engine of {} with {} threads", model.model.config().name, config.threads));
-        let engine_handle = EngineHandle {
-            engine: ManuallyDrop::new(made),
-            model,
-            log,
-            gestures: Known::new(),
-            process: process(),
-        };
+        let engine_handle =
+            EngineHandle { engine: ManuallyDrop::new(made), model, log, gestures: Known::new(), process: process() };
         let handle = ENGINES.insert(handle::boxed(engine_handle)?)?;
         known.store(handle, Ordering::Relaxed);
         // SAFETY: guaranteed by the caller (see # Safety).

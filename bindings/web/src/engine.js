@@ -313,6 +313,8 @@ export class Session {
   #layout;
   #frame;
   #freed;
+  #hasClock = false;
+  #start = performance.now();
 
   constructor(model, library, session, layout, freed) {
     this.#model = model;
@@ -390,6 +392,8 @@ export class Session {
   /** The pose at `seconds` of the motion, into `pose`, which it returns. */
   samplePose(seconds, pose = new Pose(this.#model)) {
     const library = this.#library;
+    // The module has no clock, by which it eases to rest and back.
+    if (!this.#hasClock) this.#call("umo_session_set_clock", (performance.now() - this.#start) / 1000);
     library.view.setUint32(library.scratch, SAMPLED.size, true);
     this.#call("umo_session_sample_pose", seconds, this.#layout, this.#frame, this.#model.layout.size, library.scratch);
     const view = library.view;
@@ -425,6 +429,7 @@ export class Session {
 
   /** What time it is, seconds: for pages that are paused or rendered elsewhere. */
   setClock(seconds) {
+    this.#hasClock = true;
     this.#call("umo_session_set_clock", seconds);
   }
 

@@ -90,6 +90,24 @@ test("poses are sampled between frames", () => {
   session.free();
 });
 
+test("a session that was sampled before its frames came eases from rest to them", () => {
+  const session = model.session();
+  const jaw = model.channelNames.indexOf("jawOpen");
+  let time = 0;
+  const at = (seconds) => {
+    session.setClock((time += 1 / 30));
+    return session.samplePose(seconds).face[jaw];
+  };
+  for (let i = 0; i < 30; i++) at(0);
+  session.push(samples);
+  session.finish();
+  while (model.compute());
+  let largest = 0;
+  for (let i = 0; i < 200; i++) largest = Math.max(largest, at(i / 30));
+  assert.ok(largest > 0.4, `${largest}`);
+  session.free();
+});
+
 test("names and the skeleton", () => {
   assert.equal(model.jointNames.length, 55);
   assert.equal(model.jointNames[15], "head");
