@@ -6,7 +6,7 @@ use std::fs::File;
 use std::io;
 use std::path::Path;
 
-#[cfg(feature = "mmap")]
+#[cfg(all(feature = "mmap", not(target_family = "wasm")))]
 use memmap2::Mmap;
 #[cfg(all(feature = "mmap", unix))]
 use memmap2::UncheckedAdvice;
@@ -17,7 +17,7 @@ use crate::memory::OutOfMemory;
 /// A model's bytes.
 #[derive(Debug)]
 pub(super) enum Source {
-    #[cfg(feature = "mmap")]
+    #[cfg(all(feature = "mmap", not(target_family = "wasm")))]
     Mapped(Mmap),
     Owned(Vec<u8>),
     Static(&'static [u8]),
@@ -36,7 +36,7 @@ impl Source {
         Self::of_file(&file, path).map_err(io)
     }
 
-    #[cfg(feature = "mmap")]
+    #[cfg(all(feature = "mmap", not(target_family = "wasm")))]
     fn of_file(file: &File, _: &Path) -> io::Result<Self> {
         // SAFETY: the map is read-only and private to this process. Another process that rewrites
         // the file in place could change what we read; every value is checked as it is read,
@@ -46,7 +46,7 @@ impl Source {
         Ok(Self::Mapped(map))
     }
 
-    #[cfg(not(feature = "mmap"))]
+    #[cfg(not(all(feature = "mmap", not(target_family = "wasm"))))]
     fn of_file(mut file: &File, path: &Path) -> io::Result<Self> {
         let mut bytes = Vec::new();
         bytes.try_reserve_exact(file_len(path) + 1).map_err(|_| io::ErrorKind::OutOfMemory)?;
@@ -56,7 +56,7 @@ impl Source {
 
     pub(super) fn bytes(&self) -> &[u8] {
         match self {
-            #[cfg(feature = "mmap")]
+            #[cfg(all(feature = "mmap", not(target_family = "wasm")))]
             Self::Mapped(map) => map,
             Self::Owned(bytes) => bytes,
             Self::Static(bytes) => bytes,
