@@ -1,5 +1,7 @@
 //! 16 lanes, operation by operation as in `scalar.rs`.
 
+#[cfg(any(test, target_os = "linux"))]
+use super::EXP2_UNIT;
 use super::{
     Activation, EXP, EXP_MAX, EXP_MIN, EXP2, EXP2_BF16, EXP2_BF16_MIN, LN_2_HIGH, LN_2_LOW, LOG2_E, ROUND, TAIL,
     TAIL_MAX, TANH_CUBE, TANH_MAX, TANH_SCALE,
