@@ -11,6 +11,7 @@ import pytest
 
 from test_performer_speech import SENTENCES, speech
 from umo_train.data import corpus
+from umo_train.performer import actions
 from umo_train.performer.style import PROMPTS
 from umo_train.speech import voices
 from umo_train.speech.utterance import Utterance
@@ -118,3 +119,21 @@ def test_motion_has_the_frames_of_its_speech(made: Path, monkeypatch: pytest.Mon
         motion = corpus.read_motion(made, item.name)
         assert {len(values) for values in motion.values()} == {item.utterance.frames}
         assert list(corpus.read_motion(made, item.name, ("upper",))) == ["upper"]
+
+
+def test_actions_are_items_of_silence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    still = np.tile(np.eye(3), (30, 55, 1, 1))
+    clips = {name: still for action in actions.ACTIONS.values() for name in action.clips}
+    monkeypatch.setattr(actions, "read_clips", lambda files: clips)
+    plan = corpus.ActionPlan((tmp_path / "clips.glb",), takes=10, seconds_per_item=4.0)
+    for index in (corpus.FIRST_ACTION, corpus.FIRST_ACTION + 9):
+        corpus._act_item((plan, tmp_path, index, "bow", index - corpus.FIRST_ACTION))
+    first, last = corpus.items(tmp_path)
+    assert (first.split, last.split) == ("train", "test_action")
+    assert first.prompt.split("\n") == list(actions.ACTIONS["bow"].prompts)
+    assert not first.utterance.samples.any()
+    assert len(corpus.read_intent(tmp_path, first.name)) == first.utterance.frames
+    # The performer leaves them alone.
+    before = (tmp_path / "motion" / f"{first.name}.npz").stat().st_mtime_ns
+    corpus.make_motion(tmp_path, 1)
+    assert (tmp_path / "motion" / f"{first.name}.npz").stat().st_mtime_ns == before

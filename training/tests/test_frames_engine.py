@@ -20,6 +20,8 @@ from umo_train.frames.examples import FrameExamples
 from umo_train.frames.interp import VectorInterpolation
 from umo_train.frames.model import FrameModel, for_file
 from umo_train.frames.networks import ResidualVqVae
+from umo_train.metrics import frame_agreement
+from umo_train.metrics.item import Item
 from umo_train.plan import merged
 
 PROGRAM = os.environ.get("UMO_PROGRAM")
@@ -46,7 +48,9 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> pipeline.Run:
 
 def test_items_to_choose_by_are_reported_apart(run: pipeline.Run) -> None:
     items = steps.names(run, "train", spoken=True)
-    assert steps.trained_on(run, spoken=True) == items[:-1]
+    chosen = steps.chosen_by(run)
+    assert len(chosen) == 1
+    assert steps.trained_on(run, spoken=True) == [item for item in items if item not in chosen]
     chosen_by, held = ((run.folder / f"tokenizers{name}.md").read_text() for name in ("_validation", ""))
     assert chosen_by != held and all("| slide_cm_s | at most 0.3 |" in said for said in (chosen_by, held))
 
@@ -238,3 +242,17 @@ def test_annotations_that_nobody_makes_are_refused(change: dict[str, object], sa
 def test_the_paper_layout_has_no_report(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="layout: frames"):
         pipeline.run(pipeline.Run.read(CONFIGS / "small.yaml", tmp_path, smoke=True), ("report",))
+
+
+def test_agreement_is_of_the_same_chunks(run: pipeline.Run) -> None:
+    """Traced as a stream goes: what was drawn is the next chunk's history. f32 agrees with itself, int8 mostly."""
+    umo, config = Path(PROGRAM), steps.model_file_config(run)
+    speech = Item("noise", "", np.random.default_rng(0).normal(0.0, 0.1, 4 * 16000).astype(np.float32))
+    first, second = frame_agreement.trace(umo, speech, _model(run), 2)
+    for name, drawn in first.codes.items():
+        assert drawn.shape == (config["target"], next(p["levels"] for p in config["parts"] if p["name"] == name))
+        assert np.array_equal(second.history[name][-config["target"] :], drawn)
+    assert frame_agreement.agreement(umo, [first], _model(run), precision="f32")["all"] == 1.0
+    coarse = frame_agreement.agreement(umo, [first, second], _model(run), precision="int8")
+    assert set(coarse) == {*first.codes, "all"} and 0.8 < coarse["all"] <= 1.0
+    assert frame_agreement.code_counts([first, second], config)["intent"].sum() == 2 * config["target"]

@@ -141,3 +141,18 @@ def test_a_task_without_data_says_so() -> None:
     unprompted = FrameExamples(CONFIG, PARTS, BODY, [_stream(prompts=False)], SILENCE)
     with pytest.raises(ValueError, match="no item has codes and prompt"):
         unprompted.chunk(2, 1, np.random.default_rng(0), task="t2m")
+
+
+def test_who_is_told_is_always_told() -> None:
+    """An action's prompt is never left out; and for motion from text alone it is drawn as often as it weighs."""
+    told = FrameStream(*(getattr(_stream(), name) for name in ("codes", "units", "prompts")), told=True, weight=9.0)
+    told.prompts = (np.array([24]),)
+    examples = FrameExamples(CONFIG, PARTS, BODY, [told], SILENCE)
+    assert all(24 in ids for ids in examples.chunk(300, 1, np.random.default_rng(0)).ids)
+    both = FrameExamples(CONFIG, PARTS, BODY, [_stream(), told], SILENCE)
+    share = {
+        task: np.mean([24 in ids for ids in both.chunk(2000, 1, np.random.default_rng(0), task=task).ids])
+        for task in ("a2m", "t2m")
+    }
+    assert share["a2m"] == pytest.approx(0.5, abs=0.05)
+    assert share["t2m"] == pytest.approx(0.9, abs=0.03)

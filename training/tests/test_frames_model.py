@@ -118,7 +118,7 @@ def test_what_nobody_knows_adds_nothing() -> None:
 def test_what_is_heard_is_said_from_the_encoders_states(model: FrameModel) -> None:
     ids, history, said = torch.randint(0, 60, (2, 20)), codes(2, 4), codes(2, 3)
     heard = torch.tensor([4, 9, 14])
-    _, guess = model(ids, history, said, None, heard)
+    _, guess = model(ids, history, said, None, (torch.arange(3), heard))
     states = model.encode(ids, history)[:, heard].flatten(0, 1)
     torch.testing.assert_close(guess["upper"], model.depth(states, said.flatten(0, 1))["upper"])
 

@@ -31,7 +31,7 @@ def spoken():
     return speech(LONG)
 
 
-@pytest.fixture(scope="module", params=list(STYLES))
+@pytest.fixture(scope="module", params=["neutral", "excited", "shy", "angry", "sad", "listening"])
 def performed(request, spoken):
     motions = [perform(spoken, STYLES[request.param], seed) for seed in (1, 2)]
     for motion in motions:
@@ -132,11 +132,12 @@ def _closeness(events, turns):
     return np.exp(-(nearest**2) / (2.0 * 0.1**2)).mean()
 
 
-def test_the_body_turns_at_accents(performed, spoken):
+@pytest.mark.parametrize("style", ["neutral", "calm", "excited", "explaining", "stern"])
+def test_the_body_turns_at_accents(spoken, style):
     heard = listen(spoken)
     own, shifted = [], []
-    for motion in performed:
-        at = motion["places"][:, UPPER]
+    for seed in (1, 2):
+        at = walk(perform(spoken, STYLES[style], seed))[:, UPPER]
         at = at - at[:, :1]
         speed = np.linalg.norm(np.gradient(at, axis=0), axis=-1).mean(1)
         turns = argrelmin(speed, order=7)[0] / 30.0
@@ -173,11 +174,11 @@ def test_styles_are_told_apart():
     """A ridge classifier learns on some seeds and an utterance, and is tried on other seeds and another utterance."""
     rows, made = [], (speech(LONG[:8]), speech(LONG[1:9][::-1]))
     for k, spoken in enumerate(made):
-        rows.append([[_statistics(perform(spoken, style, 50 * k + s)) for s in range(12)] for style in STYLES.values()])
-    learn, judge = (np.array(r).reshape(12 * len(STYLES), -1) for r in rows)
+        rows.append([[_statistics(perform(spoken, style, 50 * k + s)) for s in range(8)] for style in STYLES.values()])
+    learn, judge = (np.array(r).reshape(8 * len(STYLES), -1) for r in rows)
     middle, scale = learn.mean(0), learn.std(0) + 1e-4
     learn, judge = (np.c_[(x - middle) / scale, np.ones(len(x))] for x in (learn, judge))
-    label = np.repeat(np.arange(len(STYLES)), 12)
+    label = np.repeat(np.arange(len(STYLES)), 8)
     weights = learn.T @ np.linalg.solve(learn @ learn.T + 30.0 * np.eye(len(learn)), np.eye(len(STYLES))[label])
     assert ((judge @ weights).argmax(1) == label).mean() >= 0.9
 

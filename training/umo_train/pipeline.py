@@ -36,6 +36,7 @@ STEPS = (
     "voices",
     "speech",
     "people",
+    "actions",
     "motion",
     "audio",
     "tokenizers",
@@ -102,6 +103,17 @@ def step_people(s: Run) -> None:
     if not plan:
         raise ValueError("the step `people` needs a section `people` in the plan: `root` and `sets`")
     make_people(PeoplePlan(**plan | {"root": s.work / plan["root"]}), s.corpus, s.plan["workers"])
+
+
+def step_actions(s: Run) -> None:
+    """Actions from clips, where the plan names any."""
+    plan = s.plan.get("actions")
+    if not plan:
+        raise ValueError("the step `actions` needs a section `actions` in the plan: `clips`")
+    files = tuple(path for pattern in plan["clips"] for path in sorted(s.work.glob(pattern)))
+    if not files:
+        raise ValueError(f"no clips at {', '.join(str(s.work / pattern) for pattern in plan['clips'])}")
+    corpus.make_actions(corpus.ActionPlan(**plan | {"clips": files}), s.corpus, s.plan["workers"])
 
 
 def step_motion(s: Run) -> None:

@@ -112,7 +112,9 @@ def _fit_mel(folder: Path, plan: Plan, seed: int) -> Tokenizer:
 def _listened(folder: Path, front: Mel, plan: Plan, seed: int) -> list[listener.Heard]:
     """What the listener learns from: every `every`-th item of training, clean and as one recording."""
     about = plan["listener"]
-    names = [entry.name for entry in corpus.entries(folder, "train") if entry.spoken][:: about["every"]]
+    # A listener's mouth says nothing of the voice.
+    entries = [entry for entry in corpus.entries(folder, "train") if entry.spoken and not entry.listens]
+    names = [entry.name for entry in entries][:: about["every"]]
     paths = [path for path in corpus.paths(folder, "speech") if path.stem in set(names)]
     shapes = listener.Shapes.of([corpus.read_motion(folder, path.stem, ("face",))["face"] for path in paths])
     jobs = [(folder, path, front, shapes, about["delay"], seed) for path in paths]
@@ -157,7 +159,7 @@ def tokenize(folder: Path, out: Path, tokenizer: AnyTokenizer, recordings: int, 
             some = jobs[first : first + ahead]
             for (_, target, _), versions in zip(some, pool.map(_versions, some), strict=True):
                 if versions.shape[1]:
-                    _save(target, tokenizer.many(versions))
+                    corpus.write_array(target, tokenizer.many(versions))
 
 
 def _versions(job: tuple[Path, Path, int]) -> np.ndarray:
@@ -175,11 +177,4 @@ def _tokenize_item(job: tuple[Tokenizer, Path, Path, int]) -> None:
     torch.set_num_threads(1)
     versions = _versions((path, out, recordings))
     if versions.shape[1]:
-        _save(out, np.stack([tokenizer(version) for version in versions]))
-
-
-def _save(out: Path, tokens: np.ndarray) -> None:
-    part = out.with_suffix(".part")
-    with part.open("wb") as file:
-        np.save(file, tokens)
-    part.rename(out)
+        corpus.write_array(out, np.stack([tokenizer(version) for version in versions]))

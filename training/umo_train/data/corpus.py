@@ -5,6 +5,7 @@ import random
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -117,6 +118,14 @@ def write(path: Path, data: dict[str, np.ndarray]) -> None:
     part.rename(path)
 
 
+def write_array(path: Path, values: np.ndarray) -> None:
+    """By renaming: a file that exists is whole."""
+    part = path.with_suffix(".part")
+    with part.open("wb") as file:
+        np.save(file, values)
+    part.rename(path)
+
+
 def read_item(path: Path) -> Item:
     with np.load(path) as data:
         about = json.loads(str(data["about"]))
@@ -161,6 +170,11 @@ class Entry:
     # Whether it has speech: without, there is motion of the body alone.
     spoken: bool
 
+    @property
+    def listens(self) -> bool:
+        """Whether the voice is not that of who moves."""
+        return self.style in STYLES and STYLES[self.style].listens
+
 
 def entries(folder: Path, split: str | None = None) -> Iterator[Entry]:
     """Of one split or of all, in order."""
@@ -183,6 +197,50 @@ def items(folder: Path, split: str | None = None) -> Iterator[Item]:
             yield item
 
 
+# Items of actions have numbers from here on, behind people's.
+FIRST_ACTION = 80_000
+
+
+@dataclass(frozen=True)
+class ActionPlan:
+    """`clips`: glTF files with the clips that `performer.actions` names; each action is `takes` items long, of which
+    every tenth is held out."""
+
+    clips: tuple[Path, ...]
+    takes: int = 16
+    seconds_per_item: float = 14.0
+    seed: int = 0
+
+
+def make_actions(plan: ActionPlan, folder: Path, workers: int) -> None:
+    """Writes what is missing of the plan's items: silence, and the motion. Deterministic in the plan and the clips."""
+    from umo_train.performer.actions import ACTIONS
+
+    names = [(name, take) for name in ACTIONS for take in range(plan.takes)]
+    jobs = [(plan, folder, FIRST_ACTION + k, name, take) for k, (name, take) in enumerate(names)]
+    missing = [job for job in jobs if not _path(folder, "motion", job[2]).exists()]
+    with ProcessPoolExecutor(workers) as pool:
+        list(tqdm(pool.map(_act_item, missing, chunksize=8), "actions", len(missing), unit="item"))
+
+
+def _act_item(job: tuple[ActionPlan, Path, int, str, int]) -> None:
+    from umo_train.performer.actions import ACTIONS, act
+
+    plan, folder, index, name, take = job
+    action, split = ACTIONS[name], "test_action" if take % 10 == 9 else "train"
+    seed = 1_000_000 * plan.seed + index
+    silence, motion = act(action, _clips(plan.clips), plan.seconds_per_item, seed)
+    write_item(folder, Item(f"{index:05}", split, f"action {name}", "\n".join(action.prompts), seed, silence))
+    _write_motion(_path(folder, "motion", index), motion)
+
+
+@lru_cache(1)
+def _clips(files: tuple[Path, ...]) -> dict[str, np.ndarray]:
+    from umo_train.performer.actions import read_clips
+
+    return read_clips(list(files))
+
+
 def make_motion(folder: Path, workers: int) -> None:
     """Has the performer move to every item that has no motion yet."""
     jobs = [(folder, p) for p in paths(folder, "speech") if not (folder / "motion" / p.name).exists()]
@@ -195,10 +253,12 @@ def _perform_item(job: tuple[Path, Path]) -> None:
 
     folder, path = job
     item = read_item(path)
-    motion = perform(item.utterance, STYLES[item.style], item.seed)
-    intent = motion.pop("intent")
-    floats = {name: values.astype(np.float32) for name, values in motion.items()}
-    write(folder / "motion" / path.name, floats | {"intent": intent})
+    _write_motion(folder / "motion" / path.name, perform(item.utterance, STYLES[item.style], item.seed))
+
+
+def _write_motion(path: Path, motion: dict[str, np.ndarray]) -> None:
+    floats = {name: values.astype(np.float32) for name, values in motion.items() if name != "intent"}
+    write(path, floats | {"intent": motion["intent"]})
 
 
 def read_motion(folder: Path, name: str, only: tuple[str, ...] = (*PARTS, "height")) -> dict[str, np.ndarray]:

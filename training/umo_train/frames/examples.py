@@ -16,11 +16,15 @@ NEEDS: dict[str, tuple[str, ...]] = {"a2m": ("codes", "units"), "t2m": ("codes",
 @dataclass
 class FrameStream:
     """One item: codes of every frame `[frames, J]`, -1 where a part did not move; `units` `[recordings, tokens]`; ids
-    of its prompts. An item without motion or without speech has none."""
+    of its prompts. An item without motion or without speech has none. Of an item that is `told`, nobody would do what
+    it shows without its prompt, which is never left out."""
 
     codes: np.ndarray | None
     units: np.ndarray | None
     prompts: tuple[np.ndarray, ...] = ()
+    told: bool = False
+    # How often it is drawn for `t2m`, beside others of its length.
+    weight: float = 1.0
 
     def has(self, what: str) -> bool:
         if what == "prompt":
@@ -83,7 +87,7 @@ class FrameExamples:
             fit = [stream for stream in self.streams if all(map(stream.has, NEEDS[task]))]
             if not fit:
                 raise ValueError(f"no item has {' and '.join(NEEDS[task])}, which the task `{task}` needs")
-            lengths = np.array([len(stream.codes) for stream in fit], float)
+            lengths = np.array([len(x.codes) * (x.weight if task == "t2m" else 1.0) for x in fit])
             self.pools[task] = fit, lengths / lengths.sum()
         streams, chance = self.pools[task]
         return [streams[i] for i in rng.choice(len(streams), count, p=chance)]
@@ -149,7 +153,7 @@ class FrameExamples:
     def _prompt(self, stream: FrameStream, rng: np.random.Generator, *, always: bool) -> np.ndarray:
         """One of an item's prompts, or nothing, as in the row that guidance goes away from."""
         prompts = [prompt for prompt in stream.prompts if len(prompt)]
-        dropped = not always and self.augment and rng.random() < self.UNPROMPTED
+        dropped = not (always or stream.told) and self.augment and rng.random() < self.UNPROMPTED
         return prompts[rng.integers(len(prompts))] if prompts and not dropped else _NOTHING
 
     def _fill(self, template: str, audio: np.ndarray, text: np.ndarray) -> np.ndarray:

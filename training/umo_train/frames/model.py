@@ -59,7 +59,10 @@ class DepthLayer(nn.Module):
         """`[n, J, d]`, causal over the codes."""
         normed = self.attention_norm(x)
         q, k, v = (self.attention[name](normed).unflatten(-1, (self.heads, -1)).transpose(1, 2) for name in "qkv")
-        context = functional.scaled_dot_product_attention(q, k, v, is_causal=True)
+        # For some thirty codes a CPU is quicker so than by the fused operation.
+        later = torch.ones(x.shape[1], x.shape[1], dtype=torch.bool, device=x.device).triu(1)
+        scores = (q @ k.transpose(-1, -2) * q.shape[-1] ** -0.5).masked_fill(later, float("-inf"))
+        context = torch.softmax(scores, -1) @ v
         x = x + self.attention["o"](context.transpose(1, 2).flatten(-2))
         normed, inner = self.feed_forward_norm(x), self.feed_forward
         return x + inner["wo"](functional.gelu(inner["wi_0"](normed), approximate="tanh") * inner["wi_1"](normed))
@@ -190,15 +193,21 @@ class FrameModel(nn.Module):
         return self.decoder(x, self.decoder.bias(x.shape[1], x.device), hidden, keys_bias)
 
     def forward(
-        self, ids: Tensor, history: Tensor, codes: Tensor, mask: Tensor | None = None, heard: Tensor | None = None
+        self,
+        ids: Tensor,
+        history: Tensor,
+        codes: Tensor,
+        mask: Tensor | None = None,
+        heard: tuple[Tensor, Tensor] | None = None,
     ) -> tuple[dict[str, Tensor], dict[str, Tensor] | None]:
-        """Logits `[b * N, levels, codes]` of each part, teacher forcing. With `heard` `[N]`, places in `ids`, also
-        those that the encoder's own states there give."""
+        """Logits `[b * N, levels, codes]` of each part, teacher forcing. With `heard`, keyframes of the chunk `[H]` and
+        places in `ids` `[H]`, also those `[b * H, levels, codes]` that the encoder's own states there give."""
         hidden = self.encode(ids, history, mask)
-        flat = codes.flatten(0, 1)
-        logits = self.depth(self.decode(hidden, codes, mask).flatten(0, 1), flat)
-        guess = None if heard is None else self.depth(hidden[:, heard].flatten(0, 1), flat)
-        return logits, guess
+        logits = self.depth(self.decode(hidden, codes, mask).flatten(0, 1), codes.flatten(0, 1))
+        if heard is None:
+            return logits, None
+        keyframes, places = heard
+        return logits, self.depth(hidden[:, places].flatten(0, 1), codes[:, keyframes].flatten(0, 1))
 
 
 def for_file(state: dict[str, Tensor]) -> dict[str, Tensor]:

@@ -1,5 +1,6 @@
 """The steps of a plan of layout `frames`, where they differ from the paper's layout (`umo_train/pipeline.py`)."""
 
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +35,8 @@ from umo_train.metrics.item import Item, Motion
 from umo_train.model_config import AUDIO_TASK, END, MOTION_TASK, TEXT_END, TEXT_TASK, common_sizes, face, pieces
 from umo_train.motion.networks import RootNetwork
 from umo_train.performer import intent, perform
-from umo_train.performer.style import PROMPTS, STYLES
+from umo_train.performer.actions import ACTIONS
+from umo_train.performer.style import PROMPTS, STYLES, UNTOLD
 from umo_train.plan import Config, Run
 from umo_train.skeleton import CHANNELS
 from umo_train.speech.utterance import SAMPLE_RATE, SILENCE, Phone, Utterance
@@ -45,6 +47,8 @@ TEMPLATES: dict[str, list[Any]] = {
     "text_to_motion": [TEXT_TASK, "text", TEXT_END, "history", END],
 }
 INTENT = "intent"
+# How often an action is drawn for motion from text alone, beside talk of its length.
+_ACTIONS_FROM_TEXT = 8.0
 
 
 def names_of_face(s: Run) -> list[str]:
@@ -103,10 +107,17 @@ def step_tokenizers(s: Run, only: tuple[str, ...] = ()) -> None:
         _solve_root(s)
 
 
+def chosen_by(s: Run) -> list[str]:
+    """Spoken training items by which a plan may be chosen (`tokenizers.validation`), from all over the corpus."""
+    found, count = names(s, "train", spoken=True), s.plan["tokenizers"].get("validation", 0)
+    return [found[(2 * k + 1) * len(found) // (2 * count)] for k in range(count)]
+
+
 def trained_on(s: Run, *, spoken: bool) -> list[str]:
-    """The training items but for the last few, by which a plan may be chosen (`tokenizers.validation`)."""
-    found = names(s, "train", spoken=spoken)
-    return found[: len(found) - s.plan["tokenizers"].get("validation", 0)]
+    """The other training items; with `tokenizers.every` so many of them."""
+    kept = set(chosen_by(s))
+    found = [name for name in names(s, "train", spoken=spoken) if name not in kept]
+    return found[:: s.plan["tokenizers"].get("every", 1)]
 
 
 def _solve_root(s: Run) -> None:
@@ -157,9 +168,8 @@ def step_report(s: Run) -> None:
     by which nothing was chosen. With `tokenizers.validation`, `run/tokenizers_validation.*` has the same of the items
     that are there to choose by."""
     held = [entry for split in ("test_voice", "test_sentence") for entry in names(s, split, spoken=True)]
-    chosen_by = names(s, "train", spoken=True)[len(trained_on(s, spoken=True)) :]
     models, root = tokenizers(s), root_network(s)
-    for name, wanted in (("tokenizers_validation", chosen_by), ("tokenizers", held)):
+    for name, wanted in (("tokenizers_validation", chosen_by(s)), ("tokenizers", held)):
         if wanted:
             rows = report.measure(
                 [_item(s, item) for item in wanted],
@@ -190,21 +200,15 @@ def step_codes(s: Run) -> None:
     """Every item's motion as codes, `run/codes/NAME.npy` `[T, J]`, and the codes of standing still, `run/rest.yaml`."""
     out = s.folder / "codes"
     out.mkdir(parents=True, exist_ok=True)
-    order, models = parts_of(s), {name: model.to(best()) for name, model in tokenizers(s).items()}
     silent = {entry.name for entry in corpus.entries(s.corpus) if not entry.spoken}
-    of_face = is_face(s)
-    for path in tqdm(corpus.paths(s.corpus, "motion"), "codes"):
-        target = out / f"{path.stem}.npy"
-        if target.exists():
-            continue
-        motion = corpus.read_motion(s.corpus, path.stem)
-        if any(part.name == INTENT for part in order):
-            motion[INTENT] = corpus.read_intent(s.corpus, path.stem)
-        codes = codes_of(s, order, models, motion)
-        if path.stem in silent:
-            # Nobody says what a face does that was not recorded.
-            codes[:, np.repeat(of_face, [part.levels for part in order])] = -1
-        np.save(target, codes)
+    items = [path.stem for path in corpus.paths(s.corpus, "motion")]
+    missing = [name for name in items if not (out / f"{name}.npy").exists()]
+    # One process has a GPU to itself.
+    workers = 1 if best().type == "cuda" else s.plan["workers"]
+    shares = [(s, missing[k::workers], silent) for k in range(workers)]
+    with ThreadPoolExecutor(1) if workers == 1 else ProcessPoolExecutor(workers) as pool:
+        list(pool.map(_encode_items, shares))
+    order, models = parts_of(s), tokenizers(s)
     still = perform(_silence(20.0), STYLES["neutral"], 0)
     codes = codes_of(s, order, models, still)[30:]
     rest, at = {}, 0
@@ -212,6 +216,23 @@ def step_codes(s: Run) -> None:
         rest[part.name] = middle(codes[:, at : at + part.levels], models.get(part.name))
         at += part.levels
     (s.folder / "rest.yaml").write_text(yaml.safe_dump(rest))
+
+
+def _encode_items(share: tuple[Run, list[str], set[str]]) -> None:
+    s, items, silent = share
+    if s.plan["workers"] > 1:
+        torch.set_num_threads(1)
+    order, models = parts_of(s), {name: model.to(best()) for name, model in tokenizers(s).items()}
+    of_face = np.repeat(is_face(s), [part.levels for part in order])
+    for name in tqdm(items, "codes"):
+        motion = corpus.read_motion(s.corpus, name)
+        if any(part.name == INTENT for part in order):
+            motion[INTENT] = corpus.read_intent(s.corpus, name)
+        codes = codes_of(s, order, models, motion)
+        if name in silent:
+            # Nobody says what a face does that was not recorded.
+            codes[:, of_face] = -1
+        corpus.write_array(s.folder / "codes" / f"{name}.npy", codes)
 
 
 def is_face(s: Run) -> list[bool]:
@@ -248,7 +269,10 @@ def model_file_config(s: Run) -> Config:
     }
     config["audio"]["ahead"] = s.plan["audio"].get("ahead", 0)
     if "speech" in s.plan:
-        config["prompts"] = [prompt for prompts in PROMPTS.values() for prompt in prompts if prompt]
+        told = list(PROMPTS.values())
+        if "actions" in s.plan:
+            told += [action.prompts for action in ACTIONS.values()]
+        config["prompts"] = [prompt for prompts in told for prompt in prompts if prompt]
     return config
 
 
@@ -262,7 +286,10 @@ def examples(s: Run, config: Config, split: str, *, augment: bool) -> FrameExamp
             continue
         prompts = PROMPTS[entry.style] if entry.style in PROMPTS else entry.prompt.split("\n")
         ids = tuple(np.array(pieces(s).encode(prompt), np.int64) for prompt in prompts)
-        streams.append(FrameStream(codes, units, ids))
+        told = bool(entry.style) and entry.style not in UNTOLD
+        # From text alone come actions above all: talking has a voice to go by.
+        weight = _ACTIONS_FROM_TEXT if entry.style.startswith("action ") else 1.0
+        streams.append(FrameStream(codes, units, ids, told, weight))
     tokenizer = tokens.load(s.folder / "audio.safetensors", s.plan["audio"])
     silence = int(tokenizer(np.zeros(SAMPLE_RATE, np.float32))[20])
     delay = s.plan["audio"].get("listener", {}).get("delay")

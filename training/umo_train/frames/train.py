@@ -36,8 +36,9 @@ class FrameStagePlan:
     # code is another than at the keyframe before: without, saying the last keyframe again is half the way.
     level_weight: float = 0.7
     change_weight: float = 2.0
-    # Weight of what the encoder itself says of a keyframe, from its audio token.
+    # Weight of what the encoder itself says of keyframes, each from its audio token, and of how many of a chunk.
     heard: float = 0.0
+    heard_keyframes: int = 2
     dense: bool = False
     warmup: int = 200
     final_rate: float = 0.05
@@ -84,7 +85,12 @@ class Outputs(nn.Module):
         self.model, self.balanced = model, balanced
 
     def forward(
-        self, ids: Tensor, history: Tensor, codes: Tensor, mask: Tensor | None, heard: Tensor | None
+        self,
+        ids: Tensor,
+        history: Tensor,
+        codes: Tensor,
+        mask: Tensor | None,
+        heard: tuple[Tensor, Tensor] | None,
     ) -> tuple[dict[str, Tensor], dict[str, Tensor] | None, Tensor | None]:
         logits, guess = self.model(ids, history, codes, mask, heard)
         return logits, guess, moe.balance(self.model) if self.balanced else None
@@ -123,15 +129,18 @@ def train_stage(
             group["lr"] = plan.rate * rate_at(step, plan)
         batch = examples.chunk(plan.batch, int(rng.choice(plan.targets)), rng, task=task)
         ids, history, codes, mask = inputs(batch, device)
-        listening = plan.heard > 0 and batch.heard is not None
-        heard = torch.from_numpy(batch.heard).to(device) if listening else None
+        heard = None
+        if plan.heard > 0 and batch.heard is not None:
+            some = np.sort(rng.permutation(len(batch.heard))[: plan.heard_keyframes])
+            heard = torch.from_numpy(some).to(device), torch.from_numpy(batch.heard[some]).to(device)
         logits, guess, balance = outputs(ids, history, codes, mask, heard)
         weight = code_weights(plain.parts, plan, codes, torch.from_numpy(batch.before).to(device))
         loss = total = entropy(plain.parts, logits, codes, weight)
         if balance is not None:
             total = total + plan.balance * balance
         if guess is not None:
-            total = total + plan.heard * entropy(plain.parts, guess, codes, weight)
+            some = heard[0]
+            total = total + plan.heard * entropy(plain.parts, guess, codes[:, some], weight[:, some])
         accelerator.backward(total)
         optimizer.step()
         bar.set_postfix(task=task, loss=f"{loss.item():.3f}")

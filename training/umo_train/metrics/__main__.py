@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from umo_train.metrics import agreement, fgd, item, program, report, table
+from umo_train.metrics import acted, agreement, fgd, item, program, report, table
 from umo_train.metrics.measure import Subject, measure
 
 
@@ -27,6 +27,8 @@ def _eval(args: argparse.Namespace) -> None:
         # Trained on what it judges it flatters no one: model and comparisons pass through the same features.
         encoder = fgd.train_autoencoder([i.motion for i in held_out], epochs=args.epochs)
     found = measure(subject, held_out, real, encoder, args.seeds)
+    if args.corpus:
+        found.groups["actions"] = acted.measure(subject.umo, args.model, args.corpus, args.acted)
     about = {
         "items": len(held_out),
         "recordings": len(real),
@@ -94,6 +96,7 @@ def _arguments() -> argparse.ArgumentParser:
     one.add_argument("--most", type=int, default=1000, help="items of each split")
     one.add_argument("--varied", type=int, default=3, help="items of each split that are tried with every prompt")
     one.add_argument("--seeds", type=int, default=2, help="takes of each prompt")
+    one.add_argument("--acted", type=int, default=4, help="takes of each action, where the corpus has any")
     one.add_argument("--speech", type=Path, help="folder of real recordings")
     one.add_argument("--recordings", type=int, help="at most so many of them")
     one.add_argument("--autoencoder", type=Path, help="motion auto-encoder; trained on the items where not given")

@@ -71,6 +71,10 @@ def judge(groups: Groups) -> list[Bar]:
             lambda: groups["variety"]["model"]["prompts"] / groups["variety"]["performer"]["prompts"], 0.5, True, "",
         ),
         ("prompts told apart", lambda: groups["variety"]["model"]["separable"], 0.9, True, "share of windows of 5 s"),
+        (
+            "actions from text known for what was asked", lambda: groups["actions"]["model"], 0.9, True,
+            "share, by a classifier of the performer's",
+        ),
         ("codes of int8 as of f32", lambda: groups["tokens"]["agreement"]["all"], 0.98, True, "share, same history"),
     ]  # fmt: skip
     return [Bar(name, _found(read), bar, at_least, note) for name, read, bar, at_least, note in rows]

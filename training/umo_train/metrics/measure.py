@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from umo_train.metrics import agreement, beat, diversity, experts, fgd, lips, motion, program
+from umo_train.metrics import agreement, beat, diversity, experts, fgd, frame_agreement, lips, motion, program
 from umo_train.metrics import speed as speeds
 from umo_train.metrics.item import Item, Motion
 from umo_train.performer.lips import lip_opening
@@ -132,6 +132,13 @@ def beats(made: Sequence[Made]) -> dict[str, Any]:
     return out
 
 
+def code_shapes(config: dict[str, Any]) -> dict[str, tuple[int, ...]]:
+    """Of each part that moves how many codes there are, and in layout `frames` how many levels."""
+    if config.get("layout") != "frames":
+        return {part: (config["vq"]["codes"],) for part in PARTS}
+    return {part["name"]: (part["codes"], part["levels"]) for part in config["parts"] if part.get("channels")}
+
+
 def distance(
     subject: Subject, made: Sequence[Made], encoder: fgd.AutoEncoder, seed: int = 0
 ) -> dict[str, float | None]:
@@ -139,9 +146,13 @@ def distance(
     rng = np.random.default_rng(seed)
     reference = [m.item.motion for m in made]
     target = encoder.features(reference)
-    codes = agreement.config_of(subject.umo, subject.model)["vq"]["codes"]
+    shapes = code_shapes(agreement.config_of(subject.umo, subject.model))
     drawn = [
-        program.decode(subject.umo, {p: rng.integers(0, codes, len(m.motion["face"])) for p in PARTS}, subject.model)
+        program.decode(
+            subject.umo,
+            {name: rng.integers(0, most, (len(m.motion["face"]), *levels)) for name, (most, *levels) in shapes.items()},
+            subject.model,
+        )
         for m in made
     ]
     again = [m.item.again for m in made if m.item.again is not None]
@@ -200,8 +211,19 @@ def smoothness(motions: Sequence[Motion]) -> dict[str, float]:
 def tokens(subject: Subject, items: Sequence[Item], chunks: int = 80) -> dict[str, Any]:
     """Agreement of int8 with f32, and the use of codes and experts on the way, over the beginnings of some items."""
     exact = subject.exact or subject.model
+    config = agreement.config_of(subject.umo, exact)
+    if config.get("layout") == "frames":
+        each = max(chunks // len(items), 1)
+        drawn = [c for item in items for c in frame_agreement.trace(subject.umo, item, exact, each)]
+        used = frame_agreement.code_counts(drawn, config)
+        return {
+            "chunks": len(drawn),
+            "agreement": frame_agreement.agreement(subject.umo, drawn, exact, subject.model),
+            "codes_used": {part: int((c > 0).sum()) for part, c in used.items()},
+            "code_entropy": {part: motion.use_entropy(c) for part, c in used.items()},
+        }
     traced = [c for item in items for c in agreement.trace(subject.umo, item, exact, max(chunks // len(items), 1))]
-    counts = agreement.code_counts(traced, agreement.config_of(subject.umo, exact)["vq"]["codes"])
+    counts = agreement.code_counts(traced, config["vq"]["codes"])
     out: dict[str, Any] = {
         "chunks": len(traced),
         "agreement": agreement.agreement(subject.umo, traced, exact, subject.model),

@@ -86,8 +86,9 @@ def stage(umo: Path, name: str, tensors: dict[str, np.ndarray], *options: object
 
 
 def decode(umo: Path, codes: dict[str, np.ndarray], model: Path | None = None) -> dict[str, np.ndarray]:
-    """Motion of codes `[T]` of each part, as the model's decoders give it, velocity and contacts included."""
-    tensors = {f"codes.{part}": np.asarray(codes[part], np.int64) for part in PARTS}
+    """Motion of codes of each part, `[T]` or in layout `frames` `[T, levels]`, as the model's decoders give it, with
+    velocity and contacts."""
+    tensors = {f"codes.{part}": np.asarray(values, np.int64) for part, values in codes.items()}
     made = stage(umo, "motion", tensors, *(["--model", model] if model else []))
     motion = {part: made[f"channels.{part}"] for part in PARTS}
     # The root network's velocity is in the place, not in the lower body's own channels.

@@ -82,6 +82,7 @@ _TITLES = {
     "real_beat": "Beat constancy, real speech",
     "fgd": "Frechet gesture distance",
     "variety": "Diversity and prompts",
+    "actions": "Actions from text",
     "model": "Smoothness of the model",
     "performer": "Smoothness of the performer",
     "tokens": "Codes and experts",

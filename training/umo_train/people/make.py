@@ -116,9 +116,10 @@ def _make(job: _Job) -> int:
 
 
 def hours(folder: Path) -> dict[str, float]:
-    """Of the split `train`: by people and by synthesisers."""
+    """Of the split `train`: by people, by synthesisers, and actions without speech."""
     out: Counter[str] = Counter(people=0.0, synthesisers=0.0)
     for item in corpus.items(folder, "train"):
         kind = "people" if item.utterance.voice.startswith(PREFIX) else "synthesisers"
+        kind = "actions" if item.style.startswith("action ") else kind
         out[kind] += item.utterance.seconds / 3600
     return dict(out)

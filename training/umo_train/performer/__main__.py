@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from umo_train.data import corpus
-from umo_train.performer import animation, perform
+from umo_train.performer import actions, animation, perform
 from umo_train.performer.prosody import listen
 from umo_train.performer.report import Take, measure
 from umo_train.performer.style import STYLES
@@ -16,12 +16,20 @@ def main() -> None:
     parser.add_argument("--style", nargs="+", default=["neutral", "explaining"], choices=list(STYLES))
     parser.add_argument("--most", type=int, default=10, help="items to perform")
     parser.add_argument("--animations", type=Path, help="folder for the takes, each as STYLE-ITEM.jsonl")
+    parser.add_argument("--clips", type=Path, nargs="+", help="glTF files: writes each action as NAME.jsonl too")
     options = parser.parse_args()
     paths = corpus.paths(options.corpus, "speech")[: options.most]
     if not paths:
         parser.error(f"no speech in {options.corpus}")
     if options.animations:
         options.animations.mkdir(parents=True, exist_ok=True)
+    if options.clips:
+        if not options.animations:
+            parser.error("--clips needs --animations")
+        found = actions.read_clips(options.clips)
+        for seed, (name, action) in enumerate(actions.ACTIONS.items()):
+            _, motion = actions.act(action, found, 10.0, seed)
+            animation.write(options.animations / f"{name.replace(' ', '-')}.jsonl", motion)
     columns = {}
     for style in options.style:
         takes = []

@@ -53,18 +53,38 @@ def cmu(path: Path) -> Arms:
     return _arms(path.stem, _places(local, np.broadcast_to(offsets, local.shape[:-1]), parents)[:, _CMU], rate)
 
 
+@dataclass(frozen=True)
+class Clip:
+    """One animation of a glTF file, `RATE` frames a second: rotations `[T, N, 3, 3]` and places `[T, N, 3]` of its
+    nodes against their parents (-1 is none), and the same at rest `[N, ...]`."""
+
+    name: str
+    nodes: tuple[str, ...]
+    parents: np.ndarray
+    local: np.ndarray
+    offsets: np.ndarray
+    rest_local: np.ndarray
+    rest_offsets: np.ndarray
+
+
 def gltf(path: Path) -> list[Arms]:
     """One of each animation. Raises `ValueError` where the file is no glTF or has no arms that are known."""
-    scene, binary = _gltf(path)
-    nodes = scene["nodes"]
-    names = [node.get("name", "") for node in nodes]
-    known = next((row for row in _GLTF if set(row) <= set(names)), None)
+    made = clips(path)
+    known = next((row for row in _GLTF if made and set(row) <= set(made[0].nodes)), None)
     if known is None:
         raise ValueError(f"{path}: no nodes named as in {' or '.join(row[2] for row in _GLTF)}")
+    at = [made[0].nodes.index(name) for name in known]
+    return [_arms(clip.name, _places(clip.local, clip.offsets, clip.parents)[:, at], RATE) for clip in made]
+
+
+def clips(path: Path) -> list[Clip]:
+    """All animations of a file. Raises `ValueError` where it is no glTF."""
+    scene, binary = _gltf(path)
+    nodes = scene["nodes"]
     parents = np.full(len(nodes), -1)
     for index, node in enumerate(nodes):
         parents[node.get("children", [])] = index
-    return [_clip(scene, binary, clip, parents, [names.index(name) for name in known]) for clip in scene["animations"]]
+    return [_clip(scene, binary, clip, parents) for clip in scene["animations"]]
 
 
 def _gltf(path: Path) -> tuple[dict, bytes]:
@@ -89,18 +109,17 @@ def _accessor(scene: dict, binary: bytes, index: int) -> np.ndarray:
     return np.frombuffer(binary, "<f4", about["count"] * width, start).reshape(-1, width).astype(float)
 
 
-def _clip(scene: dict, binary: bytes, clip: dict, parents: np.ndarray, known: list[int]) -> Arms:
+def _clip(scene: dict, binary: bytes, clip: dict, parents: np.ndarray) -> Clip:
     tracks = []
     for channel in clip["channels"]:
         sampler = clip["samplers"][channel["sampler"]]
         at, values = (_accessor(scene, binary, sampler[name]) for name in ("input", "output"))
         tracks.append((channel["target"]["node"], channel["target"]["path"], at[:, 0], values))
     t = np.arange(0.0, max(at[-1] for _, _, at, _ in tracks), 1.0 / RATE)
-    local = np.tile(np.eye(3), (len(t), len(parents), 1, 1))
-    offsets = np.zeros((len(t), len(parents), 3))
-    for index, node in enumerate(scene["nodes"]):
-        local[:, index] = Rotation.from_quat(node.get("rotation", (0, 0, 0, 1))).as_matrix()
-        offsets[:, index] = node.get("translation", (0, 0, 0))
+    nodes = scene["nodes"]
+    rest_local = Rotation.from_quat([node.get("rotation", (0, 0, 0, 1)) for node in nodes]).as_matrix()
+    rest_offsets = np.array([node.get("translation", (0, 0, 0)) for node in nodes], float)
+    local, offsets = np.tile(rest_local, (len(t), 1, 1, 1)), np.tile(rest_offsets, (len(t), 1, 1))
     for node, kind, at, values in tracks:
         inside = np.clip(t, at[0], at[-1])
         if kind == "rotation":
@@ -108,10 +127,16 @@ def _clip(scene: dict, binary: bytes, clip: dict, parents: np.ndarray, known: li
             local[:, node] = (Slerp(at, turned)(inside) if len(at) > 1 else turned[np.zeros(len(t), int)]).as_matrix()
         elif kind == "translation" and len(at) > 1:
             offsets[:, node] = interp1d(at, values, axis=0)(inside)
-    return _arms(clip["name"], _places(local, offsets, parents)[:, known], RATE)
+    names = tuple(node.get("name", "") for node in nodes)
+    return Clip(clip["name"], names, parents, local, offsets, rest_local, rest_offsets)
 
 
 def _places(local: np.ndarray, offsets: np.ndarray, parents: np.ndarray) -> np.ndarray:
+    return world(local, offsets, parents)[1]
+
+
+def world(local: np.ndarray, offsets: np.ndarray, parents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rotations `[T, N, 3, 3]` and places `[T, N, 3]` of all joints against the world."""
     world, at, done = np.empty_like(local), np.zeros(offsets.shape), np.zeros(len(parents), bool)
 
     def place(joint: int) -> None:
@@ -128,7 +153,7 @@ def _places(local: np.ndarray, offsets: np.ndarray, parents: np.ndarray) -> np.n
 
     for joint in range(len(parents)):
         place(joint)
-    return at
+    return world, at
 
 
 def _arms(name: str, at: np.ndarray, rate: float) -> Arms:

@@ -6,9 +6,12 @@ from umo_train.performer.curves import bumps, drift, hold_steps
 from umo_train.performer.prosody import Prosody
 from umo_train.performer.style import Style
 from umo_train.skeleton import SHAPE
+from umo_train.speech.utterance import FRAME_RATE
 
 # eyeLook* of 1 is this far, in radians.
 FULL_LOOK = 0.52
+# In pauses from here on eyes wander, in seconds.
+_WAIT_S = 1.2
 
 
 def blink(out: np.ndarray, prosody: Prosody, random: np.random.Generator) -> None:
@@ -31,13 +34,14 @@ def blink(out: np.ndarray, prosody: Prosody, random: np.random.Generator) -> Non
 def look(out: np.ndarray, prosody: Prosody, style: Style, head: np.ndarray, random: np.random.Generator) -> None:
     """Gaze: held on the listener while the head (`[T, 3]` pitch, yaw, roll) moves, away when a phrase starts."""
     times, aims = [-1.0], [np.zeros(2)]
+    _wait(times, aims, prosody, style, random)
     away = 0.45 + 0.4 * (0.5 - style.openness)
     for start, end in prosody.phrases:
         if random.random() < away:
             aim = np.array([random.choice((-1.0, 1.0)) * random.uniform(0.12, 0.32), random.uniform(-0.22, 0.12)])
             times += [start - random.uniform(0.0, 0.25), start + random.uniform(0.5, 1.2)]
             aims += [aim, np.zeros(2)]
-        at = max(times[-1], start) + random.uniform(1.0, 2.5)
+        at = start + random.uniform(1.0, 2.5)
         while at < end:
             times.append(at)
             near = random.random() < 0.7
@@ -45,8 +49,8 @@ def look(out: np.ndarray, prosody: Prosody, style: Style, head: np.ndarray, rand
             at += random.uniform(0.5, 1.0) if not near else random.uniform(1.0, 2.6)
     order = np.argsort(times, kind="stable")
     gaze = hold_steps(prosody.t, np.array(times)[order], np.array(aims)[order], 0.07)
-    # Shy eyes rest lower than the listener's.
-    gaze[:, 1] -= 0.16 * max(0.0, 0.3 - style.openness)
+    # Shy eyes rest lower than the listener's, and sad ones.
+    gaze[:, 1] -= 0.16 * max(0.0, 0.3 - style.openness) + (0.08 if style.feeling == "sadness" else 0.0)
     yaw = gaze[:, 0] - head[:, 1] + 0.004 * drift(random, prosody.t, 0.3, 1.2, 1)[:, 0]
     down = -gaze[:, 1] - head[:, 0]
     yaw, down = (0.9 * np.tanh(x / FULL_LOOK / 0.9) for x in (yaw, down))
@@ -58,3 +62,20 @@ def look(out: np.ndarray, prosody: Prosody, style: Style, head: np.ndarray, rand
         out[:, SHAPE["eyeLookUp" + side]] = np.clip(-down, 0.0, None)
         # Lids follow a lowered eye.
         out[:, SHAPE["eyeBlink" + side]] = 0.35 * np.clip(down, 0.0, None)
+
+
+def _wait(
+    times: list[float], aims: list[np.ndarray], prosody: Prosody, style: Style, random: np.random.Generator
+) -> None:
+    """Who waits looks from one eye of the other to the other, at the mouth, now and then elsewhere; a listener less."""
+    edges = np.concatenate([[0.0], prosody.phrases.ravel(), [len(prosody.t) / FRAME_RATE]]).reshape(-1, 2)
+    elsewhere = 0.12 if style.listens else 0.3
+    for before, after in edges[edges[:, 1] - edges[:, 0] > _WAIT_S]:
+        at = before + random.uniform(0.3, 1.0)
+        while at < after - 0.4:
+            far = random.random() < elsewhere
+            times.append(at)
+            aims.append(random.normal(0.0, 1.0, 2) * ((0.2, 0.09) if far else (0.03, 0.025)))
+            at += random.uniform(0.5, 1.1) if far else random.uniform(0.7, 2.4)
+        times.append(after - 0.2)
+        aims.append(np.zeros(2))

@@ -8,10 +8,12 @@ from umo_train.performer import (
     clearance,
     expression,
     eyes,
+    feelings,
     fingers,
     gestures,
     intent,
     legs,
+    listening,
     mouth,
     posture,
 )
@@ -28,16 +30,27 @@ JAW_OPEN = 0.35
 def perform(utterance: Utterance, style: Style, seed: int) -> dict[str, np.ndarray]:
     """Channels of each part `[T, C]`, under "height" the pelvis' height `[T]` and under "intent" what the arms are
     about, as `intent` codes it `[T]`; the same for the same arguments."""
-    prosody = listen(utterance)
+    heard = listen(utterance)
+    if style.listens:
+        utterance = listening.unspoken(utterance)
+    prosody = listen(utterance) if style.listens else heard
     # Streams of their own, so that a change to one part leaves the others' choices alone.
-    choices = np.random.default_rng(seed).spawn(8)
+    choices = np.random.default_rng(seed).spawn(9)
+    answers = listening.answers(heard, choices[8]) if style.listens else []
+    feeling, felt = None, np.ones(utterance.frames)
+    if style.feeling:
+        feeling, felt = feelings.FEELINGS[style.feeling], feelings.strength(prosody, choices[8])
     turned = bearing.bear(prosody, style, choices[6])
     stance = legs.stance(prosody, style, turned.trunk, choices[0])
     gestured = gestures.gesticulate(prosody, style, choices[2])
-    trunk = posture.stand(prosody, style, stance.hips, turned, gestured, choices[1])
+    nods = listening.nods(answers, prosody.t, choices[8])
+    trunk = posture.stand(prosody, style, stance.hips, turned, gestured, nods, felt, choices[1])
 
     shapes = mouth.speak(utterance, prosody, style)
     expression.feel(shapes, prosody, style, choices[3])
+    if feeling:
+        feelings.show(shapes, feeling, felt)
+    listening.attend(shapes, answers, prosody.t)
     expression.unsettle(shapes, prosody, choices[7])
     eyes.look(shapes, prosody, style, trunk.gaze, choices[4])
     eyes.blink(shapes, prosody, choices[5])

@@ -7,6 +7,7 @@ import numpy as np
 from umo_train.performer.arms import WRIST
 from umo_train.performer.bearing import Bearing, liveliness
 from umo_train.performer.curves import bumps, drift, path
+from umo_train.performer.feelings import FEELINGS, Feeling
 from umo_train.performer.gestures import Gestures
 from umo_train.performer.prosody import Prosody
 from umo_train.performer.style import Style
@@ -35,9 +36,11 @@ class Posture:
 
 
 def stand(
-    prosody: Prosody, style: Style, hips: np.ndarray, bearing: Bearing, gestures: Gestures, random: np.random.Generator
-) -> Posture:
-    """`hips` is the pelvis' own rotation, from the legs; the trunk goes along with the arms a little."""
+    prosody: Prosody, style: Style, hips: np.ndarray, bearing: Bearing, gestures: Gestures, nods: np.ndarray,
+    felt: np.ndarray, random: np.random.Generator,
+) -> Posture:  # fmt: skip
+    """`hips` is the pelvis' own rotation, from the legs; the trunk goes along with the arms a little. `nods` `[T]` come
+    beside those at accents, and `felt` `[T]` is how strongly the style's emotion shows."""
     t = prosody.t
     energy, openness, lively = style.energy, style.openness, liveliness(style)
     breath = _breath(t, random, energy)
@@ -45,7 +48,8 @@ def stand(
     rhythm = _rhythm(prosody, random)
     sway = rhythm[:, :3] * np.array([0.032, 0.055, 0.038]) * (0.45 + 0.75 * energy)
     turn = rhythm[:, 3:] * np.array([0.03, 0.07, 0.05]) * (0.45 + 0.7 * energy)
-    nod = _nods(prosody, style, random)
+    nod = _nods(prosody, style, random) + nods
+    feeling = FEELINGS[style.feeling] if style.feeling else Feeling({})
 
     wrists = gestures.states[..., WRIST]
     trunk = bearing.trunk + sway
@@ -59,6 +63,8 @@ def stand(
     spine[0][:, 0] += 0.02 * slump + 0.05 * nod
     spine[1][:, 0] += 0.05 * slump - 0.004 * breath + 0.06 * nod
     spine[2][:, 0] += 0.10 * slump - 0.014 * breath + 0.12 * nod
+    for k, share in ((1, 0.45), (2, 0.55)):
+        spine[k][:, 0] += share * feeling.spine * felt
 
     # What the trunk does not do of it, neck and head do.
     own = bearing.head + turn
@@ -66,12 +72,15 @@ def stand(
     # Stern brows lower the head, a shy one hangs.
     own[:, 0] += 0.10 * max(0.0, 0.35 - style.mood) + 0.8 * max(0.0, 0.25 - openness) * style.mood
     own[:, 2] += 0.13 * gestures.shrug * random.choice((-1.0, 1.0))
-    own -= (hips + sum(spine)) * np.array([0.8, 0.55, 0.75])
+    # The emotion's bend of the spine is not righted by the neck: its head has a turn of its own.
+    bent = np.array([feeling.spine, 0.0, 0.0]) * felt[:, None]
+    own -= (hips + sum(spine) - bent) * np.array([0.8, 0.55, 0.75])
+    own += np.array(feeling.head) * felt[:, None]
     own = _NECK_LIMIT * np.tanh(own / _NECK_LIMIT)
     neck, head = own * np.array([0.42, 0.4, 0.45]), own * np.array([0.58, 0.6, 0.55])
-    return Posture(
-        hips, tuple(spine), neck, head, _collars(wrists, gestures.shrug, breath, style, lively, t, random), breath
-    )
+    collars = _collars(wrists, gestures.shrug, breath, style, lively, t, random)
+    collars += np.array(feeling.collars) * felt[:, None]
+    return Posture(hips, tuple(spine), neck, head, collars, breath)
 
 
 def _collars(

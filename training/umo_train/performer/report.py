@@ -185,9 +185,11 @@ def _pooled(takes: Sequence[Take]) -> dict[str, float]:
         planted = take.motion["lower"][:, CONTACT] > 0.5
         moved = np.linalg.norm(np.diff(feet[..., [0, 2]], axis=0), axis=-1) * FRAME_RATE * 100.0
         slide.append(moved[planted[1:] & planted[:-1]])
-    out = {"gesture phrase, median s": float(np.median(np.concatenate(phrases)))}
+    # Who only listens makes none.
+    lengths, fastest = np.concatenate(phrases), np.concatenate(peaks)
+    out = {"gesture phrase, median s": float(np.median(lengths)) if len(lengths) else 0.0}
     for share in (5, 50, 95):
-        out[f"stroke peak {share} %, m/s"] = float(np.percentile(np.concatenate(peaks), share))
+        out[f"stroke peak {share} %, m/s"] = float(np.percentile(fastest, share)) if len(fastest) else 0.0
     for share in (50, 95):
         out[f"wrist jerk {share} %, m/s3"] = float(np.percentile(np.concatenate(wrist_jerk), share))
     out["head jerk 95 %, m/s3"] = float(np.percentile(np.concatenate(head_jerk), 95))

@@ -1,0 +1,78 @@
+"""Whether somebody who sees the motion knows which action a text asked for."""
+
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from umo_train.data import corpus
+from umo_train.metrics import program
+from umo_train.metrics.diversity import statistics
+from umo_train.metrics.item import Motion
+
+# Styles of items of actions begin so.
+PREFIX = "action "
+
+
+def known(folder: Path, split: str) -> Iterator[tuple[str, Motion]]:
+    """Actions of a split of the corpus with their motion."""
+    for entry in corpus.entries(folder, split):
+        if entry.style.startswith(PREFIX):
+            yield entry.style.removeprefix(PREFIX), corpus.read_motion(folder, entry.name)
+
+
+class Judge:
+    """Linear discriminants over windows of 5 s; of several windows of one motion all together say what it is."""
+
+    def __init__(self, motions: Sequence[tuple[str, Motion]]) -> None:
+        from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
+
+        rows = [statistics(motion) for _, motion in motions]
+        labels = np.repeat([name for name, _ in motions], [len(row) for row in rows])
+        if len(set(labels)) < 2:
+            raise ValueError("telling actions apart needs two of them at least")
+        self.model = LinearDiscriminantAnalysis(solver="lsqr", shrinkage="auto").fit(np.concatenate(rows), labels)
+
+    def name(self, motion: Motion) -> str:
+        said = self.model.predict_log_proba(statistics(motion)).clip(min=-50.0).sum(0)
+        return str(self.model.classes_[said.argmax()])
+
+    def share(self, motions: Sequence[tuple[str, Motion]]) -> float:
+        """How many are what they are called."""
+        return float(np.mean([self.name(motion) == name for name, motion in motions]))
+
+
+def from_text(umo: Path, prompt: str, seconds: float, model: Path | None, seed: int) -> Motion:
+    """What the program makes of a text alone."""
+    with tempfile.TemporaryDirectory(prefix="umo-") as folder:
+        made = Path(folder, "motion.npz")
+        options = ["--model", model] if model else []
+        program.run(umo, "text", prompt, "--seconds", seconds, "--seed", seed, "-o", made, *options)
+        return program.from_npz(made)
+
+
+def measure(umo: Path, model: Path | None, folder: Path, seeds: int, seconds: float = 10.0) -> dict[str, Any]:
+    """The share of motions from text that are known for what was asked, with the first of an action's prompts, of each
+    action and of all; and that of held-out performances. Empty where the corpus has no actions."""
+    learned = list(known(folder, "train"))
+    if not learned:
+        return {}
+    judge = Judge(learned)
+    prompts = {
+        entry.style.removeprefix(PREFIX): entry.prompt.split("\n")[0]
+        for entry in corpus.entries(folder, "train")
+        if entry.style.startswith(PREFIX)
+    }
+    told = {
+        name: judge.share([(name, from_text(umo, prompt, seconds, model, seed)) for seed in range(seeds)])
+        for name, prompt in prompts.items()
+    }
+    held = list(known(folder, "test_action"))
+    return {
+        "model": float(np.mean(list(told.values()))),
+        "performer": judge.share(held) if held else None,
+        "seeds": seeds,
+        "each": told,
+    }

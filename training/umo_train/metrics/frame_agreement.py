@@ -1,0 +1,98 @@
+"""Codes in int8 against codes in f32 of models of layout `frames`, chunk by chunk on the same history."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from umo_train.metrics.agreement import config_of, units_of
+from umo_train.metrics.item import Item
+from umo_train.metrics.program import stage
+
+Codes = dict[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class FrameChunk:
+    """One run: what the encoder reads, and the keyframes that f32 drew, `[N, levels]` of each part."""
+
+    ids: np.ndarray
+    history: Codes
+    codes: Codes
+
+
+def encoder_ids(config: dict[str, Any], units: Sequence[int]) -> np.ndarray:
+    """The encoder's input without a text."""
+    audio, out = config["vocab"]["audio"], []
+    for piece in config["templates"]["audio_to_motion"]:
+        if isinstance(piece, int):
+            out.append(piece)
+        elif piece == "audio":
+            out += [audio["start"], *(audio["first"] + np.asarray(units, int)).tolist(), audio["end"]]
+        elif piece == "history":
+            out += range(config["vocab"]["size"], config["vocab"]["size"] + config["prefix"])
+    return np.array(out, np.int64)
+
+
+def _named(group: str, codes: Codes) -> Codes:
+    return {f"{group}.{name}": values.astype(np.int64) for name, values in codes.items()}
+
+
+def trace(umo: Path, item: Item, model: Path | None = None, most: int = 20, seed: int = 0) -> list[FrameChunk]:
+    """The first chunks of a recording in f32, each with the codes that the ones before gave as its history; all of the
+    audio behind a chunk is heard."""
+    config, options = config_of(umo, model), (["--model", model] if model else [])
+    prefix, target = config["prefix"], config["target"]
+    each = config["audio"]["token_rate"] * config["keyframe_stride"] // config["frame_rate"]
+    heard = (prefix + target + config["audio"].get("ahead", 0)) * each
+    units = units_of(umo, item, config, model)
+    history = {part["name"]: np.tile(np.asarray(part["rest"]), (prefix, 1)) for part in config["parts"]}
+    chunks = []
+    for number in range(min(most, (len(units) - heard) // (target * each) + 1)):
+        ids = encoder_ids(config, units[number * target * each :][:heard])
+        draw = ["--target", target, "--seed", seed * 1009 + number]
+        made = stage(umo, "generate", {"input_ids": ids} | _named("history", history), *draw, *options)
+        codes = {name: made[f"codes.{name}"] for name in history}
+        chunks.append(FrameChunk(ids, history, codes))
+        history = {name: np.concatenate([rows, codes[name]])[-prefix:] for name, rows in history.items()}
+    return chunks
+
+
+def _likeliest(umo: Path, chunk: FrameChunk, *options: object) -> Codes:
+    codes = _named("codes", chunk.codes)
+    given = {"input_ids": chunk.ids} | _named("history", chunk.history) | codes
+    hidden = stage(umo, "decoder", given, *options)["hidden"]
+    made = stage(umo, "depth", {"hidden": hidden} | codes, *options)
+    return {name: made[f"logits.{name}"].argmax(-1) for name in chunk.codes}
+
+
+def agreement(
+    umo: Path,
+    chunks: Sequence[FrameChunk],
+    model: Path | None = None,
+    other: Path | None = None,
+    precision: str | None = None,
+) -> dict[str, float]:
+    """As `agreement.agreement`: the share of codes, by part and in `all`, of which f32 of `model` and `precision` of
+    `other` find the same likeliest, both given what f32 drew so far."""
+    precision = precision or ("stored" if other else "int8")
+    exact, coarse = ([*(["--model", path] if path else []), "--precision"] for path in (model, other or model))
+    same: dict[str, list[np.ndarray]] = {}
+    for chunk in chunks:
+        one, two = _likeliest(umo, chunk, *exact, "f32"), _likeliest(umo, chunk, *coarse, precision)
+        for name in one:
+            same.setdefault(name, []).append((one[name] == two[name]).ravel())
+    shares = {name: float(np.concatenate(rows).mean()) for name, rows in same.items()}
+    return shares | {"all": float(np.concatenate([row for rows in same.values() for row in rows]).mean())}
+
+
+def code_counts(chunks: Sequence[FrameChunk], config: dict[str, Any]) -> Codes:
+    """How often each first code of a part was drawn."""
+    return {
+        part["name"]: np.bincount(
+            np.concatenate([chunk.codes[part["name"]][:, 0] for chunk in chunks]).astype(int), minlength=part["codes"]
+        )
+        for part in config["parts"]
+    }
