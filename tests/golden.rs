@@ -23,6 +23,9 @@ use umo_tests::for_each_isa;
 /// Largest difference to the reference, relative to the reference's largest value.
 const TOLERANCE: f64 = 2e-4;
 
+/// WebAssembly has none but its own.
+const THREADS: usize = if cfg!(target_family = "wasm") { 1 } else { 2 };
+
 /// The folders of `tests/golden` that hold a model and its cases.
 const MODELS: [&str; 7] =
     ["frames_four", "frames_one", "frames_seven", "hubert_k1_smplx", "hubert_k3_i8", "mel_k1_upcycled", "mel_k2_arkit"];
@@ -83,7 +86,7 @@ fn compare(report: &mut Report, model: &str, isa: Isa, precision: Precision, wan
     let (file, bytes) = open(model);
     let cases = Cases::new(&bytes);
     let loader = Loader::new(&file, precision, isa);
-    let team = Team::new(2).unwrap();
+    let team = Team::new(THREADS).unwrap();
     let names: Vec<_> = cases.names().into_iter().filter(|case| wanted(stage_name(case))).collect();
     for case in &names {
         let mut outputs = run(case, &bytes, &loader, &team);

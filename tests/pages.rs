@@ -85,13 +85,15 @@ pub fn same_bits(first: &str) -> Vec<(String, Vec<Vec<Isa>>)> {
 
 /// Back-ends of other targets than this one.
 const OTHERS: &[&str] = if cfg!(target_arch = "aarch64") {
-    &["avx2", "avxvnni", "avx512vnni", "avx512bf16", "amx"]
+    &["avx2", "avxvnni", "avx512vnni", "avx512bf16", "amx", "simd128"]
 } else if cfg!(all(target_arch = "x86_64", target_os = "linux")) {
-    &["neon", "neon_dotprod", "neon_i8mm"]
+    &["neon", "neon_dotprod", "neon_i8mm", "simd128"]
 } else if cfg!(target_arch = "x86_64") {
-    &["amx", "neon", "neon_dotprod", "neon_i8mm"]
-} else {
+    &["amx", "neon", "neon_dotprod", "neon_i8mm", "simd128"]
+} else if cfg!(target_arch = "wasm32") {
     &["avx2", "avxvnni", "avx512vnni", "avx512bf16", "amx", "neon", "neon_dotprod", "neon_i8mm"]
+} else {
+    &["avx2", "avxvnni", "avx512vnni", "avx512bf16", "amx", "neon", "neon_dotprod", "neon_i8mm", "simd128"]
 };
 
 /// The back-ends in a cell, "scalar; avx2, avxvnni; …" or "all", of which those that this processor

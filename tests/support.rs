@@ -49,6 +49,8 @@ macro_rules! for_each_isa {
         $crate::for_each_isa!(@tests $property avx2 avxvnni avx512vnni avx512bf16 amx);
         #[cfg(target_arch = "aarch64")]
         $crate::for_each_isa!(@tests $property neon neon_dotprod neon_i8mm);
+        #[cfg(target_arch = "wasm32")]
+        $crate::for_each_isa!(@tests $property simd128);
     };
     (@tests $property:ident $($isa:ident)+) => {
         $(

@@ -9,6 +9,8 @@ fn main() {
             println!("cargo::rustc-cdylib-link-arg=-Wl,-soname,libumo.so.{major}");
         }
         "macos" | "ios" => println!("cargo::rustc-cdylib-link-arg=-Wl,-install_name,@rpath/libumo.{major}.dylib"),
+        // The polled mode computes on the caller's stack, of which it needs 1 MiB (`umo_engine_poll`).
+        "unknown" => println!("cargo::rustc-cdylib-link-arg=-zstack-size=2097152"),
         _ => {}
     }
 }

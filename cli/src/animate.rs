@@ -225,7 +225,8 @@ fn print_times(load: Duration, animation: &Animation, config: &Config) {
 }
 
 /// The ids of a prompt.
-fn prompt(model: &Model, text: &str) -> Result<Vec<u32>, Failure> {
+/// A text as the model's tokens.
+pub(crate) fn prompt(model: &Model, text: &str) -> Result<Vec<u32>, Failure> {
     let tokenizer =
         model.text().ok_or_else(|| Failure::input("this model takes no text: it has no `text.tokenizer`"))?;
     Ok(tokenizer.encode(text)?)

@@ -36,6 +36,8 @@ pub enum Command {
     MakeRandom(MakeRandom),
     /// Look at it: a page with the avatar, its speech, and how each frame was made
     View(Page),
+    /// Move an avatar in another program while somebody speaks: VRM avatars over the VMC protocol
+    Live(Live),
     /// Bring an animation to another character's skeleton and face
     Retarget(Retarget),
     /// Measure a model on this machine: time to the first frame, frames per second, avatars at once
@@ -289,6 +291,39 @@ pub struct Page {
     /// Open no browser
     #[arg(long)]
     pub no_open: bool,
+    /// Take what can be used of a damaged recording
+    #[arg(long)]
+    pub repair: bool,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "clap would print a doc comment as help")]
+    pub generate: GenerateArgs,
+}
+
+/// Move an avatar in another program.
+#[derive(Debug, ClapArgs)]
+pub struct Live {
+    /// Recording, which is spoken in real time; standard input where not given or `-`: 16-bit
+    /// little-endian mono samples without a header, from a microphone, a voice or a game
+    pub input: Option<PathBuf>,
+    /// Where a program listens for the VMC protocol
+    #[arg(long, value_name = "HOST:PORT")]
+    pub vmc: String,
+    /// Samples a second of standard input; 16000 where not given
+    #[arg(long, value_name = "HERTZ")]
+    pub rate: Option<usize>,
+    /// Poses a second
+    #[arg(long, value_name = "N", default_value_t = 60, value_parser = clap::value_parser!(u16).range(1..=240))]
+    pub fps: u16,
+    /// How high the avatar's hips are above the floor, metres; as the model's where not given
+    #[arg(long, value_name = "METRES")]
+    pub hips: Option<f32>,
+    /// When the mouth moves: with the sound, if the model has a mouth network, or with the body;
+    /// live where the model can
+    #[arg(long, value_name = "WHEN")]
+    pub voice: Option<VoiceArg>,
+    /// Free text for models that take one: a style, an emotion
+    #[arg(long, value_name = "TEXT")]
+    pub prompt: Option<String>,
     /// Take what can be used of a damaged recording
     #[arg(long)]
     pub repair: bool,

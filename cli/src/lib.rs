@@ -6,6 +6,7 @@
 //! | `animate`, `text`, `gestures` | speech, or a text, to an animation; the gestures over it |
 //! | `stage`, `inspect`, `random` | one stage alone; what a model holds; a model of random weights |
 //! | `convert`, `quantize` | a model of published weights; the same model with smaller ones |
+//! | `live` | speech as it comes to poses for other programs, over the network |
 //! | `view` | the page that shows an avatar, made once or served live |
 //! | `bench` | how fast a model is on this machine |
 //! | [`export`], `import`, `start_pose` | files in and out |
@@ -27,6 +28,7 @@ mod failure;
 mod gestures;
 pub mod import;
 mod inspect;
+mod live;
 mod model;
 mod progress;
 mod quantize;
@@ -78,6 +80,7 @@ fn run(command: Command) -> Result<(), Failure> {
         Command::Quantize(args) => quantize::run(&args),
         Command::MakeRandom(args) => random::run(&args),
         Command::View(args) => view::run(&args),
+        Command::Live(args) => live::run(&args),
         Command::Retarget(args) => retarget::run(&args),
         Command::Bench(args) => bench::run(&args),
         Command::Draw(args) => draw::run(&args),

@@ -12,6 +12,8 @@ mod encoder_bf16;
 mod neon;
 mod operands;
 mod scalar;
+#[cfg(target_arch = "wasm32")]
+mod simd128;
 
 use crate::bf16::Bf16;
 use crate::error::ShapeError;
@@ -36,6 +38,7 @@ pub fn tilings(isa: Isa) -> [Tiling; 3] {
         Neon: neon,
         NeonDotprod: neon,
         NeonI8mm: neon,
+        Simd128: simd128,
     });
     [dispatch!(isa, tiling()), encoder_f32, encoder_bf16::tiling(isa)]
 }
@@ -138,6 +141,7 @@ pub fn encoder_attention_f32(
         Neon: neon,
         NeonDotprod: neon,
         NeonI8mm: neon,
+        Simd128: simd128,
     });
     Ok(())
 }

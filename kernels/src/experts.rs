@@ -64,6 +64,7 @@ pub fn route(isa: Isa, logits: MatMut<f32>, top_k: usize, routing: &mut Routing)
         Neon: scalar,
         NeonDotprod: scalar,
         NeonI8mm: scalar,
+        Simd128: scalar,
     });
     Ok(())
 }

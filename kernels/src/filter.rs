@@ -7,6 +7,8 @@ mod avx512vnni;
 #[cfg(target_arch = "aarch64")]
 mod neon;
 mod scalar;
+#[cfg(target_arch = "wasm32")]
+mod simd128;
 
 use crate::error::{ShapeError, expect_len};
 use crate::isa::{Isa, dispatch};

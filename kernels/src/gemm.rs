@@ -9,13 +9,15 @@ pub(crate) mod avx512vnni;
 #[cfg(target_arch = "aarch64")]
 pub(crate) mod neon;
 pub(crate) mod scalar;
-#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
+#[cfg(target_arch = "wasm32")]
+pub(crate) mod simd128;
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64", target_arch = "wasm32"))]
 mod task;
 
 use crate::error::{ShapeError, expect_len};
 use crate::mat::{Mat, MatMut};
 use crate::math::Activation;
-#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64", target_arch = "wasm32"))]
 pub(crate) use task::{GemmTask, Panels, tiles};
 
 /// The rows that a product reads: all rows of a matrix in order, or those named by an index.

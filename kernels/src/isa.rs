@@ -7,6 +7,8 @@ extern crate std;
 #[cfg(target_arch = "aarch64")]
 mod aarch64;
 mod dispatch;
+#[cfg(target_arch = "wasm32")]
+mod wasm32;
 #[cfg(target_arch = "x86_64")]
 mod x86_64;
 
@@ -15,6 +17,8 @@ pub(crate) use aarch64::{Neon, NeonDotprod, NeonI8mm};
 pub(crate) use dispatch::dispatch;
 #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 pub(crate) use dispatch::entry;
+#[cfg(target_arch = "wasm32")]
+pub(crate) use wasm32::Simd128;
 #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
 pub(crate) use x86_64::Amx;
 #[cfg(target_arch = "x86_64")]
@@ -55,6 +59,8 @@ pub(crate) enum Backend {
     /// [`Backend::NeonDotprod`] with int8 matrix products.
     #[cfg(target_arch = "aarch64")]
     NeonI8mm(NeonI8mm),
+    #[cfg(target_arch = "wasm32")]
+    Simd128(Simd128),
 }
 
 impl Backend {
@@ -77,6 +83,8 @@ impl Backend {
             Backend::NeonDotprod(_) => "neon_dotprod",
             #[cfg(target_arch = "aarch64")]
             Backend::NeonI8mm(_) => "neon_i8mm",
+            #[cfg(target_arch = "wasm32")]
+            Backend::Simd128(_) => "simd128",
         }
     }
 
@@ -93,6 +101,9 @@ impl Backend {
             Backend::Amx(_) => Tuning::XEON,
             #[cfg(target_arch = "aarch64")]
             Backend::Neon(_) | Backend::NeonDotprod(_) | Backend::NeonI8mm(_) => Tuning::ARM,
+            // None of its properties is used: WebAssembly has no prefetch.
+            #[cfg(target_arch = "wasm32")]
+            Backend::Simd128(_) => Tuning::XEON,
         }
     }
 }
@@ -105,7 +116,9 @@ fn backends() -> impl Iterator<Item = (&'static str, Option<Backend>)> {
     return scalar.into_iter().chain(x86_64::backends());
     #[cfg(target_arch = "aarch64")]
     return scalar.into_iter().chain(aarch64::backends());
-    #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
+    #[cfg(target_arch = "wasm32")]
+    return scalar.into_iter().chain(wasm32::backends());
+    #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64", target_arch = "wasm32")))]
     scalar.into_iter()
 }
 
@@ -166,6 +179,8 @@ impl Isa {
             Backend::Amx(_) => true,
             #[cfg(target_arch = "aarch64")]
             Backend::Neon(_) | Backend::NeonDotprod(_) | Backend::NeonI8mm(_) => false,
+            #[cfg(target_arch = "wasm32")]
+            Backend::Simd128(_) => false,
         }
     }
 
@@ -180,6 +195,8 @@ impl Isa {
             Backend::Amx(_) => true,
             #[cfg(target_arch = "aarch64")]
             Backend::Neon(_) | Backend::NeonDotprod(_) | Backend::NeonI8mm(_) => false,
+            #[cfg(target_arch = "wasm32")]
+            Backend::Simd128(_) => false,
         }
     }
 
@@ -195,6 +212,8 @@ impl Isa {
             Backend::Amx(amx) => Self { backend: Backend::Avx512Vnni(amx.into()), ..self },
             #[cfg(target_arch = "aarch64")]
             Backend::Neon(_) | Backend::NeonDotprod(_) | Backend::NeonI8mm(_) => self,
+            #[cfg(target_arch = "wasm32")]
+            Backend::Simd128(_) => self,
         }
     }
 }

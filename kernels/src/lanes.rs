@@ -10,6 +10,8 @@ pub(crate) mod avx2;
 pub(crate) mod avx512vnni;
 #[cfg(target_arch = "aarch64")]
 pub(crate) mod neon;
+#[cfg(target_arch = "wasm32")]
+pub(crate) mod simd128;
 
 /// Partial sums of one long sum.
 pub(crate) const LANES: usize = 16;

@@ -15,6 +15,8 @@
 //! tanh form has 19 operations, the erf form 21.
 
 pub(crate) mod scalar;
+#[cfg(target_arch = "wasm32")]
+pub(crate) mod simd128;
 
 #[cfg(target_arch = "x86_64")]
 pub(crate) mod avx2;

@@ -11,6 +11,8 @@ mod avx512vnni;
 #[cfg(target_arch = "aarch64")]
 mod neon;
 mod scalar;
+#[cfg(target_arch = "wasm32")]
+mod simd128;
 
 use crate::bf16::Bf16;
 use crate::error::{ShapeError, expect_len};
@@ -34,6 +36,7 @@ pub fn tiling(isa: Isa) -> Tiling {
         Neon: neon,
         NeonDotprod: neon,
         NeonI8mm: neon,
+        Simd128: simd128,
     })
 }
 
@@ -70,6 +73,7 @@ pub fn matmul_bf16(
         Neon: neon,
         NeonDotprod: neon,
         NeonI8mm: neon,
+        Simd128: simd128,
     });
     Ok(())
 }
@@ -98,6 +102,7 @@ pub fn matmul_gated_bf16(
         Neon: neon,
         NeonDotprod: neon,
         NeonI8mm: neon,
+        Simd128: simd128,
     });
     Ok(())
 }
@@ -153,6 +158,7 @@ pub fn split_bf16x2(isa: Isa, x: &[f32], hi: &mut [Bf16], lo: &mut [Bf16]) -> Re
         Neon: scalar,
         NeonDotprod: scalar,
         NeonI8mm: scalar,
+        Simd128: scalar,
     });
     Ok(())
 }
@@ -185,6 +191,7 @@ pub fn matmul_bf16_rows(
         Neon: scalar,
         NeonDotprod: scalar,
         NeonI8mm: scalar,
+        Simd128: scalar,
     });
     Ok(())
 }

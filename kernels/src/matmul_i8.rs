@@ -19,6 +19,8 @@ mod neon_dotprod;
 #[cfg(target_arch = "aarch64")]
 mod neon_i8mm;
 mod scalar;
+#[cfg(target_arch = "wasm32")]
+mod simd128;
 
 use crate::error::{ShapeError, expect_len};
 use crate::gemm::{Epilogue, Input, check_product};
@@ -45,6 +47,7 @@ pub fn tiling(isa: Isa) -> Tiling {
         Neon: neon,
         NeonDotprod: neon_dotprod,
         NeonI8mm: neon_i8mm,
+        Simd128: simd128,
     })
 }
 
@@ -80,6 +83,7 @@ pub fn matmul_i8(
         Neon: neon,
         NeonDotprod: neon_dotprod,
         NeonI8mm: neon_i8mm,
+        Simd128: simd128,
     });
     Ok(())
 }
@@ -111,6 +115,7 @@ pub fn matmul_gated_i8(
         Neon: neon,
         NeonDotprod: neon_dotprod,
         NeonI8mm: neon_i8mm,
+        Simd128: simd128,
     });
     Ok(())
 }

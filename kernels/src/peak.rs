@@ -21,6 +21,8 @@ mod neon_dotprod;
 #[cfg(target_arch = "aarch64")]
 mod neon_i8mm;
 mod scalar;
+#[cfg(target_arch = "wasm32")]
+mod simd128;
 
 use core::hint::black_box;
 
@@ -39,6 +41,7 @@ pub fn int8(isa: Isa, rounds: usize) -> Option<usize> {
         Neon: neon,
         NeonDotprod: neon_dotprod,
         NeonI8mm: neon_i8mm,
+        Simd128: simd128,
     })
 }
 
@@ -61,6 +64,7 @@ pub fn pairs(isa: Isa, rounds: usize) -> Option<usize> {
         Neon: scalar,
         NeonDotprod: scalar,
         NeonI8mm: scalar,
+        Simd128: scalar,
     })
 }
 

@@ -137,11 +137,22 @@ impl Case {
         Self::sample_around(kind, kind.tiling(isas[noise.below(isas.len())]), noise)
     }
 
-    /// The same on every processor.
+    /// The same on every processor. Not from a strategy: those draw other sizes where `usize` has 32
+    /// bits.
     pub(crate) fn portable_sample(kind: Kind, seed: u64) -> Self {
-        let tiling =
-            Tiling { rows: &[1, 6, 12], outputs: &[16, 32, 64], inputs: &[4, 16, 64, 1024], held: 0, chunk: 0 };
-        Self::sample_around(kind, tiling, Noise::new(seed))
+        const ACTIVATIONS: [Activation; 5] =
+            [Activation::None, Activation::Relu, Activation::LeakyRelu(0.25), Activation::Gelu, Activation::GeluTanh];
+        let mut noise = Noise::new(seed);
+        let mut around = |tiles: &[usize]| {
+            let size = tiles[noise.below(tiles.len())] * (1 + noise.below(3));
+            size + 1 - noise.below(3)
+        };
+        let (m, n, k) = (around(&[1, 6, 12]), around(&[16, 32, 64]), around(&[4, 16, 64, 256]));
+        let (gap, offset, y_gap) = (noise.below(2 * LINE), noise.below(64), noise.below(3));
+        let activation = ACTIVATIONS[noise.below(ACTIVATIONS.len())];
+        let [gather, scatter, bias, add] = [3, 2, 2, 2].map(|end| noise.below(end) == 0);
+        let (values, seed) = (Values::Real, noise.bits());
+        Case { kind, m, n, k, gap, offset, y_gap, gather, scatter, bias, add, activation, values, seed }
     }
 
     fn sample_around(kind: Kind, tiling: Tiling, mut noise: Noise) -> Self {

@@ -1,4 +1,4 @@
-// The pages of `umo view` in a real browser. UMO, CHROMIUM and OUT name the program, the browser and a folder.
+// The pages of `umo view` and of bindings/web in a real browser. UMO, CHROMIUM and OUT name the program, the browser and a folder.
 
 import { execFileSync } from "node:child_process";
 import fs from "node:fs";
@@ -8,11 +8,12 @@ import { Chromium } from "./chromium.mjs";
 import { cut } from "./frames.mjs";
 import * as file from "./file.mjs";
 import * as live from "./live.mjs";
+import * as web from "./web.mjs";
 
 const { UMO: umo, CHROMIUM: chromium, OUT: out } = process.env;
 const speech = path.join(import.meta.dirname, "../../assets/hello.wav");
-const suites = { file, live };
-const names = process.argv.length > 2 ? process.argv.slice(2) : Object.keys(suites);
+const suites = { file, live, web };
+const names = process.argv.length > 2 ? process.argv.slice(2) : ["file", "live"];
 
 const at = (name) => path.join(out, name);
 const run = (...args) => execFileSync(umo, args, { stdio: ["ignore", "ignore", "inherit"] });

@@ -109,10 +109,15 @@ impl EngineHandle {
     }
 }
 
+/// The process; WebAssembly in a browser has one.
+fn process() -> u32 {
+    if cfg!(all(target_family = "wasm", target_os = "unknown")) { 0 } else { std::process::id() }
+}
+
 impl Drop for EngineHandle {
     fn drop(&mut self) {
         // A forked process has the engine's memory, but not its threads: there is none to wait for.
-        if self.process == std::process::id() {
+        if self.process == process() {
             // SAFETY: it is dropped once, here.
             unsafe { ManuallyDrop::drop(&mut self.engine) };
         }
@@ -253,13 +258,8 @@ pub unsafe extern "C" fn umo_engine_new(
         let wanted = unsafe { config.read(&known)? };
         let made = Engine::new(Arc::clone(&model.model), &wanted)?;
         log.say(UMO_LOG_INFO, format_args!("engine of {} with {} threads", model.model.config().name, config.threads));
-        let engine_handle = EngineHandle {
-            engine: ManuallyDrop::new(made),
-            model,
-            log,
-            gestures: Known::new(),
-            process: std::process::id(),
-        };
+        let engine_handle =
+            EngineHandle { engine: ManuallyDrop::new(made), model, log, gestures: Known::new(), process: process() };
         let handle = ENGINES.insert(handle::boxed(engine_handle)?)?;
         known.store(handle, Ordering::Relaxed);
         // SAFETY: guaranteed by the caller (see # Safety).

@@ -10,6 +10,7 @@
 //! | [`parameter`] | what can be set while a session runs |
 //! | [`status`], [`log`] | what went wrong, and who is told |
 //! | [`memory`] | one block of memory for each session; the host's allocator |
+//! | `web` | memory for a page, in WebAssembly alone |
 //! | `handle`, `ffi` | handles; pointers, structures and panics at the boundary |
 #![expect(clippy::result_large_err, reason = "an audio thread's failure may not allocate its detail")]
 
@@ -24,6 +25,8 @@ pub mod model;
 pub mod parameter;
 pub mod session;
 pub mod status;
+#[cfg(all(target_family = "wasm", target_os = "unknown"))]
+pub mod web;
 
 use std::ffi::c_char;
 

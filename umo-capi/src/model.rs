@@ -13,6 +13,7 @@ use umo_core::model::Model;
 use umo_core::motion::skeleton::JOINTS;
 use umo_core::motion::visemes::{VISEMES, Visemes};
 use umo_core::session::SessionConfig;
+use umo_core::time::Instant;
 use umo_core::{LoadError, ModelFile, Precision};
 use umo_kernels::Isa;
 
@@ -233,8 +234,7 @@ unsafe fn read_config(config: *const UmoModelConfig) -> Result<(Precision, Isa, 
 const THREAD_HEAP: usize = 256 << 20;
 
 /// Loads with threads that end with it, so that the library can be unloaded.
-fn load(file: &ModelFile, precision: Precision, isa: Isa, log: Log) -> Result<Arc<ModelHandle>, Failure> {
-    let start = std::time::Instant::now();
+fn load_on_threads(file: &ModelFile, precision: Precision, isa: Isa) -> Result<Model, Failure> {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     // Where memory is short, one thread finds the end of it without taking it from others.
     let plenty = file.len().saturating_mul(8).saturating_add(cores.saturating_mul(THREAD_HEAP));
@@ -259,7 +259,17 @@ fn load(file: &ModelFile, precision: Precision, isa: Isa, log: Log) -> Result<Ar
     for thread in threads.into_inner().unwrap_or_else(PoisonError::into_inner) {
         drop(thread.join());
     }
-    let model = model?;
+    Ok(model?)
+}
+
+fn load(file: &ModelFile, precision: Precision, isa: Isa, log: Log) -> Result<Arc<ModelHandle>, Failure> {
+    let start = Instant::now();
+    // WebAssembly has no threads here.
+    let model = if cfg!(target_family = "wasm") {
+        Model::load(file, precision, isa)?
+    } else {
+        load_on_threads(file, precision, isa)?
+    };
     let handle = ModelHandle::new(Arc::new(model), file, log)?;
     let config = handle.model.config();
     let (ms, mib) = (start.elapsed().as_millis(), file.len() >> 20);

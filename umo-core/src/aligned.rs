@@ -9,7 +9,7 @@ use std::ops::{Deref, DerefMut};
 use std::ptr::NonNull;
 use std::sync::{Arc, Mutex, PoisonError};
 
-#[cfg(feature = "mmap")]
+#[cfg(all(feature = "mmap", not(target_family = "wasm")))]
 use memmap2::{MmapMut, MmapOptions};
 use umo_kernels::Bf16;
 
@@ -18,6 +18,7 @@ use crate::memory::{refuse, spare};
 /// A cache line, and the widest vector register.
 const LINE: usize = 64;
 /// The larger pages of x86-64 and of most ARM systems: a thousandth of the address translations.
+#[cfg(all(feature = "mmap", not(target_family = "wasm")))]
 const HUGE_PAGE: usize = 2 << 20;
 /// First and largest regions of a pool; each is four times the one before.
 const FIRST_REGION: usize = 64 << 10;
@@ -128,7 +129,7 @@ struct Region {
 #[derive(Debug)]
 enum Memory {
     /// Pages of the system, zeroed when they are first touched; unmapped when dropped.
-    #[cfg(feature = "mmap")]
+    #[cfg(all(feature = "mmap", not(target_family = "wasm")))]
     Mapped { _map: MmapMut },
     /// From the allocator.
     Heap(Layout),
@@ -141,7 +142,7 @@ unsafe impl Sync for Region {}
 
 impl Region {
     fn new(len: usize) -> Self {
-        #[cfg(feature = "mmap")]
+        #[cfg(all(feature = "mmap", not(target_family = "wasm")))]
         if len >= HUGE_PAGE
             && let Some(region) = Self::mapped(len)
         {
@@ -159,7 +160,7 @@ impl Region {
     }
 
     /// Pages of the system, huge ones where it has them; untouched pages cost nothing.
-    #[cfg(feature = "mmap")]
+    #[cfg(all(feature = "mmap", not(target_family = "wasm")))]
     fn mapped(len: usize) -> Option<Self> {
         let mut map = MmapOptions::new().len(len + HUGE_PAGE).map_anon().ok()?;
         let skipped = map.as_ptr().align_offset(HUGE_PAGE);
@@ -173,7 +174,10 @@ impl Region {
 
 impl Drop for Region {
     fn drop(&mut self) {
-        #[cfg_attr(not(feature = "mmap"), expect(irrefutable_let_patterns, reason = "all memory is the allocator's"))]
+        #[cfg_attr(
+            not(all(feature = "mmap", not(target_family = "wasm"))),
+            expect(irrefutable_let_patterns, reason = "all memory is the allocator's")
+        )]
         if let Memory::Heap(layout) = self.memory {
             // SAFETY: `start` came from the allocator with this layout; the boxes in it are gone,
             // for they keep the region.

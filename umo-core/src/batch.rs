@@ -14,8 +14,6 @@
 //! In layout `frames` a decoder pass is one keyframe, and the depth network writes its codes before
 //! the next (SPEC 2.13); a guided avatar has two sequences, with its text and without (SPEC 2.16).
 
-use std::time::Instant;
-
 use umo_kernels::Mat;
 
 use crate::audio::{AudioScratch, Call};
@@ -34,6 +32,7 @@ use crate::memory::{filled, with_capacity};
 use crate::model::{Between, Model};
 use crate::motion::{FrameRef, MotionScratch};
 use crate::record::{Chunk, Codes};
+use crate::time::Instant;
 
 /// What takes the frames of a batch's avatars, each avatar's in order.
 pub trait FrameSink {

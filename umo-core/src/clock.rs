@@ -2,7 +2,9 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Duration;
+
+use crate::time::Instant;
 
 /// What [`Clock::nanos`] counts from: a moment before the clock's start, which a restored session
 /// may remember, has a number too.

@@ -13,8 +13,6 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError, TryLockError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use atomic_wait::{wait, wake_one};
-
 use crate::audio::resample::{self, FilterPlan, Resampler};
 use crate::avatar::{Avatar, StageTimes};
 use crate::clock::Clock;
@@ -24,7 +22,9 @@ use crate::memory::{self, Arena, Counted, OutOfMemory};
 use crate::model::Model;
 use crate::session::{Failure, Member, Session, SessionConfig, SessionInit, Shared, Slots, state_size};
 use crate::stream::{OwnedFrame, Signal};
+use crate::sync::{wait, wake_one};
 use crate::team::{ExternalWorkers, MAX_THREADS};
+use crate::time::Instant;
 use worker::Worker;
 
 /// Most sessions of an engine.
@@ -429,7 +429,7 @@ impl Engine {
             Err(TryLockError::Poisoned(poisoned)) => poisoned.into_inner(),
             Err(TryLockError::WouldBlock) => return Err(PollError::Busy),
         };
-        let start = std::time::Instant::now();
+        let start = Instant::now();
         if !worker.turn(&self.inner) {
             return Ok(Poll::Idle);
         }

@@ -20,7 +20,7 @@ pub fn open(path: &Path) -> io::Result<File> {
 /// As [`open`]; on Windows nobody can write to the file while it is open, and opening it fails while
 /// somebody may write to it. It can be renamed, so that another takes its place. Other systems know
 /// no such thing.
-#[cfg(feature = "mmap")]
+#[cfg(all(feature = "mmap", not(target_family = "wasm")))]
 pub(crate) fn open_unchanging(path: &Path) -> io::Result<File> {
     let mut options = OpenOptions::new();
     #[cfg(windows)]
@@ -58,7 +58,7 @@ mod system {
     use std::fs::File;
     use std::os::windows::io::AsRawHandle;
 
-    #[cfg(feature = "mmap")]
+    #[cfg(all(feature = "mmap", not(target_family = "wasm")))]
     use windows_sys::Win32::Storage::FileSystem::{FILE_SHARE_DELETE, FILE_SHARE_READ};
     use windows_sys::Win32::Storage::FileSystem::{
         FILE_TYPE_CHAR, FILE_TYPE_DISK, FILE_TYPE_PIPE, GetFileType, SECURITY_ANONYMOUS,
@@ -66,7 +66,7 @@ mod system {
 
     pub(super) const ANONYMOUS: u32 = SECURITY_ANONYMOUS;
     /// Others may read a file and rename it.
-    #[cfg(feature = "mmap")]
+    #[cfg(all(feature = "mmap", not(target_family = "wasm")))]
     pub(super) const READERS: u32 = FILE_SHARE_READ | FILE_SHARE_DELETE;
 
     /// What an open handle is where it is no file or directory.

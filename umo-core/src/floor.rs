@@ -10,7 +10,7 @@
 use std::fmt;
 use std::ops::{Add, Mul};
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use umo_kernels::{Isa, peak};
 
@@ -18,6 +18,7 @@ use crate::aligned::AlignedBox;
 use crate::config::{Codec, Config, TemplateItem};
 use crate::lm::layout::window_tokens;
 use crate::part::Part;
+use crate::time::Instant;
 
 /// What one call must do at least.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -77,6 +77,7 @@ mod inner {
     pub(crate) mod stream;
     pub(crate) mod sync;
     pub mod team;
+    pub mod time;
     pub mod weights;
 }
 

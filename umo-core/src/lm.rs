@@ -14,7 +14,7 @@ pub mod tally;
 pub mod text;
 
 use std::ops::AddAssign;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use umo_kernels::gemm::Epilogue;
 use umo_kernels::norm::rms_norm;
@@ -25,6 +25,7 @@ use crate::error::{LoadError, StepError};
 use crate::linear::{Compute, Linear, QuantScratch, Ready};
 use crate::memory::filled;
 use crate::part::{Part, PerPart};
+use crate::time::Instant;
 use crate::weights::{AlignedBox, Loader, Table};
 use decoder::{CrossStorage, Decoder, Sequence};
 use encoder::Encoder;
@@ -63,7 +64,7 @@ pub struct Lm {
 
 /// What the decoder's states are for.
 #[derive(Debug)]
-#[expect(clippy::large_enum_variant, reason = "one per model")]
+#[cfg_attr(target_pointer_width = "64", expect(clippy::large_enum_variant, reason = "one per model"))]
 enum Output {
     /// Logits of one code (SPEC 2.5).
     Codes(PerPart<Linear>),

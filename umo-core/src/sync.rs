@@ -5,6 +5,24 @@ pub(crate) use loom::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering, 
 #[cfg(not(loom))]
 pub(crate) use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering, fence};
 
+#[cfg(not(target_family = "wasm"))]
+pub(crate) use atomic_wait::{wait, wake_all, wake_one};
+
+/// Sleeps while the word is `seen`. A module of WebAssembly has one thread here: nobody else would
+/// change it.
+#[cfg(target_family = "wasm")]
+pub(crate) fn wait(_word: &std::sync::atomic::AtomicU32, _seen: u32) {
+    unreachable!("the only thread waits for another");
+}
+
+/// Wakes a thread that waits for the word: there is none.
+#[cfg(target_family = "wasm")]
+pub(crate) fn wake_one(_word: *const std::sync::atomic::AtomicU32) {}
+
+/// Wakes all threads that wait for the word: there are none.
+#[cfg(target_family = "wasm")]
+pub(crate) fn wake_all(_word: *const std::sync::atomic::AtomicU32) {}
+
 /// A thread that waits for a word to change.
 #[cfg(not(loom))]
 #[derive(Debug, Default)]
@@ -15,13 +33,13 @@ impl Parking {
     /// Sleeps while the word is `seen`; may wake for no reason.
     #[expect(clippy::unused_self, reason = "loom's version has a lock")]
     pub(crate) fn wait(&self, word: &AtomicU32, seen: u32) {
-        atomic_wait::wait(word, seen);
+        wait(word, seen);
     }
 
     /// Wakes the thread that waits for the word.
     #[expect(clippy::unused_self, reason = "loom's version has a lock")]
     pub(crate) fn wake(&self, word: &AtomicU32) {
-        atomic_wait::wake_one(word);
+        wake_one(word);
     }
 }
 

@@ -23,14 +23,15 @@ use std::ops::Range;
 use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicU32, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use atomic_wait::{wait, wake_all, wake_one};
 use umo_kernels::{MatMut, PrefetchHint, SharedHint};
 
 use crate::defect::{Defect, contain, contain_quietly, resume};
 use crate::error::StepError;
 use crate::memory;
+use crate::sync::{wait, wake_all, wake_one};
+use crate::time::Instant;
 
 /// Most threads of a team.
 pub const MAX_THREADS: usize = 64;

@@ -168,7 +168,7 @@ impl Host {
 }
 
 /// A recording at a rate that a session takes.
-fn for_session(rate: usize, mono: Vec<f32>) -> Result<(usize, Vec<f32>), Failure> {
+pub(crate) fn for_session(rate: usize, mono: Vec<f32>) -> Result<(usize, Vec<f32>), Failure> {
     if (MIN_RATE..=MAX_RATE).contains(&rate) {
         return Ok((rate, mono));
     }

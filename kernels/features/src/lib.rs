@@ -50,6 +50,12 @@ pub fn neon_i8mm(_: TokenStream, function: TokenStream) -> TokenStream {
     enable("neon,dotprod,i8mm", function)
 }
 
+/// 128-bit SIMD of WebAssembly.
+#[proc_macro_attribute]
+pub fn simd128(_: TokenStream, function: TokenStream) -> TokenStream {
+    enable("simd128", function)
+}
+
 fn enable(features: &str, function: TokenStream) -> TokenStream {
     let attribute = format!("#[target_feature(enable = \"{features}\")]");
     let mut result: TokenStream = attribute.parse().expect("an attribute with a string of features");

@@ -17,6 +17,8 @@ mod avx512vnni;
 #[cfg(target_arch = "aarch64")]
 mod neon;
 mod scalar;
+#[cfg(target_arch = "wasm32")]
+mod simd128;
 
 use super::operands::Operands;
 
@@ -36,6 +38,7 @@ pub(super) fn tiling(isa: Isa) -> Tiling {
         Neon: neon,
         NeonDotprod: neon,
         NeonI8mm: neon,
+        Simd128: simd128,
     })
 }
 
@@ -50,6 +53,7 @@ pub(super) fn attention(isa: Isa, operands: Operands<f32>, y: MatMut<f32>) {
         Neon: neon,
         NeonDotprod: neon,
         NeonI8mm: neon,
+        Simd128: simd128,
     });
 }
 

@@ -4,8 +4,8 @@
 /// Calls a function of the module that answers for the back-end of `$isa`, with the back-end's
 /// token before the other arguments (the scalar module takes none).
 ///
-/// The short form is for operations with the modules `scalar`, `avx2`, `avx512vnni` and `neon`: the
-/// other back-ends have no better instructions for them. The long form names a module for every back-end.
+/// The short form is for operations with the modules `scalar`, `avx2`, `avx512vnni`, `neon` and `simd128`:
+/// the other back-ends have no better instructions for them. The long form names a module for every back-end.
 macro_rules! dispatch {
     (@call scalar $function:ident $token:ident ($($argument:expr),*)) => {{
         let _ = $token;
@@ -25,6 +25,7 @@ macro_rules! dispatch {
             Neon: neon,
             NeonDotprod: neon,
             NeonI8mm: neon,
+            Simd128: simd128,
         })
     };
     ($isa:expr, $function:ident($($argument:expr),* $(,)?), {
@@ -36,7 +37,8 @@ macro_rules! dispatch {
         Amx: $amx:ident,
         Neon: $neon:ident,
         NeonDotprod: $neon_dotprod:ident,
-        NeonI8mm: $neon_i8mm:ident $(,)?
+        NeonI8mm: $neon_i8mm:ident,
+        Simd128: $simd128:ident $(,)?
     }) => {
         match $isa.backend() {
             $crate::isa::Backend::Scalar => $scalar::$function($($argument),*),
@@ -56,6 +58,8 @@ macro_rules! dispatch {
             $crate::isa::Backend::NeonDotprod(token) => $crate::isa::dispatch!(@call $neon_dotprod $function token ($($argument),*)),
             #[cfg(target_arch = "aarch64")]
             $crate::isa::Backend::NeonI8mm(token) => $crate::isa::dispatch!(@call $neon_i8mm $function token ($($argument),*)),
+            #[cfg(target_arch = "wasm32")]
+            $crate::isa::Backend::Simd128(token) => $crate::isa::dispatch!(@call $simd128 $function token ($($argument),*)),
         }
     };
 }

@@ -158,6 +158,37 @@ mod back_ends {
         }
     }
 
+    #[cfg(target_arch = "wasm32")]
+    mod simd128 {
+        use super::ACTIVATIONS;
+        use crate::isa::Simd128;
+        use crate::lanes::simd128::{load, store};
+        use crate::math::simd128::{activate, exp, exp2_bf16};
+
+        pub(super) fn exponentials(_token: Simd128, y: &mut [[f32; 16]; 4]) {
+            for (i, y) in y.iter_mut().enumerate() {
+                for y in y.as_chunks_mut().0 {
+                    let x = load(y);
+                    store(y, if i < 2 { exp(x) } else { exp2_bf16(x) });
+                }
+            }
+        }
+
+        pub(super) fn fill(_token: Simd128, y: &mut [[f32; 16]; 5]) {
+            let [y, activated @ ..] = y;
+            for y in y.as_chunks_mut().0 {
+                let value = exp(load(y));
+                store(y, value);
+            }
+            for (y, activation) in activated.iter_mut().zip(ACTIVATIONS) {
+                for y in y.as_chunks_mut().0 {
+                    let value = activate(activation, load(y));
+                    store(y, value);
+                }
+            }
+        }
+    }
+
     #[cfg(target_arch = "x86_64")]
     mod avx512vnni {
         use super::ACTIVATIONS;

@@ -1,11 +1,11 @@
 //! The operands of an int8 product, as its back-ends receive them.
 
 use crate::gemm::Input;
-#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64", target_arch = "wasm32"))]
 use crate::pack::PackedI8;
 
 /// A product with int8 weights.
-#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64", target_arch = "wasm32"))]
 pub(super) type GemmTask<'a> = crate::gemm::GemmTask<'a, PackedI8<'a>>;
 
 /// Checked input rows with their scales.

@@ -1,7 +1,6 @@
 //! The decoder: new rows against cached keys and values (paper section 3.1; SPEC 2.4, 2.5).
 
 use std::ops::Range;
-use std::time::Instant;
 
 use rayon::prelude::*;
 use umo_kernels::attention::{Visible, attention_bf16, attention_f32};
@@ -16,6 +15,7 @@ use crate::config::Config;
 use crate::error::{LoadError, StepError};
 use crate::linear::{Compute, Linear};
 use crate::memory::filled;
+use crate::time::Instant;
 use crate::weights::{AlignedBox, Loader};
 
 /// Multiply-adds that rounding one value to bfloat16 and storing it takes as long as, roughly.

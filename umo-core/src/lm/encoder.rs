@@ -1,7 +1,5 @@
 //! The encoder: every token sees the whole input (paper section 3.1; SPEC 2.4).
 
-use std::time::Instant;
-
 use rayon::prelude::*;
 use umo_kernels::attention::{encoder_attention_bf16, encoder_attention_f32};
 use umo_kernels::gemm::Epilogue;
@@ -12,6 +10,7 @@ use super::experts::Experts;
 use super::{LmScratch, no_more, norm, norm_input};
 use crate::error::{LoadError, StepError};
 use crate::linear::Compute;
+use crate::time::Instant;
 use crate::weights::Loader;
 
 /// Heads whose queries, keys and values a thread computes before it attends with them: 576 KiB of

@@ -6,7 +6,7 @@ use std::fs::File;
 use std::io;
 use std::path::Path;
 
-#[cfg(feature = "mmap")]
+#[cfg(all(feature = "mmap", not(target_family = "wasm")))]
 use memmap2::Mmap;
 #[cfg(all(feature = "mmap", unix))]
 use memmap2::UncheckedAdvice;
@@ -15,7 +15,7 @@ use crate::error::LoadError;
 use crate::memory::OutOfMemory;
 
 /// A file in memory.
-#[cfg(feature = "mmap")]
+#[cfg(all(feature = "mmap", not(target_family = "wasm")))]
 #[derive(Debug)]
 pub(super) struct Mapped {
     map: Mmap,
@@ -27,7 +27,7 @@ pub(super) struct Mapped {
 /// A model's bytes.
 #[derive(Debug)]
 pub(super) enum Source {
-    #[cfg(feature = "mmap")]
+    #[cfg(all(feature = "mmap", not(target_family = "wasm")))]
     Mapped(Mapped),
     Owned(Vec<u8>),
     Static(&'static [u8]),
@@ -39,9 +39,9 @@ impl Source {
             io::ErrorKind::OutOfMemory => LoadError::Memory(OutOfMemory { bytes: file_len(path) }),
             _ => LoadError::Io { path: path.to_owned(), cause },
         };
-        #[cfg(feature = "mmap")]
+        #[cfg(all(feature = "mmap", not(target_family = "wasm")))]
         let file = crate::file::open_unchanging(path).map_err(io)?;
-        #[cfg(not(feature = "mmap"))]
+        #[cfg(not(all(feature = "mmap", not(target_family = "wasm"))))]
         let file = crate::file::open(path).map_err(io)?;
         if file.metadata().map_err(io)?.len() == 0 {
             return Err(LoadError::File("the file is empty".to_owned()));
@@ -49,7 +49,7 @@ impl Source {
         Self::of_file(file, path).map_err(io)
     }
 
-    #[cfg(feature = "mmap")]
+    #[cfg(all(feature = "mmap", not(target_family = "wasm")))]
     fn of_file(file: File, _: &Path) -> io::Result<Self> {
         // SAFETY: the map is read-only and private to this process. On Windows nobody writes to the
         // file while it is open, which is as long as the map. Elsewhere another process that
@@ -64,7 +64,7 @@ impl Source {
         }))
     }
 
-    #[cfg(not(feature = "mmap"))]
+    #[cfg(not(all(feature = "mmap", not(target_family = "wasm"))))]
     fn of_file(mut file: File, path: &Path) -> io::Result<Self> {
         let mut bytes = Vec::new();
         bytes.try_reserve_exact(file_len(path) + 1).map_err(|_| io::ErrorKind::OutOfMemory)?;
@@ -74,7 +74,7 @@ impl Source {
 
     pub(super) fn bytes(&self) -> &[u8] {
         match self {
-            #[cfg(feature = "mmap")]
+            #[cfg(all(feature = "mmap", not(target_family = "wasm")))]
             Self::Mapped(mapped) => &mapped.map,
             Self::Owned(bytes) => bytes,
             Self::Static(bytes) => bytes,

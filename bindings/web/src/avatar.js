@@ -1,0 +1,173 @@
+// The page's side: an avatar whose engine runs in a worker.
+
+import { UmoError } from "./engine.js";
+
+/** Seconds that the sound of a recording waits beyond the engine's latency, for a computation to end. */
+const MARGIN = 0.25;
+
+export class Avatar {
+  #worker;
+  #count = 0;
+  #waiting = new Map();
+  #asked = false;
+  #last = 0;
+  #clock = () => 0;
+  #node = null;
+  #source = null;
+
+  /**
+   * Loads the engine and a model in a worker. `wasm` and `model` are URLs or bytes; the other options are a session's. `worker` is a
+   * worker of the page's own that runs `umo-web/worker`.
+   */
+  static async create({ worker, wasm = new URL("../dist/umo.wasm", import.meta.url), model, onProgress, onError, ...options }) {
+    const avatar = new Avatar(worker ?? new Worker(new URL("./worker.js", import.meta.url), { type: "module" }), onProgress, onError);
+    const absolute = (source) => (typeof source === "string" || source instanceof URL ? new URL(source, document.baseURI).href : source);
+    try {
+      Object.assign(avatar, await avatar.call("load", { ...options, wasm: absolute(wasm), model: absolute(model) }));
+    } catch (error) {
+      avatar.close();
+      throw error;
+    }
+    avatar.sampleRate = options.sampleRate;
+    const { channelNames, jointNames, visemeNames } = avatar.model;
+    /** The newest pose that `samplePose` gave. */
+    avatar.pose = {
+      index: 0, sample: 0, isAhead: true, translation: new Float32Array(3), rotations: new Float32Array(4 * jointNames.length).map((_, i) => (i % 4 === 3 ? 1 : 0)),
+      face: new Float32Array(channelNames.length), visemes: new Float32Array(visemeNames.length),
+    };
+    return avatar;
+  }
+
+  constructor(worker, onProgress, onError = (error) => console.error(error)) {
+    this.#worker = worker;
+    worker.onmessage = ({ data: { id, value, error, progress, failed } }) => {
+      if (progress) return onProgress?.(progress);
+      if (failed) return onError(revived(failed));
+      const { resolve, reject } = this.#waiting.get(id);
+      this.#waiting.delete(id);
+      return error ? reject(revived(error)) : resolve(value);
+    };
+    worker.onerror = (event) => {
+      const error = new UmoError("PANIC", event.message ?? "the worker could not be started");
+      for (const { reject } of this.#waiting.values()) reject(error);
+      this.#waiting.clear();
+      onError(error);
+    };
+  }
+
+  /** Calls the engine's worker: `push`, `finish`, `interrupt`, `reset`, `set`, `prompt`, `mood`, `lookAt`, `gesture`, `pull`. */
+  call(name, ...args) {
+    const id = ++this.#count;
+    const transfer = args.filter((arg) => arg instanceof MessagePort);
+    this.#worker.postMessage({ id, call: name, args }, transfer);
+    return new Promise((resolve, reject) => this.#waiting.set(id, { resolve, reject }));
+  }
+
+  /**
+   * Speaks what an audio node plays, from now on: a microphone's `MediaStreamAudioSourceNode`, a call's, or an element's. The session
+   * must have the context's sample rate. Returns a function that ends it.
+   */
+  async listen(source) {
+    const { context } = source;
+    this.#check(context.sampleRate);
+    await this.#stop();
+    await context.audioWorklet.addModule(new URL("./worklet.js", import.meta.url));
+    const node = new AudioWorkletNode(context, "umo-push", { numberOfInputs: 1, numberOfOutputs: 0 });
+    const channel = new MessageChannel();
+    await this.call("listen", channel.port1);
+    node.port.postMessage({ target: channel.port2 }, [channel.port2]);
+    let start;
+    node.port.onmessage = ({ data }) => (start ??= data.time);
+    // A frame is complete when its future audio has been heard; the mouth alone may be earlier.
+    const behind = Math.min(this.latency, this.mouthLatency);
+    this.#clock = () => (start === undefined ? 0 : Math.max(0, context.currentTime - start - behind));
+    source.connect(node);
+    this.#node = { node, source };
+    return () => this.#stop();
+  }
+
+  /** Speaks and plays a recording; resolves when it begins to sound. `output` is where the sound goes. */
+  async say(buffer, context, output = context.destination) {
+    this.#check(buffer.sampleRate);
+    await this.#stop();
+    const samples = new Float32Array(buffer.length);
+    for (let c = 0; c < buffer.numberOfChannels; c++) {
+      buffer.getChannelData(c).forEach((value, i) => (samples[i] += value / buffer.numberOfChannels));
+    }
+    await this.call("push", samples);
+    await this.call("finish");
+    // Until the first frames are there.
+    for (let first = this.#last; ; ) {
+      const { pose } = await this.call("samplePose", first);
+      if (pose.newest > 0) break;
+      await new Promise((done) => setTimeout(done, 20));
+    }
+    const sound = context.createBufferSource();
+    sound.buffer = buffer;
+    sound.connect(output);
+    const start = context.currentTime + MARGIN;
+    sound.start(start);
+    this.#source = sound;
+    this.#clock = () => Math.max(0, context.currentTime - start);
+  }
+
+  #check(rate) {
+    if (rate !== this.sampleRate) {
+      throw new UmoError("INVALID_ARGUMENT", `the audio has ${rate} samples a second, the avatar was made for ${this.sampleRate ?? "the model's"}: pass \`sampleRate\``);
+    }
+  }
+
+  async #stop() {
+    const { node, source } = this.#node ?? {};
+    if (node) {
+      source.disconnect(node);
+      node.port.postMessage({ end: true });
+    }
+    this.#source?.stop();
+    if (node || this.#source) await this.call("reset");
+    [this.#node, this.#source, this.#last, this.#clock] = [null, null, 0, () => 0];
+  }
+
+  /** Seconds of the motion that are to be seen now. */
+  get time() {
+    return this.#clock();
+  }
+
+  /**
+   * The pose to show now: that of the last picture's time and the time between two pictures. Asks the worker for the next, and never
+   * waits. Call it once for each picture.
+   */
+  samplePose(seconds = this.time) {
+    if (!this.#asked) {
+      this.#asked = true;
+      const step = Math.min(0.1, Math.max(0, seconds - this.#last));
+      this.#last = seconds;
+      this.call("samplePose", seconds + step).then(
+        ({ pose, isDone }) => {
+          this.pose = pose;
+          this.isDone = isDone;
+          this.#asked = false;
+        },
+        (error) => {
+          this.error = error;
+        },
+      );
+    }
+    return this.pose;
+  }
+
+  /** Ends the worker, which frees everything. */
+  close() {
+    this.#node?.source.disconnect(this.#node.node);
+    this.#source?.stop();
+    this.#worker.terminate();
+    const error = new UmoError("CLOSED", "the avatar was closed");
+    for (const { reject } of this.#waiting.values()) reject(error);
+    this.#waiting.clear();
+  }
+}
+
+function revived({ status, message, name }) {
+  const error = status ? new UmoError(status, "") : new Error();
+  return Object.assign(error, { message, name });
+}

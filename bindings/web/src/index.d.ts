@@ -1,0 +1,195 @@
+/** A call that failed: `status` is the name that `umo.h` has for it, as "INVALID_ARGUMENT". */
+export class UmoError extends Error {
+  constructor(status: string, message: string);
+  readonly status: string;
+}
+
+/** A URL, a response, or bytes; bytes may be compressed by gzip. */
+export type Source = string | URL | Response | ArrayBuffer | ArrayBufferView;
+
+/** What a model has. */
+export interface ModelDescription {
+  readonly name: string;
+  readonly licence: string;
+  /** To be shown to users; may be empty. */
+  readonly notice: string;
+  /** The back-end: "simd128". */
+  readonly isa: string;
+  readonly isArkit: boolean;
+  readonly hasMouth: boolean;
+  readonly hasText: boolean;
+  /** Frames a second. */
+  readonly frameRate: number;
+  readonly jointNames: string[];
+  readonly channelNames: string[];
+  readonly visemeNames: string[];
+  /** Each joint's parent, -1 for the first. */
+  readonly parents: number[];
+  /** Where each joint is in its parent's frame at rest: x y z, metres. */
+  readonly offsets: Float32Array;
+}
+
+/** A body and a face at one moment. */
+export interface PoseValues {
+  /** Number of the frame, and the sample of the audio that it belongs to. */
+  index: number;
+  sample: number;
+  /** Where the root is, metres, y up. */
+  translation: Float32Array;
+  /** Of each joint: x y z w, in its parent's frame. */
+  rotations: Float32Array;
+  /** Of each face channel. */
+  face: Float32Array;
+  /** Of each viseme. */
+  visemes: Float32Array;
+  /** Whether the time asked for is later than what has been computed. */
+  isAhead: boolean;
+  /** Seconds of the newest frame that is ready, after `samplePose`. */
+  newest?: number;
+}
+
+export class Pose implements PoseValues {
+  constructor(model: ModelDescription);
+  index: number;
+  sample: number;
+  translation: Float32Array;
+  rotations: Float32Array;
+  face: Float32Array;
+  visemes: Float32Array;
+  isAhead: boolean;
+  newest?: number;
+}
+
+/** How a session works: `umo_session_config` of the C interface. */
+export interface SessionOptions {
+  /** Samples per second of the audio that is pushed, 8,000 to 192,000. */
+  sampleRate?: number;
+  channels?: number;
+  target?: number;
+  lookahead?: number;
+  /** One of `Idle`. */
+  idle?: number;
+  idleAfterMs?: number;
+  easeMs?: number;
+  queueFrames?: number;
+  /** "live": the mouth moves as the sound is heard, and the body follows. */
+  voice?: "delayed" | "live";
+  seed?: number | bigint;
+  smoothing?: number;
+  guidance?: number;
+  horizon?: number;
+}
+
+export type Precision = "stored" | "f32" | "bf16" | "int8";
+export type Progress = { loaded: number; total?: number };
+
+/** A model, and an engine that computes in the thread that calls `compute`. */
+export class Model implements ModelDescription {
+  static load(options: {
+    wasm: Source | WebAssembly.Module;
+    model: Source;
+    precision?: Precision;
+    maxSessions?: number;
+    onProgress?: (progress: Progress) => void;
+  }): Promise<Model>;
+  readonly name: string;
+  readonly licence: string;
+  readonly notice: string;
+  readonly isa: string;
+  readonly isArkit: boolean;
+  readonly hasMouth: boolean;
+  readonly hasText: boolean;
+  readonly frameRate: number;
+  readonly sampleRate: number;
+  readonly jointNames: string[];
+  readonly channelNames: string[];
+  readonly visemeNames: string[];
+  readonly parents: number[];
+  readonly offsets: Float32Array;
+  /** Bytes of memory that the module has. */
+  readonly memory: number;
+  session(options?: SessionOptions): Session;
+  /** Computes what is due, for `milliseconds` and at most one layer longer, 0 for one layer; returns whether there is more. */
+  compute(milliseconds?: number): boolean;
+  free(): void;
+}
+
+/** One avatar. */
+export class Session {
+  private constructor();
+  /** Samples of future audio that a frame needs at most, and its mouth. */
+  readonly latencySamples: number;
+  readonly mouthSamples: number;
+  /** Takes audio, interleaved; returns how many samples there was room for. */
+  push(samples: Float32Array): number;
+  /** Takes audio of who speaks to the avatar, so that it listens. */
+  pushOther(samples: Float32Array): void;
+  finish(): void;
+  interrupt(easeMs?: number): void;
+  reset(): void;
+  /** Takes the next frame into `pose`; false where none is ready. */
+  pull(pose: Pose): boolean;
+  /** The pose at `seconds` of the motion. */
+  samplePose(seconds: number, pose?: Pose): Pose;
+  readonly ready: number;
+  readonly isDone: boolean;
+  setClock(seconds: number): void;
+  set(parameter: number, value: number): void;
+  prompt(text: string): void;
+  mood(mood: number, strength?: number): void;
+  lookAt(point: [number, number, number], strength?: number): void;
+  gesture(name: string, options?: GestureOptions): void;
+  free(): void;
+}
+
+export interface GestureOptions {
+  side?: "auto" | "left" | "right" | "both";
+  /** Seconds of the motion at which the stroke falls; as soon as it can without. */
+  at?: number;
+  speed?: number;
+  strength?: number;
+  /** A place to point at, metres. */
+  target?: [number, number, number];
+}
+
+/** An avatar whose engine runs in a worker. */
+export class Avatar {
+  static create(
+    options: SessionOptions & {
+      model: Source;
+      wasm?: Source | WebAssembly.Module;
+      precision?: Precision;
+      worker?: Worker;
+      onProgress?: (progress: Progress) => void;
+      onError?: (error: Error) => void;
+    },
+  ): Promise<Avatar>;
+  readonly model: ModelDescription;
+  /** Seconds of future audio that a frame needs at most, and its mouth. */
+  readonly latency: number;
+  readonly mouthLatency: number;
+  readonly pose: PoseValues;
+  /** Seconds of the motion that are to be seen now. */
+  readonly time: number;
+  /** Whether all of a recording has been shown. */
+  readonly isDone?: boolean;
+  /** What ended the session. */
+  readonly error?: Error;
+  /** Speaks what an audio node plays, from now on; the result ends it. */
+  listen(source: AudioNode): Promise<() => Promise<void>>;
+  /** Speaks and plays a recording; resolves when it begins to sound. */
+  say(buffer: AudioBuffer, context: AudioContext, output?: AudioNode): Promise<void>;
+  /** The pose to show now. Never waits. Call it once for each picture. */
+  samplePose(seconds?: number): PoseValues;
+  /** Calls the session in the worker, as `call("gesture", "wave")`. */
+  call(name: "push" | "finish" | "interrupt" | "reset" | "set" | "prompt" | "mood" | "lookAt" | "gesture" | "pushOther" | "pull" | "samplePose", ...args: unknown[]): Promise<any>;
+  close(): void;
+}
+
+export const Parameter: Readonly<{
+  temperature: 1; topK: 2; topP: 3; idle: 4; attention: 5; gainFace: 16; gainHands: 17; gainUpper: 18; gainLower: 19; layerGaze: 32;
+  layerIdle: 33; layerAsymmetry: 34; layerNods: 35; layerMood: 36; layerFeet: 37;
+}>;
+export const Mood: Readonly<{ neutral: 0; joy: 1; sad: 2; angry: 3; surprised: 4; disgusted: 5; afraid: 6 }>;
+export const Attention: Readonly<{ auto: 0; idle: 1; listening: 2; thinking: 3; speaking: 4 }>;
+export const Idle: Readonly<{ hold: 0; rest: 1; live: 2 }>;

@@ -1,0 +1,4 @@
+// The package's interface.
+
+export { Avatar } from "./avatar.js";
+export { Attention, Idle, Model, Mood, Parameter, Pose, Session, UmoError } from "./engine.js";

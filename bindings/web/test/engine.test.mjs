@@ -1,0 +1,178 @@
+// The engine in Node: its frames beside native ones, bit for bit; errors; memory. NATIVE names the native frames of
+// `assets/hello.wav`, which `test/run` makes.
+
+import assert from "node:assert/strict";
+import { readFile } from "node:fs/promises";
+import { test } from "node:test";
+import { Model, Mood, Parameter, Pose, UmoError } from "../src/index.js";
+import { speech } from "./speech.mjs";
+
+const root = new URL("../../../", import.meta.url);
+const wasm = await WebAssembly.compile(await readFile(new URL("bindings/web/dist/umo.wasm", root)));
+const file = await readFile(new URL("models/umo-small/model.safetensors", root));
+const load = (options) => Model.load({ wasm, model: file, ...options });
+const model = await load();
+const samples = await speech(new URL("assets/hello.wav", root));
+
+/** Every frame of the recording, pushed by `step` samples. */
+function frames(session, step = 16_000) {
+  const poses = [];
+  const take = () => {
+    while (model.compute());
+    for (let pose = new Pose(model); session.pull(pose); pose = new Pose(model)) poses.push(pose);
+  };
+  for (let at = 0; at < samples.length; at += step) {
+    const part = samples.subarray(at, at + step);
+    assert.equal(session.push(part), part.length);
+    take();
+  }
+  session.finish();
+  while (!session.isDone) take();
+  return poses;
+}
+
+test("the module uses SIMD, and imports nothing: no threads, files or clock", () => {
+  assert.equal(model.isa, "simd128");
+  assert.deepEqual(WebAssembly.Module.imports(wasm), []);
+});
+
+/**
+ * The kernels have the same bits everywhere; `exp`, `sin` and their like are the system's, and round a few values to the number beside.
+ */
+const STEP = 2 ** -23;
+
+test("frames are native's: the same bits, but for the last of what the system's exp and sin round", async () => {
+  const native = await readFile(process.env.NATIVE);
+  const session = model.session();
+  const poses = frames(session);
+  session.free();
+  const { layout } = model;
+  assert.equal(poses.length, Math.floor((samples.length / 16_000) * 30));
+  assert.equal(native.length, poses.length * layout.size);
+  let [values, others] = [0, 0];
+  poses.forEach((pose, i) => {
+    const at = native.byteOffset + i * layout.size;
+    const compare = (offset, found) => {
+      const wanted = new Float32Array(native.buffer.slice(at + offset, at + offset + found.byteLength));
+      found.forEach((value, j) => assert.ok(Math.abs(value - wanted[j]) <= STEP, `frame ${i} at ${offset}: ${value} and ${wanted[j]}`));
+      return found.filter((value, j) => value !== wanted[j]).length;
+    };
+    assert.equal(compare(layout.translation, pose.translation), 0);
+    for (const [offset, found] of [[layout.rotations, pose.rotations], [layout.channels, pose.face]]) {
+      values += found.length;
+      others += compare(offset, found);
+    }
+    compare(layout.visemes, pose.visemes);
+    assert.equal(pose.index, i);
+  });
+  assert.ok(others < values / 1000, `${others} of ${values} values of body and face have other bits`);
+  assert.ok(poses.some((pose) => pose.face[model.channelNames.indexOf("jawOpen")] > 0.1), "the mouth opens");
+});
+
+test("the sizes of pushes change nothing, and a reset begins anew", () => {
+  const session = model.session();
+  const wanted = frames(session).map(({ rotations }) => rotations);
+  session.reset();
+  assert.deepEqual(frames(session, 777).map(({ rotations }) => rotations), wanted);
+  session.free();
+});
+
+test("poses are sampled between frames", () => {
+  const session = model.session();
+  session.push(samples);
+  session.finish();
+  while (model.compute());
+  const jaw = model.channelNames.indexOf("jawOpen");
+  const at = (seconds) => session.samplePose(seconds).face[jaw];
+  const [a, between, b] = [30 / 30, 30.5 / 30, 31 / 30].map(at);
+  assert.ok(Math.abs(between - (a + b) / 2) < 1e-5);
+  assert.equal(session.samplePose(1e6).isAhead, true);
+  session.free();
+});
+
+test("a session that was sampled before its frames came eases from rest to them", () => {
+  const session = model.session();
+  const jaw = model.channelNames.indexOf("jawOpen");
+  let time = 0;
+  const at = (seconds) => {
+    session.setClock((time += 1 / 30));
+    return session.samplePose(seconds).face[jaw];
+  };
+  for (let i = 0; i < 30; i++) at(0);
+  session.push(samples);
+  session.finish();
+  while (model.compute());
+  let largest = 0;
+  for (let i = 0; i < 200; i++) largest = Math.max(largest, at(i / 30));
+  assert.ok(largest > 0.4, `${largest}`);
+  session.free();
+});
+
+test("names and the skeleton", () => {
+  assert.equal(model.jointNames.length, 55);
+  assert.equal(model.jointNames[15], "head");
+  assert.equal(model.channelNames.length, 52);
+  assert.ok(model.visemeNames.includes("PP"));
+  assert.equal(model.parents[0], -1);
+  assert.equal(model.offsets.length, 165);
+  assert.equal(model.frameRate, 30);
+  assert.notEqual(model.licence, "");
+});
+
+test("what a session is told", () => {
+  const session = model.session({ sampleRate: 48_000, voice: "live", seed: 7n });
+  assert.ok(session.mouthSamples < session.latencySamples);
+  session.set(Parameter.gainFace, 0.5);
+  session.mood(Mood.joy, 0.5);
+  session.lookAt([0, 1.6, 2]);
+  session.gesture("wave", { side: "left" });
+  session.interrupt();
+  session.pushOther(new Float32Array(480));
+  session.free();
+});
+
+const fails = (call, status, message) => assert.throws(call, (error) => error instanceof UmoError && error.status === status && message.test(error.message));
+
+test("errors say what is wrong", async () => {
+  const rejected = (promise, status, message) => assert.rejects(promise, (error) => error.status === status && message.test(error.message));
+  await rejected(Model.load({ wasm }), "NULL_POINTER", /model/);
+  await rejected(Model.load({ wasm, model: new Uint8Array(100) }), "MODEL", /./);
+  await rejected(Model.load({ wasm, model: file.subarray(0, 1 << 20) }), "MODEL", /./);
+  await rejected(load({ precision: "int4" }), "INVALID_ARGUMENT", /int4/);
+  fails(() => model.session({ sampleRate: 12 }), "INVALID_ARGUMENT", /12/);
+  fails(() => model.session({ rate: 12 }), "INVALID_ARGUMENT", /rate/);
+  fails(() => model.session({ voice: "loud" }), "INVALID_ARGUMENT", /loud/);
+  const session = model.session();
+  fails(() => session.gesture("somersault"), "INVALID_ARGUMENT", /somersault/);
+  fails(() => session.samplePose(Number.NaN), "INVALID_ARGUMENT", /./);
+  fails(() => session.lookAt([0, Infinity, 0]), "INVALID_ARGUMENT", /./);
+  session.finish();
+  fails(() => session.push(samples), "FINISHED", /./);
+  session.free();
+  session.free();
+  fails(() => session.push(samples), "INVALID_HANDLE", /freed/);
+});
+
+test("a full engine says so, and places come back", () => {
+  const sessions = Array.from({ length: 4 }, () => model.session());
+  fails(() => model.session(), "FULL", /4/);
+  sessions.forEach((session) => session.free());
+  model.session().free();
+});
+
+test("memory is given back", async () => {
+  const other = await load();
+  const use = () => {
+    const session = other.session();
+    session.push(samples.subarray(0, 16_000));
+    while (other.compute());
+    session.free();
+  };
+  use();
+  const before = other.memory;
+  for (let i = 0; i < 20; i++) use();
+  assert.equal(other.memory, before);
+  other.free();
+  other.free();
+  fails(() => other.session(), "INVALID_HANDLE", /freed/);
+});

@@ -1,0 +1,247 @@
+//! `umo live`: speech in as it comes, poses out to other programs over the network.
+//!
+//! | module | part |
+//! | --- | --- |
+//! | `vmc` | a pose in the words of the VMC protocol |
+
+mod vmc;
+
+use std::io::{self, Read};
+use std::net::{SocketAddr, ToSocketAddrs, UdpSocket};
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, TryRecvError, channel};
+use std::time::{Duration, Instant};
+
+use umo_core::Precision;
+use umo_core::engine::{Engine, EngineConfig, Threads};
+use umo_core::model::Model;
+use umo_core::session::{Frame, MAX_RATE, MIN_RATE, Pushed, Session, SessionConfig, SessionError, Voice};
+
+use crate::args::{Live, VoiceArg};
+use crate::failure::Failure;
+use crate::view::for_session;
+use crate::{animate, model};
+use vmc::Sender;
+
+/// How long samples wait that find no room.
+const RETRY: Duration = Duration::from_millis(5);
+/// Longest stretch of a recording that is heard at once, samples.
+const STRETCH: usize = 480;
+/// Time for the computing: poses are so much later than the latency says, seconds.
+const MARGIN: f64 = 0.1;
+/// Keyframes per chunk where not given: the least latency at which seams are smooth.
+const TARGET: usize = 1;
+/// Samples a second of standard input where not given.
+const INPUT_RATE: usize = 16_000;
+
+/// Sends until the speech ends or Ctrl-C.
+pub(crate) fn run(args: &Live) -> Result<(), Failure> {
+    let address = resolve(&args.vmc)?;
+    let stop = Arc::new(AtomicBool::new(false));
+    let asked = Arc::clone(&stop);
+    ctrlc::set_handler(move || asked.store(true, Ordering::SeqCst))
+        .map_err(|error| Failure::environment(format!("cannot listen to Ctrl-C: {error}")))?;
+    let source = Source::open(args)?;
+    let rate = source.rate();
+    let (engine, session) = session(args, rate)?;
+    let session = Arc::new(session);
+    let socket = UdpSocket::bind(if address.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" })
+        .map_err(|error| Failure::environment(format!("cannot open a socket: {error}")))?;
+    let sender = Sender::new(engine.model().config(), args.hips)?;
+    // A reader may wait for its pipe for ever: nobody joins it.
+    let (tell, ended) = channel();
+    let (reader, until) = (Arc::clone(&session), Arc::clone(&stop));
+    std::thread::spawn(move || {
+        let read = source.speak(&reader, &until);
+        let _ = tell.send(read);
+    });
+    eprintln!("sending to {address}, {} times a second (Ctrl-C ends it)", args.fps);
+    let send = |frame: Frame, seconds: f64| -> Result<(), Failure> {
+        for packet in sender.packets(frame.pose, frame.face, seconds)? {
+            match socket.send_to(&packet, address) {
+                Ok(_) => {}
+                // Nobody listens yet, or no longer.
+                Err(error) if error.kind() == io::ErrorKind::ConnectionRefused => {}
+                Err(error) => return Err(Failure::environment(format!("cannot send to {address}: {error}"))),
+            }
+        }
+        Ok(())
+    };
+    let sent = show(&session, rate, f64::from(args.fps), &stop, &ended, send)?;
+    eprintln!("{sent} poses sent");
+    Ok(())
+}
+
+fn resolve(address: &str) -> Result<SocketAddr, Failure> {
+    let expected = || Failure::input(format!("--vmc {address}: expected HOST:PORT, as 127.0.0.1:39539"));
+    address.to_socket_addrs().map_err(|_| expected())?.next().ok_or_else(expected)
+}
+
+/// Where the speech comes from.
+enum Source {
+    /// Mono samples that are heard as they would be spoken.
+    Recording { rate: usize, samples: Vec<f32> },
+    /// 16-bit mono samples of standard input, as fast as they come.
+    Input { rate: usize },
+}
+
+impl Source {
+    fn open(args: &Live) -> Result<Self, Failure> {
+        let Some(path) = args.input.as_deref().filter(|&path| path != Path::new("-")) else {
+            let rate = args.rate.unwrap_or(INPUT_RATE);
+            if !(MIN_RATE..=MAX_RATE).contains(&rate) {
+                return Err(Failure::input(format!("--rate {rate}: expected {MIN_RATE} to {MAX_RATE}")));
+            }
+            return Ok(Self::Input { rate });
+        };
+        if args.rate.is_some() {
+            return Err(Failure::input("--rate is of standard input: a recording says its own"));
+        }
+        let wav = animate::speech(path, args.repair)?;
+        let (rate, samples) = for_session(wav.sample_rate as usize, wav.mono())?;
+        Ok(Self::Recording { rate, samples })
+    }
+
+    const fn rate(&self) -> usize {
+        match *self {
+            Self::Recording { rate, .. } | Self::Input { rate } => rate,
+        }
+    }
+
+    /// Gives all samples to the session, then says that there are no more.
+    fn speak(self, session: &Session, stop: &AtomicBool) -> Result<(), Failure> {
+        match self {
+            Self::Recording { rate, samples } => {
+                let start = Instant::now();
+                let mut spoken = 0;
+                for stretch in samples.chunks(STRETCH) {
+                    push(stop, stretch.len(), |done| session.push_audio(&stretch[done..]))?;
+                    spoken += stretch.len();
+                    let due = Duration::from_secs_f64(spoken as f64 / rate as f64);
+                    std::thread::sleep(due.saturating_sub(start.elapsed()));
+                }
+            }
+            Self::Input { .. } => hear(session, &mut io::stdin().lock(), stop)?,
+        }
+        session.finish().map_err(Failure::environment)
+    }
+}
+
+/// Reads 16-bit little-endian samples until there are no more.
+fn hear(session: &Session, input: &mut impl Read, stop: &AtomicBool) -> Result<(), Failure> {
+    let (mut bytes, mut kept) = ([0; 2 * STRETCH], 0);
+    loop {
+        let read = match input.read(&mut bytes[kept..]) {
+            Ok(0) => return Ok(()),
+            Ok(read) => read,
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => continue,
+            Err(error) => return Err(Failure::environment(format!("cannot read standard input: {error}"))),
+        };
+        let whole = (kept + read) / 2;
+        let samples: Vec<i16> = bytes[..2 * whole].chunks_exact(2).map(|b| i16::from_le_bytes([b[0], b[1]])).collect();
+        push(stop, whole, |done| session.push_audio_i16(&samples[done..]))?;
+        // Half a sample waits for its other byte.
+        bytes.copy_within(2 * whole..kept + read, 0);
+        kept = (kept + read) % 2;
+    }
+}
+
+/// Pushes until all samples are taken; `some` pushes those from a place on.
+fn push(
+    stop: &AtomicBool,
+    all: usize,
+    mut some: impl FnMut(usize) -> Result<Pushed, SessionError>,
+) -> Result<(), Failure> {
+    let mut done = 0;
+    while done < all && !stop.load(Ordering::SeqCst) {
+        done += some(done).map_err(Failure::environment)?.taken;
+        if done < all {
+            std::thread::sleep(RETRY);
+        }
+    }
+    Ok(())
+}
+
+/// The session as the arguments want it, and the engine that it lives in.
+fn session(args: &Live, rate: usize) -> Result<(Engine, Session), Failure> {
+    if args.generate.start_pose.is_some() {
+        return Err(Failure::input("--start-pose does not go with `live`"));
+    }
+    let file = model::open(args.generate.model.as_deref())?;
+    let isa = model::isa(&args.generate.compute)?;
+    let loaded = Arc::new(Model::load(&file, args.generate.compute.precision(Precision::Stored), isa)?);
+    drop(file);
+    let threads = Threads::Own(model::threads(&args.generate.compute)?);
+    let engine = Engine::new(loaded, &EngineConfig { threads, max_sessions: 1, ..EngineConfig::default() })
+        .map_err(Failure::input)?;
+    let has_mouth = engine.model().mouth().is_some();
+    let voice = match args.voice {
+        Some(VoiceArg::Live) if !has_mouth => {
+            return Err(Failure::input("--voice live needs a model with a mouth network: `umo inspect` tells"));
+        }
+        Some(VoiceArg::Delayed) => Voice::Delayed,
+        Some(VoiceArg::Live) => Voice::Live,
+        None => {
+            if has_mouth {
+                Voice::Live
+            } else {
+                Voice::Delayed
+            }
+        }
+    };
+    let config = engine.model().config();
+    let mut avatar = animate::avatar(&args.generate, config);
+    avatar.target = args.generate.target.unwrap_or(TARGET);
+    avatar.gestures = crate::gestures::known(&args.generate.gesture_clip, &config.skeleton)?;
+    let made = engine
+        .session(&SessionConfig { avatar, sample_rate: rate, voice, ..SessionConfig::new(config) })
+        .map_err(Failure::input)?;
+    if let Some(text) = &args.prompt {
+        made.set_prompt(&animate::prompt(engine.model(), text)?).map_err(Failure::input)?;
+    }
+    for gesture in &args.generate.gesture {
+        made.play_gesture(&gesture.name, &gesture.options).map_err(Failure::input)?;
+    }
+    Ok((engine, made))
+}
+
+/// Gives poses to `send`, `fps` a second, until the speech is over or it is time to stop; says how
+/// many.
+fn show(
+    session: &Session,
+    rate: usize,
+    fps: f64,
+    stop: &AtomicBool,
+    ended: &Receiver<Result<(), Failure>>,
+    mut send: impl FnMut(Frame, f64) -> Result<(), Failure>,
+) -> Result<u64, Failure> {
+    let behind = session.latency().mouth_samples as f64 / rate as f64 + MARGIN;
+    let (start, mut sent, mut is_spoken) = (Instant::now(), 0, false);
+    while !stop.load(Ordering::SeqCst) {
+        let now = start.elapsed().as_secs_f64();
+        let mut result = Ok(());
+        session
+            .sample_pose((now - behind).max(0.0), |frame| result = send(frame, now))
+            .map_err(Failure::environment)?;
+        result?;
+        sent += 1;
+        match ended.try_recv() {
+            Ok(read) => {
+                read?;
+                is_spoken = true;
+            }
+            Err(TryRecvError::Empty | TryRecvError::Disconnected) => {}
+        }
+        if is_spoken && session.is_done().map_err(Failure::environment)? {
+            break;
+        }
+        let due = Duration::from_secs_f64(sent as f64 / fps);
+        std::thread::sleep(due.saturating_sub(start.elapsed()));
+    }
+    Ok(sent)
+}
+
+#[cfg(test)]
+mod tests;

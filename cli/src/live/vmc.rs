@@ -1,0 +1,186 @@
+//! A pose in the words of the VMC protocol 2.7 (protocol.vmc.info), for VRM avatars: bones under
+//! Unity's names in Unity's axes, the face as ARKit's shapes ("perfect sync") and as VRM's vowels
+//! and blinks.
+
+use rosc::{OscBundle, OscMessage, OscPacket, OscTime, OscType, encoder};
+use umo_core::Config;
+use umo_core::config::FaceKind;
+use umo_core::motion::pose::Pose;
+use umo_core::motion::skeleton::JOINTS;
+use umo_core::retarget::face::FaceMap;
+
+use crate::failure::Failure;
+
+/// Bytes of a datagram that no network cuts up.
+const MAX_BYTES: usize = 1400;
+
+/// Bones of Unity's humanoid, in SMPL-X order.
+const BONES: [&str; JOINTS] = [
+    "Hips",
+    "LeftUpperLeg",
+    "RightUpperLeg",
+    "Spine",
+    "LeftLowerLeg",
+    "RightLowerLeg",
+    "Chest",
+    "LeftFoot",
+    "RightFoot",
+    "UpperChest",
+    "LeftToes",
+    "RightToes",
+    "Neck",
+    "LeftShoulder",
+    "RightShoulder",
+    "Head",
+    "LeftUpperArm",
+    "RightUpperArm",
+    "LeftLowerArm",
+    "RightLowerArm",
+    "LeftHand",
+    "RightHand",
+    "Jaw",
+    "LeftEye",
+    "RightEye",
+    "LeftIndexProximal",
+    "LeftIndexIntermediate",
+    "LeftIndexDistal",
+    "LeftMiddleProximal",
+    "LeftMiddleIntermediate",
+    "LeftMiddleDistal",
+    "LeftLittleProximal",
+    "LeftLittleIntermediate",
+    "LeftLittleDistal",
+    "LeftRingProximal",
+    "LeftRingIntermediate",
+    "LeftRingDistal",
+    "LeftThumbProximal",
+    "LeftThumbIntermediate",
+    "LeftThumbDistal",
+    "RightIndexProximal",
+    "RightIndexIntermediate",
+    "RightIndexDistal",
+    "RightMiddleProximal",
+    "RightMiddleIntermediate",
+    "RightMiddleDistal",
+    "RightLittleProximal",
+    "RightLittleIntermediate",
+    "RightLittleDistal",
+    "RightRingProximal",
+    "RightRingIntermediate",
+    "RightRingDistal",
+    "RightThumbProximal",
+    "RightThumbIntermediate",
+    "RightThumbDistal",
+];
+/// From the pelvis to the ball of the left foot.
+const LEG: [usize; 4] = [1, 4, 7, 10];
+/// The ball of a foot that stands is so far above the floor, metres.
+const SOLE: f32 = 0.02;
+
+/// The face of avatars without ARKit's shapes: what [`FaceMap`] knows them as, and VRM 0's names,
+/// which VMC goes by.
+const VOWELS: [(&str, &str); 7] = [
+    ("aa", "A"),
+    ("ih", "I"),
+    ("ou", "U"),
+    ("ee", "E"),
+    ("oh", "O"),
+    ("blinkLeft", "Blink_L"),
+    ("blinkRight", "Blink_R"),
+];
+
+/// Makes datagrams of poses.
+pub(super) struct Sender {
+    /// Each joint's place at rest.
+    offsets: Vec<[f32; 3]>,
+    /// How much larger the avatar is than the model's skeleton.
+    scale: f32,
+    /// Names of the face's channels, where they are ARKit's.
+    channels: Vec<String>,
+    vowels: Option<FaceMap>,
+}
+
+impl Sender {
+    /// For an avatar whose hips are `hips` metres above the floor; as the model's where not given.
+    pub(super) fn new(config: &Config, hips: Option<f32>) -> Result<Self, Failure> {
+        let offsets = config.skeleton.offsets_m.clone();
+        let own = SOLE - LEG.iter().map(|&joint| offsets[joint][1]).sum::<f32>();
+        let scale = hips.map_or(1.0, |hips| hips / own);
+        if !(0.05..=20.0).contains(&scale) {
+            return Err(Failure::input(format!("--hips: expected metres above the floor, as {own:.2}")));
+        }
+        let is_arkit = config.face.kind == FaceKind::Arkit;
+        let channels = if is_arkit { config.face.names.clone() } else { Vec::new() };
+        let vowels = is_arkit.then(|| FaceMap::new(&config.face, &VOWELS.map(|(known, _)| known)));
+        Ok(Self { offsets, scale, channels, vowels })
+    }
+
+    /// Datagrams of a pose that is shown at `seconds`.
+    pub(super) fn packets(&self, pose: &Pose, face: &[f32], seconds: f64) -> Result<Vec<Vec<u8>>, Failure> {
+        let messages = self.messages(pose, face, seconds);
+        let mut packets = Vec::new();
+        let mut bundle = Vec::new();
+        let mut bytes = 16;
+        for message in messages {
+            let packet = OscPacket::Message(message);
+            let length = 4 + encode(&packet)?.len();
+            if bytes + length > MAX_BYTES {
+                packets.push(encode(&bundled(std::mem::take(&mut bundle)))?);
+                bytes = 16;
+            }
+            bytes += length;
+            bundle.push(packet);
+        }
+        packets.push(encode(&bundled(bundle))?);
+        Ok(packets)
+    }
+
+    fn messages(&self, pose: &Pose, face: &[f32], seconds: f64) -> Vec<OscMessage> {
+        let mut out = Vec::with_capacity(JOINTS + face.len() + VOWELS.len() + 4);
+        let mut say = |addr: &str, args: Vec<OscType>| out.push(OscMessage { addr: addr.to_owned(), args });
+        // Loaded, calibrated, in the usual mode, tracking.
+        say("/VMC/Ext/OK", [1, 3, 0, 1].map(OscType::Int).to_vec());
+        #[expect(clippy::cast_possible_truncation, reason = "the protocol's time is a float")]
+        say("/VMC/Ext/T", vec![OscType::Float(seconds as f32)]);
+        say("/VMC/Ext/Root/Pos", place("root", [0.0; 3], [0.0, 0.0, 0.0, 1.0]));
+        for (joint, name) in BONES.iter().enumerate() {
+            let at = if joint == 0 { pose.translation } else { self.offsets[joint] };
+            say("/VMC/Ext/Bone/Pos", place(name, at.map(|x| x * self.scale), pose.rotations[joint]));
+        }
+        let mut value = |name: &str, value: f32| {
+            say("/VMC/Ext/Blend/Val", vec![OscType::String(name.to_owned()), OscType::Float(value.clamp(0.0, 1.0))]);
+        };
+        for (name, &weight) in self.channels.iter().zip(face) {
+            value(name, weight);
+        }
+        if let Some(map) = &self.vowels {
+            let mut weights = [0.0; VOWELS.len()];
+            map.apply(face, &mut weights);
+            for ((_, name), weight) in VOWELS.iter().zip(weights) {
+                value(name, weight);
+            }
+        }
+        say("/VMC/Ext/Blend/Apply", Vec::new());
+        out
+    }
+}
+
+/// Arguments of a bone or of the root: place in metres, then rotation, both against the parent.
+///
+/// Ours are right-handed with X to the body's left, Unity's left-handed with X to its right.
+fn place(name: &str, [x, y, z]: [f32; 3], [qx, qy, qz, qw]: [f32; 4]) -> Vec<OscType> {
+    let numbers = [-x, y, z, qx, -qy, -qz, qw].map(OscType::Float);
+    std::iter::once(OscType::String(name.to_owned())).chain(numbers).collect()
+}
+
+fn bundled(content: Vec<OscPacket>) -> OscPacket {
+    // At once.
+    OscPacket::Bundle(OscBundle { timetag: OscTime { seconds: 0, fractional: 1 }, content })
+}
+
+fn encode(packet: &OscPacket) -> Result<Vec<u8>, Failure> {
+    encoder::encode(packet).map_err(|error| Failure::environment(format!("internal: {error}")))
+}
+
+#[cfg(test)]
+mod tests;

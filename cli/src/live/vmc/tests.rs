@@ -1,0 +1,92 @@
+//! Datagrams are read back by the library's own decoder.
+
+use std::collections::BTreeMap;
+
+use super::*;
+
+fn config() -> Config {
+    crate::model::open(None).expect("the default model").config().clone()
+}
+
+/// What all datagrams say, by address and first word.
+fn read(packets: &[Vec<u8>]) -> BTreeMap<(String, String), Vec<f32>> {
+    let mut said = BTreeMap::new();
+    for bytes in packets {
+        assert!(bytes.len() <= MAX_BYTES);
+        let (rest, packet) = rosc::decoder::decode_udp(bytes).expect("OSC");
+        assert!(rest.is_empty());
+        let OscPacket::Bundle(bundle) = packet else { panic!("a bundle") };
+        for content in bundle.content {
+            let OscPacket::Message(message) = content else { panic!("a message") };
+            let mut name = String::new();
+            let mut numbers = Vec::new();
+            for argument in message.args {
+                match argument {
+                    OscType::String(text) => name = text,
+                    OscType::Float(value) => numbers.push(value),
+                    OscType::Int(value) => numbers.push(value as f32),
+                    other => panic!("{other:?}"),
+                }
+            }
+            assert!(said.insert((message.addr, name), numbers).is_none(), "nothing is said twice");
+        }
+    }
+    said
+}
+
+fn get(said: &BTreeMap<(String, String), Vec<f32>>, address: &str, name: &str) -> Vec<f32> {
+    said.get(&(address.to_owned(), name.to_owned())).cloned().unwrap_or_else(|| panic!("no {address} {name}"))
+}
+
+#[test]
+fn a_pose_is_sent_in_unitys_axes() {
+    let config = config();
+    let mut pose = Pose { translation: [0.1, 0.9, 0.2], ..Pose::REST };
+    // The left upper arm turns down: about Z, to the body's left.
+    let half = 0.5_f32.sqrt();
+    pose.rotations[16] = [0.0, 0.0, -half, half];
+    let face = vec![0.0; config.face.names.len()];
+    let said = read(&Sender::new(&config, None).expect("a sender").packets(&pose, &face, 1.5).expect("packets"));
+    assert_eq!(get(&said, "/VMC/Ext/OK", ""), [1.0, 3.0, 0.0, 1.0]);
+    assert_eq!(get(&said, "/VMC/Ext/T", ""), [1.5]);
+    assert_eq!(get(&said, "/VMC/Ext/Bone/Pos", "Hips")[..3], [-0.1, 0.9, 0.2]);
+    assert_eq!(get(&said, "/VMC/Ext/Bone/Pos", "LeftUpperArm")[3..], [0.0, -0.0, half, half]);
+    // Its left is at Unity's negative X.
+    assert!(get(&said, "/VMC/Ext/Bone/Pos", "LeftUpperArm")[0] < 0.0);
+    let bones = said.keys().filter(|(address, _)| address == "/VMC/Ext/Bone/Pos").count();
+    assert_eq!(bones, JOINTS);
+    assert!(said.contains_key(&("/VMC/Ext/Blend/Apply".to_owned(), String::new())));
+}
+
+#[test]
+fn faces_are_sent_as_shapes_and_as_vowels() {
+    let config = config();
+    let mut face = vec![0.0; config.face.names.len()];
+    let shape = |name: &str| config.face.names.iter().position(|known| known == name).expect("a shape");
+    face[shape("jawOpen")] = 0.6;
+    face[shape("eyeBlinkLeft")] = 1.0;
+    face[shape("browInnerUp")] = 1.5;
+    let said = read(&Sender::new(&config, None).expect("a sender").packets(&Pose::REST, &face, 0.0).expect("packets"));
+    let value = |name: &str| get(&said, "/VMC/Ext/Blend/Val", name)[0];
+    assert_eq!(value("jawOpen"), 0.6);
+    assert_eq!(value("browInnerUp"), 1.0, "values are 0 to 1");
+    assert!(value("A") > 0.3);
+    assert!(value("Blink_L") > 0.9);
+    assert!(value("Blink_R") < 0.1);
+}
+
+#[test]
+fn a_smaller_avatar_stands_on_its_feet() {
+    let config = config();
+    let face = vec![0.0; config.face.names.len()];
+    let pose = Pose { translation: [0.0, 0.975, 0.0], ..Pose::REST };
+    let hips = |height| {
+        let sender = Sender::new(&config, height).expect("a sender");
+        get(&read(&sender.packets(&pose, &face, 0.0).expect("packets")), "/VMC/Ext/Bone/Pos", "Hips")[1]
+    };
+    assert_eq!(hips(None), 0.975);
+    assert!((hips(Some(0.6)) - 0.6).abs() < 0.02);
+    for height in [0.0, -1.0, f32::NAN, 1e9] {
+        assert!(Sender::new(&config, Some(height)).is_err());
+    }
+}
