@@ -88,6 +88,8 @@ const OTHERS: &[&str] = if cfg!(target_arch = "aarch64") {
     &["avx2", "avxvnni", "avx512vnni", "avx512bf16", "amx", "simd128"]
 } else if cfg!(all(target_arch = "x86_64", target_os = "linux")) {
     &["neon", "neon_dotprod", "neon_i8mm", "simd128"]
+} else if cfg!(target_arch = "x86_64") {
+    &["amx", "neon", "neon_dotprod", "neon_i8mm", "simd128"]
 } else if cfg!(target_arch = "wasm32") {
     &["avx2", "avxvnni", "avx512vnni", "avx512bf16", "amx", "neon", "neon_dotprod", "neon_i8mm"]
 } else {

@@ -113,7 +113,7 @@ pub(crate) fn to_l2<T>(line: *const T) {
 }
 
 /// Fetches a line into L1 that will be written, so that no other core has it any more.
-#[cfg(target_arch = "x86_64")]
+#[cfg(all(target_arch = "x86_64", target_os = "linux"))]
 #[inline]
 pub(crate) fn for_write<T>(line: *const T) {
     // SAFETY: a prefetch is a hint: it changes nothing that the program can see and never faults.

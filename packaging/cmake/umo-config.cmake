@@ -18,7 +18,13 @@ set(umo_MODEL_DIR "${_umo_prefix}/share/umo/models")
 
 set(_umo_implib "")
 set(_umo_static "${_umo_prefix}/lib/libumo.a")
+set(_umo_native "${CMAKE_DL_LIBS};m")
 if(WIN32)
+  # MinGW's linker takes MSVC's import library too, but not the other way round. Its static library is for it alone.
+  set(_umo_native ntdll userenv ws2_32)
+  if(MSVC)
+    set(_umo_static "${_umo_prefix}/lib/umo.lib")
+  endif()
   set(_umo_shared "${_umo_prefix}/bin/umo.dll")
   set(_umo_implib "${_umo_prefix}/lib/umo.dll.lib")
 elseif(APPLE)
@@ -35,7 +41,7 @@ if(EXISTS "${_umo_static}" AND NOT TARGET umo::static)
     IMPORTED_LOCATION "${_umo_static}"
     INTERFACE_INCLUDE_DIRECTORIES "${_umo_prefix}/include"
     INTERFACE_COMPILE_DEFINITIONS UMO_STATIC
-    INTERFACE_LINK_LIBRARIES "Threads::Threads;${CMAKE_DL_LIBS};m")
+    INTERFACE_LINK_LIBRARIES "Threads::Threads;${_umo_native}")
 endif()
 
 if(NOT TARGET umo::umo)
@@ -56,6 +62,6 @@ if(NOT TARGET umo::umo)
   endif()
 endif()
 
-foreach(_umo_variable prefix step shared implib static)
+foreach(_umo_variable prefix step shared implib static native)
   unset(_umo_${_umo_variable})
 endforeach()

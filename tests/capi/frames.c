@@ -4,6 +4,15 @@
 
 #include "check.h"
 
+/* The Windows C library has no memory that is both aligned and freed as any other. */
+#ifdef _WIN32
+#include <malloc.h>
+#define aligned_alloc(alignment, size) _aligned_malloc(size, alignment)
+#define aligned_free(memory) _aligned_free(memory)
+#else
+#define aligned_free(memory) free(memory)
+#endif
+
 enum { SECONDS = 4, SAMPLES = 16000 * SECONDS, FRAMES = 30 * SECONDS };
 
 /* A skeleton as an engine might keep it, and a face as another might. */
@@ -177,7 +186,7 @@ static void pool_release(void *userdata, void *memory, size_t size, size_t align
     CHECK(memory == p->memory && size == p->size && alignment == p->alignment);
     p->released++;
     p->memory = NULL;
-    free(memory);
+    aligned_free(memory);
 }
 
 static void *no_memory(void *userdata, size_t size, size_t alignment) {

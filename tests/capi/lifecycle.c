@@ -1,9 +1,15 @@
-/* The library's own life: loaded twice, unloaded, forked under, made and freed a thousand times. `lifecycle LIBRARY COPY MODEL` */
+/* The library's own life: loaded twice, unloaded, forked under (but on Windows), made and freed a thousand times.
+   `lifecycle LIBRARY COPY MODEL` */
 
 #define _GNU_SOURCE
+#ifdef _WIN32
+#define UMO_API
+#include <windows.h>
+#else
 #include <dlfcn.h>
 #include <sys/wait.h>
 #include <unistd.h>
+#endif
 
 #include <math.h>
 #include <stdio.h>
@@ -34,12 +40,33 @@ typedef struct {
     umo_status (*ready)(umo_session *, size_t *);
 } functions;
 
+#ifdef _WIN32
+static void *load(const char *path) { return LoadLibraryA(path); }
+static void *find(void *library, const char *name) {
+    union {
+        FARPROC function;
+        void *pointer;
+    } found = {GetProcAddress(library, name)};
+    return found.pointer;
+}
+static int unload(void *library) { return FreeLibrary(library) ? 0 : -1; }
+static void pause_ms(unsigned ms) { Sleep(ms); }
+#else
+static void *load(const char *path) {
+    void *library = dlopen(path, RTLD_NOW | RTLD_LOCAL);
+    if (!library) fprintf(stderr, "%s\n", dlerror());
+    return library;
+}
+static void *find(void *library, const char *name) { return dlsym(library, name); }
+static int unload(void *library) { return dlclose(library); }
+static void pause_ms(unsigned ms) { usleep(1000 * ms); }
+#endif
+
 static functions open_library(const char *path) {
     functions f;
-    f.library = dlopen(path, RTLD_NOW | RTLD_LOCAL);
-    if (!f.library) fprintf(stderr, "%s\n", dlerror());
+    f.library = load(path);
     CHECK(f.library);
-#define GET(field, name) CHECK((*(void **)(&f.field) = dlsym(f.library, name)))
+#define GET(field, name) CHECK((*(void **)(&f.field) = find(f.library, name)))
     GET(model_load, "umo_model_load");
     GET(model_free, "umo_model_free");
     GET(engine_new, "umo_engine_new");
@@ -68,7 +95,7 @@ static void talk(const functions *f, const char *path) {
     CHECK(f->push(avatar, speech, 16000, NULL) == UMO_STATUS_OK && f->finish(avatar) == UMO_STATUS_OK);
     for (size_t ready = 0; ready < 30;) {
         CHECK(f->ready(avatar, &ready) == UMO_STATUS_OK);
-        usleep(1000);
+        pause_ms(1);
     }
     CHECK(f->session_free(avatar) == UMO_STATUS_OK);
     CHECK(f->engine_free(engine) == UMO_STATUS_OK);
@@ -93,6 +120,7 @@ int main(int argc, char **argv) {
     umo_session *avatar = NULL;
     CHECK(first.engine_new(model, NULL, &engine) == UMO_STATUS_OK);
     CHECK(first.session_new(engine, NULL, &avatar) == UMO_STATUS_OK);
+#ifndef _WIN32
     pid_t child = fork();
     CHECK(child >= 0);
     if (child == 0) {
@@ -105,6 +133,7 @@ int main(int argc, char **argv) {
     }
     int status = 1;
     CHECK(waitpid(child, &status, 0) == child && WIFEXITED(status) && WEXITSTATUS(status) == 0);
+#endif
     CHECK(first.push(avatar, speech, 16000, NULL) == UMO_STATUS_OK);
 
     /* Made and freed, idle and in the middle of a chunk. */
@@ -120,11 +149,11 @@ int main(int argc, char **argv) {
 
     /* Unloaded while idle, and loaded again. */
     for (int i = 0; i < 5; i++) {
-        CHECK(dlclose(second.library) == 0);
+        CHECK(unload(second.library) == 0);
         second = open_library(argv[2]);
         talk(&second, argv[3]);
     }
-    CHECK(dlclose(second.library) == 0);
-    CHECK(dlclose(first.library) == 0);
+    CHECK(unload(second.library) == 0);
+    CHECK(unload(first.library) == 0);
     return 0;
 }

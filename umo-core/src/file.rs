@@ -1,7 +1,8 @@
 //! Opening files that callers name: regular ones only.
 //!
 //! Opening a FIFO waits until somebody writes to it, and a device may never end. A caller who names
-//! one by mistake gets an error at once.
+//! one by mistake gets an error at once. On Windows a name such as `NUL` or `COM1` is a device in
+//! every folder, and `\\.\pipe\…` a pipe.
 
 use std::fs::{File, FileType, OpenOptions};
 use std::io::{self, Read};
@@ -13,20 +14,70 @@ use std::path::Path;
 /// What the system says; [`io::ErrorKind::InvalidInput`], with a text that says what it is, where
 /// the path names a directory, a FIFO, a socket or a device. Never waits for another program.
 pub fn open(path: &Path) -> io::Result<File> {
+    open_with(path, OpenOptions::new().read(true))
+}
+
+/// As [`open`]; on Windows nobody can write to the file while it is open, and opening it fails while
+/// somebody may write to it. It can be renamed, so that another takes its place. Other systems know
+/// no such thing.
+#[cfg(all(feature = "mmap", not(target_family = "wasm")))]
+pub(crate) fn open_unchanging(path: &Path) -> io::Result<File> {
     let mut options = OpenOptions::new();
-    options.read(true);
+    #[cfg(windows)]
+    std::os::windows::fs::OpenOptionsExt::share_mode(&mut options, system::READERS);
+    open_with(path, options.read(true))
+}
+
+fn open_with(path: &Path, options: &mut OpenOptions) -> io::Result<File> {
     // A FIFO that nobody writes to is opened, and seen to be one, instead of waited for. Regular
     // files are read as ever.
     #[cfg(unix)]
-    std::os::unix::fs::OpenOptionsExt::custom_flags(&mut options, libc::O_NONBLOCK);
+    std::os::unix::fs::OpenOptionsExt::custom_flags(options, libc::O_NONBLOCK);
+    // Whoever serves a pipe must not act in the name of a caller who only named it.
+    #[cfg(windows)]
+    std::os::windows::fs::OpenOptionsExt::security_qos_flags(options, system::ANONYMOUS);
     let file = match options.open(path) {
         Ok(file) => file,
         // What cannot be opened may still say what it is: a socket, a directory on Windows.
         Err(error) => return Err(path.metadata().ok().and_then(|found| refused(found.file_type())).unwrap_or(error)),
     };
+    #[cfg(windows)]
+    if let Some(what) = system::not_a_file(&file) {
+        return Err(is_instead(what));
+    }
     match refused(file.metadata()?.file_type()) {
         Some(error) => Err(error),
         None => Ok(file),
+    }
+}
+
+#[cfg(windows)]
+mod system {
+    #![expect(unsafe_code, reason = "the standard library does not tell a device from a file")]
+
+    use std::fs::File;
+    use std::os::windows::io::AsRawHandle;
+
+    #[cfg(all(feature = "mmap", not(target_family = "wasm")))]
+    use windows_sys::Win32::Storage::FileSystem::{FILE_SHARE_DELETE, FILE_SHARE_READ};
+    use windows_sys::Win32::Storage::FileSystem::{
+        FILE_TYPE_CHAR, FILE_TYPE_DISK, FILE_TYPE_PIPE, GetFileType, SECURITY_ANONYMOUS,
+    };
+
+    pub(super) const ANONYMOUS: u32 = SECURITY_ANONYMOUS;
+    /// Others may read a file and rename it.
+    #[cfg(all(feature = "mmap", not(target_family = "wasm")))]
+    pub(super) const READERS: u32 = FILE_SHARE_READ | FILE_SHARE_DELETE;
+
+    /// What an open handle is where it is no file or directory.
+    pub(super) fn not_a_file(file: &File) -> Option<&'static str> {
+        // SAFETY: the handle is open: `file` owns it.
+        match unsafe { GetFileType(file.as_raw_handle()) } {
+            FILE_TYPE_DISK => None,
+            FILE_TYPE_CHAR => Some("a character device"),
+            FILE_TYPE_PIPE => Some("a pipe or a socket"),
+            _ => Some("of an unknown type"),
+        }
     }
 }
 
@@ -65,7 +116,11 @@ fn refused(kind: FileType) -> Option<io::Error> {
         _ if std::os::unix::fs::FileTypeExt::is_block_device(&kind) => "a block device",
         _ => "of an unknown type",
     };
-    Some(io::Error::new(io::ErrorKind::InvalidInput, format!("it is {what}, not a regular file")))
+    Some(is_instead(what))
+}
+
+fn is_instead(what: &str) -> io::Error {
+    io::Error::new(io::ErrorKind::InvalidInput, format!("it is {what}, not a regular file"))
 }
 
 #[cfg(test)]
@@ -98,6 +153,51 @@ mod tests {
             let _listener = std::os::unix::net::UnixListener::bind(&socket).unwrap();
             assert!(wrong(&socket).contains("a socket"));
         }
+        #[cfg(windows)]
+        for device in ["NUL", r"\\.\NUL"] {
+            assert!(wrong(Path::new(device)).contains("a character device"), "{device}");
+        }
         std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[cfg(windows)]
+    #[test]
+    fn paths_may_be_long_and_in_any_language() {
+        let base = std::env::temp_dir().join(format!("umo-Größe-日本-{}", std::process::id()));
+        let folder = (0..6).fold(base.clone(), |folder, _| folder.join("long ".repeat(9) + "речь"));
+        assert!(folder.as_os_str().len() > 260);
+        std::fs::create_dir_all(&folder).unwrap();
+        let file = folder.join("модель.safetensors");
+        std::fs::write(&file, "text").unwrap();
+        assert_eq!(read(&file).unwrap(), b"text");
+        // The same by the name that has no limit.
+        assert_eq!(read(Path::new(&format!(r"\\?\{}", file.display()))).unwrap(), b"text");
+        std::fs::remove_dir_all(&base).unwrap();
+    }
+
+    #[cfg(all(windows, feature = "mmap"))]
+    #[test]
+    fn a_file_that_must_not_change_is_not_written_to() {
+        let path = std::env::temp_dir().join(format!("umo-unchanging-{}", std::process::id()));
+        let moved = path.with_extension("old");
+        std::fs::write(&path, "text").unwrap();
+        let write = |path: &Path| OpenOptions::new().write(true).open(path);
+
+        let writer = write(&path).unwrap();
+        let error = open_unchanging(&path).unwrap_err();
+        assert_eq!(error.raw_os_error(), Some(windows_sys::Win32::Foundation::ERROR_SHARING_VIOLATION.cast_signed()));
+        drop(writer);
+
+        let file = open_unchanging(&path).unwrap();
+        assert_eq!(read(&path).unwrap(), b"text");
+        write(&path).unwrap_err();
+        std::fs::rename(&path, &moved).unwrap();
+        write(&moved).unwrap_err();
+        std::fs::write(&path, "another").unwrap();
+        drop(file);
+        write(&moved).unwrap();
+        for path in [path, moved] {
+            std::fs::remove_file(path).unwrap();
+        }
     }
 }

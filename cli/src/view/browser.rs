@@ -1,6 +1,7 @@
 //! Opening a page where a desktop is there.
 
 use std::path::Path;
+#[cfg(not(windows))]
 use std::process::{Command, Stdio};
 
 /// The address of a file.
@@ -9,6 +10,15 @@ pub(super) fn address(path: &Path) -> String {
 }
 
 /// Opens a file or an address in the browser of the desktop; where there is none, nothing happens.
+#[cfg(windows)]
+pub(super) fn open(address: &str) {
+    // Whoever has no browser has the address on the screen. The library takes an address as one
+    // word whatever is in it, and shows no console.
+    let _ = open::that_detached(address);
+}
+
+/// Opens a file or an address in the browser of the desktop; where there is none, nothing happens.
+#[cfg(not(windows))]
 pub(super) fn open(address: &str) {
     if let Some(mut command) = opener(address) {
         // Whoever has no browser has the address on the screen.
@@ -19,14 +29,6 @@ pub(super) fn open(address: &str) {
 #[cfg(target_os = "macos")]
 fn opener(address: &str) -> Option<Command> {
     let mut command = Command::new("open");
-    command.arg(address);
-    Some(command)
-}
-
-#[cfg(windows)]
-fn opener(address: &str) -> Option<Command> {
-    // Unlike `start`, it takes the address as one word whatever is in it.
-    let mut command = Command::new("explorer");
     command.arg(address);
     Some(command)
 }

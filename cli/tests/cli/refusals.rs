@@ -1,10 +1,11 @@
 //! What bad input gets: exit code 2, one line, and no file.
 
-use std::os::unix::fs::PermissionsExt;
-
 use safetensors::tensor::{Dtype, TensorView};
 
 use super::program::{Folder, golden, golden_file, umo, voice};
+
+/// No regular file, and always there.
+const DEVICE: &str = if cfg!(windows) { "NUL" } else { "/dev/null" };
 
 #[test]
 fn recordings_without_sound_are_refused() {
@@ -78,6 +79,7 @@ fn damaged_recordings_in_formats_that_are_read_are_refused() {
     }
 }
 
+#[cfg(unix)]
 #[test]
 fn only_regular_files_are_opened() {
     let folder = Folder::new();
@@ -152,9 +154,12 @@ fn outputs_that_cannot_be_written_are_refused_before_the_work() {
     assert!(refused(&folder.at("missing/motion.npz"), &[]).contains("missing/motion.npz"));
     assert!(refused(&folder.at("speech.wav/motion.npz"), &[]).contains("speech.wav/motion.npz"));
     let kept = folder.file("kept.bvh", b"an earlier motion");
-    std::fs::set_permissions(&kept, std::fs::Permissions::from_mode(0o444)).unwrap();
+    let mut permissions = std::fs::metadata(&kept).unwrap().permissions();
+    permissions.set_readonly(true);
+    std::fs::set_permissions(&kept, permissions).unwrap();
     assert!(refused(&kept, &[]).contains("read-only"));
-    assert!(refused("/dev/null", &["--format", "npz"]).contains("regular"));
+    let device = refused(DEVICE, &["--format", "npz"]);
+    assert!(cfg!(windows) || device.contains("regular"), "{device}");
     assert!(refused(&folder.at("motion"), &[]).contains("--format"));
     assert!(refused(&folder.at("motion.fbx"), &[]).contains("fbx"));
     assert!(refused(&folder.at("motion.npz"), &["--format", "fbx"]).contains("fbx"));
@@ -182,7 +187,7 @@ fn models_that_are_no_models_are_refused() {
         assert!(line.contains("tiny.safetensors"), "cut at {cut}: {line}");
         folder.refused(&["inspect", &model]);
     }
-    let others = [folder.at("missing"), folder.at(""), speech.clone(), "/dev/null".to_owned()];
+    let others = [folder.at("missing"), folder.at(""), speech.clone(), DEVICE.to_owned()];
     let cases = golden_file("mel_k2_arkit", "cases.safetensors");
     for other in others.iter().map(String::as_str).chain([cases.to_str().unwrap()]) {
         folder.refused(&["animate", &speech, "--model", other, "-o", &out]);

@@ -1,8 +1,10 @@
 //! 16 lanes, operation by operation as in `scalar.rs`.
 
+#[cfg(any(test, target_os = "linux"))]
+use super::EXP2_UNIT;
 use super::{
-    Activation, EXP, EXP_MAX, EXP_MIN, EXP2, EXP2_BF16, EXP2_BF16_MIN, EXP2_UNIT, LN_2_HIGH, LN_2_LOW, LOG2_E, ROUND,
-    TAIL, TAIL_MAX, TANH_CUBE, TANH_MAX, TANH_SCALE,
+    Activation, EXP, EXP_MAX, EXP_MIN, EXP2, EXP2_BF16, EXP2_BF16_MIN, LN_2_HIGH, LN_2_LOW, LOG2_E, ROUND, TAIL,
+    TAIL_MAX, TANH_CUBE, TANH_MAX, TANH_SCALE,
 };
 use core::arch::x86_64::*;
 use umo_kernels_features::avx512vnni;
@@ -114,6 +116,7 @@ pub(crate) fn softmax_exp(x: __m512) -> __m512 {
 
 /// `e^x` of a difference from a maximum (`x <= 0`), with the fewest operations: exactly 1 at 0,
 /// otherwise within 1.5 ULP plus `1.25 * 2^-24 * abs(x)` of the value; 0 below -87.33.
+#[cfg(any(test, target_os = "linux"))]
 #[inline]
 #[avx512vnni]
 pub(crate) fn softmax_exp_reduce(x: __m512) -> __m512 {
@@ -144,6 +147,7 @@ pub(crate) fn exp2_bf16(t: __m512) -> __m512 {
 
 /// [`exp2_bf16`] without its mask: denormal below -126, which is taken as 0 where it is rounded,
 /// and vanishes in a sum of at least 1.
+#[cfg(any(test, target_os = "linux"))]
 #[inline]
 #[avx512vnni]
 pub(crate) fn exp2_bf16_unmasked(t: __m512) -> __m512 {

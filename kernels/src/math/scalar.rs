@@ -33,11 +33,45 @@ fn exp_in_range(x: f32) -> f32 {
     f32::from_bits(power.to_bits().wrapping_add(shifted.to_bits() << 23))
 }
 
+/// `a * b + c`, rounded once.
+#[cfg(not(all(windows, target_env = "gnu")))]
+#[inline]
+pub(crate) fn mul_add(a: f32, b: f32, c: f32) -> f32 {
+    a.mul_add(b, c)
+}
+
+/// `a * b + c`, rounded once: MinGW's `fmaf`, which the standard library calls, rounds a fourth of
+/// all results twice.
+#[cfg(all(windows, target_env = "gnu"))]
+pub(crate) fn mul_add(a: f32, b: f32, c: f32) -> f32 {
+    mul_add_in_f64(a, b, c)
+}
+
+/// [`mul_add`] by f64: the product is exact, and the sum is rounded to odd, so that rounding it
+/// again, to f32, is as rounding once.
+#[cfg(any(test, all(windows, target_env = "gnu")))]
+fn mul_add_in_f64(a: f32, b: f32, c: f32) -> f32 {
+    let (product, c) = (f64::from(a) * f64::from(b), f64::from(c));
+    let sum = product + c;
+    // What the sum lost, exactly (Knuth's two-sum).
+    let added = sum - product;
+    let lost = (product - (sum - added)) + (c - added);
+    let is_odd = sum.to_bits() & 1 == 1;
+    let odd = match sum.is_finite() && lost != 0.0 && !is_odd {
+        true if (lost > 0.0) == (sum > 0.0) => f64::from_bits(sum.to_bits() + 1),
+        true => f64::from_bits(sum.to_bits() - 1),
+        false => sum,
+    };
+    #[expect(clippy::cast_possible_truncation, reason = "the second rounding")]
+    let rounded = odd as f32;
+    rounded
+}
+
 /// `x * (1 + tanh(u)) / 2` with `u = sqrt(2 / pi) * (x + 0.044715 x^3)`, written as `x / (1 + 2^t)`
 /// with `t = -2 u log2(e)`.
 #[inline]
 pub(crate) fn gelu_tanh(x: f32) -> f32 {
-    let t = x * (x * x).mul_add(TANH_CUBE, TANH_SCALE);
+    let t = x * mul_add(x * x, TANH_CUBE, TANH_SCALE);
     let t = if TANH_MAX < t { TANH_MAX } else { t };
     let t = if -TANH_MAX > t { -TANH_MAX } else { t };
     x / (exp2_in_range(t) + 1.0)
@@ -48,14 +82,14 @@ pub(crate) fn gelu_tanh(x: f32) -> f32 {
 fn exp2_in_range(t: f32) -> f32 {
     let shifted = t + ROUND;
     let f = t - (shifted - ROUND);
-    let power = polynomial(&EXP2, f).mul_add(f, 1.0);
+    let power = mul_add(polynomial(&EXP2, f), f, 1.0);
     f32::from_bits(power.to_bits().wrapping_add(shifted.to_bits() << 23))
 }
 
 /// Horner's rule in fused steps, highest power first.
 #[inline]
 fn polynomial<const N: usize>(coefficients: &[f32; N], x: f32) -> f32 {
-    coefficients[1..].iter().fold(coefficients[0], |value, &c| value.mul_add(x, c))
+    coefficients[1..].iter().fold(coefficients[0], |value, &c| mul_add(value, x, c))
 }
 
 /// `x * (1 + erf(x / sqrt(2))) / 2`, written as `max(x, 0) - abs(x) * tail(abs(x))`. A tail of NaN
@@ -65,7 +99,7 @@ pub(crate) fn gelu_erf(x: f32) -> f32 {
     let size = x.abs();
     let size = if TAIL_MAX < size { TAIL_MAX } else { size };
     let positive = if x > 0.0 { x } else { 0.0 };
-    (-size).mul_add(exp2_in_range(polynomial(&TAIL, size)), positive)
+    mul_add(-size, exp2_in_range(polynomial(&TAIL, size)), positive)
 }
 
 /// [`Activation`] of one value.
@@ -97,8 +131,42 @@ pub(crate) fn activate(activation: Activation, x: f32) -> f32 {
 pub(crate) fn exp2_bf16(t: f32) -> f32 {
     let n = t.floor();
     let r = t - n;
-    let power = EXP2_BF16[1..].iter().fold(EXP2_BF16[0], |power, &c| power.mul_add(r, c)).mul_add(r, 1.0);
+    let power = mul_add(EXP2_BF16[1..].iter().fold(EXP2_BF16[0], |power, &c| mul_add(power, r, c)), r, 1.0);
     #[expect(clippy::cast_possible_truncation, reason = "an integer of at least -126, or NaN")]
     let exponent = (n as i32) << 23;
     if n < EXP2_BF16_MIN { 0.0 } else { f32::from_bits(power.to_bits().wrapping_add_signed(exponent)) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn multiplying_and_adding_rounds_once() {
+        let is_same = |x: f32, y: f32| x == y || x.is_nan() && y.is_nan();
+        let (mut state, mut exact) = (1_u64, 0);
+        let mut next = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            // Any bits, and every other time a number near 1.
+            let bits = state.to_be_bytes();
+            let bits = u32::from_be_bytes([bits[0], bits[1], bits[2], bits[3]]);
+            f32::from_bits(if state & 1 << 20 == 0 { bits } else { bits & 0x80ff_ffff | 0x3f00_0000 })
+        };
+        for _ in 0..200_000 {
+            let (a, b, c) = (next(), next(), next());
+            let product = a * b;
+            for c in [c, -product] {
+                let got = mul_add_in_f64(a, b, c);
+                assert!(cfg!(all(windows, target_env = "gnu")) || is_same(got, a.mul_add(b, c)), "{a:e} {b:e} {c:e}");
+                assert!(is_same(got, mul_add(a, b, c)), "{a:e} {b:e} {c:e}");
+            }
+            // What a product loses when it is rounded is an f32, and in f64 nothing is lost.
+            if product.is_normal() && product.abs() > 1e-20 {
+                let lost = f64::from(a) * f64::from(b) - f64::from(product);
+                assert_eq!(f64::from(mul_add(a, b, -product)), lost, "{a:e} {b:e}");
+                exact += 1;
+            }
+        }
+        assert!(exact > 50_000, "{exact}");
+    }
 }

@@ -14,11 +14,21 @@ use memmap2::UncheckedAdvice;
 use crate::error::LoadError;
 use crate::memory::OutOfMemory;
 
+/// A file in memory.
+#[cfg(all(feature = "mmap", not(target_family = "wasm")))]
+#[derive(Debug)]
+pub(super) struct Mapped {
+    map: Mmap,
+    /// While it is open, nobody writes to the file.
+    #[cfg(windows)]
+    _file: File,
+}
+
 /// A model's bytes.
 #[derive(Debug)]
 pub(super) enum Source {
     #[cfg(all(feature = "mmap", not(target_family = "wasm")))]
-    Mapped(Mmap),
+    Mapped(Mapped),
     Owned(Vec<u8>),
     Static(&'static [u8]),
 }
@@ -29,25 +39,33 @@ impl Source {
             io::ErrorKind::OutOfMemory => LoadError::Memory(OutOfMemory { bytes: file_len(path) }),
             _ => LoadError::Io { path: path.to_owned(), cause },
         };
+        #[cfg(all(feature = "mmap", not(target_family = "wasm")))]
+        let file = crate::file::open_unchanging(path).map_err(io)?;
+        #[cfg(not(all(feature = "mmap", not(target_family = "wasm"))))]
         let file = crate::file::open(path).map_err(io)?;
         if file.metadata().map_err(io)?.len() == 0 {
             return Err(LoadError::File("the file is empty".to_owned()));
         }
-        Self::of_file(&file, path).map_err(io)
+        Self::of_file(file, path).map_err(io)
     }
 
     #[cfg(all(feature = "mmap", not(target_family = "wasm")))]
-    fn of_file(file: &File, _: &Path) -> io::Result<Self> {
-        // SAFETY: the map is read-only and private to this process. Another process that rewrites
-        // the file in place could change what we read; every value is checked as it is read,
-        // indices are never taken from it later, and the documentation of the model file says to
-        // replace model files by renaming.
-        let map = unsafe { Mmap::map(file) }?;
-        Ok(Self::Mapped(map))
+    fn of_file(file: File, _: &Path) -> io::Result<Self> {
+        // SAFETY: the map is read-only and private to this process. On Windows nobody writes to the
+        // file while it is open, which is as long as the map. Elsewhere another process that
+        // rewrites the file in place could change what we read; every value is checked as it is
+        // read, indices are never taken from it later, and the documentation of the model file says
+        // to replace model files by renaming.
+        let map = unsafe { Mmap::map(&file) }?;
+        Ok(Self::Mapped(Mapped {
+            map,
+            #[cfg(windows)]
+            _file: file,
+        }))
     }
 
     #[cfg(not(all(feature = "mmap", not(target_family = "wasm"))))]
-    fn of_file(mut file: &File, path: &Path) -> io::Result<Self> {
+    fn of_file(mut file: File, path: &Path) -> io::Result<Self> {
         let mut bytes = Vec::new();
         bytes.try_reserve_exact(file_len(path) + 1).map_err(|_| io::ErrorKind::OutOfMemory)?;
         io::Read::read_to_end(&mut file, &mut bytes)?;
@@ -57,7 +75,7 @@ impl Source {
     pub(super) fn bytes(&self) -> &[u8] {
         match self {
             #[cfg(all(feature = "mmap", not(target_family = "wasm")))]
-            Self::Mapped(map) => map,
+            Self::Mapped(mapped) => &mapped.map,
             Self::Owned(bytes) => bytes,
             Self::Static(bytes) => bytes,
         }
@@ -68,7 +86,7 @@ impl Source {
     #[cfg(all(feature = "mmap", unix))]
     pub(super) fn release(&self, offset: usize, len: usize) {
         const PAGE: usize = 4096;
-        let Self::Mapped(map) = self else { return };
+        let Self::Mapped(Mapped { map, .. }) = self else { return };
         let start = offset.next_multiple_of(PAGE);
         let end = (offset + len) / PAGE * PAGE;
         if start < end {

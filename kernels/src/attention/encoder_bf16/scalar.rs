@@ -6,7 +6,7 @@ use crate::bf16::Bf16;
 use crate::lanes::{LANES, pairwise};
 use crate::mat::MatMut;
 use crate::math::LOG2_E;
-use crate::math::scalar::exp2_bf16;
+use crate::math::scalar::{exp2_bf16, mul_add};
 use crate::tiling::Tiling;
 
 /// Where the loops change.
@@ -30,7 +30,7 @@ fn query(x: Operands<f32>, i: usize, y: &mut [f32]) {
         for (j, score) in weights.iter_mut().enumerate() {
             let k = x.k.row(first + j);
             let product = sum_of_products(q.len(), |d| round_to_bf16(q[d]) * round_to_bf16(k[d]));
-            *score = product.mul_add(x.scale * LOG2_E, bias.get(first + j).unwrap_or(&0.0) * LOG2_E);
+            *score = mul_add(product, x.scale * LOG2_E, bias.get(first + j).unwrap_or(&0.0) * LOG2_E);
         }
         softmax.update_max(weights.iter().fold(f32::NEG_INFINITY, |max, &score| max.max(score)));
         weights.iter_mut().for_each(|weight| *weight = exp2_bf16(*weight - softmax.max));
@@ -38,7 +38,7 @@ fn query(x: Operands<f32>, i: usize, y: &mut [f32]) {
         for (c, y) in y.iter_mut().enumerate() {
             let value = |j: usize| round_to_bf16(x.v.row(first + j)[c]);
             let sum = sum_of_products(weights.len(), |j| round_to_bf16(weights[j]) * value(j));
-            *y = if first > 0 { y.mul_add(softmax.shrink, sum) } else { sum };
+            *y = if first > 0 { mul_add(*y, softmax.shrink, sum) } else { sum };
         }
     }
     y.iter_mut().for_each(|y| *y /= softmax.sum);
