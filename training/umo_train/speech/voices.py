@@ -2,6 +2,7 @@
 
 import ctypes
 import ctypes.util
+import os
 import subprocess
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -140,7 +141,10 @@ def _flite_times() -> Path:
         program.parent.mkdir(parents=True, exist_ok=True)
         libraries = [f"-lflite_cmu_us_{voice}" for voice in ("rms", "slt", "awb", "kal", "kal16")]
         libraries += ["-lflite_usenglish", "-lflite_cmulex", "-lflite", "-lm"]
-        _run(["gcc", "-O2", "-o", str(program), str(path), *libraries], "", "gcc and flite1-dev")
+        # By renaming: several processes build it at once, and one that runs is not written to.
+        part = program.with_suffix(f".{os.getpid()}")
+        _run(["gcc", "-O2", "-o", str(part), str(path), *libraries], "", "gcc and flite1-dev")
+        part.replace(program)
     return program
 
 
