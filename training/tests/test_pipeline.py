@@ -56,9 +56,9 @@ def test_plans_of_layout_frames_hold_what_stages_read(smoke: bool) -> None:
     order = frame_steps.parts_of(run)
     assert [part.name for part in order if not part.moves] == ["intent"] and len(frame_steps.moving(run)) == 8
     if not smoke:
-        # As many codes as seven parts of four levels.
+        # With the intent 31 codes a keyframe, as the plan says.
         assert all(part.codes == 256 for part in frame_steps.moving(run))
-        assert sum(part.levels for part in frame_steps.moving(run)) == 28
+        assert sum(part.levels for part in frame_steps.moving(run)) == 30
     for entry in run.plan["parts"]:
         assert plan_of(run.plan["tokenizers"], entry, 3, 0).steps > 0
     stages = [frame_steps.stage_plan(run, stage) for stage in run.plan["stages"]]
