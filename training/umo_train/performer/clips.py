@@ -12,7 +12,7 @@ from umo_train.skeleton import CONTACT_JOINTS, JOINT, JOINT_NAMES, OFFSETS_M, PA
 from umo_train.speech.utterance import FRAME_RATE
 
 # How nodes are named that turn as our joints do, of the two conventions that are read; `{s}` is the side.
-_FINGERS = {"index": "index", "middle": "middle", "pinky": "pinky", "ring": "ring", "thumb": "thumb"}
+_FINGERS = ("index", "middle", "pinky", "ring", "thumb")
 _UNREAL = {
     "pelvis": "pelvis", "spine1": "spine_01", "spine2": "spine_02", "spine3": "spine_03", "neck": "neck_01",
     "head": "head", "collar": "clavicle_{s}", "shoulder": "upperarm_{s}", "elbow": "lowerarm_{s}", "wrist": "hand_{s}",
