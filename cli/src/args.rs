@@ -54,7 +54,7 @@ pub struct Output {
     /// File to write; may be given several times
     #[arg(short, long = "output", value_name = "FILE", required = true)]
     pub output: Vec<PathBuf>,
-    /// Format of all outputs: npz, bvh, glb, csv or jsonl; the extension's where not given
+    /// Format of all outputs: npz, bvh, glb, vrma, csv or jsonl; the extension's where not given
     #[arg(long, value_name = "FORMAT")]
     pub format: Option<String>,
     #[command(flatten)]

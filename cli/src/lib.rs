@@ -13,6 +13,7 @@
 //! | `draw` | pictures of the figure that speaks (crate `umo_figure`) |
 //! | `retarget` | an animation to another character |
 //! | `bvh` | what files of this format hold |
+//! | `vrm` | what VRM avatars call their bones and expressions |
 //! | `model`, `failure`, `progress` | which model; what is said when something fails; how far the work is |
 #![deny(unsafe_code)]
 
@@ -40,6 +41,7 @@ mod stage;
 mod start_pose;
 mod text;
 mod view;
+mod vrm;
 
 use std::ffi::OsString;
 use std::process::ExitCode;

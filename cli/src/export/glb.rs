@@ -5,13 +5,14 @@
 //! | --- | --- |
 //! | `builder` | the binary buffer and what refers into it |
 //! | `shapes` | how each face channel moves the head |
+//! | `vrma` | the animation alone, for VRM avatars |
 
 use super::{children, face_of, root_position};
 use builder::Builder;
 use gltf_json as json;
 use json::animation::{Animation, Channel, Interpolation, Property, Sampler, Target};
 use json::validation::Checked::Valid;
-use json::{Index, Node, mesh};
+use json::{Accessor, Index, Node, mesh};
 use std::io::{self, Write};
 use umo_core::config::FaceKind;
 use umo_core::motion::clip::Clip;
@@ -21,6 +22,7 @@ use umo_figure::palette::Palette;
 
 mod builder;
 mod shapes;
+pub mod vrma;
 
 /// Writes the animation as binary glTF, worn by the figure.
 ///
@@ -115,44 +117,59 @@ fn add_skin(builder: &mut Builder, joints: &[Index<Node>], rest: &[[f32; 3]]) ->
 /// One channel per joint's rotation, one for the root's place, one for all face weights.
 fn add_animation(builder: &mut Builder, clip: &Clip, joints: &[Index<Node>], face: Index<Node>) {
     let frames = clip.rotations.len();
-    let times: Vec<f32> = (0..frames).map(|f| f as f32 / clip.frame_rate).collect();
-    let times = builder.times(&times);
-    let mut tracks = Vec::new();
+    let mut tracks = Tracks::new(builder, clip);
     for (joint, &node) in joints.iter().enumerate() {
         let values = builder.vectors(&track(clip, joint));
-        tracks.push((node, Property::Rotation, values));
+        tracks.add(node, Property::Rotation, values);
     }
     let places: Vec<_> = (0..frames).map(|f| root_position(clip, f)).collect();
     let places = builder.vectors(&places);
-    tracks.push((joints[0], Property::Translation, places));
+    tracks.add(joints[0], Property::Translation, places);
     if !clip.face.names.is_empty() {
         let weights: Vec<_> = (0..frames).flat_map(|f| face_of(clip, f)).collect();
         let weights = builder.scalars(weights.into_iter().copied());
-        tracks.push((face, Property::MorphTargetWeights, weights));
+        tracks.add(face, Property::MorphTargetWeights, weights);
     }
-    let mut animation = Animation {
-        channels: Vec::new(),
-        samplers: Vec::new(),
-        name: Some("speech".to_owned()),
-        extensions: None,
-        extras: None,
-    };
-    for (sampler, (node, property, output)) in tracks.into_iter().enumerate() {
-        animation.samplers.push(Sampler {
-            input: times,
+    builder.root.push(tracks.animation);
+}
+
+/// An animation in the making: what moves, at the clip's frames.
+struct Tracks {
+    times: Index<Accessor>,
+    animation: Animation,
+}
+
+impl Tracks {
+    fn new(builder: &mut Builder, clip: &Clip) -> Self {
+        let times: Vec<f32> = (0..clip.rotations.len()).map(|f| f as f32 / clip.frame_rate).collect();
+        let times = builder.times(&times);
+        let animation = Animation {
+            channels: Vec::new(),
+            samplers: Vec::new(),
+            name: Some("speech".to_owned()),
+            extensions: None,
+            extras: None,
+        };
+        Self { times, animation }
+    }
+
+    /// `output` has a value for every frame.
+    fn add(&mut self, node: Index<Node>, property: Property, output: Index<Accessor>) {
+        let sampler = builder::index(self.animation.samplers.len());
+        self.animation.samplers.push(Sampler {
+            input: self.times,
             output,
             interpolation: Valid(Interpolation::Linear),
             extensions: None,
             extras: None,
         });
-        animation.channels.push(Channel {
-            sampler: builder::index(sampler),
+        self.animation.channels.push(Channel {
+            sampler,
             target: Target { node, path: Valid(property), extensions: None, extras: None },
             extensions: None,
             extras: None,
         });
     }
-    builder.root.push(animation);
 }
 
 /// A joint's rotations, each of exact length and on the same side as the one before: not every

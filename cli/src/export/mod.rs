@@ -5,6 +5,7 @@
 //! | `npz` | NumPy arrays as SMPL-X and BEAT2 tools read them |
 //! | `bvh` | skeleton motion for Blender, MotionBuilder and others |
 //! | `glb` | glTF 2.0: skeleton, skin, face shapes and their animation |
+//! | `glb::vrma` | the same motion for VRM avatars, without a figure |
 //! | `csv` | the face as the Live Link Face app records it |
 //! | `jsonl` | everything, one frame a line |
 //! | `output` | a file that appears whole or not at all |
@@ -39,6 +40,8 @@ pub enum Format {
     Bvh,
     /// glTF 2.0, binary.
     Glb,
+    /// VRM Animation 1.0.
+    Vrma,
     /// Live Link Face.
     Csv,
     /// JSON lines.
@@ -47,7 +50,7 @@ pub enum Format {
 
 impl Format {
     /// Every format.
-    pub const ALL: [Self; 5] = [Self::Npz, Self::Bvh, Self::Glb, Self::Csv, Self::Jsonl];
+    pub const ALL: [Self; 6] = [Self::Npz, Self::Bvh, Self::Glb, Self::Vrma, Self::Csv, Self::Jsonl];
 
     /// Its name, which is also its extension.
     pub const fn name(self) -> &'static str {
@@ -55,6 +58,7 @@ impl Format {
             Self::Npz => "npz",
             Self::Bvh => "bvh",
             Self::Glb => "glb",
+            Self::Vrma => "vrma",
             Self::Csv => "csv",
             Self::Jsonl => "jsonl",
         }
@@ -87,7 +91,7 @@ impl Format {
     pub fn check_face(self, face: &Face) -> Result<(), ExportError> {
         match self {
             Self::Csv => csv::columns(face).map(drop).map_err(ExportError::Face),
-            Self::Npz | Self::Bvh | Self::Glb | Self::Jsonl => Ok(()),
+            Self::Npz | Self::Bvh | Self::Glb | Self::Vrma | Self::Jsonl => Ok(()),
         }
     }
 }

@@ -37,6 +37,7 @@ impl Output {
             Format::Npz => npz::write(clip, out),
             Format::Bvh => bvh::write(clip, out),
             Format::Glb => glb::write(clip, figure, out),
+            Format::Vrma => glb::vrma::write(clip, out),
             Format::Csv => csv::write(clip, out),
             Format::Jsonl => jsonl::write(clip, out),
         });

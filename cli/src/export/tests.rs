@@ -12,6 +12,7 @@ mod jsonl;
 mod npz;
 mod output;
 mod rotation;
+mod vrma;
 
 const KINDS: [FaceKind; 2] = [FaceKind::SmplxExpression, FaceKind::Arkit];
 
@@ -93,7 +94,7 @@ fn format_comes_from_a_name_or_an_extension() {
         assert_eq!(Format::from_extension(path.as_ref()).unwrap(), format);
     }
     let message = Format::parse("fbx").unwrap_err().to_string();
-    assert_eq!(message, "unknown format `fbx`: expected npz, bvh, glb, csv, jsonl");
+    assert_eq!(message, "unknown format `fbx`: expected npz, bvh, glb, vrma, csv, jsonl");
     let message = Format::from_extension("folder.glb/out".as_ref()).unwrap_err();
     assert!(message.to_string().contains("`folder.glb/out`"), "{message}");
 }

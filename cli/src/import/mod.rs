@@ -41,6 +41,9 @@ pub fn read(path: &Path) -> Result<Clip, Failure> {
         Format::Glb => glb::read(&bytes()?).map_err(wrong)?,
         Format::Bvh => bvh::read(&bytes()?).map_err(wrong)?,
         Format::Jsonl => jsonl::read(&bytes()?).map_err(wrong)?,
+        Format::Vrma => {
+            return Err(wrong("a vrma file holds what VRM avatars take: expected npz, glb, bvh or jsonl".to_owned()));
+        }
         Format::Csv => return Err(wrong("a csv file has a face only: expected npz, glb, bvh or jsonl".to_owned())),
     };
     crate::export::check(&clip).map_err(|problem| wrong(problem.to_owned()))?;

@@ -10,84 +10,10 @@ use umo_core::motion::skeleton::JOINTS;
 use umo_core::retarget::face::FaceMap;
 
 use crate::failure::Failure;
+use crate::vrm::{EXPRESSIONS, UNITY_BONES, standing_height};
 
 /// Bytes of a datagram that no network cuts up.
 const MAX_BYTES: usize = 1400;
-
-/// Bones of Unity's humanoid, in SMPL-X order.
-const BONES: [&str; JOINTS] = [
-    "Hips",
-    "LeftUpperLeg",
-    "RightUpperLeg",
-    "Spine",
-    "LeftLowerLeg",
-    "RightLowerLeg",
-    "Chest",
-    "LeftFoot",
-    "RightFoot",
-    "UpperChest",
-    "LeftToes",
-    "RightToes",
-    "Neck",
-    "LeftShoulder",
-    "RightShoulder",
-    "Head",
-    "LeftUpperArm",
-    "RightUpperArm",
-    "LeftLowerArm",
-    "RightLowerArm",
-    "LeftHand",
-    "RightHand",
-    "Jaw",
-    "LeftEye",
-    "RightEye",
-    "LeftIndexProximal",
-    "LeftIndexIntermediate",
-    "LeftIndexDistal",
-    "LeftMiddleProximal",
-    "LeftMiddleIntermediate",
-    "LeftMiddleDistal",
-    "LeftLittleProximal",
-    "LeftLittleIntermediate",
-    "LeftLittleDistal",
-    "LeftRingProximal",
-    "LeftRingIntermediate",
-    "LeftRingDistal",
-    "LeftThumbProximal",
-    "LeftThumbIntermediate",
-    "LeftThumbDistal",
-    "RightIndexProximal",
-    "RightIndexIntermediate",
-    "RightIndexDistal",
-    "RightMiddleProximal",
-    "RightMiddleIntermediate",
-    "RightMiddleDistal",
-    "RightLittleProximal",
-    "RightLittleIntermediate",
-    "RightLittleDistal",
-    "RightRingProximal",
-    "RightRingIntermediate",
-    "RightRingDistal",
-    "RightThumbProximal",
-    "RightThumbIntermediate",
-    "RightThumbDistal",
-];
-/// From the pelvis to the ball of the left foot.
-const LEG: [usize; 4] = [1, 4, 7, 10];
-/// The ball of a foot that stands is so far above the floor, metres.
-const SOLE: f32 = 0.02;
-
-/// The face of avatars without ARKit's shapes: what [`FaceMap`] knows them as, and VRM 0's names,
-/// which VMC goes by.
-const VOWELS: [(&str, &str); 7] = [
-    ("aa", "A"),
-    ("ih", "I"),
-    ("ou", "U"),
-    ("ee", "E"),
-    ("oh", "O"),
-    ("blinkLeft", "Blink_L"),
-    ("blinkRight", "Blink_R"),
-];
 
 /// Makes datagrams of poses.
 pub(super) struct Sender {
@@ -104,14 +30,14 @@ impl Sender {
     /// For an avatar whose hips are `hips` metres above the floor; as the model's where not given.
     pub(super) fn new(config: &Config, hips: Option<f32>) -> Result<Self, Failure> {
         let offsets = config.skeleton.offsets_m.clone();
-        let own = SOLE - LEG.iter().map(|&joint| offsets[joint][1]).sum::<f32>();
+        let own = standing_height(&offsets);
         let scale = hips.map_or(1.0, |hips| hips / own);
         if !(0.05..=20.0).contains(&scale) {
             return Err(Failure::input(format!("--hips: expected metres above the floor, as {own:.2}")));
         }
         let is_arkit = config.face.kind == FaceKind::Arkit;
         let channels = if is_arkit { config.face.names.clone() } else { Vec::new() };
-        let vowels = is_arkit.then(|| FaceMap::new(&config.face, &VOWELS.map(|(known, _)| known)));
+        let vowels = is_arkit.then(|| FaceMap::new(&config.face, &EXPRESSIONS.map(|(known, _)| known)));
         Ok(Self { offsets, scale, channels, vowels })
     }
 
@@ -136,14 +62,14 @@ impl Sender {
     }
 
     fn messages(&self, pose: &Pose, face: &[f32], seconds: f64) -> Vec<OscMessage> {
-        let mut out = Vec::with_capacity(JOINTS + face.len() + VOWELS.len() + 4);
+        let mut out = Vec::with_capacity(JOINTS + face.len() + EXPRESSIONS.len() + 4);
         let mut say = |addr: &str, args: Vec<OscType>| out.push(OscMessage { addr: addr.to_owned(), args });
         // Loaded, calibrated, in the usual mode, tracking.
         say("/VMC/Ext/OK", [1, 3, 0, 1].map(OscType::Int).to_vec());
         #[expect(clippy::cast_possible_truncation, reason = "the protocol's time is a float")]
         say("/VMC/Ext/T", vec![OscType::Float(seconds as f32)]);
         say("/VMC/Ext/Root/Pos", place("root", [0.0; 3], [0.0, 0.0, 0.0, 1.0]));
-        for (joint, name) in BONES.iter().enumerate() {
+        for (joint, name) in UNITY_BONES.iter().enumerate() {
             let at = if joint == 0 { pose.translation } else { self.offsets[joint] };
             say("/VMC/Ext/Bone/Pos", place(name, at.map(|x| x * self.scale), pose.rotations[joint]));
         }
@@ -154,9 +80,9 @@ impl Sender {
             value(name, weight);
         }
         if let Some(map) = &self.vowels {
-            let mut weights = [0.0; VOWELS.len()];
+            let mut weights = [0.0; EXPRESSIONS.len()];
             map.apply(face, &mut weights);
-            for ((_, name), weight) in VOWELS.iter().zip(weights) {
+            for ((_, name), weight) in EXPRESSIONS.iter().zip(weights) {
                 value(name, weight);
             }
         }

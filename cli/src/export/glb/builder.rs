@@ -265,6 +265,12 @@ impl Builder {
         })
     }
 
+    /// An extension of the whole file, which readers may leave out.
+    pub(super) fn extension(&mut self, name: &str, value: serde_json::Value) {
+        self.root.extensions_used.push(name.to_owned());
+        self.root.extensions.get_or_insert_default().others.insert(name.to_owned(), value);
+    }
+
     /// Writes header, JSON and binary chunk.
     pub(super) fn write<W: Write>(mut self, mut out: W) -> io::Result<()> {
         self.root.asset.generator = Some(concat!("umo ", env!("CARGO_PKG_VERSION")).to_owned());

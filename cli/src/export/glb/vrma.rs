@@ -1,0 +1,173 @@
+//! `.vrma`: VRM Animation 1.0 (`VRMC_vrm_animation`), for any VRM avatar: the bones of VRM's
+//! humanoid, the face as VRM's vowels and blinks, brows and cheeks as ARKit's shapes, and the gaze.
+
+use std::io::{self, Write};
+
+use gltf_json as json;
+use json::animation::Property;
+use json::{Index, Node};
+use serde_json::{Map, Value, json};
+use umo_core::config::FaceKind;
+use umo_core::motion::clip::Clip;
+use umo_core::motion::rotation::{IDENTITY, Quat, inverse, normalized, product};
+use umo_core::motion::skeleton::JOINTS;
+use umo_core::retarget::face::FaceMap;
+
+use super::builder::{self, Builder};
+use super::{Tracks, root_position, track};
+use crate::export::{children, face_of, parent};
+use crate::vrm::{EXPRESSIONS, bone, standing_height};
+
+const JAW: usize = 22;
+const EYES: [usize; 2] = [23, 24];
+
+/// Limbs that VRM's T-pose has along an axis: a joint, the one at the bone's end, and where that is.
+const LIMBS: [(usize, usize, [f32; 3]); 10] = [
+    (1, 4, [0.0, -1.0, 0.0]),
+    (4, 7, [0.0, -1.0, 0.0]),
+    (2, 5, [0.0, -1.0, 0.0]),
+    (5, 8, [0.0, -1.0, 0.0]),
+    (16, 18, [1.0, 0.0, 0.0]),
+    (18, 20, [1.0, 0.0, 0.0]),
+    (20, 28, [1.0, 0.0, 0.0]),
+    (17, 19, [-1.0, 0.0, 0.0]),
+    (19, 21, [-1.0, 0.0, 0.0]),
+    (21, 43, [-1.0, 0.0, 0.0]),
+];
+
+/// Channels that VRM's vowels, blinks and gaze say already, by how their names begin: an avatar with
+/// both would open its mouth twice.
+const SAID: [&str; 5] = ["jaw", "mouth", "tongue", "eyeBlink", "eyeLook"];
+
+/// Writes the animation for VRM avatars.
+///
+/// # Errors
+/// Those of `out`; an animation beyond glTF's 4 GiB.
+pub fn write<W: Write>(clip: &Clip, out: W) -> io::Result<()> {
+    let mut builder = Builder::default();
+    let mut tracks = Tracks::new(&mut builder, clip);
+    let joints = add_bones(&mut builder, clip);
+    let bones: Map<String, Value> = (0..JOINTS)
+        .filter(|joint| !EYES.contains(joint))
+        // With ARKit's channels the mouth opens by the vowels.
+        .filter(|&joint| joint != JAW || clip.face.kind == FaceKind::SmplxExpression)
+        .map(|joint| (bone(joint), json!({ "node": joints[joint].value() })))
+        .collect();
+    for joint in (0..JOINTS).filter(|joint| bones.contains_key(&bone(*joint))) {
+        let values = builder.vectors(&track(clip, joint));
+        tracks.add(joints[joint], Property::Rotation, values);
+    }
+    let places: Vec<_> = (0..clip.rotations.len()).map(|frame| root_position(clip, frame)).collect();
+    let places = builder.vectors(&places);
+    tracks.add(joints[0], Property::Translation, places);
+
+    let mut roots = vec![joints[0]];
+    let mut add = |builder: &mut Builder, name: &str, values: Vec<f32>| -> Value {
+        let node = builder.root.push(Node { name: Some(name.to_owned()), ..Node::default() });
+        let rows: Vec<[f32; 3]> = values.iter().map(|&weight| [weight.clamp(0.0, 1.0), 0.0, 0.0]).collect();
+        let rows = builder.vectors(&rows);
+        tracks.add(node, Property::Translation, rows);
+        roots.push(node);
+        json!({ "node": node.value() })
+    };
+    let (mut preset, mut custom) = (Map::new(), Map::new());
+    for (name, values) in presets(clip) {
+        let node = add(&mut builder, name, values);
+        preset.insert(name.to_owned(), node);
+    }
+    for (name, values) in shapes(clip) {
+        let node = add(&mut builder, name, values);
+        custom.insert(name.to_owned(), node);
+    }
+
+    let gaze = builder.root.push(Node { name: Some("gaze".to_owned()), ..Node::default() });
+    let turns = builder.vectors(&gaze_of(clip));
+    tracks.add(gaze, Property::Rotation, turns);
+    roots.push(gaze);
+    let eyes = EYES.map(|joint| clip.skeleton.offsets_m[joint]);
+    let from_head: [f32; 3] = std::array::from_fn(|axis| f32::midpoint(eyes[0][axis], eyes[1][axis]));
+
+    builder.root.push(tracks.animation);
+    builder.scene(roots);
+    let mut extension = json!({
+        "specVersion": "1.0",
+        "humanoid": { "humanBones": bones },
+        "lookAt": { "node": gaze.value(), "offsetFromHeadBone": from_head },
+    });
+    if !preset.is_empty() {
+        extension["expressions"] = json!({ "preset": preset, "custom": custom });
+    }
+    builder.extension("VRMC_vrm_animation", extension);
+    builder.write(out)
+}
+
+/// One node per joint, in VRM's T-pose: what turns a limb along its axis is in the rest pose, so
+/// that the animation's rotations stay as they are. `[55]`
+fn add_bones(builder: &mut Builder, clip: &Clip) -> Vec<Index<Node>> {
+    let mut world = [IDENTITY; JOINTS];
+    for (joint, end, axis) in LIMBS {
+        world[joint] = shortest(clip.skeleton.offsets_m[end], axis);
+    }
+    (0..JOINTS)
+        .map(|joint| {
+            let below: Vec<_> = children(clip, joint).map(builder::index).collect();
+            let mut offset = clip.skeleton.offsets_m[joint];
+            let mut turn = world[joint];
+            match parent(clip, joint) {
+                Some(parent) => turn = product(inverse(world[parent]), turn),
+                None => offset[1] = standing_height(&clip.skeleton.offsets_m),
+            }
+            builder.root.push(Node {
+                name: Some(bone(joint)),
+                translation: Some(offset),
+                rotation: Some(json::scene::UnitQuaternion(turn)),
+                children: (!below.is_empty()).then_some(below),
+                ..Node::default()
+            })
+        })
+        .collect()
+}
+
+/// VRM's own expressions and their weights over time; none for faces that are not ARKit's.
+fn presets(clip: &Clip) -> Vec<(&'static str, Vec<f32>)> {
+    if clip.face.kind != FaceKind::Arkit {
+        return Vec::new();
+    }
+    let names = EXPRESSIONS.map(|(name, _)| name);
+    let map = FaceMap::new(&clip.face, &names);
+    let mut weights = [0.0; EXPRESSIONS.len()];
+    let mut all = vec![Vec::with_capacity(clip.rotations.len()); names.len()];
+    for frame in 0..clip.rotations.len() {
+        map.apply(face_of(clip, frame), &mut weights);
+        all.iter_mut().zip(&weights).for_each(|(values, &weight)| values.push(weight));
+    }
+    names.into_iter().zip(all).collect()
+}
+
+/// Channels that VRM has no expression for, under ARKit's names.
+fn shapes(clip: &Clip) -> impl Iterator<Item = (&str, Vec<f32>)> {
+    let names = if clip.face.kind == FaceKind::Arkit { clip.face.names.as_slice() } else { &[] };
+    let others = names.iter().enumerate().filter(|(_, name)| !SAID.iter().any(|said| name.starts_with(said)));
+    others.map(|(channel, name)| {
+        let values = (0..clip.rotations.len()).map(|frame| face_of(clip, frame)[channel]);
+        (name.as_str(), values.collect())
+    })
+}
+
+/// Where the eyes look, against the head: the middle of both. `[frames]`
+fn gaze_of(clip: &Clip) -> Vec<Quat> {
+    let [left, right] = EYES.map(|joint| track(clip, joint));
+    let both = left.into_iter().zip(right).map(|(left, right)| {
+        let dot: f32 = left.iter().zip(right).map(|(a, b)| a * b).sum();
+        let sum: Quat = std::array::from_fn(|i| left[i] + if dot < 0.0 { -right[i] } else { right[i] });
+        normalized(sum)
+    });
+    both.collect()
+}
+
+/// The shortest turn of a bone to a unit vector, which is not its opposite.
+fn shortest([x, y, z]: [f32; 3], [a, b, c]: [f32; 3]) -> Quat {
+    let length = (x * x + y * y + z * z).sqrt();
+    let dot = x * a + y * b + z * c;
+    normalized([y * c - z * b, z * a - x * c, x * b - y * a, length + dot])
+}

@@ -1,0 +1,90 @@
+//! What VRM avatars call their bones and expressions, and how high they stand.
+
+use umo_core::motion::skeleton::JOINTS;
+
+/// From the pelvis to the ball of the left foot.
+const LEG: [usize; 4] = [1, 4, 7, 10];
+/// The ball of a foot that stands is so far above the floor, metres.
+const SOLE: f32 = 0.02;
+
+/// Expressions that every VRM avatar has, as VRM 1.0 and VRM 0.x (and VMC) call them.
+pub(crate) const EXPRESSIONS: [(&str, &str); 7] = [
+    ("aa", "A"),
+    ("ih", "I"),
+    ("ou", "U"),
+    ("ee", "E"),
+    ("oh", "O"),
+    ("blinkLeft", "Blink_L"),
+    ("blinkRight", "Blink_R"),
+];
+
+/// Bones of Unity's humanoid, in SMPL-X order.
+pub(crate) const UNITY_BONES: [&str; JOINTS] = [
+    "Hips",
+    "LeftUpperLeg",
+    "RightUpperLeg",
+    "Spine",
+    "LeftLowerLeg",
+    "RightLowerLeg",
+    "Chest",
+    "LeftFoot",
+    "RightFoot",
+    "UpperChest",
+    "LeftToes",
+    "RightToes",
+    "Neck",
+    "LeftShoulder",
+    "RightShoulder",
+    "Head",
+    "LeftUpperArm",
+    "RightUpperArm",
+    "LeftLowerArm",
+    "RightLowerArm",
+    "LeftHand",
+    "RightHand",
+    "Jaw",
+    "LeftEye",
+    "RightEye",
+    "LeftIndexProximal",
+    "LeftIndexIntermediate",
+    "LeftIndexDistal",
+    "LeftMiddleProximal",
+    "LeftMiddleIntermediate",
+    "LeftMiddleDistal",
+    "LeftLittleProximal",
+    "LeftLittleIntermediate",
+    "LeftLittleDistal",
+    "LeftRingProximal",
+    "LeftRingIntermediate",
+    "LeftRingDistal",
+    "LeftThumbProximal",
+    "LeftThumbIntermediate",
+    "LeftThumbDistal",
+    "RightIndexProximal",
+    "RightIndexIntermediate",
+    "RightIndexDistal",
+    "RightMiddleProximal",
+    "RightMiddleIntermediate",
+    "RightMiddleDistal",
+    "RightLittleProximal",
+    "RightLittleIntermediate",
+    "RightLittleDistal",
+    "RightRingProximal",
+    "RightRingIntermediate",
+    "RightRingDistal",
+    "RightThumbProximal",
+    "RightThumbIntermediate",
+    "RightThumbDistal",
+];
+
+/// A joint's bone in VRM 1.0: Unity's name, but that the thumb begins at the metacarpal.
+pub(crate) fn bone(joint: usize) -> String {
+    let name =
+        UNITY_BONES[joint].replace("ThumbProximal", "ThumbMetacarpal").replace("ThumbIntermediate", "ThumbProximal");
+    name[..1].to_lowercase() + &name[1..]
+}
+
+/// How high the root of a skeleton is that stands upright, metres above the floor.
+pub(crate) fn standing_height(offsets: &[[f32; 3]]) -> f32 {
+    SOLE - LEG.iter().map(|&joint| offsets[joint][1]).sum::<f32>()
+}
