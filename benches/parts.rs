@@ -122,6 +122,8 @@ pub struct Depth {
     /// `[avatars, d_model]`
     states: Vec<f32>,
     tasks: Vec<Task>,
+    /// `[avatars, codes of a keyframe]`
+    before: Vec<u16>,
 }
 
 impl Depth {
@@ -136,6 +138,7 @@ impl Depth {
             scratch: net.scratch(avatars),
             states: (0..avatars * config.lm.d_model).map(|_| random.normal()).collect(),
             tasks: (0..avatars).map(task).collect(),
+            before: vec![0; avatars * net.codes()],
             net,
         }
     }
@@ -149,8 +152,8 @@ impl Depth {
     pub fn draw(&mut self, cx: Compute) {
         let mut first = 0;
         while first < self.tasks.len() {
-            let tasks = &self.tasks[first..];
-            first += self.net.draw(cx, &mut self.scratch, &self.states, tasks, |_, _| ()).expect(OK);
+            let (tasks, before) = (&self.tasks[first..], &self.before[first * self.net.codes()..]);
+            first += self.net.draw(cx, &mut self.scratch, &self.states, tasks, before, |_, _| ()).expect(OK);
         }
     }
 }

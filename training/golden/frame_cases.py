@@ -79,7 +79,8 @@ def add_language_model(cases: Cases, config: Config) -> None:
     def generate(reference: FrameReference, inputs: Tensors, margin: Margin) -> Tensors:
         routers = reference.lm.begin()
         hidden = reference.encode(inputs["input_ids"], _joined("history", inputs))
-        codes = reference.generate(hidden, int(inputs["target"]), margin)
+        history = _joined("history", inputs)
+        codes = reference.generate(hidden, history, int(inputs["target"]), margin)
         margin.smallest = min(margin.smallest, routers.smallest)
         return _split("codes", codes)
 
@@ -98,11 +99,14 @@ def add_language_model(cases: Cases, config: Config) -> None:
 def add_depth(cases: Cases, config: Config, lengths: tuple[int, ...]) -> None:
     def propose(rows: int, generator: torch.Generator) -> Tensors:
         hidden = torch.randn(rows, config["lm"]["d_model"], generator=generator)
-        return {"hidden": hidden} | _split("codes", _codes(config["parts"], rows, generator))
+        inputs = {"hidden": hidden} | _split("codes", _codes(config["parts"], rows, generator))
+        if config["depth"].get("before"):
+            inputs |= _split("before", _codes(config["parts"], rows, generator))
+        return inputs
 
     def run(reference: FrameReference, inputs: Tensors, _: Margin) -> Tensors:
         hidden = inputs["hidden"].to(reference.dtype)
-        return _split("logits", reference.depth(hidden, _joined("codes", inputs)))
+        return _split("logits", reference.depth(hidden, _joined("codes", inputs), _joined("before", inputs)))
 
     for i, rows in enumerate(lengths):
         cases.add(f"depth{i}", "depth", partial(propose, rows), run)

@@ -62,7 +62,8 @@ class DepthLayer(nn.Module):
 
 
 class Depth(nn.Module):
-    """Every code of a keyframe from the decoder's state and the codes before it, all at once."""
+    """Every code of a keyframe from the decoder's state, the codes before it and, with `depth.before`, the code in its
+    place at the keyframe before, all at once."""
 
     def __init__(self, config: Config, tensors: dict[str, Tensor]) -> None:
         super().__init__()
@@ -75,14 +76,18 @@ class Depth(nn.Module):
         rows = {part["name"]: part["levels"] * part["codes"] for part in self.parts}
         self.embed = nn.ModuleDict({name: nn.Embedding(count, d) for name, count in rows.items()})
         self.head = nn.ModuleDict({name: nn.Linear(d, count, bias=False) for name, count in rows.items()})
+        if sizes.get("before"):
+            self.before = nn.ModuleDict({name: nn.Embedding(count, d) for name, count in rows.items()})
         load(self, "depth.", tensors)
         self.eval()
 
-    def forward(self, states: Tensor, codes: Codes) -> Codes:
-        """States `[T, d_model]` and codes `[T, levels]` of each part to logits `[T, levels, codes]`."""
-        said = [self.embed[part["name"]](codes[part["name"]] + offsets(part)) for part in self.parts]
-        before = torch.cat(said, 1)[:, :-1]
-        x = self.input(states)[:, None] + functional.pad(before, (0, 0, 1, 0)) + self.position.weight
+    def forward(self, states: Tensor, codes: Codes, before: Codes) -> Codes:
+        """States `[T, d_model]`, codes `[T, levels]` of each part and those of the keyframes before to logits
+        `[T, levels, codes]`."""
+        said = self._looked_up(self.embed, codes)[:, :-1]
+        x = self.input(states)[:, None] + functional.pad(said, (0, 0, 1, 0)) + self.position.weight
+        if hasattr(self, "before"):
+            x = x + self._looked_up(self.before, before)
         for layer in self.layers:
             x = layer(x)
         x = self.norm(x)
@@ -93,12 +98,17 @@ class Depth(nn.Module):
             at += part["levels"]
         return logits
 
-    def greedy(self, state: Tensor, margin: Margin) -> Codes:
-        """The codes `[1, levels]` of one keyframe, each by a pass over all before it."""
+    def _looked_up(self, tables: nn.ModuleDict, codes: Codes) -> Tensor:
+        """Rows `[T, codes of a keyframe, d]`."""
+        return torch.cat([tables[part["name"]](codes[part["name"]] + offsets(part)) for part in self.parts], 1)
+
+    def greedy(self, state: Tensor, before: Codes, margin: Margin) -> Codes:
+        """The codes `[1, levels]` of one keyframe, each by a pass over all before it; `before` is the keyframe before,
+        `[1, levels]`."""
         codes = {part["name"]: torch.zeros(1, part["levels"], dtype=torch.long) for part in self.parts}
         for part in self.parts:
             for level in range(part["levels"]):
-                logits = self(state[None], codes)[part["name"]][0, level]
+                logits = self(state[None], codes, before)[part["name"]][0, level]
                 margin.largest(logits)
                 codes[part["name"]][0, level] = logits.argmax()
         return codes
@@ -272,11 +282,12 @@ class FrameReference(nn.Module):
         output = self.lm.model.decoder(inputs_embeds=rows[None], encoder_hidden_states=hidden[None], use_cache=False)
         return output.last_hidden_state[0]
 
-    def generate(self, hidden: Tensor, target: int, margin: Margin) -> Codes:
+    def generate(self, hidden: Tensor, history: Codes, target: int, margin: Margin) -> Codes:
         """Greedy keyframes, each by a pass over all before it."""
+        before = {name: rows[-1:] for name, rows in history.items()}
         codes = {part["name"]: torch.zeros(0, part["levels"], dtype=torch.long) for part in self.keyframes.parts}
         for _ in range(target):
             more = {name: functional.pad(value, (0, 0, 0, 1)) for name, value in codes.items()}
-            drawn = self.depth.greedy(self.decode(hidden, more)[-1], margin)
+            drawn = before = self.depth.greedy(self.decode(hidden, more)[-1], before, margin)
             codes = {name: torch.cat([value, drawn[name]]) for name, value in codes.items()}
         return codes

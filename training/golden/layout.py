@@ -209,6 +209,8 @@ def depth_shapes(config: Config) -> Shapes:
         out[f"{layer}.feed_forward.wo.weight"] = (d, ffn)
     for part in config["parts"]:
         out[f"embed.{part['name']}.weight"] = out[f"head.{part['name']}.weight"] = (_codes(part), d)
+        if sizes.get("before"):
+            out[f"before.{part['name']}.weight"] = (_codes(part), d)
     return {f"depth.{name}": shape for name, shape in out.items()}
 
 

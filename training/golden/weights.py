@@ -31,6 +31,7 @@ EMBEDDINGS = {
     "lm.frames.type": 1.0,
     "depth.embed": 0.7,
     "depth.position": 0.7,
+    "depth.before": 0.7,
     "interp.frame_type": 0.6,
     "interp.position": 0.8,
     "quantizer.embedding": 1.0,

@@ -51,7 +51,7 @@ CONFIG: dict[str, Any] = {
     "audio": {"token_rate": 50, "ahead": 3},
     "vocab": {"size": 68, "pad": 0, "eos": 1, "decoder_start": 0, "audio": AUDIO},
     "lm": LM,
-    "depth": {"d_model": 12, "num_heads": 3, "d_ff": 17, "num_layers": 2, "layer_norm_epsilon": 1e-6},
+    "depth": {"d_model": 12, "num_heads": 3, "d_ff": 17, "num_layers": 2, "layer_norm_epsilon": 1e-6, "before": True},
     "interp": {"d_model": 12, "num_heads": 2, "d_ff": 16, "temporal_layers": 2, "part_layers": 1, "max_frames": 40},
     "face": {"kind": "arkit", "names": FACE},
     "parts": [part.config([level % part.codes for level in range(part.levels)]) for part in PARTS],

@@ -24,9 +24,9 @@ def model() -> FrameModel:
 @torch.no_grad()
 def test_depth_is_the_references(model: FrameModel) -> None:
     state = {name: tensor for name, tensor in model.state_dict().items() if name.startswith("depth.")}
-    states, said = torch.randn(5, CONFIG["lm"]["d_model"]), codes(5)
-    wanted = reference.Depth(CONFIG, state)(states, _split(said))
-    found = model.depth(states, said)
+    states, said, before = torch.randn(5, CONFIG["lm"]["d_model"]), codes(5), codes(5, seed=1)
+    wanted = reference.Depth(CONFIG, state)(states, _split(said), _split(before))
+    found = model.depth(states, said, before)
     for part in PARTS:
         torch.testing.assert_close(found[part.name], wanted[part.name], rtol=1e-4, atol=1e-5)
 
@@ -45,9 +45,10 @@ def test_greedy_drawing_agrees_with_teacher_forcing(model: FrameModel) -> None:
     """The engine draws code after code; training says all at once."""
     state = {name: tensor for name, tensor in model.state_dict().items() if name.startswith("depth.")}
     hidden = torch.randn(CONFIG["lm"]["d_model"])
-    drawn = reference.Depth(CONFIG, state).greedy(hidden, Margin())
+    before = codes(1, seed=1)
+    drawn = reference.Depth(CONFIG, state).greedy(hidden, _split(before), Margin())
     said = torch.cat([drawn[part.name] for part in PARTS], 1)
-    logits = model.depth(hidden[None], said)
+    logits = model.depth(hidden[None], said, before)
     for part in PARTS:
         assert torch.equal(logits[part.name].argmax(-1), drawn[part.name])
 
@@ -101,6 +102,32 @@ def test_padding_has_no_influence(model: FrameModel) -> None:
     one, two = (model(x, history, said, mask)[0]["upper"] for x in (ids, other))
     torch.testing.assert_close(one, two)
     assert not torch.allclose(model(ids, history, said)[0]["upper"], model(other, history, said)[0]["upper"])
+
+
+@torch.no_grad()
+def test_the_keyframe_before_is_the_historys_last_and_then_the_chunks(model: FrameModel) -> None:
+    ids, history, said = torch.randint(0, 60, (2, 20)), codes(2, 4), codes(2, 3)
+    states = model.decode(model.encode(ids, history), said)
+    before = torch.stack([history[:, -1], said[:, 0], said[:, 1]], 1)
+    unknown = torch.tensor([[False, True, False], [False, False, False]])
+    before[0, 1] = -1
+    logits, _ = model(ids, history, said, unknown=unknown)
+    wanted = model.depth(states.flatten(0, 1), said.flatten(0, 1), before.flatten(0, 1))
+    for part in PARTS:
+        torch.testing.assert_close(logits[part.name], wanted[part.name])
+    assert not torch.allclose(wanted["upper"], model.depth(states.flatten(0, 1), said.flatten(0, 1))["upper"])
+
+
+@torch.no_grad()
+def test_a_fresh_network_mostly_says_the_keyframe_before_again() -> None:
+    torch.manual_seed(1)
+    depth = {"d_model": 96, "num_heads": 3, "d_ff": 64, "num_layers": 1, "before": True, "layer_norm_epsilon": 1e-6}
+    fresh = FrameModel(CONFIG | {"depth": depth}, PARTS).eval()
+    said, before = codes(200), codes(200, seed=1)
+    logits = fresh.depth(torch.randn(200, CONFIG["lm"]["d_model"]), said, before)
+    for part in PARTS:
+        again = (logits[part.name].argmax(-1) == before[:, at(part.name)]).float().mean()
+        assert again > 0.5, (part.name, again)
 
 
 @torch.no_grad()

@@ -106,6 +106,8 @@ enum BetweenScratch {
         interp: VectorScratch,
         /// One per member at most.
         tasks: Vec<Task>,
+        /// `[tasks, codes of a keyframe]`: the keyframe before each task's.
+        before: Vec<u16>,
         /// Keyframe that the decoder pass is of.
         keyframe: usize,
     },
@@ -147,6 +149,7 @@ impl Batch {
                     depth: depth.scratch(width),
                     interp: interp.scratch(frames),
                     tasks: with_capacity(width),
+                    before: with_capacity(width * depth.codes()),
                     keyframe: 0,
                 },
             },
@@ -434,13 +437,17 @@ impl Batch {
 
     /// One task for each member of the decoder pass, whose rows are those of its sequences.
     fn list_tasks(&mut self, avatars: &[Avatar]) {
-        let BetweenScratch::Vectors { tasks, keyframe, .. } = &mut self.between else { return };
+        let BetweenScratch::Vectors { tasks, before, keyframe, .. } = &mut self.between else { return };
         tasks.clear();
+        before.clear();
         let mut row = 0;
         for (member, (sequences, avatar)) in self.sequences.chunks_exact(self.per_member).zip(avatars).enumerate() {
             let rows = sequences.iter().filter(|sequence| !sequence.ids().is_empty()).count();
             if rows > 0 {
                 let sampling = avatar.chunk_sampling();
+                if let Window::Keyframes(history) = &avatar.history {
+                    before.extend_from_slice(history.before(*keyframe));
+                }
                 tasks.push(Task {
                     member,
                     row,
@@ -458,12 +465,13 @@ impl Batch {
     /// The codes of the keyframe that the decoder pass was of, for as many members as one step
     /// takes, and what the next pass reads.
     fn draw(&mut self, model: &Model, cx: Compute, avatars: &mut [Avatar], first: usize) -> Result<Phase, StepError> {
-        let (Between::Vectors { depth, .. }, BetweenScratch::Vectors { depth: scratch, tasks, keyframe, .. }) =
+        let (Between::Vectors { depth, .. }, BetweenScratch::Vectors { depth: scratch, tasks, before, keyframe, .. }) =
             (&model.between, &mut self.between)
         else {
             return Err(OTHER_LAYOUT);
         };
-        let done = depth.draw(cx, scratch, self.lm.states(), &tasks[first..], |task, codes| {
+        let before = &before[first * depth.codes()..];
+        let done = depth.draw(cx, scratch, self.lm.states(), &tasks[first..], before, |task, codes| {
             if let Window::Keyframes(history) = &mut avatars[task.member].history {
                 history.write(*keyframe, codes);
             }

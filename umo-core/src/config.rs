@@ -135,6 +135,14 @@ pub struct Depth {
     pub num_layers: usize,
     /// Added to mean squares.
     pub layer_norm_epsilon: f32,
+    /// Whether each code knows the one in its place at the keyframe before.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub before: bool,
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "as serde calls it")]
+fn is_false(value: &bool) -> bool {
+    !*value
 }
 
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "as serde calls it")]

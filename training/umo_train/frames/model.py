@@ -69,7 +69,11 @@ class DepthLayer(nn.Module):
 
 
 class Depth(nn.Module):
-    """Every code of a keyframe from the decoder's state and the codes before it, all at once."""
+    """Every code of a keyframe from the decoder's state, the codes before it and, where `depth.before` says so, the
+    code in its place at the keyframe before, all at once."""
+
+    # Of the head's first weights beside the table of the keyframe before: an untrained network mostly says it again.
+    AGAIN = 0.1
 
     def __init__(self, config: Config, parts: list[Part]) -> None:
         super().__init__()
@@ -83,20 +87,27 @@ class Depth(nn.Module):
         self.embed = Tables(parts, d, 0.5)
         self.head = nn.ModuleDict({part.name: nn.Linear(d, part.levels * part.codes, bias=False) for part in parts})
         nn.init.normal_(self.position.weight, std=0.5)
+        self.before = Tables(parts, d, 0.5) if sizes.get("before") else None
+        if self.before is not None:
+            for name, head in self.head.items():
+                head.weight.data.copy_(self.AGAIN * self.before[name].weight.data)
 
-    def forward(self, states: Tensor, codes: Tensor) -> dict[str, Tensor]:
+    def forward(self, states: Tensor, codes: Tensor, before: Tensor | None = None) -> dict[str, Tensor]:
         """States `[n, d_model]` and codes `[n, J]` to logits `[n, levels, codes]` of each part. Code `j` sees those
-        before it, as the engine has drawn them when it draws `j`."""
-        before = functional.pad(self.embed(codes)[:, :-1], (0, 0, 1, 0))
-        x = self.input(states)[:, None] + before + self.position.weight
+        before it, as the engine has drawn them when it draws `j`, and `before` `[n, J]`, the keyframe before, -1
+        where that is not known."""
+        drawn = functional.pad(self.embed(codes)[:, :-1], (0, 0, 1, 0))
+        x = self.input(states)[:, None] + drawn + self.position.weight
+        if self.before is not None and before is not None:
+            x = x + self.before(before)
         for layer in self.layers:
             x = layer(x)
-        x = self.norm(x)
-        logits, at = {}, 0
-        for part in self.parts:
+        # Code after code, so that a level's matrix product reads and writes rows that follow each other.
+        states = self.norm(x).transpose(0, 1).contiguous()
+        logits = {}
+        for part, mine in zip(self.parts, states.split([part.levels for part in self.parts]), strict=True):
             rows = self.head[part.name].weight.unflatten(0, (part.levels, part.codes))
-            logits[part.name] = torch.einsum("nld,lcd->nlc", x[:, at : at + part.levels], rows)
-            at += part.levels
+            logits[part.name] = (mine @ rows.transpose(-1, -2)).transpose(0, 1)
         return logits
 
 
@@ -199,11 +210,16 @@ class FrameModel(nn.Module):
         codes: Tensor,
         mask: Tensor | None = None,
         heard: tuple[Tensor, Tensor] | None = None,
+        unknown: Tensor | None = None,
     ) -> tuple[dict[str, Tensor], dict[str, Tensor] | None]:
-        """Logits `[b * N, levels, codes]` of each part, teacher forcing. With `heard`, keyframes of the chunk `[H]` and
+        """Logits `[b * N, levels, codes]` of each part, teacher forcing. `unknown` `[b, N]` are keyframes whose depth
+        network is not told the keyframe before. With `heard`, keyframes of the chunk `[H]` and
         places in `ids` `[H]`, also those `[b * H, levels, codes]` that the encoder's own states there give."""
         hidden = self.encode(ids, history, mask)
-        logits = self.depth(self.decode(hidden, codes, mask).flatten(0, 1), codes.flatten(0, 1))
+        before = torch.cat([history[:, -1:], codes[:, :-1]], 1)
+        if unknown is not None:
+            before = before.masked_fill(unknown[..., None], -1)
+        logits = self.depth(self.decode(hidden, codes, mask).flatten(0, 1), codes.flatten(0, 1), before.flatten(0, 1))
         if heard is None:
             return logits, None
         keyframes, places = heard

@@ -39,6 +39,9 @@ class FrameStagePlan:
     # Weight of what the encoder itself says of keyframes, each from its audio token, and of how many of a chunk.
     heard: float = 0.0
     heard_keyframes: int = 2
+    # Share of keyframes that are said without the one before them (`depth.before`): what is heard and what came long
+    # before is to be enough, or a stream says one keyframe for ever.
+    unknown: float = 0.1
     dense: bool = False
     warmup: int = 200
     final_rate: float = 0.05
@@ -91,8 +94,9 @@ class Outputs(nn.Module):
         codes: Tensor,
         mask: Tensor | None,
         heard: tuple[Tensor, Tensor] | None,
+        unknown: Tensor | None,
     ) -> tuple[dict[str, Tensor], dict[str, Tensor] | None, Tensor | None]:
-        logits, guess = self.model(ids, history, codes, mask, heard)
+        logits, guess = self.model(ids, history, codes, mask, heard, unknown)
         return logits, guess, moe.balance(self.model) if self.balanced else None
 
 
@@ -133,7 +137,8 @@ def train_stage(
         if plan.heard > 0 and batch.heard is not None:
             some = np.sort(rng.permutation(len(batch.heard))[: plan.heard_keyframes])
             heard = torch.from_numpy(some).to(device), torch.from_numpy(batch.heard[some]).to(device)
-        logits, guess, balance = outputs(ids, history, codes, mask, heard)
+        unknown = torch.from_numpy(rng.random(codes.shape[:2]) < plan.unknown).to(device)
+        logits, guess, balance = outputs(ids, history, codes, mask, heard, unknown)
         weight = code_weights(plain.parts, plan, codes, torch.from_numpy(batch.before).to(device))
         loss = total = entropy(plain.parts, logits, codes, weight)
         if balance is not None:

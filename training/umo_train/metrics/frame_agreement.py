@@ -64,7 +64,8 @@ def _likeliest(umo: Path, chunk: FrameChunk, *options: object) -> Codes:
     codes = _named("codes", chunk.codes)
     given = {"input_ids": chunk.ids} | _named("history", chunk.history) | codes
     hidden = stage(umo, "decoder", given, *options)["hidden"]
-    made = stage(umo, "depth", {"hidden": hidden} | codes, *options)
+    before = {name: np.concatenate([chunk.history[name][-1:], rows[:-1]]) for name, rows in chunk.codes.items()}
+    made = stage(umo, "depth", {"hidden": hidden} | codes | _named("before", before), *options)
     return {name: made[f"logits.{name}"].argmax(-1) for name in chunk.codes}
 
 

@@ -112,6 +112,11 @@ impl Keyframes {
         &self.codes[(self.prefix + keyframe) * self.count()..][..self.count()]
     }
 
+    /// The keyframe before a new one.
+    pub(crate) fn before(&self, keyframe: usize) -> &[u16] {
+        &self.codes[(self.prefix + keyframe - 1) * self.count()..][..self.count()]
+    }
+
     /// The codes of all new keyframes.
     pub(crate) fn targets(&self) -> &[u16] {
         &self.codes[self.prefix * self.count()..]

@@ -40,6 +40,8 @@ pub struct DepthNet {
     slots: Vec<Slot>,
     /// `[levels * codes, d]` of each part.
     embed: Vec<Table>,
+    /// The same for the keyframe before, where the network knows it.
+    before: Option<Vec<Table>>,
     heads: usize,
     d_ff: usize,
 }
@@ -123,6 +125,8 @@ struct Lane {
     order: Box<[u16]>,
     /// `[rows, codes of a keyframe]`
     codes: Box<[u16]>,
+    /// `[rows, codes of a keyframe]`: those of the keyframe before.
+    before: Box<[u16]>,
     quant: QuantScratch,
 }
 
@@ -149,10 +153,13 @@ impl DepthNet {
                 down: loader.linear(&[name("feed_forward.wo")], &[d], d_ff)?,
             })
         };
-        let (mut slots, mut embed) = (Vec::new(), Vec::new());
+        let (mut slots, mut embed, mut before) = (Vec::new(), Vec::new(), sizes.before.then(Vec::new));
         for (part, spec) in config.part_list().iter().enumerate() {
             let rows = spec.levels * spec.codes;
             embed.push(loader.table(&format!("depth.embed.{}.weight", spec.name), rows, d)?);
+            if let Some(before) = &mut before {
+                before.push(loader.table(&format!("depth.before.{}.weight", spec.name), rows, d)?);
+            }
             for first in (0..rows).step_by(spec.codes) {
                 let name = format!("depth.head.{}.weight", spec.name);
                 let head = loader.linear_rows(&name, rows, first..first + spec.codes, d)?;
@@ -167,6 +174,7 @@ impl DepthNet {
             eps: sizes.layer_norm_epsilon,
             slots,
             embed,
+            before,
             heads: sizes.num_heads,
             d_ff,
         })
@@ -202,19 +210,24 @@ impl DepthNet {
     /// Draws the codes of the first of `tasks`, as many as there is room for; returns how many.
     /// Never allocates.
     ///
-    /// Shapes: `states [rows, d_model]`, the decoder's after its final norm; `write(task, codes)` is
-    /// given each task's codes in the order of the config's parts, their levels ascending.
+    /// Shapes: `states [rows, d_model]`, the decoder's after its final norm; `before [tasks, codes of a
+    /// keyframe]`, the keyframe before each task's; `write(task, codes)` is given each task's codes
+    /// in the order of the config's parts, their levels ascending.
     ///
     /// # Errors
-    /// [`StepError`] where logits are not finite.
+    /// [`StepError`] where logits are not finite, or `before` is not of all tasks.
     pub fn draw(
         &self,
         cx: Compute,
         scratch: &mut DepthScratch,
         states: &[f32],
         tasks: &[Task],
+        before: &[u16],
         mut write: impl FnMut(&Task, &[u16]),
     ) -> Result<usize, StepError> {
+        if before.len() != tasks.len() * self.codes() {
+            return Err(StepError::Disagree("tasks and codes of the keyframes before them"));
+        }
         let groups = scratch.lanes.len().min(cx.team.threads()).min(tasks.len()).max(1);
         let count = tasks.len().min(groups * LANE_TASKS);
         let bounds = |group: usize| group * count / groups;
@@ -227,7 +240,9 @@ impl DepthNet {
             |lanes, at| lanes.split_at_mut(at),
             |range, lanes| {
                 for (lane, group) in lanes.iter_mut().zip(range) {
-                    lane.draw(self, cx.isa, states, &tasks[bounds(group)..bounds(group + 1)])?;
+                    let mine = bounds(group)..bounds(group + 1);
+                    let before = &before[mine.start * self.codes()..mine.end * self.codes()];
+                    lane.draw(self, cx.isa, states, &tasks[mine], before)?;
                 }
                 Ok(())
             },
@@ -243,17 +258,29 @@ impl DepthNet {
     }
 
     /// Logits under teacher forcing, for checking a model: of every code of `codes [rows, codes of a
-    /// keyframe]` given those before it, one vector per code of a keyframe, `[rows, codes of the
-    /// level]`. Allocates.
+    /// keyframe]` given those before it and the keyframes before, `before` of the same shape; one
+    /// vector per code of a keyframe, `[rows, codes of the level]`. Allocates.
     ///
     /// # Errors
     /// [`StepError`] where a length disagrees or a code is out of range.
-    pub fn force(&self, isa: Isa, states: &[f32], codes: &[u16]) -> Result<Vec<Vec<f32>>, StepError> {
+    pub fn force(&self, isa: Isa, states: &[f32], codes: &[u16], before: &[u16]) -> Result<Vec<Vec<f32>>, StepError> {
         let (rows, count) = (codes.len() / self.codes(), self.codes());
         if rows == 0 || rows * count != codes.len() || states.len() != rows * self.input.inputs() {
             return Err(StepError::Disagree("states and codes of another number of keyframes"));
         }
         let mut lane = Lane::new(self, rows);
+        if self.before.is_some() {
+            if before.len() != codes.len() {
+                return Err(StepError::Disagree("codes of keyframes and of those before them"));
+            }
+            for (&code, slot) in before.iter().zip(self.slots.iter().cycle()) {
+                let limit = slot.head.outputs();
+                if usize::from(code) >= limit {
+                    return Err(StepError::OutOfRange { what: "motion code", got: code.into(), limit });
+                }
+            }
+            lane.before.copy_from_slice(before);
+        }
         let mut logits = vec![Vec::new(); count];
         lane.project(self, isa, (0..rows).map(|row| &states[row * self.input.inputs()..][..self.input.inputs()]))?;
         for (j, out) in logits.iter_mut().enumerate() {
@@ -289,13 +316,24 @@ impl Lane {
             logits: room(most),
             order: filled(0, most).into(),
             codes: filled(0, rows * codes).into(),
+            before: filled(0, rows * codes).into(),
             quant: QuantScratch::new(rows, widest.max(net.d_ff)),
         }
     }
 
-    /// Draws the codes of every task.
-    fn draw(&mut self, net: &DepthNet, isa: Isa, states: &[f32], tasks: &[Task]) -> Result<(), StepError> {
+    /// Draws the codes of every task; `before` are those of the keyframes before.
+    fn draw(
+        &mut self,
+        net: &DepthNet,
+        isa: Isa,
+        states: &[f32],
+        tasks: &[Task],
+        before: &[u16],
+    ) -> Result<(), StepError> {
         let (width, count) = (net.input.inputs(), net.slots.len());
+        let of_rows = tasks.iter().zip(before.chunks_exact(count));
+        let of_rows = of_rows.flat_map(|(task, before)| std::iter::repeat_n(before, task.rows()));
+        self.before.chunks_exact_mut(count).zip(of_rows).for_each(|(row, before)| row.copy_from_slice(before));
         let state = |row: usize| &states[row * width..(row + 1) * width];
         let rows = tasks.iter().map(Task::rows).sum();
         self.project(net, isa, tasks.iter().flat_map(|t| std::iter::once(t.row).chain(t.unprompted)).map(state))?;
@@ -352,6 +390,10 @@ impl Lane {
                 net.embed[slot.part].add(slot.first + usize::from(self.codes[row * count + before]), hidden);
             }
             net.position.add(j, hidden);
+            if let Some(before) = &net.before {
+                let slot = &net.slots[j];
+                before[slot.part].add(slot.first + usize::from(self.before[row * count + j]), hidden);
+            }
         }
         for (index, layer) in net.layers.iter().enumerate() {
             self.attend(net, isa, (index, layer), j, rows)?;

@@ -146,12 +146,15 @@ fn generate(cx: Compute, loader: &Loader, inputs: &Inputs, options: Options) -> 
     }
     let net = DepthNet::load(loader)?;
     let (mut scratch, mut all) = (net.scratch(1), Vec::new());
+    let mut before = keyframes(config, inputs, "history")?;
+    before.drain(..before.len() - config.codes_per_keyframe());
     Encoded::new(cx, loader, inputs, target)?.decode(cx, config, target, |keyframe, state| {
         let keyframe = u32::try_from(keyframe).expect("chunks have few keyframes");
         let sampler = options.sampler;
         let task = Task { member: 0, row: 0, unprompted: None, guidance: 1.0, sampler, chunk: 0, keyframe };
         let mut drawn = Vec::new();
-        net.draw(cx, &mut scratch, state, &[task], |_, codes| drawn.extend_from_slice(codes))?;
+        net.draw(cx, &mut scratch, state, &[task], &before, |_, codes| drawn.extend_from_slice(codes))?;
+        before.copy_from_slice(&drawn);
         all.extend_from_slice(&drawn);
         Ok(drawn)
     })?;
@@ -163,7 +166,12 @@ fn depth(cx: Compute, loader: &Loader, inputs: &Inputs) -> Outputs {
     let net = DepthNet::load(loader)?;
     let states = inputs.float_rows("hidden", config.lm.d_model)?;
     let codes = keyframes(config, inputs, "codes")?;
-    let mut logits = net.force(cx.isa, &states, &codes)?.into_iter();
+    let before = if config.depth.as_ref().is_some_and(|depth| depth.before) {
+        keyframes(config, inputs, "before")?
+    } else {
+        Vec::new()
+    };
+    let mut logits = net.force(cx.isa, &states, &codes, &before)?.into_iter();
     let rows = codes.len() / net.codes();
     let output = |part: PartSpec| {
         let levels: Vec<Vec<f32>> = logits.by_ref().take(part.levels).collect();

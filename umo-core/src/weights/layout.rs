@@ -234,6 +234,9 @@ impl List {
             let rows = part.levels * part.codes;
             self.add(format!("depth.embed.{}.weight", part.name), &[rows, d], Kind::Table);
             self.add(format!("depth.head.{}.weight", part.name), &[rows, d], Kind::Product);
+            if depth.before {
+                self.add(format!("depth.before.{}.weight", part.name), &[rows, d], Kind::Table);
+            }
         }
     }
 
