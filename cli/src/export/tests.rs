@@ -149,6 +149,7 @@ fn written(format: Format, clip: &Clip, room: usize) -> io::Result<usize> {
         Format::Bvh => super::bvh::write(clip, &mut disk)?,
         Format::Glb => super::glb::write(clip, Figure::default(), &mut disk)?,
         Format::Csv => super::csv::write(clip, &mut disk)?,
+        Format::Vrma => super::glb::vrma::write(clip, &mut disk)?,
         Format::Jsonl => super::jsonl::write(clip, &mut disk)?,
     }
     Ok(disk.used)

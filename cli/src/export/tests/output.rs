@@ -24,7 +24,7 @@ fn write_leaves_one_whole_file_per_format() {
         let size = usize::try_from(fs::metadata(path).unwrap().len()).unwrap();
         assert_eq!(size, written(format, &clip, usize::MAX).unwrap());
     }
-    let want = ["out.bvh", "out.csv", "out.glb", "out.jsonl", "out.npz"];
+    let want = ["out.bvh", "out.csv", "out.glb", "out.jsonl", "out.npz", "out.vrma"];
     assert_eq!(names(&folder), want);
 }
 
