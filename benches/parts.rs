@@ -153,7 +153,8 @@ impl Depth {
         let mut first = 0;
         while first < self.tasks.len() {
             let (tasks, before) = (&self.tasks[first..], &self.before[first * self.net.codes()..]);
-            first += self.net.draw(cx, &mut self.scratch, &self.states, tasks, before, |_, _| ()).expect(OK);
+            first +=
+                self.net.draw(cx, &mut self.scratch, (&self.states, &self.states), tasks, before, |_, _| ()).expect(OK);
         }
     }
 }

@@ -80,7 +80,7 @@ def add_language_model(cases: Cases, config: Config) -> None:
         routers = reference.lm.begin()
         hidden = reference.encode(inputs["input_ids"], _joined("history", inputs))
         history = _joined("history", inputs)
-        codes = reference.generate(hidden, history, int(inputs["target"]), margin)
+        codes = reference.generate(inputs["input_ids"], hidden, history, int(inputs["target"]), margin)
         margin.smallest = min(margin.smallest, routers.smallest)
         return _split("codes", codes)
 
@@ -102,11 +102,14 @@ def add_depth(cases: Cases, config: Config, lengths: tuple[int, ...]) -> None:
         inputs = {"hidden": hidden} | _split("codes", _codes(config["parts"], rows, generator))
         if config["depth"].get("before"):
             inputs |= _split("before", _codes(config["parts"], rows, generator))
+        if "heard" in config["depth"]:
+            inputs["heard"] = torch.randn(rows, config["lm"]["d_model"], generator=generator)
         return inputs
 
     def run(reference: FrameReference, inputs: Tensors, _: Margin) -> Tensors:
         hidden = inputs["hidden"].to(reference.dtype)
-        return _split("logits", reference.depth(hidden, _joined("codes", inputs), _joined("before", inputs)))
+        heard = inputs["heard"].to(reference.dtype) if "heard" in inputs else None
+        return _split("logits", reference.depth(hidden, _joined("codes", inputs), _joined("before", inputs), heard))
 
     for i, rows in enumerate(lengths):
         cases.add(f"depth{i}", "depth", partial(propose, rows), run)

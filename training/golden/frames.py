@@ -63,13 +63,16 @@ class DepthLayer(nn.Module):
 
 class Depth(nn.Module):
     """Every code of a keyframe from the decoder's state, the codes before it and, with `depth.before`, the code in its
-    place at the keyframe before, all at once."""
+    place at the keyframe before, all at once; with `depth.heard` also from the encoder's state where the keyframe is
+    heard."""
 
     def __init__(self, config: Config, tensors: dict[str, Tensor]) -> None:
         super().__init__()
         sizes, self.parts = config["depth"], config["parts"]
         d, slots = sizes["d_model"], sum(part["levels"] for part in config["parts"])
         self.input = nn.Linear(config["lm"]["d_model"], d, bias=False)
+        if "heard" in sizes:
+            self.heard = nn.Linear(config["lm"]["d_model"], d, bias=False)
         self.position = nn.Embedding(slots, d)
         self.layers = nn.ModuleList([DepthLayer(sizes) for _ in range(sizes["num_layers"])])
         self.norm = nn.RMSNorm(d, sizes["layer_norm_epsilon"])
@@ -81,11 +84,14 @@ class Depth(nn.Module):
         load(self, "depth.", tensors)
         self.eval()
 
-    def forward(self, states: Tensor, codes: Codes, before: Codes) -> Codes:
-        """States `[T, d_model]`, codes `[T, levels]` of each part and those of the keyframes before to logits
-        `[T, levels, codes]`."""
+    def forward(self, states: Tensor, codes: Codes, before: Codes, heard: Tensor | None) -> Codes:
+        """States `[T, d_model]`, codes `[T, levels]` of each part, those of the keyframes before, and the encoder's
+        states `[T, d_model]` to logits `[T, levels, codes]`."""
         said = self._looked_up(self.embed, codes)[:, :-1]
-        x = self.input(states)[:, None] + functional.pad(said, (0, 0, 1, 0)) + self.position.weight
+        given = self.input(states)
+        if heard is not None:
+            given = given + self.heard(heard)
+        x = given[:, None] + functional.pad(said, (0, 0, 1, 0)) + self.position.weight
         if hasattr(self, "before"):
             x = x + self._looked_up(self.before, before)
         for layer in self.layers:
@@ -102,13 +108,13 @@ class Depth(nn.Module):
         """Rows `[T, codes of a keyframe, d]`."""
         return torch.cat([tables[part["name"]](codes[part["name"]] + offsets(part)) for part in self.parts], 1)
 
-    def greedy(self, state: Tensor, before: Codes, margin: Margin) -> Codes:
+    def greedy(self, state: Tensor, before: Codes, heard: Tensor | None, margin: Margin) -> Codes:
         """The codes `[1, levels]` of one keyframe, each by a pass over all before it; `before` is the keyframe before,
-        `[1, levels]`."""
+        `[1, levels]`, `heard` the encoder's state."""
         codes = {part["name"]: torch.zeros(1, part["levels"], dtype=torch.long) for part in self.parts}
         for part in self.parts:
             for level in range(part["levels"]):
-                logits = self(state[None], codes, before)[part["name"]][0, level]
+                logits = self(state[None], codes, before, heard)[part["name"]][0, level]
                 margin.largest(logits)
                 codes[part["name"]][0, level] = logits.argmax()
         return codes
@@ -265,6 +271,10 @@ class FrameReference(nn.Module):
         self.interp = VectorInterpolation(config, tensors)
         self.motion = ResidualMotion(config, tensors)
         self.size: int = config["vocab"]["size"]
+        self.start: int = config["vocab"]["audio"]["start"]
+        self.prefix: int = config["prefix"]
+        self.tokens: int = config["keyframe_stride"] * config["audio"]["token_rate"] // config["frame_rate"]
+        self.token: int | None = config["depth"].get("heard")
 
     @property
     def dtype(self) -> torch.dtype:
@@ -282,12 +292,23 @@ class FrameReference(nn.Module):
         output = self.lm.model.decoder(inputs_embeds=rows[None], encoder_hidden_states=hidden[None], use_cache=False)
         return output.last_hidden_state[0]
 
-    def generate(self, hidden: Tensor, history: Codes, target: int, margin: Margin) -> Codes:
+    def heard(self, ids: Tensor, hidden: Tensor, keyframe: int) -> Tensor | None:
+        """The encoder's state `[1, d_model]` where a keyframe of the chunk is heard, zeros where there is no audio."""
+        if self.token is None:
+            return None
+        found = (ids == self.start).nonzero()
+        if len(found) == 0:
+            return torch.zeros_like(hidden[:1])
+        place = int(found[0]) + 1 + (self.prefix + keyframe) * self.tokens + self.token
+        return hidden[place : place + 1] if place < len(ids) else torch.zeros_like(hidden[:1])
+
+    def generate(self, ids: Tensor, hidden: Tensor, history: Codes, target: int, margin: Margin) -> Codes:
         """Greedy keyframes, each by a pass over all before it."""
         before = {name: rows[-1:] for name, rows in history.items()}
         codes = {part["name"]: torch.zeros(0, part["levels"], dtype=torch.long) for part in self.keyframes.parts}
-        for _ in range(target):
+        for keyframe in range(target):
             more = {name: functional.pad(value, (0, 0, 0, 1)) for name, value in codes.items()}
-            drawn = before = self.depth.greedy(self.decode(hidden, more)[-1], before, margin)
+            heard = self.heard(ids, hidden, keyframe)
+            drawn = before = self.depth.greedy(self.decode(hidden, more)[-1], before, heard, margin)
             codes = {name: torch.cat([value, drawn[name]]) for name, value in codes.items()}
         return codes

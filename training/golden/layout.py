@@ -201,6 +201,8 @@ def depth_shapes(config: Config) -> Shapes:
     d, ffn = sizes["d_model"], sizes["d_ff"]
     slots = sum(part["levels"] for part in config["parts"])
     out: Shapes = {"input.weight": (d, config["lm"]["d_model"]), "position.weight": (slots, d), "norm.weight": (d,)}
+    if "heard" in sizes:
+        out["heard.weight"] = out["input.weight"]
     for i in range(sizes["num_layers"]):
         layer = f"layers.{i}"
         out |= {f"{layer}.attention.{name}.weight": (d, d) for name in "qkvo"}

@@ -134,9 +134,10 @@ def test_depth(run: pipeline.Run, tmp_path: Path) -> None:
     codes, model = _codes(run, 6, 0), _language(run)
     hidden = torch.randn(6, run.plan["lm"]["d_model"], generator=torch.Generator().manual_seed(0))
     before = _codes(run, 6, 1)
-    inputs = {"hidden": hidden} | _split(run, "codes", codes) | _split(run, "before", before)
+    heard = torch.randn(6, run.plan["lm"]["d_model"], generator=torch.Generator().manual_seed(1))
+    inputs = {"hidden": hidden, "heard": heard} | _split(run, "codes", codes) | _split(run, "before", before)
     out = _stage(run, "depth", inputs, tmp_path)
-    for name, logits in model.depth(hidden, codes, before).items():
+    for name, logits in model.depth(hidden, codes, before, heard).items():
         _close(out[f"logits.{name}"], logits)
 
 

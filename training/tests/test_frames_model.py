@@ -25,8 +25,9 @@ def model() -> FrameModel:
 def test_depth_is_the_references(model: FrameModel) -> None:
     state = {name: tensor for name, tensor in model.state_dict().items() if name.startswith("depth.")}
     states, said, before = torch.randn(5, CONFIG["lm"]["d_model"]), codes(5), codes(5, seed=1)
-    wanted = reference.Depth(CONFIG, state)(states, _split(said), _split(before))
-    found = model.depth(states, said, before)
+    heard = torch.randn_like(states)
+    wanted = reference.Depth(CONFIG, state)(states, _split(said), _split(before), heard)
+    found = model.depth(states, said, before, heard)
     for part in PARTS:
         torch.testing.assert_close(found[part.name], wanted[part.name], rtol=1e-4, atol=1e-5)
 
@@ -46,7 +47,7 @@ def test_greedy_drawing_agrees_with_teacher_forcing(model: FrameModel) -> None:
     state = {name: tensor for name, tensor in model.state_dict().items() if name.startswith("depth.")}
     hidden = torch.randn(CONFIG["lm"]["d_model"])
     before = codes(1, seed=1)
-    drawn = reference.Depth(CONFIG, state).greedy(hidden, _split(before), Margin())
+    drawn = reference.Depth(CONFIG, state).greedy(hidden, _split(before), None, Margin())
     said = torch.cat([drawn[part.name] for part in PARTS], 1)
     logits = model.depth(hidden[None], said, before)
     for part in PARTS:
@@ -144,10 +145,15 @@ def test_what_nobody_knows_adds_nothing() -> None:
 @torch.no_grad()
 def test_what_is_heard_is_said_from_the_encoders_states(model: FrameModel) -> None:
     ids, history, said = torch.randint(0, 60, (2, 20)), codes(2, 4), codes(2, 3)
-    heard = torch.tensor([4, 9, 14])
-    _, guess = model(ids, history, said, None, (torch.arange(3), heard))
-    states = model.encode(ids, history)[:, heard].flatten(0, 1)
-    torch.testing.assert_close(guess["upper"], model.depth(states, said.flatten(0, 1))["upper"])
+    places, guessed = torch.tensor([4, 9, 14]), torch.tensor([0, 2])
+    logits, guess = model(ids, history, said, None, places, guessed)
+    hidden = model.encode(ids, history)
+    states = hidden[:, places[guessed]].flatten(0, 1)
+    torch.testing.assert_close(guess["upper"], model.depth(states, said[:, guessed].flatten(0, 1))["upper"])
+    before = torch.cat([history[:, -1:], said[:, :-1]], 1).flatten(0, 1)
+    states, heard = model.decode(hidden, said).flatten(0, 1), hidden[:, places].flatten(0, 1)
+    wanted = model.depth(states, said.flatten(0, 1), before, heard)
+    torch.testing.assert_close(logits["upper"], wanted["upper"])
 
 
 @torch.no_grad()

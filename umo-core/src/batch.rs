@@ -108,6 +108,9 @@ enum BetweenScratch {
         tasks: Vec<Task>,
         /// `[tasks, codes of a keyframe]`: the keyframe before each task's.
         before: Vec<u16>,
+        /// `[rows of the decoder pass, d_model]`: the encoder's states where the keyframes are heard,
+        /// where the depth network has them.
+        heard: Vec<f32>,
         /// Keyframe that the decoder pass is of.
         keyframe: usize,
     },
@@ -115,6 +118,11 @@ enum BetweenScratch {
 
 /// A model was taken up with room for one of the other layout.
 const OTHER_LAYOUT: StepError = StepError::Disagree("a batch was taken up with another model");
+
+/// Which of a keyframe's audio tokens its encoder state is of, where the depth network has that.
+fn heard_token(config: &Config) -> Option<usize> {
+    config.depth.as_ref()?.heard
+}
 
 impl Batch {
     /// Room for `width` avatars with at most the model's `max_target`; everything that is needed is
@@ -150,6 +158,7 @@ impl Batch {
                     interp: interp.scratch(frames),
                     tasks: with_capacity(width),
                     before: with_capacity(width * depth.codes()),
+                    heard: with_capacity(if heard_token(config).is_some() { sequences * config.lm.d_model } else { 0 }),
                     keyframe: 0,
                 },
             },
@@ -416,6 +425,7 @@ impl Batch {
         let generator = match &mut self.between {
             BetweenScratch::Codes { generator, .. } => generator,
             BetweenScratch::Vectors { .. } => {
+                self.list_heard(&model.config);
                 self.list_tasks(avatars);
                 return Ok(Phase::Draw { first: 0 });
             }
@@ -433,6 +443,27 @@ impl Batch {
             more |= generator.write(cx, lm, &mut self.lm, row - 1, sampling, position, &mut codes, sequence)?;
         }
         Ok(if more { Phase::Decode { layer: 0 } } else { self.interpolate_from(0) })
+    }
+
+    /// The encoder's states where the keyframe of the decoder pass is heard, of every sequence of
+    /// the pass; zeros where there is no audio.
+    fn list_heard(&mut self, config: &Config) {
+        let (Some(token), d) = (heard_token(config), config.lm.d_model) else { return };
+        let BetweenScratch::Vectors { heard, keyframe, .. } = &mut self.between else { return };
+        heard.clear();
+        let (place, mut first) = ((config.prefix + *keyframe) * config.tokens_per_keyframe() + token, 0);
+        for (sequence, &length) in self.sequences.iter().zip(&self.lengths).take(self.members * self.per_member) {
+            if !sequence.ids().is_empty() {
+                let ids = &self.ids[first..first + length];
+                let start = ids.iter().position(|&id| id as usize == config.vocab.audio.start);
+                let row = start.map(|start| start + 1 + place).filter(|&row| row < length);
+                match row {
+                    Some(row) => heard.extend_from_slice(&self.states[(first + row) * d..(first + row + 1) * d]),
+                    None => heard.resize(heard.len() + d, 0.0),
+                }
+            }
+            first += length;
+        }
     }
 
     /// One task for each member of the decoder pass, whose rows are those of its sequences.
@@ -465,13 +496,16 @@ impl Batch {
     /// The codes of the keyframe that the decoder pass was of, for as many members as one step
     /// takes, and what the next pass reads.
     fn draw(&mut self, model: &Model, cx: Compute, avatars: &mut [Avatar], first: usize) -> Result<Phase, StepError> {
-        let (Between::Vectors { depth, .. }, BetweenScratch::Vectors { depth: scratch, tasks, before, keyframe, .. }) =
-            (&model.between, &mut self.between)
+        let (
+            Between::Vectors { depth, .. },
+            BetweenScratch::Vectors { depth: scratch, tasks, before, heard, keyframe, .. },
+        ) = (&model.between, &mut self.between)
         else {
             return Err(OTHER_LAYOUT);
         };
         let before = &before[first * depth.codes()..];
-        let done = depth.draw(cx, scratch, self.lm.states(), &tasks[first..], before, |task, codes| {
+        let states = (self.lm.states(), heard.as_slice());
+        let done = depth.draw(cx, scratch, states, &tasks[first..], before, |task, codes| {
             if let Window::Keyframes(history) = &mut avatars[task.member].history {
                 history.write(*keyframe, codes);
             }

@@ -138,6 +138,10 @@ pub struct Depth {
     /// Whether each code knows the one in its place at the keyframe before.
     #[serde(default, skip_serializing_if = "is_false")]
     pub before: bool,
+    /// Where the network has the encoder's state of each keyframe: which of the keyframe's audio tokens
+    /// that is of.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub heard: Option<usize>,
 }
 
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "as serde calls it")]

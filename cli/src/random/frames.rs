@@ -53,7 +53,7 @@ fn depth(size: Size) -> Depth {
         Size::Small => (48, 4, 96, 2),
         Size::Tiny => (6, 2, 7, 2),
     };
-    Depth { d_model, num_heads, d_ff, num_layers, layer_norm_epsilon: 1e-6, before: true }
+    Depth { d_model, num_heads, d_ff, num_layers, layer_norm_epsilon: 1e-6, before: true, heard: Some(1) }
 }
 
 /// Names of a body part's channels that `wanted` holds for.

@@ -76,7 +76,7 @@ class FrameExamples:
         rate = config["audio"]["token_rate"]
         # A keyframe's audio tokens; the config holds only for whole ones.
         self.tokens = self.stride * rate // config["frame_rate"]
-        self.middle = self.tokens // 2 if delay is None else min(delay, self.tokens - 1)
+        self.middle = heard_token(config, delay)
         self.rest = np.concatenate([entry["rest"] for entry in config["parts"]]).astype(np.int64)
         self.body = np.repeat(body, [part.levels for part in parts])
         self.counts = np.repeat([part.codes for part in parts], [part.levels for part in parts])
@@ -161,6 +161,12 @@ class FrameExamples:
         places = {"audio": audio, "text": text, "history": self.vocab["size"] + np.arange(self.prefix)}
         entries = self.config["templates"][template]
         return np.concatenate([[entry] if isinstance(entry, int) else places[entry] for entry in entries])
+
+
+def heard_token(config: Config, delay: int | None) -> int:
+    """Which of a keyframe's audio tokens says it; units say what they say `delay` tokens late."""
+    tokens = config["keyframe_stride"] * config["audio"]["token_rate"] // config["frame_rate"]
+    return int(tokens // 2 if delay is None else min(delay, tokens - 1))
 
 
 def _rows(rows: np.ndarray, first: int, count: int, fill: np.ndarray | int) -> np.ndarray:

@@ -87,17 +87,23 @@ class Depth(nn.Module):
         self.embed = Tables(parts, d, 0.5)
         self.head = nn.ModuleDict({part.name: nn.Linear(d, part.levels * part.codes, bias=False) for part in parts})
         nn.init.normal_(self.position.weight, std=0.5)
+        self.heard = nn.Linear(config["lm"]["d_model"], d, bias=False) if sizes.get("heard") is not None else None
         self.before = Tables(parts, d, 0.5) if sizes.get("before") else None
         if self.before is not None:
             for name, head in self.head.items():
                 head.weight.data.copy_(self.AGAIN * self.before[name].weight.data)
 
-    def forward(self, states: Tensor, codes: Tensor, before: Tensor | None = None) -> dict[str, Tensor]:
+    def forward(
+        self, states: Tensor, codes: Tensor, before: Tensor | None = None, heard: Tensor | None = None
+    ) -> dict[str, Tensor]:
         """States `[n, d_model]` and codes `[n, J]` to logits `[n, levels, codes]` of each part. Code `j` sees those
         before it, as the engine has drawn them when it draws `j`, and `before` `[n, J]`, the keyframe before, -1
-        where that is not known."""
+        where that is not known. `heard` `[n, d_model]` are the encoder's states where the keyframes are heard."""
         drawn = functional.pad(self.embed(codes)[:, :-1], (0, 0, 1, 0))
-        x = self.input(states)[:, None] + drawn + self.position.weight
+        given = self.input(states)
+        if self.heard is not None and heard is not None:
+            given = given + self.heard(heard)
+        x = given[:, None] + drawn + self.position.weight
         if self.before is not None and before is not None:
             x = x + self.before(before)
         for layer in self.layers:
@@ -209,21 +215,24 @@ class FrameModel(nn.Module):
         history: Tensor,
         codes: Tensor,
         mask: Tensor | None = None,
-        heard: tuple[Tensor, Tensor] | None = None,
+        places: Tensor | None = None,
+        guessed: Tensor | None = None,
         unknown: Tensor | None = None,
     ) -> tuple[dict[str, Tensor], dict[str, Tensor] | None]:
-        """Logits `[b * N, levels, codes]` of each part, teacher forcing. `unknown` `[b, N]` are keyframes whose depth
-        network is not told the keyframe before. With `heard`, keyframes of the chunk `[H]` and
-        places in `ids` `[H]`, also those `[b * H, levels, codes]` that the encoder's own states there give."""
+        """Logits `[b * N, levels, codes]` of each part, teacher forcing. `places` `[N]` are where in `ids` the chunk's
+        keyframes are heard, if they are. `unknown` `[b, N]` are keyframes whose depth network is not told the keyframe
+        before. With `guessed`, keyframes of the chunk `[H]`, also the logits `[b * H, levels, codes]` that the
+        encoder's states of these places alone give."""
         hidden = self.encode(ids, history, mask)
         before = torch.cat([history[:, -1:], codes[:, :-1]], 1)
         if unknown is not None:
             before = before.masked_fill(unknown[..., None], -1)
-        logits = self.depth(self.decode(hidden, codes, mask).flatten(0, 1), codes.flatten(0, 1), before.flatten(0, 1))
-        if heard is None:
+        heard = None if places is None else hidden[:, places].flatten(0, 1)
+        states = self.decode(hidden, codes, mask).flatten(0, 1)
+        logits = self.depth(states, codes.flatten(0, 1), before.flatten(0, 1), heard)
+        if guessed is None or places is None:
             return logits, None
-        keyframes, places = heard
-        return logits, self.depth(hidden[:, places].flatten(0, 1), codes[:, keyframes].flatten(0, 1))
+        return logits, self.depth(hidden[:, places[guessed]].flatten(0, 1), codes[:, guessed].flatten(0, 1))
 
 
 def for_file(state: dict[str, Tensor]) -> dict[str, Tensor]:

@@ -14,7 +14,7 @@ from umo_train.audio import tokens
 from umo_train.data import corpus
 from umo_train.device import best
 from umo_train.frames import chain, parts, report
-from umo_train.frames.examples import FrameExamples, FrameStream
+from umo_train.frames.examples import FrameExamples, FrameStream, heard_token
 from umo_train.frames.interp import VectorInterpolation, VectorPlan
 from umo_train.frames.interp import train as train_interp
 from umo_train.frames.model import FrameModel, for_file
@@ -260,7 +260,7 @@ def model_file_config(s: Run) -> Config:
     config = common_sizes(s, ()) | {
         "layout": "frames",
         "parts": [part.config(rest[part.name]) for part in parts_of(s)],
-        "depth": s.plan["depth"],
+        "depth": dict(s.plan["depth"]),
         "vq": {
             "width": root_plan(s).width,
             "root": {"channels": CHANNELS["lower"], "layers": root_plan(s).layers},
@@ -268,6 +268,9 @@ def model_file_config(s: Run) -> Config:
         "templates": TEMPLATES,
     }
     config["audio"]["ahead"] = s.plan["audio"].get("ahead", 0)
+    # The plan says whether, the model file which of a keyframe's audio tokens.
+    if config["depth"].pop("heard", False):
+        config["depth"]["heard"] = heard_token(config, s.plan["audio"].get("listener", {}).get("delay"))
     if "speech" in s.plan:
         told = list(PROMPTS.values())
         if "actions" in s.plan:

@@ -93,10 +93,11 @@ class Outputs(nn.Module):
         history: Tensor,
         codes: Tensor,
         mask: Tensor | None,
-        heard: tuple[Tensor, Tensor] | None,
+        places: Tensor | None,
+        guessed: Tensor | None,
         unknown: Tensor | None,
     ) -> tuple[dict[str, Tensor], dict[str, Tensor] | None, Tensor | None]:
-        logits, guess = self.model(ids, history, codes, mask, heard, unknown)
+        logits, guess = self.model(ids, history, codes, mask, places, guessed, unknown)
         return logits, guess, moe.balance(self.model) if self.balanced else None
 
 
@@ -104,6 +105,11 @@ def inputs(batch: FrameBatch, device: torch.device) -> tuple[Tensor, Tensor, Ten
     """Ids, history, codes and mask of a batch."""
     ids, history, codes = (torch.from_numpy(x).to(device) for x in (batch.ids, batch.history, batch.codes))
     return ids, history, codes, None if batch.mask is None else torch.from_numpy(batch.mask).to(device)
+
+
+def places_of(batch: FrameBatch, device: torch.device) -> Tensor | None:
+    """Where in the ids of a batch its keyframes are heard, if they are."""
+    return None if batch.heard is None else torch.from_numpy(batch.heard).to(device)
 
 
 def train_stage(
@@ -133,19 +139,18 @@ def train_stage(
             group["lr"] = plan.rate * rate_at(step, plan)
         batch = examples.chunk(plan.batch, int(rng.choice(plan.targets)), rng, task=task)
         ids, history, codes, mask = inputs(batch, device)
-        heard = None
+        guessed = None
         if plan.heard > 0 and batch.heard is not None:
             some = np.sort(rng.permutation(len(batch.heard))[: plan.heard_keyframes])
-            heard = torch.from_numpy(some).to(device), torch.from_numpy(batch.heard[some]).to(device)
+            guessed = torch.from_numpy(some).to(device)
         unknown = torch.from_numpy(rng.random(codes.shape[:2]) < plan.unknown).to(device)
-        logits, guess, balance = outputs(ids, history, codes, mask, heard, unknown)
+        logits, guess, balance = outputs(ids, history, codes, mask, places_of(batch, device), guessed, unknown)
         weight = code_weights(plain.parts, plan, codes, torch.from_numpy(batch.before).to(device))
         loss = total = entropy(plain.parts, logits, codes, weight)
         if balance is not None:
             total = total + plan.balance * balance
         if guess is not None:
-            some = heard[0]
-            total = total + plan.heard * entropy(plain.parts, guess, codes[:, some], weight[:, some])
+            total = total + plan.heard * entropy(plain.parts, guess, codes[:, guessed], weight[:, guessed])
         accelerator.backward(total)
         optimizer.step()
         bar.set_postfix(task=task, loss=f"{loss.item():.3f}")
@@ -170,7 +175,7 @@ def evaluate(model: FrameModel, examples: FrameExamples, plan: FrameStagePlan, b
     for i in range(batches):
         batch = examples.chunk(plan.batch, 5, np.random.default_rng((plan.seed, 1_000_000 + i)))
         ids, history, codes, mask = inputs(batch, device)
-        logits, _ = model(ids, history, codes, mask)
+        logits, _ = model(ids, history, codes, mask, places_of(batch, device))
         before = torch.from_numpy(batch.before).to(device)
         weight = code_weights(model.parts, plan, codes, before)
         sums.setdefault("loss", []).append(entropy(model.parts, logits, codes, weight).item())

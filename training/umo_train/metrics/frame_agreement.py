@@ -60,12 +60,24 @@ def trace(umo: Path, item: Item, model: Path | None = None, most: int = 20, seed
     return chunks
 
 
-def _likeliest(umo: Path, chunk: FrameChunk, *options: object) -> Codes:
+def _heard(umo: Path, chunk: FrameChunk, config: dict[str, Any], *options: object) -> Codes:
+    """The encoder's states where the chunk's keyframes are heard, where the depth network has them."""
+    if "heard" not in config["depth"]:
+        return {}
+    hidden = stage(umo, "encoder", {"input_ids": chunk.ids} | _named("history", chunk.history), *options)["hidden"]
+    each = config["audio"]["token_rate"] * config["keyframe_stride"] // config["frame_rate"]
+    start = int(np.flatnonzero(chunk.ids == config["vocab"]["audio"]["start"])[0]) + 1
+    keyframes = config["prefix"] + np.arange(len(next(iter(chunk.codes.values()))))
+    return {"heard": hidden[start + keyframes * each + config["depth"]["heard"]]}
+
+
+def _likeliest(umo: Path, chunk: FrameChunk, config: dict[str, Any], *options: object) -> Codes:
     codes = _named("codes", chunk.codes)
     given = {"input_ids": chunk.ids} | _named("history", chunk.history) | codes
     hidden = stage(umo, "decoder", given, *options)["hidden"]
+    heard = _heard(umo, chunk, config, *options)
     before = {name: np.concatenate([chunk.history[name][-1:], rows[:-1]]) for name, rows in chunk.codes.items()}
-    made = stage(umo, "depth", {"hidden": hidden} | codes | _named("before", before), *options)
+    made = stage(umo, "depth", {"hidden": hidden} | heard | codes | _named("before", before), *options)
     return {name: made[f"logits.{name}"].argmax(-1) for name in chunk.codes}
 
 
@@ -80,9 +92,10 @@ def agreement(
     `other` find the same likeliest, both given what f32 drew so far."""
     precision = precision or ("stored" if other else "int8")
     exact, coarse = ([*(["--model", path] if path else []), "--precision"] for path in (model, other or model))
+    config = config_of(umo, model)
     same: dict[str, list[np.ndarray]] = {}
     for chunk in chunks:
-        one, two = _likeliest(umo, chunk, *exact, "f32"), _likeliest(umo, chunk, *coarse, precision)
+        one, two = _likeliest(umo, chunk, config, *exact, "f32"), _likeliest(umo, chunk, config, *coarse, precision)
         for name in one:
             same.setdefault(name, []).append((one[name] == two[name]).ravel())
     shares = {name: float(np.concatenate(rows).mean()) for name, rows in same.items()}

@@ -339,6 +339,9 @@ fn check_lm(c: &Config) -> Check {
     divides("depth.num_heads", depth.num_heads, depth.d_model)?;
     range("depth.d_ff", depth.d_ff, 1, MAX_WIDTH)?;
     range("depth.num_layers", depth.num_layers, 1, MAX_LAYERS)?;
+    if let Some(heard) = depth.heard {
+        range("depth.heard", heard, 0, c.tokens_per_keyframe() - 1)?;
+    }
     small("depth.layer_norm_epsilon", depth.layer_norm_epsilon)
 }
 

@@ -31,6 +31,8 @@ const TASK_ROWS: usize = 2;
 pub struct DepthNet {
     /// `[d, d_model]`
     input: Linear,
+    /// The same for the encoder's state where the keyframe is heard, where the network has it.
+    heard: Option<Linear>,
     /// `[codes of a keyframe, d]`
     position: Table,
     layers: Vec<Layer>,
@@ -168,6 +170,10 @@ impl DepthNet {
         }
         Ok(Self {
             input: loader.linear(&["depth.input.weight".to_owned()], &[d], config.lm.d_model)?,
+            heard: match sizes.heard {
+                Some(_) => Some(loader.linear(&["depth.heard.weight".to_owned()], &[d], config.lm.d_model)?),
+                None => None,
+            },
             position: loader.table("depth.position.weight", slots.len(), d)?,
             layers: (0..sizes.num_layers).map(layer).collect::<Result<_, LoadError>>()?,
             norm: loader.vector("depth.norm.weight", d)?,
@@ -210,9 +216,11 @@ impl DepthNet {
     /// Draws the codes of the first of `tasks`, as many as there is room for; returns how many.
     /// Never allocates.
     ///
-    /// Shapes: `states [rows, d_model]`, the decoder's after its final norm; `before [tasks, codes of a
-    /// keyframe]`, the keyframe before each task's; `write(task, codes)` is given each task's codes
-    /// in the order of the config's parts, their levels ascending.
+    /// Shapes: `states [rows, d_model]`, the decoder's after its final norm; `heard` of the same shape,
+    /// the encoder's where the keyframes are heard, zeros where they are not, empty where the network
+    /// has none; `before [tasks, codes of a keyframe]`, the keyframe before each task's;
+    /// `write(task, codes)` is given each task's codes in the order of the config's parts, their
+    /// levels ascending.
     ///
     /// # Errors
     /// [`StepError`] where logits are not finite, or `before` is not of all tasks.
@@ -220,7 +228,7 @@ impl DepthNet {
         &self,
         cx: Compute,
         scratch: &mut DepthScratch,
-        states: &[f32],
+        (states, heard): (&[f32], &[f32]),
         tasks: &[Task],
         before: &[u16],
         mut write: impl FnMut(&Task, &[u16]),
@@ -242,7 +250,7 @@ impl DepthNet {
                 for (lane, group) in lanes.iter_mut().zip(range) {
                     let mine = bounds(group)..bounds(group + 1);
                     let before = &before[mine.start * self.codes()..mine.end * self.codes()];
-                    lane.draw(self, cx.isa, states, &tasks[mine], before)?;
+                    lane.draw(self, cx.isa, (states, heard), &tasks[mine], before)?;
                 }
                 Ok(())
             },
@@ -263,9 +271,16 @@ impl DepthNet {
     ///
     /// # Errors
     /// [`StepError`] where a length disagrees or a code is out of range.
-    pub fn force(&self, isa: Isa, states: &[f32], codes: &[u16], before: &[u16]) -> Result<Vec<Vec<f32>>, StepError> {
+    pub fn force(
+        &self,
+        isa: Isa,
+        (states, heard): (&[f32], &[f32]),
+        codes: &[u16],
+        before: &[u16],
+    ) -> Result<Vec<Vec<f32>>, StepError> {
         let (rows, count) = (codes.len() / self.codes(), self.codes());
-        if rows == 0 || rows * count != codes.len() || states.len() != rows * self.input.inputs() {
+        let is_whole = |states: &[f32]| states.len() == rows * self.input.inputs();
+        if rows == 0 || rows * count != codes.len() || !is_whole(states) || self.heard.is_some() && !is_whole(heard) {
             return Err(StepError::Disagree("states and codes of another number of keyframes"));
         }
         let mut lane = Lane::new(self, rows);
@@ -282,7 +297,7 @@ impl DepthNet {
             lane.before.copy_from_slice(before);
         }
         let mut logits = vec![Vec::new(); count];
-        lane.project(self, isa, (0..rows).map(|row| &states[row * self.input.inputs()..][..self.input.inputs()]))?;
+        lane.project(self, isa, (states, heard), 0..rows)?;
         for (j, out) in logits.iter_mut().enumerate() {
             lane.step(self, isa, j, rows)?;
             out.extend_from_slice(&lane.logits[..rows * self.slots[j].head.outputs()]);
@@ -326,17 +341,16 @@ impl Lane {
         &mut self,
         net: &DepthNet,
         isa: Isa,
-        states: &[f32],
+        states: (&[f32], &[f32]),
         tasks: &[Task],
         before: &[u16],
     ) -> Result<(), StepError> {
-        let (width, count) = (net.input.inputs(), net.slots.len());
+        let count = net.slots.len();
         let of_rows = tasks.iter().zip(before.chunks_exact(count));
         let of_rows = of_rows.flat_map(|(task, before)| std::iter::repeat_n(before, task.rows()));
         self.before.chunks_exact_mut(count).zip(of_rows).for_each(|(row, before)| row.copy_from_slice(before));
-        let state = |row: usize| &states[row * width..(row + 1) * width];
         let rows = tasks.iter().map(Task::rows).sum();
-        self.project(net, isa, tasks.iter().flat_map(|t| std::iter::once(t.row).chain(t.unprompted)).map(state))?;
+        self.project(net, isa, states, tasks.iter().flat_map(|t| std::iter::once(t.row).chain(t.unprompted)))?;
         for (j, slot) in net.slots.iter().enumerate() {
             self.step(net, isa, j, rows)?;
             let (mut row, codes) = (0, slot.head.outputs());
@@ -360,21 +374,28 @@ impl Lane {
         Ok(())
     }
 
-    /// Projects the states of all rows.
-    fn project<'a>(
+    /// Projects the states of rows: the decoder's, and the encoder's where the network has them.
+    fn project(
         &mut self,
         net: &DepthNet,
         isa: Isa,
-        states: impl Iterator<Item = &'a [f32]>,
+        (states, heard): (&[f32], &[f32]),
+        rows: impl Iterator<Item = usize> + Clone,
     ) -> Result<(), StepError> {
-        let (d, width, mut rows) = (net.norm.len(), net.input.inputs(), 0);
-        for (out, state) in self.normed.chunks_exact_mut(width).zip(states) {
-            out.copy_from_slice(state);
-            rows += 1;
+        let (d, width, cx) = (net.norm.len(), net.input.inputs(), Compute { isa, team: &self.alone });
+        let of = [(Some(&net.input), states, Epilogue::STORE), (net.heard.as_ref(), heard, Epilogue::ADD)];
+        for (input, states, epilogue) in of {
+            let Some(input) = input else { continue };
+            let mut count = 0;
+            for (out, row) in self.normed.chunks_exact_mut(width).zip(rows.clone()) {
+                let state = states.get(row * width..(row + 1) * width);
+                out.copy_from_slice(state.ok_or(StepError::Disagree("states and rows of keyframes"))?);
+                count += 1;
+            }
+            let x = Mat::new(&self.normed, count, width)?;
+            input.forward(cx, &mut self.quant, x, epilogue, MatMut::new(&mut self.given, count, d)?)?;
         }
-        let x = Mat::new(&self.normed, rows, width)?;
-        let cx = Compute { isa, team: &self.alone };
-        net.input.forward(cx, &mut self.quant, x, Epilogue::STORE, MatMut::new(&mut self.given, rows, d)?)
+        Ok(())
     }
 
     /// The logits of code `j`, `[rows, codes of its level]`, from the states and the codes before.

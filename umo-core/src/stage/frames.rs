@@ -71,6 +71,8 @@ struct Encoded {
     hidden: Vec<f32>,
     rows: usize,
     lengths: Lengths,
+    /// Where the audio's first token is.
+    audio: Option<usize>,
 }
 
 impl Encoded {
@@ -88,19 +90,20 @@ impl Encoded {
         }
         let mut hidden = vec![0.0; rows * lm.d_model()];
         lm.encode(cx, &mut scratch, &ids, &[rows], &mut hidden)?;
-        Ok(Self { lm, scratch, hidden, rows, lengths })
+        let audio = ids.iter().position(|&id| id as usize == config.vocab.audio.start).map(|start| start + 1);
+        Ok(Self { lm, scratch, hidden, rows, lengths, audio })
     }
 
-    /// Runs the decoder over `count` keyframes; `state(keyframe, state)` is given each state and
-    /// says the keyframe's codes.
+    /// Runs the decoder over `count` keyframes; `state(keyframe, state, heard)` is given each state,
+    /// and the encoder's where the keyframe is heard, and says the keyframe's codes.
     fn decode(
         &mut self,
         cx: Compute,
         config: &Config,
         count: usize,
-        mut state: impl FnMut(usize, &[f32]) -> Result<Vec<u16>, StageError>,
+        mut state: impl FnMut(usize, &[f32], &[f32]) -> Result<Vec<u16>, StageError>,
     ) -> Result<(), StageError> {
-        let Self { lm, scratch, hidden, rows, lengths } = self;
+        let Self { lm, scratch, hidden, rows, lengths, audio } = self;
         let mut sequence = Sequence::new(config, *lengths, lm.cross_storage());
         lm.attend_to(cx, scratch, Mat::new(hidden, *rows, lm.d_model())?, &mut sequence)?;
         let row = scratch.given_rows() - 1;
@@ -109,7 +112,12 @@ impl Encoded {
         for keyframe in 0..count {
             sequence.set_ids(&[id])?;
             lm.decode(cx, scratch, std::slice::from_mut(&mut sequence))?;
-            let codes = state(keyframe, &scratch.states()[..lm.d_model()])?;
+            let place = audio.map(|audio| audio + (config.prefix + keyframe) * config.tokens_per_keyframe());
+            let token = config.depth.as_ref().and_then(|depth| depth.heard);
+            let place = place.zip(token).map(|(place, token)| place + token).filter(|place| *place < *rows);
+            let silent = vec![0.0; lm.d_model()];
+            let heard = place.map_or(&silent[..], |place| &hidden[place * lm.d_model()..(place + 1) * lm.d_model()]);
+            let codes = state(keyframe, &scratch.states()[..lm.d_model()], heard)?;
             tables(lm)?.keyframe(&codes, scratch.given_mut(row))?;
         }
         Ok(())
@@ -131,7 +139,7 @@ fn decoder(cx: Compute, loader: &Loader, inputs: &Inputs) -> Outputs {
     let rows = codes.len() / count;
     let mut encoded = Encoded::new(cx, loader, inputs, rows.max(1))?;
     let mut states = Vec::new();
-    encoded.decode(cx, config, rows, |keyframe, state| {
+    encoded.decode(cx, config, rows, |keyframe, state, _| {
         states.extend_from_slice(state);
         Ok(codes[keyframe * count..(keyframe + 1) * count].to_vec())
     })?;
@@ -147,13 +155,14 @@ fn generate(cx: Compute, loader: &Loader, inputs: &Inputs, options: Options) -> 
     let net = DepthNet::load(loader)?;
     let (mut scratch, mut all) = (net.scratch(1), Vec::new());
     let mut before = keyframes(config, inputs, "history")?;
-    before.drain(..before.len() - config.codes_per_keyframe());
-    Encoded::new(cx, loader, inputs, target)?.decode(cx, config, target, |keyframe, state| {
+    let last = before.len().checked_sub(config.codes_per_keyframe()).ok_or(StepError::Empty("codes of history"))?;
+    before.drain(..last);
+    Encoded::new(cx, loader, inputs, target)?.decode(cx, config, target, |keyframe, state, heard| {
         let keyframe = u32::try_from(keyframe).expect("chunks have few keyframes");
         let sampler = options.sampler;
         let task = Task { member: 0, row: 0, unprompted: None, guidance: 1.0, sampler, chunk: 0, keyframe };
         let mut drawn = Vec::new();
-        net.draw(cx, &mut scratch, state, &[task], &before, |_, codes| drawn.extend_from_slice(codes))?;
+        net.draw(cx, &mut scratch, (state, heard), &[task], &before, |_, codes| drawn.extend_from_slice(codes))?;
         before.copy_from_slice(&drawn);
         all.extend_from_slice(&drawn);
         Ok(drawn)
@@ -171,7 +180,11 @@ fn depth(cx: Compute, loader: &Loader, inputs: &Inputs) -> Outputs {
     } else {
         Vec::new()
     };
-    let mut logits = net.force(cx.isa, &states, &codes, &before)?.into_iter();
+    let heard = match config.depth.as_ref().and_then(|depth| depth.heard) {
+        Some(_) => inputs.float_rows("heard", config.lm.d_model)?,
+        None => Vec::new(),
+    };
+    let mut logits = net.force(cx.isa, (&states, &heard), &codes, &before)?.into_iter();
     let rows = codes.len() / net.codes();
     let output = |part: PartSpec| {
         let levels: Vec<Vec<f32>> = logits.by_ref().take(part.levels).collect();

@@ -217,6 +217,9 @@ impl List {
         let Some(depth) = &config.depth else { return };
         let d = depth.d_model;
         self.add("depth.input.weight", &[d, config.lm.d_model], Kind::Product);
+        if depth.heard.is_some() {
+            self.add("depth.heard.weight", &[d, config.lm.d_model], Kind::Product);
+        }
         self.add("depth.position.weight", &[config.codes_per_keyframe(), d], Kind::Table);
         for i in 0..depth.num_layers {
             let layer = format!("depth.layers.{i}");
