@@ -125,7 +125,7 @@ def test_every_weight_is_trained() -> None:
     for task in ("a2m", "t2m"):
         batch = _examples().chunk(16, 2, rng, task=task)
         ids, history, said, mask = train.inputs(batch, device)
-        logits, _ = model(ids, history, said, mask)
+        logits, _ = model(ids, history, said, mask, train.places_of(batch, device))
         weight = train.code_weights(PARTS, PLAN, said, torch.from_numpy(batch.before))
         train.entropy(PARTS, logits, said, weight).backward()
     untouched = [name for name, p in model.named_parameters() if p.grad is None or not p.grad.any()]

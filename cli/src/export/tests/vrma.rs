@@ -42,7 +42,7 @@ impl File {
 
     fn bone(&self, name: &str) -> usize {
         let node = &self.extension["humanoid"]["humanBones"][name]["node"];
-        usize::try_from(node.as_u64().unwrap_or_else(|| panic!("no bone {name}"))).unwrap()
+        number(node).unwrap_or_else(|| panic!("no bone {name}"))
     }
 
     /// Where every bone is, and how it is turned: in a frame, or at rest.
@@ -61,16 +61,21 @@ impl File {
             let turned = multiply(turned, turn);
             placed.insert(node, (here, turned));
             let children = self.nodes[node]["children"].as_array().cloned().unwrap_or_default();
-            open.extend(children.iter().map(|child| (child.as_u64().unwrap() as usize, here, turned)));
+            open.extend(children.iter().map(|child| (number(child).unwrap(), here, turned)));
         }
         placed
     }
 
     /// An expression's weights over time.
     fn weights(&self, group: &str, name: &str) -> Option<Vec<f64>> {
-        let node = self.extension["expressions"][group][name]["node"].as_u64()?;
-        Some(self.places[&(node as usize)].iter().map(|place| place[0]).collect())
+        let node = number(&self.extension["expressions"][group][name]["node"])?;
+        Some(self.places[&node].iter().map(|place| place[0]).collect())
     }
+}
+
+/// A whole number of the JSON.
+fn number(value: &Value) -> Option<usize> {
+    usize::try_from(value.as_u64()?).ok()
 }
 
 /// VRM's name of a few joints.
@@ -175,7 +180,7 @@ fn the_gaze_is_the_middle_of_both_eyes() {
     let turn = |angle: f32| [0.0, (0.5 * angle).sin(), 0.0, (0.5 * angle).cos()];
     (clip.rotations[0][23], clip.rotations[0][24]) = (turn(0.3), turn(0.1).map(|x| -x));
     let file = File::of(&clip);
-    let node = file.extension["lookAt"]["node"].as_u64().unwrap() as usize;
+    let node = number(&file.extension["lookAt"]["node"]).unwrap();
     let got = file.rotations[&node][0];
     assert!(got.iter().zip(turn(0.2)).all(|(a, b)| (a - b).abs() < 1e-6), "{got:?}");
     let from_head = file.extension["lookAt"]["offsetFromHeadBone"][0].as_f64().unwrap();
