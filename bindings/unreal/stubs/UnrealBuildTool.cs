@@ -19,6 +19,7 @@ namespace UnrealBuildTool
         public UnrealTargetPlatform(string name) { this.name = name; }
         public static readonly UnrealTargetPlatform Win64 = new UnrealTargetPlatform("Win64");
         public static readonly UnrealTargetPlatform Linux = new UnrealTargetPlatform("Linux");
+        public static readonly UnrealTargetPlatform LinuxArm64 = new UnrealTargetPlatform("LinuxArm64");
         public static readonly UnrealTargetPlatform Mac = new UnrealTargetPlatform("Mac");
         public static bool operator ==(UnrealTargetPlatform a, UnrealTargetPlatform b) { return a.name == b.name; }
         public static bool operator !=(UnrealTargetPlatform a, UnrealTargetPlatform b) { return a.name != b.name; }

@@ -23,9 +23,9 @@ public class UmoLibrary : ModuleRules
             PublicDelayLoadDLLs.Add("umo.dll");
             RuntimeDependencies.Add(Library + "umo.dll");
         }
-        else if (Target.Platform == UnrealTargetPlatform.Linux)
+        else if (Target.Platform == UnrealTargetPlatform.Linux || Target.Platform == UnrealTargetPlatform.LinuxArm64)
         {
-            string Library = "$(PluginDir)/Binaries/ThirdParty/UmoLibrary/Linux/";
+            string Library = "$(PluginDir)/Binaries/ThirdParty/UmoLibrary/" + Target.Platform + "/";
             PublicAdditionalLibraries.Add(Library + "libumo.so");
             PublicDelayLoadDLLs.Add(Library + "libumo.so");
             // What is loaded is called by its soname.
