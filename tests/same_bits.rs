@@ -126,6 +126,13 @@ fn frame_logits(file: &ModelFile, precision: Precision, isa: Isa) -> Vec<u64> {
     let mut bits = staged(file, precision, isa, Stage::Decoder, &inputs);
     let mut inputs = codes_of(file, "codes", 5);
     inputs.push(floats("hidden".to_owned(), [5, config.lm.d_model], &mut noise));
+    let depth = config.depth.as_ref().unwrap();
+    if depth.before {
+        inputs.extend(codes_of(file, "before", 5));
+    }
+    if depth.heard.is_some() {
+        inputs.push(floats("heard".to_owned(), [5, config.lm.d_model], &mut noise));
+    }
     bits.extend(staged(file, precision, isa, Stage::Depth, &inputs));
     let moving = config.part_list().into_iter().filter(|part| !part.is_annotation());
     let mut inputs: Vec<_> =
