@@ -190,6 +190,7 @@ fn the_library_needs_the_glibc_that_is_said() {
     let needed = listed.lines().filter_map(|line| Some(version(line.split_once("@GLIBC_")?.1.trim()))).max();
     let needed = needed.expect("it calls the C library");
     let page = std::fs::read_to_string(format!("{ROOT}/packaging/README.md")).expect("it is there");
+    let page = page.split_whitespace().collect::<Vec<_>>().join(" ");
     let said = page.split_once("libumo needs glibc ").expect("it says which").1.split_once(" or newer").expect("so");
     let own = Command::new("getconf").arg("GNU_LIBC_VERSION").output().expect("there is getconf");
     let own = String::from_utf8(own.stdout).expect("ASCII");

@@ -36,6 +36,8 @@ class FrameStagePlan:
     # code is another than at the keyframe before: without, saying the last keyframe again is half the way.
     level_weight: float = 0.7
     change_weight: float = 2.0
+    # What a part's codes weigh beside those of others (1).
+    part_weights: dict[str, float] = field(default_factory=dict)
     # Weight of what the encoder itself says of keyframes, each from its audio token, and of how many of a chunk.
     heard: float = 0.0
     heard_keyframes: int = 2
@@ -60,7 +62,8 @@ def code_weights(parts: list[Part], plan: FrameStagePlan, codes: Tensor, before:
     for part in parts:
         changed = (codes[..., at] != last[..., at]) & (last[..., at] >= 0)
         levels = plan.level_weight ** torch.arange(part.levels, device=codes.device)
-        out.append(levels * torch.where(changed, plan.change_weight, 1.0)[..., None])
+        weight = plan.part_weights.get(part.name, 1.0)
+        out.append(weight * levels * torch.where(changed, plan.change_weight, 1.0)[..., None])
         at += part.levels
     return torch.cat(out, -1) * (codes >= 0)
 
