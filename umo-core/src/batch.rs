@@ -14,6 +14,9 @@
 //! In layout `frames` a decoder pass is one keyframe, and the depth network writes its codes before
 //! the next (SPEC 2.13); a guided avatar has two sequences, with its text and without (SPEC 2.16).
 
+mod keyframe;
+mod sharing;
+
 use umo_kernels::Mat;
 
 use crate::audio::{AudioScratch, Call};
@@ -33,6 +36,8 @@ use crate::model::{Between, Model};
 use crate::motion::{FrameRef, MotionScratch};
 use crate::record::{Chunk, Codes};
 use crate::time::Instant;
+use keyframe::{heard_token, keyframe_id};
+use sharing::Sharing;
 
 /// What takes the frames of a batch's avatars, each avatar's in order.
 pub trait FrameSink {
@@ -67,6 +72,25 @@ enum Phase {
     DecodeMotion { member: usize },
 }
 
+impl Phase {
+    /// How many kinds of steps there are.
+    const KINDS: usize = 8;
+
+    /// The number of its kind.
+    fn kind(self) -> usize {
+        match self {
+            Self::Idle => 0,
+            Self::Tokenize { .. } => 1,
+            Self::Encode { .. } => 2,
+            Self::Attend { .. } => 3,
+            Self::Decode { .. } => 4,
+            Self::Draw { .. } => 5,
+            Self::Interpolate { .. } => 6,
+            Self::DecodeMotion { .. } => 7,
+        }
+    }
+}
+
 /// Room for the chunks of at most `width` avatars of one model, and the state of the batch in work.
 #[derive(Debug)]
 pub struct Batch {
@@ -90,6 +114,7 @@ pub struct Batch {
     members: usize,
     phase: Phase,
     times: StageTimes,
+    sharing: Sharing,
     /// Codes of the last chunk, if a record is kept; for batches of one.
     codes: Option<Codes>,
 }
@@ -118,11 +143,6 @@ enum BetweenScratch {
 
 /// A model was taken up with room for one of the other layout.
 const OTHER_LAYOUT: StepError = StepError::Disagree("a batch was taken up with another model");
-
-/// Which of a keyframe's audio tokens its encoder state is of, where the depth network has that.
-fn heard_token(config: &Config) -> Option<usize> {
-    config.depth.as_ref()?.heard
-}
 
 impl Batch {
     /// Room for `width` avatars with at most the model's `max_target`; everything that is needed is
@@ -173,6 +193,7 @@ impl Batch {
             members: 0,
             phase: Phase::Idle,
             times: StageTimes::default(),
+            sharing: Sharing::new(Phase::KINDS, width),
             codes: None,
         }
     }
@@ -271,6 +292,8 @@ impl Batch {
             return Err(StepError::Disagree("a batch was taken up with other members"));
         }
         let (start, layers, phase) = (Instant::now(), self.lm.times, self.phase);
+        let shared = self.sharing.choose(phase.kind(), self.members);
+        cx.team.set_alone(!shared);
         let next = match phase {
             Phase::Idle => return Ok(false),
             Phase::Tokenize { member } => self.tokenize(model, cx, &mut avatars[member], member),
@@ -294,7 +317,11 @@ impl Batch {
             Phase::Interpolate { .. } => &mut self.times.interp,
             Phase::DecodeMotion { .. } => &mut self.times.motion,
         };
-        *time += start.elapsed();
+        let elapsed = start.elapsed();
+        *time += elapsed;
+        if cx.team.threads() > 1 {
+            self.sharing.learn(phase.kind(), self.members, shared, elapsed);
+        }
         self.phase = next?;
         Ok(self.is_busy())
     }
@@ -445,96 +472,6 @@ impl Batch {
         Ok(if more { Phase::Decode { layer: 0 } } else { self.interpolate_from(0) })
     }
 
-    /// The encoder's states where the keyframe of the decoder pass is heard, of every sequence of
-    /// the pass; zeros where there is no audio.
-    fn list_heard(&mut self, config: &Config) {
-        let (Some(token), d) = (heard_token(config), config.lm.d_model) else { return };
-        let BetweenScratch::Vectors { heard, keyframe, .. } = &mut self.between else { return };
-        heard.clear();
-        let (place, mut first) = ((config.prefix + *keyframe) * config.tokens_per_keyframe() + token, 0);
-        for (sequence, &length) in self.sequences.iter().zip(&self.lengths).take(self.members * self.per_member) {
-            if !sequence.ids().is_empty() {
-                let ids = &self.ids[first..first + length];
-                let start = ids.iter().position(|&id| id as usize == config.vocab.audio.start);
-                let row = start.map(|start| start + 1 + place).filter(|&row| row < length);
-                match row {
-                    Some(row) => heard.extend_from_slice(&self.states[(first + row) * d..(first + row + 1) * d]),
-                    None => heard.resize(heard.len() + d, 0.0),
-                }
-            }
-            first += length;
-        }
-    }
-
-    /// One task for each member of the decoder pass, whose rows are those of its sequences.
-    fn list_tasks(&mut self, avatars: &[Avatar]) {
-        let BetweenScratch::Vectors { tasks, before, keyframe, .. } = &mut self.between else { return };
-        tasks.clear();
-        before.clear();
-        let mut row = 0;
-        for (member, (sequences, avatar)) in self.sequences.chunks_exact(self.per_member).zip(avatars).enumerate() {
-            let rows = sequences.iter().filter(|sequence| !sequence.ids().is_empty()).count();
-            if rows > 0 {
-                let sampling = avatar.chunk_sampling();
-                if let Window::Keyframes(history) = &avatar.history {
-                    before.extend_from_slice(history.before(*keyframe));
-                }
-                tasks.push(Task {
-                    member,
-                    row,
-                    unprompted: (rows > 1).then_some(row + 1),
-                    guidance: avatar.guidance,
-                    sampler: sampling.sampler,
-                    chunk: sampling.chunk,
-                    keyframe: u32::try_from(*keyframe).unwrap_or(u32::MAX),
-                });
-            }
-            row += rows;
-        }
-    }
-
-    /// The codes of the keyframe that the decoder pass was of, for as many members as one step
-    /// takes, and what the next pass reads.
-    fn draw(&mut self, model: &Model, cx: Compute, avatars: &mut [Avatar], first: usize) -> Result<Phase, StepError> {
-        let (
-            Between::Vectors { depth, .. },
-            BetweenScratch::Vectors { depth: scratch, tasks, before, heard, keyframe, .. },
-        ) = (&model.between, &mut self.between)
-        else {
-            return Err(OTHER_LAYOUT);
-        };
-        let before = &before[first * depth.codes()..];
-        let states = (self.lm.states(), heard.as_slice());
-        let done = depth.draw(cx, scratch, states, &tasks[first..], before, |task, codes| {
-            if let Window::Keyframes(history) = &mut avatars[task.member].history {
-                history.write(*keyframe, codes);
-            }
-        })?;
-        if first + done < tasks.len() {
-            return Ok(Phase::Draw { first: first + done });
-        }
-        let (frames, width, next) = (model.lm.frames().ok_or(OTHER_LAYOUT)?, self.due.len(), *keyframe + 1);
-        let mut more = false;
-        for task in tasks.iter() {
-            let avatar = &avatars[task.member];
-            let Window::Keyframes(history) = &avatar.history else { return Err(OTHER_LAYOUT) };
-            let goes_on = next < avatar.target;
-            if goes_on {
-                let given = self.lm.given_mut(width * model.config.prefix + task.member);
-                frames.keyframe(history.target(*keyframe), given)?;
-            }
-            let id = [keyframe_id(model, width, task.member)];
-            for sequence in &mut self.sequences[task.member * self.per_member..(task.member + 1) * self.per_member] {
-                if !sequence.ids().is_empty() {
-                    sequence.set_ids(if goes_on { &id } else { &[] })?;
-                }
-            }
-            more |= goes_on;
-        }
-        *keyframe = next;
-        Ok(if more { Phase::Decode { layer: 0 } } else { self.interpolate_from(0) })
-    }
-
     /// Interpolation for the first member from `first` on that has a chunk, or what follows when
     /// there is none.
     fn interpolate_from(&self, first: usize) -> Phase {
@@ -612,10 +549,4 @@ impl Batch {
         }
         Ok(self.decode_motion_from(member + 1))
     }
-}
-
-/// The id of what a member's decoder reads, behind the history's keyframes of all `width` members.
-#[expect(clippy::cast_possible_truncation, reason = "ids and rows of a batch are far below 2^32")]
-fn keyframe_id(model: &Model, width: usize, member: usize) -> u32 {
-    (model.config.vocab.size + width * model.config.prefix + member) as u32
 }

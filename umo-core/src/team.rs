@@ -70,6 +70,8 @@ pub struct Team {
     shares: Box<[AtomicU32]>,
     /// Whether external workers take part: the first free one then takes the next piece.
     is_lent: bool,
+    /// Whether the caller works without the others for now.
+    is_alone: AtomicBool,
 }
 
 /// Cuts two things in two at the same place.
@@ -181,7 +183,14 @@ impl Team {
     /// Without workers.
     fn bare(threads: usize, is_lent: bool) -> Self {
         let shares = (0..threads).map(|_| AtomicU32::new(1.0_f32.to_bits())).collect();
-        Self { shared: Arc::new(Shared::new(threads)), workers: Vec::new(), threads, shares, is_lent }
+        Self {
+            shared: Arc::new(Shared::new(threads)),
+            workers: Vec::new(),
+            threads,
+            shares,
+            is_lent,
+            is_alone: AtomicBool::new(false),
+        }
     }
 
     /// The entry point of external workers.
@@ -193,6 +202,11 @@ impl Team {
     pub(crate) fn admit(&self) -> JoinGuard<'_> {
         self.shared.joining.fetch_or(1, Ordering::SeqCst);
         JoinGuard(&self.shared)
+    }
+
+    /// Whether the caller does its next jobs without the others, which go to sleep.
+    pub(crate) fn set_alone(&self, alone: bool) {
+        self.is_alone.store(alone, Ordering::Relaxed);
     }
 
     /// Number of threads, the caller included.
@@ -248,7 +262,7 @@ impl Team {
     /// is idle then, and most of a token's time goes into reading.
     #[cfg_attr(not(feature = "internals"), doc(hidden))]
     pub fn expect<'a>(&self, total: usize, granule: usize, ahead: impl Fn(Range<usize>) -> PrefetchHint<'a>) {
-        if self.threads == 1 || self.is_lent {
+        if self.threads == 1 || self.is_lent || self.is_alone.load(Ordering::Relaxed) {
             return;
         }
         let mut ends = [0; MAX_THREADS];
@@ -333,7 +347,8 @@ impl Team {
         cut: impl Fn(Y, usize) -> (Y, Y),
         f: impl Fn(Range<usize>, Y) -> Result<(), StepError> + Sync,
     ) -> Result<(), StepError> {
-        if self.threads == 1 || work < PARALLEL_THRESHOLD || total <= granule {
+        let is_alone = self.threads == 1 || self.is_alone.load(Ordering::Relaxed);
+        if is_alone || work < PARALLEL_THRESHOLD || total <= granule {
             return f(0..total, y);
         }
         let is_dynamic = work >= DYNAMIC_THRESHOLD;

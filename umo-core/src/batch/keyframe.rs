@@ -1,0 +1,119 @@
+//! A keyframe of layout `frames` after its decoder pass: what the depth network is told, and the codes
+//! that it draws (SPEC 2.13).
+
+use super::{Batch, BetweenScratch, OTHER_LAYOUT, Phase};
+use crate::avatar::{Avatar, Window};
+use crate::config::Config;
+use crate::error::StepError;
+use crate::linear::Compute;
+use crate::lm::depth::Task;
+use crate::model::{Between, Model};
+
+/// Which of a keyframe's audio tokens its encoder state is of, where the depth network has that.
+pub(super) fn heard_token(config: &Config) -> Option<usize> {
+    config.depth.as_ref()?.heard
+}
+
+/// The id of what a member's decoder reads, behind the history's keyframes of all `width` members.
+#[expect(clippy::cast_possible_truncation, reason = "ids and rows of a batch are far below 2^32")]
+pub(super) fn keyframe_id(model: &Model, width: usize, member: usize) -> u32 {
+    (model.config.vocab.size + width * model.config.prefix + member) as u32
+}
+
+impl Batch {
+    /// The encoder's states where the keyframe of the decoder pass is heard, of every sequence of
+    /// the pass; zeros where there is no audio.
+    pub(super) fn list_heard(&mut self, config: &Config) {
+        let (Some(token), d) = (heard_token(config), config.lm.d_model) else { return };
+        let BetweenScratch::Vectors { heard, keyframe, .. } = &mut self.between else { return };
+        heard.clear();
+        let (place, mut first) = ((config.prefix + *keyframe) * config.tokens_per_keyframe() + token, 0);
+        for (sequence, &length) in self.sequences.iter().zip(&self.lengths).take(self.members * self.per_member) {
+            if !sequence.ids().is_empty() {
+                let ids = &self.ids[first..first + length];
+                let start = ids.iter().position(|&id| id as usize == config.vocab.audio.start);
+                let row = start.map(|start| start + 1 + place).filter(|&row| row < length);
+                match row {
+                    Some(row) => heard.extend_from_slice(&self.states[(first + row) * d..(first + row + 1) * d]),
+                    None => heard.resize(heard.len() + d, 0.0),
+                }
+            }
+            first += length;
+        }
+    }
+
+    /// One task for each member of the decoder pass, whose rows are those of its sequences.
+    pub(super) fn list_tasks(&mut self, avatars: &[Avatar]) {
+        let BetweenScratch::Vectors { tasks, before, keyframe, .. } = &mut self.between else { return };
+        tasks.clear();
+        before.clear();
+        let mut row = 0;
+        for (member, (sequences, avatar)) in self.sequences.chunks_exact(self.per_member).zip(avatars).enumerate() {
+            let rows = sequences.iter().filter(|sequence| !sequence.ids().is_empty()).count();
+            if rows > 0 {
+                let sampling = avatar.chunk_sampling();
+                if let Window::Keyframes(history) = &avatar.history {
+                    before.extend_from_slice(history.before(*keyframe));
+                }
+                tasks.push(Task {
+                    member,
+                    row,
+                    unprompted: (rows > 1).then_some(row + 1),
+                    guidance: avatar.guidance,
+                    sampler: sampling.sampler,
+                    chunk: sampling.chunk,
+                    keyframe: u32::try_from(*keyframe).unwrap_or(u32::MAX),
+                });
+            }
+            row += rows;
+        }
+    }
+
+    /// The codes of the keyframe that the decoder pass was of, for as many members as one step
+    /// takes, and what the next pass reads.
+    pub(super) fn draw(
+        &mut self,
+        model: &Model,
+        cx: Compute,
+        avatars: &mut [Avatar],
+        first: usize,
+    ) -> Result<Phase, StepError> {
+        let (
+            Between::Vectors { depth, .. },
+            BetweenScratch::Vectors { depth: scratch, tasks, before, heard, keyframe, .. },
+        ) = (&model.between, &mut self.between)
+        else {
+            return Err(OTHER_LAYOUT);
+        };
+        let before = &before[first * depth.codes()..];
+        let states = (self.lm.states(), heard.as_slice());
+        let done = depth.draw(cx, scratch, states, &tasks[first..], before, |task, codes| {
+            if let Window::Keyframes(history) = &mut avatars[task.member].history {
+                history.write(*keyframe, codes);
+            }
+        })?;
+        if first + done < tasks.len() {
+            return Ok(Phase::Draw { first: first + done });
+        }
+        let (frames, width, next) = (model.lm.frames().ok_or(OTHER_LAYOUT)?, self.due.len(), *keyframe + 1);
+        let mut more = false;
+        for task in tasks.iter() {
+            let avatar = &avatars[task.member];
+            let Window::Keyframes(history) = &avatar.history else { return Err(OTHER_LAYOUT) };
+            let goes_on = next < avatar.target;
+            if goes_on {
+                let given = self.lm.given_mut(width * model.config.prefix + task.member);
+                frames.keyframe(history.target(*keyframe), given)?;
+            }
+            let id = [keyframe_id(model, width, task.member)];
+            for sequence in &mut self.sequences[task.member * self.per_member..(task.member + 1) * self.per_member] {
+                if !sequence.ids().is_empty() {
+                    sequence.set_ids(if goes_on { &id } else { &[] })?;
+                }
+            }
+            more |= goes_on;
+        }
+        *keyframe = next;
+        Ok(if more { Phase::Decode { layer: 0 } } else { self.interpolate_from(0) })
+    }
+}
