@@ -169,6 +169,7 @@ class Entry:
     words: tuple[Word, ...]
     # Whether it has speech: without, there is motion of the body alone.
     spoken: bool
+    voice: str
 
     @property
     def listens(self) -> bool:
@@ -186,7 +187,8 @@ def entries(folder: Path, split: str | None = None) -> Iterator[Entry]:
             times = zip(data["words"], data["word_times"], strict=True)
             words = tuple(Word(str(text), float(start), float(end)) for text, (start, end) in times)
         spoken = about.get("spoken", True)
-        yield Entry(path.stem, about["split"], about["style"], about["prompt"], about["text"], words, spoken)
+        said = (about["split"], about["style"], about["prompt"], about["text"])
+        yield Entry(path.stem, *said, words, spoken, about["voice"])
 
 
 def items(folder: Path, split: str | None = None) -> Iterator[Item]:

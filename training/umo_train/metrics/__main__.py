@@ -1,6 +1,7 @@
 """`python -m umo_train.metrics`: `eval`, `agreement`, `sheet`, `autoencoder` and `table`."""
 
 import argparse
+import shlex
 from pathlib import Path
 
 from umo_train.metrics import acted, agreement, fgd, item, program, report, table
@@ -15,9 +16,17 @@ def _held_out(args: argparse.Namespace) -> list[item.Item]:
 
 
 def _eval(args: argparse.Namespace) -> None:
-    subject = Subject(program.find(args.umo), args.model, args.exact, args.seed)
+    subject = Subject(program.find(args.umo), args.model, args.exact, args.seed, tuple(shlex.split(args.more)))
     held_out = _held_out(args)
     real = item.recordings(args.speech)[: args.recordings] if args.speech else []
+    if args.corpus:
+        # What a model was trained on says nothing of it.
+        known = item.readers(args.corpus)
+        kept = [one for one in real if one.voice not in known]
+        if len(kept) < len(real):
+            print(f"left out, of readers that are in training: {len(real) - len(kept)} recordings")
+        real = kept
+    captured = item.captured(args.captured) if args.captured else []
     if not held_out and not real:
         raise SystemExit("nothing to evaluate: give --items, --corpus or --speech")
     encoder = None
@@ -26,7 +35,7 @@ def _eval(args: argparse.Namespace) -> None:
     elif held_out:
         # Trained on what it judges it flatters no one: model and comparisons pass through the same features.
         encoder = fgd.train_autoencoder([i.motion for i in held_out], epochs=args.epochs)
-    found = measure(subject, held_out, real, encoder, args.seeds)
+    found = measure(subject, held_out, real, encoder, args.seeds, captured)
     if args.corpus:
         found.groups["actions"] = acted.measure(subject.umo, args.model, args.corpus, args.acted)
     about = {
@@ -34,6 +43,7 @@ def _eval(args: argparse.Namespace) -> None:
         "recordings": len(real),
         "minutes": round(sum(i.seconds for i in (*held_out, *real)) / 60, 1),
         "seed": args.seed,
+        "with": args.more or "nothing else",
         "auto-encoder": args.autoencoder.name if args.autoencoder else "trained on these items",
     }
     for bar in report.write(args.output, subject, found, about, args.sheets):
@@ -99,7 +109,9 @@ def _arguments() -> argparse.ArgumentParser:
     one.add_argument("--acted", type=int, default=4, help="takes of each action, where the corpus has any")
     one.add_argument("--speech", type=Path, help="folder of real recordings")
     one.add_argument("--recordings", type=int, help="at most so many of them")
+    one.add_argument("--captured", type=Path, help="folder of speech whose mouth was captured (.npz with `opening`)")
     one.add_argument("--autoencoder", type=Path, help="motion auto-encoder; trained on the items where not given")
+    one.add_argument("--more", default="", help="other arguments of `umo animate`, as one: --more='--horizon 0'")
     one.add_argument("--epochs", type=int, default=10)
     one.add_argument("--sheets", type=int, default=3, help="contact sheets in the page")
     one.add_argument("-o", "--output", type=Path, required=True, help="folder to write to")

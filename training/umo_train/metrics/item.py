@@ -1,6 +1,7 @@
 """An item of an evaluation: speech, its phones, and the motion that the performer gave it."""
 
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
@@ -137,6 +138,29 @@ def from_corpus(folder: Path, split: str, most: int, varied: int, seeds: int) ->
 def speaker_of(path: Path) -> str:
     """The first word of a file's name: `p225_003.wav`, `198-209-0000.ogg` and `Mark_joy.wav` begin with the speaker."""
     return path.name.replace("-", "_").replace(".", "_").split("_")[0]
+
+
+def readers(folder: Path) -> set[str]:
+    """Speakers of the corpus' training split, as `speaker_of` names them."""
+    from umo_train.data import corpus
+
+    return {re.split("[-/]", entry.voice)[-1] for entry in corpus.entries(folder, "train")}
+
+
+def captured(folder: Path) -> list[tuple[Item, np.ndarray]]:
+    """Speech whose mouth was captured: of each sound file the item, and how far the mouth is open `[T]` at 30 frames a
+    second in any unit, from the `opening` of the `.npz` beside it."""
+    out = []
+    for path in sorted(Path(folder).glob("*.npz")):
+        sounds = [path.with_suffix(suffix) for suffix in (".wav", ".flac", ".ogg", ".opus")]
+        sound = next((one for one in sounds if one.exists()), None)
+        if sound is None:
+            raise FileNotFoundError(f"{path}: no sound beside it ({path.stem}.wav, .flac, .ogg, .opus)")
+        with np.load(path) as file:
+            out.append((recording(sound), np.asarray(file["opening"], np.float64)))
+    if not out:
+        raise FileNotFoundError(f"{folder}: no captured mouths (*.npz)")
+    return out
 
 
 def recording(path: Path) -> Item:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from umo_train.metrics import agreement, beat, diversity, experts, fgd, frame_agreement, lips, motion, program
+from umo_train.metrics import agreement, beat, body, diversity, experts, fgd, frame_agreement, lips, motion, program
 from umo_train.metrics import speed as speeds
 from umo_train.metrics.item import Item, Motion
 from umo_train.performer.lips import lip_opening
@@ -24,9 +24,13 @@ class Subject:
     # The same model with float weights, which int8 is compared with; `model` itself where not given.
     exact: Path | None = None
     seed: int = 0
+    # Other arguments of `umo animate`, as `--horizon 0`.
+    more: tuple[str, ...] = ()
 
     def animate(self, item: Item, seed: int | None = None, prompt: str | None = None) -> dict[str, np.ndarray]:
-        return program.animate(self.umo, item, self.model, self.seed if seed is None else seed, prompt or None)
+        return program.animate(
+            self.umo, item, self.model, self.seed if seed is None else seed, prompt or None, more=self.more
+        )
 
 
 @dataclass(frozen=True)
@@ -109,6 +113,21 @@ def real_mouth(made: Sequence[Made]) -> dict[str, Any]:
             "lag": best,
             "by_lag": lags,
             "pauses": float(still.mean()) if len(still) else None,
+        }
+    return out
+
+
+def captured_mouth(made: Sequence[Made], captured: Sequence[np.ndarray]) -> dict[str, Any]:
+    """Mouth against captured ones `[T]`, by recording at its best lag; beside it what the loudness of the speech
+    reaches."""
+    out: dict[str, Any] = {}
+    for m, wanted in zip(made, captured, strict=True):
+        frames = min(len(m.motion["face"]), len(wanted))
+        own = lip_opening(m.motion["face"][:frames])
+        loud = lips.envelope(m.item.samples, frames)
+        out[m.item.name] = {
+            "correlation": max(lips.lag_correlation([(own, wanted[:frames])]).values()),
+            "envelope_correlation": max(lips.lag_correlation([(loud, wanted[:frames])]).values()),
         }
     return out
 
@@ -238,9 +257,15 @@ def tokens(subject: Subject, items: Sequence[Item], chunks: int = 80) -> dict[st
 
 
 def measure(
-    subject: Subject, held_out: Sequence[Item], real: Sequence[Item], encoder: fgd.AutoEncoder, seeds: int = 2
+    subject: Subject,
+    held_out: Sequence[Item],
+    real: Sequence[Item],
+    encoder: fgd.AutoEncoder,
+    seeds: int = 2,
+    captured: Sequence[tuple[Item, np.ndarray]] = (),
 ) -> Measured:
-    """All groups. `held_out` have motion and phones, `real` neither; either may be empty, and leaves its groups out."""
+    """All groups. `held_out` have motion and phones, `real` neither, `captured` the opening of a mouth; each may be
+    empty, and leaves its groups out."""
     result = Measured()
     result.held_out = [Made(item, subject.animate(item, prompt=item.prompt)) for item in held_out]
     result.real = [Made(item, subject.animate(item)) for item in real]
@@ -251,10 +276,14 @@ def measure(
         groups["beat"] = beats(result.held_out)
         groups["fgd"] = distance(subject, result.held_out, encoder)
         groups["variety"] = variety(subject, held_out, seeds)
-        groups["performer"] = smoothness(result.performer)
+        groups["performer"] = smoothness(result.performer) | body.body(result.performer)
     if real:
         groups["real_mouth"] = real_mouth(result.real)
         groups["real_beat"] = beats(result.real)
+        groups["body"] = body.body([m.motion for m in result.real])
+    if captured:
+        made = [Made(item, subject.animate(item)) for item, _ in captured]
+        groups["captured_mouth"] = captured_mouth(made, [opening for _, opening in captured])
     all_made = [m.motion for m in (*result.held_out, *result.real)]
     groups["model"] = smoothness(all_made)
     groups["tokens"] = tokens(subject, (held_out or real)[:4])

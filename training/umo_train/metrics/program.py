@@ -3,6 +3,7 @@
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -63,8 +64,10 @@ def animate(
     seed: int = 0,
     prompt: str | None = None,
     precision: str | None = None,
+    more: Sequence[str] = (),
 ) -> dict[str, np.ndarray]:
-    """Animates an item's speech; the model in the program where none is given."""
+    """Animates an item's speech; the model in the program where none is given. `more` are other arguments of the
+    program."""
     with tempfile.TemporaryDirectory(prefix="umo-") as folder:
         speech, made = Path(folder, "speech.wav"), Path(folder, "motion.npz")
         wavfile.write(speech, SAMPLE_RATE, np.asarray(item.samples, np.float32))
@@ -72,7 +75,7 @@ def animate(
         options += ["--model", model] if model else []
         options += ["--prompt", prompt] if prompt else []
         options += ["--precision", precision] if precision else []
-        run(umo, "animate", speech, "-o", made, *options)
+        run(umo, "animate", speech, "-o", made, *options, *more)
         return from_npz(made)
 
 

@@ -78,11 +78,13 @@ def _picture(made: Made) -> str:
 _TITLES = {
     "mouth": "Mouth, held-out speech",
     "real_mouth": "Mouth, real speech",
+    "captured_mouth": "Mouth, captured ones",
     "beat": "Beat constancy, held-out speech",
     "real_beat": "Beat constancy, real speech",
     "fgd": "Frechet gesture distance",
     "variety": "Diversity and prompts",
     "actions": "Actions from text",
+    "body": "Body, real speech without a prompt",
     "model": "Smoothness of the model",
     "performer": "Smoothness of the performer",
     "tokens": "Codes and experts",
