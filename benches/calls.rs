@@ -30,7 +30,7 @@ use umo_core::weights::Loader;
 use umo_core::{Layer, LifeConfig, ModelFile, Precision};
 use umo_kernels::Isa;
 
-static MODEL: &[u8] = include_bytes!("../models/umo-small/model.safetensors");
+static MODEL: &[u8] = include_bytes!("../models/umo-people/model.safetensors");
 
 fn ok(status: i32) {
     assert_eq!(status, UMO_STATUS_OK);

@@ -45,7 +45,7 @@ struct Args {
 
 impl Args {
     fn parse() -> Result<Self, String> {
-        let model = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../models/umo-small/model.safetensors");
+        let model = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../models/umo-people/model.safetensors");
         let mut args = Self { seconds: 3600, sessions: 8, threads: 2, model, real: false };
         let mut words = std::env::args().skip(1);
         while let Some(word) = words.next() {

@@ -474,8 +474,10 @@ typedef struct umo_model_info {
     uint64_t file_size;
     // 1 where the model has a mouth network, so that sessions may have `UMO_VOICE_LIVE`.
     uint32_t has_mouth;
-    // Zero.
-    uint32_t reserved;
+    // Most keyframes of audio behind a chunk that a session can wait for
+    // (`umo_session_config.horizon`): worth it where the whole recording is there. 0 where the
+    // model does not hear ahead.
+    uint32_t max_horizon;
 } umo_model_info;
 
 // What a parameter is. Set `struct_size`, the rest is written by `umo_parameter_get_info`.

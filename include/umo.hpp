@@ -3,7 +3,7 @@
  *
  * SPDX-License-Identifier: MIT OR Apache-2.0
  *
- *     auto model = umo::model::load("umo-small.safetensors");
+ *     auto model = umo::model::load("umo-people.safetensors");
  *     if (!model) return std::fputs(umo_last_error(), stderr), 1;
  *     auto engine = umo::engine::make(*model);
  *     auto avatar = umo::session::make(*engine);

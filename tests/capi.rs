@@ -11,7 +11,7 @@ use std::sync::LazyLock;
 use tempfile::TempDir;
 
 const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
-const MODEL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../models/umo-small/model.safetensors");
+const MODEL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../models/umo-people/model.safetensors");
 
 /// Where the libraries and the program are, built as this test is, and a place for what is
 /// compiled.

@@ -24,6 +24,8 @@ use umo_tests::for_each_isa;
 
 /// Largest difference: metres of places, and of face channels, which go from 0 to 1.
 const TOLERANCE: f32 = 2e-4;
+/// Instruction sets that no machine had which recorded this model.
+const NOT_RECORDED: [&str; 1] = ["amx"];
 /// Frames that are compared, of some 90.
 const FRAMES: [usize; 10] = [0, 1, 5, 14, 15, 29, 44, 45, 61, 80];
 /// Joints whose places are compared: every chain to its end.
@@ -72,7 +74,7 @@ fn samples(path: &Path) -> Vec<f32> {
 
 /// What the model makes of `assets/hello.wav` as it is shipped, at its default settings.
 fn frames(isa: Isa) -> Vec<Recorded> {
-    let file = ModelFile::open(&root().join("models/umo-small/model.safetensors")).unwrap();
+    let file = ModelFile::open(&root().join("models/umo-people/model.safetensors")).unwrap();
     let model = Model::load(&file, Precision::Stored, isa).unwrap();
     let config = model.config();
     let audio = samples(&root().join("assets/hello.wav"));
@@ -116,7 +118,11 @@ fn the_default_model_moves_as_recorded(isa: Isa) {
         return;
     }
     let recording: Recording = serde_json::from_slice(&std::fs::read(recording()).unwrap()).unwrap();
-    let expected = &recording[name(isa)];
+    let Some(expected) = recording.get(name(isa)) else {
+        assert!(NOT_RECORDED.contains(&name(isa)), "{} has no frames in the file", name(isa));
+        eprintln!("SKIPPED: nobody with {} has recorded the frames of this model", name(isa));
+        return;
+    };
     for (found, expected) in frames.iter().zip(expected) {
         assert_eq!((found.frame, found.places.len()), (expected.frame, expected.places.len()));
         let places = JOINTS.iter().zip(found.places.iter().zip(&expected.places));

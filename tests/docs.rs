@@ -13,7 +13,7 @@ use umo_kernels::Isa;
 use umo_tests::pages::{Table, root, tables};
 
 fn default_model() -> Config {
-    ModelFile::open(&root().join("models/umo-small/model.safetensors")).unwrap().config().clone()
+    ModelFile::open(&root().join("models/umo-people/model.safetensors")).unwrap().config().clone()
 }
 
 /// The number that a cell begins with.
@@ -75,12 +75,12 @@ fn chunks_are_as_long_as_the_model_makes_them() {
 
 #[test]
 fn the_default_model_has_the_size_that_is_said() {
-    let size = std::fs::metadata(root().join("models/umo-small/model.safetensors")).unwrap().len();
+    let size = std::fs::metadata(root().join("models/umo-people/model.safetensors")).unwrap().len();
     let megabytes = size as f64 / 1e6;
     for (page, said) in [
         ("bindings/godot/README.md", format!("model ({megabytes:.0} MB)")),
         ("cli/README.md", format!("is a file of {megabytes:.0} MB")),
-        ("models/umo-small/README.md", format!("{megabytes:.1} MB")),
+        ("models/umo-people/README.md", format!("{megabytes:.1} MB")),
     ] {
         let text = std::fs::read_to_string(root().join(page)).unwrap();
         assert!(text.contains(&said), "{page} does not say \"{said}\"");
@@ -129,7 +129,7 @@ fn latency_refuses_what_a_session_refuses() {
 #[test]
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a sample rate")]
 fn live_mouths_are_as_late_as_is_said() {
-    let path = root().join("models/umo-small/model.safetensors");
+    let path = root().join("models/umo-people/model.safetensors");
     let model = Model::load(&ModelFile::open(&path).unwrap(), Precision::Stored, Isa::detect()).unwrap();
     let engine_config = EngineConfig { threads: Threads::Host(0), ..EngineConfig::default() };
     let engine = Engine::new(Arc::new(model), &engine_config).unwrap();

@@ -165,7 +165,7 @@ fn every_weight_must_be_finite() {
 /// damaged.
 #[test]
 fn a_flipped_bit_anywhere_is_seen() {
-    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/umo-small/model.safetensors");
+    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/umo-people/model.safetensors");
     let mut bytes = std::fs::read(path).unwrap();
     assert!(ModelFile::from_bytes(bytes.clone()).unwrap().verify().unwrap(), "the default model has a checksum");
     let header = 8 + usize::try_from(u64::from_le_bytes(*bytes.first_chunk().unwrap())).unwrap();

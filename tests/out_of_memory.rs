@@ -95,7 +95,7 @@ fn fail_each(first: i64, least: i64, make: impl Fn() -> bool) -> i64 {
 
 #[test]
 fn no_large_allocation_ends_the_process() {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../models/umo-small/model.safetensors");
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../models/umo-people/model.safetensors");
     let file = ModelFile::open(path.as_ref()).unwrap();
     let load = || Model::load(&file, Precision::Stored, Isa::detect());
     let loads = fail_each(0, 6, || match load() {

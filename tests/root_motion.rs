@@ -40,7 +40,7 @@ fn translations(model: &Model, cx: Compute, config: &AvatarConfig, audio: &[f32]
     [streamed, whole.translation]
 }
 
-/// The model and recordings: speech, and noise that begins after a pause and ends before another.
+/// A model of layout `parts`, whose root is decoded with the rest, and recordings: speech, and noise that begins after a pause and ends before another.
 fn each(check: impl Fn(&Model, Compute, &str, &[f32])) {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     let file = ModelFile::open(&root.join("models/umo-small/model.safetensors")).unwrap();

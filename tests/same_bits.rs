@@ -23,9 +23,9 @@ const PRECISIONS: [Precision; 4] = [Precision::Stored, Precision::F32, Precision
 
 /// The default model, and those of the golden cases.
 fn models() -> Vec<(&'static str, ModelFile)> {
-    let default = ModelFile::open(&root().join("models/umo-small/model.safetensors")).unwrap();
+    let default = ModelFile::open(&root().join("models/umo-people/model.safetensors")).unwrap();
     let golden = |name| (name, ModelFile::from_bytes(ModelBytes::open(name).bytes()).unwrap());
-    [("umo-small", default)].into_iter().chain(GOLDEN.map(golden)).collect()
+    [("umo-people", default)].into_iter().chain(GOLDEN.map(golden)).collect()
 }
 
 /// The golden HuBERT of int8 layers with its position convolution in bf16; the others are int8.

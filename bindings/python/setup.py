@@ -59,7 +59,7 @@ class BuildWithLibrary(build_py):
     def bundle(self, prefix, package):
         (package / "licenses").mkdir(parents=True, exist_ok=True)
         shutil.copyfile(library(prefix), package / library(prefix).name)
-        for name in ("umo-small.safetensors", "umo-small.md"):
+        for name in ("umo-people.safetensors", "umo-people.md"):
             shutil.copyfile(prefix / "share/umo/models" / name, package / name)
         for file in (prefix / "share/licenses/umo").iterdir():
             shutil.copyfile(file, package / "licenses" / file.name)

@@ -8,7 +8,7 @@ import { speech } from "./test/speech.mjs";
 
 const root = new URL("../../", import.meta.url);
 const read = (name) => readFile(new URL(name, root));
-const [wasm, file] = await Promise.all([read("bindings/web/dist/umo.wasm"), read("models/umo-small/model.safetensors")]);
+const [wasm, file] = await Promise.all([read("bindings/web/dist/umo.wasm"), read("models/umo-people/model.safetensors")]);
 const samples = await speech(new URL("assets/hello.wav", root));
 const cpu = () => process.cpuUsage().user / 1e6;
 

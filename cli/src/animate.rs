@@ -97,7 +97,8 @@ impl<'a> Maker<'a> {
 
     /// An avatar as the arguments want it.
     pub(crate) fn avatar(&self) -> AvatarConfig {
-        avatar(self.args, self.model.config())
+        // A recording is all there: to wait for more of it costs nothing.
+        avatar(self.args, self.model.config(), self.model.config().audio.ahead)
     }
 
     /// An animation as the arguments want it.
@@ -140,8 +141,8 @@ impl<'a> Maker<'a> {
     }
 }
 
-/// An avatar as the arguments want it, speech to motion.
-pub(crate) fn avatar(args: &GenerateArgs, config: &Config) -> AvatarConfig {
+/// An avatar as the arguments want it, speech to motion; `horizon` where they say none.
+pub(crate) fn avatar(args: &GenerateArgs, config: &Config, horizon: usize) -> AvatarConfig {
     let defaults = SessionConfig::new(config).avatar;
     let mut life = defaults.life;
     for &(layer, gain) in &args.life {
@@ -149,11 +150,12 @@ pub(crate) fn avatar(args: &GenerateArgs, config: &Config) -> AvatarConfig {
             life = life.with(layer, gain);
         }
     }
-    let sampler = if args.greedy { Sampler::GREEDY } else { Sampler { seed: args.seed, ..defaults.sampler } };
+    let mut sampler = if args.greedy { Sampler::GREEDY } else { Sampler { seed: args.seed, ..defaults.sampler } };
+    sampler.sampling.temperature = args.temperature.unwrap_or(sampler.sampling.temperature);
     AvatarConfig {
         target: args.target.unwrap_or(defaults.target),
         lookahead: args.lookahead.unwrap_or(defaults.lookahead),
-        horizon: args.horizon,
+        horizon: args.horizon.unwrap_or(horizon),
         guidance: args.guidance,
         smoothing: args.smoothing.unwrap_or(defaults.smoothing),
         sampler,

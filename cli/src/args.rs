@@ -86,9 +86,10 @@ pub struct GenerateArgs {
     /// Frames held back for smooth seams between chunks
     #[arg(long, value_name = "FRAMES")]
     pub lookahead: Option<usize>,
-    /// Keyframes of speech behind a chunk to wait for, where the model hears ahead
-    #[arg(long, value_name = "KEYFRAMES", default_value_t = 0)]
-    pub horizon: usize,
+    /// Keyframes of speech behind a chunk to wait for, where the model hears ahead: as many as it can of a recording, none
+    /// live
+    #[arg(long, value_name = "KEYFRAMES")]
+    pub horizon: Option<usize>,
     /// How strongly the prompt steers, 1 to 3, in models of layout `frames`
     #[arg(long, value_name = "STRENGTH", default_value_t = 1.0)]
     pub guidance: f32,
@@ -105,6 +106,10 @@ pub struct GenerateArgs {
     /// Always the likeliest code instead of a draw
     #[arg(long, conflicts_with = "seed")]
     pub greedy: bool,
+    /// How freely codes are drawn, 0 to 100: less is calmer, 0 takes the likeliest; the model's own
+    /// where not given
+    #[arg(long, value_name = "NUMBER", conflicts_with = "greedy", value_parser = temperature)]
+    pub temperature: Option<f32>,
     /// Begin in this pose: SMPL-X motion whose last keyframes become the history
     #[arg(long, value_name = "FILE.npz")]
     pub start_pose: Option<PathBuf>,
@@ -121,6 +126,11 @@ pub struct GenerateArgs {
     #[command(flatten)]
     #[expect(missing_docs, reason = "clap would print a doc comment as help")]
     pub compute: Compute,
+}
+
+/// A sampling temperature.
+fn temperature(text: &str) -> Result<f32, String> {
+    text.parse().ok().filter(|value| (0.0..=100.0).contains(value)).ok_or_else(|| "expected 0 to 100".to_owned())
 }
 
 /// A gain of all layers, or of one.
@@ -572,12 +582,27 @@ pub struct Bench {
     /// One line of JSON in place of the tables
     #[arg(long)]
     pub json: bool,
+    /// With another program that computes on every core, and one that wakes up 10,000 times a second
+    #[arg(long)]
+    pub busy: bool,
+    /// Be such a program until standard input ends
+    #[arg(long, hide = true, value_enum, value_name = "KIND")]
+    pub neighbour: Option<Neighbour>,
     /// Draw the chunks' times, a histogram and a timeline
     #[arg(long, value_name = "FILE.svg")]
     pub plot: Option<PathBuf>,
     #[command(flatten)]
     #[expect(missing_docs, reason = "clap would print a doc comment as help")]
     pub compute: Compute,
+}
+
+/// What another program does while a model is measured.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum Neighbour {
+    /// Computes all the time
+    Spin,
+    /// Wakes up again and again
+    Wake,
 }
 
 /// Write a model of random weights.

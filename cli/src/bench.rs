@@ -1,6 +1,7 @@
 //! `umo bench`: a model's speed on this machine, in a real engine (the paper's runtime table,
 //! section 4).
 
+mod neighbours;
 mod plot;
 mod report;
 
@@ -19,11 +20,13 @@ use umo_core::{Config, ModelFile, Precision};
 use crate::args::Bench;
 use crate::failure::Failure;
 use crate::model;
+use neighbours::Neighbours;
 use report::{Crowd, Report};
 
-/// How often a frame is looked for while it is waited for: rarely enough to leave the cores to the
-/// engine.
-const LOOK: Duration = Duration::from_micros(100);
+/// A frame is looked for again after this share of the time that it was waited for, and not before
+/// `SHORTEST_LOOK`: whoever wakes up thousands of times a second disturbs the engine.
+const LOOK_SHARE: u32 = 50;
+const SHORTEST_LOOK: Duration = Duration::from_micros(100);
 /// Longest wait for a chunk.
 const PATIENCE: Duration = Duration::from_secs(120);
 /// Audio of one call in real time, 10 ms.
@@ -34,6 +37,10 @@ const MAX_READ: usize = 384 << 20;
 const PRODUCT: &str = "lm.encoder.block.0.layer.0.SelfAttention.q.weight";
 
 pub(crate) fn run(args: &Bench) -> Result<(), Failure> {
+    if let Some(kind) = args.neighbour {
+        neighbours::be(kind);
+        return Ok(());
+    }
     for (name, value) in [("--chunks", args.chunks), ("--starts", args.starts), ("--sessions", args.sessions)] {
         if !(1..=100_000).contains(&value) {
             return Err(Failure::input(format!("{name} {value}: expected 1 to 100000")));
@@ -64,14 +71,20 @@ pub(crate) fn run(args: &Bench) -> Result<(), Failure> {
     let engine = Engine::new(Arc::clone(&model), &engine).map_err(Failure::input)?;
     let bench = Runner { engine, session, config: &config, speech: speech(&config) };
 
+    let neighbours = || args.busy.then(Neighbours::start).transpose();
+    let others = neighbours()?;
     let first = bench.first_frames(args.starts)?;
-    let before = bench.engine.stage_times();
+    let before = (bench.engine.stage_times(), processor_time());
     let (chunks, frames) = bench.chunks(args.chunks)?;
+    let (before, processor) = (before.0, since(before.1));
+    drop(others);
     let times = Times::between(before, bench.engine.stage_times(), args.chunks);
     let memory = peak_memory();
     let peaks = || Machine::measure(threads, isa, usize::min(weights, MAX_READ));
     let machine = peaks();
+    let others = neighbours()?;
     let crowd = if args.seconds > 0.0 { Some(bench.crowd(args.sessions, args.seconds)?) } else { None };
+    drop(others);
     let machine = machine.best(peaks());
     let floors = floor::Stages::of(&config, stored, bench.session.avatar.target);
     let report = Report {
@@ -86,6 +99,8 @@ pub(crate) fn run(args: &Bench) -> Result<(), Failure> {
         stages: stages(times, &floors, &machine),
         machine,
         memory,
+        processor,
+        is_busy: args.busy,
         crowd,
     };
     if args.json {
@@ -192,11 +207,11 @@ impl Runner<'_> {
             if start.elapsed() > PATIENCE {
                 return Err(Failure::environment(format!("no frame after {} s", PATIENCE.as_secs())));
             }
-            std::thread::sleep(LOOK);
+            wait_a_little(start);
         }
         let time = start.elapsed();
         while session.stats().chunks < wanted && start.elapsed() < PATIENCE {
-            std::thread::sleep(LOOK);
+            wait_a_little(start);
         }
         Ok((time, session.pull_frames(usize::MAX, |_| ()).map_err(Failure::environment)?))
     }
@@ -232,7 +247,7 @@ impl Runner<'_> {
         let sessions = (0..count).map(|_| self.session()).collect::<Result<Vec<_>, _>>()?;
         let piece = self.config.audio.sample_rate / CALLS_PER_SECOND;
         let calls_per_chunk = self.chunk() / piece;
-        let (start, before) = (Instant::now(), self.engine.stage_times().total());
+        let (start, before, processor) = (Instant::now(), self.engine.stage_times().total(), processor_time());
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a day has 8.6 million")]
         let calls = (seconds * CALLS_PER_SECOND as f64) as usize;
         for call in 0..calls {
@@ -261,6 +276,7 @@ impl Runner<'_> {
             p99: latency.iter().map(|l| l.compute_p99).max().unwrap_or_default(),
             max: latency.iter().map(|l| l.compute_max).max().unwrap_or_default(),
             busy: worked.as_secs_f64() / start.elapsed().as_secs_f64(),
+            processor: since(processor),
         })
     }
 }
@@ -276,6 +292,28 @@ fn speech(config: &Config) -> Vec<f32> {
         (1..12).map(|k| (TAU * pitch * k as f32).sin() / k as f32).sum::<f32>() * envelope * 0.2
     };
     (0..30 * rate).map(sample).collect()
+}
+
+/// Before something is looked for again that was waited for since `start`.
+fn wait_a_little(start: Instant) {
+    std::thread::sleep(SHORTEST_LOOK.max(start.elapsed() / LOOK_SHARE));
+}
+
+/// The processor time of all threads of this process so far, where the system says it; to the
+/// hundredth of a second.
+fn processor_time() -> Option<Duration> {
+    const TICK: Duration = Duration::from_millis(10);
+    let stat = std::fs::read_to_string("/proc/self/stat").ok()?;
+    // Behind the program's name, which may hold anything: user and system time are the twelfth and
+    // thirteenth.
+    let mut fields = stat.rsplit_once(')')?.1.split_whitespace().skip(11);
+    let ticks: u32 = fields.next()?.parse::<u32>().ok()? + fields.next()?.parse::<u32>().ok()?;
+    Some(TICK * ticks)
+}
+
+/// The processor time from then until now.
+fn since(before: Option<Duration>) -> Option<Duration> {
+    processor_time()?.checked_sub(before?)
 }
 
 /// The most memory that the process ever had, bytes, where the system says it.

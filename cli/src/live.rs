@@ -192,7 +192,7 @@ fn session(args: &Live, rate: usize) -> Result<(Engine, Session), Failure> {
         }
     };
     let config = engine.model().config();
-    let mut avatar = animate::avatar(&args.generate, config);
+    let mut avatar = animate::avatar(&args.generate, config, 0);
     avatar.target = args.generate.target.unwrap_or(TARGET);
     avatar.gestures = crate::gestures::known(&args.generate.gesture_clip, &config.skeleton)?;
     let made = engine

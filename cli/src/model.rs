@@ -18,7 +18,7 @@ static EMBEDDED: Option<&[u8]> = None;
 /// Names the default model's file, before what is in the program or installed.
 const VARIABLE: &str = "UMO_MODEL";
 /// The default model's name where it is installed.
-const FILE: &str = "umo-small.safetensors";
+const FILE: &str = "umo-people.safetensors";
 
 /// The model at `path`, or the default model; prints the model's notice to standard error.
 ///

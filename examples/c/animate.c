@@ -120,6 +120,7 @@ int main(int argc, char **argv) {
     if (status == UMO_STATUS_OK) {
         config.sample_rate = wav.rate;
         config.channels = wav.channels;
+        config.horizon = info.max_horizon; /* The whole recording is there: hearing ahead costs nothing. */
         status = umo_session_new(engine, &config, &avatar);
     }
     char *frames = malloc((size_t)layout.frame_stride * FRAMES);

@@ -59,7 +59,7 @@ const HASH = `(arrays) => {
 /** Every frame of a recording in Node. */
 async function framesInNode(samples) {
   const [wasm, model] = await Promise.all(
-    ["umo/dist/umo.wasm", "umo-small.safetensors.gz"].map((name) => readFile(path.join(folder, name))),
+    ["umo/dist/umo.wasm", "umo-people.safetensors.gz"].map((name) => readFile(path.join(folder, name))),
   );
   const engine = await Model.load({ wasm, model });
   const session = engine.session();
@@ -86,7 +86,7 @@ export const tests = [
         const samples = Float32Array.from(${JSON.stringify([...samples])});
         const hash = ${HASH};
         const { Avatar } = await import("./umo/src/index.js");
-        const avatar = await Avatar.create({ model: "umo-small.safetensors.gz", wasm: "umo/dist/umo.wasm" });
+        const avatar = await Avatar.create({ model: "umo-people.safetensors.gz", wasm: "umo/dist/umo.wasm" });
         await avatar.call("push", samples);
         await avatar.call("finish");
         const hashes = [];

@@ -119,8 +119,10 @@ pub struct UmoModelInfo {
     pub file_size: u64,
     /// 1 where the model has a mouth network, so that sessions may have `UMO_VOICE_LIVE`.
     pub has_mouth: u32,
-    /// Zero.
-    pub reserved: u32,
+    /// Most keyframes of audio behind a chunk that a session can wait for
+    /// (`umo_session_config.horizon`): worth it where the whole recording is there. 0 where the
+    /// model does not hear ahead.
+    pub max_horizon: u32,
 }
 
 // SAFETY: `repr(C)`, starts with its size, integers.
@@ -306,7 +308,7 @@ impl ModelHandle {
             has_notice: u32::from(!notice.is_empty()),
             file_size: file.len() as u64,
             has_mouth: u32::from(model.mouth().is_some()),
-            reserved: 0,
+            max_horizon: count(config.audio.ahead),
         };
         Ok(Self {
             visemes: Visemes::new(&config.face),

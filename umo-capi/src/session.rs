@@ -494,7 +494,7 @@ mod tests {
     use crate::model::{umo_model_free, umo_model_load_memory};
     use std::ptr::{null, null_mut};
 
-    static MODEL: &[u8] = include_bytes!("../../models/umo-small/model.safetensors");
+    static MODEL: &[u8] = include_bytes!("../../models/umo-people/model.safetensors");
 
     #[test]
     fn a_panic_becomes_a_status_and_poisons_that_session_alone() {

@@ -503,7 +503,7 @@ mod tests {
     use crate::session::SessionError;
 
     fn polled() -> Engine {
-        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../models/umo-small/model.safetensors");
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../models/umo-people/model.safetensors");
         let file = crate::ModelFile::open(path.as_ref()).unwrap();
         let model = Model::load(&file, crate::Precision::Stored, umo_kernels::Isa::detect()).unwrap();
         let config = EngineConfig { threads: Threads::Host(0), ..EngineConfig::default() };

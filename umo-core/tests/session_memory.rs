@@ -29,7 +29,7 @@ fn main() {
     check_counter();
     let golden = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/golden");
     let mut paths: Vec<_> = MODELS.iter().map(|name| golden.join(name).join("model.safetensors")).collect();
-    paths.push(PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../models/umo-small/model.safetensors"));
+    paths.push(PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../models/umo-people/model.safetensors"));
     let live = Cell::new(0);
     for path in paths {
         let file = ModelFile::open(&path).expect("a model");

@@ -41,7 +41,7 @@ fn main() {
         rolled_back(name, &audio);
     }
     println!("no allocation in 1,000 saves and restores");
-    let default = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../models/umo-small/model.safetensors");
+    let default = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../models/umo-people/model.safetensors");
     let small = state(&default);
     assert!(small <= 2 << 20, "a session of the default model takes {small} bytes");
     // The base model is too large for a test: where it is at hand, its session is measured too.

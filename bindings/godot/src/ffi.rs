@@ -83,7 +83,7 @@ pub(crate) struct ModelInfo {
     pub(crate) has_notice: u32,
     pub(crate) file_size: u64,
     pub(crate) has_mouth: u32,
-    pub(crate) reserved: u32,
+    pub(crate) max_horizon: u32,
 }
 
 #[repr(C)]

@@ -2,7 +2,7 @@ extends SceneTree
 ## What the extension does in a running Godot: godot --headless -s check.gd -- REFERENCE. Exits with the number of failures.
 
 const Body := preload("res://body.gd")
-const MODEL := "res://addons/umo/umo-small.safetensors"
+const MODEL := "res://addons/umo/umo-people.safetensors"
 ## Bones are computed in f32 with a few products more than the frames.
 const CLOSE := 1e-4
 const LAYERS := ["layer_gaze", "layer_idle", "layer_asymmetry", "layer_nods", "layer_mood", "layer_feet"]

@@ -6,7 +6,7 @@ var told := ""
 
 func _initialize() -> void:
 	var avatar := UmoAvatar3D.new()
-	avatar.model = "res://addons/umo/umo-small.safetensors"
+	avatar.model = "res://addons/umo/umo-people.safetensors"
 	avatar.failed.connect(func(message: String) -> void: told = message)
 	root.add_child(avatar)
 	await process_frame

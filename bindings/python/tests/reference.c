@@ -14,7 +14,7 @@ static void need(umo_status status) {
 int main(int argc, char **argv) {
     if (argc != 5) return 2;
     char path[4096];
-    snprintf(path, sizeof path, "%s/share/umo/models/umo-small.safetensors", argv[1]);
+    snprintf(path, sizeof path, "%s/share/umo/models/umo-people.safetensors", argv[1]);
     umo_model *model;
     need(umo_model_load(UMO_ABI_VERSION, path, NULL, &model));
 
@@ -30,6 +30,9 @@ int main(int argc, char **argv) {
     config.sample_rate = (uint32_t)atoi(argv[2]);
     config.channels = (uint32_t)atoi(argv[3]);
     config.idle = UMO_IDLE_HOLD;
+    umo_model_info info = {.struct_size = sizeof info};
+    need(umo_model_get_info(model, &info));
+    config.horizon = info.max_horizon;
     umo_session *session;
     need(umo_session_new(engine, &config, &session));
 

@@ -88,7 +88,7 @@ def test_stream_gives_the_frames_of_animate_however_it_is_cut(hello, model, whol
     samples, rate = hello
     cuts = np.sort(np.random.default_rng(seed).integers(0, len(samples), 60))
     chunks = np.split(samples, cuts)
-    frames = list(umo.stream(chunks, rate, model=model))
+    frames = list(umo.stream(chunks, rate, model=model, horizon=model.max_horizon))
     assert [frame.index for frame in frames] == list(range(len(whole)))
     for name in ("translation", "rotations", "face", "visemes"):
         assert np.stack([getattr(frame, name) for frame in frames]).tobytes() == getattr(whole, name).tobytes(), name

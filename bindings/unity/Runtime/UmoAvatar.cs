@@ -19,7 +19,7 @@ namespace Umo.Unity
     public sealed class UmoAvatar : MonoBehaviour
     {
         [Tooltip("Model file in StreamingAssets, or an absolute path.")]
-        public string model = "umo-small.safetensors";
+        public string model = "umo-people.safetensors";
         [Tooltip("The figure. Empty: an Animator here or below.")]
         public Animator animator;
         [Tooltip("Meshes with ARKit blend shapes. Empty: all here and below.")]

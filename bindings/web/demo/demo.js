@@ -25,7 +25,7 @@ async function create(options) {
   window.demo.avatar = undefined;
   const percent = ({ loaded, total }) => say(total ? `loads the model: ${Math.round((100 * loaded) / total)} %` : `loads the model: ${loaded >> 20} MB`);
   const parameters = new URLSearchParams(location.search);
-  const model = parameters.get("model") ?? "umo-small.safetensors.gz";
+  const model = parameters.get("model") ?? "umo-people.safetensors.gz";
   avatar = await Avatar.create({ model, wasm: "umo/dist/umo.wasm", onProgress: percent, onError: failed, ...options });
   window.demo.avatar = avatar;
   element("model").textContent = `${avatar.model.name} (${avatar.model.licence}). ${avatar.model.notice}`;

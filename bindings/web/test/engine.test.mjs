@@ -9,7 +9,7 @@ import { speech } from "./speech.mjs";
 
 const root = new URL("../../../", import.meta.url);
 const wasm = await WebAssembly.compile(await readFile(new URL("bindings/web/dist/umo.wasm", root)));
-const file = await readFile(new URL("models/umo-small/model.safetensors", root));
+const file = await readFile(new URL("models/umo-people/model.safetensors", root));
 const load = (options) => Model.load({ wasm, model: file, ...options });
 const model = await load();
 const samples = await speech(new URL("assets/hello.wav", root));

@@ -7,7 +7,7 @@ import { Model, Pose } from "../src/index.js";
 import { Character, findBones } from "../src/three.js";
 
 const root = new URL("../../../", import.meta.url);
-const [wasm, file] = await Promise.all(["bindings/web/dist/umo.wasm", "models/umo-small/model.safetensors"].map((path) => readFile(new URL(path, root))));
+const [wasm, file] = await Promise.all(["bindings/web/dist/umo.wasm", "models/umo-people/model.safetensors"].map((path) => readFile(new URL(path, root))));
 const model = await Model.load({ wasm, model: file });
 
 class Node {

@@ -27,6 +27,10 @@ pub(super) struct Report {
     /// Peaks that the stages' floors are of.
     pub(super) machine: Machine,
     pub(super) memory: Option<u64>,
+    /// Processor time of all chunks together, of all threads.
+    pub(super) processor: Option<Duration>,
+    /// Other programs kept the machine busy.
+    pub(super) is_busy: bool,
     pub(super) crowd: Option<Crowd>,
 }
 
@@ -44,6 +48,8 @@ pub(super) struct Crowd {
     pub(super) max: Duration,
     /// Share of the time that the engine computed.
     pub(super) busy: f64,
+    /// Processor time of all threads.
+    pub(super) processor: Option<Duration>,
 }
 
 impl Crowd {
@@ -75,6 +81,10 @@ fn rounded(time: Duration) -> f64 {
 }
 
 impl Report {
+    fn count(&self) -> u32 {
+        u32::try_from(self.chunks.len()).unwrap_or(u32::MAX)
+    }
+
     fn frames_per_second(&self) -> f64 {
         self.frames as f64 / self.chunks.iter().sum::<Duration>().as_secs_f64()
     }
@@ -101,8 +111,12 @@ impl Report {
             "chunk_ms": chunks, "frames_per_second": (self.frames_per_second() * 10.0).round() / 10.0,
             "stages": stages, "peaks": peaks,
         });
+        report["busy_machine"] = json!(self.is_busy);
         if let Some(bytes) = self.memory {
             report["peak_memory_bytes"] = json!(bytes);
+        }
+        if let Some(time) = self.processor {
+            report["processor_ms_per_chunk"] = json!(rounded(time / self.count()));
         }
         if let Some(crowd) = &self.crowd {
             report["real_time"] = json!({
@@ -111,6 +125,7 @@ impl Report {
                 "chunk_ms": { "p50": rounded(crowd.p50), "p99": rounded(crowd.p99), "max": rounded(crowd.max) },
                 "busy": (crowd.busy * 1000.0).round() / 1000.0,
                 "sessions_at_full_load": crowd.at_full_load(),
+                "processor_seconds": crowd.processor.map(|time| time.as_secs_f64()),
             });
         }
         report.to_string()
@@ -122,8 +137,9 @@ impl fmt::Display for Report {
         let Self { model, isa, threads, target, .. } = self;
         writeln!(
             f,
-            "{model}, {isa}, {threads} threads, {target} keyframes a chunk, loaded in {:.0} ms",
-            ms(self.load)
+            "{model}, {isa}, {threads} threads, {target} keyframes a chunk, loaded in {:.0} ms{}",
+            ms(self.load),
+            if self.is_busy { ", beside a program on every core and one that wakes up at 10 kHz" } else { "" }
         )?;
         let (first, chunk) = (quantile(&self.first, 0.5), quantile(&self.chunks, 0.5));
         let (p99, max) = (quantile(&self.chunks, 0.99), quantile(&self.chunks, 1.0));
@@ -137,6 +153,9 @@ impl fmt::Display for Report {
             ms(p99),
             ms(max)
         )?;
+        if let Some(time) = self.processor {
+            writeln!(f, "processor time            {:>9.1} ms a chunk, of all threads", ms(time / self.count()))?;
+        }
         if let Some(bytes) = self.memory {
             writeln!(f, "peak memory               {:>9.1} MB", bytes as f64 / 1e6)?;
         }
@@ -155,7 +174,7 @@ impl fmt::Display for Report {
             writeln!(
                 f,
                 "\n{} avatars for {:.0} s in real time: {} frames, {} late, {} overruns; chunk p50 {:.1} ms, p99 {:.1} ms, \
-                 largest {:.1} ms; busy for {:.0} % of the time, so that {} could speak",
+                 largest {:.1} ms; busy for {:.0} % of the time, so that {} could speak{}",
                 crowd.sessions,
                 crowd.seconds,
                 crowd.frames,
@@ -165,7 +184,10 @@ impl fmt::Display for Report {
                 ms(crowd.p99),
                 ms(crowd.max),
                 100.0 * crowd.busy,
-                crowd.at_full_load()
+                crowd.at_full_load(),
+                crowd
+                    .processor
+                    .map_or_else(String::new, |time| format!("; {:.2} s of processor time", time.as_secs_f64()))
             )?;
         }
         Ok(())

@@ -180,7 +180,7 @@ pub(crate) fn for_session(rate: usize, mono: Vec<f32>) -> Result<(usize, Vec<f32
 const LIVE_TARGET: usize = 1;
 
 fn session(generate: &GenerateArgs, config: &Config) -> SessionConfig {
-    let mut avatar = animate::avatar(generate, config);
+    let mut avatar = animate::avatar(generate, config, 0);
     avatar.target = generate.target.unwrap_or(LIVE_TARGET);
     SessionConfig { avatar, ..SessionConfig::new(config) }
 }

@@ -145,7 +145,7 @@ impl Scene {
     }
 
     fn set_model(&mut self, config: &Config, generate: &GenerateArgs) {
-        let avatar = animate::avatar(generate, config);
+        let avatar = animate::avatar(generate, config, config.audio.ahead);
         let draw = if generate.greedy { "greedy".to_owned() } else { format!("seed {}", generate.seed) };
         self.about += &format!(
             " · model {} · {} keyframes a chunk, one every {} frames · {} frames held back · {draw}",

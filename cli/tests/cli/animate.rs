@@ -63,6 +63,10 @@ fn the_same_seed_gives_the_same_files() {
     }
     let greedy = animate(&folder, "d", &["--greedy"]);
     assert!(greedy != first && greedy == animate(&folder, "e", &["--greedy"]));
+    assert!(
+        greedy == animate(&folder, "f", &["--temperature", "0"])
+            && first != animate(&folder, "g", &["--temperature", "0.5"])
+    );
 }
 
 #[test]
@@ -243,7 +247,7 @@ fn the_first_command_needs_no_model() {
     let (speech, out) = (folder.speech(), folder.at("hello.glb"));
     umo(&["animate", &speech, "-o", &out]).success();
     let (first, model) =
-        (folder.read("hello.glb"), concat!(env!("CARGO_MANIFEST_DIR"), "/../models/umo-small/model.safetensors"));
+        (folder.read("hello.glb"), concat!(env!("CARGO_MANIFEST_DIR"), "/../models/umo-people/model.safetensors"));
     umo(&["animate", &speech, "--model", model, "-o", &out]).success();
     assert!(first == folder.read("hello.glb"), "not the model that ships");
     let gltf = gltf::Gltf::from_slice(&first).unwrap();

@@ -32,12 +32,17 @@ fn bench_writes_json_with_every_stage_beside_its_floor_and_a_picture() {
         "encoder experts",
         "decoder attention",
         "decoder experts",
+        "depth network",
         "interpolation",
         "motion decoders",
     ];
     assert_eq!(names, tokenizer_to_motion);
     for stage in stages {
         assert!(number(&stage["ms"]) > 0.0 && number(&stage["floor_ms"]) >= 0.0, "{stage}");
+    }
+    assert_eq!(report["busy_machine"], false);
+    if cfg!(target_os = "linux") {
+        assert!(number(&report["processor_ms_per_chunk"]) >= 0.0);
     }
     let crowd = &report["real_time"];
     assert_eq!((number(&crowd["sessions"]), number(&crowd["overruns"])), (2.0, 0.0));
@@ -59,12 +64,19 @@ fn bench_prints_a_table_for_people() {
     assert!(first > 0.0 && chunk > 0.0 && rate > 0.0, "{}", ended.out);
     // Milliseconds, share, floor and floor by time, of each stage and of all.
     let stages = ["audio tokenizer", "encoder attention", "encoder experts", "decoder attention", "decoder experts"];
-    let stages = stages.into_iter().chain(["interpolation", "motion decoders"]).map(of);
+    let stages = stages.into_iter().chain(["depth network", "interpolation", "motion decoders"]).map(of);
     let sums = stages.fold([0.0; 3], |sums, stage| std::array::from_fn(|i| sums[i] + stage[i]));
     let all = of("all ");
     assert!((sums[0] - all[0]).abs() < 0.1 && (sums[1] - 100.0).abs() < 0.5, "{}", ended.out);
     assert!((sums[2] - all[1]).abs() < 0.1, "{}", ended.out);
     assert!(ended.out.contains("peaks of") && ended.out.contains("with scalar: int8 unknown"), "{}", ended.out);
+    assert!(ended.out.contains("could speak"), "{}", ended.out);
+}
+
+#[test]
+fn bench_measures_beside_other_programs() {
+    let ended = umo(&[&QUICK[..], &["--busy"]].concat()).success();
+    assert!(ended.out.contains("beside a program on every core"), "{}", ended.out);
     assert!(ended.out.contains("could speak"), "{}", ended.out);
 }
 

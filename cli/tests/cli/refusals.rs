@@ -231,6 +231,7 @@ fn arguments_that_make_no_sense_are_refused() {
         &["animate", &speech, "-o", &out, "--threads", "many"][..],
         &["animate", &speech, "-o", &out, "--seed", "-1"],
         &["animate", &speech, "-o", &out, "--greedy", "--seed", "1"],
+        &["animate", &speech, "-o", &out, "--temperature", "-1"],
         &["animate", &speech, "-o", &out, "--precision", "f8"],
         &["animate", &speech],
         &["animate", "-o", &out],

@@ -37,7 +37,7 @@ const GESTURES: [&CStr; 8] = [c"wave", c"nod", c"point", c"clap", c"Thumbs Up", 
 
 /// The default model, and one of layout `frames` with text.
 static MODELS: [&[u8]; 2] = [
-    include_bytes!("../../../models/umo-small/model.safetensors"),
+    include_bytes!("../../../models/umo-people/model.safetensors"),
     include_bytes!("../../golden/frames_seven/model.safetensors"),
 ];
 

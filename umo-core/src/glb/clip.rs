@@ -125,7 +125,7 @@ mod tests {
     }
 
     fn skeleton() -> Skeleton {
-        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../models/umo-small/model.safetensors");
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../models/umo-people/model.safetensors");
         crate::ModelFile::open(path.as_ref()).unwrap().config().skeleton.clone()
     }
 

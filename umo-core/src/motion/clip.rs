@@ -292,7 +292,7 @@ mod tests {
 
     #[test]
     fn contacts_are_of_the_left_side_before_the_right() {
-        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../models/umo-small/model.safetensors");
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../models/umo-people/model.safetensors");
         let file = ModelFile::open(path.as_ref()).unwrap();
         let mut clip = Clip::new(file.config());
         let face = vec![0.0; clip.face.names.len()];

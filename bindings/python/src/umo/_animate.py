@@ -63,12 +63,14 @@ def animate(
     """Animates a recording: [samples] or [samples, channels], floats of full scale 1 or int16, `rate` samples per second.
 
     The frames are those of `umo animate`, bit for bit. `parameters` are those of `Session`, as `{"gain_face": 0.5}`;
-    `mood` is one of `Session.set_mood`; `settings` are the session's other arguments, as `target`.
+    `mood` is one of `Session.set_mood`; `settings` are the session's other arguments, as `target`. It hears as far ahead as the
+    model can, unless they say `horizon`.
     """
     recording = audio(samples)
     channels = recording.shape[1] if recording.ndim == 2 else 1
     with Engine(model, threads=threads, polled=True, max_sessions=1, max_batch=1) as engine:
-        with Session(engine, rate, channels, axes=axes, seed=seed, **{"idle": Idle.HOLD, **settings}) as session:
+        settings = {"idle": Idle.HOLD, "horizon": engine.model.max_horizon, **settings}
+        with Session(engine, rate, channels, axes=axes, seed=seed, **settings) as session:
             return session._layout.joined(list(_run(_ready(session, prompt, mood, parameters), [recording])))
 
 
@@ -86,7 +88,9 @@ def stream(
     threads: Optional[int] = None,
     **settings: Any,
 ) -> Iterator[Frame]:
-    """Frames as they come from audio as it comes, computed in the thread that iterates: those of `animate`, however it is cut.
+    """Frames as they come from audio as it comes, computed in the thread that iterates.
+
+    They are those of `animate(horizon=0)`, however the audio is cut: with a `horizon` the stream hears ahead, and is as much later.
 
     `chunks` gives arrays as `animate` takes them, of any length. For a live avatar whose audio and picture have threads of
     their own, use `Session`.

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Callable, TypeVar
 
 FOLDER = Path(__file__).resolve().parent
-MODEL = FOLDER / "umo-small.safetensors"
+MODEL = FOLDER / "umo-people.safetensors"
 
 ABI_VERSION = 1
 ABSENT = 0xFFFF_FFFF
@@ -112,7 +112,7 @@ class ModelInfo(ctypes.Structure):
             *("struct_size", "frame_rate", "sample_rate", "joints", "channels", "is_arkit", "keyframe_stride", "target"),
             *("max_target", "lookahead", "latency_frames", "max_prompt", "has_text", "has_notice"),
         )
-    ] + [("file_size", c_uint64), ("has_mouth", c_uint32), ("reserved", c_uint32)]
+    ] + [("file_size", c_uint64), ("has_mouth", c_uint32), ("max_horizon", c_uint32)]
 
 
 class EngineConfig(ctypes.Structure):

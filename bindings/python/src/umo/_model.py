@@ -133,6 +133,11 @@ class Model(_library.Handle):
         return int(self._info.lookahead)
 
     @property
+    def max_horizon(self) -> int:
+        """Most keyframes of speech that a session can hear ahead; 0 with models that cannot."""
+        return int(self._info.max_horizon)
+
+    @property
     def keyframe_stride(self) -> int:
         """Frames from one keyframe to the next."""
         return int(self._info.keyframe_stride)

@@ -159,7 +159,7 @@ namespace Umo
         public uint HasNotice;
         public ulong FileSize;
         public uint HasMouth;
-        public uint Reserved;
+        public uint MaxHorizon;
     }
 
     /// <summary>What an engine is made with. Start with <see cref="Engine.Defaults"/>.</summary>

@@ -13,7 +13,7 @@ public class UmoLibrary : ModuleRules
         PublicSystemIncludePaths.Add("$(PluginDir)/Source/ThirdParty/UmoLibrary/include");
 
         // umo_model_load needs a file of its own: it must not go into a pak.
-        RuntimeDependencies.Add("$(PluginDir)/Models/umo-small.safetensors", StagedFileType.NonUFS);
+        RuntimeDependencies.Add("$(PluginDir)/Models/umo-people.safetensors", StagedFileType.NonUFS);
 
         if (Target.Platform == UnrealTargetPlatform.Win64)
         {

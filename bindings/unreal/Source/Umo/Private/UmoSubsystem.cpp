@@ -37,7 +37,7 @@ std::shared_ptr<umo_unreal::Host> UUmoSubsystem::Open(const FString& ModelFile, 
 	FString File = ModelFile;
 	if (File.IsEmpty())
 	{
-		File = FPaths::Combine(IPluginManager::Get().FindPlugin(TEXT("Umo"))->GetBaseDir(), TEXT("Models"), TEXT("umo-small.safetensors"));
+		File = FPaths::Combine(IPluginManager::Get().FindPlugin(TEXT("Umo"))->GetBaseDir(), TEXT("Models"), TEXT("umo-people.safetensors"));
 	}
 	else if (FPaths::IsRelative(File))
 	{
