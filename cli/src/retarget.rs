@@ -8,6 +8,7 @@
 //! | `faces` | which shapes of which mesh move |
 //! | `bvh` | a skeleton in a `.bvh` file, and the animation on it |
 //! | `mapping` | the file that says which bone is what |
+//! | `wear` | a character and its motion for a page |
 
 use std::path::Path;
 
@@ -23,6 +24,7 @@ use crate::{animate, atomic_file, import, model};
 use character::Character;
 use faces::Faces;
 use mapping::Given;
+pub(crate) use wear::{Worn, wear, worn};
 
 mod bvh;
 mod character;
@@ -30,6 +32,7 @@ mod faces;
 mod mapping;
 mod splice;
 mod vrm;
+mod wear;
 
 #[cfg(test)]
 mod tests;

@@ -39,6 +39,11 @@ impl Character {
         Ok(Self { read: glb::Character::read(&bytes)?, bytes })
     }
 
+    /// The file as it was read.
+    pub(super) fn into_bytes(self) -> Vec<u8> {
+        self.bytes
+    }
+
     /// The file with one animation more, as its first: what plays a file plays that. Nodes that the
     /// bind pose has elsewhere than the file, and that the motion does not drive, are in the bind
     /// pose in it.
