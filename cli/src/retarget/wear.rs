@@ -1,6 +1,6 @@
 //! A character and its motion for a page.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 use umo_core::glb::Glb;
@@ -8,10 +8,11 @@ use umo_core::glb::accessor::floats;
 use umo_core::glb::document::Document;
 use umo_core::motion::clip::Clip;
 use umo_core::motion::skeleton::JOINTS;
-use umo_core::retarget::Mapping;
+use umo_core::retarget::{Floor, Mapping};
 
+use super::faces::Faces;
 use super::mapping::Given;
-use super::{Character, Target, motion, prepare, read};
+use super::{Character, motion, prepare, read};
 use crate::failure::Failure;
 
 /// Largest file that a page holds: browsers open it as text, a third longer.
@@ -33,63 +34,68 @@ pub(crate) struct Worn {
     pub(crate) seconds: f64,
 }
 
-/// Puts a motion on the character of a `.glb` or `.vrm` file, as `umo retarget` does.
-///
-/// # Errors
-/// A file that is no character, or that a page cannot show; in words, with its name.
-pub(crate) fn wear(onto: &Path, mapping: Option<&Path>, clip: &Clip) -> Result<Worn, Failure> {
-    let wrong = |problem: String| Failure::input(format!("{}: {problem}", onto.display()));
-    let (target, mapped) = character(onto, mapping)?;
-    let given = given(mapping)?;
-    let faces = target.faces(&clip.face, &given).map_err(wrong)?;
-    let mut retarget = prepare(&clip.skeleton, target.rig(), &mapped, target.floor()).map_err(wrong)?;
-    faces.release_bones(&clip.face, &mapped, &mut retarget);
-    let motion = motion(&retarget, clip)?;
-    let file = target.animated(&retarget, &motion, &faces, clip).map_err(wrong)?;
-    let frames = clip.len().saturating_sub(1);
-    finished(file, &mapped, frames as f64 / f64::from(clip.frame_rate)).map_err(wrong)
+/// Who is to wear a motion: a character that was read, and which bone of it is what.
+pub(crate) struct Wearer {
+    path: PathBuf,
+    character: Character,
+    given: Given,
+    mapping: Mapping,
 }
 
-/// A character's file that has an animation already, such as `umo retarget` writes.
-///
-/// # Errors
-/// A file that is no character, that has no animation, or that a page cannot show; in words, with
-/// its name.
-pub(crate) fn worn(path: &Path, mapping: Option<&Path>) -> Result<Worn, Failure> {
-    let wrong = |problem: String| Failure::input(format!("{}: {problem}", path.display()));
-    let (target, mapped) = character(path, mapping)?;
-    let Target::Character(character) = target else { return Err(wrong("it is no character".to_owned())) };
-    let file = character.into_bytes();
-    let seconds = length(&file).map_err(wrong)?;
-    finished(file, &mapped, seconds).map_err(wrong)
-}
-
-fn given(mapping: Option<&Path>) -> Result<Given, Failure> {
-    Ok(mapping.map(Given::read).transpose()?.unwrap_or_default())
-}
-
-/// The character of a file, and which bone of it is what.
-fn character(path: &Path, mapping: Option<&Path>) -> Result<(Target, Mapping), Failure> {
-    let wrong = |problem: String| Failure::input(format!("{}: {problem}", path.display()));
-    let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
-    match extension.to_str() {
-        Some("glb" | "vrm") => {}
-        Some("gltf") => return Err(wrong("expected .glb: pack the .gltf and its files into one".to_owned())),
-        Some("bvh") => return Err(wrong("a .bvh file has bones and no body: expected .glb or .vrm".to_owned())),
-        _ => return Err(wrong("expected a character, .glb or .vrm".to_owned())),
+impl Wearer {
+    /// Reads a `.glb` or `.vrm` file, and a mapping file that goes with it.
+    ///
+    /// # Errors
+    /// A file that is no character, or that a page cannot show; in words, with its name.
+    pub(crate) fn read(path: &Path, mapping: Option<&Path>) -> Result<Self, Failure> {
+        let wrong = |problem: String| Failure::input(format!("{}: {problem}", path.display()));
+        let given = mapping.map(Given::read).transpose()?.unwrap_or_default();
+        let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
+        let known = match extension.to_str() {
+            Some("glb" | "vrm") => Ok(()),
+            Some("gltf") => Err("expected .glb: pack the .gltf and its files into one"),
+            Some("bvh") => Err("a .bvh file has bones and no body: expected .glb or .vrm"),
+            _ => Err("expected a character, .glb or .vrm"),
+        };
+        known.map_err(|problem| wrong(problem.to_owned()))?;
+        let character = Character::read(read(path)?).map_err(wrong)?;
+        let (mapping, _) = character.mapping(&given).map_err(wrong)?;
+        mapping.check(character.rig()).map_err(|problem| {
+            let help = "--mapping FILE says which is which, `umo retarget --print-mapping` what was found";
+            wrong(format!("it is no character with a body that is known: {problem}; {help}"))
+        })?;
+        shown(character.bytes()).map_err(wrong)?;
+        Ok(Self { path: path.to_owned(), character, given, mapping })
     }
-    let target = Target::read(path, read(path)?).map_err(wrong)?;
-    let (mapped, _) = target.mapping(&given(mapping)?).map_err(wrong)?;
-    mapped.check(target.rig()).map_err(|problem| {
-        let help = "--mapping FILE says which is which, `umo retarget --print-mapping` what was found";
-        wrong(format!("it is no character with a body that is known: {problem}; {help}"))
-    })?;
-    Ok((target, mapped))
-}
 
-fn finished(file: Vec<u8>, mapping: &Mapping, seconds: f64) -> Result<Worn, String> {
-    shown(&file)?;
-    Ok(Worn { file, nodes: nodes(mapping), seconds })
+    fn wrong(&self, problem: impl std::fmt::Display) -> Failure {
+        Failure::input(format!("{}: {problem}", self.path.display()))
+    }
+
+    /// Puts a motion on the character, as `umo retarget` does.
+    ///
+    /// # Errors
+    /// What of the character cannot be moved.
+    pub(crate) fn wear(self, clip: &Clip) -> Result<Worn, Failure> {
+        let Self { character, given, mapping, .. } = &self;
+        let faces = Faces::find(character.document(), &clip.face, given).map_err(|problem| self.wrong(problem))?;
+        let retarget = prepare(&clip.skeleton, character.rig(), mapping, Floor::AtRest);
+        let mut retarget = retarget.map_err(|problem| self.wrong(problem))?;
+        faces.release_bones(&clip.face, mapping, &mut retarget);
+        let motion = motion(&retarget, clip)?;
+        let file = character.animated(&retarget, &motion, &faces, clip).map_err(|problem| self.wrong(problem))?;
+        let seconds = clip.len().saturating_sub(1) as f64 / f64::from(clip.frame_rate);
+        Ok(Worn { file, nodes: nodes(mapping), seconds })
+    }
+
+    /// The character with the animation that its file has, such as `umo retarget` writes.
+    ///
+    /// # Errors
+    /// A file that has none.
+    pub(crate) fn as_it_is(self) -> Result<Worn, Failure> {
+        let seconds = length(self.character.bytes()).map_err(|problem| self.wrong(problem))?;
+        Ok(Worn { nodes: nodes(&self.mapping), seconds, file: self.character.into_bytes() })
+    }
 }
 
 /// Refuses what the page cannot show.

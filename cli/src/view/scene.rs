@@ -13,7 +13,7 @@ use umo_core::{Config, Part};
 use crate::animate::{self, Maker};
 use crate::args::{GenerateArgs, Page};
 use crate::failure::Failure;
-use crate::retarget::{self, Worn};
+use crate::retarget::{Wearer, Worn};
 use crate::{import, model};
 use umo_audio_file::wav::Wav;
 use umo_figure::{Figure, Mesh};
@@ -96,6 +96,7 @@ impl Scene {
     pub(super) fn of_speech(path: &Path, args: &Page) -> Result<Self, Failure> {
         let wav = animate::speech(path, args.repair)?;
         check_length(path, wav.seconds())?;
+        let wearer = wearer(args)?;
         let maker = Maker::new(&args.generate, model::open(args.generate.model.as_deref())?)?;
         let config = maker.model.config();
         let (samples, frames) = maker.hear(path, &wav)?;
@@ -106,7 +107,7 @@ impl Scene {
         let mut record = Record::new(config);
         let clip = maker.clip(&mut animation, frames, |animation| record.keep(animation))?;
         record.cut(frames);
-        let mut scene = Self::worn_by(path, clip, args)?;
+        let mut scene = Self::worn_by(path, clip, wearer, args.figure)?;
         scene.audio = Some(Audio::new(&wav)?);
         scene.record = Some(record);
         scene.set_model(config, &args.generate);
@@ -118,7 +119,7 @@ impl Scene {
         let mut scene = match import::read(path) {
             Ok(clip) => {
                 check_length(path, clip.len() as f64 / f64::from(clip.frame_rate))?;
-                Self::worn_by(path, clip, args)?
+                Self::worn_by(path, clip, wearer(args)?, args.figure)?
             }
             // A file that umo did not write may be a character that moves.
             Err(_) if args.onto.is_none() && is_character(path) => Self::of_character(path, args)?,
@@ -140,21 +141,18 @@ impl Scene {
 
     /// A character's file with its animation.
     fn of_character(path: &Path, args: &Page) -> Result<Self, Failure> {
-        let worn = retarget::worn(path, args.mapping.as_deref())?;
+        let worn = Wearer::read(path, args.mapping.as_deref())?.as_it_is()?;
         check_length(path, worn.seconds)?;
         let mut scene = Self::plain(path, still());
         scene.character = Some(worn);
         Ok(scene)
     }
 
-    /// A motion on the character that was asked for, or else on the figure.
-    fn worn_by(path: &Path, clip: Clip, args: &Page) -> Result<Self, Failure> {
-        match &args.onto {
-            Some(onto) => {
-                let worn = retarget::wear(onto, args.mapping.as_deref(), &clip)?;
-                Ok(Self { character: Some(worn), ..Self::plain(path, clip) })
-            }
-            None => Self::new(path, clip, args.figure),
+    /// A motion on a character, or else on the figure.
+    fn worn_by(path: &Path, clip: Clip, wearer: Option<Wearer>, figure: Figure) -> Result<Self, Failure> {
+        match wearer {
+            Some(wearer) => Ok(Self { character: Some(wearer.wear(&clip)?), ..Self::plain(path, clip) }),
+            None => Self::new(path, clip, figure),
         }
     }
 
@@ -198,6 +196,11 @@ impl Scene {
         self.notice = config.notice.clone().unwrap_or_default();
         self.model = Some(ModelInfo { name: config.name.clone(), stride: config.keyframe_stride });
     }
+}
+
+/// Who is to wear the motion, where that was said.
+fn wearer(args: &Page) -> Result<Option<Wearer>, Failure> {
+    args.onto.as_deref().map(|onto| Wearer::read(onto, args.mapping.as_deref())).transpose()
 }
 
 /// Whether the file may hold a character.

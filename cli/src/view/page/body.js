@@ -82,8 +82,8 @@ export class CharacterBody extends Body {
     this.nodes = scene.character.nodes;
     this.parts = parts(this.gltf);
     this.face();
-    const { places } = this.placed(this.gltf.at(0));
-    this.measure(places, this.surface(this.gltf.world(this.gltf.rest)));
+    const world = this.gltf.world(this.gltf.rest);
+    this.measure(this.placed({ own: this.gltf.rest, world, weights: new Map() }).places, this.surface(world));
   }
 
   /** Turns the character to the front, and brings one in another unit to the size of a person. */
