@@ -214,7 +214,6 @@ export const tests = [
         told.slept = [live.behind(), live.trouble()];
         // Sound that found no room has no frames.
         live.log.status = { overruns: 100 };
-        live.log.next = 120;
         told.lost = clock.heard;
         live.socket = null;
         clock.pause();

@@ -16,6 +16,8 @@ const MOVES_EVERY = 2;
 /** What "now" is of a latency, and how long too much must go on before it is said, seconds. */
 const NOW = 1;
 const LASTING = 4;
+/** Messages that come within this time are one, seconds. */
+const AT_ONCE = 0.03;
 /** Share of late messages that makes a stream one that the machine cannot keep up with. */
 const TOO_LATE = 0.5;
 
@@ -210,6 +212,8 @@ export class Live {
     const isLate = first / this.motion.rate < this.clock.time;
     if (isLate) this.log.late += 1;
     const latency = heard - first / this.motion.rate;
+    // What a stall held up comes at once, and counts once.
+    if (heard - (this.log.arrivals.at(-1)?.heard ?? -1) < AT_ONCE) this.log.arrivals.pop();
     this.log.arrivals.push({ heard, latency, isLate });
     if (this.log.arrivals.length > 1000) this.log.arrivals.shift();
     this.log.worst.arrival = Math.max(this.log.worst.arrival ?? 0, latency);
