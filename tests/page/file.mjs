@@ -266,6 +266,44 @@ export const tests = [
   ],
 
   [
+    "words can be read, and what can be pressed has a name",
+    async (context) => {
+      const page = await opened(context);
+      await page.value("umo.details(true)");
+      for (const theme of ["dark", "light"]) {
+        await page.value(`umo.theme("${theme}"); umo.seek(0)`);
+        const faint = await page.value(`(() => {
+          const context = Object.assign(document.createElement("canvas"), { width: 1, height: 1 }).getContext("2d", { willReadFrequently: true });
+          // Colours over each other, the lowest first.
+          const paint = (colors) => {
+            context.clearRect(0, 0, 1, 1);
+            for (const color of colors) { context.fillStyle = color; context.fillRect(0, 0, 1, 1); }
+            return [...context.getImageData(0, 0, 1, 1).data].slice(0, 3);
+          };
+          const light = (color) => color.map((x) => x / 255).map((x) => (x <= 0.04045 ? x / 12.92 : ((x + 0.055) / 1.055) ** 2.4))
+            .reduce((sum, x, i) => sum + x * [0.2126, 0.7152, 0.0722][i], 0);
+          const faint = [];
+          for (const one of document.querySelectorAll("body *:not(script)")) {
+            const words = [...one.childNodes].some((node) => node.nodeType === 3 && node.textContent.trim());
+            if (!words || one.getBoundingClientRect().width === 0 || one.disabled) continue;
+            const under = [];
+            for (let above = one; above; above = above.parentElement) under.unshift(getComputedStyle(above).backgroundColor);
+            const [a, b] = [paint([...under, getComputedStyle(one).color]), paint(under)].map(light).sort((a, b) => b - a);
+            const ratio = (a + 0.05) / (b + 0.05);
+            if (ratio < 4.5) faint.push([one.id || one.className || one.tagName, one.textContent.trim().slice(0, 20), ratio.toFixed(2)].join(" "));
+          }
+          return faint;
+        })()`);
+        assert.deepEqual(faint, [], `too little contrast in ${theme}`);
+      }
+      const nameless = await page.value(`[...document.querySelectorAll("button, input, select, canvas, [role=group]")].filter((one) =>
+        !(one.ariaLabel || one.textContent.trim() || one.closest("label")?.textContent.trim())).map((one) => one.outerHTML.slice(0, 80))`);
+      assert.deepEqual(nameless, [], "without a name");
+      await closed(page);
+    },
+  ],
+
+  [
     "fits a phone",
     async (context) => {
       for (const width of [390, 320]) {
