@@ -392,6 +392,26 @@ export const tests = [
       await closed(calm);
       const lively = await opened(context, "hello.html", {});
       await until(() => lively.value("umo.playing && umo.time > 0.1"));
+      // Length of the neck in the picture, frame by frame, while the camera comes nearer.
+      const sizes = await lively.value(`new Promise((done) => {
+        umo.pause();
+        umo.camera("whole");
+        umo.seek(1);
+        const sizes = [];
+        const look = () => {
+          const [head, neck] = ["head", "neck"].map(umo.onScreen);
+          sizes.push(Math.hypot(head[0] - neck[0], head[1] - neck[1]));
+          const last = sizes.slice(-4);
+          if (sizes.length < 8 || last.at(-1) - last[0] > 0.02) requestAnimationFrame(look);
+          else done(sizes);
+        };
+        umo.camera("face");
+        requestAnimationFrame(look);
+      })`);
+      const nearest = sizes.at(-1);
+      assert.ok(nearest > 3 * sizes[0], `the face is nearer than the whole body: ${sizes}`);
+      assert.ok(sizes.filter((size) => size > 1.1 * sizes[0] && size < 0.9 * nearest).length >= 3, `the camera moves: ${sizes}`);
+      sizes.slice(1).forEach((size, i) => assert.ok(size > sizes[i] - 0.5, `it does not turn back: ${sizes}`));
       await closed(lively);
     },
   ],

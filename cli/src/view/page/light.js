@@ -3,13 +3,13 @@
 import { normalize } from "umo/math.js";
 
 /** Where the lamp is, from the avatar. */
-export const TO_LAMP = normalize([0.5, 0.85, 0.72]);
+export const TO_LAMP = normalize([0.74, 0.82, 0.56]);
 
 export const LIGHTING = {
   dark: {
     sky: [0.2, 0.23, 0.29],
     floor: [0.13, 0.115, 0.105],
-    lamp: [1.36, 1.25, 1.1],
+    lamp: [1.28, 1.18, 1.04],
     fill: [0.13, 0.17, 0.24],
     rim: [0.8, 0.95, 1.2],
     ground: [0.2, 0.225, 0.26],
