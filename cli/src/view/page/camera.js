@@ -15,7 +15,7 @@ function presets(body) {
   const [head, left, right] = ["head", "left_wrist", "right_wrist"].map((name) => body.joint(name));
   const above = (share) => (places, ground) => [places[0][0], ground + share * height, places[0][2]];
   return {
-    face: { at: (places) => add(places[head], [0, 0.34 * crown, 0.2 * crown]), half: [0.8 * crown, 1.04 * crown], yaw: 0.2, pitch: 0.02 },
+    face: { at: (places) => add(places[head], [0, 0.34 * crown, 0.2 * crown]), half: [0.72 * crown, 0.88 * crown], yaw: 0.2, pitch: 0.02 },
     half: { at: above(0.74), half: [0.2 * height, 0.282 * height], yaw: 0.22, pitch: 0.03 },
     whole: { at: above(0.5), half: [0.3 * height, 0.55 * height], yaw: 0.3, pitch: 0.08 },
     hands: {

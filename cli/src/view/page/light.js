@@ -11,7 +11,7 @@ export const LIGHTING = {
     floor: [0.13, 0.115, 0.105],
     lamp: [1.28, 1.18, 1.04],
     fill: [0.13, 0.17, 0.24],
-    rim: [0.8, 0.95, 1.2],
+    rim: [0.75, 0.88, 1.1],
     ground: [0.2, 0.225, 0.26],
     darkness: 0.5,
     contact: 0.78,
@@ -69,12 +69,12 @@ vec3 lit(vec3 paint, vec3 n, float wet) {
   float side = max(0.25 + 0.75 * dot(n, toFill), 0.0);
   vec3 color = paint * (mix(floorLight, sky, up) + lamp * key + fill * side);
   float edge = pow(1.0 - max(dot(n, v), 0.0), 3.0);
-  color += rim * edge * smoothstep(-0.2, 0.9, dot(n, toRim)) * (0.35 + 0.65 * paint);
+  color += rim * edge * smoothstep(-0.2, 0.9, dot(n, toRim)) * (0.08 + 0.92 * paint);
   float gloss = pow(max(dot(n, normalize(toLamp + v)), 0.0), 36.0) * 0.05 * step(0.0, towards);
   color += lamp * gloss;
   // A window in the eye: it stays where the camera sees it, whatever the eye looks at.
-  float window = smoothstep(0.952, 0.975, dot(reflect(-v, n), toCatch));
-  color += wet * (0.85 * window + 0.1 * edge);
+  float window = smoothstep(0.962, 0.982, dot(reflect(-v, n), toCatch));
+  color += wet * (1.2 * window + 0.1 * edge);
   return color / (1.0 + 0.2 * color);
 }
 /** What the screen shows of it. */
@@ -100,5 +100,5 @@ export function setLight(gl, u, { eye, light, lighting, turned, shadow }) {
 /** The lights that go with the camera, whose axes these are. */
 export function turnedLights({ right, up, back }) {
   const from = (x, y, z) => normalize([0, 1, 2].map((i) => x * right[i] + y * up[i] + z * back[i]));
-  return { toFill: from(-0.8, 0.15, 0.6), toRim: from(-0.55, 0.45, -0.7), toCatch: from(0.34, 0.52, 0.8) };
+  return { toFill: from(-0.8, 0.15, 0.6), toRim: from(-0.55, 0.45, -0.7), toCatch: from(0.25, 0.29, 0.92) };
 }
