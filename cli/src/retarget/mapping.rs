@@ -66,11 +66,7 @@ impl Given {
 
     /// What is what by a file's own table, or else by names, with what is given over that; and who
     /// names so.
-    pub(crate) fn over(
-        &self,
-        rig: &Rig,
-        table: Option<(Mapping, &'static str)>,
-    ) -> Result<(Mapping, String), String> {
+    pub(crate) fn over(&self, rig: &Rig, table: Option<(Mapping, &'static str)>) -> Result<(Mapping, String), String> {
         let (mut mapping, convention) = match table {
             Some((mapping, version)) => (mapping, version.to_owned()),
             None => {

@@ -114,7 +114,9 @@ fn shown(file: &[u8]) -> Result<(), String> {
         return Err("it has bones and no body: there is no mesh to show".to_owned());
     }
     match UNREAD.iter().find(|(name, _)| demands.extensions_required.iter().any(|required| required == name)) {
-        Some((name, what)) => Err(format!("its {what} compressed in a way that the page does not read, {name}: export it without")),
+        Some((name, what)) => {
+            Err(format!("its {what} compressed in a way that the page does not read, {name}: export it without"))
+        }
         None => Ok(()),
     }
 }

@@ -156,10 +156,7 @@ fn describe<'a>(scene: &'a Scene, order: &Order) -> Description<'a> {
         },
         model: scene.model.as_ref().map(|model| Model { name: &model.name, stride: model.stride }),
         mesh: MeshInfo { moving: order.moving, morphs: scene.mesh.morphs.iter().map(morph).collect() },
-        character: scene
-            .character
-            .as_ref()
-            .map(|worn| Character { nodes: worn.nodes.to_vec(), seconds: worn.seconds }),
+        character: scene.character.as_ref().map(|worn| Character { nodes: worn.nodes.to_vec(), seconds: worn.seconds }),
         audio: scene.audio.as_ref().map(|audio| AudioInfo { sample_rate: audio.sample_rate }),
         record: scene.record.as_ref().map(record),
         live: scene.live.as_ref().map(|live| Live { algorithmic_seconds: live.algorithmic_seconds }),

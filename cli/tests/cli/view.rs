@@ -65,13 +65,13 @@ fn glb(json: &str) -> Vec<u8> {
 }
 
 /// The JSON of a `.glb` file with something of its text replaced.
-fn replaced(glb: &[u8], from: &str, to: &str) -> Vec<u8> {
-    let length = usize::try_from(u32::from_le_bytes(glb[12..16].try_into().unwrap())).unwrap();
-    let json = std::str::from_utf8(&glb[20..20 + length]).unwrap();
+fn replaced(file: &[u8], from: &str, to: &str) -> Vec<u8> {
+    let length = usize::try_from(u32::from_le_bytes(file[12..16].try_into().unwrap())).unwrap();
+    let json = std::str::from_utf8(&file[20..20 + length]).unwrap();
     assert!(json.contains(from), "{from}");
-    let head = self::glb(json.replace(from, to).trim_end());
-    let total = u32::try_from(head.len() + glb.len() - 20 - length).unwrap().to_le_bytes();
-    [&head[..8], &total, &head[12..], &glb[20 + length..]].concat()
+    let head = glb(json.replace(from, to).trim_end());
+    let total = u32::try_from(head.len() + file.len() - 20 - length).unwrap().to_le_bytes();
+    [&head[..8], &total, &head[12..], &file[20 + length..]].concat()
 }
 
 #[test]
@@ -81,9 +81,9 @@ fn a_character_wears_the_motion() {
     umo(&["animate", &speech, "--model", &model, "-o", &folder.at("motion.glb")]).success();
     // Bones with names of their own, and no animation.
     let stranger = replaced(&folder.read("motion.glb"), "\"animations\":", "\"extras\":");
-    let stranger = ["pelvis", "spine1"].iter().fold(stranger, |glb, name| {
-        replaced(&glb, &format!("\"{name}\""), &format!("\"their_{name}\""))
-    });
+    let stranger = ["pelvis", "spine1"]
+        .iter()
+        .fold(stranger, |glb, name| replaced(&glb, &format!("\"{name}\""), &format!("\"their_{name}\"")));
     let (stranger, page) = (folder.file("stranger.glb", &stranger), folder.at("page.html"));
     let names = "[bones]\npelvis = \"their_pelvis\"\nspine1 = \"their_spine1\"\n";
     let mapping = folder.file("bones.toml", names.as_bytes());
@@ -98,7 +98,8 @@ fn a_character_wears_the_motion() {
     let ended = view(&[&moved, "--mapping", &mapping, "-o", &page]).success();
     assert!(ended.out.contains("page.html: 16 frames"), "{}", ended.out);
     let own = String::from_utf8(folder.read("page.html")).unwrap();
-    let block = |page: &str| page.split("id=\"block-character\">").nth(1).unwrap().split('<').next().unwrap().to_owned();
+    let block =
+        |page: &str| page.split("id=\"block-character\">").nth(1).unwrap().split('<').next().unwrap().to_owned();
     assert_eq!(block(&own), block(&onto), "the page has what `umo retarget` writes");
     assert!(own.contains("\"record\":null") && own.contains("\"audio\":null"));
 }

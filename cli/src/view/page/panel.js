@@ -13,7 +13,10 @@ export function livePanel({ scene, motion, live, $ }) {
   live.toggle = () => (live.isRunning || live.clock.playing ? stopAll(live) : begin(hasRecording ? "recording" : "microphone"));
   live.ends = (time) => {
     const over = live.log.done && live.clock.playing && time >= motion.seconds - 1 / motion.rate;
-    if (over) live.clock.pause();
+    if (over) {
+      live.clock.pause();
+      live.clock.seek(motion.seconds);
+    }
     return over;
   };
   const set = (id, words) => {
@@ -46,7 +49,7 @@ export function livePanel({ scene, motion, live, $ }) {
       const body = milliseconds(started?.bodySeconds ?? scene.live.algorithmicSeconds);
       const behind = live.behind();
       set("#algorithmic", started?.live ? `${milliseconds(started.mouthSeconds)} mouth, ${body} body` : body);
-      set("#compute", status ? `${milliseconds(status.computeP50)} / ${milliseconds(status.computeP99)} / ${milliseconds(status.computeMax)}` : "–");
+      set("#compute", status ? `${[status.computeP50, status.computeP99, status.computeMax].map((x) => Math.round(1000 * x)).join(" / ")} ms` : "–");
       set("#arrival", `${milliseconds(live.arrival())}, most ${milliseconds(worst.arrival)}`);
       set("#behind", `${milliseconds(behind)}, most ${milliseconds(worst.picture)}`);
       set("#received", `${received}${late > 0 ? `, ${late} times late` : ""}`);
