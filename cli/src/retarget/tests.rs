@@ -464,7 +464,7 @@ fn a_page_has_what_the_command_writes() {
         assert_eq!(worn.nodes[joint], Some(made.index(&made.name(joint))), "{name}");
     }
     std::fs::write(&path, &worn.file).unwrap();
-    let again = Wearer::read(&path, None).unwrap().as_it_is().unwrap();
+    let again = Wearer::read(&path, None).unwrap().own_motion().unwrap();
     assert!(again.file == worn.file && again.nodes == worn.nodes);
     assert!((again.seconds - worn.seconds).abs() < 1e-6);
 }

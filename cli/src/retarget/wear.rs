@@ -92,7 +92,7 @@ impl Wearer {
     ///
     /// # Errors
     /// A file that has none.
-    pub(crate) fn as_it_is(self) -> Result<Worn, Failure> {
+    pub(crate) fn own_motion(self) -> Result<Worn, Failure> {
         let seconds = length(self.character.bytes()).map_err(|problem| self.wrong(problem))?;
         Ok(Worn { nodes: nodes(&self.mapping), seconds, file: self.character.into_bytes() })
     }

@@ -141,7 +141,7 @@ impl Scene {
 
     /// A character's file with its animation.
     fn of_character(path: &Path, args: &Page) -> Result<Self, Failure> {
-        let worn = Wearer::read(path, args.mapping.as_deref())?.as_it_is()?;
+        let worn = Wearer::read(path, args.mapping.as_deref())?.own_motion()?;
         check_length(path, worn.seconds)?;
         let mut scene = Self::plain(path, still());
         scene.character = Some(worn);

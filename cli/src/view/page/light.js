@@ -49,7 +49,7 @@ uniform mediump sampler2DShadow shadow;
 out vec4 result;
 float open() {
   vec3 at = 0.5 * shade.xyz / shade.w + 0.5;
-  vec2 texel = 1.3 / vec2(textureSize(shadow, 0));
+  vec2 texel = 2.0 / vec2(textureSize(shadow, 0));
   float sum = 0.0;
   for (int i = 0; i < 4; i++) {
     vec2 corner = vec2(float(i & 1), float(i >> 1)) - 0.5;
