@@ -391,7 +391,7 @@ export const tests = [
       await pause(0.5);
       near(await head(), at, 0.01, "the camera is there at once");
       await closed(calm);
-      const lively = await opened(context, "hello.html", {});
+      const lively = await opened(context, "hello.html", { width: 480, height: 360 });
       await until(() => lively.value("umo.playing && umo.time > 0.1"));
       // Length of the neck in the picture, frame by frame, while the camera comes nearer.
       const sizes = await lively.value(`new Promise((done) => {
