@@ -288,8 +288,8 @@ pub struct Animate {
 /// Look at it.
 #[derive(Debug, ClapArgs)]
 pub struct Page {
-    /// Recording; or a .glb, .npz or .jsonl made before; with --live a recording, or nothing for
-    /// the microphone alone
+    /// Recording; or a .glb, .npz or .jsonl made before, a character of `umo retarget` too; with
+    /// --live a recording, or nothing for the microphone alone
     #[arg(required_unless_present = "live")]
     pub input: Option<PathBuf>,
     /// Page to write; beside the input where not given
@@ -298,6 +298,12 @@ pub struct Page {
     /// The speech of an animation that was made before
     #[arg(long, value_name = "FILE", conflicts_with = "live")]
     pub audio: Option<PathBuf>,
+    /// Character that wears the motion, .glb or .vrm, in place of the figure
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["live", "figure"])]
+    pub onto: Option<PathBuf>,
+    /// Which bone of the character is what, where the names do not tell: TOML or JSON
+    #[arg(long, value_name = "FILE", conflicts_with = "live")]
+    pub mapping: Option<PathBuf>,
     /// Serve the page to browsers of this machine, and stream the recording or their microphone
     /// through the engine
     #[arg(long)]

@@ -8,6 +8,7 @@
 //! | `faces` | which shapes of which mesh move |
 //! | `bvh` | a skeleton in a `.bvh` file, and the animation on it |
 //! | `mapping` | the file that says which bone is what |
+//! | `wear` | a character and its motion for a page |
 
 use std::path::Path;
 
@@ -23,6 +24,7 @@ use crate::{animate, atomic_file, import, model};
 use character::Character;
 use faces::Faces;
 use mapping::Given;
+pub(crate) use wear::{Wearer, Worn};
 
 mod bvh;
 mod character;
@@ -30,6 +32,7 @@ mod faces;
 mod mapping;
 mod splice;
 mod vrm;
+mod wear;
 
 #[cfg(test)]
 mod tests;
@@ -155,19 +158,10 @@ impl Target {
     /// What is what, by the file's own table or by names, and what the mapping file says over that;
     /// and who names so.
     fn mapping(&self, given: &Given) -> Result<(Mapping, String), String> {
-        let table = match self {
-            Self::Character(character) => character.vrm_bones()?,
-            Self::Skeleton(_) => None,
-        };
-        let (mut mapping, convention) = match table {
-            Some((mapping, version)) => (mapping, version.to_owned()),
-            None => {
-                let (mapping, convention) = Mapping::closest(self.rig());
-                (mapping, format!("{convention} names"))
-            }
-        };
-        given.apply(self.rig(), &mut mapping).map_err(|error| error.to_string())?;
-        Ok((mapping, convention))
+        match self {
+            Self::Character(character) => character.mapping(given),
+            Self::Skeleton(target) => given.over(target.rig(), None),
+        }
     }
 
     fn faces(&self, face: &Face, given: &Given) -> Result<Faces, String> {

@@ -39,9 +39,12 @@ pub(crate) fn run(args: &Page) -> Result<(), Failure> {
     } else {
         Scene::of_speech(input, args)?
     };
+    if args.mapping.is_some() && scene.character.is_none() {
+        return Err(Failure::input("--mapping goes with a character: --onto, or a character's file"));
+    }
     let html = page::html(&scene)?;
     atomic_file::commit(output, |out| out.write_all(html.as_bytes()))?;
-    println!("{}: {} frames, {:.1} MB", path.display(), scene.clip.len(), html.len() as f64 / 1e6);
+    println!("{}: {} frames, {:.1} MB", path.display(), scene.frames(), html.len() as f64 / 1e6);
     if !args.no_open {
         browser::open(&browser::address(&path));
     }
@@ -56,5 +59,5 @@ fn beside(input: &Path) -> PathBuf {
 /// Whether the file was made before; anything else is taken for a recording.
 fn is_animation(path: &Path) -> bool {
     let extension = path.extension().and_then(|extension| extension.to_str()).map(str::to_ascii_lowercase);
-    matches!(extension.as_deref(), Some("glb" | "jsonl" | "npz"))
+    matches!(extension.as_deref(), Some("glb" | "vrm" | "jsonl" | "npz"))
 }

@@ -1,8 +1,10 @@
 // The page as a file.
 
 import assert from "node:assert/strict";
+import fs from "node:fs";
 import { pathToFileURL } from "node:url";
 
+import { changed, stranger } from "./character.mjs";
 import { pause, until } from "./chromium.mjs";
 import { halfway, places, read } from "./frames.mjs";
 
@@ -20,6 +22,14 @@ export function prepare({ run, at, speech }) {
   run("make-random", "--size", "tiny", "--layout", "frames", "-o", at("frames.safetensors"));
   run("view", speech, "--model", at("frames.safetensors"), "-o", at("frames.html"), "--no-open");
   truth = read(at("hello.jsonl"));
+  const character = stranger(fs.readFileSync(at("hello.glb")), truth.header.joints);
+  fs.writeFileSync(at("stranger.glb"), character);
+  // The same a hundred times as large, as a file in centimetres that somebody took for one in metres.
+  fs.writeFileSync(at("giant.glb"), changed(character, ({ nodes }) => (nodes.at(-1).scale = [100, 100, 100])));
+  run("view", speech, "--onto", at("stranger.glb"), "-o", at("onto.html"), "--no-open");
+  run("view", speech, "--onto", at("giant.glb"), "-o", at("giant.html"), "--no-open");
+  run("retarget", speech, "--onto", at("stranger.glb"), "-o", at("moved.glb"));
+  run("view", at("moved.glb"), "--audio", speech, "-o", at("moved.html"), "--no-open");
 }
 
 async function opened({ browser, at }, name = "hello.html", options = { media: REDUCED }) {
@@ -100,11 +110,11 @@ export const tests = [
     "the figure is drawn where its bones are",
     async (context) => {
       const page = await opened(context);
-      for (const [camera, joint] of [["body", "head"], ["body", "spine2"], ["face", "head"], ["hands", "left_wrist"]]) {
+      for (const [camera, joint] of [["whole", "head"], ["whole", "spine2"], ["half", "spine3"], ["face", "head"], ["hands", "left_wrist"]]) {
         await page.value(`umo.camera(${JSON.stringify(camera)}); umo.seek(2)`);
         assert.equal(await alpha(page, await page.value(`umo.onScreen(${JSON.stringify(joint)})`)), 255, `${joint} in ${camera}`);
       }
-      await page.value(`umo.camera("body"); umo.seek(2)`);
+      await page.value(`umo.camera("whole"); umo.seek(2)`);
       assert.equal(await alpha(page, [4, 4]), 0, "a corner is empty");
       await closed(page);
     },
@@ -115,10 +125,11 @@ export const tests = [
     async (context) => {
       const page = await opened(context);
       for (const [name, camera, seconds, theme] of [
-        ["body", "body", 1, "dark"],
+        ["half", "half", 1.4, "dark"],
+        ["whole", "whole", 1, "dark"],
         ["face", "face", 2.5, "dark"],
         ["hands", "hands", 4, "dark"],
-        ["light", "body", 5, "light"],
+        ["light", "half", 5, "light"],
         ["light-face", "face", 3.2, "light"],
       ]) {
         await page.value(`umo.theme("${theme}"); umo.camera("${camera}"); umo.skeleton(${name === "hands"}); umo.seek(${seconds})`);
@@ -164,15 +175,15 @@ export const tests = [
     "scrubs on the timeline and on the slider",
     async (context) => {
       const page = await opened(context);
-      await page.value("umo.seek(0)");
+      await page.value("umo.details(true); umo.seek(0)");
       const [left, right] = [await page.place("#timeline canvas", 0.4, 0.1), await page.place("#timeline canvas", 0.6, 0.1)];
       await page.drag([left]);
       const first = await page.value("umo.time");
       await page.drag([left, right]);
       const second = await page.value("umo.time");
       assert.ok(first > 0 && second > first, `${first}, then ${second}`);
-      const [a, b] = await page.value(`[umo.time, umo.drawn.time]`);
-      assert.ok(Math.abs(a - b) < 0.2, "the picture follows");
+      await until(() => page.value("Math.abs(umo.time - umo.drawn.time) < 1e-6"), 20, "the picture to follow");
+      await page.value("umo.seek(0)");
       await page.drag([await page.place("#seek", 0.5)]);
       near([await page.value("umo.time")], [truth.frames.length / RATE / 2], 0.15, "the slider's middle");
       await closed(page);
@@ -197,8 +208,13 @@ export const tests = [
       await until(() => page.value("umo.playing"));
       await page.key(" ");
       await until(() => page.value("!umo.playing"));
-      await page.key("2");
-      assert.equal(await page.value(`document.querySelector("[data-camera=face]").getAttribute("aria-pressed")`), "true");
+      for (const [key, name] of [["1", "face"], ["3", "whole"], ["4", "hands"], ["2", "half"]]) {
+        await page.key(key);
+        const pressed = await page.value(`[...document.querySelectorAll("[data-camera][aria-pressed=true]")].map((one) => one.dataset.camera)`);
+        assert.deepEqual(pressed, [name]);
+      }
+      await page.key("d");
+      assert.equal(await page.value(`document.querySelector("#details").getAttribute("aria-expanded")`), "true");
       await page.key("s");
       assert.equal(await page.value(`document.querySelector("#skeleton").getAttribute("aria-pressed")`), "true");
       await page.key("?");
@@ -208,7 +224,7 @@ export const tests = [
       await page.key("Escape");
       await until(() => page.value(`!document.querySelector("#help").open`));
       const seen = new Set();
-      for (let i = 0; i < 14; i++) {
+      for (let i = 0; i < 18; i++) {
         await page.key("Tab");
         const [id, outline] = await page.value(`(() => {
           const one = document.activeElement;
@@ -217,7 +233,7 @@ export const tests = [
         seen.add(id);
         assert.notEqual(outline, "none", `${id} shows that it has the focus`);
       }
-      for (const id of ["view", "body", "face", "skeleton", "theme"]) assert.ok(seen.has(id), `${id} among ${[...seen]}`);
+      for (const id of ["view", "play", "seek", "face", "half", "whole", "skeleton", "details", "theme"]) assert.ok(seen.has(id), `${id} among ${[...seen]}`);
       await closed(page);
     },
   ],
@@ -226,6 +242,10 @@ export const tests = [
     "says how each frame was made",
     async (context) => {
       const page = await opened(context);
+      const isShown = (id) => page.value(`document.querySelector("${id}").getBoundingClientRect().width > 0`);
+      for (const id of ["#frame", "#experts", "#timeline", "#tracks"]) assert.equal(await isShown(id), false, `${id} at first`);
+      await page.click("#details");
+      for (const id of ["#frame", "#experts", "#timeline", "#tracks"]) assert.equal(await isShown(id), true, `${id} on request`);
       const words = () => page.value(`document.querySelector("#frame").textContent`);
       for (const [frame, kind] of [[0, "keyframe"], [7, "interpolated"], [12, "keyframe"], [29, "interpolated"]]) {
         await page.value(`umo.seek(${frame} / ${RATE})`);
@@ -246,27 +266,112 @@ export const tests = [
   ],
 
   [
+    "words can be read, and what can be pressed has a name",
+    async (context) => {
+      const page = await opened(context);
+      await page.value("umo.details(true)");
+      for (const theme of ["dark", "light"]) {
+        await page.value(`umo.theme("${theme}"); umo.seek(0)`);
+        const faint = await page.value(`(() => {
+          const context = Object.assign(document.createElement("canvas"), { width: 1, height: 1 }).getContext("2d", { willReadFrequently: true });
+          // Colours over each other, the lowest first.
+          const paint = (colors) => {
+            context.clearRect(0, 0, 1, 1);
+            for (const color of colors) { context.fillStyle = color; context.fillRect(0, 0, 1, 1); }
+            return [...context.getImageData(0, 0, 1, 1).data].slice(0, 3);
+          };
+          const light = (color) => color.map((x) => x / 255).map((x) => (x <= 0.04045 ? x / 12.92 : ((x + 0.055) / 1.055) ** 2.4))
+            .reduce((sum, x, i) => sum + x * [0.2126, 0.7152, 0.0722][i], 0);
+          const faint = [];
+          for (const one of document.querySelectorAll("body *:not(script)")) {
+            const words = [...one.childNodes].some((node) => node.nodeType === 3 && node.textContent.trim());
+            if (!words || one.getBoundingClientRect().width === 0 || one.disabled) continue;
+            const under = [];
+            for (let above = one; above; above = above.parentElement) under.unshift(getComputedStyle(above).backgroundColor);
+            const [a, b] = [paint([...under, getComputedStyle(one).color]), paint(under)].map(light).sort((a, b) => b - a);
+            const ratio = (a + 0.05) / (b + 0.05);
+            if (ratio < 4.5) faint.push([one.id || one.className || one.tagName, one.textContent.trim().slice(0, 20), ratio.toFixed(2)].join(" "));
+          }
+          return faint;
+        })()`);
+        assert.deepEqual(faint, [], `too little contrast in ${theme}`);
+      }
+      const nameless = await page.value(`[...document.querySelectorAll("button, input, select, canvas, [role=group]")].filter((one) =>
+        !(one.ariaLabel || one.textContent.trim() || one.closest("label")?.textContent.trim())).map((one) => one.outerHTML.slice(0, 80))`);
+      assert.deepEqual(nameless, [], "without a name");
+      await closed(page);
+    },
+  ],
+
+  [
     "fits a phone",
     async (context) => {
       for (const width of [390, 320]) {
         const page = await opened(context, "hello.html", { width, height: 844, phone: true, media: REDUCED });
-        await page.value("umo.seek(1.4)");
-        await pause(0.3);
-        assert.equal(await page.value("document.documentElement.scrollWidth"), width);
-        const wide = await page.value(`[...document.querySelectorAll("body *")].filter((one) => {
-          const { left, right, width } = one.getBoundingClientRect();
-          return width > 0 && (right > innerWidth + 0.5 || left < -0.5) && !one.closest(".playhead");
-        }).map((one) => one.id || one.className || one.tagName)`);
-        assert.deepEqual(wide, [], `too wide at ${width}`);
-        const small = await page.value(`[...document.querySelectorAll("#transport button, .cameras button")].filter((one) => {
-          const { width, height } = one.getBoundingClientRect();
-          return width > 0 && Math.min(width, height) < 32;
-        }).map((one) => one.id)`);
-        assert.deepEqual(small, [], "buttons are large enough for a finger");
-        await page.picture(context.at(`phone-${width}.png`));
-        await page.value("scrollTo(0, 500)");
+        const fits = async () => {
+          assert.equal(await page.value("document.documentElement.scrollWidth"), width);
+          const wide = await page.value(`[...document.querySelectorAll("body *")].filter((one) => {
+            const { left, right, width } = one.getBoundingClientRect();
+            return width > 0 && (right > innerWidth + 0.5 || left < -0.5) && !one.closest(".playhead");
+          }).map((one) => one.id || one.className || one.tagName)`);
+          assert.deepEqual(wide, [], `too wide at ${width}`);
+          const small = await page.value(`[...document.querySelectorAll("button, select, input[type=range]")].filter((one) => {
+            const { width, height } = one.getBoundingClientRect();
+            return width > 0 && Math.min(width, height) < 44;
+          }).map((one) => one.id || one.textContent)`);
+          assert.deepEqual(small, [], "what is pressed is large enough for a finger");
+        };
+        for (const camera of ["whole", "half", "face"]) {
+          await page.value(`umo.camera("${camera}"); umo.seek(1.4)`);
+          await pause(0.2);
+          await page.value("umo.seek(1.4)");
+          await fits();
+          await page.picture(context.at(`phone-${width}-${camera}.png`));
+          // The crown, chin and eyes, and nothing over them but the picture.
+          const covered = await page.value(`(() => {
+            const [x, y] = umo.onScreen("head"), eye = umo.onScreen("left_eye")[1];
+            const size = 1.8 * (y - eye);
+            return [[x, eye], [x, eye - size], [x, y + 0.4 * size], [x - 0.5 * size, eye], [x + 0.5 * size, eye]]
+              .map(([x, y]) => document.elementFromPoint(x, y)?.id ?? "nothing").filter((id) => id !== "view");
+          })()`);
+          assert.deepEqual(covered, [], `over the face in ${camera} at ${width}`);
+        }
+        await page.value("umo.details(true); umo.seek(1.4)");
         await pause(0.2);
-        await page.picture(context.at(`phone-${width}-below.png`));
+        await fits();
+        await page.picture(context.at(`phone-${width}-made.png`));
+        await closed(page);
+      }
+    },
+  ],
+
+  [
+    "one's own character moves as the figure does",
+    async (context) => {
+      for (const [name, size, frames] of [["onto.html", 1, [0, 101]], ["moved.html", 1, [180]], ["giant.html", 0.966, [101]]]) {
+        const page = await opened(context, name, { width: 480, height: 480, media: REDUCED });
+        assert.equal(await page.value("umo.frames"), truth.frames.length);
+        for (const index of frames) {
+          await page.value(`umo.camera("whole"); umo.seek(${index} / ${RATE})`);
+          const joints = await page.value("umo.joints()");
+          const wanted = places(truth, truth.frames[index]);
+          const from = (place, root) => place.map((x, i) => x - root[i]);
+          joints.forEach(({ name: joint, place }, i) => {
+            const expected = from(wanted[i], wanted[0]).map((x) => x * size);
+            // The giant is shown as tall as 1.7 m.
+            near(from(place, joints[0].place), expected, size === 1 ? 0.002 : 0.01, `${name}, frame ${index}, ${joint}`);
+          });
+          const weights = await page.value("umo.weights()");
+          truth.header.face.names.forEach((shape, i) => near([weights[shape] ?? 0], [truth.frames[index].face[i]], 1e-4, `${name}, ${shape}`));
+          for (const joint of ["head", "left_knee"]) {
+            assert.equal(await alpha(page, await page.value(`umo.onScreen("${joint}")`)), 255, `${joint} in ${name}`);
+          }
+        }
+        // What has a record of how it was made shows it; the curves of what has none are the file's own.
+        assert.equal(await page.value("umo.scene.record !== null"), name !== "moved.html");
+        assert.ok(await page.value(`document.querySelectorAll("#track-list label").length > 55`));
+        await page.value(`umo.camera("half"); umo.seek(1.4)`);
+        await page.picture(context.at(name.replace("html", "png")));
         await closed(page);
       }
     },
@@ -285,8 +390,28 @@ export const tests = [
       await pause(0.5);
       near(await head(), at, 0.01, "the camera is there at once");
       await closed(calm);
-      const lively = await opened(context, "hello.html", {});
+      const lively = await opened(context, "hello.html", { width: 480, height: 360 });
       await until(() => lively.value("umo.playing && umo.time > 0.1"));
+      // Length of the neck in the picture, frame by frame, while the camera comes nearer.
+      const sizes = await lively.value(`new Promise((done) => {
+        umo.pause();
+        umo.camera("whole");
+        umo.seek(1);
+        const sizes = [];
+        const look = () => {
+          const [head, neck] = ["head", "neck"].map(umo.onScreen);
+          sizes.push(Math.hypot(head[0] - neck[0], head[1] - neck[1]));
+          const last = sizes.slice(-4);
+          if (sizes.length < 8 || last.at(-1) - last[0] > 0.02) requestAnimationFrame(look);
+          else done(sizes);
+        };
+        umo.camera("face");
+        requestAnimationFrame(look);
+      })`);
+      const nearest = sizes.at(-1);
+      assert.ok(nearest > 3 * sizes[0], `the face is nearer than the whole body: ${sizes}`);
+      assert.ok(sizes.filter((size) => size > 1.1 * sizes[0] && size < 0.9 * nearest).length >= 3, `the camera moves: ${sizes}`);
+      sizes.slice(1).forEach((size, i) => assert.ok(size > sizes[i] - 0.5, `it does not turn back: ${sizes}`));
       await closed(lively);
     },
   ],

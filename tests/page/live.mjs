@@ -32,12 +32,16 @@ async function opened({ browser }) {
   return page;
 }
 
+function near(found, wanted, most, what) {
+  found.forEach((x, i) => assert.ok(Math.abs(x - wanted[i]) <= most, `${what}: ${found} is not ${wanted}`));
+}
+
 const log = (page, what) => page.value(`umo.live.log.${what}`);
 
 /** A whole stream of the recording. */
 async function stream(page) {
   // After a stop it may be pressed again from the next picture on.
-  await until(() => page.value(`!document.querySelector("#recording").disabled`));
+  await until(() => page.value(`!document.querySelector("#recording").hidden`));
   await page.click("#recording");
   await until(() => log(page, "done"), 30, "the end of the stream");
 }
@@ -74,6 +78,8 @@ export const tests = [
       await until(() => page.value(`umo.frames > 20 && umo.time > 0.3 && ${numbers}`));
       const behind = await page.value("umo.live.behind()");
       await page.picture(context.at("live.png"));
+      await page.value("umo.details(true)");
+      await page.picture(context.at("live-made.png"));
       const least = await page.value("umo.scene.live.algorithmicSeconds");
       assert.ok(behind >= least - 1e-3 && behind < least + 0.6, `the picture is ${behind} s behind, the engine waits ${least}`);
       await until(() => log(page, "done"), 30);
@@ -99,6 +105,7 @@ export const tests = [
       const page = await opened(context);
       await page.click("#recording");
       await until(() => log(page, "received > 0"));
+      await until(() => page.value(`!document.querySelector("#stop").hidden`));
       await page.click("#stop");
       await until(() => page.value("!umo.live.isRunning"));
       await stream(page);
@@ -117,6 +124,7 @@ export const tests = [
       assert.equal(await log(page, "inOrder"), true);
       assert.equal(await log(page, "error"), null);
       await until(() => page.value("umo.time > 0.5"));
+      await until(() => page.value(`/^live · \\d\\.\\d\\d s behind/.test(document.querySelector("#state").textContent)`));
       await page.click("#stop");
       assert.equal(await page.value("umo.live.isRunning"), false);
       assert.deepEqual(page.errors, []);
@@ -143,6 +151,102 @@ export const tests = [
       // 60 ms of the network and 40 of resampling. The default model may come without a mouth network.
       if (microphone.live) assert.ok(microphone.mouthSeconds > 0 && microphone.mouthSeconds <= 0.105, `the mouth is ${microphone.mouthSeconds} s later`);
       else assert.equal(microphone.mouthSeconds, microphone.bodySeconds);
+      await page.close();
+    },
+  ],
+
+  [
+    "latency is that of now, a stall is caught up, and a slow machine is named",
+    async (context) => {
+      const page = await opened(context);
+      // A stream without a program and without a clock: the test says what time it is and when frames come.
+      const told = await page.value(`(() => {
+        const { live } = umo, { clock, motion } = live;
+        let now = 100;
+        const told = {};
+        const frames = (count) => {
+          const data = new ArrayBuffer(4 + 4 * count * motion.width);
+          new DataView(data).setUint32(0, live.log.next, true);
+          live.take(data);
+        };
+        // Each step is a picture; every fifth brings five frames, \`late\` seconds after they could be there.
+        const run = (seconds, late) => {
+          for (let step = 0; step < 30 * seconds; step++) {
+            now += 1 / 30;
+            while ((live.log.next + 5) / 30 <= clock.heard - late) frames(5);
+            live.look();
+          }
+        };
+        const begin = () => {
+          live.log = { received: 0, next: 0, inOrder: true, late: 0, arrivals: [], pictures: [], worst: {}, done: false, error: null, status: null, started: null };
+          motion.clear();
+          clock.now = () => now;
+          live.socket = {};
+          clock.sound = null;
+          clock.begin({ live: false, mouthSeconds: 0.3, bodySeconds: 0.3 });
+        };
+        begin();
+        run(3, 0.1);
+        told.well = [live.behind(), live.arrival(), live.trouble(), motion.end / 30 > clock.time];
+        run(2, 9);
+        told.stalled = [live.behind(), live.trouble()];
+        run(4, 9);
+        told.long = live.trouble();
+        run(3, 0.1);
+        told.again = [live.behind(), live.arrival(), live.trouble(), live.log.worst.picture];
+        run(8, 0.9);
+        told.slow = [live.trouble(), live.arrival()];
+        // A microphone whose page slept for a minute: no sound was sent, and no frame is missing.
+        begin();
+        live.sent = { samples: 0, now, rate: 100 };
+        clock.counted = () => live.spoken();
+        const speak = (seconds) => {
+          for (let step = 0; step < 30 * seconds; step++) {
+            now += 1 / 30;
+            live.sent.samples += 100 / 30;
+            live.sent.now = now;
+            while ((live.log.next + 5) / 30 <= clock.heard - 0.1) frames(5);
+            live.look();
+          }
+        };
+        speak(3);
+        now += 60;
+        speak(2);
+        told.slept = [live.behind(), live.trouble()];
+        // Sound that found no room has no frames.
+        live.log.status = { overruns: 100 };
+        told.lost = clock.heard;
+        // A recording's sound that stood still, as on a page that nobody sees; then one that is nearly right.
+        begin();
+        clock.sound = { paused: false, ended: false, currentTime: 1, duration: 9 };
+        now += 2.02;
+        live.catchUp();
+        told.moved = [clock.due, clock.sound.currentTime];
+        now += 3;
+        clock.sound.currentTime = clock.due - 0.1;
+        live.catchUp();
+        told.left = clock.due - clock.sound.currentTime;
+        clock.sound = null;
+        live.socket = null;
+        clock.pause();
+        return told;
+      })()`);
+      const delay = 0.42;
+      near([told.well[0]], [delay], 0.05, "the picture is as late as it must be");
+      assert.ok(told.well[1] > 0.1 && told.well[1] < 0.32, `frames come ${told.well[1]} s after their sound`);
+      assert.deepEqual(told.well.slice(2), ["", true]);
+      assert.ok(told.stalled[0] > 1 && told.stalled[1] === "", `a short stall is shown, not named: ${told.stalled}`);
+      assert.match(told.long, /^No frame has come for \d s/);
+      near([told.again[0]], [delay], 0.05, "after a stall the picture is where it was");
+      assert.ok(told.again[1] < 0.32 && told.again[2] === "", `after a stall: ${told.again}`);
+      assert.ok(told.again[3] > 5, "the worst is kept for the details");
+      assert.match(told.slow[0], /^This machine is too slow for the model: frames come \d\.\d s after their sound/);
+      near([told.slept[0]], [delay], 0.05, "after a pause of the page");
+      assert.equal(told.slept[1], "");
+      near([told.lost], [4], 0.05, "a second of sound was lost");
+      near(told.moved, [1.6, 1.6], 1e-6, "the sound is where the picture should be");
+      near([told.left], [0.1], 1e-6, "a small distance is left alone");
+      assert.deepEqual(page.errors, []);
       await page.close();
     },
   ],

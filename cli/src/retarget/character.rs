@@ -7,10 +7,11 @@ use umo_core::glb::document::Document;
 use umo_core::glb::{self, Glb, transform};
 use umo_core::motion::clip::Clip;
 use umo_core::motion::rotation::Quat;
-use umo_core::retarget::Retarget;
+use umo_core::retarget::{Mapping, Retarget};
 
 use super::Motion;
 use super::faces::Faces;
+use super::mapping::Given;
 use super::splice::{Members, raw};
 
 /// glTF's number for 32-bit floats.
@@ -37,6 +38,25 @@ impl Character {
     /// What of it is not as the format has it, or cannot be moved.
     pub(super) fn read(bytes: Vec<u8>) -> Result<Self, String> {
         Ok(Self { read: glb::Character::read(&bytes)?, bytes })
+    }
+
+    /// What is what, by the file's own table or by names, and what is given over that; and who
+    /// names so.
+    ///
+    /// # Errors
+    /// A table that is not as VRM has it; a bone that is not there.
+    pub(super) fn mapping(&self, given: &Given) -> Result<(Mapping, String), String> {
+        given.over(self.rig(), self.vrm_bones()?)
+    }
+
+    /// The file as it was read.
+    pub(super) fn bytes(&self) -> &[u8] {
+        &self.bytes
+    }
+
+    /// The file as it was read.
+    pub(super) fn into_bytes(self) -> Vec<u8> {
+        self.bytes
     }
 
     /// The file with one animation more, as its first: what plays a file plays that. Nodes that the

@@ -64,6 +64,20 @@ impl Given {
         }
     }
 
+    /// What is what by a file's own table, or else by names, with what is given over that; and who
+    /// names so.
+    pub(crate) fn over(&self, rig: &Rig, table: Option<(Mapping, &'static str)>) -> Result<(Mapping, String), String> {
+        let (mut mapping, convention) = match table {
+            Some((mapping, version)) => (mapping, version.to_owned()),
+            None => {
+                let (mapping, convention) = Mapping::closest(rig);
+                (mapping, format!("{convention} names"))
+            }
+        };
+        self.apply(rig, &mut mapping).map_err(|error| error.to_string())?;
+        Ok((mapping, convention))
+    }
+
     /// Puts the bones in a mapping, over what it has.
     pub(crate) fn apply(&self, rig: &Rig, mapping: &mut Mapping) -> Result<(), RetargetError> {
         for (joint, names) in &self.bones {

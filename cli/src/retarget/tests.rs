@@ -450,3 +450,21 @@ fn every_joint_has_a_name_in_the_made_rigs() {
         assert_eq!(names.len(), JOINTS);
     }
 }
+
+#[test]
+fn a_page_has_what_the_command_writes() {
+    let (made, clip) = (mixamo(), sample::clip(FaceKind::Arkit, 4, 1));
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("mixamo.GLB");
+    std::fs::write(&path, made.bytes()).unwrap();
+    let worn = Wearer::read(&path, None).unwrap().wear(&clip).unwrap();
+    assert!(worn.file == moved(&made, &clip).bytes, "the files differ");
+    assert!((worn.seconds - 3.0 / f64::from(clip.frame_rate)).abs() < 1e-9);
+    for (joint, name) in JOINT_NAMES.iter().enumerate().filter(|(_, name)| **name != "jaw") {
+        assert_eq!(worn.nodes[joint], Some(made.index(&made.name(joint))), "{name}");
+    }
+    std::fs::write(&path, &worn.file).unwrap();
+    let again = Wearer::read(&path, None).unwrap().own_motion().unwrap();
+    assert!(again.file == worn.file && again.nodes == worn.nodes);
+    assert!((again.seconds - worn.seconds).abs() < 1e-6);
+}

@@ -21,6 +21,7 @@ struct Description<'a> {
     face: Face<'a>,
     model: Option<Model<'a>>,
     mesh: MeshInfo,
+    character: Option<Character>,
     audio: Option<AudioInfo>,
     record: Option<RecordInfo<'a>>,
     live: Option<Live>,
@@ -50,6 +51,14 @@ struct MeshInfo {
 struct MorphInfo {
     name: &'static str,
     count: usize,
+}
+
+/// Who wears the motion in place of the mesh.
+#[derive(Serialize)]
+struct Character {
+    /// The node of each joint of the 55; none where it has none.
+    nodes: Vec<Option<usize>>,
+    seconds: f64,
 }
 
 #[derive(Serialize)]
@@ -106,6 +115,9 @@ pub(super) fn elements(scene: &Scene) -> serde_json::Result<String> {
     page.description(&describe(scene, &order))?;
     page.mesh(&scene.mesh, &order);
     page.block("frames", frames(&scene.clip));
+    if let Some(worn) = &scene.character {
+        page.block("character", worn.file.iter().copied());
+    }
     if let Some(audio) = &scene.audio {
         page.block("audio", audio.samples.iter().copied().flat_map(i16::to_le_bytes));
     }
@@ -144,6 +156,7 @@ fn describe<'a>(scene: &'a Scene, order: &Order) -> Description<'a> {
         },
         model: scene.model.as_ref().map(|model| Model { name: &model.name, stride: model.stride }),
         mesh: MeshInfo { moving: order.moving, morphs: scene.mesh.morphs.iter().map(morph).collect() },
+        character: scene.character.as_ref().map(|worn| Character { nodes: worn.nodes.to_vec(), seconds: worn.seconds }),
         audio: scene.audio.as_ref().map(|audio| AudioInfo { sample_rate: audio.sample_rate }),
         record: scene.record.as_ref().map(record),
         live: scene.live.as_ref().map(|live| Live { algorithmic_seconds: live.algorithmic_seconds }),

@@ -16,9 +16,10 @@ macro_rules! modules {
 }
 
 /// The modules, each by its name.
-const MODULES: [(&str, &str); 21] = modules!(
-    "bones.js" "camera.js" "clock.js" "experts.js" "figure.js" "gl.js" "ground.js" "lanes.js" "live.js" "main.js" "math.js"
-    "microphone.js" "motion.js" "inspect.js" "keys.js" "panel.js" "picture.js" "record.js" "scene.js" "timeline.js" "tracks.js"
+const MODULES: [(&str, &str); 25] = modules!(
+    "body.js" "bones.js" "camera.js" "character.js" "clock.js" "experts.js" "figure.js" "gl.js" "gltf.js" "ground.js"
+    "lanes.js" "light.js" "live.js" "main.js" "math.js" "microphone.js" "motion.js" "inspect.js" "keys.js"
+    "panel.js" "picture.js" "record.js" "scene.js" "timeline.js" "tracks.js"
 );
 
 /// A page that shows a scene.

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use umo_core::animation::Animation;
 use umo_core::audio::resample;
-use umo_core::config::{FaceKind, PartSpec};
+use umo_core::config::{Face, FaceKind, PartSpec};
 use umo_core::lm::tally::kind_names;
 use umo_core::motion::clip::Clip;
 use umo_core::motion::pose::Pose;
@@ -13,6 +13,7 @@ use umo_core::{Config, Part};
 use crate::animate::{self, Maker};
 use crate::args::{GenerateArgs, Page};
 use crate::failure::Failure;
+use crate::retarget::{Wearer, Worn};
 use crate::{import, model};
 use umo_audio_file::wav::Wav;
 use umo_figure::{Figure, Mesh};
@@ -30,6 +31,8 @@ pub(super) struct Scene {
     pub(super) about: String,
     pub(super) clip: Clip,
     pub(super) mesh: Mesh,
+    /// Who wears the motion in place of the mesh.
+    pub(super) character: Option<Worn>,
     pub(super) audio: Option<Audio>,
     pub(super) model: Option<ModelInfo>,
     pub(super) record: Option<Record>,
@@ -93,6 +96,7 @@ impl Scene {
     pub(super) fn of_speech(path: &Path, args: &Page) -> Result<Self, Failure> {
         let wav = animate::speech(path, args.repair)?;
         check_length(path, wav.seconds())?;
+        let wearer = wearer(args)?;
         let maker = Maker::new(&args.generate, model::open(args.generate.model.as_deref())?)?;
         let config = maker.model.config();
         let (samples, frames) = maker.hear(path, &wav)?;
@@ -103,7 +107,7 @@ impl Scene {
         let mut record = Record::new(config);
         let clip = maker.clip(&mut animation, frames, |animation| record.keep(animation))?;
         record.cut(frames);
-        let mut scene = Self::new(path, clip, args.figure)?;
+        let mut scene = Self::worn_by(path, clip, wearer, args.figure)?;
         scene.audio = Some(Audio::new(&wav)?);
         scene.record = Some(record);
         scene.set_model(config, &args.generate);
@@ -112,9 +116,15 @@ impl Scene {
 
     /// An animation that was made before.
     pub(super) fn of_animation(path: &Path, args: &Page) -> Result<Self, Failure> {
-        let clip = import::read(path)?;
-        check_length(path, clip.len() as f64 / f64::from(clip.frame_rate))?;
-        let mut scene = Self::new(path, clip, args.figure)?;
+        let mut scene = match import::read(path) {
+            Ok(clip) => {
+                check_length(path, clip.len() as f64 / f64::from(clip.frame_rate))?;
+                Self::worn_by(path, clip, wearer(args)?, args.figure)?
+            }
+            // A file that umo did not write may be a character that moves.
+            Err(_) if args.onto.is_none() && is_character(path) => Self::of_character(path, args)?,
+            Err(problem) => return Err(problem),
+        };
         if let Some(speech) = &args.audio {
             scene.audio = Some(Audio::new(&animate::speech(speech, args.repair)?)?);
         }
@@ -129,19 +139,51 @@ impl Scene {
         Ok(scene)
     }
 
+    /// A character's file with its animation.
+    fn of_character(path: &Path, args: &Page) -> Result<Self, Failure> {
+        let worn = Wearer::read(path, args.mapping.as_deref())?.own_motion()?;
+        check_length(path, worn.seconds)?;
+        let mut scene = Self::plain(path, still());
+        scene.character = Some(worn);
+        Ok(scene)
+    }
+
+    /// A motion on a character, or else on the figure.
+    fn worn_by(path: &Path, clip: Clip, wearer: Option<Wearer>, figure: Figure) -> Result<Self, Failure> {
+        match wearer {
+            Some(wearer) => Ok(Self { character: Some(wearer.wear(&clip)?), ..Self::plain(path, clip) }),
+            None => Self::new(path, clip, figure),
+        }
+    }
+
     fn new(path: &Path, clip: Clip, figure: Figure) -> Result<Self, Failure> {
         let mesh = figure.mesh(&clip.skeleton)?;
-        Ok(Self {
+        let mesh = if clip.face.kind == FaceKind::Arkit { mesh } else { mesh.on_the_jaw() };
+        Ok(Self { mesh, ..Self::plain(path, clip) })
+    }
+
+    /// A motion that nobody wears.
+    fn plain(path: &Path, clip: Clip) -> Self {
+        Self {
             title: path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned(),
             notice: String::new(),
             about: concat!("umo ", env!("CARGO_PKG_VERSION")).to_owned(),
-            mesh: if clip.face.kind == FaceKind::Arkit { mesh } else { mesh.on_the_jaw() },
+            mesh: Mesh::default(),
+            character: None,
             clip,
             audio: None,
             model: None,
             record: None,
             live: None,
-        })
+        }
+    }
+
+    /// Frames that the page shows.
+    pub(super) fn frames(&self) -> usize {
+        let rate = f64::from(self.clip.frame_rate);
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a length that was checked")]
+        let worn = |worn: &Worn| (worn.seconds * rate).round() as usize + 1;
+        if self.clip.is_empty() { self.character.as_ref().map_or(0, worn) } else { self.clip.len() }
     }
 
     fn set_model(&mut self, config: &Config, generate: &GenerateArgs) {
@@ -153,6 +195,29 @@ impl Scene {
         );
         self.notice = config.notice.clone().unwrap_or_default();
         self.model = Some(ModelInfo { name: config.name.clone(), stride: config.keyframe_stride });
+    }
+}
+
+/// Who is to wear the motion, where that was said.
+fn wearer(args: &Page) -> Result<Option<Wearer>, Failure> {
+    args.onto.as_deref().map(|onto| Wearer::read(onto, args.mapping.as_deref())).transpose()
+}
+
+/// Whether the file may hold a character.
+fn is_character(path: &Path) -> bool {
+    let extension = path.extension().unwrap_or_default();
+    ["glb", "vrm"].iter().any(|known| extension.eq_ignore_ascii_case(known))
+}
+
+/// No frames: what moves is in the character's own file.
+fn still() -> Clip {
+    Clip {
+        frame_rate: 30.0,
+        skeleton: umo_figure::sample::skeleton(),
+        face: Face { kind: FaceKind::Arkit, names: Vec::new() },
+        rotations: Vec::new(),
+        translation: Vec::new(),
+        face_values: Vec::new(),
     }
 }
 

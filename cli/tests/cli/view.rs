@@ -57,6 +57,84 @@ fn animations_that_were_made_before_have_pages() {
     }
 }
 
+/// A `.glb` file of nothing but this JSON.
+fn glb(json: &str) -> Vec<u8> {
+    let text = format!("{json}{}", " ".repeat(json.len().next_multiple_of(4) - json.len()));
+    let word = |length: usize| u32::try_from(length).unwrap().to_le_bytes();
+    [&b"glTF"[..], &word(2), &word(20 + text.len()), &word(text.len()), b"JSON", text.as_bytes()].concat()
+}
+
+/// The JSON of a `.glb` file with something of its text replaced.
+fn replaced(file: &[u8], from: &str, to: &str) -> Vec<u8> {
+    let length = usize::try_from(u32::from_le_bytes(file[12..16].try_into().unwrap())).unwrap();
+    let json = std::str::from_utf8(&file[20..20 + length]).unwrap();
+    assert!(json.contains(from), "{from}");
+    let head = glb(json.replace(from, to).trim_end());
+    let total = u32::try_from(head.len() + file.len() - 20 - length).unwrap().to_le_bytes();
+    [&head[..8], &total, &head[12..], &file[20 + length..]].concat()
+}
+
+#[test]
+fn a_character_wears_the_motion() {
+    let folder = Folder::new();
+    let (speech, model) = (folder.speech(), golden("mel_k2_arkit"));
+    umo(&["animate", &speech, "--model", &model, "-o", &folder.at("motion.glb")]).success();
+    // Bones with names of their own, and no animation.
+    let stranger = replaced(&folder.read("motion.glb"), "\"animations\":", "\"extras\":");
+    let stranger = ["pelvis", "spine1"]
+        .iter()
+        .fold(stranger, |glb, name| replaced(&glb, &format!("\"{name}\""), &format!("\"their_{name}\"")));
+    let (stranger, page) = (folder.file("stranger.glb", &stranger), folder.at("page.html"));
+    let names = "[bones]\npelvis = \"their_pelvis\"\nspine1 = \"their_spine1\"\n";
+    let mapping = folder.file("bones.toml", names.as_bytes());
+    view(&[&speech, "--onto", &stranger, "--mapping", &mapping, "-o", &page]).success();
+    let onto = String::from_utf8(folder.read("page.html")).unwrap();
+    assert!(onto.contains("\"character\":{\"nodes\":[") && onto.contains("id=\"block-character\""));
+    assert!(onto.contains("\"record\":{") && onto.contains("id=\"block-audio\""));
+    assert!(onto.contains("\"mesh\":{\"moving\":0,"), "the figure stays at home");
+    // What `umo retarget` writes has all in it, and is shown without the speech.
+    let moved = folder.at("moved.glb");
+    umo(&["retarget", &speech, "--model", &model, "--onto", &stranger, "--mapping", &mapping, "-o", &moved]).success();
+    let ended = view(&[&moved, "--mapping", &mapping, "-o", &page]).success();
+    assert!(ended.out.contains("page.html: 16 frames"), "{}", ended.out);
+    let own = String::from_utf8(folder.read("page.html")).unwrap();
+    let block =
+        |page: &str| page.split("id=\"block-character\">").nth(1).unwrap().split('<').next().unwrap().to_owned();
+    assert_eq!(block(&own), block(&onto), "the page has what `umo retarget` writes");
+    assert!(own.contains("\"record\":null") && own.contains("\"audio\":null"));
+}
+
+#[test]
+fn files_that_are_no_characters_are_refused_in_words() {
+    let folder = Folder::new();
+    let speech = folder.speech();
+    let refused = |args: &[&str]| folder.refused(&[&["view", "--no-open"], args].concat());
+    let onto = |name: &str, bytes: &[u8]| refused(&[&speech, "--onto", &folder.file(name, bytes)]);
+    assert!(onto("text.glb", b"no character").contains("text.glb: it is no glb file"));
+    assert!(onto("cut.vrm", b"glTF\x02\0\0\0\xff\0\0\0").contains("cut.vrm: the file is cut short"));
+    assert!(onto("bones.bvh", b"HIERARCHY").contains("bones and no body"));
+    assert!(onto("person.gltf", b"{}").contains("pack the .gltf"));
+    assert!(onto("person.obj", b"v 0 0 0").contains("expected a character, .glb or .vrm"));
+    let thing = glb(r#"{"asset":{"version":"2.0"},"nodes":[{"name":"box","mesh":0}],"meshes":[{"primitives":[]}]}"#);
+    assert!(onto("box.glb", &thing).contains("box.glb: it is no character with a body that is known"));
+    assert!(refused(&[&folder.file("box.glb", &thing)]).contains("box.glb: it is no character"));
+    assert!(refused(&[&speech, "--onto", &folder.at("missing.vrm")]).contains("missing.vrm"));
+
+    umo(&["animate", &speech, "--model", &golden("mel_k2_arkit"), "-o", &folder.at("motion.glb")]).success();
+    let figure = folder.read("motion.glb");
+    let packed = replaced(&figure, "\"asset\":", "\"extensionsRequired\":[\"KHR_draco_mesh_compression\"],\"asset\":");
+    assert!(onto("packed.glb", &packed).contains("its meshes are compressed"));
+    let bare = replaced(&figure, "\"meshes\":", "\"extras\":");
+    assert!(onto("bare.glb", &bare).contains("there is no mesh to show"));
+    let still = replaced(&figure, "\"animations\":", "\"extras\":");
+    assert!(refused(&[&folder.file("still.glb", &still)]).contains("still.glb: it has no animation"));
+    let mapping = folder.file("bones.toml", b"[bones]\n");
+    assert!(refused(&[&speech, "--mapping", &mapping]).contains("--mapping goes with a character"));
+    for more in [["--live", "--port=0"], ["--figure", "performer"]] {
+        assert_eq!(umo(&[&["view", &speech, "--onto", "a.glb"][..], &more].concat()).code, 2, "{more:?}");
+    }
+}
+
 #[test]
 fn what_cannot_be_viewed_is_refused() {
     let folder = Folder::new();

@@ -9,6 +9,8 @@ map.type = "importmap";
 map.textContent = JSON.stringify({ imports });
 document.head.append(map);
 import("umo/main.js").catch((error) => {
-  document.querySelector("#notice").textContent = `This page does not start: ${error.message}`;
+  const notice = document.querySelector("#notice");
+  notice.textContent = `This page does not start: ${error.message}`;
+  notice.dataset.kind = "error";
   throw error;
 });

@@ -2,27 +2,25 @@
 
 import { add, clamp, lookAt, mix, multiply, perspective, scale, subtract, transform } from "umo/math.js";
 
-const FOV = (28 * Math.PI) / 180;
+const FOV = (26 * Math.PI) / 180;
 /** How fast the camera comes to where it is sent, and follows the body, per second. */
-const EASE = 9;
+const EASE = 6;
 const FOLLOW = 2.5;
-
-const joint = (scene, name) => scene.joints.indexOf(name);
+/** What is left of the picture where buttons lie over it, at least. */
+const LEAST_FREE = 0.4;
 
 /** What each preset looks at, and half of the width and height that it must show, metres. */
-function presets(scene, height) {
-  const [head, left, right] = ["head", "left_wrist", "right_wrist"].map((name) => joint(scene, name));
+function presets(body) {
+  const { height, crown } = body;
+  const [head, left, right] = ["head", "left_wrist", "right_wrist"].map((name) => body.joint(name));
+  const above = (share) => (places, ground) => [places[0][0], ground + share * height, places[0][2]];
   return {
-    body: {
-      at: (places, ground) => [places[0][0], ground + 0.5 * height, places[0][2]],
-      half: [0.36 * height, 0.58 * height],
-      yaw: 0.32,
-      pitch: 0.1,
-    },
-    face: { at: (places) => add(places[head], [0, 0.06, 0.04]), half: [0.15, 0.19], yaw: 0.16, pitch: 0.02 },
+    face: { at: (places) => add(places[head], [0, 0.34 * crown, 0.2 * crown]), half: [0.72 * crown, 0.88 * crown], yaw: 0.2, pitch: 0.02 },
+    half: { at: above(0.74), half: [0.2 * height, 0.282 * height], yaw: 0.22, pitch: 0.03 },
+    whole: { at: above(0.5), half: [0.3 * height, 0.55 * height], yaw: 0.3, pitch: 0.08 },
     hands: {
       at: (places) => scale(add(places[left], places[right]), 0.5),
-      half: [0.5, 0.42],
+      half: [0.28 * height, 0.24 * height],
       yaw: 0.12,
       pitch: 0.16,
     },
@@ -30,19 +28,18 @@ function presets(scene, height) {
 }
 
 export class Camera {
-  constructor(scene, height, still) {
-    this.presets = presets(scene, height);
+  constructor(body, still) {
+    this.presets = presets(body);
     this.still = still;
-    this.aspect = 1;
-    this.use("body");
+    this.use("half");
     this.now = { ...this.goal };
     this.target = null;
   }
 
   use(name) {
     this.name = name;
-    const { yaw, pitch } = this.presets[name];
-    this.goal = { yaw, pitch, zoom: 1, x: 0, y: 0 };
+    const { yaw, pitch, half } = this.presets[name];
+    this.goal = { yaw, pitch, zoom: 1, x: 0, y: 0, wide: half[0], high: half[1] };
   }
 
   orbit(dx, dy) {
@@ -80,21 +77,24 @@ export class Camera {
     return moving;
   }
 
-  /** Matrices for a picture of this shape. */
-  look(aspect) {
-    this.aspect = aspect;
-    const { half } = this.presets[this.name];
-    const { yaw, pitch, zoom, x, y } = this.now;
-    const height = Math.max(half[1], half[0] / aspect);
+  /** Matrices for a picture of this shape, of which `insets` are the shares at its top and bottom that something lies over. */
+  look(aspect, { top = 0, bottom = 0 } = {}) {
+    const free = Math.max(1 - top - bottom, LEAST_FREE);
+    const { yaw, pitch, zoom, x, y, wide, high } = this.now;
+    const height = Math.max(high / free, wide / aspect);
     const distance = (height * zoom) / Math.tan(FOV / 2);
     const right = [Math.cos(yaw), 0, -Math.sin(yaw)];
     const middle = add(this.target, add(scale(right, -x * height), [0, y * height, 0]));
     const back = [Math.sin(yaw) * Math.cos(pitch), Math.sin(pitch), Math.cos(yaw) * Math.cos(pitch)];
+    const up = [-Math.sin(yaw) * Math.sin(pitch), Math.cos(pitch), -Math.cos(yaw) * Math.sin(pitch)];
     const eye = add(middle, scale(back, distance));
     const near = Math.max(0.02, 0.05 * distance);
-    const view = multiply(perspective(FOV, aspect, near, distance + 12), lookAt(eye, middle, [0, 1, 0]));
+    const lens = perspective(FOV, aspect, near, distance + 12);
+    // What is looked at comes to the middle of what is free.
+    lens[9] = -(bottom - top);
+    const view = multiply(lens, lookAt(eye, middle, [0, 1, 0]));
     this.view = view;
-    return { view, eye };
+    return { view, eye, axes: { right, up, back } };
   }
 
   /** Where a point of the world is in a picture of `width` and `height`. */

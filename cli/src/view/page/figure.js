@@ -1,6 +1,8 @@
 // The avatar: a mesh that follows the joints, with a face that follows its channels.
 
 import { attribute, program } from "umo/gl.js";
+import { LIGHT, setLight } from "umo/light.js";
+import { restPlaces, skin } from "umo/motion.js";
 
 const SKIN = `
 layout(location = 0) in vec3 position;
@@ -24,9 +26,11 @@ void bone(out vec4 x, out vec4 y, out vec4 z) {
 `;
 
 const VERTEX = `${SKIN}
+layout(location = 5) in float damp;
 out vec3 place;
 out vec3 facing;
 out vec3 paint;
+out float wet;
 out vec4 shade;
 void main() {
   vec4 x, y, z;
@@ -35,6 +39,7 @@ void main() {
   place = vec3(dot(x, p), dot(y, p), dot(z, p));
   facing = vec3(dot(x.xyz, normal), dot(y.xyz, normal), dot(z.xyz, normal));
   paint = pow(color.rgb, vec3(2.2));
+  wet = damp;
   shade = light * vec4(place + 0.006 * normalize(facing), 1.0);
   gl_Position = view * vec4(place, 1.0);
 }`;
@@ -47,49 +52,19 @@ void main() {
   gl_Position = light * vec4(dot(x, p), dot(y, p), dot(z, p), 1.0);
 }`;
 
-/** Sky and floor light, one lamp with a shadow, a rim from behind. */
-const FRAGMENT = `
-in vec3 place;
-in vec3 facing;
+const FRAGMENT = `${LIGHT}
 in vec3 paint;
-in vec4 shade;
-uniform vec3 eye;
-uniform vec3 toLamp;
-uniform vec3 sky;
-uniform vec3 floorLight;
-uniform float lamp;
-uniform mediump sampler2DShadow shadow;
-out vec4 result;
-float lit() {
-  vec3 at = 0.5 * shade.xyz / shade.w + 0.5;
-  vec2 texel = 1.3 / vec2(textureSize(shadow, 0));
-  float sum = 0.0;
-  for (int i = 0; i < 4; i++) {
-    vec2 corner = vec2(float(i & 1), float(i >> 1)) - 0.5;
-    sum += texture(shadow, vec3(at.xy + corner * texel, at.z - 0.0016));
-  }
-  return 0.25 * sum;
-}
+in float wet;
 void main() {
-  vec3 n = normalize(facing);
-  vec3 v = normalize(eye - place);
-  float up = 0.5 + 0.5 * n.y;
-  float towards = dot(n, toLamp);
-  // Light bleeds a little around the edge of the lit side, as it does in skin and wool.
-  float key = clamp((towards + 0.25) / 1.25, 0.0, 1.0);
-  key *= mix(1.0, lit(), smoothstep(-0.1, 0.25, towards));
-  float gloss = pow(max(dot(n, normalize(toLamp + v)), 0.0), 36.0) * 0.05 * step(0.0, towards);
-  float rim = pow(1.0 - max(dot(n, v), 0.0), 3.0) * (0.35 + 0.65 * up);
-  vec3 color = paint * (mix(floorLight, sky, up) + lamp * vec3(1.0, 0.96, 0.9) * key);
-  color += vec3(gloss) * lamp + 0.16 * rim * sky;
-  color = color / (1.0 + 0.18 * color);
-  result = vec4(pow(color, vec3(1.0 / 2.2)), 1.0);
+  result = vec4(shown(lit(paint, normalize(facing), wet)), 1.0);
 }`;
 
 export class Figure {
   constructor(gl, scene) {
     this.gl = gl;
     this.mesh = scene.mesh;
+    this.rest = restPlaces(scene);
+    this.eyes = ["left_eye", "right_eye"].map((name) => scene.joints.indexOf(name));
     this.morphs = morphsOf(scene);
     this.moving = scene.mesh.moving;
     this.positions = scene.mesh.positions.slice(0, 3 * this.moving);
@@ -111,10 +86,24 @@ export class Figure {
     attribute(gl, 2, mesh.colors, 4, { normalized: true });
     attribute(gl, 3, mesh.joints, 4, { integer: true });
     attribute(gl, 4, mesh.weights, 4, { normalized: true });
+    attribute(gl, 5, this.damp(), 1, { normalized: true });
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
     gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, mesh.indices, gl.STATIC_DRAW);
     gl.bindVertexArray(null);
     this.shown = "";
+  }
+
+  /** 255 for every vertex of an eye. */
+  damp() {
+    const { joints, weights } = this.mesh;
+    const isEye = (i) => this.eyes.includes(joints[4 * i]) && weights[4 * i] > 32768;
+    return Uint8Array.from({ length: joints.length / 4 }, (_, i) => (isEye(i) ? 255 : 0));
+  }
+
+  /** Takes over a pose, and where it puts the joints. */
+  follow({ pose, placed }) {
+    this.setFace(pose.face);
+    skin(placed, this.rest, this.bones);
   }
 
   /** The weight of every morph target that is not 0, by name. */
@@ -156,21 +145,12 @@ export class Figure {
     this.drawTriangles();
   }
 
-  draw({ view, eye, light, lighting, shadow }) {
+  draw(picture) {
     const { gl, drawing } = this;
-    const u = drawing.uniforms;
     gl.useProgram(drawing.made);
-    gl.uniformMatrix4fv(u.view, false, view);
-    gl.uniformMatrix4fv(u.light, false, light);
-    gl.uniform4fv(u.bones, this.bones);
-    gl.uniform3fv(u.eye, eye);
-    gl.uniform3fv(u.toLamp, lighting.toLamp);
-    gl.uniform3fv(u.sky, lighting.sky);
-    gl.uniform3fv(u.floorLight, lighting.floor);
-    gl.uniform1f(u.lamp, lighting.lamp);
-    gl.activeTexture(gl.TEXTURE0);
-    gl.bindTexture(gl.TEXTURE_2D, shadow);
-    gl.uniform1i(u.shadow, 0);
+    setLight(gl, drawing.uniforms, picture);
+    gl.uniformMatrix4fv(drawing.uniforms.view, false, picture.view);
+    gl.uniform4fv(drawing.uniforms.bones, this.bones);
     this.drawTriangles();
   }
 

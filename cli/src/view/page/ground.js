@@ -1,4 +1,4 @@
-// The floor: a disc that fades away, with the avatar's soft shadow.
+// The floor: a pool of light that fades away, with the avatar's soft shadow and the dark under its feet.
 
 import { attribute, program } from "umo/gl.js";
 
@@ -23,27 +23,43 @@ in vec2 spot;
 in vec2 world;
 in vec4 shade;
 uniform vec3 tint;
-uniform vec3 line;
 uniform float darkness;
+uniform float contact;
+// Heel, ball and height of each foot.
+uniform vec2 heels[2];
+uniform vec2 balls[2];
+uniform float heights[2];
 uniform mediump sampler2DShadow shadow;
 out vec4 result;
 const int TAPS = 20;
+float noise() {
+  return fract(52.98 * fract(dot(gl_FragCoord.xy, vec2(0.0671, 0.00584))));
+}
+/** How dark it is under a foot: what is near it sees no sky. */
+float under(vec2 heel, vec2 ball, float height) {
+  vec2 along = ball - heel;
+  float t = clamp(dot(world - heel, along) / max(dot(along, along), 1e-6), 0.0, 1.0);
+  float r = 0.062 + 0.5 * height;
+  float d = distance(world, heel + t * along) / r;
+  return exp(-d * d) * exp(-9.0 * height);
+}
 void main() {
   vec3 at = 0.5 * shade.xyz / shade.w + 0.5;
-  float turn = 6.28 * fract(52.98 * fract(dot(gl_FragCoord.xy, vec2(0.0671, 0.00584))));
+  float turn = 6.28 * noise();
   float lit = 0.0;
   // A spiral of samples, turned from pixel to pixel.
   for (int i = 0; i < TAPS; i++) {
-    float r = sqrt((float(i) + 0.5) / float(TAPS)) * 0.014;
+    float r = sqrt((float(i) + 0.5) / float(TAPS)) * 0.02;
     float a = turn + 2.399963 * float(i);
     lit += texture(shadow, vec3(at.xy + r * vec2(cos(a), sin(a)), at.z - 0.001));
   }
   lit /= float(TAPS);
-  vec2 cell = abs(fract(2.0 * world - 0.5) - 0.5) / max(fwidth(2.0 * world), vec2(1e-5));
-  float grid = 1.0 - clamp(min(cell.x, cell.y), 0.0, 1.0);
-  float fade = 1.0 - smoothstep(0.25, 1.0, length(spot));
-  vec3 color = mix(tint, line, 0.35 * grid);
-  color *= 1.0 - darkness * (1.0 - lit);
+  float far = length(spot);
+  float fade = exp(-5.0 * far * far) * (1.0 - smoothstep(0.6, 1.0, far));
+  float dark = 1.0 - (1.0 - under(heels[0], balls[0], heights[0])) * (1.0 - under(heels[1], balls[1], heights[1]));
+  vec3 color = tint * (1.0 - darkness * (1.0 - lit)) * (1.0 - contact * dark);
+  // Neighbouring greys would show as rings.
+  color += (noise() - 0.5) / 255.0;
   result = vec4(color, 1.0) * fade;
 }`;
 
@@ -57,7 +73,7 @@ export class Ground {
     gl.bindVertexArray(null);
   }
 
-  draw({ view, light, lighting, shadow, middle }) {
+  draw({ view, light, lighting, shadow, middle, feet }) {
     const { gl, drawing } = this;
     const u = drawing.uniforms;
     gl.useProgram(drawing.made);
@@ -65,8 +81,11 @@ export class Ground {
     gl.uniformMatrix4fv(u.light, false, light);
     gl.uniform3fv(u.middle, middle);
     gl.uniform3fv(u.tint, lighting.ground);
-    gl.uniform3fv(u.line, lighting.grid);
     gl.uniform1f(u.darkness, lighting.darkness);
+    gl.uniform1f(u.contact, lighting.contact);
+    gl.uniform2fv(u.heels, feet.flatMap(({ heel }) => heel));
+    gl.uniform2fv(u.balls, feet.flatMap(({ ball }) => ball));
+    gl.uniform1fv(u.heights, feet.map(({ height }) => height));
     gl.activeTexture(gl.TEXTURE0);
     gl.bindTexture(gl.TEXTURE_2D, shadow);
     gl.uniform1i(u.shadow, 0);

@@ -36,7 +36,7 @@ export function inspector({ scene, motion, clock, camera, picture, live, last, a
     },
     /** The values of one frame as they came: rotations, root, face. */
     frame: (index) => Array.from(motion.frame(index)),
-    /** play, pause, seek (draws at once, camera and all), camera, skeleton, theme. */
+    /** play, pause, seek (draws at once, camera and all), camera, details, skeleton, theme. */
     ...actions,
   };
 }

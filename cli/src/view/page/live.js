@@ -8,6 +8,19 @@ const MARGIN = 0.12;
 /** The same for a mouth that waits for no computing: a piece of the microphone's, and a look for frames. */
 const LIVE_MARGIN = 0.04;
 
+/** Length of a piece of the microphone's sound, and a little more, seconds. */
+const PIECE = 0.03;
+/** How far the sound of a recording may be from where it should be, and how often it is moved, seconds. */
+const DRIFT = 0.25;
+const MOVES_EVERY = 2;
+/** What "now" is of a latency, and how long too much must go on before it is said, seconds. */
+const NOW = 1;
+const LASTING = 4;
+/** Messages that come within this time are one, seconds. */
+const AT_ONCE = 0.03;
+/** Share of late messages that makes a stream one that the machine cannot keep up with. */
+const TOO_LATE = 0.5;
+
 /** Time of a stream: behind what is heard by what the engine, or a live mouth, must wait for. */
 export class LiveClock {
   constructor(scene, motion) {
@@ -16,6 +29,8 @@ export class LiveClock {
     this.playing = false;
     this.rate = 1;
     this.at = 0;
+    /** Seconds of some clock; tests put their own. */
+    this.now = () => performance.now() / 1000;
     this.ended = () => {};
   }
 
@@ -25,21 +40,29 @@ export class LiveClock {
 
   get time() {
     if (!this.playing) return this.at;
-    const sounding = this.sound && !this.sound.paused && !this.sound.ended && this.sound.currentTime > 0;
-    const now = sounding ? this.sound.currentTime : this.heard - this.delay;
-    this.at = Math.max(this.at, now, 0);
+    this.at = Math.max(this.at, this.isSounding ? this.sound.currentTime : this.due, 0);
     return this.at;
+  }
+
+  get isSounding() {
+    return this.sound && !this.sound.paused && !this.sound.ended && this.sound.currentTime > 0;
   }
 
   /** Seconds of sound since the stream began. */
   get heard() {
-    return (performance.now() - this.start) / 1000;
+    return this.counted ? this.counted() : this.now() - this.start;
   }
 
-  /** Sound begins now; the picture follows, as late as `started` says. */
-  begin(started) {
+  /** Where the picture should be. */
+  get due() {
+    return this.heard - this.delay;
+  }
+
+  /** Sound begins now; the picture follows, as late as `started` says. `counted` tells the seconds of sound that were sent, where those are counted. */
+  begin(started, counted = null) {
     this.delay = started.live ? started.mouthSeconds + LIVE_MARGIN : started.bodySeconds + MARGIN;
-    [this.start, this.at, this.playing] = [performance.now(), 0, true];
+    this.counted = counted;
+    [this.start, this.at, this.playing] = [this.now(), 0, true];
   }
 
   async play() {}
@@ -56,11 +79,13 @@ export class LiveClock {
   setRate() {}
 }
 
+/** What happened, for whoever looks: frames in the order of their coming, messages that came too late. */
+const fresh = () => ({ received: 0, next: 0, inOrder: true, late: 0, arrivals: [], pictures: [], worst: {}, done: false, error: null, status: null, started: null });
+
 export class Live {
-  constructor({ scene, motion, clock, tell, changed }) {
-    Object.assign(this, { scene, motion, clock, tell, changed });
-    /** What happened, for whoever looks: frames in the order of their coming, frames that came too late. */
-    this.log = { received: 0, next: 0, inOrder: true, late: 0, arrivals: [], done: false, error: null, status: null, started: null };
+  constructor({ scene, motion, clock, changed }) {
+    Object.assign(this, { scene, motion, clock, changed });
+    this.log = fresh();
     this.socket = null;
     if (scene.samples.length > 0) this.audio = new Audio(URL.createObjectURL(wav(scene.samples, scene.audio.sampleRate)));
   }
@@ -74,11 +99,16 @@ export class Live {
     this.stop();
     this.silence();
     this.motion.clear();
-    Object.assign(this.log, { received: 0, next: 0, inOrder: true, late: 0, arrivals: [], done: false, error: null, status: null, started: null });
+    this.log = fresh();
+    this.sent = { samples: 0, now: 0, rate: 1 };
     if (source === "microphone") {
       this.mouth = await microphone((samples) => {
-        if (this.socket?.readyState === WebSocket.OPEN) this.socket.send(samples);
+        if (this.socket?.readyState !== WebSocket.OPEN) return;
+        this.socket.send(samples);
+        this.sent.samples += samples.length;
+        this.sent.now = this.clock.now();
       });
+      this.sent.rate = this.mouth.rate;
     }
     const socket = new WebSocket(`ws://${location.host}/stream`);
     socket.binaryType = "arraybuffer";
@@ -115,13 +145,13 @@ export class Live {
 
   fail(reason) {
     this.log.error = reason;
-    this.tell(reason);
+    this.changed();
   }
 
   hear(message, source) {
     switch (message.type) {
       case "started":
-        this.clock.begin(message);
+        this.clock.begin(message, source === "microphone" ? () => this.spoken() : null);
         this.log.started = message;
         this.mouth?.listen();
         if (source === "recording") this.playSound();
@@ -139,14 +169,35 @@ export class Live {
     this.changed();
   }
 
+  /**
+   * Seconds of the microphone's sound that the engine has taken: those that were sent, without those that found no room, and
+   * what was spoken since the last piece. A pause of the page or of the machine is not among them: frames are numbered by
+   * what the engine took, and a clock that ran on would be ahead of them for ever.
+   */
+  spoken() {
+    const { samples, now, rate } = this.sent;
+    const lost = this.log.status?.overruns ?? 0;
+    const since = samples > 0 ? Math.min(this.clock.now() - now, PIECE) : 0;
+    return Math.max(samples - lost, 0) / rate + since;
+  }
+
   /** The recording's sound, as late as the picture. */
   playSound() {
-    const { audio } = this;
+    const { audio, socket } = this;
     if (!audio) return;
     audio.currentTime = 0;
     this.clock.sound = audio;
-    const { socket } = this;
     setTimeout(() => this.socket === socket && audio.play().catch(() => {}), this.clock.delay * 1000);
+  }
+
+  /** Moves a recording's sound to where it should be: a page that nobody sees starts it late, a busy machine stops it. */
+  catchUp() {
+    const { clock, log } = this;
+    if (!clock.isSounding || clock.due - clock.sound.currentTime < DRIFT) return;
+    const now = clock.now();
+    if (now - (log.moved ?? -Infinity) < MOVES_EVERY || clock.due > clock.sound.duration) return;
+    log.moved = now;
+    clock.sound.currentTime = clock.due;
   }
 
   /** Frames: number of the first, then values. */
@@ -158,23 +209,70 @@ export class Live {
     this.log.next = first + count;
     this.log.received += count;
     const { heard } = this.clock;
-    if (first / this.motion.rate < this.clock.time) this.log.late += 1;
-    this.log.arrivals.push({ first, count, heard });
+    const isLate = first / this.motion.rate < this.clock.time;
+    if (isLate) this.log.late += 1;
+    const latency = heard - first / this.motion.rate;
+    // What a stall held up comes at once, and counts once.
+    if (heard - (this.log.arrivals.at(-1)?.heard ?? -1) < AT_ONCE) this.log.arrivals.pop();
+    this.log.arrivals.push({ heard, latency, isLate });
     if (this.log.arrivals.length > 1000) this.log.arrivals.shift();
+    this.log.worst.arrival = Math.max(this.log.worst.arrival ?? 0, latency);
     this.motion.append(values);
     this.changed();
   }
 
-  /** Seconds from when a sound was made until its picture is shown, or null while nothing is shown. */
-  behind() {
+  /** Notes how late the picture that is drawn now is. */
+  look() {
+    const latency = this.lag();
+    if (latency === null) return;
+    const { pictures, worst } = this.log;
+    pictures.push({ heard: this.clock.heard, latency });
+    if (pictures.length > 200) pictures.shift();
+    worst.picture = Math.max(worst.picture ?? 0, latency);
+  }
+
+  /** Seconds from the sound to the picture at this moment, or null while nothing is shown. */
+  lag() {
     const { clock, motion } = this;
     if (!clock.playing || motion.count === 0) return null;
     return clock.heard - Math.min(clock.time, (motion.end - 1) / motion.rate);
   }
 
-  /** Seconds from a sound until the frame for it has come: the most of the last frames. */
-  arrival() {
-    const times = this.log.arrivals.slice(-50).map(({ first, heard }) => heard - first / this.motion.rate);
-    return times.length > 0 ? Math.max(...times) : null;
+  /** The same of the last second: its middle. */
+  behind() {
+    return this.recent(this.log.pictures);
   }
+
+  /** Seconds from a sound until the frame for it has come: the middle of the last second. */
+  arrival() {
+    return this.recent(this.log.arrivals);
+  }
+
+  recent(list) {
+    if (list.length === 0) return null;
+    const since = list.at(-1).heard - NOW;
+    return median(list.filter(({ heard }) => heard >= since).map(({ latency }) => latency));
+  }
+
+  /** What is wrong with the stream, in a sentence; empty where nothing is. */
+  trouble() {
+    const { log, clock } = this;
+    if (log.error) return `${log.error[0].toUpperCase()}${log.error.slice(1)}.`;
+    if (!this.isRunning || !clock.playing || log.done) return "";
+    const { heard } = clock;
+    const last = log.arrivals.at(-1)?.heard ?? 0;
+    if (heard - last > LASTING + clock.delay) return `No frame has come for ${Math.round(heard - last)} s: this machine is too slow, or the program is held up.`;
+    const recent = log.arrivals.filter((one) => one.heard > heard - LASTING);
+    const late = recent.filter(({ isLate }) => isLate).length;
+    // Not a short one: a stall makes some messages late, and is over.
+    const lasts = log.arrivals.length > 0 && heard - log.arrivals[0].heard > LASTING && recent.length >= 4;
+    if (!lasts || late < TOO_LATE * recent.length) return "";
+    const most = median(recent.map(({ latency }) => latency));
+    return `This machine is too slow for the model: frames come ${most.toFixed(1)} s after their sound, later than they are shown.`;
+  }
+}
+
+function median(values) {
+  const sorted = [...values].sort((a, b) => a - b);
+  return sorted.length > 0 ? sorted[sorted.length >> 1] : null;
 }

@@ -1,17 +1,19 @@
 // Puts the page together: what is shown when, and what keys and buttons do.
 
+import { CharacterBody, FigureBody } from "umo/body.js";
 import { Camera, steer } from "umo/camera.js";
+import { readTextures } from "umo/character.js";
 import { Clock } from "umo/clock.js";
 import { Experts } from "umo/experts.js";
 import { inspector } from "umo/inspect.js";
 import { listenToKeys } from "umo/keys.js";
 import { Live, LiveClock } from "umo/live.js";
 import { clamp } from "umo/math.js";
-import { Motion, place } from "umo/motion.js";
+import { Motion } from "umo/motion.js";
 import { livePanel } from "umo/panel.js";
 import { Picture } from "umo/picture.js";
 import { Record } from "umo/record.js";
-import { readScene } from "umo/scene.js";
+import { block, readScene } from "umo/scene.js";
 import { Timeline } from "umo/timeline.js";
 import { allTracks, trackList } from "umo/tracks.js";
 
@@ -19,56 +21,55 @@ const $ = (selector) => document.querySelector(selector);
 const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
 
 const scene = readScene();
+let body = null;
+if (scene.character) {
+  body = scene.character.body = new CharacterBody(scene, block("character", "u8"));
+  await readTextures(body);
+  if (scene.frames.length === 0) body.becomeMotion();
+}
 const motion = new Motion(scene);
+body ??= new FigureBody(scene, motion);
 const record = new Record(scene);
 const clock = scene.live ? new LiveClock(scene, motion) : new Clock(scene, motion.seconds);
 const picture = new Picture($("#view"), scene);
-const [low, high] = heights(scene.mesh);
-const camera = new Camera(scene, high - low, still);
+const camera = new Camera(body, still);
 const tracks = allTracks(scene, motion);
 const timeline = new Timeline($("#timeline"), { scene, motion, record, clock, seek });
 const experts = new Experts($("#experts"), record, (layer) => timeline.setLayer(layer));
 trackList($("#tracks"), tracks, (chosen) => timeline.setTracks(chosen));
-const live = scene.live ? new Live({ scene, motion, clock, tell, changed: touch }) : null;
+const live = scene.live ? new Live({ scene, motion, clock, changed: touch }) : null;
 
 let skeleton = false;
 let dirty = true;
 let before = performance.now();
 let floor = floorOf();
-let shown = { pose: motion.pose(0), placed: null };
+let shown = { ...body.at(0), time: 0 };
 let drawn = 0;
-
-/** Lowest and highest of the mesh at rest. */
-function heights({ positions }) {
-  let [low, high] = [Infinity, -Infinity];
-  for (let i = 1; i < positions.length; i += 3) [low, high] = [Math.min(low, positions[i]), Math.max(high, positions[i])];
-  return [low, high];
-}
+let insets = {};
 
 /** Where the floor is: under the feet as they are in most frames. */
 function floorOf() {
-  const feet = ["left_foot", "right_foot", "left_ankle", "right_ankle"].map((name) => scene.joints.indexOf(name));
-  const lowest = (pose) => {
-    const { places } = place(scene, pose);
-    return Math.min(...feet.map((joint) => places[joint][1]));
-  };
-  const identity = { rotations: scene.joints.map(() => [0, 0, 0, 1]), translation: [0, 0, 0] };
-  const sole = lowest(identity) - low;
-  if (motion.count === 0) return lowest(motion.rest) - sole;
+  if (motion.count === 0) return body.ground(body.still);
   const step = Math.max(1, Math.floor(motion.count / 100));
   const found = [];
-  for (let frame = motion.first; frame < motion.end; frame += step) found.push(lowest(motion.pose(frame / motion.rate)));
+  for (let frame = motion.first; frame < motion.end; frame += step) found.push(body.ground(body.at(frame / motion.rate).placed.places));
   found.sort((a, b) => a - b);
-  return found[Math.floor(found.length / 2)] - sole;
+  return found[Math.floor(found.length / 2)];
+}
+
+/** Shares of the picture's height that lie behind the title and the controls. */
+function findInsets() {
+  const view = $("#view").getBoundingClientRect();
+  const share = (pixels) => clamp(pixels / Math.max(view.height, 1), 0, 0.5);
+  const controls = $("#transport").getBoundingClientRect();
+  const isOver = controls.top < view.bottom && controls.bottom > view.top;
+  insets = { top: share($("header").getBoundingClientRect().bottom - view.top), bottom: isOver ? share(view.bottom - controls.top) : 0 };
+  touch();
 }
 
 /** Something has changed: the picture is drawn anew. */
 function touch() {
   dirty = true;
-}
-
-function tell(words) {
-  $("#notice").textContent = words;
 }
 
 function seek(seconds) {
@@ -114,6 +115,16 @@ function useCamera(name) {
   touch();
 }
 
+/** Shows or hides the panels that say how it was made. */
+function setDetails(on) {
+  document.documentElement.dataset.details = String(on);
+  const button = $("#details");
+  button.setAttribute("aria-expanded", String(on));
+  button.textContent = on ? "Avatar only" : "How it was made";
+  findInsets();
+  timeline.draw();
+}
+
 function setSkeleton(on) {
   skeleton = on;
   $("#skeleton").setAttribute("aria-pressed", String(on));
@@ -150,9 +161,11 @@ const KEYS = {
   ".": () => stepKeyframe(1),
   Home: () => seek(0),
   End: () => seek(clock.seconds),
-  1: () => useCamera("body"),
-  2: () => useCamera("face"),
-  3: () => useCamera("hands"),
+  1: () => useCamera("face"),
+  2: () => useCamera("half"),
+  3: () => useCamera("whole"),
+  4: () => useCamera("hands"),
+  d: () => setDetails(document.documentElement.dataset.details !== "true"),
   s: () => setSkeleton(!skeleton),
   t: () => setTheme(document.documentElement.dataset.theme === "dark" ? "light" : "dark"),
   "+": () => timeline.zoom(0.7),
@@ -173,7 +186,7 @@ function showTime(time) {
   const button = $("#play");
   button.dataset.playing = String(clock.playing);
   button.setAttribute("aria-label", clock.playing ? "Pause" : "Play");
-  $("#big-play").hidden = clock.playing || Boolean(live) || time > 0;
+  button.dataset.fresh = String(time === 0);
   const slider = $("#seek");
   slider.max = String(Math.max(clock.seconds, 1e-3));
   slider.value = String(time);
@@ -195,24 +208,27 @@ function loop(now) {
   before = now;
   const time = clock.time;
   if (live?.ends(time)) touch();
+  if (live?.isRunning) live.catchUp();
   if (!clock.playing && !dirty) return;
   draw(time, seconds);
 }
 
 function draw(time, seconds) {
   dirty = false;
-  const pose = motion.pose(time);
-  const placed = place(scene, pose);
+  const { pose, placed } = body.at(time);
   shown = { time, pose, placed };
   if (camera.step(seconds, placed.places, floor)) touch();
   const theme = document.documentElement.dataset.theme;
-  picture.draw({ pose, placed, camera, floor, theme, skeleton });
+  picture.draw({ pose, placed, feet: body.feet(placed.places, floor), camera, floor, theme, skeleton, insets });
   showTime(time);
-  if (live) panel.show();
+  if (live) {
+    live.look();
+    panel.show();
+  }
   drawn += 1;
 }
 
-const panel = live ? livePanel($("#live"), { scene, motion, live, $ }) : null;
+const panel = live ? livePanel({ scene, motion, live, $ }) : null;
 let counted = 0;
 if (live) {
   // The timeline of a stream grows; the floor is found once there are feet.
@@ -228,7 +244,7 @@ if (live) {
 function listen() {
   listenToKeys(KEYS, camera, touch);
   $("#play").addEventListener("click", () => (live ? live.toggle() : toggle()));
-  $("#big-play").addEventListener("click", play);
+  $("#details").addEventListener("click", KEYS.d);
   $("#back").addEventListener("click", () => stepKeyframe(-1));
   $("#on").addEventListener("click", () => stepKeyframe(1));
   $("#seek").addEventListener("input", (event) => seek(Number(event.target.value)));
@@ -242,7 +258,13 @@ function listen() {
     button.addEventListener("click", () => useCamera(button.dataset.camera));
   }
   steer($("#view"), camera, touch);
-  new ResizeObserver(touch).observe($("#view"));
+  const sized = new ResizeObserver(findInsets);
+  for (const selector of ["#view", "#transport", "header"]) sized.observe($(selector));
+  // Who comes back to the page sees what is now.
+  document.addEventListener("visibilitychange", () => {
+    live?.catchUp();
+    touch();
+  });
   clock.ended = touch;
 }
 
@@ -258,6 +280,7 @@ window.umo = inspector({
     play,
     pause,
     camera: useCamera,
+    details: setDetails,
     skeleton: setSkeleton,
     theme: setTheme,
     seek(seconds) {
@@ -269,7 +292,8 @@ window.umo = inspector({
 document.documentElement.dataset.theme = matchMedia("(prefers-color-scheme: light)").matches ? "light" : "dark";
 document.documentElement.dataset.live = String(Boolean(live));
 listen();
-useCamera("body");
+useCamera("half");
+setDetails(false);
 draw(0, 0);
 requestAnimationFrame(loop);
 document.documentElement.dataset.ready = "true";

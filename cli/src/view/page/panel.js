@@ -2,39 +2,60 @@
 
 const milliseconds = (seconds) => (seconds === null || seconds === undefined ? "–" : `${(1000 * seconds).toFixed(seconds < 0.1 ? 1 : 0)} ms`);
 
-export function livePanel(element, { scene, motion, live, $ }) {
-  element.hidden = false;
-  const recording = element.querySelector("#recording");
-  const mouth = element.querySelector("#microphone");
-  const stop = element.querySelector("#stop");
-  recording.hidden = scene.samples.length === 0;
+export function livePanel({ scene, motion, live, $ }) {
+  $("#live").hidden = $("#sources").hidden = false;
+  const [recording, mouth, stop] = ["#recording", "#microphone", "#stop"].map($);
+  const hasRecording = scene.samples.length > 0;
   const begin = (source) => live.start(source).catch((error) => live.fail(sayMicrophone(error)));
   recording.addEventListener("click", () => begin("recording"));
   mouth.addEventListener("click", () => begin("microphone"));
   stop.addEventListener("click", () => live.stop());
-  live.toggle = () => (live.isRunning || live.clock.playing ? stopAll(live) : begin(recording.hidden ? "microphone" : "recording"));
+  live.toggle = () => (live.isRunning || live.clock.playing ? stopAll(live) : begin(hasRecording ? "recording" : "microphone"));
   live.ends = (time) => {
     const over = live.log.done && live.clock.playing && time >= motion.seconds - 1 / motion.rate;
-    if (over) live.clock.pause();
+    if (over) {
+      live.clock.pause();
+      live.clock.seek(motion.seconds);
+    }
     return over;
   };
   const set = (id, words) => {
-    element.querySelector(id).textContent = words;
+    $(id).textContent = words;
   };
+  let running = null;
+  const showButtons = (isRunning) => {
+    if (isRunning === running) return;
+    running = isRunning;
+    const hasFocus = [recording, mouth, stop].includes(document.activeElement);
+    stop.hidden = !isRunning;
+    recording.hidden = isRunning || !hasRecording;
+    mouth.hidden = isRunning;
+    // What is in the place of the button that was pressed takes over the focus.
+    if (hasFocus) [stop, recording, mouth].find(({ hidden }) => !hidden).focus();
+  };
+  let said = -Infinity;
   return {
     show() {
-      const { started, status, received, late, error, done } = live.log;
-      stop.disabled = !live.isRunning;
-      recording.disabled = mouth.disabled = live.isRunning;
+      const { started, status, received, late, error, done, worst } = live.log;
+      showButtons(live.isRunning);
+      const now = live.clock.now();
+      const sentence = live.trouble();
+      if ($("#trouble").textContent !== sentence) set("#trouble", sentence);
+      const state = error ? "stopped" : live.isRunning ? "live" : done ? "ended" : "ready";
+      const kind = live.isRunning ? "live" : "quiet";
+      // Digits that change with every picture cannot be read.
+      if (now - said < 0.25 && $("#state").dataset.kind === kind) return;
+      said = now;
       const body = milliseconds(started?.bodySeconds ?? scene.live.algorithmicSeconds);
+      const behind = live.behind();
       set("#algorithmic", started?.live ? `${milliseconds(started.mouthSeconds)} mouth, ${body} body` : body);
-      set("#compute", status ? `${milliseconds(status.computeP50)} / ${milliseconds(status.computeP99)} / ${milliseconds(status.computeMax)}` : "–");
-      set("#arrival", milliseconds(live.arrival()));
-      set("#behind", milliseconds(live.behind()));
+      set("#compute", status ? `${[status.computeP50, status.computeP99, status.computeMax].map((x) => Math.round(1000 * x)).join(" / ")} ms` : "–");
+      set("#arrival", `${milliseconds(live.arrival())}, most ${milliseconds(worst.arrival)}`);
+      set("#behind", `${milliseconds(behind)}, most ${milliseconds(worst.picture)}`);
       set("#received", `${received}${late > 0 ? `, ${late} times late` : ""}`);
       set("#silenced", status ? String(status.overruns) : "–");
-      $("#state").textContent = error ?? (live.isRunning ? "live" : done ? "ended" : "ready");
-      $("#state").dataset.kind = error ? "error" : live.isRunning ? "live" : "quiet";
+      set("#state", state === "live" && behind !== null ? `live · ${behind.toFixed(2)} s behind the sound` : state);
+      $("#state").dataset.kind = kind;
     },
   };
 }

@@ -1,0 +1,153 @@
+//! A character and its motion for a page.
+
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+use umo_core::glb::Glb;
+use umo_core::glb::accessor::floats;
+use umo_core::glb::document::Document;
+use umo_core::motion::clip::Clip;
+use umo_core::motion::skeleton::JOINTS;
+use umo_core::retarget::{Floor, Mapping};
+
+use super::faces::Faces;
+use super::mapping::Given;
+use super::{Character, motion, prepare, read};
+use crate::failure::Failure;
+
+/// Largest file that a page holds: browsers open it as text, a third longer.
+const MAX_BYTES: usize = 256 << 20;
+
+/// What a file may demand of who shows it, and the page does not read.
+const UNREAD: [(&str, &str); 3] = [
+    ("KHR_draco_mesh_compression", "meshes are"),
+    ("EXT_meshopt_compression", "meshes are"),
+    ("KHR_texture_basisu", "textures are"),
+];
+
+/// A character with an animation, and the node of each of the 55 joints.
+pub(crate) struct Worn {
+    /// A `.glb` file; its first animation is the motion.
+    pub(crate) file: Vec<u8>,
+    pub(crate) nodes: [Option<usize>; JOINTS],
+    /// Length of the animation.
+    pub(crate) seconds: f64,
+}
+
+/// Who is to wear a motion: a character that was read, and which bone of it is what.
+pub(crate) struct Wearer {
+    path: PathBuf,
+    character: Character,
+    given: Given,
+    mapping: Mapping,
+}
+
+impl Wearer {
+    /// Reads a `.glb` or `.vrm` file, and a mapping file that goes with it.
+    ///
+    /// # Errors
+    /// A file that is no character, or that a page cannot show; in words, with its name.
+    pub(crate) fn read(path: &Path, mapping: Option<&Path>) -> Result<Self, Failure> {
+        let wrong = |problem: String| Failure::input(format!("{}: {problem}", path.display()));
+        let given = mapping.map(Given::read).transpose()?.unwrap_or_default();
+        let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
+        let known = match extension.to_str() {
+            Some("glb" | "vrm") => Ok(()),
+            Some("gltf") => Err("expected .glb: pack the .gltf and its files into one"),
+            Some("bvh") => Err("a .bvh file has bones and no body: expected .glb or .vrm"),
+            _ => Err("expected a character, .glb or .vrm"),
+        };
+        known.map_err(|problem| wrong(problem.to_owned()))?;
+        let character = Character::read(read(path)?).map_err(wrong)?;
+        let (mapping, _) = character.mapping(&given).map_err(wrong)?;
+        mapping.check(character.rig()).map_err(|problem| {
+            let help = "--mapping FILE says which is which, `umo retarget --print-mapping` what was found";
+            wrong(format!("it is no character with a body that is known: {problem}; {help}"))
+        })?;
+        shown(character.bytes()).map_err(wrong)?;
+        Ok(Self { path: path.to_owned(), character, given, mapping })
+    }
+
+    fn wrong(&self, problem: impl std::fmt::Display) -> Failure {
+        Failure::input(format!("{}: {problem}", self.path.display()))
+    }
+
+    /// Puts a motion on the character, as `umo retarget` does.
+    ///
+    /// # Errors
+    /// What of the character cannot be moved.
+    pub(crate) fn wear(self, clip: &Clip) -> Result<Worn, Failure> {
+        let Self { character, given, mapping, .. } = &self;
+        let faces = Faces::find(character.document(), &clip.face, given).map_err(|problem| self.wrong(problem))?;
+        let retarget = prepare(&clip.skeleton, character.rig(), mapping, Floor::AtRest);
+        let mut retarget = retarget.map_err(|problem| self.wrong(problem))?;
+        faces.release_bones(&clip.face, mapping, &mut retarget);
+        let motion = motion(&retarget, clip)?;
+        let file = character.animated(&retarget, &motion, &faces, clip).map_err(|problem| self.wrong(problem))?;
+        let seconds = clip.len().saturating_sub(1) as f64 / f64::from(clip.frame_rate);
+        Ok(Worn { file, nodes: nodes(mapping), seconds })
+    }
+
+    /// The character with the animation that its file has, such as `umo retarget` writes.
+    ///
+    /// # Errors
+    /// A file that has none.
+    pub(crate) fn own_motion(self) -> Result<Worn, Failure> {
+        let seconds = length(self.character.bytes()).map_err(|problem| self.wrong(problem))?;
+        Ok(Worn { nodes: nodes(&self.mapping), seconds, file: self.character.into_bytes() })
+    }
+}
+
+/// Refuses what the page cannot show.
+fn shown(file: &[u8]) -> Result<(), String> {
+    #[derive(Default, Deserialize)]
+    #[serde(rename_all = "camelCase", default)]
+    struct Demands {
+        extensions_required: Vec<String>,
+        meshes: Vec<serde::de::IgnoredAny>,
+    }
+    if file.len() > MAX_BYTES {
+        return Err(format!("it is too large for a page: at most {} MiB", MAX_BYTES >> 20));
+    }
+    let demands: Demands = serde_json::from_str(Glb::split(file)?.json).map_err(|error| error.to_string())?;
+    if demands.meshes.is_empty() {
+        return Err("it has bones and no body: there is no mesh to show".to_owned());
+    }
+    match UNREAD.iter().find(|(name, _)| demands.extensions_required.iter().any(|required| required == name)) {
+        Some((name, what)) => {
+            Err(format!("its {what} compressed in a way that the page does not read, {name}: export it without"))
+        }
+        None => Ok(()),
+    }
+}
+
+/// The bone of each joint; of a spine or a neck of other counts, the one as far along.
+fn nodes(mapping: &Mapping) -> [Option<usize>; JOINTS] {
+    let along = |chain: &[usize], part: usize, parts: usize| {
+        let last = chain.len().checked_sub(1)?;
+        Some(chain[(part * chain.len()).div_ceil(parts).saturating_sub(1).min(last)])
+    };
+    std::array::from_fn(|joint| {
+        mapping.bone(joint).or_else(|| match joint {
+            3 => along(mapping.spine(), 1, 3),
+            6 => along(mapping.spine(), 2, 3),
+            9 => along(mapping.spine(), 3, 3),
+            12 => along(mapping.neck(), 1, 1),
+            _ => None,
+        })
+    })
+}
+
+/// Seconds of a file's first animation.
+fn length(file: &[u8]) -> Result<f64, String> {
+    let glb = Glb::split(file)?;
+    let document = Document::parse(glb.json)?;
+    let still = "it has no animation: `umo view speech.wav --onto` it moves it";
+    let animation = document.animations.first().ok_or(still)?;
+    let mut end = 0.0_f32;
+    for sampler in &animation.samplers {
+        let times = floats(&document, glb.bin, sampler.input, "SCALAR")?;
+        end = times.last().copied().map_or(end, |last| end.max(last));
+    }
+    if end > 0.0 { Ok(f64::from(end)) } else { Err(still.to_owned()) }
+}

@@ -1,0 +1,244 @@
+// Who wears the motion, without the drawing: where the joints are at a time, how tall it is, where it stands.
+
+import { Gltf } from "umo/gltf.js";
+import { clamp, cross, multiply, normalize, subtract, transform } from "umo/math.js";
+import { place, restPlaces } from "umo/motion.js";
+
+/** Frames a second of the curves of a character that brings its own animation. */
+const RATE = 30;
+/** A character of another size is shown as tall as this, metres: some are made in centimetres. */
+const TALL = 1.7;
+const [LEAST, MOST] = [0.6, 3];
+
+const LEGS = [
+  ["left_ankle", "left_foot"],
+  ["right_ankle", "right_foot"],
+];
+
+/** What the picture must know of a body: its extent at rest, and its feet. */
+class Body {
+  constructor(scene) {
+    this.scene = scene;
+  }
+
+  joint(name) {
+    return this.scene.joints.indexOf(name);
+  }
+
+  /** Sets the measures from where the joints and the surface are at rest. */
+  measure(places, [low, high]) {
+    const head = places[this.joint("head")];
+    this.height = high - low;
+    /** From the head's joint to the crown; hats and horns are not looked at. */
+    this.crown = clamp(high - head[1], 0.06 * this.height, 0.24 * this.height);
+    this.soles = LEGS.map((names) => Math.min(...names.map((name) => places[this.joint(name)][1])) - low);
+  }
+
+  /** Height of the floor under a pose's lower foot. */
+  ground(places) {
+    return Math.min(...LEGS.map((names, i) => Math.min(...names.map((name) => places[this.joint(name)][1])) - this.soles[i]));
+  }
+
+  /** Heel, ball and height over the floor of each foot. */
+  feet(places, floor) {
+    return LEGS.map(([ankle, foot], i) => {
+      const [a, b] = [places[this.joint(ankle)], places[this.joint(foot)]];
+      const along = [b[0] - a[0], b[2] - a[2]];
+      const beyond = (share) => [a[0] + share * along[0], a[2] + share * along[1]];
+      return { heel: beyond(-0.2), ball: beyond(1.45), height: Math.max(Math.min(a[1], b[1]) - this.soles[i] - floor, 0) };
+    });
+  }
+}
+
+/** The figure: joints at fixed distances, turned by the motion. */
+export class FigureBody extends Body {
+  constructor(scene, motion) {
+    super(scene);
+    this.motion = motion;
+    this.measure(restPlaces(scene), extent(scene.mesh.positions));
+  }
+
+  at(seconds) {
+    const pose = this.motion.pose(seconds);
+    return { pose, placed: place(this.scene, pose) };
+  }
+
+  get still() {
+    return place(this.scene, this.motion.rest).places;
+  }
+}
+
+function extent(positions) {
+  let [low, high] = [Infinity, -Infinity];
+  for (let i = 1; i < positions.length; i += 3) [low, high] = [Math.min(low, positions[i]), Math.max(high, positions[i])];
+  return [low, high];
+}
+
+/** One's own character: a glTF file whose first animation is the motion. */
+export class CharacterBody extends Body {
+  constructor(scene, bytes) {
+    super(scene);
+    this.gltf = new Gltf(bytes);
+    this.nodes = scene.character.nodes;
+    this.parts = parts(this.gltf);
+    this.face();
+    const world = this.gltf.world(this.gltf.rest);
+    this.measure(this.placed({ own: this.gltf.rest, world, weights: new Map() }).places, this.surface(world));
+  }
+
+  /** Turns the character to the front, and brings one in another unit to the size of a person. */
+  face() {
+    const { gltf } = this;
+    const world = gltf.world(gltf.rest);
+    const at = (name) => world[this.nodes[this.joint(name)]].slice(12, 15);
+    const ahead = normalize(cross(subtract(at("left_shoulder"), at("right_shoulder")), [0, 1, 0]));
+    const quarter = Math.round(Math.atan2(ahead[0], ahead[2]) / (Math.PI / 2));
+    const [c, s] = [
+      [1, 0],
+      [0, -1],
+      [-1, 0],
+      [0, 1],
+    ][((quarter % 4) + 4) % 4];
+    const [low, high] = this.surface(world);
+    const size = high - low > LEAST && high - low < MOST ? 1 : TALL / (high - low);
+    gltf.base = [c * size, 0, -s * size, 0, 0, size, 0, 0, s * size, 0, c * size, 0, 0, 0, 0, 1];
+  }
+
+  /** Lowest and highest of the surface in the world. */
+  surface(world) {
+    let [low, high] = [Infinity, -Infinity];
+    for (const part of this.parts) {
+      const matrices = part.matrices(world);
+      const step = Math.max(1, Math.floor(part.count / 4000));
+      for (let i = 0; i < part.count; i += step) {
+        const strongest = [0, 1, 2, 3].reduce((best, k) => (part.weights[4 * i + k] > part.weights[4 * i + best] ? k : best), 0);
+        const y = transform(matrices[part.joints[4 * i + strongest]], part.positions.subarray(3 * i, 3 * i + 3))[1];
+        [low, high] = [Math.min(low, y), Math.max(high, y)];
+      }
+    }
+    return [low, high];
+  }
+
+  /** The 55 joints: where there is no bone, the one above. */
+  placed({ own, world, weights }) {
+    const { parents } = this.scene;
+    const places = [];
+    this.nodes.forEach((node, joint) => places.push(node === null ? places[parents[joint]] : world[node].slice(12, 15)));
+    return { places, own, world, weights };
+  }
+
+  at(seconds) {
+    const state = this.gltf.at(seconds);
+    const rotations = this.nodes.map((node) => (node === null ? [0, 0, 0, 1] : state.own[node].rotation));
+    return { pose: { rotations, translation: [0, 0, 0], face: [] }, placed: this.placed(state) };
+  }
+
+  get still() {
+    return this.placed(this.gltf.at(0)).places;
+  }
+
+  /** The file's own animation as frames of the 55 joints, for the curves. Fills in the scene. */
+  becomeMotion() {
+    const { gltf, scene } = this;
+    const faces = gltf.channels.filter(({ path }) => path === "weights").sort((a, b) => b.width - a.width);
+    const names = faces.length > 0 ? shapeNames(gltf, faces[0].node, faces[0].width) : [];
+    const count = Math.round(scene.character.seconds * RATE) + 1;
+    const width = 4 * this.nodes.length + 3 + names.length;
+    const frames = new Float32Array(count * width);
+    const root = this.still[0];
+    for (let frame = 0; frame < count; frame++) {
+      const { pose, placed } = this.at(frame / RATE);
+      const face = names.length > 0 ? placed.weights.get(faces[0].node) : [];
+      frames.set([...pose.rotations.flat(), ...subtract(placed.places[0], root), ...face], frame * width);
+    }
+    Object.assign(scene, { frames, frameRate: RATE, face: { kind: "shapes", names } });
+  }
+}
+
+/** Names of the shapes of a node's mesh; their numbers where they have none. */
+export function shapeNames(gltf, node, count) {
+  const mesh = gltf.list("meshes")[gltf.list("nodes")[node].mesh];
+  const names = mesh?.extras?.targetNames ?? mesh?.primitives.find((one) => one.extras?.targetNames)?.extras.targetNames;
+  return Array.from({ length: count }, (_, i) => names?.[i] ?? `shape ${i + 1}`);
+}
+
+/** The surfaces that are shown: triangles, and what moves them. */
+function parts(gltf) {
+  const found = [];
+  for (const node of gltf.order) {
+    const { mesh, skin } = gltf.list("nodes")[node];
+    if (mesh === undefined) continue;
+    const bones = skin === undefined ? { joints: [node] } : gltf.list("skins")[skin];
+    const inverse = bones.inverseBindMatrices === undefined ? null : gltf.floats(bones.inverseBindMatrices).values;
+    const bind = (i) => (inverse ? Array.from(inverse.subarray(16 * i, 16 * i + 16)) : null);
+    const binds = bones.joints.map((_, i) => bind(i));
+    const matrices = (world) => bones.joints.map((joint, i) => (binds[i] ? multiply(world[joint], binds[i]) : world[joint]));
+    for (const primitive of gltf.list("meshes")[mesh].primitives) {
+      if ((primitive.mode ?? 4) !== 4 || primitive.attributes.POSITION === undefined) continue;
+      found.push(part(gltf, node, primitive, skin !== undefined, { bones: bones.joints, matrices }));
+    }
+  }
+  return found;
+}
+
+function part(gltf, node, { attributes, indices, material, targets = [] }, isSkinned, moving) {
+  const read = (name) => (attributes[name] === undefined ? null : gltf.floats(attributes[name]));
+  const positions = read("POSITION").values;
+  const count = positions.length / 3;
+  const triangles = indices === undefined ? Uint32Array.from({ length: count }, (_, i) => i) : Uint32Array.from(gltf.stored(indices));
+  return {
+    ...moving,
+    node,
+    count,
+    positions,
+    normals: read("NORMAL")?.values ?? normalsOf(positions, triangles),
+    uv: [0, 1].map((set) => read(`TEXCOORD_${set}`)?.values ?? null),
+    colors: colorsOf(read("COLOR_0"), count),
+    joints: isSkinned && attributes.JOINTS_0 !== undefined ? Uint16Array.from(gltf.stored(attributes.JOINTS_0)) : new Uint16Array(4 * count),
+    weights: weightsOf(isSkinned ? read("WEIGHTS_0") : null, count),
+    triangles,
+    material: gltf.list("materials")[material] ?? {},
+    shapes: targets.map((target) => shapeOf(gltf, target)),
+  };
+}
+
+function colorsOf(read, count) {
+  const colors = new Float32Array(4 * count).fill(1);
+  if (read) for (let i = 0; i < count; i++) colors.set(read.values.subarray(read.width * i, read.width * (i + 1)), 4 * i);
+  return colors;
+}
+
+/** Shares whose sum is 1; all on the first joint where there are none. */
+function weightsOf(read, count) {
+  const weights = new Float32Array(4 * count);
+  for (let i = 0; i < count; i++) {
+    const own = read ? read.values.subarray(4 * i, 4 * i + 4) : [1, 0, 0, 0];
+    const sum = own[0] + own[1] + own[2] + own[3];
+    if (sum > 0) for (let k = 0; k < 4; k++) weights[4 * i + k] = own[k] / sum;
+    else weights[4 * i] = 1;
+  }
+  return weights;
+}
+
+/** The vertices that a shape moves, and how far. */
+function shapeOf(gltf, { POSITION, NORMAL }) {
+  const moved = POSITION === undefined ? new Float32Array(0) : gltf.floats(POSITION).values;
+  const turned = NORMAL === undefined ? null : gltf.floats(NORMAL).values;
+  const vertices = [];
+  for (let i = 0; i < moved.length; i += 3) if (moved[i] || moved[i + 1] || moved[i + 2]) vertices.push(i / 3);
+  const pick = (values) => Float32Array.from(vertices.flatMap((vertex) => [values[3 * vertex], values[3 * vertex + 1], values[3 * vertex + 2]]));
+  return { vertices, positions: pick(moved), normals: turned ? pick(turned) : null };
+}
+
+/** Normals of a surface that brings none. */
+function normalsOf(positions, triangles) {
+  const normals = new Float32Array(positions.length);
+  const point = (vertex) => positions.subarray(3 * vertex, 3 * vertex + 3);
+  for (let i = 0; i < triangles.length; i += 3) {
+    const corners = triangles.subarray(i, i + 3);
+    const [a, b, c] = [...corners].map(point);
+    const normal = cross(subtract(b, a), subtract(c, a));
+    for (const corner of corners) for (let axis = 0; axis < 3; axis++) normals[3 * corner + axis] += normal[axis];
+  }
+  return normals;
+}
