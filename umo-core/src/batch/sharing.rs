@@ -24,19 +24,19 @@ const NEXT_TRIAL: u32 = 4;
 struct Times {
     last: [f32; SAMPLES],
     /// Of all times so far, up to [`SAMPLES`].
-    count: u8,
-    next: u8,
+    count: usize,
+    next: usize,
 }
 
 impl Times {
     fn add(&mut self, time: f32) {
-        self.last[usize::from(self.next)] = time;
-        self.next = (self.next + 1) % SAMPLES as u8;
-        self.count = (self.count + 1).min(SAMPLES as u8);
+        self.last[self.next] = time;
+        self.next = (self.next + 1) % SAMPLES;
+        self.count = (self.count + 1).min(SAMPLES);
     }
 
     fn is_known(&self) -> bool {
-        usize::from(self.count) == SAMPLES
+        self.count == SAMPLES
     }
 
     fn median(&self) -> f32 {
