@@ -1,4 +1,4 @@
-/* What libumo.so asks of bionic by another name or number than musl has: for scripts/test-android alone, where musl stands in the
+/* What libumo.so asks of bionic that musl has by another name or number, or not at all: for scripts/test-android alone, where musl stands in the
  * place of bionic. */
 
 #define _GNU_SOURCE
@@ -7,6 +7,13 @@
 #include <unistd.h>
 
 int *__errno(void) { return &errno; }
+
+/* A device without a property. */
+int __system_property_get(const char *name, char *value) {
+    (void)name;
+    value[0] = 0;
+    return 0;
+}
 
 /* Bionic's numbers of these, in its <bits/sysconf.h>. */
 enum { BIONIC_PAGESIZE = 0x27, BIONIC_PAGE_SIZE = 0x28, BIONIC_NPROCESSORS_ONLN = 0x61 };
