@@ -5,7 +5,9 @@ fn main() {
     println!("cargo::rerun-if-changed=build.rs");
     let major = std::env::var("CARGO_PKG_VERSION_MAJOR").expect("cargo sets it");
     match std::env::var("CARGO_CFG_TARGET_OS").expect("cargo sets it").as_str() {
-        "linux" | "android" | "freebsd" => {
+        // What an application holds there has no version in its name.
+        "android" => println!("cargo::rustc-cdylib-link-arg=-Wl,-soname,libumo.so"),
+        "linux" | "freebsd" => {
             println!("cargo::rustc-cdylib-link-arg=-Wl,-soname,libumo.so.{major}");
         }
         "macos" | "ios" => println!("cargo::rustc-cdylib-link-arg=-Wl,-install_name,@rpath/libumo.{major}.dylib"),

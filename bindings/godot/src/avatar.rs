@@ -13,14 +13,26 @@ use crate::rig::{Face, Rig};
 use crate::source::{self, Source};
 use crate::umo::{Engine, FileGesture, Model, Play, Session, Settings, Shown};
 
-/// Where a project keeps umo's library, beside this one.
+/// Where a project keeps umo's library, beside this one: a folder a platform, as `umo.gdextension` says.
 const ADDON: &str = "res://addons/umo/bin/";
-#[cfg(target_os = "windows")]
-const LIBRARY: &str = "umo.dll";
-#[cfg(target_os = "macos")]
-const LIBRARY: &str = "libumo.dylib";
-#[cfg(not(any(target_os = "windows", target_os = "macos")))]
-const LIBRARY: &str = "libumo.so";
+const PLATFORM: &str = if cfg!(target_os = "windows") {
+    "windows-x64"
+} else if cfg!(target_os = "macos") {
+    "macos"
+} else if cfg!(target_os = "android") {
+    "android"
+} else if cfg!(target_arch = "aarch64") {
+    "linux-arm64"
+} else {
+    "linux-x64"
+};
+const LIBRARY: &str = if cfg!(target_os = "windows") {
+    "umo.dll"
+} else if cfg!(target_os = "macos") {
+    "libumo.dylib"
+} else {
+    "libumo.so"
+};
 
 const IDLE_REST: i32 = 1;
 const VOICE_AUTO: i32 = 0;
@@ -813,7 +825,7 @@ impl UmoAvatar3D {
 
 /// Where umo's library may lie: in the project, beside the game, wherever the system looks.
 fn places() -> Vec<PathBuf> {
-    let project = ProjectSettings::singleton().globalize_path(&format!("{ADDON}{LIBRARY}")).to_string();
+    let project = ProjectSettings::singleton().globalize_path(&format!("{ADDON}{PLATFORM}/{LIBRARY}")).to_string();
     let game = PathBuf::from(Os::singleton().get_executable_path().to_string());
     let beside = game.parent().map(|folder| folder.join(LIBRARY));
     [Some(project.into()), beside, Some(LIBRARY.into())].into_iter().flatten().collect()

@@ -21,6 +21,7 @@ namespace UnrealBuildTool
         public static readonly UnrealTargetPlatform Linux = new UnrealTargetPlatform("Linux");
         public static readonly UnrealTargetPlatform LinuxArm64 = new UnrealTargetPlatform("LinuxArm64");
         public static readonly UnrealTargetPlatform Mac = new UnrealTargetPlatform("Mac");
+        public static readonly UnrealTargetPlatform Android = new UnrealTargetPlatform("Android");
         public static bool operator ==(UnrealTargetPlatform a, UnrealTargetPlatform b) { return a.name == b.name; }
         public static bool operator !=(UnrealTargetPlatform a, UnrealTargetPlatform b) { return a.name != b.name; }
         public override bool Equals(object other) { return other is UnrealTargetPlatform && (UnrealTargetPlatform)other == this; }
@@ -43,6 +44,12 @@ namespace UnrealBuildTool
         public void Add(string path, StagedFileType type) { Paths.Add(path); }
     }
 
+    public class ReceiptPropertyList
+    {
+        public readonly List<KeyValuePair<string, string>> Items = new List<KeyValuePair<string, string>>();
+        public void Add(string name, string value) { Items.Add(new KeyValuePair<string, string>(name, value)); }
+    }
+
     public class ModuleRules
     {
         public enum ModuleType { CPlusPlus, External }
@@ -63,6 +70,7 @@ namespace UnrealBuildTool
         public readonly List<string> PublicDependencyModuleNames = new List<string>();
         public readonly List<string> PrivateDependencyModuleNames = new List<string>();
         public readonly RuntimeDependencyList RuntimeDependencies = new RuntimeDependencyList();
+        public readonly ReceiptPropertyList AdditionalPropertiesForReceipt = new ReceiptPropertyList();
     }
 
     static class Program
@@ -78,6 +86,11 @@ namespace UnrealBuildTool
             foreach (string path in library.PublicDelayLoadDLLs)
             {
                 if (path.Contains("/")) files.Add(path);
+            }
+            foreach (var item in library.AdditionalPropertiesForReceipt.Items)
+            {
+                if (item.Key != "AndroidPlugin") throw new BuildException("nothing reads " + item.Key);
+                files.Add(item.Value);
             }
             foreach (string path in files) Console.WriteLine(path.Replace("$(PluginDir)", arguments[0]));
             // The modules' own rules can be made, too.

@@ -27,6 +27,9 @@ using ANSICHAR = char;
 #ifndef PLATFORM_WINDOWS
 #define PLATFORM_WINDOWS 0
 #endif
+#ifndef PLATFORM_ANDROID
+#define PLATFORM_ANDROID 0
+#endif
 #define UCLASS(...)
 #define USTRUCT(...)
 #define UENUM(...)
@@ -195,6 +198,9 @@ struct FPlatformProcess {
     static void *GetDllHandle(const TCHAR *);
     static void FreeDllHandle(void *);
     static const TCHAR *ComputerName();
+};
+struct FFileHelper {
+    static bool LoadFileToArray(TArray<uint8> &, const TCHAR *, uint32 = 0);
 };
 struct FPaths {
     template <class... A> static FString Combine(A &&...);

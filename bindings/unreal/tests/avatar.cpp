@@ -168,6 +168,19 @@ void frames_are_the_library_s_and_go_with_the_sound(const std::shared_ptr<Host> 
                 1000 * worst, avatar->delay());
 }
 
+/// Where a file lies in an archive, what it holds is given.
+void a_model_of_memory_is_that_of_the_file(const char *model) {
+    std::ifstream file(model, std::ios::binary);
+    const std::vector<char> content{std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
+    std::string problem;
+    Hosts hosts;
+    EXPECT(!hosts.has("assets/model"));
+    const auto host = hosts.open("assets/model", 1, problem, content.data(), content.size());
+    EXPECT(host != nullptr && hosts.has("assets/model"));
+    EXPECT(hosts.open("assets/model", 1, problem) == host);
+    EXPECT(hosts.open("assets/other", 1, problem, content.data(), 16) == nullptr && !problem.empty());
+}
+
 /// Speech is heard at once, and the mouth's frames are those of what is heard, computed or not.
 void a_live_mouth_goes_with_the_sound(const char *model, const std::vector<float> &samples) {
     std::string problem;
@@ -410,6 +423,7 @@ int main(int count, char **arguments) {
     { const std::vector<int> counted(1); }
     EXPECT(allocations == 1);
     hosts_are_shared_and_errors_say_what(arguments[1]);
+    a_model_of_memory_is_that_of_the_file(arguments[1]);
     a_lost_engine_is_told_once(arguments[1]);
     a_live_mouth_goes_with_the_sound(arguments[3], samples);
     Hosts hosts;

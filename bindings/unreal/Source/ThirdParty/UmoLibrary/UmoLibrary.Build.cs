@@ -38,6 +38,12 @@ public class UmoLibrary : ModuleRules
             PublicDelayLoadDLLs.Add(Library + "libumo.dylib");
             RuntimeDependencies.Add(Library + "libumo.dylib");
         }
+        else if (Target.Platform == UnrealTargetPlatform.Android)
+        {
+            // The other half, which puts it into the application, is what the file says that is named here.
+            PublicAdditionalLibraries.Add("$(PluginDir)/Binaries/ThirdParty/UmoLibrary/Android/arm64-v8a/libumo.so");
+            AdditionalPropertiesForReceipt.Add("AndroidPlugin", Path.Combine(ModuleDirectory, "UmoLibrary_UPL.xml"));
+        }
         else
         {
             throw new BuildException("umo: there is no library for " + Target.Platform);

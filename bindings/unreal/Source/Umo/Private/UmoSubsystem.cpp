@@ -3,6 +3,7 @@
 #include "UmoSubsystem.h"
 
 #include "Interfaces/IPluginManager.h"
+#include "Misc/FileHelper.h"
 #include "Misc/Paths.h"
 
 #include "Core/Avatar.h"
@@ -43,9 +44,22 @@ std::shared_ptr<umo_unreal::Host> UUmoSubsystem::Open(const FString& ModelFile, 
 	{
 		File = FPaths::Combine(FPaths::ProjectContentDir(), File);
 	}
-	File = FPaths::ConvertRelativePathToFull(File);
+	const uint32 Computing = static_cast<uint32>(FMath::Max(Threads, 0));
 	std::string Problem;
-	auto Host = Hosts->open(TCHAR_TO_UTF8(*File), static_cast<uint32>(FMath::Max(Threads, 0)), Problem);
+#if PLATFORM_ANDROID
+	// It lies in the application's archive, which the engine reads.
+	TArray<uint8> Content;
+	const std::string Name = TCHAR_TO_UTF8(*File);
+	if (!Hosts->has(Name) && !FFileHelper::LoadFileToArray(Content, *File))
+	{
+		OutProblem = FString::Printf(TEXT("%s cannot be read"), *File);
+		return nullptr;
+	}
+	auto Host = Hosts->open(Name, Computing, Problem, Content.GetData(), static_cast<std::size_t>(Content.Num()));
+#else
+	File = FPaths::ConvertRelativePathToFull(File);
+	auto Host = Hosts->open(TCHAR_TO_UTF8(*File), Computing, Problem);
+#endif
 	OutProblem = UTF8_TO_TCHAR(Problem.c_str());
 	return Host;
 }

@@ -29,12 +29,13 @@ std::string explain(umo_status status, const std::string &detail) {
     return text;
 }
 
-std::shared_ptr<Host> Hosts::open(const std::string &path, std::uint32_t threads, std::string &problem) {
+std::shared_ptr<Host> Hosts::open(const std::string &path, std::uint32_t threads, std::string &problem,
+                                  const void *content, std::size_t size) {
     for (const auto &[known, host] : hosts_) {
         if (known == path) return host;
     }
     auto host = std::make_shared<Host>();
-    auto model = umo::model::load(path.c_str());
+    auto model = content != nullptr ? umo::model::load(content, size) : umo::model::load(path.c_str());
     if (!model) {
         problem = detail_of(model.status);
         return nullptr;
@@ -57,6 +58,10 @@ std::shared_ptr<Host> Hosts::open(const std::string &path, std::uint32_t threads
     }
     hosts_.emplace_back(path, host);
     return host;
+}
+
+bool Hosts::has(const std::string &path) const {
+    return std::any_of(hosts_.begin(), hosts_.end(), [&](const auto &entry) { return entry.first == path; });
 }
 
 void Hosts::close_unused() {

@@ -31,10 +31,12 @@ struct Host {
 class Hosts {
 public:
     /// `threads` that compute, 0 for the library's default; read when the file is opened first. Null where that fails:
-    /// `problem` says why.
-    std::shared_ptr<Host> open(const std::string &path, std::uint32_t threads, std::string &problem);
+    /// `problem` says why. `content` is what the file holds where the system cannot open it by its path.
+    std::shared_ptr<Host> open(const std::string &path, std::uint32_t threads, std::string &problem,
+                               const void *content = nullptr, std::size_t size = 0);
     /// Lets go of those that no character uses.
     void close_unused();
+    bool has(const std::string &path) const;
     std::size_t count() const { return hosts_.size(); }
 
 private:
