@@ -254,13 +254,13 @@ export const tests = [
       const record = await page.value("(({ chunks, kinds, experts }) => ({ chunks, kinds, experts }))(umo.scene.record)");
       const frames = record.chunks.reduce((sum, { first, frames }) => (assert.equal(first, sum), sum + frames), 0);
       assert.equal(frames, truth.frames.length, "chunks follow each other to the end");
-      assert.deepEqual(record.kinds, ["text", "audio", "face", "hands", "upper", "lower"]);
+      assert.deepEqual(record.kinds, ["text", "audio", "history", "chunk"]);
       const rows = await page.value(`[...document.querySelectorAll("#experts tr")].map((row) => row.querySelector(".shares").ariaLabel)`);
-      assert.equal(rows.length, 6);
-      // Every layer sees all of the window's audio, once, in the encoder: 15 keyframes of 5 units and two markers.
+      assert.equal(rows.length, 4);
+      // Every layer sees all of the window's audio, once, in the encoder: 20 keyframes of 5 units and two markers.
       const audio = rows[1].match(/\d+(?=,|$)/g).map(Number).reduce((a, b) => a + b, 0);
       const layers = await page.value("umo.scene.record.encoderLayers");
-      assert.equal(audio, layers * 77, rows[1]);
+      assert.equal(audio, layers * 102, rows[1]);
       await closed(page);
     },
   ],
