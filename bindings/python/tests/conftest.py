@@ -45,3 +45,9 @@ def mouth_model():
 @pytest.fixture(scope="session")
 def whole(hello, model):
     return umo.animate(*hello, model=model)
+
+
+@pytest.fixture(scope="session")
+def live(hello, model):
+    """What a session makes of it by default: it hears nothing ahead."""
+    return umo.animate(*hello, model=model, horizon=0)

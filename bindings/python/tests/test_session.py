@@ -36,7 +36,7 @@ def drain(session, count, seconds=60):
     return parts
 
 
-def test_an_audio_thread_pushes_while_this_one_pulls(engine, hello, whole):
+def test_an_audio_thread_pushes_while_this_one_pulls(engine, hello, live):
     samples, rate = hello
     with engine.session(rate, idle=umo.Idle.HOLD) as session:
 
@@ -49,13 +49,13 @@ def test_an_audio_thread_pushes_while_this_one_pulls(engine, hello, whole):
 
         speaker = threading.Thread(target=speak)
         speaker.start()
-        parts = drain(session, len(whole))
+        parts = drain(session, len(live))
         speaker.join()
-        assert sum(map(len, parts)) == len(whole)
+        assert sum(map(len, parts)) == len(live)
         for name in ("translation", "rotations", "face"):
-            assert b"".join(getattr(part, name).tobytes() for part in parts) == getattr(whole, name).tobytes()
+            assert b"".join(getattr(part, name).tobytes() for part in parts) == getattr(live, name).tobytes()
         stats, latency = session.stats(), session.latency()
-        assert stats.frames >= len(whole) and stats.chunks > 0 and stats.silenced == 0
+        assert stats.frames >= len(live) and stats.chunks > 0 and stats.silenced == 0
         assert latency.algorithmic_samples == -(-engine.model.latency_frames * rate // 30)
         assert 0 < latency.compute_p50 <= latency.compute_p999 <= latency.compute_max
 
@@ -83,21 +83,21 @@ def test_other_threads_run_while_a_call_computes(model, hello):
         assert during >= 5
 
 
-def test_sample_gives_poses_between_frames(model, hello, whole):
+def test_sample_gives_poses_between_frames(model, hello, live):
     with umo.Engine(model, polled=True) as engine, engine.session(hello[1]) as session:
         session.push(hello[0])
         session.finish()
         engine.poll()
         at = session.sample(1.0)
         assert not at.is_ahead and at.oldest <= 1.0 <= at.newest
-        assert np.array_equal(at.frame.rotations, whole.rotations[30])
+        assert np.array_equal(at.frame.rotations, live.rotations[30])
         between = session.sample(1.0 + 0.5 / 30).frame
-        assert np.allclose(between.translation, whole.translation[30:32].mean(0), atol=1e-6)
-        assert not np.array_equal(between.rotations, whole.rotations[30])
+        assert np.allclose(between.translation, live.translation[30:32].mean(0), atol=1e-6)
+        assert not np.array_equal(between.rotations, live.rotations[30])
         assert session.sample(1e6).is_ahead
 
 
-def test_interrupt_drops_what_was_not_shown_and_reset_starts_again(model, hello, whole):
+def test_interrupt_drops_what_was_not_shown_and_reset_starts_again(model, hello, live):
     with umo.Engine(model, polled=True) as engine, engine.session(hello[1], idle=umo.Idle.HOLD) as session:
 
         def push():
@@ -119,7 +119,7 @@ def test_interrupt_drops_what_was_not_shown_and_reset_starts_again(model, hello,
         engine.poll()
         again = session.pull()
         assert again.index[0] == 0 and len(again) > 100
-        assert again.rotations.tobytes() == whole.rotations[: len(again)].tobytes()
+        assert again.rotations.tobytes() == live.rotations[: len(again)].tobytes()
 
 
 def test_parameters_are_properties_with_ranges(engine):
@@ -184,7 +184,7 @@ def test_it_looks_listens_and_has_moods(model, hello):
                 return session.pull()
 
     plain = spoken(lambda session: None)
-    assert plain.rotations.tobytes() == umo.animate(short, rate, model=model).rotations.tobytes()
+    assert plain.rotations.tobytes() == umo.animate(short, rate, model=model, horizon=0).rotations.tobytes()
     head = umo.JOINTS.index("head")
     turned = {}
     for name, side in (("left", 1.0), ("right", -1.0)):
@@ -195,7 +195,7 @@ def test_it_looks_listens_and_has_moods(model, hello):
     smile = "mouthSmileLeft"
     happy = spoken(lambda session: session.set_mood("joy"))
     assert happy.channel(smile)[-1] > plain.channel(smile)[-1] + 0.05
-    assert umo.animate(short, rate, model=model, mood="joy").face.tobytes() == happy.face.tobytes()
+    assert umo.animate(short, rate, model=model, horizon=0, mood="joy").face.tobytes() == happy.face.tobytes()
     with umo.Engine(model, polled=True) as engine, engine.session(rate, 2) as session:
         session.push_other(np.zeros((480, 2), np.float32))
         session.push_other(np.zeros(480, np.int16))
