@@ -13,7 +13,8 @@ let address;
 let truth;
 
 export async function prepare({ umo, run, at, short }) {
-  run("animate", short, "-o", at("short.jsonl"), ...OPTIONS);
+  // A live stream hears nothing ahead.
+  run("animate", short, "-o", at("short.jsonl"), "--horizon", "0", ...OPTIONS);
   truth = read(at("short.jsonl"));
   server = spawn(umo, ["view", "--live", short, "--no-open", ...OPTIONS], { stdio: ["ignore", "pipe", "inherit"] });
   server.ended = new Promise((done) => server.on("exit", (code, signal) => done({ code, signal })));
