@@ -3,7 +3,7 @@
 //!
 //! What is computed does not depend on it, so that a wrong answer costs time alone. A small model's
 //! layer is done before the others are awake, and a thread that only waits takes the core that a
-//! game wants; on a busy machine the others may come late. So the other threads must save a fifth
+//! game wants; on a busy machine the others may come late. So the other threads must save a tenth
 //! of the time, or the calling thread works alone.
 
 use std::time::Duration;
@@ -11,7 +11,7 @@ use std::time::Duration;
 use crate::memory::filled;
 
 /// The part of a step's time alone that it may take with all threads.
-const WORTH_IT: f32 = 0.8;
+const WORTH_IT: f32 = 0.9;
 /// Times that a decision stands on, of each way: the median of an odd number.
 const SAMPLES: usize = 5;
 /// Steps from one trial of the other way to the next, and after a trial that speaks against the
