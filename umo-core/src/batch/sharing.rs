@@ -63,7 +63,7 @@ impl Kind {
     /// Whether the next step is shared.
     fn choose(&self) -> bool {
         if !(self.shared.is_known() && self.alone.is_known()) {
-            // Shared first: nobody has waited for frames as long as who waits for the first ones.
+            // Shared first: the first frames of a stream are those that a user waits for.
             return self.shared.count <= self.alone.count;
         }
         self.is_worth_it() != (self.until_trial == 0)
