@@ -42,7 +42,10 @@ fn summary(c: &Config) {
             format!("hubert, {} layers of {}, {} heads", h.num_hidden_layers, h.hidden_size, h.num_attention_heads)
         }
         (_, _, Some(m)) => {
-            let layers = m.network.as_ref().map(|n| format!(", layers of {:?} on the last {}", n.widths, n.taps));
+            let layers = m.network.as_ref().map(|n| {
+                let blocks = n.blocks.map(|b| format!(", {} blocks over {}", b.count, b.kernel));
+                format!(", layers of {:?} on the last {}{}", n.widths, n.taps, blocks.unwrap_or_default())
+            });
             format!("mel, {} bands, {} orders of differences{}", m.bands, m.deltas, layers.unwrap_or_default())
         }
         _ => "none".to_owned(),

@@ -76,6 +76,15 @@ class Mel(nn.Module):
             layer.load_state_dict({"weight": weight, "bias": tensors[f"{name}.bias"]})
             self.network.append(layer)
             taps = 1
+        self.blocks = nn.ModuleList()
+        for i in range(self.sizes.get("network", {}).get("blocks", {"count": 0})["count"]):
+            pair = []
+            for j in range(2):
+                weight, bias = (tensors[f"audio.mel.network.blocks.{i}.{j}.{kind}"] for kind in ("weight", "bias"))
+                conv = nn.Conv1d(*weight.shape[1::-1], weight.shape[2])
+                conv.load_state_dict({"weight": weight, "bias": bias})
+                pair.append(conv)
+            self.blocks.append(nn.ModuleList(pair))
 
     @torch.no_grad()
     def forward(self, audio: Tensor) -> Tensor:
@@ -84,11 +93,16 @@ class Mel(nn.Module):
             return rows
         silence = torch.zeros_like(rows[:1])
         silence[:, : self.sizes["bands"]] = math.log(self.sizes["floor"])
-        before = ((silence - self.mean) * self.scale).repeat(self.sizes["network"]["taps"] - 1, 1)
+        # Long enough that every layer has heard nothing else before the first row.
+        before = ((silence - self.mean) * self.scale).repeat(100, 1)
         x = torch.cat([before, rows]).T[None]
         for i, layer in enumerate(self.network):
             x = layer(x if i == 0 else x.relu())
-        return x[0].T
+            if i == 0 and self.blocks:
+                x = x.relu()
+                for causal, pointwise in self.blocks:
+                    x = x + pointwise(causal(nn.functional.pad(x, (causal.kernel_size[0] - 1, 0))).relu())
+        return x[0].T[-len(rows) :]
 
     def bands(self, audio: Tensor) -> Tensor:
         """Normalised log-mel features."""

@@ -142,6 +142,10 @@ def mel_shapes(config: Config) -> Shapes:
     for i, outputs in enumerate(network["widths"]):
         out |= _affine(f"audio.mel.network.{i}", outputs, before)
         before = outputs
+    blocks, width = network.get("blocks", {"count": 0}), network["widths"][0] if network["widths"] else 0
+    for i in range(blocks["count"]):
+        out |= _affine(f"audio.mel.network.blocks.{i}.0", width, width, blocks["kernel"])
+        out |= _affine(f"audio.mel.network.blocks.{i}.1", width, width, 1)
     return out
 
 

@@ -285,7 +285,7 @@ FRAMES_SEVEN = Model(
         root={"width": 11, "layers": 2},
         text=403,
         window=(7, 2, 5),
-        audio=_mel(23, 13, 2, {"taps": 4, "widths": [17, 9]}),
+        audio=_mel(23, 13, 2, {"taps": 4, "widths": [17, 9], "blocks": {"kernel": 3, "count": 2}}),
         lm=_lm(
             10,
             33,

@@ -31,6 +31,32 @@ def test_each_token_hears_its_own_row_and_those_before() -> None:
         torch.testing.assert_close(features[t], expected, rtol=1e-5, atol=1e-5)
 
 
+def test_blocks_add_what_rows_before_say() -> None:
+    torch.manual_seed(5)
+    network = Listener(6, 2, [7, 5], {"kernel": 3, "count": 2})
+    assert network.reach == 5
+    rows, silence = torch.randn(9, 6), torch.randn(1, 6)
+    heard = network.heard(rows, silence)
+    padded = torch.cat([silence.expand(5, -1), rows])
+    x = {t: network.layers[0](torch.cat([padded[t - 1], padded[t]])).relu() for t in range(1, 14)}
+    for k, (causal, pointwise) in enumerate(network.blocks):
+        before = {t: sum(causal.weight[:, :, i] @ x[t - 2 + i] for i in range(3)) for t in range(3 + 2 * k, 14)}
+        x = {t: x[t] + pointwise.weight[:, :, 0] @ (v + causal.bias).relu() + pointwise.bias for t, v in before.items()}
+    expected = torch.stack([network.layers[1](x[t].relu()) for t in range(5, 14)])
+    torch.testing.assert_close(heard, expected, rtol=1e-5, atol=1e-5)
+
+
+def test_other_voices_keep_what_is_said_when() -> None:
+    mel, generator = _mel(), torch.Generator().manual_seed(6)
+    loudness = torch.where(torch.arange(40) % 20 < 10, 3.0, -3.0)[:, None] + torch.randn(40, 6, generator=generator)
+    rows = ((torch.cat([loudness, torch.zeros(40, 6)], 1) - mel.mean) * mel.scale).expand(8, -1, -1)
+    torch.manual_seed(7)
+    varied = mel.voices.vary(rows)
+    assert varied.shape == rows.shape and not torch.allclose(varied[0], varied[1])
+    levels = (varied / mel.scale + mel.mean)[..., :6].mean(2)
+    assert (levels.unflatten(1, (2, 2, 10)).mean(3).diff(dim=2) < -3.0).all()
+
+
 def test_silence_after_silence_is_what_a_stream_begins_with() -> None:
     mel = _mel()
     features = mel.features(torch.zeros(10 * HOP))
@@ -75,7 +101,8 @@ def test_shapes_have_unit_deviation_altogether() -> None:
     assert 0.9 < wanted.var(0).sum() < 1.1
 
 
-def test_it_learns_to_hear() -> None:
+@pytest.mark.parametrize("blocks", [None, {"kernel": 3, "count": 1}])
+def test_it_learns_to_hear(blocks: dict[str, int] | None) -> None:
     generator = torch.Generator().manual_seed(4)
     teacher = Listener(6, 3, [WIDTH])
     silence = torch.zeros(1, 6)
@@ -83,10 +110,11 @@ def test_it_learns_to_hear() -> None:
     for _ in range(4):
         rows = torch.randn(200, 6, generator=generator) / 6**0.5
         with torch.no_grad():
-            items.append(Heard(rows.half(), teacher(teacher.windows(rows, silence))))
-    network = train(items, silence, {"taps": 3, "widths": [24, WIDTH]}, 300, 0)
+            items.append(Heard(rows.half(), teacher.heard(rows, silence)))
+    plan = {"taps": 3, "widths": [24, WIDTH]} | ({"blocks": blocks} if blocks else {})
+    network = train(items, silence, None, plan, 300, 0)
     rows, wanted = items[0].features.float(), items[0].wanted
     with torch.no_grad():
-        error = (network(network.windows(rows, silence)) - wanted).square().mean() / wanted.var(0).mean()
+        error = (network.heard(rows, silence) - wanted).square().mean() / wanted.var(0).mean()
     assert error < 0.1
     assert any(tensor.shape == (24, 18) for tensor in network.tensors().values())

@@ -197,7 +197,7 @@ impl Tokenizer {
             Network::Hubert(hubert) => hubert.features(cx, audio, self.hop, &mut features)?,
             Network::Mel(mel) => {
                 let (mut past, mut scratch) = (mel.past(&Arena::system()), mel.scratch(count));
-                mel.begin(&mut past);
+                mel.begin(cx, &mut past, &mut scratch)?;
                 mel.extract(cx, &mut past, &mut scratch, audio, &mut features)?;
             }
         }
@@ -372,8 +372,8 @@ impl Tokenizer {
             }
             (Network::Mel(mel), State::Mel(past), Room::Mel(room)) => {
                 if first {
-                    mel.begin(past);
-                    mel.fill(cx, room, old)?;
+                    mel.begin(cx, past, room)?;
+                    mel.fill(room, old);
                 }
                 mel.extract(cx, past, room, waveform, fresh)?;
                 self.kmeans.nearest(cx, &stream.features, scores, units)?;

@@ -265,9 +265,32 @@ pub struct MelNetwork {
     pub taps: usize,
     /// Outputs of each layer.
     pub widths: Vec<usize>,
+    /// Residual blocks behind the first layer.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub blocks: Option<MelBlocks>,
+}
+
+/// Residual blocks over time, each as wide as the first layer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct MelBlocks {
+    /// Rows that a block reads: a token's own and those before it.
+    pub kernel: usize,
+    /// Number of blocks.
+    pub count: usize,
 }
 
 impl MelNetwork {
+    /// Outputs of the first layer and of every block.
+    pub fn width(&self) -> usize {
+        self.widths.first().copied().unwrap_or_default()
+    }
+
+    /// Weights of all blocks, without biases.
+    pub fn block_weights(&self) -> usize {
+        self.blocks.map_or(0, |blocks| blocks.count * (blocks.kernel + 1) * self.width() * self.width())
+    }
+
     /// Outputs and inputs of each layer, above log-mel features of `width` values.
     pub fn layers(&self, width: usize) -> impl Iterator<Item = (usize, usize)> {
         let inputs = std::iter::once(self.taps * width).chain(self.widths.iter().copied());

@@ -15,7 +15,7 @@ use std::time::Duration;
 use umo_kernels::{Isa, peak};
 
 use crate::aligned::AlignedBox;
-use crate::config::{Codec, Config, TemplateItem};
+use crate::config::{Codec, Config, MelNetwork, TemplateItem};
 use crate::lm::layout::window_tokens;
 use crate::part::Part;
 use crate::time::Instant;
@@ -242,7 +242,8 @@ fn tokenizer(config: &Config, stored: Stored, target: usize) -> Floor {
     }
     let Some(mel) = &config.audio.mel else { return Floor::default() };
     let layers = mel.network.iter().flat_map(|network| network.layers(mel.bands_width()));
-    let network: usize = layers.map(|(outputs, inputs)| outputs * inputs).sum();
+    let network = layers.map(|(outputs, inputs)| outputs * inputs).sum::<usize>()
+        + mel.network.as_ref().map_or(0, MelNetwork::block_weights);
     Stored::F32.product(new, mel.bands * (mel.fft / 2 + 1) + network + config.audio.units * mel.width())
 }
 

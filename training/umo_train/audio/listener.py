@@ -2,7 +2,9 @@
 
 Clusters of mel features are clusters of voices: of the mouth's opening they leave a correlation of 0.70 in voices
 that were not trained on, the features themselves 0.86. What this network gives is the opening and the shape of the
-lips, whether they are closed, and accents, at distances that say how much each matters; clusters of that leave 0.89.
+lips, whether they are closed, and accents, at distances that say how much each matters; clusters of that lose nothing.
+Two dense layers hear the opening with 0.86, residual blocks over time with 0.88 and, of 100 closures, 94 instead
+of 70.
 """
 
 from collections.abc import Sequence
@@ -29,24 +31,46 @@ OPENING, CLOSURE, ACCENT = 3.5, 1.0, 0.8
 
 
 class Listener(torch.nn.Module):
-    """Rows of normalised mel features `[n, bands]` to as many of `widths[-1]`: each from its own row and the `taps - 1`
-    before it. Before the first row is `silence`."""
+    """Rows of normalised mel features to `widths[-1]` values each, from a row and the `reach` before it: dense layers
+    with ReLU between them, the first over `taps` rows; behind it, where there are `blocks`, so many
+    `x + pointwise(relu(causal(x)))`, each over `kernel` rows, and ReLU. Before the first row is `silence`."""
 
-    def __init__(self, bands: int, taps: int, widths: Sequence[int]) -> None:
+    def __init__(
+        self, bands: int, taps: int, widths: Sequence[int], blocks: dict[str, int] | None = None
+    ) -> None:
         super().__init__()
         self.taps, self.widths = taps, list(widths)
+        kernel, count = (blocks["kernel"], blocks["count"]) if blocks else (1, 0)
+        self.reach = taps - 1 + count * (kernel - 1)
         inputs = [taps * bands, *widths[:-1]]
         self.layers = torch.nn.ModuleList(torch.nn.Linear(a, b) for a, b in zip(inputs, widths, strict=True))
+        width = widths[0]
+        self.blocks = torch.nn.ModuleList(
+            torch.nn.ModuleList([torch.nn.Conv1d(width, width, kernel), torch.nn.Conv1d(width, width, 1)])
+            for _ in range(count)
+        )
 
-    def windows(self, rows: Tensor, silence: Tensor) -> Tensor:
-        """`[n, taps * bands]`, oldest row first."""
-        padded = torch.cat([silence.expand(self.taps - 1, -1), rows])
-        return padded.unfold(0, self.taps, 1).transpose(1, 2).flatten(1)
+    def forward(self, rows: Tensor) -> Tensor:
+        """`[b, reach + n, bands]`, oldest first, to `[b, n, widths[-1]]`."""
+        x = rows.unfold(1, self.taps, 1).transpose(2, 3).flatten(2)
+        for i, layer in enumerate(self.layers):
+            x = layer(x)
+            if i == 0 and self.blocks:
+                x = self._residual(x.relu())
+            if i + 1 < len(self.layers):
+                x = x.relu()
+        return x
 
-    def forward(self, windows: Tensor) -> Tensor:
-        for layer in self.layers[:-1]:
-            windows = torch.relu(layer(windows))
-        out: Tensor = self.layers[-1](windows)
+    def _residual(self, x: Tensor) -> Tensor:
+        x = x.transpose(1, 2)
+        for causal, pointwise in self.blocks:
+            inner = pointwise(causal(x).relu())
+            x = x[..., x.shape[2] - inner.shape[2] :] + inner
+        return x.transpose(1, 2)
+
+    def heard(self, rows: Tensor, silence: Tensor) -> Tensor:
+        """A whole stream `[n, bands]` to `[n, widths[-1]]`."""
+        out: Tensor = self(torch.cat([silence.expand(self.reach, -1), rows])[None])[0]
         return out
 
     def tensors(self) -> dict[str, Tensor]:
@@ -56,6 +80,40 @@ class Listener(torch.nn.Module):
     def load(self, tensors: dict[str, Tensor]) -> None:
         prefix = "audio.mel.network."
         self.load_state_dict({name: tensors[prefix + name.removeprefix("layers.")] for name in self.state_dict()})
+
+
+@dataclass(frozen=True)
+class Voices:
+    """What other speakers, microphones and rooms would make of rows of mel features, of so many `bands` before and
+    after normalising by `mean` and `scale`; no band is below the logarithm `floor`."""
+
+    mean: Tensor
+    scale: Tensor
+    bands: int
+    floor: float
+
+    # Share of rows that have another vocal tract, how far its resonances are moved, as a logarithm, and by how much
+    # level, tilt and a bend of the spectrum vary, as logarithms of power.
+    WARPED, TRACT, LEVEL, TILT, BEND = 0.7, 0.14, 0.8, 0.8, 0.5
+
+    def vary(self, rows: Tensor) -> Tensor:
+        """`[b, n, bands * (1 + deltas)]`, each of the batch in a way of its own."""
+        count, bands = len(rows), self.bands
+        rows = rows / self.scale + self.mean
+        moved = torch.empty(count).uniform_(-self.TRACT, self.TRACT) * (torch.rand(count) < self.WARPED)
+        position = (torch.arange(bands) * moved.exp()[:, None]).clamp(0, bands - 1)
+        low = position.floor().long().clamp(max=max(bands - 2, 0))
+        share = (position - low)[:, None]
+        out = []
+        for values in rows.split(bands, 2):
+            index = low[:, None].expand(-1, values.shape[1], -1)
+            high = (index + 1).clamp(max=bands - 1)
+            out.append(values.gather(2, index) * (1 - share) + values.gather(2, high) * share)
+        level, tilt, bend = (x * torch.randn(count, 1) for x in (self.LEVEL, self.TILT, self.BEND))
+        place = torch.linspace(-1, 1, bands)
+        curve = level + tilt * place + bend * torch.cos(1.5 * torch.pi * (place + 1))
+        out[0] = (out[0] + curve[:, None]).clamp(min=self.floor)
+        return (torch.cat(out, 2) - self.mean) * self.scale
 
 
 @dataclass(frozen=True)
@@ -97,21 +155,32 @@ class Shapes:
         return np.concatenate([shapes, np.stack(columns, 1)], 1).astype(np.float32)
 
 
-def train(items: Sequence[Heard], silence: Tensor, plan: dict[str, Any], steps: int, seed: int) -> Listener:
-    """Least squares on random stretches of the items."""
+# Neighbours in an example of training, and examples of a step.
+STRETCH, BATCH = 128, 16
+RATE, FINAL_RATE = 2e-3, 0.02
+
+
+def train(
+    items: Sequence[Heard], silence: Tensor, voices: Voices | None, plan: dict[str, Any], steps: int, seed: int
+) -> Listener:
+    """Least squares on random stretches of the items, as other `voices` would say them."""
     torch.manual_seed(seed)
     rng = np.random.default_rng(seed)
     bands = items[0].features.shape[1]
-    network = Listener(bands, plan["taps"], plan["widths"])
+    network = Listener(bands, plan["taps"], plan["widths"], plan.get("blocks"))
     # Mel features are normalised for distances between them; here each is to count as 1.
     unit = bands**0.5 / 2**0.5
-    optimizer = torch.optim.AdamW(network.parameters(), 1.5e-3, weight_decay=1e-2)
+    optimizer = torch.optim.AdamW(network.parameters(), RATE, weight_decay=1e-2)
     bar = tqdm(range(steps), "listener")
     for step in bar:
-        optimizer.param_groups[0]["lr"] = 1.5e-3 * max(0.03, 1 - step / steps)
-        parts = [_stretch(items[i], network, silence, rng) for i in rng.integers(len(items), size=64)]
-        windows, wanted = torch.cat([p[0] for p in parts]).float() * unit, torch.cat([p[1] for p in parts])
-        loss = (network(windows + 0.1 * torch.randn_like(windows)) - wanted).square().sum(1).mean()
+        share = FINAL_RATE + (1 - FINAL_RATE) * 0.5 * (1 + np.cos(np.pi * step / steps))
+        optimizer.param_groups[0]["lr"] = RATE * share
+        parts = [_stretch(items[i], network, silence, rng) for i in rng.integers(len(items), size=BATCH)]
+        rows, wanted, asked = (torch.stack(column).float() for column in zip(*parts, strict=True))
+        rows = (voices.vary(rows) if voices else rows) * unit
+        with torch.autocast("cpu", torch.bfloat16):
+            heard = network(rows + 0.1 * torch.randn_like(rows))
+        loss = ((heard.float() - wanted).square().sum(2) * asked).sum() / asked.sum()
         optimizer.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
         optimizer.step()
@@ -122,10 +191,14 @@ def train(items: Sequence[Heard], silence: Tensor, plan: dict[str, Any], steps: 
     return network.eval()
 
 
-def _stretch(item: Heard, network: Listener, silence: Tensor, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
-    """32 neighbours; where the item begins, what is before it is silence."""
-    first = int(rng.integers(-network.taps, max(len(item.features) - 32, 1)))
-    low, high = max(first - network.taps + 1, 0), max(first, 0) + 32
-    rows = item.features[low:high]
-    windows = network.windows(rows, silence.to(rows.dtype))
-    return windows[max(first, 0) - low :], item.wanted[max(first, 0) : high]
+def _stretch(item: Heard, network: Listener, silence: Tensor, rng: np.random.Generator) -> tuple[Tensor, ...]:
+    """`STRETCH` neighbours and the rows that they look back to, what they are to give, and which are there; where the
+    item begins, what is before it is silence."""
+    count = len(item.features)
+    first = int(rng.integers(0, max(count - STRETCH, 0) + 1))
+    rows = silence.to(item.features.dtype).repeat(network.reach + STRETCH, 1)
+    wanted, asked = torch.zeros(STRETCH, item.wanted.shape[1]), torch.zeros(STRETCH)
+    low, high = max(first - network.reach, 0), min(first + STRETCH, count)
+    rows[low - first + network.reach : high - first + network.reach] = item.features[low:high]
+    wanted[: high - first], asked[: high - first] = item.wanted[first:high], 1.0
+    return rows, wanted, asked

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from umo_train.audio.listener import Listener
+from umo_train.audio.listener import Listener, Voices
 from umo_train.speech.utterance import SAMPLE_RATE
 
 HOP = 320
@@ -28,8 +28,8 @@ class Mel:
         self.mean, self.scale = torch.zeros(width), torch.ones(width)
         self.network: Listener | None = None
         if network:
-            self.sizes["network"] = {key: network[key] for key in ("taps", "widths")}
-            self.network = Listener(width, network["taps"], network["widths"])
+            self.sizes["network"] = {key: network[key] for key in ("taps", "widths", "blocks") if key in network}
+            self.network = Listener(width, **self.sizes["network"])
 
     @property
     def width(self) -> int:
@@ -46,7 +46,7 @@ class Mel:
     def features(self, samples: Tensor) -> Tensor:
         """Samples at 16 kHz `[n]` to features `[n // 320, width]`."""
         rows = self.bands(samples)
-        return rows if self.network is None else self.network(self.network.windows(rows, self.silence))
+        return rows if self.network is None else self.network.heard(rows, self.silence)
 
     def bands(self, samples: Tensor) -> Tensor:
         """Samples at 16 kHz `[n]` to normalised log-mel features `[n // 320, bands * (1 + deltas)]`."""
@@ -62,6 +62,11 @@ class Mel:
             out.append((longer[2:] - longer[:-2]) / 2)
             before = torch.zeros_like(before)
         return (torch.cat(out, -1) - self.mean) * self.scale
+
+    @property
+    def voices(self) -> Voices:
+        """Other voices' rows of `bands`."""
+        return Voices(self.mean, self.scale, self.sizes["bands"], float(np.log(self.sizes["floor"])))
 
     def fit(self, features: Tensor, delta_weight: float) -> None:
         """Takes mean and scale from unnormalised features: each band's deviation 1, differences times `delta_weight`,

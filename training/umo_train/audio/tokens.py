@@ -102,10 +102,11 @@ def _fit_mel(folder: Path, plan: Plan, seed: int) -> Tokenizer:
     features = (features - front.mean) * front.scale
     if front.network is not None:
         items = _listened(folder, front, plan, seed)
-        front.network = listener.train(items, front.silence, front.sizes["network"], plan["listener"]["steps"], seed)
+        steps = plan["listener"]["steps"]
+        front.network = listener.train(items, front.silence, front.voices, front.sizes["network"], steps, seed)
         with torch.no_grad():
-            windows = (front.network.windows(item.features.float(), front.silence)[::3] for item in items)
-            features = torch.cat([front.network(some) for some in windows])
+            heard = (front.network.heard(item.features.float(), front.silence) for item in items)
+            features = torch.cat([some[::3] for some in heard])
     return Tokenizer(front, kmeans(features, plan["units"], plan["steps"], seed))
 
 

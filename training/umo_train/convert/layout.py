@@ -74,6 +74,12 @@ def _mel(config: Config) -> Entries:
         yield f"audio.mel.network.{i}.weight", (outputs, inputs)
         yield f"audio.mel.network.{i}.bias", (outputs,)
         inputs = outputs
+    if blocks := network.get("blocks"):
+        inner = network["widths"][0]
+        for i in range(blocks["count"]):
+            for j, taps in enumerate((blocks["kernel"], 1)):
+                yield f"audio.mel.network.blocks.{i}.{j}.weight", (inner, inner, taps)
+                yield f"audio.mel.network.blocks.{i}.{j}.bias", (inner,)
     width = network["widths"][-1] if network["widths"] else width
     yield "audio.kmeans.centroids", (config["audio"]["units"], width)
 

@@ -17,7 +17,7 @@ NEEDS: dict[str, tuple[str, ...]] = {"a2m": ("codes", "units"), "t2m": ("codes",
 class FrameStream:
     """One item: codes of every frame `[frames, J]`, -1 where a part did not move; `units` `[recordings, tokens]`; ids
     of its prompts. An item without motion or without speech has none. Of an item that is `told`, nobody would do what
-    it shows without its prompt, which is never left out."""
+    it shows without its prompt, which speech is never without. `begins` are keyframes at which an action begins."""
 
     codes: np.ndarray | None
     units: np.ndarray | None
@@ -25,6 +25,7 @@ class FrameStream:
     told: bool = False
     # How often it is drawn for `t2m`, beside others of its length.
     weight: float = 1.0
+    begins: tuple[int, ...] = ()
 
     def has(self, what: str) -> bool:
         if what == "prompt":
@@ -52,6 +53,9 @@ class FrameExamples:
     # Shares of the examples of which the body's history is hidden, the prompt is left out, or audio behind the chunk is
     # hidden. What the body does then follows from what is heard, not from what it did.
     HIDDEN, UNPROMPTED, UNHEARD = 1 / 3, 1 / 3, 1 / 3
+    # From text alone: of which the prompt is left out, and of an action's those in which it begins. Who is asked for an
+    # action is to begin with it, not to stand as long as somebody does who repeats it.
+    WORDLESS, BEGINNING = 1 / 8, 1 / 2
     # Shares of which history is cut short, or codes of it are replaced, and of how many.
     SHORT, NOISY, REPLACED = 0.12, 0.3, 0.12
 
@@ -99,14 +103,14 @@ class FrameExamples:
         template = "audio_to_motion" if task == "a2m" else "text_to_motion"
         for stream in self._streams(count, rng, task):
             keys = stream.codes[:: self.stride].astype(np.int64)
-            at = int(rng.integers(0, max(len(keys) - target, 1)))
+            at = self._first(stream, len(keys), target, rng, task)
             # The keyframes before the chunk: the chunk's own are what is to be said.
             history = _rows(keys, at - self.prefix, self.prefix, self.rest)
             before.append(history[-1].copy())
             audio = self._audio(stream, at, target, rng) if task == "a2m" else _NOTHING
             if self.augment:
                 history, audio = self._worse(history, audio, rng)
-            prompt = self._prompt(stream, rng, always=task == "t2m")
+            prompt = self._prompt(stream, rng, task)
             inputs.append(self._fill(template, audio, prompt))
             histories.append(history)
             said.append(_rows(keys, at, target, np.full(len(self.rest), -1)))
@@ -116,6 +120,12 @@ class FrameExamples:
             first = self.config["templates"][template].index("audio") + 1
             batch.heard = first + (self.prefix + np.arange(target)) * self.tokens + self.middle
         return batch
+
+    def _first(self, stream: FrameStream, keyframes: int, target: int, rng: np.random.Generator, task: str) -> int:
+        """The chunk's first keyframe."""
+        if task == "t2m" and self.augment and stream.begins and rng.random() < self.BEGINNING:
+            return max(stream.begins[rng.integers(len(stream.begins))] - int(rng.integers(target)), 0)
+        return int(rng.integers(0, max(keyframes - target, 1)))
 
     def _audio(self, stream: FrameStream, at: int, target: int, rng: np.random.Generator) -> np.ndarray:
         """Ids of the prefix', the chunk's and the audio's behind it, with markers; before an item and after it is
@@ -150,10 +160,11 @@ class FrameExamples:
             history[:, self.body] = -1
         return history, audio
 
-    def _prompt(self, stream: FrameStream, rng: np.random.Generator, *, always: bool) -> np.ndarray:
+    def _prompt(self, stream: FrameStream, rng: np.random.Generator, task: str) -> np.ndarray:
         """One of an item's prompts, or nothing, as in the row that guidance goes away from."""
         prompts = [prompt for prompt in stream.prompts if len(prompt)]
-        dropped = not (always or stream.told) and self.augment and rng.random() < self.UNPROMPTED
+        share = self.WORDLESS if task == "t2m" else 0.0 if stream.told else self.UNPROMPTED
+        dropped = self.augment and rng.random() < share
         return prompts[rng.integers(len(prompts))] if prompts and not dropped else _NOTHING
 
     def _fill(self, template: str, audio: np.ndarray, text: np.ndarray) -> np.ndarray:

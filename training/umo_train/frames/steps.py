@@ -281,7 +281,7 @@ def model_file_config(s: Run) -> Config:
 
 def examples(s: Run, config: Config, split: str, *, augment: bool) -> FrameExamples:
     """Codes, units and prompts of a split."""
-    streams = []
+    streams, order = [], parts_of(s)
     for entry in corpus.entries(s.corpus, split):
         found = [s.folder / kind / f"{entry.name}.npy" for kind in ("codes", "audio_tokens")]
         codes, units = (np.load(path) if path.exists() else None for path in found)
@@ -290,14 +290,27 @@ def examples(s: Run, config: Config, split: str, *, augment: bool) -> FrameExamp
         prompts = PROMPTS[entry.style] if entry.style in PROMPTS else entry.prompt.split("\n")
         ids = tuple(np.array(pieces(s).encode(prompt), np.int64) for prompt in prompts)
         told = bool(entry.style) and entry.style not in UNTOLD
+        acts = entry.style.startswith("action ")
         # From text alone come actions above all: talking has a voice to go by.
-        weight = _ACTIONS_FROM_TEXT if entry.style.startswith("action ") else 1.0
-        streams.append(FrameStream(codes, units, ids, told, weight))
+        weight = _ACTIONS_FROM_TEXT if acts else 1.0
+        starts = begins(codes, order, s.plan["window"]["keyframe_stride"]) if acts and codes is not None else ()
+        streams.append(FrameStream(codes, units, ids, told, weight, starts))
     tokenizer = tokens.load(s.folder / "audio.safetensors", s.plan["audio"])
     silence = int(tokenizer(np.zeros(SAMPLE_RATE, np.float32))[20])
     delay = s.plan["audio"].get("listener", {}).get("delay")
     body = [not of_face for of_face in is_face(s)]
-    return FrameExamples(config, parts_of(s), body, streams, silence, augment=augment, delay=delay)
+    return FrameExamples(config, order, body, streams, silence, augment=augment, delay=delay)
+
+
+def begins(codes: np.ndarray, order: list[Part], stride: int) -> tuple[int, ...]:
+    """Keyframes of codes `[frames, J]` before which both arms rested and at which one does not; none without intent."""
+    at = 0
+    for part in order:
+        if part.name == INTENT:
+            resting = codes[::stride, at] == intent.REST
+            return tuple((np.flatnonzero(resting[:-1] & ~resting[1:]) + 1).tolist())
+        at += part.levels
+    return ()
 
 
 def stage_plan(s: Run, stage: Config) -> FrameStagePlan:

@@ -29,6 +29,18 @@ pub(super) struct Mel {
     scale: Box<[f32]>,
     /// Layers on the last features; none where these are what units are of.
     network: Box<[Linear]>,
+    /// Between the first layer and the others.
+    blocks: Box<[Block]>,
+    /// Rows that a block reads.
+    kernel: usize,
+}
+
+/// `x + pointwise(relu(causal(x)))`.
+#[derive(Debug)]
+struct Block {
+    /// Over a row and the `kernel - 1` before it.
+    causal: Linear,
+    pointwise: Linear,
 }
 
 /// What a stream remembers.
@@ -39,13 +51,16 @@ pub(super) struct Past {
     differences: Slice<f32>,
     /// The last features that the network looks back to: `[taps - 1, bands width]`, oldest first.
     rows: Slice<f32>,
+    /// The last rows that each block looks back to: `[blocks, kernel - 1, width]`, oldest first.
+    blocks: Slice<f32>,
 }
 
 impl Past {
     /// Describes it.
     pub(super) fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
         pass.f32s(&mut self.differences)?;
-        pass.f32s(&mut self.rows)
+        pass.f32s(&mut self.rows)?;
+        pass.f32s(&mut self.blocks)
     }
 }
 
@@ -61,6 +76,10 @@ pub(super) struct Scratch {
     rows: Box<[f32]>,
     /// Outputs of every layer but the last, by turns: each `[frames, widest]`.
     layers: [Box<[f32]>; 2],
+    /// What a block looks back to, then its input: `[kernel - 1 + frames, width]`.
+    block: Box<[f32]>,
+    /// What is heard of silence after silence: `[width]`.
+    silence: Box<[f32]>,
 }
 
 impl Mel {
@@ -68,8 +87,21 @@ impl Mel {
         let layers = sizes.network.iter().flat_map(|network| network.layers(sizes.bands_width())).enumerate();
         let network = layers
             .map(|(i, (outputs, inputs))| loader.linear_with_bias(&format!("audio.mel.network.{i}"), outputs, inputs));
+        let blocks = sizes.network.iter().filter_map(|network| Some((network.width(), network.blocks?)));
+        let block = |(width, kernel, i): (usize, usize, usize)| {
+            Ok(Block {
+                causal: loader.conv(&format!("audio.mel.network.blocks.{i}.0"), width, width, kernel, true)?,
+                pointwise: loader.conv(&format!("audio.mel.network.blocks.{i}.1"), width, width, 1, true)?,
+            })
+        };
         Ok(Self {
             network: network.collect::<Result<_, _>>()?,
+            blocks: blocks
+                .clone()
+                .flat_map(|(width, blocks)| (0..blocks.count).map(move |i| (width, blocks.kernel, i)))
+                .map(block)
+                .collect::<Result<_, LoadError>>()?,
+            kernel: blocks.map(|(_, blocks)| blocks.kernel).next().unwrap_or(1),
             sizes: sizes.clone(),
             hop,
             spectrum: Spectrum::load(loader, "audio.mel", sizes.window, sizes.fft, sizes.bands)?,
@@ -83,6 +115,7 @@ impl Mel {
         Past {
             differences: arena.filled(0.0, self.sizes.deltas * 2 * self.sizes.bands),
             rows: arena.filled(0.0, self.back() * self.sizes.bands_width()),
+            blocks: arena.filled(0.0, self.blocks.len() * self.block_back()),
         }
     }
 
@@ -91,14 +124,22 @@ impl Mel {
         self.sizes.network.as_ref().map_or(0, |network| network.taps - 1)
     }
 
+    /// Values of the rows before its own that a block looks back to.
+    fn block_back(&self) -> usize {
+        self.blocks.first().map_or(0, |block| (self.kernel - 1) * block.pointwise.outputs())
+    }
+
     /// Room for `frames` frames per call.
     pub(super) fn scratch(&self, frames: usize) -> Scratch {
+        let frames = frames.max(1);
         Scratch {
             spectrum: self.spectrum.scratch(&Arena::system()),
             power: filled(0.0, frames * self.spectrum.bins()).into(),
             energy: filled(0.0, frames * self.sizes.bands).into(),
             rows: filled(0.0, (self.back() + frames) * self.sizes.bands_width()).into(),
             layers: [(); 2].map(|()| filled(0.0, frames * self.widest()).into()),
+            block: filled(0.0, self.block_back() + frames * self.widest()).into(),
+            silence: filled(0.0, self.sizes.width()).into(),
         }
     }
 
@@ -107,12 +148,21 @@ impl Mel {
         self.network.iter().rev().skip(1).map(Linear::outputs).max().unwrap_or(0)
     }
 
-    /// Before the first feature there is silence, whose differences are zero.
-    pub(super) fn begin(&self, past: &mut Past) {
+    /// Before the first feature there is silence, whose differences are zero, for as long as the network looks back.
+    pub(super) fn begin(&self, cx: Compute, past: &mut Past, scratch: &mut Scratch) -> Result<(), StepError> {
         past.rows.chunks_exact_mut(self.sizes.bands_width()).for_each(|row| self.silence(row));
         for (order, rows) in past.differences.chunks_exact_mut(2 * self.sizes.bands).enumerate() {
             rows.fill(if order == 0 { self.sizes.floor.ln() } else { 0.0 });
         }
+        past.blocks.fill(0.0);
+        let mut heard = std::mem::take(&mut scratch.silence);
+        let rows = (self.back() + 1) * self.sizes.bands_width();
+        for _ in 0..=self.blocks.len() * (self.kernel - 1) {
+            scratch.rows[..rows].chunks_exact_mut(self.sizes.bands_width()).for_each(|row| self.silence(row));
+            self.listen(cx, past, scratch, &mut heard)?;
+        }
+        scratch.silence = heard;
+        Ok(())
     }
 
     /// The normalised log-mel feature of silence.
@@ -123,14 +173,9 @@ impl Mel {
         self.normalise(row);
     }
 
-    /// Writes the feature of silence after silence to every row of `features`.
-    pub(super) fn fill(&self, cx: Compute, scratch: &mut Scratch, features: &mut [f32]) -> Result<(), StepError> {
-        let (width, taps) = (self.sizes.bands_width(), self.back() + 1);
-        let Some((first, others)) = features.split_at_mut_checked(self.sizes.width()) else { return Ok(()) };
-        scratch.rows[..taps * width].chunks_exact_mut(width).for_each(|row| self.silence(row));
-        self.listen(cx, scratch, first)?;
-        others.chunks_exact_mut(first.len()).for_each(|row| row.copy_from_slice(first));
-        Ok(())
+    /// Writes what is heard of silence after silence to every row of `features`, after [`Mel::begin`].
+    pub(super) fn fill(&self, scratch: &Scratch, features: &mut [f32]) {
+        features.chunks_exact_mut(self.sizes.width()).for_each(|row| row.copy_from_slice(&scratch.silence));
     }
 
     /// Feature `j` from `samples[hop * j .. hop * j + window]`, as many as `features [n, width]`
@@ -163,12 +208,18 @@ impl Mel {
         back.copy_from_slice(&past.rows);
         let rows = &mut *past.rows;
         rows.copy_from_slice(&scratch.rows[count * width..][..rows.len()]);
-        self.listen(cx, scratch, features)
+        self.listen(cx, past, scratch, features)
     }
 
     /// The network's outputs, or the rows themselves, for the last rows of the scratch:
     /// `features [n, width]`.
-    fn listen(&self, cx: Compute, scratch: &mut Scratch, features: &mut [f32]) -> Result<(), StepError> {
+    fn listen(
+        &self,
+        cx: Compute,
+        past: &mut Past,
+        scratch: &mut Scratch,
+        features: &mut [f32],
+    ) -> Result<(), StepError> {
         let (width, count) = (self.sizes.bands_width(), features.len() / self.sizes.width());
         let Some((last, layers)) = self.network.split_last() else {
             features.copy_from_slice(&scratch.rows[..features.len()]);
@@ -178,14 +229,45 @@ impl Mel {
         let (mut read, mut write) = (read, write);
         // A token's row starts where its oldest feature does: the rows overlap.
         let mut x = Mat::with_stride(&scratch.rows, count, (self.back() + 1) * width, width)?;
-        for layer in layers {
+        for (i, layer) in layers.iter().enumerate() {
             let y = MatMut::new(write, count, layer.outputs())?;
             layer.apply(cx, Ready::Float(x), None, 0..layer.outputs(), RELU, y)?;
             std::mem::swap(&mut read, &mut write);
+            if i == 0 {
+                self.residual(cx, &mut past.blocks, &mut scratch.block, write, read, count)?;
+            }
             x = Mat::new(read, count, layer.outputs())?;
         }
         let y = MatMut::new(features, count, last.outputs())?;
         last.apply(cx, Ready::Float(x), None, 0..last.outputs(), Epilogue::STORE, y)
+    }
+
+    /// All blocks on `x [count, width]`, and ReLU behind them.
+    fn residual(
+        &self,
+        cx: Compute,
+        past: &mut [f32],
+        rows: &mut [f32],
+        inner: &mut [f32],
+        x: &mut [f32],
+        count: usize,
+    ) -> Result<(), StepError> {
+        let back = self.block_back();
+        for (i, block) in self.blocks.iter().enumerate() {
+            let width = block.pointwise.outputs();
+            let (x, before) = (&mut x[..count * width], &mut past[i * back..(i + 1) * back]);
+            rows[..back].copy_from_slice(before);
+            rows[back..back + x.len()].copy_from_slice(x);
+            before.copy_from_slice(&rows[x.len()..x.len() + back]);
+            let windows = Mat::with_stride(rows, count, back + width, width)?;
+            block.causal.apply(cx, Ready::Float(windows), None, 0..width, RELU, MatMut::new(inner, count, width)?)?;
+            let inner = Ready::Float(Mat::new(inner, count, width)?);
+            block.pointwise.apply(cx, inner, None, 0..width, Epilogue::ADD, MatMut::new(x, count, width)?)?;
+        }
+        if let Some(block) = self.blocks.first() {
+            x[..count * block.pointwise.outputs()].iter_mut().for_each(|value| *value = value.max(0.0));
+        }
+        Ok(())
     }
 
     /// Each order from the one below: half the change over the last two rows.

@@ -265,6 +265,11 @@ fn check_mel(m: &Mel, hop: usize) -> Check {
             format!("expected 1 to 8 layers, got {layers}")
         })?;
         network.widths.iter().try_for_each(|&width| range("audio.mel.network.widths", width, 1, 4096))?;
+        if let Some(blocks) = network.blocks {
+            require(layers > 1, "audio.mel.network.widths", || "expected a layer behind the blocks".to_owned())?;
+            range("audio.mel.network.blocks.kernel", blocks.kernel, 1, 64)?;
+            range("audio.mel.network.blocks.count", blocks.count, 1, 64)?;
+        }
     }
     small("audio.mel.floor", m.floor)
 }

@@ -145,6 +145,12 @@ impl List {
         for (i, (outputs, inputs)) in m.network.iter().flat_map(|n| n.layers(m.bands_width())).enumerate() {
             self.listener(&format!("audio.mel.network.{i}"), &[outputs, inputs]);
         }
+        if let Some((blocks, width)) = m.network.as_ref().and_then(|n| Some((n.blocks?, n.width()))) {
+            for i in 0..blocks.count {
+                self.listener(&format!("audio.mel.network.blocks.{i}.0"), &[width, width, blocks.kernel]);
+                self.listener(&format!("audio.mel.network.blocks.{i}.1"), &[width, width, 1]);
+            }
+        }
         self.add("audio.kmeans.centroids", &[units, m.width()], Kind::Centroids);
     }
 
