@@ -153,8 +153,18 @@ impl Depth {
         let mut first = 0;
         while first < self.tasks.len() {
             let (tasks, before) = (&self.tasks[first..], &self.before[first * self.net.codes()..]);
-            first +=
-                self.net.draw(cx, &mut self.scratch, (&self.states, &self.states), tasks, before, |_, _| ()).expect(OK);
+            first += self
+                .net
+                .draw(
+                    cx,
+                    &mut self.scratch,
+                    (&self.states, &self.states),
+                    tasks,
+                    before,
+                    0..self.net.codes(),
+                    |_, _| (),
+                )
+                .expect(OK);
         }
     }
 }

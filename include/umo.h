@@ -732,9 +732,9 @@ UMO_NOEXCEPT;
 // `while (umo_engine_free(engine) == UMO_STATUS_BUSY) wait_for_my_jobs();`
 UMO_API umo_status umo_engine_free(struct umo_engine *engine) UMO_NOEXCEPT;
 
-// Computes on the calling thread, where the engine was made with `UMO_ENGINE_POLLED`: until nothing is due, or for
-// `budget` microseconds and at most one layer's time longer. With a budget of 0 it computes one layer. `more`, which may
-// be NULL, becomes 1 where there is more to do, else 0.
+// Computes on the calling thread, where the engine was made with `UMO_ENGINE_POLLED`: until nothing is due, or until
+// the next layer would no longer fit `budget` microseconds, by how long the last of its kind took. It computes one layer
+// at least: one with a budget of 0. `more`, which may be NULL, becomes 1 where there is more to do, else 0.
 //
 // Threads: one at a time, with at least 1 MiB of stack; not the audio thread. Never allocates;
 // waits only for the engine's own threads and for work that lent ones have begun.

@@ -17,6 +17,8 @@
 mod keyframe;
 mod sharing;
 
+use std::time::Duration;
+
 use umo_kernels::Mat;
 
 use crate::audio::{AudioScratch, Call};
@@ -30,7 +32,7 @@ use crate::lm::decoder::Sequence;
 use crate::lm::depth::{DepthScratch, Task, is_guidable};
 use crate::lm::generate::{Generator, Position};
 use crate::lm::layout::{max_encoder_tokens, window_tokens};
-use crate::lm::{Lengths, LmScratch};
+use crate::lm::{Lengths, Lm, LmScratch};
 use crate::memory::{filled, with_capacity};
 use crate::model::{Between, Model};
 use crate::motion::{FrameRef, MotionScratch};
@@ -58,14 +60,14 @@ enum Phase {
     Idle,
     /// A piece of the audio tokenizer's work for one member.
     Tokenize { member: usize },
-    /// One layer of the encoder.
-    Encode { layer: usize },
+    /// One layer of the encoder, for the sequences from `first` on.
+    Encode { layer: usize, first: usize },
     /// The decoder's keys and values of one sequence's encoder states, in one layer.
     Attend { sequence: usize, layer: usize },
     /// One layer of a decoder pass.
     Decode { layer: usize },
-    /// The depth network, for the tasks from `first` on.
-    Draw { first: usize },
+    /// The depth network, for the tasks from `first` on, their codes from `code` on.
+    Draw { first: usize, code: usize },
     /// The interpolation network of one member.
     Interpolate { member: usize },
     /// The motion decoders of one member.
@@ -115,6 +117,10 @@ pub struct Batch {
     phase: Phase,
     times: StageTimes,
     sharing: Sharing,
+    /// Whether steps are cut at members where that costs little.
+    bounded: bool,
+    /// How long the last step of each kind took.
+    last: [Duration; Phase::KINDS],
     /// Codes of the last chunk, if a record is kept; for batches of one.
     codes: Option<Codes>,
 }
@@ -140,6 +146,10 @@ enum BetweenScratch {
         keyframe: usize,
     },
 }
+
+/// Weights of an encoder layer that stay in a core's caches while one member after the other needs
+/// them.
+const CACHED_WEIGHTS: usize = 4 << 20;
 
 /// A model was taken up with room for one of the other layout.
 const OTHER_LAYOUT: StepError = StepError::Disagree("a batch was taken up with another model");
@@ -194,8 +204,17 @@ impl Batch {
             phase: Phase::Idle,
             times: StageTimes::default(),
             sharing: Sharing::new(Phase::KINDS, width),
+            bounded: false,
+            last: [Duration::ZERO; Phase::KINDS],
             codes: None,
         }
+    }
+
+    /// Makes steps short from now on, for a host that lends little time at once: one member's rows of an
+    /// encoder layer, and few of a keyframe's codes. Only for a model whose layers stay in cache, as what
+    /// is cut reads its weights again.
+    pub(crate) fn bound(&mut self, config: &Config) {
+        self.bounded = Lm::encoder_layer_weights(config) <= CACHED_WEIGHTS;
     }
 
     /// Keeps from now on what each chunk was made of. Allocates, once.
@@ -217,6 +236,12 @@ impl Batch {
     /// Whether a batch is under way.
     pub fn is_busy(&self) -> bool {
         self.phase != Phase::Idle
+    }
+
+    /// How long the next step will take, if it takes as long as the last of its kind; zero where that is
+    /// not known.
+    pub(crate) fn expected(&self) -> Duration {
+        self.last[self.phase.kind()]
     }
 
     /// Time spent in each stage since the batch was made.
@@ -297,10 +322,10 @@ impl Batch {
         let next = match phase {
             Phase::Idle => return Ok(false),
             Phase::Tokenize { member } => self.tokenize(model, cx, &mut avatars[member], member),
-            Phase::Encode { layer } => self.encode(model, cx, layer),
+            Phase::Encode { layer, first } => self.encode(model, cx, layer, first),
             Phase::Attend { sequence, layer } => self.attend(model, cx, sequence, layer),
             Phase::Decode { layer } => self.decode(model, cx, avatars, layer),
-            Phase::Draw { first } => self.draw(model, cx, avatars, first),
+            Phase::Draw { first, code } => self.draw(model, cx, avatars, first, code),
             Phase::Interpolate { member } => self.interpolate(model, cx, &mut avatars[member], member),
             Phase::DecodeMotion { member } => self.decode_motion(model, cx, &mut avatars[member], member, sink),
         };
@@ -319,6 +344,7 @@ impl Batch {
         };
         let elapsed = start.elapsed();
         *time += elapsed;
+        self.last[phase.kind()] = elapsed;
         if cx.team.threads() > 1 {
             self.sharing.learn(phase.kind(), self.members, shared, elapsed);
         }
@@ -336,7 +362,7 @@ impl Batch {
     fn tokenize_from(&self, first: usize) -> Phase {
         match self.next_chunk(first) {
             Some(member) => Phase::Tokenize { member },
-            None if self.next_chunk(0).is_some() => Phase::Encode { layer: 0 },
+            None if self.next_chunk(0).is_some() => Phase::Encode { layer: 0, first: 0 },
             None => self.decode_motion_from(0),
         }
     }
@@ -380,10 +406,10 @@ impl Batch {
         (0..sequence).filter(has_chunk).map(|s| self.lengths[s]).sum()
     }
 
-    fn encode(&mut self, model: &Model, cx: Compute, layer: usize) -> Result<Phase, StepError> {
+    fn encode(&mut self, model: &Model, cx: Compute, layer: usize, first: usize) -> Result<Phase, StepError> {
         let sequences = self.members * self.per_member;
         let (lm, rows) = (&model.lm, self.rows(sequences));
-        if layer == 0 {
+        if (layer, first) == (0, 0) {
             for sequence in 0..sequences {
                 if self.due[sequence / self.per_member] != Due::Chunk {
                     self.lengths[sequence] = 0;
@@ -391,12 +417,19 @@ impl Batch {
             }
         }
         let lengths = &self.lengths[..sequences];
-        if layer == 0 {
+        if (layer, first) == (0, 0) {
             lm.begin_encode(&mut self.lm, &self.ids[..rows], lengths)?;
         }
-        lm.encode_layer(cx, &mut self.lm, layer, lengths)?;
+        let end = if self.bounded { first + self.per_member } else { sequences };
+        let before = lengths[..first].iter().sum();
+        if lengths[first..end].iter().any(|&rows| rows > 0) {
+            lm.encode_layer(cx, &mut self.lm, layer, before, &lengths[first..end])?;
+        }
+        if end < sequences {
+            return Ok(Phase::Encode { layer, first: end });
+        }
         if layer + 1 < lm.encoder_layers() {
-            return Ok(Phase::Encode { layer: layer + 1 });
+            return Ok(Phase::Encode { layer: layer + 1, first: 0 });
         }
         lm.end_encode(cx, &self.lm, lengths, &mut self.states[..rows * lm.d_model()])?;
         for sequence in 0..sequences {
@@ -454,7 +487,7 @@ impl Batch {
             BetweenScratch::Vectors { .. } => {
                 self.list_heard(&model.config);
                 self.list_tasks(avatars);
-                return Ok(Phase::Draw { first: 0 });
+                return Ok(Phase::Draw { first: 0, code: 0 });
             }
         };
         let (mut row, mut more) = (0, false);
@@ -488,15 +521,17 @@ impl Batch {
         match (&model.between, &mut self.between, &mut avatar.history) {
             (Between::Codes(interp), BetweenScratch::Codes { interp: scratch, .. }, Window::Codes(history)) => {
                 history.lay_out();
-                interp.fill(cx, scratch, history.frames())?;
+                let start = history.fresh_start(avatar.chunk == 0);
+                interp.fill_from(cx, scratch, history.frames(), start)?;
             }
             (
                 Between::Vectors { interp, .. },
                 BetweenScratch::Vectors { interp: scratch, .. },
                 Window::Keyframes(history),
             ) => {
+                let fresh = history.fresh_frames(avatar.chunk == 0);
                 let (vectors, known) = history.lay_out(model.motion.decoders())?;
-                interp.fill(cx, scratch, vectors, known)?;
+                interp.fill_from(cx, scratch, vectors, known, known.len() - fresh)?;
             }
             _ => return Err(OTHER_LAYOUT),
         }

@@ -417,8 +417,9 @@ impl Engine {
         *self.inner.times.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Computes until nothing is due or `budget` is used up: it returns at most one layer's time
-    /// later. A budget of zero computes one layer.
+    /// Computes until nothing is due or the next layer would no longer fit `budget`, by how long the last
+    /// of its kind took; at least one layer, so that a budget of zero computes one. Small models compute a
+    /// layer of one session at a time here.
     ///
     /// # Errors
     /// [`PollError`] where the engine has threads of its own, or another thread polls.
@@ -441,7 +442,7 @@ impl Engine {
             joining
         });
         let mut left = Poll::More;
-        while left == Poll::More && start.elapsed() < budget {
+        while left == Poll::More && budget.saturating_sub(start.elapsed()) > worker.expected() {
             if !worker.turn(&self.inner) {
                 left = Poll::Idle;
             }

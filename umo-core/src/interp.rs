@@ -101,14 +101,31 @@ impl Interp {
     /// different numbers of codes or different masks, or a code is neither a code nor the mask;
     /// nothing is filled then.
     pub fn fill(&self, cx: Compute, scratch: &mut InterpScratch, codes: PerPart<&mut [u16]>) -> Result<(), StepError> {
+        self.fill_from(cx, scratch, codes, 0)
+    }
+
+    /// Fills the masked frames from `first` on, as [`Self::fill`] does; those before stay masked.
+    ///
+    /// # Errors
+    /// As [`Self::fill`], and where no frame is left.
+    pub fn fill_from(
+        &self,
+        cx: Compute,
+        scratch: &mut InterpScratch,
+        codes: PerPart<&mut [u16]>,
+        first: usize,
+    ) -> Result<(), StepError> {
         let known = PerPart { face: &*codes.face, hands: &*codes.hands, upper: &*codes.upper, lower: &*codes.lower };
         scratch.frames = 0;
         let frames = self.check(scratch, known)?;
+        if first >= frames {
+            return Err(StepError::Empty("frames to interpolate"));
+        }
         self.embed(scratch, known, frames);
-        self.trunk.run(cx, &mut scratch.trunk, frames)?;
-        self.predict(cx, scratch, frames)?;
-        scratch.frames = frames;
-        self.choose(cx, scratch, codes)
+        self.trunk.run(cx, &mut scratch.trunk, frames, first)?;
+        self.predict(cx, scratch, frames - first)?;
+        scratch.frames = frames - first;
+        self.choose(cx, scratch, codes, first)
     }
 
     /// The number of frames, where everything about `codes` is as it must be.
@@ -149,7 +166,7 @@ impl Interp {
         });
     }
 
-    /// The logits of every part and frame.
+    /// The logits of every part and frame that was asked for.
     fn predict(&self, cx: Compute, s: &mut InterpScratch, frames: usize) -> Result<(), StepError> {
         for (i, part) in Part::ALL.into_iter().enumerate() {
             let (x, quant) = self.trunk.outputs(&mut s.trunk, frames, i)?;
@@ -159,11 +176,17 @@ impl Interp {
         Ok(())
     }
 
-    /// The likeliest code of each masked frame.
-    fn choose(&self, cx: Compute, scratch: &InterpScratch, mut codes: PerPart<&mut [u16]>) -> Result<(), StepError> {
+    /// The likeliest code of each masked frame from `first` on.
+    fn choose(
+        &self,
+        cx: Compute,
+        scratch: &InterpScratch,
+        mut codes: PerPart<&mut [u16]>,
+        first: usize,
+    ) -> Result<(), StepError> {
         for part in Part::ALL {
             let logits = scratch.logits(part).chunks_exact(self.codes);
-            for (code, logits) in codes[part].iter_mut().zip(logits) {
+            for (code, logits) in codes[part][first..].iter_mut().zip(logits) {
                 if self.is_mask(*code) {
                     check_finite(logits, "interpolation logits")?;
                     let best = argmax(cx.isa, logits).unwrap_or(0);

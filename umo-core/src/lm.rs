@@ -138,7 +138,7 @@ impl Lm {
         hidden: &mut [f32],
     ) -> Result<(), StepError> {
         self.begin_encode(scratch, ids, lengths)?;
-        (0..self.encoder_layers()).try_for_each(|layer| self.encode_layer(cx, scratch, layer, lengths))?;
+        (0..self.encoder_layers()).try_for_each(|layer| self.encode_layer(cx, scratch, layer, 0, lengths))?;
         self.end_encode(cx, scratch, lengths, hidden)
     }
 
@@ -162,7 +162,8 @@ impl Lm {
         self.embed(ids, &scratch.given, &mut scratch.hidden)
     }
 
-    /// One layer of an encoder pass.
+    /// One layer of an encoder pass, for the sequences of `lengths`, whose rows begin at `first`: all of
+    /// the pass at once, or some after the others.
     ///
     /// # Errors
     /// [`StepError`] where a length disagrees.
@@ -171,11 +172,18 @@ impl Lm {
         cx: Compute,
         scratch: &mut LmScratch,
         layer: usize,
+        first: usize,
         lengths: &[usize],
     ) -> Result<(), StepError> {
-        self.encoder.layer(cx, scratch, layer, lengths)?;
-        scratch.count(layer);
+        self.encoder.layer(cx, scratch, layer, first, lengths)?;
+        scratch.count(layer, first);
         Ok(())
+    }
+
+    /// Weights of one layer of the encoder, all experts counted.
+    pub(crate) fn encoder_layer_weights(config: &Config) -> usize {
+        let lm = &config.lm;
+        lm.d_model * (4 * lm.num_heads * lm.d_kv + 3 * lm.experts * lm.d_ff)
     }
 
     /// Writes the states of an encoder pass to `hidden [rows, d_model]`.
@@ -280,7 +288,7 @@ impl Lm {
         sequences: &mut [Sequence],
     ) -> Result<(), StepError> {
         self.decoder.layer(cx, scratch, layer, sequences)?;
-        scratch.count(self.encoder_layers() + layer);
+        scratch.count(self.encoder_layers() + layer, 0);
         Ok(())
     }
 
@@ -519,9 +527,9 @@ impl LmScratch {
         &self.normed
     }
 
-    fn count(&mut self, layer: usize) {
+    fn count(&mut self, layer: usize, first: usize) {
         if let Some(tally) = &mut self.tally {
-            tally.count(layer, &self.experts);
+            tally.count(layer, first, &self.experts);
         }
     }
 

@@ -178,7 +178,7 @@ fn a_loss_is_held_and_heals() {
         };
         let lost = (first * stride..healed).map(off).fold(0.0, f32::max);
         let after = (healed..FRAMES).map(off).fold(0.0, f32::max);
-        assert!(after <= 0.5 * lost + 1e-4, "{name}: {after} m after {lost} m");
+        assert!(after <= 0.5 * lost + 3e-4, "{name}: {after} m after {lost} m");
         // When the last wrong keyframe has left the window, so has every bit but the root's place.
         let gone = (first + count + model.config().prefix + 1) * stride + 2 * held_back;
         assert!(gone + 10 < FRAMES, "{name}");

@@ -269,7 +269,7 @@ export class Model {
     return session;
   }
 
-  /** Computes what is due, for `milliseconds` and at most one layer longer, 0 for one layer; returns whether there is more. */
+  /** Computes what is due, in at most `milliseconds`, but one layer at least; returns whether there is more. */
   compute(milliseconds = Infinity) {
     const library = this.#library;
     this.#open();

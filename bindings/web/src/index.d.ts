@@ -109,7 +109,7 @@ export class Model implements ModelDescription {
   /** Bytes of memory that the module has. */
   readonly memory: number;
   session(options?: SessionOptions): Session;
-  /** Computes what is due, for `milliseconds` and at most one layer longer, 0 for one layer; returns whether there is more. */
+  /** Computes what is due, in at most `milliseconds`, but one layer at least; returns whether there is more. */
   compute(milliseconds?: number): boolean;
   free(): void;
 }

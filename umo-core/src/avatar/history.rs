@@ -101,8 +101,13 @@ impl History {
     /// The frames that this chunk made known: those after the last keyframe of the history, or in
     /// the first chunk those from frame 0 on.
     pub(crate) fn fresh(&self, first: bool) -> PerPart<&[u16]> {
-        let start = if first { self.prefix * self.stride } else { (self.prefix - 1) * self.stride + 1 };
+        let start = self.fresh_start(first);
         PerPart::from_fn(|part| &self.frames[part][start..])
+    }
+
+    /// The first of these in the window.
+    pub(crate) fn fresh_start(&self, first: bool) -> usize {
+        if first { self.prefix * self.stride } else { (self.prefix - 1) * self.stride + 1 }
     }
 
     /// Writes `codes [keyframes, parts]`, from keyframe `first` of the window on.

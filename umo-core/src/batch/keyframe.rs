@@ -9,6 +9,9 @@ use crate::linear::Compute;
 use crate::lm::depth::Task;
 use crate::model::{Between, Model};
 
+/// Codes of a keyframe that one step draws where steps are cut.
+const BOUNDED_CODES: usize = 4;
+
 /// Which of a keyframe's audio tokens its encoder state is of, where the depth network has that.
 pub(super) fn heard_token(config: &Config) -> Option<usize> {
     config.depth.as_ref()?.heard
@@ -69,14 +72,15 @@ impl Batch {
         }
     }
 
-    /// The codes of the keyframe that the decoder pass was of, for as many members as one step
-    /// takes, and what the next pass reads.
+    /// The codes of the keyframe that the decoder pass was of, for as many members and codes as one
+    /// step takes, and what the next pass reads.
     pub(super) fn draw(
         &mut self,
         model: &Model,
         cx: Compute,
         avatars: &mut [Avatar],
         first: usize,
+        code: usize,
     ) -> Result<Phase, StepError> {
         let (
             Between::Vectors { depth, .. },
@@ -85,15 +89,19 @@ impl Batch {
         else {
             return Err(OTHER_LAYOUT);
         };
+        let end = if self.bounded { depth.codes().min(code + BOUNDED_CODES) } else { depth.codes() };
         let before = &before[first * depth.codes()..];
         let states = (self.lm.states(), heard.as_slice());
-        let done = depth.draw(cx, scratch, states, &tasks[first..], before, |task, codes| {
+        let done = depth.draw(cx, scratch, states, &tasks[first..], before, code..end, |task, codes| {
             if let Window::Keyframes(history) = &mut avatars[task.member].history {
                 history.write(*keyframe, codes);
             }
         })?;
+        if end < depth.codes() {
+            return Ok(Phase::Draw { first, code: end });
+        }
         if first + done < tasks.len() {
-            return Ok(Phase::Draw { first: first + done });
+            return Ok(Phase::Draw { first: first + done, code: 0 });
         }
         let (frames, width, next) = (model.lm.frames().ok_or(OTHER_LAYOUT)?, self.due.len(), *keyframe + 1);
         let mut more = false;

@@ -1,6 +1,7 @@
 //! The worker: selects the next sessions and computes their batch layer by layer.
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use super::{EngineConfig, Inner, Threads};
 use crate::avatar::{Avatar, Due};
@@ -38,9 +39,13 @@ impl Worker {
             (Some(_), Threads::Host(_)) => Team::with_external_workers(threads),
             _ => Team::on_cores(threads, own, others)?,
         };
+        let mut batch = Batch::new(inner.model(), width);
+        if matches!(config.threads, Threads::Host(_)) {
+            batch.bound(&inner.model().config);
+        }
         Ok(Self {
             team: Arc::new(team),
-            batch: Batch::new(inner.model(), width),
+            batch,
             avatars: with_capacity(width),
             schedules: with_capacity(width),
             slots: with_capacity(width),
@@ -52,6 +57,11 @@ impl Worker {
     /// The threads that compute.
     pub(super) fn team(&self) -> Arc<Team> {
         Arc::clone(&self.team)
+    }
+
+    /// How long the next turn will take, as far as that is known.
+    pub(super) fn expected(&self) -> Duration {
+        self.batch.expected()
     }
 
     /// Where the host lends its threads.

@@ -99,18 +99,48 @@ impl Layer {
     /// Runs over `x [rows, dim]` in place, each `group` rows on their own: a row attends to those
     /// of its group.
     pub(super) fn run(&self, cx: Compute, s: &mut LayerScratch, group: usize, x: &mut [f32]) -> Result<(), StepError> {
+        self.project(cx, s, x)?;
+        let dim = self.projection.inputs();
+        let rows = x.len() / dim;
+        self.attend(cx, Mat::new(&s.qkv, rows, 3 * dim)?, group, &mut s.attended)?;
+        self.finish(cx, s, x)
+    }
+
+    /// Runs over the rows of `x [rows, dim]` from `first` on, which attend to all rows; those before
+    /// stay as they are. The same bits as [`Self::run`] with one group.
+    pub(super) fn run_from(
+        &self,
+        cx: Compute,
+        s: &mut LayerScratch,
+        first: usize,
+        x: &mut [f32],
+    ) -> Result<(), StepError> {
+        self.project(cx, s, x)?;
+        let dim = self.projection.inputs();
+        let rows = x.len() / dim;
+        let work = 2 * (rows - first) * rows * dim;
+        let (qkv, y) = (Mat::new(&s.qkv, rows, 3 * dim)?, MatMut::new(&mut s.attended, rows - first, dim)?);
+        let heads = |columns, y| self.heads_of(cx.isa, qkv, first, columns, y);
+        cx.team.columns(y, dim / self.heads, work, heads)?;
+        self.finish(cx, s, &mut x[first * dim..])
+    }
+
+    /// Queries, keys and values of all rows of `x`.
+    fn project(&self, cx: Compute, s: &mut LayerScratch, x: &[f32]) -> Result<(), StepError> {
+        let dim = self.projection.inputs();
+        let rows = x.len() / dim;
+        normed(cx, x, &self.norm1, &mut s.normed)?;
+        let y = MatMut::new(&mut s.qkv, rows, 3 * dim)?;
+        self.projection.forward(cx, &mut s.quant, Mat::new(&s.normed, rows, dim)?, Epilogue::STORE, y)
+    }
+
+    /// Adds what rows attended to, and the feed-forward network's outputs.
+    fn finish(&self, cx: Compute, s: &mut LayerScratch, x: &mut [f32]) -> Result<(), StepError> {
         let (dim, ffn_dim) = (self.projection.inputs(), self.ffn_dim());
         let rows = x.len() / dim;
-        let norm = |x: &[f32], norm: &Norm, y: &mut [f32]| {
-            layer_norm(cx.isa, Mat::new(x, rows, dim)?, &norm.weight, &norm.bias, EPS, MatMut::new(y, rows, dim)?)
-        };
-        norm(x, &self.norm1, &mut s.normed)?;
-        let y = MatMut::new(&mut s.qkv, rows, 3 * dim)?;
-        self.projection.forward(cx, &mut s.quant, Mat::new(&s.normed, rows, dim)?, Epilogue::STORE, y)?;
-        self.attend(cx, Mat::new(&s.qkv, rows, 3 * dim)?, group, &mut s.attended)?;
         let attended = Mat::new(&s.attended, rows, dim)?;
         self.output.forward(cx, &mut s.quant, attended, Epilogue::ADD, MatMut::new(x, rows, dim)?)?;
-        norm(x, &self.norm2, &mut s.normed)?;
+        normed(cx, x, &self.norm2, &mut s.normed)?;
         let y = MatMut::new(&mut s.ffn, rows, ffn_dim)?;
         let gelu = Epilogue::STORE.then(Activation::Gelu);
         self.expand.forward(cx, &mut s.quant, Mat::new(&s.normed, rows, dim)?, gelu, y)?;
@@ -126,20 +156,27 @@ impl Layer {
         let head_dim = dim / self.heads;
         if group == rows {
             let y = MatMut::new(y, rows, dim)?;
-            return cx.team.columns(y, head_dim, work, |columns, y| self.heads_of(cx.isa, qkv, columns, y));
+            return cx.team.columns(y, head_dim, work, |columns, y| self.heads_of(cx.isa, qkv, 0, columns, y));
         }
         let groups = MatMut::new(y, rows / group, group * dim)?;
         cx.team.rows(groups, work, |range, mut groups| {
             for (i, index) in range.enumerate() {
                 let qkv = qkv.row_range(index * group..(index + 1) * group);
-                self.heads_of(cx.isa, qkv, 0..dim, MatMut::new(groups.row_mut(i), group, dim)?)?;
+                self.heads_of(cx.isa, qkv, 0, 0..dim, MatMut::new(groups.row_mut(i), group, dim)?)?;
             }
             Ok(())
         })
     }
 
-    /// The heads whose outputs are `columns`, over all rows of `qkv`.
-    fn heads_of(&self, isa: Isa, qkv: Mat<f32>, columns: Range<usize>, y: MatMut<f32>) -> Result<(), StepError> {
+    /// The heads whose outputs are `columns`, of the rows of `qkv` from `start` on over all of them.
+    fn heads_of(
+        &self,
+        isa: Isa,
+        qkv: Mat<f32>,
+        start: usize,
+        columns: Range<usize>,
+        y: MatMut<f32>,
+    ) -> Result<(), StepError> {
         let dim = qkv.cols() / 3;
         let head_dim = dim / self.heads;
         let scale = 1.0 / (head_dim as f32).sqrt();
@@ -148,8 +185,17 @@ impl Layer {
             let part = |i: usize| qkv.columns(i * dim + first..i * dim + first + head_dim);
             let (y, right) = rest.split_columns(head_dim);
             rest = right;
-            encoder_attention_f32(isa, part(0), part(1), part(2), scale, None, y)?;
+            let queries = part(0).row_range(start..qkv.rows());
+            encoder_attention_f32(isa, queries, part(1), part(2), scale, None, y)?;
         }
         Ok(())
     }
+}
+
+/// `x [rows, dim]` through a norm.
+fn normed(cx: Compute, x: &[f32], norm: &Norm, y: &mut [f32]) -> Result<(), StepError> {
+    let dim = norm.weight.len();
+    let rows = x.len() / dim;
+    layer_norm(cx.isa, Mat::new(x, rows, dim)?, &norm.weight, &norm.bias, EPS, MatMut::new(y, rows, dim)?)?;
+    Ok(())
 }

@@ -111,29 +111,34 @@ impl Trunk {
         }
     }
 
-    /// Runs the layers over what [`Self::embed`] wrote.
-    pub(super) fn run(&self, cx: Compute, s: &mut TrunkScratch, frames: usize) -> Result<(), StepError> {
+    /// Runs the layers over what [`Self::embed`] wrote, for the outputs of the frames from `first` on:
+    /// what lies between known frames that nobody asks for is only read.
+    pub(super) fn run(&self, cx: Compute, s: &mut TrunkScratch, frames: usize, first: usize) -> Result<(), StepError> {
         let (dim, parts) = (self.dim, self.parts);
         let hidden = &mut s.hidden[..frames * dim];
-        for layer in &self.temporal {
-            layer.run(cx, &mut s.layer, frames, hidden)?;
+        if let Some((last, layers)) = self.temporal.split_last() {
+            for layer in layers {
+                layer.run(cx, &mut s.layer, frames, hidden)?;
+            }
+            last.run_from(cx, &mut s.layer, first, hidden)?;
         }
-        for (tokens, hidden) in s.tokens.chunks_exact_mut(parts * dim).zip(hidden.chunks_exact(dim)) {
+        let tokens = &mut s.tokens[first * parts * dim..frames * parts * dim];
+        for (tokens, hidden) in tokens.chunks_exact_mut(parts * dim).zip(hidden[first * dim..].chunks_exact(dim)) {
             for token in tokens.chunks_exact_mut(dim) {
                 token.iter_mut().zip(hidden).for_each(|(token, hidden)| *token += hidden);
             }
         }
-        let tokens = &mut s.tokens[..frames * parts * dim];
         for layer in &self.part {
             layer.run(cx, &mut s.layer, parts, tokens)?;
         }
-        let rows = frames * parts;
-        let x = Mat::new(&s.tokens, rows, dim)?;
+        let rows = (frames - first) * parts;
+        let x = Mat::new(tokens, rows, dim)?;
         layer_norm(cx.isa, x, &self.norm.weight, &self.norm.bias, EPS, MatMut::new(&mut s.normed, rows, dim)?)?;
         Ok(())
     }
 
-    /// The normed tokens `[frames, dim]` of one part, and room to quantize them.
+    /// The normed tokens `[frames, dim]` of one part, of as many frames as were asked for, and room to
+    /// quantize them.
     pub(super) fn outputs<'a>(
         &self,
         s: &'a mut TrunkScratch,

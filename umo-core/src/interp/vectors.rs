@@ -87,8 +87,7 @@ impl VectorInterp {
     /// Shapes: `vectors [T, width]` of each part; `known [T]`.
     ///
     /// # Errors
-    /// [`StepError`] where there is no frame or more than `scratch` has room for, no frame is
-    /// known, or the parts have other numbers of frames.
+    /// As [`Self::fill_from`].
     pub fn fill(
         &self,
         cx: Compute,
@@ -96,8 +95,24 @@ impl VectorInterp {
         vectors: &mut [impl DerefMut<Target = [f32]>],
         known: &[bool],
     ) -> Result<(), StepError> {
+        self.fill_from(cx, scratch, vectors, known, 0)
+    }
+
+    /// Fills those from frame `first` on, with the same bits: the others are read by no one.
+    ///
+    /// # Errors
+    /// [`StepError`] where there is no frame or more than `scratch` has room for, no frame is
+    /// known, or the parts have other numbers of frames.
+    pub fn fill_from(
+        &self,
+        cx: Compute,
+        scratch: &mut VectorScratch,
+        vectors: &mut [impl DerefMut<Target = [f32]>],
+        known: &[bool],
+        first: usize,
+    ) -> Result<(), StepError> {
         let frames = known.len();
-        if frames == 0 || !known.contains(&true) {
+        if first >= frames || !known.contains(&true) {
             return Err(StepError::Empty("known frames to interpolate"));
         }
         if frames > scratch.max_frames {
@@ -121,14 +136,16 @@ impl VectorInterp {
                 false => self.mask.gather(part, out),
             },
         );
-        self.trunk.run(cx, trunk, frames)?;
+        self.trunk.run(cx, trunk, frames, first)?;
+        let asked = frames - first;
         for (part, (head, vectors)) in self.head.iter().zip(vectors).enumerate() {
             let width = head.outputs();
-            let (x, quant) = self.trunk.outputs(trunk, frames, part)?;
-            head.forward(cx, quant, x, Epilogue::STORE, MatMut::new(change, frames, width)?)?;
-            check_finite(&change[..frames * width], "interpolated vectors")?;
-            lines(known, width, vectors);
-            for ((row, change), _) in rows(vectors, change, width).zip(known).filter(|(_, known)| !**known) {
+            let (x, quant) = self.trunk.outputs(trunk, asked, part)?;
+            head.forward(cx, quant, x, Epilogue::STORE, MatMut::new(change, asked, width)?)?;
+            check_finite(&change[..asked * width], "interpolated vectors")?;
+            lines(known, first, width, vectors);
+            let asked = rows(&mut vectors[first * width..], change, width).zip(&known[first..]);
+            for ((row, change), _) in asked.filter(|(_, known)| !**known) {
                 row.iter_mut().zip(change).for_each(|(v, change)| *v += change);
             }
         }
@@ -140,12 +157,12 @@ fn rows<'a>(a: &'a mut [f32], b: &'a [f32], width: usize) -> impl Iterator<Item 
     a.chunks_exact_mut(width).zip(b.chunks_exact(width))
 }
 
-/// Writes the straight lines between known rows of `vectors [T, width]` to the others; before the
-/// first and behind the last known row its values.
+/// Writes the straight lines between known rows of `vectors [T, width]` to the others from `first` on;
+/// before the first and behind the last known row its values.
 #[expect(clippy::cast_precision_loss, reason = "windows have far fewer than 2^24 frames")]
-fn lines(known: &[bool], width: usize, vectors: &mut [f32]) {
-    let mut before = None;
-    for frame in 0..known.len() {
+fn lines(known: &[bool], first: usize, width: usize, vectors: &mut [f32]) {
+    let mut before = known[..first].iter().rposition(|known| *known);
+    for frame in first..known.len() {
         if known[frame] {
             before = Some(frame);
             continue;
@@ -171,7 +188,11 @@ mod tests {
     fn lines_run_between_known_rows_and_are_level_beyond_them() {
         let known = [false, true, false, false, false, true, false];
         let mut vectors = [9.0, 9.0, 1.0, -2.0, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0, 3.0, 2.0, 9.0, 9.0];
-        lines(&known, 2, &mut vectors);
+        let mut later = vectors;
+        lines(&known, 0, 2, &mut vectors);
         assert_eq!(vectors, [1.0, -2.0, 1.0, -2.0, 1.5, -1.0, 2.0, 0.0, 2.5, 1.0, 3.0, 2.0, 3.0, 2.0]);
+        lines(&known, 3, 2, &mut later);
+        assert_eq!(later[..6], [9.0, 9.0, 1.0, -2.0, 9.0, 9.0]);
+        assert_eq!(later[6..], vectors[6..]);
     }
 }

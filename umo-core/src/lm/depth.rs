@@ -5,6 +5,8 @@
 //! computed by one thread from its first code to its last, avatars are shared by the threads, and
 //! those of one thread go through the network together. A row's bits do not depend on that.
 
+use std::ops::Range;
+
 use umo_kernels::attention::{Visible, attention_f32};
 use umo_kernels::gemm::Epilogue;
 use umo_kernels::norm::rms_norm;
@@ -213,14 +215,15 @@ impl DepthNet {
         }
     }
 
-    /// Draws the codes of the first of `tasks`, as many as there is room for; returns how many.
+    /// Draws the codes of the first of `tasks`, as many as there is room for; returns how many. Of
+    /// their codes those in `codes`, from 0 on in calls that follow each other with the same tasks.
     /// Never allocates.
     ///
     /// Shapes: `states [rows, d_model]`, the decoder's after its final norm; `heard` of the same shape,
     /// the encoder's where the keyframes are heard, zeros where they are not, empty where the network
     /// has none; `before [tasks, codes of a keyframe]`, the keyframe before each task's;
-    /// `write(task, codes)` is given each task's codes in the order of the config's parts, their
-    /// levels ascending.
+    /// `write(task, codes)` is given each task's codes, when the last is drawn, in the order of the
+    /// config's parts, their levels ascending.
     ///
     /// # Errors
     /// [`StepError`] where logits are not finite, or `before` is not of all tasks.
@@ -231,6 +234,7 @@ impl DepthNet {
         (states, heard): (&[f32], &[f32]),
         tasks: &[Task],
         before: &[u16],
+        codes: Range<usize>,
         mut write: impl FnMut(&Task, &[u16]),
     ) -> Result<usize, StepError> {
         if before.len() != tasks.len() * self.codes() {
@@ -244,17 +248,20 @@ impl DepthNet {
             lanes,
             groups,
             1,
-            count * self.work(),
+            count * self.work() * codes.len() / self.codes(),
             |lanes, at| lanes.split_at_mut(at),
             |range, lanes| {
                 for (lane, group) in lanes.iter_mut().zip(range) {
                     let mine = bounds(group)..bounds(group + 1);
                     let before = &before[mine.start * self.codes()..mine.end * self.codes()];
-                    lane.draw(self, cx.isa, (states, heard), &tasks[mine], before)?;
+                    lane.draw(self, cx.isa, (states, heard), &tasks[mine], before, codes.clone())?;
                 }
                 Ok(())
             },
         )?;
+        if codes.end < self.codes() {
+            return Ok(count);
+        }
         for (group, lane) in scratch.lanes[..groups].iter().enumerate() {
             let mut row = 0;
             for task in &tasks[bounds(group)..bounds(group + 1)] {
@@ -336,7 +343,7 @@ impl Lane {
         }
     }
 
-    /// Draws the codes of every task; `before` are those of the keyframes before.
+    /// Draws the codes `drawn` of every task; `before` are those of the keyframes before.
     fn draw(
         &mut self,
         net: &DepthNet,
@@ -344,14 +351,17 @@ impl Lane {
         states: (&[f32], &[f32]),
         tasks: &[Task],
         before: &[u16],
+        drawn: Range<usize>,
     ) -> Result<(), StepError> {
         let count = net.slots.len();
-        let of_rows = tasks.iter().zip(before.chunks_exact(count));
-        let of_rows = of_rows.flat_map(|(task, before)| std::iter::repeat_n(before, task.rows()));
-        self.before.chunks_exact_mut(count).zip(of_rows).for_each(|(row, before)| row.copy_from_slice(before));
         let rows = tasks.iter().map(Task::rows).sum();
-        self.project(net, isa, states, tasks.iter().flat_map(|t| std::iter::once(t.row).chain(t.unprompted)))?;
-        for (j, slot) in net.slots.iter().enumerate() {
+        if drawn.start == 0 {
+            let of_rows = tasks.iter().zip(before.chunks_exact(count));
+            let of_rows = of_rows.flat_map(|(task, before)| std::iter::repeat_n(before, task.rows()));
+            self.before.chunks_exact_mut(count).zip(of_rows).for_each(|(row, before)| row.copy_from_slice(before));
+            self.project(net, isa, states, tasks.iter().flat_map(|t| std::iter::once(t.row).chain(t.unprompted)))?;
+        }
+        for (j, slot) in net.slots.iter().enumerate().take(drawn.end).skip(drawn.start) {
             self.step(net, isa, j, rows)?;
             let (mut row, codes) = (0, slot.head.outputs());
             check_finite(&self.logits[..rows * codes], "depth network's logits")?;

@@ -71,17 +71,18 @@ impl Encoder {
         }
     }
 
-    /// Runs layer `index` over `scratch.hidden`, whose rows are sequences of `lengths`.
+    /// Runs layer `index` over the rows of `scratch.hidden` from `first` on, sequences of `lengths`.
     pub(super) fn layer(
         &self,
         cx: Compute,
         scratch: &mut LmScratch,
         index: usize,
+        first: usize,
         lengths: &[usize],
     ) -> Result<(), StepError> {
         let (d, rows) = (self.norm.len(), lengths.iter().sum::<usize>());
         let (layer, start) = (&self.layers[index], Instant::now());
-        self.attend(cx, scratch, layer, lengths)?;
+        self.attend(cx, scratch, layer, first, lengths)?;
         let middle = Instant::now();
         let LmScratch { hidden, normed, experts, quant, middle: inside, .. } = scratch;
         let then = || {
@@ -90,7 +91,8 @@ impl Encoder {
                 cx.team.expect(self.heads * self.d_kv, self.d_kv, |columns| input.ahead(columns).tuned_for(cx.isa));
             }
         };
-        layer.experts.forward(cx, (quant, inside), experts, &mut hidden[..rows * d], &mut normed[..rows * d], then)?;
+        let hidden = &mut hidden[first * d..(first + rows) * d];
+        layer.experts.forward(cx, (quant, inside), experts, hidden, &mut normed[..rows * d], then)?;
         scratch.times.add(start, middle);
         Ok(())
     }
@@ -108,9 +110,17 @@ impl Encoder {
 
     /// `hidden += o(attention(qkv(norm(hidden))))`, each sequence by itself. A thread computes
     /// queries, keys and values of its heads, and from them these heads' columns of the context.
-    fn attend(&self, cx: Compute, scratch: &mut LmScratch, layer: &Layer, lengths: &[usize]) -> Result<(), StepError> {
+    fn attend(
+        &self,
+        cx: Compute,
+        scratch: &mut LmScratch,
+        layer: &Layer,
+        first: usize,
+        lengths: &[usize],
+    ) -> Result<(), StepError> {
         let (d, rows, inner) = (self.norm.len(), lengths.iter().sum::<usize>(), self.heads * self.d_kv);
         let LmScratch { hidden, normed, qkv, context, quant, middle, .. } = scratch;
+        let hidden = &mut hidden[first * d..];
         let Projections { input, output } = &layer.attention;
         let none = MatMut::new(&mut [], rows, 0)?;
         let x = norm_input(cx, hidden, (&layer.norm, self.eps), normed, (input, quant), none, 0, no_more)?;

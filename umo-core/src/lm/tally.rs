@@ -84,12 +84,13 @@ impl Tally {
         }
     }
 
-    /// Counts where the rows of the pass went in `layer`, the decoder's layers after the encoder's.
-    pub(super) fn count(&mut self, layer: usize, routed: &ExpertScratch) {
+    /// Counts where the rows of the pass from `first` on went in `layer`, the decoder's layers after the
+    /// encoder's.
+    pub(super) fn count(&mut self, layer: usize, first: usize, routed: &ExpertScratch) {
         let start = layer * self.width * self.experts;
         for expert in 0..self.experts {
             for &row in routed.rows_of(expert) {
-                let kind = usize::from(self.kinds[row as usize]);
+                let kind = usize::from(self.kinds[first + row as usize]);
                 self.counts[start + kind * self.experts + expert] += 1;
             }
         }

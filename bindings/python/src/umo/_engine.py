@@ -123,7 +123,7 @@ class Engine(_library.Handle):
         _library.check(status)
 
     def poll(self, budget: Optional[float] = None) -> bool:
-        """Computes in this thread until nothing is due, or for `budget` seconds and at most one layer's time longer.
+        """Computes in this thread until nothing is due, or the next layer would not fit `budget` seconds; one at least.
 
         Whether there is more to do. For engines that were made `polled`.
         """
