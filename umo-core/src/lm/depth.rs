@@ -12,7 +12,7 @@ use umo_kernels::gemm::Epilogue;
 use umo_kernels::norm::rms_norm;
 use umo_kernels::{Isa, Mat, MatMut, PrefetchHint};
 
-use super::sampler::Sampler;
+use super::sampler::{Rank, Sampler};
 use crate::config::{Config, Sampling, TemplateItem};
 use crate::error::{LoadError, StepError, check_finite};
 use crate::linear::{Compute, Linear, QuantScratch};
@@ -126,7 +126,7 @@ struct Lane {
     cache: AlignedBox<f32>,
     /// `[rows, most codes of a level]`
     logits: Box<[f32]>,
-    order: Box<[u16]>,
+    ranks: Box<[Rank]>,
     /// `[rows, codes of a keyframe]`
     codes: Box<[u16]>,
     /// `[rows, codes of a keyframe]`: those of the keyframe before.
@@ -336,7 +336,7 @@ impl Lane {
             inner: room(net.d_ff),
             cache: AlignedBox::zeroed(rows * net.layers.len() * 2 * d * codes),
             logits: room(most),
-            order: filled(0, most).into(),
+            ranks: filled(Rank::default(), most).into(),
             codes: filled(0, rows * codes).into(),
             before: filled(0, rows * codes).into(),
             quant: QuantScratch::new(rows, widest.max(net.d_ff)),
@@ -372,7 +372,7 @@ impl Lane {
                 }
                 #[expect(clippy::cast_possible_truncation, reason = "codes fit 16 bits by the config's checks")]
                 let place = [task.keyframe, j as u32 + 1];
-                let code = task.sampler.of(slot.sampling).sample_at(logits, &mut self.order, task.chunk, place);
+                let code = task.sampler.of(slot.sampling).sample_at(logits, &mut self.ranks, task.chunk, place);
                 for row in row..row + task.rows() {
                     #[expect(clippy::cast_possible_truncation, reason = "codes fit 16 bits by the config's checks")]
                     let code = code as u16;

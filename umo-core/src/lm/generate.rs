@@ -4,7 +4,7 @@
 use umo_kernels::Mat;
 
 use super::decoder::Sequence;
-use super::sampler::Sampler;
+use super::sampler::{Rank, Sampler};
 use super::{Lm, LmScratch};
 use crate::config::{Config, Modality, Sampling};
 use crate::error::{StepError, check_finite};
@@ -25,7 +25,7 @@ pub struct Generator {
     /// `[codes]`.
     logits: Box<[f32]>,
     /// `[codes]`.
-    order: Box<[u16]>,
+    ranks: Box<[Rank]>,
 }
 
 /// How one chunk's codes are drawn, and how many of them there are.
@@ -55,7 +55,7 @@ impl Generator {
             parts: PerPart::from_fn(|part| config.vocab[part]),
             sampling: config.part_sampling(),
             logits: filled(0.0, config.part_codes()).into(),
-            order: filled(0, config.part_codes()).into(),
+            ranks: filled(Rank::default(), config.part_codes()).into(),
         }
     }
 
@@ -129,7 +129,7 @@ impl Generator {
         let position = at.part * sampling.target + at.index;
         let code = sampling.sampler.of(self.sampling[part]).sample(
             &self.logits,
-            &mut self.order,
+            &mut self.ranks,
             sampling.chunk,
             position as u32,
         );

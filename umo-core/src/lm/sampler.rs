@@ -45,59 +45,86 @@ impl Sampler {
         Ok(())
     }
 
-    /// The code for `logits`, ties to the lower one. `order` is scratch, as long as `logits`.
+    /// The code for `logits`, ties to the lower one. `ranks` is scratch, as long as `logits`.
     ///
     /// Temperature, then top-k (logits equal to the k-th stay), then top-p (the likeliest whose sum
     /// reaches it), as Hugging Face's `generate` orders them.
     #[cfg_attr(not(feature = "internals"), doc(hidden))]
-    pub fn sample(&self, logits: &[f32], order: &mut [u16], chunk: u64, position: u32) -> usize {
-        self.sample_at(logits, order, chunk, [position, 0])
+    pub fn sample(&self, logits: &[f32], ranks: &mut [Rank], chunk: u64, position: u32) -> usize {
+        self.sample_at(logits, ranks, chunk, [position, 0])
     }
 
     /// The same for a draw that two numbers of a chunk tell from others.
-    #[expect(clippy::cast_possible_truncation, reason = "codes fit 16 bits by the config's checks")]
-    pub(crate) fn sample_at(&self, logits: &[f32], order: &mut [u16], chunk: u64, place: [u32; 2]) -> usize {
+    pub(crate) fn sample_at(&self, logits: &[f32], ranks: &mut [Rank], chunk: u64, place: [u32; 2]) -> usize {
         let Sampling { temperature, top_k, top_p } = self.sampling;
-        let order = &mut order[..logits.len()];
-        order.iter_mut().enumerate().for_each(|(i, slot)| *slot = i as u16);
-        let logit = |code: u16| logits[usize::from(code)];
-        let likelier = |a: &u16, b: &u16| logit(*b).total_cmp(&logit(*a)).then(a.cmp(b));
-        let Some(best) = order.iter().copied().min_by(likelier) else { return 0 };
+        let ranks = &mut ranks[..logits.len()];
+        ranks.iter_mut().zip(logits).enumerate().for_each(|(code, (rank, &logit))| *rank = Rank::new(code, logit));
+        let Some(best) = ranks.iter().map(|rank| rank.key).max().map(|key| Rank { key, weight: 0.0 }.code()) else {
+            return 0;
+        };
         if temperature <= 0.0 {
-            return usize::from(best);
+            return best;
         }
-        let mut kept = order.len();
+        let likelier = |a: &Rank, b: &Rank| b.key.cmp(&a.key);
+        let mut kept = ranks.len();
         if (1..kept).contains(&top_k) {
             // Sorting all codes would take as long as a product of the depth network.
-            let least = logit(*order.select_nth_unstable_by(top_k - 1, likelier).1);
+            let least = logits[ranks.select_nth_unstable_by(top_k - 1, likelier).1.code()];
             kept = top_k;
-            for at in top_k..order.len() {
-                if logit(order[at]) >= least {
-                    order.swap(kept, at);
+            for at in top_k..ranks.len() {
+                if logits[ranks[at].code()] >= least {
+                    ranks.swap(kept, at);
                     kept += 1;
                 }
             }
         }
-        order[..kept].sort_unstable_by(likelier);
-        let weight = |code: u16| ((f64::from(logit(code)) - f64::from(logit(best))) / f64::from(temperature)).exp();
-        let mut total: f64 = order[..kept].iter().map(|&code| weight(code)).sum();
+        let ranks = &mut ranks[..kept];
+        ranks.sort_unstable_by(likelier);
+        let mut total = 0.0;
+        for rank in &mut *ranks {
+            rank.weight = ((f64::from(logits[rank.code()]) - f64::from(logits[best])) / f64::from(temperature)).exp();
+            total += rank.weight;
+        }
         if top_p < 1.0 {
             let (wanted, mut sum, mut count) = (f64::from(top_p) * total, 0.0, 0);
             while count < kept && (count == 0 || sum < wanted) {
-                sum += weight(order[count]);
+                sum += ranks[count].weight;
                 count += 1;
             }
             (kept, total) = (count, sum);
         }
         let draw = uniform(self.seed, chunk, place) * total;
         let mut sum = 0.0;
-        for &code in &order[..kept] {
-            sum += weight(code);
+        for rank in &ranks[..kept] {
+            sum += rank.weight;
             if draw < sum {
-                return usize::from(code);
+                return rank.code();
             }
         }
-        usize::from(order[kept - 1])
+        ranks[kept - 1].code()
+    }
+}
+
+/// A code on its way through a draw: what it is sorted by, and its share.
+#[derive(Clone, Copy, Debug, Default)]
+#[cfg_attr(not(feature = "internals"), doc(hidden))]
+pub struct Rank {
+    /// The larger, the likelier; of equals the lower code. In the order of [`f32::total_cmp`].
+    key: u64,
+    weight: f64,
+}
+
+impl Rank {
+    #[expect(clippy::cast_possible_truncation, reason = "codes fit 16 bits by the config's checks")]
+    fn new(code: usize, logit: f32) -> Self {
+        let bits = logit.to_bits();
+        let ordered = if logit.is_sign_negative() { !bits } else { bits | 1 << 31 };
+        Self { key: u64::from(ordered) << 32 | u64::from(!(code as u32)), weight: 0.0 }
+    }
+
+    #[expect(clippy::cast_possible_truncation, reason = "the lower half is the code")]
+    fn code(self) -> usize {
+        !(self.key as u32) as usize
     }
 }
 
@@ -140,8 +167,8 @@ mod tests {
 
     #[test]
     fn greedy_takes_the_lowest_of_equals() {
-        let mut order = [0; 4];
-        assert_eq!(Sampler::GREEDY.sample(&[0.0, 2.0, 2.0, 1.0], &mut order, 0, 0), 1);
+        let mut ranks = [Rank::default(); 4];
+        assert_eq!(Sampler::GREEDY.sample(&[0.0, 2.0, 2.0, 1.0], &mut ranks, 0, 0), 1);
     }
 
     /// The draw as it is defined: all codes in order, then those that are kept.
@@ -190,8 +217,8 @@ mod tests {
                 top_k: next(45) as usize,
                 top_p: [1.0, 0.9, 0.4][next(3) as usize],
             };
-            let (sampler, mut order) = (Sampler { sampling, seed: u64::from(next(100)) }, vec![0; count]);
-            let found = sampler.sample_at(&logits, &mut order, case, [7, 8]);
+            let (sampler, mut ranks) = (Sampler { sampling, seed: u64::from(next(100)) }, vec![Rank::default(); count]);
+            let found = sampler.sample_at(&logits, &mut ranks, case, [7, 8]);
             assert_eq!(found, sorted(&sampler, &logits, case, [7, 8]), "{sampling:?}, {logits:?}");
         }
     }
@@ -207,10 +234,10 @@ mod tests {
             (Sampling { temperature: 0.5, top_k: 2, top_p: 1.0 }, [9.0 / 25.0, 0.0, 16.0 / 25.0, 0.0, 0.0]),
         ];
         for (sampling, wanted) in cases {
-            let (mut counts, mut order) = ([0_u32; 5], [0; 5]);
+            let (mut counts, mut ranks) = ([0_u32; 5], [Rank::default(); 5]);
             for draw in 0..DRAWS {
                 let sampler = Sampler { sampling, seed: 7 };
-                counts[sampler.sample(&logits, &mut order, u64::from(draw / 20), draw % 20)] += 1;
+                counts[sampler.sample(&logits, &mut ranks, u64::from(draw / 20), draw % 20)] += 1;
             }
             for (count, wanted) in counts.iter().zip(wanted) {
                 let share = f64::from(*count) / f64::from(DRAWS);
