@@ -289,31 +289,38 @@ pub struct Animate {
 #[derive(Debug, ClapArgs)]
 pub struct Page {
     /// Recording; or a .glb, .npz or .jsonl made before, a character of `umo retarget` too; with
-    /// --live a recording, or nothing for the microphone alone
-    #[arg(required_unless_present = "live")]
+    /// --live or --web a recording, or nothing for the microphone alone
+    #[arg(required_unless_present_any = ["live", "web"])]
     pub input: Option<PathBuf>,
     /// Page to write; beside the input where not given
-    #[arg(short, long, value_name = "FILE.html", conflicts_with = "live")]
+    #[arg(short, long, value_name = "FILE.html", conflicts_with_all = ["live", "web"])]
     pub output: Option<PathBuf>,
     /// The speech of an animation that was made before
-    #[arg(long, value_name = "FILE", conflicts_with = "live")]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["live", "web"])]
     pub audio: Option<PathBuf>,
     /// Character that wears the motion, .glb or .vrm, in place of the figure
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["live", "figure"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["live", "web", "figure"])]
     pub onto: Option<PathBuf>,
     /// Which bone of the character is what, where the names do not tell: TOML or JSON
-    #[arg(long, value_name = "FILE", conflicts_with = "live")]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["live", "web"])]
     pub mapping: Option<PathBuf>,
     /// Serve the page to browsers of this machine, and stream the recording or their microphone
     /// through the engine
-    #[arg(long)]
+    #[arg(long, group = "stream")]
     pub live: bool,
+    /// Write the page of --live as a folder for any web server: the model runs in the browser
+    #[arg(long, value_name = "FOLDER", group = "stream")]
+    pub web: Option<PathBuf>,
+    /// Folder of the npm package `umo-web`, for --web; node_modules/umo-web or bindings/web where
+    /// not given
+    #[arg(long, value_name = "FOLDER", requires = "web")]
+    pub package: Option<PathBuf>,
     /// Port to serve at; any that is free where not given
     #[arg(long, value_name = "N", requires = "live")]
     pub port: Option<u16>,
     /// When the mouth moves: with the sound, if the model has a mouth network, or with the body;
     /// live for the microphone and delayed for a recording where not given
-    #[arg(long, value_name = "WHEN", requires = "live")]
+    #[arg(long, value_name = "WHEN", requires = "stream")]
     pub voice: Option<VoiceArg>,
     /// Open no browser
     #[arg(long)]

@@ -1,5 +1,6 @@
 //! Which model, which processor, how many threads.
 
+use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
 use umo_core::config::Skeleton;
@@ -33,31 +34,54 @@ pub(crate) fn open(path: Option<&Path>) -> Result<ModelFile, Failure> {
 
 /// [`open`] without the notice, for readers of the skeleton alone.
 pub(crate) fn open_quietly(path: Option<&Path>) -> Result<ModelFile, Failure> {
+    place(path)?.open()
+}
+
+/// The file's bytes, of the same model as [`open`]'s.
+pub(crate) fn bytes(path: Option<&Path>) -> Result<Cow<'static, [u8]>, Failure> {
+    match place(path)? {
+        Place::Program(bytes) => Ok(Cow::Borrowed(bytes)),
+        Place::File(path) => {
+            std::fs::read(&path).map(Cow::Owned).map_err(|error| Failure::input(format!("{}: {error}", path.display())))
+        }
+    }
+}
+
+/// Where a model is.
+enum Place {
+    File(PathBuf),
+    Program(&'static [u8]),
+}
+
+impl Place {
+    fn open(self) -> Result<ModelFile, Failure> {
+        match self {
+            Self::Program(bytes) => Ok(ModelFile::from_static(bytes)?),
+            Self::File(path) => {
+                ModelFile::open(&path).map_err(|error| Failure::input(format!("{}: {error}", path.display())))
+            }
+        }
+    }
+}
+
+fn place(path: Option<&Path>) -> Result<Place, Failure> {
     match path {
-        Some(path) => open_file(path),
+        Some(path) => Ok(Place::File(path.to_owned())),
         None => default(std::env::var_os(VARIABLE).map(PathBuf::from), EMBEDDED, &installed()),
     }
 }
 
-fn open_file(path: &Path) -> Result<ModelFile, Failure> {
-    ModelFile::open(path).map_err(|error| Failure::input(format!("{}: {error}", path.display())))
-}
-
 /// The default model: the file that the environment names, the one in the program, or the first
 /// that is installed.
-fn default(
-    named: Option<PathBuf>,
-    embedded: Option<&'static [u8]>,
-    installed: &[PathBuf],
-) -> Result<ModelFile, Failure> {
+fn default(named: Option<PathBuf>, embedded: Option<&'static [u8]>, installed: &[PathBuf]) -> Result<Place, Failure> {
     if let Some(path) = named.filter(|path| !path.as_os_str().is_empty()) {
-        return open_file(&path);
+        return Ok(Place::File(path));
     }
     if let Some(bytes) = embedded {
-        return Ok(ModelFile::from_static(bytes)?);
+        return Ok(Place::Program(bytes));
     }
     match installed.iter().find(|path| path.is_file()) {
-        Some(path) => open_file(path),
+        Some(path) => Ok(Place::File(path.clone())),
         None => {
             let places: Vec<_> = installed.iter().map(|path| path.display().to_string()).collect();
             Err(Failure::Input(format!(
@@ -130,11 +154,9 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/golden/mel_k2_arkit/model.safetensors");
         let installed = [folder.path().join("missing"), folder.path().join(FILE)];
-        let name = |file: Result<ModelFile, Failure>| file.unwrap().config().name.clone();
+        let name = |place: Result<Place, Failure>| place.unwrap().open().unwrap().config().name.clone();
 
-        let Failure::Input(text) = default(None, None, &installed).unwrap_err() else {
-            panic!("the input is at fault")
-        };
+        let Some(Failure::Input(text)) = default(None, None, &installed).err() else { panic!("the input is at fault") };
         assert!(text.contains("--model") && text.contains(VARIABLE) && text.contains(FILE), "{text}");
 
         std::fs::copy(&golden, &installed[1]).unwrap();
@@ -145,7 +167,7 @@ mod tests {
         assert_eq!(name(default(Some(golden.clone()), EMBEDDED, &[])), small, "and what is named before both");
         assert_eq!(name(default(Some(PathBuf::new()), EMBEDDED, &[])), embedded, "an empty variable names nothing");
         assert!(
-            default(Some(folder.path().join("missing")), EMBEDDED, &installed).is_err(),
+            default(Some(folder.path().join("missing")), EMBEDDED, &installed).and_then(Place::open).is_err(),
             "a wrong name is no default"
         );
     }

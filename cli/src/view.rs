@@ -7,6 +7,7 @@
 //! | `blocks` | that as numbers in base64, and the description beside them |
 //! | `page` | the HTML file, from the sources in `page/` |
 //! | `live` | the page on loopback, and streams through a real engine |
+//! | `web` | the live page as a folder, whose engine runs in the browser |
 //! | `browser` | opening it |
 
 mod blocks;
@@ -14,6 +15,7 @@ mod browser;
 mod live;
 mod page;
 mod scene;
+mod web;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -28,6 +30,9 @@ use scene::Scene;
 pub(crate) fn run(args: &Page) -> Result<(), Failure> {
     if args.live {
         return live::run(args);
+    }
+    if let Some(folder) = &args.web {
+        return web::run(args, folder);
     }
     let input = args.input.as_deref().ok_or_else(|| Failure::input("expected a recording or an animation to view"))?;
     let path = args.output.clone().unwrap_or_else(|| beside(input));

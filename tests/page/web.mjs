@@ -2,32 +2,18 @@
 
 import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
-import http from "node:http";
 import path from "node:path";
 
 import { Model, Pose } from "../../bindings/web/src/index.js";
 import { speech as samplesOf } from "../../bindings/web/test/speech.mjs";
 import { until } from "./chromium.mjs";
+import { serve } from "./folder.mjs";
 
 const folder = process.env.WEB;
-const TYPES = { ".html": "text/html", ".js": "text/javascript", ".wasm": "application/wasm" };
 let server;
-let address;
 
 export async function prepare() {
-  server = http.createServer(async ({ url }, answer) => {
-    const asked = path.normalize(decodeURIComponent(new URL(url, "http://x").pathname));
-    const name = asked === "/" ? "index.html" : asked;
-    try {
-      const bytes = await readFile(path.join(folder, name));
-      answer.writeHead(200, { "content-type": TYPES[path.extname(name)] ?? "application/octet-stream", "content-length": bytes.length });
-      answer.end(bytes);
-    } catch {
-      answer.writeHead(404).end();
-    }
-  });
-  await new Promise((done) => server.listen(0, "127.0.0.1", done));
-  address = `http://127.0.0.1:${server.address().port}/`;
+  server = await serve(folder);
 }
 
 export function end() {
@@ -35,7 +21,7 @@ export function end() {
 }
 
 async function opened({ browser }) {
-  const page = await browser.open(address, { width: 900, height: 900 });
+  const page = await browser.open(server.address, { width: 900, height: 900 });
   await until(() => page.value("window.demo?.avatar !== undefined || window.demo?.failed").catch(() => false), 60, "the model");
   assert.equal(await page.value("demo.failed"), null);
   return page;
@@ -43,7 +29,7 @@ async function opened({ browser }) {
 
 const done = async (page) => {
   assert.deepEqual(page.errors, []);
-  assert.deepEqual(page.requests.filter((url) => !url.startsWith(address) && !url.startsWith("blob:") && !url.startsWith("data:")), []);
+  assert.deepEqual(page.requests.filter((url) => !url.startsWith(server.address) && !url.startsWith("blob:") && !url.startsWith("data:")), []);
   await page.close();
 };
 

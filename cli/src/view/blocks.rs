@@ -6,7 +6,7 @@ use umo_core::config::FaceKind;
 use umo_core::motion::clip::Clip;
 use umo_core::motion::skeleton::JOINT_NAMES;
 
-use super::scene::{self, Record, Scene};
+use super::scene::{self, PageEngine, Record, Scene};
 use umo_figure::Mesh;
 
 /// The description. Sizes are counts of vertices and frames.
@@ -24,7 +24,7 @@ struct Description<'a> {
     character: Option<Character>,
     audio: Option<AudioInfo>,
     record: Option<RecordInfo<'a>>,
-    live: Option<Live>,
+    live: Option<Live<'a>>,
     rest: Option<Rest<'a>>,
 }
 
@@ -94,8 +94,9 @@ struct Chunk {
 
 #[derive(Serialize)]
 #[serde(rename_all = "camelCase")]
-struct Live {
+struct Live<'a> {
     algorithmic_seconds: f64,
+    engine: Option<&'a PageEngine>,
 }
 
 #[derive(Serialize)]
@@ -159,7 +160,10 @@ fn describe<'a>(scene: &'a Scene, order: &Order) -> Description<'a> {
         character: scene.character.as_ref().map(|worn| Character { nodes: worn.nodes.to_vec(), seconds: worn.seconds }),
         audio: scene.audio.as_ref().map(|audio| AudioInfo { sample_rate: audio.sample_rate }),
         record: scene.record.as_ref().map(record),
-        live: scene.live.as_ref().map(|live| Live { algorithmic_seconds: live.algorithmic_seconds }),
+        live: scene
+            .live
+            .as_ref()
+            .map(|live| Live { algorithmic_seconds: live.algorithmic_seconds, engine: live.engine.as_ref() }),
         rest: scene.live.as_ref().map(|live| Rest {
             rotations: &live.rest.rotations,
             translation: live.rest.translation,

@@ -85,9 +85,7 @@ impl Host {
         let config =
             EngineConfig { threads, max_sessions: MAX_STREAMS + 1, max_batch: MAX_STREAMS, ..EngineConfig::default() };
         let engine = Engine::new(loaded, &config).map_err(Failure::input)?;
-        if args.voice == Some(VoiceArg::Live) && engine.model().mouth().is_none() {
-            return Err(Failure::input("--voice live needs a model with a mouth network: `umo inspect` tells"));
-        }
+        check_voice(args, engine.model())?;
         let session = session(&args.generate, engine.model().config());
         let title = args.input.as_deref().map_or_else(|| "microphone".to_owned(), |path| path.display().to_string());
         let live = rest(&engine, &session)?;
@@ -175,24 +173,34 @@ pub(crate) fn for_session(rate: usize, mono: Vec<f32>) -> Result<(usize, Vec<f32
     Ok((OTHER_RATE, resample::to_rate(&mono, rate, OTHER_RATE)?))
 }
 
+/// Refuses a mouth of its own of a model that has none.
+pub(super) fn check_voice(args: &Page, model: &Model) -> Result<(), Failure> {
+    match args.voice {
+        Some(VoiceArg::Live) if model.mouth().is_none() => {
+            Err(Failure::input("--voice live needs a model with a mouth network: `umo inspect` tells"))
+        }
+        _ => Ok(()),
+    }
+}
+
 /// Keyframes per chunk of a live stream: the least latency at which the model's own lookahead keeps
 /// the seams smooth.
 const LIVE_TARGET: usize = 1;
 
-fn session(generate: &GenerateArgs, config: &Config) -> SessionConfig {
+pub(super) fn session(generate: &GenerateArgs, config: &Config) -> SessionConfig {
     let mut avatar = animate::avatar(generate, config, 0);
     avatar.target = generate.target.unwrap_or(LIVE_TARGET);
     SessionConfig { avatar, ..SessionConfig::new(config) }
 }
 
 /// What a page shows before its stream begins, and how long that will take.
-fn rest(engine: &Engine, config: &SessionConfig) -> Result<LiveInfo, Failure> {
+pub(super) fn rest(engine: &Engine, config: &SessionConfig) -> Result<LiveInfo, Failure> {
     let session = engine.session(config).map_err(Failure::input)?;
     let algorithmic = session.latency().algorithmic_samples as f64 / config.sample_rate as f64;
     let mut rest = None;
     session.sample_pose(0.0, |frame| rest = Some((*frame.pose, frame.face.to_vec()))).map_err(Failure::environment)?;
     let (rest, rest_face) = rest.ok_or_else(|| Failure::environment("internal: a session without a pose"))?;
-    Ok(LiveInfo { algorithmic_seconds: algorithmic, rest, rest_face })
+    Ok(LiveInfo { algorithmic_seconds: algorithmic, rest, rest_face, engine: None })
 }
 
 #[cfg(test)]

@@ -16,16 +16,22 @@ macro_rules! modules {
 }
 
 /// The modules, each by its name.
-const MODULES: [(&str, &str); 25] = modules!(
+const MODULES: [(&str, &str); 26] = modules!(
     "body.js" "bones.js" "camera.js" "character.js" "clock.js" "experts.js" "figure.js" "gl.js" "gltf.js" "ground.js"
-    "lanes.js" "light.js" "live.js" "main.js" "math.js" "microphone.js" "motion.js" "inspect.js" "keys.js"
+    "lanes.js" "light.js" "live.js" "local.js" "main.js" "math.js" "microphone.js" "motion.js" "inspect.js" "keys.js"
     "panel.js" "picture.js" "record.js" "scene.js" "timeline.js" "tracks.js"
 );
 
 /// A page that shows a scene.
 pub(super) fn html(scene: &Scene) -> Result<String, Failure> {
     let data = blocks::elements(scene).map_err(Failure::environment)?;
-    let connect = if scene.live.is_some() { "'self' ws://127.0.0.1:* ws://localhost:*" } else { "'none'" };
+    // What the page may load: a program's streams, or the files beside it.
+    let (connect, files) = match &scene.live {
+        None => ("'none'", ""),
+        Some(live) if live.engine.is_some() => ("'self'", " 'self'"),
+        Some(_) => ("'self' ws://127.0.0.1:* ws://localhost:*", ""),
+    };
+    let compile = if files.is_empty() { "" } else { " 'self' 'wasm-unsafe-eval'" };
     Ok(fill(
         TEMPLATE,
         &[
@@ -33,6 +39,8 @@ pub(super) fn html(scene: &Scene) -> Result<String, Failure> {
             ("{notice}", &escaped(&scene.notice)),
             ("{about}", &escaped(&scene.about)),
             ("{connect}", connect),
+            ("{compile}", compile),
+            ("{files}", files),
             ("{experts}", if scene.record.is_some() { "" } else { " hidden" }),
             ("{style}", STYLE),
             ("{data}", &data),

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use serde::Serialize;
 use umo_core::animation::Animation;
 use umo_core::audio::resample;
 use umo_core::config::{Face, FaceKind, PartSpec};
@@ -89,6 +90,23 @@ pub(super) struct LiveInfo {
     /// Shown before the first frame.
     pub(super) rest: Pose,
     pub(super) rest_face: Vec<f32>,
+    /// What computes in the page itself; a program beside it where there is none.
+    pub(super) engine: Option<PageEngine>,
+}
+
+/// An engine in the browser: addresses are relative to the page.
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct PageEngine {
+    /// The module of the package `umo-web`.
+    pub(super) package: &'static str,
+    pub(super) model: &'static str,
+    pub(super) precision: &'static str,
+    /// When the mouth moves, where that was asked for.
+    pub(super) voice: Option<&'static str>,
+    /// Options of the package's sessions.
+    pub(super) session: serde_json::Value,
+    /// Numbers of `umo_parameter`, and their values.
+    pub(super) parameters: Vec<(u32, f32)>,
 }
 
 impl Scene {

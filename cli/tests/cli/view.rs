@@ -153,6 +153,71 @@ fn what_cannot_be_viewed_is_refused() {
     }
 }
 
+/// A folder of the npm package, without anything that works in it.
+fn package(folder: &Folder) -> String {
+    for (name, text) in
+        [("dist/umo.wasm", "wasm"), ("src/index.js", "js"), ("src/index.d.ts", "types"), ("LICENSE-MIT", "MIT")]
+    {
+        let path = folder.at(&format!("package/{name}"));
+        std::fs::create_dir_all(std::path::Path::new(&path).parent().unwrap()).unwrap();
+        std::fs::write(path, text).unwrap();
+    }
+    folder.at("package")
+}
+
+#[test]
+fn a_folder_for_web_servers_has_page_package_and_model() {
+    let folder = Folder::new();
+    let (speech, package, www) = (folder.speech(), package(&folder), folder.at("www"));
+    let written = |more: &[&str]| {
+        view(&[&["--web", &www, "--package", &package][..], more].concat()).success();
+        String::from_utf8(folder.read("www/index.html")).unwrap()
+    };
+    let page = written(&[&speech, "--seed", "18446744073709551615", "--voice", "delayed"]);
+    assert!(page.contains("id=\"block-audio\"") && page.contains("connect-src 'self';"));
+    assert!(page.contains(r#""engine":{"package":"umo/src/index.js","model":"model.safetensors.gz","precision":"stored","voice":"delayed""#));
+    assert!(page.contains(r#""seed":"18446744073709551615""#) && page.contains(r#""parameters":[]"#));
+    for (name, text) in [("umo/dist/umo.wasm", "wasm"), ("umo/src/index.js", "js"), ("umo/LICENSE-MIT", "MIT")] {
+        assert_eq!(folder.read(&format!("www/{name}")), text.as_bytes());
+    }
+    assert!(!std::path::Path::new(&folder.at("www/umo/src/index.d.ts")).exists());
+    let mut model = Vec::new();
+    let compressed = folder.read("www/model.safetensors.gz");
+    std::io::Read::read_to_end(&mut flate2::read::GzDecoder::new(&compressed[..]), &mut model).unwrap();
+    assert_eq!(model, std::fs::read(golden("mel_k2_arkit")).unwrap());
+    assert_eq!(
+        folder.read("www/model.safetensors.gz"),
+        {
+            written(&[]);
+            compressed
+        },
+        "the same bytes again"
+    );
+    let page = written(&["--greedy", "--life", "0.5"]);
+    assert!(page.contains(r#""voice":null"#) && page.contains(r#""parameters":[[1,0.0],[32,0.5],"#));
+}
+
+#[test]
+fn a_folder_for_web_servers_is_not_begun_without_what_it_needs() {
+    let folder = Folder::new();
+    let (package, www) = (package(&folder), folder.at("www"));
+    let refused = |args: &[&str]| folder.refused(&[&["view", "--no-open", "--web", &www], args].concat());
+    assert!(refused(&["--package", &folder.at("none")]).contains("umo-web"));
+    assert!(refused(&[]).contains("node_modules/umo-web"));
+    for more in [["--isa", "scalar"], ["--threads", "1"], ["--gesture", "wave"], ["--start-pose", "x.npz"]] {
+        assert!(refused(&[&["--package", &package][..], &more].concat()).contains(more[0]), "{more:?}");
+    }
+    let voice = ["--package", &package, "--model", &golden("mel_k1_upcycled"), "--voice", "live"];
+    assert!(refused(&voice).contains("mouth network"));
+    assert!(!std::path::Path::new(&www).exists());
+    for args in [&["--live"][..], &["-o", "x.html"], &["--port", "80"]] {
+        assert_eq!(umo(&[&["view", "--web", &www], args].concat()).code, 2, "{args:?}");
+    }
+    let (speech, package) = (folder.speech(), package.as_str());
+    assert_eq!(umo(&["view", &speech, "--package", package]).code, 2, "a package without --web");
+    assert_eq!(umo(&["view", &speech, "--voice", "live"]).code, 2, "a voice without a stream");
+}
+
 #[test]
 fn a_port_that_is_taken_is_the_machines_fault() {
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();

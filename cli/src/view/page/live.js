@@ -1,5 +1,6 @@
-// The stream from the program on this machine: frames as the engine makes them, sound a little later so that both agree.
+// The stream from the program on this machine, or from the engine in this page: frames as the engine makes them, sound a little later so that both agree.
 
+import { LocalStream } from "umo/local.js";
 import { microphone } from "umo/microphone.js";
 import { wav } from "umo/scene.js";
 
@@ -110,9 +111,13 @@ export class Live {
       });
       this.sent.rate = this.mouth.rate;
     }
-    const socket = new WebSocket(`ws://${location.host}/stream`);
+    const socket = this.scene.live.engine ? new LocalStream(this.scene) : new WebSocket(`ws://${location.host}/stream`);
     socket.binaryType = "arraybuffer";
     this.socket = socket;
+    socket.onprogress = ({ loaded, total }) => {
+      this.log.loading = total ? `${Math.round((100 * loaded) / total)} %` : `${loaded >> 20} MB`;
+      this.changed();
+    };
     socket.onopen = () => socket.send(JSON.stringify({ type: "start", source, rate: this.mouth?.rate ?? null }));
     socket.onmessage = ({ data }) => {
       if (this.socket !== socket) return;

@@ -36,7 +36,7 @@ export function livePanel({ scene, motion, live, $ }) {
   let said = -Infinity;
   return {
     show() {
-      const { started, status, received, late, error, done, worst } = live.log;
+      const { started, status, received, late, error, done, worst, loading } = live.log;
       showButtons(live.isRunning);
       const now = live.clock.now();
       const sentence = live.trouble();
@@ -54,7 +54,8 @@ export function livePanel({ scene, motion, live, $ }) {
       set("#behind", `${milliseconds(behind)}, most ${milliseconds(worst.picture)}`);
       set("#received", `${received}${late > 0 ? `, ${late} times late` : ""}`);
       set("#silenced", status ? String(status.overruns) : "–");
-      set("#state", state === "live" && behind !== null ? `live · ${behind.toFixed(2)} s behind the sound` : state);
+      const isLoading = live.isRunning && !started && loading;
+      set("#state", isLoading ? `loads the model: ${loading}` : state === "live" && behind !== null ? `live · ${behind.toFixed(2)} s behind the sound` : state);
       $("#state").dataset.kind = kind;
     },
   };
