@@ -232,6 +232,11 @@ fn states_are_saved_and_restored() {
 }
 
 #[test]
+fn packets_go_from_a_session_to_decoders() {
+    run(&compile("tests/capi/packets.c", Link::Shared), &[MODEL.as_ref()]);
+}
+
+#[test]
 #[cfg(all(target_os = "linux", target_env = "gnu"))]
 fn nothing_is_allocated_while_a_session_runs() {
     run(&compile("tests/capi/no_alloc.c", Link::Shared), &[MODEL.as_ref()]);

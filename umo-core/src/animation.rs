@@ -9,10 +9,10 @@ use crate::error::{LoadError, StepError};
 use crate::life::gesture::Request;
 use crate::life::{Controls, GestureOptions, Gestures, Levels, Life};
 use crate::linear::Compute;
-use crate::memory::{Arena, Boxed, filled};
+use crate::memory::{Arena, Boxed};
 use crate::model::Model;
 use crate::motion::FrameRef;
-use crate::packet::{PacketHead, PacketLayout};
+use crate::packet::{PacketLayout, PacketRoom};
 use crate::record::Chunk;
 use crate::session::SessionError;
 use crate::stream::OwnedFrame;
@@ -31,8 +31,8 @@ pub struct Animation {
     frame_rate: usize,
     /// What the last step computed.
     stepped: Due,
-    /// Codes of the keyframes of a packet.
-    said: Box<[u16]>,
+    /// Room for a packet's levels and codes.
+    said: PacketRoom,
 }
 
 /// The layers over the decoders' frames, and the frame that they change.
@@ -86,7 +86,7 @@ impl Animation {
             gestures: config.gestures.clone(),
             frame_rate: model.config.frame_rate,
             stepped: Due::Nothing,
-            said: filled(0, model.config.prefix * model.config.codes_per_keyframe()).into(),
+            said: PacketRoom::new(&model.config),
         })
     }
 
@@ -167,29 +167,8 @@ impl Animation {
         (stream, history): (u8, usize),
         out: &mut [u8],
     ) -> Result<Option<usize>, StepError> {
-        let (avatar, config) = (&self.avatar, &model.config);
-        let keyframes = match self.stepped {
-            Due::Chunk => avatar.target,
-            Due::Flush => 0,
-            Due::Audio | Due::Nothing => return Ok(None),
-        };
-        // What the stream has said, where it is shorter than that.
-        let done = usize::try_from(avatar.chunk).unwrap_or(usize::MAX).saturating_mul(avatar.target) - keyframes;
-        let history = history.min(config.prefix - keyframes).min(done);
-        let is_last = avatar.total.is_some() && Some(avatar.chunk) >= avatar.chunks(config);
-        let sequence = avatar.chunk - if keyframes > 0 { 1 } else { 0 };
-        let head = PacketHead {
-            stream,
-            sequence: u32::try_from(sequence).unwrap_or(u32::MAX),
-            sample: sequence * (avatar.target * config.samples_per_keyframe()) as u64,
-            root: avatar.motion.place(),
-            keyframes,
-            history,
-            total: avatar.total.filter(|_| is_last).map(|total| u32::try_from(total).unwrap_or(u32::MAX)),
-        };
-        let codes = &mut self.said[..(history + keyframes) * layout.codes()];
-        avatar.history.last(history + keyframes, codes);
-        layout.encode(&head, codes, out).map(Some)
+        let Self { avatar, layers, said, stepped, .. } = self;
+        said.write(avatar, &model.config, layout, *stepped, (stream, history), &layers.levels, out)
     }
 
     /// Time spent in each stage so far.

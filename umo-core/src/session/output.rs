@@ -5,6 +5,8 @@ use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use super::gain::Gained;
+use super::packets::PacketQueue;
+use super::receiver::frames_of;
 use super::shared::try_lock;
 use super::voice::LiveVoice;
 use super::{Idle, SessionConfig, Shared};
@@ -83,6 +85,20 @@ impl OwnedFrame {
         }
     }
 
+    /// Goes `1 - t` of the way to `from`; stays what it is at 1.
+    fn ease_from(&mut self, from: &Self, t: f32) {
+        if t >= 1.0 {
+            return;
+        }
+        let pairs = self.pose.rotations.iter_mut().zip(&from.pose.rotations);
+        pairs.for_each(|(q, &from)| *q = slerp(from, *q, t));
+        let ease = |to: &mut [f32], from: &[f32]| {
+            to.iter_mut().zip(from).for_each(|(to, from)| *to = from + (*to - from) * t);
+        };
+        ease(&mut self.pose.translation, &from.pose.translation);
+        ease(&mut self.face, &from.face);
+    }
+
     fn pose_of(&mut self, other: &Self) {
         self.pose = other.pose;
         self.face.copy_from_slice(&other.face);
@@ -132,6 +148,25 @@ const MAX_STILL_TICKS: u64 = 8;
 /// Largest time that a host can say, nanoseconds: 36 years, less than the clock counts from.
 const MAX_HOST_TIME: u64 = 1 << 60;
 
+/// Frames that did not come, or not in time: what follows is eased to.
+#[derive(Debug)]
+struct Gaps {
+    /// The last frame before a gap, without layers.
+    from: OwnedFrame,
+    /// Of the frames after a gap, how many are eased, and how many were.
+    frames: u64,
+    done: u64,
+    /// Frames that an ease takes.
+    ease: u64,
+    /// What `sample` showed last.
+    shown: OwnedFrame,
+    /// Frames by which the time was then later than the newest frame.
+    ahead: f64,
+}
+
+/// Frames that may be missing at the time of a picture before the way back to them is eased.
+const AHEAD: f64 = 1.5;
+
 #[derive(Debug)]
 pub(crate) struct Output {
     epoch: Epoch,
@@ -168,6 +203,8 @@ pub(crate) struct Output {
     /// Where the host gives the time: what it counts from, nanoseconds of the clock's count.
     host_base: u64,
     was_idle: bool,
+    /// How gaps are closed, where frames come of packets.
+    gaps: Option<Gaps>,
     gained: Gained,
     chunk_frames: usize,
     frame_rate: f64,
@@ -185,9 +222,18 @@ impl Output {
         rest: &OwnedFrame,
         is_arkit: bool,
         chunk_frames: usize,
+        is_decoder: bool,
         arena: &Arena,
     ) -> Self {
         let shown = || rest.clone_in(arena);
+        let gaps = is_decoder.then(|| Gaps {
+            from: shown(),
+            frames: 0,
+            done: 0,
+            ease: frames_of(session.ease, config.frame_rate).max(1).into(),
+            shown: shown(),
+            ahead: 0.0,
+        });
         Self {
             epoch: Epoch::default(),
             last: shown(),
@@ -211,6 +257,7 @@ impl Output {
             time: 0.0,
             host_base: 0,
             was_idle: false,
+            gaps,
             chunk_frames,
             frame_rate: config.frame_rate as f64,
             idle_after: session.idle_after,
@@ -223,7 +270,8 @@ impl Output {
         pass.same("queue of frames", shared.link.frames.capacity() as u64)?;
         pass.same("time until idle", u64::try_from(self.idle_after.as_nanos()).unwrap_or(u64::MAX))?;
         pass.same("ease", self.idle_ease.to_bits())?;
-        pass.same("voice", self.voice.is_some().into())?;
+        let packets = shared.packets.as_ref().map_or(0, PacketQueue::identity);
+        pass.same("voice, or of packets", u64::from(self.voice.is_some()) + 2 * packets)?;
         self.life.identity(pass)
     }
 
@@ -320,6 +368,9 @@ impl Output {
             self.still.since = None;
             (self.base, self.origin, self.any, self.time) = (0, [0.0; 2], false, 0.0);
             self.gained.started = false;
+            if let Some(gaps) = &mut self.gaps {
+                (gaps.frames, gaps.ahead) = (0, 0.0);
+            }
             // An interrupt that came after the reset, before anything was shown, has nothing to
             // ease from.
             self.ease.frames = 0;
@@ -329,6 +380,9 @@ impl Output {
             self.ease.frames = if self.any { u64::from(epoch.ease) } else { 0 };
             self.life.interrupt(epoch.number, self.ease.frames, &self.controls);
             self.base = start + self.ease.frames;
+            if let Some(gaps) = &mut self.gaps {
+                gaps.frames = 0;
+            }
             self.origin = [self.raw_last.pose.translation[0], self.raw_last.pose.translation[2]];
         }
         if std::mem::take(&mut self.has_next) {
@@ -388,8 +442,22 @@ impl Output {
                 frame.pose.translation[axis] += origin;
             }
         }
+        self.close_gap();
         self.add_layers(shared);
         true
+    }
+
+    /// Eases to the frames after a gap.
+    fn close_gap(&mut self) {
+        let Some(gaps) = &mut self.gaps else { return };
+        if self.any && self.next_frame.index > self.raw_last.index + 1 {
+            gaps.from.copy(&self.raw_last);
+            (gaps.frames, gaps.done) = (gaps.ease, 0);
+        }
+        if gaps.done < gaps.frames {
+            gaps.done += 1;
+            self.next_frame.ease_from(&gaps.from, smooth(gaps.done as f32 / gaps.frames as f32));
+        }
     }
 
     /// Makes `next_frame` the engine's next frame, where there is one.
@@ -514,6 +582,9 @@ impl Output {
         }
         let oldest = self.seconds(&self.last);
         let is_ahead = !self.any || !self.has_next && time > oldest;
+        if let Some(gaps) = &mut self.gaps {
+            gaps.shown.copy(&self.sampled);
+        }
         (self.sampled.index, self.sampled.sample) = (self.last.index, self.last.sample);
         if self.has_next && self.any {
             let length = self.seconds(&self.next_frame) - oldest;
@@ -521,14 +592,24 @@ impl Output {
         } else {
             self.sampled.pose_of(&self.last);
         }
-        self.idle(shared, is_ahead);
+        let caught_up = self.catches_up(is_ahead, (time - oldest) * self.frame_rate);
+        self.idle(shared, is_ahead, caught_up);
         let newest = self.newest(shared, oldest);
         Sampled { oldest, newest, is_ahead }
     }
 
+    /// Whether frames are there again after a time that no picture had one for, where they come of
+    /// packets.
+    fn catches_up(&mut self, is_ahead: bool, frames: f64) -> bool {
+        let Some(gaps) = &mut self.gaps else { return false };
+        let missing = if is_ahead && self.any { frames } else { 0.0 };
+        let before = std::mem::replace(&mut gaps.ahead, missing);
+        before > AHEAD && missing < before
+    }
+
     /// Leaves the stream while no audio comes, for the rest pose or for the last one with its layers,
     /// and comes back to it.
-    fn idle(&mut self, shared: &Shared, is_ahead: bool) {
+    fn idle(&mut self, shared: &Shared, is_ahead: bool, caught_up: bool) {
         // Not by the time of the pose, which stands still where it is that of the sound.
         let now = shared.now();
         if is_ahead {
@@ -538,10 +619,13 @@ impl Output {
         let is_alive = !self.life.is_off(&self.controls);
         let rests = is_ahead
             && if self.any { (is_alive || shared.idle() == Idle::Rest) && self.is_silent(shared) } else { is_alive };
-        if rests != self.was_idle {
+        if rests != self.was_idle || caught_up {
             // From what was shown a moment ago, whatever that was.
             self.seam_at = Some(now);
             self.was_idle = rests;
+            if let Some(gaps) = &self.gaps {
+                self.seam.copy(&gaps.shown);
+            }
         } else if self.seam_at.is_none() {
             self.seam.copy(&self.sampled);
         }
