@@ -261,10 +261,11 @@ public:
     [[nodiscard]] umo_status push_packet(const void *packet, std::size_t size) noexcept {
         return umo_decoder_push_packet(get(), packet, size);
     }
-    result<umo_decoder_stats> received() noexcept {
-        umo_decoder_stats stats{};
+    /// What came of its packets.
+    result<umo_received> received() noexcept {
+        umo_received stats{};
         stats.struct_size = sizeof stats;
-        const umo_status status = ::umo_decoder_stats(get(), &stats);
+        const umo_status status = umo_decoder_stats(get(), &stats);
         return {status, stats};
     }
     /// Bytes of the longest packet; 0 without packets.

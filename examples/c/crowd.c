@@ -131,9 +131,9 @@ int main(int argc, char **argv) {
         showing += processor_seconds() - start;
     }
 
-    umo_decoder_stats all = {0};
+    umo_received all = {0};
     for (size_t i = 0; i < avatars * viewers; i++) {
-        umo_decoder_stats stats = {0};
+        umo_received stats = {0};
         stats.struct_size = sizeof stats;
         check(umo_decoder_stats(decoders[i], &stats), "what came");
         all.packets += stats.packets;

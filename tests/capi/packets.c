@@ -81,7 +81,7 @@ int main(int argc, char **argv) {
     }
     CHECK(total == 150 && said >= 10);
 
-    umo_decoder_stats stats;
+    umo_received stats;
     memset(&stats, 0, sizeof stats);
     FAILS(STRUCT_SIZE, umo_decoder_stats(decoder, &stats));
     stats.struct_size = sizeof stats;

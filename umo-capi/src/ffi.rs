@@ -260,7 +260,7 @@ mod tests {
     use crate::memory::UmoAllocator;
     use crate::model::{UmoModelConfig, UmoModelInfo};
     use crate::parameter::UmoParameterInfo;
-    use crate::session::packets::UmoDecoderStats;
+    use crate::session::packets::UmoReceived;
     use crate::session::{UmoLatency, UmoSampled, UmoSessionConfig, UmoStats};
     use std::mem::offset_of;
 
@@ -280,7 +280,7 @@ mod tests {
         assert_eq!((size_of::<UmoLatency>(), UmoLatency::FIRST), (72, 48));
         sized::<UmoStats>(56);
         sized::<UmoSampled>(24);
-        sized::<UmoDecoderStats>(40);
+        sized::<UmoReceived>(40);
         sized::<UmoGestureOptions>(48);
         sized::<UmoGestureClip>(32);
         assert_eq!((size_of::<UmoAllocator>(), size_of::<UmoJobs>(), size_of::<UmoLog>()), (24, 16, 16));

@@ -804,8 +804,8 @@ internal static unsafe class Tests
             }
             Equal(6ul, packets);
             True(Pull(polled, decoder, 60).SequenceEqual(wanted), "frames differ");
-            DecoderStats stats;
-            Equal(Status.Ok, decoder.GetDecoderStats(out stats));
+            Received stats;
+            Equal(Status.Ok, decoder.GetReceived(out stats));
             Equal(packets, stats.Packets);
             Equal(packets, stats.Late);
             Equal(0ul, stats.Lost + stats.Held);
@@ -813,7 +813,7 @@ internal static unsafe class Tests
             Equal(Status.InvalidArgument, decoder.PushAudio(speech, 0, 10, out taken));
             Equal(Status.InvalidArgument, plain.PushPacket(packet, 0));
             Equal(Status.InvalidArgument, plain.PullPacket(packet, out length));
-            Equal(Status.InvalidArgument, plain.GetDecoderStats(out stats));
+            Equal(Status.InvalidArgument, plain.GetReceived(out stats));
             Equal(Status.BufferTooSmall, sender.PullPacket(new byte[10], out length));
             Equal(Status.NullPointer, decoder.PushPacket(null, 0));
             Equal(Status.InvalidArgument, decoder.PushPacket(packet, packet.Length + 1));

@@ -17,8 +17,8 @@ use crate::status::{Failure, Text, UMO_STATUS_BUFFER_TOO_SMALL, UmoStatus};
 /// What came of a decoder's packets. Set `struct_size`, the rest is written by `umo_decoder_stats`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
-pub struct UmoDecoderStats {
-    /// `sizeof(umo_decoder_stats)`.
+pub struct UmoReceived {
+    /// `sizeof(umo_received)`.
     pub struct_size: u32,
     /// Zero.
     pub reserved: u32,
@@ -33,7 +33,7 @@ pub struct UmoDecoderStats {
 }
 
 // SAFETY: `repr(C)`, starts with its size, integers.
-unsafe impl Sized32 for UmoDecoderStats {
+unsafe impl Sized32 for UmoReceived {
     const FIRST: usize = 40;
 }
 
@@ -176,10 +176,10 @@ pub unsafe extern "C" fn umo_decoder_push_packet(
 /// `stats` is NULL or as long as its `struct_size` says, and writable.
 #[unsafe(no_mangle)]
 #[must_use]
-pub unsafe extern "C" fn umo_decoder_stats(decoder: *const UmoSession, stats: *mut UmoDecoderStats) -> UmoStatus {
+pub unsafe extern "C" fn umo_decoder_stats(decoder: *const UmoSession, stats: *mut UmoReceived) -> UmoStatus {
     on(decoder, |handle| {
         let found = handle.session.received()?;
-        let value = UmoDecoderStats {
+        let value = UmoReceived {
             struct_size: 0,
             reserved: 0,
             packets: found.packets,

@@ -190,7 +190,7 @@ class Stats(ctypes.Structure):
     ]
 
 
-class DecoderStats(ctypes.Structure):
+class Received(ctypes.Structure):
     _fields_ = [
         ("struct_size", c_uint32),
         ("reserved", c_uint32),
@@ -228,7 +228,7 @@ STRUCTURES = {
     "umo_sampled": Sampled,
     "umo_latency": Latency,
     "umo_stats": Stats,
-    "umo_decoder_stats": DecoderStats,
+    "umo_received": Received,
     "umo_gesture_options": GestureOptions,
     "umo_gesture_clip": GestureClip,
 }
@@ -297,7 +297,7 @@ _ARGUMENTS: dict[str, list[Any]] = {
     "umo_session_pull_packets": [_HANDLE, c_void_p, _SIZE, POINTER(_SIZE), _SIZE, POINTER(_SIZE)],
     "umo_decoder_new": [_HANDLE, POINTER(SessionConfig), _OUT],
     "umo_decoder_push_packet": [_HANDLE, c_void_p, _SIZE],
-    "umo_decoder_stats": [_HANDLE, POINTER(DecoderStats)],
+    "umo_decoder_stats": [_HANDLE, POINTER(Received)],
 }
 _RESULTS = {
     "umo_abi_version": _U32,

@@ -487,6 +487,6 @@ class Decoder(Session):
     @property
     def received(self) -> Received:
         """What came of the packets so far."""
-        stats = _library.DecoderStats(struct_size=ctypes.sizeof(_library.DecoderStats))
+        stats = _library.Received(struct_size=ctypes.sizeof(_library.Received))
         self._check(lib.umo_decoder_stats(self._handle, stats))
         return Received(*(int(getattr(stats, name)) for name in Received._fields))

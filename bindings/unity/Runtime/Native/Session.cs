@@ -96,9 +96,9 @@ namespace Umo
         }
 
         /// <summary>What came of a decoder's packets.</summary>
-        public Status GetDecoderStats(out DecoderStats stats)
+        public Status GetReceived(out Received stats)
         {
-            DecoderStats found = new DecoderStats { StructSize = (uint)sizeof(DecoderStats) };
+            Received found = new Received { StructSize = (uint)sizeof(Received) };
             Status status = Native.umo_decoder_stats(handle.Raw, &found);
             GC.KeepAlive(this);
             stats = found;

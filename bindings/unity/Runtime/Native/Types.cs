@@ -330,7 +330,7 @@ namespace Umo
 
     /// <summary>What came of a decoder's packets.</summary>
     [StructLayout(LayoutKind.Sequential)]
-    public struct DecoderStats
+    public struct Received
     {
         public uint StructSize;
         public uint Reserved;
