@@ -167,7 +167,7 @@ impl Session {
     pub(crate) fn slot(&self) -> Result<&SlotHandle, SessionError> {
         match &self.source {
             Source::Engine(slot) => Ok(slot),
-            Source::Packets(_) => Err(SessionError::Range("a decoder has no audio and no state: its sender has")),
+            Source::Packets(_) => Err(SessionError::Range("a decoder takes no audio, text or state: its sender does")),
         }
     }
 
@@ -382,6 +382,7 @@ impl Session {
         if ids.len() > MAX_PROMPT_TOKENS {
             return Err(SessionError::Range("a prompt has 128 tokens at most"));
         }
+        self.slot()?;
         self.set(|settings| {
             settings.text[..ids.len()].copy_from_slice(ids);
             settings.text_len = ids.len();

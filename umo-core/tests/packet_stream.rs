@@ -348,22 +348,29 @@ struct Network {
 /// Pictures a second.
 const PICTURES: usize = 60;
 
-/// What a viewer sees of `samples`, `behind` seconds after their motion is due: every picture.
-fn watch(model: &Arc<Model>, config: &SessionConfig, samples: &[f32], network: Network, behind: f64) -> Watched {
+/// The packets that each picture's sound brings.
+fn recorded(model: &Arc<Model>, config: &SessionConfig, samples: &[f32]) -> Vec<Vec<Vec<u8>>> {
     let engine = engine(model);
     let sender = engine.session(&sending(config, false)).unwrap();
+    let piece = samples.chunks_exact(model.config().audio.sample_rate / PICTURES);
+    let packets = piece.map(|piece| {
+        sender.push_audio(piece).unwrap();
+        compute(&engine);
+        packets(&sender)
+    });
+    packets.collect()
+}
+
+/// What a viewer sees of an avatar, `behind` seconds after its motion is due: every picture.
+fn watch(model: &Arc<Model>, config: &SessionConfig, sent: &[Vec<Vec<u8>>], network: Network, behind: f64) -> Watched {
     let decoder = Session::decoder(model, config).unwrap();
-    let rate = model.config().audio.sample_rate;
     let mut dice = Dice(network.seed);
     let mut under_way: Vec<(f64, Vec<u8>)> = Vec::new();
     let latency = config.avatar.latency_frames(model.config()) as f64 / 30.0;
     let mut pictures = Vec::new();
-    let count = samples.len() * PICTURES / rate;
-    for picture in 0..count {
+    for (picture, packets) in sent.iter().enumerate() {
         let now = picture as f64 / PICTURES as f64;
-        sender.push_audio(&samples[picture * rate / PICTURES..(picture + 1) * rate / PICTURES]).unwrap();
-        compute(&engine);
-        for packet in packets(&sender) {
+        for packet in packets {
             let is_lost = now < network.until && dice.roll() < network.loss;
             for _ in 0..if dice.roll() < network.doubled { 2 } else { 1 } {
                 let at = now + dice.roll() * network.delay;
@@ -414,17 +421,17 @@ fn allowed(undisturbed: f32) -> f32 {
 #[test]
 fn over_a_bad_network_nothing_jumps() {
     let model = open(PEOPLE);
-    let samples = speech();
     let good = Network { loss: 0.0, doubled: 0.0, delay: 0.0, until: f64::MAX, seed: 1 };
+    let sent = recorded(&model, &settings(&model, LifeConfig::OFF), &speech());
     for (life, patience) in [(LifeConfig::OFF, 0), (LifeConfig::ON, 1)] {
         let config = SessionConfig { patience, ..settings(&model, life) };
-        let (angle, way) = watch(&model, &config, &samples, good, 0.2).jump();
+        let (angle, way) = watch(&model, &config, &sent, good, 0.2).jump();
         for (loss, doubled, delay, behind) in
             [(0.1, 0.1, 0.1, 0.2), (0.2, 0.0, 0.6, 0.3), (0.3, 0.2, 0.9, 0.1), (0.3, 0.0, 0.0, 0.0)]
         {
             for seed in 1..4 {
                 let network = Network { loss, doubled, delay, until: f64::MAX, seed };
-                let seen = watch(&model, &config, &samples, network, behind);
+                let seen = watch(&model, &config, &sent, network, behind);
                 let jump = seen.jump();
                 let ahead = seen.pictures.iter().filter(|(_, is_ahead)| *is_ahead).count();
                 println!("{network:?} {behind}: {jump:?} of {angle} {way}, {ahead} ahead, {} {}", seen.lost, seen.late);
@@ -439,16 +446,16 @@ fn over_a_bad_network_nothing_jumps() {
 fn after_a_loss_a_chunk_leads_back() {
     let model = open(PEOPLE);
     let config = settings(&model, LifeConfig::OFF);
-    let samples = speech();
+    let sent = recorded(&model, &config, &speech());
     let chunk = (config.avatar.target * model.config().keyframe_stride) as f64 / 30.0;
     let good = Network { loss: 0.0, doubled: 0.0, delay: 0.0, until: 0.0, seed: 1 };
-    let wanted = watch(&model, &config, &samples, good, 0.1);
+    let wanted = watch(&model, &config, &sent, good, 0.1);
     for loss in [0.1, 0.2, 0.3, 1.0] {
         for seed in 1..4 {
             // With all lost the viewer waits for nearly three seconds.
             let until = if loss < 1.0 { 6.0 } else { 3.0 };
             let network = Network { loss, until, seed, ..good };
-            let seen = watch(&model, &config, &samples, network, 0.1);
+            let seen = watch(&model, &config, &sent, network, 0.1);
             // The first packet after the loss comes within a chunk, and its frames are shown within the
             // latency; then the stream has a chunk's time.
             let latency = config.avatar.latency_frames(model.config()) as f64 / 30.0 + 0.1;
