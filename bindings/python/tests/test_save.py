@@ -21,7 +21,7 @@ def arrays(path):
         return {name: file[name] for name in file.files}
 
 
-@pytest.mark.parametrize("suffix", [".jsonl", ".csv"])
+@pytest.mark.parametrize("suffix", [".jsonl", ".csv", ".bvh"])
 def test_texts_are_those_of_umo_animate_to_the_byte(whole, reference, tmp_path, suffix):
     whole.save(tmp_path / f"motion{suffix}")
     mine, wanted = (tmp_path / f"motion{suffix}").read_bytes(), reference.with_suffix(suffix).read_bytes()
