@@ -340,13 +340,18 @@ impl Batch {
 
 /// Lines at once.
 fn jobs(text: &str) -> Result<usize, String> {
-    text.parse().ok().filter(|jobs| (1..=umo_core::MAX_BATCH).contains(jobs)).ok_or_else(|| "expected 1 to 64".to_owned())
+    text.parse()
+        .ok()
+        .filter(|jobs| (1..=umo_core::MAX_BATCH).contains(jobs))
+        .ok_or_else(|| "expected 1 to 64".to_owned())
 }
 
 /// `2/8`: the second of eight.
 fn shard(text: &str) -> Result<(usize, usize), String> {
     let numbers = text.split_once('/').and_then(|(index, count)| Some((index.parse().ok()?, count.parse().ok()?)));
-    numbers.filter(|&(index, count)| (1..=count).contains(&index)).ok_or_else(|| "expected I/N, as 1/4 to 4/4".to_owned())
+    numbers
+        .filter(|&(index, count)| (1..=count).contains(&index))
+        .ok_or_else(|| "expected I/N, as 1/4 to 4/4".to_owned())
 }
 
 /// Look at it.

@@ -101,5 +101,8 @@ fn sessions(model: &Arc<Model>, name: &str) {
     });
     assert_eq!(calls, 0, "{name}: sessions");
     let received = decoder.received().expect("one thread pushes");
-    assert!(sent > 10 && refused == sent as usize && shown > 50 && received.lost > 0, "{name}: {sent} {shown} {received:?}");
+    assert!(
+        sent > 10 && refused == sent as usize && shown > 50 && received.lost > 0,
+        "{name}: {sent} {shown} {received:?}"
+    );
 }

@@ -158,7 +158,9 @@ fn line(number: usize, row: Row, base: &Path, args: &Batch, formats: &[Format]) 
     let some = |text: Option<String>| text.filter(|text| !text.is_empty());
     let out = args.output.as_deref().unwrap_or(base);
     let names: Vec<String> = match row.output {
-        Outputs::One(text) => text.split(';').map(|name| name.trim().to_owned()).filter(|name| !name.is_empty()).collect(),
+        Outputs::One(text) => {
+            text.split(';').map(|name| name.trim().to_owned()).filter(|name| !name.is_empty()).collect()
+        }
         Outputs::Several(names) => names,
     };
     let outputs: Vec<PathBuf> = if names.is_empty() {

@@ -110,7 +110,8 @@ fn shards_are_all_lines_once() {
     let (folder, tiny) = (Folder::new(), Folder::new());
     let model = tiny.tiny("tiny.safetensors", &[]);
     folder.speech();
-    let rows: Vec<String> = (0..20).map(|i| format!(r#"{{"file": "speech.wav", "output": "{i}.npz", "seed": {i}}}"#)).collect();
+    let rows: Vec<String> =
+        (0..20).map(|i| format!(r#"{{"file": "speech.wav", "output": "{i}.npz", "seed": {i}}}"#)).collect();
     folder.file("lines.jsonl", rows.join("\n").as_bytes());
     let (manifest, out) = (folder.at("lines.jsonl"), folder.at("out"));
     let mut lines = Vec::new();
@@ -118,7 +119,9 @@ fn shards_are_all_lines_once() {
         umo(&["batch", &manifest, "-o", &out, "--model", &model, "--shard", shard]).success();
         let name = format!("out/results-{}.jsonl", shard.replace('/', "-of-"));
         let text = String::from_utf8(folder.read(&name)).unwrap();
-        lines.extend(text.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap()["line"].as_u64().unwrap()));
+        lines.extend(
+            text.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap()["line"].as_u64().unwrap()),
+        );
     }
     lines.sort_unstable();
     assert_eq!(lines, (1..=20).collect::<Vec<u64>>());
@@ -130,7 +133,8 @@ fn a_thousand_lines() {
     let (folder, tiny) = (Folder::new(), Folder::new());
     let model = tiny.tiny("tiny.safetensors", &[]);
     folder.speech();
-    let rows: Vec<String> = (0..1000).map(|i| format!(r#"{{"file": "speech.wav", "output": "{i}.bvh", "seed": {i}}}"#)).collect();
+    let rows: Vec<String> =
+        (0..1000).map(|i| format!(r#"{{"file": "speech.wav", "output": "{i}.bvh", "seed": {i}}}"#)).collect();
     folder.file("lines.jsonl", rows.join("\n").as_bytes());
     let (manifest, out) = (folder.at("lines.jsonl"), folder.at("out"));
     let batch = ["batch", &manifest, "-o", &out, "--model", &model, "--jobs", "16"];

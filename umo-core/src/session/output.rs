@@ -160,12 +160,15 @@ struct Gaps {
     ease: u64,
     /// What `sample` showed last.
     shown: OwnedFrame,
-    /// Frames by which the time was then later than the newest frame.
+    /// Seconds by which the time was then later than the newest frame.
     ahead: f64,
+    /// How long the ease takes that is under way, seconds.
+    length: f64,
 }
 
-/// Frames that may be missing at the time of a picture before the way back to them is eased.
-const AHEAD: f64 = 1.5;
+/// How many times as long as frames were missing the way back to them takes, up to the session's ease:
+/// no joint has to move much faster than it does anyway.
+const CATCH_UP: f64 = 6.0;
 
 #[derive(Debug)]
 pub(crate) struct Output {
@@ -233,6 +236,7 @@ impl Output {
             ease: frames_of(session.ease, config.frame_rate).max(1).into(),
             shown: shown(),
             ahead: 0.0,
+            length: 0.0,
         });
         Self {
             epoch: Epoch::default(),
@@ -592,24 +596,24 @@ impl Output {
         } else {
             self.sampled.pose_of(&self.last);
         }
-        let caught_up = self.catches_up(is_ahead, (time - oldest) * self.frame_rate);
-        self.idle(shared, is_ahead, caught_up);
+        let missed = self.missed(is_ahead, time - oldest);
+        self.idle(shared, is_ahead, missed);
         let newest = self.newest(shared, oldest);
         Sampled { oldest, newest, is_ahead }
     }
 
-    /// Whether frames are there again after a time that no picture had one for, where they come of
-    /// packets.
-    fn catches_up(&mut self, is_ahead: bool, frames: f64) -> bool {
-        let Some(gaps) = &mut self.gaps else { return false };
-        let missing = if is_ahead && self.any { frames } else { 0.0 };
+    /// Seconds for which no picture had a frame, where some are there again: of frames that come of
+    /// packets. `ahead` is how much later the time is than the last frame.
+    fn missed(&mut self, is_ahead: bool, ahead: f64) -> f64 {
+        let Some(gaps) = &mut self.gaps else { return 0.0 };
+        let missing = if is_ahead && self.any { ahead } else { 0.0 };
         let before = std::mem::replace(&mut gaps.ahead, missing);
-        before > AHEAD && missing < before
+        if missing < before { before } else { 0.0 }
     }
 
     /// Leaves the stream while no audio comes, for the rest pose or for the last one with its layers,
     /// and comes back to it.
-    fn idle(&mut self, shared: &Shared, is_ahead: bool, caught_up: bool) {
+    fn idle(&mut self, shared: &Shared, is_ahead: bool, missed: f64) {
         // Not by the time of the pose, which stands still where it is that of the sound.
         let now = shared.now();
         if is_ahead {
@@ -619,19 +623,22 @@ impl Output {
         let is_alive = !self.life.is_off(&self.controls);
         let rests = is_ahead
             && if self.any { (is_alive || shared.idle() == Idle::Rest) && self.is_silent(shared) } else { is_alive };
-        if rests != self.was_idle || caught_up {
+        if rests != self.was_idle || missed > 0.0 {
             // From what was shown a moment ago, whatever that was.
             self.seam_at = Some(now);
-            self.was_idle = rests;
-            if let Some(gaps) = &self.gaps {
+            if let Some(gaps) = &mut self.gaps {
                 self.seam.copy(&gaps.shown);
+                let is_short = rests == self.was_idle && !rests;
+                gaps.length = if is_short { (CATCH_UP * missed).min(self.idle_ease) } else { self.idle_ease };
             }
+            self.was_idle = rests;
         } else if self.seam_at.is_none() {
             self.seam.copy(&self.sampled);
         }
         let Some(start) = self.seam_at else { return };
         let passed = Duration::from_nanos(now.saturating_sub(start)).as_secs_f64();
-        let t = smooth(single(passed / self.idle_ease));
+        let ease = self.gaps.as_ref().map_or(self.idle_ease, |gaps| gaps.length);
+        let t = smooth(single(passed / ease));
         if rests && is_alive {
             self.stand(shared, now);
         } else if rests {
@@ -646,7 +653,7 @@ impl Output {
         let from = self.sampled.pose.translation;
         mixed(&mut self.sampled.pose.translation, &from, &target.translation, t);
         // Speech begins with the mouth: the way back to it is shorter for the face.
-        let t_face = if rests { t } else { smooth(single(passed / (FACE_EASE * self.idle_ease))) };
+        let t_face = if rests { t } else { smooth(single(passed / (FACE_EASE * ease))) };
         for (value, from) in self.sampled.face.iter_mut().zip(&self.seam.face) {
             *value = from + (*value - from) * t_face;
         }

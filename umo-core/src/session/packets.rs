@@ -152,11 +152,7 @@ pub(crate) struct PacketWriter {
 impl PacketWriter {
     pub(crate) fn new(model: &Model) -> Self {
         let layout = model.packets();
-        Self {
-            room: PacketRoom::new(&model.config),
-            bytes: filled(0, layout.most_bytes()).into(),
-            layout,
-        }
+        Self { room: PacketRoom::new(&model.config), bytes: filled(0, layout.most_bytes()).into(), layout }
     }
 
     /// Queues the packet of what was just computed.
@@ -183,9 +179,9 @@ impl Shared {
     pub(super) fn has_room(&self, frames: usize) -> bool {
         match &self.packets {
             None => self.link.has_room(frames),
-            Some(queue) => self.link.has_room_where(|| {
-                queue.has_room() && (!queue.with_frames || self.link.frames.room() >= frames)
-            }),
+            Some(queue) => self
+                .link
+                .has_room_where(|| queue.has_room() && (!queue.with_frames || self.link.frames.room() >= frames)),
         }
     }
 }
