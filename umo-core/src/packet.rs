@@ -134,7 +134,7 @@ impl PacketLayout {
         HEAD + total + keyframes + ((keyframes + history) * self.keyframe_bits).div_ceil(8)
     }
 
-    /// Writes a packet with the `levels` of the new keyframes' sound ([`level_byte`]) and
+    /// Writes a packet with the `levels` of the new keyframes' sound, as SPEC 2.18 has them, and
     /// `codes [history + keyframes, codes of a keyframe]`, oldest first; returns its length. Never
     /// allocates.
     ///
