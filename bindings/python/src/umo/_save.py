@@ -183,8 +183,9 @@ def bvh(motion: Motion) -> bytes:
         for child in below:
             write(child, depth + 1)
         if not below:
-            half = offsets[joint] * np.float32(0.5)
-            tip = half if np.sqrt(half[0] * half[0] + half[1] * half[1] + half[2] * half[2]) >= 1e-3 else np.float32([0, 0, 0.02])
+            half: npt.NDArray[np.float32] = offsets[joint] * np.float32(0.5)
+            is_long = np.sqrt(half[0] * half[0] + half[1] * half[1] + half[2] * half[2]) >= 1e-3
+            tip: npt.NDArray[np.float32] = half if is_long else np.array([0, 0, 0.02], np.float32)
             lines.extend([f"{indent}\tEnd Site", indent + "\t{", place(indent + "\t", tip), indent + "\t}"])
         lines.append(indent + "}")
 
