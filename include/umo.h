@@ -1560,10 +1560,10 @@ UMO_NOEXCEPT;
 
 // Creates a decoder: a session whose frames come of packets, on the side where an avatar is seen. It
 // needs no engine. Every `umo_session_…` call works on it but those that take audio, texts or a
-// state; `umo_session_free` frees it. Of `config`, which may be NULL, `target`, `lookahead` and
-// `smoothing` are the sender's, and the model is the same file at the same precision; layers, seed,
-// idle mode, ease, queue and `patience` are its own. `allocator` is NULL: its memory comes from the
-// system.
+// state, and `umo_session_interrupt`: these are for its sender. `umo_session_free` frees it. Of
+// `config`, which may be NULL, `target`, `lookahead` and `smoothing` are the sender's, and the model is
+// the same file at the same precision; layers, seed, idle mode, ease, queue and `patience` are its own.
+// `allocator` is NULL: its memory comes from the system.
 //
 // Threads: any but the audio thread. Allocates everything that the decoder will ever need.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (`umo_last_error` says which
