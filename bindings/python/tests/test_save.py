@@ -84,7 +84,7 @@ def test_a_face_of_coefficients_is_padded_in_arrays_and_has_no_csv(model, tmp_pa
 
 
 def test_what_cannot_be_saved_says_why_and_leaves_nothing(whole, model, tmp_path):
-    with pytest.raises(ValueError, match=r"`\.fbx` is unknown; expected one of \.npz, \.csv, \.jsonl.*umo animate"):
+    with pytest.raises(ValueError, match=r"`\.fbx` is unknown; expected one of \.npz, \.bvh, \.csv, \.jsonl.*umo animate"):
         whole.save(tmp_path / "motion.fbx")
     with pytest.raises(ValueError, match="no suffix; expected one of"):
         whole.save(tmp_path / "motion")

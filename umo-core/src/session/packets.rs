@@ -45,16 +45,16 @@ pub(crate) struct PacketQueue {
 }
 
 impl PacketQueue {
-    /// A queue for as many chunks as `frames` frames are, of `chunk_frames` each.
+    /// A queue for as many chunks as `frames` frames are, of `length` each.
     pub(super) fn new_in(
         config: PacketConfig,
         model: &Model,
-        (frames, chunk_frames): (usize, usize),
+        (frames, length): (usize, usize),
         arena: &Arena,
     ) -> Self {
         let most = model.packets().most_bytes();
         let width = HEAD + most.div_ceil(4);
-        let capacity = (frames / chunk_frames).max(LEAST);
+        let capacity = frames.div_ceil(length).max(LEAST);
         Self {
             ring: Ring::new_in(capacity * width, arena),
             width,

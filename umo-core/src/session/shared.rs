@@ -308,7 +308,8 @@ impl Shared {
                 arena,
             ))),
             packets: session.packets.map(|packets| {
-                PacketQueue::new_in(packets, model, (session.queue_frames, chunk_frames), arena)
+                let length = session.avatar.target * config.keyframe_stride;
+                PacketQueue::new_in(packets, model, (session.queue_frames, length), arena)
             }),
             input: Mutex::new(input),
             stats: Counters::default(),
