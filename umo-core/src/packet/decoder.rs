@@ -469,14 +469,16 @@ impl Decoder {
             match (&model.between, &mut self.between, &mut self.window) {
                 (Between::Codes(interp), Filling::Codes(room), Window::Codes(history)) => {
                     history.lay_out();
-                    interp.fill(cx, room, history.frames())?;
+                    let start = history.fresh_start(self.is_first);
+                    interp.fill_from(cx, room, history.frames(), start)?;
                     let fresh = history.fresh(self.is_first);
                     motion.push(cx, &model.motion, scratch, fresh, *lookahead, &mut out)?;
                     history.advance();
                 }
                 (Between::Vectors { interp, .. }, Filling::Vectors(room), Window::Keyframes(history)) => {
+                    let fresh = history.fresh_frames(self.is_first);
                     let (vectors, known) = history.lay_out(model.motion.decoders())?;
-                    interp.fill(cx, room, vectors, known)?;
+                    interp.fill_from(cx, room, vectors, known, known.len() - fresh)?;
                     let (fresh, parts) = history.fresh(self.is_first);
                     motion.push_latents(cx, &model.motion, scratch, &fresh[..parts], *lookahead, &mut out)?;
                     history.advance();

@@ -162,6 +162,8 @@ struct Gaps {
     shown: OwnedFrame,
     /// Seconds by which the time was then later than the newest frame.
     ahead: f64,
+    /// Whether a later stream begins: what it begins with is eased to from rest.
+    begins: bool,
     /// How long the ease takes that is under way, seconds.
     length: f64,
 }
@@ -236,6 +238,7 @@ impl Output {
             ease: frames_of(session.ease, config.frame_rate).max(1).into(),
             shown: shown(),
             ahead: 0.0,
+            begins: false,
             length: 0.0,
         });
         Self {
@@ -373,7 +376,7 @@ impl Output {
             (self.base, self.origin, self.any, self.time) = (0, [0.0; 2], false, 0.0);
             self.gained.started = false;
             if let Some(gaps) = &mut self.gaps {
-                (gaps.frames, gaps.ahead) = (0, 0.0);
+                (gaps.frames, gaps.ahead, gaps.begins) = (0, 0.0, false);
             }
             // An interrupt that came after the reset, before anything was shown, has nothing to
             // ease from.
@@ -385,7 +388,7 @@ impl Output {
             self.life.interrupt(epoch.number, self.ease.frames, &self.controls);
             self.base = start + self.ease.frames;
             if let Some(gaps) = &mut self.gaps {
-                gaps.frames = 0;
+                (gaps.frames, gaps.begins) = (0, self.any);
             }
             self.origin = [self.raw_last.pose.translation[0], self.raw_last.pose.translation[2]];
         }
@@ -454,7 +457,7 @@ impl Output {
     /// Eases to the frames after a gap.
     fn close_gap(&mut self) {
         let Some(gaps) = &mut self.gaps else { return };
-        if self.any && self.next_frame.index > self.raw_last.index + 1 {
+        if self.any && (self.next_frame.index > self.raw_last.index + 1 || std::mem::take(&mut gaps.begins)) {
             gaps.from.copy(&self.raw_last);
             (gaps.frames, gaps.done) = (gaps.ease, 0);
         }
@@ -606,7 +609,12 @@ impl Output {
     /// packets. `ahead` is how much later the time is than the last frame.
     fn missed(&mut self, is_ahead: bool, ahead: f64) -> f64 {
         let Some(gaps) = &mut self.gaps else { return 0.0 };
-        let missing = if is_ahead && self.any { ahead } else { 0.0 };
+        let missing = match is_ahead {
+            true if self.any => ahead,
+            // Nothing was shown but rest.
+            true => self.idle_ease,
+            false => 0.0,
+        };
         let before = std::mem::replace(&mut gaps.ahead, missing);
         if missing < before { before } else { 0.0 }
     }

@@ -46,12 +46,7 @@ pub(crate) struct PacketQueue {
 
 impl PacketQueue {
     /// A queue for as many chunks as `frames` frames are, of `length` each.
-    pub(super) fn new_in(
-        config: PacketConfig,
-        model: &Model,
-        (frames, length): (usize, usize),
-        arena: &Arena,
-    ) -> Self {
+    pub(super) fn new_in(config: PacketConfig, model: &Model, (frames, length): (usize, usize), arena: &Arena) -> Self {
         let most = model.packets().most_bytes();
         let width = HEAD + most.div_ceil(4);
         let capacity = frames.div_ceil(length).max(LEAST);
