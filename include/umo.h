@@ -277,6 +277,15 @@
 // many more frames at its end. For a microphone, or a voice that is played as it comes.
 #define UMO_VOICE_LIVE 1
 
+// Chunks are given as frames alone.
+#define UMO_PACKETS_NONE 0
+
+// Chunks are given as frames and as packets: both are to be pulled.
+#define UMO_PACKETS_BESIDE_FRAMES 1
+
+// Chunks are given as packets alone: for a server whose avatars are seen elsewhere.
+#define UMO_PACKETS_ONLY 2
+
 // Bytes that an error's detail may have, its end included.
 #define UMO_ERROR_SIZE 512
 
@@ -550,8 +559,13 @@ typedef struct umo_session_config {
     // Keyframes of audio behind a chunk that it waits for, where the model was made to hear ahead:
     // that much later, too. Else 0.
     uint32_t horizon;
-    // Zero.
-    uint32_t reserved;
+    // Whether chunks are given as packets: one of `UMO_PACKETS_…`.
+    uint32_t packets;
+    // Keyframes before those of its chunk that a packet says again: one that is lost changes nothing
+    // where these are a chunk's. As many as fit the model's history.
+    uint32_t packet_history;
+    // Of a decoder: packets that may come before one that is missing counts as lost, 0 to 4.
+    uint32_t patience;
 } umo_session_config;
 
 // The range of times that `umo_session_sample_pose` could sample. Set `struct_size`, the rest is written.
@@ -616,6 +630,22 @@ typedef struct umo_stats {
     uint64_t silenced;
 } umo_stats;
 
+// What came of a decoder's packets. Set `struct_size`, the rest is written by `umo_decoder_stats`.
+typedef struct umo_received {
+    // `sizeof(umo_received)`.
+    uint32_t struct_size;
+    // Zero.
+    uint32_t reserved;
+    // Packets that were taken.
+    uint64_t packets;
+    // Packets that came after their time or a second time: they changed nothing.
+    uint64_t late;
+    // Chunks whose packet did not come in time.
+    uint64_t lost;
+    // Keyframes of these that no other packet said: the last one was held.
+    uint64_t held;
+} umo_received;
+
 // Success.
 #define UMO_STATUS_OK 0
 
@@ -674,6 +704,9 @@ typedef struct umo_stats {
 
 // A worker thread could not be created or pinned.
 #define UMO_STATUS_THREAD -18
+
+// Not a packet for such a decoder. Nothing was changed.
+#define UMO_STATUS_PACKET -19
 
 #ifdef __cplusplus
 extern "C" {
@@ -1486,6 +1519,96 @@ UMO_MUST_USE
 umo_status umo_session_restore(struct umo_session *session,
                                const void *state,
                                size_t size)
+UMO_NOEXCEPT;
+
+// Bytes of the longest packet of the session; 0 where it was made without packets.
+//
+// Threads: any. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `PANIC`.
+//
+// Pointers:
+// `size` is NULL or writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_packet_size(const struct umo_session *session,
+                                   size_t *size)
+UMO_NOEXCEPT;
+
+// Takes packets that are ready, in order, each once, of a session whose configuration has `packets`:
+// as many as there are, as `bytes` has room for and at most `most`, back to back. `lengths[i]` gets
+// the bytes of each, `count` how many there were. `size` is at least what `umo_session_packet_size`
+// says. Each packet is to be sent to the decoders as it is; what of it is lost, doubled or out of
+// order they make good.
+//
+// Threads: one at a time, beside any other call. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (a session without packets),
+// `BUFFER_TOO_SMALL`, `BUSY` (another thread pulls packets); `FAILED`, `CLOSED`, `PANIC` when all
+// that was ready has been pulled.
+//
+// Pointers:
+// `bytes` is NULL or has `size` writable bytes; `lengths` is NULL or has `most` writable values;
+// `count` is NULL or writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_pull_packets(struct umo_session *session,
+                                    void *bytes,
+                                    size_t size,
+                                    size_t *lengths,
+                                    size_t most,
+                                    size_t *count)
+UMO_NOEXCEPT;
+
+// Creates a decoder: a session whose frames come of packets, on the side where an avatar is seen. It
+// needs no engine. Every `umo_session_…` call works on it but those that take audio, texts or a
+// state, and `umo_session_interrupt`: these are for its sender. `umo_session_free` frees it. Of
+// `config`, which may be NULL, `target`, `lookahead` and `smoothing` are the sender's, and the model is
+// the same file at the same precision; layers, seed, idle mode, ease, queue and `patience` are its own.
+// `allocator` is NULL: its memory comes from the system.
+//
+// Threads: any but the audio thread. Allocates everything that the decoder will ever need.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (`umo_last_error` says which
+// number), `STRUCT_SIZE`, `FULL` (16,384 sessions in all), `OUT_OF_MEMORY`.
+//
+// Pointers:
+// `config` is NULL or as long as its `struct_size` says; `decoder` is NULL or writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_decoder_new(const struct umo_model *model,
+                           const struct umo_session_config *config,
+                           struct umo_session **decoder)
+UMO_NOEXCEPT;
+
+// Takes a packet of `size` bytes, and computes the frames that it makes final. Packets may be lost,
+// come twice, late and in any order: what is missing when a later one has come, and `patience` more,
+// is made up for, and the next packet leads back. A refused packet changes nothing.
+//
+// Threads: one at a time, beside any other call; meant for the thread that receives. Never
+// allocates, never waits; takes the time of a chunk's motion decoders.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `PACKET` (`umo_session_last_error` says what is wrong
+// with it), `INVALID_ARGUMENT` (a session that is no decoder), `BUSY` (another thread pushes, or
+// the queue of frames is full: take some, then push it again), `FAILED`, `PANIC`.
+//
+// Pointers:
+// `packet` is NULL or has `size` readable bytes.
+UMO_API
+UMO_MUST_USE
+umo_status umo_decoder_push_packet(struct umo_session *decoder,
+                                   const void *packet,
+                                   size_t size)
+UMO_NOEXCEPT;
+
+// What came of a decoder's packets.
+//
+// Threads: any; not beside a push. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (a session that is no
+// decoder), `BUSY` (another thread pushes), `PANIC`.
+//
+// Pointers:
+// `stats` is NULL or as long as its `struct_size` says, and writable.
+UMO_API
+UMO_MUST_USE
+umo_status umo_decoder_stats(const struct umo_session *decoder,
+                             struct umo_received *stats)
 UMO_NOEXCEPT;
 
 // What a status says, and what to do about it: static, never NULL, in English.

@@ -252,6 +252,35 @@ public:
         return {status, session(raw)};
     }
 
+    /// An avatar whose frames come of packets: it needs no engine.
+    static result<session> decoder(const model &model, const umo_session_config *config = nullptr) {
+        umo_session *raw = nullptr;
+        const umo_status status = umo_decoder_new(model.get(), config, &raw);
+        return {status, session(raw)};
+    }
+    [[nodiscard]] umo_status push_packet(const void *packet, std::size_t size) noexcept {
+        return umo_decoder_push_packet(get(), packet, size);
+    }
+    /// What came of its packets.
+    result<umo_received> received() noexcept {
+        umo_received stats{};
+        stats.struct_size = sizeof stats;
+        const umo_status status = umo_decoder_stats(get(), &stats);
+        return {status, stats};
+    }
+    /// Bytes of the longest packet; 0 without packets.
+    result<std::size_t> packet_size() noexcept {
+        std::size_t size = 0;
+        const umo_status status = umo_session_packet_size(get(), &size);
+        return {status, size};
+    }
+    /// How many packets there were: back to back in `bytes`, the length of each in `lengths`.
+    result<std::size_t> pull_packets(void *bytes, std::size_t size, std::size_t *lengths, std::size_t most) noexcept {
+        std::size_t count = 0;
+        const umo_status status = umo_session_pull_packets(get(), bytes, size, lengths, most, &count);
+        return {status, count};
+    }
+
     /// How many samples were taken.
     result<std::size_t> push_audio(const float *samples, std::size_t count) noexcept {
         std::size_t taken = 0;

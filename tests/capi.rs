@@ -232,6 +232,17 @@ fn states_are_saved_and_restored() {
 }
 
 #[test]
+fn packets_go_from_a_session_to_decoders() {
+    run(&compile("tests/capi/packets.c", Link::Shared), &[MODEL.as_ref()]);
+}
+
+#[test]
+fn a_crowd_is_seen_by_viewers() {
+    let wav = format!("{ROOT}/assets/hello.wav");
+    run(&compile("examples/c/crowd.c", Link::Shared), &[MODEL.as_ref(), wav.as_ref(), "2".as_ref(), "2".as_ref()]);
+}
+
+#[test]
 #[cfg(all(target_os = "linux", target_env = "gnu"))]
 fn nothing_is_allocated_while_a_session_runs() {
     run(&compile("tests/capi/no_alloc.c", Link::Shared), &[MODEL.as_ref()]);

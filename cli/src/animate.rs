@@ -103,16 +103,32 @@ impl<'a> Maker<'a> {
 
     /// An animation as the arguments want it.
     pub(crate) fn animation(&self, template: &str, text: Option<&str>) -> Result<Animation, Failure> {
+        self.animation_with(&self.team, template, text, self.args.seed, self.args.start_pose.as_deref())
+    }
+
+    /// The same with a seed and a start of its own, prepared on other threads.
+    pub(crate) fn animation_with(
+        &self,
+        team: &Team,
+        template: &str,
+        text: Option<&str>,
+        seed: u64,
+        start_pose: Option<&Path>,
+    ) -> Result<Animation, Failure> {
         let config = self.model.config();
         let ids = text.map(|text| prompt(&self.model, text)).transpose()?.unwrap_or_default();
         let template = named(config, template, text.is_some())?;
         let gestures = gestures::known(&self.args.gesture_clip, &config.skeleton)?;
-        let avatar = AvatarConfig { template, text: ids, gestures: gestures.clone(), ..self.avatar() };
+        let mut avatar = AvatarConfig { template, text: ids, gestures: gestures.clone(), ..self.avatar() };
+        if !self.args.greedy {
+            avatar.sampler.seed = seed;
+        }
         let mut animation = Animation::new(&self.model, &avatar)?;
-        if let Some(path) = &self.args.start_pose {
+        if let Some(path) = start_pose {
             let precision = self.args.compute.precision(Precision::Stored);
             let loader = Loader::new(&self.file, precision, self.model.isa());
-            start_pose::begin(self.compute(), &loader, path, &mut animation)?;
+            let cx = Compute { isa: self.model.isa(), team };
+            start_pose::begin(cx, &loader, path, &mut animation)?;
         }
         for gesture in &self.args.gesture {
             gestures::play(&mut animation, &gestures, &gesture.name, &gesture.options)?;

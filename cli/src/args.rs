@@ -22,6 +22,8 @@ pub struct Args {
 pub enum Command {
     /// Animate a speech recording
     Animate(Animate),
+    /// Animate many recordings: a folder, or a manifest
+    Batch(Batch),
     /// Animate a description: an action that the model or the table of gestures knows
     Text(Text),
     /// List the gestures that `animate --gesture` and `text` know
@@ -283,6 +285,73 @@ pub struct Animate {
     #[command(flatten)]
     #[expect(missing_docs, reason = "clap would print a doc comment as help")]
     pub output: Output,
+}
+
+/// Animate many recordings.
+#[derive(Debug, ClapArgs)]
+pub struct Batch {
+    /// Folder of recordings; or a manifest, .csv with a heading or .jsonl: file, and where wanted
+    /// output, seed, prompt, mood, start_pose, speaker; its paths begin at its own folder
+    pub input: PathBuf,
+    /// Folder that outputs go to; the input's where not given
+    #[arg(short, long, value_name = "FOLDER")]
+    pub output: Option<PathBuf>,
+    /// Formats of lines without an output: npz, bvh, glb, vrma, csv or jsonl
+    #[arg(long, value_name = "FORMAT", value_delimiter = ',', default_value = "glb")]
+    pub format: Vec<String>,
+    /// Lines that are computed together: more read the weights less often, and need memory
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = jobs)]
+    pub jobs: usize,
+    /// Every n-th line alone, from the i-th on: for n machines
+    #[arg(long, value_name = "I/N", value_parser = shard)]
+    pub shard: Option<(usize, usize)>,
+    /// What was done, JSON lines with hashes; results.jsonl among the outputs where not given. Lines
+    /// that it has, of the same contents and settings, are kept
+    #[arg(long, value_name = "FILE.jsonl")]
+    pub results: Option<PathBuf>,
+    /// Make every line again
+    #[arg(long)]
+    pub again: bool,
+    /// Take what can be used of damaged recordings
+    #[arg(long)]
+    pub repair: bool,
+    /// Figure that wears the motion in .glb files
+    #[arg(long, value_name = "NAME", default_value = Figure::default().name(), value_parser = figure_parser())]
+    pub figure: Figure,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "clap would print a doc comment as help")]
+    pub generate: GenerateArgs,
+}
+
+impl Batch {
+    /// The file of results.
+    pub(crate) fn results_path(&self) -> PathBuf {
+        let name = match self.shard {
+            Some((index, count)) => format!("results-{index}-of-{count}.jsonl"),
+            None => "results.jsonl".to_owned(),
+        };
+        let folder = self.output.clone().unwrap_or_else(|| match self.input.is_dir() {
+            true => self.input.clone(),
+            false => self.input.parent().unwrap_or(std::path::Path::new("")).to_owned(),
+        });
+        self.results.clone().unwrap_or_else(|| folder.join(name))
+    }
+}
+
+/// Lines at once.
+fn jobs(text: &str) -> Result<usize, String> {
+    text.parse()
+        .ok()
+        .filter(|jobs| (1..=umo_core::MAX_BATCH).contains(jobs))
+        .ok_or_else(|| "expected 1 to 64".to_owned())
+}
+
+/// `2/8`: the second of eight.
+fn shard(text: &str) -> Result<(usize, usize), String> {
+    let numbers = text.split_once('/').and_then(|(index, count)| Some((index.parse().ok()?, count.parse().ok()?)));
+    numbers
+        .filter(|&(index, count)| (1..=count).contains(&index))
+        .ok_or_else(|| "expected I/N, as 1/4 to 4/4".to_owned())
 }
 
 /// Look at it.

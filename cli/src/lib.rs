@@ -4,6 +4,7 @@
 //! |---|---|
 //! | [`args`] | the command line |
 //! | `animate`, `text`, `gestures` | speech, or a text, to an animation; the gestures over it |
+//! | `batch` | many recordings with one model, computed together |
 //! | `stage`, `inspect`, `random` | one stage alone; what a model holds; a model of random weights |
 //! | `convert`, `quantize` | a model of published weights; the same model with smaller ones |
 //! | `live` | speech as it comes to poses for other programs, over the network |
@@ -20,6 +21,7 @@
 mod animate;
 pub mod args;
 pub mod atomic_file;
+mod batch;
 mod bench;
 mod bvh;
 mod convert;
@@ -74,6 +76,7 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
 fn run(command: Command) -> Result<(), Failure> {
     match command {
         Command::Animate(args) => animate::run(&args),
+        Command::Batch(args) => batch::run(&args),
         Command::Text(args) => text::run(&args),
         Command::Gestures => gestures::run(),
         Command::Stage(args) => stage::run(&args),

@@ -1,6 +1,6 @@
 //! A bar on standard error for work that takes longer than a moment.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
@@ -11,4 +11,46 @@ pub(crate) fn frames(total: usize) -> ProgressBar {
     bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
     bar.enable_steady_tick(Duration::from_millis(200));
     bar
+}
+
+/// Lines of a batch, and how much time is left: a bar, or where standard error is no terminal a line
+/// every ten seconds.
+#[derive(Debug)]
+pub(crate) struct Lines {
+    bar: ProgressBar,
+    total: u64,
+    start: Instant,
+    said: Instant,
+}
+
+/// A count of so many lines.
+pub(crate) fn lines(total: usize) -> Lines {
+    let bar = ProgressBar::with_draw_target(Some(total as u64), ProgressDrawTarget::stderr_with_hz(10));
+    let style = ProgressStyle::with_template("{bar:30} {pos}/{len} lines, {per_sec}, {eta} left");
+    bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    let now = Instant::now();
+    Lines { bar, total: total as u64, start: now, said: now }
+}
+
+impl Lines {
+    /// One more is done.
+    pub(crate) fn advance(&mut self) {
+        self.bar.inc(1);
+        if self.bar.is_hidden() && self.said.elapsed() >= Duration::from_secs(10) {
+            self.said = Instant::now();
+            let (done, passed) = (self.bar.position(), self.start.elapsed().as_secs_f64());
+            let left = passed * (self.total - done) as f64 / done as f64;
+            eprintln!("{done}/{} lines, {left:.0} s left", self.total);
+        }
+    }
+
+    /// Prints with the bar out of the way.
+    pub(crate) fn suspend(&self, print: impl FnOnce()) {
+        self.bar.suspend(print);
+    }
+
+    /// Takes the bar away.
+    pub(crate) fn finish(&self) {
+        self.bar.finish_and_clear();
+    }
 }

@@ -6,6 +6,8 @@ mod program;
 
 #[path = "cli/animate.rs"]
 mod animate;
+#[path = "cli/batch.rs"]
+mod batch;
 #[path = "cli/bench.rs"]
 mod bench;
 #[path = "cli/draw.rs"]

@@ -320,7 +320,7 @@ static void session_configs_grow(void) {
     umo_latency latency = {.struct_size = sizeof latency};
     uint64_t samples[3];
     OK(umo_session_config_init(&config, sizeof config, model));
-    CHECK(config.smoothing > 0 && config.guidance == 1 && config.horizon == 0 && config.reserved == 0);
+    CHECK(config.smoothing > 0 && config.guidance == 1 && config.horizon == 0 && config.packets == UMO_PACKETS_NONE);
     config.lookahead = 0;
     for (int i = 0; i < 3; i++) {
         if (i == 1) config.smoothing = 0;
@@ -347,7 +347,7 @@ static void session_configs_grow(void) {
     WITH(guidance, 0, "guidance");
     WITH(guidance, 4, "guidance");
     WITH(horizon, 1000, "horizon");
-    WITH(reserved, 1, "reserved");
+    WITH(packets, 3, "packets");
 #undef WITH
 }
 

@@ -260,6 +260,7 @@ mod tests {
     use crate::memory::UmoAllocator;
     use crate::model::{UmoModelConfig, UmoModelInfo};
     use crate::parameter::UmoParameterInfo;
+    use crate::session::packets::UmoReceived;
     use crate::session::{UmoLatency, UmoSampled, UmoSessionConfig, UmoStats};
     use std::mem::offset_of;
 
@@ -274,11 +275,12 @@ mod tests {
         sized::<UmoFrameLayout>(48);
         sized::<UmoParameterInfo>(40);
         // Grown since their first version.
-        assert_eq!((size_of::<UmoSessionConfig>(), UmoSessionConfig::FIRST), (80, 64));
+        assert_eq!((size_of::<UmoSessionConfig>(), UmoSessionConfig::FIRST), (88, 64));
         assert_eq!((size_of::<UmoModelInfo>(), UmoModelInfo::FIRST), (72, 64));
         assert_eq!((size_of::<UmoLatency>(), UmoLatency::FIRST), (72, 48));
         sized::<UmoStats>(56);
         sized::<UmoSampled>(24);
+        sized::<UmoReceived>(40);
         sized::<UmoGestureOptions>(48);
         sized::<UmoGestureClip>(32);
         assert_eq!((size_of::<UmoAllocator>(), size_of::<UmoJobs>(), size_of::<UmoLog>()), (24, 16, 16));
@@ -288,6 +290,7 @@ mod tests {
         assert_eq!(offset_of!(UmoSessionConfig, template_name), 48);
         assert_eq!(offset_of!(UmoSessionConfig, smoothing), 64);
         assert_eq!(offset_of!(UmoSessionConfig, horizon), 72);
+        assert_eq!(offset_of!(UmoSessionConfig, patience), 84);
         assert_eq!(offset_of!(UmoFrameLayout, visemes), 40);
         assert_eq!(offset_of!(UmoParameterInfo, minimum), 16);
         assert_eq!(offset_of!(UmoLatency, algorithmic_samples), 8);

@@ -153,7 +153,7 @@ pub(crate) struct ModelHandle {
     texts: [CString; 4],
     channels: Box<[CString]>,
     info: UmoModelInfo,
-    log: Log,
+    pub(crate) log: Log,
 }
 
 /// Most models at once.

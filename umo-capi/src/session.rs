@@ -7,6 +7,8 @@ pub mod settings;
 
 pub mod state;
 
+pub mod packets;
+
 use std::alloc::Layout;
 use std::cell::UnsafeCell;
 use std::ffi::c_char;
@@ -16,7 +18,7 @@ use std::time::Duration;
 
 use umo_core::defect::contain;
 use umo_core::memory::{Arena, Boxed, HostMemory};
-use umo_core::session::{Session, SessionConfig, Voice};
+use umo_core::session::{PacketConfig, Session, SessionConfig, Voice};
 
 use crate::engine::{self, EngineHandle, UmoEngine};
 use crate::ffi::{self, Sized32, guard, put, put_if_wanted, wanted};
@@ -35,6 +37,13 @@ pub const UMO_VOICE_DELAYED: u32 = 0;
 /// 56 ms at 16 kHz, 63 ms at 48 kHz. The body follows by the session's latency, and the stream has as
 /// many more frames at its end. For a microphone, or a voice that is played as it comes.
 pub const UMO_VOICE_LIVE: u32 = 1;
+
+/// Chunks are given as frames alone.
+pub const UMO_PACKETS_NONE: u32 = 0;
+/// Chunks are given as frames and as packets: both are to be pulled.
+pub const UMO_PACKETS_BESIDE_FRAMES: u32 = 1;
+/// Chunks are given as packets alone: for a server whose avatars are seen elsewhere.
+pub const UMO_PACKETS_ONLY: u32 = 2;
 
 /// A session: one avatar. A handle, never a pointer to memory.
 pub struct UmoSession {
@@ -82,8 +91,13 @@ pub struct UmoSessionConfig {
     /// Keyframes of audio behind a chunk that it waits for, where the model was made to hear ahead:
     /// that much later, too. Else 0.
     pub horizon: u32,
-    /// Zero.
-    pub reserved: u32,
+    /// Whether chunks are given as packets: one of `UMO_PACKETS_…`.
+    pub packets: u32,
+    /// Keyframes before those of its chunk that a packet says again: one that is lost changes nothing
+    /// where these are a chunk's. As many as fit the model's history.
+    pub packet_history: u32,
+    /// Of a decoder: packets that may come before one that is missing counts as lost, 0 to 4.
+    pub patience: u32,
 }
 
 // SAFETY: `repr(C)`, starts with its size, numbers and pointers that may be NULL.
@@ -94,6 +108,8 @@ unsafe impl Sized32 for UmoSessionConfig {
 /// Bytes of a configuration that has `smoothing`, `guidance` and `horizon`; a shorter one has their
 /// defaults.
 const WITH_SMOOTHING: usize = UmoSessionConfig::FIRST + 16;
+/// The same for `packet_history` and `patience`.
+const WITH_PACKETS: usize = WITH_SMOOTHING + 8;
 
 /// How far motion is behind speech. Set `struct_size`, the rest is written by
 /// `umo_session_latency`.
@@ -248,8 +264,18 @@ fn on(session: *const UmoSession, call: impl FnOnce(&SessionHandle) -> Result<()
 
 impl UmoSessionConfig {
     fn defaults(model: &ModelHandle) -> Self {
-        let SessionConfig { avatar, sample_rate, channels, voice, idle, idle_after, ease, queue_frames } =
-            SessionConfig::new(model.model.config());
+        let SessionConfig {
+            avatar,
+            sample_rate,
+            channels,
+            voice,
+            idle,
+            idle_after,
+            ease,
+            queue_frames,
+            packets: _,
+            patience,
+        } = SessionConfig::new(model.model.config());
         let count = |value: usize| u32::try_from(value).unwrap_or(u32::MAX);
         let ms = |time: Duration| u32::try_from(time.as_millis()).unwrap_or(u32::MAX);
         Self {
@@ -269,7 +295,9 @@ impl UmoSessionConfig {
             smoothing: avatar.smoothing,
             guidance: avatar.guidance,
             horizon: count(avatar.horizon),
-            reserved: 0,
+            packets: UMO_PACKETS_NONE,
+            packet_history: count(PacketConfig::new(avatar.target).history),
+            patience: count(patience),
         }
     }
 }
@@ -279,9 +307,8 @@ impl UmoSessionConfig {
 /// allocator is readable.
 unsafe fn read_config(
     config: *const UmoSessionConfig,
-    engine: &EngineHandle,
+    model: &ModelHandle,
 ) -> Result<(SessionConfig, Option<HostMemory>), Failure> {
-    let model = &engine.model;
     let given = if config.is_null() {
         UmoSessionConfig::defaults(model)
     } else {
@@ -295,11 +322,17 @@ unsafe fn read_config(
         (wanted.avatar.smoothing, wanted.avatar.guidance) = (given.smoothing, given.guidance);
         wanted.avatar.horizon = given.horizon as usize;
     }
-    if given.reserved != 0 {
-        return Err(Failure::argument("`config.reserved` is not 0"));
+    let mut packets = PacketConfig::new(wanted.avatar.target);
+    if given.struct_size as usize >= WITH_PACKETS || config.is_null() {
+        (packets.history, wanted.patience) = (given.packet_history as usize, given.patience as usize);
     }
+    packets.with_frames = given.packets == UMO_PACKETS_BESIDE_FRAMES;
+    wanted.packets = match given.packets {
+        UMO_PACKETS_NONE => None,
+        UMO_PACKETS_BESIDE_FRAMES | UMO_PACKETS_ONLY => Some(packets),
+        packets => return Err(Failure::argument(format_args!("packets {packets} are none of UMO_PACKETS_…"))),
+    };
     wanted.avatar.sampler.seed = given.seed;
-    wanted.avatar.gestures = engine.gestures.gestures();
     wanted.voice = match given.voice {
         UMO_VOICE_DELAYED => Voice::Delayed,
         UMO_VOICE_LIVE => Voice::Live,
@@ -390,7 +423,8 @@ pub unsafe extern "C" fn umo_session_memory(
     guard(|| {
         let engine = engine::get(engine)?;
         // SAFETY: guaranteed by the caller (see # Safety).
-        let (config, _) = unsafe { read_config(config, &engine)? };
+        let (mut config, _) = unsafe { read_config(config, &engine.model)? };
+        config.avatar.gestures = engine.gestures.gestures();
         let layout = plan(&engine, &config)?;
         // SAFETY: guaranteed by the caller (see # Safety).
         unsafe { put_if_wanted(size, "size", layout.size())? };
@@ -424,7 +458,8 @@ pub unsafe extern "C" fn umo_session_new(
         wanted(session, "session")?;
         let engine = engine::get(engine)?;
         // SAFETY: guaranteed by the caller (see # Safety).
-        let (config, allocator) = unsafe { read_config(config, &engine)? };
+        let (mut config, allocator) = unsafe { read_config(config, &engine.model)? };
+        config.avatar.gestures = engine.gestures.gestures();
         let handle = make(&engine, &config, allocator).and_then(|made| SESSIONS.insert(made));
         let handle = handle.inspect_err(|failure| {
             let detail = String::from_utf8_lossy(failure.detail.as_bytes());

@@ -7,7 +7,7 @@ use std::fmt::{self, Write as _};
 use umo_core::engine::{EngineError, PollError};
 use umo_core::memory::OutOfMemory;
 use umo_core::session::SessionError;
-use umo_core::{Defect, LoadError};
+use umo_core::{Defect, LoadError, PacketError};
 
 /// Result of a call: `UMO_STATUS_OK`, or a negative error code. Numbers are never used
 /// again for anything else.
@@ -53,6 +53,8 @@ pub const UMO_STATUS_UNSUPPORTED: UmoStatus = -16;
 pub const UMO_STATUS_STATE: UmoStatus = -17;
 /// A worker thread could not be created or pinned.
 pub const UMO_STATUS_THREAD: UmoStatus = -18;
+/// Not a packet for such a decoder. Nothing was changed.
+pub const UMO_STATUS_PACKET: UmoStatus = -19;
 
 /// What a status says, and what to do about it.
 fn text(status: UmoStatus) -> &'static CStr {
@@ -78,6 +80,7 @@ fn text(status: UmoStatus) -> &'static CStr {
         UMO_STATUS_UNSUPPORTED => c"this model, processor or engine cannot do that",
         UMO_STATUS_STATE => c"not a state of such a session",
         UMO_STATUS_THREAD => c"a worker thread could not be created or pinned",
+        UMO_STATUS_PACKET => c"not a packet for such a decoder",
         _ => c"not a status of this library",
     }
 }
@@ -164,6 +167,8 @@ impl From<SessionError> for Failure {
             SessionError::Panicked => UMO_STATUS_PANIC,
             SessionError::Closed => UMO_STATUS_CLOSED,
             SessionError::State(_) => UMO_STATUS_STATE,
+            SessionError::Packet(PacketError::Full) => UMO_STATUS_BUSY,
+            SessionError::Packet(_) => UMO_STATUS_PACKET,
         };
         Self::new(status, error)
     }
@@ -269,8 +274,8 @@ mod tests {
 
     #[test]
     fn every_status_has_a_text_of_its_own() {
-        let texts: std::collections::HashSet<_> = (UMO_STATUS_THREAD..=UMO_STATUS_OK).map(text).collect();
-        assert_eq!(texts.len(), 19);
+        let texts: std::collections::HashSet<_> = (UMO_STATUS_PACKET..=UMO_STATUS_OK).map(text).collect();
+        assert_eq!(texts.len(), 20);
         assert!(!texts.contains(text(1)));
         assert!(text(-1000).to_str().unwrap().starts_with("not a status"));
     }

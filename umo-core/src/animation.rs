@@ -7,12 +7,12 @@ use crate::batch::Batch;
 use crate::config::Config;
 use crate::error::{LoadError, StepError};
 use crate::life::gesture::Request;
-use crate::life::{Controls, GestureOptions, Gestures, Levels, Life};
+use crate::life::{Controls, GestureOptions, Gestures, Levels, Life, Mood};
 use crate::linear::Compute;
-use crate::memory::{Arena, Boxed, filled};
+use crate::memory::{Arena, Boxed};
 use crate::model::Model;
 use crate::motion::FrameRef;
-use crate::packet::{PacketHead, PacketLayout};
+use crate::packet::{PacketLayout, PacketRoom};
 use crate::record::Chunk;
 use crate::session::SessionError;
 use crate::stream::OwnedFrame;
@@ -21,7 +21,17 @@ use crate::stream::OwnedFrame;
 #[derive(Debug)]
 pub struct Animation {
     avatar: Avatar,
+    track: Track,
     batch: Batch,
+    /// What the last step computed.
+    stepped: Due,
+    /// Room for a packet's levels and codes.
+    said: PacketRoom,
+}
+
+/// What an avatar hears and what is put over its frames.
+#[derive(Debug)]
+struct Track {
     /// Samples that no chunk has used yet.
     pending: Vec<f32>,
     /// Samples pushed in all.
@@ -29,10 +39,6 @@ pub struct Animation {
     layers: Boxed<Layers>,
     gestures: Gestures,
     frame_rate: usize,
-    /// What the last step computed.
-    stepped: Due,
-    /// Codes of the keyframes of a packet.
-    said: Box<[u16]>,
 }
 
 /// The layers over the decoders' frames, and the frame that they change.
@@ -78,15 +84,11 @@ impl Animation {
     pub fn new(model: &Model, config: &AvatarConfig) -> Result<Self, LoadError> {
         let avatar = Avatar::new(model, config)?;
         Ok(Self {
-            layers: Arena::system().boxed(Layers::new(model, config, &avatar)?),
+            track: Track::new(model, config, &avatar)?,
             avatar,
             batch: Batch::new(model, 1),
-            pending: Vec::new(),
-            samples: 0,
-            gestures: config.gestures.clone(),
-            frame_rate: model.config.frame_rate,
             stepped: Due::Nothing,
-            said: filled(0, model.config.prefix * model.config.codes_per_keyframe()).into(),
+            said: PacketRoom::new(&model.config),
         })
     }
 
@@ -124,10 +126,7 @@ impl Animation {
         if self.avatar.total.is_some() {
             return Err(StepError::Order("audio was pushed after the end"));
         }
-        let start = self.pending.len();
-        self.pending.extend_from_slice(samples);
-        self.samples += samples.len();
-        Ok(silence_unusable(&mut self.pending[start..]))
+        Ok(self.track.push_audio(samples))
     }
 
     /// No more audio: the stream ends after `frames` frames.
@@ -144,14 +143,28 @@ impl Animation {
     /// [`MAX_PENDING_GESTURES`](crate::MAX_PENDING_GESTURES) wait, [`SessionError::Range`] where an
     /// option is out of its range.
     pub fn play_gesture(&mut self, name: &str, options: &GestureOptions) -> Result<(), SessionError> {
-        let request = Request::new(&self.gestures, name, options, self.frame_rate, 0)?;
-        let Layers { life, controls, .. } = &mut *self.layers;
+        let request = Request::new(&self.track.gestures, name, options, self.track.frame_rate, 0)?;
+        let Layers { life, controls, .. } = &mut *self.track.layers;
         controls.gestures.push(request, life.begun_gestures())
+    }
+
+    /// The mood of face and posture from the next frame on, with a strength of 0 to 1, as
+    /// [`Session::set_mood`](crate::Session::set_mood).
+    ///
+    /// # Errors
+    /// [`SessionError::Range`] where the strength is not in 0 to 1.
+    pub fn set_mood(&mut self, mood: Mood, strength: f32) -> Result<(), SessionError> {
+        if !(0.0..=1.0).contains(&strength) {
+            return Err(SessionError::Range("the strength of a mood must be 0 to 1"));
+        }
+        let controls = &mut self.track.layers.controls;
+        (controls.mood, controls.mood_strength) = (mood, strength);
+        Ok(())
     }
 
     /// Frames of the audio pushed so far.
     pub fn frames_of_audio(&self, config: &Config) -> usize {
-        self.samples * config.frame_rate / config.audio.sample_rate
+        self.track.samples * config.frame_rate / config.audio.sample_rate
     }
 
     /// Writes the packet of the last [`Self::step`] into `out`, with up to `history` keyframes before
@@ -167,29 +180,8 @@ impl Animation {
         (stream, history): (u8, usize),
         out: &mut [u8],
     ) -> Result<Option<usize>, StepError> {
-        let (avatar, config) = (&self.avatar, &model.config);
-        let keyframes = match self.stepped {
-            Due::Chunk => avatar.target,
-            Due::Flush => 0,
-            Due::Audio | Due::Nothing => return Ok(None),
-        };
-        // What the stream has said, where it is shorter than that.
-        let done = usize::try_from(avatar.chunk).unwrap_or(usize::MAX).saturating_mul(avatar.target) - keyframes;
-        let history = history.min(config.prefix - keyframes).min(done);
-        let is_last = avatar.total.is_some() && Some(avatar.chunk) >= avatar.chunks(config);
-        let sequence = avatar.chunk - if keyframes > 0 { 1 } else { 0 };
-        let head = PacketHead {
-            stream,
-            sequence: u32::try_from(sequence).unwrap_or(u32::MAX),
-            sample: sequence * (avatar.target * config.samples_per_keyframe()) as u64,
-            root: avatar.motion.place(),
-            keyframes,
-            history,
-            total: avatar.total.filter(|_| is_last).map(|total| u32::try_from(total).unwrap_or(u32::MAX)),
-        };
-        let codes = &mut self.said[..(history + keyframes) * layout.codes()];
-        avatar.history.last(history + keyframes, codes);
-        layout.encode(&head, codes, out).map(Some)
+        let Self { avatar, track, said, stepped, .. } = self;
+        said.write(avatar, &model.config, layout, *stepped, (stream, history), &track.layers.levels, out)
     }
 
     /// Time spent in each stage so far.
@@ -204,24 +196,15 @@ impl Animation {
     /// # Errors
     /// [`StepError`], after which the animation wants a new start.
     pub fn step(&mut self, model: &Model, cx: Compute, frame: &mut dyn FnMut(FrameRef)) -> Result<bool, StepError> {
-        let Self { avatar, batch, pending, layers, .. } = self;
-        let due = avatar.due(&model.config, pending.len());
-        let endless = avatar.total.is_none() && !avatar.has_audio();
-        if endless || !matches!(due, Due::Chunk | Due::Flush) {
-            self.stepped = Due::Nothing;
+        let Self { avatar, batch, track, .. } = self;
+        let due = track.due(model, avatar);
+        self.stepped = due;
+        if due == Due::Nothing {
             return Ok(false);
         }
         batch.begin([due].into_iter())?;
-        self.stepped = due;
-        if due == Due::Chunk {
-            let count = avatar.chunk_samples().min(pending.len());
-            let (here, ended) = avatar.samples_mut().split_at_mut(count);
-            here.copy_from_slice(&pending[..count]);
-            ended.fill(0.0);
-            pending.drain(..count);
-            layers.levels.push(avatar.samples_mut());
-        }
-        let mut sink = |raw: FrameRef| frame(layers.apply(raw));
+        track.begin(avatar, due);
+        let mut sink = |raw: FrameRef| frame(track.layers.apply(raw));
         loop {
             match batch.step(model, cx, std::slice::from_mut(avatar), &mut sink) {
                 Ok(true) => {}
@@ -232,5 +215,148 @@ impl Animation {
                 }
             }
         }
+    }
+}
+
+impl Track {
+    fn new(model: &Model, config: &AvatarConfig, avatar: &Avatar) -> Result<Self, LoadError> {
+        Ok(Self {
+            pending: Vec::new(),
+            samples: 0,
+            layers: Arena::system().boxed(Layers::new(model, config, avatar)?),
+            gestures: config.gestures.clone(),
+            frame_rate: model.config.frame_rate,
+        })
+    }
+
+    /// Takes samples; how many of them became silence.
+    fn push_audio(&mut self, samples: &[f32]) -> usize {
+        let start = self.pending.len();
+        self.pending.extend_from_slice(samples);
+        self.samples += samples.len();
+        silence_unusable(&mut self.pending[start..])
+    }
+
+    /// What can be computed now.
+    fn due(&self, model: &Model, avatar: &Avatar) -> Due {
+        let due = avatar.due(&model.config, self.pending.len());
+        let endless = avatar.total.is_none() && !avatar.has_audio();
+        if endless || !matches!(due, Due::Chunk | Due::Flush) { Due::Nothing } else { due }
+    }
+
+    /// Hands the next chunk's samples over.
+    fn begin(&mut self, avatar: &mut Avatar, due: Due) {
+        if due == Due::Chunk {
+            let count = avatar.chunk_samples().min(self.pending.len());
+            let (here, ended) = avatar.samples_mut().split_at_mut(count);
+            here.copy_from_slice(&self.pending[..count]);
+            ended.fill(0.0);
+            self.pending.drain(..count);
+            self.layers.levels.push(avatar.samples_mut());
+        }
+    }
+}
+
+/// Animations that are computed together, so that weights are read once for all of them. Each has the
+/// bits that it has alone (SPEC 2.9).
+#[cfg(feature = "internals")]
+#[derive(Debug)]
+pub struct Group {
+    batch: Batch,
+    avatars: Vec<Avatar>,
+    tracks: Vec<Track>,
+    due: Vec<Due>,
+}
+
+/// Frames of a group go through their own layers.
+#[cfg(feature = "internals")]
+struct Layered<'a> {
+    tracks: &'a mut [Track],
+    frame: &'a mut dyn FnMut(usize, FrameRef),
+}
+
+#[cfg(feature = "internals")]
+impl crate::batch::FrameSink for Layered<'_> {
+    fn frame(&mut self, member: usize, frame: FrameRef) {
+        (self.frame)(member, self.tracks[member].layers.apply(frame));
+    }
+}
+
+#[cfg(feature = "internals")]
+impl Group {
+    /// An empty group with room for `width` animations.
+    ///
+    /// # Panics
+    /// Where `width` is 0.
+    pub fn new(model: &Model, width: usize) -> Self {
+        Self { batch: Batch::new(model, width), avatars: Vec::new(), tracks: Vec::new(), due: Vec::new() }
+    }
+
+    /// Animations in it.
+    pub fn len(&self) -> usize {
+        self.avatars.len()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.avatars.is_empty()
+    }
+
+    /// Whether there is room for no more.
+    pub fn is_full(&self) -> bool {
+        self.len() == self.batch.width()
+    }
+
+    /// Adds an animation that has its audio and its end, as the last one.
+    ///
+    /// # Panics
+    /// Where the group is full.
+    pub fn add(&mut self, animation: Animation) {
+        assert!(!self.is_full(), "a group has room for no more than its width");
+        self.avatars.push(animation.avatar);
+        self.tracks.push(animation.track);
+    }
+
+    /// Computes the next chunk of all, and gives the frames that became final with the number of the
+    /// animation. Returns the numbers of those that failed, ascending, which are to be removed.
+    ///
+    /// # Errors
+    /// [`StepError`] where all failed.
+    pub fn step(
+        &mut self,
+        model: &Model,
+        cx: Compute,
+        frame: &mut dyn FnMut(usize, FrameRef),
+    ) -> Result<Vec<(usize, StepError)>, StepError> {
+        let Self { batch, avatars, tracks, due } = self;
+        due.clear();
+        due.extend(avatars.iter().zip(tracks.iter()).map(|(avatar, track)| track.due(model, avatar)));
+        batch.begin(due.iter().copied())?;
+        for ((avatar, track), &due) in avatars.iter_mut().zip(tracks.iter_mut()).zip(due.iter()) {
+            track.begin(avatar, due);
+        }
+        let mut failed = Vec::new();
+        let mut sink = Layered { tracks, frame };
+        loop {
+            match batch.step(model, cx, avatars, &mut sink) {
+                Ok(true) => {}
+                Ok(false) => {
+                    failed.sort_by_key(|&(member, _)| member);
+                    return Ok(failed);
+                }
+                Err(error) => failed.push((batch.exclude().ok_or(error)?, error)),
+            }
+        }
+    }
+
+    /// Whether every frame of an animation was given.
+    pub fn is_done(&self, model: &Model, index: usize) -> bool {
+        self.tracks[index].due(model, &self.avatars[index]) == Due::Nothing
+    }
+
+    /// Removes an animation; the last one takes its number.
+    pub fn remove(&mut self, index: usize) {
+        self.avatars.swap_remove(index);
+        self.tracks.swap_remove(index);
     }
 }

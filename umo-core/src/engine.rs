@@ -268,6 +268,7 @@ impl Inner {
             clock: self.clock.clone(),
             signal: Arc::clone(&self.slots.signal),
             resampler: Resampler::new_in(config.sample_rate, model.config.audio.sample_rate, plan, arena),
+            is_decoder: false,
             arena,
         };
         let shared = arena.counted(Shared::new(init, config)?);
@@ -517,7 +518,7 @@ mod tests {
         let engine = polled();
         let config = SessionConfig::new(&engine.model().config);
         let (bad, good) = (engine.session(&config).unwrap(), engine.session(&config).unwrap());
-        bad.slot().with_member(|member, _| member.plant_defect()).unwrap();
+        bad.slot().unwrap().with_member(|member, _| member.plant_defect()).unwrap();
         for session in [&bad, &good] {
             session.push_audio(&vec![0.0; 2 * config.sample_rate]).unwrap();
         }

@@ -6,7 +6,7 @@
 //! | load a model file | [`Model`], [`ModelFile`], [`Precision`], [`Isa`] |
 //! | animate live speech | [`Engine`], [`EngineConfig`], [`Session`], [`SessionConfig`], [`Frame`] |
 //! | animate a recording | [`Animation`], [`AvatarConfig`], [`Compute`], [`Team`] |
-//! | send codes and decode them elsewhere | [`Animation::packet`], [`Decoder`] |
+//! | send codes and decode them elsewhere | [`Session::pull_packets`], [`Session::decoder`]; [`Animation::packet`], [`Decoder`] |
 //! | read a pose | [`Pose`], [`Part`], [`JOINT_NAMES`], [`ARKIT_NAMES`], [`Visemes`] |
 #![cfg_attr(
     feature = "retarget",
@@ -107,8 +107,8 @@ pub use inner::life::{
 pub use inner::lm::layout::MAX_PROMPT_TOKENS;
 pub use inner::lm::sampler::Sampler;
 pub use inner::session::{
-    AUDIO_SECONDS, Frame, Idle, Latency, MAX_CHANNELS, MAX_EASE, MAX_GAIN, MAX_RATE, MIN_RATE, Pushed, Sampled,
-    Session, SessionConfig, Stats, Voice,
+    AUDIO_SECONDS, Frame, Idle, Latency, MAX_CHANNELS, MAX_EASE, MAX_GAIN, MAX_RATE, MIN_RATE, PacketConfig, Pushed,
+    Sampled, Session, SessionConfig, Stats, Voice,
 };
 
 // Recordings.

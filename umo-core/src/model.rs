@@ -120,6 +120,12 @@ impl Model {
         PacketLayout::new(&self.config, self.fingerprint)
     }
 
+    /// Tells it from other models, and from itself at other precisions.
+    #[cfg(feature = "internals")]
+    pub fn fingerprint(&self) -> u64 {
+        self.fingerprint
+    }
+
     /// Every dimension.
     pub fn config(&self) -> &Config {
         &self.config

@@ -5,10 +5,13 @@
 //! decoders, at a small part of the cost. Where no packet is lost its frames have the sender's bits.
 
 mod decoder;
+mod room;
 
 use std::fmt;
 
+pub(crate) use decoder::PacketSink;
 pub use decoder::{Decoder, Received};
+pub(crate) use room::PacketRoom;
 
 use crate::config::Config;
 use crate::error::StepError;
@@ -25,13 +28,15 @@ const MAX_PLACE: f32 = 1e7;
 const TOTAL: usize = 4;
 
 /// Why a packet was not taken. The decoder is then as it was before, but for [`Self::Step`].
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum PacketError {
     /// It is no packet of this version; what is wrong with it.
     Malformed(&'static str),
     /// It was made with another model, or for another number of keyframes a chunk.
     Other(&'static str),
+    /// There is no room for its frames: it may be pushed again when some were taken.
+    Full,
     /// Its frames could not be computed; the decoder wants [`Decoder::reset`].
     Step(StepError),
 }
@@ -41,6 +46,7 @@ impl fmt::Display for PacketError {
         match self {
             Self::Malformed(what) => write!(f, "no packet: {what}"),
             Self::Other(what) => write!(f, "packet of another {what}: make both sides with the same"),
+            Self::Full => write!(f, "the queue is full: take frames, then push the packet again"),
             Self::Step(error) => error.fmt(f),
         }
     }
@@ -107,6 +113,11 @@ impl PacketLayout {
         Self { model, limits, bits, keyframe_bits, prefix }
     }
 
+    /// Bytes of the longest packet.
+    pub fn most_bytes(&self) -> usize {
+        HEAD + TOTAL + self.prefix + (self.prefix * self.keyframe_bits).div_ceil(8)
+    }
+
     /// Codes of a keyframe.
     pub fn codes(&self) -> usize {
         self.limits.len()
@@ -117,31 +128,39 @@ impl PacketLayout {
         self.prefix
     }
 
-    /// Bytes of a packet of so many keyframes, new and said again.
-    pub fn bytes(&self, keyframes: usize, is_last: bool) -> usize {
-        HEAD + if is_last { TOTAL } else { 0 } + (keyframes * self.keyframe_bits).div_ceil(8)
+    /// Bytes of a packet of so many new keyframes, and so many that are said again.
+    pub fn bytes(&self, keyframes: usize, history: usize, is_last: bool) -> usize {
+        let total = if is_last { TOTAL } else { 0 };
+        HEAD + total + keyframes + ((keyframes + history) * self.keyframe_bits).div_ceil(8)
     }
 
-    /// Writes a packet with `codes [history + keyframes, codes of a keyframe]`, oldest first;
-    /// returns its length. Never allocates.
+    /// Writes a packet with the `levels` of the new keyframes' sound, as SPEC 2.18 has them, and
+    /// `codes [history + keyframes, codes of a keyframe]`, oldest first; returns its length. Never
+    /// allocates.
     ///
     /// # Errors
     /// [`StepError`] where there is too little room, the numbers of keyframes disagree or are more
     /// than the model's `prefix`, or a code is out of range.
-    pub fn encode(&self, head: &PacketHead, codes: &[u16], out: &mut [u8]) -> Result<usize, StepError> {
+    pub fn encode(
+        &self,
+        head: &PacketHead,
+        levels: &[u8],
+        codes: &[u16],
+        out: &mut [u8],
+    ) -> Result<usize, StepError> {
         let keyframes = head.history + head.keyframes;
         let limit = self.prefix.min(u8::MAX.into());
         if keyframes > limit {
             return Err(StepError::TooLong { what: "keyframes of a packet", got: keyframes, limit });
         }
-        if codes.len() != keyframes * self.codes() {
-            return Err(StepError::Disagree("a packet's codes and its number of keyframes"));
+        if codes.len() != keyframes * self.codes() || levels.len() != head.keyframes {
+            return Err(StepError::Disagree("a packet's codes or levels and its number of keyframes"));
         }
         let wrong = codes.iter().zip(self.limits.iter().cycle()).find(|(code, limit)| code >= limit);
         if let Some((&code, &limit)) = wrong {
             return Err(StepError::OutOfRange { what: "code", got: code.into(), limit: limit.into() });
         }
-        let (want, limit) = (self.bytes(keyframes, head.total.is_some()), out.len());
+        let (want, limit) = (self.bytes(head.keyframes, head.history, head.total.is_some()), out.len());
         let out = out.get_mut(..want).ok_or(StepError::TooLong { what: "bytes of a packet", got: want, limit })?;
         out.fill(0);
         #[expect(clippy::cast_possible_truncation, reason = "at most 255 by the check above")]
@@ -159,6 +178,8 @@ impl PacketLayout {
             out[HEAD..HEAD + TOTAL].copy_from_slice(&total.to_le_bytes());
             start += TOTAL;
         }
+        out[start..start + levels.len()].copy_from_slice(levels);
+        start += levels.len();
         let mut at = 8 * start;
         for (&code, &bits) in codes.iter().zip(self.bits.iter().cycle()) {
             for bit in 0..bits {
@@ -169,12 +190,13 @@ impl PacketLayout {
         Ok(want)
     }
 
-    /// Reads a packet; its codes go to `codes`, which has room for [`Self::max_keyframes`]. Never
-    /// allocates.
+    /// Reads a packet; its levels and codes go to the start of `levels` and `codes`, which have room
+    /// for [`Self::max_keyframes`]. Never allocates.
     ///
     /// # Errors
-    /// [`PacketError`] where it is no packet of this version and model; `codes` has no meaning then.
-    pub fn decode(&self, bytes: &[u8], codes: &mut [u16]) -> Result<PacketHead, PacketError> {
+    /// [`PacketError`] where it is no packet of this version and model; what was written has no
+    /// meaning then.
+    pub fn decode(&self, bytes: &[u8], levels: &mut [u8], codes: &mut [u16]) -> Result<PacketHead, PacketError> {
         let Some((head, rest)) = bytes.split_at_checked(HEAD) else {
             return Err(PacketError::Malformed("it is too short"));
         };
@@ -190,10 +212,10 @@ impl PacketLayout {
         }
         let (keyframes, history) = (usize::from(head[24]), usize::from(head[25]));
         let (count, is_last) = (keyframes + history, head[0] & LAST != 0);
-        if count > self.prefix || count * self.codes() > codes.len() {
+        if count > self.prefix || count * self.codes() > codes.len() || keyframes > levels.len() {
             return Err(PacketError::Malformed("it has more keyframes than the model's history"));
         }
-        if bytes.len() != self.bytes(count, is_last) {
+        if bytes.len() != self.bytes(keyframes, history, is_last) {
             return Err(PacketError::Malformed("its length is not that of its keyframes"));
         }
         let root = [f32::from_le_bytes(field(head, 16)), f32::from_le_bytes(field(head, 20))];
@@ -207,7 +229,8 @@ impl PacketLayout {
             return Err(PacketError::Malformed("it has no keyframes and does not end the stream"));
         }
         let total = is_last.then(|| u32::from_le_bytes(field(rest, 0)));
-        let packed = &rest[if is_last { TOTAL } else { 0 }..];
+        let (heard, packed) = rest[if is_last { TOTAL } else { 0 }..].split_at(keyframes);
+        levels[..keyframes].copy_from_slice(heard);
         let mut at = 0;
         for ((code, &bits), &limit) in
             codes[..count * self.codes()].iter_mut().zip(self.bits.iter().cycle()).zip(self.limits.iter().cycle())
@@ -234,6 +257,26 @@ impl PacketLayout {
             total,
         })
     }
+}
+
+/// Steps of a level's byte in a factor of ten.
+const LEVEL_STEPS: f32 = 50.0;
+
+/// Whether a sound packet is its stream's last.
+pub(crate) fn is_last(packet: &[u8]) -> bool {
+    packet.first().is_some_and(|first| first & LAST != 0)
+}
+
+/// A sound's level in a packet: 255 for a root mean square of full scale, 0.4 dB a step, 0 for
+/// silence.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to a byte")]
+pub fn level_byte(level: f32) -> u8 {
+    if level > 0.0 { (255.0 + LEVEL_STEPS * level.log10()).round().clamp(0.0, 255.0) as u8 } else { 0 }
+}
+
+/// The root mean square that a packet's byte stands for.
+pub fn byte_level(byte: u8) -> f32 {
+    if byte == 0 { 0.0 } else { 10.0_f32.powf((f32::from(byte) - 255.0) / LEVEL_STEPS) }
 }
 
 /// `N` bytes from `at` on, which are there.

@@ -14,6 +14,7 @@
 //! | `input`, `other`, `output`, `schedule` | the sides of the host's audio thread, of its game thread, and of the engine |
 //! | `shared` | the state they share; their protocol is in `stream` |
 //! | `slots` | where the engine finds its sessions |
+//! | `packets`, `receiver` | chunks as packets, and sessions whose frames come of those |
 //! | `state` | all of it as bytes |
 //! | `config`, `error`, `delay`, `gain` | what a session is made with, what it refuses, how late it was, how much it moves |
 
@@ -24,6 +25,8 @@ mod gain;
 mod input;
 mod other;
 mod output;
+mod packets;
+mod receiver;
 mod schedule;
 mod shared;
 mod slots;
@@ -43,11 +46,16 @@ use crate::memory::Counted;
 use crate::part::Part;
 pub use crate::state::StateError;
 use crate::stream::Epoch;
-pub use config::{AUDIO_SECONDS, Idle, MAX_CHANNELS, MAX_EASE, MAX_GAIN, MAX_RATE, MIN_RATE, SessionConfig};
+pub use config::{
+    AUDIO_SECONDS, Idle, MAX_CHANNELS, MAX_EASE, MAX_GAIN, MAX_RATE, MIN_RATE, PacketConfig, SessionConfig,
+};
 pub use error::SessionError;
 pub use output::{Frame, Sampled};
+pub(crate) use packets::PacketWriter;
+use receiver::Receiver;
 pub(crate) use schedule::{Member, Schedule};
 pub(crate) use shared::{Failure, SessionInit, Shared};
+use packets::PacketQueue;
 use shared::{Settings, try_lock};
 pub(crate) use slots::{SlotHandle, Slots};
 pub(crate) use state::state_size;
@@ -136,15 +144,31 @@ pub struct Latency {
 #[derive(Debug)]
 pub struct Session {
     shared: Counted<Shared>,
-    /// Where the engine's side of it is.
-    slot: SlotHandle,
+    source: Source,
     /// Most bytes of a state.
     state_size: usize,
 }
 
+/// Where a session's frames come from.
+#[derive(Debug)]
+enum Source {
+    /// An engine: where its side of the session is.
+    Engine(SlotHandle),
+    /// Packets.
+    Packets(Box<Mutex<Receiver>>),
+}
+
 impl Session {
     pub(crate) fn new(shared: Counted<Shared>, slot: SlotHandle, state_size: usize) -> Self {
-        Self { shared, slot, state_size }
+        Self { shared, source: Source::Engine(slot), state_size }
+    }
+
+    /// Where the engine's side of it is.
+    pub(crate) fn slot(&self) -> Result<&SlotHandle, SessionError> {
+        match &self.source {
+            Source::Engine(slot) => Ok(slot),
+            Source::Packets(_) => Err(SessionError::Range("a decoder takes no audio, text or state: its sender does")),
+        }
     }
 
     /// Takes interleaved samples, full scale 1, for the avatar to speak: as many as there is room
@@ -171,6 +195,7 @@ impl Session {
     fn push<T>(&self, samples: &[T], float: impl Fn(&T) -> f32) -> Result<Pushed, SessionError> {
         let shared = &*self.shared;
         shared.check()?;
+        self.slot()?;
         let mut input = try_lock(&shared.input).ok_or(SessionError::Busy(INPUT))?;
         let frames = samples.len() / input.channels();
         if !samples.len().is_multiple_of(input.channels()) {
@@ -209,6 +234,7 @@ impl Session {
     pub fn finish(&self) -> Result<(), SessionError> {
         let shared = &*self.shared;
         shared.check()?;
+        self.slot()?;
         let mut input = try_lock(&shared.input).ok_or(SessionError::Busy(INPUT))?;
         input.finish(shared);
         Ok(())
@@ -246,18 +272,14 @@ impl Session {
         Ok(output.ready(&self.shared))
     }
 
-    #[cfg(test)]
-    pub(crate) fn slot(&self) -> &SlotHandle {
-        &self.slot
-    }
-
     /// Message and location of the panic that ended the session with
     /// [`SessionError::Panicked`].
     pub fn defect(&self) -> Option<&Defect> {
         self.shared.defect()
     }
 
-    /// Whether [`Self::finish`] was called and every frame up to the end was handed out.
+    /// Whether [`Self::finish`] was called and every frame up to the end was handed out; of a session
+    /// that queues no frames, every packet.
     ///
     /// # Errors
     /// [`SessionError::Busy`] where another thread pulls; [`SessionError::Failed`], `Panicked` or
@@ -265,10 +287,15 @@ impl Session {
     pub fn is_done(&self) -> Result<bool, SessionError> {
         let shared = &*self.shared;
         let mut output = try_lock(&shared.output).ok_or(SessionError::Busy(OUTPUT))?;
-        if let Some(total) = shared.link.total()
-            && output.is_done(shared, total)
-        {
-            return Ok(true);
+        if let Some(total) = shared.link.total() {
+            let has_ended = |queue: &PacketQueue| total == 0 || queue.has_ended(shared.link.epoch().number);
+            let is_done = match &shared.packets {
+                Some(queue) if !queue.with_frames => has_ended(queue),
+                _ => output.is_done(shared, total),
+            };
+            if is_done {
+                return Ok(true);
+            }
         }
         if output.ready(shared) == 0 {
             shared.check()?;
@@ -328,6 +355,7 @@ impl Session {
             return Err(SessionError::Range("an interrupt may ease for 10 seconds at most"));
         }
         self.shared.check()?;
+        self.slot()?;
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most 10 seconds of frames")]
         let frames = (ease.as_secs_f64() * self.shared.frame_rate as f64).ceil() as u16;
         self.shared.link.begin_epoch(|epoch| epoch.interrupted(frames));
@@ -354,6 +382,7 @@ impl Session {
         if ids.len() > MAX_PROMPT_TOKENS {
             return Err(SessionError::Range("a prompt has 128 tokens at most"));
         }
+        self.slot()?;
         self.set(|settings| {
             settings.text[..ids.len()].copy_from_slice(ids);
             settings.text_len = ids.len();
@@ -569,6 +598,8 @@ impl Session {
 impl Drop for Session {
     fn drop(&mut self) {
         self.shared.dropped.store(true, Ordering::SeqCst);
-        self.slot.sweep();
+        if let Source::Engine(slot) = &self.source {
+            slot.sweep();
+        }
     }
 }

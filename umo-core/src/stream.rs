@@ -15,4 +15,5 @@ mod signal;
 
 pub(crate) use frames::{FrameRing, MAX_INDEX, MAX_SAMPLE, OwnedFrame, Stamp};
 pub(crate) use protocol::{EngineView, Epoch, Input, Link};
+pub(crate) use ring::Ring;
 pub(crate) use signal::Signal;

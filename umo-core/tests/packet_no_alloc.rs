@@ -1,19 +1,28 @@
-//! Writing packets and decoding them allocates nothing: with losses, repetitions and new streams.
+//! Writing packets and decoding them allocates nothing: with losses, repetitions and new streams; nor do
+//! sessions that send them, and sessions whose frames come of them.
 
 mod counting;
 
 use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
 
 use counting::{allocator_calls, check_counter};
 use umo_core::motion::FrameRef;
-use umo_core::{Animation, AvatarConfig, Compute, Decoder, Isa, Model, ModelFile, Precision, Team};
+use umo_core::session::Session;
+use umo_core::{
+    Animation, AvatarConfig, Compute, Decoder, Engine, EngineConfig, Isa, Model, ModelFile, PacketConfig, Poll,
+    Precision, SessionConfig, Team, Threads,
+};
 
 fn main() {
     check_counter();
     for name in ["hubert_k3_i8", "mel_k2_arkit", "frames_seven"] {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/golden").join(name).join("model.safetensors");
         let model = Model::load(&ModelFile::open(&path).expect("a golden model"), Precision::Stored, Isa::detect());
-        run(&model.expect("a golden model"), name);
+        let model = Arc::new(model.expect("a golden model"));
+        run(&model, name);
+        sessions(&model, name);
     }
     println!("no allocation in streams of packets");
 }
@@ -53,4 +62,47 @@ fn run(model: &Model, name: &str) {
     });
     assert_eq!(calls, 0, "{name}: decoding packets");
     assert!(frames > 80, "{name}: {frames} frames");
+}
+
+/// A sender, and a receiver that gets three of four packets, some of them twice, with an interrupt in
+/// the middle; all layers on.
+fn sessions(model: &Arc<Model>, name: &str) {
+    let config = EngineConfig { threads: Threads::Host(0), ..EngineConfig::default() };
+    let engine = Engine::new(Arc::clone(model), &config).expect("no thread is needed");
+    let mut config = SessionConfig::new(model.config());
+    config.patience = 1;
+    let decoder = Session::decoder(model, &config).expect("sound settings");
+    config.packets = Some(PacketConfig { with_frames: false, ..PacketConfig::new(config.avatar.target) });
+    let sender = engine.session(&config).expect("sound settings");
+    let audio = vec![0.1; model.config().audio.sample_rate / 10];
+    let (mut bytes, mut lengths) = (vec![0; 4 * sender.packet_size()], [0; 4]);
+    let (mut sent, mut shown, mut refused) = (0_u32, 0, 0);
+    let calls = allocator_calls(|| {
+        for tenth in 0..60_u32 {
+            sender.push_audio(&audio).expect("one thread pushes");
+            if tenth == 30 {
+                sender.interrupt(Duration::from_millis(100)).expect("the session is sound");
+            }
+            while engine.poll(Duration::from_secs(1)) != Ok(Poll::Idle) {}
+            let count = sender.pull_packets(&mut bytes, &mut lengths).expect("one thread pulls");
+            let mut at = 0;
+            for &len in &lengths[..count] {
+                for _ in 0..sent % 4 {
+                    decoder.push_packet(&bytes[at..at + len]).expect("a good packet");
+                }
+                refused += usize::from(decoder.push_packet(&bytes[at + 1..at + len]).is_err());
+                (sent, at) = (sent + 1, at + len);
+            }
+            let seconds = f64::from(tenth) / 10.0;
+            decoder.set_clock(seconds).expect("a time");
+            decoder.sample_pose(seconds - 1.0, |_| ()).expect("one thread samples");
+            shown += decoder.pull_frames(2, |_| ()).expect("one thread pulls");
+        }
+    });
+    assert_eq!(calls, 0, "{name}: sessions");
+    let received = decoder.received().expect("one thread pushes");
+    assert!(
+        sent > 10 && refused == sent as usize && shown > 50 && received.lost > 0,
+        "{name}: {sent} {shown} {received:?}"
+    );
 }

@@ -126,7 +126,7 @@ internal static unsafe class Tests
             { "STATUS", typeof(Status) }, { "AXES", typeof(Axes) }, { "ENGINE", typeof(EngineMode) }, { "LOG", typeof(LogLevel) },
             { "PRECISION", typeof(Precision) }, { "ISA", typeof(Isa) }, { "MODEL", typeof(ModelText) }, { "IDLE", typeof(Idle) },
             { "PARAMETER", typeof(Parameter) }, { "ATTENTION", typeof(Attention) }, { "MOOD", typeof(Mood) }, { "VOICE", typeof(Voice) },
-            { "SIDE", typeof(Side) }, { "GESTURE", typeof(Gesture) },
+            { "SIDE", typeof(Side) }, { "GESTURE", typeof(Gesture) }, { "PACKETS", typeof(Packets) },
         };
         int enumerated = 0;
         foreach (string[] item in Layout("constant"))
@@ -764,6 +764,61 @@ internal static unsafe class Tests
         Equal(Status.Ok, session.PullFrames(frames, out got));
         Equal(count, got);
         return frames.Words.SelectMany(BitConverter.GetBytes).ToArray();
+    }
+
+    [Test]
+    private static void a_decoder_has_the_frames_of_its_sender()
+    {
+        Parameter[] layers =
+        {
+            Parameter.LayerGaze, Parameter.LayerIdle, Parameter.LayerAsymmetry, Parameter.LayerNods, Parameter.LayerMood, Parameter.LayerFeet,
+        };
+        EngineConfig config = Engine.Defaults;
+        config.Mode = EngineMode.Polled;
+        config.Threads = 1;
+        SessionConfig sending = Session.Defaults(model);
+        sending.Packets = Packets.BesideFrames;
+        using (Engine polled = new Engine(model, config))
+        using (Session sender = new Session(polled, sending))
+        using (Session plain = new Session(polled))
+        using (Session decoder = Session.Decoder(model))
+        {
+            foreach (Parameter layer in layers)
+            {
+                Equal(Status.Ok, sender.Set(layer, 0));
+                Equal(Status.Ok, decoder.Set(layer, 0));
+            }
+            int taken, length;
+            byte[] packet = new byte[sender.PacketSize];
+            True(packet.Length > 100 && packet.Length < 1000, packet.Length + " bytes");
+            Equal(Status.Ok, sender.PushAudio(speech, 0, 3 * Rate, out taken));
+            byte[] wanted = Pull(polled, sender, 60);
+            ulong packets = 0;
+            while (sender.PullPacket(packet, out length) == Status.Ok && length > 0)
+            {
+                packets++;
+                Equal(Status.Packet, decoder.PushPacket(packet, length - 1));
+                True(decoder.LastError().Contains("no packet"), decoder.LastError());
+                Equal(Status.Ok, decoder.PushPacket(packet, length));
+                Equal(Status.Ok, decoder.PushPacket(packet, length));
+            }
+            Equal(6ul, packets);
+            True(Pull(polled, decoder, 60).SequenceEqual(wanted), "frames differ");
+            Received stats;
+            Equal(Status.Ok, decoder.GetReceived(out stats));
+            Equal(packets, stats.Packets);
+            Equal(packets, stats.Late);
+            Equal(0ul, stats.Lost + stats.Held);
+            // Calls of the other kind.
+            Equal(Status.InvalidArgument, decoder.PushAudio(speech, 0, 10, out taken));
+            Equal(Status.InvalidArgument, plain.PushPacket(packet, 0));
+            Equal(Status.InvalidArgument, plain.PullPacket(packet, out length));
+            Equal(Status.InvalidArgument, plain.GetReceived(out stats));
+            Equal(Status.BufferTooSmall, sender.PullPacket(new byte[10], out length));
+            Equal(Status.NullPointer, decoder.PushPacket(null, 0));
+            Equal(Status.InvalidArgument, decoder.PushPacket(packet, packet.Length + 1));
+            Equal(0, plain.PacketSize);
+        }
     }
 
     [Test]

@@ -105,7 +105,9 @@ pub(crate) struct SessionConfig {
     pub(crate) smoothing: f32,
     pub(crate) guidance: f32,
     pub(crate) horizon: u32,
-    pub(crate) reserved: u32,
+    pub(crate) packets: u32,
+    pub(crate) packet_history: u32,
+    pub(crate) patience: u32,
 }
 
 #[repr(C)]
@@ -278,7 +280,7 @@ const _: () = {
     assert!(size_of::<EngineConfig>() == 48 && offset_of!(EngineConfig, cores) == 24);
     assert!(size_of::<FrameLayout>() == 48 && offset_of!(FrameLayout, visemes) == 40);
     assert!(size_of::<ModelInfo>() == 72 && offset_of!(ModelInfo, has_mouth) == 64);
-    assert!(size_of::<SessionConfig>() == 80 && offset_of!(SessionConfig, seed) == 40);
+    assert!(size_of::<SessionConfig>() == 88 && offset_of!(SessionConfig, seed) == 40);
     assert!(offset_of!(SessionConfig, voice) == 36 && offset_of!(SessionConfig, horizon) == 72);
     assert!(size_of::<GestureOptions>() == 48 && offset_of!(GestureOptions, target) == 32);
     assert!(size_of::<Sampled>() == 24 && offset_of!(Sampled, newest) == 16);

@@ -19,7 +19,7 @@ _Static_assert(UMO_IDLE_HOLD == 0 && UMO_IDLE_REST == 1 && UMO_IDLE_LIVE == 2, "
 _Static_assert(sizeof(umo_engine_config) == 48 && offsetof(umo_engine_config, cores) == 24, "engine config");
 _Static_assert(sizeof(umo_frame_layout) == 48 && offsetof(umo_frame_layout, visemes) == 40, "frame layout");
 _Static_assert(sizeof(umo_model_info) == 72 && offsetof(umo_model_info, has_mouth) == 64, "model info");
-_Static_assert(sizeof(umo_session_config) == 80 && offsetof(umo_session_config, horizon) == 72, "session config");
+_Static_assert(sizeof(umo_session_config) == 88 && offsetof(umo_session_config, horizon) == 72, "session config");
 _Static_assert(sizeof(umo_gesture_options) == 48 && offsetof(umo_gesture_options, target) == 32, "gesture options");
 _Static_assert(sizeof(umo_sampled) == 24 && offsetof(umo_sampled, newest) == 16, "sampled");
 _Static_assert(sizeof(umo_latency) == 72 && offsetof(umo_latency, mouth_samples) == 64, "latency");

@@ -41,8 +41,8 @@ def test_constants_are_the_header_s(prefix, tmp_path):
     names = {f"UMO_STATUS_{status.name}": int(status) for status in umo.Status}
     names |= {f"UMO_IDLE_{idle.name}": int(idle) for idle in umo.Idle}
     names |= {f"UMO_ATTENTION_{state.name}": int(state) for state in umo.Attention}
-    for group in ("PARAMETERS", "AXES", "PRECISIONS", "ISAS", "MOODS", "VOICES", "SIDES", "GESTURE_PARTS"):
-        stem = {"AXES": "AXES", "GESTURE_PARTS": "GESTURE"}.get(group, group[:-1])
+    for group in ("PARAMETERS", "AXES", "PRECISIONS", "ISAS", "MOODS", "VOICES", "PACKETS", "SIDES", "GESTURE_PARTS"):
+        stem = {"AXES": "AXES", "PACKETS": "PACKETS", "GESTURE_PARTS": "GESTURE"}.get(group, group[:-1])
         names |= {f"UMO_{stem}_{name.upper()}": value for name, value in getattr(_library, group).items()}
     for name in ("ABI_VERSION", "ABSENT", "JOINT_COUNT", "VISEME_COUNT", "ERROR_SIZE", "ENGINE_THREADS", "ENGINE_POLLED"):
         names[f"UMO_{name}"] = getattr(_library, name)
@@ -57,8 +57,9 @@ def test_every_constant_is_known(header):
     known |= {f"UMO_PARAMETER_{name.upper()}" for name in umo.Session.parameters()}
     known |= {f"UMO_MOOD_{name.upper()}" for name in _library.MOODS} | {f"UMO_VOICE_{name.upper()}" for name in _library.VOICES}
     known |= {f"UMO_SIDE_{name.upper()}" for name in _library.SIDES}
+    known |= {f"UMO_PACKETS_{name.upper()}" for name in _library.PACKETS}
     known |= {f"UMO_GESTURE_{name.upper()}" for name in _library.GESTURE_PARTS}
-    used = ("STATUS", "IDLE", "PARAMETER", "ATTENTION", "MOOD", "VOICE", "SIDE", "GESTURE")
+    used = ("STATUS", "IDLE", "PARAMETER", "ATTENTION", "MOOD", "VOICE", "PACKETS", "SIDE", "GESTURE")
     found = {name for name in re.findall(r"#define (UMO_\w+)", header) if name.split("_")[1] in used}
     assert found - known == {"UMO_PARAMETER_WHOLE"}
 

@@ -21,7 +21,7 @@ def arrays(path):
         return {name: file[name] for name in file.files}
 
 
-@pytest.mark.parametrize("suffix", [".jsonl", ".csv"])
+@pytest.mark.parametrize("suffix", [".jsonl", ".csv", ".bvh"])
 def test_texts_are_those_of_umo_animate_to_the_byte(whole, reference, tmp_path, suffix):
     whole.save(tmp_path / f"motion{suffix}")
     mine, wanted = (tmp_path / f"motion{suffix}").read_bytes(), reference.with_suffix(suffix).read_bytes()
@@ -84,7 +84,7 @@ def test_a_face_of_coefficients_is_padded_in_arrays_and_has_no_csv(model, tmp_pa
 
 
 def test_what_cannot_be_saved_says_why_and_leaves_nothing(whole, model, tmp_path):
-    with pytest.raises(ValueError, match=r"`\.fbx` is unknown; expected one of \.npz, \.csv, \.jsonl.*umo animate"):
+    with pytest.raises(ValueError, match=r"`\.fbx` is unknown; expected one of \.npz, \.bvh, \.csv, \.jsonl.*umo animate"):
         whole.save(tmp_path / "motion.fbx")
     with pytest.raises(ValueError, match="no suffix; expected one of"):
         whole.save(tmp_path / "motion")

@@ -7,12 +7,15 @@ const AXES_GLTF = 0;
 const ABSENT = 0xffff_ffff;
 const PRECISIONS = { stored: 0, f32: 1, bf16: 2, int8: 3 };
 const VOICES = { delayed: 0, live: 1 };
+const PACKETS = { none: 0, besideFrames: 1, only: 2 };
+/** Options of a session that are names. */
+const NAMED = { voice: VOICES, packets: PACKETS };
 const STATUS_BUFFER_TOO_SMALL = -5;
 
 /** Names of the statuses of `umo.h`, from -1 on. */
 const STATUSES = [
   "NULL_POINTER", "INVALID_HANDLE", "INVALID_ARGUMENT", "STRUCT_SIZE", "BUFFER_TOO_SMALL", "VERSION", "IO", "MODEL", "OUT_OF_MEMORY",
-  "FULL", "BUSY", "FINISHED", "FAILED", "CLOSED", "PANIC", "UNSUPPORTED", "STATE", "THREAD",
+  "FULL", "BUSY", "FINISHED", "FAILED", "CLOSED", "PANIC", "UNSUPPORTED", "STATE", "THREAD", "PACKET",
 ];
 
 /** Parameters of `session.set`. */
@@ -41,8 +44,8 @@ export class UmoError extends Error {
 const MODEL_CONFIG = { size: 20, precision: 4, isa: 8 };
 const ENGINE_CONFIG = { size: 36, mode: 4, threads: 8, maxSessions: 12, maxBatch: 16 };
 const SESSION_CONFIG = {
-  size: 72, sampleRate: 4, channels: 8, target: 12, lookahead: 16, idle: 20, idleAfterMs: 24, easeMs: 28, queueFrames: 32, voice: 36, seed: 40,
-  smoothing: 56, guidance: 60, horizon: 64,
+  size: 80, sampleRate: 4, channels: 8, target: 12, lookahead: 16, idle: 20, idleAfterMs: 24, easeMs: 28, queueFrames: 32, voice: 36, seed: 40,
+  smoothing: 56, guidance: 60, horizon: 64, packets: 68, packetHistory: 72, patience: 76,
 };
 const MODEL_INFO = {
   frameRate: 4, sampleRate: 8, joints: 12, channels: 16, isArkit: 20, keyframeStride: 24, target: 28, maxTarget: 32, lookahead: 36,
@@ -52,6 +55,7 @@ const INFO = { size: 72, hasMouth: 64 };
 const LAYOUT = { size: 48, stride: 8, index: 12, sample: 16, translation: 20, rotations: 24, channels: 32, visemes: 40 };
 const SAMPLED = { size: 24, isAhead: 4, oldest: 8, newest: 16 };
 const LATENCY = { size: 72, algorithmic: 8, mouth: 64 };
+const DECODER_STATS = { size: 40, packets: 8, late: 16, lost: 24, held: 32 };
 const GESTURE = { size: 48, side: 4, hasTarget: 12, at: 16, speed: 24, strength: 28, target: 32 };
 
 /** Bytes for structures and texts, and samples that one call pushes. */
@@ -112,7 +116,7 @@ class Library {
     const status = this.run(name, ...args);
     if (status === 0) return;
     let detail = this.text(this.run("umo_last_error"));
-    if (name.startsWith("umo_session_") && args[0] && this.run("umo_session_last_error", args[0], this.scratch + 2048, 512, 0) === 0) {
+    if (/^umo_(session|decoder)_(?!new)/.test(name) && args[0] && this.run("umo_session_last_error", args[0], this.scratch + 2048, 512, 0) === 0) {
       detail = this.text(this.scratch + 2048) || detail;
     }
     throw new UmoError(STATUSES[-status - 1] ?? `status ${status}`, detail || this.text(this.run("umo_status_message", status)));
@@ -248,8 +252,20 @@ export class Model {
     library.bytes(this.#frame, LAYOUT.size).set(bytes);
   }
 
-  /** A session: one avatar. Options are those of `umo_session_config`, in camel case; `voice` is "delayed" or "live". */
+  /**
+   * A session: one avatar. Options are those of `umo_session_config`, in camel case; `voice` is "delayed" or "live", `packets` "none",
+   * "besideFrames" or "only".
+   */
   session(options = {}) {
+    return this.#make("umo_session_new", () => this.#engine, options);
+  }
+
+  /** An avatar whose frames come of packets, where it is seen. `target`, `lookahead` and `smoothing` are the sender's. */
+  decoder(options = {}) {
+    return this.#make("umo_decoder_new", () => this.#model, options);
+  }
+
+  #make(create, from, options) {
     const library = this.#library;
     const config = library.scratch + 8;
     library.call("umo_session_config_init", config, SESSION_CONFIG.size, this.#open());
@@ -257,12 +273,13 @@ export class Model {
     for (const [name, value] of Object.entries(options)) {
       const at = config + SESSION_CONFIG[name];
       if (!(name in SESSION_CONFIG) || name === "size") throw new UmoError("INVALID_ARGUMENT", `a session has no option ${name}`);
-      if (name === "voice" && !(value in VOICES)) throw new UmoError("INVALID_ARGUMENT", `voice ${value} is none of ${Object.keys(VOICES)}`);
+      const names = NAMED[name];
+      if (names && !Object.hasOwn(names, value)) throw new UmoError("INVALID_ARGUMENT", `${name} ${value} is none of ${Object.keys(names)}`);
       if (name === "seed") view.setBigUint64(at, BigInt(value), true);
       else if (name === "smoothing" || name === "guidance") view.setFloat32(at, value, true);
-      else view.setUint32(at, name === "voice" ? VOICES[value] : value, true);
+      else view.setUint32(at, names ? names[value] : value, true);
     }
-    library.call("umo_session_new", this.#engine, config, library.scratch);
+    library.call(create, from(), config, library.scratch);
     const handle = library.view.getUint32(library.scratch, true);
     const session = new Session(this, library, handle, this.#frame, () => this.#sessions.delete(session));
     this.#sessions.add(session);
@@ -373,6 +390,36 @@ export class Session {
   /** Back to the start. */
   reset() {
     this.#call("umo_session_reset");
+  }
+
+  /** Packets that are ready, each a `Uint8Array` to be sent to decoders as it is, of a session made with `packets`. */
+  pullPackets() {
+    const library = this.#library;
+    const { scratch, audio } = library;
+    const packets = [];
+    for (;;) {
+      this.#call("umo_session_pull_packets", audio, 4 * CHUNK, scratch, 1, scratch + 8);
+      if (library.view.getUint32(scratch + 8, true) === 0) return packets;
+      packets.push(library.bytes(audio, library.view.getUint32(scratch, true)).slice());
+    }
+  }
+
+  /** Takes a packet of a decoder's sender, in any order and any number of times. */
+  pushPacket(packet) {
+    const library = this.#library;
+    // No packet is longer, and a longer one is refused as what it is.
+    const bytes = packet.subarray(0, 4 * CHUNK);
+    library.bytes(library.audio, bytes.length).set(bytes);
+    this.#call("umo_decoder_push_packet", library.audio, bytes.length);
+  }
+
+  /** What came of a decoder's packets: how many were taken, were late, are missing; keyframes that were held. */
+  get received() {
+    const library = this.#library;
+    library.view.setUint32(library.scratch, DECODER_STATS.size, true);
+    this.#call("umo_decoder_stats", library.scratch);
+    const count = (name) => Number(library.view.getBigUint64(library.scratch + DECODER_STATS[name], true));
+    return { packets: count("packets"), late: count("late"), lost: count("lost"), held: count("held") };
   }
 
   /** Takes the next frame into `pose`; returns false where none is ready. */

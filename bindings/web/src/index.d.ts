@@ -78,6 +78,23 @@ export interface SessionOptions {
   smoothing?: number;
   guidance?: number;
   horizon?: number;
+  /** Whether chunks are given to `pullPackets`, and as frames. */
+  packets?: "none" | "besideFrames" | "only";
+  /** Keyframes before those of its chunk that a packet says again. */
+  packetHistory?: number;
+  /** Of a decoder: packets that may come before one that is missing counts as lost, 0 to 4. */
+  patience?: number;
+}
+
+/** What came of a decoder's packets. */
+export interface Received {
+  packets: number;
+  /** Packets that came after their time or a second time. */
+  late: number;
+  /** Chunks whose packet did not come in time. */
+  lost: number;
+  /** Keyframes of these that no other packet said. */
+  held: number;
 }
 
 export type Precision = "stored" | "f32" | "bf16" | "int8";
@@ -109,6 +126,8 @@ export class Model implements ModelDescription {
   /** Bytes of memory that the module has. */
   readonly memory: number;
   session(options?: SessionOptions): Session;
+  /** An avatar whose frames come of packets, where it is seen. */
+  decoder(options?: SessionOptions): Session;
   /** Computes what is due, in at most `milliseconds`, but one layer at least; returns whether there is more. */
   compute(milliseconds?: number): boolean;
   free(): void;
@@ -129,6 +148,12 @@ export class Session {
   reset(): void;
   /** Takes the next frame into `pose`; false where none is ready. */
   pull(pose: Pose): boolean;
+  /** Packets that are ready, to be sent to decoders as they are, of a session made with `packets`. */
+  pullPackets(): Uint8Array[];
+  /** Takes a packet of a decoder's sender, in any order and any number of times. */
+  pushPacket(packet: Uint8Array): void;
+  /** What came of a decoder's packets. */
+  readonly received: Received;
   /** The pose at `seconds` of the motion. */
   samplePose(seconds: number, pose?: Pose): Pose;
   readonly ready: number;

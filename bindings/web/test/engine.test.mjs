@@ -14,6 +14,8 @@ const load = (options) => Model.load({ wasm, model: file, ...options });
 const model = await load();
 const samples = await speech(new URL("assets/hello.wav", root));
 
+const fails = (call, status, message) => assert.throws(call, (error) => error instanceof UmoError && error.status === status && message.test(error.message));
+
 /** Every frame of the recording, pushed by `step` samples. */
 function frames(session, step = 16_000) {
   const poses = [];
@@ -96,6 +98,48 @@ test("a session that was sampled before its frames came eases from rest to them"
   session.free();
 });
 
+test("a decoder has the frames of its sender, whatever is lost once", () => {
+  const layers = [Parameter.layerGaze, Parameter.layerIdle, Parameter.layerAsymmetry, Parameter.layerNods, Parameter.layerMood, Parameter.layerFeet];
+  const calm = (session) => {
+    for (const layer of layers) session.set(layer, 0);
+    return session;
+  };
+  const sender = calm(model.session({ packets: "besideFrames" }));
+  const [decoder, other] = [calm(model.decoder({ patience: 1 })), calm(model.decoder())];
+  const rotations = (session) => {
+    const found = [];
+    for (let pose = new Pose(model); session.pull(pose); pose = new Pose(model)) found.push(pose.rotations);
+    return found;
+  };
+  const [wanted, shown, again] = [[], [], []];
+  let packets = 0;
+  for (let at = 0; at <= samples.length; at += 16_000) {
+    const part = samples.subarray(at, at + 16_000);
+    sender.push(part);
+    if (part.length < 16_000) sender.finish();
+    while (model.compute());
+    for (const packet of sender.pullPackets()) {
+      assert.ok(packet.length < 400);
+      if (packets++ % 3 !== 1) decoder.pushPacket(packet);
+      other.pushPacket(packet);
+      other.pushPacket(packet);
+      again.push(...rotations(other));
+      shown.push(...rotations(decoder));
+    }
+    wanted.push(...rotations(sender));
+  }
+  assert.ok(sender.isDone && other.isDone);
+  assert.deepEqual(other.received, { packets, late: packets, lost: 0, held: 0 });
+  assert.deepEqual(again, wanted);
+  assert.ok(decoder.received.lost > 2 && decoder.received.held === 0);
+  assert.deepEqual(shown, wanted.slice(0, shown.length));
+  fails(() => decoder.pushPacket(new Uint8Array(40)), "PACKET", /no packet/);
+  fails(() => decoder.pushPacket(new Uint8Array(100_000)), "PACKET", /no packet/);
+  fails(() => decoder.push(new Float32Array(10)), "INVALID_ARGUMENT", /decoder/);
+  fails(() => model.session({ packets: "all" }), "INVALID_ARGUMENT", /packets/);
+  for (const session of [sender, decoder, other]) session.free();
+});
+
 test("names and the skeleton", () => {
   assert.equal(model.jointNames.length, 55);
   assert.equal(model.jointNames[15], "head");
@@ -118,8 +162,6 @@ test("what a session is told", () => {
   session.pushOther(new Float32Array(480));
   session.free();
 });
-
-const fails = (call, status, message) => assert.throws(call, (error) => error instanceof UmoError && error.status === status && message.test(error.message));
 
 test("errors say what is wrong", async () => {
   const rejected = (promise, status, message) => assert.rejects(promise, (error) => error.status === status && message.test(error.message));

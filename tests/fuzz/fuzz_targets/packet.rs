@@ -37,7 +37,7 @@ fuzz_target!(|data: &[u8]| {
         history: 0,
         total: Some(0),
     };
-    layout.encode(&head, &[], &mut sound).expect("there is room");
+    layout.encode(&head, &[], &[], &mut sound).expect("there is room");
     while let Some((&len, more)) = rest.split_first() {
         let (packet, more) = more.split_at(usize::from(len).min(more.len()));
         rest = more;

@@ -9,7 +9,7 @@ use crate::batch::Batch;
 use crate::defect::contain;
 use crate::linear::Compute;
 use crate::memory::with_capacity;
-use crate::session::{Failure, Member, Schedule};
+use crate::session::{Failure, Member, PacketWriter, Schedule};
 use crate::team::{ExternalWorkers, Team};
 
 /// A batch, and the sessions in it.
@@ -25,6 +25,7 @@ pub(super) struct Worker {
     candidates: Vec<(u64, usize)>,
     /// What is due of each member.
     due: Vec<Due>,
+    packets: PacketWriter,
 }
 
 impl Worker {
@@ -51,6 +52,7 @@ impl Worker {
             slots: with_capacity(width),
             candidates: with_capacity(config.max_sessions),
             due: with_capacity(width),
+            packets: PacketWriter::new(inner.model()),
         })
     }
 
@@ -83,6 +85,9 @@ impl Worker {
             Ok(Ok(false)) => {
                 let now = inner.clock.nanos();
                 self.schedules.iter_mut().for_each(|schedule| schedule.end(now));
+                for ((schedule, avatar), &due) in self.schedules.iter().zip(&self.avatars).zip(&self.due) {
+                    schedule.write_packet(&mut self.packets, avatar, inner.model(), due);
+                }
                 // Whoever reads them at this moment gets the last batch's.
                 if let Ok(mut times) = inner.times.try_lock() {
                     *times = self.batch.stage_times();

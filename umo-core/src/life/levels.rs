@@ -9,6 +9,14 @@ use crate::state::{StateError, StatePass};
 
 use super::Cue;
 
+impl Cue {
+    /// That of a frame, with the level of its sound.
+    pub(crate) fn of(frame: &FrameRef, level: f32) -> Self {
+        let contacts = frame.channels.lower.get(FIRST_CONTACT..FIRST_CONTACT + 4);
+        Self { level, contacts: std::array::from_fn(|i| contacts.map_or(0.0, |values| values[i].clamp(0.0, 1.0))) }
+    }
+}
+
 /// Levels of the newest frames of a stream, from the samples of its chunks.
 #[derive(Debug)]
 pub(crate) struct Levels {
@@ -62,17 +70,22 @@ impl Levels {
         self.sum = 0.0;
     }
 
+    /// The level of the sound of the frames from `first` on, as many as `count`.
+    pub(crate) fn mean(&self, first: u64, count: usize) -> f32 {
+        let heard = self.heard * self.frame_rate / self.sample_rate;
+        #[expect(clippy::cast_possible_truncation, reason = "below the length")]
+        let place = |frame: u64| (frame % self.frames.len() as u64) as usize;
+        let squares = (first..heard.min(first + count as u64)).map(|frame| self.frames[place(frame)].powi(2));
+        (squares.sum::<f32>() / count.max(1) as f32).sqrt()
+    }
+
     /// What the layers need to know of a frame.
     pub(crate) fn cue(&self, frame: &FrameRef) -> Cue {
         let index = frame.index as u64;
         #[expect(clippy::cast_possible_truncation, reason = "below the length")]
         let place = (index % self.frames.len() as u64) as usize;
         let is_heard = index < self.heard * self.frame_rate / self.sample_rate;
-        let contacts = frame.channels.lower.get(FIRST_CONTACT..FIRST_CONTACT + 4);
-        Cue {
-            level: if is_heard { self.frames[place] } else { 0.0 },
-            contacts: std::array::from_fn(|i| contacts.map_or(0.0, |values| values[i].clamp(0.0, 1.0))),
-        }
+        Cue::of(frame, if is_heard { self.frames[place] } else { 0.0 })
     }
 
     /// Describes the levels.

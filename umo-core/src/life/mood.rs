@@ -30,6 +30,19 @@ impl Mood {
     /// All moods, in the order of their numbers.
     pub const ALL: [Self; 7] =
         [Self::Neutral, Self::Joy, Self::Sad, Self::Angry, Self::Surprised, Self::Disgusted, Self::Afraid];
+
+    /// Its name.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Neutral => "neutral",
+            Self::Joy => "joy",
+            Self::Sad => "sad",
+            Self::Angry => "angry",
+            Self::Surprised => "surprised",
+            Self::Disgusted => "disgusted",
+            Self::Afraid => "afraid",
+        }
+    }
 }
 
 /// Moods but neutral.

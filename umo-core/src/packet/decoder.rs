@@ -1,6 +1,6 @@
 //! The receiving side of a stream of packets.
 
-use super::{PacketError, PacketHead, PacketLayout};
+use super::{PacketError, PacketHead, PacketLayout, byte_level};
 use crate::avatar::{AvatarConfig, Window};
 use crate::config::Config;
 use crate::error::{LoadError, StepError};
@@ -28,6 +28,31 @@ pub struct Received {
     pub held: u64,
 }
 
+/// What takes the frames of a stream of packets.
+pub(crate) trait PacketSink {
+    /// Frames that it has room for.
+    fn room(&self) -> usize;
+    /// A later stream begins.
+    fn begin(&mut self);
+    /// Takes the next frame, and the level of its sound.
+    fn frame(&mut self, frame: FrameRef, level: f32);
+}
+
+/// A sink that only takes frames.
+struct Frames<'a>(&'a mut dyn FnMut(FrameRef));
+
+impl PacketSink for Frames<'_> {
+    fn room(&self) -> usize {
+        usize::MAX
+    }
+
+    fn begin(&mut self) {}
+
+    fn frame(&mut self, frame: FrameRef, _: f32) {
+        (self.0)(frame);
+    }
+}
+
 /// Makes frames of one avatar's packets: interpolation and motion decoders, without the language
 /// model. It has the model's config and settings in common with the sender; where no packet is lost
 /// and both have the same instruction set, frames have the same bits as the sender's without layers.
@@ -49,9 +74,14 @@ pub struct Decoder {
     /// The packet that is due.
     next: u32,
     is_over: bool,
+    /// Frames of the present stream, where its last packet was taken.
+    total: Option<u32>,
     waiting: Vec<Slot>,
-    /// The packet that just came.
+    /// The packet that just came: its levels and codes.
+    arrived_levels: Box<[u8]>,
     arrived: Box<[u16]>,
+    /// The level of keyframe `k`'s sound, at `k % len`; 0 where it is not known.
+    levels: Box<[f32]>,
     /// `[P + N, codes of a keyframe]`: a chunk's codes, as they are put together.
     chunk: Box<[u16]>,
     /// The last keyframe.
@@ -70,6 +100,7 @@ pub struct Decoder {
 #[derive(Debug)]
 struct Slot {
     head: Option<PacketHead>,
+    levels: Box<[u8]>,
     codes: Box<[u16]>,
 }
 
@@ -113,17 +144,17 @@ impl Place {
     }
 
     /// The frame where the sender's is: with the bits that it has, where it is there already.
-    fn put(&mut self, frame: FrameRef, out: &mut dyn FnMut(FrameRef)) {
+    fn put(&mut self, frame: FrameRef, level: f32, out: &mut dyn PacketSink) {
         self.own = [frame.pose.translation[0], frame.pose.translation[2]];
         self.done = (self.done + 1).min(self.frames);
         let shift = self.shift();
         if shift == [0.0; 2] {
-            return out(frame);
+            return out.frame(frame, level);
         }
         let mut pose = *frame.pose;
         pose.translation[0] += shift[0];
         pose.translation[2] += shift[1];
-        out(FrameRef { pose: &pose, ..frame });
+        out.frame(FrameRef { pose: &pose, ..frame }, level);
     }
 }
 
@@ -151,7 +182,11 @@ impl Decoder {
         let motion = if c.is_frames() { MotionStream::of_vectors } else { MotionStream::new };
         let smoothing = Smoothing::new(config.smoothing)?;
         let mut waiting = with_capacity(WAITING);
-        waiting.extend((0..WAITING).map(|_| Slot { head: None, codes: filled(0, c.prefix * count).into() }));
+        waiting.extend((0..WAITING).map(|_| Slot {
+            head: None,
+            levels: filled(0, c.prefix).into(),
+            codes: filled(0, c.prefix * count).into(),
+        }));
         Ok(Self {
             layout: PacketLayout::new(c, model.fingerprint),
             window: Window::new_in(c, config.target, &Arena::system()),
@@ -169,8 +204,12 @@ impl Decoder {
             stream: None,
             next: 0,
             is_over: false,
+            total: None,
             waiting,
+            arrived_levels: filled(0, c.prefix).into(),
             arrived: filled(0, c.prefix * count).into(),
+            // Those of the frames that are held back, of a chunk, and one more.
+            levels: filled(0.0, lookahead.div_ceil(stride) + 2 * (config.target + 1)).into(),
             chunk: filled(0, (c.prefix + config.target) * count).into(),
             held: rest(c).into(),
             rest: rest(c).into(),
@@ -186,9 +225,20 @@ impl Decoder {
         self.received
     }
 
+    /// Frames of the present stream, once its last one was given.
+    pub(crate) fn total(&self) -> Option<u32> {
+        self.total
+    }
+
     /// Whether the last frame of the present stream was given.
     pub fn is_over(&self) -> bool {
         self.is_over
+    }
+
+    /// Most frames that one packet can make final.
+    pub(crate) fn most_frames(&self) -> usize {
+        let made_up = (self.patience + 1) * (self.prefix / self.target);
+        (made_up + self.patience + 1) * self.target * self.stride + self.lookahead
     }
 
     /// Back to the start, for any stream.
@@ -203,7 +253,9 @@ impl Decoder {
         self.motion.reset();
         self.waiting.iter_mut().for_each(|slot| slot.head = None);
         self.held.copy_from_slice(&self.rest);
+        self.levels.fill(0.0);
         (self.next, self.base, self.is_first, self.is_over) = (0, 0, true, false);
+        self.total = None;
         self.place = Place::default();
     }
 
@@ -219,7 +271,18 @@ impl Decoder {
         bytes: &[u8],
         frame: &mut dyn FnMut(FrameRef),
     ) -> Result<(), PacketError> {
-        let head = self.layout.decode(bytes, &mut self.arrived)?;
+        self.push_to(model, cx, bytes, &mut Frames(frame))
+    }
+
+    /// The same for a sink that has an end.
+    pub(crate) fn push_to(
+        &mut self,
+        model: &Model,
+        cx: Compute,
+        bytes: &[u8],
+        sink: &mut dyn PacketSink,
+    ) -> Result<(), PacketError> {
+        let head = self.layout.decode(bytes, &mut self.arrived_levels, &mut self.arrived)?;
         if head.keyframes != 0 && head.keyframes != self.target {
             return Err(PacketError::Other("target"));
         }
@@ -230,31 +293,62 @@ impl Decoder {
                 return Ok(());
             }
             Some(stream) if head.stream == stream => {}
-            _ => {
+            // Frames of before are dropped: there is room.
+            Some(_) => {
                 self.begin();
                 self.stream = Some(head.stream);
+                sink.begin();
+            }
+            None => {
+                self.begin();
+                self.stream = Some(head.stream);
+                // In the middle of a stream nothing was lost: others came before it was listened to.
+                if head.sequence as usize > self.patience {
+                    self.jump(&head, None);
+                    self.next = head.sequence;
+                }
             }
         }
         if self.is_over || head.sequence < self.next || self.is_waiting(head.sequence) {
             self.received.late += 1;
             return Ok(());
         }
-        self.received.packets += 1;
         let ahead = (head.sequence - self.next) as usize;
         let waiting = self.waiting.iter().filter(|slot| slot.head.is_some()).count();
         if ahead == 0 || waiting >= self.patience {
-            // Those that wait go first, where they are before it.
-            while let Some(slot) = self.first_waiting(head.sequence) {
-                self.take_waiting(model, cx, slot, frame)?;
+            // What waits may go with it, and what is missing between them is made up.
+            let made_up = ahead.min((waiting + 1) * (self.prefix / self.target));
+            let frames = (made_up + waiting + 1) * self.target * self.stride + self.lookahead;
+            if sink.room() < frames {
+                return Err(PacketError::Full);
             }
-            self.take(model, cx, &head, None, frame)?;
+            // What is missing before the first of them counts as lost.
+            if ahead > 0
+                && let Some(slot) = self.first_waiting(head.sequence)
+            {
+                self.take_waiting(model, cx, slot, sink)?;
+                self.take_next(model, cx, sink)?;
+            } else {
+                self.take(model, cx, &head, None, sink)?;
+                self.received.packets += 1;
+                return Ok(self.take_next(model, cx, sink)?);
+            }
+        }
+        if head.sequence == self.next {
+            self.take(model, cx, &head, None, sink)?;
         } else if let Some(slot) = self.waiting.iter_mut().find(|slot| slot.head.is_none()) {
             slot.head = Some(head);
+            slot.levels.copy_from_slice(&self.arrived_levels);
             slot.codes.copy_from_slice(&self.arrived);
         }
-        // What follows without a gap need not wait.
+        self.received.packets += 1;
+        Ok(self.take_next(model, cx, sink)?)
+    }
+
+    /// Takes those that wait and follow without a gap.
+    fn take_next(&mut self, model: &Model, cx: Compute, sink: &mut dyn PacketSink) -> Result<(), StepError> {
         while let Some(slot) = self.waiting.iter().position(|slot| slot.head.is_some_and(|h| h.sequence == self.next)) {
-            self.take_waiting(model, cx, slot, frame)?;
+            self.take_waiting(model, cx, slot, sink)?;
         }
         Ok(())
     }
@@ -275,10 +369,10 @@ impl Decoder {
         model: &Model,
         cx: Compute,
         slot: usize,
-        frame: &mut dyn FnMut(FrameRef),
+        sink: &mut dyn PacketSink,
     ) -> Result<(), StepError> {
         match self.waiting[slot].head.take() {
-            Some(head) => self.take(model, cx, &head, Some(slot), frame),
+            Some(head) => self.take(model, cx, &head, Some(slot), sink),
             None => Ok(()),
         }
     }
@@ -291,7 +385,7 @@ impl Decoder {
         cx: Compute,
         head: &PacketHead,
         slot: Option<usize>,
-        frame: &mut dyn FnMut(FrameRef),
+        sink: &mut dyn PacketSink,
     ) -> Result<(), StepError> {
         let (count, n) = (self.layout.codes(), self.target);
         let lost = (head.sequence - self.next) as usize;
@@ -305,6 +399,8 @@ impl Decoder {
         } else {
             for chunk in 0..lost {
                 for i in 0..n {
+                    let keyframe = (self.next as usize + chunk) * n + i;
+                    *level_of(&mut self.levels, keyframe) = 0.0;
                     // Keyframes from this one to the packet's first new one.
                     let back = keyframes - (chunk * n + i);
                     if back <= said {
@@ -314,7 +410,7 @@ impl Decoder {
                     }
                     self.chunk[i * count..(i + 1) * count].copy_from_slice(&self.held);
                 }
-                self.compute(model, cx, n, None, frame)?;
+                self.compute(model, cx, n, None, sink)?;
             }
             if lost > 0 {
                 let codes = codes_of(&self.waiting, &self.arrived, slot);
@@ -328,10 +424,14 @@ impl Decoder {
             let new = &codes[head.history * count..(head.history + n) * count];
             self.chunk[..n * count].copy_from_slice(new);
             self.held.copy_from_slice(&new[(n - 1) * count..]);
+            let heard = slot.map_or(&*self.arrived_levels, |slot| &self.waiting[slot].levels);
+            for (i, &level) in heard[..n].iter().enumerate() {
+                *level_of(&mut self.levels, head.sequence as usize * n + i) = byte_level(level);
+            }
         }
-        self.compute(model, cx, head.keyframes, total, frame)?;
+        self.compute(model, cx, head.keyframes, total, sink)?;
         self.place.heal(head.root, n * self.stride);
-        self.is_over = head.total.is_some();
+        (self.is_over, self.total) = (head.total.is_some(), head.total);
         Ok(())
     }
 
@@ -342,6 +442,7 @@ impl Decoder {
         self.window.rest();
         self.window.correct(&codes[..head.history * count], head.history);
         self.motion.reset();
+        self.levels.fill(0.0);
         (self.is_first, self.base) = (true, head.sequence as usize * self.target * self.stride);
         self.place = Place { offset: head.root, ..Place::default() };
     }
@@ -354,12 +455,13 @@ impl Decoder {
         cx: Compute,
         keyframes: usize,
         total: Option<usize>,
-        frame: &mut dyn FnMut(FrameRef),
+        sink: &mut dyn PacketSink,
     ) -> Result<(), StepError> {
-        let Self { motion, scratch, place, lookahead, base, .. } = self;
+        let Self { motion, scratch, place, lookahead, base, levels, stride, .. } = self;
         let mut out = |raw: FrameRef| {
             if total.is_none_or(|total| raw.index < total) {
-                place.put(FrameRef { index: *base + raw.index, ..raw }, frame);
+                let index = *base + raw.index;
+                place.put(FrameRef { index, ..raw }, *level_of(levels, index / *stride), sink);
             }
         };
         if keyframes > 0 {
@@ -367,14 +469,16 @@ impl Decoder {
             match (&model.between, &mut self.between, &mut self.window) {
                 (Between::Codes(interp), Filling::Codes(room), Window::Codes(history)) => {
                     history.lay_out();
-                    interp.fill(cx, room, history.frames())?;
+                    let start = history.fresh_start(self.is_first);
+                    interp.fill_from(cx, room, history.frames(), start)?;
                     let fresh = history.fresh(self.is_first);
                     motion.push(cx, &model.motion, scratch, fresh, *lookahead, &mut out)?;
                     history.advance();
                 }
                 (Between::Vectors { interp, .. }, Filling::Vectors(room), Window::Keyframes(history)) => {
+                    let fresh = history.fresh_frames(self.is_first);
                     let (vectors, known) = history.lay_out(model.motion.decoders())?;
-                    interp.fill(cx, room, vectors, known)?;
+                    interp.fill_from(cx, room, vectors, known, known.len() - fresh)?;
                     let (fresh, parts) = history.fresh(self.is_first);
                     motion.push_latents(cx, &model.motion, scratch, &fresh[..parts], *lookahead, &mut out)?;
                     history.advance();
@@ -394,6 +498,12 @@ impl Decoder {
 /// The codes of the packet in a slot, or of the one that just came.
 fn codes_of<'a>(waiting: &'a [Slot], arrived: &'a [u16], slot: Option<usize>) -> &'a [u16] {
     slot.map_or(arrived, |slot| &waiting[slot].codes)
+}
+
+/// The level of a keyframe's sound.
+fn level_of(levels: &mut [f32], keyframe: usize) -> &mut f32 {
+    let place = keyframe % levels.len();
+    &mut levels[place]
 }
 
 /// The codes of rest, in the order of a keyframe.

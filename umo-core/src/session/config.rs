@@ -31,6 +31,26 @@ pub(super) const MAX_QUEUE: usize = 1 << 16;
 /// leaves the strokes.
 const SMOOTHING: f32 = 1.2;
 
+/// Packets of a session (SPEC 2.18).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
+pub struct PacketConfig {
+    /// Keyframes before those of its chunk that a packet says again, as many as fit the model's
+    /// history.
+    pub history: usize,
+    /// Whether frames are queued, too. Without them nothing waits for
+    /// [`Session::pull_frames`](super::Session::pull_frames).
+    pub with_frames: bool,
+}
+
+impl PacketConfig {
+    /// Packets beside frames, each of which says the chunk before again: one that is lost changes
+    /// nothing.
+    pub fn new(target: usize) -> Self {
+        Self { history: target, with_frames: true }
+    }
+}
+
 /// What a session is made with.
 #[derive(Clone, Debug)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
@@ -51,6 +71,11 @@ pub struct SessionConfig {
     pub ease: Duration,
     /// Frames that wait for the host before the engine stops computing: at least two chunks' worth.
     pub queue_frames: usize,
+    /// Packets for [`Session::decoder`](super::Session::decoder)s elsewhere, where there are any.
+    pub packets: Option<PacketConfig>,
+    /// Of a [`Session::decoder`](super::Session::decoder): packets that may come before one that is missing counts as lost,
+    /// 0 to 4.
+    pub patience: usize,
 }
 
 /// What is shown while no audio comes.
@@ -80,6 +105,8 @@ impl SessionConfig {
             idle_after: Duration::from_millis(300),
             ease: Duration::from_millis(500),
             queue_frames: 4 * config.max_target * config.keyframe_stride,
+            packets: None,
+            patience: 0,
         }
     }
 

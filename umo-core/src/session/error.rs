@@ -3,6 +3,7 @@
 use std::fmt;
 
 use crate::error::StepError;
+use crate::packet::PacketError;
 use crate::state::StateError;
 
 /// A call that could not be done; nothing was changed by it. `Copy`: reporting one allocates
@@ -34,6 +35,8 @@ pub enum SessionError {
     Closed,
     /// A state cannot be restored into this session.
     State(StateError),
+    /// A packet was not taken.
+    Packet(PacketError),
     /// No gesture has this name; [`Session::gesture_names`](super::Session::gesture_names) says
     /// which there are.
     UnknownGesture,
@@ -55,6 +58,7 @@ impl fmt::Display for SessionError {
             Self::Panicked => write!(f, "the avatar failed by a defect of this library and gives no more frames"),
             Self::Closed => write!(f, "the session's engine is gone"),
             Self::State(error) => write!(f, "{error}"),
+            Self::Packet(error) => write!(f, "{error}"),
             Self::UnknownGesture => write!(f, "no gesture has this name: list the names that there are"),
             Self::GesturesFull => write!(f, "eight gestures wait already: call again when one has begun"),
         }
@@ -66,6 +70,7 @@ impl std::error::Error for SessionError {
         match self {
             Self::Failed(error) => Some(error),
             Self::State(error) => Some(error),
+            Self::Packet(error) => Some(error),
             _ => None,
         }
     }

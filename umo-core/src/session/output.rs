@@ -5,6 +5,8 @@ use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use super::gain::Gained;
+use super::packets::PacketQueue;
+use super::receiver::frames_of;
 use super::shared::try_lock;
 use super::voice::LiveVoice;
 use super::{Idle, SessionConfig, Shared};
@@ -83,6 +85,20 @@ impl OwnedFrame {
         }
     }
 
+    /// Goes `1 - t` of the way to `from`; stays what it is at 1.
+    fn ease_from(&mut self, from: &Self, t: f32) {
+        if t >= 1.0 {
+            return;
+        }
+        let pairs = self.pose.rotations.iter_mut().zip(&from.pose.rotations);
+        pairs.for_each(|(q, &from)| *q = slerp(from, *q, t));
+        let ease = |to: &mut [f32], from: &[f32]| {
+            to.iter_mut().zip(from).for_each(|(to, from)| *to = from + (*to - from) * t);
+        };
+        ease(&mut self.pose.translation, &from.pose.translation);
+        ease(&mut self.face, &from.face);
+    }
+
     fn pose_of(&mut self, other: &Self) {
         self.pose = other.pose;
         self.face.copy_from_slice(&other.face);
@@ -132,6 +148,30 @@ const MAX_STILL_TICKS: u64 = 8;
 /// Largest time that a host can say, nanoseconds: 36 years, less than the clock counts from.
 const MAX_HOST_TIME: u64 = 1 << 60;
 
+/// Frames that did not come, or not in time: what follows is eased to.
+#[derive(Debug)]
+struct Gaps {
+    /// The last frame before a gap, without layers.
+    from: OwnedFrame,
+    /// Of the frames after a gap, how many are eased, and how many were.
+    frames: u64,
+    done: u64,
+    /// Frames that an ease takes.
+    ease: u64,
+    /// What `sample` showed last.
+    shown: OwnedFrame,
+    /// Seconds by which the time was then later than the newest frame.
+    ahead: f64,
+    /// Whether a later stream begins: what it begins with is eased to from rest.
+    begins: bool,
+    /// How long the ease takes that is under way, seconds.
+    length: f64,
+}
+
+/// How many times as long as frames were missing the way back to them takes, up to the session's ease:
+/// no joint has to move much faster than it does anyway.
+const CATCH_UP: f64 = 6.0;
+
 #[derive(Debug)]
 pub(crate) struct Output {
     epoch: Epoch,
@@ -168,6 +208,8 @@ pub(crate) struct Output {
     /// Where the host gives the time: what it counts from, nanoseconds of the clock's count.
     host_base: u64,
     was_idle: bool,
+    /// How gaps are closed, where frames come of packets.
+    gaps: Option<Gaps>,
     gained: Gained,
     chunk_frames: usize,
     frame_rate: f64,
@@ -185,9 +227,20 @@ impl Output {
         rest: &OwnedFrame,
         is_arkit: bool,
         chunk_frames: usize,
+        is_decoder: bool,
         arena: &Arena,
     ) -> Self {
         let shown = || rest.clone_in(arena);
+        let gaps = is_decoder.then(|| Gaps {
+            from: shown(),
+            frames: 0,
+            done: 0,
+            ease: frames_of(session.ease, config.frame_rate).max(1).into(),
+            shown: shown(),
+            ahead: 0.0,
+            begins: false,
+            length: 0.0,
+        });
         Self {
             epoch: Epoch::default(),
             last: shown(),
@@ -211,6 +264,7 @@ impl Output {
             time: 0.0,
             host_base: 0,
             was_idle: false,
+            gaps,
             chunk_frames,
             frame_rate: config.frame_rate as f64,
             idle_after: session.idle_after,
@@ -223,7 +277,8 @@ impl Output {
         pass.same("queue of frames", shared.link.frames.capacity() as u64)?;
         pass.same("time until idle", u64::try_from(self.idle_after.as_nanos()).unwrap_or(u64::MAX))?;
         pass.same("ease", self.idle_ease.to_bits())?;
-        pass.same("voice", self.voice.is_some().into())?;
+        let packets = shared.packets.as_ref().map_or(0, PacketQueue::identity);
+        pass.same("voice, or of packets", u64::from(self.voice.is_some()) + 2 * packets)?;
         self.life.identity(pass)
     }
 
@@ -320,6 +375,9 @@ impl Output {
             self.still.since = None;
             (self.base, self.origin, self.any, self.time) = (0, [0.0; 2], false, 0.0);
             self.gained.started = false;
+            if let Some(gaps) = &mut self.gaps {
+                (gaps.frames, gaps.ahead, gaps.begins) = (0, 0.0, false);
+            }
             // An interrupt that came after the reset, before anything was shown, has nothing to
             // ease from.
             self.ease.frames = 0;
@@ -329,6 +387,9 @@ impl Output {
             self.ease.frames = if self.any { u64::from(epoch.ease) } else { 0 };
             self.life.interrupt(epoch.number, self.ease.frames, &self.controls);
             self.base = start + self.ease.frames;
+            if let Some(gaps) = &mut self.gaps {
+                (gaps.frames, gaps.begins) = (0, self.any);
+            }
             self.origin = [self.raw_last.pose.translation[0], self.raw_last.pose.translation[2]];
         }
         if std::mem::take(&mut self.has_next) {
@@ -388,8 +449,22 @@ impl Output {
                 frame.pose.translation[axis] += origin;
             }
         }
+        self.close_gap();
         self.add_layers(shared);
         true
+    }
+
+    /// Eases to the frames after a gap.
+    fn close_gap(&mut self) {
+        let Some(gaps) = &mut self.gaps else { return };
+        if self.any && (self.next_frame.index > self.raw_last.index + 1 || std::mem::take(&mut gaps.begins)) {
+            gaps.from.copy(&self.raw_last);
+            (gaps.frames, gaps.done) = (gaps.ease, 0);
+        }
+        if gaps.done < gaps.frames {
+            gaps.done += 1;
+            self.next_frame.ease_from(&gaps.from, smooth(gaps.done as f32 / gaps.frames as f32));
+        }
     }
 
     /// Makes `next_frame` the engine's next frame, where there is one.
@@ -514,6 +589,9 @@ impl Output {
         }
         let oldest = self.seconds(&self.last);
         let is_ahead = !self.any || !self.has_next && time > oldest;
+        if let Some(gaps) = &mut self.gaps {
+            gaps.shown.copy(&self.sampled);
+        }
         (self.sampled.index, self.sampled.sample) = (self.last.index, self.last.sample);
         if self.has_next && self.any {
             let length = self.seconds(&self.next_frame) - oldest;
@@ -521,14 +599,29 @@ impl Output {
         } else {
             self.sampled.pose_of(&self.last);
         }
-        self.idle(shared, is_ahead);
+        let missed = self.missed(is_ahead, time - oldest);
+        self.idle(shared, is_ahead, missed);
         let newest = self.newest(shared, oldest);
         Sampled { oldest, newest, is_ahead }
     }
 
+    /// Seconds for which no picture had a frame, where some are there again: of frames that come of
+    /// packets. `ahead` is how much later the time is than the last frame.
+    fn missed(&mut self, is_ahead: bool, ahead: f64) -> f64 {
+        let Some(gaps) = &mut self.gaps else { return 0.0 };
+        let missing = match is_ahead {
+            true if self.any => ahead,
+            // Nothing was shown but rest.
+            true => self.idle_ease,
+            false => 0.0,
+        };
+        let before = std::mem::replace(&mut gaps.ahead, missing);
+        if missing < before { before } else { 0.0 }
+    }
+
     /// Leaves the stream while no audio comes, for the rest pose or for the last one with its layers,
     /// and comes back to it.
-    fn idle(&mut self, shared: &Shared, is_ahead: bool) {
+    fn idle(&mut self, shared: &Shared, is_ahead: bool, missed: f64) {
         // Not by the time of the pose, which stands still where it is that of the sound.
         let now = shared.now();
         if is_ahead {
@@ -538,16 +631,22 @@ impl Output {
         let is_alive = !self.life.is_off(&self.controls);
         let rests = is_ahead
             && if self.any { (is_alive || shared.idle() == Idle::Rest) && self.is_silent(shared) } else { is_alive };
-        if rests != self.was_idle {
+        if rests != self.was_idle || missed > 0.0 {
             // From what was shown a moment ago, whatever that was.
             self.seam_at = Some(now);
+            if let Some(gaps) = &mut self.gaps {
+                self.seam.copy(&gaps.shown);
+                let is_short = rests == self.was_idle && !rests;
+                gaps.length = if is_short { (CATCH_UP * missed).min(self.idle_ease) } else { self.idle_ease };
+            }
             self.was_idle = rests;
         } else if self.seam_at.is_none() {
             self.seam.copy(&self.sampled);
         }
         let Some(start) = self.seam_at else { return };
         let passed = Duration::from_nanos(now.saturating_sub(start)).as_secs_f64();
-        let t = smooth(single(passed / self.idle_ease));
+        let ease = self.gaps.as_ref().map_or(self.idle_ease, |gaps| gaps.length);
+        let t = smooth(single(passed / ease));
         if rests && is_alive {
             self.stand(shared, now);
         } else if rests {
@@ -562,7 +661,7 @@ impl Output {
         let from = self.sampled.pose.translation;
         mixed(&mut self.sampled.pose.translation, &from, &target.translation, t);
         // Speech begins with the mouth: the way back to it is shorter for the face.
-        let t_face = if rests { t } else { smooth(single(passed / (FACE_EASE * self.idle_ease))) };
+        let t_face = if rests { t } else { smooth(single(passed / (FACE_EASE * ease))) };
         for (value, from) in self.sampled.face.iter_mut().zip(&self.seam.face) {
             *value = from + (*value - from) * t_face;
         }

@@ -3,6 +3,7 @@
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
+use super::packets::PacketWriter;
 use super::{Failure, Idle, Shared};
 use crate::avatar::{Avatar, Due};
 use crate::batch::FrameSink;
@@ -124,6 +125,18 @@ impl Schedule {
         *finished = now;
     }
 
+    /// Queues the packet of a chunk that is done, where the session has packets.
+    pub(crate) fn write_packet(&self, writer: &mut PacketWriter, avatar: &Avatar, model: &Model, due: Due) {
+        let Some(queue) = &self.shared.packets else { return };
+        if !self.shared.is_running() {
+            return;
+        }
+        let epoch = self.view.epoch.number;
+        if let Err(error) = writer.write(queue, (avatar, model), due, epoch, &self.levels) {
+            self.fail(Failure::Step(error));
+        }
+    }
+
     /// Passes a frame on to the host.
     fn frame(&mut self, frame: FrameRef) {
         let index = frame.index as u64;
@@ -133,13 +146,15 @@ impl Schedule {
             self.silence.pushed(index * self.model_rate / self.frame_rate) * self.sample_rate / self.model_rate
         };
         let epoch = self.view.epoch.number;
-        let written = self.shared.link.frames.push(
-            Stamp { epoch, index, sample },
-            self.levels.cue(&frame),
-            frame.pose,
-            frame.face,
-        );
-        debug_assert!(written, "a chunk is computed only where its frames have room");
+        if self.shared.has_frames() {
+            let written = self.shared.link.frames.push(
+                Stamp { epoch, index, sample },
+                self.levels.cue(&frame),
+                frame.pose,
+                frame.face,
+            );
+            debug_assert!(written, "a chunk is computed only where its frames have room");
+        }
         // A stream that has begun since then counts its own backlog.
         if self.shared.link.epoch().number == epoch {
             self.shared.cover(sample + self.sample_rate / self.frame_rate);
@@ -223,7 +238,7 @@ impl Member {
             shared.link.wait_for_audio(&self.schedule.view, self.avatar.chunk_samples());
             due = self.next_due(model);
         }
-        let is_due = matches!(due, Due::Chunk | Due::Flush) && shared.link.has_room(self.schedule.chunk_frames);
+        let is_due = matches!(due, Due::Chunk | Due::Flush) && shared.has_room(self.schedule.chunk_frames);
         is_due.then(|| (due, self.deadline(now)))
     }
 

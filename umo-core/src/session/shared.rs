@@ -9,6 +9,7 @@ use super::error::SessionError;
 use super::input::Input;
 use super::other::OtherInput;
 use super::output::Output;
+use super::packets::PacketQueue;
 use super::voice::{LiveVoice, Voice};
 use crate::audio::resample::Resampler;
 use crate::avatar::AvatarConfig;
@@ -90,6 +91,8 @@ pub(crate) struct Shared {
     /// When that was heard, by what [`Self::now`] says.
     pub(super) other_time: AtomicU64,
     pub(super) other: Mutex<OtherInput>,
+    /// Packets of its chunks, where it has any.
+    pub(super) packets: Option<PacketQueue>,
     pub(super) input: Mutex<Input>,
     pub(super) output: Mutex<Boxed<Output>>,
     pub(crate) stats: Counters,
@@ -143,6 +146,11 @@ impl Shared {
         // The first failure stays.
         let _ = self.failure.set(failure);
         self.state.store(FAILED, Ordering::Release);
+    }
+
+    /// Whether frames are queued for the host.
+    pub(super) fn has_frames(&self) -> bool {
+        self.packets.as_ref().is_none_or(|queue| queue.with_frames)
     }
 
     /// The panic that ended the session.
@@ -233,13 +241,16 @@ pub(crate) struct SessionInit<'a> {
     pub(crate) signal: Arc<Signal>,
     /// Converts the session's rate to the model's.
     pub(crate) resampler: Resampler,
+    /// Whether its frames come of packets, and not of audio.
+    pub(crate) is_decoder: bool,
     /// Where all of it comes from.
     pub(crate) arena: &'a Arena,
 }
 
 impl Shared {
     pub(crate) fn new(init: SessionInit, session: &SessionConfig) -> Result<Self, LoadError> {
-        let SessionInit { model, assembly, rest, chunk_frames, has_audio, clock, signal, resampler, arena } = init;
+        let SessionInit { model, assembly, rest, chunk_frames, has_audio, clock, signal, resampler, .. } = init;
+        let (is_decoder, arena) = (init.is_decoder, init.arena);
         let config = &model.config;
         in_range("queue_frames", session.queue_frames, 2 * chunk_frames, MAX_QUEUE)?;
         let (rate, face_values) = (config.audio.sample_rate, assembly.face_values());
@@ -261,7 +272,7 @@ impl Shared {
         let chunk = (config.max_target + config.audio.ahead) * config.samples_per_keyframe();
         Ok(Self {
             link: Link::new_in(
-                (AUDIO_SECONDS * rate).max(2 * chunk) + input.most_left(),
+                if is_decoder { 1 } else { (AUDIO_SECONDS * rate).max(2 * chunk) + input.most_left() },
                 voice.is_some(),
                 FrameRing::new_in(session.queue_frames, face_values, arena),
                 clock.nanos(),
@@ -293,8 +304,13 @@ impl Shared {
                 rest,
                 assembly.is_arkit(),
                 chunk_frames,
+                is_decoder,
                 arena,
             ))),
+            packets: session.packets.map(|packets| {
+                let length = session.avatar.target * config.keyframe_stride;
+                PacketQueue::new_in(packets, model, (session.queue_frames, length), arena)
+            }),
             input: Mutex::new(input),
             stats: Counters::default(),
             delays: Delays::new_in(arena),

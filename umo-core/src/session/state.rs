@@ -7,6 +7,7 @@ use super::gain::gain_bits;
 use super::input::Input;
 use super::other::OtherInput;
 use super::output::Output;
+use super::packets::PacketQueue;
 use super::schedule::Member;
 use super::shared::{Counters, Settings, Shared, try_lock};
 use super::{INPUT, Idle, OTHER, OUTPUT, SETTER, Session, SessionError};
@@ -102,13 +103,14 @@ impl Session {
         let shared = &*self.shared;
         shared.check()?;
         let result = {
+            let _reader = shared.packets.as_ref().map(PacketQueue::lock).transpose()?;
             let mut input = try_lock(&shared.input).ok_or(SessionError::Busy(INPUT))?;
             let mut other = try_lock(&shared.other).ok_or(SessionError::Busy(OTHER))?;
             let mut output = try_lock(&shared.output).ok_or(SessionError::Busy(OUTPUT))?;
             let mut settings = try_lock(&shared.settings).ok_or(SessionError::Busy(SETTER))?;
             let mut controls = try_lock(&shared.controls).ok_or(SessionError::Busy(SETTER))?;
             let (input, output, settings, controls) = (&mut *input, &mut **output, &mut *settings, &mut *controls);
-            self.slot.with_member(|member, model| {
+            self.slot()?.with_member(|member, model| {
                 f(Sides { shared, model, member, input, other: &mut other, output, settings, controls })
             })
         };
@@ -126,6 +128,9 @@ impl Sides<'_> {
         member.identity(pass)?;
         output.identity(pass, shared)?;
         let waiting = shared.link.state(pass)?;
+        if let Some(packets) = &shared.packets {
+            packets.state(pass)?;
+        }
         input.state(pass, shared, waiting)?;
         other.state(pass)?;
         output.clock_state(pass, shared)?;

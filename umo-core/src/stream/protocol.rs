@@ -256,12 +256,17 @@ impl Link {
 
     /// Whether there is room for `frames` frames. If not, the output notifies once there is.
     pub(crate) fn has_room(&self, frames: usize) -> bool {
-        if self.frames.room() >= frames {
+        self.has_room_where(|| self.frames.room() >= frames)
+    }
+
+    /// Whether there is room as `is_there` says. If not, whoever makes some notifies.
+    pub(crate) fn has_room_where(&self, is_there: impl Fn() -> bool) -> bool {
+        if is_there() {
             return true;
         }
         self.room_wanted.store(true, Ordering::SeqCst);
         fence(Ordering::SeqCst);
-        self.frames.room() >= frames
+        is_there()
     }
 
     /// Moves the oldest samples to `samples` and returns their number: 0 after a new epoch has
@@ -355,6 +360,15 @@ impl Link {
         // As in `wake_for_audio`.
         fence(Ordering::SeqCst);
         if self.frames.room() >= enough && self.room_wanted.swap(false, Ordering::SeqCst) {
+            self.signal.notify();
+        }
+    }
+
+    /// Room was made that is not for frames. Wakes the engine if it waits for any.
+    pub(crate) fn room_made(&self) {
+        // As in `wake_for_audio`.
+        fence(Ordering::SeqCst);
+        if self.room_wanted.swap(false, Ordering::SeqCst) {
             self.signal.notify();
         }
     }

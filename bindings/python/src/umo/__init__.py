@@ -5,6 +5,7 @@
 | `animate(samples, rate)` | a whole recording to a `Motion` of numpy arrays |
 | `stream(chunks, rate)` | frames as they come from audio as it comes |
 | `Model`, `Engine`, `Session` | a live avatar: one thread pushes audio, another pulls frames or samples poses |
+| `Session.pull_packets`, `Decoder` | an avatar that is computed in one place and seen in others |
 | `Error`, `Status` | what went wrong, in umo's own words |
 """
 
@@ -13,7 +14,7 @@ from ._engine import Engine
 from ._library import Error, Status, lib as _lib
 from ._model import Model
 from ._motion import JOINTS, VISEMES, Frame, Motion
-from ._session import Attention, Idle, Latency, Parameter, Sampled, Session, Stats
+from ._session import Attention, Decoder, Idle, Latency, Parameter, Received, Sampled, Session, Stats
 
 __version__: str = _lib.umo_version().decode()
 
@@ -21,6 +22,7 @@ __all__ = [
     "JOINTS",
     "VISEMES",
     "Attention",
+    "Decoder",
     "Engine",
     "Error",
     "Frame",
@@ -29,6 +31,7 @@ __all__ = [
     "Model",
     "Motion",
     "Parameter",
+    "Received",
     "Sampled",
     "Session",
     "Stats",

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, Optional
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any, Optional, Union, overload
 
+import numpy as np
 import numpy.typing as npt
 
 from . import _library
@@ -47,6 +48,57 @@ def _ready(session: Session, prompt: Optional[str], mood: Optional[str], paramet
     return session
 
 
+def _run_all(sessions: Iterator[tuple[Session, npt.NDArray[Any]]], jobs: int) -> Iterator[tuple[Session, list[Motion]]]:
+    """Every recording's motion as it is done, `jobs` of them computed together by one polled engine."""
+    active: list[tuple[Session, npt.NDArray[Any], list[Motion]]] = []
+    while True:
+        while len(active) < jobs and (following := next(sessions, None)) is not None:
+            active.append((*following, []))
+        if not active:
+            return
+        rest: list[tuple[Session, npt.NDArray[Any], list[Motion]]] = []
+        for session, samples, parts in active:
+            if len(samples):
+                samples = samples[session.push(samples) :]
+            if not len(samples):
+                session.finish()
+            rest.append((session, samples, parts))
+        rest[0][0].engine.poll()
+        active = []
+        for session, samples, parts in rest:
+            parts.append(session.pull())
+            if session.is_done:
+                yield session, parts
+            else:
+                active.append((session, samples, parts))
+
+
+def _each(name: str, value: Any, count: int) -> list[Any]:
+    """What each of several recordings has: one for all, or as many as there are."""
+    if value is None or isinstance(value, (str, int, np.integer)):
+        return [value] * count
+    values = list(value)
+    if len(values) != count:
+        raise ValueError(f"{len(values)} values of {name}: expected one, or {count}, as there are recordings")
+    return values
+
+
+@overload
+def animate(
+    samples: list[npt.NDArray[Any]],
+    rate: Union[int, Sequence[int]],
+    *,
+    model: Optional[Model] = None,
+    axes: str = "gltf",
+    seed: Union[int, Sequence[Optional[int]], None] = None,
+    prompt: Union[str, Sequence[Optional[str]], None] = None,
+    mood: Union[str, Sequence[Optional[str]], None] = None,
+    parameters: Mapping[str, float] = {},
+    threads: Optional[int] = None,
+    jobs: int = 8,
+    **settings: Any,
+) -> list[Motion]: ...
+@overload
 def animate(
     samples: npt.ArrayLike,
     rate: int,
@@ -58,20 +110,75 @@ def animate(
     mood: Optional[str] = None,
     parameters: Mapping[str, float] = {},
     threads: Optional[int] = None,
+    jobs: int = 8,
     **settings: Any,
-) -> Motion:
+) -> Motion: ...
+def animate(
+    samples: Any,
+    rate: Any,
+    *,
+    model: Optional[Model] = None,
+    axes: str = "gltf",
+    seed: Any = None,
+    prompt: Any = None,
+    mood: Any = None,
+    parameters: Mapping[str, float] = {},
+    threads: Optional[int] = None,
+    jobs: int = 8,
+    **settings: Any,
+) -> Union[Motion, list[Motion]]:
     """Animates a recording: [samples] or [samples, channels], floats of full scale 1 or int16, `rate` samples per second.
+
+    A list of arrays is as many recordings: `jobs` of them are computed together, so that the model is read once for all, and
+    each has the bits that it has alone. `rate`, `seed`, `prompt` and `mood` are then one for all, or one of each.
 
     The frames are those of `umo animate`, bit for bit. `parameters` are those of `Session`, as `{"gain_face": 0.5}`;
     `mood` is one of `Session.set_mood`; `settings` are the session's other arguments, as `target`. It hears as far ahead as the
     model can, unless they say `horizon`.
     """
+    if isinstance(samples, (list, tuple)) and samples and all(isinstance(each, np.ndarray) and each.ndim for each in samples):
+        return _animate_all(samples, rate, model, axes, (seed, prompt, mood), parameters, threads, jobs, settings)
     recording = audio(samples)
     channels = recording.shape[1] if recording.ndim == 2 else 1
     with Engine(model, threads=threads, polled=True, max_sessions=1, max_batch=1) as engine:
         settings = {"idle": Idle.HOLD, "horizon": engine.model.max_horizon, **settings}
         with Session(engine, rate, channels, axes=axes, seed=seed, **settings) as session:
             return session._layout.joined(list(_run(_ready(session, prompt, mood, parameters), [recording])))
+
+
+def _animate_all(
+    samples: Sequence[npt.NDArray[Any]],
+    rate: Any,
+    model: Optional[Model],
+    axes: str,
+    told: tuple[Any, Any, Any],
+    parameters: Mapping[str, float],
+    threads: Optional[int],
+    jobs: int,
+    settings: Mapping[str, Any],
+) -> list[Motion]:
+    if jobs < 1:
+        raise ValueError(f"jobs {jobs}: expected at least 1")
+    recordings = [audio(each) for each in samples]
+    names = ("rate", "seed", "prompt", "mood")
+    rates, seeds, prompts, moods = (_each(name, value, len(samples)) for name, value in zip(names, (rate, *told)))
+    motions: dict[Session, Motion] = {}
+    order: list[Session] = []
+    jobs = min(jobs, len(recordings), _library.MAX_BATCH)
+    with Engine(model, threads=threads, polled=True, max_sessions=jobs, max_batch=jobs) as engine:
+        settings = {"idle": Idle.HOLD, "horizon": engine.model.max_horizon, **settings}
+
+        def sessions() -> Iterator[tuple[Session, npt.NDArray[Any]]]:
+            for at, recording in enumerate(recordings):
+                channels = recording.shape[1] if recording.ndim == 2 else 1
+                session = Session(engine, rates[at], channels, axes=axes, seed=seeds[at], **settings)
+                order.append(_ready(session, prompts[at], moods[at], parameters))
+                yield session, recording
+
+        for session, parts in _run_all(sessions(), jobs):
+            motions[session] = session._layout.joined(parts)
+            session.close()
+    return [motions[session] for session in order]
 
 
 def stream(

@@ -26,6 +26,7 @@ JOINT_COUNT = 55
 VISEME_COUNT = 15
 ERROR_SIZE = 512
 MAX_CHANNELS = 64
+MAX_BATCH = 64
 ENGINE_THREADS, ENGINE_POLLED = 0, 1
 MODEL_NAME, MODEL_LICENSE, MODEL_NOTICE, MODEL_ISA = 1, 2, 3, 4
 PARAMETER_WHOLE = 1
@@ -47,6 +48,7 @@ PARAMETERS = {
     "layer_feet": 37,
 }
 VOICES = {"delayed": 0, "live": 1}
+PACKETS = {"none": 0, "beside_frames": 1, "only": 2}
 MOODS = {"neutral": 0, "joy": 1, "sad": 2, "angry": 3, "surprised": 4, "disgusted": 5, "afraid": 6}
 SIDES = {"auto": 0, "left": 1, "right": 2, "both": 3}
 GESTURE_PARTS = {"head": 1, "trunk": 2, "left_arm": 4, "right_arm": 8}
@@ -88,6 +90,7 @@ class Status(enum.IntEnum):
     UNSUPPORTED = -16
     STATE = -17
     THREAD = -18
+    PACKET = -19
 
 
 class Error(RuntimeError):
@@ -139,7 +142,9 @@ class SessionConfig(ctypes.Structure):
         ("smoothing", c_float),
         ("guidance", c_float),
         ("horizon", c_uint32),
-        ("reserved", c_uint32),
+        ("packets", c_uint32),
+        ("packet_history", c_uint32),
+        ("patience", c_uint32),
     ]
 
 
@@ -186,6 +191,14 @@ class Stats(ctypes.Structure):
     ]
 
 
+class Received(ctypes.Structure):
+    _fields_ = [
+        ("struct_size", c_uint32),
+        ("reserved", c_uint32),
+        *((name, c_uint64) for name in ("packets", "late", "lost", "held")),
+    ]
+
+
 class GestureOptions(ctypes.Structure):
     _fields_ = [
         *((name, c_uint32) for name in ("struct_size", "side", "axes", "has_target")),
@@ -216,6 +229,7 @@ STRUCTURES = {
     "umo_sampled": Sampled,
     "umo_latency": Latency,
     "umo_stats": Stats,
+    "umo_received": Received,
     "umo_gesture_options": GestureOptions,
     "umo_gesture_clip": GestureClip,
 }
@@ -280,6 +294,11 @@ _ARGUMENTS: dict[str, list[Any]] = {
     "umo_session_get_parameter": [_HANDLE, _U32, POINTER(c_double)],
     "umo_session_latency": [_HANDLE, POINTER(Latency)],
     "umo_session_stats": [_HANDLE, POINTER(Stats)],
+    "umo_session_packet_size": [_HANDLE, POINTER(_SIZE)],
+    "umo_session_pull_packets": [_HANDLE, c_void_p, _SIZE, POINTER(_SIZE), _SIZE, POINTER(_SIZE)],
+    "umo_decoder_new": [_HANDLE, POINTER(SessionConfig), _OUT],
+    "umo_decoder_push_packet": [_HANDLE, c_void_p, _SIZE],
+    "umo_decoder_stats": [_HANDLE, POINTER(Received)],
 }
 _RESULTS = {
     "umo_abi_version": _U32,

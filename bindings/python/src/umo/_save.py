@@ -48,7 +48,7 @@ def save(motion: Motion, path: Union[str, os.PathLike[str]]) -> None:
     if write is None:
         wrong = f"suffix `{path.suffix}` is unknown" if path.suffix else "it has no suffix"
         known = ", ".join(WRITERS)
-        raise ValueError(f"cannot save `{path}`: {wrong}; expected one of {known}. `umo animate` writes .glb and .bvh, too")
+        raise ValueError(f"cannot save `{path}`: {wrong}; expected one of {known}. `umo animate` and `umo batch` write .glb and .vrma, too")
     if motion.axes != "gltf":
         raise ValueError(f"cannot save `{path}`: files have glTF's axes, this motion {motion.axes}'s; make it with axes='gltf'")
     if not len(motion):
@@ -159,6 +159,62 @@ def json_lines(motion: Motion) -> Iterator[str]:
         )
 
 
+def bvh(motion: Motion) -> bytes:
+    """The skeleton's motion, in centimetres and degrees; a joint's matrix is Z X Y."""
+    from ._motion import JOINTS
+
+    if motion.skeleton is None:
+        raise ValueError("bvh needs a skeleton, and a Motion that was not made by umo has none; save .npz or .csv")
+    parents, offsets = motion.skeleton
+    lines, order = ["HIERARCHY"], []
+
+    def place(indent: str, offset: npt.NDArray[np.float32]) -> str:
+        x, y, z = (offset.astype(np.float64) * 100.0).tolist()
+        return f"{indent}\tOFFSET {x:.6f} {y:.6f} {z:.6f}"
+
+    def write(joint: int, depth: int) -> None:
+        order.append(joint)
+        indent = "\t" * depth
+        kind, position = ("JOINT", "3") if depth else ("ROOT", "6 Xposition Yposition Zposition")
+        lines.extend([f"{indent}{kind} {JOINTS[joint]}", indent + "{"])
+        lines.append(place(indent, offsets[joint] if depth else np.zeros(3, np.float32)))
+        lines.append(f"{indent}\tCHANNELS {position} Zrotation Xrotation Yrotation")
+        below = [child for child in range(joint + 1, len(parents)) if parents[child] == joint]
+        for child in below:
+            write(child, depth + 1)
+        if not below:
+            half: npt.NDArray[np.float32] = offsets[joint] * np.float32(0.5)
+            is_long = np.sqrt(half[0] * half[0] + half[1] * half[1] + half[2] * half[2]) >= 1e-3
+            tip: npt.NDArray[np.float32] = half if is_long else np.array([0, 0, 0.02], np.float32)
+            lines.extend([f"{indent}\tEnd Site", indent + "\t{", place(indent + "\t", tip), indent + "\t}"])
+        lines.append(indent + "}")
+
+    write(0, 0)
+    lines.extend(["MOTION", f"Frames: {len(motion)}", f"Frame Time: {1.0 / float(motion.rate):.9f}"])
+    root = (offsets[0] + motion.translation).astype(np.float64) * 100.0
+    joints = [euler_zxy(matrices(motion.rotations[:, joint])) * (180.0 / math.pi) for joint in order]
+    angles, before = np.stack(joints, 1), np.zeros((len(order), 3))
+    for frame in range(len(motion)):
+        before = continued(angles[frame], before)
+        values = [*root[frame].tolist(), *before.ravel().tolist()]
+        lines.append(" ".join(f"{value:.6f}" for value in values))
+    return ("\n".join(lines) + "\n").encode()
+
+
+def continued(angles: Doubles, before: Doubles) -> Doubles:
+    """Of the angles [J, 3] that mean the same rotations, those nearest to the frame before."""
+    other = np.stack([angles[:, 0] + 180.0, 180.0 - angles[:, 1], angles[:, 2] + 180.0], 1)
+
+    def near(candidate: Doubles) -> tuple[Doubles, Doubles]:
+        turns = (before - candidate) / 360.0
+        turned = candidate + 360.0 * np.trunc(turns + np.copysign(0.5, turns))
+        off = np.abs(turned - before)
+        return turned, off[:, 0] + off[:, 1] + off[:, 2]
+
+    (first, way), (second, other_way) = near(angles), near(other)
+    return np.where((other_way + 1e-6 < way)[:, None], second, first)
+
+
 def compact(value: Any) -> str:
     return json.dumps(value, ensure_ascii=False, separators=(",", ":"))
 
@@ -227,4 +283,14 @@ def euler_yxz(m: Doubles) -> Doubles:
     return np.stack([yaw, pitch, roll], 1)
 
 
-WRITERS: dict[str, Callable[[Motion], bytes]] = {".npz": npz, ".csv": csv, ".jsonl": jsonl}
+def euler_zxy(m: Doubles) -> Doubles:
+    """Angles [T, 3] in radians, with `m = Z(z) * X(x) * Y(y)`."""
+    cosine = np.hypot(m[:, 2, 2], m[:, 2, 0])
+    x = arctan2(m[:, 2, 1], cosine)
+    locked = cosine < 1e-9
+    z = np.where(locked, arctan2(m[:, 1, 0], m[:, 0, 0]), arctan2(-m[:, 0, 1], m[:, 1, 1]))
+    y = np.where(locked, 0.0, arctan2(-m[:, 2, 0], m[:, 2, 2]))
+    return np.stack([z, x, y], 1)
+
+
+WRITERS: dict[str, Callable[[Motion], bytes]] = {".npz": npz, ".bvh": bvh, ".csv": csv, ".jsonl": jsonl}

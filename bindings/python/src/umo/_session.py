@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from . import _library
 from ._library import lib
+from ._model import Model, default_model
 from ._motion import Frame, Layout, Motion
 
 if TYPE_CHECKING:
@@ -84,6 +85,19 @@ class Stats(NamedTuple):
     """Samples that were no usable number and became silence."""
 
 
+class Received(NamedTuple):
+    """What came of a decoder's packets."""
+
+    packets: int
+    """Packets that were taken."""
+    late: int
+    """Packets that came after their time or a second time: they changed nothing."""
+    lost: int
+    """Chunks whose packet did not come in time."""
+    held: int
+    """Keyframes of these that no other packet said: the last one was held."""
+
+
 class Sampled(NamedTuple):
     """A pose at a time of the host's own, and which times there were to choose from."""
 
@@ -146,7 +160,8 @@ class Session(_library.Handle):
     `"text_to_motion"` needs no audio. With the `voice` `"live"` the mouth moves as the sound is heard and the body follows, for models
     that have a mouth network (`Model.has_mouth`); `"delayed"` keeps them in step. `smoothing` is the low-pass of the body's motion,
     standard deviation in frames, 0 to 1.5; `guidance` how strongly the prompt steers, 1 to 3, and `horizon` how many keyframes of
-    speech it hears ahead, with models that can. What is None is the model's default.
+    speech it hears ahead, with models that can. With `packets` chunks are given to `pull_packets` for `Decoder`s elsewhere,
+    `"beside_frames"` or `"only"`; each says `packet_history` keyframes again. What is None is the model's default.
     """
 
     temperature = Parameter[float]("temperature", "How freely codes are drawn: 0 takes the likeliest always.")
@@ -184,11 +199,15 @@ class Session(_library.Handle):
         smoothing: Optional[float] = None,
         guidance: Optional[float] = None,
         horizon: Optional[int] = None,
+        packets: Optional[str] = None,
+        packet_history: Optional[int] = None,
     ) -> None:
         self._engine = engine
         config, handle = _library.SessionConfig(), ctypes.c_void_p()
         _library.check(lib.umo_session_config_init(config, ctypes.sizeof(config), engine.model._handle))
         _library.set_fields(config, sample_rate=rate, channels=channels, target=target, lookahead=lookahead, seed=seed)
+        _library.set_fields(config, packets=None if packets is None else _library.chosen("packets", _library.PACKETS, packets))
+        _library.set_fields(config, packet_history=packet_history)
         _library.set_fields(config, idle=idle, queue_frames=queue, idle_after_ms=_ms(idle_after), ease_ms=_ms(ease))
         _library.set_fields(config, voice=None if voice is None else _library.chosen("voice", _library.VOICES, voice))
         _library.set_fields(config, smoothing=smoothing, guidance=guidance, horizon=horizon)
@@ -292,6 +311,21 @@ class Session(_library.Handle):
         layout, data = byref(self._layout.raw), frames.ctypes.data
         self._check(lib.umo_session_pull_frames(self._handle, layout, data, frames.nbytes, byref(count)))
         return self._layout.motion(frames[: count.value])
+
+    def pull_packets(self) -> list[bytes]:
+        """The packets that are ready, in order, each once, of a session made with `packets`: to be sent to `Decoder`s as they are."""
+        size, count, lengths = ctypes.c_size_t(), ctypes.c_size_t(), (ctypes.c_size_t * 16)()
+        self._check(lib.umo_session_packet_size(self._handle, byref(size)))
+        room = ctypes.create_string_buffer(max(len(lengths) * size.value, 1))
+        packets: list[bytes] = []
+        while True:
+            self._check(lib.umo_session_pull_packets(self._handle, room, len(room), lengths, len(lengths), byref(count)))
+            at = 0
+            for length in lengths[: count.value]:
+                packets.append(room.raw[at : at + length])
+                at += length
+            if count.value < len(lengths):
+                return packets
 
     def set_clock(self, seconds: float) -> None:
         """What time it is for the host, from any moment on: what moves while no frames come goes by it from then on."""
@@ -398,3 +432,61 @@ def channels_first(array: npt.NDArray[Any]) -> str:
 
 def _ms(seconds: Optional[float]) -> Optional[int]:
     return None if seconds is None else round(seconds * 1e3)
+
+
+class Decoder(Session):
+    """An avatar whose frames come of packets, where it is seen: `push_packet` takes the place of `push`, all else is a session's.
+
+    It needs no engine. The model is the sender's file at the same precision; `target`, `lookahead` and `smoothing` are the sender's.
+    `patience` is how many packets may come before one that is missing counts as lost, 0 to 4.
+    """
+
+    def __init__(
+        self,
+        model: Optional[Model] = None,
+        *,
+        axes: str = "gltf",
+        seed: Optional[int] = None,
+        target: Optional[int] = None,
+        lookahead: Optional[int] = None,
+        smoothing: Optional[float] = None,
+        patience: Optional[int] = None,
+        idle: Optional[Idle] = None,
+        idle_after: Optional[float] = None,
+        ease: Optional[float] = None,
+        queue: Optional[int] = None,
+    ) -> None:
+        self._model = model or default_model()
+        config, handle = _library.SessionConfig(), ctypes.c_void_p()
+        _library.check(lib.umo_session_config_init(config, ctypes.sizeof(config), self._model._handle))
+        _library.set_fields(config, target=target, lookahead=lookahead, seed=seed, smoothing=smoothing, patience=patience)
+        _library.set_fields(config, idle=idle, queue_frames=queue, idle_after_ms=_ms(idle_after), ease_ms=_ms(ease))
+        self._layout = Layout(self._model, axes)
+        _library.check(lib.umo_decoder_new(self._model._handle, config, byref(handle)))
+        _library.Handle.__init__(self, handle.value or 0, lib.umo_session_free)
+        self._rate, self._channels, self._axes = int(config.sample_rate), 1, _library.AXES[axes]
+
+    @property
+    def model(self) -> Model:
+        """What it decodes with."""
+        return self._model
+
+    @property
+    def engine(self) -> Engine:
+        """A decoder has none: this raises."""
+        raise AttributeError("a decoder has no engine: it computes where packets are pushed")
+
+    def push_packet(self, packet: bytes) -> None:
+        """Takes a packet of `Session.pull_packets`, in any order and any number of times.
+
+        What is no packet for this decoder is `umo.Error` with `Status.PACKET` and changes nothing; with `Status.BUSY` the queue is
+        full: pull or sample, then push it again.
+        """
+        self._check(lib.umo_decoder_push_packet(self._handle, bytes(packet), len(packet)))
+
+    @property
+    def received(self) -> Received:
+        """What came of the packets so far."""
+        stats = _library.Received(struct_size=ctypes.sizeof(_library.Received))
+        self._check(lib.umo_decoder_stats(self._handle, stats))
+        return Received(*(int(getattr(stats, name)) for name in Received._fields))

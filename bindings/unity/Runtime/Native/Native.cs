@@ -92,6 +92,12 @@ namespace Umo
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_save(IntPtr session, void* state, UIntPtr size, UIntPtr* written);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_restore(IntPtr session, void* state, UIntPtr size);
 
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_packet_size(IntPtr session, UIntPtr* size);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_pull_packets(IntPtr session, void* bytes, UIntPtr size, UIntPtr* lengths, UIntPtr most, UIntPtr* count);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_decoder_new(IntPtr model, SessionConfig* config, IntPtr* decoder);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_decoder_push_packet(IntPtr decoder, void* packet, UIntPtr size);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_decoder_stats(IntPtr decoder, Received* stats);
+
         /// <summary>A text of the library's as a string; null for zero.</summary>
         public static string Text(IntPtr text)
         {

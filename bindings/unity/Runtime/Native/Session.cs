@@ -28,8 +28,82 @@ namespace Umo
             handle = new SessionHandle(raw);
         }
 
-        /// <summary>What computes it.</summary>
+        private Session(IntPtr raw)
+        {
+            handle = new SessionHandle(raw);
+        }
+
+        /// <summary>
+        /// An avatar whose frames come of packets, where it is seen: PushPacket takes the place of PushAudio, all else is a session's. It
+        /// needs no engine. Model, Target, Lookahead and Smoothing are the sender's.
+        /// </summary>
+        public static Session Decoder(Model model, SessionConfig? config = null)
+        {
+            if (model == null) throw new ArgumentNullException(nameof(model));
+            SessionConfig used = config ?? Defaults(model);
+            IntPtr raw;
+            UmoException.Check(Native.umo_decoder_new(model.Raw, &used, &raw));
+            GC.KeepAlive(model);
+            return new Session(raw);
+        }
+
+        /// <summary>What computes it; null for a decoder.</summary>
         public Engine Engine { get; }
+
+        /// <summary>Bytes of the longest packet of a session that was made with Packets; else 0.</summary>
+        public int PacketSize
+        {
+            get
+            {
+                UIntPtr size;
+                Status status = Native.umo_session_packet_size(handle.Raw, &size);
+                GC.KeepAlive(this);
+                return status == Status.Ok ? (int)size : 0;
+            }
+        }
+
+        /// <summary>Takes the next packet into bytes, of PacketSize at least, to be sent to decoders as it is; its length, or 0 where none is ready.</summary>
+        public Status PullPacket(byte[] bytes, out int length)
+        {
+            length = 0;
+            if (bytes == null) return Status.NullPointer;
+            UIntPtr got = UIntPtr.Zero, count;
+            Status status;
+            byte none = 0;
+            fixed (byte* first = bytes)
+            {
+                byte* room = bytes.Length == 0 ? &none : first;
+                status = Native.umo_session_pull_packets(handle.Raw, room, (UIntPtr)bytes.Length, &got, (UIntPtr)1, &count);
+            }
+            GC.KeepAlive(this);
+            if (status == Status.Ok && count != UIntPtr.Zero) length = (int)got;
+            return status;
+        }
+
+        /// <summary>Takes a packet, in any order and any number of times, of a decoder's sender.</summary>
+        public Status PushPacket(byte[] packet, int length)
+        {
+            if (packet == null) return Status.NullPointer;
+            if (length < 0 || length > packet.Length) return Status.InvalidArgument;
+            Status status;
+            byte none = 0;
+            fixed (byte* first = packet)
+            {
+                status = Native.umo_decoder_push_packet(handle.Raw, packet.Length == 0 ? &none : first, (UIntPtr)length);
+            }
+            GC.KeepAlive(this);
+            return status;
+        }
+
+        /// <summary>What came of a decoder's packets.</summary>
+        public Status GetReceived(out Received stats)
+        {
+            Received found = new Received { StructSize = (uint)sizeof(Received) };
+            Status status = Native.umo_decoder_stats(handle.Raw, &found);
+            GC.KeepAlive(this);
+            stats = found;
+            return status;
+        }
 
         /// <summary>The model's own defaults: mono audio at the model's rate.</summary>
         public static SessionConfig Defaults(Model model)

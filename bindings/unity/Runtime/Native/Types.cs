@@ -29,6 +29,7 @@ namespace Umo
         Unsupported = -16,
         State = -17,
         Thread = -18,
+        Packet = -19,
     }
 
     /// <summary>Which way is up, which hand, how long a unit is.</summary>
@@ -82,6 +83,9 @@ namespace Umo
 
     /// <summary>When the mouth moves: with the body, or as the sound is heard.</summary>
     public enum Voice : uint { Delayed = 0, Live = 1 }
+
+    /// <summary>Whether chunks are given as packets, and as frames.</summary>
+    public enum Packets : uint { None = 0, BesideFrames = 1, Only = 2 }
 
     /// <summary>Which hand does a gesture.</summary>
     public enum Side : uint { Auto = 0, Left = 1, Right = 2, Both = 3 }
@@ -205,7 +209,11 @@ namespace Umo
         public float Guidance;
         /// <summary>Keyframes of audio behind a chunk that it waits for, for models that hear ahead; else 0.</summary>
         public uint Horizon;
-        public uint Reserved;
+        public Packets Packets;
+        /// <summary>Keyframes before those of its chunk that a packet says again.</summary>
+        public uint PacketHistory;
+        /// <summary>Of a decoder: packets that may come before one that is missing counts as lost, 0 to 4.</summary>
+        public uint Patience;
     }
 
     /// <summary>Where a frame's values go. Start with <see cref="Model.Layout"/>.</summary>
@@ -318,5 +326,17 @@ namespace Umo
         public ulong DroppedFrames;
         public ulong Overruns;
         public ulong Silenced;
+    }
+
+    /// <summary>What came of a decoder's packets.</summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public struct Received
+    {
+        public uint StructSize;
+        public uint Reserved;
+        public ulong Packets;
+        public ulong Late;
+        public ulong Lost;
+        public ulong Held;
     }
 }

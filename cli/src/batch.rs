@@ -1,0 +1,265 @@
+//! `umo batch`: many recordings with one model, computed together; what is done is known by content.
+//!
+//! ```text
+//! manifest ─► reader: decode, resample ─► group of --jobs lines ─► writer: files, hashes ─► results
+//! ```
+//! | module | part |
+//! |---|---|
+//! | `manifest` | the lines to do: a folder, CSV, JSON lines |
+//! | `results` | what was done, with hashes |
+
+mod manifest;
+mod results;
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::time::{Duration, Instant};
+
+use umo_core::animation::{Animation, Group};
+use umo_core::motion::clip::Clip;
+use umo_core::{ModelFile, Team};
+
+use crate::animate::{self, Maker};
+use crate::args::Batch;
+use crate::export::{self, Format};
+use crate::failure::Failure;
+use crate::{model, progress};
+use manifest::Line;
+use results::{Done, Results};
+
+/// Animates every line, and says how many failed.
+pub(crate) fn run(args: &Batch) -> Result<(), Failure> {
+    let start = Instant::now();
+    let formats = args.format.iter().map(|name| Format::parse(name)).collect::<Result<Vec<_>, _>>()?;
+    let lines = manifest::read(args, &formats)?;
+    let lines: Vec<Line> = match args.shard {
+        Some((index, count)) => lines.into_iter().filter(|line| line.number % count == index - 1).collect(),
+        None => lines,
+    };
+    let file: ModelFile = model::open(args.generate.model.as_deref())?;
+    for format in lines.iter().flat_map(|line| &line.outputs).map(|path| Format::from_extension(path)) {
+        format?.check_face(&file.config().face)?;
+    }
+    let maker = Maker::new(&args.generate, file)?;
+    let mut results = Results::open(args.results_path())?;
+    let settings = settings(args, &maker);
+    let mut bar = progress::lines(lines.len());
+    let (mut failed, mut kept, mut frames) = (0, 0, 0);
+    std::thread::scope(|scope| -> Result<(), Failure> {
+        // As many lines wait as are computed, so that no place in the group is empty.
+        let (read, ready) = sync_channel(args.jobs);
+        let (made, to_write) = sync_channel(args.jobs);
+        let (say, said) = sync_channel(args.jobs);
+        let (before, also_say) = (results.known(), say.clone());
+        let (maker, lines, settings) = (&maker, &lines, settings.as_str());
+        scope.spawn(move || read_lines(args, maker, (lines, settings), &before, &read, &also_say));
+        scope.spawn(move || write_lines(args, maker, &to_write, &say));
+        let computing = scope.spawn(move || compute(args, maker, &ready, &made));
+        // Ends when reader and writer are done, and with them the group.
+        for done in said {
+            match &done.error {
+                Some(error) => {
+                    failed += 1;
+                    bar.suspend(|| eprintln!("error: {}: {error}", done.file));
+                }
+                None if done.is_kept => kept += 1,
+                None => frames += done.frames,
+            }
+            results.add(done)?;
+            bar.advance();
+        }
+        computing.join().unwrap_or_else(|_| Err(Failure::environment("internal: the computation panicked")))
+    })?;
+    bar.finish();
+    results.finish(&lines)?;
+    let (took, rate) = (start.elapsed().as_secs_f64(), maker.model.config().frame_rate);
+    println!(
+        "{}: {} made, {kept} kept, {failed} failed; {frames} frames, {:.1} s of motion in {took:.1} s",
+        args.results_path().display(),
+        lines.len() - kept - failed,
+        frames as f64 / rate as f64
+    );
+    match failed {
+        0 => Ok(()),
+        _ => Err(Failure::Input(format!("{failed} of {} lines failed, the rest is done", lines.len()))),
+    }
+}
+
+/// Everything beside a line that its frames and files depend on.
+fn settings(args: &Batch, maker: &Maker) -> String {
+    let config = maker.avatar();
+    format!(
+        "{} {:016x} {} {:?} {} {} {} {} {} {:?} {:?} {:?} {:?} {} {:?}",
+        env!("CARGO_PKG_VERSION"),
+        maker.model.fingerprint(),
+        maker.model.isa().name(),
+        config.sampler,
+        config.target,
+        config.lookahead,
+        config.horizon,
+        config.guidance,
+        config.smoothing,
+        config.life,
+        args.generate.gesture,
+        args.generate.gesture_clip,
+        args.generate.start_pose,
+        args.figure.name(),
+        args.repair
+    )
+}
+
+/// A line that can be computed.
+struct Ready {
+    line: Line,
+    key: String,
+    animation: Animation,
+    frames: usize,
+}
+
+/// A line that was computed, or why it was not.
+struct Made {
+    line: Line,
+    key: String,
+    clip: Result<Clip, Failure>,
+    took: Duration,
+}
+
+/// Hears every line that is not done.
+fn read_lines(
+    args: &Batch,
+    maker: &Maker,
+    (lines, settings): (&[Line], &str),
+    before: &HashMap<String, Done>,
+    ready: &SyncSender<Ready>,
+    say: &SyncSender<Done>,
+) {
+    for line in lines {
+        let wrong = |key: &str, failure: &Failure| say.send(Done::failed(line, key, failure)).is_ok();
+        let key = match line.key(settings) {
+            Ok(key) => key,
+            Err(failure) if wrong("", &failure) => continue,
+            Err(_) => return,
+        };
+        if let Some(done) = before.get(&key)
+            && !args.again
+            && done.is_there(line)
+        {
+            if say.send(done.kept(line)).is_err() {
+                return;
+            }
+            continue;
+        }
+        let sent = match prepare(args, maker, line) {
+            Ok((animation, frames)) => ready.send(Ready { line: line.clone(), key, animation, frames }).is_ok(),
+            Err(failure) => wrong(&key, &failure),
+        };
+        if !sent {
+            return;
+        }
+    }
+}
+
+/// An animation of a line, with its audio.
+fn prepare(args: &Batch, maker: &Maker, line: &Line) -> Result<(Animation, usize), Failure> {
+    let wav = animate::speech(&line.file, args.repair)?;
+    let (samples, frames) = maker.hear(&line.file, &wav)?;
+    let team = Team::new(1).map_err(Failure::environment)?;
+    let start_pose = line.start_pose.as_deref().or(args.generate.start_pose.as_deref());
+    let (seed, prompt) = (line.seed.unwrap_or(args.generate.seed), line.prompt.as_deref());
+    let mut animation = maker.animation_with(&team, "audio_to_motion", prompt, seed, start_pose)?;
+    if let Some((mood, strength)) = line.mood {
+        animation.set_mood(mood, strength).map_err(Failure::input)?;
+    }
+    animation.push_audio(&samples)?;
+    animation.finish(frames);
+    Ok((animation, frames))
+}
+
+/// A line in the group.
+struct Place {
+    line: Line,
+    key: String,
+    clip: Clip,
+    frames: usize,
+    start: Instant,
+}
+
+/// Computes lines together, a full group at a time as long as there are enough.
+fn compute(args: &Batch, maker: &Maker, ready: &Receiver<Ready>, made: &SyncSender<Made>) -> Result<(), Failure> {
+    let (model, cx) = (&maker.model, maker.compute());
+    let mut group = Group::new(model, args.jobs);
+    let mut places: Vec<Place> = Vec::new();
+    let mut is_over = false;
+    let leave = |group: &mut Group, places: &mut Vec<Place>, index: usize, failure: Option<Failure>| {
+        group.remove(index);
+        let Place { line, key, clip, frames, start } = places.swap_remove(index);
+        let is_whole = clip.len() == frames;
+        let clip = match failure {
+            Some(failure) => Err(failure),
+            None if is_whole => Ok(clip),
+            None => Err(Failure::environment("internal: the animation ended early")),
+        };
+        made.send(Made { line, key, clip, took: start.elapsed() }).map_err(|_| Failure::environment("no writer"))
+    };
+    loop {
+        while !group.is_full() && !is_over {
+            match ready.recv() {
+                Ok(Ready { line, key, animation, frames }) => {
+                    group.add(animation);
+                    let clip = Clip::new(model.config());
+                    places.push(Place { line, key, clip, frames, start: Instant::now() });
+                }
+                Err(_) => is_over = true,
+            }
+        }
+        if group.is_empty() {
+            return Ok(());
+        }
+        let stepped = group.step(model, cx, &mut |index, frame| places[index].clip.push(frame.pose, frame.face));
+        match stepped {
+            // The last first: those before it keep their numbers.
+            Ok(failed) => {
+                for (index, error) in failed.into_iter().rev() {
+                    leave(&mut group, &mut places, index, Some(error.into()))?;
+                }
+            }
+            Err(error) => {
+                for index in (0..group.len()).rev() {
+                    leave(&mut group, &mut places, index, Some(error.into()))?;
+                }
+            }
+        }
+        for index in (0..group.len()).rev() {
+            if group.is_done(model, index) {
+                leave(&mut group, &mut places, index, None)?;
+            }
+        }
+    }
+}
+
+/// Writes the files of every line that was computed.
+fn write_lines(args: &Batch, maker: &Maker, made: &Receiver<Made>, say: &SyncSender<Done>) {
+    let rate = maker.model.config().frame_rate;
+    for Made { line, key, clip, took } in made {
+        let written = clip.and_then(|clip| {
+            write(&line.outputs, &clip, args)?;
+            Done::made(&line, &key, clip.len(), rate, took)
+        });
+        let done = written.unwrap_or_else(|failure| Done::failed(&line, &key, &failure));
+        if say.send(done).is_err() {
+            return;
+        }
+    }
+}
+
+fn write(outputs: &[PathBuf], clip: &Clip, args: &Batch) -> Result<(), Failure> {
+    for path in outputs {
+        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        std::fs::create_dir_all(folder)
+            .map_err(|cause| Failure::environment(format!("cannot make `{}`: {cause}", folder.display())))?;
+        let output = export::Output::create(path, Format::from_extension(path)?)?;
+        output.write(clip, args.figure).map_err(Failure::environment)?;
+    }
+    Ok(())
+}

@@ -1,0 +1,227 @@
+//! The lines of a batch.
+
+use std::collections::HashSet;
+use std::fs::File;
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+use sha2::{Digest, Sha256};
+use umo_core::Mood;
+
+use super::results::file_hash;
+use crate::args::Batch;
+use crate::export::Format;
+use crate::failure::Failure;
+
+/// Extensions of recordings in a folder.
+const RECORDINGS: [&str; 9] = ["wav", "wave", "flac", "mp3", "ogg", "oga", "m4a", "mp4", "aac"];
+
+/// A recording to animate.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Line {
+    /// Its place in the manifest, from 0.
+    pub(super) number: usize,
+    pub(super) file: PathBuf,
+    pub(super) outputs: Vec<PathBuf>,
+    pub(super) seed: Option<u64>,
+    pub(super) prompt: Option<String>,
+    pub(super) mood: Option<(Mood, f32)>,
+    pub(super) start_pose: Option<PathBuf>,
+    pub(super) speaker: Option<String>,
+}
+
+impl Line {
+    /// What its files depend on, as a hash: contents, not names and dates.
+    pub(super) fn key(&self, settings: &str) -> Result<String, Failure> {
+        let mut hash = Sha256::new();
+        let mut add = |field: &str| {
+            hash.update((field.len() as u64).to_le_bytes());
+            hash.update(field);
+        };
+        add(settings);
+        add(&file_hash(&self.file)?);
+        add(&self.start_pose.as_deref().map(file_hash).transpose()?.unwrap_or_default());
+        add(&format!("{:?} {:?} {:?}", self.seed, self.prompt, self.mood));
+        for output in &self.outputs {
+            add(&output.to_string_lossy());
+        }
+        Ok(data_encoding::HEXLOWER.encode(&hash.finalize()))
+    }
+}
+
+/// A line as a manifest has it.
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Row {
+    file: String,
+    #[serde(default)]
+    output: Outputs,
+    #[serde(default)]
+    seed: Option<u64>,
+    #[serde(default)]
+    prompt: Option<String>,
+    #[serde(default)]
+    mood: Option<String>,
+    #[serde(default)]
+    start_pose: Option<String>,
+    #[serde(default)]
+    speaker: Option<String>,
+}
+
+/// One file, several, or in CSV several with semicolons between.
+#[derive(Debug, Deserialize)]
+#[serde(untagged)]
+enum Outputs {
+    One(String),
+    Several(Vec<String>),
+}
+
+impl Default for Outputs {
+    fn default() -> Self {
+        Self::Several(Vec::new())
+    }
+}
+
+/// The lines of a folder or a manifest, each with its outputs; checked before any work.
+pub(super) fn read(args: &Batch, formats: &[Format]) -> Result<Vec<Line>, Failure> {
+    let input = &args.input;
+    let wrong = |cause: std::io::Error| Failure::input(format!("{}: {cause}", input.display()));
+    let is_folder = std::fs::metadata(input).map_err(wrong)?.is_dir();
+    let (base, rows) = if is_folder {
+        let mut rows = Vec::new();
+        folder(input, input, &mut rows).map_err(wrong)?;
+        (input.as_path(), rows)
+    } else {
+        (input.parent().unwrap_or(Path::new("")), manifest(input)?)
+    };
+    if rows.is_empty() {
+        return Err(Failure::input(format!("{}: there is no recording", input.display())));
+    }
+    let mut lines = Vec::with_capacity(rows.len());
+    let mut taken = HashSet::new();
+    for (number, row) in rows.into_iter().enumerate() {
+        let line = line(number, row, base, args, formats)
+            .map_err(|problem| Failure::input(format!("{}: line {}: {problem}", input.display(), number + 1)))?;
+        for output in &line.outputs {
+            if !taken.insert(output.clone()) {
+                let problem = format!("`{}` is the output of two lines", output.display());
+                return Err(Failure::input(format!("{}: line {}: {problem}", input.display(), number + 1)));
+            }
+        }
+        lines.push(line);
+    }
+    Ok(lines)
+}
+
+/// The recordings of a folder and those in it, by name.
+fn folder(root: &Path, folder_path: &Path, rows: &mut Vec<Row>) -> std::io::Result<()> {
+    let mut entries = std::fs::read_dir(folder_path)?.collect::<Result<Vec<_>, _>>()?;
+    entries.sort_by_key(std::fs::DirEntry::file_name);
+    for entry in entries {
+        let path = entry.path();
+        if entry.file_type()?.is_dir() {
+            folder(root, &path, rows)?;
+        } else if path.extension().is_some_and(|end| RECORDINGS.iter().any(|known| end.eq_ignore_ascii_case(known))) {
+            let name = path.strip_prefix(root).unwrap_or(&path);
+            rows.push(Row { file: name.to_string_lossy().into_owned(), ..Row::default() });
+        }
+    }
+    Ok(())
+}
+
+fn manifest(path: &Path) -> Result<Vec<Row>, Failure> {
+    let wrong = |problem: String| Failure::input(format!("{}: {problem}", path.display()));
+    let file = File::open(path).map_err(|cause| wrong(cause.to_string()))?;
+    let extension = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    match extension.as_str() {
+        "csv" => {
+            let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(file);
+            reader.deserialize().map(|row| row.map_err(|error| wrong(error.to_string()))).collect()
+        }
+        "jsonl" | "ndjson" => {
+            let mut rows = Vec::new();
+            for (number, line) in BufReader::new(file).lines().enumerate() {
+                let line = line.map_err(|cause| wrong(cause.to_string()))?;
+                if !line.trim().is_empty() {
+                    let row = serde_json::from_str(&line);
+                    rows.push(row.map_err(|error| wrong(format!("line {}: {error}", number + 1)))?);
+                }
+            }
+            Ok(rows)
+        }
+        _ => Err(wrong("expected a folder, or a manifest that ends in .csv or .jsonl".to_owned())),
+    }
+}
+
+fn line(number: usize, row: Row, base: &Path, args: &Batch, formats: &[Format]) -> Result<Line, String> {
+    let some = |text: Option<String>| text.filter(|text| !text.is_empty());
+    let out = args.output.as_deref().unwrap_or(base);
+    let names: Vec<String> = match row.output {
+        Outputs::One(text) => {
+            text.split(';').map(|name| name.trim().to_owned()).filter(|name| !name.is_empty()).collect()
+        }
+        Outputs::Several(names) => names,
+    };
+    let outputs: Vec<PathBuf> = if names.is_empty() {
+        let own = Path::new(&row.file);
+        // A recording elsewhere goes by its name alone.
+        let is_inside = own.is_relative() && !own.components().any(|part| part == std::path::Component::ParentDir);
+        let own = if is_inside { own } else { Path::new(own.file_name().unwrap_or_default()) };
+        formats.iter().map(|format| out.join(own).with_extension(format.name())).collect()
+    } else {
+        names.iter().map(|name| out.join(name)).collect()
+    };
+    for output in &outputs {
+        Format::from_extension(output).map_err(|error| error.to_string())?;
+    }
+    let speaker = some(row.speaker);
+    let mood = some(row.mood).map(|text| mood(&text)).transpose()?;
+    Ok(Line {
+        number,
+        file: base.join(&row.file),
+        outputs,
+        seed: row.seed.or_else(|| speaker.as_deref().map(seed_of)),
+        prompt: some(row.prompt),
+        mood,
+        start_pose: some(row.start_pose).map(|path| base.join(path)),
+        speaker,
+    })
+}
+
+/// The seed of a speaker's lines that name none: the same habits in each of them.
+fn seed_of(speaker: &str) -> u64 {
+    let hash = Sha256::digest(speaker);
+    hash[..8].iter().fold(0, |seed, &byte| seed << 8 | u64::from(byte))
+}
+
+/// `joy`, or `joy=0.5`.
+fn mood(text: &str) -> Result<(Mood, f32), String> {
+    let (name, strength) = text.split_once('=').map_or((text, "1"), |(name, strength)| (name.trim(), strength.trim()));
+    let found = Mood::ALL.into_iter().find(|mood| mood.name().eq_ignore_ascii_case(name));
+    let known = || Mood::ALL.map(Mood::name).join(", ");
+    let mood = found.ok_or_else(|| format!("no mood is called `{name}`; there are {}", known()))?;
+    match strength.parse() {
+        Ok(strength) if (0.0..=1.0).contains(&strength) => Ok((mood, strength)),
+        _ => Err(format!("mood `{text}`: expected a strength of 0 to 1")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn moods_have_names_and_strengths() {
+        assert_eq!(mood("joy"), Ok((Mood::Joy, 1.0)));
+        assert_eq!(mood("Sad = 0.25"), Ok((Mood::Sad, 0.25)));
+        assert!(mood("happy").unwrap_err().contains("joy"));
+        assert!(mood("joy=2").unwrap_err().contains("0 to 1"));
+    }
+
+    #[test]
+    fn a_speaker_has_a_seed() {
+        assert_eq!(seed_of("ada"), seed_of("ada"));
+        assert_ne!(seed_of("ada"), seed_of("bob"));
+    }
+}

@@ -1,0 +1,172 @@
+//! `umo batch`: folders and manifests, resuming, failures, shards, and the same bits as one by one.
+
+use std::collections::BTreeMap;
+
+use super::program::{Folder, golden, umo};
+
+/// Results by the recording's name.
+fn results(bytes: &[u8]) -> BTreeMap<String, serde_json::Value> {
+    let text = String::from_utf8(bytes.to_vec()).unwrap();
+    let lines = text.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap());
+    lines.map(|line| (line["file"].as_str().unwrap().rsplit('/').next().unwrap().to_owned(), line)).collect()
+}
+
+#[test]
+fn a_folder_is_animated_and_what_is_done_is_kept() {
+    let (folder, model) = (Folder::new(), golden("mel_k2_arkit"));
+    let speech = folder.speech();
+    let bytes = std::fs::read(&speech).unwrap();
+    std::fs::create_dir_all(folder.at("lines/deep")).unwrap();
+    for name in ["lines/a.wav", "lines/deep/b.wav", "lines/c.WAV"] {
+        std::fs::write(folder.at(name), &bytes).unwrap();
+    }
+    std::fs::write(folder.at("lines/notes.txt"), "no recording").unwrap();
+    for name in ["hello.flac", "hello.mp3", "hello.ogg", "hello.m4a"] {
+        let from = format!("{}/../audio-file/test-files/{name}", env!("CARGO_MANIFEST_DIR"));
+        std::fs::copy(from, folder.at(&format!("lines/{}-{name}", &name[6..]))).unwrap();
+    }
+    let (lines, out) = (folder.at("lines"), folder.at("out"));
+    let batch = ["batch", &lines, "-o", &out, "--model", &model, "--format", "jsonl,csv", "--jobs", "3"];
+    let ended = umo(&batch).success();
+    assert!(ended.out.contains("7 made, 0 kept, 0 failed"), "{}", ended.out);
+    // The bits of one by one.
+    for recording in ["a.wav", "deep/b.wav", "flac-hello.flac", "ogg-hello.ogg"] {
+        let (alone, name) = (folder.at("alone.jsonl"), recording.split_once('.').unwrap().0);
+        umo(&["animate", &folder.at(&format!("lines/{recording}")), "--model", &model, "-o", &alone]).success();
+        assert!(folder.read("alone.jsonl") == folder.read(&format!("out/{name}.jsonl")), "{name}");
+    }
+    let first = folder.read("out/results.jsonl");
+    let done = results(&first);
+    assert_eq!(done.len(), 7);
+    assert_eq!(done["a.wav"]["frames"], 16);
+    assert_eq!(done["a.wav"]["outputs"].as_array().unwrap().len(), 2);
+    assert_eq!(done["a.wav"]["outputs"][0]["sha256"].as_str().unwrap().len(), 64);
+
+    // Again: nothing to do. Another date is no other content; another content is.
+    let ended = umo(&batch).success();
+    assert!(ended.out.contains("0 made, 7 kept, 0 failed"), "{}", ended.out);
+    assert!(folder.read("out/results.jsonl") == first);
+    std::fs::write(folder.at("lines/a.wav"), &bytes).unwrap();
+    std::fs::write(folder.at("out/deep/b.csv"), "changed").unwrap();
+    let ended = umo(&batch).success();
+    assert!(ended.out.contains("1 made, 6 kept, 0 failed"), "{}", ended.out);
+    assert!(folder.read("out/deep/b.csv").starts_with(b"Timecode"));
+    let ended = umo(&[&batch[..], &["--seed", "7"]].concat()).success();
+    assert!(ended.out.contains("7 made, 0 kept, 0 failed"), "{}", ended.out);
+}
+
+#[test]
+fn manifests_say_how_each_line_is_made() {
+    let (folder, model) = (Folder::new(), golden("mel_k2_arkit"));
+    folder.speech();
+    folder.file(
+        "lines.csv",
+        b"file,output,seed,mood,speaker\n\
+          speech.wav,a.jsonl;a.bvh,5,,\n\
+          speech.wav,b.jsonl,,joy=0.5,ada\n\
+          speech.wav,c.jsonl,,joy=0.5,ada\n\
+          speech.wav,d.jsonl,,,bob\n\
+          missing.wav,e.jsonl,,,\n",
+    );
+    folder.file("broken.wav", b"RIFF");
+    let rows = [
+        r#"{"file": "speech.wav", "output": ["a.jsonl", "a.bvh"], "seed": 5}"#,
+        "",
+        r#"{"file": "speech.wav", "output": "b.jsonl", "mood": "joy=0.5", "speaker": "ada"}"#,
+        r#"{"file": "broken.wav"}"#,
+    ];
+    folder.file("lines.jsonl", rows.join("\n").as_bytes());
+    let run = |manifest: &str, out: &str, more: &[&str]| {
+        let (manifest, out) = (folder.at(manifest), folder.at(out));
+        umo(&[&["batch", &manifest, "-o", &out, "--model", &model, "--format", "npz"], more].concat())
+    };
+    let ended = run("lines.csv", "csv", &[]);
+    // The rest is done, and what failed is named.
+    assert_eq!(ended.code, 2);
+    assert!(ended.err.contains("missing.wav") && ended.err.contains("1 of 5 lines failed"), "{}", ended.err);
+    assert!(ended.out.contains("4 made, 0 kept, 1 failed"), "{}", ended.out);
+    let frames = |name: &str| folder.read(&format!("csv/{name}.jsonl"));
+    let alone = folder.at("alone.jsonl");
+    umo(&["animate", &folder.at("speech.wav"), "--model", &model, "--seed", "5", "-o", &alone]).success();
+    assert!(frames("a") == folder.read("alone.jsonl"));
+    assert!(frames("b") == frames("c") && frames("b") != frames("d") && frames("b") != frames("a"));
+    assert!(folder.read("csv/a.bvh").starts_with(b"HIERARCHY"));
+    let text = String::from_utf8(folder.read("csv/results.jsonl")).unwrap();
+    let lines: Vec<serde_json::Value> = text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert_eq!(lines.iter().map(|line| line["line"].as_u64().unwrap()).collect::<Vec<_>>(), [1, 2, 3, 4, 5]);
+    assert_eq!((&lines[1]["speaker"], &lines[3]["speaker"]), (&"ada".into(), &"bob".into()));
+    assert!(lines[4]["error"].as_str().unwrap().contains("missing.wav"));
+
+    let ended = run("lines.jsonl", "jsonl", &[]);
+    assert!(ended.code == 2 && ended.err.contains("broken.wav"), "{}", ended.err);
+    for name in ["a.jsonl", "a.bvh", "b.jsonl"] {
+        assert!(folder.read(&format!("jsonl/{name}")) == folder.read(&format!("csv/{name}")), "{name}");
+    }
+    assert!(!folder.names().iter().any(|name| name.contains("broken.npz")));
+}
+
+#[test]
+fn shards_are_all_lines_once() {
+    let (folder, tiny) = (Folder::new(), Folder::new());
+    let model = tiny.tiny("tiny.safetensors", &[]);
+    folder.speech();
+    let rows: Vec<String> =
+        (0..20).map(|i| format!(r#"{{"file": "speech.wav", "output": "{i}.npz", "seed": {i}}}"#)).collect();
+    folder.file("lines.jsonl", rows.join("\n").as_bytes());
+    let (manifest, out) = (folder.at("lines.jsonl"), folder.at("out"));
+    let mut lines = Vec::new();
+    for shard in ["1/3", "2/3", "3/3"] {
+        umo(&["batch", &manifest, "-o", &out, "--model", &model, "--shard", shard]).success();
+        let name = format!("out/results-{}.jsonl", shard.replace('/', "-of-"));
+        let text = String::from_utf8(folder.read(&name)).unwrap();
+        lines.extend(
+            text.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap()["line"].as_u64().unwrap()),
+        );
+    }
+    lines.sort_unstable();
+    assert_eq!(lines, (1..=20).collect::<Vec<u64>>());
+    assert_eq!(std::fs::read_dir(&out).unwrap().count(), 20 + 3);
+}
+
+#[test]
+fn a_thousand_lines() {
+    let (folder, tiny) = (Folder::new(), Folder::new());
+    let model = tiny.tiny("tiny.safetensors", &[]);
+    folder.speech();
+    let rows: Vec<String> =
+        (0..1000).map(|i| format!(r#"{{"file": "speech.wav", "output": "{i}.bvh", "seed": {i}}}"#)).collect();
+    folder.file("lines.jsonl", rows.join("\n").as_bytes());
+    let (manifest, out) = (folder.at("lines.jsonl"), folder.at("out"));
+    let batch = ["batch", &manifest, "-o", &out, "--model", &model, "--jobs", "16"];
+    let ended = umo(&batch).success();
+    assert!(ended.out.contains("1000 made, 0 kept, 0 failed; 16000 frames"), "{}", ended.out);
+    // As after a run that was ended in the middle of a line: the last result is cut, a file is missing.
+    let all = folder.read("out/results.jsonl");
+    std::fs::write(folder.at("out/results.jsonl"), &all[..all.len() - 40]).unwrap();
+    std::fs::remove_file(folder.at("out/500.bvh")).unwrap();
+    let ended = umo(&batch).success();
+    assert!(ended.out.contains("2 made, 998 kept, 0 failed"), "{}", ended.out);
+}
+
+#[test]
+fn wrong_manifests_are_refused_before_any_work() {
+    let (folder, model) = (Folder::new(), golden("mel_k2_arkit"));
+    folder.speech();
+    let refused = |name: &str, text: &str, more: &[&str], word: &str| {
+        let manifest = folder.file(name, text.as_bytes());
+        let ended = umo(&[&["batch", &manifest, "--model", &model], more].concat());
+        assert!(ended.code == 2 && ended.err.contains(word), "{text}: {}", ended.err);
+    };
+    refused("a.jsonl", r#"{"file": "speech.wav", "moood": "joy"}"#, &[], "moood");
+    refused("a.jsonl", r#"{"file": "speech.wav", "mood": "happy"}"#, &[], "no mood is called `happy`");
+    refused("a.jsonl", r#"{"file": "speech.wav", "output": "x.fbx"}"#, &[], "fbx");
+    refused("a.jsonl", "", &[], "no recording");
+    refused("a.csv", "file,output\nspeech.wav,a.glb\nspeech.wav,a.glb\n", &[], "output of two lines");
+    refused("a.csv", "recording\nspeech.wav\n", &[], "recording");
+    refused("a.txt", "speech.wav", &[], ".csv or .jsonl");
+    refused("a.csv", "file\nspeech.wav\n", &["--shard", "4/3"], "I/N");
+    refused("a.csv", "file\nspeech.wav\n", &["--jobs", "0"], "1 to 64");
+    refused("a.csv", "file\nspeech.wav\n", &["--format", "fbx"], "fbx");
+    assert!(umo(&["batch", &folder.at("nowhere")]).err.contains("nowhere"));
+    assert!(folder.names().iter().all(|name| !name.ends_with(".glb")), "{:?}", folder.names());
+}

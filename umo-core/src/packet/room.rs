@@ -1,0 +1,65 @@
+//! The sending side: a packet of the chunk that was computed last.
+
+use super::{PacketHead, PacketLayout, level_byte};
+use crate::avatar::{Avatar, Due};
+use crate::config::Config;
+use crate::error::StepError;
+use crate::life::Levels;
+use crate::memory::filled;
+
+/// Room for what a packet says.
+#[derive(Debug)]
+pub(crate) struct PacketRoom {
+    levels: Box<[u8]>,
+    codes: Box<[u16]>,
+}
+
+impl PacketRoom {
+    /// For any avatar of a model.
+    pub(crate) fn new(config: &Config) -> Self {
+        let count = config.prefix * config.codes_per_keyframe();
+        Self { levels: filled(0, config.prefix).into(), codes: filled(0, count).into() }
+    }
+
+    /// Writes the packet of what `stepped` has computed into `out`, with up to `history` keyframes
+    /// before its own said again; its length, or none where nothing was computed. Never allocates.
+    #[expect(clippy::too_many_arguments, reason = "an avatar, what was computed of it, and where it goes")]
+    pub(crate) fn write(
+        &mut self,
+        avatar: &Avatar,
+        config: &Config,
+        layout: &PacketLayout,
+        stepped: Due,
+        (stream, history): (u8, usize),
+        levels: &Levels,
+        out: &mut [u8],
+    ) -> Result<Option<usize>, StepError> {
+        let keyframes = match stepped {
+            Due::Chunk => avatar.target,
+            Due::Flush => 0,
+            Due::Audio | Due::Nothing => return Ok(None),
+        };
+        // What the stream has said, where it is shorter than that.
+        let done = usize::try_from(avatar.chunk).unwrap_or(usize::MAX).saturating_mul(avatar.target) - keyframes;
+        let history = history.min(config.prefix - keyframes).min(done);
+        let is_last = avatar.total.is_some() && Some(avatar.chunk) >= avatar.chunks(config);
+        let sequence = avatar.chunk - if keyframes > 0 { 1 } else { 0 };
+        let head = PacketHead {
+            stream,
+            sequence: u32::try_from(sequence).unwrap_or(u32::MAX),
+            sample: sequence * (avatar.target * config.samples_per_keyframe()) as u64,
+            root: avatar.motion.place(),
+            keyframes,
+            history,
+            total: avatar.total.filter(|_| is_last).map(|total| u32::try_from(total).unwrap_or(u32::MAX)),
+        };
+        let heard = &mut self.levels[..keyframes];
+        for (i, level) in heard.iter_mut().enumerate() {
+            let first = (sequence * avatar.target as u64 + i as u64) * config.keyframe_stride as u64;
+            *level = level_byte(levels.mean(first, config.keyframe_stride));
+        }
+        let codes = &mut self.codes[..(history + keyframes) * layout.codes()];
+        avatar.history.last(history + keyframes, codes);
+        layout.encode(&head, heard, codes, out).map(Some)
+    }
+}

@@ -1,0 +1,194 @@
+//! Sessions whose frames come of packets (SPEC 2.18).
+//!
+//! ```text
+//!  network thread                        game thread
+//!  push_packet ──► decoder ──ring──►     pull_frames, sample_pose
+//! ```
+//! The chunk is computed where its packet is pushed. All that follows the ring is that of a session
+//! with an engine: layers, what moves while no frames come, gains, gestures.
+
+use std::sync::atomic::Ordering;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use super::shared::{SessionInit, Shared, try_lock};
+use super::{Session, SessionConfig, SessionError, Source, Voice};
+use crate::audio::resample::Resampler;
+use crate::clock::Clock;
+use crate::engine::EngineError;
+use crate::error::LoadError;
+use crate::life::Cue;
+use crate::linear::Compute;
+use crate::memory::{self, Arena};
+use crate::model::Model;
+use crate::motion::FrameRef;
+use crate::packet::{Decoder, PacketError, PacketSink, Received};
+use crate::stream::{Epoch, Stamp};
+use crate::team::Team;
+
+/// The call, as [`SessionError::Busy`] names it.
+const PUSH: &str = "push_packet";
+
+/// The side that takes packets.
+#[derive(Debug)]
+pub(super) struct Receiver {
+    model: Arc<Model>,
+    decoder: Decoder,
+    team: Team,
+    /// The epoch that the frames are of.
+    epoch: Epoch,
+    /// Frames from a stream's last one to the next stream's first.
+    ease: u16,
+}
+
+/// Where its frames go.
+struct Frames<'a> {
+    shared: &'a Shared,
+    epoch: &'a mut Epoch,
+    ease: u16,
+    count: u64,
+}
+
+impl PacketSink for Frames<'_> {
+    fn room(&self) -> usize {
+        self.shared.link.frames.room()
+    }
+
+    fn begin(&mut self) {
+        let link = &self.shared.link;
+        link.begin_epoch(|epoch| epoch.interrupted(self.ease));
+        *self.epoch = link.epoch();
+        link.start_input(*self.epoch, 0);
+    }
+
+    fn frame(&mut self, frame: FrameRef, level: f32) {
+        let index = frame.index as u64;
+        let stamp = Stamp { epoch: self.epoch.number, index, sample: self.shared.sample_of(index) };
+        let written = self.shared.link.frames.push(stamp, Cue::of(&frame, level), frame.pose, frame.face);
+        debug_assert!(written, "a packet is taken only where its frames have room");
+        self.count += 1;
+    }
+}
+
+impl Session {
+    /// A session whose frames come of packets: [`Self::push_packet`] takes the place of audio, and
+    /// everything that shows frames or changes them is as in a session with an engine. It needs no
+    /// engine, and a small part of the processor's time.
+    ///
+    /// Of `config` target, lookahead and smoothing are the sender's; patience, layers, gestures,
+    /// idle mode, ease and queue are its own. Everything that it will need is allocated here.
+    ///
+    /// # Errors
+    /// [`EngineError`] where a number is out of range, or the voice is live.
+    pub fn decoder(model: &Arc<Model>, config: &SessionConfig) -> Result<Self, EngineError> {
+        memory::catch(|| Self::make_decoder(model, config))?
+    }
+
+    fn make_decoder(model: &Arc<Model>, config: &SessionConfig) -> Result<Self, EngineError> {
+        let mut config = config.clone();
+        if config.voice != Voice::Delayed || config.packets.is_some() {
+            let what = "a decoder has neither a live voice nor packets of its own";
+            return Err(LoadError::config("voice", what).into());
+        }
+        // It hears nothing.
+        (config.sample_rate, config.channels) = (model.config.audio.sample_rate, 1);
+        let decoder = Decoder::new(model, &config.avatar, config.patience)?;
+        // What waits for the host, and what a packet brings after losses.
+        config.queue_frames += decoder.most_frames();
+        let rest = model.rest().map_err(EngineError::Rest)?;
+        let arena = Arena::system();
+        let rate = model.config.audio.sample_rate;
+        let init = SessionInit {
+            model,
+            assembly: model.motion.assembly(),
+            rest: &rest,
+            chunk_frames: config.avatar.target * model.config.keyframe_stride + config.avatar.held_back(),
+            has_audio: false,
+            clock: Clock::system(),
+            signal: Arc::default(),
+            resampler: Resampler::new_in(rate, rate, None, &arena),
+            is_decoder: true,
+            arena: &arena,
+        };
+        let receiver = Receiver {
+            model: Arc::clone(model),
+            decoder,
+            team: Team::new(1).map_err(EngineError::Thread)?,
+            epoch: Epoch::default(),
+            ease: frames_of(config.ease, model.config.frame_rate),
+        };
+        let shared = arena.counted(Shared::new(init, &config)?);
+        Ok(Self { shared, source: Source::Packets(Box::new(Mutex::new(receiver))), state_size: 0 })
+    }
+
+    fn receiver(&self) -> Result<&Mutex<Receiver>, SessionError> {
+        match &self.source {
+            Source::Packets(receiver) => Ok(receiver),
+            Source::Engine(_) => Err(SessionError::Range("packets are for decoders; this session takes audio")),
+        }
+    }
+
+    /// Takes a packet, in any order and any number of times, and computes the frames that it makes
+    /// final. What has no packet when a later one comes is made up for.
+    ///
+    /// Meant for the thread that receives: never allocates, waits for nobody, and takes the time of
+    /// a chunk's motion decoders.
+    ///
+    /// # Errors
+    /// [`SessionError::Packet`]: bytes that are no packet of this model and these settings, and
+    /// packets that there is no room for, change nothing. [`SessionError::Busy`] where another thread
+    /// pushes; [`SessionError::Range`] for a session with an engine.
+    pub fn push_packet(&self, bytes: &[u8]) -> Result<(), SessionError> {
+        let shared = &*self.shared;
+        shared.check()?;
+        let mut receiver = try_lock(self.receiver()?).ok_or(SessionError::Busy(PUSH))?;
+        let Receiver { model, decoder, team, epoch, ease } = &mut *receiver;
+        let present = shared.link.epoch();
+        if present != *epoch {
+            // The host has reset it: it joins the stream at the packet that comes.
+            decoder.reset();
+            *epoch = present;
+            shared.link.start_input(present, 0);
+        }
+        let cx = Compute { isa: model.isa, team };
+        let taken = decoder.received().packets;
+        let mut frames = Frames { shared, epoch, ease: *ease, count: 0 };
+        let pushed = decoder.push_to(model, cx, bytes, &mut frames);
+        let count = frames.count;
+        shared.stats.frames.fetch_add(count, Ordering::Relaxed);
+        if decoder.received().packets > taken {
+            shared.stats.chunks.fetch_add(1, Ordering::Relaxed);
+            shared.heard.store(shared.now(), Ordering::Relaxed);
+        }
+        match pushed {
+            Ok(()) => {
+                if let Some(total) = decoder.total() {
+                    shared.link.end_input(total.into(), shared.clock.nanos());
+                }
+                Ok(())
+            }
+            Err(error) => {
+                // What was computed of the stream is in no defined state: it is joined anew.
+                if let PacketError::Step(_) = error {
+                    decoder.reset();
+                }
+                Err(SessionError::Packet(error))
+            }
+        }
+    }
+
+    /// What came of the packets so far.
+    ///
+    /// # Errors
+    /// [`SessionError::Busy`] where another thread pushes; [`SessionError::Range`] for a session with
+    /// an engine.
+    pub fn received(&self) -> Result<Received, SessionError> {
+        Ok(try_lock(self.receiver()?).ok_or(SessionError::Busy(PUSH))?.decoder.received())
+    }
+}
+
+/// Frames that a time lasts.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to 16 bits")]
+pub(super) fn frames_of(time: Duration, frame_rate: usize) -> u16 {
+    (time.as_secs_f64() * frame_rate as f64).ceil().min(f64::from(u16::MAX)) as u16
+}
