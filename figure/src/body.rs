@@ -146,7 +146,7 @@ pub(super) fn top(rest: &Rest, look: &Look) -> Piece {
             0.017 * s
         }
     });
-    let z = planes(neck[2] - 0.17 * s, neck[2] + 0.21 * s, |_| 0.0135 * s);
+    let z = planes(neck[2] - 0.17 * s, neck[2] + 0.21 * s, |_| 0.0144 * s);
     Piece { solid, grid: Grid([x, y, z]) }
 }
 

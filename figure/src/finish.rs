@@ -16,7 +16,7 @@ impl Finish {
     pub(crate) const NAIL: Self = Self::of(82);
     pub(crate) const HAIR: Self = Self::of(128);
     pub(crate) const EYE: Self = Self::of(26);
-    pub(crate) const TEETH: Self = Self::of(72);
+    pub(crate) const TEETH: Self = Self::of(110);
     pub(crate) const TONGUE: Self = Self::of(90);
     pub(crate) const LEATHER: Self = Self::of(118);
     pub(crate) const RUBBER: Self = Self::of(200);

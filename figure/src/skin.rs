@@ -175,7 +175,7 @@ pub(super) fn upper(rest: &Rest) -> Skin {
                 rest,
                 side,
                 (&["shoulder"], "elbow", "wrist"),
-                &[(0.02, "elbow_swing"), (0.24, "elbow_twist"), (0.50, "elbow"), (0.76, "wrist_twist")],
+                &[(0.12, "elbow_swing"), (0.32, "elbow_twist"), (0.54, "elbow"), (0.78, "wrist_twist")],
             )
             .spread(
                 rest,

@@ -99,7 +99,7 @@ pub(super) fn add_ear(sheet: &mut Sheet, base: &Base) {
         .with(egg(over(0.0075, -0.0035, 0.0055), [0.0030, 0.0050, 0.0026]), Union(0.0040));
     let range = |axis: usize, reach: f32, step: f32| planes(root[axis] - reach, root[axis] + reach, |_| step);
     let part =
-        nets::surface(&solid, &Grid([range(0, 0.024, 0.0030), range(1, 0.040, 0.0036), range(2, 0.030, 0.0031)]));
+        nets::surface(&solid, &Grid([range(0, 0.024, 0.0028), range(1, 0.040, 0.0031), range(2, 0.030, 0.0028)]));
     let first = sheet.vertices.len();
     for (&place, &normal) in part.positions.iter().zip(&part.normals) {
         // The ear stands off the head behind.

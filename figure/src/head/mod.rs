@@ -25,7 +25,7 @@ mod hair;
 mod lids;
 mod lips;
 mod mouth;
-mod shapes;
+pub(crate) mod shapes;
 mod sheet;
 
 /// What a vertex belongs to, and what its shapes need to know of it.

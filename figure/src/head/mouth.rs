@@ -262,7 +262,7 @@ fn row_of_teeth(sheet: &mut Sheet, widths: &[f32; TEETH_IN_ROW], front: f32, [gu
                     [radius * turn.sin(), line(0.0) + height, front - 0.0225 * 1.25 + radius * 1.25 * turn.cos()];
                 let shaded = mix_color(color, GUMS, 0.45 * hollow * ramp(1.1, 0.2, share.abs()));
                 // Lips and cheeks keep light from the lower row and from the teeth at the sides.
-                let dark = if upper { 0.05 } else { 0.20 } + 0.30 * ramp(0.0, 0.022, s);
+                let dark = if upper { 0.0 } else { 0.10 } + 0.16 * ramp(0.004, 0.022, s);
                 let shaded = mix_color(shaded, CAVITY, dark);
                 row.push(sheet.add(place, kind, shaded));
             }
