@@ -102,7 +102,7 @@ fn pairs_of_shapes_leave_no_peak_in_the_middle_of_a_lip() {
             all.iter().sum::<f32>() / all.len() as f32
         };
         let (middle, beside) = (moved(0.0, 0.001), moved(0.008, 0.013));
-        assert!(middle > 0.8 * beside, "{stem}: {middle} m in the middle, {beside} m beside it");
+        assert!(middle > 0.75 * beside, "{stem}: {middle} m in the middle, {beside} m beside it");
     }
 }
 
