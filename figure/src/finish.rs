@@ -14,7 +14,7 @@ impl Finish {
     pub(crate) const SKIN: Self = Self::of(138);
     pub(crate) const LIP: Self = Self::of(98);
     pub(crate) const NAIL: Self = Self::of(82);
-    pub(crate) const HAIR: Self = Self::of(128);
+    pub(crate) const HAIR: Self = Self::of(158);
     pub(crate) const EYE: Self = Self::of(26);
     pub(crate) const TEETH: Self = Self::of(110);
     pub(crate) const TONGUE: Self = Self::of(90);

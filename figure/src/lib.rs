@@ -22,11 +22,11 @@ use umo_core::config::Skeleton;
 
 mod body;
 mod field;
+mod finish;
 mod head;
 mod helper;
 mod look;
 mod nets;
-mod finish;
 pub mod palette;
 pub mod picture;
 mod posed;
@@ -39,8 +39,8 @@ mod vector;
 
 use field::Solid;
 pub use finish::Finish;
-use look::{Color, Look, Top};
 pub use helper::Helper;
+use look::{Color, Look, Top};
 pub use look::{Figure, UnknownFigure};
 pub use posed::Posed;
 use rest::Rest;

@@ -13,9 +13,9 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Write};
 
-use crate::{Finish, Mesh};
 use crate::picture::write_png;
 use crate::vector::{self, V};
+use crate::{Finish, Mesh};
 
 /// Texels along a piece's square. A power of two, so that smaller versions of the texture keep the
 /// squares apart.

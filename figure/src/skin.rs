@@ -18,9 +18,14 @@ struct Spread {
     joint: u8,
     /// What turns half as far as the joint.
     half: u8,
-    /// The bone that twists, and the joints that take part in that: up to a share of its length
-    /// each, from its beginning to its end.
-    twist: Option<(V, V, Vec<(f32, u8)>)>,
+    twist: Option<Twist>,
+}
+
+/// The bone that twists, and which joint follows at which share of its length.
+struct Twist {
+    from: V,
+    to: V,
+    steps: Vec<(f32, u8)>,
 }
 
 /// The bones that a part of the body may follow.
@@ -60,13 +65,14 @@ impl Skin {
     /// Spreads the turns of a joint of one side; `twist`: where along its bone which helper follows.
     fn spread(mut self, rest: &Rest, side: &str, row: (&[&str], &str, &str), twist: &[(f32, &str)]) -> Self {
         let (parents, own, end) = row;
-        let of = |name: &str| if name == "pelvis" || name == "spine3" { name.to_owned() } else { format!("{side}_{name}") };
+        let of =
+            |name: &str| if name == "pelvis" || name == "spine3" { name.to_owned() } else { format!("{side}_{name}") };
         let steps = twist.iter().map(|&(at, name)| (at, number(&of(name)))).collect();
         self.spreads.push(Spread {
             parents: parents.iter().map(|name| number(&of(name))).collect(),
             joint: number(&of(own)),
             half: number(&of(&format!("{own}_half"))),
-            twist: (!twist.is_empty()).then(|| (rest.side(side, own), rest.side(side, end), steps)),
+            twist: (!twist.is_empty()).then(|| Twist { from: rest.side(side, own), to: rest.side(side, end), steps }),
         });
         self
     }
@@ -111,7 +117,7 @@ impl Spread {
 
     /// Shares what follows the joint out among those that twist less than it, or more.
     fn twist(&self, p: V, all: &mut Vec<(f32, u8)>) {
-        let Some((from, to, steps)) = &self.twist else { return };
+        let Some(Twist { from, to, steps }) = &self.twist else { return };
         let Some(place) = all.iter().position(|one| one.1 == self.joint) else { return };
         let (weight, along) = (all.swap_remove(place).0, sub(*to, *from));
         let t = dot(sub(p, *from), along) / dot(along, along).max(1e-12);
@@ -207,9 +213,12 @@ pub(super) fn lower(rest: &Rest) -> Skin {
     skin = skin.bone("pelvis", add(hips[0], lift), add(hips[1], lift), 0.095 * size);
     for side in ["left", "right"] {
         let [knee, ankle] = ["knee", "ankle"].map(|n| rest.side(side, n));
-        skin = skin
-            .bone(&format!("{side}_knee"), knee, ankle, 0.055 * size)
-            .spread(rest, side, (&["hip"], "knee", "ankle"), &[]);
+        skin = skin.bone(&format!("{side}_knee"), knee, ankle, 0.055 * size).spread(
+            rest,
+            side,
+            (&["hip"], "knee", "ankle"),
+            &[],
+        );
     }
     thighs(skin, rest)
 }

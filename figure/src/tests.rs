@@ -41,7 +41,14 @@ fn the_mesh_is_sound() {
         let count = mesh.positions.len();
         assert!((8_000..36_000).contains(&count), "{count} vertices");
         assert!(mesh.indices.len() <= 3 * 60_000, "{} triangles", mesh.indices.len() / 3);
-        for length in [mesh.normals.len(), mesh.colors.len(), mesh.finishes.len(), mesh.joints.len(), mesh.weights.len(), mesh.jaw.len()] {
+        for length in [
+            mesh.normals.len(),
+            mesh.colors.len(),
+            mesh.finishes.len(),
+            mesh.joints.len(),
+            mesh.weights.len(),
+            mesh.jaw.len(),
+        ] {
             assert_eq!(length, count);
         }
         assert!(mesh.positions.as_flattened().iter().all(|x| x.is_finite()));

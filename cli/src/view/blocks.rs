@@ -140,7 +140,8 @@ pub(super) fn elements(scene: &Scene) -> serde_json::Result<String> {
 
 fn describe<'a>(scene: &'a Scene, order: &Order) -> Description<'a> {
     let morph = |morph: &umo_figure::Morph| MorphInfo { name: morph.name, count: morph.vertices.len() };
-    let helper = |one: &umo_figure::Helper| HelperInfo { of: one.of, axis: one.axis, swing: one.swing, twist: one.twist };
+    let helper =
+        |one: &umo_figure::Helper| HelperInfo { of: one.of, axis: one.axis, swing: one.swing, twist: one.twist };
     let part = |part: &'a scene::CodedPart| CodedPart { name: &part.name, levels: part.levels, codes: part.codes };
     let record = |record: &'a Record| RecordInfo {
         parts: record.parts.iter().map(part).collect(),

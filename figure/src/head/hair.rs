@@ -1,9 +1,9 @@
 //! Brows, ears and hair.
 
+use super::Kind;
 use super::base::Base;
 use super::eye::{mix_color, spike};
 use super::sheet::Sheet;
-use super::Kind;
 use crate::field::Join::{Cut, Union};
 use crate::field::{Shape, Solid, occlusion};
 use crate::look::{Color, Hair};
@@ -73,9 +73,9 @@ pub(super) fn add_ear(sheet: &mut Sheet, base: &Base) {
     let over = |x: f32, y: f32, z: f32| add(root, scale([x, y, z], SIZE));
     let egg = |centre: V, radii: V| Shape::Ellipsoid { centre, radii: scale(radii, SIZE) };
     let mut solid = Solid::default()
-        .with(egg(over(0.0035, 0.005, -0.006), [0.0052, 0.0262, 0.0160]), Union(0.0))
+        .with(egg(over(0.0035, 0.005, -0.006), [0.0056, 0.0285, 0.0184]), Union(0.0))
         .with(egg(over(0.0050, -0.0205, -0.0005), [0.0048, 0.0098, 0.0074]), Union(0.009))
-        .with(egg(over(0.0125, 0.008, -0.006), [0.0072, 0.0180, 0.0104]), Cut(0.004));
+        .with(egg(over(0.0125, 0.008, -0.006), [0.0060, 0.0168, 0.0096]), Cut(0.004));
     // The rim, from the front over the top and round the back.
     let rim = [
         over(0.0045, 0.004, 0.0045),

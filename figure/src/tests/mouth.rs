@@ -97,7 +97,8 @@ fn pairs_of_shapes_leave_no_peak_in_the_middle_of_a_lip() {
         let names = [format!("{stem}Left"), format!("{stem}Right")];
         let places = shaped(mesh, &names.each_ref().map(String::as_str));
         let moved = |from: f32, to: f32| -> f32 {
-            let near = pairs.iter().map(|pair| pair[which]).filter(|&v| (from..to).contains(&mesh.positions[v][0].abs()));
+            let near =
+                pairs.iter().map(|pair| pair[which]).filter(|&v| (from..to).contains(&mesh.positions[v][0].abs()));
             let all: Vec<f32> = near.map(|v| (places[v][1] - mesh.positions[v][1]).abs()).collect();
             all.iter().sum::<f32>() / all.len() as f32
         };
