@@ -146,7 +146,7 @@ pub(super) fn top(rest: &Rest, look: &Look) -> Piece {
             0.017 * s
         }
     });
-    let z = planes(neck[2] - 0.17 * s, neck[2] + 0.21 * s, |_| 0.0144 * s);
+    let z = planes(neck[2] - 0.17 * s, neck[2] + 0.21 * s, |_| 0.0148 * s);
     Piece { solid, grid: Grid([x, y, z]) }
 }
 
@@ -525,8 +525,8 @@ pub(super) fn shoe(rest: &Rest, side: &str) -> [Piece; 3] {
         Solid::default().with(Shape::cone(add(ankle, [0.0, -0.015 * s, 0.0]), up, 0.0285 * s, 0.0310 * s), Union(0.0));
     [
         Piece { solid: upper, grid: grid(floor - 0.01 * s, ankle[1] + 0.06 * s, [0.0105, 0.0085, 0.0125]) },
-        Piece { solid: sole, grid: grid(floor - 0.012 * s, floor + 0.045 * s, [0.0140, 0.0064, 0.0150]) },
-        Piece { solid: sock, grid: grid(ankle[1] - 0.06 * s, up[1] + 0.05 * s, [0.0190, 0.0200, 0.0190]) },
+        Piece { solid: sole, grid: grid(floor - 0.012 * s, floor + 0.045 * s, [0.0125, 0.0060, 0.0140]) },
+        Piece { solid: sock, grid: grid(ankle[1] - 0.06 * s, up[1] + 0.05 * s, [0.0145, 0.0160, 0.0145]) },
     ]
 }
 

@@ -212,7 +212,7 @@ fn add_cap(sheet: &mut Sheet, base: &Base) {
 
 /// Single hairs over the hairline, where the cap would end as if it were cut.
 fn add_fringe(sheet: &mut Sheet, base: &Base) {
-    const HAIRS: usize = 100;
+    const HAIRS: usize = 80;
     let long = if base.look.hair == Hair::Crop { 0.7 } else { 1.0 };
     for hair in 0..HAIRS {
         let ahead = 0.8 + 177.0 * (hair as f32 + 0.8 * random(hair + 300)) / HAIRS as f32;
