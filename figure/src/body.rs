@@ -132,21 +132,21 @@ pub(super) fn top(rest: &Rest, look: &Look) -> Piece {
         if x < 0.10 * s {
             0.0180 * s
         } else if (x - elbow).abs() < 0.07 * s || x < 0.24 * s {
-            0.0135 * s
+            0.0140 * s
         } else {
             0.020 * s
         }
     });
     let y = planes(hem - 0.02 * s, crown[1] + 0.05 * s, |y| {
         if (y - arms).abs() < 0.08 * s {
-            0.0120 * s
+            0.0125 * s
         } else if y < hem + 0.02 * s {
             0.009 * s
         } else {
             0.017 * s
         }
     });
-    let z = planes(neck[2] - 0.17 * s, neck[2] + 0.21 * s, |_| 0.0135 * s);
+    let z = planes(neck[2] - 0.17 * s, neck[2] + 0.21 * s, |_| 0.0148 * s);
     Piece { solid, grid: Grid([x, y, z]) }
 }
 
@@ -277,11 +277,11 @@ fn with_sleeve(solid: Solid, rest: &Rest, build: &Build, side: &str) -> Solid {
     solid
         .with(Shape::cone(inner, deltoid, 0.040 * s, build.shoulder * s), Union(0.040 * s))
         .with(Shape::cone(nape, tip, 0.030 * s, 0.022 * s), Union(0.034 * s))
-        .with(tube(arm, elbow, &[0.0425, 0.0490, 0.0500, 0.0475, 0.0445, 0.0425], r), Union(0.030 * s))
+        .with(tube(arm, elbow, &[0.0420, 0.0470, 0.0475, 0.0455, 0.0430, 0.0410], r), Union(0.030 * s))
         .with(Shape::cone(pit(0.045), onto(0.014), 0.026 * s, 0.024 * r), Union(0.028 * s))
         .with(Shape::cone(pit(-0.040), onto(-0.014), 0.026 * s, 0.024 * r), Union(0.028 * s))
-        .with(tube(elbow, cuff, &[0.0425, 0.0450, 0.0445, 0.0420, 0.0390, 0.0360], r), Union(0.016 * s))
-        .with(folds(elbow, [sign, 0.25, 0.5], 0.034, 0.0034, 0.085), Displace)
+        .with(tube(elbow, cuff, &[0.0410, 0.0430, 0.0425, 0.0405, 0.0380, 0.0358], r), Union(0.016 * s))
+        .with(folds(elbow, [sign, 0.25, 0.5], 0.034, 0.0024, 0.085), Displace)
         .with(folds(mix(elbow, cuff, 0.76), [sign, 0.3, -0.3], 0.030, 0.0022, 0.05), Displace)
         .with(
             folds(add(shoulder, [0.02 * sign * s, -0.04 * s, 0.03 * s]), [sign, 0.9, 0.2], 0.036, 0.0022, 0.07),
@@ -455,8 +455,8 @@ pub(super) fn trousers(rest: &Rest, look: &Look) -> Piece {
             .with(Shape::ball(seat(rest, side), 0.066 * s), Union(0.035 * s))
             .with(tube(knee, cuff, &[0.0565, 0.0565, 0.0560, 0.0535, 0.0515, 0.0510], s), Union(0.02 * s))
             .with(Shape::ball(add(calf, [0.0, 0.0, -0.022 * s]), 0.038 * s), Union(0.03 * s))
-            .with(folds(add(knee, [0.0, 0.0, -0.03 * s]), [0.25 * sign, 1.0, 0.3], 0.045, 0.0040, 0.11), Displace)
-            .with(folds(add(cuff, [0.0, 0.075 * s, 0.02 * s]), [0.2 * sign, 1.0, 0.35], 0.042, 0.0042, 0.080), Displace)
+            .with(folds(add(knee, [0.0, 0.0, -0.03 * s]), [0.25 * sign, 1.0, 0.3], 0.052, 0.0022, 0.10), Displace)
+            .with(folds(add(cuff, [0.0, 0.075 * s, 0.02 * s]), [0.2 * sign, 1.0, 0.35], 0.046, 0.0034, 0.080), Displace)
             .with(
                 folds(add(hip, [-0.02 * sign * s, -0.04 * s, 0.07 * s]), [0.8 * sign, 0.9, 0.0], 0.050, 0.0016, 0.09),
                 Displace,
@@ -466,7 +466,7 @@ pub(super) fn trousers(rest: &Rest, look: &Look) -> Piece {
     let wide = hips[0].abs() + 0.24 * s;
     let x = even_planes(wide, |_| 0.0170 * s);
     let y = planes(low - 0.03 * s, waist + 0.03 * s, |y| if y > hips[1] - 0.12 * s { 0.0170 * s } else { 0.0225 * s });
-    let z = planes(hips[2] - 0.17 * s, hips[2] + 0.17 * s, |_| 0.0165 * s);
+    let z = planes(hips[2] - 0.17 * s, hips[2] + 0.17 * s, |_| 0.0174 * s);
     Piece { solid, grid: Grid([x, y, z]) }
 }
 

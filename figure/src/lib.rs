@@ -9,6 +9,7 @@
 //! | `body` | top, trousers, shoes and hands: solids of `field`, meshed by `nets`, and swept bands |
 //! | `head` | face, eyes, mouth, hair, and the shapes |
 //! | `skin` | which joints each vertex follows |
+//! | [`Helper`] | joints that take shares of another one's turn |
 //! | [`palette`] | the colours as a texture |
 //! | `posed` | the mesh in a pose, on the processor |
 //! | [`picture`] | a depth buffer, light, PNG files |
@@ -21,7 +22,9 @@ use umo_core::config::Skeleton;
 
 mod body;
 mod field;
+mod finish;
 mod head;
+mod helper;
 mod look;
 mod nets;
 pub mod palette;
@@ -35,6 +38,8 @@ mod tests;
 mod vector;
 
 use field::Solid;
+pub use finish::Finish;
+pub use helper::Helper;
 use look::{Color, Look, Top};
 pub use look::{Figure, UnknownFigure};
 pub use posed::Posed;
@@ -70,16 +75,20 @@ impl std::error::Error for FigureError {}
 /// skeleton has it).
 #[derive(Clone, Debug, Default)]
 pub struct Mesh {
-    /// `[vertices]`, as the next four.
+    /// `[vertices]`, as the next five.
     pub positions: Vec<[f32; 3]>,
     /// Unit length.
     pub normals: Vec<[f32; 3]>,
     /// sRGB and 255: skin, lips, teeth, tongue, eye white, iris, brows, cloth.
     pub colors: Vec<[u8; 4]>,
-    /// Up to four joints; 0 where the weight is 0.
+    /// How the surface reflects; one on each connected piece.
+    pub finishes: Vec<Finish>,
+    /// Up to four joints, from 55 on helper joints; 0 where the weight is 0.
     pub joints: Vec<[u8; 4]>,
     /// Weights of those joints; their sum is 1.
     pub weights: Vec<[f32; 4]>,
+    /// The helper joints.
+    pub helpers: Vec<Helper>,
     /// Triangles, counter-clockwise from outside.
     pub indices: Vec<u32>,
     /// How much each vertex follows the jaw where its joint opens the mouth and not a shape, 0..=1.
@@ -128,14 +137,16 @@ impl Part {
 
 impl Mesh {
     /// Adds a part whose vertices get colour by their place and normal, and weights by their place.
-    fn add(&mut self, part: Part, color: impl Fn(V, V) -> Color, weights: impl Fn(V) -> Weights) {
+    fn add(&mut self, part: Part, finish: Finish, color: impl Fn(V, V) -> Color, weights: impl Fn(V) -> Weights) {
         let colors: Vec<_> = part.positions.iter().zip(&part.normals).map(|(&p, &n)| color(p, n)).collect();
         let weights: Vec<_> = part.positions.iter().map(|&p| weights(p)).collect();
-        self.add_painted(part, &colors, &weights);
+        let finishes = vec![finish; colors.len()];
+        self.add_painted(part, &colors, finishes, &weights);
     }
 
-    fn add_painted(&mut self, part: Part, colors: &[[u8; 3]], weights: &[Weights]) {
+    fn add_painted(&mut self, part: Part, colors: &[[u8; 3]], finishes: Vec<Finish>, weights: &[Weights]) {
         let first = u32::try_from(self.positions.len()).expect("the figure has few vertices");
+        self.finishes.extend(finishes);
         self.colors.extend(colors.iter().map(|&[r, g, b]| [r, g, b, 255]));
         self.joints.extend(weights.iter().map(|one| one.0));
         self.weights.extend(weights.iter().map(|one| one.1));
@@ -175,7 +186,7 @@ impl Figure {
     /// A skeleton that has not 55 joints, or whose offsets are not finite.
     pub fn mesh(self, skeleton: &Skeleton) -> Result<Mesh, FigureError> {
         let (rest, look) = (Rest::new(skeleton)?, self.look());
-        let mut mesh = Mesh::default();
+        let mut mesh = Mesh { helpers: helper::all(&rest), ..Mesh::default() };
         // Head and body take as long as each other.
         let head = std::thread::scope(|scope| {
             let head = scope.spawn(|| head::Head::new(&rest, look));
@@ -205,39 +216,42 @@ fn add_body(mesh: &mut Mesh, rest: &Rest, look: &Look) {
     let shaded =
         |color: Color, solids: &[&Solid], p: V, n: V| darker(color, field::occlusion(solids, p, n, SHADED * rest.size));
     let cloth = [&top.solid, &trousers.solid];
-    mesh.add(top.surface(), |p, n| shaded(look.cloth, &cloth[..1], p, n), |p| upper.weights(p));
-    mesh.add(trousers.surface(), |p, n| shaded(look.trousers, &cloth, p, n), |p| lower.weights(p));
-    mesh.add(body::neck_band(rest, look), |_, _| look.cloth, |p| upper.weights(p));
+    mesh.add(top.surface(), Finish::CLOTH, |p, n| shaded(look.cloth, &cloth[..1], p, n), |p| upper.weights(p));
+    mesh.add(trousers.surface(), Finish::CLOTH, |p, n| shaded(look.trousers, &cloth, p, n), |p| lower.weights(p));
+    mesh.add(body::neck_band(rest, look), Finish::CLOTH, |_, _| look.cloth, |p| upper.weights(p));
     if look.top == Top::Shirt {
         let belt = body::belt(rest, look);
         let (buttons, buckle) = body::buttons(rest, &top.solid, &belt.solid);
-        mesh.add(body::collar(rest, look), |_, _| look.cloth, |p| upper.weights(p));
-        mesh.add(belt.surface(), |p, n| shaded(look.belt, &[&top.solid, &belt.solid], p, n), |p| lower.weights(p));
-        mesh.add(buttons, |_, _| [228, 222, 210], |p| upper.weights(p));
-        mesh.add(buckle, |_, _| [186, 168, 120], |p| lower.weights(p));
+        mesh.add(body::collar(rest, look), Finish::CLOTH, |_, _| look.cloth, |p| upper.weights(p));
+        let leather = |p: V, n: V| shaded(look.belt, &[&top.solid, &belt.solid], p, n);
+        mesh.add(belt.surface(), Finish::LEATHER, leather, |p| lower.weights(p));
+        mesh.add(buttons, Finish::NAIL, |_, _| [228, 222, 210], |p| upper.weights(p));
+        mesh.add(buckle, Finish::BRASS, |_, _| [186, 168, 120], |p| lower.weights(p));
     }
     for side in ["left", "right"] {
         // Bands go wholly with the bone that they end.
-        let [elbow, knee] = ["elbow", "knee"].map(|joint| format!("{side}_{joint}"));
-        mesh.add(body::cuff(rest, look, side), |_, _| look.cloth, |_| skin::only(&elbow));
-        mesh.add(body::leg_hem(rest, side), |p, n| shaded(look.trousers, &cloth[1..], p, n), |_| skin::only(&knee));
+        let [forearm, knee] = ["wrist_twist", "knee"].map(|joint| format!("{side}_{joint}"));
+        mesh.add(body::cuff(rest, look, side), Finish::CLOTH, |_, _| look.cloth, |_| skin::only(&forearm));
+        let hem = |p: V, n: V| shaded(look.trousers, &cloth[1..], p, n);
+        mesh.add(body::leg_hem(rest, side), Finish::CLOTH, hem, |_| skin::only(&knee));
         let foot = skin::foot(rest, side);
         let [shoe, sole, sock] = body::shoe(rest, side);
         let feet = [&shoe.solid, &sole.solid, &trousers.solid];
-        mesh.add(body::laces(rest, side, &shoe.solid), |_, _| look.soles, |p| foot.weights(p));
-        mesh.add(shoe.surface(), |p, n| shaded(look.shoes, &feet, p, n), |p| foot.weights(p));
-        mesh.add(sole.surface(), |p, n| shaded(look.soles, &feet[1..2], p, n), |p| foot.weights(p));
-        mesh.add(sock.surface(), |p, n| shaded(look.belt, &feet, p, n), |p| skin::sock(rest, side, p));
+        let upper = if look.top == Top::Shirt { Finish::LEATHER } else { Finish::RUBBER };
+        mesh.add(body::laces(rest, side, &shoe.solid), Finish::CLOTH, |_, _| look.soles, |p| foot.weights(p));
+        mesh.add(shoe.surface(), upper, |p, n| shaded(look.shoes, &feet, p, n), |p| foot.weights(p));
+        mesh.add(sole.surface(), Finish::RUBBER, |p, n| shaded(look.soles, &feet[1..2], p, n), |p| foot.weights(p));
+        mesh.add(sock.surface(), Finish::CLOTH, |p, n| shaded(look.belt, &feet, p, n), |p| skin::sock(rest, side, p));
         let weights = skin::Hand::new(rest, side, &body::FINGERS);
         let hand = body::hand(rest, side, look.build);
         let skin_color = |p: V, n: V| {
             let dark = field::occlusion(&[&hand.solid, &top.solid], p, n, 0.025 * rest.size);
             look.skin.toned(0.25, 0.75 * dark)
         };
-        mesh.add(hand.surface(), skin_color, |p| weights.weights(p));
+        mesh.add(hand.surface(), Finish::SKIN, skin_color, |p| weights.weights(p));
         for finger in body::FINGERS {
             let nail = body::nail(rest, side, finger, look.build, &hand.solid);
-            mesh.add(nail, |_, _| look.skin.nail, |_| skin::only(&format!("{side}_{finger}3")));
+            mesh.add(nail, Finish::NAIL, |_, _| look.skin.nail, |_| skin::only(&format!("{side}_{finger}3")));
         }
     }
 }

@@ -13,9 +13,9 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Write};
 
-use crate::Mesh;
 use crate::picture::write_png;
 use crate::vector::{self, V};
+use crate::{Finish, Mesh};
 
 /// Texels along a piece's square. A power of two, so that smaller versions of the texture keep the
 /// squares apart.
@@ -30,6 +30,8 @@ pub struct Palette {
     pub size: usize,
     /// sRGB, rows from the top. `[size * size]`
     pub pixels: Vec<[u8; 3]>,
+    /// How surfaces of these colours reflect. `[size * size]`
+    pub finishes: Vec<Finish>,
     /// Right and down from the texture's upper left corner, both 0..=1. `[vertices]`
     pub places: Vec<[f32; 2]>,
 }
@@ -39,37 +41,48 @@ impl Palette {
     pub fn new(mesh: &Mesh) -> Self {
         let pieces = pieces(mesh);
         let colors = mesh.colors.iter().map(|&[r, g, b, _]| [r, g, b]);
-        let mut sets: BTreeMap<usize, BTreeSet<[u8; 3]>> = BTreeMap::new();
-        for (&piece, color) in pieces.iter().zip(colors.clone()) {
-            sets.entry(piece).or_default().insert(color);
+        let mut sets: BTreeMap<usize, (Finish, BTreeSet<[u8; 3]>)> = BTreeMap::new();
+        for ((&piece, color), &finish) in pieces.iter().zip(colors.clone()).zip(&mesh.finishes) {
+            sets.entry(piece).or_insert_with(|| (finish, BTreeSet::new())).1.insert(color);
         }
         let distinct: BTreeSet<_> = sets.values().collect();
-        let squares: Vec<_> = distinct.iter().map(|set| Square::new(set)).collect();
+        let squares: Vec<_> = distinct.iter().map(|(finish, set)| (finish, Square::new(set))).collect();
         let across = (1..).find(|n: &usize| n.is_power_of_two() && n * n >= squares.len()).unwrap_or(1);
         let size = across * SQUARE;
         let corner = |number: usize| [number % across * SQUARE, number / across * SQUARE];
         let mut pixels = vec![[0; 3]; size * size];
-        for (number, square) in squares.iter().enumerate() {
+        let mut finishes = vec![Finish::default(); size * size];
+        for (number, (finish, square)) in squares.iter().enumerate() {
             let [left, top] = corner(number);
             for (x, y) in (0..SQUARE).flat_map(|y| (0..SQUARE).map(move |x| (x, y))) {
                 pixels[(top + y) * size + left + x] = square.color([x as f32 + 0.5, y as f32 + 0.5]);
+                finishes[(top + y) * size + left + x] = **finish;
             }
         }
         let number: BTreeMap<_, _> = distinct.iter().enumerate().map(|(number, set)| (*set, number)).collect();
         let places = pieces.iter().zip(colors).map(|(piece, color)| {
             let number = number[&sets[piece]];
-            let (corner, place) = (corner(number), squares[number].place(color));
+            let (corner, place) = (corner(number), squares[number].1.place(color));
             std::array::from_fn(|axis| (corner[axis] as f32 + place[axis]) / size as f32)
         });
-        Self { size, pixels, places: places.collect() }
+        Self { size, pixels, finishes, places: places.collect() }
     }
 
-    /// Writes the texture as PNG.
+    /// Writes the colours as PNG.
     ///
     /// # Errors
     /// Those of `out`.
     pub fn write<W: Write>(&self, out: W) -> io::Result<()> {
         write_png(self.size, self.size, self.pixels.as_flattened(), out)
+    }
+
+    /// Writes the finishes as PNG: roughness in green, metalness in blue, as glTF has them.
+    ///
+    /// # Errors
+    /// Those of `out`.
+    pub fn write_finishes<W: Write>(&self, out: W) -> io::Result<()> {
+        let pixels: Vec<[u8; 3]> = self.finishes.iter().map(|one| [255, one.roughness, one.metalness]).collect();
+        write_png(self.size, self.size, pixels.as_flattened(), out)
     }
 }
 
@@ -182,6 +195,13 @@ mod tests {
     fn check(mesh: &Mesh) {
         let palette = Palette::new(mesh);
         assert_eq!(palette.pixels.len(), palette.size * palette.size);
+        let pieces = pieces(mesh);
+        assert!(pieces.iter().enumerate().all(|(vertex, &piece)| mesh.finishes[vertex] == mesh.finishes[piece]));
+        for (finish, [u, v]) in mesh.finishes.iter().zip(&palette.places) {
+            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "inside the texture")]
+            let [x, y] = [u, v].map(|at| (at * palette.size as f32) as usize);
+            assert_eq!(palette.finishes[y * palette.size + x], *finish);
+        }
         let color = |vertex: u32| {
             let [r, g, b, _] = mesh.colors[vertex as usize];
             [r, g, b].map(f32::from)

@@ -1,9 +1,9 @@
 //! The mesh in a pose, computed on the processor: what pictures and tests look at.
 
 use super::Mesh;
-use super::vector::{V, add, scale, sub, unit};
+use super::vector::{V, add, dot, scale, sub, unit};
 use umo_core::config::Skeleton;
-use umo_core::motion::rotation::{IDENTITY, Quat, product, rotate};
+use umo_core::motion::rotation::{IDENTITY, Matrix, Quat, product, quat_to_matrix, rotate};
 use umo_core::motion::skeleton::JOINTS;
 
 /// Where every vertex is, and its normal.
@@ -37,25 +37,15 @@ impl Mesh {
     /// `weights`.
     pub fn posed(&self, skeleton: &Skeleton, rotations: &[Quat; JOINTS], translation: V, weights: &[f32]) -> Posed {
         let mut posed = self.shaped(weights);
-        let (mut rest, mut places, mut turned) = ([[0.0; 3]; JOINTS], [translation; JOINTS], [IDENTITY; JOINTS]);
-        for (joint, (&parent, &offset)) in skeleton.parents.iter().zip(&skeleton.offsets_m).enumerate() {
-            let Ok(parent) = usize::try_from(parent) else {
-                (rest[joint], places[joint], turned[joint]) = (offset, add(translation, offset), rotations[joint]);
-                continue;
-            };
-            rest[joint] = add(rest[parent], offset);
-            places[joint] = add(places[parent], rotate(turned[parent], offset));
-            turned[joint] = product(turned[parent], rotations[joint]);
-        }
+        let moves = self.moves(skeleton, rotations, translation);
         for vertex in 0..self.positions.len() {
             let (position, normal) = (posed.positions[vertex], posed.normals[vertex]);
             let (mut place, mut facing) = ([0.0; 3], [0.0; 3]);
             for (&joint, &weight) in self.joints[vertex].iter().zip(&self.weights[vertex]) {
                 if weight > 0.0 {
-                    let joint = usize::from(joint);
-                    let moved = add(places[joint], rotate(turned[joint], sub(position, rest[joint])));
-                    place = add(place, scale(moved, weight));
-                    facing = add(facing, scale(rotate(turned[joint], normal), weight));
+                    let (matrix, shift) = &moves[usize::from(joint)];
+                    place = add(place, scale(add(turned(matrix, position), *shift), weight));
+                    facing = add(facing, scale(turned(matrix, normal), weight));
                 }
             }
             posed.positions[vertex] = place;
@@ -63,4 +53,32 @@ impl Mesh {
         }
         posed
     }
+
+    /// What takes a vertex from rest to the pose with each joint, then with each helper joint: a
+    /// rotation, then a shift.
+    pub(crate) fn moves(&self, skeleton: &Skeleton, rotations: &[Quat; JOINTS], translation: V) -> Vec<(Matrix, V)> {
+        let (mut rest, mut places, mut turns) = ([[0.0; 3]; JOINTS], [translation; JOINTS], [IDENTITY; JOINTS]);
+        let mut above = [IDENTITY; JOINTS];
+        for (joint, (&parent, &offset)) in skeleton.parents.iter().zip(&skeleton.offsets_m).enumerate() {
+            let Ok(parent) = usize::try_from(parent) else {
+                (rest[joint], places[joint], turns[joint]) = (offset, add(translation, offset), rotations[joint]);
+                continue;
+            };
+            above[joint] = turns[parent];
+            rest[joint] = add(rest[parent], offset);
+            places[joint] = add(places[parent], rotate(turns[parent], offset));
+            turns[joint] = product(turns[parent], rotations[joint]);
+        }
+        let helpers = self.helpers.iter().map(|one| (one.of, product(above[one.of], one.turn(rotations[one.of]))));
+        let all = turns.iter().copied().enumerate().chain(helpers);
+        let moved = all.map(|(joint, turn)| {
+            let matrix = quat_to_matrix(turn);
+            (matrix, sub(places[joint], turned(&matrix, rest[joint])))
+        });
+        moved.collect()
+    }
+}
+
+pub(crate) fn turned(matrix: &Matrix, v: V) -> V {
+    matrix.map(|row| dot(row, v))
 }

@@ -27,7 +27,7 @@ const LEG: f32 = 0.81;
 const EYES: f32 = 0.064;
 /// The figure's head beside a person's: a little larger, so that its face is seen from further
 /// away.
-const LARGER: f32 = 1.03;
+const LARGER: f32 = 1.05;
 /// A size outside this is none of a person's.
 const SIZES: (f32, f32) = (0.3, 3.0);
 

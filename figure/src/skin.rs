@@ -1,5 +1,6 @@
 //! Which joints a vertex follows: the bones near it, smoothly.
 
+use super::helper;
 use super::rest::{Rest, joint};
 use super::vector::{V, add, dot, length, ramp, scale, sub, unit};
 
@@ -11,9 +12,26 @@ pub(super) struct Bone {
     radius: f32,
 }
 
+/// A joint whose turn helper joints spread over the skin around it.
+struct Spread {
+    parents: Vec<u8>,
+    joint: u8,
+    /// What turns half as far as the joint.
+    half: u8,
+    twist: Option<Twist>,
+}
+
+/// The bone that twists, and which joint follows at which share of its length.
+struct Twist {
+    from: V,
+    to: V,
+    steps: Vec<(f32, u8)>,
+}
+
 /// The bones that a part of the body may follow.
 pub(super) struct Skin {
     bones: Vec<Bone>,
+    spreads: Vec<Spread>,
     /// The distance in which a bone's influence falls to a third, metres.
     soft: f32,
 }
@@ -24,8 +42,9 @@ const MIN_WEIGHT: f32 = 0.02;
 /// Up to four joints, 0 where the weight is 0; the weights' sum is 1.
 pub(super) type Weights = ([u8; 4], [f32; 4]);
 
+/// The number of a joint or helper joint.
 pub(super) fn number(name: &str) -> u8 {
-    u8::try_from(joint(name)).expect("there are 55 joints")
+    u8::try_from(helper::number(name).unwrap_or_else(|| joint(name))).expect("there are fewer than 256 joints")
 }
 
 /// All on one joint.
@@ -35,11 +54,26 @@ pub(super) fn only(name: &str) -> Weights {
 
 impl Skin {
     pub(super) fn new(soft: f32) -> Self {
-        Self { bones: Vec::new(), soft }
+        Self { bones: Vec::new(), spreads: Vec::new(), soft }
     }
 
     pub(super) fn bone(mut self, name: &str, a: V, b: V, radius: f32) -> Self {
         self.bones.push(Bone { joint: number(name), a, b, radius });
+        self
+    }
+
+    /// Spreads the turns of a joint of one side; `twist`: where along its bone which helper follows.
+    fn spread(mut self, rest: &Rest, side: &str, row: (&[&str], &str, &str), twist: &[(f32, &str)]) -> Self {
+        let (parents, own, end) = row;
+        let of =
+            |name: &str| if name == "pelvis" || name == "spine3" { name.to_owned() } else { format!("{side}_{name}") };
+        let steps = twist.iter().map(|&(at, name)| (at, number(&of(name)))).collect();
+        self.spreads.push(Spread {
+            parents: parents.iter().map(|name| number(&of(name))).collect(),
+            joint: number(&of(own)),
+            half: number(&of(&format!("{own}_half"))),
+            twist: (!twist.is_empty()).then(|| Twist { from: rest.side(side, own), to: rest.side(side, end), steps }),
+        });
         self
     }
 
@@ -54,7 +88,48 @@ impl Skin {
                 None => all.push((weight, bone.joint)),
             }
         }
+        let sum: f32 = all.iter().map(|one| one.0).sum();
+        all.iter_mut().for_each(|one| one.0 /= sum);
+        self.spreads.iter().for_each(|spread| spread.bend(&mut all));
+        self.spreads.iter().for_each(|spread| spread.twist(p, &mut all));
         normalized(all)
+    }
+}
+
+impl Spread {
+    /// What follows joint and parents alike follows the joint between them.
+    fn bend(&self, all: &mut Vec<(f32, u8)>) {
+        let own = all.iter().find(|one| one.1 == self.joint).map_or(0.0, |one| one.0);
+        let above: f32 = all.iter().filter(|one| self.parents.contains(&one.1)).map(|one| one.0).sum();
+        let less = own.min(above);
+        if less <= 0.0 {
+            return;
+        }
+        for (weight, joint) in all.iter_mut() {
+            if *joint == self.joint {
+                *weight -= less;
+            } else if self.parents.contains(joint) {
+                *weight *= 1.0 - less / above;
+            }
+        }
+        all.push((2.0 * less, self.half));
+    }
+
+    /// Shares what follows the joint out among those that twist less than it, or more.
+    fn twist(&self, p: V, all: &mut Vec<(f32, u8)>) {
+        let Some(Twist { from, to, steps }) = &self.twist else { return };
+        let Some(place) = all.iter().position(|one| one.1 == self.joint) else { return };
+        let (weight, along) = (all.swap_remove(place).0, sub(*to, *from));
+        let t = dot(sub(p, *from), along) / dot(along, along).max(1e-12);
+        let next = steps.iter().position(|step| step.0 > t).unwrap_or(steps.len());
+        match (next.checked_sub(1).map(|k| steps[k]), steps.get(next)) {
+            (Some((low, before)), Some(&(high, after))) => {
+                let share = (t - low) / (high - low);
+                all.extend([(weight * (1.0 - share), before), (weight * share, after)]);
+            }
+            (Some((_, only)), None) | (None, Some(&(_, only))) => all.push((weight, only)),
+            (None, None) => all.push((weight, self.joint)),
+        }
     }
 }
 
@@ -101,7 +176,19 @@ pub(super) fn upper(rest: &Rest) -> Skin {
         skin = skin
             .bone(&name("collar"), add(collar, scale(sub(shoulder, collar), 0.25)), shoulder, 0.05 * size)
             .bone(&name("shoulder"), add(shoulder, scale(sub(elbow, shoulder), 0.08)), elbow, 0.05 * size)
-            .bone(&name("elbow"), elbow, wrist, 0.042 * size);
+            .bone(&name("elbow"), elbow, wrist, 0.042 * size)
+            .spread(
+                rest,
+                side,
+                (&["shoulder"], "elbow", "wrist"),
+                &[(0.12, "elbow_swing"), (0.32, "elbow_twist"), (0.54, "elbow"), (0.78, "wrist_twist")],
+            )
+            .spread(
+                rest,
+                side,
+                (&["collar", "spine3"], "shoulder", "elbow"),
+                &[(0.10, "shoulder_swing"), (0.45, "shoulder_twist"), (0.80, "shoulder")],
+            );
     }
     // The hem goes with the trousers.
     thighs(skin, rest)
@@ -110,7 +197,9 @@ pub(super) fn upper(rest: &Rest) -> Skin {
 fn thighs(mut skin: Skin, rest: &Rest) -> Skin {
     for side in ["left", "right"] {
         let [hip, knee] = ["hip", "knee"].map(|n| rest.side(side, n));
-        skin = skin.bone(&format!("{side}_hip"), add(hip, scale(sub(knee, hip), 0.12)), knee, 0.075 * rest.size);
+        skin = skin
+            .bone(&format!("{side}_hip"), add(hip, scale(sub(knee, hip), 0.12)), knee, 0.075 * rest.size)
+            .spread(rest, side, (&["pelvis"], "hip", "knee"), &[]);
     }
     skin
 }
@@ -124,7 +213,12 @@ pub(super) fn lower(rest: &Rest) -> Skin {
     skin = skin.bone("pelvis", add(hips[0], lift), add(hips[1], lift), 0.095 * size);
     for side in ["left", "right"] {
         let [knee, ankle] = ["knee", "ankle"].map(|n| rest.side(side, n));
-        skin = skin.bone(&format!("{side}_knee"), knee, ankle, 0.055 * size);
+        skin = skin.bone(&format!("{side}_knee"), knee, ankle, 0.055 * size).spread(
+            rest,
+            side,
+            (&["hip"], "knee", "ankle"),
+            &[],
+        );
     }
     thighs(skin, rest)
 }
@@ -153,7 +247,8 @@ pub(super) struct Hand {
     /// From the elbow to the wrist, of unit length.
     along: V,
     size: f32,
-    elbow: u8,
+    /// What the forearm's end follows.
+    forearm: u8,
 }
 
 impl Hand {
@@ -174,7 +269,7 @@ impl Hand {
                 .bone(&name(3), c, rest.finger_tip(side, finger), radius);
         }
         let along = unit(sub(wrist, at("elbow")));
-        Self { skin, wrist, along, size, elbow: number(&format!("{side}_elbow")) }
+        Self { skin, wrist, along, size, forearm: number(&format!("{side}_wrist_twist")) }
     }
 
     /// All the forearm's from the cuff on, so that no bend of the wrist shows what the sleeve hides.
@@ -182,6 +277,6 @@ impl Hand {
         let (joints, weights) = self.skin.weights(p);
         let hand = ramp(-0.0165 * self.size, 0.012 * self.size, dot(sub(p, self.wrist), self.along));
         let own = joints.into_iter().zip(weights).map(|(joint, weight)| (weight * hand, joint));
-        normalized(own.filter(|one| one.0 > 0.0).chain([(1.0 - hand, self.elbow)]).collect())
+        normalized(own.filter(|one| one.0 > 0.0).chain([(1.0 - hand, self.forearm)]).collect())
     }
 }

@@ -17,8 +17,8 @@ use std::io::{self, Write};
 use umo_core::config::FaceKind;
 use umo_core::motion::clip::Clip;
 use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS};
-use umo_figure::Figure;
 use umo_figure::palette::Palette;
+use umo_figure::{Figure, Helper};
 
 mod builder;
 mod shapes;
@@ -29,17 +29,19 @@ pub mod vrma;
 /// # Errors
 /// Those of `out`; an animation beyond glTF's 4 GiB.
 pub fn write<W: Write>(clip: &Clip, figure: Figure, out: W) -> io::Result<()> {
-    let mut builder = Builder::default();
-    let joints = add_skeleton(&mut builder, clip);
-    let rest = rest_positions(clip);
-    let skin = add_skin(&mut builder, &joints, &rest);
-
     let figure = figure.mesh(&clip.skeleton).map_err(|cause| io::Error::new(io::ErrorKind::InvalidInput, cause))?;
     let figure = match clip.face.kind {
         // Expression coefficients leave the jaw to its joint; among ARKit's shapes is the open jaw.
         FaceKind::SmplxExpression => figure.on_the_jaw(),
         FaceKind::Arkit => figure,
     };
+    let mut builder = Builder::default();
+    let joints = add_skeleton(&mut builder, clip);
+    let helpers = add_helpers(&mut builder, clip, &figure.helpers);
+    let rest = rest_positions(clip);
+    let places = figure.helpers.iter().map(|helper| rest[helper.of]);
+    let places: Vec<_> = rest.iter().copied().chain(places).collect();
+    let skin = add_skin(&mut builder, &[&joints[..], &helpers].concat(), &places);
     let palette = Palette::new(&figure);
     let material = builder.material("figure", &palette)?;
     let cloth = builder.surface(&figure, &palette, 0..figure.head);
@@ -56,7 +58,8 @@ pub fn write<W: Write>(clip: &Clip, figure: Figure, out: W) -> io::Result<()> {
     let mesh = builder.mesh("face", front, names);
     let face = builder.skinned("face", mesh, skin);
 
-    add_animation(&mut builder, clip, &joints, face);
+    let helpers: Vec<_> = figure.helpers.iter().zip(helpers).collect();
+    add_animation(&mut builder, clip, &joints, &helpers, face);
     builder.scene(vec![joints[0], body, face]);
     builder.write(out)
 }
@@ -88,6 +91,20 @@ fn add_skeleton(builder: &mut Builder, clip: &Clip) -> Vec<Index<Node>> {
         .collect()
 }
 
+/// One node per helper joint, below the joint that it hangs on.
+fn add_helpers(builder: &mut Builder, clip: &Clip, helpers: &[Helper]) -> Vec<Index<Node>> {
+    let node = |helper: &Helper| {
+        let node = builder.root.push(Node {
+            name: Some(helper.name.clone()),
+            translation: (!helper.is_in_place()).then(|| clip.skeleton.offsets_m[helper.of]),
+            ..Node::default()
+        });
+        builder.root.nodes[helper.hangs_on].children.get_or_insert_default().push(node);
+        node
+    };
+    helpers.iter().map(node).collect()
+}
+
 /// Where the joints are in the rest pose. `[55]`, metres.
 fn rest_positions(clip: &Clip) -> Vec<[f32; 3]> {
     let mut rest: Vec<[f32; 3]> = Vec::with_capacity(JOINTS);
@@ -114,12 +131,24 @@ fn add_skin(builder: &mut Builder, joints: &[Index<Node>], rest: &[[f32; 3]]) ->
     })
 }
 
-/// One channel per joint's rotation, one for the root's place, one for all face weights.
-fn add_animation(builder: &mut Builder, clip: &Clip, joints: &[Index<Node>], face: Index<Node>) {
+/// One channel per rotation of a joint or helper joint, one for the root's place, one for all face
+/// weights.
+fn add_animation(
+    builder: &mut Builder,
+    clip: &Clip,
+    joints: &[Index<Node>],
+    helpers: &[(&Helper, Index<Node>)],
+    face: Index<Node>,
+) {
     let frames = clip.rotations.len();
     let mut tracks = Tracks::new(builder, clip);
     for (joint, &node) in joints.iter().enumerate() {
         let values = builder.vectors(&track(clip, joint));
+        tracks.add(node, Property::Rotation, values);
+    }
+    for &(helper, node) in helpers {
+        let turns = clip.rotations.iter().map(|frame| helper.local_turn(frame[helper.of]));
+        let values = builder.vectors(&continuous(turns));
         tracks.add(node, Property::Rotation, values);
     }
     let places: Vec<_> = (0..frames).map(|f| root_position(clip, f)).collect();
@@ -172,12 +201,15 @@ impl Tracks {
     }
 }
 
-/// A joint's rotations, each of exact length and on the same side as the one before: not every
-/// program takes the shorter way between two quaternions.
 fn track(clip: &Clip, joint: usize) -> Vec<[f32; 4]> {
+    continuous(clip.rotations.iter().map(|frame| frame[joint]))
+}
+
+/// Rotations, each of exact length and on the same side as the one before: not every program takes
+/// the shorter way between two quaternions.
+fn continuous(rotations: impl Iterator<Item = [f32; 4]>) -> Vec<[f32; 4]> {
     let mut before = [0.0, 0.0, 0.0, 1.0];
-    let rotations = clip.rotations.iter().map(|frame| {
-        let q = frame[joint];
+    let rotations = rotations.map(|q| {
         let length = q.iter().map(|x| x * x).sum::<f32>().sqrt();
         let dot: f32 = q.iter().zip(before).map(|(a, b)| a * b).sum();
         let sign = if dot < 0.0 { -1.0 } else { 1.0 };

@@ -45,6 +45,16 @@ struct MeshInfo {
     /// Vertices that a morph target moves: the first ones.
     moving: usize,
     morphs: Vec<MorphInfo>,
+    helpers: Vec<HelperInfo>,
+}
+
+/// A joint that takes shares of another one's turn.
+#[derive(Serialize)]
+struct HelperInfo {
+    of: usize,
+    axis: [f32; 3],
+    swing: f32,
+    twist: f32,
 }
 
 #[derive(Serialize)]
@@ -131,6 +141,8 @@ pub(super) fn elements(scene: &Scene) -> serde_json::Result<String> {
 
 fn describe<'a>(scene: &'a Scene, order: &Order) -> Description<'a> {
     let morph = |morph: &umo_figure::Morph| MorphInfo { name: morph.name, count: morph.vertices.len() };
+    let helper =
+        |one: &umo_figure::Helper| HelperInfo { of: one.of, axis: one.axis, swing: one.swing, twist: one.twist };
     let part = |part: &'a scene::CodedPart| CodedPart { name: &part.name, levels: part.levels, codes: part.codes };
     let record = |record: &'a Record| RecordInfo {
         parts: record.parts.iter().map(part).collect(),
@@ -156,7 +168,11 @@ fn describe<'a>(scene: &'a Scene, order: &Order) -> Description<'a> {
             names: &clip.face.names,
         },
         model: scene.model.as_ref().map(|model| Model { name: &model.name, stride: model.stride }),
-        mesh: MeshInfo { moving: order.moving, morphs: scene.mesh.morphs.iter().map(morph).collect() },
+        mesh: MeshInfo {
+            moving: order.moving,
+            morphs: scene.mesh.morphs.iter().map(morph).collect(),
+            helpers: scene.mesh.helpers.iter().map(helper).collect(),
+        },
         character: scene.character.as_ref().map(|worn| Character { nodes: worn.nodes.to_vec(), seconds: worn.seconds }),
         audio: scene.audio.as_ref().map(|audio| AudioInfo { sample_rate: audio.sample_rate }),
         record: scene.record.as_ref().map(record),
@@ -241,6 +257,7 @@ impl Elements {
         self.floats("positions", order.sort(&mesh.positions));
         self.floats("normals", order.sort(&mesh.normals));
         self.block("colors", order.sort(&mesh.colors).flatten());
+        self.block("roughness", order.sort(&mesh.finishes).map(|finish| finish.roughness));
         self.block("joints", order.sort(&mesh.joints).flatten());
         self.block("weights", order.sort(&mesh.weights).flatten().flat_map(|weight| share(weight).to_le_bytes()));
         self.block("indices", mesh.indices.iter().flat_map(|&vertex| order.place(vertex).to_le_bytes()));

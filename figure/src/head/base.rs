@@ -70,7 +70,7 @@ impl Base {
         for x in [1.0, -1.0] {
             solid = solid.with(
                 Shape::Ellipsoid { centre: [0.0128 * x * nose, -0.0405, 0.0205], radii: [0.0060, 0.0066, 0.0080] },
-                Union(0.0042),
+                Union(0.0064),
             );
         }
         // Groove under the nose, and the one between lip and chin.

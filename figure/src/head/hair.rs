@@ -1,11 +1,11 @@
 //! Brows, ears and hair.
 
+use super::Kind;
 use super::base::Base;
 use super::eye::{mix_color, spike};
 use super::sheet::Sheet;
-use super::{Kind, mouth};
 use crate::field::Join::{Cut, Union};
-use crate::field::{Shape, Solid};
+use crate::field::{Shape, Solid, occlusion};
 use crate::look::{Color, Hair};
 use crate::nets::{self, Grid, planes};
 use crate::vector::{V, add, cross, curve, mix, ramp, scale, sub, unit};
@@ -68,21 +68,45 @@ pub(super) fn add_brow(sheet: &mut Sheet, base: &Base) {
 
 /// The left ear.
 pub(super) fn add_ear(sheet: &mut Sheet, base: &Base) {
+    const SIZE: f32 = 0.94;
     let root = base.onto([0.075, -0.012, -0.078]);
-    let over = |x: f32, y: f32, z: f32| add(root, [x, y, z]);
-    let solid = Solid::default()
-        .with(Shape::Ellipsoid { centre: over(0.004, 0.006, -0.006), radii: [0.0060, 0.0240, 0.0160] }, Union(0.0))
-        .with(Shape::Ellipsoid { centre: over(0.004, -0.017, 0.000), radii: [0.0058, 0.0115, 0.0085] }, Union(0.010))
-        .with(Shape::Ellipsoid { centre: over(0.0130, 0.007, -0.004), radii: [0.0070, 0.0168, 0.0096] }, Cut(0.004))
-        .with(Shape::Ellipsoid { centre: over(0.0125, -0.006, 0.001), radii: [0.0080, 0.0085, 0.0065] }, Cut(0.004));
+    let over = |x: f32, y: f32, z: f32| add(root, scale([x, y, z], SIZE));
+    let egg = |centre: V, radii: V| Shape::Ellipsoid { centre, radii: scale(radii, SIZE) };
+    let mut solid = Solid::default()
+        .with(egg(over(0.0035, 0.005, -0.006), [0.0056, 0.0285, 0.0184]), Union(0.0))
+        .with(egg(over(0.0050, -0.0205, -0.0005), [0.0048, 0.0098, 0.0074]), Union(0.009))
+        .with(egg(over(0.0125, 0.008, -0.006), [0.0060, 0.0168, 0.0096]), Cut(0.004));
+    // The rim, from the front over the top and round the back.
+    let rim = [
+        over(0.0045, 0.004, 0.0045),
+        over(0.0070, 0.017, 0.0078),
+        over(0.0090, 0.0272, 0.0010),
+        over(0.0105, 0.0285, -0.0090),
+        over(0.0115, 0.0215, -0.0180),
+        over(0.0115, 0.0070, -0.0208),
+        over(0.0100, -0.0070, -0.0165),
+        over(0.0070, -0.0165, -0.0090),
+    ];
+    // The fold within it, in two arms above.
+    let fold = [over(0.0085, -0.0100, -0.0105), over(0.0100, 0.0030, -0.0120), over(0.0090, 0.0160, -0.0070)];
+    for (line, thick, soft) in [(&rim[..], 0.0027, 0.0035), (&fold[..], 0.0024, 0.0040)] {
+        for pair in line.windows(2) {
+            solid = solid.with(Shape::cone(pair[0], pair[1], thick * SIZE, thick * SIZE), Union(soft));
+        }
+    }
+    solid = solid
+        .with(egg(over(0.0125, -0.0030, -0.0035), [0.0095, 0.0085, 0.0062]), Cut(0.0040))
+        .with(egg(over(0.0075, -0.0035, 0.0055), [0.0030, 0.0050, 0.0026]), Union(0.0040));
     let range = |axis: usize, reach: f32, step: f32| planes(root[axis] - reach, root[axis] + reach, |_| step);
     let part =
-        nets::surface(&solid, &Grid([range(0, 0.024, 0.0034), range(1, 0.040, 0.0048), range(2, 0.030, 0.0040)]));
+        nets::surface(&solid, &Grid([range(0, 0.024, 0.0028), range(1, 0.040, 0.0031), range(2, 0.030, 0.0028)]));
     let first = sheet.vertices.len();
-    for &place in &part.positions {
+    for (&place, &normal) in part.positions.iter().zip(&part.normals) {
         // The ear stands off the head behind.
         let back = ramp(0.005, -0.022, place[2] - root[2]);
-        sheet.add(add(place, [0.006 * back, 0.0, 0.0]), Kind::Ear, mouth::skin_color(base, place));
+        let shade = occlusion(&[&solid], place, normal, 0.010);
+        let color = base.look.skin.toned(0.42, 0.62 * shade);
+        sheet.add(add(place, [0.006 * back, 0.0, 0.0]), Kind::Ear, color);
     }
     let (triangles, _) = part.indices.as_chunks::<3>();
     sheet.triangles.extend(triangles.iter().map(|t| t.map(|i| first + i as usize)));
@@ -102,6 +126,13 @@ const HAIRLINE: [(f32, f32); 11] = [
     (145.0, 124.0),
     (180.0, 128.0),
 ];
+
+/// The same, no smooth curve.
+fn hairline(ahead: f32) -> f32 {
+    let jagged = 0.7 * (ahead * 0.55).sin() + 0.5 * (ahead * 1.21).sin();
+    curve(&HAIRLINE, ahead) + jagged * ramp(0.0, 8.0, ahead) * ramp(180.0, 170.0, ahead)
+}
+
 const CROWN: V = [0.0, 0.020, -0.066];
 const COLUMNS: usize = 44;
 
@@ -112,6 +143,7 @@ type Row = (f32, f32);
 /// The left half of the hair: a cap, and locks over it.
 pub(super) fn add_hair(sheet: &mut Sheet, base: &Base) {
     add_cap(sheet, base);
+    add_fringe(sheet, base);
     match base.look.hair {
         Hair::Short => add_short(sheet, base),
         Hair::Bob => add_bob(sheet, base),
@@ -154,9 +186,7 @@ fn add_cap(sheet: &mut Sheet, base: &Base) {
         let ring: Vec<usize> = (0..=COLUMNS)
             .map(|column| {
                 let ahead = 180.0 * column as f32 / COLUMNS as f32;
-                // The hairline is no smooth curve.
-                let jagged = 1.6 * (ahead * 0.55).sin() + 1.1 * (ahead * 1.21).sin();
-                let end = curve(&HAIRLINE, ahead) + jagged * ramp(0.0, 8.0, ahead) * ramp(180.0, 170.0, ahead);
+                let end = hairline(ahead);
                 let fall = 6.0 * (1.0 - t) + end * t + 1.5 * (1.0 - full);
                 let (body, strand) = thickness(hair, ahead, fall, t);
                 // The last row is under the skin.
@@ -180,10 +210,30 @@ fn add_cap(sheet: &mut Sheet, base: &Base) {
     }
 }
 
+/// Single hairs over the hairline, where the cap would end as if it were cut.
+fn add_fringe(sheet: &mut Sheet, base: &Base) {
+    const HAIRS: usize = 80;
+    let long = if base.look.hair == Hair::Crop { 0.7 } else { 1.0 };
+    for hair in 0..HAIRS {
+        let ahead = 0.8 + 177.0 * (hair as f32 + 0.8 * random(hair + 300)) / HAIRS as f32;
+        let end = hairline(ahead);
+        let (body, _) = thickness(base.look.hair, ahead, end - 4.5, 0.94);
+        let root = over(base, ahead, end - 4.5, 0.9 * body);
+        let beyond = long * (1.3 + 2.6 * random(hair + 600));
+        let tip = over(base, ahead + 4.0 * (random(hair + 500) - 0.5), end + beyond, 0.0005);
+        let away = from_crown(root);
+        let side = scale(unit(cross(away, sub(tip, root))), 0.0014);
+        let tone = color(base, 0.45 * random(hair + 400));
+        let at = [add(root, side), sub(root, side), add(root, scale(away, 0.0008)), tip]
+            .map(|place| sheet.add([place[0].max(1e-4), place[1], place[2]], Kind::Hair, tone));
+        spike(sheet, at);
+    }
+}
+
 /// A lock along a path, `wide` metres across at its widest, flat, from a blunt root to a tip. `out`:
 /// away from the head. `shade`: its place between the strands' colours.
 fn add_lock(sheet: &mut Sheet, base: &Base, path: &[V], out: impl Fn(V) -> V, wide: f32, shade: f32) {
-    const AROUND: usize = 6;
+    const AROUND: usize = 5;
     let last = path.len() - 1;
     let mut before: Vec<usize> = Vec::new();
     for (k, &place) in path.iter().enumerate() {
@@ -237,8 +287,8 @@ fn add_short(sheet: &mut Sheet, base: &Base) {
                     over(base, turn + 9.0 * t, fall, lift * ramp(-0.06, 0.28, t))
                 })
                 .collect();
-            add_lock(sheet, base, &path, from_crown, 0.0125, 0.15 + 0.5 * random(seed + 7));
-            ahead += 7.4;
+            add_lock(sheet, base, &path, from_crown, 0.0092, 0.12 + 0.6 * random(seed + 7));
+            ahead += 5.2;
         }
     }
     for (row, &(from, to)) in [(0.30, 0.74), (0.55, 0.98)].iter().enumerate() {
@@ -255,8 +305,8 @@ fn add_short(sheet: &mut Sheet, base: &Base) {
                     over(base, turn + 5.0 * t, end * share, 0.85 * body + 0.0014 * (1.0 - t))
                 })
                 .collect();
-            add_lock(sheet, base, &path, from_crown, 0.0150, 0.10 + 0.45 * random(seed + 7));
-            ahead += 11.0;
+            add_lock(sheet, base, &path, from_crown, 0.0115, 0.08 + 0.55 * random(seed + 7));
+            ahead += 8.2;
         }
     }
 }

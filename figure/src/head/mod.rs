@@ -13,7 +13,7 @@ use super::look::Look;
 use super::rest::Rest;
 use super::skin::{self, Weights};
 use super::vector::{V, add, ramp, scale, sub};
-use super::{Mesh, Morph, Part};
+use super::{Finish, Mesh, Morph, Part};
 use base::Base;
 use sheet::Sheet;
 use umo_core::motion::skeleton::ARKIT_NAMES;
@@ -25,7 +25,7 @@ mod hair;
 mod lids;
 mod lips;
 mod mouth;
-mod shapes;
+pub(crate) mod shapes;
 mod sheet;
 
 /// What a vertex belongs to, and what its shapes need to know of it.
@@ -67,6 +67,8 @@ pub(super) struct Head {
     normals: Vec<V>,
     /// In metres of a head of size 1, vertices counted from the head's first.
     morphs: Vec<Morph>,
+    /// `[vertices]`
+    finishes: Vec<Finish>,
 }
 
 impl Head {
@@ -101,7 +103,8 @@ impl Head {
             _ => normal,
         });
         let normals = normals.collect();
-        Self { sheet, places, normals, morphs }
+        let finishes = sheet.vertices.iter().map(|vertex| finish(vertex.kind)).collect();
+        Self { sheet, places, normals, morphs, finishes }
     }
 
     pub(super) fn add_to(self, mesh: &mut Mesh, rest: &Rest) {
@@ -115,7 +118,7 @@ impl Head {
         };
         let colors: Vec<[u8; 3]> = vertices.iter().map(|vertex| vertex.color).collect();
         let weights: Vec<Weights> = vertices.iter().map(follow).collect();
-        mesh.add_painted(part, &colors, &weights);
+        mesh.add_painted(part, &colors, self.finishes, &weights);
         mesh.head = first;
         mesh.jaw.resize(first, 0.0);
         mesh.jaw.extend(vertices.iter().map(|vertex| lips::jaw(vertex.kind, vertex.place)));
@@ -143,6 +146,19 @@ fn morph(name: &'static str, sheet: &Sheet, eye: &eye::Eye, places: &[V], facing
         }
     }
     morph
+}
+
+fn finish(kind: Kind) -> Finish {
+    match kind {
+        Kind::Skin | Kind::Lid(_) | Kind::Ear => Finish::SKIN,
+        // Skin begins at the red's edge.
+        Kind::Lip(point) if point.ring > 3 => Finish::SKIN,
+        Kind::Lip(_) => Finish::LIP,
+        Kind::UpperTeeth | Kind::LowerTeeth => Finish::TEETH,
+        Kind::Tongue(_) => Finish::TONGUE,
+        Kind::Eyeball => Finish::EYE,
+        Kind::Brow | Kind::Hair => Finish::HAIR,
+    }
 }
 
 fn number(at: usize) -> u32 {

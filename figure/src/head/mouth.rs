@@ -27,7 +27,7 @@ pub(super) fn skin_color(base: &Base, p: V) -> Color {
         + 0.12 * spot(0.0, -0.103, 0.014, 0.010)
         + 0.25 * spot(0.030, 0.010, 0.018, 0.006);
     // Its underside is too steep for a smooth shade.
-    let nose = 1.0 - 0.75 * spot(0.0, -0.045, 0.014, 0.007) * ahead;
+    let nose = 1.0 - 0.75 * (spot(0.0, -0.045, 0.014, 0.007) + spot(0.0135, -0.041, 0.007, 0.009)).min(1.0) * ahead;
     base.look.skin.toned(red * ahead, 0.55 * base.shade(p) * nose * ramp(-0.125, -0.105, p[1]))
 }
 
@@ -124,6 +124,10 @@ pub(super) fn add_lips(sheet: &mut Sheet, base: &Base) -> Vec<usize> {
         if above.number == 3 {
             // Skin begins at the red's edge, sharply.
             inner = row.iter().map(|&at| sheet.recolored(at, skin_color(base, sheet.vertices[at].place))).collect();
+            for &at in &inner {
+                let Kind::Lip(point) = &mut sheet.vertices[at].kind else { continue };
+                point.ring += 1;
+            }
         } else {
             inner = row;
         }
@@ -219,7 +223,7 @@ pub(super) fn add_teeth(sheet: &mut Sheet, base: &Base) {
     let upper = [0.0043, 0.0036, 0.0038, 0.0035, 0.0034, 0.0040];
     let lower = [0.0029, 0.0030, 0.0034, 0.0034, 0.0036, 0.0040];
     row_of_teeth(sheet, &upper, front - 0.0100, [0.0085, -0.0020], true);
-    row_of_teeth(sheet, &lower, front - 0.0122, [-0.0105, -0.0024], false);
+    row_of_teeth(sheet, &lower, front - 0.0122, [-0.0105, -0.0032], false);
 }
 
 /// `ends`: gums and edge, metres over the line between the lips.
@@ -257,6 +261,9 @@ fn row_of_teeth(sheet: &mut Sheet, widths: &[f32; TEETH_IN_ROW], front: f32, [gu
                 let place =
                     [radius * turn.sin(), line(0.0) + height, front - 0.0225 * 1.25 + radius * 1.25 * turn.cos()];
                 let shaded = mix_color(color, GUMS, 0.45 * hollow * ramp(1.1, 0.2, share.abs()));
+                // Lips and cheeks keep light from the lower row and from the teeth at the sides.
+                let dark = if upper { 0.0 } else { 0.10 } + 0.16 * ramp(0.004, 0.022, s);
+                let shaded = mix_color(shaded, CAVITY, dark);
                 row.push(sheet.add(place, kind, shaded));
             }
         }

@@ -32,6 +32,8 @@ const fn push(part: Where, at: V, wide: V, by: V) -> Push {
 use Where::{Above, All, Below};
 
 const MOUTH: f32 = -0.066;
+/// How far beyond the middle a lip's shape of one side reaches, metres.
+pub(crate) const ACROSS: f32 = 0.012;
 
 /// The pushes of a shape, by its name without `Left` or `Right`.
 #[rustfmt::skip]
@@ -61,10 +63,10 @@ fn pushes(stem: &str) -> Vec<Push> {
             push(All, [WIDE + 0.006, MOUTH, 0.01], [0.012, 0.012, 0.03], [0.0012, 0.0, 0.0026]),
         ],
         "mouthLowerDown" => vec![
-            push(Below, [0.0115, MOUTH - 0.004, 0.02], [0.0190, 0.017, 0.03], [0.0012, -0.0084, 0.0014]),
+            push(Below, [0.0090, MOUTH - 0.004, 0.02], [0.0205, 0.017, 0.03], [0.0012, -0.0084, 0.0014]),
         ],
         "mouthUpperUp" => vec![
-            push(Above, [0.0115, MOUTH + 0.004, 0.02], [0.0190, 0.017, 0.03], [0.0008, 0.0070, 0.0012]),
+            push(Above, [0.0090, MOUTH + 0.004, 0.02], [0.0205, 0.017, 0.03], [0.0008, 0.0070, 0.0012]),
             push(Above, [0.024, MOUTH + 0.024, 0.015], [0.016, 0.014, 0.03], [0.0, 0.0026, 0.0018]),
         ],
         "mouthRollLower" => vec![
@@ -153,14 +155,18 @@ impl Shape {
         })
     }
 
-    /// Of one side: lids by turning, the rest by pushes; nothing on the other side.
+    /// Of one side: lids by turning, the rest by pushes; nothing on the other side, but for lips.
     fn halved(&self, vertex: &Vertex, eye: &Eye) -> V {
         let out = vertex.place[0] * self.side;
-        if out <= 0.0 || !yields(vertex.kind) {
+        // Where left and right are at 1, the middle of the lips moves as what is beside it does.
+        let beyond = if self.stem.starts_with("mouth") { ACROSS } else { 0.0 };
+        if out < -beyond || (out <= 0.0 && beyond == 0.0) || !yields(vertex.kind) {
             return [0.0; 3];
         }
-        let pushed = self.pushes.iter().fold([0.0; 3], |moved, push| add(moved, push.on(vertex, self.side)));
-        let pushed = scale(pushed, ramp(0.0, 0.010, out));
+        let mut twin = *vertex;
+        twin.place[0] = out.abs() * self.side;
+        let pushed = self.pushes.iter().fold([0.0; 3], |moved, push| add(moved, push.on(&twin, self.side)));
+        let pushed = scale(pushed, if beyond > 0.0 { ramp(-beyond, beyond, out) } else { ramp(0.0, 0.010, out) });
         let Kind::Lid(point) = vertex.kind else { return pushed };
         let turned = sub(eye.lid_place(&point, point.turned(self.lids)), eye.lid_place(&point, point.rest));
         // A lid on the eyeball does not take part in the skin's pushes.

@@ -3,8 +3,8 @@
 mod letters;
 pub mod sheet;
 
-use crate::Mesh;
 use crate::posed::Posed;
+use crate::{Finish, Mesh};
 use std::io::{self, Write};
 
 /// Looks along a line from `eye` to `target`, without perspective, Y up.
@@ -79,6 +79,8 @@ impl Picture {
         let up = cross(towards, right);
         let distance = dot(sub(camera.eye, camera.target), towards);
         let key = unit(KEY);
+        // Between the light and the eye.
+        let half = unit([key[0], key[1], key[2] + 1.0]);
         let corners: Vec<Corner> = (0..mesh.positions.len())
             .map(|i| {
                 let from = sub(posed.positions[i], camera.target);
@@ -87,9 +89,11 @@ impl Picture {
                 let normal = posed.normals[i];
                 let seen = [dot(normal, right), dot(normal, up), dot(normal, towards)];
                 let color = mesh.colors[i];
+                let shine = gloss(mesh.finishes[i], dot(seen, half));
+                let light = shade([color[0], color[1], color[2]], seen, normal[1], dot(seen, key));
                 Corner {
                     at: [left + width / 2.0 + dot(from, right) * zoom, top + height / 2.0 - dot(from, up) * zoom, away],
-                    light: shade([color[0], color[1], color[2]], seen, normal[1], dot(seen, key)),
+                    light: light.map(|x| x + shine),
                 }
             })
             .collect();
@@ -186,7 +190,7 @@ fn size(pixels: usize) -> io::Result<u32> {
     u32::try_from(pixels).map_err(|_| io::Error::new(io::ErrorKind::InvalidInput, "the picture is too large"))
 }
 
-/// Light off a matt surface: key light, sky and ground, and a little rim.
+/// Light off a surface without its gloss: key light, sky and ground, and a little rim.
 fn shade(color: [u8; 3], seen: V, up: f32, key: f32) -> V {
     // The light wraps a little round the form, as it does from a large lamp.
     let lit = ((key + 0.3) / 1.3).max(0.0);
@@ -195,6 +199,12 @@ fn shade(color: [u8; 3], seen: V, up: f32, key: f32) -> V {
     let warm = [1.0, 0.97, 0.92];
     let sky = [0.92, 0.97, 1.05];
     std::array::from_fn(|i| linear(color[i]) * (0.74 * lit * warm[i] + (0.20 + 0.20 * fill) * sky[i]) + rim * 0.25)
+}
+
+/// The key light's reflection, where the surface faces halfway between light and eye by `half`.
+fn gloss(finish: Finish, half: f32) -> f32 {
+    let smooth = (1.0 - f32::from(finish.roughness) / 255.0).powi(2);
+    half.max(0.0).powf(10.0 + 90.0 * smooth) * (0.01 + 0.24 * smooth)
 }
 
 /// sRGB to linear light.

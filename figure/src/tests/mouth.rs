@@ -88,6 +88,25 @@ fn lip_shapes_move_only_their_lip() {
     assert!(back("mouthRollLower") < -0.004 && back("mouthRollUpper") < -0.004, "rolled lips go in");
 }
 
+/// Left and right together move the middle of a lip as far as its sides: lips keep their curve.
+#[test]
+fn pairs_of_shapes_leave_no_peak_in_the_middle_of_a_lip() {
+    let mesh = &FIGURES[0];
+    let pairs = touching(mesh);
+    for (stem, which) in [("mouthLowerDown", 1), ("mouthUpperUp", 0)] {
+        let names = [format!("{stem}Left"), format!("{stem}Right")];
+        let places = shaped(mesh, &names.each_ref().map(String::as_str));
+        let moved = |from: f32, to: f32| -> f32 {
+            let near =
+                pairs.iter().map(|pair| pair[which]).filter(|&v| (from..to).contains(&mesh.positions[v][0].abs()));
+            let all: Vec<f32> = near.map(|v| (places[v][1] - mesh.positions[v][1]).abs()).collect();
+            all.iter().sum::<f32>() / all.len() as f32
+        };
+        let (middle, beside) = (moved(0.0, 0.001), moved(0.008, 0.013));
+        assert!(middle > 0.75 * beside, "{stem}: {middle} m in the middle, {beside} m beside it");
+    }
+}
+
 #[test]
 fn the_tongue_passes_the_lips() {
     let mesh = &FIGURES[0];

@@ -41,22 +41,14 @@ struct Layout {
 }
 
 impl Builder {
-    /// Matt; the colours are the palette's.
+    /// Colours, roughness and metalness are the palette's.
     ///
     /// # Errors
     /// A palette that no picture can hold.
     pub(super) fn material(&mut self, name: &str, palette: &Palette) -> io::Result<Index<material::Material>> {
-        let mut png = Vec::new();
-        palette.write(&mut png)?;
-        let view = self.view(&png, None);
-        let source = self.root.push(json::Image {
-            buffer_view: Some(view),
-            mime_type: Some(image::MimeType("image/png".to_owned())),
-            name: Some("colors".to_owned()),
-            uri: None,
-            extensions: None,
-            extras: None,
-        });
+        let [mut colors, mut finishes] = [Vec::new(), Vec::new()];
+        palette.write(&mut colors)?;
+        palette.write_finishes(&mut finishes)?;
         let sampler = self.root.push(texture::Sampler {
             mag_filter: Some(Valid(texture::MagFilter::Linear)),
             min_filter: Some(Valid(texture::MinFilter::Linear)),
@@ -64,19 +56,33 @@ impl Builder {
             wrap_t: Valid(texture::WrappingMode::ClampToEdge),
             ..texture::Sampler::default()
         });
-        let index = self.root.push(json::Texture {
-            sampler: Some(sampler),
-            source,
-            name: None,
-            extensions: None,
-            extras: None,
-        });
+        let mut texture = |name: &str, png: &[u8]| {
+            let view = self.view(png, None);
+            let source = self.root.push(json::Image {
+                buffer_view: Some(view),
+                mime_type: Some(image::MimeType("image/png".to_owned())),
+                name: Some(name.to_owned()),
+                uri: None,
+                extensions: None,
+                extras: None,
+            });
+            let index = self.root.push(json::Texture {
+                sampler: Some(sampler),
+                source,
+                name: None,
+                extensions: None,
+                extras: None,
+            });
+            texture::Info { index, tex_coord: 0, extensions: None, extras: None }
+        };
+        let (colors, finishes) = (texture("colors", &colors), texture("finishes", &finishes));
         Ok(self.root.push(material::Material {
             name: Some(name.to_owned()),
             pbr_metallic_roughness: material::PbrMetallicRoughness {
-                metallic_factor: material::StrengthFactor(0.0),
-                roughness_factor: material::StrengthFactor(0.8),
-                base_color_texture: Some(texture::Info { index, tex_coord: 0, extensions: None, extras: None }),
+                metallic_factor: material::StrengthFactor(1.0),
+                roughness_factor: material::StrengthFactor(1.0),
+                base_color_texture: Some(colors),
+                metallic_roughness_texture: Some(finishes),
                 ..Default::default()
             },
             ..Default::default()

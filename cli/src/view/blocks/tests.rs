@@ -3,7 +3,7 @@ use umo_core::config::FaceKind;
 use super::*;
 use crate::sample;
 use crate::view::scene::tests::scene;
-use umo_figure::Morph;
+use umo_figure::{Finish, Helper, Morph};
 
 /// Three vertices, of which the last and the first are moved.
 fn mesh() -> Mesh {
@@ -11,8 +11,17 @@ fn mesh() -> Mesh {
         positions: vec![[0.0; 3], [1.0; 3], [2.0; 3]],
         normals: vec![[0.0, 0.0, 1.0]; 3],
         colors: vec![[1; 4], [2; 4], [3; 4]],
+        finishes: [4, 5, 6].map(|roughness| Finish { roughness, metalness: 0 }).to_vec(),
         joints: vec![[0; 4]; 3],
         weights: vec![[1.0, 0.0, 0.0, 0.0]; 3],
+        helpers: vec![Helper {
+            name: "left_elbow_half".to_owned(),
+            of: 18,
+            hangs_on: 18,
+            axis: [1.0, 0.0, 0.0],
+            swing: 0.5,
+            twist: 0.25,
+        }],
         indices: vec![0, 1, 2],
         jaw: vec![0.0; 3],
         head: 0,
@@ -44,6 +53,8 @@ fn vertices_that_move_come_first_and_triangles_follow_them() {
     let page = elements(&scene).unwrap();
     assert_eq!(floats(&page, "positions"), [0.0, 0.0, 0.0, 2.0, 2.0, 2.0, 1.0, 1.0, 1.0]);
     assert_eq!(block(&page, "colors"), [1, 1, 1, 1, 3, 3, 3, 3, 2, 2, 2, 2]);
+    assert_eq!(block(&page, "roughness"), [4, 6, 5]);
+    assert!(page.contains("{\"of\":18,\"axis\":[1.0,0.0,0.0],\"swing\":0.5,\"twist\":0.25}"));
     assert_eq!(numbers(&page, "indices"), [0, 2, 1]);
     assert_eq!(numbers(&page, "morph-vertices"), [1, 0, 1]);
     assert!(page.contains("\"moving\":2") && page.contains("{\"name\":\"tongueOut\",\"count\":2}"));

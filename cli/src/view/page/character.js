@@ -60,8 +60,11 @@ uniform bool isBumpy;
 uniform bool isPlain;
 uniform float cutoff;
 uniform float bumps;
+uniform float roughness;
+uniform bool isFinished;
 uniform sampler2D map;
 uniform sampler2D bump;
+uniform sampler2D finish;
 /** The normal that a texture has in place of the surface's own. */
 vec3 bumped(vec3 n) {
   vec3 dx = dFdx(place), dy = dFdy(place);
@@ -80,8 +83,10 @@ void main() {
   if (color.a < cutoff) discard;
   vec3 n = normalize(facing) * (gl_FrontFacing ? 1.0 : -1.0);
   if (isBumpy) n = bumped(n);
+  float rough = isFinished ? roughness * texture(finish, uv).g : roughness;
+  vec3 light = lit(color.rgb, n, wet, rough);
   // What asks for no light gets some all the same: it stands beside a shadow.
-  vec3 light = isPlain ? mix(color.rgb, lit(color.rgb, n, wet), 0.35) : lit(color.rgb, n, wet);
+  if (isPlain) light = mix(color.rgb, light, 0.35);
   float alpha = cutoff >= 0.0 ? 1.0 : color.a;
   result = vec4(shown(light + glow) * alpha, alpha);
 }`;
@@ -123,7 +128,12 @@ export class Character {
     attribute(gl, 3, part.joints, 4, { integer: true });
     attribute(gl, 4, part.weights, 4);
     attribute(gl, 5, damp(part, body), 1, { normalized: true });
-    const { baseColorTexture: map, baseColorFactor: base = [1, 1, 1, 1] } = material.pbrMetallicRoughness ?? {};
+    const {
+      baseColorTexture: map,
+      baseColorFactor: base = [1, 1, 1, 1],
+      metallicRoughnessTexture: finish,
+      roughnessFactor: roughness = 1,
+    } = material.pbrMetallicRoughness ?? {};
     const transformed = map?.extensions?.KHR_texture_transform;
     attribute(gl, 6, part.uv[transformed?.texCoord ?? map?.texCoord ?? 0] ?? new Float32Array(2 * part.count), 2);
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
@@ -140,6 +150,8 @@ export class Character {
       across: across(transformed),
       map: map ? this.texture(map.index, true) : null,
       bump: material.normalTexture ? this.texture(material.normalTexture.index, false) : null,
+      finish: finish ? this.texture(finish.index, false) : null,
+      roughness,
       bumps: material.normalTexture?.scale ?? 1,
       glow: material.emissiveTexture ? [0, 0, 0] : (material.emissiveFactor ?? [0, 0, 0]),
       isPlain: Boolean(material.extensions?.KHR_materials_unlit),
@@ -266,8 +278,11 @@ export class Character {
       gl.uniform1i(u.isPlain, surface.isPlain ? 1 : 0);
       gl.uniform1f(u.cutoff, surface.cutoff);
       gl.uniform1f(u.bumps, surface.bumps);
+      gl.uniform1f(u.roughness, surface.roughness);
+      gl.uniform1i(u.isFinished, surface.finish ? 1 : 0);
       this.bind(2, surface.map ?? this.blank, u.map);
       this.bind(3, surface.bump ?? this.blank, u.bump);
+      this.bind(4, surface.finish ?? this.blank, u.finish);
       if (surface.isDouble) gl.disable(gl.CULL_FACE);
       else gl.enable(gl.CULL_FACE);
       this.drawTriangles(surface, u);

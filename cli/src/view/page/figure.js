@@ -2,7 +2,7 @@
 
 import { attribute, program } from "umo/gl.js";
 import { LIGHT, setLight } from "umo/light.js";
-import { restPlaces, skin } from "umo/motion.js";
+import { restPlaces, skin, withHelpers } from "umo/motion.js";
 
 const SKIN = `
 layout(location = 0) in vec3 position;
@@ -10,8 +10,8 @@ layout(location = 1) in vec3 normal;
 layout(location = 2) in vec4 color;
 layout(location = 3) in uvec4 joints;
 layout(location = 4) in vec4 weights;
-// Three rows for each joint.
-uniform vec4 bones[165];
+// Three rows for each joint, helper joints last.
+uniform vec4 bones[JOINTS * 3];
 uniform mat4 view;
 uniform mat4 light;
 void bone(out vec4 x, out vec4 y, out vec4 z) {
@@ -27,10 +27,12 @@ void bone(out vec4 x, out vec4 y, out vec4 z) {
 
 const VERTEX = `${SKIN}
 layout(location = 5) in float damp;
+layout(location = 6) in float roughness;
 out vec3 place;
 out vec3 facing;
 out vec3 paint;
 out float wet;
+out float rough;
 out vec4 shade;
 void main() {
   vec4 x, y, z;
@@ -40,6 +42,7 @@ void main() {
   facing = vec3(dot(x.xyz, normal), dot(y.xyz, normal), dot(z.xyz, normal));
   paint = pow(color.rgb, vec3(2.2));
   wet = damp;
+  rough = roughness;
   shade = light * vec4(place + 0.006 * normalize(facing), 1.0);
   gl_Position = view * vec4(place, 1.0);
 }`;
@@ -55,29 +58,33 @@ void main() {
 const FRAGMENT = `${LIGHT}
 in vec3 paint;
 in float wet;
+in float rough;
 void main() {
-  result = vec4(shown(lit(paint, normalize(facing), wet)), 1.0);
+  result = vec4(shown(lit(paint, normalize(facing), wet, rough)), 1.0);
 }`;
 
 export class Figure {
   constructor(gl, scene) {
     this.gl = gl;
+    this.scene = scene;
     this.mesh = scene.mesh;
-    this.rest = restPlaces(scene);
+    const rest = restPlaces(scene);
+    this.rest = [...rest, ...scene.mesh.helpers.map(({ of }) => rest[of])];
     this.eyes = ["left_eye", "right_eye"].map((name) => scene.joints.indexOf(name));
     this.morphs = morphsOf(scene);
     this.moving = scene.mesh.moving;
     this.positions = scene.mesh.positions.slice(0, 3 * this.moving);
     this.normals = scene.mesh.normals.slice(0, 3 * this.moving);
-    this.bones = new Float32Array(165 * 4);
+    this.bones = new Float32Array(12 * this.rest.length);
     this.shown = "";
     this.upload();
   }
 
   upload() {
     const { gl, mesh } = this;
-    this.drawing = program(gl, VERTEX, FRAGMENT);
-    this.shadowing = program(gl, DEPTH, "void main() {}");
+    const sized = (shader) => shader.replace("JOINTS", this.rest.length);
+    this.drawing = program(gl, sized(VERTEX), FRAGMENT);
+    this.shadowing = program(gl, sized(DEPTH), "void main() {}");
     this.array = gl.createVertexArray();
     gl.bindVertexArray(this.array);
     const usage = gl.DYNAMIC_DRAW;
@@ -87,6 +94,7 @@ export class Figure {
     attribute(gl, 3, mesh.joints, 4, { integer: true });
     attribute(gl, 4, mesh.weights, 4, { normalized: true });
     attribute(gl, 5, this.damp(), 1, { normalized: true });
+    attribute(gl, 6, mesh.roughness, 1, { normalized: true });
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
     gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, mesh.indices, gl.STATIC_DRAW);
     gl.bindVertexArray(null);
@@ -103,7 +111,7 @@ export class Figure {
   /** Takes over a pose, and where it puts the joints. */
   follow({ pose, placed }) {
     this.setFace(pose.face);
-    skin(placed, this.rest, this.bones);
+    skin(withHelpers(this.scene, pose, placed), this.rest, this.bones);
   }
 
   /** The weight of every morph target that is not 0, by name. */

@@ -57,8 +57,8 @@ float open() {
   }
   return 0.25 * sum;
 }
-/** Light of a surface that shows \`paint\` and faces \`n\`; \`wet\` is 1 for an eye. */
-vec3 lit(vec3 paint, vec3 n, float wet) {
+/** Light of a surface that shows \`paint\` and faces \`n\`; \`wet\` is 1 for an eye, \`rough\` for chalk. */
+vec3 lit(vec3 paint, vec3 n, float wet, float rough) {
   vec3 v = normalize(eye - place);
   float up = 0.5 + 0.5 * n.y;
   float towards = dot(n, toLamp);
@@ -70,7 +70,9 @@ vec3 lit(vec3 paint, vec3 n, float wet) {
   vec3 color = paint * (mix(floorLight, sky, up) + lamp * key + fill * side);
   float edge = pow(1.0 - max(dot(n, v), 0.0), 3.0);
   color += rim * edge * smoothstep(-0.2, 0.9, dot(n, toRim)) * (0.08 + 0.92 * paint);
-  float gloss = pow(max(dot(n, normalize(toLamp + v)), 0.0), 36.0) * 0.05 * step(0.0, towards);
+  float smoothness = (1.0 - rough) * (1.0 - rough);
+  float gloss = pow(max(dot(n, normalize(toLamp + v)), 0.0), mix(14.0, 150.0, smoothness));
+  gloss *= mix(0.015, 0.42, smoothness) * smoothstep(0.0, 0.25, towards);
   color += lamp * gloss;
   // A window in the eye: it stays where the camera sees it, whatever the eye looks at.
   float window = smoothstep(0.962, 0.982, dot(reflect(-v, n), toCatch));

@@ -19,6 +19,9 @@ export function product([ax, ay, az, aw], [bx, by, bz, bw]) {
   ];
 }
 
+/** The rotation back. */
+export const inverse = ([x, y, z, w]) => [-x, -y, -z, w];
+
 export function rotate([x, y, z, w], [a, b, c]) {
   const t = [2 * (y * c - z * b), 2 * (z * a - x * c), 2 * (x * b - y * a)];
   return [a + w * t[0] + y * t[2] - z * t[1], b + w * t[1] + z * t[0] - x * t[2], c + w * t[2] + x * t[1] - y * t[0]];

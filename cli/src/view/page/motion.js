@@ -1,6 +1,6 @@
 // The frames, the pose between two of them, and where that puts the joints.
 
-import { add, mix, product, rotate, slerp } from "umo/math.js";
+import { add, dot, inverse, mix, product, rotate, scale, slerp } from "umo/math.js";
 
 /** Frames that are kept of a live stream: ten minutes. */
 const MOST = 18000;
@@ -95,6 +95,25 @@ export function place(scene, pose) {
     }
   });
   return { places, turned };
+}
+
+/** The turn of a helper joint where its joint's is `turn`, both in the frame of that joint's parent. */
+function share({ axis, swing, twist }, turn) {
+  const along = dot(turn, axis);
+  const size = Math.hypot(along, turn[3]);
+  // Half a turn across the bone has no twist of its own.
+  const about = size > 1e-6 ? [...scale(axis, along / size), turn[3] / size] : [0, 0, 0, 1];
+  const across = product(turn, inverse(about));
+  return product(slerp([0, 0, 0, 1], across, swing), slerp([0, 0, 0, 1], about, twist));
+}
+
+/** The joints, and after them the helper joints of the mesh. */
+export function withHelpers({ parents, mesh }, { rotations }, { places, turned }) {
+  const turn = (helper) => product(turned[parents[helper.of]], share(helper, rotations[helper.of]));
+  return {
+    places: [...places, ...mesh.helpers.map(({ of }) => places[of])],
+    turned: [...turned, ...mesh.helpers.map(turn)],
+  };
 }
 
 /** Where the joints are when nothing is turned. */

@@ -18,6 +18,7 @@ export function readScene() {
   mesh.positions = block("positions", "f32");
   mesh.normals = block("normals", "f32");
   mesh.colors = block("colors", "u8");
+  mesh.roughness = block("roughness", "u8");
   mesh.joints = block("joints", "u8");
   mesh.weights = block("weights", "u16");
   mesh.indices = block("indices", "u32");
