@@ -299,10 +299,10 @@ pub struct Page {
     #[arg(long, value_name = "FILE", conflicts_with = "live")]
     pub audio: Option<PathBuf>,
     /// Character that wears the motion, .glb or .vrm, in place of the figure
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["live", "figure"])]
+    #[arg(long, value_name = "FILE", conflicts_with = "figure")]
     pub onto: Option<PathBuf>,
     /// Which bone of the character is what, where the names do not tell: TOML or JSON
-    #[arg(long, value_name = "FILE", conflicts_with = "live")]
+    #[arg(long, value_name = "FILE")]
     pub mapping: Option<PathBuf>,
     /// Serve the page to browsers of this machine, and stream the recording or their microphone
     /// through the engine
@@ -548,8 +548,11 @@ pub struct Retarget {
     #[arg(long, value_name = "FILE")]
     pub onto: PathBuf,
     /// File to write, of the character's format
-    #[arg(short, long, value_name = "FILE", required_unless_present = "print_mapping")]
+    #[arg(short, long, value_name = "FILE", required_unless_present_any = ["print_mapping", "sheet"])]
     pub output: Option<PathBuf>,
+    /// Picture to write, of the motion on the figure and on the character
+    #[arg(long, value_name = "FILE.png")]
+    pub sheet: Option<PathBuf>,
     /// Which bone is what, and which shape, where the names do not tell: TOML or JSON
     #[arg(long, value_name = "FILE")]
     pub mapping: Option<PathBuf>,

@@ -2,6 +2,7 @@
 
 mod letters;
 pub mod sheet;
+pub mod surface;
 
 use crate::Mesh;
 use crate::posed::Posed;
