@@ -153,18 +153,9 @@ impl Depth {
         let mut first = 0;
         while first < self.tasks.len() {
             let (tasks, before) = (&self.tasks[first..], &self.before[first * self.net.codes()..]);
-            first += self
-                .net
-                .draw(
-                    cx,
-                    &mut self.scratch,
-                    (&self.states, &self.states),
-                    tasks,
-                    before,
-                    0..self.net.codes(),
-                    |_, _| (),
-                )
-                .expect(OK);
+            let states = (&self.states[..], &self.states[..]);
+            let drawn = self.net.draw(cx, &mut self.scratch, states, (tasks, before), 0..self.net.codes(), |_, _| ());
+            first += drawn.expect(OK);
         }
     }
 }

@@ -92,7 +92,7 @@ impl Batch {
         let end = if self.bounded { depth.codes().min(code + BOUNDED_CODES) } else { depth.codes() };
         let before = &before[first * depth.codes()..];
         let states = (self.lm.states(), heard.as_slice());
-        let done = depth.draw(cx, scratch, states, &tasks[first..], before, code..end, |task, codes| {
+        let done = depth.draw(cx, scratch, states, (&tasks[first..], before), code..end, |task, codes| {
             if let Window::Keyframes(history) = &mut avatars[task.member].history {
                 history.write(*keyframe, codes);
             }

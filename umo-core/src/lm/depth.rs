@@ -232,8 +232,7 @@ impl DepthNet {
         cx: Compute,
         scratch: &mut DepthScratch,
         (states, heard): (&[f32], &[f32]),
-        tasks: &[Task],
-        before: &[u16],
+        (tasks, before): (&[Task], &[u16]),
         codes: Range<usize>,
         mut write: impl FnMut(&Task, &[u16]),
     ) -> Result<usize, StepError> {

@@ -163,7 +163,7 @@ fn generate(cx: Compute, loader: &Loader, inputs: &Inputs, options: Options) -> 
         let task = Task { member: 0, row: 0, unprompted: None, guidance: 1.0, sampler, chunk: 0, keyframe };
         let mut drawn = Vec::new();
         let write = |_: &Task, codes: &[u16]| drawn.extend_from_slice(codes);
-        net.draw(cx, &mut scratch, (state, heard), &[task], &before, 0..net.codes(), write)?;
+        net.draw(cx, &mut scratch, (state, heard), (&[task], &before), 0..net.codes(), write)?;
         before.copy_from_slice(&drawn);
         all.extend_from_slice(&drawn);
         Ok(drawn)
