@@ -255,7 +255,7 @@ fn a_viewer_may_come_in_the_middle() {
     assert_eq!(first.index, (6 * n * stride) as u64);
     assert_eq!(decoder.received().unwrap().lost, 0);
     // A second later it shows what the sender shows, but for where it stands.
-    let from = first.index as usize + 30;
+    let from = 6 * n * stride + 30;
     for (a, b) in wanted[from..].iter().zip(&shown[30..]) {
         assert!(a.index == b.index && a.rotations == b.rotations && a.face == b.face, "frame {}", a.index);
         assert!(a.way(b) < 0.01, "frame {}: {} m", a.index, a.way(b));
@@ -471,6 +471,7 @@ fn after_a_loss_a_chunk_leads_back() {
             // The first packet after the loss comes within a chunk, and its frames are shown within the
             // latency; then the stream has a chunk's time.
             let latency = config.avatar.latency_frames(model.config()) as f64 / 30.0 + 0.1;
+            #[expect(clippy::cast_possible_truncation, reason = "a stream of some seconds")]
             let healed = ((until + chunk + latency + chunk) * PICTURES as f64) as usize;
             let apart = |at: usize| wanted.pictures[at].0.angle(&seen.pictures[at].0);
             let off = (healed..wanted.pictures.len()).map(apart).fold(0.0, f32::max);
