@@ -12,7 +12,7 @@ pub struct Finish {
 impl Finish {
     pub(crate) const CLOTH: Self = Self::of(235);
     pub(crate) const SKIN: Self = Self::of(138);
-    pub(crate) const LIP: Self = Self::of(98);
+    pub(crate) const LIP: Self = Self::of(115);
     pub(crate) const NAIL: Self = Self::of(82);
     pub(crate) const HAIR: Self = Self::of(158);
     pub(crate) const EYE: Self = Self::of(26);

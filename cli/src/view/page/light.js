@@ -65,14 +65,15 @@ vec3 lit(vec3 paint, vec3 n, float wet, float rough) {
   // Light bleeds around the edge of the lit side, red furthest, as it does in skin and wool.
   vec3 bleed = vec3(0.36, 0.26, 0.22);
   vec3 key = clamp((towards + bleed) / (1.0 + bleed), 0.0, 1.0);
-  key *= mix(1.0, open(), smoothstep(-0.1, 0.25, towards));
+  float clear = mix(1.0, open(), smoothstep(-0.1, 0.25, towards));
+  key *= clear;
   float side = max(0.25 + 0.75 * dot(n, toFill), 0.0);
   vec3 color = paint * (mix(floorLight, sky, up) + lamp * key + fill * side);
   float edge = pow(1.0 - max(dot(n, v), 0.0), 3.0);
   color += rim * edge * smoothstep(-0.2, 0.9, dot(n, toRim)) * (0.08 + 0.92 * paint);
   float smoothness = (1.0 - rough) * (1.0 - rough);
   float gloss = pow(max(dot(n, normalize(toLamp + v)), 0.0), mix(14.0, 150.0, smoothness));
-  gloss *= mix(0.015, 0.42, smoothness) * smoothstep(0.0, 0.25, towards);
+  gloss *= mix(0.015, 0.42, smoothness) * smoothstep(0.0, 0.25, towards) * clear;
   color += lamp * gloss;
   // A window in the eye: it stays where the camera sees it, whatever the eye looks at.
   float window = smoothstep(0.962, 0.982, dot(reflect(-v, n), toCatch));
