@@ -8,7 +8,8 @@
 //! | `names` | what bones are called, by whom |
 //! | `align` | rest poses brought together |
 //! | `back` | the way back: a rig's motion as that of the joints |
-//! | `ground` | size, and feet on the floor |
+//! | `ground` | size, and the height of the hips |
+//! | `legs` | feet where the source's are |
 //! | [`face`] | face channels to the shapes that a character has |
 //! | [`RetargetError`] | why a skeleton cannot be moved |
 //!
@@ -21,6 +22,8 @@
 //! ```text
 //! world = B * S * inverse(B) * C * T        local = inverse(parent's world) * world
 //! ```
+//!
+//! Legs are then bent until the feet are where the source's are, to scale (`legs`).
 //!
 //! A rest direction `d` of the rig becomes `B * S * inverse(B) * C * d`, and `C * d` is `B` times
 //! the source's, so a limb points where the source's does, whatever the rest pose. Bones of a spine
@@ -57,6 +60,7 @@ mod back;
 mod error;
 pub mod face;
 mod ground;
+mod legs;
 mod mapping;
 mod names;
 mod rig;
@@ -68,11 +72,15 @@ pub use rig::{Bone, MAX_BONES, Rig};
 use crate::config::Skeleton;
 use crate::error::StepError;
 use crate::motion::pose::Pose;
-use crate::motion::rotation::{IDENTITY, Quat, inverse, product, rotate, slerp};
+use crate::motion::rotation::{IDENTITY, Quat, inverse, product, slerp};
 use crate::motion::skeleton::JOINTS;
 use align::Alignment;
 use ground::Ground;
+use legs::Leg;
 use rig::World;
+
+/// `spine3`, on which neck and arms hang.
+const CHEST: usize = 9;
 
 /// Where the floor is under a rig.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -110,6 +118,9 @@ pub struct Retarget {
     axes: Quat,
     hips: usize,
     ground: Ground,
+    legs: [Option<Leg>; 2],
+    /// What turns with the body that a head or a bust has not: the head turns against that.
+    base: Option<usize>,
 }
 
 /// Room to compute one frame. Each thread has its own.
@@ -133,7 +144,8 @@ impl Retarget {
             .try_for_each(|bone| rig.check_scale(bone))?;
         let (parents, offsets) = source_of(source)?;
         let rest = rest(&parents, &offsets);
-        let hips = mapping.bone(0).ok_or(RetargetError::Flat)?;
+        let first = rig.order().iter().copied().find(|&bone| mapping.follows().any(|follow| follow.bone == bone));
+        let hips = mapping.bone(0).or(first).or(rig.order().first().copied()).ok_or(RetargetError::Flat)?;
         let (axes, short) = align::axes(rig, mapping)?;
         let turns = Alignment { rig, mapping, rest: &rest, axes, short }.turns();
         let mut driven = vec![None; rig.len()];
@@ -142,6 +154,8 @@ impl Retarget {
             driven[bone] = Some(Driven { joints, share, rest: product(inverse(axes), turn) });
         }
         let ground = Ground::new(rig, mapping, &rest, axes, floor)?;
+        let legs = [0, 1].map(|side| Leg::new(rig, mapping, &turns, side, &ground, axes, &rest));
+        let base = (!mapping.has_body()).then_some(if mapping.spine().is_empty() { CHEST } else { 0 });
         Ok(Self {
             bones: rig.bones().to_vec(),
             order: rig.order().to_vec(),
@@ -151,6 +165,8 @@ impl Retarget {
             axes,
             hips,
             ground,
+            legs,
+            base,
         })
     }
 
@@ -164,7 +180,8 @@ impl Retarget {
         self.bones.len()
     }
 
-    /// The bone that carries the body: the only one whose place changes.
+    /// The bone that carries the body: the only one whose place changes. Of a head without a body
+    /// it is its first bone, whose place does not.
     pub fn hips(&self) -> usize {
         self.hips
     }
@@ -195,7 +212,12 @@ impl Retarget {
         if scratch.world.len() != self.bones.len() || rotations.len() != self.bones.len() {
             return Err(StepError::Disagree("the room for bones is another rig's"));
         }
-        let source = self.source(pose);
+        let mut source = self.source(pose);
+        if let Some(base) = self.base {
+            let back = inverse(source[base].rotation);
+            source.iter_mut().for_each(|joint| joint.rotation = product(back, joint.rotation));
+        }
+        let source = source;
         let hips = self.ground.place(self.axes, source[0].place);
         for &at in &self.order {
             let bone = &self.bones[at];
@@ -209,14 +231,15 @@ impl Retarget {
             };
             rotations[at] = local;
             scratch.world[at] = World {
-                place: if at == self.hips { hips } else { above.at(bone.translation) },
+                place: hips.filter(|_| at == self.hips).unwrap_or_else(|| above.at(bone.translation)),
                 rotation: world,
                 scale: above.scale * bone.scale[0],
             };
         }
+        let Some(hips) = hips else { return Ok(self.bones[self.hips].translation) };
         let lift = self.ground.lift(&source, &scratch.world);
-        let up = rotate(self.axes, [0.0, lift, 0.0]);
-        let hips = std::array::from_fn(|i| hips[i] + up[i]);
+        let lift = self.plant(&source, &scratch.world, lift, rotations);
+        let hips = std::array::from_fn(|i| hips[i] + lift * self.ground.up[i]);
         let above = self.bones[self.hips].parent.map_or(World::ORIGIN, |parent| scratch.world[parent]);
         Ok(above.within(hips))
     }

@@ -1,5 +1,7 @@
 //! Numbers out of the buffer of a `.glb`.
 
+use serde::Deserialize;
+
 use super::document::{Document, View};
 use crate::memory::with_capacity;
 
@@ -20,13 +22,7 @@ pub fn floats(document: &Document, bin: &[u8], index: usize, kind: &str) -> Resu
     if accessor.sparse.is_some() {
         return Err(wrong("it is sparse".to_owned()));
     }
-    let width = match kind {
-        "SCALAR" => 1,
-        "VEC3" => 3,
-        "VEC4" => 4,
-        "MAT4" => 16,
-        _ => return Err(wrong(format!("type {kind}"))),
-    };
+    let width = width(kind).ok_or_else(|| wrong(format!("type {kind}")))?;
     let (size, read) = component(accessor.component_type, accessor.normalized)
         .ok_or_else(|| wrong(format!("component type {}", accessor.component_type)))?;
     if accessor.count.checked_mul(width).is_none_or(|numbers| numbers > MAX_NUMBERS) {
@@ -51,6 +47,97 @@ pub fn floats(document: &Document, bin: &[u8], index: usize, kind: &str) -> Resu
     }
 }
 
+/// An accessor's numbers as floats, and how many make one value; whole numbers as they are, or as
+/// fractions where they stand for those. `kinds` are the types that are taken.
+///
+/// # Errors
+/// As [`floats`], but that a sparse accessor is taken.
+pub fn numbers(document: &Document, bin: &[u8], index: usize, kinds: &[&str]) -> Result<(Vec<f32>, usize), String> {
+    let wrong = |problem: String| format!("accessor {index}: {problem}");
+    let accessor = document.accessors.get(index).ok_or_else(|| wrong("there is none".to_owned()))?;
+    if !kinds.contains(&accessor.kind.as_str()) {
+        return Err(wrong(format!("expected {}, got {}", kinds.join(" or "), accessor.kind)));
+    }
+    let width = width(&accessor.kind).ok_or_else(|| wrong(format!("type {}", accessor.kind)))?;
+    let (size, read) = component(accessor.component_type, accessor.normalized)
+        .or_else(|| whole(accessor.component_type))
+        .ok_or_else(|| wrong(format!("component type {}", accessor.component_type)))?;
+    let total = accessor.count.checked_mul(width).filter(|&numbers| numbers <= MAX_NUMBERS);
+    let total = total.ok_or_else(|| wrong(format!("{} values are too many", accessor.count)))?;
+    let rows = |view: usize, offset: usize, count: usize, size: usize, width: usize| {
+        let view = document.buffer_views.get(view).ok_or("it has no data")?;
+        let bytes = bytes(document, bin, view)?;
+        let row = size * width;
+        let stride = view.byte_stride.unwrap_or(row);
+        let at = move |at: usize| {
+            let start = at.checked_mul(stride)?.checked_add(offset)?;
+            bytes.get(start..start.checked_add(row)?)
+        };
+        (0..count).map(at).collect::<Option<Vec<_>>>().ok_or_else(|| "it reaches beyond its data".to_owned())
+    };
+    let mut values = with_capacity(total);
+    match accessor.buffer_view {
+        Some(view) => {
+            let rows = rows(view, accessor.byte_offset, accessor.count, size, width).map_err(wrong)?;
+            values.extend(rows.into_iter().flat_map(|row| row.chunks_exact(size).map(read)));
+        }
+        None => values.resize(total, 0.0),
+    }
+    if let Some(sparse) = &accessor.sparse {
+        let sparse = Sparse::deserialize(sparse).map_err(|error| wrong(error.to_string()))?;
+        let Sparse { count, indices, values: others } = sparse;
+        let kind = indices.component_type.and_then(whole);
+        let (bytes, index) = kind.ok_or_else(|| wrong("a sparse index of another type".to_owned()))?;
+        if count > accessor.count {
+            return Err(wrong("it is more than its values".to_owned()));
+        }
+        let places = rows(indices.buffer_view, indices.byte_offset, count, bytes, 1).map_err(wrong)?;
+        let rows = rows(others.buffer_view, others.byte_offset, count, size, width).map_err(wrong)?;
+        for (place, row) in places.into_iter().zip(rows) {
+            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a whole number of one list")]
+            let start = index(place) as usize * width;
+            let values = values.get_mut(start..start + width).ok_or_else(|| wrong("a sparse index".to_owned()))?;
+            values.iter_mut().zip(row.chunks_exact(size).map(read)).for_each(|(value, new)| *value = new);
+        }
+    }
+    match values.iter().all(|value| value.is_finite()) {
+        true => Ok((values, width)),
+        false => Err(wrong("it holds a value that is not a finite number".to_owned())),
+    }
+}
+
+/// Values that are other than the list's, and where.
+#[derive(Deserialize)]
+struct Sparse {
+    count: usize,
+    indices: Part,
+    values: Part,
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "camelCase")]
+struct Part {
+    buffer_view: usize,
+    #[serde(default)]
+    byte_offset: usize,
+    component_type: Option<u32>,
+}
+
+/// The bytes of a view by its number.
+///
+/// # Errors
+/// A view that is not there or not in the file.
+pub fn view_bytes<'a>(document: &Document, bin: &'a [u8], view: usize) -> Result<&'a [u8], String> {
+    let found = document.buffer_views.get(view).ok_or_else(|| format!("there is no view {view}"))?;
+    bytes(document, bin, found)
+}
+
+/// Numbers of one value.
+fn width(kind: &str) -> Option<usize> {
+    let widths = [("SCALAR", 1), ("VEC2", 2), ("VEC3", 3), ("VEC4", 4), ("MAT4", 16)];
+    widths.iter().find(|(known, _)| *known == kind).map(|(_, width)| *width)
+}
+
 /// A view's bytes.
 fn bytes<'a>(document: &Document, bin: &'a [u8], view: &View) -> Result<&'a [u8], String> {
     let first = document.buffers.first().filter(|buffer| view.buffer == 0 && buffer.uri.is_none());
@@ -62,6 +149,17 @@ fn bytes<'a>(document: &Document, bin: &'a [u8], view: &View) -> Result<&'a [u8]
 
 /// Bytes of a number, and what they mean.
 type Component = (usize, fn(&[u8]) -> f32);
+
+/// Whole numbers without a sign; of the largest 16 million are told apart.
+fn whole(kind: u32) -> Option<Component> {
+    #[expect(clippy::cast_precision_loss, reason = "lists are shorter than the numbers that f32 tells apart")]
+    match kind {
+        5121 => Some((1, |b| f32::from(b[0]))),
+        5123 => Some((2, |b| f32::from(u16::from_le_bytes([b[0], b[1]])))),
+        5125 => Some((4, |b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]) as f32)),
+        _ => None,
+    }
+}
 
 fn component(kind: u32, normalized: bool) -> Option<Component> {
     match (kind, normalized) {

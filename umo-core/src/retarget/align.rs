@@ -26,7 +26,7 @@ pub(super) fn dot(a: Vector, b: Vector) -> f32 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-fn cross(a: Vector, b: Vector) -> Vector {
+pub(super) fn cross(a: Vector, b: Vector) -> Vector {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
@@ -38,20 +38,20 @@ pub(super) fn length(v: Vector) -> f32 {
 }
 
 /// `v` at length 1, where it is longer than `least`.
-fn direction(v: Vector, least: f32) -> Option<Vector> {
+pub(super) fn direction(v: Vector, least: f32) -> Option<Vector> {
     let length = length(v);
     (length > least && length.is_finite()).then(|| v.map(|x| x / length))
 }
 
 /// `v` without its part along the unit vector `axis`.
-fn aside(v: Vector, axis: Vector) -> Vector {
+pub(super) fn aside(v: Vector, axis: Vector) -> Vector {
     let along = dot(v, axis);
     std::array::from_fn(|i| v[i] - along * axis[i])
 }
 
 /// The shortest turn from one unit vector to another; half a turn is about `axis`, or what of it is
 /// aside.
-fn shortest(from: Vector, to: Vector, axis: Vector) -> Quat {
+pub(super) fn shortest(from: Vector, to: Vector, axis: Vector) -> Quat {
     let side = cross(from, to);
     let sine = length(side);
     let angle = sine.atan2(dot(from, to));
@@ -102,6 +102,9 @@ pub(super) fn axes(rig: &Rig, mapping: &Mapping) -> Result<(Quat, f32), Retarget
     let place = |joint: usize| mapping.bone(joint).map(|bone| rig.place(bone));
     let pair = |left: usize, right: usize| place(left).zip(place(right));
     let pairs = [pair(16, 17), pair(1, 2), pair(18, 19), pair(4, 5)];
+    if pairs.iter().all(Option::is_none) {
+        return head_axes(rig, mapping);
+    }
     let left = pairs.into_iter().flatten().fold([0.0; 3], |sum, (l, r)| std::array::from_fn(|i| sum[i] + l[i] - r[i]));
     let middle = |pair: Option<(Vector, Vector)>| pair.map(|(l, r)| std::array::from_fn(|i| 0.5 * (l[i] + r[i])));
     let low = middle(pair(1, 2)).or(place(0)).ok_or(RetargetError::Flat)?;
@@ -113,6 +116,20 @@ pub(super) fn axes(rig: &Rig, mapping: &Mapping) -> Result<(Quat, f32), Retarget
     // An axis that was snapped is perpendicular to an axis; one that was not may not be.
     let left = direction(aside(left, up), 0.1).ok_or(RetargetError::Flat)?;
     Ok((of_axes(left, up, cross(left, up)), SHORT * size))
+}
+
+/// [`axes`] of a head or a bust: what is not seen of it is as the format has it, X left and Y up.
+fn head_axes(rig: &Rig, mapping: &Mapping) -> Result<(Quat, f32), RetargetError> {
+    let place = |joint: usize| mapping.bone(joint).map(|bone| rig.place(bone));
+    let trunk = mapping.bone(0).into_iter().chain(mapping.spine().iter().chain(mapping.neck()).copied());
+    let low = trunk.map(|bone| rig.place(bone)).next();
+    let neck = low.zip(place(15)).map(|(low, head)| less(head, low)).filter(|&neck| length(neck) > 1e-9);
+    let up = neck.and_then(|neck| direction(neck, 1e-9)).map_or([0.0, 1.0, 0.0], |up| snapped(up, UPRIGHT));
+    let sides = [(23, 24), (13, 14)].into_iter().find_map(|(left, right)| place(left).zip(place(right)));
+    let left = sides.and_then(|(left, right)| direction(less(left, right), 1e-9)).unwrap_or([1.0, 0.0, 0.0]);
+    let left = direction(aside(left, up), 0.1).ok_or(RetargetError::Flat)?;
+    let left = direction(aside(snapped(left, AHEAD), up), 0.1).ok_or(RetargetError::Flat)?;
+    Ok((of_axes(left, up, cross(left, up)), SHORT * neck.map_or(1.0, length)))
 }
 
 /// Where the joints of the source are at rest, from its root, in its axes.
@@ -194,14 +211,15 @@ impl Alignment<'_> {
         }
     }
 
-    /// From wrist to knuckles, and across them.
+    /// From wrist to knuckles, and across those that there are: the outermost two.
     fn palm(&self, wrist: usize, first: usize) -> Option<Quat> {
         let has = |joint: usize| self.mapping.bone(joint).is_some();
         let (index, middle, pinky, ring) = (first, first + 3, first + 6, first + 9);
-        let far = [pinky, ring].into_iter().find(|&joint| has(joint)).filter(|_| has(index))?;
-        let along = if has(middle) { middle } else { index };
-        let source = frame(self.source(wrist, along)?, self.source(far, index)?)?;
-        let target = frame(self.target(wrist, Some(along))?, self.target(far, Some(index))?)?;
+        let knuckles = || [index, middle, ring, pinky].into_iter().filter(|&joint| has(joint));
+        let (near, far) = knuckles().next().zip(knuckles().next_back()).filter(|(near, far)| near != far)?;
+        let along = if has(middle) { middle } else { near };
+        let source = frame(self.source(wrist, along)?, self.source(far, near)?)?;
+        let target = frame(self.target(wrist, Some(along))?, self.target(far, Some(near))?)?;
         Some(product(source, inverse(target)))
     }
 

@@ -1,7 +1,7 @@
 //! The way back: a rig's motion as that of the 55 joints.
 
 use super::rig::World;
-use super::{Driven, Retarget, Scratch};
+use super::{CHEST, Driven, Retarget, Scratch};
 use crate::error::StepError;
 use crate::motion::rotation::{IDENTITY, Quat, inverse, product, slerp};
 use crate::motion::skeleton::JOINTS;
@@ -9,7 +9,6 @@ use crate::motion::skeleton::JOINTS;
 /// The joints of the spine that a rig may have no bones for, and how far each is from the pelvis to
 /// `spine3`.
 const SPINE: [(usize, f32); 2] = [(3, 1.0 / 3.0), (6, 2.0 / 3.0)];
-const CHEST: usize = 9;
 
 impl Retarget {
     /// The rotation of each joint, relative to its parent, of a rig that is posed: what

@@ -1,14 +1,18 @@
 //! Face channels to the shapes that a character has.
 //!
 //! Shapes are found by name. ARKit's names are taken however they are spelt (`jawOpen`, `JawOpen`,
-//! `Head.jaw_open`, `eyeBlink_L`). Characters without them may have the visemes of the Oculus set,
-//! or VRM's five vowels and blinks; those are made of the ARKit channels. The vowels stand at the
+//! `Head.jaw_open`, `eyeBlink_L`, `BROW-Left-Down`), and other programs' names of the same shapes
+//! (`synonyms`). A shape of both sides follows the mean of both, where the sides have none of their
+//! own. Characters without them may have the visemes of the Oculus set, VRM's five vowels, or one
+//! shape that opens the mouth, and blinks; those are made of the ARKit channels. The vowels stand at the
 //! corners of three numbers, 0 to 1: how far the jaw is open (`o`), how round the lips are (`r`),
 //! how wide (`w`):
 //!
 //! ```text
 //! aa = o (1-r) (1-w)   ee = o (1-r) w   oh = o r   ou = (1-o) r   ih = (1-o) (1-r) w, only with the jaw open a little
 //! ```
+
+mod synonyms;
 
 use super::names::words;
 use crate::config::{Face, FaceKind};
@@ -24,6 +28,15 @@ const WIDE: f32 = 0.5;
 /// VRM's vowels, 1.0 and 0.x, in the order of [`Vowels`].
 const VOWELS: [&[&str]; 5] = [&["aa", "a"], &["ih", "i"], &["ou", "u"], &["ee", "e"], &["oh", "o"]];
 
+/// What the one shape that opens a mouth is called.
+const OPENS: [&str; 4] = ["mouthopen", "jawdown", "jawdrop", "openmouth"];
+
+/// What a shape of both lids is called.
+const BLINKS: [&str; 4] = ["blink", "eyesclosed", "eyesclose", "eyeclose"];
+
+/// Left or right, and what is left of a name without that.
+const SIDES: [&str; 2] = ["left", "right"];
+
 /// What makes a shape's weight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Cause {
@@ -33,6 +46,11 @@ enum Cause {
     Mean(usize, usize),
     Viseme(usize),
     Vowel(usize),
+    /// How far the mouth is open: the jaw's channel less the lips'.
+    Open {
+        jaw: usize,
+        close: usize,
+    },
 }
 
 /// Which channels vowels are made of.
@@ -97,12 +115,19 @@ impl FaceMap {
         if face.kind != FaceKind::Arkit {
             return map;
         }
-        let spelt: Vec<Vec<String>> = shapes.iter().map(|shape| spelling(shape.as_ref())).collect();
-        for (channel, name) in face.names.iter().enumerate() {
-            let name = spelling(name).concat();
-            let found = spelt.iter().enumerate().filter(|(_, words)| ends_with(words, &name));
-            map.causes.extend(found.map(|(shape, _)| (shape, Cause::Channel(channel, 1.0))));
+        let spelt: Vec<Spelling> = shapes.iter().map(|shape| Spelling::new(shape.as_ref())).collect();
+        let channels: Vec<Spelling> = face.names.iter().map(|name| Spelling::new(name)).collect();
+        let same = |shape: &Spelling, channel: &Spelling, name: &str| shape.ends_with(name) && shape.is_on(channel);
+        for (at, channel) in channels.iter().enumerate() {
+            let name = channel.words.concat();
+            let mut found: Vec<_> = (0..spelt.len()).filter(|&shape| same(&spelt[shape], channel, &name)).collect();
+            if found.is_empty() {
+                let other = |shape: &Spelling| synonyms::of(&name).any(|other| same(shape, channel, other));
+                found.extend((0..spelt.len()).filter(|&shape| other(&spelt[shape])));
+            }
+            map.causes.extend(found.into_iter().map(|shape| (shape, Cause::Channel(at, 1.0))));
         }
+        map.add_means(&channels, &spelt);
         if !map.drives(face, "jawOpen") {
             map.add_visemes(&spelt);
         }
@@ -110,39 +135,63 @@ impl FaceMap {
         map
     }
 
-    /// The Oculus set where there is most of it, else VRM's vowels.
-    fn add_visemes(&mut self, spelt: &[Vec<String>]) {
-        let marked = |words: &[String], name: &str| {
-            let text = words.concat();
-            let rest = text.strip_suffix(&name.to_lowercase());
-            rest.is_some_and(|rest| rest.ends_with("viseme") || rest.ends_with("vrcv"))
-        };
-        let place = |name: &str| spelt.iter().position(|words| marked(words, name));
-        let found: Vec<_> = VISEME_NAMES.iter().enumerate().filter_map(|(at, name)| Some((place(name)?, at))).collect();
-        if self.visemes.is_some() && found.len() > VISEMES / 2 {
-            self.causes.extend(found.into_iter().map(|(shape, viseme)| (shape, Cause::Viseme(viseme))));
-        } else if self.vowels.is_some() {
-            for (vowel, names) in VOWELS.iter().enumerate() {
-                let found = spelt.iter().position(|words| names.contains(&words.concat().as_str()));
-                self.causes.extend(found.map(|shape| (shape, Cause::Vowel(vowel))));
+    /// Shapes of both sides where neither side has one.
+    fn add_means(&mut self, channels: &[Spelling], spelt: &[Spelling]) {
+        for (left, channel) in channels.iter().enumerate().filter(|(_, channel)| channel.side == Some(0)) {
+            let is_other = |other: &Spelling| other.side == Some(1) && other.words == channel.words;
+            let Some(right) = channels.iter().position(is_other) else { continue };
+            let moves =
+                |(_, cause): &(usize, Cause)| matches!(cause, Cause::Channel(at, _) if [left, right].contains(at));
+            // `jawLeft` and `mouthLeft` are no halves of anything.
+            if channel.words.len() < 2 || self.causes.iter().any(moves) {
+                continue;
             }
+            let name = channel.words.concat();
+            let is_both = |shape: &Spelling| {
+                let other = || synonyms::of(&name).filter(|other| !synonyms::need_side(other));
+                shape.side.is_none() && (shape.ends_with(&name) || other().any(|other| shape.ends_with(other)))
+            };
+            let found = (0..spelt.len()).filter(|&shape| is_both(&spelt[shape]));
+            self.causes.extend(found.map(|shape| (shape, Cause::Mean(left, right))));
         }
     }
 
-    /// `blinkLeft` and `blinkRight`, or `blink` for both.
-    fn add_blinks(&mut self, face: &Face, spelt: &[Vec<String>]) {
-        let shape = |name: &str| spelt.iter().position(|words| words.concat() == name);
-        let channel = |name: &str| face.names.iter().position(|known| known == name);
-        let Some((left, right)) = channel("eyeBlinkLeft").zip(channel("eyeBlinkRight")) else { return };
-        if self.drives(face, "eyeBlinkLeft") {
+    /// The Oculus set where there is most of it, else VRM's vowels, else what opens the mouth.
+    fn add_visemes(&mut self, spelt: &[Spelling]) {
+        let marked = |shape: &Spelling, name: &str| {
+            let text = shape.text();
+            let rest = text.strip_suffix(&name.to_lowercase());
+            rest.is_some_and(|rest| rest.ends_with("viseme") || rest.ends_with("vrcv"))
+        };
+        let place = |name: &str| spelt.iter().position(|shape| marked(shape, name));
+        let found: Vec<_> = VISEME_NAMES.iter().enumerate().filter_map(|(at, name)| Some((place(name)?, at))).collect();
+        if self.visemes.is_some() && found.len() > VISEMES / 2 {
+            self.causes.extend(found.into_iter().map(|(shape, viseme)| (shape, Cause::Viseme(viseme))));
             return;
         }
-        if let Some((on_left, on_right)) = shape("blinkleft").zip(shape("blinkright")) {
-            let channel = |channel| Cause::Channel(channel, 1.0);
-            self.causes.extend([(on_left, channel(left)), (on_right, channel(right))]);
-        } else if let Some(both) = shape("blink") {
-            self.causes.push((both, Cause::Mean(left, right)));
+        let Some(vowels) = self.vowels else { return };
+        let before = self.causes.len();
+        for (vowel, names) in VOWELS.iter().enumerate() {
+            let found = spelt.iter().position(|shape| names.contains(&shape.text().as_str()));
+            self.causes.extend(found.map(|shape| (shape, Cause::Vowel(vowel))));
         }
+        if self.causes.len() == before {
+            let opens = |name: &&str| spelt.iter().position(|shape| shape.side.is_none() && shape.ends_with(name));
+            let open = Cause::Open { jaw: vowels.jaw, close: vowels.close };
+            self.causes.extend(OPENS.iter().find_map(opens).map(|shape| (shape, open)));
+        }
+    }
+
+    /// A shape of both lids, where no lid has its own.
+    fn add_blinks(&mut self, face: &Face, spelt: &[Spelling]) {
+        let channel = |name: &str| face.names.iter().position(|known| known == name);
+        let Some((left, right)) = channel("eyeBlinkLeft").zip(channel("eyeBlinkRight")) else { return };
+        let moves = |(_, cause): &(usize, Cause)| matches!(cause, Cause::Channel(at, _) | Cause::Mean(at, _) if [left, right].contains(at));
+        if self.causes.iter().any(moves) {
+            return;
+        }
+        let shape = |name: &&str| spelt.iter().position(|shape| shape.text() == *name);
+        self.causes.extend(BLINKS.iter().find_map(shape).map(|both| (both, Cause::Mean(left, right))));
     }
 
     /// Lets a shape follow `gain` times a channel, with whatever else moves it. Says whether there
@@ -166,8 +215,13 @@ impl FaceMap {
 
     /// Whether some shape opens the mouth: a jaw that turns would open it twice.
     pub fn opens_mouth(&self, face: &Face) -> bool {
-        let speaks = |cause: &Cause| matches!(cause, Cause::Viseme(_) | Cause::Vowel(_));
+        let speaks = |cause: &Cause| matches!(cause, Cause::Viseme(_) | Cause::Vowel(_) | Cause::Open { .. });
         self.drives(face, "jawOpen") || self.causes.iter().any(|(_, cause)| speaks(cause))
+    }
+
+    /// The shape that opens the mouth, where that is all that does: vowels elsewhere say more.
+    pub fn plain_mouth(&self) -> Option<usize> {
+        self.causes.iter().find(|(_, cause)| matches!(cause, Cause::Open { .. })).map(|(shape, _)| *shape)
     }
 
     /// Number of shapes, moved or not.
@@ -192,6 +246,7 @@ impl FaceMap {
             Cause::Mean(left, right) => format!("mean of {} and {}", name(left), name(right)),
             Cause::Viseme(at) => format!("viseme {}", VISEME_NAMES[at]),
             Cause::Vowel(at) => format!("vowel {}", VOWELS[at][0]),
+            Cause::Open { jaw, close } => format!("{} less {}", name(jaw), name(close)),
         });
         causes.collect::<Vec<_>>().join(" + ")
     }
@@ -209,29 +264,67 @@ impl FaceMap {
                 Cause::Mean(left, right) => 0.5 * (values[left] + values[right]),
                 Cause::Viseme(viseme) => visemes.map_or(0.0, |weights| weights[viseme]),
                 Cause::Vowel(vowel) => vowels.map_or(0.0, |weights| weights[vowel]),
+                Cause::Open { jaw, close } => (values[jaw] - values[close]).max(0.0),
             };
             weights[shape] = (weights[shape] + value).clamp(0.0, 1.0);
         }
     }
 }
 
-/// Words of a shape's name, with its side written out.
-fn spelling(name: &str) -> Vec<String> {
-    let mut words = words(name);
-    for word in &mut words {
-        match word.as_str() {
-            "l" => "left".clone_into(word),
-            "r" => "right".clone_into(word),
-            _ => {}
-        }
-    }
-    words
+/// A shape's name: its words in small letters without the side, and that.
+#[derive(Clone, Debug)]
+struct Spelling {
+    words: Vec<String>,
+    /// Of [`SIDES`].
+    side: Option<usize>,
 }
 
-/// Whether words end with a name, from the start of one of them.
-fn ends_with(words: &[String], name: &str) -> bool {
-    let tail = |from: usize| words[from..].concat();
-    (0..words.len()).any(|from| tail(from) == name)
+impl Spelling {
+    fn new(name: &str) -> Self {
+        let mut words = words(name);
+        for word in &mut words {
+            match word.as_str() {
+                "l" => "left".clone_into(word),
+                "r" => "right".clone_into(word),
+                _ => {}
+            }
+        }
+        // `facs_bs_BrowDownLeft_div2`
+        if words.len() > 2 && words.ends_with(&["div".to_owned(), "2".to_owned()]) {
+            words.truncate(words.len() - 2);
+        }
+        let side_of = |word: &String| SIDES.iter().position(|side| side == word);
+        let sides: Vec<_> = words.iter().enumerate().filter_map(|(at, word)| Some((at, side_of(word)?))).collect();
+        // `Eye_L_Look_R`: whose eye, and where to.
+        if let [.., (eye, whose), (to, where_to)] = sides[..]
+            && eye > 0
+            && words[eye - 1] == "eye"
+            && words.get(eye + 1).is_some_and(|word| word == "look")
+            && to == eye + 2
+        {
+            (if whose == where_to { "out" } else { "in" }).clone_into(&mut words[to]);
+            words.remove(eye);
+            return Self { words, side: Some(whose) };
+        }
+        let Some(&(at, side)) = sides.last() else { return Self { words, side: None } };
+        words.remove(at);
+        Self { words, side: Some(side) }
+    }
+
+    /// The whole name, its side last.
+    fn text(&self) -> String {
+        self.words.concat() + self.side.map_or("", |side| SIDES[side])
+    }
+
+    /// Whether it ends with a name, from the start of one of its words.
+    fn ends_with(&self, name: &str) -> bool {
+        (0..self.words.len()).any(|from| self.words[from..].concat() == name)
+    }
+
+    /// Whether a channel moves it: that of its side, or one that has none.
+    fn is_on(&self, channel: &Self) -> bool {
+        channel.side.is_none() || self.side == channel.side
+    }
 }
 
 #[cfg(test)]

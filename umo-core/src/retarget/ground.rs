@@ -30,11 +30,12 @@ pub(super) struct Ground {
     /// The rig's unit for each metre.
     pub(super) scale: f32,
     /// Height of the source's pelvis when it stands at rest, metres.
-    standing: f32,
-    /// Where the hips are then, in the rig's unit.
-    hips: [f32; 3],
+    pub(super) standing: f32,
+    /// Where the hips are then, in the rig's unit; nothing of a head without them.
+    hips: Option<[f32; 3]>,
     /// The rig's up.
-    up: [f32; 3],
+    pub(super) up: [f32; 3],
+
     feet: [Option<Foot>; FEET.len()],
 }
 
@@ -47,18 +48,18 @@ impl Ground {
         floor: Floor,
     ) -> Result<Self, RetargetError> {
         let scale = scale(rig, mapping, rest)?;
+        let hips = mapping.bone(0).map(|bone| rig.place(bone));
         let standing = SOLE - FEET.map(|joint| rest[joint][1]).into_iter().fold(0.0, f32::min);
         let up = rotate(axes, [0.0, 1.0, 0.0]);
         let height = |bone: usize| dot(rig.place(bone), up);
         let feet = FEET.map(|joint| mapping.bone(joint).map(|bone| (joint, bone)));
         let lowest = feet.iter().flatten().map(|&(_, bone)| height(bone)).reduce(f32::min);
-        let hips = mapping.bone(0).map(|bone| rig.place(bone)).ok_or(RetargetError::Flat)?;
         // Down to where a sole is as thick as the source's, to scale.
         let drop = match floor {
             Floor::AtRest => 0.0,
             Floor::AtZero => {
-                let lowest = lowest.unwrap_or(dot(hips, up) - scale * (standing - SOLE));
-                lowest - scale * SOLE
+                let below_hips = hips.map(|hips| dot(hips, up) - scale * (standing - SOLE));
+                lowest.or(below_hips).map_or(0.0, |lowest| lowest - scale * SOLE)
             }
         };
         let lowered = |v: [f32; 3]| std::array::from_fn(|i| v[i] - drop * up[i]);
@@ -68,13 +69,13 @@ impl Ground {
             joint_height: standing + rest[joint][1],
             bone_height: height(bone) - drop,
         };
-        Ok(Self { scale, standing, hips: lowered(hips), up, feet: feet.map(|pair| pair.map(foot)) })
+        Ok(Self { scale, standing, hips: hips.map(lowered), up, feet: feet.map(|pair| pair.map(foot)) })
     }
 
-    /// Where the hips go when the source's pelvis is at `pelvis`.
-    pub(super) fn place(&self, axes: Quat, pelvis: [f32; 3]) -> [f32; 3] {
+    /// Where the hips go when the source's pelvis is at `pelvis`: to scale from where both stand.
+    pub(super) fn place(&self, axes: Quat, pelvis: [f32; 3]) -> Option<[f32; 3]> {
         let moved = rotate(axes, less(pelvis, [0.0, self.standing, 0.0]));
-        std::array::from_fn(|i| self.hips[i] + self.scale * moved[i])
+        self.hips.map(|hips| std::array::from_fn(|i| hips[i] + self.scale * moved[i]))
     }
 
     /// How much higher the hips must be, in the rig's unit, for its lower foot to be as far above
@@ -102,6 +103,8 @@ fn scale(rig: &Rig, mapping: &Mapping, rest: &Rest) -> Result<f32, RetargetError
         target = length(less(rig.place(hips), rig.place(head)));
     }
     let scale = target / source;
+    // A head has no size that matters: it does not move about.
+    let scale = if mapping.has_body() { scale } else { 1.0 };
     match scale.is_finite() && scale > 0.0 {
         true => Ok(scale),
         false => Err(RetargetError::Flat),

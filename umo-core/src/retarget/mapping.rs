@@ -20,6 +20,15 @@ const NEEDED: [(usize, Option<usize>); 9] = [
 /// Others, and the one that each must hang below where both are there.
 const BELOW: [(usize, usize); 8] = [(7, 4), (8, 5), (10, 7), (11, 8), (20, 18), (21, 19), (15, 0), (22, 15)];
 
+/// What a rig must have nothing of to be one without arms, and what else those carry: a bust has
+/// shoulders, hands alone are no arms.
+const ARMS: [usize; 4] = [18, 19, 20, 21];
+const LEGS: [usize; 8] = [1, 2, 4, 5, 7, 8, 10, 11];
+
+/// A bust has no more bones than this beside its head whose part is not known: others may be the
+/// limbs that were not found.
+const UNKNOWN: usize = 4;
+
 /// The spine and the neck, which may be any number of bones.
 pub(super) const CHAINS: [&str; 2] = ["spine", "neck"];
 
@@ -89,12 +98,68 @@ impl Mapping {
         let tried =
             names::CONVENTIONS.iter().map(|convention| (of_convention(rig, &keys, convention), convention.name));
         let score = |mapping: &Self| {
-            let needed = NEEDED.iter().filter(|(joint, _)| mapping.bones[*joint].is_some()).count();
+            // Half a limb says nothing: what one calls the upper arm is another's clavicle.
+            let lower = |joint: usize| match joint {
+                1 | 2 => joint + 3,
+                16 | 17 => joint + 2,
+                _ => joint,
+            };
+            let has = |joint: usize| mapping.bones[joint].is_some();
+            let needed = NEEDED.iter().filter(|&&(joint, _)| has(joint) && has(lower(joint))).count();
             let found = mapping.bones.iter().flatten().count() + mapping.spine.len() + mapping.neck.len();
             (needed, found)
         };
         let best = tried.reduce(|best, next| if score(&next.0) > score(&best.0) { next } else { best });
-        best.expect("there are conventions")
+        let (mut mapping, name) = best.expect("there are conventions");
+        mapping.waive(rig);
+        (mapping, name)
+    }
+
+    /// A rig with a head, without legs or arms and without bones that may be those, is a bust or a
+    /// head: what it has not is not missing.
+    fn waive(&mut self, rig: &Rig) {
+        let Some(head) = self.bones[15] else { return };
+        let legs = LEGS.iter().all(|&joint| self.bones[joint].is_none());
+        // Hands without arms, as those of avatars for headsets, stay with the body.
+        let arms = ARMS[..2].iter().all(|&joint| self.bones[joint].is_none());
+        if (!legs && !arms) || self.unknown(rig, head) > UNKNOWN {
+            return;
+        }
+        let is_waived = |joint: usize| match joint {
+            0 => legs && arms,
+            1..=5 => legs,
+            _ => arms,
+        };
+        for (joint, _) in NEEDED.into_iter().filter(|&(joint, _)| is_waived(joint)) {
+            self.waived[joint] = self.bones[joint].is_none();
+        }
+        if arms {
+            ARMS[2..].iter().copied().chain(25..JOINTS).for_each(|joint| self.bones[joint] = None);
+        }
+    }
+
+    /// Bones of which it is not known what they are: they hang on the trunk or on nothing that is
+    /// known, and carry nothing that is.
+    fn unknown(&self, rig: &Rig, head: usize) -> usize {
+        let mut carries = vec![false; rig.len()];
+        for &bone in self.bones.iter().flatten().chain(&self.spine).chain(&self.neck) {
+            let mut at = Some(bone);
+            while let Some(bone) = at.filter(|&bone| !std::mem::replace(&mut carries[bone], true)) {
+                at = rig.bones()[bone].parent;
+            }
+        }
+        let limbs: Vec<_> = (13..JOINTS).filter(|&joint| joint != 15).filter_map(|joint| self.bones[joint]).collect();
+        let skinned = rig.bones().iter().any(|bone| bone.deforms);
+        let is_unknown = |&bone: &usize| {
+            let on = |limb: &usize| rig.is_below(bone, *limb);
+            (rig.bones()[bone].deforms || !skinned) && !carries[bone] && !on(&head) && !limbs.iter().any(on)
+        };
+        (0..rig.len()).filter(is_unknown).count()
+    }
+
+    /// Whether there is a body that moves about: a head alone stays where it is.
+    pub(super) fn has_body(&self) -> bool {
+        self.bones[0].is_some()
     }
 
     /// Gives a joint its bone, by name: none, one, or for `spine` and `neck` several, from below.
@@ -189,8 +254,9 @@ impl Mapping {
     pub fn check(&self, rig: &Rig) -> Result<(), RetargetError> {
         let missing = |&(joint, _): &(usize, Option<usize>)| self.bones[joint].is_none() && !self.waived[joint];
         let missing: Vec<_> = NEEDED.iter().filter(|need| missing(need)).map(|need| JOINT_NAMES[need.0]).collect();
-        // The hips carry everything: a body without them stands still.
-        if !missing.is_empty() || self.bones[0].is_none() {
+        // The hips carry everything: without them a head stays where it is, and nothing else moves.
+        let is_carried = self.has_body() || self.waived[0];
+        if !missing.is_empty() || !is_carried {
             let joints = if missing.is_empty() { vec![JOINT_NAMES[0]] } else { missing };
             return Err(RetargetError::Missing { joints, bones: rig.names() });
         }

@@ -60,7 +60,31 @@ impl Convention {
 
 /// The key of each bone.
 pub(super) fn keys(rig: &Rig) -> Vec<Key> {
-    rig.bones().iter().map(|bone| key(&bone.name)).collect()
+    let numbered = are_numbered(rig);
+    let name = |name: &str| match number(name).filter(|_| numbered) {
+        Some((bare, _)) => key(bare),
+        None => key(name),
+    };
+    rig.bones().iter().map(|bone| name(&bone.name)).collect()
+}
+
+/// Whether a program has numbered the nodes one by one at the end of their names, as Sketchfab does:
+/// `mixamorig:Hips_01`, `mixamorig:Spine_02`.
+fn are_numbered(rig: &Rig) -> bool {
+    let names = || rig.bones().iter().map(|bone| bone.name.as_str()).filter(|name| !name.is_empty());
+    let mut numbers: Vec<u64> = names().filter_map(number).map(|(_, number)| number).collect();
+    let found = numbers.len();
+    numbers.sort_unstable();
+    numbers.dedup();
+    // Numbers that names have for themselves, as `spine_01`, come again on other bones.
+    found > 8 && 4 * found >= 3 * names().count() && 10 * numbers.len() >= 9 * found
+}
+
+/// A name without the number at its end, after `_`, and that number.
+fn number(name: &str) -> Option<(&str, u64)> {
+    let (bare, number) = name.rsplit_once('_')?;
+    let digits = !number.is_empty() && is_number(number) && !bare.is_empty();
+    digits.then(|| number.parse().ok()).flatten().map(|number| (bare, number))
 }
 
 /// The bone of one of these names, the first of them that there is; of several one that a mesh
@@ -76,17 +100,26 @@ pub(super) fn find(rig: &Rig, keys: &[Key], side: Side, alternatives: &str) -> O
 pub(super) fn key(name: &str) -> Key {
     // A namespace or a path before the name.
     let name = name.rsplit([':', '|', '/']).next().unwrap_or_default();
-    let mut words = words(name);
+    let mut words = words(&narrow(name));
     let mut deforms = false;
     drop_prefix(&mut words, &mut deforms);
     let mut side = Side::Middle;
     let sided = words.iter().position(|word| side_of(word).is_some());
     if let Some(at) = sided {
         side = side_of(&words.remove(at)).unwrap_or(side);
+    } else if words.len() > 1 && words.last().is_some_and(|word| word == "m") {
+        // `Root_M`: M is the side that is none.
+        words.pop();
     } else if let Some((found, rest)) = words.first().and_then(|word| sided_word(word)) {
         (side, words[0]) = (found, rest);
     }
     Key { side, text: words.concat(), deforms }
+}
+
+/// Digits as wide as Chinese characters as ordinary ones.
+fn narrow(name: &str) -> String {
+    let digit = |letter: char| char::from_digit(u32::from(letter).wrapping_sub(u32::from('０')), 10);
+    name.chars().map(|letter| digit(letter).unwrap_or(letter)).collect()
 }
 
 /// Words in small letters: cut at signs, at capitals, and between letters and digits.
@@ -121,7 +154,8 @@ fn drop_prefix(words: &mut Vec<String>, deforms: &mut bool) {
             }
             // With the number of the copy: `mixamorig1`, `Bip001`.
             Some("mixamorig" | "bip" | "biped") => 1 + usize::from(words.get(1).is_some_and(|w| is_number(w))),
-            Some("j" | "cc" | "base" | "armature" | "facial") => 1,
+            Some("character") if words.get(1).is_some_and(|word| is_number(word)) => 2,
+            Some("j" | "cc" | "base" | "armature" | "facial" | "valve") => 1,
             // `J_Bip_C_Hips`: C is the side that is none.
             Some("c") if words.len() > 1 => 1,
             _ => return,
@@ -146,9 +180,9 @@ fn side_of(word: &str) -> Option<Side> {
     }
 }
 
-/// A side that was written together with the name, as `leftarm`.
+/// A side that was written together with the name, as `leftarm` and `左腕`.
 fn sided_word(word: &str) -> Option<(Side, String)> {
-    let sides = [("left", Side::Left), ("right", Side::Right)];
+    let sides = [("left", Side::Left), ("right", Side::Right), ("左", Side::Left), ("右", Side::Right)];
     sides.into_iter().find_map(|(text, side)| Some((side, word.strip_prefix(text)?.to_owned())))
 }
 
@@ -185,12 +219,30 @@ mod tests {
             ("Left Little Proximal", Left, "littleproximal"),
             ("leftupperarm", Left, "upperarm"),
             ("|Root|Hips", Middle, "hips"),
+            ("Root_M", Middle, "root"),
+            ("IndexFinger1_L", Left, "indexfinger1"),
+            ("ValveBiped.Bip01_R_UpperArm", Right, "upperarm"),
+            ("Character1_LeftForeArm", Left, "forearm"),
+            ("左人指１", Left, "人指1"),
+            ("右足首", Right, "足首"),
+            ("上半身2", Middle, "上半身2"),
             ("LHipJoint", Left, "hipjoint"),
             ("", Middle, ""),
             ("C", Middle, "c"),
         ] {
             assert_eq!(cut(name), (side, text.to_owned()), "{name}");
         }
+    }
+
+    #[test]
+    fn numbers_that_a_program_put_after_every_name_are_dropped() {
+        let rig = |name: &dyn Fn(usize) -> String| {
+            Rig::new((0..12).map(|at| crate::retarget::Bone::new(name(at), None, [0.0; 3])).collect()).unwrap()
+        };
+        let texts = |rig: &Rig| keys(rig).into_iter().map(|key| key.text).collect::<Vec<_>>();
+        assert_eq!(texts(&rig(&|at| format!("mixamorig:Spine{at}_{:03}", at + 5)))[11], "spine11");
+        assert_eq!(texts(&rig(&|at| format!("spine_{:02}", at % 3)))[1], "spine01");
+        assert_eq!(texts(&rig(&|at| if at == 0 { "a_1".to_owned() } else { format!("b{at}") }))[0], "a1");
     }
 
     #[test]

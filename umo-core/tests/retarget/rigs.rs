@@ -113,6 +113,8 @@ pub(crate) struct Naming {
     pub(crate) fingers: [&'static str; 5],
     /// How the three bones of a finger are numbered.
     pub(crate) numbers: [&'static str; 3],
+    /// Those of a thumb, where they are others.
+    pub(crate) thumbs: Option<[&'static str; 3]>,
     pub(crate) sides: [&'static str; 2],
 }
 
@@ -159,7 +161,8 @@ impl Naming {
             }
             for (finger, pattern) in self.fingers.iter().enumerate().filter(|(_, pattern)| !pattern.is_empty()) {
                 let mut above = above;
-                for (bone, number) in self.numbers.iter().enumerate() {
+                let numbers = self.thumbs.filter(|_| finger == 4).unwrap_or(self.numbers);
+                for (bone, number) in numbers.iter().enumerate() {
                     let joint = 25 + 15 * side + 3 * finger + bone;
                     above = body.add(&name(pattern).replace('#', number), Some(above), at[joint], Some(joint));
                 }
@@ -217,6 +220,20 @@ impl Body {
         Rig::new(bones.collect()).unwrap()
     }
 
+    /// The way a bone points at rest, in the body's own axes: to the first that hangs on it, or as the
+    /// one that it hangs on.
+    pub(crate) fn points(&self, bone: usize) -> Vector {
+        let child = self.0.iter().position(|piece| piece.parent == Some(bone) && piece.place != self.0[bone].place);
+        let (from, to) = match (child, self.0[bone].parent) {
+            (Some(child), _) => (bone, child),
+            (None, Some(parent)) => (parent, bone),
+            (None, None) => return [0.0, 1.0, 0.0],
+        };
+        let way: Vector = std::array::from_fn(|i| self.0[to].place[i] - self.0[from].place[i]);
+        let length = way.iter().map(|x| x * x).sum::<f32>().sqrt();
+        if length > 1e-4 { way.map(|x| x / length) } else { [0.0, 1.0, 0.0] }
+    }
+
     /// The bone of a joint.
     pub(crate) fn bone(&self, joint: usize) -> Option<usize> {
         self.0.iter().position(|piece| piece.joint == Some(joint))
@@ -248,6 +265,7 @@ pub(crate) const MIXAMO: Naming = Naming {
         "mixamorig:{}HandThumb#",
     ],
     numbers: PLAIN,
+    thumbs: None,
     sides: LEFT_RIGHT,
 };
 
@@ -264,6 +282,7 @@ pub(crate) const UNREAL: Naming = Naming {
     leg: ["thigh_{}", "calf_{}", "foot_{}", "ball_{}"],
     fingers: ["index_#_{}", "middle_#_{}", "pinky_#_{}", "ring_#_{}", "thumb_#_{}"],
     numbers: ZERO,
+    thumbs: None,
     sides: LR,
 };
 
@@ -280,6 +299,7 @@ pub(crate) const MAKEHUMAN: Naming = Naming {
     leg: ["upperleg01.{}", "lowerleg01.{}", "foot.{}", "toe1-1.{}"],
     fingers: ["finger2-#.{}", "finger3-#.{}", "finger5-#.{}", "finger4-#.{}", "finger1-#.{}"],
     numbers: PLAIN,
+    thumbs: None,
     sides: DOT,
 };
 
@@ -296,6 +316,7 @@ pub(crate) const RIGIFY: Naming = Naming {
     leg: ["DEF-thigh.{}", "DEF-shin.{}", "DEF-foot.{}", "DEF-toe.{}"],
     fingers: ["DEF-f_index.#.{}", "DEF-f_middle.#.{}", "DEF-f_pinky.#.{}", "DEF-f_ring.#.{}", "DEF-thumb.#.{}"],
     numbers: ZERO,
+    thumbs: None,
     sides: DOT,
 };
 
@@ -312,6 +333,7 @@ pub(crate) const UNITY: Naming = Naming {
     leg: ["{}UpperLeg", "{}LowerLeg", "{}Foot", "{}Toes"],
     fingers: ["{}Index#", "{}Middle#", "{}Little#", "{}Ring#", "{}Thumb#"],
     numbers: ["Proximal", "Intermediate", "Distal"],
+    thumbs: None,
     sides: LEFT_RIGHT,
 };
 
@@ -328,6 +350,7 @@ pub(crate) const VROID: Naming = Naming {
     leg: ["J_Bip_{}_UpperLeg", "J_Bip_{}_LowerLeg", "J_Bip_{}_Foot", "J_Bip_{}_ToeBase"],
     fingers: ["J_Bip_{}_Index#", "J_Bip_{}_Middle#", "J_Bip_{}_Little#", "J_Bip_{}_Ring#", "J_Bip_{}_Thumb#"],
     numbers: PLAIN,
+    thumbs: None,
     sides: DOT,
 };
 
@@ -344,6 +367,7 @@ pub(crate) const BIPED: Naming = Naming {
     leg: ["Bip01 {} Thigh", "Bip01 {} Calf", "Bip01 {} Foot", "Bip01 {} Toe0"],
     fingers: ["Bip01 {} Finger1#", "Bip01 {} Finger2#", "Bip01 {} Finger4#", "Bip01 {} Finger3#", "Bip01 {} Finger0#"],
     numbers: ["", "1", "2"],
+    thumbs: None,
     sides: DOT,
 };
 
@@ -361,7 +385,260 @@ pub(crate) const POSER: Naming = Naming {
     leg: ["{}Hip", "{}Knee", "{}Ankle", ""],
     fingers: [""; 5],
     numbers: PLAIN,
+    thumbs: None,
     sides: LEFT_RIGHT,
 };
 
-pub(crate) const ALL: [&Naming; 8] = [&MIXAMO, &UNREAL, &MAKEHUMAN, &RIGIFY, &UNITY, &VROID, &BIPED, &POSER];
+/// Ready Player Me: Mixamo's names without the prefix.
+pub(crate) const READY_PLAYER_ME: Naming = Naming {
+    above: &["Armature"],
+    hips: "Hips",
+    spine: &["Spine", "Spine1", "Spine2"],
+    neck: &["Neck"],
+    head: "Head",
+    eye: "{}Eye",
+    arm: ["{}Shoulder", "{}Arm", "{}ForeArm", "{}Hand"],
+    leg: ["{}UpLeg", "{}Leg", "{}Foot", "{}ToeBase"],
+    fingers: ["{}HandIndex#", "{}HandMiddle#", "{}HandPinky#", "{}HandRing#", "{}HandThumb#"],
+    ..MIXAMO
+};
+
+/// As `HumanIK` exports characters.
+pub(crate) const HUMAN_IK: Naming = Naming {
+    above: &["Character1_Reference"],
+    hips: "Character1_Hips",
+    spine: &["Character1_Spine", "Character1_Spine1", "Character1_Spine2"],
+    neck: &["Character1_Neck"],
+    head: "Character1_Head",
+    eye: "",
+    arm: ["Character1_{}Shoulder", "Character1_{}Arm", "Character1_{}ForeArm", "Character1_{}Hand"],
+    leg: ["Character1_{}UpLeg", "Character1_{}Leg", "Character1_{}Foot", "Character1_{}ToeBase"],
+    fingers: [
+        "Character1_{}HandIndex#",
+        "Character1_{}HandMiddle#",
+        "Character1_{}HandPinky#",
+        "Character1_{}HandRing#",
+        "Character1_{}HandThumb#",
+    ],
+    ..MIXAMO
+};
+
+/// Unreal's first mannequin: three bones of a spine, one of a neck.
+pub(crate) const UNREAL_4: Naming =
+    Naming { spine: &["spine_01", "spine_02", "spine_03"], neck: &["neck_01"], ..UNREAL };
+
+pub(crate) const GODOT: Naming = Naming {
+    label: "Godot humanoid",
+    above: &["Root"],
+    spine: &["Spine", "Chest", "UpperChest"],
+    neck: &["Neck"],
+    thumbs: Some(["Metacarpal", "Proximal", "Distal"]),
+    ..UNITY
+};
+
+/// Bones as people name them in Blender by hand.
+pub(crate) const BLENDER: Naming = Naming {
+    label: "Blender",
+    above: &["root"],
+    hips: "hips",
+    spine: &["spine", "chest"],
+    neck: &["neck"],
+    head: "head",
+    jaw: "jaw",
+    eye: "eye.{}",
+    arm: ["shoulder.{}", "upper_arm.{}", "forearm.{}", "hand.{}"],
+    leg: ["thigh.{}", "shin.{}", "foot.{}", "toe.{}"],
+    fingers: ["f_index.#.{}", "f_middle.#.{}", "f_pinky.#.{}", "f_ring.#.{}", "thumb.#.{}"],
+    ..RIGIFY
+};
+
+/// Biped as games of Valve's have it.
+pub(crate) const SOURCE: Naming = Naming {
+    above: &[],
+    hips: "ValveBiped.Bip01_Pelvis",
+    spine: &["ValveBiped.Bip01_Spine", "ValveBiped.Bip01_Spine1", "ValveBiped.Bip01_Spine2", "ValveBiped.Bip01_Spine4"],
+    neck: &["ValveBiped.Bip01_Neck1"],
+    head: "ValveBiped.Bip01_Head1",
+    arm: [
+        "ValveBiped.Bip01_{}_Clavicle",
+        "ValveBiped.Bip01_{}_UpperArm",
+        "ValveBiped.Bip01_{}_Forearm",
+        "ValveBiped.Bip01_{}_Hand",
+    ],
+    leg: [
+        "ValveBiped.Bip01_{}_Thigh",
+        "ValveBiped.Bip01_{}_Calf",
+        "ValveBiped.Bip01_{}_Foot",
+        "ValveBiped.Bip01_{}_Toe0",
+    ],
+    fingers: [
+        "ValveBiped.Bip01_{}_Finger1#",
+        "ValveBiped.Bip01_{}_Finger2#",
+        "ValveBiped.Bip01_{}_Finger4#",
+        "ValveBiped.Bip01_{}_Finger3#",
+        "ValveBiped.Bip01_{}_Finger0#",
+    ],
+    ..BIPED
+};
+
+pub(crate) const CHARACTER_CREATOR: Naming = Naming {
+    label: "Character Creator",
+    above: &["CC_Base_BoneRoot"],
+    hips: "CC_Base_Hip",
+    spine: &["CC_Base_Waist", "CC_Base_Spine01", "CC_Base_Spine02"],
+    neck: &["CC_Base_NeckTwist01", "CC_Base_NeckTwist02"],
+    head: "CC_Base_Head",
+    jaw: "CC_Base_JawRoot",
+    eye: "CC_Base_{}_Eye",
+    arm: ["CC_Base_{}_Clavicle", "CC_Base_{}_Upperarm", "CC_Base_{}_Forearm", "CC_Base_{}_Hand"],
+    leg: ["CC_Base_{}_Thigh", "CC_Base_{}_Calf", "CC_Base_{}_Foot", "CC_Base_{}_ToeBase"],
+    fingers: ["CC_Base_{}_Index#", "CC_Base_{}_Mid#", "CC_Base_{}_Pinky#", "CC_Base_{}_Ring#", "CC_Base_{}_Thumb#"],
+    numbers: PLAIN,
+    thumbs: None,
+    sides: DOT,
+};
+
+pub(crate) const DAZ: Naming = Naming {
+    label: "Daz Genesis",
+    above: &["Genesis8Female"],
+    hips: "hip",
+    spine: &["abdomenLower", "abdomenUpper", "chestLower", "chestUpper"],
+    neck: &["neckLower", "neckUpper"],
+    head: "head",
+    jaw: "lowerJaw",
+    eye: "{}Eye",
+    arm: ["{}Collar", "{}ShldrBend", "{}ForearmBend", "{}Hand"],
+    leg: ["{}ThighBend", "{}Shin", "{}Foot", "{}Toe"],
+    fingers: ["{}Index#", "{}Mid#", "{}Pinky#", "{}Ring#", "{}Thumb#"],
+    numbers: PLAIN,
+    thumbs: None,
+    sides: LR,
+};
+
+pub(crate) const DAZ_9: Naming = Naming {
+    label: "Daz Genesis 9",
+    above: &["Genesis9"],
+    hips: "hip",
+    spine: &["spine1", "spine2", "spine3", "spine4"],
+    neck: &["neck1", "neck2"],
+    head: "head",
+    jaw: "lowerjaw",
+    eye: "{}_eye",
+    arm: ["{}_shoulder", "{}_upperarm", "{}_forearm", "{}_hand"],
+    leg: ["{}_thigh", "{}_shin", "{}_foot", "{}_toes"],
+    fingers: ["{}_index#", "{}_mid#", "{}_pinky#", "{}_ring#", "{}_thumb#"],
+    numbers: PLAIN,
+    thumbs: None,
+    sides: LR,
+};
+
+pub(crate) const ADVANCED_SKELETON: Naming = Naming {
+    label: "AdvancedSkeleton",
+    above: &["Group", "DeformationSystem"],
+    hips: "Root_M",
+    spine: &["Spine1_M", "Spine2_M", "Chest_M"],
+    neck: &["Neck_M"],
+    head: "Head_M",
+    jaw: "Jaw_M",
+    eye: "Eye_{}",
+    arm: ["Scapula_{}", "Shoulder_{}", "Elbow_{}", "Wrist_{}"],
+    leg: ["Hip_{}", "Knee_{}", "Ankle_{}", "Toes_{}"],
+    fingers: ["IndexFinger#_{}", "MiddleFinger#_{}", "PinkyFinger#_{}", "RingFinger#_{}", "ThumbFinger#_{}"],
+    numbers: PLAIN,
+    thumbs: None,
+    sides: DOT,
+};
+
+pub(crate) const CATS: Naming = Naming {
+    label: "VRChat",
+    above: &["Armature"],
+    hips: "Hips",
+    spine: &["Spine", "Chest"],
+    neck: &["Neck"],
+    head: "Head",
+    jaw: "",
+    eye: "Eye_{}",
+    arm: ["{} shoulder", "{} arm", "{} elbow", "{} wrist"],
+    leg: ["{} leg", "{} knee", "{} ankle", "{} toe"],
+    fingers: ["IndexFinger#_{}", "MiddleFinger#_{}", "LittleFinger#_{}", "RingFinger#_{}", "Thumb#_{}"],
+    numbers: PLAIN,
+    thumbs: Some(["0", "1", "2"]),
+    sides: LEFT_RIGHT,
+};
+
+pub(crate) const MMD: Naming = Naming {
+    label: "MikuMikuDance",
+    above: &["全ての親", "センター"],
+    hips: "グルーブ",
+    spine: &["上半身", "上半身2"],
+    neck: &["首"],
+    head: "頭",
+    jaw: "",
+    eye: "{}目",
+    arm: ["{}肩", "{}腕", "{}ひじ", "{}手首"],
+    leg: ["{}足", "{}ひざ", "{}足首", "{}つま先"],
+    fingers: ["{}人指#", "{}中指#", "{}小指#", "{}薬指#", "{}親指#"],
+    numbers: ["１", "２", "３"],
+    thumbs: Some(["０", "１", "２"]),
+    sides: ["左", "右"],
+};
+
+/// Fifteen parts, no fingers.
+pub(crate) const ROBLOX: Naming = Naming {
+    label: "Roblox",
+    above: &["HumanoidRootNode"],
+    hips: "LowerTorso",
+    spine: &["UpperTorso"],
+    neck: &[],
+    head: "Head",
+    jaw: "",
+    eye: "",
+    arm: ["", "{}UpperArm", "{}LowerArm", "{}Hand"],
+    leg: ["{}UpperLeg", "{}LowerLeg", "{}Foot", ""],
+    fingers: [""; 5],
+    numbers: PLAIN,
+    thumbs: None,
+    sides: LEFT_RIGHT,
+};
+
+pub(crate) const SMPL_X: Naming = Naming {
+    label: "SMPL-X",
+    above: &["root"],
+    hips: "pelvis",
+    spine: &["spine1", "spine2", "spine3"],
+    neck: &["neck"],
+    head: "head",
+    jaw: "jaw",
+    eye: "{}_eye_smplhf",
+    arm: ["{}_collar", "{}_shoulder", "{}_elbow", "{}_wrist"],
+    leg: ["{}_hip", "{}_knee", "{}_ankle", "{}_foot"],
+    fingers: ["{}_index#", "{}_middle#", "{}_pinky#", "{}_ring#", "{}_thumb#"],
+    numbers: PLAIN,
+    thumbs: None,
+    sides: ["left", "right"],
+};
+
+pub(crate) const ALL: [&Naming; 22] = [
+    &MIXAMO,
+    &READY_PLAYER_ME,
+    &HUMAN_IK,
+    &UNREAL,
+    &UNREAL_4,
+    &MAKEHUMAN,
+    &RIGIFY,
+    &BLENDER,
+    &UNITY,
+    &VROID,
+    &GODOT,
+    &BIPED,
+    &SOURCE,
+    &POSER,
+    &CHARACTER_CREATOR,
+    &DAZ,
+    &DAZ_9,
+    &ADVANCED_SKELETON,
+    &CATS,
+    &MMD,
+    &ROBLOX,
+    &SMPL_X,
+];

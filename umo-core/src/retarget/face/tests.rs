@@ -46,6 +46,87 @@ fn other_shapes_are_left_alone() {
     assert!(FaceMap::new(&face, &["expression_0", "aa"]).moved().is_empty());
 }
 
+/// The channel that moves a shape of each name, alone in its list.
+fn cause(name: &str) -> String {
+    FaceMap::new(&arkit(), &[name]).cause(&arkit(), 0)
+}
+
+#[test]
+fn other_programs_names_are_known() {
+    for (name, channel) in [
+        // Groups in capitals, and sides anywhere.
+        ("BROW-InnerUp", "browInnerUp"),
+        ("BROW-Down.L", "browDownLeft"),
+        ("BROW-Left-OuterUp", "browOuterUpLeft"),
+        ("BROW-raise.R", "browOuterUpRight"),
+        ("EYE-blink.R", "eyeBlinkRight"),
+        ("MOUTH-smile-left", "mouthSmileLeft"),
+        ("JAW-open", "jawOpen"),
+        // Character Creator.
+        ("Brow_Raise_Inner_L", "browInnerUp"),
+        ("Brow_Drop_R", "browDownRight"),
+        ("Cheek_Raise_L", "cheekSquintLeft"),
+        ("Mouth_Roll_In_Lower", "mouthRollLower"),
+        ("Mouth_Up_Upper_R", "mouthUpperUpRight"),
+        ("Eye_L_Look_L", "eyeLookOutLeft"),
+        ("Eye_R_Look_L", "eyeLookInRight"),
+        ("Eye_L_Look_Up", "eyeLookUpLeft"),
+        ("Jaw_L", "jawLeft"),
+        ("Mouth_R", "mouthRight"),
+        // Faceshift and its heirs.
+        ("BrowsU_C", "browInnerUp"),
+        ("BrowsU_R", "browOuterUpRight"),
+        ("EyeOpen_L", "eyeWideLeft"),
+        ("LipsFunnel", "mouthFunnel"),
+        ("JawFwd", "jawForward"),
+        ("Puff", "cheekPuff"),
+        ("Sneer_L", "noseSneerLeft"),
+        // Fuse.
+        ("Blink_Left", "eyeBlinkLeft"),
+        ("Smile_Right", "mouthSmileRight"),
+        ("Midmouth_Left", "mouthLeft"),
+        // Daz, and lists with a shape more.
+        ("Genesis9__facs_bs_BrowDownLeft_div2", "browDownLeft"),
+        ("mouthFunnelUpper", "mouthFunnel"),
+        ("browInnerUpLeft", "browInnerUp"),
+        ("cheekPuffRight", "cheekPuff"),
+    ] {
+        assert_eq!(cause(name), channel, "{name}");
+    }
+    for name in ["Smile", "Frown", "squint", "Mouth", "Jaw", "upLeft", "Left", "L", "", "browsing", "eyesLookUp"] {
+        assert_eq!(cause(name), "", "{name}");
+    }
+}
+
+#[test]
+fn a_name_of_arkits_goes_before_others() {
+    let map = FaceMap::new(&arkit(), &["Blink_Left", "eyeBlinkLeft"]);
+    assert_eq!(map.moved(), [1]);
+}
+
+#[test]
+fn mouths_of_two_shapes_open_and_smile() {
+    // Ready Player Me, without further morph targets.
+    let shapes = ["mouthOpen", "mouthSmile"];
+    let map = FaceMap::new(&arkit(), &shapes);
+    assert!(map.opens_mouth(&arkit()));
+    let of = [("jawOpen", 0.7), ("mouthClose", 0.2), ("mouthSmileLeft", 0.6), ("mouthSmileRight", 0.2)];
+    let moved = weights(&map, 2, &of);
+    assert!((moved[0] - 0.5).abs() < 1e-6 && (moved[1] - 0.4).abs() < 1e-6, "{moved:?}");
+    assert_eq!(map.cause(&arkit(), 0), "jawOpen less mouthClose");
+    assert_eq!(map.plain_mouth(), Some(0));
+    assert_eq!(weights(&map, 2, &[("mouthClose", 0.3)]), [0.0, 0.0]);
+    // Where there are ARKit's, those two would open and smile twice.
+    let all = ["mouthOpen", "mouthSmile", "jawOpen", "mouthSmileLeft", "mouthSmileRight"];
+    assert_eq!(FaceMap::new(&arkit(), &all).moved(), [2, 3, 4]);
+    // Visemes, or vowels, speak better than one shape.
+    assert_eq!(FaceMap::new(&arkit(), &["aa", "mouthOpen"]).moved(), [0]);
+    // Both lids and both brows in one.
+    let both = FaceMap::new(&arkit(), &["eyesClosed", "browDown", "EYE-wide"]);
+    let moved = weights(&both, 3, &[("eyeBlinkLeft", 1.0), ("browDownRight", 0.5), ("eyeWideLeft", 0.5)]);
+    assert_eq!(moved, [0.5, 0.25, 0.25]);
+}
+
 #[test]
 fn vowels_and_blinks_of_vrm_are_made_of_the_channels() {
     let shapes = ["a", "i", "u", "e", "o", "blink"];

@@ -6,8 +6,25 @@ use super::Convention;
 const NONE: [&str; 3] = [""; 3];
 
 /// Every convention that is known.
-pub(in super::super) const CONVENTIONS: [Convention; 12] =
-    [UMO, MIXAMO, HUMANOID, GODOT, UNREAL, MAKEHUMAN, RIGIFY, BLENDER, BIPED, POSER, CHARACTER_CREATOR, DAZ];
+pub(in super::super) const CONVENTIONS: [Convention; 17] = [
+    UMO,
+    MIXAMO,
+    HUMANOID,
+    GODOT,
+    UNREAL,
+    MAKEHUMAN,
+    RIGIFY,
+    BLENDER,
+    BIPED,
+    POSER,
+    CHARACTER_CREATOR,
+    DAZ,
+    DAZ_9,
+    ADVANCED_SKELETON,
+    CATS,
+    MMD,
+    ROBLOX,
+];
 
 /// SMPL-X, and umo's own files.
 const UMO: Convention = Convention {
@@ -154,13 +171,13 @@ const BLENDER: Convention = Convention {
 /// [`RIGIFY`] with a head that is called so.
 const RIGIFY_HEAD: Convention = Convention { head: "head", ..RIGIFY };
 
-/// 3ds Max's Biped: fingers are numbered from the thumb.
+/// 3ds Max's Biped, and that of Valve's games: fingers are numbered from the thumb.
 const BIPED: Convention = Convention {
     name: "Biped",
     hips: "pelvis",
     spine: "spine spine1 spine2 spine3 spine4",
     neck: "neck neck1 neck2",
-    head: "head",
+    head: "head head1",
     jaw: "jaw",
     eye: "eye",
     arm: ["clavicle", "upperarm", "forearm", "hand"],
@@ -220,4 +237,93 @@ const DAZ: Convention = Convention {
     arm: ["collar", "shldrbend", "forearmbend", "hand"],
     leg: ["thighbend", "shin", "foot", "toe"],
     ..CHARACTER_CREATOR
+};
+
+/// Daz's Genesis 9.
+const DAZ_9: Convention = Convention {
+    name: "Daz Genesis 9",
+    hips: "hip",
+    spine: "spine1 spine2 spine3 spine4",
+    neck: "neck1 neck2",
+    head: "head",
+    jaw: "lowerjaw",
+    eye: "eye",
+    arm: ["shoulder", "upperarm", "forearm", "hand"],
+    leg: ["thigh", "shin", "foot", "toes"],
+    ..CHARACTER_CREATOR
+};
+
+/// Maya's `AdvancedSkeleton`.
+const ADVANCED_SKELETON: Convention = Convention {
+    name: "AdvancedSkeleton",
+    hips: "root",
+    spine: "spine1 spine2 spine3 spine4 chest",
+    neck: "neck",
+    head: "head",
+    jaw: "jaw",
+    eye: "eye",
+    arm: ["scapula", "shoulder", "elbow", "wrist"],
+    leg: ["hip", "knee", "ankle", "toes"],
+    fingers: [
+        ["indexfinger1", "indexfinger2", "indexfinger3"],
+        ["middlefinger1", "middlefinger2", "middlefinger3"],
+        ["pinkyfinger1", "pinkyfinger2", "pinkyfinger3"],
+        ["ringfinger1", "ringfinger2", "ringfinger3"],
+        ["thumbfinger1", "thumbfinger2", "thumbfinger3"],
+    ],
+};
+
+/// What the plugin Cats for Blender calls the bones of avatars for `VRChat`.
+const CATS: Convention = Convention {
+    name: "VRChat",
+    hips: "hips",
+    spine: "spine chest upperchest",
+    neck: "neck",
+    head: "head",
+    jaw: "jaw",
+    eye: "eye",
+    arm: ["shoulder", "arm", "elbow", "wrist"],
+    leg: ["leg", "knee", "ankle", "toe"],
+    fingers: [
+        ["indexfinger1", "indexfinger2", "indexfinger3"],
+        ["middlefinger1", "middlefinger2", "middlefinger3"],
+        ["littlefinger1", "littlefinger2", "littlefinger3"],
+        ["ringfinger1", "ringfinger2", "ringfinger3"],
+        ["thumb0", "thumb1", "thumb2"],
+    ],
+};
+
+/// `MikuMikuDance`: the upper and the lower body hang on one bone. Where legs have a second set of
+/// bones for the mesh, with a D, that is the one.
+const MMD: Convention = Convention {
+    name: "MikuMikuDance",
+    hips: "腰 グルーブ センター",
+    spine: "上半身 上半身2 上半身3",
+    neck: "首",
+    head: "頭",
+    jaw: "",
+    eye: "目",
+    arm: ["肩", "腕", "ひじ", "手首"],
+    leg: ["足d 足", "ひざd ひざ", "足首d 足首", "足先ex つま先"],
+    fingers: [
+        ["人指1", "人指2", "人指3"],
+        ["中指1", "中指2", "中指3"],
+        ["小指1", "小指2", "小指3"],
+        ["薬指1", "薬指2", "薬指3"],
+        ["親指0", "親指1", "親指2"],
+    ],
+};
+
+/// Roblox's R15: fifteen parts, no fingers.
+const ROBLOX: Convention = Convention {
+    name: "Roblox",
+    hips: "lowertorso",
+    spine: "uppertorso",
+    neck: "neck",
+    head: "head",
+    jaw: "",
+    eye: "",
+    arm: ["", "upperarm", "lowerarm", "hand"],
+    leg: ["upperleg", "lowerleg", "foot", ""],
+    fingers: [NONE; 5],
 };

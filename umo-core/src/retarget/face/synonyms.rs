@@ -1,0 +1,45 @@
+//! What other programs call ARKit's shapes, in small letters, without the side.
+
+/// A channel without its side, and other names of it: those of Character Creator, of Faceshift (and
+/// what follows it: High Fidelity, `FaceScape`), of Adobe Fuse, and of lists with more shapes than
+/// ARKit's.
+const SYNONYMS: [(&str, &[&str]); 27] = [
+    ("browdown", &["browdrop", "browsd", "browsdown", "browlower"]),
+    ("browinnerup", &["browraiseinner", "browinnerraise", "browsuc", "browraisein"]),
+    ("browouterup", &["browraiseouter", "browouterraise", "browsu", "browsup", "browraise", "browup", "browraiseout"]),
+    ("cheekpuff", &["puff"]),
+    ("cheeksquint", &["cheekraise"]),
+    ("eyeblink", &["blink", "eyeclose", "eyeclosed"]),
+    ("eyelookdown", &["eyedown"]),
+    ("eyelookin", &["eyein"]),
+    ("eyelookout", &["eyeout"]),
+    ("eyelookup", &["eyeup"]),
+    ("eyesquint", &["squint"]),
+    ("eyewide", &["eyeswide", "eyeopen"]),
+    ("jawforward", &["jawfwd", "jawforeward"]),
+    ("mouth", &["midmouth"]),
+    ("mouthclose", &["lipstogether"]),
+    ("mouthfrown", &["frown"]),
+    ("mouthfunnel", &["lipsfunnel", "mouthfunnelupper", "mouthfunnellower"]),
+    ("mouthlowerdown", &["mouthdownlower", "lipslowerdown", "lowerlipdown"]),
+    ("mouthpucker", &["lipspucker"]),
+    ("mouthrolllower", &["mouthrollinlower", "lipslowerclose", "lowerlipin"]),
+    ("mouthrollupper", &["mouthrollinupper", "lipsupperclose", "upperlipin"]),
+    ("mouthshruglower", &["chinlowerraise"]),
+    ("mouthshrugupper", &["chinupperraise"]),
+    ("mouthsmile", &["smile"]),
+    ("mouthstretch", &["lipsstretch"]),
+    ("mouthupperup", &["mouthupupper", "lipsupperup", "upperlipup"]),
+    ("nosesneer", &["sneer", "nosescrunch"]),
+];
+
+/// Other names of a channel.
+pub(super) fn of(channel: &str) -> impl Iterator<Item = &'static str> {
+    let found = SYNONYMS.iter().find(|(known, _)| *known == channel);
+    found.into_iter().flat_map(|(_, names)| names.iter().copied())
+}
+
+/// Whether a name says too little without a side: `Smile` is an expression, `Smile_Left` a shape.
+pub(super) fn need_side(name: &str) -> bool {
+    ["blink", "squint", "frown", "smile", "sneer", "eyeopen", "midmouth"].contains(&name)
+}
