@@ -368,10 +368,10 @@ pub struct Page {
     #[arg(long, value_name = "FILE", conflicts_with_all = ["live", "web"])]
     pub audio: Option<PathBuf>,
     /// Character that wears the motion, .glb or .vrm, in place of the figure
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["live", "web", "figure"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["web", "figure"])]
     pub onto: Option<PathBuf>,
     /// Which bone of the character is what, where the names do not tell: TOML or JSON
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["live", "web"])]
+    #[arg(long, value_name = "FILE", conflicts_with = "web")]
     pub mapping: Option<PathBuf>,
     /// Serve the page to browsers of this machine, and stream the recording or their microphone
     /// through the engine
@@ -624,8 +624,11 @@ pub struct Retarget {
     #[arg(long, value_name = "FILE")]
     pub onto: PathBuf,
     /// File to write, of the character's format
-    #[arg(short, long, value_name = "FILE", required_unless_present = "print_mapping")]
+    #[arg(short, long, value_name = "FILE", required_unless_present_any = ["print_mapping", "sheet"])]
     pub output: Option<PathBuf>,
+    /// Picture to write, of the motion on the figure and on the character
+    #[arg(long, value_name = "FILE.png")]
+    pub sheet: Option<PathBuf>,
     /// Which bone is what, and which shape, where the names do not tell: TOML or JSON
     #[arg(long, value_name = "FILE")]
     pub mapping: Option<PathBuf>,

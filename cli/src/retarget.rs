@@ -8,6 +8,7 @@
 //! | `faces` | which shapes of which mesh move |
 //! | `bvh` | a skeleton in a `.bvh` file, and the animation on it |
 //! | `mapping` | the file that says which bone is what |
+//! | `sheet` | a picture of the motion on figure and character |
 //! | `wear` | a character and its motion for a page |
 
 use std::path::Path;
@@ -24,12 +25,13 @@ use crate::{animate, atomic_file, import, model};
 use character::Character;
 use faces::Faces;
 use mapping::Given;
-pub(crate) use wear::{Wearer, Worn};
+pub(crate) use wear::{FollowScratch, Follower, Wearer, Worn};
 
 mod bvh;
 mod character;
 mod faces;
 mod mapping;
+mod sheet;
 mod splice;
 mod vrm;
 mod wear;
@@ -74,17 +76,30 @@ pub(crate) fn run(args: &args::Retarget) -> Result<(), Failure> {
         print(target.rig(), &mapping, &convention, &faces, &arkit);
     }
     checked?;
-    let (Some(input), Some(output)) = (&args.input, &args.output) else { return Ok(()) };
-    target.check_output(output)?;
-    let out = atomic_file::create(output)?;
+    let Some(input) = args.input.as_ref().filter(|_| args.output.is_some() || args.sheet.is_some()) else {
+        return Ok(());
+    };
+    if let Some(output) = &args.output {
+        target.check_output(output)?;
+    }
+    let out = args.output.as_deref().map(atomic_file::create).transpose()?;
+    let sheet = args.sheet.as_deref().map(|sheet| target.check_sheet(sheet).map(|()| atomic_file::create(sheet)));
+    let sheet = sheet.transpose()?.transpose()?;
     let clip = clip(input, args)?;
     let faces = target.faces(&clip.face, &given).map_err(wrong)?;
     let mut retarget = prepare(&clip.skeleton, target.rig(), &mapping, target.floor()).map_err(wrong)?;
     faces.release_bones(&clip.face, &mapping, &mut retarget);
     let motion = motion(&retarget, &clip)?;
-    let bytes = target.animated(&retarget, &motion, &faces, &clip).map_err(wrong)?;
-    atomic_file::commit(out, |out| std::io::Write::write_all(out, &bytes))?;
-    tell(output, &clip, &mapping, &convention, &faces);
+    if let (Some(path), Some(out)) = (&args.output, out) {
+        let bytes = target.animated(&retarget, &motion, &faces, &clip).map_err(wrong)?;
+        atomic_file::commit(out, |out| std::io::Write::write_all(out, &bytes))?;
+        tell(path, &clip, &mapping, &convention, &faces);
+    }
+    if let (Target::Character(character), Some(path), Some(out)) = (&target, &args.sheet, sheet) {
+        let picture = sheet::draw(character, &mapping, &retarget, &motion, &faces, &clip).map_err(wrong)?;
+        atomic_file::commit(out, |out| picture.write(out))?;
+        println!("{}: the motion on the figure and on the character", path.display());
+    }
     Ok(())
 }
 
@@ -183,6 +198,16 @@ impl Target {
             Self::Character(_) => wrong("expected .glb, or .vrm where the character is one"),
             Self::Skeleton(_) if is("bvh") => Ok(()),
             Self::Skeleton(_) => wrong("expected .bvh, as the skeleton"),
+        }
+    }
+
+    /// Only a body can be drawn, and only as PNG.
+    fn check_sheet(&self, sheet: &Path) -> Result<(), Failure> {
+        let is_png = sheet.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"));
+        match self {
+            Self::Skeleton(_) => Err(Failure::input("--sheet draws a character, .glb or .vrm: a skeleton has no body")),
+            Self::Character(_) if !is_png => Err(Failure::input(format!("{}: expected .png", sheet.display()))),
+            Self::Character(_) => Ok(()),
         }
     }
 

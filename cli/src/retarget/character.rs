@@ -7,6 +7,7 @@ use umo_core::glb::document::Document;
 use umo_core::glb::{self, Glb, transform};
 use umo_core::motion::clip::Clip;
 use umo_core::motion::rotation::Quat;
+use umo_core::motion::skeleton::JOINT_NAMES;
 use umo_core::retarget::{Mapping, Retarget};
 
 use super::Motion;
@@ -46,7 +47,24 @@ impl Character {
     /// # Errors
     /// A table that is not as VRM has it; a bone that is not there.
     pub(super) fn mapping(&self, given: &Given) -> Result<(Mapping, String), String> {
-        given.over(self.rig(), self.vrm_bones()?)
+        let (mut mapping, convention) = given.over(self.rig(), self.vrm_bones()?)?;
+        let is_found = mapping.entries().iter().any(|(_, bones)| !bones.is_empty());
+        if is_found || self.document().skins.iter().any(|skin| !skin.joints.is_empty()) || !self.has_shapes() {
+            return Ok((mapping, convention));
+        }
+        // A face alone, whose mesh no bone moves: its shapes do.
+        for joint in JOINT_NAMES {
+            mapping.put(joint, &[]).map_err(|error| error.to_string())?;
+        }
+        Ok((mapping, "no".to_owned()))
+    }
+
+    fn has_shapes(&self) -> bool {
+        self.document()
+            .nodes
+            .iter()
+            .filter_map(|node| self.document().meshes.get(node.mesh?))
+            .any(|mesh| mesh.shapes() > 0)
     }
 
     /// The file as it was read.
@@ -91,7 +109,9 @@ impl Character {
             let values = continued(motion.rotations.iter().map(|frame| frame[node]));
             tracks.channel(input, node, "rotation", values.as_flattened(), 4);
         }
-        tracks.channel(input, retarget.hips(), "translation", motion.hips.as_flattened(), 3);
+        if retarget.is_driven(retarget.hips()) {
+            tracks.channel(input, retarget.hips(), "translation", motion.hips.as_flattened(), 3);
+        }
         for track in faces.tracks() {
             let weights: Vec<f32> = (0..clip.len()).flat_map(|frame| track.weights(clip.face(frame))).collect();
             tracks.channel(input, track.node(), "weights", &weights, 1);
@@ -110,6 +130,11 @@ impl Character {
         bin.resize(start, 0);
         bin.extend(tracks.bytes);
         container(members.text().into_bytes(), &bin, file.more)
+    }
+
+    /// Channels of [`animated`](Self::animated)'s animation that hold the bind pose; those that move come after them.
+    pub(super) fn held(&self, retarget: &Retarget) -> usize {
+        self.placed(retarget).count()
     }
 
     /// What the bind pose has elsewhere than the file and the motion does not set: node, path and

@@ -63,7 +63,7 @@ impl Faces {
             });
         }
         let mut faces = Self { meshes, expressions: None };
-        if !faces.meshes.iter().any(|mesh| mesh.map.opens_mouth(face)) {
+        if !faces.meshes.iter().any(|mesh| mesh.map.opens_mouth(face) && mesh.map.plain_mouth().is_none()) {
             faces.use_expressions(vrm::expressions(document), face);
         }
         faces.link(face, given)?;
@@ -81,6 +81,9 @@ impl Faces {
         for mesh in &mut self.meshes {
             let of_expressions = moved.iter().flat_map(|&expression| &expressions[expression].shapes);
             for &(_, shape, _) in of_expressions.filter(|(node, ..)| *node == mesh.node) {
+                mesh.map.release(shape);
+            }
+            if let Some(shape) = mesh.map.plain_mouth() {
                 mesh.map.release(shape);
             }
         }

@@ -179,6 +179,80 @@ fn vrm_files_of_both_versions_move_by_their_own_tables() {
     }
 }
 
+#[test]
+fn a_face_without_bones_moves_by_its_shapes_alone() {
+    let clip = sample::clip(FaceKind::Arkit, 3, 1);
+    let mut made = mixamo();
+    let face = made.index("Face");
+    let mut node = made.json["nodes"][face].clone();
+    node.as_object_mut().unwrap().remove("skin");
+    // As a program that writes matrices has it.
+    node["matrix"] = json!([1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 1, 0, 1]);
+    made.json["nodes"] = json!([node]);
+    made.json["scenes"] = json!([{ "nodes": [0] }]);
+    made.json["skins"] = json!([]);
+    made.json["animations"] = json!([]);
+    made.json["meshes"][0]["extras"]["targetNames"] = json!(["BROW-Down.L", "mouthOpen", "mouthSmile"]);
+    let moved = moved(&made, &clip);
+    let channels = &moved.document.animations[0].channels;
+    assert_eq!(channels.iter().map(|channel| channel.target.path.as_str()).collect::<Vec<_>>(), ["weights"]);
+    let weights = moved.values(0, "weights", "SCALAR").unwrap();
+    let of =
+        |frame: usize, name: &str| clip.face(frame)[clip.face.names.iter().position(|known| known == name).unwrap()];
+    for frame in 0..clip.len() {
+        let open = (of(frame, "jawOpen") - of(frame, "mouthClose")).max(0.0);
+        let smile = 0.5 * (of(frame, "mouthSmileLeft") + of(frame, "mouthSmileRight"));
+        let wanted = [of(frame, "browDownLeft"), open, smile];
+        assert!(weights[3 * frame..][..3].iter().zip(wanted).all(|(a, b)| (a - b).abs() < 1e-6), "frame {frame}");
+    }
+    // A file without bones and without shapes is no character.
+    made.json["meshes"][0]["primitives"][0].as_object_mut().unwrap().remove("targets");
+    let target = Target::read("a.glb".as_ref(), made.bytes()).unwrap();
+    let (mapping, _) = target.mapping(&Given::default()).unwrap();
+    assert!(mapping.check(target.rig()).is_err());
+}
+
+#[test]
+fn a_sheet_shows_the_character_as_it_moves() {
+    let clip = sample::clip(FaceKind::Arkit, 13, 1);
+    let mut made = mixamo();
+    made.bind(DMat4::IDENTITY);
+    // A triangle as large as a body, on the head.
+    let place = usize::try_from(made.json["bufferViews"][0]["byteOffset"].as_u64().unwrap()).unwrap();
+    let corners: [f32; 9] = [-0.5, 0.2, 0.2, 0.5, 0.2, 0.2, 0.0, 1.7, 0.2];
+    corners
+        .iter()
+        .enumerate()
+        .for_each(|(at, corner)| made.bin[place + 4 * at..][..4].copy_from_slice(&corner.to_le_bytes()));
+    let target = Target::read("a.glb".as_ref(), made.bytes()).unwrap();
+    let (mapping, _) = target.mapping(&Given::default()).unwrap();
+    let faces = target.faces(&clip.face, &Given::default()).unwrap();
+    let retarget = prepare(&clip.skeleton, target.rig(), &mapping, target.floor()).unwrap();
+    let motion = motion(&retarget, &clip).unwrap();
+    let Target::Character(character) = &target else { panic!("a character") };
+    let picture = sheet::draw(character, &mapping, &retarget, &motion, &faces, &clip).unwrap();
+    let mut bytes = Vec::new();
+    picture.write(&mut bytes).unwrap();
+    let mut reader = png::Decoder::new(std::io::Cursor::new(&bytes)).read_info().unwrap();
+    let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+    let info = reader.next_frame(&mut pixels).unwrap();
+    let [width, height] = [info.width, info.height].map(|side| side as usize);
+    assert_eq!([width, height], [1320, 880]);
+    // Something is drawn in every cell, and the character is not the same in all.
+    let cell = |column: usize, rows: std::ops::Range<usize>| {
+        let row = |y: usize| &pixels[3 * (y * width + 220 * column)..][..3 * 220];
+        rows.flat_map(row).copied().collect::<Vec<u8>>()
+    };
+    let empty: Vec<u8> = pixels[..3].to_vec();
+    for column in 0..6 {
+        for rows in [0..330, 330..660, 660..880] {
+            let drawn = cell(column, rows).as_chunks::<3>().0.iter().filter(|pixel| pixel[..] != empty[..]).count();
+            assert!(drawn > 1000, "column {column}: {drawn} pixels");
+        }
+    }
+    assert_ne!(cell(0, 330..660), cell(3, 330..660));
+}
+
 /// A mesh made in the scene's space, in the armature's, and in one whose z axis is up.
 fn frames() -> [(&'static str, DMat4); 3] {
     let turned = DQuat::from_rotation_x(-std::f64::consts::FRAC_PI_2);
@@ -462,6 +536,37 @@ fn a_page_has_what_the_command_writes() {
     assert!((worn.seconds - 3.0 / f64::from(clip.frame_rate)).abs() < 1e-9);
     for (joint, name) in JOINT_NAMES.iter().enumerate().filter(|(_, name)| **name != "jaw") {
         assert_eq!(worn.nodes[joint], Some(made.index(&made.name(joint))), "{name}");
+    }
+    // A stream's frames bring the same values, in the channels' order.
+    let mut still = sample::clip(FaceKind::Arkit, 1, 1);
+    still.rotations[0] = [IDENTITY; JOINTS];
+    let (streamed, follower) = Wearer::read(&path, None).unwrap().follow(&still).unwrap();
+    let (waiting, whole) = (Moved::read(streamed.file), moved(&made, &clip));
+    let (mut room, mut values) = (follower.scratch(), Vec::new());
+    for frame in 0..clip.len() {
+        values.clear();
+        follower.add(&mut room, &clip.pose(frame), clip.face(frame), &mut values).unwrap();
+        let mut rest = &values[..];
+        for channel in &waiting.document.animations[0].channels[streamed.streamed.unwrap()..] {
+            let (node, path) = (channel.target.node.unwrap(), channel.target.path.as_str());
+            let kind = match path {
+                "rotation" => "VEC4",
+                "translation" => "VEC3",
+                _ => "SCALAR",
+            };
+            let wanted = whole.values(node, path, kind).unwrap();
+            let width = wanted.len() / clip.len();
+            let (own, more) = rest.split_at(width);
+            rest = more;
+            let wanted = &wanted[width * frame..][..width];
+            let sign = if path == "rotation" && own.iter().zip(wanted).map(|(a, b)| a * b).sum::<f32>() < 0.0 {
+                -1.0
+            } else {
+                1.0
+            };
+            assert!(own.iter().zip(wanted).all(|(a, b)| (sign * a - b).abs() < 1e-6), "node {node}, {path}");
+        }
+        assert!(rest.is_empty());
     }
     std::fs::write(&path, &worn.file).unwrap();
     let again = Wearer::read(&path, None).unwrap().own_motion().unwrap();

@@ -3,12 +3,15 @@
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
+use umo_core::error::StepError;
 use umo_core::glb::Glb;
 use umo_core::glb::accessor::floats;
 use umo_core::glb::document::Document;
 use umo_core::motion::clip::Clip;
+use umo_core::motion::pose::Pose;
+use umo_core::motion::rotation::{IDENTITY, Quat};
 use umo_core::motion::skeleton::JOINTS;
-use umo_core::retarget::{Floor, Mapping};
+use umo_core::retarget::{Floor, Mapping, Retarget, Scratch};
 
 use super::faces::Faces;
 use super::mapping::Given;
@@ -32,6 +35,48 @@ pub(crate) struct Worn {
     pub(crate) nodes: [Option<usize>; JOINTS],
     /// Length of the animation.
     pub(crate) seconds: f64,
+    /// Of one that follows a stream, the first channel of the animation whose values come with the frames.
+    pub(crate) streamed: Option<usize>,
+}
+
+/// What turns a stream's frames into values of a character's channels. Any number of threads may use it at once.
+pub(crate) struct Follower {
+    retarget: Retarget,
+    faces: Faces,
+}
+
+/// Room for one frame.
+pub(crate) struct FollowScratch {
+    scratch: Scratch,
+    rotations: Vec<Quat>,
+}
+
+impl Follower {
+    /// Room for one thread.
+    pub(crate) fn scratch(&self) -> FollowScratch {
+        FollowScratch { scratch: self.retarget.scratch(), rotations: vec![IDENTITY; self.retarget.bones()] }
+    }
+
+    /// Adds a frame's values, channel by channel as the character's animation has them.
+    ///
+    /// # Errors
+    /// A scratch of another character.
+    pub(crate) fn add(
+        &self,
+        room: &mut FollowScratch,
+        pose: &Pose,
+        face: &[f32],
+        values: &mut Vec<f32>,
+    ) -> Result<(), StepError> {
+        let hips = self.retarget.apply(&mut room.scratch, pose, &mut room.rotations)?;
+        let driven = (0..self.retarget.bones()).filter(|&bone| self.retarget.is_driven(bone));
+        values.extend(driven.flat_map(|bone| room.rotations[bone]));
+        if self.retarget.is_driven(self.retarget.hips()) {
+            values.extend(hips);
+        }
+        values.extend(self.faces.tracks().iter().flat_map(|track| track.weights(face)));
+        Ok(())
+    }
 }
 
 /// Who is to wear a motion: a character that was read, and which bone of it is what.
@@ -77,7 +122,21 @@ impl Wearer {
     /// # Errors
     /// What of the character cannot be moved.
     pub(crate) fn wear(self, clip: &Clip) -> Result<Worn, Failure> {
-        let Self { character, given, mapping, .. } = &self;
+        Ok(self.put_on(clip)?.0)
+    }
+
+    /// Makes the character ready for a stream: it stands as `rest`, which is one frame, until frames come.
+    ///
+    /// # Errors
+    /// As [`wear`](Self::wear).
+    pub(crate) fn follow(self, rest: &Clip) -> Result<(Worn, Follower), Failure> {
+        let (worn, follower) = self.put_on(rest)?;
+        let streamed = Some(self.character.held(&follower.retarget));
+        Ok((Worn { streamed, ..worn }, follower))
+    }
+
+    fn put_on(&self, clip: &Clip) -> Result<(Worn, Follower), Failure> {
+        let Self { character, given, mapping, .. } = self;
         let faces = Faces::find(character.document(), &clip.face, given).map_err(|problem| self.wrong(problem))?;
         let retarget = prepare(&clip.skeleton, character.rig(), mapping, Floor::AtRest);
         let mut retarget = retarget.map_err(|problem| self.wrong(problem))?;
@@ -85,7 +144,7 @@ impl Wearer {
         let motion = motion(&retarget, clip)?;
         let file = character.animated(&retarget, &motion, &faces, clip).map_err(|problem| self.wrong(problem))?;
         let seconds = clip.len().saturating_sub(1) as f64 / f64::from(clip.frame_rate);
-        Ok(Worn { file, nodes: nodes(mapping), seconds })
+        Ok((Worn { file, nodes: nodes(mapping), seconds, streamed: None }, Follower { retarget, faces }))
     }
 
     /// The character with the animation that its file has, such as `umo retarget` writes.
@@ -94,7 +153,7 @@ impl Wearer {
     /// A file that has none.
     pub(crate) fn own_motion(self) -> Result<Worn, Failure> {
         let seconds = length(self.character.bytes()).map_err(|problem| self.wrong(problem))?;
-        Ok(Worn { nodes: nodes(&self.mapping), seconds, file: self.character.into_bytes() })
+        Ok(Worn { nodes: nodes(&self.mapping), seconds, streamed: None, file: self.character.into_bytes() })
     }
 }
 

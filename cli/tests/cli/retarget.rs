@@ -59,6 +59,24 @@ fn the_mapping_is_shown_and_may_be_given() {
 }
 
 #[test]
+fn a_sheet_shows_the_motion_with_or_without_a_file() {
+    let folder = Folder::new();
+    let [glb, bvh, npz, _] = made(&folder);
+    let (out, sheet) = (folder.at("out.glb"), folder.at("sheet.png"));
+    let ended = umo(&["retarget", &npz, "--onto", &glb, "-o", &out, "--sheet", &sheet]).success();
+    assert!(ended.out.contains("sheet.png: the motion on the figure and on the character"), "{}", ended.out);
+    let first = folder.read("sheet.png");
+    assert!(first.starts_with(b"\x89PNG") && first.len() > 50_000, "{} bytes", first.len());
+    std::fs::remove_file(&sheet).unwrap();
+    umo(&["retarget", &npz, "--onto", &glb, "--sheet", &sheet]).success();
+    assert!(folder.read("sheet.png") == first, "another picture without a file");
+    for (onto, sheet, word) in [(&bvh, folder.at("s.png"), "no body"), (&glb, folder.at("s.jpg"), "expected .png")] {
+        let refused = folder.refused(&["retarget", &npz, "--onto", onto, "--sheet", &sheet]);
+        assert!(refused.contains(word), "{refused}");
+    }
+}
+
+#[test]
 fn what_cannot_be_brought_anywhere_is_refused() {
     let folder = Folder::new();
     let [glb, bvh, npz, _] = made(&folder);

@@ -2,6 +2,7 @@
 
 mod letters;
 pub mod sheet;
+pub mod surface;
 
 use crate::posed::Posed;
 use crate::{Finish, Mesh};

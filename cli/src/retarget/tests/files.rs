@@ -103,7 +103,8 @@ fn check(bvh: &Bvh, clip: &Clip, scale: f32, replaces: bool) {
             let joint = JOINTS.iter().find(|(.., joint)| *joint == name).unwrap().0;
             found[bvh.joints.iter().position(|known| known.name == joint).unwrap()]
         };
-        for (from, to) in limbs() {
+        // Legs of other proportions are bent until the feet are where they belong.
+        for (from, to) in limbs().into_iter().filter(|(from, _)| !from.ends_with("hip") && !from.ends_with("knee")) {
             let angle = angle_between(less(place(to), place(from)), less(want[joint(to)], want[joint(from)]));
             assert!(angle < TOLERANCE, "{from} to {to}: {angle} rad");
         }
