@@ -69,6 +69,8 @@ struct Character {
     /// The node of each joint of the 55; none where it has none.
     nodes: Vec<Option<usize>>,
     seconds: f64,
+    /// The first channel of its animation whose values come with a stream's frames.
+    streamed: Option<usize>,
 }
 
 #[derive(Serialize)]
@@ -173,7 +175,11 @@ fn describe<'a>(scene: &'a Scene, order: &Order) -> Description<'a> {
             morphs: scene.mesh.morphs.iter().map(morph).collect(),
             helpers: scene.mesh.helpers.iter().map(helper).collect(),
         },
-        character: scene.character.as_ref().map(|worn| Character { nodes: worn.nodes.to_vec(), seconds: worn.seconds }),
+        character: scene.character.as_ref().map(|worn| Character {
+            nodes: worn.nodes.to_vec(),
+            seconds: worn.seconds,
+            streamed: worn.streamed,
+        }),
         audio: scene.audio.as_ref().map(|audio| AudioInfo { sample_rate: audio.sample_rate }),
         record: scene.record.as_ref().map(record),
         live: scene

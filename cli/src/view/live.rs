@@ -20,13 +20,15 @@ use std::time::Duration;
 use umo_core::audio::resample;
 use umo_core::engine::{Engine, EngineConfig, Threads};
 use umo_core::model::Model;
+use umo_core::motion::clip::Clip;
 use umo_core::session::{MAX_RATE, MIN_RATE, SessionConfig, Voice};
 use umo_core::{Config, Precision};
 
-use super::scene::{Audio, LiveInfo, Scene};
+use super::scene::{self, Audio, LiveInfo, Scene};
 use super::{browser, page};
 use crate::args::{GenerateArgs, Page, VoiceArg};
 use crate::failure::Failure;
+use crate::retarget::Follower;
 use crate::{animate, model};
 use http::{Answer, Request};
 
@@ -47,6 +49,8 @@ pub(super) struct Host {
     voice: Option<VoiceArg>,
     /// Samples a second, and mono samples.
     recording: Option<(usize, Vec<f32>)>,
+    /// What the character on the page needs of each frame, where there is one.
+    follower: Option<Follower>,
     page: String,
     port: u16,
     streams: AtomicUsize,
@@ -57,6 +61,9 @@ pub(super) struct Host {
 pub(super) fn run(args: &Page) -> Result<(), Failure> {
     if args.generate.start_pose.is_some() {
         return Err(Failure::input("--start-pose does not go with --live"));
+    }
+    if args.mapping.is_some() && args.onto.is_none() {
+        return Err(Failure::input("--mapping goes with a character: --onto"));
     }
     let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, args.port.unwrap_or(0)))
         .map_err(|error| Failure::environment(format!("cannot listen at port {}: {error}", args.port.unwrap_or(0))))?;
@@ -77,6 +84,7 @@ impl Host {
         let wav = args.input.as_deref().map(|path| animate::speech(path, args.repair)).transpose()?;
         let audio = wav.as_ref().map(Audio::new).transpose()?;
         let recording = wav.map(|wav| for_session(wav.sample_rate as usize, wav.mono())).transpose()?;
+        let wearer = scene::wearer(args)?;
         let file = model::open(args.generate.model.as_deref())?;
         let isa = model::isa(&args.generate.compute)?;
         let loaded = Arc::new(Model::load(&file, args.generate.compute.precision(Precision::Stored), isa)?);
@@ -89,7 +97,11 @@ impl Host {
         let session = session(&args.generate, engine.model().config());
         let title = args.input.as_deref().map_or_else(|| "microphone".to_owned(), |path| path.display().to_string());
         let live = rest(&engine, &session)?;
-        let mut scene = Scene::of_stream(&title, engine.model().config(), args, live)?;
+        let config = engine.model().config();
+        let mut still = Clip::new(config);
+        still.push(&live.rest, &live.rest_face);
+        let (character, follower) = wearer.map(|wearer| wearer.follow(&still)).transpose()?.unzip();
+        let mut scene = Scene::of_stream(&title, config, args, live, character)?;
         scene.audio = audio;
         Ok(Self {
             page: page::html(&scene)?,
@@ -97,6 +109,7 @@ impl Host {
             session,
             voice: args.voice,
             recording,
+            follower,
             port: listener.local_addr().map_err(Failure::environment)?.port(),
             streams: AtomicUsize::new(0),
             stop: Arc::new(AtomicBool::new(false)),

@@ -6,6 +6,7 @@ use serde::Serialize;
 use umo_core::animation::Animation;
 use umo_core::audio::resample;
 use umo_core::config::{Face, FaceKind, PartSpec};
+use umo_core::glb::Glb;
 use umo_core::lm::tally::kind_names;
 use umo_core::motion::clip::Clip;
 use umo_core::motion::pose::Pose;
@@ -134,13 +135,15 @@ impl Scene {
 
     /// An animation that was made before.
     pub(super) fn of_animation(path: &Path, args: &Page) -> Result<Self, Failure> {
+        // A file that umo did not write may be a character that moves, with umo's names of joints or others.
+        let is_own = || umo_core::file::read(path).is_ok_and(|bytes| is_written_here(&bytes));
         let mut scene = match import::read(path) {
+            Err(_) if args.onto.is_none() && is_character(path) => Self::of_character(path, args)?,
+            Ok(_) if args.onto.is_none() && is_character(path) && !is_own() => Self::of_character(path, args)?,
             Ok(clip) => {
                 check_length(path, clip.len() as f64 / f64::from(clip.frame_rate))?;
                 Self::worn_by(path, clip, wearer(args)?, args.figure)?
             }
-            // A file that umo did not write may be a character that moves.
-            Err(_) if args.onto.is_none() && is_character(path) => Self::of_character(path, args)?,
             Err(problem) => return Err(problem),
         };
         if let Some(speech) = &args.audio {
@@ -150,8 +153,18 @@ impl Scene {
     }
 
     /// A page of which the frames are still to come.
-    pub(super) fn of_stream(title: &str, config: &Config, args: &Page, live: LiveInfo) -> Result<Self, Failure> {
-        let mut scene = Self::new(Path::new(title), Clip::new(config), args.figure)?;
+    pub(super) fn of_stream(
+        title: &str,
+        config: &Config,
+        args: &Page,
+        live: LiveInfo,
+        character: Option<Worn>,
+    ) -> Result<Self, Failure> {
+        let (path, clip) = (Path::new(title), Clip::new(config));
+        let mut scene = match character {
+            Some(worn) => Self { character: Some(worn), ..Self::plain(path, clip) },
+            None => Self::new(path, clip, args.figure)?,
+        };
         scene.live = Some(live);
         scene.set_model(config, &args.generate);
         Ok(scene)
@@ -217,7 +230,7 @@ impl Scene {
 }
 
 /// Who is to wear the motion, where that was said.
-fn wearer(args: &Page) -> Result<Option<Wearer>, Failure> {
+pub(super) fn wearer(args: &Page) -> Result<Option<Wearer>, Failure> {
     args.onto.as_deref().map(|onto| Wearer::read(onto, args.mapping.as_deref())).transpose()
 }
 
@@ -225,6 +238,24 @@ fn wearer(args: &Page) -> Result<Option<Wearer>, Failure> {
 fn is_character(path: &Path) -> bool {
     let extension = path.extension().unwrap_or_default();
     ["glb", "vrm"].iter().any(|known| extension.eq_ignore_ascii_case(known))
+}
+
+/// Whether umo made a `.glb` file, and did not only put an animation in it; or it has nothing to show
+/// but the motion.
+fn is_written_here(bytes: &[u8]) -> bool {
+    #[derive(Default, serde::Deserialize)]
+    #[serde(default)]
+    struct Made {
+        asset: Asset,
+        meshes: Vec<serde::de::IgnoredAny>,
+    }
+    #[derive(Default, serde::Deserialize)]
+    #[serde(default)]
+    struct Asset {
+        generator: String,
+    }
+    let made = Glb::split(bytes).ok().and_then(|file| serde_json::from_str::<Made>(file.json).ok());
+    made.is_some_and(|made| made.asset.generator.starts_with("umo ") || made.meshes.is_empty())
 }
 
 /// No frames: what moves is in the character's own file.

@@ -102,6 +102,14 @@ fn a_character_wears_the_motion() {
         |page: &str| page.split("id=\"block-character\">").nth(1).unwrap().split('<').next().unwrap().to_owned();
     assert_eq!(block(&own), block(&onto), "the page has what `umo retarget` writes");
     assert!(own.contains("\"record\":null") && own.contains("\"audio\":null"));
+    // So is a character of another program's whose bones have umo's names; what umo made is shown on its figure.
+    let motion = folder.read("motion.glb");
+    for (name, glb, worn) in [("theirs.glb", replaced(&motion, "\"umo ", "\"abc "), true), ("ours.glb", motion, false)]
+    {
+        view(&[&folder.file(name, &glb), "-o", &page]).success();
+        let page = String::from_utf8(folder.read("page.html")).unwrap();
+        assert_eq!(page.contains("id=\"block-character\""), worn, "{name}");
+    }
 }
 
 #[test]
@@ -130,9 +138,11 @@ fn files_that_are_no_characters_are_refused_in_words() {
     assert!(refused(&[&folder.file("still.glb", &still)]).contains("still.glb: it has no animation"));
     let mapping = folder.file("bones.toml", b"[bones]\n");
     assert!(refused(&[&speech, "--mapping", &mapping]).contains("--mapping goes with a character"));
-    for more in [["--live", "--port=0"], ["--figure", "performer"]] {
-        assert_eq!(umo(&[&["view", &speech, "--onto", "a.glb"][..], &more].concat()).code, 2, "{more:?}");
-    }
+    assert!(refused(&["--live", "--mapping", &mapping]).contains("--mapping goes with a character"));
+    assert!(
+        refused(&["--live", "--onto", &folder.file("other.glb", &thing)]).contains("other.glb: it is no character")
+    );
+    assert_eq!(umo(&["view", &speech, "--onto", "a.glb", "--figure", "performer"]).code, 2);
 }
 
 #[test]

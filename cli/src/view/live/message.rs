@@ -120,13 +120,14 @@ pub(super) fn samples(bytes: &[u8]) -> Result<Vec<f32>, String> {
 pub(super) struct Frames(Vec<u8>);
 
 impl Frames {
+    /// Adds a frame, and what a character's channels have in it.
     #[expect(clippy::cast_possible_truncation, reason = "2^32 frames are four years")]
-    pub(super) fn add(&mut self, frame: Frame) {
+    pub(super) fn add(&mut self, frame: Frame, worn: &[f32]) {
         if self.0.is_empty() {
             self.0.extend((frame.index as u32).to_le_bytes());
         }
         let rotations = frame.pose.rotations.as_flattened().iter();
-        let values = rotations.chain(&frame.pose.translation).chain(frame.face);
+        let values = rotations.chain(&frame.pose.translation).chain(frame.face).chain(worn);
         self.0.extend(values.flat_map(|value| value.to_le_bytes()));
     }
 

@@ -12,6 +12,7 @@ use umo_core::session::{Session, SessionConfig, SessionError, Voice};
 use super::Host;
 use super::http::is_wait;
 use super::message::{self, Command, Frames, MAX_BYTES, MAX_SAMPLES, News, Source};
+use crate::retarget::{FollowScratch, Follower};
 
 /// How long the page's next message is waited for before frames are looked for.
 const LOOK: Duration = Duration::from_millis(4);
@@ -56,6 +57,8 @@ impl From<SessionError> for End {
 /// A stream in work.
 struct Stream<'a> {
     session: Session,
+    /// What the character needs of each frame, and room to compute it.
+    follower: Option<(&'a Follower, FollowScratch)>,
     voice: Voice,
     source: Source,
     /// Rest of the recording.
@@ -180,6 +183,7 @@ impl<'a> Stream<'a> {
         let now = Instant::now();
         Ok(Self {
             session,
+            follower: host.follower.as_ref().map(|follower| (follower, follower.scratch())),
             voice,
             source,
             rest,
@@ -218,7 +222,18 @@ impl<'a> Stream<'a> {
             self.hear_recording()?;
         }
         let mut frames = Frames::default();
-        self.frames += self.session.pull_frames(usize::MAX, |frame| frames.add(frame))? as u64;
+        let mut worn = Vec::new();
+        let mut failed = None;
+        self.frames += self.session.pull_frames(usize::MAX, |frame| {
+            worn.clear();
+            if let Some((follower, scratch)) = &mut self.follower {
+                failed = follower.add(scratch, frame.pose, frame.face, &mut worn).err().or(failed);
+            }
+            frames.add(frame, &worn);
+        })? as u64;
+        if let Some(error) = failed {
+            return Err(End::Failed(error.to_string()));
+        }
         if let Some(message) = frames.message() {
             socket.send(Message::binary(message))?;
         }

@@ -1,7 +1,7 @@
 // Who wears the motion, without the drawing: where the joints are at a time, how tall it is, where it stands.
 
 import { Gltf } from "umo/gltf.js";
-import { clamp, cross, multiply, normalize, subtract, transform } from "umo/math.js";
+import { clamp, cross, mix, multiply, normalize, slerp, subtract, transform } from "umo/math.js";
 import { place, restPlaces } from "umo/motion.js";
 
 /** Frames a second of the curves of a character that brings its own animation. */
@@ -29,8 +29,9 @@ class Body {
   measure(places, [low, high]) {
     const head = places[this.joint("head")];
     this.height = high - low;
-    /** From the head's joint to the crown; hats and horns are not looked at. */
-    this.crown = clamp(high - head[1], 0.06 * this.height, 0.24 * this.height);
+    /** From the head's joint to the crown; hats and horns are not looked at, but where there is a head alone. */
+    const most = this.nodes && this.nodes[this.joint("pelvis")] === null ? 1 : 0.24;
+    this.crown = clamp(high - head[1], 0.06 * this.height, most * this.height);
     this.soles = LEGS.map((names) => Math.min(...names.map((name) => places[this.joint(name)][1])) - low);
   }
 
@@ -81,8 +82,15 @@ export class CharacterBody extends Body {
     this.gltf = new Gltf(bytes);
     this.nodes = scene.character.nodes;
     this.parts = parts(this.gltf);
+    const { streamed } = scene.character;
+    /** The channels whose values come with a stream's frames. */
+    this.streamed = streamed === null ? [] : this.gltf.channels.slice(streamed);
+    scene.character.worn = this.streamed.reduce((sum, { width }) => sum + width, 0);
     this.face();
     const world = this.gltf.world(this.gltf.rest);
+    const [low, high] = this.surface(world);
+    /** Where all joints are of a face that has no bones: about where a head's is. */
+    this.middle = [0, mix(low, high, 0.35), 0];
     this.measure(this.placed({ own: this.gltf.rest, world, weights: new Map() }).places, this.surface(world));
   }
 
@@ -90,8 +98,12 @@ export class CharacterBody extends Body {
   face() {
     const { gltf } = this;
     const world = gltf.world(gltf.rest);
-    const at = (name) => world[this.nodes[this.joint(name)]].slice(12, 15);
-    const ahead = normalize(cross(subtract(at("left_shoulder"), at("right_shoulder")), [0, 1, 0]));
+    const node = (name) => this.nodes[this.joint(name)];
+    const at = (name) => world[node(name)].slice(12, 15);
+    // A head has eyes at least; a face alone looks as the format has it.
+    const pairs = ["shoulder", "hip", "eye_smplhf", "eye"].map((part) => [`left_${part}`, `right_${part}`]);
+    const pair = pairs.find((names) => names.every((name) => this.joint(name) >= 0 && node(name) !== null));
+    const ahead = pair ? normalize(cross(subtract(at(pair[0]), at(pair[1])), [0, 1, 0])) : [0, 0, 1];
     const quarter = Math.round(Math.atan2(ahead[0], ahead[2]) / (Math.PI / 2));
     const [c, s] = [
       [1, 0],
@@ -123,12 +135,33 @@ export class CharacterBody extends Body {
   placed({ own, world, weights }) {
     const { parents } = this.scene;
     const places = [];
-    this.nodes.forEach((node, joint) => places.push(node === null ? places[parents[joint]] : world[node].slice(12, 15)));
+    const first = this.nodes.find((node) => node !== null);
+    const root = first === undefined ? this.middle : world[first].slice(12, 15);
+    this.nodes.forEach((node, joint) => places.push(node === null ? (places[parents[joint]] ?? root) : world[node].slice(12, 15)));
     return { places, own, world, weights };
   }
 
+  /** Follows a stream's frames. */
+  follow(motion) {
+    this.motion = motion;
+  }
+
+  /** The nodes at a time: the file's animation, or what a stream's frames say in its place. */
+  state(seconds) {
+    if (!this.motion) return this.gltf.at(seconds);
+    if (this.motion.count === 0) return this.gltf.at(0);
+    const { a, b, t } = this.motion.channels(seconds);
+    let start = 0;
+    const values = this.streamed.map(({ path, width }) => {
+      const [from, to] = [a, b].map((values) => Array.from(values.subarray(start, start + width)));
+      start += width;
+      return path === "rotation" ? slerp(from, to, t) : from.map((x, i) => mix(x, to[i], t));
+    });
+    return this.gltf.at(0, new Map(this.streamed.map((channel, i) => [channel, values[i]])));
+  }
+
   at(seconds) {
-    const state = this.gltf.at(seconds);
+    const state = this.state(seconds);
     const rotations = this.nodes.map((node) => (node === null ? [0, 0, 0, 1] : state.own[node].rotation));
     return { pose: { rotations, translation: [0, 0, 0], face: [] }, placed: this.placed(state) };
   }

@@ -116,12 +116,12 @@ export class Gltf {
     }
   }
 
-  /** The nodes at a time: their own values, the matrices that take them to the world, and weights of shapes. */
-  at(seconds) {
+  /** The nodes at a time: their own values, the matrices that take them to the world, and weights of shapes. `others` are values of channels in place of the animation's. */
+  at(seconds, others = new Map()) {
     const own = this.rest.map((rest) => ({ ...rest }));
     const weights = new Map();
     for (const channel of this.channels) {
-      const value = sample(channel, seconds);
+      const value = others.get(channel) ?? sample(channel, seconds);
       if (channel.path === "weights") weights.set(channel.node, value);
       else own[channel.node][channel.path] = value;
     }

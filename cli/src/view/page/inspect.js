@@ -5,6 +5,7 @@ export function inspector({ scene, motion, clock, camera, picture, live, last, a
   return {
     scene,
     live,
+    clock,
     get time() {
       return clock.time;
     },

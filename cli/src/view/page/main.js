@@ -25,9 +25,10 @@ let body = null;
 if (scene.character) {
   body = scene.character.body = new CharacterBody(scene, block("character", "u8"));
   await readTextures(body);
-  if (scene.frames.length === 0) body.becomeMotion();
+  if (scene.frames.length === 0 && !scene.live) body.becomeMotion();
 }
 const motion = new Motion(scene);
+if (scene.live) body?.follow(motion);
 body ??= new FigureBody(scene, motion);
 const record = new Record(scene);
 const clock = scene.live ? new LiveClock(scene, motion) : new Clock(scene, motion.seconds);

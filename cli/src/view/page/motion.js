@@ -5,12 +5,13 @@ import { add, dot, inverse, mix, product, rotate, scale, slerp } from "umo/math.
 /** Frames that are kept of a live stream: ten minutes. */
 const MOST = 18000;
 
-/** Frames in a row, each `joints * 4 + 3 + face` numbers: rotations, the root's place, face values. */
+/** Frames in a row, each `joints * 4 + 3 + face + worn` numbers: rotations, the root's place, face values, a character's channels. */
 export class Motion {
   constructor(scene) {
     this.joints = scene.joints.length;
     this.face = scene.face.names.length;
-    this.width = 4 * this.joints + 3 + this.face;
+    this.worn = scene.character?.worn ?? 0;
+    this.width = 4 * this.joints + 3 + this.face + this.worn;
     this.rate = scene.frameRate;
     this.values = scene.frames;
     this.count = scene.frames.length / this.width;
@@ -60,14 +61,26 @@ export class Motion {
     return Array.from(this.frame(index).subarray(4 * joint, 4 * joint + 4));
   }
 
-  /** The pose at a time in seconds: exactly a frame's where the time is a frame's. */
-  pose(seconds) {
-    if (this.count === 0) return this.rest;
+  /** The two frames around a time in seconds, and the share of the second: 0 where the time is a frame's. */
+  around(seconds) {
     const at = Math.min(Math.max(seconds * this.rate, this.first), this.end - 1);
     const nearest = Math.round(at);
     const index = Math.abs(at - nearest) < 1e-4 ? nearest : Math.floor(at);
     const t = index === nearest && Math.abs(at - nearest) < 1e-4 ? 0 : at - index;
-    const [a, b] = [this.frame(index), this.frame(index + 1)];
+    return { a: this.frame(index), b: this.frame(index + 1), t };
+  }
+
+  /** What a character's channels have at a time: the values of the two frames around it, and the share of the second. */
+  channels(seconds) {
+    const { a, b, t } = this.around(seconds);
+    const start = this.width - this.worn;
+    return { a: a.subarray(start), b: b.subarray(start), t };
+  }
+
+  /** The pose at a time in seconds: exactly a frame's where the time is a frame's. */
+  pose(seconds) {
+    if (this.count === 0) return this.rest;
+    const { a, b, t } = this.around(seconds);
     const places = 4 * this.joints;
     const value = (i) => (t === 0 ? a[i] : mix(a[i], b[i], t));
     const rotations = [];
