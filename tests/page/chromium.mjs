@@ -21,8 +21,8 @@ const FLAGS = [
 
 export const pause = (seconds) => new Promise((done) => setTimeout(done, seconds * 1000));
 
-/** Waits until `what` gives something true. */
-export async function until(what, seconds = 20, name = what.toString()) {
+/** Waits until `what` gives something true. The time only ends a test that hangs: a busy machine takes long. */
+export async function until(what, seconds = 120, name = what.toString()) {
   const end = Date.now() + seconds * 1000;
   for (;;) {
     const value = await what();
@@ -31,6 +31,14 @@ export async function until(what, seconds = 20, name = what.toString()) {
     await pause(0.05);
   }
 }
+
+/** Waits until a page has had the chance to draw so many pictures. */
+export const pictures = (page, count) =>
+  page.value(`new Promise((done) => {
+    let left = ${count};
+    const next = () => (left-- > 0 ? requestAnimationFrame(next) : done(true));
+    next();
+  })`);
 
 export class Chromium {
   /** Starts the program at `path`, whose microphone hears the WAV file `speech`. */
@@ -111,7 +119,7 @@ class Page {
 
   /** Waits until the page has drawn its first picture. */
   ready() {
-    return until(() => this.value('document.documentElement?.dataset.ready === "true"').catch(() => false), 60, "the page");
+    return until(() => this.value('document.documentElement?.dataset.ready === "true"').catch(() => false), 120, "the page");
   }
 
   /** Presses and releases a key, as `ArrowLeft` or `.`. */

@@ -22,7 +22,7 @@ export function end() {
 
 async function opened({ browser }) {
   const page = await browser.open(server.address, { width: 900, height: 900 });
-  await until(() => page.value("window.demo?.avatar !== undefined || window.demo?.failed").catch(() => false), 60, "the model");
+  await until(() => page.value("window.demo?.avatar !== undefined || window.demo?.failed").catch(() => false), 120, "the model");
   assert.equal(await page.value("demo.failed"), null);
   return page;
 }
@@ -97,10 +97,10 @@ export const tests = [
       const { root } = await page.send("DOM.getDocument");
       const { nodeId } = await page.send("DOM.querySelector", { nodeId: root.nodeId, selector: "#file" });
       await page.send("DOM.setFileInputFiles", { nodeId, files: [context.short] });
-      await until(() => page.value("demo.drawn >= 40 || demo.failed"), 60, "frames of the recording");
+      await until(() => page.value("demo.drawn >= 40 || demo.failed"), 120, "frames of the recording");
       assert.equal(await page.value("demo.failed"), null);
       await page.picture(context.at("web.png"));
-      await until(() => page.value("demo.avatar.isDone || demo.failed"), 60, "the end");
+      await until(() => page.value("demo.avatar.isDone || demo.failed"), 120, "the end");
       assert.ok((await page.value("demo.mouth")) > 0.1, "the mouth opens");
       await done(page);
     },
@@ -110,11 +110,11 @@ export const tests = [
     async (context) => {
       const page = await opened(context);
       await page.click("#microphone");
-      await until(() => page.value("(demo.drawn >= 20 && demo.mouth > 0.1) || demo.failed"), 60, "frames of the microphone");
+      await until(() => page.value("(demo.drawn >= 20 && demo.mouth > 0.1) || demo.failed"), 120, "frames of the microphone");
       assert.equal(await page.value("demo.failed"), null);
       assert.match(await page.value('document.getElementById("state").value'), /^listens/);
       await page.click("#stop");
-      await until(() => page.value('document.getElementById("state").value === "ready"'), 60, "the end");
+      await until(() => page.value('document.getElementById("state").value === "ready"'), 120, "the end");
       await done(page);
     },
   ],

@@ -141,13 +141,7 @@ impl PacketLayout {
     /// # Errors
     /// [`StepError`] where there is too little room, the numbers of keyframes disagree or are more
     /// than the model's `prefix`, or a code is out of range.
-    pub fn encode(
-        &self,
-        head: &PacketHead,
-        levels: &[u8],
-        codes: &[u16],
-        out: &mut [u8],
-    ) -> Result<usize, StepError> {
+    pub fn encode(&self, head: &PacketHead, levels: &[u8], codes: &[u16], out: &mut [u8]) -> Result<usize, StepError> {
         let keyframes = head.history + head.keyframes;
         let limit = self.prefix.min(u8::MAX.into());
         if keyframes > limit {

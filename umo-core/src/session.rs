@@ -51,11 +51,11 @@ pub use config::{
 };
 pub use error::SessionError;
 pub use output::{Frame, Sampled};
+use packets::PacketQueue;
 pub(crate) use packets::PacketWriter;
 use receiver::Receiver;
 pub(crate) use schedule::{Member, Schedule};
 pub(crate) use shared::{Failure, SessionInit, Shared};
-use packets::PacketQueue;
 use shared::{Settings, try_lock};
 pub(crate) use slots::{SlotHandle, Slots};
 pub(crate) use state::state_size;

@@ -106,7 +106,7 @@ fn scene(args: &Page) -> Result<Scene, Failure> {
     let mut live = rest(&engine, &session)?;
     live.engine = Some(page_engine(args, &session));
     let title = args.input.as_deref().map_or_else(|| "microphone".to_owned(), |path| path.display().to_string());
-    Scene::of_stream(&title, engine.model().config(), args, live)
+    Scene::of_stream(&title, engine.model().config(), args, live, None)
 }
 
 fn page_engine(args: &Page, session: &SessionConfig) -> PageEngine {

@@ -70,10 +70,19 @@ fn what_no_packet_can_say_is_an_error() {
     let head = PacketHead { keyframes: 2, history: 0, ..PLAIN };
     assert!(matches!(layout.encode(&head, &[0; 2], &[0; 3], &mut bytes), Err(StepError::Disagree(_))));
     assert!(matches!(layout.encode(&head, &[0; 1], &[0; 4], &mut bytes), Err(StepError::Disagree(_))));
-    assert!(matches!(layout.encode(&head, &[0; 2], &[0, 0, 0, 5], &mut bytes), Err(StepError::OutOfRange { got: 5, .. })));
-    assert!(matches!(layout.encode(&head, &[0; 2], &[0; 4], &mut bytes[..30]), Err(StepError::TooLong { got: 31, .. })));
+    assert!(matches!(
+        layout.encode(&head, &[0; 2], &[0, 0, 0, 5], &mut bytes),
+        Err(StepError::OutOfRange { got: 5, .. })
+    ));
+    assert!(matches!(
+        layout.encode(&head, &[0; 2], &[0; 4], &mut bytes[..30]),
+        Err(StepError::TooLong { got: 31, .. })
+    ));
     let many = PacketHead { keyframes: 6, history: 5, ..PLAIN };
-    assert!(matches!(layout.encode(&many, &[0; 6], &[0; 22], &mut bytes), Err(StepError::TooLong { got: 11, limit: 10, .. })));
+    assert!(matches!(
+        layout.encode(&many, &[0; 6], &[0; 22], &mut bytes),
+        Err(StepError::TooLong { got: 11, limit: 10, .. })
+    ));
 }
 
 /// What the ear tells apart comes through.
