@@ -241,7 +241,8 @@ fn glb_skin_leaves_the_rest_pose_as_it_is() {
     let skin = file.node("body").skin().unwrap();
     let joints: Vec<_> = skin.joints().map(|j| j.name().unwrap().to_owned()).collect();
     let all = JOINT_NAMES.map(str::to_owned).into_iter().chain(helpers(&clip).into_iter().map(|one| one.name));
-    assert_eq!(joints, all.collect::<Vec<_>>());
+    let all: Vec<_> = all.collect();
+    assert_eq!(joints, all);
     let inverse = skin.reader(|_| Some(&file.bin)).read_inverse_bind_matrices();
     let mut rest: Vec<[f32; 3]> = Vec::new();
     for (joint, matrix) in inverse.unwrap().take(JOINTS).enumerate() {
@@ -258,7 +259,7 @@ fn glb_skin_leaves_the_rest_pose_as_it_is() {
         let joints = reader.read_joints(0).unwrap().into_u16();
         for (weights, joints) in weights.zip(joints) {
             assert!((weights.iter().sum::<f32>() - 1.0).abs() < 1e-6);
-            assert!(joints.iter().all(|&joint| usize::from(joint) < JOINTS + helpers(&clip).len()));
+            assert!(joints.iter().all(|&joint| usize::from(joint) < all.len()));
         }
     }
 }
