@@ -46,9 +46,11 @@ impl fmt::Display for OutOfMemory {
 
 impl std::error::Error for OutOfMemory {}
 
-/// What unwinding allocates comes out of this, which [`refuse`] frees: kept while a thread is in
-/// [`catch`].
-static RESERVE: Mutex<Option<Vec<u8>>> = Mutex::new(None);
+/// What unwinding allocates comes out of these, of which [`refuse`] frees one: kept while a thread is
+/// in [`catch`]. Several, as a thread of a pool that unwinds computes other pieces first, which may be
+/// refused in turn and have used up what was freed.
+static RESERVES: Mutex<[Option<Vec<u8>>; COUNT]> = Mutex::new([const { None }; COUNT]);
+const COUNT: usize = 8;
 const RESERVED: usize = 32 << 10;
 
 thread_local! {
@@ -62,14 +64,18 @@ thread_local! {
 /// [`OutOfMemory`] where a function of this module, on this thread or on one that hands its panics
 /// on, got no memory.
 pub fn catch<R>(make: impl FnOnce() -> R) -> Result<R, OutOfMemory> {
-    let mut reserve = Vec::new();
-    reserve.try_reserve_exact(RESERVED).map_err(|_| OutOfMemory { bytes: RESERVED })?;
-    *RESERVE.lock().unwrap_or_else(PoisonError::into_inner) = Some(reserve);
+    let mut reserves = [const { None }; COUNT];
+    for reserve in &mut reserves {
+        let mut bytes = Vec::new();
+        bytes.try_reserve_exact(RESERVED).map_err(|_| OutOfMemory { bytes: RESERVED })?;
+        *reserve = Some(bytes);
+    }
+    *RESERVES.lock().unwrap_or_else(PoisonError::into_inner) = reserves;
     DEPTH.set(DEPTH.get() + 1);
     let made = catch_unwind(AssertUnwindSafe(make));
     DEPTH.set(DEPTH.get() - 1);
     if DEPTH.get() == 0 {
-        drop(RESERVE.lock().unwrap_or_else(PoisonError::into_inner).take());
+        *RESERVES.lock().unwrap_or_else(PoisonError::into_inner) = [const { None }; COUNT];
     }
     made.map_err(|payload: Box<dyn Any + Send>| match payload.downcast::<OutOfMemory>() {
         Ok(missing) => *missing,
@@ -83,7 +89,9 @@ pub fn refuse(bytes: usize) -> ! {
     if DEPTH.get() == 0 && rayon::current_thread_index().is_none() {
         handle_alloc_error(Layout::array::<u8>(bytes).unwrap_or(Layout::new::<u8>()));
     }
-    drop(RESERVE.lock().unwrap_or_else(PoisonError::into_inner).take());
+    let mut reserves = RESERVES.lock().unwrap_or_else(PoisonError::into_inner);
+    drop(reserves.iter_mut().find_map(Option::take));
+    drop(reserves);
     resume_unwind(Box::new(OutOfMemory { bytes }))
 }
 

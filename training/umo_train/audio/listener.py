@@ -35,9 +35,7 @@ class Listener(torch.nn.Module):
     with ReLU between them, the first over `taps` rows; behind it, where there are `blocks`, so many
     `x + pointwise(relu(causal(x)))`, each over `kernel` rows, and ReLU. Before the first row is `silence`."""
 
-    def __init__(
-        self, bands: int, taps: int, widths: Sequence[int], blocks: dict[str, int] | None = None
-    ) -> None:
+    def __init__(self, bands: int, taps: int, widths: Sequence[int], blocks: dict[str, int] | None = None) -> None:
         super().__init__()
         self.taps, self.widths = taps, list(widths)
         kernel, count = (blocks["kernel"], blocks["count"]) if blocks else (1, 0)

@@ -13,7 +13,7 @@ use super::{ModelFile, Tensor};
 use crate::aligned::{AlignedBox, Plain, Pool};
 use crate::error::LoadError;
 use crate::linear::{Linear, Precision, Weight};
-use crate::memory::filled;
+use crate::memory::{SPARE, filled, require};
 
 /// Loads the parts of one model at one precision for one processor.
 #[derive(Clone, Debug)]
@@ -130,6 +130,8 @@ impl<'a> Loader<'a> {
     pub fn values(&self, name: &str, shape: &[usize]) -> Result<Box<[f32]>, LoadError> {
         let tensor = self.file.tensor(name, shape)?;
         let mut values = filled(0.0, tensor.rows() * tensor.cols()).into_boxed_slice();
+        // A thread for which the allocator found no room of its own takes a page for each small piece.
+        require(SPARE);
         tensor.read(&mut values)?;
         Ok(values)
     }
@@ -259,6 +261,7 @@ impl<'a> Loader<'a> {
         let n = tensors.iter().map(Tensor::rows).sum();
         let linear = self.pack(&Rows { tensors, first: 0, n, order })?;
         tensors.iter().for_each(|tensor| self.file.release(tensor));
+        require(SPARE);
         Ok(linear)
     }
 
