@@ -62,8 +62,8 @@ def test_plans_of_layout_frames_hold_what_stages_read(smoke: bool) -> None:
     for entry in run.plan["parts"]:
         assert plan_of(run.plan["tokenizers"], entry, 3, 0).steps > 0
     stages = [frame_steps.stage_plan(run, stage) for stage in run.plan["stages"]]
-    assert [(s.dense, s.balance) for s in stages] == [(True, 0.0), *[(False, 0.01)] * 3][: len(stages)]
-    assert len(stages) == (2 if smoke else 4)
+    assert [(s.dense, s.balance) for s in stages] == [(True, 0.0), *[(False, 0.01)] * 4][: len(stages)]
+    assert len(stages) == (2 if smoke else 5)
     window, ahead = run.plan["window"], run.plan["audio"]["ahead"]
     assert 0 < ahead <= window["prefix"]
     assert window["keyframe_stride"] * (window["max_target"] + window["prefix"]) <= run.plan["interp"]["max_frames"]
