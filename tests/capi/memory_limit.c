@@ -27,6 +27,13 @@ static int refused(umo_status status, int outcome) {
     return outcome;
 }
 
+/* A thread that polls has 1 MiB of stack, which the system gives as it is used. */
+static void have_stack(void) {
+    volatile char stack[1 << 20];
+    for (size_t at = 0; at < sizeof stack; at += 1024)
+        stack[at] = 0;
+}
+
 static int live(const char *path, size_t limit, int own_threads) {
     struct rlimit most = {limit, limit};
     umo_model *model = NULL;
@@ -36,6 +43,7 @@ static int live(const char *path, size_t limit, int own_threads) {
     static float samples[16000];
     umo_status status;
 
+    have_stack();
     CHECK(setrlimit(RLIMIT_AS, &most) == 0);
     status = umo_model_load(UMO_ABI_VERSION, path, NULL, &model);
     if (status != UMO_STATUS_OK)
