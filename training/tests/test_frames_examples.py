@@ -140,7 +140,8 @@ def test_half_of_an_actions_chunks_have_its_beginning() -> None:
     stream.codes = np.arange(900)[:, None] + np.zeros((1, len(COUNTS)), int)
     stream.begins = (200,)
     examples = FrameExamples(CONFIG, PARTS, BODY, [stream], SILENCE)
-    wanted = 200 * examples.stride
+    # The body begins before the arms do.
+    wanted = (200 - FrameExamples.AHEAD_OF_ARMS) * examples.stride
     for task, share in (("t2m", 0.5), ("a2m", 0.0)):
         said = examples.chunk(1000, 4, np.random.default_rng(1), task=task).codes
         assert (said[..., 0] == wanted).any(1).mean() == pytest.approx(share, abs=0.06)

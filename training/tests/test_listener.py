@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 import torch
 
-from umo_train.audio.listener import ACCENT, CLOSURE, OPENING, SHAPES, WIDTH, Heard, Listener, Shapes, train
+from umo_train.audio.listener import ACCENT, CLOSURE, OPENING, SHAPES, WIDTH, Heard, Listener, Shapes, onsets, train
 from umo_train.audio.mel import HOP, Mel
+from umo_train.audio.units import telling_edge
 from umo_train.skeleton import ARKIT, CHANNELS
 from umo_train.speech.utterance import Phone
 
@@ -118,3 +119,22 @@ def test_it_learns_to_hear(blocks: dict[str, int] | None) -> None:
         error = (network.heard(rows, silence) - wanted).square().mean() / wanted.var(0).mean()
     assert error < 0.1
     assert any(tensor.shape == (24, 18) for tensor in network.tensors().values())
+
+
+def test_onsets_are_bumps_at_accented_vowels_heard_late() -> None:
+    phones = [Phone("AH", 0.0, 0.2, 0), Phone("IY", 0.4, 0.6, 2), Phone("OW", 0.8, 0.9, 1), Phone("EH", 1.2, 1.3, 2)]
+    heard = onsets(phones, 100, delay=14)
+    assert heard.max() == 1.0 and np.flatnonzero(heard > 0.99).tolist() == [20 + 14, 60 + 14]
+    # 0.04 s away, two tokens: one deviation.
+    assert heard[36] == pytest.approx(np.exp(-0.5)) and heard[54] < 1e-6
+    assert not onsets(phones[:1], 10, delay=14).any()
+
+
+def test_the_edge_between_units_tells_most() -> None:
+    generator = torch.Generator().manual_seed(0)
+    wanted = torch.rand(4000, generator=generator) < 0.1
+    values = wanted * 1.0 + 0.2 * torch.randn(4000, generator=generator)
+    edge = telling_edge(values, wanted)
+    assert 0.35 < edge < 0.75
+    # Where a value says nothing beyond that, every edge on either side tells less.
+    assert telling_edge(3 * values - 1, wanted) == pytest.approx(3 * edge - 1, abs=0.05)

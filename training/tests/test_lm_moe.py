@@ -93,3 +93,20 @@ def test_balance_of_a_model_is_its_layers_mean() -> None:
     terms = [layer.balance.item() for layer in moe.layers(model)]
     assert len(terms) == 4 and moe.balance(model).item() == pytest.approx(sum(terms) / 4)
     assert moe.balance(LanguageModel(config, dense=True)).item() == 0
+
+
+@pytest.mark.parametrize("top_k", [1, 2])
+def test_all_experts_for_every_row_say_the_same(top_k: int) -> None:
+    """What a GPU computes is what a CPU does, gradients too."""
+    torch.manual_seed(1)
+    layer = moe.MixtureOfExperts(12, 20, 4, top_k)
+    rows = torch.randn(30, 12, requires_grad=True)
+    chosen, index = torch.softmax(layer.router(rows), -1).topk(top_k, -1)
+    apart, together = layer(rows), layer.by_all(rows, chosen / chosen.sum(-1, keepdim=True), index)
+    torch.testing.assert_close(together, apart, rtol=1e-5, atol=1e-6)
+    weights = [rows, *(p for expert in layer.experts for p in expert.parameters())]
+    wanted = torch.randn(30, 12)
+    of_apart = torch.autograd.grad((apart * wanted).sum(), weights, retain_graph=True)
+    of_together = torch.autograd.grad((together * wanted).sum(), weights)
+    for a, b in zip(of_apart, of_together, strict=True):
+        torch.testing.assert_close(b, a, rtol=1e-4, atol=1e-5)

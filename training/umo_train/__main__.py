@@ -1,11 +1,13 @@
 """`umo-train --config configs/small.yaml --work DIR [--smoke] [STEP ...]`: remakes a model from nothing."""
 
 import argparse
+import time
 from pathlib import Path
 
 import torch
 
 from umo_train import pipeline, plots
+from umo_train.frames.train import Interrupted
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -20,6 +22,8 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--smoke", action="store_true", help=smallest)
     parser.add_argument("--threads", type=int, default=2, help="threads of PyTorch (default: 2)")
     parser.add_argument("--only", help="of the step `tokenizers`: one network alone")
+    piece = "of the step `lm`: ends with a checkpoint after so many minutes; the same command goes on from there"
+    parser.add_argument("--minutes", type=float, help=piece)
     options = parser.parse_args(arguments)
     if options.steps == ["plots"]:
         for path in plots.draw(options.work / "run", options.work / "run" / "plots"):
@@ -31,11 +35,17 @@ def main(arguments: list[str] | None = None) -> None:
     if options.config is None:
         parser.error("--config: which plan?")
     torch.set_num_threads(options.threads)
+    began = time.monotonic()
     settings = pipeline.Run.read(options.config, options.work, smoke=options.smoke)
+    if options.minutes is not None:
+        settings.until = began + 60 * options.minutes
     if options.only:
         pipeline.only(settings, options.only)
         return
-    pipeline.run(settings, tuple(options.steps))
+    try:
+        pipeline.run(settings, tuple(options.steps))
+    except Interrupted as over:
+        print(over)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,10 @@
 
 import csv
 from collections import defaultdict
+from collections.abc import Mapping
 from pathlib import Path
+
+from torch import Tensor
 
 EVERY = 20
 
@@ -19,9 +22,10 @@ class Log:
         with path.open("w", newline="") as file:
             csv.writer(file).writerows([["step", "name", "value"], *kept])
         self.path = path
-        self.sums: dict[str, list[float]] = defaultdict(list)
+        self.sums: dict[str, list[float | Tensor]] = defaultdict(list)
 
-    def add(self, step: int, values: dict[str, float]) -> None:
+    def add(self, step: int, values: Mapping[str, float | Tensor]) -> None:
+        """Values may still be on their way on a GPU: they are fetched when they are written."""
         for name, value in values.items():
             self.sums[name].append(value)
         if (step + 1) % EVERY == 0:
@@ -30,6 +34,6 @@ class Log:
     def write(self, step: int) -> None:
         """What was added since the last row: a stage's end calls it, wherever that is."""
         with self.path.open("a", newline="") as file:
-            rows = [[step, name, f"{sum(v) / len(v):.6g}"] for name, v in self.sums.items()]
+            rows = [[step, name, f"{sum(map(float, v)) / len(v):.6g}"] for name, v in self.sums.items()]
             csv.writer(file).writerows(rows)
         self.sums.clear()

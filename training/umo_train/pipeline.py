@@ -38,18 +38,20 @@ STEPS = (
     "people",
     "actions",
     "motion",
+    "start",
     "audio",
     "tokenizers",
     "report",
     "codes",
+    "pack",
     "lm",
     "interp",
     "export",
     "mouth",
 )
 # Steps of which a plan of layout `frames` has its own, and what a plan runs that names none.
-_OF_FRAMES = ("tokenizers", "report", "codes", "lm", "interp", "export")
-_FRAMES_STEPS = ("speech", "motion", "audio", *_OF_FRAMES)
+_OF_FRAMES = ("start", "tokenizers", "report", "codes", "pack", "lm", "interp", "export")
+_FRAMES_STEPS = ("speech", "motion", "audio", "tokenizers", "report", "codes", "lm", "interp", "export")
 # Of a plan that names none: speech and motion are made.
 _STEPS = ("speech", "motion", "audio", "tokenizers", "codes", "lm", "interp", "export")
 
@@ -322,8 +324,19 @@ def step_interp(s: Run) -> None:
 
 
 def step_report(s: Run) -> None:
-    """Of layout `frames` alone."""
-    raise ValueError("the step `report` is of plans with `layout: frames`")
+    _of_frames_alone("report")
+
+
+def step_start(s: Run) -> None:
+    _of_frames_alone("start")
+
+
+def step_pack(s: Run) -> None:
+    _of_frames_alone("pack")
+
+
+def _of_frames_alone(step: str) -> None:
+    raise ValueError(f"the step `{step}` is of plans with `layout: frames`")
 
 
 def step_mouth(s: Run) -> None:

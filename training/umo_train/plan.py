@@ -13,12 +13,14 @@ _PATHS = (("audio", "hubert"), ("audio", "kmeans"), ("text", "model"), ("lm", "i
 
 @dataclass
 class Run:
-    """A plan, the folder that it is in, the corpus' folder and the folder of everything made from it."""
+    """A plan, the folder that it is in, the corpus' folder and the folder of everything made from it. Training ends
+    with a checkpoint at the moment `until` of `time.monotonic`, where there is one."""
 
     plan: Config
     plans: Path
     corpus: Path
     folder: Path
+    until: float | None = None
 
     @staticmethod
     def read(config: Path, work: Path, *, smoke: bool = False) -> "Run":

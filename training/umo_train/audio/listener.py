@@ -16,6 +16,7 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
+from umo_train.device import has_bf16
 from umo_train.performer.lips import CLOSED, lip_opening
 from umo_train.skeleton import ARKIT
 from umo_train.speech.utterance import FRAME_RATE, Phone
@@ -28,6 +29,8 @@ SHAPES = 6
 # Outputs: the shapes, the opening, whether the lips touch, accents; what distance 1 of each is.
 WIDTH = SHAPES + 3
 OPENING, CLOSURE, ACCENT = 3.5, 1.0, 0.8
+# One more where the plan asks for onsets of accents: a bump of so many seconds around each, heard later than the rest.
+ONSET, ONSET_S = 2.0, 0.04
 
 
 class Listener(torch.nn.Module):
@@ -71,9 +74,37 @@ class Listener(torch.nn.Module):
         out: Tensor = self(torch.cat([silence.expand(self.reach, -1), rows])[None])[0]
         return out
 
+    @torch.no_grad()
+    def take(self, other: "Listener") -> None:
+        """The weights of one with as many taps and the same width, and with as many blocks and outputs or fewer: blocks
+        that are new begin as nothing, outputs that are new as they are."""
+        if (other.taps, other.widths[:-1]) != (self.taps, self.widths[:-1]) or len(other.blocks) > len(self.blocks):
+            raise ValueError("the published listener has other sizes than the plan's: no run can go on from it")
+        mine = self.state_dict()
+        for name, tensor in other.state_dict().items():
+            mine[name][: len(tensor)] = tensor
+        for _, pointwise in list(self.blocks)[len(other.blocks) :]:
+            pointwise.weight.zero_()
+            pointwise.bias.zero_()
+
     def tensors(self) -> dict[str, Tensor]:
         """As the model file has them."""
         return {f"audio.mel.network.{name.removeprefix('layers.')}": t for name, t in self.state_dict().items()}
+
+    @staticmethod
+    def of(tensors: dict[str, Tensor]) -> "Listener":
+        """That of a model file of one tap, whose sizes are those of its tensors."""
+        prefix, count = "audio.mel.network.", 0
+        while f"{prefix}blocks.{count}.0.weight" in tensors:
+            count += 1
+        layers = []
+        while f"{prefix}{len(layers)}.weight" in tensors:
+            layers.append(tensors[f"{prefix}{len(layers)}.weight"].shape)
+        kernel = tensors[f"{prefix}blocks.0.0.weight"].shape[2] if count else 1
+        blocks = {"kernel": kernel, "count": count} if count else None
+        out = Listener(layers[0][1], 1, [rows for rows, _ in layers], blocks)
+        out.load(tensors)
+        return out
 
     def load(self, tensors: dict[str, Tensor]) -> None:
         prefix = "audio.mel.network."
@@ -138,8 +169,11 @@ class Shapes:
         axes, values = axes[:, ::-1][:, :SHAPES].T, values[::-1][:SHAPES]
         return Shapes(mean, axes / np.sqrt(values.sum()))
 
-    def wanted(self, face: np.ndarray, phones: Sequence[Phone], count: int, delay: int) -> np.ndarray:
-        """What token `i` of `count` is to say of the moment `delay` tokens before it `[count, WIDTH]`."""
+    def wanted(
+        self, face: np.ndarray, phones: Sequence[Phone], count: int, delay: int, onset_delay: int | None = None
+    ) -> np.ndarray:
+        """What token `i` of `count` is to say of the moment `delay` tokens before it `[count, WIDTH]`; with
+        `onset_delay` one column more, of the onsets of accents so many tokens before it."""
         times = np.maximum(np.arange(count) - delay, 0) / TOKEN_RATE
         frames, known = times * FRAME_RATE, np.arange(len(face))
         lips = np.stack([np.interp(frames, known, face[:, JAW + i]) for i in LIPS], 1)
@@ -149,8 +183,21 @@ class Shapes:
         for phone in phones:
             inside = (times >= phone.start) & (times < phone.end)
             accents[inside] = (0.0, 0.4, 1.0)[phone.stress]
-        columns = (opening * OPENING, (opening <= CLOSED) * CLOSURE, accents * ACCENT)
+        columns = [opening * OPENING, (opening <= CLOSED) * CLOSURE, accents * ACCENT]
+        if onset_delay is not None:
+            columns.append(onsets(phones, count, onset_delay) * ONSET)
         return np.concatenate([shapes, np.stack(columns, 1)], 1).astype(np.float32)
+
+
+def onsets(phones: Sequence[Phone], count: int, delay: int) -> np.ndarray:
+    """Of `count` tokens, how near each is to the onset of an accented vowel `delay` tokens before it: 0 to 1."""
+    starts = np.array([phone.start for phone in phones if phone.stress == 2])
+    if not len(starts):
+        return np.zeros(count)
+    times = (np.arange(count) - delay) / TOKEN_RATE
+    away = np.abs(times[:, None] - starts).min(1)
+    near: np.ndarray = np.exp(-0.5 * (away / ONSET_S) ** 2)
+    return near
 
 
 # Neighbours in an example of training, and examples of a step.
@@ -159,16 +206,28 @@ RATE, FINAL_RATE = 2e-3, 0.02
 
 
 def train(
-    items: Sequence[Heard], silence: Tensor, voices: Voices | None, plan: dict[str, Any], steps: int, seed: int
+    items: Sequence[Heard],
+    silence: Tensor,
+    voices: Voices | None,
+    plan: dict[str, Any],
+    steps: int,
+    seed: int,
+    before: Listener | None = None,
 ) -> Listener:
-    """Least squares on random stretches of the items, as other `voices` would say them."""
+    """Least squares on random stretches of the items, as other `voices` would say them; from fresh weights, or from
+    those of a listener `before` that may have fewer blocks and outputs."""
     torch.manual_seed(seed)
     rng = np.random.default_rng(seed)
     bands = items[0].features.shape[1]
     network = Listener(bands, plan["taps"], plan["widths"], plan.get("blocks"))
     # Mel features are normalised for distances between them; here each is to count as 1.
     unit = bands**0.5 / 2**0.5
+    if before is not None:
+        network.take(before)
+        with torch.no_grad():
+            network.layers[0].weight /= unit
     optimizer = torch.optim.AdamW(network.parameters(), RATE, weight_decay=1e-2)
+    quick = has_bf16(torch.device("cpu"))
     bar = tqdm(range(steps), "listener")
     for step in bar:
         share = FINAL_RATE + (1 - FINAL_RATE) * 0.5 * (1 + np.cos(np.pi * step / steps))
@@ -176,7 +235,7 @@ def train(
         parts = [_stretch(items[i], network, silence, rng) for i in rng.integers(len(items), size=BATCH)]
         rows, wanted, asked = (torch.stack(column).float() for column in zip(*parts, strict=True))
         rows = (voices.vary(rows) if voices else rows) * unit
-        with torch.autocast("cpu", torch.bfloat16):
+        with torch.autocast("cpu", torch.bfloat16, enabled=quick):
             heard = network(rows + 0.1 * torch.randn_like(rows))
         loss = ((heard.float() - wanted).square().sum(2) * asked).sum() / asked.sum()
         optimizer.zero_grad()

@@ -12,7 +12,7 @@ import torch
 from safetensors.torch import load_file, save_file
 from tqdm import tqdm
 
-from umo_train.audio import hubert, listener, mel
+from umo_train.audio import hubert, listener, mel, units
 from umo_train.audio.hubert import HubertTokenizer
 from umo_train.audio.mel import Mel
 from umo_train.audio.units import kmeans, nearest
@@ -22,6 +22,8 @@ from umo_train.speech.variation import recorded
 
 Plan = dict[str, Any]
 _CENTROIDS = "audio.kmeans.centroids"
+# What the step `start` leaves beside what is fitted: the audio's tensors of a published model.
+PUBLISHED = "published_audio.safetensors"
 
 
 @dataclass
@@ -63,7 +65,11 @@ def load(path: Path, plan: Plan) -> AnyTokenizer:
 def fit(folder: Path, out: Path, plan: Plan, seed: int) -> AnyTokenizer:
     """Clusters features of the corpus, or takes the clusters that are published. Done already where `out` exists."""
     if not out.exists():
-        tokenizer = _fit_hubert(folder, plan, seed) if plan["kind"] == "hubert" else _fit_mel(folder, plan, seed)
+        before = out.parent / PUBLISHED
+        if plan["kind"] == "hubert":
+            tokenizer: AnyTokenizer = _fit_hubert(folder, plan, seed)
+        else:
+            tokenizer = _fit_mel(folder, plan, seed, _published(before) if before.exists() else None)
         out.parent.mkdir(parents=True, exist_ok=True)
         tokenizer.save(out)
     return load(out, plan)
@@ -95,19 +101,48 @@ def _fit_hubert(folder: Path, plan: Plan, seed: int) -> HubertTokenizer:
     return HubertTokenizer(network, plan, kmeans(features, plan["units"], plan["steps"], seed, best()))
 
 
-def _fit_mel(folder: Path, plan: Plan, seed: int) -> Tokenizer:
+def _published(path: Path) -> tuple[torch.Tensor, torch.Tensor, listener.Listener | None]:
+    """Mean and scale of a published model's mel features, and its listener."""
+    tensors = load_file(path)
+    network = listener.Listener.of(tensors) if "audio.mel.network.0.weight" in tensors else None
+    return tensors["audio.mel.mean"], tensors["audio.mel.scale"], network
+
+
+def _fit_mel(
+    folder: Path,
+    plan: Plan,
+    seed: int,
+    published: tuple[torch.Tensor, torch.Tensor, listener.Listener | None] | None = None,
+) -> Tokenizer:
     front = Mel(**plan["mel"])
-    features = torch.cat([front.bands(torch.from_numpy(heard))[some] for heard, some in _heard(folder, plan, seed)])
-    front.fit(features, plan["delta_weight"])
-    features = (features - front.mean) * front.scale
+    before = None
+    features = torch.zeros(0)
+    if published is not None and front.network is not None:
+        front.mean, front.scale, before = published
+    else:
+        features = torch.cat([front.bands(torch.from_numpy(heard))[some] for heard, some in _heard(folder, plan, seed)])
+        front.fit(features, plan["delta_weight"])
+        features = (features - front.mean) * front.scale
     if front.network is not None:
         items = _listened(folder, front, plan, seed)
         steps = plan["listener"]["steps"]
-        front.network = listener.train(items, front.silence, front.voices, front.sizes["network"], steps, seed)
+        front.network = listener.train(items, front.silence, front.voices, front.sizes["network"], steps, seed, before)
         with torch.no_grad():
             heard = (front.network.heard(item.features.float(), front.silence) for item in items)
             features = torch.cat([some[::3] for some in heard])
+        if plan["listener"].get("onset_delay") is not None:
+            wanted = torch.cat([item.wanted[::3, -1] for item in items]) / listener.ONSET
+            return Tokenizer(front, _with_onsets(features, wanted, plan, seed))
     return Tokenizer(front, kmeans(features, plan["units"], plan["steps"], seed))
+
+
+def _with_onsets(features: torch.Tensor, wanted: torch.Tensor, plan: Plan, seed: int) -> torch.Tensor:
+    """Centroids of which each stands twice: without the onset of an accent and with it. Where the one ends and the
+    other begins is what tells most of the onsets `wanted` `[n]`, 0 to 1."""
+    centroids = kmeans(features[:, :-1].contiguous(), plan["units"] // 2, plan["steps"], seed)
+    edge = units.telling_edge(features[:, -1], wanted > 0.5)
+    sides = (torch.full((len(centroids), 1), edge + side) for side in (-0.5, 0.5))
+    return torch.cat([torch.cat([centroids, side], 1) for side in sides])
 
 
 def _listened(folder: Path, front: Mel, plan: Plan, seed: int) -> list[listener.Heard]:
@@ -118,21 +153,24 @@ def _listened(folder: Path, front: Mel, plan: Plan, seed: int) -> list[listener.
     names = [entry.name for entry in entries][:: about["every"]]
     paths = [path for path in corpus.paths(folder, "speech") if path.stem in set(names)]
     shapes = listener.Shapes.of([corpus.read_motion(folder, path.stem, ("face",))["face"] for path in paths])
-    jobs = [(folder, path, front, shapes, about["delay"], seed) for path in paths]
+    delays = about["delay"], about.get("onset_delay")
+    jobs = [(folder, path, front, shapes, delays, seed) for path in paths]
     with ProcessPoolExecutor() as pool:
         heard = tqdm(pool.map(_listen, jobs, chunksize=8), "what is heard", len(jobs), unit="item")
         return [listener.Heard(*map(torch.from_numpy, pair)) for pairs in heard for pair in pairs]
 
 
-def _listen(job: tuple[Path, Path, Mel, listener.Shapes, int, int]) -> list[tuple[np.ndarray, np.ndarray]]:
-    folder, path, front, shapes, delay, seed = job
+def _listen(
+    job: tuple[Path, Path, Mel, listener.Shapes, tuple[int, int | None], int],
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    folder, path, front, shapes, delays, seed = job
     torch.set_num_threads(1)
     utterance = corpus.read_item(path).utterance
     face = corpus.read_motion(folder, path.stem, ("face",))["face"]
     out = []
     for samples in (utterance.samples, recorded(utterance.samples, np.random.default_rng((seed, int(path.stem), 9)))):
         rows = front.bands(torch.from_numpy(np.ascontiguousarray(samples, np.float32)))
-        wanted = shapes.wanted(face, utterance.phones, len(rows), delay)
+        wanted = shapes.wanted(face, utterance.phones, len(rows), *delays)
         out.append((rows.half().numpy(), wanted))
     return out
 

@@ -45,3 +45,20 @@ def _plus_plus(rows: Tensor, units: int, generator: torch.Generator) -> Tensor:
         chosen.append(rows[pick])
         distances = torch.minimum(distances, (rows - rows[pick]).pow(2).sum(1))
     return torch.stack(chosen)
+
+
+def telling_edge(values: Tensor, wanted: Tensor, edges: int = 200) -> float:
+    """The value of `[n]` from which on rows are most likely those that are `wanted` `[n]`: whether a row is above it
+    has the largest mutual information with that."""
+    lowest, highest = float(values.min()), float(values.max())
+    best_of, edge = -1.0, lowest
+    for candidate in torch.linspace(lowest, highest, edges + 2)[1:-1]:
+        above = values > candidate
+        joint = torch.tensor([[(above & wanted).sum(), (above & ~wanted).sum()],
+                              [(~above & wanted).sum(), (~above & ~wanted).sum()]]).double()  # fmt: skip
+        joint = joint / joint.sum()
+        apart = joint.sum(1, keepdim=True) * joint.sum(0, keepdim=True)
+        told = float(torch.where(joint > 0, joint * (joint / apart).log(), 0.0).sum())
+        if told > best_of:
+            best_of, edge = told, float(candidate)
+    return edge

@@ -56,6 +56,8 @@ class FrameExamples:
     # From text alone: of which the prompt is left out, and of an action's those in which it begins. Who is asked for an
     # action is to begin with it, not to stand as long as somebody does who repeats it.
     WORDLESS, BEGINNING = 1 / 8, 1 / 2
+    # Keyframes by which somebody who goes over to an action begins before his arms do.
+    AHEAD_OF_ARMS = 4
     # Shares of which history is cut short, or codes of it are replaced, and of how many.
     SHORT, NOISY, REPLACED = 0.12, 0.3, 0.12
 
@@ -124,7 +126,8 @@ class FrameExamples:
     def _first(self, stream: FrameStream, keyframes: int, target: int, rng: np.random.Generator, task: str) -> int:
         """The chunk's first keyframe."""
         if task == "t2m" and self.augment and stream.begins and rng.random() < self.BEGINNING:
-            return max(stream.begins[rng.integers(len(stream.begins))] - int(rng.integers(target)), 0)
+            begins = stream.begins[rng.integers(len(stream.begins))] - self.AHEAD_OF_ARMS
+            return max(begins - int(rng.integers(target)), 0)
         return int(rng.integers(0, max(keyframes - target, 1)))
 
     def _audio(self, stream: FrameStream, at: int, target: int, rng: np.random.Generator) -> np.ndarray:

@@ -13,12 +13,13 @@ from umo_train import export, processes
 from umo_train.audio import tokens
 from umo_train.data import corpus
 from umo_train.device import best
-from umo_train.frames import chain, parts, report
-from umo_train.frames.examples import FrameExamples, FrameStream, heard_token
+from umo_train.frames import chain, packed, parts, published, report
+from umo_train.frames.examples import FrameStream, heard_token
 from umo_train.frames.interp import VectorInterpolation, VectorPlan
 from umo_train.frames.interp import train as train_interp
 from umo_train.frames.model import FrameModel, for_file
 from umo_train.frames.networks import ResidualVqVae
+from umo_train.frames.packed import Packed
 from umo_train.frames.parts import Part
 from umo_train.frames.root import RootItem, RootPlan, solved
 from umo_train.frames.tokenizers import (
@@ -78,6 +79,11 @@ def names(s: Run, split: str, *, spoken: bool) -> list[str]:
     made = {path.stem for path in corpus.paths(s.corpus, "motion")}
     entries = corpus.entries(s.corpus, split)
     return [entry.name for entry in entries if entry.name in made and (entry.spoken or not spoken)]
+
+
+def step_start(s: Run) -> None:
+    """Tokenizers and the interpolation network of the model file that the plan names as `start`, relative to itself."""
+    published.start(s.plans / s.plan["start"], s.folder, parts_of(s), names_of_face(s), root_plan(s))
 
 
 def step_tokenizers(s: Run, only: tuple[str, ...] = ()) -> None:
@@ -200,7 +206,7 @@ def step_codes(s: Run) -> None:
     """Every item's motion as codes, `run/codes/NAME.npy` `[T, J]`, and the codes of standing still, `run/rest.yaml`."""
     out = s.folder / "codes"
     out.mkdir(parents=True, exist_ok=True)
-    silent = {entry.name for entry in corpus.entries(s.corpus) if not entry.spoken}
+    silent = {entry.name for entry in corpus.entries(s.corpus) if not entry.spoken and not _acts(entry)}
     items = [path.stem for path in corpus.paths(s.corpus, "motion")]
     missing = [name for name in items if not (out / f"{name}.npy").exists()]
     # One process has a GPU to itself.
@@ -230,7 +236,7 @@ def _encode_items(share: tuple[Run, list[str], set[str]]) -> None:
             motion[INTENT] = corpus.read_intent(s.corpus, name)
         codes = codes_of(s, order, models, motion)
         if name in silent:
-            # Nobody says what a face does that was not recorded.
+            # Nobody says what a face does that was not recorded; in actions it is the performer's.
             codes[:, of_face] = -1
         corpus.write_array(s.folder / "codes" / f"{name}.npy", codes)
 
@@ -279,8 +285,25 @@ def model_file_config(s: Run) -> Config:
     return config
 
 
-def examples(s: Run, config: Config, split: str, *, augment: bool) -> FrameExamples:
-    """Codes, units and prompts of a split."""
+def packed_of(s: Run, config: Config) -> Packed:
+    """Codes, units and prompts of the splits that are trained on and measured."""
+    splits = {split: _streams(s, split) for split in ("train", _held_out(s))}
+    tokenizer = tokens.load(s.folder / "audio.safetensors", s.plan["audio"])
+    silence = int(tokenizer(np.zeros(SAMPLE_RATE, np.float32))[20])
+    delay = s.plan["audio"].get("listener", {}).get("delay")
+    return Packed(config, silence, delay, [not of_face for of_face in is_face(s)], splits)
+
+
+def _held_out(s: Run) -> str:
+    return str(s.plan.get("held_out", "test_voice"))
+
+
+def step_pack(s: Run) -> None:
+    """`run/packed.xz`: all that the step `lm` needs beside the plan."""
+    packed.write(s.folder / packed.NAME, packed_of(s, model_file_config(s)))
+
+
+def _streams(s: Run, split: str) -> list[FrameStream]:
     streams, order = [], parts_of(s)
     for entry in corpus.entries(s.corpus, split):
         found = [s.folder / kind / f"{entry.name}.npy" for kind in ("codes", "audio_tokens")]
@@ -290,16 +313,16 @@ def examples(s: Run, config: Config, split: str, *, augment: bool) -> FrameExamp
         prompts = PROMPTS[entry.style] if entry.style in PROMPTS else entry.prompt.split("\n")
         ids = tuple(np.array(pieces(s).encode(prompt), np.int64) for prompt in prompts)
         told = bool(entry.style) and entry.style not in UNTOLD
-        acts = entry.style.startswith("action ")
+        acts = _acts(entry)
         # From text alone come actions above all: talking has a voice to go by.
         weight = _ACTIONS_FROM_TEXT if acts else 1.0
         starts = begins(codes, order, s.plan["window"]["keyframe_stride"]) if acts and codes is not None else ()
         streams.append(FrameStream(codes, units, ids, told, weight, starts))
-    tokenizer = tokens.load(s.folder / "audio.safetensors", s.plan["audio"])
-    silence = int(tokenizer(np.zeros(SAMPLE_RATE, np.float32))[20])
-    delay = s.plan["audio"].get("listener", {}).get("delay")
-    body = [not of_face for of_face in is_face(s)]
-    return FrameExamples(config, order, body, streams, silence, augment=augment, delay=delay)
+    return streams
+
+
+def _acts(entry: corpus.Entry) -> bool:
+    return entry.style.startswith("action ")
 
 
 def begins(codes: np.ndarray, order: list[Part], stride: int) -> tuple[int, ...]:
@@ -320,9 +343,11 @@ def stage_plan(s: Run, stage: Config) -> FrameStagePlan:
 
 def step_lm(s: Run) -> None:
     """The stages of the plan; upcycling at the first that is not dense."""
-    config, order = model_file_config(s), parts_of(s)
-    train = examples(s, config, "train", augment=True)
-    held = examples(s, config, s.plan.get("held_out", "test_voice"), augment=False)
+    pack, order = s.folder / packed.NAME, parts_of(s)
+    data = packed.read(pack) if pack.exists() else packed_of(s, model_file_config(s))
+    config = data.config
+    train = data.examples(order, "train", augment=True)
+    held = data.examples(order, _held_out(s), augment=False)
     torch.manual_seed(s.plan["seed"])
     model: FrameModel | None = None
     for stage in s.plan["stages"]:
@@ -337,7 +362,7 @@ def step_lm(s: Run) -> None:
             state = before.state_dict()
             upcycles = not moe.layers(before) and not plan.dense
             model.load_state_dict(moe.upcycled(state, config["lm"]["experts"], plan.seed) if upcycles else state)
-        train_stage(plan, model, train, held, s.folder)
+        train_stage(plan, model, train, held, s.folder, s.until)
         if processes.is_first():
             copies = _trained(s.folder / f"lm_{plan.name}.pt", "optimizer")["copies"]
             trained = [name for name, _ in model.named_parameters()]

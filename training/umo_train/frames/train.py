@@ -1,5 +1,6 @@
 """Trains the language model and the depth network of layout `frames`."""
 
+import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -16,8 +17,13 @@ from umo_train.frames.model import FrameModel
 from umo_train.frames.parts import Part
 from umo_train.lm import moe
 from umo_train.lm.train import Master, _experts, rate_at, task_chances
-from umo_train.log import Log
+from umo_train.lm.rounded import round_products
+from umo_train.log import EVERY, Log
 from umo_train.state import Saved
+
+
+class Interrupted(Exception):
+    """A stage's time is over before its end; its checkpoint is written."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +58,10 @@ class FrameStagePlan:
     decay: float = 0.05
     save_every: int = 250
     bf16: bool = True
+    # Whether products are those of int8, so that the weights learn to live with it.
+    rounded: bool = False
+    # Processes that draw batches ahead of a GPU; none draws them in between.
+    readers: int = 0
 
 
 def code_weights(parts: list[Part], plan: FrameStagePlan, codes: Tensor, before: Tensor) -> Tensor:
@@ -115,38 +125,79 @@ def places_of(batch: FrameBatch, device: torch.device) -> Tensor | None:
     return None if batch.heard is None else torch.from_numpy(batch.heard).to(device)
 
 
+@dataclass(frozen=True)
+class Drawn:
+    """A step's task, its batch, of which keyframes the encoder itself is asked, and which are not told the one before
+    them."""
+
+    task: str
+    batch: FrameBatch
+    guessed: np.ndarray | None
+    unknown: np.ndarray
+
+
+class Draws(torch.utils.data.Dataset):  # type: ignore[type-arg]
+    """What the steps from `start` on see. Each step and device draws from a stream of its own, so that a resumed run
+    sees what it would have seen, whoever draws it."""
+
+    def __init__(self, plan: FrameStagePlan, examples: FrameExamples, start: int, process: int) -> None:
+        self.plan, self.examples, self.start, self.process = plan, examples, start, process
+        self.chances = task_chances(plan.tasks, plan.tau)
+
+    def __len__(self) -> int:
+        return self.plan.steps - self.start
+
+    def __getitem__(self, index: int) -> Drawn:
+        plan, step = self.plan, self.start + index
+        rng = np.random.default_rng((plan.seed, step, self.process))
+        tasks, chances = list(self.chances), list(self.chances.values())
+        task = tasks[int(np.random.default_rng((plan.seed, step)).choice(len(tasks), p=chances))]
+        batch = self.examples.chunk(plan.batch, int(rng.choice(plan.targets)), rng, task=task)
+        guessed = None
+        if plan.heard > 0 and batch.heard is not None:
+            guessed = np.sort(rng.permutation(len(batch.heard))[: plan.heard_keyframes])
+        return Drawn(task, batch, guessed, rng.random(batch.codes.shape[:2]) < plan.unknown)
+
+
 def train_stage(
-    plan: FrameStagePlan, model: FrameModel, examples: FrameExamples, held_out: FrameExamples, folder: Path
+    plan: FrameStagePlan,
+    model: FrameModel,
+    examples: FrameExamples,
+    held_out: FrameExamples,
+    folder: Path,
+    until: float | None = None,
 ) -> FrameModel:
-    """Trains `model` in place from wherever the stage's checkpoint stands."""
+    """Trains `model` in place from wherever the stage's checkpoint stands, to its end or, with a checkpoint, to the
+    moment `until` of `time.monotonic`."""
     several = DistributedDataParallelKwargs(find_unused_parameters=True)
     accelerator = Accelerator(kwargs_handlers=[several])
     device = accelerator.device
     torch.manual_seed(plan.seed)
     if plan.bf16 and has_bf16(device):
         model = model.to(torch.bfloat16)
+    if plan.rounded:
+        round_products(model)
     plain = model
     outputs = accelerator.prepare_model(Outputs(model, balanced=plan.balance > 0))
     optimizer = Master(plain, plan.rate, plan.betas, plan.decay)
     saved = Saved(folder / f"lm_{plan.name}.pt", optimizer=optimizer)
     start = saved.load()
     log = Log(folder / f"lm_{plan.name}.csv", start) if accelerator.is_main_process else None
-    chances = task_chances(plan.tasks, plan.tau)
-    tasks = list(chances)
+    readers = plan.readers if device.type == "cuda" else 0
+    draws = torch.utils.data.DataLoader(
+        Draws(plan, examples, start, accelerator.process_index),
+        batch_size=None,
+        num_workers=readers,
+        prefetch_factor=4 if readers else None,
+    )
     bar = tqdm(range(start, plan.steps), f"lm {plan.name}", initial=start, total=plan.steps, disable=log is None)
-    for step in bar:
-        # Each step and device draws from a stream of its own, so that a resumed run sees what it would have seen.
-        rng = np.random.default_rng((plan.seed, step, accelerator.process_index))
-        task = tasks[int(np.random.default_rng((plan.seed, step)).choice(len(tasks), p=list(chances.values())))]
+    for step, drawn in zip(bar, draws, strict=True):
+        task, batch = drawn.task, drawn.batch
         for group in optimizer.param_groups:
             group["lr"] = plan.rate * rate_at(step, plan)
-        batch = examples.chunk(plan.batch, int(rng.choice(plan.targets)), rng, task=task)
         ids, history, codes, mask = inputs(batch, device)
-        guessed = None
-        if plan.heard > 0 and batch.heard is not None:
-            some = np.sort(rng.permutation(len(batch.heard))[: plan.heard_keyframes])
-            guessed = torch.from_numpy(some).to(device)
-        unknown = torch.from_numpy(rng.random(codes.shape[:2]) < plan.unknown).to(device)
+        guessed = None if drawn.guessed is None else torch.from_numpy(drawn.guessed).to(device)
+        unknown = torch.from_numpy(drawn.unknown).to(device)
         logits, guess, balance = outputs(ids, history, codes, mask, places_of(batch, device), guessed, unknown)
         weight = code_weights(plain.parts, plan, codes, torch.from_numpy(batch.before).to(device))
         loss = total = entropy(plain.parts, logits, codes, weight)
@@ -156,13 +207,19 @@ def train_stage(
             total = total + plan.heard * entropy(plain.parts, guess, codes[:, guessed], weight[:, guessed])
         accelerator.backward(total)
         optimizer.step()
-        bar.set_postfix(task=task, loss=f"{loss.item():.3f}")
         if log is None:
             continue
-        log.add(step, {f"loss_{task}": loss.item()} | _experts(plain))
-        if (step + 1) % plan.save_every == 0 or step + 1 == plan.steps:
+        # Numbers are fetched when they are written: a GPU is not waited for in every step.
+        log.add(step, {f"loss_{task}": loss.detach()} | (_experts(plain) if (step + 1) % EVERY == 0 else {}))
+        if (step + 1) % EVERY == 0:
+            bar.set_postfix(task=task, loss=f"{loss.item():.3f}")
+        over = until is not None and time.monotonic() > until
+        if (step + 1) % plan.save_every == 0 or step + 1 == plan.steps or over:
             saved.save(step + 1)
             log.add(step, {f"held_out_{k}": v for k, v in evaluate(plain, held_out, plan).items()})
+        if over:
+            log.write(step)
+            raise Interrupted(f"stage {plan.name}: its time is over after {step + 1} of {plan.steps} steps")
     if log is not None:
         log.write(plan.steps - 1)
     accelerator.wait_for_everyone()

@@ -4,6 +4,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from umo_train.lm.rounded import rounded
+
 
 class FeedForward(nn.Module):
     """T5's gated GELU (tanh form)."""
@@ -32,6 +34,8 @@ class MixtureOfExperts(nn.Module):
         nn.init.normal_(self.router.weight, std=d_model**-0.5)
         self.experts = nn.ModuleList([FeedForward(d_model, d_ff) for _ in range(experts)])
         self.top_k = top_k
+        # Whether products are those of int8 (`umo_train/lm/rounded.py`).
+        self.rounded = False
         # Of the last forward pass: the balancing loss of equation (lmoe), and how often each expert came first.
         self.balance: Tensor | None = None
         self.first_choices: Tensor | None = None
@@ -44,6 +48,8 @@ class MixtureOfExperts(nn.Module):
         chosen, index = probabilities.topk(self.top_k, -1)
         weights = chosen / chosen.sum(-1, keepdim=True)
         self._measure(probabilities, weights, index)
+        if rows.is_cuda:
+            return self.by_all(rows, weights, index).reshape(hidden.shape)
         flat = index.flatten()
         order = flat.argsort(stable=True)
         counts = flat.bincount(minlength=len(self.experts))
@@ -62,6 +68,22 @@ class MixtureOfExperts(nn.Module):
             outputs = outputs * weights.reshape(-1, 1).to(outputs.dtype)
             outputs = outputs.reshape(len(rows), self.top_k, -1).sum(1)
         return outputs.reshape(hidden.shape)
+
+    def by_all(self, rows: Tensor, weights: Tensor, index: Tensor) -> Tensor:
+        """Every expert for every row `[n, d]`, and of it what the chosen ones say: a GPU has arithmetic to spare, and
+        waits for nothing where no count of rows decides a shape."""
+        share = torch.zeros(len(rows), len(self.experts), dtype=rows.dtype, device=rows.device)
+        share = share.scatter(1, index, weights.to(rows.dtype))
+        gate, up, out = (
+            torch.stack([getattr(expert, name).weight for expert in self.experts]) for name in ("wi_0", "wi_1", "wo")
+        )
+        if self.rounded:
+            rows, gate, up, out = (rounded(x) for x in (rows, gate, up, out))
+        inner = functional.gelu(rows @ gate.flatten(0, 1).T, approximate="tanh") * (rows @ up.flatten(0, 1).T)
+        inner = inner.unflatten(1, (len(self.experts), -1))
+        if self.rounded:
+            inner = rounded(inner)
+        return (inner * share[..., None]).flatten(1) @ out.transpose(1, 2).flatten(0, 1)
 
     def _measure(self, probabilities: Tensor, weights: Tensor, index: Tensor) -> None:
         experts = len(self.experts)

@@ -37,7 +37,7 @@ def _eval(args: argparse.Namespace) -> None:
         encoder = fgd.train_autoencoder([i.motion for i in held_out], epochs=args.epochs)
     found = measure(subject, held_out, real, encoder, args.seeds, captured)
     if args.corpus:
-        found.groups["actions"] = acted.measure(subject.umo, args.model, args.corpus, args.acted)
+        found.groups["actions"] = acted.measure(subject.umo, args.model, args.corpus, args.acted, more=subject.more)
     about = {
         "items": len(held_out),
         "recordings": len(real),
@@ -111,7 +111,9 @@ def _arguments() -> argparse.ArgumentParser:
     one.add_argument("--recordings", type=int, help="at most so many of them")
     one.add_argument("--captured", type=Path, help="folder of speech whose mouth was captured (.npz with `opening`)")
     one.add_argument("--autoencoder", type=Path, help="motion auto-encoder; trained on the items where not given")
-    one.add_argument("--more", default="", help="other arguments of `umo animate`, as one: --more='--horizon 0'")
+    one.add_argument(
+        "--more", default="", help="other arguments of `umo animate` and `umo text`, as one: --more='--horizon 0'"
+    )
     one.add_argument("--epochs", type=int, default=10)
     one.add_argument("--sheets", type=int, default=3, help="contact sheets in the page")
     one.add_argument("-o", "--output", type=Path, required=True, help="folder to write to")

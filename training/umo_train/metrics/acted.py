@@ -24,19 +24,20 @@ def known(folder: Path, split: str) -> Iterator[tuple[str, Motion]]:
 
 
 class Judge:
-    """Linear discriminants over windows of 5 s; of several windows of one motion all together say what it is."""
+    """Linear discriminants over windows of 5 s of the body; of several windows of one motion all together say what it
+    is. Faces are left out: an action is what the body does."""
 
     def __init__(self, motions: Sequence[tuple[str, Motion]]) -> None:
         from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 
-        rows = [statistics(motion) for _, motion in motions]
+        rows = [statistics(motion, face=False) for _, motion in motions]
         labels = np.repeat([name for name, _ in motions], [len(row) for row in rows])
         if len(set(labels)) < 2:
             raise ValueError("telling actions apart needs two of them at least")
         self.model = LinearDiscriminantAnalysis(solver="lsqr", shrinkage="auto").fit(np.concatenate(rows), labels)
 
     def name(self, motion: Motion) -> str:
-        said = self.model.predict_log_proba(statistics(motion)).clip(min=-50.0).sum(0)
+        said = self.model.predict_log_proba(statistics(motion, face=False)).clip(min=-50.0).sum(0)
         return str(self.model.classes_[said.argmax()])
 
     def share(self, motions: Sequence[tuple[str, Motion]]) -> float:
@@ -44,16 +45,20 @@ class Judge:
         return float(np.mean([self.name(motion) == name for name, motion in motions]))
 
 
-def from_text(umo: Path, prompt: str, seconds: float, model: Path | None, seed: int) -> Motion:
-    """What the program makes of a text alone."""
+def from_text(
+    umo: Path, prompt: str, seconds: float, model: Path | None, seed: int, more: tuple[str, ...] = ()
+) -> Motion:
+    """What the program makes of a text alone; `more` are further arguments."""
     with tempfile.TemporaryDirectory(prefix="umo-") as folder:
         made = Path(folder, "motion.npz")
         options = ["--model", model] if model else []
-        program.run(umo, "text", prompt, "--seconds", seconds, "--seed", seed, "-o", made, *options)
+        program.run(umo, "text", prompt, "--seconds", seconds, "--seed", seed, "-o", made, *options, *more)
         return program.from_npz(made)
 
 
-def measure(umo: Path, model: Path | None, folder: Path, seeds: int, seconds: float = 10.0) -> dict[str, Any]:
+def measure(
+    umo: Path, model: Path | None, folder: Path, seeds: int, seconds: float = 10.0, more: tuple[str, ...] = ()
+) -> dict[str, Any]:
     """The share of motions from text that are known for what was asked, with the first of an action's prompts, of each
     action and of all; and that of held-out performances. Empty where the corpus has no actions."""
     learned = list(known(folder, "train"))
@@ -66,7 +71,7 @@ def measure(umo: Path, model: Path | None, folder: Path, seeds: int, seconds: fl
         if entry.style.startswith(PREFIX)
     }
     told = {
-        name: judge.share([(name, from_text(umo, prompt, seconds, model, seed)) for seed in range(seeds)])
+        name: judge.share([(name, from_text(umo, prompt, seconds, model, seed, more)) for seed in range(seeds)])
         for name, prompt in prompts.items()
     }
     held = list(known(folder, "test_action"))

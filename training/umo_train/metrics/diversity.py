@@ -36,15 +36,16 @@ def across_prompts(takes: Mapping[str, Sequence[Motion]]) -> float:
     return float(np.mean(rounds)) if rounds and len(takes) > 1 else 0.0
 
 
-def statistics(motion: Motion, window: int = 150) -> np.ndarray:
+def statistics(motion: Motion, window: int = 150, *, face: bool = True) -> np.ndarray:
     """What each window of 5 s says of its style `[windows, F]`: mean, spread and mean speed of the places of the upper
-    body, how far apart the hands are and how high, and mean and spread of the face's coefficients and of the jaw."""
+    body, how far apart the hands are and how high, and with `face` mean and spread of the face's coefficients and of
+    the jaw."""
     places = joint_places(motion, walking=False)
     at = places[:, JOINTS_OF["upper"]].reshape(len(places), -1)
     wrists = places[:, [JOINT["left_wrist"], JOINT["right_wrist"]]]
     hands = np.stack([np.linalg.norm(wrists[:, 0] - wrists[:, 1], axis=1), wrists[:, :, 1].max(1)], 1)
-    face = np.concatenate([motion["face"][:, 6:], jaw_opening(motion["face"])[:, None]], 1)
-    values = np.concatenate([at, hands, face], 1)
+    shown = np.concatenate([motion["face"][:, 6:], jaw_opening(motion["face"])[:, None]], 1)
+    values = np.concatenate([at, hands, shown] if face else [at, hands], 1)
     moving = values[:, : at.shape[1] + 2]
     speed = np.abs(np.diff(moving, axis=0, prepend=moving[:1]))
     count = max(len(values) // window, 1)
