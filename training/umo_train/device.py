@@ -11,7 +11,7 @@ def best() -> torch.device:
 
 
 def has_bf16(device: torch.device) -> bool:
-    """Whether products of bf16 are quick there: older GPUs have no such units, and a CPU without them takes thirty times
+    """Whether products of bf16 are quick there: older GPUs have no such units, and CPUs without them take thirty times
     as long as for f32."""
     if device.type == "cuda":
         return torch.cuda.is_bf16_supported(including_emulation=False)

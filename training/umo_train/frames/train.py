@@ -16,8 +16,8 @@ from umo_train.frames.examples import FrameBatch, FrameExamples
 from umo_train.frames.model import FrameModel
 from umo_train.frames.parts import Part
 from umo_train.lm import moe
-from umo_train.lm.train import Master, _experts, rate_at, task_chances
 from umo_train.lm.rounded import round_products
+from umo_train.lm.train import Master, _experts, rate_at, task_chances
 from umo_train.log import EVERY, Log
 from umo_train.state import Saved
 
