@@ -104,6 +104,27 @@ def test_a_resumed_stage_ends_where_an_uninterrupted_one_does(tmp_path: Path, mo
     assert {"held_out_upper", "held_out_copied_upper", "held_out_intent", "held_out_loss", "top1_layer0"} <= found
 
 
+def test_a_piece_ends_with_a_checkpoint_from_which_the_next_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = _trained(tmp_path / "whole", monkeypatch, PLAN)
+    done = 0
+    while done < PLAN.steps:
+        torch.manual_seed(0)
+        model = FrameModel(CONFIG, PARTS)
+        try:
+            # Its time is always over: a piece is one step.
+            train.train_stage(PLAN, model, _examples(), _examples(), tmp_path / "parts", until=0.0)
+        except train.Interrupted as over:
+            done += 1
+            assert f"after {done} of {PLAN.steps} steps" in str(over)
+        else:
+            break
+    assert done == PLAN.steps
+    for (name, one), other in zip(whole.named_parameters(), model.parameters(), strict=True):
+        assert torch.equal(one, other), name
+
+
 def test_training_lowers_the_loss(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Keyframes of these streams count up: what follows is plain from what is before."""
     plan = replace(PLAN, steps=80, batch=8, targets=(5,), tasks={"a2m": 1.0}, rate=5e-3, bf16=False, save_every=1000)

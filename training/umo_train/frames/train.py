@@ -210,8 +210,9 @@ def train_stage(
         if log is None:
             continue
         # Numbers are fetched when they are written: a GPU is not waited for in every step.
-        log.add(step, {f"loss_{task}": loss.detach()} | (_experts(plain) if (step + 1) % EVERY == 0 else {}))
-        if (step + 1) % EVERY == 0:
+        written = (step + 1) % EVERY == 0 or step + 1 == plan.steps
+        log.add(step, {f"loss_{task}": loss.detach()} | (_experts(plain) if written else {}))
+        if written:
             bar.set_postfix(task=task, loss=f"{loss.item():.3f}")
         over = until is not None and time.monotonic() > until
         if (step + 1) % plan.save_every == 0 or step + 1 == plan.steps or over:

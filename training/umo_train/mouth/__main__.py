@@ -13,7 +13,7 @@ def main(arguments: list[str] | None = None) -> None:
     commands = parser.add_subparsers(required=True, dest="command")
     add = commands.add_parser("add", help="put the part into a model file; its other tensors keep their bytes")
     add.add_argument("model", type=Path)
-    add.add_argument("part", type=Path, help="run/mouth.safetensors")
+    add.add_argument("part", type=Path, help="run/mouth.safetensors, or a model that has the part")
     add.add_argument("-o", "--output", type=Path, required=True)
     look = commands.add_parser("measure", help="against the performer, over levels and noises, on recordings")
     look.add_argument("part", type=Path, help="run/mouth.safetensors")

@@ -26,8 +26,13 @@ def write(path: Path, about: dict[str, Any], tensors: dict[str, Tensor]) -> None
 
 
 def read(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
+    """What `write` has written, or the part of a model file that has one. Raises `ValueError` for another file."""
     with safe_open(path, framework="pt") as file:
-        return json.loads(file.metadata()["mouth"]), {name: file.get_tensor(name) for name in file.keys()}
+        about = file.metadata() or {}
+        mouth = json.loads(about["mouth"]) if "mouth" in about else json.loads(about.get("config", "{}")).get("mouth")
+        if mouth is None:
+            raise ValueError(f"{path}: no live mouth, and no model that has one")
+        return mouth, {name: file.get_tensor(name) for name in file.keys() if name.startswith("mouth.")}
 
 
 def add(model: Path, part: Path, out: Path) -> None:
