@@ -1,4 +1,4 @@
-//! Fused attention of one head: scores, relative-position bias, mask, softmax and values in one
+//! Fused attention of one head, or of all heads of a few rows: scores, relative-position bias, mask, softmax and values in one
 //! pass.
 
 #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
@@ -22,8 +22,8 @@ use crate::isa::{Isa, dispatch};
 use crate::mat::{Mat, MatMut};
 use crate::prefetch::PrefetchHint;
 use crate::tiling::Tiling;
-use operands::Operands;
-pub use operands::{RelativeBias, Visible};
+pub use operands::{HeadCache, RelativeBias, Visible};
+use operands::{HeadOperands, Operands};
 
 /// The [`Tiling`]s of a back-end: of attention, and of the encoder's in f32 and in bf16.
 #[doc(hidden)]
@@ -41,6 +41,12 @@ pub fn tilings(isa: Isa) -> [Tiling; 3] {
         Simd128: simd128,
     });
     [dispatch!(isa, tiling()), encoder_f32, encoder_bf16::tiling(isa)]
+}
+
+/// The [`Tiling`] of [`attention_heads_f32`]: `rows` are heads.
+#[doc(hidden)]
+pub fn heads_tiling(isa: Isa) -> Tiling {
+    dispatch!(isa, heads_tiling())
 }
 
 /// Attention of one head: `y[i] = sum_j softmax_j(scale * q[i] . k[j] + bias) * v[j]`.
@@ -98,6 +104,33 @@ pub fn attention_bf16(
     let operands = Operands { q, k, v, scale, bias, visible, hint, self_prefetch: isa.tuning().self_prefetch };
     if operands.check(&y)? {
         dispatch!(isa, attention(operands, y));
+    }
+    Ok(())
+}
+
+/// [`attention_f32`] of all heads of some rows, one query each, in one call: for a decoder whose
+/// keys and values are so few that a call per head takes longer than they do.
+///
+/// Shapes: `q [rows, heads * head_dim]`, `y` of the same (overwritten), both strided; the cache
+/// as [`HeadCache`] says.
+/// Numerics: the bits of [`attention_f32`] with [`Visible::All`] of each head by itself.
+/// Cost: `2 * rows * heads * filled * head_dim` multiply-adds; no allocation. Heads of 32, 48 and
+/// 64 columns with at most 64 filled places have loops of their own; others take as long as
+/// calls of their own.
+///
+/// # Errors
+/// [`ShapeError`] naming the argument whose length disagrees; `cache.filled` where no place is, or
+/// more than there are.
+pub fn attention_heads_f32(
+    isa: Isa,
+    q: Mat<f32>,
+    cache: HeadCache,
+    scale: f32,
+    y: MatMut<f32>,
+) -> Result<(), ShapeError> {
+    let operands = HeadOperands { q, cache, scale };
+    if operands.check(&y)? {
+        dispatch!(isa, heads(operands, y));
     }
     Ok(())
 }

@@ -3,7 +3,8 @@
 
 use proptest::prelude::*;
 use umo_kernels::attention::{
-    RelativeBias, Visible, attention_bf16, attention_f32, encoder_attention_bf16, encoder_attention_f32, tilings,
+    HeadCache, RelativeBias, Visible, attention_bf16, attention_f32, attention_heads_f32, encoder_attention_bf16,
+    encoder_attention_f32, heads_tiling, tilings,
 };
 use umo_kernels::tiling::Tiling;
 use umo_kernels::tuning::Tuning;
@@ -460,7 +461,46 @@ fn attention_bf16_is_attention_over_widened_keys_and_values(isa: Isa) {
     });
 }
 
+/// All heads of some rows in one call give the bits of a call for each, whatever lies in places that
+/// hold no key yet.
+fn attention_heads_are_those_of_calls_of_their_own(isa: Isa) {
+    let Tiling { rows: heads, outputs, inputs, .. } = heads_tiling(isa);
+    let dim = prop_oneof![3 => prop::sample::select(vec![32_usize, 48, 64]), 2 => around(inputs)];
+    let sizes = (0..4_usize, around(heads), around(outputs), dim, 0..6_usize);
+    let fills = prop_oneof![Just(Fill::Uniform(1.0)), Just(Fill::Uniform(0.2)), Just(Fill::Uniform(9.0))];
+    let places = (0..40_usize, offset(), any::<u64>());
+    proptest!(cases(96), |(sizes in sizes, scores in fills, values in fill(), (gap, offset, seed) in places)| {
+        let (rows, heads, filled, dim, spare) = (sizes.0, sizes.1.max(1), sizes.2.max(1), sizes.3.max(1), sizes.4);
+        let (places, mut noise) = (filled + spare, Noise::new(seed));
+        let q = Placed::new(rows, heads * dim, gap, offset, || scores.next(&mut noise));
+        let mut kept = |fill: Fill| {
+            let mut at = 0;
+            Placed::new(rows * heads * places, dim, 0, offset, || {
+                at += 1;
+                let value = fill.next(&mut noise);
+                if (at - 1) / dim % places < filled { value } else { f32::NAN }
+            })
+        };
+        let (k, v) = (kept(scores), kept(values));
+        let cache = HeadCache { keys: k.elements(), values: v.elements(), heads, places, filled };
+        let mut y = Guarded::new(rows, heads * dim, gap, offset);
+        attention_heads_f32(isa, q.mat(), cache, 0.125, y.mat()).expect("shapes agree");
+        for (row, got) in y.checked().iter().enumerate() {
+            for (head, got) in got.chunks_exact(dim).enumerate() {
+                let first = (row * heads + head) * places;
+                let [k, v] = [&k, &v].map(|kept| kept.mat().row_range(first..first + filled));
+                let q = q.mat().row_range(row..row + 1).columns(head * dim..(head + 1) * dim);
+                let mut alone = Guarded::new(1, dim, 0, 0);
+                attention_f32(isa, q, k, v, 0.125, None, Visible::All, PrefetchHint::NONE, alone.mat())
+                    .expect("shapes agree");
+                prop_assert_eq!(bits(&[got.to_vec()]), bits(&alone.checked()), "row {}, head {}", row, head);
+            }
+        }
+    });
+}
+
 for_each_isa!(
+    attention_heads_are_those_of_calls_of_their_own,
     attention_is_near_f64,
     attention_is_exact_where_weights_are_0_or_1,
     encoder_attention_keeps_every_bit,
@@ -496,4 +536,22 @@ fn attention_rejects_shapes_that_disagree() {
     assert_eq!(call(three, three, three, None, Visible::Causal { first: 1 }), Err("k"));
     assert_eq!(call(three, three, three, short, Visible::All), Err("bias.values"));
     assert_eq!(call(three, three, three, late, Visible::All), Err("bias.origin"));
+}
+
+#[test]
+fn attention_of_heads_rejects_shapes_that_disagree() {
+    let (input, kept) = (Placed::new(2, 6, 0, 0, || 1.0_f32), [1.0_f32; 36]);
+    let call = |(heads, places, filled), keys: &[f32], values: &[f32], rows| {
+        let mut y = Guarded::new(rows, 6, 0, 0);
+        let cache = HeadCache { keys, values, heads, places, filled };
+        attention_heads_f32(Isa::SCALAR, input.mat(), cache, 1.0, y.mat()).map_err(|error: ShapeError| error.arg)
+    };
+    assert_eq!(call((2, 3, 3), &kept, &kept, 2), Ok(()));
+    assert_eq!(call((2, 3, 3), &kept, &kept, 1), Err("y"));
+    assert_eq!(call((0, 3, 3), &kept, &kept, 2), Err("cache.heads"));
+    assert_eq!(call((4, 3, 3), &kept, &kept, 2), Err("cache.heads"));
+    assert_eq!(call((2, 3, 0), &kept, &kept, 2), Err("cache.filled"));
+    assert_eq!(call((2, 3, 4), &kept, &kept, 2), Err("cache.filled"));
+    assert_eq!(call((2, 3, 3), &kept[1..], &kept, 2), Err("cache.keys"));
+    assert_eq!(call((2, 3, 3), &kept, &kept[1..], 2), Err("cache.values"));
 }

@@ -4,7 +4,8 @@
 use proptest::prelude::*;
 use umo_kernels::activation::{Activation, apply, softmax};
 use umo_kernels::attention::{
-    RelativeBias, Visible, attention_bf16, attention_f32, encoder_attention_bf16, encoder_attention_f32,
+    HeadCache, RelativeBias, Visible, attention_bf16, attention_f32, attention_heads_f32, encoder_attention_bf16,
+    encoder_attention_f32,
 };
 use umo_kernels::bf16::round_bf16;
 use umo_kernels::conv1d::{GroupedF32, conv1d_grouped_f32, frames_out};
@@ -25,7 +26,7 @@ use crate::products::{Case, Kind, Operands};
 type Call = fn(Isa, u64) -> Vec<u64>;
 
 /// By the names of the documentation.
-const CALLS: [(&str, Call); 23] = [
+const CALLS: [(&str, Call); 24] = [
     ("matmul_i8", |isa, seed| plain(Kind::I8, isa, seed)),
     ("matmul_gated_i8", |isa, seed| gated(Kind::I8, isa, seed)),
     ("quantize_rows", quantized),
@@ -47,6 +48,7 @@ const CALLS: [(&str, Call); 23] = [
     ("matmul_gated_bf16", |isa, seed| gated(Kind::Bf16, isa, seed)),
     ("matmul_bf16_rows", rounded_rows),
     ("attention_f32", |isa, seed| Attention::new(seed).f32(isa)),
+    ("attention_heads_f32", heads),
     ("attention_bf16", |isa, seed| Attention::new(seed).bf16(isa)),
     ("encoder_attention_f32", |isa, seed| Attention::new(seed).encoder(isa, encoder_attention_f32)),
 ];
@@ -285,6 +287,21 @@ impl Attention {
     }
 }
 
+/// Heads of widths with loops of their own and of others, with few keys and with many.
+fn heads(isa: Isa, seed: u64) -> Vec<u64> {
+    let mut noise = Noise::new(seed);
+    let (rows, heads, dim) = (1 + noise.below(3), 1 + noise.below(6), [24, 32, 48, 64][noise.below(4)]);
+    let filled = 1 + [noise.below(40), noise.below(80)][noise.below(2)];
+    let places = filled + noise.below(3);
+    let q = floats(&mut noise, rows * heads * dim);
+    let [keys, values] = [(); 2].map(|()| floats(&mut noise, rows * heads * places * dim));
+    let cache = HeadCache { keys: &keys, values: &values, heads, places, filled };
+    let mut y = vec![0.0; q.len()];
+    let out = MatMut::new(&mut y, rows, heads * dim).unwrap();
+    attention_heads_f32(isa, mat(&q, rows, heads * dim), cache, 0.5, out).unwrap();
+    bits(&y)
+}
+
 /// The table names every function once, and what it says of each is so on the back-ends that this
 /// processor has.
 #[test]
@@ -312,7 +329,7 @@ fn functions_match_the_same_bits_table() {
 }
 
 /// Digests of the functions' results on `scalar` and on `avx2`.
-const DIGESTS: [(&str, [u64; 2]); 23] = [
+const DIGESTS: [(&str, [u64; 2]); 24] = [
     ("matmul_i8", [0x6591_9937_4fc8_38b5, 0x6591_9937_4fc8_38b5]),
     ("matmul_gated_i8", [0xafbd_0d54_57d3_8319, 0xafbd_0d54_57d3_8319]),
     ("quantize_rows", [0x52d6_526d_e1e1_8f9d, 0x52d6_526d_e1e1_8f9d]),
@@ -334,6 +351,7 @@ const DIGESTS: [(&str, [u64; 2]); 23] = [
     ("matmul_gated_bf16", [0x53b5_f29a_05be_fec0, 0x9b2e_a461_021b_b81e]),
     ("matmul_bf16_rows", [0x2bdf_3791_e4b2_4ead, 0x2bdf_3791_e4b2_4ead]),
     ("attention_f32", [0xc180_cf3f_8cd6_3f1d, 0xaa87_60b2_8d35_722b]),
+    ("attention_heads_f32", [0x2fe2_efb8_5c4e_3919, 0x5555_3046_1f7f_11c6]),
     ("attention_bf16", [0xd6c9_b8e5_5b6d_be79, 0xd7e8_5552_1146_fe7d]),
     ("encoder_attention_f32", [0x4905_c5ff_1968_f10f, 0xb3f1_203b_cf17_b0de]),
 ];

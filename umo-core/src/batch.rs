@@ -25,8 +25,8 @@ use crate::audio::{AudioScratch, Call};
 use crate::avatar::{Avatar, Due, StageTimes, Window};
 use crate::config::Config;
 use crate::error::StepError;
-use crate::interp::InterpScratch;
 use crate::interp::vectors::VectorScratch;
+use crate::interp::{Filling, InterpScratch};
 use crate::linear::Compute;
 use crate::lm::decoder::Sequence;
 use crate::lm::depth::{DepthScratch, Task, is_guidable};
@@ -36,6 +36,7 @@ use crate::lm::{Lengths, Lm, LmScratch};
 use crate::memory::{filled, with_capacity};
 use crate::model::{Between, Model};
 use crate::motion::{FrameRef, MotionScratch};
+use crate::part::Part;
 use crate::record::{Chunk, Codes};
 use crate::time::Instant;
 use keyframe::{heard_token, keyframe_id};
@@ -68,7 +69,7 @@ enum Phase {
     Decode { layer: usize },
     /// The depth network, for the tasks from `first` on, their codes from `code` on.
     Draw { first: usize, code: usize },
-    /// The interpolation network of one member.
+    /// A step of one member's interpolation, or all of it.
     Interpolate { member: usize },
     /// The motion decoders of one member.
     DecodeMotion { member: usize },
@@ -99,6 +100,8 @@ pub struct Batch {
     audio: AudioScratch,
     /// The tokenizer's work for the member that is tokenized, where that has begun.
     call: Option<Call>,
+    /// The interpolation of the member that is interpolated, where that has begun.
+    filling: Option<Filling>,
     lm: LmScratch,
     between: BetweenScratch,
     motion: MotionScratch,
@@ -178,6 +181,7 @@ impl Batch {
                 .tokenizer
                 .scratch(window, (config.max_target + config.audio.ahead) * config.tokens_per_keyframe()),
             call: None,
+            filling: None,
             lm: LmScratch::with_given(config, sequences * lengths.encoder.max(lengths.decoder), given),
             between: match &model.between {
                 Between::Codes(interp) => {
@@ -211,7 +215,7 @@ impl Batch {
     }
 
     /// Makes steps short from now on, for a host that lends little time at once: one member's rows of an
-    /// encoder layer, and few of a keyframe's codes. Only for a model whose layers stay in cache, as what
+    /// encoder layer, few of a keyframe's codes, and a layer or few frames of an interpolation. Only for a model whose layers stay in cache, as what
     /// is cut reads its weights again.
     pub(crate) fn bound(&mut self, config: &Config) {
         self.bounded = Lm::encoder_layer_weights(config) <= CACHED_WEIGHTS;
@@ -285,7 +289,7 @@ impl Batch {
             }
         };
         self.due[member] = Due::Nothing;
-        self.call = None;
+        (self.call, self.filling) = (None, None);
         // Where it was the last with a chunk, there is nothing to encode or to fill.
         self.phase = match next {
             Phase::Encode { .. } if self.next_chunk(0).is_none() => self.decode_motion_from(0),
@@ -297,7 +301,7 @@ impl Batch {
     /// Puts the batch down for good; its members are in no defined state and want
     /// [`Avatar::reset`].
     pub fn abandon(&mut self) {
-        (self.phase, self.call) = (Phase::Idle, None);
+        (self.phase, self.call, self.filling) = (Phase::Idle, None, None);
     }
 
     /// Computes one more layer, and says whether there is more to do. `avatars` are those that the
@@ -518,24 +522,47 @@ impl Batch {
         avatar: &mut Avatar,
         member: usize,
     ) -> Result<Phase, StepError> {
+        loop {
+            if !self.interpolate_step(model, cx, avatar)? {
+                self.filling = None;
+                return Ok(self.interpolate_from(member + 1));
+            }
+            if self.bounded {
+                return Ok(Phase::Interpolate { member });
+            }
+        }
+    }
+
+    /// Begins with a member's interpolation or goes on with it; whether there is more to do.
+    fn interpolate_step(&mut self, model: &Model, cx: Compute, avatar: &mut Avatar) -> Result<bool, StepError> {
+        let first = avatar.chunk == 0;
+        let piece = |parts| if self.bounded { Filling::short_piece(parts) } else { usize::MAX };
         match (&model.between, &mut self.between, &mut avatar.history) {
             (Between::Codes(interp), BetweenScratch::Codes { interp: scratch, .. }, Window::Codes(history)) => {
+                if let Some(filling) = &mut self.filling {
+                    return interp.step(cx, scratch, history.frames(), filling);
+                }
                 history.lay_out();
-                let start = history.fresh_start(avatar.chunk == 0);
-                interp.fill_from(cx, scratch, history.frames(), start)?;
+                let start = history.fresh_start(first);
+                self.filling = Some(interp.begin(scratch, history.window(), start, piece(Part::ALL.len()))?);
             }
             (
                 Between::Vectors { interp, .. },
                 BetweenScratch::Vectors { interp: scratch, .. },
                 Window::Keyframes(history),
             ) => {
-                let fresh = history.fresh_frames(avatar.chunk == 0);
-                let (vectors, known) = history.lay_out(model.motion.decoders())?;
-                interp.fill_from(cx, scratch, vectors, known, known.len() - fresh)?;
+                if let Some(filling) = &mut self.filling {
+                    let (vectors, known) = history.frames();
+                    return interp.step(cx, scratch, vectors, known, filling);
+                }
+                history.lay_out(model.motion.decoders())?;
+                let (fresh, (vectors, known)) = (history.fresh_frames(first), history.frames());
+                let piece = piece(vectors.len());
+                self.filling = Some(interp.begin(cx, scratch, vectors, known, known.len() - fresh, piece)?);
             }
             _ => return Err(OTHER_LAYOUT),
         }
-        Ok(self.interpolate_from(member + 1))
+        Ok(true)
     }
 
     fn decode_motion(

@@ -5,6 +5,8 @@ mod layer;
 mod trunk;
 pub mod vectors;
 
+use std::ops::Range;
+
 use umo_kernels::MatMut;
 use umo_kernels::activation::argmax;
 use umo_kernels::gemm::Epilogue;
@@ -14,6 +16,7 @@ use crate::linear::{Compute, Linear};
 use crate::memory::filled;
 use crate::part::{Part, PerPart};
 use crate::weights::{Loader, Table};
+pub use trunk::Filling;
 use trunk::{Trunk, TrunkScratch};
 
 const PARTS: usize = Part::ALL.len();
@@ -33,6 +36,7 @@ pub struct InterpScratch {
     trunk: TrunkScratch,
     /// `[frames, codes]` of each part
     logits: PerPart<Box<[f32]>>,
+    /// Frames of which there are logits.
     frames: usize,
     max_frames: usize,
     codes: usize,
@@ -116,16 +120,54 @@ impl Interp {
         first: usize,
     ) -> Result<(), StepError> {
         let known = PerPart { face: &*codes.face, hands: &*codes.hands, upper: &*codes.upper, lower: &*codes.lower };
+        let mut filling = self.begin(scratch, known, first, usize::MAX)?;
+        let PerPart { face, hands, upper, lower } = codes;
+        while self.step(
+            cx,
+            scratch,
+            PerPart { face: &mut *face, hands: &mut *hands, upper: &mut *upper, lower: &mut *lower },
+            &mut filling,
+        )? {}
+        Ok(())
+    }
+
+    /// Begins to fill the masked frames from `first` on, `piece` of them in a step.
+    ///
+    /// # Errors
+    /// As [`Self::fill_from`].
+    pub fn begin(
+        &self,
+        scratch: &mut InterpScratch,
+        known: PerPart<&[u16]>,
+        first: usize,
+        piece: usize,
+    ) -> Result<Filling, StepError> {
         scratch.frames = 0;
         let frames = self.check(scratch, known)?;
         if first >= frames {
             return Err(StepError::Empty("frames to interpolate"));
         }
         self.embed(scratch, known, frames);
-        self.trunk.run(cx, &mut scratch.trunk, frames, first)?;
-        self.predict(cx, scratch, frames - first)?;
-        scratch.frames = frames - first;
-        self.choose(cx, scratch, codes, first)
+        Ok(self.trunk.begin(frames, first, piece))
+    }
+
+    /// One more step of what [`Self::begin`] began with the same codes; whether there is more to do.
+    /// Each step fills some frames or none; the bits are those of [`Self::fill_from`].
+    ///
+    /// # Errors
+    /// [`StepError`] where logits are not finite, or there are fewer codes than at the beginning.
+    pub fn step(
+        &self,
+        cx: Compute,
+        scratch: &mut InterpScratch,
+        codes: PerPart<&mut [u16]>,
+        filling: &mut Filling,
+    ) -> Result<bool, StepError> {
+        let range = self.trunk.step(cx, &mut scratch.trunk, filling)?;
+        self.predict(cx, scratch, range.len())?;
+        scratch.frames += range.len();
+        self.choose(cx, scratch, codes, range)?;
+        Ok(!filling.is_done())
     }
 
     /// The number of frames, where everything about `codes` is as it must be.
@@ -166,27 +208,32 @@ impl Interp {
         });
     }
 
-    /// The logits of every part and frame that was asked for.
+    /// The logits of every part of the next `frames` frames.
     fn predict(&self, cx: Compute, s: &mut InterpScratch, frames: usize) -> Result<(), StepError> {
+        if frames == 0 {
+            return Ok(());
+        }
         for (i, part) in Part::ALL.into_iter().enumerate() {
             let (x, quant) = self.trunk.outputs(&mut s.trunk, frames, i)?;
-            let y = MatMut::new(&mut s.logits[part], frames, self.codes)?;
+            let y = MatMut::new(&mut s.logits[part][s.frames * self.codes..], frames, self.codes)?;
             self.head[part].forward(cx, quant, x, Epilogue::STORE, y)?;
         }
         Ok(())
     }
 
-    /// The likeliest code of each masked frame from `first` on.
+    /// The likeliest code of each masked frame of `range`, whose logits are the last.
     fn choose(
         &self,
         cx: Compute,
         scratch: &InterpScratch,
         mut codes: PerPart<&mut [u16]>,
-        first: usize,
+        range: Range<usize>,
     ) -> Result<(), StepError> {
         for part in Part::ALL {
-            let logits = scratch.logits(part).chunks_exact(self.codes);
-            for (code, logits) in codes[part][first..].iter_mut().zip(logits) {
+            let logits = scratch.logits(part).chunks_exact(self.codes).skip(scratch.frames - range.len());
+            let codes = codes[part].get_mut(range.clone());
+            let codes = codes.ok_or(StepError::Disagree("interpolation was taken up with fewer frames"))?;
+            for (code, logits) in codes.iter_mut().zip(logits) {
                 if self.is_mask(*code) {
                     check_finite(logits, "interpolation logits")?;
                     let best = argmax(cx.isa, logits).unwrap_or(0);

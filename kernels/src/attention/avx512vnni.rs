@@ -9,7 +9,7 @@
 mod loops;
 pub(super) mod vector;
 
-use super::operands::Operands;
+use super::operands::{HeadOperands, Operands};
 use crate::isa::{Avx512Vnni, entry};
 use crate::mat::MatMut;
 use crate::tiling::Tiling;
@@ -20,8 +20,17 @@ pub(super) fn tiling(_token: Avx512Vnni) -> Tiling {
     loops::TILING
 }
 
+/// Where the loops over heads change.
+pub(super) fn heads_tiling(_token: Avx512Vnni) -> Tiling {
+    loops::HEADS_TILING
+}
+
 entry! {
     pub(super) fn attention<T: Load>(_token: Avx512Vnni, x: Operands<T>, y: MatMut<f32>) {
         loops::attention(x, y);
+    }
+
+    pub(super) fn heads(_token: Avx512Vnni, x: HeadOperands, y: MatMut<f32>) {
+        loops::heads(x, y);
     }
 }

@@ -13,7 +13,7 @@ use super::vector::{
     load_part_bf16, max_lanes, mul, reduce_max, select_first, softmax_exp, splat, store, store_part, sub, sums_of,
     to_array, transpose, zero,
 };
-use crate::attention::operands::Operands;
+use crate::attention::operands::{HeadOperands, Operands};
 use crate::bf16::Bf16;
 use crate::lanes::pairwise;
 use crate::mat::{Mat, MatMut};
@@ -120,6 +120,109 @@ pub(in crate::attention) fn attention<T: Load>(x: Operands<T>, mut y: MatMut<f32
     let self_prefetch = x.self_prefetch && x.k.stride() == x.k.cols() && x.v.stride() == x.v.cols();
     while i < x.q.rows() {
         i += if self_prefetch { few::<T, SelfPrefetch>(x, i, &mut y) } else { few::<T, HintPrefetch>(x, i, &mut y) };
+    }
+}
+
+/// Heads that are computed side by side: none waits for another's maximum or sum.
+const HEADS: usize = 4;
+
+/// Widths of heads that have loops of their own.
+const HEAD_DIMS: [usize; 3] = [32, 48, 64];
+
+/// Where the loops over heads change.
+pub(super) const HEADS_TILING: Tiling =
+    Tiling { rows: &[HEADS], outputs: &[WIDTH, TILE], inputs: &HEAD_DIMS, held: 0, chunk: 0 };
+
+/// All heads of all rows, a query each, with the operations of [`attention`] in its order.
+#[features]
+pub(in crate::attention) fn heads(x: HeadOperands, mut y: MatMut<f32>) {
+    match x.head_dim() {
+        dim if x.cache.filled <= TILE && dim == HEAD_DIMS[0] => heads_of::<{ HEAD_DIMS[0] / WIDTH }>(x, &mut y),
+        dim if x.cache.filled <= TILE && dim == HEAD_DIMS[1] => heads_of::<{ HEAD_DIMS[1] / WIDTH }>(x, &mut y),
+        dim if x.cache.filled <= TILE && dim == HEAD_DIMS[2] => heads_of::<{ HEAD_DIMS[2] / WIDTH }>(x, &mut y),
+        dim => {
+            for row in 0..x.q.rows() {
+                for (head, y) in y.row_mut(row).chunks_exact_mut(dim).enumerate() {
+                    attention(x.alone(row, head), MatMut::new(y, 1, dim).expect("a head has `dim` columns"));
+                }
+            }
+        }
+    }
+}
+
+/// Heads of `C` registers, whose keys are one tile.
+#[features]
+fn heads_of<const C: usize>(x: HeadOperands, y: &mut MatMut<f32>) {
+    let (heads, filled) = (x.cache.heads, x.cache.filled);
+    let mut weights = Weights([[0.0; TILE]; HEADS]);
+    for row in 0..x.q.rows() {
+        let (q, y) = (x.q.row(row).as_chunks().0.as_chunks::<C>().0, y.row_mut(row));
+        let y = y.as_chunks_mut().0.as_chunks_mut::<C>().0;
+        for (first, y) in (0..heads).step_by(HEADS).zip(y.chunks_mut(HEADS)) {
+            let (mut max, mut sum) = ([0.0; HEADS], [zero(); HEADS]);
+            let mut v: [&[[[f32; WIDTH]; C]]; HEADS] = [&[]; HEADS];
+            for h in 0..y.len() {
+                let [keys, values] = x.of_head(row, first + h);
+                v[h] = values.as_chunks().0.as_chunks::<C>().0;
+                head_scores(&q[first + h], keys.as_chunks().0.as_chunks::<C>().0, &mut weights.0[h]);
+                max[h] = score::<false>(&mut weights.0[h], filled, f32::NEG_INFINITY, x.scale, &[]);
+            }
+            for h in 0..y.len() {
+                let max = splat(max[h]);
+                for register in &mut weights.0[h].as_chunks_mut::<WIDTH>().0[..filled.div_ceil(WIDTH)] {
+                    let weight = softmax_exp(sub(load(register), max));
+                    sum[h] = add(sum[h], weight);
+                    store(register, weight);
+                }
+            }
+            for (h, y) in y.iter_mut().enumerate() {
+                head_values(&weights.0[h], v[h], y);
+                let sum = pairwise(to_array(sum[h]));
+                y.as_flattened_mut().iter_mut().for_each(|y| *y /= sum);
+            }
+        }
+    }
+}
+
+/// The dot products of a query with every key, at most [`TILE`]; up to `WIDTH - 1` more, of no
+/// meaning, follow them.
+#[inline]
+#[features]
+fn head_scores<const C: usize>(q: &[[f32; WIDTH]; C], k: &[[[f32; WIDTH]; C]], weights: &mut [f32; TILE]) {
+    for (k, to) in k.chunks(WIDTH).zip(weights.as_chunks_mut::<WIDTH>().0) {
+        let mut sums = [zero(); WIDTH];
+        for from in (0..WIDTH).step_by(DOTS) {
+            if from < k.len() {
+                let mut keys = [&k[from]; DOTS];
+                for j in 1..DOTS {
+                    // Past the end, the last key is repeated.
+                    keys[j] = &k[(from + j).min(k.len() - 1)];
+                }
+                for c in 0..C {
+                    let q = load(&q[c]);
+                    for j in 0..DOTS {
+                        sums[from + j] = fmadd(q, load(&keys[j][c]), sums[from + j]);
+                    }
+                }
+            }
+        }
+        store(to, sums_of(sums));
+    }
+}
+
+/// `y = sum_j weights[j] * v[j]`.
+#[inline]
+#[features]
+fn head_values<const C: usize>(weights: &[f32; TILE], v: &[[[f32; WIDTH]; C]], y: &mut [[f32; WIDTH]; C]) {
+    let mut sums = [zero(); C];
+    for (&weight, v) in weights.iter().zip(v) {
+        let weight = splat(weight);
+        for c in 0..C {
+            sums[c] = fmadd(weight, load(&v[c]), sums[c]);
+        }
+    }
+    for c in 0..C {
+        store(&mut y[c], sums[c]);
     }
 }
 

@@ -4,7 +4,7 @@
 mod loops;
 pub(super) mod vector;
 
-use super::operands::Operands;
+use super::operands::{HeadOperands, Operands};
 use crate::isa::{Neon, entry};
 use crate::mat::MatMut;
 use crate::tiling::Tiling;
@@ -15,8 +15,17 @@ pub(super) fn tiling(_token: Neon) -> Tiling {
     loops::TILING
 }
 
+/// Where the loops over heads change.
+pub(super) fn heads_tiling(_token: Neon) -> Tiling {
+    loops::HEADS_TILING
+}
+
 entry! {
     pub(super) fn attention<T: Load>(_token: Neon, x: Operands<T>, y: MatMut<f32>) {
         loops::attention(x, y);
+    }
+
+    pub(super) fn heads(_token: Neon, x: HeadOperands, y: MatMut<f32>) {
+        loops::heads(x, y);
     }
 }

@@ -115,3 +115,90 @@ impl<'a, T> Operands<'a, T> {
         self.bias.map_or(&[], |bias| &bias.values[bias.origin - i + first..])
     }
 }
+
+/// The keys and values of every head of some rows, each head's in places of its own: `[rows, heads,
+/// places, head_dim]`, of which the first `filled` places are read.
+#[derive(Clone, Copy, Debug)]
+pub struct HeadCache<'a> {
+    /// Keys.
+    pub keys: &'a [f32],
+    /// Values.
+    pub values: &'a [f32],
+    /// Heads of a row.
+    pub heads: usize,
+    /// Places of a head.
+    pub places: usize,
+    /// Places that hold a key and a value.
+    pub filled: usize,
+}
+
+/// The checked inputs of one call for all heads, each with one query.
+#[derive(Clone, Copy)]
+pub(super) struct HeadOperands<'a> {
+    /// `[rows, heads * head_dim]`.
+    pub(super) q: Mat<'a, f32>,
+    pub(super) cache: HeadCache<'a>,
+    pub(super) scale: f32,
+}
+
+impl<'a> HeadOperands<'a> {
+    /// Whether the shapes agree, and whether there is anything to do.
+    pub(super) fn check(&self, y: &MatMut<f32>) -> Result<bool, ShapeError> {
+        let Self { q, cache, .. } = self;
+        expect_len("y", q.rows(), y.rows())?;
+        expect_len("y", q.cols(), y.cols())?;
+        if q.rows() == 0 || q.cols() == 0 {
+            return Ok(false);
+        }
+        if cache.heads == 0 || !q.cols().is_multiple_of(cache.heads) {
+            return Err(ShapeError { arg: "cache.heads", want: q.cols(), got: cache.heads });
+        }
+        if cache.filled == 0 || cache.filled > cache.places {
+            return Err(ShapeError { arg: "cache.filled", want: cache.places, got: cache.filled });
+        }
+        let want = q.rows().saturating_mul(q.cols()).saturating_mul(cache.places);
+        for (arg, got) in [("cache.keys", cache.keys.len()), ("cache.values", cache.values.len())] {
+            if got < want {
+                return Err(ShapeError { arg, want, got });
+            }
+        }
+        Ok(true)
+    }
+
+    pub(super) fn head_dim(&self) -> usize {
+        self.q.cols() / self.cache.heads
+    }
+
+    /// The keys and the values of a head of a row, `[filled, head_dim]`, dense.
+    pub(super) fn of_head(&self, row: usize, head: usize) -> [&'a [f32]; 2] {
+        let (dim, HeadCache { keys, values, heads, places, filled }) = (self.head_dim(), self.cache);
+        let first = (row * heads + head) * places * dim;
+        [&keys[first..first + filled * dim], &values[first..first + filled * dim]]
+    }
+
+    /// A head of a row as a call of its own.
+    pub(super) fn alone(&self, row: usize, head: usize) -> Operands<'a, f32> {
+        let (dim, filled) = (self.head_dim(), self.cache.filled);
+        let [k, v] = self.of_head(row, head).map(|part| Mat::new(part, filled, dim).expect("as many as there are"));
+        Operands {
+            q: self.q.row_range(row..row + 1).columns(head * dim..(head + 1) * dim),
+            k,
+            v,
+            scale: self.scale,
+            bias: None,
+            visible: Visible::All,
+            hint: PrefetchHint::NONE,
+            self_prefetch: false,
+        }
+    }
+
+    /// Calls `f` for every head of every row by itself.
+    pub(super) fn each(&self, y: &mut MatMut<f32>, mut f: impl FnMut(Operands<'a, f32>, MatMut<f32>)) {
+        let dim = self.head_dim();
+        for row in 0..self.q.rows() {
+            for (head, y) in y.row_mut(row).chunks_exact_mut(dim).enumerate() {
+                f(self.alone(row, head), MatMut::new(y, 1, dim).expect("a head has `dim` columns"));
+            }
+        }
+    }
+}

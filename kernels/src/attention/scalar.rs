@@ -1,6 +1,6 @@
 //! The specification: a tile of scores at a time, with a running maximum.
 
-use super::operands::{Operands, Widen};
+use super::operands::{HeadOperands, Operands, Widen};
 use crate::lanes::{LANES, pairwise};
 use crate::mat::{Mat, MatMut};
 use crate::math::scalar::exp;
@@ -19,6 +19,16 @@ pub(super) fn attention<T: Widen>(x: Operands<T>, mut y: MatMut<f32>) {
         let k = x.k.row_range(0..x.keys(i));
         query(x.q.row(i), k, x.v, x.scale, x.bias(i, 0), y.row_mut(i));
     }
+}
+
+/// The same for heads.
+pub(super) fn heads_tiling() -> Tiling {
+    tiling()
+}
+
+/// Every head by itself.
+pub(super) fn heads(x: HeadOperands, mut y: MatMut<f32>) {
+    x.each(&mut y, attention);
 }
 
 /// One query over all its keys; `y` holds the sum of values scaled by `exp(score - max)` until the

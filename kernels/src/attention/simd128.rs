@@ -1,7 +1,7 @@
 //! `scalar.rs` in registers: the same sums in the same order, so that all results have the scalar
 //! bits.
 
-use super::operands::Operands;
+use super::operands::{HeadOperands, Operands};
 use super::scalar;
 use crate::bf16::Bf16;
 use crate::isa::Simd128;
@@ -60,6 +60,16 @@ pub(super) fn attention<T: Load>(_token: Simd128, x: Operands<T>, mut y: MatMut<
         let keys = 0..x.keys(i);
         query(x.q.row(i), x.k.row_range(keys.clone()), x.v.row_range(keys), x.scale, x.bias(i, 0), y.row_mut(i));
     }
+}
+
+/// The same for heads.
+pub(super) fn heads_tiling(_token: Simd128) -> Tiling {
+    scalar::heads_tiling()
+}
+
+/// Every head by itself.
+pub(super) fn heads(token: Simd128, x: HeadOperands, mut y: MatMut<f32>) {
+    x.each(&mut y, |x, y| attention(token, x, y));
 }
 
 /// One query over all its keys; `y` holds the sum of values scaled by `exp(score - max)` until the

@@ -36,8 +36,15 @@ const REGISTERS: usize = PANEL / OUTPUTS;
 /// Panels whose epilogue runs at once: a gate and an up panel.
 const WIDTH: usize = 2;
 
-/// Inputs of one row, widened; the extra quads keep rows off each other's cache sets.
-type WideRow = [[i16; QUAD]; QUADS + 8];
+/// Quads of the longest row for which a small buffer is cleared, and rows of the fewest: clearing the
+/// largest takes longer than a small product.
+const SHORT: usize = 128;
+const FEW_ROWS: usize = 2;
+/// Quads of a buffer's row behind the inputs: they keep rows off each other's cache sets.
+const GAP: usize = 8;
+
+/// Inputs of one row, widened, `N` quads of them.
+type WideRow<const N: usize> = [[i16; QUAD]; N];
 /// A quad of all outputs of a panel.
 type Quads = [i8; PANEL * QUAD];
 
@@ -54,33 +61,53 @@ entry! {
 /// Where the loops change.
 pub(super) fn tiling(_token: Avx2) -> Tiling {
     Tiling {
-        rows: &[ROWS],
+        rows: &[FEW_ROWS, ROWS],
         outputs: &[PANEL, WIDTH * PANEL],
-        inputs: &[QUAD, PANEL, QUADS * QUAD],
+        inputs: &[QUAD, PANEL, SHORT * QUAD, QUADS * QUAD],
         held: 0,
         chunk: CHUNK_BYTES,
     }
 }
 
 #[avx2]
-fn run(x: &QuantInput, task: &GemmTask, mut y: MatMut<f32>) {
-    let mut buffer = [[[0; QUAD]; QUADS + 8]; ROWS];
+fn run(x: &QuantInput, task: &GemmTask, y: MatMut<f32>) {
+    match (x.rows.rows() <= FEW_ROWS, task.k() <= SHORT * QUAD) {
+        (true, true) => product::<FEW_ROWS, { SHORT + GAP }>(x, task, y),
+        (true, false) => product::<FEW_ROWS, { QUADS + GAP }>(x, task, y),
+        (false, true) => product::<ROWS, { SHORT + GAP }>(x, task, y),
+        (false, false) => product::<ROWS, { QUADS + GAP }>(x, task, y),
+    }
+}
+
+/// The product in tiles of up to `TILE` rows, with a buffer of `N` quads for each.
+#[avx2]
+fn product<const TILE: usize, const N: usize>(x: &QuantInput, task: &GemmTask, mut y: MatMut<f32>) {
+    let mut buffer = [[[0; QUAD]; N]; TILE];
+    let mut sums = [[[0.0; PANEL]; WIDTH]; TILE];
     let rows = x.rows.rows();
     let width = (CHUNK_BYTES / (PANEL * task.k().max(1)) / WIDTH).max(1) * WIDTH;
     for first in (0..task.slots()).step_by(width) {
-        let mut chunk = Chunk::new(task, first..first + width, rows, (rows.div_ceil(ROWS), WIDTH));
-        for (t, rows) in tiles(rows, ROWS) {
+        let mut chunk = Chunk::new(task, first..first + width, rows, (rows.div_ceil(TILE), WIDTH));
+        for (t, rows) in tiles(rows, TILE) {
             let buffer = &mut buffer[..rows];
             convert(x, t, 0, buffer);
             for slot in chunk.slots.clone().step_by(WIDTH) {
                 let width = WIDTH.min(chunk.slots.end - slot);
                 let next = chunk.fetch(task.panel(slot));
-                let mut sums = [[0.0; PANEL]; ROWS * WIDTH];
-                let sums = &mut sums[..rows * width];
+                let sums = &mut sums.as_flattened_mut()[..rows * width];
                 for (i, next) in next[..width].iter().enumerate() {
-                    let fetch = (PREFETCH_DISTANCE, *next);
+                    let (fetch, quads) = ((PREFETCH_DISTANCE, *next), task.panel(slot + i));
                     prefetch_scales(task, slot + i);
-                    panel(x, t, buffer, task.panel(slot + i), fetch, sums[i..].iter_mut().step_by(width));
+                    let sums = sums[i..].iter_mut().step_by(width);
+                    match rows {
+                        1 => panel::<1, 4, N>(x, t, buffer, quads, fetch, sums),
+                        2 => panel::<2, 4, N>(x, t, buffer, quads, fetch, sums),
+                        3 => panel::<3, 2, N>(x, t, buffer, quads, fetch, sums),
+                        4 => panel::<4, 2, N>(x, t, buffer, quads, fetch, sums),
+                        5 => panel::<5, 2, N>(x, t, buffer, quads, fetch, sums),
+                        ROWS => panel::<ROWS, 2, N>(x, t, buffer, quads, fetch, sums),
+                        rows => unreachable!("a tile of {rows} rows"),
+                    }
                 }
                 dequantize_tile::<0>(x, t, sums, width, task, slot, &mut y);
             }
@@ -90,7 +117,7 @@ fn run(x: &QuantInput, task: &GemmTask, mut y: MatMut<f32>) {
 
 /// The inputs from `first` on of the rows from `t` on, widened, as many of both as `buffer` holds.
 #[avx2]
-fn convert(x: &QuantInput, t: usize, first: usize, buffer: &mut [WideRow]) {
+fn convert<const N: usize>(x: &QuantInput, t: usize, first: usize, buffer: &mut [WideRow<N>]) {
     let inputs = first..(first + QUADS * QUAD).min(x.rows.cols());
     for (t, buffer) in (t..).zip(buffer.iter_mut()) {
         let (wide, _) = buffer.as_flattened_mut().as_chunks_mut::<16>();
@@ -105,32 +132,23 @@ fn convert(x: &QuantInput, t: usize, first: usize, buffer: &mut [WideRow]) {
     }
 }
 
-/// Exact sums of the rows from `t` on with one panel.
+/// Exact sums of the `R` rows from `t` on with one panel, `H` of its registers at a time.
 #[avx2]
-fn panel<'s>(
+fn panel<'s, const R: usize, const H: usize, const N: usize>(
     x: &QuantInput,
     t: usize,
-    buffer: &mut [WideRow],
+    buffer: &mut [WideRow<N>],
     quads: &[Quads],
     fetch: (usize, *const Quads),
     sums: impl Iterator<Item = &'s mut [f32; PANEL]>,
 ) {
-    let mut partial = [[[0; 8]; REGISTERS]; ROWS];
-    let partial = &mut partial[..buffer.len()];
+    let mut partial = [[[0; 8]; REGISTERS]; R];
     for (i, quads) in quads.chunks(QUADS).enumerate() {
         let fetch = (fetch.0, fetch.1.wrapping_add(i * QUADS));
         if x.rows.cols() > QUADS * QUAD {
             convert(x, t, i * QUADS * QUAD, buffer);
         }
-        match buffer.len() {
-            1 => multiply::<1, 4>(buffer, quads, fetch, partial),
-            2 => multiply::<2, 4>(buffer, quads, fetch, partial),
-            3 => multiply::<3, 2>(buffer, quads, fetch, partial),
-            4 => multiply::<4, 2>(buffer, quads, fetch, partial),
-            5 => multiply::<5, 2>(buffer, quads, fetch, partial),
-            ROWS => multiply::<ROWS, 2>(buffer, quads, fetch, partial),
-            rows => unreachable!("a tile of {rows} rows"),
-        }
+        multiply::<R, H, N>(buffer, quads, fetch, &mut partial);
     }
     for (partial, sums) in partial.iter().zip(sums) {
         let low = add_pairs(load_sums(&partial[0]), load_sums(&partial[1]));
@@ -141,15 +159,14 @@ fn panel<'s>(
 
 /// The innermost tile: `R` rows with `H` registers of the panel at a time.
 #[avx2]
-fn multiply<const R: usize, const H: usize>(
-    buffer: &[WideRow],
+fn multiply<const R: usize, const H: usize, const N: usize>(
+    buffer: &[WideRow<N>],
     quads: &[Quads],
     (ahead, next): (usize, *const Quads),
-    partial: &mut [[[i32; 8]; REGISTERS]],
+    partial: &mut [[[i32; 8]; REGISTERS]; R],
 ) {
-    let buffer: &[WideRow; R] = buffer.first_chunk().expect("R is the number of rows");
-    let partial: &mut [_; R] = partial.first_chunk_mut().expect("one row of sums for each row of buffer");
-    assert!(quads.len() <= QUADS);
+    let buffer: &[WideRow<N>; R] = buffer.first_chunk().expect("R is the number of rows");
+    assert!(quads.len() <= N);
     for first in (0..REGISTERS).step_by(H) {
         let mut acc = [[_mm256_setzero_si256(); H]; R];
         for (q, quad) in quads.iter().enumerate() {

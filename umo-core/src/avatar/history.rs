@@ -98,6 +98,11 @@ impl History {
         PerPart { face, hands, upper, lower }
     }
 
+    /// The same, to be read.
+    pub(crate) fn window(&self) -> PerPart<&[u16]> {
+        PerPart::from_fn(|part| &*self.frames[part])
+    }
+
     /// The frames that this chunk made known: those after the last keyframe of the history, or in
     /// the first chunk those from frame 0 on.
     pub(crate) fn fresh(&self, first: bool) -> PerPart<&[u16]> {

@@ -128,8 +128,8 @@ impl Keyframes {
         self.codes[(self.prefix + keyframe) * count..][..count].copy_from_slice(codes);
     }
 
-    /// Puts the keyframes' vectors on their frames; returns them and which frames are known.
-    pub(crate) fn lay_out(&mut self, decoders: &[VqDecoder]) -> Result<(&mut [Slice<f32>], &[bool]), StepError> {
+    /// Puts the keyframes' vectors on their frames.
+    pub(crate) fn lay_out(&mut self, decoders: &[VqDecoder]) -> Result<(), StepError> {
         let count = self.count();
         for (((range, width), vectors), decoder) in self.parts.iter().zip(&mut self.vectors).zip(decoders) {
             let rows = vectors.chunks_exact_mut(*width).step_by(self.stride);
@@ -137,7 +137,12 @@ impl Keyframes {
                 decoder.codebook().vector(&codes[range.clone()], row)?;
             }
         }
-        Ok((&mut self.vectors, &self.known))
+        Ok(())
+    }
+
+    /// The vectors of the window's frames, to be filled, and which frames are known.
+    pub(crate) fn frames(&mut self) -> (&mut [Slice<f32>], &[bool]) {
+        (&mut self.vectors, &self.known)
     }
 
     /// The vectors of the frames that this chunk made known: those after the last keyframe of the

@@ -1,6 +1,8 @@
 //! What both interpolation networks have between their inputs and their heads: frame types,
 //! positions, layers over frames and over parts (SPEC 2.6).
 
+use std::ops::Range;
+
 use umo_kernels::norm::layer_norm;
 use umo_kernels::{Mat, MatMut};
 
@@ -20,6 +22,34 @@ enum FrameType {
     /// It is known, off the grid: the last frame before the masked ones.
     LastValid = 2,
 }
+
+/// How far an interpolation has come: between two of its steps the work can be put down.
+#[derive(Clone, Copy, Debug)]
+pub struct Filling {
+    frames: usize,
+    /// The next layer over frames.
+    layer: usize,
+    /// The next frame that is to be filled.
+    next: usize,
+    /// Frames that one step fills.
+    piece: usize,
+}
+
+impl Filling {
+    /// Frames that one step fills where steps are to be short and a frame has `parts` parts: they take
+    /// about as long as a layer over the frames of a window.
+    pub fn short_piece(parts: usize) -> usize {
+        (SHORT_ROWS / parts.max(1)).max(1)
+    }
+
+    /// Whether every frame is filled.
+    pub(super) fn is_done(&self) -> bool {
+        self.next == self.frames
+    }
+}
+
+/// Tokens of a short piece.
+const SHORT_ROWS: usize = 32;
 
 /// The layers.
 #[derive(Debug)]
@@ -43,7 +73,7 @@ pub(super) struct TrunkScratch {
     hidden: Box<[f32]>,
     /// `[frames * parts, dim]`, each part's token of each frame
     tokens: Box<[f32]>,
-    /// `[frames * parts, dim]`, the final norm of the tokens
+    /// `[frames * parts, dim]`, the final norm of a piece's tokens
     normed: Box<[f32]>,
     layer: LayerScratch,
 }
@@ -111,19 +141,35 @@ impl Trunk {
         }
     }
 
-    /// Runs the layers over what [`Self::embed`] wrote, for the outputs of the frames from `first` on:
-    /// what lies between known frames that nobody asks for is only read.
-    pub(super) fn run(&self, cx: Compute, s: &mut TrunkScratch, frames: usize, first: usize) -> Result<(), StepError> {
-        let (dim, parts) = (self.dim, self.parts);
+    /// A run over `frames` frames for the outputs of those from `first` on: what lies between known
+    /// frames that nobody asks for is only read. Outputs are computed `piece` frames at a time.
+    pub(super) fn begin(&self, frames: usize, first: usize, piece: usize) -> Filling {
+        Filling { frames, layer: 0, next: first, piece: piece.max(1) }
+    }
+
+    /// One layer over all frames, or what follows these layers for the next piece of frames, which are
+    /// returned: then [`Self::outputs`] has theirs. Begins with what [`Self::embed`] wrote.
+    pub(super) fn step(
+        &self,
+        cx: Compute,
+        s: &mut TrunkScratch,
+        filling: &mut Filling,
+    ) -> Result<Range<usize>, StepError> {
+        let (dim, parts, Filling { frames, layer, next, piece }) = (self.dim, self.parts, *filling);
         let hidden = &mut s.hidden[..frames * dim];
-        if let Some((last, layers)) = self.temporal.split_last() {
-            for layer in layers {
-                layer.run(cx, &mut s.layer, frames, hidden)?;
+        if let Some(temporal) = self.temporal.get(layer) {
+            filling.layer += 1;
+            match filling.layer == self.temporal.len() {
+                false => temporal.run(cx, &mut s.layer, frames, hidden)?,
+                true => temporal.run_from(cx, &mut s.layer, next, hidden)?,
             }
-            last.run_from(cx, &mut s.layer, first, hidden)?;
+            return Ok(next..next);
         }
-        let tokens = &mut s.tokens[first * parts * dim..frames * parts * dim];
-        for (tokens, hidden) in tokens.chunks_exact_mut(parts * dim).zip(hidden[first * dim..].chunks_exact(dim)) {
+        let range = next..frames.min(next.saturating_add(piece));
+        filling.next = range.end;
+        let tokens = &mut s.tokens[range.start * parts * dim..range.end * parts * dim];
+        let hidden = &hidden[range.start * dim..];
+        for (tokens, hidden) in tokens.chunks_exact_mut(parts * dim).zip(hidden.chunks_exact(dim)) {
             for token in tokens.chunks_exact_mut(dim) {
                 token.iter_mut().zip(hidden).for_each(|(token, hidden)| *token += hidden);
             }
@@ -131,13 +177,13 @@ impl Trunk {
         for layer in &self.part {
             layer.run(cx, &mut s.layer, parts, tokens)?;
         }
-        let rows = (frames - first) * parts;
+        let rows = range.len() * parts;
         let x = Mat::new(tokens, rows, dim)?;
         layer_norm(cx.isa, x, &self.norm.weight, &self.norm.bias, EPS, MatMut::new(&mut s.normed, rows, dim)?)?;
-        Ok(())
+        Ok(range)
     }
 
-    /// The normed tokens `[frames, dim]` of one part, of as many frames as were asked for, and room to
+    /// The normed tokens `[frames, dim]` of one part, of the last piece of as many frames, and room to
     /// quantize them.
     pub(super) fn outputs<'a>(
         &self,

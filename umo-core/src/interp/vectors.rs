@@ -2,12 +2,12 @@
 //! [`Interp`](super::Interp) on vectors, which say by how much a frame's vector differs from the
 //! straight line between the known frames on its two sides.
 
-use std::ops::DerefMut;
+use std::ops::{Deref, DerefMut, Range};
 
 use umo_kernels::gemm::Epilogue;
 use umo_kernels::{Mat, MatMut};
 
-use super::trunk::{Trunk, TrunkScratch};
+use super::trunk::{Filling, Trunk, TrunkScratch};
 use crate::error::{LoadError, StepError, check_finite};
 use crate::linear::{Compute, Linear, QuantScratch};
 use crate::memory::filled;
@@ -111,6 +111,24 @@ impl VectorInterp {
         known: &[bool],
         first: usize,
     ) -> Result<(), StepError> {
+        let mut filling = self.begin(cx, scratch, vectors, known, first, usize::MAX)?;
+        while self.step(cx, scratch, vectors, known, &mut filling)? {}
+        Ok(())
+    }
+
+    /// Begins to fill the frames from `first` on, `piece` of them in a step.
+    ///
+    /// # Errors
+    /// As [`Self::fill_from`].
+    pub fn begin(
+        &self,
+        cx: Compute,
+        scratch: &mut VectorScratch,
+        vectors: &[impl Deref<Target = [f32]>],
+        known: &[bool],
+        first: usize,
+        piece: usize,
+    ) -> Result<Filling, StepError> {
         let frames = known.len();
         if first >= frames || !known.contains(&true) {
             return Err(StepError::Empty("known frames to interpolate"));
@@ -118,15 +136,12 @@ impl VectorInterp {
         if frames > scratch.max_frames {
             return Err(StepError::TooLong { what: "frames to interpolate", got: frames, limit: scratch.max_frames });
         }
-        let lengths = vectors.iter().map(|vectors| vectors.len());
-        if !lengths.eq(self.widths().map(|width| width * frames)) {
-            return Err(StepError::Disagree("the parts have different numbers of frames to interpolate"));
-        }
-        for ((input, vectors), tokens) in self.input.iter().zip(&*vectors).zip(&mut scratch.tokens) {
+        self.check(vectors, frames)?;
+        for ((input, vectors), tokens) in self.input.iter().zip(vectors).zip(&mut scratch.tokens) {
             let x = Mat::new(vectors, frames, input.inputs())?;
             input.forward(cx, &mut scratch.quant, x, Epilogue::STORE, MatMut::new(tokens, frames, self.dim)?)?;
         }
-        let VectorScratch { trunk, tokens, change, .. } = scratch;
+        let VectorScratch { trunk, tokens, .. } = scratch;
         self.trunk.embed(
             trunk,
             frames,
@@ -136,20 +151,52 @@ impl VectorInterp {
                 false => self.mask.gather(part, out),
             },
         );
-        self.trunk.run(cx, trunk, frames, first)?;
-        let asked = frames - first;
+        Ok(self.trunk.begin(frames, first, piece))
+    }
+
+    /// One more step of what [`Self::begin`] began with the same vectors; whether there is more to do.
+    /// Each step fills some frames or none; the bits are those of [`Self::fill_from`].
+    ///
+    /// # Errors
+    /// [`StepError`] where an output is not finite, or there are other frames than at the beginning.
+    pub fn step(
+        &self,
+        cx: Compute,
+        scratch: &mut VectorScratch,
+        vectors: &mut [impl DerefMut<Target = [f32]>],
+        known: &[bool],
+        filling: &mut Filling,
+    ) -> Result<bool, StepError> {
+        self.check(vectors, known.len())?;
+        let VectorScratch { trunk, change, .. } = scratch;
+        let range = self.trunk.step(cx, trunk, filling)?;
+        if range.end > known.len() {
+            return Err(StepError::Disagree("interpolation was taken up with fewer frames"));
+        }
+        if range.is_empty() {
+            return Ok(!filling.is_done());
+        }
         for (part, (head, vectors)) in self.head.iter().zip(vectors).enumerate() {
             let width = head.outputs();
-            let (x, quant) = self.trunk.outputs(trunk, asked, part)?;
-            head.forward(cx, quant, x, Epilogue::STORE, MatMut::new(change, asked, width)?)?;
-            check_finite(&change[..asked * width], "interpolated vectors")?;
-            lines(known, first, width, vectors);
-            let asked = rows(&mut vectors[first * width..], change, width).zip(&known[first..]);
+            let (x, quant) = self.trunk.outputs(trunk, range.len(), part)?;
+            head.forward(cx, quant, x, Epilogue::STORE, MatMut::new(change, range.len(), width)?)?;
+            check_finite(&change[..range.len() * width], "interpolated vectors")?;
+            lines(known, range.clone(), width, vectors);
+            let asked = rows(&mut vectors[range.start * width..], change, width).zip(&known[range.clone()]);
             for ((row, change), _) in asked.filter(|(_, known)| !**known) {
                 row.iter_mut().zip(change).for_each(|(v, change)| *v += change);
             }
         }
-        Ok(())
+        Ok(!filling.is_done())
+    }
+
+    /// That every part has as many frames.
+    fn check(&self, vectors: &[impl Deref<Target = [f32]>], frames: usize) -> Result<(), StepError> {
+        let lengths = vectors.iter().map(|vectors| vectors.len());
+        match lengths.eq(self.widths().map(|width| width * frames)) {
+            true => Ok(()),
+            false => Err(StepError::Disagree("the parts have different numbers of frames to interpolate")),
+        }
     }
 }
 
@@ -157,12 +204,12 @@ fn rows<'a>(a: &'a mut [f32], b: &'a [f32], width: usize) -> impl Iterator<Item 
     a.chunks_exact_mut(width).zip(b.chunks_exact(width))
 }
 
-/// Writes the straight lines between known rows of `vectors [T, width]` to the others from `first` on;
+/// Writes the straight lines between known rows of `vectors [T, width]` to the others of `range`;
 /// before the first and behind the last known row its values.
 #[expect(clippy::cast_precision_loss, reason = "windows have far fewer than 2^24 frames")]
-fn lines(known: &[bool], first: usize, width: usize, vectors: &mut [f32]) {
-    let mut before = known[..first].iter().rposition(|known| *known);
-    for frame in first..known.len() {
+fn lines(known: &[bool], range: Range<usize>, width: usize, vectors: &mut [f32]) {
+    let mut before = known[..range.start].iter().rposition(|known| *known);
+    for frame in range {
         if known[frame] {
             before = Some(frame);
             continue;
@@ -188,11 +235,14 @@ mod tests {
     fn lines_run_between_known_rows_and_are_level_beyond_them() {
         let known = [false, true, false, false, false, true, false];
         let mut vectors = [9.0, 9.0, 1.0, -2.0, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0, 3.0, 2.0, 9.0, 9.0];
-        let mut later = vectors;
-        lines(&known, 0, 2, &mut vectors);
+        let (mut later, mut some) = (vectors, vectors);
+        lines(&known, 0..7, 2, &mut vectors);
         assert_eq!(vectors, [1.0, -2.0, 1.0, -2.0, 1.5, -1.0, 2.0, 0.0, 2.5, 1.0, 3.0, 2.0, 3.0, 2.0]);
-        lines(&known, 3, 2, &mut later);
+        lines(&known, 3..7, 2, &mut later);
+        lines(&known, 3..4, 2, &mut some);
         assert_eq!(later[..6], [9.0, 9.0, 1.0, -2.0, 9.0, 9.0]);
         assert_eq!(later[6..], vectors[6..]);
+        assert_eq!(some[6..8], vectors[6..8]);
+        assert_eq!(some[8..10], [9.0, 9.0]);
     }
 }

@@ -7,10 +7,10 @@
 
 use std::ops::Range;
 
-use umo_kernels::attention::{Visible, attention_f32};
+use umo_kernels::attention::{HeadCache, attention_heads_f32};
 use umo_kernels::gemm::Epilogue;
 use umo_kernels::norm::rms_norm;
-use umo_kernels::{Isa, Mat, MatMut, PrefetchHint};
+use umo_kernels::{Isa, Mat, MatMut};
 
 use super::sampler::{Rank, Sampler};
 use crate::config::{Config, Sampling, TemplateItem};
@@ -122,7 +122,7 @@ struct Lane {
     context: Box<[f32]>,
     /// `[rows, d_ff]`
     inner: Box<[f32]>,
-    /// `[rows, layers, 2 * heads, codes of a keyframe, d / heads]`: keys of every head, then values.
+    /// `[layers, 2, rows, heads, codes of a keyframe, d / heads]`: a layer's keys, then its values.
     cache: AlignedBox<f32>,
     /// `[rows, most codes of a level]`
     logits: Box<[f32]>,
@@ -453,20 +453,19 @@ impl Lane {
         let x = Mat::new(&self.normed, rows, d)?;
         layer.projection.forward(cx, &mut self.quant, x, Epilogue::STORE, MatMut::new(&mut self.qkv, rows, 3 * d)?)?;
         let scale = 1.0 / (width as f32).sqrt();
-        for row in 0..rows {
-            let (q, kv) = self.qkv[row * 3 * d..(row + 1) * 3 * d].split_at(d);
-            let cache = &mut self.cache[(row * net.layers.len() + index) * 2 * d * count..][..2 * d * count];
-            for (kept, new) in cache.chunks_exact_mut(count * width).zip(kv.chunks_exact(width)) {
-                kept[j * width..(j + 1) * width].copy_from_slice(new);
-            }
-            let (keys, values) = cache.split_at(d * count);
-            for head in 0..net.heads {
-                let [k, v] = [keys, values].map(|kept| Mat::new(&kept[head * count * width..], j + 1, width));
-                let q = Mat::new(&q[head * width..], 1, width)?;
-                let y = MatMut::new(&mut self.context[row * d + head * width..], 1, width)?;
-                attention_f32(isa, q, k?, v?, scale, None, Visible::All, PrefetchHint::NONE, y)?;
+        let half = self.cache.len() / net.layers.len() / 2;
+        let (keys, values) = self.cache[2 * index * half..2 * (index + 1) * half].split_at_mut(half);
+        for (row, qkv) in self.qkv.chunks_exact(3 * d).take(rows).enumerate() {
+            for (kept, new) in [&mut *keys, values].into_iter().zip(qkv[d..].chunks_exact(d)) {
+                let kept = kept[row * d * count..][..d * count].chunks_exact_mut(count * width);
+                for (kept, new) in kept.zip(new.chunks_exact(width)) {
+                    kept[j * width..(j + 1) * width].copy_from_slice(new);
+                }
             }
         }
+        let cache = HeadCache { keys, values, heads: net.heads, places: count, filled: j + 1 };
+        let q = Mat::with_stride(&self.qkv, rows, d, 3 * d)?;
+        attention_heads_f32(isa, q, cache, scale, MatMut::new(&mut self.context, rows, d)?)?;
         let context = Mat::new(&self.context, rows, d)?;
         layer.output.forward(cx, &mut self.quant, context, Epilogue::ADD, MatMut::new(&mut self.hidden, rows, d)?)
     }

@@ -477,7 +477,8 @@ impl Decoder {
                 }
                 (Between::Vectors { interp, .. }, Filling::Vectors(room), Window::Keyframes(history)) => {
                     let fresh = history.fresh_frames(self.is_first);
-                    let (vectors, known) = history.lay_out(model.motion.decoders())?;
+                    history.lay_out(model.motion.decoders())?;
+                    let (vectors, known) = history.frames();
                     interp.fill_from(cx, room, vectors, known, known.len() - fresh)?;
                     let (fresh, parts) = history.fresh(self.is_first);
                     motion.push_latents(cx, &model.motion, scratch, &fresh[..parts], *lookahead, &mut out)?;
