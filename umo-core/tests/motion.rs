@@ -244,6 +244,47 @@ fn the_number_of_threads_changes_no_bit() {
     }
 }
 
+/// An interpolation that is put down between its steps fills the same codes from the same logits, some
+/// frames in each step after the layers over all of them.
+#[test]
+fn steps_fill_what_one_call_fills() {
+    const FRAMES: usize = 40;
+    for model in &*ALL {
+        let layers = model.file.config().interp.temporal_layers;
+        let mask = u16::try_from(model.interp.mask()).unwrap();
+        let mut masked = random_codes(FRAMES, 9);
+        for part in Part::ALL {
+            masked[part].iter_mut().enumerate().filter(|(f, _)| f % 3 != 0).for_each(|(_, code)| *code = mask);
+        }
+        for (first, piece) in [(0, 1), (0, 7), (28, 5), (28, 12), (28, usize::MAX), (39, 2)] {
+            let run = |in_steps: bool| {
+                let (mut codes, mut steps) = (masked.clone(), 0);
+                let mut scratch = model.interp.scratch(FRAMES);
+                with_compute(1, |cx| {
+                    let Codes { face, hands, upper, lower } = &mut codes;
+                    if !in_steps {
+                        let codes = PerPart { face: &mut **face, hands, upper, lower };
+                        return model.interp.fill_from(cx, &mut scratch, codes, first);
+                    }
+                    let mut filling = model.interp.begin(&mut scratch, slices(&masked), first, piece)?;
+                    loop {
+                        steps += 1;
+                        let codes = PerPart { face: &mut **face, hands, upper, lower };
+                        if !model.interp.step(cx, &mut scratch, codes, &mut filling)? {
+                            return Ok(());
+                        }
+                    }
+                })
+                .unwrap();
+                (codes, PerPart::from_fn(|part| bits(scratch.logits(part))), steps)
+            };
+            let (whole, cut) = (run(false), run(true));
+            assert_eq!((&cut.0, &cut.1), (&whole.0, &whole.1), "{}: from {first} on by {piece}", model.name);
+            assert_eq!(cut.2, layers + (FRAMES - first).div_ceil(piece), "{}: steps", model.name);
+        }
+    }
+}
+
 #[test]
 fn a_stream_starts_anew_after_a_reset() {
     let model = &ALL[0];
