@@ -56,6 +56,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         }
         println!("{}, {}: {sessions} sessions, polls of {budget:?}", file.config().name, Isa::detect().name());
         println!("a chunk of one session: {:.2?}", work / u32::try_from(CHUNKS * sessions)?);
+        let (times, chunks) = (engine.stage_times(), u32::try_from(2 * CHUNKS * sessions)?);
+        let stages = [times.tokenizer, times.encoder, times.decoder, times.depth, times.interp, times.motion];
+        println!(
+            "  tokenizer, encoder, decoder, depth, interpolation, motion: {:.2?}",
+            stages.map(|time| time / chunks)
+        );
         report("with the core for itself", alone);
         report("with the core taken away", shared);
     }
