@@ -723,7 +723,8 @@ UMO_API uint32_t umo_abi_version(void) UMO_NOEXCEPT;
 UMO_API const char *umo_version(void) UMO_NOEXCEPT;
 
 // Fills an engine configuration with its defaults: two threads of its own (one where there is one
-// core), 64 sessions, 8 of them together. `size` is `sizeof *config`.
+// core), 64 sessions, 8 of them together. A library that was built without threads has one that the
+// host polls. `size` is `sizeof *config`.
 //
 // Threads: any. Never allocates, never waits.
 // Errors: `NULL_POINTER`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (not aligned).
@@ -742,7 +743,7 @@ UMO_NOEXCEPT;
 // engine's threads.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (`umo_last_error` says which
 // number), `STRUCT_SIZE`, `THREAD`, `MODEL` (the model has no rest pose), `FULL` (1,024
-// engines).
+// engines), `UNSUPPORTED` (threads of its own, in a library that was built without them).
 //
 // Pointers:
 // `config` is NULL or as long as its `struct_size` says, with `cores`, `jobs` and `log` as
@@ -872,7 +873,7 @@ UMO_NOEXCEPT;
 // Threads: any but the audio thread. Allocates.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `IO`, `OUT_OF_MEMORY`, `INVALID_ARGUMENT`
 // (`umo_last_error` says what of the file is wrong, which bones were not found, or which
-// argument).
+// argument), `UNSUPPORTED` (the library was built without files).
 //
 // Pointers:
 // `name` and `path` are NULL or end with a zero byte; so does `animation`.
@@ -889,7 +890,7 @@ UMO_NOEXCEPT;
 // The same for a file's `size` bytes in memory, read during the call.
 //
 // Threads: any but the audio thread. Allocates.
-// Errors: as `umo_engine_add_gesture_file`, but for `IO`.
+// Errors: as `umo_engine_add_gesture_file`, but for `IO` and `UNSUPPORTED`.
 //
 // Pointers:
 // `name` is NULL or ends with a zero byte; so does `animation`. `data` is NULL or has `size`
@@ -939,7 +940,8 @@ UMO_NOEXCEPT;
 // Threads: any but the audio thread. Allocates, reads the file, starts threads for as long as it
 // takes, and waits for them: a base-size int8 model takes some 0.3 s.
 // Errors: `VERSION`, `NULL_POINTER`, `IO`, `MODEL` (`umo_last_error` names the tensor or key),
-// `OUT_OF_MEMORY`, `FULL` (1,024 models), `THREAD`, `INVALID_ARGUMENT`, `STRUCT_SIZE`.
+// `OUT_OF_MEMORY`, `FULL` (1,024 models), `THREAD`, `INVALID_ARGUMENT`, `STRUCT_SIZE`,
+// `UNSUPPORTED` (the library was built without files: docs/platforms.md, "Consoles").
 //
 // Pointers:
 // `path` is NULL or ends with a zero byte; `config` is NULL or as long as its `struct_size` says;
@@ -955,7 +957,7 @@ UMO_NOEXCEPT;
 // Loads a model from memory, which is not copied and not needed any more when the call returns:
 // weights are repacked for the processor.
 //
-// Threads, errors: as `umo_model_load`, but for `IO`.
+// Threads, errors: as `umo_model_load`, but for `IO` and `UNSUPPORTED`.
 //
 // Pointers:
 // As `umo_model_load`; `data` is NULL or has `size` readable bytes.

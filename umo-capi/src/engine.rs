@@ -13,7 +13,7 @@ use crate::gesture::Known;
 use crate::handle::{self, Held, Table};
 use crate::log::{Log, UMO_LOG_INFO, UmoLog};
 use crate::model::{self, ModelHandle, UmoModel};
-use crate::status::{Failure, UmoStatus};
+use crate::status::{Failure, UMO_STATUS_UNSUPPORTED, UmoStatus};
 
 /// An engine. A handle, never a pointer to memory.
 pub struct UmoEngine {
@@ -109,9 +109,12 @@ impl EngineHandle {
     }
 }
 
-/// The process; WebAssembly in a browser has one.
+/// The process, of which only threads ask; WebAssembly in a browser has one.
 fn process() -> u32 {
-    if cfg!(all(target_family = "wasm", target_os = "unknown")) { 0 } else { std::process::id() }
+    #[cfg(all(feature = "threads", not(all(target_family = "wasm", target_os = "unknown"))))]
+    return std::process::id();
+    #[cfg(not(all(feature = "threads", not(all(target_family = "wasm", target_os = "unknown")))))]
+    return 0;
 }
 
 impl Drop for EngineHandle {
@@ -127,11 +130,14 @@ impl Drop for EngineHandle {
 impl UmoEngineConfig {
     fn defaults() -> Self {
         let EngineConfig { threads, max_sessions, max_batch, .. } = EngineConfig::default();
-        let (Threads::Own(threads) | Threads::Host(threads)) = threads;
+        let (mode, threads) = match threads {
+            Threads::Own(threads) => (UMO_ENGINE_THREADS, threads),
+            Threads::Host(more) => (UMO_ENGINE_POLLED, 1 + more),
+        };
         let count = |value: usize| u32::try_from(value).unwrap_or(u32::MAX);
         Self {
             struct_size: 0,
-            mode: UMO_ENGINE_THREADS,
+            mode,
             threads: count(threads),
             max_sessions: count(max_sessions),
             max_batch: count(max_batch),
@@ -150,6 +156,13 @@ impl UmoEngineConfig {
         }
         // SAFETY: guaranteed by the caller (see # Safety).
         let cores = unsafe { ffi::slice(self.cores, self.core_count as usize, "cores")? };
+        if cfg!(not(feature = "threads"))
+            && (self.mode == UMO_ENGINE_THREADS || (self.threads > 1 && self.jobs.is_null()))
+        {
+            let what = "this library was built without threads: make the engine with mode UMO_ENGINE_POLLED, \
+                        and with threads 1 or with `jobs` that lend yours";
+            return Err(Failure::new(UMO_STATUS_UNSUPPORTED, what));
+        }
         let threads = match (self.mode, self.threads as usize) {
             (UMO_ENGINE_THREADS, threads) => Threads::Own(threads),
             (UMO_ENGINE_POLLED, threads @ 1..) => Threads::Host(threads - 1),
@@ -210,7 +223,8 @@ unsafe extern "C" fn work(context: *mut c_void) {
 }
 
 /// Fills an engine configuration with its defaults: two threads of its own (one where there is one
-/// core), 64 sessions, 8 of them together. `size` is `sizeof *config`.
+/// core), 64 sessions, 8 of them together. A library that was built without threads has one that the
+/// host polls. `size` is `sizeof *config`.
 ///
 /// Threads: any. Never allocates, never waits.
 /// Errors: `NULL_POINTER`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (not aligned).
@@ -230,7 +244,7 @@ pub unsafe extern "C" fn umo_engine_config_init(config: *mut UmoEngineConfig, si
 /// engine's threads.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (`umo_last_error` says which
 /// number), `STRUCT_SIZE`, `THREAD`, `MODEL` (the model has no rest pose), `FULL` (1,024
-/// engines).
+/// engines), `UNSUPPORTED` (threads of its own, in a library that was built without them).
 ///
 /// # Safety
 /// `config` is NULL or as long as its `struct_size` says, with `cores`, `jobs` and `log` as

@@ -1,7 +1,6 @@
 //! Gestures on command: which there are, those of the host's own, and how one is played.
 
 use std::ffi::{CString, c_char, c_void};
-use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use umo_core::error::LoadError;
@@ -10,7 +9,7 @@ use umo_core::motion::skeleton::JOINTS;
 
 use crate::engine::{self, EngineHandle, UmoEngine};
 use crate::ffi::{self, Sized32, guard, put};
-use crate::status::{Failure, UMO_STATUS_IO, UmoStatus};
+use crate::status::{Failure, UmoStatus};
 
 /// The right hand; for a place to point at, the hand that is nearer to it.
 pub const UMO_SIDE_AUTO: u32 = 0;
@@ -252,6 +251,17 @@ pub unsafe extern "C" fn umo_engine_add_gesture(
     })
 }
 
+#[cfg(feature = "files")]
+fn read(path: &str) -> Result<Vec<u8>, Failure> {
+    let unread = |cause| Failure::new(crate::status::UMO_STATUS_IO, format_args!("cannot read {path}: {cause}"));
+    umo_core::file::read(path.as_ref()).map_err(unread)
+}
+
+#[cfg(not(feature = "files"))]
+fn read(path: &str) -> Result<Vec<u8>, Failure> {
+    Err(Failure::no_files(path, "umo_engine_add_gesture_memory"))
+}
+
 /// Adds a gesture as `umo_engine_add_gesture` does, of the animation in a `.glb` or `.vrm` file of any
 /// character with the bones of a human: Mixamo's, VRM's, Unreal's, Unity's, Godot's or
 /// `umo animate`'s names are known. The motion is brought to the model's skeleton.
@@ -263,7 +273,7 @@ pub unsafe extern "C" fn umo_engine_add_gesture(
 /// Threads: any but the audio thread. Allocates.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `IO`, `OUT_OF_MEMORY`, `INVALID_ARGUMENT`
 /// (`umo_last_error` says what of the file is wrong, which bones were not found, or which
-/// argument).
+/// argument), `UNSUPPORTED` (the library was built without files).
 ///
 /// # Safety
 /// `name` and `path` are NULL or end with a zero byte; so does `animation`.
@@ -283,16 +293,14 @@ pub unsafe extern "C" fn umo_engine_add_gesture_file(
         let path = unsafe { ffi::string(path, "path")? };
         // SAFETY: guaranteed by the caller (see # Safety).
         let wanted = unsafe { File::read(name, animation, parts, stroke)? };
-        let unread = |cause| Failure::new(UMO_STATUS_IO, format_args!("cannot read {path}: {cause}"));
-        let bytes = umo_core::file::read(Path::new(path)).map_err(unread)?;
-        wanted.add(&engine, &bytes, path)
+        wanted.add(&engine, &read(path)?, path)
     })
 }
 
 /// The same for a file's `size` bytes in memory, read during the call.
 ///
 /// Threads: any but the audio thread. Allocates.
-/// Errors: as `umo_engine_add_gesture_file`, but for `IO`.
+/// Errors: as `umo_engine_add_gesture_file`, but for `IO` and `UNSUPPORTED`.
 ///
 /// # Safety
 /// `name` is NULL or ends with a zero byte; so does `animation`. `data` is NULL or has `size`

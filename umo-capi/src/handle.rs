@@ -169,7 +169,7 @@ impl<T: Send + Sync, const N: usize> Table<T, N> {
                 if look < SPINS {
                     std::hint::spin_loop()
                 } else {
-                    std::thread::yield_now()
+                    umo_core::thread::yield_now()
                 }
                 continue;
             }

@@ -3,12 +3,10 @@
 pub mod inspect;
 
 use std::ffi::{CString, c_char, c_void};
-use std::path::Path;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 use umo_core::config::FaceKind;
 use umo_core::lm::layout::MAX_PROMPT_TOKENS;
-use umo_core::memory;
 use umo_core::model::Model;
 use umo_core::motion::skeleton::JOINTS;
 use umo_core::motion::visemes::{VISEMES, Visemes};
@@ -231,21 +229,25 @@ unsafe fn read_config(config: *const UmoModelConfig) -> Result<(Precision, Isa, 
     Ok((precision(config.precision)?, isa(config.isa)?, log))
 }
 
-/// Address space that glibc's allocator reserves for a new thread where it can, twice over while it
-/// aligns it.
-const THREAD_HEAP: usize = 256 << 20;
-
 /// Loads with threads that end with it, so that the library can be unloaded.
-fn load_on_threads(file: &ModelFile, precision: Precision, isa: Isa) -> Result<Model, Failure> {
-    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+#[cfg(all(feature = "threads", not(target_family = "wasm")))]
+fn load_model(file: &ModelFile, precision: Precision, isa: Isa) -> Result<Model, Failure> {
+    use std::sync::{Mutex, PoisonError};
+    use umo_core::{memory, thread};
+
+    /// Address space that glibc's allocator reserves for a new thread where it can, twice over while
+    /// it aligns it.
+    const THREAD_HEAP: usize = 256 << 20;
+
+    let cores = thread::available();
     // Where memory is short, one thread finds the end of it without taking it from others.
     let plenty = file.len().saturating_mul(8).saturating_add(cores.saturating_mul(THREAD_HEAP));
     let count = if memory::check(plenty).is_ok() { cores } else { 1 };
     memory::check(count * memory::THREAD + memory::SPARE)?;
     let threads = Mutex::new(Vec::with_capacity(count));
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(count).spawn_handler(|thread| {
-        let name = format!("umo-load-{}", thread.index());
-        let started = std::thread::Builder::new().name(name).spawn(|| thread.run())?;
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(count).spawn_handler(|builder| {
+        let name = format!("umo-load-{}", builder.index());
+        let started = thread::start(name, || builder.run())?;
         threads.lock().unwrap_or_else(PoisonError::into_inner).push(started);
         Ok(())
     });
@@ -264,15 +266,25 @@ fn load_on_threads(file: &ModelFile, precision: Precision, isa: Isa) -> Result<M
     Ok(model?)
 }
 
+/// Loads on the calling thread: there are no others.
+#[cfg(not(all(feature = "threads", not(target_family = "wasm"))))]
+fn load_model(file: &ModelFile, precision: Precision, isa: Isa) -> Result<Model, Failure> {
+    Ok(Model::load(file, precision, isa)?)
+}
+
+#[cfg(feature = "files")]
+fn open(path: &str) -> Result<ModelFile, Failure> {
+    Ok(ModelFile::open(path.as_ref())?)
+}
+
+#[cfg(not(feature = "files"))]
+fn open(path: &str) -> Result<ModelFile, Failure> {
+    Err(Failure::no_files(path, "umo_model_load_memory"))
+}
+
 fn load(file: &ModelFile, precision: Precision, isa: Isa, log: Log) -> Result<Arc<ModelHandle>, Failure> {
     let start = Instant::now();
-    // WebAssembly has no threads here.
-    let model = if cfg!(target_family = "wasm") {
-        Model::load(file, precision, isa)?
-    } else {
-        load_on_threads(file, precision, isa)?
-    };
-    let handle = ModelHandle::new(Arc::new(model), file, log)?;
+    let handle = ModelHandle::new(Arc::new(load_model(file, precision, isa)?), file, log)?;
     let config = handle.model.config();
     let (ms, mib) = (start.elapsed().as_millis(), file.len() >> 20);
     log.say(UMO_LOG_INFO, format_args!("loaded {} ({mib} MiB, {}) in {ms} ms", config.name, isa.name()));
@@ -345,7 +357,8 @@ pub unsafe extern "C" fn umo_model_config_init(config: *mut UmoModelConfig, size
 /// Threads: any but the audio thread. Allocates, reads the file, starts threads for as long as it
 /// takes, and waits for them: a base-size int8 model takes some 0.3 s.
 /// Errors: `VERSION`, `NULL_POINTER`, `IO`, `MODEL` (`umo_last_error` names the tensor or key),
-/// `OUT_OF_MEMORY`, `FULL` (1,024 models), `THREAD`, `INVALID_ARGUMENT`, `STRUCT_SIZE`.
+/// `OUT_OF_MEMORY`, `FULL` (1,024 models), `THREAD`, `INVALID_ARGUMENT`, `STRUCT_SIZE`,
+/// `UNSUPPORTED` (the library was built without files: docs/platforms.md, "Consoles").
 ///
 /// # Safety
 /// `path` is NULL or ends with a zero byte; `config` is NULL or as long as its `struct_size` says;
@@ -365,7 +378,7 @@ pub unsafe extern "C" fn umo_model_load(
         let path = unsafe { ffi::string(path, "path")? };
         // SAFETY: guaranteed by the caller (see # Safety).
         let (precision, isa, log) = unsafe { read_config(config)? };
-        let loaded = load(&ModelFile::open(Path::new(path))?, precision, isa, log)?;
+        let loaded = load(&open(path)?, precision, isa, log)?;
         // SAFETY: guaranteed by the caller (see # Safety).
         unsafe { put(model, "model", std::ptr::without_provenance_mut(MODELS.insert(handle::boxed(loaded)?)?)) }
     })
@@ -374,7 +387,7 @@ pub unsafe extern "C" fn umo_model_load(
 /// Loads a model from memory, which is not copied and not needed any more when the call returns:
 /// weights are repacked for the processor.
 ///
-/// Threads, errors: as `umo_model_load`, but for `IO`.
+/// Threads, errors: as `umo_model_load`, but for `IO` and `UNSUPPORTED`.
 ///
 /// # Safety
 /// As `umo_model_load`; `data` is NULL or has `size` readable bytes.

@@ -105,6 +105,13 @@ impl Failure {
         Self { status, detail: Text::from(format_args!("{detail}")) }
     }
 
+    /// A file, in a library that opens none: what takes its bytes.
+    #[cfg(not(feature = "files"))]
+    pub(crate) fn no_files(path: &str, memory: &str) -> Self {
+        let what = format_args!("{path}: this library was built without files: read it yourself and call {memory}");
+        Self::new(UMO_STATUS_UNSUPPORTED, what)
+    }
+
     /// A panic that was caught.
     pub(crate) fn defect(defect: &Defect) -> Self {
         let place = if defect.place().is_empty() { "an unknown place" } else { defect.place() };

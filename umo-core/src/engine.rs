@@ -10,7 +10,6 @@ mod worker;
 use std::fmt;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError, TryLockError};
-use std::thread::JoinHandle;
 use std::time::Duration;
 
 use crate::audio::resample::{self, FilterPlan, Resampler};
@@ -24,6 +23,7 @@ use crate::session::{Failure, Member, Session, SessionConfig, SessionInit, Share
 use crate::stream::{OwnedFrame, Signal};
 use crate::sync::{wait, wake_one};
 use crate::team::{ExternalWorkers, MAX_THREADS};
+use crate::thread::{self, JoinHandle};
 use crate::time::Instant;
 use worker::Worker;
 
@@ -73,11 +73,11 @@ pub enum Threads {
 }
 
 impl Default for EngineConfig {
-    /// Two threads, 64 sessions, 8 of them together.
+    /// Two threads, 64 sessions, 8 of them together. Without the feature `threads` the host polls.
     fn default() -> Self {
-        let cores = std::thread::available_parallelism().map_or(1, usize::from);
+        let has_threads = cfg!(feature = "threads");
         Self {
-            threads: Threads::Own(cores.min(2)),
+            threads: if has_threads { Threads::Own(thread::available().min(2)) } else { Threads::Host(0) },
             cores: Vec::new(),
             max_sessions: 64,
             max_batch: 8,
@@ -354,7 +354,7 @@ impl Engine {
             }
         };
         memory::require(memory::THREAD);
-        let thread = std::thread::Builder::new().name("umo-0".to_owned()).spawn(life).map_err(EngineError::thread)?;
+        let thread = thread::start("umo-0".to_owned(), life).map_err(EngineError::thread)?;
         if let Err(error) = inner.started.wait() {
             // It ends by itself; the library must not be unloaded before.
             drop(thread.join());

@@ -32,7 +32,10 @@
 //!
 //! | feature | default | what it adds |
 //! |---|---|---|
-//! | `mmap` | yes | model files are mapped and not read: less memory while loading |
+//! | `threads` | yes | teams and engines with threads of their own; without it, a host polls its engines, and may lend them its threads |
+//! | `files` | yes | models out of files, not of memory alone |
+//! | `clock` | yes | the system's clock: budgets of polls, times of stages; without it every moment is the same, and the host tells the time |
+//! | `mmap` | yes | model files are mapped and not read: less memory while loading. Implies `files` |
 //! | `resample` | yes | sessions at any sample rate, not at the model's alone |
 //! | `retarget` | yes | poses on other skeletons, face channels on other blendshapes, gestures out of characters' files |
 //! | `internals` | no | every module, for tools of this repository. **Unstable:** any release may change it |
@@ -53,6 +56,7 @@ mod inner {
     pub mod defect;
     pub mod engine;
     pub mod error;
+    #[cfg(feature = "files")]
     pub mod file;
     pub mod floor;
     #[cfg(feature = "retarget")]
@@ -77,6 +81,7 @@ mod inner {
     pub(crate) mod stream;
     pub(crate) mod sync;
     pub mod team;
+    pub mod thread;
     pub mod time;
     pub mod weights;
 }

@@ -86,7 +86,7 @@ pub fn catch<R>(make: impl FnOnce() -> R) -> Result<R, OutOfMemory> {
 /// Unwinds to [`catch`]. Prints nothing. Ends the process where there is no [`catch`].
 pub fn refuse(bytes: usize) -> ! {
     // A pool's thread hands it to the thread that uses the pool.
-    if DEPTH.get() == 0 && rayon::current_thread_index().is_none() {
+    if DEPTH.get() == 0 && !crate::thread::parallel::is_worker() {
         handle_alloc_error(Layout::array::<u8>(bytes).unwrap_or(Layout::new::<u8>()));
     }
     let mut reserves = RESERVES.lock().unwrap_or_else(PoisonError::into_inner);

@@ -1,5 +1,6 @@
 //! A loaded model: immutable, shared by every session.
 
+#[cfg(feature = "files")]
 use std::path::Path;
 
 use umo_kernels::Isa;
@@ -58,6 +59,7 @@ impl Model {
     ///
     /// # Errors
     /// As those.
+    #[cfg(feature = "files")]
     pub fn open(path: &Path) -> Result<Self, LoadError> {
         Self::load(&ModelFile::open(path)?, Precision::Stored, Isa::detect())
     }

@@ -5,22 +5,25 @@ pub(crate) use loom::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering, 
 #[cfg(not(loom))]
 pub(crate) use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering, fence};
 
-#[cfg(not(target_family = "wasm"))]
+#[cfg(all(feature = "threads", not(target_family = "wasm")))]
 pub(crate) use atomic_wait::{wait, wake_all, wake_one};
 
-/// Sleeps while the word is `seen`. A module of WebAssembly has one thread here: nobody else would
-/// change it.
-#[cfg(target_family = "wasm")]
-pub(crate) fn wait(_word: &std::sync::atomic::AtomicU32, _seen: u32) {
-    unreachable!("the only thread waits for another");
+/// Waits while the word is `seen`, for the threads that a host lends: they are at work, and awake. A
+/// module of WebAssembly has one thread here: nobody else would change it.
+#[cfg(any(not(feature = "threads"), target_family = "wasm"))]
+pub(crate) fn wait(word: &std::sync::atomic::AtomicU32, seen: u32) {
+    assert!(!cfg!(target_family = "wasm"), "the only thread waits for another");
+    while word.load(std::sync::atomic::Ordering::Acquire) == seen {
+        std::hint::spin_loop();
+    }
 }
 
-/// Wakes a thread that waits for the word: there is none.
-#[cfg(target_family = "wasm")]
+/// Wakes a thread that waits for the word: none sleeps.
+#[cfg(any(not(feature = "threads"), target_family = "wasm"))]
 pub(crate) fn wake_one(_word: *const std::sync::atomic::AtomicU32) {}
 
-/// Wakes all threads that wait for the word: there are none.
-#[cfg(target_family = "wasm")]
+/// Wakes all threads that wait for the word: none sleeps.
+#[cfg(any(not(feature = "threads"), target_family = "wasm"))]
 pub(crate) fn wake_all(_word: *const std::sync::atomic::AtomicU32) {}
 
 /// A thread that waits for a word to change.

@@ -22,7 +22,6 @@ use std::cell::UnsafeCell;
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicU32, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::thread::JoinHandle;
 use std::time::Duration;
 
 use umo_kernels::{MatMut, PrefetchHint, SharedHint};
@@ -31,6 +30,7 @@ use crate::defect::{Defect, contain, contain_quietly, resume};
 use crate::error::StepError;
 use crate::memory;
 use crate::sync::{wait, wake_all, wake_one};
+use crate::thread::{self, JoinHandle};
 use crate::time::Instant;
 
 /// Most threads of a team.
@@ -156,7 +156,7 @@ impl Team {
                 let _ = contain_quietly(|| work(&shared, index));
             };
             memory::require(memory::THREAD);
-            team.workers.push(std::thread::Builder::new().name(name).spawn(life)?);
+            team.workers.push(thread::start(name, life)?);
         }
         let bound = caller.is_none_or(cores::bind);
         // A thread allocates while it starts: it has done so when it has finished a job.

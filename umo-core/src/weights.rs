@@ -8,6 +8,7 @@ mod source;
 pub mod writer;
 
 use std::collections::HashMap;
+#[cfg(feature = "files")]
 use std::path::Path;
 
 use half::{bf16, f16};
@@ -47,6 +48,7 @@ impl ModelFile {
     ///
     /// # Errors
     /// [`LoadError`] naming the file, key or tensor.
+    #[cfg(feature = "files")]
     pub fn open(path: &Path) -> Result<Self, LoadError> {
         Self::from_source(Source::open(path)?)
     }

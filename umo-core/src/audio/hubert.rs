@@ -5,7 +5,6 @@
 //! kept of the samples as they came: with a bias-free convolution, normalising the waveform to
 //! variance 1 only changes what the group norm's epsilon is measured against.
 
-use rayon::prelude::*;
 use umo_kernels::activation;
 use umo_kernels::activation::Activation;
 use umo_kernels::attention::{encoder_attention_bf16, encoder_attention_f32};
@@ -19,6 +18,7 @@ use crate::linear::{Compute, Linear, QuantScratch, Ready};
 use crate::memory::{Arena, Slice, filled, with_capacity};
 use crate::state::{StateError, StatePass};
 use crate::team::zip_split;
+use crate::thread::parallel::*;
 use crate::weights::{AlignedBox, Loader};
 
 /// Added to a channel's variance in the group norm: PyTorch's default, which Hugging Face does not

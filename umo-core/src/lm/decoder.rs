@@ -2,7 +2,6 @@
 
 use std::ops::Range;
 
-use rayon::prelude::*;
 use umo_kernels::attention::{Visible, attention_bf16, attention_f32};
 use umo_kernels::bf16::round_bf16;
 use umo_kernels::gemm::Epilogue;
@@ -15,6 +14,7 @@ use crate::config::Config;
 use crate::error::{LoadError, StepError};
 use crate::linear::{Compute, Linear};
 use crate::memory::filled;
+use crate::thread::parallel::*;
 use crate::time::Instant;
 use crate::weights::{AlignedBox, Loader};
 

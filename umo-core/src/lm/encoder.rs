@@ -1,6 +1,5 @@
 //! The encoder: every token sees the whole input (paper section 3.1; SPEC 2.4).
 
-use rayon::prelude::*;
 use umo_kernels::attention::{encoder_attention_bf16, encoder_attention_f32};
 use umo_kernels::gemm::Epilogue;
 use umo_kernels::{MatMut, PANEL};
@@ -10,6 +9,7 @@ use super::experts::Experts;
 use super::{LmScratch, no_more, norm, norm_input};
 use crate::error::{LoadError, StepError};
 use crate::linear::Compute;
+use crate::thread::parallel::*;
 use crate::time::Instant;
 use crate::weights::Loader;
 

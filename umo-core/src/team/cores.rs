@@ -1,8 +1,9 @@
-//! Threads bound to cores: by Linux and Windows; other systems bind none.
+//! Threads bound to cores: by Linux and Windows; other systems bind none, nor does a library without
+//! the feature `threads`.
 
 pub(super) use system::{bind, usable};
 
-#[cfg(any(target_os = "linux", target_os = "android"))]
+#[cfg(all(feature = "threads", any(target_os = "linux", target_os = "android")))]
 mod system {
     use std::mem::size_of_val;
 
@@ -34,7 +35,7 @@ mod system {
     }
 }
 
-#[cfg(windows)]
+#[cfg(all(feature = "threads", windows))]
 mod system {
     use windows_sys::Win32::System::Threading::{
         GetCurrentProcess, GetCurrentThread, GetProcessAffinityMask, SetThreadAffinityMask,
@@ -62,7 +63,7 @@ mod system {
     }
 }
 
-#[cfg(not(any(target_os = "linux", target_os = "android", windows)))]
+#[cfg(not(all(feature = "threads", any(target_os = "linux", target_os = "android", windows))))]
 mod system {
     /// Binds no thread.
     pub(in super::super) fn bind(_core: usize) -> bool {
@@ -75,7 +76,7 @@ mod system {
     }
 }
 
-#[cfg(all(test, any(target_os = "linux", target_os = "android", windows)))]
+#[cfg(all(test, feature = "threads", any(target_os = "linux", target_os = "android", windows)))]
 mod tests {
     use super::*;
 

@@ -3,7 +3,6 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-use rayon::prelude::*;
 use umo_kernels::pack::{PANEL, pack_row, pack_row_bf16, pack_row_i8, packed_len, packed_len_bf16, packed_len_i8};
 use umo_kernels::quantize::quantize_weight_row;
 use umo_kernels::{Bf16, Isa, ShapeError};
@@ -14,6 +13,7 @@ use crate::aligned::{AlignedBox, Plain, Pool};
 use crate::error::LoadError;
 use crate::linear::{Linear, Precision, Weight};
 use crate::memory::{SPARE, filled, require};
+use crate::thread::parallel::*;
 
 /// Loads the parts of one model at one precision for one processor.
 #[derive(Clone, Debug)]

@@ -2,17 +2,16 @@
 //! hold `unsafe`.
 #![expect(unsafe_code, reason = "a memory map is shared with whoever may change the file")]
 
-use std::fs::File;
-use std::io;
-use std::path::Path;
+#[cfg(feature = "files")]
+use std::{fs::File, io, path::Path};
 
 #[cfg(all(feature = "mmap", not(target_family = "wasm")))]
 use memmap2::Mmap;
 #[cfg(all(feature = "mmap", unix))]
 use memmap2::UncheckedAdvice;
 
-use crate::error::LoadError;
-use crate::memory::OutOfMemory;
+#[cfg(feature = "files")]
+use crate::{error::LoadError, memory::OutOfMemory};
 
 /// A file in memory.
 #[cfg(all(feature = "mmap", not(target_family = "wasm")))]
@@ -34,6 +33,7 @@ pub(super) enum Source {
 }
 
 impl Source {
+    #[cfg(feature = "files")]
     pub(super) fn open(path: &Path) -> Result<Self, LoadError> {
         let io = |cause: io::Error| match cause.kind() {
             io::ErrorKind::OutOfMemory => LoadError::Memory(OutOfMemory { bytes: file_len(path) }),
@@ -64,7 +64,7 @@ impl Source {
         }))
     }
 
-    #[cfg(not(all(feature = "mmap", not(target_family = "wasm"))))]
+    #[cfg(all(feature = "files", not(all(feature = "mmap", not(target_family = "wasm")))))]
     fn of_file(mut file: File, path: &Path) -> io::Result<Self> {
         let mut bytes = Vec::new();
         bytes.try_reserve_exact(file_len(path) + 1).map_err(|_| io::ErrorKind::OutOfMemory)?;
@@ -104,6 +104,7 @@ impl Source {
 }
 
 /// Bytes of a file that cannot be mapped.
+#[cfg(feature = "files")]
 fn file_len(path: &Path) -> usize {
     path.metadata().ok().and_then(|found| usize::try_from(found.len()).ok()).unwrap_or_default()
 }

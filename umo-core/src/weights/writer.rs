@@ -4,13 +4,13 @@ use std::collections::BTreeMap;
 use std::io::{self, Seek, SeekFrom, Write};
 
 use half::{bf16, f16};
-use rayon::prelude::*;
 use serde::Serialize;
 use umo_kernels::quantize::quantize_weight_row;
 
 use super::FORMAT_VERSION;
 use super::checksum::{self, Summed};
 use crate::config::Config;
+use crate::thread::parallel::*;
 
 /// How a tensor's values are stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -178,10 +178,13 @@ fn write_int8(out: &mut impl Write, values: &[f32], rows: usize) -> io::Result<(
     let width = (values.len() / rows.max(1)).max(1);
     let (mut steps, mut scales) = (vec![0_i8; values.len()], vec![0.0; rows]);
     let all = values.par_chunks_exact(width).zip(steps.par_chunks_exact_mut(width)).zip(&mut scales);
-    all.try_for_each(|((row, steps), scale)| {
-        *scale = quantize_weight_row(row, steps).map_err(io::Error::other)?;
-        io::Result::Ok(())
-    })?;
+    all.try_for_each_init(
+        || (),
+        |(), ((row, steps), scale)| {
+            *scale = quantize_weight_row(row, steps).map_err(io::Error::other)?;
+            io::Result::Ok(())
+        },
+    )?;
     write_all(out, &scales, f32::to_le_bytes)?;
     write_all(out, &steps, i8::to_le_bytes)
 }
