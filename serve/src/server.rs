@@ -6,11 +6,11 @@ use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
+use axum::Router;
 use axum::extract::{Extension, State, WebSocketUpgrade};
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
-use axum::Router;
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
@@ -179,14 +179,12 @@ async fn upgrade(
         return (StatusCode::UNAUTHORIZED, "no token that this server knows\n").into_response();
     }
     let client = Client { name, address: address(&headers, &connection, shared.config.is_behind_proxy) };
-    socket
-        .max_message_size(MOST_BYTES)
-        .max_frame_size(MOST_BYTES)
-        .read_buffer_size(READ)
-        .on_upgrade(async move |socket| {
+    socket.max_message_size(MOST_BYTES).max_frame_size(MOST_BYTES).read_buffer_size(READ).on_upgrade(
+        async move |socket| {
             session::run(socket, client, shared).await;
             drop(connection);
-        })
+        },
+    )
 }
 
 /// The token of `Authorization: Bearer TOKEN`.

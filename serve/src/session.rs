@@ -123,11 +123,7 @@ pub(crate) async fn run(socket: WebSocket, client: Client, shared: Arc<Shared>) 
 }
 
 /// The hello, and a place for who may have one.
-async fn admit(
-    stream: &mut SplitStream<WebSocket>,
-    client: &Client,
-    shared: &Shared,
-) -> Result<(Hello, Place), End> {
+async fn admit(stream: &mut SplitStream<WebSocket>, client: &Client, shared: &Shared) -> Result<(Hello, Place), End> {
     let within = shared.config.hello_within;
     let late = |_| End::bad(format!("no hello within {} seconds", within.as_secs_f64()));
     let hello = timeout(within, first(stream)).await.map_err(late)??;
@@ -183,12 +179,7 @@ fn broken(error: &axum::Error) -> End {
 }
 
 /// A session for a hello, to its end.
-async fn with_place(
-    hello: &Hello,
-    stream: &mut SplitStream<WebSocket>,
-    writer: &Writer,
-    shared: &Arc<Shared>,
-) -> End {
+async fn with_place(hello: &Hello, stream: &mut SplitStream<WebSocket>, writer: &Writer, shared: &Arc<Shared>) -> End {
     let session = match begin(hello, stream, shared).await {
         Ok(session) => session,
         Err(end) => {
@@ -378,7 +369,8 @@ impl Live {
     }
 
     fn request(&mut self, request: Request) -> Result<(), End> {
-        if self.output == Output::Packets && matches!(request, Request::Mood { .. } | Request::Gesture { .. } | Request::LookAt { .. })
+        if self.output == Output::Packets
+            && matches!(request, Request::Mood { .. } | Request::Gesture { .. } | Request::LookAt { .. })
         {
             return Err(End::bad(settings::NOT_IN_PACKETS));
         }

@@ -1,8 +1,8 @@
 //! What a hello asks for, as settings of a session.
 
 use umo_core::lm::layout::Template;
-use umo_core::{LifeConfig, MAX_RATE, MIN_RATE, Model, PacketConfig, SessionConfig, Voice};
 use umo_core::{AvatarConfig, Layer};
+use umo_core::{LifeConfig, MAX_RATE, MIN_RATE, Model, PacketConfig, SessionConfig, Voice};
 
 use crate::protocol::{Hello, Output, VoiceKind};
 

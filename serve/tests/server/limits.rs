@@ -36,7 +36,9 @@ async fn more_clients_than_places_are_refused_and_places_come_back() {
 async fn tokens_open_the_door_and_count_their_clients() {
     let tokens = Tokens::parse(&format!("studio {STUDIO}\ngame {GAME}")).unwrap();
     let server = Running::new(|config| (config.tokens, config.per_client) = (tokens, 1)).await;
-    for hello in [json!({}), json!({ "token": "" }), json!({ "token": "studio" }), json!({ "token": "studio-0123456780" })] {
+    for hello in
+        [json!({}), json!({ "token": "" }), json!({ "token": "studio" }), json!({ "token": "studio-0123456780" })]
+    {
         let (code, reason, number) = Client::new(server.address, hello).await.unwrap_err();
         assert_eq!((code.as_str(), number), ("unauthorized", 4401), "{reason}");
     }

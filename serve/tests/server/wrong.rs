@@ -14,7 +14,11 @@ async fn garbage_is_refused_with_a_reason_and_harms_nobody() {
     let mut speaking = Client::new(server.address, json!({ "seed": 9 })).await.unwrap();
     speaking.speak(&audio[..8_000], 1_000).await;
 
-    for bytes in [&b"\0\xff\xfe garbage \r\n\r\n"[..], b"GET / HTTP/1.1\r\n\r\n", b"POST /v1/session HTTP/1.1\r\nHost: a\r\nConnection: close\r\n\r\n"] {
+    for bytes in [
+        &b"\0\xff\xfe garbage \r\n\r\n"[..],
+        b"GET / HTTP/1.1\r\n\r\n",
+        b"POST /v1/session HTTP/1.1\r\nHost: a\r\nConnection: close\r\n\r\n",
+    ] {
         let answer = raw(server.address, bytes).await;
         assert!(answer.is_empty() || answer.starts_with("HTTP/1.1 4"), "{answer}");
     }
@@ -51,7 +55,9 @@ async fn garbage_is_refused_with_a_reason_and_harms_nobody() {
     client.binary(&[1, 2, 3]).await;
     assert_eq!(client.refusal().await.0, "bad_request");
 
-    for wrong in ["nonsense", r#"{"type":"hello"}"#, r#"{"type":"interrupt","ease":-1}"#, r#"{"type":"interrupt","ease":1e9}"#] {
+    for wrong in
+        ["nonsense", r#"{"type":"hello"}"#, r#"{"type":"interrupt","ease":-1}"#, r#"{"type":"interrupt","ease":1e9}"#]
+    {
         let mut client = Client::new(server.address, json!({})).await.unwrap();
         client.text(wrong).await;
         assert_eq!(client.refusal().await.0, "bad_request", "{wrong}");
