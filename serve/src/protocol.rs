@@ -383,7 +383,7 @@ mod tests {
             (r#"{"type":"greet"}"#, "greet"),
             (r#"{"rate":1}"#, "type"),
             ("", "EOF"),
-            ("[[[[", "EOF"),
+            ("[[[[", "sequence"),
         ] {
             let error = Request::parse(text).unwrap_err();
             assert!(error.contains(part), "{text}: {error}");

@@ -97,23 +97,25 @@ impl From<Refusal> for End {
 pub(crate) async fn run(socket: WebSocket, client: Client, shared: Arc<Shared>) {
     let (sink, mut stream) = socket.split();
     let writer = Writer::new(sink, shared.config.stall);
-    let end = match admit(&mut stream, &client, &shared).await {
+    let (end, has_begun) = match admit(&mut stream, &client, &shared).await {
         Ok((hello, place)) => {
             let end = with_place(&hello, &mut stream, &writer, &shared).await;
             // Another client may come while this one is told why it goes.
             drop(place);
             end
         }
-        Err(end) => {
-            shared.metrics.refused(end.word());
-            end
-        }
+        Err(end) => (end, false),
     };
     let closing = writer.finish().await;
     let end = match (end, closing.written) {
         (End::Left, Written::Stalled) => End::Because(Code::SlowReader, "the client does not read".to_owned()),
         (end, _) => end,
     };
+    if has_begun {
+        shared.metrics.ended(end.word());
+    } else {
+        shared.metrics.refused(end.word());
+    }
     if let End::Because(code, reason) = end {
         closing.close(code, &reason).await;
     }
@@ -178,20 +180,21 @@ fn broken(error: &axum::Error) -> End {
     End::Left
 }
 
-/// A session for a hello, to its end.
-async fn with_place(hello: &Hello, stream: &mut SplitStream<WebSocket>, writer: &Writer, shared: &Arc<Shared>) -> End {
+/// A session for a hello, to its end; whether it began.
+async fn with_place(
+    hello: &Hello,
+    stream: &mut SplitStream<WebSocket>,
+    writer: &Writer,
+    shared: &Arc<Shared>,
+) -> (End, bool) {
     let session = match begin(hello, stream, shared).await {
         Ok(session) => session,
-        Err(end) => {
-            shared.metrics.refused(end.word());
-            return end;
-        }
+        Err(end) => return (end, false),
     };
     shared.metrics.started.inc();
     let config = &shared.config;
     let mut live = Live {
         audio: Audio::new(hello.rate, config.buffer, config.ahead, Instant::now()),
-        session,
         shared: Arc::clone(shared),
         rate: hello.rate,
         output: hello.output,
@@ -199,7 +202,9 @@ async fn with_place(hello: &Hello, stream: &mut SplitStream<WebSocket>, writer: 
         speech: Speech::Open,
         saving: Saving::No,
         frames: 0,
-        late_frames: 0,
+        // A restored session has the statistics of its first server.
+        late_frames: session.stats().late_frames,
+        session,
         packet: Vec::new(),
         heard: Instant::now(),
         active: Instant::now(),
@@ -209,8 +214,7 @@ async fn with_place(hello: &Hello, stream: &mut SplitStream<WebSocket>, writer: 
         Err(end) => end,
     };
     live.count_late();
-    shared.metrics.ended(end.word());
-    end
+    (end, true)
 }
 
 /// Makes the session, with the state that the client sends where it said so.
@@ -504,7 +508,6 @@ impl Live {
 
     fn count_late(&mut self) {
         let late_frames = self.session.stats().late_frames;
-        // A restored session has the statistics of its first server.
         self.shared.metrics.late_frames.inc_by(late_frames.saturating_sub(self.late_frames));
         self.late_frames = late_frames;
     }

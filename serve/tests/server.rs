@@ -19,9 +19,7 @@ use serde_json::json;
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 use tokio::time::timeout;
-use umo_core::{
-    Animation, Compute, Isa, LifeConfig, Model, ModelFile, PacketConfig, Precision, Session, SessionConfig, Team,
-};
+use umo_core::{Animation, Compute, Isa, LifeConfig, Model, ModelFile, Precision, Session, SessionConfig, Team};
 use umo_serve::{Config, Server};
 
 /// A small model of random weights.
@@ -148,9 +146,7 @@ async fn packets_decode_to_the_bits_of_the_library() {
 
     let mut config = settings(3);
     config.avatar.life = LifeConfig::OFF;
-    let mut viewer = config.clone();
-    viewer.packets = Some(PacketConfig { history: config.avatar.target, with_frames: false });
-    let decoder = Session::decoder(&MODEL, &viewer).unwrap();
+    let decoder = Session::decoder(&MODEL, &config).unwrap();
     let mut frames = Vec::new();
     for packet in &packets {
         decoder.push_packet(packet).unwrap();

@@ -3,13 +3,14 @@
 use std::time::Duration;
 
 use serde_json::json;
+use tokio::time::timeout;
 use tokio_tungstenite::connect_async;
 use tokio_tungstenite::tungstenite::Error;
 use tokio_tungstenite::tungstenite::client::IntoClientRequest;
 use umo_serve::Tokens;
 
-use super::Running;
 use super::client::{Client, http};
+use super::{PATIENCE, Running};
 
 const STUDIO: &str = "studio-0123456789";
 const GAME: &str = "game-0123456789ab";
@@ -57,19 +58,18 @@ async fn tokens_open_the_door_and_count_their_clients() {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn clients_that_do_nothing_or_have_gone_lose_their_places() {
-    let server = Running::new(|config| {
-        (config.idle, config.heartbeat) = (Duration::from_millis(600), Duration::from_millis(150));
-        config.hello_within = Duration::from_millis(300);
-    })
-    .await;
     // It answers pings, and does nothing else.
+    let server = Running::new(|config| config.idle = Duration::from_millis(300)).await;
     let mut idle = Client::new(server.address, json!({})).await.unwrap();
     assert_eq!(idle.refusal().await.2, 4408);
+    server.sessions(0).await;
     // Its connection is half open: nobody answers.
+    let server = Running::new(|config| config.heartbeat = Duration::from_millis(150)).await;
     let mut silent = Client::new(server.address, json!({})).await.unwrap();
     server.sessions(0).await;
     assert_eq!(silent.refusal().await.2, 4409);
     // It never says hello.
+    let server = Running::new(|config| config.hello_within = Duration::from_millis(200)).await;
     let mut mute = Client::connect(server.address).await;
     assert_eq!(mute.refusal().await.2, 4400);
 }
@@ -90,8 +90,13 @@ async fn a_client_that_does_not_read_ends_alone() {
         () = asking => {}
         () = server.sessions(1) => {}
     }
-    let metrics = http(server.address, "/metrics").await.1;
-    assert!(metrics.contains("umo_serve_sessions_ended_total"), "{metrics}");
+    let counted = async {
+        let line = "umo_serve_sessions_ended_total{reason=\"slow_reader\"} 1";
+        while !http(server.address, "/metrics").await.1.contains(line) {
+            tokio::time::sleep(Duration::from_millis(10)).await;
+        }
+    };
+    timeout(PATIENCE, counted).await.expect("the reason is counted");
     other.speak(&super::speech(16_000, 1), 3_200).await;
     other.text(r#"{"type":"finish"}"#).await;
     assert_eq!(other.frames_until_done().await.0.len(), 30);

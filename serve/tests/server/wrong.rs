@@ -16,7 +16,7 @@ async fn garbage_is_refused_with_a_reason_and_harms_nobody() {
 
     for bytes in [
         &b"\0\xff\xfe garbage \r\n\r\n"[..],
-        b"GET / HTTP/1.1\r\n\r\n",
+        b"GET / HTTP/1.1\r\nConnection: close\r\n\r\n",
         b"POST /v1/session HTTP/1.1\r\nHost: a\r\nConnection: close\r\n\r\n",
     ] {
         let answer = raw(server.address, bytes).await;
@@ -35,7 +35,7 @@ async fn garbage_is_refused_with_a_reason_and_harms_nobody() {
         json!({ "target": 99 }),
         json!({ "horizon": 99 }),
         json!({ "layers": 2 }),
-        json!({ "prompt": "a text that this model does not take" }),
+        json!({ "mood": "happy" }),
         json!({ "restore": 1_000_000_000 }),
         json!({ "output": "packets", "mood": "joy" }),
         json!({ "unknown": true }),
