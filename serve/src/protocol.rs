@@ -142,7 +142,6 @@ pub enum SideName {
 /// A text message of a client.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
-#[expect(clippy::large_enum_variant, reason = "one of them lives at a time")]
 pub enum Request {
     /// The first message.
     Hello(Hello),
