@@ -42,6 +42,9 @@ pub enum Command {
     View(Page),
     /// Move an avatar in another program while somebody speaks: VRM avatars over the VMC protocol
     Live(Live),
+    /// Animate for many clients at once: a WebSocket server, speech in, frames or packets out
+    #[cfg(feature = "serve")]
+    Serve(Serve),
     /// Bring an animation to another character's skeleton and face
     Retarget(Retarget),
     /// Measure a model on this machine: time to the first frame, frames per second, avatars at once
@@ -436,6 +439,73 @@ pub struct Live {
     #[command(flatten)]
     #[expect(missing_docs, reason = "clap would print a doc comment as help")]
     pub generate: GenerateArgs,
+}
+
+/// Serve avatars over WebSocket.
+///
+/// Clients connect to ws://ADDRESS/v1/session, say hello in JSON, send 16-bit samples, and get frames or
+/// packets. /healthz says whether new clients may come, /metrics has numbers for Prometheus. SIGTERM ends
+/// it gently. TLS is a proxy's task.
+#[cfg(feature = "serve")]
+#[derive(Debug, ClapArgs)]
+pub struct Serve {
+    /// Where to listen; other machines reach it by 0.0.0.0:PORT, which needs --tokens or --open
+    #[arg(long, value_name = "HOST:PORT", default_value = "127.0.0.1:8765")]
+    pub listen: String,
+    /// Model file; the one in the program where not given
+    #[arg(long, value_name = "FILE")]
+    pub model: Option<PathBuf>,
+    /// Most sessions at once: `umo bench --sessions N` says how many this machine keeps up with
+    #[arg(long, value_name = "N", default_value_t = 32)]
+    pub sessions: usize,
+    /// Most sessions of one token, or of one address where there are no tokens; --sessions where not
+    /// given
+    #[arg(long, value_name = "N")]
+    pub per_client: Option<usize>,
+    /// Most sessions that are computed together
+    #[arg(long, value_name = "N", default_value_t = 8)]
+    pub batch: usize,
+    /// File of tokens, a line each: a name for the client, and its token of 16 characters or more
+    #[arg(long, value_name = "FILE")]
+    pub tokens: Option<PathBuf>,
+    /// Let everybody in who reaches the address, without a token
+    #[arg(long, conflicts_with = "tokens")]
+    pub open: bool,
+    /// A proxy in front names the clients' addresses in X-Forwarded-For
+    #[arg(long)]
+    pub behind_proxy: bool,
+    /// Audio that is computed before its time, so that a client that sends a recording at once does not
+    /// delay the others; 0 for no limit
+    #[arg(long, value_name = "SECONDS", default_value_t = 2.0, value_parser = seconds)]
+    pub ahead: f64,
+    /// Audio of a session that waits here, before its client has to
+    #[arg(long, value_name = "SECONDS", default_value_t = 30.0, value_parser = seconds)]
+    pub buffer: f64,
+    /// Time for a client to say hello
+    #[arg(long, value_name = "SECONDS", default_value_t = 10.0, value_parser = seconds)]
+    pub hello_within: f64,
+    /// Time without audio and commands after which a session ends
+    #[arg(long, value_name = "SECONDS", default_value_t = 300.0, value_parser = seconds)]
+    pub idle: f64,
+    /// Time between pings; a client that is silent for twice as long has gone
+    #[arg(long, value_name = "SECONDS", default_value_t = 20.0, value_parser = seconds)]
+    pub heartbeat: f64,
+    /// Time that a client may take to read one message
+    #[arg(long, value_name = "SECONDS", default_value_t = 5.0, value_parser = seconds)]
+    pub stall: f64,
+    /// Time that running sessions have to finish after SIGTERM
+    #[arg(long, value_name = "SECONDS", default_value_t = 30.0, value_parser = seconds)]
+    pub drain: f64,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "clap would print a doc comment as help")]
+    pub compute: Compute,
+}
+
+/// A time of a server.
+#[cfg(feature = "serve")]
+fn seconds(text: &str) -> Result<f64, String> {
+    let seconds = text.parse().ok().filter(|seconds| (0.0..=86_400.0).contains(seconds));
+    seconds.ok_or_else(|| "expected 0 to 86400 seconds".to_owned())
 }
 
 /// When the mouth moves.

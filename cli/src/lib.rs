@@ -8,6 +8,7 @@
 //! | `stage`, `inspect`, `random` | one stage alone; what a model holds; a model of random weights |
 //! | `convert`, `quantize` | a model of published weights; the same model with smaller ones |
 //! | `live` | speech as it comes to poses for other programs, over the network |
+//! | `serve` | avatars for many clients over WebSocket |
 //! | `view` | the page that shows an avatar, made once or served live |
 //! | `bench` | how fast a model is on this machine |
 //! | [`export`], `import`, `start_pose` | files in and out |
@@ -39,6 +40,8 @@ mod random;
 mod retarget;
 #[cfg(test)]
 mod sample;
+#[cfg(feature = "serve")]
+mod serve;
 mod stage;
 mod start_pose;
 mod text;
@@ -86,6 +89,8 @@ fn run(command: Command) -> Result<(), Failure> {
         Command::MakeRandom(args) => random::run(&args),
         Command::View(args) => view::run(&args),
         Command::Live(args) => live::run(&args),
+        #[cfg(feature = "serve")]
+        Command::Serve(args) => serve::run(&args),
         Command::Retarget(args) => retarget::run(&args),
         Command::Bench(args) => bench::run(&args),
         Command::Draw(args) => draw::run(&args),

@@ -1,0 +1,83 @@
+"""The client of `umo serve`, against a server that `scripts/test-serve` starts."""
+
+import asyncio
+import os
+
+import numpy as np
+import pytest
+
+URL = os.environ.get("UMO_SERVE")
+if not URL:
+    pytest.skip("UMO_SERVE names no server: scripts/test-serve starts one", allow_module_level=True)
+
+import umo.serve
+
+
+def run(coroutine):
+    return asyncio.run(asyncio.wait_for(coroutine, 120))
+
+
+async def frames(avatar):
+    return [frame async for frame in avatar]
+
+
+def same(made, motion):
+    assert [frame.index for frame in made] == motion.index.tolist()
+    assert np.array_equal([frame.rotations for frame in made], motion.rotations)
+    assert np.array_equal([frame.translation for frame in made], motion.translation)
+    assert np.array_equal([frame.face for frame in made], motion.face)
+
+
+def test_frames_are_those_of_animate(hello, live):
+    async def speak():
+        samples, rate = hello
+        async with umo.serve.connect(URL, rate=rate) as avatar:
+            for piece in np.array_split(samples, 7):
+                await avatar.push(piece)
+            await avatar.finish()
+            return await frames(avatar), avatar.done
+
+    made, done = run(speak())
+    same(made, live)
+    assert done["frames"] == len(made)
+
+
+def test_a_session_goes_on_where_its_state_was(hello, live):
+    async def speak():
+        samples, rate = hello
+        async with umo.serve.connect(URL, rate=rate) as avatar:
+            await avatar.push(samples[: len(samples) // 2])
+            await avatar.save()
+            made = []
+            async for frame in avatar:
+                made.append(frame)
+                if avatar.saved:
+                    break
+            saved = avatar.saved
+        async with umo.serve.connect(URL, rate=rate, state=saved.state) as avatar:
+            await avatar.push(samples[saved.samples :])
+            await avatar.finish()
+            return made, await frames(avatar)
+
+    before, after = run(speak())
+    kept = [frame for frame in before if frame.index < after[0].index]
+    same(kept + after, live)
+
+
+def test_what_is_wrong_is_said():
+    async def refused(**hello):
+        async with umo.serve.connect(URL, **hello):
+            pass
+
+    with pytest.raises(umo.serve.ServeError, match="rate 1") as error:
+        run(refused(rate=1))
+    assert error.value.code == "bad_request"
+    with pytest.raises(umo.serve.ServeError, match="joy"):
+        run(refused(mood="happy"))
+
+    async def shape():
+        async with umo.serve.connect(URL) as avatar:
+            await avatar.push(np.zeros((2, 2), np.float32))
+
+    with pytest.raises(ValueError, match="one-dimensional"):
+        run(shape())

@@ -1,0 +1,413 @@
+//! The messages: JSON texts both ways, samples in, frames, packets and states out.
+//!
+//! A binary message of a client is 16-bit little-endian mono samples, or pieces of the state that its
+//! hello announced. The first byte of a binary message of the server says what it is:
+//!
+//! | byte | what follows |
+//! |---|---|
+//! | 1 | frames: a byte of 0, `u16` count, `u32` floats of each; then for each `u64` index, `u64` sample, floats |
+//! | 2 | one packet |
+//! | 3 | a state |
+//!
+//! All numbers are little-endian. The floats of a frame are 55 rotations x y z w, the root's place, and
+//! the face.
+
+use serde::{Deserialize, Serialize};
+use umo_core::{Frame, GestureOptions, JOINTS, Mood, Side};
+
+/// The version of the protocol that this server speaks.
+pub const VERSION: u32 = 1;
+/// Longest message of a client, bytes.
+pub const MOST_BYTES: usize = 64 << 10;
+
+/// First byte of a message with frames.
+pub const FRAMES: u8 = 1;
+/// First byte of a message with a packet.
+pub const PACKET: u8 = 2;
+/// First byte of a message with a state.
+pub const STATE: u8 = 3;
+
+/// Bytes of a message with frames before the first frame.
+const HEAD: usize = 8;
+
+/// What a client asks for first.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Hello {
+    /// [`VERSION`].
+    #[serde(default = "version")]
+    pub version: u32,
+    /// Its token, where the request had none.
+    #[serde(default)]
+    pub token: Option<String>,
+    /// Samples a second of its audio.
+    #[serde(default = "rate")]
+    pub rate: usize,
+    /// What it wants to have.
+    #[serde(default)]
+    pub output: Output,
+    /// When the mouth moves.
+    #[serde(default)]
+    pub voice: VoiceKind,
+    /// Free text, for models that take one.
+    #[serde(default)]
+    pub prompt: Option<String>,
+    /// A mood of the start.
+    #[serde(default)]
+    pub mood: Option<MoodName>,
+    /// The mood's strength, 0 to 1.
+    #[serde(default = "one")]
+    pub mood_strength: f32,
+    /// Seed of the draws.
+    #[serde(default)]
+    pub seed: u64,
+    /// Keyframes of a chunk; the model's own number where not given.
+    #[serde(default)]
+    pub target: Option<usize>,
+    /// Keyframes of audio behind a chunk that it waits for.
+    #[serde(default)]
+    pub horizon: usize,
+    /// Strength of the layers over the model's motion, 0 to 1.
+    #[serde(default = "one")]
+    pub layers: f32,
+    /// Whether it takes the session's state where the server stops.
+    #[serde(default)]
+    pub handover: bool,
+    /// Bytes of a state that follow, in binary messages: the session goes on where that one was.
+    #[serde(default)]
+    pub restore: Option<usize>,
+}
+
+const fn version() -> u32 {
+    VERSION
+}
+
+const fn rate() -> usize {
+    16_000
+}
+
+const fn one() -> f32 {
+    1.0
+}
+
+/// What a session gives.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Output {
+    /// Poses.
+    #[default]
+    Frames,
+    /// Codes, for decoders elsewhere.
+    Packets,
+}
+
+/// When the mouth moves.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum VoiceKind {
+    /// With the body.
+    #[default]
+    Delayed,
+    /// As the sound is heard.
+    Live,
+}
+
+/// A mood by its name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(try_from = "String")]
+pub struct MoodName(pub Mood);
+
+impl TryFrom<String> for MoodName {
+    type Error = String;
+
+    fn try_from(name: String) -> Result<Self, String> {
+        let known = || Mood::ALL.map(Mood::name).join(", ");
+        let found = Mood::ALL.into_iter().find(|mood| mood.name() == name);
+        found.map(Self).ok_or_else(|| format!("no mood is called `{name}`; there are {}", known()))
+    }
+}
+
+/// A hand by its name.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+#[expect(missing_docs, reason = "the names say it")]
+pub enum SideName {
+    #[default]
+    Auto,
+    Left,
+    Right,
+    Both,
+}
+
+/// A text message of a client.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
+pub enum Request {
+    /// The first message.
+    Hello(Hello),
+    /// The speech is over: its last frames come, then `done`. The next `interrupt` begins another.
+    Finish,
+    /// Drops what was not sent yet, and eases to rest; what is pushed from now on is a new speech.
+    Interrupt {
+        /// Seconds of the ease.
+        #[serde(default)]
+        ease: f64,
+    },
+    /// Another mood.
+    Mood {
+        /// Its name.
+        mood: MoodName,
+        /// Its strength, 0 to 1.
+        #[serde(default = "one")]
+        strength: f32,
+    },
+    /// A gesture over the motion.
+    Gesture {
+        /// Its name.
+        name: String,
+        /// The time of its stroke, seconds of the motion; as soon as may be where not given.
+        #[serde(default)]
+        at: Option<f64>,
+        /// 0.5 to 2.
+        #[serde(default = "one")]
+        speed: f32,
+        /// 0 to 1.
+        #[serde(default = "one")]
+        strength: f32,
+        /// Which hand.
+        #[serde(default)]
+        side: SideName,
+        /// A place to point at, metres.
+        #[serde(default)]
+        target: Option<[f32; 3]>,
+    },
+    /// A point to look at.
+    LookAt {
+        /// The point, metres.
+        point: [f32; 3],
+        /// 0 to 1.
+        #[serde(default = "one")]
+        strength: f32,
+    },
+    /// The session's state is wanted; the session goes on.
+    Save,
+}
+
+impl Request {
+    /// Reads a text message.
+    ///
+    /// # Errors
+    /// A sentence for the client.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        serde_json::from_str(text).map_err(|error| format!("this message is not understood: {error}"))
+    }
+}
+
+/// The options of a gesture.
+pub(crate) fn gesture_options(
+    at: Option<f64>,
+    (speed, strength): (f32, f32),
+    side: SideName,
+    target: Option<[f32; 3]>,
+) -> GestureOptions {
+    let side = match side {
+        SideName::Auto => Side::Auto,
+        SideName::Left => Side::Left,
+        SideName::Right => Side::Right,
+        SideName::Both => Side::Both,
+    };
+    GestureOptions { at, speed, strength, side, target }
+}
+
+/// A text message of the server.
+#[derive(Clone, Debug, Serialize)]
+#[serde(tag = "type", rename_all = "snake_case")]
+pub enum Reply<'a> {
+    /// The session is there.
+    Ready(Ready<'a>),
+    /// All of a speech was sent.
+    Done {
+        /// Frames since the session began.
+        frames: u64,
+        /// Frames whose chunk was done later than real time needs it.
+        late_frames: u64,
+    },
+    /// The binary message that follows is the session's state.
+    State {
+        /// Samples of this connection that the state knows of: those after them are to be sent again
+        /// to whoever restores it.
+        samples: u64,
+        /// Bytes of the state.
+        bytes: usize,
+        /// Whether the server ends the session now.
+        is_handover: bool,
+    },
+    /// The session ends, or does not begin.
+    Error {
+        /// A word for programs.
+        code: &'static str,
+        /// A sentence for people.
+        reason: &'a str,
+    },
+}
+
+impl Reply<'_> {
+    pub(crate) fn text(&self) -> String {
+        serde_json::to_string(self).unwrap_or_else(|_| "{\"type\":\"error\",\"code\":\"internal\"}".to_owned())
+    }
+}
+
+/// What a client needs to know of its session.
+#[derive(Clone, Debug, Serialize)]
+#[expect(missing_docs, reason = "docs/serve.md has them in a table")]
+pub struct Ready<'a> {
+    pub version: u32,
+    pub model: &'a str,
+    pub rate: usize,
+    pub output: Output,
+    pub frame_rate: usize,
+    pub joints: usize,
+    pub face: &'a [String],
+    pub floats: usize,
+    pub chunk_frames: usize,
+    pub latency_samples: usize,
+    pub mouth_samples: usize,
+    pub state_bytes: usize,
+}
+
+/// Why a session ends or does not begin, as programs know it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "docs/serve.md has them in a table")]
+pub enum Code {
+    BadRequest,
+    Unauthorized,
+    ClientLimit,
+    Full,
+    Draining,
+    SlowReader,
+    Idle,
+    Silent,
+    Internal,
+}
+
+impl Code {
+    /// Its word.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::BadRequest => "bad_request",
+            Self::Unauthorized => "unauthorized",
+            Self::ClientLimit => "client_limit",
+            Self::Full => "full",
+            Self::Draining => "draining",
+            Self::SlowReader => "slow_reader",
+            Self::Idle => "idle",
+            Self::Silent => "silent",
+            Self::Internal => "internal",
+        }
+    }
+
+    /// Its number in the frame that closes the WebSocket: of the protocol where it has one, otherwise
+    /// 4000 and the number that HTTP has for it.
+    pub const fn number(self) -> u16 {
+        match self {
+            Self::BadRequest => 4400,
+            Self::Unauthorized => 4401,
+            Self::Idle => 4408,
+            Self::Silent => 4409,
+            Self::SlowReader => 4410,
+            Self::ClientLimit => 4429,
+            Self::Full => 4503,
+            Self::Draining => 1012,
+            Self::Internal => 1011,
+        }
+    }
+}
+
+/// Floats of a frame.
+pub(crate) const fn floats(face: usize) -> usize {
+    4 * JOINTS + 3 + face
+}
+
+/// A message of frames under way.
+#[derive(Debug)]
+pub(crate) struct FrameMessage {
+    bytes: Vec<u8>,
+    count: u16,
+}
+
+impl FrameMessage {
+    pub(crate) fn new(floats: usize, most: usize) -> Self {
+        let mut bytes = Vec::with_capacity(HEAD + most * (16 + 4 * floats));
+        bytes.extend([FRAMES, 0, 0, 0]);
+        bytes.extend(u32::try_from(floats).unwrap_or_default().to_le_bytes());
+        Self { bytes, count: 0 }
+    }
+
+    pub(crate) fn push(&mut self, frame: &Frame) {
+        self.bytes.extend(frame.index.to_le_bytes());
+        self.bytes.extend(frame.sample.to_le_bytes());
+        let rotations = frame.pose.rotations.as_flattened();
+        for value in rotations.iter().chain(&frame.pose.translation).chain(frame.face) {
+            self.bytes.extend(value.to_le_bytes());
+        }
+        self.count += 1;
+    }
+
+    pub(crate) fn finish(mut self) -> (Vec<u8>, u64) {
+        self.bytes[2..4].copy_from_slice(&self.count.to_le_bytes());
+        (self.bytes, self.count.into())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_hello_has_defaults_and_refuses_what_it_does_not_know() {
+        let Ok(Request::Hello(hello)) = Request::parse(r#"{"type":"hello"}"#) else { panic!("a hello") };
+        assert_eq!((hello.version, hello.rate, hello.output, hello.layers), (1, 16_000, Output::Frames, 1.0));
+        assert!(hello.token.is_none() && !hello.handover);
+        let full = r#"{"type":"hello","rate":48000,"output":"packets","voice":"live","mood":"joy","mood_strength":0.5,
+            "seed":18446744073709551615,"prompt":"she is glad","handover":true,"restore":9}"#;
+        let Ok(Request::Hello(hello)) = Request::parse(full) else { panic!("a hello") };
+        assert_eq!(hello.mood, Some(MoodName(Mood::Joy)));
+        assert_eq!((hello.output, hello.voice, hello.seed), (Output::Packets, VoiceKind::Live, u64::MAX));
+        for (text, part) in [
+            (r#"{"type":"hello","rat":1}"#, "rat"),
+            (r#"{"type":"hello","rate":"fast"}"#, "fast"),
+            (r#"{"type":"hello","rate":-1}"#, "-1"),
+            (r#"{"type":"hello","output":"film"}"#, "film"),
+            (r#"{"type":"hello","mood":"happy"}"#, "joy"),
+            (r#"{"type":"greet"}"#, "greet"),
+            (r#"{"rate":1}"#, "type"),
+            ("", "EOF"),
+            ("[[[[", "sequence"),
+        ] {
+            let error = Request::parse(text).unwrap_err();
+            assert!(error.contains(part), "{text}: {error}");
+        }
+    }
+
+    #[test]
+    fn commands_are_read() {
+        assert_eq!(Request::parse(r#"{"type":"finish"}"#), Ok(Request::Finish));
+        assert_eq!(Request::parse(r#"{"type":"interrupt","ease":0.25}"#), Ok(Request::Interrupt { ease: 0.25 }));
+        let look = Request::parse(r#"{"type":"look_at","point":[0,1.5,2]}"#);
+        assert_eq!(look, Ok(Request::LookAt { point: [0.0, 1.5, 2.0], strength: 1.0 }));
+        let Ok(Request::Gesture { name, side, at, .. }) =
+            Request::parse(r#"{"type":"gesture","name":"wave","side":"left","at":2.5}"#)
+        else {
+            panic!("a gesture")
+        };
+        assert_eq!((name.as_str(), side, at), ("wave", SideName::Left, Some(2.5)));
+        assert!(Request::parse(r#"{"type":"mood","mood":"sad","strngth":1}"#).is_err());
+    }
+
+    #[test]
+    fn replies_are_json_with_a_type() {
+        let text = Reply::Error { code: Code::Full.name(), reason: "a \"reason\"" }.text();
+        assert_eq!(text, r#"{"type":"error","code":"full","reason":"a \"reason\""}"#);
+        assert!(Reply::Done { frames: 3, late_frames: 0 }.text().starts_with(r#"{"type":"done","frames":3"#));
+    }
+}

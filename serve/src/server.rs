@@ -1,0 +1,300 @@
+//! Sockets, routes, and the end.
+
+use std::fmt;
+use std::io;
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::Router;
+use axum::extract::{Extension, State, WebSocketUpgrade};
+use axum::http::{HeaderMap, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use axum::routing::get;
+use hyper::server::conn::http1;
+use hyper_util::rt::{TokioIo, TokioTimer};
+use hyper_util::service::TowerToHyperService;
+use tokio::net::{TcpListener, TcpStream, ToSocketAddrs};
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+use tokio::time::{Instant, sleep, timeout};
+use umo_core::{Engine, EngineConfig, EngineError, MAX_SESSIONS, Model, Threads};
+
+use crate::config::Config;
+use crate::hub::{Hub, Phase};
+use crate::metrics::Metrics;
+use crate::protocol::MOST_BYTES;
+use crate::session::{self, Client, Shared};
+
+/// Bytes that are read from a socket at a time.
+const READ: usize = 8 << 10;
+/// Time after the last session for the last words.
+const FAREWELL: Duration = Duration::from_secs(3);
+/// Time until a connection is tried again that the system refused.
+const RETRY: Duration = Duration::from_millis(50);
+/// Threads for the sockets: they wait, and copy frames.
+const SOCKET_THREADS: usize = 2;
+
+/// Why a server does not start, or stops.
+#[derive(Debug)]
+pub enum ServerError {
+    /// An option is out of its range.
+    Config(String),
+    /// There is no engine.
+    Engine(EngineError),
+    /// The address cannot be used, or the system gives no threads.
+    System(String, io::Error),
+}
+
+impl fmt::Display for ServerError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Config(problem) => f.write_str(problem),
+            Self::Engine(error) => write!(f, "{error}"),
+            Self::System(what, error) => write!(f, "{what}: {error}"),
+        }
+    }
+}
+
+impl std::error::Error for ServerError {
+    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        match self {
+            Self::Config(_) => None,
+            Self::Engine(error) => Some(error),
+            Self::System(_, error) => Some(error),
+        }
+    }
+}
+
+/// A server that listens.
+#[derive(Debug)]
+pub struct Server {
+    listener: TcpListener,
+    address: SocketAddr,
+    shared: Arc<Shared>,
+}
+
+/// A connection, as long as anything of it is left.
+#[derive(Clone, Debug)]
+struct Connection {
+    peer: SocketAddr,
+    _permit: Arc<OwnedSemaphorePermit>,
+}
+
+impl Server {
+    /// Listens at `address`, with an engine for `model`.
+    ///
+    /// # Errors
+    /// [`ServerError`] where an option is out of its range, the address cannot be used, or the engine
+    /// gets no threads or memory.
+    pub async fn bind(address: impl ToSocketAddrs, config: Config, model: Arc<Model>) -> Result<Self, ServerError> {
+        config.check().map_err(ServerError::Config)?;
+        let engine = EngineConfig {
+            threads: Threads::Own(config.threads),
+            // A session that has gone is in the engine for the rest of its batch.
+            max_sessions: (config.sessions + config.max_batch).min(MAX_SESSIONS),
+            max_batch: config.max_batch,
+            ..EngineConfig::default()
+        };
+        let engine = Engine::new(model, &engine).map_err(ServerError::Engine)?;
+        let unusable = |error| ServerError::System("cannot listen at this address".to_owned(), error);
+        let listener = TcpListener::bind(address).await.map_err(unusable)?;
+        let address = listener.local_addr().map_err(unusable)?;
+        let hub = Hub::new(config.sessions, config.per_client);
+        let shared = Arc::new(Shared { hub, engine, metrics: Metrics::new(), config });
+        Ok(Self { listener, address, shared })
+    }
+
+    /// Where it listens.
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// Serves until `stop` is done, then lets those that are there finish within [`Config::drain`].
+    pub async fn run(self, stop: impl Future<Output = ()>) {
+        let Self { listener, shared, .. } = self;
+        let connections = shared.config.connections();
+        let permits = Arc::new(Semaphore::new(connections));
+        let accepting = accept(&listener, &shared, &permits);
+        tokio::pin!(accepting);
+        tokio::select! {
+            () = stop => {}
+            () = &mut accepting => {}
+        }
+        shared.hub.drain(Instant::now() + shared.config.drain);
+        // Whoever comes now is told why it is refused.
+        tokio::select! {
+            () = shared.hub.empty() => {}
+            () = &mut accepting => {}
+        }
+        let all = u32::try_from(connections).unwrap_or(u32::MAX);
+        let _ = timeout(FAREWELL, permits.acquire_many(all)).await;
+    }
+}
+
+async fn accept(listener: &TcpListener, shared: &Arc<Shared>, permits: &Arc<Semaphore>) {
+    let routes = Router::new()
+        .route("/v1/session", get(upgrade))
+        .route("/healthz", get(health))
+        .route("/metrics", get(metrics))
+        .with_state(Arc::clone(shared));
+    loop {
+        let (socket, peer) = match listener.accept().await {
+            Ok(accepted) => accepted,
+            Err(_) => {
+                // No file is left for it, or the client has gone already.
+                sleep(RETRY).await;
+                continue;
+            }
+        };
+        let Ok(permit) = Arc::clone(permits).try_acquire_owned() else {
+            shared.metrics.refused("connections");
+            continue;
+        };
+        // Frames are small and urgent.
+        let _ = socket.set_nodelay(true);
+        let connection = Connection { peer, _permit: Arc::new(permit) };
+        tokio::spawn(connected(socket, routes.clone().layer(Extension(connection)), shared.config.hello_within));
+    }
+}
+
+/// One connection, until it is a WebSocket or closed.
+async fn connected(socket: TcpStream, routes: Router, within: Duration) {
+    let service = TowerToHyperService::new(routes);
+    let mut http = http1::Builder::new();
+    http.timer(TokioTimer::new()).header_read_timeout(within);
+    // What a client does wrong ends its own connection.
+    let _ = http.serve_connection(TokioIo::new(socket), service).with_upgrades().await;
+}
+
+async fn upgrade(
+    State(shared): State<Arc<Shared>>,
+    Extension(connection): Extension<Connection>,
+    headers: HeaderMap,
+    socket: WebSocketUpgrade,
+) -> Response {
+    let bearer = bearer(&headers);
+    let name = bearer.and_then(|token| shared.config.tokens.name(token)).map(str::to_owned);
+    if bearer.is_some() && name.is_none() && !shared.config.tokens.is_empty() {
+        shared.metrics.refused("unauthorized");
+        return (StatusCode::UNAUTHORIZED, "no token that this server knows\n").into_response();
+    }
+    let client = Client { name, address: address(&headers, &connection, shared.config.is_behind_proxy) };
+    socket.max_message_size(MOST_BYTES).max_frame_size(MOST_BYTES).read_buffer_size(READ).on_upgrade(
+        async move |socket| {
+            session::run(socket, client, shared).await;
+            drop(connection);
+        },
+    )
+}
+
+/// The token of `Authorization: Bearer TOKEN`.
+fn bearer(headers: &HeaderMap) -> Option<&str> {
+    let (scheme, token) = headers.get(header::AUTHORIZATION)?.to_str().ok()?.split_once(' ')?;
+    scheme.eq_ignore_ascii_case("bearer").then(|| token.trim())
+}
+
+/// The client's address: the last that a proxy wrote, as those before it are the client's own words.
+fn address(headers: &HeaderMap, connection: &Connection, is_behind_proxy: bool) -> String {
+    let written = headers.get_all("x-forwarded-for").iter().next_back().and_then(|value| value.to_str().ok());
+    let last = written.and_then(|list| list.rsplit(',').next()).map(str::trim).filter(|_| is_behind_proxy);
+    last.map_or_else(|| connection.peer.ip().to_string(), str::to_owned)
+}
+
+async fn health(State(shared): State<Arc<Shared>>) -> Response {
+    let is_draining = is_draining(&shared);
+    let status = if is_draining { StatusCode::SERVICE_UNAVAILABLE } else { StatusCode::OK };
+    let health = serde_json::json!({
+        "status": if is_draining { "draining" } else { "ok" },
+        "sessions": shared.hub.sessions(),
+        "places": shared.hub.places(),
+        "version": env!("CARGO_PKG_VERSION"),
+    });
+    (status, [(header::CONTENT_TYPE, "application/json")], health.to_string()).into_response()
+}
+
+async fn metrics(State(shared): State<Arc<Shared>>) -> Response {
+    let text = shared.metrics.text(shared.hub.sessions(), shared.hub.places(), is_draining(&shared));
+    ([(header::CONTENT_TYPE, "application/openmetrics-text; version=1.0.0; charset=utf-8")], text).into_response()
+}
+
+fn is_draining(shared: &Shared) -> bool {
+    *shared.hub.phase().borrow() != Phase::Open
+}
+
+/// Serves at `address` until the process is told to stop (SIGTERM, or Ctrl-C): what `umo serve` does.
+///
+/// # Errors
+/// As [`Server::bind`], and where the system gives no threads or signals.
+pub fn run(address: &str, config: Config, model: Arc<Model>) -> Result<(), ServerError> {
+    let system = |what: &str| {
+        let what = what.to_owned();
+        move |error| ServerError::System(what, error)
+    };
+    let mut runtime = tokio::runtime::Builder::new_multi_thread();
+    let runtime = runtime.worker_threads(SOCKET_THREADS).thread_name("umo-serve").enable_all().build();
+    runtime.map_err(system("cannot start threads"))?.block_on(async {
+        let stop = told_to_stop().map_err(system("cannot listen to signals"))?;
+        let (sessions, drain) = (config.sessions, config.drain);
+        let server = Server::bind(address, config, model).await?;
+        eprintln!("listening at {}, {sessions} places", server.address());
+        server
+            .run(async {
+                stop.await;
+                eprintln!("stopping: those that are here have {} seconds", drain.as_secs_f64());
+            })
+            .await;
+        Ok(())
+    })
+}
+
+/// Done when the process is told to stop.
+#[cfg(unix)]
+fn told_to_stop() -> io::Result<impl Future<Output = ()>> {
+    use tokio::signal::unix::{SignalKind, signal};
+    let (mut terminate, mut interrupt) = (signal(SignalKind::terminate())?, signal(SignalKind::interrupt())?);
+    Ok(async move {
+        tokio::select! {
+            _ = terminate.recv() => {}
+            _ = interrupt.recv() => {}
+        }
+    })
+}
+
+/// Done when the process is told to stop.
+#[cfg(not(unix))]
+fn told_to_stop() -> io::Result<impl Future<Output = ()>> {
+    Ok(async {
+        // Without signals it serves until it is ended.
+        if tokio::signal::ctrl_c().await.is_err() {
+            std::future::pending::<()>().await;
+        }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn addresses_are_the_proxys_word_only_where_there_is_one() {
+        let permit = Arc::new(Semaphore::new(1)).try_acquire_owned().unwrap();
+        let connection = Connection { peer: "192.0.2.1:5".parse().unwrap(), _permit: Arc::new(permit) };
+        let mut headers = HeaderMap::new();
+        assert_eq!(address(&headers, &connection, true), "192.0.2.1");
+        headers.append("x-forwarded-for", "10.0.0.1, 198.51.100.7".parse().unwrap());
+        assert_eq!(address(&headers, &connection, true), "198.51.100.7");
+        assert_eq!(address(&headers, &connection, false), "192.0.2.1");
+    }
+
+    #[test]
+    fn bearer_tokens_are_read_and_nothing_else() {
+        let read = |value: &str| {
+            let headers = HeaderMap::from_iter([(header::AUTHORIZATION, value.parse().unwrap())]);
+            bearer(&headers).map(str::to_owned)
+        };
+        assert_eq!(read("Bearer abc"), Some("abc".to_owned()));
+        assert_eq!(read("bearer abc"), Some("abc".to_owned()));
+        assert_eq!(read("Basic abc"), None);
+        assert_eq!(read("abc"), None);
+    }
+}

@@ -1,0 +1,546 @@
+//! One client, from its hello to its end.
+//!
+//! | module | part |
+//! |---|---|
+//! | `settings` | what a hello asks for, as settings of a session |
+//! | `audio` | samples that wait, and how soon they may be computed |
+//! | `writer` | the writing half of the socket |
+
+mod audio;
+mod settings;
+mod writer;
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::extract::ws::{Message, WebSocket};
+use futures_util::StreamExt;
+use futures_util::stream::SplitStream;
+use tokio::sync::watch;
+use tokio::time::{Instant, MissedTickBehavior, interval, timeout};
+use umo_core::{Engine, EngineError, Session, SessionError};
+
+use crate::config::Config;
+use crate::hub::{Hub, Phase, Place, Refusal};
+use crate::metrics::Metrics;
+use crate::protocol::{self, Code, FrameMessage, Hello, Output, PACKET, Ready, Reply, Request, STATE};
+use audio::Audio;
+use writer::{Writer, Written};
+
+/// How often the engine is asked for what is ready.
+const TICK: Duration = Duration::from_millis(10);
+/// Most frames of a message.
+const FRAMES_AT_ONCE: usize = 32;
+/// Time for the client's half of the closing.
+const FAREWELL: Duration = Duration::from_secs(2);
+
+/// What all sessions of a server share.
+#[derive(Debug)]
+pub(crate) struct Shared {
+    pub(crate) config: Config,
+    pub(crate) engine: Engine,
+    pub(crate) hub: Arc<Hub>,
+    pub(crate) metrics: Metrics,
+}
+
+/// Who asks.
+#[derive(Debug)]
+pub(crate) struct Client {
+    /// The name of the token in its request, if there was one.
+    pub(crate) name: Option<String>,
+    pub(crate) address: String,
+}
+
+/// Why a session is over.
+#[derive(Debug, PartialEq, Eq)]
+enum End {
+    /// The client closed, or its connection broke.
+    Left,
+    /// The server ends it.
+    Because(Code, String),
+}
+
+impl End {
+    fn bad(reason: impl ToString) -> Self {
+        Self::Because(Code::BadRequest, reason.to_string())
+    }
+
+    fn internal(reason: impl ToString) -> Self {
+        Self::Because(Code::Internal, reason.to_string())
+    }
+
+    const fn word(&self) -> &'static str {
+        match self {
+            Self::Left => "closed",
+            Self::Because(code, _) => code.name(),
+        }
+    }
+}
+
+impl From<Refusal> for End {
+    fn from(refusal: Refusal) -> Self {
+        match refusal {
+            Refusal::Full { places } => {
+                Self::Because(Code::Full, format!("all {places} places are taken: try another server, or later"))
+            }
+            Refusal::ClientLimit { places } => {
+                Self::Because(Code::ClientLimit, format!("this client has all {places} sessions that it may have"))
+            }
+            Refusal::Draining => {
+                Self::Because(Code::Draining, "the server stops: try another one, or later".to_owned())
+            }
+        }
+    }
+}
+
+/// Serves one client.
+pub(crate) async fn run(socket: WebSocket, client: Client, shared: Arc<Shared>) {
+    let (sink, mut stream) = socket.split();
+    let writer = Writer::new(sink, shared.config.stall);
+    let (end, has_begun) = match admit(&mut stream, &client, &shared).await {
+        Ok((hello, place)) => {
+            let end = with_place(&hello, &mut stream, &writer, &shared).await;
+            // Another client may come while this one is told why it goes.
+            drop(place);
+            end
+        }
+        Err(end) => (end, false),
+    };
+    let closing = writer.finish().await;
+    let end = match (end, closing.written) {
+        (End::Left, Written::Stalled) => End::Because(Code::SlowReader, "the client does not read".to_owned()),
+        (end, _) => end,
+    };
+    if has_begun {
+        shared.metrics.ended(end.word());
+    } else {
+        shared.metrics.refused(end.word());
+    }
+    if let End::Because(code, reason) = end {
+        closing.close(code, &reason).await;
+    }
+    // Reading answers the client's close. What was sent and not read here would reset the connection, and
+    // the reason with it.
+    let _ = timeout(FAREWELL, async { while let Some(Ok(_)) = stream.next().await {} }).await;
+}
+
+/// The hello, and a place for who may have one.
+async fn admit(stream: &mut SplitStream<WebSocket>, client: &Client, shared: &Shared) -> Result<(Hello, Place), End> {
+    let within = shared.config.hello_within;
+    let late = |_| End::bad(format!("no hello within {} seconds", within.as_secs_f64()));
+    let hello = timeout(within, first(stream)).await.map_err(late)??;
+    let tokens = &shared.config.tokens;
+    let name = if tokens.is_empty() {
+        &client.address
+    } else {
+        let named = hello.token.as_deref().and_then(|token| tokens.name(token));
+        let unknown = || End::Because(Code::Unauthorized, "no token, or none that this server knows".to_owned());
+        client.name.as_deref().or(named).ok_or_else(unknown)?
+    };
+    if hello.version != protocol::VERSION {
+        return Err(End::bad(format!("version {}: this server speaks {}", hello.version, protocol::VERSION)));
+    }
+    let place = shared.hub.take(name)?;
+    Ok((hello, place))
+}
+
+/// The first message that is no ping.
+async fn first(stream: &mut SplitStream<WebSocket>) -> Result<Hello, End> {
+    loop {
+        match next(stream).await? {
+            Message::Text(text) => {
+                return match Request::parse(&text).map_err(End::bad)? {
+                    Request::Hello(hello) => Ok(hello),
+                    _ => Err(End::bad("the first message must be a hello")),
+                };
+            }
+            Message::Binary(_) => return Err(End::bad("the first message must be a hello, as text")),
+            Message::Ping(_) | Message::Pong(_) => {}
+            Message::Close(_) => return Err(End::Left),
+        }
+    }
+}
+
+/// The next message; what is no WebSocket ends the session with a reason.
+async fn next(stream: &mut SplitStream<WebSocket>) -> Result<Message, End> {
+    match stream.next().await {
+        Some(Ok(message)) => Ok(message),
+        Some(Err(error)) => Err(broken(&error)),
+        None => Err(End::Left),
+    }
+}
+
+/// A connection that broke, or bytes that are no message.
+fn broken(error: &axum::Error) -> End {
+    let text = error.to_string();
+    // A text that is no UTF-8 and a message that is too long have these words in axum's error.
+    if ["UTF-8", "utf-8", "too long", "too big"].iter().any(|word| text.contains(word)) {
+        return End::bad(text);
+    }
+    End::Left
+}
+
+/// A session for a hello, to its end; whether it began.
+async fn with_place(
+    hello: &Hello,
+    stream: &mut SplitStream<WebSocket>,
+    writer: &Writer,
+    shared: &Arc<Shared>,
+) -> (End, bool) {
+    let session = match begin(hello, stream, shared).await {
+        Ok(session) => session,
+        Err(end) => return (end, false),
+    };
+    shared.metrics.started.inc();
+    let config = &shared.config;
+    let mut live = Live {
+        audio: Audio::new(hello.rate, config.buffer, config.ahead, Instant::now()),
+        shared: Arc::clone(shared),
+        rate: hello.rate,
+        output: hello.output,
+        wants_handover: hello.handover,
+        speech: Speech::Open,
+        saving: Saving::No,
+        frames: 0,
+        // A restored session has the statistics of its first server.
+        late_frames: session.stats().late_frames,
+        session,
+        packet: Vec::new(),
+        heard: Instant::now(),
+        active: Instant::now(),
+    };
+    let end = match live.ready(hello, writer).await {
+        Ok(()) => live.run(stream, writer).await.unwrap_or_else(|end| end),
+        Err(end) => end,
+    };
+    live.count_late();
+    (end, true)
+}
+
+/// Makes the session, with the state that the client sends where it said so.
+async fn begin(hello: &Hello, stream: &mut SplitStream<WebSocket>, shared: &Arc<Shared>) -> Result<Session, End> {
+    let settings = settings::of(hello, shared.engine.model()).map_err(End::bad)?;
+    let maker = Arc::clone(shared);
+    let made = tokio::task::spawn_blocking(move || maker.engine.session(&settings)).await.map_err(End::internal)?;
+    let session = made.map_err(|error| match error {
+        EngineError::Config(_) => End::bad(error),
+        EngineError::Full { .. } => End::from(Refusal::Full { places: shared.config.sessions }),
+        _ => End::internal(error),
+    })?;
+    if let Some(bytes) = hello.restore {
+        let within = shared.config.hello_within;
+        let late = |_| End::bad(format!("the state did not come within {} seconds", within.as_secs_f64()));
+        let state = timeout(within, state(stream, bytes, session.state_size())).await.map_err(late)??;
+        session.restore(&state).map_err(End::bad)?;
+        shared.metrics.restored.inc();
+    } else if let Some(mood) = hello.mood {
+        session.set_mood(mood.0, hello.mood_strength).map_err(End::bad)?;
+    }
+    Ok(session)
+}
+
+/// A state of so many bytes, in binary messages.
+async fn state(stream: &mut SplitStream<WebSocket>, bytes: usize, most: usize) -> Result<Vec<u8>, End> {
+    if bytes > most {
+        return Err(End::bad(format!("restore {bytes}: a state of such a session has {most} bytes at most")));
+    }
+    let mut state = Vec::with_capacity(bytes);
+    while state.len() < bytes {
+        match next(stream).await? {
+            Message::Binary(piece) if state.len() + piece.len() <= bytes => state.extend_from_slice(&piece),
+            Message::Binary(_) => return Err(End::bad(format!("more than the {bytes} bytes of the state"))),
+            Message::Text(_) => return Err(End::bad("the bytes of the state must come before anything else")),
+            Message::Ping(_) | Message::Pong(_) => {}
+            Message::Close(_) => return Err(End::Left),
+        }
+    }
+    Ok(state)
+}
+
+/// How far a speech is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Speech {
+    /// Audio may come.
+    Open,
+    /// The client said that no more comes.
+    Ending,
+    /// The engine knows it, too.
+    Ended,
+    /// Everything was sent.
+    Done,
+}
+
+/// Whether the session's state is wanted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Saving {
+    No,
+    Copy,
+    Handover,
+}
+
+/// A session under way.
+#[derive(Debug)]
+struct Live {
+    session: Session,
+    shared: Arc<Shared>,
+    rate: usize,
+    output: Output,
+    wants_handover: bool,
+    audio: Audio,
+    speech: Speech,
+    saving: Saving,
+    /// Frames sent.
+    frames: u64,
+    /// Late frames that the metrics know of.
+    late_frames: u64,
+    /// Room for a packet.
+    packet: Vec<u8>,
+    /// When anything came.
+    heard: Instant,
+    /// When audio or a command came, or there was something to compute.
+    active: Instant,
+}
+
+impl Live {
+    async fn ready(&mut self, hello: &Hello, writer: &Writer) -> Result<(), End> {
+        let model = self.shared.engine.model();
+        let (config, latency) = (model.config(), self.session.latency());
+        self.packet = vec![0; self.session.packet_size()];
+        let ready = Ready {
+            version: protocol::VERSION,
+            model: &config.name,
+            rate: hello.rate,
+            output: hello.output,
+            frame_rate: config.frame_rate,
+            joints: umo_core::JOINTS,
+            face: &config.face.names,
+            floats: protocol::floats(config.face.names.len()),
+            chunk_frames: hello.target.unwrap_or(config.target) * config.keyframe_stride,
+            latency_samples: latency.algorithmic_samples,
+            mouth_samples: latency.mouth_samples,
+            state_bytes: self.session.state_size(),
+        };
+        self.say(writer, &Reply::Ready(ready)).await
+    }
+
+    async fn say(&self, writer: &Writer, reply: &Reply<'_>) -> Result<(), End> {
+        if writer.send(Message::Text(reply.text().into())).await { Ok(()) } else { Err(End::Left) }
+    }
+
+    async fn run(&mut self, stream: &mut SplitStream<WebSocket>, writer: &Writer) -> Result<End, End> {
+        let mut phase = self.shared.hub.phase();
+        let mut tick = interval(TICK);
+        tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let heartbeat = self.shared.config.heartbeat;
+        let mut ping = Instant::now() + heartbeat;
+        loop {
+            tokio::select! {
+                message = next(stream), if self.audio.has_room() => self.message(message?)?,
+                _ = tick.tick() => {
+                    let now = Instant::now();
+                    if let Some(end) = self.turn(now, &mut phase, writer).await? {
+                        return Ok(end);
+                    }
+                    if now >= ping {
+                        ping = now + heartbeat;
+                        // Where there is no room, what is queued shows whether the client lives.
+                        if let Some(place) = writer.place() {
+                            place.send(Message::Ping(Vec::new().into()));
+                        }
+                    }
+                }
+                () = writer.ended() => return Ok(End::Left),
+            }
+        }
+    }
+
+    /// A message of the client.
+    fn message(&mut self, message: Message) -> Result<(), End> {
+        self.heard = Instant::now();
+        match message {
+            Message::Ping(_) | Message::Pong(_) => return Ok(()),
+            Message::Close(_) => return Err(End::Left),
+            Message::Binary(bytes) => {
+                if self.speech != Speech::Open {
+                    return Err(End::bad("audio after `finish`: an `interrupt` begins another speech"));
+                }
+                self.audio.extend(&bytes);
+            }
+            Message::Text(text) => self.request(Request::parse(&text).map_err(End::bad)?)?,
+        }
+        self.active = self.heard;
+        Ok(())
+    }
+
+    fn request(&mut self, request: Request) -> Result<(), End> {
+        if self.output == Output::Packets
+            && matches!(request, Request::Mood { .. } | Request::Gesture { .. } | Request::LookAt { .. })
+        {
+            return Err(End::bad(settings::NOT_IN_PACKETS));
+        }
+        let session = &self.session;
+        match request {
+            Request::Hello(_) => return Err(End::bad("a second hello")),
+            Request::Finish if self.speech == Speech::Open => self.speech = Speech::Ending,
+            Request::Finish => {}
+            Request::Interrupt { ease } => {
+                let ease = Duration::try_from_secs_f64(ease).map_err(End::bad)?;
+                session.interrupt(ease).map_err(of_session)?;
+                self.audio.clear();
+                self.speech = Speech::Open;
+            }
+            Request::Mood { mood, strength } => session.set_mood(mood.0, strength).map_err(of_session)?,
+            Request::Gesture { name, at, speed, strength, side, target } => {
+                let options = protocol::gesture_options(at, (speed, strength), side, target);
+                session.play_gesture(&name, &options).map_err(of_session)?;
+            }
+            Request::LookAt { point, strength } => session.look_at(point, strength).map_err(of_session)?,
+            Request::Save if self.saving == Saving::No => self.saving = Saving::Copy,
+            Request::Save => {}
+        }
+        Ok(())
+    }
+
+    /// What there is to do now; says whether the session is over.
+    async fn turn(
+        &mut self,
+        now: Instant,
+        phase: &mut watch::Receiver<Phase>,
+        writer: &Writer,
+    ) -> Result<Option<End>, End> {
+        let phase = *phase.borrow_and_update();
+        if matches!(phase, Phase::Draining(_)) && self.wants_handover {
+            self.saving = Saving::Handover;
+        }
+        if self.saving == Saving::No {
+            self.push(now)?;
+            self.pull(writer)?;
+            if self.speech == Speech::Ended && self.session.is_done().or_else(later(false))? {
+                self.speech = Speech::Done;
+                let late_frames = self.session.stats().late_frames;
+                self.say(writer, &Reply::Done { frames: self.frames, late_frames }).await?;
+            }
+        } else if self.save(writer).await? {
+            self.active = now;
+            if self.saving == Saving::Handover {
+                self.shared.metrics.handed_over.inc();
+                let reason = "the server stops: restore the state elsewhere".to_owned();
+                return Ok(Some(End::Because(Code::Draining, reason)));
+            }
+            self.saving = Saving::No;
+        }
+        self.count_late();
+        if let Phase::Draining(deadline) = phase
+            && (now >= deadline || self.speech == Speech::Done)
+        {
+            return Ok(Some(End::Because(Code::Draining, "the server stops".to_owned())));
+        }
+        Ok(self.overdue(now))
+    }
+
+    /// Gives the engine what it may compute by now.
+    fn push(&mut self, now: Instant) -> Result<(), End> {
+        let Self { audio, session, .. } = self;
+        let taken = audio.push(now, |samples| match session.push_audio_i16(samples) {
+            Ok(pushed) => Ok(pushed.taken),
+            Err(error) => later(0)(error),
+        })?;
+        self.shared.metrics.took(taken, self.rate);
+        if taken > 0 {
+            self.active = now;
+        }
+        if self.speech == Speech::Ending && self.audio.is_empty() {
+            match self.session.finish() {
+                Ok(()) => self.speech = Speech::Ended,
+                Err(error) => later(())(error)?,
+            }
+        }
+        Ok(())
+    }
+
+    /// Queues what is ready, as long as the queue has places.
+    fn pull(&mut self, writer: &Writer) -> Result<(), End> {
+        let metrics = &self.shared.metrics;
+        while let Some(place) = writer.place() {
+            let bytes = match self.output {
+                Output::Frames => {
+                    let floats = protocol::floats(self.shared.engine.model().config().face.names.len());
+                    let mut message = None;
+                    let pulled = self.session.pull_frames(FRAMES_AT_ONCE, |frame| {
+                        message.get_or_insert_with(|| FrameMessage::new(floats, FRAMES_AT_ONCE)).push(&frame);
+                    });
+                    pulled.or_else(later(0))?;
+                    let Some(message) = message else { break };
+                    let (bytes, count) = message.finish();
+                    self.frames += count;
+                    metrics.frames.inc_by(count);
+                    bytes
+                }
+                Output::Packets => {
+                    let mut length = [0];
+                    if self.session.pull_packets(&mut self.packet, &mut length).or_else(later(0))? == 0 {
+                        break;
+                    }
+                    metrics.packets.inc();
+                    std::iter::once(PACKET).chain(self.packet[..length[0]].iter().copied()).collect()
+                }
+            };
+            metrics.sent(bytes.len());
+            place.send(Message::Binary(bytes.into()));
+        }
+        Ok(())
+    }
+
+    /// Sends the state, unless the engine computes for this session at this moment.
+    async fn save(&self, writer: &Writer) -> Result<bool, End> {
+        let mut bytes = vec![0; 1 + self.session.state_size()];
+        bytes[0] = STATE;
+        let length = match self.session.save(&mut bytes[1..]) {
+            Ok(length) => length,
+            Err(error) => return later(false)(error),
+        };
+        bytes.truncate(1 + length);
+        let is_handover = self.saving == Saving::Handover;
+        self.say(writer, &Reply::State { samples: self.audio.used, bytes: length, is_handover }).await?;
+        self.shared.metrics.sent(bytes.len());
+        if writer.send(Message::Binary(bytes.into())).await { Ok(true) } else { Err(End::Left) }
+    }
+
+    fn count_late(&mut self) {
+        let late_frames = self.session.stats().late_frames;
+        self.shared.metrics.late_frames.inc_by(late_frames.saturating_sub(self.late_frames));
+        self.late_frames = late_frames;
+    }
+
+    /// Whether the client has gone, or does nothing.
+    fn overdue(&mut self, now: Instant) -> Option<End> {
+        let Config { heartbeat, idle, .. } = self.shared.config;
+        if !self.audio.has_room() {
+            // Nothing is read at present.
+            (self.heard, self.active) = (now, now);
+        } else if now - self.heard > 2 * heartbeat {
+            let reason = format!("nothing came for {} seconds, no answer to a ping either", 2 * heartbeat.as_secs());
+            return Some(End::Because(Code::Silent, reason));
+        } else if now - self.active > idle {
+            let reason = format!("no audio and no command for {} seconds", idle.as_secs_f64());
+            return Some(End::Because(Code::Idle, reason));
+        }
+        None
+    }
+}
+
+/// A call that is to be made again takes nothing; every other error ends the session.
+fn later<T>(nothing: T) -> impl FnOnce(SessionError) -> Result<T, End> {
+    move |error| match error {
+        SessionError::Busy(_) => Ok(nothing),
+        error => Err(of_session(error)),
+    }
+}
+
+/// Whose fault it is.
+fn of_session(error: SessionError) -> End {
+    match error {
+        SessionError::Range(_) | SessionError::UnknownGesture | SessionError::GesturesFull => End::bad(error),
+        _ => End::internal(error),
+    }
+}

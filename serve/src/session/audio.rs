@@ -1,0 +1,172 @@
+//! Audio of a client that waits for the engine, and how soon it may be computed.
+
+use std::collections::VecDeque;
+use std::time::Duration;
+
+use tokio::time::Instant;
+
+/// Samples out of bytes, in whatever pieces they come.
+#[derive(Debug)]
+pub(super) struct Audio {
+    waiting: VecDeque<i16>,
+    /// The first byte of a sample whose second has not come.
+    half: Option<u8>,
+    /// Samples that may wait before no more is read.
+    room: usize,
+    pace: Option<Pace>,
+    /// Samples that the session took, or that an interrupt dropped.
+    pub(super) used: u64,
+}
+
+impl Audio {
+    pub(super) fn new(rate: usize, buffer: Duration, ahead: Duration, now: Instant) -> Self {
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a day at most, and positive")]
+        let room = (buffer.as_secs_f64() * rate as f64) as usize;
+        let pace = (!ahead.is_zero()).then(|| Pace::new(rate, ahead, now));
+        Self { waiting: VecDeque::new(), half: None, room, pace, used: 0 }
+    }
+
+    /// Takes the bytes of a message.
+    pub(super) fn extend(&mut self, bytes: &[u8]) {
+        let mut bytes = bytes.iter().copied();
+        while let Some(low) = self.half.take().or_else(|| bytes.next()) {
+            let Some(high) = bytes.next() else {
+                self.half = Some(low);
+                return;
+            };
+            self.waiting.push_back(i16::from_le_bytes([low, high]));
+        }
+    }
+
+    /// Whether more may come.
+    pub(super) fn has_room(&self) -> bool {
+        self.waiting.len() < self.room
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.waiting.is_empty()
+    }
+
+    /// Drops what waits.
+    pub(super) fn clear(&mut self) {
+        self.used += self.waiting.len() as u64;
+        self.waiting.clear();
+        self.half = None;
+    }
+
+    /// Gives what may be computed by now to `push`, which says how many samples it took; says how many
+    /// those were in all.
+    pub(super) fn push<E>(
+        &mut self,
+        now: Instant,
+        mut push: impl FnMut(&[i16]) -> Result<usize, E>,
+    ) -> Result<usize, E> {
+        let mut all = 0;
+        let mut allowed = self.pace.as_mut().map_or(usize::MAX, |pace| pace.allowed(now));
+        while allowed > 0 && !self.waiting.is_empty() {
+            let samples = self.waiting.as_slices().0;
+            let samples = &samples[..samples.len().min(allowed)];
+            let (offered, taken) = (samples.len(), push(samples)?);
+            self.waiting.drain(..taken);
+            if let Some(pace) = &mut self.pace {
+                pace.spend(taken);
+            }
+            self.used += taken as u64;
+            all += taken;
+            allowed -= taken;
+            if taken < offered {
+                break;
+            }
+        }
+        Ok(all)
+    }
+}
+
+/// Samples that may be computed: as many a second as are heard in one, and some ahead.
+#[derive(Debug)]
+struct Pace {
+    rate: f64,
+    most: f64,
+    credit: f64,
+    at: Instant,
+}
+
+impl Pace {
+    fn new(rate: usize, ahead: Duration, now: Instant) -> Self {
+        let most = ahead.as_secs_f64() * rate as f64;
+        Self { rate: rate as f64, most, credit: most, at: now }
+    }
+
+    fn allowed(&mut self, now: Instant) -> usize {
+        let passed = now.saturating_duration_since(self.at).as_secs_f64();
+        self.at = now;
+        self.credit = (self.credit + passed * self.rate).min(self.most);
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a day at most; never below 0")]
+        let allowed = self.credit.max(0.0) as usize;
+        allowed
+    }
+
+    fn spend(&mut self, samples: usize) {
+        self.credit -= samples as f64;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SECOND: Duration = Duration::from_secs(1);
+
+    fn take_all(audio: &mut Audio, now: Instant) -> Vec<i16> {
+        let mut taken = Vec::new();
+        audio
+            .push(now, |samples| {
+                taken.extend_from_slice(samples);
+                Ok::<_, ()>(samples.len())
+            })
+            .unwrap();
+        taken
+    }
+
+    #[test]
+    fn bytes_are_samples_in_whatever_pieces_they_come() {
+        let now = Instant::now();
+        let samples: Vec<i16> = (0..400).map(|i| i * 81 - 16_000).collect();
+        let bytes: Vec<u8> = samples.iter().flat_map(|sample| sample.to_le_bytes()).collect();
+        for piece in [1, 2, 3, 7, 800] {
+            let mut audio = Audio::new(16_000, SECOND, Duration::ZERO, now);
+            bytes.chunks(piece).for_each(|piece| audio.extend(piece));
+            assert_eq!(take_all(&mut audio, now), samples, "pieces of {piece}");
+            assert_eq!((audio.used, audio.half), (400, None));
+        }
+    }
+
+    #[test]
+    fn a_recording_that_comes_at_once_is_computed_at_its_own_pace() {
+        let now = Instant::now();
+        let mut audio = Audio::new(8_000, 30 * SECOND, 2 * SECOND, now);
+        audio.extend(&vec![0; 2 * 80_000]);
+        assert_eq!(take_all(&mut audio, now).len(), 16_000);
+        assert_eq!(take_all(&mut audio, now).len(), 0);
+        assert_eq!(take_all(&mut audio, now + SECOND / 2).len(), 4_000);
+        // A pause saves no more than what may be ahead.
+        assert_eq!(take_all(&mut audio, now + 60 * SECOND).len(), 16_000);
+        assert!(!audio.is_empty());
+        audio.clear();
+        assert_eq!(audio.used, 80_000);
+    }
+
+    #[test]
+    fn what_the_engine_does_not_take_waits_and_what_waits_is_bounded() {
+        let now = Instant::now();
+        let mut audio = Audio::new(8_000, SECOND, Duration::ZERO, now);
+        audio.extend(&vec![0; 2 * 7_999]);
+        assert!(audio.has_room());
+        audio.extend(&[0; 2]);
+        assert!(!audio.has_room());
+        assert_eq!(audio.push(now, |_| Ok::<_, ()>(100)), Ok(100));
+        assert_eq!((audio.waiting.len(), audio.used), (7_900, 100));
+        assert_eq!(audio.push(now, |_| Err(())), Err(()));
+        assert_eq!(audio.waiting.len(), 7_900);
+    }
+}

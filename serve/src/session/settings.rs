@@ -1,0 +1,55 @@
+//! What a hello asks for, as settings of a session.
+
+use umo_core::lm::layout::Template;
+use umo_core::{AvatarConfig, Layer};
+use umo_core::{LifeConfig, MAX_RATE, MIN_RATE, Model, PacketConfig, SessionConfig, Voice};
+
+use crate::protocol::{Hello, Output, VoiceKind};
+
+/// Why a client of packets sets no mood.
+pub(super) const NOT_IN_PACKETS: &str = "packets know no mood, gestures and look-at: the decoders of the viewers do";
+
+/// The settings, or what is wrong with the hello.
+pub(super) fn of(hello: &Hello, model: &Model) -> Result<SessionConfig, String> {
+    let config = model.config();
+    if !(MIN_RATE..=MAX_RATE).contains(&hello.rate) {
+        return Err(format!("rate {}: expected {MIN_RATE} to {MAX_RATE}", hello.rate));
+    }
+    if !(0.0..=1.0).contains(&hello.layers) || !(0.0..=1.0).contains(&hello.mood_strength) {
+        return Err("layers and mood_strength: expected 0 to 1".to_owned());
+    }
+    let mut settings = SessionConfig { sample_rate: hello.rate, ..SessionConfig::new(config) };
+    settings.avatar.target = hello.target.unwrap_or(settings.avatar.target);
+    settings.avatar.horizon = hello.horizon;
+    settings.avatar.sampler.seed = hello.seed;
+    settings.avatar.life = Layer::ALL.into_iter().fold(LifeConfig::ON, |life, layer| life.with(layer, hello.layers));
+    if let Some(text) = &hello.prompt {
+        with_prompt(&mut settings.avatar, text, model)?;
+    }
+    if hello.voice == VoiceKind::Live {
+        if model.mouth().is_none() {
+            return Err("voice live: this model has no mouth network".to_owned());
+        }
+        settings.voice = Voice::Live;
+    }
+    if hello.output == Output::Packets {
+        if hello.mood.is_some() {
+            return Err(NOT_IN_PACKETS.to_owned());
+        }
+        if hello.voice == VoiceKind::Live {
+            return Err("voice live: packets have the mouth of their chunk".to_owned());
+        }
+        settings.packets = Some(PacketConfig { history: settings.avatar.target, with_frames: false });
+    }
+    Ok(settings)
+}
+
+/// The prompt's tokens, and the variant of the template that has room for them.
+fn with_prompt(avatar: &mut AvatarConfig, text: &str, model: &Model) -> Result<(), String> {
+    let none = || "prompt: this model takes no text".to_owned();
+    avatar.text = model.text().ok_or_else(none)?.encode(text).map_err(|error| format!("prompt: {error}"))?;
+    let names = [avatar.template.clone(), format!("{}_with_text", avatar.template)];
+    let has_text = |name: &&String| Template::new(model.config(), name).is_ok_and(|template| template.has_text());
+    avatar.template = names.iter().find(has_text).ok_or_else(none)?.clone();
+    Ok(())
+}

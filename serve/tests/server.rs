@@ -1,0 +1,187 @@
+//! A server over loopback: its sessions animate with the bits of the library, and nothing that a client
+//! does or fails to do harms the others.
+
+#[path = "server/client.rs"]
+mod client;
+#[path = "server/drain.rs"]
+mod drain;
+#[path = "server/limits.rs"]
+mod limits;
+#[path = "server/wrong.rs"]
+mod wrong;
+
+use std::net::SocketAddr;
+use std::sync::{Arc, LazyLock};
+use std::time::Duration;
+
+use client::{Client, FrameBits, bits, http};
+use serde_json::json;
+use tokio::sync::oneshot;
+use tokio::task::JoinHandle;
+use tokio::time::timeout;
+use umo_core::{Animation, Compute, Isa, LifeConfig, Model, ModelFile, Precision, Session, SessionConfig, Team};
+use umo_serve::{Config, Server};
+
+/// A small model of random weights.
+static MODEL: LazyLock<Arc<Model>> = LazyLock::new(|| {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/golden/mel_k2_arkit/model.safetensors");
+    let file = ModelFile::open(path.as_ref()).unwrap();
+    Arc::new(Model::load(&file, Precision::Stored, Isa::detect()).unwrap())
+});
+
+/// Longest that anything may take here.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// A server in this process.
+struct Running {
+    address: SocketAddr,
+    stop: Option<oneshot::Sender<()>>,
+    ended: JoinHandle<()>,
+}
+
+impl Running {
+    /// As fast as it computes, unless `change` says otherwise.
+    async fn new(change: impl FnOnce(&mut Config)) -> Self {
+        let mut config = Config { threads: 1, ahead: Duration::ZERO, sessions: 4, per_client: 4, ..Config::default() };
+        change(&mut config);
+        let server = Server::bind("127.0.0.1:0", config, Arc::clone(&MODEL)).await.unwrap();
+        let (stop, told) = oneshot::channel();
+        let address = server.address();
+        let ended = tokio::spawn(server.run(async {
+            let _ = told.await;
+        }));
+        Self { address, stop: Some(stop), ended }
+    }
+
+    fn stop(&mut self) {
+        self.stop.take().unwrap().send(()).unwrap();
+    }
+
+    async fn ended(self) {
+        timeout(PATIENCE, self.ended).await.expect("the server ends").unwrap();
+    }
+
+    /// Waits until so many sessions are there.
+    async fn sessions(&self, count: usize) {
+        let wanted = format!("\"sessions\":{count},");
+        let reached = async {
+            while !http(self.address, "/healthz").await.1.contains(&wanted) {
+                tokio::time::sleep(Duration::from_millis(10)).await;
+            }
+        };
+        timeout(PATIENCE, reached).await.unwrap_or_else(|_| panic!("{count} sessions"));
+    }
+}
+
+/// Noise over a tone.
+fn speech(samples: usize, seed: u32) -> Vec<i16> {
+    let mut noise = seed.wrapping_mul(2_654_435_761).wrapping_add(1);
+    (0..samples)
+        .map(|i| {
+            noise = noise.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            #[expect(clippy::cast_possible_truncation, reason = "within 16 bits")]
+            let sample = (8_000.0 * (0.05 * i as f32).sin() + 3_000.0 * (noise >> 16) as f32 / 65_536.0) as i16;
+            sample
+        })
+        .collect()
+}
+
+/// The frames of a recording, as `umo animate` makes them.
+fn offline(config: &SessionConfig, samples: &[i16]) -> Vec<Vec<u32>> {
+    let model = &*MODEL;
+    assert_eq!(config.sample_rate, model.config().audio.sample_rate);
+    let samples: Vec<f32> = samples.iter().map(|&sample| f32::from(sample) / 32768.0).collect();
+    let team = Team::new(1).unwrap();
+    let cx = Compute { isa: model.isa(), team: &team };
+    let mut animation = Animation::new(model, &config.avatar).unwrap();
+    animation.push_audio(&samples).unwrap();
+    animation.finish(samples.len() * model.config().frame_rate / config.sample_rate);
+    let mut frames = Vec::new();
+    while animation.step(model, cx, &mut |frame| frames.push(bits(frame.pose, frame.face))).unwrap() {}
+    frames
+}
+
+fn settings(seed: u64) -> SessionConfig {
+    let mut config = SessionConfig::new(MODEL.config());
+    config.avatar.sampler.seed = seed;
+    config
+}
+
+fn only_bits(frames: &[FrameBits]) -> Vec<Vec<u32>> {
+    frames.iter().map(|frame| frame.bits.clone()).collect()
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn sessions_have_the_bits_of_the_library_whatever_the_pieces() {
+    let server = Running::new(|_| ()).await;
+    let one = async |seed: u64, piece: usize| {
+        let audio = speech(40_000, u32::try_from(seed).unwrap());
+        let mut client = Client::new(server.address, json!({ "seed": seed })).await.unwrap();
+        assert_eq!(client.ready["rate"], 16_000);
+        client.speak(&audio, piece).await;
+        client.text(r#"{"type":"finish"}"#).await;
+        let (frames, done) = client.frames_until_done().await;
+        assert_eq!(done["frames"], 75);
+        assert!(frames.iter().zip(0..).all(|(frame, index)| frame.index == index));
+        assert_eq!(only_bits(&frames), offline(&settings(seed), &audio), "seed {seed}");
+        // Another speech on the same socket: an interrupt begins it, and the numbers go on.
+        client.text(r#"{"type":"interrupt"}"#).await;
+        client.speak(&audio[..16_000], 4_000).await;
+        client.text(r#"{"type":"finish"}"#).await;
+        let (frames, _) = client.frames_until_done().await;
+        assert_eq!((frames.first().unwrap().index, frames.len()), (75, 30));
+    };
+    timeout(PATIENCE, async { tokio::join!(one(0, 32_000), one(1, 999), one(7, 1_001)) }).await.unwrap();
+    server.sessions(0).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn packets_decode_to_the_bits_of_the_library() {
+    let server = Running::new(|_| ()).await;
+    let audio = speech(40_000, 3);
+    let mut client = Client::new(server.address, json!({ "output": "packets", "seed": 3 })).await.unwrap();
+    client.speak(&audio, 3_200).await;
+    client.text(r#"{"type":"finish"}"#).await;
+    let packets = client.packets_until_done().await;
+
+    let mut config = settings(3);
+    config.avatar.life = LifeConfig::OFF;
+    let decoder = Session::decoder(&MODEL, &config).unwrap();
+    let mut frames = Vec::new();
+    for packet in &packets {
+        decoder.push_packet(packet).unwrap();
+        while decoder.pull_frames(8, |frame| frames.push(bits(frame.pose, frame.face))).unwrap() > 0 {}
+    }
+    assert_eq!(frames, offline(&config, &audio));
+
+    client.text(r#"{"type":"mood","mood":"joy"}"#).await;
+    assert_eq!(client.refusal().await.0, "bad_request");
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn commands_reach_the_session() {
+    let server = Running::new(|_| ()).await;
+    let audio = speech(32_000, 5);
+    let run = async |commands: &[&str]| {
+        let mut client = Client::new(server.address, json!({ "mood_strength": 0.5 })).await.unwrap();
+        for command in commands {
+            client.text(command).await;
+        }
+        client.speak(&audio, 16_000).await;
+        client.text(r#"{"type":"finish"}"#).await;
+        only_bits(&client.frames_until_done().await.0)
+    };
+    let plain = run(&[]).await;
+    for command in [
+        r#"{"type":"mood","mood":"joy"}"#,
+        r#"{"type":"gesture","name":"wave"}"#,
+        r#"{"type":"look_at","point":[1,1.5,1]}"#,
+    ] {
+        let moved = run(&[command]).await;
+        assert!(moved.len() == plain.len() && moved != plain, "{command}");
+    }
+    let mut client = Client::new(server.address, json!({})).await.unwrap();
+    client.text(r#"{"type":"gesture","name":"moonwalk"}"#).await;
+    let (code, reason, number) = client.refusal().await;
+    assert_eq!((code.as_str(), number), ("bad_request", 4400), "{reason}");
+}

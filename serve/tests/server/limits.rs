@@ -1,0 +1,116 @@
+//! Places, tokens, and clients that go without a word.
+
+use std::time::Duration;
+
+use serde_json::json;
+use tokio::time::timeout;
+use tokio_tungstenite::connect_async;
+use tokio_tungstenite::tungstenite::Error;
+use tokio_tungstenite::tungstenite::client::IntoClientRequest;
+use umo_serve::Tokens;
+
+use super::client::{Client, http};
+use super::{PATIENCE, Running};
+
+const STUDIO: &str = "studio-0123456789";
+const GAME: &str = "game-0123456789ab";
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn more_clients_than_places_are_refused_and_places_come_back() {
+    let server = Running::new(|config| config.sessions = 2).await;
+    let first = Client::new(server.address, json!({})).await.unwrap();
+    let mut second = Client::new(server.address, json!({})).await.unwrap();
+    let (code, reason, number) = Client::new(server.address, json!({})).await.unwrap_err();
+    assert_eq!((code.as_str(), number), ("full", 4503), "{reason}");
+    let metrics = http(server.address, "/metrics").await.1;
+    for line in ["umo_serve_sessions 2", "umo_serve_sessions_refused_total{reason=\"full\"} 1"] {
+        assert!(metrics.lines().any(|have| have == line), "{line}: {metrics}");
+    }
+    // One that breaks off without a word, and one that closes.
+    drop(first);
+    second.socket.close(None).await.unwrap();
+    server.sessions(0).await;
+    let _third = Client::new(server.address, json!({})).await.unwrap();
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn tokens_open_the_door_and_count_their_clients() {
+    let tokens = Tokens::parse(&format!("studio {STUDIO}\ngame {GAME}")).unwrap();
+    let server = Running::new(|config| (config.tokens, config.per_client) = (tokens, 1)).await;
+    for hello in
+        [json!({}), json!({ "token": "" }), json!({ "token": "studio" }), json!({ "token": "studio-0123456780" })]
+    {
+        let (code, reason, number) = Client::new(server.address, hello).await.unwrap_err();
+        assert_eq!((code.as_str(), number), ("unauthorized", 4401), "{reason}");
+    }
+    let _studio = Client::new(server.address, json!({ "token": STUDIO })).await.unwrap();
+    let (code, _, number) = Client::new(server.address, json!({ "token": STUDIO })).await.unwrap_err();
+    assert_eq!((code.as_str(), number), ("client_limit", 4429));
+    let _game = Client::new(server.address, json!({ "token": GAME })).await.unwrap();
+
+    // In the request in place of the hello: a wrong one gets no WebSocket.
+    let mut request = format!("ws://{}/v1/session", server.address).into_client_request().unwrap();
+    request.headers_mut().insert("Authorization", "Bearer wrong-0123456789a".parse().unwrap());
+    let Err(Error::Http(response)) = connect_async(request).await else { panic!("no WebSocket") };
+    assert_eq!(response.status().as_u16(), 401);
+    assert_eq!(http(server.address, "/healthz").await.0, 200);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn clients_that_do_nothing_or_have_gone_lose_their_places() {
+    // It answers pings, and does nothing else.
+    let server = Running::new(|config| config.idle = Duration::from_millis(300)).await;
+    let mut idle = Client::new(server.address, json!({})).await.unwrap();
+    assert_eq!(idle.refusal().await.2, 4408);
+    server.sessions(0).await;
+    // Its connection is half open: nobody answers.
+    let server = Running::new(|config| config.heartbeat = Duration::from_millis(150)).await;
+    let mut silent = Client::new(server.address, json!({})).await.unwrap();
+    server.sessions(0).await;
+    assert_eq!(silent.refusal().await.2, 4409);
+    // It never says hello.
+    let server = Running::new(|config| config.hello_within = Duration::from_millis(200)).await;
+    let mut mute = Client::connect(server.address).await;
+    assert_eq!(mute.refusal().await.2, 4400);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_client_that_does_not_read_ends_alone() {
+    let server = Running::new(|config| config.stall = Duration::from_millis(300)).await;
+    let mut slow = Client::new(server.address, json!({})).await.unwrap();
+    let mut other = Client::new(server.address, json!({})).await.unwrap();
+    // Each answer is a state of some hundred kilobytes: what the system holds for the socket is soon full.
+    let asking = async {
+        loop {
+            slow.text(r#"{"type":"save"}"#).await;
+            tokio::time::sleep(Duration::from_millis(20)).await;
+        }
+    };
+    tokio::select! {
+        () = asking => {}
+        () = server.sessions(1) => {}
+    }
+    let counted = async {
+        let line = "umo_serve_sessions_ended_total{reason=\"slow_reader\"} 1";
+        while !http(server.address, "/metrics").await.1.contains(line) {
+            tokio::time::sleep(Duration::from_millis(10)).await;
+        }
+    };
+    timeout(PATIENCE, counted).await.expect("the reason is counted");
+    other.speak(&super::speech(16_000, 1), 3_200).await;
+    other.text(r#"{"type":"finish"}"#).await;
+    assert_eq!(other.frames_until_done().await.0.len(), 30);
+    drop(slow);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_recording_that_comes_at_once_takes_no_more_than_real_time() {
+    let server = Running::new(|config| config.ahead = Duration::from_millis(500)).await;
+    let mut client = Client::new(server.address, json!({})).await.unwrap();
+    let start = std::time::Instant::now();
+    client.speak(&super::speech(32_000, 1), 32_000).await;
+    client.text(r#"{"type":"finish"}"#).await;
+    assert_eq!(client.frames_until_done().await.0.len(), 60);
+    let took = start.elapsed();
+    assert!(took > Duration::from_millis(1_400), "{took:?}");
+}
