@@ -3,7 +3,7 @@
 //! several accumulators, so that their latencies overlap. Integer sums are exact in any order.
 //! More rows are computed in tiles.
 
-use super::tiles::{BYTES, Converted, MAX_PANELS, QUADS, SHORT, convert, dequantize_tile, load_bytes, row_quads};
+use super::tiles::{BYTES, BiasedRow, MAX_PANELS, QUADS, convert, dequantize_tile, load_bytes};
 use crate::lanes::avx512vnni::store;
 use crate::mat::MatMut;
 use crate::matmul_i8::chunk::prefetch_scales;
@@ -41,33 +41,15 @@ pub(super) fn run(x: &QuantInput, task: &GemmTask, y: MatMut<f32>) {
 
 /// All rows, `R` of them, with one panel after another.
 #[avx512vnni]
-fn product<const R: usize, const ACCUMULATORS: usize>(x: &QuantInput, task: &GemmTask, y: MatMut<f32>) {
-    if task.k() <= SHORT {
-        let mut quads = [[[0; QUAD]; row_quads(SHORT)]; R];
-        panels::<R, ACCUMULATORS>(x, task, Converted::new(quads.as_flattened_mut(), task.k()), y);
-    } else {
-        let mut quads = [[[0; QUAD]; row_quads(QUADS * QUAD)]; R];
-        panels::<R, ACCUMULATORS>(x, task, Converted::new(quads.as_flattened_mut(), task.k()), y);
-    }
-}
-
-/// The same, with room for the converted rows.
-#[avx512vnni]
-fn panels<const R: usize, const ACCUMULATORS: usize>(
-    x: &QuantInput,
-    task: &GemmTask,
-    mut buffer: Converted,
-    mut y: MatMut<f32>,
-) {
-    convert(x, 0..R, 0, &mut buffer);
-    let rows = buffer.rows::<R>();
-    let mut sums = [[[0.0; PANEL]; MAX_PANELS]; R];
-    let sums = sums.as_flattened_mut();
+fn product<const R: usize, const ACCUMULATORS: usize>(x: &QuantInput, task: &GemmTask, mut y: MatMut<f32>) {
+    let mut buffer = [[[0; QUAD]; QUADS + BYTES / QUAD]; R];
+    convert(x, 0, 0, &mut buffer);
+    let mut sums = [[0.0; PANEL]; ROWS * MAX_PANELS];
     for slot in (0..task.slots()).step_by(MAX_PANELS) {
         let width = MAX_PANELS.min(task.slots() - slot);
         for i in 0..width {
             prefetch_scales(task, slot + i);
-            multiply::<R, ACCUMULATORS>(&rows, task.panel(slot + i), ahead(task, slot + i), &mut sums[i..], width);
+            multiply::<R, ACCUMULATORS>(&buffer, task.panel(slot + i), ahead(task, slot + i), &mut sums[i..], width);
         }
         dequantize_tile::<128>(x, 0, &mut sums[..R * width], width, task, slot, &mut y);
     }
@@ -87,18 +69,18 @@ fn ahead(task: &GemmTask, slot: usize) -> *const [i8; BYTES] {
 #[inline(never)]
 #[avx512vnni]
 fn multiply<const R: usize, const ACCUMULATORS: usize>(
-    rows: &[&[[i8; QUAD]]; R],
+    buffer: &[BiasedRow; R],
     panel: &[[i8; BYTES]],
     ahead: *const [i8; BYTES],
     sums: &mut [[f32; PANEL]],
     width: usize,
 ) {
+    assert!(panel.len() <= QUADS);
     // Pointers: lengths are known to agree. The fewer instructions there are between two
     // lines, the more loads are in flight.
     let (w, mut x) = (panel.as_ptr(), [core::ptr::null(); R]);
     for r in 0..R {
-        assert!(rows[r].len() >= panel.len());
-        x[r] = rows[r].as_ptr();
+        x[r] = buffer[r].as_ptr();
     }
     let mut acc = [[_mm512_setzero_si512(); R]; ACCUMULATORS];
     // One row has so little to do with a line that the loop's own instructions count.
@@ -109,13 +91,14 @@ fn multiply<const R: usize, const ACCUMULATORS: usize>(
             for (side, sums) in acc.iter_mut().enumerate() {
                 let q = first + turn * ACCUMULATORS + side;
                 prefetch::to_l1(ahead.wrapping_add(q));
-                // SAFETY: `q < whole <= panel.len()`: the panel and all rows have this quad.
+                // SAFETY: `q < whole <= panel.len() <= QUADS`: the panel and all rows have this
+                // quad.
                 unsafe { dot_step(w, &x, q, sums) };
             }
         }
     }
     for q in whole..panel.len() {
-        // SAFETY: `q < panel.len()`, as above.
+        // SAFETY: `q < panel.len() <= QUADS`, as above.
         unsafe { dot_step(w, &x, q, &mut acc[0]) };
     }
     let mut total = acc[0];

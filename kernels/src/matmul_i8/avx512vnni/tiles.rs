@@ -12,7 +12,6 @@ use crate::pack::{PANEL, QUAD};
 use crate::prefetch;
 use core::arch::asm;
 use core::arch::x86_64::*;
-use core::ops::Range;
 use umo_kernels_features::avx512vnni;
 
 /// Rows of the largest tile: 9 rows x 3 panels are 27 sums, which leaves three registers for
@@ -28,40 +27,9 @@ const SUMS: usize = ROWS * 3;
 /// Bytes in a register.
 pub(super) const BYTES: usize = 64;
 
-/// Longest row that is converted in a small buffer: clearing a large one takes longer than a small
-/// product of few rows.
-pub(super) const SHORT: usize = 512;
-
-/// Quads that a converted row of up to `k` inputs takes: whole registers and one behind them, an
-/// odd number in all, which avoids conflicts between rows in cache sets.
-pub(super) const fn row_quads(k: usize) -> usize {
-    ((k / BYTES + 1) | 1) * (BYTES / QUAD)
-}
-
-/// Room for inputs of rows, offset to unsigned, as bits; none where they are offset when they are
-/// loaded.
-pub(super) struct Converted<'a> {
-    quads: &'a mut [[i8; QUAD]],
-    /// Quads from a row to the next.
-    stride: usize,
-}
-
-impl<'a> Converted<'a> {
-    /// Room in `quads` for rows of `k` inputs, at most as many at once as [`QUADS`] has.
-    pub(super) fn new(quads: &'a mut [[i8; QUAD]], k: usize) -> Self {
-        Self { quads, stride: row_quads(k.min(QUADS * QUAD)) }
-    }
-
-    /// The first `R` rows.
-    #[inline]
-    pub(super) fn rows<const R: usize>(&self) -> [&[[i8; QUAD]]; R] {
-        let mut rows = [&[][..]; R];
-        for (row, quads) in rows.iter_mut().zip(self.quads.chunks_exact(self.stride)) {
-            *row = quads;
-        }
-        rows
-    }
-}
+/// Inputs of one row, offset to unsigned, as bits, padded to a whole register; the extra line
+/// avoids conflicts between rows in cache sets.
+pub(super) type BiasedRow = [[i8; QUAD]; QUADS + BYTES / QUAD];
 
 #[avx512vnni]
 pub(super) fn run(x: QuantInput, task: &GemmTask, y: MatMut<f32>) {
@@ -86,19 +54,8 @@ pub(super) fn run_in_place(x: QuantInput, task: &GemmTask, y: MatMut<f32>) {
 
 /// The product in tiles of `TILE` rows, as many `CONVERTED` beforehand, or none.
 #[avx512vnni]
-fn product<const TILE: usize, const CONVERTED: usize>(x: QuantInput, task: &GemmTask, y: MatMut<f32>) {
-    if task.k() <= SHORT {
-        let mut quads = [[[0; QUAD]; row_quads(SHORT)]; CONVERTED];
-        in_tiles::<TILE>(x, task, Converted::new(quads.as_flattened_mut(), task.k()), y);
-    } else {
-        let mut quads = [[[0; QUAD]; row_quads(QUADS * QUAD)]; CONVERTED];
-        in_tiles::<TILE>(x, task, Converted::new(quads.as_flattened_mut(), task.k()), y);
-    }
-}
-
-/// The product in tiles of `TILE` rows; `buffer` has room for as many, or none.
-#[avx512vnni]
-fn in_tiles<const TILE: usize>(x: QuantInput, task: &GemmTask, mut buffer: Converted, mut y: MatMut<f32>) {
+fn product<const TILE: usize, const CONVERTED: usize>(x: QuantInput, task: &GemmTask, mut y: MatMut<f32>) {
+    let mut buffer = [[[0; QUAD]; QUADS + BYTES / QUAD]; CONVERTED];
     let mut sums = [[0.0; PANEL]; SUMS];
     let (rows, panel_bytes) = (x.rows.rows(), PANEL * task.k().max(1));
     let count = rows.div_ceil(TILE);
@@ -109,30 +66,30 @@ fn in_tiles<const TILE: usize>(x: QuantInput, task: &GemmTask, mut buffer: Conve
     for first in (0..task.slots()).step_by(width) {
         let mut chunk = Chunk::new(task, first..first + width, rows, (count, MAX_PANELS));
         for (t, rows) in tiles(rows, TILE) {
-            convert(&x, t..t + rows, 0, &mut buffer);
-            let (buffer, chunk) = (&mut buffer, &mut chunk);
+            let buffer = &mut buffer[..rows.min(CONVERTED)];
+            convert(&x, t, 0, buffer);
             match rows {
-                1 => tile::<1, 8>(&x, t, buffer, chunk, &mut sums, &mut y),
-                2 => tile::<2, 8>(&x, t, buffer, chunk, &mut sums, &mut y),
-                3 => tile::<3, 4>(&x, t, buffer, chunk, &mut sums, &mut y),
-                4 => tile::<4, 4>(&x, t, buffer, chunk, &mut sums, &mut y),
-                5 => tile::<5, 4>(&x, t, buffer, chunk, &mut sums, &mut y),
-                6 => tile::<6, 4>(&x, t, buffer, chunk, &mut sums, &mut y),
-                7 => tile::<7, 3>(&x, t, buffer, chunk, &mut sums, &mut y),
-                8 => tile::<8, 3>(&x, t, buffer, chunk, &mut sums, &mut y),
-                ROWS => tile::<ROWS, 3>(&x, t, buffer, chunk, &mut sums, &mut y),
+                1 => tile::<1, 8>(&x, t, buffer, &mut chunk, &mut sums, &mut y),
+                2 => tile::<2, 8>(&x, t, buffer, &mut chunk, &mut sums, &mut y),
+                3 => tile::<3, 4>(&x, t, buffer, &mut chunk, &mut sums, &mut y),
+                4 => tile::<4, 4>(&x, t, buffer, &mut chunk, &mut sums, &mut y),
+                5 => tile::<5, 4>(&x, t, buffer, &mut chunk, &mut sums, &mut y),
+                6 => tile::<6, 4>(&x, t, buffer, &mut chunk, &mut sums, &mut y),
+                7 => tile::<7, 3>(&x, t, buffer, &mut chunk, &mut sums, &mut y),
+                8 => tile::<8, 3>(&x, t, buffer, &mut chunk, &mut sums, &mut y),
+                ROWS => tile::<ROWS, 3>(&x, t, buffer, &mut chunk, &mut sums, &mut y),
                 rows => unreachable!("a tile of {rows} rows"),
             }
         }
     }
 }
 
-/// Converts the inputs from `first` on of the rows `rows` to unsigned, as many as a buffer for them
-/// has room for.
+/// Converts the inputs from `first` on of the rows from `t` on to unsigned, as many of both as
+/// `buffer` holds.
 #[avx512vnni]
-pub(super) fn convert(x: &QuantInput, rows: Range<usize>, first: usize, buffer: &mut Converted) {
+pub(super) fn convert(x: &QuantInput, t: usize, first: usize, buffer: &mut [BiasedRow]) {
     let inputs = first..(first + QUADS * QUAD).min(x.rows.cols());
-    for (t, buffer) in rows.zip(buffer.quads.chunks_exact_mut(buffer.stride)) {
+    for (t, buffer) in (t..).zip(buffer.iter_mut()) {
         unsigned(&x.rows.row(t)[inputs.clone()], buffer);
     }
 }
@@ -140,7 +97,7 @@ pub(super) fn convert(x: &QuantInput, rows: Range<usize>, first: usize, buffer: 
 /// `x + 128` of one row.
 #[inline]
 #[avx512vnni]
-fn unsigned(x: &[i8], buffer: &mut [[i8; QUAD]]) {
+fn unsigned(x: &[i8], buffer: &mut BiasedRow) {
     let flip = _mm512_set1_epi8(i8::MIN);
     let buffer = buffer.as_flattened_mut().as_chunks_mut::<BYTES>().0;
     let (x, x_tail) = x.as_chunks::<BYTES>();
@@ -157,7 +114,7 @@ fn unsigned(x: &[i8], buffer: &mut [[i8; QUAD]]) {
 fn tile<const R: usize, const P: usize>(
     x: &QuantInput,
     t: usize,
-    buffer: &mut Converted,
+    buffer: &mut [BiasedRow],
     chunk: &mut Chunk,
     sums: &mut [[f32; PANEL]; SUMS],
     y: &mut MatMut<f32>,
@@ -185,7 +142,7 @@ fn tile<const R: usize, const P: usize>(
 fn group<const R: usize, const P: usize>(
     x: &QuantInput,
     t: usize,
-    buffer: &mut Converted,
+    buffer: &mut [BiasedRow],
     chunk: &mut Chunk,
     slot: usize,
     sums: &mut [[f32; PANEL]; SUMS],
@@ -200,7 +157,7 @@ fn group<const R: usize, const P: usize>(
         prefetch_scales(task, slot + p);
     }
     let k = task.k();
-    if buffer.quads.is_empty() {
+    if buffer.is_empty() {
         let next = chunk.fetch(panels[0]);
         let mut rows = [&[][..]; R];
         for (r, row) in rows.iter_mut().enumerate() {
@@ -209,17 +166,17 @@ fn group<const R: usize, const P: usize>(
         multiply::<R, P, false>(rows, panels, (chunk.ahead, next), true, sums);
     } else if k <= QUADS * QUAD {
         let next = chunk.fetch(panels[0]);
-        multiply::<R, P, true>(buffer.rows(), panels, (chunk.ahead, next), true, sums);
+        multiply::<R, P, true>(converted(buffer), panels, (chunk.ahead, next), true, sums);
     } else {
         for first in (0..k).step_by(QUADS * QUAD) {
-            convert(x, t..t + R, first, buffer);
+            convert(x, t, first, buffer);
             let quads = first / QUAD..(first / QUAD + QUADS).min(k.div_ceil(QUAD));
             let mut part = panels;
             for part in &mut part {
                 *part = &part[quads.clone()];
             }
             let ahead = (chunk.ahead, [part[0].as_ptr(); 2]);
-            multiply::<R, P, true>(buffer.rows(), part, ahead, first == 0, sums);
+            multiply::<R, P, true>(converted(buffer), part, ahead, first == 0, sums);
         }
     }
     // The first weights of the next tile are prefetched while the epilogue of this one runs.
@@ -230,6 +187,16 @@ fn group<const R: usize, const P: usize>(
     for (i, sums) in sums[..R * P].chunks_exact_mut(R * width).enumerate() {
         dequantize_tile::<128>(x, t, sums, width, task, slot + i * width, y);
     }
+}
+
+/// The first `R` converted rows.
+#[inline]
+fn converted<const R: usize>(buffer: &[BiasedRow]) -> [&[[i8; QUAD]]; R] {
+    let mut rows = [&[][..]; R];
+    for (row, buffer) in rows.iter_mut().zip(buffer) {
+        *row = buffer;
+    }
+    rows
 }
 
 /// Index of the sum of row `r` and panel `p`: [`MAX_PANELS`] panels of all rows, then the next.
