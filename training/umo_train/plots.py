@@ -21,7 +21,8 @@ Curves = dict[str, tuple[np.ndarray, np.ndarray]]
 # What is drawn together: a panel's title, the names that belong to it, and whether its scale is logarithmic.
 _PANELS = (
     ("Cross-entropy", re.compile(r"loss_.*|held_out_loss|entropy"), False),
-    ("Accuracy", re.compile(r"accuracy(_.*)?|held_out_(face|hands|upper|lower)"), False),
+    ("Accuracy", re.compile(r"accuracy(_.*)?|held_out_(?!copied_|loss).*"), False),
+    ("Accuracy of saying the last keyframe again", re.compile(r"held_out_copied_.*"), False),
     ("Codes in use (perplexity)", re.compile(r"perplexity"), False),
     ("Errors", re.compile(r"error|velocity|acceleration|sparse|commitment|drift"), True),
 )
