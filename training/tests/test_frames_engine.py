@@ -16,7 +16,6 @@ from torch import Tensor
 import layout
 from umo_train import pipeline
 from umo_train.frames import interp, parts, steps
-from umo_train.frames.examples import FrameExamples
 from umo_train.frames.interp import VectorInterpolation
 from umo_train.frames.model import FrameModel, for_file
 from umo_train.frames.networks import ResidualVqVae
@@ -145,7 +144,7 @@ def test_depth(run: pipeline.Run, tmp_path: Path) -> None:
 def test_encoder_and_decoder_on_an_example(run: pipeline.Run, tmp_path: Path) -> None:
     """What training feeds is what the engine feeds: ids, history and keyframes in their places."""
     config, model = steps.model_file_config(run), _language(run)
-    examples: FrameExamples = steps.examples(run, config, "train", augment=False)
+    examples = steps.packed_of(run, config).examples(steps.parts_of(run), "train", augment=False)
     batch = examples.chunk(1, 5, np.random.default_rng(1))
     ids, history, codes = (torch.from_numpy(x) for x in (batch.ids[0], batch.history[0], batch.codes[0].clip(0)))
     inputs = {"input_ids": ids} | _split(run, "history", history)
