@@ -1,5 +1,5 @@
-//! Fused attention of one head, or of all heads of a few rows: scores, relative-position bias, mask, softmax and values in one
-//! pass.
+//! Fused attention of one head, or of all heads of a few rows: scores, relative-position bias, mask,
+//! softmax and values in one pass.
 
 #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
 mod amx;
