@@ -672,6 +672,10 @@ pub struct Quantize {
     /// Type of certain tensors: f32, bf16 or int8; the last that matches counts, before any --keep
     #[arg(long, value_name = "GLOB=TYPE")]
     pub set: Vec<String>,
+    /// Spread loud channels over all others by a rotation that leaves the function the same: for trained
+    /// models of layout `frames`, or of layout `parts` with a head of their own
+    #[arg(long)]
+    pub rotate: bool,
 }
 
 /// How the weights of products are stored.

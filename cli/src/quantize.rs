@@ -1,6 +1,7 @@
 //! `umo quantize`: the same model with smaller weights, one tensor at a time.
 
 mod equalize;
+mod rotate;
 
 use std::cell::RefCell;
 use std::collections::HashMap;
@@ -38,12 +39,15 @@ pub(crate) fn run(args: &Quantize) -> Result<(), Failure> {
         ModelFile::open(&args.input).map_err(|error| Failure::input(format!("{}: {error}", args.input.display())))?;
     let rules = Rules::new(args)?;
     let plans = plan(&file, &rules)?;
+    if args.rotate {
+        rotate::check(file.config())?;
+    }
     let output = atomic_file::create(&args.output)?;
 
     let failed = RefCell::new(None);
     let int8 = |name: &str| plans.iter().any(|plan| plan.name == name && plan.storage == Storage::Int8);
     let tensors: Vec<NewTensor> =
-        plans.iter().map(|plan| tensor(&file, plan, &int8, &failed)).collect::<Result<_, _>>()?;
+        plans.iter().map(|plan| tensor(&file, plan, args.rotate, &int8, &failed)).collect::<Result<_, _>>()?;
     atomic_file::commit(output, |out| writer::write(out, file.config(), &tensors))
         .map_err(|failure| failed.take().map_or(failure, |error: LoadError| named(args, error)))?;
 
@@ -169,6 +173,7 @@ fn plan(file: &ModelFile, rules: &Rules) -> Result<Vec<Plan>, Failure> {
 fn tensor<'a>(
     file: &'a ModelFile,
     plan: &'a Plan,
+    rotated: bool,
     int8: &'a dyn Fn(&str) -> bool,
     failed: &'a RefCell<Option<LoadError>>,
 ) -> Result<NewTensor<'a>, Failure> {
@@ -176,11 +181,9 @@ fn tensor<'a>(
         Storage::Bytes => Values::Bytes(file.raw(&plan.name)?),
         _ => Values::Floats(Box::new(move || {
             let read = || {
-                let tensor = file.tensor(&plan.name, &plan.shape)?;
-                let mut values = vec![0.0; plan.len()];
-                tensor.read(&mut values)?;
-                file.release(&tensor);
-                equalize::apply(file, &plan.name, &plan.shape, int8, &mut values)?;
+                let read = |name: &str, shape: &[usize]| read(file, name, shape, rotated);
+                let mut values = read(&plan.name, &plan.shape)?;
+                equalize::apply(&read, &plan.name, &plan.shape, int8, &mut values)?;
                 Ok(values)
             };
             read().map_err(|error: LoadError| {
@@ -191,4 +194,16 @@ fn tensor<'a>(
         })),
     };
     Ok(NewTensor { name: plan.name.clone(), shape: plan.shape.clone(), storage: plan.storage, values })
+}
+
+/// A tensor's values, as they are in the file or, with `rotated`, as they are after the turn.
+fn read(file: &ModelFile, name: &str, shape: &[usize], rotated: bool) -> Result<Vec<f32>, LoadError> {
+    let tensor = file.tensor(name, shape)?;
+    let mut values = vec![0.0; shape.iter().product()];
+    tensor.read(&mut values)?;
+    file.release(&tensor);
+    if rotated {
+        rotate::apply(file, name, shape, &mut values)?;
+    }
+    Ok(values)
 }

@@ -8,35 +8,39 @@
 //! Equalization and Bias Correction", section 4.1); powers of two change no bit of a float weight's
 //! mantissa.
 
-use umo_core::{LoadError, ModelFile};
+use umo_core::LoadError;
 
 /// Factors lie within `2^-LIMIT..=2^LIMIT`: a channel that is never loud is not made so.
 const LIMIT: i32 = 12;
 
+/// Networks whose layers have such pairs.
+const NETWORKS: [&str; 2] = ["lm.", "depth."];
+
 /// The weight that makes the channels, and the one that takes them.
 const PAIRS: [(&str, &str); 2] = [(".wi_1.weight", ".wo.weight"), (".v.weight", ".o.weight")];
 
-/// Evens out `values`, the tensor `name`, where it is one of a pair whose second will be int8.
+/// Evens out `values`, the tensor `name`, where it is one of a pair whose second will be int8; `read`
+/// reads the other.
 pub(super) fn apply(
-    file: &ModelFile,
+    read: &dyn Fn(&str, &[usize]) -> Result<Vec<f32>, LoadError>,
     name: &str,
     shape: &[usize],
     int8: &dyn Fn(&str) -> bool,
     values: &mut [f32],
 ) -> Result<(), LoadError> {
-    if !name.starts_with("lm.") || shape.len() != 2 {
+    if !NETWORKS.iter().any(|network| name.starts_with(network)) || shape.len() != 2 {
         return Ok(());
     }
     let other = |from: &str, to: &str| name.strip_suffix(from).map(|stem| format!("{stem}{to}"));
     for (maker, taker) in PAIRS {
         if let Some(taker) = other(maker, taker).filter(|taker| int8(taker)) {
-            let taken = read(file, &taker, [shape[1], shape[0]])?;
+            let taken = read(&taker, &[shape[1], shape[0]])?;
             let factors = factors(values, &taken, shape[0]);
             for (row, factor) in values.chunks_exact_mut(shape[1]).zip(factors) {
                 row.iter_mut().for_each(|v| *v *= factor);
             }
         } else if let Some(maker) = other(taker, maker).filter(|_| int8(name)) {
-            let made = read(file, &maker, [shape[1], shape[0]])?;
+            let made = read(&maker, &[shape[1], shape[0]])?;
             let factors = factors(&made, values, shape[1]);
             for row in values.chunks_exact_mut(shape[1]) {
                 row.iter_mut().zip(&factors).for_each(|(v, factor)| *v /= factor);
@@ -44,13 +48,6 @@ pub(super) fn apply(
         }
     }
     Ok(())
-}
-
-fn read(file: &ModelFile, name: &str, shape: [usize; 2]) -> Result<Vec<f32>, LoadError> {
-    let tensor = file.tensor(name, &shape)?;
-    let mut values = vec![0.0; shape[0] * shape[1]];
-    tensor.read(&mut values)?;
-    Ok(values)
 }
 
 /// What the rows of `made [channels, _]` are multiplied by, and the columns of

@@ -4,6 +4,8 @@ use std::collections::HashMap;
 
 use safetensors::SafeTensors;
 use safetensors::tensor::{Dtype, TensorView};
+use umo_core::ModelFile;
+use umo_core::weights::layout;
 
 use super::program::{Folder, golden, golden_file, umo};
 
@@ -34,6 +36,11 @@ fn compare(name: &str, got: &TensorView, want: &TensorView) {
 
 /// Runs one case and compares everything that was written with the reference.
 fn check(model: &str, case: &str, more: &[&str]) {
+    check_file(&golden(model), model, case, more);
+}
+
+/// As `check`, with the model file `file` instead of the one that the reference ran.
+fn check_file(file: &str, model: &str, case: &str, more: &[&str]) {
     let folder = Folder::new();
     let bytes = std::fs::read(golden_file(model, "cases.safetensors")).unwrap();
     let cases = SafeTensors::deserialize(&bytes).unwrap();
@@ -44,8 +51,7 @@ fn check(model: &str, case: &str, more: &[&str]) {
     let target = inputs.get("target").map(|view| i64::from_le_bytes(view.data().try_into().unwrap()).to_string());
     let mut args = vec!["stage", stage, "--in", &input, "--out", &output];
     args.extend(target.iter().flat_map(|target| ["--target", target, "--greedy"]));
-    let model = golden(model);
-    let ended = umo(&[&args[..], &["--model", &model], more].concat()).success();
+    let ended = umo(&[&args[..], &["--model", file], more].concat()).success();
     let bytes = folder.read("out.safetensors");
     let got = of_case(&SafeTensors::deserialize(&bytes).unwrap(), "");
     let want = of_case(&cases, &format!("{case}.out."));
@@ -68,6 +74,43 @@ fn every_stage_gives_what_the_reference_gives() {
     ] {
         cases.into_iter().for_each(|case| check(model, case, &[]));
     }
+}
+
+/// What the reference said of the model itself, a rotated one says too: gains that went to other
+/// tensors, turned tables, layers and heads, in both layouts.
+#[test]
+fn a_rotated_model_gives_what_the_reference_gives() {
+    let folder = Folder::new();
+    for (model, cases) in [
+        ("hubert_k1_smplx", ["decoder0", "decoder1", "generate0"]),
+        ("mel_k1_upcycled", ["decoder0", "decoder1", "generate0"]),
+        ("frames_four", ["generate0", "generate1", "generate0"]),
+        ("frames_seven", ["generate0", "generate1", "generate1"]),
+    ] {
+        let (was, rotated) = (golden(model), folder.at("rotated.safetensors"));
+        umo(&["quantize", &was, "-o", &rotated, "--weights", "bf16", "--set", "*weight=f32", "--rotate"]).success();
+        cases.into_iter().for_each(|case| check_file(&rotated, model, case, &["--precision", "f32"]));
+        let (was, is) = (ModelFile::open(was.as_ref()).unwrap(), ModelFile::open(rotated.as_ref()).unwrap());
+        for spec in layout::specs(was.config(), false) {
+            let changed = spec.name.starts_with("lm.") && !spec.name.contains("relative_attention_bias")
+                || spec.name.starts_with("depth.");
+            let values = |file: &ModelFile| {
+                let mut values = vec![0.0; spec.len()];
+                file.tensor(&spec.name, &spec.shape).unwrap().read(&mut values).unwrap();
+                values
+            };
+            assert_eq!(values(&was) != values(&is), changed, "{}", spec.name);
+        }
+    }
+}
+
+#[test]
+fn a_model_whose_head_is_its_table_is_not_rotated() {
+    let folder = Folder::new();
+    let out = folder.at("out.safetensors");
+    let model = golden("mel_k2_arkit");
+    let said = folder.refused(&["quantize", &model, "-o", &out, "--weights", "int8", "--rotate"]);
+    assert!(said.contains("`tie_word_embeddings`"), "{said}");
 }
 
 #[test]
