@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ._library import JOINT_COUNT
+from ._vrma import vrma
 
 if TYPE_CHECKING:
     from ._motion import Motion
@@ -62,7 +63,7 @@ def writer(path: Union[str, os.PathLike[str]]) -> Callable[[Motion], bytes]:
     if suffix.lower() not in WRITERS:
         wrong = f"suffix `{suffix}` is unknown" if suffix else "it has no suffix"
         known = ", ".join(WRITERS)
-        raise ValueError(f"cannot save `{path}`: {wrong}; expected one of {known}. `umo animate` and `umo batch` write {OTHERS}, too")
+        raise ValueError(f"cannot save `{path}`: {wrong}; expected one of {known}. `umo animate` and `umo batch` write .glb, too")
     return WRITERS[suffix.lower()]
 
 
@@ -304,6 +305,10 @@ def euler_zxy(m: Doubles) -> Doubles:
     return np.stack([z, x, y], 1)
 
 
-WRITERS: dict[str, Callable[[Motion], bytes]] = {".npz": npz, ".bvh": bvh, ".csv": csv, ".jsonl": jsonl}
-# Formats of the program alone.
-OTHERS = ".glb and .vrma"
+WRITERS: dict[str, Callable[[Motion], bytes]] = {
+    ".npz": npz,
+    ".bvh": bvh,
+    ".vrma": vrma,
+    ".csv": csv,
+    ".jsonl": jsonl,
+}

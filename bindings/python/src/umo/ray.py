@@ -50,7 +50,8 @@ def animate(
     A line is a path, or a mapping of `file` and, where wanted, `output` (its path below the folder `output`; its suffix is the
     format), `seed`, `prompt` and `mood`. Without one, the output is the file's name with the suffix `format`. Each of `actors`
     holds the model, computes `jobs` lines together, and has `cpus`; `model` is a path that all of them can read. `again` makes
-    what is done, too. `settings` are those of `umo.animate`.
+    what is done, too. `settings` are those of `umo.animate`;
+    what a line says goes before.
 
     A row has `file`, `output`, `status` (`"done"`, `"kept"` or `"failed"`), `error`, `frames`, `seconds`, `sha256` of the output, and
     `key`, which stands for all that the output depends on. Beside each output lies `.NAME.umo.json` with both hashes. A worker that
@@ -80,7 +81,8 @@ def animate(
 
 
 def _line(line: Union[str, Mapping[str, Any]], folder: str, suffix: str) -> dict[str, Any]:
-    fields = {"file": line} if isinstance(line, str) else {name: value for name, value in line.items() if value is not None}
+    given = {"file": line} if isinstance(line, str) else line
+    fields: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
     for name, value in fields.items():
         if name not in FIELDS:
             raise ValueError(f"line {dict(fields)}: field {name!r} is unknown; expected {', '.join(FIELDS)}")
@@ -148,11 +150,12 @@ class Animator:
 
     def _together(self, wanted: list[tuple[dict[str, Any], npt.NDArray[Any], int]]) -> list[Motion]:
         def of(name: str) -> list[Any]:
-            return [row["line"].get(name) for row, _, _ in wanted]
+            return [row["line"].get(name, self._settings.get(name)) for row, _, _ in wanted]
 
         audio, rates = [samples for _, samples, _ in wanted], [rate for _, _, rate in wanted]
-        told = {"seed": of("seed"), "prompt": of("prompt"), "mood": of("mood")}
-        return _animate(audio, rates, model=self._model, threads=self._threads, jobs=self._jobs, **told, **self._settings)
+        told: dict[str, Any] = {name: of(name) for name in ("seed", "prompt", "mood")}
+        told = {**self._settings, **told, "model": self._model, "threads": self._threads, "jobs": self._jobs}
+        return _animate(audio, rates, **told)
 
 
 def _row(line: dict[str, Any]) -> dict[str, Any]:
