@@ -24,6 +24,8 @@ WORKERS = 3
 
 @pytest.fixture(scope="module")
 def cluster():
+    # Ray's workers are nice to others otherwise, and would wait for them on a busy machine.
+    os.environ["RAY_worker_niceness"] = "0"
     ray.init(num_cpus=WORKERS, include_dashboard=False, log_to_driver=False, object_store_memory=100 << 20)
     ray.data.DataContext.get_current().enable_progress_bars = False
     yield
