@@ -71,6 +71,14 @@ def workers():
     return [process for process in found if is_mine(process)]
 
 
+def here(lines, folder, format=".npz", animator=None, **settings):
+    """An actor's work in this process: rows by the file's name."""
+    work = [json.dumps(umo.ray._line(line, str(folder), format)) for line in lines]
+    columns = (animator or umo.ray.Animator(**settings))({"line": np.array(work)})
+    rows = [dict(zip(columns, row)) for row in zip(*(values.tolist() for values in columns.values()))]
+    return {os.path.basename(row["file"]): row for row in rows}
+
+
 def state(folder):
     return {path.name: (path.read_bytes(), path.stat().st_mtime_ns) for path in folder.iterdir()}
 
@@ -115,13 +123,13 @@ def test_a_killed_worker_loses_nothing_and_nothing_comes_twice(cluster, lines, m
         same(folder / f"{line.stem}.npz", line, model)
 
 
-def test_a_second_run_makes_what_is_not_done_or_not_the_same(cluster, lines, tmp_path):
-    folder = tmp_path / "motion"
+def test_a_second_run_makes_what_is_not_done_or_not_the_same(lines, tmp_path):
+    folder, lines = tmp_path / "motion", lines[:8]
     work = [{"file": str(line), "seed": number, "mood": "joy" if number == 3 else None} for number, line in enumerate(lines)]
+    animator = umo.ray.Animator()
 
     def run(**settings):
-        rows = umo.ray.animate(work, str(folder), format=".csv", actors=2, jobs=4, **settings).take_all()
-        return {os.path.basename(row["file"]): row for row in rows}
+        return here(work, folder, ".csv", None if settings else animator, **settings)
 
     first = run()
     assert {row["status"] for row in first.values()} == {"done"} and len(first) == len(lines)
@@ -142,10 +150,11 @@ def test_a_second_run_makes_what_is_not_done_or_not_the_same(cluster, lines, tmp
     assert second["line02.wav"]["sha256"] == first["line02.wav"]["sha256"]
     assert second["line06.wav"]["sha256"] != first["line06.wav"]["sha256"]
     # Another setting makes all.
-    assert {row["status"] for row in run(parameters={"gain_face": 0.5}).values()} == {"done"}
+    assert {row["status"] for row in run(settings={"parameters": {"gain_face": 0.5}}).values()} == {"done"}
+    assert {row["status"] for row in run(settings={"parameters": {"gain_face": 0.5}}, again=True).values()} == {"done"}
 
 
-def test_a_line_that_fails_takes_no_other_with_it(cluster, lines, tmp_path):
+def test_a_line_that_fails_takes_no_other_with_it(lines, tmp_path):
     broken, empty = tmp_path / "broken.wav", tmp_path / "empty.wav"
     broken.write_bytes(b"no audio")
     with wave.open(str(empty), "wb") as file:
@@ -155,8 +164,8 @@ def test_a_line_that_fails_takes_no_other_with_it(cluster, lines, tmp_path):
         file.setparams((1, 2, 16000, 0, "NONE", ""))
         file.writeframes(bytes(20))
     files = [str(path) for path in (lines[0], broken, empty, tmp_path / "none.wav", short, lines[1])]
-    rows = umo.ray.animate([*files, {"file": str(lines[2]), "mood": "merry"}], str(tmp_path / "motion"), jobs=8).take_all()
-    told = {os.path.basename(row["file"]): (row["status"], row["error"]) for row in rows}
+    rows = here([*files, {"file": str(lines[2]), "mood": "merry"}], tmp_path / "motion")
+    told = {name: (row["status"], row["error"]) for name, row in rows.items()}
     assert told["line00.wav"] == told["line01.wav"] == ("done", "")
     for name, message in (
         ("broken.wav", "LibsndfileError"),
@@ -175,10 +184,9 @@ def test_any_file_system_of_fsspec(hello, model, lines):
 
     system = fsspec.filesystem("memory")
     system.pipe_file("/speech/a.wav", lines[0].read_bytes())
-    # An actor's work, here: memory is of one process.
-    animator = umo.ray.Animator()
-    batch = {"line": np.array([json.dumps({"file": "memory://speech/a.wav", "output": "memory://motion/x/a.bvh"})])}
-    assert animator(batch)["status"].tolist() == ["done"] and animator(batch)["status"].tolist() == ["kept"]
+    work = [{"file": "memory://speech/a.wav", "output": "x/a.bvh"}]
+    assert here(work, "memory://motion")["a.wav"]["status"] == "done"
+    assert here(work, "memory://motion")["a.wav"]["status"] == "kept"
     assert system.cat_file("/motion/x/a.bvh").startswith(b"HIERARCHY")
     assert sorted(system.ls("/motion/x", detail=False)) == ["/motion/x/.a.bvh.umo.json", "/motion/x/a.bvh"]
 
