@@ -65,9 +65,9 @@ internal static class ServeTests
             for (int at = 0; at < speech.Length; at += 20001)
                 await avatar.PushAsync(speech, at, Math.Min(20001, speech.Length - at), Soon);
             await avatar.FinishAsync(Soon);
-            Reply done;
-            List<RemoteFrame> frames;
-            (frames, done) = await Speech(avatar);
+            Tuple<List<RemoteFrame>, Reply> all = await Speech(avatar);
+            List<RemoteFrame> frames = all.Item1;
+            Reply done = all.Item2;
             Same(frames, 0);
             Check(frames.Count == wanted.Length && done.Frames == frames.Count, frames.Count + " frames");
         }
@@ -153,7 +153,7 @@ internal static class ServeTests
             }
             catch (ServeException error)
             {
-                Check(error.Code == "bad_request" && error.Message.Contains("somersault"), error.Code + ": " + error.Message);
+                Check(error.Code == "bad_request" && error.Message.Contains("no gesture has this name"), error.Code + ": " + error.Message);
             }
         }
         try
@@ -181,14 +181,14 @@ internal static class ServeTests
         throw new Exception("it was not refused");
     }
 
-    private static async Task<(List<RemoteFrame>, Reply)> Speech(RemoteAvatar avatar)
+    private static async Task<Tuple<List<RemoteFrame>, Reply>> Speech(RemoteAvatar avatar)
     {
         List<RemoteFrame> frames = new List<RemoteFrame>();
         while (true)
         {
             Received received = await avatar.ReceiveAsync(Soon);
             if (received.IsDone)
-                return (frames, received.Reply);
+                return Tuple.Create(frames, received.Reply);
             frames.AddRange(received.Frames);
         }
     }
