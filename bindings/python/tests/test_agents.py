@@ -409,12 +409,12 @@ def test_the_user_s_speech_truncates_the_item(model, spoken_24k):
     (answer,) = answers
     assert (answer["type"], answer["item_id"], answer["content_index"]) == ("conversation.item.truncate", "item_1", 0)
     assert 350 <= answer["audio_end_ms"] <= 500
-    if pytest.importorskip("openai", reason="the package openai is not installed"):
-        from openai.types.realtime import ConversationItemTruncateEvent
-
-        ConversationItemTruncateEvent.model_validate(answer, strict=True)
     assert b"".join(pose.audio for pose in after) == spoken_24k[:48000]
     assert [pose.speech for pose in after] == [None] * 6 + [1] * 30
+    pytest.importorskip("openai", reason="the package openai is not installed: the event's form is not checked")
+    from openai.types.realtime import ConversationItemTruncateEvent
+
+    ConversationItemTruncateEvent.model_validate(answer, strict=True)
 
 
 def test_a_cancelled_response_ends_its_speech_and_cleared_audio_is_dropped(model, spoken_24k):
