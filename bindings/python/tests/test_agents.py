@@ -133,7 +133,7 @@ def test_poses_come_at_their_time(hello, model):
     assert len(times) == 60
     due = np.arange(60) / 30
     # Never earlier than the lead; how much later is the machine's affair.
-    assert (times >= due - 0.1 - 0.01).all() and times[1] < due[1] + 0.5
+    assert (times >= due - 0.1 - 0.01).all()
     assert times[-1] > 1.8
 
 
