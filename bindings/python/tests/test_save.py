@@ -2,6 +2,7 @@
 
 import json
 import os
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +39,34 @@ def test_arrays_are_those_of_umo_animate(whole, reference, tmp_path):
         assert (mine[name].dtype, mine[name].shape) == (array.dtype, array.shape), name
         assert mine[name].tobytes() == array.tobytes(), name
     assert [path.name for path in tmp_path.iterdir()] == ["motion.NPZ"]
+
+
+def gltf(path):
+    """The JSON and the binary part."""
+    data = path.read_bytes()
+    magic, version, size, length, kind = struct.unpack_from("<4sIII4s", data)
+    assert (magic, version, size, kind) == (b"glTF", 2, len(data), b"JSON")
+    return json.loads(data[20 : 20 + length]), data[20 + length :]
+
+
+def test_the_animation_for_vrm_is_that_of_umo_animate(whole, reference, tmp_path):
+    whole.save(tmp_path / "motion.vrma")
+    (mine, data), (wanted, wanted_data) = gltf(tmp_path / "motion.vrma"), gltf(reference.with_suffix(".vrma"))
+    assert mine.keys() == wanted.keys()
+    for name, value in wanted.items():
+        assert mine[name] == value, name
+    assert data == wanted_data
+
+
+def test_a_face_of_coefficients_moves_the_jaw_of_vrm(model, tmp_path):
+    motion = by_hand([f"expression{i}" for i in range(10)])
+    with pytest.raises(ValueError, match="skeleton"):
+        motion.save(tmp_path / "face.vrma")
+    motion.skeleton = model.skeleton()
+    motion.save(tmp_path / "face.vrma")
+    document, _ = gltf(tmp_path / "face.vrma")
+    extension = document["extensions"]["VRMC_vrm_animation"]
+    assert "jaw" in extension["humanoid"]["humanBones"] and "expressions" not in extension
 
 
 def test_a_part_of_a_motion_starts_at_second_0(whole, tmp_path):
@@ -84,7 +113,7 @@ def test_a_face_of_coefficients_is_padded_in_arrays_and_has_no_csv(model, tmp_pa
 
 
 def test_what_cannot_be_saved_says_why_and_leaves_nothing(whole, model, tmp_path):
-    with pytest.raises(ValueError, match=r"`\.fbx` is unknown; expected one of \.npz, \.bvh, \.csv, \.jsonl.*umo animate"):
+    with pytest.raises(ValueError, match=r"`\.fbx` is unknown; expected one of \.npz, \.bvh, \.vrma, \.csv, \.jsonl.*umo animate"):
         whole.save(tmp_path / "motion.fbx")
     with pytest.raises(ValueError, match="no suffix; expected one of"):
         whole.save(tmp_path / "motion")

@@ -6,6 +6,7 @@
 | `stream(chunks, rate)` | frames as they come from audio as it comes |
 | `Model`, `Engine`, `Session` | a live avatar: one thread pushes audio, another pulls frames or samples poses |
 | `Session.pull_packets`, `Decoder` | an avatar that is computed in one place and seen in others |
+| `umo.serve`, `umo.agents`, `umo.ray` | a client of `umo serve`; avatars of voice agents; recordings over a Ray cluster |
 | `Error`, `Status` | what went wrong, in umo's own words |
 """
 

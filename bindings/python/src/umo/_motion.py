@@ -121,7 +121,7 @@ class Motion(_library.Strict):
     def save(self, path: Union[str, os.PathLike[str]]) -> None:
         """Writes the frames as `umo animate` does; the suffix chooses the format, and the first frame is at second 0.
 
-        `.npz` are SMPL-X arrays, with an ARKit face as `arkit`; `.csv` is the face and the head's angles, as Live Link Face
+        `.npz` are SMPL-X arrays, with an ARKit face as `arkit`; `.bvh` is the skeleton; `.vrma` is for VRM avatars; `.csv` is the face and the head's angles, as Live Link Face
         records them, of ARKit channels; `.jsonl` is everything, one frame a line. The file appears whole or not at all.
         `ValueError` says what cannot be written: another suffix, no frames, other axes than glTF's.
         """

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ._library import JOINT_COUNT
+from ._vrma import vrma
 
 if TYPE_CHECKING:
     from ._motion import Motion
@@ -44,18 +45,7 @@ ANGLES = (
 def save(motion: Motion, path: Union[str, os.PathLike[str]]) -> None:
     """Writes a motion in the format that the path's suffix names."""
     path = Path(path)
-    write = WRITERS.get(path.suffix.lower())
-    if write is None:
-        wrong = f"suffix `{path.suffix}` is unknown" if path.suffix else "it has no suffix"
-        known = ", ".join(WRITERS)
-        raise ValueError(f"cannot save `{path}`: {wrong}; expected one of {known}. `umo animate` and `umo batch` write .glb and .vrma, too")
-    if motion.axes != "gltf":
-        raise ValueError(f"cannot save `{path}`: files have glTF's axes, this motion {motion.axes}'s; make it with axes='gltf'")
-    if not len(motion):
-        raise ValueError(f"cannot save `{path}`: the motion has no frames")
-    if not all(np.isfinite(values).all() for values in (motion.rotations, motion.translation, motion.face)):
-        raise ValueError(f"cannot save `{path}`: the motion has a value that is not a finite number")
-    content = write(motion)
+    content = encoded(motion, path)
     # Beside its place and then renamed: a failed run leaves what was there before.
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
@@ -65,6 +55,28 @@ def save(motion: Motion, path: Union[str, os.PathLike[str]]) -> None:
         part.unlink(missing_ok=True)
         # Of the path that the caller knows.
         raise OSError(error.errno, error.strerror, str(path)) from None
+
+
+def writer(path: Union[str, os.PathLike[str]]) -> Callable[[Motion], bytes]:
+    """What writes the format that a path's suffix names."""
+    suffix = Path(path).suffix
+    if suffix.lower() not in WRITERS:
+        wrong = f"suffix `{suffix}` is unknown" if suffix else "it has no suffix"
+        known = ", ".join(WRITERS)
+        raise ValueError(f"cannot save `{path}`: {wrong}; expected one of {known}. `umo animate` and `umo batch` write .glb, too")
+    return WRITERS[suffix.lower()]
+
+
+def encoded(motion: Motion, path: Union[str, os.PathLike[str]]) -> bytes:
+    """A file's content in the format that the path's suffix names."""
+    write = writer(path)
+    if motion.axes != "gltf":
+        raise ValueError(f"cannot save `{path}`: files have glTF's axes, this motion {motion.axes}'s; make it with axes='gltf'")
+    if not len(motion):
+        raise ValueError(f"cannot save `{path}`: the motion has no frames")
+    if not all(np.isfinite(values).all() for values in (motion.rotations, motion.translation, motion.face)):
+        raise ValueError(f"cannot save `{path}`: the motion has a value that is not a finite number")
+    return write(motion)
 
 
 def shape_columns(names: tuple[str, ...]) -> list[int]:
@@ -293,4 +305,10 @@ def euler_zxy(m: Doubles) -> Doubles:
     return np.stack([z, x, y], 1)
 
 
-WRITERS: dict[str, Callable[[Motion], bytes]] = {".npz": npz, ".bvh": bvh, ".csv": csv, ".jsonl": jsonl}
+WRITERS: dict[str, Callable[[Motion], bytes]] = {
+    ".npz": npz,
+    ".bvh": bvh,
+    ".vrma": vrma,
+    ".csv": csv,
+    ".jsonl": jsonl,
+}

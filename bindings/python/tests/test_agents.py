@@ -1,0 +1,447 @@
+"""Avatars of voice agents in an event loop, and events of the Realtime API."""
+
+import asyncio
+import base64
+import json
+import time
+
+import numpy as np
+import pytest
+
+import umo
+import umo.agents
+import umo.agents.openai
+
+
+def run(coroutine):
+    return asyncio.run(asyncio.wait_for(coroutine, 120))
+
+
+def pieces(samples, seconds, rate):
+    """What a synthesiser gives: bytes, cut where it likes."""
+    data, size = samples.astype("<i2").tobytes(), int(seconds * rate) * 2 + 1
+    return [data[at : at + size] for at in range(0, len(data), size)]
+
+
+async def spoken(avatar, count=1):
+    """The poses until so many speeches are over."""
+    poses = []
+    async for pose in avatar:
+        poses.append(pose)
+        count -= pose.is_last
+        if not count:
+            return poses
+
+
+def same(poses, motion):
+    assert [pose.frame.index for pose in poses] == motion.index.tolist()
+    for name in ("rotations", "translation", "face"):
+        assert np.array_equal([getattr(pose.frame, name) for pose in poses], getattr(motion, name)), name
+
+
+def joints(poses):
+    """Largest step of a joint from each pose to the next, degrees."""
+    rotations = np.array([pose.frame.rotations for pose in poses])
+    cosine = np.abs((rotations[1:] * rotations[:-1]).sum(-1)).clip(0, 1)
+    return np.degrees(2 * np.arccos(cosine)).max(-1)
+
+
+def test_poses_are_those_of_animate_with_the_audio_cut_at_them(hello, live, model):
+    samples, rate = hello
+
+    async def speak():
+        async with umo.agents.Avatar(rate, model=model, lead=None) as avatar:
+            for piece in pieces(samples, 0.1, rate):
+                avatar.push(piece)
+                await asyncio.sleep(0)
+            avatar.end()
+            return await spoken(avatar)
+
+    poses = run(speak())
+    same(poses, live)
+    assert {pose.speech for pose in poses} == {0} and [pose.is_last for pose in poses] == [False] * (len(live) - 1) + [True]
+    assert b"".join(pose.audio for pose in poses) == samples.astype("<i2").tobytes()
+    for number, pose in enumerate(poses):
+        assert pose.time == number / 30
+        before = sum(len(each.audio) for each in poses[:number]) // 2
+        assert before == -(-number * rate // 30)
+
+
+def test_speeches_follow_each_other_without_a_jump(hello, model):
+    samples, rate = hello
+    speech = samples[: 2 * rate]
+
+    def alone():
+        """The same calls on a session, one after the other."""
+        with umo.Engine(model, polled=True) as engine, engine.session(rate, idle=umo.Idle.HOLD) as session:
+            parts = []
+            for _ in range(2):
+                session.push(speech)
+                session.finish()
+                while not session.is_done:
+                    engine.poll()
+                    parts.append(session.pull())
+                session.interrupt(0.3)
+                parts.append(session.pull())
+            return session._layout.joined(parts)
+
+    async def speak():
+        async with umo.agents.Avatar(rate, model=model, lead=None, ease=0.3) as avatar:
+            for _ in range(2):
+                avatar.push(speech)
+                avatar.end()
+            assert avatar.speeches == 2 and avatar.is_speaking
+            poses = await spoken(avatar, 2)
+            return poses + [pose async for pose in until_silent(avatar)]
+
+    poses, reference = run(speak()), alone()
+    assert [pose.frame.index for pose in poses] == reference.index.tolist() == list(range(138))
+    assert [pose.speech for pose in poses] == [0] * 60 + [None] * 9 + [1] * 60 + [None] * 9
+    assert [pose.time for pose in poses[69:72]] == [0, 1 / 30, 2 / 30]
+    # The second one begins out of rest; the face, and what follows the first poses, is the session's own.
+    mixed = range(69, 78)
+    assert [n for n, pose in enumerate(poses) if not np.array_equal(pose.frame.rotations, reference.rotations[n])] == list(mixed)
+    assert np.array_equal([pose.frame.face for pose in poses], reference.face)
+    given, raw = joints(poses), joints([umo.agents.Pose(frame, None, 0, b"", False) for frame in reference])
+    assert raw[68] > 30 and given[60:80].max() < 20, (raw[68], given[60:80].max())
+
+
+async def until_silent(avatar, seconds=0.3):
+    """What still comes, until nothing comes."""
+    poses = avatar.__aiter__()
+    while True:
+        try:
+            yield await asyncio.wait_for(poses.__anext__(), seconds)
+        except asyncio.TimeoutError:
+            return
+
+
+def test_poses_come_at_their_time(hello, model):
+    samples, rate = hello
+
+    async def speak():
+        async with umo.agents.Avatar(rate, model=model, lead=0.1) as avatar:
+            avatar.push(samples[: 2 * rate])
+            avatar.end()
+            times = []
+            async for pose in avatar:
+                times.append(time.monotonic())
+                if pose.is_last:
+                    return np.array(times) - times[0]
+
+    times = run(speak())
+    assert len(times) == 60
+    due = np.arange(60) / 30
+    # Never earlier than the lead; how much later is the machine's affair.
+    assert (times >= due - 0.1 - 0.01).all()
+    assert times[-1] > 1.8
+
+
+def test_an_interrupt_drops_what_was_not_spoken_and_recovers(hello, live, model):
+    samples, rate = hello
+
+    async def speak():
+        async with umo.agents.Avatar(rate, model=model, lead=0.1, ease=0.2) as avatar:
+            avatar.push(samples)
+            before, after = [], []
+            async for pose in avatar:
+                before.append(pose)
+                if len(before) == 45:
+                    break
+            cut = avatar.interrupt()
+            assert not avatar.is_speaking and avatar.interrupt() is None
+            avatar.push(samples[: 3 * rate])
+            avatar.end()
+            after = await spoken(avatar)
+            return before, cut, after
+
+    before, cut, after = run(speak())
+    same(before, live[:45])
+    # 45 poses were given out, up to 0.1 s before they are heard.
+    assert cut.speech == 0 and 45 / 30 - 0.15 < cut.seconds <= 45 / 30 + 1e-6
+    assert [pose.speech for pose in after] == [None] * 6 + [1] * 90
+    assert [pose.frame.index for pose in before + after] == list(range(45 + 96))
+    assert b"".join(pose.audio for pose in after) == samples[: 3 * rate].astype("<i2").tobytes()
+    assert joints(before + after)[44:60].max() < 25
+
+
+def test_an_interrupt_before_the_first_pose_leaves_nothing_of_the_speech(hello, live, model):
+    samples, rate = hello
+
+    async def speak():
+        avatar = umo.agents.Avatar(rate, model=model, lead=None)
+        # Before it is started, audio waits; what is cut then was never heard.
+        avatar.push(samples)
+        assert avatar.interrupt() == (0, 0.0)
+        async with avatar:
+            avatar.push(samples[:rate])
+            await asyncio.sleep(0)
+            assert avatar.interrupt().seconds == 0
+            avatar.push(samples)
+            avatar.end()
+            return await spoken(avatar)
+
+    poses = run(speak())
+    assert {pose.speech for pose in poses} == {2}
+    same(poses, live)
+
+
+def test_with_idle_poses_go_on_between_speeches(hello, model):
+    samples, rate = hello
+
+    async def speak():
+        async with umo.agents.Avatar(rate, model=model, idle=True, lead=0.1) as avatar:
+            poses = []
+            async for pose in avatar:
+                poses.append(pose)
+                if len(poses) == 30:
+                    avatar.push(samples[:rate])
+                    avatar.end()
+                if sum(each.speech is None for each in poses[30:]) > 60:
+                    return poses
+
+    poses = run(speak())
+    speech = [n for n, pose in enumerate(poses) if pose.speech == 0]
+    assert len(speech) == 30 and speech == list(range(speech[0], speech[0] + 30)) and speech[0] >= 30
+    idle = np.array([pose.frame.rotations for pose in poses[:30]])
+    assert (np.abs(np.diff(idle, axis=0)).max((1, 2)) > 0).sum() > 20, "it does not move"
+    assert joints(poses).max() < 25
+
+
+def test_a_stalled_speech_ends_by_itself_and_a_tiny_one_has_a_pose(hello, live, model):
+    samples, rate = hello
+
+    async def speak():
+        async with umo.agents.Avatar(rate, model=model, lead=None, patience=0.2) as avatar:
+            avatar.push(samples[:rate])
+            stalled = await spoken(avatar)
+            avatar.end()
+            avatar.push(samples[:10])
+            assert avatar.mark("behind it")
+            avatar.end()
+            tiny = [pose for pose in await spoken(avatar) if pose.speech is not None]
+            assert not avatar.mark("nothing to wait for")
+            return stalled, tiny
+
+    stalled, tiny = run(speak())
+    assert len(stalled) == 30 and stalled[-1].is_last
+    assert [(pose.speech, pose.marks) for pose in tiny] == [(1, ("behind it",))]
+    assert tiny[0].audio[:20] == samples[:10].astype("<i2").tobytes() and not any(tiny[0].audio[20:])
+
+
+def test_the_loop_is_not_blocked(hello, model):
+    samples, rate = hello
+
+    async def speak():
+        gaps, over = [], asyncio.Event()
+
+        async def tick():
+            while not over.is_set():
+                start = time.monotonic()
+                await asyncio.sleep(0.001)
+                gaps.append(time.monotonic() - start)
+
+        ticking = asyncio.create_task(tick())
+        async with umo.agents.Avatar(rate, model=model, lead=None) as avatar:
+            avatar.push(np.tile(samples, 4))
+            avatar.end()
+            poses = await spoken(avatar)
+        over.set()
+        await ticking
+        return poses, gaps
+
+    start = time.process_time()
+    poses, gaps = run(speak())
+    # Computing takes far longer than the longest time that nothing else ran, also on a busy machine.
+    assert len(poses) == int(4 * len(samples) / rate * 30)
+    assert sorted(gaps)[-3] < (time.process_time() - start) / 10
+
+
+def test_with_a_live_voice_poses_go_on_until_the_body_is_there(hello, model):
+    samples, rate = hello
+
+    async def speak():
+        async with umo.agents.Avatar(rate, model=model, lead=None, voice="live") as avatar:
+            for _ in range(2):
+                avatar.push(samples[: 2 * rate])
+                avatar.end()
+            return await spoken(avatar, 2)
+
+    poses = run(speak())
+    for number in range(2):
+        speech = [pose for pose in poses if pose.speech == number]
+        assert 60 < len(speech) < 120 and speech[-1].is_last
+        assert b"".join(pose.audio for pose in speech) == samples[: 2 * rate].astype("<i2").tobytes()
+
+
+def test_packets_come_beside_poses(hello, model):
+    samples, rate = hello
+    layers = [name for name in umo.Session.parameters() if name.startswith("layer_")]
+
+    async def speak():
+        async with umo.agents.Avatar(rate, model=model, lead=None, packets="beside_frames") as avatar:
+            for name in layers:
+                setattr(avatar.session, name, 0)
+            avatar.push(samples)
+            avatar.end()
+            return await spoken(avatar)
+
+    poses, shown = run(speak()), []
+    # Layers are the decoder's own.
+    with umo.Decoder(model, idle=umo.Idle.HOLD) as decoder:
+        for name in layers:
+            setattr(decoder, name, 0)
+        for pose in poses:
+            for packet in pose.packets:
+                decoder.push_packet(packet)
+                shown.append(decoder.pull())
+        assert decoder.received.packets > 10
+    received = np.concatenate([motion.rotations for motion in shown])
+    assert np.array_equal(received, [pose.frame.rotations for pose in poses])
+
+
+def test_wrong_arguments_say_what_is_right(model):
+    for settings, message in (
+        ({"lead": -1}, "lead -1"),
+        ({"idle": True, "lead": None}, "expected a lead"),
+        ({"packets": "only"}, "beside_frames"),
+        ({"engine": object(), "model": model}, "one of both"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            umo.agents.Avatar(**settings)
+    avatar = umo.agents.Avatar()
+    with pytest.raises(RuntimeError, match="not started"):
+        avatar.session
+    with pytest.raises(TypeError, match="int64"):
+        avatar.push([1, 2])
+    run(avatar.aclose())
+    with pytest.raises(RuntimeError, match="closed"):
+        avatar.push(b"\0\0")
+
+
+# Realtime API
+
+
+def delta(data, item="item_1", kind="response.output_audio.delta", response="resp_1"):
+    return {
+        "type": kind,
+        "event_id": "event_1",
+        "response_id": response,
+        "item_id": item,
+        "output_index": 0,
+        "content_index": 0,
+        "delta": base64.b64encode(data).decode(),
+    }
+
+
+def done(item="item_1", kind="response.output_audio.done", response="resp_1"):
+    fields = {"type": kind, "event_id": "event_2", "response_id": response, "item_id": item}
+    return {**fields, "output_index": 0, "content_index": 0}
+
+
+def started():
+    return {"type": "input_audio_buffer.speech_started", "event_id": "event_3", "item_id": "item_u", "audio_start_ms": 1000}
+
+
+def typed(events):
+    """The same as objects of the package openai."""
+    pytest.importorskip("openai", reason="the package openai is not installed")
+    from openai.types.realtime import RealtimeServerEvent
+    from pydantic import TypeAdapter
+
+    adapter = TypeAdapter(RealtimeServerEvent)
+    objects = [adapter.validate_python(event) for event in events]
+    assert all(type(each) is not dict for each in objects)
+    return objects
+
+
+@pytest.fixture(scope="module")
+def spoken_24k(hello):
+    """The speech at the rate of the API: what it is at another pitch matters to nobody here."""
+    samples, _ = hello
+    return samples.astype("<i2").tobytes()
+
+
+@pytest.mark.parametrize("form", ["dict", "json", "openai", "beta"])
+def test_deltas_become_poses(hello, model, spoken_24k, form):
+    kinds = {"kind": "response.audio.delta"} if form == "beta" else {}
+    events = [delta(spoken_24k[at : at + 9600], **kinds) for at in range(0, len(spoken_24k), 9600)]
+    events.append(done(kind="response.audio.done" if form == "beta" else "response.output_audio.done"))
+    events.insert(2, {"type": "response.output_audio_transcript.delta", "delta": "hello"})
+    if form == "json":
+        events = [json.dumps(event) for event in events]
+    if form == "openai":
+        events = typed([event for event in events if "transcript" not in event["type"]])
+
+    async def speak():
+        async with umo.agents.Avatar(24000, model=model, lead=None) as avatar:
+            speech = umo.agents.openai.RealtimeAudio(avatar)
+            for event in events:
+                assert speech.take(event) == []
+            return await spoken(avatar)
+
+    poses = run(speak())
+    same(poses, umo.animate(hello[0], 24000, model=model, horizon=0))
+    assert b"".join(pose.audio for pose in poses) == spoken_24k
+
+
+def test_the_user_s_speech_truncates_the_item(model, spoken_24k):
+    async def speak():
+        async with umo.agents.Avatar(24000, model=model, lead=0.1) as avatar:
+            speech = umo.agents.openai.RealtimeAudio(avatar)
+            speech.take(delta(spoken_24k[:96000]))
+            count = 0
+            async for pose in avatar:
+                count += 1
+                if count == 15:
+                    break
+            answers = speech.take(started())
+            # What the server had sent before it heard of it, and its end.
+            assert speech.take(delta(spoken_24k[96000:])) == [] and not avatar.is_speaking
+            speech.take(done())
+            speech.take({"type": "response.done", "response": {"id": "resp_1", "status": "cancelled"}})
+            assert speech.take(started()) == []
+            speech.take(delta(spoken_24k[:48000], item="item_2", response="resp_2"))
+            speech.take(done(item="item_2", response="resp_2"))
+            return answers, await spoken(avatar)
+
+    answers, after = run(speak())
+    (answer,) = answers
+    assert (answer["type"], answer["item_id"], answer["content_index"]) == ("conversation.item.truncate", "item_1", 0)
+    assert 350 <= answer["audio_end_ms"] <= 500
+    assert b"".join(pose.audio for pose in after) == spoken_24k[:48000]
+    assert [pose.speech for pose in after] == [None] * 6 + [1] * 30
+    pytest.importorskip("openai", reason="the package openai is not installed: the event's form is not checked")
+    from openai.types.realtime import ConversationItemTruncateEvent
+
+    ConversationItemTruncateEvent.model_validate(answer, strict=True)
+
+
+def test_a_cancelled_response_ends_its_speech_and_cleared_audio_is_dropped(model, spoken_24k):
+    async def speak():
+        async with umo.agents.Avatar(24000, model=model, lead=None) as avatar:
+            speech = umo.agents.openai.RealtimeAudio(avatar, cuts=False)
+            speech.take(delta(spoken_24k[:48000]))
+            assert speech.take(started()) == []
+            speech.take({"type": "response.done", "response": {"id": "resp_1", "status": "incomplete"}})
+            poses = await spoken(avatar)
+            speech.take(delta(spoken_24k[:48000], item="item_2", response="resp_2"))
+            assert speech.take({"type": "output_audio_buffer.cleared", "response_id": "resp_2"}) == []
+            assert not avatar.is_speaking
+            return poses
+
+    assert len(run(speak())) == 30
+
+
+def test_what_is_no_event_is_refused(model):
+    avatar = umo.agents.Avatar()
+    speech = umo.agents.openai.RealtimeAudio(avatar)
+    for event, message in (
+        ({**delta(b""), "delta": "§"}, "base64"),
+        ({**delta(b""), "delta": None}, "base64"),
+        ({"type": "response.output_audio.delta", "delta": ""}, "item_id"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            speech.take(event)
+    with pytest.raises(TypeError, match="expected a dict"):
+        speech.take(3)
