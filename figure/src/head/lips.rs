@@ -14,7 +14,7 @@ pub(super) struct Point {
 }
 
 /// Half the mouth's width, metres.
-pub(super) const WIDE: f32 = 0.0226;
+pub(super) const WIDE: f32 = 0.0240;
 /// The jaw's hinge, and how far it turns at `jawOpen` = 1, radians.
 const HINGE: V = [0.0, -0.036, -0.066];
 const OPEN: f32 = 0.27;
