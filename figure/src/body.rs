@@ -107,7 +107,11 @@ pub(super) fn top(rest: &Rest, look: &Look) -> Piece {
     for side in SIDES {
         solid = with_sleeve(solid, rest, build, side);
         if look.top == Top::Sweater {
-            solid = solid.with(Shape::ball(seat(rest, side), 0.079 * s), Union(0.035 * s));
+            // Over the trousers at the seat and at the side.
+            let side_of_hip = add(rest.side(side, "hip"), [0.0, -0.018 * s, -0.002 * s]);
+            solid = solid
+                .with(Shape::ball(seat(rest, side), 0.079 * s), Union(0.035 * s))
+                .with(Shape::ball(side_of_hip, 0.0905 * s), Union(0.030 * s));
         }
     }
     let crown = [0.0, neck[1] - 0.010 * s, neck[2] + 0.02 * s];

@@ -207,7 +207,7 @@ static STRAIGHT: Build = Build {
     thigh: 1.0,
     neck: 1.0,
     hand: 1.0,
-    face: Face { jaw: 1.0, brow: 0.0016, nose: 1.0, lips: 1.0, lashes: 0.0050, brows: 1.0 },
+    face: Face { jaw: 1.0, brow: 0.0016, nose: 1.0, lips: 1.14, lashes: 0.0050, brows: 1.0 },
 };
 
 static CURVED: Build = Build {
@@ -256,7 +256,7 @@ static CURVED: Build = Build {
     thigh: 1.0,
     neck: 0.88,
     hand: 0.92,
-    face: Face { jaw: 0.87, brow: 0.0, nose: 0.88, lips: 1.18, lashes: 0.0072, brows: 0.72 },
+    face: Face { jaw: 0.87, brow: 0.0, nose: 0.88, lips: 1.20, lashes: 0.0072, brows: 0.72 },
 };
 
 static ALEX: Look = Look {
