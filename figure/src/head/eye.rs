@@ -102,7 +102,8 @@ pub(super) fn add_lashes(sheet: &mut Sheet, eye: &Eye) {
             // Fanned out from the middle of the eye.
             let out = (angle.cos() * 16.0 + 1.0, if upper { 15.0 } else { -11.0 });
             let long = share * face.lashes * (0.62 + 0.38 * angle.cos()) * (0.85 + 0.15 * ((k * 7 % 5) as f32 / 4.0));
-            let mut points = [edge(-0.022), edge(0.022), edge(0.0), edge(0.0)];
+            let half = if upper { 0.036 } else { 0.022 };
+            let mut points = [edge(-half), edge(half), edge(0.0), edge(0.0)];
             points[2].radius += 0.0007;
             let tip = &mut points[3];
             tip.radius += 0.80 * long;
@@ -164,7 +165,7 @@ const SPOKES: usize = 28;
 /// How dark the eyeball is under the upper lid.
 const SHADED: f32 = 0.70;
 /// The light in the eye: degrees to the temple and up, and its size.
-const SPARK: (Turn, f32) = (Turn { turn: 0.0, rise: 13.0 }, 3.6);
+const SPARK: (Turn, f32) = (Turn { turn: 0.0, rise: 10.0 }, 3.4);
 
 pub(super) fn add_eyeball(sheet: &mut Sheet, eye: &Eye) {
     let at = |off: f32, spoke: usize, radius: f32| {

@@ -114,11 +114,11 @@ pub(super) fn add_ear(sheet: &mut Sheet, base: &Base) {
 
 /// Where hair ends, as an angle from the crown, by the angle from straight ahead; degrees.
 const HAIRLINE: [(f32, f32); 11] = [
-    (0.0, 52.0),
-    (20.0, 53.0),
-    (38.0, 57.5),
-    (51.0, 68.0),
-    (63.0, 86.0),
+    (0.0, 46.5),
+    (20.0, 46.5),
+    (38.0, 50.0),
+    (51.0, 62.5),
+    (63.0, 84.0),
     (73.0, 99.0),
     (84.0, 97.0),
     (98.0, 89.0),
