@@ -111,7 +111,7 @@ pub(super) fn top(rest: &Rest, look: &Look) -> Piece {
             let side_of_hip = add(rest.side(side, "hip"), [0.0, -0.018 * s, -0.002 * s]);
             solid = solid
                 .with(Shape::ball(seat(rest, side), 0.079 * s), Union(0.035 * s))
-                .with(Shape::ball(side_of_hip, 0.0880 * s), Union(0.024 * s));
+                .with(Shape::ball(side_of_hip, 0.0862 * s), Union(0.018 * s));
         }
     }
     let crown = [0.0, neck[1] - 0.010 * s, neck[2] + 0.02 * s];
