@@ -371,10 +371,10 @@ pub struct Page {
     #[arg(long, value_name = "FILE", conflicts_with_all = ["live", "web"])]
     pub audio: Option<PathBuf>,
     /// Character that wears the motion, .glb or .vrm, in place of the figure
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["web", "figure"])]
+    #[arg(long, value_name = "FILE", conflicts_with = "figure")]
     pub onto: Option<PathBuf>,
     /// Which bone of the character is what, where the names do not tell: TOML or JSON
-    #[arg(long, value_name = "FILE", conflicts_with = "web")]
+    #[arg(long, value_name = "FILE")]
     pub mapping: Option<PathBuf>,
     /// Serve the page to browsers of this machine, and stream the recording or their microphone
     /// through the engine

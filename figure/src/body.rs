@@ -107,7 +107,11 @@ pub(super) fn top(rest: &Rest, look: &Look) -> Piece {
     for side in SIDES {
         solid = with_sleeve(solid, rest, build, side);
         if look.top == Top::Sweater {
-            solid = solid.with(Shape::ball(seat(rest, side), 0.079 * s), Union(0.035 * s));
+            // Over the trousers at the seat and at the side.
+            let side_of_hip = add(rest.side(side, "hip"), [0.0, -0.018 * s, -0.002 * s]);
+            solid = solid
+                .with(Shape::ball(seat(rest, side), 0.079 * s), Union(0.035 * s))
+                .with(Shape::ball(side_of_hip, 0.0862 * s), Union(0.018 * s));
         }
     }
     let crown = [0.0, neck[1] - 0.010 * s, neck[2] + 0.02 * s];
@@ -258,12 +262,12 @@ fn with_sleeve(solid: Solid, rest: &Rest, build: &Build, side: &str) -> Solid {
     let sign = if side == "left" { 1.0 } else { -1.0 };
     // The cuff is a band of its own; the sleeve ends within it.
     let cuff = add(wrist, scale(sub(elbow, wrist), CUFF + 2.6 * OPENING));
-    let deltoid = add(shoulder, [-0.010 * sign * s, -0.017 * s, 0.0]);
-    let arm = add(shoulder, [0.0, -0.014 * s, 0.0]);
+    let deltoid = add(shoulder, [-0.014 * sign * s, -0.027 * s, 0.0]);
+    let arm = add(shoulder, [0.0, -0.022 * s, 0.0]);
     let inner = add(mix(neck, shoulder, 0.30), [0.0, -0.062 * s, -0.002 * s]);
     let [nape, tip] = [
-        add(mix(neck, shoulder, 0.22), [0.0, -0.026 * s, -0.004 * s]),
-        add(mix(neck, shoulder, 0.90), [0.0, -0.004 * s, -0.004 * s]),
+        add(mix(neck, shoulder, 0.22), [0.0, -0.022 * s, -0.006 * s]),
+        add(mix(neck, shoulder, 0.82), [0.0, -0.012 * s, -0.006 * s]),
     ];
     let pit = |ahead: f32| [shoulder[0] - sign * 0.062 * s, shoulder[1] - 0.070 * s, shoulder[2] + ahead * s];
     let onto = |ahead: f32| add(mix(shoulder, elbow, 0.22), [0.0, -0.014 * s, ahead * s]);
@@ -275,9 +279,9 @@ fn with_sleeve(solid: Solid, rest: &Rest, build: &Build, side: &str) -> Solid {
         height: height * s,
     };
     solid
-        .with(Shape::cone(inner, deltoid, 0.040 * s, build.shoulder * s), Union(0.040 * s))
-        .with(Shape::cone(nape, tip, 0.030 * s, 0.022 * s), Union(0.034 * s))
-        .with(tube(arm, elbow, &[0.0420, 0.0470, 0.0475, 0.0455, 0.0430, 0.0410], r), Union(0.030 * s))
+        .with(Shape::cone(inner, deltoid, 0.040 * s, build.shoulder * s), Union(0.030 * s))
+        .with(Shape::cone(nape, tip, 0.031 * s, 0.0195 * s), Union(0.028 * s))
+        .with(tube(arm, elbow, &[0.0400, 0.0455, 0.0470, 0.0455, 0.0430, 0.0410], r), Union(0.030 * s))
         .with(Shape::cone(pit(0.045), onto(0.014), 0.026 * s, 0.024 * r), Union(0.028 * s))
         .with(Shape::cone(pit(-0.040), onto(-0.014), 0.026 * s, 0.024 * r), Union(0.028 * s))
         .with(tube(elbow, cuff, &[0.0410, 0.0430, 0.0425, 0.0405, 0.0380, 0.0358], r), Union(0.016 * s))
@@ -431,7 +435,7 @@ pub(super) fn trousers(rest: &Rest, look: &Look) -> Piece {
     let waist = pelvis[1] + (WAIST - if look.top == Top::Shirt { 0.012 } else { 0.0 }) * s;
     let mut solid = Solid::default()
         .with(trunk(rest, build, |_| trouser_ease(look.top)), Union(0.0))
-        .with(Shape::Below { point: [0.0, hips[1] - 0.055 * s, 0.0], normal: [0.0, -1.0, 0.0] }, Within(0.06 * s))
+        .with(Shape::Below { point: [0.0, hips[1] - 0.020 * s, 0.0], normal: [0.0, -1.0, 0.0] }, Within(0.11 * s))
         .with(Shape::Below { point: [0.0, waist, 0.0], normal: [0.0, 1.0, 0.0] }, Within(0.006 * s));
     let mut low = f32::MAX;
     for side in SIDES {
@@ -451,9 +455,10 @@ pub(super) fn trousers(rest: &Rest, look: &Look) -> Piece {
             height: height * s,
         };
         solid = solid
-            .with(tube(top, knee, &[0.078, 0.0805, 0.076, 0.069, 0.0615, 0.0565], t), Union(0.022 * s))
+            .with(tube(top, knee, &[0.083, 0.0825, 0.0765, 0.0680, 0.0600, 0.0555], t), Union(0.036 * s))
             .with(Shape::ball(seat(rest, side), 0.066 * s), Union(0.035 * s))
-            .with(tube(knee, cuff, &[0.0565, 0.0565, 0.0560, 0.0535, 0.0515, 0.0510], s), Union(0.02 * s))
+            .with(tube(knee, cuff, &[0.0555, 0.0550, 0.0550, 0.0530, 0.0512, 0.0510], s), Union(0.02 * s))
+            .with(Shape::ball(add(knee, [0.0, 0.006 * s, 0.024 * s]), 0.036 * s), Union(0.024 * s))
             .with(Shape::ball(add(calf, [0.0, 0.0, -0.022 * s]), 0.038 * s), Union(0.03 * s))
             .with(folds(add(knee, [0.0, 0.0, -0.03 * s]), [0.25 * sign, 1.0, 0.3], 0.052, 0.0022, 0.10), Displace)
             .with(folds(add(cuff, [0.0, 0.075 * s, 0.02 * s]), [0.2 * sign, 1.0, 0.35], 0.046, 0.0034, 0.080), Displace)
@@ -608,7 +613,7 @@ pub(super) fn hand(rest: &Rest, side: &str, build: &Build) -> Piece {
         palm = palm
             .with(shaft(a, b, &[root, 1.02, 0.96, 1.0]), Union(blend))
             .with(shaft(b, c, &[1.02, 0.92, 0.88, 0.93]), Union(0.002 * s))
-            .with(shaft(c, tip, &[0.95, 0.92, 0.89, 0.70]), Union(0.002 * s))
+            .with(shaft(c, tip, &[0.95, 0.93, 0.90, 0.76]), Union(0.002 * s))
             // Knuckles on the back, pads in front.
             .with(Shape::ball(add(b, [0.0, 0.30 * r, 0.0]), 0.80 * r), Union(0.003 * s))
             .with(Shape::ball(add(mix(c, tip, 0.5), [0.0, -0.22 * r, 0.0]), 0.80 * r), Union(0.003 * s));
@@ -637,10 +642,13 @@ pub(super) fn hand(rest: &Rest, side: &str, build: &Build) -> Piece {
     };
     let (x, y, z) = (range(0, 0.048), range(1, 0.044), range(2, 0.044));
     // Counted from the wrist, so that the other hand's planes are its mirror image.
+    // Closer where fingertips are round.
+    let last = at("pinky3")[0].abs();
+    let step = |x: f32| if x > last - 0.002 * s { 0.0056 * s } else { 0.0076 * s };
     let x = if wrist[0] < 0.0 {
-        planes(-x.1, -x.0, |_| 0.0074 * s).into_iter().rev().map(|x| -x).collect()
+        planes(-x.1, -x.0, step).into_iter().rev().map(|x| -x).collect()
     } else {
-        planes(x.0, x.1, |_| 0.0074 * s)
+        planes(x.0, x.1, step)
     };
     Piece { solid: palm, grid: Grid([x, planes(y.0, y.1, |_| 0.0048 * s), planes(z.0, z.1, |_| 0.0048 * s)]) }
 }

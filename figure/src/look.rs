@@ -202,12 +202,12 @@ static STRAIGHT: Build = Build {
         (0.56, -0.026),
     ],
     chest: [0.060, 0.010],
-    shoulder: 0.0455,
+    shoulder: 0.0415,
     arm: 1.0,
     thigh: 1.0,
     neck: 1.0,
     hand: 1.0,
-    face: Face { jaw: 1.0, brow: 0.0016, nose: 1.0, lips: 1.0, lashes: 0.0050, brows: 1.0 },
+    face: Face { jaw: 1.0, brow: 0.0016, nose: 1.0, lips: 1.14, lashes: 0.0050, brows: 1.0 },
 };
 
 static CURVED: Build = Build {
@@ -251,12 +251,12 @@ static CURVED: Build = Build {
         (0.56, -0.026),
     ],
     chest: [0.058, 0.022],
-    shoulder: 0.0400,
+    shoulder: 0.0370,
     arm: 0.88,
     thigh: 1.0,
     neck: 0.88,
     hand: 0.92,
-    face: Face { jaw: 0.90, brow: 0.0, nose: 0.88, lips: 1.18, lashes: 0.0072, brows: 0.72 },
+    face: Face { jaw: 0.87, brow: 0.0, nose: 0.88, lips: 1.20, lashes: 0.0072, brows: 0.72 },
 };
 
 static ALEX: Look = Look {

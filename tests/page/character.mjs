@@ -43,6 +43,23 @@ export function stranger(bytes, joints) {
   return join(json, rest);
 }
 
+/** The same character with longer shins and shorter thighs, whose feet belong elsewhere than its bones' rotations put them. */
+export function longShins(bytes) {
+  return changed(bytes, (json) => {
+    for (const { name, translation } of json.nodes) {
+      if (/(Left|Right)Leg$/.test(name ?? "")) translation[1] *= 0.85;
+      if (/(Left|Right)Foot$/.test(name ?? "")) translation[1] *= 1.25;
+    }
+  });
+}
+
+/** The same character with shapes of other names: those of `names`, and none that anybody knows. */
+export function named(bytes, names) {
+  return changed(bytes, (json) => {
+    for (const { extras } of json.meshes.filter((mesh) => mesh.extras?.targetNames)) extras.targetNames = extras.targetNames.map((_, i) => names[i] ?? `shape ${i}`);
+  });
+}
+
 /** The same file with something of its JSON changed. */
 export function changed(bytes, change) {
   const { json, rest } = split(bytes);

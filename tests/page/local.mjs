@@ -1,16 +1,28 @@
 // The page of `umo view --web`: a folder that any web server serves, whose model runs in the browser.
 
 import assert from "node:assert/strict";
+import fs from "node:fs";
 import { readFile } from "node:fs/promises";
 import path from "node:path";
+import { pathToFileURL } from "node:url";
 
 import { Model, Pose } from "../../bindings/web/src/index.js";
 import { speech as samplesOf } from "../../bindings/web/test/speech.mjs";
+import { longShins, named, stranger } from "./character.mjs";
 import { until } from "./chromium.mjs";
 import { serve } from "./folder.mjs";
+import { read } from "./frames.mjs";
 
 const OPTIONS = { target: 2, lookahead: 4, horizon: 0, seed: 7n };
 const PACKAGE = path.join(import.meta.dirname, "../../bindings/web");
+const SMALL = path.join(import.meta.dirname, "../../models/umo-small/model.safetensors");
+const VISEMES = ["sil", "PP", "FF", "TH", "DD", "kk", "CH", "SS", "nn", "RR", "aa", "E", "ih", "oh", "ou"].map((name) => `viseme_${name}`);
+/** One's own characters: with ARKit's shapes and legs of other proportions, with the Oculus set, with VRM's vowels and a blink. */
+const CHARACTERS = {
+  shins: longShins,
+  visemes: (bytes) => named(bytes, VISEMES),
+  vowels: (bytes) => named(bytes, ["aa", "ih", "ou", "ee", "oh", "blink"]),
+};
 let server;
 let folder;
 
@@ -19,6 +31,67 @@ export async function prepare({ run, at, short }) {
   const options = ["--target", "2", "--lookahead", "4", "--seed", "7"];
   run("view", "--web", folder, short, "--package", PACKAGE, "--no-open", ...options);
   server = await serve(folder);
+  run("animate", short, "-o", at("local.jsonl"), "-o", at("local.glb"), "--model", SMALL);
+  const { header } = read(at("local.jsonl"));
+  for (const [name, change] of Object.entries(CHARACTERS)) {
+    fs.writeFileSync(at(`local-${name}.glb`), change(stranger(fs.readFileSync(at("local.glb")), header.joints)));
+    run("view", "--web", at(`local-${name}`), short, "--onto", at(`local-${name}.glb`), "--package", PACKAGE, "--model", SMALL, ...options);
+  }
+}
+
+/** The animation that a page has shown, as a file. */
+async function written(page, jsonl, like) {
+  const { header } = read(like);
+  const count = await page.value("umo.frames");
+  const lines = [{ ...header, frames: count }];
+  for (let frame = 0; frame < count; frame++) {
+    const values = await page.value(`umo.frame(${frame})`);
+    const rotations = header.joints.map((_, joint) => values.slice(4 * joint, 4 * joint + 4));
+    const start = 4 * header.joints.length;
+    const face = values.slice(start + 3, start + 3 + header.face.names.length);
+    lines.push({ frame, time: frame / header.frame_rate, translation: values.slice(start, start + 3), rotations, face });
+  }
+  fs.writeFileSync(jsonl, lines.map((line) => JSON.stringify(line)).join("\n") + "\n");
+}
+
+function near(found, wanted, most, what) {
+  found.forEach((x, i) => assert.ok(Math.abs(x - wanted[i]) <= most, `${what}: ${found} is not ${wanted}`));
+}
+
+/** Whether a page's character moves as `umo retarget` moves it. */
+async function follows(context, name) {
+  const { at, browser, run } = context;
+  const own = await serve(at(`local-${name}`));
+  const page = await browser.open(own.address);
+  await page.ready();
+  // Before the first frame it stands at rest.
+  assert.ok((await page.value("umo.joints()")).every(({ place }) => place.every(Number.isFinite)));
+  await page.click("#recording");
+  await until(() => log(page, "done"), 120, "the end of the stream");
+  assert.equal(await log(page, "error"), null);
+  await until(() => page.value("!umo.playing"), 60, "the end of the sound");
+  await written(page, at(`local-${name}.jsonl`), at("local.jsonl"));
+  run("retarget", at(`local-${name}.jsonl`), "--onto", at(`local-${name}.glb`), "-o", at(`local-${name}-moved.glb`));
+  run("view", at(`local-${name}-moved.glb`), "-o", at(`local-${name}-moved.html`), "--no-open");
+  const file = await browser.open(pathToFileURL(at(`local-${name}-moved.html`)).href, { media: [{ name: "prefers-reduced-motion", value: "reduce" }] });
+  await file.ready();
+  const last = (await page.value("umo.frames")) - 1;
+  let [moved, shaped] = [0, 0];
+  for (const frame of [0, 11, 30, 47, last]) {
+    const [[joints, weights], [wantedJoints, wantedWeights]] = await Promise.all(
+      [page, file].map((one) => one.value(`(umo.seek(${frame} / 30), [umo.joints(), umo.weights()])`)),
+    );
+    joints.forEach(({ name, place }, i) => near(place, wantedJoints[i].place, 2e-4, `frame ${frame}, ${name}`));
+    for (const shape of new Set([...Object.keys(weights), ...Object.keys(wantedWeights)])) near([weights[shape] ?? 0], [wantedWeights[shape] ?? 0], 1e-3, `frame ${frame}, ${shape}`);
+    moved = Math.max(moved, ...joints.map(({ place }) => Math.abs(place[1])));
+    shaped = Math.max(shaped, ...Object.values(weights));
+  }
+  assert.ok(moved > 0.5 && shaped > 0.05, `the character moves: ${moved}, ${shaped}`);
+  await page.picture(at(`local-${name}.png`));
+  assert.deepEqual([...page.errors, ...file.errors], []);
+  await file.close();
+  await page.close();
+  own.close();
 }
 
 export function end() {
@@ -107,4 +180,5 @@ export const tests = [
       await page.close();
     },
   ],
+  ...Object.keys(CHARACTERS).map((name) => [`one's own character, ${name}, moves as \`umo retarget\` moves it`, (context) => follows(context, name)]),
 ];

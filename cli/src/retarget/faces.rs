@@ -132,6 +132,14 @@ impl Faces {
         }
     }
 
+    /// The nodes whose shapes move, with what moves them, as a page takes it.
+    pub(super) fn description(&self) -> serde_json::Value {
+        let expressions = self.expressions.as_ref().map(|(_, map)| map);
+        let track = |track: &Track<'_>| serde_json::json!({ "rest": track.mesh.rest, "map": track.mesh.map, "shares": track.shares });
+        let tracks: Vec<_> = self.tracks().iter().map(track).collect();
+        serde_json::json!({ "expressions": expressions, "tracks": tracks })
+    }
+
     /// Number of shapes that move.
     pub(super) fn moved(&self) -> usize {
         self.tracks().iter().map(|track| track.moved).sum()

@@ -37,6 +37,8 @@ pub(crate) struct Worn {
     pub(crate) seconds: f64,
     /// Of one that follows a stream, the first channel of the animation whose values come with the frames.
     pub(crate) streamed: Option<usize>,
+    /// How those values are made of a frame, where the page itself does that.
+    pub(crate) follower: Option<serde_json::Value>,
 }
 
 /// What turns a stream's frames into values of a character's channels. Any number of threads may use it at once.
@@ -55,6 +57,11 @@ impl Follower {
     /// Room for one thread.
     pub(crate) fn scratch(&self) -> FollowScratch {
         FollowScratch { scratch: self.retarget.scratch(), rotations: vec![IDENTITY; self.retarget.bones()] }
+    }
+
+    /// All that makes those values, for a page that has no program beside it: `page/wearer.js` takes the same steps.
+    pub(crate) fn description(&self) -> serde_json::Value {
+        serde_json::json!({ "retarget": self.retarget, "faces": self.faces.description() })
     }
 
     /// Adds a frame's values, channel by channel as the character's animation has them.
@@ -144,7 +151,10 @@ impl Wearer {
         let motion = motion(&retarget, clip)?;
         let file = character.animated(&retarget, &motion, &faces, clip).map_err(|problem| self.wrong(problem))?;
         let seconds = clip.len().saturating_sub(1) as f64 / f64::from(clip.frame_rate);
-        Ok((Worn { file, nodes: nodes(mapping), seconds, streamed: None }, Follower { retarget, faces }))
+        Ok((
+            Worn { file, nodes: nodes(mapping), seconds, streamed: None, follower: None },
+            Follower { retarget, faces },
+        ))
     }
 
     /// The character with the animation that its file has, such as `umo retarget` writes.
@@ -153,7 +163,13 @@ impl Wearer {
     /// A file that has none.
     pub(crate) fn own_motion(self) -> Result<Worn, Failure> {
         let seconds = length(self.character.bytes()).map_err(|problem| self.wrong(problem))?;
-        Ok(Worn { nodes: nodes(&self.mapping), seconds, streamed: None, file: self.character.into_bytes() })
+        Ok(Worn {
+            nodes: nodes(&self.mapping),
+            seconds,
+            streamed: None,
+            follower: None,
+            file: self.character.into_bytes(),
+        })
     }
 }
 

@@ -21,7 +21,7 @@ struct Description<'a> {
     face: Face<'a>,
     model: Option<Model<'a>>,
     mesh: MeshInfo,
-    character: Option<Character>,
+    character: Option<Character<'a>>,
     audio: Option<AudioInfo>,
     record: Option<RecordInfo<'a>>,
     live: Option<Live<'a>>,
@@ -65,12 +65,13 @@ struct MorphInfo {
 
 /// Who wears the motion in place of the mesh.
 #[derive(Serialize)]
-struct Character {
+struct Character<'a> {
     /// The node of each joint of the 55; none where it has none.
     nodes: Vec<Option<usize>>,
     seconds: f64,
     /// The first channel of its animation whose values come with a stream's frames.
     streamed: Option<usize>,
+    follower: Option<&'a serde_json::Value>,
 }
 
 #[derive(Serialize)]
@@ -179,6 +180,7 @@ fn describe<'a>(scene: &'a Scene, order: &Order) -> Description<'a> {
             nodes: worn.nodes.to_vec(),
             seconds: worn.seconds,
             streamed: worn.streamed,
+            follower: worn.follower.as_ref(),
         }),
         audio: scene.audio.as_ref().map(|audio| AudioInfo { sample_rate: audio.sample_rate }),
         record: scene.record.as_ref().map(record),

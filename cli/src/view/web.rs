@@ -13,13 +13,15 @@ use umo_audio_file::wav::Wav;
 use umo_core::Precision;
 use umo_core::engine::{Engine, EngineConfig, Threads};
 use umo_core::model::Model;
+use umo_core::motion::clip::Clip;
 use umo_core::session::SessionConfig;
 
 use super::live::{check_voice, for_session, rest, session};
 use super::page;
-use super::scene::{Audio, PageEngine, Scene};
+use super::scene::{self, Audio, PageEngine, Scene};
 use crate::args::{Page, PrecisionArg, VoiceArg};
 use crate::failure::Failure;
+use crate::retarget::{Wearer, Worn};
 use crate::{animate, atomic_file, model};
 
 /// Where the package goes in the folder, and its module and the model, as the page names them.
@@ -39,8 +41,9 @@ pub(super) fn run(args: &Page, folder: &Path) -> Result<(), Failure> {
     check(args)?;
     let package = package(args.package.as_deref())?;
     let audio = args.input.as_deref().map(|path| recording(path, args.repair)).transpose()?;
+    let wearer = scene::wearer(args)?;
     let compressed = compressed(&model::bytes(args.generate.model.as_deref())?)?;
-    let mut scene = scene(args)?;
+    let mut scene = scene(args, wearer)?;
     scene.audio = audio;
     put_package(&package, &folder.join(PLACE))?;
     put(&folder.join(MODEL), &compressed)?;
@@ -61,6 +64,9 @@ fn check(args: &Page) -> Result<(), Failure> {
     ];
     match given.iter().find(|(_, given)| *given) {
         Some((name, _)) => Err(Failure::input(format!("{name} does not go with --web"))),
+        None if args.mapping.is_some() && args.onto.is_none() => {
+            Err(Failure::input("--mapping goes with a character: --onto"))
+        }
         None => Ok(()),
     }
 }
@@ -93,7 +99,7 @@ fn compressed(bytes: &[u8]) -> Result<Vec<u8>, Failure> {
 }
 
 /// The page before its stream begins, and what its engine is to be told.
-fn scene(args: &Page) -> Result<Scene, Failure> {
+fn scene(args: &Page, wearer: Option<Wearer>) -> Result<Scene, Failure> {
     let generate = &args.generate;
     let file = model::open(generate.model.as_deref())?;
     let isa = model::isa(&generate.compute)?;
@@ -106,7 +112,15 @@ fn scene(args: &Page) -> Result<Scene, Failure> {
     let mut live = rest(&engine, &session)?;
     live.engine = Some(page_engine(args, &session));
     let title = args.input.as_deref().map_or_else(|| "microphone".to_owned(), |path| path.display().to_string());
-    Scene::of_stream(&title, engine.model().config(), args, live, None)
+    let config = engine.model().config();
+    let mut character = None;
+    if let Some(wearer) = wearer {
+        let mut still = Clip::new(config);
+        still.push(&live.rest, &live.rest_face);
+        let (worn, follower) = wearer.follow(&still)?;
+        character = Some(Worn { follower: Some(follower.description()), ..worn });
+    }
+    Scene::of_stream(&title, config, args, live, character)
 }
 
 fn page_engine(args: &Page, session: &SessionConfig) -> PageEngine {

@@ -208,6 +208,27 @@ fn a_folder_for_web_servers_has_page_package_and_model() {
 }
 
 #[test]
+fn a_folder_for_web_servers_may_show_ones_own_character() {
+    let folder = Folder::new();
+    let (speech, package, www, own) = (folder.speech(), package(&folder), folder.at("www"), folder.at("own.glb"));
+    umo(&["animate", &speech, "-o", &own, "--model", &golden("mel_k2_arkit")]).success();
+    view(&["--web", &www, "--package", &package, &speech, "--onto", &own]).success();
+    let page = String::from_utf8(folder.read("www/index.html")).unwrap();
+    assert!(page.contains("id=\"block-character\""));
+    let json = page.split("id=\"scene\">").nth(1).unwrap().split("</script>").next().unwrap();
+    let scene: serde_json::Value = serde_json::from_str(json).unwrap();
+    let (retarget, faces) = (&scene["character"]["follower"]["retarget"], &scene["character"]["follower"]["faces"]);
+    let moved = retarget["driven"].as_array().unwrap().iter().filter(|bone| !bone.is_null()).count();
+    assert!(moved > 40 && retarget["bones"].as_array().unwrap().len() >= moved, "{moved} bones follow");
+    assert!(retarget["legs"].as_array().unwrap().iter().all(|leg| leg["ankle"]["bone"].is_u64()));
+    assert!(faces["tracks"][0]["map"]["causes"].as_array().unwrap().len() >= 52);
+    let refused =
+        |more: &[&str]| folder.refused(&[&["view", "--no-open", "--web", &www, "--package", &package], more].concat());
+    assert!(refused(&["--mapping", &own]).contains("--onto"));
+    assert!(refused(&["--onto", &speech]).contains("expected a character"));
+}
+
+#[test]
 fn a_folder_for_web_servers_is_not_begun_without_what_it_needs() {
     let folder = Folder::new();
     let (package, www) = (package(&folder), folder.at("www"));

@@ -28,38 +28,44 @@ impl Base {
         let (jaw, nose, n) = (face.jaw, face.nose, look.build.neck);
         let mut solid = Solid::default()
             .with(Shape::Ellipsoid { centre: [0.0, 0.020, -0.068], radii: [0.0725, 0.090, 0.089] }, Union(0.0))
-            .with(Shape::Ellipsoid { centre: [0.0, -0.038, -0.036], radii: [0.0485 * jaw, 0.068, 0.0525] }, Union(0.03))
             .with(
-                Shape::cone([0.0, -0.055, -0.080], add(neck, [0.0, -0.05, 0.0]), 0.0415 * n, 0.0480 * n),
+                Shape::Ellipsoid { centre: [0.0, -0.038, -0.036], radii: [0.0470 * jaw, 0.066, 0.0525] },
                 Union(0.026),
             )
-            .with(Shape::cone([0.0, -0.045, -0.004], [0.0, -0.086, -0.008], 0.024, 0.020 * jaw), Union(0.03))
             .with(
-                Shape::Ellipsoid { centre: [0.0, -0.0965, -0.0040], radii: [0.0185 * jaw, 0.0140, 0.0160] },
-                Union(0.020),
+                Shape::cone([0.0, -0.055, -0.080], add(neck, [0.0, -0.05, 0.0]), 0.0395 * n, 0.0480 * n),
+                Union(0.026),
+            )
+            .with(Shape::cone([0.0, -0.045, -0.004], [0.0, -0.080, -0.006], 0.024, 0.0195 * jaw), Union(0.026))
+            .with(
+                Shape::Ellipsoid { centre: [0.0, -0.0915, 0.0000], radii: [0.0175 * jaw, 0.0130, 0.0155] },
+                Union(0.016),
             );
         for x in [1.0, -1.0] {
             let over = |p: V| [p[0] * x, p[1], p[2]];
             solid = solid
                 // Jaw, cheekbone, brow ridge, socket.
                 .with(
-                    Shape::cone(over([0.0430 * jaw, -0.066, -0.050]), over([0.010, -0.097, -0.009]), 0.0115, 0.0130),
-                    Union(0.032),
+                    Shape::cone(over([0.0420 * jaw, -0.060, -0.052]), over([0.010, -0.0925, -0.007]), 0.0110, 0.0125),
+                    Union(0.024),
                 )
-                .with(Shape::ball(over([0.0415 * jaw, -0.048, -0.0440]), 0.0145), Union(0.030))
-                .with(Shape::ball(over([0.0375, -0.026, -0.0165]), 0.0245), Union(0.028))
-                .with(Shape::ball(over([0.030, -0.050, -0.0120]), 0.0200), Union(0.030))
+                .with(Shape::ball(over([0.0405 * jaw, -0.046, -0.0460]), 0.0140), Union(0.026))
+                .with(
+                    Shape::cone(over([0.0300, -0.0300, -0.0060]), over([0.0480, -0.0225, -0.0330]), 0.0180, 0.0150),
+                    Union(0.028),
+                )
+                .with(Shape::ball(over([0.0270, -0.051, -0.0090]), 0.0190), Union(0.026))
                 .with(
                     Shape::cone(
-                        over([0.010, 0.020, 0.0025 + face.brow]),
-                        over([0.042, 0.0225, -0.0150 + face.brow]),
+                        over([0.010, 0.0195, 0.0038 + face.brow]),
+                        over([0.042, 0.0215, -0.0130 + face.brow]),
                         0.0125,
                         0.0115,
                     ),
                     Union(0.018),
                 )
                 .with(
-                    Shape::Ellipsoid { centre: over([0.0335, -0.001, 0.0145]), radii: [0.0190, 0.0125, 0.0095] },
+                    Shape::Ellipsoid { centre: over([0.0335, 0.000, 0.0145]), radii: [0.0190, 0.0118, 0.0095] },
                     Cut(0.015),
                 );
         }
@@ -70,9 +76,12 @@ impl Base {
         for x in [1.0, -1.0] {
             solid = solid.with(
                 Shape::Ellipsoid { centre: [0.0128 * x * nose, -0.0405, 0.0205], radii: [0.0060, 0.0066, 0.0080] },
-                Union(0.0064),
+                Union(0.0078),
             );
         }
+        // What teeth hold out behind the lips.
+        solid = solid
+            .with(Shape::Ellipsoid { centre: [0.0, -0.0660, 0.0020], radii: [0.0260, 0.0200, 0.0190] }, Union(0.014));
         // Groove under the nose, and the one between lip and chin.
         solid = solid
             .with(Shape::cone([0.0, -0.0515, 0.0275], [0.0, -0.0590, 0.0278], 0.0022, 0.0030), Cut(0.005))

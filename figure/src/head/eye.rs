@@ -5,7 +5,7 @@ use super::lids::{Lid, Point, Turn};
 use super::sheet::Sheet;
 use super::{Kind, mouth};
 use crate::look::{Color, Look};
-use crate::vector::{V, add, cross, mix, scale, sub, unit};
+use crate::vector::{V, add, cross, mix, ramp, scale, sub, unit};
 use std::f32::consts::TAU;
 
 /// The left eye.
@@ -31,6 +31,7 @@ const OUTER: [[f32; 4]; 4] = [
 
 const WHITE: [u8; 3] = [228, 224, 220];
 const WHITE_EDGE: [u8; 3] = [206, 196, 191];
+const WHITE_SHADED: [u8; 3] = [128, 112, 110];
 const PUPIL: [u8; 3] = [18, 18, 22];
 const GLINT: [u8; 3] = [255, 255, 255];
 
@@ -64,9 +65,9 @@ pub(super) fn add_lids(sheet: &mut Sheet, base: &Base, eye: &Eye) -> Vec<usize> 
                 let place = eye.lid_place(&point, point.rest);
                 let skin = &base.look.skin;
                 let color = match (ring, lid.upper) {
-                    (0 | 1, true) => skin.toned(0.2, 1.05),
-                    (0, false) => skin.toned(0.9, 0.15),
-                    (1, false) => skin.toned(0.7, 0.22),
+                    (0 | 1, true) => skin.toned(0.2, 1.15),
+                    (0, false) => skin.toned(0.6, 0.20),
+                    (1, false) => skin.toned(0.45, 0.34),
                     (2, true) => skin.toned(0.5, 0.42),
                     (3, true) => skin.toned(0.35, 0.20),
                     (2, false) => skin.toned(0.4, 0.16),
@@ -90,8 +91,10 @@ const LASHES: [(bool, usize, f32); 2] = [(true, 30, 1.0), (false, 15, 0.30)];
 /// Single lashes along the edges of the lids, longer towards the temple.
 pub(super) fn add_lashes(sheet: &mut Sheet, eye: &Eye) {
     let face = &eye.look.build.face;
-    let color = mix_color(eye.look.strands[0], PUPIL, 0.55);
+    let dark = mix_color(eye.look.strands[0], PUPIL, 0.55);
     for (upper, count, share) in LASHES {
+        // The lower ones are finer than a triangle can be.
+        let color = if upper { dark } else { mix_color(eye.look.skin.toned(0.3, 0.5), dark, 0.45) };
         for k in 0..count {
             let t = (k as f32 + 0.6) / count as f32;
             let angle = if upper { 0.06 + (TAU / 2.0 - 0.42) * t } else { -0.10 - (TAU / 2.0 - 0.9) * t };
@@ -99,7 +102,8 @@ pub(super) fn add_lashes(sheet: &mut Sheet, eye: &Eye) {
             // Fanned out from the middle of the eye.
             let out = (angle.cos() * 16.0 + 1.0, if upper { 15.0 } else { -11.0 });
             let long = share * face.lashes * (0.62 + 0.38 * angle.cos()) * (0.85 + 0.15 * ((k * 7 % 5) as f32 / 4.0));
-            let mut points = [edge(-0.022), edge(0.022), edge(0.0), edge(0.0)];
+            let half = if upper { 0.036 } else { 0.022 };
+            let mut points = [edge(-half), edge(half), edge(0.0), edge(0.0)];
             points[2].radius += 0.0007;
             let tip = &mut points[3];
             tip.radius += 0.80 * long;
@@ -144,8 +148,8 @@ fn ball(look: &Look) -> [(f32, Color, Option<Color>); 12] {
     let rim = mix_color(iris, PUPIL, 0.55);
     [
         (6.0, PUPIL, None),
-        (10.5, PUPIL, Some(inner)),
-        (15.0, mix_color(iris, inner, 0.6), None),
+        (11.0, PUPIL, Some(inner)),
+        (15.5, mix_color(iris, inner, 0.6), None),
         (21.0, iris, None),
         (25.0, rim, None),
         (27.0, rim, Some(WHITE_EDGE)),
@@ -158,8 +162,10 @@ fn ball(look: &Look) -> [(f32, Color, Option<Color>); 12] {
     ]
 }
 const SPOKES: usize = 28;
+/// How dark the eyeball is under the upper lid.
+const SHADED: f32 = 0.70;
 /// The light in the eye: degrees to the temple and up, and its size.
-const SPARK: (Turn, f32) = (Turn { turn: 0.0, rise: 13.0 }, 3.6);
+const SPARK: (Turn, f32) = (Turn { turn: 0.0, rise: 10.0 }, 3.4);
 
 pub(super) fn add_eyeball(sheet: &mut Sheet, eye: &Eye) {
     let at = |off: f32, spoke: usize, radius: f32| {
@@ -170,13 +176,19 @@ pub(super) fn add_eyeball(sheet: &mut Sheet, eye: &Eye) {
     let middle = sheet.add(at(0.0, 0, RADIUS), Kind::Eyeball, PUPIL);
     let mut inner = vec![middle; SPOKES + 1];
     for (off, color, beyond) in ball(eye.look) {
-        let mut ring: Vec<usize> = (0..SPOKES).map(|k| sheet.add(at(off, k, RADIUS), Kind::Eyeball, color)).collect();
+        // The upper lid keeps light from what is under it.
+        let shaded = |k: usize, color: Color| {
+            let dark = SHADED * ramp(2.0, 17.0, off * (TAU * k as f32 / SPOKES as f32).sin());
+            mix_color(color, if color == WHITE || color == WHITE_EDGE { WHITE_SHADED } else { PUPIL }, dark)
+        };
+        let mut ring: Vec<usize> =
+            (0..SPOKES).map(|k| sheet.add(at(off, k, RADIUS), Kind::Eyeball, shaded(k, color))).collect();
         ring.push(ring[0]);
         sheet.strip(&ring, &inner);
         inner = match beyond {
             None => ring,
             Some(color) => {
-                let mut again: Vec<usize> = ring[..SPOKES].iter().map(|&v| sheet.recolored(v, color)).collect();
+                let mut again: Vec<usize> = (0..SPOKES).map(|k| sheet.recolored(ring[k], shaded(k, color))).collect();
                 again.push(again[0]);
                 again
             }

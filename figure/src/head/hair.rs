@@ -114,11 +114,11 @@ pub(super) fn add_ear(sheet: &mut Sheet, base: &Base) {
 
 /// Where hair ends, as an angle from the crown, by the angle from straight ahead; degrees.
 const HAIRLINE: [(f32, f32); 11] = [
-    (0.0, 52.0),
-    (20.0, 53.0),
-    (38.0, 57.5),
-    (51.0, 68.0),
-    (63.0, 86.0),
+    (0.0, 46.5),
+    (20.0, 46.5),
+    (38.0, 50.0),
+    (51.0, 62.5),
+    (63.0, 84.0),
     (73.0, 99.0),
     (84.0, 97.0),
     (98.0, 89.0),
@@ -230,19 +230,19 @@ fn add_fringe(sheet: &mut Sheet, base: &Base) {
     }
 }
 
-/// A lock along a path, `wide` metres across at its widest, flat, from a blunt root to a tip. `out`:
-/// away from the head. `shade`: its place between the strands' colours.
-fn add_lock(sheet: &mut Sheet, base: &Base, path: &[V], out: impl Fn(V) -> V, wide: f32, shade: f32) {
+/// A lock along a path, `wide` metres across at its widest, flat, from a blunt root to its end. `end`:
+/// how wide it is there, as a share. `shade`: its place between the strands' colours.
+fn add_lock(sheet: &mut Sheet, base: &Base, path: &[V], end: f32, wide: f32, shade: f32) {
     const AROUND: usize = 5;
     let last = path.len() - 1;
     let mut before: Vec<usize> = Vec::new();
     for (k, &place) in path.iter().enumerate() {
         let t = k as f32 / last as f32;
         let along = unit(sub(path[(k + 1).min(last)], path[k.saturating_sub(1)]));
-        let away = out(place);
+        let away = from_crown(place);
         let side = unit(cross(away, along));
         let up = cross(along, side);
-        let size = wide * (0.45 + 0.55 * ramp(0.0, 0.35, t)) * (1.0 - ramp(0.62, 1.16, t));
+        let size = wide * (0.45 + 0.55 * ramp(0.0, 0.35, t)) * (1.0 - (1.0 - end) * ramp(0.62, 1.0, t));
         let tone = color(base, shade + 0.22 * t);
         let ring: Vec<usize> = (0..AROUND)
             .map(|spoke| {
@@ -275,7 +275,7 @@ fn add_short(sheet: &mut Sheet, base: &Base) {
             seed += 1;
             let turn = ahead + 3.0 * (random(seed) - 0.5);
             let end = curve(&HAIRLINE, turn);
-            let rise = 0.0030 + 0.0075 * ramp(60.0, 10.0, turn) + 0.003 * random(seed + 40);
+            let rise = 0.0026 + 0.0052 * ramp(60.0, 10.0, turn) + 0.003 * random(seed + 40);
             let path: Vec<V> = (0..=5_u8)
                 .map(|k| {
                     let t = f32::from(k) / 5.0;
@@ -287,7 +287,7 @@ fn add_short(sheet: &mut Sheet, base: &Base) {
                     over(base, turn + 9.0 * t, fall, lift * ramp(-0.06, 0.28, t))
                 })
                 .collect();
-            add_lock(sheet, base, &path, from_crown, 0.0092, 0.12 + 0.6 * random(seed + 7));
+            add_lock(sheet, base, &path, 0.21, 0.0092, 0.12 + 0.6 * random(seed + 7));
             ahead += 5.2;
         }
     }
@@ -305,7 +305,7 @@ fn add_short(sheet: &mut Sheet, base: &Base) {
                     over(base, turn + 5.0 * t, end * share, 0.85 * body + 0.0014 * (1.0 - t))
                 })
                 .collect();
-            add_lock(sheet, base, &path, from_crown, 0.0115, 0.08 + 0.55 * random(seed + 7));
+            add_lock(sheet, base, &path, 0.21, 0.0115, 0.08 + 0.55 * random(seed + 7));
             ahead += 8.2;
         }
     }
@@ -366,7 +366,7 @@ fn add_bob(sheet: &mut Sheet, base: &Base) {
                     hanging(base, turn + shift * ramp(0.1, 0.75, t), t, lift, long)
                 })
                 .collect();
-            add_lock(sheet, base, &path, from_crown, 0.0200, 0.12 + 0.5 * random(seed + 7));
+            add_lock(sheet, base, &path, 0.55, 0.0200, 0.12 + 0.5 * random(seed + 7));
             ahead += 9.5;
         }
     }
@@ -393,7 +393,7 @@ fn add_bun(sheet: &mut Sheet, base: &Base) {
                 place
             })
             .collect();
-        add_lock(sheet, base, &path, from_crown, 0.0150, 0.10 + 0.42 * random(seed + 7));
+        add_lock(sheet, base, &path, 0.21, 0.0150, 0.10 + 0.42 * random(seed + 7));
         ahead += 6.2;
     }
     // The knot: wound strands.

@@ -28,10 +28,10 @@ pub(super) struct Point {
 
 /// Half the opening's width, its height over and under the line between the corners, degrees.
 const WIDE: f32 = 55.0;
-const HIGH: f32 = 20.5;
-const LOW: f32 = 19.0;
+const HIGH: f32 = 17.5;
+const LOW: f32 = 20.0;
 /// The outer corner is this much higher than the inner one.
-const SLANT: f32 = 5.0;
+const SLANT: f32 = 6.0;
 /// The opening's middle is towards the temple.
 const ASIDE: f32 = 4.0;
 /// Of each ring: beyond the opening in width and height, degrees; over the eyeball, metres; share

@@ -14,7 +14,7 @@ pub(super) struct Point {
 }
 
 /// Half the mouth's width, metres.
-pub(super) const WIDE: f32 = 0.0226;
+pub(super) const WIDE: f32 = 0.0240;
 /// The jaw's hinge, and how far it turns at `jawOpen` = 1, radians.
 const HINGE: V = [0.0, -0.036, -0.066];
 const OPEN: f32 = 0.27;
@@ -82,6 +82,11 @@ pub(super) fn opened(p: V) -> V {
 /// What brings the lips together while the jaw is open.
 pub(super) fn closed(kind: Kind, place: V) -> V {
     let (contact, upper, near) = match kind {
+        // Around the lips it is the place that says how much of the jaw's motion there is to undo.
+        Kind::Lip(point) if point.ring > 0 => {
+            let x = place[0].clamp(-WIDE, WIDE);
+            ([x, line(x), point.contact[2]], point.upper, 1.0)
+        }
         Kind::Lip(point) => (point.contact, point.upper, anchor(kind, place).1),
         Kind::Skin if place[2] > -0.03 => {
             let x = place[0].clamp(-WIDE, WIDE);

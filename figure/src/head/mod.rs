@@ -73,7 +73,7 @@ pub(super) struct Head {
 
 impl Head {
     pub(super) fn new(rest: &Rest, look: &'static Look) -> Self {
-        let eyes = rest.middle("eye");
+        let eyes = origin(rest);
         let local = |p: V| scale(sub(p, eyes), 1.0 / rest.head);
         let base = Base::new(local(rest.at("neck")), look);
         let eye = eye::Eye::new(local(rest.at("left_eye")), look);
@@ -108,7 +108,7 @@ impl Head {
     }
 
     pub(super) fn add_to(self, mesh: &mut Mesh, rest: &Rest) {
-        let (eyes, size) = (rest.middle("eye"), rest.head);
+        let (eyes, size) = (origin(rest), rest.head);
         let first = mesh.positions.len();
         let vertices = &self.sheet.vertices;
         let part = Part {
@@ -128,6 +128,14 @@ impl Head {
             morph.positions.iter_mut().for_each(|by| *by = scale(*by, size));
         }
     }
+}
+
+/// How far ahead of the eyeballs' centres the head's measures count from: eyes lie deep in the face.
+const DEEP: f32 = 0.0042;
+
+/// Where the head's measures count from.
+fn origin(rest: &Rest) -> V {
+    add(rest.middle("eye"), [0.0, 0.0, DEEP * rest.head])
 }
 
 /// A shape as the vertices that it moves or turns.

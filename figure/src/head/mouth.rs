@@ -74,18 +74,18 @@ const fn ring(number: i8, up: f32, forward: f32, aside: f32, paint: Paint) -> Ri
 
 const UPPER: [Ring; 6] = [
     ring(0, 0.0, 0.0006, 0.0, Paint::LipDark),
-    ring(1, 0.0014, 0.0030, 0.0008, Paint::Lip),
-    ring(2, 0.0036, 0.0040, 0.0018, Paint::Lip),
-    ring(3, 0.0060, 0.0022, 0.0030, Paint::Lip),
-    ring(4, 0.0086, 0.0008, 0.0055, Paint::Skin),
+    ring(1, 0.0014, 0.0022, 0.0008, Paint::Lip),
+    ring(2, 0.0034, 0.0030, 0.0018, Paint::Lip),
+    ring(3, 0.0057, 0.0019, 0.0030, Paint::Lip),
+    ring(4, 0.0088, 0.0011, 0.0055, Paint::Skin),
     ring(5, 0.0130, 0.0, 0.0095, Paint::Skin),
 ];
 const LOWER: [Ring; 6] = [
     ring(0, 0.0, 0.0006, 0.0, Paint::LipDark),
-    ring(1, -0.0017, 0.0034, 0.0008, Paint::Lip),
-    ring(2, -0.0048, 0.0050, 0.0018, Paint::Lip),
-    ring(3, -0.0080, 0.0026, 0.0030, Paint::Lip),
-    ring(4, -0.0112, 0.0002, 0.0055, Paint::Skin),
+    ring(1, -0.0017, 0.0026, 0.0008, Paint::Lip),
+    ring(2, -0.0048, 0.0038, 0.0018, Paint::Lip),
+    ring(3, -0.0080, 0.0024, 0.0030, Paint::Lip),
+    ring(4, -0.0112, 0.0006, 0.0055, Paint::Skin),
     ring(5, -0.0155, 0.0, 0.0095, Paint::Skin),
 ];
 /// Behind the lips: number, up, forward, share of the width, colour.
@@ -162,7 +162,7 @@ fn lip_place(base: &Base, ring: &Ring, upper: bool, x: f32, t: f32, contact: V) 
     if ring.number == 0 {
         return contact;
     }
-    let full = (1.0 - t * t).max(0.0).powf(0.62);
+    let full = (1.0 - t * t).max(0.0).powf(0.80);
     // The upper lip's bow, strongest at the edge of the red.
     let bow = match (upper, ring.number) {
         (true, 2) => 0.5,
@@ -170,7 +170,7 @@ fn lip_place(base: &Base, ring: &Ring, upper: bool, x: f32, t: f32, contact: V) 
         (true, 4) => 0.6,
         _ => 0.0,
     };
-    let bowed = 1.0 + bow * (0.16 * (-((x - 0.0065) / 0.0042).powi(2)).exp() - 0.12 * (-(x / 0.0030).powi(2)).exp());
+    let bowed = 1.0 + bow * (0.24 * (-((x - 0.0065) / 0.0042).powi(2)).exp() - 0.16 * (-(x / 0.0030).powi(2)).exp());
     let side = x + ring.aside * t.powi(3);
     let full_lips = if ring.number < 4 { base.look.build.face.lips } else { 1.0 };
     let height = contact[1] + ring.up * full_lips * full * bowed + 0.0004 * t.powi(6);

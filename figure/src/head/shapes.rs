@@ -183,7 +183,7 @@ fn lid_motion(stem: &str) -> Motion {
     let still = Motion::default();
     match stem {
         "eyeBlink" => Motion { close: 1.0, ..still },
-        "eyeLookDown" => Motion { upper: -15.0, lower: -5.0, ..still },
+        "eyeLookDown" => Motion { upper: -12.0, lower: -5.0, ..still },
         "eyeLookUp" => Motion { upper: 10.0, lower: 4.0, ..still },
         "eyeLookIn" => Motion { aside: -4.0, ..still },
         "eyeLookOut" => Motion { aside: 4.0, ..still },

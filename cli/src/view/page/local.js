@@ -1,5 +1,7 @@
 // A stream of the engine in this page, to the page what the socket of a program is: the same messages, but for `status`.
 
+import { Wearer } from "umo/wearer.js";
+
 /** How often frames are looked for, and the sound of a recording is pushed, milliseconds. */
 const LOOK = 8;
 
@@ -15,6 +17,8 @@ export class LocalStream {
   constructor(scene) {
     this.scene = scene;
     this.readyState = WebSocket.CONNECTING;
+    /** What puts frames on one's own character, where there is one. */
+    this.wearer = scene.character ? new Wearer(scene) : null;
     for (const name of ["onopen", "onmessage", "onclose", "onprogress"]) this[name] = () => {};
     this.open().catch((error) => this.end(error.message));
   }
@@ -63,7 +67,7 @@ export class LocalStream {
       if (this.rest) await this.hear();
       const { frames, isDone } = await this.avatar.call("pull");
       if (this.readyState !== WebSocket.OPEN) return;
-      if (frames.length > 0) this.onmessage({ data: packed(frames) });
+      if (frames.length > 0) this.onmessage({ data: packed(frames, this.wearer) });
       count += frames.length;
       if (isDone) {
         this.tell({ type: "done", frames: count });
@@ -98,13 +102,13 @@ export class LocalStream {
   }
 }
 
-/** Frames as a message has them: the number of the first, then the values of each. */
-function packed(frames) {
-  const [{ index, rotations, translation, face }] = frames;
-  const width = rotations.length + translation.length + face.length;
+/** Frames as a message has them: the number of the first, then the values of each, and those of a character. */
+function packed(frames, wearer) {
+  const rows = frames.map((frame) => [frame.rotations, frame.translation, frame.face, wearer ? wearer.values(frame) : []]);
+  const width = rows[0].reduce((sum, part) => sum + part.length, 0);
   const message = new ArrayBuffer(4 + 4 * width * frames.length);
-  new DataView(message).setUint32(0, index, true);
+  new DataView(message).setUint32(0, frames[0].index, true);
   const values = new Float32Array(message, 4);
-  frames.forEach((frame, i) => [frame.rotations, frame.translation, frame.face].reduce((at, part) => (values.set(part, at), at + part.length), width * i));
+  rows.forEach((row, i) => row.reduce((at, part) => (values.set(part, at), at + part.length), width * i));
   return message;
 }
