@@ -10,6 +10,9 @@
 
 use umo_core::LoadError;
 
+/// Reads a tensor by its name and shape.
+type Read<'a> = &'a dyn Fn(&str, &[usize]) -> Result<Vec<f32>, LoadError>;
+
 /// Factors lie within `2^-LIMIT..=2^LIMIT`: a channel that is never loud is not made so.
 const LIMIT: i32 = 12;
 
@@ -22,7 +25,7 @@ const PAIRS: [(&str, &str); 2] = [(".wi_1.weight", ".wo.weight"), (".v.weight", 
 /// Evens out `values`, the tensor `name`, where it is one of a pair whose second will be int8; `read`
 /// reads the other.
 pub(super) fn apply(
-    read: &dyn Fn(&str, &[usize]) -> Result<Vec<f32>, LoadError>,
+    read: Read<'_>,
     name: &str,
     shape: &[usize],
     int8: &dyn Fn(&str) -> bool,
