@@ -1,10 +1,13 @@
 //! How long a host that lends little time at once waits for it: `polls [SESSIONS [MICROSECONDS]] [MODEL…]`. Every session's
 //! chunk becomes due at the same moment, and the engine is polled with the budget (8 sessions, 500 µs) until nothing is
-//! due. Where the system says it, polls in which another program took the core are told apart.
+//! due. With a budget of 0 every poll is one step, and a line for each kind says how long its steps are.
+//!
+//! Where the system says it, times are the processor's for this thread, so that other programs on the core do not count.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use umo_core::engine::{Engine, EngineConfig, Poll, Threads};
 use umo_core::model::Model;
@@ -30,23 +33,27 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let config = EngineConfig {
             threads: Threads::Host(0),
             max_sessions: sessions,
-            max_batch: sessions,
+            max_batch: sessions.min(umo_core::engine::MAX_BATCH),
             ..EngineConfig::default()
         };
         let engine = Engine::new(Arc::clone(&model), &config)?;
         let config = SessionConfig::new(model.config());
         let avatars = (0..sessions).map(|_| engine.session(&config)).collect::<Result<Vec<_>, _>>()?;
-        let (mut alone, mut shared, mut work) = (Vec::new(), Vec::new(), Duration::ZERO);
+        let mut own = Vec::new();
+        let mut kinds: BTreeMap<&str, Vec<Duration>> = BTreeMap::new();
         for chunk in 0..2 * CHUNKS {
             let samples = model.config().target * model.config().keyframe_stride * config.sample_rate;
             speak(&avatars, samples / model.config().frame_rate)?;
             loop {
-                let (switches, start) = (switches(), Instant::now());
+                let kind = engine.next_step().unwrap_or_default();
+                let start = now();
                 let left = engine.poll(budget)?;
-                let took = start.elapsed();
+                let took = now().saturating_sub(start);
                 if chunk >= CHUNKS {
-                    work += took;
-                    if crate::switches() == switches { &mut alone } else { &mut shared }.push(took);
+                    own.push(took);
+                    if budget.is_zero() {
+                        kinds.entry(kind).or_default().push(took);
+                    }
                 }
                 if left == Poll::Idle {
                     break;
@@ -55,15 +62,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             avatars.iter().try_for_each(|avatar| avatar.pull_frames(usize::MAX, |_| ()).map(|_| ()))?;
         }
         println!("{}, {}: {sessions} sessions, polls of {budget:?}", file.config().name, Isa::detect().name());
-        println!("a chunk of one session: {:.2?}", work / u32::try_from(CHUNKS * sessions)?);
-        let (times, chunks) = (engine.stage_times(), u32::try_from(2 * CHUNKS * sessions)?);
-        let stages = [times.tokenizer, times.encoder, times.decoder, times.depth, times.interp, times.motion];
-        println!(
-            "  tokenizer, encoder, decoder, depth, interpolation, motion: {:.2?}",
-            stages.map(|time| time / chunks)
-        );
-        report("with the core for itself", alone);
-        report("with the core taken away", shared);
+        let chunks = u32::try_from(CHUNKS * sessions)?;
+        println!("a chunk of one session: {:.2?} {OF}", own.iter().sum::<Duration>() / chunks);
+        report("polls", own, chunks);
+        for (kind, times) in kinds {
+            report(kind, times, chunks);
+        }
     }
     Ok(())
 }
@@ -77,16 +81,26 @@ fn speak(avatars: &[Session], samples: usize) -> Result<(), Box<dyn std::error::
     Ok(())
 }
 
-fn report(what: &str, mut polls: Vec<Duration>) {
-    polls.sort_unstable();
-    let Some(&most) = polls.last() else { return };
-    let at = |share: usize| polls[(polls.len() * share / 1000).min(polls.len() - 1)];
-    let (half, p99) = (at(500), at(990));
-    println!("  {what}: {} polls, p50 {half:.2?}, p99 {p99:.2?}, most {most:.2?}", polls.len());
+fn report(what: &str, mut times: Vec<Duration>, chunks: u32) {
+    times.sort_unstable();
+    let Some(&most) = times.last() else { return };
+    let at = |share: usize| times[(times.len() * share / 1000).min(times.len() - 1)];
+    let (half, p99, sum) = (at(500), at(990), times.iter().sum::<Duration>() / chunks);
+    println!("  {what}: {} times, {sum:.2?} a chunk, p50 {half:.2?}, p99 {p99:.2?}, most {most:.2?}", times.len());
 }
 
-/// How often the calling thread has been put aside, where the system says it.
-fn switches() -> Option<u64> {
-    let status = std::fs::read_to_string("/proc/thread-self/status").ok()?;
-    status.lines().find_map(|line| line.strip_prefix("nonvoluntary_ctxt_switches:"))?.trim().parse().ok()
+/// What [`now`] counts.
+const OF: &str = if cfg!(target_os = "linux") { "of the thread's own" } else { "elapsed" };
+
+/// The processor time of the calling thread, or where the system does not say it, the time since the program began.
+fn now() -> Duration {
+    #[cfg(target_os = "linux")]
+    let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
+    #[cfg(target_os = "linux")]
+    return Duration::try_from(time).unwrap_or_default();
+    #[cfg(not(target_os = "linux"))]
+    {
+        static START: std::sync::LazyLock<std::time::Instant> = std::sync::LazyLock::new(std::time::Instant::now);
+        START.elapsed()
+    }
 }

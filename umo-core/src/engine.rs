@@ -452,6 +452,14 @@ impl Engine {
         Ok(left)
     }
 
+    /// What the first step of the next [`Self::poll`] is called, for measurements; none where the engine
+    /// has threads of its own.
+    #[cfg(feature = "internals")]
+    pub fn next_step(&self) -> Option<&'static str> {
+        let worker = self.worker.as_ref()?;
+        Some(worker.lock().unwrap_or_else(PoisonError::into_inner).next_step())
+    }
+
     /// Computes on the calling thread, which the host lends, until the poll that is under way is
     /// over; returns at once where none is, or where the engine wants no threads. Never allocates.
     pub fn lend(&self) {

@@ -66,6 +66,12 @@ impl Worker {
         self.batch.expected()
     }
 
+    /// What the next turn does.
+    #[cfg(feature = "internals")]
+    pub(super) fn next_step(&self) -> &'static str {
+        self.batch.next_step()
+    }
+
     /// Where the host lends its threads.
     pub(super) fn external_workers(&self) -> ExternalWorkers {
         self.team.external_workers()
