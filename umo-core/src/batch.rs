@@ -288,7 +288,8 @@ impl Batch {
     }
 
     /// Starts a batch of `members` members, `1..=width`, all of which are due ([`Avatar::due`]):
-    /// the ones with [`Due::Flush`] only get their last frames.
+    /// the ones with [`Due::Flush`] only get their last frames, and the bodies of those with
+    /// [`Due::Held`] hold their pose.
     ///
     /// # Errors
     /// [`StepError`] where another batch is under way, or there are too many members.
@@ -326,7 +327,7 @@ impl Batch {
         (self.call, self.filling, self.pushing) = (None, None, None);
         // Where it was the last with a chunk, there is nothing to encode or to fill.
         self.phase = match next {
-            Phase::Encode { .. } if self.next_chunk(0).is_none() => self.decode_motion_from(0),
+            Phase::Encode { .. } if !self.is_encoding() => self.interpolate_from(0),
             next => next,
         };
         Some(member)
@@ -390,9 +391,14 @@ impl Batch {
         Ok(self.is_busy())
     }
 
-    /// The members from `first` on that have a chunk to compute.
+    /// The members from `first` on that have a chunk to compute, be its body held or not.
     fn next_chunk(&self, first: usize) -> Option<usize> {
-        (first..self.members).find(|&member| self.due[member] == Due::Chunk)
+        (first..self.members).find(|&member| matches!(self.due[member], Due::Chunk | Due::Held))
+    }
+
+    /// Whether the language model has something to do.
+    fn is_encoding(&self) -> bool {
+        self.due[..self.members].contains(&Due::Chunk)
     }
 
     /// Tokenizing of the first member from `first` on that has a chunk, or what follows when there
@@ -400,8 +406,8 @@ impl Batch {
     fn tokenize_from(&self, first: usize) -> Phase {
         match self.next_chunk(first) {
             Some(member) => Phase::Tokenize { member },
-            None if self.next_chunk(0).is_some() => Phase::ENCODE,
-            None => self.decode_motion_from(0),
+            None if self.is_encoding() => Phase::ENCODE,
+            None => self.interpolate_from(0),
         }
     }
 
@@ -421,6 +427,10 @@ impl Batch {
                 return Ok(Phase::Tokenize { member });
             }
             avatar.replace_units(&model.config);
+        }
+        if self.due[member] == Due::Held {
+            avatar.history.hold();
+            return Ok(self.tokenize_from(member + 1));
         }
         let (first, prefix) = (member * self.per_member, model.config.prefix);
         if let (Some(frames), Window::Keyframes(history)) = (model.lm.frames(), &avatar.history) {
@@ -671,14 +681,14 @@ impl Batch {
         let (decoder, scratch, motion) = (&model.motion, &mut self.motion, &mut avatar.motion);
         let Some(Pushing { mut push, is_end }) = self.pushing.take() else {
             return match (self.due[member], &avatar.history) {
-                (Due::Chunk, Window::Codes(history)) => {
+                (Due::Chunk | Due::Held, Window::Codes(history)) => {
                     let codes = history.fresh(first);
                     let latents = Part::ALL.map(|part| Latents::Codes(codes[part]));
                     let push = motion.begin_push(decoder, scratch, &latents, avatar.lookahead)?;
                     self.pushing = Some(Pushing { push, is_end: false });
                     Ok(true)
                 }
-                (Due::Chunk, Window::Keyframes(history)) => {
+                (Due::Chunk | Due::Held, Window::Keyframes(history)) => {
                     let (latents, parts) = history.fresh(first);
                     let push = motion.begin_push(decoder, scratch, &latents[..parts], avatar.lookahead)?;
                     self.pushing = Some(Pushing { push, is_end: false });
