@@ -1,25 +1,39 @@
-//! How long a host that lends little time at once waits for it: `polls [SESSIONS [MICROSECONDS]] [MODEL…]`. Every session's
+//! How long a host that lends little time at once waits for it: `polls [held] [SESSIONS [MICROSECONDS]] [MODEL…]`. Every session's
 //! chunk becomes due at the same moment, and the engine is polled with the budget (8 sessions, 500 µs) until nothing is
-//! due. With a budget of 0 every poll is one step, and a line for each kind says how long its steps are.
+//! due. With a budget of 0 every poll is one step, and a line for each kind says how long its steps are. With `held` all
+//! chunks are so late that their bodies are held.
 //!
 //! Where the system says it, times are the processor's for this thread, so that other programs on the core do not count.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
+use umo_core::clock::Clock;
 use umo_core::engine::{Engine, EngineConfig, Poll, Threads};
 use umo_core::model::Model;
 use umo_core::session::{Session, SessionConfig};
 use umo_core::{ModelFile, Precision};
 use umo_kernels::Isa;
 
-/// Chunks of every session whose polls are timed, after as many that are not.
-const CHUNKS: usize = 20;
+/// Chunks whose polls are timed, of all sessions together, and the most and the least of each, after as many that are not.
+const CHUNKS: usize = 640;
+const MOST: usize = 20;
+const LEAST: usize = 3;
+/// Chunks after which every body is held, where all are late.
+const UNTIL_HELD: usize = 20;
+/// How many more of each session are due then at once, and the time from one such moment to the next, nanoseconds.
+const MORE: usize = 2;
+const LATE: u64 = 10_000_000_000;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let words: Vec<String> = std::env::args().skip(1).collect();
+    let mut words: Vec<String> = std::env::args().skip(1).collect();
+    let held = words.first().is_some_and(|word| word == "held");
+    if held {
+        words.remove(0);
+    }
     let numbers: Vec<u64> = words.iter().map_while(|word| word.parse().ok()).collect();
     let sessions = usize::try_from(numbers.first().copied().unwrap_or(8))?;
     let budget = Duration::from_micros(numbers.get(1).copied().unwrap_or(500));
@@ -30,8 +44,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     for path in models {
         let file = ModelFile::open(&path)?;
         let model = Arc::new(Model::load(&file, Precision::Stored, Isa::detect())?);
+        let nanos = Arc::new(AtomicU64::new(0));
         let config = EngineConfig {
             threads: Threads::Host(0),
+            clock: if held { Clock::Manual(Arc::clone(&nanos)) } else { Clock::system() },
             max_sessions: sessions,
             max_batch: sessions.min(umo_core::engine::MAX_BATCH),
             ..EngineConfig::default()
@@ -39,17 +55,24 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let engine = Engine::new(Arc::clone(&model), &config)?;
         let config = SessionConfig::new(model.config());
         let avatars = (0..sessions).map(|_| engine.session(&config)).collect::<Result<Vec<_>, _>>()?;
+        engine.set_late_limit(held.then_some(Duration::ZERO));
+        let timed = (CHUNKS / sessions).clamp(LEAST, MOST);
+        let first = if held { UNTIL_HELD } else { timed };
         let mut own = Vec::new();
         let mut kinds: BTreeMap<&str, Vec<Duration>> = BTreeMap::new();
-        for chunk in 0..2 * CHUNKS {
+        for chunk in 0..first + timed {
             let samples = model.config().target * model.config().keyframe_stride * config.sample_rate;
             speak(&avatars, samples / model.config().frame_rate)?;
+            for _ in 0..if held { MORE } else { 0 } {
+                speak(&avatars, samples / model.config().frame_rate)?;
+            }
+            nanos.fetch_add(LATE, Ordering::Relaxed);
             loop {
                 let kind = engine.next_step().unwrap_or_default();
                 let start = now();
                 let left = engine.poll(budget)?;
                 let took = now().saturating_sub(start);
-                if chunk >= CHUNKS {
+                if chunk >= first {
                     own.push(took);
                     if budget.is_zero() {
                         kinds.entry(kind).or_default().push(took);
@@ -62,8 +85,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             avatars.iter().try_for_each(|avatar| avatar.pull_frames(usize::MAX, |_| ()).map(|_| ()))?;
         }
         println!("{}, {}: {sessions} sessions, polls of {budget:?}", file.config().name, Isa::detect().name());
-        let chunks = u32::try_from(CHUNKS * sessions)?;
-        println!("a chunk of one session: {:.2?} {OF}", own.iter().sum::<Duration>() / chunks);
+        let chunks = u32::try_from(timed * sessions * if held { 1 + MORE } else { 1 })?;
+        let held_chunks: u64 = avatars.iter().map(|avatar| avatar.stats().held_chunks).sum();
+        println!("a chunk of one session: {:.2?} {OF}; {held_chunks} held", own.iter().sum::<Duration>() / chunks);
         report("polls", own, chunks);
         for (kind, times) in kinds {
             report(kind, times, chunks);

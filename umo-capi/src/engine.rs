@@ -319,7 +319,9 @@ pub extern "C" fn umo_engine_set_late_limit(engine: *mut UmoEngine, seconds: f64
     guard(|| {
         let engine = get(engine)?;
         if !seconds.is_finite() {
-            return Err(Failure::argument("`seconds` is not finite: a late limit is a time, and a negative one holds no body"));
+            return Err(Failure::argument(
+                "`seconds` is not finite: a late limit is a time, and a negative one holds no body",
+            ));
         }
         let limit = (seconds >= 0.0).then(|| Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX));
         engine.engine().set_late_limit(limit);

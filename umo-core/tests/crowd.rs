@@ -145,6 +145,15 @@ fn over_capacity_bodies_are_held_evenly_mouths_go_on_and_it_ends_with_the_load()
     for _ in 0..40 {
         crowd.go_on(0.5, MANY);
         worst = worst.max(crowd.backlog());
+        if std::env::var("TRACE").is_ok() {
+            println!(
+                "{:.1} backlog {:.2} held {} late {}",
+                crowd.seconds(),
+                crowd.backlog(),
+                crowd.held().iter().sum::<u64>(),
+                crowd.late()
+            );
+        }
     }
     // A chunk, its deadline, and the limit: nothing grows.
     assert!(worst < 1.2, "{worst} s behind");

@@ -40,8 +40,8 @@ const FALL: f32 = 1.5e9;
 const RISE: f32 = 12e9;
 /// Most of that time between two looks: in a longer one nothing was computed.
 const LONGEST_LOOK: u64 = 100_000_000;
-/// A chunk is in time where it begins by this part of its length before its deadline.
-const IN_TIME: u64 = 4;
+/// A chunk is in time where it begins by this part of its length before it would be late.
+const IN_TIME: i64 = 4;
 
 impl Worker {
     pub(super) fn new(inner: &Inner, config: &EngineConfig, threads: usize) -> std::io::Result<Self> {
@@ -135,15 +135,15 @@ impl Worker {
     fn begin(&mut self, inner: &Inner) -> bool {
         let (now, model) = (inner.clock.nanos(), inner.model());
         self.candidates.clear();
-        let (candidates, mut first) = (&mut self.candidates, (u64::MAX, 0));
+        let (candidates, mut latest) = (&mut self.candidates, (i64::MIN, 0));
         inner.slots.for_each_unlocked(|slot, member| {
             if let Some((_, deadline)) = member.due(model, now) {
                 candidates.push((deadline, slot));
-                first = first.min((deadline, member.schedule.period()));
+                latest = latest.max(member.schedule.late());
             }
         });
         self.candidates.sort_unstable();
-        let share = self.full_share(inner.late_limit.load(Ordering::Relaxed), now, first);
+        let share = self.full_share(inner.late_limit.load(Ordering::Relaxed), now, latest);
         for &(_, slot) in self.candidates.iter().take(self.batch.width()) {
             // It may have been interrupted or dropped in the meantime.
             let mut due = None;
@@ -169,15 +169,15 @@ impl Worker {
         true
     }
 
-    /// The share of chunks that is computed in full from `now` on: less while the first `deadline` has passed
-    /// by more than `limit`, more while there is time before it.
-    fn full_share(&mut self, limit: u64, now: u64, (deadline, period): (u64, u64)) -> f32 {
+    /// The share of chunks that is computed in full from `now` on: less while the one that has waited the
+    /// longest is `late` by more than `limit`, more while there is time before that.
+    fn full_share(&mut self, limit: u64, now: u64, (late, period): (i64, i64)) -> f32 {
         let elapsed = now.saturating_sub(std::mem::replace(&mut self.shared, now)).min(LONGEST_LOOK) as f32;
         if limit == u64::MAX {
             self.share = 1.0;
-        } else if now > deadline.saturating_add(limit) {
+        } else if late > i64::try_from(limit).unwrap_or(i64::MAX) {
             self.share = (self.share - elapsed / FALL).max(0.0);
-        } else if now.saturating_add(period / IN_TIME) <= deadline {
+        } else if late <= -period / IN_TIME {
             self.share = (self.share + elapsed / RISE).min(1.0);
         }
         self.share

@@ -20,6 +20,8 @@ use crate::stream::{EngineView, Input, Stamp};
 /// Frames that a restored session can still produce before a position overflows its word.
 const MORE_FRAMES: u64 = 1 << 32;
 
+/// A second.
+const NANOS: u64 = 1_000_000_000;
 /// Multiples of it, modulo 1, are spread as evenly as can be.
 const GOLDEN_RATIO: f32 = 0.618_034;
 
@@ -123,9 +125,13 @@ impl Schedule {
         self.shared.fail(failure);
     }
 
-    /// Nanoseconds that a chunk lasts.
-    pub(crate) fn period(&self) -> u64 {
-        self.period
+    /// By how many nanoseconds the next chunk, which is due, is late if it begins now: its audio has
+    /// waited for longer than a chunk lasts. And how long that is.
+    pub(crate) fn late(&self) -> (i64, i64) {
+        let (backlog, _) = self.shared.backlog();
+        let signed = |nanos: u64| i64::try_from(nanos).unwrap_or(i64::MAX);
+        let waited = backlog.saturating_mul(NANOS) / self.sample_rate;
+        (signed(waited).saturating_sub(signed(self.period)), signed(self.period))
     }
 
     /// Whether the body of the next chunk is held, where `share` of all chunks are computed in full: as
@@ -207,7 +213,8 @@ impl Member {
         session: &SessionConfig,
         arena: &Arena,
     ) -> Self {
-        let wants = avatar.has_audio() && shared.has_frames() && session.voice == Voice::Delayed;
+        let has_frames = session.packets.as_ref().is_none_or(|packets| packets.with_frames);
+        let wants = avatar.has_audio() && has_frames && session.voice == Voice::Delayed;
         let face_values = model.motion.assembly().face_values();
         let mouth = wants.then(|| HeldMouth::new_in(model, &avatar, face_values, arena)).flatten();
         let schedule = Schedule::new_in(&avatar, shared, &model.config, session.sample_rate, mouth, arena);
