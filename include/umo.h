@@ -769,7 +769,7 @@ UMO_NOEXCEPT;
 UMO_API umo_status umo_engine_free(struct umo_engine *engine) UMO_NOEXCEPT;
 
 // What happens when there is more to compute than time: while chunks begin later than `seconds` behind
-// real time, a growing share of them is computed without the language model, at a quarter of the cost.
+// real time, a growing share of them is computed without the language model, at a fifth of the cost.
 // In these the body holds its pose, and the mouth comes from the model's mouth network, if it has one;
 // sessions take turns. The share shrinks again when chunks are in time; `umo_stats.held_chunks` counts
 // them. While the engine keeps up, every frame has the same bits.
@@ -781,7 +781,8 @@ UMO_API umo_status umo_engine_free(struct umo_engine *engine) UMO_NOEXCEPT;
 // Errors: `INVALID_HANDLE`, `INVALID_ARGUMENT` (not finite).
 UMO_API
 UMO_MUST_USE
-umo_status umo_engine_set_late_limit(struct umo_engine *engine, double seconds)
+umo_status umo_engine_set_late_limit(struct umo_engine *engine,
+                                     double seconds)
 UMO_NOEXCEPT;
 
 // Computes on the calling thread, where the engine was made with `UMO_ENGINE_POLLED`: until nothing is due, or until

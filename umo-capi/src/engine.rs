@@ -303,7 +303,7 @@ pub extern "C" fn umo_engine_free(engine: *mut UmoEngine) -> UmoStatus {
 }
 
 /// What happens when there is more to compute than time: while chunks begin later than `seconds` behind
-/// real time, a growing share of them is computed without the language model, at a quarter of the cost.
+/// real time, a growing share of them is computed without the language model, at a fifth of the cost.
 /// In these the body holds its pose, and the mouth comes from the model's mouth network, if it has one;
 /// sessions take turns. The share shrinks again when chunks are in time; `umo_stats.held_chunks` counts
 /// them. While the engine keeps up, every frame has the same bits.

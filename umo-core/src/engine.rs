@@ -422,7 +422,7 @@ impl Engine {
     }
 
     /// What happens when there is more to compute than time: while chunks begin later than `limit` behind
-    /// real time, a growing share of them is computed without the language model, at a quarter of the
+    /// real time, a growing share of them is computed without the language model, at a fifth of the
     /// cost. In these the body holds its pose, and the mouth comes from the model's mouth network, if it
     /// has one; sessions take turns. The share shrinks again when chunks are in time.
     /// [`Stats::held_chunks`](crate::session::Stats::held_chunks) counts them. While the engine keeps up
