@@ -148,10 +148,10 @@ fn over_capacity_bodies_are_held_evenly_mouths_go_on_and_it_ends_with_the_load()
     }
     // A chunk, its deadline, and the limit: nothing grows.
     assert!(worst < 1.2, "{worst} s behind");
-    let frames = (crowd.avatars[0].frames.len() - seen) * MANY;
+    let frames = ((crowd.avatars[0].frames.len() - seen) * MANY) as u64;
     let late = crowd.late() - late;
     println!("late {late} of {frames} frames, {worst} s behind, held {:?}", crowd.held());
-    assert!(late as usize * 2 < frames, "{late} of {frames} frames were late");
+    assert!(late * 10 < frames, "{late} of {frames} frames were late");
     // Every avatar has its turn: of 50 chunks each about as many.
     let held: Vec<u64> = crowd.held().iter().zip(held).map(|(now, before)| now - before).collect();
     let (least, most) = (held.iter().min().unwrap(), held.iter().max().unwrap());
