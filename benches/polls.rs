@@ -1,22 +1,39 @@
-//! How long a host that lends little time at once waits for it: `polls [SESSIONS [MICROSECONDS]] [MODEL…]`. Every session's
+//! How long a host that lends little time at once waits for it: `polls [held] [SESSIONS [MICROSECONDS]] [MODEL…]`. Every session's
 //! chunk becomes due at the same moment, and the engine is polled with the budget (8 sessions, 500 µs) until nothing is
-//! due. Where the system says it, polls in which another program took the core are told apart.
+//! due. With a budget of 0 every poll is one step, and a line for each kind says how long its steps are. With `held` all
+//! chunks are so late that their bodies are held.
+//!
+//! Where the system says it, times are the processor's for this thread, so that other programs on the core do not count.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
 
+use umo_core::clock::Clock;
 use umo_core::engine::{Engine, EngineConfig, Poll, Threads};
 use umo_core::model::Model;
 use umo_core::session::{Session, SessionConfig};
 use umo_core::{ModelFile, Precision};
 use umo_kernels::Isa;
 
-/// Chunks of every session whose polls are timed, after as many that are not.
-const CHUNKS: usize = 20;
+/// Chunks whose polls are timed, of all sessions together, and the most and the least of each, after as many that are not.
+const CHUNKS: usize = 640;
+const MOST: usize = 20;
+const LEAST: usize = 3;
+/// Chunks after which every body is held, where all are late.
+const UNTIL_HELD: usize = 20;
+/// How many more of each session are due then at once, and the time from one such moment to the next, nanoseconds.
+const MORE: usize = 2;
+const LATE: u64 = 10_000_000_000;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let words: Vec<String> = std::env::args().skip(1).collect();
+    let mut words: Vec<String> = std::env::args().skip(1).collect();
+    let held = words.first().is_some_and(|word| word == "held");
+    if held {
+        words.remove(0);
+    }
     let numbers: Vec<u64> = words.iter().map_while(|word| word.parse().ok()).collect();
     let sessions = usize::try_from(numbers.first().copied().unwrap_or(8))?;
     let budget = Duration::from_micros(numbers.get(1).copied().unwrap_or(500));
@@ -27,26 +44,39 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     for path in models {
         let file = ModelFile::open(&path)?;
         let model = Arc::new(Model::load(&file, Precision::Stored, Isa::detect())?);
+        let nanos = Arc::new(AtomicU64::new(0));
         let config = EngineConfig {
             threads: Threads::Host(0),
+            clock: if held { Clock::Manual(Arc::clone(&nanos)) } else { Clock::system() },
             max_sessions: sessions,
-            max_batch: sessions,
+            max_batch: sessions.min(umo_core::engine::MAX_BATCH),
             ..EngineConfig::default()
         };
         let engine = Engine::new(Arc::clone(&model), &config)?;
         let config = SessionConfig::new(model.config());
         let avatars = (0..sessions).map(|_| engine.session(&config)).collect::<Result<Vec<_>, _>>()?;
-        let (mut alone, mut shared, mut work) = (Vec::new(), Vec::new(), Duration::ZERO);
-        for chunk in 0..2 * CHUNKS {
+        engine.set_late_limit(held.then_some(Duration::ZERO));
+        let timed = (CHUNKS / sessions).clamp(LEAST, MOST);
+        let first = if held { UNTIL_HELD } else { timed };
+        let mut own = Vec::new();
+        let mut kinds: BTreeMap<&str, Vec<Duration>> = BTreeMap::new();
+        for chunk in 0..first + timed {
             let samples = model.config().target * model.config().keyframe_stride * config.sample_rate;
             speak(&avatars, samples / model.config().frame_rate)?;
+            for _ in 0..if held { MORE } else { 0 } {
+                speak(&avatars, samples / model.config().frame_rate)?;
+            }
+            nanos.fetch_add(LATE, Ordering::Relaxed);
             loop {
-                let (switches, start) = (switches(), Instant::now());
+                let kind = engine.next_step().unwrap_or_default();
+                let start = now();
                 let left = engine.poll(budget)?;
-                let took = start.elapsed();
-                if chunk >= CHUNKS {
-                    work += took;
-                    if crate::switches() == switches { &mut alone } else { &mut shared }.push(took);
+                let took = now().saturating_sub(start);
+                if chunk >= first {
+                    own.push(took);
+                    if budget.is_zero() {
+                        kinds.entry(kind).or_default().push(took);
+                    }
                 }
                 if left == Poll::Idle {
                     break;
@@ -55,15 +85,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             avatars.iter().try_for_each(|avatar| avatar.pull_frames(usize::MAX, |_| ()).map(|_| ()))?;
         }
         println!("{}, {}: {sessions} sessions, polls of {budget:?}", file.config().name, Isa::detect().name());
-        println!("a chunk of one session: {:.2?}", work / u32::try_from(CHUNKS * sessions)?);
-        let (times, chunks) = (engine.stage_times(), u32::try_from(2 * CHUNKS * sessions)?);
-        let stages = [times.tokenizer, times.encoder, times.decoder, times.depth, times.interp, times.motion];
-        println!(
-            "  tokenizer, encoder, decoder, depth, interpolation, motion: {:.2?}",
-            stages.map(|time| time / chunks)
-        );
-        report("with the core for itself", alone);
-        report("with the core taken away", shared);
+        let chunks = u32::try_from(timed * sessions * if held { 1 + MORE } else { 1 })?;
+        let held_chunks: u64 = avatars.iter().map(|avatar| avatar.stats().held_chunks).sum();
+        println!("a chunk of one session: {:.2?} {OF}; {held_chunks} held", own.iter().sum::<Duration>() / chunks);
+        report("polls", own, chunks);
+        for (kind, times) in kinds {
+            report(kind, times, chunks);
+        }
     }
     Ok(())
 }
@@ -77,16 +105,26 @@ fn speak(avatars: &[Session], samples: usize) -> Result<(), Box<dyn std::error::
     Ok(())
 }
 
-fn report(what: &str, mut polls: Vec<Duration>) {
-    polls.sort_unstable();
-    let Some(&most) = polls.last() else { return };
-    let at = |share: usize| polls[(polls.len() * share / 1000).min(polls.len() - 1)];
-    let (half, p99) = (at(500), at(990));
-    println!("  {what}: {} polls, p50 {half:.2?}, p99 {p99:.2?}, most {most:.2?}", polls.len());
+fn report(what: &str, mut times: Vec<Duration>, chunks: u32) {
+    times.sort_unstable();
+    let Some(&most) = times.last() else { return };
+    let at = |share: usize| times[(times.len() * share / 1000).min(times.len() - 1)];
+    let (half, p99, sum) = (at(500), at(990), times.iter().sum::<Duration>() / chunks);
+    println!("  {what}: {} times, {sum:.2?} a chunk, p50 {half:.2?}, p99 {p99:.2?}, most {most:.2?}", times.len());
 }
 
-/// How often the calling thread has been put aside, where the system says it.
-fn switches() -> Option<u64> {
-    let status = std::fs::read_to_string("/proc/thread-self/status").ok()?;
-    status.lines().find_map(|line| line.strip_prefix("nonvoluntary_ctxt_switches:"))?.trim().parse().ok()
+/// What [`now`] counts.
+const OF: &str = if cfg!(target_os = "linux") { "of the thread's own" } else { "elapsed" };
+
+/// The processor time of the calling thread, or where the system does not say it, the time since the program began.
+fn now() -> Duration {
+    #[cfg(target_os = "linux")]
+    let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
+    #[cfg(target_os = "linux")]
+    return Duration::try_from(time).unwrap_or_default();
+    #[cfg(not(target_os = "linux"))]
+    {
+        static START: std::sync::LazyLock<std::time::Instant> = std::sync::LazyLock::new(std::time::Instant::now);
+        START.elapsed()
+    }
 }

@@ -628,6 +628,8 @@ typedef struct umo_stats {
     uint64_t overruns;
     // Samples that were NaN, infinite or beyond 1e6, and became silence.
     uint64_t silenced;
+    // Chunks whose body was held because the engine did not keep up (`umo_engine_set_late_limit`).
+    uint64_t held_chunks;
 } umo_stats;
 
 // What came of a decoder's packets. Set `struct_size`, the rest is written by `umo_decoder_stats`.
@@ -765,6 +767,23 @@ UMO_NOEXCEPT;
 // have not begun return at once; free it again when those in progress have returned:
 // `while (umo_engine_free(engine) == UMO_STATUS_BUSY) wait_for_my_jobs();`
 UMO_API umo_status umo_engine_free(struct umo_engine *engine) UMO_NOEXCEPT;
+
+// What happens when there is more to compute than time: while chunks begin later than `seconds` behind
+// real time, a growing share of them is computed without the language model, at a fifth of the cost.
+// In these the body holds its pose, and the mouth comes from the model's mouth network, if it has one;
+// sessions take turns. The share shrinks again when chunks are in time; `umo_stats.held_chunks` counts
+// them. While the engine keeps up, every frame has the same bits.
+//
+// A negative number, as an engine begins, holds no body: frames come later and later, up to the ten
+// seconds of audio that a session queues. Leave it so where audio is pushed faster than it is heard.
+//
+// Threads: any. Never allocates, never waits.
+// Errors: `INVALID_HANDLE`, `INVALID_ARGUMENT` (not finite).
+UMO_API
+UMO_MUST_USE
+umo_status umo_engine_set_late_limit(struct umo_engine *engine,
+                                     double seconds)
+UMO_NOEXCEPT;
 
 // Computes on the calling thread, where the engine was made with `UMO_ENGINE_POLLED`: until nothing is due, or until
 // the next layer would no longer fit `budget` microseconds, by how long the last of its kind took. It computes one layer

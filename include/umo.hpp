@@ -144,6 +144,9 @@ public:
         const umo_status status = umo_engine_new(model.get(), config, &raw);
         return {status, engine(raw)};
     }
+    /// Holds bodies, in turn, while chunks begin so many seconds late; a negative number holds none.
+    [[nodiscard]] umo_status set_late_limit(double seconds) noexcept { return umo_engine_set_late_limit(get(), seconds); }
+
     /// Whether there is more to do.
     result<bool> poll(std::uint32_t budget_us) noexcept {
         std::uint32_t more = 0;

@@ -738,6 +738,9 @@ pub struct Bench {
     /// Seconds that they speak; 0 leaves this part out
     #[arg(long, value_name = "S", default_value_t = 10.0)]
     pub seconds: f64,
+    /// Hold bodies while chunks begin so many milliseconds late
+    #[arg(long, value_name = "MS")]
+    pub late_limit: Option<f64>,
     /// One line of JSON in place of the tables
     #[arg(long)]
     pub json: bool,

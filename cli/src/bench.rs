@@ -83,6 +83,11 @@ pub(crate) fn run(args: &Bench) -> Result<(), Failure> {
     let peaks = || Machine::measure(threads, isa, usize::min(weights, MAX_READ));
     let machine = peaks();
     let others = neighbours()?;
+    if let Some(limit) = args.late_limit {
+        let limit = Duration::try_from_secs_f64(limit / 1e3)
+            .map_err(|error| Failure::input(format!("--late-limit {limit}: {error}")))?;
+        bench.engine.set_late_limit(Some(limit));
+    }
     let crowd = if args.seconds > 0.0 { Some(bench.crowd(args.sessions, args.seconds)?) } else { None };
     drop(others);
     let machine = machine.best(peaks());
@@ -271,6 +276,7 @@ impl Runner<'_> {
             seconds: start.elapsed().as_secs_f64(),
             frames: stats.iter().map(|s| s.frames).sum(),
             late: stats.iter().map(|s| s.late_frames).sum(),
+            held: stats.iter().map(|s| s.held_chunks).sum(),
             overruns: stats.iter().map(|s| s.overruns).sum(),
             p50: latency.iter().map(|l| l.compute_p50).max().unwrap_or_default(),
             p99: latency.iter().map(|l| l.compute_p99).max().unwrap_or_default(),

@@ -302,6 +302,33 @@ pub extern "C" fn umo_engine_free(engine: *mut UmoEngine) -> UmoStatus {
     })
 }
 
+/// What happens when there is more to compute than time: while chunks begin later than `seconds` behind
+/// real time, a growing share of them is computed without the language model, at a fifth of the cost.
+/// In these the body holds its pose, and the mouth comes from the model's mouth network, if it has one;
+/// sessions take turns. The share shrinks again when chunks are in time; `umo_stats.held_chunks` counts
+/// them. While the engine keeps up, every frame has the same bits.
+///
+/// A negative number, as an engine begins, holds no body: frames come later and later, up to the ten
+/// seconds of audio that a session queues. Leave it so where audio is pushed faster than it is heard.
+///
+/// Threads: any. Never allocates, never waits.
+/// Errors: `INVALID_HANDLE`, `INVALID_ARGUMENT` (not finite).
+#[unsafe(no_mangle)]
+#[must_use]
+pub extern "C" fn umo_engine_set_late_limit(engine: *mut UmoEngine, seconds: f64) -> UmoStatus {
+    guard(|| {
+        let engine = get(engine)?;
+        if !seconds.is_finite() {
+            return Err(Failure::argument(
+                "`seconds` is not finite: a late limit is a time, and a negative one holds no body",
+            ));
+        }
+        let limit = (seconds >= 0.0).then(|| Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX));
+        engine.engine().set_late_limit(limit);
+        Ok(())
+    })
+}
+
 /// Computes on the calling thread, where the engine was made with `UMO_ENGINE_POLLED`: until nothing is due, or until
 /// the next layer would no longer fit `budget` microseconds, by how long the last of its kind took. It computes one layer
 /// at least: one with a budget of 0. `more`, which may be NULL, becomes 1 where there is more to do, else 0.

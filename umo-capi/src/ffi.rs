@@ -278,7 +278,7 @@ mod tests {
         assert_eq!((size_of::<UmoSessionConfig>(), UmoSessionConfig::FIRST), (88, 64));
         assert_eq!((size_of::<UmoModelInfo>(), UmoModelInfo::FIRST), (72, 64));
         assert_eq!((size_of::<UmoLatency>(), UmoLatency::FIRST), (72, 48));
-        sized::<UmoStats>(56);
+        assert_eq!((size_of::<UmoStats>(), UmoStats::FIRST), (64, 56));
         sized::<UmoSampled>(24);
         sized::<UmoReceived>(40);
         sized::<UmoGestureOptions>(48);

@@ -168,6 +168,8 @@ pub struct UmoStats {
     pub overruns: u64,
     /// Samples that were NaN, infinite or beyond 1e6, and became silence.
     pub silenced: u64,
+    /// Chunks whose body was held because the engine did not keep up (`umo_engine_set_late_limit`).
+    pub held_chunks: u64,
 }
 
 // SAFETY: `repr(C)`, starts with its size, integers.

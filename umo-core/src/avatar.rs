@@ -250,6 +250,14 @@ impl Window {
         self.put(self.prefix() - keyframes, codes);
     }
 
+    /// The new keyframes are as the last one before them.
+    pub(crate) fn hold(&mut self) {
+        match self {
+            Self::Codes(history) => history.hold(),
+            Self::Keyframes(keyframes) => keyframes.hold(),
+        }
+    }
+
     /// Reads the codes of the last keyframes of the history, as many as `codes` has room for.
     pub(crate) fn last(&self, keyframes: usize, codes: &mut [u16]) {
         let first = self.prefix() - keyframes;
@@ -276,6 +284,8 @@ struct WholeFile {
 pub enum Due {
     /// A chunk can be computed.
     Chunk,
+    /// A chunk whose body holds its pose can be computed: without the language model.
+    Held,
     /// All chunks are done; frames that were held back at the end can be given.
     Flush,
     /// More audio.

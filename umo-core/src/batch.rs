@@ -32,10 +32,11 @@ use crate::lm::decoder::Sequence;
 use crate::lm::depth::{DepthScratch, Task, is_guidable};
 use crate::lm::generate::{Generator, Position};
 use crate::lm::layout::{max_encoder_tokens, window_tokens};
-use crate::lm::{Lengths, Lm, LmScratch};
+use crate::lm::{EncoderPiece, Lengths, Lm, LmScratch};
 use crate::memory::{filled, with_capacity};
 use crate::model::{Between, Model};
-use crate::motion::{FrameRef, MotionScratch};
+use crate::motion::vq::Latents;
+use crate::motion::{FrameRef, MotionScratch, Push};
 use crate::part::Part;
 use crate::record::{Chunk, Codes};
 use crate::time::Instant;
@@ -61,21 +62,25 @@ enum Phase {
     Idle,
     /// A piece of the audio tokenizer's work for one member.
     Tokenize { member: usize },
-    /// One layer of the encoder, for the sequences from `first` on.
-    Encode { layer: usize, first: usize },
-    /// The decoder's keys and values of one sequence's encoder states, in one layer.
-    Attend { sequence: usize, layer: usize },
-    /// One layer of a decoder pass.
-    Decode { layer: usize },
+    /// One layer of the encoder, or a piece of it for the sequences from `first` on.
+    Encode { layer: usize, first: usize, piece: EncoderPiece },
+    /// The decoder's keys and values of one sequence's encoder states from `row` on, in one layer.
+    Attend { sequence: usize, layer: usize, row: usize },
+    /// One layer of a decoder pass, for the sequences from `first` on.
+    Decode { layer: usize, first: usize },
     /// The depth network, for the tasks from `first` on, their codes from `code` on.
     Draw { first: usize, code: usize },
     /// A step of one member's interpolation, or all of it.
     Interpolate { member: usize },
-    /// The motion decoders of one member.
+    /// One motion decoder of one member, or all of them.
     DecodeMotion { member: usize },
 }
 
 impl Phase {
+    /// The encoder's first layer.
+    const ENCODE: Self = Self::Encode { layer: 0, first: 0, piece: EncoderPiece::FIRST };
+    /// A decoder pass.
+    const DECODE: Self = Self::Decode { layer: 0, first: 0 };
     /// How many kinds of steps there are.
     const KINDS: usize = 8;
 
@@ -92,6 +97,21 @@ impl Phase {
             Self::DecodeMotion { .. } => 7,
         }
     }
+
+    /// What its kind is called.
+    #[cfg(feature = "internals")]
+    fn name(self) -> &'static str {
+        match self {
+            Self::Idle => "begin",
+            Self::Tokenize { .. } => "tokenize",
+            Self::Encode { .. } => "encode",
+            Self::Attend { .. } => "attend",
+            Self::Decode { .. } => "decode",
+            Self::Draw { .. } => "draw",
+            Self::Interpolate { .. } => "interpolate",
+            Self::DecodeMotion { .. } => "decode motion",
+        }
+    }
 }
 
 /// Room for the chunks of at most `width` avatars of one model, and the state of the batch in work.
@@ -102,6 +122,8 @@ pub struct Batch {
     call: Option<Call>,
     /// The interpolation of the member that is interpolated, where that has begun.
     filling: Option<Filling>,
+    /// The motion of the member whose motion is decoded, where that has begun.
+    pushing: Option<Pushing>,
     lm: LmScratch,
     between: BetweenScratch,
     motion: MotionScratch,
@@ -154,6 +176,10 @@ enum BetweenScratch {
 /// them.
 const CACHED_WEIGHTS: usize = 4 << 20;
 
+/// Sequences of one step of a decoder pass where steps are cut: as many as share a reading of the weights
+/// and still take a few hundred microseconds.
+const BOUNDED_SEQUENCES: usize = 8;
+
 /// A model was taken up with room for one of the other layout.
 const OTHER_LAYOUT: StepError = StepError::Disagree("a batch was taken up with another model");
 
@@ -182,6 +208,7 @@ impl Batch {
                 .scratch(window, (config.max_target + config.audio.ahead) * config.tokens_per_keyframe()),
             call: None,
             filling: None,
+            pushing: None,
             lm: LmScratch::with_given(config, sequences * lengths.encoder.max(lengths.decoder), given),
             between: match &model.between {
                 Between::Codes(interp) => {
@@ -214,9 +241,10 @@ impl Batch {
         }
     }
 
-    /// Makes steps short from now on, for a host that lends little time at once: one member's rows of an
-    /// encoder layer, few of a keyframe's codes, and a layer or few frames of an interpolation. Only for a model whose layers stay in cache, as what
-    /// is cut reads its weights again.
+    /// Makes steps short from now on, for a host that lends little time at once: a few heads, rows or
+    /// slots of experts of one member in an encoder layer, few sequences of a decoder layer, few of a
+    /// keyframe's codes, a layer or few frames of an interpolation, and one motion decoder. Only for a
+    /// model whose layers stay in cache, as what is cut reads its weights again.
     pub(crate) fn bound(&mut self, config: &Config) {
         self.bounded = Lm::encoder_layer_weights(config) <= CACHED_WEIGHTS;
     }
@@ -248,13 +276,20 @@ impl Batch {
         self.last[self.phase.kind()]
     }
 
+    /// What the next step is called; "begin" where none is under way.
+    #[cfg(feature = "internals")]
+    pub(crate) fn next_step(&self) -> &'static str {
+        self.phase.name()
+    }
+
     /// Time spent in each stage since the batch was made.
     pub fn stage_times(&self) -> StageTimes {
         self.times
     }
 
     /// Starts a batch of `members` members, `1..=width`, all of which are due ([`Avatar::due`]):
-    /// the ones with [`Due::Flush`] only get their last frames.
+    /// the ones with [`Due::Flush`] only get their last frames, and the bodies of those with
+    /// [`Due::Held`] hold their pose.
     ///
     /// # Errors
     /// [`StepError`] where another batch is under way, or there are too many members.
@@ -289,10 +324,10 @@ impl Batch {
             }
         };
         self.due[member] = Due::Nothing;
-        (self.call, self.filling) = (None, None);
+        (self.call, self.filling, self.pushing) = (None, None, None);
         // Where it was the last with a chunk, there is nothing to encode or to fill.
         self.phase = match next {
-            Phase::Encode { .. } if self.next_chunk(0).is_none() => self.decode_motion_from(0),
+            Phase::Encode { .. } if !self.is_encoding() => self.interpolate_from(0),
             next => next,
         };
         Some(member)
@@ -301,7 +336,7 @@ impl Batch {
     /// Puts the batch down for good; its members are in no defined state and want
     /// [`Avatar::reset`].
     pub fn abandon(&mut self) {
-        (self.phase, self.call, self.filling) = (Phase::Idle, None, None);
+        (self.phase, self.call, self.filling, self.pushing) = (Phase::Idle, None, None, None);
     }
 
     /// Computes one more layer, and says whether there is more to do. `avatars` are those that the
@@ -326,9 +361,9 @@ impl Batch {
         let next = match phase {
             Phase::Idle => return Ok(false),
             Phase::Tokenize { member } => self.tokenize(model, cx, &mut avatars[member], member),
-            Phase::Encode { layer, first } => self.encode(model, cx, layer, first),
-            Phase::Attend { sequence, layer } => self.attend(model, cx, sequence, layer),
-            Phase::Decode { layer } => self.decode(model, cx, avatars, layer),
+            Phase::Encode { layer, first, piece } => self.encode(model, cx, (layer, first), piece),
+            Phase::Attend { sequence, layer, row } => self.attend(model, cx, (sequence, layer), row),
+            Phase::Decode { layer, first } => self.decode(model, cx, avatars, (layer, first)),
             Phase::Draw { first, code } => self.draw(model, cx, avatars, first, code),
             Phase::Interpolate { member } => self.interpolate(model, cx, &mut avatars[member], member),
             Phase::DecodeMotion { member } => self.decode_motion(model, cx, &mut avatars[member], member, sink),
@@ -356,9 +391,14 @@ impl Batch {
         Ok(self.is_busy())
     }
 
-    /// The members from `first` on that have a chunk to compute.
+    /// The members from `first` on that have a chunk to compute, be its body held or not.
     fn next_chunk(&self, first: usize) -> Option<usize> {
-        (first..self.members).find(|&member| self.due[member] == Due::Chunk)
+        (first..self.members).find(|&member| matches!(self.due[member], Due::Chunk | Due::Held))
+    }
+
+    /// Whether the language model has something to do.
+    fn is_encoding(&self) -> bool {
+        self.due[..self.members].contains(&Due::Chunk)
     }
 
     /// Tokenizing of the first member from `first` on that has a chunk, or what follows when there
@@ -366,8 +406,8 @@ impl Batch {
     fn tokenize_from(&self, first: usize) -> Phase {
         match self.next_chunk(first) {
             Some(member) => Phase::Tokenize { member },
-            None if self.next_chunk(0).is_some() => Phase::Encode { layer: 0, first: 0 },
-            None => self.decode_motion_from(0),
+            None if self.is_encoding() => Phase::ENCODE,
+            None => self.interpolate_from(0),
         }
     }
 
@@ -387,6 +427,10 @@ impl Batch {
                 return Ok(Phase::Tokenize { member });
             }
             avatar.replace_units(&model.config);
+        }
+        if self.due[member] == Due::Held {
+            avatar.history.hold();
+            return Ok(self.tokenize_from(member + 1));
         }
         let (first, prefix) = (member * self.per_member, model.config.prefix);
         if let (Some(frames), Window::Keyframes(history)) = (model.lm.frames(), &avatar.history) {
@@ -410,10 +454,17 @@ impl Batch {
         (0..sequence).filter(has_chunk).map(|s| self.lengths[s]).sum()
     }
 
-    fn encode(&mut self, model: &Model, cx: Compute, layer: usize, first: usize) -> Result<Phase, StepError> {
+    fn encode(
+        &mut self,
+        model: &Model,
+        cx: Compute,
+        (layer, first): (usize, usize),
+        piece: EncoderPiece,
+    ) -> Result<Phase, StepError> {
         let sequences = self.members * self.per_member;
         let (lm, rows) = (&model.lm, self.rows(sequences));
-        if (layer, first) == (0, 0) {
+        let is_first = (layer, first, piece) == (0, 0, EncoderPiece::FIRST);
+        if is_first {
             for sequence in 0..sequences {
                 if self.due[sequence / self.per_member] != Due::Chunk {
                     self.lengths[sequence] = 0;
@@ -421,19 +472,26 @@ impl Batch {
             }
         }
         let lengths = &self.lengths[..sequences];
-        if (layer, first) == (0, 0) {
+        if is_first {
             lm.begin_encode(&mut self.lm, &self.ids[..rows], lengths)?;
         }
         let end = if self.bounded { first + self.per_member } else { sequences };
         let before = lengths[..first].iter().sum();
-        if lengths[first..end].iter().any(|&rows| rows > 0) {
-            lm.encode_layer(cx, &mut self.lm, layer, before, &lengths[first..end])?;
+        let lengths_here = &lengths[first..end];
+        if self.bounded {
+            if lengths_here.iter().any(|&rows| rows > 0)
+                && let Some(piece) = lm.encode_piece(cx, &mut self.lm, layer, (before, lengths_here), piece)?
+            {
+                return Ok(Phase::Encode { layer, first, piece });
+            }
+        } else {
+            lm.encode_layer(cx, &mut self.lm, layer, before, lengths_here)?;
         }
         if end < sequences {
-            return Ok(Phase::Encode { layer, first: end });
+            return Ok(Phase::Encode { layer, first: end, piece: EncoderPiece::FIRST });
         }
         if layer + 1 < lm.encoder_layers() {
-            return Ok(Phase::Encode { layer: layer + 1, first: 0 });
+            return Ok(Phase::Encode { layer: layer + 1, first: 0, piece: EncoderPiece::FIRST });
         }
         lm.end_encode(cx, &self.lm, lengths, &mut self.states[..rows * lm.d_model()])?;
         for sequence in 0..sequences {
@@ -449,20 +507,30 @@ impl Batch {
     /// where there is none.
     fn attend_from(&self, first: usize) -> Phase {
         let next = (first..self.members * self.per_member).find(|&sequence| self.lengths[sequence] > 0);
-        next.map_or(Phase::Decode { layer: 0 }, |sequence| Phase::Attend { sequence, layer: 0 })
+        next.map_or(Phase::DECODE, |sequence| Phase::Attend { sequence, layer: 0, row: 0 })
     }
 
-    fn attend(&mut self, model: &Model, cx: Compute, index: usize, layer: usize) -> Result<Phase, StepError> {
+    fn attend(
+        &mut self,
+        model: &Model,
+        cx: Compute,
+        (index, layer): (usize, usize),
+        row: usize,
+    ) -> Result<Phase, StepError> {
         let (lm, width) = (&model.lm, model.lm.d_model());
         let (start, rows) = (self.rows(index), self.lengths[index]);
         let sequence = &mut self.sequences[index];
-        if layer == 0 {
+        if (layer, row) == (0, 0) {
             lm.begin_attend(sequence, rows)?;
         }
         let states = Mat::new(&self.states[start * width..], rows, width)?;
-        lm.attend_layer(cx, &mut self.lm, layer, states, sequence)?;
+        if !self.bounded {
+            lm.attend_layer(cx, &mut self.lm, layer, states, sequence)?;
+        } else if let Some(row) = lm.attend_piece(cx, &mut self.lm, layer, states, row, sequence)? {
+            return Ok(Phase::Attend { sequence: index, layer, row });
+        }
         if layer + 1 < lm.decoder_layers() {
-            return Ok(Phase::Attend { sequence: index, layer: layer + 1 });
+            return Ok(Phase::Attend { sequence: index, layer: layer + 1, row: 0 });
         }
         let member = index / self.per_member;
         match &self.between {
@@ -476,14 +544,28 @@ impl Batch {
         Ok(self.attend_from(index + 1))
     }
 
-    fn decode(&mut self, model: &Model, cx: Compute, avatars: &mut [Avatar], layer: usize) -> Result<Phase, StepError> {
+    fn decode(
+        &mut self,
+        model: &Model,
+        cx: Compute,
+        avatars: &mut [Avatar],
+        (layer, first): (usize, usize),
+    ) -> Result<Phase, StepError> {
         let (lm, sequences) = (&model.lm, &mut self.sequences[..self.members * self.per_member]);
-        if layer == 0 {
+        if (layer, first) == (0, 0) {
             lm.begin_decode(&mut self.lm, sequences)?;
         }
-        lm.decode_layer(cx, &mut self.lm, layer, sequences)?;
+        let end = if self.bounded { sequences.len().min(first + BOUNDED_SEQUENCES) } else { sequences.len() };
+        let (before, now) = sequences[..end].split_at_mut(first);
+        if now.iter().any(|sequence| !sequence.ids().is_empty()) {
+            let row = before.iter().map(|sequence| sequence.ids().len()).sum();
+            lm.decode_layer(cx, &mut self.lm, layer, row, now)?;
+        }
+        if end < sequences.len() {
+            return Ok(Phase::Decode { layer, first: end });
+        }
         if layer + 1 < lm.decoder_layers() {
-            return Ok(Phase::Decode { layer: layer + 1 });
+            return Ok(Phase::Decode { layer: layer + 1, first: 0 });
         }
         lm.end_decode(cx, &mut self.lm, sequences)?;
         let generator = match &mut self.between {
@@ -506,7 +588,7 @@ impl Batch {
             let mut codes = history.target();
             more |= generator.write(cx, lm, &mut self.lm, row - 1, sampling, position, &mut codes, sequence)?;
         }
-        Ok(if more { Phase::Decode { layer: 0 } } else { self.interpolate_from(0) })
+        Ok(if more { Phase::DECODE } else { self.interpolate_from(0) })
     }
 
     /// Interpolation for the first member from `first` on that has a chunk, or what follows when
@@ -573,42 +655,174 @@ impl Batch {
         member: usize,
         sink: &mut (impl FrameSink + ?Sized),
     ) -> Result<Phase, StepError> {
-        if self.due[member] == Due::Nothing {
-            return Ok(self.decode_motion_from(member + 1));
-        }
-        if self.due[member] == Due::Chunk {
-            let (total, first) = (avatar.total, avatar.chunk == 0);
-            let mut within = |f: FrameRef| {
-                if total.is_none_or(|total| f.index < total) {
-                    sink.frame(member, f);
-                }
-            };
-            let known = avatar.known_frames(&model.config, avatar.chunk);
-            match &mut avatar.history {
-                Window::Codes(history) => {
-                    let fresh = history.fresh(first);
-                    if let Some(codes) = &mut self.codes {
-                        codes.keep(avatar.chunk, known, fresh);
-                    }
-                    let motion = &mut avatar.motion;
-                    motion.push(cx, &model.motion, &mut self.motion, fresh, avatar.lookahead, &mut within)?;
-                    history.advance();
-                }
-                Window::Keyframes(history) => {
-                    if let Some(codes) = &mut self.codes {
-                        codes.keep_keyframes(avatar.chunk, known, history.fresh_frames(first), history.targets());
-                    }
-                    let (fresh, parts) = history.fresh(first);
-                    let (motion, fresh) = (&mut avatar.motion, &fresh[..parts]);
-                    motion.push_latents(cx, &model.motion, &mut self.motion, fresh, avatar.lookahead, &mut within)?;
-                    history.advance();
-                }
+        while self.decode_motion_step(model, cx, avatar, member, sink)? {
+            if self.bounded {
+                return Ok(Phase::DecodeMotion { member });
             }
-            avatar.chunk += 1;
-        }
-        if let (Some(total), true) = (avatar.total, Some(avatar.chunk) >= avatar.chunks(&model.config)) {
-            avatar.motion.finish(cx, &model.motion, &mut self.motion, total, &mut |f| sink.frame(member, f))?;
         }
         Ok(self.decode_motion_from(member + 1))
+    }
+
+    /// Begins with a member's motion or goes on with it; whether there is more to do.
+    fn decode_motion_step(
+        &mut self,
+        model: &Model,
+        cx: Compute,
+        avatar: &mut Avatar,
+        member: usize,
+        sink: &mut (impl FrameSink + ?Sized),
+    ) -> Result<bool, StepError> {
+        let (total, first) = (avatar.total, avatar.chunk == 0);
+        let mut within = |f: FrameRef| {
+            if total.is_none_or(|total| f.index < total) {
+                sink.frame(member, f);
+            }
+        };
+        let (decoder, scratch, motion) = (&model.motion, &mut self.motion, &mut avatar.motion);
+        let Some(Pushing { mut push, is_end }) = self.pushing.take() else {
+            return match (self.due[member], &avatar.history) {
+                (Due::Chunk | Due::Held, Window::Codes(history)) => {
+                    let codes = history.fresh(first);
+                    let latents = Part::ALL.map(|part| Latents::Codes(codes[part]));
+                    let push = motion.begin_push(decoder, scratch, &latents, avatar.lookahead)?;
+                    self.pushing = Some(Pushing { push, is_end: false });
+                    Ok(true)
+                }
+                (Due::Chunk | Due::Held, Window::Keyframes(history)) => {
+                    let (latents, parts) = history.fresh(first);
+                    let push = motion.begin_push(decoder, scratch, &latents[..parts], avatar.lookahead)?;
+                    self.pushing = Some(Pushing { push, is_end: false });
+                    Ok(true)
+                }
+                (Due::Flush, _) => self.begin_end(model, avatar),
+                _ => Ok(false),
+            };
+        };
+        let more = match &avatar.history {
+            _ if is_end => motion.push_step(cx, decoder, scratch, &[], &mut push, &mut within)?,
+            Window::Codes(history) => {
+                let codes = history.fresh(first);
+                let latents = Part::ALL.map(|part| Latents::Codes(codes[part]));
+                motion.push_step(cx, decoder, scratch, &latents, &mut push, &mut within)?
+            }
+            Window::Keyframes(history) => {
+                let (latents, parts) = history.fresh(first);
+                motion.push_step(cx, decoder, scratch, &latents[..parts], &mut push, &mut within)?
+            }
+        };
+        if more {
+            self.pushing = Some(Pushing { push, is_end });
+            return Ok(true);
+        }
+        if is_end {
+            return Ok(false);
+        }
+        let known = avatar.known_frames(&model.config, avatar.chunk);
+        match &mut avatar.history {
+            Window::Codes(history) => {
+                if let Some(codes) = &mut self.codes {
+                    codes.keep(avatar.chunk, known, history.fresh(first));
+                }
+                history.advance();
+            }
+            Window::Keyframes(history) => {
+                if let Some(codes) = &mut self.codes {
+                    codes.keep_keyframes(avatar.chunk, known, history.fresh_frames(first), history.targets());
+                }
+                history.advance();
+            }
+        }
+        avatar.chunk += 1;
+        self.begin_end(model, avatar)
+    }
+
+    /// Begins with the frames that an avatar's last chunk held back, where that is done.
+    fn begin_end(&mut self, model: &Model, avatar: &Avatar) -> Result<bool, StepError> {
+        let Some(total) = avatar.total.filter(|_| Some(avatar.chunk) >= avatar.chunks(&model.config)) else {
+            return Ok(false);
+        };
+        self.pushing = Some(Pushing { push: avatar.motion.begin_finish(total)?, is_end: true });
+        Ok(true)
+    }
+}
+
+/// Frames of a member that are decoded.
+#[derive(Debug)]
+struct Pushing {
+    push: Push,
+    /// Whether they are those that the last chunk held back.
+    is_end: bool,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::avatar::AvatarConfig;
+    use crate::team::Team;
+    use crate::{ModelFile, Precision};
+    use umo_kernels::Isa;
+
+    /// More than one step of a decoder pass takes where steps are cut.
+    const MEMBERS: usize = 6;
+
+    /// The bits of every member's frames.
+    struct Bits(Vec<Vec<u32>>);
+
+    impl FrameSink for Bits {
+        fn frame(&mut self, member: usize, frame: FrameRef) {
+            let values = frame.pose.rotations.as_flattened().iter().chain(&frame.pose.translation).chain(frame.face);
+            self.0[member].extend(values.map(|value| value.to_bits()));
+        }
+    }
+
+    /// Two chunks and the rest: steps of the longest chunk, and all frames.
+    fn frames(model: &Model, bounded: bool) -> (usize, Vec<Vec<u32>>) {
+        let (config, team) = (&model.config, Team::alone());
+        let cx = Compute { isa: model.isa, team: &team };
+        let mut batch = Batch::new(model, MEMBERS);
+        if bounded {
+            batch.bound(config);
+        }
+        let avatar = |member: usize| {
+            let mut settings = AvatarConfig::new(config);
+            settings.sampler.seed = member as u64;
+            // Different windows, and one that smooths.
+            settings.target = 2 + member;
+            settings.smoothing = if member == 1 { 1.0 } else { 0.0 };
+            Avatar::new(model, &settings).unwrap()
+        };
+        let mut avatars: Vec<_> = (0..MEMBERS).map(avatar).collect();
+        let (mut bits, mut most) = (Bits(vec![Vec::new(); MEMBERS]), 0);
+        for chunk in 0..3 {
+            for (member, avatar) in avatars.iter_mut().enumerate() {
+                if chunk == 2 {
+                    avatar.finish(avatar.known_frames(config, 2));
+                    continue;
+                }
+                let pitch = 0.02 + 0.01 * member as f32;
+                let tone = |at: usize| 0.3 * (at as f32 * pitch).sin() * (at as f32 * 0.0007).sin();
+                avatar.samples_mut().iter_mut().enumerate().for_each(|(at, sample)| *sample = tone(at + chunk * 8000));
+            }
+            let due = if chunk < 2 { Due::Chunk } else { Due::Flush };
+            batch.begin(std::iter::repeat_n(due, MEMBERS)).unwrap();
+            let mut steps = 1;
+            while batch.step(model, cx, &mut avatars, &mut bits).unwrap() {
+                steps += 1;
+            }
+            most = most.max(steps);
+        }
+        (most, bits.0)
+    }
+
+    #[test]
+    fn short_steps_give_the_frames_of_long_ones() {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../models/umo-people/model.safetensors");
+        let file = ModelFile::open(path.as_ref()).unwrap();
+        let model = Model::load(&file, Precision::Stored, Isa::detect()).unwrap();
+        let ((long, want), (short, got)) = (frames(&model, false), frames(&model, true));
+        assert!(got.iter().all(|frames| frames.len() > 1000) && got[0] != got[1]);
+        assert!(got == want);
+        // Every layer of the encoder has several pieces of heads and of experts.
+        assert!(short > long + 4 * MEMBERS * 8, "{short} steps where {long} are not cut");
     }
 }

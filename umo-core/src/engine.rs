@@ -8,7 +8,7 @@
 mod worker;
 
 use std::fmt;
-use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError, TryLockError};
 use std::time::Duration;
 
@@ -217,6 +217,8 @@ struct Inner {
     /// The panic that ended the engine's thread.
     defect: OnceLock<Defect>,
     clock: Clock,
+    /// How late chunks may begin before bodies are held, nanoseconds; `u64::MAX` where none are.
+    late_limit: AtomicU64,
     /// Pose of rest.
     rest: OwnedFrame,
     /// Time spent in each stage, as of the last batch that was done.
@@ -272,7 +274,7 @@ impl Inner {
             arena,
         };
         let shared = arena.counted(Shared::new(init, config)?);
-        let member = Member::new_in(avatar, Counted::clone(&shared), &model.config, config.sample_rate, arena);
+        let member = Member::new_in(avatar, Counted::clone(&shared), &self.slots.model, config, arena);
         Ok((shared, member))
     }
 
@@ -326,6 +328,7 @@ impl Engine {
             started: Started::default(),
             defect: OnceLock::new(),
             clock: config.clock.clone(),
+            late_limit: AtomicU64::new(u64::MAX),
             rest,
             times: Mutex::default(),
             filter_plans: Mutex::default(),
@@ -418,6 +421,20 @@ impl Engine {
         *self.inner.times.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    /// What happens when there is more to compute than time: while chunks begin later than `limit` behind
+    /// real time, a growing share of them is computed without the language model, at a fifth of the
+    /// cost. In these the body holds its pose, and the mouth comes from the model's mouth network, if it
+    /// has one; sessions take turns. The share shrinks again when chunks are in time.
+    /// [`Stats::held_chunks`](crate::session::Stats::held_chunks) counts them. While the engine keeps up
+    /// every frame has the same bits.
+    ///
+    /// None, as an engine begins, holds no body: frames come later and later, up to the ten seconds of
+    /// audio that a session queues. Leave it so where audio is pushed faster than it is heard.
+    pub fn set_late_limit(&self, limit: Option<Duration>) {
+        let nanos = limit.map_or(u64::MAX, |limit| u64::try_from(limit.as_nanos()).unwrap_or(u64::MAX));
+        self.inner.late_limit.store(nanos, Ordering::Relaxed);
+    }
+
     /// Computes until nothing is due or the next layer would no longer fit `budget`, by how long the last
     /// of its kind took; at least one layer, so that a budget of zero computes one. Small models compute a
     /// layer of one session at a time here.
@@ -450,6 +467,14 @@ impl Engine {
         }
         drop(joining);
         Ok(left)
+    }
+
+    /// What the first step of the next [`Self::poll`] is called, for measurements; none where the engine
+    /// has threads of its own.
+    #[cfg(feature = "internals")]
+    pub fn next_step(&self) -> Option<&'static str> {
+        let worker = self.worker.as_ref()?;
+        Some(worker.lock().unwrap_or_else(PoisonError::into_inner).next_step())
     }
 
     /// Computes on the calling thread, which the host lends, until the poll that is under way is

@@ -24,6 +24,7 @@ pub mod vq;
 pub use clip::{Clip, MotionEncoder};
 pub use pose::{Assembly, Pose};
 pub use smoothing::Smoothing;
+pub(crate) use stream::Push;
 pub use stream::{FrameRef, MotionStream};
 pub use vq::{Latents, MotionScratch};
 

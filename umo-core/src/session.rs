@@ -22,6 +22,7 @@ mod config;
 pub(crate) mod delay;
 mod error;
 mod gain;
+mod held;
 mod input;
 mod other;
 mod output;
@@ -103,6 +104,9 @@ pub struct Stats {
     pub frames: u64,
     /// Frames whose chunk was done later than real time needs it.
     pub late_frames: u64,
+    /// Chunks among them whose body was held because the engine did not keep up
+    /// ([`Engine::set_late_limit`](crate::Engine::set_late_limit)).
+    pub held_chunks: u64,
     /// Frames that were dropped by an interrupt or a reset before they were shown.
     pub dropped_frames: u64,
     /// Sample frames that were not taken because there was no room.
@@ -572,6 +576,7 @@ impl Session {
             chunks: read(&c.chunks),
             frames: read(&c.frames),
             late_frames: read(&c.late_frames),
+            held_chunks: read(&c.held_chunks),
             dropped_frames: read(&c.dropped_frames),
             overruns: read(&c.overruns),
             silenced: read(&c.silenced),

@@ -523,7 +523,7 @@ impl UmoAvatar3D {
     }
 
     /// What the session went through: `chunks`, `frames`, `late_frames`, `dropped_frames`,
-    /// `overruns`, `silenced`.
+    /// `overruns`, `silenced`, `held_chunks`.
     #[func]
     fn stats(&mut self) -> VarDictionary {
         let Some(stats) = self.tell(Session::stats) else { return VarDictionary::new() };
@@ -534,6 +534,7 @@ impl UmoAvatar3D {
             "dropped_frames" => stats.dropped_frames as i64,
             "overruns" => stats.overruns as i64,
             "silenced" => stats.silenced as i64,
+            "held_chunks" => stats.held_chunks as i64,
         }
     }
 

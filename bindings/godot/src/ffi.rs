@@ -159,6 +159,7 @@ pub(crate) struct Stats {
     pub(crate) dropped_frames: u64,
     pub(crate) overruns: u64,
     pub(crate) silenced: u64,
+    pub(crate) held_chunks: u64,
 }
 
 /// The library's functions by their names in `umo.h`, without `umo_`.
@@ -285,5 +286,5 @@ const _: () = {
     assert!(size_of::<GestureOptions>() == 48 && offset_of!(GestureOptions, target) == 32);
     assert!(size_of::<Sampled>() == 24 && offset_of!(Sampled, newest) == 16);
     assert!(size_of::<Latency>() == 72 && offset_of!(Latency, mouth_samples) == 64);
-    assert!(size_of::<Stats>() == 56 && offset_of!(Stats, silenced) == 48);
+    assert!(size_of::<Stats>() == 64 && offset_of!(Stats, held_chunks) == 56);
 };

@@ -23,4 +23,4 @@ _Static_assert(sizeof(umo_session_config) == 88 && offsetof(umo_session_config, 
 _Static_assert(sizeof(umo_gesture_options) == 48 && offsetof(umo_gesture_options, target) == 32, "gesture options");
 _Static_assert(sizeof(umo_sampled) == 24 && offsetof(umo_sampled, newest) == 16, "sampled");
 _Static_assert(sizeof(umo_latency) == 72 && offsetof(umo_latency, mouth_samples) == 64, "latency");
-_Static_assert(sizeof(umo_stats) == 56 && offsetof(umo_stats, silenced) == 48, "stats");
+_Static_assert(sizeof(umo_stats) == 64 && offsetof(umo_stats, held_chunks) == 56, "stats");

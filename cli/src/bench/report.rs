@@ -41,6 +41,8 @@ pub(super) struct Crowd {
     pub(super) seconds: f64,
     pub(super) frames: u64,
     pub(super) late: u64,
+    /// Chunks whose body was held.
+    pub(super) held: u64,
     pub(super) overruns: u64,
     /// Of the slowest avatar each.
     pub(super) p50: Duration,
@@ -121,7 +123,7 @@ impl Report {
         if let Some(crowd) = &self.crowd {
             report["real_time"] = json!({
                 "sessions": crowd.sessions, "seconds": crowd.seconds.round(), "frames": crowd.frames,
-                "late_frames": crowd.late, "overruns": crowd.overruns,
+                "late_frames": crowd.late, "held_chunks": crowd.held, "overruns": crowd.overruns,
                 "chunk_ms": { "p50": rounded(crowd.p50), "p99": rounded(crowd.p99), "max": rounded(crowd.max) },
                 "busy": (crowd.busy * 1000.0).round() / 1000.0,
                 "sessions_at_full_load": crowd.at_full_load(),
@@ -173,12 +175,13 @@ impl fmt::Display for Report {
         if let Some(crowd) = &self.crowd {
             writeln!(
                 f,
-                "\n{} avatars for {:.0} s in real time: {} frames, {} late, {} overruns; chunk p50 {:.1} ms, p99 {:.1} ms, \
+                "\n{} avatars for {:.0} s in real time: {} frames, {} late, {} chunks with held bodies, {} overruns; chunk p50 {:.1} ms, p99 {:.1} ms, \
                  largest {:.1} ms; busy for {:.0} % of the time, so that {} could speak{}",
                 crowd.sessions,
                 crowd.seconds,
                 crowd.frames,
                 crowd.late,
+                crowd.held,
                 crowd.overruns,
                 ms(crowd.p50),
                 ms(crowd.p99),

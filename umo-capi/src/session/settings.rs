@@ -226,6 +226,7 @@ pub unsafe extern "C" fn umo_session_stats(session: *const UmoSession, stats: *m
             dropped_frames: found.dropped_frames,
             overruns: found.overruns,
             silenced: found.silenced,
+            held_chunks: found.held_chunks,
         };
         // SAFETY: guaranteed by the caller (see # Safety).
         unsafe { ffi::write(stats, "stats", &value) }

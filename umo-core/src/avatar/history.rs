@@ -115,6 +115,14 @@ impl History {
         if first { self.prefix * self.stride } else { (self.prefix - 1) * self.stride + 1 }
     }
 
+    /// The new keyframes are as the last one before them.
+    pub(crate) fn hold(&mut self) {
+        for part in Part::ALL {
+            let (history, new) = self.keyframes[part].split_at_mut(self.prefix);
+            new.fill(history[self.prefix - 1]);
+        }
+    }
+
     /// Writes `codes [keyframes, parts]`, from keyframe `first` of the window on.
     pub(crate) fn put(&mut self, first: usize, codes: &[u16]) {
         for (at, codes) in codes.chunks_exact(Part::ALL.len()).enumerate() {

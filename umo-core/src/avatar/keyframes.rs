@@ -128,6 +128,13 @@ impl Keyframes {
         self.codes[(self.prefix + keyframe) * count..][..count].copy_from_slice(codes);
     }
 
+    /// The new keyframes are as the last one before them.
+    pub(crate) fn hold(&mut self) {
+        let (count, first) = (self.count(), self.prefix * self.count());
+        let (history, new) = self.codes.split_at_mut(first);
+        new.chunks_exact_mut(count).for_each(|codes| codes.copy_from_slice(&history[first - count..]));
+    }
+
     /// Puts the keyframes' vectors on their frames.
     pub(crate) fn lay_out(&mut self, decoders: &[VqDecoder]) -> Result<(), StepError> {
         let count = self.count();

@@ -9,8 +9,10 @@ use crate::linear::Compute;
 use crate::lm::depth::Task;
 use crate::model::{Between, Model};
 
-/// Codes of a keyframe that one step draws where steps are cut.
-const BOUNDED_CODES: usize = 4;
+/// Codes that one step draws where steps are cut: so many of one member, or one of so many members and more.
+const BOUNDED_CODES: usize = 8;
+/// Most of one member, of which a code takes longer than a share of many.
+const MEMBER_CODES: usize = 4;
 
 /// Which of a keyframe's audio tokens its encoder state is of, where the depth network has that.
 pub(super) fn heard_token(config: &Config) -> Option<usize> {
@@ -89,7 +91,8 @@ impl Batch {
         else {
             return Err(OTHER_LAYOUT);
         };
-        let end = if self.bounded { depth.codes().min(code + BOUNDED_CODES) } else { depth.codes() };
+        let more = (BOUNDED_CODES / (tasks.len() - first).max(1)).clamp(1, MEMBER_CODES);
+        let end = if self.bounded { depth.codes().min(code + more) } else { depth.codes() };
         let before = &before[first * depth.codes()..];
         let states = (self.lm.states(), heard.as_slice());
         let done = depth.draw(cx, scratch, states, (&tasks[first..], before), code..end, |task, codes| {
@@ -122,6 +125,6 @@ impl Batch {
             more |= goes_on;
         }
         *keyframe = next;
-        Ok(if more { Phase::Decode { layer: 0 } } else { self.interpolate_from(0) })
+        Ok(if more { Phase::DECODE } else { self.interpolate_from(0) })
     }
 }

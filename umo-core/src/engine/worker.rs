@@ -1,6 +1,7 @@
 //! The worker: selects the next sessions and computes their batch layer by layer.
 
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use super::{EngineConfig, Inner, Threads};
@@ -26,7 +27,21 @@ pub(super) struct Worker {
     /// What is due of each member.
     due: Vec<Due>,
     packets: PacketWriter,
+    /// The share of chunks that is computed in full.
+    share: f32,
+    /// When it was set.
+    shared: u64,
 }
+
+/// Nanoseconds in which the share of chunks that is computed in full falls from all to none while chunks
+/// are late, and rises again while they are not. It falls within a few chunks, before the audio's ring
+/// is full; it rises slowly, so that it settles.
+const FALL: f32 = 1.5e9;
+const RISE: f32 = 12e9;
+/// Most of that time between two looks: in a longer one nothing was computed.
+const LONGEST_LOOK: u64 = 100_000_000;
+/// A chunk is in time where it begins by this part of its length before it would be late.
+const IN_TIME: i64 = 4;
 
 impl Worker {
     pub(super) fn new(inner: &Inner, config: &EngineConfig, threads: usize) -> std::io::Result<Self> {
@@ -53,6 +68,8 @@ impl Worker {
             candidates: with_capacity(config.max_sessions),
             due: with_capacity(width),
             packets: PacketWriter::new(inner.model()),
+            share: 1.0,
+            shared: 0,
         })
     }
 
@@ -64,6 +81,12 @@ impl Worker {
     /// How long the next turn will take, as far as that is known.
     pub(super) fn expected(&self) -> Duration {
         self.batch.expected()
+    }
+
+    /// What the next turn does.
+    #[cfg(feature = "internals")]
+    pub(super) fn next_step(&self) -> &'static str {
+        self.batch.next_step()
     }
 
     /// Where the host lends its threads.
@@ -112,13 +135,15 @@ impl Worker {
     fn begin(&mut self, inner: &Inner) -> bool {
         let (now, model) = (inner.clock.nanos(), inner.model());
         self.candidates.clear();
-        let candidates = &mut self.candidates;
+        let (candidates, mut latest) = (&mut self.candidates, (i64::MIN, 0));
         inner.slots.for_each_unlocked(|slot, member| {
             if let Some((_, deadline)) = member.due(model, now) {
                 candidates.push((deadline, slot));
+                latest = latest.max(member.schedule.late());
             }
         });
         self.candidates.sort_unstable();
+        let share = self.full_share(inner.late_limit.load(Ordering::Relaxed), now, latest);
         for &(_, slot) in self.candidates.iter().take(self.batch.width()) {
             // It may have been interrupted or dropped in the meantime.
             let mut due = None;
@@ -127,8 +152,11 @@ impl Worker {
                 due.is_some()
             };
             let Some(mut member) = inner.slots.take_if(slot, is_due) else { continue };
-            let Some((due, _)) = due else { continue };
-            member.begin(due);
+            let Some((mut due, _)) = due else { continue };
+            if share < 1.0 && due == Due::Chunk && member.schedule.holds(share, slot) {
+                due = Due::Held;
+            }
+            member.begin(due, share < 1.0, &model.config);
             self.avatars.push(member.avatar);
             self.schedules.push(member.schedule);
             self.slots.push(slot);
@@ -139,6 +167,20 @@ impl Worker {
         }
         self.batch.begin(self.due.iter().copied()).expect("no batch is under way, and there are no more than fit");
         true
+    }
+
+    /// The share of chunks that is computed in full from `now` on: less while the one that has waited the
+    /// longest is `late` by more than `limit`, more while there is time before that.
+    fn full_share(&mut self, limit: u64, now: u64, (late, period): (i64, i64)) -> f32 {
+        let elapsed = now.saturating_sub(std::mem::replace(&mut self.shared, now)).min(LONGEST_LOOK) as f32;
+        if limit == u64::MAX {
+            self.share = 1.0;
+        } else if late > i64::try_from(limit).unwrap_or(i64::MAX) {
+            self.share = (self.share - elapsed / FALL).max(0.0);
+        } else if late <= -period / IN_TIME {
+            self.share = (self.share + elapsed / RISE).min(1.0);
+        }
+        self.share
     }
 
     /// Ends the batch, finished or not, and returns its members to their slots.

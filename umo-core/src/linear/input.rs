@@ -107,6 +107,18 @@ impl QuantScratch {
         Self { largest: AlignedBox::zeroed(MAX_PIECES * self.scale.len()), ..self }
     }
 
+    /// The rows of `values` that were made ready for `next` last, once more: for a product that is
+    /// computed in pieces.
+    ///
+    /// # Errors
+    /// [`StepError`] where there are not as many rows.
+    pub fn again<'a>(&'a self, next: &Linear, values: &'a [f32], rows: usize) -> Result<Ready<'a>, StepError> {
+        match next.is_int8() {
+            true => self.ready(rows, next.inputs()),
+            false => Ok(Ready::Float(Mat::new(values, rows, next.inputs())?)),
+        }
+    }
+
     /// Calls `f` for each thread's columns of `values [rows, width]`, a multiple of `granule`, and
     /// makes the rows ready for `next`. Rows are quantized by the thread that has computed them,
     /// which has them in its cache: what another thread has written comes slower than memory. `f`

@@ -225,28 +225,34 @@ impl Decoder {
         Ok(())
     }
 
-    /// The keys and values of encoder states `[rows, d_model]` in one layer.
+    /// The keys and values of the rows `range` of encoder states `[rows, d_model]` in one layer.
     pub(super) fn attend_to(
         &self,
         cx: Compute,
         scratch: &mut LmScratch,
         index: usize,
         states: Mat<f32>,
+        range: Range<usize>,
         sequence: &mut Sequence,
     ) -> Result<(), StepError> {
         let (cache, cross_kv) = (&mut sequence.cache, &self.layers[index].cross_kv);
-        let (start, rows, width, d_kv) = (cache.cross_start(index), cache.cross_len, cache.width, self.d_kv);
+        let (start, all, width, d_kv) = (cache.cross_start(index), cache.cross_len, cache.width, self.d_kv);
+        if states.rows() != all || range.end > all {
+            return Err(StepError::Disagree("encoder states and the sequence that attends to them"));
+        }
+        let (rows, above) = (range.len(), range.start);
+        let states = states.row_range(range);
         let LmScratch { qkv, quant, .. } = scratch;
         match &mut cache.cross {
             Cross::F32(cross) => {
-                let y = MatMut::new(&mut cross[start..], rows, width)?;
+                let y = MatMut::new(&mut cross[start + above * width..], rows, width)?;
                 cross_kv.forward(cx, quant, states, Epilogue::STORE, y)
             }
             Cross::Bf16(cross) => {
                 cross_kv.forward(cx, quant, states, Epilogue::STORE, MatMut::new(qkv, rows, width)?)?;
                 let exact = Mat::new(qkv, rows, width)?;
-                let heads =
-                    MatMut::with_stride(&mut cross[start..], 2 * self.heads, rows * d_kv, cache.cross_max * d_kv)?;
+                let cross = &mut cross[start + above * d_kv..];
+                let heads = MatMut::with_stride(cross, 2 * self.heads, rows * d_kv, cache.cross_max * d_kv)?;
                 cx.team.rows(heads, rows * width * ROUND_WORK, |range, mut heads| {
                     for (i, head) in range.enumerate() {
                         let x = exact.columns(head * d_kv..(head + 1) * d_kv);
@@ -273,20 +279,26 @@ impl Decoder {
         Ok(())
     }
 
-    /// Runs layer `index` over `scratch.hidden`, whose rows are the new ids of `sequences` in
-    /// order.
+    /// Outputs of the product for the cross-attention's keys and values.
+    pub(super) fn cross_width(&self) -> usize {
+        2 * self.heads * self.d_kv
+    }
+
+    /// Runs layer `index` over the rows of `scratch.hidden` from `first` on, which are the new ids of
+    /// `sequences` in order.
     pub(super) fn layer(
         &self,
         cx: Compute,
         scratch: &mut LmScratch,
         index: usize,
+        first: usize,
         sequences: &mut [Sequence],
     ) -> Result<(), StepError> {
         let d = self.norm.len();
         let rows = sequences.iter().map(|s| s.count).sum::<usize>();
-        let (layer, start) = (&self.layers[index], Instant::now());
-        self.attend_own(cx, scratch, (index, layer), sequences, rows)?;
-        self.attend_cross(cx, scratch, (index, layer), sequences, rows)?;
+        let (layer, start, rows_of) = (&self.layers[index], Instant::now(), first * d..(first + rows) * d);
+        self.attend_own(cx, scratch, (index, layer), sequences, rows_of.clone())?;
+        self.attend_cross(cx, scratch, (index, layer), sequences, rows_of.clone())?;
         let middle = Instant::now();
         let LmScratch { hidden, normed, experts, quant, middle: inside, .. } = scratch;
         let then = || {
@@ -294,7 +306,7 @@ impl Decoder {
                 next.self_attention.input.expect(cx);
             }
         };
-        layer.experts.forward(cx, (quant, inside), experts, &mut hidden[..rows * d], &mut normed[..rows * d], then)?;
+        layer.experts.forward(cx, (quant, inside), experts, &mut hidden[rows_of], &mut normed[..rows * d], then)?;
         scratch.times.add(start, middle);
         Ok(())
     }
@@ -315,17 +327,18 @@ impl Decoder {
         norm(cx, hidden, rows, (&self.norm, self.eps), normed)
     }
 
-    /// Causal attention of the new rows over everything decoded so far.
+    /// Causal attention of the new rows over everything decoded so far; `rows` are their values.
     fn attend_own(
         &self,
         cx: Compute,
         scratch: &mut LmScratch,
         (index, layer): (usize, &Layer),
         sequences: &mut [Sequence],
-        rows: usize,
+        rows: Range<usize>,
     ) -> Result<(), StepError> {
         let (d, inner) = (self.norm.len(), self.heads * self.d_kv);
         let LmScratch { hidden, normed, qkv, context, quant, .. } = scratch;
+        let (hidden, rows) = (&mut hidden[rows.clone()], rows.len() / d);
         let (input, none) = (&layer.self_attention.input, MatMut::new(&mut [], rows, 0)?);
         let x = norm_input(cx, hidden, (&layer.self_norm, self.eps), normed, (input, quant), none, 0, no_more)?;
         layer.self_attention.output.expect(cx);
@@ -349,17 +362,18 @@ impl Decoder {
         layer.self_attention.output.forward(cx, quant, context, Epilogue::ADD, MatMut::new(hidden, rows, d)?)
     }
 
-    /// Attention of the new rows over the encoder's states.
+    /// Attention of the new rows over the encoder's states; `rows` are their values.
     fn attend_cross(
         &self,
         cx: Compute,
         scratch: &mut LmScratch,
         (index, layer): (usize, &Layer),
         sequences: &[Sequence],
-        rows: usize,
+        rows: Range<usize>,
     ) -> Result<(), StepError> {
         let (d, inner) = (self.norm.len(), self.heads * self.d_kv);
         let LmScratch { hidden, normed, qkv, context, quant, .. } = scratch;
+        let (hidden, rows) = (&mut hidden[rows.clone()], rows.len() / d);
         let (input, none) = (&layer.cross_attention.input, MatMut::new(&mut [], rows, 0)?);
         let x = norm_input(cx, hidden, (&layer.cross_norm, self.eps), normed, (input, quant), none, 0, no_more)?;
         // Of the first sequence, each thread's first head.

@@ -1,14 +1,16 @@
 //! The encoder: every token sees the whole input (paper section 3.1; SPEC 2.4).
 
+use std::ops::Range;
+
 use umo_kernels::attention::{encoder_attention_bf16, encoder_attention_f32};
 use umo_kernels::gemm::Epilogue;
-use umo_kernels::{MatMut, PANEL};
+use umo_kernels::{Mat, MatMut, PANEL};
 
 use super::attention::{PositionBias, Projections, heads_of};
 use super::experts::Experts;
-use super::{LmScratch, no_more, norm, norm_input};
+use super::{LmScratch, PIECE_WORK, no_more, norm, norm_input, piece_rows};
 use crate::error::{LoadError, StepError};
-use crate::linear::Compute;
+use crate::linear::{Compute, Linear, Ready};
 use crate::thread::parallel::*;
 use crate::time::Instant;
 use crate::weights::Loader;
@@ -16,6 +18,22 @@ use crate::weights::Loader;
 /// Heads whose queries, keys and values a thread computes before it attends with them: 576 KiB of
 /// 256 tokens at 64 a head.
 const HEADS_AT_ONCE: usize = 3;
+
+/// Where a layer that is computed in pieces stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum EncoderPiece {
+    /// The attention of the heads from this one on.
+    Heads(usize),
+    /// The attention's output for the rows from this one on.
+    Output(usize),
+    /// The experts, for their slots from this one on.
+    Experts(usize),
+}
+
+impl EncoderPiece {
+    /// The first of a layer.
+    pub(crate) const FIRST: Self = Self::Heads(0);
+}
 
 /// The encoder stack.
 #[derive(Debug)]
@@ -97,6 +115,59 @@ impl Encoder {
         Ok(())
     }
 
+    /// One piece of [`Self::layer`]; the next, if there is one.
+    pub(super) fn piece(
+        &self,
+        cx: Compute,
+        scratch: &mut LmScratch,
+        index: usize,
+        (first, lengths): (usize, &[usize]),
+        piece: EncoderPiece,
+    ) -> Result<Option<EncoderPiece>, StepError> {
+        let (d, rows) = (self.norm.len(), lengths.iter().sum::<usize>());
+        let (layer, start) = (&self.layers[index], Instant::now());
+        let LmScratch { hidden, normed, qkv, context, experts, quant, middle, .. } = scratch;
+        let hidden = &mut hidden[first * d..(first + rows) * d];
+        let next = match piece {
+            EncoderPiece::Heads(head) => {
+                let (input, output) = (&layer.attention.input, &layer.attention.output);
+                if head == 0 {
+                    let none = MatMut::new(&mut [], rows, 0)?;
+                    norm_input(cx, hidden, (&layer.norm, self.eps), normed, (input, quant), none, 0, no_more)?;
+                }
+                let x = quant.again(input, normed, rows)?;
+                let (width, longest) = (output.inputs(), lengths.iter().copied().max().unwrap_or(0));
+                let work = rows * (3 * d + 2 * longest) * self.d_kv;
+                let heads =
+                    if self.heads_apart() { (PIECE_WORK / work.max(1)).clamp(1, HEADS_AT_ONCE) } else { self.heads };
+                let end = self.heads.min(head + heads);
+                let columns = head * self.d_kv..end * self.d_kv;
+                let y = MatMut::new(context, rows, width)?.split_columns(columns.start).1;
+                self.attend_heads(cx, input, x, columns.clone(), lengths, qkv, y.split_columns(columns.len()).0)?;
+                Some(if end < self.heads { EncoderPiece::Heads(end) } else { EncoderPiece::Output(0) })
+            }
+            EncoderPiece::Output(row) => {
+                let output = &layer.attention.output;
+                let end = rows.min(row + piece_rows(rows, d * output.inputs()));
+                let x = Mat::new(context, rows, output.inputs())?.row_range(row..end);
+                let x = output.input(cx, middle, x)?;
+                let y = MatMut::new(&mut hidden[row * d..end * d], end - row, d)?;
+                output.apply(cx, x, None, 0..d, Epilogue::ADD, y)?;
+                Some(if end < rows { EncoderPiece::Output(end) } else { EncoderPiece::Experts(0) })
+            }
+            EncoderPiece::Experts(slot) => {
+                let normed = &mut normed[..rows * d];
+                let next = layer.experts.piece(cx, (quant, middle), experts, hidden, normed, slot)?;
+                next.map(EncoderPiece::Experts)
+            }
+        };
+        match piece {
+            EncoderPiece::Experts(_) => scratch.times.experts += start.elapsed(),
+            _ => scratch.times.attention += start.elapsed(),
+        }
+        Ok(next)
+    }
+
     /// The final norm: `scratch.hidden` to `out [rows, d_model]`.
     pub(super) fn finish(
         &self,
@@ -127,38 +198,60 @@ impl Encoder {
 
         let longest = lengths.iter().copied().max().unwrap_or(0);
         let work = rows * (3 * d + 2 * longest) * inner;
-        // Heads begin at whole panels of all three, or one thread does them all.
-        let apart = self.d_kv.is_multiple_of(PANEL);
-        let (granule, most) = if apart { (self.d_kv, HEADS_AT_ONCE * self.d_kv) } else { (inner, inner) };
+        let granule = if self.heads_apart() { self.d_kv } else { inner };
         let room = (&mut qkv[..], 3 * rows);
-        // Int8 products cost queries, keys and values more digits than bfloat16 does.
-        let attention = if input.is_int8() { encoder_attention_bf16 } else { encoder_attention_f32 };
         output.expect(cx);
         let context = middle.computed(cx, output, (&mut context[..], rows), granule, work, room, |columns, to| {
             // A few heads at a time: what is computed for them is still in cache when it is read.
+            let most = if self.heads_apart() { HEADS_AT_ONCE * self.d_kv } else { inner };
             for first in (0..columns.len()).step_by(most) {
                 let width = (columns.len() - first).min(most);
                 let at = columns.start + first;
-                let mut y = MatMut::new(to.room, rows, 3 * width)?;
-                if width == inner {
-                    input.apply_here(cx, x, None, 0..3 * inner, Epilogue::STORE, y.reborrow())?;
-                } else {
-                    for kind in 0..3 {
-                        let (_, y) = y.reborrow().split_columns(kind * width);
-                        let outputs = kind * inner + at..kind * inner + at + width;
-                        input.apply_here(cx, x, None, outputs, Epilogue::STORE, y.split_columns(width).0)?;
-                    }
-                }
-                let qkv = y.dense();
                 let y = to.y.reborrow().split_columns(first).1.split_columns(width).0;
-                heads_of(at..at + width, self.d_kv, lengths.iter().copied(), y, |_, heads, at, rows, y| {
-                    let block = qkv.row_range(rows);
-                    let of = |kind: usize| block.columns(kind * width + at..kind * width + at + self.d_kv);
-                    attention(cx.isa, of(0), of(1), of(2), 1.0, Some(self.bias.of(heads.start, 0)), y)
-                })?;
+                self.attend_heads(cx, input, x, at..at + width, lengths, to.room, y)?;
             }
             to.complete(0..rows)
         })?;
         output.apply(cx, context, None, 0..d, Epilogue::ADD, MatMut::new(hidden, rows, d)?)
+    }
+
+    /// Whether heads begin at whole panels of queries, keys and values; otherwise one thread computes
+    /// them all.
+    fn heads_apart(&self) -> bool {
+        self.d_kv.is_multiple_of(PANEL)
+    }
+
+    /// Queries, keys and values of the heads whose columns of the context are `columns`, into `room`, and
+    /// from them these columns, `y`.
+    #[expect(clippy::too_many_arguments, reason = "one phase of a layer, each operand named")]
+    fn attend_heads(
+        &self,
+        cx: Compute,
+        input: &Linear,
+        x: Ready,
+        columns: Range<usize>,
+        lengths: &[usize],
+        room: &mut [f32],
+        context: MatMut<f32>,
+    ) -> Result<(), StepError> {
+        let (rows, inner, width) = (context.rows(), self.heads * self.d_kv, columns.len());
+        // Int8 products cost queries, keys and values more digits than bfloat16 does.
+        let attention = if input.is_int8() { encoder_attention_bf16 } else { encoder_attention_f32 };
+        let mut y = MatMut::new(room, rows, 3 * width)?;
+        if width == inner {
+            input.apply_here(cx, x, None, 0..3 * inner, Epilogue::STORE, y.reborrow())?;
+        } else {
+            for kind in 0..3 {
+                let (_, y) = y.reborrow().split_columns(kind * width);
+                let outputs = kind * inner + columns.start..kind * inner + columns.end;
+                input.apply_here(cx, x, None, outputs, Epilogue::STORE, y.split_columns(width).0)?;
+            }
+        }
+        let qkv = y.dense();
+        heads_of(columns, self.d_kv, lengths.iter().copied(), context, |_, heads, at, rows, y| {
+            let block = qkv.row_range(rows);
+            let of = |kind: usize| block.columns(kind * width + at..kind * width + at + self.d_kv);
+            attention(cx.isa, of(0), of(1), of(2), 1.0, Some(self.bias.of(heads.start, 0)), y)
+        })
     }
 }

@@ -6,7 +6,7 @@ use umo_kernels::experts::{Routing, route};
 use umo_kernels::gemm::{Epilogue, Scatter};
 use umo_kernels::{MatMut, PANEL};
 
-use super::norm_input;
+use super::{norm_input, piece_rows};
 use crate::config::Lm;
 use crate::error::{LoadError, StepError};
 use crate::linear::{Compute, Linear, QuantScratch, Ready};
@@ -104,38 +104,73 @@ impl Experts {
         normed: &mut [f32],
         then: impl Fn(),
     ) -> Result<(), StepError> {
+        let d = self.norm.len();
+        let input = self.route(cx, quant, scratch, hidden, normed)?;
+        let ExpertScratch { starts, rows, weights, hidden: gated, .. } = scratch;
+        let count = hidden.len() / d;
+        // One expert after the other: what it computes in its middle is still in cache when it is
+        // read.
+        self.each(starts, |expert, next, slots| {
+            let to = Scatter { rows: &rows[slots.clone()], weight: &weights[slots] };
+            expert.down.expect(cx);
+            let after = || match next {
+                Some(next) => next.expect(cx),
+                None => then(),
+            };
+            expert.forward(cx, input, middle, to, gated, MatMut::new(hidden, count, d)?, after)
+        })
+    }
+
+    /// The part of [`Self::forward`] that the slots from `slot` on are, as many as a piece has; where the
+    /// next piece begins, if there is one. All pieces are computed in turn, with nothing else on the
+    /// scratches in between.
+    pub(super) fn piece(
+        &self,
+        cx: Compute,
+        (quant, middle): (&mut QuantScratch, &mut QuantScratch),
+        scratch: &mut ExpertScratch,
+        hidden: &mut [f32],
+        normed: &mut [f32],
+        slot: usize,
+    ) -> Result<Option<usize>, StepError> {
+        let d = self.norm.len();
+        let count = hidden.len() / d;
+        let input = match slot {
+            0 => self.route(cx, quant, scratch, hidden, normed)?,
+            _ => quant.again(&self.experts[0].gate, normed, count)?,
+        };
+        let ExpertScratch { starts, rows, weights, hidden: gated, .. } = scratch;
+        let index = starts.partition_point(|&start| start as usize <= slot) - 1;
+        let (Some(expert), Some(&[start, end])) = (self.experts.get(index), starts[index..].first_chunk()) else {
+            return Ok(None);
+        };
+        let (start, end) = (start as usize, end as usize);
+        let slots = slot..end.min(slot + piece_rows(end - start, 3 * d * self.d_ff));
+        let to = Scatter { rows: &rows[slots.clone()], weight: &weights[slots.clone()] };
+        expert.forward(cx, input, middle, to, gated, MatMut::new(hidden, count, d)?, || ())?;
+        Ok((slots.end < count * self.top_k).then_some(slots.end))
+    }
+
+    /// Norm, router, and the slots of each expert; the normed rows, ready for the experts.
+    fn route<'a>(
+        &self,
+        cx: Compute,
+        quant: &'a mut QuantScratch,
+        scratch: &mut ExpertScratch,
+        hidden: &[f32],
+        normed: &'a mut [f32],
+    ) -> Result<Ready<'a>, StepError> {
         let (d, experts) = (self.norm.len(), self.experts.len());
         let rows = hidden.len() / d;
         let slots = rows * self.top_k;
-        let first = &self.experts[0];
-        let ExpertScratch { starts, rows: slot_rows, weights, hidden: gated, logits } = scratch;
-
-        let scores = MatMut::new(logits, rows, experts)?;
-        let next = (&first.gate, quant);
+        let ExpertScratch { starts, rows: slot_rows, weights, logits, .. } = scratch;
+        let (scores, next) = (MatMut::new(logits, rows, experts)?, (&self.experts[0].gate, quant));
         let input = norm_input(cx, hidden, (&self.norm, self.eps), normed, next, scores, d * PANEL, |x, scores| {
             self.router.apply_here(cx, Ready::Float(x), None, 0..experts, Epilogue::STORE, scores)
         })?;
         let mut routing = Routing { starts, rows: &mut slot_rows[..slots], weights: &mut weights[..slots] };
         route(cx.isa, MatMut::new(logits, rows, experts)?, self.top_k, &mut routing)?;
-
-        // One expert after the other: what it computes in its middle is still in cache when it is
-        // read.
-        self.each(starts, |expert, next, slots| {
-            let (rows_of, weight) = (&slot_rows[slots.clone()], &weights[slots.clone()]);
-            let (gated, work) = ((&mut gated[..], slots.len()), 2 * slots.len() * d * self.d_ff);
-            expert.down.expect(cx);
-            let input = middle.computed(cx, &expert.down, gated, PANEL, work, (&mut [], 0), |columns, to| {
-                expert.gate.apply_gated_here(&expert.up, cx, input, Some(rows_of), columns, to.y.reborrow())?;
-                to.complete(0..slots.len())
-            })?;
-            match next {
-                Some(next) => next.expect(cx),
-                None => then(),
-            }
-            let scatter = Scatter { rows: rows_of, weight };
-            let end = Epilogue { scatter: Some(scatter), ..Epilogue::STORE };
-            expert.down.apply(cx, input, None, 0..d, end, MatMut::new(hidden, rows, d)?)
-        })
+        Ok(input)
     }
 
     /// Tells the thread that will compute them that norm and router come after the next job.
@@ -159,6 +194,30 @@ impl Experts {
 }
 
 impl Expert {
+    /// Adds the expert's outputs for the rows of `to` to those rows of `hidden`; `gated` is the room for
+    /// its middle. `then` says what comes behind the last product.
+    #[expect(clippy::too_many_arguments, reason = "one phase of a layer, each operand named")]
+    fn forward(
+        &self,
+        cx: Compute,
+        input: Ready,
+        middle: &mut QuantScratch,
+        to: Scatter,
+        gated: &mut [f32],
+        hidden: MatMut<f32>,
+        then: impl Fn(),
+    ) -> Result<(), StepError> {
+        let (rows, d, d_ff) = (to.rows, self.down.outputs(), self.down.inputs());
+        let (gated, work) = ((gated, rows.len()), 2 * rows.len() * d * d_ff);
+        let inside = middle.computed(cx, &self.down, gated, PANEL, work, (&mut [], 0), |columns, end| {
+            self.gate.apply_gated_here(&self.up, cx, input, Some(rows), columns, end.y.reborrow())?;
+            end.complete(0..rows.len())
+        })?;
+        then();
+        let end = Epilogue { scatter: Some(to), ..Epilogue::STORE };
+        self.down.apply(cx, inside, None, 0..d, end, hidden)
+    }
+
     /// Tells the threads that its first products come after the next job.
     fn expect(&self, cx: Compute) {
         self.gate.expect_gated(&self.up, cx);

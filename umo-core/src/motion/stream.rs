@@ -90,6 +90,21 @@ pub struct MotionStream {
     max_lookahead: usize,
 }
 
+/// Frames that are decoded and put out, one decoder at a time.
+#[derive(Debug)]
+pub(crate) struct Push {
+    /// New ones.
+    frames: usize,
+    /// How far frames are put out.
+    until: usize,
+    lookahead: usize,
+    future: Future,
+    /// Number of the part that is decoded next, and of its decoder; beyond the last there are frames to put
+    /// out.
+    part: usize,
+    decoder: usize,
+}
+
 /// What one decoder reads of the newest frames.
 #[derive(Debug)]
 enum Known {
@@ -302,6 +317,22 @@ impl MotionStream {
         lookahead: usize,
         out: &mut dyn FnMut(FrameRef),
     ) -> Result<(), StepError> {
+        let mut push = self.begin_push(decoder, scratch, latents, lookahead)?;
+        while self.push_step(cx, decoder, scratch, latents, &mut push, out)? {}
+        Ok(())
+    }
+
+    /// Begins with what [`Self::push_latents`] does, for [`Self::push_step`].
+    ///
+    /// # Errors
+    /// As [`Self::push_latents`].
+    pub(crate) fn begin_push(
+        &mut self,
+        decoder: &MotionDecoder,
+        scratch: &MotionScratch,
+        latents: &[Latents],
+        lookahead: usize,
+    ) -> Result<Push, StepError> {
         let frames = decoder.check(latents)?;
         let mut takers = Part::ALL.iter().flat_map(|&part| decoder.decoders_of(part).zip(&self.parts[part].known));
         if !takers.all(|((index, _), known)| known.takes(latents[index])) {
@@ -318,13 +349,41 @@ impl MotionStream {
         if scratch.rows() < rows {
             return Err(StepError::TooLong { what: "frames of motion", got: rows, limit: scratch.rows() });
         }
-        if frames > 0 {
-            for part in Part::ALL {
-                self.extend(cx, decoder, scratch, part, (latents, frames), Future::Held)?;
+        let until = (self.known + frames).saturating_sub(lookahead);
+        let part = if frames > 0 { 0 } else { Part::ALL.len() };
+        Ok(Push { frames, until, lookahead, future: Future::Held, part, decoder: 0 })
+    }
+
+    /// Runs one more decoder of a push, or puts the frames out; whether there is more to do. `latents` are
+    /// those that it was begun with; for [`Self::begin_finish`] there are none.
+    ///
+    /// # Errors
+    /// As [`Self::push_latents`].
+    pub(crate) fn push_step(
+        &mut self,
+        cx: Compute,
+        decoder: &MotionDecoder,
+        scratch: &mut MotionScratch,
+        latents: &[Latents],
+        push: &mut Push,
+        out: &mut dyn FnMut(FrameRef),
+    ) -> Result<bool, StepError> {
+        if let Some(&part) = Part::ALL.get(push.part) {
+            if push.decoder == 0 {
+                self.make_room(decoder, part, push.frames);
             }
-            self.known += frames;
+            if push.decoder < decoder.decoders_of(part).count() {
+                self.extend(cx, decoder, scratch, (part, push.decoder), (latents, push.frames), push.future)?;
+            }
+            push.decoder += 1;
+            if push.decoder >= decoder.decoders_of(part).count() {
+                (push.part, push.decoder) = (push.part + 1, 0);
+            }
+            return Ok(true);
         }
-        self.emit(cx, decoder, scratch, self.known.saturating_sub(lookahead), (lookahead, Future::Held), out)
+        self.known += push.frames;
+        self.emit(cx, decoder, scratch, push.until, (push.lookahead, push.future), out)?;
+        Ok(false)
     }
 
     /// Puts out the frames up to `total`; the stream then wants [`reset`](Self::reset). Never
@@ -340,38 +399,52 @@ impl MotionStream {
         total: usize,
         out: &mut dyn FnMut(FrameRef),
     ) -> Result<(), StepError> {
+        let mut push = self.begin_finish(total)?;
+        while self.push_step(cx, decoder, scratch, &[], &mut push, out)? {}
+        Ok(())
+    }
+
+    /// Begins with what [`Self::finish`] does, for [`Self::push_step`].
+    ///
+    /// # Errors
+    /// As [`Self::finish`].
+    pub(crate) fn begin_finish(&self, total: usize) -> Result<Push, StepError> {
         if total > self.known {
             return Err(StepError::TooLong { what: "frames of a stream", got: total, limit: self.known });
         }
-        if total > self.emitted {
-            for part in Part::ALL {
-                self.extend(cx, decoder, scratch, part, (&[], 0), Future::End)?;
-            }
-        }
-        self.emit(cx, decoder, scratch, total, (0, Future::End), out)
+        let part = if total > self.emitted { 0 } else { Part::ALL.len() };
+        Ok(Push { frames: 0, until: total, lookahead: 0, future: Future::End, part, decoder: 0 })
     }
 
-    /// Decodes everything of `part` that new `latents` and what follows them change: the rows that
-    /// were not settled, and the `new` ones.
+    /// Makes room for the rows of `part` that `new` frames and what follows them change: those that were
+    /// not settled, and the new ones.
+    fn make_room(&mut self, decoder: &MotionDecoder, part: Part, new: usize) {
+        let keep = self.oldest(decoder, part);
+        let state = &mut self.parts[part];
+        let settled = self.known.saturating_sub(state.reach);
+        state.rows.forget(keep.min(settled));
+        state.rows.truncate(settled);
+        state.rows.grow(self.known + new - settled);
+    }
+
+    /// Decodes with one decoder of a part, counted among its own, everything that new `latents` and what
+    /// follows them change.
     fn extend(
         &mut self,
         cx: Compute,
         decoder: &MotionDecoder,
         scratch: &mut MotionScratch,
-        part: Part,
+        (part, which): (Part, usize),
         (latents, new): (&[Latents], usize),
         future: Future,
     ) -> Result<(), StepError> {
-        let keep = self.oldest(decoder, part);
         let (known, state) = (self.known + new, &mut self.parts[part]);
         let settled = self.known.saturating_sub(state.reach);
         // Rows nearer than `reach` to a cut in the past would see zeros where codes were.
         let first = settled.saturating_sub(state.reach);
         let width = decoder.channels(part);
-        state.rows.forget(keep.min(settled));
-        state.rows.truncate(settled);
-        let place = state.rows.grow(known - settled);
-        for (tail, (index, decoder)) in state.known.iter_mut().zip(decoder.decoders_of(part)) {
+        let place = state.rows.last_mut(known - settled);
+        for (tail, (index, decoder)) in state.known.iter_mut().zip(decoder.decoders_of(part)).skip(which).take(1) {
             tail.forget(first);
             if let Some(&latents) = latents.get(index) {
                 tail.append(latents);
@@ -614,10 +687,15 @@ impl<T: Copy + Default> Tail<T> {
     }
 
     /// Makes room for `rows` more, whose values are to be written.
-    fn grow(&mut self, rows: usize) -> &mut [T] {
-        let len = (self.end - self.start) * self.width;
+    fn grow(&mut self, rows: usize) {
         self.end += rows;
-        &mut self.data[len..len + rows * self.width]
+        assert!((self.end - self.start) * self.width <= self.data.len(), "a stream was made for as many rows");
+    }
+
+    /// The last `rows` rows.
+    fn last_mut(&mut self, rows: usize) -> &mut [T] {
+        let len = (self.end - self.start) * self.width;
+        &mut self.data[len - rows * self.width..len]
     }
 
     fn append(&mut self, rows: &[T]) {

@@ -1,10 +1,12 @@
 //! The engine's side of a session: what is due and when, and where its frames go.
 
+use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
+use super::held::{HeldMouth, next_frames};
 use super::packets::PacketWriter;
-use super::{Failure, Idle, Shared};
+use super::{Failure, Idle, SessionConfig, Shared, Voice};
 use crate::avatar::{Avatar, Due};
 use crate::batch::FrameSink;
 use crate::config::Config;
@@ -17,6 +19,11 @@ use crate::stream::{EngineView, Input, Stamp};
 
 /// Frames that a restored session can still produce before a position overflows its word.
 const MORE_FRAMES: u64 = 1 << 32;
+
+/// A second.
+const NANOS: u64 = 1_000_000_000;
+/// Multiples of it, modulo 1, are spread as evenly as can be.
+const GOLDEN_RATIO: f32 = 0.618_034;
 
 /// An avatar, and when it is computed.
 #[derive(Debug)]
@@ -46,6 +53,10 @@ pub(crate) struct Schedule {
     levels: Levels,
     /// Frames of the chunk that is computed.
     frames: u64,
+    /// The mouth of chunks whose body is held, where the model has a network for it.
+    held_mouth: Option<HeldMouth>,
+    /// Chunks that this session would be owed in full, where the engine computes a share of them.
+    credit: Option<f32>,
 }
 
 /// Silence that the engine put into the stream, at the model's rate.
@@ -86,6 +97,7 @@ impl Schedule {
         shared: Counted<Shared>,
         config: &Config,
         sample_rate: usize,
+        held_mouth: Option<HeldMouth>,
         arena: &Arena,
     ) -> Self {
         let frames = (avatar.target * config.keyframe_stride) as f64;
@@ -103,12 +115,33 @@ impl Schedule {
             silence: Silence::default(),
             levels: Levels::new_in(avatar, config, arena),
             frames: 0,
+            held_mouth,
+            credit: None,
         }
     }
 
     /// Ends the session: it produces no more frames.
     pub(crate) fn fail(&self, failure: Failure) {
         self.shared.fail(failure);
+    }
+
+    /// By how many nanoseconds the next chunk, which is due, is late if it begins now: its audio has
+    /// waited for longer than a chunk lasts. And how long that is.
+    pub(crate) fn late(&self) -> (i64, i64) {
+        let (backlog, _) = self.shared.backlog();
+        let signed = |nanos: u64| i64::try_from(nanos).unwrap_or(i64::MAX);
+        let waited = backlog.saturating_mul(NANOS) / self.sample_rate;
+        (signed(waited).saturating_sub(signed(self.period)), signed(self.period))
+    }
+
+    /// Whether the body of the next chunk is held, where `share` of all chunks are computed in full: as
+    /// evenly as they come, and of sessions in different `slot`s not the same ones.
+    pub(crate) fn holds(&mut self, share: f32, slot: usize) -> bool {
+        let credit = self.credit.get_or_insert((slot as f32 * GOLDEN_RATIO).fract());
+        *credit += share;
+        let is_full = *credit >= 1.0;
+        *credit -= if is_full { 1.0 } else { 0.0 };
+        !is_full
     }
 
     /// Counts a chunk that is done.
@@ -147,12 +180,10 @@ impl Schedule {
         };
         let epoch = self.view.epoch.number;
         if self.shared.has_frames() {
-            let written = self.shared.link.frames.push(
-                Stamp { epoch, index, sample },
-                self.levels.cue(&frame),
-                frame.pose,
-                frame.face,
-            );
+            let with_mouth = self.held_mouth.as_mut().and_then(|mouth| mouth.put(&frame));
+            let (pose, face) = with_mouth.unwrap_or((frame.pose, frame.face));
+            let stamp = Stamp { epoch, index, sample };
+            let written = self.shared.link.frames.push(stamp, self.levels.cue(&frame), pose, face);
             debug_assert!(written, "a chunk is computed only where its frames have room");
         }
         // A stream that has begun since then counts its own backlog.
@@ -178,11 +209,16 @@ impl Member {
     pub(crate) fn new_in(
         avatar: Avatar,
         shared: Counted<Shared>,
-        config: &Config,
-        sample_rate: usize,
+        model: &Arc<Model>,
+        session: &SessionConfig,
         arena: &Arena,
     ) -> Self {
-        Self { schedule: Schedule::new_in(&avatar, shared, config, sample_rate, arena), avatar }
+        let has_frames = session.packets.as_ref().is_none_or(|packets| packets.with_frames);
+        let wants = avatar.has_audio() && has_frames && session.voice == Voice::Delayed;
+        let face_values = model.motion.assembly().face_values();
+        let mouth = wants.then(|| HeldMouth::new_in(model, &avatar, face_values, arena)).flatten();
+        let schedule = Schedule::new_in(&avatar, shared, &model.config, session.sample_rate, mouth, arena);
+        Self { schedule, avatar }
     }
 
     /// Whether the host has dropped the session.
@@ -220,6 +256,10 @@ impl Member {
         let finished = pass.moment("time of the last chunk", schedule.finished)?;
         if pass.loads() {
             (schedule.arrived, schedule.release, schedule.finished) = (arrived, release, finished);
+            // What was heard for held bodies is no part of a state.
+            if let Some(mouth) = &mut schedule.held_mouth {
+                mouth.reset();
+            }
         }
         let consumed = self.avatar.state(pass, model)?;
         schedule.levels.state(pass)?;
@@ -250,6 +290,9 @@ impl Member {
             avatar.reset();
             schedule.silence = Silence::default();
             schedule.levels.reset();
+            if let Some(mouth) = &mut schedule.held_mouth {
+                mouth.reset();
+            }
             (schedule.arrived, schedule.release) = (None, 0);
         }
         match shared.link.input(&schedule.view) {
@@ -282,16 +325,34 @@ impl Member {
         schedule.release + schedule.period
     }
 
-    /// Takes the next chunk's samples, and what was set since the last one.
-    pub(crate) fn begin(&mut self, due: Due) {
+    /// Takes the next chunk's samples, and what was set since the last one; `busy` says that some
+    /// bodies are held now, be this one's among them or not.
+    pub(crate) fn begin(&mut self, due: Due, busy: bool, config: &Config) {
         let Self { avatar, schedule } = self;
-        let Schedule { shared, view, silence, levels, frames, .. } = schedule;
+        let Schedule { shared, view, silence, levels, frames, held_mouth, model_rate, frame_rate, .. } = schedule;
         *frames = 0;
         let (start, endless) = (avatar.consumed(avatar.chunk), avatar.total.is_none());
-        let room = if due == Due::Chunk { avatar.samples_mut() } else { &mut [] };
+        if due == Due::Held {
+            shared.stats.held_chunks.fetch_add(1, Ordering::Relaxed);
+        }
+        let chunk = next_frames(avatar, config);
+        let room = if due == Due::Flush { &mut [] } else { avatar.samples_mut() };
         let taken = shared.link.take_audio(view, room);
         room[taken..].fill(0.0);
         levels.push(room);
+        if let Some(mouth) = held_mouth
+            && due != Due::Flush
+        {
+            mouth.mark(chunk, due == Due::Held);
+            match busy {
+                true => {
+                    if let Err(error) = mouth.hear(room, start * *frame_rate / *model_rate) {
+                        shared.fail(Failure::Step(error));
+                    }
+                }
+                false => mouth.miss(),
+            }
+        }
         if taken < room.len() && endless {
             shared.link.silence_given();
             silence.add(start + taken as u64, (room.len() - taken) as u64);

@@ -116,6 +116,7 @@ pub(crate) struct Counters {
     pub(crate) chunks: AtomicU64,
     pub(crate) frames: AtomicU64,
     pub(crate) late_frames: AtomicU64,
+    pub(crate) held_chunks: AtomicU64,
     pub(crate) dropped_frames: AtomicU64,
     pub(super) overruns: AtomicU64,
     pub(super) silenced: AtomicU64,

@@ -175,8 +175,8 @@ impl Shared {
 
 impl Counters {
     fn state(&self, pass: &mut StatePass) -> Result<(), StateError> {
-        let Self { chunks, frames, late_frames, dropped_frames, overruns, silenced } = self;
-        [chunks, frames, late_frames, dropped_frames, overruns, silenced]
+        let Self { chunks, frames, late_frames, held_chunks, dropped_frames, overruns, silenced } = self;
+        [chunks, frames, late_frames, held_chunks, dropped_frames, overruns, silenced]
             .into_iter()
             .try_for_each(|counter| word(pass, counter))
     }

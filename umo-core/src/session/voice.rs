@@ -27,9 +27,9 @@ const PIECE: usize = 128;
 /// Frames that the end of a stream may bring at once.
 const QUEUE: usize = 16;
 /// The jaw's turn at a jawOpen of 1, radians: what the default model's performer has.
-const JAW_OPEN: f32 = 0.35;
+pub(super) const JAW_OPEN: f32 = 0.35;
 /// Share of the way to rest that the mouth goes in each frame after the last sound.
-const TO_REST: f32 = 0.3;
+pub(super) const TO_REST: f32 = 0.3;
 
 /// When the mouth moves.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -122,6 +122,10 @@ class Engine(_library.Handle):
                 raise _library.error(status, detail)
         _library.check(status)
 
+    def set_late_limit(self, seconds: Optional[float]) -> None:
+        """Holds bodies, in turn, while chunks begin so many seconds late; `None`, as an engine begins, holds none."""
+        _library.check(lib.umo_engine_set_late_limit(self._handle, -1.0 if seconds is None else seconds))
+
     def poll(self, budget: Optional[float] = None) -> bool:
         """Computes in this thread until nothing is due, or the next layer would not fit `budget` seconds; one at least.
 

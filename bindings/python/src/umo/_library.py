@@ -187,7 +187,7 @@ class Stats(ctypes.Structure):
     _fields_ = [
         ("struct_size", c_uint32),
         ("reserved", c_uint32),
-        *((name, c_uint64) for name in ("chunks", "frames", "late_frames", "dropped_frames", "overruns", "silenced")),
+        *((name, c_uint64) for name in ("chunks", "frames", "late_frames", "dropped_frames", "overruns", "silenced", "held_chunks")),
     ]
 
 
@@ -257,6 +257,7 @@ _ARGUMENTS: dict[str, list[Any]] = {
     "umo_engine_config_init": [POINTER(EngineConfig), _SIZE],
     "umo_engine_new": [_HANDLE, POINTER(EngineConfig), _OUT],
     "umo_engine_free": [_HANDLE],
+    "umo_engine_set_late_limit": [_HANDLE, c_double],
     "umo_engine_poll": [_HANDLE, _U32, POINTER(_U32)],
     "umo_engine_add_gesture": [_HANDLE, _TEXT, POINTER(GestureClip)],
     "umo_engine_add_gesture_file": [_HANDLE, _TEXT, _TEXT, _TEXT, _U32, c_float],

@@ -83,6 +83,8 @@ class Stats(NamedTuple):
     """Samples of each channel that were not taken because there was no room."""
     silenced: int
     """Samples that were no usable number and became silence."""
+    held_chunks: int
+    """Chunks whose body was held because the engine did not keep up."""
 
 
 class Received(NamedTuple):

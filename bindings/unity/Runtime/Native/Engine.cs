@@ -45,6 +45,14 @@ namespace Umo
 
         internal IntPtr Raw { get { return handle.Raw; } }
 
+        /// <summary>Holds bodies, in turn, while chunks begin so many seconds late; a negative number holds none, as an engine begins.</summary>
+        public Status SetLateLimit(double seconds)
+        {
+            Status status = Native.umo_engine_set_late_limit(Raw, seconds);
+            GC.KeepAlive(this);
+            return status;
+        }
+
         /// <summary>Computes on this thread for so many microseconds, where the engine is polled. Allocates nothing.</summary>
         public Status Poll(uint budget, out bool more)
         {

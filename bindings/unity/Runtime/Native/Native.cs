@@ -51,6 +51,7 @@ namespace Umo
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_engine_config_init(EngineConfig* config, UIntPtr size);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_engine_new(IntPtr model, EngineConfig* config, IntPtr* engine);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_engine_free(IntPtr engine);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_engine_set_late_limit(IntPtr engine, double seconds);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_engine_poll(IntPtr engine, uint budget, uint* more);
 
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_gesture_options_init(GestureOptions* options, UIntPtr size);

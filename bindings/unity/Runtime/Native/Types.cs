@@ -326,6 +326,7 @@ namespace Umo
         public ulong DroppedFrames;
         public ulong Overruns;
         public ulong Silenced;
+        public ulong HeldChunks;
     }
 
     /// <summary>What came of a decoder's packets.</summary>

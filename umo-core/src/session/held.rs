@@ -1,0 +1,152 @@
+//! The mouth of chunks whose body holds its pose because the engine does not keep up (SPEC 2.9): it
+//! comes from the live mouth's network, which costs a fraction of a chunk.
+//!
+//! ```text
+//! samples of the chunk ──► mouth network ──► mouth of frame n ─┐
+//! motion decoders ───────────────────────────► frame n ────────┴─► frame n
+//! ```
+
+use std::ops::Range;
+use std::sync::Arc;
+
+use crate::avatar::Avatar;
+use crate::config::Config;
+use crate::error::StepError;
+use crate::memory::{Arena, Slice};
+use crate::model::Model;
+use crate::motion::FrameRef;
+use crate::motion::pose::Pose;
+use crate::motion::rotation::{axis_angle_to_quat, slerp};
+use crate::motion::skeleton::JAW;
+use crate::mouth::MouthStream;
+
+use super::voice::{JAW_OPEN, TO_REST};
+
+/// How much of the way from one mouth to the other a frame goes, so that neither jumps.
+const FADE: f32 = 0.25;
+/// Frames that the network may be ahead of the chunk.
+const AHEAD: usize = 32;
+
+/// One session's.
+#[derive(Debug)]
+pub(super) struct HeldMouth {
+    model: Arc<Model>,
+    stream: MouthStream,
+    /// Whether the stream has heard the chunk before.
+    listens: bool,
+    /// Frame of the session at which the stream began.
+    start: u64,
+    /// One more than the last frame whose mouth is known.
+    known: u64,
+    /// `[room, channels]`: the mouth of frame `index`, at `index % room`.
+    mouths: Slice<f32>,
+    /// `[room]`: whether the frame's body is held.
+    held: Slice<bool>,
+    /// `[channels]`: the mouth shown last.
+    last: Slice<f32>,
+    /// The share of it in the frame shown last.
+    weight: f32,
+    /// The index of jawOpen in it.
+    jaw: Option<usize>,
+    pose: Pose,
+    face: Slice<f32>,
+}
+
+impl HeldMouth {
+    /// None where the model has no mouth network.
+    pub(super) fn new_in(model: &Arc<Model>, avatar: &Avatar, face_values: usize, arena: &Arena) -> Option<Self> {
+        let (mouth, config) = (model.mouth.as_ref()?, &model.config);
+        let channels = mouth.channels().len();
+        let chunk = avatar.target * config.keyframe_stride + avatar.horizon_frames(config);
+        let room = 2 * chunk + avatar.lookahead + AHEAD;
+        let jaw_open = config.face.names.iter().position(|name| name == "jawOpen");
+        Some(Self {
+            stream: MouthStream::new_in(mouth, arena),
+            listens: false,
+            start: 0,
+            known: 0,
+            mouths: arena.filled(0.0, room * channels),
+            held: arena.filled(false, room),
+            last: arena.copied(mouth.rest()),
+            weight: 0.0,
+            jaw: mouth.channels().iter().position(|&channel| Some(channel) == jaw_open),
+            pose: Pose::REST,
+            face: arena.filled(0.0, face_values),
+            model: Arc::clone(model),
+        })
+    }
+
+    /// Back to the start of a stream.
+    pub(super) fn reset(&mut self) {
+        (self.listens, self.start, self.known, self.weight) = (false, 0, 0, 0.0);
+        self.held.fill(false);
+    }
+
+    /// A chunk begins whose frames are `frames`, held or not.
+    pub(super) fn mark(&mut self, frames: Range<u64>, held: bool) {
+        for index in frames {
+            let slot = self.slot(index);
+            self.held[slot] = held;
+        }
+    }
+
+    /// Hears the chunk's samples, the first of which belongs to frame `frame`.
+    pub(super) fn hear(&mut self, samples: &[f32], frame: u64) -> Result<(), StepError> {
+        let Self { model, stream, listens, start, known, mouths, held, .. } = self;
+        let Some(mouth) = &model.mouth else { return Ok(()) };
+        if !*listens {
+            stream.reset(mouth);
+            (*listens, *start, *known) = (true, frame, frame);
+        }
+        let (width, room) = (mouth.channels().len(), held.len() as u64);
+        stream.push(mouth, model.isa, samples, |heard| {
+            let index = *start + heard.index;
+            #[expect(clippy::cast_possible_truncation, reason = "below the room")]
+            let slot = (index % room) as usize;
+            mouths[slot * width..][..width].copy_from_slice(heard.channels);
+            *known = index + 1;
+        })
+    }
+
+    /// Hears a chunk less.
+    pub(super) fn miss(&mut self) {
+        self.listens = false;
+    }
+
+    /// The frame with the mouth that is heard, where its body is held or was a moment ago.
+    pub(super) fn put(&mut self, frame: &FrameRef) -> Option<(&Pose, &[f32])> {
+        let (index, mouth) = (frame.index as u64, self.model.mouth.as_ref()?);
+        let slot = self.slot(index);
+        let step = if self.held[slot] { FADE } else { -FADE };
+        self.weight = (self.weight + step).clamp(0.0, 1.0);
+        if self.weight == 0.0 {
+            return None;
+        }
+        let width = self.last.len();
+        if (self.start..self.known).contains(&index) && self.known - index <= self.held.len() as u64 {
+            self.last.copy_from_slice(&self.mouths[slot * width..][..width]);
+        } else {
+            self.last.iter_mut().zip(mouth.rest()).for_each(|(value, rest)| *value += TO_REST * (rest - *value));
+        }
+        self.face.copy_from_slice(frame.face);
+        for (&channel, &value) in mouth.channels().iter().zip(&*self.last) {
+            self.face[channel] += self.weight * (value - self.face[channel]);
+        }
+        self.pose = *frame.pose;
+        if let Some(jaw) = self.jaw {
+            let open = axis_angle_to_quat([JAW_OPEN * self.last[jaw], 0.0, 0.0]);
+            self.pose.rotations[JAW] = slerp(self.pose.rotations[JAW], open, self.weight);
+        }
+        Some((&self.pose, &self.face))
+    }
+
+    #[expect(clippy::cast_possible_truncation, reason = "below the room")]
+    fn slot(&self, index: u64) -> usize {
+        (index % self.held.len() as u64) as usize
+    }
+}
+
+/// The frames that the avatar's next chunk makes known.
+pub(super) fn next_frames(avatar: &Avatar, config: &Config) -> Range<u64> {
+    avatar.known_frames(config, avatar.chunk) as u64..avatar.known_frames(config, avatar.chunk + 1) as u64
+}

@@ -1,0 +1,173 @@
+//! More avatars than there is time for: with a late limit bodies are held, evenly, mouths go on, nothing
+//! grows without end, and all of it ends when the load does. Time is the test's own: every chunk costs
+//! what the test says, in full or held.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+use umo_core::clock::Clock;
+use umo_core::engine::{Engine, EngineConfig, Threads};
+use umo_core::life::LifeConfig;
+use umo_core::model::Model;
+use umo_core::session::{Session, SessionConfig};
+use umo_core::{ModelFile, Precision};
+use umo_kernels::Isa;
+
+const MILLISECOND: u64 = 1_000_000;
+/// What a chunk costs.
+const FULL: u64 = 50 * MILLISECOND;
+const HELD: u64 = 12 * MILLISECOND;
+/// Avatars of which every chunk, 0.4 s long, can be computed in full, and more than those.
+const FEW: usize = 6;
+const MANY: usize = 13;
+
+/// An engine, its clock, and its avatars.
+struct Crowd {
+    engine: Engine,
+    nanos: Arc<AtomicU64>,
+    avatars: Vec<Avatar>,
+}
+
+struct Avatar {
+    session: Session,
+    /// When it began, nanoseconds, and samples pushed.
+    start: u64,
+    pushed: usize,
+    /// The bits of each frame's face, then of its body's first joints.
+    frames: Vec<(Vec<u32>, Vec<u32>)>,
+}
+
+impl Crowd {
+    fn new(limit: Option<Duration>) -> Self {
+        let golden = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/golden/mel_k2_arkit");
+        let file = ModelFile::open(&golden.join("model.safetensors")).unwrap();
+        let model = Arc::new(Model::load(&file, Precision::Stored, Isa::detect()).unwrap());
+        let nanos = Arc::new(AtomicU64::new(0));
+        let config = EngineConfig {
+            threads: Threads::Host(0),
+            clock: Clock::Manual(Arc::clone(&nanos)),
+            max_sessions: MANY,
+            max_batch: 1,
+            ..EngineConfig::default()
+        };
+        let engine = Engine::new(model, &config).unwrap();
+        engine.set_late_limit(limit);
+        let mut config = SessionConfig::new(engine.model().config());
+        config.avatar.life = LifeConfig::OFF;
+        let avatar = |number: usize| {
+            let session = engine.session(&config).unwrap();
+            Avatar { session, start: 400 * MILLISECOND * number as u64 / MANY as u64, pushed: 0, frames: Vec::new() }
+        };
+        let avatars = (0..MANY).map(avatar).collect();
+        Self { engine, nanos, avatars }
+    }
+
+    fn seconds(&self) -> f64 {
+        self.nanos.load(Ordering::Relaxed) as f64 / 1e9
+    }
+
+    fn held(&self) -> Vec<u64> {
+        self.avatars.iter().map(|avatar| avatar.session.stats().held_chunks).collect()
+    }
+
+    fn late(&self) -> u64 {
+        self.avatars.iter().map(|avatar| avatar.session.stats().late_frames).sum()
+    }
+
+    /// Goes on for so many seconds, in which so many avatars speak in real time.
+    fn go_on(&mut self, seconds: f64, speakers: usize) {
+        let until = self.seconds() + seconds;
+        while self.seconds() < until {
+            let now = self.nanos.load(Ordering::Relaxed);
+            for (number, avatar) in self.avatars.iter_mut().enumerate() {
+                let wanted = usize::try_from(now.saturating_sub(avatar.start) * 16 / MILLISECOND).unwrap();
+                if number < speakers {
+                    let sound = |at: usize| {
+                        let t = at as f32 / 16_000.0;
+                        (t * 900.0).sin() * 0.4 * (0.5 + 0.5 * (t * (17.0 + number as f32)).sin())
+                    };
+                    let samples: Vec<f32> = (avatar.pushed..wanted).map(sound).collect();
+                    avatar.pushed += avatar.session.push_audio(&samples).unwrap().taken;
+                } else {
+                    // Who is silent goes on later where the sound is then.
+                    avatar.start = now.saturating_sub(avatar.pushed as u64 * MILLISECOND / 16);
+                }
+                let frames = &mut avatar.frames;
+                let keep = |frame: umo_core::session::Frame| {
+                    let bits = |values: &[f32]| values.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
+                    frames.push((bits(frame.face), bits(frame.pose.rotations[..22].as_flattened())));
+                };
+                avatar.session.pull_frames(usize::MAX, keep).unwrap();
+            }
+            let held: u64 = self.held().iter().sum();
+            self.engine.poll(Duration::ZERO).unwrap();
+            let cost = match self.engine.next_step() {
+                Some("begin") => MILLISECOND,
+                _ if self.held().iter().sum::<u64>() > held => HELD,
+                _ => FULL,
+            };
+            self.nanos.fetch_add(cost, Ordering::Relaxed);
+            while self.engine.next_step() != Some("begin") {
+                self.engine.poll(Duration::ZERO).unwrap();
+            }
+        }
+    }
+
+    fn backlog(&self) -> f64 {
+        let backlogs = self.avatars.iter().map(|avatar| avatar.session.latency().backlog_samples);
+        backlogs.max().unwrap() as f64 / 16_000.0
+    }
+}
+
+#[test]
+fn while_the_engine_keeps_up_a_limit_changes_no_bit() {
+    let (mut with, mut without) = (Crowd::new(Some(Duration::ZERO)), Crowd::new(None));
+    with.go_on(6.0, FEW);
+    without.go_on(6.0, FEW);
+    assert_eq!((with.held(), with.late()), (vec![0; MANY], 0));
+    for (got, want) in with.avatars.iter().zip(&without.avatars).take(FEW) {
+        assert!(got.frames.len() > 100 && got.frames == want.frames);
+    }
+}
+
+#[test]
+fn over_capacity_bodies_are_held_evenly_mouths_go_on_and_it_ends_with_the_load() {
+    let mut without = Crowd::new(None);
+    without.go_on(20.0, MANY);
+    assert!(without.backlog() > 5.0, "without a limit the engine falls behind: {} s", without.backlog());
+
+    let mut crowd = Crowd::new(Some(Duration::from_millis(100)));
+    crowd.go_on(10.0, MANY);
+    let (late, held, seen) = (crowd.late(), crowd.held(), crowd.avatars[0].frames.len());
+    let mut worst = 0.0_f64;
+    for _ in 0..40 {
+        crowd.go_on(0.5, MANY);
+        worst = worst.max(crowd.backlog());
+    }
+    // A chunk, its deadline, and the limit: nothing grows.
+    assert!(worst < 1.2, "{worst} s behind");
+    let frames = ((crowd.avatars[0].frames.len() - seen) * MANY) as u64;
+    let late = crowd.late() - late;
+    println!("late {late} of {frames} frames, {worst} s behind, held {:?}", crowd.held());
+    assert!(late * 10 < frames, "{late} of {frames} frames were late");
+    // Every avatar has its turn: of 50 chunks each about as many.
+    let held: Vec<u64> = crowd.held().iter().zip(held).map(|(now, before)| now - before).collect();
+    let (least, most) = (held.iter().min().unwrap(), held.iter().max().unwrap());
+    assert!(*least >= 15 && *most <= 40 && most - least <= 8, "{held:?}");
+    for avatar in &crowd.avatars {
+        let last = &avatar.frames[avatar.frames.len() - 300..];
+        let changes = |of: fn(&(Vec<u32>, Vec<u32>)) -> &Vec<u32>| {
+            last.windows(2).filter(|pair| of(&pair[0]) != of(&pair[1])).count()
+        };
+        // The mouth moves in nearly every frame.
+        let mouth = changes(|frame| &frame.0);
+        assert!(mouth > 270, "{mouth} of 299 faces differ from the one before");
+    }
+
+    crowd.go_on(16.0, FEW);
+    let (held, late) = (crowd.held(), crowd.late());
+    crowd.go_on(4.0, FEW);
+    assert_eq!((crowd.held(), crowd.late()), (held, late), "it ends with the load");
+}
