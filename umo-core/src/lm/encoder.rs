@@ -132,7 +132,7 @@ impl Encoder {
         let (granule, most) = if apart { (self.d_kv, HEADS_AT_ONCE * self.d_kv) } else { (inner, inner) };
         let room = (&mut qkv[..], 3 * rows);
         // Int8 products cost queries, keys and values more digits than bfloat16 does.
-        let attention = if input.is_int8() { encoder_attention_bf16 } else { encoder_attention_f32 };
+        let attention = if input.is_quantized() { encoder_attention_bf16 } else { encoder_attention_f32 };
         output.expect(cx);
         let context = middle.computed(cx, output, (&mut context[..], rows), granule, work, room, |columns, to| {
             // A few heads at a time: what is computed for them is still in cache when it is read.
