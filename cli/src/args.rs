@@ -683,7 +683,7 @@ pub struct Quantize {
 pub enum WeightsArg {
     /// Int8 steps with a scale per row
     Int8,
-    /// As int8, and int4 codes in groups of 32 for the language model
+    /// As int8, and int4 codes in groups of 32 for the decoder's experts; --set names more
     Int4,
     /// Brain floats
     Bf16,

@@ -21,7 +21,7 @@ const ROWS: [usize; 9] = [1, 2, 3, 4, 5, 8, 16, 64, 256];
 fn main() {
     let seconds: f64 = std::env::args().nth(1).map_or(0.2, |seconds| seconds.parse().expect("seconds"));
     let isa = std::env::var("UMO_ISA").map_or(Isa::detect(), |name| Isa::from_name(&name).expect("a back-end"));
-    println!("{}{}", isa.name(), if is_fast(isa) { "" } else { ", without an int4 product of its own" });
+    println!("{}{}", isa.name(), if is_fast(isa, true) { "" } else { ", without an int4 product of its own" });
     println!("{:>11} {:>4} {:>9} {:>9} {:>6} {:>6}", "n x k", "rows", "int4 us", "int8 us", "ratio", "GB/s");
     for (n, k) in SHAPES {
         let weights = Weights::new(n, k);

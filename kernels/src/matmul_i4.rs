@@ -8,7 +8,7 @@ mod scalar;
 
 use crate::error::{ShapeError, expect_len};
 use crate::gemm::{Epilogue, check_product};
-use crate::isa::{Isa, dispatch};
+use crate::isa::{Backend, Isa, dispatch};
 use crate::mat::MatMut;
 use crate::matmul_i8::{check_k, input};
 use crate::pack::PackedI4;
@@ -32,10 +32,25 @@ pub fn tiling(isa: Isa) -> Tiling {
     })
 }
 
-/// Whether few rows are faster with int4 weights than with the same weights in int8: where a back-end
-/// has a version of its own.
-pub const fn is_fast(_isa: Isa) -> bool {
-    cfg!(target_arch = "x86_64")
+/// Whether products, of few rows or of any number, are faster with int4 weights than with the same
+/// weights in int8.
+pub const fn is_fast(isa: Isa, few_rows: bool) -> bool {
+    match isa.backend() {
+        // The sums of nibbles are the fastest products that AVX2 has; other back-ends multiply int8 by
+        // better instructions, and save reading alone.
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx2(_) => true,
+        #[cfg(target_arch = "x86_64")]
+        Backend::AvxVnni(_) | Backend::Avx512Vnni(_) | Backend::Avx512Bf16(_) => few_rows,
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        Backend::Amx(_) => few_rows,
+        // As everything on the reference.
+        Backend::Scalar => true,
+        #[cfg(target_arch = "aarch64")]
+        Backend::Neon(_) | Backend::NeonDotprod(_) | Backend::NeonI8mm(_) => false,
+        #[cfg(target_arch = "wasm32")]
+        Backend::Simd128(_) => false,
+    }
 }
 
 /// Int4 product with int32 sums: `y[t, o] = x_scale[t] * w_scale[o] * sum_i x[t, i] * w[o, i]` with

@@ -50,7 +50,7 @@ impl Form {
     fn of(precision: Precision, int4: bool, stored: impl Iterator<Item = Storage> + Clone) -> Self {
         let all = |storage| stored.clone().all(|s| s == storage);
         match precision {
-            Precision::Stored | Precision::Int8 if int4 && all(Storage::Int4) => Self::Int4,
+            Precision::Stored if int4 && all(Storage::Int4) => Self::Int4,
             Precision::Int8 => Self::Int8,
             Precision::Bf16 => Self::Bf16,
             Precision::Stored if stored.clone().all(Storage::is_quantized) => Self::Int8,
@@ -114,8 +114,8 @@ impl<'a> Loader<'a> {
         Self { precision: Precision::F32, form: None, ..self.clone() }
     }
 
-    /// The same for products that are computed for few rows at a time, or for many: int4 weights stay
-    /// int4 where that is faster.
+    /// The same for products that are computed for few rows at a time, or (as without this) for many:
+    /// int4 weights stay int4 where that is faster.
     #[must_use]
     pub fn for_few_rows(&self, few_rows: bool) -> Self {
         Self { few_rows, ..self.clone() }
@@ -123,7 +123,7 @@ impl<'a> Loader<'a> {
 
     /// The form of products over tensors that are stored so.
     fn form_of(&self, stored: impl Iterator<Item = Storage> + Clone) -> Form {
-        Form::of(self.precision, self.few_rows && matmul_i4::is_fast(self.isa), stored)
+        Form::of(self.precision, matmul_i4::is_fast(self.isa, self.few_rows), stored)
     }
 
     /// The same with one form of weights for all of the tensors `names`: products that share their
@@ -289,8 +289,9 @@ impl<'a> Loader<'a> {
     fn pack(&self, rows: &Rows) -> Result<Linear, LoadError> {
         let stored = rows.tensors.iter().map(Tensor::storage);
         let weight = match self.form.unwrap_or_else(|| self.form_of(stored)) {
-            Form::Int4 => self.pack_int4(rows)?,
-            Form::Int8 => self.pack_int8(rows)?,
+            Form::Int4 if matches!(rows.order, Order::Same) => self.pack_int4(rows)?,
+            // The groups of a convolution are not those of its inputs in the needed order.
+            Form::Int4 | Form::Int8 => self.pack_int8(rows)?,
             Form::Bf16 => Weight::Bf16(self.pack_float(rows, packed_len_bf16, pack_row_bf16)?),
             Form::F32 => Weight::F32(self.pack_float(rows, packed_len, pack_row)?),
         };
