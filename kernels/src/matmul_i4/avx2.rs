@@ -195,7 +195,7 @@ fn multiply<const R: usize, const H: usize, const TILE: usize>(
             let mut words = [[_mm256_setzero_si256(); H]; R];
             for r in 0..R {
                 // SAFETY: there are no more groups than the inputs have room for.
-                words[r] = [_mm256_set1_epi32(unsafe { *start[r].add(g) }); H];
+                words[r] = [_mm256_set1_epi32(unsafe { *start[r].wrapping_add(g) }); H];
             }
             for (j, block) in blocks.iter().enumerate() {
                 if first == 0 {
@@ -210,7 +210,7 @@ fn multiply<const R: usize, const H: usize, const TILE: usize>(
                 }
                 for r in 0..R {
                     // SAFETY: as above.
-                    let quads: &[i32; GROUP_QUADS] = unsafe { &*quads[r].add(g) };
+                    let quads: &[i32; GROUP_QUADS] = unsafe { &*quads[r].wrapping_add(g) };
                     let (x_low, x_high) = (_mm256_set1_epi32(quads[2 * j]), _mm256_set1_epi32(quads[2 * j + 1]));
                     for h in 0..H {
                         words[r][h] = _mm256_add_epi16(words[r][h], _mm256_maddubs_epi16(low[h], x_low));
