@@ -669,7 +669,7 @@ pub struct Quantize {
     /// Tensors that stay as they are, as `*.moe.experts.*.wo.*`; may be given several times
     #[arg(long, value_name = "GLOB")]
     pub keep: Vec<String>,
-    /// Type of certain tensors: f32, bf16 or int8; the last that matches counts, before any --keep
+    /// Type of certain tensors: f32, bf16, int8 or int4; the last that matches counts, before any --keep
     #[arg(long, value_name = "GLOB=TYPE")]
     pub set: Vec<String>,
     /// Spread loud channels over all others by a rotation that leaves the function the same: for trained
@@ -683,6 +683,8 @@ pub struct Quantize {
 pub enum WeightsArg {
     /// Int8 steps with a scale per row
     Int8,
+    /// As int8, and int4 codes in groups of 32 for the decoder's experts; --set names more
+    Int4,
     /// Brain floats
     Bf16,
 }
@@ -864,6 +866,8 @@ pub enum StorageArg {
     Bf16,
     /// Int8 steps with a scale per row, for the products
     Int8,
+    /// Int4 codes with a scale per row and a multiplier per 32 values, for the products
+    Int4,
 }
 
 impl From<StorageArg> for Storage {
@@ -872,6 +876,7 @@ impl From<StorageArg> for Storage {
             StorageArg::F32 => Self::F32,
             StorageArg::Bf16 => Self::Bf16,
             StorageArg::Int8 => Self::Int8,
+            StorageArg::Int4 => Self::Int4,
         }
     }
 }

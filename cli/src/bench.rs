@@ -127,6 +127,7 @@ fn stored(file: &ModelFile, precision: Precision) -> Result<Stored, Failure> {
         Precision::Bf16 => Stored::Bf16,
         Precision::Int8 => Stored::Int8,
         Precision::Stored => match file.storage(PRODUCT)? {
+            Storage::Int4 => Stored::Int4,
             Storage::Int8 => Stored::Int8,
             Storage::Bf16 | Storage::F16 => Stored::Bf16,
             Storage::F32 | Storage::Bytes => Stored::F32,

@@ -112,11 +112,11 @@ fn sizes(file: &ModelFile) {
     let bytes: BTreeMap<&str, usize> = file.tensors().into_iter().map(|(name, .., bytes)| (name, bytes)).collect();
     let mut stages: BTreeMap<String, [usize; 3]> = BTreeMap::new();
     for spec in layout::specs(config, true).iter().filter(|spec| file.has(&spec.name)) {
-        let scale = bytes.get(format!("{}.scale", spec.name).as_str()).copied().unwrap_or(0);
+        let beside = |what: &str| bytes.get(format!("{}.{what}", spec.name).as_str()).copied().unwrap_or(0);
         let [parameters, active, size] = stages.entry(spec.stage().to_owned()).or_default();
         *parameters += spec.len();
         *active += if spec.is_expert() { spec.len() * config.lm.top_k / config.lm.experts } else { spec.len() };
-        *size += scale + bytes.get(spec.name.as_str()).copied().unwrap_or(0);
+        *size += beside("scale") + beside("multipliers") + bytes.get(spec.name.as_str()).copied().unwrap_or(0);
     }
     println!();
     println!("{:<10} {:>14} {:>14} {:>14}", "stage", "parameters", "active", "bytes");

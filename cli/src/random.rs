@@ -13,6 +13,7 @@ use umo_core::{Config, Part};
 use crate::args::{LayoutArg, MakeRandom, StorageArg};
 use crate::atomic_file;
 use crate::failure::Failure;
+use crate::quantize;
 
 /// The small text vocabulary of random models.
 static TEXT_MODEL: &[u8] = include_bytes!("../assets/text.model");
@@ -49,7 +50,9 @@ fn tensor<'a>(config: &'a Config, spec: &'a Spec, args: &MakeRandom, index: u64)
     let storage = match (args.store, spec.kind) {
         (StorageArg::F32, _) | (_, Kind::Mel | Kind::Listener | Kind::Centroids) => Storage::F32,
         (StorageArg::Int8, Kind::Product) => Storage::Int8,
-        (StorageArg::Bf16 | StorageArg::Int8, _) => Storage::Bf16,
+        (StorageArg::Int4, Kind::Product) if quantize::is_int4(&spec.name) => Storage::Int4,
+        (StorageArg::Int4, Kind::Product) => Storage::Int8,
+        (StorageArg::Bf16 | StorageArg::Int8 | StorageArg::Int4, _) => Storage::Bf16,
     };
     let seed = args.seed;
     let values = Values::Floats(Box::new(move || Ok(values(config, spec, seed, index))));

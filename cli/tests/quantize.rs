@@ -4,9 +4,9 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 use tempfile::TempDir;
-use umo_core::ModelFile;
 use umo_core::weights::layout::{self, Kind};
 use umo_core::weights::writer::Storage;
+use umo_core::{Isa, ModelFile};
 
 /// Ends of the names whose channels are evened out: two that make them, two that take them.
 const EVENED: [&str; 4] = [".v.weight", ".wi_1.weight", ".o.weight", ".wo.weight"];
@@ -222,6 +222,116 @@ fn a_model_is_run_as_it_is_stored() {
     assert!(moves("b16", &[]) != moves("model", &[]));
 }
 
+/// Codes of 4 bits in groups: what `--weights int4` takes, to how many bytes, and at what loss.
+#[test]
+fn int4_takes_experts_to_half_the_bytes() {
+    let place = Place::new();
+    let (before, after) = (place.open("model"), place.quantize("four", &["--weights", "int4"]));
+    let (mut quantized, mut int8) = (0, 0);
+    for spec in layout::specs(before.config(), true) {
+        let storage = after.storage(&spec.name).unwrap();
+        int8 += usize::from(storage == Storage::Int8);
+        if storage != Storage::Int4 {
+            continue;
+        }
+        assert!(spec.name.starts_with("lm.decoder.") && spec.is_expert(), "{}", spec.name);
+        quantized += 1;
+        let (was, is) = (values(&before, &spec.name, &spec.shape), values(&after, &spec.name, &spec.shape));
+        let (inputs, squares) = (spec.inputs(), |v: &mut dyn Iterator<Item = f32>| v.map(|v| v * v).sum::<f32>());
+        if !EVENED.iter().any(|end| spec.name.ends_with(end)) {
+            let error = squares(&mut was.iter().zip(&is).map(|(a, b)| a - b)) / squares(&mut was.iter().copied());
+            // Of uniform values: a step of a sixteenth of the range.
+            assert!((0.02..0.085).contains(&error.sqrt()), "{}: {error}", spec.name);
+        }
+        let tensors = after.tensors();
+        let bytes = |name: &str| tensors.iter().find(|(other, ..)| *other == name).map(|(.., bytes)| *bytes).unwrap();
+        assert_eq!(bytes(&spec.name), spec.shape[0] * inputs.div_ceil(2));
+        assert_eq!(bytes(&format!("{}.multipliers", spec.name)), spec.shape[0] * inputs.div_ceil(32));
+        assert_eq!(bytes(&format!("{}.scale", spec.name)), 4 * spec.shape[0]);
+    }
+    let experts = layout::specs(before.config(), true).iter().filter(|spec| spec.is_expert()).count();
+    assert!(2 * quantized == experts && int8 > 20, "{quantized} tensors in int4, {int8} in int8");
+}
+
+/// The int8 model of the same values gives the same frames, and so does every back-end; both layouts.
+#[test]
+fn int4_models_move_alike_everywhere() {
+    let place = Place::new();
+    let speech = speech();
+    for layout in ["parts", "frames"] {
+        place.run(&["make-random", "--size", "tiny", "--layout", layout, "--store", "f32", "-o", "model"], 0);
+        let mut args =
+            vec!["--weights", "int8", "--set", "lm.*.moe.experts.*=int4", "--set", "lm.*Attention.[qkvo].*=int4"];
+        if layout == "frames" {
+            args.extend(["--set", "depth.layers.*.attention.*=int4", "--set", "depth.layers.*.feed_forward.*=int4"]);
+            args.extend(["--set", "depth.head.*=int4"]);
+        }
+        place.quantize("four", &args);
+        let moves = |more: &[&str]| {
+            place.run(&[&["animate", &speech, "--model", "four", "-o", "out.jsonl"], more].concat(), 0);
+            std::fs::read_to_string(place.path("out.jsonl")).unwrap()
+        };
+        let stored = moves(&[]);
+        assert!(stored.lines().count() > 30);
+        for isa in Isa::available() {
+            // f32 parts differ between some back-ends.
+            let same = moves(&["--isa", isa.name(), "--precision", "int8"]) == moves(&["--isa", isa.name()]);
+            assert!(same, "{layout}: int8 on {}", isa.name());
+        }
+        // One type of each part, or of experts, in int8 beside int4: computed as int8.
+        place.quantize(
+            "mixed",
+            &[&args[..], &["--set", "lm.*.experts.0.*=int8", "--set", "lm.*.k.weight=int8"]].concat(),
+        );
+        place.run(&["animate", &speech, "--model", "mixed", "-o", "out.jsonl"], 0);
+        assert!(stored != moves(&["--precision", "f32"]), "{layout}");
+    }
+}
+
+/// What is wrong with a damaged int4 tensor is said.
+#[test]
+fn damaged_int4_tensors_are_named() {
+    let place = Place::new();
+    let name = "lm.decoder.block.0.layer.2.moe.experts.0.wo.weight";
+    let file = place.quantize("four", &["--weights", "int8", "--set", &format!("{name}=int4")]);
+    let shape = layout::specs(file.config(), true).into_iter().find(|spec| spec.name == name).unwrap().shape;
+    let bytes = std::fs::read(place.path("four")).unwrap();
+    // As a file from elsewhere, which has no checksum to see the damage by.
+    let find = |bytes: &[u8], text: &str| bytes.windows(text.len()).position(|w| w == text.as_bytes()).unwrap();
+    let replaced = |bytes: &[u8], from: &str, to: &str| {
+        assert_eq!(from.len(), to.len());
+        let (mut bytes, at) = (bytes.to_vec(), find(bytes, from));
+        bytes[at..at + to.len()].copy_from_slice(to.as_bytes());
+        bytes
+    };
+    let bytes = replaced(&bytes, "\"checksum\"", "\"comments\"");
+    let said = |bytes: Vec<u8>| match ModelFile::from_bytes(bytes) {
+        Ok(file) => file.tensor(name, &shape).unwrap_err().to_string(),
+        Err(error) => error.to_string(),
+    };
+    let [rows, groups] = [shape[0], shape[1].div_ceil(32)];
+    // The first multiplier: where its entry says.
+    let header = 8 + usize::try_from(u64::from_le_bytes(*bytes.first_chunk().unwrap())).unwrap();
+    let entry = find(&bytes, &format!("\"{name}.multipliers\""));
+    let text = String::from_utf8_lossy(&bytes[entry..header]).into_owned();
+    let start = text.split("\"data_offsets\":[").nth(1).unwrap().split(',').next().unwrap();
+    let mut large = bytes.clone();
+    large[header + start.parse::<usize>().unwrap() + 1] = 16;
+    let message = said(large);
+    assert!(
+        message.contains(&format!("{name}.multipliers")) && message.contains("is 16, not within -15 to 15"),
+        "{message}"
+    );
+    let message = said(replaced(&bytes, &format!("{name}.multipliers"), &format!("{name}.multiplierz")));
+    assert!(message.contains("expected F32, F16, BF16 or I8, got U8") || message.contains("expected ["), "{message}");
+    let message = said(replaced(&bytes, &format!("{name}.scale"), &format!("{name}.scalf")));
+    assert!(message.contains(&format!("`{name}.scale`")) && message.contains("missing"), "{message}");
+    let file = ModelFile::from_bytes(bytes).unwrap();
+    let message = file.tensor(name, &[rows, shape[1] + 2]).unwrap_err().to_string();
+    assert!(message.contains("for int4 codes of"), "{message}");
+    assert!(groups > 0 && file.tensor(name, &shape).is_ok());
+}
+
 /// Experts share their input, and each is the product of two: those that differ are still computed.
 #[test]
 fn uneven_types_are_computed() {
@@ -240,9 +350,12 @@ fn uneven_types_are_computed() {
 fn quantized_models_are_refused() {
     let place = Place::new();
     place.quantize("small", &["--weights", "int8"]);
+    place.quantize("four", &["--weights", "int8", "--set", "lm.decoder.block.0.*.wo.*=int4"]);
     let before = place.files();
-    let said = place.run(&["quantize", "small", "-o", "smaller", "--weights", "int8"], 2);
-    assert!(said.contains("is int8 already"), "{said}");
+    for (model, what) in [("small", "is int8 already"), ("four", "is int4 already")] {
+        let said = place.run(&["quantize", model, "-o", "smaller", "--weights", "int8", "--keep", "audio.*"], 2);
+        assert!(said.contains("already"), "{what}: {said}");
+    }
     assert_eq!(place.files(), before);
 }
 
@@ -253,7 +366,7 @@ fn bad_globs_are_refused() {
         (["--keep", "lm.nothing.*"], "`lm.nothing.*` matches no tensor"),
         (["--keep", "lm.[*"], "--keep lm.[*"),
         (["--set", "lm.*"], "expected GLOB=TYPE"),
-        (["--set", "lm.*=int4"], "expected f32, bf16 or int8, got `int4`"),
+        (["--set", "lm.*=int5"], "expected f32, bf16, int8 or int4, got `int5`"),
         (["--set", "*.layer_norm.weight=int8"], "it cannot be int8"),
     ] {
         let said = place.run(&[&["quantize", "model", "-o", "small", "--weights", "int8"], &args[..]].concat(), 2);

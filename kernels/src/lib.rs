@@ -6,7 +6,7 @@
 //!
 //! | module | what it computes | SPEC |
 //! |---|---|---|
-//! | [`matmul_f32`], [`matmul_bf16`], [`matmul_i8`] | `x . w^T` with packed weights, plain, gated, gathered and scattered | 2.4 |
+//! | [`matmul_f32`], [`matmul_bf16`], [`matmul_i8`], [`matmul_i4`] | `x . w^T` with packed weights, plain, gated, gathered and scattered | 2.4 |
 //! | [`attention`] | softmax(q . k^T + bias) . v for one head | 2.4, 2.1, 2.6 |
 //! | [`experts`] | top-k routing and the counting sort of rows by expert | 2.4 |
 //! | [`conv1d`] | windows over time as the rows of a product, grouped convolution | 2.1, 2.7 |
@@ -48,6 +48,7 @@ pub mod mat;
 mod math;
 pub mod matmul_bf16;
 pub mod matmul_f32;
+pub mod matmul_i4;
 pub mod matmul_i8;
 pub mod norm;
 pub mod pack;
@@ -62,5 +63,5 @@ pub use bf16::Bf16;
 pub use error::ShapeError;
 pub use isa::Isa;
 pub use mat::{Mat, MatMut};
-pub use pack::{PANEL, PackedBf16, PackedF32, PackedI8};
+pub use pack::{PANEL, PackedBf16, PackedF32, PackedI4, PackedI8};
 pub use prefetch::{PrefetchHint, SharedHint};

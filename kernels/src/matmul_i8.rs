@@ -11,7 +11,7 @@ mod avx512vnni;
 mod avxvnni;
 #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 mod chunk;
-mod input;
+pub(crate) mod input;
 #[cfg(target_arch = "aarch64")]
 mod neon;
 #[cfg(target_arch = "aarch64")]
@@ -120,7 +120,7 @@ pub fn matmul_gated_i8(
     Ok(())
 }
 
-fn input<'a>(x: QuantRows<'a>, index: Option<&'a [u32]>) -> Result<QuantInput<'a>, ShapeError> {
+pub(crate) fn input<'a>(x: QuantRows<'a>, index: Option<&'a [u32]>) -> Result<QuantInput<'a>, ShapeError> {
     let rows = match index {
         Some(index) => Input::gather(x.codes, index)?,
         None => Input::all(x.codes),
@@ -128,6 +128,6 @@ fn input<'a>(x: QuantRows<'a>, index: Option<&'a [u32]>) -> Result<QuantInput<'a
     Ok(QuantInput { rows, scale: x.scale })
 }
 
-fn check_k(k: usize) -> Result<(), ShapeError> {
+pub(crate) fn check_k(k: usize) -> Result<(), ShapeError> {
     if k <= MAX_K { Ok(()) } else { Err(ShapeError { arg: "k", want: MAX_K, got: k }) }
 }

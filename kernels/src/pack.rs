@@ -9,6 +9,14 @@
 //! ```
 //! Except for f32, a row of 64 bytes is a row of an AMX tile. Outputs beyond `n` and (bf16,
 //! int8) inputs beyond `k` are zeros. All back-ends read the same layout.
+//!
+//! Int4 weights are stored in groups of [`GROUP`] inputs, each with one int8 multiplier per output.
+//! A block of 64 bytes has two quads of all outputs of a panel, the first in the low nibbles:
+//!
+//! ```text
+//! panel 0: multipliers of all groups    m[0..16][group 0] m[0..16][group 1] …, up to a multiple of 64 bytes
+//!          codes + 8, in nibbles        block 0: inputs 0..4 (low), 4..8 (high); four blocks per group
+//! ```
 
 use crate::bf16::Bf16;
 use crate::error::{ShapeError, expect_len};
@@ -23,6 +31,27 @@ pub const PAIR: usize = 2;
 
 /// Inputs of one lane of an int8 dot-product instruction.
 pub const QUAD: usize = 4;
+
+/// Inputs of an int4 weight that share a multiplier.
+pub const GROUP: usize = 32;
+
+/// Bytes of int4 weights that hold two quads of all outputs of a panel.
+pub const BLOCK: usize = PANEL * QUAD;
+
+/// Blocks of codes in a group.
+pub(crate) const GROUP_BLOCKS: usize = GROUP / (2 * QUAD);
+
+/// Groups whose multipliers are one block.
+const GROUPS_PER_BLOCK: usize = BLOCK / PANEL;
+
+/// Greatest absolute value of a group's multiplier: its product with a code fits in int8.
+pub const MAX_MULTIPLIER: i8 = 15;
+
+/// Least and greatest int4 code.
+pub const CODES_I4: (i8, i8) = (-8, 7);
+
+/// What is added to an int4 code to make it a nibble.
+pub const NIBBLE_OFFSET: i8 = 8;
 
 /// Number of panels that hold `n` outputs.
 pub const fn panels(n: usize) -> usize {
@@ -42,6 +71,17 @@ pub const fn packed_len_bf16(n: usize, k: usize) -> usize {
 /// Elements of a packed int8 weight `[n, k]`.
 pub const fn packed_len_i8(n: usize, k: usize) -> usize {
     panels(n) * PANEL * k.div_ceil(QUAD) * QUAD
+}
+
+/// Blocks of multipliers in a panel of int4 weights with `groups` groups.
+const fn multiplier_blocks(groups: usize) -> usize {
+    groups.div_ceil(GROUPS_PER_BLOCK)
+}
+
+/// Bytes of a packed int4 weight `[n, k]`.
+pub const fn packed_len_i4(n: usize, k: usize) -> usize {
+    let groups = k.div_ceil(GROUP);
+    panels(n) * (multiplier_blocks(groups) + groups * GROUP_BLOCKS) * BLOCK
 }
 
 /// An f32 weight `[n, k]` in panels.
@@ -209,6 +249,84 @@ impl<'a> PackedI8<'a> {
     }
 }
 
+/// An int4 weight `[n, k]` in panels: weight `[o, i]` is `scale[o] * multiplier[o, i / GROUP] *
+/// code[o, i]`. The product of the two integers is an int8 value, so that a product with this weight has the
+/// bits of one with a [`PackedI8`] of these values.
+#[derive(Clone, Copy, Debug)]
+pub struct PackedI4<'a> {
+    data: &'a [u8],
+    scale: &'a [f32],
+    n: usize,
+    k: usize,
+}
+
+/// A panel of int4 weights.
+#[derive(Clone, Copy)]
+pub(crate) struct PanelI4<'a> {
+    /// Of each group, as `i8`.
+    pub(crate) multipliers: &'a [[u8; PANEL]],
+    /// [`GROUP_BLOCKS`] per group.
+    pub(crate) blocks: &'a [[u8; BLOCK]],
+}
+
+impl<'a> PackedI4<'a> {
+    /// A view of packed data of [`packed_len_i4`] bytes and `scale [n]` (the value of one unit of
+    /// output row `o`). Multipliers must be within [`MAX_MULTIPLIER`], as [`pack_row_i4`] checks: with
+    /// others, sums overflow.
+    ///
+    /// # Errors
+    /// [`ShapeError`] if a length disagrees with `n` and `k`.
+    pub fn new(data: &'a [u8], scale: &'a [f32], n: usize, k: usize) -> Result<Self, ShapeError> {
+        expect_len("data", packed_len_i4(n, k), data.len())?;
+        expect_len("scale", n, scale.len())?;
+        Ok(Self { data, scale, n, k })
+    }
+
+    /// Outputs.
+    #[inline]
+    pub fn n(&self) -> usize {
+        self.n
+    }
+
+    /// Inputs.
+    #[inline]
+    pub fn k(&self) -> usize {
+        self.k
+    }
+
+    /// Value of one unit, per output.
+    #[inline]
+    pub fn scale(&self) -> &'a [f32] {
+        self.scale
+    }
+
+    /// Panel `p`: blocks of multipliers, then of codes.
+    #[inline]
+    pub fn panel(&self, p: usize) -> &'a [[u8; BLOCK]] {
+        let len = packed_len_i4(1, self.k);
+        self.data[p * len..(p + 1) * len].as_chunks().0
+    }
+
+    /// The outputs `range`. Panics if `range` does not start at a panel or ends beyond `n`.
+    #[inline]
+    pub fn outputs(&self, range: Range<usize>) -> Self {
+        assert!(range.start.is_multiple_of(PANEL) && range.start <= range.end && range.end <= self.n);
+        let n = range.end - range.start;
+        let first = packed_len_i4(range.start, self.k);
+        Self { data: &self.data[first..first + packed_len_i4(n, self.k)], scale: &self.scale[range], n, k: self.k }
+    }
+}
+
+impl<'a> PanelI4<'a> {
+    /// The parts of a panel for `k` inputs.
+    #[inline]
+    pub(crate) fn new(panel: &'a [[u8; BLOCK]], k: usize) -> Self {
+        let groups = k.div_ceil(GROUP);
+        let (multipliers, blocks) = panel.split_at(multiplier_blocks(groups));
+        Self { multipliers: &multipliers.as_flattened().as_chunks().0[..groups], blocks }
+    }
+}
+
 /// Packs `w [n, k]` into panels; every element of `packed` is written.
 ///
 /// # Errors
@@ -301,6 +419,41 @@ pub fn pack_row_i8(row: &[i8], lane: usize, panel: &mut [i8]) -> Result<i32, Sha
         outputs[lane * QUAD..][..tail.len()].copy_from_slice(tail);
     }
     Ok(row.iter().map(|&step| i32::from(step)).sum())
+}
+
+/// Packs the codes and the multipliers of one row as output `lane` of its panel. The other outputs
+/// are left as they are: zeros in new memory.
+///
+/// # Errors
+/// [`ShapeError`] if a length disagrees, `lane` is not an output of a panel, a code is not in
+/// [`CODES_I4`], or a multiplier is beyond [`MAX_MULTIPLIER`].
+pub fn pack_row_i4(codes: &[i8], multipliers: &[i8], lane: usize, panel: &mut [u8]) -> Result<(), ShapeError> {
+    let groups = codes.len().div_ceil(GROUP);
+    expect_len("panel", packed_len_i4(1, codes.len()), panel.len())?;
+    expect_len("multipliers", groups, multipliers.len())?;
+    check_lane(lane)?;
+    let is_code = |code: &i8| (CODES_I4.0..=CODES_I4.1).contains(code);
+    if let Some(&code) = codes.iter().find(|code| !is_code(code)) {
+        let greatest = CODES_I4.1.unsigned_abs();
+        return Err(ShapeError { arg: "codes", want: greatest.into(), got: code.unsigned_abs().into() });
+    }
+    let is_multiplier = |m: &i8| m.unsigned_abs() <= MAX_MULTIPLIER.unsigned_abs();
+    if let Some(&m) = multipliers.iter().find(|m| !is_multiplier(m)) {
+        let greatest = MAX_MULTIPLIER.unsigned_abs();
+        return Err(ShapeError { arg: "multipliers", want: greatest.into(), got: m.unsigned_abs().into() });
+    }
+    let (head, blocks) = panel.split_at_mut(multiplier_blocks(groups) * BLOCK);
+    for (outputs, m) in head.as_chunks_mut::<PANEL>().0.iter_mut().zip(multipliers) {
+        outputs[lane] = m.cast_unsigned();
+    }
+    let nibble = |code: &i8| (code + NIBBLE_OFFSET).cast_unsigned();
+    for (block, codes) in blocks.as_chunks_mut::<BLOCK>().0.iter_mut().zip(codes.chunks(2 * QUAD)) {
+        let (low, high) = codes.split_at(codes.len().min(QUAD));
+        for (i, byte) in block[lane * QUAD..][..QUAD].iter_mut().enumerate() {
+            *byte = low.get(i).map_or(0, nibble) | high.get(i).map_or(0, nibble) << 4;
+        }
+    }
+    Ok(())
 }
 
 fn check_lane(lane: usize) -> Result<(), ShapeError> {

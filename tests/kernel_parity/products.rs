@@ -10,12 +10,18 @@ use umo_kernels::activation::Activation;
 use umo_kernels::gemm::{Epilogue, Input, Scatter};
 use umo_kernels::matmul_bf16::{matmul_bf16, matmul_gated_bf16};
 use umo_kernels::matmul_f32::{matmul_f32, matmul_gated_f32};
+use umo_kernels::matmul_i4::{matmul_gated_i4, matmul_i4};
 use umo_kernels::matmul_i8::{MAX_K, matmul_gated_i8, matmul_i8};
-use umo_kernels::pack::{PANEL, pack, pack_bf16, pack_i8, packed_len, packed_len_bf16, packed_len_i8};
+use umo_kernels::pack::{
+    CODES_I4, GROUP, MAX_MULTIPLIER, PANEL, pack, pack_bf16, pack_i8, pack_row_i4, packed_len, packed_len_bf16,
+    packed_len_i4, packed_len_i8,
+};
 use umo_kernels::quantize::QuantRows;
 use umo_kernels::tiling::Tiling;
 use umo_kernels::tuning::Tuning;
-use umo_kernels::{Bf16, Isa, Mat, MatMut, PackedBf16, PackedF32, PackedI8, matmul_bf16, matmul_f32, matmul_i8};
+use umo_kernels::{
+    Bf16, Isa, Mat, MatMut, PackedBf16, PackedF32, PackedI4, PackedI8, matmul_bf16, matmul_f32, matmul_i4, matmul_i8,
+};
 use umo_tests::{Guarded, LINE, Noise, Placed, around, bits, cases, for_each_isa, offset};
 
 /// Most multiply-adds of a drawn case: the scalar reference does as many.
@@ -24,18 +30,20 @@ const MAX_WORK: usize = 4_000_000;
 /// The element type of the weights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
+    I4,
     I8,
     F32,
     Bf16,
 }
 
-use Kind::{F32, I8};
+use Kind::{F32, I4, I8};
 
-const KINDS: [Kind; 3] = [I8, F32, Kind::Bf16];
+const KINDS: [Kind; 4] = [I4, I8, F32, Kind::Bf16];
 
 impl Kind {
     fn tiling(self, isa: Isa) -> Tiling {
         match self {
+            I4 => matmul_i4::tiling(isa),
             I8 => matmul_i8::tiling(isa),
             F32 => matmul_f32::tiling(isa),
             Kind::Bf16 => matmul_bf16::tiling(isa),
@@ -61,6 +69,22 @@ impl Values {
             Self::Exact | Self::Real => noise.code(),
             Self::Least => i8::MIN,
             Self::Greatest => i8::MAX,
+        }
+    }
+
+    fn int4_code(self, noise: &mut Noise) -> i8 {
+        match self {
+            Self::Exact | Self::Real => noise.code() >> 4,
+            Self::Least => CODES_I4.0,
+            Self::Greatest => CODES_I4.1,
+        }
+    }
+
+    fn multiplier(self, noise: &mut Noise) -> i8 {
+        match self {
+            Self::Exact | Self::Real => noise.code() % (MAX_MULTIPLIER + 1),
+            Self::Least => -MAX_MULTIPLIER,
+            Self::Greatest => MAX_MULTIPLIER,
         }
     }
 
@@ -165,6 +189,7 @@ impl Case {
 
 /// Inputs, or packed weights.
 enum Elements {
+    I4(Placed<u8>),
     I8(Placed<i8>),
     F32(Placed<f32>),
     Bf16(Placed<Bf16>),
@@ -194,12 +219,26 @@ impl Operands {
         let noise = &mut Noise::new(case.seed);
         let sources = if case.gather { m + 3 } else { m };
         let x = match kind {
-            I8 => Elements::I8(Placed::new(sources, k, gap, offset, || values.code(noise))),
+            I4 | I8 => Elements::I8(Placed::new(sources, k, gap, offset, || values.code(noise))),
             _ => Elements::F32(Placed::new(sources, k, gap, offset, || values.float(noise))),
         };
         let mut sum = [vec![0; n], vec![0; n]];
         let mut w = vec![];
         let packed = [1, 0].map(|i| match kind {
+            I4 => {
+                let groups = k.div_ceil(GROUP);
+                let codes: Vec<i8> = (0..n * k).map(|_| values.int4_code(noise)).collect();
+                let multipliers: Vec<i8> = (0..n * groups).map(|_| values.multiplier(noise)).collect();
+                w = (0..n * k)
+                    .map(|i| f32::from(codes[i]) * f32::from(multipliers[i / k * groups + i % k / GROUP]))
+                    .collect();
+                let (mut packed, panel) = (vec![0; packed_len_i4(n, k)], packed_len_i4(1, k));
+                for o in 0..n {
+                    let (codes, multipliers) = (&codes[o * k..][..k], &multipliers[o * groups..][..groups]);
+                    pack_row_i4(codes, multipliers, o % PANEL, &mut packed[o / PANEL * panel..][..panel]).unwrap();
+                }
+                Elements::I4(Placed::copy_of(&packed, offset))
+            }
             I8 => {
                 let codes: Vec<i8> = (0..n * k).map(|_| values.code(noise)).collect();
                 w = codes.iter().map(|&code| code.into()).collect();
@@ -222,7 +261,8 @@ impl Operands {
         });
         let [gate, plain] = packed;
         let y_rows = m.max(1) + 2;
-        let mut scales = |count| (0..count).map(|_| if kind == I8 { noise.float(1.0) } else { 1.0 }).collect();
+        let mut scales =
+            |count| (0..count).map(|_| if matches!(kind, I4 | I8) { noise.float(1.0) } else { 1.0 }).collect();
         let (x_scale, w_scale) = (scales(sources), scales(n));
         Self {
             case: case.clone(),
@@ -269,6 +309,10 @@ impl Operands {
         let Case { n, k, .. } = self.case;
         let epilogue = epilogue.outputs(outputs.clone());
         match (&self.x, &self.packed[0]) {
+            (Elements::I8(_), Elements::I4(w)) => {
+                let w = PackedI4::new(w.row(), &self.w_scale, n, k).unwrap();
+                matmul_i4(isa, self.codes(rows), self.index(), w.outputs(outputs), epilogue, y).unwrap();
+            }
             (Elements::I8(_), Elements::I8(w)) => {
                 let w = PackedI8::new(w.row(), &self.w_scale, &self.sum[0], n, k).unwrap();
                 matmul_i8(isa, self.codes(rows), self.index(), w.outputs(outputs), epilogue, y).unwrap();
@@ -288,6 +332,10 @@ impl Operands {
     fn gated(&self, isa: Isa, y: MatMut<f32>) {
         let Case { m, n, k, .. } = self.case;
         match [&self.packed[1], &self.packed[0]] {
+            [Elements::I4(gate), Elements::I4(up)] => {
+                let [gate, up] = [gate, up].map(|w| PackedI4::new(w.row(), &self.w_scale, n, k).unwrap());
+                matmul_gated_i4(isa, self.codes(0..m), self.index(), gate, up, y).unwrap();
+            }
             [Elements::I8(gate), Elements::I8(up)] => {
                 let gate = PackedI8::new(gate.row(), &self.w_scale, &self.sum[1], n, k).unwrap();
                 let up = PackedI8::new(up.row(), &self.w_scale, &self.sum[0], n, k).unwrap();
@@ -348,7 +396,7 @@ impl Operands {
             Elements::F32(x) => {
                 x.mat().row(source).iter().zip(w).map(|(&x, &w)| f64::from(x) * f64::from(w)).fold((0.0, 0.0), add)
             }
-            Elements::Bf16(_) => unreachable!("inputs are codes or f32"),
+            Elements::I4(_) | Elements::Bf16(_) => unreachable!("inputs are int8 or f32"),
         }
     }
 
@@ -377,7 +425,7 @@ impl Operands {
     }
 }
 
-/// int8 on any values, floats on integers: all bits, with every epilogue.
+/// int4 and int8 on any values, floats on integers: all bits, with every epilogue.
 fn products_match_scalar(isa: Isa) {
     for kind in KINDS {
         proptest!(cases(256), |(case in case(kind, kind.tiling(isa)))| {
@@ -429,7 +477,7 @@ fn large_products_match_scalar(isa: Isa) {
     }
 }
 
-/// Against f64, so that scalar and vectors cannot be wrong together: int8 exactly, floats of any
+/// Against f64, so that scalar and vectors cannot be wrong together: int4 and int8 exactly, floats of any
 /// values within the bound that their order of additions cannot exceed.
 #[expect(clippy::cast_possible_truncation, reason = "the sum is rounded once, as the kernel rounds its own")]
 fn sums_are_near_f64(isa: Isa) {
@@ -445,7 +493,7 @@ fn sums_are_near_f64(isa: Isa) {
                 let x_scale = operands.x_scale[operands.source(t)];
                 for (o, &got) in row.iter().enumerate() {
                     let (sum, sizes) = operands.sum(t, o);
-                    if kind == I8 {
+                    if matches!(kind, I4 | I8) {
                         prop_assert_eq!(got, sum as f32 * (x_scale * operands.w_scale[o]), "[{}, {}]", t, o);
                         continue;
                     }
@@ -477,6 +525,60 @@ fn int8_sums_reach_the_limit(isa: Isa) {
     }
 }
 
+/// The same of int4: the greatest weight is 120.
+fn int4_sums_reach_the_limit(isa: Isa) {
+    for (x_code, multiplier, code) in [(-128, 15, -8), (-128, -15, -8), (127, 15, 7), (127, -15, -8)] {
+        for m in [1, 2, if isa == Isa::SCALAR { 3 } else { 7 }] {
+            let (x, codes, multipliers) =
+                (vec![x_code; m * MAX_K], vec![code; MAX_K], vec![multiplier; MAX_K.div_ceil(GROUP)]);
+            let mut packed = vec![0; packed_len_i4(1, MAX_K)];
+            pack_row_i4(&codes, &multipliers, 0, &mut packed).unwrap();
+            let scale = vec![1.0; m];
+            let rows = QuantRows::new(Mat::new(&x, m, MAX_K).unwrap(), &scale).unwrap();
+            let w = PackedI4::new(&packed, &[1.0], 1, MAX_K).unwrap();
+            let mut y = vec![0.0; m];
+            matmul_i4(isa, rows, None, w, Epilogue::STORE, MatMut::new(&mut y, m, 1).unwrap()).unwrap();
+            let weight = i64::from(code) * i64::from(multiplier);
+            assert_eq!(y, vec![(MAX_K as i64 * i64::from(x_code) * weight) as f32; m]);
+        }
+    }
+}
+
+/// An int4 product has the bits of the int8 product with the same weights.
+fn int4_matches_int8(isa: Isa) {
+    proptest!(cases(64), |(case in case(I4, I4.tiling(isa)))| {
+        let operands = Operands::new(&case);
+        let (Case { m, n, k, scatter, .. }, epilogue) = (case, operands.epilogue());
+        #[expect(clippy::cast_possible_truncation, reason = "products of codes and multipliers are integers up to 120")]
+        let w: Vec<i8> = operands.w.iter().map(|&w| w as i8).collect();
+        let (mut packed, mut sum) = (vec![0; packed_len_i8(n, k)], vec![0; n]);
+        pack_i8(Mat::new(&w, n, k).unwrap(), &mut packed, &mut sum).unwrap();
+        let (mut int4, mut int8) = (operands.output(scatter), operands.output(scatter));
+        operands.plain(isa, 0..m, 0..n, epilogue, int4.mat());
+        let w = PackedI8::new(&packed, &operands.w_scale, &sum, n, k).unwrap();
+        matmul_i8(isa, operands.codes(0..m), operands.index(), w, epilogue, int8.mat()).unwrap();
+        prop_assert!(bits(&int4.checked()) == bits(&int8.checked()));
+    });
+}
+
+/// What is no int4 code or multiplier is refused.
+#[test]
+fn int4_values_are_checked() {
+    let mut panel = vec![0; packed_len_i4(1, 40)];
+    let mut pack = |code, multiplier| {
+        let (mut codes, mut multipliers) = ([0; 40], [1; 2]);
+        (codes[39], multipliers[1]) = (code, multiplier);
+        pack_row_i4(&codes, &multipliers, 15, &mut panel).map_err(|error| error.arg)
+    };
+    assert_eq!(pack(-8, 15), Ok(()));
+    assert_eq!(pack(7, -15), Ok(()));
+    assert_eq!([pack(8, 1), pack(-9, 1), pack(i8::MIN, 1)], [Err("codes"); 3]);
+    assert_eq!([pack(0, 16), pack(0, -16), pack(0, i8::MIN)], [Err("multipliers"); 3]);
+    assert_eq!(pack_row_i4(&[0; 40], &[1; 1], 0, &mut panel).map_err(|error| error.arg), Err("multipliers"));
+    assert_eq!(pack_row_i4(&[0; 40], &[1; 2], 16, &mut panel).map_err(|error| error.arg), Err("lane"));
+    assert_eq!(pack_row_i4(&[0; 400], &[1; 13], 0, &mut panel).map_err(|error| error.arg), Err("panel"));
+}
+
 /// Real values: a row alone, and the outputs in two pieces, have the bits of the whole.
 fn rows_and_outputs_stand_alone(isa: Isa) {
     for kind in KINDS {
@@ -505,6 +607,8 @@ fn rows_and_outputs_stand_alone(isa: Isa) {
 for_each_isa!(products_match_scalar, large_products_match_scalar => vector);
 for_each_isa!(
     sums_are_near_f64,
+    int4_sums_reach_the_limit,
+    int4_matches_int8,
     int8_sums_reach_the_limit,
     rows_and_outputs_stand_alone
     => every

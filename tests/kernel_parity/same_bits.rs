@@ -26,7 +26,9 @@ use crate::products::{Case, Kind, Operands};
 type Call = fn(Isa, u64) -> Vec<u64>;
 
 /// By the names of the documentation.
-const CALLS: [(&str, Call); 24] = [
+const CALLS: [(&str, Call); 26] = [
+    ("matmul_i4", |isa, seed| plain(Kind::I4, isa, seed)),
+    ("matmul_gated_i4", |isa, seed| gated(Kind::I4, isa, seed)),
     ("matmul_i8", |isa, seed| plain(Kind::I8, isa, seed)),
     ("matmul_gated_i8", |isa, seed| gated(Kind::I8, isa, seed)),
     ("quantize_rows", quantized),
@@ -329,7 +331,9 @@ fn functions_match_the_same_bits_table() {
 }
 
 /// Digests of the functions' results on `scalar` and on `avx2`.
-const DIGESTS: [(&str, [u64; 2]); 24] = [
+const DIGESTS: [(&str, [u64; 2]); 26] = [
+    ("matmul_i4", [0xe9d2_8743_06d7_6d99, 0xe9d2_8743_06d7_6d99]),
+    ("matmul_gated_i4", [0xd2f1_47e5_dc4d_f909, 0xd2f1_47e5_dc4d_f909]),
     ("matmul_i8", [0x6591_9937_4fc8_38b5, 0x6591_9937_4fc8_38b5]),
     ("matmul_gated_i8", [0xafbd_0d54_57d3_8319, 0xafbd_0d54_57d3_8319]),
     ("quantize_rows", [0x52d6_526d_e1e1_8f9d, 0x52d6_526d_e1e1_8f9d]),
@@ -357,7 +361,9 @@ const DIGESTS: [(&str, [u64; 2]); 24] = [
 ];
 
 /// Of those calls whose sizes follow the processor's back-ends, others of fixed sizes.
-const PORTABLE_CALLS: [(&str, Call); 7] = [
+const PORTABLE_CALLS: [(&str, Call); 9] = [
+    ("matmul_i4", |isa, seed| portable(Kind::I4, isa, seed, false)),
+    ("matmul_gated_i4", |isa, seed| portable(Kind::I4, isa, seed, true)),
     ("matmul_i8", |isa, seed| portable(Kind::I8, isa, seed, false)),
     ("matmul_gated_i8", |isa, seed| portable(Kind::I8, isa, seed, true)),
     ("matmul_f32", |isa, seed| portable(Kind::F32, isa, seed, false)),

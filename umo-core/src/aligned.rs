@@ -32,6 +32,8 @@ pub unsafe trait Plain: Copy + Send + Sync + 'static {}
 
 // SAFETY: zero bytes are the number 0; aligned to 1.
 unsafe impl Plain for i8 {}
+// SAFETY: the same.
+unsafe impl Plain for u8 {}
 // SAFETY: zero bytes are the number 0; aligned to 4.
 unsafe impl Plain for f32 {}
 // SAFETY: zero bits are the number 0; aligned to 2.

@@ -55,6 +55,8 @@ impl Mul<usize> for Floor {
 /// How the weights of products are stored while they are computed with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stored {
+    /// Four bits, and eight for each 32 of them.
+    Int4,
     /// One byte.
     Int8,
     /// Two bytes.
@@ -64,21 +66,28 @@ pub enum Stored {
 }
 
 impl Stored {
-    /// Bytes of a weight.
-    pub const fn bytes(self) -> usize {
+    /// Bytes of so many weights.
+    pub const fn bytes(self, weights: usize) -> usize {
         match self {
-            Self::Int8 => 1,
-            Self::Bf16 => 2,
-            Self::F32 => 4,
+            Self::Int4 => weights / 2 + weights / 32,
+            Self::Int8 => weights,
+            Self::Bf16 => 2 * weights,
+            Self::F32 => 4 * weights,
         }
+    }
+
+    /// Whether activations are quantized too.
+    const fn is_quantized(self) -> bool {
+        matches!(self, Self::Int4 | Self::Int8)
     }
 
     /// The product of `rows` with so many weights.
     fn product(self, rows: usize, weights: usize) -> Floor {
-        let (bytes, macs) = (weights * self.bytes(), rows * weights);
-        match self {
-            Self::Int8 => Floor { bytes, macs, float_macs: 0 },
-            Self::Bf16 | Self::F32 => Floor { bytes, macs: 0, float_macs: macs },
+        let (bytes, macs) = (self.bytes(weights), rows * weights);
+        if self.is_quantized() {
+            Floor { bytes, macs, float_macs: 0 }
+        } else {
+            Floor { bytes, macs: 0, float_macs: macs }
         }
     }
 }
@@ -163,7 +172,7 @@ pub fn encoder(config: &Config, stored: Stored, tokens: usize) -> (Floor, Floor)
     let lm = &config.lm;
     let pairs = Floor { macs: 2 * tokens * tokens * lm.num_heads * lm.d_kv, ..Floor::default() };
     let experts = stored.product(tokens, lm.top_k * expert(config));
-    let experts = Floor { bytes: lm.experts * expert(config) * stored.bytes(), ..experts };
+    let experts = Floor { bytes: stored.bytes(lm.experts * expert(config)), ..experts };
     ((stored.product(tokens, projections(config)) + pairs) * lm.num_layers, experts * lm.num_layers)
 }
 
@@ -178,7 +187,7 @@ pub fn cross(config: &Config, stored: Stored, tokens: usize) -> Floor {
 pub fn step(config: &Config, stored: Stored, tokens: usize) -> (Floor, Floor) {
     let lm = &config.lm;
     let cached = 2 * tokens * lm.num_heads * lm.d_kv;
-    let bytes = if stored == Stored::Int8 { 2 } else { 4 };
+    let bytes = if stored.is_quantized() { 2 } else { 4 };
     let cached = Floor { bytes: bytes * cached, macs: cached, float_macs: 0 };
     // Own queries, keys, values and outputs; queries and outputs of the cross-attention.
     let attention = stored.product(1, projections(config) / 2 * 3) + cached;
@@ -193,7 +202,7 @@ pub fn depth(config: &Config, stored: Stored, target: usize) -> Floor {
     let heads: usize = config.part_list().iter().map(|part| part.levels * part.codes * d).sum();
     let inputs = 1 + usize::from(sizes.heard.is_some());
     let rest = stored.product(target, heads + inputs * d * config.lm.d_model);
-    let layers = Floor { bytes: layers * stored.bytes(), ..stored.product(target * codes, layers) };
+    let layers = Floor { bytes: stored.bytes(layers), ..stored.product(target * codes, layers) };
     layers + rest
 }
 

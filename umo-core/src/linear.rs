@@ -7,8 +7,9 @@ use std::ops::Range;
 use umo_kernels::gemm::{Epilogue, Input};
 use umo_kernels::matmul_bf16::{Bf16Rows, matmul_bf16, matmul_bf16_rows, matmul_gated_bf16};
 use umo_kernels::matmul_f32::{matmul_f32, matmul_gated_f32};
+use umo_kernels::matmul_i4::{matmul_gated_i4, matmul_i4};
 use umo_kernels::matmul_i8::{matmul_gated_i8, matmul_i8};
-use umo_kernels::{Bf16, Isa, Mat, MatMut, PANEL, PackedBf16, PackedF32, PackedI8, PrefetchHint, ShapeError};
+use umo_kernels::{Bf16, Isa, Mat, MatMut, PANEL, PackedBf16, PackedF32, PackedI4, PackedI8, PrefetchHint, ShapeError};
 
 use crate::aligned::AlignedBox;
 use crate::error::StepError;
@@ -25,7 +26,7 @@ pub enum Precision {
     Bf16,
     /// Int8 weights per output row, activations quantized per row, int32 sums.
     Int8,
-    /// Each product as the file has its weights: as [`Precision::Int8`] where they are I8, as
+    /// Each product as the file has its weights: as [`Precision::Int8`] where they are int8 or int4, as
     /// [`Precision::Bf16`] where they are BF16, otherwise as [`Precision::F32`]. Around int8
     /// products less may do.
     Stored,
@@ -67,6 +68,13 @@ pub enum Weight {
         scale: Box<[f32]>,
         /// Sum of the steps, per output.
         sum: Box<[i32]>,
+    },
+    /// int4 panels of blocks, with the multipliers of their groups.
+    I4 {
+        /// Packed codes.
+        codes: AlignedBox<u8>,
+        /// Real value of one unit, per output.
+        scale: Box<[f32]>,
     },
 }
 
@@ -134,8 +142,8 @@ impl Linear {
     }
 
     /// Whether activations are quantized for it.
-    pub fn is_int8(&self) -> bool {
-        matches!(self.weight, Weight::I8 { .. })
+    pub fn is_quantized(&self) -> bool {
+        matches!(self.weight, Weight::I8 { .. } | Weight::I4 { .. })
     }
 
     /// What a product with few rows reads first for the outputs `range`: eight panels.
@@ -149,6 +157,7 @@ impl Linear {
             Weight::F32(data) => of(data, self.outputs, range),
             Weight::Bf16(data) => of(data, self.outputs, range),
             Weight::I8 { steps, .. } => of(steps, self.outputs, range),
+            Weight::I4 { codes, .. } => of(codes, self.outputs, range),
         }
     }
 
@@ -162,6 +171,7 @@ impl Linear {
             (Weight::F32(gate), Weight::F32(up)) => of(gate, up, self.outputs, range),
             (Weight::Bf16(gate), Weight::Bf16(up)) => of(gate, up, self.outputs, range),
             (Weight::I8 { steps: gate, .. }, Weight::I8 { steps: up, .. }) => of(gate, up, self.outputs, range),
+            (Weight::I4 { codes: gate, .. }, Weight::I4 { codes: up, .. }) => of(gate, up, self.outputs, range),
             _ => PrefetchHint::NONE,
         }
     }
@@ -184,6 +194,7 @@ impl Linear {
             Weight::F32(data) => size_of_val(&**data),
             Weight::Bf16(data) => size_of_val(&**data),
             Weight::I8 { steps, scale, sum } => steps.len() + size_of_val(&**scale) + size_of_val(&**sum),
+            Weight::I4 { codes, scale } => codes.len() + size_of_val(&**scale),
         }
     }
 
@@ -232,7 +243,7 @@ impl Linear {
                 self.apply_bf16(cx, rows, range.start + columns.start..range.start + columns.end, end, y)
             });
         }
-        if self.is_int8() && shares_rows(cx, x.rows(), range.len(), end) {
+        if self.is_quantized() && shares_rows(cx, x.rows(), range.len(), end) {
             return quant.quantized_rows(cx, x, y, x.rows() * self.inputs * range.len(), |x, y| {
                 self.apply_here(cx, x, None, range.clone(), end, y)
             });
@@ -330,6 +341,7 @@ impl Linear {
                 matmul_bf16(self.isa(cx.isa), gather(x, index)?, self.bf16(range)?, end, y)?;
             }
             (Weight::I8 { .. }, Ready::Quant(x)) => matmul_i8(cx.isa, x.view()?, index, self.i8(range)?, end, y)?,
+            (Weight::I4 { .. }, Ready::Quant(x)) => matmul_i4(cx.isa, x.view()?, index, self.i4(range)?, end, y)?,
             _ => return Err(MISMATCH),
         }
         Ok(())
@@ -339,13 +351,13 @@ impl Linear {
     /// `end.bias` is set by this call.
     ///
     /// # Errors
-    /// [`StepError`] where a length disagrees, or the weights are int8.
+    /// [`StepError`] where a length disagrees, or the weights are quantized.
     pub(crate) fn apply_alone(&self, isa: Isa, x: Mat<f32>, end: Epilogue, y: MatMut<f32>) -> Result<(), StepError> {
         let (x, all, end) = (Input::all(x), 0..self.outputs, Epilogue { bias: self.bias.as_deref(), ..end });
         match &self.weight {
             Weight::F32(_) => matmul_f32(isa, x, self.f32(all)?, end, y)?,
             Weight::Bf16(_) => matmul_bf16(self.isa(isa), x, self.bf16(all)?, end, y)?,
-            Weight::I8 { .. } => return Err(MISMATCH),
+            Weight::I8 { .. } | Weight::I4 { .. } => return Err(MISMATCH),
         }
         Ok(())
     }
@@ -375,18 +387,21 @@ impl Linear {
             (Weight::I8 { .. }, Weight::I8 { .. }, Ready::Quant(x)) => {
                 matmul_gated_i8(cx.isa, x.view()?, index, self.i8(range.clone())?, up.i8(range)?, y)?;
             }
+            (Weight::I4 { .. }, Weight::I4 { .. }, Ready::Quant(x)) => {
+                matmul_gated_i4(cx.isa, x.view()?, index, self.i4(range.clone())?, up.i4(range)?, y)?;
+            }
             _ => return Err(MISMATCH),
         }
         Ok(())
     }
 
     /// Makes `x` ready for this product and all others of the same precision: quantises it where
-    /// they are int8.
+    /// they are quantized.
     ///
     /// # Errors
     /// [`StepError`] where `quant` is too small.
     pub fn input<'a>(&self, cx: Compute, quant: &'a mut QuantScratch, x: Mat<'a, f32>) -> Result<Ready<'a>, StepError> {
-        if self.is_int8() { quant.quantize(cx, x) } else { Ok(Ready::Float(x)) }
+        if self.is_quantized() { quant.quantize(cx, x) } else { Ok(Ready::Float(x)) }
     }
 
     fn f32(&self, range: Range<usize>) -> Result<PackedF32<'_>, StepError> {
@@ -402,6 +417,11 @@ impl Linear {
     fn i8(&self, range: Range<usize>) -> Result<PackedI8<'_>, StepError> {
         let Weight::I8 { steps, scale, sum } = &self.weight else { return Err(MISMATCH) };
         Ok(PackedI8::new(steps, scale, sum, self.outputs, self.inputs)?.outputs(range))
+    }
+
+    fn i4(&self, range: Range<usize>) -> Result<PackedI4<'_>, StepError> {
+        let Weight::I4 { codes, scale } = &self.weight else { return Err(MISMATCH) };
+        Ok(PackedI4::new(codes, scale, self.outputs, self.inputs)?.outputs(range))
     }
 }
 

@@ -97,7 +97,7 @@ impl Lm {
         Ok(Self {
             embedding: loader.table("lm.shared.weight", vocab, d_model)?,
             encoder: Encoder::load(loader, lengths.encoder)?,
-            decoder: Decoder::load(loader, lengths.decoder)?,
+            decoder: Decoder::load(&loader.for_few_rows(true), lengths.decoder)?,
             output,
             head_scale: if config.lm.tie_word_embeddings { (d_model as f32).sqrt().recip() } else { 1.0 },
             d_model,

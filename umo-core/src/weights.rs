@@ -2,6 +2,7 @@
 
 mod checksum;
 mod header;
+pub mod int4;
 pub mod layout;
 mod loader;
 mod source;
@@ -14,6 +15,7 @@ use std::path::Path;
 use half::{bf16, f16};
 use safetensors::SafeTensors;
 use safetensors::tensor::{Dtype, Metadata, TensorInfo};
+use umo_kernels::pack::{GROUP, MAX_MULTIPLIER};
 
 pub use crate::aligned::{AlignedBox, Plain};
 pub use loader::{Loader, Table};
@@ -193,6 +195,7 @@ impl ModelFile {
             Dtype::F16 => Ok(Storage::F16),
             Dtype::BF16 => Ok(Storage::Bf16),
             Dtype::I8 => Ok(Storage::Int8),
+            Dtype::U8 if self.has(&multipliers(name)) => Ok(Storage::Int4),
             Dtype::U8 => Ok(Storage::Bytes),
             other => Err(LoadError::tensor(name, format!("expected F32, F16, BF16, I8 or U8, got {other}"))),
         }
@@ -214,35 +217,60 @@ impl ModelFile {
         Ok(self.slice(info))
     }
 
-    /// The tensor `name`, which must be `shape`: F32, F16, BF16, or I8 with `name.scale`.
+    /// The tensor `name`, which must be `shape`: F32, F16, BF16, I8 with `name.scale`, or int4 codes of
+    /// such a shape in U8 with `name.scale` and `name.multipliers`.
     ///
     /// # Errors
     /// [`LoadError::Tensor`] where it is missing or of another shape or type.
     #[cfg_attr(not(feature = "internals"), doc(hidden))]
     pub fn tensor(&self, name: &str, shape: &[usize]) -> Result<Tensor<'_>, LoadError> {
         let info = self.info(name)?;
-        if info.shape != shape {
-            return Err(LoadError::tensor(name, format!("expected {shape:?}, got {:?}", info.shape)));
+        let (rows, cols) = (shape.first().copied().unwrap_or(1), shape.iter().skip(1).product());
+        let int4 = info.dtype == Dtype::U8 && self.has(&multipliers(name));
+        let stored = if int4 { &[rows, int4::row_bytes(cols)] } else { shape };
+        if info.shape != stored {
+            let what = if int4 { format!(" for int4 codes of {shape:?}") } else { String::new() };
+            return Err(LoadError::tensor(name, format!("expected {stored:?}{what}, got {:?}", info.shape)));
         }
         let bytes = self.slice(info);
         let data = match info.dtype {
+            Dtype::U8 if int4 => self.int4(name, bytes, rows, cols)?,
             Dtype::F32 => Data::F32(bytes.as_chunks().0),
             Dtype::F16 => Data::F16(bytes.as_chunks().0),
             Dtype::BF16 => Data::Bf16(bytes.as_chunks().0),
-            Dtype::I8 => Data::I8(source::signed(bytes), self.scales(name, shape.first().copied().unwrap_or(1))?),
+            Dtype::I8 => Data::I8(source::signed(bytes), self.scales(name, rows)?),
             other => {
                 return Err(LoadError::tensor(name, format!("expected F32, F16, BF16 or I8, got {other}")));
             }
         };
-        let rows = shape.first().copied().unwrap_or(1);
-        Ok(Tensor { name: name.to_owned(), data, rows, cols: shape.iter().skip(1).product() })
+        Ok(Tensor { name: name.to_owned(), data, rows, cols })
+    }
+
+    /// Int4 codes with the multipliers and scales of their rows.
+    fn int4<'a>(&'a self, name: &str, codes: &'a [u8], rows: usize, cols: usize) -> Result<Data<'a>, LoadError> {
+        let groups = int4::groups(cols);
+        let name_of_multipliers = multipliers(name);
+        let info = self.info(&name_of_multipliers)?;
+        if info.dtype != Dtype::I8 || info.shape != [rows, groups] {
+            let problem = format!("expected I8 [{rows}, {groups}], got {} {:?}", info.dtype, info.shape);
+            return Err(LoadError::tensor(name_of_multipliers, problem));
+        }
+        let multipliers = source::signed(self.slice(info));
+        let limit = MAX_MULTIPLIER.unsigned_abs();
+        if let Some(at) = multipliers.iter().position(|multiplier| multiplier.unsigned_abs() > limit) {
+            let (row, group, value) = (at / groups, at % groups, multipliers[at]);
+            let problem = format!("value [{row}, {group}] is {value}, not within -{limit} to {limit}");
+            return Err(LoadError::tensor(name_of_multipliers, problem));
+        }
+        Ok(Data::I4 { codes, multipliers, scale: self.scales(name, rows)? })
     }
 
     fn scales(&self, name: &str, rows: usize) -> Result<Vec<f32>, LoadError> {
         let scale = self.tensor(&format!("{name}.scale"), &[rows])?;
         let mut values = filled(0.0, rows);
-        if matches!(scale.data, Data::I8(..)) {
-            return Err(LoadError::tensor(scale.name, "expected F32, got I8"));
+        if scale.storage().is_quantized() {
+            let problem = format!("expected F32, got {}", scale.storage().dtype());
+            return Err(LoadError::tensor(scale.name, problem));
         }
         scale.read(&mut values)?;
         // A weight is an int8 value times its scale.
@@ -267,6 +295,11 @@ impl ModelFile {
         let (start, len) = tensor.extent();
         self.source.release(start as usize - self.source.bytes().as_ptr() as usize, len);
     }
+}
+
+/// The tensor with the multipliers of the int4 tensor `name`.
+fn multipliers(name: &str) -> String {
+    format!("{name}.multipliers")
 }
 
 fn data_len(metadata: &Metadata) -> usize {
@@ -307,6 +340,7 @@ enum Data<'a> {
     F16(&'a [[u8; 2]]),
     Bf16(&'a [[u8; 2]]),
     I8(&'a [i8], Vec<f32>),
+    I4 { codes: &'a [u8], multipliers: &'a [i8], scale: Vec<f32> },
 }
 
 impl Tensor<'_> {
@@ -327,6 +361,7 @@ impl Tensor<'_> {
             Data::F16(_) => Storage::F16,
             Data::Bf16(_) => Storage::Bf16,
             Data::I8(..) => Storage::Int8,
+            Data::I4 { .. } => Storage::Int4,
         }
     }
 
@@ -341,6 +376,12 @@ impl Tensor<'_> {
             Data::F16(data) => convert(&data[range], out, |v| f16::from_le_bytes(*v).to_f32()),
             Data::Bf16(data) => convert(&data[range], out, |v| bf16::from_le_bytes(*v).to_f32()),
             Data::I8(data, scale) => convert(&data[range], out, |&v| f32::from(v) * scale[row]),
+            Data::I4 { scale, .. } => {
+                let (codes, multipliers) = (self.int4_codes(row), self.multipliers(row));
+                for (i, out) in out.iter_mut().enumerate() {
+                    *out = f32::from(int4::code(codes, i) * multipliers[i / GROUP]) * scale[row];
+                }
+            }
         }
         // Without an early end, so that many values are looked at together.
         if out.iter().fold(true, |finite, v| finite & v.is_finite()) {
@@ -350,11 +391,46 @@ impl Tensor<'_> {
         Err(LoadError::tensor(&*self.name, format!("value [{row}, {at}] is {}, not a finite number", out[at])))
     }
 
-    /// The int8 steps of row `row` and the real value of one step, where the tensor is stored so.
-    pub fn steps(&self, row: usize) -> Option<(&[i8], f32)> {
+    /// The int8 steps of row `row` and the real value of one step, where the tensor is stored in int8
+    /// or, with `buffer [cols]` for the steps, in int4.
+    pub fn steps<'a>(&'a self, row: usize, buffer: &'a mut [i8]) -> Option<(&'a [i8], f32)> {
         match &self.data {
             Data::I8(data, scale) => Some((&data[row * self.cols..(row + 1) * self.cols], scale[row])),
+            Data::I4 { scale, .. } => {
+                let (codes, multipliers) = (self.int4_codes(row), self.multipliers(row));
+                for (i, step) in buffer.iter_mut().enumerate() {
+                    *step = int4::code(codes, i) * multipliers[i / GROUP];
+                }
+                Some((buffer, scale[row]))
+            }
             _ => None,
+        }
+    }
+
+    /// Writes the int4 codes of row `row` to `codes [cols]`; returns the multipliers of its groups and
+    /// its scale, where the tensor is stored so.
+    pub fn int4_row(&self, row: usize, codes: &mut [i8]) -> Option<(&[i8], f32)> {
+        let Data::I4 { scale, .. } = &self.data else { return None };
+        let stored = self.int4_codes(row);
+        codes.iter_mut().enumerate().for_each(|(i, out)| *out = int4::code(stored, i));
+        Some((self.multipliers(row), scale[row]))
+    }
+
+    /// The bytes of a row's int4 codes; none where the tensor is stored otherwise.
+    fn int4_codes(&self, row: usize) -> &[u8] {
+        let len = int4::row_bytes(self.cols);
+        match &self.data {
+            Data::I4 { codes, .. } => &codes[row * len..(row + 1) * len],
+            _ => &[],
+        }
+    }
+
+    /// The multipliers of a row's groups; none where the tensor is not int4.
+    fn multipliers(&self, row: usize) -> &[i8] {
+        let groups = int4::groups(self.cols);
+        match &self.data {
+            Data::I4 { multipliers, .. } => &multipliers[row * groups..(row + 1) * groups],
+            _ => &[],
         }
     }
 
@@ -375,6 +451,7 @@ impl Tensor<'_> {
             Data::F32(data) => (data.as_ptr().cast(), size_of_val(*data)),
             Data::F16(data) | Data::Bf16(data) => (data.as_ptr().cast(), size_of_val(*data)),
             Data::I8(data, _) => (data.as_ptr().cast(), data.len()),
+            Data::I4 { codes, .. } => (codes.as_ptr(), codes.len()),
         }
     }
 }

@@ -3,7 +3,7 @@
 
 use super::Epilogue;
 use crate::bf16::Bf16;
-use crate::pack::{PAIR, PANEL, PackedBf16, PackedF32, PackedI8, QUAD, panels};
+use crate::pack::{BLOCK, PAIR, PANEL, PackedBf16, PackedF32, PackedI4, PackedI8, QUAD, panels};
 
 /// Packed weights of any type, so that tasks, and back-ends whose loops differ only in the
 /// load, are written once.
@@ -55,6 +55,19 @@ impl<'a> Panels<'a> for PackedI8<'a> {
     }
     fn panel(&self, p: usize) -> &'a [Self::Row] {
         PackedI8::panel(self, p)
+    }
+}
+
+impl<'a> Panels<'a> for PackedI4<'a> {
+    type Row = [u8; BLOCK];
+    fn n(&self) -> usize {
+        PackedI4::n(self)
+    }
+    fn k(&self) -> usize {
+        PackedI4::k(self)
+    }
+    fn panel(&self, p: usize) -> &'a [Self::Row] {
+        PackedI4::panel(self, p)
     }
 }
 

@@ -83,6 +83,25 @@ impl From<AvxVnni> for Avx2 {
     }
 }
 
+impl From<Avx512Vnni> for Avx2 {
+    fn from(_: Avx512Vnni) -> Self {
+        Self(())
+    }
+}
+
+impl From<Avx512Bf16> for Avx2 {
+    fn from(_: Avx512Bf16) -> Self {
+        Self(())
+    }
+}
+
+#[cfg(target_os = "linux")]
+impl From<Amx> for Avx2 {
+    fn from(_: Amx) -> Self {
+        Self(())
+    }
+}
+
 impl From<Avx512Bf16> for Avx512Vnni {
     fn from(_: Avx512Bf16) -> Self {
         Self(())

@@ -218,7 +218,7 @@ impl Hubert {
             .into_par_iter()
             .map(|i| Layer::load(loader, &format!("{root}.encoder.layers.{i}"), sizes))
             .collect::<Result<Vec<_>, _>>()?;
-        let int8 = layers.iter().any(|layer| layer.qkv.is_int8());
+        let int8 = layers.iter().any(|layer| layer.qkv.is_quantized());
         let round = |product: Linear| if int8 { product.rounded() } else { product };
         let mut channels = 1;
         let mut convolutions = Vec::with_capacity(sizes.conv_dim.len());
@@ -274,7 +274,7 @@ impl Hubert {
         for (i, (conv, &stride)) in self.convolutions.iter().zip(&sizes.conv_stride).enumerate() {
             need(&mut parts, conv, rows * dim);
             rows = outputs(rows, sizes.conv_kernel[i], stride);
-            if conv.is_int8() {
+            if conv.is_quantized() {
                 (most_rows, most_values) = (most_rows.max(rows), most_values.max(rows * conv.inputs()));
             }
             dim = conv.outputs();
@@ -283,7 +283,7 @@ impl Hubert {
         // The projection's layer norm writes where the last convolution does not.
         let last = self.convolutions.len() % 2;
         len[last] = len[last].max(rows * dim);
-        let quantized = if self.products().any(Linear::is_int8) { most_values.max(rows * dim) } else { 0 };
+        let quantized = if self.products().any(Linear::is_quantized) { most_values.max(rows * dim) } else { 0 };
         let padded = window + 2 * (sizes.num_conv_pos_embeddings / 2);
         for group in &self.position {
             need(&mut parts, group, padded * sizes.hidden_size);
@@ -576,7 +576,7 @@ impl Hubert {
         let (window, dim) = (y.rows(), self.sizes.hidden_size);
         let head_dim = dim / self.sizes.num_attention_heads;
         let scale = 1.0 / (head_dim as f32).sqrt();
-        let attention = if input.is_int8() { encoder_attention_bf16 } else { encoder_attention_f32 };
+        let attention = if input.is_quantized() { encoder_attention_bf16 } else { encoder_attention_f32 };
         cx.team.columns(y, head_dim, 2 * window * window * dim, |columns, mut rest| {
             for start in columns.step_by(head_dim) {
                 let (y, tail) = rest.split_columns(head_dim);

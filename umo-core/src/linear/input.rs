@@ -143,7 +143,7 @@ impl QuantScratch {
         if room.len() < width * each {
             return Err(ShapeError { arg: "room", want: width * each, got: room.len() }.into());
         }
-        let largest = if next.is_int8() {
+        let largest = if next.is_quantized() {
             let want = rows * stride(width);
             if self.largest.len() < pieces * rows || self.scale.len() < rows || self.steps.len() < want {
                 return Err(ShapeError { arg: "quant", want, got: self.steps.len() }.into());
@@ -170,7 +170,7 @@ impl QuantScratch {
                 f(range, &mut Columns { y, room, largest, isa: cx.isa })
             },
         )?;
-        if !next.is_int8() {
+        if !next.is_quantized() {
             return Ok(Ready::Float(Mat::new(values, rows, width)?));
         }
         let (largest, others) = self.largest[..pieces * rows].split_at_mut(rows);
@@ -204,7 +204,7 @@ impl QuantScratch {
     ) -> Result<Ready<'a>, StepError> {
         let (rows, width) = (also.rows(), next.inputs());
         let mut y = MatMut::new(values, rows, width)?;
-        if !next.is_int8() {
+        if !next.is_quantized() {
             cx.team.rows_of_two(y, also, work, f)?;
             return Ok(Ready::Float(Mat::new(values, rows, width)?));
         }

@@ -183,7 +183,8 @@ impl Decoder {
                 self_attention: Projections::load(loader, &format!("{block}.0.SelfAttention"), lm, &["q", "k", "v"])?,
                 cross_norm: norm(1)?,
                 cross_attention: Projections::load(loader, &cross, lm, &["q"])?,
-                cross_kv: projection(loader, &cross, lm, &["k", "v"])?,
+                // Of all of the encoder's states at once.
+                cross_kv: projection(&loader.for_few_rows(false), &cross, lm, &["k", "v"])?,
                 experts: Experts::load(loader, &format!("{block}.2"), lm)?,
             })
         };
@@ -205,7 +206,7 @@ impl Decoder {
     /// bfloat16 where the keys and values come out of int8 products, which cost more digits than it
     /// does.
     pub(super) fn cross_storage(&self) -> CrossStorage {
-        let int8 = self.layers.iter().all(|layer| layer.cross_kv.is_int8());
+        let int8 = self.layers.iter().all(|layer| layer.cross_kv.is_quantized());
         if int8 { CrossStorage::Bf16 } else { CrossStorage::F32 }
     }
 

@@ -140,6 +140,7 @@ impl DepthNet {
     /// # Errors
     /// [`LoadError`] naming the tensor or key.
     pub fn load(loader: &Loader) -> Result<Self, LoadError> {
+        let loader = &loader.for_few_rows(true);
         let config = loader.file().config();
         let sizes = config.depth.as_ref().ok_or_else(|| LoadError::config("depth", "missing"))?;
         let (d, d_ff) = (sizes.d_model, sizes.d_ff);

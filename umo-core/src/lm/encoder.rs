@@ -236,7 +236,7 @@ impl Encoder {
     ) -> Result<(), StepError> {
         let (rows, inner, width) = (context.rows(), self.heads * self.d_kv, columns.len());
         // Int8 products cost queries, keys and values more digits than bfloat16 does.
-        let attention = if input.is_int8() { encoder_attention_bf16 } else { encoder_attention_f32 };
+        let attention = if input.is_quantized() { encoder_attention_bf16 } else { encoder_attention_f32 };
         let mut y = MatMut::new(room, rows, 3 * width)?;
         if width == inner {
             input.apply_here(cx, x, None, 0..3 * inner, Epilogue::STORE, y.reborrow())?;

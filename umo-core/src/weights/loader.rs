@@ -3,7 +3,10 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-use umo_kernels::pack::{PANEL, pack_row, pack_row_bf16, pack_row_i8, packed_len, packed_len_bf16, packed_len_i8};
+use umo_kernels::matmul_i4;
+use umo_kernels::pack::{
+    PANEL, pack_row, pack_row_bf16, pack_row_i4, pack_row_i8, packed_len, packed_len_bf16, packed_len_i4, packed_len_i8,
+};
 use umo_kernels::quantize::quantize_weight_row;
 use umo_kernels::{Bf16, Isa, ShapeError};
 
@@ -24,6 +27,8 @@ pub struct Loader<'a> {
     form: Option<Form>,
     /// Whether float products keep all bits of their activations.
     exact: bool,
+    /// Whether products are of few rows, so that they take as long as reading their weights.
+    few_rows: bool,
     isa: Isa,
     /// Where packed weights lie.
     pool: Arc<Pool>,
@@ -35,17 +40,20 @@ enum Form {
     F32,
     Bf16,
     Int8,
+    /// The values of int8, in half as many bytes.
+    Int4,
 }
 
 impl Form {
     /// The form of products over tensors that are stored so: nothing is lost beside what the
-    /// precision asks to lose.
-    fn of(precision: Precision, stored: impl Iterator<Item = Storage> + Clone) -> Self {
+    /// precision asks to lose. `int4` says whether int4 is faster than the same values in int8.
+    fn of(precision: Precision, int4: bool, stored: impl Iterator<Item = Storage> + Clone) -> Self {
         let all = |storage| stored.clone().all(|s| s == storage);
         match precision {
+            Precision::Stored if int4 && all(Storage::Int4) => Self::Int4,
             Precision::Int8 => Self::Int8,
             Precision::Bf16 => Self::Bf16,
-            Precision::Stored if all(Storage::Int8) => Self::Int8,
+            Precision::Stored if stored.clone().all(Storage::is_quantized) => Self::Int8,
             Precision::Stored | Precision::F32 if all(Storage::Bf16) => Self::Bf16,
             Precision::Stored | Precision::F32 => Self::F32,
         }
@@ -78,7 +86,8 @@ impl Order {
 impl<'a> Loader<'a> {
     /// A loader of `file` for `isa`; `precision` says how products are computed.
     pub fn new(file: &'a ModelFile, precision: Precision, isa: Isa) -> Self {
-        Self { file, precision, form: None, exact: precision == Precision::F32, isa, pool: Arc::default() }
+        let exact = precision == Precision::F32;
+        Self { file, precision, form: None, exact, few_rows: false, isa, pool: Arc::default() }
     }
 
     /// The file.
@@ -105,6 +114,18 @@ impl<'a> Loader<'a> {
         Self { precision: Precision::F32, form: None, ..self.clone() }
     }
 
+    /// The same for products that are computed for few rows at a time, or (as without this) for many:
+    /// int4 weights stay int4 where that is faster.
+    #[must_use]
+    pub fn for_few_rows(&self, few_rows: bool) -> Self {
+        Self { few_rows, ..self.clone() }
+    }
+
+    /// The form of products over tensors that are stored so.
+    fn form_of(&self, stored: impl Iterator<Item = Storage> + Clone) -> Form {
+        Form::of(self.precision, matmul_i4::is_fast(self.isa, self.few_rows), stored)
+    }
+
     /// The same with one form of weights for all of the tensors `names`: products that share their
     /// input, or are multiplied with each other, must not differ where the file does.
     ///
@@ -112,7 +133,7 @@ impl<'a> Loader<'a> {
     /// [`LoadError`] naming the tensor.
     pub fn alike(&self, names: &[String]) -> Result<Self, LoadError> {
         let stored = names.iter().map(|name| self.file.storage(name)).collect::<Result<Vec<_>, _>>()?;
-        Ok(Self { form: Some(Form::of(self.precision, stored.into_iter())), ..self.clone() })
+        Ok(Self { form: Some(self.form_of(stored.into_iter())), ..self.clone() })
     }
 
     /// A vector of `len` values.
@@ -267,8 +288,10 @@ impl<'a> Loader<'a> {
 
     fn pack(&self, rows: &Rows) -> Result<Linear, LoadError> {
         let stored = rows.tensors.iter().map(Tensor::storage);
-        let weight = match self.form.unwrap_or_else(|| Form::of(self.precision, stored)) {
-            Form::Int8 => self.pack_int8(rows)?,
+        let weight = match self.form.unwrap_or_else(|| self.form_of(stored)) {
+            Form::Int4 if matches!(rows.order, Order::Same) => self.pack_int4(rows)?,
+            // The groups of a convolution are not those of its inputs in the needed order.
+            Form::Int4 | Form::Int8 => self.pack_int8(rows)?,
             Form::Bf16 => Weight::Bf16(self.pack_float(rows, packed_len_bf16, pack_row_bf16)?),
             Form::F32 => Weight::F32(self.pack_float(rows, packed_len, pack_row)?),
         };
@@ -319,6 +342,30 @@ impl<'a> Loader<'a> {
     }
 }
 
+impl Loader<'_> {
+    /// Packs all panels of int4 weights in parallel, as the file has them.
+    fn pack_int4(&self, rows: &Rows) -> Result<Weight, LoadError> {
+        let (n, k) = (rows.n, rows.cols());
+        let mut codes = self.pool.zeroed(packed_len_i4(n, k));
+        let mut scale = filled(0.0, n).into_boxed_slice();
+        let panels = codes.par_chunks_mut(packed_len_i4(1, k).max(1)).zip(scale.par_chunks_mut(PANEL)).enumerate();
+        panels.try_for_each_init(
+            || filled(0, k),
+            |row, (p, (panel, scale))| {
+                for (lane, scale) in scale.iter_mut().enumerate() {
+                    let (tensor, source) = rows.locate(p * PANEL + lane);
+                    let stored = tensor.int4_row(source, row);
+                    let (multipliers, of_row) = stored.expect("this form is of int4 tensors alone");
+                    *scale = of_row;
+                    pack_row_i4(row, multipliers, lane, panel).expect("checked as the tensor was opened");
+                }
+                Ok::<_, LoadError>(())
+            },
+        )?;
+        Ok(Weight::I4 { codes, scale })
+    }
+}
+
 /// Output rows `first..first + n` of tensors that stand one below the other.
 struct Rows<'a> {
     tensors: &'a [Tensor<'a>],
@@ -332,11 +379,13 @@ struct RowBuffer {
     stored: Vec<f32>,
     sorted: Vec<f32>,
     steps: Vec<i8>,
+    /// Of int4.
+    unpacked: Vec<i8>,
 }
 
 impl RowBuffer {
     fn new(k: usize) -> Self {
-        Self { stored: filled(0.0, k), sorted: filled(0.0, k), steps: filled(0, k) }
+        Self { stored: filled(0.0, k), sorted: filled(0.0, k), steps: filled(0, k), unpacked: filled(0, k) }
     }
 }
 
@@ -367,7 +416,7 @@ impl Rows<'_> {
     /// Output `row` in steps of `scale`, in the needed order.
     fn steps<'a>(&'a self, row: usize, buffer: &'a mut RowBuffer, scale: &mut f32) -> Result<&'a [i8], LoadError> {
         let (tensor, source) = self.locate(row);
-        if let Some((stored, step)) = tensor.steps(source) {
+        if let Some((stored, step)) = tensor.steps(source, &mut buffer.unpacked) {
             *scale = step;
             return Ok(self.order.sort(stored, &mut buffer.steps));
         }

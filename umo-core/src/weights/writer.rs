@@ -7,8 +7,8 @@ use half::{bf16, f16};
 use serde::Serialize;
 use umo_kernels::quantize::quantize_weight_row;
 
-use super::FORMAT_VERSION;
 use super::checksum::{self, Summed};
+use super::{FORMAT_VERSION, int4};
 use crate::config::Config;
 use crate::thread::parallel::*;
 
@@ -23,6 +23,9 @@ pub enum Storage {
     Bf16,
     /// Int8 steps per row of the first dimension, with an F32 tensor `NAME.scale`.
     Int8,
+    /// Int4 codes, two in a byte, with an I8 tensor `NAME.multipliers` of one for each 32 values of a row,
+    /// and an F32 tensor `NAME.scale` of one per row.
+    Int4,
     /// Bytes as they are.
     Bytes,
 }
@@ -35,16 +38,13 @@ impl Storage {
             Self::F16 => "F16",
             Self::Bf16 => "BF16",
             Self::Int8 => "I8",
-            Self::Bytes => "U8",
+            Self::Int4 | Self::Bytes => "U8",
         }
     }
 
-    const fn bytes(self) -> usize {
-        match self {
-            Self::F32 => 4,
-            Self::F16 | Self::Bf16 => 2,
-            Self::Int8 | Self::Bytes => 1,
-        }
+    /// Whether it is one of integers with scales.
+    pub const fn is_quantized(self) -> bool {
+        matches!(self, Self::Int8 | Self::Int4)
     }
 }
 
@@ -128,12 +128,25 @@ fn header(config: &str, sum: u32, tensors: &[NewTensor]) -> io::Result<String> {
         Ok(())
     };
     for tensor in tensors {
-        let len = tensor.shape.iter().product::<usize>() * tensor.storage.bytes();
-        if tensor.storage == Storage::Int8 {
-            let rows = tensor.shape[0];
-            add(format!("{}.scale", tensor.name), "F32", vec![rows], 4 * rows)?;
+        let values = tensor.shape.iter().product::<usize>();
+        let (name, mut shape) = (&tensor.name, tensor.shape.clone());
+        if tensor.storage.is_quantized() {
+            let rows = shape[0];
+            add(format!("{name}.scale"), "F32", vec![rows], 4 * rows)?;
         }
-        add(tensor.name.clone(), tensor.storage.dtype(), tensor.shape.clone(), len)?;
+        let len = match tensor.storage {
+            Storage::F32 => 4 * values,
+            Storage::F16 | Storage::Bf16 => 2 * values,
+            Storage::Int8 | Storage::Bytes => values,
+            Storage::Int4 => {
+                let (rows, inputs) = (shape[0], shape[1..].iter().product());
+                let groups = int4::groups(inputs);
+                add(format!("{name}.multipliers"), "I8", vec![rows, groups], rows * groups)?;
+                shape = vec![rows, int4::row_bytes(inputs)];
+                rows * int4::row_bytes(inputs)
+            }
+        };
+        add(name.clone(), tensor.storage.dtype(), shape, len)?;
     }
     let mut text = serde_json::to_string(&entries)?;
     // Data starts at a multiple of 64, so that a map of the file is aligned for any type.
@@ -153,6 +166,7 @@ fn write_values(out: &mut impl Write, tensor: &NewTensor) -> io::Result<()> {
         Storage::F16 => write_all(out, &values, |v| f16::from_f32(v).to_le_bytes()),
         Storage::Bf16 => write_all(out, &values, |v| bf16::from_f32(v).to_le_bytes()),
         Storage::Int8 => write_int8(out, &values, tensor.shape[0]),
+        Storage::Int4 => write_int4(out, &values, tensor.shape[0]),
         Storage::Bytes => Err(io::Error::other(format!("tensor `{}`: bytes expected, numbers given", tensor.name))),
     }
 }
@@ -187,4 +201,24 @@ fn write_int8(out: &mut impl Write, values: &[f32], rows: usize) -> io::Result<(
     )?;
     write_all(out, &scales, f32::to_le_bytes)?;
     write_all(out, &steps, i8::to_le_bytes)
+}
+
+/// The scales of all rows, their multipliers, then their codes.
+fn write_int4(out: &mut impl Write, values: &[f32], rows: usize) -> io::Result<()> {
+    let width = (values.len() / rows.max(1)).max(1);
+    let groups = int4::groups(width);
+    let (mut codes, mut multipliers, mut scales) = (vec![0; values.len()], vec![0; rows * groups], vec![0.0; rows]);
+    let quantized = codes.par_chunks_exact_mut(width).zip(multipliers.par_chunks_exact_mut(groups));
+    let all = values.par_chunks_exact(width).zip(quantized).zip(&mut scales);
+    all.try_for_each_init(
+        || (),
+        |(), ((row, (codes, multipliers)), scale)| {
+            *scale = int4::quantize_row(row, codes, multipliers);
+            io::Result::Ok(())
+        },
+    )?;
+    let bytes: Vec<u8> = codes.chunks_exact(width).flat_map(|row| row.chunks(2).map(int4::byte)).collect();
+    write_all(out, &scales, f32::to_le_bytes)?;
+    write_all(out, &multipliers, i8::to_le_bytes)?;
+    out.write_all(&bytes)
 }
