@@ -113,7 +113,7 @@ impl QuantScratch {
     /// # Errors
     /// [`StepError`] where there are not as many rows.
     pub fn again<'a>(&'a self, next: &Linear, values: &'a [f32], rows: usize) -> Result<Ready<'a>, StepError> {
-        match next.is_int8() {
+        match next.is_quantized() {
             true => self.ready(rows, next.inputs()),
             false => Ok(Ready::Float(Mat::new(values, rows, next.inputs())?)),
         }
