@@ -1246,6 +1246,8 @@ UMO_API UMO_MUST_USE umo_status umo_session_finish(struct umo_session *session) 
 // stands: the new stream's first frame is number `last + 1 + ease`, where `last` is the last frame
 // that was handed out, by a pull or by a sample, and the ease takes
 // `ceil(ease_ms * frame_rate / 1000)` frames. Sample from that time on to see it from its start.
+// As many frames of the new stream, at most the session's `ease_ms`, come out of the rest pose, the face
+// in a quarter of them.
 //
 // Threads: any. Never allocates, never waits.
 // Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT`, `FAILED`, `CLOSED`, `PANIC`.

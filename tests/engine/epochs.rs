@@ -88,11 +88,24 @@ fn an_interrupt_eases_to_rest_and_starts_a_new_stream_in_place() {
     for (i, frame) in eased.iter().enumerate() {
         assert_eq!(frame.index, 10 + i as u64, "the index goes on");
     }
+    // As many frames ease from rest to the new stream as eased to rest; the face takes a quarter of them.
     let joints = 55 * 4;
     for (i, (frame, wanted)) in eased[6..].iter().zip(&wanted).enumerate() {
-        assert!(frame.bits[..joints] == wanted[..joints], "the new stream's pose {i}");
-        assert!(frame.bits[joints + 3..] == wanted[joints + 3..], "the new stream's face {i}");
+        assert_eq!(frame.bits[..joints] == wanted[..joints], i >= 5, "the new stream's pose {i}");
+        assert_eq!(frame.bits[joints + 3..] == wanted[joints + 3..], i >= 1, "the new stream's face {i}");
         assert_eq!(frame.sample, 20_000 + (i * 16_000 / 30) as u64);
+    }
+    // The way from rest is as smooth as the way to it: never more than a third of it in a frame.
+    let turn = |a: &FrameBits, b: &FrameBits, joint: usize| {
+        let q = |frame: &FrameBits| [0, 1, 2, 3].map(|i| f32::from_bits(frame.bits[joint * 4 + i]));
+        let dot: f32 = q(a).iter().zip(q(b)).map(|(a, b)| a * b).sum();
+        2.0 * dot.abs().min(1.0).acos()
+    };
+    for joint in 0..55 {
+        let first: f32 = turn(&eased[5], &eased[6], joint);
+        let all =
+            turn(&eased[5], &eased[11], joint) + (6..11).map(|i| turn(&eased[i], &eased[i + 1], joint)).sum::<f32>();
+        assert!(first <= all / 3.0 + 1e-3, "joint {joint}: {first} of {all}");
     }
     // It stands where it stood.
     let place = |frame: &FrameBits| [0, 2].map(|axis| f32::from_bits(frame.bits[joints + axis]));

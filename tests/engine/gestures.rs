@@ -112,10 +112,10 @@ fn an_interrupt_takes_gestures_away_and_a_reset_forgets_them() {
     alone.finish().unwrap();
     settle(&engine);
     let alone = pull(&alone);
-    // The rotations are those of a stream that nobody waved in.
+    // Once it is eased to, the rotations are those of a stream that nobody waved in.
     let joints = JOINTS * 4;
     assert_eq!(after.len(), alone.len() + 12);
-    assert!(after[12..].iter().zip(&alone).all(|(a, b)| a.bits[..joints] == b.bits[..joints]));
+    assert!(after[24..].iter().zip(&alone[12..]).all(|(a, b)| a.bits[..joints] == b.bits[..joints]));
     // The ease lets the hand down in small steps.
     let step = |pair: &[FrameBits]| {
         let change = |i: usize| (f32::from_bits(pair[0].bits[i]) - f32::from_bits(pair[1].bits[i])).abs();

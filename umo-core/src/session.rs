@@ -350,7 +350,8 @@ impl Session {
     /// Drops everything that is not shown yet and eases to the rest pose within `ease`, at most
     /// [`MAX_EASE`], for barge-in. Audio pushed from now on starts a new
     /// stream, whose frames follow the ease; the frame index goes on, and the avatar stays where it
-    /// stands.
+    /// stands. As many frames of the new stream, at most [`SessionConfig::ease`], come out of the rest
+    /// pose, the face in a quarter of them.
     ///
     /// # Errors
     /// [`SessionError::Range`] for a longer time.

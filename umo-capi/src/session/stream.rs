@@ -112,6 +112,8 @@ pub extern "C" fn umo_session_finish(session: *mut UmoSession) -> UmoStatus {
 /// stands: the new stream's first frame is number `last + 1 + ease`, where `last` is the last frame
 /// that was handed out, by a pull or by a sample, and the ease takes
 /// `ceil(ease_ms * frame_rate / 1000)` frames. Sample from that time on to see it from its start.
+/// As many frames of the new stream, at most the session's `ease_ms`, come out of the rest pose, the face
+/// in a quarter of them.
 ///
 /// Threads: any. Never allocates, never waits.
 /// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT`, `FAILED`, `CLOSED`, `PANIC`.

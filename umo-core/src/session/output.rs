@@ -85,18 +85,19 @@ impl OwnedFrame {
         }
     }
 
-    /// Goes `1 - t` of the way to `from`; stays what it is at 1.
-    fn ease_from(&mut self, from: &Self, t: f32) {
-        if t >= 1.0 {
-            return;
-        }
-        let pairs = self.pose.rotations.iter_mut().zip(&from.pose.rotations);
-        pairs.for_each(|(q, &from)| *q = slerp(from, *q, t));
-        let ease = |to: &mut [f32], from: &[f32]| {
-            to.iter_mut().zip(from).for_each(|(to, from)| *to = from + (*to - from) * t);
+    /// Goes `1 - t` of the way to `from`, the face `1 - t_face`; stays what it is at 1.
+    fn ease_from(&mut self, from: &Self, t: f32, t_face: f32) {
+        let ease = |to: &mut [f32], from: &[f32], t: f32| {
+            if t < 1.0 {
+                to.iter_mut().zip(from).for_each(|(to, from)| *to = from + (*to - from) * t);
+            }
         };
-        ease(&mut self.pose.translation, &from.pose.translation);
-        ease(&mut self.face, &from.face);
+        if t < 1.0 {
+            let pairs = self.pose.rotations.iter_mut().zip(&from.pose.rotations);
+            pairs.for_each(|(q, &from)| *q = slerp(from, *q, t));
+        }
+        ease(&mut self.pose.translation, &from.pose.translation, t);
+        ease(&mut self.face, &from.face, t_face);
     }
 
     fn pose_of(&mut self, other: &Self) {
@@ -119,12 +120,27 @@ fn smooth(t: f32) -> f32 {
     t * t * (3.0 - 2.0 * t)
 }
 
-/// An ease to rest after an interrupt: frames that stand before the next stream's.
+/// An ease after an interrupt. To rest: frames that stand before the next stream's. To the next stream,
+/// whose first pose need not be rest: its first frames.
 #[derive(Debug)]
 struct Ease {
     from: OwnedFrame,
     done: u64,
     frames: u64,
+}
+
+impl Ease {
+    fn new(from: OwnedFrame) -> Self {
+        Self { from, done: 0, frames: 0 }
+    }
+
+    /// Describes it.
+    fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
+        self.from.state(pass)?;
+        let frames = pass.number("ease", &mut self.frames, u16::MAX.into())?;
+        pass.number("ease", &mut self.done, frames)?;
+        Ok(())
+    }
 }
 
 /// Motion while no frames come: ticks of the layers over a pose that stands still.
@@ -139,7 +155,7 @@ struct Still {
     to: OwnedFrame,
 }
 
-/// The face's share of the time that the way back from idle motion takes.
+/// The face's share of the time that the way back from rest or from idle motion takes.
 const FACE_EASE: f64 = 0.25;
 
 /// Most ticks that one call makes up for: a host that was paused does not wait for all of them.
@@ -195,6 +211,10 @@ pub(crate) struct Output {
     /// The model's pose of rest.
     rest: OwnedFrame,
     ease: Ease,
+    /// The way from there to what the next stream begins with.
+    arrival: Ease,
+    /// Frames that it takes at most.
+    longest_arrival: u64,
     /// Index of the present stream's first frame.
     base: u64,
     /// Where the present stream's origin is, metres: x and z.
@@ -254,7 +274,9 @@ impl Output {
             controls: Controls::new(session.avatar.life),
             still: Still { since: None, ticks: 0, from: shown(), to: shown() },
             sampled: shown(),
-            ease: Ease { from: shown(), done: 0, frames: 0 },
+            ease: Ease::new(shown()),
+            arrival: Ease::new(shown()),
+            longest_arrival: frames_of(session.ease, config.frame_rate).into(),
             seam: shown(),
             gained: Gained::new(shown(), is_arkit),
             rest: shown(),
@@ -299,12 +321,11 @@ impl Output {
         }
         self.controls.state(pass)?;
         self.still.state(pass)?;
-        self.ease.from.state(pass)?;
+        self.ease.state(pass)?;
+        self.arrival.state(pass)?;
         self.seam.state(pass)?;
-        let frames = pass.number("ease", &mut self.ease.frames, u16::MAX.into())?;
-        pass.number("ease", &mut self.ease.done, frames)?;
         let base = pass.number("start of the stream", &mut self.base, MAX_INDEX)?;
-        pass.must(base >= frames, "start of the stream")?;
+        pass.must(base >= self.ease.frames, "start of the stream")?;
         pass.f32s(&mut self.origin)?;
         pass.float(&mut self.time)?;
         let there = pass.flag("seam", self.seam_at.is_some())?;
@@ -401,6 +422,9 @@ impl Output {
         self.publish(shared);
         self.ease.from.copy(&self.raw_last);
         self.ease.done = 0;
+        // Where frames come of packets, `Gaps` does it.
+        self.arrival.frames = if self.gaps.is_some() { 0 } else { self.ease.frames.min(self.longest_arrival) };
+        self.arrival.done = 0;
         self.seam_at = None;
         self.epoch = epoch;
     }
@@ -449,9 +473,25 @@ impl Output {
                 frame.pose.translation[axis] += origin;
             }
         }
+        self.arrive();
         self.close_gap();
         self.add_layers(shared);
         true
+    }
+
+    /// Eases from rest to the first frames of a stream after an interrupt.
+    fn arrive(&mut self) {
+        let Ease { from, done, frames } = &mut self.arrival;
+        if done >= frames {
+            return;
+        }
+        if *done == 0 {
+            from.copy(&self.raw_last);
+        }
+        *done += 1;
+        let t = *done as f32 / *frames as f32;
+        // Speech begins with the mouth.
+        self.next_frame.ease_from(from, smooth(t), smooth(t / single(FACE_EASE)));
     }
 
     /// Eases to the frames after a gap.
@@ -463,7 +503,8 @@ impl Output {
         }
         if gaps.done < gaps.frames {
             gaps.done += 1;
-            self.next_frame.ease_from(&gaps.from, smooth(gaps.done as f32 / gaps.frames as f32));
+            let t = smooth(gaps.done as f32 / gaps.frames as f32);
+            self.next_frame.ease_from(&gaps.from, t, t);
         }
     }
 
