@@ -134,12 +134,12 @@ impl Ease {
         Self { from, done: 0, frames: 0 }
     }
 
-    /// Describes it.
-    fn state(&mut self, pass: &mut StatePass) -> Result<(), StateError> {
+    /// Describes it; how many frames it has.
+    fn state(&mut self, pass: &mut StatePass) -> Result<u64, StateError> {
         self.from.state(pass)?;
         let frames = pass.number("ease", &mut self.frames, u16::MAX.into())?;
         pass.number("ease", &mut self.done, frames)?;
-        Ok(())
+        Ok(frames)
     }
 }
 
@@ -321,11 +321,11 @@ impl Output {
         }
         self.controls.state(pass)?;
         self.still.state(pass)?;
-        self.ease.state(pass)?;
+        let frames = self.ease.state(pass)?;
         self.arrival.state(pass)?;
         self.seam.state(pass)?;
         let base = pass.number("start of the stream", &mut self.base, MAX_INDEX)?;
-        pass.must(base >= self.ease.frames, "start of the stream")?;
+        pass.must(base >= frames, "start of the stream")?;
         pass.f32s(&mut self.origin)?;
         pass.float(&mut self.time)?;
         let there = pass.flag("seam", self.seam_at.is_some())?;
