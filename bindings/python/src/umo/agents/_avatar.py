@@ -308,8 +308,8 @@ class Avatar:
         # Nothing else has frames: an interrupt drops them.
         speech = self._speeches[0]
         if not speech.poses:
-            # The model begins where it likes: the first poses come out of the one before.
-            self._from, self._mixed = self._seen, 0
+            # The session begins out of rest; where it idled, the first poses come out of the one before.
+            self._from, self._mixed = (self._seen if self._is_idling else None), 0
         is_last = speech.is_finished and session.is_done
         count = len(speech.data) // self._size
         if not is_last:
