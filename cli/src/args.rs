@@ -672,8 +672,8 @@ pub struct Quantize {
     /// Type of certain tensors: f32, bf16, int8 or int4; the last that matches counts, before any --keep
     #[arg(long, value_name = "GLOB=TYPE")]
     pub set: Vec<String>,
-    /// Spread loud channels over all others by a rotation that leaves the function the same: for trained
-    /// models of layout `frames`, or of layout `parts` with a head of their own
+    /// Rotate the residual streams so that outlier channels are spread over all others, with the same
+    /// function: for trained models of layout `frames`, or of layout `parts` with a head of their own
     #[arg(long)]
     pub rotate: bool,
 }

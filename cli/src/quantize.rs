@@ -215,7 +215,7 @@ fn tensor<'a>(
     Ok(NewTensor { name: plan.name.clone(), shape: plan.shape.clone(), storage: plan.storage, values })
 }
 
-/// A tensor's values, as they are in the file or, with `rotated`, as they are after the turn.
+/// A tensor's values, as they are in the file or, with `rotated`, as they are after the rotation.
 fn read(file: &ModelFile, name: &str, shape: &[usize], rotated: bool) -> Result<Vec<f32>, LoadError> {
     let tensor = file.tensor(name, shape)?;
     let mut values = vec![0.0; shape.iter().product()];

@@ -1,11 +1,11 @@
-//! Turning the residual streams and the values of attention, so that no channel is loud.
+//! Rotation of the residual streams and of attention's values, so that no channel is an outlier.
 //!
-//! What all layers of a stack add to may be turned by any orthogonal matrix: tables and what writes to
-//! the stream turn it, what reads it turns it back, and an RMS norm without gain does not notice. The
-//! gains are folded into what reads the norm's output first. Likewise the values of a head, which
-//! attention only sums. After a turn by a Hadamard matrix with random signs, a channel that was loud,
-//! such as the marks that tell tokens' places, is spread over all of them: int8 steps are smaller
-//! (Ashkboos et al. 2024, "QuaRot: Outlier-Free 4-Bit Inference in Rotated LLMs", section 4). The
+//! The residual stream of a stack may be rotated by any orthogonal matrix: tables and matrices that write
+//! to the stream rotate it, matrices that read it rotate it back, and an RMS norm without gain does not
+//! notice. The gains are folded into the matrices that read the norm's output first. The values of a
+//! head, which attention only sums, are rotated likewise. A Hadamard matrix with random signs spreads an
+//! outlier channel, such as the marks that tell tokens' places, over all channels, so that int8 steps are
+//! smaller (Ashkboos et al. 2024, "QuaRot: Outlier-Free 4-Bit Inference in Rotated LLMs", section 4). The
 //! function stays the same, no data is needed, and running the model costs nothing more.
 
 use umo_core::config::Config;
@@ -29,7 +29,7 @@ struct Role {
     writes: Option<u64>,
     /// A table whose rows are added to a stream.
     table: Option<u64>,
-    /// A norm whose gain goes to those that read it.
+    /// A norm whose gain is folded into the matrices that read it.
     norm: bool,
     /// A matrix whose rows are the values of so many heads.
     makes_values: Option<usize>,
@@ -37,7 +37,7 @@ struct Role {
     takes_values: Option<usize>,
 }
 
-/// Refuses what cannot be turned.
+/// Refuses models that cannot be rotated.
 pub(super) fn check(config: &Config) -> Result<(), Failure> {
     if !config.is_frames() && config.lm.tie_word_embeddings {
         return Err(Failure::input(
@@ -48,7 +48,7 @@ pub(super) fn check(config: &Config) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Turns `values`, the tensor `name`.
+/// Rotates `values`, the tensor `name`.
 pub(super) fn apply(file: &ModelFile, name: &str, shape: &[usize], values: &mut [f32]) -> Result<(), LoadError> {
     let role = role(file.config(), name);
     if role == Role::default() {
@@ -66,22 +66,22 @@ pub(super) fn apply(file: &ModelFile, name: &str, shape: &[usize], values: &mut 
         for row in matrix.chunks_exact_mut(columns) {
             row.iter_mut().zip(&gain).for_each(|(v, gain)| *v *= f64::from(*gain));
         }
-        Turn::new(columns, *stream).rows(&mut matrix);
+        Rotation::new(columns, *stream).rows(&mut matrix);
     }
     if let Some(stream) = role.table {
-        Turn::new(columns, stream).rows(&mut matrix);
+        Rotation::new(columns, stream).rows(&mut matrix);
     }
     if let Some(heads) = role.takes_values {
-        Turn::new(columns / heads, VALUES).rows(&mut matrix);
+        Rotation::new(columns / heads, VALUES).rows(&mut matrix);
     }
     if let Some(stream) = role.writes {
-        Turn::new(rows, stream).columns(&mut matrix, columns);
+        Rotation::new(rows, stream).columns(&mut matrix, columns);
     }
     if let Some(heads) = role.makes_values {
-        Turn::new(rows / heads, VALUES).columns(&mut matrix, columns);
+        Rotation::new(rows / heads, VALUES).columns(&mut matrix, columns);
     }
     #[expect(clippy::cast_possible_truncation, reason = "to the nearest f32")]
-    values.iter_mut().zip(matrix).for_each(|(v, turned)| *v = turned as f32);
+    values.iter_mut().zip(matrix).for_each(|(v, rotated)| *v = rotated as f32);
     Ok(())
 }
 
@@ -138,13 +138,13 @@ fn role(config: &Config, name: &str) -> Role {
 
 /// An orthogonal matrix: random signs, then a Hadamard matrix of the largest power of two that divides
 /// the width, times a cosine transform of the odd number that is left.
-struct Turn {
+struct Rotation {
     signs: Vec<f64>,
     power: usize,
     cosines: Vec<f64>,
 }
 
-impl Turn {
+impl Rotation {
     /// Of `width` channels; `seed` draws the signs.
     fn new(width: usize, seed: u64) -> Self {
         let power = 1 << width.trailing_zeros();
@@ -163,13 +163,13 @@ impl Turn {
         Self { signs, power, cosines }
     }
 
-    /// Turns each run of `width` values.
+    /// Rotates each row of `width` values.
     fn rows(&self, matrix: &mut [f64]) {
         let mut mixed = vec![0.0; self.signs.len()];
         matrix.chunks_exact_mut(self.signs.len()).for_each(|row| self.vector(row, &mut mixed));
     }
 
-    /// Turns each run of `width` values of every column.
+    /// Rotates each run of `width` values of every column.
     fn columns(&self, matrix: &mut [f64], columns: usize) {
         let width = self.signs.len();
         let (mut column, mut mixed) = (vec![0.0; width], vec![0.0; width]);
@@ -225,15 +225,15 @@ fn splitmix(state: &mut u64) -> u64 {
 mod tests {
     use super::*;
 
-    /// Lengths and angles stay, rows and columns are turned alike, and one loud channel becomes many
+    /// Lengths and angles stay, rows and columns are rotated alike, and one outlier becomes many values
     /// of equal size.
     #[test]
-    fn a_turn_is_orthogonal_and_spreads_one_channel() {
+    fn a_rotation_is_orthogonal_and_spreads_one_channel() {
         for width in [1, 2, 3, 8, 12, 56, 192, 256] {
-            let turn = Turn::new(width, 7);
+            let rotation = Rotation::new(width, 7);
             let mut unit: Vec<f64> =
                 (0..width * width).map(|at| f64::from(u8::from(at / width == at % width))).collect();
-            turn.rows(&mut unit);
+            rotation.rows(&mut unit);
             for (a, one) in unit.chunks_exact(width).enumerate() {
                 for (b, other) in unit.chunks_exact(width).enumerate() {
                     let product: f64 = one.iter().zip(other).map(|(a, b)| a * b).sum();
@@ -242,13 +242,13 @@ mod tests {
             }
             let mut column: Vec<f64> = (0..width).map(|at| at as f64 - 1.5).collect();
             let mut row = column.clone();
-            turn.rows(&mut row);
-            turn.columns(&mut column, 1);
+            rotation.rows(&mut row);
+            rotation.columns(&mut column, 1);
             assert_eq!(row, column);
         }
-        let mut loud = [0.0; 64];
-        loud[5] = 8.0;
-        Turn::new(64, 1).rows(&mut loud);
-        assert!(loud.iter().all(|v| (v.abs() - 1.0).abs() < 1e-12), "{loud:?}");
+        let mut outlier = [0.0; 64];
+        outlier[5] = 8.0;
+        Rotation::new(64, 1).rows(&mut outlier);
+        assert!(outlier.iter().all(|v| (v.abs() - 1.0).abs() < 1e-12), "{outlier:?}");
     }
 }

@@ -76,8 +76,8 @@ fn every_stage_gives_what_the_reference_gives() {
     }
 }
 
-/// What the reference said of the model itself, a rotated one says too: gains that went to other
-/// tensors, turned tables, layers and heads, in both layouts.
+/// A rotated model gives what the reference gives for the model itself, in both layouts: with gains
+/// folded, and tables, layers and heads rotated.
 #[test]
 fn a_rotated_model_gives_what_the_reference_gives() {
     let folder = Folder::new();

@@ -4,7 +4,7 @@ import argparse
 import shlex
 from pathlib import Path
 
-from umo_train.metrics import acted, agreement, fgd, item, program, report, table
+from umo_train.metrics import acted, agreement, fgd, frame_agreement, item, program, report, table
 from umo_train.metrics.measure import Subject, measure
 
 
@@ -57,11 +57,17 @@ def _eval(args: argparse.Namespace) -> None:
 def _agreement(args: argparse.Namespace) -> None:
     umo = program.find(args.umo)
     items = [one for split in args.split for one in item.from_corpus(args.corpus, split, args.most, 0, 0)]
-    traced = [chunk for one in items for chunk in agreement.trace(umo, one, args.exact, args.chunks, args.seed)]
+    is_frames = agreement.config_of(umo, args.exact).get("layout") == "frames"
+    trace = frame_agreement.trace if is_frames else agreement.trace
+    traced = [chunk for one in items for chunk in trace(umo, one, args.exact, args.chunks, args.seed)]
     for model in args.models:
-        shares = agreement.agreement(umo, traced, args.exact, model)
+        if is_frames:
+            shares, error = frame_agreement.compare(umo, traced, args.exact, model)
+            of_logits = f", error of logits {100 * error:.1f} %"
+        else:
+            shares, of_logits = agreement.agreement(umo, traced, args.exact, model), ""
         said = " ".join(f"{part} {100 * share:.1f} %" for part, share in shares.items())
-        print(f"{model}: {model.stat().st_size / 1e6:.1f} MB, {len(traced)} chunks, {said}")
+        print(f"{model}: {model.stat().st_size / 1e6:.1f} MB, {len(traced)} chunks, {said}{of_logits}")
 
 
 def _sheet(args: argparse.Namespace) -> None:

@@ -71,14 +71,15 @@ def _heard(umo: Path, chunk: FrameChunk, config: dict[str, Any], *options: objec
     return {"heard": hidden[start + keyframes * each + config["depth"]["heard"]]}
 
 
-def _likeliest(umo: Path, chunk: FrameChunk, config: dict[str, Any], *options: object) -> Codes:
+def _logits(umo: Path, chunk: FrameChunk, config: dict[str, Any], *options: object) -> Codes:
+    """Those of each part, `[N, levels, codes]`, teacher forcing."""
     codes = _named("codes", chunk.codes)
     given = {"input_ids": chunk.ids} | _named("history", chunk.history) | codes
     hidden = stage(umo, "decoder", given, *options)["hidden"]
     heard = _heard(umo, chunk, config, *options)
     before = {name: np.concatenate([chunk.history[name][-1:], rows[:-1]]) for name, rows in chunk.codes.items()}
     made = stage(umo, "depth", {"hidden": hidden} | heard | codes | _named("before", before), *options)
-    return {name: made[f"logits.{name}"].argmax(-1) for name in chunk.codes}
+    return {name: made[f"logits.{name}"] for name in chunk.codes}
 
 
 def agreement(
@@ -90,16 +91,31 @@ def agreement(
 ) -> dict[str, float]:
     """As `agreement.agreement`: the share of codes, by part and in `all`, of which f32 of `model` and `precision` of
     `other` find the same likeliest, both given what f32 drew so far."""
+    return compare(umo, chunks, model, other, precision)[0]
+
+
+def compare(
+    umo: Path,
+    chunks: Sequence[FrameChunk],
+    model: Path | None = None,
+    other: Path | None = None,
+    precision: str | None = None,
+) -> tuple[dict[str, float], float]:
+    """What `agreement` says, and the relative root mean square error of the logits, less the mean of each code's."""
     precision = precision or ("stored" if other else "int8")
     exact, coarse = ([*(["--model", path] if path else []), "--precision"] for path in (model, other or model))
     config = config_of(umo, model)
     same: dict[str, list[np.ndarray]] = {}
+    error = power = 0.0
     for chunk in chunks:
-        one, two = _likeliest(umo, chunk, config, *exact, "f32"), _likeliest(umo, chunk, config, *coarse, precision)
+        one, two = _logits(umo, chunk, config, *exact, "f32"), _logits(umo, chunk, config, *coarse, precision)
         for name in one:
-            same.setdefault(name, []).append((one[name] == two[name]).ravel())
+            same.setdefault(name, []).append((one[name].argmax(-1) == two[name].argmax(-1)).ravel())
+            wanted, got = (logits - logits.mean(-1, keepdims=True) for logits in (one[name], two[name]))
+            error, power = error + float(((got - wanted) ** 2).sum()), power + float((wanted**2).sum())
     shares = {name: float(np.concatenate(rows).mean()) for name, rows in same.items()}
-    return shares | {"all": float(np.concatenate([row for rows in same.values() for row in rows]).mean())}
+    shares["all"] = float(np.concatenate([row for rows in same.values() for row in rows]).mean())
+    return shares, (error / power) ** 0.5
 
 
 def code_counts(chunks: Sequence[FrameChunk], config: dict[str, Any]) -> Codes:
