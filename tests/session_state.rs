@@ -126,6 +126,8 @@ struct Run<'a> {
     pushed: u64,
     time: f64,
     clock: f64,
+    /// Whether the engine has nothing to do.
+    settled: bool,
     /// Everything that the calls have said and shown, as bits.
     seen: Vec<u64>,
 }
@@ -139,12 +141,12 @@ fn show(frame: Frame, seen: &mut Vec<u64>) {
 impl<'a> Run<'a> {
     fn new(timed: &'a Timed, config: &SessionConfig) -> Self {
         let (session, channels) = (timed.engine.session(config).unwrap(), config.channels);
-        Self { timed, session, channels, pushed: 0, time: 0.0, clock: 0.0, seen: Vec::new() }
+        Self { timed, session, channels, pushed: 0, time: 0.0, clock: 0.0, settled: false, seen: Vec::new() }
     }
 
     #[expect(clippy::cast_precision_loss, reason = "a short stream")]
     fn call(&mut self, call: &Call) {
-        let Self { timed, session, channels, pushed, time, clock, seen } = self;
+        let Self { timed, session, channels, pushed, time, clock, settled, seen } = self;
         match call {
             Call::Push(frames) => {
                 let mut noise = Noise::new(*pushed);
@@ -164,7 +166,11 @@ impl<'a> Run<'a> {
                     *time = time.max(frame.index as f64 / 30.0);
                     show(frame, seen);
                 };
-                session.pull_frames(*most, shown).unwrap();
+                let ready = session.ready_frames().unwrap();
+                let pulled = session.pull_frames(*most, shown).unwrap();
+                // An engine that works meanwhile adds to them.
+                assert!(pulled >= ready.min(*most), "{pulled} frames of {most}, where {ready} were ready");
+                assert!(!*settled || pulled == ready.min(*most), "{pulled} frames of {most}, {ready} were ready");
             }
             Call::Sample(frames) => {
                 *time += frames / 30.0;
@@ -205,6 +211,7 @@ impl<'a> Run<'a> {
             }
             Call::Settle => settle(&timed.engine),
         }
+        *settled = matches!(call, Call::Settle);
         let stats = session.stats();
         seen.extend([stats.chunks, stats.frames, stats.late_frames, stats.dropped_frames, stats.overruns]);
     }

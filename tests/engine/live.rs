@@ -51,7 +51,9 @@ fn run(engine: &Engine, session: &Session, samples: &[f32], pieces: &[usize]) ->
     session.finish().unwrap();
     for _ in 0..200 {
         settle(engine);
-        session.pull_frames(3, |frame| frames.push(FrameBits::of(frame))).unwrap();
+        let ready = session.ready_frames().unwrap();
+        let pulled = session.pull_frames(3, |frame| frames.push(FrameBits::of(frame))).unwrap();
+        assert_eq!(pulled, ready.min(3));
     }
     assert!(session.is_done().unwrap());
     frames

@@ -108,16 +108,25 @@ impl LiveVoice {
         Self::mouth(&self.model).latency_samples()
     }
 
-    /// Frames that can be shown without more audio, those after the end left out.
+    /// Frames that can be shown without more audio.
     pub(super) fn ready(&mut self, shared: &Shared, epoch: Epoch) -> usize {
         if !self.join(shared, epoch) {
             return 0;
         }
-        let known = match shared.link.total() {
-            Some(total) => total,
-            None => Self::mouth(&self.model).frames_after(&self.stream, shared.link.voice().len()),
+        let link = &shared.link;
+        let known = match link.total() {
+            Some(total) => total + self.tail_known(shared, epoch, total),
+            None => Self::mouth(&self.model).frames_after(&self.stream, link.voice().len()),
         };
         usize::try_from(known.saturating_sub(self.first)).unwrap_or(usize::MAX)
+    }
+
+    /// Frames after the end of a stream of `total` frames whose body is there.
+    fn tail_known(&self, shared: &Shared, epoch: Epoch, total: u64) -> u64 {
+        let frames = &shared.link.frames;
+        let waiting = frames.next().filter(|stamp| stamp.epoch == epoch.number);
+        let newest = waiting.map(|stamp| stamp.index + frames.len() as u64 - 1).or(self.body_index);
+        newest.map_or(0, |newest| (newest + 1 + self.delay).min(total + self.delay).saturating_sub(total))
     }
 
     /// Frames by which the body is behind.
