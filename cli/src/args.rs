@@ -95,9 +95,10 @@ pub struct GenerateArgs {
     /// live
     #[arg(long, value_name = "KEYFRAMES")]
     pub horizon: Option<usize>,
-    /// How strongly the prompt steers, 1 to 3, in models of layout `frames`
-    #[arg(long, value_name = "STRENGTH", default_value_t = 1.0)]
-    pub guidance: f32,
+    /// How strongly the prompt steers, 1 to 3, in models of layout `frames`: 2 where a text alone is
+    /// animated, else 1
+    #[arg(long, value_name = "STRENGTH")]
+    pub guidance: Option<f32>,
     /// Low-pass of the body's motion: standard deviation in frames, 0 to 1.5; 0 for none
     #[arg(long, value_name = "FRAMES")]
     pub smoothing: Option<f32>,

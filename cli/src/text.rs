@@ -5,15 +5,13 @@ use umo_core::config::Config;
 use umo_core::lm::layout::Template;
 use umo_core::{GestureOptions, Gestures};
 
-use crate::animate::Job;
+use crate::animate::{Job, TEXT};
 use crate::args::Text;
 use crate::failure::Failure;
 use crate::gestures;
 
 /// Longest animation: an hour.
 const MAX_SECONDS: f64 = 3600.0;
-/// Template of a text alone.
-const TEXT: &str = "text_to_motion";
 /// Seconds of the model's own motion before a gesture begins.
 const BEFORE: f64 = 0.3;
 

@@ -241,6 +241,24 @@ fn text_becomes_motion_of_the_length_asked_for() {
     assert_eq!(lines(&text("a", "0.001", "short.csv")), 1 + 1);
 }
 
+/// The default model's actions, which a stronger guidance makes more of.
+#[test]
+fn a_text_alone_is_guided() {
+    let folder = Folder::new();
+    let bow = |name: &str, more: &[&str]| {
+        let out = folder.at(name);
+        umo(&[&["text", "she bows", "--seconds", "1", "-o", &out][..], more].concat()).success();
+        folder.read(name)
+    };
+    let guided = bow("guided.csv", &[]);
+    assert!(guided == bow("two.csv", &["--guidance", "2"]));
+    assert!(guided != bow("one.csv", &["--guidance", "1"]));
+    // What cannot be guided is not.
+    let (smplx, out) = (golden("mel_k2_arkit"), folder.at("plain.csv"));
+    umo(&["text", "a person waves", "--seconds", "1", "--model", &smplx, "-o", &out]).success();
+    folder.refused(&["text", "a person waves", "--model", &smplx, "--guidance", "2", "-o", &out]);
+}
+
 #[test]
 fn the_first_command_needs_no_model() {
     let folder = Folder::new();
