@@ -28,6 +28,8 @@ struct Crowd {
     engine: Engine,
     nanos: Arc<AtomicU64>,
     avatars: Vec<Avatar>,
+    /// Most steps of one batch in which a mouth network hears something.
+    mouth_steps: usize,
 }
 
 struct Avatar {
@@ -41,6 +43,10 @@ struct Avatar {
 
 impl Crowd {
     fn new(limit: Option<Duration>) -> Self {
+        Self::in_batches(limit, 1)
+    }
+
+    fn in_batches(limit: Option<Duration>, max_batch: usize) -> Self {
         let golden = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/golden/mel_k2_arkit");
         let file = ModelFile::open(&golden.join("model.safetensors")).unwrap();
         let model = Arc::new(Model::load(&file, Precision::Stored, Isa::detect()).unwrap());
@@ -49,7 +55,7 @@ impl Crowd {
             threads: Threads::Host(0),
             clock: Clock::Manual(Arc::clone(&nanos)),
             max_sessions: MANY,
-            max_batch: 1,
+            max_batch,
             ..EngineConfig::default()
         };
         let engine = Engine::new(model, &config).unwrap();
@@ -61,7 +67,7 @@ impl Crowd {
             Avatar { session, start: 400 * MILLISECOND * number as u64 / MANY as u64, pushed: 0, frames: Vec::new() }
         };
         let avatars = (0..MANY).map(avatar).collect();
-        Self { engine, nanos, avatars }
+        Self { engine, nanos, avatars, mouth_steps: 0 }
     }
 
     fn seconds(&self) -> f64 {
@@ -109,9 +115,12 @@ impl Crowd {
                 _ => FULL,
             };
             self.nanos.fetch_add(cost, Ordering::Relaxed);
+            let mut mouth_steps = 0;
             while self.engine.next_step() != Some("begin") {
+                mouth_steps += usize::from(self.engine.next_step() == Some("mouth"));
                 self.engine.poll(Duration::ZERO).unwrap();
             }
+            self.mouth_steps = self.mouth_steps.max(mouth_steps);
         }
     }
 
@@ -130,6 +139,19 @@ fn while_the_engine_keeps_up_a_limit_changes_no_bit() {
     for (got, want) in with.avatars.iter().zip(&without.avatars).take(FEW) {
         assert!(got.frames.len() > 100 && got.frames == want.frames);
     }
+}
+
+/// Not all in one: a poll could not keep its budget.
+#[test]
+fn each_member_of_a_batch_is_heard_in_a_step_of_its_own() {
+    let mut crowd = Crowd::in_batches(Some(Duration::ZERO), 3);
+    crowd.go_on(1.0, FEW);
+    assert_eq!(crowd.mouth_steps, 0, "nothing is held, and nothing heard");
+    // Three chunks cost what one does here: to be over capacity they must come late.
+    crowd.nanos.fetch_add(3_000 * MILLISECOND, Ordering::Relaxed);
+    crowd.go_on(4.0, MANY);
+    assert!(crowd.held().iter().sum::<u64>() > 0);
+    assert_eq!(crowd.mouth_steps, 3);
 }
 
 #[test]

@@ -12,6 +12,7 @@ use crate::linear::Compute;
 use crate::memory::with_capacity;
 use crate::session::{Failure, Member, PacketWriter, Schedule};
 use crate::team::{ExternalWorkers, Team};
+use crate::time::Instant;
 
 /// A batch, and the sessions in it.
 #[derive(Debug)]
@@ -31,6 +32,8 @@ pub(super) struct Worker {
     share: f32,
     /// When it was set.
     shared: u64,
+    /// How long the mouth network heard a chunk the last time.
+    heard: Duration,
 }
 
 /// Nanoseconds in which the share of chunks that is computed in full falls from all to none while chunks
@@ -70,6 +73,7 @@ impl Worker {
             packets: PacketWriter::new(inner.model()),
             share: 1.0,
             shared: 0,
+            heard: Duration::ZERO,
         })
     }
 
@@ -80,13 +84,13 @@ impl Worker {
 
     /// How long the next turn will take, as far as that is known.
     pub(super) fn expected(&self) -> Duration {
-        self.batch.expected()
+        if self.is_mouth_next() { self.heard } else { self.batch.expected() }
     }
 
     /// What the next turn does.
     #[cfg(feature = "internals")]
     pub(super) fn next_step(&self) -> &'static str {
-        self.batch.next_step()
+        if self.is_mouth_next() { "mouth" } else { self.batch.next_step() }
     }
 
     /// Where the host lends its threads.
@@ -99,6 +103,10 @@ impl Worker {
     pub(super) fn turn(&mut self, inner: &Inner) -> bool {
         if !self.batch.is_busy() {
             return self.begin(inner);
+        }
+        if let Some(member) = self.schedules.iter().position(Schedule::awaits_mouth) {
+            self.hear_mouth(member);
+            return true;
         }
         let Self { team, batch, avatars, schedules, .. } = self;
         let cx = Compute { isa: inner.model().isa, team };
@@ -129,6 +137,24 @@ impl Worker {
             }
         }
         true
+    }
+
+    /// Has the mouth network hear one member's chunk: a step of its own, so that a poll keeps its budget
+    /// however many bodies are held.
+    fn hear_mouth(&mut self, member: usize) {
+        let start = Instant::now();
+        let (schedule, avatar) = (&mut self.schedules[member], &mut self.avatars[member]);
+        match contain(|| schedule.hear_mouth(avatar)) {
+            Ok(Ok(())) => {}
+            Ok(Err(error)) => schedule.fail(Failure::Step(error)),
+            Err(defect) => schedule.fail(Failure::Defect(defect)),
+        }
+        self.heard = start.elapsed();
+    }
+
+    /// Whether the next turn has a mouth network hear something.
+    fn is_mouth_next(&self) -> bool {
+        self.schedules.iter().any(Schedule::awaits_mouth)
     }
 
     /// Puts the sessions with the earliest deadlines into a batch.

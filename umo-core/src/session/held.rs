@@ -34,6 +34,8 @@ pub(super) struct HeldMouth {
     stream: MouthStream,
     /// Whether the stream has heard the chunk before.
     listens: bool,
+    /// Frame of the first of the chunk's samples, where they are still to be heard.
+    awaited: Option<u64>,
     /// Frame of the session at which the stream began.
     start: u64,
     /// One more than the last frame whose mouth is known.
@@ -63,6 +65,7 @@ impl HeldMouth {
         Some(Self {
             stream: MouthStream::new_in(mouth, arena),
             listens: false,
+            awaited: None,
             start: 0,
             known: 0,
             mouths: arena.filled(0.0, room * channels),
@@ -78,22 +81,30 @@ impl HeldMouth {
 
     /// Back to the start of a stream.
     pub(super) fn reset(&mut self) {
-        (self.listens, self.start, self.known, self.weight) = (false, 0, 0, 0.0);
+        (self.listens, self.awaited, self.start, self.known, self.weight) = (false, None, 0, 0, 0.0);
         self.held.fill(false);
     }
 
-    /// A chunk begins whose frames are `frames`, held or not.
-    pub(super) fn mark(&mut self, frames: Range<u64>, held: bool) {
+    /// A chunk begins whose frames are `frames`, held or not. Its samples are to be heard if they are
+    /// to belong to a frame: the first to this one.
+    pub(super) fn begin(&mut self, frames: Range<u64>, held: bool, hears: Option<u64>) {
+        self.awaited = hears;
+        self.listens &= hears.is_some();
         for index in frames {
             let slot = self.slot(index);
             self.held[slot] = held;
         }
     }
 
-    /// Hears the chunk's samples, the first of which belongs to frame `frame`.
-    pub(super) fn hear(&mut self, samples: &[f32], frame: u64) -> Result<(), StepError> {
-        let Self { model, stream, listens, start, known, mouths, held, .. } = self;
-        let Some(mouth) = &model.mouth else { return Ok(()) };
+    /// Whether the chunk's samples are still to be heard.
+    pub(super) fn awaits(&self) -> bool {
+        self.awaited.is_some()
+    }
+
+    /// Hears the chunk's samples, if it is to.
+    pub(super) fn hear(&mut self, samples: &[f32]) -> Result<(), StepError> {
+        let Self { model, stream, listens, awaited, start, known, mouths, held, .. } = self;
+        let (Some(mouth), Some(frame)) = (&model.mouth, awaited.take()) else { return Ok(()) };
         if !*listens {
             stream.reset(mouth);
             (*listens, *start, *known) = (true, frame, frame);
@@ -106,11 +117,6 @@ impl HeldMouth {
             mouths[slot * width..][..width].copy_from_slice(heard.channels);
             *known = index + 1;
         })
-    }
-
-    /// Hears a chunk less.
-    pub(super) fn miss(&mut self) {
-        self.listens = false;
     }
 
     /// The frame with the mouth that is heard, where its body is held or was a moment ago.

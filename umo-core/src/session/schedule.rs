@@ -10,6 +10,7 @@ use super::{Failure, Idle, SessionConfig, Shared, Voice};
 use crate::avatar::{Avatar, Due};
 use crate::batch::FrameSink;
 use crate::config::Config;
+use crate::error::StepError;
 use crate::life::Levels;
 use crate::memory::{Arena, Counted};
 use crate::model::Model;
@@ -92,6 +93,16 @@ impl FrameSink for [Schedule] {
 }
 
 impl Schedule {
+    /// Whether the mouth network is still to hear the samples of the chunk that was begun.
+    pub(crate) fn awaits_mouth(&self) -> bool {
+        self.held_mouth.as_ref().is_some_and(HeldMouth::awaits)
+    }
+
+    /// Has the mouth network hear the samples of the chunk that was begun.
+    pub(crate) fn hear_mouth(&mut self, avatar: &mut Avatar) -> Result<(), StepError> {
+        self.held_mouth.as_mut().map_or(Ok(()), |mouth| mouth.hear(avatar.samples_mut()))
+    }
+
     pub(super) fn new_in(
         avatar: &Avatar,
         shared: Counted<Shared>,
@@ -343,15 +354,7 @@ impl Member {
         if let Some(mouth) = held_mouth
             && due != Due::Flush
         {
-            mouth.mark(chunk, due == Due::Held);
-            match busy {
-                true => {
-                    if let Err(error) = mouth.hear(room, start * *frame_rate / *model_rate) {
-                        shared.fail(Failure::Step(error));
-                    }
-                }
-                false => mouth.miss(),
-            }
+            mouth.begin(chunk, due == Due::Held, busy.then_some(start * *frame_rate / *model_rate));
         }
         if taken < room.len() && endless {
             shared.link.silence_given();
