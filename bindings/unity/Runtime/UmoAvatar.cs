@@ -86,6 +86,9 @@ namespace Umo.Unity
         private Session session;
         /// The audio thread's: it takes a look once per block.
         private volatile VoiceLine line;
+        /// Where no audio thread calls; else null.
+        private ClipVoice voice;
+        private bool cannotRead;
         private MotionClock clock;
         private Frames frame;
         private HumanFigure figure;
@@ -106,7 +109,9 @@ namespace Umo.Unity
         private readonly float[] otherHeard = new float[4096];
         private float[] otherSamples;
         private bool usesMicrophone;
+#if !UNITY_WEBGL || UNITY_EDITOR
         private string microphone;
+#endif
         /// The pose of rest is that of the first time: later ones are animated. Kept when code is loaded anew.
         private Quaternion[] restRotations;
         private Vector3[] restPlaces;
@@ -150,6 +155,16 @@ namespace Umo.Unity
         /// <summary>Says a clip, to its end: the AudioSource plays on until its last sound was heard. Allocates.</summary>
         public void Speak(AudioClip clip)
         {
+            if (UmoRuntime.IsPolled)
+            {
+                // Its end is heard when its motion is shown, since it begins so much later.
+                source.Stop();
+                if (voice != null) voice.Stop();
+                source.clip = clip;
+                source.loop = false;
+                source.Play();
+                return;
+            }
             float[] samples = new float[clip.samples * clip.channels];
             if (!clip.GetData(samples, 0))
             {
@@ -176,6 +191,9 @@ namespace Umo.Unity
         /// </summary>
         public void UseMicrophone(string device = null)
         {
+#if UNITY_WEBGL && !UNITY_EDITOR
+            Debug.LogWarning("umo: Unity has no microphone in the player of a browser", this);
+#else
             StopMicrophone();
             AudioClip clip = Microphone.Start(device, true, 1, AudioSettings.outputSampleRate);
             if (clip == null)
@@ -189,6 +207,7 @@ namespace Umo.Unity
             microphone = device;
             usesMicrophone = true;
             restart = true;
+#endif
         }
 
         /// <summary>Ends what UseMicrophone began.</summary>
@@ -200,7 +219,9 @@ namespace Umo.Unity
             source.Stop();
             source.clip = null;
             source.loop = false;
+#if !UNITY_WEBGL || UNITY_EDITOR
             Microphone.End(microphone);
+#endif
         }
 
         /// <summary>
@@ -230,6 +251,7 @@ namespace Umo.Unity
             if (session == null) return;
             uint ease = (uint)Mathf.RoundToInt(1000 * Mathf.Clamp(easeSeconds, 0, 10));
             source.Stop();
+            if (voice != null) voice.Stop();
             line.Playing = false;
             line.Clear();
             if (!Works(session.Interrupt(ease))) return;
@@ -249,11 +271,31 @@ namespace Umo.Unity
         /// Where assets lie in an archive, as on Android.
         private IEnumerator Fetch(int hostChannels)
         {
+            // The library of a player of a browser lies where the model does.
+            WebLibrary.Load(System.IO.Path.Combine(Application.streamingAssetsPath, "umo.wasm"));
+            while (!LibraryIsReady())
+            {
+                if (Error.Length > 0) yield break;
+                yield return null;
+            }
             using (UnityWebRequest request = UnityWebRequest.Get(path))
             {
                 yield return request.SendWebRequest();
                 if (!string.IsNullOrEmpty(request.error)) Fail(path + ": " + request.error);
                 else Begin(hostChannels, request.downloadHandler.data);
+            }
+        }
+
+        private bool LibraryIsReady()
+        {
+            try
+            {
+                return WebLibrary.IsReady;
+            }
+            catch (UmoException error)
+            {
+                Fail(error.Message);
+                return false;
             }
         }
 
@@ -289,9 +331,12 @@ namespace Umo.Unity
         private void Make(Engine engine, int hostChannels)
         {
             Model loaded = engine.Model;
-            // The mixer's rate, not the clip's: it is what filters get.
-            rate = AudioSettings.outputSampleRate;
+            // The mixer's rate, not the clip's: it is what filters get. Where there are none, clips are read.
+            bool polled = UmoRuntime.IsPolled;
+            AudioClip clip = polled ? source.clip : null;
+            rate = clip != null ? clip.frequency : AudioSettings.outputSampleRate;
             channels = hostChannels > 0 ? hostChannels : SpeakerChannels(AudioSettings.speakerMode);
+            if (polled) channels = clip != null ? clip.channels : 1;
             SessionConfig config = Session.Defaults(loaded);
             config.SampleRate = (uint)rate;
             config.Channels = (uint)channels;
@@ -312,8 +357,9 @@ namespace Umo.Unity
             AudioSettings.GetDSPBufferSize(out length, out count);
             int delay = (int)latency.AlgorithmicSamples + Mathf.CeilToInt(margin * rate);
             // What the mixer gets is heard when its buffers have been played.
-            bodyLag = delay + length * count;
-            lag = IsLive ? Math.Max((int)latency.MouthSamples, length * count) : bodyLag;
+            int buffered = polled ? 0 : length * count;
+            bodyLag = delay + buffered;
+            lag = IsLive ? Math.Max((int)latency.MouthSamples, buffered) : bodyLag;
             restLength = (config.IdleAfterMs + config.EaseMs) / 1000.0;
             quiet = double.MaxValue;
             hostTime = 0;
@@ -335,7 +381,11 @@ namespace Umo.Unity
             looks = false;
             otherSamples = new float[otherHeard.Length * channels];
             session = made;
-            line = new VoiceLine(made, rate, channels, delayVoice && !IsLive ? delay : 0, usesMicrophone && !playMicrophone);
+            int later = delayVoice && !IsLive ? delay : 0;
+            VoiceLine now = new VoiceLine(made, rate, channels, polled ? 0 : later, usesMicrophone && !playMicrophone);
+            voice = polled ? new ClipVoice(now, rate, channels, later) : null;
+            cannotRead = false;
+            line = now;
         }
 
         private void FindFigure(Model loaded)
@@ -357,6 +407,8 @@ namespace Umo.Unity
         private void End()
         {
             line = null;
+            if (voice != null) voice.Release(source);
+            voice = null;
             if (session == null) return;
             // The audio thread may still be in a block: the library says so, and this waits for it.
             session.Dispose();
@@ -387,7 +439,7 @@ namespace Umo.Unity
         private void LateUpdate()
         {
             if (session == null) return;
-            if (restart || line.ChannelsSeen != channels)
+            if (restart || line.ChannelsSeen != channels || (voice != null && voice.IsOther(source.clip)))
             {
                 int seen = restart ? 0 : line.ChannelsSeen;
                 End();
@@ -397,7 +449,13 @@ namespace Umo.Unity
             if (!Send() || !Look() || !Listen() || !Works(line.Status)) return;
             if (usesMicrophone && !source.isPlaying) PlayMicrophone();
             double seconds = FrameSeconds;
+            if (voice != null && !voice.Follow(source, seconds) && !cannotRead)
+            {
+                cannotRead = true;
+                Debug.LogWarning("umo: the samples of " + source.clip.name + " cannot be read: set its load type to Decompress On Load", this);
+            }
             Tick(seconds);
+            UmoRuntime.Compute();
             // What moves while nothing is said goes by the pictures, however long they take to render.
             hostTime += seconds;
             if (!Works(session.SetClock(hostTime))) return;
@@ -416,7 +474,7 @@ namespace Umo.Unity
 
         private void Tick(double seconds)
         {
-            line.Playing = source.isPlaying;
+            line.Playing = voice != null ? voice.Plays : source.isPlaying;
             if (line.Playing)
             {
                 quiet = 0;
@@ -446,10 +504,12 @@ namespace Umo.Unity
         /// Begins to play a microphone's clip a little behind where it is written.
         private void PlayMicrophone()
         {
+#if !UNITY_WEBGL || UNITY_EDITOR
             int written = Microphone.GetPosition(microphone), length = source.clip.samples;
             if (written <= 0) return;
             source.Play();
             source.timeSamples = (written + length - source.clip.frequency / 50) % length;
+#endif
         }
 
         /// Looks at what it is to look at, in the model's own size.
@@ -478,7 +538,8 @@ namespace Umo.Unity
         /// Hands on what the other said since the last frame: one channel of it, since only its loudness counts.
         private bool Listen()
         {
-            if (otherSource == null || !otherSource.isPlaying) return true;
+            // Browsers' players do not give what a source puts out.
+            if (otherSource == null || !otherSource.isPlaying || voice != null) return true;
             int count = Math.Min(Mathf.RoundToInt((float)(FrameSeconds * rate)), otherHeard.Length);
             otherSource.GetOutputData(otherHeard, 0);
             for (int i = 0; i < count * channels; i++) otherSamples[i] = otherHeard[otherHeard.Length - count + i / channels];

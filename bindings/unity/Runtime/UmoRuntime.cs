@@ -23,6 +23,26 @@ namespace Umo.Unity
         /// <summary>Threads of engines that are made from now on; 0 is the library's default.</summary>
         public static uint Threads { get; set; }
 
+        /// <summary>
+        /// Whether engines compute on the main thread, in <see cref="Compute"/>: a player of a browser has no other threads.
+        /// </summary>
+        public static bool IsPolled { get { return Application.platform == RuntimePlatform.WebGLPlayer; } }
+
+        /// <summary>Microseconds of each picture for computing, where <see cref="IsPolled"/>; one step at least is done.</summary>
+        public static uint PollMicroseconds { get; set; } = 4000;
+
+        private static int computed = -1;
+
+        /// <summary>Computes what is due, once a picture. Avatars call it. Nothing to do where the library has threads.</summary>
+        public static void Compute()
+        {
+            if (!IsPolled || Time.frameCount == computed) return;
+            computed = Time.frameCount;
+            bool more;
+            // What failed its sessions say.
+            foreach (Shared shared in Engines.Values) shared.Engine.Poll(PollMicroseconds, out more);
+        }
+
         /// <summary>Whether nothing needs to be loaded for this file.</summary>
         public static bool Has(string path) { return Engines.ContainsKey(path); }
 
@@ -37,6 +57,11 @@ namespace Umo.Unity
                 {
                     EngineConfig config = Engine.Defaults;
                     if (Threads > 0) config.Threads = Threads;
+                    if (IsPolled)
+                    {
+                        config.Mode = EngineMode.Polled;
+                        config.Threads = 1;
+                    }
                     shared = new Shared { Engine = new Engine(model, config) };
                 }
                 catch (UmoException)

@@ -66,18 +66,19 @@ namespace Umo.Unity
             Volatile.Write(ref channelsSeen, blockChannels);
             Interlocked.Increment(ref blocks);
             if (blockChannels != channels) return;
-            if (playing || !IsSilent(data))
-            {
-                // Where the game thread is just putting silence in, that stands for this block.
-                if (Interlocked.CompareExchange(ref inside, 1, 0) == 0)
-                {
-                    PutSilence(Math.Min(Interlocked.Read(ref next) - pushed, MostSilence * (long)rate));
-                    Put(data, data.Length);
-                    Volatile.Write(ref inside, 0);
-                }
-            }
+            if (playing || !IsSilent(data)) Push(data, data.Length);
             if (mutes) Array.Clear(data, 0, data.Length);
             else Delay(data);
+        }
+
+        /// <summary>Sound for the session, without a delay of what is heard.</summary>
+        public void Push(float[] data, int count)
+        {
+            // Where the game thread is just putting silence in, that stands for this block.
+            if (Interlocked.CompareExchange(ref inside, 1, 0) != 0) return;
+            PutSilence(Math.Min(Interlocked.Read(ref next) - pushed, MostSilence * (long)rate));
+            Put(data, count);
+            Volatile.Write(ref inside, 0);
         }
 
         /// <summary>Silence instead of sound, on the game thread.</summary>

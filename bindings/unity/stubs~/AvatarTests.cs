@@ -272,6 +272,97 @@ namespace Umo.Unity.Tests
             NothingSaid();
         }
 
+        /// Frames in the player of a browser: no mixer's thread calls, and a source's place moves with the time.
+        private void RunInBrowser(double seconds, Action each = null)
+        {
+            for (double end = time + seconds; time < end; time += Frame)
+            {
+                if (source.isPlaying) source.timeSamples += 800;
+                if (source.isPlaying && source.timeSamples >= source.clip.samples)
+                {
+                    if (source.loop) source.timeSamples -= source.clip.samples;
+                    else source.Stop();
+                }
+                Time.unscaledDeltaTime = (float)Frame;
+                Time.frameCount++;
+                GameObject.Send(avatar, "LateUpdate");
+                if (each != null) each();
+            }
+        }
+
+        [Test]
+        public void in_a_browser_a_clip_is_read_and_heard_when_its_motion_is_there()
+        {
+            Application.platform = RuntimePlatform.WebGLPlayer;
+            UmoRuntime.Shutdown();
+            UmoRuntime.PollMicroseconds = 10000000;
+            try
+            {
+                AudioClip clip = AudioClip.Create("hello", speech.Length / 2, 2, 48000, false);
+                clip.SetData(speech, 0);
+                Enable();
+                Assert.AreEqual("", avatar.Error);
+                RunInBrowser(1);
+                // Another format of the clip is another session.
+                avatar.Speak(clip);
+                RunInBrowser(Frame);
+                Assert.IsTrue(!source.isPlaying && source.IsPaused, "it waits for its motion");
+                double begins = 0, start = time;
+                long first = Line.Pushed;
+                HashSet<float> jaws = new HashSet<float>();
+                RunInBrowser(3, () =>
+                {
+                    if (begins == 0 && source.isPlaying) begins = time;
+                    jaws.Add(Jaw);
+                    if (begins == 0 || time - begins < 0.3) return;
+                    // The frame that is shown is that of the sample that is heard.
+                    Frames frame = (Frames)FrameField.GetValue(avatar);
+                    Assert.AreEqual(source.timeSamples / 48000.0, ((double)frame.Sample(0) - first) / 48000, 0.08, "the frame's sample");
+                });
+                Assert.AreEqual(avatar.Delay, begins - start, 0.04, "it is heard as late as its motion is shown");
+                Assert.IsTrue(jaws.Count > 50, "the jaw moves: " + jaws.Count);
+                // To its end and on: what was read ahead is shown, and it lives on.
+                double before = Clock;
+                RunInBrowser(clip.samples / 48000.0 + 2);
+                Assert.AreEqual(before + clip.samples / 48000.0 + 2, Clock, 0.1, "the motion goes on");
+                Assert.IsTrue(!source.isPlaying && !source.IsPaused, "it has ended");
+                // A loop has no end, and somebody may seek in it.
+                source.loop = true;
+                source.Play();
+                RunInBrowser(clip.samples / 48000.0 + 3);
+                Assert.IsTrue(source.isPlaying, "it goes on");
+                long pushed = Line.Pushed;
+                source.timeSamples = 48000;
+                RunInBrowser(1);
+                Assert.AreEqual(1, (Line.Pushed - pushed) / 48000.0, 0.05, "a second for a second");
+                // Barge-in while it waits: it is not heard later.
+                source.Stop();
+                RunInBrowser(1);
+                avatar.Speak(clip);
+                RunInBrowser(0.1);
+                avatar.Interrupt(0.3f);
+                RunInBrowser(2);
+                Assert.IsTrue(!source.isPlaying, "it stays silent");
+                NothingSaid();
+                // A clip that cannot be read is said once, and plays.
+                clip.IsReadable = false;
+                source.loop = false;
+                source.Play();
+                RunInBrowser(0.5);
+                Assert.AreEqual(1, Debug.Said.Count);
+                Assert.IsTrue(Debug.Said[0].Contains("Decompress On Load") && source.isPlaying, Debug.Said[0]);
+                Disable();
+            }
+            finally
+            {
+                UmoRuntime.Shutdown();
+                Application.platform = RuntimePlatform.LinuxPlayer;
+                UmoRuntime.PollMicroseconds = 4000;
+            }
+        }
+
+        private VoiceLine Line { get { return (VoiceLine)LineField.GetValue(avatar); } }
+
         [Test]
         public void an_avatar_lives_while_nothing_plays()
         {

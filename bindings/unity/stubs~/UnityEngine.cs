@@ -63,10 +63,16 @@ namespace UnityEngine
         public static void LogWarning(object message, Object context) { Said.Add("warning: " + message); }
     }
 
-    public static class Application { public static string streamingAssetsPath { get; set; } }
+    public enum RuntimePlatform { LinuxPlayer = 13, WebGLPlayer = 17 }
+    public static class Application
+    {
+        public static string streamingAssetsPath { get; set; }
+        public static RuntimePlatform platform { get; set; } = RuntimePlatform.LinuxPlayer;
+    }
     public static class Time
     {
         public static float unscaledDeltaTime { get; set; }
+        public static int frameCount { get; set; }
         public static int captureFramerate { get; set; }
     }
 
@@ -242,7 +248,8 @@ namespace UnityEngine
         {
             return new AudioClip { name = name, samples = lengthSamples, channels = channels, frequency = frequency, data = new float[lengthSamples * channels] };
         }
-        public bool GetData(float[] into, int offsetSamples) { Array.Copy(data, offsetSamples * channels, into, 0, into.Length); return true; }
+        public bool IsReadable = true;
+        public bool GetData(float[] into, int offsetSamples) { if (!IsReadable) return false; Array.Copy(data, offsetSamples * channels, into, 0, into.Length); return true; }
         public bool SetData(float[] from, int offsetSamples) { Array.Copy(from, 0, data, offsetSamples * channels, from.Length); return true; }
     }
 
@@ -252,8 +259,11 @@ namespace UnityEngine
         public bool loop { get; set; }
         public AudioClip clip { get; set; }
         public int timeSamples { get; set; }
-        public void Play() { isPlaying = true; }
-        public void Stop() { isPlaying = false; }
+        public bool IsPaused { get; private set; }
+        public void Play() { isPlaying = true; IsPaused = false; }
+        public void Stop() { isPlaying = IsPaused = false; timeSamples = 0; }
+        public void Pause() { IsPaused = isPlaying; isPlaying = false; }
+        public void UnPause() { isPlaying = isPlaying || IsPaused; IsPaused = false; }
         public void GetOutputData(float[] samples, int channel) { for (int i = 0; i < samples.Length; i++) samples[i] = 0.3f * (i % 3 - 1); }
     }
 

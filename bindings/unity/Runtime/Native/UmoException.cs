@@ -18,7 +18,8 @@ namespace Umo
         /// <summary>What a status means, and what to do about it.</summary>
         public static string Describe(Status status)
         {
-            return Native.Text(Native.umo_status_message(status));
+            // A player of a browser may have no library to ask yet.
+            return Native.Text(Native.umo_status_message(status)) ?? status.ToString();
         }
 
         /// <summary>Throws where the last call on this thread, one that names no session, failed.</summary>
