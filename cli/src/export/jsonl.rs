@@ -161,6 +161,6 @@ pub fn read(text: &str) -> Result<Clip, String> {
         clip.translation.push(row.translation);
         clip.face_values.extend(row.face);
     }
-    super::check(&clip)?;
+    clip.check()?;
     Ok(clip)
 }

@@ -1,8 +1,8 @@
 //! An animation file that is to be written in one of the formats.
 
 use super::{ExportError, Format, bvh, csv, jsonl, npz};
-use crate::atomic_file::AtomicFile;
 use std::path::Path;
+use umo_core::file::AtomicFile;
 use umo_core::motion::clip::Clip;
 use umo_figure::Figure;
 use umo_gltf::{glb, vrma};
