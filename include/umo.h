@@ -72,12 +72,6 @@
 // Y up, left-handed, metres; the avatar looks along +Z, its right hand is towards +X. Unity's.
 #define UMO_AXES_UNITY 2
 
-// Binary glTF 2.0, `.glb`: the skeleton with a figure, or the bones alone.
-#define UMO_FORMAT_GLB 1
-
-// VRM Animation 1.0, `.vrma`, for any VRM avatar.
-#define UMO_FORMAT_VRMA 2
-
 // The engine has threads of its own.
 #define UMO_ENGINE_THREADS 0
 
@@ -295,6 +289,12 @@
 // Bytes that an error's detail may have, its end included.
 #define UMO_ERROR_SIZE 512
 
+// Binary glTF 2.0, `.glb`: the skeleton with a figure, or the bones alone.
+#define UMO_FORMAT_GLB 1
+
+// VRM Animation 1.0, `.vrma`, for any VRM avatar.
+#define UMO_FORMAT_VRMA 2
+
 // An engine. A handle, never a pointer to memory.
 typedef struct umo_engine umo_engine;
 
@@ -307,85 +307,6 @@ typedef struct umo_session umo_session;
 // Result of a call: `UMO_STATUS_OK`, or a negative error code. Numbers are never used
 // again for anything else.
 typedef int32_t umo_status;
-
-// Where a frame's values go in memory of the host's own, in bytes from the frame's start. A value
-// whose offset is `UMO_ABSENT` is not written; bytes between values are left alone, so that frames
-// can be the host's own structures. Start it with `umo_frame_layout_init`.
-//
-// Offsets and strides are multiples of the alignment that C gives the values: 4, and for `index`
-// and `sample` that of `uint64_t`, which `frame_stride` then has too. No two values overlap, not
-// in one byte; values of one kind may lie between those of another. A layout that breaks this is
-// `INVALID_ARGUMENT`, and `umo_last_error` names the fields.
-typedef struct umo_frame_layout {
-    // `sizeof(umo_frame_layout)`.
-    uint32_t struct_size;
-    // One of `UMO_AXES_…`.
-    uint32_t axes;
-    // Bytes from one frame to the next, at least the end of the last value.
-    uint32_t frame_stride;
-    // `uint64_t`: the frame's number since the start or the last reset,
-    // `umo_model_info.frame_rate` a second.
-    uint32_t index;
-    // `uint64_t`: the sample of each channel of the pushed audio that the frame belongs to.
-    uint32_t sample;
-    // `float[3]`: where the root is, to be added to the first joint's offset in
-    // `umo_model_get_skeleton`. The floor is at 0 where the model's is.
-    uint32_t translation;
-    // `float[4]` of the first joint: its rotation in its parent's frame, a unit quaternion x, y,
-    // z, w.
-    uint32_t rotations;
-    // Bytes from one joint's rotation to the next, at least 16.
-    uint32_t rotation_stride;
-    // `float` of the first face channel.
-    uint32_t channels;
-    // Bytes from one channel to the next, at least 4.
-    uint32_t channel_stride;
-    // `float[UMO_VISEME_COUNT]`: how much the mouth is each of the visemes; they add up to 1.
-    uint32_t visemes;
-    // Zero, as `umo_frame_layout_init` sets it: anything else is `INVALID_ARGUMENT`.
-    uint32_t reserved;
-} umo_frame_layout;
-
-// Frames that become a file, and whose they are. `umo_clip_init` fills in what is a model's;
-// `layout`, `frames` and `frame_count` are the host's. What it points to is read during the call that
-// is given it.
-typedef struct umo_clip {
-    // `sizeof(umo_clip)`.
-    uint32_t struct_size;
-    // As `umo_model_info.is_arkit`.
-    uint32_t is_arkit;
-    // Face channels, at most 1,024.
-    uint32_t channel_count;
-    // Frames in `frames`.
-    uint32_t frame_count;
-    // Frames a second.
-    float rate;
-    // Zero.
-    uint32_t reserved;
-    // Names of the face channels, UTF-8, as of `umo_model_get_channel_name`. `[channel_count]`
-    const char *const *channels;
-    // `int32_t[UMO_JOINT_COUNT]`: each joint's parent, as of `umo_model_get_skeleton`.
-    const int32_t *parents;
-    // `float[UMO_JOINT_COUNT][3]`: where each joint is in its parent's frame at rest, metres in
-    // `UMO_AXES_GLTF`, whatever the axes of the frames are.
-    const float *offsets;
-    // How the frames lie, and in which axes. It must have translation, rotations and channels.
-    const struct umo_frame_layout *layout;
-    // The first frame; it is at second 0 of the file.
-    const void *frames;
-    // Who wears the motion in `UMO_FORMAT_GLB`: one of `umo_figure_name`. NULL: nobody, the file has
-    // the bones alone, and no face.
-    const char *figure;
-} umo_clip;
-
-// Where a file's bytes go.
-typedef struct umo_output {
-    // Given to `write`.
-    void *userdata;
-    // Takes the file's next bytes, at least one, which are good until it returns: 0 where it took
-    // them, any other number to stop. Called by the thread that called `umo_clip_write`.
-    int32_t (*write)(void *userdata, const void *bytes, size_t size);
-} umo_output;
 
 // Lends the threads of the host's job system to an engine. Each `umo_engine_poll` then calls
 // `submit` for every thread but its own; the host runs `job(context)` on another thread as soon as
@@ -434,6 +355,44 @@ typedef struct umo_engine_config {
     // Log callback for this engine and its sessions, or NULL.
     const struct umo_log *log;
 } umo_engine_config;
+
+// Where a frame's values go in memory of the host's own, in bytes from the frame's start. A value
+// whose offset is `UMO_ABSENT` is not written; bytes between values are left alone, so that frames
+// can be the host's own structures. Start it with `umo_frame_layout_init`.
+//
+// Offsets and strides are multiples of the alignment that C gives the values: 4, and for `index`
+// and `sample` that of `uint64_t`, which `frame_stride` then has too. No two values overlap, not
+// in one byte; values of one kind may lie between those of another. A layout that breaks this is
+// `INVALID_ARGUMENT`, and `umo_last_error` names the fields.
+typedef struct umo_frame_layout {
+    // `sizeof(umo_frame_layout)`.
+    uint32_t struct_size;
+    // One of `UMO_AXES_…`.
+    uint32_t axes;
+    // Bytes from one frame to the next, at least the end of the last value.
+    uint32_t frame_stride;
+    // `uint64_t`: the frame's number since the start or the last reset,
+    // `umo_model_info.frame_rate` a second.
+    uint32_t index;
+    // `uint64_t`: the sample of each channel of the pushed audio that the frame belongs to.
+    uint32_t sample;
+    // `float[3]`: where the root is, to be added to the first joint's offset in
+    // `umo_model_get_skeleton`. The floor is at 0 where the model's is.
+    uint32_t translation;
+    // `float[4]` of the first joint: its rotation in its parent's frame, a unit quaternion x, y,
+    // z, w.
+    uint32_t rotations;
+    // Bytes from one joint's rotation to the next, at least 16.
+    uint32_t rotation_stride;
+    // `float` of the first face channel.
+    uint32_t channels;
+    // Bytes from one channel to the next, at least 4.
+    uint32_t channel_stride;
+    // `float[UMO_VISEME_COUNT]`: how much the mouth is each of the visemes; they add up to 1.
+    uint32_t visemes;
+    // Zero, as `umo_frame_layout_init` sets it: anything else is `INVALID_ARGUMENT`.
+    uint32_t reserved;
+} umo_frame_layout;
 
 // How a gesture is played. Start it with `umo_gesture_options_init`.
 typedef struct umo_gesture_options {
@@ -695,6 +654,47 @@ typedef struct umo_received {
     uint64_t held;
 } umo_received;
 
+// Frames that become a file, and whose they are. `umo_clip_init` fills in what is a model's;
+// `layout`, `frames` and `frame_count` are the host's. What it points to is read during the call that
+// is given it.
+typedef struct umo_clip {
+    // `sizeof(umo_clip)`.
+    uint32_t struct_size;
+    // As `umo_model_info.is_arkit`.
+    uint32_t is_arkit;
+    // Face channels, at most 1,024.
+    uint32_t channel_count;
+    // Frames in `frames`.
+    uint32_t frame_count;
+    // Frames a second.
+    float rate;
+    // Zero.
+    uint32_t reserved;
+    // Names of the face channels, UTF-8, as of `umo_model_get_channel_name`. `[channel_count]`
+    const char *const *channels;
+    // `int32_t[UMO_JOINT_COUNT]`: each joint's parent, as of `umo_model_get_skeleton`.
+    const int32_t *parents;
+    // `float[UMO_JOINT_COUNT][3]`: where each joint is in its parent's frame at rest, metres in
+    // `UMO_AXES_GLTF`, whatever the axes of the frames are.
+    const float *offsets;
+    // How the frames lie, and in which axes. It must have translation, rotations and channels.
+    const struct umo_frame_layout *layout;
+    // The first frame; it is at second 0 of the file.
+    const void *frames;
+    // Who wears the motion in `UMO_FORMAT_GLB`: one of `umo_figure_name`. NULL: nobody, the file has
+    // the bones alone, and no face.
+    const char *figure;
+} umo_clip;
+
+// Where a file's bytes go.
+typedef struct umo_output {
+    // Given to `write`.
+    void *userdata;
+    // Takes the file's next bytes, at least one, which are good until it returns: 0 where it took
+    // them, any other number to stop. Called by the thread that called `umo_clip_write`.
+    int32_t (*write)(void *userdata, const void *bytes, size_t size);
+} umo_output;
+
 // Success.
 #define UMO_STATUS_OK 0
 
@@ -770,62 +770,6 @@ UMO_API uint32_t umo_abi_version(void) UMO_NOEXCEPT;
 //
 // Threads: any. Never allocates, never waits.
 UMO_API const char *umo_version(void) UMO_NOEXCEPT;
-
-// The name of a figure, as `alex`: static, NULL where there are no more. The first is the default.
-// NULL in a library that was built without the writer of glTF.
-//
-// Threads: any. Never allocates, never waits.
-UMO_API const char *umo_figure_name(uint32_t index) UMO_NOEXCEPT;
-
-// Fills a clip with what is a model's: skeleton, face channels, frame rate, and with the default
-// figure. What it points to is good until the model is freed. `size` is `sizeof *clip`.
-//
-// Threads: any. Never allocates, never waits.
-// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (not aligned).
-//
-// Pointers:
-// `clip` is NULL or has `size` writable bytes.
-UMO_API
-UMO_MUST_USE
-umo_status umo_clip_init(struct umo_clip *clip,
-                         size_t size,
-                         const struct umo_model *model)
-UMO_NOEXCEPT;
-
-// Writes frames as a file of `format`, one of `UMO_FORMAT_…`, piece by piece: the same bytes as
-// `umo animate` writes. `umo_clip_write_file` writes one on disk.
-//
-// Threads: any but the audio thread. Allocates a few times the frames' size and some 30 MB; makes the
-// figure, with a second thread where it can, in some 0.3 s.
-// Errors: `NULL_POINTER`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (`umo_last_error` says what of the clip
-// is wrong), `IO` (`output` stopped it), `OUT_OF_MEMORY`, `UNSUPPORTED` (the library was built
-// without the writer of glTF).
-//
-// Pointers:
-// `clip` is NULL or as long as its `struct_size` says, and what it points to is as described; `output`
-// is NULL or readable, with a `write` that is NULL or as described.
-UMO_API
-UMO_MUST_USE
-umo_status umo_clip_write(const struct umo_clip *clip,
-                          uint32_t format,
-                          const struct umo_output *output)
-UMO_NOEXCEPT;
-
-// The same into a file, which appears whole or not at all: on an error, one of that name stays as it
-// was. `path` is UTF-8, on every system.
-//
-// Threads: any but the audio thread. Allocates, writes the file, and waits until it is on the disk.
-// Errors: as `umo_clip_write`; `IO` (`umo_last_error` has the path and what the system says),
-// `UNSUPPORTED` also where the library was built without files.
-//
-// Pointers:
-// As `umo_clip_write`; `path` is NULL or ends with a zero byte.
-UMO_API
-UMO_MUST_USE
-umo_status umo_clip_write_file(const struct umo_clip *clip,
-                               uint32_t format,
-                               const char *path)
-UMO_NOEXCEPT;
 
 // Fills an engine configuration with its defaults: two threads of its own (one where there is one
 // core), 64 sessions, 8 of them together. A library that was built without threads has one that the
@@ -1749,6 +1693,62 @@ UMO_API const char *umo_status_message(umo_status status) UMO_NOEXCEPT;
 // Threads: any but the audio thread. Never waits. Calls on sessions keep their detail with the
 // session: `umo_session_last_error`.
 UMO_API const char *umo_last_error(void) UMO_NOEXCEPT;
+
+// The name of a figure, as `alex`: static, NULL where there are no more. The first is the default.
+// NULL in a library that was built without the writer of glTF.
+//
+// Threads: any. Never allocates, never waits.
+UMO_API const char *umo_figure_name(uint32_t index) UMO_NOEXCEPT;
+
+// Fills a clip with what is a model's: skeleton, face channels, frame rate, and with the default
+// figure. What it points to is good until the model is freed. `size` is `sizeof *clip`.
+//
+// Threads: any. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (not aligned).
+//
+// Pointers:
+// `clip` is NULL or has `size` writable bytes.
+UMO_API
+UMO_MUST_USE
+umo_status umo_clip_init(struct umo_clip *clip,
+                         size_t size,
+                         const struct umo_model *model)
+UMO_NOEXCEPT;
+
+// Writes frames as a file of `format`, one of `UMO_FORMAT_…`, piece by piece: the same bytes as
+// `umo animate` writes. `umo_clip_write_file` writes one on disk.
+//
+// Threads: any but the audio thread. Allocates a few times the frames' size and some 30 MB; makes the
+// figure, with a second thread where it can, in some 0.3 s.
+// Errors: `NULL_POINTER`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (`umo_last_error` says what of the clip
+// is wrong), `IO` (`output` stopped it), `OUT_OF_MEMORY`, `UNSUPPORTED` (the library was built
+// without the writer of glTF).
+//
+// Pointers:
+// `clip` is NULL or as long as its `struct_size` says, and what it points to is as described; `output`
+// is NULL or readable, with a `write` that is NULL or as described.
+UMO_API
+UMO_MUST_USE
+umo_status umo_clip_write(const struct umo_clip *clip,
+                          uint32_t format,
+                          const struct umo_output *output)
+UMO_NOEXCEPT;
+
+// The same into a file, which appears whole or not at all: on an error, one of that name stays as it
+// was. `path` is UTF-8, on every system.
+//
+// Threads: any but the audio thread. Allocates, writes the file, and waits until it is on the disk.
+// Errors: as `umo_clip_write`; `IO` (`umo_last_error` has the path and what the system says),
+// `UNSUPPORTED` also where the library was built without files.
+//
+// Pointers:
+// As `umo_clip_write`; `path` is NULL or ends with a zero byte.
+UMO_API
+UMO_MUST_USE
+umo_status umo_clip_write_file(const struct umo_clip *clip,
+                               uint32_t format,
+                               const char *path)
+UMO_NOEXCEPT;
 
 #ifdef __cplusplus
 }  // extern "C"
