@@ -235,7 +235,6 @@ fn states_are_saved_and_restored() {
 fn frames_become_files() {
     let folder = tempfile::tempdir().expect("there is room");
     run(&compile("tests/capi/clip.c", Link::Shared), &[MODEL.as_ref(), folder.path()]);
-    run(&compile("tests/capi/clip.c", Link::Static), &[MODEL.as_ref(), folder.path()]);
 }
 
 #[test]
