@@ -224,7 +224,7 @@ int main(int argc, char **argv) {
 
     clip.figure = umo_figure_name(0);
     refused(&clip, model);
-    for (size_t limit = 0; limit < glb.size; limit += glb.size / 3) {
+    for (size_t limit = 0; limit < glb.size; limit += glb.size / 2 + 1) {
         buffer part = {.limit = limit};
         umo_output output = {.userdata = &part, .write = take};
         FAILS(IO, umo_clip_write(&clip, UMO_FORMAT_GLB, &output));
