@@ -289,6 +289,12 @@
 // Bytes that an error's detail may have, its end included.
 #define UMO_ERROR_SIZE 512
 
+// Binary glTF 2.0, `.glb`: the skeleton with a figure, or the bones alone.
+#define UMO_FORMAT_GLB 1
+
+// VRM Animation 1.0, `.vrma`, for any VRM avatar.
+#define UMO_FORMAT_VRMA 2
+
 // An engine. A handle, never a pointer to memory.
 typedef struct umo_engine umo_engine;
 
@@ -648,6 +654,47 @@ typedef struct umo_received {
     uint64_t held;
 } umo_received;
 
+// Frames that become a file, and whose they are. `umo_clip_init` fills in what is a model's;
+// `layout`, `frames` and `frame_count` are the host's. What it points to is read during the call that
+// is given it.
+typedef struct umo_clip {
+    // `sizeof(umo_clip)`.
+    uint32_t struct_size;
+    // As `umo_model_info.is_arkit`.
+    uint32_t is_arkit;
+    // Face channels, at most 1,024.
+    uint32_t channel_count;
+    // Frames in `frames`.
+    uint32_t frame_count;
+    // Frames a second.
+    float rate;
+    // Zero.
+    uint32_t reserved;
+    // Names of the face channels, UTF-8, as of `umo_model_get_channel_name`. `[channel_count]`
+    const char *const *channels;
+    // `int32_t[UMO_JOINT_COUNT]`: each joint's parent, as of `umo_model_get_skeleton`.
+    const int32_t *parents;
+    // `float[UMO_JOINT_COUNT][3]`: where each joint is in its parent's frame at rest, metres in
+    // `UMO_AXES_GLTF`, whatever the axes of the frames are.
+    const float *offsets;
+    // How the frames lie, and in which axes. It must have translation, rotations and channels.
+    const struct umo_frame_layout *layout;
+    // The first frame; it is at second 0 of the file.
+    const void *frames;
+    // Who wears the motion in `UMO_FORMAT_GLB`: one of `umo_figure_name`. NULL: nobody, the file has
+    // the bones alone, and no face.
+    const char *figure;
+} umo_clip;
+
+// Where a file's bytes go.
+typedef struct umo_output {
+    // Given to `write`.
+    void *userdata;
+    // Takes the file's next bytes, at least one, which are good until it returns: 0 where it took
+    // them, any other number to stop. Called by the thread that called `umo_clip_write`.
+    int32_t (*write)(void *userdata, const void *bytes, size_t size);
+} umo_output;
+
 // Success.
 #define UMO_STATUS_OK 0
 
@@ -669,7 +716,7 @@ typedef struct umo_received {
 // The program was compiled with the header of another, incompatible version.
 #define UMO_STATUS_VERSION -6
 
-// A file cannot be read.
+// A file cannot be read or written.
 #define UMO_STATUS_IO -7
 
 // Not a usable model file.
@@ -1646,6 +1693,62 @@ UMO_API const char *umo_status_message(umo_status status) UMO_NOEXCEPT;
 // Threads: any but the audio thread. Never waits. Calls on sessions keep their detail with the
 // session: `umo_session_last_error`.
 UMO_API const char *umo_last_error(void) UMO_NOEXCEPT;
+
+// The name of a figure, as `alex`: static, NULL where there are no more. The first is the default.
+// NULL in a library that was built without the writer of glTF.
+//
+// Threads: any. Never allocates, never waits.
+UMO_API const char *umo_figure_name(uint32_t index) UMO_NOEXCEPT;
+
+// Fills a clip with what is a model's: skeleton, face channels, frame rate, and with the default
+// figure. What it points to is good until the model is freed. `size` is `sizeof *clip`.
+//
+// Threads: any. Never allocates, never waits.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (not aligned).
+//
+// Pointers:
+// `clip` is NULL or has `size` writable bytes.
+UMO_API
+UMO_MUST_USE
+umo_status umo_clip_init(struct umo_clip *clip,
+                         size_t size,
+                         const struct umo_model *model)
+UMO_NOEXCEPT;
+
+// Writes frames as a file of `format`, one of `UMO_FORMAT_…`, piece by piece: the same bytes as
+// `umo animate` writes. `umo_clip_write_file` writes one on disk.
+//
+// Threads: any but the audio thread. Allocates a few times the frames' size and some 30 MB; makes the
+// figure, with a second thread where it can, in some 0.3 s.
+// Errors: `NULL_POINTER`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (`umo_last_error` says what of the clip
+// is wrong), `IO` (`output` stopped it), `OUT_OF_MEMORY`, `UNSUPPORTED` (the library was built
+// without the writer of glTF).
+//
+// Pointers:
+// `clip` is NULL or as long as its `struct_size` says, and what it points to is as described; `output`
+// is NULL or readable, with a `write` that is NULL or as described.
+UMO_API
+UMO_MUST_USE
+umo_status umo_clip_write(const struct umo_clip *clip,
+                          uint32_t format,
+                          const struct umo_output *output)
+UMO_NOEXCEPT;
+
+// The same into a file, which appears whole or not at all: on an error, one of that name stays as it
+// was. `path` is UTF-8, on every system.
+//
+// Threads: any but the audio thread. Allocates, writes the file, and waits until it is on the disk.
+// Errors: as `umo_clip_write`; `IO` (`umo_last_error` has the path and what the system says),
+// `UNSUPPORTED` also where the library was built without files.
+//
+// Pointers:
+// As `umo_clip_write`; `path` is NULL or ends with a zero byte.
+UMO_API
+UMO_MUST_USE
+umo_status umo_clip_write_file(const struct umo_clip *clip,
+                               uint32_t format,
+                               const char *path)
+UMO_NOEXCEPT;
 
 #ifdef __cplusplus
 }  // extern "C"

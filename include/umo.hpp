@@ -19,9 +19,11 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <string>
 #include <string_view>
 #include <thread>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -230,6 +232,7 @@ public:
     }
     const umo_frame_layout &layout() const noexcept { return layout_; }
     void *data() noexcept { return words_.data(); }
+    const void *data() const noexcept { return words_.data(); }
     /// Bytes.
     std::size_t size() const noexcept { return words_.size() * sizeof(std::uint64_t); }
 
@@ -393,6 +396,32 @@ public:
         return umo_session_last_error(get(), text, sizeof text, nullptr) == UMO_STATUS_OK ? text : "";
     }
 };
+
+/// Frames as an animation to write: the first `count` of `frames`. Model and frames must outlive it. `figure` is one of
+/// `umo_figure_name`, or null for the bones alone.
+inline umo_clip clip(const model &model, const frames &frames, std::size_t count,
+                     const char *figure = umo_figure_name(0)) noexcept {
+    umo_clip clip{};
+    (void)!umo_clip_init(&clip, sizeof clip, model.get());
+    clip.layout = &frames.layout();
+    clip.frames = frames.data();
+    clip.frame_count = static_cast<std::uint32_t>(count);
+    clip.figure = figure;
+    return clip;
+}
+/// Writes it as a file of a `UMO_FORMAT_…`: whole or not at all. `path` is UTF-8.
+[[nodiscard]] inline umo_status write_file(const umo_clip &clip, std::uint32_t format, const char *path) {
+    return umo_clip_write_file(&clip, format, path);
+}
+/// Gives the file's bytes to `take(bytes, size)`, piece by piece, until it returns false. It must not throw.
+template <class Take> [[nodiscard]] umo_status write(const umo_clip &clip, std::uint32_t format, Take &&take) {
+    umo_output output{};
+    output.userdata = std::addressof(take);
+    output.write = [](void *userdata, const void *bytes, std::size_t size) -> std::int32_t {
+        return (*static_cast<std::remove_reference_t<Take> *>(userdata))(bytes, size) ? 0 : 1;
+    };
+    return umo_clip_write(&clip, format, &output);
+}
 
 } // namespace umo
 

@@ -232,6 +232,12 @@ fn states_are_saved_and_restored() {
 }
 
 #[test]
+fn frames_become_files() {
+    let folder = tempfile::tempdir().expect("there is room");
+    run(&compile("tests/capi/clip.c", Link::Shared), &[MODEL.as_ref(), folder.path()]);
+}
+
+#[test]
 fn packets_go_from_a_session_to_decoders() {
     run(&compile("tests/capi/packets.c", Link::Shared), &[MODEL.as_ref()]);
 }
@@ -299,4 +305,16 @@ fn the_c_programs_frames_are_those_of_umo_animate() {
     assert!(frames.len() > 200 && frames[0].len() == 3 + 4 * 55 + 52);
     let differs = frames.iter().zip(&wanted).position(|(a, b)| a != b);
     assert_eq!(differs, None, "a frame differs");
+}
+
+#[test]
+fn the_c_program_s_glb_is_that_of_umo_animate() {
+    let wav = format!("{ROOT}/assets/hello.wav");
+    let [mine, wanted] = ["c.glb", "umo.glb"].map(|name| BUILT.place.path().join(name));
+    run(&compile("examples/c/animate.c", Link::Shared), &[MODEL.as_ref(), wav.as_ref(), &mine]);
+    let mut umo = Command::new(BUILT.folder.join("umo"));
+    let done = umo.args(["animate", &wav, "-o"]).arg(&wanted).output().expect("it was built");
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    let [mine, wanted] = [mine, wanted].map(|path| std::fs::read(path).expect("it was written"));
+    assert!(mine.len() > 1_000_000 && mine == wanted);
 }

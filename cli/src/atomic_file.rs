@@ -1,52 +1,12 @@
-//! A file that appears whole or not at all.
+//! Files that appear whole or not at all, with the program's messages.
 
-use std::fs::{self, File};
-use std::io::{self, BufWriter, Write};
-use std::path::{Path, PathBuf};
-use std::process;
+use std::fs::File;
+use std::io::{self, BufWriter};
+use std::path::Path;
+
+use umo_core::file::AtomicFile;
 
 use crate::failure::Failure;
-
-/// A file to be written. Made before a long run, it tells at once that the path cannot be written;
-/// dropped without [`AtomicFile::commit`], it leaves nothing behind.
-#[derive(Debug)]
-pub struct AtomicFile {
-    /// As it was given, for messages.
-    path: PathBuf,
-    /// Where the file goes; `path` with links followed.
-    target: PathBuf,
-    part: Part,
-}
-
-impl AtomicFile {
-    /// Makes an empty temporary file beside `path`.
-    ///
-    /// # Errors
-    /// What the system says where `path` is no place for a file.
-    pub fn create(path: &Path) -> io::Result<Self> {
-        let target = resolve(path)?;
-        let part = Part::create(&target)?;
-        Ok(Self { path: path.to_owned(), target, part })
-    }
-
-    /// The path as it was given.
-    pub fn path(&self) -> &Path {
-        &self.path
-    }
-
-    /// Writes the contents and puts the file in its place.
-    ///
-    /// # Errors
-    /// Those of `write`, or the file system's; then an earlier file of that name is as it was.
-    pub fn commit(self, write: impl FnOnce(&mut BufWriter<&File>) -> io::Result<()>) -> io::Result<()> {
-        let mut out = BufWriter::with_capacity(1 << 18, &self.part.file);
-        write(&mut out)?;
-        out.flush()?;
-        drop(out);
-        self.part.file.sync_all()?;
-        fs::rename(&self.part.path, &self.target)
-    }
-}
 
 /// [`AtomicFile::create`] with the program's message.
 pub(crate) fn create(path: &Path) -> Result<AtomicFile, Failure> {
@@ -58,49 +18,6 @@ pub(crate) fn commit(
     whole: AtomicFile,
     write: impl FnOnce(&mut BufWriter<&File>) -> io::Result<()>,
 ) -> Result<(), Failure> {
-    let path = whole.path.clone();
+    let path = whole.path().to_owned();
     whole.commit(write).map_err(|cause| Failure::environment(format!("cannot write `{}`: {cause}", path.display())))
-}
-
-/// Follows links, and refuses what a file must not replace.
-fn resolve(path: &Path) -> io::Result<PathBuf> {
-    let refuse = |kind, what| Err(io::Error::new(kind, what));
-    match fs::metadata(path) {
-        Ok(found) if found.is_dir() => refuse(io::ErrorKind::IsADirectory, "it is a directory"),
-        Ok(found) if !found.is_file() => refuse(io::ErrorKind::InvalidInput, "it is not a regular file"),
-        Ok(found) if found.permissions().readonly() => refuse(io::ErrorKind::PermissionDenied, "it is read-only"),
-        Ok(_) => fs::canonicalize(path),
-        Err(cause) if cause.kind() == io::ErrorKind::NotFound && path.file_name().is_some() => Ok(path.to_owned()),
-        Err(cause) => Err(cause),
-    }
-}
-
-/// A temporary file, removed when dropped (after a rename there is nothing left to remove).
-#[derive(Debug)]
-struct Part {
-    path: PathBuf,
-    file: File,
-}
-
-impl Part {
-    fn create(target: &Path) -> io::Result<Self> {
-        let name = target.file_name().unwrap_or_default().to_string_lossy();
-        let id = process::id();
-        for attempt in 0..100 {
-            let path = target.with_file_name(format!(".{name}.{id}-{attempt}.part"));
-            match File::create_new(&path) {
-                Ok(file) => return Ok(Self { path, file }),
-                Err(cause) if cause.kind() == io::ErrorKind::AlreadyExists => {}
-                Err(cause) => return Err(cause),
-            }
-        }
-        Err(io::ErrorKind::AlreadyExists.into())
-    }
-}
-
-impl Drop for Part {
-    fn drop(&mut self) {
-        // Nothing can be done about a failure here, and the first error is the one worth telling.
-        let _ = fs::remove_file(&self.path);
-    }
 }

@@ -38,15 +38,12 @@ mod progress;
 mod quantize;
 mod random;
 mod retarget;
-#[cfg(test)]
-mod sample;
 #[cfg(feature = "serve")]
 mod serve;
 mod stage;
 mod start_pose;
 mod text;
 mod view;
-mod vrm;
 
 use std::ffi::OsString;
 use std::process::ExitCode;

@@ -1,7 +1,7 @@
 /*
- * A recording in, frames out: `animate MODEL speech.wav frames.txt`.
+ * A recording in, frames out: `animate MODEL speech.wav frames.txt`, or a file for viewers and engines: `… motion.glb`.
  *
- * One line a frame: its number, the root's place, 55 rotations (x y z w), the face channels; every number so exactly that
+ * Of texts, one line a frame: its number, the root's place, 55 rotations (x y z w), the face channels; every number so exactly that
  * reading it gives the same bits. C11, umo.h, nothing else.
  *
  *     cc -std=c11 animate.c $(pkg-config --cflags --libs umo) -o animate
@@ -94,7 +94,7 @@ static int fail(const char *what, umo_status status) {
 
 int main(int argc, char **argv) {
     if (argc != 4) {
-        fprintf(stderr, "usage: animate MODEL speech.wav frames.txt\n");
+        fprintf(stderr, "usage: animate MODEL speech.wav frames.txt|motion.glb\n");
         return 2;
     }
     recording wav = {0};
@@ -124,12 +124,14 @@ int main(int argc, char **argv) {
         status = umo_session_new(engine, &config, &avatar);
     }
     char *frames = malloc((size_t)layout.frame_stride * FRAMES);
-    FILE *out = fopen(argv[3], "w");
+    const char *suffix = strrchr(argv[3], '.');
+    int is_glb = suffix && strcmp(suffix, ".glb") == 0;
+    FILE *out = is_glb ? NULL : fopen(argv[3], "w");
     int result = EXIT_SUCCESS;
-    if (status != UMO_STATUS_OK || !frames || !out) result = fail("cannot start", status);
+    if (status != UMO_STATUS_OK || !frames || (!out && !is_glb)) result = fail("cannot start", status);
 
     /* Speech in, frames out, until the last frame of the recording. */
-    size_t pushed = 0, shown = 0;
+    size_t pushed = 0, shown = 0, kept = 0;
     uint32_t done = 0;
     while (result == EXIT_SUCCESS && !done) {
         size_t taken = 0, count = 0;
@@ -139,12 +141,28 @@ int main(int argc, char **argv) {
             if (status == UMO_STATUS_OK && pushed == wav.count) status = umo_session_finish(avatar);
         }
         if (status == UMO_STATUS_OK) {
-            status = umo_session_pull_frames(avatar, &layout, frames, (size_t)layout.frame_stride * FRAMES, &count);
+            status = umo_session_pull_frames(avatar, &layout, frames + kept, (size_t)layout.frame_stride * FRAMES, &count);
         }
-        for (size_t i = 0; i < count; i++) print_frame(out, &layout, frames + i * layout.frame_stride, info.channels);
+        for (size_t i = 0; i < count && out; i++) print_frame(out, &layout, frames + i * layout.frame_stride, info.channels);
         shown += count;
+        if (is_glb && count > 0) {
+            /* A file holds all frames: room for as many again as are pulled at a time. */
+            kept = shown * layout.frame_stride;
+            char *more = realloc(frames, kept + (size_t)layout.frame_stride * FRAMES);
+            if (more) frames = more;
+            else result = fail("too many frames", status);
+        }
         if (status == UMO_STATUS_OK) status = umo_session_is_done(avatar, &done);
         if (status != UMO_STATUS_OK) result = fail("the session failed", status);
+    }
+    if (result == EXIT_SUCCESS && is_glb) {
+        umo_clip clip;
+        status = umo_clip_init(&clip, sizeof clip, model); /* The model's skeleton and face, the default figure. */
+        clip.layout = &layout;
+        clip.frames = frames;
+        clip.frame_count = (uint32_t)shown;
+        if (status == UMO_STATUS_OK) status = umo_clip_write_file(&clip, UMO_FORMAT_GLB, argv[3]);
+        if (status != UMO_STATUS_OK) result = fail("cannot write", status);
     }
     if (result == EXIT_SUCCESS) printf("%zu frames of %s\n", shown, argv[2]);
 

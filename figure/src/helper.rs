@@ -5,7 +5,7 @@
 //! what is between the two follows a joint between them.
 
 use super::rest::{Rest, joint};
-use super::vector::{V, sub, unit};
+use super::vector::{V, hypot, sub, unit};
 use umo_core::motion::rotation::{IDENTITY, Quat, inverse, normalized, product, slerp};
 use umo_core::motion::skeleton::JOINTS;
 
@@ -81,7 +81,7 @@ impl Helper {
     pub fn turn(&self, turn: Quat) -> Quat {
         let [x, y, z, w] = if turn[3] < 0.0 { turn.map(|value| -value) } else { turn };
         let along = x * self.axis[0] + y * self.axis[1] + z * self.axis[2];
-        let size = along.hypot(w);
+        let size = hypot(along, w);
         let [ax, ay, az] = self.axis.map(|axis| axis * along / size);
         // Half a turn across the bone has no twist of its own.
         let twist = if size > 1e-6 { [ax, ay, az, w / size] } else { IDENTITY };

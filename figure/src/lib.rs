@@ -189,9 +189,14 @@ impl Figure {
         let mut mesh = Mesh { helpers: helper::all(&rest), ..Mesh::default() };
         // Head and body take as long as each other.
         let head = std::thread::scope(|scope| {
-            let head = scope.spawn(|| head::Head::new(&rest, look));
+            let head = || head::Head::new(&rest, look);
+            let started = std::thread::Builder::new().spawn_scoped(scope, head);
             add_body(&mut mesh, &rest, look);
-            head.join().expect("the head's thread does not panic")
+            match started {
+                Ok(thread) => thread.join().expect("the head's thread does not panic"),
+                // A system without threads, or with no room for one more.
+                Err(_) => head(),
+            }
         });
         head.add_to(&mut mesh, &rest);
         Ok(mesh)

@@ -24,7 +24,7 @@ impl Figure {
     pub const ALL: [Self; 4] = [Self::Alex, Self::Bea, Self::Carl, Self::Dina];
 
     /// The name by which programs ask for it.
-    pub fn name(self) -> &'static str {
+    pub const fn name(self) -> &'static str {
         match self {
             Self::Alex => "alex",
             Self::Bea => "bea",

@@ -30,6 +30,13 @@ pub(crate) fn distance(a: V, b: V) -> f32 {
     length(sub(a, b))
 }
 
+/// The length of a vector of two. Not `f32::hypot`, which would need glibc 2.35; the same bits.
+#[expect(clippy::cast_possible_truncation, reason = "rounds, as wanted")]
+pub(crate) fn hypot(x: f32, y: f32) -> f32 {
+    let [x, y] = [x, y].map(f64::from);
+    (x * x + y * y).sqrt() as f32
+}
+
 /// Up where `a` has no length.
 pub(crate) fn unit(a: V) -> V {
     let size = length(a);

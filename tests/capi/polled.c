@@ -1,4 +1,4 @@
-/* What a library that was built without threads, files and a clock refuses, and that it computes on threads that it is lent:
+/* What a library that was built without threads, files, a clock and glTF refuses, and that it computes on threads that it is lent:
  * `polled MODEL`. */
 #include <pthread.h>
 #include <stdio.h>
@@ -115,6 +115,12 @@ int main(int argc, char **argv) {
     CHECK(refused(umo_engine_new(model, &config, &engine), "UMO_ENGINE_POLLED"));
     CHECK(umo_engine_new(model, NULL, &engine) == UMO_STATUS_OK);
     CHECK(refused(umo_engine_add_gesture_file(engine, "bow", "bow.glb", NULL, UMO_GESTURE_HEAD, -1), "umo_engine_add_gesture_memory"));
+
+    umo_clip clip;
+    umo_output output = {0};
+    CHECK(umo_clip_init(&clip, sizeof clip, model) == UMO_STATUS_OK && clip.channel_count > 0 && clip.figure == NULL);
+    CHECK(refused(umo_clip_write(&clip, UMO_FORMAT_GLB, &output), "`gltf`") && umo_figure_name(0) == NULL);
+    CHECK(refused(umo_clip_write_file(&clip, UMO_FORMAT_GLB, "motion.glb"), "`gltf`"));
 
     worker host = {.lock = PTHREAD_MUTEX_INITIALIZER, .changed = PTHREAD_COND_INITIALIZER};
     pthread_t thread;

@@ -253,6 +253,7 @@ pub(crate) unsafe fn copy_text(
 #[cfg(all(test, target_pointer_width = "64"))]
 mod tests {
     use super::Sized32;
+    use crate::clip::{UmoClip, UmoOutput};
     use crate::engine::{UmoEngineConfig, UmoJobs};
     use crate::frame::UmoFrameLayout;
     use crate::gesture::{UmoGestureClip, UmoGestureOptions};
@@ -283,6 +284,8 @@ mod tests {
         sized::<UmoReceived>(40);
         sized::<UmoGestureOptions>(48);
         sized::<UmoGestureClip>(32);
+        sized::<UmoClip>(72);
+        assert_eq!(size_of::<UmoOutput>(), 16);
         assert_eq!((size_of::<UmoAllocator>(), size_of::<UmoJobs>(), size_of::<UmoLog>()), (24, 16, 16));
         assert_eq!(offset_of!(UmoModelInfo, file_size), 56);
         assert_eq!(offset_of!(UmoEngineConfig, jobs), 32);
@@ -293,6 +296,7 @@ mod tests {
         assert_eq!(offset_of!(UmoSessionConfig, patience), 84);
         assert_eq!(offset_of!(UmoFrameLayout, visemes), 40);
         assert_eq!(offset_of!(UmoParameterInfo, minimum), 16);
+        assert_eq!(offset_of!(UmoClip, channels), 24);
         assert_eq!(offset_of!(UmoLatency, algorithmic_samples), 8);
     }
 }

@@ -3,6 +3,8 @@
 use std::ffi::c_void;
 
 use umo_core::motion::axes::Axes;
+#[cfg(feature = "gltf")]
+use umo_core::motion::pose::Pose;
 use umo_core::motion::skeleton::JOINTS;
 use umo_core::motion::visemes::VISEMES;
 use umo_core::session::Frame;
@@ -185,22 +187,19 @@ impl UmoFrameLayout {
             reserved: 0,
         }
     }
-}
 
-impl<'a> Layout<'a> {
-    /// Checks a layout, so that no value of a frame is written outside of it, over another one, or
-    /// unaligned in it.
-    pub(crate) fn new(given: UmoFrameLayout, model: &'a ModelHandle) -> Result<Self, Failure> {
-        let axes = crate::axes(given.axes)?;
-        if given.reserved != 0 {
+    /// Checks everything but the axes, for a face of so many channels; the bytes of a frame up to its last
+    /// value.
+    fn check(&self, channels: usize, has_visemes: bool) -> Result<usize, Failure> {
+        if self.reserved != 0 {
             let what = format_args!(
                 "layout: `reserved` is {}: it must be 0; start the layout with umo_frame_layout_init",
-                given.reserved
+                self.reserved
             );
             return Err(Failure::argument(what));
         }
         let (mut extent, mut align) = (0, 1);
-        let runs = given.runs(model.model.config().face.names.len());
+        let runs = self.runs(channels);
         let written = || runs.iter().filter(|run| run.is_written());
         for run in written() {
             run.check()?;
@@ -217,24 +216,34 @@ impl<'a> Layout<'a> {
                 return Err(Failure::argument(what));
             }
         }
-        if given.visemes != UMO_ABSENT && model.visemes.is_none() {
+        if self.visemes != UMO_ABSENT && !has_visemes {
             let what = "layout: visemes are wanted, but this model's face has no ARKit channels";
             return Err(Failure::new(UMO_STATUS_UNSUPPORTED, what));
         }
-        if given.frame_stride > MAX_OFFSET || extent > given.frame_stride as usize {
+        if self.frame_stride > MAX_OFFSET || extent > self.frame_stride as usize {
             let what = format_args!(
                 "layout: a frame has {extent} bytes: frame_stride is {}, and must be at least that and at most {MAX_OFFSET}",
-                given.frame_stride
+                self.frame_stride
             );
             return Err(Failure::argument(what));
         }
-        if !(given.frame_stride as usize).is_multiple_of(align) {
+        if !(self.frame_stride as usize).is_multiple_of(align) {
             let what = format_args!(
                 "layout: frame_stride is {}: it must be a multiple of {align}, so that every frame's values are aligned",
-                given.frame_stride
+                self.frame_stride
             );
             return Err(Failure::argument(what));
         }
+        Ok(extent)
+    }
+}
+
+impl<'a> Layout<'a> {
+    /// Checks a layout, so that no value of a frame is written outside of it, over another one, or
+    /// unaligned in it.
+    pub(crate) fn new(given: UmoFrameLayout, model: &'a ModelHandle) -> Result<Self, Failure> {
+        let axes = crate::axes(given.axes)?;
+        let extent = given.check(model.model.config().face.names.len(), model.visemes.is_some())?;
         Ok(Self { given, axes, model, extent })
     }
 
@@ -290,6 +299,69 @@ impl<'a> Layout<'a> {
         if let (Some(visemes), true) = (&self.model.visemes, given.visemes != UMO_ABSENT) {
             let weights = visemes.weights(frame.face).map(f32::to_ne_bytes);
             put(given.visemes, 0, 0, weights.as_flattened());
+        }
+    }
+}
+
+/// Frames that a host has, to be read.
+#[cfg(feature = "gltf")]
+pub(crate) struct Given<'a> {
+    layout: UmoFrameLayout,
+    axes: Axes,
+    channels: usize,
+    bytes: &'a [u8],
+}
+
+#[cfg(feature = "gltf")]
+impl<'a> Given<'a> {
+    /// `count` frames, at least one, with a face of so many channels.
+    ///
+    /// # Safety
+    /// `layout` is NULL or as long as its `struct_size` says; `frames` is NULL or has as many readable
+    /// frames of that layout.
+    pub(crate) unsafe fn read(
+        layout: *const UmoFrameLayout,
+        frames: *const c_void,
+        count: usize,
+        channels: usize,
+    ) -> Result<Self, Failure> {
+        // SAFETY: guaranteed by the caller (see # Safety).
+        let layout = unsafe { ffi::read(layout, "clip.layout")? };
+        let axes = crate::axes(layout.axes)?;
+        let extent = layout.check(channels, true)?;
+        let wanted = [
+            ("translation", layout.translation, 1),
+            ("rotations", layout.rotations, 1),
+            ("channels", layout.channels, channels),
+        ];
+        if let Some((name, ..)) = wanted.iter().find(|&&(_, offset, values)| offset == UMO_ABSENT && values > 0) {
+            return Err(Failure::argument(format_args!("layout: {name} is UMO_ABSENT, but a file needs it")));
+        }
+        let last = (count - 1).checked_mul(layout.frame_stride as usize).and_then(|start| start.checked_add(extent));
+        let size =
+            last.ok_or_else(|| Failure::argument(format_args!("`clip`: {count} frames are more than memory has")))?;
+        // SAFETY: guaranteed by the caller (see # Safety): the last frame ends there.
+        let bytes = unsafe { ffi::slice(frames.cast::<u8>(), size, "clip.frames")? };
+        Ok(Self { layout, axes, channels, bytes })
+    }
+
+    /// The pose of frame `number`, in umo's own axes, and its face values added to `face`.
+    pub(crate) fn frame(&self, number: usize, face: &mut Vec<f32>) -> Pose {
+        let start = number * self.layout.frame_stride as usize;
+        let float = |offset: usize| {
+            let bytes = &self.bytes[start + offset..][..size_of::<f32>()];
+            f32::from_ne_bytes(bytes.try_into().expect("of that length"))
+        };
+        let Self { layout, axes, .. } = self;
+        let (translation, rotations) = (layout.translation as usize, layout.rotations as usize);
+        let channel = |index: usize| float(layout.channels as usize + index * layout.channel_stride as usize);
+        face.extend((0..self.channels).map(channel));
+        let rotation = |joint: usize| rotations + joint * layout.rotation_stride as usize;
+        Pose {
+            translation: axes.place_from(std::array::from_fn(|axis| float(translation + 4 * axis))),
+            rotations: std::array::from_fn(|joint| {
+                axes.rotation_from(std::array::from_fn(|i| float(rotation(joint) + 4 * i)))
+            }),
         }
     }
 }

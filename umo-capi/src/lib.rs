@@ -6,6 +6,7 @@
 //! | [`engine`] | engines: who computes |
 //! | [`session`] | sessions: audio in, frames out |
 //! | [`frame`] | where a frame's values go in the host's memory |
+//! | [`clip`] | frames as a file |
 //! | [`gesture`] | gestures on command |
 //! | [`parameter`] | what can be set while a session runs |
 //! | [`status`], [`log`] | what went wrong, and who is told |
@@ -27,6 +28,9 @@ pub mod session;
 pub mod status;
 #[cfg(all(target_family = "wasm", target_os = "unknown"))]
 pub mod web;
+
+// After what it names: umo.h has this order.
+pub mod clip;
 
 use std::ffi::c_char;
 

@@ -150,9 +150,18 @@ pub(crate) struct ModelHandle {
     pub(crate) visemes: Option<Visemes>,
     texts: [CString; 4],
     channels: Box<[CString]>,
+    pub(crate) channel_texts: Texts,
     info: UmoModelInfo,
     pub(crate) log: Log,
 }
+
+/// Where texts are that live as long and never change, for C.
+pub(crate) struct Texts(pub(crate) Box<[*const c_char]>);
+
+// SAFETY: nobody writes the texts, which lie beside them in the same `ModelHandle`.
+unsafe impl Send for Texts {}
+// SAFETY: as above.
+unsafe impl Sync for Texts {}
 
 /// Most models at once.
 const MAX_MODELS: usize = 1024;
@@ -322,6 +331,7 @@ impl ModelHandle {
             has_mouth: u32::from(model.mouth().is_some()),
             max_horizon: count(config.audio.ahead),
         };
+        let channels: Box<[CString]> = config.face.names.iter().map(|name| c_string(name)).collect::<Result<_, _>>()?;
         Ok(Self {
             visemes: Visemes::new(&config.face),
             texts: [
@@ -330,7 +340,8 @@ impl ModelHandle {
                 c_string(notice)?,
                 c_string(model.isa().name())?,
             ],
-            channels: config.face.names.iter().map(|name| c_string(name)).collect::<Result<_, _>>()?,
+            channel_texts: Texts(channels.iter().map(|name| name.as_ptr()).collect()),
+            channels,
             info,
             log,
             model,

@@ -27,7 +27,7 @@ pub const UMO_STATUS_STRUCT_SIZE: UmoStatus = -4;
 pub const UMO_STATUS_BUFFER_TOO_SMALL: UmoStatus = -5;
 /// The program was compiled with the header of another, incompatible version.
 pub const UMO_STATUS_VERSION: UmoStatus = -6;
-/// A file cannot be read.
+/// A file cannot be read or written.
 pub const UMO_STATUS_IO: UmoStatus = -7;
 /// Not a usable model file.
 pub const UMO_STATUS_MODEL: UmoStatus = -8;
@@ -68,7 +68,7 @@ fn text(status: UmoStatus) -> &'static CStr {
         UMO_STATUS_VERSION => {
             c"the program was compiled with the umo.h of an incompatible version: compile it with this library's"
         }
-        UMO_STATUS_IO => c"the file cannot be read",
+        UMO_STATUS_IO => c"the file cannot be read or written",
         UMO_STATUS_MODEL => c"not a usable umo model",
         UMO_STATUS_OUT_OF_MEMORY => c"there is not enough memory",
         UMO_STATUS_FULL => c"no free slot: free a model, an engine or a session first",

@@ -1,4 +1,4 @@
-//! Opening files that callers name: regular ones only.
+//! Opening files that callers name: regular ones only. [`AtomicFile`] writes one.
 //!
 //! Opening a FIFO waits until somebody writes to it, and a device may never end. A caller who names
 //! one by mistake gets an error at once. On Windows a name such as `NUL` or `COM1` is a device in
@@ -7,6 +7,10 @@
 use std::fs::{File, FileType, OpenOptions};
 use std::io::{self, Read};
 use std::path::Path;
+
+mod atomic;
+
+pub use atomic::AtomicFile;
 
 /// Opens a regular file for reading.
 ///

@@ -126,7 +126,7 @@ internal static unsafe class Tests
             { "STATUS", typeof(Status) }, { "AXES", typeof(Axes) }, { "ENGINE", typeof(EngineMode) }, { "LOG", typeof(LogLevel) },
             { "PRECISION", typeof(Precision) }, { "ISA", typeof(Isa) }, { "MODEL", typeof(ModelText) }, { "IDLE", typeof(Idle) },
             { "PARAMETER", typeof(Parameter) }, { "ATTENTION", typeof(Attention) }, { "MOOD", typeof(Mood) }, { "VOICE", typeof(Voice) },
-            { "SIDE", typeof(Side) }, { "GESTURE", typeof(Gesture) }, { "PACKETS", typeof(Packets) },
+            { "SIDE", typeof(Side) }, { "FORMAT", typeof(FileFormat) }, { "GESTURE", typeof(Gesture) }, { "PACKETS", typeof(Packets) },
         };
         int enumerated = 0;
         foreach (string[] item in Layout("constant"))
@@ -227,6 +227,37 @@ internal static unsafe class Tests
         }
         Throws<ArgumentOutOfRangeException>(() => frames.Index(4));
         Throws<ArgumentException>(() => frames.Face(0, new float[3]));
+    }
+
+    /// Of both axes' frames the file is the same.
+    [Test]
+    private static void frames_become_files()
+    {
+        Equal("alex bea carl dina", string.Join(" ", Model.FigureNames()));
+        string path = Path.Combine(Path.GetTempPath(), "umo-B\u00e4r-" + System.Diagnostics.Process.GetCurrentProcess().Id + ".glb");
+        List<byte[]> files = new List<byte[]>();
+        try
+        {
+            foreach (Axes axes in new[] { Axes.Gltf, Axes.Unity })
+            {
+                byte[] reference = File.ReadAllBytes(framesPaths[axes == Axes.Gltf ? 0 : 1]);
+                Frames frames = new Frames(model, 90, axes);
+                Buffer.BlockCopy(reference, 0, frames.Words, 0, (int)frames.Size);
+                frames.WriteFile(model, 90, FileFormat.Glb, path);
+                files.Add(File.ReadAllBytes(path));
+                frames.WriteFile(model, 90, FileFormat.Glb, path, null);
+                True(File.ReadAllBytes(path).Length < files[0].Length, "the file has a figure");
+                frames.WriteFile(model, 90, FileFormat.Vrma, path);
+                Throws<UmoException>(() => frames.WriteFile(model, 90, FileFormat.Glb, path, "zoe"));
+                Throws<UmoException>(() => frames.WriteFile(model, 0, FileFormat.Glb, path));
+                Throws<ArgumentOutOfRangeException>(() => frames.WriteFile(model, 91, FileFormat.Glb, path));
+            }
+        }
+        finally
+        {
+            File.Delete(path);
+        }
+        True(files[0].Length > 1000 * 1000 && files[0].SequenceEqual(files[1]), "the files differ");
     }
 
     private static T Throws<T>(Action action) where T : Exception

@@ -24,7 +24,7 @@ def test_the_readme_s_programs_run(monkeypatch, model, tmp_path):
         # One after the other: each goes on where the one before ended.
         for program in programs:
             exec(compile(program, "README.md", "exec"), names)
-    assert sorted(file.name for file in tmp_path.glob("hello.*")) == ["hello.bvh", "hello.csv", "hello.jsonl", "hello.npz", "hello.vrma"]
+    assert sorted(file.name for file in tmp_path.glob("hello.*")) == ["hello.bvh", "hello.csv", "hello.glb", "hello.jsonl", "hello.npz", "hello.vrma"]
     assert names["frame"].index == 228 and names["pose"].rotations.shape == (55, 4)
 
 

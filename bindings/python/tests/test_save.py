@@ -49,13 +49,48 @@ def gltf(path):
     return json.loads(data[20 : 20 + length]), data[20 + length :]
 
 
-def test_the_animation_for_vrm_is_that_of_umo_animate(whole, reference, tmp_path):
-    whole.save(tmp_path / "motion.vrma")
-    (mine, data), (wanted, wanted_data) = gltf(tmp_path / "motion.vrma"), gltf(reference.with_suffix(".vrma"))
-    assert mine.keys() == wanted.keys()
-    for name, value in wanted.items():
-        assert mine[name] == value, name
-    assert data == wanted_data
+@pytest.mark.parametrize("suffix", [".glb", ".vrma"])
+def test_gltf_is_that_of_umo_animate_to_the_byte(whole, reference, tmp_path, suffix):
+    whole.save(tmp_path / f"motion{suffix}")
+    assert (tmp_path / f"motion{suffix}").read_bytes() == reference.with_suffix(suffix).read_bytes()
+    assert [path.name for path in tmp_path.iterdir()] == [f"motion{suffix}"]
+
+
+def test_a_glb_has_the_figure_that_is_wanted_or_none(whole, reference, tmp_path):
+    assert umo.FIGURES == ("alex", "bea", "carl", "dina")
+    whole.save(tmp_path / "motion.glb", figure="bea")
+    assert (tmp_path / "motion.glb").read_bytes() == reference.with_name("bea.glb").read_bytes()
+    whole.save(tmp_path / "motion.glb", figure=None)
+    document, _ = gltf(tmp_path / "motion.glb")
+    assert "meshes" not in document and [node["name"] for node in document["nodes"]] == list(umo.JOINTS)
+    with pytest.raises(ValueError, match="figure 'bee': did you mean 'bea'"):
+        whole.save(tmp_path / "other.glb", figure="bee")
+    assert not (tmp_path / "other.glb").exists()
+
+
+def test_frames_that_lie_apart_and_those_of_a_closed_model_become_a_glb(whole, hello, tmp_path):
+    whole[::2].save(tmp_path / "half.glb", figure=None)
+    document, _ = gltf(tmp_path / "half.glb")
+    assert document["accessors"][-1]["count"] == (len(whole) + 1) // 2
+    with umo.Model() as model:
+        motion = umo.animate(hello[0][:8000], hello[1], model=model)
+    motion.save(tmp_path / "closed.glb")
+    assert gltf(tmp_path / "closed.glb")[0]["meshes"]
+
+
+def test_what_gltf_cannot_hold_is_a_value_error(model, tmp_path):
+    motion = by_hand(["a", "b"])
+    with pytest.raises(ValueError, match="glb needs a skeleton"):
+        motion.save(tmp_path / "motion.glb")
+    motion.skeleton = model.skeleton()
+    motion.rotations[1, 3] = 0
+    with pytest.raises(ValueError, match="not a unit quaternion"):
+        motion.save(tmp_path / "motion.glb")
+    motion = by_hand(["a", "b"])
+    motion.skeleton = (model.skeleton()[0][:9], model.skeleton()[1])
+    with pytest.raises(ValueError, match=r"parents \[55\]"):
+        motion.save(tmp_path / "motion.glb")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_face_of_coefficients_moves_the_jaw_of_vrm(model, tmp_path):
@@ -113,7 +148,7 @@ def test_a_face_of_coefficients_is_padded_in_arrays_and_has_no_csv(model, tmp_pa
 
 
 def test_what_cannot_be_saved_says_why_and_leaves_nothing(whole, model, tmp_path):
-    with pytest.raises(ValueError, match=r"`\.fbx` is unknown; expected one of \.npz, \.bvh, \.vrma, \.csv, \.jsonl.*umo animate"):
+    with pytest.raises(ValueError, match=r"`\.fbx` is unknown; expected one of \.npz, \.bvh, \.glb, \.vrma, \.csv, \.jsonl$"):
         whole.save(tmp_path / "motion.fbx")
     with pytest.raises(ValueError, match="no suffix; expected one of"):
         whole.save(tmp_path / "motion")

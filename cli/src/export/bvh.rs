@@ -1,6 +1,6 @@
 //! `.bvh`: the skeleton's motion, in centimetres and degrees.
 
-use super::{children, root_position, rotation, tip};
+use super::{rotation, tip};
 use std::io::{self, Write};
 use umo_core::motion::clip::Clip;
 use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS};
@@ -21,7 +21,7 @@ pub fn write<W: Write>(clip: &Clip, mut out: W) -> io::Result<()> {
     writeln!(out, "Frame Time: {:.9}", 1.0 / f64::from(clip.frame_rate))?;
     let mut before = [[0.0; 3]; JOINTS];
     for (frame, rotations) in clip.rotations.iter().enumerate() {
-        let [x, y, z] = root_position(clip, frame).map(|x| f64::from(x) * CM);
+        let [x, y, z] = clip.root_position(frame).map(|x| f64::from(x) * CM);
         write!(out, "{x:.6} {y:.6} {z:.6}")?;
         for &joint in &order {
             let angles = rotation::euler_zxy(&rotation::matrix(rotations[joint]));
@@ -56,7 +56,7 @@ fn write_joint<W: Write>(
     write_offset(&indent, offset, out)?;
     writeln!(out, "{indent}\tCHANNELS {position} Zrotation Xrotation Yrotation")?;
     let mut leaf = true;
-    for child in children(clip, joint) {
+    for child in clip.children(joint) {
         leaf = false;
         write_joint(clip, child, depth + 1, order, out)?;
     }

@@ -1,6 +1,6 @@
 //! `.csv`: the face as the Live Link Face app records it.
 
-use super::{FaceError, face_of, rotation};
+use super::{FaceError, rotation};
 use std::io::{self, Write};
 use umo_core::config::{Face, FaceKind};
 use umo_core::motion::clip::Clip;
@@ -107,7 +107,7 @@ pub fn write<W: Write>(clip: &Clip, out: W) -> io::Result<()> {
     for (frame, rotations) in clip.rotations.iter().enumerate() {
         rows.write_field(timecode(frame, clip.frame_rate))?;
         rows.write_field(&count)?;
-        let values = face_of(clip, frame);
+        let values = clip.face(frame);
         for &place in &places {
             rows.write_field(format!("{:.6}", values[place]))?;
         }

@@ -1,6 +1,5 @@
 //! `.jsonl`: everything, one JSON object a line; the first describes the others.
 
-use super::face_of;
 use serde::{Deserialize, Serialize};
 use std::io::{self, Write};
 use umo_core::config::{self, FaceKind, Skeleton};
@@ -64,7 +63,7 @@ pub fn write<W: Write>(clip: &Clip, mut out: W) -> io::Result<()> {
             time: frame as f64 / f64::from(clip.frame_rate),
             translation: clip.translation[frame],
             rotations: rotations.as_slice(),
-            face: face_of(clip, frame),
+            face: clip.face(frame),
         };
         write_line(&line, &mut out)?;
     }
@@ -162,6 +161,6 @@ pub fn read(text: &str) -> Result<Clip, String> {
         clip.translation.push(row.translation);
         clip.face_values.extend(row.face);
     }
-    super::check(&clip)?;
+    clip.check()?;
     Ok(clip)
 }

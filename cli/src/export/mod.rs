@@ -1,11 +1,9 @@
-//! Writing an animation to a file: one module per format.
+//! Writing an animation to a file: one module per format; `.glb` and `.vrma` are crate `umo_gltf`'s.
 //!
 //! | module | file |
 //! | --- | --- |
 //! | `npz` | NumPy arrays as SMPL-X and BEAT2 tools read them |
 //! | `bvh` | skeleton motion for Blender, MotionBuilder and others |
-//! | `glb` | glTF 2.0: skeleton, skin, face shapes and their animation |
-//! | `glb::vrma` | the same motion for VRM avatars, without a figure |
 //! | `csv` | the face as the Live Link Face app records it |
 //! | `jsonl` | everything, one frame a line |
 //! | `output` | a file that appears whole or not at all |
@@ -16,14 +14,12 @@ use std::io;
 use std::path::{Path, PathBuf};
 use umo_core::config::Face;
 use umo_core::motion::clip::Clip;
-use umo_core::motion::skeleton::JOINTS;
 use umo_figure::Figure;
 
 use crate::failure::Failure;
 
 pub mod bvh;
 pub mod csv;
-pub mod glb;
 pub mod jsonl;
 pub mod npz;
 mod output;
@@ -178,70 +174,12 @@ impl From<FaceError> for io::Error {
     }
 }
 
-/// Refuses an animation that no format could hold: the writers index and divide without asking
-/// again.
-pub(crate) fn check(clip: &Clip) -> Result<(), &'static str> {
-    let frames = clip.rotations.len();
-    let tree = &clip.skeleton;
-    let rules = [
-        (frames > 0, "it has no frames"),
-        (clip.frame_rate.is_finite() && clip.frame_rate > 0.0, "its frame rate is not a positive number"),
-        (clip.translation.len() == frames, "translation and rotations differ in length"),
-        (clip.face_values.len() == frames * clip.face.names.len(), "face values are not frames times channels"),
-        (tree.parents.len() == JOINTS && tree.offsets_m.len() == JOINTS, "its skeleton has not 55 joints"),
-        (is_tree(&tree.parents), "a joint's parent does not come before it"),
-        (is_finite(clip), "it holds a number that is not finite"),
-        (clip.rotations.iter().flatten().all(is_unit), "a rotation is not a unit quaternion"),
-    ];
-    rules.into_iter().find(|(holds, _)| !holds).map_or(Ok(()), |(_, what)| Err(what))
-}
-
-fn is_tree(parents: &[i32]) -> bool {
-    parents.iter().enumerate().all(|(joint, &parent)| {
-        if joint == 0 { parent == -1 } else { usize::try_from(parent).is_ok_and(|parent| parent < joint) }
-    })
-}
-
-fn is_finite(clip: &Clip) -> bool {
-    let rotations = clip.rotations.as_flattened().as_flattened();
-    let positions = clip.translation.as_flattened();
-    let offsets = clip.skeleton.offsets_m.as_flattened();
-    [rotations, positions, offsets, &clip.face_values].into_iter().flatten().all(|x| x.is_finite())
-}
-
-fn is_unit(q: &[f32; 4]) -> bool {
-    let square: f32 = q.iter().map(|x| x * x).sum();
-    (square - 1.0).abs() < 1e-3
-}
-
-/// A joint's parent; none for the root.
-fn parent(clip: &Clip, joint: usize) -> Option<usize> {
-    usize::try_from(clip.skeleton.parents[joint]).ok()
-}
-
-/// The joints whose parent is `joint`.
-fn children(clip: &Clip, joint: usize) -> impl Iterator<Item = usize> {
-    (joint + 1..JOINTS).filter(move |&child| parent(clip, child) == Some(joint))
-}
-
 /// Where a bone without children ends, from its joint: half as long again as the bone that leads
 /// there.
 fn tip(clip: &Clip, joint: usize) -> [f32; 3] {
     let half = clip.skeleton.offsets_m[joint].map(|x| x * 0.5);
     let length = half.iter().map(|x| x * x).sum::<f32>().sqrt();
     if length < 1e-3 { [0.0, 0.0, 0.02] } else { half }
-}
-
-/// The root joint's position in a frame.
-fn root_position(clip: &Clip, frame: usize) -> [f32; 3] {
-    let (rest, moved) = (clip.skeleton.offsets_m[0], clip.translation[frame]);
-    [rest[0] + moved[0], rest[1] + moved[1], rest[2] + moved[2]]
-}
-
-/// One frame's face values.
-fn face_of(clip: &Clip, frame: usize) -> &[f32] {
-    let channels = clip.face.names.len();
-    &clip.face_values[frame * channels..][..channels]
 }
 
 #[cfg(test)]

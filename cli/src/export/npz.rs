@@ -1,6 +1,6 @@
 //! `.npz`: NumPy arrays as SMPL-X and BEAT2 tools read them.
 
-use super::{face_of, rotation};
+use super::rotation;
 use npyz::{DType, WriteOptions, WriterBuilder};
 use std::io::{self, Cursor, Write};
 use umo_core::config::FaceKind;
@@ -27,7 +27,7 @@ pub fn write<W: Write>(clip: &Clip, mut out: W) -> io::Result<()> {
     archive.floats("poses", &[frames, JOINTS * 3], poses(clip))?;
     let arkit = clip.face.kind == FaceKind::Arkit;
     let coefficients = |frame| {
-        let values = if arkit { &[] } else { face_of(clip, frame) };
+        let values = if arkit { &[] } else { clip.face(frame) };
         let padding = std::iter::repeat(&0.0);
         values.iter().chain(padding).take(EXPRESSIONS).copied()
     };

@@ -1,10 +1,11 @@
 //! An animation file that is to be written in one of the formats.
 
-use super::{ExportError, Format, bvh, check, csv, glb, jsonl, npz};
-use crate::atomic_file::AtomicFile;
+use super::{ExportError, Format, bvh, csv, jsonl, npz};
 use std::path::Path;
+use umo_core::file::AtomicFile;
 use umo_core::motion::clip::Clip;
 use umo_figure::Figure;
+use umo_gltf::{glb, vrma};
 
 /// A file to be written. Made before a long run, it tells at once that the path cannot be written;
 /// dropped without [`Output::write`], it leaves nothing behind.
@@ -30,14 +31,14 @@ impl Output {
     /// [`ExportError`] where the animation contradicts itself or does not suit the format, or the
     /// file system fails; then an earlier file of that name is as it was.
     pub fn write(self, clip: &Clip, figure: Figure) -> Result<(), ExportError> {
-        check(clip).map_err(ExportError::Clip)?;
+        clip.check().map_err(ExportError::Clip)?;
         self.format.check_face(&clip.face)?;
         let path = self.file.path().to_owned();
         let written = self.file.commit(|out| match self.format {
             Format::Npz => npz::write(clip, out),
             Format::Bvh => bvh::write(clip, out),
-            Format::Glb => glb::write(clip, figure, out),
-            Format::Vrma => glb::vrma::write(clip, out),
+            Format::Glb => glb::write(clip, Some(figure), out),
+            Format::Vrma => vrma::write(clip, out),
             Format::Csv => csv::write(clip, out),
             Format::Jsonl => jsonl::write(clip, out),
         });

@@ -46,7 +46,7 @@ pub fn read(path: &Path) -> Result<Clip, Failure> {
         }
         Format::Csv => return Err(wrong("a csv file has a face only: expected npz, glb, bvh or jsonl".to_owned())),
     };
-    crate::export::check(&clip).map_err(|problem| wrong(problem.to_owned()))?;
+    clip.check().map_err(|problem| wrong(problem.to_owned()))?;
     Ok(clip)
 }
 

@@ -1,7 +1,7 @@
 use super::*;
-use crate::sample;
 use proptest::prelude::*;
 use umo_core::motion::rotation::normalized;
+use umo_figure::sample;
 
 /// Writes a clip and reads it back.
 fn back(clip: &Clip, format: Format) -> Clip {
@@ -84,7 +84,7 @@ fn corrupt_input_does_not_panic() {
             spoilt[at] = spoilt[at].wrapping_add(0x55);
             std::fs::write(&path, &spoilt).unwrap();
             if let Ok(clip) = read(&path) {
-                assert_eq!(crate::export::check(&clip), Ok(()));
+                assert_eq!(clip.check(), Ok(()));
             }
         }
     }

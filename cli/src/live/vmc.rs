@@ -10,7 +10,7 @@ use umo_core::motion::skeleton::JOINTS;
 use umo_core::retarget::face::FaceMap;
 
 use crate::failure::Failure;
-use crate::vrm::{EXPRESSIONS, UNITY_BONES, standing_height};
+use umo_gltf::vrm::{EXPRESSIONS, UNITY_BONES, standing_height};
 
 /// Bytes of a datagram that no network cuts up.
 const MAX_BYTES: usize = 1400;

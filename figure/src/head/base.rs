@@ -6,7 +6,7 @@
 use crate::field::Join::{Cut, Union};
 use crate::field::{Shape, Solid, occlusion};
 use crate::look::Look;
-use crate::vector::{V, add, curve, ramp, scale, unit};
+use crate::vector::{V, add, curve, hypot, ramp, scale, unit};
 
 /// The rays that find the skin start on an upright line at this depth.
 const AXIS: f32 = -0.060;
@@ -149,7 +149,7 @@ impl Base {
     /// The place of the map whose ray passes through `p`; `u` is 0 ahead and grows to the left.
     pub(super) fn map(&self, p: V) -> [f32; 2] {
         let (x, z) = (p[0], p[2] - AXIS);
-        let out = x.hypot(z);
+        let out = hypot(x, z);
         let (mut low, mut high) = (-0.24, 0.12);
         for _ in 0..32 {
             let v = 0.5 * (low + high);

@@ -19,9 +19,9 @@ static JOINT_TEXTS: [Name; JOINTS] = names(JOINT_NAMES);
 static VISEME_TEXTS: [Name; VISEMES] = names(VISEME_NAMES);
 
 /// A short text that ends with a zero byte.
-type Name = [u8; 24];
+pub(crate) type Name = [u8; 24];
 
-const fn names<const N: usize>(texts: [&str; N]) -> [Name; N] {
+pub(crate) const fn names<const N: usize>(texts: [&str; N]) -> [Name; N] {
     let mut names = [[0; 24]; N];
     let mut i = 0;
     while i < N {

@@ -81,6 +81,48 @@ impl Clip {
         &self.face_values[index * values..(index + 1) * values]
     }
 
+    /// A joint's parent; none for the root.
+    pub fn parent(&self, joint: usize) -> Option<usize> {
+        usize::try_from(self.skeleton.parents[joint]).ok()
+    }
+
+    /// The joints whose parent is `joint`.
+    pub fn children(&self, joint: usize) -> impl Iterator<Item = usize> {
+        (joint + 1..JOINTS).filter(move |&child| self.parent(child) == Some(joint))
+    }
+
+    /// The root joint's position in frame `index`. Panics where there is none.
+    pub fn root_position(&self, index: usize) -> [f32; 3] {
+        let (rest, moved) = (self.skeleton.offsets_m[0], self.translation[index]);
+        std::array::from_fn(|axis| rest[axis] + moved[axis])
+    }
+
+    /// Refuses a motion that no file could hold: writers index and divide without asking again.
+    ///
+    /// # Errors
+    /// What contradicts itself.
+    pub fn check(&self) -> Result<(), &'static str> {
+        let (frames, tree) = (self.len(), &self.skeleton);
+        let rules = [
+            (frames > 0, "it has no frames"),
+            (self.frame_rate.is_finite() && self.frame_rate > 0.0, "its frame rate is not a positive number"),
+            (self.translation.len() == frames, "translation and rotations differ in length"),
+            (self.face_values.len() == frames * self.face.names.len(), "face values are not frames times channels"),
+            (tree.parents.len() == JOINTS && tree.offsets_m.len() == JOINTS, "its skeleton has not 55 joints"),
+            (is_tree(&tree.parents), "a joint's parent does not come before it"),
+            (self.is_finite(), "it holds a number that is not finite"),
+            (self.rotations.iter().flatten().all(is_unit), "a rotation is not a unit quaternion"),
+        ];
+        rules.into_iter().find(|(holds, _)| !holds).map_or(Ok(()), |(_, what)| Err(what))
+    }
+
+    fn is_finite(&self) -> bool {
+        let rotations = self.rotations.as_flattened().as_flattened();
+        let positions = self.translation.as_flattened();
+        let offsets = self.skeleton.offsets_m.as_flattened();
+        [rotations, positions, offsets, &self.face_values].into_iter().flatten().all(|x| x.is_finite())
+    }
+
     /// The same motion at another number of frames per second, from its first frame to its last.
     #[must_use]
     #[expect(clippy::cast_possible_truncation, reason = "frame numbers, rounded down on purpose")]
@@ -162,6 +204,17 @@ impl Clip {
             }
         }
     }
+}
+
+fn is_tree(parents: &[i32]) -> bool {
+    parents.iter().enumerate().all(|(joint, &parent)| {
+        if joint == 0 { parent == -1 } else { usize::try_from(parent).is_ok_and(|parent| parent < joint) }
+    })
+}
+
+fn is_unit(q: &Quat) -> bool {
+    let square: f32 = q.iter().map(|x| x * x).sum();
+    (square - 1.0).abs() < 1e-3
 }
 
 fn rate(config: &Config) -> f32 {
@@ -289,6 +342,31 @@ mod tests {
     use super::super::rotation::axis_angle_to_quat;
     use super::*;
     use crate::ModelFile;
+
+    #[test]
+    fn check_refuses_a_clip_that_contradicts_itself() {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../models/umo-people/model.safetensors");
+        let mut good = Clip::new(ModelFile::open(path.as_ref()).unwrap().config());
+        assert_eq!(good.check(), Err("it has no frames"));
+        let face = vec![0.5; good.face.names.len()];
+        (0..3).for_each(|_| good.push(&Pose::REST, &face));
+        assert_eq!(good.check(), Ok(()));
+        let broken = |change: fn(&mut Clip)| {
+            let mut clip = good.clone();
+            change(&mut clip);
+            clip.check().unwrap_err()
+        };
+        assert!(broken(|c| c.frame_rate = 0.0).contains("frame rate"));
+        assert!(broken(|c| c.frame_rate = f32::NAN).contains("frame rate"));
+        assert!(broken(|c| c.translation.truncate(2)).contains("translation"));
+        assert!(broken(|c| c.face_values.truncate(9)).contains("face values"));
+        assert!(broken(|c| c.skeleton.parents.truncate(9)).contains("55 joints"));
+        assert!(broken(|c| c.skeleton.parents[4] = 4).contains("parent"));
+        assert!(broken(|c| c.skeleton.parents[4] = -1).contains("parent"));
+        assert!(broken(|c| c.face_values[5] = f32::INFINITY).contains("finite"));
+        assert!(broken(|c| c.translation[1][1] = f32::NAN).contains("finite"));
+        assert!(broken(|c| c.rotations[1][9] = [0.0; 4]).contains("unit"));
+    }
 
     #[test]
     fn contacts_are_of_the_left_side_before_the_right() {

@@ -12,6 +12,7 @@
 
 from ._animate import animate, stream
 from ._engine import Engine
+from ._gltf import FIGURES
 from ._library import Error, Status, lib as _lib
 from ._model import Model
 from ._motion import JOINTS, VISEMES, Frame, Motion
@@ -20,6 +21,7 @@ from ._session import Attention, Decoder, Idle, Latency, Parameter, Received, Sa
 __version__: str = _lib.umo_version().decode()
 
 __all__ = [
+    "FIGURES",
     "JOINTS",
     "VISEMES",
     "Attention",

@@ -52,6 +52,7 @@ PACKETS = {"none": 0, "beside_frames": 1, "only": 2}
 MOODS = {"neutral": 0, "joy": 1, "sad": 2, "angry": 3, "surprised": 4, "disgusted": 5, "afraid": 6}
 SIDES = {"auto": 0, "left": 1, "right": 2, "both": 3}
 GESTURE_PARTS = {"head": 1, "trunk": 2, "left_arm": 4, "right_arm": 8}
+FORMATS = {"glb": 1, "vrma": 2}
 AXES = {"gltf": 0, "unreal": 1, "unity": 2}
 PRECISIONS = {"stored": 0, "f32": 1, "bf16": 2, "int8": 3}
 ISAS = {
@@ -219,6 +220,27 @@ class GestureClip(ctypes.Structure):
     ]
 
 
+class Clip(ctypes.Structure):
+    _fields_ = [
+        *((name, c_uint32) for name in ("struct_size", "is_arkit", "channel_count", "frame_count")),
+        ("rate", c_float),
+        ("reserved", c_uint32),
+        ("channels", POINTER(c_char_p)),
+        ("parents", POINTER(c_int32)),
+        ("offsets", POINTER(c_float)),
+        ("layout", POINTER(FrameLayout)),
+        ("frames", c_void_p),
+        ("figure", c_char_p),
+    ]
+
+
+Write = ctypes.CFUNCTYPE(c_int32, c_void_p, c_void_p, c_size_t)
+
+
+class Output(ctypes.Structure):
+    _fields_ = [("userdata", c_void_p), ("write", Write)]
+
+
 STRUCTURES = {
     "umo_model_config": ModelConfig,
     "umo_model_info": ModelInfo,
@@ -232,6 +254,8 @@ STRUCTURES = {
     "umo_received": Received,
     "umo_gesture_options": GestureOptions,
     "umo_gesture_clip": GestureClip,
+    "umo_clip": Clip,
+    "umo_output": Output,
 }
 
 _U32, _SIZE, _TEXT, _HANDLE = c_uint32, c_size_t, c_char_p, c_void_p
@@ -244,6 +268,8 @@ _ARGUMENTS: dict[str, list[Any]] = {
     "umo_last_error": [],
     "umo_joint_name": [_U32],
     "umo_viseme_name": [_U32],
+    "umo_figure_name": [_U32],
+    "umo_clip_write": [POINTER(Clip), _U32, POINTER(Output)],
     "umo_model_config_init": [POINTER(ModelConfig), _SIZE],
     "umo_model_load": [_U32, _TEXT, POINTER(ModelConfig), _OUT],
     "umo_model_load_memory": [_U32, _HANDLE, _SIZE, POINTER(ModelConfig), _OUT],
@@ -308,6 +334,7 @@ _RESULTS = {
     "umo_last_error": _TEXT,
     "umo_joint_name": _TEXT,
     "umo_viseme_name": _TEXT,
+    "umo_figure_name": _TEXT,
 }
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _library, _save
+from ._gltf import FIGURES
 from ._library import lib
 
 Floats = npt.NDArray[np.float32]
@@ -118,14 +119,16 @@ class Motion(_library.Strict):
             raise KeyError(f"{name}: the joints are {', '.join(JOINTS)}")
         return self.rotations[:, JOINTS.index(name)]
 
-    def save(self, path: Union[str, os.PathLike[str]]) -> None:
+    def save(self, path: Union[str, os.PathLike[str]], *, figure: Optional[str] = FIGURES[0]) -> None:
         """Writes the frames as `umo animate` does; the suffix chooses the format, and the first frame is at second 0.
 
-        `.npz` are SMPL-X arrays, with an ARKit face as `arkit`; `.bvh` is the skeleton; `.vrma` is for VRM avatars; `.csv` is the face and the head's angles, as Live Link Face
-        records them, of ARKit channels; `.jsonl` is everything, one frame a line. The file appears whole or not at all.
-        `ValueError` says what cannot be written: another suffix, no frames, other axes than glTF's.
+        `.npz` are SMPL-X arrays, with an ARKit face as `arkit`; `.bvh` is the skeleton; `.glb` is the skeleton with `figure`, one
+        of `umo.FIGURES`, and its face, or, with None, the bones alone; `.vrma` is for VRM avatars; `.csv` is the face and the
+        head's angles, as Live Link Face records them, of ARKit channels; `.jsonl` is everything, one frame a line. The file
+        appears whole or not at all. `ValueError` says what cannot be written: another suffix or figure, no frames, other axes
+        than glTF's.
         """
-        _save.save(self, path)
+        _save.save(self, path, figure)
 
     def __len__(self) -> int:
         return len(self.frames)

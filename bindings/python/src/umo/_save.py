@@ -8,13 +8,13 @@ import math
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Callable, Union
+from typing import TYPE_CHECKING, Any, Callable, Optional, Union
 
 import numpy as np
 import numpy.typing as npt
 
-from ._library import JOINT_COUNT
-from ._vrma import vrma
+from ._gltf import FIGURES, glb, vrma
+from ._library import JOINT_COUNT, suggestion
 
 if TYPE_CHECKING:
     from ._motion import Motion
@@ -42,10 +42,10 @@ ANGLES = (
 )
 
 
-def save(motion: Motion, path: Union[str, os.PathLike[str]]) -> None:
+def save(motion: Motion, path: Union[str, os.PathLike[str]], figure: Optional[str]) -> None:
     """Writes a motion in the format that the path's suffix names."""
     path = Path(path)
-    content = encoded(motion, path)
+    content = encoded(motion, path, figure)
     # Beside its place and then renamed: a failed run leaves what was there before.
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
@@ -57,26 +57,28 @@ def save(motion: Motion, path: Union[str, os.PathLike[str]]) -> None:
         raise OSError(error.errno, error.strerror, str(path)) from None
 
 
-def writer(path: Union[str, os.PathLike[str]]) -> Callable[[Motion], bytes]:
-    """What writes the format that a path's suffix names."""
+def writer(path: Union[str, os.PathLike[str]]) -> Callable[[Motion, Optional[str]], bytes]:
+    """What writes the format that a path's suffix names, with the figure where the format holds one."""
     suffix = Path(path).suffix
     if suffix.lower() not in WRITERS:
         wrong = f"suffix `{suffix}` is unknown" if suffix else "it has no suffix"
         known = ", ".join(WRITERS)
-        raise ValueError(f"cannot save `{path}`: {wrong}; expected one of {known}. `umo animate` and `umo batch` write .glb, too")
+        raise ValueError(f"cannot save `{path}`: {wrong}; expected one of {known}")
     return WRITERS[suffix.lower()]
 
 
-def encoded(motion: Motion, path: Union[str, os.PathLike[str]]) -> bytes:
+def encoded(motion: Motion, path: Union[str, os.PathLike[str]], figure: Optional[str] = FIGURES[0]) -> bytes:
     """A file's content in the format that the path's suffix names."""
     write = writer(path)
+    if figure is not None and figure not in FIGURES:
+        raise ValueError(f"figure {figure!r}: {suggestion(figure, FIGURES)}")
     if motion.axes != "gltf":
         raise ValueError(f"cannot save `{path}`: files have glTF's axes, this motion {motion.axes}'s; make it with axes='gltf'")
     if not len(motion):
         raise ValueError(f"cannot save `{path}`: the motion has no frames")
     if not all(np.isfinite(values).all() for values in (motion.rotations, motion.translation, motion.face)):
         raise ValueError(f"cannot save `{path}`: the motion has a value that is not a finite number")
-    return write(motion)
+    return write(motion, figure)
 
 
 def shape_columns(names: tuple[str, ...]) -> list[int]:
@@ -305,10 +307,16 @@ def euler_zxy(m: Doubles) -> Doubles:
     return np.stack([z, x, y], 1)
 
 
-WRITERS: dict[str, Callable[[Motion], bytes]] = {
-    ".npz": npz,
-    ".bvh": bvh,
-    ".vrma": vrma,
-    ".csv": csv,
-    ".jsonl": jsonl,
+def _bare(write: Callable[[Motion], bytes]) -> Callable[[Motion, Optional[str]], bytes]:
+    """Of a format that holds no figure."""
+    return lambda motion, _: write(motion)
+
+
+WRITERS: dict[str, Callable[[Motion, Optional[str]], bytes]] = {
+    ".npz": _bare(npz),
+    ".bvh": _bare(bvh),
+    ".glb": glb,
+    ".vrma": _bare(vrma),
+    ".csv": _bare(csv),
+    ".jsonl": _bare(jsonl),
 }

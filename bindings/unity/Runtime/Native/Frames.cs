@@ -50,6 +50,29 @@ namespace Umo
             if (HasVisemes) Copy(frame, Layout.Visemes, Native.VisemeCount, into);
         }
 
+        /// <summary>Writes the first <paramref name="count"/> frames as a file, whole or not at all.</summary>
+        /// <param name="model">The one that made them.</param>
+        /// <param name="figure">Who wears the motion in a .glb: one of <see cref="Model.FigureNames"/>; null: the bones alone.</param>
+        public void WriteFile(Model model, int count, FileFormat format, string path, string figure = "alex")
+        {
+            if (model == null) throw new ArgumentNullException(nameof(model));
+            if (path == null) throw new ArgumentNullException(nameof(path));
+            if ((uint)count > (uint)Capacity) throw new ArgumentOutOfRangeException(nameof(count));
+            FrameLayout layout = Layout;
+            Clip clip;
+            UmoException.Check(Native.umo_clip_init(&clip, (UIntPtr)sizeof(Clip), model.Raw));
+            clip.FrameCount = (uint)count;
+            clip.Layout = (IntPtr)(&layout);
+            fixed (ulong* words = Words)
+            fixed (byte* file = Native.Bytes(path), name = figure == null ? null : Native.Bytes(figure))
+            {
+                clip.Frames = (IntPtr)words;
+                clip.Figure = (IntPtr)name;
+                UmoException.Check(Native.umo_clip_write_file(&clip, format, file));
+            }
+            GC.KeepAlive(model);
+        }
+
         private ulong Word(int frame, uint offset)
         {
             return Words[Start(frame) / sizeof(ulong) + offset / sizeof(ulong)];

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
 
 using System;
+using System.Collections.Generic;
 using System.Text;
 
 namespace Umo
@@ -102,6 +103,14 @@ namespace Umo
             string[] names = new string[Native.VisemeCount];
             for (uint i = 0; i < names.Length; i++) names[i] = Native.Text(Native.umo_viseme_name(i));
             return names;
+        }
+
+        /// <summary>Names of the figures that <see cref="Frames.WriteFile"/> knows, the default first.</summary>
+        public static string[] FigureNames()
+        {
+            List<string> names = new List<string>();
+            for (IntPtr name; (name = Native.umo_figure_name((uint)names.Count)) != IntPtr.Zero;) names.Add(Native.Text(name));
+            return names.ToArray();
         }
 
         /// <summary>Each joint's parent, -1 for the first, and its place in its parent's frame at rest, x y z.</summary>

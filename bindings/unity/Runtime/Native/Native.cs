@@ -48,6 +48,11 @@ namespace Umo
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_frame_layout_init(FrameLayout* layout, UIntPtr size, IntPtr model);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_frame_layout_check(FrameLayout* layout, IntPtr model, UIntPtr size, UIntPtr* frames);
 
+        [DllImport(Library, CallingConvention = C)] public static extern IntPtr umo_figure_name(uint index);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_clip_init(Clip* clip, UIntPtr size, IntPtr model);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_clip_write(Clip* clip, FileFormat format, Output* output);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_clip_write_file(Clip* clip, FileFormat format, byte* path);
+
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_engine_config_init(EngineConfig* config, UIntPtr size);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_engine_new(IntPtr model, EngineConfig* config, IntPtr* engine);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_engine_free(IntPtr engine);

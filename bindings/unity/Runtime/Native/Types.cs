@@ -35,6 +35,9 @@ namespace Umo
     /// <summary>Which way is up, which hand, how long a unit is.</summary>
     public enum Axes : uint { Gltf = 0, Unreal = 1, Unity = 2 }
 
+    /// <summary>Files of frames: <see cref="Frames.WriteFile"/>.</summary>
+    public enum FileFormat : uint { Glb = 1, Vrma = 2 }
+
     /// <summary>Who computes: the engine's own threads, or whoever calls Poll.</summary>
     public enum EngineMode : uint { Threads = 0, Polled = 1 }
 
@@ -276,6 +279,40 @@ namespace Umo
         public float Stroke;
         /// <summary>float[FrameCount][JointCount][4].</summary>
         public IntPtr Rotations;
+    }
+
+    /// <summary>Frames that become a file: <see cref="Frames.WriteFile"/>.</summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public struct Clip
+    {
+        public uint StructSize;
+        public uint IsArkit;
+        public uint ChannelCount;
+        public uint FrameCount;
+        public float Rate;
+        public uint Reserved;
+        /// <summary>UTF-8 texts, one a channel.</summary>
+        public IntPtr Channels;
+        /// <summary>int[JointCount].</summary>
+        public IntPtr Parents;
+        /// <summary>float[JointCount][3].</summary>
+        public IntPtr Offsets;
+        /// <summary>A <see cref="FrameLayout"/>.</summary>
+        public IntPtr Layout;
+        public IntPtr Frames;
+        /// <summary>UTF-8; null: the bones alone.</summary>
+        public IntPtr Figure;
+    }
+
+    [UnmanagedFunctionPointer(CallingConvention.Cdecl)]
+    public unsafe delegate int OutputWrite(IntPtr userdata, void* bytes, UIntPtr size);
+
+    [StructLayout(LayoutKind.Sequential)]
+    public struct Output
+    {
+        public IntPtr Userdata;
+        /// <summary>An <see cref="OutputWrite"/>.</summary>
+        public IntPtr Write;
     }
 
     [StructLayout(LayoutKind.Sequential)]

@@ -43,7 +43,7 @@ proptest! {
             let rotations = get::<Vec<[f32; 4]>>(line, "/rotations");
             prop_assert_eq!(rotations.as_slice(), clip.rotations[frame].as_slice());
             let face = get::<Vec<f32>>(line, "/face");
-            prop_assert_eq!(face.as_slice(), face_of(&clip, frame));
+            prop_assert_eq!(face.as_slice(), clip.face(frame));
         }
     }
 }

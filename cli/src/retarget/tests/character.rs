@@ -8,7 +8,7 @@ use umo_core::motion::rotation::{IDENTITY, Quat, axis_angle_to_quat, inverse, pr
 use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS};
 
 use super::Vector;
-use crate::sample;
+use umo_figure::sample;
 
 /// One pixel.
 #[rustfmt::skip]

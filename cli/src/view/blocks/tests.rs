@@ -1,8 +1,8 @@
 use umo_core::config::FaceKind;
 
 use super::*;
-use crate::sample;
 use crate::view::scene::tests::scene;
+use umo_figure::sample;
 use umo_figure::{Finish, Helper, Morph};
 
 /// Three vertices, of which the last and the first are moved.

@@ -1,8 +1,8 @@
 use umo_core::config::FaceKind;
 
 use super::*;
-use crate::sample;
 use crate::view::scene::tests::scene;
+use umo_figure::sample;
 
 #[test]
 fn no_name_breaks_out_of_the_page() {

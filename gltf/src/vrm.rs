@@ -8,7 +8,7 @@ const LEG: [usize; 4] = [1, 4, 7, 10];
 const SOLE: f32 = 0.02;
 
 /// Expressions that every VRM avatar has, as VRM 1.0 and VRM 0.x (and VMC) call them.
-pub(crate) const EXPRESSIONS: [(&str, &str); 7] = [
+pub const EXPRESSIONS: [(&str, &str); 7] = [
     ("aa", "A"),
     ("ih", "I"),
     ("ou", "U"),
@@ -19,7 +19,7 @@ pub(crate) const EXPRESSIONS: [(&str, &str); 7] = [
 ];
 
 /// Bones of Unity's humanoid, in SMPL-X order.
-pub(crate) const UNITY_BONES: [&str; JOINTS] = [
+pub const UNITY_BONES: [&str; JOINTS] = [
     "Hips",
     "LeftUpperLeg",
     "RightUpperLeg",
@@ -78,13 +78,13 @@ pub(crate) const UNITY_BONES: [&str; JOINTS] = [
 ];
 
 /// A joint's bone in VRM 1.0: Unity's name, but that the thumb begins at the metacarpal.
-pub(crate) fn bone(joint: usize) -> String {
+pub fn bone(joint: usize) -> String {
     let name =
         UNITY_BONES[joint].replace("ThumbProximal", "ThumbMetacarpal").replace("ThumbIntermediate", "ThumbProximal");
     name[..1].to_lowercase() + &name[1..]
 }
 
 /// How high the root of a skeleton is that stands upright, metres above the floor.
-pub(crate) fn standing_height(offsets: &[[f32; 3]]) -> f32 {
+pub fn standing_height(offsets: &[[f32; 3]]) -> f32 {
     SOLE - LEG.iter().map(|&joint| offsets[joint][1]).sum::<f32>()
 }

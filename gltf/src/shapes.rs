@@ -5,17 +5,17 @@ use umo_figure::{Mesh, Morph};
 
 /// One channel's shape: vertices of the head, ascending, counted from its first, and what is added
 /// to them.
-pub(super) struct Shape {
-    pub(super) vertices: Vec<u32>,
+pub(crate) struct Shape {
+    pub(crate) vertices: Vec<u32>,
     /// Metres.
-    pub(super) positions: Vec<[f32; 3]>,
-    pub(super) normals: Vec<[f32; 3]>,
+    pub(crate) positions: Vec<[f32; 3]>,
+    pub(crate) normals: Vec<[f32; 3]>,
 }
 
 /// The shape that a name asks for. A name that is not ARKit's, such as an SMPL-X coefficient's,
 /// gets one of ARKit's shapes by its spelling, a pair of them together: the coefficient's own is
 /// not ours to give away, and this is enough to see it move.
-pub(super) fn shape(name: &str, mesh: &Mesh) -> Shape {
+pub(crate) fn shape(name: &str, mesh: &Mesh) -> Shape {
     if let Some(morph) = mesh.morphs.iter().find(|morph| morph.name == name) {
         return sum(&[morph], mesh.head);
     }

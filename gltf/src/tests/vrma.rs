@@ -13,7 +13,8 @@ struct File {
 
 impl File {
     fn of(clip: &Clip) -> Self {
-        let bytes = bytes_of(|clip, out| super::super::glb::vrma::write(clip, out), clip);
+        let mut bytes = Vec::new();
+        crate::vrma::write(clip, &mut bytes).unwrap();
         let gltf = gltf::Gltf::from_slice(&bytes).unwrap();
         let bin = gltf.blob.clone().unwrap();
         let (mut rotations, mut places) = (HashMap::new(), HashMap::new());

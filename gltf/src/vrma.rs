@@ -13,9 +13,8 @@ use umo_core::motion::rotation::{IDENTITY, Quat, inverse, normalized, product};
 use umo_core::motion::skeleton::JOINTS;
 use umo_core::retarget::face::FaceMap;
 
-use super::builder::{self, Builder};
-use super::{Tracks, root_position, track};
-use crate::export::{children, face_of, parent};
+use crate::builder::{self, Builder};
+use crate::tracks::{Tracks, track};
 use crate::vrm::{EXPRESSIONS, bone, standing_height};
 
 const JAW: usize = 22;
@@ -42,8 +41,9 @@ const SAID: [&str; 5] = ["jaw", "mouth", "tongue", "eyeBlink", "eyeLook"];
 /// Writes the animation for VRM avatars.
 ///
 /// # Errors
-/// Those of `out`; an animation beyond glTF's 4 GiB.
+/// An animation that contradicts itself ([`Clip::check`]); those of `out`; an animation beyond glTF's 4 GiB.
 pub fn write<W: Write>(clip: &Clip, out: W) -> io::Result<()> {
+    clip.check().map_err(|what| io::Error::new(io::ErrorKind::InvalidInput, what))?;
     let mut builder = Builder::default();
     let mut tracks = Tracks::new(&mut builder, clip);
     let joints = add_bones(&mut builder, clip);
@@ -57,7 +57,7 @@ pub fn write<W: Write>(clip: &Clip, out: W) -> io::Result<()> {
         let values = builder.vectors(&track(clip, joint));
         tracks.add(joints[joint], Property::Rotation, values);
     }
-    let places: Vec<_> = (0..clip.rotations.len()).map(|frame| root_position(clip, frame)).collect();
+    let places: Vec<_> = (0..clip.rotations.len()).map(|frame| clip.root_position(frame)).collect();
     let places = builder.vectors(&places);
     tracks.add(joints[0], Property::Translation, places);
 
@@ -110,10 +110,10 @@ fn add_bones(builder: &mut Builder, clip: &Clip) -> Vec<Index<Node>> {
     }
     (0..JOINTS)
         .map(|joint| {
-            let below: Vec<_> = children(clip, joint).map(builder::index).collect();
+            let below: Vec<_> = clip.children(joint).map(builder::index).collect();
             let mut offset = clip.skeleton.offsets_m[joint];
             let mut turn = world[joint];
-            match parent(clip, joint) {
+            match clip.parent(joint) {
                 Some(parent) => turn = product(inverse(world[parent]), turn),
                 None => offset[1] = standing_height(&clip.skeleton.offsets_m),
             }
@@ -138,7 +138,7 @@ fn presets(clip: &Clip) -> Vec<(&'static str, Vec<f32>)> {
     let mut weights = [0.0; EXPRESSIONS.len()];
     let mut all = vec![Vec::with_capacity(clip.rotations.len()); names.len()];
     for frame in 0..clip.rotations.len() {
-        map.apply(face_of(clip, frame), &mut weights);
+        map.apply(clip.face(frame), &mut weights);
         all.iter_mut().zip(&weights).for_each(|(values, &weight)| values.push(weight));
     }
     names.into_iter().zip(all).collect()
@@ -149,7 +149,7 @@ fn shapes(clip: &Clip) -> impl Iterator<Item = (&str, Vec<f32>)> {
     let names = if clip.face.kind == FaceKind::Arkit { clip.face.names.as_slice() } else { &[] };
     let others = names.iter().enumerate().filter(|(_, name)| !SAID.iter().any(|said| name.starts_with(said)));
     others.map(|(channel, name)| {
-        let values = (0..clip.rotations.len()).map(|frame| face_of(clip, frame)[channel]);
+        let values = (0..clip.rotations.len()).map(|frame| clip.face(frame)[channel]);
         (name.as_str(), values.collect())
     })
 }

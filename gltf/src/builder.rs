@@ -1,6 +1,6 @@
 //! The binary buffer and the glTF objects that refer into it.
 
-use super::shapes::Shape;
+use crate::shapes::Shape;
 use gltf_json as json;
 use json::accessor::{ComponentType, GenericComponentType, IndexComponentType, Type, sparse};
 use json::mesh::{Mesh, MorphTarget, Primitive, Semantic};
@@ -13,20 +13,20 @@ use umo_figure::Mesh as Figure;
 use umo_figure::palette::Palette;
 
 /// An index into one of the root's lists.
-pub(super) fn index<T>(at: usize) -> Index<T> {
+pub(crate) fn index<T>(at: usize) -> Index<T> {
     Index::new(u32::try_from(at).expect("a file has far fewer objects than 2^32"))
 }
 
 /// The attributes and indices of a surface.
-pub(super) struct Attributes {
-    pub(super) attributes: BTreeMap<json::validation::Checked<Semantic>, Index<Accessor>>,
-    pub(super) indices: Index<Accessor>,
+pub(crate) struct Attributes {
+    pub(crate) attributes: BTreeMap<json::validation::Checked<Semantic>, Index<Accessor>>,
+    pub(crate) indices: Index<Accessor>,
 }
 
 /// A glTF file in the making.
 #[derive(Default)]
-pub(super) struct Builder {
-    pub(super) root: json::Root,
+pub(crate) struct Builder {
+    pub(crate) root: json::Root,
     bin: Vec<u8>,
 }
 
@@ -45,7 +45,7 @@ impl Builder {
     ///
     /// # Errors
     /// A palette that no picture can hold.
-    pub(super) fn material(&mut self, name: &str, palette: &Palette) -> io::Result<Index<material::Material>> {
+    pub(crate) fn material(&mut self, name: &str, palette: &Palette) -> io::Result<Index<material::Material>> {
         let [mut colors, mut finishes] = [Vec::new(), Vec::new()];
         palette.write(&mut colors)?;
         palette.write_finishes(&mut finishes)?;
@@ -90,7 +90,7 @@ impl Builder {
     }
 
     /// A mesh; its shapes' names go where programs look for them.
-    pub(super) fn mesh(&mut self, name: &str, primitive: Primitive, shapes: &[String]) -> Index<Mesh> {
+    pub(crate) fn mesh(&mut self, name: &str, primitive: Primitive, shapes: &[String]) -> Index<Mesh> {
         let extras = (!shapes.is_empty()).then(|| {
             let names = serde_json::json!({ "targetNames": shapes });
             serde_json::value::to_raw_value(&names).expect("a list of strings is valid JSON")
@@ -104,17 +104,17 @@ impl Builder {
         })
     }
 
-    pub(super) fn skinned(&mut self, name: &str, mesh: Index<Mesh>, skin: Index<json::Skin>) -> Index<Node> {
+    pub(crate) fn skinned(&mut self, name: &str, mesh: Index<Mesh>, skin: Index<json::Skin>) -> Index<Node> {
         self.root.push(Node { name: Some(name.to_owned()), mesh: Some(mesh), skin: Some(skin), ..Node::default() })
     }
 
-    pub(super) fn scene(&mut self, nodes: Vec<Index<Node>>) {
+    pub(crate) fn scene(&mut self, nodes: Vec<Index<Node>>) {
         let scene = self.root.push(json::Scene { nodes, name: None, extensions: None, extras: None });
         self.root.scene = Some(scene);
     }
 
     /// The vertices of `range` and the triangles between them.
-    pub(super) fn surface(&mut self, figure: &Figure, palette: &Palette, range: Range<usize>) -> Attributes {
+    pub(crate) fn surface(&mut self, figure: &Figure, palette: &Palette, range: Range<usize>) -> Attributes {
         let target = Some(buffer::Target::ArrayBuffer);
         let positions = self.positions(&figure.positions[range.clone()]);
         let normals = self.floats(&figure.normals[range.clone()], Type::Vec3, target);
@@ -148,7 +148,7 @@ impl Builder {
     }
 
     /// A shape of a surface of `count` vertices: only those that move are stored.
-    pub(super) fn morph_target(&mut self, shape: &Shape, count: usize) -> MorphTarget {
+    pub(crate) fn morph_target(&mut self, shape: &Shape, count: usize) -> MorphTarget {
         let vertices = shape.vertices.iter().map(|&vertex| u16::try_from(vertex).map(|vertex| [vertex]));
         let vertices: Vec<[u16; 1]> = vertices.collect::<Result<_, _>>().expect("the head has few vertices");
         let vertices = self.view(&little_endian(&vertices), None);
@@ -185,27 +185,27 @@ impl Builder {
         MorphTarget { positions: Some(positions), normals: Some(normals), tangents: None }
     }
 
-    pub(super) fn matrices(&mut self, columns: &[[f32; 4]]) -> Index<Accessor> {
+    pub(crate) fn matrices(&mut self, columns: &[[f32; 4]]) -> Index<Accessor> {
         let at = self.floats(columns, Type::Mat4, None);
         self.root.accessors[at.value()].count = USize64::from(columns.len() / 4);
         at
     }
 
     /// An animation's times, which must have bounds.
-    pub(super) fn times(&mut self, seconds: &[f32]) -> Index<Accessor> {
+    pub(crate) fn times(&mut self, seconds: &[f32]) -> Index<Accessor> {
         let at = self.scalars(seconds.iter().copied());
         let rows: Vec<[f32; 1]> = seconds.iter().map(|&x| [x]).collect();
         self.bound(at, &rows);
         at
     }
 
-    pub(super) fn scalars(&mut self, values: impl Iterator<Item = f32>) -> Index<Accessor> {
+    pub(crate) fn scalars(&mut self, values: impl Iterator<Item = f32>) -> Index<Accessor> {
         let rows: Vec<[f32; 1]> = values.map(|x| [x]).collect();
         self.floats(&rows, Type::Scalar, None)
     }
 
     /// An animation's values of three or four numbers.
-    pub(super) fn vectors<const N: usize>(&mut self, rows: &[[f32; N]]) -> Index<Accessor> {
+    pub(crate) fn vectors<const N: usize>(&mut self, rows: &[[f32; N]]) -> Index<Accessor> {
         let kind = const {
             match N {
                 3 => Type::Vec3,
@@ -272,13 +272,13 @@ impl Builder {
     }
 
     /// An extension of the whole file, which readers may leave out.
-    pub(super) fn extension(&mut self, name: &str, value: serde_json::Value) {
+    pub(crate) fn extension(&mut self, name: &str, value: serde_json::Value) {
         self.root.extensions_used.push(name.to_owned());
         self.root.extensions.get_or_insert_default().others.insert(name.to_owned(), value);
     }
 
     /// Writes header, JSON and binary chunk.
-    pub(super) fn write<W: Write>(mut self, mut out: W) -> io::Result<()> {
+    pub(crate) fn write<W: Write>(mut self, mut out: W) -> io::Result<()> {
         self.root.asset.generator = Some(concat!("umo ", env!("CARGO_PKG_VERSION")).to_owned());
         self.root.push(buffer::Buffer {
             byte_length: USize64::from(self.bin.len()),

@@ -2,7 +2,6 @@ use super::*;
 use gltf::animation::util::ReadOutputs;
 use gltf::{Gltf, Node};
 use std::collections::HashMap;
-use umo_core::motion::skeleton::JOINT_NAMES;
 
 /// A file as the `gltf` crate understands it.
 struct File {
@@ -12,7 +11,12 @@ struct File {
 
 impl File {
     fn of(clip: &Clip) -> Self {
-        let bytes = bytes_of(|clip, out| super::super::glb::write(clip, Figure::default(), out), clip);
+        Self::worn(clip, Some(Figure::default()))
+    }
+
+    fn worn(clip: &Clip, figure: Option<Figure>) -> Self {
+        let mut bytes = Vec::new();
+        crate::glb::write(clip, figure, &mut bytes).unwrap();
         let mut gltf = Gltf::from_slice(&bytes).unwrap();
         let bin = gltf.blob.take().unwrap();
         Self { gltf, bin }
@@ -246,7 +250,7 @@ fn glb_skin_leaves_the_rest_pose_as_it_is() {
     let inverse = skin.reader(|_| Some(&file.bin)).read_inverse_bind_matrices();
     let mut rest: Vec<[f32; 3]> = Vec::new();
     for (joint, matrix) in inverse.unwrap().take(JOINTS).enumerate() {
-        let from = parent(&clip, joint).map_or([0.0; 3], |parent| rest[parent]);
+        let from = clip.parent(joint).map_or([0.0; 3], |parent| rest[parent]);
         let offset = clip.skeleton.offsets_m[joint];
         rest.push(std::array::from_fn(|i| from[i] + offset[i]));
         assert!((0..3).all(|i| (matrix[3][i] + rest[joint][i]).abs() < 1e-6));
@@ -285,4 +289,31 @@ fn glb_holds_a_face_without_channels_and_bones_without_length() {
     let file = File::of(&clip);
     assert_eq!(file.tracks().len(), JOINTS + helpers(&clip).len());
     assert!(file.morph_targets().is_empty());
+}
+
+/// The motion is that of the file with a figure; the bones are a skin's, so that programs know them as bones.
+#[test]
+fn glb_without_a_figure_holds_the_same_motion_of_the_bones_alone() {
+    for kind in KINDS {
+        let clip = sample::clip(kind, 4, 1);
+        let (bare, worn) = (File::worn(&clip, None), File::of(&clip));
+        assert_eq!(bare.gltf.meshes().count() + bare.gltf.images().count() + bare.gltf.materials().count(), 0);
+        assert_eq!(bare.gltf.nodes().map(|node| node.name().unwrap().to_owned()).collect::<Vec<_>>(), JOINT_NAMES);
+        let skin = bare.gltf.skins().next().unwrap();
+        assert_eq!(skin.joints().count(), JOINTS);
+        let (tracks, wanted) = (bare.tracks(), worn.tracks());
+        for joint in 0..JOINTS {
+            assert_eq!(tracks[&joint].rotations, wanted[&joint].rotations);
+            assert_eq!(tracks[&joint].times, wanted[&joint].times);
+        }
+        assert_eq!(tracks[&0].translations, wanted[&0].translations);
+        assert_eq!(tracks.len(), JOINTS);
+    }
+}
+
+#[test]
+fn every_figure_has_a_file_of_its_own() {
+    let clip = sample::clip(FaceKind::Arkit, 1, 1);
+    let files: Vec<Vec<u8>> = Figure::ALL.map(|figure| File::worn(&clip, Some(figure)).bin).into();
+    assert!((1..files.len()).all(|i| !files[..i].contains(&files[i])));
 }

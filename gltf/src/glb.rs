@@ -1,0 +1,171 @@
+//! `.glb`: the skeleton, the figure in two meshes, body and head, one shape per face channel, and the
+//! animation of all three.
+
+use std::io::{self, Write};
+
+use gltf_json as json;
+use json::animation::Property;
+use json::validation::Checked::Valid;
+use json::{Index, Node, mesh};
+use umo_core::config::FaceKind;
+use umo_core::motion::clip::Clip;
+use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS};
+use umo_figure::palette::Palette;
+use umo_figure::{Figure, Helper, Mesh};
+
+use crate::builder::{self, Builder};
+use crate::shapes;
+use crate::tracks::{Tracks, continuous, track};
+
+/// Writes the animation as binary glTF, worn by a figure. Without one there are the bones, their skin
+/// and their motion, and no face: in glTF, weights belong to a mesh.
+///
+/// # Errors
+/// An animation that contradicts itself ([`Clip::check`]); those of `out`; an animation beyond glTF's
+/// 4 GiB.
+pub fn write<W: Write>(clip: &Clip, figure: Option<Figure>, out: W) -> io::Result<()> {
+    clip.check().map_err(invalid)?;
+    let mesh = figure.map(|figure| figure.mesh(&clip.skeleton)).transpose().map_err(invalid)?;
+    let mesh = mesh.map(|mesh| match clip.face.kind {
+        // Expression coefficients leave the jaw to its joint; among ARKit's shapes is the open jaw.
+        FaceKind::SmplxExpression => mesh.on_the_jaw(),
+        FaceKind::Arkit => mesh,
+    });
+    let mut builder = Builder::default();
+    let joints = add_skeleton(&mut builder, clip);
+    let of_mesh = mesh.as_ref().map_or(&[][..], |mesh| &mesh.helpers);
+    let helpers = add_helpers(&mut builder, clip, of_mesh);
+    let rest = rest_positions(clip);
+    let places: Vec<_> = rest.iter().copied().chain(of_mesh.iter().map(|helper| rest[helper.of])).collect();
+    let skin = add_skin(&mut builder, &[&joints[..], &helpers].concat(), &places);
+    let meshes = mesh.as_ref().map(|mesh| add_meshes(&mut builder, clip, mesh, skin)).transpose()?;
+    let helpers: Vec<_> = of_mesh.iter().zip(helpers).collect();
+    add_animation(&mut builder, clip, &joints, &helpers, meshes.map(|[_, face]| face));
+    builder.scene(joints[..1].iter().copied().chain(meshes.into_iter().flatten()).collect());
+    builder.write(out)
+}
+
+fn invalid(cause: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> io::Error {
+    io::Error::new(io::ErrorKind::InvalidInput, cause)
+}
+
+/// The figure's body and its face with a shape per channel, as skinned nodes.
+fn add_meshes(
+    builder: &mut Builder,
+    clip: &Clip,
+    mesh: &Mesh,
+    skin: Index<json::Skin>,
+) -> io::Result<[Index<Node>; 2]> {
+    let palette = Palette::new(mesh);
+    let material = builder.material("figure", &palette)?;
+    let cloth = builder.surface(mesh, &palette, 0..mesh.head);
+    let body = builder.mesh("body", primitive(cloth, material), &[]);
+    let body = builder.skinned("body", body, skin);
+
+    let mut front = primitive(builder.surface(mesh, &palette, mesh.head..mesh.positions.len()), material);
+    let names = &clip.face.names;
+    if !names.is_empty() {
+        let count = mesh.positions.len() - mesh.head;
+        let targets = names.iter().map(|name| builder.morph_target(&shapes::shape(name, mesh), count));
+        front.targets = Some(targets.collect());
+    }
+    let face = builder.mesh("face", front, names);
+    Ok([body, builder.skinned("face", face, skin)])
+}
+
+fn primitive(surface: builder::Attributes, material: Index<json::Material>) -> mesh::Primitive {
+    mesh::Primitive {
+        attributes: surface.attributes,
+        indices: Some(surface.indices),
+        material: Some(material),
+        mode: Valid(mesh::Mode::Triangles),
+        targets: None,
+        extensions: None,
+        extras: None,
+    }
+}
+
+/// One node per joint. `[55]`
+fn add_skeleton(builder: &mut Builder, clip: &Clip) -> Vec<Index<Node>> {
+    (0..JOINTS)
+        .map(|joint| {
+            let below: Vec<_> = clip.children(joint).map(builder::index).collect();
+            builder.root.push(Node {
+                name: Some(JOINT_NAMES[joint].to_owned()),
+                translation: Some(clip.skeleton.offsets_m[joint]),
+                children: (!below.is_empty()).then_some(below),
+                ..Node::default()
+            })
+        })
+        .collect()
+}
+
+/// One node per helper joint, below the joint that it hangs on.
+fn add_helpers(builder: &mut Builder, clip: &Clip, helpers: &[Helper]) -> Vec<Index<Node>> {
+    let node = |helper: &Helper| {
+        let node = builder.root.push(Node {
+            name: Some(helper.name.clone()),
+            translation: (!helper.is_in_place()).then(|| clip.skeleton.offsets_m[helper.of]),
+            ..Node::default()
+        });
+        builder.root.nodes[helper.hangs_on].children.get_or_insert_default().push(node);
+        node
+    };
+    helpers.iter().map(node).collect()
+}
+
+/// Where the joints are in the rest pose. `[55]`, metres.
+fn rest_positions(clip: &Clip) -> Vec<[f32; 3]> {
+    let mut rest: Vec<[f32; 3]> = Vec::with_capacity(JOINTS);
+    for (joint, offset) in clip.skeleton.offsets_m.iter().enumerate() {
+        let from = clip.parent(joint).map_or([0.0; 3], |parent| rest[parent]);
+        rest.push(std::array::from_fn(|axis| from[axis] + offset[axis]));
+    }
+    rest
+}
+
+fn add_skin(builder: &mut Builder, joints: &[Index<Node>], rest: &[[f32; 3]]) -> Index<json::Skin> {
+    // The rest pose has no rotations, so a joint's inverse is to subtract its place. Column-major.
+    let inverse = rest
+        .iter()
+        .flat_map(|&[x, y, z]| [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [-x, -y, -z, 1.0]]);
+    let matrices = builder.matrices(&inverse.collect::<Vec<_>>());
+    builder.root.push(json::Skin {
+        inverse_bind_matrices: Some(matrices),
+        joints: joints.to_vec(),
+        skeleton: Some(joints[0]),
+        name: Some("skeleton".to_owned()),
+        extensions: None,
+        extras: None,
+    })
+}
+
+/// One channel per rotation of a joint or helper joint, one for the root's place, one for all face
+/// weights.
+fn add_animation(
+    builder: &mut Builder,
+    clip: &Clip,
+    joints: &[Index<Node>],
+    helpers: &[(&Helper, Index<Node>)],
+    face: Option<Index<Node>>,
+) {
+    let frames = clip.rotations.len();
+    let mut tracks = Tracks::new(builder, clip);
+    for (joint, &node) in joints.iter().enumerate() {
+        let values = builder.vectors(&track(clip, joint));
+        tracks.add(node, Property::Rotation, values);
+    }
+    for &(helper, node) in helpers {
+        let turns = clip.rotations.iter().map(|frame| helper.local_turn(frame[helper.of]));
+        let values = builder.vectors(&continuous(turns));
+        tracks.add(node, Property::Rotation, values);
+    }
+    let places: Vec<_> = (0..frames).map(|f| clip.root_position(f)).collect();
+    let places = builder.vectors(&places);
+    tracks.add(joints[0], Property::Translation, places);
+    if let (Some(face), false) = (face, clip.face.names.is_empty()) {
+        let weights = builder.scalars(clip.face_values.iter().copied());
+        tracks.add(face, Property::MorphTargetWeights, weights);
+    }
+    builder.root.push(tracks.animation);
+}

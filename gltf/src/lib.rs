@@ -1,0 +1,23 @@
+//! umo's animations as binary glTF 2.0.
+//!
+//! [`glb::write`] writes the skeleton's animation, with a figure and its face or with the bones alone;
+//! [`vrma::write`] writes it for VRM avatars.
+//!
+//! | module | part |
+//! |---|---|
+//! | [`glb`] | `.glb`: skeleton, skin, meshes, face shapes and their animation |
+//! | [`vrma`] | `.vrma`: the animation alone, VRM Animation 1.0 |
+//! | [`vrm`] | names of VRM's bones and expressions |
+//! | `builder` | the binary buffer and what refers into it |
+//! | `tracks` | rotations, places and weights over time |
+//! | `shapes` | how each face channel moves the head |
+#![forbid(unsafe_code)]
+
+mod builder;
+pub mod glb;
+mod shapes;
+#[cfg(test)]
+mod tests;
+mod tracks;
+pub mod vrm;
+pub mod vrma;

@@ -1,0 +1,67 @@
+//! Rotations, places and weights over time: the one animation of a file.
+
+use gltf_json as json;
+use json::animation::{Animation, Channel, Interpolation, Property, Sampler, Target};
+use json::validation::Checked::Valid;
+use json::{Accessor, Index, Node};
+use umo_core::motion::clip::Clip;
+
+use crate::builder::{self, Builder};
+
+/// An animation in the making: what moves, at the clip's frames.
+pub(crate) struct Tracks {
+    times: Index<Accessor>,
+    pub(crate) animation: Animation,
+}
+
+impl Tracks {
+    pub(crate) fn new(builder: &mut Builder, clip: &Clip) -> Self {
+        let times: Vec<f32> = (0..clip.rotations.len()).map(|f| f as f32 / clip.frame_rate).collect();
+        let times = builder.times(&times);
+        let animation = Animation {
+            channels: Vec::new(),
+            samplers: Vec::new(),
+            name: Some("speech".to_owned()),
+            extensions: None,
+            extras: None,
+        };
+        Self { times, animation }
+    }
+
+    /// `output` has a value for every frame.
+    pub(crate) fn add(&mut self, node: Index<Node>, property: Property, output: Index<Accessor>) {
+        let sampler = builder::index(self.animation.samplers.len());
+        self.animation.samplers.push(Sampler {
+            input: self.times,
+            output,
+            interpolation: Valid(Interpolation::Linear),
+            extensions: None,
+            extras: None,
+        });
+        self.animation.channels.push(Channel {
+            sampler,
+            target: Target { node, path: Valid(property), extensions: None, extras: None },
+            extensions: None,
+            extras: None,
+        });
+    }
+}
+
+/// A joint's rotations over time.
+pub(crate) fn track(clip: &Clip, joint: usize) -> Vec<[f32; 4]> {
+    continuous(clip.rotations.iter().map(|frame| frame[joint]))
+}
+
+/// Rotations, each of exact length and on the same side as the one before: not every program takes
+/// the shorter way between two quaternions.
+pub(crate) fn continuous(rotations: impl Iterator<Item = [f32; 4]>) -> Vec<[f32; 4]> {
+    let mut before = [0.0, 0.0, 0.0, 1.0];
+    let rotations = rotations.map(|q| {
+        let length = q.iter().map(|x| x * x).sum::<f32>().sqrt();
+        let dot: f32 = q.iter().zip(before).map(|(a, b)| a * b).sum();
+        let sign = if dot < 0.0 { -1.0 } else { 1.0 };
+        before = q.map(|x| x * sign / length);
+        before
+    });
+    rotations.collect()
+}

@@ -1,0 +1,187 @@
+//! Frames as a file: glTF, with or without a figure, and VRM Animation.
+
+use std::ffi::{c_char, c_void};
+
+use umo_core::config::FaceKind;
+
+use crate::ffi::{self, Sized32, guard};
+use crate::frame::UmoFrameLayout;
+use crate::model::{self, UmoModel};
+#[cfg(not(feature = "gltf"))]
+use crate::status::Failure;
+use crate::status::UmoStatus;
+
+#[cfg(feature = "gltf")]
+mod write;
+
+/// Binary glTF 2.0, `.glb`: the skeleton with a figure, or the bones alone.
+pub const UMO_FORMAT_GLB: u32 = 1;
+/// VRM Animation 1.0, `.vrma`, for any VRM avatar.
+pub const UMO_FORMAT_VRMA: u32 = 2;
+
+/// Frames that become a file, and whose they are. `umo_clip_init` fills in what is a model's;
+/// `layout`, `frames` and `frame_count` are the host's. What it points to is read during the call that
+/// is given it.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct UmoClip {
+    /// `sizeof(umo_clip)`.
+    pub struct_size: u32,
+    /// As `umo_model_info.is_arkit`.
+    pub is_arkit: u32,
+    /// Face channels, at most 1,024.
+    pub channel_count: u32,
+    /// Frames in `frames`.
+    pub frame_count: u32,
+    /// Frames a second.
+    pub rate: f32,
+    /// Zero.
+    pub reserved: u32,
+    /// Names of the face channels, UTF-8, as of `umo_model_get_channel_name`. `[channel_count]`
+    pub channels: *const *const c_char,
+    /// `int32_t[UMO_JOINT_COUNT]`: each joint's parent, as of `umo_model_get_skeleton`.
+    pub parents: *const i32,
+    /// `float[UMO_JOINT_COUNT][3]`: where each joint is in its parent's frame at rest, metres in
+    /// `UMO_AXES_GLTF`, whatever the axes of the frames are.
+    pub offsets: *const f32,
+    /// How the frames lie, and in which axes. It must have translation, rotations and channels.
+    pub layout: *const UmoFrameLayout,
+    /// The first frame; it is at second 0 of the file.
+    pub frames: *const c_void,
+    /// Who wears the motion in `UMO_FORMAT_GLB`: one of `umo_figure_name`. NULL: nobody, the file has
+    /// the bones alone, and no face.
+    pub figure: *const c_char,
+}
+
+// SAFETY: `repr(C)`, starts with its size, numbers and pointers that may be NULL.
+unsafe impl Sized32 for UmoClip {
+    const FIRST: usize = 24 + 6 * size_of::<*const c_void>();
+}
+
+/// Where a file's bytes go.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct UmoOutput {
+    /// Given to `write`.
+    pub userdata: *mut c_void,
+    /// Takes the file's next bytes, at least one, which are good until it returns: 0 where it took
+    /// them, any other number to stop. Called by the thread that called `umo_clip_write`.
+    pub write: Option<unsafe extern "C" fn(userdata: *mut c_void, bytes: *const c_void, size: usize) -> i32>,
+}
+
+/// The figures' names with their ends.
+#[cfg(feature = "gltf")]
+static FIGURES: [model::inspect::Name; umo_figure::Figure::ALL.len()] = {
+    let mut names = [""; umo_figure::Figure::ALL.len()];
+    let mut i = 0;
+    while i < names.len() {
+        names[i] = umo_figure::Figure::ALL[i].name();
+        i += 1;
+    }
+    model::inspect::names(names)
+};
+
+/// The name of a figure, as `alex`: static, NULL where there are no more. The first is the default.
+/// NULL in a library that was built without the writer of glTF.
+///
+/// Threads: any. Never allocates, never waits.
+#[unsafe(no_mangle)]
+pub extern "C" fn umo_figure_name(index: u32) -> *const c_char {
+    #[cfg(feature = "gltf")]
+    let name = FIGURES.get(index as usize).map(|name| name.as_ptr().cast());
+    #[cfg(not(feature = "gltf"))]
+    let name = None.filter(|_: &*const c_char| index == 0);
+    name.unwrap_or(std::ptr::null())
+}
+
+/// Fills a clip with what is a model's: skeleton, face channels, frame rate, and with the default
+/// figure. What it points to is good until the model is freed. `size` is `sizeof *clip`.
+///
+/// Threads: any. Never allocates, never waits.
+/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (not aligned).
+///
+/// # Safety
+/// `clip` is NULL or has `size` writable bytes.
+#[unsafe(no_mangle)]
+#[must_use]
+pub unsafe extern "C" fn umo_clip_init(clip: *mut UmoClip, size: usize, model: *const UmoModel) -> UmoStatus {
+    guard(|| {
+        let model = model::get(model)?;
+        let config = model.model.config();
+        let count = |value: usize| u32::try_from(value).unwrap_or(u32::MAX);
+        let filled = UmoClip {
+            struct_size: 0,
+            is_arkit: u32::from(config.face.kind == FaceKind::Arkit),
+            channel_count: count(config.face.names.len()),
+            frame_count: 0,
+            rate: config.frame_rate as f32,
+            reserved: 0,
+            channels: model.channel_texts.0.as_ptr(),
+            parents: config.skeleton.parents.as_ptr(),
+            offsets: config.skeleton.offsets_m.as_ptr().cast(),
+            layout: std::ptr::null(),
+            frames: std::ptr::null(),
+            figure: umo_figure_name(0),
+        };
+        // SAFETY: guaranteed by the caller (see # Safety).
+        unsafe { ffi::initialise(clip, size, "clip", &filled) }
+    })
+}
+
+/// Writes frames as a file of `format`, one of `UMO_FORMAT_…`, piece by piece: the same bytes as
+/// `umo animate` writes. `umo_clip_write_file` writes one on disk.
+///
+/// Threads: any but the audio thread. Allocates up to six times the frames' size and 16 MB; a figure
+/// takes some 0.7 s of a core, half of it on a second thread where the system starts one.
+/// Errors: `NULL_POINTER`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (`umo_last_error` says what of the clip
+/// is wrong), `IO` (`output` stopped it), `OUT_OF_MEMORY`, `UNSUPPORTED` (the library was built
+/// without the writer of glTF).
+///
+/// # Safety
+/// `clip` is NULL or as long as its `struct_size` says, and what it points to is as described; `output`
+/// is NULL or readable, with a `write` that is NULL or as described.
+#[unsafe(no_mangle)]
+#[must_use]
+pub unsafe extern "C" fn umo_clip_write(clip: *const UmoClip, format: u32, output: *const UmoOutput) -> UmoStatus {
+    // SAFETY: guaranteed by the caller (see # Safety).
+    guard(|| unsafe { to_output(clip, format, output) })
+}
+
+/// The same into a file, which appears whole or not at all: on an error, one of that name stays as it
+/// was. `path` is UTF-8, on every system.
+///
+/// Threads: any but the audio thread. Allocates, writes the file, and waits until it is on the disk.
+/// Errors: as `umo_clip_write`; `IO` (`umo_last_error` has the path and what the system says),
+/// `UNSUPPORTED` also where the library was built without files.
+///
+/// # Safety
+/// As `umo_clip_write`; `path` is NULL or ends with a zero byte.
+#[unsafe(no_mangle)]
+#[must_use]
+pub unsafe extern "C" fn umo_clip_write_file(clip: *const UmoClip, format: u32, path: *const c_char) -> UmoStatus {
+    guard(|| {
+        // SAFETY: guaranteed by the caller (see # Safety).
+        let path = unsafe { ffi::string(path, "path")? };
+        // SAFETY: guaranteed by the caller (see # Safety).
+        unsafe { to_file(clip, format, path) }
+    })
+}
+
+#[cfg(feature = "gltf")]
+use write::{to_file, to_output};
+
+#[cfg(not(feature = "gltf"))]
+unsafe fn to_output(_: *const UmoClip, _: u32, _: *const UmoOutput) -> Result<(), Failure> {
+    Err(no_gltf())
+}
+
+#[cfg(not(feature = "gltf"))]
+unsafe fn to_file(_: *const UmoClip, _: u32, _: &str) -> Result<(), Failure> {
+    Err(no_gltf())
+}
+
+#[cfg(not(feature = "gltf"))]
+fn no_gltf() -> Failure {
+    let what = "this library was built without the writer of glTF: build umo-capi with its feature `gltf`";
+    Failure::new(crate::status::UMO_STATUS_UNSUPPORTED, what)
+}

@@ -1,0 +1,179 @@
+//! A clip of the host's as the writers take it, and its bytes on their way out.
+
+use std::ffi::c_void;
+use std::io::{self, Write};
+
+use umo_core::config::{Face, FaceKind, Skeleton};
+use umo_core::memory;
+use umo_core::motion::clip::Clip;
+use umo_core::motion::skeleton::JOINTS;
+use umo_figure::Figure;
+use umo_gltf::{glb, vrma};
+
+use super::{UMO_FORMAT_GLB, UMO_FORMAT_VRMA, UmoClip, UmoOutput};
+use crate::ffi;
+use crate::frame::Given;
+use crate::status::{Failure, UMO_STATUS_IO};
+
+/// Most face channels.
+const MAX_CHANNELS: usize = 1024;
+/// Bytes that a figure takes while it is made and written: 13 MB were measured.
+const FIGURE: usize = 16 << 20;
+
+/// What a file is made of.
+struct Content {
+    clip: Clip,
+    format: Format,
+}
+
+enum Format {
+    Glb(Option<Figure>),
+    Vrma,
+}
+
+/// # Safety
+/// As `umo_clip_write`.
+pub(super) unsafe fn to_output(clip: *const UmoClip, format: u32, output: *const UmoOutput) -> Result<(), Failure> {
+    // SAFETY: guaranteed by the caller (see # Safety).
+    let output = unsafe { crate::read_if_given(output, "output")? }.ok_or_else(|| Failure::null("output"))?;
+    let write = output.write.ok_or_else(|| Failure::null("output.write"))?;
+    // SAFETY: guaranteed by the caller (see # Safety).
+    let content = unsafe { Content::read(clip, format)? };
+    let mut host = Host { userdata: output.userdata, write, answer: 0 };
+    content.write(&mut host).map_err(|cause| match host.answer {
+        0 => Failure::argument(format_args!("`clip`: {cause}")),
+        answer => {
+            Failure::new(UMO_STATUS_IO, format_args!("`output.write` returned {answer}: nothing more was written"))
+        }
+    })
+}
+
+/// # Safety
+/// As `umo_clip_write_file`.
+#[cfg(feature = "files")]
+pub(super) unsafe fn to_file(clip: *const UmoClip, format: u32, path: &str) -> Result<(), Failure> {
+    let unwritten = |cause| Failure::new(UMO_STATUS_IO, format_args!("cannot write {path}: {cause}"));
+    // SAFETY: guaranteed by the caller (see # Safety).
+    let content = unsafe { Content::read(clip, format)? };
+    let file = umo_core::file::AtomicFile::create(path.as_ref()).map_err(unwritten)?;
+    file.commit(|out| content.write(out)).map_err(|cause| match cause.kind() {
+        io::ErrorKind::InvalidInput => Failure::argument(format_args!("`clip`: {cause}")),
+        _ => unwritten(cause),
+    })
+}
+
+/// # Safety
+/// As `umo_clip_write_file`.
+#[cfg(not(feature = "files"))]
+pub(super) unsafe fn to_file(_: *const UmoClip, _: u32, path: &str) -> Result<(), Failure> {
+    Err(Failure::no_files(path, "umo_clip_write"))
+}
+
+impl Content {
+    /// # Safety
+    /// `clip` is NULL or as long as its `struct_size` says, and what it points to is as described.
+    unsafe fn read(clip: *const UmoClip, format: u32) -> Result<Self, Failure> {
+        // SAFETY: guaranteed by the caller (see # Safety).
+        let given = unsafe { ffi::read(clip, "clip")? };
+        let format = match format {
+            // SAFETY: guaranteed by the caller (see # Safety).
+            UMO_FORMAT_GLB => Format::Glb(unsafe { figure(&given)? }),
+            UMO_FORMAT_VRMA => Format::Vrma,
+            _ => return Err(Failure::argument(format_args!("format {format} is none of UMO_FORMAT_…"))),
+        };
+        // SAFETY: guaranteed by the caller (see # Safety).
+        let clip = unsafe { read(&given)? };
+        clip.check().map_err(|what| Failure::argument(format_args!("`clip`: {what}")))?;
+        Ok(Self { clip, format })
+    }
+
+    fn write(&self, out: impl Write) -> io::Result<()> {
+        match self.format {
+            Format::Glb(figure) => glb::write(&self.clip, figure, out),
+            Format::Vrma => vrma::write(&self.clip, out),
+        }
+    }
+}
+
+/// # Safety
+/// The clip's `figure` is NULL or ends with a zero byte.
+unsafe fn figure(given: &UmoClip) -> Result<Option<Figure>, Failure> {
+    if given.figure.is_null() {
+        return Ok(None);
+    }
+    // SAFETY: guaranteed by the caller (see # Safety).
+    let name = unsafe { ffi::string(given.figure, "clip.figure")? };
+    name.parse().map(Some).map_err(Failure::argument)
+}
+
+/// # Safety
+/// What the clip points to is as described.
+unsafe fn read(given: &UmoClip) -> Result<Clip, Failure> {
+    let kind = match given.is_arkit {
+        0 => FaceKind::SmplxExpression,
+        1 => FaceKind::Arkit,
+        other => return Err(Failure::argument(format_args!("`clip.is_arkit` is {other}: expected 0 or 1"))),
+    };
+    if given.reserved != 0 {
+        return Err(Failure::argument("`clip.reserved` is not 0"));
+    }
+    let (frames, channels) = (given.frame_count as usize, given.channel_count as usize);
+    if frames == 0 || channels > MAX_CHANNELS {
+        let what = format_args!(
+            "`clip` has {frames} frames and {channels} channels: expected a frame, and at most {MAX_CHANNELS} channels"
+        );
+        return Err(Failure::argument(what));
+    }
+    // SAFETY: guaranteed by the caller (see # Safety).
+    let names = unsafe { ffi::slice(given.channels, channels, "clip.channels")? };
+    // SAFETY: guaranteed by the caller (see # Safety), for each of them.
+    let name = |&name| unsafe { ffi::string(name, "clip.channels") }.map(str::to_owned);
+    let names = names.iter().map(name).collect::<Result<Vec<_>, _>>()?;
+    // SAFETY: guaranteed by the caller (see # Safety).
+    let parents = unsafe { ffi::slice(given.parents, JOINTS, "clip.parents")? };
+    // SAFETY: guaranteed by the caller (see # Safety).
+    let offsets = unsafe { ffi::slice(given.offsets, 3 * JOINTS, "clip.offsets")? };
+    // SAFETY: guaranteed by the caller (see # Safety).
+    let values = unsafe { Given::read(given.layout, given.frames, frames, channels)? };
+    // The frames, the file's bytes, and those again while their buffer grows.
+    let frame = size_of::<f32>() * (4 * (2 * JOINTS) + 3 + channels);
+    memory::check(frames.saturating_mul(3 * frame).saturating_add(FIGURE))?;
+
+    let mut clip = Clip {
+        frame_rate: given.rate,
+        skeleton: Skeleton { parents: parents.to_vec(), offsets_m: offsets.as_chunks().0.to_vec() },
+        face: Face { kind, names },
+        rotations: Vec::with_capacity(frames),
+        translation: Vec::with_capacity(frames),
+        face_values: Vec::with_capacity(frames * channels),
+    };
+    for number in 0..frames {
+        let pose = values.frame(number, &mut clip.face_values);
+        clip.rotations.push(pose.rotations);
+        clip.translation.push(pose.translation);
+    }
+    Ok(clip)
+}
+
+/// The host's `umo_output`.
+struct Host {
+    userdata: *mut c_void,
+    write: unsafe extern "C" fn(userdata: *mut c_void, bytes: *const c_void, size: usize) -> i32,
+    /// What it returned last.
+    answer: i32,
+}
+
+impl Write for Host {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        if bytes.is_empty() {
+            return Ok(0);
+        }
+        // SAFETY: the host's own function, called as its description says.
+        self.answer = unsafe { (self.write)(self.userdata, bytes.as_ptr().cast(), bytes.len()) };
+        if self.answer == 0 { Ok(bytes.len()) } else { Err(io::Error::other("stopped")) }
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
