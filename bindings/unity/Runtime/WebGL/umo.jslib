@@ -44,6 +44,8 @@ var UmoLibrary = {
       umo_session_save: "v b1*2 v o4", umo_session_restore: "v i1*2 v", umo_session_packet_size: "v o4",
       umo_session_pull_packets: "v b1*2 v b4*4 v o4", umo_decoder_new: "v S o4", umo_decoder_push_packet: "v i1*2 v",
       umo_decoder_stats: "v R",
+      // Of a module without the writer of glTF, which says so.
+      umo_figure_name: "v>T", umo_clip_init: "Z v v", umo_clip_write: "S v S", umo_clip_write_file: "S v s",
     },
 
     // Pointers in structures, by the function's argument: 0 where they have to be zero here, "s" for texts, a function of the structure
@@ -152,7 +154,7 @@ var UmoLibrary = {
       if (name === "umo_last_error" && umoModule.error !== "") return umoModule.lastError(umoModule.ascii(umoModule.error));
       if (umoModule.state !== 2) return gives ? 0 : umoModule.fail(-16, "umo.wasm is not loaded: WebLibrary.Load, then wait for WebLibrary.IsReady");
       if (umoModule.trapped) return gives ? 0 : -15;
-      if (!umoModule.exports[name]) return gives ? 0 : umoModule.fail(-16, name + " is not in umo.wasm: a page has no files");
+      if (!umoModule.exports[name]) return gives ? 0 : umoModule.fail(-16, name + " is not in umo.wasm");
       if (name !== "umo_last_error") umoModule.error = "";
       var values = umoModule.values(kinds, given), inside = umoModule.pointers[name] || {};
       try {
@@ -314,6 +316,10 @@ var UmoLibrary = {
   umo_decoder_new: function (a, b, c) { return umoModule.call("umo_decoder_new", arguments); },
   umo_decoder_push_packet: function (a, b, c) { return umoModule.call("umo_decoder_push_packet", arguments); },
   umo_decoder_stats: function (a, b) { return umoModule.call("umo_decoder_stats", arguments); },
+  umo_figure_name: function (a) { return umoModule.call("umo_figure_name", arguments); },
+  umo_clip_init: function (a, b, c) { return umoModule.call("umo_clip_init", arguments); },
+  umo_clip_write: function (a, b, c) { return umoModule.call("umo_clip_write", arguments); },
+  umo_clip_write_file: function (a, b, c) { return umoModule.call("umo_clip_write_file", arguments); },
 };
 
 autoAddDeps(UmoLibrary, "$umoModule");
