@@ -48,6 +48,25 @@ impl AtomicFile {
     }
 }
 
+/// A file for the program alone, beside another; gone when dropped.
+#[derive(Debug)]
+pub(crate) struct Temporary(Part);
+
+impl Temporary {
+    /// An empty one in the folder of `path`.
+    pub(crate) fn beside(path: &Path) -> io::Result<Self> {
+        Part::create(path).map(Self)
+    }
+
+    pub(crate) fn path(&self) -> &Path {
+        &self.0.path
+    }
+
+    pub(crate) fn file(&self) -> &File {
+        &self.0.file
+    }
+}
+
 /// [`AtomicFile::create`] with the program's message.
 pub(crate) fn create(path: &Path) -> Result<AtomicFile, Failure> {
     AtomicFile::create(path).map_err(|cause| Failure::input(format!("cannot write `{}`: {cause}", path.display())))

@@ -1,20 +1,25 @@
 //! `umo quantize`: the same model with smaller weights, one tensor at a time.
 
+mod calibrate;
+mod compensate;
 mod equalize;
 mod rotate;
 
 use std::cell::RefCell;
 use std::collections::HashMap;
-use std::io;
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
+use std::path::Path;
 
 use clap::ValueEnum;
 use glob::Pattern;
+use umo_core::calibration::Calibration;
 use umo_core::weights::layout::{self, Kind, Spec};
 use umo_core::weights::writer::{self, NewTensor, Storage, Values};
 use umo_core::{LoadError, ModelFile};
 
 use crate::args::{Quantize, StorageArg, WeightsArg};
-use crate::atomic_file;
+use crate::atomic_file::{self, Temporary};
 use crate::failure::Failure;
 
 /// Products that lose more by int8 than they gain; `docs/quantization.md` has the measurements.
@@ -50,8 +55,27 @@ pub(crate) fn run(args: &Quantize) -> Result<(), Failure> {
 
     let failed = RefCell::new(None);
     let quantized = |name: &str| plans.iter().any(|plan| plan.name == name && plan.storage.is_quantized());
-    let tensors: Vec<NewTensor> =
-        plans.iter().map(|plan| tensor(&file, plan, args.rotate, &quantized, &failed)).collect::<Result<_, _>>()?;
+    let floats = |storage: fn(Storage) -> Storage| {
+        let tensor = |plan| tensor(&file, plan, storage, args.rotate, &quantized, &failed);
+        plans.iter().map(tensor).collect::<Result<Vec<NewTensor>, _>>()
+    };
+    let write = |out: &mut BufWriter<&File>, tensors: &[NewTensor]| {
+        writer::write(out, file.config(), tensors)
+            .map_err(|cause| failed.take().map_or(Failure::environment(cause), |error| named(args, error)))
+    };
+    let exact;
+    let calibration;
+    let tensors = if args.calibrate.is_empty() {
+        floats(|storage| storage)?
+    } else {
+        // The products read other inputs once their channels are evened out or rotated: the float model is
+        // written as that makes it, and read again.
+        let tensors = floats(|storage| if storage.is_quantized() { Storage::F32 } else { storage })?;
+        exact = Float::new(&args.output, |out| write(out, &tensors))?;
+        let wanted = plans.iter().filter(|plan| plan.storage.is_quantized()).map(|plan| plan.name.clone());
+        calibration = calibrate::run(&exact.file, wanted.collect(), &args.calibrate)?;
+        plans.iter().map(|plan| calibrated(&exact.file, plan, &calibration, &failed)).collect::<Result<_, _>>()?
+    };
     atomic_file::commit(output, |out| writer::write(out, file.config(), &tensors))
         .map_err(|failure| failed.take().map_or(failure, |error: LoadError| named(args, error)))?;
 
@@ -73,6 +97,27 @@ pub(crate) fn run(args: &Quantize) -> Result<(), Failure> {
 
 fn named(args: &Quantize, error: LoadError) -> Failure {
     Failure::input(format!("{}: {error}", args.input.display()))
+}
+
+/// The float model beside the output, gone when dropped.
+struct Float {
+    file: ModelFile,
+    /// Dropped after the file, which may be mapped.
+    _temporary: Temporary,
+}
+
+impl Float {
+    fn new(
+        output: &Path,
+        write: impl FnOnce(&mut BufWriter<&File>) -> Result<(), Failure>,
+    ) -> Result<Self, Failure> {
+        let temporary = Temporary::beside(output).map_err(Failure::environment)?;
+        let mut out = BufWriter::with_capacity(1 << 18, temporary.file());
+        write(&mut out)?;
+        out.flush().map_err(Failure::environment)?;
+        drop(out);
+        Ok(Self { file: ModelFile::open(temporary.path())?, _temporary: temporary })
+    }
 }
 
 /// One tensor of the new file.
@@ -192,6 +237,7 @@ fn plan(file: &ModelFile, rules: &Rules) -> Result<Vec<Plan>, Failure> {
 fn tensor<'a>(
     file: &'a ModelFile,
     plan: &'a Plan,
+    storage: fn(Storage) -> Storage,
     rotated: bool,
     quantized: &'a dyn Fn(&str) -> bool,
     failed: &'a RefCell<Option<LoadError>>,
@@ -211,6 +257,30 @@ fn tensor<'a>(
                 io::Error::other(message)
             })
         })),
+    };
+    Ok(NewTensor { name: plan.name.clone(), shape: plan.shape.clone(), storage: storage(plan.storage), values })
+}
+
+/// The tensor of the float model `exact`, rounded as `calibration` says where it is quantized.
+fn calibrated<'a>(
+    exact: &'a ModelFile,
+    plan: &'a Plan,
+    calibration: &'a Calibration,
+    failed: &'a RefCell<Option<LoadError>>,
+) -> Result<NewTensor<'a>, Failure> {
+    let floats = move || {
+        read(exact, &plan.name, &plan.shape, false).map_err(|error| {
+            let message = error.to_string();
+            failed.replace(Some(error));
+            io::Error::other(message)
+        })
+    };
+    let values = match plan.storage {
+        Storage::Bytes => Values::Bytes(exact.raw(&plan.name)?),
+        storage if storage.is_quantized() => Values::Codes(Box::new(move || {
+            calibrate::codes(calibration, (&plan.name, &plan.shape), &floats()?, storage)
+        })),
+        _ => Values::Floats(Box::new(floats)),
     };
     Ok(NewTensor { name: plan.name.clone(), shape: plan.shape.clone(), storage: plan.storage, values })
 }
