@@ -107,10 +107,7 @@ struct Float {
 }
 
 impl Float {
-    fn new(
-        output: &Path,
-        write: impl FnOnce(&mut BufWriter<&File>) -> Result<(), Failure>,
-    ) -> Result<Self, Failure> {
+    fn new(output: &Path, write: impl FnOnce(&mut BufWriter<&File>) -> Result<(), Failure>) -> Result<Self, Failure> {
         let temporary = Temporary::beside(output).map_err(Failure::environment)?;
         let mut out = BufWriter::with_capacity(1 << 18, temporary.file());
         write(&mut out)?;

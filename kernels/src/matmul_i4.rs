@@ -4,7 +4,15 @@
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
+#[cfg(target_arch = "aarch64")]
+mod neon;
+#[cfg(target_arch = "aarch64")]
+mod neon_dotprod;
 mod scalar;
+#[cfg(target_arch = "wasm32")]
+mod simd128;
+#[cfg(any(target_arch = "aarch64", target_arch = "wasm32"))]
+mod tiles;
 
 use crate::error::{ShapeError, expect_len};
 use crate::gemm::{Epilogue, check_product};
@@ -25,15 +33,16 @@ pub fn tiling(isa: Isa) -> Tiling {
         Avx512Vnni: avx2,
         Avx512Bf16: avx2,
         Amx: avx2,
-        Neon: scalar,
-        NeonDotprod: scalar,
-        NeonI8mm: scalar,
-        Simd128: scalar,
+        Neon: neon,
+        NeonDotprod: neon_dotprod,
+        NeonI8mm: neon_dotprod,
+        Simd128: simd128,
     })
 }
 
 /// Whether products, of few rows or of any number, are faster with int4 weights than with the same
 /// weights in int8.
+#[cfg_attr(target_arch = "wasm32", expect(unused_variables, reason = "both are faster there"))]
 pub const fn is_fast(isa: Isa, few_rows: bool) -> bool {
     match isa.backend() {
         // The sums of nibbles are the fastest products that AVX2 has; other back-ends multiply int8 by
@@ -46,10 +55,13 @@ pub const fn is_fast(isa: Isa, few_rows: bool) -> bool {
         Backend::Amx(_) => few_rows,
         // As everything on the reference.
         Backend::Scalar => true,
+        // Words of nibble products take fewer instructions than int8 as well.
         #[cfg(target_arch = "aarch64")]
-        Backend::Neon(_) | Backend::NeonDotprod(_) | Backend::NeonI8mm(_) => false,
+        Backend::Neon(_) => true,
+        #[cfg(target_arch = "aarch64")]
+        Backend::NeonDotprod(_) | Backend::NeonI8mm(_) => few_rows,
         #[cfg(target_arch = "wasm32")]
-        Backend::Simd128(_) => false,
+        Backend::Simd128(_) => true,
     }
 }
 
@@ -82,10 +94,10 @@ pub fn matmul_i4(
         Avx512Vnni: avx2,
         Avx512Bf16: avx2,
         Amx: avx2,
-        Neon: scalar,
-        NeonDotprod: scalar,
-        NeonI8mm: scalar,
-        Simd128: scalar,
+        Neon: neon,
+        NeonDotprod: neon_dotprod,
+        NeonI8mm: neon_dotprod,
+        Simd128: simd128,
     });
     Ok(())
 }
@@ -115,10 +127,10 @@ pub fn matmul_gated_i4(
         Avx512Vnni: avx2,
         Avx512Bf16: avx2,
         Amx: avx2,
-        Neon: scalar,
-        NeonDotprod: scalar,
-        NeonI8mm: scalar,
-        Simd128: scalar,
+        Neon: neon,
+        NeonDotprod: neon_dotprod,
+        NeonI8mm: neon_dotprod,
+        Simd128: simd128,
     });
     Ok(())
 }

@@ -178,8 +178,7 @@ mod tests {
         };
         let (mut plain, mut compensated) = (0.0, 0.0);
         for (row, steps) in golden.weights.iter().zip(&golden.steps) {
-            let mut values: Vec<f64> =
-                row.iter().zip(steps).map(|(&v, &step)| step * code(v.into(), step)).collect();
+            let mut values: Vec<f64> = row.iter().zip(steps).map(|(&v, &step)| step * code(v.into(), step)).collect();
             plain += error(row, &values);
             compensation.round(row, |i, value| {
                 values[i] = steps[i] * code(value, steps[i]);
