@@ -51,6 +51,9 @@ pub(crate) fn run(args: &Quantize) -> Result<(), Failure> {
     if args.rotate {
         rotate::check(file.config())?;
     }
+    if !args.calibrate.is_empty() && !plans.iter().any(|plan| plan.storage.is_quantized()) {
+        return Err(Failure::input("--calibrate: no tensor becomes int8 or int4, and no other is rounded by it"));
+    }
     let output = atomic_file::create(&args.output)?;
 
     let failed = RefCell::new(None);

@@ -14,6 +14,8 @@ use crate::memory::filled;
 
 /// Rows that are multiplied together.
 const ROWS: usize = 128;
+/// Rows after which every second is enough, then every fourth after twice as many, and so on.
+const ALL: usize = 8192;
 
 /// The Gram matrices of a model's products. A model that is loaded with one adds the rows of inputs of every
 /// product it computes, on any number of threads.
@@ -71,7 +73,7 @@ struct State {
 }
 
 impl Gram {
-    /// Rows that were added.
+    /// Rows that the product has read.
     pub fn rows(&self) -> usize {
         locked(&self.state).rows
     }
@@ -90,16 +92,22 @@ impl Gram {
     /// Adds the rows of `x` that `index` names, or all.
     pub(crate) fn add(&self, x: Mat<f32>, index: Option<&[u32]>) -> Result<(), StepError> {
         let mut state = locked(&self.state);
-        let count = index.map_or(x.rows(), <[u32]>::len);
-        state.rows += count;
-        for t in 0..count {
+        for t in 0..index.map_or(x.rows(), <[u32]>::len) {
+            // One of so many rows, drawn: rows come in patterns. It counts for all of them.
+            let each = (state.rows / ALL).next_power_of_two();
+            state.rows += 1;
+            if !drawn(state.rows, each) {
+                continue;
+            }
+            #[expect(clippy::cast_precision_loss, reason = "a small number")]
+            let weight = (each as f32).sqrt();
             if state.pending.is_empty() {
                 state.pending = filled(0.0, self.inputs * ROWS);
             }
             let at = state.filled;
             let row = x.row(index.map_or(t, |index| index[t] as usize));
             for (to, &v) in state.pending[at..].iter_mut().step_by(ROWS).zip(row) {
-                *to = v;
+                *to = weight * v;
             }
             state.filled += 1;
             if state.filled == ROWS {
@@ -132,6 +140,11 @@ impl Gram {
     }
 }
 
+/// Whether row `row` is the one of `each` (a power of two) that is taken: by a multiplicative hash.
+fn drawn(row: usize, each: usize) -> bool {
+    (row as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 32 & (each as u64 - 1) == 0
+}
+
 /// Nothing panics with a lock held.
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
@@ -140,6 +153,20 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Of many rows some count for all.
+    #[test]
+    fn of_many_rows_some_count_for_all() {
+        let gram =
+            Calibration::new(vec!["a".to_owned()]).product(vec![("a".to_owned(), 0..1)], 1, Isa::SCALAR).unwrap();
+        // Every fourth row is another.
+        let values: Vec<f32> = (0..8 * ALL).map(|i| if i % 4 == 1 { 2.0 } else { 1.0 }).collect();
+        gram.add(Mat::new(&values, 8 * ALL, 1).unwrap(), None).unwrap();
+        let wanted = values.iter().map(|v| f64::from(v * v)).sum::<f64>();
+        let sum = gram.sum().unwrap()[0];
+        assert!((sum / wanted - 1.0).abs() < 0.03, "{sum} {wanted}");
+        assert_eq!(gram.rows(), 8 * ALL);
+    }
 
     /// Rows by index and all of them, more than are multiplied together, against sums in f64.
     #[test]

@@ -93,13 +93,15 @@ pub(super) fn codes(
     Ok(all)
 }
 
-/// Adds the codes of one row: scales as plain rounding chooses them, codes as `compensation` does, if there is one.
+/// Adds the codes of one row: scales as plain rounding chooses them, for int4 by the errors that count, and codes
+/// as `compensation` does, if there is one.
 #[expect(clippy::cast_possible_truncation, reason = "rounded to a code")]
 fn round(row: &[f32], compensation: Option<&Compensation>, storage: Storage, to: &mut Codes) -> io::Result<()> {
     let mut codes = vec![0; row.len()];
     if storage == Storage::Int4 {
         let mut multipliers = vec![0; row.len().div_ceil(GROUP)];
-        let scale = int4::quantize_row(row, &mut codes, &mut multipliers);
+        let importance = compensation.map_or_else(|| vec![1.0; row.len()], Compensation::importance);
+        let scale = int4::quantize_row(row, &importance, &mut codes, &mut multipliers);
         if let Some(compensation) = compensation {
             compensation.round(row, |i, value| {
                 let step = f64::from(scale) * f64::from(multipliers[i / GROUP]);

@@ -50,6 +50,17 @@ impl Compensation {
         Self::new(gram, order, damping)
     }
 
+    /// What the square of each input's error costs, by input; their mean is 1.
+    #[expect(clippy::cast_possible_truncation, reason = "a weight among others")]
+    pub(super) fn importance(&self) -> Vec<f32> {
+        let k = self.order.len();
+        let costs: Vec<f64> = (0..k).map(|at| self.factor[at * k + at].powi(-2)).collect();
+        let mean = costs.iter().sum::<f64>() / k as f64;
+        let mut importance = vec![0.0; k];
+        self.order.iter().zip(costs).for_each(|(&input, cost)| importance[input] = (cost / mean) as f32);
+        importance
+    }
+
     /// Rounds one row of weights: `round` is given each input and what its weight has become, and returns the
     /// value that is stored.
     pub(super) fn round(&self, row: &[f32], mut round: impl FnMut(usize, f64) -> f64) {

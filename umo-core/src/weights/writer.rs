@@ -251,9 +251,9 @@ fn write_int4(out: &mut impl Write, values: &[f32], rows: usize) -> io::Result<(
     let quantized = codes.par_chunks_exact_mut(width).zip(multipliers.par_chunks_exact_mut(groups));
     let all = values.par_chunks_exact(width).zip(quantized).zip(&mut scales);
     all.try_for_each_init(
-        || (),
-        |(), ((row, (codes, multipliers)), scale)| {
-            *scale = int4::quantize_row(row, codes, multipliers);
+        || vec![1.0; width],
+        |importance, ((row, (codes, multipliers)), scale)| {
+            *scale = int4::quantize_row(row, importance, codes, multipliers);
             io::Result::Ok(())
         },
     )?;
