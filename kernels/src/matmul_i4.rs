@@ -4,6 +4,10 @@
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
+#[cfg(target_arch = "x86_64")]
+mod avx512vnni;
+#[cfg(target_arch = "x86_64")]
+mod avxvnni;
 #[cfg(target_arch = "aarch64")]
 mod neon;
 #[cfg(target_arch = "aarch64")]
@@ -11,7 +15,7 @@ mod neon_dotprod;
 mod scalar;
 #[cfg(target_arch = "wasm32")]
 mod simd128;
-#[cfg(any(target_arch = "aarch64", target_arch = "wasm32"))]
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64", target_arch = "wasm32"))]
 mod tiles;
 
 use crate::error::{ShapeError, expect_len};
@@ -29,10 +33,10 @@ pub fn tiling(isa: Isa) -> Tiling {
     dispatch!(isa, tiling(), {
         Scalar: scalar,
         Avx2: avx2,
-        AvxVnni: avx2,
-        Avx512Vnni: avx2,
-        Avx512Bf16: avx2,
-        Amx: avx2,
+        AvxVnni: avxvnni,
+        Avx512Vnni: avx512vnni,
+        Avx512Bf16: avx512vnni,
+        Amx: avx512vnni,
         Neon: neon,
         NeonDotprod: neon_dotprod,
         NeonI8mm: neon_dotprod,
@@ -90,10 +94,10 @@ pub fn matmul_i4(
     dispatch!(isa, matmul(x, w, epilogue, y), {
         Scalar: scalar,
         Avx2: avx2,
-        AvxVnni: avx2,
-        Avx512Vnni: avx2,
-        Avx512Bf16: avx2,
-        Amx: avx2,
+        AvxVnni: avxvnni,
+        Avx512Vnni: avx512vnni,
+        Avx512Bf16: avx512vnni,
+        Amx: avx512vnni,
         Neon: neon,
         NeonDotprod: neon_dotprod,
         NeonI8mm: neon_dotprod,
@@ -123,10 +127,10 @@ pub fn matmul_gated_i4(
     dispatch!(isa, matmul_gated(x, gate, up, y), {
         Scalar: scalar,
         Avx2: avx2,
-        AvxVnni: avx2,
-        Avx512Vnni: avx2,
-        Avx512Bf16: avx2,
-        Amx: avx2,
+        AvxVnni: avxvnni,
+        Avx512Vnni: avx512vnni,
+        Avx512Bf16: avx512vnni,
+        Amx: avx512vnni,
         Neon: neon,
         NeonDotprod: neon_dotprod,
         NeonI8mm: neon_dotprod,

@@ -327,7 +327,7 @@ impl<'a> PanelI4<'a> {
     }
 
     /// The multipliers and the blocks of some groups.
-    #[cfg(any(target_arch = "aarch64", target_arch = "wasm32"))]
+    #[cfg(any(target_arch = "x86_64", target_arch = "aarch64", target_arch = "wasm32"))]
     #[inline]
     pub(crate) fn groups(&self, range: Range<usize>) -> (&'a [[u8; PANEL]], &'a [[u8; BLOCK]]) {
         (&self.multipliers[range.clone()], &self.blocks[range.start * GROUP_BLOCKS..range.end * GROUP_BLOCKS])

@@ -7,7 +7,7 @@
 //! `smlal` adds products to words: a nibble has 4 bits, so that a word holds the 8 products of a group
 //! (8 * 15 * 128), and the sum of two words fits in one.
 
-use super::tiles::{self, FEW_ROWS, GROUPS, Inputs, Kernel, ROWS};
+use super::tiles::{self, GROUPS, Inputs, Kernel};
 use crate::gemm::{Epilogue, GemmTask};
 use crate::isa::{Neon, entry};
 use crate::mat::MatMut;
@@ -19,6 +19,10 @@ use crate::tiling::Tiling;
 use core::arch::aarch64::*;
 use umo_kernels_features::neon;
 
+/// Rows of the largest tile.
+pub(super) const ROWS: usize = 4;
+/// Rows of the largest tile that multiplies a whole panel at a time.
+pub(super) const FEW_ROWS: usize = 2;
 /// Prefetch distance in blocks for one row, whose weights are read once, from memory.
 pub(super) const PREFETCH_DISTANCE: usize = 16;
 
@@ -37,10 +41,10 @@ entry! {
 
 /// Where the loops change.
 pub(super) fn tiling(_token: Neon) -> Tiling {
-    tiles::tiling()
+    tiles::tiling(&[1, FEW_ROWS, ROWS])
 }
 
-impl Kernel for Neon {
+impl Kernel<ROWS> for Neon {
     type Start = i32;
 
     fn start(group: &[i8; GROUP]) -> i32 {
@@ -49,7 +53,7 @@ impl Kernel for Neon {
 
     fn multiply(
         self,
-        inputs: &Inputs<i32>,
+        inputs: &Inputs<i32, ROWS>,
         multipliers: &[[u8; PANEL]],
         blocks: &[[u8; BLOCK]],
         sums: &mut [[i32; PANEL]],
@@ -90,7 +94,7 @@ pub(super) fn start(group: &[i8; GROUP]) -> i32 {
 #[inline(never)]
 #[neon]
 fn words<const R: usize, const H: usize>(
-    inputs: &Inputs<i32>,
+    inputs: &Inputs<i32, ROWS>,
     multipliers: &[[u8; PANEL]],
     blocks: &[[u8; BLOCK]],
     sums: &mut [[i32; PANEL]],

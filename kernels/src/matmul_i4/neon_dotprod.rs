@@ -1,8 +1,8 @@
 //! As on NEON, with four products added to the sum of their output at a time (`sdot`): nibbles are signed bytes
 //! too.
 
-use super::neon::{PREFETCH_DISTANCE, add_groups, load_quads, load_sums, nibbles, start, store_sums};
-use super::tiles::{self, FEW_ROWS, GROUPS, Inputs, Kernel, ROWS};
+use super::neon::{FEW_ROWS, PREFETCH_DISTANCE, ROWS, add_groups, load_quads, load_sums, nibbles, start, store_sums};
+use super::tiles::{self, GROUPS, Inputs, Kernel};
 use crate::gemm::{Epilogue, GemmTask};
 use crate::isa::{NeonDotprod, entry};
 use crate::mat::MatMut;
@@ -27,10 +27,10 @@ entry! {
 
 /// Where the loops change.
 pub(super) fn tiling(_token: NeonDotprod) -> Tiling {
-    tiles::tiling()
+    tiles::tiling(&[1, FEW_ROWS, ROWS])
 }
 
-impl Kernel for NeonDotprod {
+impl Kernel<ROWS> for NeonDotprod {
     type Start = i32;
 
     fn start(group: &[i8; GROUP]) -> i32 {
@@ -39,7 +39,7 @@ impl Kernel for NeonDotprod {
 
     fn multiply(
         self,
-        inputs: &Inputs<i32>,
+        inputs: &Inputs<i32, ROWS>,
         multipliers: &[[u8; PANEL]],
         blocks: &[[u8; BLOCK]],
         sums: &mut [[i32; PANEL]],
@@ -76,7 +76,7 @@ impl Kernel for NeonDotprod {
 #[inline(never)]
 #[neon_dotprod]
 fn dots<const R: usize, const H: usize>(
-    inputs: &Inputs<i32>,
+    inputs: &Inputs<i32, ROWS>,
     multipliers: &[[u8; PANEL]],
     blocks: &[[u8; BLOCK]],
     sums: &mut [[i32; PANEL]],

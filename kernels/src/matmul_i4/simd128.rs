@@ -12,7 +12,7 @@
 
 #![expect(clippy::needless_range_loop, reason = "loops of constant length over registers read best by index")]
 
-use super::tiles::{self, FEW_ROWS, GROUPS, Inputs, Kernel, ROWS};
+use super::tiles::{self, GROUPS, Inputs, Kernel};
 use crate::gemm::simd128::{store_gated_tile, store_tile};
 use crate::gemm::{Epilogue, GemmTask};
 use crate::isa::Simd128;
@@ -23,6 +23,10 @@ use crate::pack::{BLOCK, GROUP, GROUP_BLOCKS, NIBBLE_OFFSET, PANEL, PackedI4, QU
 use crate::tiling::Tiling;
 use core::arch::wasm32::*;
 
+/// Rows of the largest tile.
+const ROWS: usize = 4;
+/// Rows of a tile that is bound by memory.
+const FEW_ROWS: usize = 2;
 /// Quarters of a block, of 4 outputs each.
 const QUARTERS: usize = 4;
 /// Outputs of a quarter.
@@ -38,10 +42,10 @@ pub(super) fn matmul_gated(token: Simd128, x: QuantInput, gate: PackedI4, up: Pa
 
 /// Where the loops change.
 pub(super) fn tiling(_token: Simd128) -> Tiling {
-    tiles::tiling()
+    tiles::tiling(&[1, FEW_ROWS, ROWS])
 }
 
-impl Kernel for Simd128 {
+impl Kernel<ROWS> for Simd128 {
     /// Of each input of all quads of a group.
     type Start = [i16; QUAD];
 
@@ -55,7 +59,7 @@ impl Kernel for Simd128 {
 
     fn multiply(
         self,
-        inputs: &Inputs<[i16; QUAD]>,
+        inputs: &Inputs<[i16; QUAD], ROWS>,
         multipliers: &[[u8; PANEL]],
         blocks: &[[u8; BLOCK]],
         sums: &mut [[i32; PANEL]],
@@ -92,7 +96,7 @@ impl Kernel for Simd128 {
 /// registers are its own.
 #[inline(never)]
 fn words<const R: usize, const H: usize>(
-    inputs: &Inputs<[i16; QUAD]>,
+    inputs: &Inputs<[i16; QUAD], ROWS>,
     multipliers: &[[u8; PANEL]],
     blocks: &[[u8; BLOCK]],
     sums: &mut [[i32; PANEL]],

@@ -1,5 +1,5 @@
-//! The order of work of back-ends without a product of unsigned by signed bytes: tiles of up to [`ROWS`]
-//! rows, whose inputs are padded to whole groups, pass by a chunk of panels.
+//! The order of work of all back-ends but AVX2: tiles of up to `ROWS` rows, whose inputs are padded to whole
+//! groups, pass by a chunk of panels. Inlined, so that it has the features of its caller.
 
 use crate::gemm::{GemmTask, tiles};
 use crate::mat::MatMut;
@@ -7,10 +7,6 @@ use crate::matmul_i8::input::QuantInput;
 use crate::pack::{BLOCK, GROUP, PANEL, PackedI4, PanelI4, QUAD};
 use crate::tiling::Tiling;
 
-/// Rows of the largest tile.
-pub(super) const ROWS: usize = 4;
-/// Rows of the largest tile that multiplies a whole panel at a time.
-pub(super) const FEW_ROWS: usize = 2;
 /// Groups whose inputs are held at once: 4 rows are 8 KiB, which stay in L1 beside the weights.
 pub(super) const GROUPS: usize = 64;
 /// Bytes of weights per chunk, which stays in L2 while tiles of rows pass.
@@ -19,13 +15,13 @@ const CHUNK_BYTES: usize = 256 << 10;
 const WIDTH: usize = 2;
 
 /// Inputs of some rows with what their groups' sums start at.
-pub(super) struct Inputs<S> {
+pub(super) struct Inputs<S, const ROWS: usize> {
     pub(super) groups: [[[i8; GROUP]; GROUPS]; ROWS],
     pub(super) start: [[S; GROUPS]; ROWS],
 }
 
 /// The multiplication of one back-end.
-pub(super) trait Kernel: Copy {
+pub(super) trait Kernel<const ROWS: usize>: Copy {
     /// What the sums of a group's nibbles start at: `-NIBBLE_OFFSET` times the sums of its inputs.
     type Start: Copy + Default;
 
@@ -35,7 +31,7 @@ pub(super) trait Kernel: Copy {
     /// Adds the products of the first `sums.len()` rows of `inputs` with up to [`GROUPS`] groups of a panel.
     fn multiply(
         self,
-        inputs: &Inputs<Self::Start>,
+        inputs: &Inputs<Self::Start, ROWS>,
         multipliers: &[[u8; PANEL]],
         blocks: &[[u8; BLOCK]],
         sums: &mut [[i32; PANEL]],
@@ -56,10 +52,10 @@ pub(super) trait Kernel: Copy {
     );
 }
 
-/// Where the loops change.
-pub(super) fn tiling() -> Tiling {
+/// Where the loops change, with the `rows` of a back-end's tiles.
+pub(super) fn tiling(rows: &'static [usize]) -> Tiling {
     Tiling {
-        rows: &[1, FEW_ROWS, ROWS],
+        rows,
         outputs: &[PANEL, WIDTH * PANEL],
         inputs: &[QUAD, 2 * QUAD, GROUP, PANEL * QUAD, GROUPS * GROUP],
         held: 0,
@@ -68,7 +64,13 @@ pub(super) fn tiling() -> Tiling {
 }
 
 /// The product.
-pub(super) fn run<K: Kernel>(kernel: K, x: &QuantInput, task: &GemmTask<PackedI4>, mut y: MatMut<f32>) {
+#[inline(always)]
+pub(super) fn run<K: Kernel<ROWS>, const ROWS: usize>(
+    kernel: K,
+    x: &QuantInput,
+    task: &GemmTask<PackedI4>,
+    mut y: MatMut<f32>,
+) {
     let mut inputs = Inputs { groups: [[[0; GROUP]; GROUPS]; ROWS], start: [[K::Start::default(); GROUPS]; ROWS] };
     let panel = 2 * task.k() * QUAD;
     let width = (CHUNK_BYTES / panel.max(1) / WIDTH).max(1) * WIDTH;
@@ -76,13 +78,13 @@ pub(super) fn run<K: Kernel>(kernel: K, x: &QuantInput, task: &GemmTask<PackedI4
     for first in (0..task.slots()).step_by(width) {
         let slots = first..(first + width).min(task.slots());
         for (t, rows) in tiles(x.rows.rows(), ROWS) {
-            prepare::<K>(x, (t, rows), 0, &mut inputs);
+            prepare::<K, ROWS>(x, (t, rows), 0, &mut inputs);
             for slot in slots.clone().step_by(WIDTH) {
                 let width = WIDTH.min(slots.end - slot);
                 let mut exact = [[[0; PANEL]; ROWS]; WIDTH];
                 for chunk in 0..chunks {
                     if chunks > 1 {
-                        prepare::<K>(x, (t, rows), chunk * GROUPS, &mut inputs);
+                        prepare::<K, ROWS>(x, (t, rows), chunk * GROUPS, &mut inputs);
                     }
                     for (i, exact) in exact[..width].iter_mut().enumerate() {
                         let panel = PanelI4::new(task.panel(slot + i), task.k());
@@ -106,7 +108,13 @@ pub(super) fn run<K: Kernel>(kernel: K, x: &QuantInput, task: &GemmTask<PackedI4
 
 /// Copies the inputs of `rows` rows from `t` on, from group `first` on as many as `inputs` holds, padded with
 /// zeros to a whole group.
-fn prepare<K: Kernel>(x: &QuantInput, (t, rows): (usize, usize), first: usize, inputs: &mut Inputs<K::Start>) {
+#[inline(always)]
+fn prepare<K: Kernel<ROWS>, const ROWS: usize>(
+    x: &QuantInput,
+    (t, rows): (usize, usize),
+    first: usize,
+    inputs: &mut Inputs<K::Start, ROWS>,
+) {
     let columns = first * GROUP..((first + GROUPS) * GROUP).min(x.rows.cols());
     for r in 0..rows {
         let (full, tail) = x.rows.row(t + r)[columns.clone()].as_chunks::<GROUP>();
