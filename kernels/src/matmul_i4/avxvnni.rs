@@ -7,7 +7,7 @@ use crate::gemm::{Epilogue, GemmTask};
 use crate::isa::{AvxVnni, entry};
 use crate::mat::MatMut;
 use crate::matmul_i8::input::QuantInput;
-use crate::pack::{BLOCK, GROUP, GROUP_BLOCKS, NIBBLE_OFFSET, PANEL, PackedI4, QUAD};
+use crate::pack::{BLOCK, GROUP, GROUP_BLOCKS, PANEL, PackedI4, QUAD};
 use crate::prefetch;
 use crate::tiling::Tiling;
 use core::arch::x86_64::*;
@@ -37,16 +37,16 @@ pub(super) fn tiling(_token: AvxVnni) -> Tiling {
 }
 
 impl Kernel<ROWS> for AvxVnni {
-    type Start = i32;
+    type Group = [i8; GROUP];
 
     #[inline(always)]
-    fn start(group: &[i8; GROUP]) -> i32 {
-        -i32::from(NIBBLE_OFFSET) * group.iter().map(|&x| i32::from(x)).sum::<i32>()
+    fn group(inputs: &[i8; GROUP]) -> [i8; GROUP] {
+        *inputs
     }
 
     fn multiply(
         self,
-        inputs: &Inputs<i32, ROWS>,
+        inputs: &Inputs<[i8; GROUP], ROWS>,
         multipliers: &[[u8; PANEL]],
         blocks: &[[u8; BLOCK]],
         sums: &mut [[i32; PANEL]],
@@ -83,7 +83,7 @@ impl Kernel<ROWS> for AvxVnni {
 #[inline(never)]
 #[avxvnni]
 fn panel<const R: usize>(
-    inputs: &Inputs<i32, ROWS>,
+    inputs: &Inputs<[i8; GROUP], ROWS>,
     multipliers: &[[u8; PANEL]],
     blocks: &[[u8; BLOCK]],
     sums: &mut [[i32; PANEL]],

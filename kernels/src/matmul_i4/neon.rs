@@ -13,7 +13,7 @@ use crate::isa::{Neon, entry};
 use crate::mat::MatMut;
 use crate::matmul_i8::input::QuantInput;
 use crate::matmul_i8::neon::{REGISTERS, dequantize_tile};
-use crate::pack::{BLOCK, GROUP, GROUP_BLOCKS, NIBBLE_OFFSET, PANEL, PackedI4, QUAD};
+use crate::pack::{BLOCK, GROUP, GROUP_BLOCKS, PANEL, PackedI4, QUAD};
 use crate::prefetch;
 use crate::tiling::Tiling;
 use core::arch::aarch64::*;
@@ -45,15 +45,16 @@ pub(super) fn tiling(_token: Neon) -> Tiling {
 }
 
 impl Kernel<ROWS> for Neon {
-    type Start = i32;
+    type Group = [i8; GROUP];
 
-    fn start(group: &[i8; GROUP]) -> i32 {
-        start(group)
+    #[inline(always)]
+    fn group(inputs: &[i8; GROUP]) -> [i8; GROUP] {
+        *inputs
     }
 
     fn multiply(
         self,
-        inputs: &Inputs<i32, ROWS>,
+        inputs: &Inputs<[i8; GROUP], ROWS>,
         multipliers: &[[u8; PANEL]],
         blocks: &[[u8; BLOCK]],
         sums: &mut [[i32; PANEL]],
@@ -85,16 +86,12 @@ impl Kernel<ROWS> for Neon {
     }
 }
 
-pub(super) fn start(group: &[i8; GROUP]) -> i32 {
-    -i32::from(NIBBLE_OFFSET) * group.iter().map(|&x| i32::from(x)).sum::<i32>()
-}
-
 /// Adds the products of `R` rows with `H` registers of a panel at a time. Kept out of line, so that all
 /// registers are its own.
 #[inline(never)]
 #[neon]
 fn words<const R: usize, const H: usize>(
-    inputs: &Inputs<i32, ROWS>,
+    inputs: &Inputs<[i8; GROUP], ROWS>,
     multipliers: &[[u8; PANEL]],
     blocks: &[[u8; BLOCK]],
     sums: &mut [[i32; PANEL]],

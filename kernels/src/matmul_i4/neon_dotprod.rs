@@ -1,7 +1,7 @@
 //! As on NEON, with four products added to the sum of their output at a time (`sdot`): nibbles are signed bytes
 //! too.
 
-use super::neon::{FEW_ROWS, PREFETCH_DISTANCE, ROWS, add_groups, load_quads, load_sums, nibbles, start, store_sums};
+use super::neon::{FEW_ROWS, PREFETCH_DISTANCE, ROWS, add_groups, load_quads, load_sums, nibbles, store_sums};
 use super::tiles::{self, GROUPS, Inputs, Kernel};
 use crate::gemm::{Epilogue, GemmTask};
 use crate::isa::{NeonDotprod, entry};
@@ -31,15 +31,16 @@ pub(super) fn tiling(_token: NeonDotprod) -> Tiling {
 }
 
 impl Kernel<ROWS> for NeonDotprod {
-    type Start = i32;
+    type Group = [i8; GROUP];
 
-    fn start(group: &[i8; GROUP]) -> i32 {
-        start(group)
+    #[inline(always)]
+    fn group(inputs: &[i8; GROUP]) -> [i8; GROUP] {
+        *inputs
     }
 
     fn multiply(
         self,
-        inputs: &Inputs<i32, ROWS>,
+        inputs: &Inputs<[i8; GROUP], ROWS>,
         multipliers: &[[u8; PANEL]],
         blocks: &[[u8; BLOCK]],
         sums: &mut [[i32; PANEL]],
@@ -76,7 +77,7 @@ impl Kernel<ROWS> for NeonDotprod {
 #[inline(never)]
 #[neon_dotprod]
 fn dots<const R: usize, const H: usize>(
-    inputs: &Inputs<i32, ROWS>,
+    inputs: &Inputs<[i8; GROUP], ROWS>,
     multipliers: &[[u8; PANEL]],
     blocks: &[[u8; BLOCK]],
     sums: &mut [[i32; PANEL]],

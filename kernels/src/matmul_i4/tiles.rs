@@ -4,7 +4,7 @@
 use crate::gemm::{GemmTask, tiles};
 use crate::mat::MatMut;
 use crate::matmul_i8::input::QuantInput;
-use crate::pack::{BLOCK, GROUP, PANEL, PackedI4, PanelI4, QUAD};
+use crate::pack::{BLOCK, GROUP, NIBBLE_OFFSET, PANEL, PackedI4, PanelI4, QUAD};
 use crate::tiling::Tiling;
 
 /// Groups whose inputs are held at once: 4 rows are 8 KiB, which stay in L1 beside the weights.
@@ -14,24 +14,25 @@ const CHUNK_BYTES: usize = 256 << 10;
 /// Panels whose epilogue runs at once: a gate and an up panel.
 const WIDTH: usize = 2;
 
-/// Inputs of some rows with what their groups' sums start at.
-pub(super) struct Inputs<S, const ROWS: usize> {
-    pub(super) groups: [[[i8; GROUP]; GROUPS]; ROWS],
-    pub(super) start: [[S; GROUPS]; ROWS],
+/// Inputs of some rows with what their groups' sums start at, since a nibble is a code plus 8: `-NIBBLE_OFFSET` times
+/// the sums of the inputs.
+pub(super) struct Inputs<G, const ROWS: usize> {
+    pub(super) groups: [[G; GROUPS]; ROWS],
+    pub(super) start: [[i32; GROUPS]; ROWS],
 }
 
 /// The multiplication of one back-end.
 pub(super) trait Kernel<const ROWS: usize>: Copy {
-    /// What the sums of a group's nibbles start at: `-NIBBLE_OFFSET` times the sums of its inputs.
-    type Start: Copy + Default;
+    /// The inputs of a group as the loops read them.
+    type Group: Copy + Default;
 
-    /// The start of a group.
-    fn start(group: &[i8; GROUP]) -> Self::Start;
+    /// The same of these inputs.
+    fn group(inputs: &[i8; GROUP]) -> Self::Group;
 
     /// Adds the products of the first `sums.len()` rows of `inputs` with up to [`GROUPS`] groups of a panel.
     fn multiply(
         self,
-        inputs: &Inputs<Self::Start, ROWS>,
+        inputs: &Inputs<Self::Group, ROWS>,
         multipliers: &[[u8; PANEL]],
         blocks: &[[u8; BLOCK]],
         sums: &mut [[i32; PANEL]],
@@ -71,7 +72,7 @@ pub(super) fn run<K: Kernel<ROWS>, const ROWS: usize>(
     task: &GemmTask<PackedI4>,
     mut y: MatMut<f32>,
 ) {
-    let mut inputs = Inputs { groups: [[[0; GROUP]; GROUPS]; ROWS], start: [[K::Start::default(); GROUPS]; ROWS] };
+    let mut inputs = Inputs { groups: [[K::Group::default(); GROUPS]; ROWS], start: [[0; GROUPS]; ROWS] };
     let panel = 2 * task.k() * QUAD;
     let width = (CHUNK_BYTES / panel.max(1) / WIDTH).max(1) * WIDTH;
     let chunks = task.k().div_ceil(GROUP).div_ceil(GROUPS);
@@ -113,7 +114,7 @@ fn prepare<K: Kernel<ROWS>, const ROWS: usize>(
     x: &QuantInput,
     (t, rows): (usize, usize),
     first: usize,
-    inputs: &mut Inputs<K::Start, ROWS>,
+    inputs: &mut Inputs<K::Group, ROWS>,
 ) {
     let columns = first * GROUP..((first + GROUPS) * GROUP).min(x.rows.cols());
     for r in 0..rows {
@@ -122,8 +123,8 @@ fn prepare<K: Kernel<ROWS>, const ROWS: usize>(
         padded[..tail.len()].copy_from_slice(tail);
         let groups = full.iter().chain((!tail.is_empty()).then_some(&padded));
         for ((codes, group), start) in groups.zip(&mut inputs.groups[r]).zip(&mut inputs.start[r]) {
-            *group = *codes;
-            *start = K::start(codes);
+            *group = K::group(codes);
+            *start = -i32::from(NIBBLE_OFFSET) * codes.iter().map(|&x| i32::from(x)).sum::<i32>();
         }
     }
 }
