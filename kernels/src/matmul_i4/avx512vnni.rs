@@ -7,6 +7,8 @@
 //! ```
 //! A nibble is its code plus 8: a group's sums start at -8 times those of its inputs.
 
+#![expect(clippy::needless_range_loop, reason = "loops of constant length over registers read best by index")]
+
 use super::avx2::dequantize_tile;
 use super::tiles::{self, GROUPS, Inputs, Kernel};
 use crate::gemm::{Epilogue, GemmTask};
@@ -24,6 +26,9 @@ use umo_kernels_features::avx512vnni;
 const ROWS: usize = 8;
 /// Prefetch distance in blocks.
 const PREFETCH_DISTANCE: usize = 64;
+
+/// The multiplication of some number of rows.
+type Multiply = unsafe fn(&Inputs<[i8; GROUP], ROWS>, &[[u8; PANEL]], &[[u8; BLOCK]], &mut [[i32; PANEL]]);
 
 entry! {
     pub(super) fn matmul(token: Avx512Vnni, x: QuantInput, w: PackedI4, epilogue: Epilogue, y: MatMut<f32>) {
@@ -55,20 +60,19 @@ impl Kernel<ROWS> for Avx512Vnni {
         blocks: &[[u8; BLOCK]],
         sums: &mut [[i32; PANEL]],
     ) {
-        // SAFETY: the token exists only where the processor has the functions' features.
-        unsafe {
-            match sums.len() {
-                1 => panel::<1>(inputs, multipliers, blocks, sums),
-                2 => panel::<2>(inputs, multipliers, blocks, sums),
-                3 => panel::<3>(inputs, multipliers, blocks, sums),
-                4 => panel::<4>(inputs, multipliers, blocks, sums),
-                5 => panel::<5>(inputs, multipliers, blocks, sums),
-                6 => panel::<6>(inputs, multipliers, blocks, sums),
-                7 => panel::<7>(inputs, multipliers, blocks, sums),
-                ROWS => panel::<ROWS>(inputs, multipliers, blocks, sums),
-                rows => unreachable!("a tile of {rows} rows"),
-            }
-        }
+        let multiply: Multiply = match sums.len() {
+            1 => panel::<1>,
+            2 => panel::<2>,
+            3 => panel::<3>,
+            4 => panel::<4>,
+            5 => panel::<5>,
+            6 => panel::<6>,
+            7 => panel::<7>,
+            ROWS => panel::<ROWS>,
+            rows => unreachable!("a tile of {rows} rows"),
+        };
+        // SAFETY: the token exists only where the processor has the function's features.
+        unsafe { multiply(inputs, multipliers, blocks, sums) }
     }
 
     fn finish(
@@ -127,8 +131,9 @@ fn panel<const R: usize>(
     for (sums, total) in sums.iter_mut().zip(totals) {
         // SAFETY: the sums of a panel are 64 readable bytes; the load needs no alignment.
         let before = unsafe { _mm512_loadu_si512(sums.as_ptr().cast()) };
+        let sum = _mm512_add_epi32(before, total);
         // SAFETY: and writable.
-        unsafe { _mm512_storeu_si512(sums.as_mut_ptr().cast(), _mm512_add_epi32(before, total)) };
+        unsafe { _mm512_storeu_si512(sums.as_mut_ptr().cast(), sum) };
     }
 }
 

@@ -1,6 +1,8 @@
 //! As on AVX-512 (see its module), in registers of half a panel: nibbles are unsigned bytes, whose products with
 //! inputs `vpdpbusd` adds up as they are.
 
+#![expect(clippy::needless_range_loop, reason = "loops of constant length over registers read best by index")]
+
 use super::avx2::dequantize_tile;
 use super::tiles::{self, GROUPS, Inputs, Kernel};
 use crate::gemm::{Epilogue, GemmTask};
@@ -20,6 +22,9 @@ const ROWS: usize = 4;
 const OUTPUTS: usize = 8;
 /// Prefetch distance in blocks.
 const PREFETCH_DISTANCE: usize = 64;
+
+/// The multiplication of some number of rows.
+type Multiply = unsafe fn(&Inputs<[i8; GROUP], ROWS>, &[[u8; PANEL]], &[[u8; BLOCK]], &mut [[i32; PANEL]]);
 
 entry! {
     pub(super) fn matmul(token: AvxVnni, x: QuantInput, w: PackedI4, epilogue: Epilogue, y: MatMut<f32>) {
@@ -51,16 +56,15 @@ impl Kernel<ROWS> for AvxVnni {
         blocks: &[[u8; BLOCK]],
         sums: &mut [[i32; PANEL]],
     ) {
-        // SAFETY: the token exists only where the processor has the functions' features.
-        unsafe {
-            match sums.len() {
-                1 => panel::<1>(inputs, multipliers, blocks, sums),
-                2 => panel::<2>(inputs, multipliers, blocks, sums),
-                3 => panel::<3>(inputs, multipliers, blocks, sums),
-                ROWS => panel::<ROWS>(inputs, multipliers, blocks, sums),
-                rows => unreachable!("a tile of {rows} rows"),
-            }
-        }
+        let multiply: Multiply = match sums.len() {
+            1 => panel::<1>,
+            2 => panel::<2>,
+            3 => panel::<3>,
+            ROWS => panel::<ROWS>,
+            rows => unreachable!("a tile of {rows} rows"),
+        };
+        // SAFETY: the token exists only where the processor has the function's features.
+        unsafe { multiply(inputs, multipliers, blocks, sums) }
     }
 
     fn finish(
@@ -126,8 +130,9 @@ fn panel<const R: usize>(
             let register = sums.as_chunks_mut::<OUTPUTS>().0[half].as_mut_ptr();
             // SAFETY: half of a panel's sums is 32 readable bytes; the load needs no alignment.
             let before = unsafe { _mm256_loadu_si256(register.cast()) };
+            let sum = _mm256_add_epi32(before, total);
             // SAFETY: and writable.
-            unsafe { _mm256_storeu_si256(register.cast(), _mm256_add_epi32(before, total)) };
+            unsafe { _mm256_storeu_si256(register.cast(), sum) };
         }
     }
 }

@@ -7,6 +7,8 @@
 //! `smlal` adds products to words: a nibble has 4 bits, so that a word holds the 8 products of a group
 //! (8 * 15 * 128), and the sum of two words fits in one.
 
+#![expect(clippy::needless_range_loop, reason = "loops of constant length over registers read best by index")]
+
 use super::tiles::{self, GROUPS, Inputs, Kernel};
 use crate::gemm::{Epilogue, GemmTask};
 use crate::isa::{Neon, entry};
@@ -28,6 +30,9 @@ pub(super) const PREFETCH_DISTANCE: usize = 16;
 
 /// Sums of `H` registers of a panel for `R` rows.
 pub(super) type Sums<const R: usize, const H: usize> = [[int32x4_t; H]; R];
+
+/// The multiplication of some number of rows.
+type Multiply = unsafe fn(&Inputs<[i8; GROUP], ROWS>, &[[u8; PANEL]], &[[u8; BLOCK]], &mut [[i32; PANEL]]);
 
 entry! {
     pub(super) fn matmul(token: Neon, x: QuantInput, w: PackedI4, epilogue: Epilogue, y: MatMut<f32>) {
@@ -59,16 +64,15 @@ impl Kernel<ROWS> for Neon {
         blocks: &[[u8; BLOCK]],
         sums: &mut [[i32; PANEL]],
     ) {
-        // SAFETY: the token exists only where the processor has the functions' features.
-        unsafe {
-            match sums.len() {
-                1 => words::<1, REGISTERS>(inputs, multipliers, blocks, sums),
-                2 => words::<FEW_ROWS, REGISTERS>(inputs, multipliers, blocks, sums),
-                3 => words::<3, 2>(inputs, multipliers, blocks, sums),
-                ROWS => words::<ROWS, 2>(inputs, multipliers, blocks, sums),
-                rows => unreachable!("a tile of {rows} rows"),
-            }
-        }
+        let multiply: Multiply = match sums.len() {
+            1 => words::<1, REGISTERS>,
+            2 => words::<FEW_ROWS, REGISTERS>,
+            3 => words::<3, 2>,
+            ROWS => words::<ROWS, 2>,
+            rows => unreachable!("a tile of {rows} rows"),
+        };
+        // SAFETY: the token exists only where the processor has the function's features.
+        unsafe { multiply(inputs, multipliers, blocks, sums) }
     }
 
     fn finish(

@@ -1,6 +1,8 @@
 //! As on NEON, with four products added to the sum of their output at a time (`sdot`): nibbles are signed bytes
 //! too.
 
+#![expect(clippy::needless_range_loop, reason = "loops of constant length over registers read best by index")]
+
 use super::neon::{FEW_ROWS, PREFETCH_DISTANCE, ROWS, add_groups, load_quads, load_sums, nibbles, store_sums};
 use super::tiles::{self, GROUPS, Inputs, Kernel};
 use crate::gemm::{Epilogue, GemmTask};
@@ -14,6 +16,9 @@ use crate::prefetch;
 use crate::tiling::Tiling;
 use core::arch::aarch64::*;
 use umo_kernels_features::neon_dotprod;
+
+/// The multiplication of some number of rows.
+type Multiply = unsafe fn(&Inputs<[i8; GROUP], ROWS>, &[[u8; PANEL]], &[[u8; BLOCK]], &mut [[i32; PANEL]]);
 
 entry! {
     pub(super) fn matmul(token: NeonDotprod, x: QuantInput, w: PackedI4, epilogue: Epilogue, y: MatMut<f32>) {
@@ -45,16 +50,15 @@ impl Kernel<ROWS> for NeonDotprod {
         blocks: &[[u8; BLOCK]],
         sums: &mut [[i32; PANEL]],
     ) {
-        // SAFETY: the token exists only where the processor has the functions' features.
-        unsafe {
-            match sums.len() {
-                1 => dots::<1, REGISTERS>(inputs, multipliers, blocks, sums),
-                2 => dots::<FEW_ROWS, REGISTERS>(inputs, multipliers, blocks, sums),
-                3 => dots::<3, 2>(inputs, multipliers, blocks, sums),
-                ROWS => dots::<ROWS, 2>(inputs, multipliers, blocks, sums),
-                rows => unreachable!("a tile of {rows} rows"),
-            }
-        }
+        let multiply: Multiply = match sums.len() {
+            1 => dots::<1, REGISTERS>,
+            2 => dots::<FEW_ROWS, REGISTERS>,
+            3 => dots::<3, 2>,
+            ROWS => dots::<ROWS, 2>,
+            rows => unreachable!("a tile of {rows} rows"),
+        };
+        // SAFETY: the token exists only where the processor has the function's features.
+        unsafe { multiply(inputs, multipliers, blocks, sums) }
     }
 
     fn finish(
