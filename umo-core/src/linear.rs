@@ -139,7 +139,6 @@ impl Linear {
 
     /// Nothing is recorded without `internals`.
     #[cfg(not(feature = "internals"))]
-    #[expect(clippy::unused_self, clippy::unnecessary_wraps, reason = "as it is with `internals`")]
     fn record(&self, _: Ready, _: Option<&[u32]>, _: &Range<usize>) -> Result<(), StepError> {
         Ok(())
     }
