@@ -677,6 +677,10 @@ pub struct Quantize {
     /// function: for trained models of layout `frames`, or of layout `parts` with a head of their own
     #[arg(long)]
     pub rotate: bool,
+    /// Recording of speech that the float model animates first, to round weights to what they are multiplied
+    /// with; may be given several times. Some minutes of several voices are enough
+    #[arg(long, value_name = "SPEECH")]
+    pub calibrate: Vec<PathBuf>,
 }
 
 /// How the weights of products are stored.

@@ -1,14 +1,20 @@
 //! `umo quantize`: the same model with smaller weights, one tensor at a time.
 
+mod calibrate;
+mod compensate;
 mod equalize;
 mod rotate;
 
 use std::cell::RefCell;
 use std::collections::HashMap;
-use std::io;
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
+use std::path::Path;
 
 use clap::ValueEnum;
 use glob::Pattern;
+use umo_core::calibration::Calibration;
+use umo_core::file::TemporaryFile;
 use umo_core::weights::layout::{self, Kind, Spec};
 use umo_core::weights::writer::{self, NewTensor, Storage, Values};
 use umo_core::{LoadError, ModelFile};
@@ -46,12 +52,34 @@ pub(crate) fn run(args: &Quantize) -> Result<(), Failure> {
     if args.rotate {
         rotate::check(file.config())?;
     }
+    if !args.calibrate.is_empty() && !plans.iter().any(|plan| plan.storage.is_quantized()) {
+        return Err(Failure::input("--calibrate: no tensor becomes int8 or int4, and no other is rounded by it"));
+    }
     let output = atomic_file::create(&args.output)?;
 
     let failed = RefCell::new(None);
     let quantized = |name: &str| plans.iter().any(|plan| plan.name == name && plan.storage.is_quantized());
-    let tensors: Vec<NewTensor> =
-        plans.iter().map(|plan| tensor(&file, plan, args.rotate, &quantized, &failed)).collect::<Result<_, _>>()?;
+    let floats = |storage: fn(Storage) -> Storage| {
+        let tensor = |plan| tensor(&file, plan, storage, args.rotate, &quantized, &failed);
+        plans.iter().map(tensor).collect::<Result<Vec<NewTensor>, _>>()
+    };
+    let write = |out: &mut BufWriter<&File>, tensors: &[NewTensor]| {
+        writer::write(out, file.config(), tensors)
+            .map_err(|cause| failed.take().map_or(Failure::environment(cause), |error| named(args, error)))
+    };
+    let exact;
+    let calibration;
+    let tensors = if args.calibrate.is_empty() {
+        floats(|storage| storage)?
+    } else {
+        // The products read other inputs once their channels are evened out or rotated: the float model is
+        // written as that makes it, and read again.
+        let tensors = floats(|storage| if storage.is_quantized() { Storage::F32 } else { storage })?;
+        exact = Float::new(&args.output, |out| write(out, &tensors))?;
+        let wanted = plans.iter().filter(|plan| plan.storage.is_quantized()).map(|plan| plan.name.clone());
+        calibration = calibrate::run(&exact.file, wanted.collect(), &args.calibrate)?;
+        plans.iter().map(|plan| calibrated(&exact.file, plan, &calibration, &failed)).collect::<Result<_, _>>()?
+    };
     atomic_file::commit(output, |out| writer::write(out, file.config(), &tensors))
         .map_err(|failure| failed.take().map_or(failure, |error: LoadError| named(args, error)))?;
 
@@ -73,6 +101,24 @@ pub(crate) fn run(args: &Quantize) -> Result<(), Failure> {
 
 fn named(args: &Quantize, error: LoadError) -> Failure {
     Failure::input(format!("{}: {error}", args.input.display()))
+}
+
+/// The float model beside the output, gone when dropped.
+struct Float {
+    file: ModelFile,
+    /// Dropped after the file, which may be mapped.
+    _temporary: TemporaryFile,
+}
+
+impl Float {
+    fn new(output: &Path, write: impl FnOnce(&mut BufWriter<&File>) -> Result<(), Failure>) -> Result<Self, Failure> {
+        let temporary = TemporaryFile::beside(output).map_err(Failure::environment)?;
+        let mut out = BufWriter::with_capacity(1 << 18, temporary.file());
+        write(&mut out)?;
+        out.flush().map_err(Failure::environment)?;
+        drop(out);
+        Ok(Self { file: ModelFile::open(temporary.path())?, _temporary: temporary })
+    }
 }
 
 /// One tensor of the new file.
@@ -192,6 +238,7 @@ fn plan(file: &ModelFile, rules: &Rules) -> Result<Vec<Plan>, Failure> {
 fn tensor<'a>(
     file: &'a ModelFile,
     plan: &'a Plan,
+    storage: fn(Storage) -> Storage,
     rotated: bool,
     quantized: &'a dyn Fn(&str) -> bool,
     failed: &'a RefCell<Option<LoadError>>,
@@ -211,6 +258,30 @@ fn tensor<'a>(
                 io::Error::other(message)
             })
         })),
+    };
+    Ok(NewTensor { name: plan.name.clone(), shape: plan.shape.clone(), storage: storage(plan.storage), values })
+}
+
+/// The tensor of the float model `exact`, rounded as `calibration` says where it is quantized.
+fn calibrated<'a>(
+    exact: &'a ModelFile,
+    plan: &'a Plan,
+    calibration: &'a Calibration,
+    failed: &'a RefCell<Option<LoadError>>,
+) -> Result<NewTensor<'a>, Failure> {
+    let floats = move || {
+        read(exact, &plan.name, &plan.shape, false).map_err(|error| {
+            let message = error.to_string();
+            failed.replace(Some(error));
+            io::Error::other(message)
+        })
+    };
+    let values = match plan.storage {
+        Storage::Bytes => Values::Bytes(exact.raw(&plan.name)?),
+        storage if storage.is_quantized() => Values::Codes(Box::new(move || {
+            calibrate::codes(calibration, (&plan.name, &plan.shape), &floats()?, storage)
+        })),
+        _ => Values::Floats(Box::new(floats)),
     };
     Ok(NewTensor { name: plan.name.clone(), shape: plan.shape.clone(), storage: plan.storage, values })
 }

@@ -4,9 +4,12 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 use tempfile::TempDir;
+use umo_core::animation::Animation;
+use umo_core::calibration::Calibration;
+use umo_core::session::SessionConfig;
 use umo_core::weights::layout::{self, Kind};
 use umo_core::weights::writer::Storage;
-use umo_core::{Isa, ModelFile};
+use umo_core::{Compute, Isa, Model, ModelFile, Team};
 
 /// Ends of the names whose channels are evened out: two that make them, two that take them.
 const EVENED: [&str; 4] = [".v.weight", ".wi_1.weight", ".o.weight", ".wo.weight"];
@@ -251,6 +254,73 @@ fn int4_takes_experts_to_half_the_bytes() {
     }
     let experts = layout::specs(before.config(), true).iter().filter(|spec| spec.is_expert()).count();
     assert!(2 * quantized == experts && int8 > 20, "{quantized} tensors in int4, {int8} in int8");
+}
+
+/// What the products of the float model read while it animates `speech`, of the tensors `wanted`.
+fn recorded(place: &Place, wanted: Vec<String>) -> Calibration {
+    let calibration = Calibration::new(wanted);
+    let model = Model::load_recording(&place.open("model"), Isa::detect(), &calibration).unwrap();
+    let team = Team::new(1).unwrap();
+    let avatar = SessionConfig::new(model.config()).avatar;
+    let mut animation = Animation::new(&model, &avatar).unwrap();
+    let wav = umo_audio_file::wav::read(Path::new(&speech())).unwrap();
+    animation.push_audio(&wav.mono()).unwrap();
+    animation.finish(60);
+    while animation.step(&model, Compute { isa: model.isa(), team: &team }, &mut |_| ()).unwrap() {}
+    calibration
+}
+
+/// Weights that are rounded to what they are multiplied with: the same file but for codes, and a smaller error
+/// of the products, whose inputs here are recorded once more.
+#[test]
+fn calibration_lowers_the_error_of_products() {
+    let place = Place::new();
+    for layout in ["parts", "frames"] {
+        place.run(&["make-random", "--size", "tiny", "--layout", layout, "--store", "f32", "-o", "model"], 0);
+        let weights = ["--weights", "int4", "--set", "lm.*.SelfAttention.q.weight=int4"];
+        let plain = place.quantize("plain", &weights);
+        let speech = speech();
+        let compensated = place.quantize("compensated", &[&weights[..], &["--calibrate", &speech]].concat());
+        assert_eq!(plain.len(), compensated.len());
+        let before = place.open("model");
+        let specs = layout::specs(before.config(), true);
+        let quantized = |name: &str| plain.storage(name).unwrap().is_quantized();
+        let specs: Vec<_> = specs.iter().filter(|spec| spec.shape.len() == 2 && quantized(&spec.name)).collect();
+        let calibration = recorded(&place, specs.iter().map(|spec| spec.name.clone()).collect());
+        let (mut int8, mut int4) = ([0.0, 0.0], [0.0, 0.0]);
+        for spec in specs {
+            assert_eq!(plain.storage(&spec.name).unwrap(), compensated.storage(&spec.name).unwrap());
+            if EVENED.iter().any(|end| spec.name.ends_with(end)) {
+                continue;
+            }
+            let k = spec.inputs();
+            let was = values(&before, &spec.name, &spec.shape);
+            let sums = match plain.storage(&spec.name).unwrap() {
+                Storage::Int4 => &mut int4,
+                _ => &mut int8,
+            };
+            for (rows, gram) in calibration.of(&spec.name) {
+                let gram = gram.sum().unwrap();
+                for (sum, file) in sums.iter_mut().zip([&plain, &compensated]) {
+                    let is = values(file, &spec.name, &spec.shape);
+                    for row in rows.clone() {
+                        let e: Vec<f64> =
+                            (row * k..(row + 1) * k).map(|at| f64::from(was[at]) - f64::from(is[at])).collect();
+                        *sum += (0..k * k).map(|at| e[at / k] * gram[at] * e[at % k]).sum::<f64>();
+                    }
+                }
+            }
+        }
+        for ([plain, compensated], what) in [(int8, "int8"), (int4, "int4")] {
+            assert!(plain > 0.0 && compensated < 0.9 * plain, "{layout}, {what}: {compensated} of {plain}");
+        }
+        place.run(&["animate", &speech, "--model", "compensated", "-o", "out.jsonl"], 0);
+    }
+    let said = place.run(&["quantize", "model", "-o", "no", "--weights", "bf16", "--calibrate", "none.wav"], 2);
+    assert!(said.contains("no tensor becomes int8 or int4"), "{said}");
+    let said = place.run(&["quantize", "model", "-o", "no", "--weights", "int8", "--calibrate", "none.wav"], 2);
+    assert!(said.contains("none.wav"), "{said}");
+    assert!(!place.files().iter().any(|name| name.contains("part") || name == "no"), "{:?}", place.files());
 }
 
 /// The int8 model of the same values gives the same frames, and so does every back-end; both layouts.

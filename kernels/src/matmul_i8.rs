@@ -13,14 +13,14 @@ mod avxvnni;
 mod chunk;
 pub(crate) mod input;
 #[cfg(target_arch = "aarch64")]
-mod neon;
+pub(crate) mod neon;
 #[cfg(target_arch = "aarch64")]
-mod neon_dotprod;
+pub(crate) mod neon_dotprod;
 #[cfg(target_arch = "aarch64")]
 mod neon_i8mm;
 mod scalar;
 #[cfg(target_arch = "wasm32")]
-mod simd128;
+pub(crate) mod simd128;
 
 use crate::error::{ShapeError, expect_len};
 use crate::gemm::{Epilogue, Input, check_product};

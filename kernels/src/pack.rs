@@ -325,6 +325,13 @@ impl<'a> PanelI4<'a> {
         let (multipliers, blocks) = panel.split_at(multiplier_blocks(groups));
         Self { multipliers: &multipliers.as_flattened().as_chunks().0[..groups], blocks }
     }
+
+    /// The multipliers and the blocks of some groups.
+    #[cfg(any(target_arch = "x86_64", target_arch = "aarch64", target_arch = "wasm32"))]
+    #[inline]
+    pub(crate) fn groups(&self, range: Range<usize>) -> (&'a [[u8; PANEL]], &'a [[u8; BLOCK]]) {
+        (&self.multipliers[range.clone()], &self.blocks[range.start * GROUP_BLOCKS..range.end * GROUP_BLOCKS])
+    }
 }
 
 /// Packs `w [n, k]` into panels; every element of `packed` is written.

@@ -10,7 +10,7 @@ use std::path::Path;
 
 mod atomic;
 
-pub use atomic::AtomicFile;
+pub use atomic::{AtomicFile, TemporaryFile};
 
 /// Opens a regular file for reading.
 ///

@@ -51,6 +51,8 @@ mod inner {
     pub mod audio;
     pub mod avatar;
     pub mod batch;
+    #[cfg(feature = "internals")]
+    pub mod calibration;
     pub mod clock;
     pub mod config;
     pub mod defect;

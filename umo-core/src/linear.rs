@@ -3,6 +3,8 @@
 mod input;
 
 use std::ops::Range;
+#[cfg(feature = "internals")]
+use std::sync::Arc;
 
 use umo_kernels::gemm::{Epilogue, Input};
 use umo_kernels::matmul_bf16::{Bf16Rows, matmul_bf16, matmul_bf16_rows, matmul_gated_bf16};
@@ -12,6 +14,8 @@ use umo_kernels::matmul_i8::{matmul_gated_i8, matmul_i8};
 use umo_kernels::{Bf16, Isa, Mat, MatMut, PANEL, PackedBf16, PackedF32, PackedI4, PackedI8, PrefetchHint, ShapeError};
 
 use crate::aligned::AlignedBox;
+#[cfg(feature = "internals")]
+use crate::calibration::Gram;
 use crate::error::StepError;
 use crate::team::Team;
 pub use input::{Bf16Values, Columns, QuantScratch, Quantized, Ready};
@@ -86,6 +90,9 @@ pub struct Linear {
     outputs: usize,
     inputs: usize,
     activations: Activations,
+    /// Where its inputs are recorded, if a calibration wants them.
+    #[cfg(feature = "internals")]
+    recorded: Option<Arc<Gram>>,
 }
 
 /// What products of bf16 take of float activations; those of f32 take all.
@@ -102,7 +109,38 @@ enum Activations {
 impl Linear {
     /// Wraps packed weights of `[outputs, inputs]`.
     pub fn new(weight: Weight, outputs: usize, inputs: usize) -> Self {
-        Self { weight, bias: None, outputs, inputs, activations: Activations::Split }
+        Self {
+            weight,
+            bias: None,
+            outputs,
+            inputs,
+            activations: Activations::Split,
+            #[cfg(feature = "internals")]
+            recorded: None,
+        }
+    }
+
+    /// The same with its inputs recorded where they are floats.
+    #[cfg(feature = "internals")]
+    #[must_use]
+    pub(crate) fn recorded(self, recorded: Option<Arc<Gram>>) -> Self {
+        Self { recorded, ..self }
+    }
+
+    /// Records the rows of a product with the outputs `range`: of those that threads share, the first is
+    /// enough.
+    #[cfg(feature = "internals")]
+    fn record(&self, x: Ready, index: Option<&[u32]>, range: &Range<usize>) -> Result<(), StepError> {
+        match (&self.recorded, x) {
+            (Some(gram), Ready::Float(x)) if range.start == 0 => gram.add(x, index),
+            _ => Ok(()),
+        }
+    }
+
+    /// Nothing is recorded without `internals`.
+    #[cfg(not(feature = "internals"))]
+    fn record(&self, _: Ready, _: Option<&[u32]>, _: &Range<usize>) -> Result<(), StepError> {
+        Ok(())
     }
 
     /// The same with a bias `[outputs]`.
@@ -334,6 +372,7 @@ impl Linear {
         end: Epilogue,
         y: MatMut<f32>,
     ) -> Result<(), StepError> {
+        self.record(x, index, &range)?;
         let end = Epilogue { bias: self.bias.as_deref().map(|bias| &bias[range.clone()]), ..end };
         match (&self.weight, x) {
             (Weight::F32(_), Ready::Float(x)) => matmul_f32(cx.isa, gather(x, index)?, self.f32(range)?, end, y)?,
@@ -376,6 +415,8 @@ impl Linear {
         range: Range<usize>,
         y: MatMut<f32>,
     ) -> Result<(), StepError> {
+        self.record(x, index, &range)?;
+        up.record(x, index, &range)?;
         match (&self.weight, &up.weight, x) {
             (Weight::F32(_), Weight::F32(_), Ready::Float(x)) => {
                 matmul_gated_f32(cx.isa, gather(x, index)?, self.f32(range.clone())?, up.f32(range)?, y)?;

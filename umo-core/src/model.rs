@@ -6,6 +6,8 @@ use std::path::Path;
 use umo_kernels::Isa;
 
 use crate::audio::Tokenizer;
+#[cfg(feature = "internals")]
+use crate::calibration::Calibration;
 use crate::config::Config;
 use crate::error::{LoadError, StepError};
 use crate::interp::Interp;
@@ -69,17 +71,31 @@ impl Model {
     /// # Errors
     /// [`LoadError`] naming the tensor or key, or where there is too little memory.
     pub fn load(file: &ModelFile, precision: Precision, isa: Isa) -> Result<Self, LoadError> {
-        memory::catch(|| Self::load_all(file, precision, isa))?
+        memory::catch(|| Self::load_all(file, precision, || Loader::new(file, precision, isa)))?
     }
 
-    fn load_all(file: &ModelFile, precision: Precision, isa: Isa) -> Result<Self, LoadError> {
+    /// The same in f32, with the inputs of products recorded in `calibration`.
+    ///
+    /// # Errors
+    /// As [`Self::load`].
+    #[cfg(feature = "internals")]
+    pub fn load_recording(file: &ModelFile, isa: Isa, calibration: &Calibration) -> Result<Self, LoadError> {
+        let loader = || Loader::new(file, Precision::F32, isa).recording(calibration);
+        memory::catch(|| Self::load_all(file, Precision::F32, loader))?
+    }
+
+    fn load_all<'a>(
+        file: &'a ModelFile,
+        precision: Precision,
+        loader: impl FnOnce() -> Loader<'a>,
+    ) -> Result<Self, LoadError> {
         // The config's text, and the layers' own structures.
         memory::require(memory::SPARE);
-        let loader = Loader::new(file, precision, isa);
+        let loader = loader();
         Ok(Self {
             fingerprint: file.fingerprint(precision.name()),
             config: file.config().clone(),
-            isa,
+            isa: loader.isa(),
             tokenizer: Tokenizer::load(&loader)?,
             lm: Lm::load(&loader, Lengths::of(file.config()))?,
             between: match file.config().is_frames() {

@@ -344,6 +344,11 @@ enum Data<'a> {
 }
 
 impl Tensor<'_> {
+    /// Its name in the file.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
     /// Rows: the first dimension.
     pub fn rows(&self) -> usize {
         self.rows

@@ -71,6 +71,27 @@ impl<'a> Panels<'a> for PackedI4<'a> {
     }
 }
 
+/// Packed weights with a scale per output.
+#[cfg(any(target_arch = "aarch64", target_arch = "wasm32"))]
+pub(crate) trait Scaled<'a>: Panels<'a> {
+    /// Value of one unit, per output.
+    fn scale(&self) -> &'a [f32];
+}
+
+#[cfg(any(target_arch = "aarch64", target_arch = "wasm32"))]
+impl<'a> Scaled<'a> for PackedI8<'a> {
+    fn scale(&self) -> &'a [f32] {
+        PackedI8::scale(self)
+    }
+}
+
+#[cfg(any(target_arch = "aarch64", target_arch = "wasm32"))]
+impl<'a> Scaled<'a> for PackedI4<'a> {
+    fn scale(&self) -> &'a [f32] {
+        PackedI4::scale(self)
+    }
+}
+
 /// The weights of a product and its epilogue. A *slot* is a panel's position in the order of
 /// processing.
 pub(crate) enum GemmTask<'a, W> {

@@ -52,6 +52,12 @@ impl From<NeonDotprod> for Neon {
     }
 }
 
+impl From<NeonI8mm> for NeonDotprod {
+    fn from(_: NeonI8mm) -> Self {
+        Self(())
+    }
+}
+
 impl From<NeonI8mm> for Neon {
     fn from(_: NeonI8mm) -> Self {
         Self(())

@@ -251,7 +251,7 @@ fn spread(multipliers: &[u8; PANEL], register: usize) -> __m256i {
 /// Scales the integer sums `[rows, width]` of the rows from `t` on with the slots from `slot` on to
 /// floats, and applies the epilogue. The sums are stored as bits of floats.
 #[avx2]
-fn dequantize_tile(
+pub(super) fn dequantize_tile(
     x: &QuantInput,
     t: usize,
     sums: &mut [[f32; PANEL]],

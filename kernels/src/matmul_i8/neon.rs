@@ -11,7 +11,7 @@
 
 use super::input::{GemmTask, QuantInput};
 use crate::gemm::neon as float;
-use crate::gemm::{Epilogue, tiles};
+use crate::gemm::{self, Epilogue, Scaled, tiles};
 use crate::isa::{Neon, entry};
 use crate::lanes::neon::{load_two as load, store_two as store};
 use crate::mat::MatMut;
@@ -29,7 +29,7 @@ const WIDTH: usize = 2;
 /// Inputs of one step: two quads.
 const STEP: usize = 2 * QUAD;
 /// Registers of a panel's quad.
-pub(super) const REGISTERS: usize = 4;
+pub(crate) const REGISTERS: usize = 4;
 
 /// A quad of all outputs of a panel.
 pub(super) type Quads = [i8; PANEL * QUAD];
@@ -214,12 +214,12 @@ fn as_floats(bits: int32x4_t) -> float32x4_t {
 /// Scales the integer sums `[rows, width]` of the rows from `t` on with the slots from `slot`
 /// on to floats, and applies the epilogue. The sums are stored as bits of floats.
 #[neon]
-pub(super) fn dequantize_tile(
+pub(crate) fn dequantize_tile<'a, W: Scaled<'a>>(
     x: &QuantInput,
     t: usize,
     sums: &mut [[f32; PANEL]],
     width: usize,
-    task: &GemmTask,
+    task: &gemm::GemmTask<'_, W>,
     slot: usize,
     y: &mut MatMut<f32>,
 ) {
@@ -242,7 +242,7 @@ pub(super) fn dequantize_tile(
         }
     }
     match task {
-        GemmTask::Plain(_, epilogue) => float::store_tile(sums, width, t, slot * PANEL, epilogue, y),
-        GemmTask::Gated(..) => float::store_gated_tile(sums, width / 2, t, slot / 2 * PANEL, y),
+        gemm::GemmTask::Plain(_, epilogue) => float::store_tile(sums, width, t, slot * PANEL, epilogue, y),
+        gemm::GemmTask::Gated(..) => float::store_gated_tile(sums, width / 2, t, slot / 2 * PANEL, y),
     }
 }

@@ -195,7 +195,7 @@ fn step<const R: usize, const P: usize, const LANE: usize>(
 /// the compiler's function of it is not stable.
 #[inline]
 #[neon_dotprod]
-fn dot<const LANE: usize>(sum: int32x4_t, w: int8x16_t, x: int8x16_t) -> int32x4_t {
+pub(crate) fn dot<const LANE: usize>(sum: int32x4_t, w: int8x16_t, x: int8x16_t) -> int32x4_t {
     let mut sum = sum;
     // SAFETY: this function enables the instruction, which touches the named registers alone.
     unsafe {

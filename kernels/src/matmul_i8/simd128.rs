@@ -11,7 +11,7 @@
 
 use super::input::{GemmTask, QuantInput};
 use crate::gemm::simd128::{ROWS, WIDTH, store_gated_tile, store_tile};
-use crate::gemm::{Epilogue, tiles};
+use crate::gemm::{self, Epilogue, Scaled, tiles};
 use crate::isa::Simd128;
 use crate::lanes::simd128::{REGISTERS, load_all, splat, store_all};
 use crate::mat::MatMut;
@@ -140,7 +140,14 @@ fn step<const R: usize, const G: usize>(
 
 /// Scales the integer sums `[rows, width]` of the rows from `t` on with the slots from `slot` on to
 /// floats. The sums are stored as bits of floats.
-fn dequantize(x: &QuantInput, t: usize, sums: &mut [[f32; PANEL]], width: usize, task: &GemmTask, slot: usize) {
+pub(crate) fn dequantize<'a, W: Scaled<'a>>(
+    x: &QuantInput,
+    t: usize,
+    sums: &mut [[f32; PANEL]],
+    width: usize,
+    task: &gemm::GemmTask<'_, W>,
+    slot: usize,
+) {
     for i in 0..width {
         let (w, p) = task.slot(slot + i);
         let outputs = p * PANEL..((p + 1) * PANEL).min(w.n());

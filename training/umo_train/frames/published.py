@@ -16,12 +16,11 @@ from umo_train.frames.parts import Part, columns
 from umo_train.frames.root import RootPlan
 from umo_train.motion.networks import RootNetwork
 from umo_train.plan import Config
-
-_SCALE = ".scale"
+from umo_train.stored import floats
 
 
 def read(path: Path) -> tuple[Config, dict[str, Tensor]]:
-    """Config and f32 tensors of a model file; int8 weights are multiplied by the scales of their rows.
+    """Config and f32 tensors of a model file; int8 and int4 weights are multiplied by their scales.
 
     Raises `ValueError` where the file is no model of layout `frames`.
     """
@@ -33,16 +32,7 @@ def read(path: Path) -> tuple[Config, dict[str, Tensor]]:
         if config.get("layout") != "frames":
             raise ValueError(f"{path} has another layout than `frames`, of which no run can go on")
         stored = {name: file.get_tensor(name) for name in file.keys()}
-    scales = {name: tensor for name, tensor in stored.items() if name.removesuffix(_SCALE) in stored and _SCALE in name}
-    out = {}
-    for name, tensor in stored.items():
-        if name in scales or tensor.dtype == torch.uint8:
-            continue
-        tensor, scale = tensor.float(), scales.get(name + _SCALE)
-        if scale is not None:
-            tensor = tensor * scale.float().reshape(-1, *[1] * (tensor.ndim - 1))
-        out[name] = tensor
-    return config, out
+    return config, floats(stored)
 
 
 def start(path: Path, folder: Path, order: list[Part], face: list[str], root: RootPlan) -> None:

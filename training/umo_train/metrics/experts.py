@@ -10,24 +10,17 @@ from safetensors.torch import safe_open
 
 from umo_train.metrics.agreement import Chunk
 from umo_train.metrics.motion import use_entropy
+from umo_train.stored import floats
 
 
 def language_model(path: Path) -> torch.nn.Module:
-    """The language model of an umo file in f32; rows in int8 are multiplied by their scale."""
+    """The language model of an umo file in f32; int8 and int4 weights are multiplied by their scales."""
     from umo_train.lm.model import LanguageModel
 
     with safe_open(path, "pt") as file:
         model = LanguageModel(json.loads(file.metadata()["config"]))
-        held = {name for name in file.keys() if name.startswith("lm.")}
-        tensors = {}
-        for name in held:
-            if name.removesuffix(".scale") in held - {name}:
-                continue
-            tensor = file.get_tensor(name).float()
-            if f"{name}.scale" in held:
-                tensor *= file.get_tensor(f"{name}.scale").float().reshape(-1, 1)
-            tensors[name.removeprefix("lm.")] = tensor
-    model.load_state_dict(tensors)
+        stored = {name: file.get_tensor(name) for name in file.keys() if name.startswith("lm.")}
+    model.load_state_dict({name.removeprefix("lm."): tensor for name, tensor in floats(stored).items()})
     return model.eval()
 
 

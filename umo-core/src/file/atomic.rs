@@ -46,6 +46,30 @@ impl AtomicFile {
     }
 }
 
+/// A file for the program alone, beside another; gone when dropped.
+#[derive(Debug)]
+pub struct TemporaryFile(Part);
+
+impl TemporaryFile {
+    /// An empty one in the folder of `path`.
+    ///
+    /// # Errors
+    /// What the system says where `path` is no place for a file.
+    pub fn beside(path: &Path) -> io::Result<Self> {
+        Part::create(path).map(Self)
+    }
+
+    /// Where it is.
+    pub fn path(&self) -> &Path {
+        &self.0.path
+    }
+
+    /// What it is open as.
+    pub fn file(&self) -> &File {
+        &self.0.file
+    }
+}
+
 /// Follows links, and refuses what a file must not replace.
 fn resolve(path: &Path) -> io::Result<PathBuf> {
     let refuse = |kind, what| Err(io::Error::new(kind, what));

@@ -37,13 +37,15 @@ pub(super) fn code(row: &[u8], i: usize) -> i8 {
     (row[i / 2] >> (4 * (i % 2)) & 15).cast_signed() - NIBBLE_OFFSET
 }
 
-/// Quantizes one row, so that the sum of the squares of its errors is small: every group has a step of
-/// its own, and the row's scale is the one that fits all codes best. Returns the scale; that of an
-/// all-zero row is 1.
-pub fn quantize_row(row: &[f32], codes: &mut [i8], multipliers: &mut [i8]) -> f32 {
+/// Quantizes one row, so that the sum of the squares of its errors is small, each times the `importance` of its
+/// input: every group has a step of its own, and the row's scale is the one that fits all codes best. Returns
+/// the scale; that of an all-zero row is 1.
+pub fn quantize_row(row: &[f32], importance: &[f32], codes: &mut [i8], multipliers: &mut [i8]) -> f32 {
     assert!(codes.len() == row.len() && multipliers.len() == groups(row.len()), "a row with its groups");
+    assert!(importance.len() == row.len(), "an importance of every input");
+    let parts = || row.chunks(GROUP).zip(importance.chunks(GROUP));
     let mut steps = Vec::with_capacity(multipliers.len());
-    steps.extend(row.chunks(GROUP).map(best_step));
+    steps.extend(parts().map(best_step));
     let largest = steps.iter().fold(0.0_f32, |largest, step| largest.max(step.abs()));
     if largest == 0.0 {
         codes.fill(0);
@@ -53,30 +55,33 @@ pub fn quantize_row(row: &[f32], codes: &mut [i8], multipliers: &mut [i8]) -> f3
     let mut least = f32::INFINITY;
     let mut scale = 1.0;
     for multiplier in LARGEST {
-        let (first, refined) = (largest / multiplier, fitted_scale(row, &steps, largest / multiplier));
+        let (first, refined) = (largest / multiplier, fitted_scale(parts(), &steps, largest / multiplier));
         for candidate in [first, refined] {
-            let error = row.chunks(GROUP).zip(&steps).map(|(group, &step)| best_multiplier(group, step, candidate).1);
+            let error = parts().zip(&steps).map(|(group, &step)| best_multiplier(group, step, candidate).1);
             let error = error.sum();
             if error < least {
                 (least, scale) = (error, candidate);
             }
         }
     }
-    let groups = row.chunks(GROUP).zip(codes.chunks_mut(GROUP)).zip(multipliers).zip(&steps);
+    let groups = parts().zip(codes.chunks_mut(GROUP)).zip(multipliers).zip(&steps);
     for (((group, codes), multiplier), &step) in groups {
         (*multiplier, _) = best_multiplier(group, step, scale);
         let per_step = reciprocal(scale * f32::from(*multiplier));
-        for (code, &value) in codes.iter_mut().zip(group) {
+        for (code, &value) in codes.iter_mut().zip(group.0) {
             *code = to_code(value * per_step);
         }
     }
     scale
 }
 
+/// Values of a group with the importance of each.
+type Group<'a> = (&'a [f32], &'a [f32]);
+
 /// The step, of either sign, whose codes are nearest to the values of a group; 0 of a group of zeros.
-fn best_step(group: &[f32]) -> f32 {
+fn best_step(group: Group) -> f32 {
     let (mut positive, mut negative) = (0.0_f32, 0.0_f32);
-    for &value in group {
+    for &value in group.0 {
         (positive, negative) = (positive.max(value), negative.max(-value));
     }
     let largest = positive.max(negative);
@@ -96,15 +101,15 @@ fn best_step(group: &[f32]) -> f32 {
 }
 
 /// The scale that fits the codes which `scale` would give best, in least squares.
-fn fitted_scale(row: &[f32], steps: &[f32], scale: f32) -> f32 {
+fn fitted_scale<'a>(groups: impl Iterator<Item = Group<'a>>, steps: &[f32], scale: f32) -> f32 {
     let (mut product, mut square) = (0.0, 0.0);
-    for (group, &step) in row.chunks(GROUP).zip(steps) {
+    for (group, &step) in groups.zip(steps) {
         let (multiplier, _) = best_multiplier(group, step, scale);
         let multiplier = f32::from(multiplier);
         let per_step = reciprocal(scale * multiplier);
-        for &value in group {
+        for (&value, importance) in group.0.iter().zip(group.1) {
             let units = multiplier * round(value * per_step);
-            (product, square) = (product + value * units, square + units * units);
+            (product, square) = (product + importance * value * units, square + importance * units * units);
         }
     }
     if square > 0.0 { product / square } else { scale }
@@ -112,7 +117,7 @@ fn fitted_scale(row: &[f32], steps: &[f32], scale: f32) -> f32 {
 
 /// The multiplier beside `step / scale` with the least error, and the error.
 #[expect(clippy::cast_possible_truncation, reason = "clamped to the range of a multiplier")]
-fn best_multiplier(group: &[f32], step: f32, scale: f32) -> (i8, f32) {
+fn best_multiplier(group: Group, step: f32, scale: f32) -> (i8, f32) {
     let limit = f32::from(MAX_MULTIPLIER);
     let near = (step / scale).clamp(-limit, limit);
     let mut best = (0, f32::INFINITY);
@@ -125,22 +130,22 @@ fn best_multiplier(group: &[f32], step: f32, scale: f32) -> (i8, f32) {
     best
 }
 
-/// Sum of the squares of a group's errors at one step.
-fn error(group: &[f32], step: f32) -> f32 {
+/// Sum of the squares of a group's errors at one step, times their importance.
+fn error((group, importance): Group, step: f32) -> f32 {
     let per_step = reciprocal(step);
-    let square = |&value: &f32| {
+    let square = |(&value, &importance): (&f32, &f32)| {
         let error = value - step * round(value * per_step);
-        error * error
+        importance * (error * error)
     };
     // Eight sums, which the compiler computes side by side.
-    let (eights, tail) = group.as_chunks::<8>();
+    let ((eights, tail), (importances, rest)) = (group.as_chunks::<8>(), importance.as_chunks::<8>());
     let mut sums = [0.0; 8];
-    for values in eights {
-        for (sum, value) in sums.iter_mut().zip(values) {
-            *sum += square(value);
+    for (values, importances) in eights.iter().zip(importances) {
+        for ((sum, value), importance) in sums.iter_mut().zip(values).zip(importances) {
+            *sum += square((value, importance));
         }
     }
-    sums.iter().sum::<f32>() + tail.iter().map(square).sum::<f32>()
+    sums.iter().sum::<f32>() + tail.iter().zip(rest).map(square).sum::<f32>()
 }
 
 /// 0 of 0: all codes are 0 then.
@@ -167,7 +172,7 @@ mod tests {
 
     fn dequantized(row: &[f32]) -> Vec<f32> {
         let (mut codes, mut multipliers) = (vec![0; row.len()], vec![0; groups(row.len())]);
-        let scale = quantize_row(row, &mut codes, &mut multipliers);
+        let scale = quantize_row(row, &vec![1.0; row.len()], &mut codes, &mut multipliers);
         assert!(codes.iter().all(|code| (CODES_I4.0..=CODES_I4.1).contains(code)));
         assert!(multipliers.iter().all(|multiplier| multiplier.abs() <= MAX_MULTIPLIER));
         let value = |(i, &code): (usize, &i8)| scale * f32::from(multipliers[i / GROUP]) * f32::from(code);
@@ -221,6 +226,25 @@ mod tests {
         let row: Vec<f32> = row.iter().enumerate().map(|(i, v)| v * [1.0, 2.0, 4.0, 8.0][i / GROUP % 4]).collect();
         let error = relative_error(&row, &dequantized(&row));
         assert!((0.07..0.1).contains(&error), "{error}");
+    }
+
+    /// Where some values matter more, they get the finer steps at the cost of the others.
+    #[test]
+    fn important_values_have_smaller_errors() {
+        let row = noise(512);
+        let importance: Vec<f32> = (0..512).map(|i| if i % 8 == 0 { 100.0 } else { 1.0 }).collect();
+        let errors = |importance: &[f32]| {
+            let (mut codes, mut multipliers) = (vec![0; row.len()], vec![0; groups(row.len())]);
+            let scale = quantize_row(&row, importance, &mut codes, &mut multipliers);
+            let mut sums = [0.0, 0.0];
+            for (i, (&value, &code)) in row.iter().zip(&codes).enumerate() {
+                let error = value - scale * f32::from(multipliers[i / GROUP]) * f32::from(code);
+                sums[usize::from(i % 8 == 0)] += error * error;
+            }
+            sums
+        };
+        let (even, weighted) = (errors(&[1.0; 512]), errors(&importance));
+        assert!(weighted[1] < 0.7 * even[1] && weighted[0] > even[0], "{even:?} {weighted:?}");
     }
 
     #[test]

@@ -13,6 +13,8 @@ use umo_kernels::{Bf16, Isa, ShapeError};
 use super::writer::Storage;
 use super::{ModelFile, Tensor};
 use crate::aligned::{AlignedBox, Plain, Pool};
+#[cfg(feature = "internals")]
+use crate::calibration::Calibration;
 use crate::error::LoadError;
 use crate::linear::{Linear, Precision, Weight};
 use crate::memory::{SPARE, filled, require};
@@ -32,6 +34,9 @@ pub struct Loader<'a> {
     isa: Isa,
     /// Where packed weights lie.
     pool: Arc<Pool>,
+    /// What records the products' inputs.
+    #[cfg(feature = "internals")]
+    calibration: Option<&'a Calibration>,
 }
 
 /// How packed weights are kept.
@@ -87,7 +92,24 @@ impl<'a> Loader<'a> {
     /// A loader of `file` for `isa`; `precision` says how products are computed.
     pub fn new(file: &'a ModelFile, precision: Precision, isa: Isa) -> Self {
         let exact = precision == Precision::F32;
-        Self { file, precision, form: None, exact, few_rows: false, isa, pool: Arc::default() }
+        Self {
+            file,
+            precision,
+            form: None,
+            exact,
+            few_rows: false,
+            isa,
+            pool: Arc::default(),
+            #[cfg(feature = "internals")]
+            calibration: None,
+        }
+    }
+
+    /// The same for products that record their inputs in `calibration`.
+    #[cfg(feature = "internals")]
+    #[must_use]
+    pub fn recording(self, calibration: &'a Calibration) -> Self {
+        Self { calibration: Some(calibration), ..self }
     }
 
     /// The file.
@@ -296,6 +318,13 @@ impl<'a> Loader<'a> {
             Form::F32 => Weight::F32(self.pack_float(rows, packed_len, pack_row)?),
         };
         let linear = Linear::new(weight, rows.n, rows.cols());
+        #[cfg(feature = "internals")]
+        let linear = match (self.calibration, rows.order) {
+            (Some(calibration), Order::Same) => {
+                linear.recorded(calibration.product(rows.named(), rows.cols(), self.isa))
+            }
+            _ => linear,
+        };
         Ok(if self.exact { linear.exact() } else { linear })
     }
 
@@ -392,6 +421,21 @@ impl RowBuffer {
 impl Rows<'_> {
     fn cols(&self) -> usize {
         self.tensors.first().map_or(0, Tensor::cols)
+    }
+
+    /// Names of the tensors with the rows that are taken of each.
+    #[cfg(feature = "internals")]
+    fn named(&self) -> Vec<(String, Range<usize>)> {
+        let (mut first, end) = (0, self.first + self.n);
+        let mut named = Vec::new();
+        for tensor in self.tensors {
+            let rows = self.first.max(first) - first..end.min(first + tensor.rows()).max(first) - first;
+            first += tensor.rows();
+            if !rows.is_empty() {
+                named.push((tensor.name().to_owned(), rows));
+            }
+        }
+        named
     }
 
     /// The tensor and its row that hold output `row`.

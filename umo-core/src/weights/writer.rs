@@ -54,6 +54,19 @@ pub enum Values<'a> {
     Floats(Box<dyn Fn() -> io::Result<Vec<f32>> + 'a>),
     /// Bytes, for [`Storage::Bytes`].
     Bytes(&'a [u8]),
+    /// Codes that are chosen already, for [`Storage::Int8`] and [`Storage::Int4`].
+    Codes(Box<dyn Fn() -> io::Result<Codes> + 'a>),
+}
+
+/// A tensor's rows as they are stored in int8 or int4.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Codes {
+    /// One per row.
+    pub scale: Vec<f32>,
+    /// Of int4, one per group of each row; empty for int8.
+    pub multipliers: Vec<i8>,
+    /// Int8 steps or int4 codes, as many as the tensor has values.
+    pub codes: Vec<i8>,
 }
 
 impl std::fmt::Debug for Values<'_> {
@@ -61,6 +74,7 @@ impl std::fmt::Debug for Values<'_> {
         f.write_str(match self {
             Self::Floats(_) => "Floats",
             Self::Bytes(_) => "Bytes",
+            Self::Codes(_) => "Codes",
         })
     }
 }
@@ -160,6 +174,7 @@ fn write_values(out: &mut impl Write, tensor: &NewTensor) -> io::Result<()> {
     let values = match &tensor.values {
         Values::Bytes(bytes) => return out.write_all(bytes),
         Values::Floats(values) => values()?,
+        Values::Codes(codes) => return write_codes(out, tensor, &codes()?),
     };
     match tensor.storage {
         Storage::F32 => write_all(out, &values, |v| v.to_le_bytes()),
@@ -203,6 +218,31 @@ fn write_int8(out: &mut impl Write, values: &[f32], rows: usize) -> io::Result<(
     write_all(out, &steps, i8::to_le_bytes)
 }
 
+/// Codes that were chosen before.
+fn write_codes(out: &mut impl Write, tensor: &NewTensor, codes: &Codes) -> io::Result<()> {
+    let (rows, values) = (tensor.shape[0], tensor.shape.iter().product::<usize>());
+    let groups = match tensor.storage {
+        Storage::Int8 => 0,
+        Storage::Int4 => int4::groups(values / rows.max(1)),
+        _ => return Err(io::Error::other(format!("tensor `{}`: numbers expected, codes given", tensor.name))),
+    };
+    if (codes.scale.len(), codes.multipliers.len(), codes.codes.len()) != (rows, rows * groups, values) {
+        return Err(io::Error::other(format!("tensor `{}`: codes of another shape", tensor.name)));
+    }
+    write_all(out, &codes.scale, f32::to_le_bytes)?;
+    if tensor.storage == Storage::Int8 {
+        return write_all(out, &codes.codes, i8::to_le_bytes);
+    }
+    write_int4_codes(out, codes, values / rows.max(1))
+}
+
+/// Multipliers and codes of rows of `width` values.
+fn write_int4_codes(out: &mut impl Write, Codes { multipliers, codes, .. }: &Codes, width: usize) -> io::Result<()> {
+    let bytes: Vec<u8> = codes.chunks_exact(width.max(1)).flat_map(|row| row.chunks(2).map(int4::byte)).collect();
+    write_all(out, multipliers, i8::to_le_bytes)?;
+    out.write_all(&bytes)
+}
+
 /// The scales of all rows, their multipliers, then their codes.
 fn write_int4(out: &mut impl Write, values: &[f32], rows: usize) -> io::Result<()> {
     let width = (values.len() / rows.max(1)).max(1);
@@ -211,14 +251,12 @@ fn write_int4(out: &mut impl Write, values: &[f32], rows: usize) -> io::Result<(
     let quantized = codes.par_chunks_exact_mut(width).zip(multipliers.par_chunks_exact_mut(groups));
     let all = values.par_chunks_exact(width).zip(quantized).zip(&mut scales);
     all.try_for_each_init(
-        || (),
-        |(), ((row, (codes, multipliers)), scale)| {
-            *scale = int4::quantize_row(row, codes, multipliers);
+        || vec![1.0; width],
+        |importance, ((row, (codes, multipliers)), scale)| {
+            *scale = int4::quantize_row(row, importance, codes, multipliers);
             io::Result::Ok(())
         },
     )?;
-    let bytes: Vec<u8> = codes.chunks_exact(width).flat_map(|row| row.chunks(2).map(int4::byte)).collect();
     write_all(out, &scales, f32::to_le_bytes)?;
-    write_all(out, &multipliers, i8::to_le_bytes)?;
-    out.write_all(&bytes)
+    write_int4_codes(out, &Codes { scale: scales, multipliers, codes }, width)
 }

@@ -1,0 +1,130 @@
+//! Weights rounded to what their products read: the float model animates recordings, and the Gram matrices of
+//! every product's inputs say which errors may stand in for which.
+
+use std::io;
+use std::path::PathBuf;
+use std::thread;
+
+use umo_core::animation::Animation;
+use umo_core::audio::resample;
+use umo_core::calibration::Calibration;
+use umo_core::session::SessionConfig;
+use umo_core::weights::int4;
+use umo_core::weights::writer::{Codes, Storage};
+use umo_core::{AvatarConfig, Compute, Isa, Model, ModelFile, Sampler, Team};
+use umo_kernels::pack::{CODES_I4, GROUP};
+use umo_kernels::quantize::quantize_weight_row;
+
+use super::compensate::{Compensation, DAMPING};
+use crate::animate;
+use crate::failure::Failure;
+
+/// Largest int8 step.
+const STEPS: f64 = 127.0;
+
+/// Animates `recordings` with the float model `file`, and records what the products of the tensors `wanted`
+/// read.
+pub(super) fn run(file: &ModelFile, wanted: Vec<String>, recordings: &[PathBuf]) -> Result<Calibration, Failure> {
+    let calibration = Calibration::new(wanted);
+    let model = Model::load_recording(file, Isa::detect(), &calibration)?;
+    let team = Team::new(1).map_err(Failure::environment)?;
+    let (cx, config) = (Compute { isa: model.isa(), team: &team }, model.config());
+    let mut seconds = 0.0;
+    for (number, path) in recordings.iter().enumerate() {
+        let wav = animate::speech(path, false)?;
+        let samples = resample::to_rate(&wav.mono(), wav.sample_rate as usize, config.audio.sample_rate)?;
+        let defaults = SessionConfig::new(config).avatar;
+        let sampler = Sampler { seed: number as u64, ..defaults.sampler };
+        let avatar = AvatarConfig { horizon: config.audio.ahead, sampler, ..defaults };
+        let mut animation = Animation::new(&model, &avatar)?;
+        animation.push_audio(&samples)?;
+        animation.finish(wav.frames() * config.frame_rate / wav.sample_rate as usize);
+        while animation.step(&model, cx, &mut |_| ())? {}
+        seconds += wav.seconds();
+    }
+    eprintln!("note: calibrated by {seconds:.0} s of speech");
+    Ok(calibration)
+}
+
+/// The codes of the tensor `name` of `shape`, whose float `values` are those that the calibration ran with;
+/// rows that nothing was recorded of are rounded alone.
+pub(super) fn codes(
+    calibration: &Calibration,
+    (name, shape): (&str, &[usize]),
+    values: &[f32],
+    storage: Storage,
+) -> io::Result<Codes> {
+    let (rows, width) = (shape[0], values.len() / shape[0].max(1));
+    let mut by_row: Vec<Option<usize>> = vec![None; rows];
+    let mut compensations = Vec::new();
+    for (range, gram) in calibration.of(name) {
+        let sum = gram.sum().map_err(io::Error::other)?;
+        // A convolution reads its inputs in another order, and is not recorded.
+        if sum.len() == width * width
+            && let Some(compensation) = Compensation::largest_first(&sum, width, DAMPING)
+        {
+            by_row[range].fill(Some(compensations.len()));
+            compensations.push(compensation);
+        }
+    }
+    let of_row = |row: usize| by_row[row].map(|at| &compensations[at]);
+    let threads = thread::available_parallelism().map_or(1, usize::from);
+    let each = rows.div_ceil(threads).max(1);
+    let parts = thread::scope(|scope| {
+        let part = |first: usize| {
+            move || {
+                let mut codes = Codes { scale: Vec::new(), multipliers: Vec::new(), codes: Vec::new() };
+                for row in first..(first + each).min(rows) {
+                    round(&values[row * width..][..width], of_row(row), storage, &mut codes)?;
+                }
+                Ok(codes)
+            }
+        };
+        let started: Vec<_> = (0..rows).step_by(each).map(|first| scope.spawn(part(first))).collect();
+        let joined = started.into_iter().map(|part| part.join().unwrap_or_else(|_| Err(io::Error::other("a panic"))));
+        joined.collect::<io::Result<Vec<Codes>>>()
+    })?;
+    let mut all = Codes { scale: Vec::new(), multipliers: Vec::new(), codes: Vec::new() };
+    for part in parts {
+        all.scale.extend(part.scale);
+        all.multipliers.extend(part.multipliers);
+        all.codes.extend(part.codes);
+    }
+    Ok(all)
+}
+
+/// Adds the codes of one row: scales as plain rounding chooses them, for int4 by the errors that count, and codes
+/// as `compensation` does, if there is one.
+#[expect(clippy::cast_possible_truncation, reason = "rounded to a code")]
+fn round(row: &[f32], compensation: Option<&Compensation>, storage: Storage, to: &mut Codes) -> io::Result<()> {
+    let mut codes = vec![0; row.len()];
+    if storage == Storage::Int4 {
+        let mut multipliers = vec![0; row.len().div_ceil(GROUP)];
+        let importance = compensation.map_or_else(|| vec![1.0; row.len()], Compensation::importance);
+        let scale = int4::quantize_row(row, &importance, &mut codes, &mut multipliers);
+        if let Some(compensation) = compensation {
+            compensation.round(row, |i, value| {
+                let step = f64::from(scale) * f64::from(multipliers[i / GROUP]);
+                let code = if step == 0.0 { 0.0 } else { (value / step).round_ties_even() };
+                let code = code.clamp(CODES_I4.0.into(), CODES_I4.1.into());
+                codes[i] = code as i8;
+                code * step
+            });
+        }
+        to.scale.push(scale);
+        to.multipliers.extend(multipliers);
+    } else {
+        let scale = quantize_weight_row(row, &mut codes).map_err(io::Error::other)?;
+        if let Some(compensation) = compensation {
+            let step = f64::from(scale);
+            compensation.round(row, |i, value| {
+                let code = (value / step).round_ties_even().clamp(-STEPS, STEPS);
+                codes[i] = code as i8;
+                code * step
+            });
+        }
+        to.scale.push(scale);
+    }
+    to.codes.extend(codes);
+    Ok(())
+}
