@@ -68,7 +68,7 @@ async fn a_session_of_opus_goes_on_from_its_state() {
     /// Packets from which a new decoder finds its way.
     const BEFORE: usize = 5;
     let server = Running::new(|_| ()).await;
-    let all: Vec<_> = packets("voice").repeat(3);
+    let all = std::array::from_fn::<_, 3, _>(|_| packets("voice")).concat();
     let hello = json!({ "seed": 4, "audio": "opus" });
     let mut client = Client::new(server.address, hello.clone()).await.unwrap();
     for packet in &all {
