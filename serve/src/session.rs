@@ -559,7 +559,10 @@ fn later<T>(nothing: T) -> impl FnOnce(SessionError) -> Result<T, End> {
 /// Whose fault it is.
 fn of_session(error: SessionError) -> End {
     match error {
-        SessionError::Range(_) | SessionError::UnknownGesture | SessionError::GesturesFull => End::bad(error),
+        SessionError::Range(_)
+        | SessionError::UnknownGesture
+        | SessionError::GesturesFull
+        | SessionError::HintsFull => End::bad(error),
         _ => End::internal(error),
     }
 }
