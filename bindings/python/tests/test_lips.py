@@ -69,7 +69,8 @@ def test_hints_close_the_lips_of_a_session(hello, model):
                 session.hint_lips(*hint)
             rest, parts = samples, []
             while not session.is_done:
-                rest = rest[session.push(rest) :]
+                if len(rest):
+                    rest = rest[session.push(rest) :]
                 if not len(rest):
                     session.finish()
                 engine.poll()
