@@ -332,7 +332,7 @@ mod tests {
     #[test]
     fn lips_meet_in_the_time_of_a_closure_and_nowhere_else() {
         // A short one between two frames, and one that lasts.
-        for (start, duration) in [(0.515, 0.004), (0.5, 0.08), (1.01, 0.0)] {
+        for (start, duration) in [(0.515, 0.004), (0.5, 0.08), (1.015, 0.0)] {
             let mut trial = speaking();
             hint(&mut trial, start, duration, LipShape::Closed).unwrap();
             let frames: Vec<_> = (0..60).map(|at| tick(&mut trial, heard(at))).collect();
