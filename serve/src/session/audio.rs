@@ -16,7 +16,7 @@ enum Input {
         half: Option<u8>,
     },
     /// A packet a message.
-    Opus(Packets),
+    Opus(Box<Packets>),
 }
 
 /// Samples out of a client's messages.
@@ -39,7 +39,7 @@ impl Audio {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a day at most, and positive")]
         let room = (buffer.as_secs_f64() * rate as f64) as usize;
         let pace = (!ahead.is_zero()).then(|| Pace::new(rate, ahead, now));
-        let input = opus.map_or(Input::Pcm { half: None }, Input::Opus);
+        let input = opus.map_or(Input::Pcm { half: None }, |packets| Input::Opus(Box::new(packets)));
         Self { input, waiting: VecDeque::new(), skip: 0, room, pace, used: 0 }
     }
 
