@@ -257,6 +257,15 @@
 // Fear.
 #define UMO_MOOD_AFRAID 6
 
+// The lips meet: p, b, m.
+#define UMO_LIPS_CLOSED 0
+
+// The lower lip is at the upper teeth: f, v.
+#define UMO_LIPS_TEETH 1
+
+// The lips are rounded: w, and vowels such as that of "boot".
+#define UMO_LIPS_ROUND 2
+
 // The last pose is held.
 #define UMO_IDLE_HOLD 0
 
@@ -1492,6 +1501,25 @@ UMO_MUST_USE
 umo_status umo_session_set_mood(struct umo_session *session,
                                 uint32_t mood,
                                 float strength)
+UMO_NOEXCEPT;
+
+// Says that a sound is heard that one sees on the lips: `shape` is one of `UMO_LIPS_…`, `start` and
+// `duration` are seconds of the audio that was pushed since the session began or was reset. The lips
+// are in the shape then, and reach and leave it within 60 ms, whatever the model does; models without
+// ARKit's shapes show nothing of it. Sounds may come in any order, before their audio or after it; one
+// whose frames were pulled already shows no more. `umo_session_interrupt` drops those that wait.
+//
+// Threads: any. Never allocates; waits at most for another thread's setter.
+// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (an unknown shape, a time that is no
+// number of seconds from 0 on, or a duration outside 0 to 2), `BUSY` (64 sounds wait already: call
+// again when the time of one has passed; or another thread is in a setter), `FAILED`, `CLOSED`,
+// `PANIC`.
+UMO_API
+UMO_MUST_USE
+umo_status umo_session_hint_lips(struct umo_session *session,
+                                 uint32_t shape,
+                                 double start,
+                                 double duration)
 UMO_NOEXCEPT;
 
 // Plays a gesture over what the model does: its parts of the body ease to it and back, the others

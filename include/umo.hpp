@@ -347,6 +347,10 @@ public:
     [[nodiscard]] umo_status set_mood(std::uint32_t mood, float strength = 1) noexcept {
         return umo_session_set_mood(get(), mood, strength);
     }
+    /// `UMO_LIPS_…`
+    [[nodiscard]] umo_status hint_lips(std::uint32_t shape, double start, double duration) noexcept {
+        return umo_session_hint_lips(get(), shape, start, duration);
+    }
     static umo_gesture_options gesture_defaults() noexcept {
         umo_gesture_options options{};
         (void)!umo_gesture_options_init(&options, sizeof options);

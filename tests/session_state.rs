@@ -11,7 +11,7 @@ use model_bytes::ModelBytes;
 use proptest::prelude::*;
 use umo_core::clock::Clock;
 use umo_core::engine::{Engine, EngineConfig, Poll, Threads};
-use umo_core::life::{Attention, GestureOptions, Layer, Mood, Side};
+use umo_core::life::{Attention, GestureOptions, Layer, LipShape, Mood, Side};
 use umo_core::model::Model;
 use umo_core::session::{Frame, Idle, Session, SessionConfig, SessionError, StateError, Voice};
 use umo_core::{ModelFile, Part, Precision};
@@ -79,6 +79,7 @@ enum Call {
     SetLayer(Layer, f32),
     /// The gesture of this number, so many seconds after what was shown last, if at a time.
     Gesture(usize, Option<f64>, Side),
+    Lips(usize, f64, f64),
     /// So many samples of who speaks to the avatar, and how loud.
     Other(usize, f32),
     Wait(u64),
@@ -110,6 +111,8 @@ fn any_call() -> impl Strategy<Value = Call> {
         1 => (prop::sample::select(Layer::ALL.to_vec()), 0.0_f32..=1.0).prop_map(|(layer, gain)| Call::SetLayer(layer, gain)),
         2 => (0_usize..40, prop::option::of(0.0..3.0), prop::sample::select(Side::ALL.to_vec()))
             .prop_map(|(which, at, side)| Call::Gesture(which, at, side)),
+        2 => (0_usize..3, 0.0..2.0, 0.0..0.3_f64)
+            .prop_map(|(which, after, duration)| Call::Lips(which, after, duration)),
         2 => (0_usize..9_000, 0.0_f32..0.5).prop_map(|(count, level)| Call::Other(count, level)),
         2 => (0_u64..700).prop_map(Call::Wait),
         2 => (0_u32..700).prop_map(Call::Clock),
@@ -201,6 +204,12 @@ impl<'a> Run<'a> {
                 match session.play_gesture(names[which % names.len()], &options) {
                     Ok(()) => seen.push(1),
                     Err(error) => assert_eq!(error, SessionError::GesturesFull),
+                }
+            }
+            Call::Lips(which, after, duration) => {
+                match session.hint_lips(LipShape::ALL[*which], *time + after, *duration) {
+                    Ok(()) => seen.push(2),
+                    Err(error) => assert_eq!(error, SessionError::HintsFull),
                 }
             }
             Call::Other(count, level) => session.push_other_audio(&vec![*level; count * *channels]).unwrap(),

@@ -1,7 +1,7 @@
 //! The messages: JSON texts both ways, samples in, frames, packets and states out.
 //!
-//! A binary message of a client is 16-bit little-endian mono samples, or pieces of the state that its
-//! hello announced. The first byte of a binary message of the server says what it is:
+//! A binary message of a client is 16-bit little-endian mono samples, one packet of Opus, or a piece of
+//! the state that its hello announced. The first byte of a binary message of the server says what it is:
 //!
 //! | byte | what follows |
 //! |---|---|
@@ -40,7 +40,10 @@ pub struct Hello {
     /// Its token, where the request had none.
     #[serde(default)]
     pub token: Option<String>,
-    /// Samples a second of its audio.
+    /// What its audio is.
+    #[serde(default)]
+    pub audio: AudioKind,
+    /// Samples a second of its audio; of Opus, those that it is decoded to.
     #[serde(default = "rate")]
     pub rate: usize,
     /// What it wants to have.
@@ -76,6 +79,10 @@ pub struct Hello {
     /// Bytes of a state that follow, in binary messages: the session goes on where that one was.
     #[serde(default)]
     pub restore: Option<usize>,
+    /// Samples at the start of its audio that are dropped: what of a packet the state knows already, and
+    /// packets before it, from which the decoder finds its way.
+    #[serde(default)]
+    pub skip: usize,
 }
 
 const fn version() -> u32 {
@@ -86,8 +93,23 @@ const fn rate() -> usize {
     16_000
 }
 
+const fn one_packet() -> u32 {
+    1
+}
+
 const fn one() -> f32 {
     1.0
+}
+
+/// What the audio of a client is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum AudioKind {
+    /// 16-bit little-endian mono samples.
+    #[default]
+    Pcm,
+    /// A packet of RFC 6716 a message, mono or stereo.
+    Opus,
 }
 
 /// What a session gives.
@@ -147,6 +169,12 @@ pub enum Request {
     Hello(Hello),
     /// The speech is over: its last frames come, then `done`. The next `interrupt` begins another.
     Finish,
+    /// Packets of Opus before the next one did not come: they are concealed.
+    Lost {
+        /// How many.
+        #[serde(default = "one_packet")]
+        packets: u32,
+    },
     /// Drops what was not sent yet, and eases to rest; what is pushed from now on is a new speech.
     Interrupt {
         /// Seconds of the ease.
@@ -264,6 +292,7 @@ pub struct Ready<'a> {
     pub version: u32,
     pub model: &'a str,
     pub rate: usize,
+    pub audio: AudioKind,
     pub output: Output,
     pub frame_rate: usize,
     pub joints: usize,
@@ -367,17 +396,20 @@ mod tests {
     fn a_hello_has_defaults_and_refuses_what_it_does_not_know() {
         let Ok(Request::Hello(hello)) = Request::parse(r#"{"type":"hello"}"#) else { panic!("a hello") };
         assert_eq!((hello.version, hello.rate, hello.output, hello.layers), (1, 16_000, Output::Frames, 1.0));
-        assert!(hello.token.is_none() && !hello.handover);
-        let full = r#"{"type":"hello","rate":48000,"output":"packets","voice":"live","mood":"joy","mood_strength":0.5,
+        assert!(hello.token.is_none() && !hello.handover && hello.audio == AudioKind::Pcm);
+        let full = r#"{"type":"hello","rate":48000,"audio":"opus","skip":7,"output":"packets","voice":"live","mood":"joy","mood_strength":0.5,
             "seed":18446744073709551615,"prompt":"she is glad","handover":true,"restore":9}"#;
         let Ok(Request::Hello(hello)) = Request::parse(full) else { panic!("a hello") };
         assert_eq!(hello.mood, Some(MoodName(Mood::Joy)));
+        assert_eq!((hello.audio, hello.skip), (AudioKind::Opus, 7));
         assert_eq!((hello.output, hello.voice, hello.seed), (Output::Packets, VoiceKind::Live, u64::MAX));
         for (text, part) in [
             (r#"{"type":"hello","rat":1}"#, "rat"),
             (r#"{"type":"hello","rate":"fast"}"#, "fast"),
             (r#"{"type":"hello","rate":-1}"#, "-1"),
             (r#"{"type":"hello","output":"film"}"#, "film"),
+            (r#"{"type":"hello","audio":"mp3"}"#, "mp3"),
+            (r#"{"type":"lost","packets":-1}"#, "-1"),
             (r#"{"type":"hello","mood":"happy"}"#, "joy"),
             (r#"{"type":"greet"}"#, "greet"),
             (r#"{"rate":1}"#, "type"),
@@ -392,6 +424,7 @@ mod tests {
     #[test]
     fn commands_are_read() {
         assert_eq!(Request::parse(r#"{"type":"finish"}"#), Ok(Request::Finish));
+        assert_eq!(Request::parse(r#"{"type":"lost"}"#), Ok(Request::Lost { packets: 1 }));
         assert_eq!(Request::parse(r#"{"type":"interrupt","ease":0.25}"#), Ok(Request::Interrupt { ease: 0.25 }));
         let look = Request::parse(r#"{"type":"look_at","point":[0,1.5,2]}"#);
         assert_eq!(look, Ok(Request::LookAt { point: [0.0, 1.5, 2.0], strength: 1.0 }));

@@ -4,9 +4,11 @@
 //! |---|---|
 //! | `settings` | what a hello asks for, as settings of a session |
 //! | `audio` | samples that wait, and how soon they may be computed |
+//! | `opus` | packets of Opus to samples |
 //! | `writer` | the writing half of the socket |
 
 mod audio;
+mod opus;
 mod settings;
 mod writer;
 
@@ -23,8 +25,9 @@ use umo_core::{Engine, EngineError, Session, SessionError};
 use crate::config::Config;
 use crate::hub::{Hub, Phase, Place, Refusal};
 use crate::metrics::Metrics;
-use crate::protocol::{self, Code, FrameMessage, Hello, Output, PACKET, Ready, Reply, Request, STATE};
+use crate::protocol::{self, AudioKind, Code, FrameMessage, Hello, Output, PACKET, Ready, Reply, Request, STATE};
 use audio::Audio;
+use opus::Packets;
 use writer::{Writer, Written};
 
 /// How often the engine is asked for what is ready.
@@ -187,6 +190,14 @@ async fn with_place(
     writer: &Writer,
     shared: &Arc<Shared>,
 ) -> (End, bool) {
+    let opus = match hello.audio {
+        AudioKind::Pcm => Ok(None),
+        AudioKind::Opus => Packets::new(hello.rate).map(Some),
+    };
+    let opus = match opus {
+        Ok(opus) => opus,
+        Err(wrong) => return (End::bad(wrong), false),
+    };
     let session = match begin(hello, stream, shared).await {
         Ok(session) => session,
         Err(end) => return (end, false),
@@ -194,7 +205,7 @@ async fn with_place(
     shared.metrics.started.inc();
     let config = &shared.config;
     let mut live = Live {
-        audio: Audio::new(hello.rate, config.buffer, config.ahead, Instant::now()),
+        audio: Audio::new((hello.rate, opus), config.buffer, config.ahead, Instant::now()).skip(hello.skip),
         shared: Arc::clone(shared),
         rate: hello.rate,
         output: hello.output,
@@ -310,6 +321,7 @@ impl Live {
             version: protocol::VERSION,
             model: &config.name,
             rate: hello.rate,
+            audio: hello.audio,
             output: hello.output,
             frame_rate: config.frame_rate,
             joints: umo_core::JOINTS,
@@ -364,7 +376,7 @@ impl Live {
                 if self.speech != Speech::Open {
                     return Err(End::bad("audio after `finish`: an `interrupt` begins another speech"));
                 }
-                self.audio.extend(&bytes);
+                self.audio.extend(&bytes).map_err(End::bad)?;
             }
             Message::Text(text) => self.request(Request::parse(&text).map_err(End::bad)?)?,
         }
@@ -381,8 +393,15 @@ impl Live {
         let session = &self.session;
         match request {
             Request::Hello(_) => return Err(End::bad("a second hello")),
-            Request::Finish if self.speech == Speech::Open => self.speech = Speech::Ending,
+            Request::Finish if self.speech == Speech::Open => {
+                self.audio.finish().map_err(End::bad)?;
+                self.speech = Speech::Ending;
+            }
             Request::Finish => {}
+            Request::Lost { .. } if self.speech != Speech::Open => {
+                return Err(End::bad("lost after `finish`: an `interrupt` begins another speech"));
+            }
+            Request::Lost { packets } => self.audio.lose(packets).map_err(End::bad)?,
             Request::Interrupt { ease } => {
                 let ease = Duration::try_from_secs_f64(ease).map_err(End::bad)?;
                 session.interrupt(ease).map_err(of_session)?;
@@ -540,7 +559,10 @@ fn later<T>(nothing: T) -> impl FnOnce(SessionError) -> Result<T, End> {
 /// Whose fault it is.
 fn of_session(error: SessionError) -> End {
     match error {
-        SessionError::Range(_) | SessionError::UnknownGesture | SessionError::GesturesFull => End::bad(error),
+        SessionError::Range(_)
+        | SessionError::UnknownGesture
+        | SessionError::GesturesFull
+        | SessionError::HintsFull => End::bad(error),
         _ => End::internal(error),
     }
 }

@@ -7,6 +7,8 @@ mod client;
 mod drain;
 #[path = "server/limits.rs"]
 mod limits;
+#[path = "server/opus.rs"]
+mod opus;
 #[path = "server/wrong.rs"]
 mod wrong;
 

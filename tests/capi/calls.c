@@ -268,6 +268,13 @@ static void sessions_refuse_calls(void) {
     FAILS(INVALID_ARGUMENT, umo_session_set_mood(avatar, UMO_MOOD_JOY, 1.5f));
     FAILS(INVALID_ARGUMENT, umo_session_set_mood(avatar, UMO_MOOD_JOY, (float)NAN));
     OK(umo_session_set_mood(avatar, UMO_MOOD_JOY, 0.5f));
+    FAILS(INVALID_ARGUMENT, umo_session_hint_lips(avatar, UMO_LIPS_ROUND + 1, 0, 0.1));
+    FAILS(INVALID_ARGUMENT, umo_session_hint_lips(avatar, UMO_LIPS_CLOSED, -1, 0.1));
+    FAILS(INVALID_ARGUMENT, umo_session_hint_lips(avatar, UMO_LIPS_CLOSED, 0, (double)NAN));
+    FAILS(NULL_POINTER, umo_session_hint_lips(NULL, UMO_LIPS_CLOSED, 0, 0.1));
+    for (int hint = 0; hint < 64; hint++)
+        OK(umo_session_hint_lips(avatar, UMO_LIPS_CLOSED, 1e6 + hint, 0.1));
+    FAILS(BUSY, umo_session_hint_lips(avatar, UMO_LIPS_CLOSED, 1e6, 0.1));
     FAILS(NULL_POINTER, umo_session_push_other_audio(avatar, NULL, 2));
     FAILS(INVALID_ARGUMENT, umo_session_push_other_audio(avatar, samples, 3));
     FAILS(INVALID_ARGUMENT, umo_session_push_other_audio(avatar, samples, SIZE_MAX));

@@ -3,7 +3,7 @@
 use std::ffi::{CStr, c_char};
 
 use umo_core::config::Sampling;
-use umo_core::life::{Attention, Layer, Mood};
+use umo_core::life::{Attention, Layer, LipShape, Mood};
 use umo_core::part::Part;
 use umo_core::session::{Idle, MAX_GAIN, Session};
 
@@ -69,6 +69,13 @@ pub const UMO_MOOD_SURPRISED: u32 = 4;
 pub const UMO_MOOD_DISGUSTED: u32 = 5;
 /// Fear.
 pub const UMO_MOOD_AFRAID: u32 = 6;
+
+/// The lips meet: p, b, m.
+pub const UMO_LIPS_CLOSED: u32 = 0;
+/// The lower lip is at the upper teeth: f, v.
+pub const UMO_LIPS_TEETH: u32 = 1;
+/// The lips are rounded: w, and vowels such as that of "boot".
+pub const UMO_LIPS_ROUND: u32 = 2;
 
 /// The last pose is held.
 pub const UMO_IDLE_HOLD: u32 = 0;
@@ -157,6 +164,12 @@ fn attention(number: u32) -> Result<Attention, Failure> {
 pub(crate) fn mood(number: u32) -> Result<Mood, Failure> {
     let unknown = || Failure::argument(format_args!("mood {number} is none of UMO_MOOD_…"));
     Mood::ALL.get(number as usize).copied().ok_or_else(unknown)
+}
+
+/// The shape of lips of a number.
+pub(crate) fn lips(number: u32) -> Result<LipShape, Failure> {
+    let unknown = || Failure::argument(format_args!("shape {number} is none of UMO_LIPS_…"));
+    LipShape::ALL.get(number as usize).copied().ok_or_else(unknown)
 }
 
 /// The layer that a parameter is the strength of.

@@ -165,7 +165,7 @@ impl From<OutOfMemory> for Failure {
 impl From<SessionError> for Failure {
     fn from(error: SessionError) -> Self {
         let status = match error {
-            SessionError::Busy(_) | SessionError::GesturesFull => UMO_STATUS_BUSY,
+            SessionError::Busy(_) | SessionError::GesturesFull | SessionError::HintsFull => UMO_STATUS_BUSY,
             SessionError::Finished => UMO_STATUS_FINISHED,
             SessionError::Uneven { .. } | SessionError::Range(_) | SessionError::UnknownGesture => {
                 UMO_STATUS_INVALID_ARGUMENT

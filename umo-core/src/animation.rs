@@ -7,7 +7,7 @@ use crate::batch::Batch;
 use crate::config::Config;
 use crate::error::{LoadError, StepError};
 use crate::life::gesture::Request;
-use crate::life::{Controls, GestureOptions, Gestures, Levels, Life, Mood};
+use crate::life::{Controls, GestureOptions, Gestures, Heard, Levels, Life, LipShape, Mood};
 use crate::linear::Compute;
 use crate::memory::{Arena, Boxed};
 use crate::model::Model;
@@ -41,6 +41,9 @@ struct Track {
     frame_rate: usize,
 }
 
+/// Parts of a frame's time in which hints of lips are placed.
+const HINT_UNITS: usize = 1000;
+
 /// The layers over the decoders' frames, and the frame that they change.
 #[derive(Debug)]
 struct Layers {
@@ -48,6 +51,7 @@ struct Layers {
     life: Life,
     controls: Controls,
     frame: OwnedFrame,
+    frame_rate: usize,
 }
 
 impl Layers {
@@ -58,12 +62,13 @@ impl Layers {
             life: Life::new(&model.config, &frame, config.sampler.seed, config.gestures.clone()),
             controls: Controls::new(config.life),
             frame,
+            frame_rate: model.config.frame_rate,
         })
     }
 
     /// The decoders' next frame with its layers.
     fn apply<'a>(&'a mut self, frame: FrameRef<'a>) -> FrameRef<'a> {
-        let Self { levels, life, controls, frame: shown } = self;
+        let Self { levels, life, controls, frame: shown, frame_rate } = self;
         if life.is_off(controls) {
             return frame;
         }
@@ -71,7 +76,8 @@ impl Layers {
         shown.pose = *frame.pose;
         shown.face.copy_from_slice(frame.face);
         shown.cue = levels.cue(&frame);
-        life.apply(shown, controls, 0.0);
+        let heard = Heard { sample: HINT_UNITS as u64 * shown.index, rate: HINT_UNITS * *frame_rate };
+        life.apply(shown, controls, 0.0, Some(heard));
         FrameRef { pose: &shown.pose, face: &shown.face, ..frame }
     }
 }
@@ -146,6 +152,17 @@ impl Animation {
         let request = Request::new(&self.track.gestures, name, options, self.track.frame_rate, 0)?;
         let Layers { life, controls, .. } = &mut *self.track.layers;
         controls.gestures.push(request, life.begun_gestures())
+    }
+
+    /// Says that a sound is heard that one sees on the lips, as
+    /// [`Session::hint_lips`](crate::Session::hint_lips).
+    ///
+    /// # Errors
+    /// [`SessionError::Range`] where a time is out of its range, [`SessionError::HintsFull`] where
+    /// [`MAX_PENDING_HINTS`](crate::MAX_PENDING_HINTS) wait.
+    pub fn hint_lips(&mut self, shape: LipShape, start: f64, duration: f64) -> Result<(), SessionError> {
+        let Layers { life, controls, frame_rate, .. } = &mut *self.track.layers;
+        controls.hints.push((start, duration), shape, HINT_UNITS * *frame_rate, (0, life.passed_hints()))
     }
 
     /// The mood of face and posture from the next frame on, with a strength of 0 to 1, as

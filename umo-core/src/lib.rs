@@ -108,8 +108,8 @@ pub use inner::avatar::{AvatarConfig, StageTimes};
 pub use inner::clock::Clock;
 pub use inner::engine::{Engine, EngineConfig, Lender, MAX_BATCH, MAX_SESSIONS, Poll, Threads};
 pub use inner::life::{
-    Attention, Gesture, GestureOptions, GestureParts, Gestures, LAYERS, Layer, LifeConfig, MAX_GESTURE_FRAMES,
-    MAX_GESTURES, MAX_PENDING_GESTURES, Mood, Side,
+    Attention, Gesture, GestureOptions, GestureParts, Gestures, LAYERS, Layer, LifeConfig, LipShape,
+    MAX_GESTURE_FRAMES, MAX_GESTURES, MAX_HINT_SECONDS, MAX_PENDING_GESTURES, MAX_PENDING_HINTS, Mood, Side,
 };
 pub use inner::lm::layout::MAX_PROMPT_TOKENS;
 pub use inner::lm::sampler::Sampler;

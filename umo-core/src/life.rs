@@ -15,7 +15,8 @@
 //! | 5 | `nods` | the head on accents, and while listening |
 //! | 6 | `gaze` | look-at: eyes, head and trunk; fixations and saccades; blinks and lids |
 //! | 7 | `asymmetry` | the face's left and right a little apart |
-//! | 8 | `feet` | a root that stays near its home, planted feet, steps |
+//! | 8 | `lips` | lips of sounds that the host knows the times of |
+//! | 9 | `feet` | a root that stays near its home, planted feet, steps |
 //!
 //! A gain that is set anew is reached over 0.4 s. A layer whose gain is 0 leaves the frame's bits as
 //! they are.
@@ -29,6 +30,7 @@ pub(crate) mod gesture;
 mod idle;
 mod leg;
 mod levels;
+pub(crate) mod lips;
 mod mood;
 mod nods;
 mod noise;
@@ -48,6 +50,7 @@ pub use attention::Attention;
 pub use gesture::{
     Gesture, GestureOptions, GestureParts, Gestures, MAX_GESTURE_FRAMES, MAX_GESTURES, MAX_PENDING_GESTURES, Side,
 };
+pub use lips::{LipShape, MAX_HINT_SECONDS, MAX_PENDING_HINTS};
 pub use mood::Mood;
 
 /// A layer whose strength can be set.
@@ -141,6 +144,15 @@ pub(crate) struct Controls {
     /// 0 to 1.
     pub(crate) mood_strength: f32,
     pub(crate) gestures: gesture::Requests,
+    pub(crate) hints: lips::Hints,
+}
+
+/// The place in the host's audio that a frame belongs to.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Heard {
+    pub(crate) sample: u64,
+    /// Samples a second.
+    pub(crate) rate: usize,
 }
 
 impl Controls {
@@ -153,6 +165,7 @@ impl Controls {
             mood: Mood::Neutral,
             mood_strength: 0.0,
             gestures: gesture::Requests::NONE,
+            hints: lips::Hints::NONE,
         }
     }
 
@@ -163,6 +176,7 @@ impl Controls {
             pass.share(share)?;
         }
         self.gestures.state(pass)?;
+        self.hints.state(pass)?;
         let attention = pass.limited("attention", self.attention as u64, Attention::ALL.len() as u64 - 1)?;
         let mood = pass.limited("mood", self.mood as u64, Mood::ALL.len() as u64 - 1)?;
         if pass.loads() {
@@ -214,6 +228,7 @@ pub(crate) struct Life {
     nods: nods::Nods,
     gaze: gaze::Gaze,
     asymmetry: asymmetry::Asymmetry,
+    lips: lips::Lips,
     feet: feet::Feet,
 }
 
@@ -238,6 +253,7 @@ impl Life {
             nods: nods::Nods::new(),
             gaze: gaze::Gaze::new(),
             asymmetry: asymmetry::Asymmetry::new(),
+            lips: lips::Lips::new(),
             feet: feet::Feet::new(),
             rig,
         }
@@ -245,7 +261,9 @@ impl Life {
 
     /// Whether a tick leaves the frame as it is.
     pub(crate) fn is_off(&self, controls: &Controls) -> bool {
-        self.gains.are_off(&controls.layers) && self.gesture.is_empty(&controls.gestures)
+        self.gains.are_off(&controls.layers)
+            && self.gesture.is_empty(&controls.gestures)
+            && self.lips.is_empty(&controls.hints)
     }
 
     /// Gestures that began, or were dropped before.
@@ -253,9 +271,15 @@ impl Life {
         self.gesture.begun()
     }
 
+    /// Hints of lips that were shown, or dropped.
+    pub(crate) fn passed_hints(&self) -> u64 {
+        self.lips.passed()
+    }
+
     /// A new epoch begins where the avatar stands: gestures of before go out within some ticks.
     pub(crate) fn interrupt(&mut self, epoch: u32, ticks: u64, controls: &Controls) {
         self.gesture.interrupt(epoch, ticks, 1.0 / self.seconds, &controls.gestures);
+        self.lips.interrupt(epoch, &controls.hints);
     }
 
     /// What a state must have in common with these layers.
@@ -268,6 +292,7 @@ impl Life {
         self.ticks = 0;
         self.gains = gains::Gains::new();
         self.gesture.reset(epoch, &controls.gestures);
+        self.lips.interrupt(epoch, &controls.hints);
         self.mood = mood::Expression::new();
         self.attention = attention::State::new();
         self.idle = idle::Idle::new();
@@ -277,8 +302,15 @@ impl Life {
         self.feet = feet::Feet::new();
     }
 
-    /// One tick: changes the next frame of the decoders into what is shown. Never allocates.
-    pub(crate) fn apply(&mut self, frame: &mut OwnedFrame, controls: &Controls, other_level: f32) {
+    /// One tick: changes the next frame of the decoders into what is shown; `heard` is none for a frame
+    /// that no audio belongs to. Never allocates.
+    pub(crate) fn apply(
+        &mut self,
+        frame: &mut OwnedFrame,
+        controls: &Controls,
+        other_level: f32,
+        heard: Option<Heard>,
+    ) {
         let is_off = self.is_off(controls);
         let gains = self.gains.advance(&controls.layers, self.seconds);
         if is_off {
@@ -318,6 +350,9 @@ impl Life {
         if at(Layer::Asymmetry, &mut tick) {
             self.asymmetry.apply(frame, &tick);
         }
+        if let Some(heard) = heard {
+            self.lips.apply(frame, &self.rig, &controls.hints, heard, self.seconds);
+        }
         if at(Layer::Feet, &mut tick) {
             self.feet.apply(frame, &tick);
         }
@@ -335,6 +370,7 @@ impl Life {
         self.nods.state(pass)?;
         self.gaze.state(pass)?;
         self.asymmetry.state(pass)?;
+        self.lips.state(pass)?;
         self.feet.state(pass)
     }
 }

@@ -41,7 +41,7 @@ use std::time::Duration;
 use crate::config::Sampling;
 use crate::defect::Defect;
 use crate::life::gesture::Request;
-use crate::life::{Attention, Controls, GestureOptions, Layer, Mood};
+use crate::life::{Attention, Controls, GestureOptions, Layer, LipShape, Mood};
 use crate::lm::layout::MAX_PROMPT_TOKENS;
 use crate::memory::Counted;
 use crate::part::Part;
@@ -507,6 +507,27 @@ impl Session {
         let request = Request::new(&shared.gestures, name, options, shared.frame_rate, epoch)?;
         let begun = shared.begun_gestures.load(Ordering::Acquire);
         spin_lock(&shared.controls)?.gestures.push(request, begun)?;
+        shared.unseen_controls.store(true, Ordering::Release);
+        Ok(())
+    }
+
+    /// Says that a sound is heard that one sees on the lips: from `start` on for `duration`, seconds of
+    /// the audio that was pushed since the session began or was reset. The lips are in its shape then,
+    /// and reach and leave it within 60 ms, whatever the model does; models without ARKit's shapes show
+    /// nothing of it. Sounds may come in any order, before their audio or after it; one whose time was
+    /// handed out already shows no more. An [`interrupt`](Self::interrupt) drops those that wait.
+    ///
+    /// # Errors
+    /// [`SessionError::Range`] where a time is no number of seconds from 0 on, or the duration not 0 to
+    /// [`MAX_HINT_SECONDS`](crate::MAX_HINT_SECONDS), [`SessionError::HintsFull`] where
+    /// [`MAX_PENDING_HINTS`](crate::MAX_PENDING_HINTS) wait, [`SessionError::Busy`] where another thread
+    /// sets something at this moment.
+    pub fn hint_lips(&self, shape: LipShape, start: f64, duration: f64) -> Result<(), SessionError> {
+        let shared = &*self.shared;
+        shared.check()?;
+        let epoch = shared.link.epoch().number;
+        let passed = shared.passed_hints.load(Ordering::Acquire);
+        spin_lock(&shared.controls)?.hints.push((start, duration), shape, shared.sample_rate, (epoch, passed))?;
         shared.unseen_controls.store(true, Ordering::Release);
         Ok(())
     }

@@ -15,7 +15,7 @@ use std::ops::RangeInclusive;
 /// What every state begins with.
 const MAGIC: [u8; 8] = *b"umostate";
 /// The version of the format that this library reads and writes.
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
 /// Upper bound of numbers in a state: larger than any field, and its sums and products
 /// stay finite. Comparisons with it are false for NaN.
 const LARGEST: f64 = 1e12;

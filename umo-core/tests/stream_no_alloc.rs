@@ -12,7 +12,7 @@ use std::time::Duration;
 use counting::{allocated, allocator_calls, check_counter};
 use umo_core::clock::Clock;
 use umo_core::engine::{Engine, EngineConfig, Poll, Threads};
-use umo_core::life::GestureOptions;
+use umo_core::life::{GestureOptions, LipShape};
 use umo_core::model::Model;
 use umo_core::session::{Idle, Session, SessionConfig, SessionError};
 use umo_core::{ModelFile, Precision};
@@ -160,6 +160,14 @@ fn play(avatar: &Session, audio: &[f32], piece: usize, which: usize) {
         avatar.set_seed(piece as u64).expect("nobody else sets it");
         avatar.set_prompt(&[1, 2, 3]).expect("nobody else sets it");
         assert_eq!(avatar.play_gesture("fly", &GestureOptions::default()), Err(SessionError::UnknownGesture));
+    }
+    if piece % 7 == 3 {
+        let (shape, start) = (LipShape::ALL[piece % 3], piece as f64 / 40.0);
+        assert!(avatar.hint_lips(shape, -1.0, 0.1).is_err());
+        match avatar.hint_lips(shape, start, 0.1) {
+            Ok(()) | Err(SessionError::HintsFull) => {}
+            Err(error) => panic!("{error}"),
+        }
     }
     if piece % 150 == 33 {
         let names = ["wave", "nod", "point", "shrug", "count", "bow", "clap"];

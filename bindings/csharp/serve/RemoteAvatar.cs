@@ -33,7 +33,9 @@ namespace Umo.Serve
 
         /// <summary>Where the server has tokens.</summary>
         [DataMember(Name = "token", EmitDefaultValue = false)] public string Token { get; set; }
-        /// <summary>Samples a second, 8000 to 192000.</summary>
+        /// <summary>"pcm" or "opus".</summary>
+        [DataMember(Name = "audio", EmitDefaultValue = false)] public string Audio { get; set; }
+        /// <summary>Samples a second, 8000 to 192000; of Opus 8000, 12000, 16000, 24000 or 48000.</summary>
         [DataMember(Name = "rate", EmitDefaultValue = false)] public int? Rate { get; set; }
         /// <summary>"frames" or "packets".</summary>
         [DataMember(Name = "output", EmitDefaultValue = false)] public string Output { get; set; }
@@ -55,6 +57,8 @@ namespace Umo.Serve
         [DataMember(Name = "layers", EmitDefaultValue = false)] public double? Layers { get; set; }
         /// <summary>Whether the session's state is taken where the server stops.</summary>
         [DataMember(Name = "handover", EmitDefaultValue = false)] public bool? Handover { get; set; }
+        /// <summary>Samples at the start that a restored session knows already.</summary>
+        [DataMember(Name = "skip", EmitDefaultValue = false)] public long? Skip { get; set; }
     }
 
     /// <summary>A text message of the server: which fields there are depends on its type.</summary>
@@ -66,6 +70,7 @@ namespace Umo.Serve
         [DataMember(Name = "version")] public int Version { get; private set; }
         [DataMember(Name = "model")] public string Model { get; private set; }
         [DataMember(Name = "rate")] public int Rate { get; private set; }
+        [DataMember(Name = "audio")] public string Audio { get; private set; }
         [DataMember(Name = "output")] public string Output { get; private set; }
         [DataMember(Name = "frame_rate")] public int FrameRate { get; private set; }
         [DataMember(Name = "joints")] public int Joints { get; private set; }
@@ -184,6 +189,20 @@ namespace Umo.Serve
                 data[2 * i + 1] = (byte)(samples[start + i] >> 8);
             }
             return SendAsync(data, cancel);
+        }
+
+        /// <summary>Sends one packet of Opus, as RTP carries it, where the hello says "opus".</summary>
+        public Task PushOpusAsync(byte[] packet, CancellationToken cancel = default(CancellationToken))
+        {
+            if (packet == null || packet.Length == 0 || packet.Length > Piece)
+                throw new ArgumentException("a packet of Opus has 1 to " + Piece + " bytes", nameof(packet));
+            return SendAsync(packet, cancel);
+        }
+
+        /// <summary>So many packets of Opus before the next one did not come: the server conceals them.</summary>
+        public Task LostAsync(int packets = 1, CancellationToken cancel = default(CancellationToken))
+        {
+            return SayAsync(new Request { Type = "lost", Packets = packets }, cancel);
         }
 
         /// <summary>The speech is over: its last frames come, then "done".</summary>
@@ -378,6 +397,7 @@ namespace Umo.Serve
         private sealed class Request
         {
             [DataMember(Name = "type")] internal string Type;
+            [DataMember(Name = "packets", EmitDefaultValue = false)] internal int? Packets;
             [DataMember(Name = "ease", EmitDefaultValue = false)] internal double? Ease;
             [DataMember(Name = "mood", EmitDefaultValue = false)] internal string Mood;
             [DataMember(Name = "name", EmitDefaultValue = false)] internal string Name;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-// ServeTests URL WAV FRAMES: the client of `umo serve` against a server. FRAMES is what `umo animate --horizon 0 -o FRAMES.jsonl` wrote.
+// ServeTests URL WAV FRAMES OPUS: the client of `umo serve` against a server. FRAMES is what `umo animate --horizon 0 -o FRAMES.jsonl` wrote.
 
 using System;
 using System.Collections.Generic;
@@ -15,6 +15,7 @@ internal static class ServeTests
 {
     private static Uri address;
     private static short[] speech;
+    private static string opus;
     private static float[][] wanted;
     private static readonly CancellationToken Soon = new CancellationTokenSource(120000).Token;
 
@@ -24,6 +25,7 @@ internal static class ServeTests
         byte[] wav = File.ReadAllBytes(args[1]);
         speech = new short[(wav.Length - 44) / 2];
         Buffer.BlockCopy(wav, 44, speech, 0, 2 * speech.Length);
+        opus = args[3];
         wanted = File.ReadLines(args[2]).Skip(1).Select(Numbers).ToArray();
         var tests = new Dictionary<string, Func<Task>>
         {
@@ -31,6 +33,7 @@ internal static class ServeTests
             { "a session goes on where its state was", AStateGoesOn },
             { "another speech follows an interrupt", AnotherSpeechFollows },
             { "packets come in place of frames", PacketsCome },
+            { "packets of Opus animate, and lost ones keep their time", PacketsOfOpusAnimate },
             { "what is wrong is said", WhatIsWrongIsSaid },
         };
         int failed = 0;
@@ -117,6 +120,42 @@ internal static class ServeTests
             await avatar.FinishAsync(Soon);
             List<RemoteFrame> frames = (await Speech(avatar)).Item1;
             Check(first == 60 && frames.Count == 36 && frames[0].Index == 60, first + " and " + frames.Count + " frames");
+        }
+    }
+
+    private static async Task PacketsOfOpusAnimate()
+    {
+        // Packets of 20 ms, 0.6 s of speech, each after its length.
+        byte[] data = File.ReadAllBytes(opus);
+        Hello hello = new Hello { Audio = "opus" };
+        using (RemoteAvatar avatar = await RemoteAvatar.ConnectAsync(address, hello, null, Soon))
+        {
+            Check(avatar.Ready.Audio == "opus", "ready says " + avatar.Ready.Audio);
+            int count = 0;
+            for (int at = 0; at < data.Length && count < 28; count++)
+            {
+                byte[] packet = new byte[BitConverter.ToUInt16(data, at)];
+                Buffer.BlockCopy(data, at + 2, packet, 0, packet.Length);
+                at += 2 + packet.Length;
+                await avatar.PushOpusAsync(packet, Soon);
+            }
+            await avatar.LostAsync(2, Soon);
+            await avatar.FinishAsync(Soon);
+            int frames = (await Speech(avatar)).Item1.Count;
+            Check(frames == 18, frames + " frames");
+        }
+        using (RemoteAvatar avatar = await RemoteAvatar.ConnectAsync(address, hello, null, Soon))
+        {
+            await avatar.PushOpusAsync(new byte[] { 0x4b, 0 }, Soon);
+            try
+            {
+                await avatar.ReceiveAsync(Soon);
+                Check(false, "no error");
+            }
+            catch (ServeException error)
+            {
+                Check(error.Code == "bad_request" && error.Message.Contains("no Opus packet"), error.Message);
+            }
         }
     }
 

@@ -162,6 +162,29 @@ def test_an_interrupt_drops_what_was_not_spoken_and_recovers(hello, live, model)
     assert joints(before + after)[44:60].max() < 25
 
 
+def test_hints_are_of_their_own_speech(hello, model):
+    samples, rate = hello
+    jaw, close = (model.channels.index(name) for name in ("jawOpen", "mouthClose"))
+
+    async def speak(hints):
+        async with umo.agents.Avatar(rate, model=model, lead=None) as avatar:
+            for _ in range(2):
+                # The first before any audio, the second with it.
+                for hint in hints:
+                    avatar.hint(hint)
+                avatar.push(samples[: 2 * rate])
+                avatar.end()
+            return await spoken(avatar, 2)
+
+    plain, hinted = run(speak([])), run(speak([umo.lips.Hint("closed", 1.0, 0.1)]))
+    for number in range(2):
+        inside = [pose for pose in hinted if pose.speech == number and 1.0 <= pose.time <= 1.1]
+        assert len(inside) >= 3
+        assert all(pose.frame.face[jaw] - pose.frame.face[close] < 0.01 for pose in inside)
+        of = lambda poses: [pose.frame.face for pose in poses if pose.speech == number and not 0.92 < pose.time < 1.18]
+        assert np.array_equal(of(plain), of(hinted))
+
+
 def test_an_interrupt_before_the_first_pose_leaves_nothing_of_the_speech(hello, live, model):
     samples, rate = hello
 

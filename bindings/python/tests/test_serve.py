@@ -2,10 +2,12 @@
 
 import asyncio
 import os
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+ROOT = Path(__file__).resolve().parents[3]
 URL = os.environ.get("UMO_SERVE")
 if not URL:
     pytest.skip("UMO_SERVE names no server: scripts/test-serve starts one", allow_module_level=True)
@@ -62,6 +64,37 @@ def test_a_session_goes_on_where_its_state_was(hello, live):
     before, after = run(speak())
     kept = [frame for frame in before if frame.index < after[0].index]
     same(kept + after, live)
+
+
+def opus():
+    """Packets of 20 ms, 0.6 s of speech."""
+    data, packets = (ROOT / "serve/tests/opus/voice.packets").read_bytes(), []
+    while data:
+        length = int.from_bytes(data[:2], "little")
+        packets.append(data[2 : 2 + length])
+        data = data[2 + length :]
+    return packets
+
+
+def test_packets_of_opus_animate_and_lost_ones_keep_their_time():
+    async def speak(packets):
+        async with umo.serve.connect(URL, audio="opus") as avatar:
+            assert avatar.ready["audio"] == "opus"
+            for packet in packets:
+                if packet:
+                    await avatar.push_opus(packet)
+                else:
+                    await avatar.lost()
+            await avatar.finish()
+            return await frames(avatar)
+
+    whole = opus()
+    gaps = [b"" if at in (7, 8, 29) else packet for at, packet in enumerate(whole)]
+    made, healed = run(speak(whole)), run(speak(gaps))
+    assert [frame.index for frame in made] == [frame.index for frame in healed] == list(range(18))
+    with pytest.raises(umo.serve.ServeError, match="no Opus packet") as error:
+        run(speak([*whole[:3], b"\x4b\x00"]))
+    assert error.value.code == "bad_request"
 
 
 def test_what_is_wrong_is_said():

@@ -20,6 +20,8 @@ export interface RemoteFrame {
 /** Fields of the server's hello, in docs/serve.md. */
 export interface Hello {
   token?: string;
+  /** "opus": `rate` is 8000, 12000, 16000, 24000 or 48000. */
+  audio?: "pcm" | "opus";
   rate?: number;
   output?: "frames" | "packets";
   voice?: "delayed" | "live";
@@ -31,6 +33,8 @@ export interface Hello {
   horizon?: number;
   layers?: number;
   handover?: boolean;
+  /** Samples at the start that a restored session knows already. */
+  skip?: number;
   /** A state to go on from. */
   state?: Uint8Array;
 }
@@ -40,6 +44,7 @@ export interface Ready {
   version: number;
   model: string;
   rate: number;
+  audio: "pcm" | "opus";
   output: "frames" | "packets";
   frame_rate: number;
   joints: number;
@@ -62,6 +67,8 @@ export class RemoteAvatar {
   onstate: (state: Uint8Array, samples: number, isHandover: boolean) => void;
   onend: (error: ServeError) => void;
   push(samples: Int16Array | Float32Array): void;
+  pushOpus(packet: Uint8Array | ArrayBuffer): void;
+  lost(packets?: number): void;
   finish(): void;
   interrupt(ease?: number): void;
   setMood(mood: string, strength?: number): void;

@@ -57,6 +57,12 @@ export class RemoteAvatar {
     for (let at = 0; at < data.length; at += PIECE / 2) this.#socket.send(data.slice(at, at + PIECE / 2));
   }
 
+  /** Sends one packet of Opus, as RTP carries it, where the hello has `audio: "opus"`. */
+  pushOpus(packet) { this.#socket.send(packet); }
+
+  /** So many packets of Opus before the next one did not come: the server conceals them. */
+  lost(packets = 1) { this.#say({ type: "lost", packets }); }
+
   /** The speech is over: its last frames come, then `ondone`. */
   finish() { this.#say({ type: "finish" }); }
 

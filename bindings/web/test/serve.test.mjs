@@ -1,6 +1,7 @@
 // The client of `umo serve`, against a server that `scripts/test-serve` starts.
 
 import assert from "node:assert/strict";
+import { readFileSync } from "node:fs";
 import { test } from "node:test";
 import { RemoteAvatar } from "../src/serve.js";
 
@@ -52,6 +53,33 @@ test("a session goes on where its state was", { skip }, async () => {
   second.close();
   const kept = before.filter((frame) => frame.index < after[0].index);
   assert.deepEqual(values([...kept, ...after]), values(expected));
+});
+
+// Packets of 20 ms, 0.6 s of speech.
+function opus() {
+  const data = readFileSync(new URL("../../../serve/tests/opus/voice.packets", import.meta.url));
+  const packets = [];
+  for (let at = 0; at < data.length; at += 2 + data.readUInt16LE(at)) packets.push(data.subarray(at + 2, at + 2 + data.readUInt16LE(at)));
+  return packets;
+}
+
+test("packets of Opus animate, and lost ones keep their time", { skip }, async () => {
+  const avatar = await RemoteAvatar.connect(url, { audio: "opus" });
+  assert.equal(avatar.ready.audio, "opus");
+  const packets = opus();
+  const made = [];
+  avatar.onframe = (frame) => made.push(frame.index);
+  const done = new Promise((resolve, reject) => Object.assign(avatar, { ondone: resolve, onend: reject }));
+  for (const packet of packets.slice(0, 28)) avatar.pushOpus(packet);
+  avatar.lost(2);
+  avatar.finish();
+  assert.equal((await done).frames, 18);
+  assert.deepEqual(made, [...made.keys()]);
+  avatar.close();
+  const wrong = await RemoteAvatar.connect(url, { audio: "opus" });
+  const end = new Promise((resolve) => { wrong.onend = resolve; });
+  wrong.pushOpus(Uint8Array.of(0x4b, 0));
+  assert.match((await end).message, /no Opus packet/);
 });
 
 test("what is wrong is said", { skip }, async () => {

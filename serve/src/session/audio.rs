@@ -5,37 +5,96 @@ use std::time::Duration;
 
 use tokio::time::Instant;
 
-/// Samples out of bytes, in whatever pieces they come.
+use super::opus::Packets;
+
+/// What the bytes of a client are.
+#[derive(Debug)]
+enum Input {
+    /// Samples, in whatever pieces they come.
+    Pcm {
+        /// The first byte of a sample whose second has not come.
+        half: Option<u8>,
+    },
+    /// A packet a message.
+    Opus(Box<Packets>),
+}
+
+/// Samples out of a client's messages.
 #[derive(Debug)]
 pub(super) struct Audio {
+    input: Input,
     waiting: VecDeque<i16>,
-    /// The first byte of a sample whose second has not come.
-    half: Option<u8>,
+    /// Samples at the start that a restored session knows already.
+    skip: usize,
     /// Samples that may wait before no more is read.
     room: usize,
     pace: Option<Pace>,
-    /// Samples that the session took, or that an interrupt dropped.
+    /// Samples that the session took, that an interrupt dropped, or that were skipped.
     pub(super) used: u64,
 }
 
 impl Audio {
-    pub(super) fn new(rate: usize, buffer: Duration, ahead: Duration, now: Instant) -> Self {
+    /// Audio of so many samples a second: of Opus where there is a decoder for it.
+    pub(super) fn new((rate, opus): (usize, Option<Packets>), buffer: Duration, ahead: Duration, now: Instant) -> Self {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a day at most, and positive")]
         let room = (buffer.as_secs_f64() * rate as f64) as usize;
         let pace = (!ahead.is_zero()).then(|| Pace::new(rate, ahead, now));
-        Self { waiting: VecDeque::new(), half: None, room, pace, used: 0 }
+        let input = opus.map_or(Input::Pcm { half: None }, |packets| Input::Opus(Box::new(packets)));
+        Self { input, waiting: VecDeque::new(), skip: 0, room, pace, used: 0 }
+    }
+
+    /// Drops the first samples.
+    pub(super) fn skip(mut self, samples: usize) -> Self {
+        self.skip = samples;
+        self
     }
 
     /// Takes the bytes of a message.
-    pub(super) fn extend(&mut self, bytes: &[u8]) {
-        let mut bytes = bytes.iter().copied();
-        while let Some(low) = self.half.take().or_else(|| bytes.next()) {
-            let Some(high) = bytes.next() else {
-                self.half = Some(low);
-                return;
-            };
-            self.waiting.push_back(i16::from_le_bytes([low, high]));
+    pub(super) fn extend(&mut self, bytes: &[u8]) -> Result<(), String> {
+        let waiting = &mut self.waiting;
+        match &mut self.input {
+            Input::Pcm { half } => {
+                let mut bytes = bytes.iter().copied();
+                while let Some(low) = half.take().or_else(|| bytes.next()) {
+                    let Some(high) = bytes.next() else {
+                        *half = Some(low);
+                        break;
+                    };
+                    waiting.push_back(i16::from_le_bytes([low, high]));
+                }
+            }
+            Input::Opus(packets) => packets.packet(bytes, |samples| waiting.extend(samples))?,
         }
+        self.drop_skipped();
+        Ok(())
+    }
+
+    /// So many packets were lost before the next one.
+    pub(super) fn lose(&mut self, packets: u32) -> Result<(), String> {
+        let waiting = &mut self.waiting;
+        match &mut self.input {
+            Input::Pcm { .. } => return Err("lost: only Opus has packets that can be lost".to_owned()),
+            Input::Opus(decoder) => decoder.lose(packets, |samples| waiting.extend(samples))?,
+        }
+        self.drop_skipped();
+        Ok(())
+    }
+
+    /// No more comes.
+    pub(super) fn finish(&mut self) -> Result<(), String> {
+        let waiting = &mut self.waiting;
+        if let Input::Opus(packets) = &mut self.input {
+            packets.finish(|samples| waiting.extend(samples))?;
+        }
+        self.drop_skipped();
+        Ok(())
+    }
+
+    fn drop_skipped(&mut self) {
+        let dropped = self.skip.min(self.waiting.len());
+        self.waiting.drain(..dropped);
+        self.skip -= dropped;
+        self.used += dropped as u64;
     }
 
     /// Whether more may come.
@@ -51,7 +110,10 @@ impl Audio {
     pub(super) fn clear(&mut self) {
         self.used += self.waiting.len() as u64;
         self.waiting.clear();
-        self.half = None;
+        match &mut self.input {
+            Input::Pcm { half } => *half = None,
+            Input::Opus(packets) => packets.clear(),
+        }
     }
 
     /// Gives what may be computed by now to `push`, which says how many samples it took; says how many
@@ -134,18 +196,19 @@ mod tests {
         let samples: Vec<i16> = (0..400).map(|i| i * 81 - 16_000).collect();
         let bytes: Vec<u8> = samples.iter().flat_map(|sample| sample.to_le_bytes()).collect();
         for piece in [1, 2, 3, 7, 800] {
-            let mut audio = Audio::new(16_000, SECOND, Duration::ZERO, now);
-            bytes.chunks(piece).for_each(|piece| audio.extend(piece));
+            let mut audio = Audio::new((16_000, None), SECOND, Duration::ZERO, now);
+            bytes.chunks(piece).for_each(|piece| audio.extend(piece).unwrap());
             assert_eq!(take_all(&mut audio, now), samples, "pieces of {piece}");
-            assert_eq!((audio.used, audio.half), (400, None));
+            assert_eq!(audio.used, 400);
+            assert!(matches!(audio.input, Input::Pcm { half: None }));
         }
     }
 
     #[test]
     fn a_recording_that_comes_at_once_is_computed_at_its_own_pace() {
         let now = Instant::now();
-        let mut audio = Audio::new(8_000, 30 * SECOND, 2 * SECOND, now);
-        audio.extend(&vec![0; 2 * 80_000]);
+        let mut audio = Audio::new((8_000, None), 30 * SECOND, 2 * SECOND, now);
+        audio.extend(&vec![0; 2 * 80_000]).unwrap();
         assert_eq!(take_all(&mut audio, now).len(), 16_000);
         assert_eq!(take_all(&mut audio, now).len(), 0);
         assert_eq!(take_all(&mut audio, now + SECOND / 2).len(), 4_000);
@@ -159,14 +222,25 @@ mod tests {
     #[test]
     fn what_the_engine_does_not_take_waits_and_what_waits_is_bounded() {
         let now = Instant::now();
-        let mut audio = Audio::new(8_000, SECOND, Duration::ZERO, now);
-        audio.extend(&vec![0; 2 * 7_999]);
+        let mut audio = Audio::new((8_000, None), SECOND, Duration::ZERO, now);
+        audio.extend(&vec![0; 2 * 7_999]).unwrap();
         assert!(audio.has_room());
-        audio.extend(&[0; 2]);
+        audio.extend(&[0; 2]).unwrap();
         assert!(!audio.has_room());
         assert_eq!(audio.push(now, |_| Ok::<_, ()>(100)), Ok(100));
         assert_eq!((audio.waiting.len(), audio.used), (7_900, 100));
         assert_eq!(audio.push(now, |_| Err(())), Err(()));
         assert_eq!(audio.waiting.len(), 7_900);
+    }
+
+    #[test]
+    fn samples_that_a_state_knows_are_skipped_and_count_as_used() {
+        let now = Instant::now();
+        let mut audio = Audio::new((8_000, None), SECOND, Duration::ZERO, now).skip(5);
+        for sample in 0_i16..8 {
+            audio.extend(&sample.to_le_bytes()).unwrap();
+        }
+        assert_eq!((take_all(&mut audio, now), audio.used), (vec![5, 6, 7], 8));
+        assert!(audio.lose(1).unwrap_err().contains("Opus"));
     }
 }

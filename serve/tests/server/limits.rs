@@ -34,6 +34,40 @@ async fn more_clients_than_places_are_refused_and_places_come_back() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn twice_as_many_clients_as_places_leave_those_that_run_their_frames() {
+    const PLACES: u32 = 4;
+    let server = Running::new(|config| config.sessions = 4).await;
+    let speak = async |seed: u32| {
+        let mut client = Client::new(server.address, json!({ "seed": seed })).await?;
+        // Nobody finishes before all have asked.
+        let asked = async {
+            while !http(server.address, "/metrics").await.1.contains("refused_total{reason=\"full\"} 4") {
+                tokio::time::sleep(Duration::from_millis(10)).await;
+            }
+        };
+        let audio = super::speech(24_000, seed);
+        for piece in audio[..8_000].chunks(320) {
+            client.speak(piece, 640).await;
+        }
+        timeout(PATIENCE, asked).await.expect("the others are refused");
+        client.speak(&audio[8_000..], 640).await;
+        client.text(r#"{"type":"finish"}"#).await;
+        let (frames, done) = client.frames_until_done().await;
+        assert_eq!((frames.len(), done["frames"].as_u64()), (45, Some(45)));
+        Ok::<_, (String, String, u16)>(
+            super::only_bits(&frames) == super::offline(&super::settings(seed.into()), &audio),
+        )
+    };
+    let all = tokio::join!(speak(0), speak(1), speak(2), speak(3), speak(4), speak(5), speak(6), speak(7));
+    let all = [all.0, all.1, all.2, all.3, all.4, all.5, all.6, all.7];
+    let refused = all.iter().filter_map(|outcome| outcome.as_ref().err());
+    let reasons: Vec<_> =
+        refused.map(|(code, reason, number)| (code.as_str(), reason.contains('4'), *number)).collect();
+    assert_eq!(reasons, [("full", true, 4503); PLACES as usize]);
+    assert_eq!(all.iter().filter(|outcome| **outcome == Ok(true)).count(), PLACES as usize);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn tokens_open_the_door_and_count_their_clients() {
     let tokens = Tokens::parse(&format!("studio {STUDIO}\ngame {GAME}")).unwrap();
     let server = Running::new(|config| (config.tokens, config.per_client) = (tokens, 1)).await;

@@ -130,6 +130,7 @@ enum Call {
     Clock(Which, f64),
     Layer(Which, u8, f32),
     Gesture(Which, u8, Option<Changes>),
+    Lips(Which, u32, f64, f64),
     AddGesture(Which, u8, Changes, Size),
     AddGestureFile { of: Which, name: u8, animation: u8, parts: u32, stroke: f32, size: Size, change: (u16, u8) },
     GestureName(Which, u32),
@@ -408,6 +409,7 @@ fn run(call: &Call, handles: &Handles, hands: &mut Hands) {
             });
             unsafe { umo_session_play_gesture(session(*which), gesture(*name), given) }
         }
+        Call::Lips(which, shape, start, duration) => umo_session_hint_lips(session(*which), shape % 4, *start, *duration),
         Call::AddGesture(of, name, changes, size) => {
             let mut clip: UmoGestureClip = unsafe { std::mem::zeroed() };
             check(unsafe { umo_gesture_clip_init(&mut clip, size_of::<UmoGestureClip>()) });

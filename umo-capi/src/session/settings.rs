@@ -142,6 +142,23 @@ pub extern "C" fn umo_session_set_mood(session: *mut UmoSession, mood: u32, stre
     on(session, |handle| Ok(handle.session.set_mood(parameter::mood(mood)?, strength)?))
 }
 
+/// Says that a sound is heard that one sees on the lips: `shape` is one of `UMO_LIPS_…`, `start` and
+/// `duration` are seconds of the audio that was pushed since the session began or was reset. The lips
+/// are in the shape then, and reach and leave it within 60 ms, whatever the model does; models without
+/// ARKit's shapes show nothing of it. Sounds may come in any order, before their audio or after it; one
+/// whose frames were pulled already shows no more. `umo_session_interrupt` drops those that wait.
+///
+/// Threads: any. Never allocates; waits at most for another thread's setter.
+/// Errors: `NULL_POINTER`, `INVALID_HANDLE`, `INVALID_ARGUMENT` (an unknown shape, a time that is no
+/// number of seconds from 0 on, or a duration outside 0 to 2), `BUSY` (64 sounds wait already: call
+/// again when the time of one has passed; or another thread is in a setter), `FAILED`, `CLOSED`,
+/// `PANIC`.
+#[unsafe(no_mangle)]
+#[must_use]
+pub extern "C" fn umo_session_hint_lips(session: *mut UmoSession, shape: u32, start: f64, duration: f64) -> UmoStatus {
+    on(session, |handle| Ok(handle.session.hint_lips(parameter::lips(shape)?, start, duration)?))
+}
+
 /// Plays a gesture over what the model does: its parts of the body ease to it and back, the others
 /// go on. `name` is one that `umo_engine_get_gesture_name` lists; upper case counts as lower case,
 /// and spaces and hyphens as underscores. Gestures of the same parts follow each other in the order

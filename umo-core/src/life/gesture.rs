@@ -504,7 +504,7 @@ impl Player {
 }
 
 /// Whether an epoch came before another, by their numbers, which may wrap.
-fn is_older(epoch: u32, than: u32) -> bool {
+pub(super) fn is_older(epoch: u32, than: u32) -> bool {
     than.wrapping_sub(epoch).wrapping_sub(1) < u32::MAX / 2
 }
 

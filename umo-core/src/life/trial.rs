@@ -86,7 +86,7 @@ impl Trial {
     /// One tick; what is shown.
     pub(super) fn tick(&mut self) -> OwnedFrame {
         let mut frame = self.frame.clone();
-        self.life.apply(&mut frame, &self.controls, self.other);
+        self.life.apply(&mut frame, &self.controls, self.other, None);
         frame
     }
 

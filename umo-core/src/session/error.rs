@@ -43,6 +43,9 @@ pub enum SessionError {
     /// [`MAX_PENDING_GESTURES`](crate::MAX_PENDING_GESTURES) gestures wait already; the call may be
     /// repeated when one has begun.
     GesturesFull,
+    /// [`MAX_PENDING_HINTS`](crate::MAX_PENDING_HINTS) hints of lips wait already; the call may be
+    /// repeated when the time of one has passed.
+    HintsFull,
 }
 
 impl fmt::Display for SessionError {
@@ -60,6 +63,7 @@ impl fmt::Display for SessionError {
             Self::State(error) => write!(f, "{error}"),
             Self::Packet(error) => write!(f, "{error}"),
             Self::UnknownGesture => write!(f, "no gesture has this name: list the names that there are"),
+            Self::HintsFull => write!(f, "64 hints of lips wait already: call again when the time of one has passed"),
             Self::GesturesFull => write!(f, "eight gestures wait already: call again when one has begun"),
         }
     }

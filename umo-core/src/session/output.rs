@@ -11,7 +11,7 @@ use super::shared::try_lock;
 use super::voice::LiveVoice;
 use super::{Idle, SessionConfig, Shared};
 use crate::config::Config;
-use crate::life::{Controls, Cue, Life};
+use crate::life::{Controls, Cue, Heard, Life};
 use crate::memory::{Arena, Boxed};
 use crate::motion::Pose;
 use crate::motion::rotation::{Quat, slerp};
@@ -539,13 +539,15 @@ impl Output {
     fn add_layers(&mut self, shared: &Shared) {
         self.raw_next.copy(&self.next_frame);
         self.follow_controls(shared);
-        self.life.apply(&mut self.next_frame, &self.controls, shared.other_level());
+        let heard = Heard { sample: self.next_frame.sample, rate: shared.sample_rate };
+        self.life.apply(&mut self.next_frame, &self.controls, shared.other_level(), Some(heard));
         self.publish(shared);
         self.has_next = true;
     }
 
-    /// Tells the host's setters how many of its gestures began.
+    /// Tells the host's setters how many of its gestures began, and of its hints passed.
     fn publish(&self, shared: &Shared) {
+        shared.passed_hints.store(self.life.passed_hints(), Ordering::Release);
         shared.begun_gestures.store(self.life.begun_gestures(), Ordering::Release);
     }
 
@@ -736,7 +738,7 @@ impl Output {
                 let place = self.raw_last.pose.translation;
                 (to.pose.translation[0], to.pose.translation[2]) = (place[0], place[2]);
             }
-            self.life.apply(to, &self.controls, shared.other_level());
+            self.life.apply(to, &self.controls, shared.other_level(), None);
             shared.begun_gestures.store(self.life.begun_gestures(), Ordering::Release);
             *ticks += 1;
             if is_new && *ticks == 1 {

@@ -86,6 +86,8 @@ pub(crate) struct Shared {
     /// Gestures that the avatar knows, and how many that the host asked for began.
     pub(super) gestures: Gestures,
     pub(super) begun_gestures: AtomicU64,
+    /// How many hints of lips were shown or dropped.
+    pub(super) passed_hints: AtomicU64,
     /// Level of who speaks to the avatar, as the bits of a float.
     pub(super) other_level: AtomicU32,
     /// When that was heard, by what [`Self::now`] says.
@@ -108,7 +110,7 @@ pub(crate) struct Shared {
     pub(super) mouth_samples: usize,
     pub(super) channels: usize,
     pub(super) frame_rate: usize,
-    sample_rate: usize,
+    pub(super) sample_rate: usize,
 }
 
 #[derive(Debug, Default)]
@@ -294,6 +296,7 @@ impl Shared {
             unseen_controls: AtomicBool::new(true),
             gestures: session.avatar.gestures.clone(),
             begun_gestures: AtomicU64::new(0),
+            passed_hints: AtomicU64::new(0),
             other_level: AtomicU32::new(0.0_f32.to_bits()),
             other_time: AtomicU64::new(clock.nanos()),
             other: Mutex::new(OtherInput::new(session.sample_rate, session.channels, config)),

@@ -140,6 +140,7 @@ impl Sides<'_> {
         settings.state(pass)?;
         controls.state(pass)?;
         word(pass, &shared.begun_gestures)?;
+        word(pass, &shared.passed_hints)?;
         switch(pass, "settings", &shared.unseen)?;
         switch(pass, "controls", &shared.unseen_controls)
     }

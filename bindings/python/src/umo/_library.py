@@ -50,6 +50,7 @@ PARAMETERS = {
 VOICES = {"delayed": 0, "live": 1}
 PACKETS = {"none": 0, "beside_frames": 1, "only": 2}
 MOODS = {"neutral": 0, "joy": 1, "sad": 2, "angry": 3, "surprised": 4, "disgusted": 5, "afraid": 6}
+LIPS = {"closed": 0, "teeth": 1, "round": 2}
 SIDES = {"auto": 0, "left": 1, "right": 2, "both": 3}
 GESTURE_PARTS = {"head": 1, "trunk": 2, "left_arm": 4, "right_arm": 8}
 FORMATS = {"glb": 1, "vrma": 2}
@@ -316,6 +317,7 @@ _ARGUMENTS: dict[str, list[Any]] = {
     "umo_session_set_seed": [_HANDLE, c_uint64],
     "umo_session_look_at": [_HANDLE, _U32, POINTER(c_float), c_float],
     "umo_session_set_mood": [_HANDLE, _U32, c_float],
+    "umo_session_hint_lips": [_HANDLE, _U32, c_double, c_double],
     "umo_session_play_gesture": [_HANDLE, _TEXT, POINTER(GestureOptions)],
     "umo_session_set_parameter": [_HANDLE, _U32, c_double],
     "umo_session_get_parameter": [_HANDLE, _U32, POINTER(c_double)],

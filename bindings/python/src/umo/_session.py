@@ -367,6 +367,15 @@ class Session(_library.Handle):
         number = _library.chosen("mood", _library.MOODS, mood)
         self._check(lib.umo_session_set_mood(self._handle, number, strength))
 
+    def hint_lips(self, shape: str, start: float, duration: float) -> None:
+        """Says that a sound is heard that one sees on the lips: `closed` for p, b and m, `teeth` for f and v, `round` for w.
+
+        `start` and `duration` are seconds of the audio that was pushed since the session began or was reset. `umo.lips` makes hints
+        of the times that synthesisers give.
+        """
+        number = _library.chosen("shape", _library.LIPS, shape)
+        self._check(lib.umo_session_hint_lips(self._handle, number, start, duration))
+
     def play_gesture(
         self,
         name: str,

@@ -87,6 +87,14 @@ class Avatar:
         for start in range(0, len(data), PIECE):
             await self._socket.send(data[start : start + PIECE])
 
+    async def push_opus(self, packet: bytes) -> None:
+        """Sends one packet of Opus, as RTP carries it, where the hello has `audio="opus"`."""
+        await self._socket.send(bytes(packet))
+
+    async def lost(self, packets: int = 1) -> None:
+        """So many packets of Opus before the next one did not come: the server conceals them."""
+        await self._say(type="lost", packets=packets)
+
     async def finish(self) -> None:
         """The speech is over: its last frames come, and iterating ends."""
         await self._say(type="finish")

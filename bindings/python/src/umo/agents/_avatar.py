@@ -14,9 +14,11 @@ import numpy as np
 import numpy.typing as npt
 
 from .._engine import Engine
+from .._library import Error, Status
 from .._model import Model
 from .._motion import Frame
 from .._session import Idle, Session, audio
+from ..lips import Hint
 
 SAMPLE = 2
 """Bytes of a sample: audio is PCM16."""
@@ -74,6 +76,10 @@ class _Speech:
     """Samples of each channel that were given out."""
     marks: deque[tuple[int, Any]] = field(default_factory=deque)
     """What is to be told when so many samples were given out."""
+    first: int = 0
+    """Samples of each channel that the session had before it."""
+    hints: deque[Hint] = field(default_factory=deque)
+    """Those that the session does not have."""
 
 
 class Avatar:
@@ -128,6 +134,10 @@ class Avatar:
         self._is_closed = False
         self._count = 0
         self._odd = b""
+        # Samples of each channel that the session took.
+        self._taken = 0
+        # Hints of the next speech.
+        self._early: deque[Hint] = deque()
         # Speeches that were not given out whole. The session has the first of them.
         self._speeches: deque[_Speech] = deque()
         # Frames of an ease to rest that the session still has.
@@ -185,7 +195,8 @@ class Avatar:
         if not whole:
             return
         if not self._speeches or self._speeches[-1].is_ended:
-            self._speeches.append(_Speech(self._count, 0.0))
+            self._speeches.append(_Speech(self._count, 0.0, hints=self._early))
+            self._early = deque()
             self._count += 1
         self._speeches[-1].data += data[:whole]
         self._speeches[-1].fed = time.monotonic()
@@ -213,6 +224,15 @@ class Avatar:
         speech.marks.append((speech.given + len(speech.data) // self._size, mark))
         return True
 
+    def hint(self, hint: Hint) -> None:
+        """Says that a sound is heard that one sees on the lips, at a time of the speech that is pushed at present, or else the next one.
+
+        `umo.lips` makes hints of the times that synthesisers give. One whose pose was given out shows no more.
+        """
+        is_open = bool(self._speeches) and not self._speeches[-1].is_ended
+        (self._speeches[-1].hints if is_open else self._early).append(hint)
+        self._changed.set()
+
     def interrupt(self) -> Optional[Interrupted]:
         """Barge-in: drops what was not given out, and eases to rest. Says what was cut; None where nothing was to be heard."""
         now, cut = time.monotonic(), None
@@ -223,6 +243,7 @@ class Avatar:
             cut = Interrupted(self._speeches[0].number, self._speeches[0].given / self.rate)
         is_begun = bool(self._speeches) and self._speeches[0].is_begun
         self._speeches.clear()
+        self._early.clear()
         self._odd, self._heard = b"", None
         if is_begun:
             self._rest(self.session)
@@ -284,7 +305,9 @@ class Avatar:
         if not self._speeches:
             return
         speech = self._speeches[0]
-        speech.is_begun = True
+        if not speech.is_begun:
+            speech.is_begun, speech.first = True, self._taken
+        self._hint(session, speech)
         if not speech.is_ended and now - speech.fed > self._patience:
             self.end()
         if speech.pushed < len(speech.data):
@@ -292,9 +315,22 @@ class Avatar:
             samples = np.frombuffer(bytes(speech.data[speech.pushed : most]), "<i2").astype(np.int16, copy=False)
             taken = session.push(samples.reshape(-1, self.channels))
             speech.pushed += taken * self._size
+            self._taken += taken
         if speech.is_ended and not speech.is_finished and speech.pushed == len(speech.data):
             session.finish()
             speech.is_finished = True
+
+    def _hint(self, session: Session, speech: _Speech) -> None:
+        """Gives the session the hints of the first speech, as many as it has room for."""
+        while speech.hints:
+            shape, start, duration = speech.hints[0].after(speech.first / self.rate)
+            try:
+                session.hint_lips(shape, start, duration)
+            except Error as error:
+                if error.status != Status.BUSY:
+                    raise
+                return
+            speech.hints.popleft()
 
     def _pull(self, session: Session) -> Optional[Pose]:
         """The next frame with what belongs to it, if there is one."""

@@ -1,0 +1,90 @@
+"""Hints of lips: what spelling says for certain, and what a session shows of it."""
+
+import numpy as np
+import pytest
+
+import umo
+from umo import lips
+
+
+def shapes(text):
+    """The hints of a text whose characters take 0.1 s each."""
+    starts = [0.1 * at for at in range(len(text))]
+    return [(hint.shape, round(10 * hint.start)) for hint in lips.of_characters(text, starts, [start + 0.1 for start in starts])]
+
+
+@pytest.mark.parametrize(
+    "text, expected",
+    [
+        ("Map", [("closed", 0), ("closed", 2)]),
+        ("happy", [("closed", 2)]),
+        ("lamb", [("closed", 2)]),
+        ("lambs", [("closed", 2)]),
+        ("number", [("closed", 2), ("closed", 3)]),
+        ("debt", []),
+        ("psalm", [("closed", 4)]),
+        ("mnemonic", [("closed", 3)]),
+        ("photo", [("teeth", 0)]),
+        ("five", [("teeth", 0), ("teeth", 2)]),
+        ("a be", [("closed", 2)]),
+        ("ÄPFEL", [("closed", 1), ("teeth", 2)]),
+        ("so  on, OK!", []),
+        ("", []),
+    ],
+)
+def test_letters_that_are_certain_become_hints(text, expected):
+    assert shapes(text) == expected
+
+
+def test_doubled_letters_are_one_sound():
+    (hint,) = lips.of_characters("happy", np.arange(5) / 10, np.arange(1, 6) / 10)
+    assert hint.duration == pytest.approx(0.2)
+    assert hint.after(1.0).start == pytest.approx(1.2)
+
+
+def test_words_say_their_first_sound_alone():
+    assert lips.of_word("Maybe,", 2.0, 2.4) == ("closed", 2.0, 0.08)
+    assert lips.of_word("phone", 2.0, 2.04) == ("teeth", 2.0, pytest.approx(0.04))
+    assert lips.of_word("apple", 2.0, 2.4) is None
+    assert lips.of_word("psychology", 2.0, 2.4) is None
+    assert lips.of_word("...", 2.0, 2.4) is None
+
+
+def test_visemes_of_azure_last_until_the_next():
+    made = lips.of_azure([(0.0, 0), (0.1, 21), (0.18, 1), (0.3, 18), (0.35, 7)])
+    assert made == [("closed", 0.1, pytest.approx(0.08)), ("teeth", 0.3, pytest.approx(0.05)), ("round", 0.35, pytest.approx(0.08))]
+
+
+def test_times_must_fit():
+    with pytest.raises(ValueError, match="as many"):
+        lips.of_characters("ab", [0.0], [0.1])
+
+
+def test_hints_close_the_lips_of_a_session(hello, model):
+    samples, rate = hello
+
+    def run(hints):
+        with umo.Engine(model, polled=True, max_sessions=1, max_batch=1) as engine, engine.session(rate) as session:
+            for hint in hints:
+                session.hint_lips(*hint)
+            rest, parts = samples, []
+            while not session.is_done:
+                if len(rest):
+                    rest = rest[session.push(rest) :]
+                if not len(rest):
+                    session.finish()
+                engine.poll()
+                parts.append(session.pull())
+            return np.concatenate([part.face for part in parts]), np.concatenate([part.sample for part in parts])
+
+    (plain, at), (hinted, same) = run([]), run([lips.Hint("closed", 1.0, 0.1)])
+    assert np.array_equal(at, same)
+    seconds = at / rate
+    inside, outside = (seconds >= 1.0) & (seconds <= 1.1), (seconds < 0.92) | (seconds > 1.18)
+    jaw, close = (model.channels.index(name) for name in ("jawOpen", "mouthClose"))
+    assert inside.sum() >= 3
+    assert (hinted[inside, jaw] - hinted[inside, close] < 0.01).all()
+    assert np.array_equal(plain[outside], hinted[outside])
+    with umo.Engine(model, polled=True) as engine, engine.session(rate) as session:
+        with pytest.raises(ValueError, match="closed"):
+            session.hint_lips("open", 0.0, 0.1)
