@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 from test_performer_speech import SENTENCES, speech
+from umo_train.__main__ import main
 from umo_train.data import corpus
 from umo_train.performer import actions
 from umo_train.performer.style import PROMPTS
+from umo_train.shard import Shard
 from umo_train.speech import voices
 from umo_train.speech.utterance import Utterance
 
@@ -99,6 +101,40 @@ def test_an_item_follows_from_the_plan_whatever_was_there(made: Path) -> None:
         after.utterance.phones,
     )
     assert (made / "speech" / "00006.npz").stat().st_mtime_ns == untouched
+
+
+def test_shares_of_several_machines_are_the_whole(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    spoken: list[int] = []
+    monkeypatch.setattr(corpus, "_speak_item", lambda job: spoken.append(job[3]))
+    folder, shares = made / "shared", []
+    for number in (1, 2, 3):
+        spoken.clear()
+        corpus.make_speech(PLAN, folder, 1, Shard(number, 3))
+        shares.append(spoken.copy())
+    spoken.clear()
+    corpus.make_speech(PLAN, folder, 1)
+    assert all(shares) and sorted(index for share in shares for index in share) == spoken
+    moved: list[str] = []
+    monkeypatch.setattr(corpus, "_perform_item", lambda job: moved.append(job[1].name))
+    for number in (1, 2):
+        corpus.make_motion(made, 1, Shard(number, 2))
+    assert sorted(moved) == [path.name for path in corpus.paths(made, "speech")]
+
+
+@pytest.mark.parametrize("text", ["", "3", "0/2", "3/2", "1/0", "a/b", "-1/2", "1/2/3", "1.5/2"])
+def test_what_is_no_share_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match="NUMBER/COUNT"):
+        Shard.parse(text)
+
+
+def test_steps_that_need_every_item_take_no_share(capsys: pytest.CaptureFixture) -> None:
+    for steps in ([], ["audio"], ["speech", "lm"]):
+        with pytest.raises(SystemExit):
+            main(["--config", "plan.yaml", "--work", "w", "--shard", "1/2", *steps])
+        assert "--shard" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main(["--config", "plan.yaml", "--work", "w", "--shard", "3/2", "speech"])
+    assert "NUMBER from 1 to COUNT" in capsys.readouterr().err
 
 
 def test_items_are_whole(made: Path) -> None:

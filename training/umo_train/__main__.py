@@ -8,6 +8,14 @@ import torch
 
 from umo_train import pipeline, plots
 from umo_train.frames.train import Interrupted
+from umo_train.shard import ALL, Shard
+
+
+def _shard(text: str) -> Shard:
+    try:
+        return Shard.parse(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -24,6 +32,8 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--only", help="of the step `tokenizers`: one network alone")
     piece = "of the step `lm`: ends with a checkpoint after so many minutes; the same command goes on from there"
     parser.add_argument("--minutes", type=float, help=piece)
+    shares = f"of the steps {', '.join(pipeline.SHARED)}: makes share NUMBER of COUNT, as 2/4"
+    parser.add_argument("--shard", type=_shard, default=ALL, metavar="NUMBER/COUNT", help=shares)
     options = parser.parse_args(arguments)
     if options.steps == ["plots"]:
         for path in plots.draw(options.work / "run", options.work / "run" / "plots"):
@@ -34,9 +44,12 @@ def main(arguments: list[str] | None = None) -> None:
         parser.error(f"no such step: {' '.join(sorted(unknown))}")
     if options.config is None:
         parser.error("--config: which plan?")
+    if options.shard != ALL and (not options.steps or set(options.steps) - set(pipeline.SHARED)):
+        parser.error(f"--shard: only with the steps {', '.join(pipeline.SHARED)}, named; all others need every item")
     torch.set_num_threads(options.threads)
     began = time.monotonic()
     settings = pipeline.Run.read(options.config, options.work, smoke=options.smoke)
+    settings.shard = options.shard
     if options.minutes is not None:
         settings.until = began + 60 * options.minutes
     if options.only:

@@ -49,6 +49,8 @@ STEPS = (
     "export",
     "mouth",
 )
+# Steps whose items several machines can share.
+SHARED = ("speech", "actions", "motion")
 # Steps of which a plan of layout `frames` has its own, and what a plan runs that names none.
 _OF_FRAMES = ("start", "tokenizers", "report", "codes", "pack", "lm", "interp", "export")
 _FRAMES_STEPS = ("speech", "motion", "audio", "tokenizers", "report", "codes", "lm", "interp", "export")
@@ -94,7 +96,7 @@ def step_voices(s: Run) -> None:
 
 def step_speech(s: Run) -> None:
     plan = corpus.SpeechPlan(**s.plan["speech"] | {"held_out": tuple(s.plan["speech"]["held_out"])})
-    corpus.make_speech(plan, s.corpus, s.plan["workers"])
+    corpus.make_speech(plan, s.corpus, s.plan["workers"], s.shard)
 
 
 def step_people(s: Run) -> None:
@@ -115,11 +117,11 @@ def step_actions(s: Run) -> None:
     files = tuple(path for pattern in plan["clips"] for path in sorted(s.work.glob(pattern)))
     if not files:
         raise ValueError(f"no clips at {', '.join(str(s.work / pattern) for pattern in plan['clips'])}")
-    corpus.make_actions(corpus.ActionPlan(**plan | {"clips": files}), s.corpus, s.plan["workers"])
+    corpus.make_actions(corpus.ActionPlan(**plan | {"clips": files}), s.corpus, s.plan["workers"], s.shard)
 
 
 def step_motion(s: Run) -> None:
-    corpus.make_motion(s.corpus, s.plan["workers"])
+    corpus.make_motion(s.corpus, s.plan["workers"], s.shard)
 
 
 def step_audio(s: Run) -> None:

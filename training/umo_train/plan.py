@@ -6,6 +6,8 @@ from typing import Any
 
 import yaml
 
+from umo_train.shard import ALL, Shard
+
 Config = dict[str, Any]
 # Paths in a plan, of files and folders that others publish; they are below the work folder where they are relative.
 _PATHS = (("audio", "hubert"), ("audio", "kmeans"), ("text", "model"), ("lm", "init"), ("tokenizers", "weights"))
@@ -14,13 +16,15 @@ _PATHS = (("audio", "hubert"), ("audio", "kmeans"), ("text", "model"), ("lm", "i
 @dataclass
 class Run:
     """A plan, the folder that it is in, the corpus' folder and the folder of everything made from it. Training ends
-    with a checkpoint at the moment `until` of `time.monotonic`, where there is one."""
+    with a checkpoint at the moment `until` of `time.monotonic`, where there is one; of the items that are made only
+    those of `shard` are."""
 
     plan: Config
     plans: Path
     corpus: Path
     folder: Path
     until: float | None = None
+    shard: Shard = ALL
 
     @staticmethod
     def read(config: Path, work: Path, *, smoke: bool = False) -> "Run":

@@ -12,6 +12,7 @@ import numpy as np
 from tqdm import tqdm
 
 from umo_train.performer.style import STYLES, draw
+from umo_train.shard import ALL, Shard
 from umo_train.skeleton import PARTS
 from umo_train.speech import variation, voices
 from umo_train.speech.sentences import sentence
@@ -42,8 +43,9 @@ class SpeechPlan:
     seed: int = 0
 
 
-def make_speech(plan: SpeechPlan, folder: Path, workers: int) -> None:
-    """Speaks what is missing of the plan's items. Deterministic in the plan, whatever was there before."""
+def make_speech(plan: SpeechPlan, folder: Path, workers: int, shard: Shard = ALL) -> None:
+    """Speaks what is missing of the plan's items, or of a share of them. Deterministic in the plan, whatever was there
+    before."""
     (folder / "speech").mkdir(parents=True, exist_ok=True)
     names = list(plan.voices)
     train = round(plan.hours * 3600 / plan.seconds_per_item)
@@ -55,7 +57,7 @@ def make_speech(plan: SpeechPlan, folder: Path, workers: int) -> None:
         jobs.append((plan, folder, split, index, voice))
     for index in range(train + test, train + 2 * test):
         jobs.append((plan, folder, "test_voice", index, plan.held_out[index % len(plan.held_out)]))
-    missing = [job for job in jobs if not _path(folder, "speech", job[3]).exists()]
+    missing = [job for job in jobs if shard.has(job[3]) and not _path(folder, "speech", job[3]).exists()]
     with ProcessPoolExecutor(workers) as pool:
         list(tqdm(pool.map(_speak_item, missing, chunksize=4), "speech", len(missing), unit="item"))
 
@@ -214,13 +216,14 @@ class ActionPlan:
     seed: int = 0
 
 
-def make_actions(plan: ActionPlan, folder: Path, workers: int) -> None:
-    """Writes what is missing of the plan's items: silence, and the motion. Deterministic in the plan and the clips."""
+def make_actions(plan: ActionPlan, folder: Path, workers: int, shard: Shard = ALL) -> None:
+    """Writes what is missing of the plan's items, or of a share of them: silence, and the motion. Deterministic in the
+    plan and the clips."""
     from umo_train.performer.actions import ACTIONS
 
     names = [(name, take) for name in ACTIONS for take in range(plan.takes)]
     jobs = [(plan, folder, FIRST_ACTION + k, name, take) for k, (name, take) in enumerate(names)]
-    missing = [job for job in jobs if not _path(folder, "motion", job[2]).exists()]
+    missing = [job for job in jobs if shard.has(job[2]) and not _path(folder, "motion", job[2]).exists()]
     with ProcessPoolExecutor(workers) as pool:
         list(tqdm(pool.map(_act_item, missing, chunksize=8), "actions", len(missing), unit="item"))
 
@@ -243,9 +246,10 @@ def _clips(files: tuple[Path, ...]) -> dict[str, np.ndarray]:
     return read_clips(list(files))
 
 
-def make_motion(folder: Path, workers: int) -> None:
-    """Has the performer move to every item that has no motion yet."""
-    jobs = [(folder, p) for p in paths(folder, "speech") if not (folder / "motion" / p.name).exists()]
+def make_motion(folder: Path, workers: int, shard: Shard = ALL) -> None:
+    """Has the performer move to every item that has no motion yet, or to those of a share."""
+    mine = [path for path in paths(folder, "speech") if shard.has(int(path.stem))]
+    jobs = [(folder, path) for path in mine if not (folder / "motion" / path.name).exists()]
     with ProcessPoolExecutor(workers) as pool:
         list(tqdm(pool.map(_perform_item, jobs, chunksize=4), "motion", len(jobs), unit="item"))
 
