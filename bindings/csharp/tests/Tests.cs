@@ -369,6 +369,9 @@ internal static unsafe class Tests
             Equal(Status.InvalidArgument, session.SetMood((Mood)7, 1));
             Equal(Status.InvalidArgument, session.SetMood(Mood.Joy, -1));
             Equal(Status.Ok, session.SetMood(Mood.Joy, 0.5f));
+            Equal(Status.InvalidArgument, session.HintLips((LipShape)3, 0, 0.1));
+            Equal(Status.InvalidArgument, session.HintLips(LipShape.Closed, -1, 0.1));
+            Equal(Status.Ok, session.HintLips(LipShape.Closed, 0.5, 0.1));
             Equal(Status.NullPointer, session.PlayGesture(null));
             Equal(Status.InvalidArgument, session.PlayGesture("somersault"));
             True(session.LastError().Contains("somersault"), session.LastError());

@@ -89,6 +89,7 @@ namespace Umo
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_set_seed(IntPtr session, ulong seed);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_look_at(IntPtr session, Axes axes, float* point, float strength);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_set_mood(IntPtr session, Mood mood, float strength);
+        [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_hint_lips(IntPtr session, LipShape shape, double start, double duration);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_play_gesture(IntPtr session, byte* name, GestureOptions* options);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_set_parameter(IntPtr session, Parameter parameter, double value);
         [DllImport(Library, CallingConvention = C)] public static extern Status umo_session_get_parameter(IntPtr session, Parameter parameter, double* value);

@@ -308,6 +308,17 @@ namespace Umo
             return status;
         }
 
+        /// <summary>
+        /// The lips have a sound's shape while it is heard, where a synthesiser says when that is: seconds of the audio that was
+        /// pushed. Busy while 64 wait.
+        /// </summary>
+        public Status HintLips(LipShape shape, double start, double duration)
+        {
+            Status status = Native.umo_session_hint_lips(handle.Raw, shape, start, duration);
+            GC.KeepAlive(this);
+            return status;
+        }
+
         /// <summary>How a gesture is played if nothing else is said: as soon as possible, at its own speed, whole.</summary>
         public static GestureOptions GestureDefaults
         {

@@ -84,6 +84,9 @@ namespace Umo
     /// <summary>The mood of face and posture.</summary>
     public enum Mood : uint { Neutral = 0, Joy = 1, Sad = 2, Angry = 3, Surprised = 4, Disgusted = 5, Afraid = 6 }
 
+    /// <summary>A sound that one sees on the lips: p, b, m; f, v; w and rounded vowels.</summary>
+    public enum LipShape : uint { Closed = 0, Teeth = 1, Round = 2 }
+
     /// <summary>When the mouth moves: with the body, or as the sound is heard.</summary>
     public enum Voice : uint { Delayed = 0, Live = 1 }
 
