@@ -126,7 +126,7 @@ internal static unsafe class Tests
             { "STATUS", typeof(Status) }, { "AXES", typeof(Axes) }, { "ENGINE", typeof(EngineMode) }, { "LOG", typeof(LogLevel) },
             { "PRECISION", typeof(Precision) }, { "ISA", typeof(Isa) }, { "MODEL", typeof(ModelText) }, { "IDLE", typeof(Idle) },
             { "PARAMETER", typeof(Parameter) }, { "ATTENTION", typeof(Attention) }, { "MOOD", typeof(Mood) }, { "VOICE", typeof(Voice) },
-            { "SIDE", typeof(Side) }, { "FORMAT", typeof(FileFormat) }, { "GESTURE", typeof(Gesture) }, { "PACKETS", typeof(Packets) },
+            { "SIDE", typeof(Side) }, { "FORMAT", typeof(FileFormat) }, { "GESTURE", typeof(Gesture) }, { "PACKETS", typeof(Packets) }, { "LIPS", typeof(LipShape) },
         };
         int enumerated = 0;
         foreach (string[] item in Layout("constant"))
