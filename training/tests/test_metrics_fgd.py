@@ -73,3 +73,12 @@ def test_a_model_comes_back_from_its_file(model, tmp_path):
 
         save_file({"mean": torch.zeros(3)}, tmp_path / "other.safetensors")
         f.AutoEncoder.load(tmp_path / "other.safetensors")
+
+
+def test_the_package_has_a_judge():
+    judge = f.AutoEncoder.load(f.JUDGE)
+    reference = [swinging(200, seed) for seed in range(8)]
+    near = f.fgd(judge, [swinging(200, seed) for seed in range(8, 16)], reference)
+    wild = f.fgd(judge, [swinging(200, seed, 0.9) for seed in range(8, 16)], reference)
+    assert judge.parts == f.BODY
+    assert 0 < near < wild

@@ -250,7 +250,9 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--umo", type=Path, help="the program; on PATH or target/release/umo where not given")
     parser.add_argument("--steps", type=int, default=600, help="of stage 2, for every variant")
     parser.add_argument("--most", type=int, default=8, help="items of the held-out voices to move to")
-    parser.add_argument("--autoencoder", type=Path, required=True, help="what `umo_train.metrics autoencoder` made")
+    parser.add_argument(
+        "--autoencoder", type=Path, default=fgd.JUDGE, help="motion auto-encoder; the package's where not given"
+    )
     parser.add_argument("--threads", type=int, default=2, help="threads of PyTorch")
     parser.add_argument("-o", "--output", type=Path, required=True, help="file for the table; beside it, the numbers")
     options = parser.parse_args(arguments)

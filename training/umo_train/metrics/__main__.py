@@ -29,12 +29,7 @@ def _eval(args: argparse.Namespace) -> None:
     captured = item.captured(args.captured) if args.captured else []
     if not held_out and not real:
         raise SystemExit("nothing to evaluate: give --items, --corpus or --speech")
-    encoder = None
-    if held_out and args.autoencoder:
-        encoder = fgd.AutoEncoder.load(args.autoencoder)
-    elif held_out:
-        # Trained on what it judges it flatters no one: model and comparisons pass through the same features.
-        encoder = fgd.train_autoencoder([i.motion for i in held_out], epochs=args.epochs)
+    encoder = fgd.AutoEncoder.load(args.autoencoder) if held_out else None
     found = measure(subject, held_out, real, encoder, args.seeds, captured)
     if args.corpus:
         found.groups["actions"] = acted.measure(subject.umo, args.model, args.corpus, args.acted, more=subject.more)
@@ -44,7 +39,7 @@ def _eval(args: argparse.Namespace) -> None:
         "minutes": round(sum(i.seconds for i in (*held_out, *real)) / 60, 1),
         "seed": args.seed,
         "with": args.more or "nothing else",
-        "auto-encoder": args.autoencoder.name if args.autoencoder else "trained on these items",
+        "auto-encoder": args.autoencoder.name,
     }
     for bar in report.write(args.output, subject, found, about, args.sheets):
         value = "not measured" if bar.value is None else f"{bar.value:.3f}"
@@ -116,11 +111,12 @@ def _arguments() -> argparse.ArgumentParser:
     one.add_argument("--speech", type=Path, help="folder of real recordings")
     one.add_argument("--recordings", type=int, help="at most so many of them")
     one.add_argument("--captured", type=Path, help="folder of speech whose mouth was captured (.npz with `opening`)")
-    one.add_argument("--autoencoder", type=Path, help="motion auto-encoder; trained on the items where not given")
+    one.add_argument(
+        "--autoencoder", type=Path, default=fgd.JUDGE, help="motion auto-encoder; the package's where not given"
+    )
     one.add_argument(
         "--more", default="", help="other arguments of `umo animate` and `umo text`, as one: --more='--horizon 0'"
     )
-    one.add_argument("--epochs", type=int, default=10)
     one.add_argument("--sheets", type=int, default=3, help="contact sheets in the page")
     one.add_argument("-o", "--output", type=Path, required=True, help="folder to write to")
 

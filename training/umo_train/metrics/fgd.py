@@ -18,6 +18,9 @@ from umo_train.skeleton import JOINTS_OF
 WINDOW = 34
 HOP = 5
 BODY = ("upper", "hands", "lower")
+# The auto-encoder that comes with the package, so that distances of different runs can be compared: one that is trained
+# anew moves them by half. Of the performer's motion in the default model's training split (README).
+JUDGE = Path(__file__).with_name("judge.safetensors")
 WIDTH, FEATURES = 96, 48
 
 
