@@ -11,6 +11,7 @@ pub(crate) use atomic_wait::{wait, wake_all, wake_one};
 /// Waits while the word is `seen`, for the threads that a host lends: they are at work, and awake. A
 /// module of WebAssembly has one thread here: nobody else would change it.
 #[cfg(any(not(feature = "threads"), target_family = "wasm"))]
+#[expect(clippy::assertions_on_constants, reason = "of each target")]
 pub(crate) fn wait(word: &std::sync::atomic::AtomicU32, seen: u32) {
     assert!(!cfg!(target_family = "wasm"), "the only thread waits for another");
     while word.load(std::sync::atomic::Ordering::Acquire) == seen {
