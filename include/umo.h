@@ -1746,8 +1746,8 @@ UMO_NOEXCEPT;
 // Writes frames as a file of `format`, one of `UMO_FORMAT_…`, piece by piece: the same bytes as
 // `umo animate` writes. `umo_clip_write_file` writes one on disk.
 //
-// Threads: any but the audio thread. Allocates a few times the frames' size and some 30 MB; makes the
-// figure, with a second thread where it can, in some 0.3 s.
+// Threads: any but the audio thread. Allocates up to six times the frames' size and 16 MB; a figure
+// takes some 0.7 s of a core, half of it on a second thread where the system starts one.
 // Errors: `NULL_POINTER`, `STRUCT_SIZE`, `INVALID_ARGUMENT` (`umo_last_error` says what of the clip
 // is wrong), `IO` (`output` stopped it), `OUT_OF_MEMORY`, `UNSUPPORTED` (the library was built
 // without the writer of glTF).
