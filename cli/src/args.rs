@@ -678,7 +678,7 @@ pub struct Quantize {
     #[arg(long)]
     pub rotate: bool,
     /// Recording of speech that the float model animates first, to round weights to what they are multiplied
-    /// with; may be given several times. Some minutes of several voices are enough
+    /// with; may be given several times. A quarter of an hour of several voices is enough
     #[arg(long, value_name = "SPEECH")]
     pub calibrate: Vec<PathBuf>,
 }

@@ -64,7 +64,7 @@ pub const fn is_fast(isa: Isa, few_rows: bool) -> bool {
         Backend::Neon(_) => true,
         #[cfg(target_arch = "aarch64")]
         Backend::NeonDotprod(_) | Backend::NeonI8mm(_) => few_rows,
-        // Int8 is widened by its loads, nibbles by instructions of their own: 1.3 to 1.7 times as slow on x86.
+        // Int8 is widened by its loads, nibbles by instructions of their own: 1.2 to 1.8 times as slow on x86.
         #[cfg(target_arch = "wasm32")]
         Backend::Simd128(_) => false,
     }

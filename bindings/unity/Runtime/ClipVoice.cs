@@ -19,6 +19,8 @@ namespace Umo.Unity
         private readonly int rate, channels, ahead;
         private readonly float[] block;
         private AudioClip clip;
+        /// The clip that `samples` have room for: one that is still being loaded is tried again at every picture.
+        private AudioClip tried;
         private float[] samples;
         private bool waits;
         private double left, owed;
@@ -51,10 +53,13 @@ namespace Umo.Unity
             if (clip == null)
             {
                 if (!source.isPlaying || source.clip == null) return true;
-                float[] read = new float[source.clip.samples * channels];
-                if (!source.clip.GetData(read, 0)) return false;
-                samples = read;
-                clip = source.clip;
+                if (tried != source.clip)
+                {
+                    tried = source.clip;
+                    samples = new float[tried.samples * channels];
+                }
+                if (!tried.GetData(samples, 0)) return false;
+                clip = tried;
                 at = heard = source.timeSamples;
                 owed = 0;
                 left = ahead / (double)rate;
@@ -98,7 +103,7 @@ namespace Umo.Unity
         /// <summary>Plays no more.</summary>
         public void Stop()
         {
-            clip = null;
+            clip = tried = null;
             samples = null;
             waits = false;
         }
