@@ -185,6 +185,23 @@ def test_hints_are_of_their_own_speech(hello, model):
         assert np.array_equal(of(plain), of(hinted))
 
 
+def test_pushed_counts_the_speech_that_is_open(hello, model):
+    samples, rate = hello
+
+    async def speak():
+        async with umo.agents.Avatar(rate, model=model, lead=None) as avatar:
+            assert avatar.pushed == 0
+            avatar.push(samples[:rate])
+            async for pose in avatar:
+                break
+            avatar.push(samples[: rate // 2])
+            assert avatar.pushed == 1.5
+            avatar.end()
+            assert avatar.pushed == 0
+
+    run(speak())
+
+
 def test_an_interrupt_before_the_first_pose_leaves_nothing_of_the_speech(hello, live, model):
     samples, rate = hello
 

@@ -27,7 +27,11 @@ def shapes(text):
         ("photo", [("teeth", 0)]),
         ("five", [("teeth", 0), ("teeth", 2)]),
         ("a be", [("closed", 2)]),
-        ("ÄPFEL", [("closed", 1), ("teeth", 2)]),
+        ("Äpfel", [("closed", 1), ("teeth", 2)]),
+        ("FBI", []),
+        ("I'm", [("closed", 2)]),
+        ("5pm", []),
+        ("receipt", []),
         ("so  on, OK!", []),
         ("", []),
     ],
@@ -48,6 +52,28 @@ def test_words_say_their_first_sound_alone():
     assert lips.of_word("apple", 2.0, 2.4) is None
     assert lips.of_word("psychology", 2.0, 2.4) is None
     assert lips.of_word("...", 2.0, 2.4) is None
+    assert lips.of_word(" “but ", 2.0) == ("closed", 2.0, 0.08)
+    for text in ("<break/>", "[pause]", "5pm", "$5m", "FM", "m3", "be there", ""):
+        assert lips.of_word(text, 2.0, 2.4) is None, text
+
+
+def test_a_transcript_gives_hints_as_its_words_end():
+    transcript = lips.Transcript()
+    assert transcript.push("Maybe ", 0.1, 0.4) == [("closed", 0.1, 0.08)]
+    # Characters, in two calls; "I" is a word or one of them, and has no hints.
+    assert transcript.push("I", 0.5, 0.55) == []
+    assert transcript.push("but ", 0.6, 0.8) == [("closed", 0.6, 0.08)]
+    made = [transcript.push(character, 1 + 0.1 * at, 1.1 + 0.1 * at) for at, character in enumerate("top map")]
+    assert made == [[], [], [], [("closed", pytest.approx(1.2), pytest.approx(0.1))], [], [], []]
+    assert [hint.start for hint in transcript.finish()] == pytest.approx([1.4, 1.6])
+    assert transcript.finish() == []
+
+
+def test_a_transcript_whose_times_begin_anew_has_no_more_hints():
+    transcript = lips.Transcript()
+    assert transcript.push("be", 1.0, 1.2)
+    assert transcript.push("by", 0.9, 1.1)
+    assert transcript.push("me", 0.0, 0.2) == [] and transcript.push("my", 3.0, 3.2) == []
 
 
 def test_visemes_of_azure_last_until_the_next():

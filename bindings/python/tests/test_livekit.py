@@ -11,7 +11,7 @@ pytest.importorskip("livekit.agents", reason="the package livekit-agents is not 
 
 from livekit import rtc
 from livekit.agents import Agent, AgentSession, tts
-from livekit.agents.types import DEFAULT_API_CONNECT_OPTIONS
+from livekit.agents.types import DEFAULT_API_CONNECT_OPTIONS, TimedString
 from livekit.agents.voice.avatar import AudioSegmentEnd, QueueAudioOutput
 from livekit.agents.voice.io import AudioOutput, AudioOutputCapabilities
 
@@ -207,6 +207,80 @@ def test_an_agent_speaks_through_it_and_is_interrupted(hello, model):
     # LiveKit's own decoding may add some silence at the end.
     assert second.startswith(data) and not any(second[len(data) :])
     assert [pose.frame.index for pose in poses] == list(range(len(poses)))
+
+
+class TimedVoice(tts.TTS):
+    """A synthesiser that streams, and tells the times of what it says with the second half of the audio."""
+
+    def __init__(self, samples, rate, pieces):
+        capabilities = tts.TTSCapabilities(streaming=True, aligned_transcript=True)
+        super().__init__(capabilities=capabilities, sample_rate=rate, num_channels=1)
+        self.data, self.pieces = samples.astype("<i2").tobytes(), pieces
+
+    def synthesize(self, text, *, conn_options=DEFAULT_API_CONNECT_OPTIONS):
+        raise NotImplementedError
+
+    def stream(self, *, conn_options=DEFAULT_API_CONNECT_OPTIONS):
+        return TimedSentence(tts=self, conn_options=conn_options)
+
+
+class TimedSentence(tts.SynthesizeStream):
+    async def _run(self, emitter):
+        emitter.initialize(request_id="1", sample_rate=self._tts.sample_rate, num_channels=1, mime_type="audio/pcm", stream=True)
+        async for _ in self._input_ch:
+            pass
+        emitter.start_segment(segment_id="1")
+        self._mark_started()
+        half = len(self._tts.data) // 4 * 2
+        emitter.push(self._tts.data[:half])
+        emitter.push_timed_transcript(self._tts.pieces)
+        emitter.push(self._tts.data[half:])
+        emitter.end_segment()
+
+
+WORDS = [TimedString("I ", 0.7, 0.8), TimedString("map ", 1.0, 1.3), TimedString("top ", 1.5, 1.8)]
+CHARACTERS = [TimedString(character, 1.0 + 0.1 * at, 1.1 + 0.1 * at) for at, character in enumerate("map top")]
+SENTENCE = [TimedString("Map", start_time=1.0), TimedString("map the top", 1.0, 1.8)]
+
+
+@pytest.mark.parametrize(
+    "pieces, hints, expected",
+    [
+        (WORDS, True, [("closed", 1.0, 0.08)]),
+        (CHARACTERS, True, [("closed", 1.0, 0.1), ("closed", 1.2, 0.1), ("closed", 1.6, 0.1)]),
+        (SENTENCE, True, []),
+        (WORDS, False, []),
+    ],
+)
+def test_an_aligned_transcript_shapes_the_lips(hello, live, model, pieces, hints, expected):
+    samples, rate = hello
+
+    async def speak():
+        poses, given = [], []
+        async with AvatarOutput(Speaker(rate), on_pose=poses.append, model=model, lead=None, hints=hints) as output:
+            take = output.avatar.hint
+            output.avatar.hint = lambda hint: (given.append(hint), take(hint))
+            async with AgentSession(tts=TimedVoice(samples, rate, pieces), use_tts_aligned_transcript=True) as session:
+                session.output.audio = output
+                await session.start(Agent(instructions="speak"))
+                for _ in range(2):
+                    await session.say("map the top")
+        return poses, given
+
+    poses, given = run(speak())
+    wanted = [(shape, pytest.approx(start), pytest.approx(duration)) for shape, start, duration in expected]
+    assert given == wanted * 2
+    jaw, close = (model.channels.index(name) for name in ("jawOpen", "mouthClose"))
+    for number in range(2):
+        speech = [pose for pose in poses if pose.speech == number]
+        near = lambda time: any(start - 0.08 < time < start + duration + 0.08 for _, start, duration in expected)
+        inside = [pose for pose in speech if any(start <= pose.time <= start + duration for _, start, duration in expected)]
+        assert len(inside) >= 2 * len(expected)
+        assert all(pose.frame.face[jaw] - pose.frame.face[close] < 0.01 for pose in inside)
+        if number == 0:
+            # The rest is as without.
+            assert all(np.array_equal(p.frame.face, w) for p, w in zip(speech, live.face) if not near(p.time))
+            assert expected == [] or not np.array_equal([pose.frame.face for pose in speech][: len(live)], live.face)
 
 
 def test_a_generator_gives_pictures_and_audio_in_step(hello, live, model):

@@ -17,6 +17,7 @@ from pipecat.frames.frames import (
     LLMFullResponseEndFrame,
     OutputAudioRawFrame,
     TTSAudioRawFrame,
+    TTSSpeakFrame,
     TTSStartedFrame,
     TTSStoppedFrame,
     TTSTextFrame,
@@ -24,6 +25,8 @@ from pipecat.frames.frames import (
 from pipecat.pipeline.pipeline import Pipeline
 from pipecat.pipeline.worker import PipelineParams, PipelineWorker
 from pipecat.processors.frame_processor import FrameDirection, FrameProcessor
+from pipecat.services.settings import TTSSettings
+from pipecat.services.tts_service import TTSService
 from pipecat.transports.base_output import BaseOutputTransport
 from pipecat.transports.base_transport import TransportParams
 from pipecat.workers.runner import WorkerRunner
@@ -154,6 +157,55 @@ def test_poses_and_audio_come_in_step_and_other_frames_stay_in_their_place(hello
     assert kinds.index(TTSStartedFrame) < kinds.index(PoseFrame)
     assert audio_of(frames[: kinds.index(TTSStoppedFrame)]) == audio_of(frames)
     assert kinds.index(TTSStoppedFrame) < kinds.index(LLMFullResponseEndFrame) < kinds.index(EndFrame)
+
+
+class Voice(TTSService):
+    """A synthesiser that knows one sentence and the times of its words, some of which come before its audio."""
+
+    def __init__(self, samples, rate, words):
+        settings = TTSSettings(model=None, voice=None, language=None)
+        super().__init__(
+            sample_rate=rate, push_text_frames=False, push_start_frame=True, push_stop_frames=True, stop_frame_timeout_s=0.3,
+            settings=settings,
+        )
+        self.data, self.rate, self.words = samples.astype("<i2").tobytes(), rate, words
+
+    async def run_tts(self, text, context_id):
+        await self.add_word_timestamps(self.words[:1], context_id)
+        half = len(self.data) // 4 * 2
+        yield TTSAudioRawFrame(self.data[:half], self.rate, 1, context_id=context_id)
+        await self.add_word_timestamps(self.words[1:], context_id)
+        yield TTSAudioRawFrame(self.data[half:], self.rate, 1, context_id=context_id)
+
+
+@pytest.mark.parametrize("hints", [True, False])
+def test_times_of_words_shape_the_lips(hello, live, model, hints):
+    """Of "big" there is no time, and "the" and "top" begin with no sound that is seen."""
+    samples, rate = hello
+    given, loud = [], [("map", 0.1), ("the", 0.9), ("top", 1.2), ("man", 1.5)]
+
+    async def speak(worker, voice, processor, sink):
+        take = processor.avatar.hint
+        processor.avatar.hint = lambda hint: (given.append((processor.avatar.speeches, hint)), take(hint))
+        for count in range(1, 4):
+            await worker.queue_frame(TTSSpeakFrame("Map the top man big."))
+            # The second comes while the first one's words are still to be heard, the third after a pause.
+            await sink.until(lambda frames: sum(isinstance(frame, TTSStoppedFrame) for frame in frames) >= count)
+            await asyncio.sleep(2 if count == 2 else 0)
+
+    processors = lambda: [Voice(samples, rate, loud), AvatarProcessor(model=model, lead=None, hints=hints), Sink()]
+    *_, sink = run(processors, speak)
+    assert len(given) == (6 if hints else 0)
+    for speech in range(3 if hints else 0):
+        (_, first), (_, second) = given[2 * speech : 2 * speech + 2]
+        # They are those that the synthesiser told, but for the time of a call.
+        assert first == ("closed", pytest.approx(0.1, abs=0.01), 0.08)
+        assert second == ("closed", pytest.approx(1.5, abs=0.01), 0.08)
+    jaw, close = (model.channels.index(name) for name in ("jawOpen", "mouthClose"))
+    poses = [pose for pose in poses_of(sink.frames) if pose.speech == 1]
+    assert len(poses) == len(live)
+    closed = [pose.frame.face[jaw] - pose.frame.face[close] < 0.01 for pose in poses if 1.51 <= pose.time <= 1.57]
+    assert closed and all(closed) == hints
 
 
 def test_an_end_in_the_middle_waits_for_what_was_said(hello, live, model):

@@ -1,8 +1,9 @@
 """Hints for `Session.hint_lips` of the times that synthesisers give: characters, words, or visemes.
 
 Only what the spelling makes all but certain becomes a hint: p, b and m close the lips, f, v and ph bring the lower one to the
-teeth. English and German are spelled so; letters that are not spoken there (lamb, debt, psalm, pneumonia) are left out. A word's
-own times say where its first sound begins, and nothing of those within it.
+teeth. English and German are spelled so; letters that are not spoken there (lamb, debt, psalm, pneumonia) are left out, and so are
+words in capitals (FBI) and with digits (5pm), whose letters are read otherwise. A word's own times say where its first sound begins,
+and nothing of those within it.
 """
 
 from __future__ import annotations
@@ -14,6 +15,8 @@ _SHAPES = {"p": "closed", "b": "closed", "m": "closed", "f": "teeth", "v": "teet
 _SILENT_FIRST = ("ps", "pn", "pt", "mn")
 _FIRST_SOUND = 0.08
 _LONGEST = 0.4
+_BEFORE_WORDS = " \t\n\"'(“”‘’„«»¿¡*_-–—"
+_RESTART = 0.25
 _AZURE = {21: "closed", 18: "teeth", 7: "round"}
 
 
@@ -40,6 +43,8 @@ def _sounds(word: str) -> list[tuple[str, int, int]]:
         elif rest.startswith("ph"):
             found.append(("teeth", at, at + 2))
             at += 2
+        elif rest.startswith("pt") and word[max(at - 2, 0) : at] == "ei":
+            at += 1
         elif letter == "b" and (rest == "bt" or rest == "bts" or (at > 0 and word[at - 1] == "m" and rest in ("b", "bs"))):
             at += 1
         elif letter in _SHAPES:
@@ -61,20 +66,61 @@ def of_characters(characters: Sequence[str], starts: Sequence[float], ends: Sequ
     for at in range(len(characters) + 1):
         if at < len(characters) and characters[at].isalpha():
             continue
-        for shape, start, end in _sounds("".join(character.lower()[:1] for character in characters[first:at])):
+        beside = [*characters[max(first - 1, 0) : first], *characters[at : at + 1]]
+        word = [] if any(character.isdigit() for character in beside) else characters[first:at]
+        if "".join(word).isupper():
+            word = []
+        for shape, start, end in _sounds("".join(character.lower()[:1] for character in word)):
             begin = starts[first + start]
             hints.append(Hint(shape, begin, min(max(ends[first + end - 1] - begin, 0.0), _LONGEST)))
         first = at + 1
     return hints
 
 
-def of_word(word: str, start: float, end: float) -> Optional[Hint]:
+def of_word(word: str, start: float, end: Optional[float] = None) -> Optional[Hint]:
     """A hint of the sound that a word begins with, where it is certain; `start` and `end` are the word's, seconds."""
-    letters = "".join(character for character in word.lower() if character.isalpha())
-    sounds = _sounds(letters)
+    read = word.strip().lstrip(_BEFORE_WORDS)
+    letters = "".join(character for character in read if character.isalpha())
+    if not read[:1].isalpha() or letters.isupper() or any(character.isspace() or character.isdigit() for character in read):
+        return None
+    sounds = _sounds(letters.lower())
     if not sounds or sounds[0][1] > 0:
         return None
-    return Hint(sounds[0][0], start, min(max(end - start, 0.0), _FIRST_SOUND))
+    return Hint(sounds[0][0], start, _FIRST_SOUND if end is None else min(max(end - start, 0.0), _FIRST_SOUND))
+
+
+class Transcript:
+    """Hints of a transcript that comes in pieces with times, each a word or a single character, as LiveKit's `TimedString`.
+
+    Characters of a word may come in several calls: its hints are there when it ends. A piece of several words has none: a sentence
+    begins with some silence. Times must go on from piece to piece. Where they begin anew, it is not known at which audio, so all that
+    follows has no hints.
+    """
+
+    def __init__(self) -> None:
+        self._characters: list[tuple[str, float, float]] = []
+        self._last = 0.0
+        self._is_lost = False
+
+    def push(self, text: str, start: float, end: float) -> list[Hint]:
+        """The hints that a piece completes."""
+        if self._is_lost or start < self._last - _RESTART:
+            self._is_lost = True
+            return []
+        self._last = max(self._last, start)
+        if len(text) == 1:
+            self._characters.append((text, start, end))
+            return [] if text.isalnum() else self.finish()
+        hints, hint = self.finish(), of_word(text, start, end)
+        return hints if hint is None else [*hints, hint]
+
+    def finish(self) -> list[Hint]:
+        """Those of a word whose characters were not followed by any other."""
+        if not self._characters:
+            return []
+        characters, starts, ends = zip(*self._characters)
+        self._characters = []
+        return of_characters(characters, starts, ends)
 
 
 def of_azure(visemes: Iterable[tuple[float, int]]) -> list[Hint]:

@@ -182,6 +182,14 @@ class Avatar:
         """How many speeches were begun, those included that were cut."""
         return self._count
 
+    @property
+    def pushed(self) -> float:
+        """Seconds of audio of the speech that is pushed at present; 0 where the next audio begins one."""
+        if not self._speeches or self._speeches[-1].is_ended:
+            return 0.0
+        speech = self._speeches[-1]
+        return (speech.given + len(speech.data) // self._size) / self.rate
+
     def push(self, samples: Union[bytes, bytearray, memoryview, npt.ArrayLike]) -> None:
         """Takes audio of the speech: bytes of PCM16, cut anywhere, or an array of int16 or of floats of full scale 1.
 

@@ -20,9 +20,12 @@ from types import TracebackType
 from typing import Any, Callable, Optional, Union
 
 from livekit import rtc
+from livekit.agents.types import USERDATA_TIMED_TRANSCRIPT, TimedString
+from livekit.agents.utils import is_given
 from livekit.agents.voice.avatar import AudioSegmentEnd, VideoGenerator
 from livekit.agents.voice.io import AudioOutput, AudioOutputCapabilities
 
+from ..lips import Transcript
 from ._avatar import Avatar, Pose
 
 
@@ -31,6 +34,9 @@ class AvatarOutput(AudioOutput):
 
     `on_pose` is called with each `Pose`, before its audio is passed on; it may be a coroutine function. All else are arguments of
     `umo.agents.Avatar`. The rate is the next output's, 24,000 where that takes any.
+
+    With `hints`, the aligned transcript that comes with the synthesiser's audio shapes the lips (`umo.lips.Transcript`). Use it where
+    the synthesiser's times are right within 40 ms.
     """
 
     def __init__(
@@ -38,6 +44,7 @@ class AvatarOutput(AudioOutput):
         next_in_chain: AudioOutput,
         *,
         on_pose: Callable[[Pose], Union[Awaitable[None], None]],
+        hints: bool = False,
         **settings: Any,
     ) -> None:
         rate = settings.pop("rate", None) or next_in_chain.sample_rate or 24000
@@ -52,6 +59,7 @@ class AvatarOutput(AudioOutput):
             sample_rate=rate,
         )
         self._on_pose = on_pose
+        self._hints = _Hints(self._avatar) if hints else None
         self._task: Optional[asyncio.Task[None]] = None
         self._resumed = asyncio.Event()
         self._resumed.set()
@@ -101,17 +109,23 @@ class AvatarOutput(AudioOutput):
         self._captured += not self._is_capturing
         self._is_capturing = True
         self._avatar.push(bytes(frame.data))
+        if self._hints is not None:
+            self._hints.take(frame)
 
     def flush(self) -> None:
         """The segment is complete."""
         super().flush()
         self._is_capturing = False
+        if self._hints is not None:
+            self._hints.end()
         self._avatar.end()
 
     def clear_buffer(self) -> None:
         """Barge-in."""
         self._cuts += 1
         self._is_capturing = False
+        if self._hints is not None:
+            self._hints.drop()
         self._avatar.interrupt()
         next_in_chain = self.next_in_chain
         assert next_in_chain is not None
@@ -201,6 +215,30 @@ class AvatarVideo(VideoGenerator):
     async def aclose(self) -> None:
         """Frees the avatar."""
         await self._avatar.aclose()
+
+
+class _Hints:
+    """Gives an avatar the hints of the transcript that comes with audio, whose times count from the segment's first sample."""
+
+    def __init__(self, avatar: Avatar) -> None:
+        self._avatar = avatar
+        self._transcript = Transcript()
+
+    def take(self, frame: rtc.AudioFrame) -> None:
+        for piece in frame.userdata.get(USERDATA_TIMED_TRANSCRIPT, []):
+            # One without an end is a sentence of an adapter, which guesses.
+            if isinstance(piece, TimedString) and is_given(piece.start_time) and is_given(piece.end_time):
+                for hint in self._transcript.push(piece, piece.start_time, piece.end_time):
+                    self._avatar.hint(hint)
+
+    def end(self) -> None:
+        if self._avatar.pushed:
+            for hint in self._transcript.finish():
+                self._avatar.hint(hint)
+        self.drop()
+
+    def drop(self) -> None:
+        self._transcript = Transcript()
 
 
 def _check(frame: rtc.AudioFrame, avatar: Avatar) -> None:

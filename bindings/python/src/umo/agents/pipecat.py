@@ -21,9 +21,11 @@ from pipecat.frames.frames import (
     SystemFrame,
     TTSAudioRawFrame,
     TTSStoppedFrame,
+    TTSTextFrame,
 )
-from pipecat.processors.frame_processor import FrameDirection, FrameProcessor, FrameProcessorSetup
+from pipecat.processors.frame_processor import FrameCallback, FrameDirection, FrameProcessor, FrameProcessorSetup
 
+from ..lips import of_word
 from ._avatar import Avatar, Pose
 
 
@@ -44,11 +46,17 @@ class AvatarProcessor(FrameProcessor):
     """Makes poses of the synthesiser's audio. Frames that come behind audio stay behind it.
 
     `rate` is the synthesiser's, None the pipeline's; `name` is the processor's. All else are arguments of `umo.agents.Avatar`.
+
+    With `hints`, the times of words shape the lips at their first sounds (`umo.lips.of_word`). The processor must then be the next one
+    behind the synthesiser. Use it where the synthesiser's times are right within 40 ms.
     """
 
-    def __init__(self, *, rate: Optional[int] = None, name: Optional[str] = None, **settings: Any) -> None:
+    def __init__(
+        self, *, rate: Optional[int] = None, name: Optional[str] = None, hints: bool = False, **settings: Any
+    ) -> None:
         super().__init__(name=name)
         self._rate = rate
+        self._words = _Words() if hints else None
         self._settings = settings
         self._avatar: Optional[Avatar] = None
         self._held: deque[Frame] = deque()
@@ -79,6 +87,17 @@ class AvatarProcessor(FrameProcessor):
             await self._avatar.aclose()
         await super().cleanup()
 
+    async def queue_frame(
+        self,
+        frame: Frame,
+        direction: FrameDirection = FrameDirection.DOWNSTREAM,
+        callback: Any = None,
+    ) -> None:
+        # Called by the synthesiser as it sends the frame, so its clock and this one are read at the same time.
+        if self._words is not None and self._avatar is not None and direction == FrameDirection.DOWNSTREAM:
+            self._words.note(frame, self.get_clock().get_time())
+        await super().queue_frame(frame, direction, callback)
+
     async def process_frame(self, frame: Frame, direction: FrameDirection) -> None:
         await super().process_frame(frame, direction)
         if isinstance(frame, InterruptionFrame):
@@ -93,11 +112,20 @@ class AvatarProcessor(FrameProcessor):
                 await self.push_error(f"audio of {got}, but the avatar hears {expected}")
                 await self._follow(frame)
                 return
+            if self._words is not None:
+                self._words.begin(frame.context_id, avatar.pushed)
             avatar.push(frame.audio)
             self._kinds.setdefault(avatar.speeches - 1, frame)
         else:
             if isinstance(frame, (TTSStoppedFrame, EndFrame, StopFrame)):
                 self.avatar.end()
+            if isinstance(frame, TTSStoppedFrame) and self._words is not None:
+                self._words.end(frame.context_id)
+            if isinstance(frame, TTSTextFrame) and self._words is not None:
+                start = self._words.take(frame, self.avatar.pushed)
+                hint = None if start is None else of_word(frame.text, start)
+                if hint is not None:
+                    self.avatar.hint(hint)
             await self._follow(frame)
 
     async def _follow(self, frame: Frame) -> None:
@@ -113,6 +141,8 @@ class AvatarProcessor(FrameProcessor):
         kept = [each for each in self._held if not each.interruptible]
         self._held.clear()
         self._kinds.clear()
+        if self._words is not None:
+            self._words.drop()
         self.avatar.interrupt()
         await self.push_frame(frame, direction)
         for each in kept:
@@ -146,3 +176,61 @@ class AvatarProcessor(FrameProcessor):
             if cuts == self._cuts or not frame.interruptible:
                 self._is_over |= isinstance(frame, EndFrame)
                 await self.push_frame(frame)
+
+
+class _Words:
+    """Seconds of a speech at which words begin.
+
+    Pipecat gives words a time of the pipeline's clock: the seconds that the synthesiser told, after the time when it sent the first
+    audio of their context, or the word before, if that is later. That time is noted as frames arrive, and taken off again.
+    """
+
+    def __init__(self) -> None:
+        # Nanoseconds of the clock from which the words of each context count.
+        self._bases: dict[str, int] = {}
+        # Seconds of the speech at which each context begins.
+        self._starts: dict[str, float] = {}
+        # Seconds of their context of words that wait to be processed, by the frame's id.
+        self._timed: dict[int, float] = {}
+        self._last = 0
+        self._last_kept = 0
+
+    def note(self, frame: Frame, now: int) -> None:
+        """Sees a frame as it arrives."""
+        if isinstance(frame, InterruptionFrame):
+            self._last = self._last_kept
+            self._bases.clear()
+        elif isinstance(frame, TTSStoppedFrame) and frame.context_id is not None:
+            self._bases.pop(frame.context_id, None)
+        elif isinstance(frame, (TTSAudioRawFrame, TTSTextFrame)) and frame.context_id is not None:
+            if isinstance(frame, TTSAudioRawFrame) or frame.pts is not None:
+                base = self._bases.setdefault(frame.context_id, max(self._last, now))
+            if isinstance(frame, TTSTextFrame) and frame.pts is not None:
+                # Text that the synthesiser did not time has the time of the word before.
+                if frame.pts > self._last:
+                    self._timed[frame.id] = max(frame.pts - base, 0) / 1e9
+                self._last = frame.pts
+                if not frame.interruptible:
+                    self._last_kept = frame.pts
+
+    def begin(self, context: Optional[str], pushed: float) -> None:
+        """Audio of a context comes behind `pushed` seconds of the speech."""
+        if context is not None:
+            self._starts.setdefault(context, pushed)
+
+    def take(self, frame: TTSTextFrame, pushed: float) -> Optional[float]:
+        """Where in the speech a word begins; None where that is not known."""
+        seconds = self._timed.pop(frame.id, None)
+        if seconds is None or frame.context_id is None:
+            return None
+        return self._starts.setdefault(frame.context_id, pushed) + seconds
+
+    def end(self, context: Optional[str]) -> None:
+        """A context is over: it may begin anew."""
+        if context is not None:
+            self._starts.pop(context, None)
+
+    def drop(self) -> None:
+        """What was not processed will not be."""
+        self._starts.clear()
+        self._timed.clear()
