@@ -11,7 +11,7 @@ use godot::prelude::*;
 use crate::ffi;
 use crate::rig::{Face, Rig};
 use crate::source::{self, Source};
-use crate::umo::{Engine, FileGesture, Model, Play, Session, Settings, Shown};
+use crate::umo::{Engine, FileGesture, Hint, Model, Play, Session, Settings, Shown};
 
 /// Where a project keeps umo's library, beside this one: a folder a platform, as `umo.gdextension` says.
 const ADDON: &str = "res://addons/umo/bin/";
@@ -35,6 +35,8 @@ const LIBRARY: &str = if cfg!(target_os = "windows") {
 };
 
 const IDLE_REST: i32 = 1;
+/// Hints of lips that wait for a line, and as many as the library keeps.
+const MOST_HINTS: usize = 64;
 const VOICE_AUTO: i32 = 0;
 const VOICE_LIVE: i32 = 2;
 /// What the player plays, and which time of the motion belongs to it.
@@ -46,6 +48,8 @@ struct Line {
     start: f64,
     /// The motion's time of that.
     base: f64,
+    /// Seconds of the session's audio before that; None where they are not known.
+    first: Option<f64>,
     source: Source,
 }
 
@@ -189,6 +193,8 @@ pub(crate) struct UmoAvatar3D {
     shared: Option<Rc<Model>>,
     session: Option<Session>,
     line: Option<Line>,
+    /// Hints of the line that the player begins next, seconds of it.
+    hints: Vec<Hint>,
     /// Whether the session heard anything yet.
     heard: bool,
     /// The time of the motion that was shown last, and what that was.
@@ -271,6 +277,7 @@ impl UmoAvatar3D {
     fn close(&mut self) {
         (self.line, self.session, self.shared, self.rig) = (None, None, None, None);
         self.faces.clear();
+        self.hints.clear();
         self.start_clock();
     }
 
@@ -293,6 +300,34 @@ impl UmoAvatar3D {
     #[func]
     fn push_other_audio(&mut self, samples: PackedFloat32Array) {
         self.tell(|session| session.push_other(samples.as_slice()));
+    }
+
+    /// Says that a sound is heard that one sees on the lips, as a synthesiser's times tell: `shape`
+    /// is 0 closed (p, b, m), 1 teeth (f, v) or 2 round (w). With an audio player `start` is seconds
+    /// of its stream, of what it plays now, or else of what it plays next; without one, of the audio
+    /// that was pushed since the node was opened or reset. `duration` is at most 2 seconds. False
+    /// where 64 wait already: call again when the time of one has passed.
+    #[func]
+    fn hint_lips(&mut self, shape: i32, start: f64, duration: f64) -> bool {
+        if !(0..=2).contains(&shape) || !(start >= 0.0 && start.is_finite()) || !(0.0..=2.0).contains(&duration) {
+            self.complain(&format!(
+                "hint_lips({shape}, {start}, {duration}): expected a shape from 0 to 2, a time from 0 on and a \
+                 duration from 0 to 2"
+            ));
+            return false;
+        }
+        let hint = Hint { shape: shape.unsigned_abs(), start, duration };
+        if self.audio_player.is_empty() {
+            return self.tell(|session| session.hint_lips(hint)).unwrap_or(false);
+        }
+        if self.is_heard() {
+            return self.hint_line(hint);
+        }
+        let has_room = self.hints.len() < MOST_HINTS;
+        if has_room {
+            self.hints.push(hint);
+        }
+        has_room
     }
 
     /// Looks at a point of the world from the next frame on, the eyes first; a strength of 0 ends
@@ -467,6 +502,7 @@ impl UmoAvatar3D {
     fn reset(&mut self) {
         self.tell(Session::reset);
         self.line = None;
+        self.hints.clear();
         self.start_clock();
     }
 

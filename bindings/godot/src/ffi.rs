@@ -8,6 +8,8 @@ use std::path::{Path, PathBuf};
 
 /// `UMO_ABI_VERSION` of the header that this was written by.
 pub(crate) const ABI_VERSION: u32 = 1;
+/// `UMO_STATUS_BUSY`.
+pub(crate) const STATUS_BUSY: Status = -11;
 pub(crate) const AXES_GLTF: u32 = 0;
 pub(crate) const ABSENT: u32 = u32::MAX;
 pub(crate) const MODEL_NOTICE: u32 = 3;
@@ -227,6 +229,7 @@ library! {
     session_set_seed(Handle, u64) -> Status;
     session_look_at(Handle, u32, *const f32, f32) -> Status;
     session_set_mood(Handle, u32, f32) -> Status;
+    session_hint_lips(Handle, u32, f64, f64) -> Status;
     session_play_gesture(Handle, *const c_char, *const GestureOptions) -> Status;
     session_set_parameter(Handle, u32, f64) -> Status;
     session_state_size(Handle, *mut usize) -> Status;

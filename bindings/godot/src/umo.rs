@@ -2,7 +2,7 @@
 //!
 //! Errors are texts for people: what umo says of the status, and of this very failure.
 
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::collections::HashMap;
 use std::ffi::CString;
 use std::path::PathBuf;
@@ -265,6 +265,21 @@ pub(crate) struct FileGesture {
     pub(crate) stroke: f32,
 }
 
+/// A sound that one sees on the lips: 0 closed, 1 teeth, 2 round, and seconds.
+#[derive(Clone, Copy)]
+pub(crate) struct Hint {
+    pub(crate) shape: u32,
+    pub(crate) start: f64,
+    pub(crate) duration: f64,
+}
+
+impl Hint {
+    /// The same sound where its audio begins later.
+    pub(crate) fn after(self, seconds: f64) -> Self {
+        Self { start: self.start + seconds, ..self }
+    }
+}
+
 /// How a gesture is played.
 #[derive(Clone, Copy)]
 pub(crate) struct Play {
@@ -293,6 +308,9 @@ pub(crate) struct Session {
     /// Seconds beyond the newest frame in which the pose of rest is reached, where the idle mode is
     /// that.
     pub(crate) rest_seconds: f64,
+    /// Samples of each channel that it took since it began or was reset; None after a state was
+    /// restored, which does not say.
+    pushed: Cell<Option<u64>>,
 }
 
 impl Session {
@@ -321,7 +339,8 @@ impl Session {
         check(library, status)?;
         let rest_seconds = f64::from(config.idle_after_ms + config.ease_ms) / 1000.0;
         let (sample_rate, channels) = (config.sample_rate, config.channels);
-        Ok(Self { model: Rc::clone(model), session, sample_rate, channels, is_live, rest_seconds })
+        let pushed = Cell::new(Some(0));
+        Ok(Self { model: Rc::clone(model), session, sample_rate, channels, is_live, rest_seconds, pushed })
     }
 
     fn check(&self, status: Status) -> Result<(), String> {
@@ -343,6 +362,7 @@ impl Session {
         let push = self.model.library.session_push_audio;
         // SAFETY: `samples` has its length.
         let status = unsafe { push(self.session, samples.as_ptr(), samples.len(), &mut taken) };
+        self.took(taken);
         self.check(status).map(|()| taken)
     }
 
@@ -352,7 +372,29 @@ impl Session {
         let push = self.model.library.session_push_audio_i16;
         // SAFETY: `samples` has its length.
         let status = unsafe { push(self.session, samples.as_ptr(), samples.len(), &mut taken) };
+        self.took(taken);
         self.check(status).map(|()| taken)
+    }
+
+    fn took(&self, samples: usize) {
+        self.pushed.set(self.pushed.get().map(|before| before + samples as u64 / u64::from(self.channels)));
+    }
+
+    /// Seconds of the audio that it took, which hints of lips count by; None where that is not
+    /// known.
+    pub(crate) fn pushed_seconds(&self) -> Option<f64> {
+        self.pushed.get().map(|samples| samples as f64 / f64::from(self.sample_rate))
+    }
+
+    /// The lips have a sound's shape at a time of the audio that it took. False where 64 wait.
+    pub(crate) fn hint_lips(&self, hint: Hint) -> Result<bool, String> {
+        let hint_lips = self.model.library.session_hint_lips;
+        // SAFETY: takes no pointers but the handle.
+        let status = unsafe { hint_lips(self.session, hint.shape, hint.start, hint.duration) };
+        if status == ffi::STATUS_BUSY {
+            return Ok(false);
+        }
+        self.check(status).map(|()| true)
     }
 
     /// Takes interleaved samples of who speaks to the avatar.
@@ -414,6 +456,7 @@ impl Session {
     pub(crate) fn reset(&self) -> Result<(), String> {
         // SAFETY: takes no pointers but the handle.
         let status = unsafe { (self.model.library.session_reset)(self.session) };
+        self.pushed.set(Some(0));
         self.check(status)
     }
 
@@ -489,6 +532,7 @@ impl Session {
     pub(crate) fn restore(&self, state: &[u8]) -> Result<(), String> {
         // SAFETY: `state` has its length.
         let status = unsafe { (self.model.library.session_restore)(self.session, state.as_ptr(), state.len()) };
+        self.pushed.set(None);
         self.check(status)
     }
 

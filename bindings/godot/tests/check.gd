@@ -512,6 +512,81 @@ func test_it_looks_listens_and_gestures() -> void:
 	expect(told.size() == 3, "each of these told, got %s" % [told])
 
 
+## How far the lips are open.
+func opening(avatar: UmoAvatar3D, frame: PackedFloat32Array) -> float:
+	var names := avatar.get_channel_names()
+	var first := 3 + 4 * 55
+	return frame[first + names.find("jawOpen")] - frame[first + names.find("mouthClose")]
+
+
+func frame_of(frames: PackedFloat32Array, at: int) -> PackedFloat32Array:
+	return frames.slice(at * width, (at + 1) * width)
+
+
+func test_hints_close_the_lips() -> void:
+	var avatar := make({"sample_rate": 16000})
+	expect(avatar.hint_lips(0, 1.0, 0.1), "a hint before its audio")
+	var hinted := await speak(avatar)
+	expect(hinted.size() == reference.size(), "as many frames, got %d" % (hinted.size() / width))
+	var open := 0.0
+	for at in range(30, 34):
+		expect(opening(avatar, frame_of(hinted, at)) < 0.01, "lips that are closed at frame %d" % at)
+		open = maxf(open, opening(avatar, frame_of(reference, at)))
+	expect(open > 0.05, "lips that are open without, got %f" % open)
+	for at in [20, 40]:
+		expect(frame_of(hinted, at) == frame_of(reference, at), "frame %d as without" % at)
+	avatar = make()
+	for count in 64:
+		expect(avatar.hint_lips(0, 20.0 + count, 0.1), "room for 64 hints, not for %d" % count)
+	expect(not avatar.hint_lips(0, 100.0, 0.1), "no room for more")
+	await process_frame
+	expect(told.is_empty(), "no complaint, got %s" % [told])
+	expect(not avatar.hint_lips(3, 1.0, 0.1) and not avatar.hint_lips(0, -1.0, 0.1), "what is no hint refused")
+	await process_frame
+	expect(told.size() == 2 and "expected a shape" in told[0], "both told, got %s" % [told])
+
+
+func test_hints_are_of_the_line_that_the_player_plays() -> void:
+	var voice := player(Body.wav("res://hello.wav"))
+	var avatar := make({"audio_player": ^"/root/Voice"})
+	# Where the lips are open most, more than a second from the start.
+	var widest := 45
+	for at in range(45, reference.size() / width - 45):
+		if opening(avatar, frame_of(reference, at)) > opening(avatar, frame_of(reference, widest)):
+			widest = at
+	var place := widest / 30.0
+	expect(opening(avatar, frame_of(reference, widest)) > 0.2, "lips that open")
+	var plain := await openings(avatar, voice, place, false)
+	var first := await openings(avatar, voice, place, true)
+	# In the call in which the player begins anew: it is not of the line before.
+	var second := await openings(avatar, voice, place, true)
+	expect(plain > 0.1, "open lips without a hint, got %f" % plain)
+	expect(first < 0.01, "closed lips, got %f" % first)
+	expect(second < 0.01, "closed lips again, got %f" % second)
+	expect(told.is_empty(), "no complaint, got %s" % [told])
+
+
+## Plays from a second before a place of the voice, and holds the player until there are frames of it, however busy the machine is: how
+## far the lips are open at most within a tenth of a second of the place.
+func openings(avatar: UmoAvatar3D, voice: AudioStreamPlayer, place: float, is_hinted: bool) -> float:
+	var before: int = avatar.stats().frames
+	voice.play(place - 1.0)
+	if is_hinted:
+		expect(avatar.hint_lips(0, place - 0.3, 0.6), "a hint as the player begins")
+	await process_frame
+	await process_frame
+	voice.stream_paused = true
+	var begun := avatar.get_motion_time()
+	expect(await until(func() -> bool: return avatar.stats().frames >= before + 40), "frames of the line, got %s" % avatar.stats())
+	var most := 0.0
+	for at in 7:
+		most = maxf(most, opening(avatar, avatar.sample_pose(begun + 0.9 + at / 30.0)))
+	voice.stream_paused = false
+	voice.stop()
+	await wait(0.6)
+	return most
+
+
 func test_gestures_of_ones_own_come_out_of_files() -> void:
 	var avatar := make({"smoothing": 0.0, "lookahead": 0, "target": 1})
 	var rough: float = avatar.latency().seconds

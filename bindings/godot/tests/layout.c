@@ -2,7 +2,7 @@
 #include <stddef.h>
 #include <umo.h>
 
-_Static_assert(UMO_ABI_VERSION == 1 && UMO_JOINT_COUNT == 55 && UMO_VISEME_COUNT == 15 && UMO_ERROR_SIZE == 512, "numbers");
+_Static_assert(UMO_ABI_VERSION == 1 && UMO_STATUS_BUSY == -11 && UMO_JOINT_COUNT == 55 && UMO_VISEME_COUNT == 15 && UMO_ERROR_SIZE == 512, "numbers");
 _Static_assert(UMO_AXES_GLTF == 0 && UMO_ABSENT == 4294967295u && UMO_MODEL_NOTICE == 3, "numbers");
 _Static_assert(UMO_PARAMETER_IDLE == 4 && UMO_PARAMETER_GAIN_FACE == 16 && UMO_PARAMETER_GAIN_HANDS == 17 &&
                    UMO_PARAMETER_GAIN_UPPER == 18 && UMO_PARAMETER_GAIN_LOWER == 19, "numbers");

@@ -182,6 +182,45 @@ void a_model_of_memory_is_that_of_the_file(const char *model) {
 }
 
 /// Speech is heard at once, and the mouth's frames are those of what is heard, computed or not.
+/// The lips are closed while a hint says so, and are not without it.
+void hints_close_the_lips(const std::shared_ptr<Host> &host, const std::vector<float> &samples) {
+    const std::vector<std::string> names = host->model.channel_names();
+    const auto index = [&](const char *name) { return std::find(names.begin(), names.end(), name) - names.begin(); };
+    const auto jaw = static_cast<std::size_t>(index("jawOpen")), close = static_cast<std::size_t>(index("mouthClose"));
+    EXPECT(jaw < names.size() && close < names.size());
+    double widest[2] = {};
+    for (const bool is_hinted : {false, true}) {
+        std::string problem;
+        const auto avatar = Avatar::make(host, plain(), problem);
+        EXPECT(avatar != nullptr);
+        if (!avatar) return;
+        EXPECT(avatar->hint_lips(3, 1, 0.1) == UMO_STATUS_INVALID_ARGUMENT);
+        EXPECT(avatar->hint_lips(UMO_LIPS_CLOSED, -1, 0.1) == UMO_STATUS_INVALID_ARGUMENT);
+        EXPECT(!is_hinted || avatar->hint_lips(UMO_LIPS_CLOSED, 1, 0.5) == UMO_STATUS_OK);
+        constexpr std::size_t block = 160;
+        double now = 100;
+        std::size_t looked = 0;
+        for (std::size_t at = 0; at + block <= 4 * rate; at += block) {
+            float heard[block];
+            std::copy_n(samples.data() + at, block, heard);
+            avatar->hear(heard, block, 1, rate, now);
+            now += static_cast<double>(block) / rate;
+            EXPECT_NEAR(avatar->given(now), static_cast<double>(at + block) / rate, 1e-6);
+            const double due = std::floor((static_cast<double>(at + block) / rate - avatar->delay()) * 30) + 2;
+            for (int i = 0; i < 20000 && static_cast<double>(avatar->stats().frames) < due; ++i) {
+                std::this_thread::sleep_for(std::chrono::microseconds(100));
+            }
+            EXPECT(avatar->show(0.01, now) == UMO_STATUS_OK);
+            if (avatar->shown() < 1.04 || avatar->shown() > 1.46) continue;
+            ++looked;
+            widest[is_hinted] = std::fmax(widest[is_hinted], avatar->pose().channels[jaw] - avatar->pose().channels[close]);
+        }
+        EXPECT(looked > 20);
+    }
+    EXPECT(widest[0] > 0.1 && widest[1] < 0.01);
+    std::printf("hints: lips open by %.2f without, by %.2f with\n", widest[0], widest[1]);
+}
+
 void a_live_mouth_goes_with_the_sound(const char *model, const std::vector<float> &samples) {
     std::string problem;
     Hosts hosts;
@@ -432,6 +471,7 @@ int main(int count, char **arguments) {
     EXPECT(host != nullptr);
     if (host) {
         frames_are_the_library_s_and_go_with_the_sound(host, samples);
+        hints_close_the_lips(host, samples);
         two_threads_speak_are_interrupted_and_end(host, samples);
         idle_modes_go_on_without_audio(host);
         what_moves_in_silence_goes_by_the_game_s_time(host);

@@ -7,7 +7,7 @@ use godot::prelude::*;
 use super::{IDLE_REST, Line, UmoAvatar3D, VOICE_AUTO, VOICE_LIVE};
 use crate::rig::{Face, Rig};
 use crate::source::Source;
-use crate::umo::Shown;
+use crate::umo::{Hint, Session, Shown};
 
 /// A player's position that jumps further than this many seconds was moved by somebody.
 const JUMP: f64 = 0.5;
@@ -19,6 +19,15 @@ const STOP_EASE_MS: u32 = 300;
 const STALLED: f64 = 0.1;
 /// How far the clock runs beyond the newest frame, seconds, so that umo knows that more is wanted.
 const AHEAD: f64 = 0.1;
+
+impl Line {
+    /// Whether it is what a player plays that was at its `position` within `most` seconds.
+    fn goes_on(&self, stream: &Variant, position: f64, most: f64) -> bool {
+        let moved = position - self.position;
+        let jumped = moved < -JUMP / 2.0 || moved > JUMP + most;
+        self.stream == *stream && (!jumped || matches!(self.source, Source::Capture(_)))
+    }
+}
 
 impl UmoAvatar3D {
     /// Hears what the player plays and sets the clock: the motion's time of what is heard now.
@@ -39,11 +48,7 @@ impl UmoAvatar3D {
         let position = number(&call(&player, "get_playback_position"));
         let pitch = number(&player.get("pitch_scale"));
         let stream = player.get("stream");
-        let goes_on = self.line.as_ref().is_some_and(|line| {
-            let moved = position - line.position;
-            let jumped = moved < -JUMP / 2.0 || moved > JUMP + delta * pitch;
-            line.stream == stream && (!jumped || matches!(line.source, Source::Capture(_)))
-        });
+        let goes_on = self.line.as_ref().is_some_and(|line| line.goes_on(&stream, position, delta * pitch));
         if !goes_on {
             self.line = None;
             self.start_line(&player, stream, position)?;
@@ -86,8 +91,34 @@ impl UmoAvatar3D {
         }
         let base = self.next_base()?;
         self.heard = true;
-        self.line = Some(Line { stream, position, start, base, source });
+        let first = self.session.as_ref().and_then(Session::pushed_seconds);
+        self.line = Some(Line { stream, position, start, base, first, source });
+        for hint in std::mem::take(&mut self.hints) {
+            self.hint_line(hint);
+        }
         Ok(())
+    }
+
+    /// Whether the line is what the player plays now: in a call of a script the player may have
+    /// begun another one since the last frame.
+    pub(super) fn is_heard(&self) -> bool {
+        let player = self.base().get_node_or_null(&self.audio_player);
+        let (Some(player), Some(line)) = (player, &self.line) else { return false };
+        let position = number(&call(&player, "get_playback_position"));
+        call(&player, "is_playing").try_to::<bool>().unwrap_or(false)
+            && line.goes_on(&player.get("stream"), position, JUMP)
+    }
+
+    /// Gives the session a hint of the line, seconds of it. False where 64 wait.
+    pub(super) fn hint_line(&self, hint: Hint) -> bool {
+        let Some(line) = &self.line else { return false };
+        let Some(first) = line.first else {
+            self.complain("hint_lips: after restore_state it is not known when audio was heard; call reset() first");
+            return false;
+        };
+        let hint = hint.after(first - line.start);
+        // Before where the player began it.
+        hint.start < 0.0 || self.tell(|session| session.hint_lips(hint)).unwrap_or(false)
     }
 
     /// Starts a new stream where something was heard before, behind all times that were shown; its

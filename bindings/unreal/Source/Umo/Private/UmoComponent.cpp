@@ -363,6 +363,16 @@ bool UUmoComponent::LookAt(const FVector& WorldPoint, float Strength)
 	return Avatar && Avatar->look_at(InAvatarSpace(WorldPoint), Strength) == UMO_STATUS_OK;
 }
 
+bool UUmoComponent::HintLips(EUmoLips Shape, float Start, float Duration)
+{
+	return Avatar && Avatar->hint_lips(static_cast<uint32>(Shape), Start, Duration) == UMO_STATUS_OK;
+}
+
+float UUmoComponent::GetGivenSeconds() const
+{
+	return Avatar ? static_cast<float>(Avatar->given(FPlatformTime::Seconds())) : 0.0f;
+}
+
 bool UUmoComponent::PlayGesture(const FString& Gesture, EUmoSide Side, float Strength)
 {
 	return Avatar && Avatar->play_gesture(TCHAR_TO_UTF8(*Gesture), static_cast<uint32>(Side), Strength, nullptr) == UMO_STATUS_OK;

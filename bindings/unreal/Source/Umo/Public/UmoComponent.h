@@ -82,6 +82,18 @@ enum class EUmoLayer : uint8
 	Feet = 5,
 };
 
+/** A shape of the lips that one sees with a sound: the library's UMO_LIPS_ numbers. */
+UENUM(BlueprintType)
+enum class EUmoLips : uint8
+{
+	/** p, b, m */
+	Closed = 0,
+	/** f, v */
+	Teeth = 1,
+	/** w, and vowels such as that of "boot" */
+	Round = 2,
+};
+
 /** Which hand does a gesture: the library's UMO_SIDE_ numbers. */
 UENUM(BlueprintType)
 enum class EUmoSide : uint8
@@ -296,6 +308,17 @@ public:
 	/** Looks at a point of the world, eyes first; a strength of 0 ends it. May be called every tick. */
 	UFUNCTION(BlueprintCallable, Category = "Umo")
 	bool LookAt(const FVector& WorldPoint, float Strength = 1.0f);
+
+	/**
+	 * The lips have a sound's shape while it is heard, where a synthesiser says when that is: Start is a time of GetGivenSeconds,
+	 * which to read as the speech begins to play. Exact within a buffer of the audio device. False while 64 wait.
+	 */
+	UFUNCTION(BlueprintCallable, Category = "Umo")
+	bool HintLips(EUmoLips Shape, float Start, float Duration = 0.08f);
+
+	/** Seconds of audio, silence of the submix included, that the avatar was given up to now. */
+	UFUNCTION(BlueprintPure, Category = "Umo")
+	float GetGivenSeconds() const;
 
 	/** Plays a gesture over what the avatar does, as soon as possible: one of GetGestureNames, as wave, nod or thumbs_up. */
 	UFUNCTION(BlueprintCallable, Category = "Umo")

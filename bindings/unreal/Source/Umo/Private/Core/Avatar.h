@@ -105,6 +105,13 @@ public:
     umo_status look_at(const std::array<float, 3> &point, float strength);
     /// The game thread. `UMO_MOOD_…`
     umo_status set_mood(std::uint32_t mood, float strength) { return note(session_.set_mood(mood, strength)); }
+    /// The game thread: a sound that one sees on the lips, `UMO_LIPS_…`, in seconds of the audio that was given to `hear`. `BUSY`
+    /// while 64 wait.
+    umo_status hint_lips(std::uint32_t shape, double start, double duration) {
+        return note(session_.hint_lips(shape, start, duration));
+    }
+    /// Seconds of audio that were given to `hear`, up to `now`.
+    double given(double now) const noexcept { return audio_.read(now).seconds; }
     /// The game thread: a gesture by its name. `target` is a point as that of `look_at`, null for none.
     umo_status play_gesture(const std::string &name, std::uint32_t side, float strength, const std::array<float, 3> *target);
     /// A gesture of the host's own, for avatars of the same model that are made from now on: see `umo_engine_add_gesture_file`.
