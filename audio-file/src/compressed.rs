@@ -1,4 +1,4 @@
-//! FLAC, MP3, Ogg Vorbis and AAC, by `symphonia`.
+//! FLAC, MP3, Ogg Vorbis and AAC, by `symphonia`; Ogg Opus, in `opus`.
 
 use std::io::{Cursor, ErrorKind};
 
@@ -9,9 +9,10 @@ use symphonia::core::formats::{FormatReader, TrackType};
 use symphonia::core::io::MediaSourceStream;
 use umo_core::{audio, defect};
 
-use crate::wav::{MAX_CHANNELS, Note, SAMPLE_RATES, Wav, WavError};
+use crate::wav::{MAX_CHANNELS, Note, OPUS, SAMPLE_RATES, Wav, WavError};
 
 mod edits;
+mod opus;
 
 /// Most samples of a recording: of six hours in stereo at 48 kHz. A few bytes may claim to be many.
 const MAX_SAMPLES: usize = 1 << 31;
@@ -22,7 +23,7 @@ const MAX_SAMPLES: usize = 1 << 31;
 /// [`WavError`] where nothing can be read.
 pub(crate) fn parse(name: &'static str, bytes: Vec<u8>) -> Result<Wav, WavError> {
     // Other people's decoders on anybody's bytes: a panic is damage of the file.
-    defect::contain_quietly(|| decode(name, bytes))
+    defect::contain_quietly(|| if name == OPUS { opus::decode(bytes) } else { decode(name, bytes) })
         .unwrap_or_else(|defect| Err(WavError::Damaged { name, cause: defect.message().to_owned() }))
 }
 

@@ -206,9 +206,9 @@ impl fmt::Display for ReadError {
 impl std::error::Error for ReadError {}
 
 /// Formats that are read.
-const READ: &str = "WAV, FLAC, MP3, Ogg Vorbis and AAC";
+const READ: &str = "WAV, FLAC, MP3, Ogg Vorbis, Ogg Opus and AAC";
 
-/// Reads a recording: WAV, FLAC, MP3, Ogg Vorbis, or AAC, plain or in MPEG-4 (`.m4a`).
+/// Reads a recording: WAV, FLAC, MP3, Ogg Vorbis or Opus, or AAC, plain or in MPEG-4 (`.m4a`).
 ///
 /// # Errors
 /// [`ReadError`] naming the path and the cause.
@@ -274,12 +274,12 @@ const OGG: &str = "Ogg";
 const MP3: &str = "MP3";
 const AAC: &str = "AAC";
 const MPEG_4: &str = "MPEG-4 audio";
-const OPUS: &str = "Ogg Opus";
+pub(crate) const OPUS: &str = "Ogg Opus";
 const AIFF: &str = "AIFF";
 const CAF: &str = "Core Audio (CAF)";
 const MATROSKA: &str = "WebM or Matroska";
-/// What is read by `symphonia`.
-const COMPRESSED: [&str; 5] = [FLAC, OGG, MP3, AAC, MPEG_4];
+/// What `compressed` reads.
+const COMPRESSED: [&str; 6] = [FLAC, OGG, OPUS, MP3, AAC, MPEG_4];
 
 /// The audio format, not WAV, that a file starts as.
 fn other_format(start: &[u8]) -> Option<&'static str> {

@@ -273,7 +273,7 @@ impl From<PrecisionArg> for Precision {
 /// Animate a speech recording.
 #[derive(Debug, ClapArgs)]
 pub struct Animate {
-    /// Recording: WAV, FLAC, MP3, Ogg Vorbis, M4A or AAC; any rate, 1 to 8 channels
+    /// Recording: WAV, FLAC, MP3, Ogg Vorbis, Opus, M4A or AAC; any rate, 1 to 8 channels
     pub speech: PathBuf,
     /// Free text for models that take one: a style, an emotion, an action
     #[arg(long, value_name = "TEXT")]
@@ -697,7 +697,7 @@ pub enum WeightsArg {
 /// Bring an animation to another character.
 #[derive(Debug, ClapArgs)]
 pub struct Retarget {
-    /// Speech, .wav, .flac, .mp3, .ogg, .m4a or .aac; or an animation that umo wrote: .npz, .glb,
+    /// Speech, .wav, .flac, .mp3, .ogg, .opus, .m4a or .aac; or an animation that umo wrote: .npz, .glb,
     /// .bvh or .jsonl
     #[arg(required_unless_present = "print_mapping")]
     pub input: Option<PathBuf>,

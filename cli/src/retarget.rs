@@ -113,7 +113,7 @@ fn read(path: &Path) -> Result<Vec<u8>, Failure> {
 }
 
 /// Extensions of recordings.
-const RECORDINGS: [&str; 8] = ["wav", "flac", "mp3", "ogg", "oga", "m4a", "mp4", "aac"];
+const RECORDINGS: [&str; 9] = ["wav", "flac", "mp3", "ogg", "oga", "opus", "m4a", "mp4", "aac"];
 
 /// The animation of a recording, or one that was made before.
 fn clip(input: &Path, args: &args::Retarget) -> Result<Clip, Failure> {

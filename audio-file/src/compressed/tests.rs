@@ -45,9 +45,23 @@ fn plain_aac_starts_as_late_as_its_encoder_made_it() {
 }
 
 #[test]
-fn opus_is_named_with_how_to_convert_it() {
-    let message = wav::read(&path("hello.opus")).unwrap_err().to_string();
-    assert!(message.contains("it is Ogg Opus") && message.contains("ffmpeg -i"), "{message}");
+fn opus_is_the_speech_at_48_khz() {
+    let (read, speech) = (wav::read(&path("hello.opus")).unwrap(), speech());
+    assert_eq!((read.sample_rate, read.channels, read.frames()), (48_000, 1, 48_000));
+    assert_eq!(read.notes, []);
+    // Of 16 kHz, so that every third sample is all of it.
+    let thirds: Vec<f32> = read.samples.iter().copied().step_by(3).collect();
+    let error = error(&thirds, &speech.samples, 0);
+    assert!(error <= 0.12, "{error}");
+}
+
+#[test]
+fn formats_that_are_not_read_are_named_with_how_to_convert_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("speech.caf");
+    std::fs::write(&file, b"caff\0\x01\0\0desc and more").unwrap();
+    let message = wav::read(&file).unwrap_err().to_string();
+    assert!(message.contains("it is Core Audio") && message.contains("ffmpeg -i"), "{message}");
 }
 
 #[test]
@@ -70,6 +84,7 @@ fn name_of(file: &str) -> &'static str {
         "flac" => "FLAC",
         "mp3" => "MP3",
         "ogg" => "Ogg",
+        "opus" => OPUS,
         _ => "MPEG-4 audio",
     }
 }
@@ -82,7 +97,7 @@ fn damaged_files_give_errors_or_usable_samples() {
         random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         usize::try_from(random >> 33).unwrap()
     };
-    for name in ["hello.flac", "hello.mp3", "hello.ogg", "hello.m4a", "hello.aac"] {
+    for name in ["hello.flac", "hello.mp3", "hello.ogg", "hello.opus", "hello.m4a", "hello.aac"] {
         let whole = bytes(name);
         for round in 0..150 {
             let mut damaged = whole.clone();

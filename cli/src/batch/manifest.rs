@@ -15,7 +15,7 @@ use crate::export::Format;
 use crate::failure::Failure;
 
 /// Extensions of recordings in a folder.
-const RECORDINGS: [&str; 9] = ["wav", "wave", "flac", "mp3", "ogg", "oga", "m4a", "mp4", "aac"];
+const RECORDINGS: [&str; 10] = ["wav", "wave", "flac", "mp3", "ogg", "oga", "opus", "m4a", "mp4", "aac"];
 
 /// A recording to animate.
 #[derive(Clone, Debug, PartialEq)]

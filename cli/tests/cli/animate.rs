@@ -41,7 +41,7 @@ fn one_run_writes_every_format() {
 fn compressed_recordings_are_animated() {
     let (folder, model) = (Folder::new(), golden("mel_k2_arkit"));
     let mut of_wav = None;
-    for name in ["hello.wav", "hello.flac", "hello.mp3", "hello.ogg", "hello.m4a"] {
+    for name in ["hello.wav", "hello.flac", "hello.mp3", "hello.ogg", "hello.opus", "hello.m4a"] {
         let speech = format!("{}/../audio-file/test-files/{name}", env!("CARGO_MANIFEST_DIR"));
         umo(&["animate", &speech, "--model", &model, "-o", &folder.at("motion.jsonl")]).success();
         let motion = folder.read("motion.jsonl");

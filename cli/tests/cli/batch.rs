@@ -21,14 +21,14 @@ fn a_folder_is_animated_and_what_is_done_is_kept() {
         std::fs::write(folder.at(name), &bytes).unwrap();
     }
     std::fs::write(folder.at("lines/notes.txt"), "no recording").unwrap();
-    for name in ["hello.flac", "hello.mp3", "hello.ogg", "hello.m4a"] {
+    for name in ["hello.flac", "hello.mp3", "hello.ogg", "hello.opus", "hello.m4a"] {
         let from = format!("{}/../audio-file/test-files/{name}", env!("CARGO_MANIFEST_DIR"));
         std::fs::copy(from, folder.at(&format!("lines/{}-{name}", &name[6..]))).unwrap();
     }
     let (lines, out) = (folder.at("lines"), folder.at("out"));
     let batch = ["batch", &lines, "-o", &out, "--model", &model, "--format", "jsonl,csv", "--jobs", "3"];
     let ended = umo(&batch).success();
-    assert!(ended.out.contains("7 made, 0 kept, 0 failed"), "{}", ended.out);
+    assert!(ended.out.contains("8 made, 0 kept, 0 failed"), "{}", ended.out);
     // The bits of one by one.
     for recording in ["a.wav", "deep/b.wav", "flac-hello.flac", "ogg-hello.ogg"] {
         let (alone, name) = (folder.at("alone.jsonl"), recording.split_once('.').unwrap().0);
@@ -37,22 +37,22 @@ fn a_folder_is_animated_and_what_is_done_is_kept() {
     }
     let first = folder.read("out/results.jsonl");
     let done = results(&first);
-    assert_eq!(done.len(), 7);
+    assert_eq!(done.len(), 8);
     assert_eq!(done["a.wav"]["frames"], 16);
     assert_eq!(done["a.wav"]["outputs"].as_array().unwrap().len(), 2);
     assert_eq!(done["a.wav"]["outputs"][0]["sha256"].as_str().unwrap().len(), 64);
 
     // Again: nothing to do. Another date is no other content; another content is.
     let ended = umo(&batch).success();
-    assert!(ended.out.contains("0 made, 7 kept, 0 failed"), "{}", ended.out);
+    assert!(ended.out.contains("0 made, 8 kept, 0 failed"), "{}", ended.out);
     assert!(folder.read("out/results.jsonl") == first);
     std::fs::write(folder.at("lines/a.wav"), &bytes).unwrap();
     std::fs::write(folder.at("out/deep/b.csv"), "changed").unwrap();
     let ended = umo(&batch).success();
-    assert!(ended.out.contains("1 made, 6 kept, 0 failed"), "{}", ended.out);
+    assert!(ended.out.contains("1 made, 7 kept, 0 failed"), "{}", ended.out);
     assert!(folder.read("out/deep/b.csv").starts_with(b"Timecode"));
     let ended = umo(&[&batch[..], &["--seed", "7"]].concat()).success();
-    assert!(ended.out.contains("7 made, 0 kept, 0 failed"), "{}", ended.out);
+    assert!(ended.out.contains("8 made, 0 kept, 0 failed"), "{}", ended.out);
 }
 
 #[test]

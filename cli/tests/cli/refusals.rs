@@ -40,13 +40,10 @@ fn recordings_in_other_formats_are_named_with_how_to_convert_them() {
     let folder = Folder::new();
     let out = folder.at("motion.npz");
     // What each begins with; then names alone, of files whose start says nothing.
-    let opus = [&b"OggS\0\x02"[..], &[0; 22], b"OpusHead"].concat();
     for (name, start, format) in [
-        ("a.ogg", &opus[..], "Ogg Opus"),
-        ("b.aiff", b"FORM\0\0\0\0AIFF........", "AIFF"),
+        ("b.aiff", &b"FORM\0\0\0\0AIFF........"[..], "AIFF"),
         ("c.webm", b"\x1a\x45\xdf\xa3............", "WebM"),
         ("d.wav", b"caff............", "Core Audio"),
-        ("e.opus", b"????????????????", "Ogg Opus"),
         ("f.WMA", b"????????????????", "Windows Media Audio"),
     ] {
         let recording = folder.file(name, start);
@@ -62,6 +59,7 @@ fn recordings_in_other_formats_are_named_with_how_to_convert_them() {
 fn damaged_recordings_in_formats_that_are_read_are_refused() {
     let folder = Folder::new();
     let out = folder.at("motion.npz");
+    let opus = [&b"OggS\0\x02"[..], &[0; 22], b"OpusHead"].concat();
     for (name, start, format) in [
         ("a.flac", &b"fLaC\0\0\0\x22............"[..], "FLAC"),
         ("b.ogg", b"OggS\0\x02..............", "Ogg"),
@@ -70,6 +68,8 @@ fn damaged_recordings_in_formats_that_are_read_are_refused() {
         ("e.m4a", b"\0\0\0\x20ftypM4A ........", "MPEG-4"),
         ("f.wav", b"fLaC............", "FLAC"),
         ("g.M4A", b"????????????????", "MPEG-4"),
+        ("h.ogg", &opus[..], "Ogg Opus"),
+        ("i.opus", b"????????????????", "Ogg Opus"),
     ] {
         let recording = folder.file(name, start);
         for command in ["animate", "view"] {
