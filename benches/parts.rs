@@ -1,12 +1,20 @@
 //! The parts of a chunk that are timed: encoding, one step of the decoder, both together, HuBERT,
-//! and in layout `frames` the depth network.
+//! and in layout `frames` the depth network; and the whole of it, by the default model.
+
+use std::f64::consts::TAU;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
 
 use umo_core::audio::Tokenizer;
+use umo_core::engine::{Engine, EngineConfig, Poll, Threads};
 use umo_core::lm::decoder::Sequence;
 use umo_core::lm::depth::{DepthNet, DepthScratch, Task};
 use umo_core::lm::generate::{ChunkSampling, Generator};
 use umo_core::lm::sampler::Sampler;
 use umo_core::lm::{Lengths, Lm, LmScratch};
+use umo_core::model::Model;
+use umo_core::session::{Session, SessionConfig};
 use umo_core::weights::{AlignedBox, Loader};
 use umo_core::{Compute, Config, ModelFile, Part, PerPart, Precision, floor};
 use umo_kernels::activation::argmax;
@@ -18,6 +26,45 @@ use crate::{READ_BYTES, Random, isa};
 pub const TOKENS: usize = 256;
 const SECONDS: usize = 3;
 const OK: &str = "the model and its input are sound";
+
+/// An avatar of the default model that is given speech.
+#[derive(Debug)]
+pub struct Speaker {
+    engine: Engine,
+    avatar: Session,
+    chunk: Vec<f32>,
+}
+
+impl Speaker {
+    /// Loads the default model, for so many threads.
+    pub fn load(threads: usize) -> Self {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/umo-people/model.safetensors");
+        let file = ModelFile::open(&path).expect(OK);
+        let model = Arc::new(Model::load(&file, Precision::Stored, isa()).expect(OK));
+        let config = EngineConfig { threads: Threads::Host(threads - 1), max_sessions: 1, ..EngineConfig::default() };
+        let engine = Engine::new(model, &config).expect("threads can be started");
+        let config = engine.model().config();
+        let samples = config.target * config.samples_per_keyframe();
+        let avatar = engine.session(&SessionConfig::new(config)).expect("the first session");
+        // Syllables, five a second, of a voice at 120 Hz.
+        let sound = |i: u32| {
+            let time = f64::from(i) / 16_000.0;
+            let voice: f64 = (1..12).map(|k| (TAU * 120.0 * f64::from(k) * time).sin() / f64::from(k)).sum();
+            #[expect(clippy::cast_possible_truncation, reason = "it is sound")]
+            let sample = (0.1 * voice * (TAU * 2.5 * time).sin().powi(2)) as f32;
+            sample
+        };
+        let chunk = (0..).take(samples).map(sound).collect();
+        Self { engine, avatar, chunk }
+    }
+
+    /// A chunk, from samples to frames.
+    pub fn chunk(&mut self) {
+        self.avatar.push_audio(&self.chunk).expect("there is room");
+        while self.engine.poll(Duration::MAX).expect("the host polls") != Poll::Idle {}
+        self.avatar.pull_frames(usize::MAX, |_| ()).expect("one thread pulls");
+    }
+}
 
 /// The language model with random input, and where its results go.
 #[derive(Debug)]

@@ -9,6 +9,7 @@ import argparse
 import csv
 import datetime
 import importlib.metadata
+import math
 import os
 import pathlib
 import re
@@ -31,7 +32,11 @@ NAMES = {"onnxruntime": "ONNX Runtime", "ctranslate2": "CTranslate2", "pytorch":
 PACKAGES = {"pytorch": "torch"}
 READING = "reading as many bytes"
 # What the documentation calls the processors of the files, and which of them docs/performance.md has.
-PROCESSORS = {"amd-epyc": "AMD EPYC (Zen 5)", "intel-xeon-processor": "Intel Xeon (Sapphire Rapids, busy host)"}
+PROCESSORS = {
+    "amd-epyc": "AMD EPYC (Zen 5)",
+    "amd-epyc-zen-3": "AMD EPYC (Zen 3)",
+    "intel-xeon-processor": "Intel Xeon (Sapphire Rapids, busy host)",
+}
 SHOWN = "amd-epyc"
 # What is timed: the part, threads, and the peers with the precision of their weights.
 PARTS = [
@@ -43,6 +48,8 @@ PARTS = [
     ("chunk", 2, ["onnxruntime int8"]),
     ("chunk", 1, ["onnxruntime int8"]),
     ("hubert", 2, ["onnxruntime int8", "pytorch int8", "onnxruntime f32", "pytorch f32"]),
+    ("face", 2, ["onnxruntime int8", "onnxruntime f32"]),
+    ("face", 1, ["onnxruntime int8", "onnxruntime f32"]),
 ]
 WHAT = {
     "encoder": "encoder; 256 tokens",
@@ -50,14 +57,23 @@ WHAT = {
     "steps": "encode 256 tokens and generate 20 codes",
     "chunk": "encode 256 tokens and generate 20 codes; with markers",
     "hubert": "HuBERT to layer 9; 3 s of audio",
+    "face": "half a second of an avatar; a peer's face alone",
 }
+
+
+# Hosts hide which of AMD's processors they are; its family and model tell those of other architectures than Zen 5.
+ZEN = {(25, 1): "zen-3", (25, 17): "zen-4", (25, 160): "zen-4"}
 
 
 def cpu():
     """The processor's name in kebab case."""
-    name = re.search(r"model name\s*:\s*(.*)", pathlib.Path("/proc/cpuinfo").read_text()).group(1)
+    info = pathlib.Path("/proc/cpuinfo").read_text()
+    name = re.search(r"model name\s*:\s*(.*)", info).group(1)
     name = re.sub(r"\((R|TM)\)|CPU|@.*", " ", name, flags=re.IGNORECASE)
-    return re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")
+    name = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")
+    numbers = re.search(r"cpu family\s*:\s*(\d+)\nmodel\s*:\s*(\d+)", info)
+    zen = ZEN.get(tuple(map(int, numbers.groups()))) if numbers and name == "amd-epyc" else None
+    return f"{name}-{zen}" if zen else name
 
 
 def version():
@@ -109,7 +125,7 @@ def parts(isa, wanted):
     if names:
         import models
 
-        models.build(MODELS)
+        models.build(MODELS, wanted)
     peers = {name: Side(sys.executable, HERE / "peer.py", name, MODELS) for name in names}
     ours = Side(TARGET / "release" / "parts")
     for side in [ours, *peers.values()]:
@@ -187,10 +203,15 @@ def row(stamp, what, ours, peer, threads, our_ms, peer_ms, floor_ms):
     return dict(zip(COLUMNS, map(str, [*values, *stamp])))
 
 
-def show(row):
+def share(row):
+    """How much of our time the floor is; of a whole avatar no floor is known."""
     share = 100 * float(row["floor_ms"]) / float(row["our_ms"])
+    return "–" if math.isnan(share) else f"{share:.0f} %"
+
+
+def show(row):
     cells = [row["what"], row["ours"], row["threads"], row["our_ms"], row["peer"], row["peer_ms"], row["ratio"]]
-    return "| " + " | ".join(cells) + f" | {row['floor_ms']} | {share:.0f} % |"
+    return "| " + " | ".join(cells) + f" | {row['floor_ms']} | {share(row)} |"
 
 
 HEADER = "| what | ours | threads | ms | peer | ms | peer's / ours | floor, ms | share |\n" + "| --- " * 9 + "|"
@@ -214,9 +235,8 @@ def beside(rows):
     lines = []
     for key, by_peer in found.items():
         first = next(iter(by_peer.values()))
-        share = 100 * float(first["floor_ms"]) / float(first["our_ms"])
         times = [f"{row['peer_ms']} ({row['ratio']})" if (row := by_peer.get(peer)) else "–" for peer in peers]
-        lines.append([*key, first["our_ms"], f"{share:.0f} %", *times])
+        lines.append([*key, first["our_ms"], share(first), *times])
     return grid(["what", "ours", "threads", "ms", "of the floor", *peers], lines)
 
 
@@ -292,6 +312,7 @@ def main():
         "steps": lambda isa: parts(isa, "steps"),
         "chunk": lambda isa: parts(isa, "chunk"),
         "hubert": lambda isa: parts(isa, "hubert"),
+        "face": lambda isa: parts(isa, "face"),
         "attention": attentions,
         "products-1": lambda isa: products(isa, 1),
         "products-2": lambda isa: products(isa, 2),

@@ -1,6 +1,6 @@
 """The peers' models: random weights of the base shape, as PyTorch, ONNX and CTranslate2 have them.
 
-`build(folder)` makes every file once. Each ONNX graph is compared with the PyTorch model that it was made from before it is
+`build(folder, part)` makes the files of a part once. Each ONNX graph is compared with the PyTorch model that it was made from before it is
 quantised, so that what is timed is the network and not something near it.
 """
 
@@ -25,6 +25,8 @@ MARKERS = [1, 2]
 # The codes of four parts: a head for text and audio as well would only cost the peers.
 HEAD = 1024
 LAYERS, HEADS, HEAD_DIM = 12, 12, 64
+# The network of the face alone: frames of half a second of speech, each of which reads a window of samples.
+FACE_FRAMES, FACE_WINDOW = 15, 8320
 
 
 def t5_config():
@@ -48,6 +50,76 @@ def t5():
 def hubert():
     torch.manual_seed(2)
     return transformers.HubertModel(transformers.HubertConfig(num_hidden_layers=9, apply_spec_augment=False)).eval()
+
+
+class FaceNet(torch.nn.Module):
+    """A regression network of the shape that Audio2Face-3D 2.3 is published with (arXiv 2508.16401 and its training
+    framework): for each frame a window of 0.52 s, by the first layer of wav2vec 2.0 (base) and by autocorrelation,
+    then convolutions over time that also get an emotion; out come coefficients of skin, jaw and eyes, and of the tongue.
+    """
+
+    WINDOWS, LENGTH, STRIDE, LAGS, EMOTION = 25, 640, 320, 32, 24
+    SKIN_JAW_EYES, TONGUE = 272 + 15 + 4, 10
+
+    def __init__(self):
+        super().__init__()
+        config = transformers.Wav2Vec2Config(num_hidden_layers=1, apply_spec_augment=False)
+        self.speech = transformers.Wav2Vec2Model(config)
+        self.speech_map = torch.nn.Linear(768, 256)
+        widths = [1, 72, 108, 162, 243]
+        self.lags = torch.nn.ModuleList(
+            torch.nn.Conv2d(a, b, (1, 3), stride=(1, 2), padding=(0, 1)) for a, b in zip(widths, widths[1:])
+        )
+        self.lags.append(torch.nn.Conv2d(243, 256, (1, 2)))
+        times = [512] + 3 * [256 + self.EMOTION]
+        self.times = torch.nn.ModuleList(
+            torch.nn.Conv2d(width, 256, (3, 1), stride=(2, 1), padding=(1, 0)) for width in times
+        )
+        self.joined = torch.nn.Linear(2 * (256 + self.EMOTION), 256)
+        self.skin = torch.nn.ModuleList([torch.nn.Linear(256 + self.EMOTION, self.SKIN_JAW_EYES),
+                                         torch.nn.Linear(self.SKIN_JAW_EYES, self.SKIN_JAW_EYES)])  # fmt: skip
+        self.tongue = torch.nn.ModuleList([torch.nn.Linear(256 + self.EMOTION, self.TONGUE),
+                                           torch.nn.Linear(self.TONGUE, self.TONGUE)])  # fmt: skip
+
+    def autocorrelation(self, windows):
+        """`[frames, samples]` to `[frames, 1, windows, lags]`."""
+        x = windows.unfold(1, self.LENGTH, self.STRIDE)
+        x = (x - x.mean(-1, keepdim=True)) * torch.hann_window(self.LENGTH, periodic=False)
+        lags = [(x[..., : self.LENGTH - lag] * x[..., lag:]).sum(-1) for lag in range(self.LAGS)]
+        return torch.stack(lags, -1)[:, None] / self.LENGTH
+
+    def forward(self, windows, emotion):
+        """`windows [frames, 8320]`, `emotion [frames, 24]` to `[frames, 301]`."""
+
+        def active(x):
+            return 2**0.5 * torch.relu(x)
+
+        def with_emotion(x):
+            return torch.cat([x, emotion[:, :, None, None].expand(-1, -1, *x.shape[2:])], 1)
+
+        heard = torch.relu(self.speech_map(self.speech(windows).last_hidden_state))
+        x = self.autocorrelation(windows)
+        for layer in self.lags:
+            x = active(layer(x))
+        x = torch.cat([heard.transpose(1, 2)[..., None], x], 1)
+        for layer in self.times:
+            x = with_emotion(active(layer(x)))
+        x = torch.cat([active(self.joined(x.flatten(1))), emotion], 1)
+        return torch.cat([second(first(x)) for first, second in (self.skin, self.tongue)], 1)
+
+
+@functools.cache
+def face():
+    torch.manual_seed(6)
+    return FaceNet().eval()
+
+
+def face_inputs():
+    random = np.random.default_rng(7)
+    return {
+        "windows": 0.1 * random.standard_normal((FACE_FRAMES, FACE_WINDOW)).astype(np.float32),
+        "emotion": random.random((FACE_FRAMES, FaceNet.EMOTION), np.float32),
+    }
 
 
 def token_ids():
@@ -222,9 +294,9 @@ def decoder_graph(path):
     g.save(path)
 
 
-def hubert_graph(path):
-    model, g = hubert(), Graph()
-    x = g.add("Unsqueeze", [g.input("audio", [1, SECONDS * 16_000]), g.weight(np.array([1]))])
+def speech_layers(g, model, x):
+    """What HuBERT and wav2vec 2.0 are alike in: samples `[batch, samples]` to features `[batch, tokens, 768]`."""
+    x = g.add("Unsqueeze", [x, g.weight(np.array([1]))])
     for i, layer in enumerate(model.feature_extractor.conv_layers):
         x = g.add("Conv", [x, g.weight(layer.conv.weight)], strides=list(layer.conv.stride))
         if i == 0:
@@ -247,7 +319,57 @@ def hubert_graph(path):
         y = g.add("Gelu", [g.linear(x, feed_forward.intermediate_dense)])
         y = g.linear(y, feed_forward.output_dense)
         x = g.layer_norm(g.add("Add", [x, y]), layer.final_layer_norm)
-    g.output(x, "features")
+    return x
+
+
+def hubert_graph(path):
+    g = Graph()
+    g.output(speech_layers(g, hubert(), g.input("audio", [1, SECONDS * 16_000])), "features")
+    g.save(path)
+
+
+def face_graph(path):
+    net, g = face(), Graph()
+    windows = g.input("windows", [FACE_FRAMES, FACE_WINDOW])
+    emotion = g.input("emotion", [FACE_FRAMES, net.EMOTION])
+
+    def active(x):
+        return g.add("Mul", [g.add("Relu", [x]), g.weight(np.float32(2**0.5))])
+
+    def conv(x, layer):
+        pads = 2 * list(layer.padding)
+        weights = [g.weight(layer.weight), g.weight(layer.bias)]
+        return active(g.add("Conv", [x, *weights], strides=list(layer.stride), pads=pads))
+
+    x = g.add("Relu", [g.linear(speech_layers(g, net.speech, windows), net.speech_map)])
+    x = g.add("Transpose", [x], perm=[0, 2, 1])
+    heard = g.add("Unsqueeze", [x, g.weight(np.array([3]))])
+    # All windows' samples by one gather, then every lag.
+    at = net.STRIDE * np.arange(net.WINDOWS)[:, None] + np.arange(net.LENGTH)
+    x = g.add("Gather", [windows, g.weight(at)], axis=1)
+    x = g.add("Sub", [x, g.add("ReduceMean", [x, g.weight(np.array([-1]))])])
+    x = g.add("Mul", [x, g.weight(np.hanning(net.LENGTH).astype(np.float32))])
+
+    def part(x, first, last):
+        return g.add("Slice", [x, *(g.weight(np.array([value])) for value in (first, last, -1))])
+
+    lags = [
+        g.add("ReduceSum", [g.add("Mul", [part(x, 0, net.LENGTH - lag), part(x, lag, net.LENGTH)]), g.weight(np.array([-1]))])
+        for lag in range(net.LAGS)
+    ]
+    x = g.add("Transpose", [g.add("Concat", lags, axis=2)], perm=[0, 1, 2])
+    x = g.add("Unsqueeze", [g.add("Mul", [x, g.weight(np.float32(1 / net.LENGTH))]), g.weight(np.array([1]))])
+    for layer in net.lags:
+        x = conv(x, layer)
+    x = g.add("Concat", [heard, x], axis=1)
+    wide = g.add("Unsqueeze", [emotion, g.weight(np.array([2, 3]))])
+    for rows, layer in zip([13, 7, 4, 2], net.times):
+        shape = g.weight(np.array([FACE_FRAMES, net.EMOTION, rows, 1]))
+        x = g.add("Concat", [conv(x, layer), g.add("Expand", [wide, shape])], axis=1)
+    x = active(g.linear(g.add("Flatten", [x]), net.joined))
+    x = g.add("Concat", [x, emotion], axis=1)
+    outputs = [g.linear(g.linear(x, first), second) for first, second in (net.skin, net.tongue)]
+    g.output(g.add("Concat", outputs, axis=1), "coefficients")
     g.save(path)
 
 
@@ -314,7 +436,23 @@ def check_onnx(folder):
         assert np.abs(got - want).max() < 1e-3 * np.abs(want).max(), "HuBERT's graph is another network"
 
 
+def check_face(folder):
+    with torch.inference_mode():
+        want = face()(*map(torch.from_numpy, face_inputs().values())).numpy()
+    got = session(folder / "face.f32.onnx", 2).run(None, face_inputs())[0]
+    assert np.abs(got - want).max() < 1e-3 * np.abs(want).max(), "the face's graph is another network"
+
+
 GRAPHS = {"encoder": encoder_graph, "prefill": prefill_graph, "decoder": decoder_graph, "hubert": hubert_graph}
+
+
+def quantized(folder, name):
+    source, target = folder / f"{name}.f32.onnx", folder / f"{name}.int8.onnx"
+    # Types are not inferred through ONNX Runtime's own operations: all that is multiplied is f32.
+    options = {"DefaultTensorType": TensorProto.FLOAT}
+    quantize_dynamic(
+        source, target, op_types_to_quantize=["MatMul"], weight_type=QuantType.QInt8, extra_options=options
+    )
 
 
 def build_onnx(folder):
@@ -322,12 +460,13 @@ def build_onnx(folder):
         graph(folder / f"{name}.f32.onnx")
     check_onnx(folder)
     for name in GRAPHS:
-        source, target = folder / f"{name}.f32.onnx", folder / f"{name}.int8.onnx"
-        # Types are not inferred through ONNX Runtime's own operations: all that is multiplied is f32.
-        options = {"DefaultTensorType": TensorProto.FLOAT}
-        quantize_dynamic(
-            source, target, op_types_to_quantize=["MatMul"], weight_type=QuantType.QInt8, extra_options=options
-        )
+        quantized(folder, name)
+
+
+def build_face(folder):
+    face_graph(folder / "face.f32.onnx")
+    check_face(folder)
+    quantized(folder, "face")
 
 
 class Tokens:
@@ -385,11 +524,12 @@ def pieces(ids):
     return [str(i) for i in ids]
 
 
-def build(folder):
-    """Makes what is missing under `folder`."""
+def build(folder, part):
+    """Makes what is missing under `folder` and `part` needs."""
     folder = pathlib.Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    for name, make in {"onnx-rows": build_onnx, "ctranslate2": build_ctranslate2}.items():
+    makers = {"onnx-rows": build_onnx, "ctranslate2": build_ctranslate2}
+    for name, make in {"onnx-face": build_face}.items() if part == "face" else makers.items():
         done = folder / f"{name}.done"
         if not done.exists():
             make(folder)

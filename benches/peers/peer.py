@@ -19,7 +19,11 @@ def onnxruntime_call(folder, part, kind, threads):
         t5 = models.OnnxT5(folder, kind, threads, models.STEP_ROWS if part == "steps" else models.CHUNK_ROWS)
         return lambda: t5.chunk(ids)
     session = models.session(folder / f"{part}.{kind}.onnx", threads)
-    inputs = {"ids": ids, "bias": bias} if part == "encoder" else {"audio": audio}
+    inputs = {
+        "encoder": lambda: {"ids": ids, "bias": bias},
+        "hubert": lambda: {"audio": audio},
+        "face": models.face_inputs,
+    }[part]()
     return lambda: session.run(None, inputs)
 
 
