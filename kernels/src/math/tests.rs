@@ -1,3 +1,5 @@
+extern crate std;
+
 use super::scalar;
 use crate::isa::Isa;
 
