@@ -154,7 +154,7 @@ pub(crate) fn pieces(mesh: &Mesh) -> Vec<usize> {
         }
         vertex
     }
-    let mut of: Vec<usize> = (0..mesh.positions.len()).collect();
+    let mut of = mesh.originals();
     let (triangles, _) = mesh.indices.as_chunks::<3>();
     for &[a, b, c] in triangles {
         for other in [b, c] {
