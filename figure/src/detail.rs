@@ -65,7 +65,7 @@ impl Detail {
             Self::None => "plain",
             Self::Knit => "knit",
             Self::Weave => "weave",
-            Self::StitchedWeave => "stitched weave",
+            Self::StitchedWeave => "stitched-weave",
             Self::Twill => "twill",
             Self::Leather => "leather",
         }
