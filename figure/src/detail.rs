@@ -37,6 +37,9 @@ pub struct NormalMap {
 }
 
 impl NormalMap {
+    /// A place without relief.
+    pub const FLAT: [u8; 3] = [128, 128, 255];
+
     /// Writes it as PNG.
     ///
     /// # Errors

@@ -48,6 +48,7 @@ impl Builder {
     /// A palette that no picture can hold.
     pub(crate) fn materials(
         &mut self,
+        figure: &Figure,
         palette: &Palette,
         details: &[Detail],
     ) -> io::Result<Vec<Index<material::Material>>> {
@@ -69,7 +70,7 @@ impl Builder {
         let info = |index, tex_coord| texture::Info { index, tex_coord, extensions: None, extras: None };
         let mut materials = Vec::with_capacity(details.len());
         for detail in details {
-            let normals = detail.normal_map().map(|map| {
+            let normals = palette.flattened(figure, *detail).map(|map| {
                 let mut png = Vec::new();
                 map.write(&mut png).map(|()| self.texture(detail.name(), &png, repeated))
             });

@@ -61,7 +61,7 @@ fn add_meshes(
 ) -> io::Result<[Index<Node>; 2]> {
     let palette = Palette::new(mesh);
     let details: Vec<Detail> = mesh.details.iter().copied().collect::<BTreeSet<_>>().into_iter().collect();
-    let materials = builder.materials(&palette, &details)?;
+    let materials = builder.materials(mesh, &palette, &details)?;
     let mut surfaces = |range: Range<usize>| -> Vec<mesh::Primitive> {
         let pairs = details.iter().zip(&materials);
         let used = pairs.filter(|(detail, _)| mesh.details[range.clone()].contains(detail));
