@@ -276,7 +276,7 @@ fn add_body(mesh: &mut Mesh, rest: &Rest, look: &Look) {
         let (buttons, buckle) = body::buttons(rest, &top.solid, &belt.solid);
         mesh.add(body::collar(rest, look), Finish::CLOTH, |_, _| look.cloth, |p| upper.weights(p));
         let leather = |p: V, n: V| shaded(look.belt, &[&top.solid, &belt.solid], p, n);
-        mesh.add(body::charts::belt(rest, &belt), Finish::LEATHER, leather, |p| lower.weights(p));
+        mesh.add(body::charts::belt(rest, look, &belt), Finish::LEATHER, leather, |p| lower.weights(p));
         mesh.add(buttons, Finish::NAIL, |_, _| [228, 222, 210], |p| upper.weights(p));
         mesh.add(buckle, Finish::BRASS, |_, _| [186, 168, 120], |p| lower.weights(p));
     }

@@ -9,7 +9,7 @@ use crate::detail::Detail;
 use crate::look::{Look, Top};
 use crate::rest::Rest;
 use crate::unwrap::{Chart, repeats};
-use crate::vector::{V, add, cross, dot, hypot, length, mix, ramp, scale, sub, unit};
+use crate::vector::{V, add, cross, curve, dot, hypot, length, mix, ramp, scale, sub, unit};
 use std::f32::consts::TAU;
 
 /// Mean radius of the trunk, and how much wider it is than deep.
@@ -33,7 +33,7 @@ pub(in super::super) fn top(rest: &Rest, look: &Look, piece: &Piece) -> Part {
     // On a plane of the grid the line between the charts is smooth.
     let planes = piece.grid.0[0].iter().copied();
     let from = planes.min_by(|a, b| (a - wanted).abs().total_cmp(&(b - wanted).abs())).unwrap_or(wanted);
-    part.lay_out(detail, &[trunk(rest, detail), left, right], |_, corners| {
+    part.lay_out(detail, &[trunk(rest, look, detail), left, right], |_, corners| {
         let all = |sign: f32| corners.iter().all(|p| p[0] * sign >= from);
         if all(1.0) { 1 } else { 2 * usize::from(all(-1.0)) }
     });
@@ -49,9 +49,9 @@ pub(in super::super) fn trousers(rest: &Rest, piece: &Piece) -> Part {
 }
 
 /// The belt, around the trunk.
-pub(in super::super) fn belt(rest: &Rest, piece: &Piece) -> Part {
+pub(in super::super) fn belt(rest: &Rest, look: &Look, piece: &Piece) -> Part {
     let mut part = piece.surface();
-    part.lay_out(Detail::Leather, &[trunk(rest, Detail::Leather)], |_, _| 0);
+    part.lay_out(Detail::Leather, &[trunk(rest, look, Detail::Leather)], |_, _| 0);
     part
 }
 
@@ -68,17 +68,17 @@ pub(in super::super) fn shoe(rest: &Rest, side: &str, piece: &Piece) -> Part {
 }
 
 /// Around the trunk, and up; over the shoulders up is inwards.
-fn trunk(rest: &Rest, detail: Detail) -> Chart<Place<'static>> {
+fn trunk(rest: &Rest, look: &Look, detail: Detail) -> Chart<Place<'static>> {
     let s = rest.size;
     let [wide, tall] = detail.repeat_m();
     let around = repeats(TAU * TRUNK * s, wide);
     let (pelvis, neck) = (rest.at("pelvis"), rest.at("neck"));
-    let (chest, collar) = (rest.at("spine3")[1], rest.middle("collar")[1] + 0.02 * s);
+    let (collar, shoulders) = (rest.middle("collar")[1], (curve(look.build.width, 0.41) + 0.010) * s);
     let place: Place<'static> = Box::new(move |_, p, _| {
         let share = ((p[1] - pelvis[1]) / (neck[1] - pelvis[1]).max(1e-3)).clamp(0.0, 1.0);
         let from = sub(p, mix(pelvis, neck, share));
-        let inwards = 0.15 * s - hypot(from[0], FLAT * from[2]);
-        let up = p[1] - neck[1] + ramp(chest, collar.max(chest + 0.01), p[1]) * inwards;
+        let inwards = shoulders - hypot(from[0], FLAT * from[2]);
+        let up = p[1] - neck[1] + ramp(collar - 0.02 * s, collar + 0.04 * s, p[1]) * inwards;
         [around * from[0].atan2(FLAT.sqrt() * from[2]) / TAU, -up / tall]
     });
     Chart { place, period: [around, f32::INFINITY] }
