@@ -261,7 +261,7 @@ fn swept(
         let (places, long) = (&places, &long);
         let place = move |vertex: usize, _: V, _: V| {
             let [u, v] = places[vertex];
-            [u, if is_last && vertex % count == 0 { long[vertex / count] } else { v }]
+            [u, if is_last && vertex.is_multiple_of(count) { long[vertex / count] } else { v }]
         };
         Chart { place, period: [across, f32::INFINITY] }
     });
