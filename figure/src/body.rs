@@ -1,13 +1,17 @@
 //! The clothed body: top, trousers, shoes and hands, each a solid of its own.
 
 use super::Part;
+use super::detail::Detail;
 use super::field::Join::{Cut, Displace, Union, Within};
 use super::field::{Shape, Solid};
 use super::look::{Build, Look, Top};
 use super::nets::{self, Grid, even_planes, planes};
 use super::rest::Rest;
-use super::vector::{V, add, cross, curve, dot, length, mix, ramp, scale, sub, unit};
+use super::unwrap::{Chart, repeats};
+use super::vector::{V, add, cross, curve, dot, hypot, length, mix, ramp, scale, sub, unit};
 use std::f32::consts::{PI, TAU};
+
+pub(super) mod charts;
 
 pub(super) const FINGERS: [&str; 5] = ["thumb", "index", "middle", "ring", "pinky"];
 const SIDES: [&str; 2] = ["left", "right"];
@@ -171,14 +175,15 @@ pub(super) fn neck_band(rest: &Rest, look: &Look) -> Part {
         (-0.020, 0.0020),
     ];
     let rib = if look.top == Top::Sweater { 0.0007 } else { 0.0 };
-    swept(rest, wide, AROUND, 0.0, |_, spoke| {
+    let detail = if look.top == Top::Sweater { Detail::Knit } else { Detail::Weave };
+    swept(rest, wide, AROUND, 0.0, detail, |_, spoke| {
         profile.map(|(up, out)| (up, out + if out > 0.0 && spoke % 2 == 0 { rib } else { 0.0 })).to_vec()
     })
 }
 
 /// The flaps of the shirt's collar, open in front.
 pub(super) fn collar(rest: &Rest, look: &Look) -> Part {
-    swept(rest, 0.0555 * look.build.neck.max(0.93), 44, 0.16, |ahead, _| {
+    swept(rest, 0.0555 * look.build.neck.max(0.93), 44, 0.16, Detail::StitchedWeave, |ahead, _| {
         // Points in front.
         let point = (-(ahead / 0.42).powi(2)).exp();
         let (low, wide) = (-0.005 - 0.016 * point, 0.0140 + 0.006 * point);
@@ -197,17 +202,30 @@ pub(super) fn collar(rest: &Rest, look: &Look) -> Part {
 
 /// A band round the neck, `wide` metres from it: a closed outline of heights and distances at each
 /// angle from ahead, upwards on the outside. `gap`: half the angle that is left open in front.
-fn swept(rest: &Rest, wide: f32, around: usize, gap: f32, outline: impl Fn(f32, usize) -> Vec<(f32, f32)>) -> Part {
+fn swept(
+    rest: &Rest,
+    wide: f32,
+    around: usize,
+    gap: f32,
+    detail: Detail,
+    outline: impl Fn(f32, usize) -> Vec<(f32, f32)>,
+) -> Part {
     let (s, neck) = (rest.size, rest.at("neck"));
     let mut part = Part::default();
     let number = |at: usize| u32::try_from(at).expect("the figure has few vertices");
     let rows = if gap > 0.0 { around + 1 } else { around };
     let mut count = 0;
+    let repeat = detail.repeat_m();
+    let across = repeats(TAU * wide * s, repeat[0]);
+    // Of each vertex the way around the neck and along the outline, in repeats.
+    let mut places = Vec::new();
+    let mut long = Vec::new();
     for spoke in 0..rows {
         let angle = gap + (TAU - 2.0 * gap) * spoke as f32 / around as f32;
         let (sin, cos) = angle.sin_cos();
         let profile = outline(angle.min(TAU - angle) - gap, spoke);
         count = profile.len();
+        let mut along = 0.0;
         for (k, &(up, out)) in profile.iter().enumerate() {
             let [before, after] = [profile[(k + count - 1) % count], profile[(k + 1) % count]];
             let z = (wide + out) * cos + 0.003;
@@ -215,7 +233,10 @@ fn swept(rest: &Rest, wide: f32, around: usize, gap: f32, outline: impl Fn(f32, 
             part.positions.push(add(neck, scale(place, s)));
             let facing = [after.0 - before.0, before.1 - after.1];
             part.normals.push(unit([facing[0] * sin, facing[1], facing[0] * cos]));
+            places.push([across * angle / TAU, along]);
+            along += hypot(after.0 - up, after.1 - out) * s / repeat[1];
         }
+        long.push(along);
     }
     let at = |spoke: usize, k: usize| number(spoke % rows * count + k % count);
     for spoke in 0..around {
@@ -235,6 +256,19 @@ fn swept(rest: &Rest, wide: f32, around: usize, gap: f32, outline: impl Fn(f32, 
             part.indices.extend([at(end, low), at(end, back), at(end, front)]);
         }
     }
+    // The outline begins again on the side of the neck.
+    let charts = [false, true].map(|is_last| {
+        let (places, long) = (&places, &long);
+        let place = move |vertex: usize, _: V, _: V| {
+            let [u, v] = places[vertex];
+            [u, if is_last && vertex.is_multiple_of(count) { long[vertex / count] } else { v }]
+        };
+        Chart { place, period: [across, f32::INFINITY] }
+    });
+    part.lay_out(detail, &charts, |corners, _| {
+        let has = |k: usize| corners.iter().any(|vertex| vertex % count == k);
+        usize::from(has(0) && has(count - 1))
+    });
     part
 }
 
@@ -316,7 +350,8 @@ pub(super) fn cuff(rest: &Rest, look: &Look, side: &str) -> Part {
         (floor, 0.0),
     ];
     let ribs = if look.top == Top::Sweater { 0.0007 * r } else { 0.0 };
-    lathe(end, bone, &profile.map(|(along, radius)| (along, radius * r)), ribs)
+    let detail = if look.top == Top::Sweater { Detail::Knit } else { Detail::StitchedWeave };
+    lathe(end, bone, &profile.map(|(along, radius)| (along, radius * r)), ribs, detail)
 }
 
 /// The hem of a trouser leg, open to the shoe.
@@ -341,12 +376,12 @@ pub(super) fn leg_hem(rest: &Rest, side: &str) -> Part {
         (floor, 0.0470),
         (floor, 0.0),
     ];
-    lathe(end, bone, &profile.map(|(along, radius)| (along, radius * s)), 0.0)
+    lathe(end, bone, &profile.map(|(along, radius)| (along, radius * s)), 0.0, Detail::Twill)
 }
 
 /// A surface of revolution about the line from `origin` along `bone`: places along it as shares of
 /// the bone, and radii; closed where the radius is 0. `ribs`: how far it is grooved lengthwise.
-fn lathe(origin: V, bone: V, profile: &[(f32, f32)], ribs: f32) -> Part {
+fn lathe(origin: V, bone: V, profile: &[(f32, f32)], ribs: f32, detail: Detail) -> Part {
     const AROUND: usize = 32;
     let (axis, long) = (unit(bone), length(bone));
     let side = unit(cross([0.0, 0.3, 1.0], axis));
@@ -354,6 +389,15 @@ fn lathe(origin: V, bone: V, profile: &[(f32, f32)], ribs: f32) -> Part {
     let mut part = Part::default();
     let number = |at: usize| u32::try_from(at).expect("the figure has few vertices");
     let mut before: Vec<u32> = Vec::new();
+    let repeat = detail.repeat_m();
+    let across = repeats(TAU * profile.iter().fold(0.0, |most, point| point.1.max(most)), repeat[0]);
+    // Of each vertex the way around and from the rim along the outline, in repeats.
+    let mut places = Vec::new();
+    let way = |k: usize| -> f32 {
+        let pairs = profile[..=k].windows(2);
+        pairs.map(|pair| hypot((pair[1].0 - pair[0].0) * long, pair[1].1 - pair[0].1)).sum()
+    };
+    let rim = (0..profile.len()).min_by(|&a, &b| profile[a].0.total_cmp(&profile[b].0)).map_or(0.0, way);
     for (k, &(along, radius)) in profile.iter().enumerate() {
         let [from, to] = [profile[k.saturating_sub(1)], profile[(k + 1).min(profile.len() - 1)]];
         let tangent = [(to.0 - from.0) * long, to.1 - from.1];
@@ -370,6 +414,7 @@ fn lathe(origin: V, bone: V, profile: &[(f32, f32)], ribs: f32) -> Part {
             let facing = add(scale(out, -tangent[0]), scale(axis, tangent[1]));
             let pole = scale(axis, if k == 0 { 1.0 } else { -1.0 });
             part.normals.push(unit(if around == 1 { pole } else { facing }));
+            places.push([across * spoke as f32 / AROUND as f32, (rim - way(k)) / repeat[1]]);
         }
         let ring: Vec<u32> = (0..AROUND).map(|spoke| number(first + spoke % around)).collect();
         for spoke in 0..if k == 0 { 0 } else { AROUND } {
@@ -382,6 +427,8 @@ fn lathe(origin: V, bone: V, profile: &[(f32, f32)], ribs: f32) -> Part {
         }
         before = ring;
     }
+    let place = |vertex: usize, _: V, _: V| places[vertex];
+    part.lay_out(detail, &[Chart { place, period: [across, f32::INFINITY] }], |_, _| 0);
     part
 }
 

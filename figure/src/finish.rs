@@ -1,7 +1,7 @@
 //! How surfaces reflect.
 
 /// How a surface reflects light, as physically based renderers take it. 255 stands for 1.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Finish {
     /// 0 is a mirror, 255 is chalk.
     pub roughness: u8,

@@ -10,17 +10,21 @@
 //! | `head` | face, eyes, mouth, hair, and the shapes |
 //! | `skin` | which joints each vertex follows |
 //! | [`Helper`] | joints that take shares of another one's turn |
+//! | [`detail`] | fine relief of cloth and leather, as normal maps |
+//! | `unwrap`, `body::charts` | where on those maps a surface is |
 //! | [`palette`] | the colours as a texture |
 //! | `posed` | the mesh in a pose, on the processor |
 //! | [`picture`] | a depth buffer, light, PNG files |
 //! | `rest`, `vector` | the skeleton's measures; points |
 #![forbid(unsafe_code)]
 
+use std::collections::HashMap;
 use std::fmt;
 
 use umo_core::config::Skeleton;
 
 mod body;
+pub mod detail;
 mod field;
 mod finish;
 mod head;
@@ -35,8 +39,10 @@ pub mod sample;
 mod skin;
 #[cfg(test)]
 mod tests;
+mod unwrap;
 mod vector;
 
+use detail::Detail;
 use field::Solid;
 pub use finish::Finish;
 pub use helper::Helper;
@@ -75,7 +81,7 @@ impl std::error::Error for FigureError {}
 /// skeleton has it).
 #[derive(Clone, Debug, Default)]
 pub struct Mesh {
-    /// `[vertices]`, as the next five.
+    /// `[vertices]`, as the next eight.
     pub positions: Vec<[f32; 3]>,
     /// Unit length.
     pub normals: Vec<[f32; 3]>,
@@ -83,6 +89,14 @@ pub struct Mesh {
     pub colors: Vec<[u8; 4]>,
     /// How the surface reflects; one on each connected piece.
     pub finishes: Vec<Finish>,
+    /// The fine relief of the surface; one on each triangle.
+    pub details: Vec<Detail>,
+    /// Right and down on the relief's map, in repeats of it; zeros where there is none. A vertex
+    /// where two of its places meet is there more than once.
+    pub detail_places: Vec<[f32; 2]>,
+    /// Where the map's right is, of unit length and across the normal, and 1 or -1: the factor by
+    /// which normal × right is the map's up. Zeros where there is no relief.
+    pub tangents: Vec<[f32; 4]>,
     /// Up to four joints, from 55 on helper joints; 0 where the weight is 0.
     pub joints: Vec<[u8; 4]>,
     /// Weights of those joints; their sum is 1.
@@ -120,6 +134,11 @@ struct Part {
     positions: Vec<V>,
     normals: Vec<V>,
     indices: Vec<u32>,
+    detail: Detail,
+    /// As those of [`Mesh::detail_places`]; empty where there is no relief.
+    places: Vec<[f32; 2]>,
+    /// Likewise.
+    tangents: Vec<[f32; 4]>,
 }
 
 impl Part {
@@ -147,12 +166,34 @@ impl Mesh {
     fn add_painted(&mut self, part: Part, colors: &[[u8; 3]], finishes: Vec<Finish>, weights: &[Weights]) {
         let first = u32::try_from(self.positions.len()).expect("the figure has few vertices");
         self.finishes.extend(finishes);
+        let count = part.positions.len();
+        self.details.extend(std::iter::repeat_n(part.detail, count));
+        // All or, where there is no relief, none of them are there.
+        self.detail_places.extend(part.places);
+        self.tangents.extend(part.tangents);
+        self.detail_places.resize(self.details.len(), [0.0; 2]);
+        self.tangents.resize(self.details.len(), [0.0; 4]);
         self.colors.extend(colors.iter().map(|&[r, g, b]| [r, g, b, 255]));
         self.joints.extend(weights.iter().map(|one| one.0));
         self.weights.extend(weights.iter().map(|one| one.1));
         self.positions.extend(part.positions);
         self.normals.extend(part.normals);
         self.indices.extend(part.indices.iter().map(|i| i + first));
+    }
+
+    /// For each vertex the first one that it is a copy of: copies have other places on a relief's
+    /// map. Itself where it is none.
+    pub(crate) fn originals(&self) -> Vec<usize> {
+        let mut first: HashMap<([u32; 3], [u32; 3], Finish), usize> = HashMap::new();
+        let of = |vertex: usize| {
+            if self.details[vertex] == Detail::None {
+                return vertex;
+            }
+            let bits = |v: V| v.map(f32::to_bits);
+            let key = (bits(self.positions[vertex]), bits(self.normals[vertex]), self.finishes[vertex]);
+            *first.entry(key).or_insert(vertex)
+        };
+        (0..self.positions.len()).map(of).collect()
     }
 
     /// The same mesh for animations that open the mouth by the jaw joint: chin, lower lip and
@@ -221,15 +262,21 @@ fn add_body(mesh: &mut Mesh, rest: &Rest, look: &Look) {
     let shaded =
         |color: Color, solids: &[&Solid], p: V, n: V| darker(color, field::occlusion(solids, p, n, SHADED * rest.size));
     let cloth = [&top.solid, &trousers.solid];
-    mesh.add(top.surface(), Finish::CLOTH, |p, n| shaded(look.cloth, &cloth[..1], p, n), |p| upper.weights(p));
-    mesh.add(trousers.surface(), Finish::CLOTH, |p, n| shaded(look.trousers, &cloth, p, n), |p| lower.weights(p));
+    mesh.add(
+        body::charts::top(rest, look, &top),
+        Finish::CLOTH,
+        |p, n| shaded(look.cloth, &cloth[..1], p, n),
+        |p| upper.weights(p),
+    );
+    let legs = body::charts::trousers(rest, &trousers);
+    mesh.add(legs, Finish::CLOTH, |p, n| shaded(look.trousers, &cloth, p, n), |p| lower.weights(p));
     mesh.add(body::neck_band(rest, look), Finish::CLOTH, |_, _| look.cloth, |p| upper.weights(p));
     if look.top == Top::Shirt {
         let belt = body::belt(rest, look);
         let (buttons, buckle) = body::buttons(rest, &top.solid, &belt.solid);
         mesh.add(body::collar(rest, look), Finish::CLOTH, |_, _| look.cloth, |p| upper.weights(p));
         let leather = |p: V, n: V| shaded(look.belt, &[&top.solid, &belt.solid], p, n);
-        mesh.add(belt.surface(), Finish::LEATHER, leather, |p| lower.weights(p));
+        mesh.add(body::charts::belt(rest, look, &belt), Finish::LEATHER, leather, |p| lower.weights(p));
         mesh.add(buttons, Finish::NAIL, |_, _| [228, 222, 210], |p| upper.weights(p));
         mesh.add(buckle, Finish::BRASS, |_, _| [186, 168, 120], |p| lower.weights(p));
     }
@@ -244,7 +291,8 @@ fn add_body(mesh: &mut Mesh, rest: &Rest, look: &Look) {
         let feet = [&shoe.solid, &sole.solid, &trousers.solid];
         let upper = if look.top == Top::Shirt { Finish::LEATHER } else { Finish::RUBBER };
         mesh.add(body::laces(rest, side, &shoe.solid), Finish::CLOTH, |_, _| look.soles, |p| foot.weights(p));
-        mesh.add(shoe.surface(), upper, |p, n| shaded(look.shoes, &feet, p, n), |p| foot.weights(p));
+        let leather = body::charts::shoe(rest, side, &shoe);
+        mesh.add(leather, upper, |p, n| shaded(look.shoes, &feet, p, n), |p| foot.weights(p));
         mesh.add(sole.surface(), Finish::RUBBER, |p, n| shaded(look.soles, &feet[1..2], p, n), |p| foot.weights(p));
         mesh.add(sock.surface(), Finish::CLOTH, |p, n| shaded(look.belt, &feet, p, n), |p| skin::sock(rest, side, p));
         let weights = skin::Hand::new(rest, side, &body::FINGERS);

@@ -9,10 +9,16 @@
 //! colours lie close to a plane of the RGB cube. Each piece gets a square of the texture that shows
 //! its plane, and each vertex the place of its colour there. Between vertices, colours then blend
 //! as they do between vertex colours.
+//!
+//! Cloth and leather have shades of one colour, and a relief that has places of its own on another
+//! map. Godot reads every map at the colours' places. So these take as little of the texture as they
+//! can, and where they do, [`Palette::flattened`] makes the relief's map flat: there the figure looks
+//! as it would without, and where the map repeats, so small a spot is not seen.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Write};
 
+use crate::detail::{Detail, NormalMap};
 use crate::picture::write_png;
 use crate::vector::{self, V};
 use crate::{Finish, Mesh};
@@ -22,6 +28,11 @@ use crate::{Finish, Mesh};
 const SQUARE: usize = 32;
 /// Texels around the colours that are used, which filters may reach.
 const BORDER: f32 = 2.0;
+/// Rows of a piece with a relief, and pieces to a square.
+const LINE: usize = 3;
+const LINES: usize = SQUARE / LINE;
+/// Texels that its shades take.
+const SHADES: f32 = 12.0;
 
 /// A texture of colours, and where in it each vertex has its own.
 #[derive(Clone, Debug)]
@@ -41,31 +52,65 @@ impl Palette {
     pub fn new(mesh: &Mesh) -> Self {
         let pieces = pieces(mesh);
         let colors = mesh.colors.iter().map(|&[r, g, b, _]| [r, g, b]);
-        let mut sets: BTreeMap<usize, (Finish, BTreeSet<[u8; 3]>)> = BTreeMap::new();
-        for ((&piece, color), &finish) in pieces.iter().zip(colors.clone()).zip(&mesh.finishes) {
-            sets.entry(piece).or_insert_with(|| (finish, BTreeSet::new())).1.insert(color);
+        let mut sets: BTreeMap<usize, Colors> = BTreeMap::new();
+        for (vertex, (&piece, color)) in pieces.iter().zip(colors.clone()).enumerate() {
+            let of = || Colors { detail: mesh.details[vertex], finish: mesh.finishes[vertex], set: BTreeSet::new() };
+            sets.entry(piece).or_insert_with(of).set.insert(color);
         }
-        let distinct: BTreeSet<_> = sets.values().collect();
-        let squares: Vec<_> = distinct.iter().map(|(finish, set)| (finish, Square::new(set))).collect();
-        let across = (1..).find(|n: &usize| n.is_power_of_two() && n * n >= squares.len()).unwrap_or(1);
+        // Those with a relief get a row each of the first squares, those of one relief side by side;
+        // all others a square.
+        let (lines, planes): (BTreeSet<_>, BTreeSet<_>) =
+            sets.values().partition(|colors: &&Colors| colors.detail != Detail::None);
+        let blocks = lines.len().div_ceil(LINES);
+        let count = blocks + planes.len();
+        let across = (1..).find(|n: &usize| n.is_power_of_two() && n * n >= count).unwrap_or(1);
         let size = across * SQUARE;
         let corner = |number: usize| [number % across * SQUARE, number / across * SQUARE];
         let mut pixels = vec![[0; 3]; size * size];
         let mut finishes = vec![Finish::default(); size * size];
-        for (number, (finish, square)) in squares.iter().enumerate() {
-            let [left, top] = corner(number);
-            for (x, y) in (0..SQUARE).flat_map(|y| (0..SQUARE).map(move |x| (x, y))) {
+        let mut squares: BTreeMap<&Colors, ([usize; 2], Square)> = BTreeMap::new();
+        for (number, colors) in lines.into_iter().enumerate() {
+            let [left, top] = corner(number / LINES);
+            squares.insert(colors, ([left, top + number % LINES * LINE], Square::line(&colors.set)));
+        }
+        for (number, colors) in planes.into_iter().enumerate() {
+            squares.insert(colors, (corner(blocks + number), Square::new(&colors.set)));
+        }
+        for (colors, ([left, top], square)) in &squares {
+            let height = if colors.detail == Detail::None { SQUARE } else { LINE };
+            for (x, y) in (0..height).flat_map(|y| (0..SQUARE).map(move |x| (x, y))) {
                 pixels[(top + y) * size + left + x] = square.color([x as f32 + 0.5, y as f32 + 0.5]);
-                finishes[(top + y) * size + left + x] = **finish;
+                finishes[(top + y) * size + left + x] = colors.finish;
             }
         }
-        let number: BTreeMap<_, _> = distinct.iter().enumerate().map(|(number, set)| (*set, number)).collect();
         let places = pieces.iter().zip(colors).map(|(piece, color)| {
-            let number = number[&sets[piece]];
-            let (corner, place) = (corner(number), squares[number].1.place(color));
+            let (corner, square) = &squares[&sets[piece]];
+            let place = square.place(color);
             std::array::from_fn(|axis| (corner[axis] as f32 + place[axis]) / size as f32)
         });
         Self { size, pixels, finishes, places: places.collect() }
+    }
+
+    /// The normal map of a relief, flat where this mesh has its colours; none where there is no
+    /// relief.
+    pub fn flattened(&self, mesh: &Mesh, detail: Detail) -> Option<NormalMap> {
+        let mut map = detail.normal_map()?;
+        let places = self.places.iter().zip(&mesh.details).filter(|(_, own)| **own == detail);
+        let range = |axis: usize| {
+            let of = places.clone().map(|(place, _)| place[axis] * map.size[axis] as f32);
+            let (low, high) = of.fold((f32::MAX, f32::MIN), |(low, high), x| (low.min(x), high.max(x)));
+            // A filter reads the texels on both sides.
+            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "inside the map")]
+            let [from, to] = [low - 0.5, high + 0.5].map(|x| x.clamp(0.0, map.size[axis] as f32 - 1.0) as usize);
+            from..=to
+        };
+        let (columns, rows) = (range(0), range(1));
+        for row in rows {
+            for column in columns.clone() {
+                map.pixels[row * map.size[0] + column] = NormalMap::FLAT;
+            }
+        }
+        Some(map)
     }
 
     /// Writes the colours as PNG.
@@ -86,6 +131,14 @@ impl Palette {
     }
 }
 
+/// The colours of a piece, and what else its surface has.
+#[derive(PartialEq, Eq, PartialOrd, Ord)]
+struct Colors {
+    detail: Detail,
+    finish: Finish,
+    set: BTreeSet<[u8; 3]>,
+}
+
 /// A plane through colours, and the part of it that they take.
 struct Square {
     middle: V,
@@ -94,6 +147,8 @@ struct Square {
     low: [f32; 2],
     /// Colour values to a texel.
     step: [f32; 2],
+    /// Texels to where a colour is that fills an axis.
+    middles: [f32; 2],
 }
 
 impl Square {
@@ -114,7 +169,18 @@ impl Square {
         let low = [0, 1].map(|axis| along(axis).fold(f32::INFINITY, f32::min));
         let high = [0, 1].map(|axis| along(axis).fold(f32::NEG_INFINITY, f32::max));
         let step = [0, 1].map(|axis: usize| (high[axis] - low[axis]) / (SQUARE as f32 - 2.0 * BORDER));
-        Self { middle, axes, low, step }
+        Self { middle, axes, low, step, middles: [SQUARE as f32 / 2.0; 2] }
+    }
+
+    /// Shades of one colour, in a short row: the plane's second axis would only hold how they are
+    /// rounded.
+    fn line(colors: &BTreeSet<[u8; 3]>) -> Self {
+        let mut line = Self::new(colors);
+        line.step[0] *= (SQUARE as f32 - 2.0 * BORDER) / SHADES;
+        line.axes[1] = [0.0; 3];
+        (line.low[1], line.step[1]) = (0.0, 0.0);
+        line.middles = [BORDER + 0.5 * SHADES, 0.5 * LINE as f32];
+        line
     }
 
     /// Texels right and down in the square.
@@ -123,7 +189,7 @@ impl Square {
         [0, 1].map(|axis| {
             let along = vector::dot(from, self.axes[axis]) - self.low[axis];
             // One colour has no plane: it fills the square.
-            BORDER + if self.step[axis] > 0.0 { along / self.step[axis] } else { SQUARE as f32 / 2.0 - BORDER }
+            if self.step[axis] > 0.0 { BORDER + along / self.step[axis] } else { self.middles[axis] }
         })
     }
 
@@ -154,7 +220,7 @@ pub(crate) fn pieces(mesh: &Mesh) -> Vec<usize> {
         }
         vertex
     }
-    let mut of: Vec<usize> = (0..mesh.positions.len()).collect();
+    let mut of = mesh.originals();
     let (triangles, _) = mesh.indices.as_chunks::<3>();
     for &[a, b, c] in triangles {
         for other in [b, c] {
@@ -189,6 +255,31 @@ mod tests {
     fn every_vertex_finds_its_colour_and_every_triangle_the_colours_between() {
         for figure in Figure::ALL {
             check(&figure.mesh(&sample::skeleton()).unwrap());
+        }
+    }
+
+    #[test]
+    fn relief_is_flat_where_colours_are_and_almost_nowhere_else() {
+        for figure in Figure::ALL {
+            let mesh = figure.mesh(&sample::skeleton()).unwrap();
+            let palette = Palette::new(&mesh);
+            for detail in Detail::RELIEFS.into_iter().filter(|detail| mesh.details.contains(detail)) {
+                let (map, whole) = (palette.flattened(&mesh, detail).unwrap(), detail.normal_map().unwrap());
+                let places = palette.places.iter().zip(&mesh.details).filter(|(_, own)| **own == detail);
+                for (place, _) in places {
+                    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "inside the map")]
+                    let near = [0, 1].map(|axis: usize| {
+                        let at = place[axis] * map.size[axis] as f32 - 0.5;
+                        [at.floor() as usize, at.floor() as usize + 1]
+                    });
+                    for (x, y) in near[1].into_iter().flat_map(|y| near[0].map(|x| (x, y))) {
+                        assert_eq!(map.pixels[y * map.size[0] + x], NormalMap::FLAT, "{figure:?} {detail:?}");
+                    }
+                }
+                let changed = map.pixels.iter().zip(&whole.pixels).filter(|(a, b)| a != b).count();
+                assert!(changed * 50 < map.pixels.len(), "{figure:?} {detail:?}: {changed} texels");
+            }
+            assert!(palette.flattened(&mesh, Detail::None).is_none());
         }
     }
 

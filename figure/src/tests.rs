@@ -8,6 +8,7 @@ use umo_core::motion::skeleton::ARKIT_NAMES;
 use vector::{distance, mirrored, sub};
 
 mod clothes;
+mod details;
 mod eyes;
 mod helpers;
 mod mouth;
@@ -45,6 +46,9 @@ fn the_mesh_is_sound() {
             mesh.normals.len(),
             mesh.colors.len(),
             mesh.finishes.len(),
+            mesh.details.len(),
+            mesh.detail_places.len(),
+            mesh.tangents.len(),
             mesh.joints.len(),
             mesh.weights.len(),
             mesh.jaw.len(),
@@ -72,17 +76,19 @@ fn cloth_and_hands_are_closed_and_face_outwards() {
     for mesh in FIGURES.iter().chain(ALL.iter()) {
         let (triangles, _) = mesh.indices.as_chunks::<3>();
         let body = triangles.iter().filter(|corners| (corners[0] as usize) < mesh.head);
-        let mut edges: HashMap<[u32; 2], i32> = HashMap::new();
+        let mut edges: HashMap<[usize; 2], i32> = HashMap::new();
         let mut against = 0;
+        // Copies of a vertex are one.
+        let originals = mesh.originals();
         for &[a, b, c] in body {
-            for [from, to] in [[a, b], [b, c], [c, a]] {
+            for [from, to] in [[a, b], [b, c], [c, a]].map(|edge| edge.map(|vertex| originals[vertex as usize])) {
                 *edges.entry([from.min(to), from.max(to)]).or_default() += if from < to { 1 } else { -1 };
             }
             let [p, q, r] = [a, b, c].map(|i| mesh.positions[i as usize]);
             let facing = vector::cross(sub(q, p), sub(r, p));
             against += usize::from(vector::dot(facing, mesh.normals[a as usize]) < 0.0);
         }
-        let open = edges.iter().filter(|(_, both)| **both != 0).map(|(edge, _)| mesh.positions[edge[0] as usize]);
+        let open = edges.iter().filter(|(_, both)| **both != 0).map(|(edge, _)| mesh.positions[edge[0]]);
         let open: Vec<V> = open.collect();
         assert!(
             open.is_empty(),

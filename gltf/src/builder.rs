@@ -10,6 +10,7 @@ use std::collections::BTreeMap;
 use std::io::{self, Write};
 use std::ops::Range;
 use umo_figure::Mesh as Figure;
+use umo_figure::detail::Detail;
 use umo_figure::palette::Palette;
 
 /// An index into one of the root's lists.
@@ -41,63 +42,83 @@ struct Layout {
 }
 
 impl Builder {
-    /// Colours, roughness and metalness are the palette's.
+    /// One material for each relief; colours, roughness and metalness are the palette's.
     ///
     /// # Errors
     /// A palette that no picture can hold.
-    pub(crate) fn material(&mut self, name: &str, palette: &Palette) -> io::Result<Index<material::Material>> {
+    pub(crate) fn materials(
+        &mut self,
+        figure: &Figure,
+        palette: &Palette,
+        details: &[Detail],
+    ) -> io::Result<Vec<Index<material::Material>>> {
         let [mut colors, mut finishes] = [Vec::new(), Vec::new()];
         palette.write(&mut colors)?;
         palette.write_finishes(&mut finishes)?;
-        let sampler = self.root.push(texture::Sampler {
+        // Between the palette's squares nothing may be mixed: it has no smaller versions.
+        let sampler = |min_filter, wrap| texture::Sampler {
             mag_filter: Some(Valid(texture::MagFilter::Linear)),
-            min_filter: Some(Valid(texture::MinFilter::Linear)),
-            wrap_s: Valid(texture::WrappingMode::ClampToEdge),
-            wrap_t: Valid(texture::WrappingMode::ClampToEdge),
+            min_filter: Some(Valid(min_filter)),
+            wrap_s: Valid(wrap),
+            wrap_t: Valid(wrap),
             ..texture::Sampler::default()
-        });
-        let mut texture = |name: &str, png: &[u8]| {
-            let view = self.view(png, None);
-            let source = self.root.push(json::Image {
-                buffer_view: Some(view),
-                mime_type: Some(image::MimeType("image/png".to_owned())),
-                name: Some(name.to_owned()),
-                uri: None,
-                extensions: None,
-                extras: None,
-            });
-            let index = self.root.push(json::Texture {
-                sampler: Some(sampler),
-                source,
-                name: None,
-                extensions: None,
-                extras: None,
-            });
-            texture::Info { index, tex_coord: 0, extensions: None, extras: None }
         };
-        let (colors, finishes) = (texture("colors", &colors), texture("finishes", &finishes));
-        Ok(self.root.push(material::Material {
-            name: Some(name.to_owned()),
-            pbr_metallic_roughness: material::PbrMetallicRoughness {
-                metallic_factor: material::StrengthFactor(1.0),
-                roughness_factor: material::StrengthFactor(1.0),
-                base_color_texture: Some(colors),
-                metallic_roughness_texture: Some(finishes),
+        let once = self.root.push(sampler(texture::MinFilter::Linear, texture::WrappingMode::ClampToEdge));
+        let repeated = sampler(texture::MinFilter::LinearMipmapLinear, texture::WrappingMode::Repeat);
+        let repeated = self.root.push(repeated);
+        let (colors, finishes) = (self.texture("colors", &colors, once), self.texture("finishes", &finishes, once));
+        let info = |index, tex_coord| texture::Info { index, tex_coord, extensions: None, extras: None };
+        let mut materials = Vec::with_capacity(details.len());
+        for detail in details {
+            let normals = palette.flattened(figure, *detail).map(|map| {
+                let mut png = Vec::new();
+                map.write(&mut png).map(|()| self.texture(detail.name(), &png, repeated))
+            });
+            let normals = normals.transpose()?.map(|index| material::NormalTexture {
+                index,
+                scale: 1.0,
+                tex_coord: 1,
+                extensions: None,
+                extras: None,
+            });
+            materials.push(self.root.push(material::Material {
+                name: Some(detail.name().to_owned()),
+                pbr_metallic_roughness: material::PbrMetallicRoughness {
+                    metallic_factor: material::StrengthFactor(1.0),
+                    roughness_factor: material::StrengthFactor(1.0),
+                    base_color_texture: Some(info(colors, 0)),
+                    metallic_roughness_texture: Some(info(finishes, 0)),
+                    ..Default::default()
+                },
+                normal_texture: normals,
                 ..Default::default()
-            },
-            ..Default::default()
-        }))
+            }));
+        }
+        Ok(materials)
+    }
+
+    fn texture(&mut self, name: &str, png: &[u8], sampler: Index<texture::Sampler>) -> Index<json::Texture> {
+        let view = self.view(png, None);
+        let source = self.root.push(json::Image {
+            buffer_view: Some(view),
+            mime_type: Some(image::MimeType("image/png".to_owned())),
+            name: Some(name.to_owned()),
+            uri: None,
+            extensions: None,
+            extras: None,
+        });
+        self.root.push(json::Texture { sampler: Some(sampler), source, name: None, extensions: None, extras: None })
     }
 
     /// A mesh; its shapes' names go where programs look for them.
-    pub(crate) fn mesh(&mut self, name: &str, primitive: Primitive, shapes: &[String]) -> Index<Mesh> {
+    pub(crate) fn mesh(&mut self, name: &str, primitives: Vec<Primitive>, shapes: &[String]) -> Index<Mesh> {
         let extras = (!shapes.is_empty()).then(|| {
             let names = serde_json::json!({ "targetNames": shapes });
             serde_json::value::to_raw_value(&names).expect("a list of strings is valid JSON")
         });
         self.root.push(Mesh {
             name: Some(name.to_owned()),
-            primitives: vec![primitive],
+            primitives,
             weights: (!shapes.is_empty()).then(|| vec![0.0; shapes.len()]),
             extensions: None,
             extras,
@@ -113,21 +134,51 @@ impl Builder {
         self.root.scene = Some(scene);
     }
 
-    /// The vertices of `range` and the triangles between them.
-    pub(crate) fn surface(&mut self, figure: &Figure, palette: &Palette, range: Range<usize>) -> Attributes {
+    /// The vertices of `range` with that relief, and the triangles between them.
+    pub(crate) fn surface(
+        &mut self,
+        figure: &Figure,
+        palette: &Palette,
+        range: Range<usize>,
+        detail: Detail,
+    ) -> Attributes {
         let target = Some(buffer::Target::ArrayBuffer);
-        let positions = self.positions(&figure.positions[range.clone()]);
-        let normals = self.floats(&figure.normals[range.clone()], Type::Vec3, target);
-        let count = range.len();
+        let vertices: Vec<usize> = range.filter(|&vertex| figure.details[vertex] == detail).collect();
+        let positions = self.positions(&picked(&figure.positions, &vertices));
+        let normals = self.floats(&picked(&figure.normals, &vertices), Type::Vec3, target);
+        let count = vertices.len();
         let layout = |component, kind| Layout { component, kind, count, target, normalized: true };
-        let places = self.floats(&palette.places[range.clone()], Type::Vec2, target);
-        let weights: Vec<[u16; 4]> = figure.weights[range.clone()].iter().map(|&weights| shares(weights)).collect();
+        let places = self.floats(&picked(&palette.places, &vertices), Type::Vec2, target);
+        let weights: Vec<[u16; 4]> = vertices.iter().map(|&vertex| shares(figure.weights[vertex])).collect();
         let weights = self.accessor(&little_endian(&weights), layout(ComponentType::U16, Type::Vec4));
         let joints = Layout { normalized: false, ..layout(ComponentType::U8, Type::Vec4) };
-        let joints = self.accessor(figure.joints[range.clone()].as_flattened(), joints);
+        let joints = self.accessor(picked(&figure.joints, &vertices).as_flattened(), joints);
+        let mut attributes = BTreeMap::from([
+            (Valid(Semantic::Positions), positions),
+            (Valid(Semantic::Normals), normals),
+            (Valid(Semantic::TexCoords(0)), places),
+            (Valid(Semantic::Joints(0)), joints),
+            (Valid(Semantic::Weights(0)), weights),
+        ]);
+        // Without a map they would be of no use.
+        if detail != Detail::None {
+            let places = self.floats(&picked(&figure.detail_places, &vertices), Type::Vec2, target);
+            let tangents = self.floats(&picked(&figure.tangents, &vertices), Type::Vec4, target);
+            attributes.insert(Valid(Semantic::TexCoords(1)), places);
+            attributes.insert(Valid(Semantic::Tangents), tangents);
+        }
+        let mut numbers = vec![None; figure.positions.len()];
+        for (number, &vertex) in vertices.iter().enumerate() {
+            numbers[vertex] = u16::try_from(number).ok();
+        }
         let (triangles, _) = figure.indices.as_chunks::<3>();
-        let inside = triangles.iter().filter(|corners| range.contains(&(corners[0] as usize)));
-        let corners = inside.flatten().map(|&corner| u16::try_from(corner as usize - range.start));
+        // A triangle has one relief, and its corners are all in the range or none is.
+        let wanted = vertices.first().zip(vertices.last()).map_or(0..0, |(&first, &last)| first..last + 1);
+        let inside = triangles.iter().filter(|corners| {
+            let first = corners[0] as usize;
+            wanted.contains(&first) && figure.details[first] == detail
+        });
+        let corners = inside.flatten().map(|&corner| numbers[corner as usize]);
         let corners: Vec<[u16; 1]> = corners.map(|i| [i.expect("the figure has few vertices")]).collect();
         let indices = Layout {
             component: ComponentType::U16,
@@ -137,13 +188,6 @@ impl Builder {
             normalized: false,
         };
         let indices = self.accessor(&little_endian(&corners), indices);
-        let attributes = BTreeMap::from([
-            (Valid(Semantic::Positions), positions),
-            (Valid(Semantic::Normals), normals),
-            (Valid(Semantic::TexCoords(0)), places),
-            (Valid(Semantic::Joints(0)), joints),
-            (Valid(Semantic::Weights(0)), weights),
-        ]);
         Attributes { attributes, indices }
     }
 
@@ -300,6 +344,11 @@ impl Builder {
         }
         Ok(())
     }
+}
+
+/// The rows of some vertices.
+fn picked<T: Copy>(rows: &[T], vertices: &[usize]) -> Vec<T> {
+    vertices.iter().map(|&vertex| rows[vertex]).collect()
 }
 
 fn length(bytes: usize) -> io::Result<[u8; 4]> {

@@ -1,7 +1,9 @@
 //! `.glb`: the skeleton, the figure in two meshes, body and head, one shape per face channel, and the
 //! animation of all three.
 
+use std::collections::BTreeSet;
 use std::io::{self, Write};
+use std::ops::Range;
 
 use gltf_json as json;
 use json::animation::Property;
@@ -10,6 +12,7 @@ use json::{Index, Node, mesh};
 use umo_core::config::FaceKind;
 use umo_core::motion::clip::Clip;
 use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS};
+use umo_figure::detail::Detail;
 use umo_figure::palette::Palette;
 use umo_figure::{Figure, Helper, Mesh};
 
@@ -57,17 +60,25 @@ fn add_meshes(
     skin: Index<json::Skin>,
 ) -> io::Result<[Index<Node>; 2]> {
     let palette = Palette::new(mesh);
-    let material = builder.material("figure", &palette)?;
-    let cloth = builder.surface(mesh, &palette, 0..mesh.head);
-    let body = builder.mesh("body", primitive(cloth, material), &[]);
+    let details: Vec<Detail> = mesh.details.iter().copied().collect::<BTreeSet<_>>().into_iter().collect();
+    let materials = builder.materials(mesh, &palette, &details)?;
+    let mut surfaces = |range: Range<usize>| -> Vec<mesh::Primitive> {
+        let pairs = details.iter().zip(&materials);
+        let used = pairs.filter(|(detail, _)| mesh.details[range.clone()].contains(detail));
+        used.map(|(&detail, &material)| primitive(builder.surface(mesh, &palette, range.clone(), detail), material))
+            .collect()
+    };
+    let cloth = surfaces(0..mesh.head);
+    let mut front = surfaces(mesh.head..mesh.positions.len());
+    let body = builder.mesh("body", cloth, &[]);
     let body = builder.skinned("body", body, skin);
 
-    let mut front = primitive(builder.surface(mesh, &palette, mesh.head..mesh.positions.len()), material);
     let names = &clip.face.names;
     if !names.is_empty() {
         let count = mesh.positions.len() - mesh.head;
         let targets = names.iter().map(|name| builder.morph_target(&shapes::shape(name, mesh), count));
-        front.targets = Some(targets.collect());
+        // The head has no relief, so it is one surface.
+        front[0].targets = Some(targets.collect());
     }
     let face = builder.mesh("face", front, names);
     Ok([body, builder.skinned("face", face, skin)])

@@ -1,5 +1,7 @@
 //! A scene as a page holds it: a description in JSON, numbers in base64.
 
+use std::collections::BTreeSet;
+
 use data_encoding::BASE64;
 use serde::Serialize;
 use umo_core::config::FaceKind;
@@ -8,6 +10,7 @@ use umo_core::motion::skeleton::JOINT_NAMES;
 
 use super::scene::{self, PageEngine, Record, Scene};
 use umo_figure::Mesh;
+use umo_figure::detail::Detail;
 
 /// The description. Sizes are counts of vertices and frames.
 #[derive(Serialize)]
@@ -44,8 +47,18 @@ struct Model<'a> {
 struct MeshInfo {
     /// Vertices that a morph target moves: the first ones.
     moving: usize,
+    /// Vertices with a place on a relief's map: the next ones.
+    detailed: usize,
+    details: Vec<DetailInfo>,
     morphs: Vec<MorphInfo>,
     helpers: Vec<HelperInfo>,
+}
+
+/// A relief, and corners of triangles that have it. Those of the first come first.
+#[derive(Serialize)]
+struct DetailInfo {
+    name: &'static str,
+    corners: usize,
 }
 
 /// A joint that takes shares of another one's turn.
@@ -173,6 +186,11 @@ fn describe<'a>(scene: &'a Scene, order: &Order) -> Description<'a> {
         model: scene.model.as_ref().map(|model| Model { name: &model.name, stride: model.stride }),
         mesh: MeshInfo {
             moving: order.moving,
+            detailed: order.detailed,
+            details: details(&scene.mesh)
+                .into_iter()
+                .map(|detail| DetailInfo { name: detail.name(), corners: corners(&scene.mesh, detail).count() })
+                .collect(),
             morphs: scene.mesh.morphs.iter().map(morph).collect(),
             helpers: scene.mesh.helpers.iter().map(helper).collect(),
         },
@@ -204,13 +222,26 @@ fn frames(clip: &Clip) -> impl Iterator<Item = u8> {
     })
 }
 
-/// An order of vertices in which those that a morph target moves come first.
+/// The reliefs of a mesh, in order.
+fn details(mesh: &Mesh) -> BTreeSet<Detail> {
+    mesh.details.iter().copied().collect()
+}
+
+/// Corners of the triangles with a relief.
+fn corners(mesh: &Mesh, detail: Detail) -> impl Iterator<Item = u32> + '_ {
+    let (triangles, _) = mesh.indices.as_chunks::<3>();
+    triangles.iter().filter(move |corners| mesh.details[corners[0] as usize] == detail).flatten().copied()
+}
+
+/// An order of vertices in which those that a morph target moves come first, and those with a relief
+/// next.
 struct Order {
     /// Old index of every vertex.
     old: Vec<u32>,
     /// New index of every vertex.
     new: Vec<u32>,
     moving: usize,
+    detailed: usize,
 }
 
 impl Order {
@@ -220,12 +251,18 @@ impl Order {
         for &vertex in mesh.morphs.iter().flat_map(|morph| &morph.vertices) {
             moves[vertex as usize] = true;
         }
-        let of =
-            |wanted: bool| moves.iter().enumerate().filter(move |(_, moves)| **moves == wanted).map(|(i, _)| i as u32);
-        let old: Vec<u32> = of(true).chain(of(false)).collect();
+        let rank = |vertex: u32| match (moves[vertex as usize], mesh.details[vertex as usize]) {
+            (true, _) => 0,
+            (false, Detail::None) => 2,
+            (false, _) => 1,
+        };
+        let mut old: Vec<u32> = (0..moves.len() as u32).collect();
+        old.sort_by_key(|&vertex| rank(vertex));
+        let count = |wanted| old.iter().filter(|&&vertex| rank(vertex) == wanted).count();
+        let (moving, detailed) = (count(0), count(1));
         let mut new = vec![0; old.len()];
         old.iter().enumerate().for_each(|(at, &vertex)| new[vertex as usize] = at as u32);
-        Self { moving: of(true).count(), old, new }
+        Self { moving, detailed, old, new }
     }
 
     /// `values` in the new order.
@@ -268,7 +305,15 @@ impl Elements {
         self.block("roughness", order.sort(&mesh.finishes).map(|finish| finish.roughness));
         self.block("joints", order.sort(&mesh.joints).flatten());
         self.block("weights", order.sort(&mesh.weights).flatten().flat_map(|weight| share(weight).to_le_bytes()));
-        self.block("indices", mesh.indices.iter().flat_map(|&vertex| order.place(vertex).to_le_bytes()));
+        let sorted = details(mesh).into_iter().flat_map(|detail| corners(mesh, detail));
+        self.block("indices", sorted.flat_map(|vertex| order.place(vertex).to_le_bytes()));
+        let places = order.sort(&mesh.detail_places).skip(order.moving).take(order.detailed);
+        self.block("detail-places", places.flatten().flat_map(f32::to_le_bytes));
+        for (detail, map) in details(mesh).into_iter().filter_map(|detail| Some((detail, detail.normal_map()?))) {
+            let mut png = Vec::new();
+            map.write(&mut png).expect("memory takes all that is written");
+            self.block(&format!("detail-{}", detail.name()), png.into_iter());
+        }
         let vertices = mesh.morphs.iter().flat_map(|morph| &morph.vertices);
         self.block("morph-vertices", vertices.flat_map(|&vertex| order.place(vertex).to_le_bytes()));
         self.floats("morph-positions", mesh.morphs.iter().flat_map(|morph| morph.positions.iter().copied()));

@@ -115,6 +115,7 @@ impl Head {
             positions: self.places.iter().map(|&p| add(eyes, scale(p, size))).collect(),
             normals: self.normals,
             indices: self.sheet.triangles.as_flattened().iter().map(|&i| number(i)).collect(),
+            ..Part::default()
         };
         let colors: Vec<[u8; 3]> = vertices.iter().map(|vertex| vertex.color).collect();
         let weights: Vec<Weights> = vertices.iter().map(follow).collect();

@@ -256,14 +256,14 @@ fn glb_skin_leaves_the_rest_pose_as_it_is() {
         assert!((0..3).all(|i| (matrix[3][i] + rest[joint][i]).abs() < 1e-6));
     }
     for name in ["body", "face"] {
-        let mesh = file.node(name).mesh().unwrap();
-        let primitive = mesh.primitives().next().unwrap();
-        let reader = primitive.reader(|_| Some(&file.bin));
-        let weights = reader.read_weights(0).unwrap().into_f32();
-        let joints = reader.read_joints(0).unwrap().into_u16();
-        for (weights, joints) in weights.zip(joints) {
-            assert!((weights.iter().sum::<f32>() - 1.0).abs() < 1e-6);
-            assert!(joints.iter().all(|&joint| usize::from(joint) < all.len()));
+        for primitive in file.node(name).mesh().unwrap().primitives() {
+            let reader = primitive.reader(|_| Some(&file.bin));
+            let weights = reader.read_weights(0).unwrap().into_f32();
+            let joints = reader.read_joints(0).unwrap().into_u16();
+            for (weights, joints) in weights.zip(joints) {
+                assert!((weights.iter().sum::<f32>() - 1.0).abs() < 1e-6);
+                assert!(joints.iter().all(|&joint| usize::from(joint) < all.len()));
+            }
         }
     }
 }
@@ -316,4 +316,40 @@ fn every_figure_has_a_file_of_its_own() {
     let clip = sample::clip(FaceKind::Arkit, 1, 1);
     let files: Vec<Vec<u8>> = Figure::ALL.map(|figure| File::worn(&clip, Some(figure)).bin).into();
     assert!((1..files.len()).all(|i| !files[..i].contains(&files[i])));
+}
+
+/// What is not read is not stored, and what a normal map needs is there.
+#[test]
+fn glb_has_tangents_and_places_where_there_is_a_normal_map_and_nowhere_else() {
+    for figure in Figure::ALL {
+        let clip = sample::clip(FaceKind::Arkit, 1, 1);
+        let mesh = figure.mesh(&clip.skeleton).unwrap();
+        let file = File::worn(&clip, Some(figure));
+        let (mut corners, mut vertices, mut mapped) = (0, 0, 0);
+        for primitive in file.gltf.meshes().flat_map(|mesh| mesh.primitives()) {
+            let reader = primitive.reader(|_| Some(&file.bin));
+            let count = reader.read_positions().unwrap().count();
+            vertices += count;
+            let indices: Vec<u32> = reader.read_indices().unwrap().into_u32().collect();
+            corners += indices.len();
+            assert!(indices.iter().all(|&i| (i as usize) < count));
+            let map = primitive.material().normal_texture();
+            assert_eq!(map.is_some(), reader.read_tangents().is_some());
+            assert_eq!(map.is_some(), reader.read_tex_coords(1).is_some());
+            assert!(map.is_none() || primitive.morph_targets().len() == 0);
+            let Some(map) = map else { continue };
+            mapped += 1;
+            assert_eq!((map.tex_coord(), map.scale()), (1, 1.0));
+            assert_eq!(map.texture().sampler().wrap_s(), gltf::texture::WrappingMode::Repeat);
+            let (tangents, normals) = (reader.read_tangents().unwrap(), reader.read_normals().unwrap());
+            assert_eq!((tangents.len(), reader.read_tex_coords(1).unwrap().into_f32().count()), (count, count));
+            for ([x, y, z, w], [a, b, c]) in tangents.zip(normals) {
+                assert!((x * x + y * y + z * z - 1.0).abs() < 1e-4 && w.abs() == 1.0);
+                assert!((x * a + y * b + z * c).abs() < 1e-4);
+            }
+        }
+        assert_eq!((corners, vertices), (mesh.indices.len(), mesh.positions.len()));
+        assert_eq!(mapped, if figure == Figure::Alex || figure == Figure::Dina { 3 } else { 4 });
+        assert!(file.bin.len() < 3_900_000, "{figure:?}: {} bytes", file.bin.len());
+    }
 }

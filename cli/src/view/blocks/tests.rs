@@ -2,6 +2,7 @@ use umo_core::config::FaceKind;
 
 use super::*;
 use crate::view::scene::tests::scene;
+use umo_figure::detail::Detail;
 use umo_figure::sample;
 use umo_figure::{Finish, Helper, Morph};
 
@@ -12,6 +13,9 @@ fn mesh() -> Mesh {
         normals: vec![[0.0, 0.0, 1.0]; 3],
         colors: vec![[1; 4], [2; 4], [3; 4]],
         finishes: [4, 5, 6].map(|roughness| Finish { roughness, metalness: 0 }).to_vec(),
+        details: vec![Detail::Knit, Detail::Knit, Detail::None],
+        detail_places: vec![[0.0; 2], [0.25, 0.75], [0.0; 2]],
+        tangents: vec![[0.0; 4]; 3],
         joints: vec![[0; 4]; 3],
         weights: vec![[1.0, 0.0, 0.0, 0.0]; 3],
         helpers: vec![Helper {
@@ -56,6 +60,9 @@ fn vertices_that_move_come_first_and_triangles_follow_them() {
     assert_eq!(block(&page, "roughness"), [4, 6, 5]);
     assert!(page.contains("{\"of\":18,\"axis\":[1.0,0.0,0.0],\"swing\":0.5,\"twist\":0.25}"));
     assert_eq!(numbers(&page, "indices"), [0, 2, 1]);
+    assert_eq!(floats(&page, "detail-places"), [0.25, 0.75]);
+    assert!(page.contains("\"detailed\":1") && page.contains("{\"name\":\"knit\",\"corners\":3}"));
+    assert!(block(&page, "detail-knit").starts_with(b"\x89PNG"));
     assert_eq!(numbers(&page, "morph-vertices"), [1, 0, 1]);
     assert!(page.contains("\"moving\":2") && page.contains("{\"name\":\"tongueOut\",\"count\":2}"));
 }
@@ -75,4 +82,24 @@ fn frames_are_rotations_place_and_face() {
 #[test]
 fn weights_fill_sixteen_bits() {
     assert_eq!([-1.0, 0.0, 0.5, 1.0, 2.0].map(share), [0, 0, 32768, 65535, 65535]);
+}
+
+/// The page draws triangles by relief, one picture after the other.
+#[test]
+fn triangles_come_by_relief() {
+    let scene = scene(sample::clip(FaceKind::Arkit, 1, 1));
+    let page = elements(&scene).unwrap();
+    let mesh = &scene.mesh;
+    let corners = numbers(&page, "indices");
+    assert_eq!(corners.len(), mesh.indices.len());
+    let order = Order::moving_first(mesh);
+    let mut seen: Vec<Detail> = corners.iter().map(|&new| mesh.details[order.old[new as usize] as usize]).collect();
+    let places = floats(&page, "detail-places");
+    assert_eq!(places.len(), 2 * order.detailed);
+    for (at, place) in places.as_chunks::<2>().0.iter().enumerate() {
+        assert_eq!(mesh.detail_places[order.old[order.moving + at] as usize], *place);
+    }
+    assert!(seen.is_sorted());
+    seen.dedup();
+    assert_eq!(seen, [Detail::None, Detail::Knit, Detail::Twill, Detail::Leather]);
 }

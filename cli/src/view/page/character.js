@@ -2,7 +2,7 @@
 
 import { shapeNames } from "umo/body.js";
 import { attribute, program } from "umo/gl.js";
-import { LIGHT, setLight } from "umo/light.js";
+import { LIGHT, RELIEF, setLight } from "umo/light.js";
 
 const SKIN = `
 layout(location = 0) in vec3 position;
@@ -12,11 +12,13 @@ layout(location = 3) in uvec4 joints;
 layout(location = 4) in vec4 weights;
 layout(location = 5) in float damp;
 layout(location = 6) in vec2 spot;
+layout(location = 7) in vec2 bumpSpot;
 // A row for each joint: three rows of its matrix.
 uniform highp sampler2D bones;
 uniform mat4 view;
 uniform mat4 light;
 uniform mat3 across;
+uniform mat3 acrossBump;
 vec4 bone(int row) {
   vec4 sum = vec4(0.0);
   for (int i = 0; i < 4; i++) sum += weights[i] * texelFetch(bones, ivec2(row, int(joints[i])), 0);
@@ -29,6 +31,7 @@ out vec3 place;
 out vec3 facing;
 out vec4 paint;
 out vec2 uv;
+out vec2 bumpUv;
 out float wet;
 out vec4 shade;
 void main() {
@@ -38,6 +41,7 @@ void main() {
   facing = vec3(dot(x.xyz, normal), dot(y.xyz, normal), dot(z.xyz, normal));
   paint = color;
   uv = (across * vec3(spot, 1.0)).xy;
+  bumpUv = (acrossBump * vec3(bumpSpot, 1.0)).xy;
   wet = damp;
   shade = light * vec4(place + 0.006 * normalize(facing), 1.0);
   gl_Position = view * vec4(place, 1.0);
@@ -50,8 +54,10 @@ void main() {
 }`;
 
 const FRAGMENT = `${LIGHT}
+${RELIEF}
 in vec4 paint;
 in vec2 uv;
+in vec2 bumpUv;
 in float wet;
 uniform vec4 base;
 uniform vec3 glow;
@@ -59,30 +65,16 @@ uniform bool isMapped;
 uniform bool isBumpy;
 uniform bool isPlain;
 uniform float cutoff;
-uniform float bumps;
 uniform float roughness;
 uniform bool isFinished;
 uniform sampler2D map;
-uniform sampler2D bump;
 uniform sampler2D finish;
-/** The normal that a texture has in place of the surface's own. */
-vec3 bumped(vec3 n) {
-  vec3 dx = dFdx(place), dy = dFdy(place);
-  vec2 ux = dFdx(uv), uy = dFdy(uv);
-  vec3 t = dx * uy.y - dy * ux.y;
-  vec3 b = dy * ux.x - dx * uy.x;
-  float size = max(dot(t, t), dot(b, b));
-  if (size <= 0.0) return n;
-  vec3 sampled = 2.0 * texture(bump, uv).xyz - 1.0;
-  float side = sign(ux.x * uy.y - ux.y * uy.x);
-  return normalize(inversesqrt(size) * side * bumps * (sampled.x * t - sampled.y * b) + sampled.z * n);
-}
 void main() {
   vec4 color = base * paint;
   if (isMapped) color *= texture(map, uv);
   if (color.a < cutoff) discard;
   vec3 n = normalize(facing) * (gl_FrontFacing ? 1.0 : -1.0);
-  if (isBumpy) n = bumped(n);
+  if (isBumpy) n = bumped(n, bumpUv);
   float rough = isFinished ? roughness * texture(finish, uv).g : roughness;
   vec3 light = lit(color.rgb, n, wet, rough);
   // What asks for no light gets some all the same: it stands beside a shadow.
@@ -135,7 +127,12 @@ export class Character {
       roughnessFactor: roughness = 1,
     } = material.pbrMetallicRoughness ?? {};
     const transformed = map?.extensions?.KHR_texture_transform;
-    attribute(gl, 6, part.uv[transformed?.texCoord ?? map?.texCoord ?? 0] ?? new Float32Array(2 * part.count), 2);
+    const { normalTexture: bump } = material;
+    const bumpTransformed = bump?.extensions?.KHR_texture_transform;
+    // Places on a picture, of the set that it names.
+    const spots = (texture, moved) => part.uv[moved?.texCoord ?? texture?.texCoord ?? 0] ?? new Float32Array(2 * part.count);
+    attribute(gl, 6, spots(map, transformed), 2);
+    attribute(gl, 7, spots(bump, bumpTransformed), 2);
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
     gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, part.triangles, gl.STATIC_DRAW);
     gl.bindVertexArray(null);
@@ -148,11 +145,12 @@ export class Character {
       base,
       mode,
       across: across(transformed),
+      acrossBump: across(bumpTransformed),
       map: map ? this.texture(map.index, true) : null,
-      bump: material.normalTexture ? this.texture(material.normalTexture.index, false) : null,
+      bump: bump ? this.texture(bump.index, false) : null,
       finish: finish ? this.texture(finish.index, false) : null,
       roughness,
-      bumps: material.normalTexture?.scale ?? 1,
+      bumps: bump?.scale ?? 1,
       glow: material.emissiveTexture ? [0, 0, 0] : (material.emissiveFactor ?? [0, 0, 0]),
       isPlain: Boolean(material.extensions?.KHR_materials_unlit),
       isDouble: Boolean(material.doubleSided),
@@ -273,6 +271,7 @@ export class Character {
       gl.uniform4fv(u.base, surface.base);
       gl.uniform3fv(u.glow, surface.glow);
       gl.uniformMatrix3fv(u.across, false, surface.across);
+      gl.uniformMatrix3fv(u.acrossBump, false, surface.acrossBump);
       gl.uniform1i(u.isMapped, surface.map ? 1 : 0);
       gl.uniform1i(u.isBumpy, surface.bump ? 1 : 0);
       gl.uniform1i(u.isPlain, surface.isPlain ? 1 : 0);

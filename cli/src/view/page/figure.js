@@ -1,7 +1,7 @@
 // The avatar: a mesh that follows the joints, with a face that follows its channels.
 
 import { attribute, program } from "umo/gl.js";
-import { LIGHT, setLight } from "umo/light.js";
+import { LIGHT, RELIEF, setLight } from "umo/light.js";
 import { restPlaces, skin, withHelpers } from "umo/motion.js";
 
 const SKIN = `
@@ -28,11 +28,13 @@ void bone(out vec4 x, out vec4 y, out vec4 z) {
 const VERTEX = `${SKIN}
 layout(location = 5) in float damp;
 layout(location = 6) in float roughness;
+layout(location = 7) in vec2 spot;
 out vec3 place;
 out vec3 facing;
 out vec3 paint;
 out float wet;
 out float rough;
+out vec2 uv;
 out vec4 shade;
 void main() {
   vec4 x, y, z;
@@ -43,6 +45,7 @@ void main() {
   paint = pow(color.rgb, vec3(2.2));
   wet = damp;
   rough = roughness;
+  uv = spot;
   shade = light * vec4(place + 0.006 * normalize(facing), 1.0);
   gl_Position = view * vec4(place, 1.0);
 }`;
@@ -56,12 +59,28 @@ void main() {
 }`;
 
 const FRAGMENT = `${LIGHT}
+${RELIEF}
 in vec3 paint;
 in float wet;
 in float rough;
+in vec2 uv;
+uniform bool isBumpy;
 void main() {
-  result = vec4(shown(lit(paint, normalize(facing), wet, rough)), 1.0);
+  vec3 n = normalize(facing);
+  if (isBumpy) n = bumped(n, uv);
+  result = vec4(shown(lit(paint, n, wet, rough)), 1.0);
 }`;
+
+/** Decodes the maps of the figure's reliefs. */
+export async function readReliefs({ mesh }) {
+  const decode = ({ map }) => {
+    if (map.length === 0) return null;
+    const blob = new Blob([map], { type: "image/png" });
+    return createImageBitmap(blob, { colorSpaceConversion: "none", premultiplyAlpha: "none" });
+  };
+  const images = await Promise.all(mesh.details.map(decode));
+  mesh.details.forEach((detail, i) => (detail.image = images[i]));
+}
 
 export class Figure {
   constructor(gl, scene) {
@@ -95,10 +114,23 @@ export class Figure {
     attribute(gl, 4, mesh.weights, 4, { normalized: true });
     attribute(gl, 5, this.damp(), 1, { normalized: true });
     attribute(gl, 6, mesh.roughness, 1, { normalized: true });
+    attribute(gl, 7, mesh.spots, 2);
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
     gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, mesh.indices, gl.STATIC_DRAW);
     gl.bindVertexArray(null);
+    this.reliefs = mesh.details.map(({ image }) => (image ? this.relief(image) : null));
     this.shown = "";
+  }
+
+  /** A map that repeats; from afar it is as smooth as the surface without it. */
+  relief(image) {
+    const { gl } = this;
+    const texture = gl.createTexture();
+    gl.bindTexture(gl.TEXTURE_2D, texture);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE, image);
+    gl.generateMipmap(gl.TEXTURE_2D);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR_MIPMAP_LINEAR);
+    return texture;
   }
 
   /** 255 for every vertex of an eye. */
@@ -159,7 +191,19 @@ export class Figure {
     setLight(gl, drawing.uniforms, picture);
     gl.uniformMatrix4fv(drawing.uniforms.view, false, picture.view);
     gl.uniform4fv(drawing.uniforms.bones, this.bones);
-    this.drawTriangles();
+    gl.uniform1i(drawing.uniforms.bump, 1);
+    gl.uniform1f(drawing.uniforms.bumps, 1);
+    gl.bindVertexArray(this.array);
+    let start = 0;
+    this.mesh.details.forEach(({ corners }, i) => {
+      gl.activeTexture(gl.TEXTURE1);
+      gl.bindTexture(gl.TEXTURE_2D, this.reliefs[i]);
+      gl.activeTexture(gl.TEXTURE0);
+      gl.uniform1i(drawing.uniforms.isBumpy, this.reliefs[i] ? 1 : 0);
+      gl.drawElements(gl.TRIANGLES, corners, gl.UNSIGNED_INT, 4 * start);
+      start += corners;
+    });
+    gl.bindVertexArray(null);
   }
 
   drawTriangles() {

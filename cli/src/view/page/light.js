@@ -86,6 +86,24 @@ vec3 shown(vec3 color) {
 }
 `;
 
+/** A normal map's relief, `bumps` times as steep as it says. Which way it lies follows from `place`. */
+export const RELIEF = `
+uniform float bumps;
+uniform sampler2D bump;
+/** The normal that the map has at \`uv\` in place of the surface's own. */
+vec3 bumped(vec3 n, vec2 uv) {
+  vec3 dx = dFdx(place), dy = dFdy(place);
+  vec2 ux = dFdx(uv), uy = dFdy(uv);
+  vec3 t = dx * uy.y - dy * ux.y;
+  vec3 b = dy * ux.x - dx * uy.x;
+  float size = max(dot(t, t), dot(b, b));
+  if (size <= 0.0) return n;
+  vec3 sampled = 2.0 * texture(bump, uv).xyz - 1.0;
+  float side = sign(ux.x * uy.y - ux.y * uy.x);
+  return normalize(inversesqrt(size) * side * bumps * (sampled.x * t - sampled.y * b) + sampled.z * n);
+}
+`;
+
 /** Hands the light to a program. */
 export function setLight(gl, u, { eye, light, lighting, turned, shadow }) {
   gl.uniformMatrix4fv(u.light, false, light);

@@ -5,6 +5,7 @@ import { Camera, steer } from "umo/camera.js";
 import { readTextures } from "umo/character.js";
 import { Clock } from "umo/clock.js";
 import { Experts } from "umo/experts.js";
+import { readReliefs } from "umo/figure.js";
 import { inspector } from "umo/inspect.js";
 import { listenToKeys } from "umo/keys.js";
 import { Live, LiveClock } from "umo/live.js";
@@ -26,6 +27,8 @@ if (scene.character) {
   body = scene.character.body = new CharacterBody(scene, block("character", "u8"));
   await readTextures(body);
   if (scene.frames.length === 0 && !scene.live) body.becomeMotion();
+} else {
+  await readReliefs(scene);
 }
 const motion = new Motion(scene);
 if (scene.live) body?.follow(motion);

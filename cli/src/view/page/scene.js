@@ -22,6 +22,10 @@ export function readScene() {
   mesh.joints = block("joints", "u8");
   mesh.weights = block("weights", "u16");
   mesh.indices = block("indices", "u32");
+  /** Right and down on a relief's map; those of vertices that have none are not used. */
+  mesh.spots = new Float32Array((2 * mesh.positions.length) / 3);
+  mesh.spots.set(block("detail-places", "f32"), 2 * mesh.moving);
+  for (const detail of mesh.details) detail.map = block(`detail-${detail.name}`, "u8");
   let start = 0;
   const vertices = block("morph-vertices", "u32");
   const moved = block("morph-positions", "f32");

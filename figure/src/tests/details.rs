@@ -1,0 +1,159 @@
+//! Relief: its directions on the surface, its scale, its seams.
+
+use super::*;
+use crate::detail::Detail;
+use vector::{add, cross, dot, length, scale};
+
+fn triangles(mesh: &Mesh) -> impl Iterator<Item = [usize; 3]> + '_ {
+    mesh.indices.as_chunks::<3>().0.iter().map(|corners| corners.map(|i| i as usize))
+}
+
+/// What closes sleeves, legs, waist and belt within other clothes is squeezed to a line on the map.
+const SQUEEZED: f32 = 0.35;
+
+fn area(mesh: &Mesh, corners: [usize; 3]) -> f32 {
+    let [a, b, c] = corners.map(|i| mesh.positions[i]);
+    0.5 * length(cross(sub(b, a), sub(c, a)))
+}
+
+/// How large a triangle is on its map, laid out in metres, beside its size: sides, not areas.
+fn scale_of(mesh: &Mesh, corners: [usize; 3]) -> f32 {
+    let [wide, tall] = mesh.details[corners[0]].repeat_m();
+    let [[a, b], [c, d], [e, f]] = corners.map(|i| mesh.detail_places[i]);
+    let on_map = 0.5 * ((c - a) * (f - b) - (d - b) * (e - a)).abs() * wide * tall;
+    (on_map / area(mesh, corners).max(1e-12)).sqrt()
+}
+
+#[test]
+fn tangents_are_unit_and_across_the_normal_where_there_is_relief() {
+    for mesh in FIGURES.iter().chain(ALL.iter()) {
+        for (vertex, (&[x, y, z, w], detail)) in mesh.tangents.iter().zip(&mesh.details).enumerate() {
+            if *detail == Detail::None {
+                assert_eq!(([x, y, z, w], mesh.detail_places[vertex]), ([0.0; 4], [0.0; 2]));
+            } else {
+                assert!((length([x, y, z]) - 1.0).abs() < 1e-5, "vertex {vertex}");
+                assert!(dot([x, y, z], mesh.normals[vertex]).abs() < 1e-5, "vertex {vertex}");
+                assert!(w == 1.0 || w == -1.0);
+            }
+        }
+        for corners in triangles(mesh) {
+            assert!(corners.iter().all(|&corner| mesh.details[corner] == mesh.details[corners[0]]));
+        }
+    }
+}
+
+/// By the definition and not by the code that makes them: how the place on the map changes with the
+/// place on the triangle.
+#[test]
+fn tangents_go_where_places_on_the_map_do() {
+    for mesh in FIGURES.iter().chain(ALL.iter()) {
+        let (mut all, mut squeezed, mut off, mut wrong) = (0.0, 0.0, 0.0, 0.0);
+        for corners in triangles(mesh).filter(|corners| mesh.details[corners[0]] != Detail::None) {
+            let places = corners.map(|i| mesh.detail_places[i]);
+            let points = corners.map(|i| mesh.positions[i]);
+            let size = area(mesh, corners);
+            all += size;
+            if scale_of(mesh, corners) < SQUEEZED {
+                squeezed += size;
+                continue;
+            }
+            // The gradient of u and of v on the triangle, not of unit length.
+            let normal = cross(sub(points[1], points[0]), sub(points[2], points[0]));
+            let gradient = |axis: usize| {
+                (0..3).fold([0.0; 3], |sum, k| {
+                    let edge = sub(points[(k + 2) % 3], points[(k + 1) % 3]);
+                    add(sum, scale(cross(normal, edge), places[k][axis]))
+                })
+            };
+            let (rise_u, rise_v) = (gradient(0), gradient(1));
+            let mean = corners.iter().fold([0.0; 3], |sum, &i| {
+                let [x, y, z, _] = mesh.tangents[i];
+                add(sum, [x, y, z])
+            });
+            // Along the tangent u rises and v stays, about.
+            let (along, astray) = (dot(rise_u, mean), dot(rise_v, mean));
+            if along <= 0.0 || astray.abs() * length(rise_u) > 0.5 * along * length(rise_v) {
+                off += size;
+            }
+            for &i in &corners {
+                let [x, y, z, w] = mesh.tangents[i];
+                let up = scale(cross(mesh.normals[i], [x, y, z]), w);
+                if dot(up, rise_v) >= 0.0 {
+                    wrong += size / 3.0;
+                }
+            }
+        }
+        assert!(squeezed < 0.12 * all, "{squeezed} of {all} m² are squeezed");
+        assert!(all > 0.5, "{all} m² have relief");
+        assert!(off < 0.03 * all, "{off} of {all} m²");
+        assert!(wrong < 0.01 * all, "{wrong} of {all} m²");
+    }
+}
+
+/// A repeat is as large as stated, but where fabric narrows and on what other clothes hide.
+#[test]
+fn relief_has_the_size_that_is_stated() {
+    for mesh in ALL.iter() {
+        for detail in Detail::RELIEFS {
+            let mut scales: Vec<(f32, f32)> = triangles(mesh)
+                .filter(|corners| mesh.details[corners[0]] == detail)
+                .map(|corners| (scale_of(mesh, corners), area(mesh, corners)))
+                .filter(|one| one.0 >= SQUEEZED)
+                .collect();
+            if scales.is_empty() {
+                continue;
+            }
+            scales.sort_by(|a, b| a.0.total_cmp(&b.0));
+            let all: f32 = scales.iter().map(|one| one.1).sum();
+            let at = |share: f32| {
+                let mut sum = 0.0;
+                scales
+                    .iter()
+                    .find(|one| {
+                        sum += one.1;
+                        sum >= share * all
+                    })
+                    .unwrap()
+                    .0
+            };
+            assert!((0.8..1.25).contains(&at(0.5)), "{detail:?}: {}", at(0.5));
+            // A shoe is no tube: its sides are folded out.
+            let [low, high] = if detail == Detail::Leather { [0.5, 2.0] } else { [0.6, 1.6] };
+            assert!(at(0.1) > low && at(0.9) < high, "{detail:?}: {} to {}", at(0.1), at(0.9));
+        }
+    }
+}
+
+/// Copies of a vertex differ by whole repeats, but where two pieces of cloth meet.
+#[test]
+fn relief_goes_on_where_a_surface_begins_again() {
+    for mesh in ALL.iter() {
+        let (mut copies, mut seams) = (0, 0);
+        for (vertex, original) in
+            mesh.originals().into_iter().enumerate().filter(|(vertex, original)| vertex != original)
+        {
+            copies += 1;
+            let [p, q] = [vertex, original].map(|i| mesh.detail_places[i]);
+            let step = [0, 1].map(|axis: usize| p[axis] - q[axis]);
+            let [a, b] = [vertex, original].map(|i| mesh.tangents[i]);
+            let is_whole = (step[0] - step[0].round()).abs() < 1e-3 && step[0].abs() > 0.5 && step[1].abs() < 1e-3;
+            let is_along = (0..4).all(|k| (a[k] - b[k]).abs() < 1e-4);
+            seams += usize::from(!(is_whole && is_along));
+        }
+        assert!(copies - seams > 200 && seams < 400, "{seams} of {copies} copies are on seams");
+    }
+}
+
+#[test]
+fn skin_and_head_have_no_relief_and_each_figure_has_cloth_and_leather() {
+    for mesh in ALL.iter() {
+        assert!(mesh.details[mesh.head..].iter().all(|&detail| detail == Detail::None));
+        for (detail, finish) in mesh.details.iter().zip(&mesh.finishes) {
+            assert!(*detail == Detail::None || ![Finish::SKIN, Finish::NAIL, Finish::BRASS].contains(finish));
+        }
+        for detail in [Detail::Twill, Detail::Leather] {
+            assert!(mesh.details.contains(&detail));
+        }
+        assert!(mesh.details.contains(&Detail::Knit) != mesh.details.contains(&Detail::StitchedWeave));
+    }
+}
