@@ -161,8 +161,10 @@ export const tests = [
       for (const frame of [0, 17, 40.5, truth.frames.length - 1]) {
         const [own, wanted] = await Promise.all([page, file].map((one) => one.value(`(umo.seek(${frame} / 30), [umo.joints(), umo.weights()])`)));
         own[0].forEach(({ name, place }, i) => near(place, wanted[0][i].place, 1e-4, `frame ${frame}, ${name}`));
-        assert.deepEqual(Object.keys(own[1]), Object.keys(wanted[1]));
-        for (const name of Object.keys(own[1])) near([own[1][name]], [wanted[1][name]], 1e-4, `frame ${frame}, ${name}`);
+        // A weight that is 0 is not named, and on one side a tiny one may be.
+        const names = new Set([...Object.keys(own[1]), ...Object.keys(wanted[1])]);
+        assert.ok(names.size > 20);
+        for (const name of names) near([own[1][name] ?? 0], [wanted[1][name] ?? 0], 1e-4, `frame ${frame}, ${name}`);
       }
       await page.picture(context.at("live-onto.png"));
       assert.deepEqual([...page.errors, ...file.errors], []);
