@@ -8,6 +8,7 @@
 //! questions in place of a part: `peaks` for people to read, `f32` for GMAC/s in single precision,
 //! `isa` for the back-end in use, which `UMO_ISA` names where it shall not be the fastest.
 
+use std::cell::LazyCell;
 use std::collections::BTreeMap;
 use std::io::BufRead;
 use std::time::Instant;
@@ -18,11 +19,11 @@ use umo_core::floor::{self, Floor, Stored};
 use umo_core::{Compute, Config, Team};
 
 fn main() {
-    let file = umo_benches::model();
-    let (mut language, audio) = (Language::load(&file), Audio::load(&file));
+    // The base model is loaded where a part of it is asked for.
+    let file = LazyCell::new(umo_benches::model);
+    let mut language = LazyCell::new(|| Language::load(&file));
+    let audio = LazyCell::new(|| Audio::load(&file));
     let (mut teams, mut speakers, mut reading) = (BTreeMap::new(), BTreeMap::new(), Reading::new());
-    let step: usize =
-        floors(file.config(), "step", language.codes(), audio.samples()).iter().map(|floor| floor.bytes).sum();
     println!("ready");
     for line in std::io::stdin().lock().lines() {
         let line = line.expect("standard input is text");
@@ -56,7 +57,10 @@ fn main() {
         let mut call = || match part {
             "encoder" => language.encode(cx),
             "step" => language.step(cx),
-            "reading" => reading.read(cx, step),
+            "reading" => {
+                let floors = floors(file.config(), "step", language.codes(), audio.samples());
+                reading.read(cx, floors.iter().map(|floor| floor.bytes).sum());
+            }
             "steps" => language.steps(cx),
             "chunk" => language.chunk(cx),
             "hubert" => audio.features(cx),
