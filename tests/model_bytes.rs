@@ -55,7 +55,8 @@ impl ModelBytes {
 
     /// The tensors' bytes.
     pub(crate) fn data(&self) -> Vec<u8> {
-        self.tensors.values().flat_map(|stored| &stored.bytes).copied().collect()
+        let all: Vec<&[u8]> = self.tensors.values().map(|stored| &stored.bytes[..]).collect();
+        all.concat()
     }
 
     /// The file.

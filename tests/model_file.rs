@@ -3,7 +3,9 @@
 
 mod model_bytes;
 
-use model_bytes::{ModelBytes, file};
+use std::collections::BTreeMap;
+
+use model_bytes::{ModelBytes, Stored, file};
 use proptest::prelude::*;
 use serde_json::{Value, json};
 use umo_core::animation::Animation;
@@ -64,6 +66,18 @@ fn a_file_cut_anywhere_is_refused() {
     assert!(ModelFile::from_bytes(longer).is_err());
 }
 
+/// One name of each kind: of those that differ in numbers alone, as layers and experts do, the last.
+/// A loop reads all of them.
+fn kinds<'a>(names: impl IntoIterator<Item = &'a String>) -> Vec<&'a String> {
+    let kind = |name: &str| name.replace(|c: char| c.is_ascii_digit(), "");
+    names.into_iter().map(|name| (kind(name), name)).collect::<BTreeMap<_, _>>().into_values().collect()
+}
+
+/// Tensors of a model, one of each kind.
+fn tensor_kinds(model: &ModelBytes) -> impl Iterator<Item = (&String, &Stored)> {
+    kinds(model.tensors.keys()).into_iter().map(|name| (name, &model.tensors[name]))
+}
+
 /// Whether a model can do without the tensor.
 fn optional(name: &str) -> bool {
     name == TOKENIZER
@@ -88,7 +102,7 @@ fn every_tensor_must_be_there() {
 fn every_shape_must_be_the_configs() {
     for name in MODELS {
         let model = ModelBytes::open(name);
-        for (tensor, stored) in model.tensors.iter().filter(|(tensor, _)| !optional(tensor)) {
+        for (tensor, stored) in tensor_kinds(&model).filter(|(tensor, _)| !optional(tensor)) {
             let row = stored.bytes.len() / stored.shape[0];
             let mut longer = stored.clone();
             longer.bytes.extend(stored.bytes[..row].to_vec());
@@ -112,7 +126,7 @@ fn every_shape_must_be_the_configs() {
 fn every_type_must_be_one_of_weights() {
     for name in MODELS {
         let model = ModelBytes::open(name);
-        for (tensor, stored) in &model.tensors {
+        for (tensor, stored) in tensor_kinds(&model) {
             let count: usize = stored.shape.iter().product();
             let floats = if tensor == TOKENIZER { vec![("F32", 4), ("I8", 1)] } else { Vec::new() };
             for (dtype, size) in [("I64", 8), ("F64", 8), ("BOOL", 1)].into_iter().chain(floats) {
@@ -145,7 +159,7 @@ fn every_weight_must_be_finite() {
     for name in NAMES {
         let model = ModelBytes::open(name);
         let mut count = 0;
-        for (tensor, stored) in &model.tensors {
+        for (tensor, stored) in tensor_kinds(&model) {
             let Some((nan, infinite)) = not_finite(&stored.dtype, noise.below(2) == 0) else { continue };
             let values = stored.bytes.len() / nan.len();
             for (bad, at) in [(&nan, noise.below(values)), (&infinite, values - 1)] {
@@ -157,7 +171,7 @@ fn every_weight_must_be_finite() {
             }
             count += 1;
         }
-        assert!(count > 50, "{name}: {count} tensors of floats");
+        assert!(count > 40, "{name}: {count} tensors of floats");
     }
 }
 
@@ -205,7 +219,7 @@ fn huge(dtype: &str) -> Option<Vec<u8>> {
     }
 }
 
-/// Animates two seconds; the frames that come out are finite, and an error is one that says that
+/// Animates a second; the frames that come out are finite, and an error is one that says that
 /// the weights are defective.
 fn animate(model: &Model) -> Result<(), StepError> {
     let team = Team::new(1).unwrap();
@@ -213,9 +227,9 @@ fn animate(model: &Model) -> Result<(), StepError> {
     let config = AvatarConfig { target: 2, ..AvatarConfig::new(model.config()) };
     let mut animation = Animation::new(model, &config).unwrap();
     let mut noise = Noise::new(1);
-    let samples: Vec<f32> = (0..2 * model.config().audio.sample_rate).map(|_| noise.float(0.3)).collect();
+    let samples: Vec<f32> = (0..model.config().audio.sample_rate).map(|_| noise.float(0.3)).collect();
     animation.push_audio(&samples).unwrap();
-    animation.finish(60);
+    animation.finish(30);
     let mut sound = |frame: umo_core::motion::FrameRef| {
         let values = frame.pose.rotations.as_flattened().iter().chain(&frame.pose.translation).chain(frame.face);
         assert!(values.into_iter().all(|v| v.is_finite() && v.abs() < 1e4), "a frame that no body has was played");
@@ -231,7 +245,7 @@ fn a_huge_weight_is_refused_or_named_by_its_stage() {
         let (mut refused, mut failed, mut played) = (0, 0, 0);
         for name in MODELS {
             let model = ModelBytes::open(name);
-            for (tensor, stored) in &model.tensors {
+            for (tensor, stored) in tensor_kinds(&model) {
                 let Some(huge) = huge(&stored.dtype) else { continue };
                 let values = stored.bytes.len() / huge.len();
                 let mut spoilt = model.clone();
@@ -320,8 +334,9 @@ fn every_number_of_the_config_is_checked() {
         leaves(&model.config, "", Value::is_number, &mut paths);
         // One bone stands for all 55.
         paths.retain(|path| !path.starts_with("skeleton.") || path.contains("[7]"));
+        let paths = kinds(&paths);
         assert!(paths.len() > 60, "{name}: {} numbers", paths.len());
-        for path in &paths {
+        for path in paths {
             let load = |value: Value| load(with_config(&model, &header, &data, &set(&model.config, path, value)));
             for wrong in [json!("x"), json!(null), json!([1]), json!({}), json!(true), json!(1e300), json!(-1.5e300)] {
                 let error = load(wrong.clone()).err().unwrap_or_else(|| panic!("{name}: {path} = {wrong} was taken"));
