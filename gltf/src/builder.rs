@@ -6,7 +6,7 @@ use json::accessor::{ComponentType, GenericComponentType, IndexComponentType, Ty
 use json::mesh::{Mesh, MorphTarget, Primitive, Semantic};
 use json::validation::{Checked::Valid, USize64};
 use json::{Accessor, Index, Node, buffer, image, material, texture};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Write};
 use std::ops::Range;
 use umo_figure::Mesh as Figure;
@@ -41,20 +41,38 @@ struct Layout {
     normalized: bool,
 }
 
-impl Builder {
-    /// One material for each relief; colours, roughness and metalness are the palette's.
-    ///
+/// A figure's pictures as PNG files.
+#[derive(Debug)]
+pub(crate) struct Textures {
+    colors: Vec<u8>,
+    finishes: Vec<u8>,
+    /// Of each relief that the figure has; none for what is smooth.
+    normals: Vec<(Detail, Option<Vec<u8>>)>,
+}
+
+impl Textures {
     /// # Errors
     /// A palette that no picture can hold.
-    pub(crate) fn materials(
-        &mut self,
-        figure: &Figure,
-        palette: &Palette,
-        details: &[Detail],
-    ) -> io::Result<Vec<Index<material::Material>>> {
+    pub(crate) fn new(figure: &Figure, palette: &Palette) -> io::Result<Self> {
         let [mut colors, mut finishes] = [Vec::new(), Vec::new()];
         palette.write(&mut colors)?;
         palette.write_finishes(&mut finishes)?;
+        let details: BTreeSet<Detail> = figure.details.iter().copied().collect();
+        let normals = details.into_iter().map(|detail| {
+            let map = palette.flattened(figure, detail);
+            let png = map.map(|map| {
+                let mut png = Vec::new();
+                map.write(&mut png).map(|()| png)
+            });
+            Ok((detail, png.transpose()?))
+        });
+        Ok(Self { colors, finishes, normals: normals.collect::<io::Result<_>>()? })
+    }
+}
+
+impl Builder {
+    /// One material for each relief; colours, roughness and metalness are the palette's.
+    pub(crate) fn materials(&mut self, textures: &Textures) -> Vec<(Detail, Index<material::Material>)> {
         // Between the palette's squares nothing may be mixed: it has no smaller versions.
         let sampler = |min_filter, wrap| texture::Sampler {
             mag_filter: Some(Valid(texture::MagFilter::Linear)),
@@ -66,22 +84,20 @@ impl Builder {
         let once = self.root.push(sampler(texture::MinFilter::Linear, texture::WrappingMode::ClampToEdge));
         let repeated = sampler(texture::MinFilter::LinearMipmapLinear, texture::WrappingMode::Repeat);
         let repeated = self.root.push(repeated);
-        let (colors, finishes) = (self.texture("colors", &colors, once), self.texture("finishes", &finishes, once));
+        let colors = self.texture("colors", &textures.colors, once);
+        let finishes = self.texture("finishes", &textures.finishes, once);
         let info = |index, tex_coord| texture::Info { index, tex_coord, extensions: None, extras: None };
-        let mut materials = Vec::with_capacity(details.len());
-        for detail in details {
-            let normals = palette.flattened(figure, *detail).map(|map| {
-                let mut png = Vec::new();
-                map.write(&mut png).map(|()| self.texture(detail.name(), &png, repeated))
-            });
-            let normals = normals.transpose()?.map(|index| material::NormalTexture {
+        let mut materials = Vec::with_capacity(textures.normals.len());
+        for (detail, normals) in &textures.normals {
+            let normals = normals.as_ref().map(|png| self.texture(detail.name(), png, repeated));
+            let normals = normals.map(|index| material::NormalTexture {
                 index,
                 scale: 1.0,
                 tex_coord: 1,
                 extensions: None,
                 extras: None,
             });
-            materials.push(self.root.push(material::Material {
+            let material = self.root.push(material::Material {
                 name: Some(detail.name().to_owned()),
                 pbr_metallic_roughness: material::PbrMetallicRoughness {
                     metallic_factor: material::StrengthFactor(1.0),
@@ -92,9 +108,10 @@ impl Builder {
                 },
                 normal_texture: normals,
                 ..Default::default()
-            }));
+            });
+            materials.push((*detail, material));
         }
-        Ok(materials)
+        materials
     }
 
     fn texture(&mut self, name: &str, png: &[u8], sampler: Index<texture::Sampler>) -> Index<json::Texture> {

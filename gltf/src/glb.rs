@@ -1,7 +1,6 @@
 //! `.glb`: the skeleton, the figure in two meshes, body and head, one shape per face channel, and the
 //! animation of all three.
 
-use std::collections::BTreeSet;
 use std::io::{self, Write};
 use std::ops::Range;
 
@@ -12,11 +11,10 @@ use json::{Index, Node, mesh};
 use umo_core::config::FaceKind;
 use umo_core::motion::clip::Clip;
 use umo_core::motion::skeleton::{JOINT_NAMES, JOINTS};
-use umo_figure::detail::Detail;
 use umo_figure::palette::Palette;
 use umo_figure::{Figure, Helper, Mesh};
 
-use crate::builder::{self, Builder};
+use crate::builder::{self, Builder, Textures};
 use crate::shapes;
 use crate::tracks::{Tracks, continuous, track};
 
@@ -28,20 +26,66 @@ use crate::tracks::{Tracks, continuous, track};
 /// 4 GiB.
 pub fn write<W: Write>(clip: &Clip, figure: Option<Figure>, out: W) -> io::Result<()> {
     clip.check().map_err(invalid)?;
-    let mesh = figure.map(|figure| figure.mesh(&clip.skeleton)).transpose().map_err(invalid)?;
-    let mesh = mesh.map(|mesh| match clip.face.kind {
-        // Expression coefficients leave the jaw to its joint; among ARKit's shapes is the open jaw.
-        FaceKind::SmplxExpression => mesh.on_the_jaw(),
-        FaceKind::Arkit => mesh,
-    });
+    let worn = figure.map(|figure| Character::new(figure, clip)).transpose()?;
+    write_checked(clip, worn.as_ref(), out)
+}
+
+/// A figure that is built on a skeleton: most of the time that a file takes, and the same for every
+/// animation of that skeleton.
+#[derive(Debug)]
+pub struct Character {
+    offsets_m: Vec<[f32; 3]>,
+    face: FaceKind,
+    mesh: Mesh,
+    palette: Palette,
+    textures: Textures,
+}
+
+impl Character {
+    /// The figure on the clip's skeleton, with a face of the clip's kind.
+    ///
+    /// # Errors
+    /// A skeleton that no figure can be built on ([`Figure::mesh`]).
+    pub fn new(figure: Figure, clip: &Clip) -> io::Result<Self> {
+        let mesh = figure.mesh(&clip.skeleton).map_err(invalid)?;
+        let mesh = match clip.face.kind {
+            // Expression coefficients leave the jaw to its joint; among ARKit's shapes is the open jaw.
+            FaceKind::SmplxExpression => mesh.on_the_jaw(),
+            FaceKind::Arkit => mesh,
+        };
+        let palette = Palette::new(&mesh);
+        let textures = Textures::new(&mesh, &palette)?;
+        Ok(Self { offsets_m: clip.skeleton.offsets_m.clone(), face: clip.face.kind, mesh, palette, textures })
+    }
+
+    /// Whether the figure was built for clips like this.
+    #[must_use]
+    pub fn fits(&self, clip: &Clip) -> bool {
+        self.face == clip.face.kind && self.offsets_m == clip.skeleton.offsets_m
+    }
+
+    /// As [`write`], worn by this figure.
+    ///
+    /// # Errors
+    /// As those of [`write`]; a clip that it does not [fit](Self::fits).
+    pub fn write<W: Write>(&self, clip: &Clip, out: W) -> io::Result<()> {
+        clip.check().map_err(invalid)?;
+        if !self.fits(clip) {
+            return Err(invalid("the figure was built for another skeleton or face"));
+        }
+        write_checked(clip, Some(self), out)
+    }
+}
+
+fn write_checked<W: Write>(clip: &Clip, worn: Option<&Character>, out: W) -> io::Result<()> {
     let mut builder = Builder::default();
     let joints = add_skeleton(&mut builder, clip);
-    let of_mesh = mesh.as_ref().map_or(&[][..], |mesh| &mesh.helpers);
+    let of_mesh = worn.map_or(&[][..], |worn| &worn.mesh.helpers);
     let helpers = add_helpers(&mut builder, clip, of_mesh);
     let rest = rest_positions(clip);
     let places: Vec<_> = rest.iter().copied().chain(of_mesh.iter().map(|helper| rest[helper.of])).collect();
     let skin = add_skin(&mut builder, &[&joints[..], &helpers].concat(), &places);
-    let meshes = mesh.as_ref().map(|mesh| add_meshes(&mut builder, clip, mesh, skin)).transpose()?;
+    let meshes = worn.map(|worn| add_meshes(&mut builder, clip, worn, skin));
     let helpers: Vec<_> = of_mesh.iter().zip(helpers).collect();
     add_animation(&mut builder, clip, &joints, &helpers, meshes.map(|[_, face]| face));
     builder.scene(joints[..1].iter().copied().chain(meshes.into_iter().flatten()).collect());
@@ -53,19 +97,12 @@ fn invalid(cause: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> io::Er
 }
 
 /// The figure's body and its face with a shape per channel, as skinned nodes.
-fn add_meshes(
-    builder: &mut Builder,
-    clip: &Clip,
-    mesh: &Mesh,
-    skin: Index<json::Skin>,
-) -> io::Result<[Index<Node>; 2]> {
-    let palette = Palette::new(mesh);
-    let details: Vec<Detail> = mesh.details.iter().copied().collect::<BTreeSet<_>>().into_iter().collect();
-    let materials = builder.materials(mesh, &palette, &details)?;
+fn add_meshes(builder: &mut Builder, clip: &Clip, worn: &Character, skin: Index<json::Skin>) -> [Index<Node>; 2] {
+    let Character { mesh, palette, textures, .. } = worn;
+    let materials = builder.materials(textures);
     let mut surfaces = |range: Range<usize>| -> Vec<mesh::Primitive> {
-        let pairs = details.iter().zip(&materials);
-        let used = pairs.filter(|(detail, _)| mesh.details[range.clone()].contains(detail));
-        used.map(|(&detail, &material)| primitive(builder.surface(mesh, &palette, range.clone(), detail), material))
+        let used = materials.iter().filter(|(detail, _)| mesh.details[range.clone()].contains(detail));
+        used.map(|&(detail, material)| primitive(builder.surface(mesh, palette, range.clone(), detail), material))
             .collect()
     };
     let cloth = surfaces(0..mesh.head);
@@ -81,7 +118,7 @@ fn add_meshes(
         front[0].targets = Some(targets.collect());
     }
     let face = builder.mesh("face", front, names);
-    Ok([body, builder.skinned("face", face, skin)])
+    [body, builder.skinned("face", face, skin)]
 }
 
 fn primitive(surface: builder::Attributes, material: Index<json::Material>) -> mesh::Primitive {

@@ -1,11 +1,36 @@
 //! An animation file that is to be written in one of the formats.
 
 use super::{ExportError, Format, bvh, csv, jsonl, npz};
+use std::io;
 use std::path::Path;
 use umo_core::file::AtomicFile;
 use umo_core::motion::clip::Clip;
 use umo_figure::Figure;
-use umo_gltf::{glb, vrma};
+use umo_gltf::glb::Character;
+use umo_gltf::vrma;
+
+/// A figure, built when the first animation needs it, and again where one has another skeleton.
+#[derive(Debug)]
+pub struct Worn {
+    figure: Figure,
+    built: Option<Character>,
+}
+
+impl From<Figure> for Worn {
+    fn from(figure: Figure) -> Self {
+        Self { figure, built: None }
+    }
+}
+
+impl Worn {
+    fn on(&mut self, clip: &Clip) -> io::Result<&Character> {
+        let built = match self.built.take().filter(|built| built.fits(clip)) {
+            Some(built) => built,
+            None => Character::new(self.figure, clip)?,
+        };
+        Ok(self.built.insert(built))
+    }
+}
 
 /// A file to be written. Made before a long run, it tells at once that the path cannot be written;
 /// dropped without [`Output::write`], it leaves nothing behind.
@@ -31,13 +56,21 @@ impl Output {
     /// [`ExportError`] where the animation contradicts itself or does not suit the format, or the
     /// file system fails; then an earlier file of that name is as it was.
     pub fn write(self, clip: &Clip, figure: Figure) -> Result<(), ExportError> {
+        self.write_worn(clip, &mut Worn::from(figure))
+    }
+
+    /// As [`Self::write`], by a figure that stays for further animations.
+    ///
+    /// # Errors
+    /// As those of [`Self::write`].
+    pub fn write_worn(self, clip: &Clip, figure: &mut Worn) -> Result<(), ExportError> {
         clip.check().map_err(ExportError::Clip)?;
         self.format.check_face(&clip.face)?;
         let path = self.file.path().to_owned();
         let written = self.file.commit(|out| match self.format {
             Format::Npz => npz::write(clip, out),
             Format::Bvh => bvh::write(clip, out),
-            Format::Glb => glb::write(clip, Some(figure), out),
+            Format::Glb => figure.on(clip)?.write(clip, out),
             Format::Vrma => vrma::write(clip, out),
             Format::Csv => csv::write(clip, out),
             Format::Jsonl => jsonl::write(clip, out),
