@@ -338,7 +338,9 @@ mod tests {
         }
         assert_eq!(now.len(), turns.len());
         // Where nothing is asked for nothing moves: legs, the root, and the ends.
-        assert!(moved.iter().zip(&poses).all(|(a, b)| a.rotations[4] == b.rotations[4] && a.translation == b.translation));
+        assert!(
+            moved.iter().zip(&poses).all(|(a, b)| a.rotations[4] == b.rotations[4] && a.translation == b.translation)
+        );
         assert!(moved[0] == poses[0] && moved[199] == poses[199]);
     }
 }

@@ -181,7 +181,7 @@ def model_config(plan: Plan) -> dict[str, Any]:
         return hubert.model_config(Path(plan["hubert"]), plan)
     config = mel.model_config(Mel(**plan["mel"]), plan["units"])
     delay = plan.get("listener", {}).get("onset_delay")
-    # The second half of the centroids are those with an onset.
+    # The second half of the centroids are those with the onset of an accent.
     return config if delay is None else config | {"accents": {"first": plan["units"] // 2, "delay": delay}}
 
 
