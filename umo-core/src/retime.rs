@@ -10,10 +10,10 @@
 //! allocated as needed.
 
 use crate::config::{Accents, Config, Skeleton};
-use crate::memory::{filled, with_capacity};
+use crate::memory::with_capacity;
 use crate::motion::Pose;
 use crate::motion::rotation::{Quat, slerp};
-use crate::motion::skeleton::{JOINTS, UPPER_JOINTS, joint_places, joints_of};
+use crate::motion::skeleton::{UPPER_JOINTS, joint_places, joints_of};
 use crate::part::Part;
 
 /// Most that a stroke is moved, seconds: 8 frames of 30 a second.
@@ -196,6 +196,7 @@ fn turned(poses: &[Pose], joint: usize, at: f64) -> Quat {
 mod tests {
     use super::*;
     use crate::motion::rotation::{IDENTITY, axis_angle_to_quat};
+    use crate::motion::skeleton::JOINTS;
     use proptest::prelude::*;
 
     const RATE: usize = 30;
