@@ -466,3 +466,38 @@ impl Group {
         self.tracks.swap_remove(index);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::team::Team;
+
+    #[test]
+    fn a_recording_that_is_retimed_hears_every_unit_once_and_gives_every_frame() {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../models/umo-people/model.safetensors");
+        let model = Model::open(path.as_ref()).unwrap();
+        let team = Team::new(1).unwrap();
+        let cx = Compute { isa: model.isa, team: &team };
+        let syllable = |i: usize| if i % 4000 < 2500 { (i as f32 * 0.06).sin() * 0.3 } else { 0.0 };
+        let samples: Vec<f32> = (0..40_000).map(syllable).collect();
+        let (whole, _) = model.tokenizer.whole_file(cx, &samples).unwrap();
+        for (target, horizon, lookahead) in [(5, 5, 9), (2, 1, 0), (3, 0, 4)] {
+            let config = AvatarConfig { target, horizon, lookahead, ..AvatarConfig::new(&model.config) };
+            let mut animation = Animation::new(&model, &config).unwrap();
+            animation.retime(&model).unwrap();
+            animation.push_audio(&samples).unwrap();
+            animation.finish(75);
+            let mut indices = Vec::new();
+            while animation.step(&model, cx, &mut |frame| indices.push(frame.index)).unwrap() {
+                assert!(indices.is_empty() || indices.len() == 75, "frames before the end");
+                assert!(animation.packet(&model, &model.packets(), (0, 0), &mut [0; 4096]).is_err());
+            }
+            assert!(indices.into_iter().eq(0..75), "target {target}");
+            let heard = &animation.track.retiming.as_ref().unwrap().units;
+            // Behind the recording there is silence.
+            let count = whole.len().min(heard.len());
+            assert!(count >= 120 && heard[..count] == whole[..count], "target {target}, horizon {horizon}");
+            assert!(matches!(animation.retime(&model), Err(StepError::Order(_))));
+        }
+    }
+}

@@ -307,6 +307,19 @@ mod tests {
         assert!(super::accents(&config, said, &[]).is_empty());
     }
 
+    #[test]
+    fn accents_that_no_unit_says_are_refused() {
+        let good = serde_json::to_string(&config()).unwrap();
+        assert!(Config::parse(&good).is_ok());
+        for (first, delay, key) in [(0, 14, "first"), (1024, 14, "first"), (512, 51, "delay")] {
+            let wrong = format!("\"accents\":{{\"first\":{first},\"delay\":{delay}}}");
+            let text = good.replace("\"accents\":{\"first\":512,\"delay\":14}", &wrong);
+            assert_ne!(text, good);
+            let error = Config::parse(&text).unwrap_err().to_string();
+            assert!(error.contains(&format!("audio.accents.{key}")), "{error}");
+        }
+    }
+
     /// Arms that swing, and turn every `half` frames.
     fn swinging(frames: usize, half: f32) -> Vec<Pose> {
         let angle = |frame: usize| 0.6 * (std::f32::consts::PI * frame as f32 / half).cos();
