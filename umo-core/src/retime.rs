@@ -268,6 +268,7 @@ mod tests {
             for (frame, (moved, pose)) in moved.iter().zip(&poses).enumerate() {
                 prop_assert_eq!(moved.translation, pose.translation);
                 let at = frame as f64 + map.shift(frame as f64);
+                #[expect(clippy::cast_possible_truncation, reason = "frame numbers")]
                 let (low, high) = (at.floor() as usize, (at.ceil() as usize).min(59));
                 for joint in 0..JOINTS {
                     let q = moved.rotations[joint];
