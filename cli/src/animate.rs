@@ -31,6 +31,9 @@ pub(crate) fn run(args: &Animate) -> Result<(), Failure> {
         let (units, silence) = maker.model.tokenizer().whole_file(maker.compute(), &samples)?;
         animation.avatar_mut().use_whole_file_units(units, silence);
     }
+    if args.retime {
+        animation.retime(&maker.model)?;
+    }
     animation.push_audio(&samples)?;
     animation.finish(frames);
     let done = job.finish(&mut animation, frames);
@@ -150,7 +153,7 @@ impl<'a> Maker<'a> {
         let mut clip = Clip::new(self.model.config());
         let bar = progress::frames(frames);
         while animation.step(&self.model, self.compute(), &mut |frame| clip.push(frame.pose, frame.face))? {
-            bar.set_position(clip.len() as u64);
+            bar.set_position(clip.len().max(animation.waiting()) as u64);
             look(animation);
         }
         bar.finish_and_clear();

@@ -286,6 +286,10 @@ pub struct Animate {
     /// differs from the stream
     #[arg(long)]
     pub whole_file_units: bool,
+    /// Move strokes of arms, trunk and head onto the accents of the voice, which is possible where the
+    /// whole recording is known; the frames are then not those of a stream
+    #[arg(long)]
+    pub retime: bool,
     #[command(flatten)]
     #[expect(missing_docs, reason = "clap would print a doc comment as help")]
     pub output: Output,
@@ -319,6 +323,10 @@ pub struct Batch {
     /// Take what can be used of damaged recordings
     #[arg(long)]
     pub repair: bool,
+    /// Move strokes of arms, trunk and head onto the accents of the voice, which is possible where the
+    /// whole recording is known; the frames are then not those of a stream
+    #[arg(long)]
+    pub retime: bool,
     /// Figure that wears the motion in .glb files
     #[arg(long, value_name = "NAME", default_value = Figure::default().name(), value_parser = figure_parser())]
     pub figure: Figure,

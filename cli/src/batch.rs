@@ -90,7 +90,7 @@ pub(crate) fn run(args: &Batch) -> Result<(), Failure> {
 fn settings(args: &Batch, maker: &Maker) -> String {
     let config = maker.avatar();
     format!(
-        "{} {:016x} {} {:?} {} {} {} {} {} {:?} {:?} {:?} {:?} {} {:?}",
+        "{} {:016x} {} {:?} {} {} {} {} {} {:?} {:?} {:?} {:?} {} {:?} {}",
         env!("CARGO_PKG_VERSION"),
         maker.model.fingerprint(),
         maker.model.isa().name(),
@@ -105,7 +105,8 @@ fn settings(args: &Batch, maker: &Maker) -> String {
         args.generate.gesture_clip,
         args.generate.start_pose,
         args.figure.name(),
-        args.repair
+        args.repair,
+        args.retime
     )
 }
 
@@ -170,6 +171,9 @@ fn prepare(args: &Batch, maker: &Maker, line: &Line) -> Result<(Animation, usize
     let mut animation = maker.animation_with(&team, "audio_to_motion", prompt, seed, start_pose)?;
     if let Some((mood, strength)) = line.mood {
         animation.set_mood(mood, strength).map_err(Failure::input)?;
+    }
+    if args.retime {
+        animation.retime(&maker.model)?;
     }
     animation.push_audio(&samples)?;
     animation.finish(frames);

@@ -5,6 +5,7 @@ import pytest
 import torch
 
 from audio import Mel as Reference
+from umo_train.audio import tokens
 from umo_train.audio.mel import HOP, Mel, model_config
 from umo_train.audio.units import kmeans, nearest
 
@@ -26,6 +27,13 @@ def test_mel_is_the_golden_one_after_80_zeros(deltas: int) -> None:
     expected = reference(torch.cat([torch.zeros(80), samples]))
     assert expected.shape == (50, 24 * (1 + deltas))
     torch.testing.assert_close(mel.features(samples), expected, rtol=1e-5, atol=1e-5)
+
+
+def test_a_config_says_which_units_are_accents_where_the_plan_wants_onsets() -> None:
+    plan = {"kind": "mel", "mel": _mel(1).sizes, "units": 64}
+    assert "accents" not in tokens.model_config(plan | {"listener": {"delay": 4}})
+    told = tokens.model_config(plan | {"listener": {"delay": 4, "onset_delay": 14}})
+    assert told["accents"] == {"first": 32, "delay": 14}
 
 
 def test_features_wait_for_no_later_sample() -> None:

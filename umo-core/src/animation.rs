@@ -4,16 +4,18 @@
 use crate::audio::silence_unusable;
 use crate::avatar::{Avatar, AvatarConfig, Due, StageTimes};
 use crate::batch::Batch;
-use crate::config::Config;
+use crate::config::{Accents, Config};
 use crate::error::{LoadError, StepError};
 use crate::life::gesture::Request;
-use crate::life::{Controls, GestureOptions, Gestures, Heard, Levels, Life, LipShape, Mood};
+use crate::life::{Controls, Cue, GestureOptions, Gestures, Heard, Levels, Life, LipShape, Mood};
 use crate::linear::Compute;
 use crate::memory::{Arena, Boxed};
 use crate::model::Model;
 use crate::motion::FrameRef;
 use crate::packet::{PacketLayout, PacketRoom};
+use crate::part::PerPart;
 use crate::record::Chunk;
+use crate::retime::{self, TimeMap};
 use crate::session::SessionError;
 use crate::stream::OwnedFrame;
 
@@ -39,6 +41,18 @@ struct Track {
     layers: Boxed<Layers>,
     gestures: Gestures,
     frame_rate: usize,
+    /// What waits for the end of the recording, to be retimed.
+    retiming: Option<Retiming>,
+}
+
+/// A recording whose strokes are to be moved onto its accents.
+#[derive(Debug)]
+struct Retiming {
+    said: Accents,
+    /// Audio units so far.
+    units: Vec<u32>,
+    /// The decoders' frames so far.
+    frames: Vec<OwnedFrame>,
 }
 
 /// Parts of a frame's time in which hints of lips are placed.
@@ -68,14 +82,20 @@ impl Layers {
 
     /// The decoders' next frame with its layers.
     fn apply<'a>(&'a mut self, frame: FrameRef<'a>) -> FrameRef<'a> {
-        let Self { levels, life, controls, frame: shown, frame_rate } = self;
+        let cue = self.levels.cue(&frame);
+        self.apply_to(frame, cue)
+    }
+
+    /// The same of a frame whose cue is known.
+    fn apply_to<'a>(&'a mut self, frame: FrameRef<'a>, cue: Cue) -> FrameRef<'a> {
+        let Self { life, controls, frame: shown, frame_rate, .. } = self;
         if life.is_off(controls) {
             return frame;
         }
         shown.index = frame.index as u64;
         shown.pose = *frame.pose;
         shown.face.copy_from_slice(frame.face);
-        shown.cue = levels.cue(&frame);
+        shown.cue = cue;
         let heard = Heard { sample: HINT_UNITS as u64 * shown.index, rate: HINT_UNITS * *frame_rate };
         life.apply(shown, controls, 0.0, Some(heard));
         FrameRef { pose: &shown.pose, face: &shown.face, ..frame }
@@ -179,6 +199,30 @@ impl Animation {
         Ok(())
     }
 
+    /// Moves strokes of arms, hands, trunk and head onto the accents that the audio units say, before
+    /// layers are put over them (SPEC 2.19). Every frame then waits for the end of the recording, with
+    /// a kilobyte and more each, and comes with the last [`Self::step`]; its
+    /// [`channels`](FrameRef::channels) are empty, as the pose is not theirs any more.
+    ///
+    /// # Errors
+    /// [`StepError::Missing`] where the model does not say which units are accents or is moved by no
+    /// audio, [`StepError::Order`] after the first chunk.
+    pub fn retime(&mut self, model: &Model) -> Result<(), StepError> {
+        let said = model.config.audio.accents.filter(|_| self.avatar.has_audio());
+        let said = said.ok_or(StepError::Missing("audio units that say accents (`audio.accents` of its config)"))?;
+        if self.avatar.chunk > 0 {
+            return Err(StepError::Order("retiming can only be asked for before the first chunk"));
+        }
+        self.track.retiming = Some(Retiming { said, units: Vec::new(), frames: Vec::new() });
+        Ok(())
+    }
+
+    /// Frames that wait to be retimed.
+    #[cfg(feature = "internals")]
+    pub fn waiting(&self) -> usize {
+        self.track.retiming.as_ref().map_or(0, |retiming| retiming.frames.len())
+    }
+
     /// Frames of the audio pushed so far.
     pub fn frames_of_audio(&self, config: &Config) -> usize {
         self.track.samples * config.frame_rate / config.audio.sample_rate
@@ -189,7 +233,8 @@ impl Animation {
     /// [`Model::packets`] of its model, `stream` a number that tells streams apart. Never allocates.
     ///
     /// # Errors
-    /// [`StepError`] where `out` is shorter than the packet.
+    /// [`StepError`] where `out` is shorter than the packet, or where the motion is retimed, which no
+    /// packet says.
     pub fn packet(
         &mut self,
         model: &Model,
@@ -198,6 +243,9 @@ impl Animation {
         out: &mut [u8],
     ) -> Result<Option<usize>, StepError> {
         let Self { avatar, track, said, stepped, .. } = self;
+        if track.retiming.is_some() {
+            return Err(StepError::Order("packets cannot say a motion that is retimed"));
+        }
         said.write(avatar, &model.config, layout, *stepped, (stream, history), &track.layers.levels, out)
     }
 
@@ -221,11 +269,14 @@ impl Animation {
         }
         batch.begin([due].into_iter())?;
         track.begin(avatar, due);
-        let mut sink = |raw: FrameRef| frame(track.layers.apply(raw));
+        let mut sink = |raw: FrameRef| track.take(raw, frame);
         loop {
             match batch.step(model, cx, std::slice::from_mut(avatar), &mut sink) {
                 Ok(true) => {}
-                Ok(false) => return Ok(true),
+                Ok(false) => {
+                    track.end(model, avatar, due, frame);
+                    return Ok(true);
+                }
                 Err(error) => {
                     batch.abandon();
                     return Err(error);
@@ -243,6 +294,7 @@ impl Track {
             layers: Arena::system().boxed(Layers::new(model, config, avatar)?),
             gestures: config.gestures.clone(),
             frame_rate: model.config.frame_rate,
+            retiming: None,
         })
     }
 
@@ -272,6 +324,37 @@ impl Track {
             self.layers.levels.push(avatar.samples_mut());
         }
     }
+
+    /// Gives the decoders' next frame with its layers, or keeps it to be retimed.
+    fn take(&mut self, raw: FrameRef, frame: &mut dyn FnMut(FrameRef)) {
+        let Some(retiming) = &mut self.retiming else { return frame(self.layers.apply(raw)) };
+        let mut kept = OwnedFrame::new(*raw.pose, raw.face);
+        (kept.index, kept.cue) = (raw.index as u64, self.layers.levels.cue(&raw));
+        retiming.frames.push(kept);
+    }
+
+    /// After a step: hears what it heard, and gives what waited for the end where this was the last.
+    fn end(&mut self, model: &Model, avatar: &Avatar, stepped: Due, frame: &mut dyn FnMut(FrameRef)) {
+        let is_over = self.due(model, avatar) == Due::Nothing && avatar.total.is_some();
+        let Some(retiming) = &mut self.retiming else { return };
+        if stepped == Due::Chunk {
+            avatar.append_units(&model.config, &mut retiming.units);
+        }
+        if !is_over {
+            return;
+        }
+        let Retiming { said, units, frames } = retiming;
+        let config = &model.config;
+        let poses: Vec<_> = frames.iter().map(|kept| kept.pose).collect();
+        let accents = retime::accents(config, *said, units);
+        let map = TimeMap::new(poses.len(), config.frame_rate, &accents, &retime::turning_points(config, &poses));
+        for (kept, pose) in std::mem::take(frames).into_iter().zip(retime::retimed(&poses, &map)) {
+            #[expect(clippy::cast_possible_truncation, reason = "as many frames are in memory")]
+            let index = kept.index as usize;
+            let raw = FrameRef { index, pose: &pose, face: &kept.face, channels: PerPart::default() };
+            frame(self.layers.apply_to(raw, kept.cue));
+        }
+    }
 }
 
 /// Animations that are computed together, so that weights are read once for all of them. Each has the
@@ -294,8 +377,9 @@ struct Layered<'a> {
 
 #[cfg(feature = "internals")]
 impl crate::batch::FrameSink for Layered<'_> {
-    fn frame(&mut self, member: usize, frame: FrameRef) {
-        (self.frame)(member, self.tracks[member].layers.apply(frame));
+    fn frame(&mut self, member: usize, raw: FrameRef) {
+        let Self { tracks, frame } = self;
+        tracks[member].take(raw, &mut |shown| frame(member, shown));
     }
 }
 
@@ -359,6 +443,11 @@ impl Group {
                 Ok(true) => {}
                 Ok(false) => {
                     failed.sort_by_key(|&(member, _)| member);
+                    for (member, (track, avatar)) in tracks.iter_mut().zip(avatars.iter()).enumerate() {
+                        if failed.iter().all(|&(other, _)| other != member) {
+                            track.end(model, avatar, due[member], &mut |shown| frame(member, shown));
+                        }
+                    }
                     return Ok(failed);
                 }
                 Err(error) => failed.push((batch.exclude().ok_or(error)?, error)),
@@ -375,5 +464,40 @@ impl Group {
     pub fn remove(&mut self, index: usize) {
         self.avatars.swap_remove(index);
         self.tracks.swap_remove(index);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::team::Team;
+
+    #[test]
+    fn a_recording_that_is_retimed_hears_every_unit_once_and_gives_every_frame() {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../models/umo-people/model.safetensors");
+        let model = Model::open(path.as_ref()).unwrap();
+        let team = Team::new(1).unwrap();
+        let cx = Compute { isa: model.isa, team: &team };
+        let syllable = |i: usize| if i % 4000 < 2500 { (i as f32 * 0.06).sin() * 0.3 } else { 0.0 };
+        let samples: Vec<f32> = (0..40_000).map(syllable).collect();
+        let (whole, _) = model.tokenizer.whole_file(cx, &samples).unwrap();
+        for (target, horizon, lookahead) in [(5, 5, 9), (2, 1, 0), (3, 0, 4)] {
+            let config = AvatarConfig { target, horizon, lookahead, ..AvatarConfig::new(&model.config) };
+            let mut animation = Animation::new(&model, &config).unwrap();
+            animation.retime(&model).unwrap();
+            animation.push_audio(&samples).unwrap();
+            animation.finish(75);
+            let mut indices = Vec::new();
+            while animation.step(&model, cx, &mut |frame| indices.push(frame.index)).unwrap() {
+                assert!(indices.is_empty() || indices.len() == 75, "frames before the end");
+                assert!(animation.packet(&model, &model.packets(), (0, 0), &mut [0; 4096]).is_err());
+            }
+            assert!(indices.into_iter().eq(0..75), "target {target}");
+            let heard = &animation.track.retiming.as_ref().unwrap().units;
+            // Behind the recording there is silence.
+            let count = whole.len().min(heard.len());
+            assert!(count >= 120 && heard[..count] == whole[..count], "target {target}, horizon {horizon}");
+            assert!(matches!(animation.retime(&model), Err(StepError::Order(_))));
+        }
     }
 }

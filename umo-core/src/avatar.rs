@@ -565,6 +565,15 @@ impl Avatar {
         ChunkSampling { sampler: self.sampler, chunk: self.chunk, target: self.target }
     }
 
+    /// Adds the units that the last chunk heard to those before them.
+    pub(crate) fn append_units(&self, config: &Config, units: &mut Vec<u32>) {
+        let tokens = config.tokens_per_keyframe();
+        let chunks = usize::try_from(self.chunk).unwrap_or(usize::MAX);
+        let end = chunks.saturating_mul(self.target * tokens).saturating_add(self.horizon * tokens);
+        let new = end.saturating_sub(units.len()).min(self.units.len());
+        units.extend_from_slice(&self.units[self.units.len() - new..]);
+    }
+
     /// Puts the whole recording's units in the place of the window's, where there are any.
     pub(crate) fn replace_units(&mut self, config: &Config) {
         if let Some(whole) = &mut self.whole {

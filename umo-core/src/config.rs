@@ -180,12 +180,32 @@ pub struct Audio {
     /// Keyframes of audio behind the chunk that the encoder has places for (SPEC 2.15).
     #[serde(default, skip_serializing_if = "is_zero")]
     pub ahead: usize,
+    /// Which units say accents, where the tokenizer was made to (SPEC 2.19).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub accents: Option<Accents>,
     /// Dimensions of the HuBERT tokenizer, where that is the kind.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub hubert: Option<Hubert>,
     /// Dimensions of the mel tokenizer, where that is the kind.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mel: Option<Mel>,
+}
+
+/// Units that say the onset of an accented vowel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Accents {
+    /// Units from this one on say it.
+    pub first: usize,
+    /// How late they say it, audio tokens.
+    pub delay: usize,
+}
+
+impl Accents {
+    /// Whether a unit says an accent.
+    pub(crate) fn marks(self, unit: u32) -> bool {
+        unit as usize >= self.first
+    }
 }
 
 /// The kinds of audio tokenizer.

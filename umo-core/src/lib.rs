@@ -77,6 +77,7 @@ mod inner {
     pub mod record;
     #[cfg(feature = "retarget")]
     pub mod retarget;
+    pub mod retime;
     pub mod session;
     pub mod stage;
     pub(crate) mod state;

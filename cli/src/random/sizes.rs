@@ -75,6 +75,7 @@ fn hubert() -> Audio {
         token_rate: 50,
         units: 500,
         ahead: 0,
+        accents: None,
         hubert: Some(hubert),
         mel: None,
     }
@@ -82,7 +83,16 @@ fn hubert() -> Audio {
 
 fn mel(bands: usize, units: usize) -> Audio {
     let mel = Mel { window: 400, fft: 512, bands, floor: 1e-5, deltas: 1, network: None };
-    Audio { kind: AudioKind::Mel, sample_rate: 16_000, token_rate: 50, units, ahead: 0, hubert: None, mel: Some(mel) }
+    Audio {
+        kind: AudioKind::Mel,
+        sample_rate: 16_000,
+        token_rate: 50,
+        units,
+        ahead: 0,
+        accents: None,
+        hubert: None,
+        mel: Some(mel),
+    }
 }
 
 /// Text ids, three ids of `motion`, the parts' codes with three markers each, then `audio_ids` of

@@ -306,3 +306,63 @@ fn a_text_that_names_a_gesture_is_that_gesture() {
     assert!(done.err.contains("`wave`"), "{}", done.err);
     assert!(done.out.contains("60 frames"), "{}", done.out);
 }
+
+/// The frames of a `.jsonl` file: its rotations, its other values, its lines.
+fn frames_of(bytes: &[u8]) -> Vec<(Vec<serde_json::Value>, serde_json::Value, String)> {
+    let text = String::from_utf8(bytes.to_vec()).unwrap();
+    let lines = text.lines().skip(1).map(|line| {
+        let mut frame: serde_json::Value = serde_json::from_str(line).unwrap();
+        let rotations = frame.as_object_mut().unwrap().remove("rotations").unwrap();
+        (rotations.as_array().unwrap().clone(), frame, line.to_owned())
+    });
+    lines.collect()
+}
+
+/// Of the default model, whose units say accents.
+#[test]
+fn retiming_moves_the_upper_body_alone_and_is_the_same_in_a_batch() {
+    let folder = Folder::new();
+    let speech = concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/hello.wav");
+    let made = |name: &str, more: &[&str]| {
+        let out = folder.at(name);
+        umo(&[&["animate", speech, "-o", &out][..], more].concat()).success();
+        folder.read(name)
+    };
+    // What the model says, without layers, which answer to how the body moves.
+    let plain = frames_of(&made("plain.jsonl", &["--life", "0"]));
+    let retimed = frames_of(&made("retimed.jsonl", &["--life", "0", "--retime"]));
+    assert_eq!(plain.len(), retimed.len());
+    assert!(plain[0].2 == retimed[0].2 && plain.last().unwrap().2 == retimed.last().unwrap().2);
+    let mut changed = [false; 55];
+    for (a, b) in plain.iter().zip(&retimed) {
+        assert!(a.1 == b.1, "face or root differ");
+        changed.iter_mut().zip(a.0.iter().zip(&b.0)).for_each(|(changed, (a, b))| *changed |= a != b);
+    }
+    // Pelvis, legs, feet, jaw and eyes stay.
+    let stays = [0, 1, 2, 4, 5, 7, 8, 10, 11, 22, 23, 24];
+    assert!((0..55).all(|joint| changed[joint] != stays.contains(&joint)), "{changed:?}");
+
+    let wanted = made("hello.jsonl", &["--retime"]);
+    std::fs::create_dir(folder.at("lines")).unwrap();
+    for name in ["a.wav", "b.wav", "c.wav"] {
+        std::fs::copy(speech, folder.at(&format!("lines/{name}"))).unwrap();
+    }
+    let (lines, out) = (folder.at("lines"), folder.at("out"));
+    let batch = ["batch", &lines, "-o", &out, "--format", "jsonl", "--jobs", "2"];
+    umo(&[&batch[..], &["--retime"]].concat()).success();
+    for name in ["a", "b", "c"] {
+        assert!(folder.read(&format!("out/{name}.jsonl")) == wanted, "{name}");
+    }
+    // It is one of the settings that a line depends on.
+    let ended = umo(&batch).success();
+    assert!(ended.out.contains("3 made, 0 kept"), "{}", ended.out);
+    assert!(folder.read("out/a.jsonl") != wanted);
+}
+
+#[test]
+fn a_model_without_accents_is_not_retimed() {
+    let (folder, model) = (Folder::new(), golden("mel_k2_arkit"));
+    let (speech, out) = (folder.speech(), folder.at("out.jsonl"));
+    let refused = folder.refused(&["animate", &speech, "--model", &model, "--retime", "-o", &out]);
+    assert!(refused.contains("no audio units that say accents (`audio.accents`"), "{refused}");
+}

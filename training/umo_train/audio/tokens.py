@@ -179,7 +179,10 @@ def model_config(plan: Plan) -> dict[str, Any]:
     """`config.audio` of the model file."""
     if plan["kind"] == "hubert":
         return hubert.model_config(Path(plan["hubert"]), plan)
-    return mel.model_config(Mel(**plan["mel"]), plan["units"])
+    config = mel.model_config(Mel(**plan["mel"]), plan["units"])
+    delay = plan.get("listener", {}).get("onset_delay")
+    # The second half of the centroids are those with the onset of an accent.
+    return config if delay is None else config | {"accents": {"first": plan["units"] // 2, "delay": delay}}
 
 
 def tokenize(folder: Path, out: Path, tokenizer: AnyTokenizer, recordings: int, workers: int) -> None:

@@ -186,6 +186,10 @@ fn check_audio(c: &Config) -> Check {
     range("audio.token_rate", c.audio.token_rate, 1, 1000)?;
     range("audio.units", c.audio.units, 1, MAX_WIDTH)?;
     range("audio.ahead", c.audio.ahead, 0, if c.is_frames() { c.prefix } else { 0 })?;
+    if let Some(accents) = c.audio.accents {
+        range("audio.accents.first", accents.first, 1, c.audio.units - 1)?;
+        range("audio.accents.delay", accents.delay, 0, c.audio.token_rate)?;
+    }
     require(c.audio.sample_rate.is_multiple_of(c.audio.token_rate), "audio.token_rate", || {
         format!("expected a divisor of the sample rate {}, got {}", c.audio.sample_rate, c.audio.token_rate)
     })?;
