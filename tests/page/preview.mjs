@@ -30,7 +30,7 @@ try {
     await page.value(`umo.camera(${JSON.stringify(name)})`);
     for (let i = 0; i < Math.round(rate * seconds); i++) {
       await page.value(`umo.seek(${i / rate})`);
-      await pictures(page, 2);
+      await pictures(page, 1);
       await page.picture(path.join(out, `${name}-${String(i).padStart(3, "0")}.png`));
     }
     await page.close();
