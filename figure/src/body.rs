@@ -96,18 +96,28 @@ fn trouser_ease(top: Top) -> f32 {
     }
 }
 
+/// The planes that the top's trunk ends at, below and above, by a point and the direction outwards.
+fn top_ends(rest: &Rest, look: &Look) -> [(V, V); 2] {
+    let s = rest.size;
+    let hem = match look.top {
+        Top::Sweater => rest.middle("hip")[1] - 0.020 * s,
+        Top::Shirt => rest.at("pelvis")[1] + 0.004 * s,
+    };
+    let neck = rest.at("neck");
+    let crown = [0.0, neck[1] - 0.010 * s, neck[2] + 0.02 * s];
+    [([0.0, hem, 0.0], [0.0, -1.0, 0.0]), (crown, [0.0, 0.958, 0.287])]
+}
+
 /// Top and sleeves.
 pub(super) fn top(rest: &Rest, look: &Look) -> Piece {
     let (s, build) = (rest.size, look.build);
-    let (hips, neck, pelvis) = (rest.middle("hip"), rest.at("neck"), rest.at("pelvis"));
+    let (neck, pelvis) = (rest.at("neck"), rest.at("pelvis"));
     let mut solid = Solid::default().with(trunk(rest, build, |y| top_ease(look.top, y)), Union(0.0));
     for side in SIDES {
         solid = with_chest(solid, rest, build, side);
     }
-    let hem = match look.top {
-        Top::Sweater => hips[1] - 0.020 * s,
-        Top::Shirt => pelvis[1] + 0.004 * s,
-    };
+    let [(hem, _), (crown, facing)] = top_ends(rest, look);
+    let hem = hem[1];
     for side in SIDES {
         solid = with_sleeve(solid, rest, build, side);
         if look.top == Top::Sweater {
@@ -118,10 +128,9 @@ pub(super) fn top(rest: &Rest, look: &Look) -> Piece {
                 .with(Shape::ball(side_of_hip, 0.0862 * s), Union(0.018 * s));
         }
     }
-    let crown = [0.0, neck[1] - 0.010 * s, neck[2] + 0.02 * s];
     solid = solid
         .with(Shape::Below { point: [0.0, hem, 0.0], normal: [0.0, -1.0, 0.0] }, Within(0.010 * s))
-        .with(Shape::Below { point: crown, normal: [0.0, 0.958, 0.287] }, Within(0.008 * s));
+        .with(Shape::Below { point: crown, normal: facing }, Within(0.008 * s));
     for (x, y, z, height) in [(0.05, 0.02, 0.09, 0.0024), (-0.08, 0.06, 0.02, 0.0025), (0.09, 0.05, -0.07, 0.0022)] {
         let folds = Shape::Folds {
             centre: [x * s, pelvis[1] + y * s, pelvis[2] + z * s],

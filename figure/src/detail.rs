@@ -49,8 +49,10 @@ impl NormalMap {
     }
 }
 
-/// Threads of the weave and ribs of the twill to a repeat.
+/// Threads of the weave and of the twill to a repeat.
 const THREADS: usize = 16;
+/// Ribs of the twill to a repeat.
+const RIBS: usize = 8;
 /// Stitches of the knit to a repeat.
 const STITCHES: usize = 8;
 /// Cells of the leather's grain to a repeat.
@@ -85,6 +87,20 @@ impl Detail {
             Self::StitchedWeave => [0.024, 0.048],
             Self::Twill => [0.028, 0.028],
             Self::Leather => [0.030, 0.030],
+        }
+    }
+
+    /// How many stitches, threads, ribs or grains stand side by side on one repeat, to the right and
+    /// down. What shows fewer pixels than three for each of them should show none.
+    pub const fn threads(self) -> [f32; 2] {
+        match self {
+            Self::None => [0.0; 2],
+            Self::Knit => [STITCHES as f32; 2],
+            Self::Weave => [THREADS as f32; 2],
+            Self::StitchedWeave => [THREADS as f32, 2.0 * THREADS as f32],
+            // Ribs are diagonal.
+            Self::Twill => [RIBS as f32 * std::f32::consts::SQRT_2; 2],
+            Self::Leather => [CELLS as f32; 2],
         }
     }
 
@@ -202,13 +218,13 @@ fn stitched_weave(x: f32, y: f32) -> f32 {
     cloth * (1.0 - 0.7 * groove) - 0.00045 * groove * groove + 0.0005 * stitch
 }
 
-/// Diagonal ribs of threads that float over two others.
+/// Diagonal ribs of threads that float over others, with furrows between them.
 fn twill(x: f32, y: f32) -> f32 {
-    let (across, down) = (x * THREADS as f32, y * THREADS as f32);
-    let rib = arch(fraction(across + down));
-    let thread = arch(fraction(2.0 * across));
-    let thick = 0.8 + 0.4 * chance(cell(2.0 * across, 2 * THREADS), 0, 4);
-    0.00016 * thick * rib * (0.6 + 0.4 * thread)
+    let (across, down) = ((x + y) * RIBS as f32, y * THREADS as f32);
+    let rib = arch(fraction(across)).max(0.0).sqrt();
+    let thread = arch(fraction(down));
+    let thick = 0.85 + 0.3 * chance(cell(across, RIBS), cell(down, THREADS), 4);
+    0.00034 * thick * rib * (0.7 + 0.3 * thread)
 }
 
 /// Cells with creases between them.

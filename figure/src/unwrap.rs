@@ -5,7 +5,7 @@
 //! of repeats, so the relief has no seam there; vertices on that line are there twice, once with
 //! either place.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 
 use crate::Part;
 use crate::detail::Detail;
@@ -119,6 +119,138 @@ impl Part {
     }
 }
 
+/// Lays triangles of a surface flat so that each keeps its shape and size as well as it can: as rigid
+/// as possible (Liu and others, 2008), by turns the best rotation of each triangle and the best places
+/// for these rotations. `places` are where vertices begin, metres on the plane, and where they are
+/// afterwards; those of no triangle stay.
+pub(crate) fn flatten(positions: &[V], triangles: &[[usize; 3]], places: &mut [[f32; 2]]) {
+    let flats: Vec<Flat> = triangles.iter().map(|&corners| Flat::new(corners, positions)).collect();
+    let mut numbers = vec![usize::MAX; positions.len()];
+    let mut vertices = Vec::new();
+    for &vertex in triangles.iter().flatten() {
+        if numbers[vertex] == usize::MAX {
+            numbers[vertex] = vertices.len();
+            vertices.push(vertex);
+        }
+    }
+    let mut edges: BTreeMap<[usize; 2], f64> = BTreeMap::new();
+    for (flat, k) in flats.iter().flat_map(|flat| (0..3).map(move |k| (flat, k))) {
+        let [a, b] = flat.ends(k).map(|vertex| numbers[vertex]);
+        *edges.entry([a.min(b), a.max(b)]).or_default() += flat.weights[k];
+    }
+    let edges: Vec<([usize; 2], f64)> = edges.into_iter().collect();
+    let mut at: [Vec<f64>; 2] =
+        [0, 1].map(|axis: usize| vertices.iter().map(|&vertex| f64::from(places[vertex][axis])).collect());
+    for _ in 0..ROUNDS {
+        let mut wanted = [vec![0.0; vertices.len()], vec![0.0; vertices.len()]];
+        for flat in &flats {
+            let corners = flat.corners.map(|vertex| [0, 1].map(|axis: usize| at[axis][numbers[vertex]]));
+            let [c, s] = flat.turn(corners);
+            for k in 0..3 {
+                let [x, y] = flat.edge(k);
+                let [a, b] = flat.ends(k).map(|vertex| numbers[vertex]);
+                for (axis, step) in [c * x - s * y, s * x + c * y].into_iter().enumerate() {
+                    wanted[axis][a] -= flat.weights[k] * step;
+                    wanted[axis][b] += flat.weights[k] * step;
+                }
+            }
+        }
+        for axis in 0..2 {
+            solve(&edges, &wanted[axis], &mut at[axis]);
+        }
+    }
+    for (number, &vertex) in vertices.iter().enumerate() {
+        #[expect(clippy::cast_possible_truncation, reason = "places of metres")]
+        let place = [0, 1].map(|axis: usize| at[axis][number] as f32);
+        places[vertex] = place;
+    }
+}
+
+/// Rounds of [`flatten`], and of the solver within each, which goes on where the last one ended.
+const ROUNDS: usize = 30;
+const STEPS: usize = 40;
+
+/// A triangle laid flat by itself.
+struct Flat {
+    corners: [usize; 3],
+    own: [[f64; 2]; 3],
+    /// Of the edge from corner `k` to the next: half the cotangent of the angle across, but positive
+    /// and not too large, so that slivers neither pull inside out nor outweigh all others.
+    weights: [f64; 3],
+}
+
+impl Flat {
+    fn new(corners: [usize; 3], positions: &[V]) -> Self {
+        let [a, b, c] = corners.map(|vertex| positions[vertex]);
+        let (e, f) = (sub(b, a), sub(c, a));
+        let long = length(e).max(1e-9);
+        let along = dot(e, f) / long;
+        let high = length(cross(e, f)) / long;
+        // On the plane v goes down: seen from outside, it is upside down.
+        let own = [[0.0, 0.0], [long, 0.0], [along, -high]].map(|place| place.map(f64::from));
+        let weights = std::array::from_fn(|k| {
+            let [p, q, r] = [0, 1, 2].map(|step| own[(k + step) % 3]);
+            let (e, f) = ([p[0] - r[0], p[1] - r[1]], [q[0] - r[0], q[1] - r[1]]);
+            let twice = (e[0] * f[1] - e[1] * f[0]).abs().max(1e-12);
+            (0.5 * (e[0] * f[0] + e[1] * f[1]) / twice).clamp(0.05, 2.0)
+        });
+        Self { corners, own, weights }
+    }
+
+    fn ends(&self, k: usize) -> [usize; 2] {
+        [self.corners[k], self.corners[(k + 1) % 3]]
+    }
+
+    fn edge(&self, k: usize) -> [f64; 2] {
+        let [a, b] = [self.own[k], self.own[(k + 1) % 3]];
+        [b[0] - a[0], b[1] - a[1]]
+    }
+
+    /// Cosine and sine of the rotation that brings it nearest to where its corners are.
+    fn turn(&self, corners: [[f64; 2]; 3]) -> [f64; 2] {
+        let (mut c, mut s) = (0.0, 0.0);
+        for k in 0..3 {
+            let [x, y] = self.edge(k);
+            let [from, to] = [corners[k], corners[(k + 1) % 3]];
+            let (u, v) = (to[0] - from[0], to[1] - from[1]);
+            c += self.weights[k] * (x * u + y * v);
+            s += self.weights[k] * (x * v - y * u);
+        }
+        let size = (c * c + s * s).sqrt();
+        if size > 0.0 { [c / size, s / size] } else { [1.0, 0.0] }
+    }
+}
+
+/// Places whose weighted differences along the edges sum to `wanted`, by conjugate gradients from
+/// where they are.
+fn solve(edges: &[([usize; 2], f64)], wanted: &[f64], at: &mut [f64]) {
+    let sums = |x: &[f64]| {
+        let mut sums = vec![0.0; x.len()];
+        for &([a, b], weight) in edges {
+            let step = weight * (x[b] - x[a]);
+            sums[a] -= step;
+            sums[b] += step;
+        }
+        sums
+    };
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let mut rest: Vec<f64> = wanted.iter().zip(sums(at)).map(|(wanted, sum)| wanted - sum).collect();
+    let mut along = rest.clone();
+    let mut size = dot(&rest, &rest);
+    for _ in 0..STEPS {
+        if size < 1e-18 {
+            return;
+        }
+        let sum = sums(&along);
+        let step = size / dot(&along, &sum);
+        at.iter_mut().zip(&along).for_each(|(x, along)| *x += step * along);
+        rest.iter_mut().zip(&sum).for_each(|(x, sum)| *x -= step * sum);
+        let before = size;
+        size = dot(&rest, &rest);
+        along.iter_mut().zip(&rest).for_each(|(along, rest)| *along = rest + size / before * *along);
+    }
+}
+
 /// The direction on a triangle in which u rises and v does not, of unit length, and 1 where v falls
 /// to the left of it as seen from outside, or -1.
 pub(crate) fn along_u([a, b, c]: [V; 3], [p, q, r]: [[f32; 2]; 3]) -> Option<(V, f32)> {
@@ -141,4 +273,54 @@ fn level(v: V, normal: V) -> Option<V> {
 fn beside(normal: V) -> V {
     let least = if normal[0].abs() < 0.6 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
     unit(cross(normal, cross(least, normal)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::vector::distance;
+
+    /// A sheet of 24 by 30 cm that is rolled to a cone, with triangles of uneven shape, and where each
+    /// vertex would be without the roll.
+    fn cone() -> (Vec<V>, Vec<[usize; 3]>, Vec<[f32; 2]>) {
+        let (columns, rows) = (13, 16);
+        let mut flat = Vec::new();
+        for (row, column) in (0..rows).flat_map(|row| (0..columns).map(move |column| (row, column))) {
+            let uneven = 0.3 * ((7 * row + 5 * column) % 4) as f32 / 4.0;
+            flat.push([0.02 * (column as f32 + uneven) - 0.12, 0.02 * (row as f32 - uneven) + 0.15]);
+        }
+        // A ray from the tip stays straight, and turns by twice the angle around the axis.
+        let rolled = flat.iter().map(|&[x, y]: &[f32; 2]| {
+            let (far, angle) = (x.hypot(y), 2.0 * x.atan2(y));
+            [0.5 * far * angle.sin(), -0.75_f32.sqrt() * far, 0.5 * far * angle.cos()]
+        });
+        let mut triangles = Vec::new();
+        for (row, column) in (0..rows - 1).flat_map(|row| (0..columns - 1).map(move |column| (row, column))) {
+            let [a, b] = [row * columns + column, (row + 1) * columns + column];
+            triangles.extend([[a, b, b + 1], [a, b + 1, a + 1]]);
+        }
+        (rolled.collect(), triangles, flat)
+    }
+
+    #[test]
+    fn what_can_be_laid_flat_keeps_all_its_lengths() {
+        let (positions, triangles, flat) = cone();
+        // Too wide by a half, too short by a third, and sheared.
+        let mut places: Vec<[f32; 2]> = flat.iter().map(|&[x, y]| [1.5 * x + 0.3 * y, 0.67 * y]).collect();
+        places.push([7.0, 8.0]);
+        let mut all = positions.clone();
+        all.push([1.0; 3]);
+        flatten(&all, &triangles, &mut places);
+        for &[a, b, c] in &triangles {
+            for [from, to] in [[a, b], [b, c], [c, a]] {
+                let long = distance(positions[from], positions[to]);
+                let [du, dv] = [0, 1].map(|axis: usize| places[to][axis] - places[from][axis]);
+                assert!((du.hypot(dv) / long - 1.0).abs() < 0.02, "{} for {long}", du.hypot(dv));
+            }
+            let side = |[p, q, r]: [[f32; 2]; 3]| (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0]);
+            let [before, after] = [&flat, &places].map(|at| side([at[a], at[b], at[c]]).signum());
+            assert_eq!(before, after, "a triangle is turned over");
+        }
+        assert_eq!(places.last(), Some(&[7.0, 8.0]));
+    }
 }

@@ -121,6 +121,42 @@ export const tests = [
   ],
 
   [
+    "relief is seen close by, and fades before its stitches are smaller than pixels can show",
+    async (context) => {
+      const page = await opened(context);
+      // How much brighter or darker a pixel of the chest is than the mean of those beside it, of 255.
+      const roughness = async () => {
+        await pictures(page, 4);
+        return page.value(`(() => {
+          umo.seek(1.4);
+          const view = document.querySelector("#view"), gl = view.getContext("webgl2"), scale = view.width / view.clientWidth;
+          const [x, y] = umo.onScreen("spine3"), size = 24, pixels = new Uint8Array(4 * size * size);
+          gl.readPixels(Math.round(x * scale) - size / 2, view.height - Math.round(y * scale) - size / 2, size, size, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
+          let sum = 0;
+          for (let i = size + 1; i < size * (size - 1) - 1; i++) {
+            if (i % size === 0 || i % size === size - 1) continue;
+            const at = (j) => pixels[4 * j + 1];
+            sum += Math.abs(at(i) - (at(i - 1) + at(i + 1) + at(i - size) + at(i + size)) / 4);
+          }
+          return sum / (size - 2) ** 2;
+        })()`);
+      };
+      // Steps of the wheel from half body: stitches of two and a half pixels, and of fourteen.
+      const from = async (steps) => {
+        await page.value(`umo.camera("half"); umo.seek(1.4); for (let i = 0; i < ${Math.abs(steps)}; i++) {
+          const wheel = { deltaY: ${60 * Math.sign(steps)}, bubbles: true, cancelable: true };
+          document.querySelector("#view").dispatchEvent(new WheelEvent("wheel", wheel));
+        }`);
+        return roughness();
+      };
+      const [afar, near] = [await from(3), await from(-10)];
+      assert.ok(near > 1, `close by it is ${near}`);
+      assert.ok(afar < 0.24, `from afar it is ${afar}`);
+      await closed(page);
+    },
+  ],
+
+  [
     "pictures at known times",
     async (context) => {
       const page = await opened(context);

@@ -59,6 +59,8 @@ struct MeshInfo {
 struct DetailInfo {
     name: &'static str,
     corners: usize,
+    /// Across and down its map.
+    threads: [f32; 2],
 }
 
 /// A joint that takes shares of another one's turn.
@@ -189,7 +191,11 @@ fn describe<'a>(scene: &'a Scene, order: &Order) -> Description<'a> {
             detailed: order.detailed,
             details: details(&scene.mesh)
                 .into_iter()
-                .map(|detail| DetailInfo { name: detail.name(), corners: corners(&scene.mesh, detail).count() })
+                .map(|detail| DetailInfo {
+                    name: detail.name(),
+                    corners: corners(&scene.mesh, detail).count(),
+                    threads: detail.threads(),
+                })
                 .collect(),
             morphs: scene.mesh.morphs.iter().map(morph).collect(),
             helpers: scene.mesh.helpers.iter().map(helper).collect(),

@@ -1,14 +1,15 @@
 //! How clothes are laid out for their relief ([`crate::unwrap`]).
 //!
-//! Fabric runs around trunk and limbs in whole repeats, so it has no seam there. Its seams are those
-//! of real clothes: where sleeves begin, and in the middle of the trousers.
+//! Fabric runs around limbs in whole repeats, so it has no seam there. Its seams are those of real
+//! clothes: where sleeves begin, where a front and a back of cloth that lie flat meet at the sides and
+//! on the shoulders, and in the middle of the trousers.
 
-use super::{Piece, SIDES};
+use super::{Piece, SIDES, top_ends};
 use crate::Part;
 use crate::detail::Detail;
 use crate::look::{Look, Top};
 use crate::rest::Rest;
-use crate::unwrap::{Chart, repeats};
+use crate::unwrap::{Chart, flatten, repeats};
 use crate::vector::{V, add, cross, curve, dot, hypot, length, mix, ramp, scale, sub, unit};
 use std::f32::consts::TAU;
 
@@ -21,23 +22,67 @@ const LEG: f32 = 0.068;
 
 type Place<'a> = Box<dyn Fn(usize, V, V) -> [f32; 2] + 'a>;
 
-/// The top: trunk, left sleeve, right sleeve.
+fn top_detail(look: &Look) -> Detail {
+    if look.top == Top::Sweater { Detail::Knit } else { Detail::Weave }
+}
+
+/// The top: front, back, left sleeve, right sleeve.
 pub(in super::super) fn top(rest: &Rest, look: &Look, piece: &Piece) -> Part {
     let s = rest.size;
-    let detail = if look.top == Top::Sweater { Detail::Knit } else { Detail::Weave };
+    let detail = top_detail(look);
     let mut part = piece.surface();
     let radius = SLEEVE * s * look.build.arm;
     let sleeves = SIDES.map(|side| limb(["shoulder", "elbow", "wrist"].map(|n| rest.side(side, n)), radius, detail));
     let [left, right] = sleeves;
-    let wanted = rest.side("left", "shoulder")[0].abs() - 0.012 * s;
-    // On a plane of the grid the line between the charts is smooth.
-    let planes = piece.grid.0[0].iter().copied();
-    let from = planes.min_by(|a, b| (a - wanted).abs().total_cmp(&(b - wanted).abs())).unwrap_or(wanted);
-    part.lay_out(detail, &[trunk(rest, look, detail), left, right], |_, corners| {
+    // On a plane of the grid the line between two charts is smooth.
+    let plane = |axis: usize, wanted: f32| {
+        let planes = piece.grid.0[axis].iter().copied();
+        planes.min_by(|a, b| (a - wanted).abs().total_cmp(&(b - wanted).abs())).unwrap_or(wanted)
+    };
+    let from = plane(0, rest.side("left", "shoulder")[0].abs() - 0.012 * s);
+    let middle = plane(2, mix(rest.at("spine3"), rest.middle("shoulder"), 0.5)[2]);
+    let chart_of = |corners: [V; 3]| {
         let all = |sign: f32| corners.iter().all(|p| p[0] * sign >= from);
-        if all(1.0) { 1 } else { 2 * usize::from(all(-1.0)) }
-    });
+        if all(1.0) {
+            2
+        } else if all(-1.0) {
+            3
+        } else {
+            usize::from(!corners.iter().all(|p| p[2] >= middle))
+        }
+    };
+    let [front, back] = [false, true]
+        .map(|is_back| panel(rest, look, &part, is_back, |corners| chart_of(corners) == usize::from(is_back)));
+    part.lay_out(detail, &[front, back, left, right], |_, corners| chart_of(corners));
     part
+}
+
+/// The triangles of a top's front or back, laid flat.
+fn panel(rest: &Rest, look: &Look, part: &Part, is_back: bool, has: impl Fn([V; 3]) -> bool) -> Chart<Place<'static>> {
+    let detail = top_detail(look);
+    let repeat = detail.repeat_m();
+    let around = trunk(rest, look, detail);
+    let (triangles, _) = part.indices.as_chunks::<3>();
+    let triangles = triangles.iter().map(|corners| corners.map(|i| i as usize));
+    let own: Vec<[usize; 3]> = triangles.filter(|corners| has(corners.map(|i| part.positions[i]))).collect();
+    let mut flat = vec![[0.0; 2]; part.positions.len()];
+    for &vertex in own.iter().flatten() {
+        let [u, v] = (around.place)(vertex, part.positions[vertex], part.normals[vertex]);
+        // On a back, u would begin again in its middle.
+        let u = if is_back && u < 0.0 { u + around.period[0] } else { u };
+        flat[vertex] = [u * repeat[0], v * repeat[1]];
+    }
+    // What closes the solid within neck band and hem is nobody's cloth, and would pull at that around it.
+    let ends = top_ends(rest, look);
+    let is_end = |vertex: usize| {
+        let (p, n) = (part.positions[vertex], part.normals[vertex]);
+        ends.iter().any(|&(point, out)| dot(n, out) > 0.75 && dot(sub(p, point), out) > -0.006 * rest.size)
+    };
+    let cloth: Vec<[usize; 3]> = own.into_iter().filter(|corners| !corners.iter().all(|&i| is_end(i))).collect();
+    flatten(&part.positions, &cloth, &mut flat);
+    let place: Place<'static> =
+        Box::new(move |vertex, _, _| [0, 1].map(|axis: usize| flat[vertex][axis] / repeat[axis]));
+    Chart { place, period: [f32::INFINITY; 2] }
 }
 
 /// The trousers: left and right.

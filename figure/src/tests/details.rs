@@ -140,7 +140,7 @@ fn relief_goes_on_where_a_surface_begins_again() {
             let is_along = (0..4).all(|k| (a[k] - b[k]).abs() < 1e-4);
             seams += usize::from(!(is_whole && is_along));
         }
-        assert!(copies - seams > 200 && seams < 400, "{seams} of {copies} copies are on seams");
+        assert!(copies - seams > 200 && seams < 600, "{seams} of {copies} copies are on seams");
     }
 }
 

@@ -195,11 +195,12 @@ export class Figure {
     gl.uniform1f(drawing.uniforms.bumps, 1);
     gl.bindVertexArray(this.array);
     let start = 0;
-    this.mesh.details.forEach(({ corners }, i) => {
+    this.mesh.details.forEach(({ corners, threads }, i) => {
       gl.activeTexture(gl.TEXTURE1);
       gl.bindTexture(gl.TEXTURE_2D, this.reliefs[i]);
       gl.activeTexture(gl.TEXTURE0);
       gl.uniform1i(drawing.uniforms.isBumpy, this.reliefs[i] ? 1 : 0);
+      gl.uniform2fv(drawing.uniforms.threads, threads);
       gl.drawElements(gl.TRIANGLES, corners, gl.UNSIGNED_INT, 4 * start);
       start += corners;
     });

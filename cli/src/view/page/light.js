@@ -86,9 +86,14 @@ vec3 shown(vec3 color) {
 }
 `;
 
-/** A normal map's relief, `bumps` times as steep as it says. Which way it lies follows from `place`. */
+/**
+ * A normal map's relief, `bumps` times as steep as it says. Which way it lies follows from `place`. `threads` are how many
+ * stand side by side on the map, to the right and down, 0 where that is not known: threads of less than three pixels would
+ * show as waves that are not there, so they fade away before.
+ */
 export const RELIEF = `
 uniform float bumps;
+uniform vec2 threads;
 uniform sampler2D bump;
 /** The normal that the map has at \`uv\` in place of the surface's own. */
 vec3 bumped(vec3 n, vec2 uv) {
@@ -99,6 +104,8 @@ vec3 bumped(vec3 n, vec2 uv) {
   float size = max(dot(t, t), dot(b, b));
   if (size <= 0.0) return n;
   vec3 sampled = 2.0 * texture(bump, uv).xyz - 1.0;
+  float crowd = max(length(ux * threads), length(uy * threads));
+  sampled.xy *= 1.0 - smoothstep(0.2, 0.4, crowd);
   float side = sign(ux.x * uy.y - ux.y * uy.x);
   return normalize(inversesqrt(size) * side * bumps * (sampled.x * t - sampled.y * b) + sampled.z * n);
 }

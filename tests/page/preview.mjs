@@ -1,0 +1,41 @@
+// Frames of the page for docs/img/preview.webp: `view-000.png` and so on, half body beside whole body. UMO, CHROMIUM and OUT name
+// the program, the browser and a folder; SPEECH a recording; RATE and SECONDS how many frames there are.
+
+import { execFileSync } from "node:child_process";
+import fs from "node:fs";
+import path from "node:path";
+import { pathToFileURL } from "node:url";
+
+import { Chromium, pictures } from "./chromium.mjs";
+
+const { UMO: umo, CHROMIUM: chromium, OUT: out, SPEECH: speech, RATE: rate, SECONDS: seconds } = process.env;
+const MEDIA = [
+  { name: "prefers-reduced-motion", value: "reduce" },
+  { name: "prefers-color-scheme", value: "dark" },
+];
+const VIEWS = { half: { width: 420, height: 400 }, whole: { width: 250, height: 400 } };
+
+const html = path.join(out, "preview.html");
+execFileSync(umo, ["view", speech, "-o", html, "--no-open"]);
+const profile = fs.mkdtempSync(path.join(out, "profile-"));
+const browser = new Chromium(chromium, profile, speech);
+try {
+  for (const [name, size] of Object.entries(VIEWS)) {
+    const page = await browser.open(pathToFileURL(html).href, { ...size, media: MEDIA });
+    await page.ready();
+    // The avatar alone.
+    await page.value(`document.head.append(Object.assign(document.createElement("style"), {
+      textContent: "header, #transport { display: none !important }",
+    })), window.dispatchEvent(new Event("resize"))`);
+    await page.value(`umo.camera(${JSON.stringify(name)})`);
+    for (let i = 0; i < Math.round(rate * seconds); i++) {
+      await page.value(`umo.seek(${i / rate})`);
+      await pictures(page, 1);
+      await page.picture(path.join(out, `${name}-${String(i).padStart(3, "0")}.png`));
+    }
+    await page.close();
+  }
+} finally {
+  await browser.close();
+  fs.rmSync(profile, { recursive: true, force: true, maxRetries: 5 });
+}
