@@ -64,10 +64,10 @@ impl Character {
         self.face == clip.face.kind && self.offsets_m == clip.skeleton.offsets_m
     }
 
-    /// As [`write`], worn by this figure.
+    /// As [`write()`], worn by this figure.
     ///
     /// # Errors
-    /// As those of [`write`]; a clip that it does not [fit](Self::fits).
+    /// As those of [`write()`]; a clip that it does not [fit](Self::fits).
     pub fn write<W: Write>(&self, clip: &Clip, out: W) -> io::Result<()> {
         clip.check().map_err(invalid)?;
         if !self.fits(clip) {
