@@ -61,7 +61,9 @@ fn vertices_that_move_come_first_and_triangles_follow_them() {
     assert!(page.contains("{\"of\":18,\"axis\":[1.0,0.0,0.0],\"swing\":0.5,\"twist\":0.25}"));
     assert_eq!(numbers(&page, "indices"), [0, 2, 1]);
     assert_eq!(floats(&page, "detail-places"), [0.25, 0.75]);
-    assert!(page.contains("\"detailed\":1") && page.contains("{\"name\":\"knit\",\"corners\":3}"));
+    let [across, down] = Detail::Knit.threads();
+    let knit = format!("{{\"name\":\"knit\",\"corners\":3,\"threads\":[{across:?},{down:?}]}}");
+    assert!(across > 1.0 && page.contains("\"detailed\":1") && page.contains(&knit));
     assert!(block(&page, "detail-knit").starts_with(b"\x89PNG"));
     assert_eq!(numbers(&page, "morph-vertices"), [1, 0, 1]);
     assert!(page.contains("\"moving\":2") && page.contains("{\"name\":\"tongueOut\",\"count\":2}"));
