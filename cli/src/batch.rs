@@ -245,7 +245,7 @@ fn compute(args: &Batch, maker: &Maker, ready: &Receiver<Ready>, made: &SyncSend
 /// Writes the files of every line that was computed.
 fn write_lines(args: &Batch, maker: &Maker, made: &Receiver<Made>, say: &SyncSender<Done>) {
     let rate = maker.model.config().frame_rate;
-    let mut figure = export::Worn::from(args.figure);
+    let mut figure = export::FigureCache::from(args.figure);
     for Made { line, key, clip, took } in made {
         let written = clip.and_then(|clip| {
             write(&line.outputs, &clip, &mut figure)?;
@@ -258,13 +258,13 @@ fn write_lines(args: &Batch, maker: &Maker, made: &Receiver<Made>, say: &SyncSen
     }
 }
 
-fn write(outputs: &[PathBuf], clip: &Clip, figure: &mut export::Worn) -> Result<(), Failure> {
+fn write(outputs: &[PathBuf], clip: &Clip, figure: &mut export::FigureCache) -> Result<(), Failure> {
     for path in outputs {
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
         std::fs::create_dir_all(folder)
             .map_err(|cause| Failure::environment(format!("cannot make `{}`: {cause}", folder.display())))?;
         let output = export::Output::create(path, Format::from_extension(path)?)?;
-        output.write_worn(clip, figure).map_err(Failure::environment)?;
+        output.write_with(clip, figure).map_err(Failure::environment)?;
     }
     Ok(())
 }

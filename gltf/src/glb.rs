@@ -26,14 +26,14 @@ use crate::tracks::{Tracks, continuous, track};
 /// 4 GiB.
 pub fn write<W: Write>(clip: &Clip, figure: Option<Figure>, out: W) -> io::Result<()> {
     clip.check().map_err(invalid)?;
-    let worn = figure.map(|figure| Character::new(figure, clip)).transpose()?;
-    write_checked(clip, worn.as_ref(), out)
+    let built = figure.map(|figure| BuiltFigure::new(figure, clip)).transpose()?;
+    write_checked(clip, built.as_ref(), out)
 }
 
-/// A figure that is built on a skeleton: most of the time that a file takes, and the same for every
+/// A figure, built on a skeleton. Building it takes most of the time that a file takes; it serves every
 /// animation of that skeleton.
 #[derive(Debug)]
-pub struct Character {
+pub struct BuiltFigure {
     offsets_m: Vec<[f32; 3]>,
     face: FaceKind,
     mesh: Mesh,
@@ -41,7 +41,7 @@ pub struct Character {
     textures: Textures,
 }
 
-impl Character {
+impl BuiltFigure {
     /// The figure on the clip's skeleton, with a face of the clip's kind.
     ///
     /// # Errors
@@ -77,15 +77,15 @@ impl Character {
     }
 }
 
-fn write_checked<W: Write>(clip: &Clip, worn: Option<&Character>, out: W) -> io::Result<()> {
+fn write_checked<W: Write>(clip: &Clip, figure: Option<&BuiltFigure>, out: W) -> io::Result<()> {
     let mut builder = Builder::default();
     let joints = add_skeleton(&mut builder, clip);
-    let of_mesh = worn.map_or(&[][..], |worn| &worn.mesh.helpers);
+    let of_mesh = figure.map_or(&[][..], |figure| &figure.mesh.helpers);
     let helpers = add_helpers(&mut builder, clip, of_mesh);
     let rest = rest_positions(clip);
     let places: Vec<_> = rest.iter().copied().chain(of_mesh.iter().map(|helper| rest[helper.of])).collect();
     let skin = add_skin(&mut builder, &[&joints[..], &helpers].concat(), &places);
-    let meshes = worn.map(|worn| add_meshes(&mut builder, clip, worn, skin));
+    let meshes = figure.map(|figure| add_meshes(&mut builder, clip, figure, skin));
     let helpers: Vec<_> = of_mesh.iter().zip(helpers).collect();
     add_animation(&mut builder, clip, &joints, &helpers, meshes.map(|[_, face]| face));
     builder.scene(joints[..1].iter().copied().chain(meshes.into_iter().flatten()).collect());
@@ -97,8 +97,8 @@ fn invalid(cause: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> io::Er
 }
 
 /// The figure's body and its face with a shape per channel, as skinned nodes.
-fn add_meshes(builder: &mut Builder, clip: &Clip, worn: &Character, skin: Index<json::Skin>) -> [Index<Node>; 2] {
-    let Character { mesh, palette, textures, .. } = worn;
+fn add_meshes(builder: &mut Builder, clip: &Clip, figure: &BuiltFigure, skin: Index<json::Skin>) -> [Index<Node>; 2] {
+    let BuiltFigure { mesh, palette, textures, .. } = figure;
     let materials = builder.materials(textures);
     let mut surfaces = |range: Range<usize>| -> Vec<mesh::Primitive> {
         let used = materials.iter().filter(|(detail, _)| mesh.details[range.clone()].contains(detail));

@@ -1,4 +1,4 @@
-// Frames of the page for docs/img/preview.webp: `view-000.png` and so on, half body beside whole body. UMO, CHROMIUM and OUT name
+// Frames of the page for docs/img/preview.webp: `half-000.png` and so on for half body, `whole-000.png` for whole body. UMO, CHROMIUM and OUT name
 // the program, the browser and a folder; SPEECH a recording; RATE and SECONDS how many frames there are.
 
 import { execFileSync } from "node:child_process";

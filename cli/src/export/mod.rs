@@ -25,7 +25,7 @@ pub mod npz;
 mod output;
 pub(crate) mod rotation;
 
-pub use output::{Output, Worn};
+pub use output::{FigureCache, Output};
 
 /// A file format for animations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -6,27 +6,27 @@ use std::path::Path;
 use umo_core::file::AtomicFile;
 use umo_core::motion::clip::Clip;
 use umo_figure::Figure;
-use umo_gltf::glb::Character;
+use umo_gltf::glb::BuiltFigure;
 use umo_gltf::vrma;
 
 /// A figure, built when the first animation needs it, and again where one has another skeleton.
 #[derive(Debug)]
-pub struct Worn {
+pub struct FigureCache {
     figure: Figure,
-    built: Option<Character>,
+    built: Option<BuiltFigure>,
 }
 
-impl From<Figure> for Worn {
+impl From<Figure> for FigureCache {
     fn from(figure: Figure) -> Self {
         Self { figure, built: None }
     }
 }
 
-impl Worn {
-    fn on(&mut self, clip: &Clip) -> io::Result<&Character> {
+impl FigureCache {
+    fn on(&mut self, clip: &Clip) -> io::Result<&BuiltFigure> {
         let built = match self.built.take().filter(|built| built.fits(clip)) {
             Some(built) => built,
-            None => Character::new(self.figure, clip)?,
+            None => BuiltFigure::new(self.figure, clip)?,
         };
         Ok(self.built.insert(built))
     }
@@ -56,14 +56,14 @@ impl Output {
     /// [`ExportError`] where the animation contradicts itself or does not suit the format, or the
     /// file system fails; then an earlier file of that name is as it was.
     pub fn write(self, clip: &Clip, figure: Figure) -> Result<(), ExportError> {
-        self.write_worn(clip, &mut Worn::from(figure))
+        self.write_with(clip, &mut FigureCache::from(figure))
     }
 
-    /// As [`Self::write`], by a figure that stays for further animations.
+    /// As [`Self::write`], with a figure that is kept for further animations.
     ///
     /// # Errors
     /// As those of [`Self::write`].
-    pub fn write_worn(self, clip: &Clip, figure: &mut Worn) -> Result<(), ExportError> {
+    pub fn write_with(self, clip: &Clip, figure: &mut FigureCache) -> Result<(), ExportError> {
         clip.check().map_err(ExportError::Clip)?;
         self.format.check_face(&clip.face)?;
         let path = self.file.path().to_owned();

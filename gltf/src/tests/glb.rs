@@ -355,19 +355,19 @@ fn glb_has_tangents_and_places_where_there_is_a_normal_map_and_nowhere_else() {
 }
 
 #[test]
-fn a_character_serves_every_clip_of_its_skeleton_and_face() {
+fn a_built_figure_serves_every_clip_of_its_skeleton_and_face() {
     let first = sample::clip(FaceKind::Arkit, 3, 40);
-    let character = crate::glb::Character::new(Figure::default(), &first).unwrap();
+    let figure = crate::glb::BuiltFigure::new(Figure::default(), &first).unwrap();
     for clip in [&first, &sample::clip(FaceKind::Arkit, 5, 10)] {
         let [mut again, mut alone] = [Vec::new(), Vec::new()];
-        character.write(clip, &mut again).unwrap();
+        figure.write(clip, &mut again).unwrap();
         crate::glb::write(clip, Some(Figure::default()), &mut alone).unwrap();
-        assert!(character.fits(clip) && again == alone);
+        assert!(figure.fits(clip) && again == alone);
     }
     let mut taller = first.clone();
     taller.skeleton.offsets_m[12][1] += 0.01;
     for other in [taller, sample::clip(FaceKind::SmplxExpression, 3, 40)] {
-        let error = character.write(&other, &mut Vec::new()).unwrap_err();
+        let error = figure.write(&other, &mut Vec::new()).unwrap_err();
         assert_eq!(error.kind(), std::io::ErrorKind::InvalidInput);
     }
 }
