@@ -88,6 +88,21 @@ const alpha = (page, [x, y]) =>
     return pixel[3];
   })()`);
 
+/** Red, green and blue of what a square of the screen shows, row by row: the picture with all that is behind and before it. */
+const seen = async (page, [x, y], size) => {
+  const { data } = await page.send("Page.captureScreenshot", { format: "png" });
+  return page.value(`(async () => {
+    const image = new Image();
+    image.src = "data:image/png;base64,${data}";
+    await image.decode();
+    const canvas = new OffscreenCanvas(${size}, ${size}), context = canvas.getContext("2d");
+    context.drawImage(image, ${Math.round(-x + size / 2)}, ${Math.round(-y + size / 2)});
+    const { data } = context.getImageData(0, 0, ${size}, ${size});
+    return Array.from({ length: ${size * size} }, (_, i) => [data[4 * i], data[4 * i + 1], data[4 * i + 2]]);
+  })()`);
+};
+const brightness = ([r, g, b]) => (r + 2 * g + b) / 4;
+
 export const tests = [
   ["bones and morph weights are the frames'", (context) => showsFrames(context, "hello.html", 2e-6)],
   ["an .npz shows the same", (context) => showsFrames(context, "npz.html", 2e-5)],
@@ -152,6 +167,85 @@ export const tests = [
       const [afar, near] = [await from(3), await from(-10)];
       assert.ok(near > 1, `close by it is ${near}`);
       assert.ok(afar < 0.24, `from afar it is ${afar}`);
+      await closed(page);
+    },
+  ],
+
+  [
+    "stands before a soft backdrop that is brightest behind it",
+    async (context) => {
+      const page = await opened(context);
+      for (const theme of ["dark", "light"]) {
+        await page.value(`umo.theme("${theme}"); umo.camera("whole"); umo.seek(2)`);
+        await pictures(page, 10);
+        const [, y] = await page.value(`umo.onScreen("neck")`);
+        const row = [];
+        for (const x of [30, 160, 290, 420]) {
+          const square = (await seen(page, [x, y], 16)).map(brightness);
+          assert.ok(Math.max(...square) - Math.min(...square) <= 8, `${theme}: at ${x} it is not soft: ${square}`);
+          row.push(square.reduce((sum, one) => sum + one) / square.length);
+        }
+        row.slice(1).forEach((one, i) => assert.ok(one > row[i] - 1, `${theme}: ${row} from the edge to the middle`));
+        assert.ok(row.at(-1) > row[0] + 12, `${theme}: ${row} from the edge to the middle`);
+      }
+      await closed(page);
+    },
+  ],
+
+  [
+    "a window shines in each eye, in the same place wherever it looks",
+    async (context) => {
+      const page = await opened(context);
+      const looks = truth.header.face.names.flatMap((name, i) => (name.startsWith("eyeLook") ? [i] : []));
+      const lids = truth.header.face.names.flatMap((name, i) => (/^eye(Blink|Squint)/.test(name) ? [i] : []));
+      const open = truth.frames.map((_, i) => i).filter((i) => lids.every((lid) => truth.frames[i].face[lid] < 0.25));
+      const apart = (a, b) => Math.hypot(...looks.map((look) => truth.frames[a].face[look] - truth.frames[b].face[look]));
+      const other = open.reduce((most, i) => (apart(open[0], i) > apart(open[0], most) ? i : most));
+      assert.ok(apart(open[0], other) > 0.1, "the eyes move");
+      const found = [];
+      for (const frame of [open[0], other]) {
+        await page.value(`umo.camera("face"); umo.seek(${frame} / ${RATE})`);
+        await pictures(page, 10);
+        await page.value(`umo.seek(${frame} / ${RATE})`);
+        for (const eye of ["left_eye", "right_eye"]) {
+          const size = 48;
+          const square = (await seen(page, await page.value(`umo.onScreen("${eye}")`), size)).map(brightness);
+          const most = Math.max(...square);
+          const window = square.flatMap((one, i) => (one > most - 12 ? [[i % size, Math.floor(i / size)]] : []));
+          found.push({ most, count: window.length, place: [0, 1].map((axis) => window.reduce((sum, at) => sum + at[axis], 0) / window.length) });
+        }
+      }
+      for (const { most, count } of found) {
+        assert.ok(most > 225, `nothing shines: ${JSON.stringify(found)}`);
+        assert.ok(count <= 60, `more than a window shines: ${JSON.stringify(found)}`);
+      }
+      for (const eye of [0, 1]) near(found[eye].place, found[2 + eye].place, 3, "the window");
+      await closed(page);
+    },
+  ],
+
+  [
+    "the floor is dark under the feet that stand on it",
+    async (context) => {
+      const page = await opened(context);
+      for (const [theme, foot] of ["dark", "light"].flatMap((theme) => ["left_foot", "right_foot"].map((foot) => [theme, foot]))) {
+        await page.value(`umo.theme("${theme}"); umo.camera("whole"); umo.seek(2)`);
+        await pictures(page, 10);
+        // The floor's own color from the shoe's tip towards the camera, where the lamp throws no shadow.
+        const floor = await page.value(`(() => {
+          umo.seek(2);
+          const view = document.querySelector("#view"), gl = view.getContext("webgl2"), scale = view.width / view.clientWidth;
+          const [x, y] = umo.onScreen("${foot}"), length = 120, pixels = new Uint8Array(4 * length);
+          gl.readPixels(Math.round(x * scale), view.height - Math.round(y * scale) - length, 1, length, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
+          const down = Array.from({ length }, (_, i) => pixels.subarray(4 * (length - 1 - i)).subarray(0, 4));
+          const tip = down.findLastIndex(([, , , alpha]) => alpha === 255);
+          return down.slice(tip + 2).map(([, green, , alpha]) => green / alpha);
+        })()`);
+        assert.ok(floor.length > 40, `${theme}, ${foot}: the floor is not seen`);
+        const [close, far] = [floor.slice(0, 3), floor.slice(35, 40)].map((part) => part.reduce((sum, one) => sum + one) / part.length);
+        assert.ok(close < 0.8 * far, `${theme}, ${foot}: ${close} at the shoe, ${far} before it`);
+        assert.ok(close > 0.1 * far, `${theme}, ${foot}: black`);
+      }
       await closed(page);
     },
   ],
