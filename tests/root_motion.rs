@@ -100,7 +100,7 @@ fn the_first_frame_of_a_live_setting_has_the_height_of_rest() {
 fn contacts_of_a_side_go_together() {
     each(|model, cx, name, audio| {
         let (mut within, mut across) = (0.0, 0.0);
-        for seed in 0..4 {
+        for seed in 0..8 {
             let defaults = AvatarConfig::new(model.config());
             let sampler = Sampler { seed, ..defaults.sampler };
             let mut animation = Animation::new(model, &AvatarConfig { sampler, ..defaults }).unwrap();
