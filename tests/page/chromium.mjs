@@ -17,6 +17,10 @@ const FLAGS = [
   "--autoplay-policy=no-user-gesture-required",
   "--use-fake-ui-for-media-stream",
   "--use-fake-device-for-media-stream",
+  // A page behind another one goes on, as several are open at once.
+  "--disable-background-timer-throttling",
+  "--disable-backgrounding-occluded-windows",
+  "--disable-renderer-backgrounding",
 ];
 
 export const pause = (seconds) => new Promise((done) => setTimeout(done, seconds * 1000));
