@@ -614,7 +614,7 @@ fn forged_states_do_no_harm() {
         let numbers = [0, 1, 2, 5, 40, 255, 65_535, 1 << 20, 1 << 33, 1 << 40, 1 << 49, 1 << 60, 1 << 62, u64::MAX];
         // Fields stand at the start, between the rings, and at the end: where they are, depends on
         // the model.
-        for _ in 0..300 {
+        for _ in 0..700 {
             let mut forged = state.clone();
             let at = match draw(3) {
                 0 => 24 + draw(200),
@@ -630,7 +630,7 @@ fn forged_states_do_no_harm() {
         // are another.
         for at in 24..state.len() - 8 {
             let value = u64::from_le_bytes(state[at..at + 8].try_into().unwrap());
-            let is_tried = if at + 700 > state.len() { at % 2 == 0 } else { draw(30) == 0 };
+            let is_tried = if at + 700 > state.len() { at % 2 == 0 } else { draw(12) == 0 };
             if value < 1 << 24 && is_tried {
                 let mut forged = state.clone();
                 let other = [value.wrapping_add(1), value.wrapping_sub(1), 2 * value + 7][draw(3)];
@@ -647,7 +647,7 @@ fn forged_states_do_no_harm() {
                 attempt(&mut forged);
             }
         }
-        for _ in 0..80 {
+        for _ in 0..200 {
             let mut forged = state[..24 + draw(state.len() - 24)].to_vec();
             attempt(&mut forged);
         }

@@ -88,7 +88,7 @@ const alpha = (page, [x, y]) =>
     return pixel[3];
   })()`);
 
-/** Red, green and blue of what a square of the screen shows, row by row: the picture with all that is behind and before it. */
+/** Red, green and blue of what a square of the screen shows, row by row, with everything behind and in front of the picture. */
 const seen = async (page, [x, y], size) => {
   const { data } = await page.send("Page.captureScreenshot", { format: "png" });
   return page.value(`(async () => {
@@ -193,7 +193,7 @@ export const tests = [
   ],
 
   [
-    "a window shines in each eye, in the same place wherever it looks",
+    "each eye has a catch light, in the same place wherever it looks",
     async (context) => {
       const page = await opened(context);
       const looks = truth.header.face.names.flatMap((name, i) => (name.startsWith("eyeLook") ? [i] : []));
@@ -211,15 +211,15 @@ export const tests = [
           const size = 48;
           const square = (await seen(page, await page.value(`umo.onScreen("${eye}")`), size)).map(brightness);
           const most = Math.max(...square);
-          const window = square.flatMap((one, i) => (one > most - 12 ? [[i % size, Math.floor(i / size)]] : []));
-          found.push({ most, count: window.length, place: [0, 1].map((axis) => window.reduce((sum, at) => sum + at[axis], 0) / window.length) });
+          const light = square.flatMap((one, i) => (one > most - 12 ? [[i % size, Math.floor(i / size)]] : []));
+          found.push({ most, count: light.length, place: [0, 1].map((axis) => light.reduce((sum, at) => sum + at[axis], 0) / light.length) });
         }
       }
       for (const { most, count } of found) {
         assert.ok(most > 225, `nothing shines: ${JSON.stringify(found)}`);
-        assert.ok(count <= 60, `more than a window shines: ${JSON.stringify(found)}`);
+        assert.ok(count <= 60, `more than a catch light shines: ${JSON.stringify(found)}`);
       }
-      for (const eye of [0, 1]) near(found[eye].place, found[2 + eye].place, 3, "the window");
+      for (const eye of [0, 1]) near(found[eye].place, found[2 + eye].place, 3, "the catch light");
       await closed(page);
     },
   ],
