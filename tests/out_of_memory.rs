@@ -12,8 +12,8 @@ use umo_core::{LoadError, ModelFile, Precision};
 use umo_kernels::Isa;
 
 /// What a model's file or a configuration makes large is at least this large in the small model,
-/// bytes.
-const LARGE: usize = 8 << 10;
+/// bytes. Nothing that the planner of the Fourier transform makes is.
+const LARGE: usize = 9 << 10;
 
 /// Large allocations until one fails; below 0 none does.
 static LEFT: AtomicI64 = AtomicI64::new(-1);

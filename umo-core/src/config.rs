@@ -252,7 +252,7 @@ pub struct Hubert {
 pub struct Mel {
     /// Samples per window.
     pub window: usize,
-    /// Length of the Fourier transform; the window is padded with zeros.
+    /// Length of the Fourier transform, even; the window is padded with zeros.
     pub fft: usize,
     /// Mel bands.
     pub bands: usize,
@@ -515,7 +515,7 @@ pub struct Face {
 pub struct Mouth {
     /// Samples per window.
     pub window: usize,
-    /// Length of the Fourier transform; the window is padded with zeros.
+    /// Length of the Fourier transform, even; the window is padded with zeros.
     pub fft: usize,
     /// Mel bands.
     pub bands: usize,

@@ -257,9 +257,14 @@ fn divides(key: &str, divisor: usize, value: usize) -> Check {
     require(value.is_multiple_of(divisor), key, || format!("expected a divisor of {value}, got {divisor}"))
 }
 
+fn even(key: &str, value: usize) -> Check {
+    require(value.is_multiple_of(2), key, || format!("expected an even number, got {value}"))
+}
+
 fn check_mel(m: &Mel, hop: usize) -> Check {
     range("audio.mel.window", m.window, hop, 2 * hop)?;
     range("audio.mel.fft", m.fft, m.window, MAX_WIDTH)?;
+    even("audio.mel.fft", m.fft)?;
     range("audio.mel.bands", m.bands, 1, 1024)?;
     range("audio.mel.deltas", m.deltas, 0, 3)?;
     if let Some(network) = &m.network {
@@ -281,6 +286,7 @@ fn check_mel(m: &Mel, hop: usize) -> Check {
 fn check_mouth(c: &Config, m: &Mouth) -> Check {
     range("mouth.window", m.window, 1, MAX_MOUTH)?;
     range("mouth.fft", m.fft, m.window, MAX_WIDTH)?;
+    even("mouth.fft", m.fft)?;
     range("mouth.bands", m.bands, 1, 1024)?;
     small("mouth.floor", m.floor)?;
     range("mouth.rows", m.rows, 1, (c.audio.sample_rate / c.frame_rate).min(64))?;

@@ -430,7 +430,7 @@ impl Link {
 }
 
 /// Interleavings of the sides:
-/// `RUSTFLAGS="--cfg loom" cargo test -p umo-core --release --lib stream`. A side that waits for a
+/// `RUSTFLAGS="--cfg loom" cargo test -p umo-core --features internals --release --lib interleavings`. A side that waits for a
 /// lost wake-up is a deadlock, which loom reports.
 #[cfg(all(test, loom))]
 mod interleavings {

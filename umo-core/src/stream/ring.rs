@@ -227,7 +227,7 @@ mod tests {
 }
 
 /// Every interleaving of one producer and one consumer:
-/// `RUSTFLAGS="--cfg loom" cargo test -p umo-core --release --lib stream`.
+/// `RUSTFLAGS="--cfg loom" cargo test -p umo-core --features internals --release --lib interleavings`.
 #[cfg(all(test, loom))]
 mod interleavings {
     use super::*;
