@@ -156,12 +156,15 @@ impl Results {
     }
 
     /// Puts this run's lines in the manifest's order.
-    pub(super) fn finish(mut self, lines: &[Line]) -> Result<(), Failure> {
-        debug_assert_eq!(self.done.len(), lines.len(), "every line is done or failed");
-        self.done.sort_by_key(|done| done.line);
-        let whole = atomic_file::create(&self.path)?;
+    pub(super) fn finish(self, lines: &[Line]) -> Result<(), Failure> {
+        let Self { path, file, mut done, .. } = self;
+        // Windows replaces no file that is open.
+        drop(file);
+        debug_assert_eq!(done.len(), lines.len(), "every line is done or failed");
+        done.sort_by_key(|done| done.line);
+        let whole = atomic_file::create(&path)?;
         atomic_file::commit(whole, |out| {
-            for done in &self.done {
+            for done in &done {
                 serde_json::to_writer(&mut *out, done)?;
                 writeln!(out)?;
             }

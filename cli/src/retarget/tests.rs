@@ -357,7 +357,8 @@ fn all_else_in_the_file_stays_as_it_was() {
 }
 
 /// Where the Khronos validator is installed, as `scripts/validate-glb` does it, it looks at what
-/// comes out.
+/// comes out. On Linux: the tests for Windows run beside a validator for Linux.
+#[cfg(not(windows))]
 #[test]
 fn the_validator_finds_nothing_wrong() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");

@@ -8,7 +8,7 @@ use super::program::{Folder, golden, umo};
 fn results(bytes: &[u8]) -> BTreeMap<String, serde_json::Value> {
     let text = String::from_utf8(bytes.to_vec()).unwrap();
     let lines = text.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap());
-    lines.map(|line| (line["file"].as_str().unwrap().rsplit('/').next().unwrap().to_owned(), line)).collect()
+    lines.map(|line| (line["file"].as_str().unwrap().rsplit(['/', '\\']).next().unwrap().to_owned(), line)).collect()
 }
 
 #[test]

@@ -87,7 +87,7 @@ fn what_cannot_be_brought_anywhere_is_refused() {
         (vec!["retarget", &npz, "--onto", &text, "-o", &out], "expected a character"),
         (vec!["retarget", &npz, "--onto", &bvh, "-o", &out], "expected .bvh"),
         (vec!["retarget", &text, "--onto", &glb, "-o", &out], "unknown format"),
-        (vec!["retarget", &npz, "--onto", &out, "-o", &out], "No such file"),
+        (vec!["retarget", &npz, "--onto", &out, "-o", &out], "(os error 2)"),
         (vec!["retarget", &npz, "--onto", &glb, "-o", &out, "--mapping", &bad], "for joint `nose`"),
         (vec!["retarget", &npz, "--onto", &glb, "-o", &out, "--mapping", &text], ""),
     ] {
