@@ -8,7 +8,7 @@ mod rotate;
 use std::cell::RefCell;
 use std::collections::HashMap;
 use std::fs::File;
-use std::io::{self, BufWriter, Write};
+use std::io::{self, BufWriter};
 use std::path::Path;
 
 use clap::ValueEnum;
@@ -63,10 +63,6 @@ pub(crate) fn run(args: &Quantize) -> Result<(), Failure> {
         let tensor = |plan| tensor(&file, plan, storage, args.rotate, &quantized, &failed);
         plans.iter().map(tensor).collect::<Result<Vec<NewTensor>, _>>()
     };
-    let write = |out: &mut BufWriter<&File>, tensors: &[NewTensor]| {
-        writer::write(out, file.config(), tensors)
-            .map_err(|cause| failed.take().map_or(Failure::environment(cause), |error| named(args, error)))
-    };
     let exact;
     let calibration;
     let tensors = if args.calibrate.is_empty() {
@@ -75,7 +71,8 @@ pub(crate) fn run(args: &Quantize) -> Result<(), Failure> {
         // The products read other inputs once their channels are evened out or rotated: the float model is
         // written as that makes it, and read again.
         let tensors = floats(|storage| if storage.is_quantized() { Storage::F32 } else { storage })?;
-        exact = Float::new(&args.output, |out| write(out, &tensors))?;
+        exact = Float::new(&args.output, |out| writer::write(out, file.config(), &tensors))
+            .map_err(|failure| failed.take().map_or(failure, |error: LoadError| named(args, error)))?;
         let wanted = plans.iter().filter(|plan| plan.storage.is_quantized()).map(|plan| plan.name.clone());
         calibration = calibrate::run(&exact.file, wanted.collect(), &args.calibrate)?;
         plans.iter().map(|plan| calibrated(&exact.file, plan, &calibration, &failed)).collect::<Result<_, _>>()?
@@ -111,12 +108,8 @@ struct Float {
 }
 
 impl Float {
-    fn new(output: &Path, write: impl FnOnce(&mut BufWriter<&File>) -> Result<(), Failure>) -> Result<Self, Failure> {
-        let temporary = TemporaryFile::beside(output).map_err(Failure::environment)?;
-        let mut out = BufWriter::with_capacity(1 << 18, temporary.file());
-        write(&mut out)?;
-        out.flush().map_err(Failure::environment)?;
-        drop(out);
+    fn new(output: &Path, write: impl FnOnce(&mut BufWriter<&File>) -> io::Result<()>) -> Result<Self, Failure> {
+        let temporary = TemporaryFile::beside(output, write).map_err(Failure::environment)?;
         Ok(Self { file: ModelFile::open(temporary.path())?, _temporary: temporary })
     }
 }

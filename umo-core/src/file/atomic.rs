@@ -42,31 +42,31 @@ impl AtomicFile {
         out.flush()?;
         drop(out);
         self.part.file.sync_all()?;
-        fs::rename(&self.part.path, &self.target)
+        fs::rename(&self.part.path.0, &self.target)
     }
 }
 
 /// A file for the program alone, beside another; gone when dropped.
 #[derive(Debug)]
-pub struct TemporaryFile(Part);
+pub struct TemporaryFile(Removed);
 
 impl TemporaryFile {
-    /// An empty one in the folder of `path`.
+    /// One in the folder of `path`, with what `write` writes; nobody has it open then.
     ///
     /// # Errors
-    /// What the system says where `path` is no place for a file.
-    pub fn beside(path: &Path) -> io::Result<Self> {
-        Part::create(path).map(Self)
+    /// Those of `write`, and what the system says where `path` is no place for a file.
+    pub fn beside(path: &Path, write: impl FnOnce(&mut BufWriter<&File>) -> io::Result<()>) -> io::Result<Self> {
+        let Part { file, path } = Part::create(path)?;
+        let mut out = BufWriter::with_capacity(1 << 18, &file);
+        write(&mut out)?;
+        out.flush()?;
+        drop(out);
+        Ok(Self(path))
     }
 
     /// Where it is.
     pub fn path(&self) -> &Path {
-        &self.0.path
-    }
-
-    /// What it is open as.
-    pub fn file(&self) -> &File {
-        &self.0.file
+        &self.0.0
     }
 }
 
@@ -83,12 +83,16 @@ fn resolve(path: &Path) -> io::Result<PathBuf> {
     }
 }
 
-/// A temporary file, removed when dropped (after a rename there is nothing left to remove).
+/// A temporary file, closed and removed when dropped (after a rename there is nothing left to remove).
 #[derive(Debug)]
 struct Part {
-    path: PathBuf,
     file: File,
+    path: Removed,
 }
+
+/// A path of a file that is removed when this is dropped.
+#[derive(Debug)]
+struct Removed(PathBuf);
 
 impl Part {
     fn create(target: &Path) -> io::Result<Self> {
@@ -97,7 +101,7 @@ impl Part {
         for attempt in 0..100 {
             let path = target.with_file_name(format!(".{name}.{id}-{attempt}.part"));
             match File::create_new(&path) {
-                Ok(file) => return Ok(Self { path, file }),
+                Ok(file) => return Ok(Self { file, path: Removed(path) }),
                 Err(cause) if cause.kind() == io::ErrorKind::AlreadyExists => {}
                 Err(cause) => return Err(cause),
             }
@@ -106,9 +110,9 @@ impl Part {
     }
 }
 
-impl Drop for Part {
+impl Drop for Removed {
     fn drop(&mut self) {
         // Nothing can be done about a failure here, and the first error is the one worth telling.
-        let _ = fs::remove_file(&self.path);
+        let _ = fs::remove_file(&self.0);
     }
 }
