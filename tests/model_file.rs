@@ -365,6 +365,17 @@ fn every_number_of_the_config_is_checked() {
 }
 
 #[test]
+fn a_fourier_transform_of_odd_length_is_refused() {
+    let model = ModelBytes::open("mel_k2_arkit");
+    let (header, data) = (model.header(), model.data());
+    for path in ["audio.mel.fft", "mouth.fft"] {
+        let error = load(with_config(&model, &header, &data, &set(&model.config, path, json!(513)))).unwrap_err();
+        assert!(names(&error, path), "{error}");
+        assert!(error.to_string().contains("expected an even number, got 513"), "{error}");
+    }
+}
+
+#[test]
 fn every_key_of_the_config_is_needed_and_known() {
     let model = ModelBytes::open("mel_k2_arkit");
     let (header, data) = (model.header(), model.data());

@@ -240,7 +240,7 @@ fn experts_and_seed_are_those_asked_for() {
     let place = Place::new();
     let file = place.convert(&["--experts", "5", "--top-k", "2"]);
     assert_eq!((file.config().lm.experts, file.config().lm.top_k), (5, 2));
-    // Windows replaces no file that is open.
+    // On Windows an open file cannot be replaced.
     drop(file);
     let routers = ["1", "1", "2"].map(|seed| {
         let file = place.convert(&["--experts", "5", "--dtype", "f32", "--seed", seed]);
@@ -419,7 +419,7 @@ fn a_model_of_layout_frames_is_converted() {
     let mut command = Command::new(env!("CARGO_BIN_EXE_umo"));
     command.arg("animate").arg(wav).args(["--model", "model", "-o", "out.npz"]);
     assert!(command.current_dir(place.folder.path()).output().unwrap().status.success());
-    // On Windows a file is there as long as it is open.
+    // On Windows an open file cannot be removed.
     drop(file);
     std::fs::remove_file(place.path("model")).unwrap();
     place.files.remove("depth").unwrap();

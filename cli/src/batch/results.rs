@@ -158,7 +158,7 @@ impl Results {
     /// Puts this run's lines in the manifest's order.
     pub(super) fn finish(self, lines: &[Line]) -> Result<(), Failure> {
         let Self { path, file, mut done, .. } = self;
-        // Windows replaces no file that is open.
+        // On Windows an open file cannot be replaced.
         drop(file);
         debug_assert_eq!(done.len(), lines.len(), "every line is done or failed");
         done.sort_by_key(|done| done.line);

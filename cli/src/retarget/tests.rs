@@ -357,7 +357,7 @@ fn all_else_in_the_file_stays_as_it_was() {
 }
 
 /// Where the Khronos validator is installed, as `scripts/validate-glb` does it, it looks at what
-/// comes out. On Linux: the tests for Windows run beside a validator for Linux.
+/// comes out. Not on Windows: under Wine, Linux's validator would get Windows paths.
 #[cfg(not(windows))]
 #[test]
 fn the_validator_finds_nothing_wrong() {

@@ -12,11 +12,11 @@ use crate::linear::Linear;
 use crate::memory::{self, Arena, Slice};
 use crate::weights::Loader;
 
-/// Power spectra of real numbers. Even places and odd ones are the two halves of complex numbers,
-/// so that a transform of half the length does.
+/// Power spectra of real numbers. Numbers at even and odd places are the real and imaginary parts of
+/// one complex transform of half the length.
 ///
-/// The transform is the portable one, with the same bits on every processor: those with vectors
-/// would be a third of this crate's code, for a microsecond of every 10 ms.
+/// That transform is rustfft's scalar one, with the same bits on every instruction set. The SIMD ones
+/// would be a third of this crate's code, and a spectrum is a small part of a chunk.
 struct PowerTransform {
     /// Of `length / 2` complex numbers.
     half: Arc<dyn Fft<f64>>,
@@ -53,7 +53,7 @@ impl PowerTransform {
             *pair = Complex::new(values.next().unwrap_or(0.0), values.next().unwrap_or(0.0));
         }
         self.half.process_with_scratch(pairs, work);
-        // What even and odd places contribute to bin k, and to the bin as far from the other end.
+        // The transforms of the even and of the odd places give bin k, and bin half - k.
         let half = pairs.len();
         for (k, &twiddle) in self.twiddles.iter().enumerate() {
             let (value, mirrored) = (pairs[k], pairs[(half - k) % half].conj());

@@ -51,7 +51,7 @@ impl AtomicFile {
 pub struct TemporaryFile(Removed);
 
 impl TemporaryFile {
-    /// One in the folder of `path`, with what `write` writes; nobody has it open then.
+    /// One in the folder of `path`, with what `write` writes. It is closed, so that it can be opened on Windows too.
     ///
     /// # Errors
     /// Those of `write`, and what the system says where `path` is no place for a file.
@@ -90,7 +90,7 @@ struct Part {
     path: Removed,
 }
 
-/// A path of a file that is removed when this is dropped.
+/// The path of a file, which is removed when this is dropped.
 #[derive(Debug)]
 struct Removed(PathBuf);
 

@@ -430,8 +430,8 @@ impl Link {
 }
 
 /// Interleavings of the sides:
-/// `RUSTFLAGS="--cfg loom" cargo test -p umo-core --features internals --release --lib interleavings`. A side that waits for a
-/// lost wake-up is a deadlock, which loom reports.
+/// `RUSTFLAGS="--cfg loom" cargo test -p umo-core --features internals --release --lib interleavings`.
+/// A side that waits for a lost wake-up is a deadlock, which loom reports.
 #[cfg(all(test, loom))]
 mod interleavings {
     use super::*;
