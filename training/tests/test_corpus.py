@@ -16,7 +16,7 @@ from umo_train.performer import actions
 from umo_train.performer.style import PROMPTS
 from umo_train.shard import Shard
 from umo_train.speech import voices
-from umo_train.speech.utterance import Utterance
+from umo_train.speech.utterance import Phone, Utterance
 
 PLAN = corpus.SpeechPlan(
     hours=20 * 6 / 3600, voices={"a": 1, "b": 3}, held_out=("c",), test_minutes=0.5, seconds_per_item=6
@@ -173,3 +173,32 @@ def test_actions_are_items_of_silence(tmp_path: Path, monkeypatch: pytest.Monkey
     before = (tmp_path / "motion" / f"{first.name}.npz").stat().st_mtime_ns
     corpus.make_motion(tmp_path, 1)
     assert (tmp_path / "motion" / f"{first.name}.npz").stat().st_mtime_ns == before
+
+
+def test_accents_are_heard_in_runs_of_units(tmp_path: Path) -> None:
+    units = np.zeros((2, 120), np.int16)
+    units[0, 30:36] = 600
+    # Too short, and another recording's.
+    units[0, 60:63] = 512
+    units[1, 80:90] = 700
+    np.save(tmp_path / "00001.npy", units)
+    heard = corpus.HeardAccents(tmp_path, first=512, delay=14, rate=50)
+    np.testing.assert_allclose(heard.of("00001"), [(33 - 14) / 50])
+
+
+def test_held_out_items_keep_their_true_accents(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = {}
+
+    def perform(utterance: Utterance, style: object, seed: int, accents: np.ndarray | None) -> dict[str, np.ndarray]:
+        asked[utterance.text] = accents
+        return {"upper": np.zeros((3, 1)), "intent": np.zeros(3, np.int16)}
+
+    monkeypatch.setattr("umo_train.performer.perform", perform)
+    (tmp_path / "motion").mkdir()
+    np.save(tmp_path / "00001.npy", np.full((1, 50), 600, np.int16))
+    heard = corpus.HeardAccents(tmp_path, first=512, delay=14, rate=50)
+    for name, split in (("00001", "train"), ("00002", "test_voice")):
+        spoken = Utterance("v", split, np.zeros(16000, np.float32), (Phone("pau", 0.0, 1.0),))
+        corpus.write_item(tmp_path, corpus.Item(name, split, "neutral", "", 1, spoken))
+        corpus._perform_item((tmp_path, tmp_path / "speech" / f"{name}.npz", heard))
+    assert asked["train"].tolist() == [pytest.approx((25 - 14) / 50)] and asked["test_voice"] is None

@@ -11,6 +11,7 @@ from safetensors.torch import load_file, save_file
 from umo_train.audio.listener import Listener
 from umo_train.audio.tokens import PUBLISHED
 from umo_train.frames import parts, published
+from umo_train.frames.model import FrameModel, for_file
 from umo_train.frames.networks import ResidualVqVae
 from umo_train.frames.root import RootPlan
 from umo_train.skeleton import ARKIT
@@ -79,3 +80,18 @@ def test_a_listener_takes_a_smaller_ones_weights() -> None:
     torch.testing.assert_close(after.heard(rows, silence)[:, :3], before.heard(rows, silence))
     with pytest.raises(ValueError, match="other sizes"):
         before.take(after)
+
+
+def test_parts_that_are_trained_on_and_the_root_are_left_to_the_plan(tmp_path: Path) -> None:
+    published.start(MODEL, tmp_path, PARTS, list(ARKIT), SIZES, ["lower"])
+    assert (tmp_path / published.tokenizer("lower")).exists()
+    assert not (tmp_path / "tokenizer_lower.pt").exists() and not (tmp_path / "tokenizer_root.pt").exists()
+    assert (tmp_path / "tokenizer_torso.pt").exists()
+
+
+def test_a_language_model_goes_on_from_the_file() -> None:
+    config, tensors = published.read(MODEL)
+    model = FrameModel(config, PARTS, marked=True)
+    model.load_state_dict(published.language_model(MODEL))
+    for name, tensor in for_file(model.state_dict()).items():
+        torch.testing.assert_close(tensor, tensors[name if name.startswith("depth.") else f"lm.{name}"])

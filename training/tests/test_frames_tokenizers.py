@@ -374,3 +374,28 @@ def test_a_root_too_narrow_to_say_all_is_refused() -> None:
 def test_a_parts_numbers_lie_over_those_of_all() -> None:
     plan = tokenizers.plan_of({"steps": 5, "codes": 9, "root": {}, "dropout": 0.5}, {"steps": 7, "name": "x"}, 3, 4)
     assert (plan.steps, plan.dropout, plan.stride, plan.seed) == (7, 0.5, 3, 4)
+
+
+def test_a_published_tokenizer_goes_on_with_its_codes(tmp_path: Path) -> None:
+    motions = _motions()
+    first = tokenizers.train_part(replace(PLAN, steps=60), ARM, motions, tmp_path / "first")
+    folded = ResidualVqVae(ARM, 18)
+    given = first.folded()
+    tables = given.pop("quantizer.embedding.weight").split(ARM.codes)
+    given |= {f"levels.{i}.embedding.weight": rows for i, rows in enumerate(tables)}
+    folded.load_state_dict(folded.state_dict() | given)
+    whole = torch.from_numpy(motions[0])[None]
+    # Folded weights, and the same unfolded by other statistics, say what the network said.
+    again = ResidualVqVae(ARM, 18)
+    again.load_state_dict(folded.state_dict())
+    again.unfold(torch.full((18,), 0.3), torch.linspace(0.5, 2.0, 18))
+    inner = slice(10, -10)
+    codes = first.codes(whole)[0, inner]
+    torch.testing.assert_close(again.motion(first.codes(whole)), first.motion(first.codes(whole)), atol=1e-4, rtol=1e-4)
+    assert (again.codes(whole)[0, inner] == codes).float().mean() > 0.98
+    gone_on = tokenizers.train_part(replace(PLAN, steps=2, rate=1e-5), ARM, motions, tmp_path / "again", None,
+                                    folded.state_dict())  # fmt: skip
+    assert (gone_on.codes(whole)[0, inner, 0] == codes[:, 0]).float().mean() > 0.9
+    # What these motions have not is not forgotten: no code starts anew at once.
+    for old, new in zip(first.levels, gone_on.levels, strict=True):
+        assert (old.embedding.weight - new.embedding.weight).norm(dim=1).max() < 0.5 * old.embedding.weight.norm()

@@ -11,7 +11,7 @@ from umo_train.data import corpus
 from umo_train.data.clip import DataError
 from umo_train.people import align, check
 from umo_train.people.accents import accented
-from umo_train.people.make import FIRST, HELD_OUT, PREFIX, PeoplePlan, hours, make_people
+from umo_train.people.make import FIRST, HELD_OUT, PeoplePlan, hours, make_people
 from umo_train.people.recordings import recordings
 from umo_train.performer import perform
 from umo_train.performer.style import STYLES
@@ -153,7 +153,7 @@ def test_people_become_items(tmp_path: Path, slt: list[Utterance]) -> None:
     train = [item for item in items if item.split == "train"]
     held = [item for item in items if item.split == HELD_OUT]
     # Both sentences of one reader are one item; the tenth of the readers is kept out.
-    assert len(train) == 2 * (1 + 10) and [item.utterance.voice for item in held] == [PREFIX + "read-109"]
+    assert len(train) == 2 * (1 + 10) and [item.utterance.voice for item in held] == [corpus.PEOPLE + "read-109"]
     first, second = train[:2]
     assert [item.name for item in (first, second)] == [f"{FIRST:05}", f"{FIRST + 1:05}"]
     assert first.utterance.text == " ".join(TEXTS) and len(first.utterance.words) == 14

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
+from umo_train.performer import perform
 from umo_train.performer.prosody import listen
+from umo_train.performer.style import STYLES
 from umo_train.speech.utterance import SAMPLE_RATE, SILENCE, VOWELS, Phone, Utterance
 
 # Sentences as phones; 1 and 2 after a vowel are its stress.
@@ -61,6 +63,22 @@ def test_accents_are_the_accented_vowels():
     assert 0.8 * len(marked) <= len(accents) <= len(marked)
     for at in accents:
         assert any(p.start <= at <= p.end for p in marked)
+
+
+def test_given_accents_are_those_of_the_nearest_vowels():
+    made = speech()
+    own = listen(made).accents
+    vowels = [p for p in made.phones if p.name in VOWELS and p.stress < 2]
+    given = np.array([vowels[1].start + 0.05, own[2], own[2] + 60.0])
+    heard = listen(made, given).accents
+    assert len(heard) == 2 and any(vowels[1].start <= at <= vowels[1].end for at in heard) and own[2] in heard
+    # Nothing heard is no accent, where phones would say some.
+    assert len(listen(made, np.zeros(0)).accents) == 0
+    moved = perform(made, STYLES["neutral"], 3, given)
+    assert not np.array_equal(moved["upper"], perform(made, STYLES["neutral"], 3)["upper"])
+    # The mouth says the phones as before.
+    mouth = slice(6, None)
+    assert np.abs(moved["face"][:, mouth] - perform(made, STYLES["neutral"], 3)["face"][:, mouth]).mean() < 0.02
 
 
 def test_accents_without_marks_are_prominent_vowels():

@@ -30,6 +30,28 @@ def test_smoke_lies_over_the_plan() -> None:
     assert run.corpus == Path("w/corpus") and run.folder == Path("w/run")
 
 
+def test_a_plan_lies_over_its_base() -> None:
+    again, base = (
+        pipeline.Run.read(made_run.SMALL.parent / name, Path("w")).plan for name in ("frames_again.yaml", "frames.yaml")
+    )
+    assert "base" not in again and again["parts"] == base["parts"] and again["lm"] == base["lm"]
+    assert [stage["name"] for stage in again["stages"]] == ["again", "rounded_again"]
+    assert again["audio"] == base["audio"] | {"listener": base["audio"]["listener"] | {"steps": 0}}
+
+
+def test_accents_are_heard_after_the_step_audio(tmp_path: Path) -> None:
+    run = pipeline.Run.read(made_run.SMALL.parent / "frames_again.yaml", tmp_path)
+    with pytest.raises(ValueError, match="after the step `audio`"):
+        pipeline._heard_accents(run)
+    (tmp_path / "run/audio_tokens").mkdir(parents=True)
+    heard = pipeline._heard_accents(run)
+    assert heard is not None and (heard.first, heard.delay, heard.rate) == (512, 14, 50)
+    run.plan["motion"]["accents"] = "loudness"
+    with pytest.raises(ValueError, match="loudness"):
+        pipeline._heard_accents(run)
+    assert pipeline._heard_accents(pipeline.Run.read(made_run.SMALL, tmp_path)) is None
+
+
 @pytest.mark.parametrize("smoke", [False, True])
 def test_plans_hold_what_stages_read(smoke: bool) -> None:
     run = pipeline.Run.read(made_run.SMALL, Path("w"), smoke=smoke)

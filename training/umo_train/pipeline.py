@@ -9,7 +9,7 @@ import yaml
 from tqdm import tqdm
 
 from umo_train import export, processes
-from umo_train.audio import tokens
+from umo_train.audio import listener, tokens
 from umo_train.convert import vq
 from umo_train.data import corpus
 from umo_train.device import best
@@ -121,7 +121,19 @@ def step_actions(s: Run) -> None:
 
 
 def step_motion(s: Run) -> None:
-    corpus.make_motion(s.corpus, s.plan["workers"], s.shard)
+    corpus.make_motion(s.corpus, s.plan["workers"], s.shard, _heard_accents(s))
+
+
+def _heard_accents(s: Run) -> corpus.HeardAccents | None:
+    """What the performer hears where the plan has `motion: {accents: units}`: those of the step `audio` before it."""
+    accents = s.plan.get("motion", {}).get("accents", "phones")
+    if accents == "phones":
+        return None
+    folder = s.folder / "audio_tokens"
+    if accents != "units" or not folder.exists():
+        raise ValueError(f"motion.accents: {accents}: `phones`, or `units` after the step `audio`")
+    about = tokens.model_config(s.plan["audio"])["accents"]
+    return corpus.HeardAccents(folder, about["first"], about["delay"], listener.TOKEN_RATE)
 
 
 def step_audio(s: Run) -> None:

@@ -28,7 +28,10 @@ class Run:
 
     @staticmethod
     def read(config: Path, work: Path, *, smoke: bool = False) -> "Run":
+        """A plan with `base` is laid over the one in that file beside it."""
         plan = yaml.safe_load(config.read_text())
+        if base := plan.pop("base", None):
+            plan = merged(yaml.safe_load((config.parent / base).read_text()), plan)
         smallest = plan.pop("smoke", "smoke.yaml")
         if smoke:
             plan = merged(plan, yaml.safe_load((config.parent / smallest).read_text()))

@@ -63,11 +63,14 @@ def load(path: Path, plan: Plan) -> AnyTokenizer:
 
 
 def fit(folder: Path, out: Path, plan: Plan, seed: int) -> AnyTokenizer:
-    """Clusters features of the corpus, or takes the clusters that are published. Done already where `out` exists."""
+    """Clusters features of the corpus, or takes the clusters that are published; of a published listener that is to
+    have no more steps its own. Done already where `out` exists."""
     if not out.exists():
         before = out.parent / PUBLISHED
-        if plan["kind"] == "hubert":
-            tokenizer: AnyTokenizer = _fit_hubert(folder, plan, seed)
+        if before.exists() and plan.get("listener", {}).get("steps") == 0:
+            tokenizer: AnyTokenizer = load(before, plan)
+        elif plan["kind"] == "hubert":
+            tokenizer = _fit_hubert(folder, plan, seed)
         else:
             tokenizer = _fit_mel(folder, plan, seed, _published(before) if before.exists() else None)
         out.parent.mkdir(parents=True, exist_ok=True)

@@ -159,6 +159,10 @@ def read_voices(path: Path) -> list[np.ndarray]:
         return [data[name].astype(np.float32) / 32767 for name in sorted(data.files)]
 
 
+# Voices that are people's begin so.
+PEOPLE = "people/"
+
+
 @dataclass(frozen=True)
 class Entry:
     """An item without its sound."""
@@ -172,6 +176,11 @@ class Entry:
     # Whether it has speech: without, there is motion of the body alone.
     spoken: bool
     voice: str
+
+    @property
+    def person(self) -> bool:
+        """Whether a recorded person speaks, no synthesiser."""
+        return self.voice.startswith(PEOPLE)
 
     @property
     def listens(self) -> bool:
@@ -246,20 +255,46 @@ def _clips(files: tuple[Path, ...]) -> dict[str, np.ndarray]:
     return read_clips(list(files))
 
 
-def make_motion(folder: Path, workers: int, shard: Shard = ALL) -> None:
-    """Has the performer move to every item that has no motion yet, or to those of a share."""
+@dataclass(frozen=True)
+class HeardAccents:
+    """Accents as a model's audio units say them, `rate` a second: runs of at least `LEAST` units from `first` on,
+    `delay` units behind the onset. `folder` has an item's units as `NAME.npy` `[recordings, n]`, the clean ones
+    first."""
+
+    # Shorter runs are mostly stressed syllables of words that have no accent.
+    LEAST = 4
+
+    folder: Path
+    first: int
+    delay: int
+    rate: int
+
+    def of(self, name: str) -> np.ndarray:
+        """Seconds of an item's accents."""
+        marked = np.load(self.folder / f"{name}.npy")[0] >= self.first
+        edges = np.flatnonzero(np.diff(np.r_[False, marked, False].astype(int))).reshape(-1, 2)
+        # The middle of a run is as far behind the onset as its units are late.
+        runs = [(first + last) / 2 for first, last in edges if last - first >= self.LEAST]
+        return (np.array(runs) - self.delay) / self.rate
+
+
+def make_motion(folder: Path, workers: int, shard: Shard = ALL, heard: HeardAccents | None = None) -> None:
+    """Has the performer move to every item that has no motion yet, or to those of a share. With `heard` it moves by
+    these accents where a model learns from it: what is held out keeps to the true ones."""
     mine = [path for path in paths(folder, "speech") if shard.has(int(path.stem))]
-    jobs = [(folder, path) for path in mine if not (folder / "motion" / path.name).exists()]
+    jobs = [(folder, path, heard) for path in mine if not (folder / "motion" / path.name).exists()]
     with ProcessPoolExecutor(workers) as pool:
         list(tqdm(pool.map(_perform_item, jobs, chunksize=4), "motion", len(jobs), unit="item"))
 
 
-def _perform_item(job: tuple[Path, Path]) -> None:
+def _perform_item(job: tuple[Path, Path, HeardAccents | None]) -> None:
     from umo_train.performer import perform
 
-    folder, path = job
+    folder, path, heard = job
     item = read_item(path)
-    _write_motion(folder / "motion" / path.name, perform(item.utterance, STYLES[item.style], item.seed))
+    accents = heard.of(path.stem) if heard is not None and item.split == "train" else None
+    motion = perform(item.utterance, STYLES[item.style], item.seed, accents)
+    _write_motion(folder / "motion" / path.name, motion)
 
 
 def _write_motion(path: Path, motion: dict[str, np.ndarray]) -> None:

@@ -26,6 +26,8 @@ class FrameStream:
     # How often it is drawn for `t2m`, beside others of its length.
     weight: float = 1.0
     begins: tuple[int, ...] = ()
+    # Whether a person's recording is heard, not a synthesiser.
+    person: bool = False
 
     def has(self, what: str) -> bool:
         if what == "prompt":
@@ -45,6 +47,62 @@ class FrameBatch:
     codes: np.ndarray
     before: np.ndarray
     heard: np.ndarray | None = None
+
+
+@dataclass
+class Pool:
+    """What batches of a task are drawn from: all its items one behind the other, and where each of them begins, so that
+    a batch is a few array operations and not a loop over its examples."""
+
+    chance: np.ndarray
+    # Keyframes `[K, J]`, audio units `[n]` of all recordings, ids of the prompts `[m, longest]`.
+    keys: np.ndarray
+    units: np.ndarray
+    prompts: np.ndarray
+    # Of each item: its first row in `keys`, how many, its first unit, how many of a recording, how many recordings.
+    first: np.ndarray
+    keyframes: np.ndarray
+    heard: np.ndarray
+    tokens: np.ndarray
+    recordings: np.ndarray
+    # Whether its prompt is never left out.
+    told: np.ndarray
+    # Its first prompt that says something and how many do; how long all prompts are, and 0 behind them.
+    texts: np.ndarray
+    texts_count: np.ndarray
+    lengths: np.ndarray
+    # Keyframes at which actions begin, of all items; its first of them, and how many it has.
+    begins: np.ndarray
+    starts: np.ndarray
+    starts_count: np.ndarray
+
+    @staticmethod
+    def of(streams: list[FrameStream], chance: np.ndarray, stride: int) -> "Pool":
+        keys = [stream.codes[::stride].astype(np.int16) for stream in streams]
+        units = [_NOTHING[None] if stream.units is None else stream.units for stream in streams]
+        prompts = [[prompt for prompt in stream.prompts if len(prompt)] for stream in streams]
+        every = [prompt for its in prompts for prompt in its]
+        table = np.zeros((len(every) + 1, max(map(len, every), default=0)), np.int64)
+        for row, prompt in zip(table, every, strict=False):
+            row[: len(prompt)] = prompt
+        return Pool(
+            chance=chance,
+            keys=np.concatenate(keys),
+            units=np.concatenate([one.ravel() for one in units]).astype(np.int16),
+            prompts=table,
+            first=_firsts([len(one) for one in keys]),
+            keyframes=np.array([len(one) for one in keys]),
+            heard=_firsts([one.size for one in units]),
+            tokens=np.array([one.shape[1] for one in units]),
+            recordings=np.array([len(one) for one in units]),
+            told=np.array([stream.told for stream in streams]),
+            texts=_firsts([len(its) for its in prompts]),
+            texts_count=np.array([len(its) for its in prompts]),
+            lengths=np.array([*map(len, every), 0]),
+            begins=np.array([at for stream in streams for at in stream.begins] + [0]),
+            starts=_firsts([len(stream.begins) for stream in streams]),
+            starts_count=np.array([len(stream.begins) for stream in streams]),
+        )
 
 
 class FrameExamples:
@@ -86,95 +144,116 @@ class FrameExamples:
         self.rest = np.concatenate([entry["rest"] for entry in config["parts"]]).astype(np.int64)
         self.body = np.repeat(body, [part.levels for part in parts])
         self.counts = np.repeat([part.codes for part in parts], [part.levels for part in parts])
-        self.pools: dict[str, tuple[list[FrameStream], np.ndarray]] = {}
+        self.pools: dict[str, Pool] = {}
 
-    def _streams(self, count: int, rng: np.random.Generator, task: str) -> list[FrameStream]:
+    def _pool(self, task: str) -> Pool:
         if task not in self.pools:
             fit = [stream for stream in self.streams if all(map(stream.has, NEEDS[task]))]
             if not fit:
                 raise ValueError(f"no item has {' and '.join(NEEDS[task])}, which the task `{task}` needs")
             lengths = np.array([len(x.codes) * (x.weight if task == "t2m" else 1.0) for x in fit])
-            self.pools[task] = fit, lengths / lengths.sum()
-        streams, chance = self.pools[task]
-        return [streams[i] for i in rng.choice(len(streams), count, p=chance)]
+            self.pools[task] = Pool.of(fit, lengths / lengths.sum(), self.stride)
+        return self.pools[task]
 
     def chunk(self, count: int, target: int, rng: np.random.Generator, *, task: str = "a2m") -> FrameBatch:
         """A chunk of `target` keyframes after the prefix, from audio (`a2m`), with a prompt or without, or from a
         prompt alone (`t2m`)."""
-        inputs, histories, said, before = [], [], [], []
+        pool = self._pool(task)
+        item = rng.choice(len(pool.chance), count, p=pool.chance)
+        at = self._first(pool, item, target, rng, task)
+        rows = at[:, None] + np.arange(-self.prefix, target)
+        inside = (rows >= 0) & (rows < pool.keyframes[item][:, None])
+        codes = pool.keys[np.where(inside, pool.first[item][:, None] + rows, 0)].astype(np.int64)
+        # The keyframes before the chunk: the chunk's own are what is to be said.
+        history = np.where(inside[:, : self.prefix, None], codes[:, : self.prefix], self.rest)
+        said = np.where(inside[:, self.prefix :, None], codes[:, self.prefix :], -1)
+        before = history[:, -1].copy()
+        audio = self._audio(pool, item, at, target, rng) if task == "a2m" else None
+        if self.augment:
+            history = self._worse(history, audio, rng)
         template = "audio_to_motion" if task == "a2m" else "text_to_motion"
-        for stream in self._streams(count, rng, task):
-            keys = stream.codes[:: self.stride].astype(np.int64)
-            at = self._first(stream, len(keys), target, rng, task)
-            # The keyframes before the chunk: the chunk's own are what is to be said.
-            history = _rows(keys, at - self.prefix, self.prefix, self.rest)
-            before.append(history[-1].copy())
-            audio = self._audio(stream, at, target, rng) if task == "a2m" else _NOTHING
-            if self.augment:
-                history, audio = self._worse(history, audio, rng)
-            prompt = self._prompt(stream, rng, task)
-            inputs.append(self._fill(template, audio, prompt))
-            histories.append(history)
-            said.append(_rows(keys, at, target, np.full(len(self.rest), -1)))
-        ids, mask = _stack(inputs)
-        batch = FrameBatch(ids, mask, np.stack(histories), np.stack(said), np.stack(before))
+        ids, mask = self._fill(template, audio, *self._prompt(pool, item, rng, task))
+        batch = FrameBatch(ids, mask, history, said, before)
         if task == "a2m":
             first = self.config["templates"][template].index("audio") + 1
             batch.heard = first + (self.prefix + np.arange(target)) * self.tokens + self.middle
         return batch
 
-    def _first(self, stream: FrameStream, keyframes: int, target: int, rng: np.random.Generator, task: str) -> int:
-        """The chunk's first keyframe."""
-        if task == "t2m" and self.augment and stream.begins and rng.random() < self.BEGINNING:
-            begins = stream.begins[rng.integers(len(stream.begins))] - self.AHEAD_OF_ARMS
-            return max(begins - int(rng.integers(target)), 0)
-        return int(rng.integers(0, max(keyframes - target, 1)))
+    def _first(self, pool: Pool, item: np.ndarray, target: int, rng: np.random.Generator, task: str) -> np.ndarray:
+        """The chunks' first keyframes."""
+        at = _one_of(np.maximum(pool.keyframes[item] - target, 1), rng)
+        if task != "t2m" or not self.augment:
+            return at
+        begins = pool.begins[pool.starts[item] + _one_of(pool.starts_count[item], rng)] - self.AHEAD_OF_ARMS
+        beginning = (rng.random(len(item)) < self.BEGINNING) & (pool.starts_count[item] > 0)
+        return np.where(beginning, np.maximum(begins - rng.integers(target, size=len(item)), 0), at)
 
-    def _audio(self, stream: FrameStream, at: int, target: int, rng: np.random.Generator) -> np.ndarray:
+    def _audio(self, pool: Pool, item: np.ndarray, at: np.ndarray, target: int, rng: np.random.Generator) -> np.ndarray:
         """Ids of the prefix', the chunk's and the audio's behind it, with markers; before an item and after it is
         silence."""
-        recording = rng.integers(len(stream.units)) if self.augment else 0
-        first, count = (at - self.prefix) * self.tokens, (self.prefix + target + self.ahead) * self.tokens
-        units = _rows(stream.units[recording].astype(np.int64), first, count, self.silence)
+        recording = _one_of(pool.recordings[item], rng) if self.augment else np.zeros_like(item)
+        count = (self.prefix + target + self.ahead) * self.tokens
+        rows = (at[:, None] - self.prefix) * self.tokens + np.arange(count)
+        length = pool.tokens[item]
+        inside = (rows >= 0) & (rows < length[:, None])
+        own = (pool.heard[item] + recording * length)[:, None]
+        units = np.where(inside, pool.units[np.where(inside, own + rows, 0)], self.silence)
         audio = self.vocab["audio"]
-        ids = audio["first"] + units
-        hidden = self._unheard(rng) * self.tokens
-        if hidden:
-            ids[-hidden:] = audio["mask"]
-        return np.concatenate([[audio["start"]], ids, [audio["end"]]])
+        hidden = self._unheard(len(item), rng) * self.tokens
+        ids = np.where(np.arange(count) >= count - hidden[:, None], audio["mask"], audio["first"] + units)
+        return np.pad(ids, ((0, 0), (1, 1)), constant_values=((0, 0), (audio["start"], audio["end"])))
 
-    def _unheard(self, rng: np.random.Generator) -> int:
+    def _unheard(self, count: int, rng: np.random.Generator) -> np.ndarray:
         """How many keyframes of the audio behind the chunk a session does not wait for."""
-        if not self.ahead or not self.augment or rng.random() >= self.UNHEARD:
-            return 0
-        return int(rng.integers(1, self.ahead + 1))
+        if not self.ahead or not self.augment:
+            return np.zeros(count, np.int64)
+        return np.where(rng.random(count) < self.UNHEARD, rng.integers(1, self.ahead + 1, count), 0)
 
-    def _worse(self, history: np.ndarray, audio: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-        """A history as streams have it: short, with errors, or none of the body's."""
-        if rng.random() < self.SHORT:
-            kept = int(rng.integers(0, self.prefix))
-            history[: self.prefix - kept] = self.rest
-            if len(audio):
-                audio[1 : 1 + (self.prefix - kept) * self.tokens] = self.vocab["audio"]["first"] + self.silence
-        if rng.random() < self.NOISY:
-            replaced = rng.random(history.shape) < self.REPLACED
-            history = np.where(replaced, rng.integers(0, self.counts, history.shape), history)
-        if rng.random() < self.HIDDEN:
-            history[:, self.body] = -1
-        return history, audio
+    def _worse(self, history: np.ndarray, audio: np.ndarray | None, rng: np.random.Generator) -> np.ndarray:
+        """Histories as streams have them: short, with errors, or none of the body's. Of a short one the audio is silent
+        too, in place."""
+        count = len(history)
+        cut = np.where(rng.random(count) < self.SHORT, self.prefix - rng.integers(0, self.prefix, count), 0)
+        history = np.where((np.arange(self.prefix) < cut[:, None])[..., None], self.rest, history)
+        if audio is not None:
+            past = audio[:, 1 : 1 + self.prefix * self.tokens]
+            silent = np.arange(past.shape[1]) < (cut * self.tokens)[:, None]
+            past[silent] = self.vocab["audio"]["first"] + self.silence
+        replaced = (rng.random(count) < self.NOISY)[:, None, None] & (rng.random(history.shape) < self.REPLACED)
+        history = np.where(replaced, rng.integers(0, self.counts, history.shape), history)
+        hidden = (rng.random(count) < self.HIDDEN)[:, None] & self.body
+        return np.where(hidden[:, None], -1, history)
 
-    def _prompt(self, stream: FrameStream, rng: np.random.Generator, task: str) -> np.ndarray:
-        """One of an item's prompts, or nothing, as in the row that guidance goes away from."""
-        prompts = [prompt for prompt in stream.prompts if len(prompt)]
-        share = self.WORDLESS if task == "t2m" else 0.0 if stream.told else self.UNPROMPTED
-        dropped = self.augment and rng.random() < share
-        return prompts[rng.integers(len(prompts))] if prompts and not dropped else _NOTHING
+    def _prompt(
+        self, pool: Pool, item: np.ndarray, rng: np.random.Generator, task: str
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """One of each item's prompts, `[b, longest]`, and how long it is: 0 as in the row that guidance goes away
+        from."""
+        share = np.full(len(item), self.WORDLESS) if task == "t2m" else np.where(pool.told[item], 0, self.UNPROMPTED)
+        kept = pool.texts_count[item] > 0
+        if self.augment:
+            kept &= rng.random(len(item)) >= share
+        text = np.where(kept, pool.texts[item] + _one_of(pool.texts_count[item], rng), -1)
+        return pool.prompts[text], pool.lengths[text]
 
-    def _fill(self, template: str, audio: np.ndarray, text: np.ndarray) -> np.ndarray:
-        """The template's ids with everything in its place."""
-        places = {"audio": audio, "text": text, "history": self.vocab["size"] + np.arange(self.prefix)}
+    def _fill(
+        self, template: str, audio: np.ndarray | None, texts: np.ndarray, lengths: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray | None]:
+        """The template's ids with everything in its place, and which of them count, if not all do: rows with a shorter
+        prompt are filled up at their end."""
+        count = len(texts)
+        history = np.tile(self.vocab["size"] + np.arange(self.prefix), (count, 1))
+        places = {"audio": audio, "text": texts, "history": history}
         entries = self.config["templates"][template]
-        return np.concatenate([[entry] if isinstance(entry, int) else places[entry] for entry in entries])
+        columns = [np.full((count, 1), entry) if isinstance(entry, int) else places[entry] for entry in entries]
+        kept = [np.ones(column.shape, bool) for column in columns]
+        kept[entries.index("text")] = np.arange(texts.shape[1]) < lengths[:, None]
+        ids, mask = np.concatenate(columns, 1), np.concatenate(kept, 1)
+        # What counts moves together.
+        order = np.argsort(~mask, axis=1, kind="stable")[:, : mask.sum(1).max()]
+        mask = np.take_along_axis(mask, order, 1)
+        ids = np.where(mask, np.take_along_axis(ids, order, 1), 0)
+        return ids, None if mask.all() else mask
 
 
 def heard_token(config: Config, delay: int | None) -> int:
@@ -183,20 +262,11 @@ def heard_token(config: Config, delay: int | None) -> int:
     return int(tokens // 2 if delay is None else min(delay, tokens - 1))
 
 
-def _rows(rows: np.ndarray, first: int, count: int, fill: np.ndarray | int) -> np.ndarray:
-    """`rows[first : first + count]`, `fill` outside of them."""
-    out = np.empty((count, *rows.shape[1:]), np.int64)
-    out[:] = fill
-    low, high = max(first, 0), min(first + count, len(rows))
-    if high > low:
-        out[low - first : high - first] = rows[low:high]
-    return out
+def _firsts(lengths: list[int]) -> np.ndarray:
+    """Where each of arrays of these lengths begins, one behind the other."""
+    return np.cumsum([0, *lengths])[:-1]
 
 
-def _stack(inputs: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray | None]:
-    """Rows of one length, and which of their ids count, if not all do."""
-    ids = np.zeros((len(inputs), max(map(len, inputs))), np.int64)
-    mask = np.zeros(ids.shape, bool)
-    for row, values, kept in zip(inputs, ids, mask, strict=True):
-        values[: len(row)], kept[: len(row)] = row, True
-    return ids, None if mask.all() else mask
+def _one_of(counts: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """A number below each of `counts`; 0 below 0."""
+    return (rng.random(len(counts)) * counts).astype(np.int64)

@@ -238,3 +238,8 @@ class FrameModel(nn.Module):
 def for_file(state: dict[str, Tensor]) -> dict[str, Tensor]:
     """Weights of a `FrameModel` under the names that the model file has, less `lm.`."""
     return {name.replace("frames.kind.", "frames.type."): tensor for name, tensor in state.items()}
+
+
+def from_file(named: dict[str, Tensor]) -> dict[str, Tensor]:
+    """The inverse of `for_file`."""
+    return {name.replace("frames.type.", "frames.kind."): tensor for name, tensor in named.items()}

@@ -62,6 +62,17 @@ class ResidualVqVae(nn.Module):
         """All levels' vectors, `[levels * codes, width]`, as the model file has them."""
         return torch.cat([level.embedding.weight for level in self.levels]).detach()
 
+    @torch.no_grad()
+    def unfold(self, mean: Tensor, scale: Tensor) -> None:
+        """Of weights as `folded` gives them, those with channels normalised inside, by these."""
+        self.mean.copy_(mean)
+        self.scale.copy_(scale)
+        first, last = self.encoder.main[0], self.decoder.main[-1]
+        first.bias += (first.weight * mean[None, :, None]).sum((1, 2))
+        first.weight *= scale[None, :, None]
+        last.weight /= scale[:, None, None]
+        last.bias.copy_((last.bias - mean) / scale)
+
     def folded(self) -> dict[str, Tensor]:
         """Weights that take and give channels as they are. Only the encoder's first and last frames differ: there the
         zeros beside the motion stand for zeros, in training for the mean."""

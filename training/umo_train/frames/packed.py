@@ -67,6 +67,7 @@ def _described(stream: FrameStream, stride: int) -> Config:
         "told": stream.told,
         "weight": stream.weight,
         "begins": stream.begins,
+        "person": stream.person,
     }
 
 
@@ -88,6 +89,6 @@ def read(path: Path) -> Packed:
                 said = units[heard : heard + count].reshape(entry["units"])
                 heard += count
             prompts = tuple(np.array(prompt, np.int64) for prompt in entry["prompts"])
-            begins = tuple(entry["begins"])
-            splits[split].append(FrameStream(mine, said, prompts, entry["told"], entry["weight"], begins))
+            told, weight, person = entry["told"], entry["weight"], entry.get("person", False)
+            splits[split].append(FrameStream(mine, said, prompts, told, weight, tuple(entry["begins"]), person))
     return Packed(about["config"], about["silence"], about["delay"], about["body"], splits)

@@ -138,15 +138,16 @@ def reach_m(joint: int) -> float:
     return max([float(np.linalg.norm(OFFSETS_M[child])) + reach_m(child) for child in children], default=0.03)
 
 
-# Where a face looks is seen as if the head were so long, in metres.
-_GAZE_M = 0.8
+# Where a face looks is seen as if the head were so long, in metres; and a pelvis' turn as if it reached to the neck:
+# by its bones alone it would count a tenth of a thigh, and who boxes or sways would stand.
+_GAZE_M, _PELVIS_M = 0.8, 0.6
 
 
 def bone_m(joint: int) -> float:
     """How far from a joint the furthest place is that it moves while all other joints of a part keep their turn in the
     world, in metres: the next joint, or of one that ends the part all that a person sees turn."""
-    if joint == JOINT["head"]:
-        return _GAZE_M
+    if joint in (JOINT["head"], JOINT["pelvis"]):
+        return _GAZE_M if joint == JOINT["head"] else _PELVIS_M
     children = [child for child in range(JOINTS) if PARENTS[child] == joint]
     if joint in (JOINT["left_wrist"], JOINT["right_wrist"]) or not children:
         return reach_m(joint)

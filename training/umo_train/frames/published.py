@@ -2,6 +2,7 @@
 rest alone."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import torch
@@ -11,6 +12,7 @@ from torch import Tensor, nn
 
 from umo_train.audio.tokens import PUBLISHED
 from umo_train.frames.interp import VectorInterpolation
+from umo_train.frames.model import from_file
 from umo_train.frames.networks import ResidualVqVae
 from umo_train.frames.parts import Part, columns
 from umo_train.frames.root import RootPlan
@@ -35,9 +37,18 @@ def read(path: Path) -> tuple[Config, dict[str, Tensor]]:
     return config, floats(stored)
 
 
-def start(path: Path, folder: Path, order: list[Part], face: list[str], root: RootPlan) -> None:
+def tokenizer(part: str) -> str:
+    """The file that a part's tokenizer goes on from."""
+    return f"published_{part}.pt"
+
+
+def start(
+    path: Path, folder: Path, order: list[Part], face: list[str], root: RootPlan, more: Sequence[str] = ()
+) -> None:
     """Writes `tokenizer_*.pt`, `interp.pt` and what the listener starts from in `folder`, from the model file `path`,
-    for the plan's parts; what exists stays. Raises `ValueError` where they are not the file's."""
+    for the plan's parts; what exists stays. Tokenizers of the parts `more`, which are to be trained on, and with a
+    lower body among them the root network, are not yet what the plan is to have. Raises `ValueError` where parts are
+    not the file's."""
     config, tensors = read(path)
     given = {entry["name"]: entry for entry in config["parts"]}
     for part in order:
@@ -53,14 +64,22 @@ def start(path: Path, folder: Path, order: list[Part], face: list[str], root: Ro
         table = mine.pop("quantizer.embedding.weight").split(part.codes)
         mine |= {f"levels.{i}.embedding.weight": rows for i, rows in enumerate(table)}
         # Channels go in as they are: the file's weights have mean and scale in them.
-        _write(model, mine, folder / f"tokenizer_{part.name}.pt")
-    heard = {name: tensor.contiguous() for name, tensor in tensors.items() if name.startswith("audio.mel.")}
+        _write(model, mine, folder / (tokenizer(part.name) if part.name in more else f"tokenizer_{part.name}.pt"))
+    heard = {name: tensor.contiguous() for name, tensor in tensors.items() if name.startswith("audio.")}
     if heard:
         save_file(heard, folder / PUBLISHED)
     network = RootNetwork(root.width, config["vq"]["root"]["channels"], root.layers)
-    _write(network, _below(tensors, "vq.root."), folder / "tokenizer_root.pt")
+    if "lower" not in more:
+        _write(network, _below(tensors, "vq.root."), folder / "tokenizer_root.pt")
     sizes = {"interp": config["interp"], "keyframe_stride": config["keyframe_stride"]}
     _write(VectorInterpolation(sizes, order), _below(tensors, "interp."), folder / "interp.pt")
+
+
+def language_model(path: Path) -> dict[str, Tensor]:
+    """Weights of a `FrameModel` from a model file: what `for_file` has named."""
+    _, tensors = read(path)
+    depth = {name: tensor for name, tensor in tensors.items() if name.startswith("depth.")}
+    return from_file(_below(tensors, "lm.") | depth)
 
 
 def _below(tensors: dict[str, Tensor], prefix: str) -> dict[str, Tensor]:

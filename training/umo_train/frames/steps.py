@@ -83,17 +83,30 @@ def names(s: Run, split: str, *, spoken: bool) -> list[str]:
 
 def step_start(s: Run) -> None:
     """Tokenizers and the interpolation network of the model file that the plan names as `start`, relative to itself."""
-    published.start(s.plans / s.plan["start"], s.folder, parts_of(s), names_of_face(s), root_plan(s))
+    path = s.plans / s.plan["start"]
+    published.start(path, s.folder, parts_of(s), names_of_face(s), root_plan(s), [*steps_more(s)])
+
+
+def steps_more(s: Run) -> dict[str, int]:
+    """Parts whose published tokenizers are trained on, and for how many steps."""
+    return dict(s.plan["tokenizers"].get("more", {}))
 
 
 def step_tokenizers(s: Run, only: tuple[str, ...] = ()) -> None:
-    """Part after part, each on what those before it leave. Needs the body's motion of every training item in memory."""
+    """Part after part, each on what those before it leave. Needs the body's motion of every training item in memory.
+    Of a plan that starts from a published model, those of `tokenizers.more` alone."""
     given = {entry["name"]: entry for entry in s.plan["parts"]}
     stride, seed = s.plan["window"]["keyframe_stride"], s.plan["seed"]
-    order = moving(s)
+    order, more = moving(s), steps_more(s)
     for i, part in enumerate(order):
         if only and part.name not in only:
             continue
+        begun = None
+        if "start" in s.plan:
+            if part.name not in more:
+                continue
+            given[part.name] |= {"steps": more[part.name]}
+            begun = _trained(s.folder / published.tokenizer(part.name), "model")
         region, _ = parts.columns(part, names_of_face(s))
         # Faces move with speech: where there is none, they are at rest throughout.
         items = trained_on(s, spoken=region == "face")
@@ -108,8 +121,9 @@ def step_tokenizers(s: Run, only: tuple[str, ...] = ()) -> None:
             if feet_of(part):
                 beside.append(with_feet(motion["lower"], said.channels["lower"]))
         plan = plan_of(s.plan["tokenizers"], given[part.name], stride, seed)
-        train_part(plan, part, motions, s.folder, beside or None)
-    if not only or "root" in only:
+        train_part(plan, part, motions, s.folder, beside or None, begun)
+    # The root follows what the lower body's codes say.
+    if "root" in only or (not only and ("start" not in s.plan or "lower" in more)):
         _solve_root(s)
 
 
@@ -154,11 +168,12 @@ def root_network(s: Run) -> RootNetwork:
 
 
 def tokenizers(s: Run, of: list[Part] | None = None) -> dict[str, ResidualVqVae]:
-    """Of every part with channels, or of some parts."""
+    """Of every part with channels, or of some parts, which may have fewer levels than were trained: the first."""
     out = {}
-    for part in moving(s) if of is None else of:
+    for part in moving(s) if of is None else filter(lambda part: part.moves, of):
         model = ResidualVqVae(part, len(parts.columns(part, names_of_face(s))[1]))
-        model.load_state_dict(_trained(s.folder / f"tokenizer_{part.name}.pt", "model"))
+        state, wanted = _trained(s.folder / f"tokenizer_{part.name}.pt", "model"), model.state_dict()
+        model.load_state_dict({name: state[name] for name in wanted})
         out[part.name] = model.eval()
     return out
 
@@ -317,7 +332,7 @@ def _streams(s: Run, split: str) -> list[FrameStream]:
         # From text alone come actions above all: talking has a voice to go by.
         weight = _ACTIONS_FROM_TEXT if acts else 1.0
         starts = begins(codes, order, s.plan["window"]["keyframe_stride"]) if acts and codes is not None else ()
-        streams.append(FrameStream(codes, units, ids, told, weight, starts))
+        streams.append(FrameStream(codes, units, ids, told, weight, starts, entry.person))
     return streams
 
 
@@ -342,7 +357,8 @@ def stage_plan(s: Run, stage: Config) -> FrameStagePlan:
 
 
 def step_lm(s: Run) -> None:
-    """The stages of the plan; upcycling at the first that is not dense."""
+    """The stages of the plan; upcycling at the first that is not dense. With `start_language_model` the first goes on
+    from the published model's weights."""
     pack, order = s.folder / packed.NAME, parts_of(s)
     data = packed.read(pack) if pack.exists() else packed_of(s, model_file_config(s))
     config = data.config
@@ -358,16 +374,22 @@ def step_lm(s: Run) -> None:
         if path.exists():
             model.load_state_dict(export.load_state(path))
             continue
-        if before is not None:
+        if before is None and s.plan.get("start_language_model"):
+            model.load_state_dict(published.language_model(s.plans / s.plan["start"]))
+        elif before is not None:
             state = before.state_dict()
             upcycles = not moe.layers(before) and not plan.dense
             model.load_state_dict(moe.upcycled(state, config["lm"]["experts"], plan.seed) if upcycles else state)
         train_stage(plan, model, train, held, s.folder, s.until)
         if processes.is_first():
-            copies = _trained(s.folder / f"lm_{plan.name}.pt", "optimizer")["copies"]
-            trained = [name for name, _ in model.named_parameters()]
-            export.save_state(path, dict(zip(trained, copies, strict=True)))
+            export.save_state(path, copies(s.folder, plan, model))
         processes.wait()
+
+
+def copies(folder: Path, plan: FrameStagePlan, model: FrameModel) -> dict[str, torch.Tensor]:
+    """The f32 weights of a stage's last checkpoint under their names."""
+    names = [name for name, _ in model.named_parameters()]
+    return dict(zip(names, _trained(folder / f"lm_{plan.name}.pt", "optimizer")["copies"], strict=True))
 
 
 def step_interp(s: Run) -> None:
@@ -379,15 +401,20 @@ def step_interp(s: Run) -> None:
 
 def step_export(s: Run) -> None:
     """`run/NAME.safetensors`, bf16; `umo quantize` makes the int8 one."""
-    config, order = model_file_config(s), parts_of(s)
-    language = for_file(export.load_state(s.folder / f"lm_{s.plan['stages'][-1]['name']}.safetensors"))
+    language = export.load_state(s.folder / f"lm_{s.plan['stages'][-1]['name']}.safetensors")
+    export_model(s, s.folder / f"{s.plan['name']}.safetensors", model_file_config(s), parts_of(s), language)
+
+
+def export_model(s: Run, path: Path, config: Config, order: list[Part], language: dict[str, torch.Tensor]) -> None:
+    """A model file of the run's tokenizers, of which parts in `order` may lack levels, and of a language model."""
     interpolation = VectorInterpolation(config, order)
     interpolation.load_state_dict(_trained(s.folder / "interp.pt", "model"))
-    motion = {name: model.folded() for name, model in tokenizers(s).items()} | {"root": root_network(s).state_dict()}
+    motion = {name: model.folded() for name, model in tokenizers(s, order).items()}
+    motion["root"] = root_network(s).state_dict()
     audio = tokens.load(s.folder / "audio.safetensors", s.plan["audio"])
     named = export.tensors(
-        audio.tensors(), language, interpolation.state_dict(), motion, s.text_model(), torch.bfloat16
+        audio.tensors(), for_file(language), interpolation.state_dict(), motion, s.text_model(), torch.bfloat16
     )
     # Small differences of large values do not survive rounding.
     named |= {f"vq.root.{name}": tensor.contiguous() for name, tensor in motion["root"].items()}
-    export.write(s.folder / f"{s.plan['name']}.safetensors", config, named)
+    export.write(path, config, named)

@@ -123,17 +123,23 @@ def train_part(
     motions: list[np.ndarray],
     folder: Path,
     beside: list[np.ndarray] | None = None,
+    before: dict[str, Tensor] | None = None,
 ) -> ResidualVqVae:
-    """`motions` are `[T, channels]`, `beside` what `with_feet` gives. Resumes from what is in the folder."""
+    """`motions` are `[T, channels]`, `beside` what `with_feet` gives; with `before` it goes on from a published model's
+    weights, whose codes keep their meaning. Resumes from what is in the folder."""
     torch.manual_seed(plan.seed)
     device = best()
     channels = motions[0].shape[1]
     joined = motions if beside is None else [np.concatenate(pair, 1) for pair in zip(motions, beside, strict=True)]
     model = ResidualVqVae(part, channels)
     everything = torch.from_numpy(np.concatenate(motions[:: max(1, len(motions) // 400)]))
-    deviation = everything.std(0)
-    model.mean.copy_(everything.mean(0))
-    model.scale.copy_(deviation.clamp(min=LEAST_SCALE))
+    mean, scale = everything.mean(0), everything.std(0).clamp(min=LEAST_SCALE)
+    if before is None:
+        model.mean.copy_(mean)
+        model.scale.copy_(scale)
+    else:
+        model.load_state_dict(before)
+        model.unfold(mean, scale)
     model.to(device)
     loss_of_part = PartLoss(part, plan, everything.to(device))
     optimizer = torch.optim.AdamW(model.parameters(), plan.rate, betas=(0.9, 0.99), weight_decay=1e-4)
@@ -143,10 +149,10 @@ def train_part(
     saved = Saved(path, model=model, optimizer=optimizer, schedule=schedule, chance=Chance(chance))
     start = saved.load()
     log = Log(folder / f"tokenizer_{part.name}.csv", start)
-    warm = warm_steps(plan)
+    warm = warm_steps(plan) if before is None else 0
     for step in tqdm(range(start, plan.steps), f"tokenizer {part.name}", initial=start, total=plan.steps):
         if step == warm:
-            start_codebooks(model, plan, motions, chance)
+            start_codebooks(model, plan, motions, chance, again=before is not None)
         crop = torch.from_numpy(_crops(joined, plan.batch, plan.frames, chance)).to(device)
         x, more = crop[..., :channels], crop[..., channels:] if beside is not None else None
         loss, values = loss_of(
@@ -171,21 +177,28 @@ def warm_steps(plan: ResidualPlan) -> int:
 
 @torch.no_grad()
 def start_codebooks(
-    model: ResidualVqVae, plan: ResidualPlan, motions: list[np.ndarray], chance: np.random.Generator
+    model: ResidualVqVae,
+    plan: ResidualPlan,
+    motions: list[np.ndarray],
+    chance: np.random.Generator,
+    *,
+    again: bool = False,
 ) -> None:
-    """Every level from the k-means of what the levels before it leave."""
+    """Every level from the k-means of what the levels before it leave; `again` from its own table."""
     device = model.mean.device
     crops = np.concatenate([_crops(motions, plan.batch, plan.frames, chance) for _ in range(_START_BATCHES)])
     left = model.latents(torch.from_numpy(crops).to(device)).flatten(0, 1)
     for level in model.levels:
         table, count = level.embedding.weight, len(level.count)
-        table.copy_(left[torch.randint(len(left), (count,), device=device)])
-        for _ in range(_START_ROUNDS):
+        if not again:
+            table.copy_(left[torch.randint(len(left), (count,), device=device)])
+        for _ in range(0 if again else _START_ROUNDS):
             chosen = level.nearest(left)
             hits = torch.bincount(chosen, minlength=count)
             sums = torch.zeros_like(table).index_add_(0, chosen, left)
             table[hits > 0] = sums[hits > 0] / hits[hits > 0, None]
-        # As if the running means had seen these alone.
+        # As if the running means had seen these alone. What a published table has and these rows have not is kept.
+        hits = torch.bincount(level.nearest(left), minlength=count).clamp(min=_START_BATCHES if again else 0)
         level.count.copy_(hits.float() / _START_BATCHES)
         level.total.copy_(table * level.count[:, None])
         left = left - level.embedding(level.nearest(left))

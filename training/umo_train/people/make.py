@@ -26,8 +26,6 @@ FIRST = 50_000
 HELD_OUT, _EVERY = "test_people", 10
 # Loudness, decibels below full scale: as all speech of the corpus.
 _LEVEL = 24
-# Voices of the corpus that are people's begin so.
-PREFIX = "people/"
 
 
 @dataclass(frozen=True)
@@ -101,7 +99,7 @@ def _make(job: _Job) -> int:
         samples = variation.leveled(recording.samples(one.path), _LEVEL)
         found = align.phones(samples, one.text, job.language)
         if found is not None:
-            spoken.append(accented(replace(found, voice=PREFIX + one.reader)))
+            spoken.append(accented(replace(found, voice=corpus.PEOPLE + one.reader)))
     if not spoken:
         return 0
     for take in range(job.plan.takes if job.split == "train" else 1):
@@ -119,7 +117,7 @@ def hours(folder: Path) -> dict[str, float]:
     """Of the split `train`: by people, by synthesisers, and actions without speech."""
     out: Counter[str] = Counter(people=0.0, synthesisers=0.0)
     for item in corpus.items(folder, "train"):
-        kind = "people" if item.utterance.voice.startswith(PREFIX) else "synthesisers"
+        kind = "people" if item.utterance.voice.startswith(corpus.PEOPLE) else "synthesisers"
         kind = "actions" if item.style.startswith("action ") else kind
         out[kind] += item.utterance.seconds / 3600
     return dict(out)

@@ -27,10 +27,11 @@ from umo_train.speech.utterance import FRAME_RATE, Utterance
 JAW_OPEN = 0.35
 
 
-def perform(utterance: Utterance, style: Style, seed: int) -> dict[str, np.ndarray]:
+def perform(utterance: Utterance, style: Style, seed: int, accents: np.ndarray | None = None) -> dict[str, np.ndarray]:
     """Channels of each part `[T, C]`, under "height" the pelvis' height `[T]` and under "intent" what the arms are
-    about, as `intent` codes it `[T]`; the same for the same arguments."""
-    heard = listen(utterance)
+    about, as `intent` codes it `[T]`; the same for the same arguments. `accents` in seconds are heard in place of those
+    that the phones say."""
+    heard = listen(utterance, accents)
     if style.listens:
         utterance = listening.unspoken(utterance)
     prosody = listen(utterance) if style.listens else heard

@@ -13,6 +13,8 @@ PAUSE_S = 0.2
 _RATE = 100
 # Nearer accents than this are one accent.
 _ACCENT_GAP_S = 0.3
+# A given accent is that of the nearest vowel, if it is so near.
+_ACCENT_NEAR_S = 0.12
 
 
 @dataclass(frozen=True)
@@ -32,15 +34,26 @@ class Prosody:
     syllabic_db: np.ndarray
 
 
-def listen(utterance: Utterance) -> Prosody:
-    """All of the above."""
+def listen(utterance: Utterance, accents: np.ndarray | None = None) -> Prosody:
+    """All of the above; with `accents`, vowels near to these times in seconds are accented, whatever phones say."""
     t = np.arange(utterance.frames) / FRAME_RATE
     phrases = _phrases(utterance)
     slow, syllabic = _loudness(utterance, phrases, t)
     vowels = [phone for phone in utterance.phones if phone.name in VOWELS]
     onsets = np.array([v.start + 0.25 * min(v.end - v.start, 0.12) for v in vowels])
-    accents, weights = _accents(vowels, onsets, np.interp(onsets, t, syllabic) if len(t) else onsets)
-    return Prosody(t, phrases, accents, weights, onsets, slow, syllabic)
+    given = None if accents is None else _nearest(np.array([v.start for v in vowels]), accents)
+    kept, weights = _accents(vowels, onsets, np.interp(onsets, t, syllabic) if len(t) else onsets, given)
+    return Prosody(t, phrases, kept, weights, onsets, slow, syllabic)
+
+
+def _nearest(starts: np.ndarray, accents: np.ndarray) -> np.ndarray:
+    """Which of the vowels that start then `[n]` are the nearest of an accent and near enough."""
+    chosen = np.zeros(len(starts), bool)
+    if len(starts):
+        away = np.abs(starts[:, None] - accents)
+        near = away.argmin(0)
+        chosen[near[away[near, np.arange(len(accents))] <= _ACCENT_NEAR_S]] = True
+    return chosen
 
 
 def _phrases(utterance: Utterance) -> np.ndarray:
@@ -75,14 +88,19 @@ def _loudness(utterance: Utterance, phrases: np.ndarray, t: np.ndarray) -> tuple
     return np.interp(t, when, smooth[0]), np.interp(t, when, smooth[1])
 
 
-def _accents(vowels: list, onsets: np.ndarray, db: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Accented vowels; where a voice marks none, the vowels that stand out by stress, length and loudness."""
+def _accents(
+    vowels: list, onsets: np.ndarray, db: np.ndarray, given: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Accented vowels, of those `given` where they are; where a voice marks none, the vowels that stand out by stress,
+    length and loudness."""
     if not vowels:
         return np.zeros(0), np.zeros(0)
     stress = np.array([v.stress for v in vowels])
     length = np.array([v.end - v.start for v in vowels])
     prominence = 0.5 * stress + (length - length.mean()) / (length.std() + 0.02) + (db - db.mean()) / (db.std() + 2.0)
-    chosen = stress == 2 if (stress == 2).any() else prominence >= np.quantile(prominence, 0.6)
+    chosen = stress == 2 if given is None else given
+    if given is None and not chosen.any():
+        chosen = prominence >= np.quantile(prominence, 0.6)
     kept: list[int] = []
     for index in np.argsort(-prominence, kind="stable"):
         if chosen[index] and all(abs(onsets[index] - onsets[k]) >= _ACCENT_GAP_S for k in kept):

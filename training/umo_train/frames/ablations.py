@@ -1,0 +1,207 @@
+"""`python -m umo_train.frames.ablations`: what each part of layout `frames` and of its data is worth, on this data.
+
+Every variant's language model is trained from fresh weights for the same steps on what a run in `--work` has packed
+(`train`, where a GPU is), and moves to the same held-out items through the run's tokenizers (`measure`). All have one
+expert: what more of them give does not show after so few steps (training/README.md).
+"""
+
+import argparse
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from umo_train import export
+from umo_train.frames import packed, steps
+from umo_train.frames.model import FrameModel
+from umo_train.frames.packed import Packed
+from umo_train.frames.parts import Part
+from umo_train.frames.train import FrameStagePlan, train_stage
+from umo_train.log import EVERY
+from umo_train.plan import Config, Run
+
+
+@dataclass(frozen=True)
+class Variant:
+    """What is left out: parts by name, levels from `levels` on, or people's recordings. `same` names the variant whose
+    weights it shares, and `more` what the program is told then."""
+
+    name: str
+    without: tuple[str, ...] = ()
+    levels: int = 0
+    people: bool = True
+    same: str = ""
+    more: tuple[str, ...] = ()
+
+
+VARIANTS = (
+    Variant("all of it"),
+    Variant("nothing heard ahead", same="all of it", more=("--horizon", "0")),
+    Variant("no intent", without=("intent",)),
+    Variant("two levels", levels=2),
+    Variant("no recordings of people", people=False),
+)
+
+
+def file_of(variant: Variant) -> str:
+    return (variant.same or variant.name).replace(" ", "_")
+
+
+def varied(variant: Variant, whole: Packed, order: list[Part]) -> tuple[Packed, list[Part]]:
+    """What a variant's language model learns from, and its parts."""
+    kept, columns, at = [], [], 0
+    for part in order:
+        levels = min(part.levels, variant.levels or part.levels)
+        if part.name not in variant.without:
+            kept.append(replace(part, levels=levels))
+            columns += range(at, at + levels)
+        at += part.levels
+    rests = {entry["name"]: entry["rest"] for entry in whole.config["parts"]}
+    config = whole.config | {"parts": [part.config(rests[part.name][: part.levels]) for part in kept]}
+    config["lm"] = config["lm"] | {"experts": 1}
+    body = [mine for mine, part in zip(whole.body, order, strict=True) if part.name not in variant.without]
+    splits = {
+        split: [
+            replace(stream, codes=None if stream.codes is None else stream.codes[:, columns])
+            for stream in streams
+            if variant.people or not stream.person
+        ]
+        for split, streams in whole.splits.items()
+    }
+    return replace(whole, config=config, body=body, splits=splits), kept
+
+
+def train(s: Run, data: Packed, variant: Variant, plan: FrameStagePlan) -> None:
+    """`run/ablations/NAME.safetensors`, f32."""
+    folder = s.folder / "ablations"
+    out = folder / f"{file_of(variant)}.safetensors"
+    if out.exists():
+        return
+    mine, order = varied(variant, data, steps.parts_of(s))
+    torch.manual_seed(plan.seed)
+    model = FrameModel(mine.config, order, marked=s.plan.get("marked", False))
+    given = replace(plan, name=file_of(variant))
+    held = next(split for split in mine.splits if split != "train")
+    examples = [mine.examples(order, split, augment=split == "train") for split in ("train", held)]
+    folder.mkdir(parents=True, exist_ok=True)
+    train_stage(given, model, *examples, folder)
+    export.save_state(out, steps.copies(folder, given, model))
+
+
+def write_model(s: Run, data: Packed, variant: Variant) -> Path:
+    """The variant as a model file, bf16."""
+    path = s.folder / "ablations" / "models" / f"{file_of(variant)}.safetensors"
+    if not path.exists():
+        mine, order = varied(variant, data, steps.parts_of(s))
+        weights = export.load_state(s.folder / "ablations" / f"{file_of(variant)}.safetensors")
+        steps.export_model(s, path, mine.config, order, weights)
+    return path
+
+
+def said_right(folder: Path, variant: Variant) -> dict[str, float]:
+    """The last held-out numbers of a variant's log."""
+    found: dict[str, float] = {}
+    for line in (folder / f"lm_{file_of(variant)}.csv").read_text().splitlines():
+        _, name, value = line.split(",")
+        if name.startswith("held_out_"):
+            found[name.removeprefix("held_out_")] = float(value)
+    return found
+
+
+def table(rows: dict[str, dict[str, Any]]) -> str:
+    """The rows as Markdown."""
+
+    def percent(name: str) -> Callable[[dict[str, Any]], str]:
+        return lambda row: f"{100 * row[name]:.0f} %" if name in row else "–"
+
+    columns: list[tuple[str, Callable[[dict[str, Any]], str]]] = [
+        ("parameters", lambda row: f"{row['parameters']:.1f} M"),
+        ("codes a keyframe", lambda row: f"{row['codes']}"),
+        ("mouth's first codes right", percent("mouth")),
+        ("intent's", percent("intent")),
+        ("arms'", lambda row: f"{50 * (row['left_arm'] + row['right_arm']):.0f} %"),
+        ("lips, r", lambda row: f"{row['lips']:.2f}"),
+        ("closed at p, b, m", percent("closures")),
+        ("beats", lambda row: f"{row['beat']:.2f}"),
+        ("FGD over random codes", lambda row: f"{row['fgd']:.2f}"),
+        ("jerk, m/s³", lambda row: f"{row['jerk']:.0f}"),
+    ]
+    lines = ["| | " + " | ".join(name for name, _ in columns) + " |", "| --- |" + " --- |" * len(columns)]
+    lines += [f"| {name} | " + " | ".join(cell(row) for _, cell in columns) + " |" for name, row in rows.items()]
+    return "\n".join(lines) + "\n"
+
+
+def measure(s: Run, data: Packed, options: argparse.Namespace) -> None:
+    """The table of all variants that are trained, and the numbers beside it."""
+    # What measuring needs is not where the weights are trained.
+    from umo_train.ablations import measured, millions
+    from umo_train.metrics import fgd, item, program
+    from umo_train.metrics.measure import Subject
+
+    umo, encoder = program.find(options.umo), fgd.AutoEncoder.load(fgd.JUDGE)
+    items = [one for split in options.split for one in item.from_corpus(s.corpus, split, options.most, 0, 0)]
+    numbers = options.output.with_suffix(".json")
+    rows: dict[str, dict[str, Any]] = json.loads(numbers.read_text()) if numbers.exists() else {}
+    for variant in VARIANTS:
+        trained = s.folder / "ablations" / f"{file_of(variant)}.safetensors"
+        if variant.name in rows or not trained.exists():
+            continue
+        model = write_model(s, data, variant)
+        subject = Subject(umo, model, more=variant.more)
+        takes = [
+            measured(umo, model, encoder, items, [subject.animate(one, seed) for one in items])
+            for seed in range(options.takes)
+        ]
+        _, order = varied(variant, data, steps.parts_of(s))
+        row = {name: float(np.mean([take[name] for take in takes])) for name in takes[0]}
+        row |= {"parameters": millions(export.load_state(trained)), "codes": sum(part.levels for part in order)}
+        rows[variant.name] = row | said_right(s.folder / "ablations", variant)
+        numbers.write_text(json.dumps(rows, indent=1) + "\n")
+    text = table(rows)
+    options.output.write_text(text)
+    print(text, end="")
+
+
+def stage(options: argparse.Namespace, given: Config) -> FrameStagePlan:
+    """`given` is the plan's first stage that has experts: its batch, tasks and weights."""
+    own = {"name": "", "steps": options.steps, "rate": 1.5e-3, "warmup": 60, "final_rate": 0.05}
+    known = {key: given[key] for key in ("batch", "readers", "tasks", "unknown", "part_weights") if key in given}
+    # Fresh weights find what a keyframe hears sooner where the encoder is asked for it itself.
+    return FrameStagePlan(**own, **known, heard=0.5, balance=0.0, save_every=options.steps)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(prog="umo-train frames ablations", description=__doc__)
+    parser.add_argument("what", choices=("train", "measure"))
+    parser.add_argument("--config", type=Path, required=True, help="the YAML file of the plan")
+    parser.add_argument("--work", type=Path, required=True, help="the folder of a run with run/packed.xz")
+    parser.add_argument("--steps", type=int, default=600, help="of every variant")
+    parser.add_argument("--umo", type=Path, help="the program; on PATH or target/release/umo where not given")
+    parser.add_argument("--split", nargs="+", default=["test_sentence", "test_voice"])
+    parser.add_argument("--most", type=int, default=8, help="held-out items of each split to move to")
+    parser.add_argument("--takes", type=int, default=2, help="of each item")
+    parser.add_argument("--threads", type=int, default=2, help="threads of PyTorch")
+    parser.add_argument("-o", "--output", type=Path, help="file for the table; beside it, the numbers")
+    options = parser.parse_args(arguments)
+    torch.set_num_threads(options.threads)
+    s = Run.read(options.config, options.work)
+    data = packed.read(s.folder / packed.NAME)
+    if options.what == "measure":
+        if options.output is None:
+            parser.error("-o: where to?")
+        measure(s, data, options)
+        return
+    if options.steps < EVERY:
+        parser.error(f"--steps: at least {EVERY}, which are logged")
+    plan = stage(options, next(one for one in s.plan["stages"] if not one.get("dense")))
+    for variant in VARIANTS:
+        if not variant.same:
+            train(s, data, variant, plan)
+
+
+if __name__ == "__main__":
+    main()
