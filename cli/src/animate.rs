@@ -129,6 +129,10 @@ impl<'a> Maker<'a> {
         }
         if avatar.template == TEXT && text.is_some() && is_guidable(config) {
             avatar.guidance = self.args.guidance.unwrap_or(TEXT_GUIDANCE);
+            if self.args.temperature.is_none() && !self.args.greedy {
+                let of_text = &mut avatar.sampler.sampling.temperature;
+                *of_text = of_text.min(TEXT_TEMPERATURE);
+            }
         }
         let mut animation = Animation::new(&self.model, &avatar)?;
         if let Some(path) = start_pose {
@@ -166,9 +170,10 @@ impl<'a> Maker<'a> {
 
 /// Template of a text alone.
 pub(crate) const TEXT: &str = "text_to_motion";
-/// How strongly a text alone steers. Of the default model's actions 68 % are then known for what was
-/// asked, 54 % at 1, as smooth as before; at 3 the motion becomes jerky (docs/motion.md).
+/// How strongly a text alone steers, and how freely codes are drawn at most: nothing but the text
+/// says what to do, and what is drawn of its first keyframe decides (docs/motion.md).
 const TEXT_GUIDANCE: f32 = 2.0;
+const TEXT_TEMPERATURE: f32 = 0.7;
 
 /// An avatar as the arguments want it, speech to motion; `horizon` where they say none.
 pub(crate) fn avatar(args: &GenerateArgs, config: &Config, horizon: usize) -> AvatarConfig {

@@ -112,8 +112,8 @@ pub struct GenerateArgs {
     /// Always the likeliest code instead of a draw
     #[arg(long, conflicts_with = "seed")]
     pub greedy: bool,
-    /// How freely codes are drawn, 0 to 100: less is calmer, 0 takes the likeliest; the model's own
-    /// where not given
+    /// How freely codes are drawn, 0 to 100: less is calmer, 0 takes the likeliest; where not given
+    /// the model's own, and for a text alone at most 0.7
     #[arg(long, value_name = "NUMBER", conflicts_with = "greedy", value_parser = temperature)]
     pub temperature: Option<f32>,
     /// Begin in this pose: SMPL-X motion whose last keyframes become the history
