@@ -94,17 +94,15 @@ def steps_more(s: Run) -> dict[str, int]:
 
 def step_tokenizers(s: Run, only: tuple[str, ...] = ()) -> None:
     """Part after part, each on what those before it leave. Needs the body's motion of every training item in memory.
-    Of a plan that starts from a published model, those of `tokenizers.more` alone."""
+    With `tokenizers.more` those alone, from the published model's on."""
     given = {entry["name"]: entry for entry in s.plan["parts"]}
     stride, seed = s.plan["window"]["keyframe_stride"], s.plan["seed"]
     order, more = moving(s), steps_more(s)
     for i, part in enumerate(order):
-        if only and part.name not in only:
+        if (only and part.name not in only) or (more and part.name not in more):
             continue
         begun = None
-        if "start" in s.plan:
-            if part.name not in more:
-                continue
+        if more:
             given[part.name] |= {"steps": more[part.name]}
             begun = _trained(s.folder / published.tokenizer(part.name), "model")
         region, _ = parts.columns(part, names_of_face(s))
@@ -123,7 +121,7 @@ def step_tokenizers(s: Run, only: tuple[str, ...] = ()) -> None:
         plan = plan_of(s.plan["tokenizers"], given[part.name], stride, seed)
         train_part(plan, part, motions, s.folder, beside or None, begun)
     # The root follows what the lower body's codes say.
-    if "root" in only or (not only and ("start" not in s.plan or "lower" in more)):
+    if "root" in only or (not only and (not more or "lower" in more)):
         _solve_root(s)
 
 
