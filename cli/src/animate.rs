@@ -170,8 +170,7 @@ impl<'a> Maker<'a> {
 
 /// Template of a text alone.
 pub(crate) const TEXT: &str = "text_to_motion";
-/// How strongly a text alone steers, and how freely codes are drawn at most: nothing but the text
-/// says what to do, and what is drawn of its first keyframe decides (docs/motion.md).
+/// How strongly a text alone steers, and the most freely that its codes are drawn (docs/motion.md).
 const TEXT_GUIDANCE: f32 = 2.0;
 const TEXT_TEMPERATURE: f32 = 0.7;
 

@@ -217,7 +217,7 @@ export const tests = [
       }
       for (const { most, count } of found) {
         assert.ok(most > 225, `nothing shines: ${JSON.stringify(found)}`);
-        // The whites alone are some three hundred pixels.
+        // It has up to 72 pixels in these poses.
         assert.ok(count <= 90, `more than a catch light shines: ${JSON.stringify(found)}`);
       }
       for (const eye of [0, 1]) near(found[eye].place, found[2 + eye].place, 3, "the catch light");
@@ -244,7 +244,7 @@ export const tests = [
         })()`);
         assert.ok(floor.length > 40, `${theme}, ${foot}: the floor is not seen`);
         const [close, far] = [floor.slice(0, 3), floor.slice(35, 40)].map((part) => part.reduce((sum, one) => sum + one) / part.length);
-        // Less where the shoe's tip points past the lamp.
+        // 0.85 at the right foot of this pose.
         assert.ok(close < 0.87 * far, `${theme}, ${foot}: ${close} at the shoe, ${far} before it`);
         assert.ok(close > 0.1 * far, `${theme}, ${foot}: black`);
       }
