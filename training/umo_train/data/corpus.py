@@ -257,24 +257,23 @@ def _clips(files: tuple[Path, ...]) -> dict[str, np.ndarray]:
 
 @dataclass(frozen=True)
 class HeardAccents:
-    """Accents as a model's audio units say them, `rate` a second: runs of at least `LEAST` units from `first` on,
+    """Accents as a model's audio units say them, `rate` a second: runs of at least `least` units from `first` on,
     `delay` units behind the onset. `folder` has an item's units as `NAME.npy` `[recordings, n]`, the clean ones
     first."""
-
-    # Shorter runs are mostly stressed syllables of words that have no accent.
-    LEAST = 4
 
     folder: Path
     first: int
     delay: int
     rate: int
+    # Shorter runs are mostly stressed syllables of words that have no accent.
+    least: int = 4
 
     def of(self, name: str) -> np.ndarray:
         """Seconds of an item's accents."""
         marked = np.load(self.folder / f"{name}.npy")[0] >= self.first
         edges = np.flatnonzero(np.diff(np.r_[False, marked, False].astype(int))).reshape(-1, 2)
         # The middle of a run is as far behind the onset as its units are late.
-        runs = [(first + last) / 2 for first, last in edges if last - first >= self.LEAST]
+        runs = [(first + last) / 2 for first, last in edges if last - first >= self.least]
         return (np.array(runs) - self.delay) / self.rate
 
 
