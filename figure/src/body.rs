@@ -56,6 +56,13 @@ impl Piece {
     pub(super) fn surface(&self) -> Part {
         nets::surface(&self.solid, &self.grid)
     }
+
+    /// The grid's plane nearest to a place on an axis: a line between triangles that lie on either side
+    /// of it is smooth.
+    fn plane(&self, axis: usize, wanted: f32) -> f32 {
+        let planes = self.grid.0[axis].iter().copied();
+        planes.min_by(|a, b| (a - wanted).abs().total_cmp(&(b - wanted).abs())).unwrap_or(wanted)
+    }
 }
 
 /// The trunk, `loose(height over the pelvis)` metres wider than the body.
@@ -297,14 +304,19 @@ fn with_chest(solid: Solid, rest: &Rest, build: &Build, side: &str) -> Solid {
         .with(Shape::Ellipsoid { centre: blade, radii: [0.045 * s, 0.070 * s, 0.030 * s] }, Union(0.03 * s))
 }
 
+/// Where a sleeve ends: within the cuff, a band of its own.
+fn sleeve_end(rest: &Rest, side: &str) -> V {
+    let [elbow, wrist] = ["elbow", "wrist"].map(|n| rest.side(side, n));
+    add(wrist, scale(sub(elbow, wrist), CUFF + 2.6 * OPENING))
+}
+
 /// Shoulder, sleeve and its opening.
 fn with_sleeve(solid: Solid, rest: &Rest, build: &Build, side: &str) -> Solid {
     let (s, r) = (rest.size, rest.size * build.arm);
-    let [shoulder, elbow, wrist, neck] = ["shoulder", "elbow", "wrist", "collar"]
-        .map(|n| if n == "collar" { rest.at("neck") } else { rest.side(side, n) });
+    let [shoulder, elbow, neck] =
+        ["shoulder", "elbow", "collar"].map(|n| if n == "collar" { rest.at("neck") } else { rest.side(side, n) });
     let sign = if side == "left" { 1.0 } else { -1.0 };
-    // The cuff is a band of its own; the sleeve ends within it.
-    let cuff = add(wrist, scale(sub(elbow, wrist), CUFF + 2.6 * OPENING));
+    let cuff = sleeve_end(rest, side);
     let deltoid = add(shoulder, [-0.014 * sign * s, -0.027 * s, 0.0]);
     let arm = add(shoulder, [0.0, -0.022 * s, 0.0]);
     let inner = add(mix(neck, shoulder, 0.30), [0.0, -0.062 * s, -0.002 * s]);
@@ -483,12 +495,21 @@ fn seat(rest: &Rest, side: &str) -> V {
     add(rest.side(side, "hip"), [-0.012 * sign * s, -0.020 * s, -0.046 * s])
 }
 
+/// Where a trouser leg ends: within the hem, a band of its own.
+fn leg_end(rest: &Rest, side: &str) -> V {
+    let [knee, ankle] = ["knee", "ankle"].map(|n| rest.side(side, n));
+    add(ankle, scale(sub(knee, ankle), LEG_CUFF + 2.4 * LEG_OPENING))
+}
+
+/// The height at which the trousers end; a belt covers the edge.
+fn trouser_waist(rest: &Rest, look: &Look) -> f32 {
+    rest.at("pelvis")[1] + (WAIST - if look.top == Top::Shirt { 0.012 } else { 0.0 }) * rest.size
+}
+
 /// Trousers.
 pub(super) fn trousers(rest: &Rest, look: &Look) -> Piece {
     let (s, build) = (rest.size, look.build);
-    let (hips, pelvis) = (rest.middle("hip"), rest.at("pelvis"));
-    // A belt covers the edge.
-    let waist = pelvis[1] + (WAIST - if look.top == Top::Shirt { 0.012 } else { 0.0 }) * s;
+    let (hips, waist) = (rest.middle("hip"), trouser_waist(rest, look));
     let mut solid = Solid::default()
         .with(trunk(rest, build, |_| trouser_ease(look.top)), Union(0.0))
         .with(Shape::Below { point: [0.0, hips[1] - 0.020 * s, 0.0], normal: [0.0, -1.0, 0.0] }, Within(0.11 * s))
@@ -496,11 +517,10 @@ pub(super) fn trousers(rest: &Rest, look: &Look) -> Piece {
     let mut low = f32::MAX;
     for side in SIDES {
         let sign = if side == "left" { 1.0 } else { -1.0 };
-        let [hip, knee, ankle] = ["hip", "knee", "ankle"].map(|n| rest.side(side, n));
+        let [hip, knee] = ["hip", "knee"].map(|n| rest.side(side, n));
         let t = s * build.thigh;
         let top = add(hip, [-0.002 * sign * s, -0.025 * s, -0.004 * s]);
-        // The hem is a band of its own; the leg ends within it.
-        let cuff = add(ankle, scale(sub(knee, ankle), LEG_CUFF + 2.4 * LEG_OPENING));
+        let cuff = leg_end(rest, side);
         let calf = mix(knee, cuff, 0.32);
         low = low.min(cuff[1]);
         let folds = |centre: V, along: V, length: f32, height: f32, reach: f32| Shape::Folds {

@@ -268,7 +268,7 @@ fn add_body(mesh: &mut Mesh, rest: &Rest, look: &Look) {
         |p, n| shaded(look.cloth, &cloth[..1], p, n),
         |p| upper.weights(p),
     );
-    let legs = body::charts::trousers(rest, &trousers);
+    let legs = body::charts::trousers(rest, look, &trousers);
     mesh.add(legs, Finish::CLOTH, |p, n| shaded(look.trousers, &cloth, p, n), |p| lower.weights(p));
     mesh.add(body::neck_band(rest, look), Finish::CLOTH, |_, _| look.cloth, |p| upper.weights(p));
     if look.top == Top::Shirt {

@@ -1,24 +1,23 @@
 //! How clothes are laid out for their relief ([`crate::unwrap`]).
 //!
-//! Fabric runs around limbs in whole repeats, so it has no seam there. Its seams are those of real
-//! clothes: where sleeves begin, where a front and a back of cloth that lie flat meet at the sides and
-//! on the shoulders, and in the middle of the trousers.
+//! Tops and trousers are cut from cloth that lies flat. Their seams are those of real clothes: where
+//! sleeves begin and along their undersides, where front and back meet at the sides, on the shoulders
+//! and along the legs, and in the middle of the trousers. The belt runs around in whole repeats.
 
-use super::{Piece, SIDES, top_ends};
+use super::{Piece, SIDES, leg_end, sleeve_end, top_ends, trouser_waist};
 use crate::Part;
 use crate::detail::Detail;
 use crate::look::{Look, Top};
 use crate::rest::Rest;
 use crate::unwrap::{Chart, flatten, repeats};
-use crate::vector::{V, add, cross, curve, dot, hypot, length, mix, ramp, scale, sub, unit};
-use std::f32::consts::TAU;
+use crate::vector::{V, add, cross, curve, dot, hypot, mix, ramp, scale, sub, unit};
+use std::f32::consts::{PI, TAU};
 
 /// Mean radius of the trunk, and how much wider it is than deep.
 const TRUNK: f32 = 0.128;
 const FLAT: f32 = 1.45;
-/// Mean radii of sleeves and trouser legs.
-const SLEEVE: f32 = 0.0425;
-const LEG: f32 = 0.068;
+/// About the mean radius of a limb, from which the way around begins to be laid flat.
+const RADIUS: f32 = 0.055;
 
 type Place<'a> = Box<dyn Fn(usize, V, V) -> [f32; 2] + 'a>;
 
@@ -31,29 +30,32 @@ pub(in super::super) fn top(rest: &Rest, look: &Look, piece: &Piece) -> Part {
     let s = rest.size;
     let detail = top_detail(look);
     let mut part = piece.surface();
-    let radius = SLEEVE * s * look.build.arm;
-    let sleeves = SIDES.map(|side| limb(["shoulder", "elbow", "wrist"].map(|n| rest.side(side, n)), radius, detail));
-    let [left, right] = sleeves;
-    // On a plane of the grid the line between two charts is smooth.
-    let plane = |axis: usize, wanted: f32| {
-        let planes = piece.grid.0[axis].iter().copied();
-        planes.min_by(|a, b| (a - wanted).abs().total_cmp(&(b - wanted).abs())).unwrap_or(wanted)
-    };
-    let from = plane(0, rest.side("left", "shoulder")[0].abs() - 0.012 * s);
-    let middle = plane(2, mix(rest.at("spine3"), rest.middle("shoulder"), 0.5)[2]);
+    let from = piece.plane(0, rest.side("left", "shoulder")[0].abs() - 0.012 * s);
+    let middle = |from: V, to: V| piece.plane(2, mix(from, to, 0.5)[2]);
+    let of_trunk = middle(rest.at("spine3"), rest.middle("shoulder"));
+    let of_sleeve = middle(rest.middle("shoulder"), rest.middle("wrist"));
     let chart_of = |corners: [V; 3]| {
         let all = |sign: f32| corners.iter().all(|p| p[0] * sign >= from);
+        let is_back = |middle: f32| usize::from(!corners.iter().all(|p| p[2] >= middle));
         if all(1.0) {
-            2
+            2 + is_back(of_sleeve)
         } else if all(-1.0) {
-            3
+            4 + is_back(of_sleeve)
         } else {
-            usize::from(!corners.iter().all(|p| p[2] >= middle))
+            is_back(of_trunk)
         }
     };
-    let [front, back] = [false, true]
-        .map(|is_back| panel(rest, look, &part, is_back, |corners| chart_of(corners) == usize::from(is_back)));
-    part.lay_out(detail, &[front, back, left, right], |_, corners| chart_of(corners));
+    let panels = [0, 1].map(|number| panel(rest, look, &part, number == 1, |corners| chart_of(corners) == number));
+    let sleeves = SIDES.iter().zip([2, 4]).flat_map(|(side, first)| {
+        let sleeve = Limb::new(["shoulder", "elbow", "wrist"].map(|n| rest.side(side, n)), [0.0, 1.0, 0.0]);
+        let halves = [first, first + 1].map(|number| triangles_of(&part, |corners| chart_of(corners) == number));
+        let end = sleeve_end(rest, side);
+        // Beyond its end a sleeve is within the cuff.
+        let is_end = |vertex: usize| dot(sub(part.positions[vertex], end), sleeve.axis) > 0.0;
+        sleeve.lay_flat(&part, detail, halves, Seams::One, is_end)
+    });
+    let charts: Vec<_> = panels.into_iter().chain(sleeves).collect();
+    part.lay_out(detail, &charts, |_, corners| chart_of(corners));
     part
 }
 
@@ -62,9 +64,7 @@ fn panel(rest: &Rest, look: &Look, part: &Part, is_back: bool, has: impl Fn([V; 
     let detail = top_detail(look);
     let repeat = detail.repeat_m();
     let around = trunk(rest, look, detail);
-    let (triangles, _) = part.indices.as_chunks::<3>();
-    let triangles = triangles.iter().map(|corners| corners.map(|i| i as usize));
-    let own: Vec<[usize; 3]> = triangles.filter(|corners| has(corners.map(|i| part.positions[i]))).collect();
+    let own = triangles_of(part, has);
     let mut flat = vec![[0.0; 2]; part.positions.len()];
     for &vertex in own.iter().flatten() {
         let [u, v] = (around.place)(vertex, part.positions[vertex], part.normals[vertex]);
@@ -72,24 +72,78 @@ fn panel(rest: &Rest, look: &Look, part: &Part, is_back: bool, has: impl Fn([V; 
         let u = if is_back && u < 0.0 { u + around.period[0] } else { u };
         flat[vertex] = [u * repeat[0], v * repeat[1]];
     }
-    // What closes the solid within neck band and hem is nobody's cloth, and would pull at that around it.
     let ends = top_ends(rest, look);
-    let is_end = |vertex: usize| {
-        let (p, n) = (part.positions[vertex], part.normals[vertex]);
-        ends.iter().any(|&(point, out)| dot(n, out) > 0.75 && dot(sub(p, point), out) > -0.006 * rest.size)
-    };
-    let cloth: Vec<[usize; 3]> = own.into_iter().filter(|corners| !corners.iter().all(|&i| is_end(i))).collect();
-    flatten(&part.positions, &cloth, &mut flat);
+    lay_flat(&part.positions, own, |vertex| is_end(part, vertex, &ends, rest.size), &mut flat);
+    flat_chart(flat, detail)
+}
+
+fn triangles_of(part: &Part, has: impl Fn([V; 3]) -> bool) -> Vec<[usize; 3]> {
+    let (triangles, _) = part.indices.as_chunks::<3>();
+    let triangles = triangles.iter().map(|corners| corners.map(|i| i as usize));
+    triangles.filter(|corners| has(corners.map(|i| part.positions[i]))).collect()
+}
+
+/// Whether a vertex is of what closes a solid at its ends, within neck band or hem. `ends` are planes by
+/// a point and the direction outwards.
+fn is_end(part: &Part, vertex: usize, ends: &[(V, V)], size: f32) -> bool {
+    let (p, n) = (part.positions[vertex], part.normals[vertex]);
+    ends.iter().any(|&(point, out)| dot(n, out) > 0.75 && dot(sub(p, point), out) > -0.006 * size)
+}
+
+/// Lays triangles flat but for those whose corners are all on an end: they are nobody's cloth, and would
+/// pull at that around them. Those vertices lie where the cloth next to them ends.
+fn lay_flat(positions: &[V], triangles: Vec<[usize; 3]>, is_end: impl Fn(usize) -> bool, flat: &mut [[f32; 2]]) {
+    let (mut ends, cloth): (Vec<_>, Vec<_>) =
+        triangles.into_iter().partition(|corners| corners.iter().all(|&vertex| is_end(vertex)));
+    flatten(positions, &cloth, flat);
+    let mut is_placed = vec![false; positions.len()];
+    cloth.iter().flatten().for_each(|&vertex| is_placed[vertex] = true);
+    loop {
+        let before = ends.len();
+        ends.retain(|corners| {
+            let Some(&beside) = corners.iter().find(|&&vertex| is_placed[vertex]) else { return true };
+            for &vertex in corners.iter().filter(|&&vertex| vertex != beside) {
+                if !is_placed[vertex] {
+                    (is_placed[vertex], flat[vertex]) = (true, flat[beside]);
+                }
+            }
+            false
+        });
+        if ends.len() == before {
+            return;
+        }
+    }
+}
+
+/// `flat`: where vertices lie, metres on the plane.
+fn flat_chart(flat: Vec<[f32; 2]>, detail: Detail) -> Chart<Place<'static>> {
+    let repeat = detail.repeat_m();
     let place: Place<'static> =
         Box::new(move |vertex, _, _| [0, 1].map(|axis: usize| flat[vertex][axis] / repeat[axis]));
     Chart { place, period: [f32::INFINITY; 2] }
 }
 
-/// The trousers: left and right.
-pub(in super::super) fn trousers(rest: &Rest, piece: &Piece) -> Part {
+/// The trousers: front and back of the left leg and of the right, each up to the waist.
+pub(in super::super) fn trousers(rest: &Rest, look: &Look, piece: &Piece) -> Part {
     let mut part = piece.surface();
-    let leg = |side| limb(["hip", "knee", "ankle"].map(|n| rest.side(side, n)), LEG * rest.size, Detail::Twill);
-    part.lay_out(Detail::Twill, &SIDES.map(leg), |_, corners| usize::from(corners.iter().any(|p| p[0] < 0.0)));
+    let middle = piece.plane(2, mix(rest.middle("hip"), rest.middle("ankle"), 0.5)[2]);
+    let chart_of = |corners: [V; 3]| {
+        let is_right = corners.iter().any(|p| p[0] < 0.0);
+        let is_back = !corners.iter().all(|p| p[2] >= middle);
+        2 * usize::from(is_right) + usize::from(is_back)
+    };
+    let waist = ([0.0, trouser_waist(rest, look), 0.0], [0.0, 1.0, 0.0]);
+    let charts: Vec<_> = SIDES
+        .iter()
+        .zip([0, 2])
+        .flat_map(|(side, first)| {
+            let leg = Limb::new(["hip", "knee", "ankle"].map(|n| rest.side(side, n)), [1.0, 0.0, 0.0]);
+            let halves = [first, first + 1].map(|number| triangles_of(&part, |corners| chart_of(corners) == number));
+            let ends = [waist, (leg_end(rest, side), [0.0, -1.0, 0.0])];
+            leg.lay_flat(&part, Detail::Twill, halves, Seams::Both, |vertex| is_end(&part, vertex, &ends, rest.size))
+        })
+        .collect();
+    part.lay_out(Detail::Twill, &charts, |_, corners| chart_of(corners));
     part
 }
 
@@ -129,23 +183,76 @@ fn trunk(rest: &Rest, look: &Look, detail: Detail) -> Chart<Place<'static>> {
     Chart { place, period: [around, f32::INFINITY] }
 }
 
-/// Around a limb with a joint in its middle, and along it.
-fn limb([from, middle, to]: [V; 3], radius: f32, detail: Detail) -> Chart<Place<'static>> {
-    let [wide, tall] = detail.repeat_m();
-    let around = repeats(TAU * radius, wide);
-    let axis = unit(sub(to, from));
-    let (whole, first) = (length(sub(to, from)).max(1e-3), dot(sub(middle, from), axis));
-    let side = unit(cross([0.0, 0.3, 1.0], axis));
-    let up = cross(axis, side);
-    let place: Place<'static> = Box::new(move |_, p, _| {
-        let along = dot(sub(p, from), axis);
-        let centre = if along < first {
-            add(from, scale(sub(middle, from), along / first.max(1e-3)))
+/// Where front and back of a limb's cloth are sewn together.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Seams {
+    /// Where the way around is half a turn; opposite of it the cloth goes on.
+    One,
+    /// There and where the way around is 0.
+    Both,
+}
+
+/// The way around a limb with a joint in its middle, and along it.
+struct Limb {
+    joints: [V; 3],
+    axis: V,
+    /// Where the way around is 0, and a quarter of a turn.
+    quarters: [V; 2],
+}
+
+impl Limb {
+    /// `from`: about the direction from the bones in which the way around is 0.
+    fn new(joints: [V; 3], from: V) -> Self {
+        let axis = unit(sub(joints[2], joints[0]));
+        let side = unit(sub(from, scale(axis, dot(from, axis))));
+        Self { joints, axis, quarters: [side, cross(axis, side)] }
+    }
+
+    /// Half turns around, -1 to 1, and metres along.
+    fn at(&self, p: V) -> [f32; 2] {
+        let [first, middle, last] = self.joints;
+        let (whole, half) = (dot(sub(last, first), self.axis).max(1e-3), dot(sub(middle, first), self.axis).max(1e-3));
+        let along = dot(sub(p, first), self.axis);
+        let centre = if along < half {
+            add(first, scale(sub(middle, first), along / half))
         } else {
-            add(middle, scale(sub(to, middle), (along - first) / (whole - first).max(1e-3)))
+            add(middle, scale(sub(last, middle), (along - half) / (whole - half).max(1e-3)))
         };
         let out = sub(p, centre);
-        [around * dot(out, up).atan2(dot(out, side)) / TAU, along / tall]
-    });
-    Chart { place, period: [around, f32::INFINITY] }
+        let [x, y] = self.quarters.map(|quarter| dot(out, quarter));
+        [y.atan2(x) / PI, along]
+    }
+
+    /// Charts of the cloth's front and back, the triangles of which are `halves`.
+    fn lay_flat(
+        &self,
+        part: &Part,
+        detail: Detail,
+        halves: [Vec<[usize; 3]>; 2],
+        seams: Seams,
+        is_end: impl Fn(usize) -> bool,
+    ) -> [Chart<Place<'static>>; 2] {
+        let count = part.positions.len();
+        let turns: Vec<f32> = part.positions.iter().map(|&p| self.at(p)[0]).collect();
+        // What front and back share lies in two places where there is a seam.
+        let of_back =
+            |vertex: usize| if seams == Seams::One && turns[vertex].abs() < 0.5 { vertex } else { count + vertex };
+        let mut flat = vec![[0.0; 2]; 2 * count];
+        let ahead = self.quarters[1][2].signum();
+        for (own, is_back) in halves.iter().zip([false, true]) {
+            for &vertex in own.iter().flatten() {
+                let [turn, along] = self.at(part.positions[vertex]);
+                // Each half stays on its side of the seam.
+                let side = if is_back { -ahead } else { ahead };
+                let turn = if turn * side < -0.5 { turn + 2.0 * side } else { turn };
+                flat[if is_back { of_back(vertex) } else { vertex }] = [PI * RADIUS * turn, along];
+            }
+        }
+        let [mut cloth, back] = halves;
+        cloth.extend(back.into_iter().map(|corners| corners.map(of_back)));
+        lay_flat(&part.positions.repeat(2), cloth, |vertex| is_end(vertex % count), &mut flat);
+        let on_back = (0..count).map(|vertex| flat[of_back(vertex)]).collect();
+        flat.truncate(count);
+        [flat, on_back].map(|flat| flat_chart(flat, detail))
+    }
 }
