@@ -156,8 +156,10 @@ class Page {
     await this.drag([await this.place(selector)]);
   }
 
-  async picture(path) {
-    const { data } = await this.send("Page.captureScreenshot", { format: "png" });
+  /** Writes what is seen, or of it the pixels `{ x, y, width, height }`, as PNG. */
+  async picture(path, clip) {
+    const part = clip && { clip: { ...clip, scale: 1 } };
+    const { data } = await this.send("Page.captureScreenshot", { format: "png", ...part });
     fs.writeFileSync(path, Buffer.from(data, "base64"));
   }
 

@@ -1,5 +1,6 @@
-// The pictures of docs/view.md: the page, on a phone, and how it was made. UMO, CHROMIUM and OUT name the program, the browser
-// and a folder, to which view.png, view-phone.png and view-made.png are written.
+// The pictures of docs/view.md, the page, on a phone, and how it was made, and those of docs/avatar.md's clothes from near by.
+// UMO, CHROMIUM and OUT name the program, the browser and a folder, to which view.png, view-phone.png, view-made.png and
+// cloth-0.png to cloth-2.png are written; arguments name some of these (`view`, `view-phone`, `view-made`, `cloth`).
 
 import { execFileSync } from "node:child_process";
 import fs from "node:fs";
@@ -14,28 +15,35 @@ const speech = path.join(root, "assets/hello.wav");
 // The default model's layout has no parts.
 const parts = path.join(root, "models/umo-small/model.safetensors");
 const SECONDS = 3.3;
-const MEDIA = [
-  { name: "prefers-reduced-motion", value: "reduce" },
-  { name: "prefers-color-scheme", value: "dark" },
-];
+const CLIP = { width: 640, height: 760 };
 const PICTURES = [
   { name: "view", width: 1280, height: 800 },
   { name: "view-phone", width: 390, height: 844, phone: true, keys: ["1"] },
   { name: "view-made", width: 1440, height: 900, model: parts, keys: ["d"] },
+  { name: "cloth-0", width: 3600, height: 3600, light: true, seconds: 1.5, clip: { x: 2160, y: 1350, ...CLIP } },
+  { name: "cloth-1", width: 3600, height: 3600, light: true, seconds: 1.5, figure: "bea", clip: { x: 1440, y: 1050, ...CLIP } },
+  { name: "cloth-2", width: 3600, height: 3600, light: true, seconds: 1.5, figure: "bea", clip: { x: 1440, y: 2570, ...CLIP } },
 ];
+const wanted = process.argv.slice(2);
 
 const profile = fs.mkdtempSync(path.join(out, "profile-"));
 const browser = new Chromium(chromium, profile, speech);
 try {
-  for (const { name, model, keys = [], ...screen } of PICTURES) {
+  for (const { name, model, figure, light, clip, seconds = SECONDS, keys = [], ...screen } of PICTURES) {
+    if (wanted.length > 0 && !wanted.includes(name.replace(/-\d$/, ""))) continue;
     const html = path.join(out, `${name}.html`);
-    execFileSync(umo, ["view", speech, "-o", html, "--no-open", ...(model ? ["--model", model] : [])]);
-    const page = await browser.open(pathToFileURL(html).href, { ...screen, media: MEDIA });
+    const options = [...(model ? ["--model", model] : []), ...(figure ? ["--figure", figure] : [])];
+    execFileSync(umo, ["view", speech, "-o", html, "--no-open", ...options]);
+    const media = [
+      { name: "prefers-reduced-motion", value: "reduce" },
+      { name: "prefers-color-scheme", value: light ? "light" : "dark" },
+    ];
+    const page = await browser.open(pathToFileURL(html).href, { ...screen, media });
     await page.ready();
-    await page.value(`umo.seek(${SECONDS})`);
+    await page.value(`umo.seek(${seconds})`);
     for (const key of keys) await page.key(key);
     await pictures(page, 4);
-    await page.picture(path.join(out, `${name}.png`));
+    await page.picture(path.join(out, `${name}.png`), clip);
     await page.close();
   }
 } finally {
