@@ -456,14 +456,17 @@ fn lathe(origin: V, bone: V, profile: &[(f32, f32)], ribs: f32, detail: Detail) 
 /// The belt.
 pub(super) fn belt(rest: &Rest, look: &Look) -> Piece {
     let (s, pelvis) = (rest.size, rest.at("pelvis"));
-    let edge = |y: f32, up: f32| Shape::Below { point: [0.0, pelvis[1] + y * s, 0.0], normal: [0.0, up, 0.0] };
+    let [top, bottom] = [WAIST - 0.004, WAIST - 0.036].map(|y| pelvis[1] + y * s);
+    let edge = |y: f32, up: f32| Shape::Below { point: [0.0, y, 0.0], normal: [0.0, up, 0.0] };
     let solid = Solid::default()
         .with(trunk(rest, look.build, |_| trouser_ease(look.top) + 0.0042), Union(0.0))
-        .with(edge(WAIST - 0.004, 1.0), Within(0.003 * s))
-        .with(edge(WAIST - 0.036, -1.0), Within(0.003 * s));
+        .with(edge(top, 1.0), Within(0.003 * s))
+        .with(edge(bottom, -1.0), Within(0.003 * s));
     let wide = curve(look.build.width, WAIST) * s + 0.05 * s;
     let x = even_planes(wide, |_| 0.0135 * s);
-    let y = planes(pelvis[1] + (WAIST - 0.046) * s, pelvis[1] + (WAIST + 0.010) * s, |_| 0.0055 * s);
+    // Its round edges take three rows each, or they would be ragged; between them it is flat.
+    let rows = [-0.010, -0.0045, -0.0015, 0.0015, 0.0045, 0.0100].map(|off| off * s);
+    let y: Vec<f32> = rows.iter().map(|off| bottom + off).chain(rows.iter().rev().map(|off| top - off)).collect();
     let z = planes(pelvis[2] - 0.16 * s, pelvis[2] + 0.16 * s, |_| 0.0135 * s);
     Piece { solid, grid: Grid([x, y, z]) }
 }
