@@ -7,7 +7,7 @@ same held-out items. Everything goes on where it stopped.
 import argparse
 import copy
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from umo_train import export, pipeline
+from umo_train import export, markdown, pipeline
 from umo_train.interp.model import Interpolation
 from umo_train.lm.examples import Examples, Stream
 from umo_train.lm.model import LanguageModel
@@ -200,7 +200,7 @@ def millions(state: dict[str, torch.Tensor]) -> float:
 
 def table(rows: dict[str, dict[str, Any]]) -> str:
     """The rows as Markdown."""
-    columns: list[tuple[str, Callable[[dict[str, Any]], str]]] = [
+    columns: list[markdown.Column] = [
         ("parameters of the language model", lambda row: f"{row['parameters']:.1f} M"),
         ("ids a second", lambda row: f"{row['ids']:.0f}"),
         ("cross-entropy of a keyframe's codes", lambda row: "–" if row["loss"] is None else f"{row['loss']:.3f}"),
@@ -210,9 +210,7 @@ def table(rows: dict[str, dict[str, Any]]) -> str:
         ("beat", lambda row: f"{row['beat']:.3f}"),
         ("jerk, m/s³", lambda row: f"{row['jerk']:.0f}"),
     ]
-    lines = ["| | " + " | ".join(name for name, _ in columns) + " |", "| --- |" + " --- |" * len(columns)]
-    lines += [f"| {name} | " + " | ".join(cell(row) for _, cell in columns) + " |" for name, row in rows.items()]
-    return "\n".join(lines) + "\n"
+    return markdown.table(columns, rows)
 
 
 def held_out_loss(folder: Path) -> float:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from umo_train import export
+from umo_train import export, markdown
 from umo_train.frames import packed, steps
 from umo_train.frames.model import FrameModel
 from umo_train.frames.packed import Packed
@@ -118,7 +118,7 @@ def table(rows: dict[str, dict[str, Any]]) -> str:
     def percent(name: str) -> Callable[[dict[str, Any]], str]:
         return lambda row: f"{100 * row[name]:.0f} %" if name in row else "–"
 
-    columns: list[tuple[str, Callable[[dict[str, Any]], str]]] = [
+    columns: list[markdown.Column] = [
         ("parameters", lambda row: f"{row['parameters']:.1f} M"),
         ("codes a keyframe", lambda row: f"{row['codes']}"),
         ("mouth's first codes right", percent("mouth")),
@@ -130,9 +130,7 @@ def table(rows: dict[str, dict[str, Any]]) -> str:
         ("FGD over random codes", lambda row: f"{row['fgd']:.2f}"),
         ("jerk, m/s³", lambda row: f"{row['jerk']:.0f}"),
     ]
-    lines = ["| | " + " | ".join(name for name, _ in columns) + " |", "| --- |" + " --- |" * len(columns)]
-    lines += [f"| {name} | " + " | ".join(cell(row) for _, cell in columns) + " |" for name, row in rows.items()]
-    return "\n".join(lines) + "\n"
+    return markdown.table(columns, rows)
 
 
 def measure(s: Run, data: Packed, options: argparse.Namespace) -> None:
