@@ -130,8 +130,8 @@ fn frame_logits(file: &ModelFile, precision: Precision, isa: Isa) -> Vec<u64> {
     if depth.before {
         inputs.extend(codes_of(file, "before", 5));
     }
-    if depth.heard.is_some() {
-        inputs.push(floats("heard".to_owned(), [5, config.lm.d_model], &mut noise));
+    for (name, token) in [("heard", depth.heard), ("body_heard", depth.body_heard)] {
+        inputs.extend(token.map(|_| floats(name.to_owned(), [5, config.lm.d_model], &mut noise)));
     }
     bits.extend(staged(file, precision, isa, Stage::Depth, &inputs));
     let moving = config.part_list().into_iter().filter(|part| !part.is_annotation());

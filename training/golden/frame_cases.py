@@ -11,6 +11,9 @@ from frames import Codes, FrameReference
 from layout import PARTS, Config, moving
 from margin import Margin
 
+# What the face and the body hear.
+HEARD = ("heard", "body_heard")
+
 
 def add(cases: Cases, config: Config, *, encoders: bool) -> None:
     add_language_model(cases, config)
@@ -102,13 +105,14 @@ def add_depth(cases: Cases, config: Config, lengths: tuple[int, ...]) -> None:
         inputs = {"hidden": hidden} | _split("codes", _codes(config["parts"], rows, generator))
         if config["depth"].get("before"):
             inputs |= _split("before", _codes(config["parts"], rows, generator))
-        if "heard" in config["depth"]:
-            inputs["heard"] = torch.randn(rows, config["lm"]["d_model"], generator=generator)
+        for key in HEARD:
+            if key in config["depth"]:
+                inputs[key] = torch.randn(rows, config["lm"]["d_model"], generator=generator)
         return inputs
 
     def run(reference: FrameReference, inputs: Tensors, _: Margin) -> Tensors:
         hidden = inputs["hidden"].to(reference.dtype)
-        heard = inputs["heard"].to(reference.dtype) if "heard" in inputs else None
+        heard = [inputs[key].to(reference.dtype) for key in HEARD if key in inputs]
         return _split("logits", reference.depth(hidden, _joined("codes", inputs), _joined("before", inputs), heard))
 
     for i, rows in enumerate(lengths):

@@ -64,7 +64,7 @@ class DepthLayer(nn.Module):
 class Depth(nn.Module):
     """Every code of a keyframe from the decoder's state, the codes before it and, with `depth.before`, the code in its
     place at the keyframe before, all at once; with `depth.heard` also from the encoder's state where the keyframe is
-    heard."""
+    heard, with `depth.body_heard` another one for all parts but those of the face."""
 
     def __init__(self, config: Config, tensors: dict[str, Tensor]) -> None:
         super().__init__()
@@ -73,6 +73,9 @@ class Depth(nn.Module):
         self.input = nn.Linear(config["lm"]["d_model"], d, bias=False)
         if "heard" in sizes:
             self.heard = nn.Linear(config["lm"]["d_model"], d, bias=False)
+        face = {"jaw", *config["face"]["names"]}
+        of_body = [not set(part["channels"]) & face for part in self.parts for _ in range(part["levels"])]
+        self.places = [int(body and "body_heard" in sizes) for body in of_body]
         self.position = nn.Embedding(slots, d)
         self.layers = nn.ModuleList([DepthLayer(sizes) for _ in range(sizes["num_layers"])])
         self.norm = nn.RMSNorm(d, sizes["layer_norm_epsilon"])
@@ -84,14 +87,14 @@ class Depth(nn.Module):
         load(self, "depth.", tensors)
         self.eval()
 
-    def forward(self, states: Tensor, codes: Codes, before: Codes, heard: Tensor | None) -> Codes:
+    def forward(self, states: Tensor, codes: Codes, before: Codes, heard: list[Tensor]) -> Codes:
         """States `[T, d_model]`, codes `[T, levels]` of each part, those of the keyframes before, and the encoder's
-        states `[T, d_model]` to logits `[T, levels, codes]`."""
+        states `[T, d_model]` that the face and the body hear, where they do, to logits `[T, levels, codes]`."""
         said = self._looked_up(self.embed, codes)[:, :-1]
-        given = self.input(states)
-        if heard is not None:
-            given = given + self.heard(heard)
-        x = given[:, None] + functional.pad(said, (0, 0, 1, 0)) + self.position.weight
+        given = self.input(states)[:, None]
+        if heard:
+            given = given + torch.stack([self.heard(heard[place]) for place in self.places], 1)
+        x = given + functional.pad(said, (0, 0, 1, 0)) + self.position.weight
         if hasattr(self, "before"):
             x = x + self._looked_up(self.before, before)
         for layer in self.layers:
@@ -108,9 +111,9 @@ class Depth(nn.Module):
         """Rows `[T, codes of a keyframe, d]`."""
         return torch.cat([tables[part["name"]](codes[part["name"]] + offsets(part)) for part in self.parts], 1)
 
-    def greedy(self, state: Tensor, before: Codes, heard: Tensor | None, margin: Margin) -> Codes:
+    def greedy(self, state: Tensor, before: Codes, heard: list[Tensor], margin: Margin) -> Codes:
         """The codes `[1, levels]` of one keyframe, each by a pass over all before it; `before` is the keyframe before,
-        `[1, levels]`, `heard` the encoder's state."""
+        `[1, levels]`, `heard` the encoder's states."""
         codes = {part["name"]: torch.zeros(1, part["levels"], dtype=torch.long) for part in self.parts}
         for part in self.parts:
             for level in range(part["levels"]):
@@ -274,7 +277,8 @@ class FrameReference(nn.Module):
         self.start: int = config["vocab"]["audio"]["start"]
         self.prefix: int = config["prefix"]
         self.tokens: int = config["keyframe_stride"] * config["audio"]["token_rate"] // config["frame_rate"]
-        self.token: int | None = config["depth"].get("heard")
+        self.heard_tokens = [config["depth"][key] for key in ("heard", "body_heard") if key in config["depth"]]
+        self.ahead: int = config["audio"]["ahead"]
 
     @property
     def dtype(self) -> torch.dtype:
@@ -292,15 +296,18 @@ class FrameReference(nn.Module):
         output = self.lm.model.decoder(inputs_embeds=rows[None], encoder_hidden_states=hidden[None], use_cache=False)
         return output.last_hidden_state[0]
 
-    def heard(self, ids: Tensor, hidden: Tensor, keyframe: int) -> Tensor | None:
-        """The encoder's state `[1, d_model]` where a keyframe of the chunk is heard, zeros where there is no audio."""
-        if self.token is None:
-            return None
+    def heard(self, ids: Tensor, hidden: Tensor, keyframe: int, target: int) -> list[Tensor]:
+        """The encoder's states `[1, d_model]` where a keyframe of the chunk is heard, the last audio token's where that
+        is behind it, zeros where there is no audio."""
         found = (ids == self.start).nonzero()
-        if len(found) == 0:
-            return torch.zeros_like(hidden[:1])
-        place = int(found[0]) + 1 + (self.prefix + keyframe) * self.tokens + self.token
-        return hidden[place : place + 1] if place < len(ids) else torch.zeros_like(hidden[:1])
+        out = []
+        for token in self.heard_tokens:
+            last = (self.prefix + target + self.ahead) * self.tokens - 1
+            place = len(ids)
+            if len(found):
+                place = int(found[0]) + 1 + min((self.prefix + keyframe) * self.tokens + token, last)
+            out.append(hidden[place : place + 1] if place < len(ids) else torch.zeros_like(hidden[:1]))
+        return out
 
     def generate(self, ids: Tensor, hidden: Tensor, history: Codes, target: int, margin: Margin) -> Codes:
         """Greedy keyframes, each by a pass over all before it."""
@@ -308,7 +315,7 @@ class FrameReference(nn.Module):
         codes = {part["name"]: torch.zeros(0, part["levels"], dtype=torch.long) for part in self.keyframes.parts}
         for keyframe in range(target):
             more = {name: functional.pad(value, (0, 0, 0, 1)) for name, value in codes.items()}
-            heard = self.heard(ids, hidden, keyframe)
+            heard = self.heard(ids, hidden, keyframe, target)
             drawn = before = self.depth.greedy(self.decode(hidden, more)[-1], before, heard, margin)
             codes = {name: torch.cat([value, drawn[name]]) for name, value in codes.items()}
         return codes

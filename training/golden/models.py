@@ -252,7 +252,7 @@ FRAMES_FOUR = Model(
             _part("face", ["jaw", "expression_0", "expression_1", "expression_2"], 256, 1, 6, 1),
             _part("upper", _joints(skeleton.UPPER), 9, 4, 8, 3),
         ],
-        depth={"d_model": 14, "num_heads": 2, "d_ff": 19, "num_layers": 2, "before": True, "heard": 3},
+        depth={"d_model": 14, "num_heads": 2, "d_ff": 19, "num_layers": 2, "before": True, "heard": 3, "body_heard": 17},
         ahead=2,
         expressions=3,
         root={"width": 10, "layers": 1},

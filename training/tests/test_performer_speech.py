@@ -81,15 +81,6 @@ def test_given_accents_are_those_of_the_nearest_vowels():
     assert np.abs(moved["face"][:, mouth] - perform(made, STYLES["neutral"], 3)["face"][:, mouth]).mean() < 0.02
 
 
-def test_earlier_accents_stay_within_their_phrases():
-    heard = listen(speech(SENTENCES[1:]))
-    earlier = heard.earlier(0.3)
-    starts = heard.phrases[np.searchsorted(heard.phrases[:, 0], heard.accents, side="right") - 1, 0]
-    np.testing.assert_allclose(earlier.accents, np.maximum(heard.accents - 0.3, starts))
-    assert (earlier.accents == starts).any() and (earlier.accents > starts).any()
-    assert len(listen(speech(())).earlier(0.3).accents) == 0
-
-
 def test_accents_without_marks_are_prominent_vowels():
     bare = speech([[name.rstrip("012") for name in sentence] for sentence in SENTENCES])
     heard = listen(bare)

@@ -40,7 +40,7 @@ use crate::motion::{FrameRef, MotionScratch, Push};
 use crate::part::Part;
 use crate::record::{Chunk, Codes};
 use crate::time::Instant;
-use keyframe::{heard_token, keyframe_id};
+use keyframe::keyframe_id;
 use sharing::Sharing;
 
 /// What takes the frames of a batch's avatars, each avatar's in order.
@@ -164,8 +164,8 @@ enum BetweenScratch {
         tasks: Vec<Task>,
         /// `[tasks, codes of a keyframe]`: the keyframe before each task's.
         before: Vec<u16>,
-        /// `[rows of the decoder pass, d_model]`: the encoder's states where the keyframes are heard,
-        /// where the depth network has them.
+        /// `[rows of the decoder pass, places, d_model]`: the encoder's states where the keyframes are
+        /// heard, where the depth network has them.
         heard: Vec<f32>,
         /// Keyframe that the decoder pass is of.
         keyframe: usize,
@@ -219,7 +219,7 @@ impl Batch {
                     interp: interp.scratch(frames),
                     tasks: with_capacity(width),
                     before: with_capacity(width * depth.codes()),
-                    heard: with_capacity(if heard_token(config).is_some() { sequences * config.lm.d_model } else { 0 }),
+                    heard: with_capacity(sequences * config.heard_tokens().count() * config.lm.d_model),
                     keyframe: 0,
                 },
             },
@@ -571,7 +571,7 @@ impl Batch {
         let generator = match &mut self.between {
             BetweenScratch::Codes { generator, .. } => generator,
             BetweenScratch::Vectors { .. } => {
-                self.list_heard(&model.config);
+                self.list_heard(&model.config, avatars);
                 self.list_tasks(avatars);
                 return Ok(Phase::Draw { first: 0, code: 0 });
             }

@@ -142,6 +142,10 @@ pub struct Depth {
     /// that is of.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub heard: Option<usize>,
+    /// The same for annotations and the parts of the body, where it is another token than the face's. It may
+    /// be one of the keyframes behind, as far as the model hears ahead.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub body_heard: Option<usize>,
 }
 
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "as serde calls it")]

@@ -200,7 +200,7 @@ pub fn depth(config: &Config, stored: Stored, target: usize) -> Floor {
     let (d, codes) = (sizes.d_model, config.codes_per_keyframe());
     let layers = sizes.num_layers * (4 * d * d + 3 * d * sizes.d_ff);
     let heads: usize = config.part_list().iter().map(|part| part.levels * part.codes * d).sum();
-    let inputs = 1 + usize::from(sizes.heard.is_some());
+    let inputs = 1 + config.heard_tokens().count();
     let rest = stored.product(target, heads + inputs * d * config.lm.d_model);
     let layers = Floor { bytes: stored.bytes(layers), ..stored.product(target * codes, layers) };
     layers + rest

@@ -53,7 +53,8 @@ fn depth(size: Size) -> Depth {
         Size::Small => (48, 4, 96, 2),
         Size::Tiny => (6, 2, 7, 2),
     };
-    Depth { d_model, num_heads, d_ff, num_layers, layer_norm_epsilon: 1e-6, before: true, heard: Some(1) }
+    let (heard, body_heard) = (Some(1), Some(3));
+    Depth { d_model, num_heads, d_ff, num_layers, layer_norm_epsilon: 1e-6, before: true, heard, body_heard }
 }
 
 /// Names of a body part's channels that `wanted` holds for.

@@ -287,9 +287,13 @@ def model_file_config(s: Run) -> Config:
         "templates": TEMPLATES,
     }
     config["audio"]["ahead"] = s.plan["audio"].get("ahead", 0)
-    # The plan says whether, the model file which of a keyframe's audio tokens.
+    # The plan says whether, the model file which of a keyframe's audio tokens; and of the body by how many tokens
+    # sooner than it learns to.
+    sooner = config["depth"].pop("body_sooner", 0)
     if config["depth"].pop("heard", False):
         config["depth"]["heard"] = heard_token(config, s.plan["audio"].get("listener", {}).get("delay"))
+        if sooner:
+            config["depth"]["body_heard"] = config["depth"]["heard"] + sooner
     if "speech" in s.plan:
         told = list(PROMPTS.values())
         if "actions" in s.plan:

@@ -67,8 +67,11 @@ def _heard(umo: Path, chunk: FrameChunk, config: dict[str, Any], *options: objec
     hidden = stage(umo, "encoder", {"input_ids": chunk.ids} | _named("history", chunk.history), *options)["hidden"]
     each = config["audio"]["token_rate"] * config["keyframe_stride"] // config["frame_rate"]
     start = int(np.flatnonzero(chunk.ids == config["vocab"]["audio"]["start"])[0]) + 1
-    keyframes = config["prefix"] + np.arange(len(next(iter(chunk.codes.values()))))
-    return {"heard": hidden[start + keyframes * each + config["depth"]["heard"]]}
+    count = len(next(iter(chunk.codes.values())))
+    first = (config["prefix"] + np.arange(count)) * each
+    last = (config["prefix"] + count + config["audio"].get("ahead", 0)) * each - 1
+    tokens = {key: config["depth"][key] for key in ("heard", "body_heard") if key in config["depth"]}
+    return {key: hidden[start + np.minimum(first + token, last)] for key, token in tokens.items()}
 
 
 def _logits(umo: Path, chunk: FrameChunk, config: dict[str, Any], *options: object) -> Codes:

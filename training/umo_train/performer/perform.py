@@ -25,8 +25,6 @@ from umo_train.speech.utterance import FRAME_RATE, Utterance
 
 # The jaw's turn at jawOpen = 1, in radians.
 JAW_OPEN = 0.35
-# The body is there before the voice: a stroke, a nod or a turn of the trunk ends so long before an accent, in seconds.
-BODY_AHEAD_S = 0.05
 
 
 def perform(utterance: Utterance, style: Style, seed: int, accents: np.ndarray | None = None) -> dict[str, np.ndarray]:
@@ -43,12 +41,11 @@ def perform(utterance: Utterance, style: Style, seed: int, accents: np.ndarray |
     feeling, felt = None, np.ones(utterance.frames)
     if style.feeling:
         feeling, felt = feelings.FEELINGS[style.feeling], feelings.strength(prosody, choices[8])
-    body = prosody.earlier(BODY_AHEAD_S)
-    turned = bearing.bear(body, style, choices[6])
-    stance = legs.stance(body, style, turned.trunk, choices[0])
-    gestured = gestures.gesticulate(body, style, choices[2])
+    turned = bearing.bear(prosody, style, choices[6])
+    stance = legs.stance(prosody, style, turned.trunk, choices[0])
+    gestured = gestures.gesticulate(prosody, style, choices[2])
     nods = listening.nods(answers, prosody.t, choices[8])
-    trunk = posture.stand(body, style, stance.hips, turned, gestured, nods, felt, choices[1])
+    trunk = posture.stand(prosody, style, stance.hips, turned, gestured, nods, felt, choices[1])
 
     shapes = mouth.speak(utterance, prosody, style)
     expression.feel(shapes, prosody, style, choices[3])

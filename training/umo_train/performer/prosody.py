@@ -1,6 +1,6 @@
 """What the performer hears: phrases, accents and loudness of an utterance."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
@@ -32,13 +32,6 @@ class Prosody:
     # dB above the speech level, per frame: over a phrase, and over a syllable.
     slow_db: np.ndarray
     syllabic_db: np.ndarray
-
-    def earlier(self, seconds: float) -> "Prosody":
-        """With accents by so much earlier, but none before its phrase."""
-        begun = np.searchsorted(self.phrases[:, 0], self.accents, side="right")
-        # Before the first phrase nothing holds an accent back.
-        starts = np.r_[-np.inf, self.phrases[:, 0]][begun]
-        return replace(self, accents=np.maximum(self.accents - seconds, starts))
 
 
 def listen(utterance: Utterance, accents: np.ndarray | None = None) -> Prosody:

@@ -14,11 +14,6 @@ const BOUNDED_CODES: usize = 8;
 /// Most of one member, of which a code takes longer than a share of many.
 const MEMBER_CODES: usize = 4;
 
-/// Which of a keyframe's audio tokens its encoder state is of, where the depth network has that.
-pub(super) fn heard_token(config: &Config) -> Option<usize> {
-    config.depth.as_ref()?.heard
-}
-
 /// The id of what a member's decoder reads, behind the history's keyframes of all `width` members.
 #[expect(clippy::cast_possible_truncation, reason = "ids and rows of a batch are far below 2^32")]
 pub(super) fn keyframe_id(model: &Model, width: usize, member: usize) -> u32 {
@@ -27,20 +22,25 @@ pub(super) fn keyframe_id(model: &Model, width: usize, member: usize) -> u32 {
 
 impl Batch {
     /// The encoder's states where the keyframe of the decoder pass is heard, of every sequence of
-    /// the pass; zeros where there is no audio.
-    pub(super) fn list_heard(&mut self, config: &Config) {
-        let (Some(token), d) = (heard_token(config), config.lm.d_model) else { return };
+    /// the pass: at the last token that is heard where the place is behind it, and zeros where there is
+    /// no audio.
+    pub(super) fn list_heard(&mut self, config: &Config, avatars: &[Avatar]) {
+        let (tokens, d) = (config.heard_tokens(), config.lm.d_model);
         let BetweenScratch::Vectors { heard, keyframe, .. } = &mut self.between else { return };
         heard.clear();
-        let (place, mut first) = ((config.prefix + *keyframe) * config.tokens_per_keyframe() + token, 0);
-        for (sequence, &length) in self.sequences.iter().zip(&self.lengths).take(self.members * self.per_member) {
+        let (keyframe, mut first) = ((config.prefix + *keyframe) * config.tokens_per_keyframe(), 0);
+        let sequences = self.sequences.iter().zip(&self.lengths).enumerate();
+        for (number, (sequence, &length)) in sequences.take(self.members * self.per_member) {
             if !sequence.ids().is_empty() {
                 let ids = &self.ids[first..first + length];
                 let start = ids.iter().position(|&id| id as usize == config.vocab.audio.start);
-                let row = start.map(|start| start + 1 + place).filter(|&row| row < length);
-                match row {
-                    Some(row) => heard.extend_from_slice(&self.states[(first + row) * d..(first + row + 1) * d]),
-                    None => heard.resize(heard.len() + d, 0.0),
+                let last = avatars[number / self.per_member].units.len().saturating_sub(1);
+                for token in tokens.clone() {
+                    let row = start.map(|start| start + 1 + (keyframe + token).min(last)).filter(|&row| row < length);
+                    match row {
+                        Some(row) => heard.extend_from_slice(&self.states[(first + row) * d..(first + row + 1) * d]),
+                        None => heard.resize(heard.len() + d, 0.0),
+                    }
                 }
             }
             first += length;

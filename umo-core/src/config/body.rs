@@ -54,6 +54,11 @@ impl PartSpec {
         self.channels.is_empty()
     }
 
+    /// Whether it moves the face.
+    pub(crate) fn is_face(&self, face: &Face) -> bool {
+        self.channels(face).is_some_and(|channels| channels.part == Part::Face)
+    }
+
     /// Its decoder's dimensions for so many channels.
     pub(crate) fn codec(&self, channels: usize) -> Codec {
         Codec { channels, layers: self.layers }
@@ -73,6 +78,13 @@ impl PartSpec {
 }
 
 impl Config {
+    /// The audio tokens, counted from a keyframe's first, whose states the depth network has: none, that
+    /// of all parts, or that of the face's parts and that of the others.
+    pub(crate) fn heard_tokens(&self) -> impl Iterator<Item = usize> + Clone + use<> {
+        let depth = self.depth.as_ref();
+        [depth.and_then(|depth| depth.heard), depth.and_then(|depth| depth.body_heard)].into_iter().flatten()
+    }
+
     /// The parts that have codes: [`Self::parts`], or the paper's four parts of one level.
     pub fn part_list(&self) -> Vec<PartSpec> {
         let of = |part: Part| PartSpec {

@@ -357,6 +357,10 @@ fn check_lm(c: &Config) -> Check {
     if let Some(heard) = depth.heard {
         range("depth.heard", heard, 0, c.tokens_per_keyframe() - 1)?;
     }
+    if let Some(heard) = depth.body_heard {
+        require(depth.heard.is_some(), "depth.body_heard", || "expected depth.heard beside it".to_owned())?;
+        range("depth.body_heard", heard, 0, (1 + c.audio.ahead) * c.tokens_per_keyframe() - 1)?;
+    }
     small("depth.layer_norm_epsilon", depth.layer_norm_epsilon)
 }
 

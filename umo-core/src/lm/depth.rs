@@ -33,8 +33,10 @@ const TASK_ROWS: usize = 2;
 pub struct DepthNet {
     /// `[d, d_model]`
     input: Linear,
-    /// The same for the encoder's state where the keyframe is heard, where the network has it.
+    /// The same for the encoder's states where the keyframe is heard, where the network has them.
     heard: Option<Linear>,
+    /// Of how many places those are: one, or the face's and the body's.
+    places: usize,
     /// `[codes of a keyframe, d]`
     position: Table,
     layers: Vec<Layer>,
@@ -70,6 +72,8 @@ struct Slot {
     first: usize,
     head: Linear,
     sampling: Option<Sampling>,
+    /// Number of the place where it is heard.
+    place: usize,
 }
 
 /// One avatar's keyframe to draw.
@@ -110,7 +114,7 @@ pub struct DepthScratch {
 struct Lane {
     /// Of this thread alone: products within a lane are not shared.
     alone: Team,
-    /// `[rows, d]`: the states, projected.
+    /// `[places, rows, d]`: the states, projected, with what is heard at each place.
     given: Box<[f32]>,
     /// `[rows, d]`: the residual stream.
     hidden: Box<[f32]>,
@@ -159,6 +163,7 @@ impl DepthNet {
             })
         };
         let (mut slots, mut embed, mut before) = (Vec::new(), Vec::new(), sizes.before.then(Vec::new));
+        let places = config.heard_tokens().count().max(1);
         for (part, spec) in config.part_list().iter().enumerate() {
             let rows = spec.levels * spec.codes;
             embed.push(loader.table(&format!("depth.embed.{}.weight", spec.name), rows, d)?);
@@ -168,7 +173,8 @@ impl DepthNet {
             for first in (0..rows).step_by(spec.codes) {
                 let name = format!("depth.head.{}.weight", spec.name);
                 let head = loader.linear_rows(&name, rows, first..first + spec.codes, d)?;
-                slots.push(Slot { part, first, head, sampling: spec.sampling });
+                let place = if spec.is_face(&config.face) { 0 } else { places - 1 };
+                slots.push(Slot { part, first, head, sampling: spec.sampling, place });
             }
         }
         Ok(Self {
@@ -177,6 +183,7 @@ impl DepthNet {
                 Some(_) => Some(loader.linear(&["depth.heard.weight".to_owned()], &[d], config.lm.d_model)?),
                 None => None,
             },
+            places,
             position: loader.table("depth.position.weight", slots.len(), d)?,
             layers: (0..sizes.num_layers).map(layer).collect::<Result<_, LoadError>>()?,
             norm: loader.vector("depth.norm.weight", d)?,
@@ -220,9 +227,9 @@ impl DepthNet {
     /// their codes those in `codes`, from 0 on in calls that follow each other with the same tasks.
     /// Never allocates.
     ///
-    /// Shapes: `states [rows, d_model]`, the decoder's after its final norm; `heard` of the same shape,
-    /// the encoder's where the keyframes are heard, zeros where they are not, empty where the network
-    /// has none; `before [tasks, codes of a keyframe]`, the keyframe before each task's;
+    /// Shapes: `states [rows, d_model]`, the decoder's after its final norm; `heard [rows, places, d_model]`,
+    /// the encoder's where the keyframes are heard by the face and, if that is another place, by the body,
+    /// zeros where they are not, empty where the network has none; `before [tasks, codes of a keyframe]`, the keyframe before each task's;
     /// `write(task, codes)` is given each task's codes, when the last is drawn, in the order of the
     /// config's parts, their levels ascending.
     ///
@@ -286,8 +293,9 @@ impl DepthNet {
         before: &[u16],
     ) -> Result<Vec<Vec<f32>>, StepError> {
         let (rows, count) = (codes.len() / self.codes(), self.codes());
-        let is_whole = |states: &[f32]| states.len() == rows * self.input.inputs();
-        if rows == 0 || rows * count != codes.len() || !is_whole(states) || self.heard.is_some() && !is_whole(heard) {
+        let is_whole = |states: &[f32], each: usize| states.len() == rows * each * self.input.inputs();
+        let is_heard = self.heard.is_none() || is_whole(heard, self.places);
+        if rows == 0 || rows * count != codes.len() || !is_whole(states, 1) || !is_heard {
             return Err(StepError::Disagree("states and codes of another number of keyframes"));
         }
         let mut lane = Lane::new(self, rows);
@@ -328,7 +336,7 @@ impl Lane {
         let room = |cols: usize| filled(0.0, rows * cols).into_boxed_slice();
         Self {
             alone: Team::alone(),
-            given: room(d),
+            given: room(net.places * d),
             hidden: room(d),
             normed: room(widest),
             qkv: room(3 * d),
@@ -393,25 +401,34 @@ impl Lane {
         rows: impl Iterator<Item = usize> + Clone,
     ) -> Result<(), StepError> {
         let (d, width, cx) = (net.norm.len(), net.input.inputs(), Compute { isa, team: &self.alone });
-        let of = [(Some(&net.input), states, Epilogue::STORE), (net.heard.as_ref(), heard, Epilogue::ADD)];
-        for (input, states, epilogue) in of {
-            let Some(input) = input else { continue };
+        let half = self.given.len() / net.places;
+        let Self { normed, quant, given, .. } = self;
+        // Of each row one of `each` states that stand together.
+        let mut add = |input: &Linear, states: &[f32], (each, one): (usize, usize), epilogue, given: &mut [f32]| {
             let mut count = 0;
-            for (out, row) in self.normed.chunks_exact_mut(width).zip(rows.clone()) {
-                let state = states.get(row * width..(row + 1) * width);
+            for (out, row) in normed.chunks_exact_mut(width).zip(rows.clone()) {
+                let state = states.chunks_exact(width).nth(row * each + one);
                 out.copy_from_slice(state.ok_or(StepError::Disagree("states and rows of keyframes"))?);
                 count += 1;
             }
-            let x = Mat::new(&self.normed, count, width)?;
-            input.forward(cx, &mut self.quant, x, epilogue, MatMut::new(&mut self.given, count, d)?)?;
+            let x = Mat::new(normed, count, width)?;
+            input.forward(cx, quant, x, epilogue, MatMut::new(given, count, d)?)
+        };
+        add(&net.input, states, (1, 0), Epilogue::STORE, &mut given[..half])?;
+        let Some(input) = &net.heard else { return Ok(()) };
+        let (first, others) = given.split_at_mut(half);
+        for (place, given) in others.chunks_exact_mut(half).enumerate() {
+            given.copy_from_slice(first);
+            add(input, heard, (net.places, place + 1), Epilogue::ADD, given)?;
         }
-        Ok(())
+        add(input, heard, (net.places, 0), Epilogue::ADD, first)
     }
 
     /// The logits of code `j`, `[rows, codes of its level]`, from the states and the codes before.
     fn step(&mut self, net: &DepthNet, isa: Isa, j: usize, rows: usize) -> Result<(), StepError> {
         let (d, count) = (net.norm.len(), net.slots.len());
-        for (row, (hidden, given)) in self.hidden.chunks_exact_mut(d).zip(self.given.chunks_exact(d)).enumerate() {
+        let given = self.given.chunks_exact(self.given.len() / net.places).nth(net.slots[j].place).unwrap_or_default();
+        for (row, (hidden, given)) in self.hidden.chunks_exact_mut(d).zip(given.chunks_exact(d)).enumerate() {
             if row == rows {
                 break;
             }

@@ -95,7 +95,7 @@ impl Encoded {
     }
 
     /// Runs the decoder over `count` keyframes; `state(keyframe, state, heard)` is given each state,
-    /// and the encoder's where the keyframe is heard, and says the keyframe's codes.
+    /// and the encoder's `[places, d_model]` where the keyframe is heard, and says the keyframe's codes.
     fn decode(
         &mut self,
         cx: Compute,
@@ -112,12 +112,17 @@ impl Encoded {
         for keyframe in 0..count {
             sequence.set_ids(&[id])?;
             lm.decode(cx, scratch, std::slice::from_mut(&mut sequence))?;
-            let place = audio.map(|audio| audio + (config.prefix + keyframe) * config.tokens_per_keyframe());
-            let token = config.depth.as_ref().and_then(|depth| depth.heard);
-            let place = place.zip(token).map(|(place, token)| place + token).filter(|place| *place < *rows);
-            let silent = vec![0.0; lm.d_model()];
-            let heard = place.map_or(&silent[..], |place| &hidden[place * lm.d_model()..(place + 1) * lm.d_model()]);
-            let codes = state(keyframe, &scratch.states()[..lm.d_model()], heard)?;
+            let (d, tokens) = (lm.d_model(), config.tokens_per_keyframe());
+            let last = (config.prefix + count + config.audio.ahead) * tokens - 1;
+            let mut heard = Vec::new();
+            for token in config.heard_tokens() {
+                let place = audio.map(|audio| audio + ((config.prefix + keyframe) * tokens + token).min(last));
+                match place.filter(|place| *place < *rows) {
+                    Some(place) => heard.extend_from_slice(&hidden[place * d..(place + 1) * d]),
+                    None => heard.resize(heard.len() + d, 0.0),
+                }
+            }
+            let codes = state(keyframe, &scratch.states()[..d], &heard)?;
             tables(lm)?.keyframe(&codes, scratch.given_mut(row))?;
         }
         Ok(())
@@ -181,10 +186,17 @@ fn depth(cx: Compute, loader: &Loader, inputs: &Inputs) -> Outputs {
     } else {
         Vec::new()
     };
-    let heard = match config.depth.as_ref().and_then(|depth| depth.heard) {
-        Some(_) => inputs.float_rows("heard", config.lm.d_model)?,
-        None => Vec::new(),
-    };
+    // `[rows, places, d_model]`, a row of each input after the other.
+    let names = ["heard", "body_heard"].into_iter().zip(config.heard_tokens());
+    let places = names.map(|(name, _)| inputs.float_rows(name, config.lm.d_model)).collect::<Result<Vec<_>, _>>()?;
+    if places.iter().any(|states| states.len() != places[0].len()) {
+        return Err(StepError::Disagree("states that the face and the body hear").into());
+    }
+    let rows = (0..states.len()).step_by(config.lm.d_model);
+    let heard: Vec<f32> = rows
+        .flat_map(|at| places.iter().flat_map(move |states| states.get(at..at + config.lm.d_model).unwrap_or_default()))
+        .copied()
+        .collect();
     let mut logits = net.force(cx.isa, (&states, &heard), &codes, &before)?.into_iter();
     let rows = codes.len() / net.codes();
     let output = |part: PartSpec| {
