@@ -32,6 +32,7 @@ LEAST = {
     "tokenizers": {"steps": 22},
     "audio": {"listener": {"steps": 4}},
     "interp_training": {"steps": 4},
+    "depth": {"body_sooner": 4},
 }
 
 
@@ -134,7 +135,12 @@ def test_depth(run: pipeline.Run, tmp_path: Path) -> None:
     hidden = torch.randn(6, run.plan["lm"]["d_model"], generator=torch.Generator().manual_seed(0))
     before = _codes(run, 6, 1)
     heard = torch.randn(6, run.plan["lm"]["d_model"], generator=torch.Generator().manual_seed(1))
-    inputs = {"hidden": hidden, "heard": heard} | _split(run, "codes", codes) | _split(run, "before", before)
+    # Networks learn with one place for all parts.
+    inputs = (
+        {"hidden": hidden, "heard": heard, "body_heard": heard.clone()}
+        | _split(run, "codes", codes)
+        | _split(run, "before", before)
+    )
     out = _stage(run, "depth", inputs, tmp_path)
     for name, logits in model.depth(hidden, codes, before, heard).items():
         _close(out[f"logits.{name}"], logits)

@@ -26,7 +26,7 @@ def test_depth_is_the_references(model: FrameModel) -> None:
     state = {name: tensor for name, tensor in model.state_dict().items() if name.startswith("depth.")}
     states, said, before = torch.randn(5, CONFIG["lm"]["d_model"]), codes(5), codes(5, seed=1)
     heard = torch.randn_like(states)
-    wanted = reference.Depth(CONFIG, state)(states, _split(said), _split(before), heard)
+    wanted = reference.Depth(CONFIG, state)(states, _split(said), _split(before), [heard])
     found = model.depth(states, said, before, heard)
     for part in PARTS:
         torch.testing.assert_close(found[part.name], wanted[part.name], rtol=1e-4, atol=1e-5)
@@ -47,7 +47,7 @@ def test_greedy_drawing_agrees_with_teacher_forcing(model: FrameModel) -> None:
     state = {name: tensor for name, tensor in model.state_dict().items() if name.startswith("depth.")}
     hidden = torch.randn(CONFIG["lm"]["d_model"])
     before = codes(1, seed=1)
-    drawn = reference.Depth(CONFIG, state).greedy(hidden, _split(before), None, Margin())
+    drawn = reference.Depth(CONFIG, state).greedy(hidden, _split(before), [], Margin())
     said = torch.cat([drawn[part.name] for part in PARTS], 1)
     logits = model.depth(hidden[None], said, before)
     for part in PARTS:
