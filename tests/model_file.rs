@@ -469,6 +469,17 @@ fn parts_of_layout_frames_are_checked() {
     with("", "rest", json!({ "face": 0, "hands": 0, "upper": 0, "lower": 0 }), "rest");
     with("/parts/0", "width", json!(3), "parts[0].width");
     with("/parts/1", "sampling", json!({ "temperature": -1, "top_k": 0, "top_p": 1 }), "parts[1].sampling.temperature");
+    with("/depth", "body_heard", json!(1), "depth.body_heard");
+    // Ten tokens a keyframe, and as many of two keyframes further on.
+    let hearing = ModelBytes::open("frames_four");
+    for (token, is_within) in [(29, true), (30, false)] {
+        let mut config = hearing.config.clone();
+        config["depth"]["body_heard"] = json!(token);
+        let loaded = load(with_config(&hearing, &hearing.header(), &hearing.data(), &config));
+        let error = loaded.err().map(|error| error.to_string()).unwrap_or_default();
+        assert_eq!(error.is_empty(), is_within, "{token}: {error}");
+        assert!(is_within || error.contains("config `depth.body_heard`: expected 0 to 29, got 30"), "{error}");
+    }
     // The paper's layout has none of these keys.
     let paper = ModelBytes::open("mel_k2_arkit");
     let (header, data) = (paper.header(), paper.data());

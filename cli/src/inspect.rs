@@ -73,14 +73,15 @@ fn summary(c: &Config) {
     println!("between    {} + {} layers of {}, {} heads", i.temporal_layers, i.part_layers, i.d_model, i.num_heads);
     if let Some(depth) = &c.depth {
         println!(
-            "depth      {} layers of {}, {} heads, feed-forward {}, {} codes a keyframe{}{}",
+            "depth      {} layers of {}, {} heads, feed-forward {}, {} codes a keyframe{}{}{}",
             depth.num_layers,
             depth.d_model,
             depth.num_heads,
             depth.d_ff,
             c.codes_per_keyframe(),
             if depth.before { ", each knows the one before" } else { "" },
-            if depth.heard.is_some() { ", hears its own audio" } else { "" }
+            if depth.heard.is_some() { ", hears its own audio" } else { "" },
+            if depth.body_heard.is_some() { ", the body another token than the face" } else { "" }
         );
     }
     if c.parts.is_none() {
