@@ -168,6 +168,8 @@ pub struct Depth {
     scratch: DepthScratch,
     /// `[avatars, d_model]`
     states: Vec<f32>,
+    /// `[avatars, places, d_model]`
+    heard: Vec<f32>,
     tasks: Vec<Task>,
     /// `[avatars, codes of a keyframe]`
     before: Vec<u16>,
@@ -180,10 +182,15 @@ impl Depth {
         let mut random = Random::new(6);
         let net = DepthNet::load(&Loader::new(file, Precision::Stored, isa())).expect(OK);
         let sampler = Sampler { sampling: config.sampling, seed: 7 };
+        let places = config
+            .depth
+            .as_ref()
+            .map_or(0, |depth| usize::from(depth.heard.is_some()) + usize::from(depth.body_heard.is_some()));
         let task = |row| Task { member: row, row, unprompted: None, guidance: 1.0, sampler, chunk: 0, keyframe: 0 };
         Self {
             scratch: net.scratch(avatars),
             states: (0..avatars * config.lm.d_model).map(|_| random.normal()).collect(),
+            heard: (0..avatars * places * config.lm.d_model).map(|_| random.normal()).collect(),
             tasks: (0..avatars).map(task).collect(),
             before: vec![0; avatars * net.codes()],
             net,
@@ -200,7 +207,7 @@ impl Depth {
         let mut first = 0;
         while first < self.tasks.len() {
             let (tasks, before) = (&self.tasks[first..], &self.before[first * self.net.codes()..]);
-            let states = (&self.states[..], &self.states[..]);
+            let states = (&self.states[..], &self.heard[..]);
             let drawn = self.net.draw(cx, &mut self.scratch, states, (tasks, before), 0..self.net.codes(), |_, _| ());
             first += drawn.expect(OK);
         }
