@@ -34,7 +34,8 @@ impl Batch {
             if !sequence.ids().is_empty() {
                 let ids = &self.ids[first..first + length];
                 let start = ids.iter().position(|&id| id as usize == config.vocab.audio.start);
-                let last = avatars[number / self.per_member].units.len().saturating_sub(1);
+                let last =
+                    avatars.get(number / self.per_member).map_or(0, |avatar| avatar.units.len().saturating_sub(1));
                 for token in tokens.clone() {
                     let row = start.map(|start| start + 1 + (keyframe + token).min(last)).filter(|&row| row < length);
                     match row {

@@ -229,7 +229,8 @@ impl DepthNet {
     ///
     /// Shapes: `states [rows, d_model]`, the decoder's after its final norm; `heard [rows, places, d_model]`,
     /// the encoder's where the keyframes are heard by the face and, if that is another place, by the body,
-    /// zeros where they are not, empty where the network has none; `before [tasks, codes of a keyframe]`, the keyframe before each task's;
+    /// zeros where they are not, empty where the network has none; `before [tasks, codes of a keyframe]`,
+    /// the keyframe before each task's;
     /// `write(task, codes)` is given each task's codes, when the last is drawn, in the order of the
     /// config's parts, their levels ascending.
     ///
@@ -401,7 +402,7 @@ impl Lane {
         rows: impl Iterator<Item = usize> + Clone,
     ) -> Result<(), StepError> {
         let (d, width, cx) = (net.norm.len(), net.input.inputs(), Compute { isa, team: &self.alone });
-        let half = self.given.len() / net.places;
+        let each_place = self.given.len() / net.places;
         let Self { normed, quant, given, .. } = self;
         // Of each row one of `each` states that stand together.
         let mut add = |input: &Linear, states: &[f32], (each, one): (usize, usize), epilogue, given: &mut [f32]| {
@@ -414,10 +415,10 @@ impl Lane {
             let x = Mat::new(normed, count, width)?;
             input.forward(cx, quant, x, epilogue, MatMut::new(given, count, d)?)
         };
-        add(&net.input, states, (1, 0), Epilogue::STORE, &mut given[..half])?;
+        add(&net.input, states, (1, 0), Epilogue::STORE, &mut given[..each_place])?;
         let Some(input) = &net.heard else { return Ok(()) };
-        let (first, others) = given.split_at_mut(half);
-        for (place, given) in others.chunks_exact_mut(half).enumerate() {
+        let (first, others) = given.split_at_mut(each_place);
+        for (place, given) in others.chunks_exact_mut(each_place).enumerate() {
             given.copy_from_slice(first);
             add(input, heard, (net.places, place + 1), Epilogue::ADD, given)?;
         }
