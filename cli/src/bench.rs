@@ -282,7 +282,7 @@ impl Runner<'_> {
             p50: latency.iter().map(|l| l.compute_p50).max().unwrap_or_default(),
             p99: latency.iter().map(|l| l.compute_p99).max().unwrap_or_default(),
             max: latency.iter().map(|l| l.compute_max).max().unwrap_or_default(),
-            busy: worked.as_secs_f64() / start.elapsed().as_secs_f64(),
+            busy: worked.as_secs_f64() / (start.elapsed().as_secs_f64() * self.engine.batches() as f64),
             processor: since(processor),
         })
     }

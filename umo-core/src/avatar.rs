@@ -159,6 +159,18 @@ impl StageTimes {
             decoder_layers: self.decoder_layers.since(before.decoder_layers),
         }
     }
+
+    /// Adds those of another thread.
+    pub(crate) fn add(&mut self, more: Self) {
+        self.tokenizer += more.tokenizer;
+        self.encoder += more.encoder;
+        self.decoder += more.decoder;
+        self.interp += more.interp;
+        self.motion += more.motion;
+        self.depth += more.depth;
+        self.encoder_layers += more.encoder_layers;
+        self.decoder_layers += more.decoder_layers;
+    }
 }
 
 /// One avatar: everything that a chunk leaves behind for the next.

@@ -15,7 +15,10 @@
 //! the next (SPEC 2.13); a guided avatar has two sequences, with its text and without (SPEC 2.16).
 
 mod keyframe;
+mod phase;
 mod sharing;
+#[cfg(test)]
+mod tests;
 
 use std::time::Duration;
 
@@ -41,6 +44,7 @@ use crate::part::Part;
 use crate::record::{Chunk, Codes};
 use crate::time::Instant;
 use keyframe::keyframe_id;
+use phase::Phase;
 use sharing::Sharing;
 
 /// What takes the frames of a batch's avatars, each avatar's in order.
@@ -52,65 +56,6 @@ pub trait FrameSink {
 impl<F: FnMut(FrameRef)> FrameSink for F {
     fn frame(&mut self, _: usize, frame: FrameRef) {
         self(frame);
-    }
-}
-
-/// Where the work stands.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Phase {
-    /// No batch is under way.
-    Idle,
-    /// A piece of the audio tokenizer's work for one member.
-    Tokenize { member: usize },
-    /// One layer of the encoder, or a piece of it for the sequences from `first` on.
-    Encode { layer: usize, first: usize, piece: EncoderPiece },
-    /// The decoder's keys and values of one sequence's encoder states from `row` on, in one layer.
-    Attend { sequence: usize, layer: usize, row: usize },
-    /// One layer of a decoder pass, for the sequences from `first` on.
-    Decode { layer: usize, first: usize },
-    /// The depth network, for the tasks from `first` on, their codes from `code` on.
-    Draw { first: usize, code: usize },
-    /// A step of one member's interpolation, or all of it.
-    Interpolate { member: usize },
-    /// One motion decoder of one member, or all of them.
-    DecodeMotion { member: usize },
-}
-
-impl Phase {
-    /// The encoder's first layer.
-    const ENCODE: Self = Self::Encode { layer: 0, first: 0, piece: EncoderPiece::FIRST };
-    /// A decoder pass.
-    const DECODE: Self = Self::Decode { layer: 0, first: 0 };
-    /// How many kinds of steps there are.
-    const KINDS: usize = 8;
-
-    /// The number of its kind.
-    fn kind(self) -> usize {
-        match self {
-            Self::Idle => 0,
-            Self::Tokenize { .. } => 1,
-            Self::Encode { .. } => 2,
-            Self::Attend { .. } => 3,
-            Self::Decode { .. } => 4,
-            Self::Draw { .. } => 5,
-            Self::Interpolate { .. } => 6,
-            Self::DecodeMotion { .. } => 7,
-        }
-    }
-
-    /// What its kind is called.
-    #[cfg(feature = "internals")]
-    fn name(self) -> &'static str {
-        match self {
-            Self::Idle => "begin",
-            Self::Tokenize { .. } => "tokenize",
-            Self::Encode { .. } => "encode",
-            Self::Attend { .. } => "attend",
-            Self::Decode { .. } => "decode",
-            Self::Draw { .. } => "draw",
-            Self::Interpolate { .. } => "interpolate",
-            Self::DecodeMotion { .. } => "decode motion",
-        }
     }
 }
 
@@ -144,6 +89,8 @@ pub struct Batch {
     sharing: Sharing,
     /// Whether steps are cut at members where that costs little.
     bounded: bool,
+    /// Whether steps are not shared with the team's other threads.
+    alone: bool,
     /// How long the last step of each kind took.
     last: [Duration; Phase::KINDS],
     /// Codes of the last chunk, if a record is kept; for batches of one.
@@ -175,6 +122,11 @@ enum BetweenScratch {
 /// Weights of an encoder layer that stay in a core's caches while one member after the other needs
 /// them.
 const CACHED_WEIGHTS: usize = 4 << 20;
+
+/// Whether the layers of a model of these dimensions stay in a core's caches.
+pub(crate) fn is_cached(config: &Config) -> bool {
+    Lm::encoder_layer_weights(config) <= CACHED_WEIGHTS
+}
 
 /// Sequences of one step of a decoder pass where steps are cut: as many as share a reading of the weights
 /// and still take a few hundred microseconds.
@@ -236,6 +188,7 @@ impl Batch {
             times: StageTimes::default(),
             sharing: Sharing::new(Phase::KINDS, width),
             bounded: false,
+            alone: false,
             last: [Duration::ZERO; Phase::KINDS],
             codes: None,
         }
@@ -246,7 +199,12 @@ impl Batch {
     /// keyframe's codes, a layer or few frames of an interpolation, and one motion decoder. Only for a
     /// model whose layers stay in cache, as what is cut reads its weights again.
     pub(crate) fn bound(&mut self, config: &Config) {
-        self.bounded = Lm::encoder_layer_weights(config) <= CACHED_WEIGHTS;
+        self.bounded = is_cached(config);
+    }
+
+    /// Whether the next steps leave out the team's other threads, which have something else to do.
+    pub(crate) fn set_alone(&mut self, alone: bool) {
+        self.alone = alone;
     }
 
     /// Keeps from now on what each chunk was made of. Allocates, once.
@@ -356,7 +314,7 @@ impl Batch {
             return Err(StepError::Disagree("a batch was taken up with other members"));
         }
         let (start, layers, phase) = (Instant::now(), self.lm.times, self.phase);
-        let shared = self.sharing.choose(phase.kind(), self.members);
+        let shared = !self.alone && self.sharing.choose(phase.kind(), self.members);
         cx.team.set_alone(!shared);
         let next = match phase {
             Phase::Idle => return Ok(false),
@@ -384,7 +342,7 @@ impl Batch {
         let elapsed = start.elapsed();
         *time += elapsed;
         self.last[phase.kind()] = elapsed;
-        if cx.team.threads() > 1 {
+        if cx.team.threads() > 1 && !self.alone {
             self.sharing.learn(phase.kind(), self.members, shared, elapsed);
         }
         self.phase = next?;
@@ -752,77 +710,4 @@ struct Pushing {
     push: Push,
     /// Whether they are those that the last chunk held back.
     is_end: bool,
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::avatar::AvatarConfig;
-    use crate::team::Team;
-    use crate::{ModelFile, Precision};
-    use umo_kernels::Isa;
-
-    /// More than one step of a decoder pass takes where steps are cut.
-    const MEMBERS: usize = 6;
-
-    /// The bits of every member's frames.
-    struct Bits(Vec<Vec<u32>>);
-
-    impl FrameSink for Bits {
-        fn frame(&mut self, member: usize, frame: FrameRef) {
-            let values = frame.pose.rotations.as_flattened().iter().chain(&frame.pose.translation).chain(frame.face);
-            self.0[member].extend(values.map(|value| value.to_bits()));
-        }
-    }
-
-    /// Two chunks and the rest: steps of the longest chunk, and all frames.
-    fn frames(model: &Model, bounded: bool) -> (usize, Vec<Vec<u32>>) {
-        let (config, team) = (&model.config, Team::alone());
-        let cx = Compute { isa: model.isa, team: &team };
-        let mut batch = Batch::new(model, MEMBERS);
-        if bounded {
-            batch.bound(config);
-        }
-        let avatar = |member: usize| {
-            let mut settings = AvatarConfig::new(config);
-            settings.sampler.seed = member as u64;
-            // Different windows, and one that smooths.
-            settings.target = 2 + member;
-            settings.smoothing = if member == 1 { 1.0 } else { 0.0 };
-            Avatar::new(model, &settings).unwrap()
-        };
-        let mut avatars: Vec<_> = (0..MEMBERS).map(avatar).collect();
-        let (mut bits, mut most) = (Bits(vec![Vec::new(); MEMBERS]), 0);
-        for chunk in 0..3 {
-            for (member, avatar) in avatars.iter_mut().enumerate() {
-                if chunk == 2 {
-                    avatar.finish(avatar.known_frames(config, 2));
-                    continue;
-                }
-                let pitch = 0.02 + 0.01 * member as f32;
-                let tone = |at: usize| 0.3 * (at as f32 * pitch).sin() * (at as f32 * 0.0007).sin();
-                avatar.samples_mut().iter_mut().enumerate().for_each(|(at, sample)| *sample = tone(at + chunk * 8000));
-            }
-            let due = if chunk < 2 { Due::Chunk } else { Due::Flush };
-            batch.begin(std::iter::repeat_n(due, MEMBERS)).unwrap();
-            let mut steps = 1;
-            while batch.step(model, cx, &mut avatars, &mut bits).unwrap() {
-                steps += 1;
-            }
-            most = most.max(steps);
-        }
-        (most, bits.0)
-    }
-
-    #[test]
-    fn short_steps_give_the_frames_of_long_ones() {
-        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../models/umo-people/model.safetensors");
-        let file = ModelFile::open(path.as_ref()).unwrap();
-        let model = Model::load(&file, Precision::Stored, Isa::detect()).unwrap();
-        let ((long, want), (short, got)) = (frames(&model, false), frames(&model, true));
-        assert!(got.iter().all(|frames| frames.len() > 1000) && got[0] != got[1]);
-        assert!(got == want);
-        // Every layer of the encoder has several pieces of heads and of experts.
-        assert!(short > long + 4 * MEMBERS * 8, "{short} steps where {long} are not cut");
-    }
 }

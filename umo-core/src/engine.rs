@@ -1,14 +1,23 @@
 //! Threads, and which avatars they compute next (SPEC 2.9).
 //!
-//! An engine has one model, one [`Batch`](crate::batch::Batch) and slots for sessions. Its worker
-//! searches all slots for chunks whose audio is complete, takes those with the earliest deadlines
-//! into a batch, computes the batch layer by layer, and searches again. The worker runs on a thread
-//! of the engine, or in [`Engine::poll`].
+//! An engine has one model, slots for sessions, and workers, each with a
+//! [`Batch`](crate::batch::Batch). A worker searches all slots for chunks whose audio is complete, takes
+//! those with the earliest deadlines into its batch, computes the batch layer by layer, and searches again.
+//! The first worker, the lead, runs on a thread of the engine, or in [`Engine::poll`], and other threads
+//! help it with each layer. With many sessions due, an engine's other threads run workers of their own
+//! ([which](load)).
+//!
+//! Workers share nothing but the slots: while a session is in a batch its slot is empty, so that no other
+//! worker computes it, and a worker that the system puts aside delays its batch alone.
 
+mod load;
+mod pace;
+#[cfg(test)]
+mod tests;
 mod worker;
 
 use std::fmt;
-use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError, TryLockError};
 use std::time::Duration;
 
@@ -25,6 +34,8 @@ use crate::sync::{wait, wake_one};
 use crate::team::{ExternalWorkers, MAX_THREADS};
 use crate::thread::{self, JoinHandle};
 use crate::time::Instant;
+use load::{LEAD, Load};
+use pace::Pace;
 use worker::Worker;
 
 /// Most sessions of an engine.
@@ -66,10 +77,21 @@ impl fmt::Debug for Lender {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Threads {
-    /// As many threads of the engine's own, `1..=MAX_THREADS`.
+    /// As many threads of the engine's own, `1..=MAX_THREADS`. With few sessions they share each layer of
+    /// one batch; with more, and a small model, each has batches of its own.
     Own(usize),
     /// Whoever calls [`Engine::poll`], with the help of as many more threads, `0..MAX_THREADS`.
     Host(usize),
+}
+
+impl Threads {
+    /// How many threads compute.
+    fn count(self) -> usize {
+        match self {
+            Self::Own(threads) => threads,
+            Self::Host(more) => more.saturating_add(1),
+        }
+    }
 }
 
 impl Default for EngineConfig {
@@ -187,41 +209,42 @@ impl fmt::Display for PollError {
 
 impl std::error::Error for PollError {}
 
-/// Whether the engine's thread has made its worker.
+/// How many of the engine's threads have made their workers, or failed.
 #[derive(Debug, Default)]
 struct Started {
-    done: AtomicU32,
+    count: AtomicU32,
     error: Mutex<Option<EngineError>>,
 }
 
 impl Started {
-    fn set(&self, made: Result<(), EngineError>) {
+    fn add(&self, made: Result<(), EngineError>) {
         *self.error.lock().unwrap_or_else(PoisonError::into_inner) = made.err();
-        self.done.store(1, Ordering::Release);
-        wake_one(&raw const self.done);
+        self.count.fetch_add(1, Ordering::Release);
+        wake_one(&raw const self.count);
     }
 
-    fn wait(&self) -> Result<(), EngineError> {
-        while self.done.load(Ordering::Acquire) == 0 {
-            wait(&self.done, 0);
+    /// Waits for one more than `before`.
+    fn wait(&self, before: u32) -> Result<(), EngineError> {
+        while self.count.load(Ordering::Acquire) == before {
+            wait(&self.count, before);
         }
         self.error.lock().unwrap_or_else(PoisonError::into_inner).take().map_or(Ok(()), Err)
     }
 }
 
-/// What the engine and its worker share.
+/// What the engine and its workers share.
 #[derive(Debug)]
 struct Inner {
     slots: Arc<Slots>,
+    load: Load,
+    pace: Pace,
     started: Started,
-    /// The panic that ended the engine's thread.
+    /// The panic that ended one of the engine's threads, and so all.
     defect: OnceLock<Defect>,
     clock: Clock,
-    /// How late chunks may begin before bodies are held, nanoseconds; `u64::MAX` where none are.
-    late_limit: AtomicU64,
     /// Pose of rest.
     rest: OwnedFrame,
-    /// Time spent in each stage, as of the last batch that was done.
+    /// Time spent in each stage by all workers, as of the last batches that were done.
     times: Mutex<StageTimes>,
     /// What sessions whose rate is not the model's share, of each rate.
     filter_plans: Mutex<Vec<Arc<FilterPlan>>>,
@@ -296,7 +319,8 @@ pub struct Engine {
     worker: Option<Mutex<Worker>>,
     /// Where the host lends its threads.
     external_workers: Option<(ExternalWorkers, Lender)>,
-    thread: Option<JoinHandle<()>>,
+    /// Those of the workers.
+    threads: Vec<JoinHandle<()>>,
 }
 
 impl Engine {
@@ -309,6 +333,24 @@ impl Engine {
     }
 
     fn start(model: Arc<Model>, config: &EngineConfig) -> Result<Self, EngineError> {
+        let mut engine = Self::bare(model, config)?;
+        if matches!(config.threads, Threads::Host(_)) {
+            let worker = Worker::new(&engine.inner, config, LEAD).map_err(EngineError::thread)?;
+            engine.external_workers = config.lender.clone().map(|lender| (worker.external_workers(), lender));
+            engine.worker = Some(Mutex::new(worker));
+            return Ok(engine);
+        }
+        let workers = engine.inner.load.workers();
+        engine.threads = memory::with_capacity(workers);
+        for index in 0..workers {
+            // Where one does not start, the engine is dropped with those that did.
+            engine.threads.push(start_worker(&engine.inner, config, index)?);
+        }
+        Ok(engine)
+    }
+
+    /// Without workers.
+    fn bare(model: Arc<Model>, config: &EngineConfig) -> Result<Self, EngineError> {
         let range = |key: &str, got: usize, to: usize| {
             if (1..=to).contains(&got) {
                 return Ok(());
@@ -317,53 +359,21 @@ impl Engine {
         };
         range("max_sessions", config.max_sessions, MAX_SESSIONS)?;
         range("max_batch", config.max_batch, MAX_BATCH)?;
-        let (own, threads) = match config.threads {
-            Threads::Own(threads) => (true, threads),
-            Threads::Host(more) => (false, more + 1),
-        };
-        range("threads", threads, MAX_THREADS)?;
+        range("threads", config.threads.count(), MAX_THREADS)?;
         let rest = model.rest().map_err(EngineError::Rest)?;
+        let load = Load::new(config, &model.config);
         let inner = Arc::new(Inner {
-            slots: Arc::new(Slots::new(model, config.max_sessions)),
+            slots: Arc::new(Slots::new(model, config.max_sessions, load.workers())),
+            load,
+            pace: Pace::default(),
             started: Started::default(),
             defect: OnceLock::new(),
             clock: config.clock.clone(),
-            late_limit: AtomicU64::new(u64::MAX),
             rest,
             times: Mutex::default(),
             filter_plans: Mutex::default(),
         });
-        if !own {
-            let worker = Worker::new(&inner, config, threads).map_err(EngineError::thread)?;
-            let external_workers = config.lender.clone().map(|lender| (worker.external_workers(), lender));
-            return Ok(Self { inner, worker: Some(Mutex::new(worker)), external_workers, thread: None });
-        }
-        // The thread makes its worker itself, so that the first core is its own.
-        let (shared, config) = (Arc::clone(&inner), config.clone());
-        let life = move || {
-            let make = || memory::catch(|| Worker::new(&shared, &config, threads).map_err(EngineError::thread));
-            let made = match contain_quietly(make) {
-                Ok(made) => made.unwrap_or_else(|missing| Err(missing.into())),
-                Err(defect) => Err(EngineError::Panicked(defect)),
-            };
-            // `Engine::new` returns after this: nothing is allocated from then on.
-            drop(config);
-            match made {
-                Ok(worker) => {
-                    shared.started.set(Ok(()));
-                    run(worker, &shared);
-                }
-                Err(error) => shared.started.set(Err(error)),
-            }
-        };
-        memory::require(memory::THREAD);
-        let thread = thread::start("umo-0".to_owned(), life).map_err(EngineError::thread)?;
-        if let Err(error) = inner.started.wait() {
-            // It ends by itself; the library must not be unloaded before.
-            drop(thread.join());
-            return Err(error);
-        }
-        Ok(Self { inner, worker: None, external_workers: None, thread: Some(thread) })
+        Ok(Self { inner, worker: None, external_workers: None, threads: Vec::new() })
     }
 
     /// The model.
@@ -416,9 +426,16 @@ impl Engine {
         Ok(Session::new(shared, slot, state_size))
     }
 
-    /// Time spent in each stage so far, as of the last batch that was done.
+    /// Time spent in each stage so far, as of the last batches that were done; of batches that were computed
+    /// at once, the sum.
     pub fn stage_times(&self) -> StageTimes {
         *self.inner.times.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// How many batches are computed at once while many sessions are due.
+    #[cfg(feature = "internals")]
+    pub fn batches(&self) -> usize {
+        self.inner.load.workers()
     }
 
     /// What happens when there is more to compute than time: while chunks begin later than `limit` behind
@@ -431,8 +448,7 @@ impl Engine {
     /// None, as an engine begins, holds no body: frames come later and later, up to the ten seconds of
     /// audio that a session queues. Leave it so where audio is pushed faster than it is heard.
     pub fn set_late_limit(&self, limit: Option<Duration>) {
-        let nanos = limit.map_or(u64::MAX, |limit| u64::try_from(limit.as_nanos()).unwrap_or(u64::MAX));
-        self.inner.late_limit.store(nanos, Ordering::Relaxed);
+        self.inner.pace.set_limit(limit);
     }
 
     /// Computes until nothing is due or the next layer would no longer fit `budget`, by how long the last
@@ -489,7 +505,7 @@ impl Engine {
 impl Drop for Engine {
     fn drop(&mut self) {
         self.inner.signal().stop();
-        if let Some(thread) = self.thread.take() {
+        for thread in self.threads.drain(..) {
             // It catches the panics of what it computes.
             drop(thread.join());
         }
@@ -505,67 +521,58 @@ impl Drop for Engine {
     }
 }
 
-/// The life of an engine's own thread.
-fn run(mut worker: Worker, inner: &Inner) {
-    while let Some(seen) = inner.signal().begin_turn() {
-        // A defect outside of what `turn` itself catches ends the engine, not the process.
-        match contain_quietly(|| worker.turn(inner)) {
-            Ok(true) => {}
-            Ok(false) => inner.signal().sleep(seen),
-            Err(defect) => {
-                let _ = inner.defect.set(defect.clone());
-                worker.put_back(inner);
-                inner.fail(&defect);
-                return;
+/// Starts the thread of a worker, and waits until it has made the worker.
+fn start_worker(inner: &Arc<Inner>, config: &EngineConfig, index: usize) -> Result<JoinHandle<()>, EngineError> {
+    let before = inner.started.count.load(Ordering::Relaxed);
+    // The thread makes its worker itself, so that the core is its own.
+    let (shared, config) = (Arc::clone(inner), config.clone());
+    let life = move || {
+        let make = || memory::catch(|| Worker::new(&shared, &config, index).map_err(EngineError::thread));
+        let made = match contain_quietly(make) {
+            Ok(made) => made.unwrap_or_else(|missing| Err(missing.into())),
+            Err(defect) => Err(EngineError::Panicked(defect)),
+        };
+        // `Engine::new` returns after this: nothing is allocated from then on.
+        drop(config);
+        match made {
+            Ok(worker) => {
+                shared.started.add(Ok(()));
+                run(worker, &shared);
             }
+            Err(error) => shared.started.add(Err(error)),
         }
+    };
+    memory::require(memory::THREAD);
+    let name = if index == LEAD { "umo-0".to_owned() } else { format!("umo-batch-{index}") };
+    let thread = thread::start(name, life).map_err(EngineError::thread)?;
+    if let Err(error) = inner.started.wait(before) {
+        // It ends by itself; the library must not be unloaded before.
+        drop(thread.join());
+        return Err(error);
     }
-    worker.put_back(inner);
+    Ok(thread)
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::defect::keep_quiet;
-    use crate::session::SessionError;
-
-    fn polled() -> Engine {
-        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../models/umo-people/model.safetensors");
-        let file = crate::ModelFile::open(path.as_ref()).unwrap();
-        let model = Model::load(&file, crate::Precision::Stored, umo_kernels::Isa::detect()).unwrap();
-        let config = EngineConfig { threads: Threads::Host(0), ..EngineConfig::default() };
-        Engine::new(Arc::new(model), &config).unwrap()
+/// The life of a worker's thread.
+fn run(mut worker: Worker, inner: &Inner) {
+    let index = worker.index();
+    while inner.signal().begin_turn(index) {
+        // A defect outside of what `turn` itself catches ends the engine, not the process.
+        let defect = match inner.defect.get() {
+            Some(defect) => defect.clone(),
+            None => match contain_quietly(|| worker.turn(inner)) {
+                Ok(true) => continue,
+                Ok(false) => {
+                    inner.signal().sleep(index);
+                    continue;
+                }
+                Err(defect) => defect,
+            },
+        };
+        let _ = inner.defect.set(defect.clone());
+        worker.put_back(inner);
+        inner.fail(&defect);
+        return;
     }
-
-    #[test]
-    fn a_panic_of_a_step_ends_its_session_alone_and_is_kept_with_its_place() {
-        keep_quiet(&[]);
-        let engine = polled();
-        let config = SessionConfig::new(&engine.model().config);
-        let (bad, good) = (engine.session(&config).unwrap(), engine.session(&config).unwrap());
-        bad.slot().unwrap().with_member(|member, _| member.plant_defect()).unwrap();
-        for session in [&bad, &good] {
-            session.push_audio(&vec![0.0; 2 * config.sample_rate]).unwrap();
-        }
-        while engine.poll(Duration::from_secs(1)) != Ok(Poll::Idle) {}
-        assert_eq!(bad.pull_frames(1, |_| ()), Err(SessionError::Panicked));
-        let defect = bad.defect().unwrap();
-        assert!(defect.place().contains("schedule.rs:"), "{defect}");
-        assert!(defect.message().contains("divide by zero"), "{defect}");
-        assert!(good.ready_frames().unwrap() > 0);
-        assert_eq!(good.defect(), None);
-    }
-
-    #[test]
-    fn sessions_of_an_engine_whose_thread_has_ended_say_why() {
-        let engine = polled();
-        let config = SessionConfig::new(&engine.model().config);
-        let session = engine.session(&config).unwrap();
-        let defect = crate::defect::contain(|| panic!("planned")).unwrap_err();
-        let _ = engine.inner.defect.set(defect.clone());
-        engine.inner.fail(&defect);
-        assert_eq!(session.push_audio(&[0.0]), Err(SessionError::Panicked));
-        assert_eq!(session.defect().unwrap().message(), "planned");
-        assert!(matches!(engine.session(&config), Err(EngineError::Panicked(_))));
-    }
+    worker.put_back(inner);
 }

@@ -1,11 +1,11 @@
-//! The worker: selects the next sessions and computes their batch layer by layer.
+//! A worker: selects the next sessions and computes their batch layer by layer.
 
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
 use std::time::Duration;
 
+use super::load::LEAD;
 use super::{EngineConfig, Inner, Threads};
-use crate::avatar::{Avatar, Due};
+use crate::avatar::{Avatar, Due, StageTimes};
 use crate::batch::Batch;
 use crate::defect::contain;
 use crate::linear::Compute;
@@ -17,6 +17,8 @@ use crate::time::Instant;
 /// A batch, and the sessions in it.
 #[derive(Debug)]
 pub(super) struct Worker {
+    /// Which of the engine's workers it is.
+    index: usize,
     team: Arc<Team>,
     batch: Batch,
     /// The members of the batch, in its order: their avatars, their schedules, their slots.
@@ -28,26 +30,17 @@ pub(super) struct Worker {
     /// What is due of each member.
     due: Vec<Due>,
     packets: PacketWriter,
-    /// The share of chunks that is computed in full.
-    share: f32,
-    /// When it was set.
-    shared: u64,
     /// How long the mouth network heard a chunk the last time.
     heard: Duration,
+    /// The batch's times that the engine has been told of.
+    told: StageTimes,
 }
 
-/// Nanoseconds in which the share of chunks that is computed in full falls from all to none while chunks
-/// are late, and rises again while they are not. It falls within a few chunks, before the audio's ring
-/// is full; it rises slowly, so that it settles.
-const FALL: f32 = 1.5e9;
-const RISE: f32 = 12e9;
-/// Most of that time between two looks: in a longer one nothing was computed.
-const LONGEST_LOOK: u64 = 100_000_000;
-/// A chunk is in time where it begins by this part of its length before it would be late.
-const IN_TIME: i64 = 4;
-
 impl Worker {
-    pub(super) fn new(inner: &Inner, config: &EngineConfig, threads: usize) -> std::io::Result<Self> {
+    /// Worker `index` of the engine. The [`LEAD`] has the engine's threads as a team; each of the others is
+    /// one thread, on the core of the team's thread of that number, which sleeps while the other computes.
+    pub(super) fn new(inner: &Inner, config: &EngineConfig, index: usize) -> std::io::Result<Self> {
+        let threads = config.threads.count();
         let width = config.max_batch.min(config.max_sessions);
         // The thread that polls is the host's.
         let (own, others) = match (config.threads, &*config.cores) {
@@ -56,6 +49,7 @@ impl Worker {
         };
         let team = match (&config.lender, config.threads) {
             (Some(_), Threads::Host(_)) => Team::with_external_workers(threads),
+            _ if index != LEAD => Team::on_cores(1, config.cores.get(index).copied(), &[])?,
             _ => Team::on_cores(threads, own, others)?,
         };
         let mut batch = Batch::new(inner.model(), width);
@@ -63,6 +57,7 @@ impl Worker {
             batch.bound(&inner.model().config);
         }
         Ok(Self {
+            index,
             team: Arc::new(team),
             batch,
             avatars: with_capacity(width),
@@ -71,10 +66,14 @@ impl Worker {
             candidates: with_capacity(config.max_sessions),
             due: with_capacity(width),
             packets: PacketWriter::new(inner.model()),
-            share: 1.0,
-            shared: 0,
             heard: Duration::ZERO,
+            told: StageTimes::default(),
         })
+    }
+
+    /// Which of the engine's workers it is.
+    pub(super) fn index(&self) -> usize {
+        self.index
     }
 
     /// The threads that compute.
@@ -109,6 +108,7 @@ impl Worker {
             return true;
         }
         let Self { team, batch, avatars, schedules, .. } = self;
+        batch.set_alone(inner.load.is_shared());
         let cx = Compute { isa: inner.model().isa, team };
         let result = contain(|| batch.step(inner.model(), cx, avatars, &mut schedules[..]));
         let failure = match result {
@@ -121,7 +121,8 @@ impl Worker {
                 }
                 // Whoever reads them at this moment gets the last batch's.
                 if let Ok(mut times) = inner.times.try_lock() {
-                    *times = self.batch.stage_times();
+                    let now = self.batch.stage_times();
+                    times.add(now.since(std::mem::replace(&mut self.told, now)));
                 }
                 self.put_back(inner);
                 return true;
@@ -157,7 +158,7 @@ impl Worker {
         self.schedules.iter().any(Schedule::awaits_mouth)
     }
 
-    /// Puts the sessions with the earliest deadlines into a batch.
+    /// Puts the sessions with the earliest deadlines into a batch, as many as are this worker's part.
     fn begin(&mut self, inner: &Inner) -> bool {
         let (now, model) = (inner.clock.nanos(), inner.model());
         self.candidates.clear();
@@ -168,10 +169,21 @@ impl Worker {
                 latest = latest.max(member.schedule.late());
             }
         });
+        let part = inner.load.part(self.index, self.candidates.len()).min(self.batch.width());
+        if part == 0 && !self.candidates.is_empty() {
+            // It may have looked while this worker had one of their slots.
+            inner.signal().call(LEAD);
+            return false;
+        }
         self.candidates.sort_unstable();
-        let share = self.full_share(inner.late_limit.load(Ordering::Relaxed), now, latest);
-        for &(_, slot) in self.candidates.iter().take(self.batch.width()) {
-            // It may have been interrupted or dropped in the meantime.
+        let share = inner.pace.full_share(now, latest);
+        let mut left = self.candidates.len();
+        for &(_, slot) in &self.candidates {
+            if self.avatars.len() == part {
+                break;
+            }
+            left -= 1;
+            // It may have been interrupted or dropped in the meantime, or another worker has it.
             let mut due = None;
             let is_due = |member: &mut Member| {
                 due = member.due(model, now);
@@ -191,27 +203,20 @@ impl Worker {
         if self.avatars.is_empty() {
             return false;
         }
+        inner.load.begin(self.avatars.len());
+        if left > 0 && inner.load.workers() > 1 {
+            inner.signal().notify();
+        }
         self.batch.begin(self.due.iter().copied()).expect("no batch is under way, and there are no more than fit");
         true
-    }
-
-    /// The share of chunks that is computed in full from `now` on: less while the one that has waited the
-    /// longest is `late` by more than `limit`, more while there is time before that.
-    fn full_share(&mut self, limit: u64, now: u64, (late, period): (i64, i64)) -> f32 {
-        let elapsed = now.saturating_sub(std::mem::replace(&mut self.shared, now)).min(LONGEST_LOOK) as f32;
-        if limit == u64::MAX {
-            self.share = 1.0;
-        } else if late > i64::try_from(limit).unwrap_or(i64::MAX) {
-            self.share = (self.share - elapsed / FALL).max(0.0);
-        } else if late <= -period / IN_TIME {
-            self.share = (self.share + elapsed / RISE).min(1.0);
-        }
-        self.share
     }
 
     /// Ends the batch, finished or not, and returns its members to their slots.
     pub(super) fn put_back(&mut self, inner: &Inner) {
         self.batch.abandon();
+        if !self.avatars.is_empty() {
+            inner.load.end(self.avatars.len());
+        }
         let members = self.avatars.drain(..).zip(self.schedules.drain(..));
         for ((avatar, schedule), slot) in members.zip(self.slots.drain(..)) {
             inner.slots.put_back(slot, Member { avatar, schedule });

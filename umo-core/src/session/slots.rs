@@ -1,4 +1,4 @@
-//! The session slots of an engine: the worker looks for due sessions in them, the host frees them.
+//! The session slots of an engine: workers look for due sessions in them, the host frees them.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError, TryLockError};
@@ -11,7 +11,7 @@ use crate::stream::Signal;
 /// A slot for one session.
 #[derive(Debug, Default)]
 struct Slot {
-    /// Whether a session owns the slot. Only the host's threads free it: the worker never frees
+    /// Whether a session owns the slot. Only the host's threads free it: a worker never frees
     /// memory.
     taken: AtomicBool,
     /// The engine's side of the session; none while it is in a batch.
@@ -44,18 +44,18 @@ pub(crate) struct Slots {
 }
 
 impl Slots {
-    /// `count` free slots.
-    pub(crate) fn new(model: Arc<Model>, count: usize) -> Self {
+    /// `count` free slots, for `workers` that look for work in them.
+    pub(crate) fn new(model: Arc<Model>, count: usize, workers: usize) -> Self {
         let mut slots = with_capacity(count);
         slots.resize_with(count, Slot::default);
-        Self { slots: slots.into(), model, signal: Arc::default() }
+        Self { slots: slots.into(), model, signal: Arc::new(Signal::new(workers)) }
     }
 
     pub(crate) fn len(&self) -> usize {
         self.slots.len()
     }
 
-    /// Puts a member into a free slot and wakes the worker; none if all are taken.
+    /// Puts a member into a free slot and wakes a worker; none if all are taken.
     pub(crate) fn insert(self: &Arc<Self>, member: Member) -> Option<SlotHandle> {
         let free = |slot: &Slot| slot.taken.compare_exchange(false, true, Ordering::AcqRel, Ordering::Relaxed).is_ok();
         let index = self.slots.iter().position(free)?;
@@ -67,7 +67,7 @@ impl Slots {
     /// Frees the slots of dropped sessions that are not in a batch.
     pub(crate) fn sweep(&self) {
         self.slots.iter().for_each(Slot::sweep);
-        // The worker skips locked slots: it must check again.
+        // Workers skip locked slots: they must check again.
         self.signal.notify();
     }
 
@@ -75,7 +75,7 @@ impl Slots {
     pub(crate) fn for_each_unlocked(&self, mut f: impl FnMut(usize, &mut Member)) {
         for (index, slot) in self.slots.iter().enumerate() {
             // A slot that the host fills or frees now is checked in the next turn: the host
-            // notifies.
+            // notifies. One that another worker has is that worker's to compute, or to call another for.
             if let Ok(mut slot) = slot.member.try_lock()
                 && let Some(member) = &mut *slot
             {

@@ -464,7 +464,7 @@ mod interleavings {
             view.sync_epoch(link);
             link.input(view)
         };
-        while let Some(seen) = link.signal.begin_turn() {
+        while link.signal.begin_turn(0) {
             let mut input = sync(view);
             if !matches!(input, Input::Here { samples: 1.., .. } | Input::Here { total: Some(_), .. }) {
                 link.wait_for_audio(view, 1);
@@ -478,7 +478,7 @@ mod interleavings {
                     }
                 }
                 Input::Here { total: Some(_), .. } => return None,
-                _ => link.signal.sleep(seen),
+                _ => link.signal.sleep(0),
             }
         }
         unreachable!("nothing stops the signal")
@@ -535,11 +535,11 @@ mod interleavings {
                 output.frames.skip();
                 output.frame_taken(1);
             });
-            while let Some(seen) = link.signal.begin_turn() {
+            while link.signal.begin_turn(0) {
                 if link.has_room(1) {
                     break;
                 }
-                link.signal.sleep(seen);
+                link.signal.sleep(0);
             }
             assert!(link.frames.push(stamp(1), Cue::default(), &Pose::REST, &[]));
             thread.join().unwrap();

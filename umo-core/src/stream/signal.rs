@@ -1,72 +1,156 @@
-//! Wakes the engine's thread when there may be work.
+//! Wakes the engine's threads when there may be work.
 
-use crate::sync::{AtomicBool, AtomicU32, Ordering, Parking, fence};
+use crate::sync::{AtomicBool, AtomicU32, Ordering, Parking};
 
-/// Counts notifications; one thread sleeps until the next one, or until it is stopped.
+/// The thread looks for work, or computes.
+const AWAKE: u32 = 0;
+/// The thread found nothing, and sleeps.
+const ASLEEP: u32 = 1;
+/// There may be work that the thread has not seen: it looks again before it sleeps.
+const CALLED: u32 = 2;
+
+/// One thread's state, on which it sleeps.
 #[derive(Debug, Default)]
-pub(crate) struct Signal {
-    count: AtomicU32,
-    stopped: AtomicBool,
-    asleep: AtomicBool,
+struct Place {
+    state: AtomicU32,
     parking: Parking,
 }
 
-impl Signal {
-    /// There may be work. Wait-free; makes a system call only if the thread sleeps.
-    pub(crate) fn notify(&self) {
-        self.count.fetch_add(1, Ordering::SeqCst);
-        // Pairs with the fence of `sleep`: either this side sees that the thread sleeps, or the
-        // thread sees the new count.
-        fence(Ordering::SeqCst);
-        if self.asleep.load(Ordering::SeqCst) {
-            self.parking.wake(&self.count);
+impl Place {
+    /// Has the thread look again; whether it slept.
+    fn call(&self) -> bool {
+        let slept = self.state.swap(CALLED, Ordering::SeqCst) == ASLEEP;
+        if slept {
+            self.parking.wake(&self.state);
         }
-    }
-
-    /// Sleeps until the count differs from `seen`.
-    pub(crate) fn sleep(&self, seen: u32) {
-        self.asleep.store(true, Ordering::SeqCst);
-        fence(Ordering::SeqCst);
-        while self.count.load(Ordering::SeqCst) == seen {
-            self.parking.wait(&self.count, seen);
-        }
-        self.asleep.store(false, Ordering::SeqCst);
-    }
-
-    /// Ends the thread's loop, from its next turn on. Wakes it.
-    pub(crate) fn stop(&self) {
-        self.stopped.store(true, Ordering::SeqCst);
-        self.notify();
-    }
-
-    /// The start of a turn: the count, to sleep on if the turn finds no work; none once stopped.
-    pub(crate) fn begin_turn(&self) -> Option<u32> {
-        // The count first: a stop after the load of `stopped` then still changes the count, and
-        // `sleep` returns.
-        let seen = self.count.load(Ordering::SeqCst);
-        (!self.stopped.load(Ordering::SeqCst)).then_some(seen)
+        slept
     }
 }
 
+/// Threads that sleep until there may be work, or until they are stopped. The first of them is woken
+/// before the others.
+///
+/// Nobody's call is lost: a thread that is called after it began to look is not put to sleep, and one that
+/// is called before it begins sees what there was at the call.
+#[derive(Debug)]
+pub(crate) struct Signal {
+    places: Box<[Place]>,
+    stopped: AtomicBool,
+}
+
+impl Default for Signal {
+    /// For one thread.
+    fn default() -> Self {
+        Self::new(1)
+    }
+}
+
+impl Signal {
+    /// For as many threads.
+    pub(crate) fn new(threads: usize) -> Self {
+        Self { places: (0..threads).map(|_| Place::default()).collect(), stopped: AtomicBool::new(false) }
+    }
+
+    /// There may be work. Wakes the first thread that sleeps, if one does; those before it look again when
+    /// they have done what they do. Wait-free; makes a system call only if a thread sleeps.
+    pub(crate) fn notify(&self) {
+        // The one that wakes up sees to it that others do, if there is more work than its own.
+        let _ = self.places.iter().any(Place::call);
+    }
+
+    /// The same for one thread: there may be work for `thread` alone.
+    pub(crate) fn call(&self, thread: usize) {
+        self.places[thread].call();
+    }
+
+    /// Sleeps until `thread` is called, unless it was since its turn began.
+    pub(crate) fn sleep(&self, thread: usize) {
+        let Place { state, parking } = &self.places[thread];
+        if state.compare_exchange(AWAKE, ASLEEP, Ordering::SeqCst, Ordering::SeqCst).is_ok() {
+            while state.load(Ordering::SeqCst) == ASLEEP {
+                parking.wait(state, ASLEEP);
+            }
+        }
+    }
+
+    /// Ends the loops of all threads, from their next turns on. Wakes them.
+    pub(crate) fn stop(&self) {
+        self.stopped.store(true, Ordering::SeqCst);
+        self.places.iter().for_each(|place| {
+            place.call();
+        });
+    }
+
+    /// The start of a turn of `thread`, in which it looks for work; whether it goes on: not once stopped.
+    pub(crate) fn begin_turn(&self, thread: usize) -> bool {
+        // The state first: a stop after the load of `stopped` then still changes the state, and `sleep`
+        // returns.
+        self.places[thread].state.swap(AWAKE, Ordering::SeqCst);
+        !self.stopped.load(Ordering::SeqCst)
+    }
+}
+
+/// A missed call is a deadlock, which loom reports.
 #[cfg(all(test, loom))]
 mod interleavings {
     use super::*;
-    use loom::sync::Arc;
+    use loom::sync::{Arc, Mutex};
 
-    /// A missed stop is a deadlock, which loom reports.
     #[test]
-    fn stop_ends_the_loop_at_any_point_of_a_turn() {
+    fn stop_ends_the_loops_at_any_point_of_a_turn() {
         loom::model(|| {
-            let signal = Arc::new(Signal::default());
+            let signal = Arc::new(Signal::new(2));
+            let other = Arc::clone(&signal);
+            let other = loom::thread::spawn(move || {
+                while other.begin_turn(1) {
+                    other.sleep(1);
+                }
+            });
             let host = Arc::clone(&signal);
-            let thread = loom::thread::spawn(move || {
+            let host = loom::thread::spawn(move || {
                 host.notify();
                 host.stop();
             });
-            while let Some(seen) = signal.begin_turn() {
-                signal.sleep(seen);
+            while signal.begin_turn(0) {
+                signal.sleep(0);
             }
-            thread.join().unwrap();
+            host.join().unwrap();
+            other.join().unwrap();
+        });
+    }
+
+    /// A chunk becomes due while both threads go to sleep or look. The second one leaves it to the first,
+    /// as an engine's others do with few chunks, and may hold its slot at the moment when the first looks.
+    #[test]
+    fn what_one_thread_leaves_to_the_other_is_not_lost() {
+        let mut model = loom::model::Builder::new();
+        model.preemption_bound = Some(3);
+        model.check(|| {
+            let (signal, slot) = (Arc::new(Signal::new(2)), Arc::new(Mutex::new(false)));
+            let (other, seen) = (Arc::clone(&signal), Arc::clone(&slot));
+            let other = loom::thread::spawn(move || {
+                while other.begin_turn(1) {
+                    let is_due = seen.try_lock().is_ok_and(|due| *due);
+                    if is_due {
+                        other.call(0);
+                    }
+                    other.sleep(1);
+                }
+            });
+            let (host, filled) = (Arc::clone(&signal), Arc::clone(&slot));
+            let host = loom::thread::spawn(move || {
+                *filled.lock().unwrap() = true;
+                host.notify();
+            });
+            while signal.begin_turn(0) {
+                if slot.try_lock().is_ok_and(|mut due| std::mem::take(&mut *due)) {
+                    signal.stop();
+                } else {
+                    signal.sleep(0);
+                }
+            }
+            host.join().unwrap();
+            other.join().unwrap();
         });
     }
 }

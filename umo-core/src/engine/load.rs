@@ -1,0 +1,111 @@
+//! How the workers of an engine share out what is due.
+//!
+//! With few sessions one worker, the lead, computes all of them, and the threads of its team share its
+//! steps. With more, threads that share steps get in each other's way more than they help: then workers take
+//! batches of their own, each on one thread. What is counted here only says who takes how many; that no
+//! session is forgotten or computed twice is a matter of the slots and the signal.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use super::{EngineConfig, Threads};
+use crate::batch::is_cached;
+use crate::config::Config;
+
+/// The worker that computes alone while there are few sessions.
+pub(super) const LEAD: usize = 0;
+/// Sessions, in work or due, from which workers take batches of their own.
+const CROWD: usize = 4;
+
+/// What an engine's workers are at.
+#[derive(Debug)]
+pub(super) struct Load {
+    workers: usize,
+    /// Workers with a batch.
+    busy: AtomicUsize,
+    /// Sessions in all batches.
+    members: AtomicUsize,
+}
+
+impl Load {
+    /// For an engine of a model of these dimensions.
+    pub(super) fn new(config: &EngineConfig, model: &Config) -> Self {
+        // Layers that do not stay in a core's caches are read from memory, once for a whole batch, and by all
+        // threads together: there it is better that they share steps.
+        let workers = match config.threads {
+            Threads::Own(threads) if config.max_sessions >= CROWD && is_cached(model) => threads,
+            _ => 1,
+        };
+        Self { workers, busy: AtomicUsize::new(0), members: AtomicUsize::new(0) }
+    }
+
+    /// How many batches can be under way at once.
+    pub(super) fn workers(&self) -> usize {
+        self.workers
+    }
+
+    /// How many of `due` sessions a worker without a batch takes, at most; none where they are the lead's.
+    pub(super) fn part(&self, worker: usize, due: usize) -> usize {
+        let is_crowd = self.workers > 1 && due + self.members.load(Ordering::Relaxed) >= CROWD;
+        match worker {
+            _ if is_crowd => due.div_ceil(self.workers.saturating_sub(self.busy.load(Ordering::Relaxed)).max(1)),
+            LEAD => due,
+            _ => 0,
+        }
+    }
+
+    /// Whether another worker than the calling one, which has a batch, has one too.
+    pub(super) fn is_shared(&self) -> bool {
+        self.busy.load(Ordering::Relaxed) > 1
+    }
+
+    /// A worker has begun a batch.
+    pub(super) fn begin(&self, members: usize) {
+        self.busy.fetch_add(1, Ordering::Relaxed);
+        self.members.fetch_add(members, Ordering::Relaxed);
+    }
+
+    /// It has ended.
+    pub(super) fn end(&self, members: usize) {
+        self.busy.fetch_sub(1, Ordering::Relaxed);
+        self.members.fetch_sub(members, Ordering::Relaxed);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn load(workers: usize) -> Load {
+        Load { workers, busy: AtomicUsize::new(0), members: AtomicUsize::new(0) }
+    }
+
+    #[test]
+    fn few_sessions_are_the_leads() {
+        let load = load(2);
+        for due in 0..CROWD {
+            assert_eq!((load.part(LEAD, due), load.part(1, due)), (due, 0));
+        }
+        load.begin(1);
+        assert_eq!(load.part(1, CROWD - 2), 0);
+    }
+
+    #[test]
+    fn many_sessions_are_shared_out_among_workers_without_a_batch() {
+        let load = load(2);
+        assert_eq!((load.part(LEAD, 7), load.part(1, 7)), (4, 4));
+        load.begin(4);
+        assert_eq!((load.part(1, 3), load.part(1, 0)), (3, 0));
+        load.begin(3);
+        assert!(load.is_shared());
+        load.end(4);
+        assert_eq!(load.part(LEAD, 1), 1);
+        load.end(3);
+        assert!(!load.is_shared());
+    }
+
+    #[test]
+    fn one_worker_takes_all() {
+        let load = load(1);
+        assert_eq!(load.part(LEAD, 64), 64);
+    }
+}
