@@ -96,9 +96,16 @@ mod interleavings {
     use super::*;
     use loom::sync::{Arc, Mutex};
 
+    /// Runs every interleaving with at most three preemptions: two are what it takes to lose a call.
+    fn explore(threads: impl Fn() + Send + Sync + 'static) {
+        let mut model = loom::model::Builder::new();
+        model.preemption_bound = Some(3);
+        model.check(threads);
+    }
+
     #[test]
     fn stop_ends_the_loops_at_any_point_of_a_turn() {
-        loom::model(|| {
+        explore(|| {
             let signal = Arc::new(Signal::new(2));
             let other = Arc::clone(&signal);
             let other = loom::thread::spawn(move || {
@@ -123,9 +130,7 @@ mod interleavings {
     /// as an engine's others do with few chunks, and may hold its slot at the moment when the first looks.
     #[test]
     fn what_one_thread_leaves_to_the_other_is_not_lost() {
-        let mut model = loom::model::Builder::new();
-        model.preemption_bound = Some(3);
-        model.check(|| {
+        explore(|| {
             let (signal, slot) = (Arc::new(Signal::new(2)), Arc::new(Mutex::new(false)));
             let (other, seen) = (Arc::clone(&signal), Arc::clone(&slot));
             let other = loom::thread::spawn(move || {
