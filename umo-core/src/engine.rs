@@ -5,7 +5,7 @@
 //! those with the earliest deadlines into its batch, computes the batch layer by layer, and searches again.
 //! The first worker, the lead, runs on a thread of the engine, or in [`Engine::poll`], and other threads
 //! help it with each layer. With many sessions due, an engine's other threads run workers of their own
-//! ([which](load)).
+//! (`load`).
 //!
 //! Workers share nothing but the slots: while a session is in a batch its slot is empty, so that no other
 //! worker computes it, and a worker that the system puts aside delays its batch alone.

@@ -44,6 +44,8 @@ fn main() {
     let default = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../models/umo-people/model.safetensors");
     let small = state(&default);
     assert!(small <= 2 << 20, "a session of the default model takes {small} bytes");
+    let further = further_thread(&default);
+    assert!(further <= 28 << 20, "a further thread of an engine of the default model takes {further} bytes");
     // The base model is too large for a test: where it is at hand, its session is measured too.
     if let Some(path) = std::env::var_os("UMO_BASE_MODEL") {
         let base = state(&PathBuf::from(path));
@@ -65,11 +67,29 @@ fn state(path: &std::path::Path) -> usize {
     bytes
 }
 
+/// Bytes of an engine's second thread: its batch.
+fn further_thread(path: &std::path::Path) -> usize {
+    let file = ModelFile::open(path).expect("a model");
+    let model = Arc::new(Model::load(&file, Precision::Stored, Isa::detect()).expect("a model"));
+    let bytes = [1, 2].map(|threads| {
+        let before = allocated();
+        let config = EngineConfig { threads: Threads::Own(threads), ..EngineConfig::default() };
+        let engine = Engine::new(Arc::clone(&model), &config).expect("two threads");
+        assert_eq!(engine.batches(), threads);
+        allocated() - before
+    });
+    println!("{}: {} bytes per further thread", model.config().name, bytes[1] - bytes[0]);
+    bytes[1] - bytes[0]
+}
+
 fn run(model: &Arc<Model>, threads: Threads, audio: &[f32], name: &str) {
     let nanos = Arc::new(AtomicU64::new(0));
     let clock = Clock::Manual(Arc::clone(&nanos));
-    let config = EngineConfig { threads, max_sessions: 4, max_batch: 2, clock, ..EngineConfig::default() };
+    let config = EngineConfig { threads, max_sessions: 7, max_batch: 2, clock, ..EngineConfig::default() };
     let engine = Engine::new(Arc::clone(model), &config).expect("two threads");
+    // With its own threads a crowd, so that each of them has batches of its own.
+    let crowd = if matches!(threads, Threads::Own(_)) { 2 } else { 1 };
+    assert_eq!(engine.batches(), crowd);
     // The one that is pushed more than it takes is late, so that bodies are held.
     let holds = matches!(threads, Threads::Host(_));
     engine.set_late_limit(holds.then_some(Duration::ZERO));
@@ -81,7 +101,7 @@ fn run(model: &Arc<Model>, threads: Threads, audio: &[f32], name: &str) {
         session.avatar.text = vec![5, 6, 7];
     }
     let before = allocated();
-    let sessions = [0, 1, 2].map(|_| engine.session(&session).expect("a place"));
+    let sessions: Vec<_> = (0..3 * crowd).map(|_| engine.session(&session).expect("a place")).collect();
     let state = (allocated() - before) / sessions.len();
     let calls = allocator_calls(|| {
         for piece in 0..SECONDS * 100 * PATIENCE {
@@ -91,7 +111,7 @@ fn run(model: &Arc<Model>, threads: Threads, audio: &[f32], name: &str) {
             }
             nanos.fetch_add(10_000_000, Ordering::Relaxed);
             for (i, avatar) in sessions.iter().enumerate() {
-                play(avatar, audio, piece, i);
+                play(avatar, audio, piece, i % 3);
             }
             match engine.poll(Duration::from_micros(300)) {
                 Ok(Poll::Idle | Poll::More) => {}
@@ -100,7 +120,7 @@ fn run(model: &Arc<Model>, threads: Threads, audio: &[f32], name: &str) {
             }
         }
     });
-    let stats = sessions.each_ref().map(Session::stats);
+    let stats: Vec<_> = sessions.iter().map(Session::stats).collect();
     assert_eq!(calls, 0, "{name}, {threads:?}: allocations");
     assert!(stats.iter().all(|s| s.chunks > 10) && stats[0].silenced > 0, "{name}, {threads:?}: {stats:?}");
     assert!(stats[1].dropped_frames > 0 && stats[2].overruns > 0, "{name}, {threads:?}: {stats:?}");
