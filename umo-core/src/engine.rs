@@ -165,7 +165,7 @@ impl EngineError {
     /// The error of a thread that was not started: the system does not report missing memory as
     /// such.
     fn thread(error: std::io::Error) -> Self {
-        match memory::check(memory::THREAD) {
+        match memory::check_thread() {
             Ok(()) => Self::Thread(error),
             Err(missing) => Self::Memory(missing),
         }
@@ -542,7 +542,7 @@ fn start_worker(inner: &Arc<Inner>, config: &EngineConfig, index: usize) -> Resu
             Err(error) => shared.started.add(Err(error)),
         }
     };
-    memory::require(memory::THREAD);
+    memory::require_thread();
     let name = if index == LEAD { "umo-0".to_owned() } else { format!("umo-batch-{index}") };
     let thread = thread::start(name, life).map_err(EngineError::thread)?;
     if let Err(error) = inner.started.wait(before) {

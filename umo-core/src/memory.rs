@@ -112,6 +112,25 @@ pub(crate) fn spare() -> Result<(), OutOfMemory> {
     check(SPARE)
 }
 
+/// Whether the system has [`THREAD`] bytes for one more thread. The allocator may have as many left in its
+/// heap, of which a thread's stack gets none: they are asked of the system, where it can be asked.
+pub(crate) fn check_thread() -> Result<(), OutOfMemory> {
+    #[cfg(all(feature = "mmap", not(target_family = "wasm")))]
+    if memmap2::MmapMut::map_anon(THREAD).is_err() {
+        return Err(OutOfMemory { bytes: THREAD });
+    }
+    check(THREAD)
+}
+
+/// That there is memory for one more thread.
+///
+/// Unwinds to [`catch`] where there is not.
+pub(crate) fn require_thread() {
+    if check_thread().is_err() {
+        refuse(THREAD);
+    }
+}
+
 /// That `bytes` more can be allocated now, by code that would end the process otherwise.
 ///
 /// Unwinds to [`catch`] where they cannot.

@@ -155,7 +155,7 @@ impl Team {
                 // printed.
                 let _ = contain_quietly(|| work(&shared, index));
             };
-            memory::require(memory::THREAD);
+            memory::require_thread();
             team.workers.push(thread::start(name, life)?);
         }
         let bound = caller.is_none_or(cores::bind);
