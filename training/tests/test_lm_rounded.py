@@ -5,7 +5,7 @@ import torch
 from frames_data import CONFIG, PARTS, codes
 from umo_train.frames.model import FrameModel
 from umo_train.lm import moe
-from umo_train.lm.rounded import round_products, rounded
+from umo_train.lm.rounded import crest_factor, crest_of_gates, round_products, rounded
 
 
 def test_rows_are_multiples_of_a_127th_of_their_largest() -> None:
@@ -54,6 +54,38 @@ def test_what_routes_and_what_is_kept_is_not_rounded() -> None:
     logits, _ = model(ids, history, codes(2, 3, seed=1))
     sum(x.square().mean() for x in logits.values()).backward()
     assert all(p.grad is not None and p.grad.isfinite().all() for p in model.depth.layers.parameters())
+
+
+def test_the_crest_factor_is_the_peak_over_the_root_mean_square() -> None:
+    peak = torch.zeros(3, 8)
+    peak[:, 2] = torch.tensor([1.0, -2.0, 0.5])
+    torch.testing.assert_close(crest_factor(peak), torch.tensor(8.0).log())
+    torch.testing.assert_close(crest_factor(torch.full((3, 8), -0.3)), torch.tensor(0.0))
+    assert crest_factor(torch.zeros(3, 8)).isfinite()
+
+
+def test_the_crest_of_gates_is_that_of_the_products_behind_them_and_lowers_it() -> None:
+    torch.manual_seed(4)
+    model = FrameModel(CONFIG, PARTS)
+    history, said = codes(2, CONFIG["prefix"]), codes(2, 3, seed=1)
+    ids = torch.tensor([[43, 44, *range(68, 68 + CONFIG["prefix"])]]).expand(2, -1)
+    model(ids, history, said)
+    # Nothing is rounded yet.
+    assert crest_of_gates(model) == 0
+    round_products(model)
+    found = []
+    optimizer = torch.optim.SGD(model.depth.parameters(), 0.05)
+    for _ in range(5):
+        model(ids, history, said)
+        crest = crest_of_gates(model)
+        found.append(crest.item())
+        optimizer.zero_grad()
+        crest.backward()
+        optimizer.step()
+    assert found == sorted(found, reverse=True) and found[-1] < found[0]
+    with torch.no_grad():
+        model(ids, history, said)
+    assert crest_of_gates(model) == 0
 
 
 def _replaced(module: torch.nn.Module) -> bool:

@@ -16,7 +16,7 @@ from umo_train.frames.examples import FrameBatch, FrameExamples
 from umo_train.frames.model import FrameModel
 from umo_train.frames.parts import Part
 from umo_train.lm import moe
-from umo_train.lm.rounded import round_products
+from umo_train.lm.rounded import crest_of_gates, round_products
 from umo_train.lm.train import Master, _experts, rate_at, task_chances
 from umo_train.log import EVERY, Log
 from umo_train.state import Saved
@@ -60,6 +60,8 @@ class FrameStagePlan:
     bf16: bool = True
     # Whether products are those of int8, so that the weights learn to live with it.
     rounded: bool = False
+    # Weight of the crest factor of what a rounded depth network's products behind gates read: `crest_of_gates`.
+    crest: float = 0.0
     # Processes that draw batches ahead of a GPU; none draws them in between.
     readers: int = 0
 
@@ -93,12 +95,12 @@ def entropy(parts: list[Part], logits: dict[str, Tensor], codes: Tensor, weight:
 
 
 class Outputs(nn.Module):
-    """Logits, the encoder's own and the balancing loss in one pass: gradients of several devices are only joined for
-    what a module returns."""
+    """Logits, the encoder's own, the balancing loss and the crest factor in one pass: gradients of several devices are
+    only joined for what a module returns."""
 
-    def __init__(self, model: FrameModel, *, balanced: bool) -> None:
+    def __init__(self, model: FrameModel, *, balanced: bool, crested: bool = False) -> None:
         super().__init__()
-        self.model, self.balanced = model, balanced
+        self.model, self.balanced, self.crested = model, balanced, crested
 
     def forward(
         self,
@@ -109,9 +111,10 @@ class Outputs(nn.Module):
         places: Tensor | None,
         guessed: Tensor | None,
         unknown: Tensor | None,
-    ) -> tuple[dict[str, Tensor], dict[str, Tensor] | None, Tensor | None]:
+    ) -> tuple[dict[str, Tensor], dict[str, Tensor] | None, Tensor | None, Tensor | None]:
         logits, guess = self.model(ids, history, codes, mask, places, guessed, unknown)
-        return logits, guess, moe.balance(self.model) if self.balanced else None
+        balance = moe.balance(self.model) if self.balanced else None
+        return logits, guess, balance, crest_of_gates(self.model) if self.crested else None
 
 
 def inputs(batch: FrameBatch, device: torch.device) -> tuple[Tensor, Tensor, Tensor, Tensor | None]:
@@ -178,7 +181,7 @@ def train_stage(
     if plan.rounded:
         round_products(model)
     plain = model
-    outputs = accelerator.prepare_model(Outputs(model, balanced=plan.balance > 0))
+    outputs = accelerator.prepare_model(Outputs(model, balanced=plan.balance > 0, crested=plan.crest > 0))
     optimizer = Master(plain, plan.rate, plan.betas, plan.decay)
     saved = Saved(folder / f"lm_{plan.name}.pt", optimizer=optimizer)
     start = saved.load()
@@ -198,11 +201,13 @@ def train_stage(
         ids, history, codes, mask = inputs(batch, device)
         guessed = None if drawn.guessed is None else torch.from_numpy(drawn.guessed).to(device)
         unknown = torch.from_numpy(drawn.unknown).to(device)
-        logits, guess, balance = outputs(ids, history, codes, mask, places_of(batch, device), guessed, unknown)
+        logits, guess, balance, crest = outputs(ids, history, codes, mask, places_of(batch, device), guessed, unknown)
         weight = code_weights(plain.parts, plan, codes, torch.from_numpy(batch.before).to(device))
         loss = total = entropy(plain.parts, logits, codes, weight)
         if balance is not None:
             total = total + plan.balance * balance
+        if crest is not None:
+            total = total + plan.crest * crest
         if guess is not None:
             total = total + plan.heard * entropy(plain.parts, guess, codes[:, guessed], weight[:, guessed])
         accelerator.backward(total)

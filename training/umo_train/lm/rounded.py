@@ -25,10 +25,30 @@ def _product(linear: nn.Linear, x: Tensor) -> Tensor:
     return functional.linear(rounded(x), rounded(linear.weight), linear.bias)
 
 
+def _gated_product(linear: nn.Linear, x: Tensor) -> Tensor:
+    linear.crest = crest_factor(x) if linear.training and x.requires_grad else None
+    return _product(linear, x)
+
+
+def crest_factor(x: Tensor) -> Tensor:
+    """Mean logarithm of the crest factor (peak over root mean square) of rows, squared: what decides the error of
+    rounding them to int8. 2.3 for normal numbers in rows of 384, 3.9 for GELUs of such times others."""
+    squares = x.float().square()
+    return (squares.amax(-1).clamp(min=1e-12) / squares.mean(-1).clamp(min=1e-12)).log().mean()
+
+
 def round_products(model: nn.Module) -> None:
     """From here on `model` computes every product of the language model as an int8 file does."""
     for name, module in model.named_modules():
         if isinstance(module, nn.Linear) and not any(kept in name for kept in _KEPT):
-            module.forward = partial(_product, module)  # type: ignore[method-assign]
+            product = _gated_product if name.endswith(".wo") else _product
+            module.forward = partial(product, module)  # type: ignore[method-assign]
         elif hasattr(module, "rounded"):
             module.rounded = True
+
+
+def crest_of_gates(model: nn.Module) -> Tensor:
+    """Mean `crest_factor` of what the last pass gave the products behind gates (`wo`): a GELU times a linear part has
+    outliers, which no rotation spreads. Zero where nothing is rounded."""
+    found = [module.crest for module in model.modules() if getattr(module, "crest", None) is not None]
+    return torch.stack(found).mean() if found else torch.zeros((), device=next(model.parameters()).device)

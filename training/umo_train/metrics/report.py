@@ -108,8 +108,8 @@ def _plots(name: str, measured: Measured) -> list[str]:
             )
         ]
     if name == "fgd":
-        kept = ("model", "performer_again", "shuffled_chunks", "random_codes")
-        return [plots.bars({k.replace("_", " "): group[k] for k in kept if group[k] is not None}, "FGD")]
+        kept = ("model", "with_layers", "performer_again", "shuffled_chunks", "random_codes")
+        return [plots.bars({k.replace("_", " "): group[k] for k in kept if group.get(k) is not None}, "FGD")]
     if name == "model":
         return [plots.speed_histogram(model, measured.performer)]
     if name == "tokens" and group.get("expert_use"):
