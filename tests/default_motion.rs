@@ -105,7 +105,6 @@ fn frames(isa: Isa) -> Vec<Recorded> {
 fn name(isa: Isa) -> &'static str {
     match isa.name() {
         "avxvnni" | "neon" | "neon_dotprod" | "neon_i8mm" => "avx2",
-        "avx512bf16" => "avx512vnni",
         name => name,
     }
 }

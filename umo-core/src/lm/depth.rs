@@ -39,7 +39,7 @@ pub struct DepthNet {
     places: usize,
     /// `[codes of a keyframe, d]`
     position: Table,
-    layers: Vec<Layer>,
+    layers: Box<[Layer]>,
     norm: Box<[f32]>,
     eps: f32,
     /// The codes of a keyframe, in order.
@@ -50,6 +50,8 @@ pub struct DepthNet {
     before: Option<Vec<Table>>,
     heads: usize,
     d_ff: usize,
+    /// Inputs of the widest product that takes them rounded to bf16; 0 where none does.
+    rounded: usize,
 }
 
 #[derive(Debug)]
@@ -177,15 +179,22 @@ impl DepthNet {
                 slots.push(Slot { part, first, head, sampling: spec.sampling, place });
             }
         }
+        let layers = (0..sizes.num_layers).map(layer).collect::<Result<Vec<_>, LoadError>>()?;
+        let int8 = layers.iter().any(|layer| layer.projection.is_quantized());
+        let round = |product: Linear| if int8 { product.rounded() } else { product };
+        let layers: Box<[_]> = layers.into_iter().map(|layer| Layer { down: round(layer.down), ..layer }).collect();
+        let state = |name: &str| loader.linear(&[format!("depth.{name}.weight")], &[d], config.lm.d_model).map(round);
+        let input = state("input")?;
+        let heard = sizes.heard.map(|_| state("heard")).transpose()?;
+        let products = layers.iter().map(|layer| &layer.down).chain([&input]).chain(&heard);
+        let rounded = products.filter(|product| product.parts(loader.isa()) == 1).map(Linear::inputs);
         Ok(Self {
-            input: loader.linear(&["depth.input.weight".to_owned()], &[d], config.lm.d_model)?,
-            heard: match sizes.heard {
-                Some(_) => Some(loader.linear(&["depth.heard.weight".to_owned()], &[d], config.lm.d_model)?),
-                None => None,
-            },
+            rounded: rounded.max().unwrap_or(0),
+            input,
+            heard,
             places,
             position: loader.table("depth.position.weight", slots.len(), d)?,
-            layers: (0..sizes.num_layers).map(layer).collect::<Result<_, LoadError>>()?,
+            layers,
             norm: loader.vector("depth.norm.weight", d)?,
             eps: sizes.layer_norm_epsilon,
             slots,
@@ -348,7 +357,7 @@ impl Lane {
             ranks: filled(Rank::default(), most).into(),
             codes: filled(0, rows * codes).into(),
             before: filled(0, rows * codes).into(),
-            quant: QuantScratch::new(rows, widest.max(net.d_ff)),
+            quant: QuantScratch::new(rows, widest.max(net.d_ff)).with_parts([rows * net.rounded, 0]),
         }
     }
 

@@ -59,17 +59,16 @@ impl Sampler {
         let Sampling { temperature, top_k, top_p } = self.sampling;
         let ranks = &mut ranks[..logits.len()];
         ranks.iter_mut().zip(logits).enumerate().for_each(|(code, (rank, &logit))| *rank = Rank::new(code, logit));
-        let Some(best) = ranks.iter().map(|rank| rank.key).max().map(|key| Rank { key, weight: 0.0 }.code()) else {
+        let Some(best) = ranks.iter().min().copied().map(Rank::code) else {
             return 0;
         };
         if temperature <= 0.0 {
             return best;
         }
-        let likelier = |a: &Rank, b: &Rank| b.key.cmp(&a.key);
         let mut kept = ranks.len();
         if (1..kept).contains(&top_k) {
             // Sorting all codes would take as long as a product of the depth network.
-            let least = logits[ranks.select_nth_unstable_by(top_k - 1, likelier).1.code()];
+            let least = logits[ranks.select_nth_unstable(top_k - 1).1.code()];
             kept = top_k;
             for at in top_k..ranks.len() {
                 if logits[ranks[at].code()] >= least {
@@ -79,16 +78,14 @@ impl Sampler {
             }
         }
         let ranks = &mut ranks[..kept];
-        ranks.sort_unstable_by(likelier);
-        let mut total = 0.0;
-        for rank in &mut *ranks {
-            rank.weight = ((f64::from(logits[rank.code()]) - f64::from(logits[best])) / f64::from(temperature)).exp();
-            total += rank.weight;
-        }
+        ranks.sort_unstable();
+        let weight =
+            |rank: &Rank| ((f64::from(logits[rank.code()]) - f64::from(logits[best])) / f64::from(temperature)).exp();
+        let mut total = ranks.iter().map(weight).sum();
         if top_p < 1.0 {
             let (wanted, mut sum, mut count) = (f64::from(top_p) * total, 0.0, 0);
             while count < kept && (count == 0 || sum < wanted) {
-                sum += ranks[count].weight;
+                sum += weight(&ranks[count]);
                 count += 1;
             }
             (kept, total) = (count, sum);
@@ -96,7 +93,7 @@ impl Sampler {
         let draw = uniform(self.seed, chunk, place) * total;
         let mut sum = 0.0;
         for rank in &ranks[..kept] {
-            sum += rank.weight;
+            sum += weight(rank);
             if draw < sum {
                 return rank.code();
             }
@@ -105,26 +102,23 @@ impl Sampler {
     }
 }
 
-/// A code on its way through a draw: what it is sorted by, and its share.
-#[derive(Clone, Copy, Debug, Default)]
+/// A code on its way through a draw: the likelier, the smaller; of equals the lower code. Logits are in the order of
+/// [`f32::total_cmp`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 #[cfg_attr(not(feature = "internals"), doc(hidden))]
-pub struct Rank {
-    /// The larger, the likelier; of equals the lower code. In the order of [`f32::total_cmp`].
-    key: u64,
-    weight: f64,
-}
+pub struct Rank(u64);
 
 impl Rank {
     #[expect(clippy::cast_possible_truncation, reason = "codes fit 16 bits by the config's checks")]
     fn new(code: usize, logit: f32) -> Self {
         let bits = logit.to_bits();
-        let ordered = if logit.is_sign_negative() { !bits } else { bits | 1 << 31 };
-        Self { key: u64::from(ordered) << 32 | u64::from(!(code as u32)), weight: 0.0 }
+        let descending = if logit.is_sign_negative() { bits } else { !bits & !(1 << 31) };
+        Self(u64::from(descending) << 32 | u64::from(code as u32))
     }
 
     #[expect(clippy::cast_possible_truncation, reason = "the lower half is the code")]
     fn code(self) -> usize {
-        !(self.key as u32) as usize
+        self.0 as u32 as usize
     }
 }
 

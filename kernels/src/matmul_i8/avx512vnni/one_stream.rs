@@ -3,7 +3,7 @@
 //! several accumulators, so that their latencies overlap. Integer sums are exact in any order.
 //! More rows are computed in tiles.
 
-use super::tiles::{BYTES, BiasedRow, MAX_PANELS, QUADS, convert, dequantize_tile, load_bytes};
+use super::tiles::{BYTES, MAX_PANELS, QUADS, Row, SPARE, convert, dequantize_tile, load_bytes};
 use crate::lanes::avx512vnni::store;
 use crate::mat::MatMut;
 use crate::matmul_i8::chunk::prefetch_scales;
@@ -15,6 +15,9 @@ use umo_kernels_features::avx512vnni;
 
 /// Rows that are multiplied sooner than their weights arrive.
 pub(super) const ROWS: usize = 8;
+/// Quads of a small network's rows. Clearing room for the longest would take a twentieth of its products' time; and as its
+/// weights stay in L3, the processor's own prefetcher is enough: a prefetch for each line costs a twelfth.
+pub(super) const SHORT: usize = 128;
 /// Prefetch distance in quads: 16 KiB.
 const PREFETCH_DISTANCE: usize = 256;
 
@@ -26,30 +29,41 @@ pub(super) fn suits(x: &QuantInput, task: &GemmTask) -> bool {
 /// The product of rows that [`suits`].
 #[avx512vnni]
 pub(super) fn run(x: &QuantInput, task: &GemmTask, y: MatMut<f32>) {
+    if task.k() <= SHORT * QUAD { rows::<{ SHORT + SPARE }>(x, task, y) } else { rows::<{ QUADS + SPARE }>(x, task, y) }
+}
+
+/// The same in rows of `N` quads.
+#[avx512vnni]
+fn rows<const N: usize>(x: &QuantInput, task: &GemmTask, y: MatMut<f32>) {
     match x.rows.rows() {
-        1 => product::<1, 4>(x, task, y),
-        2 => product::<2, 4>(x, task, y),
-        3 => product::<3, 4>(x, task, y),
-        4 => product::<4, 4>(x, task, y),
-        5 => product::<5, 2>(x, task, y),
-        6 => product::<6, 2>(x, task, y),
-        7 => product::<7, 2>(x, task, y),
-        ROWS => product::<ROWS, 2>(x, task, y),
+        1 => product::<1, 4, N>(x, task, y),
+        2 => product::<2, 4, N>(x, task, y),
+        3 => product::<3, 4, N>(x, task, y),
+        4 => product::<4, 4, N>(x, task, y),
+        5 => product::<5, 2, N>(x, task, y),
+        6 => product::<6, 2, N>(x, task, y),
+        7 => product::<7, 2, N>(x, task, y),
+        ROWS => product::<ROWS, 2, N>(x, task, y),
         rows => unreachable!("{rows} rows"),
     }
 }
 
 /// All rows, `R` of them, with one panel after another.
 #[avx512vnni]
-fn product<const R: usize, const ACCUMULATORS: usize>(x: &QuantInput, task: &GemmTask, mut y: MatMut<f32>) {
-    let mut buffer = [[[0; QUAD]; QUADS + BYTES / QUAD]; R];
+fn product<const R: usize, const ACCUMULATORS: usize, const N: usize>(
+    x: &QuantInput,
+    task: &GemmTask,
+    mut y: MatMut<f32>,
+) {
+    let mut buffer = [[[0; QUAD]; N]; R];
     convert(x, 0, 0, &mut buffer);
     let mut sums = [[0.0; PANEL]; ROWS * MAX_PANELS];
     for slot in (0..task.slots()).step_by(MAX_PANELS) {
         let width = MAX_PANELS.min(task.slots() - slot);
         for i in 0..width {
             prefetch_scales(task, slot + i);
-            multiply::<R, ACCUMULATORS>(&buffer, task.panel(slot + i), ahead(task, slot + i), &mut sums[i..], width);
+            let ahead = ahead(task, slot + i);
+            multiply::<R, ACCUMULATORS, N>(&buffer, task.panel(slot + i), ahead, &mut sums[i..], width);
         }
         dequantize_tile::<128>(x, 0, &mut sums[..R * width], width, task, slot, &mut y);
     }
@@ -65,17 +79,17 @@ fn ahead(task: &GemmTask, slot: usize) -> *const [i8; BYTES] {
 }
 
 /// The products of `R` rows with a panel, every `ACCUMULATORS`th quad in an accumulator of its
-/// own, stored to `sums`, `width` apart. As many quads are prefetched from `ahead` on.
+/// own, stored to `sums`, `width` apart. As many quads are prefetched from `ahead` on, where rows are long.
 #[inline(never)]
 #[avx512vnni]
-fn multiply<const R: usize, const ACCUMULATORS: usize>(
-    buffer: &[BiasedRow; R],
+fn multiply<const R: usize, const ACCUMULATORS: usize, const N: usize>(
+    buffer: &[Row<N>; R],
     panel: &[[i8; BYTES]],
     ahead: *const [i8; BYTES],
     sums: &mut [[f32; PANEL]],
     width: usize,
 ) {
-    assert!(panel.len() <= QUADS);
+    assert!(panel.len() <= N);
     // Pointers: lengths are known to agree. The fewer instructions there are between two
     // lines, the more loads are in flight.
     let (w, mut x) = (panel.as_ptr(), [core::ptr::null(); R]);
@@ -90,15 +104,17 @@ fn multiply<const R: usize, const ACCUMULATORS: usize>(
         for turn in 0..turns {
             for (side, sums) in acc.iter_mut().enumerate() {
                 let q = first + turn * ACCUMULATORS + side;
-                prefetch::to_l1(ahead.wrapping_add(q));
-                // SAFETY: `q < whole <= panel.len() <= QUADS`: the panel and all rows have this
+                if N > SHORT + SPARE {
+                    prefetch::to_l1(ahead.wrapping_add(q));
+                }
+                // SAFETY: `q < whole <= panel.len() <= N`: the panel and all rows have this
                 // quad.
                 unsafe { dot_step(w, &x, q, sums) };
             }
         }
     }
     for q in whole..panel.len() {
-        // SAFETY: `q < panel.len() <= QUADS`, as above.
+        // SAFETY: `q < panel.len() <= N`, as above.
         unsafe { dot_step(w, &x, q, &mut acc[0]) };
     }
     let mut total = acc[0];

@@ -27,9 +27,13 @@ const SUMS: usize = ROWS * 3;
 /// Bytes in a register.
 pub(super) const BYTES: usize = 64;
 
-/// Inputs of one row, offset to unsigned, as bits, padded to a whole register; the extra line
-/// avoids conflicts between rows in cache sets.
-pub(super) type BiasedRow = [[i8; QUAD]; QUADS + BYTES / QUAD];
+/// Quads of a row beyond its inputs: they pad it to a whole register, and the extra line avoids conflicts between rows
+/// in cache sets.
+pub(super) const SPARE: usize = BYTES / QUAD;
+
+/// Inputs of one row, offset to unsigned, as bits.
+pub(super) type Row<const N: usize> = [[i8; QUAD]; N];
+type BiasedRow = Row<{ QUADS + SPARE }>;
 
 #[avx512vnni]
 pub(super) fn run(x: QuantInput, task: &GemmTask, y: MatMut<f32>) {
@@ -55,7 +59,7 @@ pub(super) fn run_in_place(x: QuantInput, task: &GemmTask, y: MatMut<f32>) {
 /// The product in tiles of `TILE` rows, as many `CONVERTED` beforehand, or none.
 #[avx512vnni]
 fn product<const TILE: usize, const CONVERTED: usize>(x: QuantInput, task: &GemmTask, mut y: MatMut<f32>) {
-    let mut buffer = [[[0; QUAD]; QUADS + BYTES / QUAD]; CONVERTED];
+    let mut buffer = [[[0; QUAD]; QUADS + SPARE]; CONVERTED];
     let mut sums = [[0.0; PANEL]; SUMS];
     let (rows, panel_bytes) = (x.rows.rows(), PANEL * task.k().max(1));
     let count = rows.div_ceil(TILE);
@@ -87,8 +91,8 @@ fn product<const TILE: usize, const CONVERTED: usize>(x: QuantInput, task: &Gemm
 /// Converts the inputs from `first` on of the rows from `t` on to unsigned, as many of both as
 /// `buffer` holds.
 #[avx512vnni]
-pub(super) fn convert(x: &QuantInput, t: usize, first: usize, buffer: &mut [BiasedRow]) {
-    let inputs = first..(first + QUADS * QUAD).min(x.rows.cols());
+pub(super) fn convert<const N: usize>(x: &QuantInput, t: usize, first: usize, buffer: &mut [Row<N>]) {
+    let inputs = first..(first + (N - SPARE) * QUAD).min(x.rows.cols());
     for (t, buffer) in (t..).zip(buffer.iter_mut()) {
         unsigned(&x.rows.row(t)[inputs.clone()], buffer);
     }
@@ -97,7 +101,7 @@ pub(super) fn convert(x: &QuantInput, t: usize, first: usize, buffer: &mut [Bias
 /// `x + 128` of one row.
 #[inline]
 #[avx512vnni]
-fn unsigned(x: &[i8], buffer: &mut BiasedRow) {
+fn unsigned<const N: usize>(x: &[i8], buffer: &mut Row<N>) {
     let flip = _mm512_set1_epi8(i8::MIN);
     let buffer = buffer.as_flattened_mut().as_chunks_mut::<BYTES>().0;
     let (x, x_tail) = x.as_chunks::<BYTES>();
