@@ -127,15 +127,16 @@ mod interleavings {
     }
 
     /// A chunk becomes due while both threads go to sleep or look. The second one leaves it to the first,
-    /// as an engine's others do with few chunks, and may hold its slot at the moment when the first looks.
+    /// as an engine's others do with few chunks, and may hold its slot at the moment when the first looks: the slot holds
+    /// an atomic, as loom switches threads at those alone.
     #[test]
     fn what_one_thread_leaves_to_the_other_is_not_lost() {
         explore(|| {
-            let (signal, slot) = (Arc::new(Signal::new(2)), Arc::new(Mutex::new(false)));
+            let (signal, slot) = (Arc::new(Signal::new(2)), Arc::new(Mutex::new(AtomicBool::new(false))));
             let (other, seen) = (Arc::clone(&signal), Arc::clone(&slot));
             let other = loom::thread::spawn(move || {
                 while other.begin_turn(1) {
-                    let is_due = seen.try_lock().is_ok_and(|due| *due);
+                    let is_due = seen.try_lock().is_ok_and(|due| due.load(Ordering::SeqCst));
                     if is_due {
                         other.call(0);
                     }
@@ -144,11 +145,11 @@ mod interleavings {
             });
             let (host, filled) = (Arc::clone(&signal), Arc::clone(&slot));
             let host = loom::thread::spawn(move || {
-                *filled.lock().unwrap() = true;
+                filled.lock().unwrap().store(true, Ordering::SeqCst);
                 host.notify();
             });
             while signal.begin_turn(0) {
-                if slot.try_lock().is_ok_and(|mut due| std::mem::take(&mut *due)) {
+                if slot.try_lock().is_ok_and(|due| due.swap(false, Ordering::SeqCst)) {
                     signal.stop();
                 } else {
                     signal.sleep(0);
