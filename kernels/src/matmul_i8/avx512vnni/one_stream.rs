@@ -15,8 +15,9 @@ use umo_kernels_features::avx512vnni;
 
 /// Rows that are multiplied sooner than their weights arrive.
 pub(super) const ROWS: usize = 8;
-/// Quads of a small network's rows. Clearing room for the longest would take a twentieth of its products' time; and as its
-/// weights stay in L3, the processor's own prefetcher is enough: a prefetch for each line costs a twelfth.
+/// Quads of short rows, as small networks have them. Their buffer is short too: clearing the long one takes a twentieth of
+/// their products' time. Their weights come from L3, where the processor's own prefetcher is enough: with a prefetch
+/// for each line, a single row takes a twelfth longer.
 pub(super) const SHORT: usize = 128;
 /// Prefetch distance in quads: 16 KiB.
 const PREFETCH_DISTANCE: usize = 256;
