@@ -2,7 +2,8 @@
 
 Every variant's language model is trained from fresh weights for the same steps on what a run in `--work` has packed
 (`train`, where a GPU is), and moves to the same held-out items through the run's tokenizers (`measure`). All have one
-expert: what more of them give does not show after so few steps (training/README.md).
+expert: what more of them give does not show after so few steps (training/README.md). With `--parts`, the folder of a
+run of `ablation_parts.yaml`, a row has the paper's layout: `pack` makes of it what `train` needs.
 """
 
 import argparse
@@ -16,19 +17,20 @@ import numpy as np
 import torch
 
 from umo_train import export, markdown
-from umo_train.frames import packed, steps
+from umo_train.frames import ablation_parts, packed, steps
 from umo_train.frames.model import FrameModel
 from umo_train.frames.packed import Packed
 from umo_train.frames.parts import Part
 from umo_train.frames.train import FrameStagePlan, train_stage
 from umo_train.log import EVERY
 from umo_train.plan import Config, Run
+from umo_train.skeleton import PARTS
 
 
 @dataclass(frozen=True)
 class Variant:
     """What is left out: parts by name, levels from `levels` on, or people's recordings. `same` names the variant whose
-    weights it shares, and `more` what the program is told then."""
+    weights it shares, and `more` and `more_of_text` what `umo animate` and `umo text` are told then."""
 
     name: str
     without: tuple[str, ...] = ()
@@ -36,11 +38,13 @@ class Variant:
     people: bool = True
     same: str = ""
     more: tuple[str, ...] = ()
+    more_of_text: tuple[str, ...] = ()
 
 
 VARIANTS = (
     Variant("all of it"),
     Variant("nothing heard ahead", same="all of it", more=("--horizon", "0")),
+    Variant("no guidance of a text", same="all of it", more_of_text=("--guidance", "1")),
     Variant("no intent", without=("intent",)),
     Variant("two levels", levels=2),
     Variant("no recordings of people", people=False),
@@ -102,10 +106,10 @@ def write_model(s: Run, data: Packed, variant: Variant) -> Path:
     return path
 
 
-def said_right(folder: Path, variant: Variant) -> dict[str, float]:
+def said_right(folder: Path, name: str) -> dict[str, float]:
     """The last held-out numbers of a variant's log."""
     found: dict[str, float] = {}
-    for line in (folder / f"lm_{file_of(variant)}.csv").read_text().splitlines():
+    for line in (folder / f"lm_{name}.csv").read_text().splitlines():
         _, name, value = line.split(",")
         if name.startswith("held_out_"):
             found[name.removeprefix("held_out_")] = float(value)
@@ -118,14 +122,19 @@ def table(rows: dict[str, dict[str, Any]]) -> str:
     def percent(name: str) -> Callable[[dict[str, Any]], str]:
         return lambda row: f"{100 * row[name]:.0f} %" if name in row else "–"
 
+    def real_mouths(row: dict[str, Any]) -> str:
+        return f"{row['real']:.2f}, {row['real_worst']:.2f}" if "real" in row else "–"
+
     columns: list[markdown.Column] = [
         ("parameters", lambda row: f"{row['parameters']:.1f} M"),
         ("codes a keyframe", lambda row: f"{row['codes']}"),
         ("mouth's first codes right", percent("mouth")),
         ("intent's", percent("intent")),
-        ("arms'", lambda row: f"{50 * (row['left_arm'] + row['right_arm']):.0f} %"),
+        ("arms'", lambda row: f"{50 * (row['left_arm'] + row['right_arm']):.0f} %" if "left_arm" in row else "–"),
         ("lips, r", lambda row: f"{row['lips']:.2f}"),
         ("closed at p, b, m", percent("closures")),
+        ("recorded people: mouth against the envelope, mean, worst", real_mouths),
+        ("actions from text known", percent("actions")),
         ("beats", lambda row: f"{row['beat']:.2f}"),
         ("FGD over random codes", lambda row: f"{row['fgd']:.2f}"),
         ("jerk, m/s³", lambda row: f"{row['jerk']:.0f}"),
@@ -137,31 +146,56 @@ def measure(s: Run, data: Packed, options: argparse.Namespace) -> None:
     """The table of all variants that are trained, and the numbers beside it."""
     # What measuring needs is not where the weights are trained.
     from umo_train.ablations import measured, millions
-    from umo_train.metrics import fgd, item, program
-    from umo_train.metrics.measure import Subject
+    from umo_train.metrics import acted, fgd, item, program
+    from umo_train.metrics.measure import Made, Subject, real_mouth
 
     umo, encoder = program.find(options.umo), fgd.AutoEncoder.load(fgd.JUDGE)
     items = [one for split in options.split for one in item.from_corpus(s.corpus, split, options.most, 0, 0)]
+    known = item.readers(s.corpus)
+    real = [one for one in (item.recordings(options.speech) if options.speech else []) if one.voice not in known]
     numbers = options.output.with_suffix(".json")
     rows: dict[str, dict[str, Any]] = json.loads(numbers.read_text()) if numbers.exists() else {}
-    for variant in VARIANTS:
-        trained = s.folder / "ablations" / f"{file_of(variant)}.safetensors"
-        if variant.name in rows or not trained.exists():
-            continue
-        model = write_model(s, data, variant)
+    folder = s.folder / "ablations"
+
+    def row_of(model: Path, weights: Path, log: str, variant: Variant, *, acts: bool) -> dict[str, Any]:
         subject = Subject(umo, model, more=variant.more)
         takes = [
             measured(umo, model, encoder, items, [subject.animate(one, seed) for one in items])
             for seed in range(options.takes)
         ]
+        row: dict[str, Any] = {name: float(np.mean([take[name] for take in takes])) for name in takes[0]}
+        row["parameters"] = millions(export.load_state(weights))
+        if real:
+            speakers = real_mouth([Made(one, subject.animate(one)) for one in real]).values()
+            found = [speaker["correlation"] for speaker in speakers]
+            row |= {"real": float(np.mean(found)), "real_worst": min(found)}
+        if acts and options.acted:
+            more = variant.more_of_text
+            row["actions"] = acted.measure(umo, model, s.corpus, options.acted, more=more)["model"]
+        return row | said_right(folder, log)
+
+    for variant in VARIANTS:
+        trained = folder / f"{file_of(variant)}.safetensors"
+        if variant.name in rows or not trained.exists():
+            continue
         _, order = varied(variant, data, steps.parts_of(s))
-        row = {name: float(np.mean([take[name] for take in takes])) for name in takes[0]}
-        row |= {"parameters": millions(export.load_state(trained)), "codes": sum(part.levels for part in order)}
-        rows[variant.name] = row | said_right(s.folder / "ablations", variant)
+        row = row_of(write_model(s, data, variant), trained, file_of(variant), variant, acts=True)
+        rows[variant.name] = row | {"codes": sum(part.levels for part in order)}
+        numbers.write_text(json.dumps(rows, indent=1) + "\n")
+    trained = folder / f"{ablation_parts.FILE}.safetensors"
+    if options.parts and ablation_parts.NAME not in rows and trained.exists():
+        model = ablation_parts.write_model(parts_run(options), folder)
+        row = row_of(model, trained, ablation_parts.FILE, Variant(ablation_parts.NAME), acts=False)
+        rows[ablation_parts.NAME] = row | {"codes": len(PARTS)}
         numbers.write_text(json.dumps(rows, indent=1) + "\n")
     text = table(rows)
     options.output.write_text(text)
     print(text, end="")
+
+
+def parts_run(options: argparse.Namespace) -> Run:
+    """The run of layout `parts`; its plan is beside the other's."""
+    return Run.read(options.config.parent / "ablation_parts.yaml", options.parts)
 
 
 def stage(options: argparse.Namespace, given: Config) -> FrameStagePlan:
@@ -174,19 +208,29 @@ def stage(options: argparse.Namespace, given: Config) -> FrameStagePlan:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="umo-train frames ablations", description=__doc__)
-    parser.add_argument("what", choices=("train", "measure"))
+    parser.add_argument("what", choices=("pack", "train", "measure"))
     parser.add_argument("--config", type=Path, required=True, help="the YAML file of the plan")
     parser.add_argument("--work", type=Path, required=True, help="the folder of a run with run/packed.xz")
     parser.add_argument("--steps", type=int, default=600, help="of every variant")
+    parser.add_argument("--rows", nargs="+", help="names of the rows to train; all where not given")
     parser.add_argument("--umo", type=Path, help="the program; on PATH or target/release/umo where not given")
     parser.add_argument("--split", nargs="+", default=["test_sentence", "test_voice"])
     parser.add_argument("--most", type=int, default=8, help="held-out items of each split to move to")
     parser.add_argument("--takes", type=int, default=2, help="of each item")
+    parser.add_argument("--parts", type=Path, help="the folder of a run of ablation_parts.yaml")
+    parser.add_argument("--speech", type=Path, help="folder of real recordings")
+    parser.add_argument("--acted", type=int, default=4, help="takes of each action")
     parser.add_argument("--threads", type=int, default=2, help="threads of PyTorch")
     parser.add_argument("-o", "--output", type=Path, help="file for the table; beside it, the numbers")
     options = parser.parse_args(arguments)
     torch.set_num_threads(options.threads)
     s = Run.read(options.config, options.work)
+    packed_parts = s.folder / "packed_parts.xz"
+    if options.what == "pack":
+        if options.parts is None:
+            parser.error("--parts: where is the run of ablation_parts.yaml?")
+        ablation_parts.pack(parts_run(options), packed_parts)
+        return
     data = packed.read(s.folder / packed.NAME)
     if options.what == "measure":
         if options.output is None:
@@ -196,9 +240,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if options.steps < EVERY:
         parser.error(f"--steps: at least {EVERY}, which are logged")
     plan = stage(options, next(one for one in s.plan["stages"] if not one.get("dense")))
+    wanted = set(options.rows or [ablation_parts.NAME, *(variant.name for variant in VARIANTS)])
     for variant in VARIANTS:
-        if not variant.same:
+        if not variant.same and variant.name in wanted:
             train(s, data, variant, plan)
+    if packed_parts.exists() and ablation_parts.NAME in wanted:
+        ablation_parts.train(packed.read(packed_parts), s.folder / "ablations", plan)
 
 
 if __name__ == "__main__":

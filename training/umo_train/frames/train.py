@@ -17,7 +17,7 @@ from umo_train.frames.model import FrameModel
 from umo_train.frames.parts import Part
 from umo_train.lm import moe
 from umo_train.lm.rounded import crest_of_gates, round_products
-from umo_train.lm.train import Master, _experts, rate_at, task_chances
+from umo_train.lm.train import Master, _experts, drawn_ahead, rate_at, task_chances
 from umo_train.log import EVERY, Log
 from umo_train.state import Saved
 
@@ -186,13 +186,7 @@ def train_stage(
     saved = Saved(folder / f"lm_{plan.name}.pt", optimizer=optimizer)
     start = saved.load()
     log = Log(folder / f"lm_{plan.name}.csv", start) if accelerator.is_main_process else None
-    readers = plan.readers if device.type == "cuda" else 0
-    draws = torch.utils.data.DataLoader(
-        Draws(plan, examples, start, accelerator.process_index),
-        batch_size=None,
-        num_workers=readers,
-        prefetch_factor=4 if readers else None,
-    )
+    draws = drawn_ahead(Draws(plan, examples, start, accelerator.process_index), plan.readers, device)
     bar = tqdm(range(start, plan.steps), f"lm {plan.name}", initial=start, total=plan.steps, disable=log is None)
     for step, drawn in zip(bar, draws, strict=True):
         task, batch = drawn.task, drawn.batch

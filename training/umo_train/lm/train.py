@@ -54,6 +54,8 @@ class StagePlan:
     speech_seconds: float = 3.0
     # Examples of a dense window in a batch; 0 for as many as have a batch's labels.
     dense_batch: int = 0
+    # Processes that draw batches ahead of a GPU; none draws them in between.
+    readers: int = 0
 
 
 class Master(torch.optim.Optimizer):
@@ -133,6 +135,33 @@ def draws(plan: StagePlan, examples: Examples) -> dict[str, Draw]:
     }
 
 
+class Draws(torch.utils.data.Dataset):  # type: ignore[type-arg]
+    """Task and batch of the steps from `start` on. Each step and device draws from a stream of its own, so that a
+    resumed run sees what it would have seen, whoever draws it."""
+
+    def __init__(self, plan: StagePlan, examples: Examples, start: int, process: int) -> None:
+        self.plan, self.examples, self.start, self.process = plan, examples, start, process
+        self.chances = task_chances(plan.tasks, plan.tau)
+
+    def __len__(self) -> int:
+        return self.plan.steps - self.start
+
+    def __getitem__(self, index: int) -> tuple[str, Batch]:
+        step = self.start + index
+        rng = np.random.default_rng((self.plan.seed, step, self.process))
+        names, chances = list(self.chances), list(self.chances.values())
+        task = names[int(np.random.default_rng((self.plan.seed, step)).choice(len(names), p=chances))]
+        return task, draws(self.plan, self.examples)[task](rng)
+
+
+def drawn_ahead(steps: torch.utils.data.Dataset, readers: int, device: torch.device) -> torch.utils.data.DataLoader:  # type: ignore[type-arg]
+    """What `steps` has of one step after the other, drawn by so many processes ahead of a GPU."""
+    readers = readers if device.type == "cuda" else 0
+    return torch.utils.data.DataLoader(
+        steps, batch_size=None, num_workers=readers, prefetch_factor=4 if readers else None
+    )
+
+
 class Outputs(torch.nn.Module):
     """Logits, the encoder's own loss and the balancing loss in one pass: gradients of several devices are only joined
     for what a module returns."""
@@ -198,16 +227,11 @@ def train_stage(
     saved = Saved(folder / f"lm_{plan.name}.pt", optimizer=optimizer)
     start = saved.load()
     log = Log(folder / f"lm_{plan.name}.csv", start) if accelerator.is_main_process else None
-    chances = task_chances(plan.tasks, plan.tau)
-    drawing, names = draws(plan, examples), list(chances)
+    drawn = drawn_ahead(Draws(plan, examples, start, accelerator.process_index), plan.readers, accelerator.device)
     bar = tqdm(range(start, plan.steps), f"lm {plan.name}", initial=start, total=plan.steps, disable=log is None)
-    for step in bar:
-        # Each step and device draws from a stream of its own, so that a resumed run sees what it would have seen.
-        rng = np.random.default_rng((plan.seed, step, accelerator.process_index))
-        task = names[int(np.random.default_rng((plan.seed, step)).choice(len(names), p=list(chances.values())))]
+    for step, (task, batch) in zip(bar, drawn, strict=True):
         for group in optimizer.param_groups:
             group["lr"] = plan.rate * rate_at(step, plan)
-        batch = drawing[task](rng)
         ids, said, mask, labels = _inputs(batch, accelerator.device, plain.vocab)
         wanted = None
         if batch.heard is not None and plan.heard > 0:
