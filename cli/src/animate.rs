@@ -171,7 +171,7 @@ impl<'a> Maker<'a> {
 /// Template of a text alone.
 pub(crate) const TEXT: &str = "text_to_motion";
 /// How strongly a text alone steers, and the most freely that its codes are drawn (docs/motion.md).
-const TEXT_GUIDANCE: f32 = 2.0;
+const TEXT_GUIDANCE: f32 = 2.5;
 const TEXT_TEMPERATURE: f32 = 0.7;
 
 /// An avatar as the arguments want it, speech to motion; `horizon` where they say none.

@@ -95,7 +95,7 @@ pub struct GenerateArgs {
     /// live
     #[arg(long, value_name = "KEYFRAMES")]
     pub horizon: Option<usize>,
-    /// How strongly the prompt steers, 1 to 3, in models of layout `frames`: 2 where a text alone is
+    /// How strongly the prompt steers, 1 to 3, in models of layout `frames`: 2.5 where a text alone is
     /// animated, else 1
     #[arg(long, value_name = "STRENGTH")]
     pub guidance: Option<f32>,

@@ -186,11 +186,11 @@ def test_accents_are_heard_in_runs_of_units(tmp_path: Path) -> None:
     np.testing.assert_allclose(heard.of("00001"), [(33 - 14) / 50])
 
 
-def test_held_out_items_keep_their_true_accents(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_held_out_items_keep_their_true_accents_and_seeds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked = {}
 
     def perform(utterance: Utterance, style: object, seed: int, accents: np.ndarray | None) -> dict[str, np.ndarray]:
-        asked[utterance.text] = accents
+        asked[utterance.text] = accents, seed
         return {"upper": np.zeros((3, 1)), "intent": np.zeros(3, np.int16)}
 
     monkeypatch.setattr("umo_train.performer.perform", perform)
@@ -200,5 +200,7 @@ def test_held_out_items_keep_their_true_accents(tmp_path: Path, monkeypatch: pyt
     for name, split in (("00001", "train"), ("00002", "test_voice")):
         spoken = Utterance("v", split, np.zeros(16000, np.float32), (Phone("pau", 0.0, 1.0),))
         corpus.write_item(tmp_path, corpus.Item(name, split, "neutral", "", 1, spoken))
-        corpus._perform_item((tmp_path, tmp_path / "speech" / f"{name}.npz", heard))
-    assert asked["train"].tolist() == [pytest.approx((25 - 14) / 50)] and asked["test_voice"] is None
+        corpus._perform_item((tmp_path, tmp_path / "speech" / f"{name}.npz", heard, 100))
+    accents, seed = asked["train"]
+    assert accents.tolist() == [pytest.approx((25 - 14) / 50)] and seed == 101
+    assert asked["test_voice"] == (None, 1)

@@ -72,7 +72,7 @@ def test_the_corpus_keeps_it(tmp_path, spoken) -> None:
     assert motion["intent"].shape == (spoken.frames,) and motion["intent"].max() < intent.CODES
     assert len(np.unique(motion["intent"])) > 6
     corpus.write_item(tmp_path, corpus.Item("00000", "train", "excited", "", 1, spoken))
-    corpus._perform_item((tmp_path, tmp_path / "speech" / "00000.npz", None))
+    corpus._perform_item((tmp_path, tmp_path / "speech" / "00000.npz", None, 0))
     assert (corpus.read_intent(tmp_path, "00000") == motion["intent"]).all()
     corpus.write(tmp_path / "motion" / "00001.npz", {"face": motion["face"]})
     with pytest.raises(ValueError, match="run the step `motion` again"):

@@ -39,6 +39,16 @@ def test_a_plan_lies_over_its_base() -> None:
     assert again["audio"] == base["audio"] | {"listener": base["audio"]["listener"] | {"steps": 0}}
 
 
+def test_a_base_may_have_a_base() -> None:
+    configs = made_run.SMALL.parent
+    again, third, settle = (
+        pipeline.Run.read(configs / f"frames_{name}.yaml", Path("w")).plan for name in ("again", "third", "settle")
+    )
+    assert "base" not in third and third["parts"] == again["parts"] and third["start_language_model"]
+    assert third["motion"] == {"accents": "units", "seeds": 10_000_000}
+    assert settle["depth"] == again["depth"] and [stage["name"] for stage in settle["stages"]] == ["settle"]
+
+
 def test_accents_are_heard_after_the_step_audio(tmp_path: Path) -> None:
     run = pipeline.Run.read(made_run.SMALL.parent / "frames_again.yaml", tmp_path)
     with pytest.raises(ValueError, match="after the step `audio`"):

@@ -177,20 +177,25 @@ def _drawn(logits: torch.Tensor, config: dict[str, Any], plan: dict[str, Any], p
     return order.gather(1, torch.multinomial(chance, 1))[:, 0]
 
 
-def measured(
-    umo: Path, model: Path, encoder: fgd.AutoEncoder, items: Sequence[item.Item], moved: Sequence[item.Motion]
-) -> dict[str, Any]:
-    """The numbers of a row of the table."""
+def measured(items: Sequence[item.Item], moved: Sequence[item.Motion]) -> dict[str, Any]:
+    """The numbers of a row of the table that follow from one take of the items."""
     made = [measure.Made(one, motion) for one, motion in zip(items, moved, strict=True)]
     lips = list(measure.mouth(made).values())
-    distance = measure.distance(measure.Subject(umo, model), made, encoder)
     return {
         "lips": min(row["lip_correlation"] for row in lips),
         "closures": min(row["closures"] for row in lips),
-        "fgd": distance["model"] / distance["random_codes"],
         "beat": measure.beats(made)["accents_sharp"]["ratio"],
         "jerk": measure.smoothness(list(moved))["jerk"],
     }
+
+
+def distance(
+    subject: measure.Subject, encoder: fgd.AutoEncoder, items: Sequence[item.Item], moved: Sequence[item.Motion]
+) -> dict[str, Any]:
+    """FGD over that of random codes; several takes of its own where the subject has layers (`measure.distance`)."""
+    made = [measure.Made(one, motion) for one, motion in zip(items, moved, strict=True)]
+    found = measure.distance(subject, made, encoder)
+    return {"fgd": found["model"] / found["random_codes"]}
 
 
 def millions(state: dict[str, torch.Tensor]) -> float:
@@ -232,7 +237,9 @@ def row_of(s: Run, umo: Path, variant: Variant, encoder: fgd.AutoEncoder, items:
     labels = config["target"] * (1 if variant.keyframes else config["keyframe_stride"])
     # The same stretch of every item, whichever way its chunks end.
     moved = [{part: values[:frames] for part, values in motion.items()} for motion in moved]
-    return measured(umo, model, encoder, items, moved) | {
+    return {
+        **measured(items, moved),
+        **distance(measure.Subject(umo, model), encoder, items, moved),
         "parameters": millions(export.load_state(s.folder / "lm_stage2.safetensors")),
         "ids": len(PARTS) * (labels + 2) / seconds,
         # Between keyframes the code is often the one before: not the same measure.

@@ -121,7 +121,8 @@ def step_actions(s: Run) -> None:
 
 
 def step_motion(s: Run) -> None:
-    corpus.make_motion(s.corpus, s.plan["workers"], s.shard, _heard_accents(s))
+    seeds = s.plan.get("motion", {}).get("seeds", 0)
+    corpus.make_motion(s.corpus, s.plan["workers"], s.shard, _heard_accents(s), seeds)
 
 
 def _heard_accents(s: Run) -> corpus.HeardAccents | None:

@@ -28,9 +28,9 @@ class Run:
 
     @staticmethod
     def read(config: Path, work: Path, *, smoke: bool = False) -> "Run":
-        """A plan with `base` is laid over the one in that file beside it."""
+        """A plan with `base` is laid over the one in that file beside it, which may have one too."""
         plan = yaml.safe_load(config.read_text())
-        if base := plan.pop("base", None):
+        while base := plan.pop("base", None):
             plan = merged(yaml.safe_load((config.parent / base).read_text()), plan)
         smallest = plan.pop("smoke", "smoke.yaml")
         if smoke:

@@ -78,7 +78,7 @@ pub struct UmoSessionConfig {
     /// Seed of all draws: the same seed and audio give the same frames.
     pub seed: u64,
     /// Which of the model's templates: NULL for `audio_to_motion`; `text_to_motion` needs no audio. For
-    /// it, `umo text` takes a `guidance` of 2 and a temperature of 0.7 at most
+    /// it, `umo text` takes a `guidance` of 2.5 and a temperature of 0.7 at most
     /// (`UMO_PARAMETER_TEMPERATURE`): the defaults here are those of speech.
     pub template_name: *const c_char,
     /// Where the session's memory comes from, or NULL for the system's. Read while the session is

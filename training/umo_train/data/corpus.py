@@ -277,22 +277,26 @@ class HeardAccents:
         return (np.array(runs) - self.delay) / self.rate
 
 
-def make_motion(folder: Path, workers: int, shard: Shard = ALL, heard: HeardAccents | None = None) -> None:
-    """Has the performer move to every item that has no motion yet, or to those of a share. With `heard` it moves by
-    these accents where a model learns from it: what is held out keeps to the true ones."""
+def make_motion(
+    folder: Path, workers: int, shard: Shard = ALL, heard: HeardAccents | None = None, seeds: int = 0
+) -> None:
+    """Has the performer move to every item that has no motion yet, or to those of a share. Where a model learns from
+    it, it moves by the accents `heard`, if given, and from an item's seed and `seeds`: what is held out keeps to the
+    true accents and to its seed."""
     mine = [path for path in paths(folder, "speech") if shard.has(int(path.stem))]
-    jobs = [(folder, path, heard) for path in mine if not (folder / "motion" / path.name).exists()]
+    jobs = [(folder, path, heard, seeds) for path in mine if not (folder / "motion" / path.name).exists()]
     with ProcessPoolExecutor(workers) as pool:
         list(tqdm(pool.map(_perform_item, jobs, chunksize=4), "motion", len(jobs), unit="item"))
 
 
-def _perform_item(job: tuple[Path, Path, HeardAccents | None]) -> None:
+def _perform_item(job: tuple[Path, Path, HeardAccents | None, int]) -> None:
     from umo_train.performer import perform
 
-    folder, path, heard = job
+    folder, path, heard, seeds = job
     item = read_item(path)
-    accents = heard.of(path.stem) if heard is not None and item.split == "train" else None
-    motion = perform(item.utterance, STYLES[item.style], item.seed, accents)
+    learned = item.split == "train"
+    accents = heard.of(path.stem) if heard is not None and learned else None
+    motion = perform(item.utterance, STYLES[item.style], item.seed + (seeds if learned else 0), accents)
     _write_motion(folder / "motion" / path.name, motion)
 
 

@@ -145,7 +145,7 @@ def table(rows: dict[str, dict[str, Any]]) -> str:
 def measure(s: Run, data: Packed, options: argparse.Namespace) -> None:
     """The table of all variants that are trained, and the numbers beside it."""
     # What measuring needs is not where the weights are trained.
-    from umo_train.ablations import measured, millions
+    from umo_train.ablations import distance, measured, millions
     from umo_train.metrics import acted, fgd, item, program
     from umo_train.metrics.measure import Made, Subject, real_mouth
 
@@ -159,11 +159,10 @@ def measure(s: Run, data: Packed, options: argparse.Namespace) -> None:
 
     def row_of(model: Path, weights: Path, log: str, variant: Variant, *, acts: bool) -> dict[str, Any]:
         subject = Subject(umo, model, more=variant.more)
-        takes = [
-            measured(umo, model, encoder, items, [subject.animate(one, seed) for one in items])
-            for seed in range(options.takes)
-        ]
+        moved = [[subject.animate(one, seed) for one in items] for seed in range(options.takes)]
+        takes = [measured(items, take) for take in moved]
         row: dict[str, Any] = {name: float(np.mean([take[name] for take in takes])) for name in takes[0]}
+        row |= distance(subject, encoder, items, moved[0])
         row["parameters"] = millions(export.load_state(weights))
         if real:
             speakers = real_mouth([Made(one, subject.animate(one)) for one in real]).values()
