@@ -251,7 +251,7 @@ fn a_text_alone_is_guided() {
         folder.read(name)
     };
     let guided = bow("guided.csv", &[]);
-    assert!(guided == bow("two.csv", &["--guidance", "2"]));
+    assert!(guided == bow("given.csv", &["--guidance", "2.5"]));
     assert!(guided != bow("one.csv", &["--guidance", "1"]));
     // What cannot be guided is not.
     let (smplx, out) = (golden("mel_k2_arkit"), folder.at("plain.csv"));
