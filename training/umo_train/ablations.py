@@ -192,7 +192,7 @@ def measured(items: Sequence[item.Item], moved: Sequence[item.Motion]) -> dict[s
 def distance(
     subject: measure.Subject, encoder: fgd.AutoEncoder, items: Sequence[item.Item], moved: Sequence[item.Motion]
 ) -> dict[str, Any]:
-    """FGD over that of random codes; several takes of its own where the subject has layers (`measure.distance`)."""
+    """FGD of the subject's takes without layers over that of random codes (`measure.distance`)."""
     made = [measure.Made(one, motion) for one, motion in zip(items, moved, strict=True)]
     found = measure.distance(subject, made, encoder)
     return {"fgd": found["model"] / found["random_codes"]}

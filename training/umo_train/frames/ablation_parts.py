@@ -12,7 +12,6 @@ import numpy as np
 import torch
 
 from umo_train import export, pipeline
-from umo_train.audio import tokens
 from umo_train.frames import packed
 from umo_train.frames.examples import FrameStream
 from umo_train.frames.packed import Packed
@@ -23,7 +22,6 @@ from umo_train.lm.train import StagePlan, train_stage
 from umo_train.model_config import model_file_config
 from umo_train.plan import Run
 from umo_train.skeleton import PARTS
-from umo_train.speech.utterance import SAMPLE_RATE
 
 NAME = "layout parts"
 FILE = "layout_parts"
@@ -34,14 +32,11 @@ def pack(s: Run, out: Path) -> None:
     """Codes of keyframes, units and prompts of the run `s` of layout `parts`, as the step `pack` of layout `frames`
     writes them."""
     config = model_file_config(s)
-    splits = {
-        split: [_frame_stream(one) for one in pipeline.examples(s, config, split, augment=False).streams]
-        for split in ("train", s.plan.get("held_out", "test_voice"))
-    }
-    tokenizer = tokens.load(s.folder / "audio.safetensors", s.plan["audio"])
-    silence = int(tokenizer(np.zeros(SAMPLE_RATE, np.float32))[20])
+    held_out = s.plan.get("held_out", "test_voice")
+    drawn = {split: pipeline.examples(s, config, split, augment=False) for split in ("train", held_out)}
+    splits = {split: [_frame_stream(one) for one in examples.streams] for split, examples in drawn.items()}
     delay = s.plan["audio"].get("listener", {}).get("delay")
-    packed.write(out, Packed(config, silence, delay, [part != "face" for part in PARTS], splits))
+    packed.write(out, Packed(config, drawn["train"].silence, delay, [part != "face" for part in PARTS], splits))
 
 
 def _frame_stream(stream: Stream) -> FrameStream:
