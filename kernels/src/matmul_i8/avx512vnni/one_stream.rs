@@ -3,9 +3,13 @@
 //! several accumulators, so that their latencies overlap. Integer sums are exact in any order.
 //! More rows are computed in tiles.
 
-use super::tiles::{BYTES, MAX_PANELS, QUADS, Row, SPARE, convert, dequantize_tile, load_bytes};
-use crate::lanes::avx512vnni::store;
+use super::tiles::{BYTES, QUADS, Row, SPARE, Scales, convert, load_bytes};
+use crate::gemm::Epilogue;
+use crate::gemm::avx512vnni::store_tile;
+use crate::lanes::avx512vnni::{load_part, store, store_part};
 use crate::mat::MatMut;
+use crate::math::Activation;
+use crate::math::avx512vnni::gelu_tanh;
 use crate::matmul_i8::chunk::prefetch_scales;
 use crate::matmul_i8::input::{GemmTask, QuantInput};
 use crate::pack::{PANEL, QUAD};
@@ -58,16 +62,60 @@ fn product<const R: usize, const ACCUMULATORS: usize, const N: usize>(
 ) {
     let mut buffer = [[[0; QUAD]; N]; R];
     convert(x, 0, 0, &mut buffer);
-    let mut sums = [[0.0; PANEL]; ROWS * MAX_PANELS];
-    for slot in (0..task.slots()).step_by(MAX_PANELS) {
-        let width = MAX_PANELS.min(task.slots() - slot);
-        for i in 0..width {
-            prefetch_scales(task, slot + i);
-            let ahead = ahead(task, slot + i);
-            multiply::<R, ACCUMULATORS, N>(&buffer, task.panel(slot + i), ahead, &mut sums[i..], width);
+    match task {
+        // The usual ends, while the sums are in registers.
+        GemmTask::Plain(_, Epilogue { bias: None, activation: Activation::None, add, scatter: None }) => {
+            for slot in 0..task.slots() {
+                let values = values::<R, ACCUMULATORS, N>(x, &buffer, task, slot);
+                let outputs = slot * PANEL..((slot + 1) * PANEL).min(y.cols());
+                for r in 0..R {
+                    let y = &mut y.row_mut(r)[outputs.clone()];
+                    let value = if *add { _mm512_add_ps(load_part(y), values[r]) } else { values[r] };
+                    store_part(y, value);
+                }
+            }
         }
-        dequantize_tile::<128>(x, 0, &mut sums[..R * width], width, task, slot, &mut y);
+        GemmTask::Gated(..) => {
+            for slot in (0..task.slots()).step_by(2) {
+                let gate = values::<R, ACCUMULATORS, N>(x, &buffer, task, slot);
+                let up = values::<R, ACCUMULATORS, N>(x, &buffer, task, slot + 1);
+                let outputs = slot / 2 * PANEL..((slot / 2 + 1) * PANEL).min(y.cols());
+                for r in 0..R {
+                    let value = _mm512_mul_ps(gelu_tanh(gate[r]), up[r]);
+                    store_part(&mut y.row_mut(r)[outputs.clone()], value);
+                }
+            }
+        }
+        GemmTask::Plain(_, epilogue) => {
+            for slot in 0..task.slots() {
+                let values = values::<R, ACCUMULATORS, N>(x, &buffer, task, slot);
+                let mut ended = [[0.0; PANEL]; R];
+                for r in 0..R {
+                    store(&mut ended[r], values[r]);
+                }
+                store_tile(&mut ended, 1, 0, slot * PANEL, epilogue, &mut y);
+            }
+        }
     }
+}
+
+/// The products of `R` rows with the panel of a slot, as floats.
+#[inline]
+#[avx512vnni]
+fn values<const R: usize, const ACCUMULATORS: usize, const N: usize>(
+    x: &QuantInput,
+    buffer: &[Row<N>; R],
+    task: &GemmTask,
+    slot: usize,
+) -> [__m512; R] {
+    prefetch_scales(task, slot);
+    let scales = Scales::<128>::of(task, slot);
+    let sums = multiply::<R, ACCUMULATORS, N>(buffer, task.panel(slot), ahead(task, slot));
+    let mut values = [_mm512_setzero_ps(); R];
+    for r in 0..R {
+        values[r] = scales.value(sums[r], _mm512_set1_ps(x.scale(r)));
+    }
+    values
 }
 
 /// Where the quads start that are fetched while the panel of a slot is multiplied: as many as it
@@ -80,16 +128,14 @@ fn ahead(task: &GemmTask, slot: usize) -> *const [i8; BYTES] {
 }
 
 /// The products of `R` rows with a panel, every `ACCUMULATORS`th quad in an accumulator of its
-/// own, stored to `sums`, `width` apart. As many quads are prefetched from `ahead` on, where rows are long.
-#[inline(never)]
+/// own. As many quads are prefetched from `ahead` on, where rows are long.
+#[inline]
 #[avx512vnni]
 fn multiply<const R: usize, const ACCUMULATORS: usize, const N: usize>(
     buffer: &[Row<N>; R],
     panel: &[[i8; BYTES]],
     ahead: *const [i8; BYTES],
-    sums: &mut [[f32; PANEL]],
-    width: usize,
-) {
+) -> [__m512i; R] {
     assert!(panel.len() <= N);
     // Pointers: lengths are known to agree. The fewer instructions there are between two
     // lines, the more loads are in flight.
@@ -124,9 +170,7 @@ fn multiply<const R: usize, const ACCUMULATORS: usize, const N: usize>(
             total[r] = _mm512_add_epi32(total[r], side[r]);
         }
     }
-    for r in 0..R {
-        store(&mut sums[r * width], _mm512_castsi512_ps(total[r]));
-    }
+    total
 }
 
 /// Adds the products of all rows' quad `q`.

@@ -295,6 +295,33 @@ unsafe fn load_biased_quad(row: *const [i8; QUAD], q: usize, flip: __m512i) -> _
     quad
 }
 
+/// What makes floats of the integer sums of a slot, whose inputs were offset by `OFFSET`.
+#[derive(Clone, Copy)]
+pub(super) struct Scales<const OFFSET: i32> {
+    /// `OFFSET` times the sum of each output's weights.
+    correction: __m512i,
+    scale: __m512,
+}
+
+impl<const OFFSET: i32> Scales<OFFSET> {
+    #[inline]
+    #[avx512vnni]
+    pub(super) fn of(task: &GemmTask, slot: usize) -> Self {
+        let (w, p) = task.slot(slot);
+        let outputs = p * PANEL..((p + 1) * PANEL).min(w.n());
+        let sum = load_sums_part(&w.sum()[outputs.clone()]);
+        Self { correction: _mm512_mullo_epi32(sum, _mm512_set1_epi32(OFFSET)), scale: load_part(&w.scale()[outputs]) }
+    }
+
+    /// The exact sum rounded to f32 once, then scalar's order of roundings.
+    #[inline]
+    #[avx512vnni]
+    pub(super) fn value(&self, sum: __m512i, x_scale: __m512) -> __m512 {
+        let sum = _mm512_sub_epi32(sum, self.correction);
+        _mm512_mul_ps(_mm512_cvtepi32_ps(sum), _mm512_mul_ps(x_scale, self.scale))
+    }
+}
+
 /// Scales the integer sums `[rows, width]` of the rows from `t` on with the slots from `slot`
 /// on to floats, and applies the epilogue. Their inputs were offset by `OFFSET`.
 #[avx512vnni]
@@ -307,20 +334,11 @@ pub(in crate::matmul_i8) fn dequantize_tile<const OFFSET: i32>(
     slot: usize,
     y: &mut MatMut<f32>,
 ) {
-    let mut correction = [_mm512_setzero_si512(); MAX_PANELS];
-    let mut w_scale = [_mm512_setzero_ps(); MAX_PANELS];
-    for i in 0..width {
-        let (w, p) = task.slot(slot + i);
-        let outputs = p * PANEL..((p + 1) * PANEL).min(w.n());
-        let sum = load_sums_part(&w.sum()[outputs.clone()]);
-        correction[i] = _mm512_mullo_epi32(sum, _mm512_set1_epi32(OFFSET));
-        w_scale[i] = load_part(&w.scale()[outputs]);
+    let mut scales = [Scales::<OFFSET>::of(task, slot); MAX_PANELS];
+    for i in 1..width {
+        scales[i] = Scales::of(task, slot + i);
     }
-    // The exact sum rounded to f32 once, then scalar's order of roundings.
-    let value = |sum: &[f32; PANEL], x_scale: __m512, i: usize| {
-        let sum = _mm512_sub_epi32(load_sums(sum), correction[i]);
-        _mm512_mul_ps(_mm512_cvtepi32_ps(sum), _mm512_mul_ps(x_scale, w_scale[i]))
-    };
+    let value = |sum: &[f32; PANEL], x_scale: __m512, i: usize| scales[i].value(load_sums(sum), x_scale);
     match task {
         // The usual end, in one pass.
         GemmTask::Plain(_, Epilogue { bias: None, activation: Activation::None, add, scatter: None }) => {
