@@ -90,13 +90,13 @@ impl Backend {
 
     /// The profile of the processors that select this back-end: each back-end of x86-64 was
     /// measured with it.
-    const fn tuning(self) -> Tuning {
+    fn tuning(self) -> Tuning {
         match self {
             Backend::Scalar => Tuning::XEON,
             #[cfg(target_arch = "x86_64")]
             Backend::Avx2(_) | Backend::AvxVnni(_) | Backend::Avx512Vnni(_) => Tuning::XEON,
             #[cfg(target_arch = "x86_64")]
-            Backend::Avx512Bf16(_) => Tuning::ZEN,
+            Backend::Avx512Bf16(_) => Tuning::of_zen(),
             #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
             Backend::Amx(_) => Tuning::XEON,
             #[cfg(target_arch = "aarch64")]

@@ -14,6 +14,7 @@ use crate::matmul_i8::chunk::prefetch_scales;
 use crate::matmul_i8::input::{GemmTask, QuantInput};
 use crate::pack::{PANEL, QUAD};
 use crate::prefetch;
+use crate::tuning::Tuning;
 use core::arch::x86_64::*;
 use umo_kernels_features::avx512vnni;
 
@@ -23,8 +24,19 @@ pub(super) const ROWS: usize = 8;
 /// their products' time. Their weights come from L3, where the processor's own prefetcher is enough: with a prefetch
 /// for each line, a single row takes a twelfth longer.
 pub(super) const SHORT: usize = 128;
-/// Prefetch distance in quads: 16 KiB.
-const PREFETCH_DISTANCE: usize = 256;
+/// What is prefetched of the weights.
+type Lead = u8;
+/// Nothing: see [`SHORT`].
+const NONE: Lead = 0;
+/// A line into L2, 4 KiB ahead.
+const NEAR: Lead = 1;
+/// A line into L1, 16 KiB ahead.
+const FAR: Lead = 2;
+
+/// How far ahead, in quads.
+const fn distance(lead: Lead) -> usize {
+    if lead == NEAR { 64 } else { 256 }
+}
 
 /// Whether rows are few, and not so long that they would be converted again and again.
 pub(super) fn suits(x: &QuantInput, task: &GemmTask) -> bool {
@@ -33,29 +45,33 @@ pub(super) fn suits(x: &QuantInput, task: &GemmTask) -> bool {
 
 /// The product of rows that [`suits`].
 #[avx512vnni]
-pub(super) fn run(x: &QuantInput, task: &GemmTask, y: MatMut<f32>) {
-    if task.k() <= SHORT * QUAD { rows::<{ SHORT + SPARE }>(x, task, y) } else { rows::<{ QUADS + SPARE }>(x, task, y) }
+pub(super) fn run(x: &QuantInput, task: &GemmTask, y: MatMut<f32>, tuning: Tuning) {
+    match tuning.near {
+        _ if task.k() <= SHORT * QUAD => rows::<{ SHORT + SPARE }, NONE>(x, task, y),
+        true => rows::<{ QUADS + SPARE }, NEAR>(x, task, y),
+        false => rows::<{ QUADS + SPARE }, FAR>(x, task, y),
+    }
 }
 
 /// The same in rows of `N` quads.
 #[avx512vnni]
-fn rows<const N: usize>(x: &QuantInput, task: &GemmTask, y: MatMut<f32>) {
+fn rows<const N: usize, const LEAD: Lead>(x: &QuantInput, task: &GemmTask, y: MatMut<f32>) {
     match x.rows.rows() {
-        1 => product::<1, 4, N>(x, task, y),
-        2 => product::<2, 4, N>(x, task, y),
-        3 => product::<3, 4, N>(x, task, y),
-        4 => product::<4, 4, N>(x, task, y),
-        5 => product::<5, 2, N>(x, task, y),
-        6 => product::<6, 2, N>(x, task, y),
-        7 => product::<7, 2, N>(x, task, y),
-        ROWS => product::<ROWS, 2, N>(x, task, y),
+        1 => product::<1, 4, N, LEAD>(x, task, y),
+        2 => product::<2, 4, N, LEAD>(x, task, y),
+        3 => product::<3, 4, N, LEAD>(x, task, y),
+        4 => product::<4, 4, N, LEAD>(x, task, y),
+        5 => product::<5, 2, N, LEAD>(x, task, y),
+        6 => product::<6, 2, N, LEAD>(x, task, y),
+        7 => product::<7, 2, N, LEAD>(x, task, y),
+        ROWS => product::<ROWS, 2, N, LEAD>(x, task, y),
         rows => unreachable!("{rows} rows"),
     }
 }
 
 /// All rows, `R` of them, with one panel after another.
 #[avx512vnni]
-fn product<const R: usize, const ACCUMULATORS: usize, const N: usize>(
+fn product<const R: usize, const ACCUMULATORS: usize, const N: usize, const LEAD: Lead>(
     x: &QuantInput,
     task: &GemmTask,
     mut y: MatMut<f32>,
@@ -66,7 +82,7 @@ fn product<const R: usize, const ACCUMULATORS: usize, const N: usize>(
         // The usual ends, while the sums are in registers.
         GemmTask::Plain(_, Epilogue { bias: None, activation: Activation::None, add, scatter: None }) => {
             for slot in 0..task.slots() {
-                let values = values::<R, ACCUMULATORS, N>(x, &buffer, task, slot);
+                let values = values::<R, ACCUMULATORS, N, LEAD>(x, &buffer, task, slot);
                 let outputs = slot * PANEL..((slot + 1) * PANEL).min(y.cols());
                 for r in 0..R {
                     let y = &mut y.row_mut(r)[outputs.clone()];
@@ -77,8 +93,8 @@ fn product<const R: usize, const ACCUMULATORS: usize, const N: usize>(
         }
         GemmTask::Gated(..) => {
             for slot in (0..task.slots()).step_by(2) {
-                let gate = values::<R, ACCUMULATORS, N>(x, &buffer, task, slot);
-                let up = values::<R, ACCUMULATORS, N>(x, &buffer, task, slot + 1);
+                let gate = values::<R, ACCUMULATORS, N, LEAD>(x, &buffer, task, slot);
+                let up = values::<R, ACCUMULATORS, N, LEAD>(x, &buffer, task, slot + 1);
                 let outputs = slot / 2 * PANEL..((slot / 2 + 1) * PANEL).min(y.cols());
                 for r in 0..R {
                     let value = _mm512_mul_ps(gelu_tanh(gate[r]), up[r]);
@@ -88,7 +104,7 @@ fn product<const R: usize, const ACCUMULATORS: usize, const N: usize>(
         }
         GemmTask::Plain(_, epilogue) => {
             for slot in 0..task.slots() {
-                let values = values::<R, ACCUMULATORS, N>(x, &buffer, task, slot);
+                let values = values::<R, ACCUMULATORS, N, LEAD>(x, &buffer, task, slot);
                 let mut ended = [[0.0; PANEL]; R];
                 for r in 0..R {
                     store(&mut ended[r], values[r]);
@@ -102,7 +118,7 @@ fn product<const R: usize, const ACCUMULATORS: usize, const N: usize>(
 /// The products of `R` rows with the panel of a slot, as floats.
 #[inline]
 #[avx512vnni]
-fn values<const R: usize, const ACCUMULATORS: usize, const N: usize>(
+fn values<const R: usize, const ACCUMULATORS: usize, const N: usize, const LEAD: Lead>(
     x: &QuantInput,
     buffer: &[Row<N>; R],
     task: &GemmTask,
@@ -110,7 +126,7 @@ fn values<const R: usize, const ACCUMULATORS: usize, const N: usize>(
 ) -> [__m512; R] {
     prefetch_scales(task, slot);
     let scales = Scales::<128>::of(task, slot);
-    let sums = multiply::<R, ACCUMULATORS, N>(buffer, task.panel(slot), ahead(task, slot));
+    let sums = multiply::<R, ACCUMULATORS, N, LEAD>(buffer, task.panel(slot), ahead(task, slot, distance(LEAD)));
     let mut values = [_mm512_setzero_ps(); R];
     for r in 0..R {
         values[r] = scales.value(sums[r], _mm512_set1_ps(x.scale(r)));
@@ -121,17 +137,17 @@ fn values<const R: usize, const ACCUMULATORS: usize, const N: usize>(
 /// Where the quads start that are fetched while the panel of a slot is multiplied: as many as it
 /// has, none beyond the weight's last panel.
 #[inline]
-fn ahead(task: &GemmTask, slot: usize) -> *const [i8; BYTES] {
+fn ahead(task: &GemmTask, slot: usize, distance: usize) -> *const [i8; BYTES] {
     let (w, p) = task.slot(slot);
     let last = w.panel(w.n().div_ceil(PANEL) - 1).as_ptr();
-    w.panel(p).as_ptr().wrapping_add(PREFETCH_DISTANCE).min(last)
+    w.panel(p).as_ptr().wrapping_add(distance).min(last)
 }
 
 /// The products of `R` rows with a panel, every `ACCUMULATORS`th quad in an accumulator of its
-/// own. As many quads are prefetched from `ahead` on, where rows are long.
+/// own. As many quads are prefetched from `ahead` on, if any.
 #[inline]
 #[avx512vnni]
-fn multiply<const R: usize, const ACCUMULATORS: usize, const N: usize>(
+fn multiply<const R: usize, const ACCUMULATORS: usize, const N: usize, const LEAD: Lead>(
     buffer: &[Row<N>; R],
     panel: &[[i8; BYTES]],
     ahead: *const [i8; BYTES],
@@ -151,8 +167,10 @@ fn multiply<const R: usize, const ACCUMULATORS: usize, const N: usize>(
         for turn in 0..turns {
             for (side, sums) in acc.iter_mut().enumerate() {
                 let q = first + turn * ACCUMULATORS + side;
-                if N > SHORT + SPARE {
-                    prefetch::to_l1(ahead.wrapping_add(q));
+                match LEAD {
+                    NEAR => prefetch::to_l2(ahead.wrapping_add(q)),
+                    FAR => prefetch::to_l1(ahead.wrapping_add(q)),
+                    _ => {}
                 }
                 // SAFETY: `q < whole <= panel.len() <= N`: the panel and all rows have this
                 // quad.
