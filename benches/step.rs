@@ -41,7 +41,7 @@ fn time(c: &mut Criterion, name: &str, machine: Option<&Machine>, floors: &[Floo
             1e3 * median,
             1e3 * times[0],
             1e3 * least,
-            floor.bytes as f64 / 1e6,
+            (floor.bytes + floor.again) as f64 / 1e6,
             (floor.macs + floor.float_macs) as f64 / 1e9,
         );
     }
@@ -57,7 +57,7 @@ fn language_model(c: &mut Criterion, file: &ModelFile) {
     let step = attention + experts + floor::head(config);
     let chunk = floor::chunk(config, Stored::Int8, TOKENS, codes);
     for threads in [1, 2] {
-        let machine = machine(threads);
+        let machine = machine(threads, 0);
         if let Some(machine) = &machine {
             println!("{machine}");
         }
@@ -73,7 +73,7 @@ fn language_model(c: &mut Criterion, file: &ModelFile) {
 fn tokenizer(c: &mut Criterion, file: &ModelFile) {
     let audio = Audio::load(file);
     for threads in [1, 2] {
-        let (team, machine) = (Team::new(threads).expect("threads can be started"), machine(threads));
+        let (team, machine) = (Team::new(threads).expect("threads can be started"), machine(threads, 0));
         let cx = Compute { isa: Isa::detect(), team: &team };
         let floor = floor::hubert(file.config(), Stored::Int8, audio.samples(), None);
         time(c, &format!("tokenizer_3s/T{threads}"), machine.as_ref(), &[floor], || audio.features(cx));
@@ -83,11 +83,12 @@ fn tokenizer(c: &mut Criterion, file: &ModelFile) {
 /// The codes of a keyframe: of one avatar, and of as many as one thread takes through the network
 /// together.
 fn depth(c: &mut Criterion) {
-    let (file, machine) = (frames_model(), machine(1));
+    let file = frames_model();
+    let machine = machine(1, floor::depth_layers(file.config(), Stored::Int8));
     let (team, isa) = (Team::new(1).expect("one thread"), Isa::detect());
     for avatars in [1, 8] {
         let mut depth = Depth::load(&file, avatars);
-        let floor = floor::depth(file.config(), Stored::Int8, 1) * avatars;
+        let floor = floor::depth(file.config(), Stored::Int8, 1).rows(avatars);
         let name = format!("depth_{}/avatars{avatars}", depth.codes());
         time(c, &name, machine.as_ref(), &[floor], || depth.draw(Compute { isa, team: &team }));
     }

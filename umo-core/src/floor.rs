@@ -1,9 +1,9 @@
 //! What each stage of a chunk must do at least, and how long this processor takes for it at its
 //! measured peaks.
 //!
-//! A floor is the greater of two times: the bytes that must be read once (weights, keys and
-//! values), over the bandwidth; and the multiply-adds of the products, over the peak of the
-//! back-end's instructions. Norms, activations, drawing, quantising and moving data count nothing,
+//! A floor is the greater of two times: the bytes that must be read (weights, keys and values),
+//! over the bandwidth, that of a cache for weights that are read again and again; and the
+//! multiply-adds of the products, over the peak of the back-end's instructions. Norms, activations, drawing, quantising and moving data count nothing,
 //! and every token is taken to choose the same expert in the decoder: nothing can be faster, and
 //! what is as fast as its floor has nothing left to gain.
 
@@ -25,6 +25,9 @@ use crate::time::Instant;
 pub struct Floor {
     /// Weights, keys and values that are read once.
     pub bytes: usize,
+    /// Weights that are read again, from a cache, since each time needs the result of the one
+    /// before.
+    pub again: usize,
     /// Multiply-adds of products with int8 weights, and of attention: as fast as int8 products at
     /// best.
     pub macs: usize,
@@ -38,6 +41,7 @@ impl Add for Floor {
     fn add(self, more: Self) -> Self {
         Self {
             bytes: self.bytes + more.bytes,
+            again: self.again + more.again,
             macs: self.macs + more.macs,
             float_macs: self.float_macs + more.float_macs,
         }
@@ -48,7 +52,20 @@ impl Mul<usize> for Floor {
     type Output = Self;
 
     fn mul(self, times: usize) -> Self {
-        Self { bytes: self.bytes * times, macs: self.macs * times, float_macs: self.float_macs * times }
+        Self {
+            bytes: self.bytes * times,
+            again: self.again * times,
+            macs: self.macs * times,
+            float_macs: self.float_macs * times,
+        }
+    }
+}
+
+impl Floor {
+    /// The same of so many times as many rows, which share what is read.
+    #[must_use]
+    pub fn rows(self, times: usize) -> Self {
+        Self { macs: self.macs * times, float_macs: self.float_macs * times, ..self }
     }
 }
 
@@ -85,9 +102,9 @@ impl Stored {
     fn product(self, rows: usize, weights: usize) -> Floor {
         let (bytes, macs) = (self.bytes(weights), rows * weights);
         if self.is_quantized() {
-            Floor { bytes, macs, float_macs: 0 }
+            Floor { bytes, macs, ..Floor::default() }
         } else {
-            Floor { bytes, macs: 0, float_macs: macs }
+            Floor { bytes, float_macs: macs, ..Floor::default() }
         }
     }
 }
@@ -107,7 +124,7 @@ pub struct Stages {
     pub decoder_attention: Floor,
     /// Experts of the decoder.
     pub decoder_experts: Floor,
-    /// Depth network, in layout `frames`: its layers are read once, and then from a cache.
+    /// Depth network, in layout `frames`: its layers are read for every code, from a cache.
     pub depth: Floor,
     /// Interpolation network.
     pub interp: Floor,
@@ -188,13 +205,14 @@ pub fn step(config: &Config, stored: Stored, tokens: usize) -> (Floor, Floor) {
     let lm = &config.lm;
     let cached = 2 * tokens * lm.num_heads * lm.d_kv;
     let bytes = if stored.is_quantized() { 2 } else { 4 };
-    let cached = Floor { bytes: bytes * cached, macs: cached, float_macs: 0 };
+    let cached = Floor { bytes: bytes * cached, macs: cached, ..Floor::default() };
     // Own queries, keys, values and outputs; queries and outputs of the cross-attention.
     let attention = stored.product(1, projections(config) / 2 * 3) + cached;
     (attention * lm.num_decoder_layers, stored.product(1, lm.top_k * expert(config)) * lm.num_decoder_layers)
 }
 
-/// The depth network of every keyframe of a chunk: each code goes through all layers and its head.
+/// The depth network of every keyframe of a chunk: each code goes through all layers and its head,
+/// and needs the code before it.
 pub fn depth(config: &Config, stored: Stored, target: usize) -> Floor {
     let Some(sizes) = &config.depth else { return Floor::default() };
     let (d, codes) = (sizes.d_model, config.codes_per_keyframe());
@@ -202,8 +220,15 @@ pub fn depth(config: &Config, stored: Stored, target: usize) -> Floor {
     let heads: usize = config.part_list().iter().map(|part| part.levels * part.codes * d).sum();
     let inputs = 1 + config.heard_tokens().count();
     let rest = stored.product(target, heads + inputs * d * config.lm.d_model);
-    let layers = Floor { bytes: stored.bytes(layers), ..stored.product(target * codes, layers) };
-    layers + rest
+    let each = depth_layers(config, stored);
+    let layers = Floor { bytes: each, ..stored.product(target * codes, layers) };
+    Floor { again: (target * codes - 1) * each, ..layers + rest }
+}
+
+/// Bytes of the depth network's layers, 0 where there is none.
+pub fn depth_layers(config: &Config, stored: Stored) -> usize {
+    let Some(sizes) = &config.depth else { return 0 };
+    sizes.num_layers * stored.bytes(4 * sizes.d_model.pow(2) + 3 * sizes.d_model * sizes.d_ff)
 }
 
 /// The scores of one part's codes, whose weights are brain floats always; none in layout `frames`.
@@ -308,6 +333,8 @@ pub struct Machine {
     pub threads: usize,
     /// Bytes read per second.
     pub bytes_per_second: f64,
+    /// The same of what a thread reads again from a cache; none where it was not measured.
+    pub again_per_second: Option<f64>,
     /// Int8 multiply-adds per second, where the back-end has instructions for them.
     pub int8_per_second: Option<f64>,
     /// Single-precision multiply-adds per second, likewise.
@@ -318,11 +345,12 @@ pub struct Machine {
 impl Machine {
     /// Measures, in a few tenths of a second, with so many threads. Reading is measured over
     /// `bytes` of memory, as much as the weights take: small ones are read from the processor's
-    /// caches.
-    pub fn measure(threads: usize, isa: Isa, bytes: usize) -> Self {
+    /// caches. And over what each thread reads `again` and again, if anything.
+    pub fn measure(threads: usize, isa: Isa, bytes: usize, again: usize) -> Self {
         Self {
             threads,
             bytes_per_second: read(threads, isa, bytes),
+            again_per_second: (again > 0).then(|| read(threads, isa, threads * again)),
             int8_per_second: int8(threads, isa),
             f32_per_second: f32(threads, isa),
             isa,
@@ -336,6 +364,7 @@ impl Machine {
         let better = |a: Option<f64>, b: Option<f64>| a.zip(b).map(|(a, b)| a.max(b));
         Self {
             bytes_per_second: self.bytes_per_second.max(other.bytes_per_second),
+            again_per_second: better(self.again_per_second, other.again_per_second),
             int8_per_second: better(self.int8_per_second, other.int8_per_second),
             f32_per_second: better(self.f32_per_second, other.f32_per_second),
             ..self
@@ -349,8 +378,8 @@ impl Machine {
 
     /// The greater of reading and multiplying.
     pub fn time(&self, floor: &Floor) -> Duration {
-        let reading = floor.bytes as f64 / self.bytes_per_second;
-        let at = |macs: usize, peak: Option<f64>| peak.map_or(0.0, |peak| macs as f64 / peak);
+        let at = |count: usize, peak: Option<f64>| peak.map_or(0.0, |peak| count as f64 / peak);
+        let reading = floor.bytes as f64 / self.bytes_per_second + at(floor.again, self.again_per_second);
         let multiplying = at(floor.macs, self.int8_per_second) + at(floor.float_macs, self.f32_per_second);
         Duration::from_secs_f64(reading.max(multiplying))
     }
@@ -367,7 +396,11 @@ impl fmt::Display for Machine {
             macs(self.int8_per_second),
             macs(self.f32_per_second),
             self.bytes_per_second / 1e9
-        )
+        )?;
+        match self.again_per_second {
+            Some(again) => write!(f, ", from a cache {:.1} GB/s", again / 1e9),
+            None => Ok(()),
+        }
     }
 }
 
@@ -446,25 +479,30 @@ mod tests {
         let machine = Machine {
             threads: 1,
             bytes_per_second: 10.0,
+            again_per_second: Some(40.0),
             int8_per_second: Some(100.0),
             f32_per_second: Some(20.0),
             isa: Isa::SCALAR,
         };
-        let seconds = |bytes, macs, float_macs| machine.time(&Floor { bytes, macs, float_macs }).as_secs_f64();
-        assert_eq!(seconds(50, 100, 20), 5.0);
-        assert_eq!(seconds(10, 300, 20), 4.0);
+        let seconds =
+            |bytes, again, macs, float_macs| machine.time(&Floor { bytes, again, macs, float_macs }).as_secs_f64();
+        assert_eq!(seconds(50, 0, 100, 20), 5.0);
+        assert_eq!(seconds(10, 0, 300, 20), 4.0);
+        assert_eq!(seconds(10, 120, 300, 0), 4.0);
         // Reading does not go on while something else waits for its end.
-        let floors = [(50, 100), (10, 300)].map(|(bytes, macs)| Floor { bytes, macs, float_macs: 0 });
+        let floors = [(50, 100), (10, 300)].map(|(bytes, macs)| Floor { bytes, macs, ..Floor::default() });
         assert_eq!(machine.time_in_turn(&floors).as_secs_f64(), 8.0);
         let blind = Machine { int8_per_second: None, f32_per_second: None, ..machine };
-        assert_eq!(blind.time(&Floor { bytes: 20, macs: 1000, float_macs: 1000 }).as_secs_f64(), 2.0);
+        let floor = Floor { bytes: 20, again: 0, macs: 1000, float_macs: 1000 };
+        assert_eq!(blind.time(&floor).as_secs_f64(), 2.0);
     }
 
     #[test]
     fn peaks_are_measured_on_every_back_end() {
         for isa in Isa::available() {
-            let machine = Machine::measure(2, isa, 1 << 20);
+            let machine = Machine::measure(2, isa, 1 << 20, 1 << 16);
             assert!(machine.bytes_per_second.is_finite() && machine.bytes_per_second > 0.0, "{machine}");
+            assert!(machine.again_per_second.is_some_and(|again| again.is_finite() && again > 0.0), "{machine}");
             for peak in [machine.int8_per_second, machine.f32_per_second] {
                 assert_eq!(peak.is_none(), isa == Isa::SCALAR, "{machine}");
                 assert!(peak.is_none_or(|peak| peak.is_finite() && peak > 0.0), "{machine}");
