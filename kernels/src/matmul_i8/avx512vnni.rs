@@ -48,7 +48,7 @@ pub(super) fn tiling(_token: Avx512Vnni) -> Tiling {
 
 #[avx512vnni]
 fn run(x: QuantInput, task: &GemmTask, y: MatMut<f32>, tuning: Tuning) {
-    if tuning.one_stream && one_stream::suits(&x, task) {
+    if one_stream::suits(&x, task, tuning) {
         one_stream::run(&x, task, y, tuning);
     } else if tuning.offset_on_load {
         tiles::run_in_place(x, task, y);

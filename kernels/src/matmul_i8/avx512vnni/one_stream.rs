@@ -38,9 +38,11 @@ const fn distance(lead: Lead) -> usize {
     if lead == NEAR { 64 } else { 256 }
 }
 
-/// Whether rows are few, and not so long that they would be converted again and again.
-pub(super) fn suits(x: &QuantInput, task: &GemmTask) -> bool {
-    (1..=ROWS).contains(&x.rows.rows()) && task.k() <= QUADS * QUAD
+/// Whether rows are few, and not so long that they would be converted again and again; short, unless one stream is
+/// faster: then weights come from a cache.
+pub(super) fn suits(x: &QuantInput, task: &GemmTask, tuning: Tuning) -> bool {
+    let longest = if tuning.one_stream { QUADS } else { SHORT };
+    (1..=ROWS).contains(&x.rows.rows()) && task.k() <= longest * QUAD
 }
 
 /// The product of rows that [`suits`].
