@@ -3,6 +3,8 @@
 //! several accumulators, so that their latencies overlap. Integer sums are exact in any order.
 //! More rows are computed in tiles.
 
+#![expect(clippy::needless_range_loop, reason = "loops of constant length over registers read best by index")]
+
 use super::tiles::{BYTES, QUADS, Row, SPARE, Scales, convert, load_bytes};
 use crate::gemm::Epilogue;
 use crate::gemm::avx512vnni::store_tile;

@@ -1,11 +1,14 @@
 //! Tiles of rows by panels of outputs, as many sums as there are registers.
 
+#![expect(clippy::needless_range_loop, reason = "loops of constant length over registers read best by index")]
+
 use crate::gemm::avx512vnni as float;
 pub(in crate::matmul_i8) use crate::gemm::avx512vnni::MAX_PANELS;
 use crate::gemm::{Epilogue, tiles};
 use crate::lanes::avx512vnni::{lane_mask, load, load_part, store, store_part};
 use crate::mat::MatMut;
 use crate::math::Activation;
+use crate::math::avx512vnni::gelu_tanh;
 use crate::matmul_i8::chunk::{CHUNK_BYTES, Chunk, FEW_ROWS, PREFETCH_DISTANCE, prefetch_scales};
 use crate::matmul_i8::input::{GemmTask, QuantInput};
 use crate::pack::{PANEL, QUAD};
@@ -21,9 +24,6 @@ pub(super) const ROWS: usize = 9;
 pub(super) const EVEN_ROWS: usize = 6;
 /// Quads of inputs converted at once: 9 rows are 37 KiB.
 pub(super) const QUADS: usize = 1024;
-/// Panels of sums in one tile at most. They are cleared once per product: clearing them per tile
-/// would wait for the stores of the tile before.
-const SUMS: usize = ROWS * 3;
 /// Bytes in a register.
 pub(super) const BYTES: usize = 64;
 
@@ -60,7 +60,6 @@ pub(super) fn run_in_place(x: QuantInput, task: &GemmTask, y: MatMut<f32>) {
 #[avx512vnni]
 fn product<const TILE: usize, const CONVERTED: usize>(x: QuantInput, task: &GemmTask, mut y: MatMut<f32>) {
     let mut buffer = [[[0; QUAD]; QUADS + SPARE]; CONVERTED];
-    let mut sums = [[0.0; PANEL]; SUMS];
     let (rows, panel_bytes) = (x.rows.rows(), PANEL * task.k().max(1));
     let count = rows.div_ceil(TILE);
     // A multiple of the panels per tile, and of gated pairs of them. Tiles of few rows use
@@ -73,15 +72,15 @@ fn product<const TILE: usize, const CONVERTED: usize>(x: QuantInput, task: &Gemm
             let buffer = &mut buffer[..rows.min(CONVERTED)];
             convert(&x, t, 0, buffer);
             match rows {
-                1 => tile::<1, 8>(&x, t, buffer, &mut chunk, &mut sums, &mut y),
-                2 => tile::<2, 8>(&x, t, buffer, &mut chunk, &mut sums, &mut y),
-                3 => tile::<3, 4>(&x, t, buffer, &mut chunk, &mut sums, &mut y),
-                4 => tile::<4, 4>(&x, t, buffer, &mut chunk, &mut sums, &mut y),
-                5 => tile::<5, 4>(&x, t, buffer, &mut chunk, &mut sums, &mut y),
-                6 => tile::<6, 4>(&x, t, buffer, &mut chunk, &mut sums, &mut y),
-                7 => tile::<7, 3>(&x, t, buffer, &mut chunk, &mut sums, &mut y),
-                8 => tile::<8, 3>(&x, t, buffer, &mut chunk, &mut sums, &mut y),
-                ROWS => tile::<ROWS, 3>(&x, t, buffer, &mut chunk, &mut sums, &mut y),
+                1 => tile::<1, 8>(&x, t, buffer, &mut chunk, &mut y),
+                2 => tile::<2, 8>(&x, t, buffer, &mut chunk, &mut y),
+                3 => tile::<3, 4>(&x, t, buffer, &mut chunk, &mut y),
+                4 => tile::<4, 4>(&x, t, buffer, &mut chunk, &mut y),
+                5 => tile::<5, 4>(&x, t, buffer, &mut chunk, &mut y),
+                6 => tile::<6, 4>(&x, t, buffer, &mut chunk, &mut y),
+                7 => tile::<7, 3>(&x, t, buffer, &mut chunk, &mut y),
+                8 => tile::<8, 3>(&x, t, buffer, &mut chunk, &mut y),
+                ROWS => tile::<ROWS, 3>(&x, t, buffer, &mut chunk, &mut y),
                 rows => unreachable!("a tile of {rows} rows"),
             }
         }
@@ -120,24 +119,23 @@ fn tile<const R: usize, const P: usize>(
     t: usize,
     buffer: &mut [BiasedRow],
     chunk: &mut Chunk,
-    sums: &mut [[f32; PANEL]; SUMS],
     y: &mut MatMut<f32>,
 ) {
     let (mut slot, end) = (chunk.slots.start, chunk.slots.end);
     while slot + P <= end {
-        group::<R, P>(x, t, buffer, chunk, slot, sums, y);
+        group::<R, P>(x, t, buffer, chunk, slot, y);
         slot += P;
     }
     if P > MAX_PANELS && slot + MAX_PANELS <= end {
-        group::<R, MAX_PANELS>(x, t, buffer, chunk, slot, sums, y);
+        group::<R, MAX_PANELS>(x, t, buffer, chunk, slot, y);
         slot += MAX_PANELS;
     }
     while slot + 2 <= end {
-        group::<R, 2>(x, t, buffer, chunk, slot, sums, y);
+        group::<R, 2>(x, t, buffer, chunk, slot, y);
         slot += 2;
     }
     if slot < end {
-        group::<R, 1>(x, t, buffer, chunk, slot, sums, y);
+        group::<R, 1>(x, t, buffer, chunk, slot, y);
     }
 }
 
@@ -149,7 +147,6 @@ fn group<const R: usize, const P: usize>(
     buffer: &mut [BiasedRow],
     chunk: &mut Chunk,
     slot: usize,
-    sums: &mut [[f32; PANEL]; SUMS],
     y: &mut MatMut<f32>,
 ) {
     let task = chunk.task;
@@ -161,16 +158,17 @@ fn group<const R: usize, const P: usize>(
         prefetch_scales(task, slot + p);
     }
     let k = task.k();
+    let mut sums = [[_mm512_setzero_si512(); P]; R];
     if buffer.is_empty() {
         let next = chunk.fetch(panels[0]);
         let mut rows = [&[][..]; R];
         for (r, row) in rows.iter_mut().enumerate() {
             *row = x.rows.row(t + r).as_chunks().0;
         }
-        multiply::<R, P, false>(rows, panels, (chunk.ahead, next), true, sums);
+        sums = multiply::<R, P, false>(rows, panels, (chunk.ahead, next), sums);
     } else if k <= QUADS * QUAD {
         let next = chunk.fetch(panels[0]);
-        multiply::<R, P, true>(converted(buffer), panels, (chunk.ahead, next), true, sums);
+        sums = multiply::<R, P, true>(converted(buffer), panels, (chunk.ahead, next), sums);
     } else {
         for first in (0..k).step_by(QUADS * QUAD) {
             convert(x, t, first, buffer);
@@ -180,16 +178,73 @@ fn group<const R: usize, const P: usize>(
                 *part = &part[quads.clone()];
             }
             let ahead = (chunk.ahead, [part[0].as_ptr(); 2]);
-            multiply::<R, P, true>(converted(buffer), part, ahead, first == 0, sums);
+            sums = multiply::<R, P, true>(converted(buffer), part, ahead, sums);
         }
     }
     // The first weights of the next tile are prefetched while the epilogue of this one runs.
     for slot in slot + P..(slot + 2 * P).min(task.slots()) {
         task.panel(slot).iter().take(chunk.ahead).for_each(|line| prefetch::to_l1(line));
     }
-    let width = P.min(MAX_PANELS);
-    for (i, sums) in sums[..R * P].chunks_exact_mut(R * width).enumerate() {
-        dequantize_tile::<128>(x, t, sums, width, task, slot + i * width, y);
+    end(x, t, &sums, task, slot, y);
+}
+
+/// Ends the sums of `R` rows from `t` on with `P` slots from `slot` on, whose inputs were offset to unsigned. The usual
+/// ends of whole panels are computed as the sums leave their registers.
+#[inline]
+#[avx512vnni]
+fn end<const R: usize, const P: usize>(
+    x: &QuantInput,
+    t: usize,
+    sums: &[[__m512i; P]; R],
+    task: &GemmTask,
+    slot: usize,
+    y: &mut MatMut<f32>,
+) {
+    let mut scales = [Scales::<128>::of(task, slot); P];
+    for p in 1..P {
+        scales[p] = Scales::of(task, slot + p);
+    }
+    match task {
+        GemmTask::Plain(_, Epilogue { bias: None, activation: Activation::None, add, scatter: None })
+            if (slot + P) * PANEL <= y.cols() =>
+        {
+            for r in 0..R {
+                let x_scale = _mm512_set1_ps(x.scale(t + r));
+                let y = &mut y.row_mut(t + r)[slot * PANEL..(slot + P) * PANEL];
+                let (y, _) = y.as_chunks_mut::<PANEL>();
+                for p in 0..P {
+                    let v = scales[p].value(sums[r][p], x_scale);
+                    let v = if *add { _mm512_add_ps(load(&y[p]), v) } else { v };
+                    store(&mut y[p], v);
+                }
+            }
+        }
+        GemmTask::Gated(..) if (slot + P) / 2 * PANEL <= y.cols() => {
+            for r in 0..R {
+                let x_scale = _mm512_set1_ps(x.scale(t + r));
+                let y = &mut y.row_mut(t + r)[slot / 2 * PANEL..(slot + P) / 2 * PANEL];
+                let (y, _) = y.as_chunks_mut::<PANEL>();
+                for i in 0..P / 2 {
+                    let gate = scales[2 * i].value(sums[r][2 * i], x_scale);
+                    let up = scales[2 * i + 1].value(sums[r][2 * i + 1], x_scale);
+                    store(&mut y[i], _mm512_mul_ps(gelu_tanh(gate), up));
+                }
+            }
+        }
+        _ => {
+            let mut values = [[[0.0; PANEL]; P]; R];
+            for r in 0..R {
+                let x_scale = _mm512_set1_ps(x.scale(t + r));
+                for p in 0..P {
+                    store(&mut values[r][p], scales[p].value(sums[r][p], x_scale));
+                }
+            }
+            let values = values.as_flattened_mut();
+            match task {
+                GemmTask::Plain(_, epilogue) => float::store_tile(values, P, t, slot * PANEL, epilogue, y),
+                GemmTask::Gated(..) => float::store_gated_tile(values, P / 2, t, slot / 2 * PANEL, y),
+            }
+        }
     }
 }
 
@@ -203,15 +258,8 @@ fn converted<const R: usize>(buffer: &[BiasedRow]) -> [&[[i8; QUAD]]; R] {
     rows
 }
 
-/// Index of the sum of row `r` and panel `p`: [`MAX_PANELS`] panels of all rows, then the next.
-#[inline]
-const fn sum_index<const R: usize, const P: usize>(r: usize, p: usize) -> usize {
-    let width = if P < MAX_PANELS { P } else { MAX_PANELS };
-    p / width * width * R + r * width + p % width
-}
-
 /// The innermost tile: adds the products of quads of `rows`, which are `BIASED` or will be,
-/// with those of panels to `R x P` sums in registers. Prefetches weights at the distance
+/// with those of panels to `R x P` `sums` in registers. Prefetches weights at the distance
 /// `ahead`, and the `next` panels, quad by quad.
 #[inline]
 #[avx512vnni]
@@ -219,9 +267,8 @@ fn multiply<const R: usize, const P: usize, const BIASED: bool>(
     rows: [&[[i8; QUAD]]; R],
     panels: [&[[i8; BYTES]]; P],
     (ahead, next): (usize, [*const [i8; BYTES]; 2]),
-    start: bool,
-    sums: &mut [[f32; PANEL]; SUMS],
-) {
+    mut sums: [[__m512i; P]; R],
+) -> [[__m512i; P]; R] {
     let quads = panels[0].len();
     // Pointers: the lengths of slices would occupy registers.
     let mut x = [core::ptr::null(); R];
@@ -234,14 +281,6 @@ fn multiply<const R: usize, const P: usize, const BIASED: bool>(
     let ahead = if R == 1 { PREFETCH_DISTANCE[0] } else { ahead };
     for panel in panels {
         assert!(panel.len() == quads);
-    }
-    let mut acc = [[_mm512_setzero_si512(); P]; R];
-    if !start {
-        for r in 0..R {
-            for p in 0..P {
-                acc[r][p] = load_sums(&sums[sum_index::<R, P>(r, p)]);
-            }
-        }
     }
     for q in 0..quads {
         let mut w = [_mm512_setzero_si512(); P];
@@ -266,15 +305,11 @@ fn multiply<const R: usize, const P: usize, const BIASED: bool>(
                 unsafe { load_biased_quad(x[r], q, flip) }
             };
             for p in 0..P {
-                acc[r][p] = _mm512_dpbusd_epi32(acc[r][p], quad, w[p]);
+                sums[r][p] = _mm512_dpbusd_epi32(sums[r][p], quad, w[p]);
             }
         }
     }
-    for r in 0..R {
-        for p in 0..P {
-            store(&mut sums[sum_index::<R, P>(r, p)], _mm512_castsi512_ps(acc[r][p]));
-        }
-    }
+    sums
 }
 
 /// Broadcasts quad `q` of `row` and flips the bits of `flip`, in one instruction: compilers
