@@ -32,8 +32,8 @@ use umo_kernels::quantize::{QuantRows, quantize_rows};
 use umo_kernels::{Bf16, Isa, Mat, MatMut, PackedBf16, PackedF32, PackedI8, PrefetchHint, ShapeError};
 
 /// Rows, outputs and inputs: one token, a pass with markers, a window; feed-forward in, out,
-/// attention; and odd ones.
-const PRODUCTS: [(usize, usize, usize); 9] = [
+/// attention; a window of the default model; and odd ones.
+const PRODUCTS: [(usize, usize, usize); 10] = [
     (1, 2048, 768),
     (1, 768, 2048),
     (3, 2304, 768),
@@ -42,11 +42,13 @@ const PRODUCTS: [(usize, usize, usize); 9] = [
     (256, 2048, 768),
     (256, 768, 2048),
     (150, 3072, 768),
+    (117, 768, 256),
     (37, 131, 257),
 ];
 
 /// The same of a gate and as much beside it.
-const GATED: [(usize, usize, usize); 4] = [(1, 2048, 768), (16, 2048, 768), (256, 2048, 768), (7, 45, 61)];
+const GATED: [(usize, usize, usize); 5] =
+    [(1, 2048, 768), (16, 2048, 768), (256, 2048, 768), (117, 512, 256), (7, 45, 61)];
 
 /// Queries, keys and width of one head.
 const ATTENTIONS: [(usize, usize, usize); 4] = [(256, 256, 64), (1, 256, 64), (3, 25, 64), (7, 61, 20)];
