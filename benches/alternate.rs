@@ -1,8 +1,10 @@
 //! Times the language model of one file beside that of another, in turn, so that both see the same
 //! machine: a step of the decoder, and a chunk (encoding 256 tokens, and its codes).
 //!
-//! Usage: `alternate MODEL OTHER [seconds per figure]`. Medians, and the medians of the ratios of neighbours: of
-//! wall time, and on Linux of the processor time of all threads, which other programs change less.
+//! Usage: `alternate MODEL[@PROFILE] OTHER[@PROFILE] [seconds per figure]`. A profile is `xeon`, `zen4` or `zen5`, for a
+//! side that is not computed with the processor's own tuning: one model with two profiles, for instance. Medians, and
+//! the medians of the ratios of neighbours: of wall time, and on Linux of the processor time of all threads, which
+//! other programs change less.
 
 use std::error::Error;
 use std::path::Path;
@@ -10,45 +12,68 @@ use std::time::Instant;
 
 use umo_benches::parts::Language;
 use umo_core::{Compute, ModelFile, Team};
+use umo_kernels::Isa;
+use umo_kernels::tuning::Tuning;
 
 /// Steps that are timed together.
 const STEPS: usize = 10;
 
+/// A language model, and how it is computed.
+struct Side {
+    language: Language,
+    isa: Isa,
+}
+
+impl Side {
+    fn load(argument: &str) -> Result<Self, Box<dyn Error>> {
+        let own = umo_benches::isa();
+        let (path, isa) = match argument.rsplit_once('@') {
+            None => (argument, own),
+            Some((path, "xeon")) => (path, own.with_tuning(Tuning::XEON)),
+            Some((path, "zen4")) => (path, own.with_tuning(Tuning::ZEN4)),
+            Some((path, "zen5")) => (path, own.with_tuning(Tuning::ZEN5)),
+            Some((_, other)) => return Err(format!("{other}: no profile; there are xeon, zen4 and zen5").into()),
+        };
+        Ok(Self { language: Language::load(&ModelFile::open(Path::new(path))?), isa })
+    }
+}
+
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let [model, other, rest @ ..] = &arguments[..] else { return Err("usage: alternate MODEL OTHER [seconds]".into()) };
+    let [model, other, rest @ ..] = &arguments[..] else {
+        return Err("usage: alternate MODEL[@PROFILE] OTHER[@PROFILE] [seconds]".into());
+    };
     let seconds: f64 = rest.first().map_or(Ok(20.0), |seconds| seconds.parse())?;
-    let load = |path: &str| Ok::<_, Box<dyn Error>>(Language::load(&ModelFile::open(Path::new(path))?));
-    let mut models = [load(model)?, load(other)?];
+    let mut sides = [Side::load(model)?, Side::load(other)?];
     println!("{:>16} {:>8} {:>19} {:>19} {:>6} {:>9}", "", "threads", "ms", "processor ms", "ratio", "processor");
     for threads in [1, 2] {
         let team = Team::new(threads)?;
-        let cx = Compute { isa: umo_benches::isa(), team: &team };
-        for model in &mut models {
-            model.encode(cx);
+        for Side { language, isa } in &mut sides {
+            language.encode(Compute { isa: *isa, team: &team });
         }
-        report("decoder step", threads, seconds, STEPS, &mut models, |model| (0..STEPS).for_each(|_| model.step(cx)));
-        report("encoder", threads, seconds / 2.0, 1, &mut models, |model| model.encode(cx));
-        report("chunk", threads, seconds, 1, &mut models, |model| model.chunk(cx));
+        let steps = |model: &mut Language, cx: Compute| (0..STEPS).for_each(|_| model.step(cx));
+        report("decoder step", &team, seconds, STEPS, &mut sides, steps);
+        report("encoder", &team, seconds / 2.0, 1, &mut sides, Language::encode);
+        report("chunk", &team, seconds, 1, &mut sides, Language::chunk);
     }
     Ok(())
 }
 
-/// Times `call` with both models in turn.
+/// Times `call` with both sides in turn.
 fn report(
     name: &str,
-    threads: usize,
+    team: &Team,
     seconds: f64,
     each: usize,
-    models: &mut [Language; 2],
-    mut call: impl FnMut(&mut Language),
+    sides: &mut [Side; 2],
+    call: impl Fn(&mut Language, Compute),
 ) {
     let (mut wall, mut processor) = ([vec![], vec![]], [vec![], vec![]]);
     let start = Instant::now();
     while start.elapsed().as_secs_f64() < seconds || wall[0].len() < 5 {
-        for (model, (wall, processor)) in models.iter_mut().zip(wall.iter_mut().zip(&mut processor)) {
+        for (side, (wall, processor)) in sides.iter_mut().zip(wall.iter_mut().zip(&mut processor)) {
             let (now, before) = (Instant::now(), processor_seconds());
-            call(model);
+            call(&mut side.language, Compute { isa: side.isa, team });
             wall.push(1e3 * now.elapsed().as_secs_f64() / each as f64);
             processor.push(1e3 * (processor_seconds() - before) / each as f64);
         }
@@ -58,6 +83,7 @@ fn report(
         let [a, b] = [&times[0], &times[1]].map(|times| median(times.iter().copied()));
         format!("{a:.2} : {b:.2}")
     };
+    let threads = team.threads();
     println!(
         "{name:>16} {threads:>8} {:>19} {:>19} {:>6.2} {:>9.2}",
         both(&wall),

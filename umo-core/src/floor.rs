@@ -3,9 +3,10 @@
 //!
 //! A floor is the greater of two times: the bytes that must be read (weights, keys and values),
 //! over the bandwidth, that of a cache for weights that are read again and again; and the
-//! multiply-adds of the products, over the peak of the back-end's instructions. Norms, activations, drawing, quantising and moving data count nothing,
-//! and every token is taken to choose the same expert in the decoder: nothing can be faster, and
-//! what is as fast as its floor has nothing left to gain.
+//! multiply-adds of the products, over the peak of the back-end's instructions. Norms, activations,
+//! drawing, quantising and moving data count nothing, and every token is taken to choose the same
+//! expert in the decoder: nothing can be faster, and what is as fast as its floor has nothing left
+//! to gain.
 
 use std::fmt;
 use std::ops::{Add, Mul};

@@ -1,7 +1,7 @@
-//! Few rows on processors with the highest bandwidth in one stream
-//! ([`Tuning`](crate::tuning::Tuning)): one panel after another, its quads distributed over
-//! several accumulators, so that their latencies overlap. Integer sums are exact in any order.
-//! More rows are computed in tiles.
+//! Few rows, one panel after another, its quads distributed over several accumulators, so that
+//! their latencies overlap: long rows on processors with the highest bandwidth in one stream
+//! ([`Tuning`]), short ones on all. Integer sums are exact in any order. More rows are computed in
+//! tiles.
 
 #![expect(clippy::needless_range_loop, reason = "loops of constant length over registers read best by index")]
 
@@ -26,6 +26,7 @@ pub(super) const ROWS: usize = 8;
 /// their products' time. Their weights come from L3, where the processor's own prefetcher is enough: with a prefetch
 /// for each line, a single row takes a twelfth longer.
 pub(super) const SHORT: usize = 128;
+
 /// What is prefetched of the weights.
 type Lead = u8;
 /// Nothing: see [`SHORT`].
