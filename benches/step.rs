@@ -11,10 +11,9 @@ use std::time::Instant;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use umo_benches::parts::{Audio, Depth, Language, TOKENS};
-use umo_benches::{frames_model, machine, model};
+use umo_benches::{frames_model, isa, machine, model};
 use umo_core::floor::{self, Floor, Machine, Stored};
 use umo_core::{Compute, ModelFile, Team};
-use umo_kernels::Isa;
 
 /// Times `call` under `name` and prints the median beside the floor of what it does in turn.
 fn time(c: &mut Criterion, name: &str, machine: Option<&Machine>, floors: &[Floor], mut call: impl FnMut()) {
@@ -61,7 +60,7 @@ fn language_model(c: &mut Criterion, file: &ModelFile) {
         if let Some(machine) = &machine {
             println!("{machine}");
         }
-        let (team, isa) = (Team::new(threads).expect("threads can be started"), Isa::detect());
+        let (team, isa) = (Team::new(threads).expect("threads can be started"), isa());
         let (cx, machine) = (Compute { isa, team: &team }, machine.as_ref());
         time(c, &format!("encoder_256/T{threads}"), machine, &[encoder], || language.encode(cx));
         time(c, &format!("decoder_step/T{threads}"), machine, &[step], || language.step(cx));
@@ -74,7 +73,7 @@ fn tokenizer(c: &mut Criterion, file: &ModelFile) {
     let audio = Audio::load(file);
     for threads in [1, 2] {
         let (team, machine) = (Team::new(threads).expect("threads can be started"), machine(threads, 0));
-        let cx = Compute { isa: Isa::detect(), team: &team };
+        let cx = Compute { isa: isa(), team: &team };
         let floor = floor::hubert(file.config(), Stored::Int8, audio.samples(), None);
         time(c, &format!("tokenizer_3s/T{threads}"), machine.as_ref(), &[floor], || audio.features(cx));
     }
@@ -85,7 +84,7 @@ fn tokenizer(c: &mut Criterion, file: &ModelFile) {
 fn depth(c: &mut Criterion) {
     let file = frames_model();
     let machine = machine(1, floor::depth_layers(file.config(), Stored::Int8));
-    let (team, isa) = (Team::new(1).expect("one thread"), Isa::detect());
+    let (team, isa) = (Team::new(1).expect("one thread"), isa());
     for avatars in [1, 8] {
         let mut depth = Depth::load(&file, avatars);
         let floor = floor::depth(file.config(), Stored::Int8, 1).rows(avatars);
