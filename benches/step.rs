@@ -40,7 +40,7 @@ fn time(c: &mut Criterion, name: &str, machine: Option<&Machine>, floors: &[Floo
             1e3 * median,
             1e3 * times[0],
             1e3 * least,
-            (floor.bytes + floor.again) as f64 / 1e6,
+            (floor.bytes + floor.cache_bytes) as f64 / 1e6,
             (floor.macs + floor.float_macs) as f64 / 1e9,
         );
     }

@@ -66,10 +66,10 @@ pub fn isa() -> Isa {
     Isa::from_name(&name).unwrap_or_else(|| panic!("UMO_ISA: this processor does not have {name}"))
 }
 
-/// What the processor can do with so many threads, of which each reads some bytes `again` and again, unless benches
+/// What the processor can do with so many threads, of which each reads `cache_bytes` again and again, unless benches
 /// run as tests.
-pub fn machine(threads: usize, again: usize) -> Option<Machine> {
-    (!is_test()).then(|| Machine::measure(threads, isa(), READ_BYTES, again))
+pub fn machine(threads: usize, cache_bytes: usize) -> Option<Machine> {
+    (!is_test()).then(|| Machine::measure(threads, isa(), READ_BYTES, cache_bytes))
 }
 
 /// The model of layout `parts` at `UMO_BENCH_MODEL`, or a random one of int8 weights: of base size,

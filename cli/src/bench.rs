@@ -80,8 +80,8 @@ pub(crate) fn run(args: &Bench) -> Result<(), Failure> {
     drop(others);
     let times = Times::between(before, bench.engine.stage_times(), args.chunks);
     let memory = peak_memory();
-    let again = floor::depth_layers(&config, stored);
-    let peaks = || Machine::measure(threads, isa, usize::min(weights, MAX_READ), again);
+    let cached = floor::depth_layers(&config, stored);
+    let peaks = || Machine::measure(threads, isa, usize::min(weights, MAX_READ), cached);
     let machine = peaks();
     let others = neighbours()?;
     if let Some(limit) = args.late_limit {

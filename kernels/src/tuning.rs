@@ -8,7 +8,7 @@ pub struct Tuning {
     pub(crate) one_stream: bool,
     /// One stream of int8 weights is prefetched 4 KiB ahead, into L2; otherwise 16 KiB ahead, into
     /// L1.
-    pub(crate) near: bool,
+    pub(crate) near_prefetch: bool,
     /// Attention prefetches the keys and values that it reads itself; otherwise the operands of the
     /// operation that follows.
     pub(crate) self_prefetch: bool,
@@ -22,20 +22,30 @@ pub struct Tuning {
 impl Tuning {
     /// Intel Xeon: eight streams have up to 1.5 times the bandwidth of one; `vdpbf16ps` is issued a
     /// quarter as often as `vfmadd231ps`.
-    pub const XEON: Self =
-        Self { one_stream: false, near: false, self_prefetch: false, offset_on_load: false, fast_bf16_dot: false };
+    pub const XEON: Self = Self {
+        one_stream: false,
+        near_prefetch: false,
+        self_prefetch: false,
+        offset_on_load: false,
+        fast_bf16_dot: false,
+    };
 
     /// AMD Zen 5: one stream has 1.5 times the bandwidth of eight.
     pub const ZEN5: Self =
-        Self { one_stream: true, near: false, self_prefetch: true, offset_on_load: true, fast_bf16_dot: true };
+        Self { one_stream: true, near_prefetch: false, self_prefetch: true, offset_on_load: true, fast_bf16_dot: true };
 
     /// AMD Zen 4: the same with near prefetches, with which a decoder's step takes a tenth less time.
-    pub const ZEN4: Self = Self { near: true, ..Self::ZEN5 };
+    pub const ZEN4: Self = Self { near_prefetch: true, ..Self::ZEN5 };
 
     /// Arm: one stream, which the processors' own prefetchers follow. Not measured.
     #[cfg(target_arch = "aarch64")]
-    pub(crate) const ARM: Self =
-        Self { one_stream: true, near: false, self_prefetch: false, offset_on_load: false, fast_bf16_dot: false };
+    pub(crate) const ARM: Self = Self {
+        one_stream: true,
+        near_prefetch: false,
+        self_prefetch: false,
+        offset_on_load: false,
+        fast_bf16_dot: false,
+    };
 
     /// The measured profiles.
     pub const ALL: [Self; 3] = [Self::XEON, Self::ZEN5, Self::ZEN4];
@@ -48,12 +58,32 @@ impl Tuning {
         if vendor.as_flattened() == b"AuthenticAMD" { Self::of_zen() } else { Self::XEON }
     }
 
-    /// The profile of a Zen by its family, of which Zen 4 is the last of the one before Zen 5.
+    /// The profile of this processor, which is a Zen.
     #[cfg(target_arch = "x86_64")]
     pub(crate) fn of_zen() -> Self {
+        Self::of_zen_family(core::arch::x86_64::__cpuid(1).eax)
+    }
+
+    /// The profile of a Zen by its signature, as leaf 1 of `cpuid` has it: Zen 4 is the last of its family.
+    #[cfg(target_arch = "x86_64")]
+    const fn of_zen_family(signature: u32) -> Self {
         const FAMILY_OF_ZEN4: u32 = 0x19;
-        let signature = core::arch::x86_64::__cpuid(1).eax;
         let family = (signature >> 8 & 0xf) + (signature >> 20 & 0xff);
         if family <= FAMILY_OF_ZEN4 { Self::ZEN4 } else { Self::ZEN5 }
+    }
+}
+
+#[cfg(all(test, target_arch = "x86_64"))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn zen_4_and_zen_5_are_told_apart_by_family() {
+        // EPYC 7763 (Zen 3), 9654 (Zen 4) and 9755 (Zen 5).
+        for (signature, profile) in
+            [(0x00A0_0F11, Tuning::ZEN4), (0x00A1_0F11, Tuning::ZEN4), (0x00B0_0F21, Tuning::ZEN5)]
+        {
+            assert_eq!(Tuning::of_zen_family(signature), profile, "{signature:#x}");
+        }
     }
 }

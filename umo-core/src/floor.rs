@@ -28,7 +28,7 @@ pub struct Floor {
     pub bytes: usize,
     /// Weights that are read again, from a cache, since each time needs the result of the one
     /// before.
-    pub again: usize,
+    pub cache_bytes: usize,
     /// Multiply-adds of products with int8 weights, and of attention: as fast as int8 products at
     /// best.
     pub macs: usize,
@@ -42,7 +42,7 @@ impl Add for Floor {
     fn add(self, more: Self) -> Self {
         Self {
             bytes: self.bytes + more.bytes,
-            again: self.again + more.again,
+            cache_bytes: self.cache_bytes + more.cache_bytes,
             macs: self.macs + more.macs,
             float_macs: self.float_macs + more.float_macs,
         }
@@ -55,7 +55,7 @@ impl Mul<usize> for Floor {
     fn mul(self, times: usize) -> Self {
         Self {
             bytes: self.bytes * times,
-            again: self.again * times,
+            cache_bytes: self.cache_bytes * times,
             macs: self.macs * times,
             float_macs: self.float_macs * times,
         }
@@ -223,7 +223,7 @@ pub fn depth(config: &Config, stored: Stored, target: usize) -> Floor {
     let rest = stored.product(target, heads + inputs * d * config.lm.d_model);
     let each = depth_layers(config, stored);
     let layers = Floor { bytes: each, ..stored.product(target * codes, layers) };
-    Floor { again: (target * codes - 1) * each, ..layers + rest }
+    Floor { cache_bytes: (target * codes - 1) * each, ..layers + rest }
 }
 
 /// Bytes of the depth network's layers, 0 where there is none.
@@ -334,8 +334,8 @@ pub struct Machine {
     pub threads: usize,
     /// Bytes read per second.
     pub bytes_per_second: f64,
-    /// The same of what a thread reads again from a cache; none where it was not measured.
-    pub again_per_second: Option<f64>,
+    /// The same from a cache; none where it was not measured.
+    pub cache_per_second: Option<f64>,
     /// Int8 multiply-adds per second, where the back-end has instructions for them.
     pub int8_per_second: Option<f64>,
     /// Single-precision multiply-adds per second, likewise.
@@ -346,12 +346,12 @@ pub struct Machine {
 impl Machine {
     /// Measures, in a few tenths of a second, with so many threads. Reading is measured over
     /// `bytes` of memory, as much as the weights take: small ones are read from the processor's
-    /// caches. And over what each thread reads `again` and again, if anything.
-    pub fn measure(threads: usize, isa: Isa, bytes: usize, again: usize) -> Self {
+    /// caches. `cache_bytes` are what each thread reads again and again, 0 for nothing.
+    pub fn measure(threads: usize, isa: Isa, bytes: usize, cache_bytes: usize) -> Self {
         Self {
             threads,
             bytes_per_second: read(threads, isa, bytes),
-            again_per_second: (again > 0).then(|| read(threads, isa, threads * again)),
+            cache_per_second: (cache_bytes > 0).then(|| read(threads, isa, threads * cache_bytes)),
             int8_per_second: int8(threads, isa),
             f32_per_second: f32(threads, isa),
             isa,
@@ -365,7 +365,7 @@ impl Machine {
         let better = |a: Option<f64>, b: Option<f64>| a.zip(b).map(|(a, b)| a.max(b));
         Self {
             bytes_per_second: self.bytes_per_second.max(other.bytes_per_second),
-            again_per_second: better(self.again_per_second, other.again_per_second),
+            cache_per_second: better(self.cache_per_second, other.cache_per_second),
             int8_per_second: better(self.int8_per_second, other.int8_per_second),
             f32_per_second: better(self.f32_per_second, other.f32_per_second),
             ..self
@@ -380,7 +380,7 @@ impl Machine {
     /// The greater of reading and multiplying.
     pub fn time(&self, floor: &Floor) -> Duration {
         let at = |count: usize, peak: Option<f64>| peak.map_or(0.0, |peak| count as f64 / peak);
-        let reading = floor.bytes as f64 / self.bytes_per_second + at(floor.again, self.again_per_second);
+        let reading = floor.bytes as f64 / self.bytes_per_second + at(floor.cache_bytes, self.cache_per_second);
         let multiplying = at(floor.macs, self.int8_per_second) + at(floor.float_macs, self.f32_per_second);
         Duration::from_secs_f64(reading.max(multiplying))
     }
@@ -398,8 +398,8 @@ impl fmt::Display for Machine {
             macs(self.f32_per_second),
             self.bytes_per_second / 1e9
         )?;
-        match self.again_per_second {
-            Some(again) => write!(f, ", from a cache {:.1} GB/s", again / 1e9),
+        match self.cache_per_second {
+            Some(cache) => write!(f, ", from a cache {:.1} GB/s", cache / 1e9),
             None => Ok(()),
         }
     }
@@ -480,13 +480,14 @@ mod tests {
         let machine = Machine {
             threads: 1,
             bytes_per_second: 10.0,
-            again_per_second: Some(40.0),
+            cache_per_second: Some(40.0),
             int8_per_second: Some(100.0),
             f32_per_second: Some(20.0),
             isa: Isa::SCALAR,
         };
-        let seconds =
-            |bytes, again, macs, float_macs| machine.time(&Floor { bytes, again, macs, float_macs }).as_secs_f64();
+        let seconds = |bytes, cache_bytes, macs, float_macs| {
+            machine.time(&Floor { bytes, cache_bytes, macs, float_macs }).as_secs_f64()
+        };
         assert_eq!(seconds(50, 0, 100, 20), 5.0);
         assert_eq!(seconds(10, 0, 300, 20), 4.0);
         assert_eq!(seconds(10, 120, 300, 0), 4.0);
@@ -494,7 +495,7 @@ mod tests {
         let floors = [(50, 100), (10, 300)].map(|(bytes, macs)| Floor { bytes, macs, ..Floor::default() });
         assert_eq!(machine.time_in_turn(&floors).as_secs_f64(), 8.0);
         let blind = Machine { int8_per_second: None, f32_per_second: None, ..machine };
-        let floor = Floor { bytes: 20, again: 0, macs: 1000, float_macs: 1000 };
+        let floor = Floor { bytes: 20, cache_bytes: 0, macs: 1000, float_macs: 1000 };
         assert_eq!(blind.time(&floor).as_secs_f64(), 2.0);
     }
 
@@ -503,7 +504,7 @@ mod tests {
         for isa in Isa::available() {
             let machine = Machine::measure(2, isa, 1 << 20, 1 << 16);
             assert!(machine.bytes_per_second.is_finite() && machine.bytes_per_second > 0.0, "{machine}");
-            assert!(machine.again_per_second.is_some_and(|again| again.is_finite() && again > 0.0), "{machine}");
+            assert!(machine.cache_per_second.is_some_and(|cache| cache.is_finite() && cache > 0.0), "{machine}");
             for peak in [machine.int8_per_second, machine.f32_per_second] {
                 assert_eq!(peak.is_none(), isa == Isa::SCALAR, "{machine}");
                 assert!(peak.is_none_or(|peak| peak.is_finite() && peak > 0.0), "{machine}");

@@ -104,7 +104,7 @@ impl Report {
         let stages: Vec<_> = self.stages.iter().map(stage).collect();
         let giga = |per_second: f64| (per_second / 1e8).round() / 10.0;
         let peaks = json!({
-            "read_gb_per_s": giga(self.machine.bytes_per_second), "again_gb_per_s": self.machine.again_per_second.map(giga),
+            "read_gb_per_s": giga(self.machine.bytes_per_second), "cache_gb_per_s": self.machine.cache_per_second.map(giga),
             "int8_gmac_per_s": self.machine.int8_per_second.map(giga),
             "f32_gmac_per_s": self.machine.f32_per_second.map(giga),
         });

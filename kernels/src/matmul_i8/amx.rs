@@ -8,12 +8,13 @@
 //! Up to [`FEW_ROWS`] rows would leave most of a tile empty and are computed with VNNI.
 
 use super::avx512vnni;
-use super::avx512vnni::tiles::dequantize_tile;
+use super::avx512vnni::end::Scales;
 use super::input::{GemmTask, QuantInput};
 use crate::amx::{Aligned, BYTES, TILE, Tiles};
 use crate::gemm::Epilogue;
+use crate::gemm::avx512vnni::{MAX_PANELS, store_gated_tile, store_tile};
 use crate::isa::{Amx, entry};
-use crate::lanes::avx512vnni::{load, load_part, store};
+use crate::lanes::avx512vnni::{load, load_part, store, store_part};
 use crate::mat::MatMut;
 use crate::math::Activation;
 use crate::math::avx512vnni::gelu_tanh;
@@ -589,7 +590,7 @@ impl PendingEpilogue {
         match self.epilogue.kind {
             _ if self.rows == self.done => {}
             EpilogueKind::Block => {
-                dequantize_tile::<0>(x, self.t, &mut sums[..self.rows * self.panels], self.panels, task, self.slot, y)
+                dequantize_tile(x, self.t, &mut sums[..self.rows * self.panels], self.panels, task, self.slot, y)
             }
             EpilogueKind::Gated => self.rows::<GATED>(ROWS, task, sums, y),
             EpilogueKind::Scatter => self.rows::<SCATTER>(ROWS, task, sums, y),
@@ -597,5 +598,58 @@ impl PendingEpilogue {
             EpilogueKind::Store => self.rows::<STORE>(ROWS, task, sums, y),
         }
         self.done = self.rows;
+    }
+}
+
+/// Scales the integer sums `[rows, width]` of the rows from `t` on with the slots from `slot`
+/// on to floats, and applies the epilogue.
+#[avx512vnni]
+fn dequantize_tile(
+    x: &QuantInput,
+    t: usize,
+    sums: &mut [[f32; PANEL]],
+    width: usize,
+    task: &GemmTask,
+    slot: usize,
+    y: &mut MatMut<f32>,
+) {
+    let mut scales = [Scales::<0>::of(task, slot); MAX_PANELS];
+    for (i, scales) in scales.iter_mut().enumerate().take(width).skip(1) {
+        *scales = Scales::of(task, slot + i);
+    }
+    // Integers are stored as bits of the floats that replace them.
+    let value =
+        |sum: &[f32; PANEL], x_scale: __m512, i: usize| scales[i].value(_mm512_castps_si512(load(sum)), x_scale);
+    match task {
+        // The usual end, in one pass.
+        GemmTask::Plain(_, Epilogue { bias: None, activation: Activation::None, add, scatter: None }) => {
+            let outputs = slot * PANEL..((slot + width) * PANEL).min(y.cols());
+            for (t, sums) in (t..).zip(sums.chunks_exact(width)) {
+                let x_scale = _mm512_set1_ps(x.scale(t));
+                let (y, y_tail) = y.row_mut(t)[outputs.clone()].as_chunks_mut::<PANEL>();
+                for (i, (y, sum)) in y.iter_mut().zip(sums).enumerate() {
+                    let v = value(sum, x_scale, i);
+                    store(y, if *add { _mm512_add_ps(load(y), v) } else { v });
+                }
+                if !y_tail.is_empty() {
+                    let v = value(&sums[y.len()], x_scale, y.len());
+                    store_part(y_tail, if *add { _mm512_add_ps(load_part(y_tail), v) } else { v });
+                }
+            }
+            return;
+        }
+        _ => {
+            for (t, sums) in (t..).zip(sums.chunks_exact_mut(width)) {
+                let x_scale = _mm512_set1_ps(x.scale(t));
+                for (i, sum) in sums.iter_mut().enumerate() {
+                    let v = value(sum, x_scale, i);
+                    store(sum, v);
+                }
+            }
+        }
+    }
+    match task {
+        GemmTask::Plain(_, epilogue) => store_tile(sums, width, t, slot * PANEL, epilogue, y),
+        GemmTask::Gated(..) => store_gated_tile(sums, width / 2, t, slot / 2 * PANEL, y),
     }
 }

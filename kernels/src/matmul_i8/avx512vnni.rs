@@ -5,8 +5,9 @@
 //! tile of rows at a time, or when they are loaded. The excess, `128 * sum(w)`, is subtracted
 //! from the sums at the end. All of it wraps in 32 bits, so that the sums are exact.
 
+pub(super) mod end;
 mod one_stream;
-pub(super) mod tiles;
+mod tiles;
 
 use super::chunk::{CHUNK_BYTES, FEW_ROWS};
 use super::input::{GemmTask, QuantInput};

@@ -5,13 +5,9 @@
 
 #![expect(clippy::needless_range_loop, reason = "loops of constant length over registers read best by index")]
 
-use super::tiles::{BYTES, QUADS, Row, SPARE, Scales, convert, load_bytes};
-use crate::gemm::Epilogue;
-use crate::gemm::avx512vnni::store_tile;
-use crate::lanes::avx512vnni::{load_part, store, store_part};
+use super::end::end;
+use super::tiles::{BYTES, QUADS, Row, SPARE, convert, load_bytes};
 use crate::mat::MatMut;
-use crate::math::Activation;
-use crate::math::avx512vnni::gelu_tanh;
 use crate::matmul_i8::chunk::prefetch_scales;
 use crate::matmul_i8::input::{GemmTask, QuantInput};
 use crate::pack::{PANEL, QUAD};
@@ -51,7 +47,7 @@ pub(super) fn suits(x: &QuantInput, task: &GemmTask, tuning: Tuning) -> bool {
 /// The product of rows that [`suits`].
 #[avx512vnni]
 pub(super) fn run(x: &QuantInput, task: &GemmTask, y: MatMut<f32>, tuning: Tuning) {
-    match tuning.near {
+    match tuning.near_prefetch {
         _ if task.k() <= SHORT * QUAD => rows::<{ SHORT + SPARE }, NONE>(x, task, y),
         true => rows::<{ QUADS + SPARE }, NEAR>(x, task, y),
         false => rows::<{ QUADS + SPARE }, FAR>(x, task, y),
@@ -74,7 +70,7 @@ fn rows<const N: usize, const LEAD: Lead>(x: &QuantInput, task: &GemmTask, y: Ma
     }
 }
 
-/// All rows, `R` of them, with one panel after another.
+/// All rows, `R` of them.
 #[avx512vnni]
 fn product<const R: usize, const ACCUMULATORS: usize, const N: usize, const LEAD: Lead>(
     x: &QuantInput,
@@ -84,59 +80,33 @@ fn product<const R: usize, const ACCUMULATORS: usize, const N: usize, const LEAD
     let mut buffer = [[[0; QUAD]; N]; R];
     convert(x, 0, 0, &mut buffer);
     match task {
-        // The usual ends, while the sums are in registers.
-        GemmTask::Plain(_, Epilogue { bias: None, activation: Activation::None, add, scatter: None }) => {
-            for slot in 0..task.slots() {
-                let values = values::<R, ACCUMULATORS, N, LEAD>(x, &buffer, task, slot);
-                let outputs = slot * PANEL..((slot + 1) * PANEL).min(y.cols());
-                for r in 0..R {
-                    let y = &mut y.row_mut(r)[outputs.clone()];
-                    let value = if *add { _mm512_add_ps(load_part(y), values[r]) } else { values[r] };
-                    store_part(y, value);
-                }
-            }
-        }
-        GemmTask::Gated(..) => {
-            for slot in (0..task.slots()).step_by(2) {
-                let gate = values::<R, ACCUMULATORS, N, LEAD>(x, &buffer, task, slot);
-                let up = values::<R, ACCUMULATORS, N, LEAD>(x, &buffer, task, slot + 1);
-                let outputs = slot / 2 * PANEL..((slot / 2 + 1) * PANEL).min(y.cols());
-                for r in 0..R {
-                    let value = _mm512_mul_ps(gelu_tanh(gate[r]), up[r]);
-                    store_part(&mut y.row_mut(r)[outputs.clone()], value);
-                }
-            }
-        }
-        GemmTask::Plain(_, epilogue) => {
-            for slot in 0..task.slots() {
-                let values = values::<R, ACCUMULATORS, N, LEAD>(x, &buffer, task, slot);
-                let mut ended = [[0.0; PANEL]; R];
-                for r in 0..R {
-                    store(&mut ended[r], values[r]);
-                }
-                store_tile(&mut ended, 1, 0, slot * PANEL, epilogue, &mut y);
-            }
-        }
+        GemmTask::Plain(..) => panels::<R, ACCUMULATORS, N, LEAD, 1>(x, &buffer, task, &mut y),
+        GemmTask::Gated(..) => panels::<R, ACCUMULATORS, N, LEAD, 2>(x, &buffer, task, &mut y),
     }
 }
 
-/// The products of `R` rows with the panel of a slot, as floats.
+/// One panel after another; the sums of `P` are ended together.
 #[inline]
 #[avx512vnni]
-fn values<const R: usize, const ACCUMULATORS: usize, const N: usize, const LEAD: Lead>(
+fn panels<const R: usize, const ACCUMULATORS: usize, const N: usize, const LEAD: Lead, const P: usize>(
     x: &QuantInput,
     buffer: &[Row<N>; R],
     task: &GemmTask,
-    slot: usize,
-) -> [__m512; R] {
-    prefetch_scales(task, slot);
-    let scales = Scales::<128>::of(task, slot);
-    let sums = multiply::<R, ACCUMULATORS, N, LEAD>(buffer, task.panel(slot), ahead(task, slot, distance(LEAD)));
-    let mut values = [_mm512_setzero_ps(); R];
-    for r in 0..R {
-        values[r] = scales.value(sums[r], _mm512_set1_ps(x.scale(r)));
+    y: &mut MatMut<f32>,
+) {
+    for first in (0..task.slots()).step_by(P) {
+        let mut sums = [[_mm512_setzero_si512(); P]; R];
+        for p in 0..P {
+            let slot = first + p;
+            prefetch_scales(task, slot);
+            let ahead = ahead(task, slot, distance(LEAD));
+            let panel = multiply::<R, ACCUMULATORS, N, LEAD>(buffer, task.panel(slot), ahead);
+            for r in 0..R {
+                sums[r][p] = panel[r];
+            }
+        }
+        end(x, 0, &sums, task, first, y);
     }
-    values
 }
 
 /// Where the quads start that are fetched while the panel of a slot is multiplied: as many as it

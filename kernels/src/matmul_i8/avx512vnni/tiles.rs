@@ -1,14 +1,9 @@
 //! Tiles of rows by panels of outputs, as many sums as there are registers.
 
-#![expect(clippy::needless_range_loop, reason = "loops of constant length over registers read best by index")]
-
-use crate::gemm::avx512vnni as float;
+use super::end::end;
 pub(in crate::matmul_i8) use crate::gemm::avx512vnni::MAX_PANELS;
-use crate::gemm::{Epilogue, tiles};
-use crate::lanes::avx512vnni::{lane_mask, load, load_part, store, store_part};
+use crate::gemm::tiles;
 use crate::mat::MatMut;
-use crate::math::Activation;
-use crate::math::avx512vnni::gelu_tanh;
 use crate::matmul_i8::chunk::{CHUNK_BYTES, Chunk, FEW_ROWS, PREFETCH_DISTANCE, prefetch_scales};
 use crate::matmul_i8::input::{GemmTask, QuantInput};
 use crate::pack::{PANEL, QUAD};
@@ -188,66 +183,6 @@ fn group<const R: usize, const P: usize>(
     end(x, t, &sums, task, slot, y);
 }
 
-/// Ends the sums of `R` rows from `t` on with `P` slots from `slot` on, whose inputs were offset to unsigned. The usual
-/// ends of whole panels are computed as the sums leave their registers.
-#[inline]
-#[avx512vnni]
-fn end<const R: usize, const P: usize>(
-    x: &QuantInput,
-    t: usize,
-    sums: &[[__m512i; P]; R],
-    task: &GemmTask,
-    slot: usize,
-    y: &mut MatMut<f32>,
-) {
-    let mut scales = [Scales::<128>::of(task, slot); P];
-    for p in 1..P {
-        scales[p] = Scales::of(task, slot + p);
-    }
-    match task {
-        GemmTask::Plain(_, Epilogue { bias: None, activation: Activation::None, add, scatter: None })
-            if (slot + P) * PANEL <= y.cols() =>
-        {
-            for r in 0..R {
-                let x_scale = _mm512_set1_ps(x.scale(t + r));
-                let y = &mut y.row_mut(t + r)[slot * PANEL..(slot + P) * PANEL];
-                let (y, _) = y.as_chunks_mut::<PANEL>();
-                for p in 0..P {
-                    let v = scales[p].value(sums[r][p], x_scale);
-                    let v = if *add { _mm512_add_ps(load(&y[p]), v) } else { v };
-                    store(&mut y[p], v);
-                }
-            }
-        }
-        GemmTask::Gated(..) if (slot + P) / 2 * PANEL <= y.cols() => {
-            for r in 0..R {
-                let x_scale = _mm512_set1_ps(x.scale(t + r));
-                let y = &mut y.row_mut(t + r)[slot / 2 * PANEL..(slot + P) / 2 * PANEL];
-                let (y, _) = y.as_chunks_mut::<PANEL>();
-                for i in 0..P / 2 {
-                    let gate = scales[2 * i].value(sums[r][2 * i], x_scale);
-                    let up = scales[2 * i + 1].value(sums[r][2 * i + 1], x_scale);
-                    store(&mut y[i], _mm512_mul_ps(gelu_tanh(gate), up));
-                }
-            }
-        }
-        _ => {
-            let mut values = [[[0.0; PANEL]; P]; R];
-            for r in 0..R {
-                let x_scale = _mm512_set1_ps(x.scale(t + r));
-                for p in 0..P {
-                    store(&mut values[r][p], scales[p].value(sums[r][p], x_scale));
-                }
-            }
-            let values = values.as_flattened_mut();
-            match task {
-                GemmTask::Plain(_, epilogue) => float::store_tile(values, P, t, slot * PANEL, epilogue, y),
-                GemmTask::Gated(..) => float::store_gated_tile(values, P / 2, t, slot / 2 * PANEL, y),
-            }
-        }
-    }
-}
-
 /// The first `R` converted rows.
 #[inline]
 fn converted<const R: usize>(buffer: &[BiasedRow]) -> [&[[i8; QUAD]]; R] {
@@ -330,84 +265,6 @@ unsafe fn load_biased_quad(row: *const [i8; QUAD], q: usize, flip: __m512i) -> _
     quad
 }
 
-/// What makes floats of the integer sums of a slot, whose inputs were offset by `OFFSET`.
-#[derive(Clone, Copy)]
-pub(super) struct Scales<const OFFSET: i32> {
-    /// `OFFSET` times the sum of each output's weights.
-    correction: __m512i,
-    scale: __m512,
-}
-
-impl<const OFFSET: i32> Scales<OFFSET> {
-    #[inline]
-    #[avx512vnni]
-    pub(super) fn of(task: &GemmTask, slot: usize) -> Self {
-        let (w, p) = task.slot(slot);
-        let outputs = p * PANEL..((p + 1) * PANEL).min(w.n());
-        let sum = load_sums_part(&w.sum()[outputs.clone()]);
-        Self { correction: _mm512_mullo_epi32(sum, _mm512_set1_epi32(OFFSET)), scale: load_part(&w.scale()[outputs]) }
-    }
-
-    /// The exact sum rounded to f32 once, then scalar's order of roundings.
-    #[inline]
-    #[avx512vnni]
-    pub(super) fn value(&self, sum: __m512i, x_scale: __m512) -> __m512 {
-        let sum = _mm512_sub_epi32(sum, self.correction);
-        _mm512_mul_ps(_mm512_cvtepi32_ps(sum), _mm512_mul_ps(x_scale, self.scale))
-    }
-}
-
-/// Scales the integer sums `[rows, width]` of the rows from `t` on with the slots from `slot`
-/// on to floats, and applies the epilogue. Their inputs were offset by `OFFSET`.
-#[avx512vnni]
-pub(in crate::matmul_i8) fn dequantize_tile<const OFFSET: i32>(
-    x: &QuantInput,
-    t: usize,
-    sums: &mut [[f32; PANEL]],
-    width: usize,
-    task: &GemmTask,
-    slot: usize,
-    y: &mut MatMut<f32>,
-) {
-    let mut scales = [Scales::<OFFSET>::of(task, slot); MAX_PANELS];
-    for i in 1..width {
-        scales[i] = Scales::of(task, slot + i);
-    }
-    let value = |sum: &[f32; PANEL], x_scale: __m512, i: usize| scales[i].value(load_sums(sum), x_scale);
-    match task {
-        // The usual end, in one pass.
-        GemmTask::Plain(_, Epilogue { bias: None, activation: Activation::None, add, scatter: None }) => {
-            let outputs = slot * PANEL..((slot + width) * PANEL).min(y.cols());
-            for (t, sums) in (t..).zip(sums.chunks_exact(width)) {
-                let x_scale = _mm512_set1_ps(x.scale(t));
-                let (y, y_tail) = y.row_mut(t)[outputs.clone()].as_chunks_mut::<PANEL>();
-                for (i, (y, sum)) in y.iter_mut().zip(sums).enumerate() {
-                    let v = value(sum, x_scale, i);
-                    store(y, if *add { _mm512_add_ps(load(y), v) } else { v });
-                }
-                if !y_tail.is_empty() {
-                    let v = value(&sums[y.len()], x_scale, y.len());
-                    store_part(y_tail, if *add { _mm512_add_ps(load_part(y_tail), v) } else { v });
-                }
-            }
-            return;
-        }
-        _ => {
-            for (t, sums) in (t..).zip(sums.chunks_exact_mut(width)) {
-                let x_scale = _mm512_set1_ps(x.scale(t));
-                for (i, sum) in sums.iter_mut().enumerate() {
-                    let v = value(sum, x_scale, i);
-                    store(sum, v);
-                }
-            }
-        }
-    }
-    match task {
-        GemmTask::Plain(_, epilogue) => float::store_tile(sums, width, t, slot * PANEL, epilogue, y),
-        GemmTask::Gated(..) => float::store_gated_tile(sums, width / 2, t, slot / 2 * PANEL, y),
-    }
-}
-
 #[inline]
 #[avx512vnni]
 pub(super) fn load_bytes(src: &[i8; BYTES]) -> __m512i {
@@ -428,18 +285,4 @@ fn load_bytes_part(src: &[i8]) -> __m512i {
 fn store_bytes(dst: &mut [i8; BYTES], v: __m512i) {
     // SAFETY: `dst` is 64 writable bytes; the store needs no alignment.
     unsafe { _mm512_storeu_si512(dst.as_mut_ptr().cast(), v) }
-}
-
-/// Integer sums, stored as bits in place of the floats that replace them.
-#[inline]
-#[avx512vnni]
-fn load_sums(src: &[f32; PANEL]) -> __m512i {
-    _mm512_castps_si512(load(src))
-}
-
-#[inline]
-#[avx512vnni]
-fn load_sums_part(src: &[i32]) -> __m512i {
-    // SAFETY: the mask names the elements of `src` alone; others are not read.
-    unsafe { _mm512_maskz_loadu_epi32(lane_mask(src.len()), src.as_ptr()) }
 }
