@@ -8,7 +8,8 @@
 //!
 //! A token costs 80 to 100 joins, so waking a sleeping thread for each (15 to 35 us) is out of the
 //! question: workers spin for a bounded time and only then sleep, and so does the caller that waits
-//! for them. Nothing here allocates or locks once the team is made, and the only system calls are
+//! for them. A worker that has no core when a job begins delays nobody: the caller takes the pieces that
+//! nobody has begun. Nothing here allocates or locks once the team is made, and the only system calls are
 //! those that put a thread to sleep and wake it.
 #![expect(
     unsafe_code,
@@ -57,6 +58,10 @@ const PARALLEL_THRESHOLD: usize = 1 << 15;
 /// may need just that core.
 const SPINS_BEFORE_SLEEP: u32 = 2_000;
 
+/// Times that the caller looks whether the workers have begun before it takes their pieces: a worker that is
+/// awake begins within a tenth of that, and has its piece's weights in its cache.
+const SPINS_BEFORE_TAKEOVER: u32 = 100;
+
 /// A job: called once per thread with the thread's index.
 type Job<'a> = dyn Fn(usize) + Sync + 'a;
 
@@ -68,7 +73,7 @@ pub struct Team {
     threads: usize,
     /// Each thread's share of a job, f32 as bits.
     shares: Box<[AtomicU32]>,
-    /// Whether external workers take part: the first free one then takes the next piece.
+    /// Whether external workers take part: any of them may take any piece.
     is_lent: bool,
     /// Whether the caller works without the others for now.
     is_alone: AtomicBool,
@@ -98,8 +103,10 @@ struct Shared {
     epoch: AtomicU32,
     /// The job of this epoch: a pointer to a `&Job` on the caller's stack.
     job: AtomicPtr<()>,
-    /// Workers that have not finished the job; the caller sleeps on it.
+    /// Pieces of the job, but the caller's own, that are not done; the caller sleeps on it.
     pending: AtomicU32,
+    /// The pieces of the job that nobody has begun, a bit for each.
+    open: AtomicU64,
     /// A piece of the job panicked, and what the first one said.
     panicked: AtomicBool,
     defect: Mutex<Option<Defect>>,
@@ -113,11 +120,6 @@ struct Shared {
     waiting: AtomicBool,
     /// Whether a worker did not get its core.
     unbound: AtomicBool,
-    /// The job's number in the upper half, and in the lower the next piece that an external worker
-    /// or the caller may take; as many as there are threads where none is left.
-    ticket: AtomicU64,
-    /// Pieces of a job.
-    threads: u64,
     /// Odd while external workers may join; a change ends the work of those that joined before.
     joining: AtomicU32,
     /// What each of the team's own threads will read next.
@@ -143,6 +145,7 @@ impl Team {
         let threads = threads.clamp(1, MAX_THREADS);
         let mut team = Self::bare(threads, false);
         team.workers.reserve_exact(threads - 1);
+        team.shared.pending.store(count(threads - 1), Ordering::Relaxed);
         for index in 1..threads {
             let shared = Arc::clone(&team.shared);
             let name = format!("umo-{index}");
@@ -153,14 +156,17 @@ impl Team {
                 }
                 // A piece that panics is caught before this: here it is only kept from being
                 // printed.
-                let _ = contain_quietly(|| work(&shared, index));
+                let _ = contain_quietly(|| {
+                    shared.done();
+                    work(&shared, index);
+                });
             };
             memory::require_thread();
             team.workers.push(thread::start(name, life)?);
         }
         let bound = caller.is_none_or(cores::bind);
-        // A thread allocates while it starts: it has done so when it has finished a job.
-        team.run(&|_| {});
+        // A thread allocates while it starts: it has done so when it says that it is there.
+        team.shared.wait_for_workers();
         // The threads' heaps may have taken what was left.
         memory::require(memory::SPARE);
         if !bound || team.shared.unbound.load(Ordering::Relaxed) {
@@ -233,26 +239,15 @@ impl Team {
         }
         let shared = &*self.shared;
         shared.job.store((&raw const job).cast_mut().cast(), Ordering::Relaxed);
-        if self.is_lent {
-            self.share_out();
-            return;
-        }
-        shared.pending.store(self.workers.len().try_into().expect("at most 64"), Ordering::Relaxed);
+        shared.pending.store(count(self.threads - 1), Ordering::Relaxed);
+        let all = u64::MAX >> (u64::BITS - count(self.threads));
+        shared.open.store(all & !1, Ordering::Release);
         shared.signal();
         shared.contained(|| job(0));
-        shared.wait_for_workers();
-        shared.end_job();
-    }
-
-    /// Runs the job with the external workers that have joined.
-    fn share_out(&self) {
-        let shared = &*self.shared;
-        shared.pending.store(self.threads.try_into().expect("at most 64"), Ordering::Relaxed);
-        // The caller may have to wait for another thread's last piece.
-        let number = (shared.ticket.load(Ordering::Relaxed) >> 32) + 1;
-        shared.ticket.store(number << 32, Ordering::Release);
-        shared.signal();
-        while shared.help() {}
+        if !self.is_lent {
+            shared.await_start();
+        }
+        shared.help();
         shared.wait_for_workers();
         shared.end_job();
     }
@@ -450,7 +445,7 @@ impl ExternalWorkers {
         }
         loop {
             let seen = shared.epoch.load(Ordering::SeqCst);
-            while shared.help() {}
+            shared.help();
             if shared.joining.load(Ordering::SeqCst) != joining {
                 return;
             }
@@ -462,6 +457,7 @@ impl ExternalWorkers {
 impl Shared {
     fn new(threads: usize) -> Self {
         Self {
+            open: AtomicU64::new(0),
             epoch: AtomicU32::new(0),
             job: AtomicPtr::new(std::ptr::null_mut()),
             pending: AtomicU32::new(0),
@@ -472,9 +468,6 @@ impl Shared {
             asleep: AtomicU32::new(0),
             waiting: AtomicBool::new(false),
             unbound: AtomicBool::new(false),
-            // No job, so nothing to take.
-            ticket: AtomicU64::new(threads as u64),
-            threads: threads as u64,
             joining: AtomicU32::new(0),
             expected: (0..threads).map(|_| SharedHint::default()).collect(),
         }
@@ -490,32 +483,37 @@ impl Shared {
         }
     }
 
-    /// Does the next piece of the job, if one is left; whether there was one.
-    fn help(&self) -> bool {
-        let mut ticket = self.ticket.load(Ordering::Acquire);
-        let index = loop {
-            let next = ticket & u64::from(u32::MAX);
-            if next >= self.threads {
-                return false;
+    /// Waits a little for every piece to be begun.
+    fn await_start(&self) {
+        for _ in 0..SPINS_BEFORE_TAKEOVER {
+            if self.open.load(Ordering::Relaxed) == 0 {
+                return;
             }
-            match self.ticket.compare_exchange_weak(ticket, ticket + 1, Ordering::AcqRel, Ordering::Acquire) {
-                Ok(_) => break next,
-                Err(now) => ticket = now,
-            }
-        };
-        #[expect(clippy::cast_possible_truncation, reason = "at most 64")]
-        self.piece(index as usize);
-        true
+            std::hint::spin_loop();
+        }
     }
 
-    /// Does a piece of the job that `pending` counts: this thread's own, or one that it took a
-    /// ticket for.
-    fn piece(&self, index: usize) {
+    /// Does the pieces that nobody has begun.
+    fn help(&self) {
+        loop {
+            let open = self.open.load(Ordering::Relaxed);
+            if open == 0 {
+                return;
+            }
+            self.take(open.trailing_zeros() as usize);
+        }
+    }
+
+    /// Does a piece of the job, unless somebody has begun it.
+    fn take(&self, index: usize) {
+        let bit = 1 << index;
+        if self.open.load(Ordering::Relaxed) & bit == 0 || self.open.fetch_and(!bit, Ordering::Acquire) & bit == 0 {
+            return;
+        }
         let job = self.job.load(Ordering::Relaxed).cast::<&Job>();
-        // SAFETY: `run` stored a pointer to its own `job` argument before it raised the epoch, or
-        // gave out the ticket, that this thread has seen (release and acquire through `epoch` and
-        // `ticket`, whose number keeps an old one from being taken), and it does not return before
-        // `pending`, which counts this piece, reaches 0 below.
+        // SAFETY: `run` stored a pointer to its own `job` argument before it opened the piece that this thread
+        // alone has taken (release and acquire through `open`), and it does not return before `pending`, which
+        // counts the piece, reaches 0 below.
         let job: &Job = unsafe { *job };
         self.contained(|| job(index));
         self.done();
@@ -539,7 +537,7 @@ impl Shared {
         }
     }
 
-    /// Spins, then sleeps, until no worker has the job any more.
+    /// Spins, then sleeps, until nothing is pending any more.
     fn wait_for_workers(&self) {
         self.expected[0].fetch(|| self.pending.load(Ordering::Acquire) == 0);
         for _ in 0..SPINS_BEFORE_SLEEP {
@@ -548,7 +546,7 @@ impl Shared {
             }
             std::hint::spin_loop();
         }
-        // SeqCst pairs with the last worker's: either it sees that we wait, or we see that it is
+        // SeqCst pairs with that of the last to be done: either it sees that we wait, or we see that it is
         // done.
         self.waiting.store(true, Ordering::SeqCst);
         loop {
@@ -560,7 +558,7 @@ impl Shared {
         self.waiting.store(false, Ordering::Relaxed);
     }
 
-    /// Reports that one worker is done.
+    /// Reports that one of those that are pending is done.
     fn done(&self) {
         if self.pending.fetch_sub(1, Ordering::SeqCst) == 1 && self.waiting.load(Ordering::SeqCst) {
             wake_one(&raw const self.pending);
@@ -604,7 +602,12 @@ fn binding_error(caller: Option<usize>, cores: &[usize]) -> String {
     }
 }
 
-/// A worker's life: wait for the epoch to change, run the job, report.
+/// A number of threads or pieces.
+fn count(threads: usize) -> u32 {
+    threads.try_into().expect("at most 64")
+}
+
+/// A worker's life: wait for the epoch to change, do its own piece of the job, unless the caller has.
 fn work(shared: &Shared, index: usize) {
     let mut seen = 0;
     loop {
@@ -613,7 +616,7 @@ fn work(shared: &Shared, index: usize) {
         if shared.stop.load(Ordering::Relaxed) {
             return;
         }
-        shared.piece(index);
+        shared.take(index);
     }
 }
 
@@ -624,8 +627,8 @@ struct Piece<T> {
     end: UnsafeCell<(Option<StepError>, Duration)>,
 }
 
-// SAFETY: during `run` the cells of piece `i` are touched by one thread alone, thread `i`, or,
-// where there is no such thread, the one that was given the number `i`; before and after it by the
+// SAFETY: during `run` the cells of piece `i` are touched by one thread alone, the one that took piece `i` of the
+// job, or, where the job has no such piece, the one that was given the number `i`; before and after it by the
 // caller alone, and `run` orders the two.
 unsafe impl<T: Send> Sync for Piece<T> {}
 
@@ -788,6 +791,19 @@ mod tests {
             });
         }
         assert_eq!(count.load(Ordering::Relaxed), 40);
+    }
+
+    #[test]
+    fn a_worker_that_does_not_come_delays_nobody() {
+        // One without workers is one whose workers have no core.
+        let team = Team::bare(4, false);
+        let done: Vec<AtomicU32> = (0..4).map(|_| AtomicU32::new(0)).collect();
+        for round in 1..=3 {
+            team.run(&|index| {
+                done[index].fetch_add(1, Ordering::Relaxed);
+            });
+            assert!(done.iter().all(|count| count.load(Ordering::Relaxed) == round));
+        }
     }
 
     #[test]
