@@ -18,9 +18,7 @@ use crate::error::{ShapeError, expect_len};
 use crate::mat::{Mat, MatMut};
 use crate::math::Activation;
 #[cfg(any(target_arch = "x86_64", target_arch = "aarch64", target_arch = "wasm32"))]
-#[cfg(any(target_arch = "aarch64", target_arch = "wasm32"))]
-pub(crate) use task::Scaled;
-pub(crate) use task::{GemmTask, Panels, tiles};
+pub(crate) use task::{GemmTask, Panels, Scaled, tiles};
 
 /// The rows that a product reads: all rows of a matrix in order, or those named by an index.
 #[derive(Clone, Copy, Debug)]

@@ -92,7 +92,7 @@ pub fn matmul_i4(
     let x = input(x, index)?;
     check_k(w.k())?;
     check_product((x.rows.rows(), x.rows.cols()), (w.n(), w.k()), &y, &epilogue)?;
-    dispatch!(isa, matmul(x, w, epilogue, y), {
+    dispatch!(isa, matmul(x, w, epilogue, y, isa.tuning()), {
         Scalar: scalar,
         Avx2: avx2,
         AvxVnni: avxvnni,
@@ -125,7 +125,7 @@ pub fn matmul_gated_i4(
     check_product((x.rows.rows(), x.rows.cols()), (gate.n(), gate.k()), &y, &Epilogue::STORE)?;
     expect_len("up", gate.n(), up.n())?;
     expect_len("up", gate.k(), up.k())?;
-    dispatch!(isa, matmul_gated(x, gate, up, y), {
+    dispatch!(isa, matmul_gated(x, gate, up, y, isa.tuning()), {
         Scalar: scalar,
         Avx2: avx2,
         AvxVnni: avxvnni,

@@ -14,9 +14,12 @@
 //! A block of 64 bytes has two quads of all outputs of a panel, the first in the low nibbles:
 //!
 //! ```text
-//! panel 0: multipliers of all groups    m[0..16][group 0] m[0..16][group 1] …, up to a multiple of 64 bytes
-//!          codes + 8, in nibbles        block 0: inputs 0..4 (low), 4..8 (high); four blocks per group
+//! panel 0: span 0: multipliers of four groups    m[0..16][group 0] … m[0..16][group 3], 64 bytes
+//!                  codes + 8, in nibbles         block 0: inputs 0..4 (low), 4..8 (high); four blocks per group
+//!          span 1: …
 //! ```
+//! So a panel is read from its first byte to its last: with all multipliers before all codes, the prefetcher of a Zen 4
+//! loses either.
 
 use crate::bf16::Bf16;
 use crate::error::{ShapeError, expect_len};
@@ -41,8 +44,11 @@ pub const BLOCK: usize = PANEL * QUAD;
 /// Blocks of codes in a group.
 pub(crate) const GROUP_BLOCKS: usize = GROUP / (2 * QUAD);
 
-/// Groups whose multipliers are one block.
-const GROUPS_PER_BLOCK: usize = BLOCK / PANEL;
+/// Groups of a span, whose multipliers are one block.
+pub(crate) const SPAN_GROUPS: usize = BLOCK / PANEL;
+
+/// Blocks of a whole span.
+pub(crate) const SPAN_BLOCKS: usize = 1 + SPAN_GROUPS * GROUP_BLOCKS;
 
 /// Greatest absolute value of a group's multiplier: its product with a code fits in int8.
 pub const MAX_MULTIPLIER: i8 = 15;
@@ -73,15 +79,10 @@ pub const fn packed_len_i8(n: usize, k: usize) -> usize {
     panels(n) * PANEL * k.div_ceil(QUAD) * QUAD
 }
 
-/// Blocks of multipliers in a panel of int4 weights with `groups` groups.
-const fn multiplier_blocks(groups: usize) -> usize {
-    groups.div_ceil(GROUPS_PER_BLOCK)
-}
-
 /// Bytes of a packed int4 weight `[n, k]`.
 pub const fn packed_len_i4(n: usize, k: usize) -> usize {
     let groups = k.div_ceil(GROUP);
-    panels(n) * (multiplier_blocks(groups) + groups * GROUP_BLOCKS) * BLOCK
+    panels(n) * (groups.div_ceil(SPAN_GROUPS) + groups * GROUP_BLOCKS) * BLOCK
 }
 
 /// An f32 weight `[n, k]` in panels.
@@ -260,15 +261,6 @@ pub struct PackedI4<'a> {
     k: usize,
 }
 
-/// A panel of int4 weights.
-#[derive(Clone, Copy)]
-pub(crate) struct PanelI4<'a> {
-    /// Of each group, as `i8`.
-    pub(crate) multipliers: &'a [[u8; PANEL]],
-    /// [`GROUP_BLOCKS`] per group.
-    pub(crate) blocks: &'a [[u8; BLOCK]],
-}
-
 impl<'a> PackedI4<'a> {
     /// A view of packed data of [`packed_len_i4`] bytes and `scale [n]` (the value of one unit of
     /// output row `o`). Multipliers must be within [`MAX_MULTIPLIER`], as [`pack_row_i4`] checks: with
@@ -300,7 +292,7 @@ impl<'a> PackedI4<'a> {
         self.scale
     }
 
-    /// Panel `p`: blocks of multipliers, then of codes.
+    /// Panel `p`: the blocks of its spans.
     #[inline]
     pub fn panel(&self, p: usize) -> &'a [[u8; BLOCK]] {
         let len = packed_len_i4(1, self.k);
@@ -317,21 +309,27 @@ impl<'a> PackedI4<'a> {
     }
 }
 
-impl<'a> PanelI4<'a> {
-    /// The parts of a panel for `k` inputs.
-    #[inline]
-    pub(crate) fn new(panel: &'a [[u8; BLOCK]], k: usize) -> Self {
-        let groups = k.div_ceil(GROUP);
-        let (multipliers, blocks) = panel.split_at(multiplier_blocks(groups));
-        Self { multipliers: &multipliers.as_flattened().as_chunks().0[..groups], blocks }
-    }
+/// Up to [`SPAN_GROUPS`] groups of a panel.
+pub(crate) struct Span<'a> {
+    /// Number of the first.
+    pub(crate) first_group: usize,
+    /// Of each group, as `i8`; more than there are groups in the last span.
+    pub(crate) multipliers: &'a [[u8; PANEL]],
+    /// Blocks of codes.
+    pub(crate) groups: &'a [[[u8; BLOCK]; GROUP_BLOCKS]],
+}
 
-    /// The multipliers and the blocks of some groups.
-    #[cfg(any(target_arch = "x86_64", target_arch = "aarch64", target_arch = "wasm32"))]
-    #[inline]
-    pub(crate) fn groups(&self, range: Range<usize>) -> (&'a [[u8; PANEL]], &'a [[u8; BLOCK]]) {
-        (&self.multipliers[range.clone()], &self.blocks[range.start * GROUP_BLOCKS..range.end * GROUP_BLOCKS])
-    }
+/// The spans of a panel, or of a part of it that begins with one.
+#[inline]
+pub(crate) fn spans(blocks: &[[u8; BLOCK]]) -> impl Iterator<Item = Span<'_>> {
+    blocks.chunks(SPAN_BLOCKS).enumerate().map(|(i, span)| {
+        let (multipliers, codes) = span.split_at(1);
+        Span {
+            first_group: i * SPAN_GROUPS,
+            multipliers: multipliers.as_flattened().as_chunks().0,
+            groups: codes.as_chunks().0,
+        }
+    })
 }
 
 /// Packs `w [n, k]` into panels; every element of `packed` is written.
@@ -449,15 +447,19 @@ pub fn pack_row_i4(codes: &[i8], multipliers: &[i8], lane: usize, panel: &mut [u
         let greatest = MAX_MULTIPLIER.unsigned_abs();
         return Err(ShapeError { arg: "multipliers", want: greatest.into(), got: m.unsigned_abs().into() });
     }
-    let (head, blocks) = panel.split_at_mut(multiplier_blocks(groups) * BLOCK);
-    for (outputs, m) in head.as_chunks_mut::<PANEL>().0.iter_mut().zip(multipliers) {
-        outputs[lane] = m.cast_unsigned();
-    }
     let nibble = |code: &i8| (code + NIBBLE_OFFSET).cast_unsigned();
-    for (block, codes) in blocks.as_chunks_mut::<BLOCK>().0.iter_mut().zip(codes.chunks(2 * QUAD)) {
-        let (low, high) = codes.split_at(codes.len().min(QUAD));
-        for (i, byte) in block[lane * QUAD..][..QUAD].iter_mut().enumerate() {
-            *byte = low.get(i).map_or(0, nibble) | high.get(i).map_or(0, nibble) << 4;
+    let spans = panel.as_chunks_mut::<BLOCK>().0.chunks_mut(SPAN_BLOCKS);
+    let rows = multipliers.chunks(SPAN_GROUPS).zip(codes.chunks(SPAN_GROUPS * GROUP));
+    for (span, (multipliers, codes)) in spans.zip(rows) {
+        let (head, blocks) = span.split_at_mut(1);
+        for (outputs, m) in head.as_flattened_mut().as_chunks_mut::<PANEL>().0.iter_mut().zip(multipliers) {
+            outputs[lane] = m.cast_unsigned();
+        }
+        for (block, codes) in blocks.iter_mut().zip(codes.chunks(2 * QUAD)) {
+            let (low, high) = codes.split_at(codes.len().min(QUAD));
+            for (i, byte) in block[lane * QUAD..][..QUAD].iter_mut().enumerate() {
+                *byte = low.get(i).map_or(0, nibble) | high.get(i).map_or(0, nibble) << 4;
+            }
         }
     }
     Ok(())

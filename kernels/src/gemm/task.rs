@@ -4,6 +4,8 @@
 use super::Epilogue;
 use crate::bf16::Bf16;
 use crate::pack::{BLOCK, PAIR, PANEL, PackedBf16, PackedF32, PackedI4, PackedI8, QUAD, panels};
+#[cfg(target_arch = "x86_64")]
+use core::ops::Range;
 
 /// Packed weights of any type, so that tasks, and back-ends whose loops differ only in the
 /// load, are written once.
@@ -72,23 +74,31 @@ impl<'a> Panels<'a> for PackedI4<'a> {
 }
 
 /// Packed weights with a scale per output.
-#[cfg(any(target_arch = "aarch64", target_arch = "wasm32"))]
 pub(crate) trait Scaled<'a>: Panels<'a> {
     /// Value of one unit, per output.
     fn scale(&self) -> &'a [f32];
+    /// Sums of the weights of some outputs; none where inputs are never offset.
+    #[cfg(target_arch = "x86_64")]
+    fn sums(&self, outputs: Range<usize>) -> &'a [i32];
 }
 
-#[cfg(any(target_arch = "aarch64", target_arch = "wasm32"))]
 impl<'a> Scaled<'a> for PackedI8<'a> {
     fn scale(&self) -> &'a [f32] {
         PackedI8::scale(self)
     }
+    #[cfg(target_arch = "x86_64")]
+    fn sums(&self, outputs: Range<usize>) -> &'a [i32] {
+        &self.sum()[outputs]
+    }
 }
 
-#[cfg(any(target_arch = "aarch64", target_arch = "wasm32"))]
 impl<'a> Scaled<'a> for PackedI4<'a> {
     fn scale(&self) -> &'a [f32] {
         PackedI4::scale(self)
+    }
+    #[cfg(target_arch = "x86_64")]
+    fn sums(&self, _: Range<usize>) -> &'a [i32] {
+        &[]
     }
 }
 

@@ -13,15 +13,17 @@
 //! A nibble is its code plus 8, so that a group's words start at -8 times the sums of its inputs.
 //! They may wrap on the way: what they end at is a sum of 16 products of at most 8 * 128 each.
 
+use super::tiles::{GROUPS, HELD_BLOCKS};
 use crate::gemm::avx2::{store_gated_tile, store_tile};
 use crate::gemm::{Epilogue, GemmTask, tiles};
 use crate::isa::{Avx2, entry};
 use crate::lanes::avx2::{load_two, store_two};
 use crate::mat::MatMut;
 use crate::matmul_i8::input::QuantInput;
-use crate::pack::{BLOCK, GROUP, GROUP_BLOCKS, NIBBLE_OFFSET, PANEL, PackedI4, PanelI4, QUAD};
+use crate::pack::{BLOCK, GROUP, NIBBLE_OFFSET, PANEL, PackedI4, QUAD, Span, spans};
 use crate::prefetch;
 use crate::tiling::Tiling;
+use crate::tuning::Tuning;
 use core::arch::x86_64::*;
 use umo_kernels_features::avx2;
 
@@ -30,8 +32,6 @@ use umo_kernels_features::avx2;
 const ROWS: usize = 4;
 /// Rows of a tile that is bound by memory: both halves of a panel are read at once.
 const FEW_ROWS: usize = 2;
-/// Groups whose inputs are held at once: 4 rows are 8 KiB, which stay in L1 beside the weights.
-const GROUPS: usize = 64;
 /// Prefetch distance in blocks.
 const PREFETCH_DISTANCE: usize = 128;
 /// Bytes of weights per chunk, which stays in L2 while tiles of rows pass.
@@ -54,11 +54,11 @@ struct Inputs<const TILE: usize> {
 }
 
 entry! {
-    pub(super) fn matmul(_token: Avx2, x: QuantInput, w: PackedI4, epilogue: Epilogue, y: MatMut<f32>) {
+    pub(super) fn matmul(_token: Avx2, x: QuantInput, w: PackedI4, epilogue: Epilogue, y: MatMut<f32>, _tuning: Tuning) {
         run(&x, &GemmTask::Plain(w, epilogue), y);
     }
 
-    pub(super) fn matmul_gated(_token: Avx2, x: QuantInput, gate: PackedI4, up: PackedI4, y: MatMut<f32>) {
+    pub(super) fn matmul_gated(_token: Avx2, x: QuantInput, gate: PackedI4, up: PackedI4, y: MatMut<f32>, _tuning: Tuning) {
         run(&x, &GemmTask::Gated(gate, up), y);
     }
 }
@@ -101,12 +101,12 @@ fn product<const TILE: usize>(x: &QuantInput, task: &GemmTask<PackedI4>, mut y: 
                 let sums = &mut sums.as_flattened_mut()[..rows * width];
                 for i in 0..width {
                     let sums = sums[i..].iter_mut().step_by(width);
-                    let blocks = PanelI4::new(task.panel(slot + i), task.k());
+                    let panel = task.panel(slot + i);
                     match rows {
-                        1 => self::panel::<1, 2, TILE>(x, t, &mut inputs, blocks, sums),
-                        2 => self::panel::<2, 2, TILE>(x, t, &mut inputs, blocks, sums),
-                        3 => self::panel::<3, 1, TILE>(x, t, &mut inputs, blocks, sums),
-                        ROWS => self::panel::<ROWS, 1, TILE>(x, t, &mut inputs, blocks, sums),
+                        1 => self::panel::<1, 2, TILE>(x, t, &mut inputs, panel, sums),
+                        2 => self::panel::<2, 2, TILE>(x, t, &mut inputs, panel, sums),
+                        3 => self::panel::<3, 1, TILE>(x, t, &mut inputs, panel, sums),
+                        ROWS => self::panel::<ROWS, 1, TILE>(x, t, &mut inputs, panel, sums),
                         rows => unreachable!("a tile of {rows} rows"),
                     }
                 }
@@ -152,16 +152,15 @@ fn panel<'s, const R: usize, const H: usize, const TILE: usize>(
     x: &QuantInput,
     t: usize,
     inputs: &mut Inputs<TILE>,
-    panel: PanelI4,
+    panel: &[[u8; BLOCK]],
     sums: impl Iterator<Item = &'s mut [f32; PANEL]>,
 ) {
     let mut partial = [[_mm256_setzero_si256(); REGISTERS]; R];
-    let chunks = panel.multipliers.chunks(GROUPS).zip(panel.blocks.chunks(GROUPS * GROUP_BLOCKS));
-    for (i, (multipliers, blocks)) in chunks.enumerate() {
+    for (i, weights) in panel.chunks(HELD_BLOCKS).enumerate() {
         if x.rows.cols() > GROUPS * GROUP {
             convert(x, t, R, i * GROUPS, inputs);
         }
-        multiply::<R, H, TILE>(inputs, multipliers, blocks, &mut partial);
+        multiply::<R, H, TILE>(inputs, weights, &mut partial);
     }
     for (partial, sums) in partial.iter().zip(sums) {
         store_two(sums, partial.map(|sum| _mm256_castsi256_ps(sum)));
@@ -172,13 +171,11 @@ fn panel<'s, const R: usize, const H: usize, const TILE: usize>(
 #[avx2]
 fn multiply<const R: usize, const H: usize, const TILE: usize>(
     inputs: &Inputs<TILE>,
-    multipliers: &[[u8; PANEL]],
-    blocks: &[[u8; BLOCK]],
+    weights: &[[u8; BLOCK]],
     partial: &mut [[__m256i; REGISTERS]; R],
 ) {
     let nibbles = _mm256_set1_epi8(15);
-    let (groups, _) = blocks.as_chunks::<GROUP_BLOCKS>();
-    assert!(groups.len() <= GROUPS && multipliers.len() == groups.len());
+    assert!(weights.len() <= HELD_BLOCKS);
     // Pointers: checks of lengths in the loop make the compiler load inputs to other registers first.
     let (mut quads, mut start) = ([core::ptr::null(); R], [core::ptr::null(); R]);
     for r in 0..R {
@@ -191,37 +188,39 @@ fn multiply<const R: usize, const H: usize, const TILE: usize>(
                 totals[r][h] = partial[r][first + h];
             }
         }
-        for (g, (blocks, multipliers)) in groups.iter().zip(multipliers).enumerate() {
-            let mut words = [[_mm256_setzero_si256(); H]; R];
-            for r in 0..R {
-                // SAFETY: there are no more groups than the inputs have room for.
-                words[r] = [_mm256_set1_epi32(unsafe { *start[r].wrapping_add(g) }); H];
-            }
-            for (j, block) in blocks.iter().enumerate() {
-                if first == 0 {
-                    prefetch::to_l1((&raw const *block).wrapping_add(PREFETCH_DISTANCE));
-                }
-                let (halves, _) = block.as_chunks::<{ BLOCK / REGISTERS }>();
-                let (mut low, mut high) = ([_mm256_setzero_si256(); H], [_mm256_setzero_si256(); H]);
-                for h in 0..H {
-                    let both = load_bytes(&halves[first + h]);
-                    low[h] = _mm256_and_si256(both, nibbles);
-                    high[h] = _mm256_and_si256(_mm256_srli_epi16::<4>(both), nibbles);
-                }
+        for Span { first_group, multipliers, groups } in spans(weights) {
+            for (g, (blocks, multipliers)) in (first_group..).zip(groups.iter().zip(multipliers)) {
+                let mut words = [[_mm256_setzero_si256(); H]; R];
                 for r in 0..R {
-                    // SAFETY: as above.
-                    let quads: &[i32; GROUP_QUADS] = unsafe { &*quads[r].wrapping_add(g) };
-                    let (x_low, x_high) = (_mm256_set1_epi32(quads[2 * j]), _mm256_set1_epi32(quads[2 * j + 1]));
+                    // SAFETY: there are no more groups than the inputs have room for.
+                    words[r] = [_mm256_set1_epi32(unsafe { *start[r].wrapping_add(g) }); H];
+                }
+                for (j, block) in blocks.iter().enumerate() {
+                    if first == 0 {
+                        prefetch::to_l1((&raw const *block).wrapping_add(PREFETCH_DISTANCE));
+                    }
+                    let (halves, _) = block.as_chunks::<{ BLOCK / REGISTERS }>();
+                    let (mut low, mut high) = ([_mm256_setzero_si256(); H], [_mm256_setzero_si256(); H]);
                     for h in 0..H {
-                        words[r][h] = _mm256_add_epi16(words[r][h], _mm256_maddubs_epi16(low[h], x_low));
-                        words[r][h] = _mm256_add_epi16(words[r][h], _mm256_maddubs_epi16(high[h], x_high));
+                        let both = load_bytes(&halves[first + h]);
+                        low[h] = _mm256_and_si256(both, nibbles);
+                        high[h] = _mm256_and_si256(_mm256_srli_epi16::<4>(both), nibbles);
+                    }
+                    for r in 0..R {
+                        // SAFETY: as above.
+                        let quads: &[i32; GROUP_QUADS] = unsafe { &*quads[r].wrapping_add(g) };
+                        let (x_low, x_high) = (_mm256_set1_epi32(quads[2 * j]), _mm256_set1_epi32(quads[2 * j + 1]));
+                        for h in 0..H {
+                            words[r][h] = _mm256_add_epi16(words[r][h], _mm256_maddubs_epi16(low[h], x_low));
+                            words[r][h] = _mm256_add_epi16(words[r][h], _mm256_maddubs_epi16(high[h], x_high));
+                        }
                     }
                 }
-            }
-            for h in 0..H {
-                let multipliers = spread(multipliers, first + h);
-                for r in 0..R {
-                    totals[r][h] = _mm256_add_epi32(totals[r][h], _mm256_madd_epi16(words[r][h], multipliers));
+                for h in 0..H {
+                    let multipliers = spread(multipliers, first + h);
+                    for r in 0..R {
+                        totals[r][h] = _mm256_add_epi32(totals[r][h], _mm256_madd_epi16(words[r][h], multipliers));
+                    }
                 }
             }
         }

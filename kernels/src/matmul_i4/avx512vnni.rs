@@ -10,39 +10,51 @@
 #![expect(clippy::needless_range_loop, reason = "loops of constant length over registers read best by index")]
 
 use super::avx2::dequantize_tile;
-use super::tiles::{self, GROUPS, Inputs, Kernel};
+use super::tiles::{self, GROUPS, HELD_BLOCKS, Inputs, Kernel, prepare};
 use crate::gemm::{Epilogue, GemmTask};
 use crate::isa::{Avx512Vnni, entry};
 use crate::mat::MatMut;
+use crate::matmul_i8::avx512vnni::end::end;
 use crate::matmul_i8::input::QuantInput;
-use crate::pack::{BLOCK, GROUP, GROUP_BLOCKS, PANEL, PackedI4, QUAD};
+use crate::pack::{BLOCK, GROUP, GROUP_BLOCKS, PANEL, PackedI4, QUAD, Span, panels as panels_of, spans};
 use crate::prefetch;
 use crate::tiling::Tiling;
+use crate::tuning::Tuning;
 use core::arch::x86_64::*;
 use umo_kernels_features::avx512vnni;
 
 /// Rows of the largest tile: 8 rows x 1 panel are 16 registers of a group's sums and 8 of all, which leaves 8
 /// for codes and a mask.
 const ROWS: usize = 8;
+/// Most rows that a processor with [`Tuning::own_prefetch`] multiplies fastest without prefetches: its own prefetcher falls
+/// behind with more.
+const UNFETCHED: usize = 3;
 /// Prefetch distance in blocks: 4 KiB, into L2, with which a Zen 4 takes less time than into L1.
 const PREFETCH_DISTANCE: usize = 64;
 
 /// The multiplication of some number of rows.
-type Multiply = unsafe fn(&Inputs<[i8; GROUP], ROWS>, &[[u8; PANEL]], &[[u8; BLOCK]], &mut [[i32; PANEL]]);
+type Multiply = unsafe fn(&Inputs<[i8; GROUP], ROWS>, &[[u8; BLOCK]], &mut [[i32; PANEL]]);
 
 entry! {
-    pub(super) fn matmul(token: Avx512Vnni, x: QuantInput, w: PackedI4, epilogue: Epilogue, y: MatMut<f32>) {
-        tiles::run(token, &x, &GemmTask::Plain(w, epilogue), y);
+    pub(super) fn matmul(token: Avx512Vnni, x: QuantInput, w: PackedI4, epilogue: Epilogue, y: MatMut<f32>, tuning: Tuning) {
+        run(token, x, &GemmTask::Plain(w, epilogue), y, tuning);
     }
 
-    pub(super) fn matmul_gated(token: Avx512Vnni, x: QuantInput, gate: PackedI4, up: PackedI4, y: MatMut<f32>) {
-        tiles::run(token, &x, &GemmTask::Gated(gate, up), y);
+    pub(super) fn matmul_gated(
+        token: Avx512Vnni,
+        x: QuantInput,
+        gate: PackedI4,
+        up: PackedI4,
+        y: MatMut<f32>,
+        tuning: Tuning,
+    ) {
+        run(token, x, &GemmTask::Gated(gate, up), y, tuning);
     }
 }
 
 /// Where the loops change.
 pub(super) fn tiling(_token: Avx512Vnni) -> Tiling {
-    tiles::tiling(&[1, ROWS])
+    tiles::tiling(&[1, UNFETCHED, ROWS])
 }
 
 impl Kernel<ROWS> for Avx512Vnni {
@@ -53,26 +65,20 @@ impl Kernel<ROWS> for Avx512Vnni {
         *inputs
     }
 
-    fn multiply(
-        self,
-        inputs: &Inputs<[i8; GROUP], ROWS>,
-        multipliers: &[[u8; PANEL]],
-        blocks: &[[u8; BLOCK]],
-        sums: &mut [[i32; PANEL]],
-    ) {
+    fn multiply(self, inputs: &Inputs<[i8; GROUP], ROWS>, weights: &[[u8; BLOCK]], sums: &mut [[i32; PANEL]]) {
         let multiply: Multiply = match sums.len() {
-            1 => panel::<1>,
-            2 => panel::<2>,
-            3 => panel::<3>,
-            4 => panel::<4>,
-            5 => panel::<5>,
-            6 => panel::<6>,
-            7 => panel::<7>,
-            ROWS => panel::<ROWS>,
+            1 => add_panel::<1>,
+            2 => add_panel::<2>,
+            3 => add_panel::<3>,
+            4 => add_panel::<4>,
+            5 => add_panel::<5>,
+            6 => add_panel::<6>,
+            7 => add_panel::<7>,
+            ROWS => add_panel::<ROWS>,
             rows => unreachable!("a tile of {rows} rows"),
         };
         // SAFETY: the token exists only where the processor has the function's features.
-        unsafe { multiply(inputs, multipliers, blocks, sums) }
+        unsafe { multiply(inputs, weights, sums) }
     }
 
     fn finish(
@@ -90,44 +96,80 @@ impl Kernel<ROWS> for Avx512Vnni {
     }
 }
 
-/// Adds the products of `R` rows with a panel. Kept out of line, so that all registers are its own.
+/// Few rows, short enough that all their inputs are held at once, end in registers; more are computed in tiles.
+#[avx512vnni]
+fn run(token: Avx512Vnni, x: QuantInput, task: &GemmTask<PackedI4>, y: MatMut<f32>, tuning: Tuning) {
+    let rows = x.rows.rows();
+    if !(1..=ROWS).contains(&rows) || task.k() > GROUPS * GROUP {
+        tiles::run(token, &x, task, y);
+    } else if tuning.own_prefetch && rows <= UNFETCHED {
+        few::<false>(&x, task, y);
+    } else {
+        few::<true>(&x, task, y);
+    }
+}
+
+/// The product of few rows.
+#[avx512vnni]
+fn few<const PREFETCH: bool>(x: &QuantInput, task: &GemmTask<PackedI4>, y: MatMut<f32>) {
+    match x.rows.rows() {
+        1 => product::<1, PREFETCH>(x, task, y),
+        2 => product::<2, PREFETCH>(x, task, y),
+        3 => product::<3, PREFETCH>(x, task, y),
+        4 => product::<4, PREFETCH>(x, task, y),
+        5 => product::<5, PREFETCH>(x, task, y),
+        6 => product::<6, PREFETCH>(x, task, y),
+        7 => product::<7, PREFETCH>(x, task, y),
+        ROWS => product::<ROWS, PREFETCH>(x, task, y),
+        rows => unreachable!("{rows} rows"),
+    }
+}
+
+/// The same of `R` rows. Kept out of line, so that all registers are its own.
 #[inline(never)]
 #[avx512vnni]
-fn panel<const R: usize>(
-    inputs: &Inputs<[i8; GROUP], ROWS>,
-    multipliers: &[[u8; PANEL]],
-    blocks: &[[u8; BLOCK]],
-    sums: &mut [[i32; PANEL]],
+fn product<const R: usize, const PREFETCH: bool>(x: &QuantInput, task: &GemmTask<PackedI4>, mut y: MatMut<f32>) {
+    let mut inputs = Inputs { groups: [[[0; GROUP]; GROUPS]; R], start: [[0; GROUPS]; R] };
+    prepare(x, (0, R), 0, |codes| *codes, &mut inputs);
+    match task {
+        GemmTask::Plain(..) => panels::<R, 1, PREFETCH>(x, &inputs, task, &mut y),
+        GemmTask::Gated(..) => panels::<R, 2, PREFETCH>(x, &inputs, task, &mut y),
+    }
+}
+
+/// One panel after another; the sums of `P` are ended together.
+#[inline]
+#[avx512vnni]
+fn panels<const R: usize, const P: usize, const PREFETCH: bool>(
+    x: &QuantInput,
+    inputs: &Inputs<[i8; GROUP], R>,
+    task: &GemmTask<PackedI4>,
+    y: &mut MatMut<f32>,
 ) {
-    let (groups, _) = blocks.as_chunks::<GROUP_BLOCKS>();
-    assert!(groups.len() <= GROUPS && multipliers.len() == groups.len() && sums.len() == R);
-    let nibbles = _mm512_set1_epi8(15);
-    let mut totals = [_mm512_setzero_si512(); R];
-    for (g, (blocks, multipliers)) in groups.iter().zip(multipliers).enumerate() {
-        // Sums of the low and of the high nibbles: one row has two chains of additions.
-        let mut group = [[_mm512_setzero_si512(); 2]; R];
-        for r in 0..R {
-            group[r][0] = _mm512_set1_epi32(inputs.start[r][g]);
-        }
-        for (j, block) in blocks.iter().enumerate() {
-            prefetch::to_l2((&raw const *block).wrapping_add(PREFETCH_DISTANCE));
-            // SAFETY: a block is 64 readable bytes; the load needs no alignment.
-            let both = unsafe { _mm512_loadu_si512(block.as_ptr().cast()) };
-            let low = _mm512_and_si512(both, nibbles);
-            let high = _mm512_and_si512(_mm512_srli_epi16::<4>(both), nibbles);
+    for first in (0..task.slots()).step_by(P) {
+        let mut sums = [[_mm512_setzero_si512(); P]; R];
+        for p in 0..P {
+            let (w, number) = task.slot(first + p);
+            let panel = w.panel(number);
+            // None beyond the weight's last panel.
+            let last = w.panel(panels_of(w.n()) - 1).as_ptr();
+            let ahead = panel.as_ptr().wrapping_add(PREFETCH_DISTANCE).min(last);
+            let panel = multiply::<R, R, PREFETCH>(inputs, panel, ahead);
             for r in 0..R {
-                let (quads, _) = inputs.groups[r][g].as_chunks::<QUAD>();
-                group[r][0] = _mm512_dpbusd_epi32(group[r][0], low, splat(&quads[2 * j]));
-                group[r][1] = _mm512_dpbusd_epi32(group[r][1], high, splat(&quads[2 * j + 1]));
+                sums[r][p] = panel[r];
             }
         }
-        // SAFETY: `multipliers` is 16 readable bytes; the load needs no alignment.
-        let m = _mm512_cvtepi8_epi32(unsafe { _mm_loadu_si128(multipliers.as_ptr().cast()) });
-        for r in 0..R {
-            let group = _mm512_add_epi32(group[r][0], group[r][1]);
-            totals[r] = _mm512_add_epi32(totals[r], _mm512_mullo_epi32(group, m));
-        }
+        end(x, 0, &sums, task, first, y);
     }
+}
+
+/// Adds the products of `R` rows with groups of a panel to `sums`. Kept out of line, as above.
+#[inline(never)]
+#[avx512vnni]
+fn add_panel<const R: usize>(inputs: &Inputs<[i8; GROUP], ROWS>, weights: &[[u8; BLOCK]], sums: &mut [[i32; PANEL]]) {
+    assert!(sums.len() == R);
+    let ahead = weights.as_ptr().wrapping_add(PREFETCH_DISTANCE);
+    let totals = multiply::<R, ROWS, true>(inputs, weights, ahead);
     for (sums, total) in sums.iter_mut().zip(totals) {
         // SAFETY: the sums of a panel are 64 readable bytes; the load needs no alignment.
         let before = unsafe { _mm512_loadu_si512(sums.as_ptr().cast()) };
@@ -135,6 +177,62 @@ fn panel<const R: usize>(
         // SAFETY: and writable.
         unsafe { _mm512_storeu_si512(sums.as_mut_ptr().cast(), sum) };
     }
+}
+
+/// The products of the first `R` of `N` rows with groups of a panel. As many lines as these have are prefetched from
+/// `ahead` on, if any.
+#[inline]
+#[avx512vnni]
+fn multiply<const R: usize, const N: usize, const PREFETCH: bool>(
+    inputs: &Inputs<[i8; GROUP], N>,
+    weights: &[[u8; BLOCK]],
+    mut ahead: *const [u8; BLOCK],
+) -> [__m512i; R] {
+    const { assert!(R <= N) };
+    assert!(weights.len() <= HELD_BLOCKS);
+    let (low_nibbles, high_nibbles) = (_mm512_set1_epi8(0x0f), _mm512_set1_epi8(0xf0_u8.cast_signed()));
+    let mut totals = [_mm512_setzero_si512(); R];
+    for Span { first_group, multipliers, groups } in spans(weights) {
+        if PREFETCH {
+            prefetch::to_l2(ahead);
+            ahead = ahead.wrapping_add(1);
+        }
+        for (g, (blocks, multipliers)) in (first_group..).zip(groups.iter().zip(multipliers)) {
+            // Sums of the low and of the high nibbles: one row has two chains of additions. High nibbles of few rows stay
+            // where they are, and so count 16 times: shifting the group's sums takes less than shifting its blocks.
+            let mut group = [[_mm512_setzero_si512(); 2]; R];
+            for r in 0..R {
+                group[r][0] = _mm512_set1_epi32(inputs.start[r][g]);
+            }
+            for (j, block) in blocks.iter().enumerate() {
+                if PREFETCH {
+                    prefetch::to_l2(ahead.wrapping_add(j));
+                }
+                // SAFETY: a block is 64 readable bytes; the load needs no alignment.
+                let both = unsafe { _mm512_loadu_si512(block.as_ptr().cast()) };
+                let low = _mm512_and_si512(both, low_nibbles);
+                let high = if R < GROUP_BLOCKS {
+                    _mm512_and_si512(both, high_nibbles)
+                } else {
+                    _mm512_and_si512(_mm512_srli_epi16::<4>(both), low_nibbles)
+                };
+                for r in 0..R {
+                    let (quads, _) = inputs.groups[r][g].as_chunks::<QUAD>();
+                    group[r][0] = _mm512_dpbusd_epi32(group[r][0], low, splat(&quads[2 * j]));
+                    group[r][1] = _mm512_dpbusd_epi32(group[r][1], high, splat(&quads[2 * j + 1]));
+                }
+            }
+            ahead = ahead.wrapping_add(GROUP_BLOCKS);
+            // SAFETY: `multipliers` is 16 readable bytes; the load needs no alignment.
+            let m = _mm512_cvtepi8_epi32(unsafe { _mm_loadu_si128(multipliers.as_ptr().cast()) });
+            for r in 0..R {
+                let high = if R < GROUP_BLOCKS { _mm512_srai_epi32::<4>(group[r][1]) } else { group[r][1] };
+                let group = _mm512_add_epi32(group[r][0], high);
+                totals[r] = _mm512_add_epi32(totals[r], _mm512_mullo_epi32(group, m));
+            }
+        }
+    }
+    totals
 }
 
 /// A quad of inputs for every output.

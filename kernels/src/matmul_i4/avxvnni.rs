@@ -4,14 +4,15 @@
 #![expect(clippy::needless_range_loop, reason = "loops of constant length over registers read best by index")]
 
 use super::avx2::dequantize_tile;
-use super::tiles::{self, GROUPS, Inputs, Kernel};
+use super::tiles::{self, HELD_BLOCKS, Inputs, Kernel};
 use crate::gemm::{Epilogue, GemmTask};
 use crate::isa::{AvxVnni, entry};
 use crate::mat::MatMut;
 use crate::matmul_i8::input::QuantInput;
-use crate::pack::{BLOCK, GROUP, GROUP_BLOCKS, PANEL, PackedI4, QUAD};
+use crate::pack::{BLOCK, GROUP, PANEL, PackedI4, QUAD, Span, spans};
 use crate::prefetch;
 use crate::tiling::Tiling;
+use crate::tuning::Tuning;
 use core::arch::x86_64::*;
 use umo_kernels_features::avxvnni;
 
@@ -24,14 +25,14 @@ const OUTPUTS: usize = 8;
 const PREFETCH_DISTANCE: usize = 64;
 
 /// The multiplication of some number of rows.
-type Multiply = unsafe fn(&Inputs<[i8; GROUP], ROWS>, &[[u8; PANEL]], &[[u8; BLOCK]], &mut [[i32; PANEL]]);
+type Multiply = unsafe fn(&Inputs<[i8; GROUP], ROWS>, &[[u8; BLOCK]], &mut [[i32; PANEL]]);
 
 entry! {
-    pub(super) fn matmul(token: AvxVnni, x: QuantInput, w: PackedI4, epilogue: Epilogue, y: MatMut<f32>) {
+    pub(super) fn matmul(token: AvxVnni, x: QuantInput, w: PackedI4, epilogue: Epilogue, y: MatMut<f32>, _tuning: Tuning) {
         tiles::run(token, &x, &GemmTask::Plain(w, epilogue), y);
     }
 
-    pub(super) fn matmul_gated(token: AvxVnni, x: QuantInput, gate: PackedI4, up: PackedI4, y: MatMut<f32>) {
+    pub(super) fn matmul_gated(token: AvxVnni, x: QuantInput, gate: PackedI4, up: PackedI4, y: MatMut<f32>, _tuning: Tuning) {
         tiles::run(token, &x, &GemmTask::Gated(gate, up), y);
     }
 }
@@ -49,13 +50,7 @@ impl Kernel<ROWS> for AvxVnni {
         *inputs
     }
 
-    fn multiply(
-        self,
-        inputs: &Inputs<[i8; GROUP], ROWS>,
-        multipliers: &[[u8; PANEL]],
-        blocks: &[[u8; BLOCK]],
-        sums: &mut [[i32; PANEL]],
-    ) {
+    fn multiply(self, inputs: &Inputs<[i8; GROUP], ROWS>, weights: &[[u8; BLOCK]], sums: &mut [[i32; PANEL]]) {
         let multiply: Multiply = match sums.len() {
             1 => panel::<1>,
             2 => panel::<2>,
@@ -64,7 +59,7 @@ impl Kernel<ROWS> for AvxVnni {
             rows => unreachable!("a tile of {rows} rows"),
         };
         // SAFETY: the token exists only where the processor has the function's features.
-        unsafe { multiply(inputs, multipliers, blocks, sums) }
+        unsafe { multiply(inputs, weights, sums) }
     }
 
     fn finish(
@@ -86,44 +81,40 @@ impl Kernel<ROWS> for AvxVnni {
 /// registers are its own.
 #[inline(never)]
 #[avxvnni]
-fn panel<const R: usize>(
-    inputs: &Inputs<[i8; GROUP], ROWS>,
-    multipliers: &[[u8; PANEL]],
-    blocks: &[[u8; BLOCK]],
-    sums: &mut [[i32; PANEL]],
-) {
-    let (groups, _) = blocks.as_chunks::<GROUP_BLOCKS>();
-    assert!(groups.len() <= GROUPS && multipliers.len() == groups.len() && sums.len() == R);
+fn panel<const R: usize>(inputs: &Inputs<[i8; GROUP], ROWS>, weights: &[[u8; BLOCK]], sums: &mut [[i32; PANEL]]) {
+    assert!(weights.len() <= HELD_BLOCKS && sums.len() == R);
     let nibbles = _mm256_set1_epi8(15);
     for half in 0..PANEL / OUTPUTS {
         let mut totals = [_mm256_setzero_si256(); R];
-        for (g, (blocks, multipliers)) in groups.iter().zip(multipliers).enumerate() {
-            // Sums of the low and of the high nibbles: one row has two chains of additions.
-            let mut group = [[_mm256_setzero_si256(); 2]; R];
-            for r in 0..R {
-                group[r][0] = _mm256_set1_epi32(inputs.start[r][g]);
-            }
-            for (j, block) in blocks.iter().enumerate() {
-                if half == 0 {
-                    prefetch::to_l1((&raw const *block).wrapping_add(PREFETCH_DISTANCE));
-                }
-                let (halves, _) = block.as_chunks::<{ OUTPUTS * QUAD }>();
-                // SAFETY: half a block is 32 readable bytes; the load needs no alignment.
-                let both = unsafe { _mm256_loadu_si256(halves[half].as_ptr().cast()) };
-                let low = _mm256_and_si256(both, nibbles);
-                let high = _mm256_and_si256(_mm256_srli_epi16::<4>(both), nibbles);
+        for Span { first_group, multipliers, groups } in spans(weights) {
+            for (g, (blocks, multipliers)) in (first_group..).zip(groups.iter().zip(multipliers)) {
+                // Sums of the low and of the high nibbles: one row has two chains of additions.
+                let mut group = [[_mm256_setzero_si256(); 2]; R];
                 for r in 0..R {
-                    let (quads, _) = inputs.groups[r][g].as_chunks::<QUAD>();
-                    group[r][0] = _mm256_dpbusd_avx_epi32(group[r][0], low, splat(&quads[2 * j]));
-                    group[r][1] = _mm256_dpbusd_avx_epi32(group[r][1], high, splat(&quads[2 * j + 1]));
+                    group[r][0] = _mm256_set1_epi32(inputs.start[r][g]);
                 }
-            }
-            let (multipliers, _) = multipliers.as_chunks::<OUTPUTS>();
-            // SAFETY: half of the multipliers is 8 readable bytes; the load needs no alignment.
-            let m = _mm256_cvtepi8_epi32(unsafe { _mm_loadl_epi64(multipliers[half].as_ptr().cast()) });
-            for r in 0..R {
-                let group = _mm256_add_epi32(group[r][0], group[r][1]);
-                totals[r] = _mm256_add_epi32(totals[r], _mm256_mullo_epi32(group, m));
+                for (j, block) in blocks.iter().enumerate() {
+                    if half == 0 {
+                        prefetch::to_l1((&raw const *block).wrapping_add(PREFETCH_DISTANCE));
+                    }
+                    let (halves, _) = block.as_chunks::<{ OUTPUTS * QUAD }>();
+                    // SAFETY: half a block is 32 readable bytes; the load needs no alignment.
+                    let both = unsafe { _mm256_loadu_si256(halves[half].as_ptr().cast()) };
+                    let low = _mm256_and_si256(both, nibbles);
+                    let high = _mm256_and_si256(_mm256_srli_epi16::<4>(both), nibbles);
+                    for r in 0..R {
+                        let (quads, _) = inputs.groups[r][g].as_chunks::<QUAD>();
+                        group[r][0] = _mm256_dpbusd_avx_epi32(group[r][0], low, splat(&quads[2 * j]));
+                        group[r][1] = _mm256_dpbusd_avx_epi32(group[r][1], high, splat(&quads[2 * j + 1]));
+                    }
+                }
+                let (multipliers, _) = multipliers.as_chunks::<OUTPUTS>();
+                // SAFETY: half of the multipliers is 8 readable bytes; the load needs no alignment.
+                let m = _mm256_cvtepi8_epi32(unsafe { _mm_loadl_epi64(multipliers[half].as_ptr().cast()) });
+                for r in 0..R {
+                    let group = _mm256_add_epi32(group[r][0], group[r][1]);
+                    totals[r] = _mm256_add_epi32(totals[r], _mm256_mullo_epi32(group, m));
+                }
             }
         }
         for (sums, total) in sums.iter_mut().zip(totals) {

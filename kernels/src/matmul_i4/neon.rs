@@ -9,15 +9,16 @@
 
 #![expect(clippy::needless_range_loop, reason = "loops of constant length over registers read best by index")]
 
-use super::tiles::{self, GROUPS, Inputs, Kernel};
+use super::tiles::{self, HELD_BLOCKS, Inputs, Kernel};
 use crate::gemm::{Epilogue, GemmTask};
 use crate::isa::{Neon, entry};
 use crate::mat::MatMut;
 use crate::matmul_i8::input::QuantInput;
 use crate::matmul_i8::neon::{REGISTERS, dequantize_tile};
-use crate::pack::{BLOCK, GROUP, GROUP_BLOCKS, PANEL, PackedI4, QUAD};
+use crate::pack::{BLOCK, GROUP, PANEL, PackedI4, QUAD, Span, spans};
 use crate::prefetch;
 use crate::tiling::Tiling;
+use crate::tuning::Tuning;
 use core::arch::aarch64::*;
 use umo_kernels_features::neon;
 
@@ -32,14 +33,14 @@ pub(super) const PREFETCH_DISTANCE: usize = 16;
 pub(super) type Sums<const R: usize, const H: usize> = [[int32x4_t; H]; R];
 
 /// The multiplication of some number of rows.
-type Multiply = unsafe fn(&Inputs<[i8; GROUP], ROWS>, &[[u8; PANEL]], &[[u8; BLOCK]], &mut [[i32; PANEL]]);
+type Multiply = unsafe fn(&Inputs<[i8; GROUP], ROWS>, &[[u8; BLOCK]], &mut [[i32; PANEL]]);
 
 entry! {
-    pub(super) fn matmul(token: Neon, x: QuantInput, w: PackedI4, epilogue: Epilogue, y: MatMut<f32>) {
+    pub(super) fn matmul(token: Neon, x: QuantInput, w: PackedI4, epilogue: Epilogue, y: MatMut<f32>, _tuning: Tuning) {
         tiles::run(token, &x, &GemmTask::Plain(w, epilogue), y);
     }
 
-    pub(super) fn matmul_gated(token: Neon, x: QuantInput, gate: PackedI4, up: PackedI4, y: MatMut<f32>) {
+    pub(super) fn matmul_gated(token: Neon, x: QuantInput, gate: PackedI4, up: PackedI4, y: MatMut<f32>, _tuning: Tuning) {
         tiles::run(token, &x, &GemmTask::Gated(gate, up), y);
     }
 }
@@ -57,13 +58,7 @@ impl Kernel<ROWS> for Neon {
         *inputs
     }
 
-    fn multiply(
-        self,
-        inputs: &Inputs<[i8; GROUP], ROWS>,
-        multipliers: &[[u8; PANEL]],
-        blocks: &[[u8; BLOCK]],
-        sums: &mut [[i32; PANEL]],
-    ) {
+    fn multiply(self, inputs: &Inputs<[i8; GROUP], ROWS>, weights: &[[u8; BLOCK]], sums: &mut [[i32; PANEL]]) {
         let multiply: Multiply = match sums.len() {
             1 => words::<1, REGISTERS>,
             2 => words::<FEW_ROWS, REGISTERS>,
@@ -72,7 +67,7 @@ impl Kernel<ROWS> for Neon {
             rows => unreachable!("a tile of {rows} rows"),
         };
         // SAFETY: the token exists only where the processor has the function's features.
-        unsafe { multiply(inputs, multipliers, blocks, sums) }
+        unsafe { multiply(inputs, weights, sums) }
     }
 
     fn finish(
@@ -96,46 +91,46 @@ impl Kernel<ROWS> for Neon {
 #[neon]
 fn words<const R: usize, const H: usize>(
     inputs: &Inputs<[i8; GROUP], ROWS>,
-    multipliers: &[[u8; PANEL]],
-    blocks: &[[u8; BLOCK]],
+    weights: &[[u8; BLOCK]],
     sums: &mut [[i32; PANEL]],
 ) {
-    let (groups, _) = blocks.as_chunks::<GROUP_BLOCKS>();
-    assert!(groups.len() <= GROUPS && multipliers.len() == groups.len() && sums.len() == R);
+    assert!(weights.len() <= HELD_BLOCKS && sums.len() == R);
     for first in (0..REGISTERS).step_by(H) {
         let mut totals = load_sums::<R, H>(sums, first);
-        for (g, (blocks, multipliers)) in groups.iter().zip(multipliers).enumerate() {
-            let mut words = [[[vdupq_n_s16(0); 2]; H]; R];
-            for (j, block) in blocks.iter().enumerate() {
-                if R == 1 {
-                    prefetch::to_l1((&raw const *block).wrapping_add(PREFETCH_DISTANCE));
-                }
-                let mut x = [[vdupq_n_s8(0); 2]; R];
-                for r in 0..R {
-                    let quads = vreinterpretq_s32_s8(load_quads(&inputs.groups[r][g].as_chunks().0[j]));
-                    x[r][0] = vreinterpretq_s8_s32(vdupq_laneq_s32::<0>(quads));
-                    x[r][1] = vreinterpretq_s8_s32(vdupq_laneq_s32::<1>(quads));
-                }
-                for h in 0..H {
-                    let (low, high) = nibbles(block, first + h);
+        for Span { first_group, multipliers, groups } in spans(weights) {
+            for (g, (blocks, multipliers)) in (first_group..).zip(groups.iter().zip(multipliers)) {
+                let mut words = [[[vdupq_n_s16(0); 2]; H]; R];
+                for (j, block) in blocks.iter().enumerate() {
+                    if R == 1 {
+                        prefetch::to_l1((&raw const *block).wrapping_add(PREFETCH_DISTANCE));
+                    }
+                    let mut x = [[vdupq_n_s8(0); 2]; R];
                     for r in 0..R {
-                        let [mut a, mut b] = words[r][h];
-                        a = vmlal_s8(a, vget_low_s8(low), vget_low_s8(x[r][0]));
-                        b = vmlal_high_s8(b, low, x[r][0]);
-                        a = vmlal_s8(a, vget_low_s8(high), vget_low_s8(x[r][1]));
-                        b = vmlal_high_s8(b, high, x[r][1]);
-                        words[r][h] = [a, b];
+                        let quads = vreinterpretq_s32_s8(load_quads(&inputs.groups[r][g].as_chunks().0[j]));
+                        x[r][0] = vreinterpretq_s8_s32(vdupq_laneq_s32::<0>(quads));
+                        x[r][1] = vreinterpretq_s8_s32(vdupq_laneq_s32::<1>(quads));
+                    }
+                    for h in 0..H {
+                        let (low, high) = nibbles(block, first + h);
+                        for r in 0..R {
+                            let [mut a, mut b] = words[r][h];
+                            a = vmlal_s8(a, vget_low_s8(low), vget_low_s8(x[r][0]));
+                            b = vmlal_high_s8(b, low, x[r][0]);
+                            a = vmlal_s8(a, vget_low_s8(high), vget_low_s8(x[r][1]));
+                            b = vmlal_high_s8(b, high, x[r][1]);
+                            words[r][h] = [a, b];
+                        }
                     }
                 }
-            }
-            let mut group = [[vdupq_n_s32(0); H]; R];
-            for r in 0..R {
-                let start = vdupq_n_s32(inputs.start[r][g]);
-                for h in 0..H {
-                    group[r][h] = vpadalq_s16(start, vpaddq_s16(words[r][h][0], words[r][h][1]));
+                let mut group = [[vdupq_n_s32(0); H]; R];
+                for r in 0..R {
+                    let start = vdupq_n_s32(inputs.start[r][g]);
+                    for h in 0..H {
+                        group[r][h] = vpadalq_s16(start, vpaddq_s16(words[r][h][0], words[r][h][1]));
+                    }
                 }
+                add_groups(&mut totals, &group, multipliers, first);
             }
-            add_groups(&mut totals, &group, multipliers, first);
         }
         store_sums(sums, first, &totals);
     }

@@ -4,15 +4,16 @@ use crate::gemm::Epilogue;
 use crate::gemm::scalar::{store_gated_panel, store_panel};
 use crate::mat::MatMut;
 use crate::matmul_i8::input::QuantInput;
-use crate::pack::{BLOCK, GROUP, GROUP_BLOCKS, NIBBLE_OFFSET, PANEL, PackedI4, PanelI4, QUAD, panels};
+use crate::pack::{BLOCK, GROUP, NIBBLE_OFFSET, PANEL, PackedI4, QUAD, panels, spans};
 use crate::tiling::Tiling;
+use crate::tuning::Tuning;
 
 /// Where the loops change.
 pub(super) fn tiling() -> Tiling {
     Tiling { rows: &[1], outputs: &[PANEL], inputs: &[QUAD, GROUP], held: 0, chunk: 0 }
 }
 
-pub(super) fn matmul(x: QuantInput, w: PackedI4, epilogue: Epilogue, mut y: MatMut<f32>) {
+pub(super) fn matmul(x: QuantInput, w: PackedI4, epilogue: Epilogue, mut y: MatMut<f32>, _tuning: Tuning) {
     for p in 0..panels(w.n()) {
         for t in 0..x.rows.rows() {
             store_panel(scaled(x, t, w, p), t, p * PANEL, epilogue, &mut y);
@@ -20,7 +21,7 @@ pub(super) fn matmul(x: QuantInput, w: PackedI4, epilogue: Epilogue, mut y: MatM
     }
 }
 
-pub(super) fn matmul_gated(x: QuantInput, gate: PackedI4, up: PackedI4, mut y: MatMut<f32>) {
+pub(super) fn matmul_gated(x: QuantInput, gate: PackedI4, up: PackedI4, mut y: MatMut<f32>, _tuning: Tuning) {
     for p in 0..panels(gate.n()) {
         for t in 0..x.rows.rows() {
             store_gated_panel(scaled(x, t, gate, p), scaled(x, t, up, p), t, p * PANEL, &mut y);
@@ -31,7 +32,7 @@ pub(super) fn matmul_gated(x: QuantInput, gate: PackedI4, up: PackedI4, mut y: M
 /// The real values of panel `p` for row `t`.
 #[expect(clippy::cast_precision_loss, reason = "rounding the exact sum to f32 once is the contract")]
 fn scaled(x: QuantInput, t: usize, w: PackedI4, p: usize) -> [f32; PANEL] {
-    let sums = sums(x.rows.row(t), PanelI4::new(w.panel(p), w.k()));
+    let sums = sums(x.rows.row(t), w.panel(p));
     let x_scale = x.scale(t);
     let mut values = [0.0; PANEL];
     for ((value, sum), w_scale) in values.iter_mut().zip(sums).zip(&w.scale()[p * PANEL..]) {
@@ -41,10 +42,10 @@ fn scaled(x: QuantInput, t: usize, w: PackedI4, p: usize) -> [f32; PANEL] {
 }
 
 /// Exact sums of one row with one panel.
-fn sums(x: &[i8], panel: PanelI4) -> [i32; PANEL] {
+fn sums(x: &[i8], panel: &[[u8; BLOCK]]) -> [i32; PANEL] {
     let mut sums = [0; PANEL];
-    let groups = x.chunks(GROUP).zip(panel.multipliers).zip(panel.blocks.chunks_exact(GROUP_BLOCKS));
-    for ((x, multipliers), blocks) in groups {
+    let groups = spans(panel).flat_map(|span| span.multipliers.iter().zip(span.groups));
+    for (x, (multipliers, blocks)) in x.chunks(GROUP).zip(groups) {
         let mut group = [0; PANEL];
         for (x, block) in x.chunks(2 * QUAD).zip(blocks) {
             add_block(x, block, &mut group);

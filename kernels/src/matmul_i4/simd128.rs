@@ -11,15 +11,16 @@
 
 #![expect(clippy::needless_range_loop, reason = "loops of constant length over registers read best by index")]
 
-use super::tiles::{self, GROUPS, Inputs, Kernel};
+use super::tiles::{self, HELD_BLOCKS, Inputs, Kernel};
 use crate::gemm::simd128::{store_gated_tile, store_tile};
 use crate::gemm::{Epilogue, GemmTask};
 use crate::isa::Simd128;
 use crate::mat::MatMut;
 use crate::matmul_i8::input::QuantInput;
 use crate::matmul_i8::simd128::dequantize;
-use crate::pack::{BLOCK, GROUP, GROUP_BLOCKS, PANEL, PackedI4, QUAD};
+use crate::pack::{BLOCK, GROUP, PANEL, PackedI4, QUAD, Span, spans};
 use crate::tiling::Tiling;
+use crate::tuning::Tuning;
 use core::arch::wasm32::*;
 
 /// Rows of the largest tile: 3 rows x half a panel are 6 registers of sums, which leaves 6 for inputs and 4 for
@@ -30,11 +31,18 @@ const QUARTERS: usize = 4;
 /// Outputs of a quarter.
 const OUTPUTS: usize = PANEL / QUARTERS;
 
-pub(super) fn matmul(token: Simd128, x: QuantInput, w: PackedI4, epilogue: Epilogue, y: MatMut<f32>) {
+pub(super) fn matmul(token: Simd128, x: QuantInput, w: PackedI4, epilogue: Epilogue, y: MatMut<f32>, _tuning: Tuning) {
     tiles::run(token, &x, &GemmTask::Plain(w, epilogue), y);
 }
 
-pub(super) fn matmul_gated(token: Simd128, x: QuantInput, gate: PackedI4, up: PackedI4, y: MatMut<f32>) {
+pub(super) fn matmul_gated(
+    token: Simd128,
+    x: QuantInput,
+    gate: PackedI4,
+    up: PackedI4,
+    y: MatMut<f32>,
+    _tuning: Tuning,
+) {
     tiles::run(token, &x, &GemmTask::Gated(gate, up), y);
 }
 
@@ -60,15 +68,14 @@ impl Kernel<ROWS> for Simd128 {
     fn multiply(
         self,
         inputs: &Inputs<[[i16; 2]; GROUP / 2], ROWS>,
-        multipliers: &[[u8; PANEL]],
-        blocks: &[[u8; BLOCK]],
+        weights: &[[u8; BLOCK]],
         sums: &mut [[i32; PANEL]],
     ) {
         // One row has registers for the sums of a whole panel, more rows for half of one.
         match sums.len() {
-            1 => panel::<1, QUARTERS>(inputs, multipliers, blocks, sums),
-            2 => panel::<2, 2>(inputs, multipliers, blocks, sums),
-            ROWS => panel::<ROWS, 2>(inputs, multipliers, blocks, sums),
+            1 => panel::<1, QUARTERS>(inputs, weights, sums),
+            2 => panel::<2, 2>(inputs, weights, sums),
+            ROWS => panel::<ROWS, 2>(inputs, weights, sums),
             rows => unreachable!("a tile of {rows} rows"),
         }
     }
@@ -96,30 +103,30 @@ impl Kernel<ROWS> for Simd128 {
 #[inline(never)]
 fn panel<const R: usize, const H: usize>(
     inputs: &Inputs<[[i16; 2]; GROUP / 2], ROWS>,
-    multipliers: &[[u8; PANEL]],
-    blocks: &[[u8; BLOCK]],
+    weights: &[[u8; BLOCK]],
     sums: &mut [[i32; PANEL]],
 ) {
-    let (groups, _) = blocks.as_chunks::<GROUP_BLOCKS>();
-    assert!(groups.len() <= GROUPS && multipliers.len() == groups.len() && sums.len() == R);
+    assert!(weights.len() <= HELD_BLOCKS && sums.len() == R);
     for first in (0..QUARTERS).step_by(H) {
         let mut totals = [[i32x4_splat(0); H]; R];
-        for (g, (blocks, multipliers)) in groups.iter().zip(multipliers).enumerate() {
-            let mut group = [[i32x4_splat(0); H]; R];
-            for r in 0..R {
-                group[r] = [i32x4_splat(inputs.start[r][g]); H];
-            }
-            for (j, block) in blocks.iter().enumerate() {
-                let (quarters, _) = block.as_chunks::<{ BLOCK / QUARTERS }>();
-                half::<R, H, false>(&mut group, inputs, (g, 4 * j), quarters, first);
-                half::<R, H, true>(&mut group, inputs, (g, 4 * j + 2), quarters, first);
-            }
-            let (m, _) = multipliers.as_chunks::<OUTPUTS>();
-            for h in 0..H {
-                let m = i16x8_extend_low_i8x16(i32x4_splat(i32::from_le_bytes(m[first + h])));
-                let m = i32x4_extend_low_i16x8(m);
+        for Span { first_group, multipliers, groups } in spans(weights) {
+            for (g, (blocks, multipliers)) in (first_group..).zip(groups.iter().zip(multipliers)) {
+                let mut group = [[i32x4_splat(0); H]; R];
                 for r in 0..R {
-                    totals[r][h] = i32x4_add(totals[r][h], i32x4_mul(group[r][h], m));
+                    group[r] = [i32x4_splat(inputs.start[r][g]); H];
+                }
+                for (j, block) in blocks.iter().enumerate() {
+                    let (quarters, _) = block.as_chunks::<{ BLOCK / QUARTERS }>();
+                    half::<R, H, false>(&mut group, inputs, (g, 4 * j), quarters, first);
+                    half::<R, H, true>(&mut group, inputs, (g, 4 * j + 2), quarters, first);
+                }
+                let (m, _) = multipliers.as_chunks::<OUTPUTS>();
+                for h in 0..H {
+                    let m = i16x8_extend_low_i8x16(i32x4_splat(i32::from_le_bytes(m[first + h])));
+                    let m = i32x4_extend_low_i16x8(m);
+                    for r in 0..R {
+                        totals[r][h] = i32x4_add(totals[r][h], i32x4_mul(group[r][h], m));
+                    }
                 }
             }
         }

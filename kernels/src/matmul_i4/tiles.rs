@@ -4,11 +4,13 @@
 use crate::gemm::{GemmTask, tiles};
 use crate::mat::MatMut;
 use crate::matmul_i8::input::QuantInput;
-use crate::pack::{BLOCK, GROUP, NIBBLE_OFFSET, PANEL, PackedI4, PanelI4, QUAD};
+use crate::pack::{BLOCK, GROUP, NIBBLE_OFFSET, PANEL, PackedI4, QUAD, SPAN_BLOCKS, SPAN_GROUPS};
 use crate::tiling::Tiling;
 
 /// Groups whose inputs are held at once: 4 rows are 8 KiB, which stay in L1 beside the weights.
 pub(super) const GROUPS: usize = 64;
+/// Blocks of a panel with as many groups.
+pub(super) const HELD_BLOCKS: usize = GROUPS / SPAN_GROUPS * SPAN_BLOCKS;
 /// Bytes of weights per chunk, which stays in L2 while tiles of rows pass.
 const CHUNK_BYTES: usize = 256 << 10;
 /// Panels whose epilogue runs at once: a gate and an up panel.
@@ -29,14 +31,8 @@ pub(super) trait Kernel<const ROWS: usize>: Copy {
     /// The same of these inputs.
     fn group(inputs: &[i8; GROUP]) -> Self::Group;
 
-    /// Adds the products of the first `sums.len()` rows of `inputs` with up to [`GROUPS`] groups of a panel.
-    fn multiply(
-        self,
-        inputs: &Inputs<Self::Group, ROWS>,
-        multipliers: &[[u8; PANEL]],
-        blocks: &[[u8; BLOCK]],
-        sums: &mut [[i32; PANEL]],
-    );
+    /// Adds the products of the first `sums.len()` rows of `inputs` with the spans of a panel, [`HELD_BLOCKS`] at most.
+    fn multiply(self, inputs: &Inputs<Self::Group, ROWS>, weights: &[[u8; BLOCK]], sums: &mut [[i32; PANEL]]);
 
     /// Scales the sums `[rows, width]` of the rows from `t` on with the slots from `slot` on to floats, and
     /// applies the epilogue. The sums are stored as bits of floats.
@@ -79,19 +75,18 @@ pub(super) fn run<K: Kernel<ROWS>, const ROWS: usize>(
     for first in (0..task.slots()).step_by(width) {
         let slots = first..(first + width).min(task.slots());
         for (t, rows) in tiles(x.rows.rows(), ROWS) {
-            prepare::<K, ROWS>(x, (t, rows), 0, &mut inputs);
+            prepare(x, (t, rows), 0, K::group, &mut inputs);
             for slot in slots.clone().step_by(WIDTH) {
                 let width = WIDTH.min(slots.end - slot);
                 let mut exact = [[[0; PANEL]; ROWS]; WIDTH];
                 for chunk in 0..chunks {
                     if chunks > 1 {
-                        prepare::<K, ROWS>(x, (t, rows), chunk * GROUPS, &mut inputs);
+                        prepare(x, (t, rows), chunk * GROUPS, K::group, &mut inputs);
                     }
                     for (i, exact) in exact[..width].iter_mut().enumerate() {
-                        let panel = PanelI4::new(task.panel(slot + i), task.k());
-                        let groups = chunk * GROUPS..((chunk + 1) * GROUPS).min(panel.multipliers.len());
-                        let (multipliers, blocks) = panel.groups(groups);
-                        kernel.multiply(&inputs, multipliers, blocks, &mut exact[..rows]);
+                        let panel = task.panel(slot + i);
+                        let blocks = chunk * HELD_BLOCKS..((chunk + 1) * HELD_BLOCKS).min(panel.len());
+                        kernel.multiply(&inputs, &panel[blocks], &mut exact[..rows]);
                     }
                 }
                 let mut sums = [[[0.0; PANEL]; WIDTH]; ROWS];
@@ -108,13 +103,14 @@ pub(super) fn run<K: Kernel<ROWS>, const ROWS: usize>(
 }
 
 /// Copies the inputs of `rows` rows from `t` on, from group `first` on as many as `inputs` holds, padded with
-/// zeros to a whole group.
+/// zeros to a whole group and as `convert` makes them of a group.
 #[inline(always)]
-fn prepare<K: Kernel<ROWS>, const ROWS: usize>(
+pub(super) fn prepare<G, const ROWS: usize>(
     x: &QuantInput,
     (t, rows): (usize, usize),
     first: usize,
-    inputs: &mut Inputs<K::Group, ROWS>,
+    convert: impl Fn(&[i8; GROUP]) -> G,
+    inputs: &mut Inputs<G, ROWS>,
 ) {
     let columns = first * GROUP..((first + GROUPS) * GROUP).min(x.rows.cols());
     for r in 0..rows {
@@ -123,7 +119,7 @@ fn prepare<K: Kernel<ROWS>, const ROWS: usize>(
         padded[..tail.len()].copy_from_slice(tail);
         let groups = full.iter().chain((!tail.is_empty()).then_some(&padded));
         for ((codes, group), start) in groups.zip(&mut inputs.groups[r]).zip(&mut inputs.start[r]) {
-            *group = K::group(codes);
+            *group = convert(codes);
             *start = -i32::from(NIBBLE_OFFSET) * codes.iter().map(|&x| i32::from(x)).sum::<i32>();
         }
     }

@@ -5,7 +5,7 @@
 //! tile of rows at a time, or when they are loaded. The excess, `128 * sum(w)`, is subtracted
 //! from the sums at the end. All of it wraps in 32 bits, so that the sums are exact.
 
-pub(super) mod end;
+pub(crate) mod end;
 mod one_stream;
 mod tiles;
 
@@ -39,7 +39,7 @@ entry! {
 /// Where the loops change, with either profile.
 pub(super) fn tiling(_token: Avx512Vnni) -> Tiling {
     Tiling {
-        rows: &[FEW_ROWS, tiles::EVEN_ROWS, one_stream::ROWS, tiles::ROWS],
+        rows: &[one_stream::UNFETCHED, FEW_ROWS, tiles::EVEN_ROWS, one_stream::ROWS, tiles::ROWS],
         outputs: &[PANEL, tiles::MAX_PANELS * PANEL, 2 * tiles::MAX_PANELS * PANEL],
         inputs: &[QUAD, tiles::BYTES, one_stream::SHORT * QUAD, tiles::QUADS * QUAD],
         held: 0,

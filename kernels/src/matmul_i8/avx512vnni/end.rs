@@ -2,26 +2,26 @@
 
 #![expect(clippy::needless_range_loop, reason = "loops of constant length over registers read best by index")]
 
-use crate::gemm::Epilogue;
 use crate::gemm::avx512vnni as float;
+use crate::gemm::{Epilogue, GemmTask, Scaled};
 use crate::lanes::avx512vnni::{lane_mask, load, load_part, store};
 use crate::mat::MatMut;
 use crate::math::Activation;
 use crate::math::avx512vnni::gelu_tanh;
-use crate::matmul_i8::input::{GemmTask, QuantInput};
+use crate::matmul_i8::input::QuantInput;
 use crate::pack::PANEL;
 use core::arch::x86_64::*;
 use umo_kernels_features::avx512vnni;
 
-/// Ends the sums of `R` rows from `t` on with `P` slots from `slot` on, whose inputs were offset to unsigned. The usual
-/// ends of whole panels are computed as the sums leave their registers.
+/// Ends the sums of `R` rows from `t` on with `P` slots from `slot` on, whose inputs were offset to unsigned if their
+/// weights have sums. The usual ends of whole panels are computed as the sums leave their registers.
 #[inline]
 #[avx512vnni]
-pub(super) fn end<const R: usize, const P: usize>(
+pub(crate) fn end<'a, W: Scaled<'a>, const R: usize, const P: usize>(
     x: &QuantInput,
     t: usize,
     sums: &[[__m512i; P]; R],
-    task: &GemmTask,
+    task: &GemmTask<W>,
     slot: usize,
     y: &mut MatMut<f32>,
 ) {
@@ -84,10 +84,10 @@ pub(in crate::matmul_i8) struct Scales<const OFFSET: i32> {
 impl<const OFFSET: i32> Scales<OFFSET> {
     #[inline]
     #[avx512vnni]
-    pub(in crate::matmul_i8) fn of(task: &GemmTask, slot: usize) -> Self {
+    pub(in crate::matmul_i8) fn of<'a, W: Scaled<'a>>(task: &GemmTask<W>, slot: usize) -> Self {
         let (w, p) = task.slot(slot);
         let outputs = p * PANEL..((p + 1) * PANEL).min(w.n());
-        let sum = load_sums_part(&w.sum()[outputs.clone()]);
+        let sum = load_sums_part(w.sums(outputs.clone()));
         Self { correction: _mm512_mullo_epi32(sum, _mm512_set1_epi32(OFFSET)), scale: load_part(&w.scale()[outputs]) }
     }
 

@@ -22,10 +22,13 @@ pub(super) const ROWS: usize = 8;
 /// their products' time. Their weights come from L3, where the processor's own prefetcher is enough: with a prefetch
 /// for each line, a single row takes a twelfth longer.
 pub(super) const SHORT: usize = 128;
+/// Most rows that a Zen 4 multiplies fastest without prefetches, from two on: one takes as long with them, and more are
+/// so slow that the processor's own prefetcher falls behind.
+pub(super) const UNFETCHED: usize = 3;
 
 /// What is prefetched of the weights.
 type Lead = u8;
-/// Nothing: see [`SHORT`].
+/// Nothing: see [`SHORT`] and [`UNFETCHED`].
 const NONE: Lead = 0;
 /// A line into L2, 4 KiB ahead.
 const NEAR: Lead = 1;
@@ -49,6 +52,9 @@ pub(super) fn suits(x: &QuantInput, task: &GemmTask, tuning: Tuning) -> bool {
 pub(super) fn run(x: &QuantInput, task: &GemmTask, y: MatMut<f32>, tuning: Tuning) {
     match tuning.near_prefetch {
         _ if task.k() <= SHORT * QUAD => rows::<{ SHORT + SPARE }, NONE>(x, task, y),
+        _ if tuning.own_prefetch && (2..=UNFETCHED).contains(&x.rows.rows()) => {
+            rows::<{ QUADS + SPARE }, NONE>(x, task, y)
+        }
         true => rows::<{ QUADS + SPARE }, NEAR>(x, task, y),
         false => rows::<{ QUADS + SPARE }, FAR>(x, task, y),
     }
