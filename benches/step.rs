@@ -1,6 +1,6 @@
 //! The parts of a chunk at base size, in int8, on one and two threads, beside the floor of each:
 //! the bytes that it must read at the bandwidth, and the multiply-adds that it must do at the peak,
-//! measured in the same run. And products of few rows whose weights come from memory, in int8 and int4.
+//! measured in the same run.
 //!
 //! The models are those of `UMO_BENCH_MODEL` and, for the depth network, `UMO_BENCH_FRAMES`, or
 //! random ones that are made once under `target/`; where benches run as tests they are small, and
@@ -11,25 +11,9 @@ use std::time::Instant;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use umo_benches::parts::{Audio, Depth, Language, TOKENS};
-use umo_benches::{frames_model, is_test, isa, machine, model};
+use umo_benches::{frames_model, isa, machine, model};
 use umo_core::floor::{self, Floor, Machine, Stored};
-use umo_core::weights::AlignedBox;
 use umo_core::{Compute, ModelFile, Team};
-use umo_kernels::gemm::Epilogue;
-use umo_kernels::matmul_i4::matmul_i4;
-use umo_kernels::matmul_i8::matmul_i8;
-use umo_kernels::pack::{packed_len_i4, packed_len_i8};
-use umo_kernels::quantize::QuantRows;
-use umo_kernels::{Mat, MatMut, PackedI4, PackedI8};
-
-/// Outputs and inputs of a product whose weights come from memory: a projection and the end of an expert.
-const STREAMED: [(usize, usize); 2] = [(768, 768), (768, 2048)];
-/// Rows of one: one to eight avatars' keyframes.
-const STREAMED_ROWS: [usize; 4] = [1, 2, 4, 8];
-/// Int8 weights that take turns, more than any cache holds.
-const STREAMED_BYTES: usize = 320 << 20;
-/// A byte of weights: int8 or int4 codes, or a group's multiplier.
-const WEIGHT: i8 = 7;
 
 /// Times `call` under `name` and prints the median beside the floor of what it does in turn.
 fn time(c: &mut Criterion, name: &str, machine: Option<&Machine>, floors: &[Floor], mut call: impl FnMut()) {
@@ -52,7 +36,7 @@ fn time(c: &mut Criterion, name: &str, machine: Option<&Machine>, floors: &[Floo
         let floor = floors.iter().fold(Floor::default(), |sum, &floor| sum + floor);
         let share = 100.0 * least / median;
         println!(
-            "{name}: median {:.3} ms, best {:.3} ms, floor {:.3} ms ({:.1} MB, {:.2} GMAC), {share:.0} % of it",
+            "{name}: median {:.2} ms, best {:.2} ms, floor {:.2} ms ({:.1} MB, {:.2} GMAC), {share:.0} % of it",
             1e3 * median,
             1e3 * times[0],
             1e3 * least,
@@ -109,40 +93,7 @@ fn depth(c: &mut Criterion) {
     }
 }
 
-/// Products of few rows, each with other weights than the one before, on one thread.
-fn streamed(c: &mut Criterion) {
-    let (machine, isa) = (machine(1, 0), isa());
-    for (n, k) in STREAMED {
-        let count = if is_test() { 2 } else { STREAMED_BYTES / packed_len_i8(n, k) };
-        let (int8, int4) = (packed_len_i8(n, k), packed_len_i4(n, k));
-        let mut bytes = AlignedBox::<i8>::zeroed(count * int8);
-        let mut codes = AlignedBox::<u8>::zeroed(count * int4);
-        bytes.fill(WEIGHT);
-        codes.fill(WEIGHT.cast_unsigned());
-        let (scale, sum) = (vec![1e-3; n], vec![0; n]);
-        for rows in STREAMED_ROWS {
-            let (x, x_scale, mut y) = (vec![WEIGHT; rows * k], vec![1e-3; rows], vec![0.0; rows * n]);
-            let x = || QuantRows::new(Mat::new(&x, rows, k).expect("all rows"), &x_scale).expect("a scale for each");
-            let floor = |bytes| Floor { bytes, macs: rows * n * k, ..Floor::default() };
-            let mut turns = (0..count).cycle();
-            time(c, &format!("streamed_i8/{n}x{k}/rows{rows}"), machine.as_ref(), &[floor(int8)], || {
-                let first = turns.next().expect("it has no end") * int8;
-                let w = PackedI8::new(&bytes[first..first + int8], &scale, &sum, n, k).expect("whole panels");
-                let y = MatMut::new(&mut y, rows, n).expect("all rows");
-                matmul_i8(isa, x(), None, w, Epilogue::STORE, y).expect("lengths agree");
-            });
-            time(c, &format!("streamed_i4/{n}x{k}/rows{rows}"), machine.as_ref(), &[floor(int4)], || {
-                let first = turns.next().expect("it has no end") * int4;
-                let w = PackedI4::new(&codes[first..first + int4], &scale, n, k).expect("whole panels");
-                let y = MatMut::new(&mut y, rows, n).expect("all rows");
-                matmul_i4(isa, x(), None, w, Epilogue::STORE, y).expect("lengths agree");
-            });
-        }
-    }
-}
-
 fn step(c: &mut Criterion) {
-    streamed(c);
     let file = model();
     language_model(c, &file);
     tokenizer(c, &file);
