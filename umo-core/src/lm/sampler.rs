@@ -5,6 +5,9 @@
 use crate::config::Sampling;
 use crate::state::{StateError, StatePass};
 
+/// Weights that a draw computes once: as many codes as it usually keeps.
+const HELD: usize = 64;
+
 /// Draws codes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sampler {
@@ -59,19 +62,18 @@ impl Sampler {
         let Sampling { temperature, top_k, top_p } = self.sampling;
         let ranks = &mut ranks[..logits.len()];
         ranks.iter_mut().zip(logits).enumerate().for_each(|(code, (rank, &logit))| *rank = Rank::new(code, logit));
-        let Some(best) = ranks.iter().min().copied().map(Rank::code) else {
-            return 0;
-        };
-        if temperature <= 0.0 {
-            return best;
+        if temperature <= 0.0 || ranks.is_empty() {
+            return ranks.iter().min().copied().map_or(0, Rank::code);
         }
         let mut kept = ranks.len();
         if (1..kept).contains(&top_k) {
             // Sorting all codes would take as long as a product of the depth network.
-            let least = logits[ranks.select_nth_unstable(top_k - 1).1.code()];
+            let last = *ranks.select_nth_unstable(top_k - 1).1;
+            let is_zero = |rank: Rank| logits[rank.code()] == 0.0;
             kept = top_k;
             for at in top_k..ranks.len() {
-                if logits[ranks[at].code()] >= least {
+                // None of these has a larger logit.
+                if ranks[at].order() == last.order() || (is_zero(last) && is_zero(ranks[at])) {
                     ranks.swap(kept, at);
                     kept += 1;
                 }
@@ -79,21 +81,24 @@ impl Sampler {
         }
         let ranks = &mut ranks[..kept];
         ranks.sort_unstable();
-        let weight =
-            |rank: &Rank| ((f64::from(logits[rank.code()]) - f64::from(logits[best])) / f64::from(temperature)).exp();
-        let mut total = ranks.iter().map(weight).sum();
+        let largest = f64::from(logits[ranks[0].code()]);
+        let computed = |rank: &Rank| ((f64::from(logits[rank.code()]) - largest) / f64::from(temperature)).exp();
+        let mut held = [0.0; HELD];
+        held.iter_mut().zip(&*ranks).for_each(|(held, rank)| *held = computed(rank));
+        let weight = |at: usize| held.get(at).copied().unwrap_or_else(|| computed(&ranks[at]));
+        let mut total = (0..kept).map(weight).sum::<f64>();
         if top_p < 1.0 {
             let (wanted, mut sum, mut count) = (f64::from(top_p) * total, 0.0, 0);
             while count < kept && (count == 0 || sum < wanted) {
-                sum += weight(&ranks[count]);
+                sum += weight(count);
                 count += 1;
             }
             (kept, total) = (count, sum);
         }
         let draw = uniform(self.seed, chunk, place) * total;
         let mut sum = 0.0;
-        for rank in &ranks[..kept] {
-            sum += weight(rank);
+        for (at, rank) in ranks[..kept].iter().enumerate() {
+            sum += weight(at);
             if draw < sum {
                 return rank.code();
             }
@@ -114,6 +119,11 @@ impl Rank {
         let bits = logit.to_bits();
         let descending = if logit.is_sign_negative() { bits } else { !bits & !(1 << 31) };
         Self(u64::from(descending) << 32 | u64::from(code as u32))
+    }
+
+    /// The logit's place among all floats, the largest first.
+    fn order(self) -> u64 {
+        self.0 >> 32
     }
 
     #[expect(clippy::cast_possible_truncation, reason = "the lower half is the code")]
@@ -203,12 +213,12 @@ mod tests {
             bits[0] % limit
         };
         for case in 0..3000 {
-            let count = 1 + next(40) as usize;
-            // Few values, so that many are equal.
-            let logits: Vec<f32> = (0..count).map(|_| next(9) as f32 - 4.0).collect();
+            let count = 1 + next(130) as usize;
+            // More codes than are held, of few values, so that many are equal, zeros of both signs among them.
+            let logits: Vec<f32> = (0..count).map(|_| (next(9) as f32 - 4.0) * [1.0, -1.0][next(2) as usize]).collect();
             let sampling = Sampling {
                 temperature: [0.0, 0.7, 1.0][next(3) as usize],
-                top_k: next(45) as usize,
+                top_k: next(135) as usize,
                 top_p: [1.0, 0.9, 0.4][next(3) as usize],
             };
             let (sampler, mut ranks) = (Sampler { sampling, seed: u64::from(next(100)) }, vec![Rank::default(); count]);
