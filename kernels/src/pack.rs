@@ -18,8 +18,8 @@
 //!                  codes + 8, in nibbles         block 0: inputs 0..4 (low), 4..8 (high); four blocks per group
 //!          span 1: …
 //! ```
-//! So a panel is read from its first byte to its last: with all multipliers before all codes, the prefetcher of a Zen 4
-//! loses either.
+//! So a panel is read from its first byte to its last: with all multipliers before all codes there are two streams, and the
+//! prefetcher of a Zen 4 follows neither.
 
 use crate::bf16::Bf16;
 use crate::error::{ShapeError, expect_len};

@@ -16,7 +16,7 @@ use crate::isa::{Avx512Vnni, entry};
 use crate::mat::MatMut;
 use crate::matmul_i8::avx512vnni::end::end;
 use crate::matmul_i8::input::QuantInput;
-use crate::pack::{BLOCK, GROUP, GROUP_BLOCKS, PANEL, PackedI4, QUAD, Span, panels as panels_of, spans};
+use crate::pack::{BLOCK, GROUP, GROUP_BLOCKS, PANEL, PackedI4, QUAD, Span, panels, spans};
 use crate::prefetch;
 use crate::tiling::Tiling;
 use crate::tuning::Tuning;
@@ -132,15 +132,15 @@ fn product<const R: usize, const PREFETCH: bool>(x: &QuantInput, task: &GemmTask
     let mut inputs = Inputs { groups: [[[0; GROUP]; GROUPS]; R], start: [[0; GROUPS]; R] };
     prepare(x, (0, R), 0, |codes| *codes, &mut inputs);
     match task {
-        GemmTask::Plain(..) => panels::<R, 1, PREFETCH>(x, &inputs, task, &mut y),
-        GemmTask::Gated(..) => panels::<R, 2, PREFETCH>(x, &inputs, task, &mut y),
+        GemmTask::Plain(..) => multiply_panels::<R, 1, PREFETCH>(x, &inputs, task, &mut y),
+        GemmTask::Gated(..) => multiply_panels::<R, 2, PREFETCH>(x, &inputs, task, &mut y),
     }
 }
 
 /// One panel after another; the sums of `P` are ended together.
 #[inline]
 #[avx512vnni]
-fn panels<const R: usize, const P: usize, const PREFETCH: bool>(
+fn multiply_panels<const R: usize, const P: usize, const PREFETCH: bool>(
     x: &QuantInput,
     inputs: &Inputs<[i8; GROUP], R>,
     task: &GemmTask<PackedI4>,
@@ -152,7 +152,7 @@ fn panels<const R: usize, const P: usize, const PREFETCH: bool>(
             let (w, number) = task.slot(first + p);
             let panel = w.panel(number);
             // None beyond the weight's last panel.
-            let last = w.panel(panels_of(w.n()) - 1).as_ptr();
+            let last = w.panel(panels(w.n()) - 1).as_ptr();
             let ahead = panel.as_ptr().wrapping_add(PREFETCH_DISTANCE).min(last);
             let panel = multiply::<R, R, PREFETCH>(inputs, panel, ahead);
             for r in 0..R {
