@@ -78,6 +78,17 @@
 // The host computes by `umo_engine_poll`.
 #define UMO_ENGINE_POLLED 1
 
+// Threads have the priority of the thread that makes the engine.
+#define UMO_PRIORITY_NORMAL 0
+
+// Threads run before those of normal priority: frames are nearly as fast beside a program that
+// keeps every core busy. Linux refuses it to most users; Windows, Android and Apple's systems
+// grant it.
+#define UMO_PRIORITY_HIGH 1
+
+// Threads run behind those of normal priority, in the time that they leave.
+#define UMO_PRIORITY_LOW 2
+
 // Offset of a value that is not wanted.
 #define UMO_ABSENT 4294967295
 
@@ -363,6 +374,11 @@ typedef struct umo_engine_config {
     const struct umo_jobs *jobs;
     // Log callback for this engine and its sessions, or NULL.
     const struct umo_log *log;
+    // `UMO_PRIORITY_…` of the engine's own threads. Where the system refuses it they are
+    // `UMO_PRIORITY_NORMAL`, and `log` gets a warning that says what it takes.
+    uint32_t priority;
+    // Zero.
+    uint32_t reserved;
 } umo_engine_config;
 
 // Where a frame's values go in memory of the host's own, in bytes from the frame's start. A value

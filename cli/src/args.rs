@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
 use umo_core::weights::writer::Storage;
-use umo_core::{GestureOptions, GestureParts, Layer, Precision, Side};
+use umo_core::{GestureOptions, GestureParts, Layer, Precision, Priority, Side};
 use umo_figure::Figure;
 
 /// Speech in, a moving body out: face, hands, upper and lower body at 30 frames a second.
@@ -762,6 +762,9 @@ pub struct Bench {
     /// With another program that computes on every core, and one that wakes up 10,000 times a second
     #[arg(long)]
     pub busy: bool,
+    /// Priority of the threads that compute
+    #[arg(long, value_enum, default_value_t = PriorityArg::Normal)]
+    pub priority: PriorityArg,
     /// Be such a program until standard input ends
     #[arg(long, hide = true, value_enum, value_name = "KIND")]
     pub neighbour: Option<Neighbour>,
@@ -771,6 +774,34 @@ pub struct Bench {
     #[command(flatten)]
     #[expect(missing_docs, reason = "clap would print a doc comment as help")]
     pub compute: Compute,
+}
+
+/// Priority of an engine's threads.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum PriorityArg {
+    /// That of this program
+    Normal,
+    /// Before other programs; Linux refuses it to most users
+    High,
+    /// Behind other programs
+    Low,
+}
+
+impl PriorityArg {
+    /// As it is written on the command line.
+    pub fn name(self) -> String {
+        self.to_possible_value().map(|value| value.get_name().to_owned()).unwrap_or_default()
+    }
+}
+
+impl From<PriorityArg> for Priority {
+    fn from(priority: PriorityArg) -> Self {
+        match priority {
+            PriorityArg::Normal => Self::Normal,
+            PriorityArg::High => Self::High,
+            PriorityArg::Low => Self::Low,
+        }
+    }
 }
 
 /// What another program does while a model is measured.

@@ -10,7 +10,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use umo_core::avatar::StageTimes;
-use umo_core::engine::{Engine, EngineConfig, Threads};
+use umo_core::engine::{Engine, EngineConfig, Priority, Threads};
 use umo_core::floor::{self, Floor, Machine, Stored};
 use umo_core::model::Model;
 use umo_core::session::{Session, SessionConfig};
@@ -66,9 +66,14 @@ pub(crate) fn run(args: &Bench) -> Result<(), Failure> {
         threads: Threads::Own(threads),
         max_sessions: args.sessions + 1,
         max_batch: args.sessions.min(8),
+        priority: args.priority.into(),
         ..EngineConfig::default()
     };
     let engine = Engine::new(Arc::clone(&model), &engine).map_err(Failure::input)?;
+    if engine.priority() != args.priority.into() {
+        let what = format!("--priority {}: the system refuses it: {}", args.priority.name(), Priority::advice());
+        return Err(Failure::environment(what));
+    }
     let bench = Runner { engine, session, config: &config, speech: speech(&config) };
 
     let neighbours = || args.busy.then(Neighbours::start).transpose();
@@ -107,6 +112,7 @@ pub(crate) fn run(args: &Bench) -> Result<(), Failure> {
         memory,
         processor,
         is_busy: args.busy,
+        priority: args.priority,
         crowd,
     };
     if args.json {

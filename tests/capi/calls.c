@@ -85,6 +85,9 @@ static void engines_refuse(void) {
     CHECK(strstr(umo_last_error(), "max_sessions"));
     WITH(INVALID_ARGUMENT, max_batch, 0);
     WITH(INVALID_ARGUMENT, core_count, 65);
+    WITH(INVALID_ARGUMENT, priority, 3);
+    CHECK(strstr(umo_last_error(), "priority 3"));
+    WITH(INVALID_ARGUMENT, reserved, 1);
     WITH(NULL_POINTER, core_count, 1);
     WITH(STRUCT_SIZE, struct_size, 4);
     const uint32_t core = 100000;

@@ -6,12 +6,12 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
-use umo_core::engine::{Engine, EngineConfig, Lender, Poll, Threads};
+use umo_core::engine::{Engine, EngineConfig, Lender, Poll, Priority, Threads};
 
 use crate::ffi::{self, Sized32, guard, put, put_if_wanted, wanted};
 use crate::gesture::Known;
 use crate::handle::{self, Held, Table};
-use crate::log::{Log, UMO_LOG_INFO, UmoLog};
+use crate::log::{Log, UMO_LOG_INFO, UMO_LOG_WARNING, UmoLog};
 use crate::model::{self, ModelHandle, UmoModel};
 use crate::status::{Failure, UMO_STATUS_UNSUPPORTED, UmoStatus};
 
@@ -24,6 +24,15 @@ pub struct UmoEngine {
 pub const UMO_ENGINE_THREADS: u32 = 0;
 /// The host computes by `umo_engine_poll`.
 pub const UMO_ENGINE_POLLED: u32 = 1;
+
+/// Threads have the priority of the thread that makes the engine.
+pub const UMO_PRIORITY_NORMAL: u32 = 0;
+/// Threads run before those of normal priority: frames are nearly as fast beside a program that
+/// keeps every core busy. Linux refuses it to most users; Windows, Android and Apple's systems
+/// grant it.
+pub const UMO_PRIORITY_HIGH: u32 = 1;
+/// Threads run behind those of normal priority, in the time that they leave.
+pub const UMO_PRIORITY_LOW: u32 = 2;
 
 /// Most cores that threads can be bound to.
 const MAX_CORES: usize = 64;
@@ -74,6 +83,11 @@ pub struct UmoEngineConfig {
     pub jobs: *const UmoJobs,
     /// Log callback for this engine and its sessions, or NULL.
     pub log: *const UmoLog,
+    /// `UMO_PRIORITY_…` of the engine's own threads. Where the system refuses it they are
+    /// `UMO_PRIORITY_NORMAL`, and `log` gets a warning that says what it takes.
+    pub priority: u32,
+    /// Zero.
+    pub reserved: u32,
 }
 
 // SAFETY: `repr(C)`, starts with its size, integers and pointers that may be NULL.
@@ -145,6 +159,8 @@ impl UmoEngineConfig {
             cores: std::ptr::null(),
             jobs: std::ptr::null(),
             log: std::ptr::null(),
+            priority: UMO_PRIORITY_NORMAL,
+            reserved: 0,
         }
     }
 
@@ -169,6 +185,15 @@ impl UmoEngineConfig {
             (UMO_ENGINE_POLLED, 0) => return Err(Failure::argument("threads 0: the one that polls counts")),
             (mode, _) => return Err(Failure::argument(format_args!("mode {mode} is none of UMO_ENGINE_…"))),
         };
+        if self.reserved != 0 {
+            return Err(Failure::argument("`config.reserved` is not 0"));
+        }
+        let priority = match self.priority {
+            UMO_PRIORITY_NORMAL => Priority::Normal,
+            UMO_PRIORITY_HIGH => Priority::High,
+            UMO_PRIORITY_LOW => Priority::Low,
+            other => return Err(Failure::argument(format_args!("priority {other} is none of UMO_PRIORITY_…"))),
+        };
         // SAFETY: guaranteed by the caller (see # Safety).
         let lender = match (self.mode, unsafe { crate::read_if_given(self.jobs, "config.jobs")? }) {
             (_, None) => None,
@@ -186,6 +211,7 @@ impl UmoEngineConfig {
             threads,
             lender,
             cores: cores.iter().map(|&core| core as usize).collect(),
+            priority,
             max_sessions: self.max_sessions as usize,
             max_batch: self.max_batch as usize,
             ..EngineConfig::default()
@@ -271,6 +297,10 @@ pub unsafe extern "C" fn umo_engine_new(
         // SAFETY: guaranteed by the caller (see # Safety).
         let wanted = unsafe { config.read(&known)? };
         let made = Engine::new(Arc::clone(&model.model), &wanted)?;
+        if made.priority() != wanted.priority {
+            let advice = Priority::advice();
+            log.say(UMO_LOG_WARNING, format_args!("priority {}: the system refuses it: {advice}", config.priority));
+        }
         log.say(UMO_LOG_INFO, format_args!("engine of {} with {} threads", model.model.config().name, config.threads));
         let engine_handle =
             EngineHandle { engine: ManuallyDrop::new(made), model, log, gestures: Known::new(), process: process() };

@@ -17,7 +17,7 @@ mod tests;
 mod worker;
 
 use std::fmt;
-use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError, TryLockError};
 use std::time::Duration;
 
@@ -38,6 +38,8 @@ use load::{LEAD, Load};
 use pace::Pace;
 use worker::Worker;
 
+pub use crate::team::Priority;
+
 /// Most sessions of an engine.
 pub const MAX_SESSIONS: usize = 4096;
 /// Most avatars of a batch.
@@ -51,6 +53,8 @@ pub struct EngineConfig {
     pub threads: Threads,
     /// Cores to pin the threads to, one each; threads beyond the list are not pinned.
     pub cores: Vec<usize>,
+    /// That of the engine's own threads.
+    pub priority: Priority,
     /// Most sessions at once, `1..=MAX_SESSIONS`.
     pub max_sessions: usize,
     /// Most avatars that are computed together, `1..=MAX_BATCH`: more read the weights less often,
@@ -101,6 +105,7 @@ impl Default for EngineConfig {
         Self {
             threads: if has_threads { Threads::Own(thread::available().min(2)) } else { Threads::Host(0) },
             cores: Vec::new(),
+            priority: Priority::Normal,
             max_sessions: 64,
             max_batch: 8,
             lender: None,
@@ -248,6 +253,8 @@ struct Inner {
     times: Mutex<StageTimes>,
     /// What sessions whose rate is not the model's share, of each rate.
     filter_plans: Mutex<Vec<Arc<FilterPlan>>>,
+    /// Whether a thread did not get its priority.
+    refused: AtomicBool,
 }
 
 impl Inner {
@@ -321,6 +328,8 @@ pub struct Engine {
     external_workers: Option<(ExternalWorkers, Lender)>,
     /// Those of the workers.
     threads: Vec<JoinHandle<()>>,
+    /// That they were to have.
+    priority: Priority,
 }
 
 impl Engine {
@@ -372,13 +381,21 @@ impl Engine {
             rest,
             times: Mutex::default(),
             filter_plans: Mutex::default(),
+            refused: AtomicBool::new(false),
         });
-        Ok(Self { inner, worker: None, external_workers: None, threads: Vec::new() })
+        let priority = config.priority;
+        Ok(Self { inner, worker: None, external_workers: None, threads: Vec::new(), priority })
     }
 
     /// The model.
     pub fn model(&self) -> &Model {
         self.inner.model()
+    }
+
+    /// The priority of the engine's own threads: that of its config, or [`Priority::Normal`] where the
+    /// system refuses it to one of them.
+    pub fn priority(&self) -> Priority {
+        if self.inner.refused.load(Ordering::Relaxed) { Priority::Normal } else { self.priority }
     }
 
     /// A new session. Everything that it will need is allocated here.

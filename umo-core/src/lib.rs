@@ -107,7 +107,7 @@ pub use umo_kernels::Isa;
 pub use inner::audio::MAX_AMPLITUDE;
 pub use inner::avatar::{AvatarConfig, StageTimes};
 pub use inner::clock::Clock;
-pub use inner::engine::{Engine, EngineConfig, Lender, MAX_BATCH, MAX_SESSIONS, Poll, Threads};
+pub use inner::engine::{Engine, EngineConfig, Lender, MAX_BATCH, MAX_SESSIONS, Poll, Priority, Threads};
 pub use inner::life::{
     Attention, Gesture, GestureOptions, GestureParts, Gestures, LAYERS, Layer, LifeConfig, LipShape,
     MAX_GESTURE_FRAMES, MAX_GESTURES, MAX_HINT_SECONDS, MAX_PENDING_GESTURES, MAX_PENDING_HINTS, Mood, Side,

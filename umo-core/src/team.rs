@@ -17,7 +17,10 @@
 )]
 
 mod cores;
+mod priority;
 mod shares;
+#[cfg(test)]
+mod tests;
 
 use std::cell::UnsafeCell;
 use std::ops::Range;
@@ -26,6 +29,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use umo_kernels::{MatMut, PrefetchHint, SharedHint};
+
+pub use priority::Priority;
 
 use crate::defect::{Defect, contain, contain_quietly, resume};
 use crate::error::StepError;
@@ -79,6 +84,17 @@ pub struct Team {
     is_alone: AtomicBool,
 }
 
+/// Where a team's threads run, and before whom.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Placement<'a> {
+    /// The core that the calling thread is bound to.
+    pub caller: Option<usize>,
+    /// One core for each of the others, as far as they go.
+    pub cores: &'a [usize],
+    /// That of the others.
+    pub priority: Priority,
+}
+
 /// Cuts two things in two at the same place.
 #[expect(clippy::type_complexity, reason = "a pair of pairs, and a type of its own would say no more")]
 pub fn zip_split<A, B>(
@@ -120,6 +136,8 @@ struct Shared {
     waiting: AtomicBool,
     /// Whether a worker did not get its core.
     unbound: AtomicBool,
+    /// Whether a worker did not get its priority.
+    refused: AtomicBool,
     /// Odd while external workers may join; a change ends the work of those that joined before.
     joining: AtomicU32,
     /// What each of the team's own threads will read next.
@@ -133,15 +151,16 @@ impl Team {
     /// # Errors
     /// What the system says when it cannot start a thread.
     pub fn new(threads: usize) -> std::io::Result<Self> {
-        Self::on_cores(threads, None, &[])
+        Self::placed(threads, Placement::default())
     }
 
-    /// The same, with the calling thread bound to one core, and the others to one each of `cores`,
-    /// as far as they go.
+    /// The same, with threads bound to cores and of a priority.
     ///
     /// # Errors
-    /// As [`Self::new`], and where the system does not let a thread have its core.
-    pub fn on_cores(threads: usize, caller: Option<usize>, cores: &[usize]) -> std::io::Result<Self> {
+    /// As [`Self::new`], and where the system does not let a thread have its core. Where it refuses the
+    /// priority, [`Self::has_priority`] says so.
+    pub fn placed(threads: usize, placement: Placement) -> std::io::Result<Self> {
+        let Placement { caller, cores, priority } = placement;
         let threads = threads.clamp(1, MAX_THREADS);
         let mut team = Self::bare(threads, false);
         team.workers.reserve_exact(threads - 1);
@@ -153,6 +172,9 @@ impl Team {
             let life = move || {
                 if core.is_some_and(|core| !cores::bind(core)) {
                     shared.unbound.store(true, Ordering::Relaxed);
+                }
+                if !priority.set() {
+                    shared.refused.store(true, Ordering::Relaxed);
                 }
                 // A piece that panics is caught before this: here it is only kept from being
                 // printed.
@@ -173,6 +195,11 @@ impl Team {
             return Err(std::io::Error::other(binding_error(caller, cores)));
         }
         Ok(team)
+    }
+
+    /// Whether its own threads have the priority that was asked for.
+    pub fn has_priority(&self) -> bool {
+        !self.shared.refused.load(Ordering::Relaxed)
     }
 
     /// A team of `threads` that owns none: the caller, and external workers that join while they are
@@ -468,6 +495,7 @@ impl Shared {
             asleep: AtomicU32::new(0),
             waiting: AtomicBool::new(false),
             unbound: AtomicBool::new(false),
+            refused: AtomicBool::new(false),
             joining: AtomicU32::new(0),
             expected: (0..threads).map(|_| SharedHint::default()).collect(),
         }
@@ -660,199 +688,5 @@ impl<T> Piece<T> {
         // SAFETY: called by the caller after `run`, when every thread is done.
         let end = unsafe { &*self.end.get() };
         *end
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_core_that_does_not_exist_is_named_with_those_that_do() {
-        for (caller, cores, asked) in [(Some(9999), &[][..], "cores 9999:"), (None, &[9998, 9999], "cores 9998, 9999:")]
-        {
-            let Err(error) = Team::on_cores(3, caller, cores) else { panic!("there is no such core") };
-            let error = error.to_string();
-            assert!(error.starts_with(asked), "{error}");
-            assert!(!error.contains("Some") && !error.contains("None"), "{error}");
-        }
-    }
-
-    #[test]
-    fn every_piece_is_visited_once_on_any_thread_count() {
-        for threads in [1, 2, 3, 8] {
-            let team = Team::new(threads).unwrap();
-            for cols in [0, 1, 15, 16, 17, 100, 333, 1000] {
-                let mut data = vec![0_u32; 3 * cols];
-                for round in 0..50 {
-                    let y = MatMut::new(&mut data, 3, cols).unwrap();
-                    let work = if round % 2 == 0 { PARALLEL_THRESHOLD } else { DYNAMIC_THRESHOLD };
-                    team.columns(y, 16, work, |range, mut y| {
-                        assert_eq!(range.len(), y.cols());
-                        assert!(range.start.is_multiple_of(16) && (range.end.is_multiple_of(16) || range.end == cols));
-                        for row in 0..3 {
-                            y.row_mut(row).iter_mut().for_each(|v| *v += 1);
-                        }
-                        Ok(())
-                    })
-                    .unwrap();
-                    assert!(data.iter().all(|&v| v == round + 1));
-                }
-            }
-        }
-    }
-
-    #[test]
-    fn every_piece_is_visited_once_for_any_shares() {
-        for threads in [2, 3, 8] {
-            let team = Team::new(threads).unwrap();
-            for (i, share) in team.shares.iter().enumerate() {
-                share.store((0.3 + i as f32).to_bits(), Ordering::Relaxed);
-            }
-            for cols in [17, 100, 333] {
-                let mut data = vec![0_u32; 3 * cols];
-                let y = MatMut::new(&mut data, 3, cols).unwrap();
-                team.columns(y, 16, usize::MAX, |_, mut y| {
-                    (0..3).for_each(|row| y.row_mut(row).iter_mut().for_each(|v| *v += 1));
-                    Ok(())
-                })
-                .unwrap();
-                assert!(data.iter().all(|&v| v == 1));
-            }
-        }
-    }
-
-    #[test]
-    fn dynamic_pieces_go_to_idle_threads() {
-        let team = Team::new(2).unwrap();
-        let (mut data, others) = ([0_u32; 96], AtomicU32::new(0));
-        let y = MatMut::new(&mut data, 1, 96).unwrap();
-        team.columns(y, 1, DYNAMIC_THRESHOLD, |range, _| {
-            if range.start > 0 {
-                others.fetch_add(1, Ordering::Relaxed);
-                return Ok(());
-            }
-            // The first piece takes until all others are done, which so fall to the other thread.
-            let start = Instant::now();
-            while others.load(Ordering::Relaxed) < 5 {
-                assert!(start.elapsed() < Duration::from_secs(60), "pieces wait for this thread");
-                std::thread::yield_now();
-            }
-            Ok(())
-        })
-        .unwrap();
-    }
-
-    #[test]
-    fn prefetch_hints_are_split_like_the_job() {
-        let data = [0_u8; 4096];
-        for threads in [1, 2, 3] {
-            let team = Team::new(threads).unwrap();
-            let work = PARALLEL_THRESHOLD;
-            let (expected, seen) = (std::sync::Mutex::new(vec![]), std::sync::Mutex::new(vec![]));
-            team.expect(100, 16, |range| {
-                expected.lock().unwrap().push(range);
-                PrefetchHint::new(&data, &data)
-            });
-            for _ in 0..3 {
-                seen.lock().unwrap().clear();
-                let mut data = [0_u32; 100];
-                let y = MatMut::new(&mut data, 1, 100).unwrap();
-                team.columns(y, 16, work, |range, _| {
-                    seen.lock().unwrap().push(range);
-                    Ok(())
-                })
-                .unwrap();
-            }
-            let (expected, mut seen) = (expected.into_inner().unwrap(), seen.into_inner().unwrap());
-            seen.sort_by_key(|range| range.start);
-            assert_eq!(expected, if threads > 1 { seen } else { vec![] });
-        }
-    }
-
-    #[test]
-    fn errors_of_pieces_are_returned() {
-        let team = Team::new(4).unwrap();
-        let mut data = vec![0.0_f32; 4];
-        let y = MatMut::new(&mut data, 4, 1).unwrap();
-        let result =
-            team.rows(y, usize::MAX, |range, _| if range.contains(&2) { Err(StepError::Empty("two")) } else { Ok(()) });
-        assert_eq!(result, Err(StepError::Empty("two")));
-    }
-
-    #[test]
-    fn a_sleeping_team_wakes_up() {
-        let team = Team::new(2).unwrap();
-        let count = AtomicU32::new(0);
-        for _ in 0..20 {
-            std::thread::sleep(std::time::Duration::from_millis(5));
-            team.run(&|_| {
-                count.fetch_add(1, Ordering::Relaxed);
-            });
-        }
-        assert_eq!(count.load(Ordering::Relaxed), 40);
-    }
-
-    #[test]
-    fn a_worker_that_does_not_come_delays_nobody() {
-        // One without workers is one whose workers have no core.
-        let team = Team::bare(4, false);
-        let done: Vec<AtomicU32> = (0..4).map(|_| AtomicU32::new(0)).collect();
-        for round in 1..=3 {
-            team.run(&|index| {
-                done[index].fetch_add(1, Ordering::Relaxed);
-            });
-            assert!(done.iter().all(|count| count.load(Ordering::Relaxed) == round));
-        }
-    }
-
-    #[test]
-    fn external_workers_that_join_and_leave_change_nothing() {
-        let team = Team::with_external_workers(4);
-        let done: Vec<AtomicU32> = (0..4).map(|_| AtomicU32::new(0)).collect();
-        let stop = AtomicBool::new(false);
-        let by_external = AtomicU32::new(0);
-        std::thread::scope(|scope| {
-            let caller = std::thread::current().id();
-            for _ in 0..3 {
-                let external_workers = team.external_workers();
-                scope.spawn(|| {
-                    let external_workers = external_workers;
-                    while !stop.load(Ordering::Relaxed) {
-                        external_workers.work();
-                        std::thread::yield_now();
-                    }
-                });
-            }
-            for round in 0..2_000 {
-                // Some jobs have nobody but the caller.
-                let joining = (round % 5 > 0).then(|| team.admit());
-                for _ in 0..5 {
-                    team.run(&|index| {
-                        done[index].fetch_add(1, Ordering::Relaxed);
-                        by_external.fetch_add(u32::from(std::thread::current().id() != caller), Ordering::Relaxed);
-                        (0..200).for_each(|_| std::hint::spin_loop());
-                    });
-                    let first = done[0].load(Ordering::Relaxed);
-                    assert!(done.iter().all(|count| count.load(Ordering::Relaxed) == first));
-                }
-                drop(joining);
-            }
-            stop.store(true, Ordering::Relaxed);
-        });
-        assert_eq!(done[0].load(Ordering::Relaxed), 10_000);
-        assert!(by_external.load(Ordering::Relaxed) > 0);
-    }
-
-    #[test]
-    fn a_panic_in_a_worker_reaches_the_caller_and_the_team_lives_on() {
-        let team = Team::new(2).unwrap();
-        let defect = contain(|| team.run(&|i| assert!(i == 0, "planned"))).unwrap_err();
-        assert_eq!(defect.message(), "planned");
-        let count = AtomicU32::new(0);
-        team.run(&|_| {
-            count.fetch_add(1, Ordering::Relaxed);
-        });
-        assert_eq!(count.load(Ordering::Relaxed), 2);
     }
 }

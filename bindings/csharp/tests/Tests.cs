@@ -123,7 +123,7 @@ internal static unsafe class Tests
     {
         Dictionary<string, Type> groups = new Dictionary<string, Type>
         {
-            { "STATUS", typeof(Status) }, { "AXES", typeof(Axes) }, { "ENGINE", typeof(EngineMode) }, { "LOG", typeof(LogLevel) },
+            { "STATUS", typeof(Status) }, { "AXES", typeof(Axes) }, { "ENGINE", typeof(EngineMode) }, { "PRIORITY", typeof(Priority) }, { "LOG", typeof(LogLevel) },
             { "PRECISION", typeof(Precision) }, { "ISA", typeof(Isa) }, { "MODEL", typeof(ModelText) }, { "IDLE", typeof(Idle) },
             { "PARAMETER", typeof(Parameter) }, { "ATTENTION", typeof(Attention) }, { "MOOD", typeof(Mood) }, { "VOICE", typeof(Voice) },
             { "SIDE", typeof(Side) }, { "FORMAT", typeof(FileFormat) }, { "GESTURE", typeof(Gesture) }, { "PACKETS", typeof(Packets) }, { "LIPS", typeof(LipShape) },

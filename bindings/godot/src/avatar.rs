@@ -739,7 +739,11 @@ impl UmoAvatar3D {
             }
             Ok(bytes)
         };
-        let engine = Engine { threads: setting("umo/threads"), max_sessions: setting("umo/max_avatars") };
+        let engine = Engine {
+            threads: setting("umo/threads"),
+            max_sessions: setting("umo/max_avatars"),
+            priority: setting("umo/priority"),
+        };
         let model = Model::shared(&path.to_string(), &places(), engine, read)?;
         self.own_gestures.iter().try_for_each(|gesture| model.add_gesture(gesture))?;
         self.shared = Some(model);

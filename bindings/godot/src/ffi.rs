@@ -47,6 +47,8 @@ pub(crate) struct EngineConfig {
     pub(crate) cores: *const u32,
     pub(crate) jobs: *const c_void,
     pub(crate) log: *const c_void,
+    pub(crate) priority: u32,
+    pub(crate) reserved: u32,
 }
 
 #[repr(C)]
@@ -281,7 +283,7 @@ pub(crate) unsafe fn text(text: *const c_char) -> String {
 #[cfg(target_pointer_width = "64")]
 const _: () = {
     use std::mem::{offset_of, size_of};
-    assert!(size_of::<EngineConfig>() == 48 && offset_of!(EngineConfig, cores) == 24);
+    assert!(size_of::<EngineConfig>() == 56 && offset_of!(EngineConfig, priority) == 48);
     assert!(size_of::<FrameLayout>() == 48 && offset_of!(FrameLayout, visemes) == 40);
     assert!(size_of::<ModelInfo>() == 72 && offset_of!(ModelInfo, has_mouth) == 64);
     assert!(size_of::<SessionConfig>() == 88 && offset_of!(SessionConfig, seed) == 40);

@@ -16,7 +16,7 @@ _Static_assert(UMO_MOOD_NEUTRAL == 0 && UMO_MOOD_JOY == 1 && UMO_MOOD_SAD == 2 &
 _Static_assert(UMO_VOICE_DELAYED == 0 && UMO_VOICE_LIVE == 1, "numbers");
 _Static_assert(UMO_SIDE_AUTO == 0 && UMO_SIDE_LEFT == 1 && UMO_SIDE_RIGHT == 2 && UMO_SIDE_BOTH == 3, "numbers");
 _Static_assert(UMO_IDLE_HOLD == 0 && UMO_IDLE_REST == 1 && UMO_IDLE_LIVE == 2, "numbers");
-_Static_assert(sizeof(umo_engine_config) == 48 && offsetof(umo_engine_config, cores) == 24, "engine config");
+_Static_assert(sizeof(umo_engine_config) == 56 && offsetof(umo_engine_config, priority) == 48, "engine config");
 _Static_assert(sizeof(umo_frame_layout) == 48 && offsetof(umo_frame_layout, visemes) == 40, "frame layout");
 _Static_assert(sizeof(umo_model_info) == 72 && offsetof(umo_model_info, has_mouth) == 64, "model info");
 _Static_assert(sizeof(umo_session_config) == 88 && offsetof(umo_session_config, horizon) == 72, "session config");

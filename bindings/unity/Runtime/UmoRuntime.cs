@@ -24,6 +24,12 @@ namespace Umo.Unity
         public static uint Threads { get; set; }
 
         /// <summary>
+        /// Priority of the threads of engines that are made from now on. High: frames come in time while the game keeps every
+        /// core busy; Linux refuses it to most users. Low: the game has its cores first.
+        /// </summary>
+        public static Priority Priority { get; set; }
+
+        /// <summary>
         /// Whether engines compute on the main thread, in <see cref="Compute"/>: a player of a browser has no other threads.
         /// </summary>
         public static bool IsPolled { get { return Application.platform == RuntimePlatform.WebGLPlayer; } }
@@ -57,6 +63,7 @@ namespace Umo.Unity
                 {
                     EngineConfig config = Engine.Defaults;
                     if (Threads > 0) config.Threads = Threads;
+                    config.Priority = Priority;
                     if (IsPolled)
                     {
                         config.Mode = EngineMode.Polled;

@@ -175,10 +175,10 @@ void a_model_of_memory_is_that_of_the_file(const char *model) {
     std::string problem;
     Hosts hosts;
     EXPECT(!hosts.has("assets/model"));
-    const auto host = hosts.open("assets/model", 1, problem, content.data(), content.size());
+    const auto host = hosts.open("assets/model", {1}, problem, content.data(), content.size());
     EXPECT(host != nullptr && hosts.has("assets/model"));
-    EXPECT(hosts.open("assets/model", 1, problem) == host);
-    EXPECT(hosts.open("assets/other", 1, problem, content.data(), 16) == nullptr && !problem.empty());
+    EXPECT(hosts.open("assets/model", {1}, problem) == host);
+    EXPECT(hosts.open("assets/other", {1}, problem, content.data(), 16) == nullptr && !problem.empty());
 }
 
 /// Speech is heard at once, and the mouth's frames are those of what is heard, computed or not.
@@ -224,7 +224,7 @@ void hints_close_the_lips(const std::shared_ptr<Host> &host, const std::vector<f
 void a_live_mouth_goes_with_the_sound(const char *model, const std::vector<float> &samples) {
     std::string problem;
     Hosts hosts;
-    const auto host = hosts.open(model, 1, problem);
+    const auto host = hosts.open(model, {1}, problem);
     EXPECT(host != nullptr && host->info.has_mouth == 1);
     if (!host) return;
     Settings settings = plain();
@@ -369,10 +369,10 @@ void idle_modes_go_on_without_audio(const std::shared_ptr<Host> &host) {
 void hosts_are_shared_and_errors_say_what(const char *model) {
     Hosts hosts;
     std::string problem;
-    EXPECT(hosts.open("no/such/model.safetensors", 0, problem) == nullptr);
+    EXPECT(hosts.open("no/such/model.safetensors", {}, problem) == nullptr);
     EXPECT(problem.find("no/such/model.safetensors") != std::string::npos);
-    auto host = hosts.open(model, 1, problem);
-    EXPECT(host != nullptr && hosts.open(model, 1, problem) == host && hosts.count() == 1);
+    auto host = hosts.open(model, {1}, problem);
+    EXPECT(host != nullptr && hosts.open(model, {1}, problem) == host && hosts.count() == 1);
     if (!host) return;
     // The curves are ARKit's, as MetaHuman's face and Live Link Face name them.
     EXPECT(host->info.is_arkit == 1 && host->channels.size() == 52);
@@ -440,7 +440,7 @@ void gestures_and_settings_are_the_host_s(const std::shared_ptr<Host> &host, con
 void a_lost_engine_is_told_once(const char *model) {
     std::string problem;
     Hosts hosts;
-    auto host = hosts.open(model, 1, problem);
+    auto host = hosts.open(model, {1}, problem);
     auto avatar = Avatar::make(host, plain(), problem);
     EXPECT(avatar && avatar->failure().empty());
     host->engine.reset();
@@ -467,7 +467,7 @@ int main(int count, char **arguments) {
     a_live_mouth_goes_with_the_sound(arguments[3], samples);
     Hosts hosts;
     std::string problem;
-    const auto host = hosts.open(arguments[1], 0, problem);
+    const auto host = hosts.open(arguments[1], {}, problem);
     EXPECT(host != nullptr);
     if (host) {
         frames_are_the_library_s_and_go_with_the_sound(host, samples);

@@ -7,6 +7,7 @@ use serde_json::json;
 use umo_core::floor::Machine;
 
 use super::Stage;
+use crate::args::PriorityArg;
 
 /// Everything that was measured.
 #[derive(Debug)]
@@ -31,6 +32,8 @@ pub(super) struct Report {
     pub(super) processor: Option<Duration>,
     /// Other programs kept the machine busy.
     pub(super) is_busy: bool,
+    /// That of the threads that compute.
+    pub(super) priority: PriorityArg,
     pub(super) crowd: Option<Crowd>,
 }
 
@@ -115,6 +118,7 @@ impl Report {
             "stages": stages, "peaks": peaks,
         });
         report["busy_machine"] = json!(self.is_busy);
+        report["priority"] = json!(self.priority.name());
         if let Some(bytes) = self.memory {
             report["peak_memory_bytes"] = json!(bytes);
         }
@@ -137,10 +141,11 @@ impl Report {
 
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { model, isa, threads, target, .. } = self;
+        let Self { model, isa, threads, target, priority, .. } = self;
         writeln!(
             f,
-            "{model}, {isa}, {threads} threads, {target} keyframes a chunk, loaded in {:.0} ms{}",
+            "{model}, {isa}, {threads} threads{}, {target} keyframes a chunk, loaded in {:.0} ms{}",
+            if *priority == PriorityArg::Normal { String::new() } else { format!(" of {} priority", priority.name()) },
             ms(self.load),
             if self.is_busy { ", beside a program on every core and one that wakes up at 10 kHz" } else { "" }
         )?;

@@ -16,6 +16,42 @@ fn polled() -> Engine {
     Engine::new(model("models/umo-people"), &config).unwrap()
 }
 
+/// Names and nice values of this process's threads.
+#[cfg(target_os = "linux")]
+fn threads() -> Vec<(String, i32)> {
+    let tasks = std::fs::read_dir("/proc/self/task").unwrap();
+    // Threads of other tests may end meanwhile.
+    let stats = tasks.filter_map(|task| std::fs::read_to_string(task.unwrap().path().join("stat")).ok());
+    let thread = |stat: String| {
+        let (name, fields) = stat.rsplit_once(") ").unwrap();
+        let nice = fields.split(' ').nth(16).unwrap().parse().unwrap();
+        (name.split_once('(').unwrap().1.to_owned(), nice)
+    };
+    stats.map(thread).collect()
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn an_engines_own_threads_have_its_priority() {
+    let config = EngineConfig { threads: Threads::Own(2), priority: Priority::Low, ..EngineConfig::default() };
+    let engine = Engine::new(model("tests/golden/mel_k2_arkit"), &config).unwrap();
+    assert_eq!(engine.priority(), Priority::Low);
+    let is_own = |name: &str| name.starts_with("umo-");
+    let (_, of_process) = threads().into_iter().find(|(name, _)| !is_own(name)).unwrap();
+    let has_low = |name: &str| threads().contains(&(name.to_owned(), (of_process + 10).min(19)));
+    for name in ["umo-0", "umo-1", "umo-batch-1"] {
+        assert!(has_low(name), "{name}: {:?}", threads());
+    }
+    drop(engine);
+    // The thread that polls is the host's.
+    let config = EngineConfig { threads: Threads::Host(1), ..config };
+    let engine = Engine::new(model("tests/golden/mel_k2_arkit"), &config).unwrap();
+    assert!(has_low("umo-1"), "{:?}", threads());
+    let is_unchanged = |(name, nice): &(String, i32)| is_own(name) || *nice == of_process;
+    assert!(threads().iter().all(is_unchanged), "{:?}", threads());
+    drop(engine);
+}
+
 /// An engine of two threads, which the test is, and its workers.
 struct Turns {
     engine: Engine,

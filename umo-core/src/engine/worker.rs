@@ -1,6 +1,7 @@
 //! A worker: selects the next sessions and computes their batch layer by layer.
 
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use super::load::LEAD;
@@ -11,7 +12,7 @@ use crate::defect::contain;
 use crate::linear::Compute;
 use crate::memory::with_capacity;
 use crate::session::{Failure, Member, PacketWriter, Schedule};
-use crate::team::{ExternalWorkers, Team};
+use crate::team::{ExternalWorkers, Placement, Team};
 use crate::time::Instant;
 
 /// A batch, and the sessions in it.
@@ -49,9 +50,16 @@ impl Worker {
         };
         let team = match (&config.lender, config.threads) {
             (Some(_), Threads::Host(_)) => Team::with_external_workers(threads),
-            _ if index != LEAD => Team::on_cores(1, config.cores.get(index).copied(), &[])?,
-            _ => Team::on_cores(threads, own, others)?,
+            _ if index != LEAD => {
+                Team::placed(1, Placement { caller: config.cores.get(index).copied(), ..Placement::default() })?
+            }
+            _ => Team::placed(threads, Placement { caller: own, cores: others, priority: config.priority })?,
         };
+        // After the team's threads, which would begin with it.
+        let is_set = matches!(config.threads, Threads::Host(_)) || config.priority.set();
+        if !is_set || !team.has_priority() {
+            inner.refused.store(true, Ordering::Relaxed);
+        }
         let mut batch = Batch::new(inner.model(), width);
         if matches!(config.threads, Threads::Host(_)) {
             batch.bound(&inner.model().config);

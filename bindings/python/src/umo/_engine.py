@@ -21,7 +21,8 @@ class Engine(_library.Handle):
     """Computes the sessions of one model, on `threads` of its own, or, where `polled`, in `poll`.
 
     `model` is None for the one that comes with the package. `max_sessions` is how many there may be at once, `max_batch` how
-    many are computed together; `cores` binds threads to processors. What is None is umo's default.
+    many are computed together; `cores` binds threads to processors; `priority` is that of the engine's own threads: `"high"`,
+    before other programs, which Linux refuses to most users, or `"low"`, behind them. What is None is umo's default.
     """
 
     def __init__(
@@ -33,12 +34,14 @@ class Engine(_library.Handle):
         max_sessions: Optional[int] = None,
         max_batch: Optional[int] = None,
         cores: Sequence[int] = (),
+        priority: str = "normal",
     ) -> None:
         self._model = model or default_model()
         config, handle = _library.EngineConfig(), ctypes.c_void_p()
         _library.check(lib.umo_engine_config_init(config, ctypes.sizeof(config)))
         mode = _library.ENGINE_POLLED if polled else _library.ENGINE_THREADS
         _library.set_fields(config, mode=mode, threads=threads, max_sessions=max_sessions, max_batch=max_batch)
+        config.priority = _library.chosen("priority", _library.PRIORITIES, priority)
         _library.set_fields(config, core_count=len(cores), cores=(ctypes.c_uint32 * len(cores))(*cores))
         _library.check(lib.umo_engine_new(self._model._handle, config, byref(handle)))
         super().__init__(handle.value or 0, lib.umo_engine_free)

@@ -55,6 +55,7 @@ SIDES = {"auto": 0, "left": 1, "right": 2, "both": 3}
 GESTURE_PARTS = {"head": 1, "trunk": 2, "left_arm": 4, "right_arm": 8}
 FORMATS = {"glb": 1, "vrma": 2}
 AXES = {"gltf": 0, "unreal": 1, "unity": 2}
+PRIORITIES = {"normal": 0, "high": 1, "low": 2}
 PRECISIONS = {"stored": 0, "f32": 1, "bf16": 2, "int8": 3}
 ISAS = {
     "best": 0,
@@ -126,6 +127,8 @@ class EngineConfig(ctypes.Structure):
         ("cores", POINTER(c_uint32)),
         ("jobs", c_void_p),
         ("log", c_void_p),
+        ("priority", c_uint32),
+        ("reserved", c_uint32),
     ]
 
 

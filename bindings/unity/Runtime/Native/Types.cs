@@ -41,6 +41,9 @@ namespace Umo
     /// <summary>Who computes: the engine's own threads, or whoever calls Poll.</summary>
     public enum EngineMode : uint { Threads = 0, Polled = 1 }
 
+    /// <summary>Priority of an engine's own threads. Where the system refuses it they have that of the thread that makes the engine.</summary>
+    public enum Priority : uint { Normal = 0, High = 1, Low = 2 }
+
     public enum LogLevel : uint { Info = 1, Warning = 2, Error = 3 }
 
     public enum Precision : uint { Stored = 0, F32 = 1, Bf16 = 2, Int8 = 3 }
@@ -188,6 +191,8 @@ namespace Umo
         public IntPtr Jobs;
         /// <summary>A <see cref="Umo.Log"/>, or zero.</summary>
         public IntPtr Log;
+        public Priority Priority;
+        public uint Reserved;
     }
 
     /// <summary>What a session is made with. Start with <see cref="Session.Defaults"/>.</summary>

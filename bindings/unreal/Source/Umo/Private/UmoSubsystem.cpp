@@ -44,7 +44,7 @@ std::shared_ptr<umo_unreal::Host> UUmoSubsystem::Open(const FString& ModelFile, 
 	{
 		File = FPaths::Combine(FPaths::ProjectContentDir(), File);
 	}
-	const uint32 Computing = static_cast<uint32>(FMath::Max(Threads, 0));
+	const umo_unreal::Computing Computing{static_cast<uint32>(FMath::Max(Threads, 0)), static_cast<uint32>(Priority)};
 	std::string Problem;
 #if PLATFORM_ANDROID
 	// It lies in the application's archive, which the engine reads.

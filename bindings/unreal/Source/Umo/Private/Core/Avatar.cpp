@@ -29,7 +29,7 @@ std::string explain(umo_status status, const std::string &detail) {
     return text;
 }
 
-std::shared_ptr<Host> Hosts::open(const std::string &path, std::uint32_t threads, std::string &problem,
+std::shared_ptr<Host> Hosts::open(const std::string &path, const Computing &computing, std::string &problem,
                                   const void *content, std::size_t size) {
     for (const auto &[known, host] : hosts_) {
         if (known == path) return host;
@@ -47,7 +47,8 @@ std::shared_ptr<Host> Hosts::open(const std::string &path, std::uint32_t threads
                                                host->skeleton.offsets, joint_count);
     if (status == UMO_STATUS_OK) {
         umo_engine_config config = umo::engine::defaults();
-        if (threads != 0) config.threads = threads;
+        if (computing.threads != 0) config.threads = computing.threads;
+        config.priority = computing.priority;
         auto engine = umo::engine::make(host->model, &config);
         status = engine.status;
         host->engine = std::move(*engine);

@@ -27,12 +27,20 @@ struct Host {
     SourceSkeleton skeleton;
 };
 
+/// How an engine computes.
+struct Computing {
+    /// 0 for the library's default.
+    std::uint32_t threads = 0;
+    /// `UMO_PRIORITY_…`
+    std::uint32_t priority = UMO_PRIORITY_NORMAL;
+};
+
 /// The hosts of a process, one per model file. One thread.
 class Hosts {
 public:
-    /// `threads` that compute, 0 for the library's default; read when the file is opened first. Null where that fails:
-    /// `problem` says why. `content` is what the file holds where the system cannot open it by its path.
-    std::shared_ptr<Host> open(const std::string &path, std::uint32_t threads, std::string &problem,
+    /// `computing` is read when the file is opened first. Null where that fails: `problem` says why. `content` is what
+    /// the file holds where the system cannot open it by its path.
+    std::shared_ptr<Host> open(const std::string &path, const Computing &computing, std::string &problem,
                                const void *content = nullptr, std::size_t size = 0);
     /// Lets go of those that no character uses.
     void close_unused();
