@@ -1,6 +1,13 @@
 /* Frames in a game's own structures, in each engine's axes; gains; sampling; the host's allocator and threads. */
 
+#define _GNU_SOURCE
 #include <pthread.h>
+
+#if defined(__linux__) && !defined(__ANDROID__)
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
+#endif
 
 #include "check.h"
 
@@ -309,6 +316,35 @@ static void the_log_is_told(const char *path) {
     while (lines > 0) free(said[--lines]);
 }
 
+/* To a user without the right to it; in a process of its own, which gives that right up. */
+static void a_refused_priority_is_told(void) {
+#if defined(__linux__) && !defined(__ANDROID__)
+    enum { NOBODY = 65534 };
+    pid_t child = fork();
+    CHECK(child >= 0);
+    if (child == 0) {
+        const struct rlimit none = {0, 0};
+        CHECK(setrlimit(RLIMIT_NICE, &none) == 0 && (geteuid() != 0 || setuid(NOBODY) == 0));
+        umo_log log = {said, keep};
+        umo_engine_config config;
+        umo_engine *engine = NULL;
+        OK(umo_engine_config_init(&config, sizeof config));
+        config.log = &log;
+        config.priority = UMO_PRIORITY_HIGH;
+        OK(umo_engine_new(model, &config, &engine));
+        CHECK(lines == 2 && strstr(said[0], "priority 1: the system refuses it") && strstr(said[0], "ulimit -e 30"));
+        config.priority = UMO_PRIORITY_LOW;
+        OK(umo_engine_free(engine));
+        lines = 0;
+        OK(umo_engine_new(model, &config, &engine));
+        CHECK(lines == 1 && strstr(said[0], "engine of "));
+        _exit(0);
+    }
+    int status = 1;
+    CHECK(waitpid(child, &status, 0) == child && WIFEXITED(status) && WEXITSTATUS(status) == 0);
+#endif
+}
+
 int main(int argc, char **argv) {
     CHECK(argc == 2);
     speak(speech, SAMPLES, 0);
@@ -321,6 +357,7 @@ int main(int argc, char **argv) {
     memory_is_the_host_s(engine);
     threads_are_the_host_s();
     the_log_is_told(argv[1]);
+    a_refused_priority_is_told();
     OK(umo_engine_free(engine));
     OK(umo_model_free(model));
     return 0;
