@@ -309,6 +309,13 @@ internal static unsafe class Tests
         error = Throws<UmoException>(() => new Engine(model, config));
         Equal(Status.InvalidArgument, error.Status);
         True(error.Message.Contains("65"), error.Message);
+        config = Engine.Defaults;
+        config.Priority = (Priority)3;
+        error = Throws<UmoException>(() => new Engine(model, config));
+        Equal(Status.InvalidArgument, error.Status);
+        True(error.Message.Contains("priority 3"), error.Message);
+        config.Priority = Priority.Low;
+        new Engine(model, config).Dispose();
         Equal(Status.InvalidArgument, Throws<UmoException>(() => NewSession(box => box.Config.SampleRate = 7999)).Status);
         Equal(Status.StructSize, Throws<UmoException>(() => NewSession(box => box.Config.StructSize = 3)).Status);
         Throws<UmoException>(() => new Session(engine, null, "no_such_template"));

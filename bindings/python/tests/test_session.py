@@ -60,6 +60,18 @@ def test_an_audio_thread_pushes_while_this_one_pulls(engine, hello, live):
         assert 0 < latency.compute_p50 <= latency.compute_p999 <= latency.compute_max
 
 
+def test_engines_have_priorities(model, hello):
+    with pytest.raises(ValueError, match="priority 'hihg': did you mean 'high'"):
+        umo.Engine(model, priority="hihg")
+    for priority in ("low", "normal", "high"):
+        with umo.Engine(model, priority=priority) as engine, engine.session(hello[1]) as session:
+            session.push(hello[0])
+            session.finish()
+            while not session.is_done:
+                time.sleep(0.01)
+                session.pull()
+
+
 def test_other_threads_run_while_a_call_computes(model, hello):
     """A thread of Python counts while another one is inside of one long poll."""
     with umo.Engine(model, polled=True, threads=1) as engine, engine.session(hello[1]) as session:
