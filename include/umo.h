@@ -78,7 +78,7 @@
 // The host computes by `umo_engine_poll`.
 #define UMO_ENGINE_POLLED 1
 
-// Threads have the priority of the thread that makes the engine.
+// Threads have the priority of any new thread of the process.
 #define UMO_PRIORITY_NORMAL 0
 
 // Threads run before those of normal priority: frames are nearly as fast beside a program that

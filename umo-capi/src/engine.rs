@@ -25,7 +25,7 @@ pub const UMO_ENGINE_THREADS: u32 = 0;
 /// The host computes by `umo_engine_poll`.
 pub const UMO_ENGINE_POLLED: u32 = 1;
 
-/// Threads have the priority of the thread that makes the engine.
+/// Threads have the priority of any new thread of the process.
 pub const UMO_PRIORITY_NORMAL: u32 = 0;
 /// Threads run before those of normal priority: frames are nearly as fast beside a program that
 /// keeps every core busy. Linux refuses it to most users; Windows, Android and Apple's systems

@@ -4,7 +4,7 @@
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Priority {
-    /// That of the thread that makes the engine.
+    /// That of any new thread of the process.
     #[default]
     Normal,
     /// Before threads of normal priority: frames are nearly as fast beside a program that keeps every core

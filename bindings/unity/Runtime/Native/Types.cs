@@ -41,7 +41,7 @@ namespace Umo
     /// <summary>Who computes: the engine's own threads, or whoever calls Poll.</summary>
     public enum EngineMode : uint { Threads = 0, Polled = 1 }
 
-    /// <summary>Priority of an engine's own threads. Where the system refuses it they have that of the thread that makes the engine.</summary>
+    /// <summary>Priority of an engine's own threads. Where the system refuses it they are Normal.</summary>
     public enum Priority : uint { Normal = 0, High = 1, Low = 2 }
 
     public enum LogLevel : uint { Info = 1, Warning = 2, Error = 3 }
