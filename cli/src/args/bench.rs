@@ -1,0 +1,89 @@
+//! Arguments of `umo bench`.
+
+use std::path::PathBuf;
+
+use clap::{Args as ClapArgs, ValueEnum};
+use umo_core::Priority;
+
+use super::Compute;
+
+/// Measure a model on this machine.
+#[derive(Debug, ClapArgs)]
+pub struct Bench {
+    /// Model file; the one in the program where not given
+    #[arg(long, value_name = "FILE")]
+    pub model: Option<PathBuf>,
+    /// Keyframes predicted at a time
+    #[arg(long, value_name = "N")]
+    pub target: Option<usize>,
+    /// Chunks whose times are taken, one after the other
+    #[arg(long, value_name = "C", default_value_t = 100)]
+    pub chunks: usize,
+    /// First frames whose times are taken
+    #[arg(long, value_name = "R", default_value_t = 20)]
+    pub starts: usize,
+    /// Avatars that speak at once, in real time
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    pub sessions: usize,
+    /// Seconds that they speak; 0 leaves this part out
+    #[arg(long, value_name = "S", default_value_t = 10.0)]
+    pub seconds: f64,
+    /// Hold bodies while chunks begin so many milliseconds late
+    #[arg(long, value_name = "MS")]
+    pub late_limit: Option<f64>,
+    /// One line of JSON in place of the tables
+    #[arg(long)]
+    pub json: bool,
+    /// With another program that computes on every core, and one that wakes up 10,000 times a second
+    #[arg(long)]
+    pub busy: bool,
+    /// Priority of the threads that compute
+    #[arg(long, value_enum, default_value_t = PriorityArg::Normal)]
+    pub priority: PriorityArg,
+    /// Be such a program until standard input ends
+    #[arg(long, hide = true, value_enum, value_name = "KIND")]
+    pub neighbour: Option<Neighbour>,
+    /// Draw the chunks' times, a histogram and a timeline
+    #[arg(long, value_name = "FILE.svg")]
+    pub plot: Option<PathBuf>,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "clap would print a doc comment as help")]
+    pub compute: Compute,
+}
+
+/// Priority of an engine's threads.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum PriorityArg {
+    /// That of this program
+    Normal,
+    /// Before other programs; Linux refuses it to most users
+    High,
+    /// Behind other programs
+    Low,
+}
+
+impl PriorityArg {
+    /// As it is written on the command line.
+    pub fn name(self) -> String {
+        self.to_possible_value().map(|value| value.get_name().to_owned()).unwrap_or_default()
+    }
+}
+
+impl From<PriorityArg> for Priority {
+    fn from(priority: PriorityArg) -> Self {
+        match priority {
+            PriorityArg::Normal => Self::Normal,
+            PriorityArg::High => Self::High,
+            PriorityArg::Low => Self::Low,
+        }
+    }
+}
+
+/// What another program does while a model is measured.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum Neighbour {
+    /// Computes all the time
+    Spin,
+    /// Wakes up again and again
+    Wake,
+}
