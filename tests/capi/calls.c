@@ -90,6 +90,14 @@ static void engines_refuse(void) {
     WITH(INVALID_ARGUMENT, reserved, 1);
     WITH(NULL_POINTER, core_count, 1);
     WITH(STRUCT_SIZE, struct_size, 4);
+    /* A host that was built with the first version, which had no priority. */
+    const size_t first_version = offsetof(umo_engine_config, priority);
+    OK(umo_engine_config_init(&config, first_version));
+    config.priority = 3;
+    OK(umo_engine_new(model, &config, &none));
+    OK(umo_engine_free(none));
+    none = NULL;
+    WITH(STRUCT_SIZE, struct_size, (uint32_t)first_version - 1);
     const uint32_t core = 100000;
     OK(umo_engine_config_init(&config, sizeof config));
     config.cores = &core;

@@ -328,7 +328,7 @@ pub struct Engine {
     external_workers: Option<(ExternalWorkers, Lender)>,
     /// Those of the workers.
     threads: Vec<JoinHandle<()>>,
-    /// That they were to have.
+    /// What they were to have.
     priority: Priority,
 }
 
