@@ -272,10 +272,10 @@ mod tests {
             assert_eq!((size_of::<T>(), T::FIRST), (bytes, bytes));
         }
         sized::<UmoModelConfig>(24);
-        sized::<UmoEngineConfig>(48);
         sized::<UmoFrameLayout>(48);
         sized::<UmoParameterInfo>(40);
         // Grown since their first version.
+        assert_eq!((size_of::<UmoEngineConfig>(), UmoEngineConfig::FIRST), (56, 48));
         assert_eq!((size_of::<UmoSessionConfig>(), UmoSessionConfig::FIRST), (88, 64));
         assert_eq!((size_of::<UmoModelInfo>(), UmoModelInfo::FIRST), (72, 64));
         assert_eq!((size_of::<UmoLatency>(), UmoLatency::FIRST), (72, 48));
@@ -289,6 +289,7 @@ mod tests {
         assert_eq!((size_of::<UmoAllocator>(), size_of::<UmoJobs>(), size_of::<UmoLog>()), (24, 16, 16));
         assert_eq!(offset_of!(UmoModelInfo, file_size), 56);
         assert_eq!(offset_of!(UmoEngineConfig, jobs), 32);
+        assert_eq!(offset_of!(UmoEngineConfig, priority), 48);
         assert_eq!(offset_of!(UmoSessionConfig, seed), 40);
         assert_eq!(offset_of!(UmoSessionConfig, template_name), 48);
         assert_eq!(offset_of!(UmoSessionConfig, smoothing), 64);
