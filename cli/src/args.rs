@@ -7,10 +7,10 @@ use std::path::PathBuf;
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
-use umo_core::{GestureOptions, GestureParts, Layer, Precision, Side};
+use umo_core::{GestureOptions, GestureParts, Layer, Precision, Priority, Side};
 use umo_figure::Figure;
 
-pub use bench::{Bench, Neighbour, PriorityArg};
+pub use bench::{Bench, Neighbour};
 pub use models::{
     Convert, FloatArg, Inspect, LayoutArg, MakeRandom, NewRows, Quantize, Size, Stage, StorageArg, WeightsArg,
 };
@@ -481,6 +481,9 @@ pub struct Serve {
     /// Most sessions that are computed together
     #[arg(long, value_name = "N", default_value_t = 8)]
     pub batch: usize,
+    /// Priority of the threads that compute
+    #[arg(long, value_enum, default_value_t = PriorityArg::Normal)]
+    pub priority: PriorityArg,
     /// File of tokens, a line each: a name for the client, and its token of 16 characters or more
     #[arg(long, value_name = "FILE")]
     pub tokens: Option<PathBuf>,
@@ -515,6 +518,34 @@ pub struct Serve {
     #[command(flatten)]
     #[expect(missing_docs, reason = "clap would print a doc comment as help")]
     pub compute: Compute,
+}
+
+/// Priority of an engine's threads.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum PriorityArg {
+    /// That of this program
+    Normal,
+    /// Before other programs; Linux refuses it to most users
+    High,
+    /// Behind other programs
+    Low,
+}
+
+impl PriorityArg {
+    /// As it is written on the command line.
+    pub fn name(self) -> String {
+        self.to_possible_value().map(|value| value.get_name().to_owned()).unwrap_or_default()
+    }
+}
+
+impl From<PriorityArg> for Priority {
+    fn from(priority: PriorityArg) -> Self {
+        match priority {
+            PriorityArg::Normal => Self::Normal,
+            PriorityArg::High => Self::High,
+            PriorityArg::Low => Self::Low,
+        }
+    }
 }
 
 /// A time of a server.

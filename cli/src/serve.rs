@@ -44,6 +44,7 @@ fn config(args: &Serve) -> Result<Config, Failure> {
         sessions: args.sessions,
         per_client: args.per_client.unwrap_or(args.sessions),
         threads: model::threads(&args.compute)?,
+        priority: args.priority.into(),
         max_batch: args.batch,
         tokens,
         is_behind_proxy: args.behind_proxy,

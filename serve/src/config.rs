@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use umo_core::{MAX_BATCH, MAX_SESSIONS, MAX_THREADS};
+use umo_core::{MAX_BATCH, MAX_SESSIONS, MAX_THREADS, Priority};
 
 use crate::tokens::Tokens;
 
@@ -19,6 +19,8 @@ pub struct Config {
     pub per_client: usize,
     /// Threads that compute.
     pub threads: usize,
+    /// Their priority.
+    pub priority: Priority,
     /// Most sessions that are computed together.
     pub max_batch: usize,
     /// Who may come in; everybody where there are no tokens.
@@ -49,6 +51,7 @@ impl Default for Config {
             sessions: 32,
             per_client: 32,
             threads: cores.min(2),
+            priority: Priority::Normal,
             max_batch: 8,
             tokens: Tokens::default(),
             is_behind_proxy: false,

@@ -17,7 +17,7 @@ use hyper_util::service::TowerToHyperService;
 use tokio::net::{TcpListener, TcpStream, ToSocketAddrs};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio::time::{Instant, sleep, timeout};
-use umo_core::{Engine, EngineConfig, EngineError, MAX_SESSIONS, Model, Threads};
+use umo_core::{Engine, EngineConfig, EngineError, MAX_SESSIONS, Model, Priority, Threads};
 
 use crate::config::Config;
 use crate::hub::{Hub, Phase};
@@ -85,7 +85,7 @@ impl Server {
     ///
     /// # Errors
     /// [`ServerError`] where an option is out of its range, the address cannot be used, or the engine
-    /// gets no threads or memory.
+    /// gets no threads, memory or priority.
     pub async fn bind(address: impl ToSocketAddrs, config: Config, model: Arc<Model>) -> Result<Self, ServerError> {
         config.check().map_err(ServerError::Config)?;
         let engine = EngineConfig {
@@ -93,9 +93,15 @@ impl Server {
             // A session that has gone is in the engine for the rest of its batch.
             max_sessions: (config.sessions + config.max_batch).min(MAX_SESSIONS),
             max_batch: config.max_batch,
+            priority: config.priority,
             ..EngineConfig::default()
         };
         let engine = Engine::new(model, &engine).map_err(ServerError::Engine)?;
+        if engine.priority() != config.priority {
+            let asked = format!("{:?}", config.priority).to_lowercase();
+            let problem = format!("priority {asked}: the system refuses it: {}", Priority::advice());
+            return Err(ServerError::Config(problem));
+        }
         let unusable = |error| ServerError::System("cannot listen at this address".to_owned(), error);
         let listener = TcpListener::bind(address).await.map_err(unusable)?;
         let address = listener.local_addr().map_err(unusable)?;

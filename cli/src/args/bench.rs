@@ -3,9 +3,8 @@
 use std::path::PathBuf;
 
 use clap::{Args as ClapArgs, ValueEnum};
-use umo_core::Priority;
 
-use super::Compute;
+use super::{Compute, PriorityArg};
 
 /// Measure a model on this machine.
 #[derive(Debug, ClapArgs)]
@@ -49,34 +48,6 @@ pub struct Bench {
     #[command(flatten)]
     #[expect(missing_docs, reason = "clap would print a doc comment as help")]
     pub compute: Compute,
-}
-
-/// Priority of an engine's threads.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum PriorityArg {
-    /// That of this program
-    Normal,
-    /// Before other programs; Linux refuses it to most users
-    High,
-    /// Behind other programs
-    Low,
-}
-
-impl PriorityArg {
-    /// As it is written on the command line.
-    pub fn name(self) -> String {
-        self.to_possible_value().map(|value| value.get_name().to_owned()).unwrap_or_default()
-    }
-}
-
-impl From<PriorityArg> for Priority {
-    fn from(priority: PriorityArg) -> Self {
-        match priority {
-            PriorityArg::Normal => Self::Normal,
-            PriorityArg::High => Self::High,
-            PriorityArg::Low => Self::Low,
-        }
-    }
 }
 
 /// What another program does while a model is measured.
