@@ -521,7 +521,7 @@ pub struct Serve {
 }
 
 /// Priority of an engine's threads.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum PriorityArg {
     /// That of this program
     Normal,
@@ -529,13 +529,6 @@ pub enum PriorityArg {
     High,
     /// Behind other programs
     Low,
-}
-
-impl PriorityArg {
-    /// As it is written on the command line.
-    pub fn name(self) -> String {
-        self.to_possible_value().map(|value| value.get_name().to_owned()).unwrap_or_default()
-    }
 }
 
 impl From<PriorityArg> for Priority {

@@ -62,16 +62,17 @@ pub(crate) fn run(args: &Bench) -> Result<(), Failure> {
     session.avatar.target = args.target.unwrap_or(config.target);
     // Without frames held back, as the paper counts.
     session.avatar.lookahead = 0;
+    let priority = Priority::from(args.priority);
     let engine = EngineConfig {
         threads: Threads::Own(threads),
         max_sessions: args.sessions + 1,
         max_batch: args.sessions.min(8),
-        priority: args.priority.into(),
+        priority,
         ..EngineConfig::default()
     };
     let engine = Engine::new(Arc::clone(&model), &engine).map_err(Failure::input)?;
-    if engine.priority() != args.priority.into() {
-        let what = format!("--priority {}: the system refuses it: {}", args.priority.name(), Priority::advice());
+    if engine.priority() != priority {
+        let what = format!("--priority {priority}: the system refuses it: {}", Priority::advice());
         return Err(Failure::environment(what));
     }
     let bench = Runner { engine, session, config: &config, speech: speech(&config) };
@@ -112,7 +113,7 @@ pub(crate) fn run(args: &Bench) -> Result<(), Failure> {
         memory,
         processor,
         is_busy: args.busy,
-        priority: args.priority,
+        priority,
         crowd,
     };
     if args.json {

@@ -98,8 +98,7 @@ impl Server {
         };
         let engine = Engine::new(model, &engine).map_err(ServerError::Engine)?;
         if engine.priority() != config.priority {
-            let asked = format!("{:?}", config.priority).to_lowercase();
-            let problem = format!("priority {asked}: the system refuses it: {}", Priority::advice());
+            let problem = format!("priority {}: the system refuses it: {}", config.priority, Priority::advice());
             return Err(ServerError::Config(problem));
         }
         let unusable = |error| ServerError::System("cannot listen at this address".to_owned(), error);

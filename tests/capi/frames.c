@@ -1,4 +1,4 @@
-/* Frames in a game's own structures, in each engine's axes; gains; sampling; the host's allocator and threads. */
+/* Frames in a game's own structures, in each engine's axes; gains; sampling; the host's allocator and threads; a priority that the system refuses. */
 
 #define _GNU_SOURCE
 #include <pthread.h>

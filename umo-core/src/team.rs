@@ -13,7 +13,7 @@
 //! those that put a thread to sleep and wake it.
 #![expect(
     unsafe_code,
-    reason = "a job borrows the caller's stack while the caller waits for it, and the system binds threads"
+    reason = "a job borrows the caller's stack while the caller waits for it, and the system sets threads' cores and priorities"
 )]
 
 mod cores;

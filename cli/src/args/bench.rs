@@ -33,12 +33,12 @@ pub struct Bench {
     /// One line of JSON in place of the tables
     #[arg(long)]
     pub json: bool,
-    /// With another program that computes on every core, and one that wakes up 10,000 times a second
-    #[arg(long)]
-    pub busy: bool,
     /// Priority of the threads that compute
     #[arg(long, value_enum, default_value_t = PriorityArg::Normal)]
     pub priority: PriorityArg,
+    /// With another program that computes on every core, and one that wakes up 10,000 times a second
+    #[arg(long)]
+    pub busy: bool,
     /// Be such a program until standard input ends
     #[arg(long, hide = true, value_enum, value_name = "KIND")]
     pub neighbour: Option<Neighbour>,

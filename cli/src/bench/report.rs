@@ -4,10 +4,10 @@ use std::fmt;
 use std::time::Duration;
 
 use serde_json::json;
+use umo_core::engine::Priority;
 use umo_core::floor::Machine;
 
 use super::Stage;
-use crate::args::PriorityArg;
 
 /// Everything that was measured.
 #[derive(Debug)]
@@ -33,7 +33,7 @@ pub(super) struct Report {
     /// Other programs kept the machine busy.
     pub(super) is_busy: bool,
     /// That of the threads that compute.
-    pub(super) priority: PriorityArg,
+    pub(super) priority: Priority,
     pub(super) crowd: Option<Crowd>,
 }
 
@@ -118,7 +118,7 @@ impl Report {
             "stages": stages, "peaks": peaks,
         });
         report["busy_machine"] = json!(self.is_busy);
-        report["priority"] = json!(self.priority.name());
+        report["priority"] = json!(self.priority.to_string());
         if let Some(bytes) = self.memory {
             report["peak_memory_bytes"] = json!(bytes);
         }
@@ -145,7 +145,7 @@ impl fmt::Display for Report {
         writeln!(
             f,
             "{model}, {isa}, {threads} threads{}, {target} keyframes a chunk, loaded in {:.0} ms{}",
-            if *priority == PriorityArg::Normal { String::new() } else { format!(" of {} priority", priority.name()) },
+            if *priority == Priority::Normal { String::new() } else { format!(" of {priority} priority") },
             ms(self.load),
             if self.is_busy { ", beside a program on every core and one that wakes up at 10 kHz" } else { "" }
         )?;

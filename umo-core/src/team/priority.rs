@@ -1,5 +1,7 @@
 //! Priorities of threads, by the means of each system.
 
+use std::fmt;
+
 /// Priority of an engine's own threads, among all threads of the machine.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
@@ -20,10 +22,20 @@ impl Priority {
         self == Self::Normal || system::set(self)
     }
 
-    /// What it takes to have [`Priority::High`] where the system refuses it.
+    /// What to do where the system refuses a priority.
     #[must_use]
     pub fn advice() -> &'static str {
         system::ADVICE
+    }
+}
+
+impl fmt::Display for Priority {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Normal => "normal",
+            Self::High => "high",
+            Self::Low => "low",
+        })
     }
 }
 
@@ -34,8 +46,8 @@ mod system {
     /// Steps of nice from normal. The system gives a thread 1.25 times the time for each step.
     const STEPS: libc::c_int = 10;
 
-    pub(super) const ADVICE: &str = "it takes the capability CAP_SYS_NICE or a limit of 30 (`ulimit -e 30`, \
-                                     `LimitNICE=-10` of a systemd unit)";
+    pub(super) const ADVICE: &str = "it needs the capability CAP_SYS_NICE, or RLIMIT_NICE of 30 (`ulimit -e 30`; \
+                                     in a systemd unit `LimitNICE=-10`)";
 
     pub(super) fn set(priority: Priority) -> bool {
         let step = match priority {
@@ -63,6 +75,7 @@ mod system {
 
 #[cfg(all(feature = "threads", windows))]
 mod system {
+    use windows_sys::Win32::Foundation::HANDLE;
     use windows_sys::Win32::System::Threading::{
         GetCurrentThread, SetThreadPriority, THREAD_PRIORITY_ABOVE_NORMAL, THREAD_PRIORITY_BELOW_NORMAL,
         THREAD_PRIORITY_NORMAL,
@@ -70,7 +83,7 @@ mod system {
 
     use super::Priority;
 
-    pub(super) const ADVICE: &str = "Windows grants it to every process";
+    pub(super) const ADVICE: &str = "leave it normal";
 
     pub(super) fn set(priority: Priority) -> bool {
         let level = match priority {
@@ -78,18 +91,19 @@ mod system {
             Priority::High => THREAD_PRIORITY_ABOVE_NORMAL,
             Priority::Low => THREAD_PRIORITY_BELOW_NORMAL,
         };
+        // SAFETY: the handle of the calling thread is valid.
+        unsafe { SetThreadPriority(this_thread(), level) != 0 }
+    }
+
+    fn this_thread() -> HANDLE {
         // SAFETY: takes nothing, and the handle that it gives needs no closing.
-        let thread = unsafe { GetCurrentThread() };
-        // SAFETY: `thread` is a valid handle.
-        unsafe { SetThreadPriority(thread, level) != 0 }
+        unsafe { GetCurrentThread() }
     }
 
     #[cfg(test)]
     pub(super) fn current() -> i32 {
-        // SAFETY: takes nothing, and the handle that it gives needs no closing.
-        let thread = unsafe { GetCurrentThread() };
-        // SAFETY: `thread` is a valid handle.
-        unsafe { windows_sys::Win32::System::Threading::GetThreadPriority(thread) }
+        // SAFETY: the handle of the calling thread is valid.
+        unsafe { windows_sys::Win32::System::Threading::GetThreadPriority(this_thread()) }
     }
 }
 
@@ -97,7 +111,7 @@ mod system {
 mod system {
     use super::Priority;
 
-    pub(super) const ADVICE: &str = "a thread whose scheduling policy was set by hand has no quality of service";
+    pub(super) const ADVICE: &str = "leave it normal";
 
     pub(super) fn set(priority: Priority) -> bool {
         let class = match priority {
@@ -117,7 +131,7 @@ mod system {
 mod system {
     use super::Priority;
 
-    pub(super) const ADVICE: &str = "this system's threads have no priorities that the library knows of";
+    pub(super) const ADVICE: &str = "the library cannot set it on this system; leave it normal";
 
     pub(super) fn set(_priority: Priority) -> bool {
         false
