@@ -21,8 +21,10 @@ class Engine(_library.Handle):
     """Computes the sessions of one model, on `threads` of its own, or, where `polled`, in `poll`.
 
     `model` is None for the one that comes with the package. `max_sessions` is how many there may be at once, `max_batch` how
-    many are computed together; `cores` binds threads to processors; `priority` is that of the engine's own threads: `"normal"`,
-    `"high"` (before other programs; where the system refuses it, as Linux does to most users, they stay normal) or `"low"`. What is None is umo's default.
+    many are computed together; `cores` binds threads to processors. What is None is umo's default.
+
+    `priority` is that of the engine's own threads: `"normal"`, `"high"` (before other programs) or `"low"` (behind them).
+    Where the system refuses it, as Linux does `"high"` to most users, they stay normal.
     """
 
     def __init__(
