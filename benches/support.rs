@@ -3,7 +3,7 @@
 
 pub mod parts;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use umo_core::ModelFile;
 use umo_core::floor::Machine;
@@ -84,8 +84,10 @@ pub fn frames_model() -> ModelFile {
 }
 
 fn open(variable: &str, layout: &str, name: &str) -> ModelFile {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     if let Some(path) = std::env::var_os(variable) {
-        return ModelFile::open(Path::new(&path)).unwrap_or_else(|error| panic!("{variable}: {error}"));
+        // Cargo runs benches in their package's folder; a path on its command line is of the repository's.
+        return ModelFile::open(&root.join(path)).unwrap_or_else(|error| panic!("{variable}: {error}"));
     }
     if is_test() {
         let folder = tempfile::tempdir().expect("a folder for temporary files");
@@ -94,7 +96,7 @@ fn open(variable: &str, layout: &str, name: &str) -> ModelFile {
         let bytes = std::fs::read(path).expect("it was just written");
         return ModelFile::from_bytes(bytes).expect("it was just written");
     }
-    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../target").join(name);
+    let path = root.join("target").join(name);
     if !path.exists() {
         make("base", layout, &path);
     }

@@ -14,8 +14,9 @@ use umo_core::engine::{Engine, EngineConfig, Priority, Threads};
 use umo_core::floor::{self, Floor, Machine, Stored};
 use umo_core::model::Model;
 use umo_core::session::{Session, SessionConfig};
+use umo_core::weights::layout::{self, Kind};
 use umo_core::weights::writer::Storage;
-use umo_core::{Config, ModelFile, Precision};
+use umo_core::{Config, LoadError, ModelFile, Precision};
 
 use crate::args::Bench;
 use crate::failure::Failure;
@@ -33,8 +34,8 @@ const PATIENCE: Duration = Duration::from_secs(120);
 const CALLS_PER_SECOND: usize = 100;
 /// Most memory that the bandwidth is measured over.
 const MAX_READ: usize = 384 << 20;
-/// A product that every model has.
-const PRODUCT: &str = "lm.encoder.block.0.layer.0.SelfAttention.q.weight";
+/// So many weights take a whole number of bytes however they are stored.
+const WEIGHTS: usize = 32;
 
 pub(crate) fn run(args: &Bench) -> Result<(), Failure> {
     if let Some(kind) = args.neighbour {
@@ -127,20 +128,27 @@ pub(crate) fn run(args: &Bench) -> Result<(), Failure> {
     Ok(())
 }
 
-/// How the weights of products are stored while they are computed with. One product stands for all:
-/// those that a file stores with more bytes only make the floor lower than it has to be.
+/// How the weights of the language model's products are stored while they are computed with: the least of all of them,
+/// so that where a file stores some with more bytes, the floor is only lower than it has to be.
 fn stored(file: &ModelFile, precision: Precision) -> Result<Stored, Failure> {
-    Ok(match precision {
-        Precision::F32 => Stored::F32,
-        Precision::Bf16 => Stored::Bf16,
-        Precision::Int8 => Stored::Int8,
-        Precision::Stored => match file.storage(PRODUCT)? {
-            Storage::Int4 => Stored::Int4,
-            Storage::Int8 => Stored::Int8,
-            Storage::Bf16 | Storage::F16 => Stored::Bf16,
-            Storage::F32 | Storage::Bytes => Stored::F32,
-        },
-    })
+    let stored = |storage| match storage {
+        Storage::Int4 => Stored::Int4,
+        Storage::Int8 => Stored::Int8,
+        Storage::Bf16 | Storage::F16 => Stored::Bf16,
+        Storage::F32 | Storage::Bytes => Stored::F32,
+    };
+    match precision {
+        Precision::F32 => Ok(Stored::F32),
+        Precision::Bf16 => Ok(Stored::Bf16),
+        Precision::Int8 => Ok(Stored::Int8),
+        Precision::Stored => {
+            let products = layout::specs(file.config(), false).into_iter();
+            let products = products.filter(|spec| spec.kind == Kind::Product && spec.name.starts_with("lm."));
+            let all =
+                products.map(|spec| Ok(stored(file.storage(&spec.name)?))).collect::<Result<Vec<_>, LoadError>>()?;
+            Ok(all.into_iter().min_by_key(|stored| stored.bytes(WEIGHTS)).unwrap_or(Stored::F32))
+        }
+    }
 }
 
 /// A stage of a chunk.
@@ -208,16 +216,25 @@ impl Runner<'_> {
     }
 
     /// Pushes one chunk of audio, and waits until its last frame is there; the time to the first
-    /// one, and how many.
+    /// one, and how many. A stream whose first chunk is a single keyframe has no frame before the
+    /// second one, which is pushed then.
     fn one(&self, session: &Session, chunk: usize) -> Result<(Duration, usize), Failure> {
         let at = (chunk * self.chunk()) % (self.speech.len() - self.chunk());
-        let wanted = session.stats().chunks + 1;
+        let push = || {
+            let pushed = session.push_audio(&self.speech[at..at + self.chunk()]).map_err(Failure::environment)?;
+            if pushed.taken < self.chunk() {
+                return Err(Failure::environment("the engine does not keep up with one avatar"));
+            }
+            Ok(())
+        };
+        let mut wanted = session.stats().chunks + 1;
         let start = Instant::now();
-        let pushed = session.push_audio(&self.speech[at..at + self.chunk()]).map_err(Failure::environment)?;
-        if pushed.taken < self.chunk() {
-            return Err(Failure::environment("the engine does not keep up with one avatar"));
-        }
+        push()?;
         while session.ready_frames().map_err(Failure::environment)? == 0 {
+            if session.stats().chunks == wanted && session.ready_frames().map_err(Failure::environment)? == 0 {
+                wanted += 1;
+                push()?;
+            }
             if start.elapsed() > PATIENCE {
                 return Err(Failure::environment(format!("no frame after {} s", PATIENCE.as_secs())));
             }

@@ -391,8 +391,9 @@ impl fmt::Display for Machine {
         let macs = |peak: Option<f64>| peak.map_or_else(|| "unknown".to_owned(), |m| format!("{:.0} GMAC/s", m / 1e9));
         write!(
             f,
-            "peaks of {} threads with {}: int8 {}, f32 {}, read {:.1} GB/s",
+            "peaks of {} thread{} with {}: int8 {}, f32 {}, read {:.1} GB/s",
             self.threads,
+            if self.threads == 1 { "" } else { "s" },
             self.isa.name(),
             macs(self.int8_per_second),
             macs(self.f32_per_second),

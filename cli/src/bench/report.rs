@@ -139,13 +139,20 @@ impl Report {
     }
 }
 
+/// What the word for so many things ends with.
+fn plural(count: usize) -> &'static str {
+    if count == 1 { "" } else { "s" }
+}
+
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { model, isa, threads, target, priority, .. } = self;
         writeln!(
             f,
-            "{model}, {isa}, {threads} threads{}, {target} keyframes a chunk, loaded in {:.0} ms{}",
+            "{model}, {isa}, {threads} thread{}{}, {target} keyframe{} a chunk, loaded in {:.0} ms{}",
+            plural(*threads),
             if *priority == Priority::Normal { String::new() } else { format!(" of {priority} priority") },
+            plural(*target),
             ms(self.load),
             if self.is_busy { ", beside a program on every core and one that wakes up at 10 kHz" } else { "" }
         )?;

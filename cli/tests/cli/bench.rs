@@ -74,6 +74,13 @@ fn bench_prints_a_table_for_people() {
     assert!(ended.out.contains("could speak"), "{}", ended.out);
 }
 
+/// Its first frame comes of the second chunk.
+#[test]
+fn bench_measures_chunks_of_one_keyframe() {
+    let ended = umo(&["bench", "--chunks", "3", "--starts", "2", "--seconds", "0", "--target", "1"]).success();
+    assert!(ended.out.contains("1 keyframe a chunk") && ended.out.contains("a chunk "), "{}", ended.out);
+}
+
 #[test]
 fn bench_measures_beside_other_programs() {
     let ended = umo(&[&QUICK[..], &["--busy"]].concat()).success();
